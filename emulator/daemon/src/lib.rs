@@ -1,0 +1,1 @@
+//! The unit as a process: cadence, links, commands, recording.

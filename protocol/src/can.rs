@@ -1,0 +1,404 @@
+//! The unit's messages as classic CAN frames, and half seconds put together again from any traffic.
+
+use crate::command::{COMMAND_CAN, REPLY_CAN};
+use crate::crc::crc16;
+use crate::field::{CLOCK_MODULUS, CLOCK_PER_HALF_SECOND, HalfSecond};
+use crate::message::{Clock, Increments, Message, Place, Status};
+
+/// The default base identifier.
+pub const DEFAULT_BASE: u16 = 0x1A0;
+/// Data bytes of INCREMENTS, STATUS and CLOCK.
+const LENGTH: usize = 8;
+/// Bytes of STATUS that its CRC covers.
+const STATUS_COVERED: usize = 6;
+
+/// A classic CAN data frame with an 11-bit identifier.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct CanFrame {
+    /// Identifier, 0…7FF.
+    pub id: u16,
+    length: u8,
+    data: [u8; 8],
+}
+
+impl CanFrame {
+    /// A frame with these data.
+    ///
+    /// # Panics
+    /// With more than eight bytes.
+    #[inline]
+    pub fn new(id: u16, data: &[u8]) -> CanFrame {
+        let mut bytes = [0; 8];
+        bytes[..data.len()].copy_from_slice(data);
+        CanFrame { id, length: data.len() as u8, data: bytes }
+    }
+
+    /// The data bytes.
+    #[inline]
+    pub fn data(&self) -> &[u8] {
+        &self.data[..usize::from(self.length)]
+    }
+}
+
+/// What a frame is to the unit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Role {
+    /// B+0.
+    Increments,
+    /// B+1.
+    Status,
+    /// B+2.
+    Clock,
+    /// B+8, to the unit.
+    Command,
+    /// B+9, from the unit.
+    Reply,
+    /// Somebody else's.
+    Other,
+}
+
+/// The identifiers in use: a base and what stands at fixed distances from it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct CanPlan {
+    base: u16,
+}
+
+impl Default for CanPlan {
+    fn default() -> CanPlan {
+        CanPlan { base: DEFAULT_BASE }
+    }
+}
+
+const fn offset(place: Place) -> u16 {
+    match place {
+        Place::Can(offset) => offset,
+        Place::Serial(_) => panic!("not a CAN message"),
+    }
+}
+
+impl CanPlan {
+    /// Largest base: all identifiers must stay within eleven bits.
+    pub const MAX_BASE: u16 = 0x7FF - offset(REPLY_CAN);
+
+    /// The plan with this base; nothing where it is above [`CanPlan::MAX_BASE`].
+    pub fn with_base(base: u16) -> Option<CanPlan> {
+        (base <= CanPlan::MAX_BASE).then_some(CanPlan { base })
+    }
+
+    /// The base identifier.
+    pub fn base(self) -> u16 {
+        self.base
+    }
+
+    /// The identifier of COMMAND.
+    pub fn command_id(self) -> u16 {
+        self.base + offset(COMMAND_CAN)
+    }
+
+    /// The identifier of REPLY.
+    pub fn reply_id(self) -> u16 {
+        self.base + offset(REPLY_CAN)
+    }
+
+    /// What a frame with identifier `id` is.
+    #[inline]
+    pub fn role(self, id: u32) -> Role {
+        match id.wrapping_sub(u32::from(self.base)) {
+            0 => Role::Increments,
+            1 => Role::Status,
+            2 => Role::Clock,
+            8 => Role::Command,
+            9 => Role::Reply,
+            _ => Role::Other,
+        }
+    }
+
+    /// INCREMENTS, STATUS and CLOCK of one half second, in sending order.
+    pub fn frames(self, half_second: &HalfSecond) -> [CanFrame; 3] {
+        let mut covered = [0; LENGTH + STATUS_COVERED];
+        Increments::write(half_second, &mut covered);
+        Status::write(half_second, &mut covered[LENGTH..]);
+        let crc = crc16(&covered).to_be_bytes();
+        let mut status = [0; LENGTH];
+        status[..STATUS_COVERED].copy_from_slice(&covered[LENGTH..]);
+        status[STATUS_COVERED..].copy_from_slice(&crc);
+        let mut clock = [0; LENGTH];
+        Clock::write(half_second, &mut clock);
+        let id = |place| self.base + offset(place);
+        [
+            CanFrame::new(id(Increments::SPEC.place), &covered[..LENGTH]),
+            CanFrame::new(id(Status::SPEC.place), &status),
+            CanFrame::new(id(Clock::SPEC.place), &clock),
+        ]
+    }
+}
+
+/// What is wrong with a message of the unit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum CanDefect {
+    /// INCREMENTS, STATUS or CLOCK that is not eight bytes long.
+    WrongLength,
+    /// INCREMENTS that no STATUS followed before the next INCREMENTS.
+    IncrementsWithoutStatus,
+    /// STATUS before which no INCREMENTS stood.
+    StatusWithoutIncrements,
+    /// INCREMENTS and STATUS whose CRC does not match; neither is used.
+    CrcMismatch,
+    /// CLOCK before which no good STATUS stood.
+    ClockWithoutStatus,
+    /// CLOCK whose count did not advance by 500 000 per sequence step.
+    ClockInconsistent,
+}
+
+impl CanDefect {
+    /// All kinds.
+    pub const ALL: [CanDefect; 6] = [
+        CanDefect::WrongLength,
+        CanDefect::IncrementsWithoutStatus,
+        CanDefect::StatusWithoutIncrements,
+        CanDefect::CrcMismatch,
+        CanDefect::ClockWithoutStatus,
+        CanDefect::ClockInconsistent,
+    ];
+
+    /// Stable name in reports.
+    pub const fn name(self) -> &'static str {
+        match self {
+            CanDefect::WrongLength => "wrong-length",
+            CanDefect::IncrementsWithoutStatus => "increments-without-status",
+            CanDefect::StatusWithoutIncrements => "status-without-increments",
+            CanDefect::CrcMismatch => "crc-mismatch",
+            CanDefect::ClockWithoutStatus => "clock-without-status",
+            CanDefect::ClockInconsistent => "clock-inconsistent",
+        }
+    }
+
+    /// How many frames one such defect accounts for.
+    pub const fn frames(self) -> u64 {
+        if matches!(self, CanDefect::CrcMismatch) { 2 } else { 1 }
+    }
+}
+
+/// A half second put together again, with the stamp of its INCREMENTS.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Received<S> {
+    /// Stamp of INCREMENTS.
+    pub stamp: S,
+    /// The fields; clock count and sensor temperature only where `has_clock`.
+    pub half_second: HalfSecond,
+    /// Whether a consistent CLOCK followed.
+    pub has_clock: bool,
+}
+
+/// What the assembler makes of the traffic.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Assembled<S> {
+    /// A half second: two frames, three where it has a clock.
+    Row(Received<S>),
+    /// A defect, at the stamp of the (first) frame concerned.
+    Defect(S, CanDefect),
+}
+
+/// Puts half seconds together from INCREMENTS, STATUS and CLOCK, with anything between them.
+///
+/// `S` is whatever the caller knows a frame by: its time, its place in a file.
+#[derive(Debug, Clone)]
+pub struct Assembler<S> {
+    increments: Option<(S, [u8; LENGTH])>,
+    row: Option<Received<S>>,
+    /// Sequence and clock of the last CLOCK that was believed, and of one since that was not.
+    believed: Option<(u16, u64)>,
+    doubted: Option<(u16, u64)>,
+}
+
+impl<S: Copy> Default for Assembler<S> {
+    fn default() -> Self {
+        Assembler { increments: None, row: None, believed: None, doubted: None }
+    }
+}
+
+impl<S: Copy> Assembler<S> {
+    /// Takes the next INCREMENTS, STATUS or CLOCK (any other role is ignored).
+    #[inline]
+    pub fn push(&mut self, role: Role, stamp: S, data: &[u8], sink: &mut impl FnMut(Assembled<S>)) {
+        if !matches!(role, Role::Increments | Role::Status | Role::Clock) {
+            return;
+        }
+        let Ok(bytes) = <&[u8; LENGTH]>::try_from(data) else {
+            return sink(Assembled::Defect(stamp, CanDefect::WrongLength));
+        };
+        match role {
+            Role::Increments => {
+                self.finish(sink);
+                self.increments = Some((stamp, *bytes));
+            }
+            Role::Status => self.status(stamp, bytes, sink),
+            _ => self.clock(stamp, bytes, sink),
+        }
+    }
+
+    /// Gives out what still waits: at the end of the traffic.
+    #[inline]
+    pub fn finish(&mut self, sink: &mut impl FnMut(Assembled<S>)) {
+        if let Some(row) = self.row.take() {
+            sink(Assembled::Row(row));
+        }
+        if let Some((stamp, _)) = self.increments.take() {
+            sink(Assembled::Defect(stamp, CanDefect::IncrementsWithoutStatus));
+        }
+    }
+
+    #[inline]
+    fn status(&mut self, stamp: S, bytes: &[u8; LENGTH], sink: &mut impl FnMut(Assembled<S>)) {
+        let Some((first, increments)) = self.increments.take() else {
+            self.finish(sink);
+            return sink(Assembled::Defect(stamp, CanDefect::StatusWithoutIncrements));
+        };
+        let mut covered = [0; LENGTH + STATUS_COVERED];
+        covered[..LENGTH].copy_from_slice(&increments);
+        covered[LENGTH..].copy_from_slice(&bytes[..STATUS_COVERED]);
+        if crc16(&covered).to_be_bytes() != bytes[STATUS_COVERED..] {
+            return sink(Assembled::Defect(first, CanDefect::CrcMismatch));
+        }
+        let mut half_second = HalfSecond::default();
+        Increments::read(&increments, &mut half_second);
+        Status::read(bytes, &mut half_second);
+        self.row = Some(Received { stamp: first, half_second, has_clock: false });
+    }
+
+    #[inline]
+    fn clock(&mut self, stamp: S, bytes: &[u8; LENGTH], sink: &mut impl FnMut(Assembled<S>)) {
+        let Some(mut row) = self.row.take() else {
+            return sink(Assembled::Defect(stamp, CanDefect::ClockWithoutStatus));
+        };
+        let mut clocked = row.half_second;
+        Clock::read(bytes, &mut clocked);
+        let now = (clocked.sequence, clocked.clock_count);
+        let follows = |before: Option<(u16, u64)>| before.is_some_and(|before| clock_follows(before, now));
+        if self.believed.is_none() || follows(self.believed) || follows(self.doubted) || restarted(now) {
+            (self.believed, self.doubted) = (Some(now), None);
+            row.half_second = clocked;
+            row.has_clock = true;
+            sink(Assembled::Row(row));
+        } else {
+            self.doubted = Some(now);
+            sink(Assembled::Row(row));
+            sink(Assembled::Defect(stamp, CanDefect::ClockInconsistent));
+        }
+    }
+}
+
+/// Whether the clock advanced by 500 000 per sequence step, the sequence wrapping any number of times between.
+pub fn clock_follows(before: (u16, u64), now: (u16, u64)) -> bool {
+    let steps = u64::from(now.0.wrapping_sub(before.0));
+    let advance = now.1.wrapping_sub(before.1) & (CLOCK_MODULUS - 1);
+    advance == steps * CLOCK_PER_HALF_SECOND
+        || (advance % CLOCK_PER_HALF_SECOND == 0
+            && (advance / CLOCK_PER_HALF_SECOND) & 0xFFFF == steps
+            && now.1 > before.1)
+}
+
+/// Whether sequence and clock both count from a RESET_SEQUENCE.
+fn restarted((sequence, clock_count): (u16, u64)) -> bool {
+    clock_count == (u64::from(sequence) + 1) * CLOCK_PER_HALF_SECOND
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn half_second(sequence: u16) -> HalfSecond {
+        HalfSecond {
+            sequence,
+            increments: [1, -2, 3, sequence as i16],
+            clock_count: (u64::from(sequence) + 1) * CLOCK_PER_HALF_SECOND + 7_000_000,
+            sensor_centi_c: 7000,
+            ..HalfSecond::default()
+        }
+    }
+
+    fn assemble(frames: &[CanFrame]) -> Vec<Assembled<usize>> {
+        let (plan, mut assembler, mut found) = (CanPlan::default(), Assembler::default(), Vec::new());
+        for (index, frame) in frames.iter().enumerate() {
+            assembler.push(plan.role(frame.id.into()), index, frame.data(), &mut |event| found.push(event));
+        }
+        assembler.finish(&mut |event| found.push(event));
+        found
+    }
+
+    fn row(stamp: usize, sequence: u16) -> Assembled<usize> {
+        Assembled::Row(Received { stamp, half_second: half_second(sequence), has_clock: true })
+    }
+
+    fn frames(sequences: &[u16]) -> Vec<CanFrame> {
+        sequences.iter().flat_map(|&s| CanPlan::default().frames(&half_second(s))).collect()
+    }
+
+    #[test]
+    fn half_seconds_come_back_with_other_traffic_between() {
+        let mut traffic = frames(&[0, 1]);
+        traffic.insert(1, CanFrame::new(0x123, &[1, 2, 3]));
+        assert_eq!(assemble(&traffic), [row(0, 0), row(4, 1)]);
+    }
+
+    #[test]
+    fn increments_pair_only_with_the_next_status_and_a_matching_crc() {
+        let mut traffic = frames(&[0, 1, 2]);
+        traffic.remove(1);
+        let mut found = assemble(&traffic);
+        assert_eq!(found.remove(0), Assembled::Defect(1, CanDefect::ClockWithoutStatus));
+        assert_eq!(found.remove(0), Assembled::Defect(0, CanDefect::IncrementsWithoutStatus));
+        assert_eq!(found, [row(2, 1), row(5, 2)]);
+
+        let mut traffic = frames(&[0, 1]);
+        traffic.remove(0);
+        assert_eq!(
+            assemble(&traffic),
+            [
+                Assembled::Defect(0, CanDefect::StatusWithoutIncrements),
+                Assembled::Defect(1, CanDefect::ClockWithoutStatus),
+                row(2, 1)
+            ]
+        );
+
+        let mut traffic = frames(&[0, 1]);
+        traffic[0] = CanFrame::new(0x1A0, &[9; 8]);
+        assert_eq!(
+            assemble(&traffic),
+            [
+                Assembled::Defect(0, CanDefect::CrcMismatch),
+                Assembled::Defect(2, CanDefect::ClockWithoutStatus),
+                row(3, 1)
+            ]
+        );
+    }
+
+    #[test]
+    fn a_clock_that_jumps_is_doubted_once_and_a_new_course_is_believed() {
+        let clock =
+            |sequence, clock_count| CanPlan::default().frames(&HalfSecond { clock_count, ..half_second(sequence) })[2];
+        let defects = |traffic: &[CanFrame]| {
+            assemble(traffic).iter().filter(|event| matches!(event, Assembled::Defect(..))).count()
+        };
+        let mut corrupt = frames(&[0, 1, 2, 3]);
+        corrupt[5] = clock(1, 99);
+        assert_eq!(defects(&corrupt), 1);
+        let mut jumped = frames(&[0, 1, 2, 3]);
+        for s in 1..4 {
+            jumped[3 * usize::from(s) + 2] = clock(s, 90_000_000 + u64::from(s) * CLOCK_PER_HALF_SECOND);
+        }
+        assert_eq!(defects(&jumped), 1);
+        let mut reset = frames(&[5, 6, 0, 1]);
+        reset[8] = clock(0, 500_000);
+        reset[11] = clock(1, 1_000_000);
+        assert_eq!(defects(&reset), 0);
+    }
+
+    #[test]
+    fn the_clock_wraps_at_48_bits_and_the_sequence_any_number_of_times() {
+        assert!(clock_follows((65_535, CLOCK_MODULUS - 500_000), (0, 0)));
+        assert!(clock_follows((3, 1_000_000), (4, 1_000_000 + (65_536 + 1) * 500_000)));
+        assert!(!clock_follows((3, 1_000_000), (4, 1_000_000)));
+        assert!(clock_follows((3, 1_000_000), (3, 1_000_000)));
+    }
+}

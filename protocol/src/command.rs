@@ -1,0 +1,299 @@
+//! The commands: one table of opcodes, arguments and their ranges; parsing, replies, help texts and documents read it.
+
+use crate::field::Wire;
+use crate::message::Place;
+
+/// CAN identifier, relative to the base, of a COMMAND to the unit.
+pub const COMMAND_CAN: Place = Place::Can(8);
+/// CAN identifier, relative to the base, of a REPLY from the unit.
+pub const REPLY_CAN: Place = Place::Can(9);
+/// Serial frame type of a COMMAND.
+pub const COMMAND_SERIAL: Place = Place::Serial(0x10);
+/// Serial frame type of a REPLY.
+pub const REPLY_SERIAL: Place = Place::Serial(0x11);
+/// Lengths of a COMMAND, byte.
+pub const COMMAND_LENGTHS: std::ops::RangeInclusive<usize> = 1..=8;
+/// Lengths of a REPLY, byte.
+pub const REPLY_LENGTHS: std::ops::RangeInclusive<usize> = 2..=8;
+
+/// How the unit answers a command.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Outcome {
+    /// 0: done.
+    Done,
+    /// 1: unknown opcode.
+    UnknownOpcode,
+    /// 2: bad argument: too few, too many, or out of range.
+    BadArgument,
+    /// 3: not possible now.
+    NotPossibleNow,
+}
+
+impl Outcome {
+    /// All four; the index is the code on the wire.
+    pub const ALL: [Outcome; 4] =
+        [Outcome::Done, Outcome::UnknownOpcode, Outcome::BadArgument, Outcome::NotPossibleNow];
+
+    /// The words of the interface control document.
+    pub const fn text(self) -> &'static str {
+        ["done", "unknown opcode", "bad argument", "not possible now"][self as usize]
+    }
+}
+
+/// One argument or reply value.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ArgumentSpec {
+    /// Name, lower case.
+    pub name: &'static str,
+    /// Wire type.
+    pub wire: Wire,
+    /// Smallest and largest value accepted.
+    pub range: (i64, i64),
+    /// Meaning, a phrase.
+    pub meaning: &'static str,
+}
+
+/// One command.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct CommandSpec {
+    /// First byte of the COMMAND.
+    pub opcode: u8,
+    /// Name, upper case.
+    pub name: &'static str,
+    /// Arguments after the opcode, without gaps.
+    pub arguments: &'static [ArgumentSpec],
+    /// Values after opcode and result in a REPLY that says done.
+    pub values: &'static [ArgumentSpec],
+    /// What it does.
+    pub meaning: &'static str,
+}
+
+const fn argument(name: &'static str, wire: Wire, range: (i64, i64), meaning: &'static str) -> ArgumentSpec {
+    ArgumentSpec { name, wire, range, meaning }
+}
+
+/// Every command, by opcode.
+pub const COMMANDS: &[CommandSpec] = &[
+    CommandSpec {
+        opcode: 0x01,
+        name: "PING",
+        arguments: &[],
+        values: &[
+            argument("major", Wire::U8, (0, 255), "link version, major"),
+            argument("minor", Wire::U8, (0, 255), "link version, minor"),
+        ],
+        meaning: "asks for the link version",
+    },
+    CommandSpec {
+        opcode: 0x02,
+        name: "SET_MODE",
+        arguments: &[argument("mode", Wire::U8, (0, 1), "0 cyclic, 1 polled")],
+        values: &[],
+        meaning: "chooses whether data are sent each half second or when polled",
+    },
+    CommandSpec {
+        opcode: 0x03,
+        name: "POLL",
+        arguments: &[],
+        values: &[],
+        meaning: "polled mode only: the last completed half second's messages follow the REPLY",
+    },
+    CommandSpec {
+        opcode: 0x04,
+        name: "SELF_TEST",
+        arguments: &[
+            argument("gyros", Wire::U8, (1, 15), "mask of gyros under test, bit 0 GYRX"),
+            argument("counts", Wire::I16, (-32768, 32767), "counts added each half second"),
+            argument("half_seconds", Wire::U8, (1, 255), "duration"),
+        ],
+        values: &[],
+        meaning: "torquers add that many counts, unit flag 3 set meanwhile",
+    },
+    CommandSpec {
+        opcode: 0x05,
+        name: "RESET_SEQUENCE",
+        arguments: &[],
+        values: &[],
+        meaning: "sequence and clock count restart at 0 at the end of the running half second",
+    },
+    CommandSpec {
+        opcode: 0x06,
+        name: "GYRO_POWER",
+        arguments: &[argument("gyros", Wire::U8, (0, 15), "mask of gyros that run, bit 0 GYRX")],
+        values: &[],
+        meaning: "a stopped gyro reads 0 and not valid; spin-up takes 60 s",
+    },
+    CommandSpec {
+        opcode: 0x07,
+        name: "HEATER",
+        arguments: &[argument("on", Wire::U8, (0, 1), "0 off, 1 on")],
+        values: &[],
+        meaning: "off, the sensor cools towards the electronics temperature with a time constant of 20 min",
+    },
+];
+
+/// A command the unit can carry out: every value lies in the range of its [`ArgumentSpec`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Command {
+    /// Link version.
+    Ping,
+    /// Cyclic or polled sending.
+    SetMode {
+        /// Send only when polled.
+        polled: bool,
+    },
+    /// The last completed half second, once more.
+    Poll,
+    /// Torquers add counts.
+    SelfTest {
+        /// Mask, bit 0 GYRX.
+        gyros: u8,
+        /// Counts added each half second.
+        counts: i16,
+        /// Duration, half second.
+        half_seconds: u8,
+    },
+    /// Sequence and clock count restart.
+    ResetSequence,
+    /// Which gyros run.
+    GyroPower {
+        /// Mask, bit 0 GYRX.
+        gyros: u8,
+    },
+    /// Sensor heater.
+    Heater {
+        /// On or off.
+        on: bool,
+    },
+}
+
+/// The command in the payload of a COMMAND.
+///
+/// # Errors
+/// The outcome to reply with: [`Outcome::UnknownOpcode`], or [`Outcome::BadArgument`] for too few or too many bytes
+/// and for values out of range.
+pub fn parse(payload: &[u8]) -> Result<Command, Outcome> {
+    let (&opcode, mut rest) = payload.split_first().ok_or(Outcome::BadArgument)?;
+    let spec = COMMANDS.iter().find(|spec| spec.opcode == opcode).ok_or(Outcome::UnknownOpcode)?;
+    let mut values = [0; 3];
+    for (value, argument) in values.iter_mut().zip(spec.arguments) {
+        let length = argument.wire.length();
+        *value = argument.wire.read(rest.get(..length).ok_or(Outcome::BadArgument)?);
+        rest = &rest[length..];
+        if *value < argument.range.0 || *value > argument.range.1 {
+            return Err(Outcome::BadArgument);
+        }
+    }
+    if !rest.is_empty() {
+        return Err(Outcome::BadArgument);
+    }
+    let [a, b, c] = values;
+    Ok(match spec.name {
+        "PING" => Command::Ping,
+        "SET_MODE" => Command::SetMode { polled: a == 1 },
+        "POLL" => Command::Poll,
+        "SELF_TEST" => Command::SelfTest { gyros: a as u8, counts: b as i16, half_seconds: c as u8 },
+        "RESET_SEQUENCE" => Command::ResetSequence,
+        "GYRO_POWER" => Command::GyroPower { gyros: a as u8 },
+        "HEATER" => Command::Heater { on: a == 1 },
+        other => unreachable!("command {other} of the table has no meaning here"),
+    })
+}
+
+/// The payload of a COMMAND with these argument values, whether they are in range or not.
+pub fn payload(spec: &CommandSpec, values: &[i64]) -> Vec<u8> {
+    let mut bytes = vec![spec.opcode];
+    for (argument, &value) in spec.arguments.iter().zip(values) {
+        let start = bytes.len();
+        bytes.resize(start + argument.wire.length(), 0);
+        argument.wire.write(value, &mut bytes[start..]);
+    }
+    bytes
+}
+
+/// The payload of a REPLY: 2 to 8 bytes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Reply {
+    bytes: [u8; 8],
+    length: u8,
+}
+
+impl Reply {
+    /// A reply to `opcode` with `values` after the result.
+    ///
+    /// # Panics
+    /// With more than six bytes of values.
+    pub fn new(opcode: u8, outcome: Outcome, values: &[u8]) -> Reply {
+        let mut bytes = [0; 8];
+        bytes[0] = opcode;
+        bytes[1] = outcome as u8;
+        bytes[2..2 + values.len()].copy_from_slice(values);
+        Reply { bytes, length: 2 + values.len() as u8 }
+    }
+
+    /// The reply in a received payload; nothing for one that is too short, too long or has an unknown result.
+    pub fn read(payload: &[u8]) -> Option<Reply> {
+        if !REPLY_LENGTHS.contains(&payload.len()) {
+            return None;
+        }
+        let outcome = *Outcome::ALL.get(usize::from(payload[1]))?;
+        Some(Reply::new(payload[0], outcome, &payload[2..]))
+    }
+
+    /// Opcode of the command answered.
+    pub fn opcode(&self) -> u8 {
+        self.bytes[0]
+    }
+
+    /// The result.
+    pub fn outcome(&self) -> Outcome {
+        Outcome::ALL[usize::from(self.bytes[1])]
+    }
+
+    /// The values after the result.
+    pub fn values(&self) -> &[u8] {
+        &self.bytes[2..usize::from(self.length)]
+    }
+
+    /// The whole payload.
+    pub fn bytes(&self) -> &[u8] {
+        &self.bytes[..usize::from(self.length)]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_command_of_the_table_is_understood_at_both_ends_of_its_ranges() {
+        for spec in COMMANDS {
+            for end in [0, 1] {
+                let values: Vec<i64> =
+                    spec.arguments.iter().map(|a| if end == 0 { a.range.0 } else { a.range.1 }).collect();
+                assert!(parse(&payload(spec, &values)).is_ok(), "{} {values:?}", spec.name);
+            }
+        }
+    }
+
+    #[test]
+    fn wrong_opcodes_lengths_and_values_get_the_answer_of_the_icd() {
+        for (bytes, outcome) in [
+            (&[0x00][..], Outcome::UnknownOpcode),
+            (&[0x08], Outcome::UnknownOpcode),
+            (&[0xFF, 1, 2], Outcome::UnknownOpcode),
+            (&[0x01, 0x00], Outcome::BadArgument),
+            (&[0x02], Outcome::BadArgument),
+            (&[0x02, 2], Outcome::BadArgument),
+            (&[0x04, 0, 0, 1, 1], Outcome::BadArgument),
+            (&[0x04, 16, 0, 1, 1], Outcome::BadArgument),
+            (&[0x04, 1, 0, 1, 0], Outcome::BadArgument),
+            (&[0x04, 1, 0, 1], Outcome::BadArgument),
+            (&[0x06, 16], Outcome::BadArgument),
+            (&[0x07, 2], Outcome::BadArgument),
+        ] {
+            assert_eq!(parse(bytes), Err(outcome), "{bytes:02X?}");
+        }
+        assert_eq!(parse(&[4, 3, 0xFF, 0x9C, 9]), Ok(Command::SelfTest { gyros: 3, counts: -100, half_seconds: 9 }));
+    }
+}

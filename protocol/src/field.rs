@@ -1,0 +1,265 @@
+//! The fields of a half second: name, wire type, unit, scale and meaning of each, once.
+//!
+//! A field is a type that knows where it lives in [`HalfSecond`] and how it is written; a message (see
+//! [`crate::message`]) is a list of such types.
+
+/// Cycles of the nominal 1 MHz unit clock in one half second.
+pub const CLOCK_PER_HALF_SECOND: u64 = 500_000;
+/// The clock count is a 48-bit number.
+pub const CLOCK_MODULUS: u64 = 1 << 48;
+
+/// The four gyros, in wire order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Gyro {
+    /// Input axis +X.
+    X,
+    /// Input axis +Y.
+    Y,
+    /// Input axis +Z, main.
+    Za,
+    /// Input axis +Z, redundant.
+    Zb,
+}
+
+impl Gyro {
+    /// All four, in wire order.
+    pub const ALL: [Gyro; 4] = [Gyro::X, Gyro::Y, Gyro::Za, Gyro::Zb];
+
+    /// `GYRX` … `GYRZB`.
+    pub const fn name(self) -> &'static str {
+        ["GYRX", "GYRY", "GYRZA", "GYRZB"][self as usize]
+    }
+
+    /// The gyro of that name.
+    pub fn named(name: &str) -> Option<Gyro> {
+        Gyro::ALL.into_iter().find(|gyro| gyro.name() == name)
+    }
+
+    /// Bit of this gyro in a four-gyro mask (bit 0 is GYRX).
+    pub const fn bit(self) -> u8 {
+        1 << self as u8
+    }
+}
+
+/// What the unit tells about one half second: the content of all cyclic messages.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct HalfSecond {
+    /// +1 each half second, wraps.
+    pub sequence: u16,
+    /// Angular increments over the half second just ended, count, in the order of [`Gyro::ALL`].
+    pub increments: [i16; 4],
+    /// Bits 0–3 valid, bits 4–7 saturated ([`GYRO_FLAGS`]).
+    pub gyro_flags: u8,
+    /// State of the unit ([`UNIT_FLAGS`]).
+    pub unit_flags: u8,
+    /// Electronics temperature, 0.01 °C.
+    pub electronics_centi_c: i16,
+    /// Cycle of the nominal 1 MHz unit clock at the end of the half second, 48 bits.
+    pub clock_count: u64,
+    /// Sensor temperature, 0.01 °C.
+    pub sensor_centi_c: i16,
+}
+
+/// How a number stands on the wire; all are big-endian, signed ones two's complement.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Wire {
+    /// Unsigned, 1 byte.
+    U8,
+    /// Unsigned, 2 bytes.
+    U16,
+    /// Signed, 2 bytes.
+    I16,
+    /// Unsigned, 6 bytes.
+    U48,
+}
+
+impl Wire {
+    /// Bytes on the wire.
+    pub const fn length(self) -> usize {
+        match self {
+            Wire::U8 => 1,
+            Wire::U16 | Wire::I16 => 2,
+            Wire::U48 => 6,
+        }
+    }
+
+    /// Whether negative numbers can be sent.
+    pub const fn signed(self) -> bool {
+        matches!(self, Wire::I16)
+    }
+
+    /// `u8`, `u16`, `i16`, `u48`, as the interface control document writes it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Wire::U8 => "u8",
+            Wire::U16 => "u16",
+            Wire::I16 => "i16",
+            Wire::U48 => "u48",
+        }
+    }
+
+    /// The number in the first bytes of `bytes`.
+    #[inline]
+    pub fn read(self, bytes: &[u8]) -> i64 {
+        match self {
+            Wire::U8 => i64::from(bytes[0]),
+            Wire::U16 => i64::from(u16::from_be_bytes([bytes[0], bytes[1]])),
+            Wire::I16 => i64::from(i16::from_be_bytes([bytes[0], bytes[1]])),
+            Wire::U48 => i64::from_be_bytes([0, 0, bytes[0], bytes[1], bytes[2], bytes[3], bytes[4], bytes[5]]),
+        }
+    }
+
+    /// Writes the low bits of `value` into the first bytes of `bytes`.
+    #[inline]
+    pub fn write(self, value: i64, bytes: &mut [u8]) {
+        let length = self.length();
+        bytes[..length].copy_from_slice(&value.to_be_bytes()[8 - length..]);
+    }
+}
+
+/// What is said of a field in tables, databases and documents.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FieldSpec {
+    /// Name, lower case, as in the CSV header where it stands there.
+    pub name: &'static str,
+    /// Wire type.
+    pub wire: Wire,
+    /// Unit of `scale`, empty where there is none.
+    pub unit: &'static str,
+    /// Physical value of one unit of the number on the wire.
+    pub scale: f64,
+    /// Bits by name, for a field of flags.
+    pub bits: &'static [Bit],
+    /// Meaning, one sentence.
+    pub meaning: &'static str,
+}
+
+/// One named bit of a field of flags.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Bit {
+    /// Bit number, 0 is the least significant.
+    pub bit: u8,
+    /// Name, lower case.
+    pub name: &'static str,
+    /// What it says when set.
+    pub meaning: &'static str,
+}
+
+/// A field as a type: where it lives and how it is said.
+pub trait Field {
+    /// What is said of it.
+    const SPEC: FieldSpec;
+    /// Its number in `half_second`.
+    fn get(half_second: &HalfSecond) -> i64;
+    /// Puts the number `value` into `half_second`.
+    fn set(half_second: &mut HalfSecond, value: i64);
+}
+
+macro_rules! fields {
+    ($($(#[bits($bits:expr)])? $type:ident, $name:literal, $wire:ident, $unit:literal, $scale:literal,
+       |$half_second:ident| $place:expr, $as:ty, $meaning:literal;)*) => {
+        $(
+            #[doc = $meaning]
+            pub struct $type;
+            impl Field for $type {
+                const SPEC: FieldSpec = FieldSpec { name: $name, wire: Wire::$wire, unit: $unit, scale: $scale,
+                    bits: { const NONE: &[Bit] = &[]; let _bits = NONE; $(let _bits: &[Bit] = $bits;)? _bits },
+                    meaning: $meaning };
+                #[inline]
+                fn get($half_second: &HalfSecond) -> i64 { $place as i64 }
+                #[inline]
+                fn set($half_second: &mut HalfSecond, value: i64) { $place = value as $as }
+            }
+        )*
+        /// Every field, in the order of the interface control document.
+        pub const FIELDS: &[FieldSpec] = &[$($type::SPEC),*];
+    };
+}
+
+fields! {
+    IncrementX, "gyrx", I16, "count", 1.0, |h| h.increments[0], i16,
+        "GYRX angular increment over the half second just ended; clipped, never wrapped";
+    IncrementY, "gyry", I16, "count", 1.0, |h| h.increments[1], i16,
+        "GYRY angular increment over the half second just ended; clipped, never wrapped";
+    IncrementZa, "gyrza", I16, "count", 1.0, |h| h.increments[2], i16,
+        "GYRZA angular increment over the half second just ended; clipped, never wrapped";
+    IncrementZb, "gyrzb", I16, "count", 1.0, |h| h.increments[3], i16,
+        "GYRZB angular increment over the half second just ended; clipped, never wrapped";
+    Sequence, "sequence", U16, "", 1.0, |h| h.sequence, u16,
+        "+1 each half second, wraps";
+    #[bits(GYRO_FLAGS)]
+    GyroFlags, "gyro_flags", U8, "", 1.0, |h| h.gyro_flags, u8,
+        "validity and saturation of each gyro";
+    #[bits(UNIT_FLAGS)]
+    UnitFlags, "unit_flags", U8, "", 1.0, |h| h.unit_flags, u8,
+        "state of the unit";
+    Electronics, "electronics_c", I16, "degC", 0.01, |h| h.electronics_centi_c, i16,
+        "electronics temperature";
+    ClockCount, "clock_count", U48, "cycle", 1.0, |h| h.clock_count, u64,
+        "cycle of the nominal 1 MHz unit clock at the end of the half second; exactly +500000 each half second";
+    Sensor, "sensor_c", I16, "degC", 0.01, |h| h.sensor_centi_c, i16,
+        "sensor temperature";
+}
+
+/// CRC-16/IBM-3740 as it stands in STATUS and at the end of every serial frame.
+pub const CRC: FieldSpec = FieldSpec {
+    name: "crc",
+    wire: Wire::U16,
+    unit: "",
+    scale: 1.0,
+    bits: &[],
+    meaning: "CRC-16/IBM-3740 (poly 1021, init FFFF, not reflected, no final xor)",
+};
+
+macro_rules! bits {
+    ($($bit:literal $name:literal $meaning:literal;)*) => {
+        &[$(Bit { bit: $bit, name: $name, meaning: $meaning }),*]
+    };
+}
+
+/// Bits of `gyro_flags`.
+pub const GYRO_FLAGS: &[Bit] = bits! {
+    0 "gyrx_valid" "GYRX runs, is spun up and its increment is a measurement";
+    1 "gyry_valid" "GYRY runs, is spun up and its increment is a measurement";
+    2 "gyrza_valid" "GYRZA runs, is spun up and its increment is a measurement";
+    3 "gyrzb_valid" "GYRZB runs, is spun up and its increment is a measurement";
+    4 "gyrx_saturated" "GYRX increment was clipped to 16 bits";
+    5 "gyry_saturated" "GYRY increment was clipped to 16 bits";
+    6 "gyrza_saturated" "GYRZA increment was clipped to 16 bits";
+    7 "gyrzb_saturated" "GYRZB increment was clipped to 16 bits";
+};
+
+/// Bits of `unit_flags`; 5–7 are reserved, sent 0.
+pub const UNIT_FLAGS: &[Bit] = bits! {
+    0 "heater_in_band" "sensor heater in 70 +- 1 degC";
+    1 "motors_synchronous" "spin motor of every powered gyro synchronous";
+    2 "clock_locked" "clock locked";
+    3 "self_test" "self-test running";
+    4 "polled" "polled mode";
+};
+
+/// The mask of the unit flag of that name in [`UNIT_FLAGS`].
+pub const fn unit_flag(name: &str) -> u8 {
+    let mut index = 0;
+    while index < UNIT_FLAGS.len() {
+        if same(UNIT_FLAGS[index].name.as_bytes(), name.as_bytes()) {
+            return 1 << UNIT_FLAGS[index].bit;
+        }
+        index += 1;
+    }
+    panic!("no unit flag of that name")
+}
+
+const fn same(a: &[u8], b: &[u8]) -> bool {
+    if a.len() != b.len() {
+        return false;
+    }
+    let mut index = 0;
+    while index < a.len() {
+        if a[index] != b[index] {
+            return false;
+        }
+        index += 1;
+    }
+    true
+}

@@ -1,0 +1,96 @@
+//! The messages: each a name and a list of fields, once. Codec and tables both come from the list.
+
+use crate::field::*;
+
+/// Where a message travels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Place {
+    /// CAN identifier: the base plus this.
+    Can(u16),
+    /// Serial frame of this type.
+    Serial(u8),
+}
+
+/// What is said of a message in tables, databases and documents.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MessageSpec {
+    /// Name, upper case.
+    pub name: &'static str,
+    /// Identifier or type.
+    pub place: Place,
+    /// Fields in wire order, without gaps.
+    pub fields: &'static [FieldSpec],
+    /// Meaning, one sentence.
+    pub meaning: &'static str,
+}
+
+impl MessageSpec {
+    /// Bytes of all fields together.
+    pub const fn length(&self) -> usize {
+        let (mut length, mut index) = (0, 0);
+        while index < self.fields.len() {
+            length += self.fields[index].wire.length();
+            index += 1;
+        }
+        length
+    }
+
+    /// Each field with the byte it starts at.
+    pub fn placed_fields(&self) -> impl Iterator<Item = (usize, &'static FieldSpec)> {
+        let mut at = 0;
+        self.fields.iter().map(move |field| {
+            let start = at;
+            at += field.wire.length();
+            (start, field)
+        })
+    }
+}
+
+/// A message as a type: its bytes from a half second, and back.
+pub trait Message {
+    /// What is said of it.
+    const SPEC: MessageSpec;
+    /// Writes the fields of `half_second`; a check value is left to the caller.
+    fn write(half_second: &HalfSecond, bytes: &mut [u8]);
+    /// Reads the fields into `half_second`, leaving the others as they are.
+    fn read(bytes: &[u8], half_second: &mut HalfSecond);
+}
+
+macro_rules! messages {
+    ($($type:ident, $name:literal, $place:expr, [$($field:ident),*] $(+ $crc:ident)?, $meaning:literal;)*) => {
+        $(
+            #[doc = $meaning]
+            pub struct $type;
+            impl Message for $type {
+                const SPEC: MessageSpec = MessageSpec { name: $name, place: $place,
+                    fields: &[$($field::SPEC,)* $($crc)?], meaning: $meaning };
+                #[inline]
+                fn write(half_second: &HalfSecond, bytes: &mut [u8]) {
+                    let mut at = 0;
+                    $($field::SPEC.wire.write($field::get(half_second), &mut bytes[at..]); at += $field::SPEC.wire.length();)*
+                    let _ = at;
+                }
+                #[inline]
+                fn read(bytes: &[u8], half_second: &mut HalfSecond) {
+                    let mut at = 0;
+                    $($field::set(half_second, $field::SPEC.wire.read(&bytes[at..])); at += $field::SPEC.wire.length();)*
+                    let _ = at;
+                }
+            }
+        )*
+        /// Every cyclic message.
+        pub const MESSAGES: &[MessageSpec] = &[$($type::SPEC),*];
+    };
+}
+
+messages! {
+    Increments, "INCREMENTS", Place::Can(0), [IncrementX, IncrementY, IncrementZa, IncrementZb],
+        "increments of the half second just ended; used only with the STATUS that follows it";
+    Status, "STATUS", Place::Can(1), [Sequence, GyroFlags, UnitFlags, Electronics] + CRC,
+        "state, and CRC over the 8 bytes of INCREMENTS then the first 6 of STATUS";
+    Clock, "CLOCK", Place::Can(2), [ClockCount, Sensor],
+        "clock count and sensor temperature, of the STATUS before it";
+    Data, "DATA", Place::Serial(0x01),
+        [Sequence, IncrementX, IncrementY, IncrementZa, IncrementZb, GyroFlags, UnitFlags, Electronics, ClockCount, Sensor],
+        "everything the unit tells of one half second";
+}

@@ -1,0 +1,313 @@
+//! Serial frames: `EB 90 | type | length | payload | CRC`, and a deframer that finds them in any bytes.
+//!
+//! There is no byte stuffing: a receiver hunts for the sync, checks type, length and CRC, and on failure resumes one
+//! byte after the sync it tried, so no good frame behind noise is lost.
+
+use crate::command::{COMMAND_LENGTHS, COMMAND_SERIAL, REPLY_LENGTHS, REPLY_SERIAL};
+use crate::crc::crc16;
+use crate::field::HalfSecond;
+use crate::message::{Data, Message, Place};
+
+/// First two bytes of every frame.
+pub const SYNC: [u8; 2] = [0xEB, 0x90];
+/// Bytes before the payload: sync, type, length.
+const HEADER: usize = 4;
+/// Bytes around the payload: header and CRC.
+const OVERHEAD: usize = HEADER + 2;
+/// Payload of DATA, byte.
+pub const DATA_LENGTH: usize = Data::SPEC.length();
+/// Longest frame, byte.
+pub const MAX_FRAME: usize = OVERHEAD + DATA_LENGTH;
+/// Default rate of a serial link, 8N1.
+pub const DEFAULT_BAUD: u32 = 115_200;
+/// Bits on the line for each byte at 8N1.
+pub const BITS_PER_BYTE: u32 = 10;
+
+/// What a frame carries.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// One half second.
+    Data,
+    /// To the unit.
+    Command,
+    /// From the unit.
+    Reply,
+}
+
+impl Kind {
+    /// The type byte.
+    pub const fn code(self) -> u8 {
+        let place = match self {
+            Kind::Data => Data::SPEC.place,
+            Kind::Command => COMMAND_SERIAL,
+            Kind::Reply => REPLY_SERIAL,
+        };
+        match place {
+            Place::Serial(code) => code,
+            Place::Can(_) => panic!("not a serial message"),
+        }
+    }
+
+    #[inline]
+    fn of(code: u8) -> Option<Kind> {
+        [Kind::Data, Kind::Command, Kind::Reply].into_iter().find(|kind| kind.code() == code)
+    }
+
+    #[inline]
+    fn accepts(self, length: usize) -> bool {
+        match self {
+            Kind::Data => length == DATA_LENGTH,
+            Kind::Command => COMMAND_LENGTHS.contains(&length),
+            Kind::Reply => REPLY_LENGTHS.contains(&length),
+        }
+    }
+}
+
+/// A frame around `payload`.
+pub fn frame(kind: Kind, payload: &[u8]) -> Vec<u8> {
+    let mut bytes = Vec::with_capacity(OVERHEAD + payload.len());
+    bytes.extend_from_slice(&SYNC);
+    bytes.extend_from_slice(&[kind.code(), payload.len() as u8]);
+    bytes.extend_from_slice(payload);
+    let crc = crc16(&bytes[SYNC.len()..]);
+    bytes.extend_from_slice(&crc.to_be_bytes());
+    bytes
+}
+
+/// The DATA frame of one half second.
+pub fn data_frame(half_second: &HalfSecond) -> [u8; MAX_FRAME] {
+    let mut bytes = [0; MAX_FRAME];
+    bytes[..2].copy_from_slice(&SYNC);
+    bytes[2..HEADER].copy_from_slice(&[Kind::Data.code(), DATA_LENGTH as u8]);
+    Data::write(half_second, &mut bytes[HEADER..]);
+    let crc = crc16(&bytes[SYNC.len()..MAX_FRAME - 2]);
+    bytes[MAX_FRAME - 2..].copy_from_slice(&crc.to_be_bytes());
+    bytes
+}
+
+/// The half second in the payload of a DATA frame.
+#[inline]
+pub fn read_data(payload: &[u8]) -> HalfSecond {
+    let mut half_second = HalfSecond::default();
+    Data::read(payload, &mut half_second);
+    half_second
+}
+
+/// Why bytes after a sync are not a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum SerialDefect {
+    /// Type byte that is not DATA, COMMAND or REPLY.
+    UnknownType,
+    /// Length that the type does not have.
+    WrongLength,
+    /// CRC that does not match.
+    CrcMismatch,
+    /// The bytes end inside the frame.
+    Cut,
+}
+
+impl SerialDefect {
+    /// All kinds.
+    pub const ALL: [SerialDefect; 4] =
+        [SerialDefect::UnknownType, SerialDefect::WrongLength, SerialDefect::CrcMismatch, SerialDefect::Cut];
+
+    /// Stable name in reports.
+    pub const fn name(self) -> &'static str {
+        match self {
+            SerialDefect::UnknownType => "unknown-type",
+            SerialDefect::WrongLength => "wrong-length",
+            SerialDefect::CrcMismatch => "crc-mismatch",
+            SerialDefect::Cut => "cut",
+        }
+    }
+}
+
+/// What the deframer makes of the bytes. Frames and skipped runs together are all bytes, each once.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Found<'a> {
+    /// A frame whose CRC matches.
+    Frame {
+        /// Offset of its sync in the stream.
+        at: u64,
+        /// What it carries.
+        kind: Kind,
+        /// Its payload.
+        payload: &'a [u8],
+    },
+    /// A sync that no frame followed; its bytes are in a skipped run.
+    Rejected {
+        /// Offset of the sync in the stream.
+        at: u64,
+        /// Why.
+        defect: SerialDefect,
+    },
+    /// A run of bytes that belong to no frame, told when it ends.
+    Skipped {
+        /// Offset of the first in the stream.
+        at: u64,
+        /// How many.
+        length: u64,
+    },
+}
+
+/// Finds frames in a stream that arrives in pieces.
+#[derive(Debug, Clone, Default)]
+pub struct Deframer {
+    /// Offset in the stream of the first byte not yet consumed.
+    offset: u64,
+    /// Where the run of skipped bytes that reaches up to `offset` began.
+    skipping_since: Option<u64>,
+}
+
+enum Candidate {
+    Frame(Kind, usize),
+    Rejected(SerialDefect),
+    Incomplete,
+}
+
+#[inline]
+fn candidate(bytes: &[u8]) -> Candidate {
+    let (Some(&code), Some(&length)) = (bytes.get(2), bytes.get(3)) else {
+        return match bytes.get(2) {
+            Some(&code) if Kind::of(code).is_none() => Candidate::Rejected(SerialDefect::UnknownType),
+            _ => Candidate::Incomplete,
+        };
+    };
+    let length = usize::from(length);
+    let Some(kind) = Kind::of(code) else {
+        return Candidate::Rejected(SerialDefect::UnknownType);
+    };
+    if !kind.accepts(length) {
+        return Candidate::Rejected(SerialDefect::WrongLength);
+    }
+    let Some(bytes) = bytes.get(..OVERHEAD + length) else {
+        return Candidate::Incomplete;
+    };
+    let (covered, crc) = bytes[SYNC.len()..].split_at(bytes.len() - SYNC.len() - 2);
+    if crc16(covered).to_be_bytes() == crc {
+        Candidate::Frame(kind, OVERHEAD + length)
+    } else {
+        Candidate::Rejected(SerialDefect::CrcMismatch)
+    }
+}
+
+impl Deframer {
+    /// Offset in the stream of the first byte not yet consumed.
+    pub fn offset(&self) -> u64 {
+        self.offset
+    }
+
+    /// Takes the stream on from where it stopped and tells what it finds; returns how many bytes are consumed. The
+    /// rest, shorter than a frame, must stand at the beginning of the next call's `bytes`.
+    #[inline]
+    pub fn consume(&mut self, bytes: &[u8], sink: &mut impl FnMut(Found)) -> usize {
+        self.run(bytes, false, sink)
+    }
+
+    /// Takes the last bytes: what is incomplete now is cut.
+    pub fn finish(&mut self, bytes: &[u8], sink: &mut impl FnMut(Found)) {
+        self.run(bytes, true, sink);
+        self.end_skipping(sink);
+    }
+
+    #[inline]
+    fn run(&mut self, bytes: &[u8], last: bool, sink: &mut impl FnMut(Found)) -> usize {
+        let (start, mut at) = (self.offset, 0);
+        while at < bytes.len() {
+            let rest = &bytes[at..];
+            if rest[0] != SYNC[0] || rest.get(1).is_some_and(|&second| second != SYNC[1]) {
+                self.skipping_since.get_or_insert(start + at as u64);
+                at += memchr::memchr(SYNC[0], &rest[1..]).map_or(rest.len(), |next| next + 1);
+                continue;
+            }
+            let defect = match candidate(rest) {
+                Candidate::Frame(kind, length) => {
+                    self.offset = start + at as u64;
+                    self.end_skipping(sink);
+                    sink(Found::Frame { at: self.offset, kind, payload: &rest[HEADER..length - 2] });
+                    at += length;
+                    continue;
+                }
+                Candidate::Incomplete if !last => break,
+                Candidate::Incomplete => SerialDefect::Cut,
+                Candidate::Rejected(defect) => defect,
+            };
+            if rest.len() > 1 {
+                sink(Found::Rejected { at: start + at as u64, defect });
+            }
+            self.skipping_since.get_or_insert(start + at as u64);
+            at += 1;
+        }
+        self.offset = start + at as u64;
+        at
+    }
+
+    fn end_skipping(&mut self, sink: &mut impl FnMut(Found)) {
+        if let Some(at) = self.skipping_since.take() {
+            sink(Found::Skipped { at, length: self.offset - at });
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn deframe(pieces: &[&[u8]]) -> (Vec<(u64, Kind, Vec<u8>)>, Vec<SerialDefect>, u64) {
+        let (mut frames, mut defects, mut skipped) = (Vec::new(), Vec::new(), 0);
+        let mut take = |found: Found| match found {
+            Found::Frame { at, kind, payload } => frames.push((at, kind, payload.to_vec())),
+            Found::Rejected { defect, .. } => defects.push(defect),
+            Found::Skipped { length, .. } => skipped += length,
+        };
+        let (mut deframer, mut buffer) = (Deframer::default(), Vec::new());
+        for piece in pieces {
+            buffer.extend_from_slice(piece);
+            let used = deframer.consume(&buffer, &mut take);
+            buffer.drain(..used);
+            assert!(buffer.len() < MAX_FRAME);
+        }
+        deframer.finish(&buffer, &mut take);
+        (frames, defects, skipped)
+    }
+
+    #[test]
+    fn a_good_frame_behind_a_false_sync_is_not_lost() {
+        let good = frame(Kind::Command, &[1]);
+        for noise in
+            [&[0xEB][..], &[0xEB, 0x90], &[0xEB, 0x90, 0x01], &[0xEB, 0x90, 0x10, 8], &[0xEB, 0x90, 1, 22, 0xEB]]
+        {
+            let bytes = [noise, &good].concat();
+            let (frames, _, skipped) = deframe(&[&bytes]);
+            assert_eq!(frames, [(noise.len() as u64, Kind::Command, vec![1])], "{noise:02X?}");
+            assert_eq!(skipped, noise.len() as u64);
+        }
+    }
+
+    #[test]
+    fn a_cut_frame_at_the_end_is_told_and_counted() {
+        let bytes = data_frame(&HalfSecond::default());
+        let (frames, defects, skipped) = deframe(&[&bytes[..27]]);
+        assert_eq!((frames.len(), defects, skipped), (0, vec![SerialDefect::Cut], 27));
+    }
+
+    proptest! {
+        #[test]
+        fn pieces_do_not_matter_and_every_byte_is_accounted_for(
+            parts in proptest::collection::vec(prop_oneof![
+                proptest::collection::vec(prop_oneof![Just(0xEBu8), Just(0x90), Just(1), Just(22), any::<u8>()], 0..40),
+                proptest::collection::vec(any::<u8>(), 1..=8).prop_map(|payload| frame(Kind::Command, &payload)),
+                any::<[i16; 4]>().prop_map(|increments| data_frame(&HalfSecond { increments, ..HalfSecond::default() }).to_vec()),
+            ], 0..20),
+            piece in 1usize..50,
+        ) {
+            let bytes = parts.concat();
+            let whole = deframe(&[&bytes]);
+            let pieces: Vec<&[u8]> = bytes.chunks(piece).collect();
+            prop_assert_eq!(&whole, &deframe(&pieces));
+            let framed: usize = whole.0.iter().map(|(_, _, payload)| OVERHEAD + payload.len()).sum();
+            prop_assert_eq!(framed as u64 + whole.2, bytes.len() as u64);
+        }
+    }
+}

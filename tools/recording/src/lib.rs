@@ -1,0 +1,1 @@
+//! Opens any input, file or live link, and yields half seconds and defects.
