@@ -1,10 +1,20 @@
 //! The command `geu`: one thin file per subcommand, nothing but arguments and printing.
+//!
+//! Results go to standard output or the file named, everything else to standard error. Exit 0 done, 1 failed or
+//! `--strict` found defects, 2 bad usage or bad input, 3 a diagnosis ended unexplained.
+
+mod failure;
+
+use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
+use failure::Failure;
 
 /// Emulator, decoder and evaluation of a spacecraft gyro electronics unit.
+///
+/// Without a command the emulator runs: the reference unit on its default scenario, on a pty.
 #[derive(Parser)]
-#[command(version)]
+#[command(name = "geu", version = version())]
 struct Arguments {
     #[command(subcommand)]
     command: Option<Command>,
@@ -13,9 +23,18 @@ struct Arguments {
 #[derive(Subcommand)]
 enum Command {}
 
-fn main() {
-    match Arguments::parse().command {
+fn version() -> String {
+    let (major, minor) = geu_protocol::LINK_VERSION;
+    format!("{} (link version {major}.{minor})", env!("CARGO_PKG_VERSION"))
+}
+
+fn main() -> ExitCode {
+    let done: Result<(), Failure> = match Arguments::parse().command {
         Some(command) => match command {},
-        None => println!("not yet"),
+        None => Ok(()),
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => failure.report(),
     }
 }
