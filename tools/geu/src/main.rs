@@ -6,6 +6,7 @@
 mod failure;
 
 use std::process::ExitCode;
+use std::sync::LazyLock;
 
 use clap::{Parser, Subcommand};
 use failure::Failure;
@@ -14,7 +15,7 @@ use failure::Failure;
 ///
 /// Without a command the emulator runs: the reference unit on its default scenario, on a pty.
 #[derive(Parser)]
-#[command(name = "geu", version = version())]
+#[command(name = "geu", version = VERSION.as_str())]
 struct Arguments {
     #[command(subcommand)]
     command: Option<Command>,
@@ -23,10 +24,10 @@ struct Arguments {
 #[derive(Subcommand)]
 enum Command {}
 
-fn version() -> String {
+static VERSION: LazyLock<String> = LazyLock::new(|| {
     let (major, minor) = geu_protocol::LINK_VERSION;
     format!("{} (link version {major}.{minor})", env!("CARGO_PKG_VERSION"))
-}
+});
 
 fn main() -> ExitCode {
     let done: Result<(), Failure> = match Arguments::parse().command {
