@@ -3,7 +3,10 @@
 //! Results go to standard output or the file named, everything else to standard error. Exit 0 done, 1 failed or
 //! `--strict` found defects, 2 bad usage or bad input, 3 a diagnosis ended unexplained.
 
+mod config;
 mod failure;
+mod settings;
+mod simulate;
 
 use std::process::ExitCode;
 use std::sync::LazyLock;
@@ -22,7 +25,10 @@ struct Arguments {
 }
 
 #[derive(Subcommand)]
-enum Command {}
+enum Command {
+    Simulate(simulate::Arguments),
+    Config(config::Arguments),
+}
 
 static VERSION: LazyLock<String> = LazyLock::new(|| {
     let (major, minor) = geu_protocol::LINK_VERSION;
@@ -31,7 +37,8 @@ static VERSION: LazyLock<String> = LazyLock::new(|| {
 
 fn main() -> ExitCode {
     let done: Result<(), Failure> = match Arguments::parse().command {
-        Some(command) => match command {},
+        Some(Command::Simulate(arguments)) => simulate::run(&arguments),
+        Some(Command::Config(arguments)) => config::run(&arguments),
         None => Ok(()),
     };
     match done {

@@ -249,6 +249,19 @@ impl Plan {
         Ok(plan)
     }
 
+    /// How long a scenario takes; nothing for one without end, or without manoeuvres.
+    pub fn length_s(scenario: &Scenario) -> Option<f64> {
+        let endless = |manoeuvre: &Manoeuvre| matches!(manoeuvre, Manoeuvre::Survey(survey) if survey.scans == 0.0);
+        if scenario.manoeuvres.is_empty() || scenario.manoeuvres.iter().any(endless) {
+            return None;
+        }
+        let mut plan = Plan::new(scenario).ok()?;
+        while plan.next_segment().duration_s.is_finite() {
+            plan.legs.clear();
+        }
+        Some(plan.end_s)
+    }
+
     /// The next segment; without end the last.
     pub fn next_segment(&mut self) -> Segment {
         loop {
@@ -343,7 +356,7 @@ impl Plan {
         if !last {
             self.next = (index, part + 1);
         }
-        if part % 2 == 0 {
+        if part.is_multiple_of(2) {
             let rate_arcmin_s = survey.rate_z_arcmin_s / libm::sin(self.theta_rad);
             return self.turn(
                 "survey",
@@ -391,7 +404,7 @@ impl Plan {
                 raster.acceleration_arcsec_s2,
             );
         }
-        let by_deg = if part % 4 == 0 { raster.angle_deg } else { -raster.angle_deg };
+        let by_deg = if part.is_multiple_of(4) { raster.angle_deg } else { -raster.angle_deg };
         let rate_arcmin_s = raster.rate_z_arcmin_s / libm::sin(self.theta_rad);
         self.turn("raster", "angle_deg", [0.0, by_deg], rate_arcmin_s, raster.acceleration_arcsec_s2)
     }

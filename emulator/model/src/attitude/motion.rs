@@ -21,7 +21,7 @@ numbers! {
         /// Phase about X at the start.
         phase_x_rad: 0.0, -100.0..=100.0;
         /// Phase about Y at the start: a quarter period before X.
-        phase_y_rad: 1.5707963267948966, -100.0..=100.0;
+        phase_y_rad: (std::f64::consts::FRAC_PI_2), -100.0..=100.0;
     }
 }
 
