@@ -3,6 +3,7 @@
 //! Results go to standard output or the file named, everything else to standard error. Exit 0 done, 1 failed or
 //! `--strict` found defects, 2 bad usage or bad input, 3 a diagnosis ended unexplained.
 
+mod describe;
 mod failure;
 
 use std::process::ExitCode;
@@ -22,7 +23,9 @@ struct Arguments {
 }
 
 #[derive(Subcommand)]
-enum Command {}
+enum Command {
+    Describe(describe::Arguments),
+}
 
 static VERSION: LazyLock<String> = LazyLock::new(|| {
     let (major, minor) = geu_protocol::LINK_VERSION;
@@ -31,7 +34,7 @@ static VERSION: LazyLock<String> = LazyLock::new(|| {
 
 fn main() -> ExitCode {
     let done: Result<(), Failure> = match Arguments::parse().command {
-        Some(command) => match command {},
+        Some(Command::Describe(arguments)) => describe::run(arguments),
         None => Ok(()),
     };
     match done {
