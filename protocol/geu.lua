@@ -2,7 +2,7 @@
 --
 -- Serial frames over TCP: on the port of the preference, on any port with Decode As, and found by their sync. CAN
 -- frames: by identifier, from the base of the preference. Use: put it into the personal Lua plugin folder, or
---     tshark -X lua_script:geu.lua -o geu.tcp_port:47000 -o geu.can_base:1A0 -r capture.pcap
+--     tshark -X lua_script:geu.lua -o geu.tcp_port:4700 -o geu.can_base:1A0 -r capture.pcap
 
 local geu = Proto("geu", "Gyro electronics unit")
 local geu_can = Proto("geu_can", "Gyro electronics unit on CAN")
@@ -118,7 +118,7 @@ local experts = {
 }
 geu.experts = experts
 
-geu.prefs.tcp_port = Pref.uint("TCP port", 47000, "port that carries serial frames; 0 for none")
+geu.prefs.tcp_port = Pref.uint("TCP port", 4700, "port that carries serial frames; 0 for none")
 geu.prefs.can_base = Pref.string("CAN base identifier", can_base_default, "identifier of INCREMENTS, hexadecimal")
 
 -- CRC-16/IBM-3740 over ranges or byte arrays, one after the other.

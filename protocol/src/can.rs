@@ -293,7 +293,7 @@ pub fn clock_follows(before: (u16, u64), now: (u16, u64)) -> bool {
     let steps = u64::from(now.0.wrapping_sub(before.0));
     let advance = now.1.wrapping_sub(before.1) & (CLOCK_MODULUS - 1);
     advance == steps * CLOCK_PER_HALF_SECOND
-        || (advance % CLOCK_PER_HALF_SECOND == 0
+        || (advance.is_multiple_of(CLOCK_PER_HALF_SECOND)
             && (advance / CLOCK_PER_HALF_SECOND) & 0xFFFF == steps
             && now.1 > before.1)
 }

@@ -231,7 +231,7 @@ fn tshark_reads_serial_frames_over_tcp_however_they_are_cut() {
     let mut fields = FIELDS.to_vec();
     fields.extend(["geu.opcode", "geu.ping_major", "geu.crc_good"]);
     // By the preference's port in pieces that cut every frame; found by the sync on another port.
-    for (port, piece, options) in [(47_000, 9, &[][..]), (47_000, 33, &["-2"]), (28_123, 37, &[])] {
+    for (port, piece, options) in [(4700, 9, &[][..]), (4700, 33, &["-2"]), (28_123, 37, &[])] {
         let segments: Vec<&[u8]> = bytes.chunks(piece).collect();
         let Some(rows) = dissect(&pcap(LINKTYPE_RAW, &tcp(port, &segments)), options, &fields) else {
             return skip(NO_TSHARK);
@@ -256,7 +256,7 @@ fn tshark_says_which_bytes_are_no_frame_and_finds_the_frame_behind_them() {
     flipped[10] ^= 0x40;
     let bytes = [&flipped[..], &[0xEB, 0x90, 0x77], &good].concat();
     let fields = ["geu.sequence", "geu.crc_good", "geu.skipped", "_ws.expert.message"];
-    let segments = tcp(47_000, &[&bytes]);
+    let segments = tcp(4700, &[&bytes]);
     let Some(rows) = dissect(&pcap(LINKTYPE_RAW, &segments), &[], &fields) else {
         return skip(NO_TSHARK);
     };

@@ -1,6 +1,24 @@
-//! The unit as a state machine: half seconds, commands, modes.
+//! The unit as a state machine: half seconds, commands, modes (icd.md).
+//!
+//! A command acts as if it had come at the start of the half second that runs.
 
-use geu_protocol::{CLOCK_PER_HALF_SECOND, HalfSecond, LINK_VERSION, Outcome, Reply};
+use geu_protocol::field::{CLOCK_MODULUS, unit_flag};
+use geu_protocol::{CLOCK_PER_HALF_SECOND, Command, Gyro, HalfSecond, LINK_VERSION, Outcome, Reply, command};
+
+use crate::attitude::{Motion, Plan, Step};
+use crate::configuration::Configuration;
+use crate::course::Interval;
+use crate::effect::{Tap, Temperatures, Timing};
+use crate::package::{GyroHead, Trace};
+use crate::temperature::Sensor;
+use crate::units::HALF_SECOND_S;
+
+/// Sub-steps of a half second, over which motion is resolved: 0.1 s each.
+const SUB_STEPS: usize = 5;
+/// A half second in femtoseconds, the grain of the unit's true time: 10⁻¹⁵ of it at most is lost in rounding.
+const HALF_SECOND_FS: f64 = 0.5e15;
+/// Spin-up of a gyro: 60 s.
+const SPIN_UP_HALF_SECONDS: u32 = 120;
 
 /// The answer to one COMMAND.
 #[derive(Debug, Clone, Copy)]
@@ -12,7 +30,7 @@ pub struct Answer {
 }
 
 /// A half second that just ended.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ended {
     /// What the unit tells of it.
     pub half_second: HalfSecond,
@@ -22,37 +40,383 @@ pub struct Ended {
     pub end_ns: i64,
 }
 
+#[derive(Debug, Clone)]
+enum Power {
+    Off,
+    /// Half seconds of spin-up left; 0 is synchronous.
+    On(u32),
+}
+
+#[derive(Debug, Clone, Copy)]
+struct SelfTest {
+    gyros: u8,
+    counts: i16,
+    half_seconds_left: u8,
+}
+
+/// One gyro with its counter.
+#[derive(Debug, Clone)]
+struct Channel {
+    head: GyroHead,
+    power: Power,
+    /// Counts so far as a real number, and rounded. The increment is the difference of the rounded.
+    accumulated: f64,
+    rounded: f64,
+}
+
+impl Channel {
+    /// The increment: the difference of the rounded accumulated counts, so that no fraction is ever lost.
+    #[inline]
+    fn accumulate(&mut self, unquantised: f64) -> f64 {
+        self.accumulated += unquantised;
+        let before = std::mem::replace(&mut self.rounded, self.accumulated.round());
+        self.rounded - before
+    }
+}
+
 /// The unit.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct Unit {
-    count: u64,
+    configuration: Configuration,
+    motion: Motion,
+    channels: [Channel; 4],
+    sensor: Sensor,
+    /// True time since the start, fs, at the start of the running half second and at its end.
+    start_fs: i128,
+    end_fs: i128,
+    /// Of the running half second.
+    timing: Timing,
+    /// Half seconds ended.
+    ended: u64,
+    /// Counts lost to saturation, per gyro.
+    lost_counts: [f64; 4],
+    sequence: u16,
+    clock_count: u64,
+    polled: bool,
+    self_test: Option<SelfTest>,
+    last: Option<HalfSecond>,
 }
 
 impl Unit {
+    /// The unit, spun up and warm, at the start of its first half second.
+    pub fn new(configuration: &Configuration) -> Unit {
+        let plan = Plan::new(&configuration.scenario).expect("a configuration holds only scenarios that were tried");
+        let mut unit = Unit {
+            motion: Motion::new(plan, configuration.scenario.limit_cycle),
+            channels: Gyro::ALL.map(|gyro| Channel {
+                head: GyroHead::start(configuration.seed, gyro),
+                power: Power::On(0),
+                accumulated: 0.0,
+                rounded: 0.0,
+            }),
+            configuration: configuration.clone(),
+            sensor: Sensor::WARM,
+            start_fs: 0,
+            end_fs: 0,
+            timing: Timing::default(),
+            ended: 0,
+            lost_counts: [0.0; 4],
+            sequence: u16::MAX,
+            clock_count: 0,
+            polled: false,
+            self_test: None,
+            last: None,
+        };
+        unit.schedule_end();
+        unit
+    }
+
+    /// How many half seconds have ended: the index of the one that runs.
+    pub fn ended(&self) -> u64 {
+        self.ended
+    }
+
     /// Scheduled end of the running half second, true time since the start of the first, ns.
     pub fn running_end_ns(&self) -> i64 {
-        (self.count as i64 + 1) * 500_000_000
+        ((self.end_fs + 500_000) / 1_000_000) as i64
+    }
+
+    /// Counts that clipping has lost so far, in the order of [`Gyro::ALL`].
+    pub fn lost_counts(&self) -> [f64; 4] {
+        self.lost_counts
     }
 
     /// Carries out the payload of a COMMAND within the running half second.
     pub fn command(&mut self, payload: &[u8]) -> Answer {
         let opcode = payload.first().copied().unwrap_or(0);
-        Answer { reply: Reply::new(opcode, Outcome::Done, &[LINK_VERSION.0, LINK_VERSION.1]), polled: None }
+        let answer = |outcome| Answer { reply: Reply::new(opcode, outcome, &[]), polled: None };
+        let command = match command::parse(payload) {
+            Ok(command) => command,
+            Err(outcome) => return answer(outcome),
+        };
+        match command {
+            Command::Ping => {
+                let values = [LINK_VERSION.0, LINK_VERSION.1];
+                return Answer { reply: Reply::new(opcode, Outcome::Done, &values), polled: None };
+            }
+            Command::SetMode { polled } => self.polled = polled,
+            Command::Poll => match self.last {
+                Some(last) if self.polled => return Answer { polled: Some(last), ..answer(Outcome::Done) },
+                _ => return answer(Outcome::NotPossibleNow),
+            },
+            Command::SelfTest { gyros, counts, half_seconds } => {
+                if self.self_test.is_some() {
+                    return answer(Outcome::NotPossibleNow);
+                }
+                self.self_test = Some(SelfTest { gyros, counts, half_seconds_left: half_seconds });
+            }
+            Command::ResetSequence => (self.sequence, self.clock_count) = (u16::MAX, 0),
+            Command::GyroPower { gyros } => {
+                for (gyro, channel) in Gyro::ALL.into_iter().zip(&mut self.channels) {
+                    channel.power = match (gyros & gyro.bit() != 0, &channel.power) {
+                        (true, Power::Off) => Power::On(SPIN_UP_HALF_SECONDS),
+                        (true, Power::On(left)) => Power::On(*left),
+                        (false, _) => Power::Off,
+                    };
+                }
+            }
+            Command::Heater { on } => self.sensor.heater_on = on,
+        }
+        answer(Outcome::Done)
     }
 
     /// Ends the running half second and begins the next.
     pub fn end_half_second(&mut self) -> Ended {
-        let half_second = HalfSecond {
-            sequence: self.count as u16,
-            clock_count: (self.count + 1) * CLOCK_PER_HALF_SECOND,
-            gyro_flags: 0x0F,
-            unit_flags: 7,
-            electronics_centi_c: 2000,
-            sensor_centi_c: 7000,
-            increments: [0; 4],
+        self.end::<()>().0
+    }
+
+    /// As [`Unit::end_half_second`], and tells how the counts of each gyro came about.
+    pub fn end_half_second_traced(&mut self) -> (Ended, [Trace; 4]) {
+        self.end()
+    }
+
+    fn end<T: Tap + Default>(&mut self) -> (Ended, [T; 4]) {
+        let (start_s, end_s) = (self.start_fs as f64 * 1e-15, self.end_fs as f64 * 1e-15);
+        let temperatures = self.temperatures(0.5 * (start_s + end_s));
+        let interval = Interval {
+            start_s,
+            end_s,
+            electronics_excess_k: temperatures.electronics_c - temperatures.electronics_reference_c,
         };
-        let ended = Ended { half_second, cyclic: true, end_ns: self.running_end_ns() };
-        self.count += 1;
-        ended
+        let steps: [Step; SUB_STEPS] = std::array::from_fn(|index| {
+            let part = (index + 1) as f64 / SUB_STEPS as f64;
+            self.motion.advance(if index + 1 == SUB_STEPS { end_s } else { start_s + part * (end_s - start_s) })
+        });
+
+        let mut half_second = HalfSecond::default();
+        let mut synchronous = true;
+        let traces = std::array::from_fn(|index| {
+            let (gyro, channel, mut trace) = (Gyro::ALL[index], &mut self.channels[index], T::default());
+            let configured = &self.configuration.gyros[index];
+            let effects = configured.effects.at(&interval);
+            let unquantised =
+                channel.head.count(&configured.calibration, &effects, &self.timing, &temperatures, &steps, &mut trace);
+            let mut counts = channel.accumulate(unquantised);
+            match &mut channel.power {
+                Power::Off => counts = 0.0,
+                Power::On(left) => {
+                    if let Some(test) = self.self_test.filter(|test| test.gyros & gyro.bit() != 0) {
+                        counts += f64::from(test.counts);
+                    }
+                    if *left == 0 {
+                        half_second.gyro_flags |= gyro.bit();
+                    } else {
+                        synchronous = false;
+                        *left -= 1;
+                    }
+                }
+            }
+            let clipped = counts.clamp(f64::from(i16::MIN), f64::from(i16::MAX));
+            if clipped != counts {
+                half_second.gyro_flags |= gyro.bit() << 4;
+                self.lost_counts[index] += (counts - clipped).abs();
+            }
+            half_second.increments[index] = clipped as i16;
+            trace
+        });
+        self.sequence = self.sequence.wrapping_add(1);
+        self.clock_count = (self.clock_count + CLOCK_PER_HALF_SECOND) % CLOCK_MODULUS;
+        half_second.sequence = self.sequence;
+        half_second.clock_count = self.clock_count;
+        let at_end = self.temperatures(end_s);
+        self.sensor.advance(end_s - start_s, at_end.electronics_c);
+        half_second.electronics_centi_c = centi(at_end.electronics_c);
+        half_second.sensor_centi_c = centi(self.sensor.temperature_c);
+        half_second.unit_flags = [
+            (self.sensor.in_band(), unit_flag("heater_in_band")),
+            (synchronous, unit_flag("motors_synchronous")),
+            (true, unit_flag("clock_locked")),
+            (self.self_test.is_some(), unit_flag("self_test")),
+            (self.polled, unit_flag("polled")),
+        ]
+        .into_iter()
+        .fold(0, |flags, (set, flag)| if set { flags | flag } else { flags });
+        self.self_test = self.self_test.and_then(|test| {
+            let half_seconds_left = test.half_seconds_left - 1;
+            (half_seconds_left > 0).then_some(SelfTest { half_seconds_left, ..test })
+        });
+        self.last = Some(half_second);
+        let ended = Ended { half_second, cyclic: !self.polled, end_ns: self.running_end_ns() };
+        self.ended += 1;
+        self.start_fs = self.end_fs;
+        self.schedule_end();
+        (ended, traces)
+    }
+
+    /// Schedules the end of the half second that begins: 0.5/(1 + ε) s of true time after its start.
+    fn schedule_end(&mut self) {
+        let start_s = self.start_fs as f64 * 1e-15;
+        let temperatures = self.temperatures(start_s + 0.5 * HALF_SECOND_S);
+        let interval = Interval {
+            start_s,
+            end_s: start_s + HALF_SECOND_S,
+            electronics_excess_k: temperatures.electronics_c - temperatures.electronics_reference_c,
+        };
+        self.timing = self.configuration.unit.at(&interval).timing();
+        self.end_fs = self.start_fs + (HALF_SECOND_FS / (1.0 + self.timing.clock_error)).round() as i128;
+    }
+
+    fn temperatures(&self, t_s: f64) -> Temperatures {
+        let electronics = &self.configuration.electronics;
+        Temperatures {
+            electronics_c: electronics.at_c(t_s),
+            electronics_reference_c: electronics.numbers.reference_c,
+            sensor_c: self.sensor.temperature_c,
+        }
+    }
+}
+
+fn centi(temperature_c: f64) -> i16 {
+    (temperature_c * 100.0).round() as i16
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn unit(overrides: &[&str]) -> Unit {
+        let overrides: Vec<String> = overrides.iter().map(|text| text.to_string()).collect();
+        Unit::new(&Configuration::reference_with(&overrides).expect("valid"))
+    }
+
+    fn run(unit: &mut Unit, half_seconds: usize) -> Vec<HalfSecond> {
+        (0..half_seconds).map(|_| unit.end_half_second().half_second).collect()
+    }
+
+    fn outcome(unit: &mut Unit, payload: &[u8]) -> Outcome {
+        unit.command(payload).reply.outcome()
+    }
+
+    #[test]
+    fn rounding_is_half_away_from_zero_and_never_accumulates() {
+        let mut channel = unit(&[]).channels[0].clone();
+        // Accumulated −1.5, −0.5, 0.5, 1.5 round to −2, −1, 1, 2.
+        let increments = [-1.5, 1.0, 1.0, 1.0].map(|counts| channel.accumulate(counts));
+        assert_eq!(increments, [-2.0, 1.0, 2.0, 1.0]);
+    }
+
+    #[test]
+    fn accumulated_counts_stay_within_half_a_count_of_the_unquantised() {
+        let mut unit = unit(&[]);
+        let (mut counted, mut unquantised) = ([0.0; 4], [0.0; 4]);
+        for _ in 0..20_000 {
+            let (ended, traces) = unit.end_half_second_traced();
+            for index in 0..4 {
+                counted[index] += f64::from(ended.half_second.increments[index]);
+                unquantised[index] += traces[index].counts;
+                assert!((counted[index] - unquantised[index]).abs() < 0.500_001);
+            }
+        }
+    }
+
+    #[test]
+    fn self_test_adds_its_counts_for_its_half_seconds_and_flags_them() {
+        let (mut plain, mut tested) = (unit(&[]), unit(&[]));
+        assert_eq!(outcome(&mut tested, &[4, 0b0101, 0, 100, 3]), Outcome::Done);
+        assert_eq!(outcome(&mut tested, &[4, 1, 0, 1, 1]), Outcome::NotPossibleNow);
+        let (plain, tested) = (run(&mut plain, 5), run(&mut tested, 5));
+        for index in 0..5 {
+            let added: Vec<i16> =
+                tested[index].increments.iter().zip(plain[index].increments).map(|(a, b)| a - b).collect();
+            let (counts, flag) = if index < 3 { (100, unit_flag("self_test")) } else { (0, 0) };
+            assert_eq!(added, [counts, 0, counts, 0]);
+            assert_eq!(tested[index].unit_flags & unit_flag("self_test"), flag);
+        }
+    }
+
+    #[test]
+    fn clipping_is_flagged_never_wrapped_and_the_loss_counted() {
+        let largest = command::payload(&command::COMMANDS[3], &[1, 32_767, 1]);
+        // A drift of 10″ per half second takes counts away, one of −10″ adds them.
+        let mut below = unit(&["gyro.GYRX.calibration.drift_arcsec_per_half_s=10"]);
+        below.command(&largest);
+        let half_second = run(&mut below, 1)[0];
+        assert!((32_750..32_767).contains(&half_second.increments[0]));
+        assert_eq!((half_second.gyro_flags, below.lost_counts()[0]), (0x0F, 0.0));
+        let mut above = unit(&["gyro.GYRX.calibration.drift_arcsec_per_half_s=-10"]);
+        above.command(&largest);
+        let half_second = run(&mut above, 1)[0];
+        assert_eq!((half_second.increments[0], half_second.gyro_flags), (i16::MAX, 0x1F));
+        assert!((8.0..13.0).contains(&above.lost_counts()[0]));
+    }
+
+    #[test]
+    fn reset_restarts_sequence_and_clock_with_the_running_half_second() {
+        let mut unit = unit(&[]);
+        run(&mut unit, 10);
+        unit.command(&[5]);
+        let after = run(&mut unit, 2);
+        assert_eq!((after[0].sequence, after[0].clock_count), (0, 500_000));
+        assert_eq!((after[1].sequence, after[1].clock_count), (1, 1_000_000));
+    }
+
+    #[test]
+    fn a_stopped_gyro_reads_nothing_and_takes_a_minute_to_spin_up() {
+        let mut unit = unit(&[]);
+        unit.command(&[6, 0b1110]);
+        let stopped = run(&mut unit, 4);
+        assert!(stopped.iter().all(|h| h.increments[0] == 0 && h.gyro_flags == 0x0E && h.unit_flags & 2 == 2));
+        unit.command(&[6, 0x0F]);
+        unit.command(&[6, 0x0F]);
+        let spinning = run(&mut unit, 121);
+        assert!(spinning[..120].iter().all(|h| h.gyro_flags == 0x0E && h.unit_flags & 2 == 0));
+        assert_eq!((spinning[120].gyro_flags, spinning[120].unit_flags & 2), (0x0F, 2));
+    }
+
+    #[test]
+    fn a_cold_sensor_leaves_its_band_and_comes_back() {
+        let mut unit = unit(&[]);
+        unit.command(&[7, 0]);
+        let cooling = run(&mut unit, 240);
+        assert_eq!((cooling[0].unit_flags & 1, cooling[239].unit_flags & 1), (1, 0));
+        unit.command(&[7, 1]);
+        assert_eq!(run(&mut unit, 12_000)[11_999].unit_flags & 1, 1);
+    }
+
+    #[test]
+    fn polled_mode_keeps_the_half_second_until_it_is_asked_for() {
+        let mut unit = unit(&[]);
+        assert_eq!(outcome(&mut unit, &[3]), Outcome::NotPossibleNow);
+        assert_eq!(outcome(&mut unit, &[2, 1]), Outcome::Done);
+        assert_eq!(outcome(&mut unit, &[3]), Outcome::NotPossibleNow);
+        let ended = unit.end_half_second();
+        assert!(!ended.cyclic);
+        assert_eq!(ended.half_second.unit_flags & 16, 16);
+        for _ in 0..2 {
+            assert_eq!(unit.command(&[3]).polled, Some(ended.half_second));
+        }
+        unit.command(&[2, 0]);
+        assert!(unit.end_half_second().cyclic);
+    }
+
+    #[test]
+    fn a_fast_clock_ends_half_seconds_early() {
+        let mut unit = unit(&["unit.clock-frequency.ppm=100"]);
+        for _ in 0..10_000 {
+            unit.end_half_second();
+        }
+        // 10 000 half seconds of 0.5/(1 + 10⁻⁴) s.
+        let expected_ns = 5_000e9 / 1.0001;
+        assert!((unit.running_end_ns() as f64 - 0.5e9 / 1.0001 - expected_ns).abs() < 2.0);
     }
 }

@@ -44,15 +44,15 @@ fn base(text: &str) -> Result<CanPlan, String> {
 ///
 /// # Errors
 /// When it cannot be written.
-pub fn run(arguments: Arguments) -> Result<(), Failure> {
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let text = match arguments.form {
         Form::Dbc => describe::dbc(arguments.base),
         Form::Header => describe::header(),
         Form::Dissector => describe::dissector(),
         Form::Icd => describe::icd(),
     };
-    match arguments.out {
-        Some(path) => std::fs::write(&path, text)
+    match &arguments.out {
+        Some(path) => std::fs::write(path, text)
             .map_err(|error| Failure::failed(format_args!("{}: cannot be written: {error}", path.display()))),
         None => match std::io::stdout().write_all(text.as_bytes()) {
             Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {

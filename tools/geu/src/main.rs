@@ -3,8 +3,11 @@
 //! Results go to standard output or the file named, everything else to standard error. Exit 0 done, 1 failed or
 //! `--strict` found defects, 2 bad usage or bad input, 3 a diagnosis ended unexplained.
 
+mod config;
 mod describe;
 mod failure;
+mod settings;
+mod simulate;
 
 use std::process::ExitCode;
 use std::sync::LazyLock;
@@ -24,6 +27,8 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
+    Simulate(simulate::Arguments),
+    Config(config::Arguments),
     Describe(describe::Arguments),
 }
 
@@ -34,7 +39,9 @@ static VERSION: LazyLock<String> = LazyLock::new(|| {
 
 fn main() -> ExitCode {
     let done: Result<(), Failure> = match Arguments::parse().command {
-        Some(Command::Describe(arguments)) => describe::run(arguments),
+        Some(Command::Simulate(arguments)) => simulate::run(&arguments),
+        Some(Command::Config(arguments)) => config::run(&arguments),
+        Some(Command::Describe(arguments)) => describe::run(&arguments),
         None => Ok(()),
     };
     match done {

@@ -1,0 +1,266 @@
+//! A run on disk: what the link carried, the truth behind it, and what makes the same bytes again (cli.md, `simulate`).
+//!
+//! `geu simulate` writes it as fast as the model runs; `geu run --record` writes the same files beside the live links.
+//! Times are scheduled ends, never the wall clock.
+
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use geu_model::attitude::{Motion, Plan};
+use geu_model::configuration::{RecordedCommand, RunRecord, WireForm};
+use geu_model::effect::{HeadEffects, UnitEffects};
+use geu_model::units::RAD_PER_DEG;
+use geu_model::{Configuration, Ended, Trace};
+use geu_protocol::{CanPlan, Gyro, HalfSecond, serial};
+
+/// Interface name in `link.log`.
+const INTERFACE: &str = "can0";
+/// Spacing of `reference.csv`, true time, ns.
+const REFERENCE_NS: i64 = 500_000_000;
+
+/// A file of the recording that cannot be written.
+#[derive(Debug, thiserror::Error)]
+#[error("cannot write {}: {source}; expected a directory with room that may be written", .path.display())]
+pub struct RecordError {
+    path: PathBuf,
+    source: io::Error,
+}
+
+/// One file, written through a buffer, that tells its path when it fails.
+struct Output {
+    path: PathBuf,
+    file: BufWriter<File>,
+}
+
+impl Output {
+    fn create(directory: &Path, name: &str) -> Result<Output, RecordError> {
+        let path = directory.join(name);
+        match File::create(&path) {
+            Ok(file) => Ok(Output { path, file: BufWriter::with_capacity(1 << 16, file) }),
+            Err(source) => Err(RecordError { path, source }),
+        }
+    }
+
+    fn write(&mut self, content: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>) -> Result<(), RecordError> {
+        content(&mut self.file).map_err(|source| RecordError { path: self.path.clone(), source })
+    }
+}
+
+/// Writes a run.
+pub struct Recorder {
+    directory: PathBuf,
+    configuration: Configuration,
+    wire: WireForm,
+    plan: CanPlan,
+    link: Output,
+    reference: Output,
+    truth: Output,
+    manoeuvres: Output,
+    commands: Output,
+    /// Walks the scenario in true half seconds, beside the unit's own.
+    motion: Motion,
+    reference_rows: i64,
+    half_seconds: u64,
+    /// Effects that have a column in `truth.csv`, and whether the clock has one.
+    head_columns: Vec<usize>,
+    clock_column: bool,
+    recorded: Vec<RecordedCommand>,
+}
+
+impl Recorder {
+    /// Opens the files of a run in `directory`, which is made if it is not there.
+    ///
+    /// # Errors
+    /// A directory or file that cannot be written.
+    pub fn create(directory: &Path, configuration: &Configuration, wire: WireForm) -> Result<Recorder, RecordError> {
+        fs::create_dir_all(directory).map_err(|source| RecordError { path: directory.to_owned(), source })?;
+        let (link_name, other) = match wire {
+            WireForm::Can => ("link.log", "link.bin"),
+            WireForm::Serial => ("link.bin", "link.log"),
+        };
+        // A link in the other form, of an earlier run, would not belong to this one.
+        match fs::remove_file(directory.join(other)) {
+            Err(source) if source.kind() != io::ErrorKind::NotFound => {
+                return Err(RecordError { path: directory.join(other), source });
+            }
+            _ => {}
+        }
+        let head_columns: Vec<usize> = (0..HeadEffects::SPECS.len())
+            .filter(|&index| configuration.gyros.iter().any(|gyro| gyro.effects.has(index)))
+            .collect();
+        let clock_column = (0..UnitEffects::SPECS.len()).any(|index| configuration.unit.has(index));
+        let scenario = &configuration.scenario;
+        let layout = Plan::new(scenario).expect("a configuration holds only scenarios that were tried");
+        let mut recorder = Recorder {
+            link: Output::create(directory, link_name)?,
+            reference: Output::create(directory, "reference.csv")?,
+            truth: Output::create(directory, "truth.csv")?,
+            manoeuvres: Output::create(directory, "manoeuvres.csv")?,
+            commands: Output::create(directory, "commands.jsonl")?,
+            directory: directory.to_owned(),
+            configuration: configuration.clone(),
+            wire,
+            plan: CanPlan::default(),
+            motion: Motion::new(layout, scenario.limit_cycle),
+            reference_rows: 0,
+            half_seconds: 0,
+            head_columns,
+            clock_column,
+            recorded: Vec::new(),
+        };
+        recorder.headers()?;
+        Ok(recorder)
+    }
+
+    fn headers(&mut self) -> Result<(), RecordError> {
+        let rates = "rate_x_arcsec_s,rate_y_arcsec_s,rate_z_arcsec_s";
+        self.reference.write(|file| writeln!(file, "t_s,{rates},theta_deg,psi_deg"))?;
+        self.manoeuvres.write(|file| writeln!(file, "manoeuvre,start_s,end_s"))?;
+        let (head_columns, clock_column) = (&self.head_columns, self.clock_column);
+        self.truth.write(|file| {
+            write!(file, "t_s,sequence,gyro,true_arcsec,calibration_counts")?;
+            for &index in head_columns {
+                write!(file, ",{}_counts", HeadEffects::SPECS[index].code)?;
+            }
+            if clock_column {
+                write!(file, ",{}_counts", UnitEffects::SPECS[0].code)?;
+            }
+            writeln!(file, ",unquantised,count")
+        })
+    }
+
+    /// Writes a half second: its messages where it was sent cyclically, its truth, and the reference up to its end.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn half_second(&mut self, ended: &Ended, traces: &[Trace; 4]) -> Result<(), RecordError> {
+        self.half_seconds += 1;
+        if ended.cyclic {
+            self.sent(&ended.half_second, ended.end_ns)?;
+        }
+        self.truth_rows(ended, traces)?;
+        while self.reference_rows * REFERENCE_NS < ended.end_ns {
+            self.reference_row()?;
+        }
+        Ok(())
+    }
+
+    /// Writes the messages of a half second that was sent because it was polled, stamped with its scheduled end.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn polled(&mut self, half_second: &HalfSecond, end_ns: i64) -> Result<(), RecordError> {
+        self.sent(half_second, end_ns)
+    }
+
+    fn sent(&mut self, half_second: &HalfSecond, end_ns: i64) -> Result<(), RecordError> {
+        let stamp = Stamp(self.configuration.start_unix_ns + end_ns);
+        let (wire, plan) = (self.wire, self.plan);
+        self.link.write(|file| match wire {
+            WireForm::Serial => file.write_all(&serial::data_frame(half_second)),
+            WireForm::Can => plan.frames(half_second).iter().try_for_each(|frame| {
+                write!(file, "({stamp}) {INTERFACE} {:03X}#", frame.id)?;
+                frame.data().iter().try_for_each(|byte| write!(file, "{byte:02X}"))?;
+                writeln!(file)
+            }),
+        })
+    }
+
+    fn truth_rows(&mut self, ended: &Ended, traces: &[Trace; 4]) -> Result<(), RecordError> {
+        let stamp = Stamp(self.configuration.start_unix_ns + ended.end_ns);
+        let (head_columns, clock_column) = (&self.head_columns, self.clock_column);
+        self.truth.write(|file| {
+            for (gyro, trace) in Gyro::ALL.into_iter().zip(traces) {
+                let half_second = &ended.half_second;
+                write!(file, "{stamp},{},{},{}", half_second.sequence, gyro.name(), trace.true_arcsec)?;
+                write!(file, ",{}", trace.calibrated_counts - trace.true_arcsec)?;
+                for &index in head_columns {
+                    let before =
+                        index.checked_sub(1).map_or(trace.calibrated_counts, |before| trace.after_counts[before]);
+                    write!(file, ",{}", trace.after_counts[index] - before)?;
+                }
+                if clock_column {
+                    let before = trace.after_counts.last().copied().unwrap_or(trace.calibrated_counts);
+                    write!(file, ",{}", trace.counts - before)?;
+                }
+                writeln!(file, ",{},{}", trace.counts, half_second.increments[gyro as usize])?;
+            }
+            Ok(())
+        })
+    }
+
+    fn reference_row(&mut self) -> Result<(), RecordError> {
+        self.reference_rows += 1;
+        let end_ns = self.reference_rows * REFERENCE_NS;
+        let step = self.motion.advance(end_ns as f64 * 1e-9);
+        let start_unix_ns = self.configuration.start_unix_ns;
+        self.reference.write(|file| {
+            let [x, y, z] = step.angle_control_arcsec.map(|angle| angle / step.length_s);
+            let (theta_deg, psi_deg) = (step.theta_rad / RAD_PER_DEG, (step.psi_rad / RAD_PER_DEG).rem_euclid(360.0));
+            writeln!(file, "{},{x:.9},{y:.9},{z:.9},{theta_deg:.9},{psi_deg:.9}", Stamp(start_unix_ns + end_ns))
+        })?;
+        for leg in self.motion.take_legs() {
+            self.manoeuvres.write(|file| {
+                let seconds = |t_s: f64| start_unix_ns as f64 * 1e-9 + t_s;
+                // A hold without end has none.
+                let end = if leg.end_s.is_finite() { format!("{:.6}", seconds(leg.end_s)) } else { String::new() };
+                writeln!(file, "{},{:.6},{end}", leg.name, seconds(leg.start_s))
+            })?;
+        }
+        Ok(())
+    }
+
+    /// Writes a command received within the half second now running; `running_end_ns` is its scheduled end.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn command(&mut self, link: &str, payload: &[u8], running_end_ns: i64) -> Result<(), RecordError> {
+        let command =
+            RecordedCommand { half_second: self.half_seconds, link: link.to_owned(), payload: payload.to_vec() };
+        let line = serde_json::json!({
+            "half_second": command.half_second,
+            "on_board_s": command.half_second as f64 * 0.5,
+            "half_second_end_s": running_end_ns as f64 * 1e-9,
+            "link": command.link,
+            "bytes": payload.iter().map(|byte| format!("{byte:02X}")).collect::<String>(),
+        });
+        self.recorded.push(command);
+        self.commands.write(|file| writeln!(file, "{line}"))
+    }
+
+    /// Ends the recording: what is buffered is written, and `run.toml`.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn finish(mut self) -> Result<(), RecordError> {
+        let mut configuration = self.configuration.clone();
+        configuration.run = RunRecord {
+            duration_s: self.half_seconds as f64 * 0.5,
+            wire: Some(self.wire),
+            commands: std::mem::take(&mut self.recorded),
+        };
+        let mut run = Output::create(&self.directory, "run.toml")?;
+        run.write(|file| {
+            writeln!(file, "# A recorded run: `geu simulate run.toml --out DIRECTORY` writes the same bytes again.")?;
+            file.write_all(configuration.to_toml(false).as_bytes())
+        })?;
+        for output in
+            [&mut run, &mut self.link, &mut self.reference, &mut self.truth, &mut self.manoeuvres, &mut self.commands]
+        {
+            output.write(|file| file.flush())?;
+        }
+        Ok(())
+    }
+}
+
+/// A time in ns, written in seconds with six decimals, the grain of a capture.
+#[derive(Clone, Copy)]
+struct Stamp(i64);
+
+impl std::fmt::Display for Stamp {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        let micros = (self.0 + 500) / 1000;
+        write!(f, "{}.{:06}", micros / 1_000_000, micros % 1_000_000)
+    }
+}

@@ -1,0 +1,359 @@
+//! A TOML document read strictly: every key is known, every number within its limits, every error points at its place.
+
+use std::fmt;
+use std::ops::Range;
+
+use toml_edit::{Document, DocumentMut, Item, TableLike};
+
+use crate::number::{Default, Number, Numbers, limits};
+
+/// What is wrong with a configuration, and where.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ConfigurationError {
+    /// File, or whatever else the text came from.
+    pub name: String,
+    /// Line, from 1.
+    pub line: usize,
+    /// Column, from 1.
+    pub column: usize,
+    /// The line itself.
+    pub text: String,
+    /// How many characters of it are meant.
+    pub width: usize,
+    /// What was expected and what was got.
+    pub message: String,
+}
+
+impl std::error::Error for ConfigurationError {}
+
+impl fmt::Display for ConfigurationError {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let Self { name, line, column, text, width, message } = self;
+        writeln!(f, "{name}:{line}:{column}: {message}")?;
+        let number = line.to_string();
+        let margin = " ".repeat(number.len());
+        writeln!(f, "{margin} |\n{number} | {text}")?;
+        write!(f, "{margin} | {}{}", " ".repeat(column - 1), "^".repeat((*width).max(1)))
+    }
+}
+
+/// A text with a name.
+pub struct Source {
+    name: String,
+    document: Document<String>,
+}
+
+impl Source {
+    /// Parses `text`.
+    ///
+    /// # Errors
+    /// Text that is not TOML.
+    pub fn parse(name: &str, text: &str) -> Result<Source, ConfigurationError> {
+        match Document::parse(text.to_owned()) {
+            Ok(document) => Ok(Source { name: name.to_owned(), document }),
+            Err(error) => {
+                let message = format!("expected TOML: {}", error.message().replace('\n', "; "));
+                Err(locate(name, text, error.span(), message))
+            }
+        }
+    }
+
+    /// The root table.
+    pub fn root(&self) -> Node<'_> {
+        Node { source: self, table: self.document.as_table(), path: String::new(), span: None }
+    }
+}
+
+fn locate(name: &str, text: &str, span: Option<Range<usize>>, message: String) -> ConfigurationError {
+    let start = span.as_ref().map_or(0, |span| span.start.min(text.len()));
+    let line_start = text[..start].rfind('\n').map_or(0, |end| end + 1);
+    let line_text = text[line_start..].lines().next().unwrap_or_default();
+    let line = text[..line_start].matches('\n').count() + 1;
+    let before = text[line_start..start].chars().count();
+    let meant =
+        span.map_or(1, |span| text.get(span).unwrap_or_default().lines().next().unwrap_or_default().chars().count());
+    let width = meant.min(line_text.chars().count().saturating_sub(before));
+    ConfigurationError { name: name.to_owned(), line, column: before + 1, text: line_text.to_owned(), width, message }
+}
+
+/// A table of the document.
+#[derive(Clone)]
+pub struct Node<'a> {
+    source: &'a Source,
+    table: &'a dyn TableLike,
+    path: String,
+    span: Option<Range<usize>>,
+}
+
+type Read<T> = Result<T, ConfigurationError>;
+
+impl<'a> Node<'a> {
+    /// The keys in order.
+    pub fn keys(&self) -> Vec<&'a str> {
+        self.table.iter().map(|(key, _)| key).collect()
+    }
+
+    /// Where the table stands, as in `--set`.
+    pub fn path_of(&self, key: &str) -> String {
+        if self.path.is_empty() { key.to_owned() } else { format!("{}.{key}", self.path) }
+    }
+
+    /// An error that points at the key, or at the whole table where it is not there.
+    pub fn error(&self, key: &str, message: String) -> ConfigurationError {
+        let span = self.table.key(key).and_then(|key| key.span()).or_else(|| self.span.clone());
+        locate(&self.source.name, self.source.document.raw(), span, message)
+    }
+
+    fn value_error(&self, key: &str, message: String) -> ConfigurationError {
+        match self.table.get(key).and_then(Item::span) {
+            Some(span) => locate(&self.source.name, self.source.document.raw(), Some(span), message),
+            None => self.error(key, message),
+        }
+    }
+
+    /// Refuses keys that are not `valid`.
+    ///
+    /// # Errors
+    /// The first unknown key, with the valid ones.
+    pub fn only<S: AsRef<str>>(&self, valid: &[S]) -> Read<()> {
+        match self.keys().into_iter().find(|key| !valid.iter().any(|valid| valid.as_ref() == *key)) {
+            Some(key) => Err(self.unknown(key, valid)),
+            None => Ok(()),
+        }
+    }
+
+    /// The error for an unknown key: the likeliest meant, and all valid ones.
+    pub fn unknown<S: AsRef<str>>(&self, key: &str, valid: &[S]) -> ConfigurationError {
+        let names: Vec<&str> = valid.iter().map(AsRef::as_ref).collect();
+        let likeliest = names
+            .iter()
+            .map(|name| (strsim::jaro_winkler(name, key), name))
+            .filter(|(likeness, _)| *likeness > 0.8)
+            .max_by(|a, b| a.0.total_cmp(&b.0));
+        let hint = likeliest.map(|(_, name)| format!("did you mean `{name}`? ")).unwrap_or_default();
+        let place = if self.path.is_empty() { "at the top level".to_owned() } else { format!("in {}", self.path) };
+        self.error(key, format!("unknown key `{key}` {place}; {hint}expected one of: {}", names.join(", ")))
+    }
+
+    fn got(&self, key: &str) -> String {
+        self.table.get(key).map_or_else(|| "nothing".to_owned(), |item| item.to_string().trim().to_owned())
+    }
+
+    /// A number within its limits; its default where the key is not there.
+    ///
+    /// # Errors
+    /// Not a number, out of limits, or required and not there.
+    pub fn number(&self, spec: &Number) -> Read<f64> {
+        match (self.number_within(spec.name, spec.least, spec.greatest)?, spec.default) {
+            (Some(value), _) => Ok(value),
+            (None, Default::Required) => {
+                let (path, meaning, limits) = (self.path_of(spec.name), spec.meaning.trim(), spec.limits());
+                Err(self.error(spec.name, format!("expected `{path}` ({meaning}; {limits}), got none")))
+            }
+            (None, default) => Ok(default.initial()),
+        }
+    }
+
+    /// A number within limits, where the key is there.
+    ///
+    /// # Errors
+    /// Not a number, or out of limits.
+    pub fn number_within(&self, key: &str, least: f64, greatest: f64) -> Read<Option<f64>> {
+        let Some(item) = self.table.get(key) else { return Ok(None) };
+        match item.as_float().or_else(|| item.as_integer().map(|value| value as f64)) {
+            Some(value) if least <= value && value <= greatest => Ok(Some(value)),
+            _ => Err(self.value_error(
+                key,
+                format!("expected {} for `{}`, got {}", limits(least, greatest), self.path_of(key), self.got(key)),
+            )),
+        }
+    }
+
+    /// A whole number of 0 or more.
+    ///
+    /// # Errors
+    /// Anything else.
+    pub fn whole_number(&self, key: &str) -> Read<Option<u64>> {
+        match self.table.get(key) {
+            None => Ok(None),
+            Some(item) => match item.as_integer().and_then(|value| u64::try_from(value).ok()) {
+                Some(value) => Ok(Some(value)),
+                None => Err(self.value_error(
+                    key,
+                    format!("expected a whole number of 0 or more for `{}`, got {}", self.path_of(key), self.got(key)),
+                )),
+            },
+        }
+    }
+
+    /// A text, one of `valid`.
+    ///
+    /// # Errors
+    /// Not there, not a text, or another one.
+    pub fn choice(&self, key: &str, valid: &[&str]) -> Read<&'a str> {
+        match self.table.get(key).and_then(Item::as_str) {
+            Some(text) if valid.contains(&text) => Ok(text),
+            _ => Err(self.value_error(
+                key,
+                format!("expected one of {} for `{}`, got {}", valid.join(", "), self.path_of(key), self.got(key)),
+            )),
+        }
+    }
+
+    /// A text.
+    ///
+    /// # Errors
+    /// Not there, or not a text.
+    pub fn text(&self, key: &str) -> Read<&'a str> {
+        self.table.get(key).and_then(Item::as_str).ok_or_else(|| {
+            self.value_error(key, format!("expected a text for `{}`, got {}", self.path_of(key), self.got(key)))
+        })
+    }
+
+    /// Fills `numbers` from the table's keys; `has` tells which of them there are.
+    ///
+    /// # Errors
+    /// As [`Node::number`]; a key in `others` is left alone, any other unknown key refused.
+    pub fn fill(&self, numbers: &mut dyn Numbers, has: impl Fn(&str) -> bool, others: &[&str]) -> Read<()> {
+        let specs = numbers.specs();
+        let valid: Vec<&str> =
+            specs.iter().map(|spec| spec.name).filter(|name| has(name)).chain(others.iter().copied()).collect();
+        self.only(&valid)?;
+        for (index, spec) in specs.iter().enumerate().filter(|(_, spec)| has(spec.name)) {
+            *numbers.value_mut(index) = self.number(spec)?;
+        }
+        Ok(())
+    }
+
+    /// The table under `key`.
+    ///
+    /// # Errors
+    /// Something else than a table.
+    pub fn table(&self, key: &str) -> Read<Option<Node<'a>>> {
+        let Some(item) = self.table.get(key) else { return Ok(None) };
+        match item.as_table_like() {
+            Some(table) => Ok(Some(self.child(table, self.path_of(key), key, item.span()))),
+            None => Err(self.value_error(
+                key,
+                format!(
+                    "expected a table for `{}`, such as {{ name = number }}, got {}",
+                    self.path_of(key),
+                    self.got(key)
+                ),
+            )),
+        }
+    }
+
+    /// The tables of the list under `key`.
+    ///
+    /// # Errors
+    /// Something else than a list of tables.
+    pub fn tables(&self, key: &str) -> Read<Vec<Node<'a>>> {
+        let tables = match self.table.get(key) {
+            None => return Ok(Vec::new()),
+            Some(Item::ArrayOfTables(tables)) => {
+                Some(tables.iter().map(|table| (table as &dyn TableLike, table.span())).collect::<Vec<_>>())
+            }
+            Some(item) => item.as_array().and_then(|array| {
+                array
+                    .iter()
+                    .map(|value| value.as_inline_table().map(|table| (table as &dyn TableLike, value.span())))
+                    .collect()
+            }),
+        };
+        let tables = tables.ok_or_else(|| {
+            self.value_error(
+                key,
+                format!("expected a list of tables for `{}`, [[{key}]], got {}", self.path_of(key), self.got(key)),
+            )
+        })?;
+        Ok(tables
+            .into_iter()
+            .enumerate()
+            .map(|(index, (table, span))| self.child(table, self.path_of(&format!("{key}.{index}")), key, span))
+            .collect())
+    }
+
+    /// The pairs of numbers of the list under `key`.
+    ///
+    /// # Errors
+    /// Something else than a list of pairs of numbers.
+    pub fn pairs(&self, key: &str) -> Read<Vec<(f64, f64)>> {
+        let Some(item) = self.table.get(key) else { return Ok(Vec::new()) };
+        let number = |value: &toml_edit::Value| {
+            value.as_float().or_else(|| value.as_integer().map(|value| value as f64)).filter(|value| value.is_finite())
+        };
+        let pairs = item.as_array().and_then(|array| {
+            array
+                .iter()
+                .map(|pair| match pair.as_array()?.iter().map(number).collect::<Option<Vec<f64>>>()?.as_slice() {
+                    [a, b] => Some((*a, *b)),
+                    _ => None,
+                })
+                .collect::<Option<Vec<_>>>()
+        });
+        pairs.ok_or_else(|| {
+            self.value_error(
+                key,
+                format!(
+                    "expected a list of pairs of numbers, [[time_s, value], …], for `{}`, got {}",
+                    self.path_of(key),
+                    self.got(key)
+                ),
+            )
+        })
+    }
+
+    fn child(&self, table: &'a dyn TableLike, path: String, key: &str, span: Option<Range<usize>>) -> Node<'a> {
+        let span = span.or_else(|| self.table.key(key).and_then(|key| key.span())).or_else(|| self.span.clone());
+        Node { source: self.source, table, path, span }
+    }
+}
+
+/// `text` with every override `PATH=VALUE` put in; a path may go through lists by index (`manoeuvre.0.duration_s`).
+///
+/// # Errors
+/// An override that is not `PATH=VALUE`.
+pub fn with_overrides(name: &str, text: &str, overrides: &[String]) -> Result<String, ConfigurationError> {
+    // The text was parsed before; only an override can be at fault here.
+    let mut document: DocumentMut = match text.parse() {
+        Ok(document) => document,
+        Err(_) => return Source::parse(name, text).map(|_| text.to_owned()),
+    };
+    for given in overrides {
+        let quoted = given.split_once('=').map(|(path, value)| format!("{path} = {:?}", value.trim()));
+        let parsed =
+            given.parse::<DocumentMut>().or_else(|error| quoted.and_then(|text| text.parse().ok()).ok_or(error));
+        match parsed {
+            Ok(parsed) if given.contains('=') => merge(document.as_table_mut(), parsed.as_table()),
+            _ => return Err(locate("--set", given, None, format!("expected PATH=VALUE, got {given}"))),
+        }
+    }
+    Ok(document.to_string())
+}
+
+fn merge(base: &mut dyn TableLike, over: &dyn TableLike) {
+    for (key, item) in over.iter() {
+        let Some(table) = item.as_table_like() else {
+            base.insert(key, item.clone());
+            continue;
+        };
+        match base.get_mut(key) {
+            Some(Item::ArrayOfTables(list)) if table.iter().all(|(index, _)| index.parse::<usize>().is_ok()) => {
+                for (index, item) in table.iter() {
+                    let entry = index.parse().ok().and_then(|index: usize| list.get_mut(index));
+                    if let (Some(entry), Some(table)) = (entry, item.as_table_like()) {
+                        merge(entry, table);
+                    }
+                }
+            }
+            Some(existing) => match existing.as_table_like_mut() {
+                Some(existing) => merge(existing, table),
+                None => *existing = item.clone(),
+            },
+            None => {
+                base.insert(key, item.clone());
+            }
+        }
+    }
+}

@@ -1,0 +1,324 @@
+//! The configuration of a run, read from TOML (cli.md): strict, complete, and describing itself.
+//!
+//! What a file does not name has its neutral value: scale factor 1, no drift, no effect, electronics at 20 °C, a hold at
+//! θ = 90°. The reference unit on its default scenario is `configs/reference.toml`, which is built in.
+
+mod document;
+mod schema;
+mod show;
+
+pub use document::ConfigurationError;
+use document::{Node, Source};
+use geu_protocol::Gyro;
+
+use crate::attitude::{LimitCycle, Manoeuvre, Plan, Scenario};
+use crate::course::{Course, KINDS};
+use crate::effect::{Configured, Effects, HeadEffects, UnitEffects};
+use crate::number::{Default as DefaultValue, Number};
+use crate::package::{Axes, Calibration};
+use crate::temperature::ElectronicsCourse;
+
+/// The reference unit on its default scenario.
+const REFERENCE: &str = include_str!("../../../../configs/reference.toml");
+
+/// One gyro's part of a configuration.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct GyroConfiguration {
+    /// Its own parameters.
+    pub calibration: Calibration,
+    /// Its effects.
+    pub effects: Configured<HeadEffects>,
+}
+
+/// A command of a recorded run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RecordedCommand {
+    /// Index, from 0, of the half second in which it acted.
+    pub half_second: u64,
+    /// Link that it came by.
+    pub link: String,
+    /// Payload of the COMMAND.
+    pub payload: Vec<u8>,
+}
+
+/// Which form of the link a recording has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum WireForm {
+    /// `link.log`, as `candump -l` writes.
+    #[default]
+    Can,
+    /// `link.bin`, the serial bytes.
+    Serial,
+}
+
+impl WireForm {
+    /// Names in configuration and command line, in order.
+    pub const NAMES: [&str; 2] = ["can", "serial"];
+
+    /// The form of that name.
+    pub fn named(name: &str) -> Option<WireForm> {
+        [WireForm::Can, WireForm::Serial]
+            .into_iter()
+            .zip(WireForm::NAMES)
+            .find(|(_, own)| *own == name)
+            .map(|(form, _)| form)
+    }
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        WireForm::NAMES[self as usize]
+    }
+}
+
+/// What a recorded run had beside its configuration, so that it can be made again.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct RunRecord {
+    /// How long it ran; 0 where it is not said.
+    pub duration_s: f64,
+    /// Form of the link recorded.
+    pub wire: Option<WireForm>,
+    /// Commands received.
+    pub commands: Vec<RecordedCommand>,
+}
+
+/// A configuration that can be run: every number within its limits, the scenario possible.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Configuration {
+    /// Seed of every random stream.
+    pub seed: u64,
+    /// Time at the start of the first half second, Unix time, ns.
+    pub start_unix_ns: i64,
+    /// Effects of the whole unit.
+    pub unit: Configured<UnitEffects>,
+    /// Course of the electronics temperature.
+    pub electronics: ElectronicsCourse,
+    /// The gyros in wire order.
+    pub gyros: [GyroConfiguration; 4],
+    /// What is flown.
+    pub scenario: Scenario,
+    /// Of a recorded run.
+    pub run: RunRecord,
+}
+
+const START: Number = Number {
+    name: "start_unix_s",
+    default: DefaultValue::Value(0.0),
+    least: 0.0,
+    greatest: 4e9,
+    meaning: "time at the start of the first half second, Unix time",
+};
+const THETA: Number = Number {
+    name: "theta_deg",
+    default: DefaultValue::Value(90.0),
+    least: 60.0,
+    greatest: 120.0,
+    meaning: "solar aspect angle at the start",
+};
+const PSI: Number = Number {
+    name: "psi_deg",
+    default: DefaultValue::Value(0.0),
+    least: -360.0,
+    greatest: 360.0,
+    meaning: "angle about the sun vector at the start",
+};
+const DURATION: Number = Number {
+    name: "duration_s",
+    default: DefaultValue::Value(0.0),
+    least: 0.0,
+    greatest: 1e10,
+    meaning: "how long it ran",
+};
+
+const TOP: [&str; 8] = ["seed", "start_unix_s", "unit", "temperature", "gyro", "scenario", "manoeuvre", "run"];
+
+impl Configuration {
+    /// Reads a configuration; `name` is what errors call it. Each override is `PATH=VALUE`.
+    ///
+    /// # Errors
+    /// The first thing wrong, with its line: not TOML, an unknown key, a number out of its limits, an impossible
+    /// manoeuvre.
+    pub fn parse(name: &str, text: &str, overrides: &[String]) -> Result<Configuration, ConfigurationError> {
+        let configuration = Configuration::read(&Source::parse(name, text)?.root())?;
+        if overrides.is_empty() {
+            return Ok(configuration);
+        }
+        let text = document::with_overrides(name, text, overrides)?;
+        Configuration::read(&Source::parse(&format!("{name} with --set"), &text)?.root())
+    }
+
+    /// The reference unit on its default scenario (model.md).
+    pub fn reference() -> Configuration {
+        Configuration::reference_with(&[]).expect("the built-in configuration is valid")
+    }
+
+    /// The reference unit with overrides, each `PATH=VALUE`.
+    ///
+    /// # Errors
+    /// As [`Configuration::parse`].
+    pub fn reference_with(overrides: &[String]) -> Result<Configuration, ConfigurationError> {
+        Configuration::parse("configs/reference.toml (built in)", REFERENCE, overrides)
+    }
+
+    /// The text of the built-in configuration, with its comments.
+    pub fn reference_text() -> &'static str {
+        REFERENCE
+    }
+
+    fn read(root: &Node) -> Result<Configuration, ConfigurationError> {
+        root.only(&TOP)?;
+        let unit = match root.table("unit")? {
+            Some(node) => read_effects(&node, &[], |_| true)?,
+            None => Configured::default(),
+        };
+        let mut gyros: [GyroConfiguration; 4] = Default::default();
+        if let Some(node) = root.table("gyro")? {
+            node.only(&Gyro::ALL.map(Gyro::name))?;
+            for gyro in Gyro::ALL {
+                if let Some(node) = node.table(gyro.name())? {
+                    gyros[gyro as usize] = read_gyro(&node, Axes::of(gyro))?;
+                }
+            }
+        }
+        let start_unix_s = root.number(&START)?;
+        Ok(Configuration {
+            seed: root.whole_number("seed")?.unwrap_or(1),
+            start_unix_ns: unix_ns(start_unix_s),
+            unit,
+            electronics: read_electronics(root)?,
+            gyros,
+            scenario: read_scenario(root)?,
+            run: read_run(root)?,
+        })
+    }
+}
+
+/// Unix time in whole microseconds, the grain of a capture's time stamps, as ns.
+pub fn unix_ns(unix_s: f64) -> i64 {
+    (unix_s * 1e6).round() as i64 * 1000
+}
+
+fn read_gyro(node: &Node, axes: &Axes) -> Result<GyroConfiguration, ConfigurationError> {
+    let has = |name: &str| axes.has_number(name);
+    let mut calibration = Calibration::default();
+    if let Some(node) = node.table("calibration")? {
+        node.fill(&mut calibration, has, &[])?;
+    }
+    Ok(GyroConfiguration { calibration, effects: read_effects(node, &["calibration"], has)? })
+}
+
+/// Reads the effects of a list: `code = { … }`, and `code-suffix = { … }` for courses; leaves `others` alone.
+fn read_effects<E: Effects>(
+    node: &Node,
+    others: &[&str],
+    has: impl Fn(&str) -> bool,
+) -> Result<Configured<E>, ConfigurationError> {
+    let mut configured = Configured::<E>::default();
+    let specs = configured.constant.specs();
+    for key in node.keys().into_iter().filter(|key| !others.contains(key)) {
+        if let Some(index) = specs.iter().position(|spec| spec.code == key) {
+            let table = node.table(key)?.expect("the key is there");
+            table.fill(configured.constant.numbers_mut(index), &has, &[])?;
+            continue;
+        }
+        let course = KINDS.iter().find_map(|kind| {
+            let code = key.strip_suffix(kind.suffix)?;
+            Some((specs.iter().position(|spec| spec.code == code)?, kind))
+        });
+        let Some((effect, kind)) = course else {
+            let mut valid: Vec<String> = others.iter().map(|&other| other.to_owned()).collect();
+            valid.extend(specs.iter().map(|spec| spec.code.to_owned()));
+            let suffixes: Vec<&str> = KINDS.iter().map(|kind| kind.suffix).collect();
+            let mut error = node.unknown(key, &valid);
+            error.message += &format!("; an effect may have {} behind it", suffixes.join(", "));
+            return Err(error);
+        };
+        let table = node.table(key)?.expect("the key is there");
+        let (spec, numbers) = (&specs[effect], configured.constant.numbers(effect).specs());
+        let sizes: Vec<(usize, (String, f64, f64))> = (0..spec.amplitudes.len())
+            .filter(|&amplitude| has(numbers[amplitude].name))
+            .map(|amplitude| (amplitude, kind.size(spec, numbers, amplitude)))
+            .collect();
+        let valid: Vec<&str> =
+            sizes.iter().map(|(_, size)| size.0.as_str()).chain(kind.shapes.iter().map(|shape| shape.name)).collect();
+        table.only(&valid)?;
+        let shapes = kind.shapes.iter().map(|shape| table.number(shape)).collect::<Result<Vec<f64>, _>>()?;
+        for (amplitude, (name, least, greatest)) in &sizes {
+            let size = table.number_within(name, *least, *greatest)?.unwrap_or(0.0);
+            if size != 0.0 {
+                configured.courses.push(Course { effect, amplitude: *amplitude, size, law: kind.law(&shapes) });
+            }
+        }
+    }
+    Ok(configured)
+}
+
+fn read_electronics(root: &Node) -> Result<ElectronicsCourse, ConfigurationError> {
+    let mut course = ElectronicsCourse::default();
+    let Some(node) = root.table("temperature")? else { return Ok(course) };
+    node.only(&["electronics", "electronics_table"])?;
+    if let Some(node) = node.table("electronics")? {
+        node.fill(&mut course.numbers, |_| true, &[])?;
+    }
+    course.table = node.pairs("electronics_table")?;
+    if !course.table.is_sorted_by(|a, b| a.0 < b.0) {
+        return Err(
+            node.error("electronics_table", "expected the table's times to rise from point to point".to_owned())
+        );
+    }
+    Ok(course)
+}
+
+fn read_scenario(root: &Node) -> Result<Scenario, ConfigurationError> {
+    let mut scenario = Scenario {
+        theta_deg: THETA.default.initial(),
+        psi_deg: PSI.default.initial(),
+        limit_cycle: LimitCycle::default(),
+        manoeuvres: Vec::new(),
+    };
+    if let Some(node) = root.table("scenario")? {
+        node.only(&[THETA.name, PSI.name, "limit_cycle"])?;
+        scenario.theta_deg = node.number(&THETA)?;
+        scenario.psi_deg = node.number(&PSI)?;
+        if let Some(node) = node.table("limit_cycle")? {
+            node.fill(&mut scenario.limit_cycle, |_| true, &[])?;
+        }
+    }
+    let nodes = root.tables("manoeuvre")?;
+    for node in &nodes {
+        let kinds: Vec<&str> = Manoeuvre::KINDS.iter().map(|kind| kind.0).collect();
+        let mut manoeuvre = Manoeuvre::of_kind(node.choice("kind", &kinds)?).expect("one of the kinds");
+        node.fill(manoeuvre.numbers_mut(), |_| true, &["kind"])?;
+        scenario.manoeuvres.push(manoeuvre);
+    }
+    Plan::new(&scenario).map_err(|impossible| {
+        let message = format!("impossible manoeuvre {}: {}", impossible.index + 1, impossible.reason);
+        nodes[impossible.index].error(impossible.field, message)
+    })?;
+    Ok(scenario)
+}
+
+fn read_run(root: &Node) -> Result<RunRecord, ConfigurationError> {
+    let mut run = RunRecord::default();
+    let Some(node) = root.table("run")? else { return Ok(run) };
+    node.only(&[DURATION.name, "wire", "command"])?;
+    run.duration_s = node.number(&DURATION)?;
+    if node.keys().contains(&"wire") {
+        run.wire = WireForm::named(node.choice("wire", &WireForm::NAMES)?);
+    }
+    for node in node.tables("command")? {
+        node.only(&["half_second", "link", "bytes"])?;
+        let half_second = node
+            .whole_number("half_second")?
+            .ok_or_else(|| node.error("half_second", "expected `half_second`, got none".to_owned()))?;
+        let payload = read_hex(node.text("bytes")?)
+            .ok_or_else(|| node.error("bytes", "expected pairs of hexadecimal digits for `bytes`".to_owned()))?;
+        run.commands.push(RecordedCommand { half_second, link: node.text("link")?.to_owned(), payload });
+    }
+    Ok(run)
+}
+
+fn read_hex(text: &str) -> Option<Vec<u8>> {
+    let digits: Vec<u8> =
+        text.chars().filter(|c| !c.is_whitespace()).map(|c| c.to_digit(16).map(|d| d as u8)).collect::<Option<_>>()?;
+    digits.len().is_multiple_of(2).then(|| digits.chunks(2).map(|pair| pair[0] << 4 | pair[1]).collect())
+}

@@ -1,0 +1,200 @@
+//! A configuration written as TOML: complete and commented, or just what it holds.
+
+use std::fmt::Write;
+
+use geu_protocol::Gyro;
+
+use super::{Configuration, DURATION, PSI, START, THETA};
+use crate::attitude::Manoeuvre;
+use crate::course::Kind;
+use crate::effect::{Configured, Effects};
+use crate::number::{Default, Number, Numbers};
+use crate::package::Axes;
+
+impl Configuration {
+    /// The configuration as TOML that reads back the same. `complete` adds what is not there as comments: every effect
+    /// with its default, limits and source, and every kind of manoeuvre.
+    pub fn to_toml(&self, complete: bool) -> String {
+        let mut text = String::new();
+        line(&mut text, format_args!("seed = {}", self.seed));
+        let start_unix_s = self.start_unix_ns as f64 * 1e-9;
+        line(&mut text, format_args!("{} = {start_unix_s:?}{}", START.name, comment(complete, START.meaning)));
+
+        line(&mut text, format_args!("\n[scenario]"));
+        for (number, value) in [(&THETA, self.scenario.theta_deg), (&PSI, self.scenario.psi_deg)] {
+            let meaning = format!("{} ({})", number.meaning, number.limits());
+            line(&mut text, format_args!("{} = {value:?}{}", number.name, comment(complete, &meaning)));
+        }
+        numbers(
+            &mut text,
+            complete,
+            "",
+            "limit_cycle",
+            "limit cycle about X and Y",
+            &self.scenario.limit_cycle,
+            |_| true,
+        );
+        if complete {
+            kinds_of_manoeuvres(&mut text);
+        }
+        for manoeuvre in &self.scenario.manoeuvres {
+            line(&mut text, format_args!("\n[[manoeuvre]]\nkind = {:?}", manoeuvre.kind()));
+            for (number, value) in named(manoeuvre.numbers()) {
+                line(&mut text, format_args!("{} = {value:?}", number.name));
+            }
+        }
+
+        line(&mut text, format_args!("\n[temperature]"));
+        numbers(&mut text, complete, "", "electronics", "electronics temperature", &self.electronics.numbers, |_| true);
+        if !self.electronics.table.is_empty() {
+            let points: Vec<String> =
+                self.electronics.table.iter().map(|(time_s, celsius)| format!("[{time_s:?}, {celsius:?}]")).collect();
+            line(&mut text, format_args!("electronics_table = [{}]", points.join(", ")));
+        } else if complete {
+            line(
+                &mut text,
+                format_args!(
+                    "# electronics_table = [[0.0, 20.0], [3600.0, 21.5]]  # time_s, degC; takes the mean's place"
+                ),
+            );
+        }
+
+        line(&mut text, format_args!("\n[unit]"));
+        effects(&mut text, complete, &self.unit, |_| true);
+        for (gyro, configured) in Gyro::ALL.into_iter().zip(&self.gyros) {
+            let has = |name: &str| Axes::of(gyro).has_number(name);
+            line(&mut text, format_args!("\n[gyro.{}]", gyro.name()));
+            numbers(
+                &mut text,
+                complete,
+                "",
+                "calibration",
+                "the unit's own parameters, and the believed ones",
+                &configured.calibration,
+                has,
+            );
+            effects(&mut text, complete, &configured.effects, has);
+        }
+        self.show_run(&mut text);
+        text
+    }
+
+    fn show_run(&self, text: &mut String) {
+        let Some(wire) = self.run.wire else { return };
+        line(text, format_args!("\n[run]\n{} = {:?}\nwire = {:?}", DURATION.name, self.run.duration_s, wire.name()));
+        for command in &self.run.commands {
+            let bytes: String = command.payload.iter().map(|byte| format!("{byte:02X}")).collect();
+            line(
+                text,
+                format_args!(
+                    "\n[[run.command]]\nhalf_second = {}\nlink = {:?}\nbytes = {bytes:?}",
+                    command.half_second, command.link
+                ),
+            );
+        }
+    }
+}
+
+fn line(text: &mut String, content: std::fmt::Arguments) {
+    text.write_fmt(content).expect("a string takes everything");
+    text.push('\n');
+}
+
+fn comment(complete: bool, meaning: &str) -> String {
+    if complete { format!("  # {}", meaning.trim()) } else { String::new() }
+}
+
+/// The numbers that have a value.
+fn named(numbers: &dyn Numbers) -> impl Iterator<Item = (&'static Number, f64)> {
+    let values: Vec<_> = numbers.specs().iter().enumerate().map(|(index, spec)| (spec, numbers.value(index))).collect();
+    values.into_iter().filter(|(_, value)| !value.is_nan())
+}
+
+fn inline(numbers: &dyn Numbers, has: impl Fn(&str) -> bool) -> String {
+    let pairs: Vec<String> = named(numbers)
+        .filter(|(number, _)| has(number.name))
+        .map(|(number, value)| format!("{} = {value:?}", number.name))
+        .collect();
+    format!("{{ {} }}", pairs.join(", "))
+}
+
+/// Lines that say what each number is.
+fn describe(text: &mut String, numbers: &dyn Numbers, has: impl Fn(&str) -> bool) {
+    for spec in numbers.specs().iter().filter(|spec| has(spec.name)) {
+        line(text, format_args!("#   {}: {} ({})", spec.name, spec.meaning.trim(), spec.limits()));
+    }
+}
+
+fn numbers(
+    text: &mut String,
+    complete: bool,
+    prefix: &str,
+    key: &str,
+    title: &str,
+    numbers: &dyn Numbers,
+    has: impl Fn(&str) -> bool,
+) {
+    if complete {
+        line(text, format_args!("# {title}"));
+        describe(text, numbers, &has);
+    }
+    line(text, format_args!("{prefix}{key} = {}", inline(numbers, has)));
+}
+
+fn effects<E: Effects>(text: &mut String, complete: bool, configured: &Configured<E>, has: impl Fn(&str) -> bool) {
+    for (index, spec) in configured.constant.specs().iter().enumerate() {
+        let present = configured.constant.numbers(index);
+        let absent = E::default();
+        let same = inline(present, &has) == inline(absent.numbers(index), &has);
+        if complete {
+            let title = format!("{}; paper: {} ({})", spec.title, spec.paper, spec.source);
+            numbers(text, true, if same { "# " } else { "" }, spec.code, &title, present, &has);
+        } else if !same {
+            numbers(text, false, "", spec.code, spec.title, present, &has);
+        }
+        courses(text, configured, index);
+    }
+}
+
+/// Courses of one effect: those of one law share a key.
+fn courses<E: Effects>(text: &mut String, configured: &Configured<E>, effect: usize) {
+    let spec = &configured.constant.specs()[effect];
+    let own: Vec<_> = configured.courses.iter().filter(|course| course.effect == effect).collect();
+    let mut written = Vec::new();
+    for course in &own {
+        if written.contains(&course.law) {
+            continue;
+        }
+        written.push(course.law);
+        let (kind, shapes) = Kind::of(&course.law);
+        let specs = configured.constant.numbers(effect).specs();
+        let sizes = own
+            .iter()
+            .filter(|other| other.law == course.law)
+            .map(|other| format!("{} = {:?}", kind.size(spec, specs, other.amplitude).0, other.size));
+        let shapes = kind.shapes.iter().zip(shapes).map(|(shape, value)| format!("{} = {value:?}", shape.name));
+        let pairs: Vec<String> = sizes.chain(shapes).collect();
+        line(text, format_args!("{}{} = {{ {} }}", spec.code, kind.suffix, pairs.join(", ")));
+    }
+}
+
+fn kinds_of_manoeuvres(text: &mut String) {
+    line(
+        text,
+        format_args!(
+            "\n# Manoeuvres, one after the other; a hold without end follows the last. Kinds and their numbers:"
+        ),
+    );
+    for (kind, title) in Manoeuvre::KINDS {
+        let manoeuvre = Manoeuvre::of_kind(kind).expect("one of the kinds");
+        line(text, format_args!("# {kind}: {title}"));
+        for spec in manoeuvre.numbers().specs() {
+            let default = match spec.default {
+                Default::Value(value) => format!("default {value:?}"),
+                Default::Required => "required".to_owned(),
+                Default::Absent => "optional".to_owned(),
+            };
+            line(text, format_args!("#   {}: {} ({}; {default})", spec.name, spec.meaning.trim(), spec.limits()));
+        }
+    }
+}

@@ -1,0 +1,183 @@
+//! Courses in time of an effect's amplitude: one mechanism for all effects.
+//!
+//! In the configuration a course is a suffix of the effect's code: `drift-step`, `scale-factor-temperature`. Values are
+//! held over a half second; a step within it counts with the part of it that it holds.
+
+use crate::effect::{Amplitude, EffectSpec};
+use crate::number::{Default, Number};
+use crate::units::S_PER_DAY;
+
+/// How the amplitude moves.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Law {
+    /// Holds from this time on.
+    Step {
+        /// Since the start of the first half second.
+        time_s: f64,
+    },
+    /// Grows from 0 at the start; the size is per day.
+    Ramp,
+    /// Follows the electronics temperature above its reference; the size is per K.
+    Temperature,
+    /// A sine.
+    Periodic {
+        /// Period.
+        period_s: f64,
+        /// Phase at the start.
+        phase_rad: f64,
+    },
+}
+
+/// A course of one amplitude of one effect.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Course {
+    /// Index of the effect in its list.
+    pub effect: usize,
+    /// Index of the amplitude among the effect's numbers.
+    pub amplitude: usize,
+    /// Size, in the amplitude's unit, per day or per K as the law says.
+    pub size: f64,
+    /// How it moves.
+    pub law: Law,
+}
+
+/// A kind of course: its suffix, and how its keys are made of the amplitude's.
+pub struct Kind {
+    /// What it adds to the effect's code.
+    pub suffix: &'static str,
+    /// What it means.
+    pub meaning: &'static str,
+    key: fn(&str) -> String,
+    limit: fn(&Number, &Amplitude) -> (f64, f64),
+    /// Numbers beside the sizes.
+    pub shapes: &'static [Number],
+    law: fn(&[f64]) -> Law,
+}
+
+const TIME: Number = Number {
+    name: "time_s",
+    default: Default::Required,
+    least: 0.0,
+    greatest: 1e10,
+    meaning: "from which it holds, since the start of the first half second",
+};
+const PERIOD: Number =
+    Number { name: "period_s", default: Default::Required, least: 0.1, greatest: 1e10, meaning: "period" };
+const PHASE: Number = Number {
+    name: "phase_rad",
+    default: Default::Value(0.0),
+    least: -100.0,
+    greatest: 100.0,
+    meaning: "phase at the start of the first half second",
+};
+
+/// All kinds.
+pub const KINDS: &[Kind] = &[
+    Kind {
+        suffix: "-step",
+        meaning: "holds from time_s on",
+        key: str::to_owned,
+        limit: |number, _| (number.least.min(-number.greatest), number.greatest),
+        shapes: &[TIME],
+        law: |shapes| Law::Step { time_s: shapes[0] },
+    },
+    Kind {
+        suffix: "-ramp",
+        meaning: "per day, from the start",
+        key: |name| format!("{name}_per_day"),
+        limit: |_, amplitude| (-amplitude.per_day, amplitude.per_day),
+        shapes: &[],
+        law: |_| Law::Ramp,
+    },
+    Kind {
+        suffix: "-temperature",
+        meaning: "per K of electronics temperature above its reference",
+        key: |name| format!("{name}_per_k"),
+        limit: |_, amplitude| (-amplitude.per_k, amplitude.per_k),
+        shapes: &[],
+        law: |_| Law::Temperature,
+    },
+    Kind {
+        suffix: "-periodic",
+        meaning: "amplitude times sin(2 pi t / period + phase)",
+        key: |name| format!("amplitude_{name}"),
+        limit: |number, _| (number.least.min(-number.greatest), number.greatest),
+        shapes: &[PERIOD, PHASE],
+        law: |shapes| Law::Periodic { period_s: shapes[0], phase_rad: shapes[1] },
+    },
+];
+
+impl Kind {
+    /// What is said of the size of an amplitude's course: its key, limits and meaning.
+    pub fn size(&self, effect: &EffectSpec, numbers: &[Number], amplitude: usize) -> (String, f64, f64) {
+        let number = &numbers[amplitude];
+        let (least, greatest) = (self.limit)(number, &effect.amplitudes[amplitude]);
+        ((self.key)(number.name), least, greatest)
+    }
+
+    /// The law with these values of [`Kind::shapes`].
+    pub fn law(&self, shapes: &[f64]) -> Law {
+        (self.law)(shapes)
+    }
+
+    /// The kind of a law, and its values of [`Kind::shapes`].
+    pub fn of(law: &Law) -> (&'static Kind, Vec<f64>) {
+        let (index, shapes) = match *law {
+            Law::Step { time_s } => (0, vec![time_s]),
+            Law::Ramp => (1, vec![]),
+            Law::Temperature => (2, vec![]),
+            Law::Periodic { period_s, phase_rad } => (3, vec![period_s, phase_rad]),
+        };
+        (&KINDS[index], shapes)
+    }
+}
+
+/// A half second as a course sees it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Interval {
+    /// Start, true time since the start of the first half second.
+    pub start_s: f64,
+    /// End.
+    pub end_s: f64,
+    /// Electronics temperature above its reference.
+    pub electronics_excess_k: f64,
+}
+
+impl Course {
+    /// What it adds to the amplitude over the half second.
+    #[inline]
+    pub fn value(&self, interval: &Interval) -> f64 {
+        let Interval { start_s, end_s, electronics_excess_k } = *interval;
+        let middle_s = 0.5 * (start_s + end_s);
+        self.size
+            * match self.law {
+                Law::Step { time_s } => ((end_s - time_s) / (end_s - start_s)).clamp(0.0, 1.0),
+                Law::Ramp => middle_s / S_PER_DAY,
+                Law::Temperature => electronics_excess_k,
+                Law::Periodic { period_s, phase_rad } => {
+                    libm::sin(std::f64::consts::TAU * middle_s / period_s + phase_rad)
+                }
+            }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_step_within_a_half_second_counts_with_its_part() {
+        let course = Course { effect: 0, amplitude: 0, size: 8.0, law: Law::Step { time_s: 10.125 } };
+        let value = |start_s: f64| course.value(&Interval { start_s, end_s: start_s + 0.5, electronics_excess_k: 0.0 });
+        assert_eq!([value(9.5), value(10.0), value(10.5)], [0.0, 6.0, 8.0]);
+    }
+
+    #[test]
+    fn kinds_and_laws_name_each_other() {
+        for kind in KINDS {
+            let shapes: Vec<f64> = (1..=kind.shapes.len()).map(|number| number as f64).collect();
+            let (back, values) = Kind::of(&kind.law(&shapes));
+            assert_eq!((back.suffix, values), (kind.suffix, shapes));
+        }
+    }
+}

@@ -1,0 +1,54 @@
+//! White noise of the rate: the accumulated angle walks.
+
+use geu_protocol::Gyro;
+
+use super::{Amplitude, Effect, EffectSpec, Head, HeadLaw, Surroundings};
+use crate::noise::Stream;
+use crate::number::numbers;
+
+numbers! {
+    /// Random walk of the angle.
+    pub struct AngleRandomWalk {
+        /// Growth of the angle's deviation with the root of time.
+        arcsec_per_sqrt_s: 0.0, 0.0..=100.0;
+    }
+}
+
+impl Effect for AngleRandomWalk {
+    const SPEC: EffectSpec = EffectSpec {
+        code: "angle-random-walk",
+        title: "angle random walk",
+        amplitudes: &[Amplitude { per_day: 100.0, per_k: 100.0 }],
+        paper: "0.01",
+        source: "implied by Casteren table 1",
+    };
+}
+
+/// The stream, and what it gave for the half second now running.
+#[derive(Debug, Clone)]
+pub struct State {
+    stream: Stream,
+    rate_arcsec_s: f64,
+}
+
+impl HeadLaw for AngleRandomWalk {
+    type State = State;
+
+    fn start(seed: u64, gyro: Gyro) -> State {
+        State { stream: Stream::new(seed, gyro, Self::SPEC.code), rate_arcsec_s: 0.0 }
+    }
+
+    #[inline]
+    fn begin(&self, state: &mut State, length_s: f64) {
+        state.rate_arcsec_s = if self.arcsec_per_sqrt_s == 0.0 {
+            0.0
+        } else {
+            self.arcsec_per_sqrt_s * state.stream.standard_normal() / length_s.sqrt()
+        };
+    }
+
+    #[inline]
+    fn apply(&self, state: &mut State, head: &mut Head, surroundings: &Surroundings) {
+        head.added_arcsec += state.rate_arcsec_s * surroundings.step.length_s;
+    }
+}

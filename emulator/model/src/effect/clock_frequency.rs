@@ -1,0 +1,34 @@
+//! The unit's clock runs fast or slow (Casteren §3.2).
+//!
+//! Rotor frequency and pulse length both come from it: a clock fast by 1 ppm lowers the scale factor by 1 ppm and D, in
+//! arcsec per on-board half second, by 2 ppm in all; a half second takes 0.5/(1 + ppm·10⁻⁶) s of true time. The factors
+//! are applied in the closing line of [`crate::package::Package`].
+
+use super::{Amplitude, Effect, EffectSpec, Timing, TimingLaw};
+use crate::number::numbers;
+use crate::units::PPM;
+
+numbers! {
+    /// Clock frequency.
+    pub struct ClockFrequency {
+        /// The clock is fast by this.
+        ppm: 0.0, -1000.0..=1000.0;
+    }
+}
+
+impl Effect for ClockFrequency {
+    const SPEC: EffectSpec = EffectSpec {
+        code: "clock-frequency",
+        title: "clock frequency",
+        amplitudes: &[Amplitude { per_day: 1000.0, per_k: 1000.0 }],
+        paper: "scale factor -1 ppm and drift -2 ppm per ppm",
+        source: "Casteren §3.2",
+    };
+}
+
+impl TimingLaw for ClockFrequency {
+    #[inline]
+    fn apply(&self, timing: &mut Timing) {
+        timing.clock_error += self.ppm * PPM;
+    }
+}

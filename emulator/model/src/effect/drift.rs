@@ -1,0 +1,35 @@
+//! Bias drift: a torque on the float that is there without rotation (Casteren §3.1, table 1).
+
+use geu_protocol::Gyro;
+
+use super::{Amplitude, Effect, EffectSpec, Head, HeadLaw, Surroundings};
+use crate::number::numbers;
+
+numbers! {
+    /// A departure of D from the calibration.
+    pub struct Drift {
+        /// Added to D, so counts fall.
+        arcsec_per_h: 0.0, -36000.0..=36000.0;
+    }
+}
+
+impl Effect for Drift {
+    const SPEC: EffectSpec = EffectSpec {
+        code: "drift",
+        title: "bias drift",
+        amplitudes: &[Amplitude { per_day: 36_000.0, per_k: 3600.0 }],
+        paper: "at most 1.5 deg/h; changes less than 6 arcsec/h in 2 weeks, a ramp of 0.4 arcsec/h per day",
+        source: "Casteren §3.1, table 1",
+    };
+}
+
+impl HeadLaw for Drift {
+    type State = ();
+
+    fn start(_seed: u64, _gyro: Gyro) {}
+
+    #[inline]
+    fn apply(&self, _state: &mut (), head: &mut Head, surroundings: &Surroundings) {
+        head.drift_arcsec += self.arcsec_per_h / 3600.0 * surroundings.step.length_s;
+    }
+}

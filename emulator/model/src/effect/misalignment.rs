@@ -1,0 +1,44 @@
+//! The input axis points beside its control axis (Casteren §3.4, eq 2).
+
+use geu_protocol::Gyro;
+
+use super::{Amplitude, Effect, EffectSpec, Head, HeadLaw, Surroundings};
+use crate::number::numbers;
+use crate::units::ARCSEC_PER_RAD;
+
+numbers! {
+    /// A departure of the input axis from the calibration: added to the off-axis terms of the gyro's row of M. The
+    /// term along the gyro's own axis stays unity, so its number must stay 0.
+    pub struct Misalignment {
+        /// Projection of the input axis on X.
+        x_arcsec: 0.0, -3600.0..=3600.0;
+        /// Projection of the input axis on Y.
+        y_arcsec: 0.0, -3600.0..=3600.0;
+        /// Projection of the input axis on Z.
+        z_arcsec: 0.0, -3600.0..=3600.0;
+    }
+}
+
+const AMPLITUDE: Amplitude = Amplitude { per_day: 3600.0, per_k: 3600.0 };
+
+impl Effect for Misalignment {
+    const SPEC: EffectSpec = EffectSpec {
+        code: "misalignment",
+        title: "misalignment",
+        amplitudes: &[AMPLITUDE; 3],
+        paper: "an arcminute after launch",
+        source: "Casteren §3.4",
+    };
+}
+
+impl HeadLaw for Misalignment {
+    type State = ();
+
+    fn start(_seed: u64, _gyro: Gyro) {}
+
+    #[inline]
+    fn apply(&self, _state: &mut (), head: &mut Head, surroundings: &Surroundings) {
+        let [x, y, z] = surroundings.step.angle_control_arcsec;
+        head.input_arcsec += (self.x_arcsec * x + self.y_arcsec * y + self.z_arcsec * z) / ARCSEC_PER_RAD;
+    }
+}

@@ -1,0 +1,113 @@
+//! Temperatures: the electronics follow a configured course; the heater holds the sensor (Casteren §2).
+
+use crate::number::numbers;
+use crate::units::S_PER_DAY;
+
+/// Where the heater holds the sensor.
+pub const SENSOR_NOMINAL_C: f64 = 70.0;
+/// Half width of the band in which the heater is said to hold.
+pub const SENSOR_BAND_K: f64 = 1.0;
+/// Time constant of warm-up and cool-down, first-order (model.md).
+const SENSOR_TIME_CONSTANT_S: f64 = 20.0 * 60.0;
+
+numbers! {
+    /// Course of the electronics temperature: mean, plus a sine, plus a trend.
+    pub struct Electronics {
+        /// Mean; a table replaces it.
+        mean_c: 20.0, -60.0..=100.0;
+        /// Amplitude of the sine.
+        amplitude_k: 0.0, 0.0..=100.0;
+        /// Period of the sine; an orbit.
+        period_s: 6180.0, 1.0..=1e10;
+        /// Phase of the sine at the start.
+        phase_rad: 0.0, -100.0..=100.0;
+        /// Trend.
+        trend_k_per_day: 0.0, -1000.0..=1000.0;
+        /// Temperature at which the calibration holds; effects per K count from here.
+        reference_c: 20.0, -60.0..=100.0;
+    }
+}
+
+/// The electronics' course with its table.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct ElectronicsCourse {
+    /// Numbers.
+    pub numbers: Electronics,
+    /// Points (time since the start in s, °C) in order of time, joined by straight lines and held beyond the ends;
+    /// where there are any they take the place of the mean.
+    pub table: Vec<(f64, f64)>,
+}
+
+impl ElectronicsCourse {
+    /// The temperature.
+    #[inline]
+    pub fn at_c(&self, t_s: f64) -> f64 {
+        let Electronics { mean_c, amplitude_k, period_s, phase_rad, trend_k_per_day, .. } = self.numbers;
+        let mut temperature_c = if self.table.is_empty() { mean_c } else { interpolate(&self.table, t_s) };
+        if amplitude_k != 0.0 {
+            temperature_c += amplitude_k * libm::sin(std::f64::consts::TAU * t_s / period_s + phase_rad);
+        }
+        temperature_c + trend_k_per_day * t_s / S_PER_DAY
+    }
+}
+
+fn interpolate(table: &[(f64, f64)], t_s: f64) -> f64 {
+    let after = table.partition_point(|point| point.0 <= t_s);
+    match (after.checked_sub(1).map(|before| table[before]), table.get(after)) {
+        (Some(before), Some(after)) => before.1 + (after.1 - before.1) * (t_s - before.0) / (after.0 - before.0),
+        (Some(point), None) => point.1,
+        (None, Some(point)) => point.1,
+        (None, None) => f64::NAN,
+    }
+}
+
+/// The sensor with its heater.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sensor {
+    /// Temperature.
+    pub temperature_c: f64,
+    /// Whether the heater is on.
+    pub heater_on: bool,
+}
+
+impl Sensor {
+    /// Warm, as the unit starts.
+    pub const WARM: Sensor = Sensor { temperature_c: SENSOR_NOMINAL_C, heater_on: true };
+
+    /// After `length_s` beside electronics at `electronics_c`: first-order towards 70 °C, or towards the electronics
+    /// with the heater off.
+    #[inline]
+    pub fn advance(&mut self, length_s: f64, electronics_c: f64) {
+        let target_c = if self.heater_on { SENSOR_NOMINAL_C } else { electronics_c };
+        if self.temperature_c != target_c {
+            self.temperature_c =
+                target_c + (self.temperature_c - target_c) * libm::exp(-length_s / SENSOR_TIME_CONSTANT_S);
+        }
+    }
+
+    /// Whether it lies in 70 ± 1 °C.
+    pub fn in_band(&self) -> bool {
+        (self.temperature_c - SENSOR_NOMINAL_C).abs() <= SENSOR_BAND_K
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_table_is_joined_by_straight_lines_and_held_beyond_its_ends() {
+        let course = ElectronicsCourse { table: vec![(10.0, 20.0), (20.0, 22.0)], ..ElectronicsCourse::default() };
+        assert_eq!([0.0, 10.0, 15.0, 20.0, 99.0].map(|t_s| course.at_c(t_s)), [20.0, 20.0, 21.0, 22.0, 22.0]);
+    }
+
+    #[test]
+    fn a_sensor_without_heater_cools_by_the_time_constant() {
+        let mut sensor = Sensor { heater_on: false, ..Sensor::WARM };
+        for _ in 0..2400 {
+            sensor.advance(0.5, 20.0);
+        }
+        // After one time constant of 1200 s a share of 1/e of the 50 K is left.
+        assert!((sensor.temperature_c - (20.0 + 50.0 / std::f64::consts::E)).abs() < 1e-9);
+    }
+}

@@ -1,0 +1,91 @@
+//! Where a configuration comes from: a file or the built-in one, with overrides. Every command that reads one takes these.
+
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use geu_model::Configuration;
+use geu_model::configuration::unix_ns;
+
+use crate::failure::Failure;
+
+/// Configuration and overrides.
+#[derive(Args, Debug, Clone, Default)]
+pub struct Settings {
+    /// Configuration file (TOML, may be .gz or .zst); without it the reference unit on its default scenario
+    pub config: Option<PathBuf>,
+    /// Overrides a value of the configuration: gyro.GYRX.drift.arcsec_per_h=10, manoeuvre.0.duration_s=60
+    #[arg(long = "set", value_name = "PATH=VALUE")]
+    pub overrides: Vec<String>,
+}
+
+/// What a run takes beside its configuration.
+#[derive(Args, Debug, Clone, Default)]
+pub struct RunSettings {
+    #[command(flatten)]
+    pub settings: Settings,
+    /// Seed of every random stream, in place of the configuration's
+    #[arg(long)]
+    pub seed: Option<u64>,
+    /// Unix time of the start of the first half second, in place of the configuration's
+    #[arg(long, value_name = "UNIX_SECONDS")]
+    pub start: Option<f64>,
+}
+
+impl Settings {
+    /// Reads it.
+    ///
+    /// # Errors
+    /// A file that cannot be read, or whatever is wrong in it.
+    pub fn read(&self) -> Result<Configuration, Failure> {
+        match &self.config {
+            None => Configuration::reference_with(&self.overrides),
+            Some(path) => Configuration::parse(&path.display().to_string(), &read_text(path)?, &self.overrides),
+        }
+        .map_err(Failure::input)
+    }
+}
+
+impl RunSettings {
+    /// Reads the configuration and puts seed and start in.
+    ///
+    /// # Errors
+    /// As [`Settings::read`], and a start that is no time.
+    pub fn read(&self) -> Result<Configuration, Failure> {
+        let mut configuration = self.settings.read()?;
+        if let Some(seed) = self.seed {
+            configuration.seed = seed;
+        }
+        if let Some(start_unix_s) = self.start {
+            if !(0.0..=4e9).contains(&start_unix_s) {
+                return Err(Failure::input(format!("--start: expected 0…4e9 seconds, got {start_unix_s}")));
+            }
+            configuration.start_unix_ns = unix_ns(start_unix_s);
+        }
+        Ok(configuration)
+    }
+}
+
+/// Half seconds of on-board time in `duration_s`.
+///
+/// # Errors
+/// A duration that is none.
+pub fn half_seconds(duration_s: f64) -> Result<u64, Failure> {
+    if duration_s > 0.0 && duration_s <= 1e10 {
+        Ok((duration_s * 2.0).ceil() as u64)
+    } else {
+        Err(Failure::input(format!("--duration: expected more than 0 seconds and at most 1e10, got {duration_s}")))
+    }
+}
+
+fn read_text(path: &Path) -> Result<String, Failure> {
+    let fail = |error: std::io::Error| {
+        Failure::input(format!(
+            "{}: cannot read the configuration: {error}; expected a TOML file, as `geu config show` prints",
+            path.display()
+        ))
+    };
+    let mut text = String::new();
+    std::fs::File::open(path).and_then(|mut file| file.read_to_string(&mut text)).map_err(fail)?;
+    Ok(text)
+}

@@ -1,0 +1,65 @@
+//! `geu simulate`: the model without links, as fast as possible.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use geu_daemon::record::Recorder;
+use geu_daemon::simulate::simulate;
+use geu_model::attitude::Plan;
+use geu_model::configuration::WireForm;
+
+use crate::failure::Failure;
+use crate::settings::{RunSettings, half_seconds};
+
+/// Runs the model without links, as fast as possible, and writes what a run records.
+#[derive(Args, Debug)]
+pub struct Arguments {
+    #[command(flatten)]
+    run: RunSettings,
+    /// Directory to write into; made if it is not there
+    #[arg(long, value_name = "DIRECTORY")]
+    out: PathBuf,
+    /// On-board time to run; without it the recorded duration, or the scenario's length
+    #[arg(long, value_name = "SECONDS")]
+    duration: Option<f64>,
+    /// Form of the link [default: the recorded form, else can]
+    #[arg(long)]
+    wire: Option<Wire>,
+}
+
+/// Form of the link on disk.
+#[derive(ValueEnum, Debug, Clone, Copy)]
+pub enum Wire {
+    /// link.log, as `candump -l` writes
+    Can,
+    /// link.bin, the serial bytes
+    Serial,
+}
+
+impl From<Wire> for WireForm {
+    fn from(wire: Wire) -> WireForm {
+        match wire {
+            Wire::Can => WireForm::Can,
+            Wire::Serial => WireForm::Serial,
+        }
+    }
+}
+
+/// Carries it out.
+///
+/// # Errors
+/// A configuration that cannot be run, a scenario without end and no duration, files that cannot be written.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let configuration = arguments.run.read()?;
+    let recorded_s = Some(configuration.run.duration_s).filter(|&duration_s| duration_s > 0.0);
+    let duration_s = arguments.duration.or(recorded_s).or_else(|| Plan::length_s(&configuration.scenario));
+    let duration_s =
+        duration_s.ok_or_else(|| Failure::input("the scenario has no end of its own: expected --duration SECONDS"))?;
+    let count = half_seconds(duration_s)?;
+    let wire = arguments.wire.map(WireForm::from).or(configuration.run.wire).unwrap_or_default();
+    let mut recorder = Recorder::create(&arguments.out, &configuration, wire).map_err(Failure::failed)?;
+    let bar = indicatif::ProgressBar::new(count);
+    simulate(&configuration, count, &mut recorder, |done| bar.set_position(done)).map_err(Failure::failed)?;
+    bar.finish_and_clear();
+    recorder.finish().map_err(Failure::failed)
+}
