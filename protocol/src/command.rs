@@ -49,8 +49,19 @@ pub struct ArgumentSpec {
     pub wire: Wire,
     /// Smallest and largest value accepted.
     pub range: (i64, i64),
-    /// Meaning, a phrase.
+    /// Meaning, a phrase; for a choice the values and their names: `0 off, 1 on`.
     pub meaning: &'static str,
+}
+
+impl ArgumentSpec {
+    /// Values and their names, where `meaning` lists them; nothing for a number or a mask.
+    pub fn choices(&self) -> Vec<(i64, &'static str)> {
+        let choice = |part: &'static str| {
+            let (value, name) = part.split_once(' ')?;
+            Some((value.parse().ok()?, name))
+        };
+        self.meaning.split(", ").map(choice).collect::<Option<_>>().unwrap_or_default()
+    }
 }
 
 /// One command.
@@ -274,6 +285,15 @@ mod tests {
                 assert!(parse(&payload(spec, &values)).is_ok(), "{} {values:?}", spec.name);
             }
         }
+    }
+
+    #[test]
+    fn choices_are_those_the_meaning_lists_and_cover_the_range() {
+        let choices = |name| COMMANDS.iter().find(|spec| spec.name == name).unwrap().arguments[0].choices();
+        assert_eq!(choices("SET_MODE"), [(0, "cyclic"), (1, "polled")]);
+        assert_eq!(choices("HEATER"), [(0, "off"), (1, "on")]);
+        assert_eq!(choices("SELF_TEST"), []);
+        assert_eq!(choices("GYRO_POWER"), []);
     }
 
     #[test]

@@ -17,6 +17,7 @@
 pub mod can;
 pub mod command;
 pub mod crc;
+pub mod describe;
 pub mod field;
 pub mod message;
 pub mod serial;

@@ -254,7 +254,10 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn deframe(pieces: &[&[u8]]) -> (Vec<(u64, Kind, Vec<u8>)>, Vec<SerialDefect>, u64) {
+    /// Where each frame stood, what it was, its payload.
+    type Frames = Vec<(u64, Kind, Vec<u8>)>;
+
+    fn deframe(pieces: &[&[u8]]) -> (Frames, Vec<SerialDefect>, u64) {
         let (mut frames, mut defects, mut skipped) = (Vec::new(), Vec::new(), 0);
         let mut take = |found: Found| match found {
             Found::Frame { at, kind, payload } => frames.push((at, kind, payload.to_vec())),

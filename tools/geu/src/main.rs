@@ -4,6 +4,7 @@
 //! `--strict` found defects, 2 bad usage or bad input, 3 a diagnosis ended unexplained.
 
 mod config;
+mod describe;
 mod failure;
 mod settings;
 mod simulate;
@@ -28,6 +29,7 @@ struct Arguments {
 enum Command {
     Simulate(simulate::Arguments),
     Config(config::Arguments),
+    Describe(describe::Arguments),
 }
 
 static VERSION: LazyLock<String> = LazyLock::new(|| {
@@ -39,6 +41,7 @@ fn main() -> ExitCode {
     let done: Result<(), Failure> = match Arguments::parse().command {
         Some(Command::Simulate(arguments)) => simulate::run(&arguments),
         Some(Command::Config(arguments)) => config::run(&arguments),
+        Some(Command::Describe(arguments)) => describe::run(&arguments),
         None => Ok(()),
     };
     match done {

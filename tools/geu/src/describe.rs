@@ -1,0 +1,64 @@
+//! `geu describe`: the link as other tools read it.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use geu_protocol::{CanPlan, describe};
+
+use crate::failure::Failure;
+
+/// What `geu describe` can write.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Form {
+    /// CAN database, for cantools, SavvyCAN and others (geu.dbc).
+    Dbc,
+    /// C99 header for on-board software (geu.h).
+    Header,
+    /// Wireshark dissector in Lua (geu.lua).
+    Dissector,
+    /// Interface control document (ICD.md).
+    Icd,
+}
+
+/// Write the link's definition in the form another tool reads.
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// In which form.
+    form: Form,
+    /// File to write instead of standard output.
+    #[arg(long)]
+    out: Option<PathBuf>,
+    /// Base of the CAN identifiers in the database, hexadecimal.
+    #[arg(long, value_parser = base, default_value = "1A0")]
+    base: CanPlan,
+}
+
+fn base(text: &str) -> Result<CanPlan, String> {
+    let expected = || format!("expected a hexadecimal number up to {:X}", CanPlan::MAX_BASE);
+    let base = u16::from_str_radix(text, 16).map_err(|_| expected())?;
+    CanPlan::with_base(base).ok_or_else(expected)
+}
+
+/// Writes the description.
+///
+/// # Errors
+/// When it cannot be written.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let text = match arguments.form {
+        Form::Dbc => describe::dbc(arguments.base),
+        Form::Header => describe::header(),
+        Form::Dissector => describe::dissector(),
+        Form::Icd => describe::icd(),
+    };
+    match &arguments.out {
+        Some(path) => std::fs::write(path, text)
+            .map_err(|error| Failure::failed(format_args!("{}: cannot be written: {error}", path.display()))),
+        None => match std::io::stdout().write_all(text.as_bytes()) {
+            Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
+                Err(Failure::failed(format_args!("standard output: {error}")))
+            }
+            _ => Ok(()),
+        },
+    }
+}
