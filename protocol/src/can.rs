@@ -208,7 +208,8 @@ pub struct Concerned {
 }
 
 impl Concerned {
-    fn new(parts: [&[u8]; 2]) -> Concerned {
+    /// The first eight bytes of each part.
+    pub fn new(parts: [&[u8]; 2]) -> Concerned {
         let (mut bytes, mut length) = ([0; 2 * LENGTH], 0);
         for part in parts {
             let part = &part[..part.len().min(LENGTH)];

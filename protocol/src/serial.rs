@@ -12,8 +12,8 @@ use crate::message::{Data, Message, Place};
 pub const SYNC: [u8; 2] = [0xEB, 0x90];
 /// Bytes before the payload: sync, type, length.
 const HEADER: usize = 4;
-/// Bytes around the payload: header and CRC.
-const OVERHEAD: usize = HEADER + 2;
+/// Bytes around the payload of every frame.
+pub const OVERHEAD: usize = HEADER + 2;
 /// Payload of DATA, byte.
 pub const DATA_LENGTH: usize = Data::SPEC.length();
 /// Longest frame, byte.

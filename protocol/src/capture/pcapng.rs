@@ -86,7 +86,7 @@ impl Pcapng {
                 }
             }
             let length = self.order.u32(rest, 4);
-            if rest.len() >= FRAME && (length < FRAME as u32 || length % 4 != 0 || length > MAX_LENGTH) {
+            if rest.len() >= FRAME && (length < FRAME as u32 || !length.is_multiple_of(4) || length > MAX_LENGTH) {
                 self.lose(place, broken(false), sink);
                 continue;
             }

@@ -3,7 +3,9 @@
 //! Results go to standard output or the file named, everything else to standard error. Exit 0 done, 1 failed or
 //! `--strict` found defects, 2 bad usage or bad input, 3 a diagnosis ended unexplained.
 
+mod decode;
 mod failure;
+mod rows;
 
 use std::process::ExitCode;
 use std::sync::LazyLock;
@@ -22,7 +24,10 @@ struct Arguments {
 }
 
 #[derive(Subcommand)]
-enum Command {}
+enum Command {
+    /// Decode recordings or live links to CSV, JSON lines or a summary.
+    Decode(decode::Arguments),
+}
 
 static VERSION: LazyLock<String> = LazyLock::new(|| {
     let (major, minor) = geu_protocol::LINK_VERSION;
@@ -31,7 +36,7 @@ static VERSION: LazyLock<String> = LazyLock::new(|| {
 
 fn main() -> ExitCode {
     let done: Result<(), Failure> = match Arguments::parse().command {
-        Some(command) => match command {},
+        Some(Command::Decode(arguments)) => decode::run(arguments),
         None => Ok(()),
     };
     match done {
