@@ -6,9 +6,11 @@
 
 mod manoeuvre;
 mod motion;
+mod recorded;
 
 pub use manoeuvre::{Impossible, Leg, Manoeuvre, Plan, Scenario};
 pub use motion::{LimitCycle, Moment, Motion, Step};
+pub use recorded::{BadRows, Recorded, Row};
 
 /// A stretch of time over which θ and ψ have constant accelerations. Radians; times from the segment's start.
 #[derive(Debug, Clone, Copy, PartialEq)]

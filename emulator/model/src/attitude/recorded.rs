@@ -1,0 +1,254 @@
+//! True attitude from a file: accumulated rotation about the control axes at given instants, joined by a cubic spline.
+//!
+//! The spline goes through every accumulated angle and is smooth to the second derivative, so increments between the
+//! instants of the file are exact, and those between its instants err by h⁴/384 of the fourth derivative: 0.0013″ for a
+//! limit cycle of 4″/s and 5 s on rows each 0.5 s. Straight lines would err by 0.16″.
+
+use super::Moment;
+
+/// One row: what happened since the row before.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Row {
+    /// End of the row's interval, on the truth's time scale.
+    pub t_s: f64,
+    /// Rotation about the control axes since the row before.
+    pub angle_control_arcsec: [f64; 3],
+    /// θ and ψ where they are known.
+    pub theta_psi_rad: Option<(f64, f64)>,
+}
+
+/// Why rows are no truth.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum BadRows {
+    /// Fewer than three.
+    #[error("expected at least 3 rows, got {0}")]
+    TooFew(usize),
+    /// Time that does not rise.
+    #[error("expected time to rise, got {t_s} s after {before_s} s")]
+    NotRising {
+        /// Index of the row.
+        index: usize,
+        /// Its time.
+        t_s: f64,
+        /// The time before.
+        before_s: f64,
+    },
+    /// A hole in which the motion is not known.
+    #[error("expected rows every {spacing_s} s or so, got a gap of {gap_s} s before {t_s} s; cut the file there")]
+    Gap {
+        /// Index of the row after it.
+        index: usize,
+        /// Time of that row.
+        t_s: f64,
+        /// Length of the hole.
+        gap_s: f64,
+        /// Median spacing of the rows.
+        spacing_s: f64,
+    },
+    /// Not a number.
+    #[error("expected finite numbers, got {value}")]
+    NotFinite {
+        /// Index of the row.
+        index: usize,
+        /// What stands there.
+        value: f64,
+    },
+}
+
+/// A hole longer than this many median spacings is a gap.
+const GAP_SPACINGS: f64 = 1.9;
+
+/// A truth read from a file.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Recorded {
+    /// Instants, from the start of the first row's interval.
+    t_s: Vec<f64>,
+    /// Accumulated rotation at each, with its second derivatives.
+    angle_control_arcsec: [Vec<f64>; 3],
+    bend: [Vec<f64>; 3],
+    /// θ and ψ at each; empty where they are not known.
+    theta_psi_rad: Vec<(f64, f64)>,
+}
+
+impl Recorded {
+    /// Takes rows in order of time. The first row's interval is the median spacing.
+    ///
+    /// # Errors
+    /// Rows that overlap, leave a gap, or are too few.
+    pub fn new(rows: &[Row]) -> Result<Recorded, BadRows> {
+        if rows.len() < 3 {
+            return Err(BadRows::TooFew(rows.len()));
+        }
+        for (index, row) in rows.iter().enumerate() {
+            let numbers = row.angle_control_arcsec.into_iter().chain([row.t_s]);
+            if let Some(value) = numbers.into_iter().find(|number| !number.is_finite()) {
+                return Err(BadRows::NotFinite { index, value });
+            }
+        }
+        let mut spacings: Vec<f64> = rows.windows(2).map(|pair| pair[1].t_s - pair[0].t_s).collect();
+        if let Some(index) = spacings.iter().position(|&spacing_s| spacing_s <= 0.0) {
+            let (t_s, before_s) = (rows[index + 1].t_s, rows[index].t_s);
+            return Err(BadRows::NotRising { index: index + 1, t_s, before_s });
+        }
+        let gaps = spacings.clone();
+        let middle = spacings.len() / 2;
+        let spacing_s = *spacings.select_nth_unstable_by(middle, f64::total_cmp).1;
+        if let Some(index) = gaps.iter().position(|&gap_s| gap_s > GAP_SPACINGS * spacing_s) {
+            let (t_s, gap_s) = (rows[index + 1].t_s, gaps[index]);
+            return Err(BadRows::Gap { index: index + 1, t_s, gap_s, spacing_s });
+        }
+        let t_s: Vec<f64> = std::iter::once(rows[0].t_s - spacing_s).chain(rows.iter().map(|row| row.t_s)).collect();
+        let angle_control_arcsec: [Vec<f64>; 3] = std::array::from_fn(|axis| {
+            let mut sum = 0.0;
+            std::iter::once(0.0)
+                .chain(rows.iter().map(|row| {
+                    sum += row.angle_control_arcsec[axis];
+                    sum
+                }))
+                .collect()
+        });
+        let bend = std::array::from_fn(|axis| second_derivatives(&t_s, &angle_control_arcsec[axis]));
+        let known: Option<Vec<(f64, f64)>> = rows.iter().map(|row| row.theta_psi_rad).collect();
+        let theta_psi_rad =
+            known.map_or_else(Vec::new, |known| std::iter::once(known[0]).chain(known.iter().copied()).collect());
+        Ok(Recorded { t_s, angle_control_arcsec, bend, theta_psi_rad })
+    }
+
+    /// Start of the first row's interval.
+    pub fn start_s(&self) -> f64 {
+        self.t_s[0]
+    }
+
+    /// End of the last row's interval.
+    pub fn end_s(&self) -> f64 {
+        self.t_s[self.t_s.len() - 1]
+    }
+
+    /// Accumulated rotation, rates and attitude at `t_s`; at rest before the start and after the end. `near` is the
+    /// piece found last, from which the search goes forward.
+    #[inline]
+    pub fn at(&self, t_s: f64, near: &mut usize) -> ([f64; 3], Moment) {
+        let (first, last) = (self.start_s(), self.end_s());
+        let inside = t_s.clamp(first, last);
+        while *near + 2 < self.t_s.len() && self.t_s[*near + 1] < inside {
+            *near += 1;
+        }
+        while *near > 0 && self.t_s[*near] > inside {
+            *near -= 1;
+        }
+        let (i, length_s) = (*near, self.t_s[*near + 1] - self.t_s[*near]);
+        let b = (inside - self.t_s[i]) / length_s;
+        let a = 1.0 - b;
+        let moves = t_s == inside;
+        let (mut angle, mut moment) = ([0.0; 3], Moment { t_s, ..Moment::default() });
+        for axis in 0..3 {
+            let (y, m) = (&self.angle_control_arcsec[axis], &self.bend[axis]);
+            let sixth = length_s * length_s / 6.0;
+            angle[axis] = a * y[i] + b * y[i + 1] + ((a * a * a - a) * m[i] + (b * b * b - b) * m[i + 1]) * sixth;
+            if moves {
+                moment.rate_control_arcsec_s[axis] = (y[i + 1] - y[i]) / length_s
+                    + ((3.0 * b * b - 1.0) * m[i + 1] - (3.0 * a * a - 1.0) * m[i]) * length_s / 6.0;
+            }
+        }
+        // Where θ is not known the package is taken at rest at 90°, where nothing turns it.
+        (moment.theta_rad, moment.psi_rad) = match self.theta_psi_rad.get(i..i + 2) {
+            Some(&[from, to]) => (a * from.0 + b * to.0, from.1 + b * shorter_way(to.1 - from.1)),
+            _ => (std::f64::consts::FRAC_PI_2, 0.0),
+        };
+        (angle, moment)
+    }
+}
+
+/// An angle reduced to −π…π.
+fn shorter_way(rad: f64) -> f64 {
+    rad - std::f64::consts::TAU * (rad / std::f64::consts::TAU).round()
+}
+
+/// Second derivatives of the cubic spline through the points, the third derivative continuous across the second and the
+/// last but one point (not-a-knot), so that the ends bend as the data do.
+fn second_derivatives(t: &[f64], y: &[f64]) -> Vec<f64> {
+    let n = t.len();
+    let h: Vec<f64> = t.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let slope: Vec<f64> = (0..n - 1).map(|i| (y[i + 1] - y[i]) / h[i]).collect();
+    // Inner equations h[i−1] m[i−1] + 2(h[i−1] + h[i]) m[i] + h[i] m[i+1] = 6(slope[i] − slope[i−1]), with the end values
+    // m[0] = m[1] + (m[1] − m[2]) h[0]/h[1] put in, and likewise at the other end.
+    let inner = n - 2;
+    let (mut lower, mut diagonal, mut upper) = (vec![0.0; inner], vec![0.0; inner], vec![0.0; inner]);
+    let mut right = vec![0.0; inner];
+    for k in 0..inner {
+        let i = k + 1;
+        (lower[k], diagonal[k], upper[k]) = (h[i - 1], 2.0 * (h[i - 1] + h[i]), h[i]);
+        right[k] = 6.0 * (slope[i] - slope[i - 1]);
+    }
+    if inner >= 2 {
+        let first = h[0] / h[1];
+        diagonal[0] += h[0] * (1.0 + first);
+        upper[0] -= h[0] * first;
+        let last = h[n - 2] / h[n - 3];
+        diagonal[inner - 1] += h[n - 2] * (1.0 + last);
+        lower[inner - 1] -= h[n - 2] * last;
+    }
+    for k in 1..inner {
+        let factor = lower[k] / diagonal[k - 1];
+        diagonal[k] -= factor * upper[k - 1];
+        right[k] -= factor * right[k - 1];
+    }
+    let mut m = vec![0.0; n];
+    for k in (0..inner).rev() {
+        let above = if k + 1 < inner { upper[k] * m[k + 2] } else { 0.0 };
+        m[k + 1] = (right[k] - above) / diagonal[k];
+    }
+    if inner >= 2 {
+        m[0] = m[1] + (m[1] - m[2]) * h[0] / h[1];
+        m[n - 1] = m[n - 2] + (m[n - 2] - m[n - 3]) * h[n - 2] / h[n - 3];
+    }
+    m
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn rows(count: usize, angle: impl Fn(f64) -> f64) -> Vec<Row> {
+        let at = |index: usize| index as f64 * 0.5;
+        (1..=count)
+            .map(|index| Row {
+                t_s: at(index),
+                angle_control_arcsec: [angle(at(index)) - angle(at(index - 1)), 0.0, 0.0],
+                theta_psi_rad: None,
+            })
+            .collect()
+    }
+
+    #[test]
+    fn a_cubic_comes_back_exactly_and_a_limit_cycle_within_what_is_stated() {
+        let cubic = |t: f64| 3.0 + t * (2.0 + t * (-1.5 + 0.25 * t));
+        let swing = |t: f64| 4.0 * 5.0 / std::f64::consts::TAU * (1.0 - (std::f64::consts::TAU * t / 5.0).cos());
+        for (angle, bound) in [(&cubic as &dyn Fn(f64) -> f64, 1e-12), (&swing, 0.0014)] {
+            let recorded = Recorded::new(&rows(40, angle)).expect("good rows");
+            let mut near = 0;
+            for index in 0..400 {
+                let t_s = f64::from(index) * 0.05;
+                let (got, _) = recorded.at(t_s, &mut near);
+                // The pieces at the ends, which have data on one side only, err up to ten times as much.
+                let bound = if (1.0..19.0).contains(&t_s) { bound } else { 10.0 * bound };
+                assert!(
+                    (got[0] - (angle(t_s) - angle(0.0))).abs() <= bound,
+                    "{t_s}: {}",
+                    got[0] - angle(t_s) + angle(0.0)
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn gaps_and_overlaps_are_refused_with_the_row() {
+        let mut gap = rows(20, |t| t);
+        gap.drain(7..9);
+        assert!(matches!(Recorded::new(&gap), Err(BadRows::Gap { index: 7, .. })));
+        let mut overlap = rows(20, |t| t);
+        overlap[5].t_s = overlap[4].t_s;
+        assert!(matches!(Recorded::new(&overlap), Err(BadRows::NotRising { index: 5, .. })));
+        assert!(matches!(Recorded::new(&overlap[..2]), Err(BadRows::TooFew(2))));
+    }
+}
