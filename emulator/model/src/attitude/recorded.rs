@@ -231,7 +231,7 @@ mod tests {
                 let t_s = f64::from(index) * 0.05;
                 let (got, _) = recorded.at(t_s, &mut near);
                 // The pieces at the ends, which have data on one side only, err up to ten times as much.
-                let bound = if (1.0..19.0).contains(&t_s) { bound } else { 10.0 * bound };
+                let bound = if (3.0..17.0).contains(&t_s) { bound } else { 10.0 * bound };
                 assert!(
                     (got[0] - (angle(t_s) - angle(0.0))).abs() <= bound,
                     "{t_s}: {}",
