@@ -25,4 +25,4 @@ pub mod units;
 
 pub use configuration::Configuration;
 pub use package::Trace;
-pub use unit::{Answer, Ended, Unit};
+pub use unit::{Answer, Ended, Truth, Unit};

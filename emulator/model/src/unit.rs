@@ -2,10 +2,12 @@
 //!
 //! A command acts as if it had come at the start of the half second that runs.
 
+use std::sync::Arc;
+
 use geu_protocol::field::{CLOCK_MODULUS, unit_flag};
 use geu_protocol::{CLOCK_PER_HALF_SECOND, Command, Gyro, HalfSecond, LINK_VERSION, Outcome, Reply, command};
 
-use crate::attitude::{Motion, Plan, Step};
+use crate::attitude::{Motion, Plan, Recorded, Step};
 use crate::configuration::Configuration;
 use crate::course::Interval;
 use crate::effect::{SATURATION_COLUMN, Tap, Temperatures, Timing, UnitEffects, WiringEffects, WiringStates};
@@ -38,6 +40,16 @@ pub struct Ended {
     pub cyclic: bool,
     /// Scheduled end, true time since the start of the first half second, ns.
     pub end_ns: i64,
+}
+
+/// What moves the unit.
+#[derive(Debug, Clone, Default)]
+pub enum Truth {
+    /// The configuration's scenario.
+    #[default]
+    Scenario,
+    /// Rows of a file; their time 0 is the start of the first half second.
+    Recorded(Arc<Recorded>),
 }
 
 #[derive(Debug, Clone)]
@@ -102,11 +114,22 @@ pub struct Unit {
 }
 
 impl Unit {
-    /// The unit, spun up and warm, at the start of its first half second.
+    /// The unit on its configuration's scenario, spun up and warm, at the start of its first half second.
     pub fn new(configuration: &Configuration) -> Unit {
-        let scenario = &configuration.scenario;
-        let plan = Plan::new(scenario).expect("a configuration holds only scenarios that were tried");
-        let truth = Motion::new(plan.clone(), scenario.limit_cycle);
+        Unit::on(configuration, &Truth::Scenario)
+    }
+
+    /// The unit on another truth.
+    pub fn on(configuration: &Configuration, truth: &Truth) -> Unit {
+        let at = |t_s: f64| match truth {
+            Truth::Scenario => {
+                let scenario = &configuration.scenario;
+                let plan = Plan::new(scenario).expect("a configuration holds only scenarios that were tried");
+                Motion::starting_before(plan, scenario.limit_cycle, (-t_s).max(0.0))
+            }
+            Truth::Recorded(rows) => Motion::recorded(rows.clone(), t_s),
+        };
+        let truth = at(0.0);
         let mut unit = Unit {
             motion: truth.clone(),
             truth,
@@ -130,10 +153,10 @@ impl Unit {
         unit.schedule_end();
         // The first half second counts from where its shifted time begins.
         let shift_s = unit.timing.shift_s;
-        if shift_s > 0.0 {
-            unit.motion = Motion::starting_before(plan, scenario.limit_cycle, shift_s);
+        if shift_s != 0.0 {
+            unit.motion = at(-shift_s);
+            unit.motion.advance(-shift_s);
         }
-        unit.motion.advance(-shift_s);
         unit
     }
 

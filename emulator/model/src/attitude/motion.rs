@@ -6,8 +6,11 @@
 //! ω_z = ψ' sin θ − ω_sun cos ψ cos θ
 //! ```
 
+use std::sync::Arc;
+
 use super::Segment;
 use super::manoeuvre::{Leg, Plan};
+use super::recorded::Recorded;
 use crate::number::numbers;
 use crate::units::{ARCSEC_PER_RAD, SUN_RATE_RAD_S};
 
@@ -57,29 +60,46 @@ const NODES: [f64; 2] = [0.211_324_865_405_187_1, 0.788_675_134_594_812_9];
 /// Longest stretch integrated in one piece.
 const LONGEST_S: f64 = 0.1;
 
-/// Walks along a scenario, forward only, in stretches of any length.
+/// Walks along a scenario or a recorded truth, forward only, in stretches of any length.
 #[derive(Debug, Clone)]
 pub struct Motion {
-    plan: Plan,
-    limit_cycle: LimitCycle,
-    segment: Segment,
-    /// Start of the segment.
-    segment_start_s: f64,
+    source: Source,
     now: Moment,
 }
 
+#[derive(Debug, Clone)]
+enum Source {
+    Scenario(Flight),
+    Recorded { rows: Arc<Recorded>, near: usize, angle_control_arcsec: [f64; 3] },
+}
+
+/// A scenario being flown.
+#[derive(Debug, Clone)]
+struct Flight {
+    plan: Plan,
+    limit_cycle: LimitCycle,
+    segment: Segment,
+    segment_start_s: f64,
+}
+
 impl Motion {
-    /// At the start of the scenario.
+    /// At the start of a scenario.
     pub fn new(plan: Plan, limit_cycle: LimitCycle) -> Motion {
         Motion::starting_before(plan, limit_cycle, 0.0)
     }
 
-    /// `before_s` before the start of the scenario, at rest until then.
+    /// `before_s` before the start of a scenario, at rest until then.
     pub fn starting_before(mut plan: Plan, limit_cycle: LimitCycle, before_s: f64) -> Motion {
         let segment = if before_s > 0.0 { plan.rest_before(before_s) } else { plan.next_segment() };
-        let mut motion = Motion { plan, limit_cycle, segment, segment_start_s: -before_s, now: Moment::default() };
-        motion.now = motion.moment(-before_s);
-        motion
+        let flight = Flight { plan, limit_cycle, segment, segment_start_s: -before_s };
+        Motion { now: flight.moment(-before_s), source: Source::Scenario(flight) }
+    }
+
+    /// At `t_s` of a recorded truth; at rest before its start and after its end.
+    pub fn recorded(rows: Arc<Recorded>, t_s: f64) -> Motion {
+        let mut near = 0;
+        let (angle_control_arcsec, now) = rows.at(t_s, &mut near);
+        Motion { source: Source::Recorded { rows, near, angle_control_arcsec }, now }
     }
 
     /// Moves on to `end_s` (true time since the start) and tells the motion since the last call; no motion where `end_s`
@@ -90,9 +110,40 @@ impl Motion {
         if end_s <= start.t_s {
             return Step { start, end: start, ..Step::default() };
         }
-        self.plan.forget_legs_before(start.t_s);
+        let mut step = Step { start, length_s: end_s - start.t_s, ..Step::default() };
+        match &mut self.source {
+            Source::Scenario(flight) => {
+                step.angle_control_arcsec = flight.advance(start.t_s, end_s);
+                self.now = flight.moment(end_s);
+                step.end = self.now;
+                flight.limit_cycle.turn(&mut step);
+            }
+            Source::Recorded { rows, near, angle_control_arcsec } => {
+                let (angle, moment) = rows.at(end_s, near);
+                step.angle_control_arcsec = std::array::from_fn(|axis| angle[axis] - angle_control_arcsec[axis]);
+                (*angle_control_arcsec, self.now, step.end) = (angle, moment, moment);
+            }
+        }
+        step
+    }
+
+    /// The legs that began since the last call, and perhaps one that is about to. Only those that were still flown
+    /// during the last stretch are kept, so they must be taken after every stretch or not at all.
+    pub fn take_legs(&mut self) -> Vec<Leg> {
+        match &mut self.source {
+            Source::Scenario(flight) => flight.plan.take_legs(),
+            Source::Recorded { .. } => Vec::new(),
+        }
+    }
+}
+
+impl Flight {
+    /// Rotation from `start_s` to `end_s` without the limit cycle, arcsec.
+    #[inline]
+    fn advance(&mut self, start_s: f64, end_s: f64) -> [f64; 3] {
+        self.plan.forget_legs_before(start_s);
         let mut angle_rad = [0.0; 3];
-        let mut now_s = start.t_s;
+        let mut now_s = start_s;
         while now_s < end_s {
             let segment_end_s = self.segment_start_s + self.segment.duration_s;
             if segment_end_s <= now_s {
@@ -106,15 +157,7 @@ impl Motion {
             self.integrate(now_s, until_s, &mut angle_rad);
             now_s = until_s;
         }
-        self.now = self.moment(end_s);
-        let mut step = Step {
-            start,
-            end: self.now,
-            length_s: end_s - start.t_s,
-            angle_control_arcsec: angle_rad.map(|angle| angle * ARCSEC_PER_RAD),
-        };
-        self.limit_cycle.turn(&mut step);
-        step
+        angle_rad.map(|angle| angle * ARCSEC_PER_RAD)
     }
 
     #[inline]
@@ -125,12 +168,6 @@ impl Motion {
             .map(|rate| rate * ARCSEC_PER_RAD);
         self.limit_cycle.add_rates(t_s, &mut rate_control_arcsec_s);
         Moment { t_s, rate_control_arcsec_s, theta_rad, psi_rad }
-    }
-
-    /// The legs that began since the last call, and perhaps one that is about to. Only those that were still flown
-    /// during the last stretch are kept, so they must be taken after every stretch or not at all.
-    pub fn take_legs(&mut self) -> Vec<Leg> {
-        self.plan.take_legs()
     }
 
     #[inline]
