@@ -3,6 +3,7 @@
 //! Results go to standard output or the file named, everything else to standard error. Exit 0 done, 1 failed or
 //! `--strict` found defects, 2 bad usage or bad input, 3 a diagnosis ended unexplained.
 
+mod bench;
 mod decode;
 mod failure;
 mod rows;
@@ -27,6 +28,8 @@ struct Arguments {
 enum Command {
     /// Decode recordings or live links to CSV, JSON lines or a summary.
     Decode(decode::Arguments),
+    /// Measure what users rely on.
+    Bench(bench::Arguments),
 }
 
 static VERSION: LazyLock<String> = LazyLock::new(|| {
@@ -37,6 +40,7 @@ static VERSION: LazyLock<String> = LazyLock::new(|| {
 fn main() -> ExitCode {
     let done: Result<(), Failure> = match Arguments::parse().command {
         Some(Command::Decode(arguments)) => decode::run(arguments),
+        Some(Command::Bench(arguments)) => bench::run(arguments),
         None => Ok(()),
     };
     match done {
