@@ -1,1 +1,39 @@
-//! Tests that need two crates or a process stand in `tests/`.
+//! Tests that need two crates or a process stand in `tests/`; here is what they share.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::OnceLock;
+
+/// The root of the workspace.
+pub fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap_or(Path::new("."))
+}
+
+/// The program `geu` of this build.
+///
+/// `cargo test` at the root builds it; where it is missing (`cargo test -p geu-tests`), it is built now.
+///
+/// # Panics
+/// Where it cannot be built.
+pub fn geu() -> Command {
+    static PROGRAM: OnceLock<PathBuf> = OnceLock::new();
+    Command::new(PROGRAM.get_or_init(|| {
+        // A test runs in <target>/<profile>/deps.
+        let test = std::env::current_exe().expect("the path of this test");
+        let directory = test.ancestors().nth(2).expect("the directory of the profile");
+        let program = directory.join("geu");
+        if !program.exists() {
+            let release = directory.ends_with("release");
+            let mut cargo = Command::new(env!("CARGO"));
+            cargo.current_dir(root()).args(["build", "--package", "geu"]).args(release.then_some("--release"));
+            let built = cargo.status().is_ok_and(|status| status.success());
+            assert!(built && program.exists(), "{} is missing: run `cargo build` first", program.display());
+        }
+        program
+    }))
+}
+
+/// Says on standard error that a test could not run, and why.
+pub fn skipped(reason: &str) {
+    eprintln!("skipped: {reason}");
+}

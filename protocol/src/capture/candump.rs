@@ -99,7 +99,7 @@ impl LastInterface {
         let seconds_high = eight_digits(word(head, 1))?;
         let low = word(head, 10) & !0xFFFF | word(head, 9) & 0xFFFF;
         let low = eight_digits(low)?;
-        let t_ns = (seconds_high * 100_000_000 + low) as i64 * 1_000;
+        let t_ns = ((seconds_high * 100_000_000 + low) as i64).checked_mul(1_000)?;
         let rest: &[u8; 21] = bytes[NAME_AT + self.name_length + 1..].first_chunk()?;
         if rest[3] != b'#' || rest[20] != b'\n' {
             return None;

@@ -3,6 +3,7 @@
 //! Results go to standard output or the file named, everything else to standard error. Exit 0 done, 1 failed or
 //! `--strict` found defects, 2 bad usage or bad input, 3 a diagnosis ended unexplained.
 
+mod bench;
 mod config;
 mod decode;
 mod describe;
@@ -34,6 +35,8 @@ enum Command {
     Describe(describe::Arguments),
     /// Decode recordings or live links to CSV, JSON lines or a summary.
     Decode(decode::Arguments),
+    /// Measure what users rely on.
+    Bench(bench::Arguments),
 }
 
 static VERSION: LazyLock<String> = LazyLock::new(|| {
@@ -47,6 +50,7 @@ fn main() -> ExitCode {
         Some(Command::Config(arguments)) => config::run(&arguments),
         Some(Command::Describe(arguments)) => describe::run(&arguments),
         Some(Command::Decode(arguments)) => decode::run(arguments),
+        Some(Command::Bench(arguments)) => bench::run(arguments),
         None => Ok(()),
     };
     match done {

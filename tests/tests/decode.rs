@@ -1,0 +1,312 @@
+//! `geu decode` as a user runs it.
+
+use std::fs;
+use std::io::Write;
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+
+use geu_protocol::{CLOCK_PER_HALF_SECOND, CanPlan, HalfSecond};
+use geu_tests::{geu, root, skipped};
+
+const HEADER: &str = "t_s,sequence,clock_count,gyrx,gyry,gyrza,gyrzb,gyro_flags,unit_flags,electronics_c,sensor_c";
+const ROWS: u16 = 120;
+
+fn capture(name: &str) -> PathBuf {
+    root().join("tests/captures").join(name)
+}
+
+fn decode(arguments: &[&str]) -> Output {
+    geu().arg("decode").args(arguments).output().expect("geu starts")
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+/// The rows of a capture; it must decode, and the account must add up.
+fn rows(arguments: &[&str]) -> Vec<String> {
+    let output = decode(arguments);
+    let errors = text(&output.stderr);
+    assert!(output.status.success(), "{arguments:?}: {errors}");
+    assert_eq!(summary(&errors, "account"), "accounts for all", "{errors}");
+    let text = text(&output.stdout);
+    let mut lines = text.lines().map(str::to_owned);
+    assert_eq!(lines.next().as_deref(), Some(HEADER));
+    lines.collect()
+}
+
+/// The value of a line of the summary.
+fn summary(text: &str, name: &str) -> String {
+    let line = text.lines().find(|line| line.split_whitespace().next() == Some(name));
+    line.map_or_else(|| panic!("no {name} in {text}"), |line| line[name.len()..].trim().to_owned())
+}
+
+fn half_second(index: u16) -> HalfSecond {
+    HalfSecond {
+        sequence: index,
+        increments: [-2 * index as i16, index as i16, 5, -32_768 + index as i16],
+        gyro_flags: if index % 7 == 3 { 0x8F } else { 0x0F },
+        unit_flags: 0x07,
+        electronics_centi_c: 2_064 - 40 * index as i16,
+        clock_count: (u64::from(index) + 1) * CLOCK_PER_HALF_SECOND,
+        sensor_centi_c: 7_000,
+    }
+}
+
+fn t_us(index: u16) -> u64 {
+    1_795_020_000_500_900 + u64::from(index) * 500_000 + u64::from(index % 5)
+}
+
+/// A minute of our own encoder, as `candump -l` writes it.
+fn encoded_log() -> String {
+    let mut log = String::new();
+    for index in 0..ROWS {
+        for (later_us, frame) in [0, 250, 500].into_iter().zip(CanPlan::default().frames(&half_second(index))) {
+            let t_us = t_us(index) + later_us;
+            let data: String = frame.data().iter().map(|byte| format!("{byte:02X}")).collect();
+            log += &format!("({}.{:06}) can0 {:03X}#{data}\n", t_us / 1_000_000, t_us % 1_000_000, frame.id);
+        }
+    }
+    log
+}
+
+/// The same as CSV, written independently of the program.
+fn encoded_rows() -> Vec<String> {
+    let hundredths =
+        |value: i16| format!("{}{}.{:02}", if value < 0 { "-" } else { "" }, value.abs() / 100, value.abs() % 100);
+    (0..ROWS)
+        .map(|index| {
+            let (h, t_us) = (half_second(index), t_us(index));
+            let [x, y, za, zb] = h.increments;
+            format!(
+                "{}.{:06},{},{},{x},{y},{za},{zb},{},{},{},{}",
+                t_us / 1_000_000,
+                t_us % 1_000_000,
+                h.sequence,
+                h.clock_count,
+                h.gyro_flags,
+                h.unit_flags,
+                hundredths(h.electronics_centi_c),
+                hundredths(h.sensor_centi_c)
+            )
+        })
+        .collect()
+}
+
+/// A row without its time.
+fn fields(row: &str) -> &str {
+    row.split_once(',').expect("a row").1
+}
+
+fn time_s(row: &str) -> f64 {
+    row.split(',').next().and_then(|time| time.parse().ok()).expect("a time")
+}
+
+fn write(directory: &Path, name: &str, bytes: &[u8]) -> String {
+    let path = directory.join(name);
+    fs::write(&path, bytes).expect("a file in the temporary directory");
+    path.to_str().expect("UTF-8").to_owned()
+}
+
+#[test]
+fn the_committed_recording_is_what_the_encoder_writes() {
+    let path = capture("encoded.log");
+    if std::env::var_os("GEU_BLESS").is_some() {
+        fs::write(&path, encoded_log()).expect("encoded.log");
+    }
+    assert_eq!(fs::read_to_string(&path).expect("encoded.log"), encoded_log());
+    assert_eq!(rows(&[path.to_str().unwrap(), "--strict"]), encoded_rows());
+}
+
+#[test]
+fn every_format_gives_the_same_rows() {
+    let expected = encoded_rows();
+    // Times: absolute to the microsecond, or seconds since the beginning, or none (then those of the clock).
+    for (name, start_s) in [
+        ("encoded.log", 0.0),
+        ("encoded.pcap", 0.0),
+        ("encoded.pcapng", 0.0),
+        ("encoded-sll.pcap", 0.0),
+        ("encoded-console-a.txt", 0.0),
+        ("encoded-console-A.txt", 0.0),
+        ("encoded-console-z.txt", 1_795_020_000.500_9),
+        ("encoded-console-d.txt", 1_795_020_000.500_9),
+        ("encoded-console.txt", 1_795_020_000.0),
+        ("encoded-python-can.asc", 1_795_020_000.500_9),
+        ("encoded-log2asc.asc", 1_795_020_000.500_9),
+    ] {
+        let path = capture(name);
+        let rows = rows(&[path.to_str().unwrap(), "--strict"]);
+        assert_eq!(rows.len(), expected.len(), "{name}");
+        for (row, expected) in rows.iter().zip(&expected) {
+            assert_eq!(fields(row), fields(expected), "{name}");
+            let tolerance_s = if name == "encoded-console.txt" { 1e-3 } else { 2e-6 };
+            assert!((time_s(row) + start_s - time_s(expected)).abs() < tolerance_s, "{name}: {row} {expected}");
+        }
+    }
+}
+
+#[test]
+fn the_wild_log_gives_all_rows_and_counts_the_rest() {
+    let directory = tempfile::tempdir().unwrap();
+    let defects = directory.path().join("defects");
+    let path = capture("wild.log");
+    let output = decode(&[path.to_str().unwrap(), "--defects", defects.to_str().unwrap()]);
+    let (out, errors) = (text(&output.stdout), text(&output.stderr));
+    assert!(output.status.success(), "{errors}");
+    assert_eq!(
+        out.lines().skip(1).map(fields).collect::<Vec<_>>(),
+        encoded_rows()[..12].iter().map(|row| fields(row)).collect::<Vec<_>>()
+    );
+    for (name, expected) in [
+        ("account", "accounts for all"),
+        ("records", "59"),
+        ("records-decoded", "36"),
+        ("records-command", "1"),
+        ("records-reply", "1"),
+        ("records-other-traffic", "4"),
+        ("records-other-interface", "3"),
+        ("records-remote", "2"),
+        ("records-fd", "1"),
+        ("records-error", "1"),
+        ("records-remark", "4"),
+        ("records-defective", "6"),
+        ("frames-dropped", "17 by recorder or socket"),
+        ("defect-wrong-length", "1"),
+        ("defect-status-without-increments", "1"),
+        ("defect-broken-record", "3"),
+        ("defect-cut-record", "1"),
+        ("defect-time-backwards", "1"),
+        ("interface-not-used", "can1 3 frames of the unit"),
+    ] {
+        assert_eq!(summary(&errors, name), expected, "{name} in {errors}");
+    }
+    let defects = fs::read_to_string(defects).unwrap();
+    assert_eq!(defects.lines().count(), 8, "{defects}");
+    assert!(defects.lines().all(|line| line.contains("\"place\":\"") && line.contains("wild.log:")), "{defects}");
+    let strict = decode(&[path.to_str().unwrap(), "--strict"]);
+    assert_eq!((strict.status.code(), strict.stdout), (Some(1), output.stdout));
+    let other = rows(&[path.to_str().unwrap(), "--interface", "can1"]);
+    assert_eq!(other.len(), 1);
+}
+
+#[test]
+fn containers_pipes_and_several_inputs_are_one_stream() {
+    let directory = tempfile::tempdir().unwrap();
+    let log = encoded_log();
+    let (a, b) = log.as_bytes().split_at(log.len() / 2);
+    // Two members of gzip, cut anywhere; and zstd.
+    let gzip = |bytes: &[u8]| {
+        let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
+        encoder.write_all(bytes).unwrap();
+        encoder.finish().unwrap()
+    };
+    let gz = write(directory.path(), "log.gz", &[gzip(a), gzip(b)].concat());
+    assert_eq!(rows(&[&gz, "--strict"]), encoded_rows());
+    let zst = write(directory.path(), "no-suffix", &zstd::encode_all(log.as_bytes(), 3).unwrap());
+    assert_eq!(rows(&[&zst, "--strict"]), encoded_rows());
+    // A half second that begins in one file and ends in the next.
+    let lines: Vec<&str> = log.split_inclusive('\n').collect();
+    let first = write(directory.path(), "1", lines[..100].concat().as_bytes());
+    let second = write(directory.path(), "2", &gzip(lines[100..].concat().as_bytes()));
+    assert_eq!(rows(&[&first, &second, "--strict"]), encoded_rows());
+    let mut child =
+        geu().args(["decode", "-", "--strict"]).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+    child.stdin.take().unwrap().write_all(log.as_bytes()).unwrap();
+    assert_eq!(text(&child.wait_with_output().unwrap().stdout).lines().count(), 1 + encoded_rows().len());
+}
+
+#[test]
+fn json_and_summary_say_the_same() {
+    let path = capture("encoded.log");
+    let json = text(&decode(&[path.to_str().unwrap(), "--format", "jsonl"]).stdout);
+    assert_eq!(json.lines().count(), usize::from(ROWS));
+    let first = "{\"t_s\":1795020000.500900,\"sequence\":0,\"clock_count\":500000,\"gyrx\":0,";
+    assert!(json.starts_with(first), "{}", json.lines().next().unwrap_or_default());
+    let summary_text = text(&decode(&[path.to_str().unwrap(), "--format", "summary"]).stdout);
+    assert_eq!(summary(&summary_text, "rows"), "120");
+    assert_eq!(summary(&summary_text, "saturated"), "GYRX 0 GYRY 0 GYRZA 0 GYRZB 17");
+}
+
+#[test]
+fn a_closed_pipe_ends_it_quietly() {
+    let log = write(tempfile::tempdir().unwrap().keep().as_path(), "long.log", encoded_log().repeat(200).as_bytes());
+    let mut child = geu().args(["decode", &log]).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    drop(child.stdout.take());
+    let output = child.wait_with_output().unwrap();
+    assert_eq!((output.status.code(), text(&output.stderr)), (Some(0), String::new()));
+}
+
+#[test]
+fn bad_input_gives_one_clear_message_and_what_was_read_so_far() {
+    let directory = tempfile::tempdir().unwrap();
+    let gzip = {
+        let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
+        encoder.write_all(encoded_log().as_bytes()).unwrap();
+        encoder.finish().unwrap()
+    };
+    let cut = write(directory.path(), "cut.log.gz", &gzip[..gzip.len() * 2 / 3]);
+    let zst = zstd::encode_all(encoded_log().repeat(200).as_bytes(), 3).unwrap();
+    let cut_zst = write(directory.path(), "cut.log.zst", &zst[..zst.len() * 2 / 3]);
+    let empty = write(directory.path(), "empty.log", b"");
+    let empty_gz = write(directory.path(), "empty.gz", &{
+        let encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
+        encoder.finish().unwrap()
+    });
+    let binary = write(directory.path(), "binary.log", &[0, 1, 2, 3, 0xFF].repeat(50));
+    let prose = write(directory.path(), "prose.log", b"To be, or not to be\n");
+    let directory_path = directory.path().to_str().unwrap();
+    for (input, words) in [
+        (cut.as_str(), &["cut.log.gz", "gzip is damaged or cut"][..]),
+        (&cut_zst, &["cut.log.zst", "zstd is damaged or cut"]),
+        (&empty, &["empty.log", "is empty", "0 bytes"]),
+        (&empty_gz, &["empty.gz", "is empty"]),
+        (&binary, &["binary.log", "offset 0", "expected", "EB 90", "got none", "00 01 02 03 FF"]),
+        (&prose, &["prose.log", "line 1", "expected", "candump", "got \"To be, or not to be\""]),
+        (directory_path, &["is a directory"]),
+        ("/no/such/file.log", &["/no/such/file.log", "no such file"]),
+        ("can73", &["can73", "no such file", "no CAN interface of that name"]),
+    ] {
+        let output = decode(&[input, "--quiet"]);
+        let errors = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{input}: {errors}");
+        assert_eq!(errors.lines().count(), 1, "{errors}");
+        assert!(words.iter().all(|word| errors.contains(word)), "{words:?} in {errors}");
+        assert!(text(&output.stdout).starts_with(HEADER) || input.contains("no/such"), "{input}");
+    }
+    let rows = text(&decode(&[&cut, "--quiet"]).stdout);
+    let found: Vec<&str> = rows.lines().skip(1).collect();
+    assert!(found.len() > 20 && encoded_rows().iter().zip(&found).all(|(expected, row)| expected == row), "{rows}");
+}
+
+#[test]
+fn a_file_without_permission_is_refused() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = write(directory.path(), "closed.log", encoded_log().as_bytes());
+    fs::set_permissions(&path, fs::Permissions::from_mode(0)).unwrap();
+    if fs::File::open(&path).is_ok() {
+        return skipped("root may read every file, so a refusal cannot be tried");
+    }
+    let output = decode(&[&path]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(text(&output.stderr).contains("ermission denied"));
+}
+
+#[test]
+fn recording_01_equals_ten_lines_of_python() {
+    let recording = root().join("../shared/recordings/01/link.log.gz");
+    if !recording.exists() {
+        return skipped("../shared/recordings/01/link.log.gz is not here");
+    }
+    let script = root().join("tests/independent_decode.py");
+    let Ok(python) = Command::new("python3").arg(script).arg(&recording).output() else {
+        return skipped("python3 is not installed");
+    };
+    assert!(python.status.success(), "{}", text(&python.stderr));
+    let rows = rows(&[recording.to_str().unwrap(), "--strict"]);
+    let python = text(&python.stdout);
+    let independent: Vec<&str> = python.lines().collect();
+    assert_eq!(rows.len(), 22_699);
+    assert_eq!(rows, independent);
+}

@@ -1,0 +1,27 @@
+//! `geu bench`: figures any user can measure again.
+
+mod decode;
+
+use clap::{Args, Subcommand};
+
+use crate::failure::Failure;
+
+/// Arguments of `geu bench`.
+#[derive(Args)]
+pub struct Arguments {
+    #[command(subcommand)]
+    benchmark: Benchmark,
+}
+
+#[derive(Subcommand)]
+enum Benchmark {
+    /// Throughput of the decoder, beside python-can, cantools and log2asc on the same file.
+    Decode(decode::Arguments),
+}
+
+/// Runs a benchmark.
+pub fn run(arguments: Arguments) -> Result<(), Failure> {
+    match arguments.benchmark {
+        Benchmark::Decode(arguments) => decode::run(arguments),
+    }
+}
