@@ -15,7 +15,9 @@
 //! ```
 
 pub mod can;
+pub mod capture;
 pub mod command;
+pub mod continuity;
 pub mod crc;
 pub mod describe;
 pub mod field;

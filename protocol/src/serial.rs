@@ -12,8 +12,8 @@ use crate::message::{Data, Message, Place};
 pub const SYNC: [u8; 2] = [0xEB, 0x90];
 /// Bytes before the payload: sync, type, length.
 const HEADER: usize = 4;
-/// Bytes around the payload: header and CRC.
-const OVERHEAD: usize = HEADER + 2;
+/// Bytes around the payload of every frame.
+pub const OVERHEAD: usize = HEADER + 2;
 /// Payload of DATA, byte.
 pub const DATA_LENGTH: usize = Data::SPEC.length();
 /// Longest frame, byte.
@@ -120,6 +120,16 @@ impl SerialDefect {
             SerialDefect::Cut => "cut",
         }
     }
+
+    /// How many of the bytes from a sync on were looked at to find this.
+    fn length(self, bytes: &[u8]) -> usize {
+        match self {
+            SerialDefect::UnknownType => 3,
+            SerialDefect::WrongLength => HEADER,
+            SerialDefect::CrcMismatch => OVERHEAD + usize::from(bytes[3]),
+            SerialDefect::Cut => MAX_FRAME,
+        }
+    }
 }
 
 /// What the deframer makes of the bytes. Frames and skipped runs together are all bytes, each once.
@@ -140,6 +150,8 @@ pub enum Found<'a> {
         at: u64,
         /// Why.
         defect: SerialDefect,
+        /// The bytes tried, from the sync on, at most as long as the longest frame.
+        bytes: &'a [u8],
     },
     /// A run of bytes that belong to no frame, told when it ends.
     Skipped {
@@ -147,7 +159,29 @@ pub enum Found<'a> {
         at: u64,
         /// How many.
         length: u64,
+        /// The first of them, at most [`SKIPPED_TOLD`].
+        first: &'a [u8],
     },
+}
+
+/// How many bytes of a skipped run are told.
+pub const SKIPPED_TOLD: usize = 16;
+
+/// A run of bytes that belong to no frame.
+#[derive(Debug, Clone, Copy)]
+struct Run {
+    at: u64,
+    first: [u8; SKIPPED_TOLD],
+    kept: u8,
+}
+
+impl Run {
+    fn extend(&mut self, bytes: &[u8]) {
+        let kept = usize::from(self.kept);
+        let more = bytes.len().min(SKIPPED_TOLD - kept);
+        self.first[kept..kept + more].copy_from_slice(&bytes[..more]);
+        self.kept += more as u8;
+    }
 }
 
 /// Finds frames in a stream that arrives in pieces.
@@ -155,8 +189,8 @@ pub enum Found<'a> {
 pub struct Deframer {
     /// Offset in the stream of the first byte not yet consumed.
     offset: u64,
-    /// Where the run of skipped bytes that reaches up to `offset` began.
-    skipping_since: Option<u64>,
+    /// The run of skipped bytes that reaches up to `offset`.
+    skipping: Option<Run>,
 }
 
 enum Candidate {
@@ -216,8 +250,9 @@ impl Deframer {
         while at < bytes.len() {
             let rest = &bytes[at..];
             if rest[0] != SYNC[0] || rest.get(1).is_some_and(|&second| second != SYNC[1]) {
-                self.skipping_since.get_or_insert(start + at as u64);
-                at += memchr::memchr(SYNC[0], &rest[1..]).map_or(rest.len(), |next| next + 1);
+                let skipped = memchr::memchr(SYNC[0], &rest[1..]).map_or(rest.len(), |next| next + 1);
+                self.skip(start + at as u64, &rest[..skipped]);
+                at += skipped;
                 continue;
             }
             let defect = match candidate(rest) {
@@ -233,18 +268,24 @@ impl Deframer {
                 Candidate::Rejected(defect) => defect,
             };
             if rest.len() > 1 {
-                sink(Found::Rejected { at: start + at as u64, defect });
+                let bytes = &rest[..rest.len().min(defect.length(rest))];
+                sink(Found::Rejected { at: start + at as u64, defect, bytes });
             }
-            self.skipping_since.get_or_insert(start + at as u64);
+            self.skip(start + at as u64, &rest[..1]);
             at += 1;
         }
         self.offset = start + at as u64;
         at
     }
 
+    fn skip(&mut self, at: u64, bytes: &[u8]) {
+        self.skipping.get_or_insert(Run { at, first: [0; SKIPPED_TOLD], kept: 0 }).extend(bytes);
+    }
+
     fn end_skipping(&mut self, sink: &mut impl FnMut(Found)) {
-        if let Some(at) = self.skipping_since.take() {
-            sink(Found::Skipped { at, length: self.offset - at });
+        if let Some(run) = self.skipping.take() {
+            let first = &run.first[..usize::from(run.kept)];
+            sink(Found::Skipped { at: run.at, length: self.offset - run.at, first });
         }
     }
 }

@@ -9,7 +9,10 @@ use std::path::{Path, PathBuf};
 
 use geu_model::attitude::{Motion, Plan};
 use geu_model::configuration::{RecordedCommand, RunRecord, WireForm};
-use geu_model::effect::{HeadEffects, UnitEffects};
+use geu_model::effect::{
+    CALIBRATION_COLUMN, HEAD_COLUMNS, HeadEffects, SATURATION_COLUMN, UNIT_COLUMNS, UnitEffects, WIRING_COLUMNS,
+    WiringEffects, columns,
+};
 use geu_model::units::RAD_PER_DEG;
 use geu_model::{Configuration, Ended, Trace};
 use geu_protocol::{CanPlan, Gyro, HalfSecond, serial};
@@ -62,9 +65,8 @@ pub struct Recorder {
     motion: Motion,
     reference_rows: i64,
     half_seconds: u64,
-    /// Effects that have a column in `truth.csv`, and whether the clock has one.
-    head_columns: Vec<usize>,
-    clock_column: bool,
+    /// Columns of a trace that `truth.csv` has.
+    truth_columns: Vec<usize>,
     recorded: Vec<RecordedCommand>,
 }
 
@@ -86,10 +88,6 @@ impl Recorder {
             }
             _ => {}
         }
-        let head_columns: Vec<usize> = (0..HeadEffects::SPECS.len())
-            .filter(|&index| configuration.gyros.iter().any(|gyro| gyro.effects.has(index)))
-            .collect();
-        let clock_column = (0..UnitEffects::SPECS.len()).any(|index| configuration.unit.has(index));
         let scenario = &configuration.scenario;
         let layout = Plan::new(scenario).expect("a configuration holds only scenarios that were tried");
         let mut recorder = Recorder {
@@ -105,8 +103,7 @@ impl Recorder {
             motion: Motion::new(layout, scenario.limit_cycle),
             reference_rows: 0,
             half_seconds: 0,
-            head_columns,
-            clock_column,
+            truth_columns: truth_columns(configuration),
             recorded: Vec::new(),
         };
         recorder.headers()?;
@@ -117,15 +114,10 @@ impl Recorder {
         let rates = "rate_x_arcsec_s,rate_y_arcsec_s,rate_z_arcsec_s";
         self.reference.write(|file| writeln!(file, "t_s,{rates},theta_deg,psi_deg"))?;
         self.manoeuvres.write(|file| writeln!(file, "manoeuvre,start_s,end_s"))?;
-        let (head_columns, clock_column) = (&self.head_columns, self.clock_column);
+        let (codes, truth_columns) = (columns(), &self.truth_columns);
         self.truth.write(|file| {
-            write!(file, "t_s,sequence,gyro,true_arcsec,calibration_counts")?;
-            for &index in head_columns {
-                write!(file, ",{}_counts", HeadEffects::SPECS[index].code)?;
-            }
-            if clock_column {
-                write!(file, ",{}_counts", UnitEffects::SPECS[0].code)?;
-            }
+            write!(file, "t_s,sequence,gyro,true_arcsec")?;
+            truth_columns.iter().try_for_each(|&column| write!(file, ",{}_counts", codes[column]))?;
             writeln!(file, ",unquantised,count")
         })
     }
@@ -169,22 +161,13 @@ impl Recorder {
 
     fn truth_rows(&mut self, ended: &Ended, traces: &[Trace; 4]) -> Result<(), RecordError> {
         let stamp = Stamp(self.configuration.start_unix_ns + ended.end_ns);
-        let (head_columns, clock_column) = (&self.head_columns, self.clock_column);
+        let truth_columns = &self.truth_columns;
         self.truth.write(|file| {
             for (gyro, trace) in Gyro::ALL.into_iter().zip(traces) {
                 let half_second = &ended.half_second;
                 write!(file, "{stamp},{},{},{}", half_second.sequence, gyro.name(), trace.true_arcsec)?;
-                write!(file, ",{}", trace.calibrated_counts - trace.true_arcsec)?;
-                for &index in head_columns {
-                    let before =
-                        index.checked_sub(1).map_or(trace.calibrated_counts, |before| trace.after_counts[before]);
-                    write!(file, ",{}", trace.after_counts[index] - before)?;
-                }
-                if clock_column {
-                    let before = trace.after_counts.last().copied().unwrap_or(trace.calibrated_counts);
-                    write!(file, ",{}", trace.counts - before)?;
-                }
-                writeln!(file, ",{},{}", trace.counts, half_second.increments[gyro as usize])?;
+                truth_columns.iter().try_for_each(|&column| write!(file, ",{}", trace.changes[column]))?;
+                writeln!(file, ",{},{}", trace.unquantised, half_second.increments[gyro as usize])?;
             }
             Ok(())
         })
@@ -197,7 +180,8 @@ impl Recorder {
         let start_unix_ns = self.configuration.start_unix_ns;
         self.reference.write(|file| {
             let [x, y, z] = step.angle_control_arcsec.map(|angle| angle / step.length_s);
-            let (theta_deg, psi_deg) = (step.theta_rad / RAD_PER_DEG, (step.psi_rad / RAD_PER_DEG).rem_euclid(360.0));
+            let (theta_deg, psi_deg) =
+                (step.end.theta_rad / RAD_PER_DEG, (step.end.psi_rad / RAD_PER_DEG).rem_euclid(360.0));
             writeln!(file, "{},{x:.9},{y:.9},{z:.9},{theta_deg:.9},{psi_deg:.9}", Stamp(start_unix_ns + end_ns))
         })?;
         for leg in self.motion.take_legs() {
@@ -252,6 +236,20 @@ impl Recorder {
         }
         Ok(())
     }
+}
+
+/// The columns of a trace that this configuration can fill: the calibration, what is present, saturation.
+fn truth_columns(configuration: &Configuration) -> Vec<usize> {
+    let gyros = &configuration.gyros;
+    let unit = (0..UnitEffects::SPECS.len()).filter(|&index| configuration.unit.has(index));
+    let head = (0..HeadEffects::SPECS.len()).filter(|&index| gyros.iter().any(|gyro| gyro.effects.has(index)));
+    let wiring = (0..WiringEffects::SPECS.len()).filter(|&index| gyros.iter().any(|gyro| gyro.wiring.has(index)));
+    std::iter::once(CALIBRATION_COLUMN)
+        .chain(unit.map(|index| UNIT_COLUMNS + index))
+        .chain(head.map(|index| HEAD_COLUMNS + index))
+        .chain(wiring.map(|index| WIRING_COLUMNS + index))
+        .chain([SATURATION_COLUMN])
+        .collect()
 }
 
 /// A time in ns, written in seconds with six decimals, the grain of a capture.

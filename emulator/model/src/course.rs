@@ -4,7 +4,7 @@
 //! held over a half second; a step within it counts with the part of it that it holds.
 
 use crate::effect::{Amplitude, EffectSpec};
-use crate::number::{Default, Number};
+use crate::number::{Default, Form, Number};
 use crate::units::S_PER_DAY;
 
 /// How the amplitude moves.
@@ -56,20 +56,41 @@ pub struct Kind {
 
 const TIME: Number = Number {
     name: "time_s",
+    form: Form::Real,
     default: Default::Required,
     least: 0.0,
     greatest: 1e10,
     meaning: "from which it holds, since the start of the first half second",
 };
-const PERIOD: Number =
-    Number { name: "period_s", default: Default::Required, least: 0.1, greatest: 1e10, meaning: "period" };
+const PERIOD: Number = Number {
+    name: "period_s",
+    form: Form::Real,
+    default: Default::Required,
+    least: 0.1,
+    greatest: 1e10,
+    meaning: "period",
+};
 const PHASE: Number = Number {
     name: "phase_rad",
+    form: Form::Real,
     default: Default::Value(0.0),
     least: -100.0,
     greatest: 100.0,
     meaning: "phase at the start of the first half second",
 };
+
+/// What is said of the size of a course.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Size {
+    /// Key, made from the amplitude's.
+    pub name: String,
+    /// How it is written.
+    pub form: Form,
+    /// Smallest value accepted.
+    pub least: f64,
+    /// Largest value accepted.
+    pub greatest: f64,
+}
 
 /// All kinds.
 pub const KINDS: &[Kind] = &[
@@ -108,11 +129,15 @@ pub const KINDS: &[Kind] = &[
 ];
 
 impl Kind {
-    /// What is said of the size of an amplitude's course: its key, limits and meaning.
-    pub fn size(&self, effect: &EffectSpec, numbers: &[Number], amplitude: usize) -> (String, f64, f64) {
+    /// What is said of the size of an amplitude's course; nothing where there can be none: what is on or off, or names
+    /// a gyro, can only be stepped.
+    pub fn size(&self, effect: &EffectSpec, numbers: &[Number], amplitude: usize) -> Option<Size> {
         let number = &numbers[amplitude];
+        if number.form != Form::Real && self.suffix != "-step" {
+            return None;
+        }
         let (least, greatest) = (self.limit)(number, &effect.amplitudes[amplitude]);
-        ((self.key)(number.name), least, greatest)
+        Some(Size { name: (self.key)(number.name), form: number.form, least, greatest })
     }
 
     /// The law with these values of [`Kind::shapes`].

@@ -2,6 +2,8 @@
 //!
 //! Everything that reads, writes, describes or moves a configuration's numbers goes through [`Numbers`].
 
+use geu_protocol::Gyro;
+
 /// What stands where a configuration does not name the number.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Default {
@@ -23,11 +25,24 @@ impl Default {
     }
 }
 
+/// How a number is written in a configuration.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Form {
+    /// As a number.
+    Real,
+    /// As `true` (1) or `false` (0).
+    Flag,
+    /// As the name of a gyro (1…4 in wire order); 0 is none.
+    Gyro,
+}
+
 /// What is said of one number.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Number {
     /// Key in the configuration, unit last.
     pub name: &'static str,
+    /// How it is written.
+    pub form: Form,
     /// Value where none is named.
     pub default: Default,
     /// Smallest value accepted.
@@ -41,19 +56,42 @@ pub struct Number {
 impl Number {
     /// The limits in words.
     pub fn limits(&self) -> String {
-        limits(self.least, self.greatest)
+        self.form.limits(self.least, self.greatest)
+    }
+
+    /// `value` as a configuration writes it.
+    pub fn written(&self, value: f64) -> String {
+        self.form.written(value)
     }
 }
 
-/// Limits in words.
-pub fn limits(least: f64, greatest: f64) -> String {
-    match (least.is_finite(), greatest.is_finite()) {
-        (true, true) if least == -greatest => format!("a number within ±{greatest}"),
-        (true, true) => format!("a number within {least}…{greatest}"),
-        (true, false) => format!("{least} or more"),
-        (false, true) => format!("{greatest} or less"),
-        (false, false) => "any number".to_owned(),
+impl Form {
+    /// `value` as a configuration writes it.
+    pub fn written(self, value: f64) -> String {
+        match self {
+            Form::Real => format!("{value:?}"),
+            Form::Flag => (value != 0.0).to_string(),
+            Form::Gyro => format!("{:?}", named_gyro(value).map_or("", Gyro::name)),
+        }
     }
+
+    /// Limits in words.
+    pub fn limits(self, least: f64, greatest: f64) -> String {
+        match (self, least.is_finite(), greatest.is_finite()) {
+            (Form::Flag, ..) => "true or false".to_owned(),
+            (Form::Gyro, ..) => format!("one of {}", Gyro::ALL.map(|gyro| format!("{:?}", gyro.name())).join(", ")),
+            (_, true, true) if least == -greatest => format!("a number within ±{greatest}"),
+            (_, true, true) => format!("a number within {least}…{greatest}"),
+            (_, true, false) => format!("{least} or more"),
+            (_, false, true) => format!("{greatest} or less"),
+            (_, false, false) => "any number".to_owned(),
+        }
+    }
+}
+
+/// The gyro that a number of form [`Form::Gyro`] means.
+pub fn named_gyro(value: f64) -> Option<Gyro> {
+    (value as usize).checked_sub(1).and_then(|index| Gyro::ALL.get(index).copied())
 }
 
 /// A struct of numbers that knows what is said of each.
@@ -68,11 +106,13 @@ pub trait Numbers {
 
 /// Declares a struct of numbers: `field: default, least..=greatest;`, the default `required`, `absent` or a value.
 macro_rules! numbers {
+    (@form) => { $crate::number::Form::Real };
+    (@form $form:ident) => { $crate::number::Form::$form };
     (@default required) => { $crate::number::Default::Required };
     (@default absent) => { $crate::number::Default::Absent };
     (@default $value:expr) => { $crate::number::Default::Value($value) };
     ($(#[doc = $doc:literal])* pub struct $type:ident {
-        $($(#[doc = $meaning:literal])* $field:ident: $default:tt, $least:literal ..= $greatest:expr;)*
+        $($(#[doc = $meaning:literal])* $field:ident: $default:tt, $least:literal ..= $greatest:expr $(, $form:ident)?;)*
     }) => {
         $(#[doc = $doc])*
         #[derive(Debug, Clone, Copy, PartialEq)]
@@ -82,6 +122,7 @@ macro_rules! numbers {
             /// What is said of each number, in order.
             pub const NUMBERS: &[$crate::number::Number] = &[$($crate::number::Number {
                 name: stringify!($field),
+                form: $crate::number::numbers!(@form $($form)?),
                 default: $crate::number::numbers!(@default $default),
                 least: $least,
                 greatest: $greatest,

@@ -3,7 +3,10 @@
 use geu_protocol::Gyro;
 
 use crate::attitude::Step;
-use crate::effect::{Head, HeadEffects, HeadStates, Surroundings, Tap, Temperatures, Timing};
+use crate::effect::{
+    CALIBRATION_COLUMN, COLUMNS, Head, HeadEffects, HeadStates, Surroundings, Tap, Temperatures, Timing, UNIT_COLUMNS,
+    UnitEffects, UnitStates,
+};
 use crate::number::numbers;
 use crate::units::{ARCSEC_PER_RAD, HALF_SECOND_S};
 
@@ -24,6 +27,24 @@ const fn axes(input_control: [f64; 3], output_control: [f64; 3]) -> Axes {
 }
 
 impl Axes {
+    /// The part of a vector of the control frame about the input axis.
+    #[inline]
+    pub fn about_input(&self, control: [f64; 3]) -> f64 {
+        dot(self.input_control, control)
+    }
+
+    /// The part about the output axis.
+    #[inline]
+    pub fn about_output(&self, control: [f64; 3]) -> f64 {
+        dot(self.output_control, control)
+    }
+
+    /// The part about the spin axis.
+    #[inline]
+    pub fn about_spin(&self, control: [f64; 3]) -> f64 {
+        dot(self.spin_control, control)
+    }
+
     /// The axes of `gyro` (Casteren figure 5).
     pub const fn of(gyro: Gyro) -> &'static Axes {
         const X: [f64; 3] = [1.0, 0.0, 0.0];
@@ -57,88 +78,139 @@ numbers! {
     }
 }
 
-/// How the counts of one gyro over a half second came about.
-#[derive(Debug, Clone, Default)]
+/// How the count of one gyro over a half second came about: the sum of the true angle and all changes is `unquantised`.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Trace {
     /// True rotation about the input axis, arcsec.
     pub true_arcsec: f64,
-    /// N with the calibration alone, before the clock's factors.
-    pub calibrated_counts: f64,
-    /// N after each effect of [`HeadEffects::SPECS`], in order, before the clock's factors.
-    pub after_counts: [f64; HeadEffects::SPECS.len()],
-    /// N with the clock's factors, before rounding.
-    pub counts: f64,
+    /// What each column of [`crate::effect::columns`] changed, counts.
+    pub changes: [f64; COLUMNS],
+    /// The count before rounding.
+    pub unquantised: f64,
+    /// N of the running sub-step after the last column.
+    now: f64,
 }
 
 impl Tap for Trace {
-    fn calibrated(&mut self, true_arcsec: f64, head: &Head) {
+    const LOOKS: bool = true;
+
+    fn begin(&mut self, true_arcsec: f64) {
         self.true_arcsec += true_arcsec;
-        self.calibrated_counts += head.counts();
+        self.unquantised += true_arcsec;
+        self.now = true_arcsec;
     }
 
-    fn after(&mut self, index: usize, head: &Head) {
-        self.after_counts[index] += head.counts();
+    fn after(&mut self, column: usize, counts: f64) {
+        self.changed(column, counts - self.now);
+        self.now = counts;
     }
 
-    fn closed(&mut self, counts: f64) {
-        self.counts += counts;
+    fn changed(&mut self, column: usize, counts: f64) {
+        self.changes[column] += counts;
+        self.unquantised += counts;
     }
 }
 
-/// One gyro: its axes and what its effects remember.
+/// One gyro of the package as it stands over a half second.
+pub struct Standing<'a> {
+    /// Its own parameters.
+    pub calibration: &'a Calibration,
+    /// Its effects.
+    pub effects: HeadEffects,
+}
+
+/// The four gyros: what their effects and the unit's remember.
 #[derive(Debug, Clone)]
-pub struct GyroHead {
-    axes: &'static Axes,
-    states: HeadStates,
+pub struct Package {
+    heads: [HeadStates; 4],
+    unit: UnitStates,
 }
 
-impl GyroHead {
+/// A sub-step: the motion that is counted, and the motion that is true at that time.
+pub struct SubStep {
+    /// What is counted.
+    pub counted: Step,
+    /// What is true; looked at only by a tap.
+    pub truth: Step,
+    /// True time since the start of the run at its end.
+    pub end_s: f64,
+}
+
+impl Package {
     /// At the start of a run.
-    pub fn start(seed: u64, gyro: Gyro) -> GyroHead {
-        GyroHead { axes: Axes::of(gyro), states: HeadStates::start(seed, gyro) }
+    pub fn start(seed: u64) -> Package {
+        Package { heads: Gyro::ALL.map(|gyro| HeadStates::start(seed, gyro)), unit: UnitStates::default() }
     }
 
-    /// Counts one half second: N = (M Δφ + … − D)/SF over its sub-steps, as a real number.
+    /// Counts one half second: N = (M Δφ + … − D)/SF over its sub-steps, as real numbers.
     #[inline]
-    pub fn count(
+    pub fn count<T: Tap>(
         &mut self,
-        calibration: &Calibration,
-        effects: &HeadEffects,
-        timing: &Timing,
+        gyros: &[Standing; 4],
+        unit: &UnitEffects,
         temperatures: &Temperatures,
-        steps: &[Step],
-        tap: &mut impl Tap,
-    ) -> f64 {
-        let length_s: f64 = steps.iter().map(|step| step.length_s).sum();
-        effects.begin(&mut self.states, length_s);
-        let mut counts = 0.0;
-        let offset = [calibration.x_arcsec, calibration.y_arcsec, calibration.z_arcsec];
-        for step in steps {
-            let angle = step.angle_control_arcsec;
-            let along = dot(self.axes.input_control, angle);
-            let mut head = Head {
-                input_arcsec: along + dot(offset, angle) / ARCSEC_PER_RAD,
-                added_arcsec: 0.0,
-                drift_arcsec: calibration.drift_arcsec_per_half_s * (step.length_s / HALF_SECOND_S),
-                scale_factor: calibration.scale_factor,
-            };
-            tap.calibrated(along, &head);
-            let surroundings = Surroundings { step, axes: self.axes, temperatures };
-            effects.apply(&mut self.states, &mut head, &surroundings, tap);
-            let closed = close(&head, timing);
-            tap.closed(closed);
-            counts += closed;
+        steps: &[SubStep],
+        taps: &mut [T; 4],
+    ) -> [f64; 4] {
+        let length_s: f64 = steps.iter().map(|step| step.counted.length_s).sum();
+        for (gyro, states) in gyros.iter().zip(&mut self.heads) {
+            gyro.effects.begin(states, length_s);
+        }
+        let timings = unit.timing();
+        let timing = timings.last().copied().unwrap_or_default();
+        let mut counts = [0.0; 4];
+        for SubStep { counted: step, truth, end_s } in steps {
+            let mut heads: [Head; 4] =
+                std::array::from_fn(|index| calibrated(Axes::of(Gyro::ALL[index]), gyros[index].calibration, step));
+            if T::LOOKS {
+                look_at_start(taps, &heads, &timings, [truth, step]);
+            }
+            unit.apply(&mut self.unit, &mut heads, step, taps);
+            for (index, head) in heads.iter_mut().enumerate() {
+                let surroundings = Surroundings { step, axes: Axes::of(Gyro::ALL[index]), temperatures, end_s: *end_s };
+                let tap = &mut taps[index];
+                gyros[index].effects.apply(&mut self.heads[index], head, &surroundings, tap);
+                counts[index] += head.counts(&timing);
+                if T::LOOKS {
+                    for (column, timing) in timings.iter().enumerate() {
+                        tap.after(UNIT_COLUMNS + column, head.counts(timing));
+                    }
+                }
+            }
         }
         counts
     }
 }
 
-/// N of equation 1 with the clock's factors (Casteren §3.2): SF falls by the clock's error, D per on-board half second
-/// by twice as much in all. The sub-step is already shorter by once the error, so once remains.
+/// The head with its calibration alone.
 #[inline]
-fn close(head: &Head, timing: &Timing) -> f64 {
-    let drift_arcsec = head.drift_arcsec * (1.0 - timing.clock_error);
-    (head.input_arcsec + head.added_arcsec - drift_arcsec) / (head.scale_factor * (1.0 - timing.clock_error))
+fn calibrated(axes: &Axes, calibration: &Calibration, step: &Step) -> Head {
+    let angle = step.angle_control_arcsec;
+    let offset = [calibration.x_arcsec, calibration.y_arcsec, calibration.z_arcsec];
+    Head {
+        input_arcsec: axes.about_input(angle) + dot(offset, angle) / ARCSEC_PER_RAD,
+        added_arcsec: 0.0,
+        drift_arcsec: calibration.drift_arcsec_per_half_s * (step.length_s / HALF_SECOND_S),
+        scale_factor: calibration.scale_factor,
+        added_counts: 0.0,
+    }
+}
+
+/// The true angle, then the motion of another time where an effect shifted it, then the calibration.
+fn look_at_start<T: Tap>(
+    taps: &mut [T; 4],
+    heads: &[Head; 4],
+    timings: &[Timing; UnitEffects::SPECS.len()],
+    [truth, counted]: [&Step; 2],
+) {
+    for ((tap, head), gyro) in taps.iter_mut().zip(heads).zip(Gyro::ALL) {
+        let axes = Axes::of(gyro);
+        tap.begin(axes.about_input(truth.angle_control_arcsec));
+        if let Some(column) = timings.iter().position(|timing| timing.shift_s != 0.0) {
+            tap.after(UNIT_COLUMNS + column, axes.about_input(counted.angle_control_arcsec));
+        }
+        tap.after(CALIBRATION_COLUMN, head.counts(&Timing::default()));
+    }
 }
 
 #[inline]

@@ -8,8 +8,8 @@ use geu_protocol::{CLOCK_PER_HALF_SECOND, Command, Gyro, HalfSecond, LINK_VERSIO
 use crate::attitude::{Motion, Plan, Step};
 use crate::configuration::Configuration;
 use crate::course::Interval;
-use crate::effect::{Tap, Temperatures, Timing};
-use crate::package::{GyroHead, Trace};
+use crate::effect::{SATURATION_COLUMN, Tap, Temperatures, Timing, UnitEffects, WiringEffects, WiringStates};
+use crate::package::{Package, Standing, SubStep, Trace};
 use crate::temperature::Sensor;
 use crate::units::HALF_SECOND_S;
 
@@ -54,10 +54,9 @@ struct SelfTest {
     half_seconds_left: u8,
 }
 
-/// One gyro with its counter.
+/// The counter of one gyro.
 #[derive(Debug, Clone)]
 struct Channel {
-    head: GyroHead,
     power: Power,
     /// Counts so far as a real number, and rounded. The increment is the difference of the rounded.
     accumulated: f64,
@@ -78,13 +77,18 @@ impl Channel {
 #[derive(Debug, Clone)]
 pub struct Unit {
     configuration: Configuration,
+    /// The motion that is counted, which an effect may shift, and the motion of the moment.
     motion: Motion,
+    truth: Motion,
+    package: Package,
     channels: [Channel; 4],
+    wiring: WiringStates,
     sensor: Sensor,
     /// True time since the start, fs, at the start of the running half second and at its end.
     start_fs: i128,
     end_fs: i128,
-    /// Of the running half second.
+    /// Effects of the unit over the running half second, and the time they make.
+    unit: UnitEffects,
     timing: Timing,
     /// Half seconds ended.
     ended: u64,
@@ -100,19 +104,20 @@ pub struct Unit {
 impl Unit {
     /// The unit, spun up and warm, at the start of its first half second.
     pub fn new(configuration: &Configuration) -> Unit {
-        let plan = Plan::new(&configuration.scenario).expect("a configuration holds only scenarios that were tried");
+        let scenario = &configuration.scenario;
+        let plan = Plan::new(scenario).expect("a configuration holds only scenarios that were tried");
+        let truth = Motion::new(plan.clone(), scenario.limit_cycle);
         let mut unit = Unit {
-            motion: Motion::new(plan, configuration.scenario.limit_cycle),
-            channels: Gyro::ALL.map(|gyro| Channel {
-                head: GyroHead::start(configuration.seed, gyro),
-                power: Power::On(0),
-                accumulated: 0.0,
-                rounded: 0.0,
-            }),
+            motion: truth.clone(),
+            truth,
+            package: Package::start(configuration.seed),
+            channels: Gyro::ALL.map(|_| Channel { power: Power::On(0), accumulated: 0.0, rounded: 0.0 }),
+            wiring: WiringStates::default(),
             configuration: configuration.clone(),
             sensor: Sensor::WARM,
             start_fs: 0,
             end_fs: 0,
+            unit: UnitEffects::default(),
             timing: Timing::default(),
             ended: 0,
             lost_counts: [0.0; 4],
@@ -123,6 +128,12 @@ impl Unit {
             last: None,
         };
         unit.schedule_end();
+        // The first half second counts from where its shifted time begins.
+        let shift_s = unit.timing.shift_s;
+        if shift_s > 0.0 {
+            unit.motion = Motion::starting_before(plan, scenario.limit_cycle, shift_s);
+        }
+        unit.motion.advance(-shift_s);
         unit
     }
 
@@ -190,7 +201,7 @@ impl Unit {
         self.end()
     }
 
-    fn end<T: Tap + Default>(&mut self) -> (Ended, [T; 4]) {
+    fn end<T: Tap>(&mut self) -> (Ended, [T; 4]) {
         let (start_s, end_s) = (self.start_fs as f64 * 1e-15, self.end_fs as f64 * 1e-15);
         let temperatures = self.temperatures(0.5 * (start_s + end_s));
         let interval = Interval {
@@ -198,25 +209,34 @@ impl Unit {
             end_s,
             electronics_excess_k: temperatures.electronics_c - temperatures.electronics_reference_c,
         };
-        let steps: [Step; SUB_STEPS] = std::array::from_fn(|index| {
-            let part = (index + 1) as f64 / SUB_STEPS as f64;
-            self.motion.advance(if index + 1 == SUB_STEPS { end_s } else { start_s + part * (end_s - start_s) })
+        let length_s = (end_s - start_s) / SUB_STEPS as f64;
+        let steps: [SubStep; SUB_STEPS] = std::array::from_fn(|index| {
+            // The last sub-step ends with the half second, to the last bit.
+            let until_s = if index + 1 == SUB_STEPS { end_s } else { start_s + (index + 1) as f64 * length_s };
+            let counted = Step { length_s, ..self.motion.advance(until_s - self.timing.shift_s) };
+            let truth = if T::LOOKS && self.timing.shift_s != 0.0 { self.truth.advance(until_s) } else { counted };
+            SubStep { counted, truth, end_s: until_s }
         });
+        let gyros = &self.configuration.gyros;
+        let standing = std::array::from_fn(|index| Standing {
+            calibration: &gyros[index].calibration,
+            effects: gyros[index].effects.at(&interval),
+        });
+        let wiring: [WiringEffects; 4] = std::array::from_fn(|index| gyros[index].wiring.at(&interval));
+        let mut taps: [T; 4] = std::array::from_fn(|_| T::default());
+        let unquantised = self.package.count(&standing, &self.unit, &temperatures, &steps, &mut taps);
+        let mut counts: [f64; 4] = std::array::from_fn(|index| self.channels[index].accumulate(unquantised[index]));
+        WiringEffects::apply(&wiring, &mut self.wiring, &mut counts, &mut taps);
 
         let mut half_second = HalfSecond::default();
         let mut synchronous = true;
-        let traces = std::array::from_fn(|index| {
-            let (gyro, channel, mut trace) = (Gyro::ALL[index], &mut self.channels[index], T::default());
-            let configured = &self.configuration.gyros[index];
-            let effects = configured.effects.at(&interval);
-            let unquantised =
-                channel.head.count(&configured.calibration, &effects, &self.timing, &temperatures, &steps, &mut trace);
-            let mut counts = channel.accumulate(unquantised);
-            match &mut channel.power {
-                Power::Off => counts = 0.0,
+        for (index, gyro) in Gyro::ALL.into_iter().enumerate() {
+            let counts = &mut counts[index];
+            match &mut self.channels[index].power {
+                Power::Off => *counts = 0.0,
                 Power::On(left) => {
                     if let Some(test) = self.self_test.filter(|test| test.gyros & gyro.bit() != 0) {
-                        counts += f64::from(test.counts);
+                        *counts += f64::from(test.counts);
                     }
                     if *left == 0 {
                         half_second.gyro_flags |= gyro.bit();
@@ -227,13 +247,13 @@ impl Unit {
                 }
             }
             let clipped = counts.clamp(f64::from(i16::MIN), f64::from(i16::MAX));
-            if clipped != counts {
+            if clipped != *counts {
                 half_second.gyro_flags |= gyro.bit() << 4;
-                self.lost_counts[index] += (counts - clipped).abs();
+                self.lost_counts[index] += (*counts - clipped).abs();
+                taps[index].changed(SATURATION_COLUMN, clipped - *counts);
             }
             half_second.increments[index] = clipped as i16;
-            trace
-        });
+        }
         self.sequence = self.sequence.wrapping_add(1);
         self.clock_count = (self.clock_count + CLOCK_PER_HALF_SECOND) % CLOCK_MODULUS;
         half_second.sequence = self.sequence;
@@ -260,7 +280,7 @@ impl Unit {
         self.ended += 1;
         self.start_fs = self.end_fs;
         self.schedule_end();
-        (ended, traces)
+        (ended, taps)
     }
 
     /// Schedules the end of the half second that begins: 0.5/(1 + ε) s of true time after its start.
@@ -272,7 +292,8 @@ impl Unit {
             end_s: start_s + HALF_SECOND_S,
             electronics_excess_k: temperatures.electronics_c - temperatures.electronics_reference_c,
         };
-        self.timing = self.configuration.unit.at(&interval).timing();
+        self.unit = self.configuration.unit.at(&interval);
+        self.timing = self.unit.timing().last().copied().unwrap_or_default();
         self.end_fs = self.start_fs + (HALF_SECOND_FS / (1.0 + self.timing.clock_error)).round() as i128;
     }
 
@@ -323,7 +344,7 @@ mod tests {
             let (ended, traces) = unit.end_half_second_traced();
             for index in 0..4 {
                 counted[index] += f64::from(ended.half_second.increments[index]);
-                unquantised[index] += traces[index].counts;
+                unquantised[index] += traces[index].unquantised;
                 assert!((counted[index] - unquantised[index]).abs() < 0.500_001);
             }
         }
@@ -357,7 +378,7 @@ mod tests {
         above.command(&largest);
         let half_second = run(&mut above, 1)[0];
         assert_eq!((half_second.increments[0], half_second.gyro_flags), (i16::MAX, 0x1F));
-        assert!((8.0..13.0).contains(&above.lost_counts()[0]));
+        assert!((8.0..13.0).contains(&above.lost_counts()[0]), "{:?}", above.lost_counts());
     }
 
     #[test]

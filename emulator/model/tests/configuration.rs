@@ -152,7 +152,7 @@ fn an_amplitude_of_zero_changes_no_bit() {
         let (a, b) = (plain.end_half_second_traced(), zeros.end_half_second_traced());
         assert_eq!(a.0, b.0);
         for (a, b) in a.1.iter().zip(&b.1) {
-            assert_eq!(a.counts.to_bits(), b.counts.to_bits());
+            assert_eq!(a.unquantised.to_bits(), b.unquantised.to_bits());
         }
     }
 }

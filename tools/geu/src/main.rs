@@ -4,8 +4,10 @@
 //! `--strict` found defects, 2 bad usage or bad input, 3 a diagnosis ended unexplained.
 
 mod config;
+mod decode;
 mod describe;
 mod failure;
+mod rows;
 mod settings;
 mod simulate;
 
@@ -30,6 +32,8 @@ enum Command {
     Simulate(simulate::Arguments),
     Config(config::Arguments),
     Describe(describe::Arguments),
+    /// Decode recordings or live links to CSV, JSON lines or a summary.
+    Decode(decode::Arguments),
 }
 
 static VERSION: LazyLock<String> = LazyLock::new(|| {
@@ -42,6 +46,7 @@ fn main() -> ExitCode {
         Some(Command::Simulate(arguments)) => simulate::run(&arguments),
         Some(Command::Config(arguments)) => config::run(&arguments),
         Some(Command::Describe(arguments)) => describe::run(&arguments),
+        Some(Command::Decode(arguments)) => decode::run(arguments),
         None => Ok(()),
     };
     match done {

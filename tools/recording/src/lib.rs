@@ -1,1 +1,51 @@
 //! Opens any input, file or live link, and yields half seconds and defects.
+//!
+//! [`Recorder`] opens inputs one after the other and gives their bytes to a [`Decoder`]; that tells rows and defects to
+//! a [`Sink`] and keeps the [`Summary`]. Memory stays flat, however long the input.
+//!
+//! ```
+//! use geu_recording::{Decoder, Defect, Options, Row, Sink};
+//! use geu_protocol::capture::{Format, Reader};
+//!
+//! #[derive(Default)]
+//! struct Rows(Vec<Row>);
+//! impl Sink for Rows {
+//!     fn row(&mut self, row: &Row) {
+//!         self.0.push(*row);
+//!     }
+//!     fn defect(&mut self, defect: &Defect) {
+//!         panic!("{defect:?}");
+//!     }
+//! }
+//!
+//! let log = b"(0.5) can0 1A0#FFFEFFFE00050005\n(0.5) can0 1A1#00000F070810DD5E\n(0.5) can0 1A2#00000007A1201B58\n";
+//! let (mut decoder, mut rows) = (Decoder::new(&Options::default()), Rows::default());
+//! decoder.begin("example.log");
+//! let mut reader = Reader::new(Format::Candump);
+//! reader.finish(log, &mut |place, event| decoder.event(place, event, &mut rows));
+//! decoder.count_records(reader.records());
+//! let summary = decoder.finish(&mut rows);
+//! assert_eq!(rows.0[0].half_second.increments, [-2, -2, 5, 5]);
+//! assert!(summary.account.adds_up());
+//! ```
+
+mod account;
+mod cadence;
+mod clock_fit;
+mod decoder;
+mod defect;
+mod input;
+mod live;
+mod recorder;
+mod row;
+mod summary;
+
+pub use account::Account;
+pub use cadence::Cadence;
+pub use clock_fit::{ClockFit, ClockRate};
+pub use decoder::{Decoder, Options};
+pub use defect::{Defect, DefectKind};
+pub use input::InputError;
+pub use recorder::{Recorder, Stop};
+pub use row::{Row, Sink};
+pub use summary::Summary;

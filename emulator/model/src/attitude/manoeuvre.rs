@@ -262,6 +262,11 @@ impl Plan {
         Some(plan.end_s)
     }
 
+    /// A rest of this length before the first manoeuvre.
+    pub fn rest_before(&self, duration_s: f64) -> Segment {
+        Segment { duration_s, theta: Quadratic::at(self.theta_rad), psi: Quadratic::at(self.psi_rad) }
+    }
+
     /// The next segment; without end the last.
     pub fn next_segment(&mut self) -> Segment {
         loop {

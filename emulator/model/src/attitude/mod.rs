@@ -8,7 +8,7 @@ mod manoeuvre;
 mod motion;
 
 pub use manoeuvre::{Impossible, Leg, Manoeuvre, Plan, Scenario};
-pub use motion::{LimitCycle, Motion, Step};
+pub use motion::{LimitCycle, Moment, Motion, Step};
 
 /// A stretch of time over which θ and ψ have constant accelerations. Radians; times from the segment's start.
 #[derive(Debug, Clone, Copy, PartialEq)]

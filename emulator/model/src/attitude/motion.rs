@@ -25,21 +25,30 @@ numbers! {
     }
 }
 
+/// Attitude and rates at an instant.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Moment {
+    /// True time since the start of the run.
+    pub t_s: f64,
+    /// Inertial rates about the control axes.
+    pub rate_control_arcsec_s: [f64; 3],
+    /// Solar aspect angle.
+    pub theta_rad: f64,
+    /// Angle about the sun vector, not reduced to one turn.
+    pub psi_rad: f64,
+}
+
 /// Motion over one stretch of time.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Step {
-    /// True time since the start of the run at the end of the stretch.
-    pub end_s: f64,
+    /// Its start.
+    pub start: Moment,
+    /// Its end.
+    pub end: Moment,
     /// Length, true time.
     pub length_s: f64,
     /// Rotation about the control axes: the integral of the inertial rates.
     pub angle_control_arcsec: [f64; 3],
-    /// Inertial rates about the control axes at the end.
-    pub rate_control_arcsec_s: [f64; 3],
-    /// Solar aspect angle at the end.
-    pub theta_rad: f64,
-    /// Angle about the sun vector at the end, not reduced to one turn.
-    pub psi_rad: f64,
 }
 
 /// Nodes and weight of the two-point Gauss-Legendre rule on 0…1. Over 0.1 s at 720″/s the integrand turns by 3.5·10⁻⁴
@@ -56,49 +65,66 @@ pub struct Motion {
     segment: Segment,
     /// Start of the segment.
     segment_start_s: f64,
-    now_s: f64,
+    now: Moment,
 }
 
 impl Motion {
     /// At the start of the scenario.
-    pub fn new(mut plan: Plan, limit_cycle: LimitCycle) -> Motion {
-        let segment = plan.next_segment();
-        Motion { plan, limit_cycle, segment, segment_start_s: 0.0, now_s: 0.0 }
+    pub fn new(plan: Plan, limit_cycle: LimitCycle) -> Motion {
+        Motion::starting_before(plan, limit_cycle, 0.0)
     }
 
-    /// Moves on to `end_s` (true time since the start) and tells the motion since the last call.
+    /// `before_s` before the start of the scenario, at rest until then.
+    pub fn starting_before(mut plan: Plan, limit_cycle: LimitCycle, before_s: f64) -> Motion {
+        let segment = if before_s > 0.0 { plan.rest_before(before_s) } else { plan.next_segment() };
+        let mut motion = Motion { plan, limit_cycle, segment, segment_start_s: -before_s, now: Moment::default() };
+        motion.now = motion.moment(-before_s);
+        motion
+    }
+
+    /// Moves on to `end_s` (true time since the start) and tells the motion since the last call; no motion where `end_s`
+    /// lies before that.
     #[inline]
     pub fn advance(&mut self, end_s: f64) -> Step {
-        let start_s = self.now_s;
-        self.plan.forget_legs_before(start_s);
+        let start = self.now;
+        if end_s <= start.t_s {
+            return Step { start, end: start, ..Step::default() };
+        }
+        self.plan.forget_legs_before(start.t_s);
         let mut angle_rad = [0.0; 3];
-        while self.now_s < end_s {
+        let mut now_s = start.t_s;
+        while now_s < end_s {
             let segment_end_s = self.segment_start_s + self.segment.duration_s;
-            if segment_end_s <= self.now_s {
+            if segment_end_s <= now_s {
                 self.segment = self.plan.next_segment();
                 self.segment_start_s = segment_end_s;
                 continue;
             }
             // The small excess keeps a stretch of 0.1 s and a rounding error in one piece.
-            let until_s = if end_s - self.now_s > LONGEST_S * (1.0 + 1e-9) { self.now_s + LONGEST_S } else { end_s };
+            let until_s = if end_s - now_s > LONGEST_S * (1.0 + 1e-9) { now_s + LONGEST_S } else { end_s };
             let until_s = until_s.min(segment_end_s);
-            self.integrate(self.now_s, until_s, &mut angle_rad);
-            self.now_s = until_s;
+            self.integrate(now_s, until_s, &mut angle_rad);
+            now_s = until_s;
         }
-        let t_s = end_s - self.segment_start_s;
-        let (theta_rad, psi_rad) = (self.segment.theta.angle_rad(t_s), self.segment.psi.angle_rad(t_s));
-        let rate_rad_s =
-            rates(theta_rad, psi_rad, self.segment.theta.rate_rad_s(t_s), self.segment.psi.rate_rad_s(t_s));
+        self.now = self.moment(end_s);
         let mut step = Step {
-            end_s,
-            length_s: end_s - start_s,
+            start,
+            end: self.now,
+            length_s: end_s - start.t_s,
             angle_control_arcsec: angle_rad.map(|angle| angle * ARCSEC_PER_RAD),
-            rate_control_arcsec_s: rate_rad_s.map(|rate| rate * ARCSEC_PER_RAD),
-            theta_rad,
-            psi_rad,
         };
-        self.limit_cycle(start_s, &mut step);
+        self.limit_cycle.turn(&mut step);
         step
+    }
+
+    #[inline]
+    fn moment(&self, t_s: f64) -> Moment {
+        let (theta, psi, since_s) = (&self.segment.theta, &self.segment.psi, t_s - self.segment_start_s);
+        let (theta_rad, psi_rad) = (theta.angle_rad(since_s), psi.angle_rad(since_s));
+        let mut rate_control_arcsec_s = rates(theta_rad, psi_rad, theta.rate_rad_s(since_s), psi.rate_rad_s(since_s))
+            .map(|rate| rate * ARCSEC_PER_RAD);
+        self.limit_cycle.add_rates(t_s, &mut rate_control_arcsec_s);
+        Moment { t_s, rate_control_arcsec_s, theta_rad, psi_rad }
     }
 
     /// The legs that began since the last call, and perhaps one that is about to. Only those that were still flown
@@ -123,19 +149,33 @@ impl Motion {
         angle_rad[1] += 0.5 * length_s * sum[1] + theta.change_rad(start + length_s) - theta.change_rad(start);
         angle_rad[2] += 0.5 * length_s * sum[2];
     }
+}
+
+impl LimitCycle {
+    #[inline]
+    fn axes(&self) -> impl Iterator<Item = (usize, f64)> {
+        [self.phase_x_rad, self.phase_y_rad].into_iter().enumerate().filter(|_| self.rate_arcsec_s != 0.0)
+    }
 
     #[inline]
-    fn limit_cycle(&self, start_s: f64, step: &mut Step) {
-        let LimitCycle { rate_arcsec_s, period_s, phase_x_rad, phase_y_rad } = self.limit_cycle;
-        if rate_arcsec_s == 0.0 {
-            return;
+    fn turn_rad_s(&self) -> f64 {
+        std::f64::consts::TAU / self.period_s
+    }
+
+    #[inline]
+    fn add_rates(&self, t_s: f64, rate_control_arcsec_s: &mut [f64; 3]) {
+        for (axis, phase_rad) in self.axes() {
+            rate_control_arcsec_s[axis] += self.rate_arcsec_s * libm::sin(self.turn_rad_s() * t_s + phase_rad);
         }
-        let turn_rad_s = std::f64::consts::TAU / period_s;
-        for (axis, phase_rad) in [phase_x_rad, phase_y_rad].into_iter().enumerate() {
-            let before = libm::cos(turn_rad_s * start_s + phase_rad);
-            let (sin, after) = libm::sincos(turn_rad_s * step.end_s + phase_rad);
-            step.angle_control_arcsec[axis] += rate_arcsec_s / turn_rad_s * (before - after);
-            step.rate_control_arcsec_s[axis] += rate_arcsec_s * sin;
+    }
+
+    /// Adds the integral of the rates over the step.
+    #[inline]
+    fn turn(&self, step: &mut Step) {
+        for (axis, phase_rad) in self.axes() {
+            let cos = |t_s: f64| libm::cos(self.turn_rad_s() * t_s + phase_rad);
+            step.angle_control_arcsec[axis] +=
+                self.rate_arcsec_s / self.turn_rad_s() * (cos(step.start.t_s) - cos(step.end.t_s));
         }
     }
 }

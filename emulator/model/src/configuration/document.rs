@@ -3,9 +3,10 @@
 use std::fmt;
 use std::ops::Range;
 
+use geu_protocol::Gyro;
 use toml_edit::{Document, DocumentMut, Item, TableLike};
 
-use crate::number::{Default, Number, Numbers, limits};
+use crate::number::{Default, Form, Number, Numbers};
 
 /// What is wrong with a configuration, and where.
 #[derive(Debug, Clone, PartialEq)]
@@ -144,7 +145,7 @@ impl<'a> Node<'a> {
     /// # Errors
     /// Not a number, out of limits, or required and not there.
     pub fn number(&self, spec: &Number) -> Read<f64> {
-        match (self.number_within(spec.name, spec.least, spec.greatest)?, spec.default) {
+        match (self.value(spec.name, spec.form, spec.least, spec.greatest)?, spec.default) {
             (Some(value), _) => Ok(value),
             (None, Default::Required) => {
                 let (path, meaning, limits) = (self.path_of(spec.name), spec.meaning.trim(), spec.limits());
@@ -154,18 +155,23 @@ impl<'a> Node<'a> {
         }
     }
 
-    /// A number within limits, where the key is there.
+    /// A number of that form within limits, where the key is there.
     ///
     /// # Errors
-    /// Not a number, or out of limits.
-    pub fn number_within(&self, key: &str, least: f64, greatest: f64) -> Read<Option<f64>> {
+    /// Another form, or out of limits.
+    pub fn value(&self, key: &str, form: Form, least: f64, greatest: f64) -> Read<Option<f64>> {
         let Some(item) = self.table.get(key) else { return Ok(None) };
-        match item.as_float().or_else(|| item.as_integer().map(|value| value as f64)) {
+        let value = match form {
+            Form::Real => item.as_float().or_else(|| item.as_integer().map(|value| value as f64)),
+            Form::Flag => item.as_bool().map(f64::from),
+            Form::Gyro => item.as_str().and_then(Gyro::named).map(|gyro| gyro as usize as f64 + 1.0),
+        };
+        match value {
             Some(value) if least <= value && value <= greatest => Ok(Some(value)),
-            _ => Err(self.value_error(
-                key,
-                format!("expected {} for `{}`, got {}", limits(least, greatest), self.path_of(key), self.got(key)),
-            )),
+            _ => {
+                let (path, got) = (self.path_of(key), self.got(key));
+                Err(self.value_error(key, format!("expected {} for `{path}`, got {got}", form.limits(least, greatest))))
+            }
         }
     }
 

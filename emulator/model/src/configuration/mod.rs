@@ -12,9 +12,9 @@ use document::{Node, Source};
 use geu_protocol::Gyro;
 
 use crate::attitude::{LimitCycle, Manoeuvre, Plan, Scenario};
-use crate::course::{Course, KINDS};
-use crate::effect::{Configured, Effects, HeadEffects, UnitEffects};
-use crate::number::{Default as DefaultValue, Number};
+use crate::course::{Course, KINDS, Kind};
+use crate::effect::{Configured, EffectSpec, Effects, HeadEffects, UnitEffects, WiringEffects};
+use crate::number::{Default as DefaultValue, Form, Number};
 use crate::package::{Axes, Calibration};
 use crate::temperature::ElectronicsCourse;
 
@@ -28,6 +28,8 @@ pub struct GyroConfiguration {
     pub calibration: Calibration,
     /// Its effects.
     pub effects: Configured<HeadEffects>,
+    /// Faults of its wiring.
+    pub wiring: Configured<WiringEffects>,
 }
 
 /// A command of a recorded run.
@@ -102,6 +104,7 @@ pub struct Configuration {
 
 const START: Number = Number {
     name: "start_unix_s",
+    form: Form::Real,
     default: DefaultValue::Value(0.0),
     least: 0.0,
     greatest: 4e9,
@@ -109,6 +112,7 @@ const START: Number = Number {
 };
 const THETA: Number = Number {
     name: "theta_deg",
+    form: Form::Real,
     default: DefaultValue::Value(90.0),
     least: 60.0,
     greatest: 120.0,
@@ -116,6 +120,7 @@ const THETA: Number = Number {
 };
 const PSI: Number = Number {
     name: "psi_deg",
+    form: Form::Real,
     default: DefaultValue::Value(0.0),
     least: -360.0,
     greatest: 360.0,
@@ -123,6 +128,7 @@ const PSI: Number = Number {
 };
 const DURATION: Number = Number {
     name: "duration_s",
+    form: Form::Real,
     default: DefaultValue::Value(0.0),
     least: 0.0,
     greatest: 1e10,
@@ -167,7 +173,10 @@ impl Configuration {
     fn read(root: &Node) -> Result<Configuration, ConfigurationError> {
         root.only(&TOP)?;
         let unit = match root.table("unit")? {
-            Some(node) => read_effects(&node, &[], |_| true)?,
+            Some(node) => {
+                known_effects(&node, &[], &[UnitEffects::SPECS])?;
+                read_effects(&node, |_| true)?
+            }
             None => Configured::default(),
         };
         let mut gyros: [GyroConfiguration; 4] = Default::default();
@@ -203,49 +212,60 @@ fn read_gyro(node: &Node, axes: &Axes) -> Result<GyroConfiguration, Configuratio
     if let Some(node) = node.table("calibration")? {
         node.fill(&mut calibration, has, &[])?;
     }
-    Ok(GyroConfiguration { calibration, effects: read_effects(node, &["calibration"], has)? })
+    known_effects(node, &["calibration"], &[HeadEffects::SPECS, WiringEffects::SPECS])?;
+    Ok(GyroConfiguration { calibration, effects: read_effects(node, has)?, wiring: read_effects(node, has)? })
 }
 
-/// Reads the effects of a list: `code = { … }`, and `code-suffix = { … }` for courses; leaves `others` alone.
-fn read_effects<E: Effects>(
-    node: &Node,
-    others: &[&str],
-    has: impl Fn(&str) -> bool,
-) -> Result<Configured<E>, ConfigurationError> {
+/// The effect that a key names, and the kind of its course where it has a suffix.
+fn named_effect(key: &str, specs: &[EffectSpec]) -> Option<(usize, Option<&'static Kind>)> {
+    let index = |code: &str| specs.iter().position(|spec| spec.code == code);
+    index(key)
+        .map(|effect| (effect, None))
+        .or_else(|| KINDS.iter().find_map(|kind| Some((index(key.strip_suffix(kind.suffix)?)?, Some(kind)))))
+}
+
+/// Refuses keys that are neither `others` nor effects of the lists.
+fn known_effects(node: &Node, others: &[&str], lists: &[&[EffectSpec]]) -> Result<(), ConfigurationError> {
+    let unknown = node
+        .keys()
+        .into_iter()
+        .find(|key| !others.contains(key) && lists.iter().all(|specs| named_effect(key, specs).is_none()));
+    let Some(key) = unknown else { return Ok(()) };
+    let codes = lists.iter().flat_map(|specs| specs.iter().map(|spec| spec.code));
+    let valid: Vec<&str> = others.iter().copied().chain(codes).collect();
+    let suffixes: Vec<&str> = KINDS.iter().map(|kind| kind.suffix).collect();
+    let mut error = node.unknown(key, &valid);
+    error.message += &format!("; an effect may have {} behind it", suffixes.join(", "));
+    Err(error)
+}
+
+/// Reads the effects of a list: `code = { … }`, and `code-suffix = { … }` for courses.
+fn read_effects<E: Effects>(node: &Node, has: impl Fn(&str) -> bool) -> Result<Configured<E>, ConfigurationError> {
     let mut configured = Configured::<E>::default();
     let specs = configured.constant.specs();
-    for key in node.keys().into_iter().filter(|key| !others.contains(key)) {
-        if let Some(index) = specs.iter().position(|spec| spec.code == key) {
-            let table = node.table(key)?.expect("the key is there");
-            table.fill(configured.constant.numbers_mut(index), &has, &[])?;
-            continue;
-        }
-        let course = KINDS.iter().find_map(|kind| {
-            let code = key.strip_suffix(kind.suffix)?;
-            Some((specs.iter().position(|spec| spec.code == code)?, kind))
-        });
-        let Some((effect, kind)) = course else {
-            let mut valid: Vec<String> = others.iter().map(|&other| other.to_owned()).collect();
-            valid.extend(specs.iter().map(|spec| spec.code.to_owned()));
-            let suffixes: Vec<&str> = KINDS.iter().map(|kind| kind.suffix).collect();
-            let mut error = node.unknown(key, &valid);
-            error.message += &format!("; an effect may have {} behind it", suffixes.join(", "));
-            return Err(error);
-        };
+    for key in node.keys() {
+        let Some((effect, kind)) = named_effect(key, specs) else { continue };
         let table = node.table(key)?.expect("the key is there");
+        let Some(kind) = kind else {
+            table.fill(configured.constant.numbers_mut(effect), &has, &[])?;
+            continue;
+        };
         let (spec, numbers) = (&specs[effect], configured.constant.numbers(effect).specs());
-        let sizes: Vec<(usize, (String, f64, f64))> = (0..spec.amplitudes.len())
+        let sizes: Vec<_> = (0..spec.amplitudes.len())
             .filter(|&amplitude| has(numbers[amplitude].name))
-            .map(|amplitude| (amplitude, kind.size(spec, numbers, amplitude)))
+            .filter_map(|amplitude| Some((amplitude, kind.size(spec, numbers, amplitude)?)))
             .collect();
-        let valid: Vec<&str> =
-            sizes.iter().map(|(_, size)| size.0.as_str()).chain(kind.shapes.iter().map(|shape| shape.name)).collect();
+        let valid: Vec<&str> = sizes
+            .iter()
+            .map(|(_, size)| size.name.as_str())
+            .chain(kind.shapes.iter().map(|shape| shape.name))
+            .collect();
         table.only(&valid)?;
         let shapes = kind.shapes.iter().map(|shape| table.number(shape)).collect::<Result<Vec<f64>, _>>()?;
-        for (amplitude, (name, least, greatest)) in &sizes {
-            let size = table.number_within(name, *least, *greatest)?.unwrap_or(0.0);
-            if size != 0.0 {
-                configured.courses.push(Course { effect, amplitude: *amplitude, size, law: kind.law(&shapes) });
+        for (amplitude, size) in &sizes {
+            let value = table.value(&size.name, size.form, size.least, size.greatest)?.unwrap_or(0.0);
+            if value != 0.0 {
+                configured.courses.push(Course { effect, amplitude: *amplitude, size: value, law: kind.law(&shapes) });
             }
         }
     }

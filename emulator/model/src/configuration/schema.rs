@@ -5,9 +5,9 @@ use serde_json::{Map, Value, json};
 
 use super::{Configuration, DURATION, PSI, START, THETA, WireForm};
 use crate::attitude::{LimitCycle, Manoeuvre};
-use crate::course::KINDS;
-use crate::effect::{Effects, HeadEffects, UnitEffects};
-use crate::number::{Default, Number, Numbers};
+use crate::course::{KINDS, Size};
+use crate::effect::{Effects, HeadEffects, UnitEffects, WiringEffects};
+use crate::number::{Default, Form, Number, Numbers};
 use crate::package::{Axes, Calibration};
 use crate::temperature::Electronics;
 
@@ -19,6 +19,7 @@ impl Configuration {
             .map(|gyro| {
                 let has = |name: &str| Axes::of(gyro).has_number(name);
                 let mut properties = effects::<HeadEffects>(&has);
+                properties.extend(effects::<WiringEffects>(&has));
                 properties.insert("calibration".to_owned(), table(&Calibration::default(), &has));
                 (gyro.name().to_owned(), object(properties, &[]))
             })
@@ -67,11 +68,16 @@ fn object(properties: Map<String, Value>, required: &[&str]) -> Value {
     object
 }
 
-fn limited(least: f64, greatest: f64, meaning: &str) -> Value {
-    let mut schema = json!({ "type": "number", "description": meaning.trim() });
+fn limited(form: Form, least: f64, greatest: f64, meaning: &str) -> Value {
+    let mut schema = match form {
+        Form::Real => json!({ "type": "number" }),
+        Form::Flag => json!({ "type": "boolean" }),
+        Form::Gyro => json!({ "enum": Gyro::ALL.map(Gyro::name) }),
+    };
+    schema["description"] = json!(meaning.trim());
     // JSON has no infinities: such a limit is none.
     for (key, limit) in [("minimum", least), ("maximum", greatest)] {
-        if limit.is_finite() {
+        if form == Form::Real && limit.is_finite() {
             schema[key] = json!(limit);
         }
     }
@@ -79,11 +85,11 @@ fn limited(least: f64, greatest: f64, meaning: &str) -> Value {
 }
 
 fn number(spec: &Number) -> Value {
-    let mut schema = limited(spec.least, spec.greatest, spec.meaning);
-    if let Default::Value(value) = spec.default
-        && value.is_finite()
-    {
-        schema["default"] = json!(value);
+    let mut schema = limited(spec.form, spec.least, spec.greatest, spec.meaning);
+    match (spec.form, spec.default) {
+        (Form::Real, Default::Value(value)) if value.is_finite() => schema["default"] = json!(value),
+        (Form::Flag, Default::Value(value)) => schema["default"] = json!(value != 0.0),
+        _ => {}
     }
     schema
 }
@@ -106,8 +112,12 @@ fn effects<E: Effects>(has: &dyn Fn(&str) -> bool) -> Map<String, Value> {
         for kind in KINDS {
             let mut course = Map::new();
             for amplitude in (0..spec.amplitudes.len()).filter(|&amplitude| has(numbers.specs()[amplitude].name)) {
-                let (name, least, greatest) = kind.size(spec, numbers.specs(), amplitude);
-                course.insert(name, limited(least, greatest, kind.meaning));
+                if let Some(Size { name, form, least, greatest }) = kind.size(spec, numbers.specs(), amplitude) {
+                    course.insert(name, limited(form, least, greatest, kind.meaning));
+                }
+            }
+            if course.is_empty() {
+                continue;
             }
             course.extend(kind.shapes.iter().map(|shape| (shape.name.to_owned(), number(shape))));
             let required: Vec<&str> =

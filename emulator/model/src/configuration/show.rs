@@ -8,7 +8,7 @@ use super::{Configuration, DURATION, PSI, START, THETA};
 use crate::attitude::Manoeuvre;
 use crate::course::Kind;
 use crate::effect::{Configured, Effects};
-use crate::number::{Default, Number, Numbers};
+use crate::number::{Default, Form, Number, Numbers};
 use crate::package::Axes;
 
 impl Configuration {
@@ -74,6 +74,7 @@ impl Configuration {
                 has,
             );
             effects(&mut text, complete, &configured.effects, has);
+            effects(&mut text, complete, &configured.wiring, has);
         }
         self.show_run(&mut text);
         text
@@ -112,8 +113,9 @@ fn named(numbers: &dyn Numbers) -> impl Iterator<Item = (&'static Number, f64)> 
 
 fn inline(numbers: &dyn Numbers, has: impl Fn(&str) -> bool) -> String {
     let pairs: Vec<String> = named(numbers)
-        .filter(|(number, _)| has(number.name))
-        .map(|(number, value)| format!("{} = {value:?}", number.name))
+        // A gyro that is not named has no name to write.
+        .filter(|(number, value)| has(number.name) && (number.form != Form::Gyro || *value != 0.0))
+        .map(|(number, value)| format!("{} = {}", number.name, number.written(value)))
         .collect();
     format!("{{ {} }}", pairs.join(", "))
 }
@@ -171,7 +173,8 @@ fn courses<E: Effects>(text: &mut String, configured: &Configured<E>, effect: us
         let sizes = own
             .iter()
             .filter(|other| other.law == course.law)
-            .map(|other| format!("{} = {:?}", kind.size(spec, specs, other.amplitude).0, other.size));
+            .filter_map(|other| Some((kind.size(spec, specs, other.amplitude)?, other.size)))
+            .map(|(size, value)| format!("{} = {}", size.name, size.form.written(value)));
         let shapes = kind.shapes.iter().zip(shapes).map(|(shape, value)| format!("{} = {value:?}", shape.name));
         let pairs: Vec<String> = sizes.chain(shapes).collect();
         line(text, format_args!("{}{} = {{ {} }}", spec.code, kind.suffix, pairs.join(", ")));

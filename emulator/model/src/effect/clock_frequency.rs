@@ -2,9 +2,9 @@
 //!
 //! Rotor frequency and pulse length both come from it: a clock fast by 1 ppm lowers the scale factor by 1 ppm and D, in
 //! arcsec per on-board half second, by 2 ppm in all; a half second takes 0.5/(1 + ppm·10⁻⁶) s of true time. The factors
-//! are applied in the closing line of [`crate::package::Package`].
+//! are applied in the closing line, [`super::Head::counts`].
 
-use super::{Amplitude, Effect, EffectSpec, Timing, TimingLaw};
+use super::{Amplitude, Effect, EffectSpec, Timing, UnitLaw};
 use crate::number::numbers;
 use crate::units::PPM;
 
@@ -26,9 +26,11 @@ impl Effect for ClockFrequency {
     };
 }
 
-impl TimingLaw for ClockFrequency {
+impl UnitLaw for ClockFrequency {
+    type State = ();
+
     #[inline]
-    fn apply(&self, timing: &mut Timing) {
+    fn timing(&self, timing: &mut Timing) {
         timing.clock_error += self.ppm * PPM;
     }
 }

@@ -1,34 +1,60 @@
 //! The effects, one file each, and the lists that name them in physical order. Nothing else names an effect.
 //!
 //! What a law acts on says where and on whom it acts. Effects of the unit are one list ([`UnitEffects`]), effects of a
-//! gyro another ([`HeadEffects`]); their laws are called statically from the list, in the hot loop. All numbers go
-//! through [`Effects`]: configuration and its schema, courses, and whatever searches or moves an amplitude.
+//! gyro another ([`HeadEffects`]), faults of a gyro's wiring a third ([`WiringEffects`]); laws are called statically from
+//! the list, in the hot loop. All numbers go through [`Effects`]: configuration and its schema, courses, and whatever
+//! searches or moves an amplitude. State stands apart from the numbers, so a number moved live never resets it, and an
+//! amplitude of 0 changes no bit.
 //!
-//! | acts on | when | trait |
+//! | acts on | when | method |
 //! |---|---|---|
-//! | [`Timing`] | once per half second | [`TimingLaw`] |
-//! | [`Head`] | once per half second ([`HeadLaw::begin`]), and in every sub-step ([`HeadLaw::apply`]) | [`HeadLaw`] |
+//! | [`Timing`] | once per half second | [`UnitLaw::timing`] |
+//! | the four [`Head`]s together | in every sub-step | [`UnitLaw::apply`] |
+//! | one [`Head`] | once per half second, then in every sub-step | [`HeadLaw::begin`], [`HeadLaw::apply`] |
+//! | the four counts | after rounding, before clipping | [`WiringLaw::apply`] |
 
 mod angle_random_walk;
+mod anisoinertia;
+mod axis_swap;
 mod clock_frequency;
 mod drift;
 mod drift_random_walk;
 mod drift_sensor_temperature;
+mod lost_counts;
 mod misalignment;
+mod misalignment_thermal;
+mod output_axis_acceleration;
+mod pivot_clearance;
 mod scale_factor;
+mod scale_factor_asymmetry;
+mod scale_factor_nonlinearity;
+mod sign_inversion;
+mod stuck_output;
+mod time_offset;
 
 pub use angle_random_walk::AngleRandomWalk;
+pub use anisoinertia::Anisoinertia;
+pub use axis_swap::AxisSwap;
 pub use clock_frequency::ClockFrequency;
 pub use drift::Drift;
 pub use drift_random_walk::DriftRandomWalk;
 pub use drift_sensor_temperature::DriftSensorTemperature;
 use geu_protocol::Gyro;
+pub use lost_counts::LostCounts;
 pub use misalignment::Misalignment;
+pub use misalignment_thermal::MisalignmentThermal;
+pub use output_axis_acceleration::OutputAxisAcceleration;
+pub use pivot_clearance::PivotClearance;
 pub use scale_factor::ScaleFactor;
+pub use scale_factor_asymmetry::ScaleFactorAsymmetry;
+pub use scale_factor_nonlinearity::ScaleFactorNonlinearity;
+pub use sign_inversion::SignInversion;
+pub use stuck_output::StuckOutput;
+pub use time_offset::TimeOffset;
 
 use crate::attitude::Step;
 use crate::course::{Course, Interval};
-use crate::number::{Number, Numbers};
+use crate::number::Numbers;
 use crate::package::Axes;
 
 /// What is said of an effect.
@@ -55,13 +81,6 @@ pub struct Amplitude {
     pub per_k: f64,
 }
 
-impl EffectSpec {
-    /// Index among the numbers of the amplitude of that name.
-    pub fn amplitude(&self, numbers: &[Number], name: &str) -> Option<usize> {
-        numbers.iter().take(self.amplitudes.len()).position(|number| number.name == name)
-    }
-}
-
 /// A definition: numbers and what is said of them together.
 pub trait Effect: Numbers + Default {
     /// What is said of it.
@@ -84,6 +103,8 @@ pub struct Temperatures {
 pub struct Timing {
     /// Relative error of the unit's clock, positive when it is fast.
     pub clock_error: f64,
+    /// How much older than its time stamp the motion is that the counts tell.
+    pub shift_s: f64,
 }
 
 /// One gyro over one sub-step, on its way from true rotation to counts.
@@ -97,13 +118,18 @@ pub struct Head {
     pub drift_arcsec: f64,
     /// SF: arcsec per count.
     pub scale_factor: f64,
+    /// Counts that come from no rotation.
+    pub added_counts: f64,
 }
 
 impl Head {
-    /// N of equation 1, as a real number.
+    /// N of equation 1, as a real number, with the clock's factors (Casteren §3.2): SF falls by the clock's error, D per
+    /// on-board half second by twice as much in all. A sub-step is already shorter by once the error; once remains.
     #[inline]
-    pub fn counts(&self) -> f64 {
-        (self.input_arcsec + self.added_arcsec - self.drift_arcsec) / self.scale_factor
+    pub fn counts(&self, timing: &Timing) -> f64 {
+        let clock = 1.0 - timing.clock_error;
+        (self.input_arcsec + self.added_arcsec - self.drift_arcsec * clock) / (self.scale_factor * clock)
+            + self.added_counts
     }
 }
 
@@ -116,17 +142,25 @@ pub struct Surroundings<'a> {
     pub axes: &'a Axes,
     /// Temperatures, held over the half second.
     pub temperatures: &'a Temperatures,
+    /// True time since the start of the run at the sub-step's end.
+    pub end_s: f64,
 }
 
-/// An effect on the unit's time.
-pub trait TimingLaw: Effect {
-    /// Acts, once per half second.
-    fn apply(&self, timing: &mut Timing);
+/// An effect on the whole unit.
+pub trait UnitLaw: Effect {
+    /// What it remembers.
+    type State: Clone + std::fmt::Debug + Default;
+    /// Acts on the unit's time, once per half second.
+    #[inline]
+    fn timing(&self, _timing: &mut Timing) {}
+    /// Acts on the four heads over one sub-step, in the order of [`Gyro::ALL`].
+    #[inline]
+    fn apply(&self, _state: &mut Self::State, _heads: &mut [Head; 4], _step: &Step) {}
 }
 
 /// An effect on one gyro.
 pub trait HeadLaw: Effect {
-    /// What it remembers, apart from its parameters, so that a number moved live never resets it.
+    /// What it remembers.
     type State: Clone + std::fmt::Debug;
     /// The state at the start of a run.
     fn start(seed: u64, gyro: Gyro) -> Self::State;
@@ -137,24 +171,54 @@ pub trait HeadLaw: Effect {
     fn apply(&self, state: &mut Self::State, head: &mut Head, surroundings: &Surroundings);
 }
 
-/// Sees a head on its way through a sub-step; what an effect contributes is what it changes.
-pub trait Tap {
-    /// The head has the calibration alone; `true_arcsec` is the true rotation about its input axis.
-    fn calibrated(&mut self, true_arcsec: f64, head: &Head);
-    /// The effect at `index` of the list has just acted.
-    fn after(&mut self, index: usize, head: &Head);
-    /// N with the clock's factors.
-    fn closed(&mut self, counts: f64);
+/// A fault of one gyro's wiring.
+pub trait WiringLaw: Effect {
+    /// What it remembers.
+    type State: Clone + std::fmt::Debug + Default;
+    /// Acts on the four counts of a half second; `gyro` is the one that has the fault.
+    fn apply(&self, state: &mut Self::State, gyro: Gyro, counts: &mut [f64; 4]);
+}
+
+/// Sees how counts come about. Columns are those of [`columns`], in order.
+pub trait Tap: Default {
+    /// Whether it looks at all; where it does not, nothing is worked out for it.
+    const LOOKS: bool;
+    /// A sub-step begins; `true_arcsec` is the true rotation about the gyro's input axis.
+    fn begin(&mut self, true_arcsec: f64);
+    /// What stands in `column` has acted; N is now `counts`.
+    fn after(&mut self, column: usize, counts: f64);
+    /// What stands in `column` has changed the count of the half second by `counts`.
+    fn changed(&mut self, column: usize, counts: f64);
 }
 
 /// Sees nothing, at no cost.
 impl Tap for () {
+    const LOOKS: bool = false;
     #[inline]
-    fn calibrated(&mut self, _true_arcsec: f64, _head: &Head) {}
+    fn begin(&mut self, _true_arcsec: f64) {}
     #[inline]
-    fn after(&mut self, _index: usize, _head: &Head) {}
+    fn after(&mut self, _column: usize, _counts: f64) {}
     #[inline]
-    fn closed(&mut self, _counts: f64) {}
+    fn changed(&mut self, _column: usize, _counts: f64) {}
+}
+
+/// Columns of a trace: the calibration, the effects of the three lists, saturation.
+pub const COLUMNS: usize = 2 + UnitEffects::SPECS.len() + HeadEffects::SPECS.len() + WiringEffects::SPECS.len();
+/// Column of the calibration.
+pub const CALIBRATION_COLUMN: usize = 0;
+/// First column of [`UnitEffects`].
+pub const UNIT_COLUMNS: usize = 1;
+/// First column of [`HeadEffects`].
+pub const HEAD_COLUMNS: usize = UNIT_COLUMNS + UnitEffects::SPECS.len();
+/// First column of [`WiringEffects`].
+pub const WIRING_COLUMNS: usize = HEAD_COLUMNS + HeadEffects::SPECS.len();
+/// Column of what clipping to 16 bits takes away.
+pub const SATURATION_COLUMN: usize = COLUMNS - 1;
+
+/// Codes of the columns, in order.
+pub fn columns() -> Vec<&'static str> {
+    let specs = [UnitEffects::SPECS, HeadEffects::SPECS, WiringEffects::SPECS].concat();
+    std::iter::once("calibration").chain(specs.iter().map(|spec| spec.code)).chain(["saturation"]).collect()
 }
 
 /// A list of effects as data.
@@ -220,6 +284,51 @@ macro_rules! effect_list {
     };
 }
 
+macro_rules! unit_effects {
+    ($($field:ident: $type:ident),* $(,)?) => {
+        effect_list! {
+            /// The effects of the whole unit, in physical order.
+            UnitEffects { $($field: $type),* }
+        }
+
+        /// What the effects of the unit remember.
+        #[derive(Debug, Clone, Default)]
+        pub struct UnitStates { $($field: <$type as UnitLaw>::State),* }
+
+        impl UnitEffects {
+            /// The unit's time over one half second after each effect, in order.
+            #[inline]
+            pub fn timing(&self) -> [Timing; UnitEffects::SPECS.len()] {
+                let Self { $($field),* } = self;
+                let mut timing = Timing::default();
+                [$({ $field.timing(&mut timing); timing }),*]
+            }
+
+            /// Lets every effect act on the heads, in order.
+            #[inline]
+            pub fn apply<T: Tap>(&self, states: &mut UnitStates, heads: &mut [Head; 4], step: &Step, taps: &mut [T; 4]) {
+                let Self { $($field),* } = self;
+                let mut column = UNIT_COLUMNS;
+                $(
+                    $field.apply(&mut states.$field, heads, step);
+                    look(taps, heads, column);
+                    column += 1;
+                )*
+                let _ = column;
+            }
+        }
+    };
+}
+
+#[inline]
+fn look<T: Tap>(taps: &mut [T; 4], heads: &[Head; 4], column: usize) {
+    if T::LOOKS {
+        for (tap, head) in taps.iter_mut().zip(heads) {
+            tap.after(column, head.counts(&Timing::default()));
+        }
+    }
+}
+
 macro_rules! head_effects {
     ($($field:ident: $type:ident),* $(,)?) => {
         effect_list! {
@@ -248,45 +357,79 @@ macro_rules! head_effects {
 
             /// Lets every effect act on the head, in order.
             #[inline]
-            pub fn apply(&self, states: &mut HeadStates, head: &mut Head, surroundings: &Surroundings, tap: &mut impl Tap) {
+            pub fn apply<T: Tap>(&self, states: &mut HeadStates, head: &mut Head, surroundings: &Surroundings, tap: &mut T) {
                 let Self { $($field),* } = self;
-                let mut index = 0;
-                $($field.apply(&mut states.$field, head, surroundings); tap.after(index, head); index += 1;)*
-                let _ = index;
+                let mut column = HEAD_COLUMNS;
+                $(
+                    $field.apply(&mut states.$field, head, surroundings);
+                    if T::LOOKS {
+                        tap.after(column, head.counts(&Timing::default()));
+                    }
+                    column += 1;
+                )*
+                let _ = column;
             }
         }
     };
 }
 
-macro_rules! unit_effects {
+macro_rules! wiring_effects {
     ($($field:ident: $type:ident),* $(,)?) => {
         effect_list! {
-            /// The effects of the whole unit, in physical order.
-            UnitEffects { $($field: $type),* }
+            /// The faults of one gyro's wiring, in order.
+            WiringEffects { $($field: $type),* }
         }
 
-        impl UnitEffects {
-            /// The unit's time over one half second.
+        /// What the wiring faults of the four gyros remember.
+        #[derive(Debug, Clone, Default)]
+        pub struct WiringStates { $($field: [<$type as WiringLaw>::State; 4]),* }
+
+        impl WiringEffects {
+            /// Lets the faults of all four gyros act on the counts, fault by fault.
             #[inline]
-            pub fn timing(&self) -> Timing {
-                let Self { $($field),* } = self;
-                let mut timing = Timing::default();
-                $($field.apply(&mut timing);)*
-                timing
+            pub fn apply<T: Tap>(gyros: &[WiringEffects; 4], states: &mut WiringStates, counts: &mut [f64; 4], taps: &mut [T; 4]) {
+                let mut column = WIRING_COLUMNS;
+                $(
+                    let before = *counts;
+                    for gyro in Gyro::ALL {
+                        gyros[gyro as usize].$field.apply(&mut states.$field[gyro as usize], gyro, counts);
+                    }
+                    if T::LOOKS {
+                        for index in 0..4 {
+                            taps[index].changed(column, counts[index] - before[index]);
+                        }
+                    }
+                    column += 1;
+                )*
+                let _ = column;
             }
         }
     };
 }
 
 unit_effects! {
+    time_offset: TimeOffset,
+    misalignment_thermal: MisalignmentThermal,
     clock_frequency: ClockFrequency,
 }
 
 head_effects! {
     misalignment: Misalignment,
+    output_axis_acceleration: OutputAxisAcceleration,
+    anisoinertia: Anisoinertia,
+    pivot_clearance: PivotClearance,
+    scale_factor_nonlinearity: ScaleFactorNonlinearity,
     angle_random_walk: AngleRandomWalk,
     drift: Drift,
     drift_sensor_temperature: DriftSensorTemperature,
     drift_random_walk: DriftRandomWalk,
     scale_factor: ScaleFactor,
+    scale_factor_asymmetry: ScaleFactorAsymmetry,
+    lost_counts: LostCounts,
+}
+
+wiring_effects! {
+    sign_inversion: SignInversion,
+    axis_swap: AxisSwap,
+    stuck_output: StuckOutput,
 }

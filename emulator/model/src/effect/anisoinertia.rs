@@ -1,0 +1,41 @@
+//! Rates about input and spin axes together turn a float of unequal inertias, standard for the type.
+
+use geu_protocol::Gyro;
+
+use super::{Amplitude, Effect, EffectSpec, Head, HeadLaw, Surroundings};
+use crate::number::numbers;
+use crate::units::ARCSEC_PER_RAD;
+
+numbers! {
+    /// Sensed rate in proportion to the product of input and spin rates.
+    pub struct Anisoinertia {
+        /// Sensed rate + seconds · ω_in (arcsec/s) · ω_spin (rad/s).
+        seconds: 0.0, -1.0..=1.0;
+    }
+}
+
+impl Effect for Anisoinertia {
+    const SPEC: EffectSpec = EffectSpec {
+        code: "anisoinertia",
+        title: "anisoinertia",
+        amplitudes: &[Amplitude { per_day: 1.0, per_k: 1.0 }],
+        paper: "0",
+        source: "standard for the type",
+    };
+}
+
+impl HeadLaw for Anisoinertia {
+    type State = ();
+
+    fn start(_seed: u64, _gyro: Gyro) {}
+
+    #[inline]
+    fn apply(&self, _state: &mut (), head: &mut Head, surroundings: &Surroundings) {
+        let step = surroundings.step;
+        if self.seconds == 0.0 || step.length_s == 0.0 {
+            return;
+        }
+        let spin_rad_s = surroundings.axes.about_spin(step.angle_control_arcsec) / ARCSEC_PER_RAD / step.length_s;
+        head.added_arcsec += self.seconds * head.input_arcsec * spin_rad_s;
+    }
+}

@@ -1,0 +1,42 @@
+//! Counts are lost or gained between sensor and link.
+
+use geu_protocol::Gyro;
+
+use super::{Amplitude, Effect, EffectSpec, Head, HeadLaw, Surroundings};
+use crate::number::numbers;
+
+numbers! {
+    /// An offset of the accumulated count.
+    pub struct LostCounts {
+        /// Added to the accumulated count.
+        counts: 0.0, -1e6..=1e6;
+        /// When, since the start of the first half second.
+        time_s: 0.0, 0.0..=1e10;
+    }
+}
+
+impl Effect for LostCounts {
+    const SPEC: EffectSpec = EffectSpec {
+        code: "lost-counts",
+        title: "lost counts",
+        amplitudes: &[Amplitude { per_day: 1e6, per_k: 1e6 }],
+        paper: "0",
+        source: "link",
+    };
+}
+
+impl HeadLaw for LostCounts {
+    /// Counts added so far.
+    type State = f64;
+
+    fn start(_seed: u64, _gyro: Gyro) -> f64 {
+        0.0
+    }
+
+    #[inline]
+    fn apply(&self, state: &mut f64, head: &mut Head, surroundings: &Surroundings) {
+        let counts = if surroundings.end_s > self.time_s { self.counts } else { 0.0 };
+        head.added_counts += counts - *state;
+        *state = counts;
+    }
+}

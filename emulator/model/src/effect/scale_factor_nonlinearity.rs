@@ -1,0 +1,46 @@
+//! The transfer function bends (Casteren §3.2, §5, figure 7).
+//!
+//! Over ±720″/s the departure from the best (minimax) line is a quarter of the cubic's end value: 800 ppm bend by 0.02 %.
+
+use geu_protocol::Gyro;
+
+use super::{Amplitude, Effect, EffectSpec, Head, HeadLaw, Surroundings};
+use crate::number::numbers;
+use crate::units::PPM;
+
+/// Rate at which the cubic takes `cubic_ppm` of the rate: 12 arcmin/s.
+const FULL_ARCSEC_S: f64 = 720.0;
+
+numbers! {
+    /// A cubic term of the sensed rate.
+    pub struct ScaleFactorNonlinearity {
+        /// Sensed rate lower by cubic_ppm·10⁻⁶ · 720 · (ω_in/720)³.
+        cubic_ppm: 0.0, -5000.0..=5000.0;
+    }
+}
+
+impl Effect for ScaleFactorNonlinearity {
+    const SPEC: EffectSpec = EffectSpec {
+        code: "scale-factor-nonlinearity",
+        title: "scale-factor nonlinearity",
+        amplitudes: &[Amplitude { per_day: 5000.0, per_k: 5000.0 }],
+        paper: "800: 0.02 % from the best line",
+        source: "Casteren §3.2, §5, figure 7",
+    };
+}
+
+impl HeadLaw for ScaleFactorNonlinearity {
+    type State = ();
+
+    fn start(_seed: u64, _gyro: Gyro) {}
+
+    #[inline]
+    fn apply(&self, _state: &mut (), head: &mut Head, surroundings: &Surroundings) {
+        let length_s = surroundings.step.length_s;
+        if self.cubic_ppm == 0.0 || length_s == 0.0 {
+            return;
+        }
+        let share = head.input_arcsec / length_s / FULL_ARCSEC_S;
+        head.added_arcsec -= self.cubic_ppm * PPM * FULL_ARCSEC_S * share * share * share * length_s;
+    }
+}

@@ -1,0 +1,31 @@
+//! Counts tell the motion of another moment than their time stamp says.
+
+use super::{Amplitude, Effect, EffectSpec, Timing, UnitLaw};
+use crate::number::numbers;
+
+numbers! {
+    /// Offset of the unit's time.
+    pub struct TimeOffset {
+        /// Counts at t tell the motion of t − seconds; negative only where truth is known ahead.
+        seconds: 0.0, -0.5..=0.5;
+    }
+}
+
+impl Effect for TimeOffset {
+    const SPEC: EffectSpec = EffectSpec {
+        code: "time-offset",
+        title: "time offset",
+        amplitudes: &[Amplitude { per_day: 0.5, per_k: 0.5 }],
+        paper: "0",
+        source: "link",
+    };
+}
+
+impl UnitLaw for TimeOffset {
+    type State = ();
+
+    #[inline]
+    fn timing(&self, timing: &mut Timing) {
+        timing.shift_s += self.seconds;
+    }
+}

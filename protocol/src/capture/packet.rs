@@ -1,0 +1,118 @@
+//! CAN frames as packets of pcap and pcapng, and the walk over binary records.
+
+use super::{Event, Frame, Time};
+
+/// LINKTYPE_CAN_SOCKETCAN: the frame as the kernel gives it, its identifier big-endian.
+const SOCKETCAN: u32 = 227;
+/// LINKTYPE_LINUX_SLL and LINKTYPE_LINUX_SLL2: the frame behind a header that tells the protocol.
+const LINUX_SLL: u32 = 113;
+const LINUX_SLL2: u32 = 276;
+const SLL_HEADER: usize = 16;
+const SLL2_HEADER: usize = 20;
+const PROTOCOL_CAN: u16 = 0x000C;
+const PROTOCOL_CAN_FD: u16 = 0x000D;
+const PROTOCOL_CAN_XL: u16 = 0x000E;
+
+/// Flags above the identifier.
+const EXTENDED: u32 = 0x8000_0000;
+const REMOTE: u32 = 0x4000_0000;
+const ERROR: u32 = 0x2000_0000;
+/// In the sixth byte: a frame in the FD format.
+const FD_FORMAT: u8 = 0x04;
+/// Identifier, length, flags, two reserved bytes.
+const HEADER: usize = 8;
+
+/// Byte order of the machine that wrote a capture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Order {
+    /// Lowest byte first.
+    #[default]
+    Little,
+    /// Highest byte first.
+    Big,
+}
+
+impl Order {
+    /// The two bytes at `at`, 0 where there are none.
+    pub fn u16(self, bytes: &[u8], at: usize) -> u16 {
+        let bytes = bytes.get(at..).and_then(|rest| rest.first_chunk()).copied().unwrap_or_default();
+        if self == Order::Big { u16::from_be_bytes(bytes) } else { u16::from_le_bytes(bytes) }
+    }
+
+    /// The four bytes at `at`, 0 where there are none.
+    pub fn u32(self, bytes: &[u8], at: usize) -> u32 {
+        let bytes = bytes.get(at..).and_then(|rest| rest.first_chunk()).copied().unwrap_or_default();
+        if self == Order::Big { u32::from_be_bytes(bytes) } else { u32::from_le_bytes(bytes) }
+    }
+
+    fn other(self) -> Order {
+        if self == Order::Big { Order::Little } else { Order::Big }
+    }
+}
+
+/// What a packet on a link of type `link` is; nothing where it is too short to be what it says.
+pub fn event<'a>(
+    link: u32,
+    order: Order,
+    time: Option<Time>,
+    interface: &'a [u8],
+    packet: &'a [u8],
+) -> Option<Event<'a>> {
+    let (protocol, frame) = match link {
+        SOCKETCAN => return frame_of_socketcan(Order::Big.u32(packet, 0), time, interface, packet),
+        LINUX_SLL => (Order::Big.u16(packet.get(..SLL_HEADER)?, 14), &packet[SLL_HEADER..]),
+        LINUX_SLL2 => (Order::Big.u16(packet.get(..SLL2_HEADER)?, 0), &packet[SLL2_HEADER..]),
+        _ => return Some(Event::Remark),
+    };
+    match protocol {
+        // Behind a cooked header the identifier is in the order of the machine that wrote it; some tools turn it.
+        PROTOCOL_CAN => {
+            let id = [order, order.other()].map(|order| order.u32(frame, 0));
+            let id = if id[0] > 0x7FF && id[1] <= 0x7FF { id[1] } else { id[0] };
+            frame_of_socketcan(id, time, interface, frame)
+        }
+        PROTOCOL_CAN_FD | PROTOCOL_CAN_XL => Some(Event::Fd),
+        _ => Some(Event::Remark),
+    }
+}
+
+/// What a SocketCAN frame is: its identifier with flags, already in this machine's order, and all its bytes.
+/// Nothing where it is shorter than it says.
+pub fn frame_of_socketcan<'a>(id: u32, time: Option<Time>, interface: &'a [u8], frame: &'a [u8]) -> Option<Event<'a>> {
+    let (header, data) = frame.split_at_checked(HEADER)?;
+    let length = usize::from(header[4]);
+    if id & ERROR != 0 {
+        return Some(Event::Error);
+    }
+    if length > 8 || header[5] & FD_FORMAT != 0 {
+        return Some(Event::Fd);
+    }
+    if id & REMOTE != 0 {
+        return Some(Event::Remote);
+    }
+    let (extended, id) = (id & EXTENDED != 0, id & 0x1FFF_FFFF);
+    Some(Event::Frame(Frame { time, interface, id, extended, data: data.get(..length)? }))
+}
+
+/// Where a walk over binary records stands.
+#[derive(Debug, Clone, Default)]
+pub struct Stream {
+    /// Offset of the first byte not yet consumed.
+    pub offset: u64,
+    /// Records told so far.
+    pub records: u64,
+    /// Bytes of a record too long to keep that are still to come.
+    pub skip: u64,
+    /// The records cannot be told apart any more.
+    pub lost: bool,
+}
+
+impl Stream {
+    /// Goes on by `length` bytes, of which `bytes` may hold only the first; returns how many those are.
+    pub fn advance(&mut self, bytes: &[u8], length: u64) -> usize {
+        let now = length.min(bytes.len() as u64);
+        self.skip = length - now;
+        self.offset += now;
+        now as usize
+    }
+}

@@ -1,0 +1,127 @@
+//! Whether half seconds follow one another: sequence against clock count.
+
+use crate::field::{CLOCK_MODULUS, CLOCK_PER_HALF_SECOND};
+
+/// Whether the clock advanced by 500 000 per sequence step, the sequence wrapping any number of times between.
+pub fn clock_follows(before: (u16, u64), now: (u16, u64)) -> bool {
+    let steps = u64::from(now.0.wrapping_sub(before.0));
+    let advance = now.1.wrapping_sub(before.1) & (CLOCK_MODULUS - 1);
+    advance == steps * CLOCK_PER_HALF_SECOND
+        || (advance.is_multiple_of(CLOCK_PER_HALF_SECOND)
+            && (advance / CLOCK_PER_HALF_SECOND) & 0xFFFF == steps
+            && now.1 > before.1)
+}
+
+/// Whether sequence and clock both count from a RESET_SEQUENCE.
+fn restarted((sequence, clock_count): (u16, u64)) -> bool {
+    clock_count == (u64::from(sequence) + 1) * CLOCK_PER_HALF_SECOND
+}
+
+/// Tells clock counts that follow from those that do not. One that does not is doubted; a second that follows it shows
+/// a new course, which is believed.
+#[derive(Debug, Clone, Default)]
+pub struct ClockCheck {
+    /// Sequence and clock of the last that was believed, and of one since that was not.
+    believed: Option<(u16, u64)>,
+    doubted: Option<(u16, u64)>,
+}
+
+impl ClockCheck {
+    /// Whether this sequence and clock count follow from those before.
+    #[inline]
+    pub fn accepts(&mut self, sequence: u16, clock_count: u64) -> bool {
+        let now = (sequence, clock_count);
+        let follows = |before: Option<(u16, u64)>| before.is_some_and(|before| clock_follows(before, now));
+        if self.believed.is_none() || follows(self.believed) || follows(self.doubted) || restarted(now) {
+            (self.believed, self.doubted) = (Some(now), None);
+            true
+        } else {
+            self.doubted = Some(now);
+            false
+        }
+    }
+}
+
+/// How a half second stands to the one before it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Step {
+    /// Nothing stood before it.
+    First,
+    /// The next.
+    Next,
+    /// The same again.
+    Repeat,
+    /// So many are missing between.
+    Gap(u64),
+    /// Sequence and clock restarted.
+    Reset,
+    /// It stands in no relation to the one before.
+    Jump,
+}
+
+/// Follows the sequence through half seconds, by the clock where both have one.
+#[derive(Debug, Clone, Default)]
+pub struct Continuity {
+    last: Option<(u16, Option<u64>)>,
+}
+
+impl Continuity {
+    /// How this half second stands to the one before.
+    #[inline]
+    pub fn step(&mut self, sequence: u16, clock_count: Option<u64>) -> Step {
+        let Some((last_sequence, last_clock)) = self.last.replace((sequence, clock_count)) else {
+            return Step::First;
+        };
+        let steps = sequence.wrapping_sub(last_sequence);
+        match (last_clock, clock_count) {
+            (Some(before), Some(now)) if clock_follows((last_sequence, before), (sequence, now)) => {
+                match (now.wrapping_sub(before) & (CLOCK_MODULUS - 1)) / CLOCK_PER_HALF_SECOND {
+                    0 => Step::Repeat,
+                    1 => Step::Next,
+                    steps => Step::Gap(steps - 1),
+                }
+            }
+            (Some(_), Some(now)) if restarted((sequence, now)) => Step::Reset,
+            (Some(_), Some(_)) if steps != 1 => Step::Jump,
+            _ => match steps {
+                0 => Step::Repeat,
+                1 => Step::Next,
+                0x8000.. => Step::Jump,
+                steps => Step::Gap(u64::from(steps) - 1),
+            },
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_clock_wraps_at_48_bits_and_the_sequence_any_number_of_times() {
+        assert!(clock_follows((65_535, CLOCK_MODULUS - 500_000), (0, 0)));
+        assert!(clock_follows((3, 1_000_000), (4, 1_000_000 + (65_536 + 1) * 500_000)));
+        assert!(!clock_follows((3, 1_000_000), (4, 1_000_000)));
+        assert!(clock_follows((3, 1_000_000), (3, 1_000_000)));
+    }
+
+    #[test]
+    fn steps_are_counted_by_the_clock_and_without_it_by_the_sequence() {
+        let step = |before: (u16, Option<u64>), now: (u16, Option<u64>)| {
+            let mut continuity = Continuity::default();
+            assert_eq!(continuity.step(before.0, before.1), Step::First);
+            continuity.step(now.0, now.1)
+        };
+        let at = |n: u64| (n as u16, Some(7 + n * CLOCK_PER_HALF_SECOND));
+        assert_eq!(step(at(5), at(6)), Step::Next);
+        assert_eq!(step(at(5), at(5)), Step::Repeat);
+        assert_eq!(step(at(5), at(8)), Step::Gap(2));
+        assert_eq!(step(at(5), at(5 + 65_536)), Step::Gap(65_535));
+        assert_eq!(step(at(65_535), at(65_536)), Step::Next);
+        assert_eq!(step(at(5), (0, Some(500_000))), Step::Reset);
+        assert_eq!(step(at(5), (9, Some(1))), Step::Jump);
+        assert_eq!(step((5, None), (8, None)), Step::Gap(2));
+        assert_eq!(step((5, None), at(5)), Step::Repeat);
+        assert_eq!(step((5, None), (4, None)), Step::Jump);
+    }
+}

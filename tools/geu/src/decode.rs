@@ -1,0 +1,239 @@
+//! `geu decode`: recordings and live links to rows.
+
+use std::fs::File;
+use std::io::{self, Write};
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use clap::{Args, ValueEnum};
+use geu_protocol::CanPlan;
+use geu_protocol::capture::Format as InputFormat;
+use geu_recording::{Defect, InputError, Options, Recorder, Row, Sink, Stop};
+
+use crate::failure::Failure;
+use crate::rows::{Form, write_defect, write_row};
+
+/// Arguments of `geu decode`.
+#[derive(Args)]
+pub struct Arguments {
+    /// Recording, `-`, serial device, pty, or CAN interface (live); several are one stream, in order.
+    #[arg(required = true, value_name = "INPUT")]
+    inputs: Vec<String>,
+    /// What to write.
+    #[arg(long, value_enum, default_value_t = Format::Csv)]
+    format: Format,
+    /// Where to write it, instead of standard output.
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Where to write the defects, one JSON object a line: place, kind, bytes.
+    #[arg(long, value_name = "FILE")]
+    defects: Option<PathBuf>,
+    /// Exit with 1 when there were defects.
+    #[arg(long)]
+    strict: bool,
+    /// Base of the unit's CAN identifiers, hexadecimal.
+    #[arg(long, value_name = "ID", value_parser = base)]
+    base: Option<CanPlan>,
+    /// The interface wanted, where several in a capture carry the unit (otherwise the first that does).
+    #[arg(long, value_name = "NAME")]
+    interface: Option<String>,
+    /// Format of the inputs, instead of telling it from their content.
+    #[arg(long, value_name = "FORMAT", value_parser = input_format)]
+    input_format: Option<InputFormat>,
+    /// Rate of serial devices.
+    #[arg(long, value_name = "BAUD")]
+    baud: Option<u32>,
+    /// Stop after so long.
+    #[arg(long, value_name = "SECONDS", value_parser = seconds)]
+    duration: Option<Duration>,
+    /// Do not print the summary to standard error.
+    #[arg(long, short)]
+    quiet: bool,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Format {
+    /// Comma-separated values with a header.
+    Csv,
+    /// One JSON object a line.
+    Jsonl,
+    /// The summary alone.
+    Summary,
+}
+
+fn base(text: &str) -> Result<CanPlan, String> {
+    let digits = text.strip_prefix("0x").unwrap_or(text);
+    let max = CanPlan::MAX_BASE;
+    u16::from_str_radix(digits, 16)
+        .ok()
+        .and_then(CanPlan::with_base)
+        .ok_or_else(|| format!("expected a hexadecimal identifier from 0 to {max:X}, got {text}"))
+}
+
+fn input_format(text: &str) -> Result<InputFormat, String> {
+    InputFormat::named(text).ok_or_else(|| {
+        let names = InputFormat::NAMED.map(|(name, _)| name);
+        format!("expected one of {}, got {text}", names.join(", "))
+    })
+}
+
+fn seconds(text: &str) -> Result<Duration, String> {
+    text.parse()
+        .ok()
+        .and_then(|seconds| Duration::try_from_secs_f64(seconds).ok())
+        .ok_or_else(|| format!("expected seconds, got {text}"))
+}
+
+/// Set by the first SIGINT or SIGTERM; the second ends the process.
+static STOP: AtomicBool = AtomicBool::new(false);
+
+extern "C" fn stop(_signal: i32) {
+    STOP.store(true, Ordering::Relaxed);
+}
+
+fn stop_on_signals() {
+    use nix::sys::signal::{SaFlags, SigAction, SigHandler, SigSet, Signal, sigaction};
+    let action = SigAction::new(SigHandler::Handler(stop), SaFlags::SA_RESETHAND, SigSet::empty());
+    for signal in [Signal::SIGINT, Signal::SIGTERM] {
+        // SAFETY: the handler only stores to an atomic.
+        let _ = unsafe { sigaction(signal, &action) };
+    }
+}
+
+/// Decodes.
+pub fn run(arguments: Arguments) -> Result<(), Failure> {
+    stop_on_signals();
+    let rows = match arguments.format {
+        Format::Summary => None,
+        format => Some(Output::open(arguments.out.as_ref())?.in_form(match format {
+            Format::Jsonl => Form::Jsonl,
+            _ => Form::Csv,
+        })),
+    };
+    let defects = arguments.defects.as_ref().map(|path| Output::open(Some(path))).transpose()?;
+    let mut writer = Writer { rows, defects, broken: None };
+    let options = Options {
+        plan: arguments.base.unwrap_or_default(),
+        interface: arguments.interface.clone(),
+        format: arguments.input_format,
+        baud: arguments.baud,
+    };
+    let deadline = arguments.duration.map(|duration| Instant::now() + duration);
+    let mut recorder = Recorder::new(options, Stop { flag: Some(&STOP), deadline });
+    let mut result: Result<(), InputError> = Ok(());
+    for input in &arguments.inputs {
+        result = recorder.read(input, &mut writer);
+        if result.is_err() || writer.is_closed() {
+            break;
+        }
+    }
+    let (summary, ending) = recorder.finish(&mut writer);
+    writer.flush();
+    match writer.broken {
+        // Whoever read the rows has seen enough.
+        Some(error) if error.kind() == io::ErrorKind::BrokenPipe => return Ok(()),
+        Some(error) => return Err(Failure::failed(format!("writing failed: {error}"))),
+        None => {}
+    }
+    if arguments.format == Format::Summary {
+        let mut out = Output::open(arguments.out.as_ref())?;
+        out.buffer = summary.to_string().into_bytes();
+        out.flush().or_else(|error| match error.kind() {
+            io::ErrorKind::BrokenPipe => Ok(()),
+            _ => Err(Failure::failed(format!("writing failed: {error}"))),
+        })?;
+    } else if !arguments.quiet {
+        eprint!("{summary}");
+    }
+    result.and(ending).map_err(Failure::input)?;
+    let defects = summary.account.defect_count();
+    match arguments.strict && defects > 0 {
+        true => Err(Failure::failed(format!("--strict: {defects} defects"))),
+        false => Ok(()),
+    }
+}
+
+/// Bytes kept before they are written.
+const BUFFER: usize = 1 << 18;
+
+/// A file or standard output behind a large buffer.
+struct Output {
+    writer: Box<dyn Write>,
+    buffer: Vec<u8>,
+    form: Form,
+}
+
+impl Output {
+    fn open(path: Option<&PathBuf>) -> Result<Output, Failure> {
+        let writer: Box<dyn Write> = match path {
+            Some(path) => Box::new(
+                File::create(path)
+                    .map_err(|error| Failure::input(format!("{}: cannot be written: {error}", path.display())))?,
+            ),
+            None => Box::new(io::stdout().lock()),
+        };
+        Ok(Output { writer, buffer: Vec::with_capacity(BUFFER + 1024), form: Form::Csv })
+    }
+
+    fn in_form(mut self, form: Form) -> Output {
+        self.form = form;
+        self.buffer.extend_from_slice(form.header());
+        self
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.writer.write_all(&self.buffer)?;
+        self.buffer.clear();
+        self.writer.flush()
+    }
+}
+
+/// Writes rows and defects as they come.
+struct Writer {
+    rows: Option<Output>,
+    defects: Option<Output>,
+    /// Why nothing can be written any more.
+    broken: Option<io::Error>,
+}
+
+impl Writer {
+    #[cold]
+    fn write_out(&mut self) {
+        for output in [&mut self.rows, &mut self.defects].into_iter().flatten() {
+            if let Err(error) = output.flush() {
+                output.buffer.clear();
+                self.broken.get_or_insert(error);
+            }
+        }
+    }
+}
+
+impl Sink for Writer {
+    #[inline]
+    fn row(&mut self, row: &Row) {
+        if let Some(output) = &mut self.rows {
+            write_row(output.form, row, &mut output.buffer);
+            if output.buffer.len() >= BUFFER {
+                self.write_out();
+            }
+        }
+    }
+
+    fn defect(&mut self, defect: &Defect) {
+        if let Some(output) = &mut self.defects {
+            write_defect(defect, &mut output.buffer);
+            if output.buffer.len() >= BUFFER {
+                self.write_out();
+            }
+        }
+    }
+
+    fn flush(&mut self) {
+        self.write_out();
+    }
+
+    fn is_closed(&self) -> bool {
+        self.broken.is_some()
+    }
+}

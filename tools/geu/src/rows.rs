@@ -1,0 +1,259 @@
+//! Rows and defects as text, fast: CSV and JSON lines.
+
+use geu_protocol::capture::Time;
+use geu_recording::{Defect, Row};
+
+/// A form of text.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Form {
+    /// Comma-separated values.
+    Csv,
+    /// One JSON object a line.
+    Jsonl,
+}
+
+const NAMES: [&str; 11] = [
+    "t_s",
+    "sequence",
+    "clock_count",
+    "gyrx",
+    "gyry",
+    "gyrza",
+    "gyrzb",
+    "gyro_flags",
+    "unit_flags",
+    "electronics_c",
+    "sensor_c",
+];
+
+impl Form {
+    /// What stands before the first row.
+    pub fn header(self) -> &'static [u8] {
+        match self {
+            Form::Csv => {
+                b"t_s,sequence,clock_count,gyrx,gyry,gyrza,gyrzb,gyro_flags,unit_flags,electronics_c,sensor_c\n"
+            }
+            Form::Jsonl => b"",
+        }
+    }
+}
+
+/// Appends a row with its line end.
+#[inline]
+pub fn write_row(form: Form, row: &Row, out: &mut Vec<u8>) {
+    let mut line = Line { form, field: 0, bytes: [0; LINE], length: 0 };
+    let half_second = &row.half_second;
+    line.field(row.time, |line, time| line.seconds(time));
+    line.field(Some(half_second.sequence), |line, value| line.unsigned(value.into()));
+    line.field(row.has_clock.then_some(half_second.clock_count), |line, value| line.unsigned(value));
+    for increment in half_second.increments {
+        line.field(Some(increment), |line, value| line.signed(value.into()));
+    }
+    line.field(Some(half_second.gyro_flags), |line, value| line.unsigned(value.into()));
+    line.field(Some(half_second.unit_flags), |line, value| line.unsigned(value.into()));
+    line.field(Some(half_second.electronics_centi_c), |line, value| line.hundredths(value));
+    line.field(row.has_clock.then_some(half_second.sensor_centi_c), |line, value| line.hundredths(value));
+    if form == Form::Jsonl {
+        line.push(b"}");
+    }
+    line.push(b"\n");
+    out.extend_from_slice(&line.bytes[..line.length]);
+}
+
+/// Longer than any line: names and eleven numbers.
+const LINE: usize = 384;
+
+struct Line {
+    form: Form,
+    field: usize,
+    bytes: [u8; LINE],
+    length: usize,
+}
+
+/// The two digits of each number below 100.
+const PAIRS: [[u8; 2]; 100] = {
+    let mut pairs = [[0; 2]; 100];
+    let mut value = 0;
+    while value < 100 {
+        pairs[value] = [b'0' + (value / 10) as u8, b'0' + (value % 10) as u8];
+        value += 1;
+    }
+    pairs
+};
+
+impl Line {
+    #[inline]
+    fn push(&mut self, bytes: &[u8]) {
+        self.bytes[self.length..self.length + bytes.len()].copy_from_slice(bytes);
+        self.length += bytes.len();
+    }
+
+    #[inline]
+    fn field<T>(&mut self, value: Option<T>, write: impl FnOnce(&mut Line, T)) {
+        match self.form {
+            Form::Csv if self.field > 0 => self.push(b","),
+            Form::Csv => {}
+            Form::Jsonl => {
+                self.push(if self.field == 0 { b"{\"" } else { b",\"" });
+                self.push(NAMES[self.field].as_bytes());
+                self.push(b"\":");
+            }
+        }
+        self.field += 1;
+        match value {
+            Some(value) => write(self, value),
+            None if self.form == Form::Jsonl => self.push(b"null"),
+            None => {}
+        }
+    }
+
+    #[inline]
+    fn unsigned(&mut self, mut value: u64) {
+        let (mut digits, mut at) = ([0; 20], 20);
+        while value >= 100 {
+            at -= 2;
+            digits[at..at + 2].copy_from_slice(&PAIRS[(value % 100) as usize]);
+            value /= 100;
+        }
+        at -= 2;
+        digits[at..at + 2].copy_from_slice(&PAIRS[value as usize]);
+        at += usize::from(value < 10);
+        self.push(&digits[at..]);
+    }
+
+    #[inline]
+    fn signed(&mut self, value: i64) {
+        if value < 0 {
+            self.push(b"-");
+        }
+        self.unsigned(value.unsigned_abs());
+    }
+
+    #[inline]
+    fn hundredths(&mut self, value: i16) {
+        if value < 0 {
+            self.push(b"-");
+        }
+        let magnitude = value.unsigned_abs();
+        self.unsigned(u64::from(magnitude / 100));
+        self.push(b".");
+        self.push(&PAIRS[usize::from(magnitude % 100)]);
+    }
+
+    /// As many digits as the source has, at least six.
+    #[inline]
+    fn seconds(&mut self, time: Time) {
+        if time.t_ns < 0 {
+            self.push(b"-");
+        }
+        let magnitude = time.t_ns.unsigned_abs();
+        self.unsigned(magnitude / 1_000_000_000);
+        let mut fraction = (magnitude % 1_000_000_000) * 10;
+        let mut digits = [b'.'; 11];
+        for pair in (0..5).rev() {
+            digits[1 + 2 * pair..3 + 2 * pair].copy_from_slice(&PAIRS[(fraction % 100) as usize]);
+            fraction /= 100;
+        }
+        self.push(&digits[..1 + usize::from(time.digits.clamp(6, 9))]);
+    }
+}
+
+/// Appends a defect as a JSON object with its line end: place, kind, bytes in hexadecimal; time and what was lost where
+/// they are known.
+pub fn write_defect(defect: &Defect, out: &mut Vec<u8>) {
+    out.extend_from_slice(b"{\"place\":");
+    quote(&defect.place_text(), out);
+    out.extend_from_slice(b",\"kind\":");
+    quote(defect.kind.name(), out);
+    out.extend_from_slice(b",\"bytes\":\"");
+    for byte in defect.bytes {
+        out.extend_from_slice(format!("{byte:02X}").as_bytes());
+    }
+    out.extend_from_slice(b"\"");
+    if let Some(text) = readable(defect.bytes) {
+        out.extend_from_slice(b",\"text\":");
+        quote(text, out);
+    }
+    if let Some(time) = defect.time {
+        let mut line = Line { form: Form::Csv, field: 0, bytes: [0; LINE], length: 0 };
+        line.seconds(time);
+        out.extend_from_slice(b",\"t_s\":");
+        out.extend_from_slice(&line.bytes[..line.length]);
+    }
+    if defect.lost > 0 {
+        out.extend_from_slice(format!(",\"lost\":{}", defect.lost).as_bytes());
+    }
+    out.extend_from_slice(b"}\n");
+}
+
+/// A broken line, where a person can read it.
+fn readable(bytes: &[u8]) -> Option<&str> {
+    let text = std::str::from_utf8(bytes).ok()?;
+    (text.len() > 2 && text.chars().all(|letter| letter == '\t' || !letter.is_control())).then_some(text)
+}
+
+fn quote(text: &str, out: &mut Vec<u8>) {
+    out.push(b'"');
+    for letter in text.chars() {
+        match letter {
+            '"' | '\\' => out.extend_from_slice(&[b'\\', letter as u8]),
+            letter if (letter as u32) < 0x20 => {
+                out.extend_from_slice(format!("\\u{:04x}", letter as u32).as_bytes());
+            }
+            letter => out.extend_from_slice(letter.encode_utf8(&mut [0; 4]).as_bytes()),
+        }
+    }
+    out.push(b'"');
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use geu_protocol::HalfSecond;
+
+    const ROW: Row = Row {
+        time: Some(Time { t_ns: 1_795_020_000_500_932_000, digits: 6 }),
+        is_received: true,
+        half_second: HalfSecond {
+            sequence: 65_535,
+            increments: [-32_768, 32_767, 0, -1],
+            gyro_flags: 0x0F,
+            unit_flags: 0x07,
+            electronics_centi_c: -5,
+            clock_count: (1 << 48) - 1,
+            sensor_centi_c: 7000,
+        },
+        has_clock: true,
+    };
+
+    fn text(form: Form, row: &Row) -> String {
+        let mut out = Vec::new();
+        write_row(form, row, &mut out);
+        String::from_utf8(out).unwrap()
+    }
+
+    #[test]
+    fn csv_is_as_the_contract_says() {
+        assert_eq!(
+            text(Form::Csv, &ROW),
+            "1795020000.500932,65535,281474976710655,-32768,32767,0,-1,15,7,-0.05,70.00\n"
+        );
+        let time = Some(Time { t_ns: -1_500_000_001, digits: 9 });
+        assert_eq!(
+            text(Form::Csv, &Row { time, has_clock: false, ..ROW }),
+            "-1.500000001,65535,,-32768,32767,0,-1,15,7,-0.05,\n"
+        );
+        let time = Some(Time { t_ns: 100_000_000, digits: 1 });
+        assert!(text(Form::Csv, &Row { time, ..ROW }).starts_with("0.100000,"));
+        assert!(Form::Csv.header().trim_ascii_end() == NAMES.join(",").as_bytes());
+    }
+
+    #[test]
+    fn json_has_the_same_names_and_null_for_what_is_absent() {
+        assert_eq!(
+            text(Form::Jsonl, &Row { time: None, has_clock: false, ..ROW }),
+            "{\"t_s\":null,\"sequence\":65535,\"clock_count\":null,\"gyrx\":-32768,\"gyry\":32767,\"gyrza\":0,\
+             \"gyrzb\":-1,\"gyro_flags\":15,\"unit_flags\":7,\"electronics_c\":-0.05,\"sensor_c\":null}\n"
+        );
+    }
+}

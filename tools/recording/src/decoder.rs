@@ -1,0 +1,399 @@
+//! From events and serial bytes to rows and defects.
+
+use geu_protocol::can::{Assembled, Assembler, CanDefect, Concerned, Role};
+use geu_protocol::capture::{Event, Format, Frame, Place, Time};
+use geu_protocol::command::{COMMAND_LENGTHS, REPLY_LENGTHS};
+use geu_protocol::continuity::ClockCheck;
+use geu_protocol::serial::{Deframer, Found, Kind, MAX_FRAME, read_data};
+use geu_protocol::{CanPlan, HalfSecond};
+
+use crate::defect::DefectKind;
+use crate::row::{Row, Sink};
+use crate::summary::{Flow, Summary};
+
+/// What the user may choose.
+#[derive(Debug, Clone, Default)]
+pub struct Options {
+    /// Identifiers of the unit.
+    pub plan: CanPlan,
+    /// The interface whose rows are wanted, where several carry the unit; otherwise the first that does.
+    pub interface: Option<String>,
+    /// Format of the inputs; otherwise told from their content.
+    pub format: Option<Format>,
+    /// Rate of serial devices, baud.
+    pub baud: Option<u32>,
+}
+
+/// What is known of a frame: when and where.
+#[derive(Debug, Clone, Copy)]
+struct Stamp {
+    time: Option<Time>,
+    place: Place,
+    input: u32,
+}
+
+/// Turns the content of inputs, one after the other, into rows and defects.
+#[derive(Debug)]
+pub struct Decoder {
+    plan: CanPlan,
+    buses: Vec<Bus>,
+    /// The bus of the frame before; frames of one bus mostly follow each other.
+    last_bus: usize,
+    choice: Choice,
+    serial: Serial,
+    flow: Flow,
+}
+
+#[derive(Debug)]
+enum Choice {
+    Named(Vec<u8>),
+    First,
+    Made(usize),
+}
+
+/// Defects told of a bus before it is chosen are kept; no more than so many.
+const MAX_EARLY: usize = 1000;
+
+/// An interface that carries the unit's identifiers.
+#[derive(Debug)]
+struct Bus {
+    name: Vec<u8>,
+    assembler: Assembler<Stamp>,
+    tally: Tally,
+}
+
+/// What one interface brought.
+#[derive(Debug, Default)]
+struct Tally {
+    frames: u64,
+    decoded: u64,
+    commands: u64,
+    replies: u64,
+    defects: Vec<(Stamp, CanDefect, Concerned)>,
+    /// Defects beyond those kept, by the order of [`CanDefect::ALL`].
+    more: [u64; CanDefect::ALL.len()],
+}
+
+#[derive(Debug, Default)]
+struct Serial {
+    deframer: Deframer,
+    carry: Vec<u8>,
+    clock: ClockCheck,
+    /// Which input begins at which offset of the stream.
+    starts: Vec<(u64, u32)>,
+    total: u64,
+    /// Whether a sync was rejected inside the run of bytes that is being skipped.
+    rejected: bool,
+}
+
+impl Decoder {
+    /// A decoder before its first input.
+    pub fn new(options: &Options) -> Decoder {
+        Decoder {
+            plan: options.plan,
+            buses: Vec::new(),
+            last_bus: 0,
+            choice: options.interface.as_ref().map_or(Choice::First, |name| Choice::Named(name.clone().into_bytes())),
+            serial: Serial::default(),
+            flow: Flow::default(),
+        }
+    }
+
+    /// Says that what comes now is from this input.
+    pub fn begin(&mut self, name: &str) {
+        self.flow.begin(name);
+    }
+
+    /// What has been found so far.
+    pub fn summary(&self) -> &Summary {
+        &self.flow.summary
+    }
+
+    /// Says what the present input is.
+    pub fn describe(&mut self, kind: &str) {
+        if let Some((_, known)) = self.flow.summary.inputs.last_mut() {
+            kind.clone_into(known);
+        }
+    }
+
+    /// The summary, at the end.
+    pub fn into_summary(self) -> Summary {
+        self.flow.summary
+    }
+
+    /// Counts records as their reader counts them; they must equal the events.
+    pub fn count_records(&mut self, records: u64) {
+        self.flow.summary.account.records += records;
+    }
+
+    /// Takes a record of a capture, or a live CAN frame.
+    #[inline]
+    pub fn event(&mut self, place: Place, event: Event, sink: &mut impl Sink) {
+        let account = &mut self.flow.summary.account;
+        match event {
+            Event::Frame(frame) => {
+                let role = if frame.extended { Role::Other } else { self.plan.role(frame.id) };
+                if role == Role::Other { account.other += 1 } else { self.unit_frame(role, place, &frame, sink) }
+            }
+            Event::Remote => account.remote += 1,
+            Event::Fd => account.fd += 1,
+            Event::Error => account.error += 1,
+            Event::Remark => account.remarks += 1,
+            Event::Dropped(count) => {
+                account.remarks += 1;
+                self.dropped(place, count, sink);
+            }
+            Event::Broken { bytes, cut } => {
+                let kind = if cut { DefectKind::CutRecord } else { DefectKind::BrokenRecord };
+                self.flow.defect(self.flow.stamp(place, None), kind, bytes, 0, sink);
+            }
+        }
+    }
+
+    /// Takes the news that the receiver lost `count` frames.
+    pub fn dropped(&mut self, place: Place, count: u64, sink: &mut impl Sink) {
+        self.flow.defect(self.flow.stamp(place, None), DefectKind::ReceiverDropped, &[], count, sink);
+    }
+
+    #[inline]
+    fn unit_frame(&mut self, role: Role, place: Place, frame: &Frame, sink: &mut impl Sink) {
+        let index = self.bus(frame.interface);
+        let stamp = Stamp { time: frame.time, place, input: self.flow.input() };
+        let Decoder { buses, choice, flow, .. } = self;
+        let Bus { assembler, tally, .. } = &mut buses[index];
+        tally.frames += 1;
+        match role {
+            Role::Command | Role::Reply => {
+                let (lengths, count) = match role {
+                    Role::Command => (COMMAND_LENGTHS, &mut tally.commands),
+                    _ => (REPLY_LENGTHS, &mut tally.replies),
+                };
+                if lengths.contains(&frame.data.len()) {
+                    *count += 1;
+                } else {
+                    let concerned = Concerned::new([frame.data, &[]]);
+                    tally.defect(choice.is(index), stamp, CanDefect::WrongLength, concerned, flow, sink);
+                }
+            }
+            _ => assembler.push(role, stamp, frame.data, &mut |assembled| {
+                tally.assembled(assembled, index, choice, flow, sink);
+            }),
+        }
+    }
+
+    #[inline]
+    fn bus(&mut self, name: &[u8]) -> usize {
+        if self.buses.get(self.last_bus).is_none_or(|bus| bus.name != name) {
+            self.last_bus = self.find_bus(name);
+        }
+        self.last_bus
+    }
+
+    #[cold]
+    fn find_bus(&mut self, name: &[u8]) -> usize {
+        self.buses.iter().position(|bus| bus.name == name).unwrap_or_else(|| {
+            if matches!(&self.choice, Choice::Named(wanted) if wanted == name) {
+                self.choice = Choice::Made(self.buses.len());
+            }
+            let (assembler, tally) = Default::default();
+            self.buses.push(Bus { name: name.to_vec(), assembler, tally });
+            self.buses.len() - 1
+        })
+    }
+
+    /// Takes serial bytes, with their receive time where it is known.
+    pub fn serial(&mut self, bytes: &[u8], time: Option<Time>, sink: &mut impl Sink) {
+        let Decoder { serial, flow, .. } = self;
+        let Serial { deframer, carry, clock, starts, total, rejected } = serial;
+        if starts.last().is_none_or(|(_, input)| *input != flow.input()) {
+            starts.push((*total, flow.input()));
+        }
+        *total += bytes.len() as u64;
+        flow.summary.account.bytes += bytes.len() as u64;
+        let mut found = |found: Found| serial_found(found, time, clock, starts, rejected, flow, sink);
+        // What is left of the bytes before is shorter than a frame: it is completed with as much as settles it.
+        let left = carry.len();
+        let joined = if left == 0 { 0 } else { bytes.len().min(2 * MAX_FRAME) };
+        if left > 0 {
+            carry.extend_from_slice(&bytes[..joined]);
+            let used = deframer.consume(carry, &mut found);
+            if used < left || joined == bytes.len() {
+                carry.drain(..used);
+                return;
+            }
+            carry.clear();
+            let rest = &bytes[used - left..];
+            let used = deframer.consume(rest, &mut found);
+            carry.extend_from_slice(&rest[used..]);
+            return;
+        }
+        let used = deframer.consume(bytes, &mut found);
+        carry.extend_from_slice(&bytes[used..]);
+    }
+
+    /// Ends the inputs: what waits is given out or told as cut.
+    pub fn finish(&mut self, sink: &mut impl Sink) -> &Summary {
+        let Decoder { buses, choice, flow, serial, .. } = self;
+        let Serial { deframer, carry, clock, starts, rejected, .. } = serial;
+        deframer.finish(carry, &mut |found| serial_found(found, None, clock, starts, rejected, flow, sink));
+        carry.clear();
+        for (index, Bus { assembler, tally, .. }) in buses.iter_mut().enumerate() {
+            assembler.finish(&mut |assembled| tally.assembled(assembled, index, choice, flow, sink));
+        }
+        if matches!(choice, Choice::First) && !buses.is_empty() {
+            *choice = Choice::Made(0);
+            buses[0].tally.tell_early(flow, sink);
+        }
+        for (index, Bus { name, tally, .. }) in buses.iter_mut().enumerate() {
+            let name = String::from_utf8_lossy(name).into_owned();
+            let account = &mut flow.summary.account;
+            if choice.is(index) {
+                account.decoded += std::mem::take(&mut tally.decoded);
+                account.commands += std::mem::take(&mut tally.commands);
+                account.replies += std::mem::take(&mut tally.replies);
+                tally.frames = 0;
+                flow.summary.interface = Some(name);
+            } else if tally.frames > 0 {
+                let frames = std::mem::take(&mut tally.frames);
+                account.elsewhere += frames;
+                flow.summary.elsewhere.push((name, frames));
+            }
+        }
+        flow.finish();
+        &flow.summary
+    }
+}
+
+impl Choice {
+    #[inline]
+    fn is(&self, index: usize) -> bool {
+        matches!(self, Choice::Made(made) if *made == index)
+    }
+}
+
+impl Tally {
+    #[inline]
+    fn assembled(
+        &mut self,
+        assembled: Assembled<Stamp>,
+        index: usize,
+        choice: &mut Choice,
+        flow: &mut Flow,
+        sink: &mut impl Sink,
+    ) {
+        match assembled {
+            Assembled::Row(received) => {
+                if matches!(choice, Choice::First) {
+                    *choice = Choice::Made(index);
+                    self.tell_early(flow, sink);
+                }
+                self.decoded += if received.has_clock { 3 } else { 2 };
+                if choice.is(index) {
+                    let Stamp { time, place, input } = received.stamp;
+                    let row = row(received.half_second, received.has_clock, time);
+                    flow.row((place, input), &row, true, sink);
+                }
+            }
+            Assembled::Defect(stamp, defect, concerned) => {
+                self.defect(choice.is(index), stamp, defect, concerned, flow, sink);
+            }
+        }
+    }
+
+    #[cold]
+    fn defect(
+        &mut self,
+        is_chosen: bool,
+        stamp: Stamp,
+        defect: CanDefect,
+        concerned: Concerned,
+        flow: &mut Flow,
+        sink: &mut impl Sink,
+    ) {
+        if is_chosen {
+            flow.defect(stamp.into(), DefectKind::Can(defect), concerned.bytes(), 0, sink);
+        } else if self.defects.len() < MAX_EARLY {
+            self.defects.push((stamp, defect, concerned));
+        } else {
+            self.more[defect as usize] += 1;
+        }
+    }
+
+    fn tell_early(&mut self, flow: &mut Flow, sink: &mut impl Sink) {
+        for (stamp, defect, concerned) in std::mem::take(&mut self.defects) {
+            flow.defect(stamp.into(), DefectKind::Can(defect), concerned.bytes(), 0, sink);
+        }
+        for (defect, more) in CanDefect::ALL.into_iter().zip(std::mem::take(&mut self.more)) {
+            flow.count_defects(DefectKind::Can(defect), more);
+        }
+    }
+}
+
+impl From<Stamp> for crate::summary::At {
+    fn from(stamp: Stamp) -> crate::summary::At {
+        crate::summary::At { place: stamp.place, input: stamp.input, time: stamp.time }
+    }
+}
+
+/// A row with its receive time, or with the clock count in its place.
+#[inline]
+fn row(half_second: HalfSecond, has_clock: bool, received: Option<Time>) -> Row {
+    let clock = || has_clock.then(|| Time { t_ns: half_second.clock_count as i64 * 1_000, digits: 6 });
+    Row { time: received.or_else(clock), is_received: received.is_some(), half_second, has_clock }
+}
+
+#[inline]
+fn serial_found(
+    found: Found,
+    time: Option<Time>,
+    clock: &mut ClockCheck,
+    starts: &[(u64, u32)],
+    rejected: &mut bool,
+    flow: &mut Flow,
+    sink: &mut impl Sink,
+) {
+    let place = |at: u64| {
+        let (start, input) = starts.iter().rev().find(|(start, _)| *start <= at).copied().unwrap_or_default();
+        (Place::Offset(at - start), input)
+    };
+    let at = |at: u64| {
+        let (place, input) = place(at);
+        crate::summary::At { place, input, time }
+    };
+    match found {
+        Found::Frame { at: offset, kind, payload } => {
+            let length = geu_protocol::serial::OVERHEAD as u64 + payload.len() as u64;
+            let account = &mut flow.summary.account;
+            match kind {
+                Kind::Data => {
+                    account.decoded_bytes += length;
+                    flow.summary.serial_frames += 1;
+                    let half_second = read_data(payload);
+                    let follows = clock.accepts(half_second.sequence, half_second.clock_count);
+                    flow.row(place(offset), &row(half_second, true, time), follows, sink);
+                    if !follows {
+                        flow.defect(at(offset), DefectKind::ClockInconsistent, payload, 0, sink);
+                    }
+                }
+                Kind::Command => {
+                    account.command_bytes += length;
+                    flow.summary.serial_frames += 1;
+                }
+                Kind::Reply => {
+                    account.reply_bytes += length;
+                    flow.summary.serial_frames += 1;
+                }
+            }
+        }
+        Found::Rejected { at: offset, defect, bytes } => {
+            *rejected = true;
+            flow.defect(at(offset), DefectKind::Serial(defect), bytes, 0, sink);
+        }
+        Found::Skipped { at: offset, length, first } => {
+            flow.summary.account.resynchronised_bytes += length;
+            if !std::mem::take(rejected) {
+                flow.defect(at(offset), DefectKind::Noise, first, 0, sink);
+            }
+        }
+    }
+}

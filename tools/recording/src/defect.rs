@@ -1,0 +1,88 @@
+//! What is wrong with an input, with place and bytes.
+
+use geu_protocol::can::CanDefect;
+use geu_protocol::capture::{Place, Time};
+use geu_protocol::serial::SerialDefect;
+
+/// What is wrong.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum DefectKind {
+    /// With a CAN message of the unit.
+    Can(CanDefect),
+    /// With bytes behind a serial sync.
+    Serial(SerialDefect),
+    /// Serial bytes in which no sync stands.
+    Noise,
+    /// Serial DATA whose clock does not follow: CRC and sync may match by accident.
+    ClockInconsistent,
+    /// A line or packet that does not follow its format.
+    BrokenRecord,
+    /// The input ends inside a line or packet.
+    CutRecord,
+    /// Half seconds are missing.
+    SequenceGap,
+    /// A sequence that stands in no relation to the one before.
+    SequenceJump,
+    /// Received before the row before it.
+    TimeBackwards,
+    /// The recorder, or the socket, lost frames.
+    ReceiverDropped,
+}
+
+impl DefectKind {
+    /// Stable name in reports.
+    pub const fn name(self) -> &'static str {
+        match self {
+            DefectKind::Can(defect) => defect.name(),
+            DefectKind::Serial(defect) => defect.name(),
+            DefectKind::Noise => "noise",
+            DefectKind::ClockInconsistent => "clock-inconsistent",
+            DefectKind::BrokenRecord => "broken-record",
+            DefectKind::CutRecord => "cut-record",
+            DefectKind::SequenceGap => "sequence-gap",
+            DefectKind::SequenceJump => "sequence-jump",
+            DefectKind::TimeBackwards => "time-backwards",
+            DefectKind::ReceiverDropped => "receiver-dropped",
+        }
+    }
+
+    /// How many records (lines, packets, frames) of a capture one such defect accounts for.
+    pub(crate) const fn records(self) -> u64 {
+        match self {
+            DefectKind::Can(defect) => defect.frames(),
+            DefectKind::BrokenRecord | DefectKind::CutRecord => 1,
+            _ => 0,
+        }
+    }
+}
+
+/// One defect.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Defect<'a> {
+    /// Name of the input.
+    pub input: &'a str,
+    /// Where in it.
+    pub place: Place,
+    /// What.
+    pub kind: DefectKind,
+    /// The bytes concerned: a line, a packet, the data of frames, serial bytes; at most a few hundred.
+    pub bytes: &'a [u8],
+    /// When, where that is known.
+    pub time: Option<Time>,
+    /// Half seconds (a gap) or frames (dropped) that are missing.
+    pub lost: u64,
+}
+
+impl Defect<'_> {
+    /// `input:line` or `input:offset`.
+    pub fn place_text(&self) -> String {
+        place_text(self.input, self.place)
+    }
+}
+
+/// `input:line` or `input:offset`.
+pub(crate) fn place_text(input: &str, place: Place) -> String {
+    match place {
+        Place::Line(at) | Place::Offset(at) => format!("{input}:{at}"),
+    }
+}

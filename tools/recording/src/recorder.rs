@@ -1,0 +1,280 @@
+//! Reads inputs to their end, or until it is stopped.
+
+use std::io::Read;
+use std::os::fd::RawFd;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use geu_protocol::capture::{Detected, Event, Format, Place, Reader, detect};
+
+use crate::decoder::{Decoder, Options};
+use crate::input::{InputError, Source, open};
+use crate::live::{CanSocket, Received, SerialPort, wait_readable};
+use crate::row::Sink;
+use crate::summary::Summary;
+
+/// Bytes read at once.
+const CHUNK: usize = 1 << 20;
+/// Bytes at most from which a format is told.
+const HEAD: usize = 1 << 16;
+/// A live read sees a request to stop after so long at most.
+const WAIT: Duration = Duration::from_millis(100);
+/// Bytes of an unknown input that its error tells.
+const TOLD: usize = 16;
+
+/// When to stop before the end.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Stop<'a> {
+    /// Set from outside, by a signal.
+    pub flag: Option<&'a AtomicBool>,
+    /// After this instant.
+    pub deadline: Option<Instant>,
+}
+
+impl Stop<'_> {
+    fn is_due(&self) -> bool {
+        self.flag.is_some_and(|flag| flag.load(Ordering::Relaxed))
+            || self.deadline.is_some_and(|deadline| Instant::now() >= deadline)
+    }
+
+    fn wait(&self) -> Duration {
+        self.deadline.map_or(WAIT, |deadline| deadline.saturating_duration_since(Instant::now()).min(WAIT))
+    }
+}
+
+/// Opens inputs and decodes them as one stream.
+pub struct Recorder<'a> {
+    options: Options,
+    decoder: Decoder,
+    stop: Stop<'a>,
+    /// A serial recording in which a frame must be found: name, length and first bytes.
+    serial: Option<(String, u64, Vec<u8>)>,
+}
+
+impl<'a> Recorder<'a> {
+    /// A recorder before its first input.
+    pub fn new(options: Options, stop: Stop<'a>) -> Recorder<'a> {
+        Recorder { decoder: Decoder::new(&options), options, stop, serial: None }
+    }
+
+    /// Reads an input to its end. Rows before an error have been given out.
+    ///
+    /// # Errors
+    /// [`InputError`].
+    pub fn read(&mut self, name: &str, sink: &mut impl Sink) -> Result<(), InputError> {
+        let source = open(name, self.options.baud)?;
+        self.decoder.begin(name);
+        match source {
+            Source::Bytes { reader, container, wait_on } => self.bytes(name, reader, container, wait_on, sink),
+            Source::Serial(port) => self.port(name, port, sink),
+            Source::Can(socket) => self.socket(name, socket, sink),
+        }
+    }
+
+    /// Ends the stream: gives out what waits, and the summary.
+    ///
+    /// # Errors
+    /// A serial recording in which no frame was found.
+    pub fn finish(mut self, sink: &mut impl Sink) -> (Summary, Result<(), InputError>) {
+        self.decoder.finish(sink);
+        let summary = self.decoder.into_summary();
+        let result = match self.serial {
+            Some((name, length, head)) if summary.serial_frames == 0 => {
+                Err(InputError::NoFrame { name, length, got: hex(&head) })
+            }
+            _ => Ok(()),
+        };
+        (summary, result)
+    }
+
+    fn is_done(&self, sink: &impl Sink) -> bool {
+        self.stop.is_due() || sink.is_closed()
+    }
+
+    fn bytes(
+        &mut self,
+        name: &str,
+        mut reader: Box<dyn Read>,
+        container: Option<&'static str>,
+        wait_on: Option<RawFd>,
+        sink: &mut impl Sink,
+    ) -> Result<(), InputError> {
+        let (mut buffer, mut filled, mut offset) = (vec![0; CHUNK], 0, 0u64);
+        let mut target = self.options.format.map(|format| self.target(format));
+        let mut failure = None;
+        loop {
+            if self.is_done(sink) {
+                break;
+            }
+            if wait_on.is_some_and(|descriptor| !wait_readable(descriptor, self.stop.wait())) {
+                continue;
+            }
+            let length = match reader.read(&mut buffer[filled..]) {
+                Ok(0) => break,
+                Ok(length) => length,
+                Err(error) if error.kind() == std::io::ErrorKind::Interrupted => continue,
+                Err(source) => {
+                    let name = name.to_owned();
+                    failure = Some(match container {
+                        Some(container) => InputError::Container { name, container, offset, source },
+                        None => InputError::Read { name, offset, source },
+                    });
+                    break;
+                }
+            };
+            (filled, offset) = (filled + length, offset + length as u64);
+            if target.is_none() {
+                let head = &buffer[..filled.min(HEAD)];
+                match detect(head, filled >= HEAD) {
+                    Detected::Format(format) => target = Some(self.target(format)),
+                    Detected::Undecided => continue,
+                    Detected::UnknownText => return Err(unknown_text(name, head)),
+                }
+            }
+            if let Some(target) = &mut target {
+                let used = target.consume(&buffer[..filled], &mut self.decoder, sink);
+                buffer.copy_within(used..filled, 0);
+                filled -= used;
+            }
+            if wait_on.is_some() {
+                sink.flush();
+            }
+        }
+        let rest = &buffer[..filled];
+        if target.is_none() && filled > 0 {
+            match detect(rest, true) {
+                Detected::Format(format) => target = Some(self.target(format)),
+                _ if failure.is_none() => return Err(unknown_text(name, rest)),
+                _ => {}
+            }
+        }
+        let is_empty = match &mut target {
+            Some(target) => {
+                let is_empty = target.finish(rest, &mut self.decoder, sink);
+                if let Target::Serial { head, length } = target {
+                    self.serial.get_or_insert_with(|| (name.to_owned(), *length, std::mem::take(head)));
+                }
+                is_empty
+            }
+            None => Some("0 bytes".to_owned()),
+        };
+        match (failure, is_empty) {
+            (Some(failure), _) => Err(failure),
+            (None, Some(got)) if !self.is_done(sink) => Err(InputError::Empty { name: name.to_owned(), got }),
+            _ => Ok(()),
+        }
+    }
+
+    fn target(&mut self, format: Format) -> Target {
+        self.decoder.describe(format.name());
+        match format {
+            Format::Serial => Target::Serial { head: Vec::new(), length: 0 },
+            format => Target::Capture { reader: Box::new(Reader::new(format)), frames: 0 },
+        }
+    }
+
+    fn port(&mut self, name: &str, mut port: SerialPort, sink: &mut impl Sink) -> Result<(), InputError> {
+        self.decoder.describe("live serial");
+        let (mut buffer, mut offset) = ([0; 4096], 0);
+        while !self.is_done(sink) {
+            if !wait_readable(port.descriptor(), self.stop.wait()) {
+                continue;
+            }
+            let Some((length, time)) =
+                port.read(&mut buffer).map_err(|source| InputError::Read { name: name.to_owned(), offset, source })?
+            else {
+                break;
+            };
+            offset += length as u64;
+            self.decoder.serial(&buffer[..length], Some(time), sink);
+            sink.flush();
+        }
+        Ok(())
+    }
+
+    fn socket(&mut self, name: &str, mut socket: CanSocket, sink: &mut impl Sink) -> Result<(), InputError> {
+        self.decoder.describe("live CAN");
+        let mut frames = 0;
+        while !self.is_done(sink) {
+            if !wait_readable(socket.descriptor(), self.stop.wait()) {
+                continue;
+            }
+            loop {
+                let (decoder, place) = (&mut self.decoder, Place::Line(frames + 1));
+                let received = socket
+                    .receive(&mut |event| decoder.event(place, event, sink))
+                    .map_err(|source| InputError::Read { name: name.to_owned(), offset: frames, source })?;
+                match received {
+                    Received::Frame { dropped } => {
+                        frames += 1;
+                        self.decoder.count_records(1);
+                        if dropped > 0 {
+                            self.decoder.dropped(place, dropped, sink);
+                        }
+                    }
+                    Received::Nothing => break,
+                }
+                if self.is_done(sink) {
+                    break;
+                }
+            }
+            sink.flush();
+        }
+        Ok(())
+    }
+}
+
+/// What takes the bytes of an input.
+enum Target {
+    Capture { reader: Box<Reader>, frames: u64 },
+    Serial { head: Vec<u8>, length: u64 },
+}
+
+impl Target {
+    fn consume(&mut self, bytes: &[u8], decoder: &mut Decoder, sink: &mut impl Sink) -> usize {
+        match self {
+            Target::Capture { reader, frames } => reader.consume(bytes, &mut |place, event| {
+                *frames += u64::from(!matches!(event, Event::Remark));
+                decoder.event(place, event, sink);
+            }),
+            Target::Serial { head, length } => {
+                let missing = TOLD.saturating_sub(head.len()).min(bytes.len());
+                head.extend_from_slice(&bytes[..missing]);
+                *length += bytes.len() as u64;
+                decoder.serial(bytes, None, sink);
+                bytes.len()
+            }
+        }
+    }
+
+    /// Takes the last bytes; tells what there is instead where the input holds no record at all.
+    fn finish(&mut self, bytes: &[u8], decoder: &mut Decoder, sink: &mut impl Sink) -> Option<String> {
+        match self {
+            Target::Capture { reader, frames } => {
+                reader.finish(bytes, &mut |place, event| {
+                    *frames += u64::from(!matches!(event, Event::Remark));
+                    decoder.event(place, event, sink);
+                });
+                decoder.count_records(reader.records());
+                (*frames == 0).then(|| "no frame".to_owned())
+            }
+            Target::Serial { length, .. } => {
+                if !bytes.is_empty() {
+                    self.consume(bytes, decoder, sink);
+                    return None;
+                }
+                (*length == 0).then(|| "0 bytes".to_owned())
+            }
+        }
+    }
+}
+
+fn unknown_text(name: &str, head: &[u8]) -> InputError {
+    let line = head.split(|&byte| byte == b'\n').next().unwrap_or_default();
+    let line = &line[..line.len().min(80)];
+    InputError::UnknownText { name: name.to_owned(), got: format!("{:?}", String::from_utf8_lossy(line)) }
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02X}")).collect::<Vec<_>>().join(" ")
+}

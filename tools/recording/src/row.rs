@@ -1,0 +1,34 @@
+//! What comes out: rows, to whoever wants them.
+
+use geu_protocol::HalfSecond;
+use geu_protocol::capture::Time;
+
+use crate::defect::Defect;
+
+/// One half second as it was received.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Row {
+    /// Receive time (of INCREMENTS, or of the last byte of a live serial frame); where there is none, the clock count as
+    /// seconds; nothing where the row has neither.
+    pub time: Option<Time>,
+    /// Whether `time` is a receive time.
+    pub is_received: bool,
+    /// The fields; clock count and sensor temperature only where `has_clock`.
+    pub half_second: HalfSecond,
+    /// Whether clock count and sensor temperature are known.
+    pub has_clock: bool,
+}
+
+/// Who takes rows and defects, in the order in which they are found.
+pub trait Sink {
+    /// Takes a half second.
+    fn row(&mut self, row: &Row);
+    /// Takes a defect.
+    fn defect(&mut self, defect: &Defect);
+    /// Called when a live input has nothing more for now.
+    fn flush(&mut self) {}
+    /// Whether more is wanted.
+    fn is_closed(&self) -> bool {
+        false
+    }
+}

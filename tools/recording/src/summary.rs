@@ -1,0 +1,345 @@
+//! What is said of all inputs together.
+
+use std::fmt::{self, Display, Formatter};
+
+use geu_protocol::Gyro;
+use geu_protocol::capture::{Place, Time};
+use geu_protocol::continuity::{Continuity, Step};
+use geu_protocol::field::unit_flag;
+
+use crate::account::Account;
+use crate::cadence::Cadence;
+use crate::clock_fit::ClockFit;
+use crate::defect::{Defect, DefectKind, place_text};
+use crate::row::{Row, Sink};
+
+/// How many gaps are told one by one.
+const MAX_TOLD_GAPS: usize = 20;
+const POLLED: u8 = unit_flag("polled");
+
+/// Account and statistics of everything decoded. [`Display`] writes it: a name, then values, on each line.
+#[derive(Debug, Default)]
+pub struct Summary {
+    /// Names of the inputs and what they are.
+    pub inputs: Vec<(String, String)>,
+    /// Interface of the rows, where they come from CAN.
+    pub interface: Option<String>,
+    /// Frames of the unit on other interfaces.
+    pub elsewhere: Vec<(String, u64)>,
+    /// Where everything went.
+    pub account: Account,
+    /// Half seconds.
+    pub rows: u64,
+    /// Frames found in serial bytes.
+    pub serial_frames: u64,
+    /// Time of the first and the last row.
+    pub span: Option<(Time, Time)>,
+    /// Half seconds missing.
+    pub lost: u64,
+    /// The first gaps: place, time, half seconds missing.
+    pub gaps: Vec<(String, Option<Time>, u64)>,
+    /// Half seconds that came again.
+    pub repeats: u64,
+    /// Restarts of sequence and clock.
+    pub resets: u64,
+    /// Rows without clock count and sensor temperature.
+    pub without_clock: u64,
+    /// Rows in which each gyro is not valid.
+    pub invalid: [u64; 4],
+    /// Rows in which each gyro is saturated.
+    pub saturated: [u64; 4],
+    /// Rows sent on request.
+    pub polled: u64,
+    /// Frames that recorder or socket lost.
+    pub dropped: u64,
+    /// Intervals between neighbouring rows.
+    pub cadence: Cadence,
+    /// The longest interval between rows, gaps included, ns, and where it ends.
+    pub largest: Option<(i64, String)>,
+    /// The unit's clock.
+    pub clock: ClockFit,
+    /// Whether rows had receive times.
+    pub is_timed: bool,
+}
+
+/// Where and when something is.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct At {
+    pub place: Place,
+    pub input: u32,
+    pub time: Option<Time>,
+}
+
+/// Rows and defects on their way out, and what is counted of them.
+#[derive(Debug, Default)]
+pub(crate) struct Flow {
+    pub summary: Summary,
+    continuity: Continuity,
+    /// Receive time of the row before.
+    last_t_ns: Option<i64>,
+    /// Whether the row before was sent on request.
+    last_polled: bool,
+    /// The longest interval so far and where it ends.
+    largest: Option<(i64, Place, u32)>,
+}
+
+impl Flow {
+    pub fn begin(&mut self, name: &str) {
+        self.summary.inputs.push((name.to_owned(), String::new()));
+    }
+
+    /// Index of the present input.
+    #[inline]
+    pub fn input(&self) -> u32 {
+        self.summary.inputs.len().saturating_sub(1) as u32
+    }
+
+    pub fn stamp(&self, place: Place, time: Option<Time>) -> At {
+        At { place, input: self.input(), time }
+    }
+
+    /// Gives out a row; `is_regular` unless its clock is doubted.
+    #[inline]
+    pub fn row(&mut self, (place, input): (Place, u32), row: &Row, is_regular: bool, sink: &mut impl Sink) {
+        let half_second = &row.half_second;
+        let summary = &mut self.summary;
+        summary.rows += 1;
+        summary.is_timed |= row.is_received;
+        summary.without_clock += u64::from(!row.has_clock);
+        if half_second.gyro_flags != 0x0F {
+            for gyro in Gyro::ALL {
+                let bit = gyro.bit();
+                summary.invalid[gyro as usize] += u64::from(half_second.gyro_flags & bit == 0);
+                summary.saturated[gyro as usize] += u64::from(half_second.gyro_flags & bit << 4 != 0);
+            }
+        }
+        if is_regular {
+            self.follow((place, input), row, sink);
+        }
+        sink.row(row);
+    }
+
+    /// Compares a row with the one before.
+    #[inline]
+    fn follow(&mut self, (place, input): (Place, u32), row: &Row, sink: &mut impl Sink) {
+        let half_second = &row.half_second;
+        let summary = &mut self.summary;
+        let is_polled = half_second.unit_flags & POLLED != 0;
+        summary.polled += u64::from(is_polled);
+        if let Some(time) = row.time {
+            summary.span.get_or_insert((time, time)).1 = time;
+        }
+        let step = self.continuity.step(half_second.sequence, row.has_clock.then_some(half_second.clock_count));
+        if let Some(Time { t_ns, .. }) = row.time.filter(|_| row.is_received) {
+            if let Some(last_t_ns) = self.last_t_ns.replace(t_ns) {
+                let interval_ns = t_ns.saturating_sub(last_t_ns);
+                if interval_ns < 0 {
+                    self.defect(At { place, input, time: row.time }, DefectKind::TimeBackwards, &[], 0, sink);
+                } else if step != Step::Repeat && !is_polled && !self.last_polled {
+                    if step == Step::Next {
+                        self.summary.cadence.add(interval_ns);
+                    }
+                    if self.largest.is_none_or(|(largest_ns, ..)| interval_ns > largest_ns) {
+                        self.largest = Some((interval_ns, place, input));
+                    }
+                }
+            }
+            if row.has_clock && !is_polled && step != Step::Repeat {
+                self.summary.clock.add(t_ns, half_second.sequence, half_second.clock_count);
+            }
+        }
+        self.last_polled = is_polled;
+        if step != Step::Next {
+            self.irregular(step, At { place, input, time: row.time }, sink);
+        }
+    }
+
+    #[cold]
+    fn irregular(&mut self, step: Step, at: At, sink: &mut impl Sink) {
+        match step {
+            Step::First | Step::Next => {}
+            Step::Repeat => self.summary.repeats += 1,
+            Step::Reset => self.summary.resets += 1,
+            Step::Jump => self.defect(at, DefectKind::SequenceJump, &[], 0, sink),
+            Step::Gap(lost) => {
+                self.summary.lost = self.summary.lost.saturating_add(lost);
+                if self.summary.gaps.len() < MAX_TOLD_GAPS {
+                    let place = place_text(&self.summary.inputs[at.input as usize].0, at.place);
+                    self.summary.gaps.push((place, at.time, lost));
+                }
+                self.defect(at, DefectKind::SequenceGap, &[], lost, sink);
+            }
+        }
+    }
+
+    #[cold]
+    pub fn defect(&mut self, at: At, kind: DefectKind, bytes: &[u8], lost: u64, sink: &mut impl Sink) {
+        self.count_defects(kind, 1);
+        if kind == DefectKind::ReceiverDropped {
+            self.summary.dropped += lost;
+        }
+        let input = self.summary.inputs.get(at.input as usize).map_or("", |(name, _)| name);
+        sink.defect(&Defect { input, place: at.place, kind, bytes, time: at.time, lost });
+    }
+
+    pub fn count_defects(&mut self, kind: DefectKind, count: u64) {
+        if count > 0 {
+            *self.summary.account.defects.entry(kind).or_default() += count;
+        }
+    }
+
+    pub fn finish(&mut self) {
+        if let Some((interval_ns, place, input)) = self.largest {
+            let place = place_text(&self.summary.inputs[input as usize].0, place);
+            self.summary.largest = Some((interval_ns, place));
+        }
+    }
+}
+
+/// `seconds.fraction` with at least six digits.
+fn seconds(time: Time) -> String {
+    let digits = usize::from(time.digits.clamp(6, 9));
+    let magnitude = time.t_ns.unsigned_abs();
+    let fraction = format!("{:09}", magnitude % 1_000_000_000);
+    let sign = if time.t_ns < 0 { "-" } else { "" };
+    format!("{sign}{}.{}", magnitude / 1_000_000_000, &fraction[..digits])
+}
+
+impl Display for Summary {
+    fn fmt(&self, out: &mut Formatter) -> fmt::Result {
+        for (name, kind) in &self.inputs {
+            line(out, "input", format_args!("{name} {kind}"))?;
+        }
+        line(out, "rows", self.rows)?;
+        if let Some((first, last)) = self.span {
+            line(out, "span_s", format_args!("{} to {}", seconds(first), seconds(last)))?;
+        }
+        if let Some(interface) = self.interface.as_ref().filter(|name| !name.is_empty()) {
+            line(out, "interface", interface)?;
+        }
+        for (name, frames) in &self.elsewhere {
+            line(out, "interface-not-used", format_args!("{name} {frames} frames of the unit"))?;
+        }
+        self.write_account(out)?;
+        self.write_sequence(out)?;
+        self.write_times(out)
+    }
+}
+
+fn line(out: &mut Formatter, name: &str, value: impl Display) -> fmt::Result {
+    writeln!(out, "{name:<24} {value}")
+}
+
+impl Summary {
+    fn write_account(&self, out: &mut Formatter) -> fmt::Result {
+        let account = &self.account;
+        let (records, bytes) = account.missing();
+        if account.records > 0 {
+            line(out, "records", account.records)?;
+            for (name, count) in [
+                ("records-decoded", account.decoded),
+                ("records-command", account.commands),
+                ("records-reply", account.replies),
+                ("records-other-traffic", account.other),
+                ("records-other-interface", account.elsewhere),
+                ("records-remote", account.remote),
+                ("records-fd", account.fd),
+                ("records-error", account.error),
+                ("records-remark", account.remarks),
+            ] {
+                line(out, name, count)?;
+            }
+            let defective: u64 = account.defects.iter().map(|(kind, count)| kind.records() * count).sum();
+            line(out, "records-defective", defective)?;
+        }
+        if account.bytes > 0 {
+            line(out, "bytes", account.bytes)?;
+            for (name, count) in [
+                ("bytes-decoded", account.decoded_bytes),
+                ("bytes-command", account.command_bytes),
+                ("bytes-reply", account.reply_bytes),
+                ("bytes-resynchronised", account.resynchronised_bytes),
+            ] {
+                line(out, name, count)?;
+            }
+        }
+        line(
+            out,
+            "account",
+            if account.adds_up() {
+                "accounts for all".to_owned()
+            } else {
+                format!("DOES NOT ADD UP: {records} records and {bytes} bytes unexplained")
+            },
+        )?;
+        line(out, "defects", account.defect_count())?;
+        for (kind, count) in &account.defects {
+            line(out, &format!("defect-{}", kind.name()), count)?;
+        }
+        if self.dropped > 0 {
+            line(out, "frames-dropped", format_args!("{} by recorder or socket", self.dropped))?;
+        }
+        Ok(())
+    }
+
+    fn write_sequence(&self, out: &mut Formatter) -> fmt::Result {
+        line(out, "half-seconds-lost", self.lost)?;
+        for (place, time, lost) in &self.gaps {
+            let time = time.map_or(String::new(), |time| format!(" t_s {}", seconds(time)));
+            line(out, "gap", format_args!("{lost} before {place}{time}"))?;
+        }
+        line(out, "repeats", self.repeats)?;
+        line(out, "resets", self.resets)?;
+        line(out, "polled", self.polled)?;
+        line(out, "without-clock", self.without_clock)?;
+        for (name, counts) in [("not-valid", &self.invalid), ("saturated", &self.saturated)] {
+            let [x, y, za, zb] = counts;
+            line(out, name, format_args!("GYRX {x} GYRY {y} GYRZA {za} GYRZB {zb}"))?;
+        }
+        Ok(())
+    }
+
+    fn write_times(&self, out: &mut Formatter) -> fmt::Result {
+        if self.rows == 0 {
+            return Ok(());
+        }
+        if !self.is_timed {
+            let why = "not measurable: the recording holds no receive times";
+            line(out, "interval_s", why)?;
+            return line(out, "clock_ppm", why);
+        }
+        if self.cadence.count() > 0 {
+            let median = self.cadence.median_s().map_or("1 or more".to_owned(), |median| format!("{median:.6}"));
+            line(
+                out,
+                "interval_s",
+                format_args!(
+                    "min {:.6} median {median} max {:.6} sigma {:.6} n {}",
+                    self.cadence.min_s(),
+                    self.cadence.max_s(),
+                    self.cadence.sigma_s(),
+                    self.cadence.count()
+                ),
+            )?;
+        }
+        if let Some((interval_ns, place)) = &self.largest {
+            line(out, "interval-largest_s", format_args!("{:.6} before {place}", *interval_ns as f64 * 1e-9))?;
+        }
+        match self.clock.rate() {
+            Some(rate) => line(
+                out,
+                "clock_ppm",
+                format_args!(
+                    "{:+.4} sigma {:.4} n {} segments {} residual_us {:.1} correlation {:.2}",
+                    rate.clock_ppm,
+                    rate.sigma_ppm,
+                    rate.points,
+                    rate.segments,
+                    rate.residual_s * 1e6,
+                    rate.correlation
+                ),
+            ),
+            None => line(out, "clock_ppm", "not measurable: fewer than three timed rows with a clock count"),
+        }
+    }
+}
