@@ -21,7 +21,7 @@ enum Form {
     Icd,
 }
 
-/// Write the link's definition in the form another tool reads.
+/// Writes the link's definition in the form another tool reads.
 #[derive(Debug, Args)]
 pub struct Arguments {
     /// In which form.
