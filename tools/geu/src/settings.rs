@@ -1,7 +1,6 @@
 //! Where a configuration comes from: a file or the built-in one, with overrides. Every command that reads one takes these.
 
-use std::io::Read;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::Args;
 use geu_model::Configuration;
@@ -40,7 +39,11 @@ impl Settings {
     pub fn read(&self) -> Result<Configuration, Failure> {
         match &self.config {
             None => Configuration::reference_with(&self.overrides),
-            Some(path) => Configuration::parse(&path.display().to_string(), &read_text(path)?, &self.overrides),
+            Some(path) => {
+                let name = path.display().to_string();
+                let text = geu_recording::read_text(&name).map_err(Failure::input)?;
+                Configuration::parse(&name, &text, &self.overrides)
+            }
         }
         .map_err(Failure::input)
     }
@@ -76,16 +79,4 @@ pub fn half_seconds(duration_s: f64) -> Result<u64, Failure> {
     } else {
         Err(Failure::input(format!("--duration: expected more than 0 seconds and at most 1e10, got {duration_s}")))
     }
-}
-
-fn read_text(path: &Path) -> Result<String, Failure> {
-    let fail = |error: std::io::Error| {
-        Failure::input(format!(
-            "{}: cannot read the configuration: {error}; expected a TOML file, as `geu config show` prints",
-            path.display()
-        ))
-    };
-    let mut text = String::new();
-    std::fs::File::open(path).and_then(|mut file| file.read_to_string(&mut text)).map_err(fail)?;
-    Ok(text)
 }

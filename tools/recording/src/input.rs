@@ -130,6 +130,20 @@ pub(crate) fn open(name: &str, baud: Option<u32>) -> Result<Source, InputError> 
     container(Box::new(file), wait_on).map_err(failed)
 }
 
+/// The text of a file, which may be compressed.
+///
+/// # Errors
+/// A file that cannot be opened or read to its end, or is no UTF-8.
+pub fn read_text(name: &str) -> Result<String, InputError> {
+    let (mut text, mut failed) = (String::new(), None);
+    if let Source::Bytes { mut reader, .. } = open(name, None)?
+        && let Err(source) = reader.read_to_string(&mut text)
+    {
+        failed = Some(InputError::Read { name: name.to_owned(), offset: text.len() as u64, source });
+    }
+    failed.map_or(Ok(text), Err)
+}
+
 fn interface(name: &str) -> Result<Source, InputError> {
     if nix::net::if_::if_nametoindex(name).is_err() {
         return Err(InputError::Missing { name: name.to_owned() });

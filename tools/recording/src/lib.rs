@@ -37,6 +37,7 @@ mod defect;
 mod input;
 mod live;
 mod recorder;
+mod reference;
 mod row;
 mod summary;
 
@@ -45,7 +46,8 @@ pub use cadence::Cadence;
 pub use clock_fit::{ClockFit, ClockRate};
 pub use decoder::{Decoder, Options};
 pub use defect::{Defect, DefectKind};
-pub use input::InputError;
+pub use input::{InputError, read_text};
 pub use recorder::{Recorder, Stop};
+pub use reference::{Reference, ReferenceError};
 pub use row::{Row, Sink};
 pub use summary::Summary;

@@ -55,6 +55,18 @@ pub enum BadRows {
     },
 }
 
+impl BadRows {
+    /// Index of the row concerned.
+    pub fn index(&self) -> Option<usize> {
+        match *self {
+            BadRows::TooFew(_) => None,
+            BadRows::NotRising { index, .. } | BadRows::Gap { index, .. } | BadRows::NotFinite { index, .. } => {
+                Some(index)
+            }
+        }
+    }
+}
+
 /// A hole longer than this many median spacings is a gap.
 const GAP_SPACINGS: f64 = 1.9;
 
@@ -117,6 +129,14 @@ impl Recorded {
     /// Start of the first row's interval.
     pub fn start_s(&self) -> f64 {
         self.t_s[0]
+    }
+
+    /// The same truth with its start as time 0.
+    #[must_use]
+    pub fn starting_at_zero(mut self) -> Recorded {
+        let start_s = self.start_s();
+        self.t_s.iter_mut().for_each(|t_s| *t_s -= start_s);
+        self
     }
 
     /// End of the last row's interval.

@@ -1,0 +1,231 @@
+//! The reference attitude: `reference.csv` (icd.md, Recordings), rates or quaternions, as rows of a truth.
+
+use std::sync::Arc;
+
+use geu_model::attitude::{BadRows, Recorded, Row};
+use geu_model::units::{ARCSEC_PER_RAD, RAD_PER_DEG};
+use nalgebra::{Quaternion, UnitQuaternion};
+
+use crate::input::{InputError, read_text};
+
+/// Why a file is no reference.
+#[derive(Debug, thiserror::Error)]
+pub enum ReferenceError {
+    /// It cannot be read.
+    #[error(transparent)]
+    Input(#[from] InputError),
+    /// Not the columns of a reference.
+    #[error(
+        "{name}: line 1: expected the columns t_s and either rate_x_arcsec_s, rate_y_arcsec_s, rate_z_arcsec_s or q_w, q_x, q_y, q_z; got {got}"
+    )]
+    Columns {
+        /// The file.
+        name: String,
+        /// Its header.
+        got: String,
+    },
+    /// A field that is no number.
+    #[error("{name}: line {line}: {column}: expected a number, got {got:?}")]
+    Number {
+        /// The file.
+        name: String,
+        /// Line, from 1.
+        line: u64,
+        /// The column.
+        column: String,
+        /// What stands there.
+        got: String,
+    },
+    /// A line that is no row.
+    #[error("{name}: {source}")]
+    Row {
+        /// The file.
+        name: String,
+        /// What is wrong with it, and where.
+        source: csv::Error,
+    },
+    /// Rows that are no truth.
+    #[error("{name}: line {line}: {source}")]
+    Rows {
+        /// The file.
+        name: String,
+        /// Line, from 1.
+        line: u64,
+        /// What is wrong with them.
+        source: BadRows,
+    },
+}
+
+/// A reference attitude.
+#[derive(Debug, Clone)]
+pub struct Reference {
+    /// Start of the first row's interval on the file's time scale, ns.
+    pub start_ns: i64,
+    /// The truth; its time 0 is `start_ns`.
+    pub truth: Arc<Recorded>,
+}
+
+/// Where the columns of a reference stand.
+struct Columns {
+    t: usize,
+    motion: Kind,
+    theta_psi: Option<[usize; 2]>,
+}
+
+enum Kind {
+    Rates([usize; 3]),
+    Quaternions([usize; 4]),
+}
+
+impl Columns {
+    fn find(header: &csv::StringRecord) -> Option<Columns> {
+        let at = |name: &str| header.iter().position(|column| column.trim() == name);
+        let rates = ["rate_x_arcsec_s", "rate_y_arcsec_s", "rate_z_arcsec_s"].map(at);
+        let quaternions = ["q_w", "q_x", "q_y", "q_z"].map(at);
+        let motion = match (rates, quaternions) {
+            ([Some(x), Some(y), Some(z)], _) => Kind::Rates([x, y, z]),
+            (_, [Some(w), Some(x), Some(y), Some(z)]) => Kind::Quaternions([w, x, y, z]),
+            _ => return None,
+        };
+        let theta_psi = at("theta_deg").zip(at("psi_deg")).map(|(theta, psi)| [theta, psi]);
+        Some(Columns { t: at("t_s")?, motion, theta_psi })
+    }
+}
+
+impl Reference {
+    /// Reads a file, which may be compressed.
+    ///
+    /// # Errors
+    /// [`ReferenceError`], with the line.
+    pub fn read(name: &str) -> Result<Reference, ReferenceError> {
+        Reference::parse(name, &read_text(name)?)
+    }
+
+    /// Reads a text; `name` is what errors call it.
+    ///
+    /// # Errors
+    /// [`ReferenceError`], with the line.
+    pub fn parse(name: &str, text: &str) -> Result<Reference, ReferenceError> {
+        let failed = |source| ReferenceError::Row { name: name.to_owned(), source };
+        let mut reader =
+            csv::ReaderBuilder::new().trim(csv::Trim::All).comment(Some(b'#')).from_reader(text.as_bytes());
+        let header = reader.headers().map_err(failed)?.clone();
+        let columns = Columns::find(&header).ok_or_else(|| ReferenceError::Columns {
+            name: name.to_owned(),
+            got: header.iter().collect::<Vec<_>>().join(","),
+        })?;
+        let (mut rows, mut lines, mut base_ns) = (Vec::new(), Vec::new(), None);
+        let mut attitude: Option<UnitQuaternion<f64>> = None;
+        let mut record = csv::StringRecord::new();
+        while reader.read_record(&mut record).map_err(failed)? {
+            let line = record.position().map_or(0, csv::Position::line);
+            let bad = |column: usize| ReferenceError::Number {
+                name: name.to_owned(),
+                line,
+                column: header.get(column).unwrap_or_default().to_owned(),
+                got: record.get(column).unwrap_or_default().to_owned(),
+            };
+            let number =
+                |column: usize| record.get(column).and_then(|text| text.parse::<f64>().ok()).ok_or_else(|| bad(column));
+            let t_ns = record.get(columns.t).and_then(nanoseconds).ok_or_else(|| bad(columns.t))?;
+            // Seconds since the first row, so that no digit of a Unix time is lost.
+            let t_s = (t_ns - *base_ns.get_or_insert(t_ns)) as f64 * 1e-9;
+            let angle_control_arcsec = match columns.motion {
+                Kind::Rates(at) => [number(at[0])?, number(at[1])?, number(at[2])?],
+                Kind::Quaternions(at) => {
+                    let parts = Quaternion::new(number(at[0])?, number(at[1])?, number(at[2])?, number(at[3])?);
+                    let now = UnitQuaternion::try_new(parts, 1e-6).ok_or_else(|| bad(at[0]))?;
+                    let turn = attitude.map_or_else(UnitQuaternion::identity, |before| before.inverse() * now);
+                    attitude = Some(now);
+                    (turn.scaled_axis() * ARCSEC_PER_RAD).into()
+                }
+            };
+            let theta_psi_rad = match columns.theta_psi {
+                Some([theta, psi]) => Some((number(theta)? * RAD_PER_DEG, number(psi)? * RAD_PER_DEG)),
+                None => None,
+            };
+            rows.push(Row { t_s, angle_control_arcsec, theta_psi_rad });
+            lines.push(line);
+        }
+        // A quaternion's first row tells only where the motion starts.
+        if matches!(columns.motion, Kind::Quaternions(_)) && !rows.is_empty() {
+            rows.remove(0);
+            lines.remove(0);
+        } else {
+            angles_from_rates(&mut rows);
+        }
+        let truth = Recorded::new(&rows).map_err(|source| ReferenceError::Rows {
+            name: name.to_owned(),
+            line: source.index().and_then(|index| lines.get(index).copied()).unwrap_or(1),
+            source,
+        })?;
+        let start_ns = base_ns.unwrap_or(0) + (truth.start_s() * 1e9).round() as i64;
+        Ok(Reference { start_ns, truth: Arc::new(truth.starting_at_zero()) })
+    }
+}
+
+/// Mean rates since the row before become rotations; the first row's interval is the median spacing.
+fn angles_from_rates(rows: &mut [Row]) {
+    let mut spacings: Vec<f64> = rows.windows(2).map(|pair| pair[1].t_s - pair[0].t_s).collect();
+    let Some(middle) = spacings.len().checked_sub(1).map(|last| last / 2) else { return };
+    let mut lengths_s = vec![*spacings.clone().select_nth_unstable_by(middle, f64::total_cmp).1];
+    lengths_s.append(&mut spacings);
+    for (row, length_s) in rows.iter_mut().zip(lengths_s) {
+        row.angle_control_arcsec = row.angle_control_arcsec.map(|rate| rate * length_s);
+    }
+}
+
+/// Seconds in decimal as whole nanoseconds; digits beyond are dropped.
+fn nanoseconds(text: &str) -> Option<i64> {
+    let (whole, fraction) = text.split_once('.').unwrap_or((text, ""));
+    if !fraction.bytes().all(|byte| byte.is_ascii_digit()) || whole.is_empty() {
+        return None;
+    }
+    let digits: String = fraction.chars().chain(std::iter::repeat('0')).take(9).collect();
+    let (seconds, nanoseconds) = (whole.parse::<i64>().ok()?, digits.parse::<i64>().ok()?);
+    let signed = if whole.starts_with('-') { -nanoseconds } else { nanoseconds };
+    seconds.checked_mul(1_000_000_000)?.checked_add(signed)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rates_and_quaternions_of_one_turn_agree() {
+        // 100″/s about Z.
+        let rates: String = (1..=10).map(|row| format!("{}.{},0,0,100\n", row / 2, row % 2 * 5)).collect();
+        let quaternions: String = (0..=10)
+            .map(|row| {
+                let half = f64::from(row) * 0.5 * 100.0 / ARCSEC_PER_RAD / 2.0;
+                format!("{}.{},{},0,0,{}\n", row / 2, row % 2 * 5, half.cos(), half.sin())
+            })
+            .collect();
+        let rates = Reference::parse("r", &format!("t_s,rate_x_arcsec_s,rate_y_arcsec_s,rate_z_arcsec_s\n{rates}"));
+        let quaternions = Reference::parse("q", &format!("t_s,q_w,q_x,q_y,q_z\n{quaternions}"));
+        for reference in [rates, quaternions] {
+            let reference = reference.expect("a reference");
+            assert_eq!(reference.start_ns, 0);
+            let turned = reference.truth.at(5.0, &mut 0).0[2] - reference.truth.at(0.0, &mut 0).0[2];
+            assert!((turned - 500.0).abs() < 1e-6, "{turned}");
+        }
+    }
+
+    #[test]
+    fn what_is_wrong_is_told_with_its_line() {
+        let header = "t_s,rate_x_arcsec_s,rate_y_arcsec_s,rate_z_arcsec_s\n";
+        let good = "1.0,0,0,0\n1.5,0,0,0\n2.0,0,0,0\n2.5,0,0,0\n";
+        for (text, part) in [
+            ("a,b\n1,2\n".to_owned(), "line 1: expected the columns t_s"),
+            (format!("{header}{good}x,0,0,0\n"), "line 6: t_s: expected a number, got \"x\""),
+            (format!("{header}{good}3.0,0,,0\n"), "line 6: rate_y_arcsec_s: expected a number"),
+            (format!("{header}{good}3.0,0\n"), "line: 6"),
+            (format!("{header}{good}2.5,0,0,0\n"), "line 6: expected time to rise"),
+            (format!("{header}{good}9.5,0,0,0\n"), "line 6: expected rows every 0.5 s or so, got a gap of 7 s"),
+            (header.to_owned(), "expected at least 3 rows, got 0"),
+        ] {
+            let message = Reference::parse("f.csv", &text).expect_err(&text).to_string();
+            assert!(message.contains(part), "{part} not in {message}");
+        }
+    }
+}
