@@ -5,6 +5,8 @@
 
 mod config;
 mod failure;
+mod run;
+mod send;
 mod settings;
 mod simulate;
 
@@ -26,6 +28,8 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
+    Run(run::Arguments),
+    Send(send::Arguments),
     Simulate(simulate::Arguments),
     Config(config::Arguments),
 }
@@ -39,7 +43,9 @@ fn main() -> ExitCode {
     let done: Result<(), Failure> = match Arguments::parse().command {
         Some(Command::Simulate(arguments)) => simulate::run(&arguments),
         Some(Command::Config(arguments)) => config::run(&arguments),
-        None => Ok(()),
+        Some(Command::Run(arguments)) => run::run(&arguments),
+        Some(Command::Send(arguments)) => send::run(&arguments),
+        None => run::run(&run::Arguments::default()),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,
