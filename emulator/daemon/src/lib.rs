@@ -1,4 +1,17 @@
 //! The unit as a process: cadence, links, commands, recording.
+//!
+//! [`run()`] is the emulator. One ordinary thread keeps time ([`cadence`]) and writes every half second to all links
+//! ([`link`]) itself; a runtime on the calling thread does whatever waits for somebody else: clients, commands,
+//! signals, devices that come back. Both meet at the desk, where the unit stands behind one lock.
 
+pub mod cadence;
+mod console;
+mod desk;
+pub mod lateness;
+pub mod link;
 pub mod record;
+mod recording;
+mod run;
 pub mod simulate;
+
+pub use run::{RunError, Settings, Summary, asked_to_end, run};

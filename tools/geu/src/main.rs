@@ -9,6 +9,8 @@ mod decode;
 mod describe;
 mod failure;
 mod rows;
+mod run;
+mod send;
 mod settings;
 mod simulate;
 
@@ -30,6 +32,8 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
+    Run(run::Arguments),
+    Send(send::Arguments),
     Simulate(simulate::Arguments),
     Config(config::Arguments),
     Describe(describe::Arguments),
@@ -51,7 +55,9 @@ fn main() -> ExitCode {
         Some(Command::Describe(arguments)) => describe::run(&arguments),
         Some(Command::Decode(arguments)) => decode::run(arguments),
         Some(Command::Bench(arguments)) => bench::run(arguments),
-        None => Ok(()),
+        Some(Command::Run(arguments)) => run::run(&arguments),
+        Some(Command::Send(arguments)) => send::run(&arguments),
+        None => run::run(&run::Arguments::default()),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

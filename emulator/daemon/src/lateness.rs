@@ -1,0 +1,123 @@
+//! Lateness as a histogram of log-spaced buckets: eight to the octave, so that a percentile is good to 9 %.
+
+use std::fmt;
+
+/// Buckets to an octave, as a power of two.
+const SUB_BITS: u32 = 3;
+const BUCKETS: usize = (64 - SUB_BITS as usize + 1) << SUB_BITS;
+
+/// A histogram of times, ns.
+#[derive(Clone)]
+pub struct Histogram {
+    buckets: Box<[u32; BUCKETS]>,
+    count: u64,
+    max_ns: u64,
+}
+
+impl Default for Histogram {
+    fn default() -> Histogram {
+        Histogram { buckets: Box::new([0; BUCKETS]), count: 0, max_ns: 0 }
+    }
+}
+
+fn bucket(ns: u64) -> usize {
+    let octave = (64 - ns.leading_zeros()).saturating_sub(SUB_BITS + 1);
+    ((octave as usize) << SUB_BITS) + (ns >> octave) as usize
+}
+
+/// The largest time that falls into a bucket, ns.
+fn upper_ns(index: usize) -> u64 {
+    let octave = (index >> SUB_BITS).saturating_sub(1) as u32;
+    let mantissa = index as u64 - (u64::from(octave) << SUB_BITS);
+    (u128::from(mantissa + 1) << octave).saturating_sub(1).min(u64::MAX.into()) as u64
+}
+
+impl Histogram {
+    /// Takes one in; an early one counts as 0.
+    pub fn record(&mut self, ns: i64) {
+        let ns = ns.max(0) as u64;
+        self.buckets[bucket(ns)] += 1;
+        self.count += 1;
+        self.max_ns = self.max_ns.max(ns);
+    }
+
+    /// How many were taken in.
+    pub fn count(&self) -> u64 {
+        self.count
+    }
+
+    /// The largest, ns.
+    pub fn max_ns(&self) -> u64 {
+        self.max_ns
+    }
+
+    /// A time that `share` of all do not exceed, ns; 0 of none.
+    pub fn percentile_ns(&self, share: f64) -> u64 {
+        let wanted = ((share * self.count as f64).ceil() as u64).max(1);
+        let mut seen = 0;
+        for (index, &count) in self.buckets.iter().enumerate() {
+            seen += u64::from(count);
+            if seen >= wanted {
+                return upper_ns(index).min(self.max_ns);
+            }
+        }
+        0
+    }
+}
+
+/// `p50 61 µs  p90 … p99 … p99.9 … max …`.
+impl fmt::Display for Histogram {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (name, share) in [("p50", 0.5), ("p90", 0.9), ("p99", 0.99), ("p99.9", 0.999)] {
+            write!(f, "{name} {}  ", Time(self.percentile_ns(share)))?;
+        }
+        write!(f, "max {}", Time(self.max_ns))
+    }
+}
+
+/// A short time, ns, with the unit that suits it.
+#[derive(Debug, Clone, Copy)]
+pub struct Time(pub u64);
+
+impl fmt::Display for Time {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let ns = self.0 as f64;
+        match self.0 {
+            0..10_000 => write!(f, "{:.2} µs", ns / 1e3),
+            10_000..1_000_000 => write!(f, "{:.0} µs", ns / 1e3),
+            1_000_000..1_000_000_000 => write!(f, "{:.2} ms", ns / 1e6),
+            _ => write!(f, "{:.2} s", ns / 1e9),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_time_falls_into_a_bucket_that_holds_it_within_an_eighth() {
+        let mut ns = 1u64;
+        while ns < u64::MAX / 2 {
+            for near in [ns - 1, ns, ns + 1] {
+                let upper = upper_ns(bucket(near));
+                assert!(upper >= near && upper as f64 <= near as f64 * 1.125, "{near} {upper}");
+                assert!(bucket(near) == 0 || upper_ns(bucket(near) - 1) < near);
+            }
+            ns += ns / 8 + 1;
+        }
+        assert!(bucket(u64::MAX) < BUCKETS);
+    }
+
+    #[test]
+    fn percentiles_are_those_of_what_was_taken_in() {
+        let mut histogram = Histogram::default();
+        assert_eq!(histogram.percentile_ns(0.5), 0);
+        (1..=1000).for_each(|us| histogram.record(us * 1000));
+        let median = histogram.percentile_ns(0.5);
+        assert!((500_000..570_000).contains(&median), "{median}");
+        assert_eq!(histogram.percentile_ns(1.0), 1_000_000);
+        histogram.record(-5);
+        assert_eq!((histogram.count(), histogram.max_ns()), (1001, 1_000_000));
+    }
+}

@@ -1,0 +1,276 @@
+//! A CAN interface. One that goes down or vanishes is used again when it is back.
+
+use std::io;
+use std::sync::atomic::Ordering::Relaxed;
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use geu_protocol::{CanFrame, CanPlan, HalfSecond};
+use nix::errno::Errno;
+use nix::ifaddrs::getifaddrs;
+use nix::net::if_::InterfaceFlags;
+use socketcan::{CanFilter, CanSocket, EmbeddedFrame, Frame, Id, Socket, SocketOptions, StandardId};
+use tokio::sync::Notify;
+
+use super::{Link, LinkError, Sending, Tally, Watched};
+use crate::console;
+use crate::desk::Desk;
+
+/// Between two attempts at an interface that is gone.
+const AGAIN: Duration = Duration::from_millis(250);
+/// A full queue is waited for so long in all; then the rest of the half second is dropped.
+const QUEUE_PATIENCE: Duration = Duration::from_millis(5);
+/// Between two looks for room in a full queue.
+const LOOK_AGAIN: Duration = Duration::from_micros(200);
+/// All 29 bits of an identifier: extended frames with the number of COMMAND are seen too, to be counted.
+const ID_MASK: u32 = 0x1FFF_FFFF;
+
+/// `INTERFACE[:BASE]`, the base in hexadecimal.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct CanAddress {
+    /// Name of the interface.
+    pub interface: String,
+    /// Identifiers.
+    pub plan: CanPlan,
+}
+
+impl std::str::FromStr for CanAddress {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<CanAddress, String> {
+        let (interface, plan) = match text.split_once(':') {
+            None => (text, CanPlan::default()),
+            Some((interface, base)) => {
+                let plan = u16::from_str_radix(base, 16).ok().and_then(CanPlan::with_base);
+                (
+                    interface,
+                    plan.ok_or_else(|| {
+                        format!(
+                            "expected a base from 0 to {:X} in hexadecimal after the colon, got {base}",
+                            CanPlan::MAX_BASE
+                        )
+                    })?,
+                )
+            }
+        };
+        if interface.is_empty() || interface.len() > 15 {
+            return Err(format!("expected INTERFACE or INTERFACE:BASE with a name of 1 to 15 bytes, got {text:?}"));
+        }
+        Ok(CanAddress { interface: interface.to_owned(), plan })
+    }
+}
+
+/// What both threads share: the socket, while there is one that works.
+struct Bus {
+    address: CanAddress,
+    socket: Mutex<Option<Arc<CanSocket>>>,
+    /// The time keeper found the socket to be of no use.
+    lost: Notify,
+    tally: Arc<Tally>,
+}
+
+struct Can {
+    bus: Arc<Bus>,
+    frames: [socketcan::CanFrame; 3],
+}
+
+/// Opens the interface and serves it.
+pub(super) fn open(address: &CanAddress, desk: &Arc<Desk>) -> Result<impl Link + use<>, LinkError> {
+    let socket = connect(address)?;
+    let bus = Arc::new(Bus {
+        address: address.clone(),
+        socket: Mutex::new(None),
+        lost: Notify::new(),
+        tally: Tally::new(format!("can {} {:X}", address.interface, address.plan.base())),
+    });
+    tokio::spawn(attend(socket, bus.clone(), desk.clone()));
+    if is_up(&address.interface) {
+        console::ready(&bus.tally.name);
+    }
+    Ok(Can { bus, frames: address.plan.frames(&HalfSecond::default()).map(|frame| to_socket(&frame)) })
+}
+
+/// A socket that does not block and hears nothing but COMMAND.
+fn connect(address: &CanAddress) -> Result<CanSocket, LinkError> {
+    let explain = |error: io::Error| {
+        let name = address.interface.clone();
+        match error.raw_os_error().map(Errno::from_raw) {
+            Some(Errno::EAFNOSUPPORT | Errno::EPROTONOSUPPORT) => LinkError::CanUnsupported(name, error),
+            Some(Errno::EPERM | Errno::EACCES) => LinkError::CanPermission(name, error),
+            Some(Errno::ENODEV | Errno::ENXIO)
+                if getifaddrs().is_ok_and(|mut all| all.any(|one| one.interface_name == name)) =>
+            {
+                LinkError::NotCan(name)
+            }
+            Some(Errno::ENODEV | Errno::ENXIO) => LinkError::CanAbsent(name),
+            _ => LinkError::Can(name, error),
+        }
+    };
+    // Interface 0 is all of them: what fails here has nothing to do with the name.
+    CanSocket::open_iface(0).map_err(explain)?;
+    let socket = CanSocket::open(&address.interface).map_err(explain)?;
+    socket.set_nonblocking(true).map_err(explain)?;
+    socket.set_filters(&[CanFilter::new(address.plan.command_id().into(), ID_MASK)]).map_err(explain)?;
+    Ok(socket)
+}
+
+fn is_up(interface: &str) -> bool {
+    getifaddrs().is_ok_and(|mut all| {
+        all.any(|one| one.interface_name == interface && one.flags.contains(InterfaceFlags::IFF_UP))
+    })
+}
+
+fn to_socket(frame: &CanFrame) -> socketcan::CanFrame {
+    let id = StandardId::new(frame.id).expect("a plan has 11-bit identifiers only");
+    socketcan::CanFrame::new(id, frame.data()).expect("a frame of the unit has at most eight bytes")
+}
+
+impl Bus {
+    fn socket(&self) -> Option<Arc<CanSocket>> {
+        self.socket.lock().expect("nothing panics with the socket").clone()
+    }
+
+    /// Writes a frame, giving a full queue until `give_up`.
+    fn write(&self, socket: &CanSocket, frame: &socketcan::CanFrame, give_up: Instant) -> bool {
+        loop {
+            match socket.write_frame(frame) {
+                Ok(()) => return true,
+                Err(error) => match error.raw_os_error().map(Errno::from_raw) {
+                    Some(Errno::ENOBUFS | Errno::EAGAIN | Errno::EINTR) if Instant::now() < give_up => {
+                        std::thread::sleep(LOOK_AGAIN);
+                    }
+                    Some(Errno::ENOBUFS | Errno::EAGAIN | Errno::EINTR) => return false,
+                    _ => {
+                        self.lost.notify_one();
+                        return false;
+                    }
+                },
+            }
+        }
+    }
+}
+
+async fn attend(socket: CanSocket, bus: Arc<Bus>, desk: Arc<Desk>) {
+    let name = &bus.tally.name;
+    let mut next = Some(socket);
+    let mut was_up = is_up(&bus.address.interface);
+    if !was_up {
+        console::say(format_args!(
+            "{name}: is down; the unit keeps time, and sends when it is up: ip link set {} up",
+            bus.address.interface
+        ));
+        next = None;
+    }
+    loop {
+        let socket = loop {
+            match next.take() {
+                Some(socket) => break Arc::new(socket),
+                None => {
+                    tokio::time::sleep(AGAIN).await;
+                    next =
+                        Some(&bus.address).filter(|address| is_up(&address.interface)).and_then(|it| connect(it).ok());
+                }
+            }
+        };
+        if !was_up {
+            console::ready(name);
+            was_up = true;
+        }
+        *bus.socket.lock().expect("nothing panics with the socket") = Some(socket.clone());
+        let reason = tokio::select! {
+            error = serve(socket, &bus, &desk) => error.to_string(),
+            () = bus.lost.notified() => "cannot send".to_owned(),
+        };
+        *bus.socket.lock().expect("nothing panics with the socket") = None;
+        console::say(format_args!("{name}: gone ({reason}); the unit keeps time and waits for it to come back"));
+        loop {
+            tokio::time::sleep(AGAIN).await;
+            if is_up(&bus.address.interface)
+                && let Ok(socket) = connect(&bus.address)
+            {
+                next = Some(socket);
+                break;
+            }
+        }
+        console::say(format_args!("{name}: is back"));
+    }
+}
+
+/// Answers commands until the socket is of no use.
+async fn serve(socket: Arc<CanSocket>, bus: &Bus, desk: &Desk) -> io::Error {
+    let socket = match Watched::new(socket) {
+        Ok(socket) => socket,
+        Err(error) => return error,
+    };
+    loop {
+        let received = match socket.readable().await {
+            Ok(mut guard) => guard.try_io(|socket| socket.get_ref().read_frame()),
+            Err(error) => return error,
+        };
+        match received {
+            Err(_) => {}
+            Ok(Err(error)) => return error,
+            Ok(Ok(frame)) => answer(&frame, socket.get_ref(), bus, desk),
+        }
+    }
+}
+
+fn answer(frame: &socketcan::CanFrame, socket: &CanSocket, bus: &Bus, desk: &Desk) {
+    let is_command = matches!(frame.id(), Id::Standard(_)) && !frame.is_remote_frame() && !frame.is_error_frame();
+    if !is_command || frame.data().is_empty() {
+        desk.rejected.fetch_add(1, Relaxed);
+        return;
+    }
+    let answered = desk.command(&bus.tally.name, frame.data());
+    let plan = bus.address.plan;
+    let give_up = Instant::now() + QUEUE_PATIENCE;
+    let reply = to_socket(&CanFrame::new(plan.reply_id(), answered.reply.bytes()));
+    if bus.write(socket, &reply, give_up) {
+        bus.tally.replies.fetch_add(1, Relaxed);
+        if let Some(half_second) = answered.polled {
+            let _ = plan.frames(&half_second).iter().all(|frame| bus.write(socket, &to_socket(frame), give_up));
+        }
+    }
+}
+
+impl Link for Can {
+    fn prepare(&mut self, half_second: &HalfSecond) {
+        self.frames = self.bus.address.plan.frames(half_second).map(|frame| to_socket(&frame));
+    }
+
+    fn send(&mut self, patience: Duration) {
+        let outcome = match self.bus.socket() {
+            Some(socket) => {
+                let give_up = Instant::now() + patience.max(QUEUE_PATIENCE);
+                let all_sent = self.frames.iter().all(|frame| self.bus.write(&socket, frame, give_up));
+                if all_sent { Sending::Sent } else { Sending::Dropped }
+            }
+            None => Sending::Dropped,
+        };
+        self.bus.tally.count(outcome);
+    }
+
+    fn is_drained(&self) -> bool {
+        true
+    }
+
+    fn tally(&self) -> Arc<Tally> {
+        self.bus.tally.clone()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_address_is_an_interface_and_perhaps_a_base_in_hexadecimal() {
+        let base = |text: &str| text.parse::<CanAddress>().map(|address| address.plan.base()).ok();
+        assert_eq!(base("vcan0"), Some(0x1A0));
+        assert_eq!(base("vcan0:300"), Some(0x300));
+        assert_eq!(base("vcan0:7F6"), Some(0x7F6));
+        for text in ["vcan0:7F7", "vcan0:xyz", "vcan0:", "", ":1A0", "a-name-too-long-for-linux"] {
+            assert_eq!(base(text), None, "{text}");
+        }
+    }
+}

@@ -1,0 +1,148 @@
+//! A real serial port. An adapter that is unplugged is opened again when it comes back.
+
+use std::io;
+use std::os::fd::AsFd;
+use std::sync::Arc;
+use std::time::Duration;
+
+use geu_protocol::HalfSecond;
+use geu_protocol::serial::{DEFAULT_BAUD, MAX_FRAME, data_frame};
+use tokio_serial::{DataBits, Parity, SerialStream, StopBits};
+
+use super::line::{Line, Port};
+use super::receive::serve;
+use super::{Link, LinkError, Sending, Tally, Watched};
+use crate::console;
+use crate::desk::Desk;
+
+/// Between two attempts at a port that is gone.
+const AGAIN: Duration = Duration::from_millis(250);
+
+/// `DEVICE[:BAUD]`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct SerialAddress {
+    /// Path of the device.
+    pub device: String,
+    /// Rate, 8N1.
+    pub baud: u32,
+}
+
+impl std::str::FromStr for SerialAddress {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<SerialAddress, String> {
+        let (device, baud) = match text.rsplit_once(':') {
+            // Names under /dev/serial/by-path have colons of their own.
+            Some((device, baud)) if !baud.is_empty() && baud.bytes().all(|byte| byte.is_ascii_digit()) => {
+                let baud = baud.parse().ok().filter(|&baud| baud > 0);
+                (device, baud.ok_or_else(|| format!("expected DEVICE:BAUD with a rate above 0, got {text}"))?)
+            }
+            _ => (text, DEFAULT_BAUD),
+        };
+        if device.is_empty() {
+            return Err(format!("expected DEVICE or DEVICE:BAUD, got {text:?}"));
+        }
+        Ok(SerialAddress { device: device.to_owned(), baud })
+    }
+}
+
+impl SerialAddress {
+    fn open(&self) -> io::Result<(SerialStream, Port)> {
+        let builder = tokio_serial::new(&self.device, self.baud)
+            .data_bits(DataBits::Eight)
+            .parity(Parity::None)
+            .stop_bits(StopBits::One);
+        let stream = SerialStream::open(&builder)?;
+        // SAFETY: the descriptor belongs to `stream`, which is alive during the call that duplicates it.
+        let borrowed = unsafe { std::os::fd::BorrowedFd::borrow_raw(std::os::fd::AsRawFd::as_raw_fd(&stream)) };
+        let port = Arc::new(borrowed.as_fd().try_clone_to_owned()?);
+        Ok((stream, port))
+    }
+}
+
+struct Serial {
+    line: Arc<Line>,
+    frame: [u8; MAX_FRAME],
+    tally: Arc<Tally>,
+}
+
+/// Opens the port and serves it.
+pub(super) fn open(address: &SerialAddress, desk: &Arc<Desk>) -> Result<impl Link + use<>, LinkError> {
+    let opened = address.open().map_err(|error| LinkError::Serial(address.device.clone(), error))?;
+    let tally = Tally::new(format!("serial {} {}", address.device, address.baud));
+    let line = Arc::new(Line::new(None, 0.0, tally.clone()));
+    console::ready(&tally.name);
+    tokio::spawn(attend(opened, address.clone(), line.clone(), desk.clone(), tally.clone()));
+    Ok(Serial { line, frame: [0; MAX_FRAME], tally })
+}
+
+async fn attend(
+    mut opened: (SerialStream, Port),
+    address: SerialAddress,
+    line: Arc<Line>,
+    desk: Arc<Desk>,
+    tally: Arc<Tally>,
+) {
+    loop {
+        line.open(opened.1.clone());
+        let end = session(&opened.1, &line, &desk, &tally).await;
+        line.close();
+        drop(opened);
+        let reason = end.err().map_or_else(|| "hung up".to_owned(), |error| error.to_string());
+        console::say(format_args!(
+            "{}: gone ({reason}); the unit keeps time and waits for it to come back",
+            tally.name
+        ));
+        opened = loop {
+            tokio::time::sleep(AGAIN).await;
+            if let Ok(opened) = address.open() {
+                break opened;
+            }
+        };
+        console::say(format_args!("{}: is back", tally.name));
+    }
+}
+
+async fn session(port: &Port, line: &Line, desk: &Desk, tally: &Tally) -> io::Result<()> {
+    let port = Watched::new(port.clone())?;
+    tokio::select! {
+        end = serve(&port, line, desk, &tally.name) => end,
+        end = line.pump(&port) => end,
+    }
+}
+
+impl Link for Serial {
+    fn prepare(&mut self, half_second: &HalfSecond) {
+        self.frame = data_frame(half_second);
+    }
+
+    fn send(&mut self, patience: Duration) {
+        self.tally.count(match self.line.send(&self.frame, patience) {
+            Sending::Unread => Sending::Dropped,
+            outcome => outcome,
+        });
+    }
+
+    fn is_drained(&self) -> bool {
+        self.line.is_drained()
+    }
+
+    fn tally(&self) -> Arc<Tally> {
+        self.tally.clone()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_address_is_a_device_and_perhaps_a_rate() {
+        let parse = |text: &str| text.parse::<SerialAddress>().map(|address| (address.device, address.baud));
+        assert_eq!(parse("/dev/ttyUSB0"), Ok(("/dev/ttyUSB0".to_owned(), 115_200)));
+        assert_eq!(parse("/dev/ttyUSB0:9600"), Ok(("/dev/ttyUSB0".to_owned(), 9600)));
+        let by_path = "/dev/serial/by-path/pci-0:14.0-usb-0:2:1.0-port0";
+        assert_eq!(parse(by_path), Ok((by_path.to_owned(), 115_200)));
+        assert!(parse("/dev/ttyUSB0:0").is_err() && parse(":9600").is_err() && parse("").is_err());
+    }
+}

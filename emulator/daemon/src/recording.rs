@@ -1,0 +1,57 @@
+//! Recording beside the live links: a thread of its own writes, so that a slow disk never delays a half second.
+
+use std::sync::mpsc::{SyncSender, sync_channel};
+use std::thread::{self, JoinHandle};
+
+use geu_model::{Ended, Trace};
+use geu_protocol::HalfSecond;
+
+use crate::console;
+use crate::record::{RecordError, Recorder};
+
+/// Half seconds that may wait for the disk: eight minutes in real time.
+const QUEUE: usize = 1000;
+
+/// What happened in the unit, in the order in which it happened on board.
+pub(crate) enum Event {
+    HalfSecond(Ended, Box<[Trace; 4]>),
+    Command { link: String, payload: Vec<u8>, running_end_ns: i64 },
+    Polled(HalfSecond, i64),
+}
+
+/// The thread that writes.
+pub(crate) struct Writer {
+    thread: JoinHandle<Result<(), RecordError>>,
+}
+
+impl Writer {
+    /// Begins to write what is sent.
+    pub fn start(mut recorder: Recorder) -> (SyncSender<Event>, Writer) {
+        let (sender, events) = sync_channel(QUEUE);
+        let thread = thread::spawn(move || {
+            for event in events {
+                let written = match event {
+                    Event::HalfSecond(ended, traces) => recorder.half_second(&ended, &traces),
+                    Event::Command { link, payload, running_end_ns } => {
+                        recorder.command(&link, &payload, running_end_ns)
+                    }
+                    Event::Polled(half_second, end_ns) => recorder.polled(&half_second, end_ns),
+                };
+                if let Err(error) = written {
+                    console::say(format_args!("recording ends here, the unit goes on: {error}"));
+                    return Err(error);
+                }
+            }
+            recorder.finish()
+        });
+        (sender, Writer { thread })
+    }
+
+    /// Waits until all is written.
+    ///
+    /// # Errors
+    /// The file that could not be written.
+    pub fn finish(self) -> Result<(), RecordError> {
+        self.thread.join().expect("the writer does not panic")
+    }
+}

@@ -1,0 +1,317 @@
+//! The emulator: one thread keeps time and sends, the calling thread runs everything that waits for somebody else.
+
+use std::fmt;
+use std::future::Future;
+use std::io;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::sync::{Arc, Mutex};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use geu_model::Configuration;
+use tokio::signal::unix::{SignalKind, signal};
+
+use crate::cadence::{Sleeper, Speed, ask_for_realtime, doze_until, now_ns};
+use crate::console;
+use crate::desk::Desk;
+use crate::lateness::{Histogram, Time};
+use crate::link::{self, Link, LinkAddress, LinkError, Tally};
+use crate::record::{RecordError, Recorder};
+use crate::recording::Writer;
+
+/// So long before its deadline a half second is ended and encoded: longer than the model and a wake-up take.
+const LEAD_NS: i64 = 800_000;
+/// A tick later than this is counted as late: what the interface control document allows as constant delay.
+const LATE_NS: i64 = 5_000_000;
+/// A reader at more than real speed is given so long to make room before it loses a half second.
+const PATIENCE: Duration = Duration::from_secs(2);
+/// At the end, what readers have not taken is waited for so long.
+const LAST_WORDS: Duration = Duration::from_millis(300);
+/// Between two status lines.
+const STATUS: Duration = Duration::from_millis(500);
+/// Between two looks at something that nobody tells of.
+const LOOK_AGAIN: Duration = Duration::from_millis(5);
+
+/// How to run the unit.
+#[derive(Debug, Clone)]
+pub struct Settings {
+    /// Links to open; all carry the same.
+    pub links: Vec<LinkAddress>,
+    /// On-board time against the wall clock.
+    pub speed: Speed,
+    /// Half seconds to run; without end where nothing is said.
+    pub half_seconds: Option<u64>,
+    /// Spin so long before each deadline.
+    pub spin: Duration,
+    /// Ask for SCHED_FIFO.
+    pub realtime: bool,
+    /// Begin only when a client is attached to a pty or over TCP.
+    pub wait_for_client: bool,
+}
+
+/// A run that could not begin, or whose recording is not complete.
+#[derive(Debug, thiserror::Error)]
+pub enum RunError {
+    /// A link cannot be opened.
+    #[error(transparent)]
+    Link(#[from] LinkError),
+    /// The recording cannot be written.
+    #[error(transparent)]
+    Record(#[from] RecordError),
+    /// No runtime, no thread.
+    #[error("cannot start: {0}")]
+    System(#[from] io::Error),
+}
+
+/// What a run has done.
+pub struct Summary {
+    /// Half seconds that ended on board.
+    pub half_seconds: u64,
+    /// Of these, not sent because the process was held up beyond the next deadline.
+    pub missed: u64,
+    /// Sent more than 5 ms after the deadline.
+    pub late: u64,
+    /// Lateness of the sends that have a deadline.
+    pub lateness: Histogram,
+    /// Commands answered.
+    pub commands: u64,
+    /// Frames to the unit dropped without an answer.
+    pub rejected: u64,
+    /// Each link.
+    pub links: Vec<Arc<Tally>>,
+}
+
+impl fmt::Display for Summary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "half seconds {}, late {}, missed {}", self.half_seconds, self.late, self.missed)?;
+        if self.lateness.count() > 0 {
+            writeln!(f, "lateness     {}", self.lateness)?;
+        }
+        writeln!(f, "commands     {} answered, {} frames dropped (CRC, length, kind)", self.commands, self.rejected)?;
+        self.links.iter().try_for_each(|link| writeln!(f, "link         {link}"))
+    }
+}
+
+/// Ends when the process is asked to: SIGINT or SIGTERM.
+///
+/// # Errors
+/// Signals that cannot be waited for.
+pub async fn asked_to_end() -> io::Result<()> {
+    let (mut interrupt, mut terminate) = (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?);
+    tokio::select! {
+        _ = interrupt.recv() => {}
+        _ = terminate.recv() => {}
+    }
+    Ok(())
+}
+
+/// Runs the unit until its half seconds are over or `shutdown` resolves; links are removed when it returns.
+///
+/// # Errors
+/// A link that cannot be opened, a recording that cannot be written.
+pub fn run(
+    configuration: &Configuration,
+    settings: &Settings,
+    recorder: Option<Recorder>,
+    shutdown: impl Future<Output = io::Result<()>>,
+) -> Result<Summary, RunError> {
+    let (recording, writer) = recorder.map(Writer::start).unzip();
+    let desk = Arc::new(Desk::new(configuration, recording));
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    let ended = runtime.block_on(keep(&desk, settings, shutdown));
+    // Tasks end before the links' last owners do, so that nothing is served half.
+    runtime.shutdown_background();
+    desk.close();
+    let written = writer.map_or(Ok(()), Writer::finish);
+    let summary = ended?;
+    written?;
+    Ok(summary)
+}
+
+async fn keep(
+    desk: &Arc<Desk>,
+    settings: &Settings,
+    shutdown: impl Future<Output = io::Result<()>>,
+) -> Result<Summary, RunError> {
+    let mut shutdown = std::pin::pin!(shutdown);
+    // Polled once now, so that a signal during the opening of links is not the default end of the process.
+    let asked = tokio::select! { biased; asked = &mut shutdown => Some(asked), () = std::future::ready(()) => None };
+    let speedup = match settings.speed {
+        Speed::Times(factor) => factor,
+        Speed::Max => f64::INFINITY,
+    };
+    let mut links = Vec::new();
+    for address in &settings.links {
+        links.push(link::open(address, desk, speedup)?);
+    }
+    let tallies: Vec<_> = links.iter().map(|link| link.tally()).collect();
+    let timing = Arc::new(Timing::default());
+    let mut keeper = Keeper { desk: desk.clone(), settings: settings.clone(), links, timing: timing.clone() };
+    let (done, mut is_done) = tokio::sync::oneshot::channel();
+    let thread = thread::Builder::new().name("geu-cadence".to_owned()).spawn(move || {
+        keeper.keep_time();
+        let _ = done.send(());
+        keeper
+    })?;
+
+    let mut status = tokio::time::interval(STATUS);
+    status.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Skip);
+    let wants_status = console::wants_status();
+    if let Some(asked) = asked {
+        asked?;
+        timing.stop.store(true, Relaxed);
+    }
+    loop {
+        tokio::select! {
+            _ = &mut is_done => break,
+            asked = &mut shutdown, if !timing.stop.load(Relaxed) => {
+                asked?;
+                timing.stop.store(true, Relaxed);
+                thread.thread().unpark();
+            }
+            _ = status.tick(), if wants_status => {
+                let clients = tallies.iter().map(|tally| tally.clients.load(Relaxed)).sum();
+                console::show_status(desk.completed().as_ref(), clients, &timing.lateness());
+            }
+        }
+    }
+    // The time keeper is done; it still holds the links.
+    let keeper = thread.join().expect("the time keeper does not panic");
+    let give_up = Instant::now() + LAST_WORDS;
+    while Instant::now() < give_up && !keeper.links.iter().all(|link| link.is_drained()) {
+        tokio::time::sleep(LOOK_AGAIN).await;
+    }
+    drop(keeper);
+    console::clear_status();
+    Ok(Summary {
+        half_seconds: desk.running().0,
+        missed: timing.counts().missed,
+        late: timing.counts().late,
+        lateness: timing.lateness(),
+        commands: desk.commands.load(Relaxed),
+        rejected: desk.rejected.load(Relaxed),
+        links: tallies,
+    })
+}
+
+/// How well time is kept, as both threads see it.
+#[derive(Default)]
+struct Timing {
+    stop: AtomicBool,
+    counts: Mutex<Counts>,
+}
+
+#[derive(Default, Clone)]
+struct Counts {
+    late: u64,
+    missed: u64,
+    lateness: Histogram,
+}
+
+impl Timing {
+    fn counts(&self) -> Counts {
+        self.counts.lock().expect("nothing panics with the counts").clone()
+    }
+
+    fn lateness(&self) -> Histogram {
+        self.counts().lateness
+    }
+
+    /// Takes a send in.
+    fn record(&self, late_ns: i64) {
+        let mut counts = self.counts.lock().expect("nothing panics with the counts");
+        counts.lateness.record(late_ns);
+        counts.late += u64::from(late_ns > LATE_NS);
+    }
+}
+
+/// The thread that keeps time.
+struct Keeper {
+    desk: Arc<Desk>,
+    settings: Settings,
+    links: Vec<Box<dyn Link>>,
+    timing: Arc<Timing>,
+}
+
+impl Keeper {
+    fn keep_time(&mut self) {
+        let sleeper = Sleeper::new(self.settings.spin);
+        if self.settings.realtime {
+            match ask_for_realtime() {
+                Ok(()) => console::say("real-time priority (SCHED_FIFO) granted"),
+                Err(error) => console::say(format_args!(
+                    "real-time priority (SCHED_FIFO) not granted: {error}; it needs CAP_SYS_NICE or `ulimit -r`; the unit runs without"
+                )),
+            }
+        }
+        while self.settings.wait_for_client && !self.is_stopped() && !self.has_client() {
+            thread::park_timeout(LOOK_AGAIN);
+        }
+        let patience = if self.settings.speed.is_faster_than_real() { PATIENCE } else { Duration::ZERO };
+        let start_ns = now_ns();
+        let mut missed = 0;
+        while !self.is_stopped() {
+            let (ended, running_end_ns) = self.desk.running();
+            if self.settings.half_seconds.is_some_and(|half_seconds| ended >= half_seconds) {
+                break;
+            }
+            let deadline_ns = self.settings.speed.wall_ns(running_end_ns).map(|wall_ns| start_ns + wall_ns);
+            if let Some(deadline_ns) = deadline_ns {
+                while !self.is_stopped() && now_ns() < deadline_ns - LEAD_NS {
+                    doze_until(deadline_ns - LEAD_NS);
+                }
+                if self.is_stopped() {
+                    break;
+                }
+            }
+            let ended = self.desk.end_half_second();
+            if self.is_past_next_deadline(start_ns) {
+                missed += 1;
+                self.desk.complete();
+                continue;
+            }
+            self.tell_missed(std::mem::take(&mut missed));
+            self.links.iter_mut().for_each(|link| link.prepare(&ended.half_second));
+            if let Some(deadline_ns) = deadline_ns {
+                sleeper.until(deadline_ns);
+            }
+            let now_ns = now_ns();
+            if ended.cyclic {
+                self.links.iter_mut().for_each(|link| link.send(patience));
+            }
+            self.desk.complete();
+            if let Some(deadline_ns) = deadline_ns {
+                self.timing.record(now_ns - deadline_ns);
+            }
+        }
+        self.tell_missed(missed);
+    }
+
+    fn is_stopped(&self) -> bool {
+        self.timing.stop.load(Relaxed)
+    }
+
+    fn has_client(&self) -> bool {
+        self.links.iter().any(|link| link.tally().clients.load(Relaxed) > 0)
+    }
+
+    /// Whether the half second that just ended on board comes so late that the next is due already. In real time it
+    /// is not sent then: a burst would show the receiver a unit that does not exist. A faster run is for its bytes.
+    fn is_past_next_deadline(&self, start_ns: i64) -> bool {
+        if self.settings.speed.is_faster_than_real() {
+            return false;
+        }
+        let (_, next_end_ns) = self.desk.running();
+        self.settings.speed.wall_ns(next_end_ns).is_some_and(|wall_ns| now_ns() > start_ns + wall_ns)
+    }
+
+    fn tell_missed(&self, missed: u64) {
+        if missed > 0 {
+            self.timing.counts.lock().expect("nothing panics with the counts").missed += missed;
+            let held_up = Time(missed * 500_000_000);
+            console::say(format_args!(
+                "{missed} half seconds not sent: the process was held up for about {held_up}; the sequence goes on behind them"
+            ));
+        }
+    }
+}

@@ -1,0 +1,116 @@
+//! `geu run`: the emulator.
+
+use std::path::PathBuf;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use clap::Args;
+use geu_daemon::cadence::Speed;
+use geu_daemon::link::{CanAddress, LinkAddress, SerialAddress};
+use geu_daemon::record::Recorder;
+use geu_daemon::{RunError, Settings, asked_to_end};
+use geu_model::configuration::{WireForm, unix_ns};
+
+use crate::failure::Failure;
+use crate::settings::{RunSettings, half_seconds};
+
+/// Name of the default pty.
+const DEFAULT_PTY: &str = "geu0";
+
+/// Runs the emulator: the unit on a pty, a serial port, a CAN interface or TCP, or several of them at once.
+///
+/// Without a link it stands on a pty at $XDG_RUNTIME_DIR/geu0, else /tmp/geu0. `ready LINK` is printed for each.
+#[derive(Args, Debug, Default)]
+pub struct Arguments {
+    #[command(flatten)]
+    run: RunSettings,
+    /// Pty under a stable symlink
+    #[arg(long, value_name = "PATH")]
+    pty: Vec<PathBuf>,
+    /// Serial port, 8N1 [default rate: 115200]
+    #[arg(long, value_name = "DEVICE[:BAUD]")]
+    serial: Vec<SerialAddress>,
+    /// SocketCAN interface; the base identifier in hexadecimal [default: 1A0]
+    #[arg(long, value_name = "INTERFACE[:BASE]")]
+    can: Vec<CanAddress>,
+    /// Serves the serial bytes to every client of HOST:PORT; port 0 takes a free one
+    #[arg(long, value_name = "ADDRESS")]
+    tcp: Vec<String>,
+    /// Writes there what `geu simulate` writes, for this run
+    #[arg(long, value_name = "DIRECTORY")]
+    record: Option<PathBuf>,
+    /// On-board time against the wall clock: a factor, or max for as fast as model and readers go [default: 1]
+    #[arg(long, value_name = "X|max")]
+    speed: Option<Speed>,
+    /// Ends after so much on-board time
+    #[arg(long, value_name = "SECONDS")]
+    duration: Option<f64>,
+    /// Holds the first half second back until a client is attached to a pty or over TCP
+    #[arg(long)]
+    wait: bool,
+    /// Spins before each deadline instead of sleeping: less late, for CPU time
+    #[arg(long, value_name = "MICROSECONDS", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=10_000))]
+    spin: u32,
+    /// Asks for real-time priority (SCHED_FIFO), and says whether it was granted
+    #[arg(long)]
+    realtime: bool,
+    /// Control interface: only `off` for now, which is the default
+    #[arg(long, value_name = "ADDRESS|off", value_parser = control_off)]
+    control: Option<String>,
+}
+
+fn control_off(text: &str) -> Result<String, String> {
+    if text == "off" {
+        Ok(text.to_owned())
+    } else {
+        Err("expected off: the control interface is not there yet, it comes with a later version".to_owned())
+    }
+}
+
+impl Arguments {
+    fn links(&self) -> Vec<LinkAddress> {
+        let mut links: Vec<LinkAddress> = Vec::new();
+        links.extend(self.can.iter().cloned().map(LinkAddress::Can));
+        links.extend(self.serial.iter().cloned().map(LinkAddress::Serial));
+        links.extend(self.pty.iter().cloned().map(LinkAddress::Pty));
+        links.extend(self.tcp.iter().cloned().map(LinkAddress::Tcp));
+        if links.is_empty() {
+            let directory = std::env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from).filter(|path| path.is_dir());
+            links.push(LinkAddress::Pty(directory.unwrap_or_else(|| "/tmp".into()).join(DEFAULT_PTY)));
+        }
+        links
+    }
+}
+
+/// Carries it out.
+///
+/// # Errors
+/// A configuration that cannot be run, a link that cannot be opened, a recording that cannot be written.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let mut configuration = arguments.run.read()?;
+    if arguments.run.start.is_none() && configuration.start_unix_ns == 0 {
+        let now = SystemTime::now().duration_since(UNIX_EPOCH).map_err(Failure::failed)?;
+        configuration.start_unix_ns = unix_ns(now.as_secs_f64());
+    }
+    let settings = Settings {
+        links: arguments.links(),
+        speed: arguments.speed.unwrap_or(Speed::Times(1.0)),
+        half_seconds: arguments.duration.map(half_seconds).transpose()?,
+        spin: Duration::from_micros(arguments.spin.into()),
+        realtime: arguments.realtime,
+        wait_for_client: arguments.wait,
+    };
+    let is_can = matches!(settings.links[0], LinkAddress::Can(_));
+    let wire = if is_can { WireForm::Can } else { WireForm::Serial };
+    let wire = configuration.run.wire.unwrap_or(wire);
+    let recorder = match &arguments.record {
+        Some(directory) => Some(Recorder::create(directory, &configuration, wire).map_err(Failure::failed)?),
+        None => None,
+    };
+    let summary =
+        geu_daemon::run(&configuration, &settings, recorder, asked_to_end()).map_err(|error| match error {
+            RunError::Link(error) => Failure::input(error),
+            error => Failure::failed(error),
+        })?;
+    eprint!("{summary}");
+    Ok(())
+}

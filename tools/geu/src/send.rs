@@ -1,0 +1,363 @@
+//! `geu send`: one command to the unit, by name, and its reply in words.
+
+use std::fs::OpenOptions;
+use std::io::{self, Read, Write};
+use std::net::{TcpStream, ToSocketAddrs};
+use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use clap::Args;
+use geu_daemon::link::{CanAddress, SerialAddress};
+use geu_protocol::can::Role;
+use geu_protocol::command::{self, COMMAND_LENGTHS, COMMANDS, CommandSpec, Outcome};
+use geu_protocol::serial::{Deframer, Found, Kind, frame, read_data};
+use geu_protocol::{Assembler, CanPlan, HalfSecond, Reply, can::Assembled};
+use nix::libc;
+use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
+use nix::sys::termios::{BaudRate, SetArg, cfmakeraw, cfsetspeed, tcgetattr, tcsetattr};
+use socketcan::{CanFilter, CanSocket, EmbeddedFrame, Id, Socket, SocketOptions, StandardId};
+
+use crate::failure::Failure;
+
+/// Sends a command to the unit by name and prints the decoded reply: geu send /tmp/geu0 SET_MODE 1
+#[derive(Args, Debug)]
+#[command(after_help = table())]
+pub struct Arguments {
+    /// Pty or serial device (DEVICE[:BAUD]), HOST:PORT or tcp:HOST:PORT, or CAN interface (INTERFACE[:BASE], hexadecimal)
+    #[arg(required_unless_present = "list")]
+    link: Option<String>,
+    /// Name of the command; upper or lower case, - or _
+    #[arg(required_unless_present_any = ["list", "raw"])]
+    command: Option<String>,
+    /// Arguments, decimal or 0x…
+    #[arg(allow_hyphen_values = true)]
+    arguments: Vec<String>,
+    /// Sends these bytes as the payload instead, to see how a wrong command is answered: 0909FF
+    #[arg(long, value_name = "HEX", conflicts_with = "command")]
+    raw: Option<String>,
+    /// Waits so long for the reply
+    #[arg(long, value_name = "SECONDS", default_value_t = 1.0)]
+    timeout: f64,
+    /// Prints the table of commands
+    #[arg(long)]
+    list: bool,
+}
+
+/// Carries it out.
+///
+/// # Errors
+/// Bad usage, a link that cannot be opened, no reply in time, a reply that does not say done.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    if arguments.list {
+        print(&table());
+        return Ok(());
+    }
+    let payload = match (&arguments.raw, &arguments.command) {
+        (Some(hex), _) => raw_payload(hex)?,
+        (None, command) => named_payload(command.as_deref().unwrap_or_default(), &arguments.arguments)?,
+    };
+    if !(0.0..=3600.0).contains(&arguments.timeout) {
+        return Err(Failure::input(format!("--timeout: expected 0 to 3600 seconds, got {}", arguments.timeout)));
+    }
+    let link = arguments.link.as_deref().unwrap_or_default();
+    let give_up = Instant::now() + Duration::from_secs_f64(arguments.timeout);
+    let (reply, polled) = open(link)?
+        .ask(&payload, give_up)
+        .map_err(|error| Failure::failed(format!("{link}: {error}; is the unit still there?")))?;
+    let Some(reply) = reply else {
+        let waited = arguments.timeout;
+        return Err(Failure::failed(format!("{link}: no reply within {waited} s; expected one within 20 ms")));
+    };
+    print(&describe(&reply, polled.as_ref()));
+    if reply.outcome() != Outcome::Done {
+        return Err(Failure::failed(format!(
+            "the unit answered {}: {}",
+            reply.outcome() as u8,
+            reply.outcome().text()
+        )));
+    }
+    if reply.opcode() == POLL && polled.is_none() {
+        return Err(Failure::failed(format!("{link}: the polled data did not follow within {} s", arguments.timeout)));
+    }
+    Ok(())
+}
+
+/// The opcode whose reply data follow.
+const POLL: u8 = 0x03;
+
+fn print(text: &str) {
+    // A reader that has seen enough is no failure.
+    let _ = io::stdout().lock().write_all(text.as_bytes());
+}
+
+fn table() -> String {
+    let mut text = String::from("Commands:\n");
+    for spec in COMMANDS {
+        let names: Vec<_> = spec.arguments.iter().map(|argument| argument.name.to_uppercase()).collect();
+        text +=
+            &format!("  {:02X} {:<34} {}\n", spec.opcode, format!("{} {}", spec.name, names.join(" ")), spec.meaning);
+        for argument in spec.arguments {
+            let (name, (low, high)) = (argument.name.to_uppercase(), argument.range);
+            text += &format!("       {name:<32} {low}…{high}: {}\n", argument.meaning);
+        }
+    }
+    text
+}
+
+fn named_payload(name: &str, values: &[String]) -> Result<Vec<u8>, Failure> {
+    let wanted = name.to_uppercase().replace('-', "_");
+    let spec = COMMANDS.iter().find(|spec| spec.name == wanted).ok_or_else(|| {
+        let names: Vec<_> = COMMANDS.iter().map(|spec| spec.name).collect();
+        Failure::input(format!("{name:?} is no command; expected one of {}", names.join(", ")))
+    })?;
+    if values.len() != spec.arguments.len() {
+        return Err(Failure::input(format!(
+            "{}: expected {}, got {} argument{}",
+            spec.name,
+            usage(spec),
+            values.len(),
+            if values.len() == 1 { "" } else { "s" }
+        )));
+    }
+    let numbers: Result<Vec<i64>, Failure> = spec
+        .arguments
+        .iter()
+        .zip(values)
+        .map(|(argument, text)| {
+            // What the wire cannot hold cannot be sent; what only the unit refuses is left to the unit.
+            let bits = 8 * argument.wire.length();
+            let (low, high) =
+                if argument.wire.signed() { (-(1 << (bits - 1)), (1 << (bits - 1)) - 1) } else { (0, (1 << bits) - 1) };
+            number(text).filter(|value| (low..=high).contains(value)).ok_or_else(|| {
+                let (from, to) = argument.range;
+                Failure::input(format!(
+                    "{} {}: expected a number from {from} to {to}, got {text}",
+                    spec.name, argument.name
+                ))
+            })
+        })
+        .collect();
+    Ok(command::payload(spec, &numbers?))
+}
+
+fn usage(spec: &CommandSpec) -> String {
+    let arguments: Vec<_> =
+        spec.arguments.iter().map(|argument| format!("{} ({})", argument.name, argument.meaning)).collect();
+    if arguments.is_empty() { "no arguments".to_owned() } else { arguments.join(", ") }
+}
+
+fn number(text: &str) -> Option<i64> {
+    let (sign, digits) = text.strip_prefix('-').map_or((1, text), |digits| (-1, digits));
+    let magnitude = match digits.strip_prefix("0x").or_else(|| digits.strip_prefix("0X")) {
+        Some(hex) => u32::from_str_radix(hex, 16).ok()?,
+        None => digits.parse().ok()?,
+    };
+    Some(sign * i64::from(magnitude))
+}
+
+fn raw_payload(hex: &str) -> Result<Vec<u8>, Failure> {
+    let digits: String = hex.chars().filter(|c| !c.is_whitespace()).collect();
+    let bytes: Option<Vec<u8>> = (digits.is_ascii() && digits.len().is_multiple_of(2))
+        .then(|| (0..digits.len()).step_by(2).map(|at| u8::from_str_radix(&digits[at..at + 2], 16).ok()).collect())
+        .flatten();
+    bytes.filter(|bytes| COMMAND_LENGTHS.contains(&bytes.len())).ok_or_else(|| {
+        Failure::input(format!("--raw: expected 1 to 8 bytes, two hexadecimal digits each, got {hex:?}"))
+    })
+}
+
+fn describe(reply: &Reply, polled: Option<&HalfSecond>) -> String {
+    let spec = COMMANDS.iter().find(|spec| spec.opcode == reply.opcode());
+    let name = spec.map_or_else(|| format!("{:02X}", reply.opcode()), |spec| spec.name.to_owned());
+    let mut text = format!("{name}: {}", reply.outcome().text());
+    let mut rest = reply.values();
+    for value in spec.map_or(&[][..], |spec| spec.values) {
+        let length = value.wire.length();
+        if rest.len() >= length {
+            text += &format!("  {} {}", value.name, value.wire.read(rest));
+            rest = &rest[length..];
+        }
+    }
+    if !rest.is_empty() {
+        text += &format!("  {rest:02X?}");
+    }
+    text.push('\n');
+    if let Some(half_second) = polled {
+        text += &format!(
+            "sequence {}  increments {:?}  gyro flags {:02X}  unit flags {:02X}  electronics {:.2} °C  sensor {:.2} °C  clock {}\n",
+            half_second.sequence,
+            half_second.increments,
+            half_second.gyro_flags,
+            half_second.unit_flags,
+            f64::from(half_second.electronics_centi_c) / 100.0,
+            f64::from(half_second.sensor_centi_c) / 100.0,
+            half_second.clock_count
+        );
+    }
+    text
+}
+
+/// A link to a unit, from the other side.
+enum Link {
+    Bytes(Box<dyn Bytes>),
+    Can(CanSocket, CanPlan),
+}
+
+trait Bytes: Read + Write + std::os::fd::AsFd {}
+impl<T: Read + Write + std::os::fd::AsFd> Bytes for T {}
+
+fn open(link: &str) -> Result<Link, Failure> {
+    let fail = |error: io::Error, expected: &str| Failure::input(format!("{link}: {error}; expected {expected}"));
+    let serial: Option<SerialAddress> = link.parse().ok();
+    if let Some(serial) = serial.filter(|serial| Path::new(&serial.device).exists()) {
+        return open_serial(&serial).map(Link::Bytes).map_err(|error| fail(error, "a pty or serial device"));
+    }
+    let address = link.strip_prefix("tcp:");
+    if let Some(address) = address.or(Some(link).filter(|link| is_host_and_port(link))) {
+        let address = address.to_socket_addrs().ok().and_then(|mut all| all.next());
+        let address =
+            address.ok_or_else(|| Failure::input(format!("{link}: expected HOST:PORT that can be resolved")))?;
+        let stream = TcpStream::connect_timeout(&address, Duration::from_secs(5))
+            .and_then(|stream| stream.set_nodelay(true).map(|()| stream))
+            .map_err(|error| fail(error, "a unit that listens there: geu run --tcp HOST:PORT"))?;
+        return Ok(Link::Bytes(Box::new(stream)));
+    }
+    if link.contains('/') {
+        return Err(Failure::input(format!("{link}: no such device; expected the path that `geu run` tells as ready")));
+    }
+    let address: CanAddress = link.parse().map_err(|error| Failure::input(format!("{link}: {error}")))?;
+    let expected = "a path, HOST:PORT, or a CAN interface that `ip link` shows";
+    let socket = CanSocket::open(&address.interface).map_err(|error| fail(error, expected))?;
+    let filters: Vec<_> = (address.plan.base()..=address.plan.reply_id())
+        .map(|id| CanFilter::new(id.into(), libc::CAN_SFF_MASK | libc::CAN_EFF_FLAG | libc::CAN_RTR_FLAG))
+        .collect();
+    socket.set_filters(&filters).map_err(|error| fail(error, expected))?;
+    Ok(Link::Can(socket, address.plan))
+}
+
+/// `localhost:5000`, but not `vcan0:1A0`: an interface of that name beats a host.
+fn is_host_and_port(link: &str) -> bool {
+    link.rsplit_once(':').is_some_and(|(host, port)| {
+        port.parse::<u16>().is_ok() && !host.is_empty() && nix::net::if_::if_nametoindex(host).is_err()
+    })
+}
+
+fn open_serial(serial: &SerialAddress) -> io::Result<Box<dyn Bytes>> {
+    let mut options = OpenOptions::new();
+    let file = options.read(true).write(true).custom_flags(libc::O_NOCTTY | libc::O_NONBLOCK).open(&serial.device)?;
+    if !file.metadata()?.file_type().is_char_device() {
+        return Err(io::Error::new(io::ErrorKind::InvalidInput, "is not a device"));
+    }
+    let mut termios = tcgetattr(&file)?;
+    cfmakeraw(&mut termios);
+    cfsetspeed(&mut termios, baud_rate(serial.baud)?)?;
+    tcsetattr(&file, SetArg::TCSANOW, &termios)?;
+    Ok(Box::new(file))
+}
+
+fn baud_rate(baud: u32) -> io::Result<BaudRate> {
+    Ok(match baud {
+        1200 => BaudRate::B1200,
+        2400 => BaudRate::B2400,
+        4800 => BaudRate::B4800,
+        9600 => BaudRate::B9600,
+        19_200 => BaudRate::B19200,
+        38_400 => BaudRate::B38400,
+        57_600 => BaudRate::B57600,
+        115_200 => BaudRate::B115200,
+        230_400 => BaudRate::B230400,
+        460_800 => BaudRate::B460800,
+        921_600 => BaudRate::B921600,
+        1_000_000 => BaudRate::B1000000,
+        2_000_000 => BaudRate::B2000000,
+        _ => return Err(io::Error::new(io::ErrorKind::InvalidInput, format!("{baud} is not a standard rate"))),
+    })
+}
+
+impl Link {
+    /// Sends a payload and waits for its reply, and for the data where they follow.
+    fn ask(&mut self, payload: &[u8], give_up: Instant) -> io::Result<(Option<Reply>, Option<HalfSecond>)> {
+        let (mut reply, mut polled) = (None, None);
+        match self {
+            Link::Bytes(bytes) => {
+                bytes.write_all(&frame(Kind::Command, payload))?;
+                let (mut deframer, mut buffer, mut piece) = (Deframer::default(), Vec::new(), [0; 256]);
+                while !is_complete(reply.as_ref(), polled.as_ref()) && wait(bytes.as_ref(), give_up)? {
+                    let length = match bytes.read(&mut piece) {
+                        Ok(0) => return Err(io::ErrorKind::UnexpectedEof.into()),
+                        Ok(length) => length,
+                        Err(error) if error.kind() == io::ErrorKind::WouldBlock => continue,
+                        Err(error) => return Err(error),
+                    };
+                    buffer.extend_from_slice(&piece[..length]);
+                    let used = deframer.consume(&buffer, &mut |found| match found {
+                        Found::Frame { kind: Kind::Reply, payload: bytes, .. } if reply.is_none() => {
+                            reply = Reply::read(bytes).filter(|reply| reply.opcode() == payload[0]);
+                        }
+                        Found::Frame { kind: Kind::Data, payload, .. } if reply.is_some() && polled.is_none() => {
+                            polled = Some(read_data(payload));
+                        }
+                        _ => {}
+                    });
+                    buffer.drain(..used);
+                }
+            }
+            Link::Can(socket, plan) => {
+                let id = StandardId::new(plan.command_id()).expect("a plan has 11-bit identifiers only");
+                let frame = socketcan::CanFrame::new(id, payload).expect("a payload has at most eight bytes");
+                socket.write_frame(&frame)?;
+                let mut assembler = Assembler::default();
+                while !is_complete(reply.as_ref(), polled.as_ref()) && wait(socket, give_up)? {
+                    let frame = socket.read_frame()?;
+                    let Id::Standard(id) = frame.id() else { continue };
+                    match plan.role(id.as_raw().into()) {
+                        Role::Reply if reply.is_none() => {
+                            reply = Reply::read(frame.data()).filter(|reply| reply.opcode() == payload[0]);
+                        }
+                        role if reply.is_some() => assembler.push(role, (), frame.data(), &mut |event| {
+                            if let Assembled::Row(row) = event {
+                                polled.get_or_insert(row.half_second);
+                            }
+                        }),
+                        _ => {}
+                    }
+                }
+            }
+        }
+        Ok((reply, polled.filter(|_| reply.is_some_and(|reply: Reply| reply.opcode() == POLL))))
+    }
+}
+
+fn is_complete(reply: Option<&Reply>, polled: Option<&HalfSecond>) -> bool {
+    reply.is_some_and(|reply| reply.opcode() != POLL || reply.outcome() != Outcome::Done || polled.is_some())
+}
+
+/// Waits until there is something to read; not so when time is over.
+fn wait(source: &(impl std::os::fd::AsFd + ?Sized), give_up: Instant) -> io::Result<bool> {
+    let left = give_up.saturating_duration_since(Instant::now());
+    let milliseconds = PollTimeout::try_from(left + Duration::from_micros(999)).unwrap_or(PollTimeout::MAX);
+    Ok(!left.is_zero() && poll(&mut [PollFd::new(source.as_fd(), PollFlags::POLLIN)], milliseconds)? > 0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_and_numbers_are_taken_as_people_write_them() {
+        let payload = |name: &str, values: &[&str]| {
+            let values: Vec<_> = values.iter().map(|&value| value.to_owned()).collect();
+            named_payload(name, &values).ok()
+        };
+        assert_eq!(payload("set-mode", &["1"]), Some(vec![2, 1]));
+        assert_eq!(payload("Self_Test", &["0x0F", "-100", "9"]), Some(vec![4, 15, 0xFF, 0x9C, 9]));
+        assert_eq!(payload("SET_MODE", &["7"]), Some(vec![2, 7]), "the unit is to refuse it");
+        for (name, values) in [("nonsense", &[][..]), ("PING", &["1"]), ("SET_MODE", &[]), ("SET_MODE", &["256"])] {
+            assert_eq!(payload(name, values), None, "{name} {values:?}");
+        }
+        assert_eq!(raw_payload("09 0aFF").ok(), Some(vec![9, 10, 255]));
+        for hex in ["", "1", "zz", "010203040506070809", "é1"] {
+            assert!(raw_payload(hex).is_err(), "{hex}");
+        }
+    }
+}
