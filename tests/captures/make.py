@@ -35,6 +35,13 @@ with open("encoded-sll.pcap", "wb") as out:
         packet = struct.pack(">HHH8sH", 1, 280, 0, bytes(8), 0x000C) + struct.pack("<IBxxx", identifier, len(data)) + data
         out.write(struct.pack("<IIII", t_us // 10**6, t_us % 10**6, len(packet), len(packet)) + packet)
 
+# LINKTYPE_CAN_SOCKETCAN, nanoseconds, big-endian throughout, as `tcpdump -i can0 --nano` makes it on such a machine.
+with open("encoded-socketcan.pcap", "wb") as out:
+    out.write(struct.pack(">IHHiIII", 0xA1B23C4D, 2, 4, 0, 0, 65535, 227))
+    for t_us, _, identifier, data in frames:
+        packet = struct.pack(">IBxxx", identifier, len(data)) + data
+        out.write(struct.pack(">IIII", t_us // 10**6, t_us % 10**6 * 1000, len(packet), len(packet)) + packet)
+
 writer = can.ASCWriter("encoded-python-can.asc")
 for t_us, _, identifier, data in frames:
     writer(can.Message(timestamp=t_us / 1e6, arbitration_id=identifier, is_extended_id=False, data=data, channel=0))

@@ -7,6 +7,11 @@ const SOCKETCAN: u32 = 227;
 /// LINKTYPE_LINUX_SLL and LINKTYPE_LINUX_SLL2: the frame behind a header that tells the protocol.
 const LINUX_SLL: u32 = 113;
 const LINUX_SLL2: u32 = 276;
+/// LINKTYPE_WIRESHARK_UPPER_PDU: Wireshark writes so what it read from a candump log. Tags of a type, a length and a
+/// value come first, one of which names the protocol.
+const UPPER_PDU: u32 = 252;
+const TAG_END: u16 = 0;
+const TAG_PROTOCOL: u16 = 12;
 const SLL_HEADER: usize = 16;
 const SLL2_HEADER: usize = 20;
 const PROTOCOL_CAN: u16 = 0x000C;
@@ -60,6 +65,7 @@ pub fn event<'a>(
 ) -> Option<Event<'a>> {
     let (protocol, frame) = match link {
         SOCKETCAN => return frame_of_socketcan(Order::Big.u32(packet, 0), time, interface, packet),
+        UPPER_PDU => return upper(order, time, interface, packet),
         LINUX_SLL => (Order::Big.u16(packet.get(..SLL_HEADER)?, 14), &packet[SLL_HEADER..]),
         LINUX_SLL2 => (Order::Big.u16(packet.get(..SLL2_HEADER)?, 0), &packet[SLL2_HEADER..]),
         _ => return Some(Event::Remark),
@@ -72,6 +78,26 @@ pub fn event<'a>(
             frame_of_socketcan(id, time, interface, frame)
         }
         PROTOCOL_CAN_FD | PROTOCOL_CAN_XL => Some(Event::Fd),
+        _ => Some(Event::Remark),
+    }
+}
+
+fn upper<'a>(order: Order, time: Option<Time>, interface: &'a [u8], mut packet: &'a [u8]) -> Option<Event<'a>> {
+    let mut protocol: &[u8] = b"";
+    loop {
+        let (tag, length) = (Order::Big.u16(packet.get(..4)?, 0), usize::from(Order::Big.u16(packet, 2)));
+        let value = packet.get(4..4 + length)?;
+        packet = &packet[4 + length..];
+        match tag {
+            TAG_END => break,
+            TAG_PROTOCOL => protocol = value.trim_ascii_end().split(|&byte| byte == 0).next()?,
+            _ => {}
+        }
+    }
+    match protocol {
+        b"can-hostendian" => frame_of_socketcan(order.u32(packet, 0), time, interface, packet),
+        b"can-bigendian" => frame_of_socketcan(Order::Big.u32(packet, 0), time, interface, packet),
+        b"canfd" | b"canxl" => Some(Event::Fd),
         _ => Some(Event::Remark),
     }
 }

@@ -256,7 +256,7 @@ impl Target {
                     decoder.event(place, event, sink);
                 });
                 decoder.count_records(reader.records());
-                (*frames == 0).then(|| "no frame".to_owned())
+                (*frames == 0).then(|| format!("{} records, none of them a CAN frame", reader.records()))
             }
             Target::Serial { length, .. } => {
                 if !bytes.is_empty() {
