@@ -104,7 +104,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     let wire = Wire::form(arguments.wire, &configuration);
     let recorder = match &arguments.record {
-        Some(directory) => Some(Recorder::create(directory, &configuration, wire).map_err(Failure::failed)?),
+        Some(directory) => Some(Recorder::create(directory, &configuration, wire).map_err(Failure::input)?),
         None => None,
     };
     let summary =

@@ -66,7 +66,11 @@ impl Settings {
             None => Configuration::reference_with(&self.overrides),
             Some(path) => {
                 let name = path.display().to_string();
-                let text = geu_recording::read_text(&name).map_err(Failure::input)?;
+                let text = geu_recording::read_text(path).map_err(|error| {
+                    Failure::input(format!(
+                        "{name}: cannot be read: {error}; expected a configuration, as `geu config show` prints"
+                    ))
+                })?;
                 Configuration::parse(&name, &text, &self.overrides)
             }
         }

@@ -38,7 +38,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         duration_s.ok_or_else(|| Failure::input("the scenario has no end of its own: expected --duration SECONDS"))?;
     let count = half_seconds(duration_s)?;
     let wire = Wire::form(arguments.wire, &configuration);
-    let mut recorder = Recorder::create(&arguments.out, &configuration, wire).map_err(Failure::failed)?;
+    let mut recorder = Recorder::create(&arguments.out, &configuration, wire).map_err(Failure::input)?;
     let bar = indicatif::ProgressBar::new(count);
     simulate(&configuration, count, &mut recorder, |done| bar.set_position(done)).map_err(Failure::failed)?;
     bar.finish_and_clear();
