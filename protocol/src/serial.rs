@@ -295,7 +295,10 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn deframe(pieces: &[&[u8]]) -> (Vec<(u64, Kind, Vec<u8>)>, Vec<SerialDefect>, u64) {
+    /// Frames, defects, and how many bytes were skipped.
+    type Seen = (Vec<(u64, Kind, Vec<u8>)>, Vec<SerialDefect>, u64);
+
+    fn deframe(pieces: &[&[u8]]) -> Seen {
         let (mut frames, mut defects, mut skipped) = (Vec::new(), Vec::new(), 0);
         let mut take = |found: Found| match found {
             Found::Frame { at, kind, payload } => frames.push((at, kind, payload.to_vec())),
