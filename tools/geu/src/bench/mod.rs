@@ -1,5 +1,6 @@
 //! `geu bench`: figures any user can measure again.
 
+mod cadence;
 mod decode;
 
 use clap::{Args, Subcommand};
@@ -15,6 +16,8 @@ pub struct Arguments {
 
 #[derive(Subcommand)]
 enum Benchmark {
+    /// How late half seconds leave, beside tokio's interval, and beside cangen on a CAN interface.
+    Cadence(cadence::Arguments),
     /// Throughput of the decoder, beside python-can, cantools and log2asc on the same file.
     Decode(decode::Arguments),
 }
@@ -22,6 +25,7 @@ enum Benchmark {
 /// Runs a benchmark.
 pub fn run(arguments: Arguments) -> Result<(), Failure> {
     match arguments.benchmark {
+        Benchmark::Cadence(arguments) => cadence::run(&arguments),
         Benchmark::Decode(arguments) => decode::run(arguments),
     }
 }
