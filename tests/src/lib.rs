@@ -12,7 +12,8 @@ pub fn root() -> &'static Path {
 
 /// The program `geu` of this build.
 ///
-/// `cargo test` at the root builds it; where it is missing (`cargo test -p geu-tests`), it is built now.
+/// `cargo test` at the root builds it. `cargo test -p geu-tests` alone does not: it takes the one that is there, and
+/// builds it where there is none.
 ///
 /// # Panics
 /// Where it cannot be built.
