@@ -295,10 +295,10 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Where each frame stood, what it was, its payload.
-    type Frames = Vec<(u64, Kind, Vec<u8>)>;
+    /// Frames, defects, and how many bytes were skipped.
+    type Seen = (Vec<(u64, Kind, Vec<u8>)>, Vec<SerialDefect>, u64);
 
-    fn deframe(pieces: &[&[u8]]) -> (Frames, Vec<SerialDefect>, u64) {
+    fn deframe(pieces: &[&[u8]]) -> Seen {
         let (mut frames, mut defects, mut skipped) = (Vec::new(), Vec::new(), 0);
         let mut take = |found: Found| match found {
             Found::Frame { at, kind, payload } => frames.push((at, kind, payload.to_vec())),

@@ -143,7 +143,7 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
             io::ErrorKind::BrokenPipe => Ok(()),
             _ => Err(Failure::failed(format!("writing failed: {error}"))),
         })?;
-    } else if !arguments.quiet {
+    } else if !arguments.quiet && !summary.inputs.is_empty() {
         eprint!("{summary}");
     }
     result.and(ending).map_err(Failure::input)?;

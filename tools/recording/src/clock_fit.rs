@@ -166,3 +166,48 @@ impl Moments {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Receive times of a clock fast by 14 ppm with a residual of ±100 µs that repeats each ten half seconds.
+    fn fit(segments: u64, points: u64) -> ClockRate {
+        let mut fit = ClockFit::default();
+        for index in 0..segments * points {
+            let (segment, at) = (index / points, index % points);
+            let t_s = segment as f64 * 7.3 + index as f64 * 0.5 / (1.0 + 14e-6);
+            let jitter_s = 1e-4 * (at as f64 * 0.7).sin();
+            let t_ns = 1_795_020_000_000_000_000 + ((t_s + jitter_s) * 1e9).round() as i64;
+            fit.add(t_ns, at as u16, (at + 1) * CLOCK_PER_HALF_SECOND);
+        }
+        fit.rate().unwrap()
+    }
+
+    #[test]
+    fn the_rate_is_that_of_the_clock_with_each_restart_on_its_own() {
+        for (segments, points) in [(1, 2_000), (4, 500)] {
+            let rate = fit(segments, points);
+            assert!((rate.clock_ppm - 14.0).abs() < 3.0 * rate.sigma_ppm, "{rate:?}");
+            assert_eq!((rate.segments, rate.points), (segments, segments * points));
+        }
+        // A sine of amplitude a has the standard deviation a/√2, and steps of 0.7 rad a correlation of cos 0.7 = 0.765.
+        let rate = fit(1, 2_000);
+        assert!(
+            (rate.residual_s - 1e-4 / 2f64.sqrt()).abs() < 1e-7 && (rate.correlation - 0.765).abs() < 0.001,
+            "{rate:?}"
+        );
+        // σ² / Σ(x − x̄)², with Σ = n(n² − 1)/12 · 0.25 s², inflated by (1 + ρ)/(1 − ρ).
+        let n = 2_000f64;
+        let sigma_ppm = rate.residual_s / (n * (n * n - 1.0) / 48.0).sqrt() * (1.765f64 / 0.235).sqrt() * 1e6;
+        assert!((rate.sigma_ppm / sigma_ppm - 1.0).abs() < 0.01, "{rate:?} {sigma_ppm}");
+    }
+
+    #[test]
+    fn two_points_are_no_measurement() {
+        let mut fit = ClockFit::default();
+        fit.add(0, 0, 500_000);
+        fit.add(500_000_000, 1, 1_000_000);
+        assert_eq!(fit.rate(), None);
+    }
+}
