@@ -379,6 +379,28 @@ fn nothing_a_client_sends_stops_the_unit() {
 }
 
 #[test]
+fn a_process_that_was_stopped_bursts_nothing_out_and_tells_once() {
+    let (emulator, mut client) = Emulator::on_tcp(&[]);
+    assert!(client.read_until(|client| !client.half_seconds.is_empty()));
+    let pid = Pid::from_raw(emulator.child.id() as i32);
+    kill(pid, Signal::SIGSTOP).expect("it runs");
+    sleep(Duration::from_millis(2300));
+    kill(pid, Signal::SIGCONT).expect("it stands");
+    let before = client.half_seconds.len();
+    client.read_for(Duration::from_millis(300), |_| false);
+    let after = client.half_seconds.len();
+    assert!(after <= before + 2, "one that is late and one that is due at most, not {}", after - before);
+    assert!(client.read_until(|client| client.half_seconds.len() >= after + 2));
+    let missed = client.half_seconds[before].sequence - client.half_seconds[before - 1].sequence - 1;
+    assert!((3..=5).contains(&missed), "{missed} half seconds missing");
+    assert!(client.half_seconds[before..].windows(2).all(|pair| pair[1].sequence == pair[0].sequence + 1));
+    emulator.ask_to_end();
+    let (_, said) = emulator.end();
+    assert_eq!(said.matches("not sent").count(), 1, "{said}");
+    assert!(said.contains(&format!("missed {missed}")), "{said}");
+}
+
+#[test]
 fn the_same_bytes_come_at_any_speed_and_are_those_of_simulate() {
     let at = |speed: &str| {
         let arguments = ["--wait", "--duration", "100", "--seed", "7", "--speed", speed];

@@ -119,8 +119,8 @@ pub fn run(
     let desk = Arc::new(Desk::new(configuration, recording));
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let ended = runtime.block_on(keep(&desk, settings, shutdown));
-    // Tasks end before the links' last owners do, so that nothing is served half.
-    runtime.shutdown_background();
+    // Ends the tasks; with the last of them the symlink of a pty goes.
+    drop(runtime);
     desk.close();
     let written = writer.map_or(Ok(()), Writer::finish);
     let summary = ended?;
@@ -236,7 +236,8 @@ struct Keeper {
 impl Keeper {
     fn keep_time(&mut self) {
         let sleeper = Sleeper::new(self.settings.spin);
-        if self.settings.realtime {
+        // Without deadlines there is nothing to be on time for, and a thread that never sleeps must not have priority.
+        if self.settings.realtime && self.settings.speed != Speed::Max {
             match ask_for_realtime() {
                 Ok(()) => console::say("real-time priority (SCHED_FIFO) granted"),
                 Err(error) => console::say(format_args!(

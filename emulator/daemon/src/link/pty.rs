@@ -4,6 +4,8 @@
 //! master stands hung up. (Holding a slave open and counting inotify's OPEN and CLOSE goes wrong, because equal events
 //! that follow each other are merged.) While it is hung up nothing is written and nothing is polled for; inotify tells
 //! of the next open. So a client that comes late gets the present, and one that reopens is served again.
+//!
+//! A client may leave the slave locked (TIOCEXCL), which outlives it: then a new pty takes its place under the symlink.
 
 use std::fs;
 use std::io;
@@ -11,14 +13,15 @@ use std::os::fd::{AsFd, OwnedFd};
 use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
 use std::process;
-use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
+use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::{Duration, Instant};
 
 use geu_protocol::HalfSecond;
 use geu_protocol::serial::{BITS_PER_BYTE, DEFAULT_BAUD, MAX_FRAME, data_frame};
-use nix::fcntl::{FcntlArg, OFlag, fcntl, open as open_file};
+use nix::errno::Errno;
+use nix::fcntl::{FcntlArg, FdFlag, OFlag, fcntl, open as open_file};
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::pty::openpty;
 use nix::sys::inotify::{AddWatchFlags, InitFlags, Inotify};
@@ -48,11 +51,26 @@ nix::ioctl_read_bad!(
 /// The pty, as the thread that keeps time sees it.
 struct Pty {
     line: Arc<Line>,
-    slave: Slave,
+    symlink: Arc<Symlink>,
     frame: [u8; MAX_FRAME],
     is_stalled: bool,
     tally: Arc<Tally>,
-    _symlink: Symlink,
+}
+
+/// Our end, and where clients open theirs.
+struct Terminal {
+    master: Port,
+    slave: Slave,
+}
+
+impl Terminal {
+    fn new() -> nix::Result<Terminal> {
+        let pair = openpty(None, None)?;
+        make_raw(&pair.slave)?;
+        fcntl(&pair.master, FcntlArg::F_SETFL(OFlag::O_NONBLOCK))?;
+        fcntl(&pair.master, FcntlArg::F_SETFD(FdFlag::FD_CLOEXEC))?;
+        Ok(Terminal { slave: Slave(ttyname(&pair.slave)?), master: Arc::new(pair.master) })
+    }
 }
 
 /// Where clients open it.
@@ -100,43 +118,44 @@ fn is_hung_up(master: impl AsFd) -> bool {
 /// Opens a pty, puts a symlink to it at `path`, and serves it.
 pub(super) fn open(path: &Path, desk: &Arc<Desk>, speedup: f64) -> Result<impl Link + use<>, LinkError> {
     let fail = |error: nix::Error| LinkError::Pty(path.display().to_string(), error.into());
-    let pair = openpty(None, None).map_err(fail)?;
-    make_raw(&pair.slave).map_err(fail)?;
-    let slave = Slave(ttyname(&pair.slave).map_err(fail)?);
-    fcntl(&pair.master, FcntlArg::F_SETFL(OFlag::O_NONBLOCK)).map_err(fail)?;
-    fcntl(&pair.master, FcntlArg::F_SETFD(nix::fcntl::FdFlag::FD_CLOEXEC)).map_err(fail)?;
-    let symlink = Symlink::create(path, &slave.0)?;
-    drop(pair.slave);
+    let terminal = Terminal::new().map_err(fail)?;
+    let symlink = Arc::new(Symlink::create(path, &terminal.slave.0)?);
 
     let tally = Tally::new(format!("pty {}", path.display()));
     let byte_ns = f64::from(BITS_PER_BYTE) * 1e9 / f64::from(DEFAULT_BAUD) / speedup;
     let line = Arc::new(Line::new(None, byte_ns, tally.clone()));
     let inotify = Inotify::init(InitFlags::IN_NONBLOCK | InitFlags::IN_CLOEXEC).map_err(fail)?;
     let inotify = Watched::new(inotify).map_err(|error| LinkError::Pty(path.display().to_string(), error))?;
-    let master: Port = Arc::new(pair.master);
     tokio::spawn({
-        let (line, slave, desk, tally) = (line.clone(), slave.clone(), desk.clone(), tally.clone());
+        let (line, symlink, desk, tally) = (line.clone(), symlink.clone(), desk.clone(), tally.clone());
         async move {
-            if let Err(error) = attend(&master, &inotify, &line, &slave, &desk, &tally).await {
+            if let Err(error) = attend(terminal, &inotify, &line, &symlink, &desk, &tally).await {
                 console::say(format_args!("{}: {error}; the unit goes on without it", tally.name));
             }
         }
     });
     console::ready(&tally.name);
-    Ok(Pty { line, slave, frame: [0; MAX_FRAME], is_stalled: false, tally, _symlink: symlink })
+    Ok(Pty { line, symlink, frame: [0; MAX_FRAME], is_stalled: false, tally })
 }
 
 /// Serves one client after the other.
 async fn attend(
-    master: &Port,
+    mut terminal: Terminal,
     inotify: &AsyncFd<Watched<Inotify>>,
     line: &Line,
-    slave: &Slave,
+    symlink: &Symlink,
     desk: &Desk,
     tally: &Tally,
 ) -> io::Result<()> {
     loop {
-        slave.reset()?;
+        match terminal.slave.reset() {
+            Err(Errno::EBUSY) => {
+                terminal = Terminal::new()?;
+                symlink.lead_to(&terminal.slave.0)?;
+            }
+            result => result?,
+        }
+        let Terminal { master, slave } = &terminal;
         let watch = inotify.get_ref().add_watch(&slave.0, AddWatchFlags::IN_OPEN)?;
         while is_hung_up(master) {
             let mut guard = inotify.readable().await?;
@@ -167,7 +186,7 @@ impl Link for Pty {
     fn send(&mut self, patience: Duration) {
         let asked = Instant::now();
         self.is_stalled &= self.line.is_open();
-        while self.line.is_open() && self.slave.backlog() > BACKLOG {
+        while self.line.is_open() && self.symlink.slave().backlog() > BACKLOG {
             if self.is_stalled || asked.elapsed() >= patience {
                 self.is_stalled = !patience.is_zero();
                 return self.tally.count(Sending::Dropped);
@@ -178,7 +197,7 @@ impl Link for Pty {
     }
 
     fn is_drained(&self) -> bool {
-        !self.line.is_open() || (self.line.is_drained() && self.slave.backlog() == 0)
+        !self.line.is_open() || (self.line.is_drained() && self.symlink.slave().backlog() == 0)
     }
 
     fn tally(&self) -> Arc<Tally> {
@@ -189,7 +208,7 @@ impl Link for Pty {
 /// The symlink; removed when it goes, if it is still this one.
 struct Symlink {
     path: PathBuf,
-    target: PathBuf,
+    target: Mutex<PathBuf>,
 }
 
 impl Symlink {
@@ -211,19 +230,40 @@ impl Symlink {
                 _ => {}
             }
         }
-        let mut temporary = path.as_os_str().to_owned();
+        let symlink = Symlink { path: path.to_owned(), target: Mutex::new(target.to_owned()) };
+        symlink.make(target).map_err(|error| LinkError::Pty(name(), error))?;
+        Ok(symlink)
+    }
+
+    fn make(&self, target: &Path) -> io::Result<()> {
+        let mut temporary = self.path.as_os_str().to_owned();
         temporary.push(format!(".{}", process::id()));
         symlink(target, &temporary)
-            .and_then(|()| fs::rename(&temporary, path))
+            .and_then(|()| fs::rename(&temporary, &self.path))
             .inspect_err(|_| drop(fs::remove_file(&temporary)))
-            .map_err(|error| LinkError::Pty(name(), error))?;
-        Ok(Symlink { path: path.to_owned(), target: target.to_owned() })
+    }
+
+    fn is_ours(&self) -> bool {
+        fs::read_link(&self.path).is_ok_and(|target| target == self.slave().0)
+    }
+
+    /// Puts another pty in place of the one before; not if somebody else's link stands there by now.
+    fn lead_to(&self, target: &Path) -> io::Result<()> {
+        if self.is_ours() {
+            self.make(target)?;
+        }
+        *self.target.lock().expect("nothing panics with the path") = target.to_owned();
+        Ok(())
+    }
+
+    fn slave(&self) -> Slave {
+        Slave(self.target.lock().expect("nothing panics with the path").clone())
     }
 }
 
 impl Drop for Symlink {
     fn drop(&mut self) {
-        if fs::read_link(&self.path).is_ok_and(|target| target == self.target) {
+        if self.is_ours() {
             let _ = fs::remove_file(&self.path);
         }
     }
