@@ -8,10 +8,10 @@ use geu_daemon::cadence::Speed;
 use geu_daemon::link::{CanAddress, LinkAddress, SerialAddress};
 use geu_daemon::record::Recorder;
 use geu_daemon::{RunError, Settings, asked_to_end};
-use geu_model::configuration::{WireForm, unix_ns};
+use geu_model::configuration::unix_ns;
 
 use crate::failure::Failure;
-use crate::settings::{RunSettings, half_seconds};
+use crate::settings::{RunSettings, Wire, half_seconds};
 
 /// Name of the default pty.
 const DEFAULT_PTY: &str = "geu0";
@@ -38,6 +38,9 @@ pub struct Arguments {
     /// Writes there what `geu simulate` writes, for this run
     #[arg(long, value_name = "DIRECTORY")]
     record: Option<PathBuf>,
+    /// Form of the link in the recording [default: the configuration's, else can]
+    #[arg(long, requires = "record")]
+    wire: Option<Wire>,
     /// On-board time against the wall clock: a factor, or max for as fast as model and readers go [default: 1]
     #[arg(long, value_name = "X|max")]
     speed: Option<Speed>,
@@ -99,11 +102,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         realtime: arguments.realtime,
         wait_for_client: arguments.wait,
     };
-    let is_can = matches!(settings.links[0], LinkAddress::Can(_));
-    let wire = if is_can { WireForm::Can } else { WireForm::Serial };
-    let wire = configuration.run.wire.unwrap_or(wire);
+    let wire = Wire::form(arguments.wire, &configuration);
     let recorder = match &arguments.record {
-        Some(directory) => Some(Recorder::create(directory, &configuration, wire).map_err(Failure::failed)?),
+        Some(directory) => Some(Recorder::create(directory, &configuration, wire).map_err(Failure::input)?),
         None => None,
     };
     let summary =

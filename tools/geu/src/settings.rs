@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 use geu_model::Configuration;
-use geu_model::configuration::unix_ns;
+use geu_model::configuration::{WireForm, unix_ns};
 
 use crate::failure::Failure;
 
@@ -31,6 +31,31 @@ pub struct RunSettings {
     pub start: Option<f64>,
 }
 
+/// Form of the link on disk.
+#[derive(ValueEnum, Debug, Clone, Copy)]
+pub enum Wire {
+    /// link.log, as `candump -l` writes
+    Can,
+    /// link.bin, the serial bytes
+    Serial,
+}
+
+impl From<Wire> for WireForm {
+    fn from(wire: Wire) -> WireForm {
+        match wire {
+            Wire::Can => WireForm::Can,
+            Wire::Serial => WireForm::Serial,
+        }
+    }
+}
+
+impl Wire {
+    /// The form asked for, else the form recorded, else `link.log`.
+    pub fn form(asked: Option<Wire>, configuration: &Configuration) -> WireForm {
+        asked.map(WireForm::from).or(configuration.run.wire).unwrap_or_default()
+    }
+}
+
 impl Settings {
     /// Reads it.
     ///
@@ -41,7 +66,11 @@ impl Settings {
             None => Configuration::reference_with(&self.overrides),
             Some(path) => {
                 let name = path.display().to_string();
-                let text = geu_recording::read_text(&name).map_err(Failure::input)?;
+                let text = geu_recording::read_text(path).map_err(|error| {
+                    Failure::input(format!(
+                        "{name}: cannot be read: {error}; expected a configuration, as `geu config show` prints"
+                    ))
+                })?;
                 Configuration::parse(&name, &text, &self.overrides)
             }
         }

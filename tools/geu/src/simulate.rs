@@ -2,14 +2,13 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 use geu_daemon::record::Recorder;
 use geu_daemon::simulate::simulate;
 use geu_model::attitude::Plan;
-use geu_model::configuration::WireForm;
 
 use crate::failure::Failure;
-use crate::settings::{RunSettings, half_seconds};
+use crate::settings::{RunSettings, Wire, half_seconds};
 
 /// Runs the model without links, as fast as possible, and writes what a run records.
 #[derive(Args, Debug)]
@@ -27,24 +26,6 @@ pub struct Arguments {
     wire: Option<Wire>,
 }
 
-/// Form of the link on disk.
-#[derive(ValueEnum, Debug, Clone, Copy)]
-pub enum Wire {
-    /// link.log, as `candump -l` writes
-    Can,
-    /// link.bin, the serial bytes
-    Serial,
-}
-
-impl From<Wire> for WireForm {
-    fn from(wire: Wire) -> WireForm {
-        match wire {
-            Wire::Can => WireForm::Can,
-            Wire::Serial => WireForm::Serial,
-        }
-    }
-}
-
 /// Carries it out.
 ///
 /// # Errors
@@ -56,8 +37,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let duration_s =
         duration_s.ok_or_else(|| Failure::input("the scenario has no end of its own: expected --duration SECONDS"))?;
     let count = half_seconds(duration_s)?;
-    let wire = arguments.wire.map(WireForm::from).or(configuration.run.wire).unwrap_or_default();
-    let mut recorder = Recorder::create(&arguments.out, &configuration, wire).map_err(Failure::failed)?;
+    let wire = Wire::form(arguments.wire, &configuration);
+    let mut recorder = Recorder::create(&arguments.out, &configuration, wire).map_err(Failure::input)?;
     let bar = indicatif::ProgressBar::new(count);
     simulate(&configuration, count, &mut recorder, |done| bar.set_position(done)).map_err(Failure::failed)?;
     bar.finish_and_clear();

@@ -134,14 +134,12 @@ pub(crate) fn open(name: &str, baud: Option<u32>) -> Result<Source, InputError> 
 ///
 /// # Errors
 /// A file that cannot be opened or read to its end, or is no UTF-8.
-pub fn read_text(name: &str) -> Result<String, InputError> {
-    let (mut text, mut failed) = (String::new(), None);
-    if let Source::Bytes { mut reader, .. } = open(name, None)?
-        && let Err(source) = reader.read_to_string(&mut text)
-    {
-        failed = Some(InputError::Read { name: name.to_owned(), offset: text.len() as u64, source });
+pub fn read_text(path: &Path) -> io::Result<String> {
+    let mut text = String::new();
+    if let Source::Bytes { mut reader, .. } = container(Box::new(File::open(path)?), None)? {
+        reader.read_to_string(&mut text)?;
     }
-    failed.map_or(Ok(text), Err)
+    Ok(text)
 }
 
 fn interface(name: &str) -> Result<Source, InputError> {

@@ -1,19 +1,25 @@
 //! The reference attitude: `reference.csv` (icd.md, Recordings), rates or quaternions, as rows of a truth.
 
+use std::path::Path;
 use std::sync::Arc;
 
 use geu_model::attitude::{BadRows, Recorded, Row};
 use geu_model::units::{ARCSEC_PER_RAD, RAD_PER_DEG};
 use nalgebra::{Quaternion, UnitQuaternion};
 
-use crate::input::{InputError, read_text};
+use crate::input::read_text;
 
 /// Why a file is no reference.
 #[derive(Debug, thiserror::Error)]
 pub enum ReferenceError {
     /// It cannot be read.
-    #[error(transparent)]
-    Input(#[from] InputError),
+    #[error("{name}: cannot be read: {source}; expected a reference attitude, CSV")]
+    Read {
+        /// The file.
+        name: String,
+        /// The reason.
+        source: std::io::Error,
+    },
     /// Not the columns of a reference.
     #[error(
         "{name}: line 1: expected the columns t_s and either rate_x_arcsec_s, rate_y_arcsec_s, rate_z_arcsec_s or q_w, q_x, q_y, q_z; got {got}"
@@ -98,7 +104,8 @@ impl Reference {
     /// # Errors
     /// [`ReferenceError`], with the line.
     pub fn read(name: &str) -> Result<Reference, ReferenceError> {
-        Reference::parse(name, &read_text(name)?)
+        let failed = |source| ReferenceError::Read { name: name.to_owned(), source };
+        Reference::parse(name, &read_text(Path::new(name)).map_err(failed)?)
     }
 
     /// Reads a text; `name` is what errors call it.
