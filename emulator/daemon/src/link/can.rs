@@ -64,7 +64,8 @@ impl std::str::FromStr for CanAddress {
 struct Bus {
     address: CanAddress,
     socket: Mutex<Option<Arc<CanSocket>>>,
-    /// The time keeper found the socket to be of no use.
+    /// A write found the socket to be of no use: why, and that it did.
+    failure: Mutex<Option<Errno>>,
     lost: Notify,
     tally: Arc<Tally>,
 }
@@ -80,6 +81,7 @@ pub(super) fn open(address: &CanAddress, desk: &Arc<Desk>) -> Result<impl Link +
     let bus = Arc::new(Bus {
         address: address.clone(),
         socket: Mutex::new(None),
+        failure: Mutex::new(None),
         lost: Notify::new(),
         tally: Tally::new(format!("can {} {:X}", address.interface, address.plan.base())),
     });
@@ -130,6 +132,16 @@ impl Bus {
         self.socket.lock().expect("nothing panics with the socket").clone()
     }
 
+    /// Returns why when a write has found the socket to be of no use.
+    async fn failed(&self) -> Errno {
+        loop {
+            self.lost.notified().await;
+            if let Some(errno) = self.failure.lock().expect("nothing panics with the reason").take() {
+                return errno;
+            }
+        }
+    }
+
     /// Writes a frame, giving a full queue until `give_up`.
     fn write(&self, socket: &CanSocket, frame: &socketcan::CanFrame, give_up: Instant) -> bool {
         loop {
@@ -140,7 +152,8 @@ impl Bus {
                         std::thread::sleep(LOOK_AGAIN);
                     }
                     Some(Errno::ENOBUFS | Errno::EAGAIN | Errno::EINTR) => return false,
-                    _ => {
+                    errno => {
+                        *self.failure.lock().expect("nothing panics with the reason") = errno.or(Some(Errno::EIO));
                         self.lost.notify_one();
                         return false;
                     }
@@ -176,10 +189,12 @@ async fn attend(socket: CanSocket, bus: Arc<Bus>, desk: Arc<Desk>) {
             console::ready(name);
             was_up = true;
         }
+        // What failed on the socket before says nothing of this one.
+        bus.failure.lock().expect("nothing panics with the reason").take();
         *bus.socket.lock().expect("nothing panics with the socket") = Some(socket.clone());
         let reason = tokio::select! {
             error = serve(socket, &bus, &desk) => error.to_string(),
-            () = bus.lost.notified() => "cannot send".to_owned(),
+            errno = bus.failed() => errno.desc().to_owned(),
         };
         *bus.socket.lock().expect("nothing panics with the socket") = None;
         console::say(format_args!("{name}: gone ({reason}); the unit keeps time and waits for it to come back"));

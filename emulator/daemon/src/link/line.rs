@@ -46,7 +46,7 @@ struct State {
     byte_ns: f64,
     /// When the line is through with what was written.
     free_ns: i64,
-    /// Once patience with this client has run out, it gets no more until it has taken what waits.
+    /// Patience with this client has run out: it gets what it has room for, and is not waited for again.
     is_stalled: bool,
 }
 
@@ -78,7 +78,6 @@ impl State {
                 Ok(written) => {
                     self.pending.drain(..written);
                     self.free_ns += (written as f64 * self.byte_ns) as i64;
-                    self.is_stalled = false;
                 }
                 Err(Errno::EAGAIN) => return Next::Room,
                 Err(Errno::EINTR) => {}

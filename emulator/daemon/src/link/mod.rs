@@ -154,7 +154,7 @@ pub(crate) fn open(address: &LinkAddress, desk: &Arc<Desk>, speedup: f64) -> Res
         LinkAddress::Pty(path) => Box::new(pty::open(path, desk, speedup)?),
         LinkAddress::Serial(address) => Box::new(serial::open(address, desk)?),
         LinkAddress::Can(address) => Box::new(can::open(address, desk)?),
-        LinkAddress::Tcp(address) => Box::new(tcp::open(address, desk)?),
+        LinkAddress::Tcp(address) => Box::new(tcp::open(address, desk, speedup > 1.0)?),
     })
 }
 

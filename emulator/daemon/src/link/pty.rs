@@ -166,6 +166,7 @@ impl Link for Pty {
 
     fn send(&mut self, patience: Duration) {
         let asked = Instant::now();
+        self.is_stalled &= self.line.is_open();
         while self.line.is_open() && self.slave.backlog() > BACKLOG {
             if self.is_stalled || asked.elapsed() >= patience {
                 self.is_stalled = !patience.is_zero();
@@ -173,7 +174,6 @@ impl Link for Pty {
             }
             thread::sleep(LOOK_AGAIN);
         }
-        self.is_stalled = false;
         self.tally.count(self.line.send(&self.frame, patience));
     }
 

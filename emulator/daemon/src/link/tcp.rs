@@ -19,7 +19,8 @@ use crate::desk::Desk;
 
 /// Clients at once; more are turned away.
 const CLIENTS: usize = 64;
-/// Asked of the kernel for what a client has not taken, byte: it makes a minute of it, not an hour.
+/// Asked of the kernel for what a client has not taken, byte: some seconds of it, not an hour. Not asked of a faster
+/// run, which would wait for acknowledgements all the time.
 const SEND_BUFFER: usize = 4096;
 /// After an accept that failed: for lack of descriptors, for example.
 const ACCEPT_AGAIN: Duration = Duration::from_millis(200);
@@ -33,7 +34,7 @@ struct Tcp {
 type Clients = Arc<Mutex<Vec<Arc<Line>>>>;
 
 /// Listens, and serves whoever comes.
-pub(super) fn open(address: &str, desk: &Arc<Desk>) -> Result<impl Link + use<>, LinkError> {
+pub(super) fn open(address: &str, desk: &Arc<Desk>, is_faster: bool) -> Result<impl Link + use<>, LinkError> {
     let fail = |error| LinkError::Tcp(address.to_owned(), error);
     let listener = std::net::TcpListener::bind(address).map_err(fail)?;
     listener.set_nonblocking(true).map_err(fail)?;
@@ -41,11 +42,11 @@ pub(super) fn open(address: &str, desk: &Arc<Desk>) -> Result<impl Link + use<>,
     let tally = Tally::new(format!("tcp {}", listener.local_addr().map_err(fail)?));
     let clients = Clients::default();
     console::ready(&tally.name);
-    tokio::spawn(accept(listener, clients.clone(), desk.clone(), tally.clone()));
+    tokio::spawn(accept(listener, is_faster, clients.clone(), desk.clone(), tally.clone()));
     Ok(Tcp { clients, frame: [0; MAX_FRAME], tally })
 }
 
-async fn accept(listener: TcpListener, clients: Clients, desk: Arc<Desk>, tally: Arc<Tally>) {
+async fn accept(listener: TcpListener, is_faster: bool, clients: Clients, desk: Arc<Desk>, tally: Arc<Tally>) {
     let mut has_told = false;
     loop {
         let Ok((stream, peer)) = listener.accept().await else {
@@ -61,7 +62,7 @@ async fn accept(listener: TcpListener, clients: Clients, desk: Arc<Desk>, tally:
             }
             continue;
         }
-        let Ok(port) = prepare(stream) else { continue };
+        let Ok(port) = prepare(stream, is_faster) else { continue };
         let line = Arc::new(Line::new(Some(port.clone()), 0.0, tally.clone()));
         clients.lock().expect("nothing panics with the list").push(line.clone());
         tally.clients.fetch_add(1, Relaxed);
@@ -77,10 +78,12 @@ async fn accept(listener: TcpListener, clients: Clients, desk: Arc<Desk>, tally:
     }
 }
 
-fn prepare(stream: TcpStream) -> std::io::Result<Port> {
+fn prepare(stream: TcpStream, is_faster: bool) -> std::io::Result<Port> {
     stream.set_nodelay(true)?;
     let stream = OwnedFd::from(stream.into_std()?);
-    setsockopt(&stream, sockopt::SndBuf, &SEND_BUFFER)?;
+    if !is_faster {
+        setsockopt(&stream, sockopt::SndBuf, &SEND_BUFFER)?;
+    }
     Ok(Arc::new(stream))
 }
 
