@@ -425,7 +425,8 @@ fn the_same_bytes_come_at_any_speed_and_are_those_of_simulate() {
 fn a_recorded_run_with_commands_is_simulated_again_byte_for_byte() {
     let directory = directory();
     let (live, again) = (directory.path().join("live"), directory.path().join("again"));
-    let arguments = ["--record", live.to_str().unwrap(), "--speed", "10", "--duration", "20", "--wait"];
+    let arguments =
+        ["--record", live.to_str().unwrap(), "--wire", "serial", "--speed", "10", "--duration", "20", "--wait"];
     let (emulator, mut client) = Emulator::on_tcp(&arguments);
     for command in [&[4, 1, 0, 50, 5][..], &[5], &[6, 7], &[2, 1], &[3], &[3], &[9], &[2, 0], &[7, 0]] {
         client.ask(&frame(Kind::Command, command));
