@@ -73,6 +73,8 @@ struct Bus {
 struct Can {
     bus: Arc<Bus>,
     frames: [socketcan::CanFrame; 3],
+    /// Whether the queue was full at the last half second; told once, and once when it is over.
+    is_full: bool,
 }
 
 /// Opens the interface and serves it.
@@ -89,7 +91,8 @@ pub(super) fn open(address: &CanAddress, desk: &Arc<Desk>) -> Result<impl Link +
     if is_up(&address.interface) {
         console::ready(&bus.tally.name);
     }
-    Ok(Can { bus, frames: address.plan.frames(&HalfSecond::default()).map(|frame| to_socket(&frame)) })
+    let frames = address.plan.frames(&HalfSecond::default()).map(|frame| to_socket(&frame));
+    Ok(Can { bus, frames, is_full: false })
 }
 
 /// A socket that does not block and hears nothing but COMMAND.
@@ -130,6 +133,11 @@ fn to_socket(frame: &CanFrame) -> socketcan::CanFrame {
 impl Bus {
     fn socket(&self) -> Option<Arc<CanSocket>> {
         self.socket.lock().expect("nothing panics with the socket").clone()
+    }
+
+    /// Whether a write has found the socket to be of no use, and nobody has dealt with that yet.
+    fn has_failed(&self) -> bool {
+        self.failure.lock().expect("nothing panics with the reason").is_some()
     }
 
     /// Returns why when a write has found the socket to be of no use.
@@ -248,6 +256,20 @@ fn answer(frame: &socketcan::CanFrame, socket: &CanSocket, bus: &Bus, desk: &Des
     }
 }
 
+impl Can {
+    fn tell_queue(&mut self, is_full: bool) {
+        let was_full = std::mem::replace(&mut self.is_full, is_full);
+        let name = &self.bus.tally.name;
+        match (was_full, is_full) {
+            (false, true) => console::say(format_args!(
+                "{name}: the transmit queue is full; the unit keeps time and drops what does not fit: is the bus connected, does anybody acknowledge?"
+            )),
+            (true, false) => console::say(format_args!("{name}: the transmit queue has room again")),
+            _ => {}
+        }
+    }
+}
+
 impl Link for Can {
     fn prepare(&mut self, half_second: &HalfSecond) {
         self.frames = self.bus.address.plan.frames(half_second).map(|frame| to_socket(&frame));
@@ -258,6 +280,7 @@ impl Link for Can {
             Some(socket) => {
                 let give_up = Instant::now() + patience.max(QUEUE_PATIENCE);
                 let all_sent = self.frames.iter().all(|frame| self.bus.write(&socket, frame, give_up));
+                self.tell_queue(!all_sent && !self.bus.has_failed());
                 if all_sent { Sending::Sent } else { Sending::Dropped }
             }
             None => Sending::Dropped,
