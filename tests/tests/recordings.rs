@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use geu_model::attitude::Motion;
 use geu_model::{Configuration, Truth, Unit};
 use geu_protocol::Gyro;
-use geu_recording::{Defect, Options, Recorder, Reference, Row, Sink, Stop};
+use geu_recording::{Defect, InputReader, Options, Reference, Row, Sink, Stop};
 use geu_tests::{root, skipped};
 use nalgebra::{DMatrix, DVector};
 use toml_edit::DocumentMut;
@@ -43,9 +43,9 @@ struct Recording {
 
 impl Recording {
     fn read(directory: &std::path::Path) -> Recording {
-        let (mut recorder, mut rows) = (Recorder::new(Options::default(), Stop::default()), Rows::default());
-        recorder.read(&directory.join("link.log.gz").to_string_lossy(), &mut rows).expect("a recording");
-        recorder.finish(&mut rows).1.expect("a recording");
+        let (mut reader, mut rows) = (InputReader::new(Options::default(), Stop::default()), Rows::default());
+        reader.read(&directory.join("link.log.gz").to_string_lossy(), &mut rows).expect("a recording");
+        reader.finish(&mut rows).1.expect("a recording");
         let reference = Reference::read(&directory.join("reference.csv.gz").to_string_lossy()).expect("a reference");
         Recording { rows: rows.0, reference }
     }

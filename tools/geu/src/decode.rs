@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use clap::{Args, ValueEnum};
 use geu_protocol::CanPlan;
 use geu_protocol::capture::Format as InputFormat;
-use geu_recording::{Defect, InputError, Options, Recorder, Row, Sink, Stop};
+use geu_recording::{Defect, InputError, InputReader, Options, Row, Sink, Stop};
 
 use crate::failure::Failure;
 use crate::rows::{Form, write_defect, write_row};
@@ -120,15 +120,15 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
         baud: arguments.baud,
     };
     let deadline = arguments.duration.map(|duration| Instant::now() + duration);
-    let mut recorder = Recorder::new(options, Stop { flag: Some(&STOP), deadline });
+    let mut reader = InputReader::new(options, Stop { flag: Some(&STOP), deadline });
     let mut result: Result<(), InputError> = Ok(());
     for input in &arguments.inputs {
-        result = recorder.read(input, &mut writer);
+        result = reader.read(input, &mut writer);
         if result.is_err() || writer.is_closed() {
             break;
         }
     }
-    let (summary, ending) = recorder.finish(&mut writer);
+    let (summary, ending) = reader.finish(&mut writer);
     writer.flush();
     match writer.broken {
         // Whoever read the rows has seen enough.
@@ -143,7 +143,7 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
             io::ErrorKind::BrokenPipe => Ok(()),
             _ => Err(Failure::failed(format!("writing failed: {error}"))),
         })?;
-    } else if !arguments.quiet && !summary.inputs.is_empty() {
+    } else if !arguments.quiet && summary.account.records + summary.account.bytes > 0 {
         eprint!("{summary}");
     }
     result.and(ending).map_err(Failure::input)?;

@@ -1,6 +1,6 @@
 //! Opens any input, file or live link, and yields half seconds and defects.
 //!
-//! [`Recorder`] opens inputs one after the other and gives their bytes to a [`Decoder`]; that tells rows and defects to
+//! [`InputReader`] opens inputs one after the other and gives their bytes to a [`Decoder`]; that tells rows and defects to
 //! a [`Sink`] and keeps the [`Summary`]. Memory stays flat, however long the input.
 //!
 //! ```
@@ -35,8 +35,8 @@ mod clock_fit;
 mod decoder;
 mod defect;
 mod input;
+mod input_reader;
 mod live;
-mod recorder;
 mod reference;
 mod row;
 mod summary;
@@ -47,7 +47,7 @@ pub use clock_fit::{ClockFit, ClockRate};
 pub use decoder::{Decoder, Options};
 pub use defect::{Defect, DefectKind};
 pub use input::{InputError, read_text};
-pub use recorder::{Recorder, Stop};
+pub use input_reader::{InputReader, Stop};
 pub use reference::{Reference, ReferenceError};
 pub use row::{Row, Sink};
 pub use summary::Summary;

@@ -159,16 +159,18 @@ impl Recorded {
         let (i, length_s) = (*near, self.t_s[*near + 1] - self.t_s[*near]);
         let b = (inside - self.t_s[i]) / length_s;
         let a = 1.0 - b;
-        let moves = t_s == inside;
-        let (mut angle, mut moment) = ([0.0; 3], Moment { t_s, ..Moment::default() });
-        for axis in 0..3 {
+        let mut moment = Moment { t_s, ..Moment::default() };
+        let sixth = length_s * length_s / 6.0;
+        let angle = std::array::from_fn(|axis| {
             let (y, m) = (&self.angle_control_arcsec[axis], &self.bend[axis]);
-            let sixth = length_s * length_s / 6.0;
-            angle[axis] = a * y[i] + b * y[i + 1] + ((a * a * a - a) * m[i] + (b * b * b - b) * m[i + 1]) * sixth;
-            if moves {
-                moment.rate_control_arcsec_s[axis] = (y[i + 1] - y[i]) / length_s
-                    + ((3.0 * b * b - 1.0) * m[i + 1] - (3.0 * a * a - 1.0) * m[i]) * length_s / 6.0;
-            }
+            a * y[i] + b * y[i + 1] + ((a * a * a - a) * m[i] + (b * b * b - b) * m[i + 1]) * sixth
+        });
+        if t_s == inside {
+            moment.rate_control_arcsec_s = std::array::from_fn(|axis| {
+                let (y, m) = (&self.angle_control_arcsec[axis], &self.bend[axis]);
+                (y[i + 1] - y[i]) / length_s
+                    + ((3.0 * b * b - 1.0) * m[i + 1] - (3.0 * a * a - 1.0) * m[i]) * length_s / 6.0
+            });
         }
         // Where θ is not known the package is taken at rest at 90°, where nothing turns it.
         (moment.theta_rad, moment.psi_rad) = match self.theta_psi_rad.get(i..i + 2) {

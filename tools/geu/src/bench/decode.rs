@@ -9,7 +9,7 @@ use std::time::Instant;
 use clap::Args;
 use geu_protocol::serial::data_frame;
 use geu_protocol::{CLOCK_PER_HALF_SECOND, CanPlan, HalfSecond};
-use geu_recording::{Defect, Options, Recorder, Row, Sink, Stop};
+use geu_recording::{Defect, InputReader, Options, Row, Sink, Stop};
 
 use crate::failure::Failure;
 use crate::rows::{Form, write_row};
@@ -139,9 +139,9 @@ fn decode(path: &Path, write: bool) -> Result<(f64, u64), Failure> {
     let out = write.then(|| File::create("/dev/null")).transpose().map_err(failed)?;
     let mut counter = Counter { rows: 0, out: out.map(|file| (file, Vec::new())) };
     let start = Instant::now();
-    let mut recorder = Recorder::new(Options::default(), Stop::default());
-    let result = recorder.read(&path.to_string_lossy(), &mut counter);
-    let (_summary, ending) = recorder.finish(&mut counter);
+    let mut reader = InputReader::new(Options::default(), Stop::default());
+    let result = reader.read(&path.to_string_lossy(), &mut counter);
+    let (_summary, ending) = reader.finish(&mut counter);
     let time_s = start.elapsed().as_secs_f64();
     result.and(ending).map_err(Failure::failed)?;
     Ok((time_s, counter.rows))

@@ -43,7 +43,7 @@ impl Stop<'_> {
 }
 
 /// Opens inputs and decodes them as one stream.
-pub struct Recorder<'a> {
+pub struct InputReader<'a> {
     options: Options,
     decoder: Decoder,
     stop: Stop<'a>,
@@ -51,10 +51,10 @@ pub struct Recorder<'a> {
     serial: Option<(String, u64, Vec<u8>)>,
 }
 
-impl<'a> Recorder<'a> {
-    /// A recorder before its first input.
-    pub fn new(options: Options, stop: Stop<'a>) -> Recorder<'a> {
-        Recorder { decoder: Decoder::new(&options), options, stop, serial: None }
+impl<'a> InputReader<'a> {
+    /// A reader before its first input.
+    pub fn new(options: Options, stop: Stop<'a>) -> InputReader<'a> {
+        InputReader { decoder: Decoder::new(&options), options, stop, serial: None }
     }
 
     /// Reads an input to its end. Rows before an error have been given out.
