@@ -24,7 +24,7 @@ use crate::failure::Failure;
 #[derive(Args, Debug)]
 #[command(after_help = table())]
 pub struct Arguments {
-    /// Pty or serial device (DEVICE[:BAUD]), HOST:PORT or tcp:HOST:PORT, or CAN interface (INTERFACE[:BASE], hexadecimal)
+    /// Pty or serial device (`DEVICE` or `DEVICE:BAUD`), `HOST:PORT` or `tcp:HOST:PORT`, or CAN interface (`INTERFACE` or `INTERFACE:BASE`, hexadecimal)
     #[arg(required_unless_present = "list")]
     link: Option<String>,
     /// Name of the command; upper or lower case, - or _
