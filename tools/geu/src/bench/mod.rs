@@ -2,6 +2,7 @@
 
 mod cadence;
 mod decode;
+mod model;
 
 use clap::{Args, Subcommand};
 
@@ -20,6 +21,8 @@ enum Benchmark {
     Cadence(cadence::Arguments),
     /// Throughput of the decoder, beside python-can, cantools and log2asc on the same file.
     Decode(decode::Arguments),
+    /// Half seconds per second of the model, beside the same gyros in numpy.
+    Model(model::Arguments),
 }
 
 /// Runs a benchmark.
@@ -27,5 +30,6 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
     match arguments.benchmark {
         Benchmark::Cadence(arguments) => cadence::run(&arguments),
         Benchmark::Decode(arguments) => decode::run(arguments),
+        Benchmark::Model(arguments) => model::run(&arguments),
     }
 }
