@@ -40,6 +40,12 @@ impl Quadratic {
         Quadratic { start_rad, rate_rad_s: 0.0, acceleration_rad_s2: 0.0 }
     }
 
+    /// Whether it does not move.
+    #[inline]
+    pub fn is_at_rest(&self) -> bool {
+        self.rate_rad_s == 0.0 && self.acceleration_rad_s2 == 0.0
+    }
+
     /// The change since the segment's start.
     #[inline]
     pub fn change_rad(&self, t_s: f64) -> f64 {

@@ -80,6 +80,8 @@ struct Flight {
     limit_cycle: LimitCycle,
     segment: Segment,
     segment_start_s: f64,
+    /// Where it has come to.
+    phases: Phases,
 }
 
 impl Motion {
@@ -91,7 +93,12 @@ impl Motion {
     /// `before_s` before the start of a scenario, at rest until then.
     pub fn starting_before(mut plan: Plan, limit_cycle: LimitCycle, before_s: f64) -> Motion {
         let segment = if before_s > 0.0 { plan.rest_before(before_s) } else { plan.next_segment() };
-        let flight = Flight { plan, limit_cycle, segment, segment_start_s: -before_s };
+        let phases = Phases {
+            theta: Turned::at(segment.theta.start_rad),
+            psi: Turned::at(segment.psi.start_rad),
+            cycle: limit_cycle.phases(-before_s),
+        };
+        let flight = Flight { plan, limit_cycle, segment, segment_start_s: -before_s, phases };
         Motion { now: flight.moment(-before_s), source: Source::Scenario(flight) }
     }
 
@@ -116,7 +123,6 @@ impl Motion {
                 step.angle_control_arcsec = flight.advance(start.t_s, end_s);
                 self.now = flight.moment(end_s);
                 step.end = self.now;
-                flight.limit_cycle.turn(&mut step);
             }
             Source::Recorded { rows, near, angle_control_arcsec } => {
                 let (angle, moment) = rows.at(end_s, near);
@@ -137,13 +143,46 @@ impl Motion {
     }
 }
 
+/// Sine and cosine of an angle.
+#[derive(Debug, Clone, Copy, Default)]
+struct Turned {
+    sin: f64,
+    cos: f64,
+}
+
+impl Turned {
+    #[inline]
+    fn at(rad: f64) -> Turned {
+        let (sin, cos) = libm::sincos(rad);
+        Turned { sin, cos }
+    }
+
+    /// Turned further by an angle of 10⁻³ rad at most: the series' next term is below 10⁻²⁰.
+    #[inline]
+    fn by(self, rad: f64) -> Turned {
+        let square = rad * rad;
+        let (sin, cos) =
+            (rad * (1.0 - square / 6.0 * (1.0 - square / 20.0)), 1.0 - square / 2.0 * (1.0 - square / 12.0));
+        Turned { sin: self.sin * cos + self.cos * sin, cos: self.cos * cos - self.sin * sin }
+    }
+}
+
+/// θ, ψ and the phases of the limit cycle about X and Y at a moment.
+#[derive(Debug, Clone, Copy, Default)]
+struct Phases {
+    theta: Turned,
+    psi: Turned,
+    cycle: [Turned; 2],
+}
+
 impl Flight {
-    /// Rotation from `start_s` to `end_s` without the limit cycle, arcsec.
+    /// Rotation from the last call to `end_s`, arcsec.
     #[inline]
     fn advance(&mut self, start_s: f64, end_s: f64) -> [f64; 3] {
         self.plan.forget_legs_before(start_s);
         let mut angle_rad = [0.0; 3];
         let mut now_s = start_s;
+        let mut cycle = self.phases.cycle;
         while now_s < end_s {
             let segment_end_s = self.segment_start_s + self.segment.duration_s;
             if segment_end_s <= now_s {
@@ -155,76 +194,85 @@ impl Flight {
             let until_s = if end_s - now_s > LONGEST_S * (1.0 + 1e-9) { now_s + LONGEST_S } else { end_s };
             let until_s = until_s.min(segment_end_s);
             self.integrate(now_s, until_s, &mut angle_rad);
+            self.turn_to(until_s);
             now_s = until_s;
         }
-        angle_rad.map(|angle| angle * ARCSEC_PER_RAD)
+        let mut angle_control_arcsec = angle_rad.map(|angle| angle * ARCSEC_PER_RAD);
+        if self.limit_cycle.rate_arcsec_s != 0.0 {
+            self.phases.cycle = self.limit_cycle.phases(end_s);
+            let radius_arcsec = self.limit_cycle.rate_arcsec_s / self.limit_cycle.turn_rad_s();
+            for ((angle, before), after) in angle_control_arcsec.iter_mut().zip(&mut cycle).zip(self.phases.cycle) {
+                *angle += radius_arcsec * (before.cos - after.cos);
+            }
+        }
+        angle_control_arcsec
     }
 
+    /// The moment that the flight has reached.
     #[inline]
     fn moment(&self, t_s: f64) -> Moment {
         let (theta, psi, since_s) = (&self.segment.theta, &self.segment.psi, t_s - self.segment_start_s);
-        let (theta_rad, psi_rad) = (theta.angle_rad(since_s), psi.angle_rad(since_s));
-        let mut rate_control_arcsec_s = rates(theta_rad, psi_rad, theta.rate_rad_s(since_s), psi.rate_rad_s(since_s))
-            .map(|rate| rate * ARCSEC_PER_RAD);
-        self.limit_cycle.add_rates(t_s, &mut rate_control_arcsec_s);
-        Moment { t_s, rate_control_arcsec_s, theta_rad, psi_rad }
+        let rates = rates(self.phases.theta, self.phases.psi, theta.rate_rad_s(since_s), psi.rate_rad_s(since_s));
+        let mut rate_control_arcsec_s = rates.map(|rate| rate * ARCSEC_PER_RAD);
+        for (rate, phase) in rate_control_arcsec_s.iter_mut().zip(self.phases.cycle) {
+            *rate += self.limit_cycle.rate_arcsec_s * phase.sin;
+        }
+        Moment { t_s, rate_control_arcsec_s, theta_rad: theta.angle_rad(since_s), psi_rad: psi.angle_rad(since_s) }
+    }
+
+    #[inline]
+    fn turn_to(&mut self, t_s: f64) {
+        let since_s = t_s - self.segment_start_s;
+        if !self.segment.theta.is_at_rest() {
+            self.phases.theta = Turned::at(self.segment.theta.angle_rad(since_s));
+        }
+        if !self.segment.psi.is_at_rest() {
+            self.phases.psi = Turned::at(self.segment.psi.angle_rad(since_s));
+        }
     }
 
     #[inline]
     fn integrate(&self, start_s: f64, end_s: f64, angle_rad: &mut [f64; 3]) {
         let (start, length_s) = (start_s - self.segment_start_s, end_s - start_s);
         let Segment { theta, psi, .. } = &self.segment;
+        let (theta_before, psi_before) = (theta.change_rad(start), psi.change_rad(start));
         let mut sum = [0.0; 3];
         for node in NODES {
             let t_s = start + node * length_s;
-            let rate = rates(theta.angle_rad(t_s), psi.angle_rad(t_s), 0.0, psi.rate_rad_s(t_s));
-            for (sum, rate) in sum.iter_mut().zip(rate) {
+            let theta_at = self.phases.theta.by(theta.change_rad(t_s) - theta_before);
+            let psi_at = self.phases.psi.by(psi.change_rad(t_s) - psi_before);
+            for (sum, rate) in sum.iter_mut().zip(rates(theta_at, psi_at, 0.0, psi.rate_rad_s(t_s))) {
                 *sum += rate;
             }
         }
         angle_rad[0] += 0.5 * length_s * sum[0];
-        angle_rad[1] += 0.5 * length_s * sum[1] + theta.change_rad(start + length_s) - theta.change_rad(start);
+        angle_rad[1] += 0.5 * length_s * sum[1] + theta.change_rad(start + length_s) - theta_before;
         angle_rad[2] += 0.5 * length_s * sum[2];
     }
 }
 
 impl LimitCycle {
     #[inline]
-    fn axes(&self) -> impl Iterator<Item = (usize, f64)> {
-        [self.phase_x_rad, self.phase_y_rad].into_iter().enumerate().filter(|_| self.rate_arcsec_s != 0.0)
-    }
-
-    #[inline]
     fn turn_rad_s(&self) -> f64 {
         std::f64::consts::TAU / self.period_s
     }
 
     #[inline]
-    fn add_rates(&self, t_s: f64, rate_control_arcsec_s: &mut [f64; 3]) {
-        for (axis, phase_rad) in self.axes() {
-            rate_control_arcsec_s[axis] += self.rate_arcsec_s * libm::sin(self.turn_rad_s() * t_s + phase_rad);
+    fn phases(&self, t_s: f64) -> [Turned; 2] {
+        if self.rate_arcsec_s == 0.0 {
+            return Default::default();
         }
-    }
-
-    /// Adds the integral of the rates over the step.
-    #[inline]
-    fn turn(&self, step: &mut Step) {
-        for (axis, phase_rad) in self.axes() {
-            let cos = |t_s: f64| libm::cos(self.turn_rad_s() * t_s + phase_rad);
-            step.angle_control_arcsec[axis] +=
-                self.rate_arcsec_s / self.turn_rad_s() * (cos(step.start.t_s) - cos(step.end.t_s));
-        }
+        [self.phase_x_rad, self.phase_y_rad].map(|phase_rad| Turned::at(self.turn_rad_s() * t_s + phase_rad))
     }
 }
 
 /// Inertial rates without the limit cycle, rad/s.
 #[inline]
-fn rates(theta_rad: f64, psi_rad: f64, theta_rate: f64, psi_rate: f64) -> [f64; 3] {
-    let ((sin_theta, cos_theta), (sin_psi, cos_psi)) = (libm::sincos(theta_rad), libm::sincos(psi_rad));
+fn rates(theta: Turned, psi: Turned, theta_rate: f64, psi_rate: f64) -> [f64; 3] {
     [
-        psi_rate * cos_theta + SUN_RATE_RAD_S * cos_psi * sin_theta,
-        theta_rate - SUN_RATE_RAD_S * sin_psi,
-        psi_rate * sin_theta - SUN_RATE_RAD_S * cos_psi * cos_theta,
+        psi_rate * theta.cos + SUN_RATE_RAD_S * psi.cos * theta.sin,
+        theta_rate - SUN_RATE_RAD_S * psi.sin,
+        psi_rate * theta.sin - SUN_RATE_RAD_S * psi.cos * theta.cos,
     ]
 }
 

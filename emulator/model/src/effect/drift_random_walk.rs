@@ -52,11 +52,11 @@ impl HeadLaw for DriftRandomWalk {
             state.mean_arcsec_s = 0.0;
             return;
         }
-        let decay = libm::exp(-length_s / self.correlation_time_s);
-        let variance_s = if self.correlation_time_s.is_finite() {
-            self.correlation_time_s * (1.0 - decay * decay) / 2.0
+        let (decay, variance_s) = if self.correlation_time_s.is_finite() {
+            let decay = libm::exp(-length_s / self.correlation_time_s);
+            (decay, self.correlation_time_s * (1.0 - decay * decay) / 2.0)
         } else {
-            length_s
+            (1.0, length_s)
         };
         let sigma = self.arcsec_per_s_per_sqrt_s * variance_s.sqrt();
         let (end, between) = (state.stream.standard_normal(), state.stream.standard_normal());
