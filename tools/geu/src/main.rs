@@ -10,6 +10,8 @@ mod describe;
 mod failure;
 mod rows;
 mod run;
+
+mod selftest;
 mod send;
 mod settings;
 mod simulate;
@@ -34,6 +36,7 @@ struct Arguments {
 enum Command {
     Run(run::Arguments),
     Send(send::Arguments),
+    Selftest(selftest::Arguments),
     Simulate(simulate::Arguments),
     Config(config::Arguments),
     Describe(describe::Arguments),
@@ -57,6 +60,7 @@ fn main() -> ExitCode {
         Some(Command::Bench(arguments)) => bench::run(arguments),
         Some(Command::Run(arguments)) => run::run(&arguments),
         Some(Command::Send(arguments)) => send::run(&arguments),
+        Some(Command::Selftest(arguments)) => selftest::run(&arguments),
         None => run::run(&run::Arguments::default()),
     };
     match done {

@@ -166,7 +166,7 @@ impl Configuration {
     }
 
     /// The text of the built-in configuration, with its comments.
-    pub fn reference_text() -> &'static str {
+    pub const fn reference_text() -> &'static str {
         REFERENCE
     }
 

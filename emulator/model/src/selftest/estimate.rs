@@ -1,0 +1,232 @@
+//! Estimators over accumulated counts, each with its sigma.
+//!
+//! Angles are in units of the quantum: rounding adds a uniform error of variance 1/12 to each. That error is not white
+//! where the angle moves slowly, so the sigma of a fit has two parts, in squares: that of white rounding, and what the
+//! fit's residuals show when they are summed over stretches, which keeps whatever they have in common with neighbours.
+
+/// Variance of a rounding to whole numbers.
+pub const ROUNDING_VARIANCE: f64 = 1.0 / 12.0;
+/// Stretches over which the residuals of a fit are summed.
+const STRETCHES: usize = 24;
+
+/// A number with its standard deviation.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Estimate {
+    /// The number.
+    pub value: f64,
+    /// One standard deviation.
+    pub sigma: f64,
+}
+
+impl Estimate {
+    /// A number read, not fitted.
+    pub fn new(value: f64, sigma: f64) -> Estimate {
+        Estimate { value, sigma }
+    }
+
+    /// In another unit.
+    #[must_use]
+    pub fn times(self, factor: f64) -> Estimate {
+        Estimate { value: self.value * factor, sigma: self.sigma * factor.abs() }
+    }
+
+    /// Less an independent one.
+    #[must_use]
+    pub fn minus(self, other: Estimate) -> Estimate {
+        Estimate { value: self.value - other.value, sigma: self.sigma.hypot(other.sigma) }
+    }
+
+    /// Over an independent one.
+    #[must_use]
+    pub fn over(self, other: Estimate) -> Estimate {
+        let value = self.value / other.value;
+        Estimate { value, sigma: (self.sigma / other.value).hypot(value * other.sigma / other.value) }
+    }
+
+    /// The same as a relative error of `value`: `whole` per it.
+    #[must_use]
+    pub fn into(self, whole: f64) -> Estimate {
+        let value = whole / self.value;
+        Estimate { value, sigma: (value * self.sigma / self.value).abs() }
+    }
+}
+
+/// Least squares of y on P regressors.
+pub struct Fit<const P: usize> {
+    values: [f64; P],
+    variances: [f64; P],
+}
+
+impl<const P: usize> Fit<P> {
+    /// Fits points (regressors, y), y in quanta.
+    pub fn of(points: &[([f64; P], f64)]) -> Fit<P> {
+        // Columns are scaled to their largest element, so that powers of time do not spoil the elimination.
+        let mut scale = [f64::MIN_POSITIVE; P];
+        for (x, _) in points {
+            for (scale, x) in scale.iter_mut().zip(x) {
+                *scale = scale.max(x.abs());
+            }
+        }
+        let scaled = |x: &[f64; P]| -> [f64; P] { std::array::from_fn(|i| x[i] / scale[i]) };
+        let (mut normal, mut right) = ([[0.0; P]; P], [0.0; P]);
+        for (x, y) in points {
+            let x = scaled(x);
+            for i in 0..P {
+                right[i] += x[i] * y;
+                for j in 0..P {
+                    normal[i][j] += x[i] * x[j];
+                }
+            }
+        }
+        let inverse = inverse(normal);
+        let apply = |v: [f64; P]| -> [f64; P] { std::array::from_fn(|i| (0..P).map(|j| inverse[i][j] * v[j]).sum()) };
+        let values = apply(right);
+        let mut variances: [f64; P] = std::array::from_fn(|i| inverse[i][i] * ROUNDING_VARIANCE);
+        let stretch = points.len().div_ceil(STRETCHES).max(1);
+        for points in points.chunks(stretch) {
+            let mut score = [0.0; P];
+            for (x, y) in points {
+                let x = scaled(x);
+                let left = y - (0..P).map(|i| x[i] * values[i]).sum::<f64>();
+                for (score, x) in score.iter_mut().zip(x) {
+                    *score += x * left;
+                }
+            }
+            for (variance, part) in variances.iter_mut().zip(apply(score)) {
+                *variance += part * part;
+            }
+        }
+        Fit {
+            values: std::array::from_fn(|i| values[i] / scale[i]),
+            variances: std::array::from_fn(|i| variances[i] / (scale[i] * scale[i])),
+        }
+    }
+
+    /// The coefficient of regressor `index`.
+    pub fn estimate(&self, index: usize) -> Estimate {
+        Estimate { value: self.values[index], sigma: self.variances[index].sqrt() }
+    }
+}
+
+/// Gauss-Jordan elimination of a matrix that is positive definite; numbers that are none where it is not.
+fn inverse<const P: usize>(mut a: [[f64; P]; P]) -> [[f64; P]; P] {
+    let mut inverse = [[0.0; P]; P];
+    for (i, row) in inverse.iter_mut().enumerate() {
+        row[i] = 1.0;
+    }
+    for i in 0..P {
+        let pivot = a[i][i];
+        for j in 0..P {
+            a[i][j] /= pivot;
+            inverse[i][j] /= pivot;
+        }
+        for k in (0..P).filter(|&k| k != i) {
+            let factor = a[k][i];
+            for j in 0..P {
+                a[k][j] -= factor * a[i][j];
+                inverse[k][j] -= factor * inverse[i][j];
+            }
+        }
+    }
+    inverse
+}
+
+/// A straight line through points.
+pub struct Line {
+    /// Where its level is told: the middle of the points.
+    pub centre: f64,
+    /// y there.
+    pub level: Estimate,
+    /// Slope.
+    pub slope: Estimate,
+}
+
+impl Line {
+    /// Fits points (x, y), y in quanta.
+    pub fn of(points: impl Iterator<Item = (f64, f64)> + Clone) -> Line {
+        let (count, sum) = points.clone().fold((0.0, 0.0), |(count, sum), (x, _)| (count + 1.0, sum + x));
+        let centre = sum / count;
+        let points: Vec<_> = points.map(|(x, y)| ([1.0, x - centre], y)).collect();
+        let fit = Fit::of(&points);
+        Line { centre, level: fit.estimate(0), slope: fit.estimate(1) }
+    }
+
+    /// Where it reaches a level.
+    pub fn reaches(&self, level: Estimate) -> Estimate {
+        let from_centre = level.minus(self.level).over(self.slope);
+        Estimate { value: self.centre + from_centre.value, ..from_centre }
+    }
+}
+
+/// The mean of levels.
+pub fn level(levels: impl Iterator<Item = f64>) -> Estimate {
+    Fit::of(&levels.map(|y| ([1.0], y)).collect::<Vec<_>>()).estimate(0)
+}
+
+/// First-order settling y = level − drop · exp(−x/time constant): (level, drop, time constant), by Gauss-Newton from a
+/// first time constant.
+pub fn settling(points: &[(f64, f64)], first: f64) -> [Estimate; 3] {
+    let (mut time_constant, mut drop) = (first, 0.0);
+    let mut fit = Fit { values: [0.0; 3], variances: [0.0; 3] };
+    for _ in 0..12 {
+        // The time constant's column is that of the first guess until there is a drop.
+        let size: f64 = if drop == 0.0 { 1.0 } else { drop };
+        let rows: Vec<_> = points
+            .iter()
+            .map(|&(x, y)| {
+                let left = libm::exp(-x / time_constant);
+                ([1.0, -left, -size * left * x / (time_constant * time_constant)], y)
+            })
+            .collect();
+        fit = Fit::of(&rows);
+        let step = fit.values[2] * size / fit.values[1];
+        drop = fit.values[1];
+        time_constant += step.clamp(-0.5 * time_constant, time_constant);
+    }
+    let [level, drop] = [0, 1].map(|index| fit.estimate(index));
+    [level, drop, Estimate { value: time_constant, sigma: fit.estimate(2).sigma }]
+}
+
+/// Overlapping Allan variance of a phase each `spacing` apart, over `m` spacings.
+pub fn allan_variance(phase: &[f64], spacing: f64, m: usize) -> f64 {
+    let tau = spacing * m as f64;
+    let differences = phase.windows(2 * m + 1).map(|window| window[2 * m] - 2.0 * window[m] + window[0]);
+    let count = phase.len() - 2 * m;
+    differences.map(|difference| difference * difference).sum::<f64>() / (2.0 * tau * tau * count as f64)
+}
+
+/// Degrees of freedom of an overlapping Allan variance of white rate noise (Riley, NIST SP 1065, table 5).
+pub fn freedom_of_white_rate(count: usize, m: usize) -> f64 {
+    let (n, m) = (count as f64, m as f64);
+    (3.0 * (n - 1.0) / (2.0 * m) - 2.0 * (n - 2.0) / n) * 4.0 * m * m / (4.0 * m * m + 5.0)
+}
+
+/// Degrees of freedom of an overlapping Allan variance of a walking rate (Riley, NIST SP 1065, table 5).
+pub fn freedom_of_walking_rate(count: usize, m: usize) -> f64 {
+    let (n, m) = (count as f64, m as f64);
+    (n - 2.0) / m * ((n - 1.0).powi(2) - 3.0 * m * (n - 1.0) + 4.0 * m * m) / (n - 3.0).powi(2)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_rounded_line_is_found_within_its_sigma() {
+        for rate in [0.013, 0.37, 104.854_368] {
+            let line = Line::of((0..5000).map(|k| (f64::from(k), (rate * f64::from(k)).round())));
+            assert!((line.slope.value - rate).abs() < 5.0 * line.slope.sigma, "{rate}: {:?}", line.slope);
+            assert!(line.slope.sigma < 1e-4);
+        }
+    }
+
+    #[test]
+    fn settling_is_found_from_a_poor_guess() {
+        let points: Vec<_> =
+            (0..4000).map(|k| (f64::from(k), (900.0 - 500.0 * (-f64::from(k) / 310.0).exp()).round())).collect();
+        let [level, drop, time_constant] = settling(&points, 150.0);
+        for (got, expected) in [(level, 900.0), (drop, 500.0), (time_constant, 310.0)] {
+            assert!((got.value - expected).abs() < 5.0 * got.sigma + 1e-9, "{got:?} {expected}");
+        }
+    }
+}

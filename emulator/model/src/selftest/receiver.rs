@@ -1,0 +1,99 @@
+//! What stands at the other end of the link: counts, flags, temperatures and the instants they came at.
+
+use geu_protocol::command::{self, COMMANDS};
+use geu_protocol::{Gyro, HalfSecond, Outcome};
+
+use crate::attitude::{Motion, Plan};
+use crate::{Configuration, Unit};
+
+/// What is known at the end of a half second.
+#[derive(Debug, Clone, Copy)]
+pub struct Row {
+    /// Instant of reception, true time since the start.
+    pub t_s: f64,
+    /// Counts so far, in the order of [`Gyro::ALL`].
+    pub counts: [f64; 4],
+    /// Rotation about the control axes so far, of the reference attitude.
+    pub reference_arcsec: [f64; 3],
+    /// What the unit told.
+    pub half_second: HalfSecond,
+}
+
+impl Row {
+    /// Counts of `gyro` less the reference rotation about its control axis.
+    pub fn residual(&self, gyro: Gyro) -> f64 {
+        let axis = match gyro {
+            Gyro::X => 0,
+            Gyro::Y => 1,
+            Gyro::Za | Gyro::Zb => 2,
+        };
+        self.counts[gyro as usize] - self.reference_arcsec[axis]
+    }
+}
+
+/// Listens to a unit, and knows the attitude that it is commanded to.
+pub struct Receiver {
+    unit: Unit,
+    reference: Motion,
+    now: Row,
+}
+
+impl Receiver {
+    /// A unit that starts, and its receiver.
+    pub fn new(configuration: &Configuration) -> Receiver {
+        let plan = Plan::new(&configuration.scenario).expect("a configuration holds only scenarios that were tried");
+        Receiver {
+            unit: Unit::new(configuration),
+            reference: Motion::new(plan, configuration.scenario.limit_cycle),
+            now: Row { t_s: 0.0, counts: [0.0; 4], reference_arcsec: [0.0; 3], half_second: HalfSecond::default() },
+        }
+    }
+
+    /// Every row until `until_s` of on-board time.
+    pub fn listen(&mut self, until_s: f64) -> Vec<Row> {
+        self.listen_every(1, until_s)
+    }
+
+    /// Every `stride`-th row until `until_s` of on-board time.
+    pub fn listen_every(&mut self, stride: u64, until_s: f64) -> Vec<Row> {
+        let mut rows = Vec::new();
+        while (self.unit.ended() as f64) < 2.0 * until_s {
+            let ended = self.unit.end_half_second();
+            self.now.t_s = ended.end_ns as f64 * 1e-9;
+            self.now.half_second = ended.half_second;
+            for (counts, increment) in self.now.counts.iter_mut().zip(ended.half_second.increments) {
+                *counts += f64::from(increment);
+            }
+            if self.unit.ended().is_multiple_of(stride) {
+                let turned = self.reference.advance(self.now.t_s).angle_control_arcsec;
+                for (sum, angle) in self.now.reference_arcsec.iter_mut().zip(turned) {
+                    *sum += angle;
+                }
+                rows.push(self.now);
+            }
+        }
+        rows
+    }
+
+    /// Sends a command by its name; whether it was done.
+    pub fn command(&mut self, name: &str, values: &[i64]) -> bool {
+        COMMANDS
+            .iter()
+            .find(|spec| spec.name == name)
+            .is_some_and(|spec| self.unit.command(&command::payload(spec, values)).reply.outcome() == Outcome::Done)
+    }
+}
+
+/// The rows from `from_s` to `to_s`.
+pub fn between(rows: &[Row], from_s: f64, to_s: f64) -> &[Row] {
+    let index = |t_s: f64| rows.partition_point(|row| row.t_s < t_s);
+    &rows[index(from_s)..index(to_s)]
+}
+
+/// Rates of the reference about a control axis, arcsec/s, with the index of the row at the end of each.
+pub fn reference_rates(rows: &[Row], axis: usize) -> impl Iterator<Item = (usize, f64)> {
+    rows.windows(2).enumerate().map(move |(index, pair)| {
+        let turned_arcsec = pair[1].reference_arcsec[axis] - pair[0].reference_arcsec[axis];
+        (index + 1, turned_arcsec / (pair[1].t_s - pair[0].t_s))
+    })
+}

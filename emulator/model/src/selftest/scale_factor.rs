@@ -1,0 +1,321 @@
+//! The scale factor: launch, ageing, temperature, bend, clock (Casteren §3.2, §5, table 1, figure 7).
+
+use geu_protocol::Gyro;
+
+use super::estimate::{Fit, Line};
+use super::receiver::{Row, between, reference_rates};
+use super::{Claim, Estimate, Expected, Experiment};
+use crate::Configuration;
+use crate::units::{PPM, S_PER_DAY};
+
+/// Days in a month, a twelfth of 365.25.
+const DAYS_PER_MONTH: f64 = 30.4375;
+/// Largest rate of the transfer function, 12′/s (§5).
+const FULL_ARCSEC_S: f64 = 720.0;
+
+pub const EXPERIMENTS: &[Experiment] = &[
+    Experiment {
+        name: "launch",
+        noise: false,
+        configuration: "
+            manoeuvre = [{ kind = \"z-scan\" }]
+            gyro.GYRZA.scale-factor.ppm = 2000
+            gyro.GYRZB.scale-factor.ppm = -2000
+        ",
+        claims: &[
+            Claim {
+                what: "scale factor after launch",
+                source: "§3.2",
+                expected: Expected::Value(2000.0, 0.0),
+                unit: "ppm",
+            },
+            Claim {
+                what: "scale factor after launch",
+                source: "§3.2",
+                expected: Expected::Value(-2000.0, 0.0),
+                unit: "ppm",
+            },
+        ],
+        measure: |receiver| {
+            let rows = receiver.listen(6180.0);
+            vec![scale_factor_ppm(&rows, Gyro::Za, 2), scale_factor_ppm(&rows, Gyro::Zb, 2)]
+        },
+    },
+    Experiment {
+        name: "ageing",
+        noise: false,
+        // 40 ppm in 30.4375 d.
+        configuration: "
+            manoeuvre = [{ kind = \"z-scan\", angle_deg = 36000 }]
+            gyro.GYRZA.scale-factor-ramp.ppm_per_day = 1.3141683778
+        ",
+        claims: &[Claim {
+            what: "scale factor change, long term",
+            source: "§3.2, table 1",
+            expected: Expected::Value(40.0, 0.0),
+            unit: "ppm/month",
+        }],
+        measure: |receiver| {
+            receiver.listen(20.0);
+            let rows = receiver.listen_every(20, S_PER_DAY);
+            let points: Vec<_> = rows
+                .iter()
+                .map(|row| {
+                    let day = row.t_s / S_PER_DAY - 0.5;
+                    ([1.0, day, day * day], row.residual(Gyro::Za))
+                })
+                .collect();
+            let scanned = Line::of(rows.iter().map(|row| (row.t_s / S_PER_DAY, row.counts[Gyro::Za as usize])));
+            let change_per_day = Fit::of(&points).estimate(2).times(-2.0).over(scanned.slope);
+            vec![change_per_day.times(DAYS_PER_MONTH / PPM)]
+        },
+    },
+    Experiment {
+        name: "temperature",
+        noise: false,
+        configuration: "
+            temperature.electronics_table = [[3600, 20], [3601, 22]]
+            manoeuvre = [{ kind = \"z-scan\", angle_deg = 720 }]
+            gyro.GYRZA.scale-factor-temperature.ppm_per_k = 12.5
+        ",
+        claims: &[
+            Claim {
+                what: "scale factor per K of electronics",
+                source: "model",
+                expected: Expected::Value(12.5, 0.0),
+                unit: "ppm/K",
+            },
+            Claim {
+                what: "scale factor change for 2 K",
+                source: "§3.2",
+                expected: Expected::Value(0.0025, 0.0),
+                unit: "%",
+            },
+        ],
+        measure: |receiver| {
+            let rows = receiver.listen(7200.0);
+            let (cold, warm) = (between(&rows, 20.0, 3600.0), between(&rows, 3602.0, 7200.0));
+            let change = scale_factor_ppm(warm, Gyro::Za, 2).minus(scale_factor_ppm(cold, Gyro::Za, 2));
+            let kelvin = |rows: &[Row]| Estimate {
+                value: f64::from(rows[rows.len() / 2].half_second.electronics_centi_c) * 0.01,
+                // What is told is rounded to 0.01 K, and the course is known to be at rest.
+                sigma: 0.0,
+            };
+            let per_k = change.over(kelvin(warm).minus(kelvin(cold)));
+            vec![per_k, per_k.times(2.0 * PPM * 100.0)]
+        },
+    },
+    Experiment {
+        name: "nonlinearity",
+        noise: false,
+        // Chebyshev's cubic departs most at the ends and at half of them: 12′/s and 6′/s, both ways.
+        configuration: "
+            scenario.theta_deg = 60
+            manoeuvre = [
+                { kind = \"y-scan\", to_theta_deg = 120, rate_arcmin_s = 12 },
+                { kind = \"y-scan\", to_theta_deg = 60, rate_arcmin_s = 12 },
+                { kind = \"y-scan\", to_theta_deg = 120, rate_arcmin_s = 9 },
+                { kind = \"y-scan\", to_theta_deg = 60, rate_arcmin_s = 9 },
+                { kind = \"y-scan\", to_theta_deg = 120, rate_arcmin_s = 6 },
+                { kind = \"y-scan\", to_theta_deg = 60, rate_arcmin_s = 6 },
+                { kind = \"y-scan\", to_theta_deg = 120, rate_arcmin_s = 3 },
+                { kind = \"y-scan\", to_theta_deg = 60, rate_arcmin_s = 3 },
+            ]
+            gyro.GYRY.scale-factor-nonlinearity.cubic_ppm = 800
+        ",
+        claims: &[
+            Claim {
+                what: "cubic of the transfer function",
+                source: "model",
+                expected: Expected::Value(800.0, 0.0),
+                unit: "ppm",
+            },
+            Claim {
+                what: "departure from the best line",
+                source: "§3.2, figure 7",
+                expected: Expected::Value(0.02, 0.0),
+                unit: "%",
+            },
+        ],
+        measure: |receiver| {
+            let points = transfer_function(&receiver.listen(5300.0), Gyro::Y, 1);
+            let cubes: Vec<_> = points
+                .iter()
+                .map(|(rate, departure)| {
+                    let share = rate / FULL_ARCSEC_S;
+                    ([share, share * share * share], departure.value)
+                })
+                .collect();
+            // Departures have their own sigma; that of the fit stands for quanta.
+            let sigma = points.iter().map(|(_, departure)| departure.sigma).fold(0.0, f64::max);
+            let cubic = Fit::of(&cubes).estimate(1);
+            let cubic = Estimate::new(cubic.value, cubic.sigma * sigma * 12f64.sqrt());
+            let straight: Vec<_> = points.iter().map(|(rate, departure)| (*rate, departure.value)).collect();
+            vec![
+                cubic.times(-1.0 / FULL_ARCSEC_S / PPM),
+                Estimate::new(departure_from_best_line(&straight), sigma).times(100.0 / FULL_ARCSEC_S),
+            ]
+        },
+    },
+    Experiment {
+        name: "asymmetry",
+        noise: false,
+        configuration: "
+            scenario.theta_deg = 60
+            manoeuvre = [{ kind = \"y-scan\", to_theta_deg = 120 }, { kind = \"y-scan\", to_theta_deg = 60 }]
+            gyro.GYRY.scale-factor-asymmetry.ppm = 200
+        ",
+        claims: &[Claim {
+            what: "scale factor forward less backward",
+            source: "figure 7",
+            expected: Expected::Value(200.0, 0.0),
+            unit: "ppm",
+        }],
+        measure: |receiver| {
+            let rows = receiver.listen(640.0);
+            let forward = scale_factor_ppm(between(&rows, 20.0, 300.0), Gyro::Y, 1);
+            vec![forward.minus(scale_factor_ppm(between(&rows, 340.0, 620.0), Gyro::Y, 1))]
+        },
+    },
+    Experiment {
+        name: "clock and scale factor",
+        noise: false,
+        configuration: "
+            manoeuvre = [{ kind = \"z-scan\", angle_deg = 720 }]
+            unit.clock-frequency-step = { ppm = 100, time_s = 6000 }
+        ",
+        claims: &[
+            Claim {
+                what: "half second of a clock fast by 100 ppm",
+                source: "model",
+                expected: Expected::Value(0.5 / 1.0001, 0.0),
+                unit: "s",
+            },
+            Claim {
+                what: "scale factor per clock frequency",
+                source: "§3.2",
+                expected: Expected::Value(-1.0, 0.0),
+                unit: "ppm/ppm",
+            },
+        ],
+        measure: |receiver| {
+            let rows = receiver.listen(12_000.0);
+            let (nominal, fast) = (between(&rows, 20.0, 6000.0), between(&rows, 6001.0, 12_000.0));
+            let change = scale_factor_ppm(fast, Gyro::Za, 2).minus(scale_factor_ppm(nominal, Gyro::Za, 2));
+            vec![half_second_s(fast), change.over(clock_ppm(fast))]
+        },
+    },
+    Experiment {
+        name: "clock and drift",
+        noise: false,
+        configuration: "
+            gyro.GYRX.calibration.drift_arcsec_per_half_s = 9.87654
+            unit.clock-frequency-step = { ppm = 100, time_s = 7200 }
+        ",
+        claims: &[Claim {
+            what: "drift per clock frequency",
+            source: "§3.2",
+            expected: Expected::Value(-2.0, 0.0),
+            unit: "ppm/ppm",
+        }],
+        measure: |receiver| {
+            let rows = receiver.listen(14_400.0);
+            let (nominal, fast) = (between(&rows, 20.0, 7200.0), between(&rows, 7201.0, 14_400.0));
+            // D in arcsec per on-board half second is −N·SF, SF as the experiment before finds it.
+            let drift = |rows: &[Row], scale_factor: f64| {
+                Line::of(rows.iter().enumerate().map(|(index, row)| {
+                    (index as f64, -row.counts[Gyro::X as usize] * scale_factor + row.reference_arcsec[0])
+                }))
+                .slope
+            };
+            let clock_ppm = clock_ppm(fast);
+            let nominal = drift(nominal, 1.0);
+            let change = drift(fast, 1.0 - clock_ppm.value * PPM).minus(nominal).over(nominal).times(1.0 / PPM);
+            vec![change.over(clock_ppm)]
+        },
+    },
+    Experiment {
+        name: "stability",
+        noise: true,
+        configuration: Configuration::reference_text(),
+        claims: &[Claim {
+            what: "scale factor change between half hours, default unit",
+            source: "§3.2, table 1",
+            expected: Expected::AtMost(20.0),
+            unit: "ppm",
+        }],
+        measure: |receiver| {
+            // Three half hours of the Z-scan.
+            receiver.listen_every(u64::MAX, 1300.0);
+            let rows = receiver.listen(6700.0);
+            let halves = [0.0, 1800.0, 3600.0]
+                .map(|from_s| scale_factor_ppm(between(&rows, 1300.0 + from_s, 3100.0 + from_s), Gyro::Za, 2));
+            let changes = [halves[1].minus(halves[0]), halves[2].minus(halves[1])];
+            let larger = if changes[0].value.abs() > changes[1].value.abs() { changes[0] } else { changes[1] };
+            vec![Estimate::new(larger.value.abs(), larger.sigma)]
+        },
+    },
+];
+
+/// Length of a half second, true time.
+fn half_second_s(rows: &[Row]) -> Estimate {
+    let (first, last, count) = (rows[0], rows[rows.len() - 1], (rows.len() - 1) as f64);
+    Estimate::new((last.t_s - first.t_s) / count, 1e-9 / 6f64.sqrt() / count)
+}
+
+/// How fast the unit's clock is.
+fn clock_ppm(rows: &[Row]) -> Estimate {
+    let frequency = half_second_s(rows).into(0.5);
+    Estimate::new(frequency.value - 1.0, frequency.sigma).times(1.0 / PPM)
+}
+
+/// SF less 1: rotation about a control axis over counts.
+fn scale_factor_ppm(rows: &[Row], gyro: Gyro, axis: usize) -> Estimate {
+    // Counts less rotation, against rotation, so that small numbers are fitted.
+    let excess = Line::of(rows.iter().map(|row| (row.reference_arcsec[axis], row.residual(gyro)))).slope;
+    let counts_per_arcsec = Estimate::new(1.0 + excess.value, excess.sigma);
+    let scale_factor = counts_per_arcsec.into(1.0);
+    Estimate::new(scale_factor.value - 1.0, scale_factor.sigma).times(1.0 / PPM)
+}
+
+/// Points of figure 7: each rate that is held for two minutes or more, and how much faster the gyro counts.
+pub fn transfer_function(rows: &[Row], gyro: Gyro, axis: usize) -> Vec<(f64, Estimate)> {
+    let rates: Vec<(usize, f64)> = reference_rates(rows, axis).collect();
+    rates
+        .chunk_by(|a, b| (a.1 - b.1).abs() < 1e-6 * FULL_ARCSEC_S)
+        .filter(|held| held.len() >= 240)
+        .map(|held| {
+            let rows = &rows[held[0].0..=held[held.len() - 1].0];
+            (held[0].1, Line::of(rows.iter().map(|row| (row.t_s, row.residual(gyro)))).slope)
+        })
+        .collect()
+}
+
+/// The largest departure of points from the straight line that makes it smallest: over each three points, the line that
+/// departs from all by as much, in turn to either side; the best line is that of the three which depart most.
+pub fn departure_from_best_line(points: &[(f64, f64)]) -> f64 {
+    let mut points = points.to_vec();
+    points.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut largest: f64 = 0.0;
+    for (i, a) in points.iter().enumerate() {
+        for (j, b) in points.iter().enumerate().skip(i + 1) {
+            for c in &points[j + 1..] {
+                let chord = a.1 + (c.1 - a.1) * (b.0 - a.0) / (c.0 - a.0);
+                largest = largest.max(0.5 * (b.1 - chord).abs());
+            }
+        }
+    }
+    largest
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cubic_departs_by_a_quarter_from_its_best_line() {
+        // Chebyshev: x³ − 3x/4 is at most 1/4 over −1…1.
+        let points: Vec<_> = (-4..=4).map(|k| f64::from(k) / 4.0).map(|x| (x, 3.0 + 2.0 * x - x * x * x)).collect();
+        assert!((departure_from_best_line(&points) - 0.25).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,68 @@
+//! `geu selftest`: the paper's numbers, measured again.
+
+use clap::Args;
+use geu_model::selftest::{Claim, Expected, LIMIT_SIGMA, Result, experiments, measure};
+
+use crate::failure::Failure;
+
+/// Simulates and measures every number that the paper prints; fails when one is off.
+#[derive(Args, Debug)]
+pub struct Arguments {
+    /// Seed of every random stream
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// How many seeds to try, from the one given; only what depends on the seed is measured again
+    #[arg(long, value_name = "COUNT", default_value_t = 1)]
+    seeds: u64,
+}
+
+/// Carries it out.
+///
+/// # Errors
+/// A number that is off.
+pub fn run(arguments: &Arguments) -> std::result::Result<(), Failure> {
+    let (mut measured, mut off) = (0, 0);
+    for index in 0..arguments.seeds {
+        let seed = arguments.seed.wrapping_add(index);
+        let again = if index > 0 { ", what depends on it" } else { "" };
+        println!("seed {seed}{again}");
+        println!(
+            "{:<16} {:<50} {:>17} {:>14} {:>10}  {:<13} verdict",
+            "source", "what", "paper or model", "measured", "sigma", "unit"
+        );
+        for experiment in experiments().filter(|experiment| experiment.noise || index == 0) {
+            for result in measure(experiment, seed, &[]).map_err(Failure::failed)? {
+                print_row(&result);
+                measured += 1;
+                off += u32::from(!result.holds());
+            }
+        }
+        println!();
+    }
+    if off > 0 {
+        return Err(Failure::failed(format!("{off} of {measured} numbers off by more than {LIMIT_SIGMA} sigma")));
+    }
+    println!("{measured} numbers, all within {LIMIT_SIGMA} sigma");
+    Ok(())
+}
+
+fn print_row(result: &Result) {
+    let Result { claim: Claim { what, source, expected, unit }, measured } = result;
+    // Two digits of sigma; what has none is exact.
+    let decimals =
+        if measured.sigma > 0.0 { (1.0 - measured.sigma.log10().floor()).clamp(0.0, 9.0) as usize } else { 0 };
+    let value = format!("{:.decimals$}", measured.value);
+    let sigma = if measured.sigma > 0.0 { format!("{:.1e}", measured.sigma) } else { "exact".to_owned() };
+    let said = match expected {
+        Expected::Value(value, 0.0) => value.to_string(),
+        Expected::Value(value, rounding) => format!("{value} ± {rounding}"),
+        Expected::AtMost(limit) => format!("≤ {limit}"),
+        Expected::Between(least, greatest) => format!("{least}…{greatest}"),
+    };
+    let verdict = match result.off_sigma() {
+        0.0 => "ok".to_owned(),
+        off if result.holds() => format!("ok, {off:.1} sigma"),
+        off => format!("OFF, {off:.1} sigma"),
+    };
+    println!("{source:<16} {what:<50} {said:>17} {value:>14} {sigma:>10}  {unit:<13} {verdict}");
+}
