@@ -127,6 +127,11 @@ impl Motion {
         step
     }
 
+    /// Attitude and rates at the end of the last stretch.
+    pub fn now(&self) -> &Moment {
+        &self.now
+    }
+
     /// The legs that began since the last call, and perhaps one that is about to. Only those that were still flown
     /// during the last stretch are kept, so they must be taken after every stretch or not at all.
     pub fn take_legs(&mut self) -> Vec<Leg> {
