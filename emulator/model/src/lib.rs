@@ -19,6 +19,7 @@ pub mod effect;
 pub mod noise;
 pub mod number;
 pub mod package;
+pub mod sensor;
 pub mod temperature;
 mod unit;
 pub mod units;

@@ -16,6 +16,7 @@ use crate::course::{Course, KINDS, Kind};
 use crate::effect::{Configured, EffectSpec, Effects, HeadEffects, UnitEffects, WiringEffects};
 use crate::number::{Default as DefaultValue, Form, Number};
 use crate::package::{Axes, Calibration};
+use crate::sensor::SensorNumbers;
 use crate::temperature::ElectronicsCourse;
 
 /// The reference unit on its default scenario.
@@ -96,6 +97,8 @@ pub struct Configuration {
     pub electronics: ElectronicsCourse,
     /// The gyros in wire order.
     pub gyros: [GyroConfiguration; 4],
+    /// The absolute sensors.
+    pub sensors: SensorNumbers,
     /// What is flown.
     pub scenario: Scenario,
     /// Of a recorded run.
@@ -135,7 +138,8 @@ const DURATION: Number = Number {
     meaning: "how long it ran",
 };
 
-const TOP: [&str; 8] = ["seed", "start_unix_s", "unit", "temperature", "gyro", "scenario", "manoeuvre", "run"];
+const TOP: [&str; 9] =
+    ["seed", "start_unix_s", "unit", "temperature", "gyro", "sensors", "scenario", "manoeuvre", "run"];
 
 impl Configuration {
     /// Reads a configuration; `name` is what errors call it. Each override is `PATH=VALUE`.
@@ -195,6 +199,7 @@ impl Configuration {
             unit,
             electronics: read_electronics(root)?,
             gyros,
+            sensors: read_sensors(root)?,
             scenario: read_scenario(root)?,
             run: read_run(root)?,
         })
@@ -286,6 +291,18 @@ fn read_electronics(root: &Node) -> Result<ElectronicsCourse, ConfigurationError
         );
     }
     Ok(course)
+}
+
+fn read_sensors(root: &Node) -> Result<SensorNumbers, ConfigurationError> {
+    let mut sensors = SensorNumbers::default();
+    let Some(node) = root.table("sensors")? else { return Ok(sensors) };
+    node.only(&SensorNumbers::KEYS.map(|(key, _)| key))?;
+    for (index, (key, _)) in SensorNumbers::KEYS.into_iter().enumerate() {
+        if let Some(node) = node.table(key)? {
+            node.fill(sensors.numbers_mut(index), |_| true, &[])?;
+        }
+    }
+    Ok(sensors)
 }
 
 fn read_scenario(root: &Node) -> Result<Scenario, ConfigurationError> {

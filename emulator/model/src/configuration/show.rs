@@ -10,6 +10,7 @@ use crate::course::Kind;
 use crate::effect::{Configured, Effects};
 use crate::number::{Default, Form, Number, Numbers};
 use crate::package::Axes;
+use crate::sensor::SensorNumbers;
 
 impl Configuration {
     /// The configuration as TOML that reads back the same. `complete` adds what is not there as comments: every effect
@@ -75,6 +76,10 @@ impl Configuration {
             );
             effects(&mut text, complete, &configured.effects, has);
             effects(&mut text, complete, &configured.wiring, has);
+        }
+        line(&mut text, format_args!("\n[sensors]"));
+        for (index, (key, title)) in SensorNumbers::KEYS.into_iter().enumerate() {
+            numbers(&mut text, complete, "", key, title, self.sensors.numbers(index), |_| true);
         }
         self.show_run(&mut text);
         text
