@@ -61,7 +61,8 @@ impl SunSensor {
         let [about_x, about_y] = motion.departure_control_arcsec();
         let Fss { step_arcsec, noise_arcsec } = self.numbers;
         // No negative zero: 0 is added.
-        let seen = |arcsec: f64, noise: f64| ((arcsec + noise_arcsec * noise) / step_arcsec).round() * step_arcsec + 0.0;
+        let seen =
+            |arcsec: f64, noise: f64| ((arcsec + noise_arcsec * noise) / step_arcsec).round() * step_arcsec + 0.0;
         Some(SunAngles {
             theta_arcsec: seen(now.theta_rad * ARCSEC_PER_RAD + about_y, noise[0]),
             roll_arcsec: seen(about_x * libm::sin(now.theta_rad), noise[1]),
