@@ -91,6 +91,18 @@ impl Recorded {
     /// # Errors
     /// Rows that overlap, leave a gap, or are too few.
     pub fn new(rows: &[Row]) -> Result<Recorded, BadRows> {
+        Recorded::read(None, rows)
+    }
+
+    /// As [`Recorded::new`], where the start of the first row's interval is known.
+    ///
+    /// # Errors
+    /// Rows that overlap, leave a gap, or are too few.
+    pub fn starting_at(start_s: f64, rows: &[Row]) -> Result<Recorded, BadRows> {
+        Recorded::read(Some(start_s), rows)
+    }
+
+    fn read(start_s: Option<f64>, rows: &[Row]) -> Result<Recorded, BadRows> {
         if rows.len() < 3 {
             return Err(BadRows::TooFew(rows.len()));
         }
@@ -105,6 +117,9 @@ impl Recorded {
             let (t_s, before_s) = (rows[index + 1].t_s, rows[index].t_s);
             return Err(BadRows::NotRising { index: index + 1, t_s, before_s });
         }
+        if let Some(start_s) = start_s.filter(|&start_s| start_s >= rows[0].t_s) {
+            return Err(BadRows::NotRising { index: 0, t_s: rows[0].t_s, before_s: start_s });
+        }
         let gaps = spacings.clone();
         let middle = spacings.len() / 2;
         let spacing_s = *spacings.select_nth_unstable_by(middle, f64::total_cmp).1;
@@ -112,7 +127,11 @@ impl Recorded {
             let (t_s, gap_s) = (rows[index + 1].t_s, gaps[index]);
             return Err(BadRows::Gap { index: index + 1, t_s, gap_s, spacing_s });
         }
-        let t_s: Vec<f64> = std::iter::once(rows[0].t_s - spacing_s).chain(rows.iter().map(|row| row.t_s)).collect();
+        let start_s = start_s.unwrap_or(rows[0].t_s - spacing_s);
+        if rows[0].t_s - start_s > GAP_SPACINGS * spacing_s {
+            return Err(BadRows::Gap { index: 0, t_s: rows[0].t_s, gap_s: rows[0].t_s - start_s, spacing_s });
+        }
+        let t_s: Vec<f64> = std::iter::once(start_s).chain(rows.iter().map(|row| row.t_s)).collect();
         let angle_control_arcsec: [Vec<f64>; 3] = std::array::from_fn(|axis| {
             let mut sum = 0.0;
             std::iter::once(0.0)
