@@ -80,6 +80,8 @@ pub struct RunRecord {
     pub duration_s: f64,
     /// Form of the link recorded.
     pub wire: Option<WireForm>,
+    /// File of the truth, as it was given; without one the scenario is flown.
+    pub truth: Option<String>,
     /// Commands received.
     pub commands: Vec<RecordedCommand>,
 }
@@ -337,10 +339,13 @@ fn read_scenario(root: &Node) -> Result<Scenario, ConfigurationError> {
 fn read_run(root: &Node) -> Result<RunRecord, ConfigurationError> {
     let mut run = RunRecord::default();
     let Some(node) = root.table("run")? else { return Ok(run) };
-    node.only(&[DURATION.name, "wire", "command"])?;
+    node.only(&[DURATION.name, "wire", "truth", "command"])?;
     run.duration_s = node.number(&DURATION)?;
     if node.keys().contains(&"wire") {
         run.wire = WireForm::named(node.choice("wire", &WireForm::NAMES)?);
+    }
+    if node.keys().contains(&"truth") {
+        run.truth = Some(node.text("truth")?.to_owned());
     }
     for node in node.tables("command")? {
         node.only(&["half_second", "link", "bytes"])?;

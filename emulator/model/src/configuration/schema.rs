@@ -55,6 +55,7 @@ impl Configuration {
             "run": object(map(json!({
                 DURATION.name: number(&DURATION),
                 "wire": { "enum": WireForm::NAMES },
+                "truth": { "type": "string", "description": "file of the truth: reference.csv or CCSDS AEM" },
                 "command": { "type": "array", "items": object(map(command), &["half_second", "link", "bytes"]) },
             })), &[]),
         });

@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use geu_protocol::Gyro;
 
-use super::{Configuration, DURATION, PSI, START, THETA};
+use super::{Configuration, DURATION, PSI, RunRecord, START, THETA};
 use crate::attitude::Manoeuvre;
 use crate::course::Kind;
 use crate::effect::{Configured, Effects};
@@ -86,8 +86,16 @@ impl Configuration {
     }
 
     fn show_run(&self, text: &mut String) {
-        let Some(wire) = self.run.wire else { return };
-        line(text, format_args!("\n[run]\n{} = {:?}\nwire = {:?}", DURATION.name, self.run.duration_s, wire.name()));
+        if self.run == RunRecord::default() {
+            return;
+        }
+        line(text, format_args!("\n[run]\n{} = {:?}", DURATION.name, self.run.duration_s));
+        if let Some(wire) = self.run.wire {
+            line(text, format_args!("wire = {:?}", wire.name()));
+        }
+        if let Some(truth) = &self.run.truth {
+            line(text, format_args!("truth = {}", toml_edit::Value::from(truth.as_str())));
+        }
         for command in &self.run.commands {
             let bytes: String = command.payload.iter().map(|byte| format!("{byte:02X}")).collect();
             line(
