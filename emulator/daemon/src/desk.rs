@@ -7,7 +7,7 @@ use std::sync::{Mutex, MutexGuard};
 use std::thread;
 
 use geu_model::configuration::RecordedCommand;
-use geu_model::{Configuration, Ended, Trace, Unit};
+use geu_model::{Configuration, Ended, Trace, Truth, Unit};
 use geu_protocol::{HalfSecond, Outcome, Reply};
 
 use crate::recording::Event;
@@ -47,8 +47,8 @@ pub(crate) struct Desk {
 }
 
 impl Desk {
-    pub fn new(configuration: &Configuration, recording: Option<SyncSender<Event>>) -> Desk {
-        let unit = Unit::new(configuration);
+    pub fn new(configuration: &Configuration, truth: &Truth, recording: Option<SyncSender<Event>>) -> Desk {
+        let unit = Unit::on(configuration, truth);
         let recorded = configuration.run.commands.iter().cloned().collect();
         Desk {
             inner: Mutex::new(Inner { unit, completed: None, underway: None, recorded, recording }),
@@ -166,7 +166,7 @@ mod tests {
 
     #[test]
     fn a_poll_just_before_the_deadline_gives_the_half_second_before() {
-        let desk = Desk::new(&Configuration::reference(), None);
+        let desk = Desk::new(&Configuration::reference(), &Truth::Scenario, None);
         assert_eq!(desk.command("test", &[2, 1]).reply.outcome(), Outcome::Done);
         let poll = || desk.command("test", &[3]);
         assert_eq!(poll().reply.outcome(), Outcome::NotPossibleNow);

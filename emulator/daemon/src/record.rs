@@ -7,14 +7,15 @@ use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-use geu_model::attitude::{Motion, Plan};
+use geu_model::attitude::Motion;
 use geu_model::configuration::{RecordedCommand, RunRecord, WireForm};
 use geu_model::effect::{
     CALIBRATION_COLUMN, HEAD_COLUMNS, HeadEffects, SATURATION_COLUMN, UNIT_COLUMNS, UnitEffects, WIRING_COLUMNS,
     WiringEffects, columns,
 };
+use geu_model::sensor::{StarSensor, SunSensor};
 use geu_model::units::RAD_PER_DEG;
-use geu_model::{Configuration, Ended, Trace};
+use geu_model::{Configuration, Ended, Trace, Truth};
 use geu_protocol::{CanPlan, Gyro, HalfSecond, serial};
 
 /// Interface name in `link.log`.
@@ -61,8 +62,12 @@ pub struct Recorder {
     truth: Output,
     manoeuvres: Output,
     commands: Output,
-    /// Walks the scenario in true half seconds, beside the unit's own.
+    fss: Output,
+    sse: Output,
+    /// Walks the truth in true half seconds, beside the unit's own.
     motion: Motion,
+    sun_sensor: SunSensor,
+    star_sensor: StarSensor,
     reference_rows: i64,
     half_seconds: u64,
     /// Columns of a trace that `truth.csv` has.
@@ -71,11 +76,16 @@ pub struct Recorder {
 }
 
 impl Recorder {
-    /// Opens the files of a run in `directory`, which is made if it is not there.
+    /// Opens the files of a run on `truth` in `directory`, which is made if it is not there.
     ///
     /// # Errors
     /// A directory or file that cannot be written.
-    pub fn create(directory: &Path, configuration: &Configuration, wire: WireForm) -> Result<Recorder, RecordError> {
+    pub fn create(
+        directory: &Path,
+        configuration: &Configuration,
+        truth: &Truth,
+        wire: WireForm,
+    ) -> Result<Recorder, RecordError> {
         fs::create_dir_all(directory).map_err(|source| RecordError { path: directory.to_owned(), source })?;
         let (link_name, other) = match wire {
             WireForm::Can => ("link.log", "link.bin"),
@@ -89,18 +99,21 @@ impl Recorder {
             _ => {}
         }
         let scenario = &configuration.scenario;
-        let layout = Plan::new(scenario).expect("a configuration holds only scenarios that were tried");
         let mut recorder = Recorder {
             link: Output::create(directory, link_name)?,
             reference: Output::create(directory, "reference.csv")?,
             truth: Output::create(directory, "truth.csv")?,
             manoeuvres: Output::create(directory, "manoeuvres.csv")?,
             commands: Output::create(directory, "commands.jsonl")?,
+            fss: Output::create(directory, "fss.csv")?,
+            sse: Output::create(directory, "sse.csv")?,
             directory: directory.to_owned(),
             configuration: configuration.clone(),
             wire,
             plan: CanPlan::default(),
-            motion: Motion::new(layout, scenario.limit_cycle),
+            motion: truth.motion(configuration, 0.0),
+            sun_sensor: SunSensor::new(configuration.sensors.fss, configuration.seed),
+            star_sensor: StarSensor::new(configuration.sensors.sse, configuration.seed, scenario.limit_cycle),
             reference_rows: 0,
             half_seconds: 0,
             truth_columns: truth_columns(configuration),
@@ -112,8 +125,11 @@ impl Recorder {
 
     fn headers(&mut self) -> Result<(), RecordError> {
         let rates = "rate_x_arcsec_s,rate_y_arcsec_s,rate_z_arcsec_s";
-        self.reference.write(|file| writeln!(file, "t_s,{rates},theta_deg,psi_deg"))?;
+        let angles = if self.motion.knows_sun() { ",theta_deg,psi_deg" } else { "" };
+        self.reference.write(|file| writeln!(file, "t_s,{rates}{angles}"))?;
         self.manoeuvres.write(|file| writeln!(file, "manoeuvre,start_s,end_s"))?;
+        self.fss.write(|file| writeln!(file, "t_s,theta_arcsec,roll_arcsec"))?;
+        self.sse.write(|file| writeln!(file, "t_s,star,slit,theta_deg,psi_deg,sigma_arcsec"))?;
         let (codes, truth_columns) = (columns(), &self.truth_columns);
         self.truth.write(|file| {
             write!(file, "t_s,sequence,gyro,true_arcsec")?;
@@ -178,19 +194,38 @@ impl Recorder {
         let end_ns = self.reference_rows * REFERENCE_NS;
         let step = self.motion.advance(end_ns as f64 * 1e-9);
         let start_unix_ns = self.configuration.start_unix_ns;
+        let knows_sun = self.motion.knows_sun();
         self.reference.write(|file| {
             let [x, y, z] = step.angle_control_arcsec.map(|angle| angle / step.length_s);
-            let (theta_deg, psi_deg) =
-                (step.end.theta_rad / RAD_PER_DEG, (step.end.psi_rad / RAD_PER_DEG).rem_euclid(360.0));
-            writeln!(file, "{},{x:.9},{y:.9},{z:.9},{theta_deg:.9},{psi_deg:.9}", Stamp(start_unix_ns + end_ns))
+            write!(file, "{},{x:.9},{y:.9},{z:.9}", Stamp(start_unix_ns + end_ns))?;
+            if knows_sun {
+                let [theta_deg, psi_deg] = [step.end.theta_rad, step.end.psi_rad].map(|rad| rad / RAD_PER_DEG);
+                write!(file, ",{theta_deg:.9},{:.9}", psi_deg.rem_euclid(360.0))?;
+            }
+            writeln!(file)
         })?;
         for leg in self.motion.take_legs() {
+            self.sun_sensor.flown(&leg);
+            self.star_sensor.flown(&leg);
             self.manoeuvres.write(|file| {
                 let seconds = |t_s: f64| start_unix_ns as f64 * 1e-9 + t_s;
                 // A hold without end has none.
                 let end = if leg.end_s.is_finite() { format!("{:.6}", seconds(leg.end_s)) } else { String::new() };
                 writeln!(file, "{},{:.6},{end}", leg.name, seconds(leg.start_s))
             })?;
+        }
+        if let Some(sun) = self.sun_sensor.see(&self.motion) {
+            let stamp = Stamp(start_unix_ns + end_ns);
+            self.fss.write(|file| writeln!(file, "{stamp},{:.3},{:.3}", sun.theta_arcsec, sun.roll_arcsec))?;
+        }
+        while let Some(fixes) = self.star_sensor.fixes_until(end_ns as f64 * 1e-9) {
+            for fix in fixes {
+                let stamp = Stamp(start_unix_ns + (fix.t_s * 1e9).round() as i64);
+                self.sse.write(|file| {
+                    write!(file, "{stamp},{},{},", fix.star, fix.slit)?;
+                    writeln!(file, "{:.9},{:.9},{}", fix.theta_deg, fix.psi_deg, fix.sigma_arcsec)
+                })?;
+            }
         }
         Ok(())
     }
@@ -222,6 +257,7 @@ impl Recorder {
         configuration.run = RunRecord {
             duration_s: self.half_seconds as f64 * 0.5,
             wire: Some(self.wire),
+            truth: configuration.run.truth.take(),
             commands: std::mem::take(&mut self.recorded),
         };
         let mut run = Output::create(&self.directory, "run.toml")?;
@@ -229,9 +265,16 @@ impl Recorder {
             writeln!(file, "# A recorded run: `geu simulate run.toml --out DIRECTORY` writes the same bytes again.")?;
             file.write_all(configuration.to_toml(false).as_bytes())
         })?;
-        for output in
-            [&mut run, &mut self.link, &mut self.reference, &mut self.truth, &mut self.manoeuvres, &mut self.commands]
-        {
+        for output in [
+            &mut run,
+            &mut self.link,
+            &mut self.reference,
+            &mut self.truth,
+            &mut self.manoeuvres,
+            &mut self.commands,
+            &mut self.fss,
+            &mut self.sse,
+        ] {
             output.write(|file| file.flush())?;
         }
         Ok(())

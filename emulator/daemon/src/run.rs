@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use geu_model::Configuration;
+use geu_model::{Configuration, Truth};
 use tokio::signal::unix::{SignalKind, signal};
 
 use crate::cadence::{Sleeper, Speed, ask_for_realtime, doze_until, now_ns};
@@ -105,18 +105,19 @@ pub async fn asked_to_end() -> io::Result<()> {
     Ok(())
 }
 
-/// Runs the unit until its half seconds are over or `shutdown` resolves; links are removed when it returns.
+/// Runs the unit on `truth` until its half seconds are over or `shutdown` resolves; links are removed when it returns.
 ///
 /// # Errors
 /// A link that cannot be opened, a recording that cannot be written.
 pub fn run(
     configuration: &Configuration,
+    truth: &Truth,
     settings: &Settings,
     recorder: Option<Recorder>,
     shutdown: impl Future<Output = io::Result<()>>,
 ) -> Result<Summary, RunError> {
     let (recording, writer) = recorder.map(Writer::start).unzip();
-    let desk = Arc::new(Desk::new(configuration, recording));
+    let desk = Arc::new(Desk::new(configuration, truth, recording));
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let ended = runtime.block_on(keep(&desk, settings, shutdown));
     // Ends the tasks; with the last of them the symlink of a pty goes.

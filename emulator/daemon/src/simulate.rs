@@ -1,10 +1,10 @@
 //! The unit without links, as fast as the model runs.
 
-use geu_model::{Configuration, Unit};
+use geu_model::{Configuration, Truth, Unit};
 
 use crate::record::{RecordError, Recorder};
 
-/// Runs `half_seconds` of the unit into `recorder`, with the commands its configuration recorded.
+/// Runs `half_seconds` of the unit on `truth` into `recorder`, with the commands its configuration recorded.
 ///
 /// `progress` is told how many half seconds are done, now and then.
 ///
@@ -12,11 +12,12 @@ use crate::record::{RecordError, Recorder};
 /// A file that cannot be written.
 pub fn simulate(
     configuration: &Configuration,
+    truth: &Truth,
     half_seconds: u64,
     recorder: &mut Recorder,
     mut progress: impl FnMut(u64),
 ) -> Result<(), RecordError> {
-    let mut unit = Unit::new(configuration);
+    let mut unit = Unit::on(configuration, truth);
     let mut commands = configuration.run.commands.iter().peekable();
     let mut last_end_ns = 0;
     for index in 0..half_seconds {

@@ -20,6 +20,7 @@ pub mod noise;
 pub mod number;
 pub mod package;
 pub mod selftest;
+pub mod sensor;
 pub mod temperature;
 mod unit;
 pub mod units;

@@ -1,9 +1,13 @@
-//! Noise streams: each a function of (run seed, gyro, effect), so that switching one on never moves another.
+//! Noise streams: each a function of (run seed, gyro, effect), or of (run seed, sensor), so that switching one on never
+//! moves another.
 
 use geu_protocol::Gyro;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
+
+/// Stands in the key where a gyro would.
+const NO_GYRO: u8 = u8::MAX;
 
 /// A stream of independent standard normal numbers.
 #[derive(Debug, Clone)]
@@ -13,10 +17,19 @@ impl Stream {
     /// The stream of one effect of one gyro. The algorithm is fixed: ChaCha8 keyed by seed, gyro and effect code, and
     /// the ziggurat of rand_distr with transcendental functions from libm, so every host draws the same numbers.
     pub fn new(seed: u64, gyro: Gyro, code: &str) -> Stream {
+        Stream::keyed(seed, gyro as u8, code)
+    }
+
+    /// The stream of an absolute sensor, or of a part of one, by name; no gyro's stream is the same.
+    pub fn of_sensor(seed: u64, name: &str) -> Stream {
+        Stream::keyed(seed, NO_GYRO, name)
+    }
+
+    fn keyed(seed: u64, whose: u8, name: &str) -> Stream {
         let mut key = [0; 32];
         key[..8].copy_from_slice(&seed.to_le_bytes());
-        key[8] = gyro as u8;
-        key[16..24].copy_from_slice(&fnv1a(code.as_bytes()).to_le_bytes());
+        key[8] = whose;
+        key[16..24].copy_from_slice(&fnv1a(name.as_bytes()).to_le_bytes());
         Stream(ChaCha8Rng::from_seed(key))
     }
 
@@ -54,6 +67,24 @@ mod tests {
         {
             assert_ne!(first, draw(other.0, other.1, other.2));
         }
+    }
+
+    #[test]
+    fn a_sensor_has_a_stream_of_its_own() {
+        let mut sensor = Stream::of_sensor(1, "angle-random-walk");
+        let first = sensor.standard_normal();
+        assert_eq!(first, Stream::of_sensor(1, "angle-random-walk").standard_normal());
+        assert_ne!(first, Stream::of_sensor(2, "angle-random-walk").standard_normal());
+        for gyro in Gyro::ALL {
+            assert_ne!(first, Stream::new(1, gyro, "angle-random-walk").standard_normal());
+        }
+    }
+
+    #[test]
+    fn gyros_streams_are_those_of_every_earlier_version() {
+        // Drawn before sensors had streams; another number here changes every recorded run.
+        let drawn = Stream::new(1, Gyro::X, "angle-random-walk").standard_normal();
+        assert_eq!(drawn, -0.598_252_488_290_425_4);
     }
 
     #[test]

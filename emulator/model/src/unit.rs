@@ -19,6 +19,8 @@ use crate::units::HALF_SECOND_S;
 const SUB_STEPS: usize = 5;
 /// A half second in femtoseconds, the grain of the unit's true time: 10⁻¹⁵ of it at most is lost in rounding.
 const HALF_SECOND_FS: f64 = 0.5e15;
+/// A truth may end by this share of a half second early: its stamps are rounded.
+const GRAIN: f64 = 1e-6;
 /// Spin-up of a gyro: 60 s.
 const SPIN_UP_HALF_SECONDS: u32 = 120;
 
@@ -50,6 +52,21 @@ pub enum Truth {
     Scenario,
     /// Rows of a file; their time 0 is the start of the first half second.
     Recorded(Arc<Recorded>),
+}
+
+impl Truth {
+    /// The motion from `t_s` on, true time since the start of the first half second; a scenario is at rest before that,
+    /// and begins there.
+    pub fn motion(&self, configuration: &Configuration, t_s: f64) -> Motion {
+        match self {
+            Truth::Scenario => {
+                let scenario = &configuration.scenario;
+                let plan = Plan::new(scenario).expect("a configuration holds only scenarios that were tried");
+                Motion::starting_before(plan, scenario.limit_cycle, (-t_s).max(0.0))
+            }
+            Truth::Recorded(rows) => Motion::recorded(rows.clone(), t_s),
+        }
+    }
 }
 
 #[derive(Debug, Clone)]
@@ -121,14 +138,7 @@ impl Unit {
 
     /// The unit on another truth.
     pub fn on(configuration: &Configuration, truth: &Truth) -> Unit {
-        let at = |t_s: f64| match truth {
-            Truth::Scenario => {
-                let scenario = &configuration.scenario;
-                let plan = Plan::new(scenario).expect("a configuration holds only scenarios that were tried");
-                Motion::starting_before(plan, scenario.limit_cycle, (-t_s).max(0.0))
-            }
-            Truth::Recorded(rows) => Motion::recorded(rows.clone(), t_s),
-        };
+        let at = |t_s: f64| truth.motion(configuration, t_s);
         let truth = at(0.0);
         let mut unit = Unit {
             motion: truth.clone(),
@@ -158,6 +168,24 @@ impl Unit {
             unit.motion.advance(-shift_s);
         }
         unit
+    }
+
+    /// How many half seconds, at most `most`, a truth tells that ends at `truth_end_s`: all their true time, the motion
+    /// that an effect shifts to them, and the half second of true time in which the last one ends.
+    pub fn half_seconds_within(configuration: &Configuration, truth_end_s: f64, most: u64) -> u64 {
+        let mut unit = Unit::new(configuration);
+        let covered = |unit: &Unit| {
+            let end_s = unit.end_fs as f64 * 1e-15;
+            let needed_s = (end_s / HALF_SECOND_S - GRAIN).ceil() * HALF_SECOND_S;
+            needed_s.max(end_s - unit.timing.shift_s) <= truth_end_s + GRAIN
+        };
+        let mut count = 0;
+        while count < most && covered(&unit) {
+            count += 1;
+            unit.start_fs = unit.end_fs;
+            unit.schedule_end();
+        }
+        count
     }
 
     /// How many half seconds have ended: the index of the one that runs.
@@ -357,6 +385,23 @@ mod tests {
         // Accumulated −1.5, −0.5, 0.5, 1.5 round to −2, −1, 1, 2.
         let increments = [-1.5, 1.0, 1.0, 1.0].map(|counts| channel.accumulate(counts));
         assert_eq!(increments, [-2.0, 1.0, 2.0, 1.0]);
+    }
+
+    #[test]
+    fn a_truth_covers_what_its_clock_needs() {
+        let within = |overrides: &[&str], truth_end_s: f64, most: u64| {
+            let overrides: Vec<String> = overrides.iter().map(|text| (*text).to_owned()).collect();
+            let configuration = Configuration::reference_with(&overrides).expect("valid");
+            Unit::half_seconds_within(&configuration, truth_end_s, most)
+        };
+        assert_eq!(within(&[], 100.0, 1000), 200);
+        assert_eq!(within(&[], 100.0, 150), 150);
+        assert_eq!(within(&[], 99.9, 1000), 199);
+        // A slow clock: its 200th half second ends 1 ms after 100 s.
+        assert_eq!(within(&["unit.clock-frequency.ppm=-10"], 100.0, 1000), 199);
+        assert_eq!(within(&["unit.clock-frequency.ppm=10"], 100.0, 1000), 200);
+        // Counts that tell the motion of 0.2 s ahead.
+        assert_eq!(within(&["unit.time-offset.seconds=-0.2"], 100.0, 1000), 199);
     }
 
     #[test]

@@ -44,7 +44,7 @@ pub struct Arguments {
     /// On-board time against the wall clock: a factor, or max for as fast as model and readers go [default: 1]
     #[arg(long, value_name = "X|max")]
     speed: Option<Speed>,
-    /// Ends after so much on-board time
+    /// Ends after so much on-board time; on a truth from a file it ends with the truth
     #[arg(long, value_name = "SECONDS")]
     duration: Option<f64>,
     /// Holds the first half second back until a client is attached to a pty or over TCP
@@ -89,28 +89,32 @@ impl Arguments {
 /// # Errors
 /// A configuration that cannot be run, a link that cannot be opened, a recording that cannot be written.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let mut configuration = arguments.run.read()?;
-    if arguments.run.start.is_none() && configuration.start_unix_ns == 0 {
+    let mut ready = arguments.run.read()?;
+    if arguments.run.start.is_none() && ready.configuration.start_unix_ns == 0 {
         let now = SystemTime::now().duration_since(UNIX_EPOCH).map_err(Failure::failed)?;
-        configuration.start_unix_ns = unix_ns(now.as_secs_f64());
+        ready.configuration.start_unix_ns = unix_ns(now.as_secs_f64());
     }
     let settings = Settings {
         links: arguments.links(),
         speed: arguments.speed.unwrap_or(Speed::Times(1.0)),
-        half_seconds: arguments.duration.map(half_seconds).transpose()?,
+        half_seconds: ready.half_seconds(arguments.duration.map(half_seconds).transpose()?)?,
         spin: Duration::from_micros(arguments.spin.into()),
         realtime: arguments.realtime,
         wait_for_client: arguments.wait,
     };
-    let wire = Wire::form(arguments.wire, &configuration);
+    let wire = Wire::form(arguments.wire, &ready.configuration);
     let recorder = match &arguments.record {
-        Some(directory) => Some(Recorder::create(directory, &configuration, wire).map_err(Failure::input)?),
+        Some(directory) => {
+            Some(Recorder::create(directory, &ready.configuration, &ready.truth, wire).map_err(Failure::input)?)
+        }
         None => None,
     };
     let summary =
-        geu_daemon::run(&configuration, &settings, recorder, asked_to_end()).map_err(|error| match error {
-            RunError::Link(error) => Failure::input(error),
-            error => Failure::failed(error),
+        geu_daemon::run(&ready.configuration, &ready.truth, &settings, recorder, asked_to_end()).map_err(|error| {
+            match error {
+                RunError::Link(error) => Failure::input(error),
+                error => Failure::failed(error),
+            }
         })?;
     eprint!("{summary}");
     Ok(())

@@ -3,8 +3,9 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use geu_model::Configuration;
 use geu_model::configuration::{WireForm, unix_ns};
+use geu_model::{Configuration, Truth, Unit};
+use geu_recording::Reference;
 
 use crate::failure::Failure;
 
@@ -29,6 +30,40 @@ pub struct RunSettings {
     /// Unix time of the start of the first half second, in place of the configuration's
     #[arg(long, value_name = "UNIX_SECONDS")]
     pub start: Option<f64>,
+    /// What moves the unit: `scenario` (the configuration's), or a file, reference.csv or a CCSDS attitude ephemeris, whose
+    /// first instant is the start [default: the recorded one, else scenario]
+    #[arg(long, value_name = "SOURCE")]
+    pub truth: Option<String>,
+}
+
+/// A run that is ready to begin.
+pub struct ReadyRun {
+    /// Its configuration, with seed, start and truth put in.
+    pub configuration: Configuration,
+    /// What moves the unit.
+    pub truth: Truth,
+}
+
+impl ReadyRun {
+    /// Half seconds to run: as many as `asked`, and all that a truth from a file covers where nothing is asked. Nothing
+    /// where neither sets an end.
+    ///
+    /// # Errors
+    /// A file that does not cover what is asked.
+    pub fn half_seconds(&self, asked: Option<u64>) -> Result<Option<u64>, Failure> {
+        let Truth::Recorded(rows) = &self.truth else { return Ok(asked) };
+        let covered = Unit::half_seconds_within(&self.configuration, rows.end_s(), asked.unwrap_or(u64::MAX));
+        match asked {
+            Some(asked) if covered < asked => Err(Failure::input(format!(
+                "{}: expected a truth that covers the run of {} s, got one of {} s, enough for {} s",
+                self.configuration.run.truth.as_deref().unwrap_or_default(),
+                asked as f64 * 0.5,
+                rows.end_s(),
+                covered as f64 * 0.5,
+            ))),
+            _ => Ok(Some(covered)),
+        }
+    }
 }
 
 /// Form of the link on disk.
@@ -79,11 +114,11 @@ impl Settings {
 }
 
 impl RunSettings {
-    /// Reads the configuration and puts seed and start in.
+    /// Reads the configuration, puts seed, start and truth in, and reads the truth.
     ///
     /// # Errors
-    /// As [`Settings::read`], and a start that is no time.
-    pub fn read(&self) -> Result<Configuration, Failure> {
+    /// As [`Settings::read`], a start that is no time, a truth that cannot be read.
+    pub fn read(&self) -> Result<ReadyRun, Failure> {
         let mut configuration = self.settings.read()?;
         if let Some(seed) = self.seed {
             configuration.seed = seed;
@@ -94,7 +129,14 @@ impl RunSettings {
             }
             configuration.start_unix_ns = unix_ns(start_unix_s);
         }
-        Ok(configuration)
+        if let Some(source) = &self.truth {
+            configuration.run.truth = Some(source.clone()).filter(|source| source != "scenario");
+        }
+        let truth = match &configuration.run.truth {
+            None => Truth::Scenario,
+            Some(name) => Truth::Recorded(Reference::read(name).map_err(Failure::input)?.truth),
+        };
+        Ok(ReadyRun { configuration, truth })
     }
 }
 

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use geu_daemon::record::Recorder;
 use geu_daemon::simulate::simulate;
+use geu_model::Truth;
 use geu_model::attitude::Plan;
 
 use crate::failure::Failure;
@@ -18,7 +19,7 @@ pub struct Arguments {
     /// Directory to write into; made if it is not there
     #[arg(long, value_name = "DIRECTORY")]
     out: PathBuf,
-    /// On-board time to run; without it the recorded duration, or the scenario's length
+    /// On-board time to run; without it the recorded duration, or the length of scenario or truth
     #[arg(long, value_name = "SECONDS")]
     duration: Option<f64>,
     /// Form of the link [default: the recorded form, else can]
@@ -29,18 +30,24 @@ pub struct Arguments {
 /// Carries it out.
 ///
 /// # Errors
-/// A configuration that cannot be run, a scenario without end and no duration, files that cannot be written.
+/// A configuration that cannot be run, a truth that does not cover the run, a scenario without end and no duration, files that cannot be written.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let configuration = arguments.run.read()?;
+    let ready = arguments.run.read()?;
+    let configuration = &ready.configuration;
     let recorded_s = Some(configuration.run.duration_s).filter(|&duration_s| duration_s > 0.0);
-    let duration_s = arguments.duration.or(recorded_s).or_else(|| Plan::length_s(&configuration.scenario));
-    let duration_s =
-        duration_s.ok_or_else(|| Failure::input("the scenario has no end of its own: expected --duration SECONDS"))?;
-    let count = half_seconds(duration_s)?;
-    let wire = Wire::form(arguments.wire, &configuration);
-    let mut recorder = Recorder::create(&arguments.out, &configuration, wire).map_err(Failure::input)?;
+    let scenario_s = || match ready.truth {
+        Truth::Scenario => Plan::length_s(&configuration.scenario),
+        Truth::Recorded(_) => None,
+    };
+    let duration_s = arguments.duration.or(recorded_s).or_else(scenario_s);
+    let count = ready
+        .half_seconds(duration_s.map(half_seconds).transpose()?)?
+        .ok_or_else(|| Failure::input("the scenario has no end of its own: expected --duration SECONDS"))?;
+    let wire = Wire::form(arguments.wire, configuration);
+    let mut recorder = Recorder::create(&arguments.out, configuration, &ready.truth, wire).map_err(Failure::input)?;
     let bar = indicatif::ProgressBar::new(count);
-    simulate(&configuration, count, &mut recorder, |done| bar.set_position(done)).map_err(Failure::failed)?;
+    simulate(configuration, &ready.truth, count, &mut recorder, |done| bar.set_position(done))
+        .map_err(Failure::failed)?;
     bar.finish_and_clear();
     recorder.finish().map_err(Failure::failed)
 }

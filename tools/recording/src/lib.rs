@@ -30,6 +30,7 @@
 //! ```
 
 mod account;
+mod aem;
 mod cadence;
 mod clock_fit;
 mod decoder;

@@ -1,4 +1,7 @@
-//! The reference attitude: `reference.csv` (icd.md, Recordings), rates or quaternions, as rows of a truth.
+//! The reference attitude as rows of a truth: `reference.csv` (icd.md, Recordings), rates or quaternions, or a CCSDS
+//! attitude ephemeris.
+//!
+//! Between the rows a cubic spline of the accumulated rotation holds ([`Recorded`]).
 
 use std::path::Path;
 use std::sync::Arc;
@@ -7,13 +10,14 @@ use geu_model::attitude::{BadRows, Recorded, Row};
 use geu_model::units::{ARCSEC_PER_RAD, RAD_PER_DEG};
 use nalgebra::{Quaternion, UnitQuaternion};
 
+use crate::aem;
 use crate::input::read_text;
 
 /// Why a file is no reference.
 #[derive(Debug, thiserror::Error)]
 pub enum ReferenceError {
     /// It cannot be read.
-    #[error("{name}: cannot be read: {source}; expected a reference attitude, CSV")]
+    #[error("{name}: cannot be read: {source}; expected a reference attitude, CSV or CCSDS AEM")]
     Read {
         /// The file.
         name: String,
@@ -50,6 +54,20 @@ pub enum ReferenceError {
         /// What is wrong with it, and where.
         source: csv::Error,
     },
+    /// An attitude ephemeris that is none, or one that this program does not take.
+    #[error("{name}: line {line}: {field}: expected {expected}, got {got}")]
+    Aem {
+        /// The file.
+        name: String,
+        /// Line, from 1.
+        line: u64,
+        /// Keyword or part of a line of data.
+        field: String,
+        /// What should stand there.
+        expected: String,
+        /// What stands there.
+        got: String,
+    },
     /// Rows that are no truth.
     #[error("{name}: line {line}: {source}")]
     Rows {
@@ -69,6 +87,8 @@ pub struct Reference {
     pub start_ns: i64,
     /// The truth; its time 0 is `start_ns`.
     pub truth: Arc<Recorded>,
+    /// Time system of an attitude ephemeris, in which `start_ns` counts from 1970.
+    pub time_system: Option<String>,
 }
 
 /// Where the columns of a reference stand.
@@ -113,6 +133,10 @@ impl Reference {
     /// # Errors
     /// [`ReferenceError`], with the line.
     pub fn parse(name: &str, text: &str) -> Result<Reference, ReferenceError> {
+        let first = text.lines().map(str::trim).find(|line| !line.is_empty() && !line.starts_with("COMMENT"));
+        if first.is_some_and(|line| line.starts_with(aem::FIRST_KEYWORD)) {
+            return aem::parse(name, text);
+        }
         let failed = |source| ReferenceError::Row { name: name.to_owned(), source };
         let mut reader =
             csv::ReaderBuilder::new().trim(csv::Trim::All).comment(Some(b'#')).from_reader(text.as_bytes());
@@ -142,9 +166,8 @@ impl Reference {
                 Kind::Quaternions(at) => {
                     let parts = Quaternion::new(number(at[0])?, number(at[1])?, number(at[2])?, number(at[3])?);
                     let now = UnitQuaternion::try_new(parts, 1e-6).ok_or_else(|| bad(at[0]))?;
-                    let turn = attitude.map_or_else(UnitQuaternion::identity, |before| before.inverse() * now);
-                    attitude = Some(now);
-                    (turn.scaled_axis() * ARCSEC_PER_RAD).into()
+                    let before = attitude.replace(now).unwrap_or(now);
+                    turn_arcsec(&before, &now)
                 }
             };
             let theta_psi_rad = match columns.theta_psi {
@@ -155,20 +178,37 @@ impl Reference {
             lines.push(line);
         }
         // A quaternion's first row tells only where the motion starts.
+        let base_ns = base_ns.unwrap_or(0);
         if matches!(columns.motion, Kind::Quaternions(_)) && !rows.is_empty() {
-            rows.remove(0);
-            lines.remove(0);
-        } else {
-            angles_from_rates(&mut rows);
+            return Reference::from_turns(name, base_ns, &rows[1..], &lines[1..], None);
         }
-        let truth = Recorded::new(&rows).map_err(|source| ReferenceError::Rows {
-            name: name.to_owned(),
-            line: source.index().and_then(|index| lines.get(index).copied()).unwrap_or(1),
-            source,
-        })?;
-        let start_ns = base_ns.unwrap_or(0) + (truth.start_s() * 1e9).round() as i64;
-        Ok(Reference { start_ns, truth: Arc::new(truth.starting_at_zero()) })
+        angles_from_rates(&mut rows);
+        let truth = Recorded::new(&rows).map_err(|source| at_line(name, &lines, source))?;
+        let start_ns = base_ns + (truth.start_s() * 1e9).round() as i64;
+        Ok(Reference { start_ns, truth: Arc::new(truth.starting_at_zero()), time_system: None })
     }
+
+    /// Rows whose times count from `start_ns`, where the first one's interval starts.
+    pub(crate) fn from_turns(
+        name: &str,
+        start_ns: i64,
+        rows: &[Row],
+        lines: &[u64],
+        time_system: Option<String>,
+    ) -> Result<Reference, ReferenceError> {
+        let truth = Recorded::starting_at(0.0, rows).map_err(|source| at_line(name, lines, source))?;
+        Ok(Reference { start_ns, truth: Arc::new(truth), time_system })
+    }
+}
+
+fn at_line(name: &str, lines: &[u64], source: BadRows) -> ReferenceError {
+    let line = source.index().and_then(|index| lines.get(index).copied()).unwrap_or(1);
+    ReferenceError::Rows { name: name.to_owned(), line, source }
+}
+
+/// The turn, about the control axes and by the shorter way, from one attitude (control frame to inertial) to the next.
+pub(crate) fn turn_arcsec(before: &UnitQuaternion<f64>, now: &UnitQuaternion<f64>) -> [f64; 3] {
+    ((before.inverse() * now).scaled_axis() * ARCSEC_PER_RAD).into()
 }
 
 /// Mean rates since the row before become rotations; the first row's interval is the median spacing.

@@ -109,6 +109,21 @@ numbers! {
     }
 }
 
+numbers! {
+    /// The earth's shadow: the sun sensor is blind, and observation goes on by the gyros alone (Casteren §1), in which
+    /// the X and Y gyros matter (§5). One scan about the sun vector, at rest at both ends, with θ held; the default rate
+    /// about Z is that of a survey, with which the X input rate at θ = 60° is the paper's ±2.22 arcmin/s. The paper gives
+    /// no length: 20 minutes is the longest shadow of a sun-synchronous twilight orbit, less than an orbit in any case.
+    pub struct Eclipse {
+        /// Length, ramps included.
+        duration_s: 1200.0, 0.5..=6180.0;
+        /// Rate about Z, ψ' sin θ; 0 holds the attitude.
+        rate_z_arcmin_s: 3.85, -10.0..=10.0;
+        /// Acceleration limit.
+        acceleration_arcsec_s2: 36.0, 0.1..=1000.0;
+    }
+}
+
 macro_rules! manoeuvres {
     ($($kind:literal $variant:ident($type:ident), $title:literal;)*) => {
         /// One entry of a scenario.
@@ -150,6 +165,7 @@ manoeuvres! {
     "survey" Survey(Survey), "survey scans about the sun vector with slews between";
     "slew" Slew(Slew), "to another attitude";
     "raster" Raster(Raster), "scans to and fro, theta one step further after each";
+    "eclipse" Eclipse(Eclipse), "the earth's shadow: the sun sensor is blind, scanning or holding goes on by gyros";
     "stabilise" Stabilise(Stabilise), "one orbit's scan at the present theta";
 }
 
@@ -187,6 +203,12 @@ pub struct Leg {
     pub start_s: f64,
     /// End; infinite for a hold without end.
     pub end_s: f64,
+    /// θ and ψ at the start, at rest; ψ is not reduced to one turn.
+    pub start_rad: [f64; 2],
+    /// θ and ψ at the end, at rest.
+    pub end_rad: [f64; 2],
+    /// Whether the earth hides the sun meanwhile.
+    pub eclipse: bool,
 }
 
 /// A scenario laid out, as far as it has been flown and a little further.
@@ -340,6 +362,7 @@ impl Plan {
             }
             Manoeuvre::Survey(survey) => self.survey(index, part, &survey),
             Manoeuvre::Raster(raster) => self.raster(index, part, &raster),
+            Manoeuvre::Eclipse(eclipse) => self.eclipse(name, &eclipse),
         }
     }
 
@@ -414,19 +437,37 @@ impl Plan {
         self.turn("raster", "angle_deg", [0.0, by_deg], rate_arcmin_s, raster.acceleration_arcsec_s2)
     }
 
+    fn eclipse(&mut self, name: &'static str, eclipse: &Eclipse) -> Result<(), (&'static str, String)> {
+        let Eclipse { duration_s, rate_z_arcmin_s, acceleration_arcsec_s2 } = *eclipse;
+        if rate_z_arcmin_s == 0.0 {
+            self.rest(name, duration_s);
+        } else {
+            // A turn at rest at both ends lasts one ramp longer than its angle takes at full rate.
+            let rate_arcmin_s = rate_z_arcmin_s.abs() / libm::sin(self.theta_rad);
+            let ramp_s = rate_arcmin_s * 60.0 / acceleration_arcsec_s2;
+            if duration_s < 2.0 * ramp_s {
+                let reason = format!("expected at least its two ramps, {:.6} s, got {duration_s}", 2.0 * ramp_s);
+                return Err(("duration_s", reason));
+            }
+            let by_deg = (rate_arcmin_s / 60.0 * (duration_s - ramp_s)).copysign(rate_z_arcmin_s);
+            self.turn(name, "duration_s", [0.0, by_deg], rate_arcmin_s, acceleration_arcsec_s2)?;
+        }
+        if let Some(leg) = self.legs.last_mut() {
+            leg.eclipse = true;
+        }
+        Ok(())
+    }
+
     fn theta_deg(&self) -> f64 {
         self.theta_rad / RAD_PER_DEG
     }
 
     fn rest(&mut self, name: &'static str, duration_s: f64) {
         self.push(Segment { duration_s, theta: Quadratic::at(self.theta_rad), psi: Quadratic::at(self.psi_rad) });
-        self.leg(name, duration_s);
-    }
-
-    fn leg(&mut self, name: &'static str, duration_s: f64) {
-        let start_s = self.end_s - if duration_s.is_finite() { duration_s } else { 0.0 };
+        let (start_s, start_rad) =
+            (self.end_s - if duration_s.is_finite() { duration_s } else { 0.0 }, [self.theta_rad, self.psi_rad]);
         let end_s = if duration_s.is_finite() { self.end_s } else { f64::INFINITY };
-        self.legs.push(Leg { name, start_s, end_s });
+        self.legs.push(Leg { name, start_s, end_s, start_rad, end_rad: start_rad, eclipse: false });
     }
 
     fn push(&mut self, segment: Segment) {
@@ -468,7 +509,7 @@ impl Plan {
         }
         let target_rad = [self.theta_rad + by_deg[0] * RAD_PER_DEG, self.psi_rad + by_deg[1] * RAD_PER_DEG];
         let share = by_deg.map(|by| by / longer_deg);
-        let start_s = self.end_s;
+        let (start_s, start_rad) = (self.end_s, [self.theta_rad, self.psi_rad]);
         let (mut rate, acceleration) = (0.0, acceleration_arcsec_s2 / ARCSEC_PER_RAD);
         for (duration_s, sign) in [(ramp_s, 1.0), (cruise_s.max(0.0), 0.0), (ramp_s, -1.0)] {
             let part = |start_rad: f64, share: f64| Quadratic {
@@ -487,7 +528,7 @@ impl Plan {
         }
         // Land on the target itself, so that no rounding accumulates over a long survey.
         [self.theta_rad, self.psi_rad] = target_rad;
-        self.leg(name, self.end_s - start_s);
+        self.legs.push(Leg { name, start_s, end_s: self.end_s, start_rad, end_rad: target_rad, eclipse: false });
         Ok(())
     }
 }
@@ -539,6 +580,7 @@ mod tests {
             (vec![Manoeuvre::of_kind("x-scan").expect("a kind")], 0, "kind"),
             (vec![endless.clone(), slew(90.0, 12.0)], 1, "kind"),
             (vec![Manoeuvre::Raster(Raster { lines: 400.0, ..Raster::default() })], 0, "theta_step_arcmin"),
+            (vec![Manoeuvre::Eclipse(Eclipse { duration_s: 12.0, ..Eclipse::default() })], 0, "duration_s"),
             (vec![Manoeuvre::Survey(Survey { theta_step_deg: 50.0, ..Survey::default() })], 0, "theta_step_deg"),
         ] {
             let refused = Plan::new(&scenario(manoeuvres)).expect_err("impossible");
@@ -551,6 +593,26 @@ mod tests {
         let mut plan = Plan::new(&scenario(vec![Manoeuvre::Pointing(Pointing { duration_s: 5.0 })])).expect("possible");
         assert_eq!(plan.next_segment().duration_s, 5.0);
         assert_eq!(plan.next_segment().duration_s, f64::INFINITY);
+    }
+
+    #[test]
+    fn an_eclipse_lasts_as_long_as_it_says_and_turns_about_x_as_the_paper_has_it() {
+        let rested = Eclipse { rate_z_arcmin_s: 0.0, ..Eclipse::default() };
+        let scenario = Scenario {
+            theta_deg: 60.0,
+            ..scenario(vec![Manoeuvre::Eclipse(Eclipse::default()), Manoeuvre::Eclipse(rested)])
+        };
+        let mut motion = crate::attitude::Motion::new(Plan::new(&scenario).expect("possible"), scenario.limit_cycle);
+        motion.advance(600.0);
+        // Casteren §5: 2.22 arcmin/s, with the sun's 0.04 arcsec/s.
+        assert!((motion.now().rate_control_arcsec_s[0] / 60.0 - 2.22).abs() < 0.01);
+        motion.advance(1100.0);
+        let mut legs = motion.take_legs();
+        motion.advance(1300.0);
+        legs.extend(motion.take_legs());
+        let ends: Vec<(bool, f64)> = legs.iter().map(|leg| (leg.eclipse, (leg.end_s * 1e6).round() * 1e-6)).collect();
+        assert_eq!(ends, [(true, 1200.0), (true, 2400.0)]);
+        assert_eq!(legs[1].start_rad, legs[1].end_rad);
     }
 
     #[test]

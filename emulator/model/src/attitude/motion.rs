@@ -133,6 +133,30 @@ impl Motion {
         step
     }
 
+    /// Attitude and rates at the end of the last stretch.
+    pub fn now(&self) -> &Moment {
+        &self.now
+    }
+
+    /// Whether θ and ψ are known; a truth from a file may not tell them.
+    pub fn knows_sun(&self) -> bool {
+        match &self.source {
+            Source::Scenario(_) => true,
+            Source::Recorded { rows, .. } => rows.knows_sun(),
+        }
+    }
+
+    /// Turns about X and Y of the attitude out of the one that θ and ψ tell, now.
+    ///
+    /// The limit cycle is in the rates, never in θ and ψ: in a scenario this is its integral; in a recorded truth what the
+    /// file's rotation has more than its θ and ψ mean (eqs 5 and 6), counted from its first row.
+    pub fn departure_control_arcsec(&self) -> [f64; 2] {
+        match &self.source {
+            Source::Scenario(flight) => flight.limit_cycle.departure_control_arcsec(self.now.t_s),
+            Source::Recorded { rows, near, .. } => rows.departure_control_arcsec(self.now.t_s, *near),
+        }
+    }
+
     /// The legs that began since the last call, and perhaps one that is about to. Only those that were still flown
     /// during the last stretch are kept, so they must be taken after every stretch or not at all.
     pub fn take_legs(&mut self) -> Vec<Leg> {
@@ -257,6 +281,13 @@ impl LimitCycle {
         std::f64::consts::TAU / self.period_s
     }
 
+    /// The attitude's departure by the limit cycle, as small turns about X and Y: the integral of its rates, about the
+    /// attitude that the control holds, so that its mean is zero (Casteren §3.3, §6).
+    pub fn departure_control_arcsec(&self, t_s: f64) -> [f64; 2] {
+        [self.phase_x_rad, self.phase_y_rad]
+            .map(|phase_rad| -self.rate_arcsec_s / self.turn_rad_s() * libm::cos(self.turn_rad_s() * t_s + phase_rad))
+    }
+
     #[inline]
     fn phases(&self, t_s: f64) -> [Turned; 2] {
         if self.rate_arcsec_s == 0.0 {
@@ -327,6 +358,25 @@ mod tests {
         let scenario = Scenario { manoeuvres: vec![Manoeuvre::of_kind("z-scan").expect("a kind")], ..still() };
         let angle = motion(&scenario).advance(7000.0).angle_control_arcsec;
         assert!((angle[2] - TAU * ARCSEC_PER_RAD).abs() < 1e-6, "{}", angle[2]);
+    }
+
+    #[test]
+    fn the_departure_by_the_limit_cycle_is_its_integral_about_zero() {
+        let cycle = LimitCycle { rate_arcsec_s: 4.0, phase_x_rad: 0.7, ..LimitCycle::default() };
+        let mut with = motion(&Scenario { limit_cycle: cycle, ..still() });
+        let mut without = motion(&still());
+        let (mut turned, start) = ([0.0; 2], with.departure_control_arcsec());
+        for tenth in 1..=100 {
+            let end_s = f64::from(tenth) * 0.1;
+            let (a, b) = (with.advance(end_s).angle_control_arcsec, without.advance(end_s).angle_control_arcsec);
+            for axis in 0..2 {
+                turned[axis] += a[axis] - b[axis];
+                let departure = with.departure_control_arcsec()[axis];
+                assert!((departure - start[axis] - turned[axis]).abs() < 1e-9);
+                // 4·5/2π, under the 5 arcsec of Casteren §6.
+                assert!(departure.abs() < 3.184);
+            }
+        }
     }
 
     #[test]

@@ -5,6 +5,7 @@
 //! limit cycle of 4″/s and 5 s on rows each 0.5 s. Straight lines would err by 0.16″.
 
 use super::Moment;
+use crate::units::{ARCSEC_PER_RAD, SUN_RATE_RAD_S};
 
 /// One row: what happened since the row before.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -80,6 +81,8 @@ pub struct Recorded {
     bend: [Vec<f64>; 3],
     /// θ and ψ at each; empty where they are not known.
     theta_psi_rad: Vec<(f64, f64)>,
+    /// Turns about X and Y, since the first row, beyond those that θ and ψ mean; empty where they are not known.
+    departure_control_arcsec: Vec<[f64; 2]>,
 }
 
 impl Recorded {
@@ -88,6 +91,18 @@ impl Recorded {
     /// # Errors
     /// Rows that overlap, leave a gap, or are too few.
     pub fn new(rows: &[Row]) -> Result<Recorded, BadRows> {
+        Recorded::read(None, rows)
+    }
+
+    /// As [`Recorded::new`], where the start of the first row's interval is known.
+    ///
+    /// # Errors
+    /// Rows that overlap, leave a gap, or are too few.
+    pub fn starting_at(start_s: f64, rows: &[Row]) -> Result<Recorded, BadRows> {
+        Recorded::read(Some(start_s), rows)
+    }
+
+    fn read(start_s: Option<f64>, rows: &[Row]) -> Result<Recorded, BadRows> {
         if rows.len() < 3 {
             return Err(BadRows::TooFew(rows.len()));
         }
@@ -102,6 +117,9 @@ impl Recorded {
             let (t_s, before_s) = (rows[index + 1].t_s, rows[index].t_s);
             return Err(BadRows::NotRising { index: index + 1, t_s, before_s });
         }
+        if let Some(start_s) = start_s.filter(|&start_s| start_s >= rows[0].t_s) {
+            return Err(BadRows::NotRising { index: 0, t_s: rows[0].t_s, before_s: start_s });
+        }
         let gaps = spacings.clone();
         let middle = spacings.len() / 2;
         let spacing_s = *spacings.select_nth_unstable_by(middle, f64::total_cmp).1;
@@ -109,7 +127,11 @@ impl Recorded {
             let (t_s, gap_s) = (rows[index + 1].t_s, gaps[index]);
             return Err(BadRows::Gap { index: index + 1, t_s, gap_s, spacing_s });
         }
-        let t_s: Vec<f64> = std::iter::once(rows[0].t_s - spacing_s).chain(rows.iter().map(|row| row.t_s)).collect();
+        let start_s = start_s.unwrap_or(rows[0].t_s - spacing_s);
+        if rows[0].t_s - start_s > GAP_SPACINGS * spacing_s {
+            return Err(BadRows::Gap { index: 0, t_s: rows[0].t_s, gap_s: rows[0].t_s - start_s, spacing_s });
+        }
+        let t_s: Vec<f64> = std::iter::once(start_s).chain(rows.iter().map(|row| row.t_s)).collect();
         let angle_control_arcsec: [Vec<f64>; 3] = std::array::from_fn(|axis| {
             let mut sum = 0.0;
             std::iter::once(0.0)
@@ -123,7 +145,8 @@ impl Recorded {
         let known: Option<Vec<(f64, f64)>> = rows.iter().map(|row| row.theta_psi_rad).collect();
         let theta_psi_rad =
             known.map_or_else(Vec::new, |known| std::iter::once(known[0]).chain(known.iter().copied()).collect());
-        Ok(Recorded { t_s, angle_control_arcsec, bend, theta_psi_rad })
+        let departure_control_arcsec = departure(&t_s, &angle_control_arcsec, &theta_psi_rad);
+        Ok(Recorded { t_s, angle_control_arcsec, bend, theta_psi_rad, departure_control_arcsec })
     }
 
     /// Start of the first row's interval.
@@ -142,6 +165,19 @@ impl Recorded {
     /// End of the last row's interval.
     pub fn end_s(&self) -> f64 {
         self.t_s[self.t_s.len() - 1]
+    }
+
+    /// Whether θ and ψ are known.
+    pub fn knows_sun(&self) -> bool {
+        !self.theta_psi_rad.is_empty()
+    }
+
+    /// Turns about X and Y out of the attitude that θ and ψ tell; straight lines between the rows. `near` is the piece that
+    /// [`Recorded::at`] found for `t_s`.
+    pub fn departure_control_arcsec(&self, t_s: f64, near: usize) -> [f64; 2] {
+        let Some(&[from, to]) = self.departure_control_arcsec.get(near..near + 2) else { return [0.0; 2] };
+        let share = ((t_s - self.t_s[near]) / (self.t_s[near + 1] - self.t_s[near])).clamp(0.0, 1.0);
+        [0, 1].map(|axis| from[axis] + (to[axis] - from[axis]) * share)
     }
 
     /// Accumulated rotation, rates and attitude at `t_s`; at rest before the start and after the end. `near` is the
@@ -179,6 +215,31 @@ impl Recorded {
         };
         (angle, moment)
     }
+}
+
+/// What the rotation has more than θ and ψ mean by eqs 5 and 6, about X and Y, accumulated since the first row; the
+/// integrals over a row by Simpson's rule.
+fn departure(t_s: &[f64], angle_control_arcsec: &[Vec<f64>; 3], theta_psi_rad: &[(f64, f64)]) -> Vec<[f64; 2]> {
+    // What θ and ψ were before the first row is not known.
+    let mut sum = [0.0; 2];
+    let mut all: Vec<[f64; 2]> = theta_psi_rad.iter().take(2).map(|_| sum).collect();
+    for k in 2..theta_psi_rad.len() {
+        let (from, to) = (theta_psi_rad[k - 1], theta_psi_rad[k]);
+        let (turn_theta, turn_psi) = (to.0 - from.0, shorter_way(to.1 - from.1));
+        let sun = SUN_RATE_RAD_S * (t_s[k] - t_s[k - 1]);
+        let mut meant = [0.0, turn_theta];
+        for (share, weight) in [(0.0, 1.0 / 6.0), (0.5, 4.0 / 6.0), (1.0, 1.0 / 6.0)] {
+            let (theta, psi) = (from.0 + share * turn_theta, from.1 + share * turn_psi);
+            meant[0] += weight * (turn_psi * libm::cos(theta) + sun * libm::cos(psi) * libm::sin(theta));
+            meant[1] -= weight * sun * libm::sin(psi);
+        }
+        for axis in 0..2 {
+            let turned = angle_control_arcsec[axis][k] - angle_control_arcsec[axis][k - 1];
+            sum[axis] += turned - meant[axis] * ARCSEC_PER_RAD;
+        }
+        all.push(sum);
+    }
+    all
 }
 
 /// An angle reduced to −π…π.

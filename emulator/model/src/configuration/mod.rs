@@ -16,6 +16,7 @@ use crate::course::{Course, KINDS, Kind};
 use crate::effect::{Configured, EffectSpec, Effects, HeadEffects, UnitEffects, WiringEffects};
 use crate::number::{Default as DefaultValue, Form, Number};
 use crate::package::{Axes, Calibration};
+use crate::sensor::SensorNumbers;
 use crate::temperature::ElectronicsCourse;
 
 /// The reference unit on its default scenario.
@@ -79,6 +80,8 @@ pub struct RunRecord {
     pub duration_s: f64,
     /// Form of the link recorded.
     pub wire: Option<WireForm>,
+    /// File of the truth, as it was given; without one the scenario is flown.
+    pub truth: Option<String>,
     /// Commands received.
     pub commands: Vec<RecordedCommand>,
 }
@@ -96,6 +99,8 @@ pub struct Configuration {
     pub electronics: ElectronicsCourse,
     /// The gyros in wire order.
     pub gyros: [GyroConfiguration; 4],
+    /// The absolute sensors.
+    pub sensors: SensorNumbers,
     /// What is flown.
     pub scenario: Scenario,
     /// Of a recorded run.
@@ -135,7 +140,8 @@ const DURATION: Number = Number {
     meaning: "how long it ran",
 };
 
-const TOP: [&str; 8] = ["seed", "start_unix_s", "unit", "temperature", "gyro", "scenario", "manoeuvre", "run"];
+const TOP: [&str; 9] =
+    ["seed", "start_unix_s", "unit", "temperature", "gyro", "sensors", "scenario", "manoeuvre", "run"];
 
 impl Configuration {
     /// Reads a configuration; `name` is what errors call it. Each override is `PATH=VALUE`.
@@ -195,6 +201,7 @@ impl Configuration {
             unit,
             electronics: read_electronics(root)?,
             gyros,
+            sensors: read_sensors(root)?,
             scenario: read_scenario(root)?,
             run: read_run(root)?,
         })
@@ -288,6 +295,18 @@ fn read_electronics(root: &Node) -> Result<ElectronicsCourse, ConfigurationError
     Ok(course)
 }
 
+fn read_sensors(root: &Node) -> Result<SensorNumbers, ConfigurationError> {
+    let mut sensors = SensorNumbers::default();
+    let Some(node) = root.table("sensors")? else { return Ok(sensors) };
+    node.only(&SensorNumbers::KEYS.map(|(key, _)| key))?;
+    for (index, (key, _)) in SensorNumbers::KEYS.into_iter().enumerate() {
+        if let Some(node) = node.table(key)? {
+            node.fill(sensors.numbers_mut(index), |_| true, &[])?;
+        }
+    }
+    Ok(sensors)
+}
+
 fn read_scenario(root: &Node) -> Result<Scenario, ConfigurationError> {
     let mut scenario = Scenario {
         theta_deg: THETA.default.initial(),
@@ -320,10 +339,13 @@ fn read_scenario(root: &Node) -> Result<Scenario, ConfigurationError> {
 fn read_run(root: &Node) -> Result<RunRecord, ConfigurationError> {
     let mut run = RunRecord::default();
     let Some(node) = root.table("run")? else { return Ok(run) };
-    node.only(&[DURATION.name, "wire", "command"])?;
+    node.only(&[DURATION.name, "wire", "truth", "command"])?;
     run.duration_s = node.number(&DURATION)?;
     if node.keys().contains(&"wire") {
         run.wire = WireForm::named(node.choice("wire", &WireForm::NAMES)?);
+    }
+    if node.keys().contains(&"truth") {
+        run.truth = Some(node.text("truth")?.to_owned());
     }
     for node in node.tables("command")? {
         node.only(&["half_second", "link", "bytes"])?;

@@ -9,6 +9,7 @@ use crate::course::{KINDS, Size};
 use crate::effect::{Effects, HeadEffects, UnitEffects, WiringEffects};
 use crate::number::{Default, Form, Number, Numbers};
 use crate::package::{Axes, Calibration};
+use crate::sensor::SensorNumbers;
 use crate::temperature::Electronics;
 
 impl Configuration {
@@ -25,6 +26,16 @@ impl Configuration {
             })
             .collect();
         let command = json!({ "half_second": { "type": "integer", "minimum": 0 }, "link": { "type": "string" }, "bytes": { "type": "string" } });
+        let sensors = SensorNumbers::default();
+        let sensors: Map<String, Value> = SensorNumbers::KEYS
+            .into_iter()
+            .enumerate()
+            .map(|(index, (key, title))| {
+                let mut schema = table(sensors.numbers(index), &|_| true);
+                schema["description"] = json!(title);
+                (key.to_owned(), schema)
+            })
+            .collect();
         let properties = json!({
             "seed": { "type": "integer", "minimum": 0, "default": 1 },
             START.name: number(&START),
@@ -40,9 +51,11 @@ impl Configuration {
             })), &[]),
             "unit": object(effects::<UnitEffects>(&|_| true), &[]),
             "gyro": object(gyros, &[]),
+            "sensors": object(sensors, &[]),
             "run": object(map(json!({
                 DURATION.name: number(&DURATION),
                 "wire": { "enum": WireForm::NAMES },
+                "truth": { "type": "string", "description": "file of the truth: reference.csv or CCSDS AEM" },
                 "command": { "type": "array", "items": object(map(command), &["half_second", "link", "bytes"]) },
             })), &[]),
         });

@@ -4,12 +4,13 @@ use std::fmt::Write;
 
 use geu_protocol::Gyro;
 
-use super::{Configuration, DURATION, PSI, START, THETA};
+use super::{Configuration, DURATION, PSI, RunRecord, START, THETA};
 use crate::attitude::Manoeuvre;
 use crate::course::Kind;
 use crate::effect::{Configured, Effects};
 use crate::number::{Default, Form, Number, Numbers};
 use crate::package::Axes;
+use crate::sensor::SensorNumbers;
 
 impl Configuration {
     /// The configuration as TOML that reads back the same. `complete` adds what is not there as comments: every effect
@@ -76,13 +77,25 @@ impl Configuration {
             effects(&mut text, complete, &configured.effects, has);
             effects(&mut text, complete, &configured.wiring, has);
         }
+        line(&mut text, format_args!("\n[sensors]"));
+        for (index, (key, title)) in SensorNumbers::KEYS.into_iter().enumerate() {
+            numbers(&mut text, complete, "", key, title, self.sensors.numbers(index), |_| true);
+        }
         self.show_run(&mut text);
         text
     }
 
     fn show_run(&self, text: &mut String) {
-        let Some(wire) = self.run.wire else { return };
-        line(text, format_args!("\n[run]\n{} = {:?}\nwire = {:?}", DURATION.name, self.run.duration_s, wire.name()));
+        if self.run == RunRecord::default() {
+            return;
+        }
+        line(text, format_args!("\n[run]\n{} = {:?}", DURATION.name, self.run.duration_s));
+        if let Some(wire) = self.run.wire {
+            line(text, format_args!("wire = {:?}", wire.name()));
+        }
+        if let Some(truth) = &self.run.truth {
+            line(text, format_args!("truth = {}", toml_edit::Value::from(truth.as_str())));
+        }
         for command in &self.run.commands {
             let bytes: String = command.payload.iter().map(|byte| format!("{byte:02X}")).collect();
             line(

@@ -9,7 +9,7 @@ use geu_daemon::record::Recorder;
 use geu_daemon::simulate::simulate;
 use geu_model::configuration::WireForm;
 use geu_model::effect::{Effects, HeadEffects, UnitEffects};
-use geu_model::{Configuration, Unit};
+use geu_model::{Configuration, Truth, Unit};
 use geu_protocol::Gyro;
 
 use crate::failure::Failure;
@@ -65,8 +65,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     show("every effect, no output", every, "target 500 000, goal 1 000 000");
     let directory = tempfile::tempdir().map_err(Failure::failed)?;
     let written = fastest(&mut || {
-        let mut recorder = Recorder::create(directory.path(), &all, WireForm::Can).map_err(Failure::failed)?;
-        simulate(&all, half_seconds, &mut recorder, |_| {}).map_err(Failure::failed)?;
+        let mut recorder =
+            Recorder::create(directory.path(), &all, WireForm::Can, &Truth::Scenario).map_err(Failure::failed)?;
+        simulate(&all, &Truth::Scenario, half_seconds, &mut recorder, |_| {}).map_err(Failure::failed)?;
         recorder.finish().map_err(Failure::failed)
     })?;
     show("every effect, all files written", written, "target 150 000");

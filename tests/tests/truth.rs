@@ -1,0 +1,138 @@
+//! Truth from files: a run on the reference of another one, on a CCSDS attitude ephemeris, and what is refused.
+
+use std::fmt::Write;
+use std::fs;
+use std::path::Path;
+use std::process::Output;
+
+use geu_tests::geu;
+
+fn run(arguments: &[&str]) -> Output {
+    geu().args(arguments).output().expect("geu starts")
+}
+
+fn simulate(arguments: &[&str], out: &Path) {
+    let output = geu().arg("simulate").args(arguments).arg("--out").arg(out).output().expect("geu starts");
+    assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+}
+
+fn path(path: &Path) -> &str {
+    path.to_str().expect("UTF-8")
+}
+
+/// The fields of a CSV file behind its header.
+fn rows(file: &Path) -> Vec<Vec<String>> {
+    let text = fs::read_to_string(file).expect("a file");
+    text.lines().skip(1).map(|line| line.split(',').map(str::to_owned).collect()).collect()
+}
+
+fn number(field: &str) -> f64 {
+    field.parse().unwrap_or_else(|error| panic!("{field}: {error}"))
+}
+
+/// Accumulated counts of each gyro after every half second.
+fn accumulated(directory: &Path) -> Vec<[f64; 4]> {
+    let mut sums = [0.0; 4];
+    let of_gyros = rows(&directory.join("truth.csv"));
+    of_gyros
+        .chunks(4)
+        .map(|rows| {
+            for (sum, row) in sums.iter_mut().zip(rows) {
+                *sum += number(row.last().expect("a count"));
+            }
+            sums
+        })
+        .collect()
+}
+
+const FILES: [&str; 8] =
+    ["link.log", "reference.csv", "truth.csv", "manoeuvres.csv", "fss.csv", "sse.csv", "commands.jsonl", "run.toml"];
+
+fn assert_same_bytes(a: &Path, b: &Path) {
+    for name in FILES {
+        let read = |directory: &Path| fs::read(directory.join(name)).expect(name);
+        assert!(read(a) == read(b), "{name} differs between {} and {}", a.display(), b.display());
+    }
+}
+
+#[test]
+fn a_run_on_the_reference_of_another_counts_the_same_and_is_made_again_from_its_run_toml() {
+    let room = tempfile::tempdir().expect("a directory");
+    let [scenario, file, again, live] = ["scenario", "file", "again", "live"].map(|name| room.path().join(name));
+    // A pointing and the first two scans about Y.
+    simulate(&["--duration", "1200"], &scenario);
+    let reference = scenario.join("reference.csv");
+    simulate(&["--truth", path(&reference)], &file);
+    // The spline's 0.0013″, ten times as much at the ends, and the rounding of each.
+    for (a, b) in accumulated(&scenario).iter().zip(accumulated(&file)) {
+        assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() <= 1.0), "{a:?} {b:?}");
+    }
+    for (a, b) in rows(&reference).iter().zip(rows(&file.join("reference.csv"))) {
+        assert!(a.iter().zip(&b).all(|(a, b)| (number(a) - number(b)).abs() < 1e-6), "{a:?} {b:?}");
+    }
+    // The limit cycle is found in what the rates have more than θ and ψ mean, up to where it starts: a step of 4″ or two.
+    let (a, b) = (rows(&scenario.join("fss.csv")), rows(&file.join("fss.csv")));
+    assert_eq!((a.len(), b.len()), (2400, 2400));
+    for (a, b) in a.iter().zip(b) {
+        assert!((1..3).all(|column| (number(&a[column]) - number(&b[column])).abs() <= 8.0), "{a:?} {b:?}");
+    }
+    // A file has no manoeuvres, and so no reference times.
+    assert_eq!(rows(&file.join("manoeuvres.csv")).len() + rows(&file.join("sse.csv")).len(), 0);
+
+    simulate(&[path(&file.join("run.toml"))], &again);
+    assert_same_bytes(&file, &again);
+    let socket = room.path().join("pty");
+    let arguments = ["run", "--truth", path(&reference), "--speed", "max", "--start", "0", "--pty", path(&socket)];
+    let output = geu().args(arguments).arg("--record").arg(&live).output().expect("geu starts");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert_same_bytes(&file, &live);
+}
+
+#[test]
+fn an_attitude_ephemeris_moves_the_unit() {
+    let room = tempfile::tempdir().expect("a directory");
+    let (file, out) = (room.path().join("turn.aem"), room.path().join("out"));
+    let mut text = "CCSDS_AEM_VERS = 1.0\nCREATION_DATE = 2026-03-31T00:00:00\nORIGINATOR = TEST\nMETA_START\nOBJECT_NAME = GEU\nOBJECT_ID = 1983-004A\nREF_FRAME_A = EME2000\nREF_FRAME_B = SC_BODY_1\nATTITUDE_DIR = A2B\nTIME_SYSTEM = UTC\nSTART_TIME = 2026-03-31T00:00:00\nSTOP_TIME = 2026-03-31T00:01:00\nATTITUDE_TYPE = QUATERNION\nQUATERNION_TYPE = FIRST\nMETA_STOP\nDATA_START\n".to_owned();
+    // 200″/s about +X.
+    for second in 0..60 {
+        let half_rad = (f64::from(second) * 100.0 / 3600.0).to_radians();
+        writeln!(text, "2026-03-31T00:00:{second:02} {} {} 0 0", half_rad.cos(), half_rad.sin()).expect("a string");
+    }
+    fs::write(&file, text + "DATA_STOP\n").expect("written");
+    simulate(&["--truth", path(&file), "--set", "gyro.GYRX.angle-random-walk.arcsec_per_sqrt_s=0"], &out);
+    let reference = fs::read_to_string(out.join("reference.csv")).expect("a file");
+    // θ and ψ are not known, so no column tells them and the sun sensor sees nothing.
+    assert!(reference.starts_with("t_s,rate_x_arcsec_s,rate_y_arcsec_s,rate_z_arcsec_s\n"), "{reference}");
+    let rates = rows(&out.join("reference.csv"));
+    assert_eq!((rates.len(), rows(&out.join("fss.csv")).len()), (118, 0));
+    assert!(rates.iter().all(|row| (number(&row[1]) - 200.0).abs() < 1e-4 && number(&row[2]).abs() < 1e-4));
+    // (200″/s·59 s − 118·0.21″)/1.0012, rounded.
+    assert_eq!(accumulated(&out).last().map(|sums| sums[0]), Some(11_761.0));
+}
+
+#[test]
+fn a_truth_that_cannot_serve_is_refused_at_the_start() {
+    let room = tempfile::tempdir().expect("a directory");
+    let (scenario, out) = (room.path().join("scenario"), room.path().join("out"));
+    simulate(&["--duration", "10"], &scenario);
+    let reference = scenario.join("reference.csv");
+    let missing = room.path().join("nothing.csv");
+    let gap = room.path().join("gap.csv");
+    let text = fs::read_to_string(&reference).expect("a file");
+    let cut: String = text.lines().enumerate().filter(|(n, _)| *n != 7).map(|(_, line)| format!("{line}\n")).collect();
+    fs::write(&gap, cut).expect("written");
+    for command in ["simulate", "run"] {
+        let place = if command == "simulate" { "--out" } else { "--record" };
+        for (truth, duration, part) in [
+            (&reference, "11", "expected a truth that covers the run of 11 s, got one of 10 s, enough for 10 s"),
+            (&missing, "5", "nothing.csv: cannot be read"),
+            (&gap, "5", "gap.csv: line 8: expected rows every 0.5 s or so, got a gap of 1 s"),
+        ] {
+            let output = run(&[command, "--truth", path(truth), "--duration", duration, place, path(&out)]);
+            let message = String::from_utf8_lossy(&output.stderr);
+            assert_eq!(output.status.code(), Some(2), "{message}");
+            assert!(message.contains(part), "{part} not in {message}");
+        }
+    }
+    assert!(!out.exists(), "nothing is written for a run that cannot be");
+}
