@@ -69,7 +69,7 @@ pub struct Motion {
 
 #[derive(Debug, Clone)]
 enum Source {
-    Scenario(Flight),
+    Scenario(Box<Flight>),
     Recorded { rows: Arc<Recorded>, near: usize, angle_control_arcsec: [f64; 3] },
 }
 
@@ -99,7 +99,7 @@ impl Motion {
             cycle: limit_cycle.phases(-before_s),
         };
         let flight = Flight { plan, limit_cycle, segment, segment_start_s: -before_s, phases };
-        Motion { now: flight.moment(-before_s), source: Source::Scenario(flight) }
+        Motion { now: flight.moment(-before_s), source: Source::Scenario(Box::new(flight)) }
     }
 
     /// At `t_s` of a recorded truth; at rest before its start and after its end.
