@@ -168,9 +168,8 @@ impl Recorder {
         self.link.write(|file| match wire {
             WireForm::Serial => file.write_all(&serial::data_frame(half_second)),
             WireForm::Can => plan.frames(half_second).iter().try_for_each(|frame| {
-                write!(file, "({stamp}) {INTERFACE} {:03X}#", frame.id)?;
-                frame.data().iter().try_for_each(|byte| write!(file, "{byte:02X}"))?;
-                writeln!(file)
+                let data = frame.data().iter().fold(0, |data, &byte| data << 8 | u64::from(byte));
+                writeln!(file, "({stamp}) {INTERFACE} {:03X}#{data:0width$X}", frame.id, width = 2 * frame.data().len())
             }),
         })
     }
@@ -178,12 +177,18 @@ impl Recorder {
     fn truth_rows(&mut self, ended: &Ended, traces: &[Trace; 4]) -> Result<(), RecordError> {
         let stamp = Stamp(self.configuration.start_unix_ns + ended.end_ns);
         let truth_columns = &self.truth_columns;
+        // The shortest digits that read back the same, so that the columns add up; many times a row, so not by `write!`.
+        let mut digits = zmij::Buffer::new();
         self.truth.write(|file| {
             for (gyro, trace) in Gyro::ALL.into_iter().zip(traces) {
                 let half_second = &ended.half_second;
-                write!(file, "{stamp},{},{},{}", half_second.sequence, gyro.name(), trace.true_arcsec)?;
-                truth_columns.iter().try_for_each(|&column| write!(file, ",{}", trace.changes[column]))?;
-                writeln!(file, ",{},{}", trace.unquantised, half_second.increments[gyro as usize])?;
+                write!(file, "{stamp},{},{}", half_second.sequence, gyro.name())?;
+                let changes = truth_columns.iter().map(|&column| trace.changes[column]);
+                for number in std::iter::once(trace.true_arcsec).chain(changes).chain([trace.unquantised]) {
+                    file.write_all(b",")?;
+                    file.write_all(digits.format(number).as_bytes())?;
+                }
+                writeln!(file, ",{}", half_second.increments[gyro as usize])?;
             }
             Ok(())
         })
