@@ -92,3 +92,29 @@ class Process:
 
     def __exit__(self, *_):
         self.end()
+
+
+class HostDelay:
+    """How late the host wakes a program that asked for a millisecond, at worst within the block.
+
+    It decides nothing; it tells a slow unit from a host that had no processor to spare.
+    """
+
+    def __enter__(self):
+        self.worst_s, self.ended = 0.0, threading.Event()
+        self.sleeper = threading.Thread(target=self._sleep, daemon=True)
+        self.sleeper.start()
+        return self
+
+    def _sleep(self):
+        while not self.ended.is_set():
+            start = time.monotonic()
+            time.sleep(0.001)
+            self.worst_s = max(self.worst_s, time.monotonic() - start - 0.001)
+
+    def __exit__(self, *_):
+        self.ended.set()
+        self.sleeper.join()
+
+    def __str__(self):
+        return f"the host itself was {self.worst_s * 1e3:.1f} ms late at worst"
