@@ -7,6 +7,7 @@ use geu_daemon::record::Recorder;
 use geu_daemon::simulate::simulate;
 use geu_model::attitude::Plan;
 
+use crate::draw;
 use crate::failure::Failure;
 use crate::settings::{RunSettings, Wire, half_seconds};
 
@@ -16,8 +17,11 @@ pub struct Arguments {
     #[command(flatten)]
     run: RunSettings,
     /// Directory to write into; made if it is not there
+    #[arg(long, value_name = "DIRECTORY", required_unless_present = "svg")]
+    out: Option<PathBuf>,
+    /// Directory to draw the unit's figures into: transfer function, pivot transit, limit cycle, two weeks
     #[arg(long, value_name = "DIRECTORY")]
-    out: PathBuf,
+    svg: Option<PathBuf>,
     /// On-board time to run; without it the recorded duration, or the scenario's length
     #[arg(long, value_name = "SECONDS")]
     duration: Option<f64>,
@@ -32,13 +36,17 @@ pub struct Arguments {
 /// A configuration that cannot be run, a scenario without end and no duration, files that cannot be written.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let configuration = arguments.run.read()?;
+    if let Some(directory) = &arguments.svg {
+        draw::draw(directory, &configuration)?;
+    }
+    let Some(out) = &arguments.out else { return Ok(()) };
     let recorded_s = Some(configuration.run.duration_s).filter(|&duration_s| duration_s > 0.0);
     let duration_s = arguments.duration.or(recorded_s).or_else(|| Plan::length_s(&configuration.scenario));
     let duration_s =
         duration_s.ok_or_else(|| Failure::input("the scenario has no end of its own: expected --duration SECONDS"))?;
     let count = half_seconds(duration_s)?;
     let wire = Wire::form(arguments.wire, &configuration);
-    let mut recorder = Recorder::create(&arguments.out, &configuration, wire).map_err(Failure::input)?;
+    let mut recorder = Recorder::create(out, &configuration, wire).map_err(Failure::input)?;
     let bar = indicatif::ProgressBar::new(count);
     simulate(&configuration, count, &mut recorder, |done| bar.set_position(done)).map_err(Failure::failed)?;
     bar.finish_and_clear();
