@@ -6,7 +6,7 @@ use geu_model::course::{Course, Interval, Law};
 use geu_model::effect::{Effects, columns};
 use geu_model::number::Numbers;
 use geu_model::selftest::{BestLine, Receiver, transfer_function};
-use geu_model::units::{HALF_SECOND_S, S_PER_DAY};
+use geu_model::units::{HALF_SECOND_S, ORBIT_S, S_PER_DAY};
 use geu_model::{Configuration, Unit};
 use geu_protocol::Gyro;
 
@@ -43,27 +43,27 @@ fn set(numbers: &mut dyn Numbers, name: &str, value: f64) {
 }
 
 /// Whether the gyro has the effect; the paper's value stands in where it has not.
-fn has_or_takes(configuration: &mut Configuration, gyro: Gyro, code: &str, name: &str, paper: f64) -> &'static str {
+fn has_or_takes(configuration: &mut Configuration, gyro: Gyro, code: &str, name: &str, paper: f64) -> String {
     let effects = &mut configuration.gyros[gyro as usize].effects;
     let index = effects.constant.specs().iter().position(|spec| spec.code == code).expect("an effect of that code");
     if effects.has(index) {
-        return "";
+        return String::new();
     }
     set(effects.constant.numbers_mut(index), name, paper);
-    " (the paper's; this unit has none)"
+    format!(" ({code} the paper's; this unit has none)")
 }
 
 /// Whether a gyro's effect has a course; those of the paper stand in where none has.
-fn has_or_takes_courses(configuration: &mut Configuration, code: &str, paper: &[(f64, Law)]) -> &'static str {
+fn has_or_takes_courses(configuration: &mut Configuration, code: &str, paper: &[(f64, Law)]) -> String {
     let specs = configuration.gyros[0].effects.constant.specs();
     let effect = specs.iter().position(|spec| spec.code == code).expect("an effect of that code");
     if configuration.gyros.iter().any(|gyro| gyro.effects.courses.iter().any(|course| course.effect == effect)) {
-        return "";
+        return String::new();
     }
     for gyro in &mut configuration.gyros {
         gyro.effects.courses.extend(paper.iter().map(|&(size, law)| Course { effect, amplitude: 0, size, law }));
     }
-    " (the paper's course; this unit has none)"
+    format!(" (course of {code} the paper's; this unit has none)")
 }
 
 /// Figure 7: counts per half second against rate, and their departure from the best line.
@@ -244,15 +244,23 @@ fn two_weeks(configuration: &Configuration) -> Vec<Panel> {
             points.push((day, angle_arcsec[gyro]));
         }
     }
-    for quarter in 0..14 * 24 * 4 {
-        let start_s = f64::from(quarter) * 900.0;
-        let numbers = &configuration.electronics.numbers;
-        let electronics_excess_k = configuration.electronics.at_c(start_s) - numbers.reference_c;
-        let interval = Interval { start_s, end_s: start_s + HALF_SECOND_S, electronics_excess_k };
-        let clock_ppm = configuration.unit.at(&interval).clock_frequency.ppm;
-        for (gyro, points) in scale.iter_mut().enumerate() {
-            let effects = configuration.gyros[gyro].effects.at(&interval);
-            points.push((start_s / S_PER_DAY, effects.scale_factor.ppm - clock_ppm));
+    // Means over an orbit, as the temperature swings with it.
+    let (orbits, samples) = ((14.0 * S_PER_DAY / ORBIT_S) as u32, 60);
+    for orbit in 0..orbits {
+        let mut sum_ppm = [0.0; 4];
+        for sample in 0..samples {
+            let start_s = (f64::from(orbit) + f64::from(sample) / f64::from(samples)) * ORBIT_S;
+            let electronics = &configuration.electronics;
+            let electronics_excess_k = electronics.at_c(start_s) - electronics.numbers.reference_c;
+            let interval = Interval { start_s, end_s: start_s + HALF_SECOND_S, electronics_excess_k };
+            let clock_ppm = configuration.unit.at(&interval).clock_frequency.ppm;
+            for (sum_ppm, gyro) in sum_ppm.iter_mut().zip(&configuration.gyros) {
+                *sum_ppm += gyro.effects.at(&interval).scale_factor.ppm - clock_ppm;
+            }
+        }
+        let day = (f64::from(orbit) + 0.5) * ORBIT_S / S_PER_DAY;
+        for (points, sum_ppm) in scale.iter_mut().zip(sum_ppm) {
+            points.push((day, sum_ppm / f64::from(samples)));
         }
     }
     let series = |points: [Vec<(f64, f64)>; 4]| {
@@ -271,7 +279,7 @@ fn two_weeks(configuration: &Configuration) -> Vec<Panel> {
             levels: [6.0, -6.0].map(|level| (level, "6 arcsec/h (table 1)".to_owned())).to_vec(),
         },
         Panel {
-            title: format!("Scale factor over two weeks, less the calibration{scales}"),
+            title: format!("Scale factor over two weeks, orbit means, less the calibration{scales}"),
             x: "time, days",
             y: "scale factor, ppm",
             series: series(scale),

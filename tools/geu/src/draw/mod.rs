@@ -89,7 +89,10 @@ fn svg(text: &mut String, panels: &[Panel]) -> Drawn {
 fn draw_panel(panel: &Panel, area: &DrawingArea<SVGBackend, Shift>) -> Drawn {
     let xs = panel.series.iter().flat_map(|series| series.points.iter().map(|point| point.0));
     let ys = panel.series.iter().flat_map(|series| series.points.iter().map(|point| point.1));
-    let (x, y) = (extent(xs, 0.0), extent(ys.chain(panel.levels.iter().map(|level| level.0)), 0.08));
+    let (x, y) = (extent(xs, 0.01), extent(ys.chain(panel.levels.iter().map(|level| level.0)), 0.08));
+    // Room for the legend above what is drawn.
+    let entries = panel.series.len() + usize::from(!panel.levels.is_empty());
+    let y = (y.0, y.1 + (y.1 - y.0) * (0.1 * entries as f64));
     let mut chart = ChartBuilder::on(area)
         .caption(&panel.title, (FONT, 19))
         .margin(6)
