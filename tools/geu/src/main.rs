@@ -7,6 +7,7 @@ mod bench;
 mod config;
 mod decode;
 mod describe;
+mod draw;
 mod failure;
 mod rows;
 mod run;

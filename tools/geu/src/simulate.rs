@@ -8,6 +8,7 @@ use geu_daemon::simulate::simulate;
 use geu_model::Truth;
 use geu_model::attitude::Plan;
 
+use crate::draw;
 use crate::failure::Failure;
 use crate::settings::{RunSettings, Wire, half_seconds};
 
@@ -17,8 +18,11 @@ pub struct Arguments {
     #[command(flatten)]
     run: RunSettings,
     /// Directory to write into; made if it is not there
+    #[arg(long, value_name = "DIRECTORY", required_unless_present = "svg")]
+    out: Option<PathBuf>,
+    /// Directory to draw the unit's figures into: transfer function, pivot transit, limit cycle, two weeks
     #[arg(long, value_name = "DIRECTORY")]
-    out: PathBuf,
+    svg: Option<PathBuf>,
     /// On-board time to run; without it the recorded duration, or the length of scenario or truth
     #[arg(long, value_name = "SECONDS")]
     duration: Option<f64>,
@@ -34,6 +38,10 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let ready = arguments.run.read()?;
     let configuration = &ready.configuration;
+    if let Some(directory) = &arguments.svg {
+        draw::draw(directory, configuration)?;
+    }
+    let Some(out) = &arguments.out else { return Ok(()) };
     let recorded_s = Some(configuration.run.duration_s).filter(|&duration_s| duration_s > 0.0);
     let scenario_s = || match ready.truth {
         Truth::Scenario => Plan::length_s(&configuration.scenario),
@@ -44,7 +52,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         .half_seconds(duration_s.map(half_seconds).transpose()?)?
         .ok_or_else(|| Failure::input("the scenario has no end of its own: expected --duration SECONDS"))?;
     let wire = Wire::form(arguments.wire, configuration);
-    let mut recorder = Recorder::create(&arguments.out, configuration, &ready.truth, wire).map_err(Failure::input)?;
+    let mut recorder = Recorder::create(out, configuration, &ready.truth, wire).map_err(Failure::input)?;
     let bar = indicatif::ProgressBar::new(count);
     simulate(configuration, &ready.truth, count, &mut recorder, |done| bar.set_position(done))
         .map_err(Failure::failed)?;

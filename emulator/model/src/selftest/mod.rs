@@ -23,6 +23,7 @@ mod unit;
 
 pub use estimate::Estimate;
 pub use receiver::{Receiver, Row};
+pub use scale_factor::{BestLine, transfer_function};
 
 use crate::Configuration;
 use crate::configuration::ConfigurationError;

@@ -153,7 +153,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
             let straight: Vec<_> = points.iter().map(|(rate, departure)| (*rate, departure.value)).collect();
             vec![
                 cubic.times(-1.0 / FULL_ARCSEC_S / PPM),
-                Estimate::new(departure_from_best_line(&straight), sigma).times(100.0 / FULL_ARCSEC_S),
+                Estimate::new(BestLine::of(&straight).departure, sigma).times(100.0 / FULL_ARCSEC_S),
             ]
         },
     },
@@ -291,21 +291,42 @@ pub fn transfer_function(rows: &[Row], gyro: Gyro, axis: usize) -> Vec<(f64, Est
         .collect()
 }
 
-/// The largest departure of points from the straight line that makes it smallest: over each three points, the line that
-/// departs from all by as much, in turn to either side; the best line is that of the three which depart most.
-pub fn departure_from_best_line(points: &[(f64, f64)]) -> f64 {
-    let mut points = points.to_vec();
-    points.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let mut largest: f64 = 0.0;
-    for (i, a) in points.iter().enumerate() {
-        for (j, b) in points.iter().enumerate().skip(i + 1) {
-            for c in &points[j + 1..] {
-                let chord = a.1 + (c.1 - a.1) * (b.0 - a.0) / (c.0 - a.0);
-                largest = largest.max(0.5 * (b.1 - chord).abs());
+/// A straight line that departs least from points, at the worst of them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BestLine {
+    /// Slope.
+    pub slope: f64,
+    /// y at x = 0.
+    pub level: f64,
+    /// The largest departure.
+    pub departure: f64,
+}
+
+impl BestLine {
+    /// The best line of points: over each three, the line that departs from all by as much, in turn to either side; that
+    /// of the three which depart most is the best of all.
+    pub fn of(points: &[(f64, f64)]) -> BestLine {
+        let mut points = points.to_vec();
+        points.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut best = BestLine { slope: 0.0, level: 0.0, departure: 0.0 };
+        for (i, a) in points.iter().enumerate() {
+            for (j, b) in points.iter().enumerate().skip(i + 1) {
+                for c in &points[j + 1..] {
+                    let slope = (c.1 - a.1) / (c.0 - a.0);
+                    let half = 0.5 * (b.1 - a.1 - slope * (b.0 - a.0));
+                    if half.abs() >= best.departure {
+                        best = BestLine { slope, level: a.1 - slope * a.0 + half, departure: half.abs() };
+                    }
+                }
             }
         }
+        best
     }
-    largest
+
+    /// y of the line.
+    pub fn at(&self, x: f64) -> f64 {
+        self.level + self.slope * x
+    }
 }
 
 #[cfg(test)]
@@ -316,6 +337,8 @@ mod tests {
     fn a_cubic_departs_by_a_quarter_from_its_best_line() {
         // Chebyshev: x³ − 3x/4 is at most 1/4 over −1…1.
         let points: Vec<_> = (-4..=4).map(|k| f64::from(k) / 4.0).map(|x| (x, 3.0 + 2.0 * x - x * x * x)).collect();
-        assert!((departure_from_best_line(&points) - 0.25).abs() < 1e-12);
+        let best = BestLine::of(&points);
+        assert!((best.departure - 0.25).abs() < 1e-12);
+        assert!((best.slope - 1.25).abs() < 1e-12 && (best.level - 3.0).abs() < 1e-12, "{best:?}");
     }
 }

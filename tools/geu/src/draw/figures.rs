@@ -1,0 +1,289 @@
+//! What the figures show. Each flies the unit through a scenario of its own; where the unit lacks the effect that a
+//! figure is about, the paper's value stands in, and the title says so.
+
+use geu_model::attitude::{LimitCycle, Manoeuvre, Motion, Plan, Scenario};
+use geu_model::course::{Course, Interval, Law};
+use geu_model::effect::{Effects, columns};
+use geu_model::number::Numbers;
+use geu_model::selftest::{BestLine, Receiver, transfer_function};
+use geu_model::units::{HALF_SECOND_S, ORBIT_S, S_PER_DAY};
+use geu_model::{Configuration, Unit};
+use geu_protocol::Gyro;
+
+use super::{Mark, Panel, Series};
+
+/// A figure: panels from a unit.
+pub type Figure = fn(&Configuration) -> Vec<Panel>;
+
+/// File names and figures.
+pub const FIGURES: [(&str, Figure); 4] = [
+    ("transfer-function.svg", transfer),
+    ("pivot-transit.svg", pivot_transit),
+    ("limit-cycle.svg", limit_cycle),
+    ("two-weeks.svg", two_weeks),
+];
+
+/// Largest rate of the transfer function (Casteren §5).
+const FULL_ARCSEC_S: f64 = 720.0;
+
+/// A scenario of Y-scans from a first θ: (to θ in degrees, arcmin/s).
+fn y_scans(theta_deg: f64, limit_cycle: LimitCycle, scans: &[(f64, f64)]) -> Scenario {
+    let scan = |&(to_theta_deg, rate_arcmin_s): &(f64, f64)| {
+        let mut manoeuvre = Manoeuvre::of_kind("y-scan").expect("a kind");
+        set(manoeuvre.numbers_mut(), "to_theta_deg", to_theta_deg);
+        set(manoeuvre.numbers_mut(), "rate_arcmin_s", rate_arcmin_s);
+        manoeuvre
+    };
+    Scenario { theta_deg, psi_deg: 0.0, limit_cycle, manoeuvres: scans.iter().map(scan).collect() }
+}
+
+fn set(numbers: &mut dyn Numbers, name: &str, value: f64) {
+    let index = numbers.specs().iter().position(|spec| spec.name == name).expect("a number of that name");
+    *numbers.value_mut(index) = value;
+}
+
+/// Whether the gyro has the effect; the paper's value stands in where it has not.
+fn has_or_takes(configuration: &mut Configuration, gyro: Gyro, code: &str, name: &str, paper: f64) -> String {
+    let effects = &mut configuration.gyros[gyro as usize].effects;
+    let index = effects.constant.specs().iter().position(|spec| spec.code == code).expect("an effect of that code");
+    if effects.has(index) {
+        return String::new();
+    }
+    set(effects.constant.numbers_mut(index), name, paper);
+    format!(" ({code} the paper's; this unit has none)")
+}
+
+/// Whether a gyro's effect has a course; those of the paper stand in where none has.
+fn has_or_takes_courses(configuration: &mut Configuration, code: &str, paper: &[(f64, Law)]) -> String {
+    let specs = configuration.gyros[0].effects.constant.specs();
+    let effect = specs.iter().position(|spec| spec.code == code).expect("an effect of that code");
+    if configuration.gyros.iter().any(|gyro| gyro.effects.courses.iter().any(|course| course.effect == effect)) {
+        return String::new();
+    }
+    for gyro in &mut configuration.gyros {
+        gyro.effects.courses.extend(paper.iter().map(|&(size, law)| Course { effect, amplitude: 0, size, law }));
+    }
+    format!(" (course of {code} the paper's; this unit has none)")
+}
+
+/// Figure 7: counts per half second against rate, and their departure from the best line.
+fn transfer(configuration: &Configuration) -> Vec<Panel> {
+    let mut configuration = configuration.clone();
+    let said = has_or_takes(&mut configuration, Gyro::Y, "scale-factor-nonlinearity", "cubic_ppm", 800.0);
+    let rates = [12.0, 10.5, 9.0, 7.5, 6.0, 4.5, 3.0, 1.5];
+    let scans: Vec<_> = rates.iter().flat_map(|&rate| [(120.0, rate), (60.0, rate)]).collect();
+    configuration.scenario = y_scans(60.0, LimitCycle::default(), &scans);
+    let length_s: f64 = rates.iter().map(|rate| 2.0 * (216_000.0 / (60.0 * rate) + 60.0 * rate / 36.0)).sum();
+    // The hold at the end is the point at rest.
+    let rows = Receiver::new(&configuration).listen(length_s + 600.0);
+    let counted: Vec<(f64, f64)> = transfer_function(&rows, Gyro::Y, 1)
+        .into_iter()
+        .map(|(rate, excess)| (rate, (rate + excess.value) * HALF_SECOND_S))
+        .collect();
+    let best = BestLine::of(&counted);
+    let departures: Vec<_> = counted
+        .iter()
+        .map(|&(rate, counts)| (rate, 100.0 * (counts - best.at(rate)) / (FULL_ARCSEC_S * HALF_SECOND_S)))
+        .collect();
+    let ends = [-FULL_ARCSEC_S, FULL_ARCSEC_S].map(|rate| (rate, best.at(rate)));
+    vec![
+        Panel {
+            title: "Transfer function of GYRY (Casteren figure 7)".to_owned(),
+            x: "rate about the input axis, arcsec/s",
+            y: "counts per half second",
+            series: vec![
+                Series {
+                    name: format!(
+                        "best line: {:.5} arcsec per count, D {:+.4} arcsec per half second",
+                        HALF_SECOND_S / best.slope,
+                        -best.level * HALF_SECOND_S / best.slope
+                    ),
+                    mark: Mark::Line,
+                    points: ends.to_vec(),
+                },
+                Series { name: "counted".to_owned(), mark: Mark::Points, points: counted },
+            ],
+            levels: Vec::new(),
+        },
+        Panel {
+            title: format!("Departure from the best line{said}"),
+            x: "rate about the input axis, arcsec/s",
+            y: "departure, % of 720 arcsec/s",
+            series: vec![Series { name: "counted less best line".to_owned(), mark: Mark::Points, points: departures }],
+            levels: [0.02, -0.02].map(|level| (level, "0.02 % (table 1)".to_owned())).to_vec(),
+        },
+    ]
+}
+
+/// Figure 6: the float of GYRX through a scan about its output axis and the rest after it.
+fn pivot_transit(configuration: &Configuration) -> Vec<Panel> {
+    let mut configuration = configuration.clone();
+    let said = has_or_takes(&mut configuration, Gyro::X, "pivot-clearance", "clearance_arcsec", 14.0);
+    let configured = configuration.scenario.limit_cycle;
+    let column = columns().iter().position(|code| *code == "pivot-clearance").expect("an effect of that code");
+    let fly = |limit_cycle: LimitCycle| {
+        let mut configuration = configuration.clone();
+        configuration.scenario = y_scans(90.0, limit_cycle, &[(96.0, 12.0), (90.0, 12.0)]);
+        let (mut unit, mut float_arcsec) = (Unit::new(&configuration), 0.0);
+        let scale_factor = configuration.gyros[Gyro::X as usize].calibration.scale_factor;
+        let mut points = vec![(0.0, 0.0)];
+        while unit.ended() < 5000 {
+            let (ended, traces) = unit.end_half_second_traced();
+            float_arcsec += traces[Gyro::X as usize].changes[column] * scale_factor;
+            points.push((ended.end_ns as f64 * 1e-9, float_arcsec));
+        }
+        points
+    };
+    let still = LimitCycle { rate_arcsec_s: 0.0, ..configured };
+    let cycle =
+        if configured.rate_arcsec_s > 0.0 { configured } else { LimitCycle { rate_arcsec_s: 4.0, ..configured } };
+    let clearance_arcsec = configuration.gyros[Gyro::X as usize].effects.constant.pivot_clearance.clearance_arcsec;
+    let float = |name: String, points: Vec<(f64, f64)>| Series { name, mark: Mark::Line, points };
+    let (at_rest, cycling) = (fly(still), fly(cycle));
+    let early = |points: &[(f64, f64)]| points.iter().copied().filter(|point| point.0 <= 110.0).collect();
+    let names = ["without limit cycle".to_owned(), format!("limit cycle of {} arcsec/s", cycle.rate_arcsec_s)];
+    let stops = || {
+        [0.5, -0.5].map(|half| (half * clearance_arcsec, format!("stops, {clearance_arcsec} arcsec apart"))).to_vec()
+    };
+    vec![
+        Panel {
+            title: format!("Float of GYRX: 6° forth and back about Y at 12 arcmin/s, then rest{said}"),
+            x: "time, s",
+            y: "float about X, arcsec",
+            series: vec![float(names[0].clone(), early(&at_rest)), float(names[1].clone(), early(&cycling))],
+            levels: stops(),
+        },
+        Panel {
+            title: "The same with the whole rest: creep home at 0.015 arcsec/s (Casteren §3.3, figure 6)".to_owned(),
+            x: "time, s",
+            y: "float about X, arcsec",
+            series: vec![float(names[0].clone(), at_rest), float(names[1].clone(), cycling)],
+            levels: stops(),
+        },
+    ]
+}
+
+/// Figure 8: the limit cycle as the gyros count it, over the angle itself.
+fn limit_cycle(configuration: &Configuration) -> Vec<Panel> {
+    let mut configuration = configuration.clone();
+    let configured = configuration.scenario.limit_cycle;
+    let said = if configured.rate_arcsec_s > 0.0 { "" } else { " (the paper's; this scenario has none)" };
+    let limit_cycle =
+        if configured.rate_arcsec_s > 0.0 { configured } else { LimitCycle { rate_arcsec_s: 5.0, ..configured } };
+    configuration.scenario = y_scans(90.0, limit_cycle, &[]);
+    let length_s = 6.0 * limit_cycle.period_s;
+    let rows = Receiver::new(&configuration).listen(length_s);
+    let plan = Plan::new(&configuration.scenario).expect("a hold is possible");
+    let (mut motion, mut turned_arcsec, step_s) = (Motion::new(plan, limit_cycle), [0.0; 3], length_s / 600.0);
+    let mut truth = vec![(0.0, turned_arcsec)];
+    while truth.len() <= 600 {
+        let end_s = truth.len() as f64 * step_s;
+        let angle_arcsec = motion.advance(end_s).angle_control_arcsec;
+        turned_arcsec = std::array::from_fn(|axis| turned_arcsec[axis] + angle_arcsec[axis]);
+        truth.push((end_s, turned_arcsec));
+    }
+    let panel = |gyro: Gyro, axis: usize, title: String| {
+        let calibration = &configuration.gyros[gyro as usize].calibration;
+        let corrected = |index: usize| {
+            rows[index].counts[gyro as usize] * calibration.scale_factor
+                + calibration.drift_arcsec_per_half_s * (index + 1) as f64
+        };
+        Panel {
+            title,
+            x: "time, s",
+            y: "angle, arcsec",
+            series: vec![
+                Series {
+                    name: "true angle".to_owned(),
+                    mark: Mark::Line,
+                    points: truth.iter().map(|(t_s, turned_arcsec)| (*t_s, turned_arcsec[axis])).collect(),
+                },
+                Series {
+                    name: format!("{}, counts · SF + D", gyro.name()),
+                    mark: Mark::Steps,
+                    points: (0..rows.len()).map(|index| (rows[index].t_s, corrected(index))).collect(),
+                },
+            ],
+            levels: Vec::new(),
+        }
+    };
+    let rate = limit_cycle.rate_arcsec_s;
+    vec![
+        panel(Gyro::X, 0, format!("Limit cycle of {rate} arcsec/s about X (Casteren figure 8){said}")),
+        panel(Gyro::Y, 1, "About Y, a quarter of a period before".to_owned()),
+    ]
+}
+
+/// Drift and scale factor over two weeks, as they depart from the calibration.
+fn two_weeks(configuration: &Configuration) -> Vec<Panel> {
+    let mut configuration = configuration.clone();
+    configuration.scenario = y_scans(90.0, LimitCycle::default(), &[]);
+    let drifts = has_or_takes_courses(&mut configuration, "drift", &[(0.4, Law::Ramp)]);
+    // 40 ppm per month, 12.5 ppm per K.
+    let scales = has_or_takes_courses(
+        &mut configuration,
+        "scale-factor",
+        &[(40.0 / 30.4375, Law::Ramp), (12.5, Law::Temperature)],
+    );
+    let columns = columns();
+    let drift_columns: Vec<usize> = (0..columns.len()).filter(|&column| columns[column].starts_with("drift")).collect();
+    let (mut unit, mut drift, mut scale) =
+        (Unit::new(&configuration), [(); 4].map(|()| Vec::new()), [(); 4].map(|()| Vec::new()));
+    let per_h = 7200;
+    for hour in 0..14 * 24 {
+        let mut angle_arcsec = [0.0; 4];
+        for _ in 0..per_h {
+            let (_, traces) = unit.end_half_second_traced();
+            for (gyro, trace) in traces.iter().enumerate() {
+                let counts: f64 = drift_columns.iter().map(|&column| trace.changes[column]).sum();
+                angle_arcsec[gyro] -= counts * configuration.gyros[gyro].calibration.scale_factor;
+            }
+        }
+        let day = (f64::from(hour) + 0.5) / 24.0;
+        for (gyro, points) in drift.iter_mut().enumerate() {
+            points.push((day, angle_arcsec[gyro]));
+        }
+    }
+    // Means over an orbit, as the temperature swings with it.
+    let (orbits, samples) = ((14.0 * S_PER_DAY / ORBIT_S) as u32, 60);
+    for orbit in 0..orbits {
+        let mut sum_ppm = [0.0; 4];
+        for sample in 0..samples {
+            let start_s = (f64::from(orbit) + f64::from(sample) / f64::from(samples)) * ORBIT_S;
+            let electronics = &configuration.electronics;
+            let electronics_excess_k = electronics.at_c(start_s) - electronics.numbers.reference_c;
+            let interval = Interval { start_s, end_s: start_s + HALF_SECOND_S, electronics_excess_k };
+            let clock_ppm = configuration.unit.at(&interval).clock_frequency.ppm;
+            for (sum_ppm, gyro) in sum_ppm.iter_mut().zip(&configuration.gyros) {
+                *sum_ppm += gyro.effects.at(&interval).scale_factor.ppm - clock_ppm;
+            }
+        }
+        let day = (f64::from(orbit) + 0.5) * ORBIT_S / S_PER_DAY;
+        for (points, sum_ppm) in scale.iter_mut().zip(sum_ppm) {
+            points.push((day, sum_ppm / f64::from(samples)));
+        }
+    }
+    let series = |points: [Vec<(f64, f64)>; 4]| {
+        Gyro::ALL
+            .into_iter()
+            .zip(points)
+            .map(|(gyro, points)| Series { name: gyro.name().to_owned(), mark: Mark::Line, points })
+            .collect()
+    };
+    vec![
+        Panel {
+            title: format!("Drift over two weeks, hourly means, less the calibration{drifts}"),
+            x: "time, days",
+            y: "drift, arcsec/h",
+            series: series(drift),
+            levels: [6.0, -6.0].map(|level| (level, "6 arcsec/h (table 1)".to_owned())).to_vec(),
+        },
+        Panel {
+            title: format!("Scale factor over two weeks, orbit means, less the calibration{scales}"),
+            x: "time, days",
+            y: "scale factor, ppm",
+            series: series(scale),
+            levels: Vec::new(),
+        },
+    ]
+}
