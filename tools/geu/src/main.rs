@@ -8,6 +8,7 @@ mod config;
 mod decode;
 mod describe;
 mod failure;
+mod gyro_csv;
 mod rows;
 mod run;
 mod send;

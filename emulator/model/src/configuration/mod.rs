@@ -7,8 +7,7 @@ mod document;
 mod schema;
 mod show;
 
-pub use document::ConfigurationError;
-use document::{Node, Source};
+pub use document::{ConfigurationError, Node, Source};
 use geu_protocol::Gyro;
 
 use crate::attitude::{LimitCycle, Manoeuvre, Plan, Scenario};
