@@ -439,7 +439,7 @@ fn a_recorded_run_with_commands_is_simulated_again_byte_for_byte() {
     simulate.arg("simulate").arg(live.join("run.toml")).arg("--out").arg(&again);
     let output = simulate.output().expect("geu starts");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    for name in ["link.log", "truth.csv", "reference.csv", "fss.csv", "sse.csv", "commands.jsonl", "run.toml"] {
+    for name in ["link.bin", "truth.csv", "reference.csv", "fss.csv", "sse.csv", "commands.jsonl", "run.toml"] {
         let (live, again) = (fs::read(live.join(name)).unwrap(), fs::read(again.join(name)).unwrap());
         assert!(live == again, "{name} differs: {} and {} bytes", live.len(), again.len());
     }
