@@ -10,8 +10,8 @@ use std::path::{Path, PathBuf};
 use geu_model::attitude::Motion;
 use geu_model::configuration::{RecordedCommand, RunRecord, WireForm};
 use geu_model::effect::{
-    CALIBRATION_COLUMN, HEAD_COLUMNS, HeadEffects, SATURATION_COLUMN, UNIT_COLUMNS, UnitEffects, WIRING_COLUMNS,
-    WiringEffects, columns,
+    CALIBRATION_COLUMN, HEAD_COLUMNS, HeadEffects, POWER_COLUMN, SATURATION_COLUMN, SELF_TEST_COLUMN, UNIT_COLUMNS,
+    UnitEffects, WIRING_COLUMNS, WiringEffects, columns,
 };
 use geu_model::sensor::{StarSensor, SunSensor};
 use geu_model::units::RAD_PER_DEG;
@@ -296,7 +296,7 @@ fn truth_columns(configuration: &Configuration) -> Vec<usize> {
         .chain(unit.map(|index| UNIT_COLUMNS + index))
         .chain(head.map(|index| HEAD_COLUMNS + index))
         .chain(wiring.map(|index| WIRING_COLUMNS + index))
-        .chain([SATURATION_COLUMN])
+        .chain([SELF_TEST_COLUMN, POWER_COLUMN, SATURATION_COLUMN])
         .collect()
 }
 

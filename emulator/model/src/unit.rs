@@ -10,7 +10,10 @@ use geu_protocol::{CLOCK_PER_HALF_SECOND, Command, Gyro, HalfSecond, LINK_VERSIO
 use crate::attitude::{Motion, Plan, Recorded, Step};
 use crate::configuration::Configuration;
 use crate::course::Interval;
-use crate::effect::{SATURATION_COLUMN, Tap, Temperatures, Timing, UnitEffects, WiringEffects, WiringStates};
+use crate::effect::{
+    POWER_COLUMN, SATURATION_COLUMN, SELF_TEST_COLUMN, Tap, Temperatures, Timing, UnitEffects, WiringEffects,
+    WiringStates,
+};
 use crate::package::{Package, Standing, SubStep, Trace};
 use crate::temperature::Sensor;
 use crate::units::HALF_SECOND_S;
@@ -284,10 +287,14 @@ impl Unit {
         for (index, gyro) in Gyro::ALL.into_iter().enumerate() {
             let counts = &mut counts[index];
             match &mut self.channels[index].power {
-                Power::Off => *counts = 0.0,
+                Power::Off => {
+                    taps[index].changed(POWER_COLUMN, -*counts);
+                    *counts = 0.0;
+                }
                 Power::On(left) => {
                     if let Some(test) = self.self_test.filter(|test| test.gyros & gyro.bit() != 0) {
                         *counts += f64::from(test.counts);
+                        taps[index].changed(SELF_TEST_COLUMN, f64::from(test.counts));
                     }
                     if *left == 0 {
                         half_second.gyro_flags |= gyro.bit();
@@ -430,6 +437,21 @@ mod tests {
             let (counts, flag) = if index < 3 { (100, unit_flag("self_test")) } else { (0, 0) };
             assert_eq!(added, [counts, 0, counts, 0]);
             assert_eq!(tested[index].unit_flags & unit_flag("self_test"), flag);
+        }
+    }
+
+    #[test]
+    fn what_commands_do_to_counts_stands_in_the_trace() {
+        let mut unit = unit(&[]);
+        unit.command(&[4, 1, 0, 100, 2]);
+        unit.command(&[6, 0b1101]);
+        for _ in 0..4 {
+            let (ended, traces) = unit.end_half_second_traced();
+            for (trace, count) in traces.iter().zip(ended.half_second.increments) {
+                let sum: f64 = trace.true_arcsec + trace.changes.iter().sum::<f64>();
+                assert!((sum - trace.unquantised).abs() < 1e-9);
+                assert!((trace.unquantised - f64::from(count)).abs() <= 1.0, "{} {count}", trace.unquantised);
+            }
         }
     }
 

@@ -97,6 +97,7 @@ fn what_is_wrong_is_pointed_at() {
         ),
         ("manoeuvre = 3", &["expected a list of tables"]),
         ("[temperature]\nelectronics_table = [[0, 1], [0, 2]]", &["times to rise"]),
+        ("[temperature]\nelectronics_table = [[0, 1020]]", &["-60…100", "got 1020"]),
         ("[temperature]\nelectronics_table = [[0, 1, 2]]", &["pairs of numbers"]),
     ] {
         let message = refused(text);
@@ -139,13 +140,26 @@ fn overrides_reach_every_depth() {
 fn an_amplitude_of_zero_changes_no_bit() {
     let plain = "[[manoeuvre]]\nkind = \"y-scan\"\nto_theta_deg = 60.0\n[gyro.GYRX]\ncalibration = { scale_factor = 1.1, drift_arcsec_per_half_s = 0.3, y_arcsec = 45.0 }\n";
     let mut zeros = plain.to_owned();
-    for spec in HeadEffects::SPECS {
-        zeros += &format!("{} = {{}}\n", spec.code);
+    // Amplitudes 0, shapes away from their defaults.
+    let shapes = |numbers: &dyn geu_model::number::Numbers, amplitudes: usize| {
+        let shapes = numbers.specs().iter().skip(amplitudes);
+        shapes
+            .map(|spec| format!("{} = {:?}", spec.name, (spec.least + spec.greatest.min(1e3)) * 0.4))
+            .collect::<Vec<_>>()
+            .join(", ")
+    };
+    let (head, unit) = (HeadEffects::default(), UnitEffects::default());
+    for (index, spec) in HeadEffects::SPECS.iter().enumerate() {
+        zeros += &format!("{} = {{ {} }}\n", spec.code, shapes(head.numbers(index), spec.amplitudes.len()));
     }
     zeros += "[unit]\n";
-    for spec in UnitEffects::SPECS {
-        zeros += &format!("{} = {{}}\n", spec.code);
+    for (index, spec) in UnitEffects::SPECS.iter().enumerate() {
+        zeros += &format!("{} = {{ {} }}\n", spec.code, shapes(unit.numbers(index), spec.amplitudes.len()));
     }
+    assert_ne!(
+        Configuration::parse("z", &zeros, &[]).expect("valid"),
+        Configuration::parse("p", plain, &[]).expect("valid")
+    );
     let unit = |text: &str| Unit::new(&Configuration::parse("t", text, &[]).expect("valid"));
     let (mut plain, mut zeros) = (unit(plain), unit(&zeros));
     for _ in 0..600 {
@@ -161,6 +175,14 @@ fn an_amplitude_of_zero_changes_no_bit() {
 fn switching_a_noise_on_moves_no_other() {
     // GYRX's counts do not change when another gyro's noise or another noise of GYRX with amplitude 0 comes or goes.
     let base = "[gyro.GYRX]\nangle-random-walk = { arcsec_per_sqrt_s = 1.0 }\n";
+    // Beside another noise of the same gyro, the column of the first keeps every bit.
+    let beside = format!("{base}drift-random-walk = {{ arcsec_per_s_per_sqrt_s = 0.1 }}\n");
+    let column = geu_model::effect::columns().iter().position(|code| *code == "angle-random-walk").expect("a column");
+    let walked = |text: &str| {
+        let mut unit = Unit::new(&Configuration::parse("t", text, &[]).expect("valid"));
+        (0..100).map(|_| unit.end_half_second_traced().1[0].changes[column].to_bits()).collect::<Vec<_>>()
+    };
+    assert_eq!(walked(base), walked(&beside));
     let with = format!(
         "{base}drift-random-walk = {{ arcsec_per_s_per_sqrt_s = 0.0 }}\n[gyro.GYRY]\nangle-random-walk = {{ arcsec_per_sqrt_s = 1.0 }}\n"
     );

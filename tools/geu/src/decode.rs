@@ -2,7 +2,7 @@
 
 use std::fs::File;
 use std::io::{self, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
@@ -12,6 +12,7 @@ use geu_protocol::capture::Format as InputFormat;
 use geu_recording::{Defect, InputError, InputReader, Options, Row, Sink, Stop};
 
 use crate::failure::Failure;
+use crate::gyro_csv;
 use crate::rows::{Form, write_defect, write_row};
 
 /// Arguments of `geu decode`.
@@ -32,6 +33,9 @@ pub struct Arguments {
     /// Exit with 1 when there were defects.
     #[arg(long)]
     strict: bool,
+    /// Reads one CSV of any gyros instead, as this file describes it: columns, units, interval (configs/suchai3.toml is one).
+    #[arg(long, value_name = "DESCRIPTION", conflicts_with_all = ["base", "interface", "input_format", "baud", "duration"])]
+    gyro_csv: Option<PathBuf>,
     /// Base of the unit's CAN identifiers, hexadecimal.
     #[arg(long, value_name = "ID", value_parser = base)]
     base: Option<CanPlan>,
@@ -103,6 +107,9 @@ fn stop_on_signals() {
 
 /// Decodes.
 pub fn run(arguments: Arguments) -> Result<(), Failure> {
+    if let Some(description) = &arguments.gyro_csv {
+        return decode_gyro_csv(&arguments, description);
+    }
     stop_on_signals();
     let rows = match arguments.format {
         Format::Summary => None,
@@ -139,10 +146,7 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
     if arguments.format == Format::Summary {
         let mut out = Output::open(arguments.out.as_ref())?;
         out.buffer = summary.to_string().into_bytes();
-        out.flush().or_else(|error| match error.kind() {
-            io::ErrorKind::BrokenPipe => Ok(()),
-            _ => Err(Failure::failed(format!("writing failed: {error}"))),
-        })?;
+        out.finish()?;
     } else if !arguments.quiet && summary.account.records + summary.account.bytes > 0 {
         eprint!("{summary}");
     }
@@ -150,6 +154,34 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
     let defects = summary.account.defect_count();
     match arguments.strict && defects > 0 {
         true => Err(Failure::failed(format!("--strict: {defects} defects"))),
+        false => Ok(()),
+    }
+}
+
+/// As [`run`], for a CSV of any gyros.
+fn decode_gyro_csv(arguments: &Arguments, description: &Path) -> Result<(), Failure> {
+    let [input] = &arguments.inputs[..] else {
+        return Err(Failure::input(format!("--gyro-csv: expected one file, got {}", arguments.inputs.len())));
+    };
+    let read = gyro_csv::read(input, description)?;
+    let account = read.account();
+    if let Some(path) = &arguments.defects {
+        let mut defects = Output::open(Some(path))?;
+        gyro_csv::write_defects(input, &read, &mut defects.buffer);
+        defects.finish()?;
+    }
+    let mut out = Output::open(arguments.out.as_ref())?;
+    match arguments.format {
+        Format::Csv => gyro_csv::write_csv(&read, &mut out.buffer),
+        Format::Jsonl => gyro_csv::write_jsonl(&read, &mut out.buffer),
+        Format::Summary => out.buffer.extend_from_slice(format!("input        {input}\n{account}").as_bytes()),
+    }
+    out.finish()?;
+    if arguments.format != Format::Summary && !arguments.quiet {
+        eprint!("{account}");
+    }
+    match arguments.strict && !read.defects.is_empty() {
+        true => Err(Failure::failed(format!("--strict: {} defects", read.defects.len()))),
         false => Ok(()),
     }
 }
@@ -180,6 +212,16 @@ impl Output {
         self.form = form;
         self.buffer.extend_from_slice(form.header());
         self
+    }
+
+    /// Writes all; whoever read and went away has seen enough.
+    fn finish(mut self) -> Result<(), Failure> {
+        match self.flush() {
+            Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
+                Err(Failure::failed(format!("writing failed: {error}")))
+            }
+            _ => Ok(()),
+        }
     }
 
     fn flush(&mut self) -> io::Result<()> {

@@ -9,6 +9,7 @@ mod decode;
 mod describe;
 mod draw;
 mod failure;
+mod gyro_csv;
 mod rows;
 mod run;
 

@@ -35,6 +35,7 @@ mod cadence;
 mod clock_fit;
 mod decoder;
 mod defect;
+mod gyro_csv;
 mod input;
 mod input_reader;
 mod live;
@@ -47,6 +48,10 @@ pub use cadence::Cadence;
 pub use clock_fit::{ClockFit, ClockRate};
 pub use decoder::{Decoder, Options};
 pub use defect::{Defect, DefectKind};
+pub use gyro_csv::{
+    Account as GyroCsvAccount, Defect as GyroCsvDefect, DefectKind as GyroCsvDefectKind, Description, GyroColumn,
+    GyroCsv, GyroCsvError, Sample,
+};
 pub use input::{InputError, read_text};
 pub use input_reader::{InputReader, Stop};
 pub use reference::{Reference, ReferenceError};

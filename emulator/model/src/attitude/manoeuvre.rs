@@ -245,11 +245,10 @@ impl Plan {
         };
         let mut trial = plan.clone();
         for index in 0..scenario.manoeuvres.len() {
-            // 60° in steps of 0.01° and more, there and back; more scans repeat what was seen.
-            for _ in 0..20_000 {
-                if trial.next.0 != index {
-                    break;
-                }
+            // The first scan of a survey is checked for every θ it can reach, and the first step tells whether all can be
+            // flown; a survey without end needs no more.
+            let is_endless = is_endless(&scenario.manoeuvres[index]);
+            while trial.next.0 == index && !(is_endless && trial.next.1 > 2) {
                 trial.lay_out().map_err(|(field, reason)| Impossible { index, field, reason })?;
                 trial.segments.clear();
                 trial.legs.clear();
@@ -273,8 +272,7 @@ impl Plan {
 
     /// How long a scenario takes; nothing for one without end, or without manoeuvres.
     pub fn length_s(scenario: &Scenario) -> Option<f64> {
-        let endless = |manoeuvre: &Manoeuvre| matches!(manoeuvre, Manoeuvre::Survey(survey) if survey.scans == 0.0);
-        if scenario.manoeuvres.is_empty() || scenario.manoeuvres.iter().any(endless) {
+        if scenario.manoeuvres.is_empty() || scenario.manoeuvres.iter().any(is_endless) {
             return None;
         }
         let mut plan = Plan::new(scenario).ok()?;
@@ -379,6 +377,19 @@ impl Plan {
                     self.theta_deg()
                 ),
             ));
+        }
+        if part == 0 && survey.theta_step_deg != 0.0 {
+            // ψ' is fastest, and its ramps longest, where sin θ is least: at one of the limits.
+            let sines = [survey.theta_least_deg, survey.theta_greatest_deg].map(|deg| libm::sin(deg * RAD_PER_DEG));
+            let rate_arcsec_s = survey.rate_z_arcmin_s * 60.0 / sines[0].min(sines[1]);
+            let ramps_deg = rate_arcsec_s * rate_arcsec_s / survey.acceleration_arcsec_s2 / ARCSEC_PER_DEG;
+            if survey.angle_deg < ramps_deg {
+                let reason = format!(
+                    "expected scans of {ramps_deg:.6} deg or more, the ramps at the survey's limits of theta; got {}",
+                    survey.angle_deg
+                );
+                return Err(("angle_deg", reason));
+            }
         }
         let last = survey.scans != 0.0 && part + 2 >= 2 * survey.scans as u64;
         if !last {
@@ -533,6 +544,11 @@ impl Plan {
     }
 }
 
+/// Whether it never ends.
+fn is_endless(manoeuvre: &Manoeuvre) -> bool {
+    matches!(manoeuvre, Manoeuvre::Survey(survey) if survey.scans == 0.0)
+}
+
 /// `deg` reduced to −180…180.
 fn shorter_way_deg(deg: f64) -> f64 {
     deg - 360.0 * (deg / 360.0).round()
@@ -582,10 +598,29 @@ mod tests {
             (vec![Manoeuvre::Raster(Raster { lines: 400.0, ..Raster::default() })], 0, "theta_step_arcmin"),
             (vec![Manoeuvre::Eclipse(Eclipse { duration_s: 12.0, ..Eclipse::default() })], 0, "duration_s"),
             (vec![Manoeuvre::Survey(Survey { theta_step_deg: 50.0, ..Survey::default() })], 0, "theta_step_deg"),
+            (
+                // Possible at 90° and for thousands of scans, but not at 60°.
+                vec![Manoeuvre::Survey(Survey {
+                    theta_step_deg: 0.002,
+                    angle_deg: 3.2,
+                    rate_z_arcmin_s: 10.0,
+                    slew_rate_arcmin_s: 0.1,
+                    ..Survey::default()
+                })],
+                0,
+                "angle_deg",
+            ),
         ] {
             let refused = Plan::new(&scenario(manoeuvres)).expect_err("impossible");
             assert_eq!((refused.index, refused.field), (index, field), "{refused}");
         }
+    }
+
+    #[test]
+    fn a_long_finite_survey_may_be_followed_by_something() {
+        let survey = Manoeuvre::Survey(Survey { scans: 10_002.0, ..Survey::default() });
+        let scenario = scenario(vec![survey, Manoeuvre::Pointing(Pointing::default())]);
+        assert!(Plan::new(&scenario).is_ok());
     }
 
     #[test]

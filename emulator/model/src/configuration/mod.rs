@@ -7,8 +7,7 @@ mod document;
 mod schema;
 mod show;
 
-pub use document::ConfigurationError;
-use document::{Node, Source};
+pub use document::{ConfigurationError, Node, Source};
 use geu_protocol::Gyro;
 
 use crate::attitude::{LimitCycle, Manoeuvre, Plan, Scenario};
@@ -17,7 +16,7 @@ use crate::effect::{Configured, EffectSpec, Effects, HeadEffects, UnitEffects, W
 use crate::number::{Default as DefaultValue, Form, Number};
 use crate::package::{Axes, Calibration};
 use crate::sensor::SensorNumbers;
-use crate::temperature::ElectronicsCourse;
+use crate::temperature::{Electronics, ElectronicsCourse};
 
 /// The reference unit on its default scenario.
 const REFERENCE: &str = include_str!("../../../../configs/reference.toml");
@@ -287,6 +286,13 @@ fn read_electronics(root: &Node) -> Result<ElectronicsCourse, ConfigurationError
         node.fill(&mut course.numbers, |_| true, &[])?;
     }
     course.table = node.pairs("electronics_table")?;
+    let Number { least, greatest, .. } = Electronics::NUMBERS[0];
+    if let Some((_, celsius)) = course.table.iter().find(|(_, celsius)| !(least..=greatest).contains(celsius)) {
+        let expected = Form::Real.limits(least, greatest);
+        return Err(
+            node.error("electronics_table", format!("expected {expected} °C for each temperature, got {celsius}"))
+        );
+    }
     if !course.table.is_sorted_by(|a, b| a.0 < b.0) {
         return Err(
             node.error("electronics_table", "expected the table's times to rise from point to point".to_owned())

@@ -54,7 +54,7 @@ pub use time_offset::TimeOffset;
 
 use crate::attitude::Step;
 use crate::course::{Course, Interval};
-use crate::number::Numbers;
+use crate::number::{Number, Numbers};
 use crate::package::Axes;
 
 /// What is said of an effect.
@@ -202,8 +202,8 @@ impl Tap for () {
     fn changed(&mut self, _column: usize, _counts: f64) {}
 }
 
-/// Columns of a trace: the calibration, the effects of the three lists, saturation.
-pub const COLUMNS: usize = 2 + UnitEffects::SPECS.len() + HeadEffects::SPECS.len() + WiringEffects::SPECS.len();
+/// Columns of a trace: the calibration, the effects of the three lists, self-test, power, saturation.
+pub const COLUMNS: usize = 4 + UnitEffects::SPECS.len() + HeadEffects::SPECS.len() + WiringEffects::SPECS.len();
 /// Column of the calibration.
 pub const CALIBRATION_COLUMN: usize = 0;
 /// First column of [`UnitEffects`].
@@ -212,13 +212,20 @@ pub const UNIT_COLUMNS: usize = 1;
 pub const HEAD_COLUMNS: usize = UNIT_COLUMNS + UnitEffects::SPECS.len();
 /// First column of [`WiringEffects`].
 pub const WIRING_COLUMNS: usize = HEAD_COLUMNS + HeadEffects::SPECS.len();
+/// Column of the counts that a self-test adds.
+pub const SELF_TEST_COLUMN: usize = COLUMNS - 3;
+/// Column of what a stopped gyro does not count.
+pub const POWER_COLUMN: usize = COLUMNS - 2;
 /// Column of what clipping to 16 bits takes away.
 pub const SATURATION_COLUMN: usize = COLUMNS - 1;
 
 /// Codes of the columns, in order.
 pub fn columns() -> Vec<&'static str> {
     let specs = [UnitEffects::SPECS, HeadEffects::SPECS, WiringEffects::SPECS].concat();
-    std::iter::once("calibration").chain(specs.iter().map(|spec| spec.code)).chain(["saturation"]).collect()
+    std::iter::once("calibration")
+        .chain(specs.iter().map(|spec| spec.code))
+        .chain(["self-test", "gyro-power", "saturation"])
+        .collect()
 }
 
 /// A list of effects as data.
@@ -246,7 +253,11 @@ impl<E: Effects> Configured<E> {
     pub fn at(&self, interval: &Interval) -> E {
         let mut effects = self.constant;
         for course in &self.courses {
-            *effects.numbers_mut(course.effect).value_mut(course.amplitude) += course.value(interval);
+            let numbers = effects.numbers_mut(course.effect);
+            let Number { least, greatest, .. } = numbers.specs()[course.amplitude];
+            let amplitude = numbers.value_mut(course.amplitude);
+            // Limits are what the model is good for: a course that grows without end stays at them.
+            *amplitude = (*amplitude + course.value(interval)).clamp(least, greatest);
         }
         effects
     }

@@ -142,8 +142,8 @@ impl StarSensor {
 
     /// The next fixes not later than `t_s`: one star through every slit.
     pub fn fixes_until(&mut self, t_s: f64) -> Option<[Fix; SLITS.len()]> {
-        self.to_come.front().filter(|next| next.0 <= t_s)?;
-        let (t_s, [theta_rad, psi_rad], star) = self.to_come.pop_front()?;
+        let (t_s, [theta_rad, psi_rad], star) = *self.to_come.front().filter(|next| next.0 <= t_s)?;
+        self.to_come.pop_front();
         let about_y_deg = self.limit_cycle.departure_control_arcsec(t_s)[1] / ARCSEC_PER_DEG;
         let of_star = self.systematic(&star.to_string(), self.numbers.star_arcsec);
         Some(SLITS.map(|slit| {

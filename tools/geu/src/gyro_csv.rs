@@ -1,0 +1,56 @@
+//! What `geu decode --gyro-csv` prints.
+
+use std::io::Write;
+use std::path::Path;
+
+use geu_recording::{Description, GyroCsv, read_text};
+
+use crate::failure::Failure;
+
+/// Reads the file as the description says.
+///
+/// # Errors
+/// A file that cannot be read, a description that is none, columns that are not there.
+pub fn read(input: &str, description: &Path) -> Result<GyroCsv, Failure> {
+    let name = description.display().to_string();
+    let text = read_text(description).map_err(|error| {
+        Failure::input(format!("{name}: cannot be read: {error}; expected a description, such as configs/suchai3.toml"))
+    })?;
+    let description = Description::parse(&name, &text).map_err(Failure::input)?;
+    GyroCsv::read(input, description).map_err(Failure::input)
+}
+
+/// Appends a header and a row for each sample: time, line, then a rate for each gyro.
+pub fn write_csv(read: &GyroCsv, out: &mut Vec<u8>) {
+    let names = read.description.gyros.iter().map(|gyro| format!(",{}_arcsec_s", gyro.name));
+    put(out, format_args!("t_s,line{}\n", names.collect::<String>()));
+    for sample in &read.samples {
+        put(out, format_args!("{:.6},{}", sample.t_s, sample.line));
+        sample.rates_arcsec_s.iter().for_each(|rate| put(out, format_args!(",{rate}")));
+        put(out, format_args!("\n"));
+    }
+}
+
+/// Appends a JSON object for each sample.
+pub fn write_jsonl(read: &GyroCsv, out: &mut Vec<u8>) {
+    for sample in &read.samples {
+        put(out, format_args!("{{\"t_s\":{:.6},\"line\":{}", sample.t_s, sample.line));
+        for (gyro, rate) in read.description.gyros.iter().zip(&sample.rates_arcsec_s) {
+            put(out, format_args!(",{}:{rate}", serde_json::Value::from(format!("{}_arcsec_s", gyro.name))));
+        }
+        put(out, format_args!("}}\n"));
+    }
+}
+
+/// Appends a JSON object for each defect: place, kind, and what it is in words.
+pub fn write_defects(input: &str, read: &GyroCsv, out: &mut Vec<u8>) {
+    for defect in &read.defects {
+        let place = format!("{input}: line {}", defect.line);
+        let object = serde_json::json!({ "place": place, "kind": defect.kind.name(), "text": defect.kind.to_string() });
+        put(out, format_args!("{object}\n"));
+    }
+}
+
+fn put(out: &mut Vec<u8>, content: std::fmt::Arguments) {
+    out.write_fmt(content).expect("a buffer takes everything");
+}
