@@ -3,7 +3,7 @@
 use clap::{Args, Subcommand};
 use geu_model::Configuration;
 
-use crate::failure::Failure;
+use crate::failure::{Failure, print, say};
 use crate::settings::Settings;
 
 /// Shows, checks and describes configurations.
@@ -29,16 +29,15 @@ enum Action {
 /// A configuration that cannot be run.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     match &arguments.action {
-        Action::Show(settings) => print!("{}", settings.read()?.to_toml(true)),
+        Action::Show(settings) => print(format_args!("{}", settings.read()?.to_toml(true))),
         Action::Check(settings) => {
             settings.read()?;
             let name = settings
                 .config
                 .as_ref()
                 .map_or("the built-in configuration".to_owned(), |path| path.display().to_string());
-            println!("{name}: valid");
+            say!("{name}: valid")
         }
-        Action::Schema => println!("{:#}", Configuration::schema()),
+        Action::Schema => say!("{:#}", Configuration::schema()),
     }
-    Ok(())
 }

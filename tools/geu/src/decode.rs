@@ -1,7 +1,10 @@
 //! `geu decode`: recordings and live links to rows.
 
-use std::fs::File;
+use std::ffi::OsStr;
+use std::fs::{self, File, Metadata};
 use std::io::{self, Write};
+use std::os::fd::AsFd;
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -11,7 +14,7 @@ use geu_protocol::CanPlan;
 use geu_protocol::capture::Format as InputFormat;
 use geu_recording::{Defect, InputError, InputReader, Options, Row, Sink, Stop};
 
-use crate::failure::Failure;
+use crate::failure::{Failure, note};
 use crate::gyro_csv;
 use crate::rows::{Form, write_defect, write_row};
 
@@ -108,18 +111,12 @@ fn stop_on_signals() {
 /// Decodes.
 pub fn run(arguments: Arguments) -> Result<(), Failure> {
     if let Some(description) = &arguments.gyro_csv {
+        refuse_same_files(&arguments)?;
         return decode_gyro_csv(&arguments, description);
     }
     stop_on_signals();
-    let rows = match arguments.format {
-        Format::Summary => None,
-        format => Some(Output::open(arguments.out.as_ref())?.in_form(match format {
-            Format::Jsonl => Form::Jsonl,
-            _ => Form::Csv,
-        })),
-    };
-    let defects = arguments.defects.as_ref().map(|path| Output::open(Some(path))).transpose()?;
-    let mut writer = Writer { rows, defects, broken: None };
+    refuse_same_files(&arguments)?;
+    let mut writer = Writer { arguments: &arguments, is_open: false, rows: None, defects: None, broken: None };
     let options = Options {
         plan: arguments.base.unwrap_or_default(),
         interface: arguments.interface.clone(),
@@ -137,18 +134,18 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
     }
     let (summary, ending) = reader.finish(&mut writer);
     writer.flush();
-    match writer.broken {
-        // Whoever read the rows has seen enough.
-        Some(error) if error.kind() == io::ErrorKind::BrokenPipe => return Ok(()),
-        Some(error) => return Err(Failure::failed(format!("writing failed: {error}"))),
+    match writer.broken.take() {
+        Some(failure) => return Err(failure),
         None => {}
     }
     if arguments.format == Format::Summary {
-        let mut out = Output::open(arguments.out.as_ref())?;
-        out.buffer = summary.to_string().into_bytes();
-        out.finish()?;
+        if writer.is_open {
+            let mut out = Output::open(arguments.out.as_ref())?;
+            out.buffer = summary.to_string().into_bytes();
+            out.finish()?;
+        }
     } else if !arguments.quiet && summary.account.records + summary.account.bytes > 0 {
-        eprint!("{summary}");
+        note(format_args!("{summary}"));
     }
     result.and(ending).map_err(Failure::input)?;
     let defects = summary.account.defect_count();
@@ -178,12 +175,57 @@ fn decode_gyro_csv(arguments: &Arguments, description: &Path) -> Result<(), Fail
     }
     out.finish()?;
     if arguments.format != Format::Summary && !arguments.quiet {
-        eprint!("{account}");
+        note(format_args!("{account}"));
     }
     match arguments.strict && !read.defects.is_empty() {
         true => Err(Failure::failed(format!("--strict: {} defects", read.defects.len()))),
         false => Ok(()),
     }
+}
+
+/// A regular file, by device and inode.
+type FileId = (u64, u64);
+
+fn file_id(metadata: io::Result<Metadata>) -> Option<FileId> {
+    let metadata = metadata.ok().filter(Metadata::is_file)?;
+    Some((metadata.dev(), metadata.ino()))
+}
+
+/// Refuses an output that is one of the inputs, or the other output: writing it would destroy what is to be read.
+fn refuse_same_files(arguments: &Arguments) -> Result<(), Failure> {
+    let of_input = |name: &str| match name {
+        "-" => file_id(io::stdin().as_fd().try_clone_to_owned().and_then(|stdin| File::from(stdin).metadata())),
+        name => file_id(fs::metadata(name)),
+    };
+    let outputs = [("--out", &arguments.out), ("--defects", &arguments.defects)];
+    for (flag, path) in outputs {
+        let Some(path) = path else { continue };
+        let Some(id) = file_id(fs::metadata(path)) else { continue };
+        if let Some(input) = arguments.inputs.iter().find(|input| of_input(input) == Some(id)) {
+            return Err(Failure::input(format!(
+                "{flag}: expected a file that is none of the inputs, got {}, the same file as the input {input}",
+                path.display()
+            )));
+        }
+    }
+    let (Some(out), Some(defects)) = (&arguments.out, &arguments.defects) else { return Ok(()) };
+    let same = match (fs::metadata(out), fs::metadata(defects)) {
+        (Err(_), Err(_)) => place(out) == place(defects),
+        (out, defects) => file_id(out).is_some_and(|id| file_id(defects) == Some(id)),
+    };
+    match same {
+        true => Err(Failure::input(format!(
+            "--defects: expected another file than --out, got {}, the same file",
+            defects.display()
+        ))),
+        false => Ok(()),
+    }
+}
+
+/// Where a file that is not there yet will be.
+fn place(path: &Path) -> (Option<PathBuf>, Option<&OsStr>) {
+    let parent = path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    (fs::canonicalize(parent).ok(), path.file_name())
 }
 
 /// Bytes kept before they are written.
@@ -216,12 +258,7 @@ impl Output {
 
     /// Writes all; whoever read and went away has seen enough.
     fn finish(mut self) -> Result<(), Failure> {
-        match self.flush() {
-            Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
-                Err(Failure::failed(format!("writing failed: {error}")))
-            }
-            _ => Ok(()),
-        }
+        self.flush().map_err(Failure::writing)
     }
 
     fn flush(&mut self) -> io::Result<()> {
@@ -232,26 +269,48 @@ impl Output {
 }
 
 /// Writes rows and defects as they come.
-struct Writer {
+struct Writer<'a> {
+    arguments: &'a Arguments,
+    /// Whether an input could be opened, and with it the outputs.
+    is_open: bool,
     rows: Option<Output>,
     defects: Option<Output>,
     /// Why nothing can be written any more.
-    broken: Option<io::Error>,
+    broken: Option<Failure>,
 }
 
-impl Writer {
+impl Writer<'_> {
+    fn open(&mut self) -> Result<(), Failure> {
+        self.rows = match self.arguments.format {
+            Format::Summary => None,
+            format => Some(Output::open(self.arguments.out.as_ref())?.in_form(match format {
+                Format::Jsonl => Form::Jsonl,
+                _ => Form::Csv,
+            })),
+        };
+        self.defects = self.arguments.defects.as_ref().map(|path| Output::open(Some(path))).transpose()?;
+        Ok(())
+    }
+
     #[cold]
     fn write_out(&mut self) {
         for output in [&mut self.rows, &mut self.defects].into_iter().flatten() {
             if let Err(error) = output.flush() {
                 output.buffer.clear();
-                self.broken.get_or_insert(error);
+                self.broken.get_or_insert_with(|| Failure::writing(error));
             }
         }
     }
 }
 
-impl Sink for Writer {
+impl Sink for Writer<'_> {
+    fn opened(&mut self) {
+        if !self.is_open {
+            self.is_open = true;
+            self.broken = self.open().err();
+        }
+    }
+
     #[inline]
     fn row(&mut self, row: &Row) {
         if let Some(output) = &mut self.rows {

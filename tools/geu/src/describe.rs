@@ -1,12 +1,11 @@
 //! `geu describe`: the link as other tools read it.
 
-use std::io::Write;
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use geu_protocol::{CanPlan, describe};
 
-use crate::failure::Failure;
+use crate::failure::{Failure, print};
 
 /// What `geu describe` can write.
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -54,11 +53,6 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     match &arguments.out {
         Some(path) => std::fs::write(path, text)
             .map_err(|error| Failure::failed(format_args!("{}: cannot be written: {error}", path.display()))),
-        None => match std::io::stdout().write_all(text.as_bytes()) {
-            Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
-                Err(Failure::failed(format_args!("standard output: {error}")))
-            }
-            _ => Ok(()),
-        },
+        None => print(format_args!("{text}")),
     }
 }

@@ -1,6 +1,7 @@
 //! How a command ends when it does not end well: one message on standard error and an exit code others rely on.
 
-use std::fmt::Display;
+use std::fmt::{Arguments, Display};
+use std::io::{self, ErrorKind, Write};
 use std::process::ExitCode;
 
 /// An unsuccessful end.
@@ -22,9 +23,40 @@ impl Failure {
         Failure { code: 2, message: message.to_string() }
     }
 
+    /// Results could not be written: exit 1; but whoever closed the pipe has seen enough, a quiet end.
+    pub fn writing(error: io::Error) -> Failure {
+        match error.kind() {
+            ErrorKind::BrokenPipe => Failure { code: 0, message: String::new() },
+            _ => Failure::failed(format!("writing failed: {error}")),
+        }
+    }
+
     /// Prints the message and gives the exit code.
     pub fn report(&self) -> ExitCode {
-        eprintln!("geu: {}", self.message.trim_end());
+        if !self.message.is_empty() {
+            note(format_args!("geu: {}\n", self.message.trim_end()));
+        }
         ExitCode::from(self.code)
     }
 }
+
+/// Writes results to standard output.
+///
+/// # Errors
+/// When they cannot be written.
+pub fn print(text: Arguments) -> Result<(), Failure> {
+    let mut out = io::stdout().lock();
+    out.write_fmt(text).and_then(|()| out.flush()).map_err(Failure::writing)
+}
+
+/// Writes to standard error; there is nobody to tell that it failed.
+pub fn note(text: Arguments) {
+    let _ = io::stderr().lock().write_all(text.to_string().as_bytes());
+}
+
+/// A line of results on standard output, as [`print`].
+macro_rules! say {
+    () => { $crate::failure::print(format_args!("\n")) };
+    ($($text:tt)*) => { $crate::failure::print(format_args!("{}\n", format_args!($($text)*))) };
+}
+pub(crate) use say;

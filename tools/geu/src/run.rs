@@ -10,7 +10,7 @@ use geu_daemon::record::Recorder;
 use geu_daemon::{RunError, Settings, asked_to_end};
 use geu_model::configuration::unix_ns;
 
-use crate::failure::Failure;
+use crate::failure::{Failure, note};
 use crate::settings::{RunSettings, Wire, half_seconds};
 
 /// Name of the default pty.
@@ -116,6 +116,6 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
                 error => Failure::failed(error),
             }
         })?;
-    eprint!("{summary}");
+    note(format_args!("{summary}"));
     Ok(())
 }

@@ -3,7 +3,7 @@
 use clap::Args;
 use geu_model::selftest::{Claim, Expected, LIMIT_SIGMA, Result, experiments, measure};
 
-use crate::failure::Failure;
+use crate::failure::{Failure, say};
 
 /// Simulates and measures every number that the paper prints; fails when one is off.
 #[derive(Args, Debug)]
@@ -25,28 +25,33 @@ pub fn run(arguments: &Arguments) -> std::result::Result<(), Failure> {
     for index in 0..arguments.seeds {
         let seed = arguments.seed.wrapping_add(index);
         let again = if index > 0 { ", what depends on it" } else { "" };
-        println!("seed {seed}{again}");
-        println!(
+        say!("seed {seed}{again}")?;
+        say!(
             "{:<16} {:<50} {:>17} {:>14} {:>10}  {:<13} verdict",
-            "source", "what", "paper or model", "measured", "sigma", "unit"
-        );
+            "source",
+            "what",
+            "paper or model",
+            "measured",
+            "sigma",
+            "unit"
+        )?;
         for experiment in experiments().filter(|experiment| experiment.noise || index == 0) {
             for result in measure(experiment, seed, &[]).map_err(Failure::failed)? {
-                print_row(&result);
+                print_row(&result)?;
                 measured += 1;
                 off += u32::from(!result.holds());
             }
         }
-        println!();
+        say!()?;
     }
     if off > 0 {
         return Err(Failure::failed(format!("{off} of {measured} numbers off by more than {LIMIT_SIGMA} sigma")));
     }
-    println!("{measured} numbers, all within {LIMIT_SIGMA} sigma");
+    say!("{measured} numbers, all within {LIMIT_SIGMA} sigma")?;
     Ok(())
 }
 
-fn print_row(result: &Result) {
+fn print_row(result: &Result) -> std::result::Result<(), Failure> {
     let Result { claim: Claim { what, source, expected, unit }, measured } = result;
     // Two digits of sigma; what has none is exact.
     let decimals =
@@ -64,5 +69,5 @@ fn print_row(result: &Result) {
         off if result.holds() => format!("ok, {off:.1} sigma"),
         off => format!("OFF, {off:.1} sigma"),
     };
-    println!("{source:<16} {what:<50} {said:>17} {value:>14} {sigma:>10}  {unit:<13} {verdict}");
+    say!("{source:<16} {what:<50} {said:>17} {value:>14} {sigma:>10}  {unit:<13} {verdict}")
 }

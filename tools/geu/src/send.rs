@@ -18,7 +18,7 @@ use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::termios::{BaudRate, SetArg, cfmakeraw, cfsetspeed, tcgetattr, tcsetattr};
 use socketcan::{CanFilter, CanSocket, EmbeddedFrame, Id, Socket, SocketOptions, StandardId};
 
-use crate::failure::Failure;
+use crate::failure::{Failure, print};
 
 /// Sends a command to the unit by name and prints the decoded reply: geu send /tmp/geu0 SET_MODE 1
 #[derive(Args, Debug)]
@@ -50,8 +50,7 @@ pub struct Arguments {
 /// Bad usage, a link that cannot be opened, no reply in time, a reply that does not say done.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     if arguments.list {
-        print(&table());
-        return Ok(());
+        return print(format_args!("{}", table()));
     }
     let payload = match (&arguments.raw, &arguments.command) {
         (Some(hex), _) => raw_payload(hex)?,
@@ -69,7 +68,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         let waited = arguments.timeout;
         return Err(Failure::failed(format!("{link}: no reply within {waited} s; expected one within 20 ms")));
     };
-    print(&describe(&reply, polled.as_ref()));
+    let printed = print(format_args!("{}", describe(&reply, polled.as_ref())));
     if reply.outcome() != Outcome::Done {
         return Err(Failure::failed(format!(
             "the unit answered {}: {}",
@@ -80,16 +79,11 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     if reply.opcode() == POLL && polled.is_none() {
         return Err(Failure::failed(format!("{link}: the polled data did not follow within {} s", arguments.timeout)));
     }
-    Ok(())
+    printed
 }
 
 /// The opcode whose reply data follow.
 const POLL: u8 = 0x03;
-
-fn print(text: &str) {
-    // A reader that has seen enough is no failure.
-    let _ = io::stdout().lock().write_all(text.as_bytes());
-}
 
 fn table() -> String {
     let mut text = String::from("Commands:\n");

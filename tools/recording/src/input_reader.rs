@@ -63,6 +63,7 @@ impl<'a> InputReader<'a> {
     /// [`InputError`].
     pub fn read(&mut self, name: &str, sink: &mut impl Sink) -> Result<(), InputError> {
         let source = open(name, self.options.baud)?;
+        sink.opened();
         self.decoder.begin(name);
         match source {
             Source::Bytes { reader, container, wait_on } => self.bytes(name, reader, container, wait_on, sink),

@@ -21,6 +21,8 @@ pub struct Row {
 
 /// Who takes rows and defects, in the order in which they are found.
 pub trait Sink {
+    /// Called when an input could be opened, before anything of it.
+    fn opened(&mut self) {}
     /// Takes a half second.
     fn row(&mut self, row: &Row);
     /// Takes a defect.

@@ -19,7 +19,7 @@ use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 use socketcan::{CanFilter, CanSocket, EmbeddedFrame, Id, Socket, SocketOptions};
 
-use crate::failure::Failure;
+use crate::failure::{Failure, say};
 
 /// Half a second, ns.
 const PERIOD_NS: i64 = 500_000_000;
@@ -73,34 +73,36 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let [plain, spinning, runtime] = [plain, spinning, runtime].map(|arm| arm.join().expect("an arm does not panic"));
     let said = emulator.end();
 
-    println!("{sends} half seconds each, side by side");
+    say!("{sends} half seconds each, side by side")?;
     for (name, late_ns) in
         [("sleep", &plain), (&*format!("sleep, spin {} µs", arguments.spin), &spinning), ("tokio interval", &runtime)]
     {
         let mut histogram = Histogram::default();
         late_ns.iter().for_each(|&ns| histogram.record(ns));
-        println!("  {name:<22} {histogram}");
+        say!("  {name:<22} {histogram}")?;
     }
     let median = |late_ns: &[i64]| {
         let mut sorted = late_ns.to_vec();
         sorted.sort_unstable();
         sorted[sorted.len() / 2].max(1)
     };
-    println!(
+    say!(
         "  median against tokio's  {:.1} times less late; with spin {:.0} times",
         median(&runtime) as f64 / median(&plain) as f64,
         median(&runtime) as f64 / median(&spinning) as f64
-    );
+    )?;
     for (name, late_ns) in [("sleep", &plain), ("sleep with spin", &spinning), ("tokio interval", &runtime)] {
         let times_ns: Vec<f64> = late_ns.iter().map(|&late_ns| late_ns as f64).collect();
         let (ppm, sigma) = slope_ppm(&times_ns);
-        println!("  period, {name:<15} {ppm:+.4} ± {sigma:.4} ppm of the deadlines'");
+        say!("  period, {name:<15} {ppm:+.4} ± {sigma:.4} ppm of the deadlines'")?;
     }
-    println!("geu run{}", arguments.can.as_ref().map_or(String::new(), |interface| format!(" --can {interface}")));
-    println!("  memory {:.1} MB, CPU {:.2} % of one core", f64::from(memory_kb) / 1024.0, 100.0 * cpu_share);
-    said.lines().filter(|line| !line.trim().is_empty()).for_each(|line| println!("  {line}"));
+    say!("geu run{}", arguments.can.as_ref().map_or(String::new(), |interface| format!(" --can {interface}")))?;
+    say!("  memory {:.1} MB, CPU {:.2} % of one core", f64::from(memory_kb) / 1024.0, 100.0 * cpu_share)?;
+    for line in said.lines().filter(|line| !line.trim().is_empty()) {
+        say!("  {line}")?;
+    }
     if let Some(bus) = on_bus {
-        bus.report();
+        bus.report()?;
     }
     Ok(())
 }
@@ -237,12 +239,12 @@ impl Bus {
         })))
     }
 
-    fn report(self) {
+    fn report(self) -> Result<(), Failure> {
         let stamps_ns = self.0.join().expect("the receiver does not panic");
-        println!("by reception on the bus");
+        say!("by reception on the bus")?;
         for (name, stamps_ns) in ["geu run", "cangen -g 500"].iter().zip(&stamps_ns) {
             if stamps_ns.len() < 3 {
-                println!("  {name:<22} {} frames: too few", stamps_ns.len());
+                say!("  {name:<22} {} frames: too few", stamps_ns.len())?;
                 continue;
             }
             let first_ns = stamps_ns[0];
@@ -254,12 +256,13 @@ impl Bus {
             let intervals_ns: Vec<f64> =
                 stamps_ns.windows(2).map(|pair| pair[1] - pair[0] - PERIOD_NS as f64).collect();
             intervals_ns.iter().for_each(|ns| histogram.record(ns.abs() as i64));
-            println!("  {name:<22} interval off by {histogram}");
-            println!("  {:<22} period {ppm:+.4} ± {sigma:.4} ppm, behind by {} at the end", "", {
+            say!("  {name:<22} interval off by {histogram}")?;
+            say!("  {:<22} period {ppm:+.4} ± {sigma:.4} ppm, behind by {} at the end", "", {
                 let behind_ns = residual_ns[residual_ns.len() - 1] - least(&residual_ns);
                 Time(behind_ns.max(0.0) as u64)
-            });
+            })?;
         }
+        Ok(())
     }
 }
 

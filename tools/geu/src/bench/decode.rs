@@ -11,7 +11,7 @@ use geu_protocol::serial::data_frame;
 use geu_protocol::{CLOCK_PER_HALF_SECOND, CanPlan, HalfSecond};
 use geu_recording::{Defect, InputReader, Options, Row, Sink, Stop};
 
-use crate::failure::Failure;
+use crate::failure::{Failure, say};
 use crate::rows::{Form, write_row};
 
 /// Arguments of `geu bench decode`.
@@ -44,13 +44,13 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
         .map_err(|error| Failure::failed(format!("{}: {error}", directory.path().display())))?;
     let bytes = |path: &Path| fs::metadata(path).map_or(0, |metadata| metadata.len()) as f64;
     let lines = arguments.lines as f64;
-    println!(
+    say!(
         "{} lines of candump log, {:.0} MB; one core, fastest of {} runs",
         lines,
         bytes(&log) / MEGABYTE,
         arguments.runs
-    );
-    println!("{:<36} {:>9} {:>16} {:>12}", "", "time_s", "throughput", "target");
+    )?;
+    say!("{:<36} {:>9} {:>16} {:>12}", "", "time_s", "throughput", "target")?;
 
     let fastest = |path: &Path, write: bool| -> Result<(f64, u64), Failure> {
         let mut best = (f64::INFINITY, 0);
@@ -61,21 +61,21 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
         Ok(best)
     };
     let (reading_s, _) = fastest(&log, false)?;
-    report("candump log, no output", reading_s, lines / reading_s / 1e6, "M lines/s", 8.0);
+    report("candump log, no output", reading_s, lines / reading_s / 1e6, "M lines/s", 8.0)?;
     let (csv_s, rows) = fastest(&log, true)?;
-    report("candump log to CSV", csv_s, rows as f64 / csv_s / 1e6, "M rows/s", 2.0);
+    report("candump log to CSV", csv_s, rows as f64 / csv_s / 1e6, "M rows/s", 2.0)?;
     let (serial_s, _) = fastest(&bin, false)?;
-    report("raw serial, no output", serial_s, bytes(&bin) / serial_s / MEGABYTE, "MB/s", 500.0);
+    report("raw serial, no output", serial_s, bytes(&bin) / serial_s / MEGABYTE, "MB/s", 500.0)?;
     if !arguments.alone {
-        println!();
-        others(&log, &arguments.dbc, lines, reading_s, csv_s);
+        say!()?;
+        others(&log, &arguments.dbc, lines, reading_s, csv_s)?;
     }
     Ok(())
 }
 
-fn report(name: &str, time_s: f64, throughput: f64, unit: &str, target: f64) {
+fn report(name: &str, time_s: f64, throughput: f64, unit: &str, target: f64) -> Result<(), Failure> {
     let verdict = if throughput >= target { "met" } else { "MISSED" };
-    println!("{name:<36} {time_s:>9.4} {throughput:>7.1} {unit:<9} {target:>5} {verdict}");
+    say!("{name:<36} {time_s:>9.4} {throughput:>7.1} {unit:<9} {target:>5} {verdict}")
 }
 
 /// A log of half seconds as the unit sends them, and the same half seconds as serial frames.
@@ -159,23 +159,29 @@ for message in can.CanutilsLogReader(sys.argv[1]):
     database.decode_message(message.arbitration_id, message.data)
 ";
 
-fn others(log: &Path, dbc: &Path, lines: f64, reading_s: f64, csv_s: f64) {
-    println!("other tools, started once each, their own start included");
+fn others(log: &Path, dbc: &Path, lines: f64, reading_s: f64, csv_s: f64) -> Result<(), Failure> {
+    say!("other tools, started once each, their own start included")?;
     let file = log.as_os_str();
     if python_has("can") {
-        compare("python-can", Command::new("python3").arg("-c").arg(PYTHON_CAN).arg(file), lines, reading_s, "reading");
+        compare(
+            "python-can",
+            Command::new("python3").arg("-c").arg(PYTHON_CAN).arg(file),
+            lines,
+            reading_s,
+            "reading",
+        )?;
     } else {
-        println!("{:<36} skipped: python3 with python-can is not installed", "python-can");
+        say!("{:<36} skipped: python3 with python-can is not installed", "python-can")?;
     }
     let name = "python-can + cantools";
     if !(python_has("can") && python_has("cantools")) {
-        println!("{name:<36} skipped: python3 with python-can and cantools is not installed");
+        say!("{name:<36} skipped: python3 with python-can and cantools is not installed")?;
     } else if !dbc.exists() {
-        println!("{name:<36} skipped: {} does not exist here (--dbc names it)", dbc.display());
+        say!("{name:<36} skipped: {} does not exist here (--dbc names it)", dbc.display())?;
     } else {
-        compare(name, Command::new("python3").arg("-c").arg(CANTOOLS).arg(file).arg(dbc), lines, csv_s, "to CSV");
+        compare(name, Command::new("python3").arg("-c").arg(CANTOOLS).arg(file).arg(dbc), lines, csv_s, "to CSV")?;
     }
-    compare("log2asc", Command::new("log2asc").arg("-I").arg(file).arg("can0"), lines, csv_s, "to CSV");
+    compare("log2asc", Command::new("log2asc").arg("-I").arg(file).arg("can0"), lines, csv_s, "to CSV")
 }
 
 fn python_has(module: &str) -> bool {
@@ -185,15 +191,15 @@ fn python_has(module: &str) -> bool {
 }
 
 /// Runs another tool and says how many times longer it takes than ours.
-fn compare(name: &str, command: &mut Command, lines: f64, our_time_s: f64, what: &str) {
+fn compare(name: &str, command: &mut Command, lines: f64, our_time_s: f64, what: &str) -> Result<(), Failure> {
     let start = Instant::now();
     match command.stdout(Stdio::null()).stderr(Stdio::null()).status() {
         Ok(status) if status.success() => {
             let time_s = start.elapsed().as_secs_f64();
             let (rate, ratio) = (lines / time_s / 1e6, time_s / our_time_s);
-            println!("{name:<36} {time_s:>9.3} {rate:>7.3} M lines/s; geu {what} is {ratio:.0} times as fast");
+            say!("{name:<36} {time_s:>9.3} {rate:>7.3} M lines/s; geu {what} is {ratio:.0} times as fast")
         }
-        Ok(status) => println!("{name:<36} skipped: it ended with {status}"),
-        Err(error) => println!("{name:<36} skipped: it cannot be started: {error}"),
+        Ok(status) => say!("{name:<36} skipped: it ended with {status}"),
+        Err(error) => say!("{name:<36} skipped: it cannot be started: {error}"),
     }
 }

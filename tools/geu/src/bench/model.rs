@@ -12,7 +12,7 @@ use geu_model::effect::{Effects, HeadEffects, UnitEffects};
 use geu_model::{Configuration, Truth, Unit};
 use geu_protocol::Gyro;
 
-use crate::failure::Failure;
+use crate::failure::{Failure, say};
 
 /// The same gyros, vectorised over time: what a Python user would write.
 const NUMPY: &str = include_str!("model.py");
@@ -39,7 +39,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let half_seconds = arguments.half_seconds.max(1);
     let reference = Configuration::reference();
     let all = every_effect()?;
-    println!("{half_seconds} half seconds at the 0.1 s step, four gyros; one core, fastest of {} runs", arguments.runs);
+    say!("{half_seconds} half seconds at the 0.1 s step, four gyros; one core, fastest of {} runs", arguments.runs)?;
     let fastest = |measure: &mut dyn FnMut() -> Result<(), Failure>| -> Result<f64, Failure> {
         let mut best_s = f64::INFINITY;
         for _ in 0..arguments.runs.max(1) {
@@ -49,7 +49,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         }
         Ok(half_seconds as f64 / best_s)
     };
-    let show = |name: &str, per_s: f64, target: &str| println!("{name:<44} {per_s:>12.0} half seconds/s   {target}");
+    let show = |name: &str, per_s: f64, target: &str| say!("{name:<44} {per_s:>12.0} half seconds/s   {target}");
     let model = |configuration: &Configuration| {
         fastest(&mut || {
             let mut unit = Unit::new(configuration);
@@ -61,8 +61,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     let plain = model(&reference)?;
     let every = model(&all)?;
-    show("reference unit, no output", plain, "");
-    show("every effect, no output", every, "target 500 000, goal 1 000 000");
+    show("reference unit, no output", plain, "")?;
+    show("every effect, no output", every, "target 500 000, goal 1 000 000")?;
     let directory = tempfile::tempdir().map_err(Failure::failed)?;
     let written = fastest(&mut || {
         let mut recorder =
@@ -70,15 +70,15 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         simulate(&all, &Truth::Scenario, half_seconds, &mut recorder, |_| {}).map_err(Failure::failed)?;
         recorder.finish().map_err(Failure::failed)
     })?;
-    show("every effect, all files written", written, "target 150 000");
-    println!("memory at the end: {:.1} MB", memory_mb());
+    show("every effect, all files written", written, "target 150 000")?;
+    say!("memory at the end: {:.1} MB", memory_mb())?;
     if !arguments.alone {
         match numpy(half_seconds, directory.path()) {
             Ok(per_s) => {
-                show("numpy, every effect, no output", per_s, "");
-                println!("ours against numpy: {:.1} times", every / per_s);
+                show("numpy, every effect, no output", per_s, "")?;
+                say!("ours against numpy: {:.1} times", every / per_s)?;
             }
-            Err(reason) => println!("numpy skipped: {reason}"),
+            Err(reason) => say!("numpy skipped: {reason}")?,
         }
     }
     Ok(())

@@ -69,7 +69,7 @@ pub fn draw(directory: &Path, configuration: &Configuration) -> Result<(), Failu
         let mut text = String::new();
         svg(&mut text, &figure(configuration)).map_err(|error| failed(&path, &error))?;
         std::fs::write(&path, text).map_err(|error| failed(&path, &error))?;
-        eprintln!("{}", path.display());
+        crate::failure::note(format_args!("{}\n", path.display()));
     }
     Ok(())
 }
