@@ -379,6 +379,69 @@ fn nothing_a_client_sends_stops_the_unit() {
 }
 
 #[test]
+fn every_command_has_its_reply_however_many_come_at_once() {
+    const COUNT: usize = 5000;
+    let (_emulator, mut client) = Emulator::on_tcp(&[]);
+    let pings = frame(Kind::Command, &[1]).repeat(COUNT);
+    let (mut sent, start) = (0, Instant::now());
+    while sent < pings.len() {
+        match client.stream.write(&pings[sent..]) {
+            Ok(length) => sent += length,
+            Err(error) if error.kind() == ErrorKind::WouldBlock => {
+                client.read_for(Duration::from_millis(1), |_| false);
+            }
+            Err(error) => panic!("{error}"),
+        }
+        assert!(start.elapsed() < PATIENCE);
+    }
+    assert!(client.read_until(|client| client.replies.len() >= COUNT), "{} replies", client.replies.len());
+    client.read_for(Duration::from_millis(600), |_| false);
+    assert_eq!((client.replies.len(), client.defects), (COUNT, 0));
+    assert!(client.is_without_gap());
+}
+
+#[test]
+fn a_client_that_floods_holds_nobody_else_up() {
+    let (emulator, mut client) = Emulator::on_tcp(&[]);
+    let mut floods = emulator.tcp();
+    let (stop, stopped) = std::sync::mpsc::channel::<()>();
+    let address = emulator.ready[0].strip_prefix("tcp ").unwrap().to_owned();
+    let flood = std::thread::spawn(move || {
+        let mut stream = TcpStream::connect(address).expect("the unit listens");
+        let mut reads = stream.try_clone().expect("a socket");
+        let reader = std::thread::spawn(move || while reads.read(&mut [0; 65536]).is_ok_and(|length| length > 0) {});
+        let pings = frame(Kind::Command, &[1]).repeat(1000);
+        while stopped.try_recv().is_err() && stream.write_all(&pings).is_ok() {}
+        drop(stream.shutdown(std::net::Shutdown::Both));
+        reader.join().expect("no panic");
+    });
+    // A second one, that never reads its replies.
+    let _ = floods.stream.write(&frame(Kind::Command, &[1]).repeat(100_000));
+    sleep(Duration::from_millis(200));
+    let mut took: Vec<_> = (0..50).map(|_| client.ask(&frame(Kind::Command, &[1])).1).collect();
+    took.sort();
+    assert!(took[25] < REPLY_WITHIN, "{:?}", took[25]);
+    let start = Instant::now();
+    emulator.ask_to_end();
+    assert_eq!(emulator.end().0, Some(0));
+    assert!(start.elapsed() < Duration::from_secs(1), "{:?}", start.elapsed());
+    let _ = stop.send(());
+    flood.join().expect("no panic");
+}
+
+#[test]
+fn clients_that_come_ask_and_go_in_polled_mode_leave_no_place_taken() {
+    let (emulator, mut first) = Emulator::on_tcp(&[]);
+    first.ask(&frame(Kind::Command, &[2, 1]));
+    for round in 0..200 {
+        let (reply, _) = emulator.tcp().ask(&frame(Kind::Command, &[1]));
+        assert_eq!(reply.outcome(), Outcome::Done, "round {round}");
+    }
+    assert_eq!(emulator.tcp().ask(&frame(Kind::Command, &[1])).0.outcome(), Outcome::Done);
+    assert_eq!(first.ask(&frame(Kind::Command, &[1])).0.outcome(), Outcome::Done);
+}
+
+#[test]
 fn a_process_that_was_stopped_bursts_nothing_out_and_tells_once() {
     let (emulator, mut client) = Emulator::on_tcp(&[]);
     assert!(client.read_until(|client| !client.half_seconds.is_empty()));
@@ -435,11 +498,55 @@ fn a_recorded_run_with_commands_is_simulated_again_byte_for_byte() {
     client.read_until(|_| false);
     let (code, said) = emulator.end();
     assert_eq!(code, Some(0), "{said}");
+    assert_simulated_again(&live, &again, "link.bin");
+}
+
+#[test]
+fn a_recorded_run_with_commands_at_any_moment_is_simulated_again_byte_for_byte() {
+    let directory = directory();
+    let (live, again) = (directory.path().join("live"), directory.path().join("again"));
+    let arguments =
+        ["--record", live.to_str().unwrap(), "--wire", "serial", "--speed", "50", "--duration", "100", "--wait"];
+    let (emulator, mut client) = Emulator::on_tcp(&arguments);
+    let payloads: [&[u8]; 8] = [&[1], &[2, 1], &[3], &[5], &[4, 3, 0, 7, 2], &[3], &[6, 5], &[2, 0]];
+    let mut state = 5u32;
+    while !client.is_over {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        let _ = client.stream.write_all(&frame(Kind::Command, payloads[(state >> 29) as usize]));
+        let count = client.replies.len();
+        client.read_for(Duration::from_millis(100), |client| client.replies.len() > count);
+        sleep(Duration::from_micros(u64::from(state >> 8) % 3000));
+    }
+    let (code, said) = emulator.end();
+    assert_eq!(code, Some(0), "{said}");
+    assert!(client.replies.len() > 200, "{} replies", client.replies.len());
+    assert_simulated_again(&live, &again, "link.bin");
+}
+
+#[test]
+fn commands_of_the_half_second_that_never_ended_are_simulated_again_too() {
+    let directory = directory();
+    let (live, again) = (directory.path().join("live"), directory.path().join("again"));
+    let (emulator, mut client) = Emulator::on_tcp(&["--record", live.to_str().unwrap()]);
+    client.ask(&frame(Kind::Command, &[2, 1]));
+    sleep(Duration::from_millis(1200));
+    for _ in 0..2 {
+        assert_eq!(client.ask(&frame(Kind::Command, &[3])).0.outcome(), Outcome::Done);
+    }
+    emulator.ask_to_end();
+    assert_eq!(emulator.end().0, Some(0));
+    let commands = fs::read_to_string(live.join("commands.jsonl")).unwrap();
+    assert_eq!(commands.lines().count(), 3);
+    assert_simulated_again(&live, &again, "link.log");
+    assert!(fs::read_to_string(again.join("link.log")).unwrap().lines().count() >= 6);
+}
+
+fn assert_simulated_again(live: &Path, again: &Path, link: &str) {
     let mut simulate = geu();
-    simulate.arg("simulate").arg(live.join("run.toml")).arg("--out").arg(&again);
+    simulate.arg("simulate").arg(live.join("run.toml")).arg("--out").arg(again);
     let output = simulate.output().expect("geu starts");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    for name in ["link.bin", "truth.csv", "reference.csv", "commands.jsonl", "run.toml"] {
+    for name in [link, "truth.csv", "reference.csv", "commands.jsonl", "run.toml"] {
         let (live, again) = (fs::read(live.join(name)).unwrap(), fs::read(again.join(name)).unwrap());
         assert!(live == again, "{name} differs: {} and {} bytes", live.len(), again.len());
     }

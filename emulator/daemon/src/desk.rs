@@ -5,12 +5,17 @@ use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering::Relaxed};
 use std::sync::mpsc::SyncSender;
 use std::sync::{Mutex, MutexGuard};
 use std::thread;
+use std::time::{Duration, Instant};
 
 use geu_model::configuration::RecordedCommand;
 use geu_model::{Configuration, Ended, Trace, Truth, Unit};
-use geu_protocol::{HalfSecond, Outcome, Reply};
+use geu_protocol::{HalfSecond, Reply};
+use tokio::sync::Notify;
 
 use crate::recording::Event;
+
+/// The time keeper steps aside for commands so long at most.
+const ASIDE: Duration = Duration::from_millis(2);
 
 /// The answer to a command, as it goes back to whoever asked.
 pub(crate) struct Answered {
@@ -19,7 +24,8 @@ pub(crate) struct Answered {
     pub polled: Option<HalfSecond>,
 }
 
-/// A half second on its way: ended in the unit a moment early, so that it can be encoded before its deadline.
+/// A half second on its way: ended in the unit a moment early, so that it can be encoded before its deadline. Until
+/// that has passed no command is carried out, so that the unit, the recording and a POLL agree on what came when.
 struct Underway {
     ended: Ended,
     traces: Option<Box<[Trace; 4]>>,
@@ -38,7 +44,9 @@ struct Inner {
 /// The unit, and what is known of its commands.
 pub(crate) struct Desk {
     inner: Mutex<Inner>,
-    /// Commands that wait for the unit; at full speed the time keeper steps aside for them.
+    /// A deadline has passed: commands that came shortly before it are carried out.
+    passed: Notify,
+    /// Commands that wait for the unit; the time keeper steps aside for them.
     waiting: AtomicUsize,
     /// Commands carried out or refused.
     pub commands: AtomicU64,
@@ -52,6 +60,7 @@ impl Desk {
         let recorded = configuration.run.commands.iter().cloned().collect();
         Desk {
             inner: Mutex::new(Inner { unit, completed: None, underway: None, recorded, recording }),
+            passed: Notify::new(),
             waiting: AtomicUsize::new(0),
             commands: AtomicU64::new(0),
             rejected: AtomicU64::new(0),
@@ -62,22 +71,26 @@ impl Desk {
         self.inner.lock().expect("the model does not panic")
     }
 
+    /// Lets commands that wait for the unit go first, for a while: at full speed they would hardly ever find it.
+    pub fn step_aside(&self) {
+        if self.waiting.load(Relaxed) > 0 {
+            let start = Instant::now();
+            while self.waiting.load(Relaxed) > 0 && start.elapsed() < ASIDE {
+                thread::yield_now();
+            }
+        }
+    }
+
     /// Half seconds ended, and the scheduled end of the one that runs, ns.
     pub fn running(&self) -> (u64, i64) {
-        while self.waiting.load(Relaxed) > 0 {
-            thread::yield_now();
-        }
         let inner = self.lock();
         (inner.unit.ended(), inner.unit.running_end_ns())
     }
 
-    /// Ends the running half second. Until [`Desk::complete`] a POLL still gives the one before.
+    /// Ends the running half second. Until [`Desk::complete`] commands wait.
     pub fn end_half_second(&self) -> Ended {
         let mut inner = self.lock();
-        while inner.recorded.front().is_some_and(|command| command.half_second <= inner.unit.ended()) {
-            let command = inner.recorded.pop_front().expect("the front is there");
-            inner.command(&command.link, &command.payload);
-        }
+        inner.repeat_recorded();
         let (ended, traces) = if inner.recording.is_some() {
             let (ended, traces) = inner.unit.end_half_second_traced();
             (ended, Some(Box::new(traces)))
@@ -91,6 +104,7 @@ impl Desk {
     /// The deadline of the half second that was ended last has passed.
     pub fn complete(&self) {
         self.lock().complete();
+        self.passed.notify_waiters();
     }
 
     /// The last half second whose deadline has passed.
@@ -98,18 +112,50 @@ impl Desk {
         self.lock().completed.map(|(half_second, _)| half_second)
     }
 
-    /// Carries out the payload of a COMMAND that came over `link`.
-    pub fn command(&self, link: &str, payload: &[u8]) -> Answered {
-        self.waiting.fetch_add(1, Relaxed);
+    /// Carries out the payload of a COMMAND that came over `link`; shortly before a deadline it waits for that.
+    pub async fn command(&self, link: &str, payload: &[u8]) -> Answered {
+        let _waiting = Waiting::new(&self.waiting);
+        loop {
+            // Made before the look at the unit, so that a deadline that passes in between is not slept through.
+            let passed = self.passed.notified();
+            if let Some(answered) = self.try_command(link, payload) {
+                return answered;
+            }
+            passed.await;
+        }
+    }
+
+    /// Carries it out unless a half second is underway.
+    fn try_command(&self, link: &str, payload: &[u8]) -> Option<Answered> {
         let mut inner = self.lock();
-        self.waiting.fetch_sub(1, Relaxed);
+        if inner.underway.is_some() {
+            return None;
+        }
         self.commands.fetch_add(1, Relaxed);
-        inner.command(link, payload)
+        Some(inner.command(link, payload))
     }
 
     /// Tells the recording that no more follows.
     pub fn close(&self) {
-        self.lock().recording = None;
+        let mut inner = self.lock();
+        inner.repeat_recorded();
+        inner.recording = None;
+    }
+}
+
+/// A command that waits, for as long as this lives.
+struct Waiting<'a>(&'a AtomicUsize);
+
+impl<'a> Waiting<'a> {
+    fn new(count: &'a AtomicUsize) -> Waiting<'a> {
+        count.fetch_add(1, Relaxed);
+        Waiting(count)
+    }
+}
+
+impl Drop for Waiting<'_> {
+    fn drop(&mut self) {
+        self.0.fetch_sub(1, Relaxed);
     }
 }
 
@@ -121,64 +167,113 @@ impl Inner {
         }
     }
 
-    fn record_underway(&mut self) {
-        if let Some(Underway { ended, traces }) = &mut self.underway
-            && let Some(traces) = traces.take()
-        {
-            let event = Event::HalfSecond(*ended, traces);
-            self.tell(event);
+    /// Carries out again what a recorded run had received by now.
+    fn repeat_recorded(&mut self) {
+        while self.recorded.front().is_some_and(|command| command.half_second <= self.unit.ended()) {
+            let command = self.recorded.pop_front().expect("the front is there");
+            self.command(&command.link, &command.payload);
         }
     }
 
     fn complete(&mut self) {
-        self.record_underway();
-        if let Some(Underway { ended, .. }) = self.underway.take() {
+        if let Some(Underway { ended, traces }) = self.underway.take() {
             self.completed = Some((ended.half_second, ended.end_ns));
+            if let Some(traces) = traces {
+                self.tell(Event::HalfSecond(ended, traces));
+            }
         }
     }
 
     fn command(&mut self, link: &str, payload: &[u8]) -> Answered {
-        let running_end_ns =
-            self.underway.as_ref().map_or(self.unit.running_end_ns(), |underway| underway.ended.end_ns);
+        let running_end_ns = self.unit.running_end_ns();
         let answer = self.unit.command(payload);
-        let command = Event::Command { link: link.to_owned(), payload: payload.to_vec(), running_end_ns };
-        if answer.polled.is_none() {
-            // The command acts in the half second after the one underway, and must be recorded there.
-            self.record_underway();
-            self.tell(command);
-            return Answered { reply: answer.reply, polled: None };
+        self.tell(Event::Command { link: link.to_owned(), payload: payload.to_vec(), running_end_ns });
+        if let (Some(polled), Some((_, end_ns))) = (answer.polled, self.completed) {
+            self.tell(Event::Polled(polled, end_ns));
         }
-        self.tell(command);
-        match self.completed {
-            Some((half_second, end_ns)) => {
-                self.tell(Event::Polled(half_second, end_ns));
-                Answered { reply: answer.reply, polled: Some(half_second) }
-            }
-            // The very first half second is underway, but none has been completed yet.
-            None => Answered { reply: Reply::new(answer.reply.opcode(), Outcome::NotPossibleNow, &[]), polled: None },
-        }
+        Answered { reply: answer.reply, polled: answer.polled }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::future::Future;
+    use std::sync::mpsc::sync_channel;
+    use std::task::{Context, Poll, Waker};
+
+    use geu_protocol::Outcome;
+
     use super::*;
 
+    fn now(desk: &Desk, payload: &[u8]) -> Answered {
+        desk.try_command("test", payload).expect("nothing is underway")
+    }
+
     #[test]
-    fn a_poll_just_before_the_deadline_gives_the_half_second_before() {
+    fn a_command_just_before_the_deadline_is_carried_out_just_after_it() {
         let desk = Desk::new(&Configuration::reference(), &Truth::Scenario, None);
-        assert_eq!(desk.command("test", &[2, 1]).reply.outcome(), Outcome::Done);
-        let poll = || desk.command("test", &[3]);
-        assert_eq!(poll().reply.outcome(), Outcome::NotPossibleNow);
+        assert_eq!(now(&desk, &[2, 1]).reply.outcome(), Outcome::Done);
+        assert_eq!(now(&desk, &[3]).reply.outcome(), Outcome::NotPossibleNow);
         let first = desk.end_half_second();
         assert!(!first.cyclic);
-        assert_eq!(poll().reply.outcome(), Outcome::NotPossibleNow);
+        let mut poll = std::pin::pin!(desk.command("test", &[3]));
+        let mut context = Context::from_waker(Waker::noop());
+        assert!(poll.as_mut().poll(&mut context).is_pending());
+        assert_eq!(desk.waiting.load(Relaxed), 1);
         desk.complete();
-        assert_eq!(poll().polled, Some(first.half_second));
+        let Poll::Ready(answered) = poll.as_mut().poll(&mut context) else { panic!("nothing to wait for") };
+        assert_eq!(answered.polled, Some(first.half_second));
+        assert_eq!(desk.waiting.load(Relaxed), 0);
         let second = desk.end_half_second();
-        assert_eq!(poll().polled, Some(first.half_second));
+        assert!(desk.try_command("test", &[3]).is_none());
         desk.complete();
-        assert_eq!(poll().polled, Some(second.half_second));
-        assert_eq!(poll().polled, Some(second.half_second));
+        assert_eq!(now(&desk, &[3]).polled, Some(second.half_second));
+        assert_eq!(now(&desk, &[3]).polled, Some(second.half_second));
+    }
+
+    #[test]
+    fn what_is_told_to_the_recording_happens_again_in_a_unit_of_its_own() {
+        let configuration = Configuration::reference();
+        let (recording, events) = sync_channel(10_000);
+        let desk = Desk::new(&configuration, &Truth::Scenario, Some(recording));
+        let payloads: [&[u8]; 8] = [&[1], &[2, 1], &[3], &[5], &[3], &[2, 0], &[4, 1, 0, 5, 3], &[3]];
+        let mut context = Context::from_waker(Waker::noop());
+        for index in 0..400 {
+            let payload = payloads[index * 5 % 8 ^ index / 8 % 8];
+            let mut command = std::pin::pin!(desk.command("test", payload));
+            let is_early = index % 3 == 0;
+            if is_early {
+                assert!(command.as_mut().poll(&mut context).is_ready());
+            }
+            desk.end_half_second();
+            if !is_early {
+                assert!(command.as_mut().poll(&mut context).is_pending());
+            }
+            desk.complete();
+            if !is_early {
+                assert!(command.as_mut().poll(&mut context).is_ready());
+            }
+        }
+        desk.close();
+        let mut unit = Unit::new(&configuration);
+        let (mut polled, mut end_ns, mut polls) = (None, 0, 0);
+        for event in events {
+            match event {
+                Event::HalfSecond(ended, traces) => {
+                    assert_eq!((ended, *traces), unit.end_half_second_traced());
+                    end_ns = ended.end_ns;
+                }
+                Event::Command { payload, running_end_ns, .. } => {
+                    assert_eq!(running_end_ns, unit.running_end_ns());
+                    assert_eq!(polled, None, "a recorded POLL has its data");
+                    polled = unit.command(&payload).polled;
+                }
+                Event::Polled(half_second, stamp_ns) => {
+                    polls += 1;
+                    assert_eq!((Some(half_second), stamp_ns), (polled.take(), end_ns));
+                }
+            }
+        }
+        assert!(polls > 20 && unit.ended() == 400, "{polls}");
     }
 }

@@ -253,6 +253,7 @@ impl Keeper {
         let start_ns = now_ns();
         let mut missed = 0;
         while !self.is_stopped() {
+            self.desk.step_aside();
             let (ended, running_end_ns) = self.desk.running();
             if self.settings.half_seconds.is_some_and(|half_seconds| ended >= half_seconds) {
                 break;
@@ -278,6 +279,10 @@ impl Keeper {
                 sleeper.until(deadline_ns);
             }
             let now_ns = now_ns();
+            // Commands wait for the completion: not for readers, whom a faster run waits for.
+            if !patience.is_zero() {
+                self.desk.complete();
+            }
             if ended.cyclic {
                 self.links.iter_mut().for_each(|link| link.send(patience));
             }

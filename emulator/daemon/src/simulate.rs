@@ -20,12 +20,16 @@ pub fn simulate(
     let mut unit = Unit::on(configuration, truth);
     let mut commands = configuration.run.commands.iter().peekable();
     let mut last_end_ns = 0;
-    for index in 0..half_seconds {
+    for index in 0..=half_seconds {
         while let Some(command) = commands.next_if(|command| command.half_second <= index) {
             recorder.command(&command.link, &command.payload, unit.running_end_ns())?;
             if let Some(polled) = unit.command(&command.payload).polled {
                 recorder.polled(&polled, last_end_ns)?;
             }
+        }
+        // The one that ran at the end never ended, but its commands were answered.
+        if index == half_seconds {
+            break;
         }
         let (ended, traces) = unit.end_half_second_traced();
         recorder.half_second(&ended, &traces)?;

@@ -11,6 +11,7 @@ use nix::ifaddrs::getifaddrs;
 use nix::net::if_::InterfaceFlags;
 use socketcan::{CanFilter, CanSocket, EmbeddedFrame, Frame, Id, Socket, SocketOptions, StandardId};
 use tokio::sync::Notify;
+use tokio::task::yield_now;
 
 use super::{Link, LinkError, Sending, Tally, Watched};
 use crate::console;
@@ -22,6 +23,8 @@ const AGAIN: Duration = Duration::from_millis(250);
 const QUEUE_PATIENCE: Duration = Duration::from_millis(5);
 /// Between two looks for room in a full queue.
 const LOOK_AGAIN: Duration = Duration::from_micros(200);
+/// After so many frames read the other links have their turn.
+const TURN: usize = 16;
 /// All 29 bits of an identifier: extended frames with the number of COMMAND are seen too, to be counted.
 const ID_MASK: u32 = 0x1FFF_FFFF;
 
@@ -67,7 +70,16 @@ struct Bus {
     /// A write found the socket to be of no use: why, and that it did.
     failure: Mutex<Option<Errno>>,
     lost: Notify,
+    /// Held for the frames of one half second, so that no other comes between.
+    turn: tokio::sync::Mutex<()>,
     tally: Arc<Tally>,
+}
+
+/// What became of a frame.
+enum Written {
+    Sent,
+    Full,
+    Failed,
 }
 
 struct Can {
@@ -85,6 +97,7 @@ pub(super) fn open(address: &CanAddress, desk: &Arc<Desk>) -> Result<impl Link +
         socket: Mutex::new(None),
         failure: Mutex::new(None),
         lost: Notify::new(),
+        turn: tokio::sync::Mutex::new(()),
         tally: Tally::new(format!("can {} {:X}", address.interface, address.plan.base())),
     });
     tokio::spawn(attend(socket, bus.clone(), desk.clone()));
@@ -150,22 +163,35 @@ impl Bus {
         }
     }
 
+    /// Writes a frame if there is room.
+    fn try_write(&self, socket: &CanSocket, frame: &socketcan::CanFrame) -> Written {
+        let Err(error) = socket.write_frame(frame) else { return Written::Sent };
+        match error.raw_os_error().map(Errno::from_raw) {
+            Some(Errno::ENOBUFS | Errno::EAGAIN | Errno::EINTR) => Written::Full,
+            errno => {
+                *self.failure.lock().expect("nothing panics with the reason") = errno.or(Some(Errno::EIO));
+                self.lost.notify_one();
+                Written::Failed
+            }
+        }
+    }
+
     /// Writes a frame, giving a full queue until `give_up`.
     fn write(&self, socket: &CanSocket, frame: &socketcan::CanFrame, give_up: Instant) -> bool {
         loop {
-            match socket.write_frame(frame) {
-                Ok(()) => return true,
-                Err(error) => match error.raw_os_error().map(Errno::from_raw) {
-                    Some(Errno::ENOBUFS | Errno::EAGAIN | Errno::EINTR) if Instant::now() < give_up => {
-                        std::thread::sleep(LOOK_AGAIN);
-                    }
-                    Some(Errno::ENOBUFS | Errno::EAGAIN | Errno::EINTR) => return false,
-                    errno => {
-                        *self.failure.lock().expect("nothing panics with the reason") = errno.or(Some(Errno::EIO));
-                        self.lost.notify_one();
-                        return false;
-                    }
-                },
+            match self.try_write(socket, frame) {
+                Written::Full if Instant::now() < give_up => std::thread::sleep(LOOK_AGAIN),
+                written => return matches!(written, Written::Sent),
+            }
+        }
+    }
+
+    /// The same for the runtime, which has others to serve meanwhile.
+    async fn write_later(&self, socket: &CanSocket, frame: &socketcan::CanFrame, give_up: Instant) -> bool {
+        loop {
+            match self.try_write(socket, frame) {
+                Written::Full if Instant::now() < give_up => tokio::time::sleep(LOOK_AGAIN).await,
+                written => return matches!(written, Written::Sent),
             }
         }
     }
@@ -225,7 +251,10 @@ async fn serve(socket: Arc<CanSocket>, bus: &Bus, desk: &Desk) -> io::Error {
         Ok(socket) => socket,
         Err(error) => return error,
     };
-    loop {
+    for count in 1_usize.. {
+        if count.is_multiple_of(TURN) {
+            yield_now().await;
+        }
         let received = match socket.readable().await {
             Ok(mut guard) => guard.try_io(|socket| socket.get_ref().read_frame()),
             Err(error) => return error,
@@ -233,25 +262,31 @@ async fn serve(socket: Arc<CanSocket>, bus: &Bus, desk: &Desk) -> io::Error {
         match received {
             Err(_) => {}
             Ok(Err(error)) => return error,
-            Ok(Ok(frame)) => answer(&frame, socket.get_ref(), bus, desk),
+            Ok(Ok(frame)) => answer(&frame, socket.get_ref(), bus, desk).await,
         }
     }
+    unreachable!("nobody counts so far")
 }
 
-fn answer(frame: &socketcan::CanFrame, socket: &CanSocket, bus: &Bus, desk: &Desk) {
+async fn answer(frame: &socketcan::CanFrame, socket: &CanSocket, bus: &Bus, desk: &Desk) {
     let is_command = matches!(frame.id(), Id::Standard(_)) && !frame.is_remote_frame() && !frame.is_error_frame();
     if !is_command || frame.data().is_empty() {
         desk.rejected.fetch_add(1, Relaxed);
         return;
     }
-    let answered = desk.command(&bus.tally.name, frame.data());
+    let answered = desk.command(&bus.tally.name, frame.data()).await;
     let plan = bus.address.plan;
     let give_up = Instant::now() + QUEUE_PATIENCE;
     let reply = to_socket(&CanFrame::new(plan.reply_id(), answered.reply.bytes()));
-    if bus.write(socket, &reply, give_up) {
+    let _turn = bus.turn.lock().await;
+    if bus.write_later(socket, &reply, give_up).await {
         bus.tally.replies.fetch_add(1, Relaxed);
         if let Some(half_second) = answered.polled {
-            let _ = plan.frames(&half_second).iter().all(|frame| bus.write(socket, &to_socket(frame), give_up));
+            for frame in plan.frames(&half_second) {
+                if !bus.write_later(socket, &to_socket(&frame), give_up).await {
+                    break;
+                }
+            }
         }
     }
 }
@@ -278,8 +313,12 @@ impl Link for Can {
     fn send(&mut self, patience: Duration) {
         let outcome = match self.bus.socket() {
             Some(socket) => {
+                let turn = self.bus.turn.blocking_lock();
+                // A queue that stayed full once is not waited for like that again until it has room.
+                let patience = if self.is_full { Duration::ZERO } else { patience };
                 let give_up = Instant::now() + patience.max(QUEUE_PATIENCE);
                 let all_sent = self.frames.iter().all(|frame| self.bus.write(&socket, frame, give_up));
+                drop(turn);
                 self.tell_queue(!all_sent && !self.bus.has_failed());
                 if all_sent { Sending::Sent } else { Sending::Dropped }
             }

@@ -3,6 +3,7 @@
 //! Two threads write: the one that keeps time sends data, the runtime sends replies and finishes what did not fit.
 //! Bytes leave in the order in which frames were taken, so no frame is ever cut by another.
 
+use std::collections::VecDeque;
 use std::io;
 use std::os::fd::OwnedFd;
 use std::sync::atomic::Ordering::Relaxed;
@@ -10,6 +11,7 @@ use std::sync::{Arc, Mutex, MutexGuard};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use geu_protocol::serial::MAX_FRAME;
 use nix::errno::Errno;
 use nix::unistd;
 use tokio::io::unix::AsyncFd;
@@ -18,10 +20,12 @@ use tokio::sync::Notify;
 use super::{Sending, Tally, Watched};
 use crate::cadence::now_ns;
 
-/// Bytes that may wait when a half second is offered: the rest of a frame, and a reply.
-const DATA_ROOM: usize = 64;
-/// Bytes that may wait when a reply is offered: a client that asks and does not read loses replies beyond.
-const REPLY_ROOM: usize = 1024;
+/// Bytes of half seconds that may wait when another is offered: less than two.
+const DATA_ROOM: usize = 2 * MAX_FRAME;
+/// Bytes of replies that may wait: beyond, no more commands are read until the client has read replies.
+const REPLY_ROOM: usize = 512;
+/// The longest answer: a reply, and the half second that was polled.
+const LONGEST_ANSWER: usize = 2 * MAX_FRAME;
 /// A paced line takes so much of its time in one write, ns.
 const CHUNK_NS: i64 = 1_000_000;
 /// Between two looks for room.
@@ -35,6 +39,8 @@ pub(super) struct Line {
     state: Mutex<State>,
     /// Bytes wait for the pump, or the port was closed.
     wake: Notify,
+    /// Replies have left, or the port was closed.
+    left: Notify,
     tally: Arc<Tally>,
 }
 
@@ -42,6 +48,12 @@ struct State {
     /// Nothing while nobody is there.
     port: Option<Port>,
     pending: Vec<u8>,
+    /// Lengths of the frames in `pending`, and whether they are replies; the first may have left in part.
+    frames: VecDeque<(usize, bool)>,
+    /// Bytes of replies in `pending`.
+    replies: usize,
+    /// Bytes written so far.
+    written: u64,
     /// Time of a byte on the line, ns; 0 where the device or the network paces.
     byte_ns: f64,
     /// When the line is through with what was written.
@@ -76,7 +88,7 @@ impl State {
             }
             match unistd::write(port, &self.pending[..length]) {
                 Ok(written) => {
-                    self.pending.drain(..written);
+                    self.drop_front(written);
                     self.free_ns += (written as f64 * self.byte_ns) as i64;
                 }
                 Err(Errno::EAGAIN) => return Next::Room,
@@ -87,24 +99,61 @@ impl State {
         Next::Closed
     }
 
-    fn take(&mut self, bytes: &[u8]) -> Next {
+    fn drop_front(&mut self, length: usize) {
+        self.pending.drain(..length);
+        self.written += length as u64;
+        let mut left = length;
+        while let Some((frame, is_reply)) = self.frames.front_mut()
+            && left > 0
+        {
+            let part = left.min(*frame);
+            (left, *frame) = (left - part, *frame - part);
+            self.replies -= if *is_reply { part } else { 0 };
+            if *frame == 0 {
+                self.frames.pop_front();
+            }
+        }
+    }
+
+    fn take(&mut self, bytes: &[u8], is_reply: bool) -> Next {
         if self.pending.is_empty() {
             self.free_ns = self.free_ns.max(now_ns());
         }
         self.pending.extend_from_slice(bytes);
+        self.frames.push_back((bytes.len(), is_reply));
+        self.replies += if is_reply { bytes.len() } else { 0 };
         self.write()
+    }
+
+    fn has_data_room(&self, length: usize) -> bool {
+        self.pending.len() - self.replies + length <= DATA_ROOM
+    }
+
+    fn has_reply_room(&self) -> bool {
+        self.port.is_none() || self.replies + LONGEST_ANSWER <= REPLY_ROOM
     }
 
     fn close(&mut self) {
         self.port = None;
         self.pending.clear();
+        self.frames.clear();
+        self.replies = 0;
     }
 }
 
 impl Line {
     pub fn new(port: Option<Port>, byte_ns: f64, tally: Arc<Tally>) -> Line {
-        let state = State { port, pending: Vec::new(), byte_ns, free_ns: 0, is_stalled: false };
-        Line { state: Mutex::new(state), wake: Notify::new(), tally }
+        let state = State {
+            port,
+            pending: Vec::new(),
+            frames: VecDeque::new(),
+            replies: 0,
+            written: 0,
+            byte_ns,
+            free_ns: 0,
+            is_stalled: false,
+        };
+        Line { state: Mutex::new(state), wake: Notify::new(), left: Notify::new(), tally }
     }
 
     fn lock(&self) -> MutexGuard<'_, State> {
@@ -122,6 +171,7 @@ impl Line {
     pub fn close(&self) {
         self.lock().close();
         self.wake.notify_one();
+        self.left.notify_one();
     }
 
     pub fn is_open(&self) -> bool {
@@ -138,15 +188,15 @@ impl Line {
         let mut asked = None;
         loop {
             let mut state = self.lock();
-            if state.pending.len() + frame.len() > DATA_ROOM {
+            if !state.has_data_room(frame.len()) {
                 state.write();
             }
             if state.port.is_none() {
                 return Sending::Unread;
             }
-            if state.pending.len() + frame.len() <= DATA_ROOM {
-                let next = state.take(frame);
-                drop(state);
+            if state.has_data_room(frame.len()) {
+                let next = state.take(frame, false);
+                self.tell_room(state);
                 return match next {
                     Next::Closed => {
                         self.wake.notify_one();
@@ -168,22 +218,50 @@ impl Line {
         }
     }
 
-    /// Sends the reply to a command, behind what waits.
+    /// Tells who waits for room, if there is some.
+    fn tell_room(&self, state: MutexGuard<State>) {
+        let has_room = state.has_reply_room();
+        drop(state);
+        if has_room {
+            self.left.notify_one();
+        }
+    }
+
+    /// Waits until there is room for an answer; there always is where nobody is there.
+    pub async fn reply_room(&self) {
+        while !self.lock().has_reply_room() {
+            self.left.notified().await;
+        }
+    }
+
+    /// Sends the reply to a command, behind what waits; [`Line::reply_room`] comes first.
     pub fn reply(&self, bytes: &[u8]) {
         let mut state = self.lock();
-        if state.pending.len() + bytes.len() > REPLY_ROOM {
+        if state.port.is_none() {
             return;
         }
-        state.take(bytes);
+        state.take(bytes, true);
         drop(state);
         self.wake.notify_one();
         self.tally.replies.fetch_add(1, Relaxed);
     }
 
+    /// Bytes written so far.
+    pub fn written(&self) -> u64 {
+        self.lock().written
+    }
+
+    fn write(&self) -> Next {
+        let mut state = self.lock();
+        let next = state.write();
+        self.tell_room(state);
+        next
+    }
+
     /// Writes whatever waits as the line and the reader permit, until the port is closed.
     pub async fn pump(&self, port: &AsyncFd<Watched<Port>>) -> io::Result<()> {
         loop {
-            let next = self.lock().write();
+            let next = self.write();
             match next {
                 Next::Bytes => self.wake.notified().await,
                 Next::Line(free_ns) => {
@@ -193,7 +271,7 @@ impl Line {
                 Next::Room => {
                     // Readiness may be old news: forgotten first, a port that has room now tells so again.
                     port.writable().await?.clear_ready();
-                    if matches!(self.lock().write(), Next::Room) {
+                    if matches!(self.write(), Next::Room) {
                         port.writable().await?.retain_ready();
                     }
                 }

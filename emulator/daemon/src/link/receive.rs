@@ -7,6 +7,7 @@ use std::time::Duration;
 use geu_protocol::serial::{Deframer, Found, Kind, data_frame, frame};
 use nix::unistd;
 use tokio::io::unix::AsyncFd;
+use tokio::task::yield_now;
 use tokio::time::timeout;
 
 use super::Watched;
@@ -15,6 +16,9 @@ use crate::desk::Desk;
 
 /// After so long without a byte, a good frame inside what looks like the start of another is no longer kept waiting.
 const PAUSE: Duration = Duration::from_millis(4);
+
+/// After so many commands of one client the others have their turn.
+const TURN: usize = 16;
 
 /// Puts commands together from pieces.
 #[derive(Default)]
@@ -64,25 +68,33 @@ impl Receiver {
 /// What reading says when the device is gone.
 pub(super) async fn serve(port: &AsyncFd<Watched<Port>>, line: &Line, desk: &Desk, link: &str) -> io::Result<()> {
     let (mut receiver, mut bytes, mut can_pause) = (Receiver::default(), [0; 512], false);
-    let answer = |payload: &[u8]| {
-        let answered = desk.command(link, payload);
-        let mut bytes = frame(Kind::Reply, answered.reply.bytes());
-        if let Some(half_second) = answered.polled {
-            bytes.extend_from_slice(&data_frame(&half_second));
-        }
-        line.reply(&bytes);
-    };
+    let mut commands: Vec<Vec<u8>> = Vec::new();
     let end = loop {
         let read =
             if can_pause { timeout(PAUSE, read(port, &mut bytes)).await } else { Ok(read(port, &mut bytes).await) };
+        let mut found = |payload: &[u8]| commands.push(payload.to_vec());
         match read {
             Ok(Ok(0)) => break Ok(()),
-            Ok(Ok(length)) => receiver.take(&bytes[..length], answer),
+            Ok(Ok(length)) => receiver.take(&bytes[..length], &mut found),
             Ok(Err(error)) => break Err(error),
-            Err(_) => receiver.pause(answer),
+            Err(_) => receiver.pause(&mut found),
         }
         can_pause = read.is_ok() && !receiver.partial.is_empty();
         desk.rejected.fetch_add(std::mem::take(&mut receiver.rejected), Relaxed);
+        for (index, payload) in commands.drain(..).enumerate() {
+            if index % TURN == TURN - 1 {
+                yield_now().await;
+            }
+            // Without room for the reply nothing more is read: a client that does not read is not served on.
+            line.reply_room().await;
+            let answered = desk.command(link, &payload).await;
+            let mut bytes = frame(Kind::Reply, answered.reply.bytes());
+            if let Some(half_second) = answered.polled {
+                bytes.extend_from_slice(&data_frame(&half_second));
+            }
+            line.reply(&bytes);
+        }
+        yield_now().await;
     };
     desk.rejected.fetch_add(u64::from(!receiver.partial.is_empty()), Relaxed);
     end

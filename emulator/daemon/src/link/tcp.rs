@@ -1,13 +1,14 @@
 //! Serial bytes to every client of a TCP address.
 
 use std::net::SocketAddr;
-use std::os::fd::OwnedFd;
-use std::sync::atomic::Ordering::Relaxed;
+use std::os::fd::{AsFd, OwnedFd};
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, Mutex};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use geu_protocol::HalfSecond;
 use geu_protocol::serial::{MAX_FRAME, data_frame};
+use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::socket::{setsockopt, sockopt};
 use tokio::net::{TcpListener, TcpStream};
 
@@ -22,6 +23,14 @@ const CLIENTS: usize = 64;
 /// Asked of the kernel for what a client has not taken, byte: some seconds of it, not an hour. Not asked of a faster
 /// run, which would wait for acknowledgements all the time.
 const SEND_BUFFER: usize = 4096;
+/// A client that has ended its side and gets nothing for so long is taken for gone.
+const DEAF: Duration = Duration::from_secs(10);
+/// Between two looks at a client that has ended its side.
+const LOOK_AGAIN: Duration = Duration::from_millis(250);
+/// A client is asked for a sign of life after so long, and again after so long, s.
+const KEEP_ALIVE: u32 = 10;
+/// A client that acknowledges nothing for so long is gone, ms.
+const SILENCE_MS: u32 = 60_000;
 /// After an accept that failed: for lack of descriptors, for example.
 const ACCEPT_AGAIN: Duration = Duration::from_millis(200);
 
@@ -31,7 +40,14 @@ struct Tcp {
     tally: Arc<Tally>,
 }
 
-type Clients = Arc<Mutex<Vec<Arc<Line>>>>;
+type Clients = Arc<Mutex<Vec<Arc<Client>>>>;
+
+/// One client.
+struct Client {
+    line: Line,
+    /// It has ended its side, and perhaps is gone.
+    has_ended: AtomicBool,
+}
 
 /// Listens, and serves whoever comes.
 pub(super) fn open(address: &str, desk: &Arc<Desk>, is_faster: bool) -> Result<impl Link + use<>, LinkError> {
@@ -53,7 +69,14 @@ async fn accept(listener: TcpListener, is_faster: bool, clients: Clients, desk: 
             tokio::time::sleep(ACCEPT_AGAIN).await;
             continue;
         };
-        if tally.clients.load(Relaxed) >= CLIENTS {
+        let mut served = clients.lock().expect("nothing panics with the list").clone();
+        served.retain(|client| client.line.is_open());
+        if served.len() >= CLIENTS
+            && let Some(client) = served.iter().find(|client| client.has_ended.load(Relaxed))
+        {
+            // It most likely is gone; somebody who is there needs its place.
+            client.line.close();
+        } else if served.len() >= CLIENTS {
             if !std::mem::replace(&mut has_told, true) {
                 console::say(format_args!(
                     "{}: {CLIENTS} clients are served, {peer} and more are turned away",
@@ -63,15 +86,16 @@ async fn accept(listener: TcpListener, is_faster: bool, clients: Clients, desk: 
             continue;
         }
         let Ok(port) = prepare(stream, is_faster) else { continue };
-        let line = Arc::new(Line::new(Some(port.clone()), 0.0, tally.clone()));
-        clients.lock().expect("nothing panics with the list").push(line.clone());
+        let line = Line::new(Some(port.clone()), 0.0, tally.clone());
+        let client = Arc::new(Client { line, has_ended: AtomicBool::new(false) });
+        clients.lock().expect("nothing panics with the list").push(client.clone());
         tally.clients.fetch_add(1, Relaxed);
         tokio::spawn({
             let (clients, desk, tally) = (clients.clone(), desk.clone(), tally.clone());
             async move {
-                attend(port, &line, &desk, peer).await;
-                line.close();
-                clients.lock().expect("nothing panics with the list").retain(|other| !Arc::ptr_eq(other, &line));
+                attend(port, &client, &desk, peer).await;
+                client.line.close();
+                clients.lock().expect("nothing panics with the list").retain(|other| !Arc::ptr_eq(other, &client));
                 tally.clients.fetch_sub(1, Relaxed);
             }
         });
@@ -81,24 +105,49 @@ async fn accept(listener: TcpListener, is_faster: bool, clients: Clients, desk: 
 fn prepare(stream: TcpStream, is_faster: bool) -> std::io::Result<Port> {
     stream.set_nodelay(true)?;
     let stream = OwnedFd::from(stream.into_std()?);
+    setsockopt(&stream, sockopt::KeepAlive, &true)?;
+    setsockopt(&stream, sockopt::TcpKeepIdle, &KEEP_ALIVE)?;
+    setsockopt(&stream, sockopt::TcpKeepInterval, &KEEP_ALIVE)?;
+    setsockopt(&stream, sockopt::TcpUserTimeout, &SILENCE_MS)?;
     if !is_faster {
         setsockopt(&stream, sockopt::SndBuf, &SEND_BUFFER)?;
     }
     Ok(Arc::new(stream))
 }
 
-async fn attend(port: Port, line: &Line, desk: &Desk, peer: SocketAddr) {
+async fn attend(port: Port, client: &Client, desk: &Desk, peer: SocketAddr) {
     let Ok(port) = Watched::new(port) else { return };
     let link = format!("tcp {peer}");
     let commands = async {
-        if serve(&port, line, desk, &link).await.is_ok() {
+        if serve(&port, &client.line, desk, &link).await.is_ok() {
             // It has said all it had to say, but may go on listening: `socat -u`, `nc` at the end of its input.
-            std::future::pending::<()>().await;
+            client.has_ended.store(true, Relaxed);
+            until_gone(port.get_ref(), &client.line).await;
         }
     };
     tokio::select! {
         () = commands => {}
-        _ = line.pump(&port) => {}
+        _ = client.line.pump(&port) => {}
+    }
+}
+
+/// Returns when a client that has ended its side has ended the other too, or was sent nothing for a while: only what
+/// is sent shows whether it still listens.
+async fn until_gone(port: &Watched<Port>, line: &Line) {
+    let (mut written, mut since) = (line.written(), Instant::now());
+    while since.elapsed() < DEAF {
+        tokio::time::sleep(LOOK_AGAIN).await;
+        let mut polled = [PollFd::new(port.as_fd(), PollFlags::empty())];
+        let gone = PollFlags::POLLHUP | PollFlags::POLLERR;
+        if poll(&mut polled, PollTimeout::ZERO).is_err()
+            || polled[0].revents().is_some_and(|events| events.intersects(gone))
+        {
+            return;
+        }
+        let before = std::mem::replace(&mut written, line.written());
+        if written != before {
+            since = Instant::now();
+        }
     }
 }
 
@@ -110,12 +159,12 @@ impl Link for Tcp {
     fn send(&mut self, patience: Duration) {
         let clients = self.clients.lock().expect("nothing panics with the list").clone();
         for client in &clients {
-            self.tally.count(client.send(&self.frame, patience));
+            self.tally.count(client.line.send(&self.frame, patience));
         }
     }
 
     fn is_drained(&self) -> bool {
-        self.clients.lock().expect("nothing panics with the list").iter().all(|client| client.is_drained())
+        self.clients.lock().expect("nothing panics with the list").iter().all(|client| client.line.is_drained())
     }
 
     fn tally(&self) -> Arc<Tally> {
