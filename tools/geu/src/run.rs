@@ -1,5 +1,6 @@
 //! `geu run`: the emulator.
 
+use std::io::Write;
 use std::path::PathBuf;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
@@ -113,9 +114,11 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         geu_daemon::run(&ready.configuration, &ready.truth, &settings, recorder, asked_to_end()).map_err(|error| {
             match error {
                 RunError::Link(error) => Failure::input(error),
+                error @ RunError::NobodyToWaitFor => Failure::input(error),
                 error => Failure::failed(error),
             }
         })?;
-    eprint!("{summary}");
+    // Standard error may be closed by now.
+    let _ = write!(std::io::stderr(), "{summary}");
     Ok(())
 }
