@@ -609,6 +609,7 @@ fn a_link_that_is_not_there_is_bad_input_with_one_message() {
         (&["--can", "vcan0:FFF"], "FFF"),
         (&["--control", "127.0.0.1:9"], "later"),
         (&["--speed", "0"], "max"),
+        (&["--wait", "--can", "nocan0"], "--wait"),
         (&["--pty", "/no/such/directory/geu0"], "/no/such/directory/geu0"),
     ] {
         let output = geu().args(["run", "--duration", "1"]).args(arguments).output().expect("geu starts");

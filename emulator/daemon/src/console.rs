@@ -1,34 +1,51 @@
 //! What a person at the terminal sees: ready lines on standard output, messages and the status line on standard error.
 
-use std::fmt::{Arguments, Display};
+use std::fmt::Display;
 use std::io::{IsTerminal, Write, stderr, stdout};
-use std::sync::Mutex;
+use std::sync::OnceLock;
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::thread;
+use std::time::Duration;
 
 use geu_protocol::HalfSecond;
 use geu_protocol::field::unit_flag;
 
 use crate::lateness::{Histogram, Time};
 
-/// Whether a status line stands on the terminal now, to be written over.
-static STATUS_STANDS: Mutex<bool> = Mutex::new(false);
+/// What may wait for a terminal that stands still; more is lost.
+const QUEUE: usize = 256;
+/// At the end such a terminal is waited for so long.
+const LAST_WORDS: Duration = Duration::from_millis(200);
 /// Back to the first column, and erase.
 const ERASE: &str = "\r\x1b[K";
 
+enum Message {
+    Ready(String),
+    Said(String),
+    Status(String),
+    Finish(SyncSender<()>),
+}
+
 /// Tells on standard output that a link is ready. A reader that left is no reason to stop.
 pub(crate) fn ready(link: &str) {
-    clear_status();
-    let mut out = stdout().lock();
-    let _ = writeln!(out, "ready {link}").and_then(|()| out.flush());
+    tell(Message::Ready(format!("ready {link}\n")));
 }
 
 /// Says something on standard error.
 pub(crate) fn say(message: impl Display) {
-    write(format_args!("geu: {message}\n"), false);
+    tell(Message::Said(format!("geu: {message}\n")));
 }
 
 /// Takes the status line away.
 pub(crate) fn clear_status() {
-    write(format_args!(""), false);
+    tell(Message::Said(String::new()));
+}
+
+/// Waits until all is shown, but not for ever.
+pub(crate) fn finish() {
+    let (done, is_done) = sync_channel(1);
+    tell(Message::Finish(done));
+    let _ = is_done.recv_timeout(LAST_WORDS);
 }
 
 /// Whether standard error is a terminal, where a status line makes sense.
@@ -46,21 +63,47 @@ pub(crate) fn show_status(half_second: Option<&HalfSecond>, clients: usize, late
     } else {
         String::new()
     };
-    write(
-        format_args!(
-            "seq {:5}  X {x:+6}  Y {y:+6}  ZA {za:+6}  ZB {zb:+6}  {:.2} / {:.2} °C  {mode}  {clients} client{}  {late}",
-            half_second.sequence,
-            f64::from(half_second.electronics_centi_c) / 100.0,
-            f64::from(half_second.sensor_centi_c) / 100.0,
-            if clients == 1 { "" } else { "s" },
-        ),
-        true,
-    );
+    tell(Message::Status(format!(
+        "seq {:5}  X {x:+6}  Y {y:+6}  ZA {za:+6}  ZB {zb:+6}  {:.2} / {:.2} °C  {mode}  {clients} client{}  {late}",
+        half_second.sequence,
+        f64::from(half_second.electronics_centi_c) / 100.0,
+        f64::from(half_second.sensor_centi_c) / 100.0,
+        if clients == 1 { "" } else { "s" },
+    )));
 }
 
-fn write(text: Arguments, is_status: bool) {
-    let mut stands = STATUS_STANDS.lock().expect("nothing panics while it writes");
-    let erase = if *stands { ERASE } else { "" };
-    let _ = write!(stderr().lock(), "{erase}{text}");
-    *stands = is_status;
+/// Hands over to the thread that writes: neither a terminal that stands still nor a closed one holds anybody up.
+fn tell(message: Message) {
+    static MESSAGES: OnceLock<SyncSender<Message>> = OnceLock::new();
+    let messages = MESSAGES.get_or_init(|| {
+        let (sender, messages) = sync_channel(QUEUE);
+        // Without a thread the receiver is gone, and nothing is shown.
+        let _ = thread::Builder::new().name("geu-console".to_owned()).spawn(move || show(&messages));
+        sender
+    });
+    let _ = messages.try_send(message);
+}
+
+fn show(messages: &Receiver<Message>) {
+    // Whether a status line stands on the terminal now, to be written over.
+    let mut stands = false;
+    for message in messages {
+        let erase = if std::mem::take(&mut stands) { ERASE } else { "" };
+        let _ = match message {
+            Message::Ready(line) => {
+                let _ = write!(stderr(), "{erase}");
+                let mut out = stdout().lock();
+                out.write_all(line.as_bytes()).and_then(|()| out.flush())
+            }
+            Message::Said(text) => write!(stderr(), "{erase}{text}"),
+            Message::Status(text) => {
+                stands = true;
+                write!(stderr(), "{erase}{text}")
+            }
+            Message::Finish(done) => {
+                let _ = done.try_send(());
+                write!(stderr(), "{erase}")
+            }
+        };
+    }
 }

@@ -239,7 +239,7 @@ mod tests {
         let payloads: [&[u8]; 8] = [&[1], &[2, 1], &[3], &[5], &[3], &[2, 0], &[4, 1, 0, 5, 3], &[3]];
         let mut context = Context::from_waker(Waker::noop());
         for index in 0..400 {
-            let payload = payloads[index * 5 % 8 ^ index / 8 % 8];
+            let payload = payloads[((index * 5) ^ (index / 8)) % 8];
             let mut command = std::pin::pin!(desk.command("test", payload));
             let is_early = index % 3 == 0;
             if is_early {

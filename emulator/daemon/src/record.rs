@@ -120,6 +120,10 @@ impl Recorder {
             recorded: Vec::new(),
         };
         recorder.headers()?;
+        // A process that is killed leaves a run all the same.
+        let mut run = recorder.run_file()?;
+        run.write(|file| file.flush())?;
+        recorder.flush()?;
         Ok(recorder)
     }
 
@@ -258,20 +262,34 @@ impl Recorder {
     /// # Errors
     /// A file that cannot be written.
     pub fn finish(mut self) -> Result<(), RecordError> {
+        let mut run = self.run_file()?;
+        run.write(|file| file.flush())?;
+        self.flush()
+    }
+
+    /// `run.toml` of the run so far.
+    fn run_file(&self) -> Result<Output, RecordError> {
         let mut configuration = self.configuration.clone();
         configuration.run = RunRecord {
             duration_s: self.half_seconds as f64 * 0.5,
             wire: Some(self.wire),
             truth: configuration.run.truth.take(),
-            commands: std::mem::take(&mut self.recorded),
+            commands: self.recorded.clone(),
         };
         let mut run = Output::create(&self.directory, "run.toml")?;
         run.write(|file| {
             writeln!(file, "# A recorded run: `geu simulate run.toml --out DIRECTORY` writes the same bytes again.")?;
             file.write_all(configuration.to_toml(false).as_bytes())
         })?;
+        Ok(run)
+    }
+
+    /// Hands what is buffered to the system.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn flush(&mut self) -> Result<(), RecordError> {
         for output in [
-            &mut run,
             &mut self.link,
             &mut self.reference,
             &mut self.truth,

@@ -2,6 +2,7 @@
 
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
 
 use geu_model::{Ended, Trace};
 use geu_protocol::HalfSecond;
@@ -11,6 +12,9 @@ use crate::record::{RecordError, Recorder};
 
 /// Half seconds that may wait for the disk: eight minutes in real time.
 const QUEUE: usize = 1000;
+
+/// A process that is killed loses so much of its recording at most, and what waits for the disk.
+const FLUSH: Duration = Duration::from_secs(2);
 
 /// What happened in the unit, in the order in which it happened on board.
 pub(crate) enum Event {
@@ -29,6 +33,7 @@ impl Writer {
     pub fn start(mut recorder: Recorder) -> (SyncSender<Event>, Writer) {
         let (sender, events) = sync_channel(QUEUE);
         let thread = thread::spawn(move || {
+            let mut flushed = Instant::now();
             for event in events {
                 let written = match event {
                     Event::HalfSecond(ended, traces) => recorder.half_second(&ended, &traces),
@@ -37,7 +42,11 @@ impl Writer {
                     }
                     Event::Polled(half_second, end_ns) => recorder.polled(&half_second, end_ns),
                 };
-                if let Err(error) = written {
+                let is_due = flushed.elapsed() >= FLUSH;
+                if is_due {
+                    flushed = Instant::now();
+                }
+                if let Err(error) = written.and_then(|()| if is_due { recorder.flush() } else { Ok(()) }) {
                     console::say(format_args!("recording ends here, the unit goes on: {error}"));
                     return Err(error);
                 }

@@ -55,6 +55,11 @@ pub enum RunError {
     /// A link cannot be opened.
     #[error(transparent)]
     Link(#[from] LinkError),
+    /// Nobody can attach to any of the links.
+    #[error(
+        "--wait: nobody attaches to a CAN interface or a serial port; expected a link with clients too: --pty or --tcp"
+    )]
+    NobodyToWaitFor,
     /// The recording cannot be written.
     #[error(transparent)]
     Record(#[from] RecordError),
@@ -92,15 +97,18 @@ impl fmt::Display for Summary {
     }
 }
 
-/// Ends when the process is asked to: SIGINT or SIGTERM.
+/// Ends when the process is asked to: SIGINT, SIGTERM, SIGHUP or SIGQUIT.
 ///
 /// # Errors
 /// Signals that cannot be waited for.
 pub async fn asked_to_end() -> io::Result<()> {
     let (mut interrupt, mut terminate) = (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?);
+    let (mut hangup, mut quit) = (signal(SignalKind::hangup())?, signal(SignalKind::quit())?);
     tokio::select! {
         _ = interrupt.recv() => {}
         _ = terminate.recv() => {}
+        _ = hangup.recv() => {}
+        _ = quit.recv() => {}
     }
     Ok(())
 }
@@ -116,6 +124,10 @@ pub fn run(
     recorder: Option<Recorder>,
     shutdown: impl Future<Output = io::Result<()>>,
 ) -> Result<Summary, RunError> {
+    let has_clients = |link: &LinkAddress| matches!(link, LinkAddress::Pty(_) | LinkAddress::Tcp(_));
+    if settings.wait_for_client && !settings.links.iter().any(has_clients) {
+        return Err(RunError::NobodyToWaitFor);
+    }
     let (recording, writer) = recorder.map(Writer::start).unzip();
     let desk = Arc::new(Desk::new(configuration, truth, recording));
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
@@ -123,6 +135,7 @@ pub fn run(
     // Ends the tasks; with the last of them the symlink of a pty goes.
     drop(runtime);
     desk.close();
+    console::finish();
     let written = writer.map_or(Ok(()), Writer::finish);
     let summary = ended?;
     written?;
@@ -145,6 +158,8 @@ async fn keep(
     for address in &settings.links {
         links.push(link::open(address, desk, speedup)?);
     }
+    // Only now: who waits for one line may count on all links.
+    links.iter().filter(|link| link.is_ready()).for_each(|link| console::ready(&link.tally().name));
     let tallies: Vec<_> = links.iter().map(|link| link.tally()).collect();
     let timing = Arc::new(Timing::default());
     let mut keeper = Keeper { desk: desk.clone(), settings: settings.clone(), links, timing: timing.clone() };

@@ -113,6 +113,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         geu_daemon::run(&ready.configuration, &ready.truth, &settings, recorder, asked_to_end()).map_err(|error| {
             match error {
                 RunError::Link(error) => Failure::input(error),
+                error @ RunError::NobodyToWaitFor => Failure::input(error),
                 error => Failure::failed(error),
             }
         })?;

@@ -85,6 +85,8 @@ enum Written {
 struct Can {
     bus: Arc<Bus>,
     frames: [socketcan::CanFrame; 3],
+    /// Whether the interface was up when it was opened.
+    is_up: bool,
     /// Whether the queue was full at the last half second; told once, and once when it is over.
     is_full: bool,
 }
@@ -100,12 +102,10 @@ pub(super) fn open(address: &CanAddress, desk: &Arc<Desk>) -> Result<impl Link +
         turn: tokio::sync::Mutex::new(()),
         tally: Tally::new(format!("can {} {:X}", address.interface, address.plan.base())),
     });
-    tokio::spawn(attend(socket, bus.clone(), desk.clone()));
-    if is_up(&address.interface) {
-        console::ready(&bus.tally.name);
-    }
+    let is_up = is_up(&address.interface);
+    tokio::spawn(attend(socket, is_up, bus.clone(), desk.clone()));
     let frames = address.plan.frames(&HalfSecond::default()).map(|frame| to_socket(&frame));
-    Ok(Can { bus, frames, is_full: false })
+    Ok(Can { bus, frames, is_up, is_full: false })
 }
 
 /// A socket that does not block and hears nothing but COMMAND.
@@ -197,10 +197,9 @@ impl Bus {
     }
 }
 
-async fn attend(socket: CanSocket, bus: Arc<Bus>, desk: Arc<Desk>) {
+async fn attend(socket: CanSocket, mut was_up: bool, bus: Arc<Bus>, desk: Arc<Desk>) {
     let name = &bus.tally.name;
     let mut next = Some(socket);
-    let mut was_up = is_up(&bus.address.interface);
     if !was_up {
         console::say(format_args!(
             "{name}: is down; the unit keeps time, and sends when it is up: ip link set {} up",
@@ -325,6 +324,10 @@ impl Link for Can {
             None => Sending::Dropped,
         };
         self.bus.tally.count(outcome);
+    }
+
+    fn is_ready(&self) -> bool {
+        self.is_up
     }
 
     fn is_drained(&self) -> bool {

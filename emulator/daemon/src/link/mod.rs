@@ -139,6 +139,10 @@ pub(crate) trait Link: Send {
     fn prepare(&mut self, half_second: &HalfSecond);
     /// Sends it, without blocking; a reader that has no room is given `patience` before it loses the half second.
     fn send(&mut self, patience: Duration);
+    /// Whether it can be used at once; one that cannot tells by itself when it can.
+    fn is_ready(&self) -> bool {
+        true
+    }
     /// Whether all that was taken has reached those who read.
     fn is_drained(&self) -> bool;
     /// What it has done.

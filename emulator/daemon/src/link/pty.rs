@@ -134,7 +134,6 @@ pub(super) fn open(path: &Path, desk: &Arc<Desk>, speedup: f64) -> Result<impl L
             }
         }
     });
-    console::ready(&tally.name);
     Ok(Pty { line, symlink, frame: [0; MAX_FRAME], is_stalled: false, tally })
 }
 

@@ -71,7 +71,6 @@ pub(super) fn open(address: &SerialAddress, desk: &Arc<Desk>) -> Result<impl Lin
     let opened = address.open().map_err(|error| LinkError::Serial(address.device.clone(), error))?;
     let tally = Tally::new(format!("serial {} {}", address.device, address.baud));
     let line = Arc::new(Line::new(None, 0.0, tally.clone()));
-    console::ready(&tally.name);
     tokio::spawn(attend(opened, address.clone(), line.clone(), desk.clone(), tally.clone()));
     Ok(Serial { line, frame: [0; MAX_FRAME], tally })
 }

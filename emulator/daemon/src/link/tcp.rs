@@ -57,7 +57,6 @@ pub(super) fn open(address: &str, desk: &Arc<Desk>, is_faster: bool) -> Result<i
     let listener = TcpListener::from_std(listener).map_err(fail)?;
     let tally = Tally::new(format!("tcp {}", listener.local_addr().map_err(fail)?));
     let clients = Clients::default();
-    console::ready(&tally.name);
     tokio::spawn(accept(listener, is_faster, clients.clone(), desk.clone(), tally.clone()));
     Ok(Tcp { clients, frame: [0; MAX_FRAME], tally })
 }
