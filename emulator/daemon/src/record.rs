@@ -4,7 +4,7 @@
 //! Times are scheduled ends, never the wall clock.
 
 use std::fs::{self, File};
-use std::io::{self, BufWriter, Write};
+use std::io::{self, BufRead, BufReader, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use geu_model::attitude::Motion;
@@ -72,7 +72,6 @@ pub struct Recorder {
     half_seconds: u64,
     /// Columns of a trace that `truth.csv` has.
     truth_columns: Vec<usize>,
-    recorded: Vec<RecordedCommand>,
 }
 
 impl Recorder {
@@ -117,7 +116,6 @@ impl Recorder {
             reference_rows: 0,
             half_seconds: 0,
             truth_columns: truth_columns(configuration),
-            recorded: Vec::new(),
         };
         recorder.headers()?;
         // A process that is killed leaves a run all the same.
@@ -253,7 +251,6 @@ impl Recorder {
             "link": command.link,
             "bytes": payload.iter().map(|byte| format!("{byte:02X}")).collect::<String>(),
         });
-        self.recorded.push(command);
         self.commands.write(|file| writeln!(file, "{line}"))
     }
 
@@ -262,9 +259,19 @@ impl Recorder {
     /// # Errors
     /// A file that cannot be written.
     pub fn finish(mut self) -> Result<(), RecordError> {
+        self.flush()?;
         let mut run = self.run_file()?;
-        run.write(|file| file.flush())?;
-        self.flush()
+        // From the file, so that a run of any length needs no memory for its commands.
+        let commands = File::open(&self.commands.path)
+            .map_err(|source| RecordError { path: self.commands.path.clone(), source })?;
+        for line in BufReader::new(commands).lines() {
+            run.write(|file| {
+                let command: serde_json::Value = serde_json::from_str(&line?)?;
+                let (half_second, link, bytes) = (&command["half_second"], &command["link"], &command["bytes"]);
+                writeln!(file, "\n[[run.command]]\nhalf_second = {half_second}\nlink = {link}\nbytes = {bytes}")
+            })?;
+        }
+        run.write(|file| file.flush())
     }
 
     /// `run.toml` of the run so far.
@@ -274,7 +281,7 @@ impl Recorder {
             duration_s: self.half_seconds as f64 * 0.5,
             wire: Some(self.wire),
             truth: configuration.run.truth.take(),
-            commands: self.recorded.clone(),
+            commands: Vec::new(),
         };
         let mut run = Output::create(&self.directory, "run.toml")?;
         run.write(|file| {
