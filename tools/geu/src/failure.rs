@@ -54,7 +54,7 @@ pub fn note(text: Arguments) {
     let _ = io::stderr().lock().write_all(text.to_string().as_bytes());
 }
 
-/// A line of results on standard output, as [`print`].
+/// A line of results on standard output, as [`print()`].
 macro_rules! say {
     () => { $crate::failure::print(format_args!("\n")) };
     ($($text:tt)*) => { $crate::failure::print(format_args!("{}\n", format_args!($($text)*))) };
