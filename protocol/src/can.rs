@@ -248,17 +248,22 @@ impl<S: Copy> Assembler<S> {
         if !matches!(role, Role::Increments | Role::Status | Role::Clock) {
             return;
         }
+        if role == Role::Increments {
+            self.finish(sink);
+        }
         let Ok(bytes) = <&[u8; LENGTH]>::try_from(data) else {
             return defect(stamp, CanDefect::WrongLength, [data, &[]], sink);
         };
         match role {
-            Role::Increments => {
-                self.finish(sink);
-                self.increments = Some((stamp, *bytes));
-            }
+            Role::Increments => self.increments = Some((stamp, *bytes)),
             Role::Status => self.status(stamp, bytes, sink),
             _ => self.clock(stamp, bytes, sink),
         }
+    }
+
+    /// Whether a half second has begun that the next frames may complete.
+    pub fn is_waiting(&self) -> bool {
+        self.increments.is_some() || self.row.is_some()
     }
 
     /// Gives out what still waits: at the end of the traffic.
@@ -390,6 +395,22 @@ mod tests {
         assert_eq!(
             assemble(&traffic),
             [Seen::Defect(0, CanDefect::CrcMismatch), Seen::Defect(2, CanDefect::ClockWithoutStatus), row(3, 1)]
+        );
+    }
+
+    #[test]
+    fn increments_of_a_wrong_length_come_between_all_the_same() {
+        let mut traffic = frames(&[0, 1]);
+        traffic.insert(1, CanFrame::new(0x1A0, &[1, 2, 3]));
+        assert_eq!(
+            assemble(&traffic),
+            [
+                Seen::Defect(0, CanDefect::IncrementsWithoutStatus),
+                Seen::Defect(1, CanDefect::WrongLength),
+                Seen::Defect(2, CanDefect::StatusWithoutIncrements),
+                Seen::Defect(3, CanDefect::ClockWithoutStatus),
+                row(4, 1)
+            ]
         );
     }
 

@@ -213,6 +213,22 @@ fn containers_pipes_and_several_inputs_are_one_stream() {
     let first = write(directory.path(), "1", lines[..100].concat().as_bytes());
     let second = write(directory.path(), "2", &gzip(lines[100..].concat().as_bytes()));
     assert_eq!(rows(&[&first, &second, "--strict"]), encoded_rows());
+    // The same where the interface has another name in the next.
+    let renamed: String = lines[100..].concat().replace("can0", "can7");
+    let third = write(directory.path(), "3", renamed.as_bytes());
+    assert_eq!(rows(&[&first, &third, "--strict"]), encoded_rows());
+    // A second interface beside it stays out in every input, also where its frames come first.
+    let doubled = |lines: &[&str]| lines.iter().map(|line| line.replace("can0", "can1") + line).collect::<String>();
+    let one = write(directory.path(), "4", lines[..3].concat().as_bytes());
+    let two = write(directory.path(), "5", doubled(&lines[3..100]).as_bytes());
+    let three = write(directory.path(), "6", doubled(&lines[100..]).as_bytes());
+    assert_eq!(rows(&[&one, &two, &three, "--strict"]), encoded_rows());
+    let output = decode(&[&one, &two, &three, "--quiet"]);
+    assert!(text(&output.stderr).contains("frames of the unit left out: 357 on can1 (used: can0;"));
+    let alone = write(directory.path(), "7", lines[99..].concat().replace("can0", "can1").as_bytes());
+    assert_eq!(rows(&[&one, &two, &alone]).len(), 120);
+    let named = rows(&[&one, &two, &alone, "--interface", "can0"]);
+    assert_eq!(named.len(), 33);
     let mut child =
         geu().args(["decode", "-", "--strict"]).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
     child.stdin.take().unwrap().write_all(log.as_bytes()).unwrap();

@@ -69,7 +69,7 @@ impl Sink for Check {
 fn a_million_good_frames_come_out_of_noise_and_nothing_else_does() {
     let mut random = ChaCha8Rng::seed_from_u64(SEED);
     let (mut decoder, mut check) = (Decoder::new(&Options::default()), Check::default());
-    decoder.begin("noise.bin");
+    decoder.begin("noise.bin", &mut check);
     let (mut bytes, mut fed) = (Vec::new(), 0u64);
     for index in 0..FRAMES {
         match random.random_range(0..4) {

@@ -146,6 +146,12 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
     } else if !arguments.quiet && summary.account.records + summary.account.bytes > 0 {
         note(format_args!("{summary}"));
     }
+    if !summary.elsewhere.is_empty() {
+        let left_out = summary.elsewhere.iter().map(|(name, frames)| format!("{frames} on {name}"));
+        let left_out = left_out.collect::<Vec<_>>().join(", ");
+        let used = summary.interface.as_deref().unwrap_or("none");
+        note(format_args!("geu: frames of the unit left out: {left_out} (used: {used}; --interface chooses)\n"));
+    }
     result.and(ending).map_err(Failure::input)?;
     let defects = summary.account.defect_count();
     match arguments.strict && defects > 0 {

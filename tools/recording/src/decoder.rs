@@ -1,6 +1,6 @@
 //! From events and serial bytes to rows and defects.
 
-use geu_protocol::can::{Assembled, Assembler, CanDefect, Concerned, Role};
+use geu_protocol::can::{Assembled, Assembler, CanDefect, Concerned, Received, Role};
 use geu_protocol::capture::{Event, Format, Frame, Place, Time};
 use geu_protocol::command::{COMMAND_LENGTHS, REPLY_LENGTHS};
 use geu_protocol::continuity::ClockCheck;
@@ -40,16 +40,27 @@ pub struct Decoder {
     /// The bus of the frame before; frames of one bus mostly follow each other.
     last_bus: usize,
     choice: Choice,
+    /// Whether the user named the interface.
+    is_named: bool,
+    /// How many of the buses the inputs before had.
+    known: usize,
     serial: Serial,
     flow: Flow,
 }
 
 #[derive(Debug)]
 enum Choice {
+    /// The one of this name, in every input.
     Named(Vec<u8>),
+    /// The first that gives a row.
     First,
+    /// The one of the inputs before; another only where this one is not in the present input.
+    Before(usize),
     Made(usize),
 }
+
+/// Rows that an interface known beside the chosen one must give, without a frame of the chosen one, to take its place.
+const ROWS_TO_TAKE_OVER: usize = 3;
 
 /// Defects told of a bus before it is chosen are kept; no more than so many.
 const MAX_EARLY: usize = 1000;
@@ -60,15 +71,19 @@ struct Bus {
     name: Vec<u8>,
     assembler: Assembler<Stamp>,
     tally: Tally,
+    /// Whether it ever gave a row.
+    is_proven: bool,
 }
 
-/// What one interface brought.
+/// What one interface brought in the present input.
 #[derive(Debug, Default)]
 struct Tally {
     frames: u64,
     decoded: u64,
     commands: u64,
     replies: u64,
+    /// Rows before the choice.
+    rows: Vec<Received<Stamp>>,
     defects: Vec<(Stamp, CanDefect, Concerned)>,
     /// Defects beyond those kept, by the order of [`CanDefect::ALL`].
     more: [u64; CanDefect::ALL.len()],
@@ -93,14 +108,19 @@ impl Decoder {
             plan: options.plan,
             buses: Vec::new(),
             last_bus: 0,
+            is_named: options.interface.is_some(),
             choice: options.interface.as_ref().map_or(Choice::First, |name| Choice::Named(name.clone().into_bytes())),
+            known: 0,
             serial: Serial::default(),
             flow: Flow::default(),
         }
     }
 
     /// Says that what comes now is from this input.
-    pub fn begin(&mut self, name: &str) {
+    pub fn begin(&mut self, name: &str, sink: &mut impl Sink) {
+        if !self.is_named {
+            self.settle(sink);
+        }
         self.flow.begin(name);
     }
 
@@ -159,8 +179,12 @@ impl Decoder {
     fn unit_frame(&mut self, role: Role, place: Place, frame: &Frame, sink: &mut impl Sink) {
         let index = self.bus(frame.interface);
         let stamp = Stamp { time: frame.time, place, input: self.flow.input() };
-        let Decoder { buses, choice, flow, .. } = self;
-        let Bus { assembler, tally, .. } = &mut buses[index];
+        if let Choice::Before(before) = self.choice {
+            self.follow(before, index, role, sink);
+        }
+        let Decoder { buses, choice, flow, known, .. } = self;
+        let Bus { assembler, tally, is_proven, .. } = &mut buses[index];
+        let enough = if index < *known { ROWS_TO_TAKE_OVER } else { 1 };
         tally.frames += 1;
         match role {
             Role::Command | Role::Reply => {
@@ -176,9 +200,88 @@ impl Decoder {
                 }
             }
             _ => assembler.push(role, stamp, frame.data, &mut |assembled| {
+                *is_proven |= matches!(assembled, Assembled::Row(_));
                 tally.assembled(assembled, index, choice, flow, sink);
             }),
         }
+        if let Choice::Before(before) = self.choice
+            && self.buses[index].tally.rows.len() >= enough
+        {
+            self.leave(before, index, sink);
+        }
+    }
+
+    /// Takes notice of a frame of the unit before the choice is made in an input that is not the first.
+    #[cold]
+    fn follow(&mut self, before: usize, index: usize, role: Role, sink: &mut impl Sink) {
+        if index == before {
+            self.choice = Choice::Made(index);
+            let Decoder { buses, flow, .. } = self;
+            buses[index].tally.tell_early(flow, sink);
+        } else if index >= self.known
+            && matches!(role, Role::Status | Role::Clock)
+            && self.buses[index].tally.frames == 0
+            && self.buses[before].assembler.is_waiting()
+        {
+            // The interface has another name here: the half second that began in the input before goes on.
+            self.buses[index].assembler = std::mem::take(&mut self.buses[before].assembler);
+            self.choice = Choice::Made(index);
+        }
+    }
+
+    /// Chooses another interface than in the inputs before; what waits of that one comes first.
+    #[cold]
+    fn leave(&mut self, before: usize, index: usize, sink: &mut impl Sink) {
+        let Decoder { buses, choice, flow, .. } = self;
+        *choice = Choice::Made(before);
+        let Bus { assembler, tally, .. } = &mut buses[before];
+        assembler.finish(&mut |assembled| tally.assembled(assembled, before, choice, flow, sink));
+        flow.summary.account.decoded += std::mem::take(&mut tally.decoded);
+        *choice = Choice::Made(index);
+        buses[index].tally.tell_early(flow, sink);
+    }
+
+    /// Ends an input: makes the choice if it is still to be made, and puts what each interface brought on the account.
+    fn settle(&mut self, sink: &mut impl Sink) {
+        match self.choice {
+            Choice::First if !self.buses.is_empty() => {
+                let index = self.buses.iter().position(|bus| bus.tally.frames > 0).unwrap_or(0);
+                self.choice = Choice::Made(index);
+                self.buses[index].tally.tell_early(&mut self.flow, sink);
+            }
+            Choice::Before(before) => {
+                let brings = |bus: &Bus| (bus.tally.rows.len(), bus.tally.frames > 0);
+                let most = (0..self.buses.len()).rev().max_by_key(|&index| brings(&self.buses[index]));
+                if let Some(index) = most.filter(|&index| index != before && self.buses[index].tally.frames > 0) {
+                    self.leave(before, index, sink);
+                }
+            }
+            _ => {}
+        }
+        let Decoder { buses, choice, flow, .. } = self;
+        let mut next = Choice::First;
+        for (index, Bus { name, assembler, tally, is_proven }) in buses.iter_mut().enumerate() {
+            let tally = std::mem::take(tally);
+            let (account, name) = (&mut flow.summary.account, String::from_utf8_lossy(name));
+            let is_before = matches!(choice, Choice::Before(before) if *before == index);
+            if choice.is(index) || is_before {
+                account.decoded += tally.decoded;
+                account.commands += tally.commands;
+                account.replies += tally.replies;
+                if tally.frames > 0 {
+                    flow.summary.use_interface(&name);
+                }
+                if *is_proven || assembler.is_waiting() {
+                    next = Choice::Before(index);
+                }
+            } else {
+                *assembler = Assembler::default();
+                account.elsewhere += tally.frames;
+                flow.summary.leave_out(&name, tally.frames);
+            }
+        }
+        self.known = self.buses.len();
+        self.choice = next;
     }
 
     #[inline]
@@ -196,7 +299,7 @@ impl Decoder {
                 self.choice = Choice::Made(self.buses.len());
             }
             let (assembler, tally) = Default::default();
-            self.buses.push(Bus { name: name.to_vec(), assembler, tally });
+            self.buses.push(Bus { name: name.to_vec(), assembler, tally, is_proven: false });
             self.buses.len() - 1
         })
     }
@@ -238,29 +341,17 @@ impl Decoder {
         deframer.finish(carry, &mut |found| serial_found(found, None, clock, starts, rejected, flow, sink));
         carry.clear();
         for (index, Bus { assembler, tally, .. }) in buses.iter_mut().enumerate() {
-            assembler.finish(&mut |assembled| tally.assembled(assembled, index, choice, flow, sink));
-        }
-        if matches!(choice, Choice::First) && !buses.is_empty() {
-            *choice = Choice::Made(0);
-            buses[0].tally.tell_early(flow, sink);
-        }
-        for (index, Bus { name, tally, .. }) in buses.iter_mut().enumerate() {
-            let name = String::from_utf8_lossy(name).into_owned();
-            let account = &mut flow.summary.account;
-            if choice.is(index) {
-                account.decoded += std::mem::take(&mut tally.decoded);
-                account.commands += std::mem::take(&mut tally.commands);
-                account.replies += std::mem::take(&mut tally.replies);
-                tally.frames = 0;
-                flow.summary.interface = Some(name);
-            } else if tally.frames > 0 {
-                let frames = std::mem::take(&mut tally.frames);
-                account.elsewhere += frames;
-                flow.summary.elsewhere.push((name, frames));
+            // Where the interface of the inputs before is not in the last one, what waits of it is still its own.
+            if matches!(choice, Choice::Before(before) if *before == index) {
+                let mut own = Choice::Made(index);
+                assembler.finish(&mut |assembled| tally.assembled(assembled, index, &mut own, flow, sink));
+            } else {
+                assembler.finish(&mut |assembled| tally.assembled(assembled, index, choice, flow, sink));
             }
         }
-        flow.finish();
-        &flow.summary
+        self.settle(sink);
+        self.flow.finish();
+        &self.flow.summary
     }
 }
 
@@ -292,6 +383,8 @@ impl Tally {
                     let Stamp { time, place, input } = received.stamp;
                     let row = row(received.half_second, received.has_clock, time);
                     flow.row((place, input), &row, true, sink);
+                } else if matches!(choice, Choice::Before(_)) {
+                    self.rows.push(received);
                 }
             }
             Assembled::Defect(stamp, defect, concerned) => {
@@ -319,7 +412,11 @@ impl Tally {
         }
     }
 
+    #[cold]
     fn tell_early(&mut self, flow: &mut Flow, sink: &mut impl Sink) {
+        for Received { stamp: Stamp { time, place, input }, half_second, has_clock } in std::mem::take(&mut self.rows) {
+            flow.row((place, input), &row(half_second, has_clock, time), true, sink);
+        }
         for (stamp, defect, concerned) in std::mem::take(&mut self.defects) {
             flow.defect(stamp.into(), DefectKind::Can(defect), concerned.bytes(), 0, sink);
         }

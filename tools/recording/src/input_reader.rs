@@ -64,7 +64,7 @@ impl<'a> InputReader<'a> {
     pub fn read(&mut self, name: &str, sink: &mut impl Sink) -> Result<(), InputError> {
         let source = open(name, self.options.baud)?;
         sink.opened();
-        self.decoder.begin(name);
+        self.decoder.begin(name, sink);
         match source {
             Source::Bytes { reader, container, wait_on } => self.bytes(name, reader, container, wait_on, sink),
             Source::Serial(port) => self.port(name, port, sink),

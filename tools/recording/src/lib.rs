@@ -20,7 +20,7 @@
 //!
 //! let log = b"(0.5) can0 1A0#FFFEFFFE00050005\n(0.5) can0 1A1#00000F070810DD5E\n(0.5) can0 1A2#00000007A1201B58\n";
 //! let (mut decoder, mut rows) = (Decoder::new(&Options::default()), Rows::default());
-//! decoder.begin("example.log");
+//! decoder.begin("example.log", &mut rows);
 //! let mut reader = Reader::new(Format::Candump);
 //! reader.finish(log, &mut |place, event| decoder.event(place, event, &mut rows));
 //! decoder.count_records(reader.records());

@@ -22,7 +22,7 @@ const POLLED: u8 = unit_flag("polled");
 pub struct Summary {
     /// Names of the inputs and what they are.
     pub inputs: Vec<(String, String)>,
-    /// Interface of the rows, where they come from CAN.
+    /// Interface of the rows, where they come from CAN; with commas where inputs have several.
     pub interface: Option<String>,
     /// Frames of the unit on other interfaces.
     pub elsewhere: Vec<(String, u64)>,
@@ -231,6 +231,24 @@ fn line(out: &mut Formatter, name: &str, value: impl Display) -> fmt::Result {
 }
 
 impl Summary {
+    /// Notes an interface whose rows are used; each input may have its own.
+    pub(crate) fn use_interface(&mut self, name: &str) {
+        match &mut self.interface {
+            Some(names) if names.split(", ").any(|known| known == name) => {}
+            Some(names) => *names = format!("{names}, {name}"),
+            None => self.interface = Some(name.to_owned()),
+        }
+    }
+
+    /// Notes frames of the unit on an interface that is not used.
+    pub(crate) fn leave_out(&mut self, name: &str, frames: u64) {
+        match self.elsewhere.iter_mut().find(|(known, _)| known == name) {
+            _ if frames == 0 => {}
+            Some((_, count)) => *count += frames,
+            None => self.elsewhere.push((name.to_owned(), frames)),
+        }
+    }
+
     fn write_account(&self, out: &mut Formatter) -> fmt::Result {
         let account = &self.account;
         let (records, bytes) = account.missing();
