@@ -301,6 +301,37 @@ fn bad_input_gives_one_clear_message_and_what_was_read_so_far() {
 }
 
 #[test]
+fn a_cut_container_gives_the_rows_so_far_and_exit_2() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut pcap = Vec::new();
+    for word in [0xA1B2_C3D4u32, 0x0004_0002, 0, 0, 65_535, 227] {
+        pcap.extend_from_slice(&word.to_le_bytes());
+    }
+    for frame in (0..2).flat_map(|index| CanPlan::default().frames(&half_second(index))) {
+        for word in [1_795_020_000u32, 0, 16, 16] {
+            pcap.extend_from_slice(&word.to_le_bytes());
+        }
+        pcap.extend_from_slice(&u32::from(frame.id).to_be_bytes());
+        pcap.extend_from_slice(&[8, 0, 0, 0]);
+        pcap.extend_from_slice(frame.data());
+    }
+    // Without the last packet's last five bytes, and without most of the header.
+    for (kept, lines, words) in [(pcap.len() - 5, 3, "offset 184: pcap is cut"), (10, 1, "offset 0: pcap is cut")] {
+        let path = write(directory.path(), "cut.pcap", &pcap[..kept]);
+        let defects = directory.path().join("defects.jsonl");
+        let output = decode(&[&path, "--quiet", "--defects", defects.to_str().unwrap()]);
+        let errors = text(&output.stderr);
+        assert_eq!((output.status.code(), errors.lines().count()), (Some(2), 1), "{errors}");
+        assert!(errors.contains(words) && errors.contains("expected a whole header"), "{errors}");
+        assert_eq!(text(&output.stdout).lines().count(), lines, "{errors}");
+        assert!(fs::read_to_string(&defects).unwrap().contains("cut-record"));
+    }
+    let log = encoded_log();
+    let cut = write(directory.path(), "cut.log", &log.as_bytes()[..log.len() - 5]);
+    assert_eq!(rows(&[&cut]).len(), encoded_rows().len());
+}
+
+#[test]
 fn an_output_never_destroys_what_is_to_be_read() {
     let directory = tempfile::tempdir().unwrap();
     let log = write(directory.path(), "x.log", encoded_log().as_bytes());

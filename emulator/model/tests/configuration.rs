@@ -17,6 +17,21 @@ fn the_reference_reads_back_from_both_forms_it_is_shown_in() {
 }
 
 #[test]
+fn a_start_reads_back_to_the_microsecond() {
+    let mut configuration = Configuration::reference();
+    let mut state = 1u64;
+    for _ in 0..1000 {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        configuration.start_unix_ns = ((state >> 8) % 4_000_000_000_000_001) as i64 * 1000;
+        let shown = configuration.to_toml(false);
+        assert_eq!(
+            Configuration::parse("shown", &shown, &[]).expect("valid").start_unix_ns,
+            configuration.start_unix_ns
+        );
+    }
+}
+
+#[test]
 fn every_effect_with_every_course_reads_back() {
     let mut text = String::new();
     let mut section =

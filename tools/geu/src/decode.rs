@@ -52,7 +52,7 @@ pub struct Arguments {
     #[arg(long, value_name = "BAUD")]
     baud: Option<u32>,
     /// Stop after so long.
-    #[arg(long, value_name = "SECONDS", value_parser = seconds)]
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = seconds)]
     duration: Option<Duration>,
     /// Do not print the summary to standard error.
     #[arg(long, short)]

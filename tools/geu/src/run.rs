@@ -42,10 +42,10 @@ pub struct Arguments {
     #[arg(long, requires = "record")]
     wire: Option<Wire>,
     /// On-board time against the wall clock: a factor, or max for as fast as model and readers go [default: 1]
-    #[arg(long, value_name = "X|max")]
+    #[arg(long, value_name = "X|max", allow_negative_numbers = true)]
     speed: Option<Speed>,
     /// Ends after so much on-board time; on a truth from a file it ends with the truth
-    #[arg(long, value_name = "SECONDS")]
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
     duration: Option<f64>,
     /// Holds the first half second back until a client is attached to a pty or over TCP
     #[arg(long)]

@@ -9,7 +9,7 @@ use crate::failure::{Failure, say};
 #[derive(Args, Debug)]
 pub struct Arguments {
     /// Seed of every random stream
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, allow_negative_numbers = true, value_parser = crate::settings::seed)]
     seed: u64,
     /// How many seeds to try, from the one given; only what depends on the seed is measured again
     #[arg(long, value_name = "COUNT", default_value_t = 1)]

@@ -19,16 +19,27 @@ pub struct Settings {
     pub overrides: Vec<String>,
 }
 
+/// A seed that a configuration can hold: its integers end at 2^63.
+pub fn seed(text: &str) -> Result<u64, String> {
+    let seed = text.parse().ok().filter(|&seed| seed <= i64::MAX as u64);
+    seed.ok_or_else(|| format!("expected an integer 0…{}, got {text}", i64::MAX))
+}
+
+fn start(text: &str) -> Result<f64, String> {
+    let start = text.parse().ok().filter(|start| (0.0..=4e9).contains(start));
+    start.ok_or_else(|| format!("expected 0…4e9 seconds, got {text}"))
+}
+
 /// What a run takes beside its configuration.
 #[derive(Args, Debug, Clone, Default)]
 pub struct RunSettings {
     #[command(flatten)]
     pub settings: Settings,
     /// Seed of every random stream, in place of the configuration's
-    #[arg(long)]
+    #[arg(long, allow_negative_numbers = true, value_parser = seed)]
     pub seed: Option<u64>,
     /// Unix time of the start of the first half second, in place of the configuration's
-    #[arg(long, value_name = "UNIX_SECONDS")]
+    #[arg(long, value_name = "UNIX_SECONDS", allow_negative_numbers = true, value_parser = start)]
     pub start: Option<f64>,
     /// What moves the unit: `scenario` (the configuration's), or a file, reference.csv or a CCSDS attitude ephemeris, whose
     /// first instant is the start [default: the recorded one, else scenario]
@@ -124,9 +135,6 @@ impl RunSettings {
             configuration.seed = seed;
         }
         if let Some(start_unix_s) = self.start {
-            if !(0.0..=4e9).contains(&start_unix_s) {
-                return Err(Failure::input(format!("--start: expected 0…4e9 seconds, got {start_unix_s}")));
-            }
             configuration.start_unix_ns = unix_ns(start_unix_s);
         }
         if let Some(source) = &self.truth {

@@ -24,7 +24,7 @@ pub struct Arguments {
     #[arg(long, value_name = "DIRECTORY")]
     svg: Option<PathBuf>,
     /// On-board time to run; without it the recorded duration, or the length of scenario or truth
-    #[arg(long, value_name = "SECONDS")]
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
     duration: Option<f64>,
     /// Form of the link [default: the recorded form, else can]
     #[arg(long)]

@@ -57,6 +57,18 @@ pub enum InputError {
         /// What the decompressor says.
         source: io::Error,
     },
+    /// A binary capture that ends inside its header, a packet or a block.
+    #[error("{name}: offset {offset}: {container} is cut: expected a whole header, packet or block, got {got} bytes")]
+    Cut {
+        /// Its path.
+        name: String,
+        /// `pcap` or `pcapng`.
+        container: &'static str,
+        /// Where what is cut begins.
+        offset: u64,
+        /// Bytes of it that are there.
+        got: u64,
+    },
     /// Nothing in it.
     #[error("{name}: is empty: expected a capture, got {got}")]
     Empty {

@@ -152,8 +152,17 @@ impl<'a> InputReader<'a> {
         let is_empty = match &mut target {
             Some(target) => {
                 let is_empty = target.finish(rest, &mut self.decoder, sink);
-                if let Target::Serial { head, length } = target {
-                    self.serial.get_or_insert_with(|| (name.to_owned(), *length, std::mem::take(head)));
+                match target {
+                    Target::Serial { head, length } => {
+                        self.serial.get_or_insert_with(|| (name.to_owned(), *length, std::mem::take(head)));
+                    }
+                    Target::Capture { container: Some(container), cut: Some(at), .. }
+                        if failure.is_none() && !self.stop.is_due() && !sink.is_closed() =>
+                    {
+                        let (name, got) = (name.to_owned(), offset.saturating_sub(*at));
+                        failure = Some(InputError::Cut { name, container, offset: *at, got });
+                    }
+                    Target::Capture { .. } => {}
                 }
                 is_empty
             }
@@ -170,7 +179,12 @@ impl<'a> InputReader<'a> {
         self.decoder.describe(format.name());
         match format {
             Format::Serial => Target::Serial { head: Vec::new(), length: 0 },
-            format => Target::Capture { reader: Box::new(Reader::new(format)), frames: 0 },
+            format => Target::Capture {
+                reader: Box::new(Reader::new(format)),
+                frames: 0,
+                container: matches!(format, Format::Pcap | Format::Pcapng).then(|| format.name()),
+                cut: None,
+            },
         }
     }
 
@@ -227,14 +241,24 @@ impl<'a> InputReader<'a> {
 
 /// What takes the bytes of an input.
 enum Target {
-    Capture { reader: Box<Reader>, frames: u64 },
-    Serial { head: Vec<u8>, length: u64 },
+    Capture {
+        reader: Box<Reader>,
+        frames: u64,
+        /// Name of the format where it is a binary container.
+        container: Option<&'static str>,
+        /// Offset of a record inside which the capture ends.
+        cut: Option<u64>,
+    },
+    Serial {
+        head: Vec<u8>,
+        length: u64,
+    },
 }
 
 impl Target {
     fn consume(&mut self, bytes: &[u8], decoder: &mut Decoder, sink: &mut impl Sink) -> usize {
         match self {
-            Target::Capture { reader, frames } => reader.consume(bytes, &mut |place, event| {
+            Target::Capture { reader, frames, .. } => reader.consume(bytes, &mut |place, event| {
                 *frames += u64::from(!matches!(event, Event::Remark));
                 decoder.event(place, event, sink);
             }),
@@ -251,8 +275,11 @@ impl Target {
     /// Takes the last bytes; tells what there is instead where the input holds no record at all.
     fn finish(&mut self, bytes: &[u8], decoder: &mut Decoder, sink: &mut impl Sink) -> Option<String> {
         match self {
-            Target::Capture { reader, frames } => {
+            Target::Capture { reader, frames, cut, .. } => {
                 reader.finish(bytes, &mut |place, event| {
+                    if let (Place::Offset(at), Event::Broken { cut: true, .. }) = (place, event) {
+                        *cut = Some(at);
+                    }
                     *frames += u64::from(!matches!(event, Event::Remark));
                     decoder.event(place, event, sink);
                 });

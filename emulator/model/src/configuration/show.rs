@@ -18,8 +18,10 @@ impl Configuration {
     pub fn to_toml(&self, complete: bool) -> String {
         let mut text = String::new();
         line(&mut text, format_args!("seed = {}", self.seed));
-        let start_unix_s = self.start_unix_ns as f64 * 1e-9;
-        line(&mut text, format_args!("{} = {start_unix_s:?}{}", START.name, comment(complete, START.meaning)));
+        // From integers: a product of floats is off by a microsecond late in the range.
+        let start_us = self.start_unix_ns / 1000;
+        let start_unix_s = format!("{}.{:06}", start_us / 1_000_000, start_us % 1_000_000);
+        line(&mut text, format_args!("{} = {start_unix_s}{}", START.name, comment(complete, START.meaning)));
 
         line(&mut text, format_args!("\n[scenario]"));
         for (number, value) in [(&THETA, self.scenario.theta_deg), (&PSI, self.scenario.psi_deg)] {
