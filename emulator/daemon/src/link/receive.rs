@@ -4,6 +4,7 @@ use std::io;
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
 
+use bytes::{Buf, BytesMut};
 use geu_protocol::serial::{Deframer, Found, Kind, data_frame, frame};
 use nix::unistd;
 use tokio::io::unix::AsyncFd;
@@ -25,7 +26,7 @@ const TURN: usize = 16;
 struct Receiver {
     deframer: Deframer,
     /// The start of a frame, perhaps.
-    partial: Vec<u8>,
+    partial: BytesMut,
     rejected: u64,
 }
 
@@ -38,7 +39,7 @@ impl Receiver {
             Found::Rejected { .. } => *rejected += 1,
             _ => {}
         });
-        self.partial.drain(..used);
+        self.partial.advance(used);
     }
 
     /// No byte came for a while: where a whole frame stands behind the start of a frame, that start was a cut one and
@@ -55,7 +56,7 @@ impl Receiver {
             if found_any {
                 self.rejected += 1;
                 self.deframer = deframer;
-                self.partial.drain(..start + used);
+                self.partial.advance(start + used);
                 return;
             }
         }
