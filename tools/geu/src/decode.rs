@@ -126,9 +126,8 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
     }
     let (summary, ending) = reader.finish(&mut writer);
     writer.flush();
-    match writer.broken.take() {
-        Some(failure) => return Err(failure),
-        None => {}
+    if let Some(failure) = writer.broken.take() {
+        return Err(failure);
     }
     if arguments.format == Format::Summary {
         if writer.is_open {
