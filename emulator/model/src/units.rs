@@ -12,8 +12,6 @@ pub const RAD_PER_DEG: f64 = PI / 180.0;
 pub const S_PER_DAY: f64 = 86_400.0;
 /// Nominal length of a sample, on-board time.
 pub const HALF_SECOND_S: f64 = 0.5;
-/// Half seconds in an hour: a drift of 1″/h is this fraction of an arcsec per half second.
-pub const HALF_SECONDS_PER_H: f64 = 7200.0;
 /// A relative error of 1 ppm.
 pub const PPM: f64 = 1e-6;
 /// Rate of the sun as seen from the earth, rad/s: 360° per 365.25 d, constant (Casteren §6).

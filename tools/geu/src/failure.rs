@@ -6,7 +6,6 @@ use std::process::ExitCode;
 
 /// An unsuccessful end.
 #[derive(Debug)]
-#[allow(dead_code)]
 pub struct Failure {
     code: u8,
     message: String,
