@@ -1,0 +1,339 @@
+//! What the gyros counted: accumulated counts at the ends of half seconds, with the time of each and the places where
+//! the sum cannot be trusted.
+//!
+//! Half seconds are placed by the unit's own sequence and clock; when they ended is told by the receive times, averaged
+//! over five minutes, so that jitter goes and a clock that is fast, or warms, stays.
+
+use geu_protocol::Gyro;
+use geu_protocol::continuity::{Continuity, Step};
+use geu_protocol::field::{GYRO_FLAGS, unit_flag};
+use geu_recording::{Defect, Row, Sink};
+
+/// Half seconds over which receive times are averaged.
+const TIMING_BLOCK: usize = 600;
+/// On-board half second, ns.
+const HALF_SECOND_NS: i64 = 500_000_000;
+/// A receive time this far from the averaged course is a jump of somebody's clock.
+const TIME_JUMP_S: f64 = 0.1;
+
+/// Why a sum over a half second is worth nothing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum BreakKind {
+    /// So many half seconds are missing.
+    Gap(u64),
+    /// Sequence and clock stand in no relation to those before.
+    Jump,
+    /// Sequence and clock restarted.
+    Reset,
+    /// Receive times jumped against the unit's clock.
+    TimeJump,
+    /// The gyro's count is marked as no measurement.
+    Invalid,
+    /// The gyro's count was clipped.
+    Saturated,
+    /// The self-test's pattern is in the counts.
+    SelfTest,
+}
+
+impl std::fmt::Display for BreakKind {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        match self {
+            BreakKind::Gap(1) => write!(f, "1 half second is missing"),
+            BreakKind::Gap(count) => write!(f, "{count} half seconds are missing"),
+            BreakKind::Jump => write!(f, "sequence and clock jump"),
+            BreakKind::Reset => write!(f, "the unit restarted"),
+            BreakKind::TimeJump => write!(f, "receive times jump"),
+            BreakKind::Invalid => write!(f, "the count is not valid"),
+            BreakKind::Saturated => write!(f, "the count is saturated"),
+            BreakKind::SelfTest => write!(f, "the self-test runs"),
+        }
+    }
+}
+
+/// A stretch over which sums are worth nothing.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Break {
+    /// Nodes between which it lies.
+    pub from: usize,
+    /// Nodes between which it lies.
+    pub to: usize,
+    /// The gyros concerned, in wire order.
+    pub gyros: [bool; 4],
+    /// Why.
+    pub kind: BreakKind,
+}
+
+/// Accumulated counts at nodes: node 0 is the start of the first half second, node k the end of the k-th.
+#[derive(Debug, Clone, Default)]
+pub struct Counts {
+    /// Time of node 0, ns, on the time scale of the capture.
+    pub start_ns: i64,
+    /// Whether the times were received; else they are the unit's own clock.
+    pub is_received: bool,
+    /// Time of each node since node 0, s.
+    pub node_s: Vec<f64>,
+    /// Sum of the increments up to each node, counts, in the order of [`Gyro::ALL`].
+    pub accumulated: [Vec<f64>; 4],
+    /// Electronics temperature over the half second before each node, °C (node 0 as node 1).
+    pub electronics_c: Vec<f64>,
+    /// Where sums are worth nothing, in order.
+    pub breaks: Vec<Break>,
+}
+
+/// Where an instant lies between nodes: weights of four neighbouring nodes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Reading {
+    /// The first node.
+    pub first: usize,
+    /// Its weight and those of the next three.
+    pub weights: [f64; 4],
+    /// The instant in half seconds since node 0.
+    pub half_seconds: f64,
+}
+
+impl Counts {
+    /// Counts that start at `start_ns`, with nothing yet.
+    pub fn starting_at(start_ns: i64) -> Counts {
+        Counts { start_ns, node_s: vec![0.0], accumulated: std::array::from_fn(|_| vec![0.0]), ..Counts::default() }
+    }
+
+    /// Adds a half second that ends `end_s` after the start; `increments` may be real numbers, as before rounding.
+    pub fn push(&mut self, end_s: f64, increments: [f64; 4], electronics_c: f64) {
+        self.node_s.push(end_s);
+        for (sums, increment) in self.accumulated.iter_mut().zip(increments) {
+            sums.push(sums[sums.len() - 1] + increment);
+        }
+        if self.electronics_c.is_empty() {
+            self.electronics_c.push(electronics_c);
+        }
+        self.electronics_c.push(electronics_c);
+    }
+
+    /// Half seconds.
+    pub fn len(&self) -> usize {
+        self.node_s.len().saturating_sub(1)
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Time of the last node, s since the start.
+    pub fn end_s(&self) -> f64 {
+        self.node_s.last().copied().unwrap_or(0.0)
+    }
+
+    /// The node nearest to an instant; nothing outside the recording (by more than half a half second).
+    pub fn nearest(&self, t_s: f64) -> Option<usize> {
+        let after = self.node_s.partition_point(|&node_s| node_s < t_s);
+        let nearest = match (after.checked_sub(1), self.node_s.get(after)) {
+            (Some(before), Some(&after_s)) if t_s - self.node_s[before] < after_s - t_s => before,
+            (_, Some(_)) => after,
+            (Some(before), None) => before,
+            (None, None) => return None,
+        };
+        ((self.node_s[nearest] - t_s).abs() <= 0.26).then_some(nearest)
+    }
+
+    /// A node itself.
+    pub fn at_node(&self, node: usize) -> Reading {
+        let first = node.min(self.node_s.len().saturating_sub(4));
+        let mut weights = [0.0; 4];
+        weights[node - first] = 1.0;
+        Reading { first, weights, half_seconds: node as f64 }
+    }
+
+    /// An instant between nodes, by the cubic through the four nearest (Casteren §6 interpolates between half seconds);
+    /// nothing outside the recording.
+    pub fn at(&self, t_s: f64) -> Option<Reading> {
+        let last = self.node_s.len().checked_sub(1).filter(|&last| last >= 4)?;
+        // An instant that is a node but for rounding is that node.
+        if let Some(node) = self.nearest(t_s).filter(|&node| (self.node_s[node] - t_s).abs() < 1e-6) {
+            return Some(self.at_node(node));
+        }
+        if !(0.0..=self.node_s[last]).contains(&t_s) {
+            return None;
+        }
+        let piece = self.node_s.partition_point(|&node_s| node_s <= t_s).saturating_sub(1).min(last - 1);
+        let half_seconds = piece as f64 + (t_s - self.node_s[piece]) / (self.node_s[piece + 1] - self.node_s[piece]);
+        let first = piece.saturating_sub(1).min(last - 3);
+        let x = half_seconds - first as f64;
+        let weights = std::array::from_fn(|own| {
+            (0..4).filter(|&other| other != own).map(|other| (x - other as f64) / (own as f64 - other as f64)).product()
+        });
+        Some(Reading { first, weights, half_seconds })
+    }
+
+    /// The accumulated count of a gyro at an instant.
+    pub fn count(&self, gyro: usize, reading: &Reading) -> f64 {
+        let nodes = &self.accumulated[gyro][reading.first..];
+        reading.weights.iter().zip(nodes).map(|(weight, count)| weight * count).sum()
+    }
+
+    /// The first break of a gyro between two instants.
+    pub fn broken(&self, gyro: usize, from: &Reading, to: &Reading) -> Option<&Break> {
+        let (from, to) = (from.half_seconds.min(to.half_seconds), from.half_seconds.max(to.half_seconds));
+        self.breaks
+            .iter()
+            .find(|found| found.gyros[gyro] && (found.from as f64) < to.ceil() && found.to as f64 > from.floor())
+    }
+}
+
+/// Takes rows from a decoder and makes [`Counts`] of them.
+#[derive(Debug, Default)]
+pub struct CountsReader {
+    continuity: Continuity,
+    /// Node of the half second before.
+    node: usize,
+    /// Node, time and whether that was received, of each row.
+    times: Vec<(usize, i64, bool)>,
+    counts: Counts,
+    defects: u64,
+}
+
+impl Sink for CountsReader {
+    fn row(&mut self, row: &Row) {
+        let half_second = &row.half_second;
+        let step = self.continuity.step(half_second.sequence, row.has_clock.then_some(half_second.clock_count));
+        let by_time = |times: &[(usize, i64, bool)]| {
+            let before_ns = times.last().filter(|last| last.2 == row.is_received).map(|last| last.1);
+            let passed_ns = row.time.zip(before_ns).map_or(HALF_SECOND_NS, |(time, before_ns)| time.t_ns - before_ns);
+            ((passed_ns + HALF_SECOND_NS / 2) / HALF_SECOND_NS).clamp(1, 1_000_000) as u64
+        };
+        let (advance, kind) = match step {
+            Step::First | Step::Next => (1, None),
+            Step::Repeat => return,
+            Step::Gap(missing) => (missing + 1, Some(BreakKind::Gap(missing))),
+            Step::Reset => (by_time(&self.times), Some(BreakKind::Reset)),
+            Step::Jump => (by_time(&self.times), Some(BreakKind::Jump)),
+        };
+        // A gap longer than a week is a wrong word, not a gap.
+        let advance = advance.min(1_209_600) as usize;
+        if self.counts.node_s.is_empty() {
+            self.counts = Counts::starting_at(0);
+        }
+        let from = self.node;
+        self.node += advance;
+        let electronics_c = f64::from(half_second.electronics_centi_c) * 0.01;
+        for _ in 1..advance {
+            self.counts.push(0.0, [0.0; 4], electronics_c);
+        }
+        self.counts.push(0.0, half_second.increments.map(f64::from), electronics_c);
+        if let Some(kind) = kind {
+            self.note(from, [true; 4], kind);
+        }
+        let flag = |bit: usize| half_second.gyro_flags & (1 << GYRO_FLAGS[bit].bit) != 0;
+        let (valid, saturated) =
+            (Gyro::ALL.map(|gyro| flag(gyro as usize)), Gyro::ALL.map(|gyro| flag(gyro as usize + 4)));
+        self.note(self.node - 1, valid.map(|valid| !valid), BreakKind::Invalid);
+        self.note(self.node - 1, saturated, BreakKind::Saturated);
+        if half_second.unit_flags & unit_flag("self_test") != 0 {
+            self.note(self.node - 1, [true; 4], BreakKind::SelfTest);
+        }
+        if let Some(time) = row.time {
+            self.times.push((self.node, time.t_ns, row.is_received));
+        }
+    }
+
+    fn defect(&mut self, _defect: &Defect) {
+        // What a defect took away shows as a gap in the sequence; the decoder reports the defect itself.
+        self.defects += 1;
+    }
+}
+
+impl CountsReader {
+    /// Defects that the decoder told.
+    pub fn defects(&self) -> u64 {
+        self.defects
+    }
+
+    fn note(&mut self, from: usize, gyros: [bool; 4], kind: BreakKind) {
+        if !gyros.contains(&true) {
+            return;
+        }
+        // One break for a stretch, however long.
+        if let Some(last) =
+            self.counts.breaks.iter_mut().rev().take(3).find(|last| last.kind == kind && last.gyros == gyros)
+            && last.to == from
+        {
+            last.to = self.node;
+            return;
+        }
+        self.counts.breaks.push(Break { from, to: self.node, gyros, kind });
+    }
+
+    /// What was counted; nothing without a row. `clock_start_ns` is the time at which the unit's clock was 0, for
+    /// recordings without receive times.
+    pub fn finish(mut self, clock_start_ns: i64) -> Option<Counts> {
+        let first = *self.times.first()?;
+        let is_received = self.times.iter().any(|time| time.2);
+        self.times.retain(|time| time.2 == is_received);
+        // Departures of the times from nominal half seconds since the first, so that no digit is lost.
+        let departures: Vec<(usize, f64)> = self
+            .times
+            .iter()
+            .map(|&(node, t_ns, _)| (node, (t_ns - first.1 - (node - first.0) as i64 * HALF_SECOND_NS) as f64 * 1e-9))
+            .collect();
+        let mut counts = self.counts;
+        let (course, jumps) = course(&departures);
+        let nominal_s = |node: usize| (node as f64 - first.0 as f64) * 0.5;
+        let at = |node: usize| nominal_s(node) + course(node as f64);
+        let start_s = at(0);
+        counts.node_s = (0..counts.node_s.len()).map(|node| at(node) - start_s).collect();
+        let zero_ns = if is_received { 0 } else { clock_start_ns };
+        counts.start_ns = first.1 + zero_ns + (start_s * 1e9).round() as i64;
+        counts.is_received = is_received;
+        counts.breaks.extend(jumps.into_iter().map(|(from, to)| Break {
+            from,
+            to,
+            gyros: [true; 4],
+            kind: BreakKind::TimeJump,
+        }));
+        counts.breaks.sort_by_key(|found| found.from);
+        Some(counts)
+    }
+}
+
+/// Course of the departures over the nodes, by medians of blocks joined by straight lines, and the places where it jumps,
+/// on either side of which it has a course of its own.
+fn course(departures: &[(usize, f64)]) -> (impl Fn(f64) -> f64, Vec<(usize, usize)>) {
+    let (mut parts, mut jumps, mut start) = (vec![], vec![], 0);
+    for index in 1..departures.len() {
+        let ((before, from_s), (now, to_s)) = (departures[index - 1], departures[index]);
+        // A single late stamp is none.
+        let stays = departures.get(index + 1).is_none_or(|next| (next.1 - to_s).abs() < TIME_JUMP_S);
+        if (to_s - from_s).abs() > TIME_JUMP_S && stays {
+            parts.push(knots(&departures[start..index]));
+            jumps.push((before, now));
+            start = index;
+        }
+    }
+    parts.push(knots(&departures[start..]));
+    let ends: Vec<usize> = jumps.iter().map(|jump| jump.0).collect();
+    let course = move |node: f64| {
+        let knots: &[(f64, f64)] = &parts[ends.partition_point(|&end| (end as f64) < node)];
+        if let [only] = knots {
+            return only.1;
+        }
+        let after = knots.partition_point(|knot| knot.0 < node).clamp(1, knots.len() - 1);
+        let ((x0, y0), (x1, y1)) = (knots[after - 1], knots[after]);
+        y0 + (y1 - y0) * (node - x0) / (x1 - x0)
+    };
+    (course, jumps)
+}
+
+/// Middle and median of each block; two blocks at least where there are points enough for a slope.
+fn knots(points: &[(usize, f64)]) -> Vec<(f64, f64)> {
+    let blocks = (points.len() / TIMING_BLOCK).max(if points.len() >= 40 { 2 } else { 1 });
+    let block = |index: usize| &points[index * points.len() / blocks..(index + 1) * points.len() / blocks];
+    (0..blocks)
+        .map(|index| {
+            let points = block(index);
+            let mut departures: Vec<f64> = points.iter().map(|point| point.1).collect();
+            let middle = departures.len() / 2;
+            let median_s = *departures.select_nth_unstable_by(middle, f64::total_cmp).1;
+            (points.iter().map(|point| point.0 as f64).sum::<f64>() / points.len() as f64, median_s)
+        })
+        .collect()
+}

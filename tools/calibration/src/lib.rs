@@ -1,0 +1,7 @@
+//! From counts to the sixteen in-orbit parameters, and from parameters to attitude (Casteren §3–6).
+
+pub mod counts;
+pub mod transfer;
+
+pub use counts::{Break, BreakKind, Counts, CountsReader, Reading};
+pub use transfer::{InUse, Transfer};

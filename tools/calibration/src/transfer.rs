@@ -1,0 +1,116 @@
+//! The transfer function: from counts to increments about the control axes, as on board (Casteren §4, eqs 1–3).
+
+use geu_model::package::{Axes, Calibration};
+use geu_model::units::ARCSEC_PER_RAD;
+use geu_protocol::Gyro;
+use nalgebra::{Matrix3x4, Matrix4x3, Vector3, Vector4};
+
+/// Which gyros are used.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum InUse {
+    /// X, Y and ZA: M is inverted.
+    #[default]
+    WithZa,
+    /// X, Y and ZB.
+    WithZb,
+    /// All four, by least squares.
+    All,
+}
+
+impl InUse {
+    /// Whether a gyro takes part, in the order of [`Gyro::ALL`].
+    pub const fn gyros(self) -> [bool; 4] {
+        match self {
+            InUse::WithZa => [true, true, true, false],
+            InUse::WithZb => [true, true, false, true],
+            InUse::All => [true; 4],
+        }
+    }
+}
+
+/// M of eq 2: a row per gyro, columns X, Y, Z; 1 on the own axis by definition.
+pub fn misalignment_matrix(calibrations: &[Calibration; 4]) -> Matrix4x3<f64> {
+    Matrix4x3::from_fn(|gyro, axis| {
+        let own = Axes::of(Gyro::ALL[gyro]).input_control[axis];
+        let Calibration { x_arcsec, y_arcsec, z_arcsec, .. } = calibrations[gyro];
+        if own == 0.0 { [x_arcsec, y_arcsec, z_arcsec][axis] / ARCSEC_PER_RAD } else { own }
+    })
+}
+
+/// Equation 3 with a calibration put in.
+#[derive(Debug, Clone, Copy)]
+pub struct Transfer {
+    scale_factor: Vector4<f64>,
+    drift_arcsec_per_half_s: Vector4<f64>,
+    matrix: Matrix4x3<f64>,
+    inverse: Matrix3x4<f64>,
+}
+
+impl Transfer {
+    /// The transfer function of a calibration. Misalignments within their limits leave M well conditioned.
+    pub fn new(calibrations: &[Calibration; 4], in_use: InUse) -> Transfer {
+        let matrix = misalignment_matrix(calibrations);
+        let mut used = matrix;
+        for (gyro, is_used) in in_use.gyros().into_iter().enumerate() {
+            if !is_used {
+                used.row_mut(gyro).fill(0.0);
+            }
+        }
+        // (MᵀM)⁻¹Mᵀ is M⁻¹ for three gyros; rows lie within a degree of the axes, so the square is harmless.
+        let square = used.transpose() * used;
+        let inverse = square.try_inverse().map_or_else(Matrix3x4::zeros, |inverse| inverse * used.transpose());
+        Transfer {
+            scale_factor: Vector4::from_fn(|gyro, _| calibrations[gyro].scale_factor),
+            drift_arcsec_per_half_s: Vector4::from_fn(|gyro, _| calibrations[gyro].drift_arcsec_per_half_s),
+            matrix,
+            inverse,
+        }
+    }
+
+    /// Rotation about the input axes, arcsec, from counts over so many on-board half seconds (eq 1).
+    pub fn about_inputs_arcsec(&self, counts: [f64; 4], half_seconds: f64) -> [f64; 4] {
+        let counts = Vector4::from(counts);
+        (counts.component_mul(&self.scale_factor) + self.drift_arcsec_per_half_s * half_seconds).into()
+    }
+
+    /// Rotation about the control axes, arcsec, from counts over so many on-board half seconds (eq 3).
+    pub fn about_control_arcsec(&self, counts: [f64; 4], half_seconds: f64) -> [f64; 3] {
+        (self.inverse * Vector4::from(self.about_inputs_arcsec(counts, half_seconds))).into()
+    }
+
+    /// What GYRZA tells of its axis more than GYRZB, once both are corrected for the misalignments, arcsec: 0 but for
+    /// errors of the two.
+    pub fn redundancy_arcsec(&self, counts: [f64; 4], half_seconds: f64) -> f64 {
+        let inputs = self.about_inputs_arcsec(counts, half_seconds);
+        let control = Vector3::from(self.about_control_arcsec(counts, half_seconds));
+        let residual = Vector4::from(inputs) - self.matrix * control;
+        residual[Gyro::Za as usize] - residual[Gyro::Zb as usize]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use geu_model::Configuration;
+
+    #[test]
+    fn what_equation_1_and_2_make_equation_3_takes_back() {
+        let calibrations = Configuration::reference().gyros.map(|gyro| gyro.calibration);
+        let turned = Vector3::new(100.0, -2000.0, 30_000.0);
+        let inputs = misalignment_matrix(&calibrations) * turned;
+        let counts: [f64; 4] = std::array::from_fn(|gyro| {
+            let Calibration { scale_factor, drift_arcsec_per_half_s, .. } = calibrations[gyro];
+            (inputs[gyro] - 7.0 * drift_arcsec_per_half_s) / scale_factor
+        });
+        for in_use in [InUse::WithZa, InUse::WithZb, InUse::All] {
+            let transfer = Transfer::new(&calibrations, in_use);
+            let back = Vector3::from(transfer.about_control_arcsec(counts, 7.0));
+            assert!((back - turned).norm() < 1e-9, "{in_use:?}: {back}");
+            assert!(transfer.redundancy_arcsec(counts, 7.0).abs() < 1e-9);
+        }
+        let mut wrong = counts;
+        wrong[3] -= 10.0;
+        let difference = Transfer::new(&calibrations, InUse::WithZa).redundancy_arcsec(wrong, 7.0);
+        assert!((difference - 10.0 * 0.9992).abs() < 1e-9, "{difference}");
+    }
+}
