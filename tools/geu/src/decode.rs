@@ -17,6 +17,7 @@ use geu_recording::{Defect, InputError, InputReader, Options, Row, Sink, Stop};
 use crate::failure::{Failure, note};
 use crate::gyro_csv;
 use crate::rows::{Form, write_defect, write_row};
+use crate::settings::can_base;
 
 /// Arguments of `geu decode`.
 #[derive(Args)]
@@ -40,7 +41,7 @@ pub struct Arguments {
     #[arg(long, value_name = "DESCRIPTION", conflicts_with_all = ["base", "interface", "input_format", "baud", "duration"])]
     gyro_csv: Option<PathBuf>,
     /// Base of the unit's CAN identifiers, hexadecimal.
-    #[arg(long, value_name = "ID", value_parser = base)]
+    #[arg(long, value_name = "ID", value_parser = can_base)]
     base: Option<CanPlan>,
     /// The interface wanted, where several in a capture carry the unit (otherwise the first that does).
     #[arg(long, value_name = "NAME")]
@@ -67,15 +68,6 @@ enum Format {
     Jsonl,
     /// The summary alone.
     Summary,
-}
-
-fn base(text: &str) -> Result<CanPlan, String> {
-    let digits = text.strip_prefix("0x").unwrap_or(text);
-    let max = CanPlan::MAX_BASE;
-    u16::from_str_radix(digits, 16)
-        .ok()
-        .and_then(CanPlan::with_base)
-        .ok_or_else(|| format!("expected a hexadecimal identifier from 0 to {max:X}, got {text}"))
 }
 
 fn input_format(text: &str) -> Result<InputFormat, String> {

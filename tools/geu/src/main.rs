@@ -4,6 +4,7 @@
 //! `--strict` found defects, 2 bad usage or bad input, 3 a diagnosis ended unexplained.
 
 mod bench;
+mod calibrate;
 mod config;
 mod decode;
 mod describe;
@@ -40,6 +41,7 @@ enum Command {
     Send(send::Arguments),
     Selftest(selftest::Arguments),
     Simulate(simulate::Arguments),
+    Calibrate(calibrate::Arguments),
     Config(config::Arguments),
     Describe(describe::Arguments),
     /// Decode recordings or live links to CSV, JSON lines or a summary.
@@ -56,6 +58,7 @@ static VERSION: LazyLock<String> = LazyLock::new(|| {
 fn main() -> ExitCode {
     let done: Result<(), Failure> = match Arguments::parse().command {
         Some(Command::Simulate(arguments)) => simulate::run(&arguments),
+        Some(Command::Calibrate(arguments)) => calibrate::run(&arguments),
         Some(Command::Config(arguments)) => config::run(&arguments),
         Some(Command::Describe(arguments)) => describe::run(&arguments),
         Some(Command::Decode(arguments)) => decode::run(arguments),

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use geu_model::configuration::{WireForm, unix_ns};
 use geu_model::{Configuration, Truth, Unit};
+use geu_protocol::CanPlan;
 use geu_recording::Reference;
 
 use crate::failure::Failure;
@@ -23,6 +24,15 @@ pub struct Settings {
 pub fn seed(text: &str) -> Result<u64, String> {
     let seed = text.parse().ok().filter(|&seed| seed <= i64::MAX as u64);
     seed.ok_or_else(|| format!("expected an integer 0…{}, got {text}", i64::MAX))
+}
+
+pub fn can_base(text: &str) -> Result<CanPlan, String> {
+    let digits = text.strip_prefix("0x").unwrap_or(text);
+    let max = CanPlan::MAX_BASE;
+    u16::from_str_radix(digits, 16)
+        .ok()
+        .and_then(CanPlan::with_base)
+        .ok_or_else(|| format!("expected a hexadecimal identifier from 0 to {max:X}, got {text}"))
 }
 
 fn start(text: &str) -> Result<f64, String> {
@@ -110,17 +120,29 @@ impl Settings {
     pub fn read(&self) -> Result<Configuration, Failure> {
         match &self.config {
             None => Configuration::reference_with(&self.overrides),
-            Some(path) => {
-                let name = path.display().to_string();
-                let text = geu_recording::read_text(path).map_err(|error| {
-                    Failure::input(format!(
-                        "{name}: cannot be read: {error}; expected a configuration, as `geu config show` prints"
-                    ))
-                })?;
+            Some(_) => {
+                let (name, text) = self.text()?;
                 Configuration::parse(&name, &text, &self.overrides)
             }
         }
         .map_err(Failure::input)
+    }
+
+    /// Its name and text, without the overrides.
+    ///
+    /// # Errors
+    /// A file that cannot be read.
+    pub fn text(&self) -> Result<(String, String), Failure> {
+        let Some(path) = &self.config else {
+            return Ok(("the reference unit".to_owned(), Configuration::reference_text().to_owned()));
+        };
+        let name = path.display().to_string();
+        match geu_recording::read_text(path) {
+            Ok(text) => Ok((name, text)),
+            Err(error) => Err(Failure::input(format!(
+                "{name}: cannot be read: {error}; expected a configuration, as `geu config show` prints"
+            ))),
+        }
     }
 }
 

@@ -157,6 +157,14 @@ impl Configuration {
         Configuration::read(&Source::parse(&format!("{name} with --set"), &text)?.root())
     }
 
+    /// The text of a configuration with values put in, each `PATH=VALUE`; comments and order stay.
+    ///
+    /// # Errors
+    /// Text that is not TOML, a value that cannot be put in.
+    pub fn edited(name: &str, text: &str, values: &[String]) -> Result<String, ConfigurationError> {
+        document::with_overrides(name, text, values)
+    }
+
     /// The reference unit on its default scenario (model.md).
     pub fn reference() -> Configuration {
         Configuration::reference_with(&[]).expect("the built-in configuration is valid")

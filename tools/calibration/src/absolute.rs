@@ -1,0 +1,518 @@
+//! Inertial rotations from the absolute sensors, the paper's way (Casteren §6): fixes of the slit star sensor at the
+//! reference times, the sun sensor between them, the sun's motion integrated along the path (eqs 5–7), and the limit
+//! cycle at the reference times rebuilt from the gyros laid over the sun sensor's history (figure 8).
+//!
+//! The path itself comes from the gyros, bent so that it goes through every fix; it only has to be good to a few
+//! arcseconds, because it enters by the cosine of θ and by the sun's slow motion.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use geu_model::sensor::SensorNumbers;
+use geu_model::units::{ARCSEC_PER_RAD, RAD_PER_DEG};
+use geu_protocol::Gyro;
+use geu_recording::read_text;
+
+use crate::counts::{Counts, Reading};
+use crate::noise::{Disturbance, Source};
+use crate::observe::{LeftOut, Measured, micros, outside};
+use crate::solve::Observation;
+use crate::sun::{Point, follow, step_control_arcsec};
+use crate::transfer::Transfer;
+use crate::window::{Window, WindowError};
+
+/// A fix: one star through one or more slits at one instant.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Fix {
+    /// The instant, ns on the time scale of the file.
+    pub t_ns: i64,
+    /// The star.
+    pub star: String,
+    /// Of each slit: name, θ and ψ in degrees, random error of each angle in arcsec.
+    pub slits: Vec<(String, [f64; 2], f64)>,
+}
+
+/// What the absolute sensors told.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Sensors {
+    /// Time, ns; sun angle in the XZ plane and out of it, arcsec.
+    pub sun: Vec<(i64, [f64; 2])>,
+    /// Fixes in order of time.
+    pub fixes: Vec<Fix>,
+    /// Their figures.
+    pub numbers: SensorNumbers,
+}
+
+impl Sensors {
+    /// Reads `fss.csv` and `sse.csv`, which may be compressed.
+    ///
+    /// # Errors
+    /// The first line that is no row.
+    pub fn read(fss: &str, sse: &str, numbers: SensorNumbers) -> Result<Sensors, WindowError> {
+        let text = |name: &str| {
+            read_text(Path::new(name)).map_err(|source| WindowError::Read { name: name.to_owned(), source })
+        };
+        Sensors::parse((fss, &text(fss)?), (sse, &text(sse)?), numbers)
+    }
+
+    /// Reads texts, each with the name that errors call it by.
+    ///
+    /// # Errors
+    /// As [`Sensors::read`].
+    pub fn parse(fss: (&str, &str), sse: (&str, &str), numbers: SensorNumbers) -> Result<Sensors, WindowError> {
+        let mut sun: Vec<(i64, [f64; 2])> = Vec::new();
+        rows(fss.0, fss.1, &["t_s", "theta_arcsec", "roll_arcsec"], &[], |line, numbers, _| {
+            let t_ns = nanoseconds(numbers[0]);
+            if sun.last().is_some_and(|last| last.0 >= t_ns) {
+                return Err(wrong(fss.0, line, "t_s", "time to rise", &numbers[0].to_string()));
+            }
+            sun.push((t_ns, [numbers[1], numbers[2]]));
+            Ok(())
+        })?;
+        let mut fixes: BTreeMap<i64, Fix> = BTreeMap::new();
+        let fields = ["t_s", "theta_deg", "psi_deg", "sigma_arcsec"];
+        rows(sse.0, sse.1, &fields, &["star", "slit"], |line, numbers, texts| {
+            if !(numbers[3] > 0.0) {
+                return Err(wrong(sse.0, line, "sigma_arcsec", "more than 0", &numbers[3].to_string()));
+            }
+            let t_ns = nanoseconds(numbers[0]);
+            let new = Fix { t_ns, star: texts[0].clone(), slits: Vec::new() };
+            fixes.entry(t_ns).or_insert(new).slits.push((texts[1].clone(), [numbers[1], numbers[2]], numbers[3]));
+            Ok(())
+        })?;
+        Ok(Sensors { sun, fixes: fixes.into_values().collect(), numbers })
+    }
+}
+
+fn nanoseconds(t_s: f64) -> i64 {
+    (t_s * 1e9).round() as i64
+}
+
+fn wrong(name: &str, line: u64, field: &'static str, expected: &str, got: &str) -> WindowError {
+    WindowError::Line { name: name.to_owned(), line, field, expected: expected.to_owned(), got: got.to_owned() }
+}
+
+/// Hands the rows of a CSV on: line, the numbers of `fields`, the texts of `texts`.
+fn rows(
+    name: &str,
+    text: &str,
+    fields: &[&'static str],
+    texts: &[&'static str],
+    mut take: impl FnMut(u64, &[f64], &[String]) -> Result<(), WindowError>,
+) -> Result<(), WindowError> {
+    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).comment(Some(b'#')).from_reader(text.as_bytes());
+    let all = fields.iter().chain(texts).copied().collect::<Vec<_>>().join(", ");
+    let expected = format!("the columns {all}");
+    let header = reader.headers().map_err(|error| wrong(name, 1, "header", &expected, &error.to_string()))?.clone();
+    let mut columns = Vec::new();
+    for field in fields.iter().chain(texts) {
+        let column = header.iter().position(|found| found == *field);
+        let got = header.iter().collect::<Vec<_>>().join(",");
+        columns.push(column.ok_or_else(|| wrong(name, 1, field, &expected, &got))?);
+    }
+    let mut record = csv::StringRecord::new();
+    let (mut numbers, mut words) = (Vec::new(), Vec::new());
+    loop {
+        match reader.read_record(&mut record) {
+            Ok(true) => {}
+            Ok(false) => return Ok(()),
+            Err(error) => {
+                let line = error.position().map_or(0, csv::Position::line);
+                return Err(wrong(name, line, "line", &expected, &error.to_string()));
+            }
+        }
+        let line = record.position().map_or(0, csv::Position::line);
+        numbers.clear();
+        words.clear();
+        for (field, &column) in fields.iter().zip(&columns) {
+            let text = record.get(column).unwrap_or_default();
+            let number = text.parse::<f64>().ok().filter(|number| number.is_finite());
+            numbers.push(number.ok_or_else(|| wrong(name, line, field, "a number", &format!("{text:?}")))?);
+        }
+        words.extend(columns[fields.len()..].iter().map(|&column| record.get(column).unwrap_or_default().to_owned()));
+        take(line, &numbers, &words)?;
+    }
+}
+
+/// A fix on the path: its time since the start of the counts, its reading of them, its attitude.
+#[derive(Debug, Clone)]
+struct Station<'a> {
+    point: Point,
+    reading: Reading,
+    fix: &'a Fix,
+}
+
+/// The attitude at each node, from the gyros and through every fix.
+#[derive(Debug, Clone, Default)]
+pub struct GyroPath {
+    /// θ and ψ at each node.
+    pub points: Vec<Point>,
+    /// Inertial rotation about the control axes that the gyros tell, accumulated to each node, arcsec.
+    pub turned_control_arcsec: Vec<[f64; 3]>,
+}
+
+/// Seconds on either side of a reference time over which the gyros are laid over the sun sensor.
+const OVERLAY_S: f64 = 30.0;
+/// Samples of the sun sensor that this needs at least.
+const OVERLAY_LEAST: usize = 20;
+/// The sun sensor's steps meet a limit cycle of 5 s in ten phases, over and over: no more than these average.
+const PHASES: f64 = 10.0;
+
+/// Lays the gyros' path through the fixes. `transfer` may be rough: what it gets wrong is bent away between fixes.
+pub fn path(measured: &Measured, sensors: &Sensors, transfer: &Transfer) -> Option<GyroPath> {
+    let counts = measured.counts;
+    let stations = stations(counts, sensors);
+    let first = stations.first()?;
+    let turned = turned(measured, transfer);
+    let nodes = counts.node_s.len();
+    let mut points = vec![first.point; nodes];
+    // Forwards from the first fix and backwards from it.
+    let anchor = (first.reading.half_seconds.round() as usize).min(nodes - 1);
+    points[anchor] = Point { t_s: counts.node_s[anchor], ..first.point };
+    let step = |from: &Point, node_from: usize, node_to: usize| {
+        let about = |axis: usize| turned[node_to][axis] - turned[node_from][axis];
+        follow(from, counts.node_s[node_to], about(1), about(2))
+    };
+    for node in anchor + 1..nodes {
+        points[node] = step(&points[node - 1], node - 1, node);
+    }
+    for node in (0..anchor).rev() {
+        points[node] = step(&points[node + 1], node + 1, node);
+    }
+    // Bend it through the fixes: the difference at each, straight lines between, held before the first and after the last.
+    let mut bends: Vec<(f64, [f64; 2])> = Vec::new();
+    for station in &stations {
+        let at = interpolate(&points, &station.reading);
+        let turn = std::f64::consts::TAU;
+        // Turns that gyros could miscount: none. So ψ is taken to the nearest turn, after the bend so far.
+        let so_far = bends.last().map_or([0.0; 2], |last| last.1);
+        let mut psi = station.point.psi_rad - at.psi_rad - so_far[1];
+        psi -= (psi / turn).round() * turn;
+        bends.push((station.reading.half_seconds, [station.point.theta_rad - at.theta_rad, psi + so_far[1]]));
+    }
+    for (node, point) in points.iter_mut().enumerate() {
+        let [theta, psi] = bend(&bends, node as f64);
+        point.theta_rad += theta;
+        point.psi_rad += psi;
+    }
+    Some(GyroPath { points, turned_control_arcsec: turned })
+}
+
+fn bend(bends: &[(f64, [f64; 2])], x: f64) -> [f64; 2] {
+    let after = bends.partition_point(|bend| bend.0 < x);
+    match (after.checked_sub(1).map(|before| &bends[before]), bends.get(after)) {
+        (Some((x0, from)), Some((x1, to))) if x1 > x0 => {
+            let share = (x - x0) / (x1 - x0);
+            [0, 1].map(|axis| from[axis] + (to[axis] - from[axis]) * share)
+        }
+        (_, Some(only)) | (Some(only), None) => only.1,
+        (None, None) => [0.0; 2],
+    }
+}
+
+/// Rotation about the control axes at each node by eq 3, without what effects added.
+fn turned(measured: &Measured, transfer: &Transfer) -> Vec<[f64; 3]> {
+    let counts = measured.counts;
+    let start = counts.at_node(0);
+    (0..counts.node_s.len())
+        .map(|node| {
+            let reading = counts.at_node(node);
+            let counted = std::array::from_fn(|gyro| measured.between(gyro, &start, &reading));
+            transfer.about_control_arcsec(counted, node as f64)
+        })
+        .collect()
+}
+
+fn interpolate(points: &[Point], reading: &Reading) -> Point {
+    let nodes = &points[reading.first..];
+    let sum = |of: fn(&Point) -> f64| reading.weights.iter().zip(nodes).map(|(weight, point)| weight * of(point)).sum();
+    Point { t_s: sum(|point| point.t_s), theta_rad: sum(|point| point.theta_rad), psi_rad: sum(|point| point.psi_rad) }
+}
+
+fn stations<'a>(counts: &Counts, sensors: &'a Sensors) -> Vec<Station<'a>> {
+    sensors
+        .fixes
+        .iter()
+        .filter_map(|fix| {
+            let t_s = (fix.t_ns - counts.start_ns) as f64 * 1e-9;
+            let [theta_deg, psi_deg] = mean(&fix.slits.iter().map(|slit| slit.1).collect::<Vec<_>>());
+            let point = Point { t_s, theta_rad: theta_deg * RAD_PER_DEG, psi_rad: psi_deg * RAD_PER_DEG };
+            // A fix at the very ends of the recording is one of its nodes.
+            let reading =
+                counts.at(t_s.clamp(0.0, counts.end_s())).filter(|_| t_s > -0.26 && t_s < counts.end_s() + 0.26)?;
+            Some(Station { point, reading, fix })
+        })
+        .collect()
+}
+
+/// Mean of θ and ψ in degrees; ψ about the first, so that 359.9 and 0.1 are neighbours.
+fn mean(slits: &[[f64; 2]]) -> [f64; 2] {
+    let Some(first) = slits.first() else { return [f64::NAN; 2] };
+    let count = slits.len() as f64;
+    let near = |psi: f64| psi - first[1] - ((psi - first[1]) / 360.0).round() * 360.0;
+    [
+        slits.iter().map(|slit| slit[0]).sum::<f64>() / count,
+        first[1] + slits.iter().map(|slit| near(slit[1])).sum::<f64>() / count,
+    ]
+}
+
+/// The equations of `windows`, with rotations from the sensors. Each window needs a fix at either end.
+pub fn with_sensors(
+    measured: &Measured,
+    windows: &[Window],
+    sensors: &Sensors,
+    path: &GyroPath,
+) -> (Vec<Observation>, Vec<LeftOut>) {
+    let counts = measured.counts;
+    let (mut observations, mut left_out) = (Vec::new(), Vec::new());
+    let stations = stations(counts, sensors);
+    let start_s = counts.start_ns as f64 * 1e-9;
+    let overlay = Overlay::new(counts, sensors, path);
+    for window in windows {
+        let mut leave = |why: String| {
+            left_out.push(LeftOut { name: window.name.clone(), start_s: window.start_s, gyro: None, why });
+        };
+        if window.start_s < start_s - 0.26 || window.end_s > start_s + counts.end_s() + 0.26 {
+            leave(outside(counts, window));
+            continue;
+        }
+        let station = |t_s: f64| stations.iter().find(|station| (station.fix.t_ns as f64 * 1e-9 - t_s).abs() < 0.26);
+        let (Some(from), Some(to)) = (station(window.start_s), station(window.end_s)) else {
+            let end_s = if station(window.start_s).is_none() { window.start_s } else { window.end_s };
+            leave(format!("the star sensor has no fix at {end_s:.1} s"));
+            continue;
+        };
+        let rolls = (overlay.limit_cycle_x_arcsec(from), overlay.limit_cycle_x_arcsec(to));
+        let (Some(roll_from), Some(roll_to)) = rolls else {
+            let at = if rolls.0.is_none() { from } else { to };
+            leave(format!(
+                "the sun sensor has fewer than {OVERLAY_LEAST} samples around {:.1} s, from which to rebuild the limit cycle",
+                at.fix.t_ns as f64 * 1e-9
+            ));
+            continue;
+        };
+        let (own, mut disturbances) = measured.observe(window, &from.reading, &to.reading, &mut left_out);
+        let (rotation, of_sensors) = rotation(from, to, (roll_from, roll_to), sensors, path, &overlay, counts);
+        disturbances.extend(of_sensors);
+        observations.push(Observation {
+            name: window.name.clone(),
+            start_s: from.point.t_s.max(0.0),
+            end_s: to.point.t_s,
+            half_seconds: to.reading.half_seconds - from.reading.half_seconds,
+            counts: own,
+            rotation_control_arcsec: rotation,
+            disturbances,
+        });
+    }
+    (observations, left_out)
+}
+
+/// The gyros laid over the sun sensor's history (figure 8).
+struct Overlay<'a> {
+    counts: &'a Counts,
+    sensors: &'a Sensors,
+    path: &'a GyroPath,
+    /// Departure about X that the gyros tell, but for a constant, at each node, arcsec: what they turned about X less what
+    /// the path and the sun account for.
+    about_x_arcsec: Vec<f64>,
+}
+
+impl<'a> Overlay<'a> {
+    fn new(counts: &'a Counts, sensors: &'a Sensors, path: &'a GyroPath) -> Overlay<'a> {
+        let mut explained = 0.0;
+        let mut about_x_arcsec = Vec::with_capacity(path.points.len());
+        for (node, point) in path.points.iter().enumerate() {
+            if node > 0 {
+                explained += step_control_arcsec(&path.points[node - 1], point)[0];
+            }
+            about_x_arcsec.push(path.turned_control_arcsec[node][0] - explained);
+        }
+        Overlay { counts, sensors, path, about_x_arcsec }
+    }
+
+    fn samples(&self, from_s: f64, to_s: f64) -> impl Iterator<Item = (f64, &[f64; 2])> {
+        let ns = |t_s: f64| self.counts.start_ns + (t_s * 1e9) as i64;
+        let sun = &self.sensors.sun;
+        let first = sun.partition_point(|sample| sample.0 < ns(from_s));
+        let last = sun.partition_point(|sample| sample.0 <= ns(to_s));
+        sun[first..last].iter().map(|(t_ns, angles)| ((t_ns - self.counts.start_ns) as f64 * 1e-9, angles))
+    }
+
+    /// Turn about X out of the attitude that θ and ψ tell, at a fix: the gyros' there, with the constant and the slope that
+    /// lay them over the sun sensor around it.
+    fn limit_cycle_x_arcsec(&self, station: &Station) -> Option<f64> {
+        let t_s = station.point.t_s;
+        let (mut count, mut sums) = (0, [0.0; 5]);
+        for (sample_s, angles) in self.samples(t_s - OVERLAY_S, t_s + OVERLAY_S) {
+            let Some(reading) = self.counts.at(sample_s) else { continue };
+            let theta_rad = interpolate(&self.path.points, &reading).theta_rad;
+            // The sun leaves the XZ plane by the turn about X times sin θ.
+            let difference = angles[1] / libm::sin(theta_rad) - read(&self.about_x_arcsec, &reading);
+            let x = sample_s - t_s;
+            count += 1;
+            for (sum, term) in sums.iter_mut().zip([1.0, x, x * x, difference, x * difference]) {
+                *sum += term;
+            }
+        }
+        let [n, x, xx, y, xy] = sums;
+        let spread = n * xx - x * x;
+        if count < OVERLAY_LEAST || spread <= 0.0 {
+            return None;
+        }
+        Some(read(&self.about_x_arcsec, &station.reading) + (xx * y - x * xy) / spread)
+    }
+
+    /// Mean of what the sun sensor's θ is above the path's between two instants.
+    fn level_arcsec(&self, from_s: f64, to_s: f64) -> Option<f64> {
+        let (mut count, mut sum) = (0.0, 0.0);
+        for (sample_s, angles) in self.samples(from_s, to_s) {
+            let Some(reading) = self.counts.at(sample_s) else { continue };
+            sum += angles[0] - interpolate(&self.path.points, &reading).theta_rad * ARCSEC_PER_RAD;
+            count += 1.0;
+        }
+        (count >= OVERLAY_LEAST as f64).then(|| sum / count)
+    }
+}
+
+fn read(nodes: &[f64], reading: &Reading) -> f64 {
+    reading.weights.iter().zip(&nodes[reading.first..]).map(|(weight, value)| weight * value).sum()
+}
+
+/// Inertial rotation between two fixes, arcsec, and what disturbs it.
+fn rotation(
+    from: &Station,
+    to: &Station,
+    roll_arcsec: (f64, f64),
+    sensors: &Sensors,
+    path: &GyroPath,
+    overlay: &Overlay,
+    counts: &Counts,
+) -> ([f64; 3], Vec<Disturbance>) {
+    let slits: Vec<(&[f64; 2], &[f64; 2], f64, f64)> = to
+        .fix
+        .slits
+        .iter()
+        .filter_map(|(slit, angles, sigma)| {
+            let before = from.fix.slits.iter().find(|before| before.0 == *slit)?;
+            Some((&before.1, angles, before.2, *sigma))
+        })
+        .collect();
+    // The same slits on both sides, so that what is theirs cancels (Casteren §5); where there are none, their errors count.
+    let same_slits = !slits.is_empty();
+    let ends: [(f64, [f64; 2]); 2] = if same_slits {
+        let count = slits.len() as f64;
+        let side = |angles: Vec<[f64; 2]>, variances: f64| (variances / count / count, mean(&angles));
+        [
+            side(slits.iter().map(|slit| *slit.0).collect(), slits.iter().map(|slit| slit.2 * slit.2).sum()),
+            side(slits.iter().map(|slit| *slit.1).collect(), slits.iter().map(|slit| slit.3 * slit.3).sum()),
+        ]
+    } else {
+        let side = |fix: &Fix| {
+            let count = fix.slits.len() as f64;
+            let random = fix.slits.iter().map(|slit| slit.2 * slit.2).sum::<f64>() / count / count;
+            let systematic = sensors.numbers.sse.slit_arcsec.powi(2) / count;
+            (random + systematic, mean(&fix.slits.iter().map(|slit| slit.1).collect::<Vec<_>>()))
+        };
+        [side(from.fix), side(to.fix)]
+    };
+    let star_variance = if from.fix.star == to.fix.star { 0.0 } else { sensors.numbers.sse.star_arcsec.powi(2) };
+    // The ends by the slits in common, ψ on the path's turn.
+    let point = |station: &Station, angles: [f64; 2]| {
+        let on_path = interpolate(&path.points, &station.reading);
+        let mut psi = angles[1] * RAD_PER_DEG - on_path.psi_rad;
+        psi -= (psi / std::f64::consts::TAU).round() * std::f64::consts::TAU;
+        let t_s = on_path.t_s;
+        (on_path, Point { t_s, theta_rad: angles[0] * RAD_PER_DEG, psi_rad: on_path.psi_rad + psi })
+    };
+    let ((path_start, start), (path_end, end)) = (point(from, ends[0].1), point(to, ends[1].1));
+    // The level of θ: what slits share does not cancel in cos θ; the sun sensor tells it, as well as its steps allow.
+    let phases_variance =
+        (sensors.numbers.fss.step_arcsec.powi(2) / 12.0 + sensors.numbers.fss.noise_arcsec.powi(2)) / PHASES;
+    let slit_count = ends.iter().map(|_| from.fix.slits.len().max(1) as f64).sum::<f64>() / 2.0;
+    let fix_variance = sensors.numbers.sse.slit_arcsec.powi(2) / slit_count + (ends[0].0 + ends[1].0) / 4.0;
+    let seen = overlay.level_arcsec(start.t_s, end.t_s);
+    let (level_arcsec, level_variance) = match seen {
+        Some(level_arcsec) => {
+            let bend = ((start.theta_rad - path_start.theta_rad) + (end.theta_rad - path_end.theta_rad)) / 2.0
+                * ARCSEC_PER_RAD;
+            let total = fix_variance + phases_variance;
+            ((level_arcsec - bend) * fix_variance / total, fix_variance * phases_variance / total)
+        }
+        None => (0.0, fix_variance),
+    };
+    let (first, last) = (from.reading.half_seconds, to.reading.half_seconds);
+    let bent = |node: usize| {
+        let (point, share) = (path.points[node], (node as f64 - first) / (last - first));
+        let between = |from: f64, to: f64| from + (to - from) * share;
+        Point {
+            t_s: counts.node_s[node],
+            theta_rad: point.theta_rad
+                + between(start.theta_rad - path_start.theta_rad, end.theta_rad - path_end.theta_rad),
+            psi_rad: point.psi_rad + between(start.psi_rad - path_start.psi_rad, end.psi_rad - path_end.psi_rad),
+        }
+    };
+    let nodes = (first.floor() as usize + 1)..(last.ceil() as usize);
+    let raised = |point: Point| Point { theta_rad: point.theta_rad + level_arcsec / ARCSEC_PER_RAD, ..point };
+    let points = std::iter::once(start).chain(nodes.map(bent)).chain([end]).map(raised);
+    let mut rotation = [roll_arcsec.1 - roll_arcsec.0, 0.0, 0.0];
+    // Change of the rotation about X and Z with the level of θ, and the mean direction of the sun vector.
+    let (mut per_level, mut before): ([f64; 2], Option<Point>) = ([0.0; 2], None);
+    for point in points {
+        if let Some(before) = before {
+            let step = step_control_arcsec(&before, &point);
+            for (sum, angle) in rotation.iter_mut().zip(step) {
+                *sum += angle;
+            }
+            let (sin, cos) = libm::sincos((before.theta_rad + point.theta_rad) / 2.0);
+            let psi = point.psi_rad - before.psi_rad;
+            per_level[0] -= psi * sin;
+            per_level[1] += psi * cos;
+        }
+        before = Some(point);
+    }
+    (rotation, disturbances(from, to, &ends, star_variance, (per_level, level_variance), phases_variance))
+}
+
+/// What the fixes, the level of θ and the rebuilt limit cycle leave uncertain.
+fn disturbances(
+    from: &Station,
+    to: &Station,
+    ends: &[(f64, [f64; 2]); 2],
+    star_variance: f64,
+    (per_level, level_variance): ([f64; 2], f64),
+    phases_variance: f64,
+) -> Vec<Disturbance> {
+    let mut all = Vec::new();
+    for (station, sign, variance) in [(from, -1.0, ends[0].0), (to, 1.0, ends[1].0 + star_variance)] {
+        let at_us = micros(station.point.t_s);
+        let (sin, cos) = libm::sincos(station.point.theta_rad);
+        let mut push = |axis: usize, variance: f64, rotation: [f64; 3]| {
+            all.push(Disturbance {
+                source: Source::Reference { axis, at_us },
+                variance,
+                counts: [0.0; 4],
+                rotation_control_arcsec: rotation.map(|part| part * sign),
+            });
+        };
+        // ψ turns about the sun vector, θ about Y; the limit cycle about X comes from the sun sensor's steps.
+        push(2, variance, [cos, 0.0, sin]);
+        push(1, variance, [0.0, 1.0, 0.0]);
+        push(0, phases_variance, [1.0, 0.0, 0.0]);
+        // The gyros' own rounding at the fix is in the rebuilt limit cycle as it is in the counts, and cancels there.
+        for (index, weight) in station.reading.weights.iter().enumerate().filter(|(_, weight)| **weight != 0.0) {
+            all.push(Disturbance {
+                source: Source::Rounding { gyro: Gyro::X as usize, node: station.reading.first + index },
+                variance: crate::noise::ROUNDING_VARIANCE,
+                counts: [0.0; 4],
+                rotation_control_arcsec: [sign * weight, 0.0, 0.0],
+            });
+        }
+    }
+    all.push(Disturbance {
+        source: Source::Level { at_us: micros(from.point.t_s) },
+        variance: level_variance,
+        counts: [0.0; 4],
+        rotation_control_arcsec: [per_level[0], 0.0, per_level[1]],
+    });
+    all
+}

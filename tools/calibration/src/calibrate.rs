@@ -1,0 +1,285 @@
+//! One recording calibrated: which manoeuvres, what effects are taken off, which rotations, then the sixteen parameters
+//! and the hand method beside them.
+
+use geu_model::Configuration;
+use geu_model::attitude::Recorded;
+use geu_model::package::Calibration;
+use geu_model::units::ARCSEC_PER_DEG;
+use geu_recording::Reference;
+
+use crate::absolute::{self, GyroPath, Sensors};
+use crate::counts::Counts;
+use crate::effects::{EffectCounts, Steps};
+use crate::hand;
+use crate::noise::Walks;
+use crate::observe::{self, Known, LeftOut, Measured, reference_sigma_arcsec};
+use crate::solve::{self, Observation, Solution, Unsolvable};
+use crate::transfer::{InUse, Transfer};
+use crate::window::{self, Window};
+
+/// What tells the inertial rotations.
+#[derive(Debug, Clone, Copy)]
+pub enum Attitude<'a> {
+    /// A reference attitude; its noise where it is known, else it is estimated.
+    Reference(&'a Reference, Option<f64>),
+    /// The absolute sensors.
+    Sensors(&'a Sensors),
+}
+
+/// A calibration with all that it rests on.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Calibrated {
+    /// The sixteen parameters.
+    pub solution: Solution,
+    /// Those of the hand method, or why it has none.
+    pub hand: Result<[Calibration; 4], String>,
+    /// The equations.
+    pub observations: Vec<Observation>,
+    /// What was not used.
+    pub left_out: Vec<LeftOut>,
+    /// Noise of the reference about each axis, arcsec.
+    pub reference_sigma_arcsec: [f64; 3],
+}
+
+/// Why a recording could not be calibrated.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum CalibrateError {
+    /// Nothing stands in it.
+    #[error("expected a recording of at least 4 half seconds, got {0}")]
+    TooShort(usize),
+    /// The list has no calibration manoeuvre.
+    #[error("expected calibration manoeuvres (pointing, z-scan, y-scan, x-scan, or names of your own), got only {0}")]
+    NoManoeuvres(String),
+    /// No fix of the star sensor lies in the recording.
+    #[error("expected fixes of the star sensor within the recording, {from_s:.1}…{to_s:.1} s, got none")]
+    NoFixes {
+        /// Its start on the time scale of the capture.
+        from_s: f64,
+        /// Its end.
+        to_s: f64,
+    },
+    /// The manoeuvres do not determine the parameters.
+    #[error("the manoeuvres do not determine the parameters:\n{source}{}", notes(.left_out))]
+    Unsolvable {
+        /// What, in words.
+        source: Unsolvable,
+        /// What was not used, which may be why.
+        left_out: Vec<LeftOut>,
+    },
+}
+
+fn notes(left_out: &[LeftOut]) -> String {
+    left_out.iter().map(|left_out| format!("\nleft out: {left_out}")).collect()
+}
+
+/// How often the gyros' path is laid with the parameters that it gave: it only has to be good to some arcseconds.
+const PASSES: usize = 3;
+
+/// Calibrates a recording. `configuration` is what is believed of the unit: its effects are taken off, its walks weigh.
+/// Without `windows` a whole recording is used, cut where the unit rests, or at the fixes.
+///
+/// # Errors
+/// [`CalibrateError`]: what cannot be solved, and what was left out.
+pub fn calibrate(
+    configuration: &Configuration,
+    counts: &Counts,
+    windows: Option<&[Window]>,
+    attitude: &Attitude,
+) -> Result<Calibrated, CalibrateError> {
+    if counts.len() < 4 {
+        return Err(CalibrateError::TooShort(counts.len()));
+    }
+    let believed = configuration.gyros.each_ref().map(|gyro| gyro.calibration);
+    let walks = Walks::configured(configuration);
+    match attitude {
+        Attitude::Reference(reference, sigma_arcsec) => {
+            let truth = &*reference.truth;
+            let sigma_arcsec = sigma_arcsec.map_or_else(
+                || reference_sigma_arcsec(counts, truth, reference.start_ns, &believed),
+                |sigma_arcsec| [sigma_arcsec; 3],
+            );
+            let known = Known { truth, start_ns: reference.start_ns, sigma_arcsec };
+            let effects =
+                EffectCounts::of(configuration, counts, || steps_of_reference(counts, truth, reference.start_ns));
+            let measured = Measured { counts, effects: effects.as_ref() };
+            let windows = chosen(&measured, windows, &Transfer::new(&believed, InUse::WithZa), attitude)?;
+            let (observations, left_out) = observe::with_reference(&measured, &windows, &known);
+            finish(observations, left_out, &walks, &believed, sigma_arcsec)
+        }
+        Attitude::Sensors(sensors) => {
+            let mut calibrations = believed;
+            let mut effects: Option<EffectCounts> = None;
+            let mut pass = 0;
+            loop {
+                pass += 1;
+                let transfer = Transfer::new(&calibrations, InUse::WithZa);
+                let no_fixes = || {
+                    let from_s = counts.start_ns as f64 * 1e-9;
+                    CalibrateError::NoFixes { from_s, to_s: from_s + counts.end_s() }
+                };
+                let measured = Measured { counts, effects: effects.as_ref() };
+                let path = absolute::path(&measured, sensors, &transfer).ok_or_else(no_fixes)?;
+                let of_path = EffectCounts::of(configuration, counts, || steps_of_path(&path));
+                let measured = Measured { counts, effects: of_path.as_ref() };
+                let windows = chosen(&measured, windows, &transfer, attitude)?;
+                let (observations, left_out) = absolute::with_sensors(&measured, &windows, sensors, &path);
+                let found = finish(observations, left_out, &walks, &calibrations, [f64::NAN; 3])?;
+                if pass == PASSES {
+                    return Ok(found);
+                }
+                calibrations = found.solution.calibrations;
+                effects = of_path;
+            }
+        }
+    }
+}
+
+fn finish(
+    observations: Vec<Observation>,
+    left_out: Vec<LeftOut>,
+    walks: &[Walks; 4],
+    believed: &[Calibration; 4],
+    reference_sigma_arcsec: [f64; 3],
+) -> Result<Calibrated, CalibrateError> {
+    match solve::solve(&observations, walks, believed) {
+        Ok(solution) => {
+            let hand = hand::solve(&observations, believed);
+            Ok(Calibrated { solution, hand, observations, left_out, reference_sigma_arcsec })
+        }
+        Err(source) => Err(CalibrateError::Unsolvable { source, left_out }),
+    }
+}
+
+/// A slew after a Y-scan that turns less than this about Y is the precaution before its second fix (Casteren §5.3).
+const SLEW_ABOUT_SUN_ARCSEC: f64 = ARCSEC_PER_DEG;
+
+/// The windows to evaluate: the calibration manoeuvres of the list, a Y-scan up to the end of the slew about the sun
+/// vector that follows it; without a list everything.
+fn chosen(
+    measured: &Measured,
+    windows: Option<&[Window]>,
+    transfer: &Transfer,
+    attitude: &Attitude,
+) -> Result<Vec<Window>, CalibrateError> {
+    let counts = measured.counts;
+    let start_s = counts.start_ns as f64 * 1e-9;
+    let Some(windows) = windows else {
+        return Ok(match attitude {
+            Attitude::Reference(reference, _) => {
+                let offset_s = (counts.start_ns - reference.start_ns) as f64 * 1e-9;
+                let (from_s, to_s) = (reference.truth.start_s() - offset_s, reference.truth.end_s() - offset_s);
+                window::cut_at_rests(counts, transfer, from_s, to_s)
+                    .into_iter()
+                    .map(|window| Window { start_s: window.start_s + start_s, end_s: window.end_s + start_s, ..window })
+                    .collect()
+            }
+            Attitude::Sensors(sensors) => sensors
+                .fixes
+                .windows(2)
+                .enumerate()
+                .map(|(index, pair)| Window {
+                    name: format!("stretch {}", index + 1),
+                    start_s: pair[0].t_ns as f64 * 1e-9,
+                    end_s: pair[1].t_ns as f64 * 1e-9,
+                })
+                .collect(),
+        });
+    };
+    let mut chosen: Vec<Window> = Vec::new();
+    for (index, window) in windows.iter().enumerate().filter(|(_, window)| !window.is_precaution()) {
+        let mut window = window.clone();
+        let slew = windows
+            .get(index + 1)
+            .filter(|next| window.name == "y-scan" && next.name == "slew" && (next.start_s - window.end_s).abs() < 0.5);
+        if let Some(slew) = slew
+            && let (Some(from), Some(to)) =
+                (counts.nearest(slew.start_s - start_s), counts.nearest(slew.end_s - start_s))
+        {
+            let (from, to) = (counts.at_node(from), counts.at_node(to));
+            let counted = std::array::from_fn(|gyro| measured.between(gyro, &from, &to));
+            let turned = transfer.about_control_arcsec(counted, to.half_seconds - from.half_seconds);
+            if turned[1].abs() < SLEW_ABOUT_SUN_ARCSEC {
+                window.end_s = slew.end_s;
+            }
+        }
+        chosen.push(window);
+    }
+    if chosen.is_empty() {
+        let mut names: Vec<&str> = windows.iter().map(|window| window.name.as_str()).collect();
+        names.dedup();
+        let names = if names.is_empty() { "an empty list".to_owned() } else { names.join(", ") };
+        return Err(CalibrateError::NoManoeuvres(names));
+    }
+    Ok(chosen)
+}
+
+fn steps_of_reference(counts: &Counts, truth: &Recorded, start_ns: i64) -> Steps {
+    let offset_s = (counts.start_ns - start_ns) as f64 * 1e-9;
+    let mut near = 0;
+    let mut before = truth.at(counts.node_s[0] + offset_s, &mut near).0;
+    counts.node_s[1..]
+        .iter()
+        .map(|&node_s| {
+            let (turned, moment) = truth.at(node_s + offset_s, &mut near);
+            let step = std::array::from_fn(|axis| turned[axis] - before[axis]);
+            before = turned;
+            (step, truth.knows_sun().then_some((moment.theta_rad, moment.psi_rad)))
+        })
+        .collect()
+}
+
+fn steps_of_path(path: &GyroPath) -> Steps {
+    let pairs = path.turned_control_arcsec.windows(2).zip(&path.points[1..]);
+    pairs
+        .map(|(pair, point)| {
+            (std::array::from_fn(|axis| pair[1][axis] - pair[0][axis]), Some((point.theta_rad, point.psi_rad)))
+        })
+        .collect()
+}
+
+/// Two calibrations of one unit compared, parameter by parameter, and combined (Casteren §5).
+#[derive(Debug, Clone, PartialEq)]
+pub struct Comparison {
+    /// χ² of each parameter's difference, one degree of freedom each, in the order of [`solve::Parameter::all`].
+    pub chi2: [f64; solve::UNKNOWNS],
+    /// χ² of all differences together, sixteen degrees of freedom.
+    pub together: f64,
+    /// The weighted mean, with its covariance.
+    pub combined: Solution,
+}
+
+/// Compares and combines two independent solutions.
+///
+/// # Errors
+/// Covariances that cannot be inverted.
+pub fn combine(first: &Solution, second: &Solution) -> Result<Comparison, Unsolvable> {
+    let singular = || Unsolvable::NotFinite("the covariances".to_owned());
+    let values = [first, second].map(|solution| nalgebra::DVector::from_column_slice(&solution.values()));
+    let difference = &values[1] - &values[0];
+    let total = &first.covariance + &second.covariance;
+    // Scaled to unit diagonal, so that relative errors of 10⁻⁶ and arcseconds do not meet in one inverse.
+    let scale: Vec<f64> = (0..solve::UNKNOWNS).map(|index| total[(index, index)].sqrt()).collect();
+    let scaled = |matrix: &nalgebra::DMatrix<f64>| {
+        nalgebra::DMatrix::from_fn(solve::UNKNOWNS, solve::UNKNOWNS, |a, b| matrix[(a, b)] / scale[a] / scale[b])
+    };
+    let root = nalgebra::Cholesky::new(scaled(&total)).ok_or_else(singular)?;
+    let unit = nalgebra::DVector::from_fn(solve::UNKNOWNS, |index, _| difference[index] / scale[index]);
+    // The mean is first + C₁(C₁ + C₂)⁻¹(second − first), its covariance C₁ − C₁(C₁ + C₂)⁻¹C₁.
+    let own = scaled(&first.covariance);
+    let step = &own * root.solve(&unit);
+    let covariance = &own - &own * root.solve(&own);
+    let mut combined = second.clone();
+    for (index, parameter) in solve::Parameter::all().enumerate() {
+        *parameter.of_mut(&mut combined.calibrations[parameter.gyro as usize]) =
+            values[0][index] + step[index] * scale[index];
+    }
+    combined.covariance =
+        nalgebra::DMatrix::from_fn(solve::UNKNOWNS, solve::UNKNOWNS, |a, b| covariance[(a, b)] * scale[a] * scale[b]);
+    let together = unit.dot(&root.solve(&unit));
+    combined.chi2 = first.chi2 + second.chi2 + together;
+    combined.degrees_of_freedom = first.degrees_of_freedom + second.degrees_of_freedom + solve::UNKNOWNS;
+    combined.residuals = Vec::new();
+    combined.leverage = Vec::new();
+    let chi2 = std::array::from_fn(|index| unit[index] * unit[index]);
+    Ok(Comparison { chi2, together, combined })
+}

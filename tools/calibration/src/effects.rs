@@ -1,0 +1,116 @@
+//! What the effects of a configuration add to the counts, by the model itself on the motion that was measured, so that
+//! it can be taken off before the sixteen parameters are solved.
+
+use std::sync::Arc;
+
+use geu_model::attitude::{Recorded, Row};
+use geu_model::effect::{CALIBRATION_COLUMN, Effects, SELF_TEST_COLUMN};
+use geu_model::{Configuration, Truth, Unit};
+
+use crate::counts::{Counts, Reading};
+use crate::noise::{Disturbance, Source};
+
+/// How well the clearance of the pivots is known, arcsec: ±3″ (Casteren §5.3), taken as the bounds of a uniform error.
+pub const CLEARANCE_SIGMA_ARCSEC: f64 = 1.732_050_807_568_877_2;
+
+/// Counts that effects added, accumulated at nodes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EffectCounts {
+    /// Of each gyro.
+    accumulated: [Vec<f64>; 4],
+    /// What an arcsecond more of clearance would add.
+    per_clearance: [Vec<f64>; 4],
+}
+
+/// The motion at each node after the first: rotation about the control axes since the node before, arcsec, and θ and ψ where known.
+pub type Steps = Vec<([f64; 3], Option<(f64, f64)>)>;
+
+impl EffectCounts {
+    /// Runs the model of `configuration`, without its noise, along the motion; nothing where it has no other effect.
+    pub fn of(configuration: &Configuration, counts: &Counts, steps: impl FnOnce() -> Steps) -> Option<EffectCounts> {
+        let mut quiet = configuration.clone();
+        for gyro in &mut quiet.gyros {
+            gyro.effects.constant.angle_random_walk = Default::default();
+            gyro.effects.constant.drift_random_walk = Default::default();
+        }
+        let present = (0..quiet.unit.constant.specs().len()).any(|index| quiet.unit.has(index))
+            || quiet.gyros.iter().any(|gyro| {
+                (0..gyro.effects.constant.specs().len()).any(|index| gyro.effects.has(index))
+                    || (0..gyro.wiring.constant.specs().len()).any(|index| gyro.wiring.has(index))
+            });
+        if !present {
+            return None;
+        }
+        let steps = steps();
+        quiet.electronics.table =
+            (0..counts.node_s.len()).map(|node| (counts.node_s[node], counts.electronics_c[node])).collect();
+        let rows: Vec<Row> = steps
+            .iter()
+            .enumerate()
+            .map(|(index, &(angle_control_arcsec, theta_psi_rad))| Row {
+                t_s: counts.node_s[index + 1],
+                angle_control_arcsec,
+                theta_psi_rad,
+            })
+            .collect();
+        let truth = Truth::Recorded(Arc::new(Recorded::starting_at(0.0, &rows).ok()?));
+        let accumulated = run(&quiet, &truth, steps.len());
+        let mut wider = quiet;
+        let mut has_pivots = false;
+        for gyro in &mut wider.gyros {
+            let pivots = &mut gyro.effects.constant.pivot_clearance;
+            if pivots.clearance_arcsec > 0.0 {
+                pivots.clearance_arcsec += 1.0;
+                has_pivots = true;
+            }
+        }
+        let per_clearance = if has_pivots {
+            let with = run(&wider, &truth, steps.len());
+            std::array::from_fn(|gyro| {
+                with[gyro].iter().zip(&accumulated[gyro]).map(|(with, without)| with - without).collect()
+            })
+        } else {
+            Default::default()
+        };
+        Some(EffectCounts { accumulated, per_clearance })
+    }
+
+    /// What was added between two instants.
+    pub fn between(&self, gyro: usize, from: &Reading, to: &Reading) -> f64 {
+        read(&self.accumulated[gyro], to) - read(&self.accumulated[gyro], from)
+    }
+
+    /// What the uncertainty of the clearance means between two instants.
+    pub fn disturbance(&self, gyro: usize, from: &Reading, to: &Reading) -> Option<Disturbance> {
+        let nodes = &self.per_clearance[gyro];
+        if nodes.is_empty() {
+            return None;
+        }
+        let mut counts = [0.0; 4];
+        counts[gyro] = read(nodes, to) - read(nodes, from);
+        (counts[gyro].abs() > 1e-6).then_some(Disturbance {
+            source: Source::Clearance { gyro },
+            variance: CLEARANCE_SIGMA_ARCSEC * CLEARANCE_SIGMA_ARCSEC,
+            counts,
+            rotation_control_arcsec: [0.0; 3],
+        })
+    }
+}
+
+fn read(nodes: &[f64], reading: &Reading) -> f64 {
+    reading.weights.iter().zip(&nodes[reading.first..]).map(|(weight, value)| weight * value).sum()
+}
+
+/// The changes of every column but the calibration's, accumulated.
+fn run(configuration: &Configuration, truth: &Truth, half_seconds: usize) -> [Vec<f64>; 4] {
+    let mut unit = Unit::on(configuration, truth);
+    let mut accumulated: [Vec<f64>; 4] = std::array::from_fn(|_| vec![0.0]);
+    for _ in 0..half_seconds {
+        let (_, traces) = unit.end_half_second_traced();
+        for (sums, trace) in accumulated.iter_mut().zip(&traces) {
+            let changes = trace.changes[CALIBRATION_COLUMN + 1..SELF_TEST_COLUMN].iter().sum::<f64>();
+            sums.push(sums[sums.len() - 1] + changes);
+        }
+    }
+    accumulated
+}

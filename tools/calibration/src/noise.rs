@@ -1,0 +1,138 @@
+//! What disturbs a sum of counts: the walks of angle and drift rate between two instants, and everything else as
+//! sources, each with a variance, that rows share or do not.
+
+use geu_model::Configuration;
+
+/// Variance of one rounding of an accumulated angle, count²: uniform over a count.
+pub const ROUNDING_VARIANCE: f64 = 1.0 / 12.0;
+
+/// Random walks of one gyro, as its configuration has them (table 1; model.md).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Walks {
+    /// Angle random walk, arcsec/√s.
+    pub angle_arcsec_per_sqrt_s: f64,
+    /// Drift random walk, arcsec/s/√s.
+    pub drift_arcsec_per_s_per_sqrt_s: f64,
+    /// Its correlation time, s; infinite for a pure walk.
+    pub correlation_time_s: f64,
+}
+
+impl Walks {
+    /// The walks of each gyro.
+    pub fn configured(configuration: &Configuration) -> [Walks; 4] {
+        std::array::from_fn(|gyro| {
+            let effects = &configuration.gyros[gyro].effects.constant;
+            Walks {
+                angle_arcsec_per_sqrt_s: effects.angle_random_walk.arcsec_per_sqrt_s,
+                drift_arcsec_per_s_per_sqrt_s: effects.drift_random_walk.arcsec_per_s_per_sqrt_s,
+                correlation_time_s: effects.drift_random_walk.correlation_time_s,
+            }
+        })
+    }
+
+    /// Covariance of the angle that the angle walk gains over two stretches, arcsec².
+    pub fn angle_covariance(&self, a: (f64, f64), b: (f64, f64)) -> f64 {
+        let together_s = (a.1.min(b.1) - a.0.max(b.0)).max(0.0);
+        self.angle_arcsec_per_sqrt_s.powi(2) * together_s
+    }
+
+    /// Covariance of the angle that the drift walk gains over two stretches, arcsec²; the walk is 0 at time 0.
+    pub fn drift_covariance(&self, a: (f64, f64), b: (f64, f64)) -> f64 {
+        let integral = |x: f64, y: f64| self.integral_covariance(x.min(y), x.max(y));
+        integral(a.1, b.1) - integral(a.0, b.1) - integral(a.1, b.0) + integral(a.0, b.0)
+    }
+
+    /// Covariance of the walk's integrals up to x and up to y, x ≤ y: ∫₀ˣ∫₀ʸ of its covariance function, which is
+    /// σ² min(s, t) for the pure walk and σ²τ/2 (e^(−|t−s|/τ) − e^(−(s+t)/τ)) with a correlation time.
+    fn integral_covariance(&self, x: f64, y: f64) -> f64 {
+        let variance = self.drift_arcsec_per_s_per_sqrt_s.powi(2);
+        let tau = self.correlation_time_s;
+        // Where the whole stretch is a thousandth of τ or less the two agree to that, and the second cancels.
+        if y < 1e-3 * tau {
+            return variance * x * x * (3.0 * y - x) / 6.0;
+        }
+        let gone = |t: f64| -libm::expm1(-t / tau);
+        let stationary = tau * (2.0 * x - tau * gone(x) - tau * (gone(y) - gone(y - x)));
+        variance * tau / 2.0 * (stationary - tau * tau * gone(x) * gone(y))
+    }
+}
+
+/// Where a disturbance comes from: rows that name the same source share it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Source {
+    /// Rounding of a gyro's accumulated angle at a node.
+    Rounding {
+        /// The gyro.
+        gyro: usize,
+        /// The node.
+        node: usize,
+    },
+    /// The reference attitude about an axis at an instant, in µs.
+    Reference {
+        /// The control axis.
+        axis: usize,
+        /// The instant.
+        at_us: i64,
+    },
+    /// The level of θ over a manoeuvre that starts at an instant, in µs.
+    Level {
+        /// The instant.
+        at_us: i64,
+    },
+    /// How well the clearance of a gyro's pivots is known.
+    Clearance {
+        /// The gyro.
+        gyro: usize,
+    },
+}
+
+/// A disturbance of one manoeuvre's sums.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Disturbance {
+    /// Where it comes from.
+    pub source: Source,
+    /// Variance of the source.
+    pub variance: f64,
+    /// What a unit of it adds to each gyro's counts.
+    pub counts: [f64; 4],
+    /// What a unit of it adds to the rotation about the control axes, arcsec.
+    pub rotation_control_arcsec: [f64; 3],
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn by_sums(walks: &Walks, a: (f64, f64), b: (f64, f64)) -> f64 {
+        let (variance, tau) = (walks.drift_arcsec_per_s_per_sqrt_s.powi(2), walks.correlation_time_s);
+        let points = 400;
+        let at =
+            |(from, to): (f64, f64), index: usize| from + (to - from) * (index as f64 + 0.5) / f64::from(points as u16);
+        let mut sum = 0.0;
+        for i in 0..points {
+            for j in 0..points {
+                let (s, t) = (at(a, i), at(b, j));
+                sum += if tau.is_finite() {
+                    tau / 2.0 * ((-(t - s).abs() / tau).exp() - (-(s + t) / tau).exp())
+                } else {
+                    s.min(t)
+                };
+            }
+        }
+        variance * sum * (a.1 - a.0) * (b.1 - b.0) / (points * points) as f64
+    }
+
+    #[test]
+    fn covariances_of_the_drift_walk_are_those_of_its_double_integral() {
+        for correlation_time_s in [f64::INFINITY, 10_000.0, 500.0] {
+            let walks = Walks { angle_arcsec_per_sqrt_s: 0.0, drift_arcsec_per_s_per_sqrt_s: 8e-6, correlation_time_s };
+            for (a, b) in
+                [((0.0, 600.0), (0.0, 600.0)), ((100.0, 700.0), (6000.0, 12_000.0)), ((10.0, 900.0), (500.0, 600.0))]
+            {
+                let (closed, summed) = (walks.drift_covariance(a, b), by_sums(&walks, a, b));
+                assert!((closed / summed - 1.0).abs() < 1e-3, "{correlation_time_s} {a:?} {b:?}: {closed} {summed}");
+                assert!((closed - walks.drift_covariance(b, a)).abs() <= 1e-9 * closed);
+            }
+        }
+    }
+}

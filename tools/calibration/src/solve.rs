@@ -1,0 +1,435 @@
+//! Sixteen parameters from the equations of any number of manoeuvres (Casteren §5, §6), by weighted least squares.
+//!
+//! Equation 3 of one gyro over one manoeuvre is linear in that gyro's four unknowns,
+//!
+//! ```text
+//! N·SF + n·D − G₁·Δφ₁ − G₂·Δφ₂ = Δφ_own
+//! ```
+//!
+//! with the counts N over n half seconds and the inertial rotation Δφ about the control axes. The equations of the gyros
+//! are solved together, because they share the errors of the rotation.
+//!
+//! D is the mean over the manoeuvres: with it the accumulated angle is best followed. The drift walks on from the start
+//! of the recording, so that mean departs from the drift at the start; the sigmas hold for the latter, and so include
+//! the configured walks.
+
+use geu_model::package::{Axes, Calibration};
+use geu_model::units::{ARCSEC_PER_DEG, ARCSEC_PER_RAD};
+use geu_protocol::Gyro;
+use nalgebra::{Cholesky, DMatrix, DVector};
+use statrs::distribution::{ChiSquared, ContinuousCDF};
+
+use crate::noise::{Disturbance, Walks};
+use crate::transfer::misalignment_matrix;
+
+/// Unknowns of a gyro: scale factor, drift, two misalignments in the order of [`off_axes`].
+pub const PER_GYRO: usize = 4;
+/// Unknowns in all.
+pub const UNKNOWNS: usize = 4 * PER_GYRO;
+
+/// What a launch leaves unknown of scale factor (relative), drift (arcsec per half second) and misalignment (arcsec): 2000 ppm,
+/// 1.5°/h, an arcminute (Casteren table 1, §3.2, §3.4). Data that tell less tell nothing.
+pub const BEFORE_LAUNCH: [f64; 3] = [2000e-6, 1.5 * 3600.0 / 7200.0, 60.0];
+
+/// What was measured over one manoeuvre.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Observation {
+    /// What it is called.
+    pub name: String,
+    /// Start, s since the start of the recording.
+    pub start_s: f64,
+    /// End.
+    pub end_s: f64,
+    /// On-board half seconds.
+    pub half_seconds: f64,
+    /// Counts of each gyro; nothing where they cannot be trusted.
+    pub counts: [Option<f64>; 4],
+    /// Inertial rotation: the integrals of the rates about the control axes, arcsec.
+    pub rotation_control_arcsec: [f64; 3],
+    /// Errors of both.
+    pub disturbances: Vec<Disturbance>,
+}
+
+/// One parameter: gyro and index of [`PER_GYRO`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Parameter {
+    /// The gyro.
+    pub gyro: Gyro,
+    /// 0 scale factor, 1 drift, 2 and 3 misalignments.
+    pub index: usize,
+}
+
+impl Parameter {
+    /// All sixteen, in the order of the solution.
+    pub fn all() -> impl Iterator<Item = Parameter> {
+        Gyro::ALL.into_iter().flat_map(|gyro| (0..PER_GYRO).map(move |index| Parameter { gyro, index }))
+    }
+
+    /// Its number in a calibration.
+    pub fn of(self, calibration: &Calibration) -> f64 {
+        match self.index {
+            0 => calibration.scale_factor,
+            1 => calibration.drift_arcsec_per_half_s,
+            _ => {
+                let axis = off_axes(self.gyro)[self.index - 2];
+                [calibration.x_arcsec, calibration.y_arcsec, calibration.z_arcsec][axis]
+            }
+        }
+    }
+
+    /// Its place in a calibration.
+    pub fn of_mut(self, calibration: &mut Calibration) -> &mut f64 {
+        match self.index {
+            0 => &mut calibration.scale_factor,
+            1 => &mut calibration.drift_arcsec_per_half_s,
+            _ => match off_axes(self.gyro)[self.index - 2] {
+                0 => &mut calibration.x_arcsec,
+                1 => &mut calibration.y_arcsec,
+                _ => &mut calibration.z_arcsec,
+            },
+        }
+    }
+
+    /// Key in the configuration.
+    pub fn key(self) -> &'static str {
+        match self.index {
+            0 => "scale_factor",
+            1 => "drift_arcsec_per_half_s",
+            _ => ["x_arcsec", "y_arcsec", "z_arcsec"][off_axes(self.gyro)[self.index - 2]],
+        }
+    }
+
+    /// In words.
+    pub fn words(self) -> String {
+        let what = match self.index {
+            0 => "scale factor".to_owned(),
+            1 => "drift".to_owned(),
+            _ => format!("misalignment {}", ["x", "y", "z"][off_axes(self.gyro)[self.index - 2]]),
+        };
+        format!("{} {what}", self.gyro.name())
+    }
+
+    /// What a launch leaves unknown of it.
+    fn before_launch(self) -> f64 {
+        BEFORE_LAUNCH[self.index.min(2)]
+    }
+}
+
+/// The control axes that are not the gyro's own.
+pub fn off_axes(gyro: Gyro) -> [usize; 2] {
+    let own = own_axis(gyro);
+    [usize::from(own == 0), if own == 2 { 1 } else { 2 }]
+}
+
+/// The gyro's own control axis.
+pub fn own_axis(gyro: Gyro) -> usize {
+    Axes::of(gyro).input_control.iter().position(|&part| part != 0.0).unwrap_or(0)
+}
+
+/// Why there is no solution.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Unsolvable {
+    /// What the manoeuvres do not determine, in words.
+    #[error("{}", .0.join("\n"))]
+    Undetermined(Vec<String>),
+    /// Numbers that are none.
+    #[error("expected finite counts, rotations and noise, got others in {0}")]
+    NotFinite(String),
+}
+
+/// One equation after the fit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Residual {
+    /// Index of the manoeuvre.
+    pub manoeuvre: usize,
+    /// The gyro.
+    pub gyro: Gyro,
+    /// What is left: measured less fitted, arcsec.
+    pub arcsec: f64,
+    /// Its standard deviation were the model true, arcsec.
+    pub sigma_arcsec: f64,
+}
+
+/// Sixteen parameters.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Solution {
+    /// The values.
+    pub calibrations: [Calibration; 4],
+    /// Their covariance, in the order of [`Parameter::all`], with the drift taken as that at the start of the recording.
+    pub covariance: DMatrix<f64>,
+    /// χ² of the spare equations.
+    pub chi2: f64,
+    /// How many are spare.
+    pub degrees_of_freedom: usize,
+    /// Condition number of the whitened equations with columns scaled to one length.
+    pub condition: f64,
+    /// How much of its own equations each manoeuvre determines: the trace of its block of the projection, of as many as it
+    /// has equations.
+    pub leverage: Vec<f64>,
+    /// Every equation.
+    pub residuals: Vec<Residual>,
+}
+
+impl Solution {
+    /// Standard deviation of each parameter.
+    pub fn sigmas(&self) -> [f64; UNKNOWNS] {
+        std::array::from_fn(|index| self.covariance[(index, index)].max(0.0).sqrt())
+    }
+
+    /// The values in the order of [`Parameter::all`].
+    pub fn values(&self) -> [f64; UNKNOWNS] {
+        values(&self.calibrations)
+    }
+
+    /// Probability of a χ² as large or larger, were the model true; 1 without spare equations.
+    pub fn probability(&self) -> f64 {
+        probability(self.chi2, self.degrees_of_freedom)
+    }
+}
+
+/// Probability of a χ² as large or larger.
+pub fn probability(chi2: f64, degrees_of_freedom: usize) -> f64 {
+    ChiSquared::new(degrees_of_freedom as f64).map_or(1.0, |distribution| distribution.sf(chi2.max(0.0)))
+}
+
+/// Values of four calibrations in the order of [`Parameter::all`].
+pub fn values(calibrations: &[Calibration; 4]) -> [f64; UNKNOWNS] {
+    let mut all = Parameter::all();
+    std::array::from_fn(|_| {
+        all.next().map_or(f64::NAN, |parameter| parameter.of(&calibrations[parameter.gyro as usize]))
+    })
+}
+
+/// Solves the equations. `believed` serves only to weigh errors, and for what a gyro's row does not have.
+///
+/// # Errors
+/// [`Unsolvable`]: what the manoeuvres leave undetermined, in words.
+pub fn solve(
+    observations: &[Observation],
+    walks: &[Walks; 4],
+    believed: &[Calibration; 4],
+) -> Result<Solution, Unsolvable> {
+    let equations = Equations::new(observations, walks, believed)?;
+    equations.check_determined()?;
+    equations.solve(believed)
+}
+
+/// The equations laid out.
+struct Equations<'a> {
+    observations: &'a [Observation],
+    /// Manoeuvre and gyro of each row.
+    rows: Vec<(usize, usize)>,
+    design: DMatrix<f64>,
+    right: DVector<f64>,
+    /// Covariance of the rows with the walk about its mean over the manoeuvres, which weighs, and with the walk since the
+    /// start, which tells.
+    weighing: DMatrix<f64>,
+    telling: DMatrix<f64>,
+}
+
+impl<'a> Equations<'a> {
+    fn new(
+        observations: &'a [Observation],
+        walks: &[Walks; 4],
+        believed: &[Calibration; 4],
+    ) -> Result<Equations<'a>, Unsolvable> {
+        let rows: Vec<(usize, usize)> = (0..observations.len())
+            .flat_map(|index| (0..4).map(move |gyro| (index, gyro)))
+            .filter(|&(index, gyro)| observations[index].counts[gyro].is_some())
+            .collect();
+        let mut design = DMatrix::zeros(rows.len(), UNKNOWNS);
+        let mut right = DVector::zeros(rows.len());
+        for (row, &(index, gyro)) in rows.iter().enumerate() {
+            let Observation { half_seconds, counts, rotation_control_arcsec: turned, .. } = &observations[index];
+            let off = off_axes(Gyro::ALL[gyro]);
+            let unknowns = [
+                counts[gyro].unwrap_or(0.0),
+                *half_seconds,
+                -turned[off[0]] / ARCSEC_PER_RAD,
+                -turned[off[1]] / ARCSEC_PER_RAD,
+            ];
+            for (index, value) in unknowns.into_iter().enumerate() {
+                design[(row, PER_GYRO * gyro + index)] = value;
+            }
+            right[row] = turned[own_axis(Gyro::ALL[gyro])];
+        }
+        let (weighing, telling) = covariances(observations, &rows, walks, believed);
+        let finite = |matrix: &DMatrix<f64>| matrix.iter().all(|value| value.is_finite());
+        if !finite(&design) || !finite(&telling) || !right.iter().all(|value| value.is_finite()) {
+            let bad = |observation: &&Observation| {
+                let numbers =
+                    observation.rotation_control_arcsec.into_iter().chain(observation.counts.into_iter().flatten());
+                numbers.chain([observation.half_seconds]).any(|number| !number.is_finite())
+            };
+            let name = observations.iter().find(bad).map_or("the noise", |observation| &observation.name);
+            return Err(Unsolvable::NotFinite(name.to_owned()));
+        }
+        Ok(Equations { observations, rows, design, right, weighing, telling })
+    }
+
+    /// Refuses what the data tell less of than was known before launch, naming the direction.
+    fn check_determined(&self) -> Result<(), Unsolvable> {
+        let mut words = Vec::new();
+        for gyro in Gyro::ALL {
+            let own: Vec<usize> = (0..self.rows.len()).filter(|&row| self.rows[row].1 == gyro as usize).collect();
+            if own.is_empty() {
+                words.push(format!("{}: no manoeuvre has counts of it that can be trusted", gyro.name()));
+                continue;
+            }
+            // In units of what is known before launch and of the noise, so that a singular value below 1 is ignorance.
+            let scaled = DMatrix::from_fn(own.len().max(PER_GYRO), PER_GYRO, |row, index| {
+                let Some(&row) = own.get(row) else { return 0.0 };
+                let size = Parameter { gyro, index }.before_launch();
+                self.design[(row, PER_GYRO * gyro as usize + index)] * size / self.weighing[(row, row)].sqrt()
+            });
+            let svd = scaled.svd(false, true);
+            let directions = svd.v_t.unwrap_or_else(|| DMatrix::zeros(PER_GYRO, PER_GYRO));
+            for (index, &size) in svd.singular_values.iter().enumerate() {
+                if size < 1.0 {
+                    words.push(self.in_words(gyro, directions.row(index).iter().copied().collect()));
+                }
+            }
+        }
+        if words.is_empty() { Ok(()) } else { Err(Unsolvable::Undetermined(words)) }
+    }
+
+    /// A direction that the data leave open.
+    fn in_words(&self, gyro: Gyro, direction: Vec<f64>) -> String {
+        let largest_deg = |axis: usize| {
+            let turned = self.observations.iter().filter(|observation| observation.counts[gyro as usize].is_some());
+            turned.map(|observation| observation.rotation_control_arcsec[axis].abs()).fold(0.0, f64::max)
+                / ARCSEC_PER_DEG
+        };
+        let parameter = |index: usize| Parameter { gyro, index };
+        let mut parts: Vec<usize> = (0..PER_GYRO).filter(|&index| direction[index].abs() > 0.3).collect();
+        parts.sort_by(|&a, &b| direction[b].abs().total_cmp(&direction[a].abs()));
+        let axis_of = |index: usize| match index {
+            0 => Some(own_axis(gyro)),
+            1 => None,
+            _ => Some(off_axes(gyro)[index - 2]),
+        };
+        let names: Vec<String> = parts.iter().map(|&index| parameter(index).words()).collect();
+        match (parts.as_slice(), parts.first().and_then(|&index| axis_of(index))) {
+            ([_], Some(axis)) => format!(
+                "{}: no manoeuvre turns about {} (at most {:.3} deg)",
+                names[0],
+                ["X", "Y", "Z"][axis],
+                largest_deg(axis)
+            ),
+            ([_], None) => {
+                let longest_s = self.observations.iter().map(|found| found.end_s - found.start_s).fold(0.0, f64::max);
+                format!("{}: no manoeuvre is long enough (at most {longest_s:.1} s)", names[0])
+            }
+            _ => format!(
+                "{} cannot be told apart: {} manoeuvre{} with counts of {} {} few, or they turn about these axes only together",
+                names.join(" and "),
+                self.rows.iter().filter(|row| row.1 == gyro as usize).count(),
+                if self.observations.len() == 1 { "" } else { "s" },
+                gyro.name(),
+                if self.observations.len() == 1 { "is too" } else { "are too" },
+            ),
+        }
+    }
+
+    fn solve(&self, believed: &[Calibration; 4]) -> Result<Solution, Unsolvable> {
+        let not_finite = || Unsolvable::NotFinite("the noise".to_owned());
+        let root = Cholesky::new(self.weighing.clone()).ok_or_else(not_finite)?;
+        let whiten = |matrix: &DMatrix<f64>| root.l_dirty().solve_lower_triangular(matrix).ok_or_else(not_finite);
+        let whitened = whiten(&self.design)?;
+        let lengths: Vec<f64> = whitened.column_iter().map(|column| column.norm().max(f64::MIN_POSITIVE)).collect();
+        let scaled =
+            DMatrix::from_fn(whitened.nrows(), UNKNOWNS, |row, column| whitened[(row, column)] / lengths[column]);
+        let right = whiten(&DMatrix::from_column_slice(self.right.len(), 1, self.right.as_slice()))?;
+        let svd = scaled.svd(true, true);
+        let (greatest, least) = (svd.singular_values.max(), svd.singular_values.min());
+        let inverse = svd.pseudo_inverse(0.0).map_err(|_| not_finite())?;
+        let estimate = &inverse * &right;
+        // What maps a row to a parameter, for the covariance with the walk since the start.
+        let gain = DMatrix::from_fn(UNKNOWNS, whitened.nrows(), |row, column| inverse[(row, column)] / lengths[row])
+            * whiten(&DMatrix::identity(self.right.len(), self.right.len()))?;
+        let covariance = &gain * &self.telling * gain.transpose();
+        let mut calibrations = *believed;
+        for (index, parameter) in Parameter::all().enumerate() {
+            *parameter.of_mut(&mut calibrations[parameter.gyro as usize]) = estimate[index] / lengths[index];
+        }
+        let solved = DVector::from_fn(UNKNOWNS, |index, _| estimate[index] / lengths[index]);
+        let left = &self.design * &solved - &self.right;
+        let projection = &self.design * &gain;
+        let open = DMatrix::identity(left.len(), left.len()) - &projection;
+        let of_left = &open * &self.weighing * open.transpose();
+        let whitened_left = root.l_dirty().solve_lower_triangular(&left).ok_or_else(not_finite)?;
+        let mut leverage = vec![0.0; self.observations.len()];
+        for (row, &(manoeuvre, _)) in self.rows.iter().enumerate() {
+            leverage[manoeuvre] += projection[(row, row)];
+        }
+        let residuals = self.rows.iter().enumerate().map(|(row, &(manoeuvre, gyro))| Residual {
+            manoeuvre,
+            gyro: Gyro::ALL[gyro],
+            arcsec: left[row],
+            sigma_arcsec: of_left[(row, row)].max(0.0).sqrt(),
+        });
+        Ok(Solution {
+            calibrations,
+            covariance,
+            chi2: whitened_left.norm_squared(),
+            degrees_of_freedom: self.rows.len().saturating_sub(UNKNOWNS),
+            condition: greatest / least,
+            leverage,
+            residuals: residuals.collect(),
+        })
+    }
+}
+
+/// Covariance of the rows, with the drift walk about its mean over the manoeuvres and with it since the start.
+fn covariances(
+    observations: &[Observation],
+    rows: &[(usize, usize)],
+    walks: &[Walks; 4],
+    believed: &[Calibration; 4],
+) -> (DMatrix<f64>, DMatrix<f64>) {
+    let matrix = misalignment_matrix(believed);
+    // What each source adds to each row.
+    let mut sources: Vec<(crate::noise::Source, f64, usize, f64)> = Vec::new();
+    for (row, &(index, gyro)) in rows.iter().enumerate() {
+        for disturbance in &observations[index].disturbances {
+            let turned: f64 = (0..3).map(|axis| matrix[(gyro, axis)] * disturbance.rotation_control_arcsec[axis]).sum();
+            let part = disturbance.counts[gyro] * believed[gyro].scale_factor - turned;
+            if part != 0.0 {
+                sources.push((disturbance.source, disturbance.variance, row, part));
+            }
+        }
+    }
+    sources.sort_by(|a, b| a.0.cmp(&b.0).then(a.2.cmp(&b.2)));
+    let mut shared = DMatrix::zeros(rows.len(), rows.len());
+    for group in sources.chunk_by(|a, b| a.0 == b.0) {
+        for &(_, variance, row, part) in group {
+            for &(_, _, other, other_part) in group {
+                shared[(row, other)] += variance * part * other_part;
+            }
+        }
+    }
+    let (mut weighing, mut telling) = (shared.clone(), shared);
+    for (gyro, walk) in walks.iter().enumerate() {
+        let own: Vec<(usize, (f64, f64))> = rows
+            .iter()
+            .enumerate()
+            .filter(|(_, row)| row.1 == gyro)
+            .map(|(row, &(index, _))| (row, (observations[index].start_s, observations[index].end_s)))
+            .collect();
+        let drift = DMatrix::from_fn(own.len(), own.len(), |a, b| walk.drift_covariance(own[a].1, own[b].1));
+        let lengths = DVector::from_iterator(own.len(), own.iter().map(|(_, stretch)| stretch.1 - stretch.0));
+        // The integral over each stretch less its share of the mean over all.
+        let total_s = lengths.sum();
+        let mean = DMatrix::from_element(1, own.len(), 1.0 / total_s.max(f64::MIN_POSITIVE));
+        let about_mean = DMatrix::identity(own.len(), own.len()) - &lengths * mean;
+        let relative = &about_mean * &drift * about_mean.transpose();
+        for (a, &(row, stretch)) in own.iter().enumerate() {
+            for (b, &(other, other_stretch)) in own.iter().enumerate() {
+                let angle = walk.angle_covariance(stretch, other_stretch);
+                weighing[(row, other)] += angle + relative[(a, b)];
+                telling[(row, other)] += angle + drift[(a, b)];
+            }
+        }
+    }
+    (weighing, telling)
+}

@@ -1,0 +1,163 @@
+//! Which stretches of a recording are evaluated: the manoeuvres of a list, or everything, cut where the unit rests.
+
+use geu_recording::read_text;
+
+use crate::counts::Counts;
+use crate::transfer::Transfer;
+
+/// Legs that serve others and are no calibration manoeuvres (Casteren §5).
+const PRECAUTIONS: [&str; 6] = ["stabilise", "slew", "survey", "raster", "eclipse", "hold"];
+
+/// A manoeuvre of a list.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Window {
+    /// What it is called.
+    pub name: String,
+    /// Start, s on the time scale of its list.
+    pub start_s: f64,
+    /// End.
+    pub end_s: f64,
+}
+
+impl Window {
+    /// Whether it is a precaution and no calibration manoeuvre.
+    pub fn is_precaution(&self) -> bool {
+        PRECAUTIONS.contains(&self.name.as_str())
+    }
+}
+
+/// Why a list of manoeuvres is none.
+#[derive(Debug, thiserror::Error)]
+pub enum WindowError {
+    /// It cannot be read.
+    #[error("{name}: cannot be read: {source}; expected manoeuvres, CSV with the columns manoeuvre,start_s,end_s")]
+    Read {
+        /// The file.
+        name: String,
+        /// The reason.
+        source: std::io::Error,
+    },
+    /// A line that is no manoeuvre.
+    #[error("{name}: line {line}: {field}: expected {expected}, got {got}")]
+    Line {
+        /// The file.
+        name: String,
+        /// Line, from 1.
+        line: u64,
+        /// The column.
+        field: &'static str,
+        /// What should stand there.
+        expected: String,
+        /// What stands there.
+        got: String,
+    },
+}
+
+/// Reads `manoeuvres.csv`, which may be compressed. An empty end is that of the recording (infinite).
+///
+/// # Errors
+/// The first line that is no manoeuvre, or overlaps the one before.
+pub fn read(name: &str) -> Result<Vec<Window>, WindowError> {
+    let text =
+        read_text(std::path::Path::new(name)).map_err(|source| WindowError::Read { name: name.to_owned(), source })?;
+    parse(name, &text)
+}
+
+/// Reads a text; `name` is what errors call it.
+///
+/// # Errors
+/// As [`read`].
+pub fn parse(name: &str, text: &str) -> Result<Vec<Window>, WindowError> {
+    let wrong = |line: u64, field: &'static str, expected: &str, got: &str| WindowError::Line {
+        name: name.to_owned(),
+        line,
+        field,
+        expected: expected.to_owned(),
+        got: got.to_owned(),
+    };
+    let mut reader =
+        csv::ReaderBuilder::new().trim(csv::Trim::All).comment(Some(b'#')).flexible(true).from_reader(text.as_bytes());
+    let header = reader.headers().map_err(|error| wrong(1, "header", "manoeuvre,start_s,end_s", &error.to_string()))?;
+    let mut columns = [0; 3];
+    for (column, field) in columns.iter_mut().zip(["manoeuvre", "start_s", "end_s"]) {
+        *column = header.iter().position(|found| found == field).ok_or_else(|| {
+            wrong(1, field, "the columns manoeuvre,start_s,end_s", &header.iter().collect::<Vec<_>>().join(","))
+        })?;
+    }
+    let mut windows: Vec<Window> = Vec::new();
+    let mut record = csv::StringRecord::new();
+    loop {
+        match reader.read_record(&mut record) {
+            Ok(true) => {}
+            Ok(false) => break,
+            Err(error) => {
+                let line = error.position().map_or(0, csv::Position::line);
+                return Err(wrong(line, "line", "manoeuvre,start_s,end_s", &error.to_string()));
+            }
+        }
+        let line = record.position().map_or(0, csv::Position::line);
+        let text = |index: usize| record.get(columns[index]).unwrap_or_default();
+        let seconds = |index: usize, field: &'static str| {
+            let number = text(index).parse::<f64>().ok().filter(|number| number.is_finite());
+            number.ok_or_else(|| wrong(line, field, "seconds", &format!("{:?}", text(index))))
+        };
+        let start_s = seconds(1, "start_s")?;
+        let end_s = if text(2).is_empty() { f64::INFINITY } else { seconds(2, "end_s")? };
+        if end_s <= start_s {
+            return Err(wrong(line, "end_s", &format!("an end after the start, {start_s}"), &end_s.to_string()));
+        }
+        if let Some(before) = windows.iter().find(|other| start_s < other.end_s - 1e-6 && end_s > other.start_s + 1e-6)
+        {
+            let expected =
+                format!("a manoeuvre beside the {} of {}…{} s, not over it", before.name, before.start_s, before.end_s);
+            return Err(wrong(line, "start_s", &expected, &format!("{start_s}…{end_s}")));
+        }
+        windows.push(Window { name: text(0).to_owned(), start_s, end_s });
+    }
+    Ok(windows)
+}
+
+/// Smoothed rates below this are rest: the limit cycle, of 5″/s at most and 5 s (Casteren §3.3), averages out.
+const REST_ARCSEC_S: f64 = 4.0;
+/// Half seconds over which rates are smoothed: one period of the limit cycle.
+const SMOOTHED: usize = 10;
+/// Stretches are cut to this length at most, so that scans without a rest still tell their drift.
+const LONGEST_HALF_SECONDS: usize = 3600;
+/// Stretches shorter than this are joined to the one before.
+const SHORTEST_HALF_SECONDS: usize = 120;
+
+/// Cuts a recording between two of its instants where the unit rests, as its counts tell, and once in half an hour at
+/// least.
+pub fn cut_at_rests(counts: &Counts, transfer: &Transfer, from_s: f64, to_s: f64) -> Vec<Window> {
+    let first = counts.node_s.partition_point(|&node_s| node_s < from_s);
+    let last = counts.node_s.partition_point(|&node_s| node_s <= to_s).saturating_sub(1);
+    let is_at_rest = |node: usize| {
+        let (from, to) = (node.saturating_sub(SMOOTHED / 2), (node + SMOOTHED / 2).min(counts.len()));
+        let turned = std::array::from_fn(|gyro| counts.accumulated[gyro][to] - counts.accumulated[gyro][from]);
+        let limit = REST_ARCSEC_S * 0.5 * (to - from) as f64;
+        transfer.about_control_arcsec(turned, (to - from) as f64).iter().all(|angle| angle.abs() < limit)
+    };
+    let mut cuts = vec![first];
+    let mut was_at_rest = is_at_rest(first);
+    for node in first + 1..last {
+        let rests = is_at_rest(node);
+        let since = node - cuts[cuts.len() - 1];
+        if (rests != was_at_rest && since >= SHORTEST_HALF_SECONDS) || since >= LONGEST_HALF_SECONDS {
+            cuts.push(node);
+        }
+        was_at_rest = rests;
+    }
+    if last.saturating_sub(cuts[cuts.len() - 1]) < SHORTEST_HALF_SECONDS && cuts.len() > 1 {
+        cuts.pop();
+    }
+    cuts.push(last);
+    cuts.windows(2)
+        .filter(|pair| pair[1] > pair[0])
+        .enumerate()
+        .map(|(index, pair)| Window {
+            name: format!("stretch {}", index + 1),
+            start_s: counts.node_s[pair[0]],
+            end_s: counts.node_s[pair[1]],
+        })
+        .collect()
+}

@@ -1,0 +1,221 @@
+//! `geu calibrate`: from a recording to the sixteen parameters.
+
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use geu_calibration::absolute::Sensors;
+use geu_calibration::solve::{Parameter, values};
+use geu_calibration::{Attitude, Calibrated, Counts, CountsReader, calibrate, report, window};
+use geu_model::Configuration;
+use geu_protocol::{CanPlan, Gyro};
+use geu_recording::{InputReader, Options, Reference, Stop};
+
+use crate::failure::{Failure, note, say};
+use crate::settings::Settings;
+
+/// Solves the sixteen in-orbit parameters from a recording and what tells its attitude.
+///
+/// With the manoeuvres of a list; without one everything, cut where the unit rests. Pointings, scans and manoeuvres with
+/// names of your own are used; slews, stabilisations, surveys, rasters, eclipses and holds are not.
+#[derive(Args, Debug)]
+pub struct Arguments {
+    /// What is believed of the unit; its effects are taken off, its walks weigh [default: the reference unit]
+    #[arg(long, value_name = "CONFIG")]
+    config: Option<PathBuf>,
+    /// Overrides a value of the configuration
+    #[arg(long = "set", value_name = "PATH=VALUE")]
+    overrides: Vec<String>,
+    /// Recording of the link, CAN or serial; several are one stream
+    #[arg(long, required = true, num_args = 1.., value_name = "FILE")]
+    link: Vec<String>,
+    /// Manoeuvres: CSV with manoeuvre,start_s,end_s
+    #[arg(long, value_name = "FILE")]
+    manoeuvres: Option<String>,
+    /// Reference attitude: reference.csv or a CCSDS attitude ephemeris
+    #[arg(long, value_name = "FILE", required_unless_present_all = ["fss", "sse"], conflicts_with_all = ["fss", "sse"])]
+    reference: Option<String>,
+    /// Noise of the reference about each axis, 1 sigma [default: estimated from the data]
+    #[arg(long, value_name = "ARCSEC", value_parser = sigma)]
+    reference_sigma: Option<f64>,
+    /// History of the sun sensor
+    #[arg(long, value_name = "FILE", requires = "sse")]
+    fss: Option<String>,
+    /// Fixes of the star sensor
+    #[arg(long, value_name = "FILE", requires = "fss")]
+    sse: Option<String>,
+    /// Time at which the unit's clock was 0, for recordings without receive times [default: start of the attitude data]
+    #[arg(long, value_name = "UNIX_SECONDS", allow_negative_numbers = true)]
+    start: Option<f64>,
+    /// Base of the CAN identifiers, hexadecimal
+    #[arg(long, value_name = "ID", value_parser = crate::settings::can_base)]
+    base: Option<CanPlan>,
+    /// Write the result as JSON
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// Write the configuration with the solved values, comments kept
+    #[arg(long, value_name = "CONFIG")]
+    out: Option<PathBuf>,
+}
+
+fn sigma(text: &str) -> Result<f64, String> {
+    let sigma = text.parse().ok().filter(|sigma| (0.0..=3600.0).contains(sigma));
+    sigma.ok_or_else(|| format!("expected 0…3600 arcsec, got {text}"))
+}
+
+/// Carries it out.
+///
+/// # Errors
+/// Input that cannot be read, manoeuvres that do not determine the parameters, files that cannot be written.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let settings = Settings { config: arguments.config.clone(), overrides: arguments.overrides.clone() };
+    let configuration = settings.read()?;
+    let windows = arguments.manoeuvres.as_deref().map(window::read).transpose().map_err(Failure::input)?;
+    let reference = arguments.reference.as_deref().map(Reference::read).transpose().map_err(Failure::input)?;
+    let sensors = match (&arguments.fss, &arguments.sse) {
+        (Some(fss), Some(sse)) => Some(Sensors::read(fss, sse, configuration.sensors).map_err(Failure::input)?),
+        _ => None,
+    };
+    let attitude_start_ns = match (&reference, &sensors) {
+        (Some(reference), _) => reference.start_ns,
+        // The first sample of the sun sensor ends the first half second.
+        (None, Some(sensors)) => sensors.sun.first().map_or(0, |sample| sample.0 - 500_000_000),
+        (None, None) => 0,
+    };
+    let start_ns = arguments.start.map_or(attitude_start_ns, |start_s| (start_s * 1e9) as i64);
+    let counts = read_counts(&arguments.link, arguments.base, start_ns)?;
+    let attitude = match (&reference, &sensors) {
+        (Some(reference), _) => Attitude::Reference(reference, arguments.reference_sigma),
+        (None, Some(sensors)) => Attitude::Sensors(sensors),
+        (None, None) => return Err(Failure::input("expected --reference FILE, or --fss FILE and --sse FILE")),
+    };
+    let calibrated = calibrate(&configuration, &counts, windows.as_deref(), &attitude).map_err(Failure::input)?;
+    for left_out in &calibrated.left_out {
+        note(format_args!("geu: left out: {left_out}\n"));
+    }
+    let write = |path: &Path, text: String| {
+        std::fs::write(path, text)
+            .map_err(|error| Failure::failed(format!("{}: cannot be written: {error}", path.display())))
+    };
+    if let Some(path) = &arguments.json {
+        write(path, format!("{:#}\n", report::json(&calibrated)))?;
+    }
+    if let Some(path) = &arguments.out {
+        write(path, with_solution(&settings, &calibrated)?)?;
+    }
+    say!("{}", table(&configuration, &calibrated))
+}
+
+/// Reads recordings as one stream of counts.
+///
+/// # Errors
+/// Input that cannot be read, or that holds no half second.
+pub fn read_counts(names: &[String], plan: Option<CanPlan>, clock_start_ns: i64) -> Result<Counts, Failure> {
+    let options = Options { plan: plan.unwrap_or_default(), ..Options::default() };
+    let (mut reader, mut counts) = (InputReader::new(options, Stop::default()), CountsReader::default());
+    for name in names {
+        reader.read(name, &mut counts).map_err(Failure::input)?;
+    }
+    reader.finish(&mut counts).1.map_err(Failure::input)?;
+    if counts.defects() > 0 {
+        let (count, input) = (counts.defects(), names.join(" "));
+        note(format_args!("geu: {count} defects in {input}; `geu decode --format summary {input}` lists them\n"));
+    }
+    let none = || Failure::input(format!("{}: expected half seconds of the unit, got none", names.join(" ")));
+    counts.finish(clock_start_ns).ok_or_else(none)
+}
+
+/// The configuration with the solved values in it.
+fn with_solution(settings: &Settings, calibrated: &Calibrated) -> Result<String, Failure> {
+    let (name, text) = settings.text()?;
+    let mut values = settings.overrides.clone();
+    values.extend(report::overrides(&calibrated.solution.calibrations));
+    Configuration::edited(&name, &text, &values).map_err(Failure::input)
+}
+
+/// The result for a terminal.
+fn table(believed: &Configuration, calibrated: &Calibrated) -> String {
+    let solution = &calibrated.solution;
+    let (solved, sigmas) = (solution.values(), solution.sigmas());
+    let before = values(&believed.gyros.each_ref().map(|gyro| gyro.calibration));
+    let hand = calibrated.hand.as_ref().map(values);
+    let mut text = String::new();
+    let _ = writeln!(
+        text,
+        "{:<26} {:>14} {:>11}  {:<14} {:>10}  {:>14}",
+        "parameter", "value", "sigma", "unit", "change/σ", "hand method/σ"
+    );
+    for (index, parameter) in Parameter::all().enumerate() {
+        let (unit, digits, size, sigma_unit) = match parameter.index {
+            0 => ("", 7, 1e6, "ppm"),
+            1 => ("arcsec/half s", 6, 1.0, ""),
+            _ => ("arcsec", 3, 1.0, ""),
+        };
+        let hand = hand
+            .as_ref()
+            .map_or_else(|_| "–".to_owned(), |hand| format!("{:+.1}", (hand[index] - solved[index]) / sigmas[index]));
+        let _ = writeln!(
+            text,
+            "{:<26} {:>14.digits$} {:>11}  {unit:<14} {:>+10.1}  {hand:>14}",
+            parameter.words(),
+            solved[index],
+            if sigma_unit.is_empty() {
+                format!("{:.digits$}", sigmas[index])
+            } else {
+                format!("{:.3} {sigma_unit}", sigmas[index] * size)
+            },
+            (solved[index] - before[index]) / sigmas[index],
+        );
+    }
+    let _ = writeln!(
+        text,
+        "\n{:<14} {:>10} {:>10} {:>9}   residual/σ of {}",
+        "manoeuvre",
+        "start s",
+        "length s",
+        "leverage",
+        Gyro::ALL.map(Gyro::name).join(" ")
+    );
+    for (index, observation) in calibrated.observations.iter().enumerate() {
+        let of = |gyro: Gyro| {
+            let residual = solution.residuals.iter().find(|found| found.manoeuvre == index && found.gyro == gyro);
+            residual.map_or_else(|| "–".to_owned(), |found| format!("{:+.1}", found.arcsec / found.sigma_arcsec))
+        };
+        let _ = writeln!(
+            text,
+            "{:<14} {:>10.1} {:>10.1} {:>9.2}   {}",
+            observation.name,
+            observation.start_s,
+            observation.end_s - observation.start_s,
+            solution.leverage[index],
+            Gyro::ALL.map(|gyro| format!("{:>6}", of(gyro))).join(" ")
+        );
+    }
+    let _ = writeln!(
+        text,
+        "\nχ² {:.1} of {} spare equations, probability {:.2}; condition {:.0}",
+        solution.chi2,
+        solution.degrees_of_freedom,
+        solution.probability(),
+        solution.condition
+    );
+    if let Err(why) = &calibrated.hand {
+        let _ = writeln!(text, "no hand method: {why}");
+    }
+    let sigma = calibrated.reference_sigma_arcsec;
+    if sigma.iter().any(|sigma| *sigma > 0.0) {
+        let _ = writeln!(
+            text,
+            "noise of the reference: {:.2}, {:.2}, {:.2} arcsec about X, Y, Z",
+            sigma[0], sigma[1], sigma[2]
+        );
+    }
+    if solution.probability() < 1e-3 && solution.degrees_of_freedom > 0 {
+        let _ = writeln!(
+            text,
+            "the sixteen parameters do not explain these data: `geu diagnose` looks for what is missing"
+        );
+    }
+    text.truncate(text.trim_end().len());
+    text
+}
