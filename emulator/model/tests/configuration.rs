@@ -64,7 +64,7 @@ fn what_is_wrong_is_pointed_at() {
         ("[gyro.GYRX]\nmisalignment = { x_arcsec = 1.0 }", &["unknown key `x_arcsec`"]),
         ("[gyro.GYRX]\ndrift-step = { arcsec_per_h = 1.0 }", &["expected `gyro.GYRX.drift-step.time_s`", "got none"]),
         ("[gyro.GYRX]\ndrift-ramp = { arcsec_per_h = 1.0 }", &["expected one of: arcsec_per_h_per_day"]),
-        ("[gyro.GYRX]\ndrift = 3", &["expected a table for `gyro.GYRX.drift`", "got 3"]),
+        ("[gyro.GYRX]\ndrift = 3", &["expected a table, { name = number }, for `gyro.GYRX.drift`", "got 3"]),
         ("[scenario]\ntheta_deg = 59.0", &["60…120", "got 59.0"]),
         ("[[manoeuvre]]\nkind = \"loop\"", &["expected one of pointing", "got \"loop\""]),
         ("[[manoeuvre]]\nkind = \"y-scan\"", &["expected `manoeuvre.0.to_theta_deg`"]),
@@ -73,6 +73,10 @@ fn what_is_wrong_is_pointed_at() {
             &["test.toml:3:1", "impossible manoeuvre 1", "ramps", "got 1.0"],
         ),
         ("manoeuvre = 3", &["expected a list of tables"]),
+        (
+            "[gyro.GYRX]\npivot-clearance = { clearance_arcsec = 12.0, preferred_arcsec = -6.5 }",
+            &["test.toml:2:65: ", "half the clearance, ±6", "`gyro.GYRX.pivot-clearance.preferred_arcsec`", "got -6.5"],
+        ),
         ("[temperature]\nelectronics_table = [[0, 1], [0, 2]]", &["times to rise"]),
         ("[temperature]\nelectronics_table = [[0, 1020]]", &["-60…100", "got 1020"]),
         ("[temperature]\nelectronics_table = [[0, 1, 2]]", &["pairs of numbers"]),
@@ -81,6 +85,25 @@ fn what_is_wrong_is_pointed_at() {
         for part in parts {
             assert!(message.contains(part), "{text:?}: {part:?} not in\n{message}");
         }
+    }
+}
+
+#[test]
+fn a_float_may_rest_where_its_largest_clearance_reaches() {
+    let preferred = "[gyro.GYRX]\npivot-clearance = { preferred_arcsec = 6 }\n";
+    for (course, is_good) in [
+        // No clearance yet: a fault may bring it.
+        ("", true),
+        ("pivot-clearance-step = { clearance_arcsec = 12, time_s = 9 }", true),
+        ("pivot-clearance-step = { clearance_arcsec = 11, time_s = 9 }", false),
+        ("pivot-clearance-periodic = { amplitude_clearance_arcsec = -12, period_s = 9 }", true),
+        ("pivot-clearance-periodic = { amplitude_clearance_arcsec = -11, period_s = 9 }", false),
+        // Sooner or later 100″.
+        ("pivot-clearance-ramp = { clearance_arcsec_per_day = 1 }", true),
+        ("pivot-clearance-temperature = { clearance_arcsec_per_k = -1 }", true),
+    ] {
+        let read = Configuration::parse("test.toml", &format!("{preferred}{course}"), &[]);
+        assert_eq!(read.is_ok(), is_good, "{course}");
     }
 }
 

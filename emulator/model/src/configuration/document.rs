@@ -105,7 +105,9 @@ impl<'a> Node<'a> {
         locate(&self.source.name, self.source.document.raw(), span, message)
     }
 
-    fn value_error(&self, key: &str, message: String) -> ConfigurationError {
+    /// An error that points at the value of the key: what was expected of it, and what was got.
+    pub fn unexpected(&self, key: &str, expected: &str) -> ConfigurationError {
+        let message = format!("expected {expected} for `{}`, got {}", self.path_of(key), self.got(key));
         match self.table.get(key).and_then(Item::span) {
             Some(span) => locate(&self.source.name, self.source.document.raw(), Some(span), message),
             None => self.error(key, message),
@@ -168,10 +170,7 @@ impl<'a> Node<'a> {
         };
         match value {
             Some(value) if least <= value && value <= greatest => Ok(Some(value)),
-            _ => {
-                let (path, got) = (self.path_of(key), self.got(key));
-                Err(self.value_error(key, format!("expected {} for `{path}`, got {got}", form.limits(least, greatest))))
-            }
+            _ => Err(self.unexpected(key, &form.limits(least, greatest))),
         }
     }
 
@@ -184,10 +183,7 @@ impl<'a> Node<'a> {
             None => Ok(None),
             Some(item) => match item.as_integer().and_then(|value| u64::try_from(value).ok()) {
                 Some(value) => Ok(Some(value)),
-                None => Err(self.value_error(
-                    key,
-                    format!("expected a whole number of 0 or more for `{}`, got {}", self.path_of(key), self.got(key)),
-                )),
+                None => Err(self.unexpected(key, "a whole number of 0 or more")),
             },
         }
     }
@@ -199,10 +195,7 @@ impl<'a> Node<'a> {
     pub fn choice(&self, key: &str, valid: &[&str]) -> Read<&'a str> {
         match self.table.get(key).and_then(Item::as_str) {
             Some(text) if valid.contains(&text) => Ok(text),
-            _ => Err(self.value_error(
-                key,
-                format!("expected one of {} for `{}`, got {}", valid.join(", "), self.path_of(key), self.got(key)),
-            )),
+            _ => Err(self.unexpected(key, &format!("one of {}", valid.join(", ")))),
         }
     }
 
@@ -211,9 +204,7 @@ impl<'a> Node<'a> {
     /// # Errors
     /// Not there, or not a text.
     pub fn text(&self, key: &str) -> Read<&'a str> {
-        self.table.get(key).and_then(Item::as_str).ok_or_else(|| {
-            self.value_error(key, format!("expected a text for `{}`, got {}", self.path_of(key), self.got(key)))
-        })
+        self.table.get(key).and_then(Item::as_str).ok_or_else(|| self.unexpected(key, "a text"))
     }
 
     /// Fills `numbers` from the table's keys; `has` tells which of them there are.
@@ -239,14 +230,7 @@ impl<'a> Node<'a> {
         let Some(item) = self.table.get(key) else { return Ok(None) };
         match item.as_table_like() {
             Some(table) => Ok(Some(self.child(table, self.path_of(key), key, item.span()))),
-            None => Err(self.value_error(
-                key,
-                format!(
-                    "expected a table for `{}`, such as {{ name = number }}, got {}",
-                    self.path_of(key),
-                    self.got(key)
-                ),
-            )),
+            None => Err(self.unexpected(key, "a table, { name = number },")),
         }
     }
 
@@ -267,12 +251,7 @@ impl<'a> Node<'a> {
                     .collect()
             }),
         };
-        let tables = tables.ok_or_else(|| {
-            self.value_error(
-                key,
-                format!("expected a list of tables for `{}`, [[{key}]], got {}", self.path_of(key), self.got(key)),
-            )
-        })?;
+        let tables = tables.ok_or_else(|| self.unexpected(key, &format!("a list of tables, [[{key}]],")))?;
         Ok(tables
             .into_iter()
             .enumerate()
@@ -298,16 +277,7 @@ impl<'a> Node<'a> {
                 })
                 .collect::<Option<Vec<_>>>()
         });
-        pairs.ok_or_else(|| {
-            self.value_error(
-                key,
-                format!(
-                    "expected a list of pairs of numbers, [[time_s, value], …], for `{}`, got {}",
-                    self.path_of(key),
-                    self.got(key)
-                ),
-            )
-        })
+        pairs.ok_or_else(|| self.unexpected(key, "a list of pairs of numbers, [[time_s, value], …],"))
     }
 
     fn child(&self, table: &'a dyn TableLike, path: String, key: &str, span: Option<Range<usize>>) -> Node<'a> {
