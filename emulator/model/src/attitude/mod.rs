@@ -10,7 +10,7 @@ mod recorded;
 
 pub use manoeuvre::{Impossible, Leg, Manoeuvre, Plan, Scenario};
 pub use motion::{LimitCycle, Moment, Motion, Step};
-pub use recorded::{BadRows, Recorded, Row};
+pub use recorded::{BadRows, Recorded, Row, median_spacing_s};
 
 /// A stretch of time over which θ and ψ have constant accelerations. Radians; times from the segment's start.
 #[derive(Debug, Clone, Copy, PartialEq)]
