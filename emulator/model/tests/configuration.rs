@@ -130,9 +130,28 @@ fn overrides_reach_every_depth() {
         ("gyro.GYRX.drfit.arcsec_per_h=9", "did you mean `drift`?"),
         ("nothing", "expected PATH=VALUE, got nothing"),
         ("=3", "expected PATH=VALUE"),
+        ("# seed=3", "expected PATH=VALUE"),
+        (
+            "manoeuvre.99.duration_s=42",
+            "expected manoeuvre.INDEX.NAME=VALUE with an INDEX less than 8, got manoeuvre.99",
+        ),
+        ("manoeuvre.first.duration_s=42", "got manoeuvre.first"),
+        ("manoeuvre.0=1", "got manoeuvre.0; a longer list is given whole, manoeuvre=[…], or in the file"),
+        ("gyro.GYRX={}", "expected gyro.GYRX.NAME=VALUE, got nothing to set in gyro.GYRX"),
+        ("seed=3\nunit.clock-frequency.ppm=9", "without a line break"),
     ] {
         let message = Configuration::reference_with(&overrides(&[wrong])).expect_err("refused").to_string();
         assert!(message.contains(part), "{wrong}: {message}");
+    }
+}
+
+#[test]
+fn overrides_reach_into_a_list_however_it_is_written() {
+    for list in ["manoeuvre = [{ kind = \"pointing\" }]", "[[manoeuvre]]\nkind = \"pointing\""] {
+        let overrides = ["manoeuvre.0.duration_s=42".to_owned()];
+        let configuration =
+            Configuration::parse("test.toml", list, &overrides).unwrap_or_else(|error| panic!("{error}"));
+        assert_eq!(configuration.scenario.manoeuvres[0].numbers().value(0), 42.0);
     }
 }
 
