@@ -184,6 +184,16 @@ impl Course {
                 }
             }
     }
+
+    /// The largest that it ever adds.
+    pub fn largest(&self) -> f64 {
+        match self.law {
+            Law::Step { .. } => self.size.max(0.0),
+            Law::Ramp if self.size <= 0.0 => 0.0,
+            Law::Ramp | Law::Temperature => f64::INFINITY,
+            Law::Periodic { .. } => self.size.abs(),
+        }
+    }
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! Configurations: what is read comes back, and what is wrong is pointed at.
 
-use geu_model::effect::{Effects, HeadEffects, UnitEffects};
-use geu_model::{Configuration, Unit};
+use geu_model::Configuration;
+use geu_model::effect::{HeadEffects, UnitEffects};
 
 fn refused(text: &str) -> String {
     Configuration::parse("test.toml", text, &[]).expect_err("must be refused").to_string()
@@ -29,44 +29,6 @@ fn a_start_reads_back_to_the_microsecond() {
             configuration.start_unix_ns
         );
     }
-}
-
-#[test]
-fn every_effect_with_every_course_reads_back() {
-    let mut text = String::new();
-    let mut section =
-        |name: &str, specs: &[geu_model::effect::EffectSpec], numbers: &dyn Fn(usize) -> Vec<&'static str>| {
-            text += &format!("\n[{name}]\n");
-            for (index, spec) in specs.iter().enumerate() {
-                let amplitudes: Vec<&str> = numbers(index).into_iter().filter(|n| *n != "x_arcsec").collect();
-                let with = |key: &dyn Fn(&str) -> String| {
-                    amplitudes
-                        .iter()
-                        .take(spec.amplitudes.len())
-                        .map(|n| format!("{} = 0.5", key(n)))
-                        .collect::<Vec<_>>()
-                        .join(", ")
-                };
-                text += &format!("{} = {{ {} }}\n", spec.code, with(&|n| n.to_owned()));
-                text += &format!("{}-step = {{ {}, time_s = 3 }}\n", spec.code, with(&|n| n.to_owned()));
-                text += &format!("{}-ramp = {{ {} }}\n", spec.code, with(&|n| format!("{n}_per_day")));
-                text += &format!("{}-temperature = {{ {} }}\n", spec.code, with(&|n| format!("{n}_per_k")));
-                text += &format!(
-                    "{}-periodic = {{ {}, period_s = 9, phase_rad = 1 }}\n",
-                    spec.code,
-                    with(&|n| format!("amplitude_{n}"))
-                );
-            }
-        };
-    let (unit, head) = (UnitEffects::default(), HeadEffects::default());
-    let amplitudes = |numbers: &dyn geu_model::number::Numbers, count: usize| -> Vec<&'static str> {
-        numbers.specs().iter().take(count).map(|spec| spec.name).collect()
-    };
-    section("unit", UnitEffects::SPECS, &|i| amplitudes(unit.numbers(i), UnitEffects::SPECS[i].amplitudes.len()));
-    section("gyro.GYRX", HeadEffects::SPECS, &|i| amplitudes(head.numbers(i), HeadEffects::SPECS[i].amplitudes.len()));
-    let read = Configuration::parse("all.toml", &text, &[]).unwrap_or_else(|error| panic!("{error}\n{text}"));
-    assert!(read.gyros[0].effects.courses.len() >= 4 * HeadEffects::SPECS.len());
-    assert_eq!(Configuration::parse("shown", &read.to_toml(true), &[]).expect("valid"), read);
 }
 
 #[test]
@@ -102,7 +64,7 @@ fn what_is_wrong_is_pointed_at() {
         ("[gyro.GYRX]\nmisalignment = { x_arcsec = 1.0 }", &["unknown key `x_arcsec`"]),
         ("[gyro.GYRX]\ndrift-step = { arcsec_per_h = 1.0 }", &["expected `gyro.GYRX.drift-step.time_s`", "got none"]),
         ("[gyro.GYRX]\ndrift-ramp = { arcsec_per_h = 1.0 }", &["expected one of: arcsec_per_h_per_day"]),
-        ("[gyro.GYRX]\ndrift = 3", &["expected a table for `gyro.GYRX.drift`", "got 3"]),
+        ("[gyro.GYRX]\ndrift = 3", &["expected a table, { name = number }, for `gyro.GYRX.drift`", "got 3"]),
         ("[scenario]\ntheta_deg = 59.0", &["60…120", "got 59.0"]),
         ("[[manoeuvre]]\nkind = \"loop\"", &["expected one of pointing", "got \"loop\""]),
         ("[[manoeuvre]]\nkind = \"y-scan\"", &["expected `manoeuvre.0.to_theta_deg`"]),
@@ -111,6 +73,10 @@ fn what_is_wrong_is_pointed_at() {
             &["test.toml:3:1", "impossible manoeuvre 1", "ramps", "got 1.0"],
         ),
         ("manoeuvre = 3", &["expected a list of tables"]),
+        (
+            "[gyro.GYRX]\npivot-clearance = { clearance_arcsec = 12.0, preferred_arcsec = -6.5 }",
+            &["test.toml:2:65: ", "half the clearance, ±6", "`gyro.GYRX.pivot-clearance.preferred_arcsec`", "got -6.5"],
+        ),
         ("[temperature]\nelectronics_table = [[0, 1], [0, 2]]", &["times to rise"]),
         ("[temperature]\nelectronics_table = [[0, 1020]]", &["-60…100", "got 1020"]),
         ("[temperature]\nelectronics_table = [[0, 1, 2]]", &["pairs of numbers"]),
@@ -119,6 +85,25 @@ fn what_is_wrong_is_pointed_at() {
         for part in parts {
             assert!(message.contains(part), "{text:?}: {part:?} not in\n{message}");
         }
+    }
+}
+
+#[test]
+fn a_float_may_rest_where_its_largest_clearance_reaches() {
+    let preferred = "[gyro.GYRX]\npivot-clearance = { preferred_arcsec = 6 }\n";
+    for (course, is_good) in [
+        // No clearance yet: a fault may bring it.
+        ("", true),
+        ("pivot-clearance-step = { clearance_arcsec = 12, time_s = 9 }", true),
+        ("pivot-clearance-step = { clearance_arcsec = 11, time_s = 9 }", false),
+        ("pivot-clearance-periodic = { amplitude_clearance_arcsec = -12, period_s = 9 }", true),
+        ("pivot-clearance-periodic = { amplitude_clearance_arcsec = -11, period_s = 9 }", false),
+        // Sooner or later 100″.
+        ("pivot-clearance-ramp = { clearance_arcsec_per_day = 1 }", true),
+        ("pivot-clearance-temperature = { clearance_arcsec_per_k = -1 }", true),
+    ] {
+        let read = Configuration::parse("test.toml", &format!("{preferred}{course}"), &[]);
+        assert_eq!(read.is_ok(), is_good, "{course}");
     }
 }
 
@@ -145,6 +130,15 @@ fn overrides_reach_every_depth() {
         ("gyro.GYRX.drfit.arcsec_per_h=9", "did you mean `drift`?"),
         ("nothing", "expected PATH=VALUE, got nothing"),
         ("=3", "expected PATH=VALUE"),
+        ("# seed=3", "expected PATH=VALUE"),
+        (
+            "manoeuvre.99.duration_s=42",
+            "expected manoeuvre.INDEX.NAME=VALUE with an INDEX less than 8, got manoeuvre.99",
+        ),
+        ("manoeuvre.first.duration_s=42", "got manoeuvre.first"),
+        ("manoeuvre.0=1", "got manoeuvre.0; a longer list is given whole, manoeuvre=[…], or in the file"),
+        ("gyro.GYRX={}", "expected gyro.GYRX.NAME=VALUE, got nothing to set in gyro.GYRX"),
+        ("seed=3\nunit.clock-frequency.ppm=9", "without a line break"),
     ] {
         let message = Configuration::reference_with(&overrides(&[wrong])).expect_err("refused").to_string();
         assert!(message.contains(part), "{wrong}: {message}");
@@ -152,60 +146,13 @@ fn overrides_reach_every_depth() {
 }
 
 #[test]
-fn an_amplitude_of_zero_changes_no_bit() {
-    let plain = "[[manoeuvre]]\nkind = \"y-scan\"\nto_theta_deg = 60.0\n[gyro.GYRX]\ncalibration = { scale_factor = 1.1, drift_arcsec_per_half_s = 0.3, y_arcsec = 45.0 }\n";
-    let mut zeros = plain.to_owned();
-    // Amplitudes 0, shapes away from their defaults.
-    let shapes = |numbers: &dyn geu_model::number::Numbers, amplitudes: usize| {
-        let shapes = numbers.specs().iter().skip(amplitudes);
-        shapes
-            .map(|spec| format!("{} = {:?}", spec.name, (spec.least + spec.greatest.min(1e3)) * 0.4))
-            .collect::<Vec<_>>()
-            .join(", ")
-    };
-    let (head, unit) = (HeadEffects::default(), UnitEffects::default());
-    for (index, spec) in HeadEffects::SPECS.iter().enumerate() {
-        zeros += &format!("{} = {{ {} }}\n", spec.code, shapes(head.numbers(index), spec.amplitudes.len()));
+fn overrides_reach_into_a_list_however_it_is_written() {
+    for list in ["manoeuvre = [{ kind = \"pointing\" }]", "[[manoeuvre]]\nkind = \"pointing\""] {
+        let overrides = ["manoeuvre.0.duration_s=42".to_owned()];
+        let configuration =
+            Configuration::parse("test.toml", list, &overrides).unwrap_or_else(|error| panic!("{error}"));
+        assert_eq!(configuration.scenario.manoeuvres[0].numbers().value(0), 42.0);
     }
-    zeros += "[unit]\n";
-    for (index, spec) in UnitEffects::SPECS.iter().enumerate() {
-        zeros += &format!("{} = {{ {} }}\n", spec.code, shapes(unit.numbers(index), spec.amplitudes.len()));
-    }
-    assert_ne!(
-        Configuration::parse("z", &zeros, &[]).expect("valid"),
-        Configuration::parse("p", plain, &[]).expect("valid")
-    );
-    let unit = |text: &str| Unit::new(&Configuration::parse("t", text, &[]).expect("valid"));
-    let (mut plain, mut zeros) = (unit(plain), unit(&zeros));
-    for _ in 0..600 {
-        let (a, b) = (plain.end_half_second_traced(), zeros.end_half_second_traced());
-        assert_eq!(a.0, b.0);
-        for (a, b) in a.1.iter().zip(&b.1) {
-            assert_eq!(a.unquantised.to_bits(), b.unquantised.to_bits());
-        }
-    }
-}
-
-#[test]
-fn switching_a_noise_on_moves_no_other() {
-    // GYRX's counts do not change when another gyro's noise or another noise of GYRX with amplitude 0 comes or goes.
-    let base = "[gyro.GYRX]\nangle-random-walk = { arcsec_per_sqrt_s = 1.0 }\n";
-    // Beside another noise of the same gyro, the column of the first keeps every bit.
-    let beside = format!("{base}drift-random-walk = {{ arcsec_per_s_per_sqrt_s = 0.1 }}\n");
-    let column = geu_model::effect::columns().iter().position(|code| *code == "angle-random-walk").expect("a column");
-    let walked = |text: &str| {
-        let mut unit = Unit::new(&Configuration::parse("t", text, &[]).expect("valid"));
-        (0..100).map(|_| unit.end_half_second_traced().1[0].changes[column].to_bits()).collect::<Vec<_>>()
-    };
-    assert_eq!(walked(base), walked(&beside));
-    let with = format!(
-        "{base}drift-random-walk = {{ arcsec_per_s_per_sqrt_s = 0.0 }}\n[gyro.GYRY]\nangle-random-walk = {{ arcsec_per_sqrt_s = 1.0 }}\n"
-    );
-    let counts = |text: &str| {
-        let mut unit = Unit::new(&Configuration::parse("t", text, &[]).expect("valid"));
-        (0..100).map(|_| unit.end_half_second().half_second.increments[0]).collect::<Vec<_>>()
-    };
-    assert_eq!(counts(base), counts(&with));
 }
 
 #[test]

@@ -66,6 +66,26 @@ fn paper_toml_runs() {
     assert!((counts as f64 + 108_000.0 / 0.9967).abs() < 500.0, "{counts}");
 }
 
+#[test]
+fn no_accumulated_count_of_a_day_is_further_from_its_angle_than_rounding() {
+    // Beside half a count, what adding up a day of counts as f64 costs.
+    let bound = 0.5 + 1e-6;
+    for configuration in [Configuration::reference(), paper()] {
+        let mut unit = Unit::new(&configuration);
+        let (mut counts, mut angles) = ([0.0; 4], [0.0; 4]);
+        for row in 1..=172_800 {
+            let (ended, traces) = unit.end_half_second_traced();
+            for gyro in 0..4 {
+                counts[gyro] += f64::from(ended.half_second.increments[gyro]);
+                angles[gyro] += traces[gyro].unquantised;
+                let apart = counts[gyro] - angles[gyro];
+                assert!(apart.abs() <= bound, "gyro {gyro}, row {row}: {apart}");
+            }
+        }
+        assert_eq!(unit.lost_counts(), [0.0; 4]);
+    }
+}
+
 /// A leg in degrees: name, θ and ψ turned, θ at the start.
 fn turned(leg: &Leg) -> (&'static str, f64, f64, f64) {
     let degrees = |rad: f64| (rad / RAD_PER_DEG * 1e6).round() * 1e-6;

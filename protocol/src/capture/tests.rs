@@ -99,6 +99,22 @@ fn candump_logs_of_the_wild_are_read_line_by_line() {
 }
 
 #[test]
+fn a_byte_order_mark_costs_no_line_of_any_text_format() {
+    for (format, line) in [
+        (Format::Candump, "(1.500000) can0 1A0#01\n"),
+        (Format::Console { delta: false }, "  can0  1A0   [1]  01\n"),
+        (Format::Asc, "date Mon Jan 5 10:00:00 am 2026\nbase hex timestamps absolute\n1.500000 1 1A0 Rx d 1 01\n"),
+    ] {
+        let marked = format!("\u{feff}{line}");
+        assert_eq!(detect(marked.as_bytes(), true), Detected::Format(format));
+        for piece in [1, 1000] {
+            assert_eq!(read(format, marked.as_bytes(), piece), read(format, line.as_bytes(), piece));
+        }
+        assert!(events(format, &marked).iter().any(|event| matches!(event, Seen::Frame(..))));
+    }
+}
+
+#[test]
 fn a_cut_last_line_is_told_as_cut() {
     assert_eq!(events(Format::Candump, "(0.5) can0 1A0#FF\n(0.6) can0 1A")[1], Seen::Broken(true));
     assert_eq!(events(Format::Console { delta: false }, " can0  1A0  [8]  FF FE")[0], Seen::Broken(true));

@@ -2,6 +2,9 @@
 
 use super::{Event, MAX_RECORD, Place, Time, told};
 
+/// What editors and shells on Windows write before a text in UTF-8.
+const BYTE_ORDER_MARK: &[u8] = b"\xEF\xBB\xBF";
+
 /// Cuts a stream into lines and numbers them.
 #[derive(Debug, Clone, Default)]
 pub struct Lines {
@@ -38,7 +41,10 @@ impl Lines {
             None if bytes.is_empty() || (!last && bytes.len() <= MAX_RECORD) => return None,
             None => bytes.len(),
         };
-        let text = &bytes[..end.unwrap_or(used)];
+        let mut text = &bytes[..end.unwrap_or(used)];
+        if self.number == 0 {
+            text = text.strip_prefix(BYTE_ORDER_MARK).unwrap_or(text);
+        }
         let discarded = self.discarding;
         self.discarding = end.is_none() && !last;
         let content = if discarded {

@@ -187,7 +187,7 @@ impl Layout {
 pub(crate) fn parse(name: &str, text: &str) -> Result<Reference, ReferenceError> {
     let (mut part, mut first_issue, mut meta, mut layout) = (Part::Header, true, Meta::default(), None);
     let (mut rows, mut lines, mut before) = (Vec::new(), Vec::new(), None);
-    let mut start_ns = 0;
+    let mut start_ns = None;
     let mut place = Place { name, line: 0 };
     for text in text.lines() {
         place.line += 1;
@@ -215,16 +215,10 @@ pub(crate) fn parse(name: &str, text: &str) -> Result<Reference, ReferenceError>
                 if t_ns < layout.useable_ns.0 || t_ns > layout.useable_ns.1 {
                     continue;
                 }
-                // The first attitude tells only where the motion starts.
-                if let Some(before) = before {
-                    let t_s = (t_ns - start_ns) as f64 * 1e-9;
-                    let angle_control_arcsec = turn_arcsec(&before, &attitude);
-                    rows.push(Row { t_s, angle_control_arcsec, theta_psi_rad: None });
-                    lines.push(place.line);
-                } else {
-                    start_ns = t_ns;
-                }
-                before = Some(attitude);
+                let t_s = (t_ns - *start_ns.get_or_insert(t_ns)) as f64 * 1e-9;
+                let angle_control_arcsec = turn_arcsec(&before.replace(attitude).unwrap_or(attitude), &attitude);
+                rows.push(Row { t_s, angle_control_arcsec, theta_psi_rad: None });
+                lines.push(place.line);
             }
             (Part::Done, "META_START", _) => {
                 let expected = "one segment (attitude is never made up between segments; give each its own file)";
@@ -245,7 +239,7 @@ pub(crate) fn parse(name: &str, text: &str) -> Result<Reference, ReferenceError>
         place.line += 1;
         return Err(place.wrong("message", "a segment of data up to DATA_STOP", "the end of the file"));
     };
-    Reference::from_turns(name, start_ns, &rows, &lines, Some(layout.time_system))
+    Reference::from_turns(name, start_ns.unwrap_or(0), &rows, &lines, Some(layout.time_system))
 }
 
 /// An epoch, calendar or day of year, as ns since 1970 in its own time system.

@@ -308,7 +308,7 @@ impl GyroCsv {
             .delimiter(description.delimiter)
             .flexible(true)
             .trim(csv::Trim::All)
-            .from_reader(text.trim_start_matches('\u{feff}').as_bytes());
+            .from_reader(text.as_bytes());
         let header = reader.headers().map_err(failed)?.clone();
         let wanted: Vec<&str> = std::iter::once(description.time_column.as_str())
             .chain(description.gyros.iter().map(|gyro| gyro.column.as_str()))

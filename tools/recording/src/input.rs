@@ -113,6 +113,8 @@ pub(crate) enum Source {
 
 const GZIP: [u8; 2] = [0x1F, 0x8B];
 const ZSTD: [u8; 4] = [0x28, 0xB5, 0x2F, 0xFD];
+/// What editors and spreadsheets on Windows write before a text.
+const BYTE_ORDER_MARK: char = '\u{feff}';
 
 /// Opens what `name` names; an existing path beats an interface of the same name.
 pub(crate) fn open(name: &str, baud: Option<u32>) -> Result<Source, InputError> {
@@ -142,7 +144,7 @@ pub(crate) fn open(name: &str, baud: Option<u32>) -> Result<Source, InputError> 
     container(Box::new(file), wait_on).map_err(failed)
 }
 
-/// The text of a file, which may be compressed.
+/// The text of a file, which may be compressed, without its byte order mark.
 ///
 /// # Errors
 /// A file that cannot be opened or read to its end, or is no UTF-8.
@@ -150,6 +152,9 @@ pub fn read_text(path: &Path) -> io::Result<String> {
     let mut text = String::new();
     if let Source::Bytes { mut reader, .. } = container(Box::new(File::open(path)?), None)? {
         reader.read_to_string(&mut text)?;
+    }
+    if text.starts_with(BYTE_ORDER_MARK) {
+        text.drain(..BYTE_ORDER_MARK.len_utf8());
     }
     Ok(text)
 }

@@ -6,7 +6,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use geu_model::attitude::{BadRows, Recorded, Row};
+use geu_model::attitude::{BadRows, Recorded, Row, median_spacing_s};
 use geu_model::units::{ARCSEC_PER_RAD, RAD_PER_DEG};
 use nalgebra::{Quaternion, UnitQuaternion};
 
@@ -177,49 +177,40 @@ impl Reference {
             rows.push(Row { t_s, angle_control_arcsec, theta_psi_rad });
             lines.push(line);
         }
-        // A quaternion's first row tells only where the motion starts.
-        let base_ns = base_ns.unwrap_or(0);
-        if matches!(columns.motion, Kind::Quaternions(_)) && !rows.is_empty() {
-            return Reference::from_turns(name, base_ns, &rows[1..], &lines[1..], None);
+        if let Kind::Rates(_) = columns.motion
+            && let Some(spacing_s) = median_spacing_s(&rows)
+        {
+            // Its first row ends an interval of the median spacing.
+            rows.insert(0, Row { t_s: rows[0].t_s - spacing_s, ..rows[0] });
+            lines.insert(0, lines[0]);
+            for row in 1..rows.len() {
+                let length_s = rows[row].t_s - rows[row - 1].t_s;
+                rows[row].angle_control_arcsec = rows[row].angle_control_arcsec.map(|rate| rate * length_s);
+            }
         }
-        angles_from_rates(&mut rows);
-        let truth = Recorded::new(&rows).map_err(|source| at_line(name, &lines, source))?;
-        let start_ns = base_ns + (truth.start_s() * 1e9).round() as i64;
-        Ok(Reference { start_ns, truth: Arc::new(truth.starting_at_zero()), time_system: None })
+        Reference::from_turns(name, base_ns.unwrap_or(0), &rows, &lines, None)
     }
 
-    /// Rows whose times count from `start_ns`, where the first one's interval starts.
+    /// Rows whose times count from `base_ns`; the first tells where the motion starts.
     pub(crate) fn from_turns(
         name: &str,
-        start_ns: i64,
+        base_ns: i64,
         rows: &[Row],
         lines: &[u64],
         time_system: Option<String>,
     ) -> Result<Reference, ReferenceError> {
-        let truth = Recorded::starting_at(0.0, rows).map_err(|source| at_line(name, lines, source))?;
-        Ok(Reference { start_ns, truth: Arc::new(truth), time_system })
+        let truth = Recorded::new(rows).map_err(|source| {
+            let line = source.index().and_then(|index| lines.get(index).copied()).unwrap_or(1);
+            ReferenceError::Rows { name: name.to_owned(), line, source }
+        })?;
+        let start_ns = base_ns + (truth.start_s() * 1e9).round() as i64;
+        Ok(Reference { start_ns, truth: Arc::new(truth.starting_at_zero()), time_system })
     }
-}
-
-fn at_line(name: &str, lines: &[u64], source: BadRows) -> ReferenceError {
-    let line = source.index().and_then(|index| lines.get(index).copied()).unwrap_or(1);
-    ReferenceError::Rows { name: name.to_owned(), line, source }
 }
 
 /// The turn, about the control axes and by the shorter way, from one attitude (control frame to inertial) to the next.
 pub(crate) fn turn_arcsec(before: &UnitQuaternion<f64>, now: &UnitQuaternion<f64>) -> [f64; 3] {
     ((before.inverse() * now).scaled_axis() * ARCSEC_PER_RAD).into()
-}
-
-/// Mean rates since the row before become rotations; the first row's interval is the median spacing.
-fn angles_from_rates(rows: &mut [Row]) {
-    let mut spacings: Vec<f64> = rows.windows(2).map(|pair| pair[1].t_s - pair[0].t_s).collect();
-    let Some(middle) = spacings.len().checked_sub(1).map(|last| last / 2) else { return };
-    let mut lengths_s = vec![*spacings.clone().select_nth_unstable_by(middle, f64::total_cmp).1];
-    lengths_s.append(&mut spacings);
-    for (row, length_s) in rows.iter_mut().zip(lengths_s) {
-        row.angle_control_arcsec = row.angle_control_arcsec.map(|rate| rate * length_s);
-    }
 }
 
 /// Seconds in decimal as whole nanoseconds; digits beyond are dropped.
@@ -259,6 +250,15 @@ mod tests {
     }
 
     #[test]
+    fn a_quaternion_tells_the_sun_from_its_first_row_on() {
+        let row = |row: u32| format!("{}.{},1,0,0,0,{},0\n", row / 2, row % 2 * 5, 90 + row);
+        let text: String = (0..=10).map(row).collect();
+        let reference = Reference::parse("q", &format!("t_s,q_w,q_x,q_y,q_z,theta_deg,psi_deg\n{text}"));
+        let (_, start) = reference.expect("a reference").truth.at(0.0, &mut 0);
+        assert!((start.theta_rad / RAD_PER_DEG - 90.0).abs() < 1e-9);
+    }
+
+    #[test]
     fn what_is_wrong_is_told_with_its_line() {
         let header = "t_s,rate_x_arcsec_s,rate_y_arcsec_s,rate_z_arcsec_s\n";
         let good = "1.0,0,0,0\n1.5,0,0,0\n2.0,0,0,0\n2.5,0,0,0\n";
@@ -269,7 +269,7 @@ mod tests {
             (format!("{header}{good}3.0,0\n"), "line: 6"),
             (format!("{header}{good}2.5,0,0,0\n"), "line 6: expected time to rise"),
             (format!("{header}{good}9.5,0,0,0\n"), "line 6: expected rows every 0.5 s or so, got a gap of 7 s"),
-            (header.to_owned(), "expected at least 3 rows, got 0"),
+            (header.to_owned(), "expected motion over at least 3 rows, got 0"),
         ] {
             let message = Reference::parse("f.csv", &text).expect_err(&text).to_string();
             assert!(message.contains(part), "{part} not in {message}");

@@ -6,11 +6,13 @@
 
 mod manoeuvre;
 mod motion;
+mod plan;
 mod recorded;
 
-pub use manoeuvre::{Impossible, Leg, Manoeuvre, Plan, Scenario};
+pub use manoeuvre::{Manoeuvre, Scenario};
 pub use motion::{LimitCycle, Moment, Motion, Step};
-pub use recorded::{BadRows, Recorded, Row};
+pub use plan::{Impossible, Leg, Plan};
+pub use recorded::{BadRows, Recorded, Row, median_spacing_s};
 
 /// A stretch of time over which θ and ψ have constant accelerations. Radians; times from the segment's start.
 #[derive(Debug, Clone, Copy, PartialEq)]

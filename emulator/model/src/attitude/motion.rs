@@ -9,7 +9,7 @@
 use std::sync::Arc;
 
 use super::Segment;
-use super::manoeuvre::{Leg, Plan};
+use super::plan::{Leg, Plan};
 use super::recorded::Recorded;
 use crate::number::numbers;
 use crate::units::{ARCSEC_PER_RAD, SUN_RATE_RAD_S};

@@ -7,7 +7,7 @@
 use super::Moment;
 use crate::units::{ARCSEC_PER_RAD, SUN_RATE_RAD_S};
 
-/// One row: what happened since the row before.
+/// One row: what happened since the row before, where there is one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Row {
     /// End of the row's interval, on the truth's time scale.
@@ -21,8 +21,8 @@ pub struct Row {
 /// Why rows are no truth.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum BadRows {
-    /// Fewer than three.
-    #[error("expected at least 3 rows, got {0}")]
+    /// Fewer than three after the start.
+    #[error("expected motion over at least 3 rows, got {0}")]
     TooFew(usize),
     /// Time that does not rise.
     #[error("expected time to rise, got {t_s} s after {before_s} s")]
@@ -71,40 +71,36 @@ impl BadRows {
 /// A hole longer than this many median spacings is a gap.
 const GAP_SPACINGS: f64 = 1.9;
 
+/// Median spacing of rows in time; nothing of fewer than two.
+pub fn median_spacing_s(rows: &[Row]) -> Option<f64> {
+    let mut spacings: Vec<f64> = rows.windows(2).map(|pair| pair[1].t_s - pair[0].t_s).collect();
+    let middle = spacings.len() / 2;
+    (!spacings.is_empty()).then(|| *spacings.select_nth_unstable_by(middle, f64::total_cmp).1)
+}
+
 /// A truth read from a file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Recorded {
-    /// Instants, from the start of the first row's interval.
+    /// Instants.
     t_s: Vec<f64>,
     /// Accumulated rotation at each, with its second derivatives.
     angle_control_arcsec: [Vec<f64>; 3],
     bend: [Vec<f64>; 3],
     /// θ and ψ at each; empty where they are not known.
     theta_psi_rad: Vec<(f64, f64)>,
-    /// Turns about X and Y, since the first row, beyond those that θ and ψ mean; empty where they are not known.
+    /// Turns about X and Y, since the row after the start, beyond those that θ and ψ mean; empty where they are not known.
     departure_control_arcsec: Vec<[f64; 2]>,
 }
 
 impl Recorded {
-    /// Takes rows in order of time. The first row's interval is the median spacing.
+    /// Takes rows in order of time, of which the first tells where the motion starts.
     ///
     /// # Errors
     /// Rows that overlap, leave a gap, or are too few.
     pub fn new(rows: &[Row]) -> Result<Recorded, BadRows> {
-        Recorded::read(None, rows)
-    }
-
-    /// As [`Recorded::new`], where the start of the first row's interval is known.
-    ///
-    /// # Errors
-    /// Rows that overlap, leave a gap, or are too few.
-    pub fn starting_at(start_s: f64, rows: &[Row]) -> Result<Recorded, BadRows> {
-        Recorded::read(Some(start_s), rows)
-    }
-
-    fn read(start_s: Option<f64>, rows: &[Row]) -> Result<Recorded, BadRows> {
-        if rows.len() < 3 {
-            return Err(BadRows::TooFew(rows.len()));
+        let intervals = rows.len().saturating_sub(1);
+        if intervals < 3 {
+            return Err(BadRows::TooFew(intervals));
         }
         for (index, row) in rows.iter().enumerate() {
             let numbers = row.angle_control_arcsec.into_iter().chain([row.t_s]);
@@ -112,44 +108,35 @@ impl Recorded {
                 return Err(BadRows::NotFinite { index, value });
             }
         }
-        let mut spacings: Vec<f64> = rows.windows(2).map(|pair| pair[1].t_s - pair[0].t_s).collect();
-        if let Some(index) = spacings.iter().position(|&spacing_s| spacing_s <= 0.0) {
-            let (t_s, before_s) = (rows[index + 1].t_s, rows[index].t_s);
-            return Err(BadRows::NotRising { index: index + 1, t_s, before_s });
+        let spacing_s = median_spacing_s(rows).expect("more than one row");
+        for (index, pair) in rows.windows(2).enumerate() {
+            let (index, before_s, t_s) = (index + 1, pair[0].t_s, pair[1].t_s);
+            if t_s <= before_s {
+                return Err(BadRows::NotRising { index, t_s, before_s });
+            }
+            let gap_s = t_s - before_s;
+            if gap_s > GAP_SPACINGS * spacing_s {
+                return Err(BadRows::Gap { index, t_s, gap_s, spacing_s });
+            }
         }
-        if let Some(start_s) = start_s.filter(|&start_s| start_s >= rows[0].t_s) {
-            return Err(BadRows::NotRising { index: 0, t_s: rows[0].t_s, before_s: start_s });
-        }
-        let gaps = spacings.clone();
-        let middle = spacings.len() / 2;
-        let spacing_s = *spacings.select_nth_unstable_by(middle, f64::total_cmp).1;
-        if let Some(index) = gaps.iter().position(|&gap_s| gap_s > GAP_SPACINGS * spacing_s) {
-            let (t_s, gap_s) = (rows[index + 1].t_s, gaps[index]);
-            return Err(BadRows::Gap { index: index + 1, t_s, gap_s, spacing_s });
-        }
-        let start_s = start_s.unwrap_or(rows[0].t_s - spacing_s);
-        if rows[0].t_s - start_s > GAP_SPACINGS * spacing_s {
-            return Err(BadRows::Gap { index: 0, t_s: rows[0].t_s, gap_s: rows[0].t_s - start_s, spacing_s });
-        }
-        let t_s: Vec<f64> = std::iter::once(start_s).chain(rows.iter().map(|row| row.t_s)).collect();
+        let t_s: Vec<f64> = rows.iter().map(|row| row.t_s).collect();
         let angle_control_arcsec: [Vec<f64>; 3] = std::array::from_fn(|axis| {
             let mut sum = 0.0;
             std::iter::once(0.0)
-                .chain(rows.iter().map(|row| {
+                .chain(rows[1..].iter().map(|row| {
                     sum += row.angle_control_arcsec[axis];
                     sum
                 }))
                 .collect()
         });
         let bend = std::array::from_fn(|axis| second_derivatives(&t_s, &angle_control_arcsec[axis]));
-        let known: Option<Vec<(f64, f64)>> = rows.iter().map(|row| row.theta_psi_rad).collect();
-        let theta_psi_rad =
-            known.map_or_else(Vec::new, |known| std::iter::once(known[0]).chain(known.iter().copied()).collect());
+        let theta_psi_rad: Vec<(f64, f64)> =
+            rows.iter().map(|row| row.theta_psi_rad).collect::<Option<_>>().unwrap_or_default();
         let departure_control_arcsec = departure(&t_s, &angle_control_arcsec, &theta_psi_rad);
         Ok(Recorded { t_s, angle_control_arcsec, bend, theta_psi_rad, departure_control_arcsec })
     }
 
-    /// Start of the first row's interval.
+    /// The first row's time.
     pub fn start_s(&self) -> f64 {
         self.t_s[0]
     }
@@ -217,10 +204,10 @@ impl Recorded {
     }
 }
 
-/// What the rotation has more than θ and ψ mean by eqs 5 and 6, about X and Y, accumulated since the first row; the
+/// What the rotation has more than θ and ψ mean by eqs 5 and 6, about X and Y, accumulated since the row after the start; the
 /// integrals over a row by Simpson's rule.
 fn departure(t_s: &[f64], angle_control_arcsec: &[Vec<f64>; 3], theta_psi_rad: &[(f64, f64)]) -> Vec<[f64; 2]> {
-    // What θ and ψ were before the first row is not known.
+    // Rates do not tell what θ and ψ were at the start.
     let mut sum = [0.0; 2];
     let mut all: Vec<[f64; 2]> = theta_psi_rad.iter().take(2).map(|_| sum).collect();
     for k in 2..theta_psi_rad.len() {
@@ -294,10 +281,10 @@ mod tests {
 
     fn rows(count: usize, angle: impl Fn(f64) -> f64) -> Vec<Row> {
         let at = |index: usize| index as f64 * 0.5;
-        (1..=count)
+        (0..=count)
             .map(|index| Row {
                 t_s: at(index),
-                angle_control_arcsec: [angle(at(index)) - angle(at(index - 1)), 0.0, 0.0],
+                angle_control_arcsec: [angle(at(index)) - angle(at(index.saturating_sub(1))), 0.0, 0.0],
                 theta_psi_rad: None,
             })
             .collect()
@@ -332,6 +319,6 @@ mod tests {
         let mut overlap = rows(20, |t| t);
         overlap[5].t_s = overlap[4].t_s;
         assert!(matches!(Recorded::new(&overlap), Err(BadRows::NotRising { index: 5, .. })));
-        assert!(matches!(Recorded::new(&overlap[..2]), Err(BadRows::TooFew(2))));
+        assert!(matches!(Recorded::new(&overlap[..3]), Err(BadRows::TooFew(2))));
     }
 }

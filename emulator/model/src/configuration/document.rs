@@ -4,7 +4,7 @@ use std::fmt;
 use std::ops::Range;
 
 use geu_protocol::Gyro;
-use toml_edit::{Document, DocumentMut, Item, TableLike};
+use toml_edit::{Array, ArrayOfTables, Document, DocumentMut, Item, TableLike};
 
 use crate::number::{Default, Form, Number, Numbers};
 
@@ -105,7 +105,9 @@ impl<'a> Node<'a> {
         locate(&self.source.name, self.source.document.raw(), span, message)
     }
 
-    fn value_error(&self, key: &str, message: String) -> ConfigurationError {
+    /// An error that points at the value of the key: what was expected of it, and what was got.
+    pub fn unexpected(&self, key: &str, expected: &str) -> ConfigurationError {
+        let message = format!("expected {expected} for `{}`, got {}", self.path_of(key), self.got(key));
         match self.table.get(key).and_then(Item::span) {
             Some(span) => locate(&self.source.name, self.source.document.raw(), Some(span), message),
             None => self.error(key, message),
@@ -168,10 +170,7 @@ impl<'a> Node<'a> {
         };
         match value {
             Some(value) if least <= value && value <= greatest => Ok(Some(value)),
-            _ => {
-                let (path, got) = (self.path_of(key), self.got(key));
-                Err(self.value_error(key, format!("expected {} for `{path}`, got {got}", form.limits(least, greatest))))
-            }
+            _ => Err(self.unexpected(key, &form.limits(least, greatest))),
         }
     }
 
@@ -184,10 +183,7 @@ impl<'a> Node<'a> {
             None => Ok(None),
             Some(item) => match item.as_integer().and_then(|value| u64::try_from(value).ok()) {
                 Some(value) => Ok(Some(value)),
-                None => Err(self.value_error(
-                    key,
-                    format!("expected a whole number of 0 or more for `{}`, got {}", self.path_of(key), self.got(key)),
-                )),
+                None => Err(self.unexpected(key, "a whole number of 0 or more")),
             },
         }
     }
@@ -199,10 +195,7 @@ impl<'a> Node<'a> {
     pub fn choice(&self, key: &str, valid: &[&str]) -> Read<&'a str> {
         match self.table.get(key).and_then(Item::as_str) {
             Some(text) if valid.contains(&text) => Ok(text),
-            _ => Err(self.value_error(
-                key,
-                format!("expected one of {} for `{}`, got {}", valid.join(", "), self.path_of(key), self.got(key)),
-            )),
+            _ => Err(self.unexpected(key, &format!("one of {}", valid.join(", ")))),
         }
     }
 
@@ -211,9 +204,7 @@ impl<'a> Node<'a> {
     /// # Errors
     /// Not there, or not a text.
     pub fn text(&self, key: &str) -> Read<&'a str> {
-        self.table.get(key).and_then(Item::as_str).ok_or_else(|| {
-            self.value_error(key, format!("expected a text for `{}`, got {}", self.path_of(key), self.got(key)))
-        })
+        self.table.get(key).and_then(Item::as_str).ok_or_else(|| self.unexpected(key, "a text"))
     }
 
     /// Fills `numbers` from the table's keys; `has` tells which of them there are.
@@ -239,14 +230,7 @@ impl<'a> Node<'a> {
         let Some(item) = self.table.get(key) else { return Ok(None) };
         match item.as_table_like() {
             Some(table) => Ok(Some(self.child(table, self.path_of(key), key, item.span()))),
-            None => Err(self.value_error(
-                key,
-                format!(
-                    "expected a table for `{}`, such as {{ name = number }}, got {}",
-                    self.path_of(key),
-                    self.got(key)
-                ),
-            )),
+            None => Err(self.unexpected(key, "a table, { name = number },")),
         }
     }
 
@@ -267,12 +251,7 @@ impl<'a> Node<'a> {
                     .collect()
             }),
         };
-        let tables = tables.ok_or_else(|| {
-            self.value_error(
-                key,
-                format!("expected a list of tables for `{}`, [[{key}]], got {}", self.path_of(key), self.got(key)),
-            )
-        })?;
+        let tables = tables.ok_or_else(|| self.unexpected(key, &format!("a list of tables, [[{key}]],")))?;
         Ok(tables
             .into_iter()
             .enumerate()
@@ -298,16 +277,7 @@ impl<'a> Node<'a> {
                 })
                 .collect::<Option<Vec<_>>>()
         });
-        pairs.ok_or_else(|| {
-            self.value_error(
-                key,
-                format!(
-                    "expected a list of pairs of numbers, [[time_s, value], …], for `{}`, got {}",
-                    self.path_of(key),
-                    self.got(key)
-                ),
-            )
-        })
+        pairs.ok_or_else(|| self.unexpected(key, "a list of pairs of numbers, [[time_s, value], …],"))
     }
 
     fn child(&self, table: &'a dyn TableLike, path: String, key: &str, span: Option<Range<usize>>) -> Node<'a> {
@@ -319,7 +289,7 @@ impl<'a> Node<'a> {
 /// `text` with every override `PATH=VALUE` put in; a path may go through lists by index (`manoeuvre.0.duration_s`).
 ///
 /// # Errors
-/// An override that is not `PATH=VALUE`.
+/// An override that is not `PATH=VALUE`, or has nothing to set.
 pub fn with_overrides(name: &str, text: &str, overrides: &[String]) -> Result<String, ConfigurationError> {
     // The text was parsed before; only an override can be at fault here.
     let mut document: DocumentMut = match text.parse() {
@@ -327,39 +297,65 @@ pub fn with_overrides(name: &str, text: &str, overrides: &[String]) -> Result<St
         Err(_) => return Source::parse(name, text).map(|_| text.to_owned()),
     };
     for given in overrides {
+        let refused = |message: String| locate("--set", given, None, message);
+        // TOML would take what stands after a line break as another override, or as a table for it.
+        if given.contains(['\n', '\r']) {
+            return Err(refused(format!(
+                "expected PATH=VALUE without a line break, got {given:?}; give --set once for each"
+            )));
+        }
         let quoted = given.split_once('=').map(|(path, value)| format!("{path} = {:?}", value.trim()));
         let parsed =
             given.parse::<DocumentMut>().or_else(|error| quoted.and_then(|text| text.parse().ok()).ok_or(error));
         match parsed {
-            Ok(parsed) if given.contains('=') => merge(document.as_table_mut(), parsed.as_table()),
-            _ => return Err(locate("--set", given, None, format!("expected PATH=VALUE, got {given}"))),
+            Ok(parsed) if given.contains('=') && !parsed.is_empty() => {
+                merge(document.as_table_mut(), parsed.as_table(), "").map_err(refused)?;
+            }
+            _ => return Err(refused(format!("expected PATH=VALUE, got {given}"))),
         }
     }
     Ok(document.to_string())
 }
 
-fn merge(base: &mut dyn TableLike, over: &dyn TableLike) {
+fn merge(base: &mut dyn TableLike, over: &dyn TableLike, path: &str) -> Result<(), String> {
     for (key, item) in over.iter() {
+        let path = if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") };
         let Some(table) = item.as_table_like() else {
             base.insert(key, item.clone());
             continue;
         };
-        match base.get_mut(key) {
-            Some(Item::ArrayOfTables(list)) if table.iter().all(|(index, _)| index.parse::<usize>().is_ok()) => {
-                for (index, item) in table.iter() {
-                    let entry = index.parse().ok().and_then(|index: usize| list.get_mut(index));
-                    if let (Some(entry), Some(table)) = (entry, item.as_table_like()) {
-                        merge(entry, table);
-                    }
-                }
-            }
-            Some(existing) => match existing.as_table_like_mut() {
-                Some(existing) => merge(existing, table),
-                None => *existing = item.clone(),
-            },
-            None => {
-                base.insert(key, item.clone());
-            }
+        if table.is_empty() {
+            return Err(format!("expected {path}.NAME=VALUE, got nothing to set in {path}"));
         }
+        let Some(existing) = base.get_mut(key) else {
+            base.insert(key, item.clone());
+            continue;
+        };
+        if let Some(length) =
+            existing.as_array().map(Array::len).or(existing.as_array_of_tables().map(ArrayOfTables::len))
+        {
+            for (index, item) in table.iter() {
+                let entry = index.parse().ok().and_then(|index| entry_mut(existing, index));
+                let (Some(entry), Some(table)) = (entry, item.as_table_like()) else {
+                    return Err(format!(
+                        "expected {path}.INDEX.NAME=VALUE with an INDEX less than {length}, got {path}.{index}; a longer list is given whole, {path}=[…], or in the file"
+                    ));
+                };
+                merge(entry, table, &format!("{path}.{index}"))?;
+            }
+        } else if let Some(existing) = existing.as_table_like_mut() {
+            merge(existing, table, &path)?;
+        } else {
+            *existing = item.clone();
+        }
+    }
+    Ok(())
+}
+
+/// The table at `index` of a list.
+fn entry_mut(list: &mut Item, index: usize) -> Option<&mut dyn TableLike> {
+    match list {
+        Item::ArrayOfTables(tables) => tables.get_mut(index).map(|table| table as &mut dyn TableLike),
+        list => list.as_array_mut()?.get_mut(index)?.as_inline_table_mut().map(|table| table as &mut dyn TableLike),
     }
 }

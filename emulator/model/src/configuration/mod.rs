@@ -283,6 +283,13 @@ fn read_effects<E: Effects>(node: &Node, has: impl Fn(&str) -> bool) -> Result<C
             }
         }
     }
+    let largest = configured.largest();
+    for key in node.keys() {
+        let Some((effect, None)) = named_effect(key, specs) else { continue };
+        if let Some((number, expected)) = largest.misfit(effect) {
+            return Err(node.table(key)?.expect("the key is there").unexpected(number, &expected));
+        }
+    }
     Ok(configured)
 }
 

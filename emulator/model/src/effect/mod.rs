@@ -85,6 +85,12 @@ pub struct Amplitude {
 pub trait Effect: Numbers + Default {
     /// What is said of it.
     const SPEC: EffectSpec;
+
+    /// A number that does not go with the others, each within its own limits, and what was expected of it. Asked with the
+    /// amplitudes at the largest that they reach.
+    fn misfit(&self) -> Option<(&'static str, String)> {
+        None
+    }
 }
 
 /// Temperatures at a moment, °C.
@@ -236,6 +242,8 @@ pub trait Effects: Copy + Default {
     fn numbers(&self, index: usize) -> &dyn Numbers;
     /// The numbers of the effect at `index` of [`Effects::specs`].
     fn numbers_mut(&mut self, index: usize) -> &mut dyn Numbers;
+    /// See [`Effect::misfit`], of the effect at `index` of [`Effects::specs`].
+    fn misfit(&self, index: usize) -> Option<(&'static str, String)>;
 }
 
 /// A list of effects with the courses of their amplitudes.
@@ -258,6 +266,18 @@ impl<E: Effects> Configured<E> {
             let amplitude = numbers.value_mut(course.amplitude);
             // Limits are what the model is good for: a course that grows without end stays at them.
             *amplitude = (*amplitude + course.value(interval)).clamp(least, greatest);
+        }
+        effects
+    }
+
+    /// The effects with each amplitude at the largest that it reaches.
+    pub fn largest(&self) -> E {
+        let mut effects = self.constant;
+        for course in &self.courses {
+            let numbers = effects.numbers_mut(course.effect);
+            let Number { least, greatest, .. } = numbers.specs()[course.amplitude];
+            let amplitude = numbers.value_mut(course.amplitude);
+            *amplitude = (*amplitude + course.largest()).clamp(least, greatest);
         }
         effects
     }
@@ -290,6 +310,10 @@ macro_rules! effect_list {
             fn numbers_mut(&mut self, index: usize) -> &mut dyn Numbers {
                 let Self { $($field),* } = self;
                 [$($field as &mut dyn Numbers),*].into_iter().nth(index).expect("index of SPECS")
+            }
+            fn misfit(&self, index: usize) -> Option<(&'static str, String)> {
+                let Self { $($field),* } = self;
+                [$($field.misfit()),*].into_iter().nth(index).expect("index of SPECS")
             }
         }
     };

@@ -33,6 +33,13 @@ impl Effect for PivotClearance {
         paper: "less than 14; a full transit at the creep takes 15.6 min",
         source: "Casteren §3.3, figure 6",
     };
+
+    /// Without clearance the preferred position means nothing.
+    fn misfit(&self) -> Option<(&'static str, String)> {
+        let stop = 0.5 * self.clearance_arcsec;
+        (stop > 0.0 && self.preferred_arcsec.abs() > stop)
+            .then(|| ("preferred_arcsec", format!("a number within half the clearance, ±{stop},")))
+    }
 }
 
 /// The float's angle about the input axis; nothing before the first sub-step.
