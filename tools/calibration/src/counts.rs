@@ -4,9 +4,9 @@
 //! Half seconds are placed by the unit's own sequence and clock; when they ended is told by the receive times, averaged
 //! over five minutes, so that jitter goes and a clock that is fast, or warms, stays.
 
-use geu_protocol::Gyro;
 use geu_protocol::continuity::{Continuity, Step};
 use geu_protocol::field::{GYRO_FLAGS, unit_flag};
+use geu_protocol::{Gyro, HalfSecond};
 use geu_recording::{Defect, Row, Sink};
 
 /// Half seconds over which receive times are averaged.
@@ -219,7 +219,7 @@ impl Sink for CountsReader {
         for _ in 1..advance {
             self.counts.push(0.0, [0.0; 4], electronics_c);
         }
-        self.counts.push(0.0, half_second.increments.map(f64::from), electronics_c);
+        self.counts.push(0.0, increments(half_second), electronics_c);
         if let Some(kind) = kind {
             self.note(from, [true; 4], kind);
         }
@@ -336,4 +336,9 @@ fn knots(points: &[(usize, f64)]) -> Vec<(f64, f64)> {
             (points.iter().map(|point| point.0 as f64).sum::<f64>() / points.len() as f64, median_s)
         })
         .collect()
+}
+
+/// The counts of one half second as real numbers.
+pub fn increments(half_second: &HalfSecond) -> [f64; 4] {
+    half_second.increments.map(f64::from)
 }

@@ -44,16 +44,14 @@ impl EffectCounts {
         let steps = steps();
         quiet.electronics.table =
             (0..counts.node_s.len()).map(|node| (counts.node_s[node], counts.electronics_c[node])).collect();
-        let rows: Vec<Row> = steps
-            .iter()
-            .enumerate()
-            .map(|(index, &(angle_control_arcsec, theta_psi_rad))| Row {
-                t_s: counts.node_s[index + 1],
-                angle_control_arcsec,
-                theta_psi_rad,
-            })
-            .collect();
-        let truth = Truth::Recorded(Arc::new(Recorded::starting_at(0.0, &rows).ok()?));
+        let start = Row { t_s: 0.0, angle_control_arcsec: [0.0; 3], theta_psi_rad: steps.first()?.1 };
+        let rows: Vec<Row> =
+            std::iter::once(start)
+                .chain(steps.iter().zip(&counts.node_s[1..]).map(|(&(angle_control_arcsec, theta_psi_rad), &t_s)| {
+                    Row { t_s, angle_control_arcsec, theta_psi_rad }
+                }))
+                .collect();
+        let truth = Truth::Recorded(Arc::new(Recorded::new(&rows).ok()?));
         let accumulated = run(&quiet, &truth, steps.len());
         let mut wider = quiet;
         let mut has_pivots = false;

@@ -2,6 +2,7 @@
 
 pub mod absolute;
 pub mod calibrate;
+pub mod checkout;
 pub mod counts;
 pub mod effects;
 pub mod hand;

@@ -5,6 +5,7 @@
 
 mod bench;
 mod calibrate;
+mod checkout;
 mod config;
 mod decode;
 mod describe;
@@ -42,6 +43,7 @@ enum Command {
     Selftest(selftest::Arguments),
     Simulate(simulate::Arguments),
     Calibrate(calibrate::Arguments),
+    Checkout(checkout::Arguments),
     Config(config::Arguments),
     Describe(describe::Arguments),
     /// Decode recordings or live links to CSV, JSON lines or a summary.
@@ -59,6 +61,7 @@ fn main() -> ExitCode {
     let done: Result<(), Failure> = match Arguments::parse().command {
         Some(Command::Simulate(arguments)) => simulate::run(&arguments),
         Some(Command::Calibrate(arguments)) => calibrate::run(&arguments),
+        Some(Command::Checkout(arguments)) => checkout::run(&arguments),
         Some(Command::Config(arguments)) => config::run(&arguments),
         Some(Command::Describe(arguments)) => describe::run(&arguments),
         Some(Command::Decode(arguments)) => decode::run(arguments),

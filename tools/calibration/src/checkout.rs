@@ -1,0 +1,380 @@
+//! The in-orbit checkout flown in simulation (Casteren §5), calibrated, and compared with the truth.
+//!
+//! The sequence is that of `configs/checkout.toml`; precautions are what can be taken out of it. Nothing is written:
+//! counts, reference attitude and absolute sensors go straight into the calibration.
+
+use std::collections::BTreeMap;
+use std::f64::consts::TAU;
+use std::sync::Arc;
+
+use geu_model::attitude::{Manoeuvre, Plan, Recorded, Row};
+use geu_model::package::{Axes, Calibration};
+use geu_model::sensor::{StarSensor, SunSensor};
+use geu_model::units::{HALF_SECOND_S, PPM};
+use geu_model::{Configuration, Truth, Unit};
+use geu_protocol::Gyro;
+use geu_recording::Reference;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+
+use crate::absolute::{Fix, Sensors};
+use crate::calibrate::{Attitude, CalibrateError, Calibrated, calibrate};
+use crate::counts::{Counts, increments};
+use crate::solve::{BEFORE_LAUNCH, Parameter, UNKNOWNS, values};
+use crate::transfer::misalignment_matrix;
+use crate::window::Window;
+
+/// The sequence of the checkout.
+const SEQUENCE: &str = include_str!("../../../configs/checkout.toml");
+/// The hold after the last manoeuvre, half seconds: half of what the limit cycle's overlay looks at.
+const HOLD: u64 = 120;
+
+/// What is taken to keep floats and misalignments where they do no harm (Casteren §5).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Precautions {
+    /// An orbit's scan before each manoeuvre.
+    pub stabilisation: bool,
+    /// The 2° about Y, with the scan's own sign, before each Y-scan.
+    pub pre_slew: bool,
+    /// The slews about the sun vector before the fixes of a Y-scan.
+    pub sun_slews: bool,
+}
+
+impl Precautions {
+    /// All of them.
+    pub const ALL: Precautions = Precautions { stabilisation: true, pre_slew: true, sun_slews: true };
+}
+
+/// A slew about Y that is shorter than this serves the pivots, not the attitude.
+const PRE_SLEW_DEG: f64 = 10.0;
+
+/// A unit on the sequence of the checkout.
+///
+/// # Panics
+/// Never: the sequence is built in and tested.
+pub fn sequence(unit: &Configuration, precautions: Precautions) -> Configuration {
+    let mut configuration = unit.clone();
+    let flown = Configuration::parse("configs/checkout.toml (built in)", SEQUENCE, &[]).expect("a valid sequence");
+    let mut scenario = flown.scenario;
+    scenario.limit_cycle = unit.scenario.limit_cycle;
+    scenario.psi_deg = unit.scenario.psi_deg;
+    let number = |manoeuvre: &Manoeuvre, name: &str| {
+        let numbers = manoeuvre.numbers();
+        let index = numbers.specs().iter().position(|spec| spec.name == name)?;
+        Some(numbers.value(index)).filter(|value| value.is_finite())
+    };
+    let mut theta_deg = scenario.theta_deg;
+    scenario.manoeuvres.retain(|manoeuvre| {
+        let to_theta_deg = number(manoeuvre, "to_theta_deg").unwrap_or(theta_deg);
+        let is_slew = manoeuvre.kind() == "slew";
+        let keep = if manoeuvre.kind() == "stabilise" {
+            precautions.stabilisation
+        } else if is_slew && number(manoeuvre, "by_psi_deg").is_some() {
+            precautions.sun_slews
+        } else {
+            !is_slew || precautions.pre_slew || (to_theta_deg - theta_deg).abs() > PRE_SLEW_DEG
+        };
+        if keep {
+            theta_deg = to_theta_deg;
+        }
+        keep
+    });
+    configuration.scenario = scenario;
+    configuration
+}
+
+/// A checkout as it was flown.
+#[derive(Debug, Clone)]
+pub struct Flight {
+    /// What the gyros counted.
+    pub counts: Counts,
+    /// What was flown, leg by leg.
+    pub windows: Vec<Window>,
+    /// The true attitude.
+    pub reference: Reference,
+    /// What the absolute sensors saw.
+    pub sensors: Sensors,
+}
+
+/// Flies a finite scenario.
+pub fn fly(configuration: &Configuration) -> Flight {
+    let length_s = Plan::length_s(&configuration.scenario).unwrap_or(0.0);
+    let half_seconds = (length_s * 2.0).ceil() as u64 + HOLD;
+    let start_s = configuration.start_unix_ns as f64 * 1e-9;
+    let mut unit = Unit::new(configuration);
+    let mut counts = Counts::starting_at(configuration.start_unix_ns);
+    let mut motion = Truth::Scenario.motion(configuration, 0.0);
+    let mut sun_sensor = SunSensor::new(configuration.sensors.fss, configuration.seed);
+    let limit_cycle = configuration.scenario.limit_cycle;
+    let mut star_sensor = StarSensor::new(configuration.sensors.sse, configuration.seed, limit_cycle);
+    let now = motion.now();
+    let mut rows =
+        vec![Row { t_s: 0.0, angle_control_arcsec: [0.0; 3], theta_psi_rad: Some((now.theta_rad, now.psi_rad)) }];
+    let mut sensors = Sensors { numbers: configuration.sensors, ..Sensors::default() };
+    let mut fixes: BTreeMap<i64, Fix> = BTreeMap::new();
+    let mut windows = Vec::new();
+    for index in 1..=half_seconds {
+        let ended = unit.end_half_second();
+        let electronics_c = f64::from(ended.half_second.electronics_centi_c) * 0.01;
+        counts.push(ended.end_ns as f64 * 1e-9, increments(&ended.half_second), electronics_c);
+        // Reference and sensors keep true time, whatever the unit's clock does.
+        let t_s = index as f64 * 0.5;
+        let step = motion.advance(t_s);
+        rows.push(Row {
+            t_s,
+            angle_control_arcsec: step.angle_control_arcsec,
+            theta_psi_rad: Some((step.end.theta_rad, step.end.psi_rad)),
+        });
+        for leg in motion.take_legs() {
+            sun_sensor.flown(&leg);
+            star_sensor.flown(&leg);
+            windows.push(Window {
+                name: leg.name.to_owned(),
+                start_s: start_s + leg.start_s,
+                end_s: start_s + leg.end_s,
+            });
+        }
+        let t_ns = |t_s: f64| configuration.start_unix_ns + (t_s * 1e9).round() as i64;
+        if let Some(sun) = sun_sensor.see(&motion) {
+            sensors.sun.push((t_ns(t_s), [sun.theta_arcsec, sun.roll_arcsec]));
+        }
+        while let Some(found) = star_sensor.fixes_until(t_s) {
+            for fix in found {
+                let new = Fix { t_ns: t_ns(fix.t_s), star: fix.star.to_string(), slits: Vec::new() };
+                let slit = (fix.slit.to_owned(), [fix.theta_deg, fix.psi_deg], fix.sigma_arcsec);
+                fixes.entry(new.t_ns).or_insert(new).slits.push(slit);
+            }
+        }
+    }
+    sensors.fixes = fixes.into_values().collect();
+    let truth = Recorded::new(&rows).expect("rows of half a second each");
+    let reference = Reference { start_ns: configuration.start_unix_ns, truth: Arc::new(truth), time_system: None };
+    Flight { counts, windows, reference, sensors }
+}
+
+/// What tells the rotations.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum By {
+    /// The true attitude.
+    Reference,
+    /// FSS and SSE.
+    Sensors,
+}
+
+impl Flight {
+    /// Calibrates it, with what is believed of the unit.
+    ///
+    /// # Errors
+    /// As [`calibrate`].
+    pub fn calibrate(&self, believed: &Configuration, by: By) -> Result<Calibrated, CalibrateError> {
+        let attitude = match by {
+            By::Reference => Attitude::Reference(&self.reference, Some(0.0)),
+            By::Sensors => Attitude::Sensors(&self.sensors),
+        };
+        calibrate(believed, &self.counts, Some(&self.windows), &attitude)
+    }
+}
+
+/// The sixteen parameters that a unit's counts tell: its calibration with the constant departures from it, which are a
+/// recalibration (model.md, Effects), and its clock's error (Casteren §3.2).
+pub fn true_calibrations(unit: &Configuration) -> [Calibration; 4] {
+    let clock = unit.unit.constant.clock_frequency.ppm * PPM;
+    unit.gyros.each_ref().map(|gyro| {
+        let (own, effects) = (gyro.calibration, &gyro.effects.constant);
+        let drift = own.drift_arcsec_per_half_s + effects.drift.arcsec_per_h * HALF_SECOND_S / 3600.0;
+        Calibration {
+            scale_factor: own.scale_factor * (1.0 + effects.scale_factor.ppm * PPM) * (1.0 - clock),
+            drift_arcsec_per_half_s: drift * (1.0 - 2.0 * clock),
+            x_arcsec: own.x_arcsec + effects.misalignment.x_arcsec,
+            y_arcsec: own.y_arcsec + effects.misalignment.y_arcsec,
+            z_arcsec: own.z_arcsec + effects.misalignment.z_arcsec,
+        }
+    })
+}
+
+/// What is believed of a unit before its checkout: no calibration, no effect but its noise, which table 1 tells.
+pub fn believed_before(unit: &Configuration) -> Configuration {
+    let mut believed = unit.clone();
+    believed.unit = Default::default();
+    for (gyro, own) in believed.gyros.iter_mut().zip(&unit.gyros) {
+        *gyro = Default::default();
+        gyro.effects.constant.angle_random_walk = own.effects.constant.angle_random_walk;
+        gyro.effects.constant.drift_random_walk = own.effects.constant.drift_random_walk;
+    }
+    believed
+}
+
+/// One parameter over many runs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Scatter {
+    /// Which.
+    pub parameter: Parameter,
+    /// Root mean square of the errors.
+    pub rms_error: f64,
+    /// Mean of the errors.
+    pub mean_error: f64,
+    /// Root mean square of the predicted sigmas.
+    pub sigma: f64,
+    /// Share of the runs whose error lies within the predicted sigma.
+    pub coverage: f64,
+}
+
+/// Many checkouts.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Campaign {
+    /// Runs that gave a calibration.
+    pub runs: usize,
+    /// Runs that did not, with the reason.
+    pub failed: Vec<(usize, String)>,
+    /// Every parameter.
+    pub scatter: Vec<Scatter>,
+    /// Mean of χ² over its degrees of freedom.
+    pub mean_reduced_chi2: f64,
+    /// As `scatter`, of the hand method; the sigma is the full solution's.
+    pub hand_rms_error: Option<[f64; UNKNOWNS]>,
+}
+
+/// The unit of one run: its own sixteen parameters within what a launch leaves, ψ₀, phases of the limit cycle, seed.
+pub fn drawn(unit: &Configuration, seed: u64, run: usize) -> Configuration {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    random.set_stream(run as u64 + 1);
+    let mut configuration = unit.clone();
+    for parameter in Parameter::all() {
+        let nominal = if parameter.index == 0 { 1.0 } else { 0.0 };
+        let most = BEFORE_LAUNCH[parameter.index.min(2)];
+        let value = nominal + most * (2.0 * random.random::<f64>() - 1.0);
+        *parameter.of_mut(&mut configuration.gyros[parameter.gyro as usize].calibration) = value;
+    }
+    configuration.scenario.psi_deg = 360.0 * random.random::<f64>();
+    configuration.scenario.limit_cycle.phase_x_rad = TAU * random.random::<f64>();
+    configuration.scenario.limit_cycle.phase_y_rad = TAU * random.random::<f64>();
+    configuration.seed = u64::from(random.random::<u32>());
+    configuration
+}
+
+/// Flies and calibrates `runs` checkouts, on all cores; the result does not depend on how many. `done` is called after each.
+pub fn campaign(unit: &Configuration, seed: u64, runs: usize, by: By, done: impl Fn() + Sync) -> Campaign {
+    type One = Result<([f64; UNKNOWNS], [f64; UNKNOWNS], f64, Option<[f64; UNKNOWNS]>), String>;
+    let all: Vec<One> = (0..runs)
+        .into_par_iter()
+        .map(|run| {
+            let configuration = sequence(&drawn(unit, seed, run), Precautions::ALL);
+            let truth = values(&true_calibrations(&configuration));
+            let calibrated = fly(&configuration).calibrate(&believed_before(&configuration), by);
+            done();
+            let calibrated = calibrated.map_err(|error| error.to_string())?;
+            let solution = &calibrated.solution;
+            let errors = |solved: [f64; UNKNOWNS]| std::array::from_fn(|index| solved[index] - truth[index]);
+            let reduced = solution.chi2 / solution.degrees_of_freedom.max(1) as f64;
+            let hand = calibrated.hand.as_ref().ok().map(|hand| errors(values(hand)));
+            Ok((errors(solution.values()), solution.sigmas(), reduced, hand))
+        })
+        .collect();
+    let failed = all.iter().enumerate().filter_map(|(run, one)| Some((run, one.as_ref().err()?.clone()))).collect();
+    let good: Vec<_> = all.iter().flatten().collect();
+    let count = good.len().max(1) as f64;
+    let mean = |of: &dyn Fn(&([f64; UNKNOWNS], [f64; UNKNOWNS], f64, Option<[f64; UNKNOWNS]>)) -> f64| {
+        good.iter().map(|one| of(one)).sum::<f64>() / count
+    };
+    let scatter = Parameter::all()
+        .enumerate()
+        .map(|(index, parameter)| Scatter {
+            parameter,
+            rms_error: mean(&|one| one.0[index].powi(2)).sqrt(),
+            mean_error: mean(&|one| one.0[index]),
+            sigma: mean(&|one| one.1[index].powi(2)).sqrt(),
+            coverage: mean(&|one| f64::from(u8::from(one.0[index].abs() < one.1[index]))),
+        })
+        .collect();
+    let hand_rms_error = good
+        .iter()
+        .all(|one| one.3.is_some())
+        .then(|| std::array::from_fn(|index| mean(&|one| one.3.map_or(0.0, |hand| hand[index].powi(2))).sqrt()));
+    Campaign { runs: good.len(), failed, scatter, mean_reduced_chi2: mean(&|one| one.2), hand_rms_error }
+}
+
+/// What a set of precautions leaves.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Outcome {
+    /// In words.
+    pub what: &'static str,
+    /// How long the sequence takes, s.
+    pub length_s: f64,
+    /// Largest error of an equation of each gyro with the true parameters, and the manoeuvre that has it, arcsec.
+    pub equation_arcsec: [(f64, String); 4],
+    /// Error of each parameter.
+    pub errors: [f64; UNKNOWNS],
+    /// Predicted sigma of each parameter.
+    pub sigmas: [f64; UNKNOWNS],
+    /// χ² and its degrees of freedom.
+    pub chi2: (f64, usize),
+}
+
+/// Flies the checkout of a unit without its random walks, with every precaution and without each, by the true attitude,
+/// so that what is left is what the precaution buys.
+///
+/// # Errors
+/// As [`calibrate`].
+pub fn precautions(unit: &Configuration) -> Result<Vec<Outcome>, CalibrateError> {
+    let mut quiet = unit.clone();
+    for gyro in &mut quiet.gyros {
+        gyro.effects.constant.angle_random_walk = Default::default();
+        gyro.effects.constant.drift_random_walk = Default::default();
+    }
+    let none = believed_before(unit);
+    // The paper corrects GYRY and GYRZB, whose output axis is X, by the clearance.
+    let corrected = |error_arcsec: f64| {
+        let mut believed = none.clone();
+        for gyro in Gyro::ALL.into_iter().filter(|&gyro| Axes::of(gyro).output_control[0] != 0.0) {
+            let pivots = unit.gyros[gyro as usize].effects.constant.pivot_clearance;
+            let own = &mut believed.gyros[gyro as usize].effects.constant.pivot_clearance;
+            *own = pivots;
+            if pivots.clearance_arcsec > 0.0 {
+                own.clearance_arcsec += error_arcsec;
+            }
+        }
+        believed
+    };
+    let mut thermal = corrected(0.0);
+    thermal.unit.constant.misalignment_thermal = unit.unit.constant.misalignment_thermal;
+    let all = Precautions::ALL;
+    let variants = [
+        ("every precaution", all, corrected(0.0)),
+        ("and the thermal misalignment calibrated", all, thermal),
+        ("clearance believed 3 arcsec too large", all, corrected(3.0)),
+        ("no correction by the clearance", all, none.clone()),
+        ("no slews about the sun vector", Precautions { sun_slews: false, ..all }, none.clone()),
+        ("no pre-slew about Y", Precautions { pre_slew: false, ..all }, corrected(0.0)),
+        ("no stabilisation orbits", Precautions { stabilisation: false, ..all }, corrected(0.0)),
+    ];
+    variants
+        .into_par_iter()
+        .map(|(what, precautions, believed)| {
+            let configuration = sequence(&quiet, precautions);
+            let calibrated = fly(&configuration).calibrate(&believed, By::Reference)?;
+            let truth = true_calibrations(&configuration);
+            let (true_values, solution) = (values(&truth), &calibrated.solution);
+            let matrix = misalignment_matrix(&truth);
+            let equation_arcsec = std::array::from_fn(|gyro| {
+                let errors = calibrated.observations.iter().filter_map(|observation| {
+                    let turned = nalgebra::Vector3::from(observation.rotation_control_arcsec);
+                    let calibration = &truth[gyro];
+                    let told = observation.counts[gyro]? * calibration.scale_factor
+                        + observation.half_seconds * calibration.drift_arcsec_per_half_s;
+                    Some((told - (matrix.row(gyro) * turned)[0], observation.name.clone()))
+                });
+                errors.max_by(|a, b| a.0.abs().total_cmp(&b.0.abs())).unwrap_or_default()
+            });
+            let solved = solution.values();
+            Ok(Outcome {
+                what,
+                length_s: Plan::length_s(&configuration.scenario).unwrap_or(0.0),
+                equation_arcsec,
+                errors: std::array::from_fn(|index| solved[index] - true_values[index]),
+                sigmas: solution.sigmas(),
+                chi2: (solution.chi2, solution.degrees_of_freedom),
+            })
+        })
+        .collect()
+}
