@@ -165,7 +165,7 @@ impl Recorder {
     }
 
     fn sent(&mut self, half_second: &HalfSecond, end_ns: i64) -> Result<(), RecordError> {
-        let stamp = Stamp(self.configuration.start_unix_ns + end_ns);
+        let stamp = stamp(self.configuration.start_unix_ns + end_ns);
         let (wire, plan) = (self.wire, self.plan);
         self.link.write(|file| match wire {
             WireForm::Serial => file.write_all(&serial::data_frame(half_second)),
@@ -177,20 +177,23 @@ impl Recorder {
     }
 
     fn truth_rows(&mut self, ended: &Ended, traces: &[Trace; 4]) -> Result<(), RecordError> {
-        let stamp = Stamp(self.configuration.start_unix_ns + ended.end_ns);
+        let half_second = &ended.half_second;
+        let row_start = format!("{},{},", stamp(self.configuration.start_unix_ns + ended.end_ns), half_second.sequence);
         let truth_columns = &self.truth_columns;
         // The shortest digits that read back the same, so that the columns add up; many times a row, so not by `write!`.
-        let mut digits = zmij::Buffer::new();
+        let (mut digits, mut whole) = (zmij::Buffer::new(), itoa::Buffer::new());
         self.truth.write(|file| {
             for (gyro, trace) in Gyro::ALL.into_iter().zip(traces) {
-                let half_second = &ended.half_second;
-                write!(file, "{stamp},{},{}", half_second.sequence, gyro.name())?;
+                file.write_all(row_start.as_bytes())?;
+                file.write_all(gyro.name().as_bytes())?;
                 let changes = truth_columns.iter().map(|&column| trace.changes[column]);
                 for number in std::iter::once(trace.true_arcsec).chain(changes).chain([trace.unquantised]) {
                     file.write_all(b",")?;
                     file.write_all(digits.format(number).as_bytes())?;
                 }
-                writeln!(file, ",{}", half_second.increments[gyro as usize])?;
+                file.write_all(b",")?;
+                file.write_all(whole.format(half_second.increments[gyro as usize]).as_bytes())?;
+                file.write_all(b"\n")?;
             }
             Ok(())
         })
@@ -202,9 +205,10 @@ impl Recorder {
         let step = self.motion.advance(end_ns as f64 * 1e-9);
         let start_unix_ns = self.configuration.start_unix_ns;
         let knows_sun = self.motion.knows_sun();
+        let end = stamp(start_unix_ns + end_ns);
         self.reference.write(|file| {
             let [x, y, z] = step.angle_control_arcsec.map(|angle| angle / step.length_s);
-            write!(file, "{},{x:.9},{y:.9},{z:.9}", Stamp(start_unix_ns + end_ns))?;
+            write!(file, "{end},{x:.9},{y:.9},{z:.9}")?;
             if knows_sun {
                 let [theta_deg, psi_deg] = [step.end.theta_rad, step.end.psi_rad].map(|rad| rad / RAD_PER_DEG);
                 write!(file, ",{theta_deg:.9},{:.9}", psi_deg.rem_euclid(360.0))?;
@@ -222,12 +226,11 @@ impl Recorder {
             })?;
         }
         if let Some(sun) = self.sun_sensor.see(&self.motion) {
-            let stamp = Stamp(start_unix_ns + end_ns);
-            self.fss.write(|file| writeln!(file, "{stamp},{:.3},{:.3}", sun.theta_arcsec, sun.roll_arcsec))?;
+            self.fss.write(|file| writeln!(file, "{end},{:.3},{:.3}", sun.theta_arcsec, sun.roll_arcsec))?;
         }
         while let Some(fixes) = self.star_sensor.fixes_until(end_ns as f64 * 1e-9) {
             for fix in fixes {
-                let stamp = Stamp(start_unix_ns + (fix.t_s * 1e9).round() as i64);
+                let stamp = stamp(start_unix_ns + (fix.t_s * 1e9).round() as i64);
                 self.sse.write(|file| {
                     write!(file, "{stamp},{},{},", fix.star, fix.slit)?;
                     writeln!(file, "{:.9},{:.9},{}", fix.theta_deg, fix.psi_deg, fix.sigma_arcsec)
@@ -325,13 +328,8 @@ fn truth_columns(configuration: &Configuration) -> Vec<usize> {
         .collect()
 }
 
-/// A time in ns, written in seconds with six decimals, the grain of a capture.
-#[derive(Clone, Copy)]
-struct Stamp(i64);
-
-impl std::fmt::Display for Stamp {
-    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-        let micros = (self.0 + 500) / 1000;
-        write!(f, "{}.{:06}", micros / 1_000_000, micros % 1_000_000)
-    }
+/// A time in ns as seconds with six decimals, the grain of a capture.
+fn stamp(ns: i64) -> String {
+    let micros = (ns + 500) / 1000;
+    format!("{}.{:06}", micros / 1_000_000, micros % 1_000_000)
 }
