@@ -31,6 +31,16 @@ pub struct RecordError {
     source: io::Error,
 }
 
+/// What happened in the unit, told in the order in which it happened on board.
+pub(crate) enum Event {
+    /// A half second ended.
+    HalfSecond(Ended, Box<[Trace; 4]>),
+    /// A command came within the half second that runs; its scheduled end.
+    Command { link: String, payload: Vec<u8>, running_end_ns: i64 },
+    /// A half second was sent because it was polled, stamped with its scheduled end.
+    Polled(HalfSecond, i64),
+}
+
 /// One file, written through a buffer, that tells its path when it fails.
 struct Output {
     path: PathBuf,
@@ -140,11 +150,20 @@ impl Recorder {
         })
     }
 
-    /// Writes a half second: its messages where it was sent cyclically, its truth, and the reference up to its end.
+    /// Writes what happened.
     ///
     /// # Errors
     /// A file that cannot be written.
-    pub fn half_second(&mut self, ended: &Ended, traces: &[Trace; 4]) -> Result<(), RecordError> {
+    pub(crate) fn event(&mut self, event: &Event) -> Result<(), RecordError> {
+        match event {
+            Event::HalfSecond(ended, traces) => self.half_second(ended, traces),
+            Event::Command { link, payload, running_end_ns } => self.command(link, payload, *running_end_ns),
+            Event::Polled(half_second, end_ns) => self.sent(half_second, *end_ns),
+        }
+    }
+
+    /// Its messages where it was sent cyclically, its truth, and the reference up to its end.
+    fn half_second(&mut self, ended: &Ended, traces: &[Trace; 4]) -> Result<(), RecordError> {
         self.half_seconds += 1;
         if ended.cyclic {
             self.sent(&ended.half_second, ended.end_ns)?;
@@ -154,14 +173,6 @@ impl Recorder {
             self.reference_row()?;
         }
         Ok(())
-    }
-
-    /// Writes the messages of a half second that was sent because it was polled, stamped with its scheduled end.
-    ///
-    /// # Errors
-    /// A file that cannot be written.
-    pub fn polled(&mut self, half_second: &HalfSecond, end_ns: i64) -> Result<(), RecordError> {
-        self.sent(half_second, end_ns)
     }
 
     fn sent(&mut self, half_second: &HalfSecond, end_ns: i64) -> Result<(), RecordError> {
@@ -240,11 +251,7 @@ impl Recorder {
         Ok(())
     }
 
-    /// Writes a command received within the half second now running; `running_end_ns` is its scheduled end.
-    ///
-    /// # Errors
-    /// A file that cannot be written.
-    pub fn command(&mut self, link: &str, payload: &[u8], running_end_ns: i64) -> Result<(), RecordError> {
+    fn command(&mut self, link: &str, payload: &[u8], running_end_ns: i64) -> Result<(), RecordError> {
         let command =
             RecordedCommand { half_second: self.half_seconds, link: link.to_owned(), payload: payload.to_vec() };
         let line = serde_json::json!({
