@@ -3,11 +3,12 @@
 //! `geu simulate` writes it as fast as the model runs; `geu run --record` writes the same files beside the live links.
 //! Times are scheduled ends, never the wall clock.
 
+use std::collections::VecDeque;
 use std::fs::{self, File};
 use std::io::{self, BufRead, BufReader, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-use geu_model::attitude::Motion;
+use geu_model::attitude::{Leg, Motion};
 use geu_model::configuration::{RecordedCommand, RunRecord, WireForm};
 use geu_model::effect::{
     CALIBRATION_COLUMN, HEAD_COLUMNS, HeadEffects, POWER_COLUMN, SATURATION_COLUMN, SELF_TEST_COLUMN, UNIT_COLUMNS,
@@ -79,7 +80,11 @@ pub struct Recorder {
     sun_sensor: SunSensor,
     star_sensor: StarSensor,
     reference_rows: i64,
+    /// Legs that began and are not written yet, in order.
+    legs: VecDeque<Leg>,
     half_seconds: u64,
+    /// Scheduled end of the last half second.
+    end_ns: i64,
     /// Columns of a trace that `truth.csv` has.
     truth_columns: Vec<usize>,
 }
@@ -124,7 +129,9 @@ impl Recorder {
             sun_sensor: SunSensor::new(configuration.sensors.fss, configuration.seed),
             star_sensor: StarSensor::new(configuration.sensors.sse, configuration.seed, scenario.limit_cycle),
             reference_rows: 0,
+            legs: VecDeque::new(),
             half_seconds: 0,
+            end_ns: 0,
             truth_columns: truth_columns(configuration),
         };
         recorder.headers()?;
@@ -172,7 +179,22 @@ impl Recorder {
         while self.reference_rows * REFERENCE_NS < ended.end_ns {
             self.reference_row()?;
         }
+        self.end_ns = ended.end_ns;
+        while self.legs.front().is_some_and(|leg| ns(leg.end_s) <= ended.end_ns) {
+            let leg = self.legs.pop_front().expect("the front is there");
+            self.manoeuvre(&leg)?;
+        }
         Ok(())
+    }
+
+    /// A leg as far as it was flown by now; nothing of one that was not.
+    fn manoeuvre(&mut self, leg: &Leg) -> Result<(), RecordError> {
+        let [start, end] =
+            [leg.start_s, leg.end_s].map(|t_s| stamp(self.configuration.start_unix_ns + ns(t_s).min(self.end_ns)));
+        if start == end {
+            return Ok(());
+        }
+        self.manoeuvres.write(|file| writeln!(file, "{},{start},{end}", leg.name))
     }
 
     fn sent(&mut self, half_second: &HalfSecond, end_ns: i64) -> Result<(), RecordError> {
@@ -229,19 +251,14 @@ impl Recorder {
         for leg in self.motion.take_legs() {
             self.sun_sensor.flown(&leg);
             self.star_sensor.flown(&leg);
-            self.manoeuvres.write(|file| {
-                let seconds = |t_s: f64| start_unix_ns as f64 * 1e-9 + t_s;
-                // A hold without end has none.
-                let end = if leg.end_s.is_finite() { format!("{:.6}", seconds(leg.end_s)) } else { String::new() };
-                writeln!(file, "{},{:.6},{end}", leg.name, seconds(leg.start_s))
-            })?;
+            self.legs.push_back(leg);
         }
         if let Some(sun) = self.sun_sensor.see(&self.motion) {
             self.fss.write(|file| writeln!(file, "{end},{:.3},{:.3}", sun.theta_arcsec, sun.roll_arcsec))?;
         }
         while let Some(fixes) = self.star_sensor.fixes_until(end_ns as f64 * 1e-9) {
             for fix in fixes {
-                let stamp = stamp(start_unix_ns + (fix.t_s * 1e9).round() as i64);
+                let stamp = stamp(start_unix_ns + ns(fix.t_s));
                 self.sse.write(|file| {
                     write!(file, "{stamp},{},{},", fix.star, fix.slit)?;
                     writeln!(file, "{:.9},{:.9},{}", fix.theta_deg, fix.psi_deg, fix.sigma_arcsec)
@@ -269,6 +286,9 @@ impl Recorder {
     /// # Errors
     /// A file that cannot be written.
     pub fn finish(mut self) -> Result<(), RecordError> {
+        for leg in std::mem::take(&mut self.legs) {
+            self.manoeuvre(&leg)?;
+        }
         self.flush()?;
         let mut run = self.run_file()?;
         // From the file, so that a run of any length needs no memory for its commands.
@@ -333,6 +353,11 @@ fn truth_columns(configuration: &Configuration) -> Vec<usize> {
         .chain(wiring.map(|index| WIRING_COLUMNS + index))
         .chain([SELF_TEST_COLUMN, POWER_COLUMN, SATURATION_COLUMN])
         .collect()
+}
+
+/// A time in s as ns; one without end is the last there is.
+fn ns(t_s: f64) -> i64 {
+    (t_s * 1e9).round() as i64
 }
 
 /// A time in ns as seconds with six decimals, the grain of a capture.
