@@ -12,7 +12,7 @@ use geu_model::{Configuration, Ended, Trace, Truth, Unit};
 use geu_protocol::{HalfSecond, Reply};
 use tokio::sync::Notify;
 
-use crate::recording::Event;
+use crate::record::Event;
 
 /// The time keeper steps aside for commands so long at most.
 const ASIDE: Duration = Duration::from_millis(2);

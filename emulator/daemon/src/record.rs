@@ -3,11 +3,12 @@
 //! `geu simulate` writes it as fast as the model runs; `geu run --record` writes the same files beside the live links.
 //! Times are scheduled ends, never the wall clock.
 
+use std::collections::VecDeque;
 use std::fs::{self, File};
 use std::io::{self, BufRead, BufReader, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-use geu_model::attitude::Motion;
+use geu_model::attitude::{Leg, Motion};
 use geu_model::configuration::{RecordedCommand, RunRecord, WireForm};
 use geu_model::effect::{
     CALIBRATION_COLUMN, HEAD_COLUMNS, HeadEffects, POWER_COLUMN, SATURATION_COLUMN, SELF_TEST_COLUMN, UNIT_COLUMNS,
@@ -29,6 +30,16 @@ const REFERENCE_NS: i64 = 500_000_000;
 pub struct RecordError {
     path: PathBuf,
     source: io::Error,
+}
+
+/// What happened in the unit, told in the order in which it happened on board.
+pub(crate) enum Event {
+    /// A half second ended.
+    HalfSecond(Ended, Box<[Trace; 4]>),
+    /// A command came within the half second that runs; its scheduled end.
+    Command { link: String, payload: Vec<u8>, running_end_ns: i64 },
+    /// A half second was sent because it was polled, stamped with its scheduled end.
+    Polled(HalfSecond, i64),
 }
 
 /// One file, written through a buffer, that tells its path when it fails.
@@ -69,7 +80,11 @@ pub struct Recorder {
     sun_sensor: SunSensor,
     star_sensor: StarSensor,
     reference_rows: i64,
+    /// Legs that began and are not written yet, in order.
+    legs: VecDeque<Leg>,
     half_seconds: u64,
+    /// Scheduled end of the last half second.
+    end_ns: i64,
     /// Columns of a trace that `truth.csv` has.
     truth_columns: Vec<usize>,
 }
@@ -114,7 +129,9 @@ impl Recorder {
             sun_sensor: SunSensor::new(configuration.sensors.fss, configuration.seed),
             star_sensor: StarSensor::new(configuration.sensors.sse, configuration.seed, scenario.limit_cycle),
             reference_rows: 0,
+            legs: VecDeque::new(),
             half_seconds: 0,
+            end_ns: 0,
             truth_columns: truth_columns(configuration),
         };
         recorder.headers()?;
@@ -140,11 +157,20 @@ impl Recorder {
         })
     }
 
-    /// Writes a half second: its messages where it was sent cyclically, its truth, and the reference up to its end.
+    /// Writes what happened.
     ///
     /// # Errors
     /// A file that cannot be written.
-    pub fn half_second(&mut self, ended: &Ended, traces: &[Trace; 4]) -> Result<(), RecordError> {
+    pub(crate) fn event(&mut self, event: &Event) -> Result<(), RecordError> {
+        match event {
+            Event::HalfSecond(ended, traces) => self.half_second(ended, traces),
+            Event::Command { link, payload, running_end_ns } => self.command(link, payload, *running_end_ns),
+            Event::Polled(half_second, end_ns) => self.sent(half_second, *end_ns),
+        }
+    }
+
+    /// Its messages where it was sent cyclically, its truth, and the reference up to its end.
+    fn half_second(&mut self, ended: &Ended, traces: &[Trace; 4]) -> Result<(), RecordError> {
         self.half_seconds += 1;
         if ended.cyclic {
             self.sent(&ended.half_second, ended.end_ns)?;
@@ -153,19 +179,26 @@ impl Recorder {
         while self.reference_rows * REFERENCE_NS < ended.end_ns {
             self.reference_row()?;
         }
+        self.end_ns = ended.end_ns;
+        while self.legs.front().is_some_and(|leg| ns(leg.end_s) <= ended.end_ns) {
+            let leg = self.legs.pop_front().expect("the front is there");
+            self.manoeuvre(&leg)?;
+        }
         Ok(())
     }
 
-    /// Writes the messages of a half second that was sent because it was polled, stamped with its scheduled end.
-    ///
-    /// # Errors
-    /// A file that cannot be written.
-    pub fn polled(&mut self, half_second: &HalfSecond, end_ns: i64) -> Result<(), RecordError> {
-        self.sent(half_second, end_ns)
+    /// A leg as far as it was flown by now; nothing of one that was not.
+    fn manoeuvre(&mut self, leg: &Leg) -> Result<(), RecordError> {
+        let [start, end] =
+            [leg.start_s, leg.end_s].map(|t_s| stamp(self.configuration.start_unix_ns + ns(t_s).min(self.end_ns)));
+        if start == end {
+            return Ok(());
+        }
+        self.manoeuvres.write(|file| writeln!(file, "{},{start},{end}", leg.name))
     }
 
     fn sent(&mut self, half_second: &HalfSecond, end_ns: i64) -> Result<(), RecordError> {
-        let stamp = Stamp(self.configuration.start_unix_ns + end_ns);
+        let stamp = stamp(self.configuration.start_unix_ns + end_ns);
         let (wire, plan) = (self.wire, self.plan);
         self.link.write(|file| match wire {
             WireForm::Serial => file.write_all(&serial::data_frame(half_second)),
@@ -177,20 +210,23 @@ impl Recorder {
     }
 
     fn truth_rows(&mut self, ended: &Ended, traces: &[Trace; 4]) -> Result<(), RecordError> {
-        let stamp = Stamp(self.configuration.start_unix_ns + ended.end_ns);
+        let half_second = &ended.half_second;
+        let row_start = format!("{},{},", stamp(self.configuration.start_unix_ns + ended.end_ns), half_second.sequence);
         let truth_columns = &self.truth_columns;
         // The shortest digits that read back the same, so that the columns add up; many times a row, so not by `write!`.
-        let mut digits = zmij::Buffer::new();
+        let (mut digits, mut whole) = (zmij::Buffer::new(), itoa::Buffer::new());
         self.truth.write(|file| {
             for (gyro, trace) in Gyro::ALL.into_iter().zip(traces) {
-                let half_second = &ended.half_second;
-                write!(file, "{stamp},{},{}", half_second.sequence, gyro.name())?;
+                file.write_all(row_start.as_bytes())?;
+                file.write_all(gyro.name().as_bytes())?;
                 let changes = truth_columns.iter().map(|&column| trace.changes[column]);
                 for number in std::iter::once(trace.true_arcsec).chain(changes).chain([trace.unquantised]) {
                     file.write_all(b",")?;
                     file.write_all(digits.format(number).as_bytes())?;
                 }
-                writeln!(file, ",{}", half_second.increments[gyro as usize])?;
+                file.write_all(b",")?;
+                file.write_all(whole.format(half_second.increments[gyro as usize]).as_bytes())?;
+                file.write_all(b"\n")?;
             }
             Ok(())
         })
@@ -202,9 +238,10 @@ impl Recorder {
         let step = self.motion.advance(end_ns as f64 * 1e-9);
         let start_unix_ns = self.configuration.start_unix_ns;
         let knows_sun = self.motion.knows_sun();
+        let end = stamp(start_unix_ns + end_ns);
         self.reference.write(|file| {
             let [x, y, z] = step.angle_control_arcsec.map(|angle| angle / step.length_s);
-            write!(file, "{},{x:.9},{y:.9},{z:.9}", Stamp(start_unix_ns + end_ns))?;
+            write!(file, "{end},{x:.9},{y:.9},{z:.9}")?;
             if knows_sun {
                 let [theta_deg, psi_deg] = [step.end.theta_rad, step.end.psi_rad].map(|rad| rad / RAD_PER_DEG);
                 write!(file, ",{theta_deg:.9},{:.9}", psi_deg.rem_euclid(360.0))?;
@@ -214,20 +251,14 @@ impl Recorder {
         for leg in self.motion.take_legs() {
             self.sun_sensor.flown(&leg);
             self.star_sensor.flown(&leg);
-            self.manoeuvres.write(|file| {
-                let seconds = |t_s: f64| start_unix_ns as f64 * 1e-9 + t_s;
-                // A hold without end has none.
-                let end = if leg.end_s.is_finite() { format!("{:.6}", seconds(leg.end_s)) } else { String::new() };
-                writeln!(file, "{},{:.6},{end}", leg.name, seconds(leg.start_s))
-            })?;
+            self.legs.push_back(leg);
         }
         if let Some(sun) = self.sun_sensor.see(&self.motion) {
-            let stamp = Stamp(start_unix_ns + end_ns);
-            self.fss.write(|file| writeln!(file, "{stamp},{:.3},{:.3}", sun.theta_arcsec, sun.roll_arcsec))?;
+            self.fss.write(|file| writeln!(file, "{end},{:.3},{:.3}", sun.theta_arcsec, sun.roll_arcsec))?;
         }
         while let Some(fixes) = self.star_sensor.fixes_until(end_ns as f64 * 1e-9) {
             for fix in fixes {
-                let stamp = Stamp(start_unix_ns + (fix.t_s * 1e9).round() as i64);
+                let stamp = stamp(start_unix_ns + ns(fix.t_s));
                 self.sse.write(|file| {
                     write!(file, "{stamp},{},{},", fix.star, fix.slit)?;
                     writeln!(file, "{:.9},{:.9},{}", fix.theta_deg, fix.psi_deg, fix.sigma_arcsec)
@@ -237,11 +268,7 @@ impl Recorder {
         Ok(())
     }
 
-    /// Writes a command received within the half second now running; `running_end_ns` is its scheduled end.
-    ///
-    /// # Errors
-    /// A file that cannot be written.
-    pub fn command(&mut self, link: &str, payload: &[u8], running_end_ns: i64) -> Result<(), RecordError> {
+    fn command(&mut self, link: &str, payload: &[u8], running_end_ns: i64) -> Result<(), RecordError> {
         let command =
             RecordedCommand { half_second: self.half_seconds, link: link.to_owned(), payload: payload.to_vec() };
         let line = serde_json::json!({
@@ -259,6 +286,9 @@ impl Recorder {
     /// # Errors
     /// A file that cannot be written.
     pub fn finish(mut self) -> Result<(), RecordError> {
+        for leg in std::mem::take(&mut self.legs) {
+            self.manoeuvre(&leg)?;
+        }
         self.flush()?;
         let mut run = self.run_file()?;
         // From the file, so that a run of any length needs no memory for its commands.
@@ -325,13 +355,13 @@ fn truth_columns(configuration: &Configuration) -> Vec<usize> {
         .collect()
 }
 
-/// A time in ns, written in seconds with six decimals, the grain of a capture.
-#[derive(Clone, Copy)]
-struct Stamp(i64);
+/// A time in s as ns; one without end is the last there is.
+fn ns(t_s: f64) -> i64 {
+    (t_s * 1e9).round() as i64
+}
 
-impl std::fmt::Display for Stamp {
-    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-        let micros = (self.0 + 500) / 1000;
-        write!(f, "{}.{:06}", micros / 1_000_000, micros % 1_000_000)
-    }
+/// A time in ns as seconds with six decimals, the grain of a capture.
+fn stamp(ns: i64) -> String {
+    let micros = (ns + 500) / 1000;
+    format!("{}.{:06}", micros / 1_000_000, micros % 1_000_000)
 }

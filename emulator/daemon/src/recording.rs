@@ -4,24 +4,14 @@ use std::sync::mpsc::{SyncSender, sync_channel};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-use geu_model::{Ended, Trace};
-use geu_protocol::HalfSecond;
-
 use crate::console;
-use crate::record::{RecordError, Recorder};
+use crate::record::{Event, RecordError, Recorder};
 
 /// Half seconds that may wait for the disk: eight minutes in real time.
 const QUEUE: usize = 1000;
 
 /// A process that is killed loses so much of its recording at most, and what waits for the disk.
 const FLUSH: Duration = Duration::from_secs(2);
-
-/// What happened in the unit, in the order in which it happened on board.
-pub(crate) enum Event {
-    HalfSecond(Ended, Box<[Trace; 4]>),
-    Command { link: String, payload: Vec<u8>, running_end_ns: i64 },
-    Polled(HalfSecond, i64),
-}
 
 /// The thread that writes.
 pub(crate) struct Writer {
@@ -35,13 +25,7 @@ impl Writer {
         let thread = thread::spawn(move || {
             let mut flushed = Instant::now();
             for event in events {
-                let written = match event {
-                    Event::HalfSecond(ended, traces) => recorder.half_second(&ended, &traces),
-                    Event::Command { link, payload, running_end_ns } => {
-                        recorder.command(&link, &payload, running_end_ns)
-                    }
-                    Event::Polled(half_second, end_ns) => recorder.polled(&half_second, end_ns),
-                };
+                let written = recorder.event(&event);
                 let is_due = flushed.elapsed() >= FLUSH;
                 if is_due {
                     flushed = Instant::now();

@@ -1,12 +1,21 @@
 //! The unit without links, as fast as the model runs.
 
+use std::sync::mpsc::{SyncSender, sync_channel};
+use std::thread;
+
 use geu_model::{Configuration, Truth, Unit};
 
-use crate::record::{RecordError, Recorder};
+use crate::record::{Event, RecordError, Recorder};
+
+/// Half seconds handed over at a time: enough that handing over costs nothing, few enough that they stay in the cache.
+const BATCH: u64 = 128;
+/// Batches that may wait to be written.
+const QUEUE: usize = 4;
 
 /// Runs `half_seconds` of the unit on `truth` into `recorder`, with the commands its configuration recorded.
 ///
-/// `progress` is told how many half seconds are done, now and then.
+/// The model runs on a thread of its own; this one writes what it tells, in its order. `progress` is told how many half
+/// seconds are written, now and then.
 ///
 /// # Errors
 /// A file that cannot be written.
@@ -17,27 +26,44 @@ pub fn simulate(
     recorder: &mut Recorder,
     mut progress: impl FnMut(u64),
 ) -> Result<(), RecordError> {
+    thread::scope(|scope| {
+        let (sender, batches) = sync_channel(QUEUE);
+        scope.spawn(move || fly(configuration, truth, half_seconds, &sender));
+        let mut written = 0;
+        // A failure drops the receiver, which ends the model.
+        for batch in batches {
+            for event in batch {
+                recorder.event(&event)?;
+            }
+            written = half_seconds.min(written + BATCH);
+            progress(written);
+        }
+        Ok(())
+    })
+}
+
+/// Flies the unit and tells all that happens, until the end or until nobody listens.
+fn fly(configuration: &Configuration, truth: &Truth, half_seconds: u64, sender: &SyncSender<Vec<Event>>) {
     let mut unit = Unit::on(configuration, truth);
     let mut commands = configuration.run.commands.iter().peekable();
     let mut last_end_ns = 0;
+    let mut batch = Vec::new();
+    // The half second that runs at the end never ends, but its commands are answered.
     for index in 0..=half_seconds {
         while let Some(command) = commands.next_if(|command| command.half_second <= index) {
-            recorder.command(&command.link, &command.payload, unit.running_end_ns())?;
-            if let Some(polled) = unit.command(&command.payload).polled {
-                recorder.polled(&polled, last_end_ns)?;
-            }
+            let (link, payload) = (command.link.clone(), command.payload.clone());
+            batch.push(Event::Command { link, payload, running_end_ns: unit.running_end_ns() });
+            let answer = unit.command(&command.payload);
+            batch.extend(answer.polled.map(|polled| Event::Polled(polled, last_end_ns)));
         }
-        // The one that ran at the end never ended, but its commands were answered.
-        if index == half_seconds {
-            break;
+        if index < half_seconds {
+            let (ended, traces) = unit.end_half_second_traced();
+            last_end_ns = ended.end_ns;
+            batch.push(Event::HalfSecond(ended, Box::new(traces)));
         }
-        let (ended, traces) = unit.end_half_second_traced();
-        recorder.half_second(&ended, &traces)?;
-        last_end_ns = ended.end_ns;
-        if index % 4096 == 0 {
-            progress(index);
+        let is_full = (index + 1).is_multiple_of(BATCH) || index == half_seconds;
+        if is_full && sender.send(std::mem::take(&mut batch)).is_err() {
+            return;
         }
     }
-    progress(half_seconds);
-    Ok(())
 }

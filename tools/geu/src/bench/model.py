@@ -1,6 +1,7 @@
 """The four gyros with every effect at the 0.1 s step, vectorised over time with numpy: half seconds/s on one core.
 
-The pivots and the thermal lag depend on their own past and take a loop over time, in Python, as they would there.
+The pivots and the thermal lag depend on their own past and take a loop over time, in Python, as they would there. Left
+out, in its favour: the clock's error and the time offset, temperatures, flags, and the states of commands.
 """
 import os
 import sys

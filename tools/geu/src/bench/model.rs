@@ -1,4 +1,5 @@
-//! `geu bench model`: how fast the model runs, with every effect on, beside the same four gyros in numpy.
+//! `geu bench model`: how fast the model runs, with every effect on, beside the same four gyros in numpy and those of
+//! gnss-ins-sim.
 
 use std::path::Path;
 use std::process::Command;
@@ -16,6 +17,10 @@ use crate::failure::{Failure, say};
 
 /// The same gyros, vectorised over time: what a Python user would write.
 const NUMPY: &str = include_str!("model.py");
+/// Another simulator's gyros: three, with fewer effects.
+const GNSS_INS_SIM: &str = include_str!("model_gnss.py");
+/// It keeps all samples and would take minutes for a million half seconds; its speed does not depend on their number.
+const GNSS_INS_SIM_HALF_SECONDS: u64 = 20_000;
 
 /// Arguments of `geu bench model`.
 #[derive(Args)]
@@ -26,7 +31,7 @@ pub struct Arguments {
     /// Runs of each of our own measurements; the fastest counts
     #[arg(long, value_name = "N", default_value_t = 3)]
     runs: u32,
-    /// Leave out numpy
+    /// Leave out numpy and gnss-ins-sim
     #[arg(long)]
     alone: bool,
 }
@@ -39,7 +44,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let half_seconds = arguments.half_seconds.max(1);
     let reference = Configuration::reference();
     let all = every_effect()?;
-    say!("{half_seconds} half seconds at the 0.1 s step, four gyros; one core, fastest of {} runs", arguments.runs)?;
+    say!("{half_seconds} half seconds at the 0.1 s step, four gyros; fastest of {} runs", arguments.runs)?;
     let fastest = |measure: &mut dyn FnMut() -> Result<(), Failure>| -> Result<f64, Failure> {
         let mut best_s = f64::INFINITY;
         for _ in 0..arguments.runs.max(1) {
@@ -61,8 +66,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     let plain = model(&reference)?;
     let every = model(&all)?;
-    show("reference unit, no output", plain, "")?;
-    show("every effect, no output", every, "target 500 000, goal 1 000 000")?;
+    show("reference unit, no output, one thread", plain, "")?;
+    show("every effect, no output, one thread", every, "target 500 000, goal 1 000 000")?;
     let directory = tempfile::tempdir().map_err(Failure::failed)?;
     let written = fastest(&mut || {
         let mut recorder =
@@ -70,15 +75,22 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         simulate(&all, &Truth::Scenario, half_seconds, &mut recorder, |_| {}).map_err(Failure::failed)?;
         recorder.finish().map_err(Failure::failed)
     })?;
-    show("every effect, all files written", written, "target 150 000")?;
+    show("every effect, all files, two threads", written, "target 150 000")?;
     say!("memory at the end: {:.1} MB", memory_mb())?;
     if !arguments.alone {
-        match numpy(half_seconds, directory.path()) {
-            Ok(per_s) => {
-                show("numpy, every effect, no output", per_s, "")?;
-                say!("ours against numpy: {:.1} times", every / per_s)?;
+        let counted = half_seconds.min(GNSS_INS_SIM_HALF_SECONDS);
+        for (name, script, half_seconds, rows) in [
+            ("numpy", NUMPY, half_seconds, &["every effect, no output"][..]),
+            ("gnss-ins-sim", GNSS_INS_SIM, counted, &["trajectory and sensors", "three gyros alone"]),
+        ] {
+            match python(script, half_seconds, directory.path()) {
+                Ok(speeds) => {
+                    for (row, per_s) in rows.iter().zip(speeds) {
+                        show(&format!("{name}, {row}"), per_s, &format!("ours {:.1} times", every / per_s))?;
+                    }
+                }
+                Err(reason) => say!("{name} skipped: {reason}")?,
             }
-            Err(reason) => say!("numpy skipped: {reason}")?,
         }
     }
     Ok(())
@@ -117,13 +129,15 @@ fn memory_mb() -> f64 {
     peak.and_then(|line| line.trim().trim_end_matches(" kB").parse::<f64>().ok()).unwrap_or(f64::NAN) / 1024.0
 }
 
-fn numpy(half_seconds: u64, directory: &Path) -> Result<f64, String> {
-    let script = directory.join("model.py");
-    std::fs::write(&script, NUMPY).map_err(|error| error.to_string())?;
-    let output = Command::new("python3").arg(&script).arg(half_seconds.to_string()).output();
+/// The numbers that a script prints.
+fn python(script: &str, half_seconds: u64, directory: &Path) -> Result<Vec<f64>, String> {
+    let file = directory.join("bench.py");
+    std::fs::write(&file, script).map_err(|error| error.to_string())?;
+    let output = Command::new("python3").arg(&file).arg(half_seconds.to_string()).output();
     let output = output.map_err(|error| format!("python3: {error}"))?;
-    let said = String::from_utf8_lossy(&output.stdout);
-    said.trim()
-        .parse()
-        .map_err(|_| String::from_utf8_lossy(&output.stderr).lines().last().unwrap_or("no output").to_owned())
+    let speeds: Option<Vec<f64>> =
+        String::from_utf8_lossy(&output.stdout).split_whitespace().map(|speed| speed.parse().ok()).collect();
+    speeds
+        .filter(|speeds| output.status.success() && !speeds.is_empty())
+        .ok_or_else(|| String::from_utf8_lossy(&output.stderr).lines().last().unwrap_or("no output").to_owned())
 }
