@@ -1,7 +1,10 @@
 //! From counts to the sixteen in-orbit parameters, and from parameters to attitude (Casteren §3–6).
 
+pub mod believed;
 pub mod counts;
+pub mod redundancy;
 pub mod transfer;
 
+pub use believed::{Believed, BelievedError};
 pub use counts::{Break, BreakKind, Counts, CountsReader, Reading};
 pub use transfer::{InUse, Transfer};
