@@ -1,6 +1,7 @@
 //! From counts to the sixteen in-orbit parameters, and from parameters to attitude (Casteren §3–6).
 
 pub mod absolute;
+pub mod believed;
 pub mod calibrate;
 pub mod checkout;
 pub mod counts;
@@ -8,12 +9,16 @@ pub mod effects;
 pub mod hand;
 pub mod noise;
 pub mod observe;
+pub mod redundancy;
 pub mod report;
 pub mod solve;
 pub mod sun;
+pub mod track;
 pub mod transfer;
 pub mod window;
 
+pub use believed::{Believed, BelievedError};
 pub use calibrate::{Attitude, CalibrateError, Calibrated, Comparison, calibrate, combine};
 pub use counts::{Break, BreakKind, Counts, CountsReader, Reading};
+pub use track::{Choice, Event, Track, Tracker};
 pub use transfer::{InUse, Transfer};

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 use clap::{Args, ValueEnum};
 use geu_protocol::CanPlan;
 use geu_protocol::capture::Format as InputFormat;
-use geu_recording::{Defect, InputError, InputReader, Options, Row, Sink, Stop};
+use geu_recording::{Defect, InputError, InputReader, Options, Row, Sink, Stop, Summary};
 
 use crate::failure::{Failure, note};
 use crate::gyro_csv;
@@ -40,6 +40,16 @@ pub struct Arguments {
     /// Reads one CSV of any gyros instead, as this file describes it: columns, units, interval (configs/suchai3.toml is one).
     #[arg(long, value_name = "DESCRIPTION", conflicts_with_all = ["base", "interface", "input_format", "baud", "duration"])]
     gyro_csv: Option<PathBuf>,
+    #[command(flatten)]
+    reading: Reading,
+    /// Do not print the summary to standard error.
+    #[arg(long, short)]
+    quiet: bool,
+}
+
+/// How inputs are read. Every command that reads the unit's link takes these.
+#[derive(Args)]
+pub struct Reading {
     /// Base of the unit's CAN identifiers, hexadecimal.
     #[arg(long, value_name = "ID", value_parser = can_base)]
     base: Option<CanPlan>,
@@ -55,9 +65,31 @@ pub struct Arguments {
     /// Stop after so long.
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = seconds)]
     duration: Option<Duration>,
-    /// Do not print the summary to standard error.
-    #[arg(long, short)]
-    quiet: bool,
+}
+
+impl Reading {
+    /// A reader with these options, which the first SIGINT or SIGTERM ends.
+    pub fn reader(&self) -> InputReader<'static> {
+        stop_on_signals();
+        let options = Options {
+            plan: self.base.unwrap_or_default(),
+            interface: self.interface.clone(),
+            format: self.input_format,
+            baud: self.baud,
+        };
+        let deadline = self.duration.map(|duration| Instant::now() + duration);
+        InputReader::new(options, Stop { flag: Some(&STOP), deadline })
+    }
+}
+
+/// Says which interfaces carry the unit beside the one used.
+pub fn note_elsewhere(summary: &Summary) {
+    if !summary.elsewhere.is_empty() {
+        let left_out = summary.elsewhere.iter().map(|(name, frames)| format!("{frames} on {name}"));
+        let left_out = left_out.collect::<Vec<_>>().join(", ");
+        let used = summary.interface.as_deref().unwrap_or("none");
+        note(format_args!("geu: frames of the unit left out: {left_out} (used: {used}; --interface chooses)\n"));
+    }
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -106,17 +138,9 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
         refuse_same_files(&arguments)?;
         return decode_gyro_csv(&arguments, description);
     }
-    stop_on_signals();
     refuse_same_files(&arguments)?;
     let mut writer = Writer { arguments: &arguments, is_open: false, rows: None, defects: None, broken: None };
-    let options = Options {
-        plan: arguments.base.unwrap_or_default(),
-        interface: arguments.interface.clone(),
-        format: arguments.input_format,
-        baud: arguments.baud,
-    };
-    let deadline = arguments.duration.map(|duration| Instant::now() + duration);
-    let mut reader = InputReader::new(options, Stop { flag: Some(&STOP), deadline });
+    let mut reader = arguments.reading.reader();
     let mut result: Result<(), InputError> = Ok(());
     for input in &arguments.inputs {
         result = reader.read(input, &mut writer);
@@ -138,12 +162,7 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
     } else if !arguments.quiet && summary.account.records + summary.account.bytes > 0 {
         note(format_args!("{summary}"));
     }
-    if !summary.elsewhere.is_empty() {
-        let left_out = summary.elsewhere.iter().map(|(name, frames)| format!("{frames} on {name}"));
-        let left_out = left_out.collect::<Vec<_>>().join(", ");
-        let used = summary.interface.as_deref().unwrap_or("none");
-        note(format_args!("geu: frames of the unit left out: {left_out} (used: {used}; --interface chooses)\n"));
-    }
+    note_elsewhere(&summary);
     result.and(ending).map_err(Failure::input)?;
     let defects = summary.account.defect_count();
     match arguments.strict && defects > 0 {
@@ -188,22 +207,31 @@ fn file_id(metadata: io::Result<Metadata>) -> Option<FileId> {
     Some((metadata.dev(), metadata.ino()))
 }
 
-/// Refuses an output that is one of the inputs, or the other output: writing it would destroy what is to be read.
-fn refuse_same_files(arguments: &Arguments) -> Result<(), Failure> {
+/// Refuses an output that is one of the inputs: writing it would destroy what is to be read.
+pub fn refuse_overwriting<'a>(
+    flag: &str,
+    path: Option<&PathBuf>,
+    mut inputs: impl Iterator<Item = &'a str>,
+) -> Result<(), Failure> {
     let of_input = |name: &str| match name {
         "-" => file_id(io::stdin().as_fd().try_clone_to_owned().and_then(|stdin| File::from(stdin).metadata())),
         name => file_id(fs::metadata(name)),
     };
-    let outputs = [("--out", &arguments.out), ("--defects", &arguments.defects)];
-    for (flag, path) in outputs {
-        let Some(path) = path else { continue };
-        let Some(id) = file_id(fs::metadata(path)) else { continue };
-        if let Some(input) = arguments.inputs.iter().find(|input| of_input(input) == Some(id)) {
-            return Err(Failure::input(format!(
-                "{flag}: expected a file that is none of the inputs, got {}, the same file as the input {input}",
-                path.display()
-            )));
-        }
+    let Some(path) = path else { return Ok(()) };
+    let Some(id) = file_id(fs::metadata(path)) else { return Ok(()) };
+    match inputs.find(|input| of_input(input) == Some(id)) {
+        Some(input) => Err(Failure::input(format!(
+            "{flag}: expected a file that is none of the inputs, got {}, the same file as the input {input}",
+            path.display()
+        ))),
+        None => Ok(()),
+    }
+}
+
+/// As [`refuse_overwriting`], and an output that is the other one.
+fn refuse_same_files(arguments: &Arguments) -> Result<(), Failure> {
+    for (flag, path) in [("--out", &arguments.out), ("--defects", &arguments.defects)] {
+        refuse_overwriting(flag, path.as_ref(), arguments.inputs.iter().map(String::as_str))?;
     }
     let (Some(out), Some(defects)) = (&arguments.out, &arguments.defects) else { return Ok(()) };
     let same = match (fs::metadata(out), fs::metadata(defects)) {
@@ -226,17 +254,22 @@ fn place(path: &Path) -> (Option<PathBuf>, Option<&OsStr>) {
 }
 
 /// Bytes kept before they are written.
-const BUFFER: usize = 1 << 18;
+pub const BUFFER: usize = 1 << 18;
 
 /// A file or standard output behind a large buffer.
-struct Output {
+pub struct Output {
     writer: Box<dyn Write>,
-    buffer: Vec<u8>,
+    /// What is to be written.
+    pub buffer: Vec<u8>,
     form: Form,
 }
 
 impl Output {
-    fn open(path: Option<&PathBuf>) -> Result<Output, Failure> {
+    /// Opens a file, or standard output where none is named.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn open(path: Option<&PathBuf>) -> Result<Output, Failure> {
         let writer: Box<dyn Write> = match path {
             Some(path) => Box::new(
                 File::create(path)
@@ -258,7 +291,11 @@ impl Output {
         self.flush().map_err(Failure::writing)
     }
 
-    fn flush(&mut self) -> io::Result<()> {
+    /// Writes what is in the buffer.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn flush(&mut self) -> io::Result<()> {
         self.writer.write_all(&self.buffer)?;
         self.buffer.clear();
         self.writer.flush()

@@ -19,6 +19,7 @@ mod selftest;
 mod send;
 mod settings;
 mod simulate;
+mod track;
 
 use std::process::ExitCode;
 use std::sync::LazyLock;
@@ -48,6 +49,7 @@ enum Command {
     Describe(describe::Arguments),
     /// Decode recordings or live links to CSV, JSON lines or a summary.
     Decode(decode::Arguments),
+    Track(track::Arguments),
     /// Measure what users rely on.
     Bench(bench::Arguments),
 }
@@ -65,6 +67,7 @@ fn main() -> ExitCode {
         Some(Command::Config(arguments)) => config::run(&arguments),
         Some(Command::Describe(arguments)) => describe::run(&arguments),
         Some(Command::Decode(arguments)) => decode::run(arguments),
+        Some(Command::Track(arguments)) => track::run(&arguments),
         Some(Command::Bench(arguments)) => bench::run(arguments),
         Some(Command::Run(arguments)) => run::run(&arguments),
         Some(Command::Send(arguments)) => send::run(&arguments),

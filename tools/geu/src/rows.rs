@@ -158,6 +158,13 @@ impl Line {
     }
 }
 
+/// Appends a time, as many digits as the source has, at least six.
+pub fn write_seconds(time: Time, out: &mut Vec<u8>) {
+    let mut line = Line { form: Form::Csv, field: 0, bytes: [0; LINE], length: 0 };
+    line.seconds(time);
+    out.extend_from_slice(&line.bytes[..line.length]);
+}
+
 /// Appends a defect as a JSON object with its line end: place, kind, bytes in hexadecimal; time and what was lost where
 /// they are known.
 pub fn write_defect(defect: &Defect, out: &mut Vec<u8>) {
@@ -175,10 +182,8 @@ pub fn write_defect(defect: &Defect, out: &mut Vec<u8>) {
         quote(text, out);
     }
     if let Some(time) = defect.time {
-        let mut line = Line { form: Form::Csv, field: 0, bytes: [0; LINE], length: 0 };
-        line.seconds(time);
         out.extend_from_slice(b",\"t_s\":");
-        out.extend_from_slice(&line.bytes[..line.length]);
+        write_seconds(time, out);
     }
     if defect.lost > 0 {
         out.extend_from_slice(format!(",\"lost\":{}", defect.lost).as_bytes());
@@ -192,7 +197,8 @@ fn readable(bytes: &[u8]) -> Option<&str> {
     (text.len() > 2 && text.chars().all(|letter| letter == '\t' || !letter.is_control())).then_some(text)
 }
 
-fn quote(text: &str, out: &mut Vec<u8>) {
+/// Appends a text as JSON has it.
+pub fn quote(text: &str, out: &mut Vec<u8>) {
     out.push(b'"');
     for letter in text.chars() {
         match letter {

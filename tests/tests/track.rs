@@ -1,0 +1,182 @@
+//! `geu track`: the attitude it gives against the one flown, the redundant pair with an injected drift, what is lost, and
+//! what is refused.
+
+use std::fs;
+use std::io::{BufRead, BufReader, Read};
+use std::path::Path;
+use std::process::{Output, Stdio};
+
+use geu_tests::geu;
+use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
+
+fn run(arguments: &[&str]) -> Output {
+    geu().args(arguments).output().expect("geu starts")
+}
+
+fn simulate(arguments: &[&str], out: &Path) {
+    let output = geu().arg("simulate").args(arguments).arg("--out").arg(out).output().expect("geu starts");
+    assert!(output.status.success(), "{arguments:?}: {}", stderr(&output));
+}
+
+fn path(path: &Path) -> &str {
+    path.to_str().expect("UTF-8")
+}
+
+fn stderr(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// The columns of that name, a row per line.
+fn columns<const N: usize>(text: &str, names: [&str; N]) -> Vec<[String; N]> {
+    let mut lines = text.lines().map(|line| line.split(',').collect::<Vec<_>>());
+    let header = lines.next().expect("a header");
+    let at = names.map(|name| header.iter().position(|column| *column == name).expect(name));
+    lines.map(|row| at.map(|column| row[column].to_owned())).collect()
+}
+
+fn numbers<const N: usize>(fields: &[String; N]) -> [f64; N] {
+    std::array::from_fn(|index| fields[index].parse().unwrap_or_else(|error| panic!("{}: {error}", fields[index])))
+}
+
+/// Control frame to the sun-referenced frame of t = 0, from θ and ψ (model.md, Attitude and its kinematics): the sun and
+/// the pole as the control frame has them, and as they stand in space.
+fn attitude(t_s: f64, theta_deg: f64, psi_deg: f64) -> UnitQuaternion<f64> {
+    let triad = |sun: Vector3<f64>, pole: Vector3<f64>| Matrix3::from_columns(&[sun, pole, sun.cross(&pole)]);
+    let ((sin_theta, cos_theta), (sin_psi, cos_psi)) =
+        (theta_deg.to_radians().sin_cos(), psi_deg.to_radians().sin_cos());
+    let sun = Vector3::new(cos_theta, 0.0, sin_theta);
+    let pole = Vector3::new(cos_psi * sin_theta, -sin_psi, -cos_psi * cos_theta);
+    let passed_rad = t_s * std::f64::consts::TAU / (365.25 * 86_400.0);
+    let inertial = triad(Vector3::new(passed_rad.cos(), passed_rad.sin(), 0.0), Vector3::z());
+    let matrix = inertial * triad(sun, pole).transpose();
+    UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(matrix))
+}
+
+#[test]
+fn the_attitude_after_slews_is_the_one_flown() {
+    let room = tempfile::tempdir().expect("a directory");
+    // A pointing, 150° of scans about Y, and a part of a scan about Z: no limit cycle, which θ and ψ do not tell.
+    simulate(&["--duration", "2400", "--set", "scenario.limit_cycle.rate_arcsec_s=0"], room.path());
+    let reference = fs::read_to_string(room.path().join("reference.csv")).expect("a file");
+    let truth = columns(&reference, ["t_s", "theta_deg", "psi_deg"]);
+    let start = attitude(0.0, 90.0, 0.0);
+    let link = room.path().join("link.log");
+    let given = format!("{},{},{},{}", start.w, start.i, start.j, start.k);
+    for gyros in ["za", "zb", "all"] {
+        let output = run(&["track", path(&link), "--gyros", gyros, "--attitude", &given, "--strict"]);
+        assert!(output.status.success(), "{}", stderr(&output));
+        let rows = columns(&String::from_utf8_lossy(&output.stdout), ["t_s", "q_w", "q_x", "q_y", "q_z"]);
+        assert_eq!((rows.len(), truth.len()), (4800, 4800));
+        let mut worst_arcsec: f64 = 0.0;
+        for (row, truth) in rows.iter().zip(&truth) {
+            let ([t_s, w, x, y, z], [truth_s, theta_deg, psi_deg]) = (numbers(row), numbers(truth));
+            assert_eq!(t_s, truth_s);
+            let tracked = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
+            let error_rad = tracked.angle_to(&attitude(t_s, theta_deg, psi_deg));
+            worst_arcsec = worst_arcsec.max(error_rad.to_degrees() * 3600.0);
+        }
+        // Rounding of three angles, at most 0.9″, and walks of three gyros, 0.9″ of one sigma after 40 min.
+        assert!(worst_arcsec < 4.0, "{gyros}: {worst_arcsec}");
+    }
+}
+
+#[test]
+fn a_drift_of_gyrzb_on_a_live_link_is_told_and_an_interrupt_ends_with_the_summary() {
+    let room = tempfile::tempdir().expect("a directory");
+    let pty = room.path().join("pty");
+    let mut unit = geu()
+        .args(["run", "--pty", path(&pty), "--wait", "--speed", "50", "--duration", "100000"])
+        .args(["--set", "gyro.GYRZB.drift-step.arcsec_per_h=720", "--set", "gyro.GYRZB.drift-step.time_s=60"])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .expect("geu starts");
+    let mut ready = String::new();
+    BufReader::new(unit.stdout.take().expect("its output")).read_line(&mut ready).expect("text");
+    assert!(ready.starts_with("ready"), "{ready}");
+    let mut tracker = geu()
+        .args(["track", path(&pty), "--format", "csv"])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("geu starts");
+    let mut lines = BufReader::new(tracker.stdout.take().expect("its output")).lines().map(|line| line.expect("text"));
+    let mut text = lines.by_ref().take(300).collect::<Vec<_>>().join("\n");
+    kill(Pid::from_raw(tracker.id() as i32), Signal::SIGINT).expect("a signal");
+    text.extend(lines.map(|line| format!("\n{line}")));
+    let mut told = String::new();
+    tracker.stderr.take().expect("its errors").read_to_string(&mut told).expect("text");
+    assert!(tracker.wait().expect("its end").success(), "{told}");
+    kill(Pid::from_raw(unit.id() as i32), Signal::SIGINT).expect("a signal");
+    unit.wait().expect("its end");
+    // 0.1″ every half second from the 120th on.
+    let rows = columns(&text, ["valid", "notes"]);
+    let first = rows.iter().position(|[_, notes]| notes.contains("GYRZA and GYRZB differ")).expect("an alarm");
+    assert!((130..180).contains(&first), "{first}");
+    assert!(rows.iter().all(|[valid, _]| valid == "1"), "{told}");
+    for expected in ["GYRZA and GYRZB differ by +", "more than 5 sigma", "half seconds   ", "alarm"] {
+        assert!(told.contains(expected), "{expected} not in {told}");
+    }
+}
+
+#[test]
+fn what_is_lost_is_told_with_its_time() {
+    let room = tempfile::tempdir().expect("a directory");
+    simulate(&["--duration", "20"], room.path());
+    let log = fs::read_to_string(room.path().join("link.log")).expect("a file");
+    let lines: Vec<&str> = log.lines().collect();
+    let cut = room.path().join("cut.log");
+    fs::write(&cut, [&lines[..30], &lines[36..]].concat().join("\n") + "\n").expect("written");
+    let output = run(&["track", path(&cut), "--strict"]);
+    assert_eq!(output.status.code(), Some(1));
+    let told = stderr(&output);
+    let expected = "6.500000 s: 2 half seconds are missing; the attitude lacks what the unit turned meanwhile";
+    for expected in [expected, "half seconds   38, 2 lost", "--strict: attitude not complete"] {
+        assert!(told.contains(expected), "{expected} not in {told}");
+    }
+    let rows = columns(&String::from_utf8_lossy(&output.stdout), ["t_s", "valid", "lost_half_seconds"]);
+    assert_eq!(rows[9..11], [["5.000000", "1", "0"], ["6.500000", "0", "2"]]);
+}
+
+#[test]
+fn bad_input_is_refused_with_one_message() {
+    let room = tempfile::tempdir().expect("a directory");
+    simulate(&["--duration", "2"], room.path());
+    let link = room.path().join("link.log");
+    let (json, short) = (room.path().join("solved.json"), room.path().join("short.json"));
+    fs::write(&json, solved("1.001")).expect("written");
+    fs::write(&short, solved("3.0")).expect("written");
+    let output = run(&["track", path(&link), "--calibration", path(&json)]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    let field = "gyros.GYRX.scale_factor.value: expected a number within 0.5…2, got 3.0";
+    for (arguments, expected) in [
+        (&["--config", path(&short)][..], field),
+        (&["--config", path(&json), "--set", "seed=2"], "--set"),
+        (&["--config", path(&link)], "expected TOML"),
+        (&["--config", "nowhere.toml"], "nowhere.toml: cannot be read"),
+        (&["--attitude", "1,1,0,0"], "expected a quaternion of length 1"),
+        (&["--out", path(&link)], "expected a file that is none of the inputs"),
+    ] {
+        let output = run(&[&["track", path(&link)][..], arguments].concat());
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}");
+        assert!(stderr(&output).contains(expected), "{arguments:?}: {}", stderr(&output));
+        assert!(output.stdout.is_empty(), "{arguments:?}");
+    }
+    assert_eq!(run(&["track", "nowhere0"]).status.code(), Some(2));
+}
+
+/// What `geu calibrate --json` writes (cli.md).
+fn solved(scale_factor: &str) -> String {
+    let number = |value: &str| format!(r#"{{"value": {value}, "sigma": 1e-6}}"#);
+    let gyro = |(name, [a, b]): (&str, [&str; 2])| {
+        let (factor, zero) = (number(scale_factor), number("0.0"));
+        format!(
+            r#""{name}": {{"scale_factor": {factor}, "drift_arcsec_per_half_s": {zero},
+            "misalignment_arcsec": {{"{a}": {zero}, "{b}": {zero}}}}}"#
+        )
+    };
+    let gyros = [("GYRX", ["y", "z"]), ("GYRY", ["x", "z"]), ("GYRZA", ["x", "y"]), ("GYRZB", ["x", "y"])].map(gyro);
+    format!(r#"{{"gyros": {{{}}}, "chi2": {{"value": 8.0, "dof": 8}}}}"#, gyros.join(", "))
+}

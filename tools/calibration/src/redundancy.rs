@@ -1,0 +1,328 @@
+//! The redundant pair: what GYRZA tells of the Z axis and GYRZB does not, against what their calibration and noise allow.
+//!
+//! Two tests: over the last minute, for faults that come at once, and since the start, for drifts that the minute does
+//! not show (5 sigma of the reference unit are 176″/h over the minute, 10″/h over half an hour).
+//!
+//! The difference is one of angles, so quantisation stands in it only at the two ends, a twelfth of a count squared each
+//! for each gyro, however long the stretch between (Casteren §2: no fraction of a count is lost between samples). What
+//! grows is the walk of the angles, the walk of the drifts, and what the calibration does not know.
+
+use std::collections::VecDeque;
+
+use geu_model::package::Calibration;
+use geu_model::units::{ARCSEC_PER_RAD, HALF_SECOND_S};
+use geu_protocol::Gyro;
+
+use crate::believed::{Believed, Noise};
+use crate::transfer::{InUse, Transfer};
+
+/// Length of the short test, s.
+pub const WINDOW_S: f64 = 60.0;
+/// Half seconds in it.
+const WINDOW: usize = (WINDOW_S / HALF_SECOND_S) as usize;
+/// Sigmas beyond which a difference is told. A walk of the angles crosses u sigma 2uφ(u) times per window (Slepian's
+/// process): at 5 once in 47 days of 60 s windows, at 4 three times in two days. Rounding, most of the sigma of a gyro as good as the
+/// paper's, ends at 3.5 of its own sigmas and makes it rarer.
+pub const THRESHOLD_SIGMA: f64 = 5.0;
+/// Sigmas below which an alarm ends: the rounding at the ends must not tell the same alarm again and again.
+pub const RECOVERY_SIGMA: f64 = 3.0;
+/// Variance of the rounding at one end of a sum of counts.
+const ROUNDING: f64 = 1.0 / 12.0;
+const PAIR: [Gyro; 2] = [Gyro::Za, Gyro::Zb];
+
+/// A difference and its standard deviation.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Difference {
+    /// GYRZA − GYRZB, arcsec.
+    pub arcsec: f64,
+    /// Its standard deviation, as calibration and noise allow it.
+    pub sigma_arcsec: f64,
+}
+
+impl Difference {
+    /// The difference in sigmas.
+    pub fn sigmas(self) -> f64 {
+        if self.sigma_arcsec > 0.0 { self.arcsec.abs() / self.sigma_arcsec } else { 0.0 }
+    }
+}
+
+/// Which of the two tests.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Test {
+    /// Over the last [`WINDOW_S`].
+    Window,
+    /// Since the start.
+    Start,
+}
+
+impl std::fmt::Display for Test {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        match self {
+            Test::Window => write!(f, "over {WINDOW_S} s"),
+            Test::Start => write!(f, "since the start"),
+        }
+    }
+}
+
+/// Variances of the random walk of one gyro's drift and of the angle it makes, as the model draws them.
+#[derive(Debug, Clone, Copy, Default)]
+struct Walk {
+    decay: f64,
+    /// Variance that the rate gains in a half second.
+    gain: f64,
+    rate: f64,
+    rate_and_angle: f64,
+    angle: f64,
+    /// Angle now of a rate of 1 at the start, s.
+    angle_of_rate_s: f64,
+    /// What is left of it.
+    rate_left: f64,
+}
+
+impl Walk {
+    fn new(noise: &Noise) -> Walk {
+        let tau_s = noise.correlation_time_s;
+        let (decay, variance_s) = if tau_s.is_finite() {
+            let decay = libm::exp(-HALF_SECOND_S / tau_s);
+            (decay, tau_s * (1.0 - decay * decay) / 2.0)
+        } else {
+            (1.0, HALF_SECOND_S)
+        };
+        let gain = noise.drift_arcsec_per_s_per_sqrt_s.powi(2) * variance_s;
+        Walk { decay, gain, rate_left: 1.0, ..Walk::default() }
+    }
+
+    /// One half second: the angle gains T·(rate(1 + decay)/2 + σ(z₁/2 + z₂/√12)), the rate becomes rate·decay + σz₁.
+    fn step(&mut self) {
+        let Walk { decay, gain, rate, rate_and_angle, .. } = *self;
+        let lever_s = HALF_SECOND_S * (1.0 + decay) / 2.0;
+        self.angle += 2.0 * lever_s * rate_and_angle + lever_s * lever_s * rate + gain * HALF_SECOND_S.powi(2) / 3.0;
+        self.rate_and_angle = decay * (rate_and_angle + lever_s * rate) + gain * HALF_SECOND_S / 2.0;
+        self.rate = decay * decay * rate + gain;
+        self.angle_of_rate_s += lever_s * self.rate_left;
+        self.rate_left *= decay;
+    }
+}
+
+/// Sums since the start.
+#[derive(Debug, Clone, Copy, Default)]
+struct Sums {
+    half_seconds: f64,
+    counts: [f64; 4],
+    /// Variance of the drift rate of each of the pair.
+    rate: [f64; 2],
+}
+
+/// Follows the difference of the redundant pair through half seconds.
+#[derive(Debug, Clone)]
+pub struct Redundancy {
+    transfer: Transfer,
+    calibrations: [Calibration; 4],
+    sigmas: [Calibration; 4],
+    noises: [Noise; 4],
+    /// From the start, and from any rate over a window.
+    walks: [Walk; 2],
+    window_walks: [Walk; 2],
+    now: Sums,
+    /// The sums at the ends of half seconds without a break, oldest first, a window's worth at most.
+    history: VecDeque<Sums>,
+    /// Stretches without a break.
+    stretches: f64,
+    is_alarmed: [bool; 2],
+}
+
+/// What a half second made of the difference.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Checked {
+    /// Since the start.
+    pub accumulated: Difference,
+    /// Over the last [`WINDOW_S`], once they are there without a break.
+    pub window: Option<Difference>,
+    /// Tests that began (`true`) or ceased to exceed, by the order of [`Test`].
+    pub changed: [Option<bool>; 2],
+    /// Tests that exceed, by the order of [`Test`].
+    pub is_alarmed: [bool; 2],
+}
+
+impl Redundancy {
+    /// A monitor at the start: the drifts are those believed.
+    pub fn new(believed: &Believed) -> Redundancy {
+        let walks = PAIR.map(|gyro| Walk::new(&believed.noises[gyro as usize]));
+        let mut window_walks = walks;
+        for walk in &mut window_walks {
+            (0..WINDOW).for_each(|_| walk.step());
+        }
+        Redundancy {
+            transfer: Transfer::new(&believed.calibrations, InUse::WithZa),
+            calibrations: believed.calibrations,
+            sigmas: believed.sigmas,
+            noises: believed.noises,
+            walks,
+            window_walks,
+            now: Sums::default(),
+            history: VecDeque::with_capacity(WINDOW + 1),
+            stretches: 0.0,
+            is_alarmed: [false; 2],
+        }
+    }
+
+    /// Some half seconds are not there. Drifts walk on meanwhile.
+    pub fn skip(&mut self, half_seconds: u64) {
+        self.history.clear();
+        for walk in &mut self.walks {
+            (0..half_seconds).for_each(|_| walk.step());
+        }
+    }
+
+    /// Takes the counts of the half second that follows.
+    pub fn take(&mut self, counts: [f64; 4]) -> Checked {
+        if self.history.is_empty() {
+            self.stretches += 1.0;
+            self.history.push_back(self.sums());
+        }
+        self.now.half_seconds += 1.0;
+        for (sum, count) in self.now.counts.iter_mut().zip(counts) {
+            *sum += count;
+        }
+        self.walks.iter_mut().for_each(Walk::step);
+        self.history.push_back(self.sums());
+        let accumulated = self.difference(&Sums::default(), self.stretches, self.walks.map(|walk| walk.angle));
+        let window = (self.history.len() > WINDOW).then(|| {
+            let from = self.history.pop_front().unwrap_or_default();
+            let walked = std::array::from_fn(|index| {
+                let walk = &self.window_walks[index];
+                walk.angle + walk.angle_of_rate_s.powi(2) * from.rate[index]
+            });
+            self.difference(&from, 1.0, walked)
+        });
+        let mut changed = [None; 2];
+        for (index, difference) in [window, Some(accumulated)].into_iter().enumerate() {
+            let (alarmed, sigmas) = (&mut self.is_alarmed[index], difference.map(Difference::sigmas));
+            let limit = if *alarmed { RECOVERY_SIGMA } else { THRESHOLD_SIGMA };
+            let exceeds = sigmas.map_or(*alarmed, |sigmas| sigmas > limit);
+            changed[index] = (exceeds != *alarmed).then_some(exceeds);
+            *alarmed = exceeds;
+        }
+        Checked { accumulated, window, changed, is_alarmed: self.is_alarmed }
+    }
+
+    fn sums(&self) -> Sums {
+        Sums { rate: self.walks.map(|walk| walk.rate), ..self.now }
+    }
+
+    /// The difference since `from`, over so many stretches; `walked` is the variance of the drifts' walks, arcsec².
+    fn difference(&self, from: &Sums, stretches: f64, walked: [f64; 2]) -> Difference {
+        let counts: [f64; 4] = std::array::from_fn(|gyro| self.now.counts[gyro] - from.counts[gyro]);
+        let half_seconds = self.now.half_seconds - from.half_seconds;
+        let [x_arcsec, y_arcsec, _] = self.transfer.about_control_arcsec(counts, half_seconds);
+        let mut variance = walked.iter().sum::<f64>();
+        // GYRX and GYRY come in through misalignments alone: what they do not know is a ten thousandth here.
+        for gyro in PAIR.map(|gyro| gyro as usize) {
+            let sigma = &self.sigmas[gyro];
+            variance += 2.0 * stretches * ROUNDING * self.calibrations[gyro].scale_factor.powi(2)
+                + self.noises[gyro].angle_arcsec_per_sqrt_s.powi(2) * half_seconds * HALF_SECOND_S
+                + (sigma.drift_arcsec_per_half_s * half_seconds).powi(2)
+                + (sigma.scale_factor * counts[gyro]).powi(2)
+                + (sigma.x_arcsec * x_arcsec / ARCSEC_PER_RAD).powi(2)
+                + (sigma.y_arcsec * y_arcsec / ARCSEC_PER_RAD).powi(2);
+        }
+        let arcsec = self.transfer.redundancy_arcsec(counts, half_seconds);
+        Difference { arcsec, sigma_arcsec: variance.sqrt() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use geu_model::{Configuration, Unit};
+
+    fn run(overrides: &[&str], half_seconds: usize) -> Vec<Checked> {
+        let overrides: Vec<String> = overrides.iter().map(|&text| text.to_owned()).collect();
+        let configuration = Configuration::reference_with(&overrides).unwrap();
+        let mut monitor = Redundancy::new(&Believed::from(&configuration));
+        let mut unit = Unit::new(&configuration);
+        (0..half_seconds).map(|_| monitor.take(unit.end_half_second().half_second.increments.map(f64::from))).collect()
+    }
+
+    #[test]
+    fn the_reference_unit_does_not_alarm() {
+        for seed in 1..=5 {
+            let checked = run(&[&format!("seed={seed}")], 100_000);
+            assert!(checked.iter().all(|checked| checked.is_alarmed == [false; 2]), "seed {seed}");
+        }
+    }
+
+    #[test]
+    fn differences_scatter_as_their_sigma_says() {
+        // Walks ten times the paper's, so that they and not the rounding make the sigma.
+        let (mut windows, mut starts) = (vec![], vec![]);
+        for seed in 1..=200 {
+            let mut overrides = vec![format!("seed={seed}")];
+            for gyro in ["GYRZA", "GYRZB"] {
+                overrides.push(format!("gyro.{gyro}.drift-random-walk.arcsec_per_s_per_sqrt_s=8e-5"));
+                overrides.push(format!("gyro.{gyro}.drift-random-walk.correlation_time_s=1000"));
+                overrides.push(format!("gyro.{gyro}.angle-random-walk.arcsec_per_sqrt_s=0.1"));
+            }
+            let checked = run(&overrides.iter().map(String::as_str).collect::<Vec<_>>(), 5000);
+            // Windows that share nothing.
+            windows.extend(checked.iter().skip(WINDOW).step_by(2 * WINDOW).map(|checked| checked.window.unwrap()));
+            starts.push(checked[4999].accumulated);
+        }
+        for differences in [windows, starts] {
+            let count = differences.len() as f64;
+            let chi2 = differences.iter().map(|difference| difference.sigmas().powi(2)).sum::<f64>();
+            // χ² of so many: its standard deviation is the root of twice the count.
+            assert!((chi2 - count).abs() < 4.0 * (2.0 * count).sqrt(), "{chi2} of {count}");
+        }
+    }
+
+    #[test]
+    fn a_pure_walk_has_the_textbook_variances() {
+        let noise = Noise {
+            angle_arcsec_per_sqrt_s: 0.0,
+            drift_arcsec_per_s_per_sqrt_s: 0.1,
+            correlation_time_s: f64::INFINITY,
+        };
+        let mut walk = Walk::new(&noise);
+        (0..200).for_each(|_| walk.step());
+        // σ²T, σ²T³/3 and T at T = 100 s.
+        assert!((walk.rate - 1.0).abs() < 1e-9, "{}", walk.rate);
+        assert!((walk.angle / (0.01 * 1e6 / 3.0) - 1.0).abs() < 1e-9, "{}", walk.angle);
+        assert!((walk.angle_of_rate_s - 100.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_drift_step_is_told_soon_after_it_came_and_a_lost_stretch_is_no_alarm() {
+        // 360″/h is 6″ in the minute.
+        let step = ["gyro.GYRZB.drift-step.arcsec_per_h=360", "gyro.GYRZB.drift-step.time_s=300"];
+        let checked = run(&step, 1000);
+        let alarm = checked.iter().position(|checked| checked.changed[0] == Some(true)).unwrap() as f64 * 0.5;
+        assert!((320.0..360.0).contains(&alarm), "{alarm}");
+        let checked = checked.last().unwrap();
+        // Added to D, counts fall: what GYRZA tells more grows.
+        assert!((checked.accumulated.arcsec - 20.0).abs() < 2.0, "{checked:?}");
+        assert_eq!(checked.is_alarmed, [true; 2]);
+
+        let configuration = Configuration::reference();
+        let mut monitor = Redundancy::new(&Believed::from(&configuration));
+        let mut unit = Unit::new(&configuration);
+        for half_second in 0..2000 {
+            let counts = unit.end_half_second().half_second.increments.map(f64::from);
+            if half_second % 500 == 0 {
+                monitor.skip(1);
+            } else {
+                assert_eq!(monitor.take(counts).is_alarmed, [false; 2]);
+            }
+        }
+        assert_eq!(monitor.stretches, 4.0);
+    }
+
+    #[test]
+    fn what_the_calibration_does_not_know_is_allowed_for() {
+        let mut believed = Believed::from(&Configuration::parse("neutral", "", &[]).unwrap());
+        believed.sigmas[2].drift_arcsec_per_half_s = 0.01;
+        let mut monitor = Redundancy::new(&believed);
+        let checked = (0..1000).map(|_| monitor.take([0.0; 4])).last().unwrap();
+        assert!((checked.accumulated.sigma_arcsec - (100f64 + 4.0 / 12.0).sqrt()).abs() < 1e-9, "{checked:?}");
+    }
+}

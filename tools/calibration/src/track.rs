@@ -1,0 +1,482 @@
+//! The on-board side (Casteren §4): equation 3 on half seconds as they come, the attitude they turn to, and the redundant
+//! pair watched.
+//!
+//! ```
+//! use geu_calibration::{Believed, Choice, Tracker};
+//! use geu_model::{Configuration, Unit};
+//! use geu_recording::Row;
+//! use nalgebra::UnitQuaternion;
+//!
+//! let configuration = Configuration::reference();
+//! let believed = Believed::from(&configuration);
+//! let mut tracker = Tracker::new(&believed, Choice::Za, UnitQuaternion::identity());
+//! let half_second = Unit::new(&configuration).end_half_second().half_second;
+//! let track = tracker.take(&Row { time: None, is_received: false, half_second, has_clock: true }).unwrap();
+//! // No count of GYRX in the first half second: its drift remains, and a trace of Y and Z.
+//! assert!((track.increment_control_arcsec.unwrap()[0] - 0.21).abs() < 1e-3);
+//! ```
+
+use geu_model::units::ARCSEC_PER_RAD;
+use geu_protocol::capture::Time;
+use geu_protocol::continuity::{Continuity, Step};
+use geu_protocol::field::unit_flag;
+use geu_protocol::{Gyro, HalfSecond};
+use geu_recording::Row;
+use nalgebra::{UnitQuaternion, Vector3};
+
+use crate::believed::Believed;
+use crate::counts::BreakKind;
+use crate::redundancy::{Checked, Difference, Redundancy, THRESHOLD_SIGMA, Test};
+use crate::transfer::{InUse, Transfer};
+
+/// A restart of the sequence within so long of the half second before took none with it.
+const NEXT_NS: i64 = 750_000_000;
+/// A gap longer than a week is a wrong word, not a gap.
+const LONGEST_GAP: u64 = 1_209_600;
+
+/// Which gyros the user chose.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Choice {
+    /// GYRX, GYRY and GYRZA.
+    #[default]
+    Za,
+    /// GYRX, GYRY and GYRZB.
+    Zb,
+    /// All four, by least squares.
+    All,
+    /// As `Za`; half seconds without GYRZA by GYRZB.
+    Auto,
+}
+
+impl Choice {
+    /// Those to use in turn: the first of which all gyros measured.
+    fn candidates(self) -> &'static [InUse] {
+        match self {
+            Choice::Za => &[InUse::WithZa],
+            Choice::Zb => &[InUse::WithZb],
+            Choice::All => &[InUse::All],
+            Choice::Auto => &[InUse::WithZa, InUse::WithZb],
+        }
+    }
+}
+
+/// Something worth telling once.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Event {
+    /// Increments ceased: the attitude lacks what the unit turned meanwhile.
+    Lost {
+        /// Why.
+        kind: BreakKind,
+        /// The gyros concerned, in wire order.
+        gyros: [bool; 4],
+        /// Another choice that has all its gyros.
+        other: Option<Choice>,
+    },
+    /// Increments are there again, after so many half seconds without.
+    Again {
+        /// Half seconds without increments.
+        half_seconds: u64,
+    },
+    /// Other gyros are used from now on.
+    Switched(InUse),
+    /// The redundant difference began to exceed.
+    Exceeds(Test, Difference),
+    /// It ceased to.
+    Recovered(Test, Difference),
+}
+
+impl std::fmt::Display for Event {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        match *self {
+            Event::Lost { kind, gyros, other } => {
+                write!(f, "{}; the attitude lacks what the unit turned meanwhile", Reason { kind, gyros })?;
+                match other {
+                    Some(other) => write!(f, "; --gyros {other} would go on"),
+                    None => Ok(()),
+                }
+            }
+            Event::Again { half_seconds: 1 } => write!(f, "increments again, after 1 half second without"),
+            Event::Again { half_seconds } => write!(f, "increments again, after {half_seconds} half seconds without"),
+            Event::Switched(in_use) => write!(f, "goes on with {}", in_use_name(in_use)),
+            Event::Exceeds(test, Difference { arcsec, sigma_arcsec }) => write!(
+                f,
+                "GYRZA and GYRZB differ by {arcsec:+.2}″ {test}, more than {THRESHOLD_SIGMA} sigma of {sigma_arcsec:.2}″"
+            ),
+            Event::Recovered(test, Difference { arcsec, sigma_arcsec }) => {
+                write!(f, "GYRZA and GYRZB agree again: {arcsec:+.2}″ {test}, sigma {sigma_arcsec:.2}″")
+            }
+        }
+    }
+}
+
+impl std::fmt::Display for Choice {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        f.write_str(match self {
+            Choice::Za => "za",
+            Choice::Zb => "zb",
+            Choice::All => "all",
+            Choice::Auto => "auto",
+        })
+    }
+}
+
+/// What the gyros in use are called in output.
+pub fn in_use_name(in_use: InUse) -> &'static str {
+    match in_use {
+        InUse::WithZa => "za",
+        InUse::WithZb => "zb",
+        InUse::All => "all",
+    }
+}
+
+/// Why there are no increments, with the gyros where it is not all.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Reason {
+    /// Why.
+    pub kind: BreakKind,
+    /// The gyros concerned, in wire order.
+    pub gyros: [bool; 4],
+}
+
+impl std::fmt::Display for Reason {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        if self.gyros != [true; 4] {
+            let names = Gyro::ALL.into_iter().filter(|&gyro| self.gyros[gyro as usize]).map(Gyro::name);
+            write!(f, "{}: ", names.collect::<Vec<_>>().join(" and "))?;
+        }
+        self.kind.fmt(f)
+    }
+}
+
+/// One half second, tracked.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Track {
+    /// As received.
+    pub time: Option<Time>,
+    /// As received.
+    pub half_second: HalfSecond,
+    /// Rotation about the control axes over the half second (eq 3), where the gyros in use measured it.
+    pub increment_control_arcsec: Option<[f64; 3]>,
+    /// Their sums.
+    pub angle_control_arcsec: [f64; 3],
+    /// Control frame to inertial.
+    pub attitude: UnitQuaternion<f64>,
+    /// Whether the attitude holds every half second since the start.
+    pub is_complete: bool,
+    /// Half seconds it lacks, as far as sequence and clock tell.
+    pub lost_half_seconds: u64,
+    /// Gyros used.
+    pub in_use: Option<InUse>,
+    /// The redundant pair, where both measured.
+    pub redundancy: Option<Checked>,
+    /// Why the increments before or of this half second are not there, or not to be relied on.
+    pub reasons: Vec<Reason>,
+    /// What is worth telling once.
+    pub events: Vec<Event>,
+}
+
+/// Applies equation 3 to half seconds in the order of their coming.
+#[derive(Debug, Clone)]
+pub struct Tracker {
+    choice: Choice,
+    transfers: Vec<(InUse, Transfer)>,
+    redundancy: Redundancy,
+    continuity: Continuity,
+    last_time: Option<Time>,
+    in_use: InUse,
+    angle_control_arcsec: [f64; 3],
+    attitude: UnitQuaternion<f64>,
+    /// Increment of the half second before, rad, where it was there.
+    before_control_rad: Option<Vector3<f64>>,
+    is_complete: bool,
+    lost_half_seconds: u64,
+    /// Half seconds without increments until now.
+    without: u64,
+}
+
+impl Tracker {
+    /// A tracker before the first half second, with the attitude at its start (control frame to inertial).
+    pub fn new(believed: &Believed, choice: Choice, attitude: UnitQuaternion<f64>) -> Tracker {
+        let candidates = choice.candidates();
+        Tracker {
+            choice,
+            transfers: candidates.iter().map(|&use_| (use_, Transfer::new(&believed.calibrations, use_))).collect(),
+            redundancy: Redundancy::new(believed),
+            continuity: Continuity::default(),
+            last_time: None,
+            in_use: candidates[0],
+            angle_control_arcsec: [0.0; 3],
+            attitude,
+            before_control_rad: None,
+            is_complete: true,
+            lost_half_seconds: 0,
+            without: 0,
+        }
+    }
+
+    /// Takes a half second; nothing comes of one that is told again.
+    pub fn take(&mut self, row: &Row) -> Option<Track> {
+        let half_second = row.half_second;
+        let step = self.continuity.step(half_second.sequence, row.has_clock.then_some(half_second.clock_count));
+        let time = row.time.filter(|_| row.is_received);
+        let passed_ns = time.zip(self.last_time).map(|(now, before)| now.t_ns - before.t_ns);
+        let missing = match step {
+            Step::First | Step::Next => None,
+            Step::Repeat => return None,
+            Step::Gap(missing) => Some((BreakKind::Gap(missing), missing.min(LONGEST_GAP))),
+            // RESET_SEQUENCE takes no half second with it; a restart of the unit does.
+            Step::Reset if half_second.sequence == 0 && passed_ns.is_some_and(|ns| (0..NEXT_NS).contains(&ns)) => None,
+            Step::Reset => Some((BreakKind::Reset, 0)),
+            Step::Jump => Some((BreakKind::Jump, 0)),
+        };
+        self.last_time = time;
+        let (mut reasons, mut events) = (vec![], vec![]);
+        if let Some((kind, half_seconds)) = missing {
+            reasons.push(Reason { kind, gyros: [true; 4] });
+            self.redundancy.skip(half_seconds);
+            self.lose(half_seconds);
+            events.push(Event::Lost { kind, gyros: [true; 4], other: None });
+        }
+
+        let measured = measured(&half_second, &mut reasons);
+        let counts = half_second.increments.map(f64::from);
+        let redundancy = if measured == [true; 4] {
+            Some(self.redundancy.take(counts))
+        } else {
+            self.redundancy.skip(1);
+            None
+        };
+        for (test, index) in [(Test::Window, 0), (Test::Start, 1)] {
+            let Some(checked) = &redundancy else { break };
+            let difference = [checked.window.unwrap_or_default(), checked.accumulated][index];
+            events.extend(checked.changed[index].map(|exceeds| match exceeds {
+                true => Event::Exceeds(test, difference),
+                false => Event::Recovered(test, difference),
+            }));
+        }
+
+        let serves = |in_use: InUse| (0..4).all(|gyro| measured[gyro] || !in_use.gyros()[gyro]);
+        let found = self.transfers.iter().find(|(in_use, _)| serves(*in_use)).copied();
+        let increment = found.map(|(_, transfer)| transfer.about_control_arcsec(counts, 1.0));
+        match (found, increment) {
+            (Some((in_use, _)), Some(increment)) => {
+                if self.without > 0 {
+                    events.push(Event::Again { half_seconds: self.without });
+                }
+                if in_use != self.in_use {
+                    events.push(Event::Switched(in_use));
+                }
+                (self.in_use, self.without) = (in_use, 0);
+                self.turn(increment);
+            }
+            _ => {
+                let reason = reasons.iter().rev().find(|reason| {
+                    let concerned = |in_use: InUse| (0..4).any(|gyro| reason.gyros[gyro] && in_use.gyros()[gyro]);
+                    self.transfers.iter().any(|(in_use, _)| concerned(*in_use))
+                });
+                if let Some(&Reason { kind, gyros }) = reason.filter(|_| self.without == 0) {
+                    let others = [(Choice::Za, InUse::WithZa), (Choice::Zb, InUse::WithZb)];
+                    let other = others.into_iter().find(|&(choice, in_use)| choice != self.choice && serves(in_use));
+                    events.push(Event::Lost { kind, gyros, other: other.map(|(choice, _)| choice) });
+                }
+                self.without += 1;
+                self.lose(1);
+            }
+        }
+        Some(Track {
+            time: row.time,
+            half_second,
+            increment_control_arcsec: increment,
+            angle_control_arcsec: self.angle_control_arcsec,
+            attitude: self.attitude,
+            is_complete: self.is_complete,
+            lost_half_seconds: self.lost_half_seconds,
+            in_use: found.map(|(in_use, _)| in_use),
+            redundancy,
+            reasons,
+            events,
+        })
+    }
+
+    fn lose(&mut self, half_seconds: u64) {
+        self.is_complete = false;
+        self.lost_half_seconds += half_seconds;
+        self.before_control_rad = None;
+    }
+
+    /// Turns the attitude by an increment. Its parts are integrals of rates about axes that turn themselves: where the rate
+    /// changes its direction, the rotation vector has half the integral of angle × rate more (Bortz), which a rate linear
+    /// over this half second and the one before makes Δ₋₁ × Δ / 12.
+    fn turn(&mut self, increment_control_arcsec: [f64; 3]) {
+        for (sum, increment) in self.angle_control_arcsec.iter_mut().zip(increment_control_arcsec) {
+            *sum += increment;
+        }
+        let increment = Vector3::from(increment_control_arcsec) / ARCSEC_PER_RAD;
+        let coning = self.before_control_rad.map_or_else(Vector3::zeros, |before| before.cross(&increment) / 12.0);
+        self.attitude *= UnitQuaternion::from_scaled_axis(increment + coning);
+        self.attitude.renormalize_fast();
+        self.before_control_rad = Some(increment);
+    }
+}
+
+/// Which gyros measured the half second, and why the others did not.
+fn measured(half_second: &HalfSecond, reasons: &mut Vec<Reason>) -> [bool; 4] {
+    let bits = |first: u8| Gyro::ALL.map(|gyro| half_second.gyro_flags >> (first + gyro as u8) & 1 != 0);
+    let (invalid, saturated) = (bits(0).map(|valid| !valid), bits(4));
+    let self_test = [half_second.unit_flags & unit_flag("self_test") != 0; 4];
+    let found = [(BreakKind::SelfTest, self_test), (BreakKind::Invalid, invalid), (BreakKind::Saturated, saturated)];
+    reasons
+        .extend(found.iter().filter(|(_, gyros)| gyros.contains(&true)).map(|&(kind, gyros)| Reason { kind, gyros }));
+    std::array::from_fn(|gyro| !found.iter().any(|(_, gyros)| gyros[gyro]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use geu_model::{Configuration, Unit};
+
+    fn row(half_second: HalfSecond) -> Row {
+        Row { time: None, is_received: false, half_second, has_clock: true }
+    }
+
+    /// Half seconds of a unit without drift that stands still.
+    fn still(count: u64) -> Vec<HalfSecond> {
+        let half_second = |index: u64| HalfSecond {
+            sequence: index as u16,
+            clock_count: (index + 1) * 500_000,
+            gyro_flags: 0x0F,
+            unit_flags: 0x07,
+            ..HalfSecond::default()
+        };
+        (0..count).map(half_second).collect()
+    }
+
+    fn track(choice: Choice, half_seconds: &[HalfSecond]) -> Vec<Track> {
+        let believed = Believed::from(&Configuration::parse("neutral", "", &[]).unwrap());
+        let mut tracker = Tracker::new(&believed, choice, UnitQuaternion::identity());
+        half_seconds.iter().filter_map(|&half_second| tracker.take(&row(half_second))).collect()
+    }
+
+    /// Turning about Z while the input to X goes round: a cone, whose attitude is known at every instant. R = Rz(at)·Rx(b)
+    /// ·Rz(−at) has the body rates below; first-order steps and steps without the cross term drift away from it.
+    #[test]
+    fn coning_is_integrated() {
+        let (half_cone, rate) = (0.3_f64, 0.05_f64);
+        let mut tracker = Tracker::new(
+            &Believed::from(&Configuration::parse("neutral", "", &[]).unwrap()),
+            Choice::Za,
+            UnitQuaternion::identity(),
+        );
+        let at = |t_s: f64| {
+            let about = |axis: Vector3<f64>, angle: f64| UnitQuaternion::from_scaled_axis(axis * angle);
+            about(Vector3::z(), rate * t_s) * about(Vector3::x(), half_cone) * about(Vector3::z(), -rate * t_s)
+        };
+        tracker.attitude = at(0.0);
+        // ω = rate·(Rᵀz − z), with Rᵀz = (−sin b sin at, sin b cos at, cos b).
+        let integral = |t_s: f64| {
+            let (sin, cos) = (rate * t_s).sin_cos();
+            Vector3::new(half_cone.sin() * cos, half_cone.sin() * sin, rate * t_s * (half_cone.cos() - 1.0))
+        };
+        let worst = |tracker: &mut Tracker, with_coning: bool| {
+            let mut worst_arcsec: f64 = 0.0;
+            for k in 0..2400 {
+                let (from_s, to_s) = (f64::from(k) * 0.5, f64::from(k + 1) * 0.5);
+                if !with_coning {
+                    tracker.before_control_rad = None;
+                }
+                tracker.turn(((integral(to_s) - integral(from_s)) * ARCSEC_PER_RAD).into());
+                worst_arcsec = worst_arcsec.max(tracker.attitude.angle_to(&at(to_s)) * ARCSEC_PER_RAD);
+            }
+            worst_arcsec
+        };
+        let without = worst(&mut tracker.clone(), false);
+        let with = worst(&mut tracker, true);
+        assert!(with < 1.0 && without > 20.0 * with, "{with} {without}");
+    }
+
+    #[test]
+    fn a_day_of_the_reference_unit_has_no_events() {
+        let configuration = Configuration::reference();
+        let (mut unit, mut tracker) = (
+            Unit::new(&configuration),
+            Tracker::new(&Believed::from(&configuration), Choice::All, UnitQuaternion::identity()),
+        );
+        let last = (0..172_800).filter_map(|_| tracker.take(&row(unit.end_half_second().half_second))).last().unwrap();
+        assert!(last.is_complete && last.lost_half_seconds == 0 && last.events.is_empty());
+        assert!((last.attitude.norm() - 1.0).abs() < 1e-12);
+        let checked = last.redundancy.unwrap();
+        assert!(checked.accumulated.sigmas() < 5.0 && checked.window.unwrap().sigmas() < 5.0, "{checked:?}");
+    }
+
+    #[test]
+    fn a_gap_is_told_once_and_leaves_the_attitude_incomplete() {
+        let mut half_seconds = still(10);
+        half_seconds.drain(4..6);
+        half_seconds.insert(5, half_seconds[4]);
+        let tracks = track(Choice::Za, &half_seconds);
+        assert_eq!(tracks.len(), 8);
+        let complete: Vec<bool> = tracks.iter().map(|track| track.is_complete).collect();
+        assert_eq!(complete, [true, true, true, true, false, false, false, false]);
+        assert!(tracks.iter().all(|track| track.increment_control_arcsec == Some([0.0; 3])));
+        assert_eq!(tracks[7].lost_half_seconds, 2);
+        let events: Vec<String> = tracks.iter().flat_map(|track| &track.events).map(Event::to_string).collect();
+        assert_eq!(events, ["2 half seconds are missing; the attitude lacks what the unit turned meanwhile"]);
+    }
+
+    #[test]
+    fn without_gyrza_the_choice_decides_whether_it_goes_on() {
+        let mut half_seconds = still(6);
+        for half_second in &mut half_seconds[2..4] {
+            half_second.gyro_flags &= !4;
+            half_second.increments = [0, 0, 1000, 7];
+        }
+        let events =
+            |tracks: &[Track]| tracks.iter().flat_map(|track| &track.events).map(Event::to_string).collect::<Vec<_>>();
+        let tracks = track(Choice::Za, &half_seconds);
+        assert_eq!(tracks[3].increment_control_arcsec, None);
+        assert_eq!((tracks[3].redundancy, tracks[3].lost_half_seconds), (None, 2));
+        let expected = [
+            "GYRZA: the count is not valid; the attitude lacks what the unit turned meanwhile; --gyros zb would go on",
+            "increments again, after 2 half seconds without",
+        ];
+        assert_eq!(events(&tracks), expected);
+        let tracks = track(Choice::Auto, &half_seconds);
+        assert_eq!(tracks[5].angle_control_arcsec, [0.0, 0.0, 14.0]);
+        assert!(tracks[5].is_complete);
+        assert_eq!(events(&tracks), ["goes on with zb", "goes on with za"]);
+        assert!(track(Choice::Zb, &half_seconds)[5].events.is_empty());
+        assert!(!track(Choice::All, &half_seconds)[5].is_complete);
+    }
+
+    #[test]
+    fn saturated_counts_and_a_self_test_are_no_increments() {
+        let mut half_seconds = still(4);
+        half_seconds[1].gyro_flags |= 0x10;
+        half_seconds[3].unit_flags |= unit_flag("self_test");
+        let tracks = track(Choice::Auto, &half_seconds);
+        let increments: Vec<bool> = tracks.iter().map(|track| track.increment_control_arcsec.is_some()).collect();
+        assert_eq!(increments, [true, false, true, false]);
+        assert_eq!(tracks[1].reasons[0].to_string(), "GYRX: the count is saturated");
+        assert_eq!(tracks[3].reasons[0].to_string(), "the self-test runs");
+    }
+
+    #[test]
+    fn a_reset_of_the_sequence_loses_nothing_where_times_show_it() {
+        let mut half_seconds = still(4);
+        for (index, half_second) in half_seconds[2..].iter_mut().enumerate() {
+            (half_second.sequence, half_second.clock_count) = (index as u16, (index as u64 + 1) * 500_000);
+        }
+        let believed = Believed::from(&Configuration::reference());
+        let complete = |interval_ns: i64| {
+            let mut tracker = Tracker::new(&believed, Choice::Za, UnitQuaternion::identity());
+            let tracks = half_seconds.iter().zip(1..).filter_map(|(&half_second, index)| {
+                let time = Some(Time { t_ns: index * interval_ns, digits: 6 });
+                tracker.take(&Row { time, is_received: true, ..row(half_second) })
+            });
+            tracks.last().unwrap().is_complete
+        };
+        assert!(complete(500_000_000));
+        assert!(!complete(1_500_000_000));
+        assert!(!track(Choice::Za, &half_seconds)[3].is_complete);
+    }
+}

@@ -1,0 +1,457 @@
+//! `geu track`: equation 3 on a live link, as on board (Casteren §4).
+
+use std::fmt::Write as _;
+use std::io::{IsTerminal, stdout};
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use geu_calibration::redundancy::{Difference, Test, WINDOW_S};
+use geu_calibration::track::in_use_name;
+use geu_calibration::{Believed, Choice, Event, Track, Tracker};
+use geu_model::Configuration;
+use geu_model::units::{ARCSEC_PER_DEG, ARCSEC_PER_RAD};
+use geu_recording::{Defect, Row, Sink, read_text};
+use nalgebra::{Quaternion, UnitQuaternion};
+
+use crate::decode::{BUFFER, Output, Reading, note_elsewhere, refuse_overwriting};
+use crate::failure::{Failure, note};
+use crate::rows::{quote, write_seconds};
+
+/// Applies a calibration to a link (eq 3): increments about the control axes and attitude, every half second.
+///
+/// A half second that the gyros in use did not measure (lost, not valid, saturated, self-test) has no increments: the
+/// attitude then lacks what the unit turned meanwhile, and `valid` is 0 from there on. GYRZA and GYRZB are compared, over
+/// the last 60 s and since the start; a difference beyond 5 sigma of what rounding, noise and calibration allow is told on
+/// standard error when it begins and when it is below 3 sigma again.
+#[derive(Args)]
+pub struct Arguments {
+    /// CAN interface, pty, serial device (live), recording, or `-`, as `geu decode` reads them.
+    #[arg(value_name = "LINK")]
+    link: String,
+    /// Calibration: a configuration, or what `geu calibrate --json` wrote, which adds its sigmas (noise is then that of the
+    /// reference unit) [default: the reference unit]
+    #[arg(long, visible_alias = "calibration", value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Overrides a value of the configuration: gyro.GYRZB.calibration.scale_factor=1.001
+    #[arg(long = "set", value_name = "PATH=VALUE")]
+    overrides: Vec<String>,
+    /// Gyros in use.
+    #[arg(long, value_enum, default_value_t = Gyros::Za)]
+    gyros: Gyros,
+    /// Attitude at the start, control frame to inertial [default: 1,0,0,0]
+    #[arg(long, value_name = "Q_W,Q_X,Q_Y,Q_Z", allow_hyphen_values = true, value_parser = attitude)]
+    attitude: Option<UnitQuaternion<f64>>,
+    /// What to write [default: text on a terminal, else csv]
+    #[arg(long, value_enum)]
+    format: Option<Format>,
+    /// Where to write it, instead of standard output.
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    #[command(flatten)]
+    reading: Reading,
+    /// Exit with 1 when the attitude lacks half seconds, the redundant gyros differed, or there were defects.
+    #[arg(long)]
+    strict: bool,
+    /// Do not print the summary to standard error.
+    #[arg(long, short)]
+    quiet: bool,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Gyros {
+    /// GYRX, GYRY, GYRZA.
+    Za,
+    /// GYRX, GYRY, GYRZB.
+    Zb,
+    /// All four, by least squares.
+    All,
+    /// As za; half seconds without GYRZA by GYRZB.
+    Auto,
+}
+
+impl From<Gyros> for Choice {
+    fn from(gyros: Gyros) -> Choice {
+        match gyros {
+            Gyros::Za => Choice::Za,
+            Gyros::Zb => Choice::Zb,
+            Gyros::All => Choice::All,
+            Gyros::Auto => Choice::Auto,
+        }
+    }
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Format {
+    /// Comma-separated values with a header.
+    Csv,
+    /// One JSON object a line.
+    Jsonl,
+    /// A line to read, in arcsec.
+    Text,
+}
+
+/// Off a length of 1 by so much, a quaternion was meant to be one and rounded to three digits.
+const LENGTH_TOLERANCE: f64 = 1e-3;
+
+fn attitude(text: &str) -> Result<UnitQuaternion<f64>, String> {
+    let parts: Vec<f64> = text.split(',').map_while(|part| part.trim().parse().ok()).collect();
+    match parts[..] {
+        [w, x, y, z] if text.split(',').count() == 4 => {
+            let parts = Quaternion::new(w, x, y, z);
+            let length = parts.norm();
+            if (length - 1.0).abs() <= LENGTH_TOLERANCE {
+                Ok(UnitQuaternion::from_quaternion(parts))
+            } else {
+                Err(format!("expected a quaternion of length 1, got one of length {length}"))
+            }
+        }
+        _ => Err(format!("expected four numbers q_w,q_x,q_y,q_z, got {text}")),
+    }
+}
+
+fn believed(arguments: &Arguments) -> Result<Believed, Failure> {
+    let Some(path) = &arguments.config else {
+        let configuration = Configuration::reference_with(&arguments.overrides).map_err(Failure::input)?;
+        return Ok(Believed::from(&configuration));
+    };
+    let name = path.display().to_string();
+    let text = read_text(path).map_err(|error| {
+        Failure::input(format!(
+            "{name}: cannot be read: {error}; expected a configuration, or JSON as `geu calibrate --json` writes it"
+        ))
+    })?;
+    Believed::parse(&name, &text, &arguments.overrides).map_err(Failure::input)
+}
+
+/// Tracks.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let believed = believed(arguments)?;
+    let config = arguments.config.as_ref().and_then(|path| path.to_str());
+    let inputs = [Some(arguments.link.as_str()), config];
+    refuse_overwriting("--out", arguments.out.as_ref(), inputs.into_iter().flatten())?;
+    let is_watched = arguments.out.is_none() && stdout().is_terminal();
+    let format = arguments.format.unwrap_or(if is_watched { Format::Text } else { Format::Csv });
+    let start = arguments.attitude.unwrap_or_default();
+    let mut writer = Writer {
+        out: arguments.out.as_ref(),
+        format,
+        tracker: Tracker::new(&believed, arguments.gyros.into(), start),
+        output: None,
+        broken: None,
+        statistics: Statistics::default(),
+    };
+    let mut reader = arguments.reading.reader();
+    let result = reader.read(&arguments.link, &mut writer);
+    let (summary, ending) = reader.finish(&mut writer);
+    writer.flush();
+    if let Some(failure) = writer.broken.take() {
+        return Err(failure);
+    }
+    let (statistics, defects) = (&writer.statistics, summary.account.defect_count());
+    if !arguments.quiet && result.is_ok() && ending.is_ok() {
+        note(format_args!("{}", statistics.text(&start)));
+        if defects > 0 {
+            note(format_args!("defects        {defects}; geu decode tells them\n"));
+        }
+    }
+    note_elsewhere(&summary);
+    result.and(ending).map_err(Failure::input)?;
+    let is_complete = statistics.last.as_ref().is_some_and(|last| last.is_complete);
+    match arguments.strict && (!is_complete || statistics.alarms > 0 || defects > 0) {
+        true => Err(Failure::failed(format!(
+            "--strict: attitude {}, {} redundancy alarms, {defects} defects",
+            if is_complete { "complete" } else { "not complete" },
+            statistics.alarms
+        ))),
+        false => Ok(()),
+    }
+}
+
+/// Losses told one by one; the column `notes` has all of them.
+const MOST_LOSSES: u64 = 20;
+
+/// What the end tells.
+#[derive(Default)]
+struct Statistics {
+    half_seconds: u64,
+    losses: u64,
+    alarms: u64,
+    /// The largest accumulated difference of the redundant pair, and when.
+    largest: Option<(Difference, String)>,
+    last: Option<Track>,
+}
+
+impl Statistics {
+    fn text(&self, start: &UnitQuaternion<f64>) -> String {
+        let Some(last) = &self.last else { return "half seconds   0\n".to_owned() };
+        let q = last.attitude;
+        let turned = start.inverse() * q;
+        let [x, y, z] = last.angle_control_arcsec;
+        let mut text = format!("half seconds   {}, {} lost", self.half_seconds, last.lost_half_seconds);
+        if !last.is_complete {
+            text += "; the attitude lacks what the unit turned meanwhile";
+        }
+        text += &format!("\nattitude       q_w {:+.9}  q_x {:+.9}  q_y {:+.9}  q_z {:+.9}", q.w, q.i, q.j, q.k);
+        if let Some((axis, angle_rad)) = turned.axis_angle() {
+            let angle_deg = angle_rad * ARCSEC_PER_RAD / ARCSEC_PER_DEG;
+            text += &format!("; turned {angle_deg:.6}° about {:+.4} {:+.4} {:+.4}", axis.x, axis.y, axis.z);
+        }
+        text += &format!("\nangles         x {x:+.3}″  y {y:+.3}″  z {z:+.3}″, summed\n");
+        match (&self.largest, &last.redundancy) {
+            (Some((largest, at)), latest) => {
+                let latest = latest.map_or_else(|| "none at the end".to_owned(), |checked| told(checked.accumulated));
+                let alarms = self.alarms;
+                text += &format!(
+                    "GYRZA − GYRZB  {latest}; largest {} at {at}; {alarms} alarm{}\n",
+                    told(*largest),
+                    if alarms == 1 { "" } else { "s" }
+                );
+            }
+            (None, _) => text += "GYRZA − GYRZB  never both measured\n",
+        }
+        text
+    }
+}
+
+fn told(difference: Difference) -> String {
+    format!("{:+.2}″ ± {:.2}″", difference.arcsec, difference.sigma_arcsec)
+}
+
+/// The time of a half second, else its sequence.
+fn instant(track: &Track) -> String {
+    match track.time {
+        Some(time) => {
+            let mut bytes = Vec::new();
+            write_seconds(time, &mut bytes);
+            format!("{} s", String::from_utf8_lossy(&bytes))
+        }
+        None => format!("sequence {}", track.half_second.sequence),
+    }
+}
+
+/// Columns, in order.
+const NAMES: [&str; 22] = [
+    "t_s",
+    "sequence",
+    "increment_x_arcsec",
+    "increment_y_arcsec",
+    "increment_z_arcsec",
+    "angle_x_arcsec",
+    "angle_y_arcsec",
+    "angle_z_arcsec",
+    "q_w",
+    "q_x",
+    "q_y",
+    "q_z",
+    "valid",
+    "lost_half_seconds",
+    "redundancy_arcsec",
+    "redundancy_sigma_arcsec",
+    "redundancy_rate_arcsec_per_h",
+    "redundancy_rate_sigma_arcsec_per_h",
+    "gyros",
+    "gyro_flags",
+    "unit_flags",
+    "notes",
+];
+/// Columns that hold words.
+const WORDS: [&str; 2] = ["gyros", "notes"];
+
+/// What stands in the columns of a row; nothing where it is not known.
+fn cells(track: &Track) -> [Option<String>; NAMES.len()] {
+    let mut t_s = Vec::new();
+    if let Some(time) = track.time {
+        write_seconds(time, &mut t_s);
+    }
+    let angle = |arcsec: f64| format!("{arcsec:.6}");
+    let [ix, iy, iz] = match track.increment_control_arcsec {
+        Some(increment) => increment.map(|arcsec| Some(angle(arcsec))),
+        None => [None, None, None],
+    };
+    let [ax, ay, az] = track.angle_control_arcsec.map(|arcsec| Some(angle(arcsec)));
+    let [qx, qy, qz, qw] = <[f64; 4]>::from(track.attitude.coords).map(|part| Some(format!("{part:.12}")));
+    let accumulated = track.redundancy.map(|checked| checked.accumulated);
+    let window = track.redundancy.and_then(|checked| checked.window);
+    let per_h = |arcsec: f64| format!("{:.3}", arcsec * (3600.0 / WINDOW_S));
+    let half_second = &track.half_second;
+    [
+        track.time.map(|_| String::from_utf8_lossy(&t_s).into_owned()),
+        Some(half_second.sequence.to_string()),
+        ix,
+        iy,
+        iz,
+        ax,
+        ay,
+        az,
+        qw,
+        qx,
+        qy,
+        qz,
+        Some(u8::from(track.is_complete).to_string()),
+        Some(track.lost_half_seconds.to_string()),
+        accumulated.map(|difference| angle(difference.arcsec)),
+        accumulated.map(|difference| angle(difference.sigma_arcsec)),
+        window.map(|difference| per_h(difference.arcsec)),
+        window.map(|difference| per_h(difference.sigma_arcsec)),
+        track.in_use.map(|in_use| in_use_name(in_use).to_owned()),
+        Some(half_second.gyro_flags.to_string()),
+        Some(half_second.unit_flags.to_string()),
+        Some(notes(track)).filter(|notes| !notes.is_empty()),
+    ]
+}
+
+/// What is to be known of a half second, in words without a comma.
+fn notes(track: &Track) -> String {
+    let mut notes: Vec<String> = track.reasons.iter().map(ToString::to_string).collect();
+    if let Some(checked) = &track.redundancy {
+        for (test, is_alarmed) in [Test::Window, Test::Start].into_iter().zip(checked.is_alarmed) {
+            notes.extend(is_alarmed.then(|| format!("GYRZA and GYRZB differ {test}")));
+        }
+    }
+    notes.join("; ")
+}
+
+fn text_line(track: &Track) -> String {
+    let q = track.attitude;
+    let mut line = instant(track);
+    match track.increment_control_arcsec {
+        Some([x, y, z]) => _ = write!(line, "  Δ {x:+9.3} {y:+9.3} {z:+9.3}"),
+        None => line += "  Δ         –         –         –",
+    }
+    let _ = write!(line, "  q {:+.7} {:+.7} {:+.7} {:+.7}", q.w, q.i, q.j, q.k);
+    if let Some(checked) = &track.redundancy {
+        let _ = write!(line, "  ZA−ZB {}", told(checked.accumulated));
+    }
+    let notes = notes(track);
+    if !track.is_complete {
+        let _ = write!(line, "  {} lost", track.lost_half_seconds);
+    }
+    if !notes.is_empty() {
+        let _ = write!(line, "  {notes}");
+    }
+    line
+}
+
+fn write_track(format: Format, track: &Track, out: &mut Vec<u8>) {
+    match format {
+        Format::Text => out.extend_from_slice(text_line(track).as_bytes()),
+        Format::Csv => {
+            let cells = cells(track).map(Option::unwrap_or_default);
+            out.extend_from_slice(cells.join(",").as_bytes());
+        }
+        Format::Jsonl => {
+            for (index, (name, cell)) in NAMES.iter().zip(cells(track)).enumerate() {
+                out.push(if index == 0 { b'{' } else { b',' });
+                quote(name, out);
+                out.push(b':');
+                match cell {
+                    Some(words) if WORDS.contains(name) => quote(&words, out),
+                    Some(number) => out.extend_from_slice(number.as_bytes()),
+                    None => out.extend_from_slice(b"null"),
+                }
+            }
+            out.push(b'}');
+        }
+    }
+    out.push(b'\n');
+}
+
+/// Tracks rows as they come, and writes.
+struct Writer<'a> {
+    out: Option<&'a PathBuf>,
+    format: Format,
+    tracker: Tracker,
+    /// There once the link could be opened.
+    output: Option<Output>,
+    /// Why nothing can be written any more.
+    broken: Option<Failure>,
+    statistics: Statistics,
+}
+
+impl Writer<'_> {
+    fn tell(&mut self, track: &Track) {
+        for event in &track.events {
+            match event {
+                Event::Lost { .. } | Event::Again { .. } | Event::Switched(_) => {
+                    self.statistics.losses += 1;
+                    match self.statistics.losses {
+                        MOST_LOSSES => note(format_args!("geu: more such stand in the column notes\n")),
+                        losses if losses > MOST_LOSSES => {}
+                        _ => note(format_args!("geu: {}: {event}\n", instant(track))),
+                    }
+                }
+                Event::Exceeds(..) | Event::Recovered(..) => {
+                    self.statistics.alarms += u64::from(matches!(event, Event::Exceeds(..)));
+                    note(format_args!("geu: {}: {event}\n", instant(track)));
+                }
+            }
+        }
+    }
+}
+
+impl Sink for Writer<'_> {
+    fn opened(&mut self) {
+        match Output::open(self.out) {
+            Ok(mut output) => {
+                if self.format == Format::Csv {
+                    output.buffer.extend_from_slice(NAMES.join(",").as_bytes());
+                    output.buffer.push(b'\n');
+                }
+                self.output = Some(output);
+            }
+            Err(failure) => self.broken = Some(failure),
+        }
+    }
+
+    fn row(&mut self, row: &Row) {
+        let Some(track) = self.tracker.take(row) else { return };
+        if let Some(output) = &mut self.output {
+            write_track(self.format, &track, &mut output.buffer);
+            if output.buffer.len() >= BUFFER {
+                self.flush();
+            }
+        }
+        self.tell(&track);
+        self.statistics.half_seconds += 1;
+        if let Some(checked) = &track.redundancy {
+            let largest = self.statistics.largest.as_ref().map_or(-1.0, |largest| largest.0.arcsec.abs());
+            if checked.accumulated.arcsec.abs() > largest {
+                self.statistics.largest = Some((checked.accumulated, instant(&track)));
+            }
+        }
+        self.statistics.last = Some(track);
+    }
+
+    fn defect(&mut self, _defect: &Defect) {
+        // What it took away shows as a gap; the end tells how many there were.
+    }
+
+    fn flush(&mut self) {
+        if let Some(output) = &mut self.output
+            && let Err(error) = output.flush()
+        {
+            output.buffer.clear();
+            self.broken.get_or_insert_with(|| Failure::writing(error));
+        }
+    }
+
+    fn is_closed(&self) -> bool {
+        self.broken.is_some()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_attitude_is_a_quaternion_of_length_one() {
+        assert_eq!(attitude("1,0,0,0"), Ok(UnitQuaternion::identity()));
+        assert!((attitude("-0.7071, 0, 0.7071, 0").unwrap().norm() - 1.0).abs() < 1e-15);
+        for (wrong, got) in
+            [("1,1,0,0", "length 1.414"), ("0,0,0,0", "length 0"), ("1,0,0", "four"), ("1,0,0,0,x", "four")]
+        {
+            assert!(attitude(wrong).unwrap_err().contains(got), "{wrong}");
+        }
+    }
+}
