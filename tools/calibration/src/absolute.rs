@@ -8,13 +8,13 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use geu_model::sensor::SensorNumbers;
+use geu_model::sensor::{Fss, SensorNumbers};
 use geu_model::units::{ARCSEC_PER_RAD, RAD_PER_DEG};
 use geu_protocol::Gyro;
 use geu_recording::read_text;
 
 use crate::counts::{Counts, Reading};
-use crate::noise::{Disturbance, Source};
+use crate::noise::{Disturbance, ROUNDING_VARIANCE, Source, Walks};
 use crate::observe::{LeftOut, Measured, micros, outside};
 use crate::solve::Observation;
 use crate::sun::{Point, follow, step_control_arcsec};
@@ -155,8 +155,14 @@ pub struct GyroPath {
 const OVERLAY_S: f64 = 30.0;
 /// Samples of the sun sensor that this needs at least.
 const OVERLAY_LEAST: usize = 20;
-/// The sun sensor's steps meet a limit cycle of 5 s in ten phases, over and over: no more than these average.
-const PHASES: f64 = 10.0;
+/// What the sun sensor's steps leave of the mean of θ, in steps, where motion carries it over them: over a limit cycle of
+/// 4″/s and 5 s, 3.2″ in steps of 4″, the mean of the rounded sine errs by 0.2″ (rms over where its middle lies).
+const LEVEL_STEPS: f64 = 1.0 / 20.0;
+/// Scatter about the path, in steps, below which θ does not move over the steps; rounding that does scatters by 1/√12.
+const STILL_STEPS: f64 = 0.15;
+/// What the sun sensor's steps leave of the limit cycle about X, in steps: a cycle about the sun's own plane meets as many
+/// steps above as below, and their errors cancel but for a small part.
+const CYCLE_STEPS: f64 = 1.0 / 80.0;
 
 /// Lays the gyros' path through the fixes. `transfer` may be rough: what it gets wrong is bent away between fixes.
 pub fn path(measured: &Measured, sensors: &Sensors, transfer: &Transfer) -> Option<GyroPath> {
@@ -238,8 +244,9 @@ fn stations<'a>(counts: &Counts, sensors: &'a Sensors) -> Vec<Station<'a>> {
             let [theta_deg, psi_deg] = mean(&fix.slits.iter().map(|slit| slit.1).collect::<Vec<_>>());
             let point = Point { t_s, theta_rad: theta_deg * RAD_PER_DEG, psi_rad: psi_deg * RAD_PER_DEG };
             // A fix at the very ends of the recording is one of its nodes.
-            let reading =
-                counts.at(t_s.clamp(0.0, counts.end_s())).filter(|_| t_s > -0.26 && t_s < counts.end_s() + 0.26)?;
+            let reading = counts
+                .at_rest(t_s.clamp(0.0, counts.end_s()))
+                .filter(|_| t_s > -0.26 && t_s < counts.end_s() + 0.26)?;
             Some(Station { point, reading, fix })
         })
         .collect()
@@ -261,6 +268,7 @@ pub fn with_sensors(
     measured: &Measured,
     windows: &[Window],
     sensors: &Sensors,
+    walks: &[Walks; 4],
     path: &GyroPath,
 ) -> (Vec<Observation>, Vec<LeftOut>) {
     let counts = measured.counts;
@@ -292,7 +300,7 @@ pub fn with_sensors(
             continue;
         };
         let (own, mut disturbances) = measured.observe(window, &from.reading, &to.reading, &mut left_out);
-        let (rotation, of_sensors) = rotation(from, to, (roll_from, roll_to), sensors, path, &overlay, counts);
+        let (rotation, of_sensors) = rotation(from, to, (roll_from, roll_to), sensors, walks, path, &overlay, counts);
         disturbances.extend(of_sensors);
         observations.push(Observation {
             name: window.name.clone(),
@@ -362,15 +370,24 @@ impl<'a> Overlay<'a> {
         Some(read(&self.about_x_arcsec, &station.reading) + (xx * y - x * xy) / spread)
     }
 
-    /// Mean of what the sun sensor's θ is above the path's between two instants.
-    fn level_arcsec(&self, from_s: f64, to_s: f64) -> Option<f64> {
-        let (mut count, mut sum) = (0.0, 0.0);
+    /// Mean of what the sun sensor's θ is above the path's between two instants, arcsec, and its variance.
+    fn level(&self, from_s: f64, to_s: f64) -> Option<(f64, f64)> {
+        let (mut count, mut sum, mut squares) = (0.0, 0.0, 0.0);
         for (sample_s, angles) in self.samples(from_s, to_s) {
             let Some(reading) = self.counts.at(sample_s) else { continue };
-            sum += angles[0] - interpolate(&self.path.points, &reading).theta_rad * ARCSEC_PER_RAD;
+            let above = angles[0] - interpolate(&self.path.points, &reading).theta_rad * ARCSEC_PER_RAD;
             count += 1.0;
+            sum += above;
+            squares += above * above;
         }
-        (count >= OVERLAY_LEAST as f64).then(|| sum / count)
+        if count < OVERLAY_LEAST as f64 {
+            return None;
+        }
+        let mean = sum / count;
+        let Fss { step_arcsec, noise_arcsec } = self.sensors.numbers.fss;
+        let is_still = squares / count - mean * mean < (STILL_STEPS * step_arcsec).powi(2);
+        let steps = if is_still { 1.0 / 12.0 } else { LEVEL_STEPS * LEVEL_STEPS };
+        Some((mean, steps * step_arcsec * step_arcsec + noise_arcsec * noise_arcsec / count))
     }
 }
 
@@ -384,6 +401,7 @@ fn rotation(
     to: &Station,
     roll_arcsec: (f64, f64),
     sensors: &Sensors,
+    walks: &[Walks; 4],
     path: &GyroPath,
     overlay: &Overlay,
     counts: &Counts,
@@ -426,17 +444,21 @@ fn rotation(
     };
     let ((path_start, start), (path_end, end)) = (point(from, ends[0].1), point(to, ends[1].1));
     // The level of θ: what slits share does not cancel in cos θ; the sun sensor tells it, as well as its steps allow.
-    let phases_variance =
-        (sensors.numbers.fss.step_arcsec.powi(2) / 12.0 + sensors.numbers.fss.noise_arcsec.powi(2)) / PHASES;
-    let slit_count = ends.iter().map(|_| from.fix.slits.len().max(1) as f64).sum::<f64>() / 2.0;
-    let fix_variance = sensors.numbers.sse.slit_arcsec.powi(2) / slit_count + (ends[0].0 + ends[1].0) / 4.0;
-    let seen = overlay.level_arcsec(start.t_s, end.t_s);
-    let (level_arcsec, level_variance) = match seen {
-        Some(level_arcsec) => {
+    let slit_count = from.fix.slits.len().max(1) as f64;
+    // Between the fixes the path follows GYRY, whose walks bend it: the mean of a walk's bridge, and of its integral's.
+    let (walk, length_s) = (&walks[Gyro::Y as usize], end.t_s - start.t_s);
+    let bridge_variance = walk.angle_arcsec_per_sqrt_s.powi(2) * length_s / 12.0
+        + walk.drift_arcsec_per_s_per_sqrt_s.powi(2) * length_s.powi(3) / 120.0;
+    let fix_variance =
+        sensors.numbers.sse.slit_arcsec.powi(2) / slit_count + (ends[0].0 + ends[1].0) / 4.0 + bridge_variance;
+    let cycle_variance = (sensors.numbers.fss.step_arcsec * CYCLE_STEPS).powi(2)
+        + sensors.numbers.fss.noise_arcsec.powi(2) / (4.0 * OVERLAY_S);
+    let (level_arcsec, level_variance) = match overlay.level(start.t_s, end.t_s) {
+        Some((level_arcsec, seen_variance)) => {
             let bend = ((start.theta_rad - path_start.theta_rad) + (end.theta_rad - path_end.theta_rad)) / 2.0
                 * ARCSEC_PER_RAD;
-            let total = fix_variance + phases_variance;
-            ((level_arcsec - bend) * fix_variance / total, fix_variance * phases_variance / total)
+            let total = fix_variance + seen_variance;
+            ((level_arcsec - bend) * fix_variance / total, fix_variance * seen_variance / total)
         }
         None => (0.0, fix_variance),
     };
@@ -470,7 +492,7 @@ fn rotation(
         }
         before = Some(point);
     }
-    (rotation, disturbances(from, to, &ends, star_variance, (per_level, level_variance), phases_variance))
+    (rotation, disturbances(from, to, &ends, star_variance, (per_level, level_variance), cycle_variance))
 }
 
 /// What the fixes, the level of θ and the rebuilt limit cycle leave uncertain.
@@ -480,7 +502,7 @@ fn disturbances(
     ends: &[(f64, [f64; 2]); 2],
     star_variance: f64,
     (per_level, level_variance): ([f64; 2], f64),
-    phases_variance: f64,
+    cycle_variance: f64,
 ) -> Vec<Disturbance> {
     let mut all = Vec::new();
     for (station, sign, variance) in [(from, -1.0, ends[0].0), (to, 1.0, ends[1].0 + star_variance)] {
@@ -497,15 +519,18 @@ fn disturbances(
         // ψ turns about the sun vector, θ about Y; the limit cycle about X comes from the sun sensor's steps.
         push(2, variance, [cos, 0.0, sin]);
         push(1, variance, [0.0, 1.0, 0.0]);
-        push(0, phases_variance, [1.0, 0.0, 0.0]);
-        // The gyros' own rounding at the fix is in the rebuilt limit cycle as it is in the counts, and cancels there.
-        for (index, weight) in station.reading.weights.iter().enumerate().filter(|(_, weight)| **weight != 0.0) {
-            all.push(Disturbance {
-                source: Source::Rounding { gyro: Gyro::X as usize, node: station.reading.first + index },
-                variance: crate::noise::ROUNDING_VARIANCE,
-                counts: [0.0; 4],
-                rotation_control_arcsec: [sign * weight, 0.0, 0.0],
-            });
+        push(0, cycle_variance, [1.0, 0.0, 0.0]);
+        // The gyros' own rounding at the fix is in the rebuilt limit cycle: that of X, which is in its counts as well and
+        // cancels there, and that of Z by cot θ.
+        for (gyro, per_count) in [(Gyro::X, 1.0), (Gyro::Za, -cos / sin)] {
+            for (index, weight) in station.reading.weights.iter().enumerate().filter(|(_, weight)| **weight != 0.0) {
+                all.push(Disturbance {
+                    source: Source::Rounding { gyro: gyro as usize, node: station.reading.first + index },
+                    variance: ROUNDING_VARIANCE,
+                    counts: [0.0; 4],
+                    rotation_control_arcsec: [sign * weight * per_count, 0.0, 0.0],
+                });
+            }
         }
     }
     all.push(Disturbance {

@@ -122,7 +122,7 @@ pub fn calibrate(
                 let of_path = EffectCounts::of(configuration, counts, || steps_of_path(&path));
                 let measured = Measured { counts, effects: of_path.as_ref() };
                 let windows = chosen(&measured, windows, &transfer, attitude)?;
-                let (observations, left_out) = absolute::with_sensors(&measured, &windows, sensors, &path);
+                let (observations, left_out) = absolute::with_sensors(&measured, &windows, sensors, &walks, &path);
                 let found = finish(observations, left_out, &walks, &calibrations, [f64::NAN; 3])?;
                 if pass == PASSES {
                     return Ok(found);
