@@ -8,6 +8,7 @@ use std::f64::consts::TAU;
 use std::sync::Arc;
 
 use geu_model::attitude::{Manoeuvre, Plan, Recorded, Row};
+use geu_model::effect::Configured;
 use geu_model::package::{Axes, Calibration};
 use geu_model::sensor::{StarSensor, SunSensor};
 use geu_model::units::{HALF_SECOND_S, PPM};
@@ -44,6 +45,21 @@ pub struct Precautions {
 impl Precautions {
     /// All of them.
     pub const ALL: Precautions = Precautions { stabilisation: true, pre_slew: true, sun_slews: true };
+
+    /// All that do anything for a unit: one without pivots and without thermal misalignment has nothing that an orbit's
+    /// scan would bring to rest, and is flown in four hours in place of fourteen.
+    pub fn needed_by(unit: &Configuration) -> Precautions {
+        let (unit, gyros) = (&unit.unit, &unit.gyros);
+        let is_thermal = has(unit, |effects| effects.misalignment_thermal.arcsec_per_deg);
+        let has_pivots =
+            gyros.iter().any(|gyro| has(&gyro.effects, |effects| effects.pivot_clearance.clearance_arcsec));
+        Precautions { stabilisation: is_thermal || has_pivots, ..Precautions::ALL }
+    }
+}
+
+/// Whether an amplitude is there; courses count as all of them.
+fn has<E>(effects: &Configured<E>, amplitude: impl Fn(&E) -> f64) -> bool {
+    amplitude(&effects.constant) != 0.0 || !effects.courses.is_empty()
 }
 
 /// A slew about Y that is shorter than this serves the pivots, not the attitude.
@@ -259,7 +275,7 @@ pub fn campaign(unit: &Configuration, seed: u64, runs: usize, by: By, done: impl
     let all: Vec<One> = (0..runs)
         .into_par_iter()
         .map(|run| {
-            let configuration = sequence(&drawn(unit, seed, run), Precautions::ALL);
+            let configuration = sequence(&drawn(unit, seed, run), Precautions::needed_by(unit));
             let truth = values(&true_calibrations(&configuration));
             let calibrated = fly(&configuration).calibrate(&believed_before(&configuration), by);
             done();

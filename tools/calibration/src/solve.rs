@@ -276,17 +276,16 @@ impl<'a> Equations<'a> {
                 words.push(format!("{}: no manoeuvre has counts of it that can be trusted", gyro.name()));
                 continue;
             }
-            // In units of what is known before launch and of the noise, so that a singular value below 1 is ignorance.
-            let scaled = DMatrix::from_fn(own.len().max(PER_GYRO), PER_GYRO, |row, index| {
-                let Some(&row) = own.get(row) else { return 0.0 };
+            // In units of what is known before launch and of the noise, so that an eigenvalue below 1 is ignorance.
+            let scaled = DMatrix::from_fn(own.len(), PER_GYRO, |row, index| {
                 let size = Parameter { gyro, index }.before_launch();
+                let row = own[row];
                 self.design[(row, PER_GYRO * gyro as usize + index)] * size / self.weighing[(row, row)].sqrt()
             });
-            let svd = scaled.svd(false, true);
-            let directions = svd.v_t.unwrap_or_else(|| DMatrix::zeros(PER_GYRO, PER_GYRO));
-            for (index, &size) in svd.singular_values.iter().enumerate() {
-                if size < 1.0 {
-                    words.push(self.in_words(gyro, directions.row(index).iter().copied().collect()));
+            let directions = (scaled.transpose() * scaled).symmetric_eigen();
+            for (index, &square) in directions.eigenvalues.iter().enumerate() {
+                if square < 1.0 {
+                    words.push(self.in_words(gyro, directions.eigenvectors.column(index).iter().copied().collect()));
                 }
             }
         }
@@ -340,9 +339,10 @@ impl<'a> Equations<'a> {
         let scaled =
             DMatrix::from_fn(whitened.nrows(), UNKNOWNS, |row, column| whitened[(row, column)] / lengths[column]);
         let right = whiten(&DMatrix::from_column_slice(self.right.len(), 1, self.right.as_slice()))?;
-        let svd = scaled.svd(true, true);
-        let (greatest, least) = (svd.singular_values.max(), svd.singular_values.min());
-        let inverse = svd.pseudo_inverse(0.0).map_err(|_| not_finite())?;
+        // Singular values only as the roots of the eigenvalues: they tell the condition, QR solves.
+        let squares = (scaled.transpose() * &scaled).symmetric_eigenvalues();
+        let (q, r) = scaled.qr().unpack();
+        let inverse = r.solve_upper_triangular(&q.transpose()).ok_or_else(not_finite)?;
         let estimate = &inverse * &right;
         // What maps a row to a parameter, for the covariance with the walk since the start.
         let gain = DMatrix::from_fn(UNKNOWNS, whitened.nrows(), |row, column| inverse[(row, column)] / lengths[row])
@@ -373,7 +373,7 @@ impl<'a> Equations<'a> {
             covariance,
             chi2: whitened_left.norm_squared(),
             degrees_of_freedom: self.rows.len().saturating_sub(UNKNOWNS),
-            condition: greatest / least,
+            condition: (squares.max() / squares.min().max(f64::MIN_POSITIVE)).sqrt(),
             leverage,
             residuals: residuals.collect(),
         })
