@@ -69,7 +69,7 @@ mod tests {
 
     fn close(got: [f64; 3], expected: [f64; 3]) {
         for (got, expected) in got.into_iter().zip(expected) {
-            assert!((got - expected).abs() < 2e-9, "{got} {expected}");
+            assert!((got - expected).abs() < 2e-9 * (1.0 + expected.abs()), "{got} {expected}");
         }
     }
 
