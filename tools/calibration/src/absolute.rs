@@ -299,7 +299,9 @@ pub fn with_sensors(
             ));
             continue;
         };
-        let (own, mut disturbances) = measured.observe(window, &from.reading, &to.reading, &mut left_out);
+        let Some((own, mut disturbances)) = measured.observe(window, &from.reading, &to.reading, &mut left_out) else {
+            continue;
+        };
         let (rotation, of_sensors) = rotation(from, to, (roll_from, roll_to), sensors, walks, path, &overlay, counts);
         disturbances.extend(of_sensors);
         observations.push(Observation {
