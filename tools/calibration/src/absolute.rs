@@ -55,6 +55,15 @@ impl Sensors {
         Sensors::parse((fss, &text(fss)?), (sse, &text(sse)?), numbers)
     }
 
+    /// Reads `sse.csv` alone.
+    ///
+    /// # Errors
+    /// The first line that is no row.
+    pub fn read_fixes(sse: &str, numbers: SensorNumbers) -> Result<Sensors, WindowError> {
+        let text = read_text(Path::new(sse)).map_err(|source| WindowError::Read { name: sse.to_owned(), source })?;
+        Sensors::parse(("no sun sensor", "t_s,theta_arcsec,roll_arcsec\n"), (sse, &text), numbers)
+    }
+
     /// Reads texts, each with the name that errors call it by.
     ///
     /// # Errors

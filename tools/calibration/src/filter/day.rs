@@ -10,6 +10,7 @@ use geu_model::{Configuration, Truth, Unit};
 use geu_protocol::Gyro;
 use nalgebra::{UnitQuaternion, Vector3};
 
+use super::fix::SUN_EVERY_S;
 use super::{Estimate, FilterError, Fix, Noise, Reconstruction, attitude_of, reconstruct};
 use crate::counts::Counts;
 use crate::transfer::InUse;
@@ -57,9 +58,8 @@ impl Day {
                 * UnitQuaternion::from_scaled_axis(Vector3::new(about_x, about_y, 0.0) / ARCSEC_PER_RAD)
         };
         day.attitude.push(now(&motion));
-        // Not a multiple of the limit cycle, so that the samples meet every part of it.
-        let sun_every = 1201;
-        for index in 1..=half_seconds {
+        let mut next_sun_s = 0.0;
+        for _ in 0..half_seconds {
             let half_second = unit.end_half_second();
             let end_s = half_second.end_ns as f64 * 1e-9;
             let told = half_second.half_second;
@@ -72,10 +72,12 @@ impl Day {
             while let Some(slits) = stars.fixes_until(end_s) {
                 let t_s = slits[0].t_s;
                 if day.fixes.last().is_none_or(|last| t_s - last.t_s >= FIX_SPACING_S) {
-                    day.fixes.push(mean_of_slits(&slits, sensors.sse.star_arcsec));
+                    let seen = slits.map(|fix| ([fix.theta_deg, fix.psi_deg], fix.sigma_arcsec));
+                    day.fixes.push(Fix::star_through_slits(t_s, &seen, sensors.sse.star_arcsec));
                 }
             }
-            if let Some(seen) = sun.see(&motion).filter(|_| index % sun_every == 0) {
+            if let Some(seen) = sun.see(&motion).filter(|_| end_s >= next_sun_s) {
+                next_sun_s = end_s + SUN_EVERY_S;
                 let Fss { step_arcsec, .. } = sensors.fss;
                 day.sun.push(Fix::sun(end_s, seen.theta_arcsec, seen.roll_arcsec, step_arcsec));
             }
@@ -83,19 +85,6 @@ impl Day {
         }
         day
     }
-}
-
-/// One fix from all slits that one star crossed.
-fn mean_of_slits(slits: &[geu_model::sensor::Fix], star_arcsec: f64) -> Fix {
-    let count = slits.len() as f64;
-    let first = &slits[0];
-    let theta_deg = slits.iter().map(|fix| fix.theta_deg).sum::<f64>() / count;
-    // Departures from the first, so that 0 and 360 are neighbours.
-    let away = |psi_deg: f64| (psi_deg - first.psi_deg + 180.0).rem_euclid(360.0) - 180.0;
-    let psi_deg = first.psi_deg + slits.iter().map(|fix| away(fix.psi_deg)).sum::<f64>() / count;
-    let random = slits.iter().map(|fix| fix.sigma_arcsec.powi(2)).sum::<f64>() / (count * count);
-    // A sensor without noise is exact to a milliarcsecond.
-    Fix::star(first.t_s, theta_deg, psi_deg, (random + star_arcsec * star_arcsec).sqrt().max(1e-3))
 }
 
 /// The parameters that the six manoeuvres of the checkout find (Casteren §5): the configuration's own with the constant

@@ -4,6 +4,11 @@ use geu_model::units::{ARCSEC_PER_RAD, RAD_PER_DEG, SUN_RATE_RAD_S};
 use nalgebra::{Matrix3, Rotation3, SymmetricEigen, UnitQuaternion, Vector3};
 
 use super::covariance::turn_arcsec;
+use crate::absolute::Sensors;
+
+/// Time between the samples of the sun sensor that are used: its steps of 4″ are errors of one attitude, not noise of one
+/// sample. Not a multiple of the limit cycle's 5 s, so that every part of that is met.
+pub(super) const SUN_EVERY_S: f64 = 600.5;
 
 /// The attitude, control frame to inertial, that θ and ψ tell at `t_s` (model.md, Attitude and its kinematics). The
 /// inertial frame is the sun-referenced frame at t = 0: x to the sun, z to the north ecliptic pole.
@@ -87,6 +92,20 @@ impl Fix {
         Fix { t_s, seen: Seen::Attitude(attitude_of(theta_rad, psi_deg * RAD_PER_DEG, t_s)), sights }
     }
 
+    /// One fix of the slit star sensor from all the slits that a star crossed: θ and ψ in degrees and the random error of
+    /// each, arcsec. A star's own error, `star_arcsec`, is the same for all of them.
+    pub fn star_through_slits(t_s: f64, slits: &[([f64; 2], f64)], star_arcsec: f64) -> Fix {
+        let count = slits.len() as f64;
+        let first_psi_deg = slits.first().map_or(0.0, |slit| slit.0[1]);
+        let theta_deg = slits.iter().map(|slit| slit.0[0]).sum::<f64>() / count;
+        // Departures from the first, so that 0 and 360 are neighbours.
+        let away_deg = |psi_deg: f64| (psi_deg - first_psi_deg + 180.0).rem_euclid(360.0) - 180.0;
+        let psi_deg = first_psi_deg + slits.iter().map(|slit| away_deg(slit.0[1])).sum::<f64>() / count;
+        let random = slits.iter().map(|slit| slit.1 * slit.1).sum::<f64>() / (count * count);
+        // A sensor without noise is exact to a milliarcsecond.
+        Fix::star(t_s, theta_deg, psi_deg, (random + star_arcsec * star_arcsec).sqrt().max(1e-3))
+    }
+
     /// A sample of the Fine Sun Sensor: the sun's angle in the XZ plane and out of it. Steps of `step_arcsec` err by
     /// `step_arcsec`/√12; a turn about the sun vector is not seen.
     pub fn sun(t_s: f64, theta_arcsec: f64, roll_arcsec: f64, step_arcsec: f64) -> Fix {
@@ -102,6 +121,26 @@ impl Fix {
         };
         // About Y, and about the axis that carries the sun out of the XZ plane.
         Fix { t_s, seen, sights: vec![sight(Vector3::y()), sight(Vector3::new(sin_theta, 0.0, -cos_theta))] }
+    }
+
+    /// Every fix of the star sensor and a sample of the sun sensor each [`SUN_EVERY_S`], from files of a recording that
+    /// starts at `start_ns` of their time scale.
+    pub fn of_sensors(sensors: &Sensors, start_ns: i64) -> Vec<Fix> {
+        let seconds = |t_ns: i64| (t_ns - start_ns) as f64 * 1e-9;
+        let star = |fix: &crate::absolute::Fix| {
+            let slits: Vec<([f64; 2], f64)> = fix.slits.iter().map(|slit| (slit.1, slit.2)).collect();
+            Fix::star_through_slits(seconds(fix.t_ns), &slits, sensors.numbers.sse.star_arcsec)
+        };
+        let mut fixes: Vec<Fix> = sensors.fixes.iter().map(star).collect();
+        let mut next_s = f64::NEG_INFINITY;
+        for &(t_ns, [theta_arcsec, roll_arcsec]) in &sensors.sun {
+            let t_s = seconds(t_ns);
+            if t_s >= next_s {
+                fixes.push(Fix::sun(t_s, theta_arcsec, roll_arcsec, sensors.numbers.fss.step_arcsec));
+                next_s = t_s + SUN_EVERY_S;
+            }
+        }
+        fixes
     }
 
     /// The turn about the control axes from the attitude predicted to what was seen; what was not seen is 0.
