@@ -55,6 +55,15 @@ impl Sensors {
         Sensors::parse((fss, &text(fss)?), (sse, &text(sse)?), numbers)
     }
 
+    /// Reads `sse.csv` alone.
+    ///
+    /// # Errors
+    /// The first line that is no row.
+    pub fn read_fixes(sse: &str, numbers: SensorNumbers) -> Result<Sensors, WindowError> {
+        let text = read_text(Path::new(sse)).map_err(|source| WindowError::Read { name: sse.to_owned(), source })?;
+        Sensors::parse(("no sun sensor", "t_s,theta_arcsec,roll_arcsec\n"), (sse, &text), numbers)
+    }
+
     /// Reads texts, each with the name that errors call it by.
     ///
     /// # Errors
@@ -72,7 +81,7 @@ impl Sensors {
         let mut fixes: BTreeMap<i64, Fix> = BTreeMap::new();
         let fields = ["t_s", "theta_deg", "psi_deg", "sigma_arcsec"];
         rows(sse.0, sse.1, &fields, &["star", "slit"], |line, numbers, texts| {
-            if !(numbers[3] > 0.0) {
+            if numbers[3] <= 0.0 {
                 return Err(wrong(sse.0, line, "sigma_arcsec", "more than 0", &numbers[3].to_string()));
             }
             let t_ns = nanoseconds(numbers[0]);
@@ -302,7 +311,7 @@ pub fn with_sensors(
         let Some((own, mut disturbances)) = measured.observe(window, &from.reading, &to.reading, &mut left_out) else {
             continue;
         };
-        let (rotation, of_sensors) = rotation(from, to, (roll_from, roll_to), sensors, walks, path, &overlay, counts);
+        let (rotation, of_sensors) = rotation(from, to, (roll_from, roll_to), &overlay, walks);
         disturbances.extend(of_sensors);
         observations.push(Observation {
             name: window.name.clone(),
@@ -402,12 +411,10 @@ fn rotation(
     from: &Station,
     to: &Station,
     roll_arcsec: (f64, f64),
-    sensors: &Sensors,
-    walks: &[Walks; 4],
-    path: &GyroPath,
     overlay: &Overlay,
-    counts: &Counts,
+    walks: &[Walks; 4],
 ) -> ([f64; 3], Vec<Disturbance>) {
+    let Overlay { counts, sensors, path, .. } = overlay;
     let slits: Vec<(&[f64; 2], &[f64; 2], f64, f64)> = to
         .fix
         .slits

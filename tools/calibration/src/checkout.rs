@@ -269,10 +269,17 @@ pub fn drawn(unit: &Configuration, seed: u64, run: usize) -> Configuration {
     configuration
 }
 
+/// One run that gave a calibration.
+struct Run {
+    errors: [f64; UNKNOWNS],
+    sigmas: [f64; UNKNOWNS],
+    reduced_chi2: f64,
+    hand: Option<[f64; UNKNOWNS]>,
+}
+
 /// Flies and calibrates `runs` checkouts, on all cores; the result does not depend on how many. `done` is called after each.
 pub fn campaign(unit: &Configuration, seed: u64, runs: usize, by: By, done: impl Fn() + Sync) -> Campaign {
-    type One = Result<([f64; UNKNOWNS], [f64; UNKNOWNS], f64, Option<[f64; UNKNOWNS]>), String>;
-    let all: Vec<One> = (0..runs)
+    let all: Vec<Result<Run, String>> = (0..runs)
         .into_par_iter()
         .map(|run| {
             let configuration = sequence(&drawn(unit, seed, run), Precautions::needed_by(unit));
@@ -284,30 +291,28 @@ pub fn campaign(unit: &Configuration, seed: u64, runs: usize, by: By, done: impl
             let errors = |solved: [f64; UNKNOWNS]| std::array::from_fn(|index| solved[index] - truth[index]);
             let reduced = solution.chi2 / solution.degrees_of_freedom.max(1) as f64;
             let hand = calibrated.hand.as_ref().ok().map(|hand| errors(values(hand)));
-            Ok((errors(solution.values()), solution.sigmas(), reduced, hand))
+            Ok(Run { errors: errors(solution.values()), sigmas: solution.sigmas(), reduced_chi2: reduced, hand })
         })
         .collect();
     let failed = all.iter().enumerate().filter_map(|(run, one)| Some((run, one.as_ref().err()?.clone()))).collect();
     let good: Vec<_> = all.iter().flatten().collect();
     let count = good.len().max(1) as f64;
-    let mean = |of: &dyn Fn(&([f64; UNKNOWNS], [f64; UNKNOWNS], f64, Option<[f64; UNKNOWNS]>)) -> f64| {
-        good.iter().map(|one| of(one)).sum::<f64>() / count
-    };
+    let mean = |of: &dyn Fn(&Run) -> f64| good.iter().map(|run| of(run)).sum::<f64>() / count;
     let scatter = Parameter::all()
         .enumerate()
         .map(|(index, parameter)| Scatter {
             parameter,
-            rms_error: mean(&|one| one.0[index].powi(2)).sqrt(),
-            mean_error: mean(&|one| one.0[index]),
-            sigma: mean(&|one| one.1[index].powi(2)).sqrt(),
-            coverage: mean(&|one| f64::from(u8::from(one.0[index].abs() < one.1[index]))),
+            rms_error: mean(&|run| run.errors[index].powi(2)).sqrt(),
+            mean_error: mean(&|run| run.errors[index]),
+            sigma: mean(&|run| run.sigmas[index].powi(2)).sqrt(),
+            coverage: mean(&|run| f64::from(u8::from(run.errors[index].abs() < run.sigmas[index]))),
         })
         .collect();
     let hand_rms_error = good
         .iter()
-        .all(|one| one.3.is_some())
-        .then(|| std::array::from_fn(|index| mean(&|one| one.3.map_or(0.0, |hand| hand[index].powi(2))).sqrt()));
-    Campaign { runs: good.len(), failed, scatter, mean_reduced_chi2: mean(&|one| one.2), hand_rms_error }
+        .all(|run| run.hand.is_some())
+        .then(|| std::array::from_fn(|index| mean(&|run| run.hand.map_or(0.0, |hand| hand[index].powi(2))).sqrt()));
+    Campaign { runs: good.len(), failed, scatter, mean_reduced_chi2: mean(&|run| run.reduced_chi2), hand_rms_error }
 }
 
 /// What a set of precautions leaves.

@@ -6,6 +6,7 @@ pub mod calibrate;
 pub mod checkout;
 pub mod counts;
 pub mod effects;
+pub mod filter;
 pub mod hand;
 pub mod noise;
 pub mod observe;

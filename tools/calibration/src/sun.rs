@@ -115,7 +115,7 @@ mod tests {
         let from = Point { t_s: 0.0, theta_rad: 60.0 * RAD_PER_DEG, psi_rad: 0.0 };
         let to = Point { psi_rad: RAD_PER_DEG, ..from };
         let turned = step_control_arcsec(&from, &to);
-        close([turned[0], turned[2], turned[0] / turned[2]], [1800.0, 3117.691_453_6, 0.577_350_269]);
+        close([turned[0], turned[2], turned[0] / turned[2]], [1800.0, 3_117.691_453_6, 0.577_350_269]);
     }
 
     #[test]
