@@ -39,6 +39,12 @@ pub struct Measured<'a> {
 }
 
 impl Measured<'_> {
+    /// What each gyro counted up to a node, without the effects.
+    pub fn at_node(&self, node: usize) -> [f64; 4] {
+        let added = self.effects.map_or([0.0; 4], |effects| effects.at_node(node));
+        std::array::from_fn(|gyro| self.counts.accumulated[gyro][node] - added[gyro])
+    }
+
     /// What a gyro counted over a stretch, without the effects.
     pub fn between(&self, gyro: usize, from: &Reading, to: &Reading) -> f64 {
         let counted = self.counts.count(gyro, to) - self.counts.count(gyro, from);

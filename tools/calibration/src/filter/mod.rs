@@ -37,7 +37,6 @@
 mod covariance;
 mod day;
 mod fix;
-mod float;
 mod kalman;
 mod noise;
 mod whiteness;
@@ -56,6 +55,7 @@ use nalgebra::{Matrix3, UnitQuaternion};
 use self::covariance::THERMAL;
 use self::kalman::{Filter, mended};
 use crate::counts::Counts;
+use crate::effects::{self, Steps};
 use crate::transfer::{InUse, Transfer};
 
 /// Why nothing can be reconstructed.
@@ -190,8 +190,12 @@ pub fn reconstruct(
     at_nodes.sort_by(|a, b| a.1.t_s.total_cmp(&b.1.t_s));
     let fixes_outside = fixes.len() - at_nodes.len();
     let (mut counts, lost) = mended(counts, in_use);
-    if noise.clearance_arcsec != [0.0; 4] {
-        float::take_out(counts.to_mut(), &Transfer::new(calibrations, in_use), calibrations, &noise.clearance_arcsec);
+    if let Some(floats) =
+        effects::of_floats(calibrations, &noise.clearance_arcsec, &counts, &steps(&counts, calibrations, in_use))
+    {
+        for (sums, floats) in counts.to_mut().accumulated.iter_mut().zip(&floats) {
+            sums.iter_mut().zip(floats).for_each(|(sum, float)| *sum -= float);
+        }
     }
     let mut filter = Filter::start(&counts, lost, calibrations, (in_use, gyros), noise, &at_nodes)
         .ok_or(FilterError::NoAttitude { end_s: counts.end_s(), got: fixes.len() })?;
@@ -211,6 +215,16 @@ pub fn reconstruct(
         calibrations,
         thermal_arcsec_per_deg,
     })
+}
+
+/// The motion as the counts themselves tell it.
+fn steps(counts: &Counts, calibrations: &[Calibration; 4], in_use: InUse) -> Steps {
+    let transfer = Transfer::new(calibrations, in_use);
+    let of = |node: usize| {
+        let counted = counts.accumulated.each_ref().map(|sums| sums[node] - sums[node - 1]);
+        (transfer.about_control_arcsec(counted, 1.0), None)
+    };
+    (1..=counts.len()).map(of).collect()
 }
 
 #[cfg(test)]
