@@ -7,6 +7,9 @@ use serde_json::{Map, Value, json};
 use crate::calibrate::Calibrated;
 use crate::solve::{PER_GYRO, Parameter, UNKNOWNS, off_axes};
 
+/// Keys of the misalignments.
+const AXES: [&str; 3] = ["x", "y", "z"];
+
 /// The JSON that `geu calibrate --json` writes.
 pub fn json(calibrated: &Calibrated) -> Value {
     let Calibrated { solution, hand, observations, left_out, reference_sigma_arcsec } = calibrated;
@@ -88,7 +91,7 @@ fn gyros(calibrations: &[Calibration; 4], sigmas: Option<&[f64; UNKNOWNS]>) -> V
         }
     };
     let gyros = Gyro::ALL.into_iter().map(|gyro| {
-        let [first, second] = off_axes(gyro).map(|axis| ["x", "y", "z"][axis]);
+        let [first, second] = off_axes(gyro).map(|axis| AXES[axis]);
         let own = json!({
             "scale_factor": value(gyro, 0),
             "drift_arcsec_per_half_s": value(gyro, 1),
@@ -110,28 +113,56 @@ pub fn overrides(calibrations: &[Calibration; 4]) -> Vec<String> {
         .collect()
 }
 
-/// Reads the values and sigmas back from the JSON that [`json`] writes.
+/// No standard deviation.
+pub const NO_SIGMA: Calibration =
+    Calibration { scale_factor: 0.0, drift_arcsec_per_half_s: 0.0, x_arcsec: 0.0, y_arcsec: 0.0, z_arcsec: 0.0 };
+
+/// What is wrong in the JSON of a calibration.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{field}: expected {expected}, got {got}")]
+pub struct FieldError {
+    /// Path of the number.
+    pub field: String,
+    /// What should stand there.
+    pub expected: String,
+    /// What stands there.
+    pub got: String,
+}
+
+/// A number of the JSON at a path of keys and indices joined by dots, within its limits.
+fn number(json: &Value, field: &str, least: f64, greatest: f64, expected: &str) -> Result<f64, FieldError> {
+    let found = json.pointer(&format!("/{}", field.replace('.', "/")));
+    found.and_then(Value::as_f64).filter(|number| (least..=greatest).contains(number)).ok_or_else(|| FieldError {
+        field: field.to_owned(),
+        expected: expected.to_owned(),
+        got: found.map_or_else(|| "nothing".to_owned(), Value::to_string),
+    })
+}
+
+/// The values in the JSON that [`json`] writes and the standard deviation of each, 0 where none is told.
 ///
 /// # Errors
-/// The path of what is missing or no number.
-pub fn parse(value: &Value) -> Result<([Calibration; 4], [f64; UNKNOWNS]), String> {
-    let mut calibrations: [Calibration; 4] = Default::default();
-    let mut sigmas = [0.0; UNKNOWNS];
-    for (index, parameter) in Parameter::all().enumerate() {
-        let gyro = parameter.gyro.name();
+/// A value that is not there, or out of the limits that a configuration has.
+pub fn calibrations(json: &Value) -> Result<([Calibration; 4], [Calibration; 4]), FieldError> {
+    let (mut calibrations, mut sigmas) = ([Calibration::default(); 4], [NO_SIGMA; 4]);
+    for parameter in Parameter::all() {
+        let gyro = parameter.gyro;
         let path = match parameter.index {
-            0 | 1 => format!("/gyros/{gyro}/{}", parameter.key()),
-            _ => {
-                let axis = ["x", "y", "z"][off_axes(parameter.gyro)[parameter.index - 2]];
-                format!("/gyros/{gyro}/misalignment_arcsec/{axis}")
+            0 | 1 => format!("gyros.{}.{}", gyro.name(), parameter.key()),
+            index => {
+                format!("gyros.{}.misalignment_arcsec.{}", gyro.name(), AXES[off_axes(gyro)[index - 2]])
             }
         };
-        let number = |name: &str| {
-            let number = value.pointer(&format!("{path}/{name}")).and_then(Value::as_f64);
-            number.ok_or_else(|| format!("{path}/{name}: expected a number"))
-        };
-        *parameter.of_mut(&mut calibrations[parameter.gyro as usize]) = number("value")?;
-        sigmas[index] = number("sigma")?;
+        let limits = Calibration::NUMBERS.iter().find(|limits| limits.name == parameter.key());
+        let (least, greatest, expected) = limits.map_or((f64::MIN, f64::MAX, "a number".to_owned()), |limits| {
+            (limits.least, limits.greatest, limits.limits())
+        });
+        *parameter.of_mut(&mut calibrations[gyro as usize]) =
+            number(json, &format!("{path}.value"), least, greatest, &expected)?;
+        if json.pointer(&format!("/{}/sigma", path.replace('.', "/"))).is_some() {
+            *parameter.of_mut(&mut sigmas[gyro as usize]) =
+                number(json, &format!("{path}.sigma"), 0.0, f64::MAX, "0 or more")?;
+        }
     }
     Ok((calibrations, sigmas))
 }
