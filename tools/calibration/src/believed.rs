@@ -3,21 +3,11 @@
 
 use geu_model::Configuration;
 use geu_model::configuration::ConfigurationError;
-use geu_model::number::Numbers;
-use geu_model::package::{Axes, Calibration};
-use geu_protocol::Gyro;
+use geu_model::package::Calibration;
 use serde_json::Value;
 
-/// Noise of one gyro.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Noise {
-    /// Growth of the angle's deviation with the root of time.
-    pub angle_arcsec_per_sqrt_s: f64,
-    /// Growth of the drift rate's deviation with the root of time.
-    pub drift_arcsec_per_s_per_sqrt_s: f64,
-    /// Correlation time of the drift rate; inf is a pure walk.
-    pub correlation_time_s: f64,
-}
+use crate::noise::Walks;
+use crate::report::{self, FieldError, NO_SIGMA};
 
 /// A calibration with all that a monitor of it must know. In the order of [`Gyro::ALL`].
 #[derive(Debug, Clone, PartialEq)]
@@ -26,8 +16,8 @@ pub struct Believed {
     pub calibrations: [Calibration; 4],
     /// Standard deviation of each of them; 0 where none is told.
     pub sigmas: [Calibration; 4],
-    /// Noise of the gyros.
-    pub noises: [Noise; 4],
+    /// Random walks of the gyros.
+    pub walks: [Walks; 4],
 }
 
 /// Why a text is no calibration.
@@ -45,16 +35,12 @@ pub enum BelievedError {
         source: serde_json::Error,
     },
     /// A number is not there, or out of its limits.
-    #[error("{name}: {field}: expected {expected}, got {got}")]
+    #[error("{name}: {source}")]
     Field {
         /// The file.
         name: String,
-        /// Path of the number.
-        field: String,
-        /// What should stand there.
-        expected: String,
-        /// What stands there.
-        got: String,
+        /// Which, and what is wrong.
+        source: FieldError,
     },
     /// Overrides are paths of a configuration.
     #[error("{name}: --set: expected a configuration, got the JSON of a calibration, which has nothing to override")]
@@ -66,24 +52,13 @@ pub enum BelievedError {
 
 impl From<&Configuration> for Believed {
     fn from(configuration: &Configuration) -> Believed {
-        let gyros = &configuration.gyros;
         Believed {
-            calibrations: std::array::from_fn(|gyro| gyros[gyro].calibration),
+            calibrations: configuration.gyros.each_ref().map(|gyro| gyro.calibration),
             sigmas: [NO_SIGMA; 4],
-            noises: std::array::from_fn(|gyro| {
-                let effects = &gyros[gyro].effects.constant;
-                Noise {
-                    angle_arcsec_per_sqrt_s: effects.angle_random_walk.arcsec_per_sqrt_s,
-                    drift_arcsec_per_s_per_sqrt_s: effects.drift_random_walk.arcsec_per_s_per_sqrt_s,
-                    correlation_time_s: effects.drift_random_walk.correlation_time_s,
-                }
-            }),
+            walks: Walks::configured(configuration),
         }
     }
 }
-
-const NO_SIGMA: Calibration =
-    Calibration { scale_factor: 0.0, drift_arcsec_per_half_s: 0.0, x_arcsec: 0.0, y_arcsec: 0.0, z_arcsec: 0.0 };
 
 impl Believed {
     /// Reads a configuration or the JSON of a calibration, whichever the text is: only JSON begins with a brace. JSON tells
@@ -100,43 +75,9 @@ impl Believed {
         }
         let json: Value =
             serde_json::from_str(text).map_err(|source| BelievedError::Json { name: name.to_owned(), source })?;
-        let mut believed = Believed::from(&Configuration::reference());
-        for gyro in Gyro::ALL {
-            let (calibration, sigma) = (&mut believed.calibrations[gyro as usize], &mut believed.sigmas[gyro as usize]);
-            for (index, spec) in Calibration::default().specs().iter().enumerate() {
-                if !Axes::of(gyro).has_number(spec.name) {
-                    continue;
-                }
-                let path = format!("gyros.{}.{}", gyro.name(), path_in_json(spec.name));
-                let field = path.split('.').try_fold(&json, |node, key| node.get(key));
-                let number = |key: &str, least: f64, greatest: f64, expected: String| {
-                    let found = field.and_then(|field| field.get(key));
-                    found.and_then(Value::as_f64).filter(|number| (least..=greatest).contains(number)).ok_or_else(
-                        || BelievedError::Field {
-                            name: name.to_owned(),
-                            field: format!("{path}.{key}"),
-                            expected,
-                            got: found.map_or_else(|| "nothing".to_owned(), Value::to_string),
-                        },
-                    )
-                };
-                *calibration.value_mut(index) = number("value", spec.least, spec.greatest, spec.limits())?;
-                if field.is_some_and(|field| field.get("sigma").is_some()) {
-                    *sigma.value_mut(index) = number("sigma", 0.0, f64::MAX, "0 or more".to_owned())?;
-                }
-            }
-        }
-        Ok(believed)
-    }
-}
-
-/// Where the JSON of a calibration has the number that a configuration calls so.
-fn path_in_json(name: &str) -> &str {
-    match name {
-        "x_arcsec" => "misalignment_arcsec.x",
-        "y_arcsec" => "misalignment_arcsec.y",
-        "z_arcsec" => "misalignment_arcsec.z",
-        name => name,
+        let (calibrations, sigmas) =
+            report::calibrations(&json).map_err(|source| BelievedError::Field { name: name.to_owned(), source })?;
+        Ok(Believed { calibrations, sigmas, walks: Walks::configured(&Configuration::reference()) })
     }
 }
 
@@ -166,7 +107,7 @@ mod tests {
         let expected = Calibration { scale_factor: 1.001, drift_arcsec_per_half_s: -0.1, ..NO_SIGMA };
         assert_eq!(believed.calibrations[1], Calibration { x_arcsec: 20.5, z_arcsec: 20.5, ..expected });
         assert_eq!(believed.sigmas[1], Calibration { scale_factor: 2e-6, x_arcsec: 0.5, z_arcsec: 0.5, ..NO_SIGMA });
-        assert_eq!(believed.noises[0].angle_arcsec_per_sqrt_s, 0.01);
+        assert_eq!(believed.walks[0].angle_arcsec_per_sqrt_s, 0.01);
     }
 
     #[test]

@@ -39,6 +39,8 @@ pub struct Calibrated {
     pub left_out: Vec<LeftOut>,
     /// Noise of the reference about each axis, arcsec.
     pub reference_sigma_arcsec: [f64; 3],
+    /// Unix time of the recording's start, s.
+    pub time_s: f64,
 }
 
 /// Why a recording could not be calibrated.
@@ -106,7 +108,7 @@ pub fn calibrate(
             let measured = Measured { counts, effects: effects.as_ref() };
             let windows = chosen(&measured, windows, &Transfer::new(&believed, InUse::WithZa), attitude)?;
             let (observations, left_out) = observe::with_reference(&measured, &windows, &known);
-            finish(observations, left_out, &walks, &believed, sigma_arcsec)
+            finish(counts, observations, left_out, &walks, &believed, sigma_arcsec)
         }
         Attitude::Sensors(sensors) => {
             let mut calibrations = believed;
@@ -125,7 +127,7 @@ pub fn calibrate(
                 let measured = Measured { counts, effects: of_path.as_ref() };
                 let windows = chosen(&measured, windows, &transfer, attitude)?;
                 let (observations, left_out) = absolute::with_sensors(&measured, &windows, sensors, &walks, &path);
-                let found = finish(observations, left_out, &walks, &calibrations, [f64::NAN; 3])?;
+                let found = finish(counts, observations, left_out, &walks, &calibrations, [f64::NAN; 3])?;
                 let changes = found.solution.values().into_iter().zip(solve::values(&calibrations));
                 let is_settled = changes
                     .zip(found.solution.sigmas())
@@ -141,6 +143,7 @@ pub fn calibrate(
 }
 
 fn finish(
+    counts: &Counts,
     observations: Vec<Observation>,
     left_out: Vec<LeftOut>,
     walks: &[Walks; 4],
@@ -150,7 +153,8 @@ fn finish(
     match solve::solve(&observations, walks, believed) {
         Ok(solution) => {
             let hand = hand::solve(&observations, believed);
-            Ok(Calibrated { solution, hand, observations, left_out, reference_sigma_arcsec })
+            let time_s = counts.start_ns as f64 * 1e-9;
+            Ok(Calibrated { solution, hand, observations, left_out, reference_sigma_arcsec, time_s })
         }
         Err(source) => Err(CalibrateError::Unsolvable { source, left_out }),
     }
@@ -241,51 +245,4 @@ fn steps_of_path(path: &GyroPath) -> Steps {
             (std::array::from_fn(|axis| pair[1][axis] - pair[0][axis]), Some((point.theta_rad, point.psi_rad)))
         })
         .collect()
-}
-
-/// Two calibrations of one unit compared, parameter by parameter, and combined (Casteren §5).
-#[derive(Debug, Clone, PartialEq)]
-pub struct Comparison {
-    /// χ² of each parameter's difference, one degree of freedom each, in the order of [`solve::Parameter::all`].
-    pub chi2: [f64; solve::UNKNOWNS],
-    /// χ² of all differences together, sixteen degrees of freedom.
-    pub together: f64,
-    /// The weighted mean, with its covariance.
-    pub combined: Solution,
-}
-
-/// Compares and combines two independent solutions.
-///
-/// # Errors
-/// Covariances that cannot be inverted.
-pub fn combine(first: &Solution, second: &Solution) -> Result<Comparison, Unsolvable> {
-    let singular = || Unsolvable::NotFinite("the covariances".to_owned());
-    let values = [first, second].map(|solution| nalgebra::DVector::from_column_slice(&solution.values()));
-    let difference = &values[1] - &values[0];
-    let total = &first.covariance + &second.covariance;
-    // Scaled to unit diagonal, so that relative errors of 10⁻⁶ and arcseconds do not meet in one inverse.
-    let scale: Vec<f64> = (0..solve::UNKNOWNS).map(|index| total[(index, index)].sqrt()).collect();
-    let scaled = |matrix: &nalgebra::DMatrix<f64>| {
-        nalgebra::DMatrix::from_fn(solve::UNKNOWNS, solve::UNKNOWNS, |a, b| matrix[(a, b)] / scale[a] / scale[b])
-    };
-    let root = nalgebra::Cholesky::new(scaled(&total)).ok_or_else(singular)?;
-    let unit = nalgebra::DVector::from_fn(solve::UNKNOWNS, |index, _| difference[index] / scale[index]);
-    // The mean is first + C₁(C₁ + C₂)⁻¹(second − first), its covariance C₁ − C₁(C₁ + C₂)⁻¹C₁.
-    let own = scaled(&first.covariance);
-    let step = &own * root.solve(&unit);
-    let covariance = &own - &own * root.solve(&own);
-    let mut combined = second.clone();
-    for (index, parameter) in solve::Parameter::all().enumerate() {
-        *parameter.of_mut(&mut combined.calibrations[parameter.gyro as usize]) =
-            values[0][index] + step[index] * scale[index];
-    }
-    combined.covariance =
-        nalgebra::DMatrix::from_fn(solve::UNKNOWNS, solve::UNKNOWNS, |a, b| covariance[(a, b)] * scale[a] * scale[b]);
-    let together = unit.dot(&root.solve(&unit));
-    combined.chi2 = first.chi2 + second.chi2 + together;
-    combined.degrees_of_freedom = first.degrees_of_freedom + second.degrees_of_freedom + solve::UNKNOWNS;
-    combined.residuals = Vec::new();
-    combined.leverage = Vec::new();
-    let chi2 = std::array::from_fn(|index| unit[index] * unit[index]);
-    Ok(Comparison { chi2, together, combined })
 }

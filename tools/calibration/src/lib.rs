@@ -4,6 +4,7 @@ pub mod absolute;
 pub mod believed;
 pub mod calibrate;
 pub mod checkout;
+pub mod compare;
 pub mod counts;
 pub mod effects;
 pub mod filter;
@@ -19,7 +20,8 @@ pub mod transfer;
 pub mod window;
 
 pub use believed::{Believed, BelievedError};
-pub use calibrate::{Attitude, CalibrateError, Calibrated, Comparison, calibrate, combine};
+pub use calibrate::{Attitude, CalibrateError, Calibrated, calibrate};
+pub use compare::{Comparison, Earlier, combine, compare};
 pub use counts::{Break, BreakKind, Counts, CountsReader, Reading};
 pub use track::{Choice, Event, Track, Tracker};
 pub use transfer::{InUse, Transfer};

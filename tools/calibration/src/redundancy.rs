@@ -13,7 +13,8 @@ use geu_model::package::Calibration;
 use geu_model::units::{ARCSEC_PER_RAD, HALF_SECOND_S};
 use geu_protocol::Gyro;
 
-use crate::believed::{Believed, Noise};
+use crate::believed::Believed;
+use crate::noise::{ROUNDING_VARIANCE, Walks};
 use crate::transfer::{InUse, Transfer};
 
 /// Length of the short test, s.
@@ -26,8 +27,6 @@ const WINDOW: usize = (WINDOW_S / HALF_SECOND_S) as usize;
 pub const THRESHOLD_SIGMA: f64 = 5.0;
 /// Sigmas below which an alarm ends: the rounding at the ends must not tell the same alarm again and again.
 pub const RECOVERY_SIGMA: f64 = 3.0;
-/// Variance of the rounding at one end of a sum of counts.
-const ROUNDING: f64 = 1.0 / 12.0;
 const PAIR: [Gyro; 2] = [Gyro::Za, Gyro::Zb];
 
 /// A difference and its standard deviation.
@@ -64,53 +63,13 @@ impl std::fmt::Display for Test {
     }
 }
 
-/// Variances of the random walk of one gyro's drift and of the angle it makes, as the model draws them.
-#[derive(Debug, Clone, Copy, Default)]
-struct Walk {
-    decay: f64,
-    /// Variance that the rate gains in a half second.
-    gain: f64,
-    rate: f64,
-    rate_and_angle: f64,
-    angle: f64,
-    /// Angle now of a rate of 1 at the start, s.
-    angle_of_rate_s: f64,
-    /// What is left of it.
-    rate_left: f64,
-}
-
-impl Walk {
-    fn new(noise: &Noise) -> Walk {
-        let tau_s = noise.correlation_time_s;
-        let (decay, variance_s) = if tau_s.is_finite() {
-            let decay = libm::exp(-HALF_SECOND_S / tau_s);
-            (decay, tau_s * (1.0 - decay * decay) / 2.0)
-        } else {
-            (1.0, HALF_SECOND_S)
-        };
-        let gain = noise.drift_arcsec_per_s_per_sqrt_s.powi(2) * variance_s;
-        Walk { decay, gain, rate_left: 1.0, ..Walk::default() }
-    }
-
-    /// One half second: the angle gains T·(rate(1 + decay)/2 + σ(z₁/2 + z₂/√12)), the rate becomes rate·decay + σz₁.
-    fn step(&mut self) {
-        let Walk { decay, gain, rate, rate_and_angle, .. } = *self;
-        let lever_s = HALF_SECOND_S * (1.0 + decay) / 2.0;
-        self.angle += 2.0 * lever_s * rate_and_angle + lever_s * lever_s * rate + gain * HALF_SECOND_S.powi(2) / 3.0;
-        self.rate_and_angle = decay * (rate_and_angle + lever_s * rate) + gain * HALF_SECOND_S / 2.0;
-        self.rate = decay * decay * rate + gain;
-        self.angle_of_rate_s += lever_s * self.rate_left;
-        self.rate_left *= decay;
-    }
-}
-
 /// Sums since the start.
 #[derive(Debug, Clone, Copy, Default)]
 struct Sums {
     half_seconds: f64,
     counts: [f64; 4],
-    /// Variance of the drift rate of each of the pair.
-    rate: [f64; 2],
+    /// Time, with what was skipped.
+    elapsed_s: f64,
 }
 
 /// Follows the difference of the redundant pair through half seconds.
@@ -119,10 +78,7 @@ pub struct Redundancy {
     transfer: Transfer,
     calibrations: [Calibration; 4],
     sigmas: [Calibration; 4],
-    noises: [Noise; 4],
-    /// From the start, and from any rate over a window.
-    walks: [Walk; 2],
-    window_walks: [Walk; 2],
+    walks: [Walks; 4],
     now: Sums,
     /// The sums at the ends of half seconds without a break, oldest first, a window's worth at most.
     history: VecDeque<Sums>,
@@ -147,18 +103,11 @@ pub struct Checked {
 impl Redundancy {
     /// A monitor at the start: the drifts are those believed.
     pub fn new(believed: &Believed) -> Redundancy {
-        let walks = PAIR.map(|gyro| Walk::new(&believed.noises[gyro as usize]));
-        let mut window_walks = walks;
-        for walk in &mut window_walks {
-            (0..WINDOW).for_each(|_| walk.step());
-        }
         Redundancy {
             transfer: Transfer::new(&believed.calibrations, InUse::WithZa),
             calibrations: believed.calibrations,
             sigmas: believed.sigmas,
-            noises: believed.noises,
-            walks,
-            window_walks,
+            walks: believed.walks,
             now: Sums::default(),
             history: VecDeque::with_capacity(WINDOW + 1),
             stretches: 0.0,
@@ -169,31 +118,25 @@ impl Redundancy {
     /// Some half seconds are not there. Drifts walk on meanwhile.
     pub fn skip(&mut self, half_seconds: u64) {
         self.history.clear();
-        for walk in &mut self.walks {
-            (0..half_seconds).for_each(|_| walk.step());
-        }
+        self.now.elapsed_s += half_seconds as f64 * HALF_SECOND_S;
     }
 
     /// Takes the counts of the half second that follows.
     pub fn take(&mut self, counts: [f64; 4]) -> Checked {
         if self.history.is_empty() {
             self.stretches += 1.0;
-            self.history.push_back(self.sums());
+            self.history.push_back(self.now);
         }
         self.now.half_seconds += 1.0;
+        self.now.elapsed_s += HALF_SECOND_S;
         for (sum, count) in self.now.counts.iter_mut().zip(counts) {
             *sum += count;
         }
-        self.walks.iter_mut().for_each(Walk::step);
-        self.history.push_back(self.sums());
-        let accumulated = self.difference(&Sums::default(), self.stretches, self.walks.map(|walk| walk.angle));
+        self.history.push_back(self.now);
+        let accumulated = self.difference(&Sums::default(), self.stretches);
         let window = (self.history.len() > WINDOW).then(|| {
             let from = self.history.pop_front().unwrap_or_default();
-            let walked = std::array::from_fn(|index| {
-                let walk = &self.window_walks[index];
-                walk.angle + walk.angle_of_rate_s.powi(2) * from.rate[index]
-            });
-            self.difference(&from, 1.0, walked)
+            self.difference(&from, 1.0)
         });
         let mut changed = [None; 2];
         for (index, difference) in [window, Some(accumulated)].into_iter().enumerate() {
@@ -206,21 +149,19 @@ impl Redundancy {
         Checked { accumulated, window, changed, is_alarmed: self.is_alarmed }
     }
 
-    fn sums(&self) -> Sums {
-        Sums { rate: self.walks.map(|walk| walk.rate), ..self.now }
-    }
-
-    /// The difference since `from`, over so many stretches; `walked` is the variance of the drifts' walks, arcsec².
-    fn difference(&self, from: &Sums, stretches: f64, walked: [f64; 2]) -> Difference {
+    /// The difference since `from`, over so many stretches.
+    fn difference(&self, from: &Sums, stretches: f64) -> Difference {
         let counts: [f64; 4] = std::array::from_fn(|gyro| self.now.counts[gyro] - from.counts[gyro]);
         let half_seconds = self.now.half_seconds - from.half_seconds;
         let [x_arcsec, y_arcsec, _] = self.transfer.about_control_arcsec(counts, half_seconds);
-        let mut variance = walked.iter().sum::<f64>();
+        let stretch_s = (from.elapsed_s, self.now.elapsed_s);
+        let mut variance = 0.0;
         // GYRX and GYRY come in through misalignments alone: what they do not know is a ten thousandth here.
         for gyro in PAIR.map(|gyro| gyro as usize) {
-            let sigma = &self.sigmas[gyro];
-            variance += 2.0 * stretches * ROUNDING * self.calibrations[gyro].scale_factor.powi(2)
-                + self.noises[gyro].angle_arcsec_per_sqrt_s.powi(2) * half_seconds * HALF_SECOND_S
+            let (sigma, walks) = (&self.sigmas[gyro], &self.walks[gyro]);
+            variance += 2.0 * stretches * ROUNDING_VARIANCE * self.calibrations[gyro].scale_factor.powi(2)
+                + walks.angle_arcsec_per_sqrt_s.powi(2) * half_seconds * HALF_SECOND_S
+                + walks.drift_covariance(stretch_s, stretch_s)
                 + (sigma.drift_arcsec_per_half_s * half_seconds).powi(2)
                 + (sigma.scale_factor * counts[gyro]).powi(2)
                 + (sigma.x_arcsec * x_arcsec / ARCSEC_PER_RAD).powi(2)
@@ -274,21 +215,6 @@ mod tests {
             // χ² of so many: its standard deviation is the root of twice the count.
             assert!((chi2 - count).abs() < 4.0 * (2.0 * count).sqrt(), "{chi2} of {count}");
         }
-    }
-
-    #[test]
-    fn a_pure_walk_has_the_textbook_variances() {
-        let noise = Noise {
-            angle_arcsec_per_sqrt_s: 0.0,
-            drift_arcsec_per_s_per_sqrt_s: 0.1,
-            correlation_time_s: f64::INFINITY,
-        };
-        let mut walk = Walk::new(&noise);
-        (0..200).for_each(|_| walk.step());
-        // σ²T, σ²T³/3 and T at T = 100 s.
-        assert!((walk.rate - 1.0).abs() < 1e-9, "{}", walk.rate);
-        assert!((walk.angle / (0.01 * 1e6 / 3.0) - 1.0).abs() < 1e-9, "{}", walk.angle);
-        assert!((walk.angle_of_rate_s - 100.0).abs() < 1e-9);
     }
 
     #[test]

@@ -5,12 +5,15 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use geu_calibration::absolute::Sensors;
-use geu_calibration::solve::{Parameter, values};
+use geu_calibration::solve::{Parameter, Solution, values};
 use geu_calibration::{Attitude, Calibrated, Counts, CountsReader, calibrate, report, window};
 use geu_model::Configuration;
+use geu_model::units::HALF_SECOND_S;
 use geu_protocol::{CanPlan, Gyro};
 use geu_recording::{InputReader, Options, Reference, Stop};
 
+use crate::calibrate_compare;
+use crate::calibrate_page::Page;
 use crate::failure::{Failure, note, say};
 use crate::settings::Settings;
 
@@ -53,9 +56,15 @@ pub struct Arguments {
     /// Write the result as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-    /// Write the configuration with the solved values, comments kept
+    /// Write the configuration with the solved values, comments kept; with --compare the merged ones, if all are compatible
     #[arg(long, value_name = "CONFIG")]
     out: Option<PathBuf>,
+    /// Write the result as a page with plots, which needs no other file
+    #[arg(long, value_name = "FILE")]
+    html: Option<PathBuf>,
+    /// Earlier calibrations of this unit, as `--json` wrote them from other recordings: compare, and merge if compatible
+    #[arg(long, num_args = 1.., value_name = "FILE")]
+    compare: Vec<String>,
 }
 
 fn sigma(text: &str) -> Result<f64, String> {
@@ -70,6 +79,7 @@ fn sigma(text: &str) -> Result<f64, String> {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let settings = Settings { config: arguments.config.clone(), overrides: arguments.overrides.clone() };
     let configuration = settings.read()?;
+    let earlier = calibrate_compare::read(&arguments.compare)?;
     let windows = arguments.manoeuvres.as_deref().map(window::read).transpose().map_err(Failure::input)?;
     let reference = arguments.reference.as_deref().map(Reference::read).transpose().map_err(Failure::input)?;
     let sensors = match (&arguments.fss, &arguments.sse) {
@@ -97,13 +107,50 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         std::fs::write(path, text)
             .map_err(|error| Failure::failed(format!("{}: cannot be written: {error}", path.display())))
     };
+    let comparison = calibrate_compare::compare(&earlier, &calibrated)?;
     if let Some(path) = &arguments.json {
-        write(path, format!("{:#}\n", report::json(&calibrated)))?;
+        let mut json = report::json(&calibrated);
+        if let Some(comparison) = &comparison {
+            json["comparison"] = report::comparison(&earlier, comparison);
+        }
+        write(path, format!("{json:#}\n"))?;
     }
     if let Some(path) = &arguments.out {
-        write(path, with_solution(&settings, &calibrated)?)?;
+        let merged = comparison.as_ref().filter(|comparison| comparison.is_compatible());
+        let solution = merged.map_or(&calibrated.solution, |comparison| &comparison.combined);
+        write(path, with_solution(&settings, solution)?)?;
     }
-    say!("{}", table(&configuration, &calibrated))
+    if let Some(path) = &arguments.html {
+        let (name, text) = settings.text()?;
+        let page = Page {
+            believed: &configuration,
+            calibrated: &calibrated,
+            earlier: &earlier,
+            comparison: comparison.as_ref(),
+            inputs: arguments.inputs(),
+            configuration: (name, text, &settings.overrides),
+        };
+        write(path, page.html())?;
+    }
+    say!("{}", table(&configuration, &calibrated))?;
+    match &comparison {
+        Some(comparison) => say!("\n{}", calibrate_compare::table(&earlier, comparison)),
+        None => Ok(()),
+    }
+}
+
+impl Arguments {
+    /// What was read beside the configuration, and what it is.
+    fn inputs(&self) -> Vec<(&'static str, String)> {
+        let links = self.link.iter().map(|name| ("recording", name.clone()));
+        let others = [
+            ("manoeuvres", &self.manoeuvres),
+            ("reference attitude", &self.reference),
+            ("sun sensor", &self.fss),
+            ("star sensor", &self.sse),
+        ];
+        links.chain(others.into_iter().filter_map(|(what, name)| Some((what, name.clone()?)))).collect()
+    }
 }
 
 /// Reads recordings as one stream of counts.
@@ -126,11 +173,20 @@ pub fn read_counts(names: &[String], plan: Option<CanPlan>, clock_start_ns: i64)
 }
 
 /// The configuration with the solved values in it.
-fn with_solution(settings: &Settings, calibrated: &Calibrated) -> Result<String, Failure> {
+fn with_solution(settings: &Settings, solution: &Solution) -> Result<String, Failure> {
     let (name, text) = settings.text()?;
     let mut values = settings.overrides.clone();
-    values.extend(report::overrides(&calibrated.solution.calibrations));
+    values.extend(report::overrides(&solution.calibrations));
     Configuration::edited(&name, &text, &values).map_err(Failure::input)
+}
+
+/// The factor and unit in which sigmas and changes of a parameter are told.
+pub fn fine(parameter: Parameter) -> (f64, &'static str) {
+    match parameter.index {
+        0 => (1e6, "ppm"),
+        1 => (3600.0 / HALF_SECOND_S, "arcsec/h"),
+        _ => (1.0, "arcsec"),
+    }
 }
 
 /// The result for a terminal.

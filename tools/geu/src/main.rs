@@ -5,6 +5,8 @@
 
 mod bench;
 mod calibrate;
+mod calibrate_compare;
+mod calibrate_page;
 mod checkout;
 mod config;
 mod decode;
@@ -12,6 +14,7 @@ mod describe;
 mod draw;
 mod failure;
 mod gyro_csv;
+mod page;
 mod reconstruct;
 mod rows;
 mod run;

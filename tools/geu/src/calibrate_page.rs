@@ -1,0 +1,522 @@
+//! The page of `geu calibrate --html`: what was solved, how good it is, what it rests on, how it changed.
+
+use std::f64::consts::TAU;
+use std::fmt::Write;
+
+use geu_calibration::compare::{Comparison, Earlier, LEAST_PROBABILITY, stability_per_day};
+use geu_calibration::solve::{Parameter, Solution, UNKNOWNS, values};
+use geu_calibration::{Calibrated, solve};
+use geu_model::Configuration;
+use geu_protocol::Gyro;
+
+use crate::calibrate::fine;
+use crate::page::chart::{CROSS, Chart, DIAMOND};
+use crate::page::{date, escape, html, signed, significant, table};
+
+const S_PER_DAY: f64 = 86_400.0;
+/// Beyond so many sigmas a residual is marked: among a hundred equations one is by chance once in four.
+const MARKED_SIGMA: f64 = 3.0;
+
+/// What the page tells of.
+pub struct Page<'a> {
+    /// What was believed before.
+    pub believed: &'a Configuration,
+    /// What came out.
+    pub calibrated: &'a Calibrated,
+    /// Earlier calibrations in the order of time, and how this one compares.
+    pub earlier: &'a [Earlier],
+    /// Nothing where there are none.
+    pub comparison: Option<&'a Comparison>,
+    /// What was read, what it is and its name.
+    pub inputs: Vec<(&'static str, String)>,
+    /// The configuration's name, text and overrides.
+    pub configuration: (String, String, &'a [String]),
+}
+
+impl Page<'_> {
+    /// The page.
+    pub fn html(&self) -> String {
+        let mut body = String::from("<h1>Calibration of the gyro unit</h1>\n");
+        let span = self.calibrated.observations.iter().map(|one| one.end_s).fold(0.0, f64::max);
+        let _ = writeln!(
+            body,
+            "<p class=\"soft\">Recording from {}; {} manoeuvres within {} h.</p>",
+            date(self.calibrated.time_s),
+            self.calibrated.observations.len(),
+            significant(span / 3600.0, 3)
+        );
+        body += &self.verdict();
+        body += &self.parameters();
+        body += &self.residuals();
+        body += &self.manoeuvres();
+        body += &self.ellipses();
+        body += &self.history();
+        body += &self.provenance();
+        html("Calibration of the gyro unit", &body)
+    }
+
+    fn solution(&self) -> &Solution {
+        &self.calibrated.solution
+    }
+
+    fn believed_values(&self) -> [f64; UNKNOWNS] {
+        values(&self.believed.gyros.each_ref().map(|gyro| gyro.calibration))
+    }
+
+    fn hand_values(&self) -> Option<[f64; UNKNOWNS]> {
+        self.calibrated.hand.as_ref().ok().map(values)
+    }
+
+    fn verdict(&self) -> String {
+        let solution = self.solution();
+        let (spare, probability) = (solution.degrees_of_freedom, solution.probability());
+        let (tone, words, why) = if spare == 0 {
+            ("doubt", "Solved, and not tested.", "There are just as many equations as parameters.".to_owned())
+        } else if probability < LEAST_PROBABILITY {
+            let why = "More is in these data than sixteen parameters and the configured noise: <code>geu diagnose</code> \
+                       looks for what is missing. The sigmas below hold for a complete model and are too small here.";
+            ("bad", "The sixteen parameters do not explain these data.", why.to_owned())
+        } else if probability > 1.0 - LEAST_PROBABILITY {
+            let why =
+                "The residuals are smaller than the configured noise: that is taken too large, and the sigmas with it.";
+            ("doubt", "The sixteen parameters explain these data, better than they should.", why.to_owned())
+        } else {
+            ("good", "The sixteen parameters explain these data.", String::new())
+        };
+        let mut text = format!("<div class=\"verdict {tone}\">\n<p><strong>{words}</strong> {why}</p>\n");
+        if spare > 0 {
+            let _ = writeln!(
+                text,
+                "<p>χ² is {:.1} of {spare} spare equations. Were model and noise right, chance alone would make it as large \
+                 or larger in {} of calibrations.</p>",
+                solution.chi2,
+                percent(probability)
+            );
+        }
+        let _ = writeln!(text, "<p>Condition number {:.0}.</p>", solution.condition);
+        match &self.calibrated.hand {
+            Ok(hand) => {
+                let sigmas = solution.sigmas();
+                let differences = values(hand).into_iter().zip(solution.values()).zip(sigmas);
+                let largest = differences
+                    .map(|((hand, full), sigma)| (hand - full) / sigma)
+                    .zip(Parameter::all())
+                    .max_by(|a, b| a.0.abs().total_cmp(&b.0.abs()));
+                if let Some((sigmas, parameter)) = largest {
+                    let _ = writeln!(
+                        text,
+                        "<p>The hand method, which drops products of small terms (eq 4), differs most in {}: {} σ.</p>",
+                        parameter.words(),
+                        signed(sigmas, 2)
+                    );
+                }
+            }
+            Err(why) => _ = writeln!(text, "<p>No hand method: {}.</p>", escape(why)),
+        }
+        let sigma = self.calibrated.reference_sigma_arcsec;
+        if sigma.iter().any(|sigma| *sigma > 0.0) {
+            let [x, y, z] = sigma.map(|sigma| significant(sigma, 2));
+            let _ = writeln!(text, "<p>Noise of the reference: {x}, {y}, {z} arcsec about X, Y, Z.</p>");
+        }
+        text + "</div>\n"
+    }
+
+    fn parameters(&self) -> String {
+        let solution = self.solution();
+        let (solved, sigmas) = (solution.values(), solution.sigmas());
+        let (before, hand) = (self.believed_values(), self.hand_values());
+        let rows = Parameter::all().enumerate().map(|(index, parameter)| {
+            let ((size, fine_unit), (unit, decimals)) = (fine(parameter), value_form(parameter));
+            let change = solved[index] - before[index];
+            let hand = hand.map_or_else(
+                || "–".to_owned(),
+                |hand| format!("{} σ", signed((hand[index] - solved[index]) / sigmas[index], 2)),
+            );
+            vec![
+                escape(&parameter.words()),
+                format!("{:.decimals$}", solved[index]).replace('-', "−"),
+                unit.to_owned(),
+                format!("{} {fine_unit}", significant(sigmas[index] * size, 3)),
+                format!("{} {fine_unit}", signed(change * size, 3)),
+                format!("{} σ", signed(change / sigmas[index], 2)),
+                hand,
+            ]
+        });
+        let header = ["parameter", "value", "unit", "sigma", "change", "change", "hand method"];
+        let caption = "Values, 1 sigma, change from what was believed, and what the hand method differs by";
+        format!("<h2>Parameters</h2>\n{}", table(caption, &header, rows))
+    }
+
+    fn residuals(&self) -> String {
+        let mut text = String::from(
+            "<h2>Residuals</h2>\n<p>What each equation leaves, measured less fitted: above in arcsec with the scatter that \
+             the noise lets it have, 1 sigma; below the same in sigmas, with 1 and 2 shaded. Numbers are those of the \
+             manoeuvres in the table that follows.</p>\n<div class=\"figures\">\n",
+        );
+        for gyro in Gyro::ALL {
+            text += &self.residuals_of(gyro);
+        }
+        text + "</div>\n"
+    }
+
+    fn residuals_of(&self, gyro: Gyro) -> String {
+        let (observations, name) = (&self.calibrated.observations, gyro.name());
+        let own: Vec<&solve::Residual> = self.solution().residuals.iter().filter(|one| one.gyro == gyro).collect();
+        let x = (0.4, observations.len() as f64 + 0.6);
+        let number = |one: &solve::Residual| (one.manoeuvre + 1) as f64;
+        let sigmas = |one: &solve::Residual| if one.sigma_arcsec > 0.0 { one.arcsec / one.sigma_arcsec } else { 0.0 };
+        let title = |one: &solve::Residual| {
+            format!(
+                "{} {}: {} ± {} arcsec, {} σ",
+                one.manoeuvre + 1,
+                observations[one.manoeuvre].name,
+                signed(one.arcsec, 2),
+                significant(one.sigma_arcsec, 2),
+                signed(sigmas(one), 2)
+            )
+        };
+        let every = observations.len().div_ceil(16).max(1);
+        let names = |chart: &mut Chart| {
+            for index in (1..=observations.len()).filter(|index| (index - 1) % every == 0) {
+                chart.below(index as f64, &index.to_string());
+            }
+        };
+        let most = own.iter().map(|one| one.arcsec.abs() + one.sigma_arcsec).fold(1e-9, f64::max) * 1.15;
+        let label = format!("Residuals of {name} in arcsec, manoeuvre by manoeuvre");
+        let mut above = Chart::new(&label, (420.0, 190.0), x, (-most, most), 1);
+        above.y_ticks(5);
+        above.y_name("arcsec");
+        for one in &own {
+            let at = number(one);
+            above.line("first", (at, one.arcsec - one.sigma_arcsec), (at, one.arcsec + one.sigma_arcsec));
+            above.dot("dot", (at, one.arcsec), &title(one));
+        }
+        names(&mut above);
+        let most = own.iter().map(|one| sigmas(one).abs()).fold(2.3, f64::max) * 1.12;
+        let label = format!("Residuals of {name} in sigmas, manoeuvre by manoeuvre");
+        let mut below = Chart::new(&label, (420.0, 130.0), x, (-most, most), 1);
+        for level in [2.0, 1.0] {
+            below.polygon("band", [(x.0, -level), (x.1, -level), (x.1, level), (x.0, level)]);
+        }
+        below.y_ticks(4);
+        below.y_name("σ");
+        for one in &own {
+            let (at, value) = (number(one), sigmas(one));
+            below.line("first", (at, 0.0), (at, value));
+            below.dot("dot", (at, value), &title(one));
+        }
+        names(&mut below);
+        format!("<figure>\n<figcaption><b>{name}</b></figcaption>\n{}{}</figure>\n", above.finish(), below.finish())
+    }
+
+    fn manoeuvres(&self) -> String {
+        let Calibrated { solution, observations, left_out, .. } = self.calibrated;
+        let rows = observations.iter().enumerate().map(|(index, observation)| {
+            let equations = observation.counts.iter().flatten().count();
+            let share = solution.leverage[index] / equations.max(1) as f64;
+            let mut row = vec![
+                format!("{} {}", index + 1, escape(&observation.name)),
+                format!("{:.1}", observation.start_s),
+                format!("{:.1}", observation.end_s - observation.start_s),
+                format!(
+                    "{:.2} of {equations} <span class=\"track\"><span class=\"bar\" style=\"width:{:.0}%\"></span></span>",
+                    solution.leverage[index],
+                    share.clamp(0.0, 1.0) * 100.0
+                ),
+            ];
+            row.extend(Gyro::ALL.map(|gyro| {
+                let residual = solution.residuals.iter().find(|one| one.manoeuvre == index && one.gyro == gyro);
+                residual.map_or_else(
+                    || "–".to_owned(),
+                    |one| {
+                        let sigmas = one.arcsec / one.sigma_arcsec;
+                        let arcsec = signed(one.arcsec, 2);
+                        // An equation that nothing else tests has no residual and no scatter of it.
+                        if !sigmas.is_finite() {
+                            return arcsec;
+                        }
+                        let sigmas_text = format!("({} σ)", signed(sigmas, 2));
+                        match sigmas.abs() > MARKED_SIGMA {
+                            true => format!("{arcsec} <em>{sigmas_text}</em>"),
+                            false => format!("{arcsec} {sigmas_text}"),
+                        }
+                    },
+                )
+            }));
+            row
+        });
+        let header = ["manoeuvre", "start, s", "length, s", "leverage", "GYRX", "GYRY", "GYRZA", "GYRZB"];
+        let caption = "Manoeuvres, how much of its own equations each determines, and residuals in arcsec";
+        let mut text = format!("<h2>Manoeuvres</h2>\n{}", table(caption, &header, rows));
+        let _ = writeln!(
+            text,
+            "<p class=\"soft\">A leverage near the number of equations means that nothing else tests that manoeuvre; near \
+             0, that it could be left out.</p>\n<h3>Left out</h3>"
+        );
+        if left_out.is_empty() {
+            text += "<p>Nothing: every calibration manoeuvre was used with all four gyros.</p>\n";
+        } else {
+            let rows = left_out.iter().map(|one| {
+                let gyro = one.gyro.map_or("all", Gyro::name);
+                vec![escape(&one.name), format!("{:.1}", one.start_s), gyro.to_owned(), escape(&one.why)]
+            });
+            text += &table("What was not used, and why", &["manoeuvre", "start, s", "gyro", "why"], rows);
+        }
+        text
+    }
+
+    fn ellipses(&self) -> String {
+        let covariance = &self.solution().covariance;
+        let correlation = |a: usize, b: usize| {
+            covariance[(a, b)] / (covariance[(a, a)] * covariance[(b, b)]).sqrt().max(f64::MIN_POSITIVE)
+        };
+        let mut text = String::from("<h2>Covariance</h2>\n");
+        let pairs = (0..UNKNOWNS).flat_map(|a| (a + 1..UNKNOWNS).map(move |b| (a, b)));
+        let strongest = pairs.max_by(|&(a, b), &(c, d)| correlation(a, b).abs().total_cmp(&correlation(c, d).abs()));
+        let words: Vec<String> = Parameter::all().map(Parameter::words).collect();
+        if let Some((a, b)) = strongest {
+            let _ = writeln!(
+                text,
+                "<p>Of each gyro the pair that long manoeuvres mix, scale factor and drift, and its two misalignments, as \
+                 departures from the solution: 1 sigma (39 % of chance) and 2 sigma (86 %). The strongest correlation of \
+                 all is that of {} with {}, {}.</p>",
+                words[a],
+                words[b],
+                signed(correlation(a, b), 2)
+            );
+        }
+        let _ = writeln!(
+            text,
+            "<div class=\"key\">\n<span><svg viewBox=\"-11 -7 22 14\"><path class=\"second\" d=\"{DIAMOND}\"/></svg>believed \
+             before</span>\n<span><svg viewBox=\"-11 -7 22 14\"><path class=\"third\" d=\"{CROSS}\"/></svg>hand \
+             method</span>\n<span><svg viewBox=\"-16 -7 22 14\"><path class=\"second\" d=\"{}\"/></svg>beyond the \
+             frame, in that direction</span>\n</div>\n<div class=\"figures small\">",
+            crate::page::chart::ARROW
+        );
+        for gyro in Gyro::ALL {
+            for (first, second) in [(0, 1), (2, 3)] {
+                text +=
+                    &self.ellipse([Parameter { gyro, index: first }, Parameter { gyro, index: second }], &correlation);
+            }
+        }
+        text + "</div>\n"
+    }
+
+    fn ellipse(&self, pair: [Parameter; 2], correlation: &dyn Fn(usize, usize) -> f64) -> String {
+        let [a, b] = pair.map(position);
+        let (sigmas, solved) = (self.solution().sigmas(), self.solution().values());
+        let forms = pair.map(fine);
+        let scales = [sigmas[a] * forms[0].0, sigmas[b] * forms[1].0];
+        let rho = correlation(a, b).clamp(-1.0, 1.0);
+        let across = (1.0 - rho * rho).sqrt();
+        let contour = |size: f64| {
+            (0..72).map(move |step| {
+                let (sin, cos) = (TAU * f64::from(step) / 72.0).sin_cos();
+                (size * scales[0] * cos, size * scales[1] * (rho * cos + across * sin))
+            })
+        };
+        let [x, y] = scales.map(|scale| (-2.7 * scale, 2.7 * scale));
+        let names = pair.map(|parameter| {
+            let words = parameter.words();
+            words.split_once(' ').map_or(words.clone(), |(_, what)| what.to_owned())
+        });
+        let label = format!("{} of {} against {}, 1 and 2 sigma", names[1], pair[0].gyro.name(), names[0]);
+        let mut chart = Chart::new(&label, (250.0, 235.0), x, y, 2);
+        chart.x_ticks(4);
+        chart.y_ticks(5);
+        chart.x_name(&format!("{}, {}", names[0], forms[0].1));
+        chart.y_name(&format!("{}, {}", names[1], forms[1].1));
+        chart.polygon("band", contour(1.0));
+        chart.polygon("first", contour(1.0));
+        chart.polygon("faint", contour(2.0));
+        let mut caption = format!("<b>{}</b> correlation {}", pair[0].gyro.name(), signed(rho, 2));
+        let believed = ("believed", DIAMOND, "second", "second", Some(self.believed_values()));
+        let hand = ("hand method", CROSS, "third", "thirdly", self.hand_values());
+        for (what, path, class, arrow, values) in [believed, hand] {
+            let Some(values) = values else { continue };
+            let away = [a, b].map(|index| (values[index] - solved[index]) / sigmas[index]);
+            let at = (away[0] * scales[0], away[1] * scales[1]);
+            let title = format!("{what}: {} σ, {} σ", signed(away[0], 2), signed(away[1], 2));
+            chart.mark(path, class, arrow, at, &title);
+            let _ = write!(caption, "; {title}");
+        }
+        format!("<figure>\n{}<figcaption>{caption}</figcaption>\n</figure>\n", chart.finish())
+    }
+
+    fn history(&self) -> String {
+        let mut text = String::from("<h2>History</h2>\n");
+        let Some(comparison) = self.comparison else {
+            return text + "<p>No earlier calibration was given to compare with (<code>--compare</code>).</p>\n";
+        };
+        let (tone, words) = if comparison.is_compatible() {
+            ("good", "Compatible with the earlier calibrations: the unit did not move, and all are merged.".to_owned())
+        } else {
+            (
+                "bad",
+                format!("Not compatible with the earlier calibrations, and not merged: {}.", moved_words(comparison)),
+            )
+        };
+        let _ = writeln!(
+            text,
+            "<div class=\"verdict {tone}\">\n<p><strong>{words}</strong></p>\n<p>χ² of all differences is {:.1} of {}; chance \
+             alone would make it as large or larger in {} of comparisons of a unit that stays what it is.</p>\n</div>",
+            comparison.together,
+            UNKNOWNS * comparison.pairs,
+            percent(comparison.together_probability())
+        );
+        let moved = comparison.moved();
+        let merged = comparison.combined.values();
+        let merged_sigmas = comparison.combined.sigmas();
+        let days = self.earlier.last().map_or(0.0, |last| (self.calibrated.time_s - last.time_s).abs() / S_PER_DAY);
+        let rows = Parameter::all().enumerate().map(|(index, parameter)| {
+            let ((size, unit), (_, decimals)) = (fine(parameter), value_form(parameter));
+            let probability = percent(comparison.probability(index));
+            let allowed = stability_per_day(parameter)
+                .map_or_else(|| "–".to_owned(), |rate| format!("±{} {unit}", significant(rate * days * size, 2)));
+            vec![
+                escape(&parameter.words()),
+                format!("{} {unit}", signed(comparison.change[index] * size, 3)),
+                format!("{} {unit}", significant(comparison.sigmas[index] * size, 3)),
+                signed(comparison.change[index] / comparison.sigmas[index], 2),
+                significant(comparison.chi2[index], 2),
+                if moved.contains(&parameter) { format!("<em>{probability}, moved</em>") } else { probability },
+                allowed,
+                if comparison.is_compatible() {
+                    let value = format!("{:.decimals$}", merged[index]).replace('-', "−");
+                    format!("{value} ± {} {unit}", significant(merged_sigmas[index] * size, 2))
+                } else {
+                    "–".to_owned()
+                },
+            ]
+        });
+        let chi2 = format!("χ² of {}", comparison.pairs);
+        let header = ["parameter", "change", "sigma", "change/σ", &chi2, "probability", "stability", "merged"];
+        let caption =
+            "This calibration less the mean of the earlier ones; what the paper lets a unit move since the last";
+        text += &table(caption, &header, rows);
+        let mut dates: Vec<Vec<String>> =
+            self.earlier.iter().map(|one| vec![date(one.time_s), escape(&one.name)]).collect();
+        dates.push(vec![date(self.calibrated.time_s), "this one".to_owned()]);
+        text += &table("Calibrations", &["start of the recording", "result"], dates);
+        text += "<p>Departures from this calibration, with 1 sigma. Shaded is what the paper lets a unit move: the drift \
+                 6 arcsec/h in two weeks, the scale factor 0.004 % in a month (table 1); it has no figure for \
+                 misalignments. Dashed is the mean of all where they are compatible.</p>\n<div class=\"figures small\">\n";
+        for parameter in Parameter::all() {
+            text += &self.history_of(parameter, comparison);
+        }
+        text + "</div>\n"
+    }
+
+    fn history_of(&self, parameter: Parameter, comparison: &Comparison) -> String {
+        let (index, (size, unit)) = (position(parameter), fine(parameter));
+        let solved = self.solution().values()[index];
+        let mut points: Vec<(f64, f64, f64)> = self
+            .earlier
+            .iter()
+            .map(|one| {
+                let day = (one.time_s - self.calibrated.time_s) / S_PER_DAY;
+                (day, (one.solution.values()[index] - solved) * size, one.solution.sigmas()[index] * size)
+            })
+            .collect();
+        points.push((0.0, 0.0, self.solution().sigmas()[index] * size));
+        let extent = |of: &dyn Fn(&(f64, f64, f64)) -> [f64; 2], room: f64| {
+            let ends = points.iter().flat_map(of);
+            let (least, most) = ends.fold((f64::MAX, f64::MIN), |ends, end| (ends.0.min(end), ends.1.max(end)));
+            let room = if most > least { room * (most - least) } else { 0.5 };
+            (least - room, most + room)
+        };
+        let x = extent(&|point| [point.0; 2], 0.08);
+        let y = extent(&|point| [point.1 - point.2, point.1 + point.2], 0.2);
+        let words = parameter.words();
+        let mut chart = Chart::new(&format!("{words} over time"), (250.0, 165.0), x, y, 2);
+        if let Some(rate) = stability_per_day(parameter) {
+            let (before, after) = (x.0 * rate * size, x.1 * rate * size);
+            chart.polygon("band", [(0.0, 0.0), (x.0, before), (x.0, -before)]);
+            chart.polygon("band", [(0.0, 0.0), (x.1, after), (x.1, -after)]);
+        }
+        chart.x_ticks(4);
+        chart.y_ticks(4);
+        chart.x_name("days from this one");
+        chart.y_name(unit);
+        if comparison.is_compatible() {
+            let mean = (comparison.combined.values()[index] - solved) * size;
+            chart.line("mean", (x.0, mean), (x.1, mean));
+        }
+        for &(day, value, sigma) in &points {
+            chart.line("first", (day, value - sigma), (day, value + sigma));
+            let title = format!("{} ± {} {unit}", signed(value, 3), significant(sigma, 3));
+            chart.dot("dot", (day, value), &title);
+        }
+        format!("<figure>\n<figcaption><b>{words}</b></figcaption>\n{}</figure>\n", chart.finish())
+    }
+
+    fn provenance(&self) -> String {
+        let mut text = String::from("<h2>Provenance</h2>\n<dl>\n");
+        let mut item = |name: &str, what: &str| {
+            let _ = writeln!(text, "<dt>{}</dt><dd><code>{}</code></dd>", escape(name), escape(what));
+        };
+        item("command", &command());
+        item("geu", crate::VERSION.as_str());
+        for (what, name) in &self.inputs {
+            item(what, name);
+        }
+        for one in self.earlier {
+            item("earlier calibration", &one.name);
+        }
+        let (name, configuration, overrides) = &self.configuration;
+        item("configuration", name);
+        for value in *overrides {
+            item("override", value);
+        }
+        let _ = writeln!(
+            text,
+            "</dl>\n<details>\n<summary>The configuration as it was read</summary>\n<pre>{}</pre>\n</details>",
+            escape(configuration)
+        );
+        text
+    }
+}
+
+/// What moved, in words.
+pub fn moved_words(comparison: &Comparison) -> String {
+    let moved: Vec<String> = comparison.moved().into_iter().map(Parameter::words).collect();
+    match moved.as_slice() {
+        [] => "no parameter alone, but all together".to_owned(),
+        [one] => format!("{one} moved"),
+        many => format!("{} moved", many.join(", ")),
+    }
+}
+
+/// Unit and decimals of a value.
+fn value_form(parameter: Parameter) -> (&'static str, usize) {
+    match parameter.index {
+        0 => ("", 7),
+        1 => ("arcsec/half s", 6),
+        _ => ("arcsec", 3),
+    }
+}
+
+/// Its place among the sixteen.
+fn position(parameter: Parameter) -> usize {
+    solve::PER_GYRO * parameter.gyro as usize + parameter.index
+}
+
+fn percent(probability: f64) -> String {
+    match probability * 100.0 {
+        percent if percent < 0.1 => "less than 0.1 %".to_owned(),
+        percent if percent > 99.9 => "more than 99.9 %".to_owned(),
+        percent => format!("{} %", significant(percent, 2)),
+    }
+}
+
+/// The command line, so that a shell takes it again.
+fn command() -> String {
+    let quoted = std::env::args().map(|argument| {
+        let is_plain = |character: char| character.is_ascii_alphanumeric() || "-_./=,:+@%".contains(character);
+        match !argument.is_empty() && argument.chars().all(is_plain) {
+            true => argument,
+            false => format!("'{}'", argument.replace('\'', r"'\''")),
+        }
+    });
+    quoted.collect::<Vec<_>>().join(" ")
+}

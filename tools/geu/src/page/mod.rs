@@ -1,0 +1,125 @@
+//! A page of results that stands by itself: one file, no script, nothing fetched, light or dark as the reader has it.
+//! It is well-formed XML as well, so that anything can read it.
+
+pub mod chart;
+
+const STYLE: &str = include_str!("style.css");
+
+/// The page with a title, from what stands in it.
+pub fn html(title: &str, body: &str) -> String {
+    format!(
+        r#"<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8"/>
+<meta name="viewport" content="width=device-width, initial-scale=1"/>
+<title>{title}</title>
+<style>
+{STYLE}</style>
+</head>
+<body>
+<main>
+{body}</main>
+</body>
+</html>
+"#,
+        title = escape(title)
+    )
+}
+
+/// Text as it stands between tags or in an attribute.
+pub fn escape(text: &str) -> String {
+    let mut escaped = String::with_capacity(text.len());
+    for character in text.chars() {
+        match character {
+            '&' => escaped += "&amp;",
+            '<' => escaped += "&lt;",
+            '>' => escaped += "&gt;",
+            '"' => escaped += "&quot;",
+            '\n' | '\t' => escaped.push(character),
+            // No other control character may stand in XML.
+            character if character.is_control() => escaped.push('\u{fffd}'),
+            character => escaped.push(character),
+        }
+    }
+    escaped
+}
+
+/// A table that scrolls by itself where the screen is narrow. The first cell of a row is its header.
+pub fn table(caption: &str, header: &[&str], rows: impl IntoIterator<Item = Vec<String>>) -> String {
+    let mut text = format!(
+        "<div class=\"wide\" role=\"region\" tabindex=\"0\" aria-label=\"{caption}\">\n<table>\n<caption>{caption}</caption>\n<thead><tr>",
+        caption = escape(caption)
+    );
+    for name in header {
+        text += &format!("<th scope=\"col\">{}</th>", escape(name));
+    }
+    text += "</tr></thead>\n<tbody>\n";
+    for row in rows {
+        text += "<tr>";
+        for (index, cell) in row.iter().enumerate() {
+            text += &match index {
+                0 => format!("<th scope=\"row\">{cell}</th>"),
+                _ => format!("<td>{cell}</td>"),
+            };
+        }
+        text += "</tr>\n";
+    }
+    text + "</tbody>\n</table>\n</div>\n"
+}
+
+/// A number with so many significant digits and without an exponent.
+pub fn significant(value: f64, digits: i32) -> String {
+    let decimals = if value == 0.0 { 0 } else { (digits - 1 - value.abs().log10().floor() as i32).clamp(0, 12) };
+    format!("{value:.*}", decimals as usize).replace('-', "−")
+}
+
+/// A number with its sign.
+pub fn signed(value: f64, digits: i32) -> String {
+    let text = significant(value, digits);
+    if value > 0.0 { format!("+{text}") } else { text }
+}
+
+/// A Unix time in the calendar, to the second.
+pub fn date(unix_s: f64) -> String {
+    let unix_s = unix_s.floor() as i64;
+    let (days, second) = (unix_s.div_euclid(86_400) + 719_468, unix_s.rem_euclid(86_400));
+    // Years begin in March, so that the leap day is the last.
+    let (era, day_of_era) = (days.div_euclid(146_097), days.rem_euclid(146_097));
+    let year_of_era = (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
+    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    let month_from_march = (5 * day_of_year + 2) / 153;
+    let day = day_of_year - (153 * month_from_march + 2) / 5 + 1;
+    let month = (month_from_march + 2) % 12 + 1;
+    let year = era * 400 + year_of_era + i64::from(month <= 2);
+    let (hour, minute, second) = (second / 3600, second / 60 % 60, second % 60);
+    format!("{year:04}-{month:02}-{day:02} {hour:02}:{minute:02}:{second:02} UTC")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn dates_are_those_of_date() {
+        // `date -u -d @1795230720` and so on.
+        for (unix_s, text) in [
+            (0.0, "1970-01-01 00:00:00 UTC"),
+            (951_782_399.5, "2000-02-28 23:59:59 UTC"),
+            (951_782_400.0, "2000-02-29 00:00:00 UTC"),
+            (1_795_230_720.0, "2026-11-21 03:12:00 UTC"),
+            (-1.0, "1969-12-31 23:59:59 UTC"),
+        ] {
+            assert_eq!(date(unix_s), text);
+        }
+    }
+
+    #[test]
+    fn numbers_keep_their_significant_digits() {
+        let told = [(1.2345e-5, "0.0000123"), (-0.5, "−0.500"), (1234.5, "1234"), (0.0, "0"), (99.96, "100.0")];
+        for (value, text) in told {
+            assert_eq!(significant(value, 3), text);
+        }
+        assert_eq!(signed(0.25, 2), "+0.25");
+    }
+}
