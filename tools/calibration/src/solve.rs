@@ -14,9 +14,9 @@
 //! the configured walks.
 
 use geu_model::package::{Axes, Calibration};
-use geu_model::units::{ARCSEC_PER_DEG, ARCSEC_PER_RAD};
+use geu_model::units::{ARCSEC_PER_DEG, ARCSEC_PER_RAD, HALF_SECOND_S};
 use geu_protocol::Gyro;
-use nalgebra::{Cholesky, DMatrix, DVector};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 use crate::noise::{Disturbance, Walks};
@@ -331,33 +331,18 @@ impl<'a> Equations<'a> {
     }
 
     fn solve(&self, believed: &[Calibration; 4]) -> Result<Solution, Unsolvable> {
-        let not_finite = || Unsolvable::NotFinite("the noise".to_owned());
-        let root = Cholesky::new(self.weighing.clone()).ok_or_else(not_finite)?;
-        let whiten = |matrix: &DMatrix<f64>| root.l_dirty().solve_lower_triangular(matrix).ok_or_else(not_finite);
-        let whitened = whiten(&self.design)?;
-        let lengths: Vec<f64> = whitened.column_iter().map(|column| column.norm().max(f64::MIN_POSITIVE)).collect();
-        let scaled =
-            DMatrix::from_fn(whitened.nrows(), UNKNOWNS, |row, column| whitened[(row, column)] / lengths[column]);
-        let right = whiten(&DMatrix::from_column_slice(self.right.len(), 1, self.right.as_slice()))?;
-        // Singular values only as the roots of the eigenvalues: they tell the condition, QR solves.
-        let squares = (scaled.transpose() * &scaled).symmetric_eigenvalues();
-        let (q, r) = scaled.qr().unpack();
-        let inverse = r.solve_upper_triangular(&q.transpose()).ok_or_else(not_finite)?;
-        let estimate = &inverse * &right;
-        // What maps a row to a parameter, for the covariance with the walk since the start.
-        let gain = DMatrix::from_fn(UNKNOWNS, whitened.nrows(), |row, column| inverse[(row, column)] / lengths[row])
-            * whiten(&DMatrix::identity(self.right.len(), self.right.len()))?;
+        let root = root(&self.weighing)?;
+        let Fitted { solved, gain, squares } = fit(&self.design, &self.right, &root)?;
         let covariance = &gain * &self.telling * gain.transpose();
         let mut calibrations = *believed;
         for (index, parameter) in Parameter::all().enumerate() {
-            *parameter.of_mut(&mut calibrations[parameter.gyro as usize]) = estimate[index] / lengths[index];
+            *parameter.of_mut(&mut calibrations[parameter.gyro as usize]) = solved[index];
         }
-        let solved = DVector::from_fn(UNKNOWNS, |index, _| estimate[index] / lengths[index]);
         let left = &self.design * &solved - &self.right;
         let projection = &self.design * &gain;
         let open = DMatrix::identity(left.len(), left.len()) - &projection;
         let of_left = &open * &self.weighing * open.transpose();
-        let whitened_left = root.l_dirty().solve_lower_triangular(&left).ok_or_else(not_finite)?;
+        let whitened_left = root.l_dirty().solve_lower_triangular(&left).ok_or_else(noise_not_finite)?;
         let mut leverage = vec![0.0; self.observations.len()];
         for (row, &(manoeuvre, _)) in self.rows.iter().enumerate() {
             leverage[manoeuvre] += projection[(row, row)];
@@ -380,6 +365,154 @@ impl<'a> Equations<'a> {
     }
 }
 
+fn noise_not_finite() -> Unsolvable {
+    Unsolvable::NotFinite("the noise".to_owned())
+}
+
+fn root(covariance: &DMatrix<f64>) -> Result<Cholesky<f64, Dyn>, Unsolvable> {
+    Cholesky::new(covariance.clone()).ok_or_else(noise_not_finite)
+}
+
+/// Weighted least squares.
+struct Fitted {
+    solved: DVector<f64>,
+    /// What maps a row to an unknown.
+    gain: DMatrix<f64>,
+    /// Eigenvalues of the normal matrix, columns scaled to one length: they tell the condition, QR solves.
+    squares: DVector<f64>,
+}
+
+fn fit(design: &DMatrix<f64>, right: &DVector<f64>, root: &Cholesky<f64, Dyn>) -> Result<Fitted, Unsolvable> {
+    let mut scaled = root.l_dirty().solve_lower_triangular(design).ok_or_else(noise_not_finite)?;
+    let lengths: Vec<f64> = scaled.column_iter().map(|column| column.norm().max(f64::MIN_POSITIVE)).collect();
+    for (mut column, length) in scaled.column_iter_mut().zip(&lengths) {
+        column /= *length;
+    }
+    let right = root.l_dirty().solve_lower_triangular(right).ok_or_else(noise_not_finite)?;
+    let squares = (scaled.transpose() * &scaled).symmetric_eigenvalues();
+    let (q, r) = scaled.qr().unpack();
+    let mut inverse = r.solve_upper_triangular(&q.transpose()).ok_or_else(noise_not_finite)?;
+    for (mut row, length) in inverse.row_iter_mut().zip(&lengths) {
+        row /= *length;
+    }
+    let solved = &inverse * right;
+    let gain = root.l_dirty().tr_solve_lower_triangular(&inverse.transpose()).ok_or_else(noise_not_finite)?;
+    Ok(Fitted { solved, gain: gain.transpose(), squares })
+}
+
+/// What was known of a parameter before the data: its believed value, so well.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Prior {
+    /// Which.
+    pub parameter: Parameter,
+    /// How well, 1 sigma.
+    pub sigma: f64,
+}
+
+/// Some of the parameters, from what was known and from data.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Refined {
+    /// The values; those without a prior are as believed.
+    pub calibrations: [Calibration; 4],
+    /// Covariance in the order of the priors, with the drift taken as that at the end of the last observation.
+    pub covariance: DMatrix<f64>,
+    /// χ² of the equations and of the departures from what was known.
+    pub chi2: f64,
+    /// As many as there are equations.
+    pub degrees_of_freedom: usize,
+    /// Every equation.
+    pub residuals: Vec<Residual>,
+}
+
+/// The last stretch over which a drift's walk is averaged to tell the drift at the end, s.
+const END_S: f64 = 1.0;
+
+/// Refines what is believed: the parameters of `priors` are solved for, each with what was known of it as one more equation,
+/// so that data which tell nothing change nothing; the others are held. Only gyros of which a parameter is asked take part.
+///
+/// The drift is that at the end of the observations, where the walk has taken it, since what follows starts from there;
+/// what was known of it holds for their start.
+///
+/// # Errors
+/// [`Unsolvable::NotFinite`].
+pub fn refine(
+    observations: &[Observation],
+    walks: &[Walks; 4],
+    believed: &[Calibration; 4],
+    priors: &[Prior],
+) -> Result<Refined, Unsolvable> {
+    let mut observations = observations.to_vec();
+    for (gyro, counts) in observations.iter_mut().flat_map(|observation| observation.counts.iter_mut().enumerate()) {
+        if priors.iter().all(|prior| prior.parameter.gyro as usize != gyro) {
+            *counts = None;
+        }
+    }
+    let equations = Equations::new(&observations, walks, believed)?;
+    let (rows, all) = (equations.rows.len(), equations.rows.len() + priors.len());
+    let mut design = DMatrix::zeros(all, priors.len());
+    let mut right = DVector::zeros(all);
+    right
+        .rows_mut(0, rows)
+        .copy_from(&(&equations.right - &equations.design * DVector::from(values(believed).to_vec())));
+    let mut covariance = DMatrix::zeros(all, all);
+    covariance.view_mut((0, 0), (rows, rows)).copy_from(&shared_covariance(&observations, &equations.rows, believed));
+    for (index, Prior { parameter, sigma }) in priors.iter().enumerate() {
+        let column = PER_GYRO * parameter.gyro as usize + parameter.index;
+        design.view_mut((0, index), (rows, 1)).copy_from(&equations.design.column(column));
+        design[(rows + index, index)] = 1.0;
+        covariance[(rows + index, rows + index)] = sigma * sigma;
+    }
+    let end_s = observations.iter().map(|observation| observation.end_s).fold(0.0, f64::max);
+    for (gyro, walk) in walks.iter().enumerate() {
+        // Each row's stretch, and how long a departure of the drift at the end from the walk acts on it. What was known is
+        // a stretch of nothing at the start.
+        let observed = equations.rows.iter().enumerate().filter(|(_, row)| row.1 == gyro).map(|(row, &(index, _))| {
+            let stretch = (observations[index].start_s, observations[index].end_s);
+            (row, stretch, stretch.1 - stretch.0)
+        });
+        let known = priors
+            .iter()
+            .enumerate()
+            .filter(|(_, prior)| prior.parameter.gyro as usize == gyro && prior.parameter.index == 1);
+        let own: Vec<_> = observed.chain(known.map(|(index, _)| (rows + index, (0.0, 0.0), HALF_SECOND_S))).collect();
+        let end = ((end_s - END_S).max(0.0), end_s);
+        let with_end = walk.drift_covariance(end, end) / (END_S * END_S);
+        let to_end: Vec<f64> = own.iter().map(|row| walk.drift_covariance(row.1, end) / END_S).collect();
+        for (a, &(row, stretch, length_s)) in own.iter().enumerate() {
+            for (b, &(other, other_stretch, other_length_s)) in own.iter().enumerate() {
+                covariance[(row, other)] += walk.angle_covariance(stretch, other_stretch)
+                    + walk.drift_covariance(stretch, other_stretch)
+                    - length_s * to_end[b]
+                    - other_length_s * to_end[a]
+                    + length_s * other_length_s * with_end;
+            }
+        }
+    }
+    let root = root(&covariance)?;
+    let Fitted { solved, gain, .. } = fit(&design, &right, &root)?;
+    let solved_covariance = &gain * &covariance * gain.transpose();
+    let left = &design * &solved - &right;
+    let whitened_left = root.l_dirty().solve_lower_triangular(&left).ok_or_else(noise_not_finite)?;
+    let explained = &design * &solved_covariance;
+    let residuals = equations.rows.iter().enumerate().map(|(row, &(manoeuvre, gyro))| Residual {
+        manoeuvre,
+        gyro: Gyro::ALL[gyro],
+        arcsec: left[row],
+        sigma_arcsec: (covariance[(row, row)] - explained.row(row).dot(&design.row(row))).max(0.0).sqrt(),
+    });
+    let mut calibrations = *believed;
+    for (Prior { parameter, .. }, change) in priors.iter().zip(solved.iter()) {
+        *parameter.of_mut(&mut calibrations[parameter.gyro as usize]) += change;
+    }
+    Ok(Refined {
+        calibrations,
+        covariance: solved_covariance,
+        chi2: whitened_left.norm_squared(),
+        degrees_of_freedom: rows,
+        residuals: residuals.collect(),
+    })
+}
+
 /// Covariance of the rows, with the drift walk about its mean over the manoeuvres and with it since the start.
 fn covariances(
     observations: &[Observation],
@@ -387,27 +520,7 @@ fn covariances(
     walks: &[Walks; 4],
     believed: &[Calibration; 4],
 ) -> (DMatrix<f64>, DMatrix<f64>) {
-    let matrix = misalignment_matrix(believed);
-    // What each source adds to each row.
-    let mut sources: Vec<(crate::noise::Source, f64, usize, f64)> = Vec::new();
-    for (row, &(index, gyro)) in rows.iter().enumerate() {
-        for disturbance in &observations[index].disturbances {
-            let turned: f64 = (0..3).map(|axis| matrix[(gyro, axis)] * disturbance.rotation_control_arcsec[axis]).sum();
-            let part = disturbance.counts[gyro] * believed[gyro].scale_factor - turned;
-            if part != 0.0 {
-                sources.push((disturbance.source, disturbance.variance, row, part));
-            }
-        }
-    }
-    sources.sort_by(|a, b| a.0.cmp(&b.0).then(a.2.cmp(&b.2)));
-    let mut shared = DMatrix::zeros(rows.len(), rows.len());
-    for group in sources.chunk_by(|a, b| a.0 == b.0) {
-        for &(_, variance, row, part) in group {
-            for &(_, _, other, other_part) in group {
-                shared[(row, other)] += variance * part * other_part;
-            }
-        }
-    }
+    let shared = shared_covariance(observations, rows, believed);
     let (mut weighing, mut telling) = (shared.clone(), shared);
     for (gyro, walk) in walks.iter().enumerate() {
         let own: Vec<(usize, (f64, f64))> = rows
@@ -432,6 +545,36 @@ fn covariances(
         }
     }
     (weighing, telling)
+}
+
+/// Covariance of the rows from everything but the walks.
+fn shared_covariance(
+    observations: &[Observation],
+    rows: &[(usize, usize)],
+    believed: &[Calibration; 4],
+) -> DMatrix<f64> {
+    let matrix = misalignment_matrix(believed);
+    // What each source adds to each row.
+    let mut sources: Vec<(crate::noise::Source, f64, usize, f64)> = Vec::new();
+    for (row, &(index, gyro)) in rows.iter().enumerate() {
+        for disturbance in &observations[index].disturbances {
+            let turned: f64 = (0..3).map(|axis| matrix[(gyro, axis)] * disturbance.rotation_control_arcsec[axis]).sum();
+            let part = disturbance.counts[gyro] * believed[gyro].scale_factor - turned;
+            if part != 0.0 {
+                sources.push((disturbance.source, disturbance.variance, row, part));
+            }
+        }
+    }
+    sources.sort_by(|a, b| a.0.cmp(&b.0).then(a.2.cmp(&b.2)));
+    let mut shared = DMatrix::zeros(rows.len(), rows.len());
+    for group in sources.chunk_by(|a, b| a.0 == b.0) {
+        for &(_, variance, row, part) in group {
+            for &(_, _, other, other_part) in group {
+                shared[(row, other)] += variance * part * other_part;
+            }
+        }
+    }
+    shared
 }
 
 #[cfg(test)]
