@@ -223,7 +223,7 @@ fn chosen(
     Ok(chosen)
 }
 
-fn steps_of_reference(counts: &Counts, truth: &Recorded, start_ns: i64) -> Steps {
+pub(crate) fn steps_of_reference(counts: &Counts, truth: &Recorded, start_ns: i64) -> Steps {
     let offset_s = (counts.start_ns - start_ns) as f64 * 1e-9;
     let mut near = 0;
     let mut before = truth.at(counts.node_s[0] + offset_s, &mut near).0;
@@ -238,7 +238,7 @@ fn steps_of_reference(counts: &Counts, truth: &Recorded, start_ns: i64) -> Steps
         .collect()
 }
 
-fn steps_of_path(path: &GyroPath) -> Steps {
+pub(crate) fn steps_of_path(path: &GyroPath) -> Steps {
     let pairs = path.turned_control_arcsec.windows(2).zip(&path.points[1..]);
     pairs
         .map(|(pair, point)| {

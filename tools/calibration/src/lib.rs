@@ -17,6 +17,7 @@ pub mod solve;
 pub mod sun;
 pub mod track;
 pub mod transfer;
+pub mod upkeep;
 pub mod window;
 
 pub use believed::{Believed, BelievedError};
@@ -25,3 +26,4 @@ pub use compare::{Comparison, Earlier, combine, compare};
 pub use counts::{Break, BreakKind, Counts, CountsReader, Reading};
 pub use track::{Choice, Event, Track, Tracker};
 pub use transfer::{InUse, Transfer};
+pub use upkeep::{Known, Upkeep, UpkeepError, update};

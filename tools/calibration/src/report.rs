@@ -120,7 +120,7 @@ fn named(values: &[f64]) -> Value {
 }
 
 /// Values of each gyro in the form of cli.md, with their sigmas where there are any.
-fn gyros(calibrations: &[Calibration; 4], sigmas: Option<&[f64; UNKNOWNS]>) -> Value {
+pub(crate) fn gyros(calibrations: &[Calibration; 4], sigmas: Option<&[f64; UNKNOWNS]>) -> Value {
     let value = |gyro: Gyro, index: usize| {
         let value = Parameter { gyro, index }.of(&calibrations[gyro as usize]);
         match sigmas {
@@ -142,7 +142,13 @@ fn gyros(calibrations: &[Calibration; 4], sigmas: Option<&[f64; UNKNOWNS]>) -> V
 
 /// The solved values as `PATH = VALUE` for a configuration, to a thousandth of the best sigma that data can give.
 pub fn overrides(calibrations: &[Calibration; 4]) -> Vec<String> {
-    Parameter::all()
+    overrides_of(Parameter::all(), calibrations)
+}
+
+/// As [`overrides`], of some of the parameters.
+pub fn overrides_of(parameters: impl IntoIterator<Item = Parameter>, calibrations: &[Calibration; 4]) -> Vec<String> {
+    parameters
+        .into_iter()
         .map(|parameter| {
             let value = parameter.of(&calibrations[parameter.gyro as usize]);
             let digits = [11, 8, 5][parameter.index.min(2)];

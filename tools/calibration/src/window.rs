@@ -1,5 +1,6 @@
 //! Which stretches of a recording are evaluated: the manoeuvres of a list, or everything, cut where the unit rests.
 
+use geu_model::units::HALF_SECOND_S;
 use geu_recording::read_text;
 
 use crate::counts::Counts;
@@ -118,13 +119,21 @@ pub fn parse(name: &str, text: &str) -> Result<Vec<Window>, WindowError> {
 }
 
 /// Smoothed rates below this are rest: the limit cycle, of 5″/s at most and 5 s (Casteren §3.3), averages out.
-const REST_ARCSEC_S: f64 = 4.0;
+pub(crate) const REST_ARCSEC_S: f64 = 4.0;
 /// Half seconds over which rates are smoothed: one period of the limit cycle.
 const SMOOTHED: usize = 10;
 /// Stretches are cut to this length at most, so that scans without a rest still tell their drift.
-const LONGEST_HALF_SECONDS: usize = 3600;
+pub(crate) const LONGEST_HALF_SECONDS: usize = 3600;
 /// Stretches shorter than this are joined to the one before.
 const SHORTEST_HALF_SECONDS: usize = 120;
+
+/// Rate about the control axes around a node, smoothed over a period of the limit cycle, arcsec/s.
+pub(crate) fn smoothed_rate_control_arcsec_s(counts: &Counts, transfer: &Transfer, node: usize) -> [f64; 3] {
+    let (from, to) = (node.saturating_sub(SMOOTHED / 2), (node + SMOOTHED / 2).min(counts.len()));
+    let turned = std::array::from_fn(|gyro| counts.accumulated[gyro][to] - counts.accumulated[gyro][from]);
+    let half_seconds = (to - from) as f64;
+    transfer.about_control_arcsec(turned, half_seconds).map(|angle| angle / (HALF_SECOND_S * half_seconds))
+}
 
 /// Cuts a recording between two of its instants where the unit rests, as its counts tell, and once in half an hour at
 /// least.
@@ -132,10 +141,7 @@ pub fn cut_at_rests(counts: &Counts, transfer: &Transfer, from_s: f64, to_s: f64
     let first = counts.node_s.partition_point(|&node_s| node_s < from_s);
     let last = counts.node_s.partition_point(|&node_s| node_s <= to_s).saturating_sub(1);
     let is_at_rest = |node: usize| {
-        let (from, to) = (node.saturating_sub(SMOOTHED / 2), (node + SMOOTHED / 2).min(counts.len()));
-        let turned = std::array::from_fn(|gyro| counts.accumulated[gyro][to] - counts.accumulated[gyro][from]);
-        let limit = REST_ARCSEC_S * 0.5 * (to - from) as f64;
-        transfer.about_control_arcsec(turned, (to - from) as f64).iter().all(|angle| angle.abs() < limit)
+        smoothed_rate_control_arcsec_s(counts, transfer, node).iter().all(|rate| rate.abs() < REST_ARCSEC_S)
     };
     let mut cuts = vec![first];
     let mut was_at_rest = is_at_rest(first);

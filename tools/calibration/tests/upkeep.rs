@@ -1,0 +1,232 @@
+//! Upkeep of the Z gyros from ordinary recordings (Casteren §3.2, §5).
+
+use geu_calibration::checkout::{Flight, fly};
+use geu_calibration::solve::{PER_GYRO, Parameter};
+use geu_calibration::upkeep::{FORTNIGHT_S, PARAMETERS, SCALE_FACTOR_PER_FORTNIGHT, Used};
+use geu_calibration::{Attitude, Counts, Known, Upkeep, UpkeepError, update};
+use geu_model::attitude::Manoeuvre;
+use geu_model::noise::Stream;
+use geu_model::{Configuration, Unit};
+use geu_protocol::Gyro;
+use nalgebra::{DMatrix, DVector};
+
+fn manoeuvre(kind: &str, numbers: &[(&str, f64)]) -> Manoeuvre {
+    let mut manoeuvre = Manoeuvre::of_kind(kind).expect("a kind");
+    for (name, value) in numbers {
+        let own = manoeuvre.numbers_mut();
+        let index = own.specs().iter().position(|spec| spec.name == *name).expect("a number");
+        *own.value_mut(index) = *value;
+    }
+    manoeuvre
+}
+
+/// The reference unit on survey scans between two rests.
+fn surveying(scans: f64) -> Configuration {
+    let mut unit = Configuration::reference();
+    unit.scenario.manoeuvres =
+        vec![manoeuvre("pointing", &[]), manoeuvre("survey", &[("scans", scans)]), manoeuvre("pointing", &[])];
+    unit
+}
+
+fn moved(mut unit: Configuration, parameter: Parameter, by: f64) -> Configuration {
+    *parameter.of_mut(&mut unit.gyros[parameter.gyro as usize].calibration) += by;
+    unit
+}
+
+fn quiet(mut unit: Configuration) -> Configuration {
+    for gyro in &mut unit.gyros {
+        gyro.effects.constant.angle_random_walk = Default::default();
+        gyro.effects.constant.drift_random_walk = Default::default();
+    }
+    unit
+}
+
+/// The same flight before rounding.
+fn exact(unit: &Configuration, half_seconds: usize) -> Counts {
+    let mut exact = Counts::starting_at(unit.start_unix_ns);
+    let mut model = Unit::new(unit);
+    for _ in 0..half_seconds {
+        let (ended, traces) = model.end_half_second_traced();
+        exact.push(ended.end_ns as f64 * 1e-9, traces.map(|trace| trace.unquantised), 20.0);
+    }
+    exact
+}
+
+/// The four values of a unit when its drifts have walked to `t_s`.
+fn truth(unit: &Configuration, t_s: f64) -> [f64; 4] {
+    let mut still = unit.clone();
+    for gyro in &mut still.gyros {
+        gyro.effects.constant.drift_random_walk = Default::default();
+    }
+    let last = (t_s * 2.0).round() as usize;
+    let (walking, still) = (exact(unit, last), exact(&still, last));
+    PARAMETERS.map(|parameter| {
+        let gyro = parameter.gyro as usize;
+        let calibration = &unit.gyros[gyro].calibration;
+        // Drift makes counts fall; its mean over the last second.
+        let second = |counts: &Counts| counts.accumulated[gyro][last] - counts.accumulated[gyro][last - 2];
+        let walked = (second(&still) - second(&walking)) * calibration.scale_factor / 2.0;
+        parameter.of(calibration) + if parameter.index == 1 { walked } else { 0.0 }
+    })
+}
+
+fn by_reference(flight: &Flight) -> Attitude<'_> {
+    Attitude::Reference(&flight.reference, Some(0.0))
+}
+
+/// A fortnight after a checkout.
+fn fortnight() -> Known {
+    Known::by_checkout(-FORTNIGHT_S)
+}
+
+fn within(upkeep: &Upkeep, truth: [f64; 4], sigmas: f64) {
+    for (change, truth) in upkeep.changes.iter().zip(truth) {
+        let pull = (change.new - truth) / change.new_sigma;
+        assert!(pull.abs() < sigmas, "{}: {pull} sigma", change.parameter.words());
+        assert!(change.new_sigma < change.old_sigma, "{}", change.parameter.words());
+    }
+}
+
+#[test]
+fn a_day_of_survey_gives_a_moved_scale_factor_and_drift_back() {
+    let believed = surveying(170.0);
+    let unit = moved(moved(believed.clone(), PARAMETERS[0], 40e-6 * 1.0005), PARAMETERS[1], 3.0 / 7200.0);
+    let flight = fly(&unit);
+    for attitude in [by_reference(&flight), Attitude::Sensors(&flight.sensors)] {
+        for legs in [None, Some(flight.windows.as_slice())] {
+            let upkeep = update(&believed, &fortnight(), &flight.counts, legs, &attitude).expect("scans");
+            within(&upkeep, truth(&unit, upkeep.at_s), 3.0);
+            assert_eq!(upkeep.used.iter().filter(|used| used.is_scan()).count(), 170);
+            // Far better than the 20 ppm and 6 arcsec/h of the checkout, and the scale factor stands out.
+            let [scale_factor, drift, ..] = upkeep.changes;
+            assert!(scale_factor.new_sigma < 6e-6 && drift.new_sigma < 3.5 / 7200.0, "{upkeep:?}");
+            assert!(scale_factor.is_significant() && drift.is_told() && upkeep.probability() > 1e-3);
+            assert!(!upkeep.needs_checkout() && upkeep.due_in_s() > 0.5 * FORTNIGHT_S);
+            // All else stays.
+            assert_eq!(upkeep.calibrations[0], believed.gyros[0].calibration);
+            assert_eq!(upkeep.calibrations[2].x_arcsec, believed.gyros[2].calibration.x_arcsec);
+        }
+    }
+}
+
+#[test]
+fn exact_increments_give_the_four_back_whatever_was_believed() {
+    let believed = quiet(surveying(12.0));
+    let mut unit = believed.clone();
+    for (parameter, by) in PARAMETERS.into_iter().zip([40e-6, 4e-4, -300e-6, -2e-3]) {
+        unit = moved(unit, parameter, by);
+    }
+    let flight = fly(&unit);
+    let counts = exact(&unit, flight.counts.len());
+    let knowing_nothing = Known { at_s: 0.0, sigmas: std::array::from_fn(|index| [1.0, 1.0, 1e-6, 1e-6][index % 4]) };
+    let upkeep = update(&believed, &knowing_nothing, &counts, None, &by_reference(&flight)).expect("scans");
+    for (change, truth) in upkeep.changes.iter().zip(truth(&unit, 10.0)) {
+        let limit = if change.parameter.index == 0 { 1e-9 } else { 1e-6 };
+        assert!((change.new - truth).abs() < limit, "{}: {} {truth}", change.parameter.words(), change.new);
+    }
+    // 12 scans and two rests of two gyros.
+    assert_eq!(upkeep.degrees_of_freedom, 28);
+    assert!(upkeep.chi2 < 1e-3, "{}", upkeep.chi2);
+}
+
+#[test]
+fn without_a_rest_the_drift_stays_near_what_was_known_and_the_scale_factor_takes_its_doubt() {
+    let mut believed = quiet(surveying(20.0));
+    believed.scenario.manoeuvres = vec![manoeuvre("survey", &[("scans", 20.0)])];
+    let unit = moved(believed.clone(), PARAMETERS[1], 6.0 / 7200.0);
+    let flight = fly(&unit);
+    let upkeep = update(&believed, &fortnight(), &flight.counts, None, &by_reference(&flight)).expect("scans");
+    let [scale_factor, drift, ..] = upkeep.changes;
+    assert!(!drift.is_told() && drift.new_sigma <= drift.old_sigma);
+    // 6″/h of 231″/s are 7.2 ppm, by hand.
+    assert!(scale_factor.new_sigma > 7e-6 && upkeep.correlation[(0, 1)].abs() > 0.9, "{upkeep:?}");
+    within(&upkeep, truth(&unit, upkeep.at_s), 3.0);
+}
+
+#[test]
+fn a_change_beyond_stability_asks_for_a_checkout() {
+    let believed = surveying(20.0);
+    let unit = moved(believed.clone(), PARAMETERS[2], 500e-6);
+    let flight = fly(&unit);
+    let upkeep = update(&believed, &fortnight(), &flight.counts, None, &by_reference(&flight)).expect("scans");
+    assert!(upkeep.needs_checkout());
+    let beyond: Vec<bool> = upkeep.changes.iter().map(|change| change.is_beyond_stability()).collect();
+    assert_eq!(beyond, [false, false, true, false]);
+    assert_eq!(upkeep.changes[2].allowed, SCALE_FACTOR_PER_FORTNIGHT * (1.0 + upkeep.at_s / FORTNIGHT_S));
+}
+
+#[test]
+fn known_values_and_their_refinement_scatter_as_their_sigmas_say() {
+    let (mut chi2, mut inside, runs) = (0.0, 0, 40);
+    for run in 0..runs {
+        let mut random = Stream::of_sensor(run, "what was not known");
+        let believed = surveying(10.0);
+        let known = Known::by_checkout(0.0);
+        let mut unit = believed.clone();
+        unit.seed = run;
+        for (index, parameter) in Parameter::all().enumerate() {
+            let normal = random.standard_normal();
+            // X and Y gyros only place the unit; nothing is solved of them.
+            if index >= 2 * PER_GYRO {
+                unit = moved(unit, parameter, normal * known.sigmas[index]);
+            }
+        }
+        let flight = fly(&unit);
+        let attitude = if run % 2 == 0 { by_reference(&flight) } else { Attitude::Sensors(&flight.sensors) };
+        let upkeep = update(&believed, &known, &flight.counts, None, &attitude).expect("scans");
+        let sigmas = upkeep.changes.map(|change| change.new_sigma);
+        let truth = truth(&unit, upkeep.at_s);
+        let pulls = DVector::from_fn(4, |index, _| {
+            (upkeep.changes[index].new - truth[index]) / upkeep.changes[index].new_sigma
+        });
+        let correlation = DMatrix::from_fn(4, 4, |a, b| upkeep.correlation[(a, b)]);
+        chi2 += pulls.dot(&correlation.cholesky().expect("positive").solve(&pulls));
+        inside += pulls.iter().filter(|pull| pull.abs() < 1.0).count();
+        assert!(sigmas.iter().all(|sigma| sigma.is_finite() && *sigma > 0.0));
+    }
+    // 160 degrees of freedom: 160 ± 5·√320; a share of 68.3 % of 160, of which pairs are correlated: ±5·0.06.
+    assert!((chi2 - 160.0).abs() < 90.0, "{chi2}");
+    assert!((inside as f64 / 160.0 - 0.683).abs() < 0.25, "{inside}");
+    println!("χ² {chi2:.1} of 160, {inside} of 160 within a sigma");
+}
+
+#[test]
+fn nothing_suitable_is_refused_by_saying_what_was_looked_for() {
+    let mut unit = surveying(1.0);
+    unit.scenario.manoeuvres = vec![
+        manoeuvre("pointing", &[]),
+        manoeuvre("slew", &[("by_psi_deg", 120.0)]),
+        manoeuvre("y-scan", &[("to_theta_deg", 60.0)]),
+        manoeuvre("survey", &[("scans", 1.0), ("angle_deg", 5.0)]),
+    ];
+    let flight = fly(&unit);
+    let told = |legs| {
+        let error = update(&unit, &fortnight(), &flight.counts, legs, &by_reference(&flight)).expect_err("no scan");
+        assert!(matches!(error, UpkeepError::NoScan(_)));
+        error.to_string()
+    };
+    let found = told(None);
+    assert!(found.starts_with("expected survey scans: 120 s or more at a steady 60…289 arcsec/s about Z"), "{found}");
+    assert!(found.contains("turns about Z faster than 289 arcsec/s"), "{found}");
+    assert!(found.contains("shorter than 120 s"), "{found}");
+    let listed = told(Some(&flight.windows));
+    assert!(listed.contains("y-scan at 1220.0 s: neither a survey nor a rest"), "{listed}");
+    assert!(listed.contains("survey at ") && listed.contains("shorter than 120 s"), "{listed}");
+}
+
+#[test]
+fn broken_counts_cost_their_own_stretch() {
+    let unit = surveying(8.0);
+    let flight = fly(&unit);
+    let mut counts = flight.counts.clone();
+    let scan = flight.windows.iter().filter(|window| window.name == "survey").nth(3).expect("eight");
+    let node = counts.nearest((scan.start_s + scan.end_s) / 2.0).expect("inside");
+    let kind = geu_calibration::BreakKind::Saturated;
+    let gyros = Gyro::ALL.map(|gyro| gyro == Gyro::Zb);
+    counts.breaks.push(geu_calibration::Break { from: node, to: node + 1, gyros, kind });
+    let upkeep = update(&unit, &fortnight(), &counts, Some(&flight.windows), &by_reference(&flight)).expect("scans");
+    let without: Vec<&Used> = upkeep.used.iter().filter(|used| used.residuals[1].is_none()).collect();
+    assert_eq!(without.len(), 1);
+    assert!((without[0].start_s - scan.start_s).abs() < 1.0 && without[0].residuals[0].is_some());
+    assert!(upkeep.left_out.iter().any(|found| found.to_string().contains("GYRZB: the count is saturated at")));
+}
