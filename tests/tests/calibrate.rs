@@ -233,3 +233,49 @@ fn lists_and_references_that_do_not_fit_are_refused_or_left_out() {
     let missing = refused(&arguments("nowhere.log", &manoeuvres, &reference));
     assert!(missing.contains("nowhere.log"), "{missing}");
 }
+
+#[test]
+fn an_update_finds_the_survey_scans_and_rewrites_four_values() {
+    let room = tempfile::tempdir().expect("a directory");
+    let (day, out, json) = (room.path().join("day"), room.path().join("out.toml"), room.path().join("update.json"));
+    // 40 ppm more than is believed.
+    let moved = "gyro.GYRZA.calibration.scale_factor=1.00054002";
+    run(&["simulate", "--start", "1800000000", "--duration", "40000", "--set", moved, "--out", text(&day)]);
+    let [link, reference] = ["link.log", "reference.csv"].map(|name| text(&day.join(name)).to_owned());
+    let config = root().join("configs/reference.toml");
+    let update = ["calibrate", "--update", "--config", text(&config), "--link", &link, "--reference", &reference];
+    let results = ["--out", text(&out), "--json", text(&json), "--calibrated", "1798790400"];
+    let (table, said) = run(&[&update[..], &results].concat());
+    assert!(table.contains("GYRZA scale factor") && table.contains("redetermination due"), "{table}");
+    assert!(said.contains("taken as known at the calibration") && !said.contains("a fortnight older"), "{said}");
+    let ([_, _, za, zb], sigmas) = solved(&json);
+    assert!((za.scale_factor - 1.00054002).abs() < 3.0 * sigmas[8] && sigmas[8] < 6e-6, "{za:?} {sigmas:?}");
+    // Four numbers are others, and nothing else.
+    let [before, after] = [&config, &out].map(|path| fs::read_to_string(path).expect("a configuration"));
+    let changed: Vec<&str> =
+        before.lines().zip(after.lines()).filter(|(before, after)| before != after).map(|(_, after)| after).collect();
+    assert_eq!((before.lines().count(), changed.len()), (after.lines().count(), 2), "{changed:?}");
+    let [of_out, believed] = [&after, &before].map(|text| Configuration::parse("x", text, &[]).expect("valid"));
+    assert!((of_out.gyros[2].calibration.scale_factor - za.scale_factor).abs() < 1e-10);
+    assert!((of_out.gyros[3].calibration.drift_arcsec_per_half_s - zb.drift_arcsec_per_half_s).abs() < 1e-7);
+    assert_eq!(of_out.gyros[2].calibration.x_arcsec, believed.gyros[2].calibration.x_arcsec);
+    // The next update takes up where this one ended.
+    let later = ["--known", text(&json), "--calibrated", "1800000000"];
+    let (_, said) = run(&[&update[..], &later].concat());
+    assert!(!said.contains("taken as"), "{said}");
+    // A recording without a survey is refused.
+    let link = in_can("link.log");
+    let reference = in_can("reference.csv");
+    let manoeuvres = edited(&room, "manoeuvres.csv", |text| text.replace("survey", "slew"));
+    let error = refused(&[
+        "calibrate",
+        "--update",
+        "--link",
+        &link,
+        "--reference",
+        &reference,
+        "--manoeuvres",
+        text(&manoeuvres),
+    ]);
+    assert!(error.contains("expected survey scans: 120 s or more at a steady 60…289 arcsec/s about Z"), "{error}");
+}

@@ -42,6 +42,13 @@ impl Walks {
         integral(a.1, b.1) - integral(a.0, b.1) - integral(a.1, b.0) + integral(a.0, b.0)
     }
 
+    /// Standard deviation of the drift walk after a time, arcsec/s; it is 0 at time 0.
+    pub fn drift_sigma_arcsec_s(&self, t_s: f64) -> f64 {
+        let tau = self.correlation_time_s;
+        let effective_s = if t_s < 1e-6 * tau { t_s } else { -tau / 2.0 * libm::expm1(-2.0 * t_s / tau) };
+        self.drift_arcsec_per_s_per_sqrt_s * effective_s.sqrt()
+    }
+
     /// Covariance of the walk's integrals up to x and up to y, x ≤ y: ∫₀ˣ∫₀ʸ of its covariance function, which is
     /// σ² min(s, t) for the pure walk and σ²τ/2 (e^(−|t−s|/τ) − e^(−(s+t)/τ)) with a correlation time.
     fn integral_covariance(&self, x: f64, y: f64) -> f64 {
@@ -133,6 +140,10 @@ mod tests {
                 assert!((closed / summed - 1.0).abs() < 1e-3, "{correlation_time_s} {a:?} {b:?}: {closed} {summed}");
                 assert!((closed - walks.drift_covariance(b, a)).abs() <= 1e-9 * closed);
             }
+            // A second hardly averages.
+            let second = (4000.0, 4001.0);
+            let ratio = walks.drift_sigma_arcsec_s(4000.5) / walks.drift_covariance(second, second).sqrt();
+            assert!((ratio - 1.0).abs() < 1e-3, "{correlation_time_s}: {ratio}");
         }
     }
 }

@@ -422,6 +422,8 @@ pub struct Refined {
     pub degrees_of_freedom: usize,
     /// Every equation.
     pub residuals: Vec<Residual>,
+    /// Covariance of the residuals: scans close in time share their drift's walk.
+    pub residual_covariance: DMatrix<f64>,
 }
 
 /// The last stretch over which a drift's walk is averaged to tell the drift at the end, s.
@@ -493,12 +495,14 @@ pub fn refine(
     let solved_covariance = &gain * &covariance * gain.transpose();
     let left = &design * &solved - &right;
     let whitened_left = root.l_dirty().solve_lower_triangular(&left).ok_or_else(noise_not_finite)?;
-    let explained = &design * &solved_covariance;
+    let observed = design.rows(0, rows);
+    let residual_covariance =
+        covariance.view((0, 0), (rows, rows)) - observed * &solved_covariance * observed.transpose();
     let residuals = equations.rows.iter().enumerate().map(|(row, &(manoeuvre, gyro))| Residual {
         manoeuvre,
         gyro: Gyro::ALL[gyro],
         arcsec: left[row],
-        sigma_arcsec: (covariance[(row, row)] - explained.row(row).dot(&design.row(row))).max(0.0).sqrt(),
+        sigma_arcsec: residual_covariance[(row, row)].max(0.0).sqrt(),
     });
     let mut calibrations = *believed;
     for (Prior { parameter, .. }, change) in priors.iter().zip(solved.iter()) {
@@ -510,6 +514,7 @@ pub fn refine(
         chi2: whitened_left.norm_squared(),
         degrees_of_freedom: rows,
         residuals: residuals.collect(),
+        residual_covariance,
     })
 }
 

@@ -87,9 +87,10 @@ impl Known {
 pub struct Change {
     /// Which; a scale factor or a drift in arcsec per half second.
     pub parameter: Parameter,
-    /// As believed, and how well at the start of the recording.
+    /// As believed.
     pub old: f64,
-    /// Its sigma, grown since the calibration.
+    /// Its sigma: that of the calibration, grown by the stability figures up to the recording and by the configured walk
+    /// over it.
     pub old_sigma: f64,
     /// As refined, at the end of the recording.
     pub new: f64,
@@ -539,9 +540,10 @@ fn finish(
     let believed = configuration.gyros.each_ref().map(|gyro| gyro.calibration);
     let since_s = start_s - known.at_s;
     let priors = priors(configuration, known, since_s, electronics_above_k);
-    let Refined { calibrations: refined, covariance, chi2, degrees_of_freedom, residuals } =
-        refine(&observations, &Walks::configured(configuration), &believed, &priors)?;
-    for residual in residuals {
+    let walks = Walks::configured(configuration);
+    let found = refine(&observations, &walks, &believed, &priors)?;
+    let (refined, covariance) = (&found.calibrations, &found.covariance);
+    for residual in &found.residuals {
         if let Some(index) = GYROS.iter().position(|&gyro| gyro == residual.gyro) {
             used[residual.manoeuvre].residuals[index] = Some((residual.arcsec, residual.sigma_arcsec));
         }
@@ -560,7 +562,10 @@ fn finish(
         Change {
             parameter,
             old: parameter.of(&believed[gyro]),
-            old_sigma: priors[column].sigma,
+            old_sigma: match parameter.index {
+                1 => priors[column].sigma.hypot(walks[gyro].drift_sigma_arcsec_s(end_s) * HALF_SECOND_S),
+                _ => priors[column].sigma,
+            },
             new: parameter.of(&refined[gyro]),
             new_sigma: sigma(column),
             allowed: per_fortnight * (since_s + end_s).max(0.0) / FORTNIGHT_S,
@@ -569,14 +574,14 @@ fn finish(
     });
     let correlation =
         DMatrix::from_fn(4, 4, |a, b| covariance[(column[a], column[b])] / sigma(column[a]) / sigma(column[b]));
-    let short_term = std::array::from_fn(|gyro| short_term(&used, gyro));
+    let short_term = GYROS.map(|gyro| short_term(&used, &found, gyro));
     Ok(Upkeep {
         changes,
         correlation,
         calibrations,
         sigmas,
-        chi2,
-        degrees_of_freedom,
+        chi2: found.chi2,
+        degrees_of_freedom: found.degrees_of_freedom,
         used,
         left_out,
         known_at_s: known.at_s,
@@ -586,26 +591,30 @@ fn finish(
     })
 }
 
-/// Successive scans compared: what each gyro counted more, over what was turned, is a departure of its scale factor.
-fn short_term(used: &[Used], gyro: usize) -> ShortTerm {
-    let scans: Vec<(f64, f64, f64)> = used
+/// Successive scans compared: what a gyro counted more, over what was turned, is a departure of its scale factor.
+fn short_term(used: &[Used], refined: &Refined, gyro: Gyro) -> ShortTerm {
+    let scans: Vec<(usize, f64)> = refined
+        .residuals
         .iter()
-        .filter(|scan| scan.is_scan())
-        .filter_map(|scan| {
-            let (arcsec, sigma_arcsec) = scan.residuals[gyro]?;
-            let turned = scan.turned_z_arcsec();
-            Some((scan.start_s, arcsec / turned, sigma_arcsec / turned))
-        })
+        .enumerate()
+        .filter(|(_, residual)| residual.gyro == gyro && used[residual.manoeuvre].is_scan())
+        .map(|(row, residual)| (row, used[residual.manoeuvre].turned_z_arcsec()))
         .collect();
-    let pairs = scans.windows(2).filter(|pair| pair[1].0 - pair[0].0 < 3600.0);
-    let (mut count, mut squares, mut expected) = (0, 0.0, 0.0);
-    for pair in pairs {
-        count += 1;
-        squares += (pair[1].1 - pair[0].1).powi(2);
-        expected += pair[0].2.powi(2) + pair[1].2.powi(2);
+    let start_s = |row: usize| used[refined.residuals[row].manoeuvre].start_s;
+    let (mut pairs, mut squares, mut expected) = (0, 0.0, 0.0);
+    for pair in scans.windows(2) {
+        let [(a, turned_a), (b, turned_b)] = [pair[0], pair[1]];
+        if start_s(b) - start_s(a) > 3600.0 {
+            continue;
+        }
+        pairs += 1;
+        squares += (refined.residuals[b].arcsec / turned_b - refined.residuals[a].arcsec / turned_a).powi(2);
+        let covariance = |a: usize, b: usize| refined.residual_covariance[(a, b)];
+        expected += covariance(a, a) / (turned_a * turned_a) + covariance(b, b) / (turned_b * turned_b)
+            - 2.0 * covariance(a, b) / (turned_a * turned_b);
     }
-    let rms = |sum: f64| (sum / f64::from(count).max(1.0)).sqrt();
-    ShortTerm { pairs: count as usize, rms: rms(squares), expected_rms: rms(expected) }
+    let rms = |sum: f64| (sum / f64::max(pairs as f64, 1.0)).sqrt();
+    ShortTerm { pairs, rms: rms(squares), expected_rms: rms(expected) }
 }
 
 impl Upkeep {
@@ -625,9 +634,9 @@ impl Upkeep {
     }
 
     /// The result as JSON. `gyros` is that of a calibration (cli.md), so that what reads one reads this: the four refined,
-    /// the others as believed. `known_at_unix_s` is when the believed values held, `calibrated_unix_s` when the new do;
+    /// the others as believed. `known_time_s` is when the believed values held, `time_s` when the new do;
     /// `changes` has old and new value and sigma of each, `allowed` by the stability figures since, `beyond_stability`
-    /// in sigmas, `due_in_s` after `calibrated_unix_s`; `short_term` compares successive scans (relative);
+    /// in sigmas, `due_in_s` after `time_s`; `short_term` compares successive scans (relative);
     /// `used` has each stretch with its residuals, `left_out` the others with the reason.
     pub fn json(&self) -> Value {
         let gyro_values = |of: &dyn Fn(usize) -> Value| -> Value {
@@ -654,8 +663,8 @@ impl Upkeep {
         json!({
             "gyros": report::gyros(&self.calibrations, Some(&self.sigmas)),
             "chi2": { "value": self.chi2, "dof": self.degrees_of_freedom, "probability": self.probability() },
-            "known_at_unix_s": self.known_at_s,
-            "calibrated_unix_s": self.at_s,
+            "known_time_s": self.known_at_s,
+            "time_s": self.at_s,
             "changes": changes.collect::<Vec<_>>(),
             "correlation": (0..4).map(|row| self.correlation.row(row).iter().copied().collect()).collect::<Vec<Vec<f64>>>(),
             "electronics_above_reference_k": self.electronics_above_k,

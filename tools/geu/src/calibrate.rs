@@ -16,8 +16,9 @@ use crate::calibrate_compare;
 use crate::calibrate_page::Page;
 use crate::failure::{Failure, note, say};
 use crate::settings::Settings;
+use crate::update::{self, Results, Update};
 
-/// Solves the sixteen in-orbit parameters from a recording and what tells its attitude.
+/// Solves the sixteen in-orbit parameters from a recording and what tells its attitude; or, between checkouts, updates the Z gyros.
 ///
 /// With the manoeuvres of a list; without one everything, cut where the unit rests. Pointings, scans and manoeuvres with
 /// names of your own are used; slews, stabilisations, surveys, rasters, eclipses and holds are not.
@@ -65,6 +66,8 @@ pub struct Arguments {
     /// Earlier calibrations of this unit, as `--json` wrote them from other recordings: compare, and merge if compatible
     #[arg(long, num_args = 1.., value_name = "FILE")]
     compare: Vec<String>,
+    #[command(flatten)]
+    update: Update,
 }
 
 fn sigma(text: &str) -> Result<f64, String> {
@@ -99,14 +102,15 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         (None, Some(sensors)) => Attitude::Sensors(sensors),
         (None, None) => return Err(Failure::input("expected --reference FILE, or --fss FILE and --sse FILE")),
     };
+    if arguments.update.update {
+        let results = Results { json: arguments.json.as_ref(), out: arguments.out.as_ref() };
+        let believed = (&settings, &configuration);
+        return update::run(&arguments.update, believed, &counts, windows.as_deref(), &attitude, &results);
+    }
     let calibrated = calibrate(&configuration, &counts, windows.as_deref(), &attitude).map_err(Failure::input)?;
     for left_out in &calibrated.left_out {
         note(format_args!("geu: left out: {left_out}\n"));
     }
-    let write = |path: &Path, text: String| {
-        std::fs::write(path, text)
-            .map_err(|error| Failure::failed(format!("{}: cannot be written: {error}", path.display())))
-    };
     let comparison = calibrate_compare::compare(&earlier, &calibrated)?;
     if let Some(path) = &arguments.json {
         let mut json = report::json(&calibrated);
@@ -151,6 +155,15 @@ impl Arguments {
         ];
         links.chain(others.into_iter().filter_map(|(what, name)| Some((what, name.clone()?)))).collect()
     }
+}
+
+/// Writes a result.
+///
+/// # Errors
+/// A file that cannot be written.
+pub fn write(path: &Path, text: String) -> Result<(), Failure> {
+    std::fs::write(path, text)
+        .map_err(|error| Failure::failed(format!("{}: cannot be written: {error}", path.display())))
 }
 
 /// Reads recordings as one stream of counts.

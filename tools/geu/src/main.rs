@@ -24,6 +24,7 @@ mod send;
 mod settings;
 mod simulate;
 mod track;
+mod update;
 
 use std::process::ExitCode;
 use std::sync::LazyLock;
