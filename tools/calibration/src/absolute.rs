@@ -55,6 +55,15 @@ impl Sensors {
         Sensors::parse((fss, &text(fss)?), (sse, &text(sse)?), numbers)
     }
 
+    /// Reads `sse.csv` alone.
+    ///
+    /// # Errors
+    /// The first line that is no row.
+    pub fn read_fixes(sse: &str, numbers: SensorNumbers) -> Result<Sensors, WindowError> {
+        let text = read_text(Path::new(sse)).map_err(|source| WindowError::Read { name: sse.to_owned(), source })?;
+        Sensors::parse(("no sun sensor", "t_s,theta_arcsec,roll_arcsec\n"), (sse, &text), numbers)
+    }
+
     /// Reads texts, each with the name that errors call it by.
     ///
     /// # Errors
@@ -72,7 +81,7 @@ impl Sensors {
         let mut fixes: BTreeMap<i64, Fix> = BTreeMap::new();
         let fields = ["t_s", "theta_deg", "psi_deg", "sigma_arcsec"];
         rows(sse.0, sse.1, &fields, &["star", "slit"], |line, numbers, texts| {
-            if !(numbers[3] > 0.0) {
+            if numbers[3] <= 0.0 {
                 return Err(wrong(sse.0, line, "sigma_arcsec", "more than 0", &numbers[3].to_string()));
             }
             let t_ns = nanoseconds(numbers[0]);
@@ -218,15 +227,8 @@ fn bend(bends: &[(f64, [f64; 2])], x: f64) -> [f64; 2] {
 
 /// Rotation about the control axes at each node by eq 3, without what effects added.
 fn turned(measured: &Measured, transfer: &Transfer) -> Vec<[f64; 3]> {
-    let counts = measured.counts;
-    let start = counts.at_node(0);
-    (0..counts.node_s.len())
-        .map(|node| {
-            let reading = counts.at_node(node);
-            let counted = std::array::from_fn(|gyro| measured.between(gyro, &start, &reading));
-            transfer.about_control_arcsec(counted, node as f64)
-        })
-        .collect()
+    let at = |node: usize| transfer.about_control_arcsec(measured.at_node(node), node as f64);
+    (0..measured.counts.node_s.len()).map(at).collect()
 }
 
 fn interpolate(points: &[Point], reading: &Reading) -> Point {
@@ -275,7 +277,7 @@ pub fn with_sensors(
     let (mut observations, mut left_out) = (Vec::new(), Vec::new());
     let stations = stations(counts, sensors);
     let start_s = counts.start_ns as f64 * 1e-9;
-    let overlay = Overlay::new(counts, sensors, path);
+    let overlay = Overlay { counts, sensors, path };
     for window in windows {
         let mut leave = |why: String| {
             left_out.push(LeftOut { name: window.name.clone(), start_s: window.start_s, gyro: None, why });
@@ -299,8 +301,10 @@ pub fn with_sensors(
             ));
             continue;
         };
-        let (own, mut disturbances) = measured.observe(window, &from.reading, &to.reading, &mut left_out);
-        let (rotation, of_sensors) = rotation(from, to, (roll_from, roll_to), sensors, walks, path, &overlay, counts);
+        let Some((own, mut disturbances)) = measured.observe(window, &from.reading, &to.reading, &mut left_out) else {
+            continue;
+        };
+        let (rotation, of_sensors) = rotation(from, to, (roll_from, roll_to), &overlay, walks);
         disturbances.extend(of_sensors);
         observations.push(Observation {
             name: window.name.clone(),
@@ -320,22 +324,24 @@ struct Overlay<'a> {
     counts: &'a Counts,
     sensors: &'a Sensors,
     path: &'a GyroPath,
-    /// Departure about X that the gyros tell, but for a constant, at each node, arcsec: what they turned about X less what
-    /// the path and the sun account for.
-    about_x_arcsec: Vec<f64>,
 }
 
-impl<'a> Overlay<'a> {
-    fn new(counts: &'a Counts, sensors: &'a Sensors, path: &'a GyroPath) -> Overlay<'a> {
+impl Overlay<'_> {
+    /// Departure about X that the gyros tell, but for a constant, at nodes around an instant, arcsec: what they turned about X
+    /// less what the path and the sun account for. And the first of these nodes.
+    fn about_x_arcsec(&self, t_s: f64) -> (usize, Vec<f64>) {
+        // Two nodes more than the samples need, for the four that an instant is read from.
+        let near = |node_s: &f64| *node_s < t_s - OVERLAY_S - 1.5;
+        let first = self.counts.node_s.partition_point(near);
+        let last = self.counts.node_s.partition_point(|node_s| *node_s <= t_s + OVERLAY_S + 1.5);
         let mut explained = 0.0;
-        let mut about_x_arcsec = Vec::with_capacity(path.points.len());
-        for (node, point) in path.points.iter().enumerate() {
-            if node > 0 {
-                explained += step_control_arcsec(&path.points[node - 1], point)[0];
+        let about_x = (first..last).map(|node| {
+            if node > first {
+                explained += step_control_arcsec(&self.path.points[node - 1], &self.path.points[node])[0];
             }
-            about_x_arcsec.push(path.turned_control_arcsec[node][0] - explained);
-        }
-        Overlay { counts, sensors, path, about_x_arcsec }
+            self.path.turned_control_arcsec[node][0] - explained
+        });
+        (first, about_x.collect())
     }
 
     fn samples(&self, from_s: f64, to_s: f64) -> impl Iterator<Item = (f64, &[f64; 2])> {
@@ -350,12 +356,19 @@ impl<'a> Overlay<'a> {
     /// lay them over the sun sensor around it.
     fn limit_cycle_x_arcsec(&self, station: &Station) -> Option<f64> {
         let t_s = station.point.t_s;
+        let (first, about_x_arcsec) = self.about_x_arcsec(t_s);
+        let gyros = |reading: &Reading| {
+            let from = reading.first.checked_sub(first)?;
+            let nodes = about_x_arcsec.get(from..from + reading.weights.len())?;
+            Some(reading.weights.iter().zip(nodes).map(|(weight, value)| weight * value).sum::<f64>())
+        };
         let (mut count, mut sums) = (0, [0.0; 5]);
         for (sample_s, angles) in self.samples(t_s - OVERLAY_S, t_s + OVERLAY_S) {
             let Some(reading) = self.counts.at(sample_s) else { continue };
+            let Some(gyros) = gyros(&reading) else { continue };
             let theta_rad = interpolate(&self.path.points, &reading).theta_rad;
             // The sun leaves the XZ plane by the turn about X times sin θ.
-            let difference = angles[1] / libm::sin(theta_rad) - read(&self.about_x_arcsec, &reading);
+            let difference = angles[1] / libm::sin(theta_rad) - gyros;
             let x = sample_s - t_s;
             count += 1;
             for (sum, term) in sums.iter_mut().zip([1.0, x, x * x, difference, x * difference]) {
@@ -367,7 +380,7 @@ impl<'a> Overlay<'a> {
         if count < OVERLAY_LEAST || spread <= 0.0 {
             return None;
         }
-        Some(read(&self.about_x_arcsec, &station.reading) + (xx * y - x * xy) / spread)
+        Some(gyros(&station.reading)? + (xx * y - x * xy) / spread)
     }
 
     /// Mean of what the sun sensor's θ is above the path's between two instants, arcsec, and its variance.
@@ -391,21 +404,15 @@ impl<'a> Overlay<'a> {
     }
 }
 
-fn read(nodes: &[f64], reading: &Reading) -> f64 {
-    reading.weights.iter().zip(&nodes[reading.first..]).map(|(weight, value)| weight * value).sum()
-}
-
 /// Inertial rotation between two fixes, arcsec, and what disturbs it.
 fn rotation(
     from: &Station,
     to: &Station,
     roll_arcsec: (f64, f64),
-    sensors: &Sensors,
-    walks: &[Walks; 4],
-    path: &GyroPath,
     overlay: &Overlay,
-    counts: &Counts,
+    walks: &[Walks; 4],
 ) -> ([f64; 3], Vec<Disturbance>) {
+    let Overlay { counts, sensors, path, .. } = overlay;
     let slits: Vec<(&[f64; 2], &[f64; 2], f64, f64)> = to
         .fix
         .slits

@@ -74,8 +74,10 @@ fn notes(left_out: &[LeftOut]) -> String {
     left_out.iter().map(|left_out| format!("\nleft out: {left_out}")).collect()
 }
 
-/// How often the gyros' path is laid with the parameters that it gave: it only has to be good to some arcseconds.
-const PASSES: usize = 3;
+/// How often at most the gyros' path is laid with the parameters that it gave.
+const PASSES: usize = 4;
+/// A change of the parameters, in sigmas, that is not worth another pass.
+const SETTLED_SIGMA: f64 = 0.1;
 
 /// Calibrates a recording. `configuration` is what is believed of the unit: its effects are taken off, its walks weigh.
 /// Without `windows` a whole recording is used, cut where the unit rests, or at the fixes.
@@ -126,7 +128,11 @@ pub fn calibrate(
                 let windows = chosen(&measured, windows, &transfer, attitude)?;
                 let (observations, left_out) = absolute::with_sensors(&measured, &windows, sensors, &walks, &path);
                 let found = finish(counts, observations, left_out, &walks, &calibrations, [f64::NAN; 3])?;
-                if pass == PASSES {
+                let changes = found.solution.values().into_iter().zip(solve::values(&calibrations));
+                let is_settled = changes
+                    .zip(found.solution.sigmas())
+                    .all(|((now, before), sigma)| (now - before).abs() < SETTLED_SIGMA * sigma);
+                if is_settled || pass == PASSES {
                     return Ok(found);
                 }
                 calibrations = found.solution.calibrations;

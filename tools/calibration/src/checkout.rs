@@ -269,10 +269,17 @@ pub fn drawn(unit: &Configuration, seed: u64, run: usize) -> Configuration {
     configuration
 }
 
+/// One run that gave a calibration.
+struct Run {
+    errors: [f64; UNKNOWNS],
+    sigmas: [f64; UNKNOWNS],
+    reduced_chi2: f64,
+    hand: Option<[f64; UNKNOWNS]>,
+}
+
 /// Flies and calibrates `runs` checkouts, on all cores; the result does not depend on how many. `done` is called after each.
 pub fn campaign(unit: &Configuration, seed: u64, runs: usize, by: By, done: impl Fn() + Sync) -> Campaign {
-    type One = Result<([f64; UNKNOWNS], [f64; UNKNOWNS], f64, Option<[f64; UNKNOWNS]>), String>;
-    let all: Vec<One> = (0..runs)
+    let all: Vec<Result<Run, String>> = (0..runs)
         .into_par_iter()
         .map(|run| {
             let configuration = sequence(&drawn(unit, seed, run), Precautions::needed_by(unit));
@@ -284,30 +291,28 @@ pub fn campaign(unit: &Configuration, seed: u64, runs: usize, by: By, done: impl
             let errors = |solved: [f64; UNKNOWNS]| std::array::from_fn(|index| solved[index] - truth[index]);
             let reduced = solution.chi2 / solution.degrees_of_freedom.max(1) as f64;
             let hand = calibrated.hand.as_ref().ok().map(|hand| errors(values(hand)));
-            Ok((errors(solution.values()), solution.sigmas(), reduced, hand))
+            Ok(Run { errors: errors(solution.values()), sigmas: solution.sigmas(), reduced_chi2: reduced, hand })
         })
         .collect();
     let failed = all.iter().enumerate().filter_map(|(run, one)| Some((run, one.as_ref().err()?.clone()))).collect();
     let good: Vec<_> = all.iter().flatten().collect();
     let count = good.len().max(1) as f64;
-    let mean = |of: &dyn Fn(&([f64; UNKNOWNS], [f64; UNKNOWNS], f64, Option<[f64; UNKNOWNS]>)) -> f64| {
-        good.iter().map(|one| of(one)).sum::<f64>() / count
-    };
+    let mean = |of: &dyn Fn(&Run) -> f64| good.iter().map(|run| of(run)).sum::<f64>() / count;
     let scatter = Parameter::all()
         .enumerate()
         .map(|(index, parameter)| Scatter {
             parameter,
-            rms_error: mean(&|one| one.0[index].powi(2)).sqrt(),
-            mean_error: mean(&|one| one.0[index]),
-            sigma: mean(&|one| one.1[index].powi(2)).sqrt(),
-            coverage: mean(&|one| f64::from(u8::from(one.0[index].abs() < one.1[index]))),
+            rms_error: mean(&|run| run.errors[index].powi(2)).sqrt(),
+            mean_error: mean(&|run| run.errors[index]),
+            sigma: mean(&|run| run.sigmas[index].powi(2)).sqrt(),
+            coverage: mean(&|run| f64::from(u8::from(run.errors[index].abs() < run.sigmas[index]))),
         })
         .collect();
     let hand_rms_error = good
         .iter()
-        .all(|one| one.3.is_some())
-        .then(|| std::array::from_fn(|index| mean(&|one| one.3.map_or(0.0, |hand| hand[index].powi(2))).sqrt()));
-    Campaign { runs: good.len(), failed, scatter, mean_reduced_chi2: mean(&|one| one.2), hand_rms_error }
+        .all(|run| run.hand.is_some())
+        .then(|| std::array::from_fn(|index| mean(&|run| run.hand.map_or(0.0, |hand| hand[index].powi(2))).sqrt()));
+    Campaign { runs: good.len(), failed, scatter, mean_reduced_chi2: mean(&|run| run.reduced_chi2), hand_rms_error }
 }
 
 /// What a set of precautions leaves.
@@ -328,46 +333,60 @@ pub struct Outcome {
 }
 
 /// Flies the checkout of a unit without its random walks, with every precaution and without each, by the true attitude,
-/// so that what is left is what the precaution buys.
+/// so that what is left is what the precaution buys: first with the unit's pivots alone, then with its thermal misalignment
+/// alone, since their errors can hide each other.
 ///
 /// # Errors
 /// As [`calibrate`].
 pub fn precautions(unit: &Configuration) -> Result<Vec<Outcome>, CalibrateError> {
-    let mut quiet = unit.clone();
-    for gyro in &mut quiet.gyros {
+    let mut pivots = unit.clone();
+    for gyro in &mut pivots.gyros {
         gyro.effects.constant.angle_random_walk = Default::default();
         gyro.effects.constant.drift_random_walk = Default::default();
+    }
+    let mut thermal = pivots.clone();
+    pivots.unit.constant.misalignment_thermal = Default::default();
+    for gyro in &mut thermal.gyros {
+        gyro.effects.constant.pivot_clearance = Default::default();
     }
     let none = believed_before(unit);
     // The paper corrects GYRY and GYRZB, whose output axis is X, by the clearance.
     let corrected = |error_arcsec: f64| {
         let mut believed = none.clone();
         for gyro in Gyro::ALL.into_iter().filter(|&gyro| Axes::of(gyro).output_control[0] != 0.0) {
-            let pivots = unit.gyros[gyro as usize].effects.constant.pivot_clearance;
             let own = &mut believed.gyros[gyro as usize].effects.constant.pivot_clearance;
-            *own = pivots;
-            if pivots.clearance_arcsec > 0.0 {
+            *own = unit.gyros[gyro as usize].effects.constant.pivot_clearance;
+            if own.clearance_arcsec > 0.0 {
                 own.clearance_arcsec += error_arcsec;
             }
         }
         believed
     };
-    let mut thermal = corrected(0.0);
-    thermal.unit.constant.misalignment_thermal = unit.unit.constant.misalignment_thermal;
+    let calibrated = |share: f64| {
+        let mut believed = none.clone();
+        believed.unit.constant.misalignment_thermal = unit.unit.constant.misalignment_thermal;
+        believed.unit.constant.misalignment_thermal.arcsec_per_deg *= share;
+        believed
+    };
     let all = Precautions::ALL;
+    let no_sun_slews = Precautions { sun_slews: false, ..all };
+    let no_pre_slew = Precautions { pre_slew: false, ..all };
+    let no_orbits = Precautions { stabilisation: false, ..all };
     let variants = [
-        ("every precaution", all, corrected(0.0)),
-        ("and the thermal misalignment calibrated", all, thermal),
-        ("clearance believed 3 arcsec too large", all, corrected(3.0)),
-        ("no correction by the clearance", all, none.clone()),
-        ("no slews about the sun vector", Precautions { sun_slews: false, ..all }, none.clone()),
-        ("no pre-slew about Y", Precautions { pre_slew: false, ..all }, corrected(0.0)),
-        ("no stabilisation orbits", Precautions { stabilisation: false, ..all }, corrected(0.0)),
+        ("pivots: every precaution", &pivots, all, corrected(0.0)),
+        ("pivots: clearance believed 3 arcsec too large", &pivots, all, corrected(3.0)),
+        ("pivots: no correction by the clearance", &pivots, all, none.clone()),
+        ("pivots: no slews about the sun vector", &pivots, no_sun_slews, none.clone()),
+        ("pivots: no pre-slew about Y", &pivots, no_pre_slew, corrected(0.0)),
+        ("pivots: no stabilisation orbits", &pivots, no_orbits, corrected(0.0)),
+        ("thermal: every precaution", &thermal, all, none.clone()),
+        ("thermal: calibrated to a tenth", &thermal, all, calibrated(0.9)),
+        ("thermal: no stabilisation orbits", &thermal, no_orbits, none.clone()),
     ];
     variants
         .into_par_iter()
-        .map(|(what, precautions, believed)| {
-            let configuration = sequence(&quiet, precautions);
+        .map(|(what, unit, precautions, believed)| {
+            let configuration = sequence(unit, precautions);
             let calibrated = fly(&configuration).calibrate(&believed, By::Reference)?;
             let truth = true_calibrations(&configuration);
             let (true_values, solution) = (values(&truth), &calibrated.solution);

@@ -4,7 +4,10 @@
 use std::sync::Arc;
 
 use geu_model::attitude::{Recorded, Row};
+use geu_model::configuration::GyroConfiguration;
 use geu_model::effect::{CALIBRATION_COLUMN, Effects, SELF_TEST_COLUMN};
+use geu_model::package::Calibration;
+use geu_model::units::HALF_SECOND_S;
 use geu_model::{Configuration, Truth, Unit};
 
 use crate::counts::{Counts, Reading};
@@ -42,16 +45,9 @@ impl EffectCounts {
             return None;
         }
         let steps = steps();
-        quiet.electronics.table =
-            (0..counts.node_s.len()).map(|node| (counts.node_s[node], counts.electronics_c[node])).collect();
-        let start = Row { t_s: 0.0, angle_control_arcsec: [0.0; 3], theta_psi_rad: steps.first()?.1 };
-        let rows: Vec<Row> =
-            std::iter::once(start)
-                .chain(steps.iter().zip(&counts.node_s[1..]).map(|(&(angle_control_arcsec, theta_psi_rad), &t_s)| {
-                    Row { t_s, angle_control_arcsec, theta_psi_rad }
-                }))
-                .collect();
-        let truth = Truth::Recorded(Arc::new(Recorded::new(&rows).ok()?));
+        let times_s = steady(&counts.node_s);
+        quiet.electronics.table = times_s.iter().copied().zip(counts.electronics_c.iter().copied()).collect();
+        let truth = moved(&times_s, &steps)?;
         let accumulated = run(&quiet, &truth, steps.len());
         let mut wider = quiet;
         let mut has_pivots = false;
@@ -71,6 +67,11 @@ impl EffectCounts {
             Default::default()
         };
         Some(EffectCounts { accumulated, per_clearance })
+    }
+
+    /// What was added to each gyro up to a node.
+    pub fn at_node(&self, node: usize) -> [f64; 4] {
+        self.accumulated.each_ref().map(|nodes| nodes[node])
     }
 
     /// What was added between two instants.
@@ -93,6 +94,46 @@ impl EffectCounts {
             rotation_control_arcsec: [0.0; 3],
         })
     }
+}
+
+/// Counts that floats added up to each node, for clearances of each gyro's pivots; nothing where there is none.
+pub fn of_floats(
+    calibrations: &[Calibration; 4],
+    clearance_arcsec: &[f64; 4],
+    counts: &Counts,
+    steps: &Steps,
+) -> Option<[Vec<f64>; 4]> {
+    if clearance_arcsec.iter().all(|&clearance| clearance == 0.0) {
+        return None;
+    }
+    let mut floats = Configuration::reference();
+    floats.unit = Default::default();
+    for (gyro, own) in floats.gyros.iter_mut().enumerate() {
+        *own = GyroConfiguration { calibration: calibrations[gyro], ..Default::default() };
+        own.effects.constant.pivot_clearance.clearance_arcsec = clearance_arcsec[gyro];
+    }
+    Some(run(&floats, &moved(&steady(&counts.node_s), steps)?, steps.len()))
+}
+
+/// Times of the nodes with jumps of the receiver's clock taken out: the unit itself went on.
+fn steady(node_s: &[f64]) -> Vec<f64> {
+    let mut t_s = 0.0;
+    let steps = node_s.windows(2).map(|pair| Some(pair[1] - pair[0]).filter(|step| (0.4..0.6).contains(step)));
+    let steps = steps.map(|step| step.unwrap_or(HALF_SECOND_S));
+    std::iter::once(0.0)
+        .chain(steps.map(|step| {
+            t_s += step;
+            t_s
+        }))
+        .collect()
+}
+
+/// The motion as a truth to run the model on.
+fn moved(times_s: &[f64], steps: &Steps) -> Option<Truth> {
+    let start = Row { t_s: 0.0, angle_control_arcsec: [0.0; 3], theta_psi_rad: steps.first()?.1 };
+    let row = |(&(angle_control_arcsec, theta_psi_rad), &t_s)| Row { t_s, angle_control_arcsec, theta_psi_rad };
+    let rows: Vec<Row> = std::iter::once(start).chain(steps.iter().zip(&times_s[1..]).map(row)).collect();
+    Some(Truth::Recorded(Arc::new(Recorded::new(&rows).ok()?)))
 }
 
 fn read(nodes: &[f64], reading: &Reading) -> f64 {

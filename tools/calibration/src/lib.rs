@@ -7,6 +7,7 @@ pub mod checkout;
 pub mod compare;
 pub mod counts;
 pub mod effects;
+pub mod filter;
 pub mod hand;
 pub mod noise;
 pub mod observe;

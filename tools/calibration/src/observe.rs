@@ -4,7 +4,7 @@ use geu_model::attitude::Recorded;
 use geu_model::package::Calibration;
 use geu_protocol::Gyro;
 
-use crate::counts::{Counts, Reading};
+use crate::counts::{Break, Counts, Reading};
 use crate::noise::{Disturbance, ROUNDING_VARIANCE, Source};
 use crate::solve::{Observation, own_axis};
 use crate::window::Window;
@@ -39,30 +39,43 @@ pub struct Measured<'a> {
 }
 
 impl Measured<'_> {
+    /// What each gyro counted up to a node, without the effects.
+    pub fn at_node(&self, node: usize) -> [f64; 4] {
+        let added = self.effects.map_or([0.0; 4], |effects| effects.at_node(node));
+        std::array::from_fn(|gyro| self.counts.accumulated[gyro][node] - added[gyro])
+    }
+
     /// What a gyro counted over a stretch, without the effects.
     pub fn between(&self, gyro: usize, from: &Reading, to: &Reading) -> f64 {
         let counted = self.counts.count(gyro, to) - self.counts.count(gyro, from);
         counted - self.effects.map_or(0.0, |effects| effects.between(gyro, from, to))
     }
 
-    /// Counts of each gyro over a window, and their disturbances; what is broken is added to `left_out`.
+    /// Counts of each gyro over a window, and their disturbances; what is broken is added to `left_out`. Nothing where no gyro
+    /// has counts that can be trusted.
     pub(crate) fn observe(
         &self,
         window: &Window,
         from: &Reading,
         to: &Reading,
         left_out: &mut Vec<LeftOut>,
-    ) -> ([Option<f64>; 4], Vec<Disturbance>) {
+    ) -> Option<([Option<f64>; 4], Vec<Disturbance>)> {
         let mut disturbances = Vec::new();
+        let leave = |gyro: Option<Gyro>, broken: &Break| {
+            let at_s = self.counts.start_ns as f64 * 1e-9 + self.counts.node_s[broken.from];
+            let why = format!("{} at {at_s:.1} s", broken.kind);
+            LeftOut { name: window.name.clone(), start_s: window.start_s, gyro, why }
+        };
+        let breaks: [Option<&Break>; 4] = std::array::from_fn(|gyro| self.counts.broken(gyro, from, to));
+        if let [Some(first), Some(_), Some(_), Some(_)] = breaks
+            && breaks.iter().all(|found| *found == Some(first))
+        {
+            left_out.push(leave(None, first));
+            return None;
+        }
         let counts = std::array::from_fn(|gyro| {
-            if let Some(broken) = self.counts.broken(gyro, from, to) {
-                let at_s = self.counts.start_ns as f64 * 1e-9 + self.counts.node_s[broken.from];
-                left_out.push(LeftOut {
-                    name: window.name.clone(),
-                    start_s: window.start_s,
-                    gyro: Some(Gyro::ALL[gyro]),
-                    why: format!("{} at {at_s:.1} s", broken.kind),
-                });
+            if let Some(broken) = breaks[gyro] {
+                left_out.push(leave(Some(Gyro::ALL[gyro]), broken));
                 return None;
             }
             for (reading, sign) in [(to, 1.0), (from, -1.0)] {
@@ -82,7 +95,7 @@ impl Measured<'_> {
             }
             Some(self.between(gyro, from, to))
         });
-        (counts, disturbances)
+        Some((counts, disturbances))
     }
 }
 
@@ -137,7 +150,7 @@ pub fn with_reference(measured: &Measured, windows: &[Window], known: &Known) ->
         }
         let [before, after] = ends_s.map(|t_s| truth.at(t_s, &mut near).0);
         let (from, to) = (counts.at_node(from), counts.at_node(to));
-        let (own, mut disturbances) = measured.observe(window, &from, &to, &mut left_out);
+        let Some((own, mut disturbances)) = measured.observe(window, &from, &to, &mut left_out) else { continue };
         for (axis, sigma_arcsec) in sigma_arcsec.into_iter().enumerate().filter(|(_, sigma)| *sigma > 0.0) {
             for (t_s, sign) in ends_s.into_iter().zip([-1.0, 1.0]) {
                 let mut part = [0.0; 3];

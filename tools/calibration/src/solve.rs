@@ -433,3 +433,81 @@ fn covariances(
     }
     (weighing, telling)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const QUIET: Walks =
+        Walks { angle_arcsec_per_sqrt_s: 0.0, drift_arcsec_per_s_per_sqrt_s: 0.0, correlation_time_s: f64::INFINITY };
+
+    /// A manoeuvre of a perfect unit that turns so many degrees about each axis.
+    fn manoeuvre(index: usize, turned_deg: [f64; 3]) -> Observation {
+        let turned = turned_deg.map(|angle| angle * ARCSEC_PER_DEG);
+        let start_s = 1000.0 * index as f64;
+        Observation {
+            name: format!("manoeuvre {index}"),
+            start_s,
+            end_s: start_s + 600.0,
+            half_seconds: 1200.0,
+            counts: Gyro::ALL.map(|gyro| Some(turned[own_axis(gyro)])),
+            rotation_control_arcsec: turned,
+            disturbances: (0..4)
+                .map(|gyro| {
+                    let mut counts = [0.0; 4];
+                    counts[gyro] = 1.0;
+                    let source = crate::noise::Source::Rounding { gyro, node: index };
+                    Disturbance { source, variance: 1.0 / 6.0, counts, rotation_control_arcsec: [0.0; 3] }
+                })
+                .collect(),
+        }
+    }
+
+    fn refused(observations: &[Observation]) -> String {
+        match solve(observations, &[QUIET; 4], &Default::default()) {
+            Err(error) => error.to_string(),
+            Ok(solution) => panic!("solved, with {:?}", solution.sigmas()),
+        }
+    }
+
+    #[test]
+    fn manoeuvres_that_turn_about_every_axis_and_none_determine_everything() {
+        let manoeuvres = [[0.0; 3], [60.0, 0.0, 0.0], [0.0, 60.0, 0.0], [0.0, 0.0, 60.0], [0.0, -60.0, 0.0]];
+        let observations: Vec<Observation> =
+            manoeuvres.into_iter().enumerate().map(|(index, turned)| manoeuvre(index, turned)).collect();
+        let solution = solve(&observations, &[QUIET; 4], &Default::default()).expect("determined");
+        for (parameter, value) in Parameter::all().zip(solution.values()) {
+            let expected = if parameter.index == 0 { 1.0 } else { 0.0 };
+            assert!((value - expected).abs() < 1e-9, "{}: {value}", parameter.words());
+        }
+        assert_eq!((solution.degrees_of_freedom, observations.len()), (4, 5));
+        // As many as there are unknowns: the projection's trace.
+        assert!((solution.leverage.iter().sum::<f64>() - 16.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn what_no_manoeuvre_determines_is_named() {
+        let without_z = [[0.0; 3], [60.0, 0.0, 0.0], [0.0, 60.0, 0.0], [0.0, -60.0, 0.0], [-60.0, 0.0, 0.0]];
+        let observations: Vec<Observation> =
+            without_z.into_iter().enumerate().map(|(index, turned)| manoeuvre(index, turned)).collect();
+        let words = refused(&observations);
+        let expected = "GYRX misalignment z: no manoeuvre turns about Z (at most 0.000 deg)\n\
+             GYRY misalignment z: no manoeuvre turns about Z (at most 0.000 deg)\n\
+             GYRZA scale factor: no manoeuvre turns about Z (at most 0.000 deg)\n\
+             GYRZB scale factor: no manoeuvre turns about Z (at most 0.000 deg)";
+        assert_eq!(words, expected);
+        // X and Z only together, as in an X-scan without a Z-scan.
+        let together = [[0.0; 3], [60.0, 0.0, 104.0], [0.0, 60.0, 0.0], [0.0, -60.0, 0.0], [-60.0, 0.0, -104.0]];
+        let observations: Vec<Observation> =
+            together.into_iter().enumerate().map(|(index, turned)| manoeuvre(index, turned)).collect();
+        let words = refused(&observations);
+        assert!(words.contains("GYRY misalignment x and GYRY misalignment z cannot be told apart"), "{words}");
+        let mut dead = observations.clone();
+        dead.iter_mut().for_each(|observation| observation.counts[1] = None);
+        assert!(refused(&dead).contains("GYRY: no manoeuvre has counts of it that can be trusted"));
+        assert!(refused(&[]).contains("GYRX: no manoeuvre has counts"));
+        let mut infinite = observations;
+        infinite[0].half_seconds = f64::NAN;
+        assert!(refused(&infinite).contains("manoeuvre 0"));
+    }
+}

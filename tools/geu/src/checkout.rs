@@ -220,11 +220,11 @@ fn scatter(campaign: &Campaign) -> String {
 fn what_they_buy(outcomes: &[Outcome]) -> String {
     let mut text = String::from("largest error of an equation with the true parameters, arcsec, and its manoeuvre\n");
     let names = Gyro::ALL.map(|gyro| format!("{:>16}", gyro.name())).join("");
-    let _ = writeln!(text, "{:<42} {:>6} {names}", "", "hours");
+    let _ = writeln!(text, "{:<46} {:>6} {names}", "", "hours");
     for outcome in outcomes {
         let errors =
             outcome.equation_arcsec.each_ref().map(|(arcsec, name)| format!("{arcsec:>+8.1} {name:<7}")).join("");
-        let _ = writeln!(text, "{:<42} {:>6.1} {errors}", outcome.what, outcome.length_s / 3600.0);
+        let _ = writeln!(text, "{:<46} {:>6.1} {errors}", outcome.what, outcome.length_s / 3600.0);
     }
     let _ = write!(
         text,

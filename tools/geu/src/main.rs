@@ -15,6 +15,7 @@ mod draw;
 mod failure;
 mod gyro_csv;
 mod page;
+mod reconstruct;
 mod rows;
 mod run;
 
@@ -48,6 +49,7 @@ enum Command {
     Simulate(simulate::Arguments),
     Calibrate(calibrate::Arguments),
     Checkout(checkout::Arguments),
+    Reconstruct(reconstruct::Arguments),
     Config(config::Arguments),
     Describe(describe::Arguments),
     /// Decode recordings or live links to CSV, JSON lines or a summary.
@@ -67,6 +69,7 @@ fn main() -> ExitCode {
         Some(Command::Simulate(arguments)) => simulate::run(&arguments),
         Some(Command::Calibrate(arguments)) => calibrate::run(&arguments),
         Some(Command::Checkout(arguments)) => checkout::run(&arguments),
+        Some(Command::Reconstruct(arguments)) => reconstruct::run(&arguments),
         Some(Command::Config(arguments)) => config::run(&arguments),
         Some(Command::Describe(arguments)) => describe::run(&arguments),
         Some(Command::Decode(arguments)) => decode::run(arguments),

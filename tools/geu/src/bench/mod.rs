@@ -1,6 +1,7 @@
 //! `geu bench`: figures any user can measure again.
 
 mod cadence;
+mod calibrate;
 mod decode;
 mod model;
 
@@ -19,6 +20,8 @@ pub struct Arguments {
 enum Benchmark {
     /// How late half seconds leave, beside tokio's interval, and beside cangen on a CAN interface.
     Cadence(cadence::Arguments),
+    /// How long the evaluation of a recording takes: filter and smoother over a day.
+    Calibrate(calibrate::Arguments),
     /// Throughput of the decoder, beside python-can, cantools and log2asc on the same file.
     Decode(decode::Arguments),
     /// Half seconds per second of the model, beside the same gyros in numpy.
@@ -29,6 +32,7 @@ enum Benchmark {
 pub fn run(arguments: Arguments) -> Result<(), Failure> {
     match arguments.benchmark {
         Benchmark::Cadence(arguments) => cadence::run(&arguments),
+        Benchmark::Calibrate(arguments) => calibrate::run(&arguments),
         Benchmark::Decode(arguments) => decode::run(arguments),
         Benchmark::Model(arguments) => model::run(&arguments),
     }

@@ -1,0 +1,234 @@
+//! `geu calibrate`: what it recovers, from what; and what it does with recordings and lists that are not as they should be.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Output;
+use std::sync::OnceLock;
+
+use geu_calibration::transfer::misalignment_matrix;
+use geu_calibration::{CountsReader, report};
+use geu_model::Configuration;
+use geu_model::package::Calibration;
+use geu_recording::{InputReader, Options, Reference, Stop};
+use geu_tests::{geu, root, skipped};
+use nalgebra::Vector3;
+use tempfile::TempDir;
+
+/// Four hours of the default scenario up to the survey, with pointing, scans about Y, Z and X; shared by all tests.
+fn recording() -> &'static Path {
+    static RECORDING: OnceLock<TempDir> = OnceLock::new();
+    RECORDING
+        .get_or_init(|| {
+            let room = tempfile::tempdir().expect("a directory");
+            for (wire, name) in [("can", "can"), ("serial", "serial")] {
+                let out = room.path().join(name);
+                let start = if wire == "can" { "1800000000" } else { "0" };
+                run(&["simulate", "--wire", wire, "--start", start, "--duration", "14000", "--out", text(&out)]);
+            }
+            room
+        })
+        .path()
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().expect("UTF-8")
+}
+
+fn output(arguments: &[&str]) -> Output {
+    geu().args(arguments).output().expect("geu starts")
+}
+
+fn run(arguments: &[&str]) -> (String, String) {
+    let output = output(arguments);
+    let [out, error] = [output.stdout, output.stderr].map(|bytes| String::from_utf8_lossy(&bytes).into_owned());
+    assert!(output.status.success(), "{arguments:?}: {error}");
+    (out, error)
+}
+
+fn refused(arguments: &[&str]) -> String {
+    let output = output(arguments);
+    assert_eq!(output.status.code(), Some(2), "{arguments:?}");
+    assert!(output.stdout.is_empty());
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// A file beside the recording's, written anew from one of them.
+fn edited(room: &TempDir, name: &str, edit: impl Fn(&str) -> String) -> PathBuf {
+    let path = room.path().join(name);
+    let source = recording().join("can").join(name);
+    fs::write(&path, edit(&fs::read_to_string(source).expect("recorded"))).expect("writable");
+    path
+}
+
+fn in_can(name: &str) -> String {
+    text(&recording().join("can").join(name)).to_owned()
+}
+
+/// `geu calibrate` on the recording over CAN, by the reference, with other files where they are given.
+fn arguments<'a>(link: &'a str, manoeuvres: &'a str, reference: &'a str) -> Vec<&'a str> {
+    vec!["calibrate", "--link", link, "--manoeuvres", manoeuvres, "--reference", reference]
+}
+
+fn solved(json: &Path) -> ([Calibration; 4], [f64; 16]) {
+    let json = fs::read_to_string(json).expect("written");
+    report::parse(&serde_json::from_str(&json).expect("JSON")).expect("a calibration")
+}
+
+#[test]
+fn can_and_serial_reference_and_sensors_give_the_unit_back_and_a_configuration_takes_it() {
+    let room = tempfile::tempdir().expect("a directory");
+    let truth =
+        geu_calibration::solve::values(&Configuration::reference().gyros.each_ref().map(|gyro| gyro.calibration));
+    for wire in ["can", "serial"] {
+        let directory = recording().join(wire);
+        let file = |name: &str| text(&directory.join(name)).to_owned();
+        let (link, manoeuvres) = (file(if wire == "can" { "link.log" } else { "link.bin" }), file("manoeuvres.csv"));
+        let attitudes = [
+            vec!["--reference".to_owned(), file("reference.csv")],
+            vec!["--fss".to_owned(), file("fss.csv"), "--sse".to_owned(), file("sse.csv")],
+        ];
+        for attitude in attitudes {
+            let (json, out) = (room.path().join("result.json"), room.path().join("unit.toml"));
+            let mut arguments = vec!["calibrate", "--link", &link, "--manoeuvres", &manoeuvres];
+            arguments.extend(attitude.iter().map(String::as_str));
+            arguments.extend(["--json", text(&json), "--out", text(&out)]);
+            let (table, _) = run(&arguments);
+            assert!(table.contains("GYRZB misalignment y"), "{table}");
+            let (calibrations, sigmas) = solved(&json);
+            for ((value, sigma), truth) in geu_calibration::solve::values(&calibrations).iter().zip(sigmas).zip(truth) {
+                assert!((value - truth).abs() < 4.5 * sigma && sigma > 0.0, "{attitude:?}: {value} ± {sigma}, {truth}");
+            }
+            // The configuration has the values to its digits, and every comment.
+            let written = fs::read_to_string(&out).expect("written");
+            let comments = |text: &str| text.lines().filter(|line| line.starts_with('#')).count();
+            assert_eq!(comments(&written), comments(Configuration::reference_text()));
+            let read = Configuration::parse("unit.toml", &written, &[]).expect("valid");
+            assert!((read.gyros[0].calibration.scale_factor - calibrations[0].scale_factor).abs() < 1e-10);
+            assert!((read.gyros[3].calibration.y_arcsec - calibrations[3].y_arcsec).abs() < 1e-4);
+        }
+    }
+}
+
+#[test]
+fn a_recording_made_by_something_else_is_followed_to_the_end() {
+    let directory = root().join("../shared/recordings/01");
+    if !directory.exists() {
+        return skipped(&format!("{} is not there: no recording made by something else", directory.display()));
+    }
+    let room = tempfile::tempdir().expect("a directory");
+    let (link, reference) = (directory.join("link.log.gz"), directory.join("reference.csv.gz"));
+    let json = room.path().join("result.json");
+    run(&["calibrate", "--link", text(&link), "--reference", text(&reference), "--json", text(&json)]);
+    let (calibrations, _) = solved(&json);
+    let (mut reader, mut counts) = (InputReader::new(Options::default(), Stop::default()), CountsReader::default());
+    reader.read(text(&link), &mut counts).expect("a recording");
+    reader.finish(&mut counts).1.expect("a recording");
+    let counts = counts.finish(0).expect("half seconds");
+    let reference = Reference::read(text(&reference)).expect("a reference");
+    let offset_s = (counts.start_ns - reference.start_ns) as f64 * 1e-9;
+    let matrix = misalignment_matrix(&calibrations);
+    let mut near = 0;
+    let start = Vector3::from(reference.truth.at(offset_s, &mut near).0);
+    for (node, node_s) in
+        counts.node_s.iter().enumerate().filter(|(_, node_s)| **node_s + offset_s <= reference.truth.end_s())
+    {
+        let turned = Vector3::from(reference.truth.at(node_s + offset_s, &mut near).0) - start;
+        for (gyro, Calibration { scale_factor, drift_arcsec_per_half_s, .. }) in calibrations.iter().enumerate() {
+            let expected = ((matrix.row(gyro) * turned)[0] - drift_arcsec_per_half_s * node as f64) / scale_factor;
+            let left = counts.accumulated[gyro][node] - expected;
+            assert!(left.abs() < 3.2, "gyro {gyro} at {node_s} s: {left:.2} counts left");
+        }
+    }
+}
+
+#[test]
+fn what_cannot_be_trusted_is_left_out_and_said_with_its_time() {
+    let room = tempfile::tempdir().expect("a directory");
+    let (manoeuvres, reference) = (in_can("manoeuvres.csv"), in_can("reference.csv"));
+    let said = |link: &Path| run(&arguments(text(link), &manoeuvres, &reference)).1;
+    // Half seconds end at 1800000000.5 and on; one is cut from the middle of the second scan about Y.
+    let gap = edited(&room, "link.log", |log| {
+        log.lines().filter(|line| !line.starts_with("(1800000800.5")).map(|line| format!("{line}\n")).collect()
+    });
+    let error = said(&gap);
+    assert!(
+        error.contains("left out: y-scan at 1800000770.0 s: 1 half second is missing at 1800000800.0 s"),
+        "{error}"
+    );
+    // The bus recorder's clock jumps by 10 s.
+    let jump = edited(&room, "link.log", |log| {
+        let late = |line: &str| match line.split_once('.') {
+            Some((seconds, rest)) if seconds[1..].parse::<u64>().is_ok_and(|seconds| seconds > 1_800_010_000) => {
+                format!("({}.{rest}\n", seconds[1..].parse::<u64>().expect("a number") + 10)
+            }
+            _ => format!("{line}\n"),
+        };
+        log.lines().map(late).collect()
+    });
+    let output = output(&arguments(text(&jump), &manoeuvres, &reference));
+    let error = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(error.contains("receive times jump at 18000100"), "{error}");
+    // Without the scan about the sun vector at 60° X is not turned about.
+    assert_eq!(output.status.code(), Some(2));
+    assert!(error.contains("GYRX scale factor: no manoeuvre turns about X"), "{error}");
+}
+
+#[test]
+fn saturated_counts_serve_nobody() {
+    let room = tempfile::tempdir().expect("a directory");
+    // More than 16 bits in one half second.
+    let saturated = room.path().join("saturated");
+    let course = "gyro.GYRY.lost-counts={ counts = 100000.0, time_s = 700.0 }";
+    run(&["simulate", "--duration", "14000", "--set", course, "--out", text(&saturated)]);
+    let file = |name: &str| text(&saturated.join(name)).to_owned();
+    let (link, manoeuvres, reference) = (file("link.log"), file("manoeuvres.csv"), file("reference.csv"));
+    let (table, error) = run(&arguments(&link, &manoeuvres, &reference));
+    assert!(error.contains("left out: y-scan at 600.0 s, GYRY: the count is saturated at 700.0 s"), "{error}");
+    assert!(table.contains("of 11 spare equations"), "{table}");
+}
+
+#[test]
+fn lists_and_references_that_do_not_fit_are_refused_or_left_out() {
+    let room = tempfile::tempdir().expect("a directory");
+    let (link, manoeuvres, reference) = (in_can("link.log"), in_can("manoeuvres.csv"), in_can("reference.csv"));
+    let list = |text_: &str| {
+        let path = room.path().join("list.csv");
+        fs::write(&path, text_).expect("writable");
+        text(&path).to_owned()
+    };
+    let of_list = |text: &str| refused(&arguments(&link, &list(text), &reference));
+    let header = "manoeuvre,start_s,end_s\n";
+    let at = 1_800_000_000;
+    for (bad, part) in [
+        (String::new(), "line 1: manoeuvre: expected the columns manoeuvre,start_s,end_s"),
+        (format!("{header}pointing,x,{at}\n"), "line 2: start_s: expected seconds, got \"x\""),
+        (format!("{header}pointing,{at},{at}\n"), "line 2: end_s: expected an end after the start"),
+        (
+            format!("{header}pointing,{at},{}\nz-scan,{},{}\n", at + 600, at + 500, at + 700),
+            "line 3: start_s: expected a manoeuvre beside the pointing of 1800000000…1800000600 s",
+        ),
+        (header.to_owned(), "expected calibration manoeuvres"),
+        (format!("{header}slew,{at},{}\nsurvey,{},{}\n", at + 60, at + 60, at + 90), "got only slew, survey"),
+        (format!("{header}pointing,{at},{}\n", at + 600), "GYRX scale factor: no manoeuvre turns about X"),
+        (format!("{header}pointing,5,605\n"), "left out: pointing at 5.0 s: the recording does not cover it"),
+    ] {
+        let message = of_list(&bad);
+        assert!(message.contains(part), "{part} not in {message}");
+    }
+    // A reference that ends inside the scan about Z.
+    let short =
+        edited(&room, "reference.csv", |text| text.lines().take(10_000).map(|line| format!("{line}\n")).collect());
+    let message = refused(&arguments(&link, &manoeuvres, text(&short)));
+    assert!(
+        message.contains("left out: z-scan at 1800001260.0 s: the reference does not cover it: it tells"),
+        "{message}"
+    );
+    assert!(message.contains("no manoeuvre turns about Z"), "{message}");
+    let message = refused(&["calibrate", "--link", &link, "--manoeuvres", &manoeuvres, "--reference", &manoeuvres]);
+    assert!(message.contains("expected the columns t_s and either"), "{message}");
+    let sse = in_can("sse.csv");
+    let message = refused(&["calibrate", "--link", &link, "--fss", &sse, "--sse", &sse]);
+    assert!(message.contains("line 1: theta_arcsec: expected the columns"), "{message}");
+    let missing = refused(&arguments("nowhere.log", &manoeuvres, &reference));
+    assert!(missing.contains("nowhere.log"), "{missing}");
+}

@@ -1,0 +1,312 @@
+//! A survey day: 24 h simulated with the model, reconstructed, and held against the exact attitude (Casteren §1, §3).
+
+use geu_model::attitude::{Manoeuvre, Plan};
+use geu_model::effect::{Effects, HeadEffects, UnitEffects};
+use geu_model::noise::Stream;
+use geu_model::package::Calibration;
+use geu_model::sensor::{Fss, StarSensor, SunSensor};
+use geu_model::units::{ARCSEC_PER_RAD, HALF_SECOND_S, ORBIT_S};
+use geu_model::{Configuration, Truth, Unit};
+use geu_protocol::Gyro;
+use nalgebra::{UnitQuaternion, Vector3};
+
+use super::fix::SUN_EVERY_S;
+use super::{Estimate, FilterError, Fix, Noise, Reconstruction, attitude_of, reconstruct};
+use crate::counts::Counts;
+use crate::transfer::InUse;
+
+/// The mission's requirement on the boresight (Casteren §1).
+pub const REQUIREMENT_ARCSEC: f64 = 20.0;
+/// Least time between attitude fixes; typically they are 30 min apart (Casteren §3).
+pub const FIX_SPACING_S: f64 = 1800.0;
+/// Scale on which the model's non-linearity is cubic, arcsec/s (model.md, Effects).
+const NONLINEARITY_ARCSEC_S: f64 = 720.0;
+/// What a clearance is known to (Casteren §5.3).
+const CLEARANCE_ARCSEC: f64 = 3.0;
+
+/// A recording with its exact attitude.
+#[derive(Debug, Clone)]
+pub struct Day {
+    /// What the gyros counted.
+    pub counts: Counts,
+    /// Fixes of the star sensor, the mean of its slits, [`FIX_SPACING_S`] apart or more.
+    pub fixes: Vec<Fix>,
+    /// Samples of the sun sensor, 10 min apart or so.
+    pub sun: Vec<Fix>,
+    /// Exact attitude at each node, control frame to inertial.
+    pub attitude: Vec<UnitQuaternion<f64>>,
+}
+
+impl Day {
+    /// Simulates a configuration on its scenario.
+    pub fn simulate(configuration: &Configuration, half_seconds: usize) -> Day {
+        let mut unit = Unit::new(configuration);
+        let mut motion = Truth::Scenario.motion(configuration, 0.0);
+        let sensors = &configuration.sensors;
+        let mut stars = StarSensor::new(sensors.sse, configuration.seed, configuration.scenario.limit_cycle);
+        let mut sun = SunSensor::new(sensors.fss, configuration.seed);
+        let mut day = Day {
+            counts: Counts::starting_at(0),
+            fixes: vec![],
+            sun: vec![],
+            attitude: Vec::with_capacity(half_seconds + 1),
+        };
+        let now = |motion: &geu_model::attitude::Motion| {
+            let [about_x, about_y] = motion.departure_control_arcsec();
+            let moment = motion.now();
+            attitude_of(moment.theta_rad, moment.psi_rad, moment.t_s)
+                * UnitQuaternion::from_scaled_axis(Vector3::new(about_x, about_y, 0.0) / ARCSEC_PER_RAD)
+        };
+        day.attitude.push(now(&motion));
+        let mut next_sun_s = 0.0;
+        for _ in 0..half_seconds {
+            let half_second = unit.end_half_second();
+            let end_s = half_second.end_ns as f64 * 1e-9;
+            let told = half_second.half_second;
+            day.counts.push(end_s, told.increments.map(f64::from), f64::from(told.electronics_centi_c) * 0.01);
+            motion.advance(end_s);
+            for leg in motion.take_legs() {
+                stars.flown(&leg);
+                sun.flown(&leg);
+            }
+            while let Some(slits) = stars.fixes_until(end_s) {
+                let t_s = slits[0].t_s;
+                if day.fixes.last().is_none_or(|last| t_s - last.t_s >= FIX_SPACING_S) {
+                    let seen = slits.map(|fix| ([fix.theta_deg, fix.psi_deg], fix.sigma_arcsec));
+                    day.fixes.push(Fix::star_through_slits(t_s, &seen, sensors.sse.star_arcsec));
+                }
+            }
+            if let Some(seen) = sun.see(&motion).filter(|_| end_s >= next_sun_s) {
+                next_sun_s = end_s + SUN_EVERY_S;
+                let Fss { step_arcsec, .. } = sensors.fss;
+                day.sun.push(Fix::sun(end_s, seen.theta_arcsec, seen.roll_arcsec, step_arcsec));
+            }
+            day.attitude.push(now(&motion));
+        }
+        day
+    }
+}
+
+/// The parameters that the six manoeuvres of the checkout find (Casteren §5): the configuration's own with the constant
+/// departures in them, and the scale factor as it is at the rates flown, 12′/s both ways for GYRY, orbital speed for Z,
+/// orbital speed times cos 60° for X.
+pub fn checkout_calibration(configuration: &Configuration) -> [Calibration; 4] {
+    let orbital_arcsec_s = 1_296_000.0 / ORBIT_S;
+    let flown =
+        [(0.5 * orbital_arcsec_s, 1.0), (NONLINEARITY_ARCSEC_S, 0.5), (orbital_arcsec_s, 1.0), (orbital_arcsec_s, 1.0)];
+    std::array::from_fn(|gyro| {
+        let own = configuration.gyros[gyro].calibration;
+        let effects = &configuration.gyros[gyro].effects.constant;
+        let (rate_arcsec_s, share_positive) = flown[gyro];
+        let ppm = effects.scale_factor.ppm
+            + effects.scale_factor_nonlinearity.cubic_ppm * (rate_arcsec_s / NONLINEARITY_ARCSEC_S).powi(2)
+            + effects.scale_factor_asymmetry.ppm * share_positive
+            - configuration.unit.constant.clock_frequency.ppm;
+        Calibration {
+            scale_factor: own.scale_factor * (1.0 + ppm * 1e-6),
+            drift_arcsec_per_half_s: own.drift_arcsec_per_half_s + effects.drift.arcsec_per_h / 3600.0 * HALF_SECOND_S,
+            x_arcsec: own.x_arcsec + effects.misalignment.x_arcsec,
+            y_arcsec: own.y_arcsec + effects.misalignment.y_arcsec,
+            z_arcsec: own.z_arcsec + effects.misalignment.z_arcsec,
+        }
+    })
+}
+
+/// A calibration with errors: drift, scale factor and misalignments 1 sigma of the noise's start. Drawn from the seed.
+pub fn with_errors(calibrations: &[Calibration; 4], noise: &Noise, seed: u64) -> [Calibration; 4] {
+    let drift = noise.start_drift_arcsec_per_half_s();
+    Gyro::ALL.map(|gyro| {
+        let mut stream = Stream::of_sensor(seed, &format!("calibration {}", gyro.name()));
+        let mut off = |sigma: f64| sigma * stream.standard_normal();
+        let own = calibrations[gyro as usize];
+        let axes = geu_model::package::Axes::of(gyro);
+        let mut away = |name: &str, value: f64| {
+            let error = off(noise.start_misalignment_arcsec);
+            if axes.has_number(name) { value + error } else { value }
+        };
+        let [x_arcsec, y_arcsec, z_arcsec] =
+            [away("x_arcsec", own.x_arcsec), away("y_arcsec", own.y_arcsec), away("z_arcsec", own.z_arcsec)];
+        Calibration {
+            scale_factor: own.scale_factor * (1.0 + off(noise.start_scale_factor_ppm) * 1e-6),
+            drift_arcsec_per_half_s: own.drift_arcsec_per_half_s + off(drift),
+            x_arcsec,
+            y_arcsec,
+            z_arcsec,
+        }
+    })
+}
+
+/// Errors of the boresight over a run, arcsec.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Share {
+    /// Root of the mean square.
+    pub rms_arcsec: f64,
+    /// Which 95 % of the nodes stay below.
+    pub p95_arcsec: f64,
+    /// The largest.
+    pub max_arcsec: f64,
+}
+
+impl Share {
+    /// Of estimates against the exact attitude.
+    pub fn of(estimates: &[Estimate], exact: &[UnitQuaternion<f64>]) -> Share {
+        let mut errors: Vec<f64> = estimates
+            .iter()
+            .zip(exact)
+            .map(|(estimate, exact)| {
+                let boresight = exact.inverse() * (estimate.attitude * Vector3::x());
+                boresight.y.hypot(boresight.z) * ARCSEC_PER_RAD
+            })
+            .collect();
+        if errors.is_empty() {
+            return Share::default();
+        }
+        let count = errors.len();
+        let rms_arcsec = (errors.iter().map(|error| error * error).sum::<f64>() / count as f64).sqrt();
+        errors.sort_by(f64::total_cmp);
+        Share { rms_arcsec, p95_arcsec: errors[(count - 1) * 95 / 100], max_arcsec: errors[count - 1] }
+    }
+}
+
+/// A survey day against its truth.
+#[derive(Debug, Clone)]
+pub struct DayReport {
+    /// Boresight, filtered.
+    pub filtered: Share,
+    /// Boresight, smoothed.
+    pub smoothed: Share,
+    /// Fixes used.
+    pub fixes: usize,
+    /// The reconstruction.
+    pub reconstruction: Reconstruction,
+    /// What was flown.
+    pub day: Day,
+}
+
+/// Why a day could not be flown.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum DayError {
+    /// The scenario has no fix, or the day no half second.
+    #[error("{0}")]
+    Filter(#[from] FilterError),
+    /// The survey alone cannot be flown.
+    #[error("survey: {0}")]
+    Survey(#[from] geu_model::attitude::Impossible),
+}
+
+/// Flies a survey day with the gyros of a configuration and reconstructs it.
+///
+/// The day is the configuration's survey, without the manoeuvres before it and without end; a configuration without one
+/// is flown as it is. The calibration is [`checkout_calibration`] with errors of 6″/h, 20 ppm and 3″ drawn from the seed, the fixes
+/// are the star sensor's alone, or with the sun sensor's 10 min apart.
+///
+/// # Errors
+/// A survey that cannot be flown from the scenario's start, a duration without a half second.
+pub fn survey_day(
+    configuration: &Configuration,
+    half_seconds: usize,
+    in_use: InUse,
+    with_sun: bool,
+) -> Result<DayReport, DayError> {
+    let mut configuration = configuration.clone();
+    let scenario = &mut configuration.scenario;
+    if let Some(survey) = scenario.manoeuvres.iter().find_map(|manoeuvre| match manoeuvre {
+        Manoeuvre::Survey(survey) => Some(geu_model::attitude::Manoeuvre::Survey({
+            let mut endless = *survey;
+            endless.scans = 0.0;
+            endless
+        })),
+        _ => None,
+    }) {
+        scenario.manoeuvres = vec![survey];
+        Plan::new(scenario)?;
+    }
+    let day = Day::simulate(&configuration, half_seconds);
+    let mut noise = Noise::of(&configuration, in_use);
+    let calibrations = with_errors(&checkout_calibration(&configuration), &noise, configuration.seed);
+    for (gyro, clearance_arcsec) in Gyro::ALL.into_iter().zip(&mut noise.clearance_arcsec) {
+        let mut stream = Stream::of_sensor(configuration.seed, &format!("clearance {}", gyro.name()));
+        let known = *clearance_arcsec + CLEARANCE_ARCSEC * stream.standard_normal();
+        *clearance_arcsec = if *clearance_arcsec > 0.0 { known.max(0.0) } else { 0.0 };
+    }
+    let mut fixes = day.fixes.clone();
+    if with_sun {
+        fixes.extend(day.sun.iter().cloned());
+    }
+    let reconstruction = reconstruct(&day.counts, &calibrations, in_use, &noise, &fixes)?;
+    Ok(DayReport {
+        filtered: Share::of(&reconstruction.filtered, &day.attitude),
+        smoothed: Share::of(&reconstruction.smoothed, &day.attitude),
+        fixes: fixes.len() - reconstruction.fixes_outside,
+        reconstruction,
+        day,
+    })
+}
+
+/// What one effect costs.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EffectCost {
+    /// Its code.
+    pub code: &'static str,
+    /// Smoothed boresight with this effect and no other.
+    pub alone: Share,
+    /// Smoothed boresight with every effect but this.
+    pub without: Share,
+}
+
+/// A survey day for each effect of a configuration, with it alone and without it; an effect counts with its courses, on
+/// all gyros.
+///
+/// # Errors
+/// As [`survey_day`].
+pub fn cost_of_effects(
+    configuration: &Configuration,
+    half_seconds: usize,
+    in_use: InUse,
+    mut progress: impl FnMut(usize, usize),
+) -> Result<(Share, Vec<EffectCost>), DayError> {
+    let codes = effects_of(configuration);
+    let runs = 2 * codes.len() + 1;
+    let mut done = 0;
+    let mut smoothed = |keep: &dyn Fn(&str) -> bool| -> Result<Share, DayError> {
+        let share = survey_day(&keeping(configuration, keep), half_seconds, in_use, false)?.smoothed;
+        done += 1;
+        progress(done, runs);
+        Ok(share)
+    };
+    let none = smoothed(&|_| false)?;
+    let costs = codes
+        .iter()
+        .map(|&code| {
+            Ok(EffectCost { code, alone: smoothed(&|own| own == code)?, without: smoothed(&|own| own != code)? })
+        })
+        .collect::<Result<_, DayError>>()?;
+    Ok((none, costs))
+}
+
+/// Codes of the effects that a configuration has, in physical order.
+fn effects_of(configuration: &Configuration) -> Vec<&'static str> {
+    let unit = (0..UnitEffects::SPECS.len())
+        .filter(|&index| configuration.unit.has(index))
+        .map(|index| UnitEffects::SPECS[index].code);
+    let heads = (0..HeadEffects::SPECS.len())
+        .filter(|&index| configuration.gyros.iter().any(|gyro| gyro.effects.has(index)))
+        .map(|index| HeadEffects::SPECS[index].code);
+    unit.chain(heads).collect()
+}
+
+/// The configuration with only the effects that `keep` names.
+fn keeping(configuration: &Configuration, keep: &dyn Fn(&str) -> bool) -> Configuration {
+    fn drop_from<E: Effects>(effects: &mut geu_model::effect::Configured<E>, keep: &dyn Fn(&str) -> bool) {
+        let specs = effects.constant.specs();
+        for (index, spec) in specs.iter().enumerate().filter(|(_, spec)| !keep(spec.code)) {
+            let numbers = effects.constant.numbers_mut(index);
+            (0..spec.amplitudes.len()).for_each(|amplitude| *numbers.value_mut(amplitude) = 0.0);
+        }
+        effects.courses.retain(|course| keep(specs[course.effect].code));
+    }
+    let mut configuration = configuration.clone();
+    drop_from(&mut configuration.unit, keep);
+    configuration.gyros.iter_mut().for_each(|gyro| drop_from(&mut gyro.effects, keep));
+    configuration
+}

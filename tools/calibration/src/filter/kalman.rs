@@ -1,0 +1,389 @@
+//! The filter forward and the smoother backward over the nodes.
+
+use std::borrow::Cow;
+
+use geu_model::package::Calibration;
+use geu_model::units::{ARCSEC_PER_RAD, HALF_SECOND_S, RAD_PER_DEG, SUN_RATE_RAD_S};
+use nalgebra::{Matrix3, Matrix3x4, Matrix4, UnitQuaternion, Vector3};
+
+use super::covariance::{
+    ATTITUDE, Adjoint, Covariance, DRIFT, GYROS, Gain, MISALIGNMENT, SCALE_FACTOR, SYSTEMATIC, Step, THERMAL, Vector,
+};
+use super::{Estimate, Fix, Innovation, Noise, Seen};
+use crate::counts::{BreakKind, Counts};
+use crate::transfer::{InUse, Transfer};
+
+/// The axes about which the gyros in use are misaligned: the two that are not their own.
+const OFF_AXIS: [[usize; 2]; GYROS] = [[1, 2], [0, 2], [0, 1]];
+/// Half seconds whose mean stands in for one that is lost: two periods of the limit cycle (Casteren §3.3).
+const MEAN_OVER: usize = 20;
+/// An attitude less certain than this is lost: the next fix of the whole attitude starts it anew. A degree, at which the
+/// square of the error, 63″, is no longer small.
+const LOST_ARCSEC: f64 = 3600.0;
+/// Half seconds between stored covariances, from which the smoother makes the others again: 1.6 MB at a time instead of
+/// 270 MB for a day.
+const CHECKPOINT: usize = 1024;
+
+/// The counts with what is lost filled in, and for each half second and gyro in use how many were lost on end, with it; 0
+/// where it is there.
+pub(super) fn mended(counts: &Counts, in_use: InUse) -> (Cow<'_, Counts>, Vec<[u32; 4]>) {
+    let used = in_use.gyros();
+    let mut lost = vec![[0; 4]; counts.len()];
+    for found in counts.breaks.iter().filter(|found| found.kind != BreakKind::TimeJump) {
+        let last = found.to.min(lost.len());
+        for half_second in &mut lost[found.from.min(last)..last] {
+            for gyro in 0..4 {
+                half_second[gyro] |= u32::from(used[gyro] && found.gyros[gyro]);
+            }
+        }
+    }
+    if lost.iter().flatten().all(|&lost| lost == 0) {
+        return (Cow::Borrowed(counts), lost);
+    }
+    let mut mended = counts.clone();
+    for gyro in 0..4 {
+        // As many as there are until there are enough.
+        let (mut recent, mut seen, mut on_end) = ([0.0; MEAN_OVER], 0, 0);
+        for (half_second, lost) in lost.iter_mut().enumerate() {
+            let kept = seen.min(MEAN_OVER);
+            on_end = if lost[gyro] == 0 { 0 } else { on_end + 1 };
+            lost[gyro] = on_end;
+            let increment = if on_end > 0 {
+                recent[..kept].iter().sum::<f64>() / kept.max(1) as f64
+            } else {
+                let increment = counts.accumulated[gyro][half_second + 1] - counts.accumulated[gyro][half_second];
+                recent[seen % MEAN_OVER] = increment;
+                seen += 1;
+                increment
+            };
+            mended.accumulated[gyro][half_second + 1] = mended.accumulated[gyro][half_second] + increment;
+        }
+    }
+    (Cow::Owned(mended), lost)
+}
+
+/// The nominal values whose errors are estimated.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct State {
+    /// Package frame to inertial.
+    package: UnitQuaternion<f64>,
+    pub calibrations: [Calibration; 4],
+    /// The star sensor's systematic errors.
+    systematic_arcsec: [f64; 2],
+    pub thermal_arcsec_per_deg: f64,
+}
+
+impl State {
+    /// With an error, as the filter or smoother finds it, put in.
+    fn corrected(&self, error: &Vector, gyros: [usize; GYROS]) -> State {
+        let mut state = *self;
+        let turn = Vector3::new(error[0], error[1], error[2]) / ARCSEC_PER_RAD;
+        state.package = UnitQuaternion::from_scaled_axis(turn) * state.package;
+        for (slot, gyro) in gyros.into_iter().enumerate() {
+            let own = &mut state.calibrations[gyro];
+            own.drift_arcsec_per_half_s += error[DRIFT + slot];
+            own.scale_factor += error[SCALE_FACTOR + slot] * 1e-6;
+            let off_axis = [&mut own.x_arcsec, &mut own.y_arcsec, &mut own.z_arcsec];
+            for (index, axis) in OFF_AXIS[slot].into_iter().enumerate() {
+                *off_axis[axis] += error[MISALIGNMENT + 2 * slot + index];
+            }
+        }
+        for (own, error) in state.systematic_arcsec.iter_mut().zip(&error.as_slice()[SYSTEMATIC..]) {
+            *own += error;
+        }
+        state.thermal_arcsec_per_deg += error[THERMAL];
+        state
+    }
+
+    /// Turn of the package about Y out of the control frame.
+    fn turn(&self, lagged_deg: f64) -> UnitQuaternion<f64> {
+        let turn_rad = self.thermal_arcsec_per_deg * lagged_deg / ARCSEC_PER_RAD;
+        UnitQuaternion::from_scaled_axis(Vector3::y() * turn_rad)
+    }
+
+    /// Control frame to inertial.
+    fn control(&self, lagged_deg: f64) -> UnitQuaternion<f64> {
+        self.package * self.turn(lagged_deg).inverse()
+    }
+}
+
+/// What happened to the estimate at a node, in order.
+enum Event {
+    /// The attitude was started anew.
+    Restart,
+    Update(Box<Gain>),
+}
+
+pub(super) struct Filter<'a> {
+    counts: &'a Counts,
+    lost: Vec<[u32; 4]>,
+    noise: &'a Noise,
+    in_use: InUse,
+    /// The gyros in use, a slot each, in the order of their axes.
+    gyros: [usize; GYROS],
+    /// Equation 3 with the present state put in.
+    transfer: Transfer,
+    /// M⁻¹ of the calibration given: rotations about the input axes in use to those about the control axes.
+    inverse: Matrix3<f64>,
+    pub state: State,
+    pub covariance: Covariance,
+    /// θ − 90°, lagged, at the node that is reached.
+    lagged_deg: f64,
+    pub filtered: Vec<Estimate>,
+    /// Of each node, after its fixes.
+    history: Vec<(State, f64)>,
+    checkpoints: Vec<(usize, Covariance)>,
+    events: Vec<(usize, Event)>,
+    pub innovations: Vec<Innovation>,
+}
+
+impl<'a> Filter<'a> {
+    /// At node 0; nothing without a fix of the whole attitude.
+    pub fn start(
+        counts: &'a Counts,
+        lost: Vec<[u32; 4]>,
+        calibrations: &[Calibration; 4],
+        (in_use, gyros): (InUse, [usize; GYROS]),
+        noise: &'a Noise,
+        fixes: &[(usize, &Fix)],
+    ) -> Option<Filter<'a>> {
+        // Column by column, from unit rotations about the input axes.
+        let bare = calibrations.map(|calibration| Calibration {
+            scale_factor: 1.0,
+            drift_arcsec_per_half_s: 0.0,
+            ..calibration
+        });
+        let transfer = Transfer::new(&bare, in_use);
+        let inverse = Matrix3::from_columns(&gyros.map(|gyro| {
+            let mut counts = [0.0; 4];
+            counts[gyro] = 1.0;
+            Vector3::from(transfer.about_control_arcsec(counts, 0.0))
+        }));
+        let mut state = State {
+            package: UnitQuaternion::identity(),
+            calibrations: *calibrations,
+            systematic_arcsec: [0.0; 2],
+            thermal_arcsec_per_deg: 0.0,
+        };
+        let (node, attitude) = fixes.iter().find_map(|(node, fix)| match fix.seen {
+            Seen::Attitude(attitude) => Some((*node, attitude)),
+            Seen::Direction { .. } => None,
+        })?;
+        let mut filter = Filter {
+            counts,
+            lost,
+            noise,
+            in_use,
+            gyros,
+            transfer: Transfer::new(calibrations, in_use),
+            inverse,
+            state,
+            covariance: Covariance::start(noise, &attitude),
+            lagged_deg: 0.0,
+            filtered: Vec::with_capacity(counts.len() + 1),
+            history: Vec::with_capacity(counts.len() + 1),
+            checkpoints: Vec::new(),
+            events: Vec::new(),
+            innovations: Vec::new(),
+        };
+        let mut before = Vector3::zeros();
+        for half_second in 0..node {
+            filter.turn(half_second, &mut before);
+        }
+        state.package = attitude * filter.state.package.inverse();
+        filter.state = state;
+        filter.lagged_deg = filter.above_90_deg(0);
+        Some(filter)
+    }
+
+    fn increments(&self, half_second: usize) -> [f64; 4] {
+        std::array::from_fn(|gyro| {
+            self.counts.accumulated[gyro][half_second + 1] - self.counts.accumulated[gyro][half_second]
+        })
+    }
+
+    /// Rotation about the package's axes over counts and half seconds (eq 3).
+    fn turned_arcsec(&self, counts: [f64; 4], half_seconds: f64) -> Vector3<f64> {
+        self.transfer.about_control_arcsec(counts, half_seconds).into()
+    }
+
+    /// Turns the nominal attitude over a half second. Increments are integrals of rates about axes that turn meanwhile:
+    /// the first term that does not commute is a twelfth of the cross product with the increment before (Miller 1983).
+    fn turn(&mut self, half_second: usize, before: &mut Vector3<f64>) {
+        let turn = self.turned_arcsec(self.increments(half_second), 1.0) / ARCSEC_PER_RAD;
+        let whole = turn + before.cross(&turn) / 12.0;
+        self.state.package *= UnitQuaternion::from_scaled_axis(whole);
+        *before = turn;
+    }
+
+    /// θ − 90° of the nominal attitude at a node, to within what the turn itself is.
+    fn above_90_deg(&self, node: usize) -> f64 {
+        let boresight = self.state.package * Vector3::x();
+        let (sin, cos) = libm::sincos(SUN_RATE_RAD_S * self.counts.node_s[node]);
+        -libm::asin((boresight.x * cos + boresight.y * sin).clamp(-1.0, 1.0)) / RAD_PER_DEG
+    }
+
+    pub fn forward(&mut self, fixes: &[(usize, &Fix)]) {
+        let left = libm::exp(-HALF_SECOND_S / self.noise.thermal_time_constant_s);
+        let (mut before, mut fixes) = (Vector3::zeros(), fixes.iter().peekable());
+        for node in 0..=self.counts.len() {
+            let mut is_updated = false;
+            while let Some((_, fix)) = fixes.next_if(|(own, _)| *own == node) {
+                self.update(node, fix);
+                is_updated = true;
+            }
+            self.history.push((self.state, self.lagged_deg));
+            self.filtered.push(self.estimate(&self.state, self.lagged_deg, &self.covariance));
+            if is_updated || node % CHECKPOINT == 0 {
+                self.checkpoints.push((node, self.covariance));
+            }
+            if node == self.counts.len() {
+                break;
+            }
+            let step = self.step(node, &self.state);
+            self.covariance.advance(&step);
+            let from_deg = self.above_90_deg(node);
+            self.turn(node, &mut before);
+            let to_deg = self.above_90_deg(node + 1);
+            self.lagged_deg = 0.5 * (from_deg + to_deg) * (1.0 - left) + self.lagged_deg * left;
+        }
+    }
+
+    /// How errors pass over a half second, from the nominal state at its start.
+    fn step(&self, half_second: usize, state: &State) -> Step {
+        let rotation = state.package.to_rotation_matrix();
+        let to_inertial = rotation.matrix() * self.inverse;
+        let increments = self.increments(half_second);
+        let counts = self.gyros.map(|gyro| increments[gyro]);
+        // A count is an arcsecond about the own axis but for 0.2 % (Casteren §3.2), of 3″ of misalignment.
+        let off_axis_rad = OFF_AXIS.map(|axes| axes.map(|axis| counts[axis] / ARCSEC_PER_RAD));
+        let mut step = Step::new(&to_inertial, counts, off_axis_rad, self.noise);
+        let sigma_arcsec = self.noise.lost_rate_arcsec_s * HALF_SECOND_S;
+        for (slot, gyro) in self.gyros.into_iter().enumerate() {
+            let on_end = self.lost[half_second][gyro];
+            if on_end > 0 {
+                // One rate is wrong throughout, so the angle grows with time and its variance with the square.
+                let variance = sigma_arcsec.powi(2) * f64::from(2 * on_end - 1);
+                step.lose(&to_inertial.column(slot).into_owned(), variance);
+            }
+        }
+        step
+    }
+
+    fn update(&mut self, node: usize, fix: &Fix) {
+        if let Seen::Attitude(attitude) = fix.seen
+            && self.covariance.attitude().diagonal().max().sqrt() > LOST_ARCSEC
+        {
+            // The attitude at the node for which the prediction of the fix is what it saw.
+            let turn_since = self.turn_since(node, fix.t_s);
+            self.state.package = attitude * self.state.turn(self.lagged_deg) * turn_since.inverse();
+            self.covariance.restart(self.noise, &attitude);
+            self.events.push((node, Event::Restart));
+        }
+        let turn = self.state.turn(self.lagged_deg);
+        let package = self.state.package * self.turn_since(node, fix.t_s);
+        let control = package * turn.inverse();
+        let seen = fix.residual_control_arcsec(&control);
+        let mut error = Vector::zeros();
+        for (component, sight) in fix.sights.iter().enumerate() {
+            let direction = control * sight.direction_control;
+            let mut row = Vector::zeros();
+            row.fixed_rows_mut::<3>(ATTITUDE).copy_from(&direction);
+            for (index, part) in sight.systematic.into_iter().enumerate() {
+                row[SYSTEMATIC + index] = part;
+            }
+            row[THERMAL] = -self.lagged_deg * sight.direction_control.y;
+            let expected: f64 =
+                sight.systematic.iter().zip(self.state.systematic_arcsec).map(|(part, error)| part * error).sum();
+            let residual = sight.direction_control.dot(&seen) - expected - row.dot(&error);
+            let variance =
+                sight.sigma_arcsec.powi(2) + self.noise.bounded_variance_arcsec2() * direction.norm_squared();
+            let gain = self.covariance.update(row, residual, variance);
+            error += gain.gain * residual;
+            let normalised = residual / gain.variance.sqrt();
+            self.innovations.push(Innovation { t_s: fix.t_s, component, arcsec: residual, normalised });
+            self.events.push((node, Event::Update(Box::new(gain))));
+        }
+        self.state = self.state.corrected(&error, self.gyros);
+        self.transfer = Transfer::new(&self.state.calibrations, self.in_use);
+    }
+
+    /// The turn from a node to an instant near it, from counts interpolated between half seconds (Casteren §6).
+    fn turn_since(&self, node: usize, t_s: f64) -> UnitQuaternion<f64> {
+        let Some(reading) = self.counts.at(t_s) else { return UnitQuaternion::identity() };
+        let counts =
+            std::array::from_fn(|gyro| self.counts.count(gyro, &reading) - self.counts.accumulated[gyro][node]);
+        let turned = self.turned_arcsec(counts, reading.half_seconds - node as f64);
+        UnitQuaternion::from_scaled_axis(turned / ARCSEC_PER_RAD)
+    }
+
+    fn estimate(&self, state: &State, lagged_deg: f64, covariance: &Covariance) -> Estimate {
+        let variances = std::array::from_fn(|index| covariance.variance(DRIFT + index));
+        self.told(state, lagged_deg, &covariance.with_thermal(), &variances)
+    }
+
+    /// `errors`: covariance of the attitude and of the thermal turn, in inertial axes; `variances` of drifts and scale
+    /// factors in use.
+    fn told(&self, state: &State, lagged_deg: f64, errors: &Matrix4<f64>, variances: &[f64; 2 * GYROS]) -> Estimate {
+        let mut drift_sigma_arcsec_per_half_s = [self.noise.start_drift_arcsec_per_half_s(); 4];
+        let mut scale_factor_sigma = [self.noise.start_scale_factor_ppm * 1e-6; 4];
+        for (slot, gyro) in self.gyros.into_iter().enumerate() {
+            drift_sigma_arcsec_per_half_s[gyro] = variances[slot].max(0.0).sqrt();
+            scale_factor_sigma[gyro] = variances[GYROS + slot].max(0.0).sqrt() * 1e-6;
+        }
+        let attitude = state.control(lagged_deg);
+        let rotation = attitude.to_rotation_matrix();
+        // Control error = attitude error less the turn that is not known, about Y.
+        let mut map = Matrix3x4::zeros();
+        map.fixed_columns_mut::<3>(0).copy_from(&rotation.matrix().transpose());
+        map[(1, 3)] = -lagged_deg;
+        let bounded = Matrix3::from_diagonal_element(self.noise.bounded_variance_arcsec2());
+        Estimate {
+            attitude,
+            covariance_control_arcsec2: map * errors * map.transpose() + bounded,
+            drift_arcsec_per_half_s: state.calibrations.map(|own| own.drift_arcsec_per_half_s),
+            drift_sigma_arcsec_per_half_s,
+            scale_factor: state.calibrations.map(|own| own.scale_factor),
+            scale_factor_sigma,
+        }
+    }
+
+    /// Smooths from the last node to the first.
+    pub fn backward(&self) -> Vec<Estimate> {
+        let mut smoothed = self.filtered.clone();
+        let mut adjoint = Adjoint::zero();
+        let mut events = self.events.iter().rev().peekable();
+        let mut last = self.counts.len();
+        let mut covariances = Vec::with_capacity(CHECKPOINT);
+        for &(first, covariance) in self.checkpoints.iter().rev() {
+            // The covariances of this stretch once more, and the steps between them.
+            covariances.clear();
+            let mut covariance = covariance;
+            for node in first..=last {
+                let step = (node < self.counts.len()).then(|| self.step(node, &self.history[node].0));
+                covariances.push((covariance, step));
+                if let Some(step) = step.filter(|_| node < last) {
+                    covariance.advance(&step);
+                }
+            }
+            for node in (first..=last).rev() {
+                let (covariance, step) = &covariances[node - first];
+                if let Some(step) = step {
+                    adjoint.pass_back(step);
+                }
+                let (state, lagged_deg) = &self.history[node];
+                let state = state.corrected(&adjoint.correction(covariance), self.gyros);
+                let (errors, variances) = adjoint.smoothed(covariance);
+                smoothed[node] = self.told(&state, *lagged_deg, &errors, &variances);
+                while let Some((_, event)) = events.next_if(|(own, _)| *own == node) {
+                    match event {
+                        Event::Restart => adjoint.forget_attitude(),
+                        Event::Update(gain) => adjoint.undo(gain),
+                    }
+                }
+            }
+            last = first.saturating_sub(1);
+        }
+        smoothed
+    }
+}

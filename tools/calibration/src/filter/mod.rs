@@ -1,0 +1,231 @@
+//! Reconstruction: a Kalman filter that re-estimates attitude and transfer functions each half second between attitude
+//! fixes, and a smoother over the same history (Casteren §3).
+//!
+//! *States.* Attitude error about inertial axes; drift, scale factor and two misalignments of each of the three gyros in
+//! use; the star sensor's two systematic errors; the settled turn of the package for each degree of θ. The errors are those of
+//! a nominal attitude, integrated from the counts by equation 3 and corrected at every fix (a multiplicative filter). Taken
+//! about inertial axes an attitude error stands still but for what wrong parameters add, so the transition is the identity
+//! but for three rows, and 24 h are a matter of a tenth of a second.
+//!
+//! *Frames.* What is integrated is the attitude of the package; the control frame, which the sensors see and the results
+//! tell, is the package turned back by the thermal misalignment δ = k·g: g follows θ − 90° with a first-order lag (§3.4,
+//! §5.3), k is a state. That takes the place of three thermal terms in M, and of a guess at their size.
+//!
+//! *Bounded errors.* A count is a difference of rounded angles, and the float moves between its stops: neither
+//! accumulates. Both are noise of the gyros' angle at a fix and at an output, never a noise of the rate. What the law of the
+//! float tells of its motion is taken out of the counts first (§3.3).
+//!
+//! *Numbers.* Covariances are updated in Joseph's form, one component of a fix at a time. The smoother is that of Rauch,
+//! Tung and Striebel in the form of Bryson and Frazier (Bierman 1973), which inverts no covariance.
+//!
+//! ```
+//! use geu_calibration::filter::{Fix, Noise, attitude_of, reconstruct};
+//! use geu_calibration::{Counts, InUse};
+//! use geu_model::package::Calibration;
+//!
+//! let mut counts = Counts::starting_at(0);
+//! // 100 s at 10″/s about Z.
+//! for half_second in 1..=200 {
+//!     counts.push(f64::from(half_second) * 0.5, [0.0, 0.0, 5.0, 5.0], 20.0);
+//! }
+//! let start = Fix::star(0.0, 90.0, 0.0, 0.5);
+//! let told = reconstruct(&counts, &[Calibration::default(); 4], InUse::WithZa, &Noise::PAPER, &[start]).unwrap();
+//! let turned = attitude_of(std::f64::consts::FRAC_PI_2, 0.0, 0.0).rotation_to(&told.smoothed[200].attitude);
+//! assert!((turned.angle() * 206_264.806 - 1000.0).abs() < 1e-3);
+//! ```
+
+mod covariance;
+mod day;
+mod fix;
+mod kalman;
+mod noise;
+mod whiteness;
+
+pub use day::{
+    Day, DayError, DayReport, EffectCost, REQUIREMENT_ARCSEC, Share, checkout_calibration, cost_of_effects, survey_day,
+    with_errors,
+};
+pub use fix::{Fix, Seen, Sight, attitude_of};
+pub use noise::Noise;
+pub use whiteness::{Whiteness, chi2_survival};
+
+use geu_model::package::Calibration;
+use nalgebra::{Matrix3, UnitQuaternion};
+
+use self::covariance::THERMAL;
+use self::kalman::{Filter, mended};
+use crate::counts::Counts;
+use crate::effects::{self, Steps};
+use crate::transfer::{InUse, Transfer};
+
+/// Why nothing can be reconstructed.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum FilterError {
+    /// More gyros than three axes take.
+    #[error("gyros in use: expected X, Y and one of ZA and ZB, got all four")]
+    FourGyros,
+    /// Counts without a half second.
+    #[error("counts: expected at least 1 half second, got none")]
+    NoCounts,
+    /// Nothing to start from.
+    #[error("fixes: expected one of the whole attitude within 0…{end_s} s, got {got} fixes, none of them such")]
+    NoAttitude {
+        /// End of the counts.
+        end_s: f64,
+        /// How many fixes there are.
+        got: usize,
+    },
+    /// A fix that is none.
+    #[error("fix {index} at {t_s} s: expected finite numbers and sigmas above 0")]
+    Fix {
+        /// Its place among the fixes.
+        index: usize,
+        /// Its time.
+        t_s: f64,
+    },
+    /// A figure of the noise that is none.
+    #[error("noise: {field}: expected a finite number, 0 or more, got {got}")]
+    Noise {
+        /// Its name.
+        field: &'static str,
+        /// What stands there.
+        got: f64,
+    },
+}
+
+/// What is known at a node.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Estimate {
+    /// Control frame to inertial.
+    pub attitude: UnitQuaternion<f64>,
+    /// Covariance of the attitude about the control axes, arcsec², with the bounded errors of the gyros.
+    pub covariance_control_arcsec2: Matrix3<f64>,
+    /// D of each gyro, in wire order.
+    pub drift_arcsec_per_half_s: [f64; 4],
+    /// Its sigma.
+    pub drift_sigma_arcsec_per_half_s: [f64; 4],
+    /// SF of each gyro, in wire order.
+    pub scale_factor: [f64; 4],
+    /// Its sigma.
+    pub scale_factor_sigma: [f64; 4],
+}
+
+impl Estimate {
+    /// Sigma of the attitude about each control axis, arcsec.
+    pub fn sigma_control_arcsec(&self) -> [f64; 3] {
+        self.covariance_control_arcsec2.diagonal().map(f64::sqrt).into()
+    }
+
+    /// Sigma of the boresight's direction, arcsec: across it, both ways together.
+    pub fn boresight_sigma_arcsec(&self) -> f64 {
+        (self.covariance_control_arcsec2[(1, 1)] + self.covariance_control_arcsec2[(2, 2)]).sqrt()
+    }
+}
+
+/// One component of a fix against its prediction.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Innovation {
+    /// Time of the fix, s since the start of the counts.
+    pub t_s: f64,
+    /// Which component of the fix, in the order of its sights.
+    pub component: usize,
+    /// Seen less predicted.
+    pub arcsec: f64,
+    /// The same over its predicted sigma: standard normal and independent where the model holds.
+    pub normalised: f64,
+}
+
+/// A reconstruction.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Reconstruction {
+    /// At each node of the counts, from the fixes until then.
+    pub filtered: Vec<Estimate>,
+    /// At each node, from all fixes.
+    pub smoothed: Vec<Estimate>,
+    /// Every component of every fix used, in order of time.
+    pub innovations: Vec<Innovation>,
+    /// Whether the innovations are white.
+    pub whiteness: Whiteness,
+    /// Fixes outside the counts, which were not used.
+    pub fixes_outside: usize,
+    /// Transfer functions after the last fix, with their misalignments; a gyro not in use keeps what was given.
+    pub calibrations: [Calibration; 4],
+    /// Settled turn of the package for each degree of θ after the last fix, arcsec, and its sigma.
+    pub thermal_arcsec_per_deg: (f64, f64),
+}
+
+/// Reconstructs attitude and transfer functions at every node of `counts`.
+///
+/// Fixes may come in any order; their times are seconds since the start of the counts, and the inertial frame is theirs:
+/// for [`Fix::star`] and [`Fix::sun`] the sun-referenced frame at time 0. The attitude before the first fix is carried back
+/// from it by the counts.
+///
+/// Where counts are broken for a gyro in use, its rotation is taken as its mean over the 10 s before, and is uncertain by
+/// [`Noise::lost_rate_arcsec_s`] about its input axis throughout; a receive time that jumps breaks no count. Once the
+/// attitude is uncertain by more than a degree it is lost, and started anew at the next fix of the whole attitude.
+///
+/// # Errors
+/// All four gyros at once, no half second, no fix of the whole attitude within them, a fix or a figure of the noise that is no number.
+pub fn reconstruct(
+    counts: &Counts,
+    calibrations: &[Calibration; 4],
+    in_use: InUse,
+    noise: &Noise,
+    fixes: &[Fix],
+) -> Result<Reconstruction, FilterError> {
+    let gyros = match in_use {
+        InUse::WithZa => [0, 1, 2],
+        InUse::WithZb => [0, 1, 3],
+        InUse::All => return Err(FilterError::FourGyros),
+    };
+    if counts.is_empty() {
+        return Err(FilterError::NoCounts);
+    }
+    noise.check()?;
+    if let Some(index) = fixes.iter().position(|fix| !fix.is_sound()) {
+        return Err(FilterError::Fix { index, t_s: fixes[index].t_s });
+    }
+    let mut at_nodes: Vec<(usize, &Fix)> =
+        fixes.iter().filter_map(|fix| Some((counts.nearest(fix.t_s)?, fix))).collect();
+    at_nodes.sort_by(|a, b| a.1.t_s.total_cmp(&b.1.t_s));
+    let fixes_outside = fixes.len() - at_nodes.len();
+    let (mut counts, lost) = mended(counts, in_use);
+    if let Some(floats) =
+        effects::of_floats(calibrations, &noise.clearance_arcsec, &counts, &steps(&counts, calibrations, in_use))
+    {
+        for (sums, floats) in counts.to_mut().accumulated.iter_mut().zip(&floats) {
+            sums.iter_mut().zip(floats).for_each(|(sum, float)| *sum -= float);
+        }
+    }
+    let mut filter = Filter::start(&counts, lost, calibrations, (in_use, gyros), noise, &at_nodes)
+        .ok_or(FilterError::NoAttitude { end_s: counts.end_s(), got: fixes.len() })?;
+    filter.forward(&at_nodes);
+    let smoothed = filter.backward();
+    let k = filter.state.thermal_arcsec_per_deg;
+    let thermal_arcsec_per_deg = (k, filter.covariance.variance(THERMAL).sqrt());
+    let whiteness = Whiteness::of(&filter.innovations);
+    let Filter { filtered, innovations, state, .. } = filter;
+    let calibrations = state.calibrations;
+    Ok(Reconstruction {
+        filtered,
+        smoothed,
+        innovations,
+        whiteness,
+        fixes_outside,
+        calibrations,
+        thermal_arcsec_per_deg,
+    })
+}
+
+/// The motion as the counts themselves tell it.
+fn steps(counts: &Counts, calibrations: &[Calibration; 4], in_use: InUse) -> Steps {
+    let transfer = Transfer::new(calibrations, in_use);
+    let of = |node: usize| {
+        let counted = counts.accumulated.each_ref().map(|sums| sums[node] - sums[node - 1]);
+        (transfer.about_control_arcsec(counted, 1.0), None)
+    };
+    (1..=counts.len()).map(of).collect()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,143 @@
+//! The checkout flown in simulation and calibrated (Casteren §5, §6).
+
+use geu_calibration::checkout::{
+    By, Precautions, believed_before, campaign, fly, precautions, sequence, true_calibrations,
+};
+use geu_calibration::solve::{Parameter, values};
+use geu_calibration::{Attitude, Counts, calibrate, combine};
+use geu_model::{Configuration, Unit};
+
+fn reference(overrides: &[&str]) -> Configuration {
+    let overrides: Vec<String> = overrides.iter().map(|text| (*text).to_owned()).collect();
+    Configuration::reference_with(&overrides).expect("valid")
+}
+
+fn with_pivots_and_bending() -> Configuration {
+    let pivots =
+        ["GYRX", "GYRY", "GYRZA", "GYRZB"].map(|gyro| format!("gyro.{gyro}.pivot-clearance.clearance_arcsec=14"));
+    let mut overrides: Vec<&str> = pivots.iter().map(String::as_str).collect();
+    overrides.push("unit.misalignment-thermal={ arcsec_per_deg = 0.5, time_constant_s = 300.0 }");
+    reference(&overrides)
+}
+
+/// The unit without its random walks.
+fn quiet(mut unit: Configuration) -> Configuration {
+    for gyro in &mut unit.gyros {
+        gyro.effects.constant.angle_random_walk = Default::default();
+        gyro.effects.constant.drift_random_walk = Default::default();
+    }
+    unit
+}
+
+#[test]
+fn exact_increments_give_the_parameters_back() {
+    let unit = sequence(&quiet(reference(&[])), Precautions { stabilisation: false, ..Precautions::ALL });
+    let flight = fly(&unit);
+    // The same flight before rounding.
+    let mut exact = Counts::starting_at(flight.counts.start_ns);
+    let mut model = Unit::new(&unit);
+    for _ in 0..flight.counts.len() {
+        let (ended, traces) = model.end_half_second_traced();
+        exact.push(ended.end_ns as f64 * 1e-9, traces.map(|trace| trace.unquantised), 20.0);
+    }
+    let attitude = Attitude::Reference(&flight.reference, Some(0.0));
+    let calibrated = calibrate(&believed_before(&unit), &exact, Some(&flight.windows), &attitude).expect("determined");
+    let truth = values(&true_calibrations(&unit));
+    for ((parameter, solved), truth) in Parameter::all().zip(calibrated.solution.values()).zip(truth) {
+        let limit = if parameter.index == 0 { 1e-9 } else { 1e-6 };
+        assert!((solved - truth).abs() < limit, "{}: {solved} instead of {truth}", parameter.words());
+    }
+    assert!(calibrated.solution.chi2 < 1e-6 && calibrated.solution.degrees_of_freedom == 8);
+}
+
+#[test]
+fn predicted_sigmas_hold_for_what_many_runs_scatter() {
+    for by in [By::Reference, By::Sensors] {
+        let campaign = campaign(&reference(&[]), 7, 60, by, || {});
+        assert!(campaign.failed.is_empty(), "{:?}", campaign.failed);
+        let count = 60.0 * campaign.scatter.len() as f64;
+        let coverage = campaign.scatter.iter().map(|found| found.coverage).sum::<f64>() / campaign.scatter.len() as f64;
+        // 5 sigma of a share of 68.3 % among as many; parameters of one run are correlated, the gyros' four little.
+        assert!((coverage - 0.683).abs() < 5.0 * (0.683f64 * 0.317 / count).sqrt(), "{by:?}: {coverage}");
+        // Of 60 runs: 68 % ± 6 %; none of sixteen beyond 4 sigma.
+        for found in &campaign.scatter {
+            assert!((0.44..0.92).contains(&found.coverage), "{by:?} {}: {}", found.parameter.words(), found.coverage);
+        }
+        // 480 degrees of freedom: 1 ± 0.065.
+        assert!((0.68..1.3).contains(&campaign.mean_reduced_chi2), "{by:?}: {}", campaign.mean_reduced_chi2);
+    }
+}
+
+#[test]
+fn a_campaign_does_not_depend_on_the_number_of_threads() {
+    let run = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+        pool.install(|| campaign(&reference(&[]), 3, 5, By::Sensors, || {}))
+    };
+    assert_eq!(run(1), run(2));
+}
+
+#[test]
+fn star_and_sun_sensor_suffice_for_what_the_paper_asks() {
+    let unit = sequence(&reference(&[]), Precautions::ALL);
+    let flight = fly(&unit);
+    let truth = values(&true_calibrations(&unit));
+    for by in [By::Sensors, By::Reference] {
+        let calibrated = flight.calibrate(&believed_before(&unit), by).expect("determined");
+        assert_eq!(calibrated.observations.len(), 6);
+        let (solved, sigmas) = (calibrated.solution.values(), calibrated.solution.sigmas());
+        for (index, parameter) in Parameter::all().enumerate() {
+            assert!((solved[index] - truth[index]).abs() < 5.0 * sigmas[index], "{by:?} {}", parameter.words());
+            match parameter.index {
+                0 => assert!(sigmas[index] < 20e-6, "{} {}", parameter.words(), sigmas[index]),
+                1 => assert!(sigmas[index] * 7200.0 < 6.0, "{} {}", parameter.words(), sigmas[index] * 7200.0),
+                _ => {}
+            }
+        }
+        assert!(calibrated.solution.probability() > 1e-4, "{by:?}: {}", calibrated.solution.chi2);
+    }
+}
+
+#[test]
+fn each_precaution_buys_what_the_paper_says() {
+    let outcomes = precautions(&with_pivots_and_bending()).expect("determined");
+    let largest = |what: &str| {
+        let outcome = outcomes.iter().find(|outcome| outcome.what == what).unwrap_or_else(|| panic!("{what}"));
+        outcome.equation_arcsec.each_ref().map(|(arcsec, _)| arcsec.abs())
+    };
+    // Roundings at both ends of a manoeuvre, and the residue of the floats' creep.
+    let rounding = 1.5;
+    let [x, y, za, zb] = largest("pivots: every precaution");
+    assert!([x, y, za, zb].iter().all(|&arcsec| arcsec < rounding), "{x} {y} {za} {zb}");
+    // §3.3: the floats of GYRX and GYRZA go from the preferred position to a stop, half of 14″, in the scan.
+    let [x, y, za, zb] = largest("pivots: no pre-slew about Y");
+    assert!((x - 7.0).abs() < rounding && (za - 7.0).abs() < rounding, "{x} {za}");
+    assert!(y < rounding && zb < rounding, "{y} {zb}");
+    // §5.3: those of GYRY and GYRZB are at opposite stops at its two ends, all of 14″.
+    let [x, y, za, zb] = largest("pivots: no correction by the clearance");
+    assert!((y - 14.0).abs() < rounding && (zb - 14.0).abs() < rounding, "{y} {zb}");
+    assert!(x < rounding && za < rounding, "{x} {za}");
+    let [_, y, _, zb] = largest("pivots: clearance believed 3 arcsec too large");
+    assert!((y - 3.0).abs() < rounding && (zb - 3.0).abs() < rounding, "{y} {zb}");
+}
+
+#[test]
+fn two_sequences_of_one_unit_are_compatible_and_of_two_units_are_not() {
+    let short = Precautions { stabilisation: false, ..Precautions::ALL };
+    let solve = |overrides: &[&str], seed: u64| {
+        let mut unit = sequence(&reference(overrides), short);
+        unit.seed = seed;
+        fly(&unit).calibrate(&believed_before(&unit), By::Sensors).expect("determined").solution
+    };
+    let (first, second) = (solve(&[], 1), solve(&[], 2));
+    let same = combine(&first, &second).expect("invertible");
+    // χ² of sixteen: 45 has a probability of 10⁻⁴.
+    assert!(same.together < 45.0, "{}", same.together);
+    for (both, one) in same.combined.sigmas().into_iter().zip(first.sigmas()) {
+        assert!(both < 0.8 * one, "{both} {one}");
+    }
+    let moved = combine(&first, &solve(&["gyro.GYRY.scale-factor.ppm=60"], 3)).expect("invertible");
+    assert!(moved.together > 200.0, "{}", moved.together);
+    let most = (0..16).max_by(|&a, &b| moved.chi2[a].total_cmp(&moved.chi2[b])).expect("sixteen");
+    assert_eq!(Parameter::all().nth(most).map(Parameter::words).as_deref(), Some("GYRY scale factor"));
+}

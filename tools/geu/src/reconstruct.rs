@@ -1,0 +1,197 @@
+//! `geu reconstruct`: attitude and transfer functions between fixes, of a recording or of a simulated survey day.
+
+use std::fmt::Write as _;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+use clap::{Args, ValueEnum};
+use geu_calibration::InUse;
+use geu_calibration::absolute::Sensors;
+use geu_calibration::filter::{
+    DayReport, Fix, Noise, REQUIREMENT_ARCSEC, Reconstruction, Share, Whiteness, checkout_calibration, cost_of_effects,
+    reconstruct, survey_day,
+};
+use geu_model::Configuration;
+use geu_protocol::{CanPlan, Gyro};
+
+use crate::calibrate::read_counts;
+use crate::failure::{Failure, note, say};
+use crate::settings::{Settings, half_seconds};
+
+/// Reconstructs the attitude between star fixes by a Kalman filter and a smoother.
+///
+/// Without a recording: simulates a survey day of the configuration, reconstructs it, compares it with the exact attitude
+/// and with the mission's requirement, and tells what each effect costs.
+#[derive(Args, Debug)]
+pub struct Arguments {
+    /// What is believed of the unit, with its constant effects [default: the reference unit]
+    #[arg(long, value_name = "CONFIG")]
+    config: Option<PathBuf>,
+    /// Overrides a value of the configuration
+    #[arg(long = "set", value_name = "PATH=VALUE")]
+    overrides: Vec<String>,
+    /// Gyro used about Z
+    #[arg(long, value_name = "GYRO", default_value = "za")]
+    z: ZGyro,
+    /// On-board time of the survey day
+    #[arg(
+        long,
+        value_name = "SECONDS",
+        default_value_t = 86_400.0,
+        allow_negative_numbers = true,
+        conflicts_with = "link"
+    )]
+    duration: f64,
+    /// Leave out what each effect costs, which takes two more days for each
+    #[arg(long, conflicts_with = "link")]
+    brief: bool,
+    /// Recording of the link, CAN or serial; several are one stream
+    #[arg(long, num_args = 1.., value_name = "FILE", requires = "sse")]
+    link: Vec<String>,
+    /// Fixes of the star sensor
+    #[arg(long, value_name = "FILE", requires = "link")]
+    sse: Option<String>,
+    /// History of the sun sensor, of which a sample every ten minutes is used
+    #[arg(long, value_name = "FILE", requires = "link")]
+    fss: Option<String>,
+    /// Time at which the unit's clock was 0, for recordings without receive times [default: the configuration's start]
+    #[arg(long, value_name = "UNIX_SECONDS", allow_negative_numbers = true, requires = "link")]
+    start: Option<f64>,
+    /// Base of the CAN identifiers, hexadecimal
+    #[arg(long, value_name = "ID", value_parser = crate::settings::can_base, requires = "link")]
+    base: Option<CanPlan>,
+    /// Write the smoothed attitude of each half second, with sigmas, as CSV
+    #[arg(long, value_name = "CSV", requires = "link")]
+    out: Option<PathBuf>,
+}
+
+/// The gyro used about Z.
+#[derive(ValueEnum, Debug, Clone, Copy)]
+enum ZGyro {
+    /// GYRZA
+    Za,
+    /// GYRZB
+    Zb,
+}
+
+/// Carries it out.
+///
+/// # Errors
+/// Input that cannot be read, no fix to start from, a file that cannot be written.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let settings = Settings { config: arguments.config.clone(), overrides: arguments.overrides.clone() };
+    let configuration = settings.read()?;
+    let in_use = match arguments.z {
+        ZGyro::Za => InUse::WithZa,
+        ZGyro::Zb => InUse::WithZb,
+    };
+    match &arguments.sse {
+        Some(sse) => recording(arguments, &configuration, in_use, sse),
+        None => simulated_day(arguments, &configuration, in_use),
+    }
+}
+
+fn simulated_day(arguments: &Arguments, configuration: &Configuration, in_use: InUse) -> Result<(), Failure> {
+    let count = half_seconds(arguments.duration)? as usize;
+    let day = |with_sun| survey_day(configuration, count, in_use, with_sun).map_err(Failure::input);
+    let DayReport { filtered, smoothed, fixes, reconstruction, .. } = day(false)?;
+    let with_sun = day(true)?;
+    say!("survey of {} s, gyros {in_use}, {fixes} star fixes", count as f64 * 0.5, in_use = names(in_use))?;
+    say!("boresight against the exact attitude, arcsec; {REQUIREMENT_ARCSEC} required (Casteren §1)")?;
+    say!("{:<28} {:>7} {:>7} {:>7}  met by, at the worst", "", "rms", "95 %", "max")?;
+    for (name, share) in
+        [("filtered", filtered), ("smoothed", smoothed), ("smoothed, sun sensor too", with_sun.smoothed)]
+    {
+        let Share { rms_arcsec, p95_arcsec, max_arcsec } = share;
+        let margin_arcsec = REQUIREMENT_ARCSEC - max_arcsec;
+        say!("{name:<28} {rms_arcsec:>7.2} {p95_arcsec:>7.2} {max_arcsec:>7.2}  {margin_arcsec:.1}")?;
+    }
+    say!("{}", told(&reconstruction.whiteness))?;
+    if arguments.brief {
+        return Ok(());
+    }
+    let bar = indicatif::ProgressBar::new(1);
+    let (none, costs) = cost_of_effects(configuration, count, in_use, |done, runs| {
+        bar.set_length(runs as u64);
+        bar.set_position(done as u64);
+    })
+    .map_err(Failure::input)?;
+    bar.finish_and_clear();
+    let three =
+        |share: &Share| format!("{:>7.2} {:>7.2} {:>7.2}", share.rms_arcsec, share.p95_arcsec, share.max_arcsec);
+    let mut text = format!("\n{:<28} {:^23}   {:^23}\n", "smoothed", "this effect alone", "all but this effect");
+    let _ = writeln!(
+        text,
+        "{:<28} {columns}   {columns}",
+        "",
+        columns = format!("{:>7} {:>7} {:>7}", "rms", "95 %", "max")
+    );
+    let _ = writeln!(text, "{:<28} {}   {}", "(no effect; all effects)", three(&none), three(&smoothed));
+    for cost in &costs {
+        let _ = writeln!(text, "{:<28} {}   {}", cost.code, three(&cost.alone), three(&cost.without));
+    }
+    say!("{}", text.trim_end())
+}
+
+fn names(in_use: InUse) -> String {
+    let used = Gyro::ALL.into_iter().zip(in_use.gyros()).filter(|(_, used)| *used).map(|(gyro, _)| gyro.name());
+    used.collect::<Vec<_>>().join(" ")
+}
+
+fn told(whiteness: &Whiteness) -> String {
+    let Whiteness { nis, nis_dof, nis_p, ljung_box, ljung_box_dof, ljung_box_p } = whiteness;
+    let verdict =
+        if whiteness.is_white() { "white" } else { "not white: something moves that the filter does not know" };
+    format!(
+        "innovations: NIS {nis:.1} of {nis_dof} (p {nis_p:.3}), Ljung-Box {ljung_box:.1} of {ljung_box_dof} (p {ljung_box_p:.3}): {verdict}"
+    )
+}
+
+fn recording(arguments: &Arguments, configuration: &Configuration, in_use: InUse, sse: &str) -> Result<(), Failure> {
+    let start_ns = arguments.start.map_or(configuration.start_unix_ns, |start_s| (start_s * 1e9) as i64);
+    let counts = read_counts(&arguments.link, arguments.base, start_ns)?;
+    let sensors = match &arguments.fss {
+        Some(fss) => Sensors::read(fss, sse, configuration.sensors),
+        None => Sensors::read_fixes(sse, configuration.sensors),
+    }
+    .map_err(Failure::input)?;
+    let fixes = Fix::of_sensors(&sensors, counts.start_ns);
+    // Departures that the configuration holds constant are believed, as `geu calibrate` believes them.
+    let calibrations = checkout_calibration(configuration);
+    let noise = Noise::of(configuration, in_use);
+    let told_of = reconstruct(&counts, &calibrations, in_use, &noise, &fixes).map_err(Failure::input)?;
+    for found in &counts.breaks {
+        let [from_s, to_s] = [found.from, found.to].map(|node| counts.node_s[node.min(counts.len())]);
+        note(format_args!("geu: {from_s:.1}…{to_s:.1} s: {}\n", found.kind));
+    }
+    if told_of.fixes_outside > 0 {
+        note(format_args!("geu: {} fixes lie outside the recording and were not used\n", told_of.fixes_outside));
+    }
+    say!("{} half seconds, gyros {}, {} fixes", counts.len(), names(in_use), fixes.len() - told_of.fixes_outside)?;
+    let largest = |estimates: &[geu_calibration::filter::Estimate]| {
+        estimates.iter().map(|estimate| estimate.boresight_sigma_arcsec()).fold(0.0, f64::max)
+    };
+    let (filtered, smoothed) = (largest(&told_of.filtered), largest(&told_of.smoothed));
+    say!("boresight, largest sigma: {filtered:.1} arcsec filtered, {smoothed:.1} smoothed")?;
+    say!("{}", told(&told_of.whiteness))?;
+    match &arguments.out {
+        Some(path) => write_csv(path, &counts, &told_of)
+            .map_err(|error| Failure::failed(format!("{}: cannot be written: {error}", path.display()))),
+        None => Ok(()),
+    }
+}
+
+/// A row per half second: the attitude at its end (control frame to inertial, the sun-referenced frame at the start of the
+/// counts), sigmas about the control axes.
+fn write_csv(path: &Path, counts: &geu_calibration::Counts, told_of: &Reconstruction) -> std::io::Result<()> {
+    let mut file = std::io::BufWriter::new(std::fs::File::create(path)?);
+    writeln!(file, "t_s,q_w,q_x,q_y,q_z,sigma_x_arcsec,sigma_y_arcsec,sigma_z_arcsec")?;
+    for (node_s, estimate) in counts.node_s.iter().zip(&told_of.smoothed).skip(1) {
+        let t_us = counts.start_ns / 1000 + (node_s * 1e6).round() as i64;
+        let q = estimate.attitude.quaternion();
+        let [x, y, z] = estimate.sigma_control_arcsec();
+        let (seconds, part) = (t_us.div_euclid(1_000_000), t_us.rem_euclid(1_000_000));
+        writeln!(file, "{seconds}.{part:06},{:.12},{:.12},{:.12},{:.12},{x:.3},{y:.3},{z:.3}", q.w, q.i, q.j, q.k)?;
+    }
+    file.flush()
+}
