@@ -177,6 +177,9 @@ fn a_scale_factor_that_moved_by_100_ppm_is_named_and_nothing_is_merged() {
     let output = calibrate(room.path(), "first", &["--compare", "{}/first.json"]);
     assert_eq!(output.status.code(), Some(2));
     assert!(stderr(&output).contains("expected calibrations of recordings of their own"), "{}", stderr(&output));
+    // An earlier result is not overwritten by a later one.
+    let output = calibrate(room.path(), "second", &["--compare", "{}/first.json", "--json", "{}/first.json"]);
+    assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
     let mut bare = json(&room, "first.json");
     bare.as_object_mut().expect("an object").remove("covariance");
     let path: PathBuf = room.path().join("bare.json");

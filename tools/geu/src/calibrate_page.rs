@@ -417,14 +417,8 @@ impl Page<'_> {
             })
             .collect();
         points.push((0.0, 0.0, self.solution().sigmas()[index] * size));
-        let extent = |of: &dyn Fn(&(f64, f64, f64)) -> [f64; 2], room: f64| {
-            let ends = points.iter().flat_map(of);
-            let (least, most) = ends.fold((f64::MAX, f64::MIN), |ends, end| (ends.0.min(end), ends.1.max(end)));
-            let room = if most > least { room * (most - least) } else { 0.5 };
-            (least - room, most + room)
-        };
-        let x = extent(&|point| [point.0; 2], 0.08);
-        let y = extent(&|point| [point.1 - point.2, point.1 + point.2], 0.2);
+        let x = extent(points.iter().map(|point| point.0), 0.08);
+        let y = extent(points.iter().flat_map(|point| [point.1 - point.2, point.1 + point.2]), 0.2);
         let words = parameter.words();
         let mut chart = Chart::new(&format!("{words} over time"), (250.0, 176.0), x, y, 2);
         if let Some(rate) = stability_per_day(parameter) {
@@ -433,7 +427,7 @@ impl Page<'_> {
             chart.polygon("band", [(0.0, 0.0), (x.1, after), (x.1, -after)]);
         }
         chart.x_ticks(4);
-        chart.y_ticks(4);
+        chart.y_ticks(5);
         chart.x_name("days from this one");
         chart.y_name(unit);
         if comparison.is_compatible() {
@@ -473,6 +467,13 @@ impl Page<'_> {
         );
         text
     }
+}
+
+/// Least and greatest, and a share of room beyond them.
+fn extent(ends: impl Iterator<Item = f64>, room: f64) -> (f64, f64) {
+    let (least, most) = ends.fold((f64::MAX, f64::MIN), |extent, end| (extent.0.min(end), extent.1.max(end)));
+    let room = if most > least { room * (most - least) } else { 0.5 };
+    (least - room, most + room)
 }
 
 /// What moved, in words.
