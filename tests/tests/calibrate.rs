@@ -6,7 +6,7 @@ use std::process::Output;
 use std::sync::OnceLock;
 
 use geu_calibration::transfer::misalignment_matrix;
-use geu_calibration::{CountsReader, report};
+use geu_calibration::{Believed, CountsReader};
 use geu_model::Configuration;
 use geu_model::package::Calibration;
 use geu_recording::{InputReader, Options, Reference, Stop};
@@ -70,8 +70,9 @@ fn arguments<'a>(link: &'a str, manoeuvres: &'a str, reference: &'a str) -> Vec<
 }
 
 fn solved(json: &Path) -> ([Calibration; 4], [f64; 16]) {
-    let json = fs::read_to_string(json).expect("written");
-    report::parse(&serde_json::from_str(&json).expect("JSON")).expect("a calibration")
+    let text = fs::read_to_string(json).expect("written");
+    let believed = Believed::parse("result.json", &text, &[]).expect("a calibration");
+    (believed.calibrations, geu_calibration::solve::values(&believed.sigmas))
 }
 
 #[test]
