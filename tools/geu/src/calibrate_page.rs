@@ -256,7 +256,7 @@ impl Page<'_> {
         } else {
             let rows = left_out.iter().map(|one| {
                 let gyro = one.gyro.map_or("all", Gyro::name);
-                vec![escape(&one.name), format!("{:.1}", one.start_s), gyro.to_owned(), escape(&one.why)]
+                vec![escape(&one.name), format!("{:.1}", one.start_s), gyro.to_owned(), prose(&one.why)]
             });
             text += &table("What was not used, and why", &["manoeuvre", "start, s", "gyro", "why"], rows);
         }
@@ -393,8 +393,8 @@ impl Page<'_> {
             "This calibration less the mean of the earlier ones; what the paper lets a unit move since the last";
         text += &table(caption, &header, rows);
         let mut dates: Vec<Vec<String>> =
-            self.earlier.iter().map(|one| vec![date(one.time_s), escape(&one.name)]).collect();
-        dates.push(vec![date(self.calibrated.time_s), "this one".to_owned()]);
+            self.earlier.iter().map(|one| vec![date(one.time_s), prose(&one.name)]).collect();
+        dates.push(vec![date(self.calibrated.time_s), prose("this one")]);
         text += &table("Calibrations", &["start of the recording", "result"], dates);
         text += "<p>Departures from this calibration, with 1 sigma. Shaded is what the paper lets a unit move: the drift \
                  6 arcsec/h in two weeks, the scale factor 0.004 % in a month (table 1); it has no figure for \
@@ -498,6 +498,11 @@ fn value_form(parameter: Parameter) -> (&'static str, usize) {
 /// Its place among the sixteen.
 fn position(parameter: Parameter) -> usize {
     solve::PER_GYRO * parameter.gyro as usize + parameter.index
+}
+
+/// A cell that is read, not compared.
+fn prose(text: &str) -> String {
+    format!("<span class=\"prose\">{}</span>", escape(text))
 }
 
 fn percent(probability: f64) -> String {
