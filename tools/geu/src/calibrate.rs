@@ -14,6 +14,7 @@ use geu_recording::{InputReader, Options, Reference, Stop};
 
 use crate::calibrate_compare;
 use crate::calibrate_page::Page;
+use crate::decode::refuse_overwriting;
 use crate::failure::{Failure, note, say};
 use crate::settings::Settings;
 use crate::update::{self, Results, Update};
@@ -80,6 +81,12 @@ fn sigma(text: &str) -> Result<f64, String> {
 /// # Errors
 /// Input that cannot be read, manoeuvres that do not determine the parameters, files that cannot be written.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    for (option, file) in [("--json", &arguments.json), ("--html", &arguments.html)] {
+        let inputs = arguments.inputs();
+        let read = inputs.iter().map(|(_, name)| name).chain(&arguments.compare).map(String::as_str);
+        let config = arguments.config.as_ref().and_then(|path| path.to_str());
+        refuse_overwriting(option, file.as_ref(), read.chain(config))?;
+    }
     let settings = Settings { config: arguments.config.clone(), overrides: arguments.overrides.clone() };
     let configuration = settings.read()?;
     let earlier = calibrate_compare::read(&arguments.compare)?;

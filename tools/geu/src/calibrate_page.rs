@@ -11,7 +11,7 @@ use geu_protocol::Gyro;
 
 use crate::calibrate::fine;
 use crate::page::chart::{CROSS, Chart, DIAMOND};
-use crate::page::{date, escape, html, signed, significant, table};
+use crate::page::{date, escape, fixed, html, sigmas as in_sigmas, signed, significant, table};
 
 const S_PER_DAY: f64 = 86_400.0;
 /// Beyond so many sigmas a residual is marked: among a hundred equations one is by chance once in four.
@@ -105,9 +105,9 @@ impl Page<'_> {
                 if let Some((sigmas, parameter)) = largest {
                     let _ = writeln!(
                         text,
-                        "<p>The hand method, which drops products of small terms (eq 4), differs most in {}: {} σ.</p>",
+                        "<p>The hand method, which drops products of small terms (eq 4), differs most in {}: {}.</p>",
                         parameter.words(),
-                        signed(sigmas, 2)
+                        in_sigmas(sigmas)
                     );
                 }
             }
@@ -128,17 +128,15 @@ impl Page<'_> {
         let rows = Parameter::all().enumerate().map(|(index, parameter)| {
             let ((size, fine_unit), (unit, decimals)) = (fine(parameter), value_form(parameter));
             let change = solved[index] - before[index];
-            let hand = hand.map_or_else(
-                || "–".to_owned(),
-                |hand| format!("{} σ", signed((hand[index] - solved[index]) / sigmas[index], 2)),
-            );
+            let hand =
+                hand.map_or_else(|| "–".to_owned(), |hand| in_sigmas((hand[index] - solved[index]) / sigmas[index]));
             vec![
                 escape(&parameter.words()),
                 format!("{:.decimals$}", solved[index]).replace('-', "−"),
                 unit.to_owned(),
                 format!("{} {fine_unit}", significant(sigmas[index] * size, 3)),
                 format!("{} {fine_unit}", signed(change * size, 3)),
-                format!("{} σ", signed(change / sigmas[index], 2)),
+                in_sigmas(change / sigmas[index]),
                 hand,
             ]
         });
@@ -167,12 +165,12 @@ impl Page<'_> {
         let sigmas = |one: &solve::Residual| if one.sigma_arcsec > 0.0 { one.arcsec / one.sigma_arcsec } else { 0.0 };
         let title = |one: &solve::Residual| {
             format!(
-                "{} {}: {} ± {} arcsec, {} σ",
+                "{} {}: {} ± {} arcsec, {}",
                 one.manoeuvre + 1,
                 observations[one.manoeuvre].name,
                 signed(one.arcsec, 2),
                 significant(one.sigma_arcsec, 2),
-                signed(sigmas(one), 2)
+                in_sigmas(sigmas(one))
             )
         };
         let every = observations.len().div_ceil(16).max(1);
@@ -183,8 +181,8 @@ impl Page<'_> {
         };
         let most = own.iter().map(|one| one.arcsec.abs() + one.sigma_arcsec).fold(1e-9, f64::max) * 1.15;
         let label = format!("Residuals of {name} in arcsec, manoeuvre by manoeuvre");
-        let mut above = Chart::new(&label, (420.0, 190.0), x, (-most, most), 1);
-        above.y_ticks(5);
+        let mut above = Chart::new(&label, (420.0, 200.0), x, (-most, most), 1);
+        above.y_ticks(6);
         above.y_name("arcsec");
         for one in &own {
             let at = number(one);
@@ -194,7 +192,7 @@ impl Page<'_> {
         names(&mut above);
         let most = own.iter().map(|one| sigmas(one).abs()).fold(2.3, f64::max) * 1.12;
         let label = format!("Residuals of {name} in sigmas, manoeuvre by manoeuvre");
-        let mut below = Chart::new(&label, (420.0, 130.0), x, (-most, most), 1);
+        let mut below = Chart::new(&label, (420.0, 140.0), x, (-most, most), 1);
         for level in [2.0, 1.0] {
             below.polygon("band", [(x.0, -level), (x.1, -level), (x.1, level), (x.0, level)]);
         }
@@ -230,12 +228,12 @@ impl Page<'_> {
                     || "–".to_owned(),
                     |one| {
                         let sigmas = one.arcsec / one.sigma_arcsec;
-                        let arcsec = signed(one.arcsec, 2);
+                        let arcsec = fixed(one.arcsec, 2);
                         // An equation that nothing else tests has no residual and no scatter of it.
                         if !sigmas.is_finite() {
                             return arcsec;
                         }
-                        let sigmas_text = format!("({} σ)", signed(sigmas, 2));
+                        let sigmas_text = format!("({})", in_sigmas(sigmas));
                         match sigmas.abs() > MARKED_SIGMA {
                             true => format!("{arcsec} <em>{sigmas_text}</em>"),
                             false => format!("{arcsec} {sigmas_text}"),
@@ -258,7 +256,7 @@ impl Page<'_> {
         } else {
             let rows = left_out.iter().map(|one| {
                 let gyro = one.gyro.map_or("all", Gyro::name);
-                vec![escape(&one.name), format!("{:.1}", one.start_s), gyro.to_owned(), escape(&one.why)]
+                vec![escape(&one.name), format!("{:.1}", one.start_s), gyro.to_owned(), prose(&one.why)]
             });
             text += &table("What was not used, and why", &["manoeuvre", "start, s", "gyro", "why"], rows);
         }
@@ -278,11 +276,11 @@ impl Page<'_> {
             let _ = writeln!(
                 text,
                 "<p>Of each gyro the pair that long manoeuvres mix, scale factor and drift, and its two misalignments, as \
-                 departures from the solution: 1 sigma (39 % of chance) and 2 sigma (86 %). The strongest correlation of \
+                 departures from the solution: 1 sigma (39 % of chance) and 2 sigma (86 %). The strongest correlation of \
                  all is that of {} with {}, {}.</p>",
                 words[a],
                 words[b],
-                signed(correlation(a, b), 2)
+                fixed(correlation(a, b), 2)
             );
         }
         let _ = writeln!(
@@ -321,22 +319,22 @@ impl Page<'_> {
             words.split_once(' ').map_or(words.clone(), |(_, what)| what.to_owned())
         });
         let label = format!("{} of {} against {}, 1 and 2 sigma", names[1], pair[0].gyro.name(), names[0]);
-        let mut chart = Chart::new(&label, (250.0, 235.0), x, y, 2);
-        chart.x_ticks(4);
-        chart.y_ticks(5);
+        let mut chart = Chart::new(&label, (250.0, 246.0), x, y, 2);
+        chart.x_ticks(5);
+        chart.y_ticks(6);
         chart.x_name(&format!("{}, {}", names[0], forms[0].1));
         chart.y_name(&format!("{}, {}", names[1], forms[1].1));
         chart.polygon("band", contour(1.0));
         chart.polygon("first", contour(1.0));
         chart.polygon("faint", contour(2.0));
-        let mut caption = format!("<b>{}</b> correlation {}", pair[0].gyro.name(), signed(rho, 2));
+        let mut caption = format!("<b>{}</b> correlation {}", pair[0].gyro.name(), fixed(rho, 2));
         let believed = ("believed", DIAMOND, "second", "second", Some(self.believed_values()));
         let hand = ("hand method", CROSS, "third", "thirdly", self.hand_values());
         for (what, path, class, arrow, values) in [believed, hand] {
             let Some(values) = values else { continue };
             let away = [a, b].map(|index| (values[index] - solved[index]) / sigmas[index]);
             let at = (away[0] * scales[0], away[1] * scales[1]);
-            let title = format!("{what}: {} σ, {} σ", signed(away[0], 2), signed(away[1], 2));
+            let title = format!("{what} {}, {}", in_sigmas(away[0]), in_sigmas(away[1]));
             chart.mark(path, class, arrow, at, &title);
             let _ = write!(caption, "; {title}");
         }
@@ -369,7 +367,7 @@ impl Page<'_> {
         let merged_sigmas = comparison.combined.sigmas();
         let days = self.earlier.last().map_or(0.0, |last| (self.calibrated.time_s - last.time_s).abs() / S_PER_DAY);
         let rows = Parameter::all().enumerate().map(|(index, parameter)| {
-            let ((size, unit), (_, decimals)) = (fine(parameter), value_form(parameter));
+            let ((size, unit), (whole, decimals)) = (fine(parameter), value_form(parameter));
             let probability = percent(comparison.probability(index));
             let allowed = stability_per_day(parameter)
                 .map_or_else(|| "–".to_owned(), |rate| format!("±{} {unit}", significant(rate * days * size, 2)));
@@ -377,26 +375,26 @@ impl Page<'_> {
                 escape(&parameter.words()),
                 format!("{} {unit}", signed(comparison.change[index] * size, 3)),
                 format!("{} {unit}", significant(comparison.sigmas[index] * size, 3)),
-                signed(comparison.change[index] / comparison.sigmas[index], 2),
+                in_sigmas(comparison.change[index] / comparison.sigmas[index]),
                 significant(comparison.chi2[index], 2),
                 if moved.contains(&parameter) { format!("<em>{probability}, moved</em>") } else { probability },
                 allowed,
                 if comparison.is_compatible() {
                     let value = format!("{:.decimals$}", merged[index]).replace('-', "−");
-                    format!("{value} ± {} {unit}", significant(merged_sigmas[index] * size, 2))
+                    format!("{value} {whole} ± {} {unit}", significant(merged_sigmas[index] * size, 2))
                 } else {
                     "–".to_owned()
                 },
             ]
         });
         let chi2 = format!("χ² of {}", comparison.pairs);
-        let header = ["parameter", "change", "sigma", "change/σ", &chi2, "probability", "stability", "merged"];
+        let header = ["parameter", "change", "sigma", "change", &chi2, "probability", "stability", "merged"];
         let caption =
             "This calibration less the mean of the earlier ones; what the paper lets a unit move since the last";
         text += &table(caption, &header, rows);
         let mut dates: Vec<Vec<String>> =
-            self.earlier.iter().map(|one| vec![date(one.time_s), escape(&one.name)]).collect();
-        dates.push(vec![date(self.calibrated.time_s), "this one".to_owned()]);
+            self.earlier.iter().map(|one| vec![date(one.time_s), prose(&one.name)]).collect();
+        dates.push(vec![date(self.calibrated.time_s), prose("this one")]);
         text += &table("Calibrations", &["start of the recording", "result"], dates);
         text += "<p>Departures from this calibration, with 1 sigma. Shaded is what the paper lets a unit move: the drift \
                  6 arcsec/h in two weeks, the scale factor 0.004 % in a month (table 1); it has no figure for \
@@ -419,23 +417,17 @@ impl Page<'_> {
             })
             .collect();
         points.push((0.0, 0.0, self.solution().sigmas()[index] * size));
-        let extent = |of: &dyn Fn(&(f64, f64, f64)) -> [f64; 2], room: f64| {
-            let ends = points.iter().flat_map(of);
-            let (least, most) = ends.fold((f64::MAX, f64::MIN), |ends, end| (ends.0.min(end), ends.1.max(end)));
-            let room = if most > least { room * (most - least) } else { 0.5 };
-            (least - room, most + room)
-        };
-        let x = extent(&|point| [point.0; 2], 0.08);
-        let y = extent(&|point| [point.1 - point.2, point.1 + point.2], 0.2);
+        let x = extent(points.iter().map(|point| point.0), 0.08);
+        let y = extent(points.iter().flat_map(|point| [point.1 - point.2, point.1 + point.2]), 0.2);
         let words = parameter.words();
-        let mut chart = Chart::new(&format!("{words} over time"), (250.0, 165.0), x, y, 2);
+        let mut chart = Chart::new(&format!("{words} over time"), (250.0, 176.0), x, y, 2);
         if let Some(rate) = stability_per_day(parameter) {
             let (before, after) = (x.0 * rate * size, x.1 * rate * size);
             chart.polygon("band", [(0.0, 0.0), (x.0, before), (x.0, -before)]);
             chart.polygon("band", [(0.0, 0.0), (x.1, after), (x.1, -after)]);
         }
         chart.x_ticks(4);
-        chart.y_ticks(4);
+        chart.y_ticks(5);
         chart.x_name("days from this one");
         chart.y_name(unit);
         if comparison.is_compatible() {
@@ -477,6 +469,13 @@ impl Page<'_> {
     }
 }
 
+/// Least and greatest, and a share of room beyond them.
+fn extent(ends: impl Iterator<Item = f64>, room: f64) -> (f64, f64) {
+    let (least, most) = ends.fold((f64::MAX, f64::MIN), |extent, end| (extent.0.min(end), extent.1.max(end)));
+    let room = if most > least { room * (most - least) } else { 0.5 };
+    (least - room, most + room)
+}
+
 /// What moved, in words.
 pub fn moved_words(comparison: &Comparison) -> String {
     let moved: Vec<String> = comparison.moved().into_iter().map(Parameter::words).collect();
@@ -501,11 +500,16 @@ fn position(parameter: Parameter) -> usize {
     solve::PER_GYRO * parameter.gyro as usize + parameter.index
 }
 
+/// A cell that is read, not compared.
+fn prose(text: &str) -> String {
+    format!("<span class=\"prose\">{}</span>", escape(text))
+}
+
 fn percent(probability: f64) -> String {
     match probability * 100.0 {
-        percent if percent < 0.1 => "less than 0.1 %".to_owned(),
-        percent if percent > 99.9 => "more than 99.9 %".to_owned(),
-        percent => format!("{} %", significant(percent, 2)),
+        percent if percent < 0.1 => "less than 0.1 %".to_owned(),
+        percent if percent > 99.9 => "more than 99.9 %".to_owned(),
+        percent => format!("{} %", significant(percent, 2)),
     }
 }
 

@@ -7,7 +7,7 @@ use super::escape;
 /// Room for labels, pixels.
 const LEFT: f64 = 46.0;
 const RIGHT: f64 = 8.0;
-const TOP: f64 = 8.0;
+const TOP: f64 = 19.0;
 const LINE: f64 = 15.0;
 
 /// A diagram that grows.
@@ -81,9 +81,9 @@ impl Chart {
         self.put(x, y, Anchor::Middle, text);
     }
 
-    /// What the axis beside tells, within the upper left corner.
+    /// What the axis beside tells, above it.
     pub fn y_name(&mut self, text: &str) {
-        self.put(LEFT + 5.0, TOP + 12.0, Anchor::Start, text);
+        self.put(LEFT, TOP - 6.0, Anchor::Start, text);
     }
 
     fn put(&mut self, x: f64, y: f64, anchor: Anchor, text: &str) {

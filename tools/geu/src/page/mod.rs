@@ -48,7 +48,7 @@ pub fn escape(text: &str) -> String {
 /// A table that scrolls by itself where the screen is narrow. The first cell of a row is its header.
 pub fn table(caption: &str, header: &[&str], rows: impl IntoIterator<Item = Vec<String>>) -> String {
     let mut text = format!(
-        "<div class=\"wide\" role=\"region\" tabindex=\"0\" aria-label=\"{caption}\">\n<table>\n<caption>{caption}</caption>\n<thead><tr>",
+        "<div class=\"wide\" role=\"region\" tabindex=\"0\" aria-label=\"{caption}\">\n<table>\n<caption><span>{caption}</span></caption>\n<thead><tr>",
         caption = escape(caption)
     );
     for name in header {
@@ -78,6 +78,18 @@ pub fn significant(value: f64, digits: i32) -> String {
 pub fn signed(value: f64, digits: i32) -> String {
     let text = significant(value, digits);
     if value > 0.0 { format!("+{text}") } else { text }
+}
+
+/// A number with its sign and so many decimals.
+pub fn fixed(value: f64, decimals: usize) -> String {
+    let text = format!("{value:+.decimals$}");
+    let is_zero = text.bytes().all(|byte| !(b'1'..=b'9').contains(&byte));
+    if is_zero { text.replace(['+', '-'], "") } else { text.replace('-', "−") }
+}
+
+/// So many sigmas.
+pub fn sigmas(value: f64) -> String {
+    format!("{} σ", fixed(value, 1))
 }
 
 /// A Unix time in the calendar, to the second.
@@ -121,5 +133,6 @@ mod tests {
             assert_eq!(significant(value, 3), text);
         }
         assert_eq!(signed(0.25, 2), "+0.25");
+        assert_eq!([sigmas(-0.04), sigmas(-1.25), fixed(0.5, 2)], ["0.0 σ", "−1.2 σ", "+0.50"]);
     }
 }

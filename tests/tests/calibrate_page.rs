@@ -1,0 +1,190 @@
+//! `geu calibrate --html` and `--compare`: a page that stands by itself, and calibrations of one unit or of two.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Output;
+
+use geu_tests::{geu, root};
+use serde_json::Value;
+use tempfile::TempDir;
+
+const PARAMETERS: [&str; 16] = [
+    "GYRX scale factor",
+    "GYRX drift",
+    "GYRX misalignment y",
+    "GYRX misalignment z",
+    "GYRY scale factor",
+    "GYRY drift",
+    "GYRY misalignment x",
+    "GYRY misalignment z",
+    "GYRZA scale factor",
+    "GYRZA drift",
+    "GYRZA misalignment x",
+    "GYRZA misalignment y",
+    "GYRZB scale factor",
+    "GYRZB drift",
+    "GYRZB misalignment x",
+    "GYRZB misalignment y",
+];
+
+fn run(arguments: &[&str]) -> Output {
+    geu().args(arguments).output().expect("geu starts")
+}
+
+fn checkout() -> String {
+    root().join("configs/checkout.toml").display().to_string()
+}
+
+/// The checkout, about fourteen hours, flown in a directory of its own.
+fn fly(room: &Path, name: &str, start: &str, seed: &str, changes: &[&str]) {
+    let out = room.join(name).display().to_string();
+    let config = checkout();
+    let mut arguments =
+        vec!["simulate", &config, "--out", &out, "--start", start, "--seed", seed, "--duration", "55000"];
+    changes.iter().for_each(|change| arguments.extend(["--set", change]));
+    let output = run(&arguments);
+    assert!(output.status.success(), "{}", stderr(&output));
+}
+
+/// Calibrates a flight with further arguments; `{}` in them is the directory.
+fn calibrate(room: &Path, name: &str, further: &[&str]) -> Output {
+    let of = |file: &str| room.join(name).join(file).display().to_string();
+    let (link, manoeuvres, reference, config) = (of("link.log"), of("manoeuvres.csv"), of("reference.csv"), checkout());
+    let further: Vec<String> = further.iter().map(|text| text.replace("{}", &room.display().to_string())).collect();
+    let mut arguments = vec!["calibrate", "--config", &config, "--link", &link];
+    arguments.extend(["--manoeuvres", &manoeuvres, "--reference", &reference]);
+    arguments.extend(further.iter().map(String::as_str));
+    run(&arguments)
+}
+
+fn stderr(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+fn text(room: &TempDir, name: &str) -> String {
+    fs::read_to_string(room.path().join(name)).expect("a file")
+}
+
+fn json(room: &TempDir, name: &str) -> Value {
+    serde_json::from_str(&text(room, name)).expect("JSON")
+}
+
+/// Every tag opened is closed in its turn, every attribute quoted, every `&` an entity; gives the names of the tags.
+fn well_formed(page: &str) -> Vec<String> {
+    let rest = page.strip_prefix("<!DOCTYPE html>").expect("a doctype");
+    let (mut open, mut all): (Vec<String>, Vec<String>) = (Vec::new(), Vec::new());
+    let mut pieces = rest.split('<');
+    assert_eq!(pieces.next().map(str::trim), Some(""));
+    for piece in pieces {
+        let (tag, after) = piece.split_once('>').unwrap_or_else(|| panic!("no end: <{piece}"));
+        assert!(!after.contains('>'), "stray >: {after}");
+        for reference in after.split('&').skip(1).chain(tag.split('&').skip(1)) {
+            assert!(["amp;", "lt;", "gt;", "quot;"].iter().any(|name| reference.starts_with(name)), "&{reference}");
+        }
+        if let Some(name) = tag.strip_prefix('/') {
+            assert_eq!(open.pop().as_deref(), Some(name), "</{name}>");
+            continue;
+        }
+        assert_eq!(tag.matches('"').count() % 2, 0, "<{tag}>");
+        let outside: String = tag.trim_end_matches('/').split('"').step_by(2).collect();
+        let (name, attributes) = outside.split_once(' ').unwrap_or((&outside, ""));
+        assert!(attributes.split_whitespace().all(|attribute| attribute.ends_with('=')), "<{tag}>");
+        all.push(name.to_owned());
+        if !tag.ends_with('/') {
+            open.push(name.to_owned());
+        }
+    }
+    assert_eq!(open, Vec::<String>::new());
+    all
+}
+
+#[test]
+fn two_checkouts_of_one_unit_are_compatible_and_the_page_tells_all() {
+    let room = tempfile::tempdir().expect("a directory");
+    fly(room.path(), "first", "1790000000", "1", &[]);
+    fly(room.path(), "second", "1791209600", "2", &[]);
+    let output = calibrate(room.path(), "first", &["--json", "{}/first.json", "--html", "{}/alone.html"]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    assert_eq!(json(&room, "first.json")["time_s"], 1_790_000_000.0);
+    let results = ["--json", "{}/second.json", "--html", "{}/page.html", "--out", "{}/merged.toml"];
+    let output = calibrate(room.path(), "second", &[&results[..], &["--compare", "{}/first.json"]].concat());
+    assert!(output.status.success(), "{}", stderr(&output));
+    assert!(String::from_utf8_lossy(&output.stdout).contains("compatible, merged"));
+
+    let second = json(&room, "second.json");
+    let comparison = &second["comparison"];
+    assert_eq!((&comparison["compatible"], &comparison["moved"]), (&Value::Bool(true), &serde_json::json!([])));
+    assert_eq!(comparison["chi2"]["dof"], 16);
+    assert!(comparison["chi2"]["probability"].as_f64().expect("a number") > 1e-3, "{}", comparison["chi2"]);
+    for gyro in ["GYRX", "GYRY", "GYRZA", "GYRZB"] {
+        let numbers = |of: &Value| {
+            let one = &of["gyros"][gyro]["scale_factor"];
+            [&one["value"], &one["sigma"]].map(|number| number.as_f64().expect("a number"))
+        };
+        let [merged, sigma] = numbers(&comparison["merged"]);
+        let ([first, first_sigma], [second, second_sigma]) = (numbers(&json(&room, "first.json")), numbers(&second));
+        assert!(sigma < first_sigma.min(second_sigma), "{gyro}");
+        // Between them, but for what the other parameters pull.
+        assert!((merged - (first + second) / 2.0).abs() < (first - second).abs() / 2.0 + sigma, "{gyro}");
+        assert!(text(&room, "merged.toml").contains(&format!("scale_factor = {merged:.11}")), "{gyro}");
+    }
+
+    let (page, alone) = (text(&room, "page.html"), text(&room, "alone.html"));
+    for page in [&page, &alone] {
+        let tags = well_formed(page);
+        for (tag, least) in [("svg", 16), ("table", 2), ("caption", 2), ("pre", 1)] {
+            assert!(tags.iter().filter(|name| *name == tag).count() >= least, "{tag}");
+        }
+        assert!(tags.iter().all(|tag| !["script", "link", "img", "iframe", "a"].contains(&tag.as_str())));
+        for outside in ["://", "src=", "href=", "url(", "@import"] {
+            assert!(!page.contains(outside), "{outside}");
+        }
+        for name in PARAMETERS {
+            assert!(page.contains(&format!("<th scope=\"row\">{name}</th>")), "{name}");
+        }
+        for name in ["1 pointing", "2 pointing", "3 z-scan", "4 y-scan", "5 y-scan", "6 x-scan"] {
+            assert!(page.contains(&format!("<th scope=\"row\">{name}</th>")), "{name}");
+        }
+        assert!(page.contains("The sixteen parameters explain these data."));
+    }
+    assert!(page.contains("2026-09-21 14:13:20 UTC") && page.contains("Compatible with the earlier calibrations"));
+    assert_eq!(page.matches(" over time\"").count(), 16);
+    assert!(alone.contains("No earlier calibration was given"));
+}
+
+#[test]
+fn a_scale_factor_that_moved_by_100_ppm_is_named_and_nothing_is_merged() {
+    let room = tempfile::tempdir().expect("a directory");
+    fly(room.path(), "first", "0", "3", &[]);
+    fly(room.path(), "second", "0", "4", &["gyro.GYRY.calibration.scale_factor=0.9988"]);
+    assert!(calibrate(room.path(), "first", &["--json", "{}/first.json"]).status.success());
+    let results = ["--json", "{}/second.json", "--html", "{}/page.html", "--out", "{}/out.toml"];
+    let output = calibrate(room.path(), "second", &[&results[..], &["--compare", "{}/first.json"]].concat());
+    assert!(output.status.success(), "{}", stderr(&output));
+    let told = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(told.contains("not compatible, not merged: GYRY scale factor moved"), "{told}");
+    let second = json(&room, "second.json");
+    let comparison = &second["comparison"];
+    assert_eq!(comparison["moved"], serde_json::json!(["GYRY scale factor"]));
+    assert_eq!((&comparison["compatible"], &comparison["merged"]), (&Value::Bool(false), &Value::Null));
+    let change = comparison["parameters"]["GYRY scale factor"]["change"].as_f64().expect("a number");
+    assert!((change - 1e-4).abs() < 1e-5, "{change}");
+    let solved = second["gyros"]["GYRY"]["scale_factor"]["value"].as_f64().expect("a number");
+    assert!(text(&room, "out.toml").contains(&format!("scale_factor = {solved:.11}")));
+    well_formed(&text(&room, "page.html"));
+
+    // Neither the very same recording nor a result without covariance can be compared.
+    let output = calibrate(room.path(), "first", &["--compare", "{}/first.json"]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(stderr(&output).contains("expected calibrations of recordings of their own"), "{}", stderr(&output));
+    // An earlier result is not overwritten by a later one.
+    let output = calibrate(room.path(), "second", &["--compare", "{}/first.json", "--json", "{}/first.json"]);
+    assert_eq!(output.status.code(), Some(2), "{}", stderr(&output));
+    let mut bare = json(&room, "first.json");
+    bare.as_object_mut().expect("an object").remove("covariance");
+    let path: PathBuf = room.path().join("bare.json");
+    fs::write(&path, bare.to_string()).expect("written");
+    let output = calibrate(room.path(), "second", &["--compare", "{}/bare.json"]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(stderr(&output).contains("bare.json: covariance: expected the 16 × 16 covariance"), "{}", stderr(&output));
+}
