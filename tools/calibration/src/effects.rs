@@ -46,6 +46,8 @@ impl EffectCounts {
         }
         let steps = steps();
         let times_s = steady(&counts.node_s);
+        // The temperature that was measured takes the place of the configured course, but for its reference.
+        (quiet.electronics.numbers.amplitude_k, quiet.electronics.numbers.trend_k_per_day) = (0.0, 0.0);
         quiet.electronics.table = times_s.iter().copied().zip(counts.electronics_c.iter().copied()).collect();
         let truth = moved(&times_s, &steps)?;
         let accumulated = run(&quiet, &truth, steps.len());

@@ -141,3 +141,28 @@ fn two_sequences_of_one_unit_are_compatible_and_of_two_units_are_not() {
     let most = (0..16).max_by(|&a, &b| moved.chi2[a].total_cmp(&moved.chi2[b])).expect("sixteen");
     assert_eq!(Parameter::all().nth(most).map(Parameter::words).as_deref(), Some("GYRY scale factor"));
 }
+
+#[test]
+fn every_effect_of_the_paper_is_taken_off_where_it_is_believed() {
+    let paper = include_str!("../../../configs/paper.toml");
+    let paper = Configuration::parse("configs/paper.toml", paper, &[]).expect("valid");
+    let unit = sequence(&paper, Precautions { stabilisation: false, ..Precautions::ALL });
+    let flight = fly(&unit);
+    // Its calibration is off by what a fortnight leaves; its effects are known.
+    let mut believed = unit.clone();
+    for gyro in &mut believed.gyros {
+        gyro.calibration.scale_factor += 20e-6;
+        gyro.calibration.drift_arcsec_per_half_s += 6.0 / 7200.0;
+    }
+    let truth = values(&unit.gyros.each_ref().map(|gyro| gyro.calibration));
+    for windows in [Some(&flight.windows[..]), None] {
+        let attitude = Attitude::Reference(&flight.reference, Some(0.0));
+        let solution = calibrate(&believed, &flight.counts, windows, &attitude).expect("determined").solution;
+        assert!(solution.probability() > 1e-4, "{} of {}", solution.chi2, solution.degrees_of_freedom);
+        for ((parameter, solved), (sigma, truth)) in
+            Parameter::all().zip(solution.values()).zip(solution.sigmas().into_iter().zip(truth))
+        {
+            assert!((solved - truth).abs() < 5.0 * sigma, "{}: {solved} ± {sigma}, {truth}", parameter.words());
+        }
+    }
+}
