@@ -158,6 +158,7 @@ fn clocks_and_links_are_explained() {
             unit("clock-frequency-step", &[("ppm", 80.0), ONSET]),
             unit("time-offset", &[("seconds", 0.03)]),
             unit("time-offset", &[("seconds", -0.03)]),
+            unit("time-offset-periodic", &[("amplitude_seconds", 0.03), ("period_s", 777.0), ("phase_rad", 0.7)]),
             head("lost-counts", &[("counts", -15.0), ("time_s", 6000.0)]),
         ],
     );
@@ -172,6 +173,7 @@ fn floats_on_their_pivots_are_explained() {
             head("pivot-clearance", &[clearance]),
             head("pivot-clearance", &[clearance, ("preferred_arcsec", 3.0)]),
             head("pivot-clearance-step", &[clearance, ONSET]),
+            head("pivot-clearance-temperature", &[("clearance_arcsec_per_k", 8.0)]),
             vec![
                 Hidden::new("pivot-clearance", &[Gyro::Zb], &[("clearance_arcsec", 9.0)]),
                 Hidden::new("drift-ramp", &[Gyro::X], &[("arcsec_per_h_per_day", 420.0)]),
@@ -198,7 +200,11 @@ fn misalignments_are_explained() {
 fn accelerations_and_products_of_rates_are_explained() {
     assert_explained(
         7,
-        &[head("output-axis-acceleration", &[("seconds", 0.05)]), head("anisoinertia", &[("seconds", 0.1)])],
+        &[
+            head("output-axis-acceleration", &[("seconds", 0.05)]),
+            head("output-axis-acceleration-ramp", &[("seconds_per_day", 0.4)]),
+            head("anisoinertia", &[("seconds", 0.1)]),
+        ],
     );
 }
 

@@ -51,6 +51,8 @@ pub struct Sample {
 pub struct Unit {
     pub calibrations: [Calibration; 4],
     terms: Vec<Term>,
+    /// The end of the motion that counts have told.
+    told_s: Option<f64>,
     channels: [Channel; 4],
     /// Of the package about Y, once there is motion.
     thermal_arcsec: Option<f64>,
@@ -104,6 +106,7 @@ impl Unit {
         Unit {
             calibrations,
             terms,
+            told_s: None,
             channels: GYROS.map(|gyro| Channel {
                 noise: Noise::new(plant.seed, 3 + gyro as u64),
                 white_arcsec: 0.0,
@@ -127,17 +130,22 @@ impl Unit {
     pub fn half_second(&mut self, motion: &Motion, start_s: f64) -> Sample {
         let at_start = self.quantities(start_s);
         let of_unit = at_start[0];
-        let (fast, offset_s) = (of_unit.of(ClockFrequency) * PPM, of_unit.of(TimeOffset));
+        let fast = of_unit.of(ClockFrequency) * PPM;
         let length_s = HALF_SECOND_S / (1.0 + fast);
         let step_s = length_s / STEPS as f64;
+        // Counts at t tell the motion of t − offset: where the offset changes, a longer or a shorter piece of it.
+        let end_s = start_s + length_s;
+        let tells_s = end_s - self.quantities(end_s)[0].of(TimeOffset);
+        let told_s = self.told_s.replace(tells_s).unwrap_or(start_s - of_unit.of(TimeOffset));
+        let moved_s = (tells_s - told_s) / STEPS as f64;
         for (channel, own) in self.channels.iter_mut().zip(&at_start) {
             channel.walk(own, length_s);
         }
         for step in 0..STEPS {
             let t = start_s + (step as f64 + 0.5) * step_s;
             let quantities = self.quantities(t);
-            let state = motion.at(t - offset_s);
-            let (thermal, thermal_turn) = self.thermal(&quantities[0], &state, step_s);
+            let state = motion.at(told_s + (step as f64 + 0.5) * moved_s);
+            let (thermal, thermal_turn) = self.thermal(&quantities[0], &state, moved_s);
             for gyro in GYROS {
                 let turning = if gyro == Gyro::Y { thermal_turn } else { 0.0 };
                 let mut row = self.calibrations[gyro as usize].misalignment_arcsec;
@@ -155,7 +163,7 @@ impl Unit {
                     + own.of(Drift) / HOUR_S
                     + own.of(DriftSensorTemperature) / HOUR_S * (self.sensor_c - SENSOR_C);
                 let channel = &mut self.channels[gyro as usize];
-                let (sensed, input) = channel.sense(gyro, row, own, &state.rates, step_s);
+                let (sensed, input) = channel.sense(gyro, row, own, &state.rates, moved_s);
                 // Casteren §3.2: per on-board half second, in all.
                 let drift = drift * HALF_SECOND_S * (1.0 - 2.0 * fast) / length_s
                     + channel.drift_walk_arcsec_s
@@ -167,7 +175,6 @@ impl Unit {
                 channel.accumulated += (sensed + turning - drift * step_s) / scale_factor;
             }
         }
-        let end_s = start_s + length_s;
         let electronics_c = self.electronics_c(end_s);
         if start_s >= self.heater_off_s {
             self.sensor_c += (electronics_c - self.sensor_c) * (1.0 - libm::exp(-HALF_SECOND_S / SENSOR_TIME_S));
@@ -261,10 +268,11 @@ impl Channel {
         let stop = own.of(PivotClearance).max(0.0) / 2.0;
         let preferred = own.of(PivotPreferred).clamp(-stop, stop);
         let before = self.float_arcsec.unwrap_or(preferred);
+        let creep = CREEP_ARCSEC_S * step_s.abs();
         let moved = if output.abs() >= CREEP_BELOW_ARCSEC_S {
             FLOAT_SPEED * output * step_s
         } else {
-            (preferred - before).clamp(-CREEP_ARCSEC_S * step_s, CREEP_ARCSEC_S * step_s)
+            (preferred - before).clamp(-creep, creep)
         };
         let after = (before + moved).clamp(-stop, stop);
         self.float_arcsec = Some(after);
