@@ -1,5 +1,8 @@
 //! Tests that need two crates or a process stand in `tests/`; here is what they share.
 
+pub mod comparison;
+pub mod whitening;
+
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Command;

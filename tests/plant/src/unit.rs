@@ -1,0 +1,294 @@
+//! The unit: four gyros, what they sense of the motion and what they count of it.
+
+use Quantity::*;
+
+use crate::hidden::{Hidden, Quantities, Quantity, Term};
+use crate::motion::{Motion, State};
+use crate::noise::Noise;
+use crate::{Calibration, GYROS, Gyro, HALF_SECOND_S, Plant, STEPS};
+
+const PPM: f64 = 1e-6;
+const ARCSEC_PER_RAD: f64 = 648_000.0 / std::f64::consts::PI;
+const HOUR_S: f64 = 3600.0;
+
+/// Below this about the output axis a float creeps (Casteren §3.3).
+const CREEP_BELOW_ARCSEC_S: f64 = 1.5;
+const CREEP_ARCSEC_S: f64 = 0.015;
+/// Of ω_out, above it.
+const FLOAT_SPEED: f64 = 0.01;
+const THERMAL_TIME_S: f64 = 300.0;
+const REFERENCE_C: f64 = 20.0;
+const SENSOR_C: f64 = 70.0;
+const SENSOR_TIME_S: f64 = 1200.0;
+const ORBIT_S: f64 = 6180.0;
+
+/// The reference unit: SF, D and misalignments about X, Y and Z.
+const REFERENCE_UNIT: [(f64, f64, [f64; 3]); 4] = [
+    (1.00120, 0.2100, [0.0, 45.0, -30.0]),
+    (0.99870, -0.1350, [20.0, 0.0, 62.0]),
+    (1.00050, 0.0820, [-38.0, 15.0, 0.0]),
+    (0.99920, -0.3050, [27.0, -51.0, 0.0]),
+];
+const ANGLE_RANDOM_WALK: f64 = 0.01;
+const DRIFT_RANDOM_WALK: f64 = 8e-6;
+
+/// What two weeks leave of a calibration, 1σ.
+const SCALE_FACTOR_SIGMA: f64 = 6.0 * PPM;
+const DRIFT_SIGMA_ARCSEC_S: f64 = 1.2 / HOUR_S;
+const MISALIGNMENT_SIGMA_ARCSEC: f64 = 1.5;
+
+/// A half second's end.
+pub struct Sample {
+    /// Of true time.
+    pub length_s: f64,
+    pub counts: [i16; 4],
+    /// A bit for each gyro.
+    pub saturated: u8,
+    pub electronics_c: f64,
+    pub sensor_c: f64,
+}
+
+pub struct Unit {
+    pub calibrations: [Calibration; 4],
+    terms: Vec<Term>,
+    /// The end of the motion that counts have told.
+    told_s: Option<f64>,
+    channels: [Channel; 4],
+    /// Of the package about Y, once there is motion.
+    thermal_arcsec: Option<f64>,
+    /// Swing and phase.
+    electronics: (f64, f64),
+    heater_off_s: f64,
+    sensor_c: f64,
+}
+
+/// What one gyro remembers.
+struct Channel {
+    noise: Noise,
+    /// Not yet sensed.
+    white_arcsec: f64,
+    drift_walk_arcsec_s: f64,
+    /// The float's angle, once it rests.
+    float_arcsec: Option<f64>,
+    output_rate: Option<f64>,
+    /// Counts, with the fraction; and as they follow it.
+    accumulated: f64,
+    followed: f64,
+    rounded: f64,
+    last: i64,
+    lost: bool,
+}
+
+impl Unit {
+    pub fn new(plant: &Plant) -> Unit {
+        let mut random = Noise::new(plant.seed, 2);
+        let calibrations = REFERENCE_UNIT.map(|(scale_factor, drift, misalignment)| Calibration {
+            scale_factor: scale_factor * (1.0 + SCALE_FACTOR_SIGMA * random.normal()),
+            drift_arcsec_per_half_s: drift + HALF_SECOND_S * DRIFT_SIGMA_ARCSEC_S * random.normal(),
+            misalignment_arcsec: misalignment.map(|angle| match angle {
+                0.0 => 0.0,
+                angle => angle + MISALIGNMENT_SIGMA_ARCSEC * random.normal(),
+            }),
+        });
+        let mut terms: Vec<Term> = plant.hidden.iter().flat_map(Hidden::terms).collect();
+        // A hidden noise takes the place of the unit's own.
+        for (code, parameter, value) in [
+            ("angle-random-walk", "arcsec_per_sqrt_s", ANGLE_RANDOM_WALK),
+            ("drift-random-walk", "arcsec_per_s_per_sqrt_s", DRIFT_RANDOM_WALK),
+        ] {
+            let hidden: Vec<&Hidden> = plant.hidden.iter().filter(|hidden| hidden.code == code).collect();
+            for gyro in GYROS {
+                if !hidden.iter().any(|hidden| hidden.gyros.is_empty() || hidden.gyros.contains(&gyro)) {
+                    terms.extend(Hidden::new(code, &[gyro], &[(parameter, value)]).terms());
+                }
+            }
+        }
+        Unit {
+            calibrations,
+            terms,
+            told_s: None,
+            channels: GYROS.map(|gyro| Channel {
+                noise: Noise::new(plant.seed, 3 + gyro as u64),
+                white_arcsec: 0.0,
+                drift_walk_arcsec_s: 0.0,
+                float_arcsec: None,
+                output_rate: None,
+                accumulated: 0.0,
+                followed: 0.0,
+                rounded: 0.0,
+                last: 0,
+                lost: false,
+            }),
+            thermal_arcsec: None,
+            electronics: (random.uniform(1.0, 2.5), random.uniform(0.0, std::f64::consts::TAU)),
+            heater_off_s: plant.heater_off_s.unwrap_or(f64::INFINITY),
+            sensor_c: SENSOR_C,
+        }
+    }
+
+    /// Counts through the half second that starts at `start_s`.
+    pub fn half_second(&mut self, motion: &Motion, start_s: f64) -> Sample {
+        let at_start = self.quantities(start_s);
+        let of_unit = at_start[0];
+        let fast = of_unit.of(ClockFrequency) * PPM;
+        let length_s = HALF_SECOND_S / (1.0 + fast);
+        let step_s = length_s / STEPS as f64;
+        // Counts at t tell the motion of t − offset: where the offset changes, a longer or a shorter piece of it.
+        let end_s = start_s + length_s;
+        let tells_s = end_s - self.quantities(end_s)[0].of(TimeOffset);
+        let told_s = self.told_s.replace(tells_s).unwrap_or(start_s - of_unit.of(TimeOffset));
+        let moved_s = (tells_s - told_s) / STEPS as f64;
+        for (channel, own) in self.channels.iter_mut().zip(&at_start) {
+            channel.walk(own, length_s);
+        }
+        for step in 0..STEPS {
+            let t = start_s + (step as f64 + 0.5) * step_s;
+            let quantities = self.quantities(t);
+            let state = motion.at(told_s + (step as f64 + 0.5) * moved_s);
+            let (thermal, thermal_turn) = self.thermal(&quantities[0], &state, moved_s);
+            for gyro in GYROS {
+                let turning = if gyro == Gyro::Y { thermal_turn } else { 0.0 };
+                let mut row = self.calibrations[gyro as usize].misalignment_arcsec;
+                let own = &quantities[gyro as usize];
+                for (element, part) in row.iter_mut().zip([MisalignmentX, MisalignmentY, MisalignmentZ]) {
+                    *element += own.of(part);
+                }
+                match gyro {
+                    Gyro::X => row[2] -= thermal,
+                    Gyro::Y => {}
+                    Gyro::Za | Gyro::Zb => row[0] += thermal,
+                }
+                let calibration = self.calibrations[gyro as usize];
+                let drift = calibration.drift_arcsec_per_half_s / HALF_SECOND_S
+                    + own.of(Drift) / HOUR_S
+                    + own.of(DriftSensorTemperature) / HOUR_S * (self.sensor_c - SENSOR_C);
+                let channel = &mut self.channels[gyro as usize];
+                let (sensed, input) = channel.sense(gyro, row, own, &state.rates, moved_s);
+                // Casteren §3.2: per on-board half second, in all.
+                let drift = drift * HALF_SECOND_S * (1.0 - 2.0 * fast) / length_s
+                    + channel.drift_walk_arcsec_s
+                    + own.of(RateDrift) * PPM * state.rates[2].abs();
+                let mut scale_factor = calibration.scale_factor * (1.0 + own.of(ScaleFactor) * PPM) * (1.0 - fast);
+                if input > 0.0 {
+                    scale_factor *= 1.0 + own.of(Asymmetry) * PPM;
+                }
+                channel.accumulated += (sensed + turning - drift * step_s) / scale_factor;
+            }
+        }
+        let electronics_c = self.electronics_c(end_s);
+        if start_s >= self.heater_off_s {
+            self.sensor_c += (electronics_c - self.sensor_c) * (1.0 - libm::exp(-HALF_SECOND_S / SENSOR_TIME_S));
+        }
+        let (counts, saturated) = self.count(end_s);
+        Sample { length_s, counts, saturated, electronics_c, sensor_c: self.sensor_c }
+    }
+
+    fn electronics_c(&self, t: f64) -> f64 {
+        let (swing, phase) = self.electronics;
+        REFERENCE_C + swing * libm::sin(std::f64::consts::TAU * t / ORBIT_S + phase)
+    }
+
+    fn quantities(&self, t: f64) -> [Quantities; 4] {
+        let mut quantities = [Quantities::default(); 4];
+        let electronics_k = self.electronics_c(t) - REFERENCE_C;
+        for term in &self.terms {
+            quantities[term.gyro as usize].add(term.quantity, term.at(t, electronics_k));
+        }
+        quantities
+    }
+
+    /// The package's turn about Y, arcsec, and how far it turned in this step.
+    fn thermal(&mut self, of_unit: &Quantities, state: &State, step_s: f64) -> (f64, f64) {
+        let settled = of_unit.of(MisalignmentThermal) * (state.theta_deg - 90.0);
+        let time_s = Some(of_unit.of(ThermalTime)).filter(|time_s| *time_s > 0.0).unwrap_or(THERMAL_TIME_S);
+        let before = self.thermal_arcsec.unwrap_or(settled);
+        let turned = (settled - before) * (1.0 - libm::exp(-step_s / time_s));
+        self.thermal_arcsec = Some(before + turned);
+        (before + turned, turned)
+    }
+
+    /// Rounds once, then does what link and wiring do.
+    fn count(&mut self, end_s: f64) -> ([i16; 4], u8) {
+        let quantities = self.quantities(end_s - HALF_SECOND_S / 2.0);
+        let mut increments =
+            GYROS.map(|gyro| self.channels[gyro as usize].increment(&quantities[gyro as usize], end_s));
+        let swapped: Vec<usize> = (0..4).filter(|gyro| quantities[*gyro].of(AxisSwap) != 0.0).collect();
+        if let [one, other] = swapped[..] {
+            increments.swap(one, other);
+        }
+        let mut saturated = 0;
+        for (gyro, channel) in self.channels.iter_mut().enumerate() {
+            if quantities[gyro].of(StuckOutput) != 0.0 {
+                increments[gyro] = channel.last;
+            }
+            channel.last = increments[gyro];
+            saturated |= u8::from(i16::try_from(increments[gyro]).is_err()) << gyro;
+        }
+        (increments.map(|count| count.clamp(i16::MIN.into(), i16::MAX.into()) as i16), saturated)
+    }
+}
+
+impl Channel {
+    /// The noises of a half second: what they grow by has a deviation that grows with the root of time.
+    fn walk(&mut self, own: &Quantities, length_s: f64) {
+        let root = length_s.sqrt();
+        self.white_arcsec = own.of(AngleRandomWalk) * root * self.noise.normal();
+        if own.of(CorrelationTime) > 0.0 {
+            self.drift_walk_arcsec_s *= libm::exp(-length_s / own.of(CorrelationTime));
+        }
+        self.drift_walk_arcsec_s += own.of(DriftRandomWalk) * root * self.noise.normal();
+    }
+
+    /// The angle sensed in a step, and the rate about the input axis.
+    fn sense(&mut self, gyro: Gyro, row: [f64; 3], own: &Quantities, rates: &[f64; 3], step_s: f64) -> (f64, f64) {
+        let [x, y, z] = *rates;
+        // Casteren §2, figure 5
+        let (about_own, output, spin) = match gyro {
+            Gyro::X => (x, y, z),
+            Gyro::Y => (y, x, -z),
+            Gyro::Za => (z, y, -x),
+            Gyro::Zb => (z, x, y),
+        };
+        let off_axis: f64 = row.iter().zip(rates).map(|(element, rate)| element / ARCSEC_PER_RAD * rate).sum();
+        let input = about_own + off_axis;
+        let rate = input - own.of(Nonlinearity) * PPM * 720.0 * (input / 720.0).powi(3)
+            + own.of(Anisoinertia) * input * spin / ARCSEC_PER_RAD
+            + own.of(RateSquared) * y * y
+            + own.of(RateProduct) * x * z;
+        let accelerated = output - self.output_rate.replace(output).unwrap_or(output);
+        let sensed = rate * step_s
+            + own.of(OutputAxisAcceleration) * accelerated
+            + self.float(own, output, step_s)
+            + std::mem::take(&mut self.white_arcsec);
+        (sensed, input)
+    }
+
+    /// How far the float moves across its pivots (Casteren §3.3).
+    fn float(&mut self, own: &Quantities, output: f64, step_s: f64) -> f64 {
+        let stop = own.of(PivotClearance).max(0.0) / 2.0;
+        let preferred = own.of(PivotPreferred).clamp(-stop, stop);
+        let before = self.float_arcsec.unwrap_or(preferred);
+        let creep = CREEP_ARCSEC_S * step_s.abs();
+        let moved = if output.abs() >= CREEP_BELOW_ARCSEC_S {
+            FLOAT_SPEED * output * step_s
+        } else {
+            (preferred - before).clamp(-creep, creep)
+        };
+        let after = (before + moved).clamp(-stop, stop);
+        self.float_arcsec = Some(after);
+        after - before
+    }
+
+    /// Counts since the last one.
+    fn increment(&mut self, own: &Quantities, end_s: f64) -> i64 {
+        if end_s >= own.of(LostCountsTime) && !std::mem::replace(&mut self.lost, true) {
+            self.accumulated += own.of(LostCounts);
+        }
+        let play = own.of(Backlash) / 2.0;
+        self.followed = self.followed.clamp(self.accumulated - play, self.accumulated + play);
+        // f64::round: half away from zero
+        let rounded = self.followed.round();
+        let increment = (rounded - std::mem::replace(&mut self.rounded, rounded)) as i64;
+        if own.of(SignInversion) != 0.0 { -increment } else { increment }
+    }
+}

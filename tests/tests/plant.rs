@@ -1,0 +1,373 @@
+//! Our model against recordings of the plant, which reads the model's page on its own: what is hidden in them is seen, and
+//! with it put in nothing but noise is left.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use geu_calibration::{report, solve};
+use geu_model::package::Calibration;
+use geu_model::{Configuration, Truth, Unit};
+use geu_plant::{GYROS, Gyro, Hidden, Plant};
+use geu_tests::comparison::{Case, Comparison, RESIDUAL_ARCSEC, Recording, largest, left};
+use geu_tests::geu;
+use geu_tests::whitening::Whitening;
+use nalgebra::DVector;
+
+/// Effects of the unit are on no gyro.
+const UNIT: &[Gyro] = &[];
+/// Near the middle of the recording.
+const ONSET: (&str, f64) = ("time_s", 5200.0);
+/// Two roundings of half a count each, and what steps of 0.1 s see otherwise than those of the plant, most of all where a
+/// time offset reads motion before the reference begins.
+const ROUNDING_ARCSEC: f64 = 1.2;
+const HEATER_OFF_S: f64 = 4000.0;
+/// HEATER, off.
+const HEATER_OFF: [u8; 2] = [7, 0];
+
+/// Flown, written and read again.
+fn recorded(plant: &Plant) -> Recording {
+    let room = tempfile::tempdir().expect("a directory");
+    let [link, reference] = written(plant, room.path());
+    Recording::read(&link, &reference)
+}
+
+fn written(plant: &Plant, directory: &Path) -> [PathBuf; 2] {
+    let recording = plant.record();
+    [("link.log", recording.link), ("reference.csv", recording.reference)].map(|(name, text)| {
+        let path = directory.join(name);
+        fs::write(&path, text).expect("written");
+        path
+    })
+}
+
+/// What a configuration calls it.
+fn overrides(hidden: &Hidden) -> Vec<String> {
+    let Hidden { code, gyros, parameters } = hidden;
+    let swap = code.starts_with("axis-swap");
+    let places: Vec<String> = match &gyros[..] {
+        [] => vec!["unit".to_owned()],
+        // Named at one of the two.
+        [gyro, _] if swap => vec![format!("gyro.{}", gyro.name())],
+        gyros => gyros.iter().map(|gyro| format!("gyro.{}", gyro.name())).collect(),
+    };
+    let assignment = |(name, value): &(String, f64)| match name.as_str() {
+        "on" if swap => format!("with=\"{}\"", gyros[1].name()),
+        "on" => "on=true".to_owned(),
+        name => format!("{name}={value:?}"),
+    };
+    let of_place = |place| parameters.iter().map(move |parameter| format!("{place}.{code}.{}", assignment(parameter)));
+    places.iter().flat_map(of_place).collect()
+}
+
+/// On all gyros.
+fn head(code: &str, parameters: &[(&str, f64)]) -> Vec<Hidden> {
+    vec![Hidden::new(code, &GYROS, parameters)]
+}
+
+fn unit(code: &str, parameters: &[(&str, f64)]) -> Vec<Hidden> {
+    vec![Hidden::new(code, UNIT, parameters)]
+}
+
+/// Each gyro on both of its other axes, by amplitudes whose names have this before and behind them.
+fn misaligned(code: &str, [before, behind]: [&str; 2], arcsec: f64, shapes: &[(&str, f64)]) -> Vec<Hidden> {
+    let rows: [(&[Gyro], _, _); 3] =
+        [(&[Gyro::X], "y", "z"), (&[Gyro::Y], "x", "z"), (&[Gyro::Za, Gyro::Zb], "x", "y")];
+    let of_row = |(gyros, one, other)| {
+        let [one, other] = [one, other].map(|axis| format!("{before}{axis}_arcsec{behind}"));
+        let amplitudes = [(one.as_str(), arcsec), (other.as_str(), -0.6 * arcsec)];
+        Hidden::new(code, gyros, &[&amplitudes, shapes].concat())
+    };
+    rows.map(of_row).to_vec()
+}
+
+/// The plant that flies this; drifts with the sensor's temperature are seen by a sensor that cools.
+fn plant(seed: u64, hidden: &[Hidden]) -> Plant {
+    let cools = hidden.iter().any(|hidden| hidden.code == "drift-sensor-temperature");
+    Plant { heater_off_s: cools.then_some(HEATER_OFF_S), ..Plant::new(seed, hidden.to_vec()) }
+}
+
+/// Our model with what is hidden put in departs from the plant by no more than it does where nothing is hidden: on the same
+/// flight with the same noises the two differ by how counts are rounded.
+fn assert_alike(plant: &Plant, with: &Comparison, null: &Comparison) {
+    for (gyro, (with, null)) in GYROS.iter().zip(with.residuals.iter().zip(&null.residuals)) {
+        let apart: Vec<f64> = with.iter().zip(null).map(|(with, null)| with - null).collect();
+        let apart = largest(&apart);
+        assert!(apart < ROUNDING_ARCSEC, "{:?} {}: {apart:.2} arcsec apart", plant.hidden, gyro.name());
+    }
+}
+
+/// On one flight, each of these alone is seen by the gyros that have it, and explained.
+fn assert_explained(seed: u64, cases: &[Vec<Hidden>]) {
+    println!("{}", Case::COLUMNS);
+    let null = recorded(&plant(seed, &[])).against(&[]);
+    for hidden in cases {
+        let plant = plant(seed, hidden);
+        let recording = recorded(&plant);
+        let overrides: Vec<String> = hidden.iter().flat_map(overrides).collect();
+        let command_s = plant.heater_off_s.unwrap_or(f64::INFINITY);
+        let [without, with] =
+            [&[][..], &overrides].map(|overrides| recording.against_commanded(overrides, command_s, &HEATER_OFF));
+        assert_alike(&plant, &with, &null);
+        for (gyro, left) in GYROS.iter().zip(with.refitted()) {
+            assert!(largest(&left) < RESIDUAL_ARCSEC, "{hidden:?} {}: {:.2} left", gyro.name(), largest(&left));
+        }
+        let gyros = hidden.iter().flat_map(|hidden| &hidden.gyros).map(|gyro| gyro.name().to_owned()).collect();
+        let mut codes: Vec<&str> = hidden.iter().map(|hidden| hidden.code.as_str()).collect();
+        codes.dedup();
+        let name = if codes.is_empty() { "nothing".to_owned() } else { codes.join(" ") };
+        Case { name, gyros, without, with }.assert_chi_squared_falls_as_predicted();
+    }
+}
+
+#[test]
+fn drifts_are_explained() {
+    assert_explained(
+        2,
+        &[
+            vec![],
+            head("drift-step", &[("arcsec_per_h", 16.0), ONSET]),
+            head("drift-ramp", &[("arcsec_per_h_per_day", 420.0)]),
+            head("drift-temperature", &[("arcsec_per_h_per_k", 12.0)]),
+            head("drift-periodic", &[("amplitude_arcsec_per_h", 20.0), ("period_s", 5000.0), ("phase_rad", 1.0)]),
+            head("drift-sensor-temperature", &[("arcsec_per_h_per_k", 1.0)]),
+        ],
+    );
+}
+
+#[test]
+fn scale_factors_are_explained() {
+    assert_explained(
+        3,
+        &[
+            head("scale-factor-step", &[("ppm", 60.0), ONSET]),
+            head("scale-factor-ramp", &[("ppm_per_day", 1500.0)]),
+            head("scale-factor-temperature", &[("ppm_per_k", 30.0)]),
+            head("scale-factor-periodic", &[("amplitude_ppm", 80.0), ("period_s", 5000.0), ("phase_rad", 1.0)]),
+            head("scale-factor-nonlinearity", &[("cubic_ppm", 3000.0)]),
+            head("scale-factor-asymmetry", &[("ppm", 120.0)]),
+        ],
+    );
+}
+
+#[test]
+fn clocks_and_links_are_explained() {
+    assert_explained(
+        4,
+        &[
+            unit("clock-frequency", &[("ppm", 14.0)]),
+            unit("clock-frequency-step", &[("ppm", 80.0), ONSET]),
+            unit("time-offset", &[("seconds", 0.03)]),
+            unit("time-offset", &[("seconds", -0.03)]),
+            unit("time-offset-periodic", &[("amplitude_seconds", 0.03), ("period_s", 777.0), ("phase_rad", 0.7)]),
+            head("lost-counts", &[("counts", -15.0), ("time_s", 6000.0)]),
+        ],
+    );
+}
+
+#[test]
+fn floats_on_their_pivots_are_explained() {
+    let clearance = ("clearance_arcsec", 11.5);
+    assert_explained(
+        5,
+        &[
+            head("pivot-clearance", &[clearance]),
+            head("pivot-clearance", &[clearance, ("preferred_arcsec", 3.0)]),
+            head("pivot-clearance-step", &[clearance, ONSET]),
+            head("pivot-clearance-temperature", &[("clearance_arcsec_per_k", 8.0)]),
+            vec![
+                Hidden::new("pivot-clearance", &[Gyro::Zb], &[("clearance_arcsec", 9.0)]),
+                Hidden::new("drift-ramp", &[Gyro::X], &[("arcsec_per_h_per_day", 420.0)]),
+            ],
+        ],
+    );
+}
+
+#[test]
+fn misalignments_are_explained() {
+    assert_explained(
+        6,
+        &[
+            misaligned("misalignment-step", ["", ""], 40.0, &[ONSET]),
+            misaligned("misalignment-ramp", ["", "_per_day"], 1500.0, &[]),
+            misaligned("misalignment-temperature", ["", "_per_k"], 40.0, &[]),
+            misaligned("misalignment-periodic", ["amplitude_", ""], 40.0, &[("period_s", 5000.0), ("phase_rad", 1.0)]),
+            unit("misalignment-thermal", &[("arcsec_per_deg", 0.9), ("time_constant_s", 280.0)]),
+        ],
+    );
+}
+
+#[test]
+fn accelerations_and_products_of_rates_are_explained() {
+    assert_explained(
+        7,
+        &[
+            head("output-axis-acceleration", &[("seconds", 0.05)]),
+            head("output-axis-acceleration-ramp", &[("seconds_per_day", 0.4)]),
+            head("anisoinertia", &[("seconds", 0.1)]),
+        ],
+    );
+}
+
+#[test]
+fn constant_departures_of_the_calibration_are_alike() {
+    let null = recorded(&plant(8, &[])).against(&[]);
+    for hidden in [
+        head("drift", &[("arcsec_per_h", 200.0)]),
+        head("scale-factor", &[("ppm", 300.0)]),
+        misaligned("misalignment", ["", ""], 40.0, &[]),
+    ] {
+        // The sixteen take them, so that only what was not refitted can show them.
+        let plant = plant(8, &hidden);
+        let overrides: Vec<String> = hidden.iter().flat_map(overrides).collect();
+        assert_alike(&plant, &recorded(&plant).against(&overrides), &null);
+    }
+}
+
+/// Increments of our model on the motion of a recording.
+fn modelled(recording: &Recording, overrides: &[String]) -> Vec<[i16; 4]> {
+    let configuration = Configuration::reference_with(overrides).expect("valid");
+    let mut unit = Unit::on(&configuration, &Truth::Recorded(recording.reference.truth.clone()));
+    recording.rows.iter().map(|_| unit.end_half_second().half_second.increments).collect()
+}
+
+#[test]
+fn wiring_does_to_the_counts_of_both_what_its_code_says() {
+    let increments = |recording: &Recording| -> Vec<[i16; 4]> {
+        recording.rows.iter().map(|row| row.half_second.increments).collect()
+    };
+    let null = recorded(&plant(9, &[]));
+    type Wiring = fn(before: [i16; 4], now: [i16; 4]) -> [i16; 4];
+    let cases: [(&str, &[Gyro], Wiring); 3] = [
+        ("sign-inversion-step", &[Gyro::Y, Gyro::Zb], |_, [x, y, za, zb]| [x, -y, za, -zb]),
+        ("axis-swap-step", &[Gyro::Y, Gyro::Za], |_, [x, y, za, zb]| [x, za, y, zb]),
+        ("stuck-output-step", &[Gyro::X], |before, [_, y, za, zb]| [before[0], y, za, zb]),
+    ];
+    for (code, gyros, wiring) in cases {
+        let hidden = Hidden::new(code, gyros, &[("on", 1.0), ONSET]);
+        let wired = |mut counts: Vec<[i16; 4]>| {
+            for index in (ONSET.1 / 0.5) as usize..counts.len() {
+                counts[index] = wiring(counts[index - 1], counts[index]);
+            }
+            counts
+        };
+        let recording = recorded(&plant(9, std::slice::from_ref(&hidden)));
+        assert!(increments(&recording) == wired(increments(&null)), "{code}: the plant");
+        assert!(modelled(&recording, &overrides(&hidden)) == wired(modelled(&null, &[])), "{code}: the model");
+    }
+}
+
+#[test]
+fn noises_larger_than_configured_are_of_the_size_that_was_hidden() {
+    // A twentieth of the variance: rounding is not quite white while a gyro rests.
+    let noise_like = 0.95..1.05;
+    for hidden in [
+        Hidden::new("angle-random-walk", &GYROS, &[("arcsec_per_sqrt_s", 0.3)]),
+        Hidden::new("drift-random-walk", &GYROS, &[("arcsec_per_s_per_sqrt_s", 2e-4)]),
+    ] {
+        let comparison = recorded(&plant(10, std::slice::from_ref(&hidden))).against(&[]);
+        let chi2_per_dof = |overrides: &[String], gyro: Gyro| {
+            let configuration = Configuration::reference_with(overrides).expect("valid");
+            let residual = &comparison.residuals[gyro as usize];
+            let whitening = Whitening::of(&configuration.gyros[gyro as usize].effects.constant, residual.len());
+            comparison.chi2(&whitening, residual) / (residual.len() - 4) as f64
+        };
+        for gyro in GYROS {
+            let [configured, hidden_] = [chi2_per_dof(&[], gyro), chi2_per_dof(&overrides(&hidden), gyro)];
+            println!("{} {}: chi2/dof {configured:.3}, {hidden_:.3}", hidden.code, gyro.name());
+            assert!(configured > noise_like.end, "{} {}: {configured:.3}", hidden.code, gyro.name());
+            assert!(noise_like.contains(&hidden_), "{} {}: {hidden_:.3}", hidden.code, gyro.name());
+        }
+    }
+}
+
+#[test]
+fn what_is_outside_the_catalogue_is_seen_and_is_what_its_formula_says() {
+    let hidden = [
+        Hidden::new("rate-drift", &[Gyro::X], &[("ppm", 100.0)]),
+        Hidden::new("rate-product-coupling", &[Gyro::Y], &[("per_arcsec_s", 3e-6)]),
+        Hidden::new("count-backlash", &[Gyro::Za], &[("play_arcsec", 8.0)]),
+        Hidden::new("rate-squared-coupling", &[Gyro::Zb], &[("per_arcsec_s", 4e-7)]),
+    ];
+    let recording = recorded(&plant(11, &hidden));
+    let comparison = recording.against(&[]);
+    let half_seconds = comparison.regressors.nrows();
+    let configuration = Configuration::reference();
+    let (mut sums, mut counted, mut followed) = ([0.0; 4], 0.0, 0.0_f64);
+    let mut columns = [const { Vec::new() }; 4];
+    for index in 0..half_seconds {
+        let turned = |axis: usize| {
+            let at = |index: usize| comparison.regressors[(index, axis)] * 206_265.0;
+            at(index) - if index > 0 { at(index - 1) } else { 0.0 }
+        };
+        let [x, y, z] = std::array::from_fn(turned);
+        // The angle that our model would count: what was measured, without what is left of it.
+        counted += f64::from(recording.rows[index].half_second.increments[Gyro::Za as usize]);
+        let angle = counted - comparison.residuals[Gyro::Za as usize][index];
+        followed = followed.clamp(angle - 4.0, angle + 4.0);
+        sums = [sums[0] + z.abs(), sums[1] + x * z / 0.5, followed - angle, sums[3] + y * y / 0.5];
+        for (column, sum) in columns.iter_mut().zip(sums) {
+            column.push(sum);
+        }
+    }
+    for (gyro, (column, residual)) in GYROS.iter().zip(columns.into_iter().zip(&comparison.residuals)) {
+        let whitening = Whitening::of(&configuration.gyros[*gyro as usize].effects.constant, half_seconds);
+        let chi2_per_dof = comparison.chi2(&whitening, residual) / (half_seconds - 4) as f64;
+        let scale = largest(&column);
+        let mut regressors = comparison.regressors.clone().insert_column(4, 0.0);
+        regressors.set_column(4, &(DVector::from_vec(column) / scale));
+        let left = largest(&left(residual, &regressors));
+        println!("{}: chi2/dof {chi2_per_dof:.3}, then {left:.2} arcsec left", gyro.name());
+        assert!(chi2_per_dof > 1.1, "{}: chi2/dof {chi2_per_dof:.3}", gyro.name());
+        assert!(left < RESIDUAL_ARCSEC, "{}: {left:.2} arcsec left", gyro.name());
+    }
+}
+
+#[test]
+fn a_flight_is_decoded_without_a_defect_and_calibrated_to_the_unit_s_own_sixteen() {
+    let room = tempfile::tempdir().expect("a directory");
+    let plant = plant(1, &[]);
+    let truth = plant.record().calibrations.map(|calibration| {
+        let [x_arcsec, y_arcsec, z_arcsec] = calibration.misalignment_arcsec;
+        let geu_plant::Calibration { scale_factor, drift_arcsec_per_half_s, .. } = calibration;
+        Calibration { scale_factor, drift_arcsec_per_half_s, x_arcsec, y_arcsec, z_arcsec }
+    });
+    let [link, reference] = written(&plant, room.path());
+    // A defect is a panic.
+    let recording = Recording::read(&link, &reference);
+    assert_eq!(recording.rows.len() as f64, plant.duration_s / 0.5);
+    for (sequence, row) in recording.rows.iter().enumerate() {
+        assert_eq!((row.half_second.sequence, row.half_second.gyro_flags), (sequence as u16, 0x0f));
+        assert_eq!(row.half_second.clock_count, 500_000 * (sequence as u64 + 1));
+    }
+
+    let json = room.path().join("result.json");
+    let output = geu()
+        .arg("calibrate")
+        .arg("--link")
+        .arg(link)
+        .arg("--reference")
+        .arg(reference)
+        .arg("--json")
+        .arg(&json)
+        .output();
+    let output = output.expect("geu starts");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let json = fs::read_to_string(json).expect("written");
+    let (calibrations, sigmas) = report::parse(&serde_json::from_str(&json).expect("JSON")).expect("a calibration");
+    for ((value, sigma), truth) in solve::values(&calibrations).iter().zip(sigmas).zip(solve::values(&truth)) {
+        assert!((value - truth).abs() < 5.0 * sigma && sigma > 0.0, "{value} ± {sigma}, {truth}");
+    }
+    let overrides: Vec<String> = GYROS.iter().zip(calibrations).flat_map(calibrated).collect();
+    for (gyro, residual) in GYROS.iter().zip(recording.against(&overrides).residuals) {
+        assert!(largest(&residual) < RESIDUAL_ARCSEC, "{}: {:.2} counts left", gyro.name(), largest(&residual));
+    }
+}
+
+fn calibrated((gyro, calibration): (&Gyro, Calibration)) -> Vec<String> {
+    let Calibration { scale_factor, drift_arcsec_per_half_s, x_arcsec, y_arcsec, z_arcsec } = calibration;
+    let mut values = vec![("scale_factor", scale_factor), ("drift_arcsec_per_half_s", drift_arcsec_per_half_s)];
+    let angles = [("x_arcsec", x_arcsec), ("y_arcsec", y_arcsec), ("z_arcsec", z_arcsec)];
+    // Its own axis has none.
+    values.extend(angles.into_iter().filter(|(_, angle)| *angle != 0.0));
+    values.iter().map(|(name, value)| format!("gyro.{}.calibration.{name}={value:?}", gyro.name())).collect()
+}
