@@ -4,7 +4,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use geu_calibration::{report, solve};
+use geu_calibration::{Believed, solve};
 use geu_model::package::Calibration;
 use geu_model::{Configuration, Truth, Unit};
 use geu_plant::{GYROS, Gyro, Hidden, Plant};
@@ -353,7 +353,8 @@ fn a_flight_is_decoded_without_a_defect_and_calibrated_to_the_unit_s_own_sixteen
     let output = output.expect("geu starts");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let json = fs::read_to_string(json).expect("written");
-    let (calibrations, sigmas) = report::parse(&serde_json::from_str(&json).expect("JSON")).expect("a calibration");
+    let believed = Believed::parse("result.json", &json, &[]).expect("a calibration");
+    let (calibrations, sigmas) = (believed.calibrations, solve::values(&believed.sigmas));
     for ((value, sigma), truth) in solve::values(&calibrations).iter().zip(sigmas).zip(solve::values(&truth)) {
         assert!((value - truth).abs() < 5.0 * sigma && sigma > 0.0, "{value} ± {sigma}, {truth}");
     }
