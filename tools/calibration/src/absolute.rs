@@ -14,12 +14,15 @@ use geu_protocol::Gyro;
 use geu_recording::read_text;
 
 use crate::counts::{Counts, Reading};
-use crate::noise::{Disturbance, ROUNDING_VARIANCE, Source, Walks};
+use crate::noise::{Disturbance, ROUNDING_VARIANCE, Source, Walks, named};
 use crate::observe::{LeftOut, Measured, micros, outside};
 use crate::solve::Observation;
 use crate::sun::{Point, follow, step_control_arcsec};
-use crate::transfer::Transfer;
+use crate::transfer::{InUse, Transfer};
 use crate::window::{Window, WindowError};
+
+/// A star through a slit: the slit, θ and ψ in degrees, random error of each angle in arcsec.
+pub type Slit = (String, [f64; 2], f64);
 
 /// A fix: one star through one or more slits at one instant.
 #[derive(Debug, Clone, PartialEq)]
@@ -28,8 +31,8 @@ pub struct Fix {
     pub t_ns: i64,
     /// The star.
     pub star: String,
-    /// Of each slit: name, θ and ψ in degrees, random error of each angle in arcsec.
-    pub slits: Vec<(String, [f64; 2], f64)>,
+    /// Through each slit.
+    pub slits: Vec<Slit>,
 }
 
 /// What the absolute sensors told.
@@ -171,7 +174,7 @@ const LEVEL_STEPS: f64 = 1.0 / 20.0;
 const STILL_STEPS: f64 = 0.15;
 /// What the sun sensor's steps leave of the limit cycle about X, in steps: a cycle about the sun's own plane meets as many
 /// steps above as below, and their errors cancel but for a small part.
-const CYCLE_STEPS: f64 = 1.0 / 80.0;
+const CYCLE_STEPS: f64 = 1.0 / 40.0;
 
 /// Lays the gyros' path through the fixes. `transfer` may be rough: what it gets wrong is bent away between fixes.
 pub fn path(measured: &Measured, sensors: &Sensors, transfer: &Transfer) -> Option<GyroPath> {
@@ -292,6 +295,22 @@ pub fn with_sensors(
             leave(format!("the star sensor has no fix at {end_s:.1} s"));
             continue;
         };
+        if to.reading.half_seconds - from.reading.half_seconds < 2.0 {
+            leave("it is shorter than two half seconds".to_owned());
+            continue;
+        }
+        // The rotation itself rests on the gyros of the path, and the limit cycle on what is around the fixes.
+        let around = |t_s: f64| counts.at(t_s.clamp(0.0, counts.end_s()));
+        let path_gyros = InUse::WithZa.gyros().into_iter().enumerate().filter(|(_, is_used)| *is_used);
+        let broken = path_gyros.into_iter().find_map(|(gyro, _)| {
+            let (first, last) = (around(from.point.t_s - OVERLAY_S)?, around(to.point.t_s + OVERLAY_S)?);
+            Some((gyro, counts.broken(gyro, &first, &last)?))
+        });
+        if let Some((gyro, broken)) = broken {
+            let at_s = start_s + counts.node_s[broken.from];
+            leave(format!("{}, on which its path rests: {} at {at_s:.1} s", Gyro::ALL[gyro].name(), broken.kind));
+            continue;
+        }
         let rolls = (overlay.limit_cycle_x_arcsec(from), overlay.limit_cycle_x_arcsec(to));
         let (Some(roll_from), Some(roll_to)) = rolls else {
             let at = if rolls.0.is_none() { from } else { to };
@@ -413,34 +432,16 @@ fn rotation(
     walks: &[Walks; 4],
 ) -> ([f64; 3], Vec<Disturbance>) {
     let Overlay { counts, sensors, path, .. } = overlay;
-    let slits: Vec<(&[f64; 2], &[f64; 2], f64, f64)> = to
-        .fix
-        .slits
+    // The same slits on both sides where there are any, so that what is theirs cancels (Casteren §5).
+    let in_both = |slit: &&Slit| [from, to].iter().all(|end| end.fix.slits.iter().any(|other| other.0 == slit.0));
+    let any_in_both = from.fix.slits.iter().any(|slit| in_both(&slit));
+    let seen =
+        [from, to].map(|end| end.fix.slits.iter().filter(|slit| !any_in_both || in_both(slit)).collect::<Vec<_>>());
+    let ends = seen.each_ref().map(|slits| mean(&slits.iter().map(|slit| slit.1).collect::<Vec<_>>()));
+    let random_variance: f64 = seen
         .iter()
-        .filter_map(|(slit, angles, sigma)| {
-            let before = from.fix.slits.iter().find(|before| before.0 == *slit)?;
-            Some((&before.1, angles, before.2, *sigma))
-        })
-        .collect();
-    // The same slits on both sides, so that what is theirs cancels (Casteren §5); where there are none, their errors count.
-    let same_slits = !slits.is_empty();
-    let ends: [(f64, [f64; 2]); 2] = if same_slits {
-        let count = slits.len() as f64;
-        let side = |angles: Vec<[f64; 2]>, variances: f64| (variances / count / count, mean(&angles));
-        [
-            side(slits.iter().map(|slit| *slit.0).collect(), slits.iter().map(|slit| slit.2 * slit.2).sum()),
-            side(slits.iter().map(|slit| *slit.1).collect(), slits.iter().map(|slit| slit.3 * slit.3).sum()),
-        ]
-    } else {
-        let side = |fix: &Fix| {
-            let count = fix.slits.len() as f64;
-            let random = fix.slits.iter().map(|slit| slit.2 * slit.2).sum::<f64>() / count / count;
-            let systematic = sensors.numbers.sse.slit_arcsec.powi(2) / count;
-            (random + systematic, mean(&fix.slits.iter().map(|slit| slit.1).collect::<Vec<_>>()))
-        };
-        [side(from.fix), side(to.fix)]
-    };
-    let star_variance = if from.fix.star == to.fix.star { 0.0 } else { sensors.numbers.sse.star_arcsec.powi(2) };
+        .map(|slits| slits.iter().map(|slit| slit.2 * slit.2).sum::<f64>() / (slits.len() * slits.len()) as f64)
+        .sum();
     // The ends by the slits in common, ψ on the path's turn.
     let point = |station: &Station, angles: [f64; 2]| {
         let on_path = interpolate(&path.points, &station.reading);
@@ -449,15 +450,14 @@ fn rotation(
         let t_s = on_path.t_s;
         (on_path, Point { t_s, theta_rad: angles[0] * RAD_PER_DEG, psi_rad: on_path.psi_rad + psi })
     };
-    let ((path_start, start), (path_end, end)) = (point(from, ends[0].1), point(to, ends[1].1));
+    let ((path_start, start), (path_end, end)) = (point(from, ends[0]), point(to, ends[1]));
     // The level of θ: what slits share does not cancel in cos θ; the sun sensor tells it, as well as its steps allow.
     let slit_count = from.fix.slits.len().max(1) as f64;
     // Between the fixes the path follows GYRY, whose walks bend it: the mean of a walk's bridge, and of its integral's.
     let (walk, length_s) = (&walks[Gyro::Y as usize], end.t_s - start.t_s);
     let bridge_variance = walk.angle_arcsec_per_sqrt_s.powi(2) * length_s / 12.0
         + walk.drift_arcsec_per_s_per_sqrt_s.powi(2) * length_s.powi(3) / 120.0;
-    let fix_variance =
-        sensors.numbers.sse.slit_arcsec.powi(2) / slit_count + (ends[0].0 + ends[1].0) / 4.0 + bridge_variance;
+    let fix_variance = sensors.numbers.sse.slit_arcsec.powi(2) / slit_count + random_variance / 4.0 + bridge_variance;
     let cycle_variance = (sensors.numbers.fss.step_arcsec * CYCLE_STEPS).powi(2)
         + sensors.numbers.fss.noise_arcsec.powi(2) / (4.0 * OVERLAY_S);
     let (level_arcsec, level_variance) = match overlay.level(start.t_s, end.t_s) {
@@ -485,7 +485,7 @@ fn rotation(
     let points = std::iter::once(start).chain(nodes.map(bent)).chain([end]).map(raised);
     let mut rotation = [roll_arcsec.1 - roll_arcsec.0, 0.0, 0.0];
     // Change of the rotation about X and Z with the level of θ, and the mean direction of the sun vector.
-    let (mut per_level, mut before): ([f64; 2], Option<Point>) = ([0.0; 2], None);
+    let (mut per_level, mut sun, mut before): ([f64; 2], [f64; 3], Option<Point>) = ([0.0; 2], [0.0; 3], None);
     for point in points {
         if let Some(before) = before {
             let step = step_control_arcsec(&before, &point);
@@ -496,55 +496,57 @@ fn rotation(
             let psi = point.psi_rad - before.psi_rad;
             per_level[0] -= psi * sin;
             per_level[1] += psi * cos;
+            let share = (point.t_s - before.t_s) / length_s;
+            sun[0] += cos * share;
+            sun[2] += sin * share;
         }
         before = Some(point);
     }
-    (rotation, disturbances(from, to, &ends, star_variance, (per_level, level_variance), cycle_variance))
-}
-
-/// What the fixes, the level of θ and the rebuilt limit cycle leave uncertain.
-fn disturbances(
-    from: &Station,
-    to: &Station,
-    ends: &[(f64, [f64; 2]); 2],
-    star_variance: f64,
-    (per_level, level_variance): ([f64; 2], f64),
-    cycle_variance: f64,
-) -> Vec<Disturbance> {
-    let mut all = Vec::new();
-    for (station, sign, variance) in [(from, -1.0, ends[0].0), (to, 1.0, ends[1].0 + star_variance)] {
-        let at_us = micros(station.point.t_s);
-        let (sin, cos) = libm::sincos(station.point.theta_rad);
-        let mut push = |axis: usize, variance: f64, rotation: [f64; 3]| {
-            all.push(Disturbance {
-                source: Source::Reference { axis, at_us },
-                variance,
-                counts: [0.0; 4],
-                rotation_control_arcsec: rotation.map(|part| part * sign),
-            });
-        };
-        // ψ turns about the sun vector, θ about Y; the limit cycle about X comes from the sun sensor's steps.
-        push(2, variance, [cos, 0.0, sin]);
-        push(1, variance, [0.0, 1.0, 0.0]);
-        push(0, cycle_variance, [1.0, 0.0, 0.0]);
-        // The gyros' own rounding at the fix is in the rebuilt limit cycle: that of X, which is in its counts as well and
-        // cancels there, and that of Z by cot θ.
-        for (gyro, per_count) in [(Gyro::X, 1.0), (Gyro::Za, -cos / sin)] {
-            for (index, weight) in station.reading.weights.iter().enumerate().filter(|(_, weight)| **weight != 0.0) {
-                all.push(Disturbance {
-                    source: Source::Rounding { gyro: gyro as usize, node: station.reading.first + index },
-                    variance: ROUNDING_VARIANCE,
-                    counts: [0.0; 4],
-                    rotation_control_arcsec: [sign * weight * per_count, 0.0, 0.0],
-                });
-            }
-        }
-    }
+    let mut all = disturbances([from, to], &seen, sun, &sensors.numbers, cycle_variance);
     all.push(Disturbance {
         source: Source::Level { at_us: micros(from.point.t_s) },
         variance: level_variance,
         counts: [0.0; 4],
         rotation_control_arcsec: [per_level[0], 0.0, per_level[1]],
     });
+    (rotation, all)
+}
+
+/// What the fixes leave uncertain, and the limit cycle rebuilt there. An error of ψ at an end bends the path evenly, so it
+/// acts by the mean direction of the sun vector on the way.
+fn disturbances(
+    stations: [&Station; 2],
+    seen: &[Vec<&Slit>; 2],
+    sun: [f64; 3],
+    numbers: &SensorNumbers,
+    cycle_variance: f64,
+) -> Vec<Disturbance> {
+    let mut all = Vec::new();
+    let mut push = |source: Source, variance: f64, rotation_control_arcsec: [f64; 3]| {
+        all.push(Disturbance { source, variance, counts: [0.0; 4], rotation_control_arcsec });
+    };
+    for ((station, slits), sign) in stations.into_iter().zip(seen).zip([-1.0, 1.0]) {
+        let at_us = micros(station.point.t_s);
+        for (angle, direction) in [sun, [0.0, 1.0, 0.0]].into_iter().enumerate() {
+            let star = Source::Systematic { name: named("star", &station.fix.star), angle };
+            push(star, numbers.sse.star_arcsec.powi(2), direction.map(|part| sign * part));
+            let rotation = direction.map(|part| sign * part / slits.len() as f64);
+            for (slit, _, sigma_arcsec) in slits.iter().copied() {
+                let slit = named("slit", slit);
+                push(Source::Sight { at_us, slit, angle }, sigma_arcsec * sigma_arcsec, rotation);
+                push(Source::Systematic { name: slit, angle }, numbers.sse.slit_arcsec.powi(2), rotation);
+            }
+        }
+        push(Source::Reference { axis: 0, at_us }, cycle_variance, [sign, 0.0, 0.0]);
+        // The gyros' own rounding at the fix is in the rebuilt limit cycle: that of X, which is in its counts as well and
+        // cancels there, and that of Z by cot θ.
+        let cot = 1.0 / libm::tan(station.point.theta_rad);
+        for (gyro, per_count) in [(Gyro::X, sign), (Gyro::Za, -sign * cot)] {
+            for (index, weight) in station.reading.weights.iter().enumerate().filter(|(_, weight)| **weight != 0.0) {
+                let source = Source::Rounding { gyro: gyro as usize, node: station.reading.first + index };
+                push(source, ROUNDING_VARIANCE, [per_count * weight, 0.0, 0.0]);
+            }
+        }
+    }
     all
 }

@@ -9,7 +9,7 @@ use serde_json::Value;
 use crate::noise::Walks;
 use crate::report::{self, FieldError, NO_SIGMA};
 
-/// A calibration with all that a monitor of it must know. In the order of [`Gyro::ALL`].
+/// A calibration with all that a monitor of it must know. In the order of [`geu_protocol::Gyro::ALL`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Believed {
     /// The sixteen.

@@ -1,10 +1,14 @@
 //! One recording calibrated: which manoeuvres, what effects are taken off, which rotations, then the sixteen parameters
 //! and the hand method beside them.
 
+use std::borrow::Cow;
+
 use geu_model::Configuration;
 use geu_model::attitude::Recorded;
+use geu_model::effect::WiringEffects;
 use geu_model::package::Calibration;
 use geu_model::units::ARCSEC_PER_DEG;
+use geu_protocol::Gyro;
 use geu_recording::Reference;
 
 use crate::absolute::{self, GyroPath, Sensors};
@@ -41,6 +45,8 @@ pub struct Calibrated {
     pub reference_sigma_arcsec: [f64; 3],
     /// Unix time of the recording's start, s.
     pub time_s: f64,
+    /// Whether the gyros' path and the parameters came to agree; always with a reference.
+    pub is_settled: bool,
 }
 
 /// Why a recording could not be calibrated.
@@ -60,6 +66,19 @@ pub enum CalibrateError {
         /// Its end.
         to_s: f64,
     },
+    /// Faults of the wiring are believed: counts that went through them tell nothing that can be taken off.
+    #[error(
+        "gyro.{gyro}: expected a unit without faults of its wiring, got {code}; mend the recording, or leave the fault out of the configuration"
+    )]
+    Wiring {
+        /// The gyro.
+        gyro: &'static str,
+        /// The fault.
+        code: &'static str,
+    },
+    /// More than can be solved together.
+    #[error("expected at most {MOST_WINDOWS} manoeuvres, which are solved together, got {0}; give a list of fewer")]
+    TooMany(usize),
     /// The manoeuvres do not determine the parameters.
     #[error("the manoeuvres do not determine the parameters:\n{source}{}", notes(.left_out))]
     Unsolvable {
@@ -74,6 +93,8 @@ fn notes(left_out: &[LeftOut]) -> String {
     left_out.iter().map(|left_out| format!("\nleft out: {left_out}")).collect()
 }
 
+/// The equations of so many manoeuvres are solved within seconds; the work grows with their cube.
+pub const MOST_WINDOWS: usize = 400;
 /// How often at most the gyros' path is laid with the parameters that it gave.
 const PASSES: usize = 4;
 /// A change of the parameters, in sigmas, that is not worth another pass.
@@ -93,6 +114,23 @@ pub fn calibrate(
     if counts.len() < 4 {
         return Err(CalibrateError::TooShort(counts.len()));
     }
+    for (own, gyro) in configuration.gyros.iter().zip(Gyro::ALL) {
+        if let Some(index) = (0..WiringEffects::SPECS.len()).find(|&index| own.wiring.has(index)) {
+            return Err(CalibrateError::Wiring { gyro: gyro.name(), code: WiringEffects::SPECS[index].code });
+        }
+    }
+    let (mut configuration, mut counts) = (Cow::Borrowed(configuration), Cow::Borrowed(counts));
+    let clock_ppm = configuration.unit.constant.clock_frequency.ppm;
+    if !counts.is_received && clock_ppm != 0.0 {
+        counts.to_mut().correct_clock(clock_ppm);
+    }
+    // Counts at t tell the motion of t − seconds: those of an earlier unit without the offset.
+    let offset_s = configuration.unit.constant.time_offset.seconds;
+    if offset_s != 0.0 {
+        configuration.to_mut().unit.constant.time_offset = Default::default();
+        counts.to_mut().start_ns -= (offset_s * 1e9).round() as i64;
+    }
+    let (configuration, counts) = (&*configuration, &*counts);
     let believed = configuration.gyros.each_ref().map(|gyro| gyro.calibration);
     let walks = Walks::configured(configuration);
     match attitude {
@@ -127,12 +165,12 @@ pub fn calibrate(
                 let measured = Measured { counts, effects: of_path.as_ref() };
                 let windows = chosen(&measured, windows, &transfer, attitude)?;
                 let (observations, left_out) = absolute::with_sensors(&measured, &windows, sensors, &walks, &path);
-                let found = finish(counts, observations, left_out, &walks, &calibrations, [f64::NAN; 3])?;
+                let mut found = finish(counts, observations, left_out, &walks, &calibrations, [f64::NAN; 3])?;
                 let changes = found.solution.values().into_iter().zip(solve::values(&calibrations));
-                let is_settled = changes
+                found.is_settled = changes
                     .zip(found.solution.sigmas())
                     .all(|((now, before), sigma)| (now - before).abs() < SETTLED_SIGMA * sigma);
-                if is_settled || pass == PASSES {
+                if found.is_settled || pass == PASSES {
                     return Ok(found);
                 }
                 calibrations = found.solution.calibrations;
@@ -145,16 +183,20 @@ pub fn calibrate(
 fn finish(
     counts: &Counts,
     observations: Vec<Observation>,
-    left_out: Vec<LeftOut>,
+    mut left_out: Vec<LeftOut>,
     walks: &[Walks; 4],
     believed: &[Calibration; 4],
     reference_sigma_arcsec: [f64; 3],
 ) -> Result<Calibrated, CalibrateError> {
+    if let Some(start_s) = counts.runs_back_s {
+        let why = "times run back there, and its instants would be there twice".to_owned();
+        left_out.push(LeftOut { name: "what follows".to_owned(), start_s, gyro: None, why });
+    }
     match solve::solve(&observations, walks, believed) {
         Ok(solution) => {
             let hand = hand::solve(&observations, believed);
             let time_s = counts.start_ns as f64 * 1e-9;
-            Ok(Calibrated { solution, hand, observations, left_out, reference_sigma_arcsec, time_s })
+            Ok(Calibrated { solution, hand, observations, left_out, reference_sigma_arcsec, time_s, is_settled: true })
         }
         Err(source) => Err(CalibrateError::Unsolvable { source, left_out }),
     }
@@ -174,7 +216,7 @@ fn chosen(
     let counts = measured.counts;
     let start_s = counts.start_ns as f64 * 1e-9;
     let Some(windows) = windows else {
-        return Ok(match attitude {
+        let all: Vec<Window> = match attitude {
             Attitude::Reference(reference, _) => {
                 let offset_s = (counts.start_ns - reference.start_ns) as f64 * 1e-9;
                 let (from_s, to_s) = (reference.truth.start_s() - offset_s, reference.truth.end_s() - offset_s);
@@ -193,7 +235,8 @@ fn chosen(
                     end_s: pair[1].t_ns as f64 * 1e-9,
                 })
                 .collect(),
-        });
+        };
+        return if all.len() > MOST_WINDOWS { Err(CalibrateError::TooMany(all.len())) } else { Ok(all) };
     };
     let mut chosen: Vec<Window> = Vec::new();
     for (index, window) in windows.iter().enumerate().filter(|(_, window)| !window.is_precaution()) {
@@ -213,6 +256,9 @@ fn chosen(
             }
         }
         chosen.push(window);
+    }
+    if chosen.len() > MOST_WINDOWS {
+        return Err(CalibrateError::TooMany(chosen.len()));
     }
     if chosen.is_empty() {
         let mut names: Vec<&str> = windows.iter().map(|window| window.name.as_str()).collect();

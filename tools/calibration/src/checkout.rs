@@ -22,6 +22,7 @@ use rayon::prelude::*;
 use crate::absolute::{Fix, Sensors};
 use crate::calibrate::{Attitude, CalibrateError, Calibrated, calibrate};
 use crate::counts::{Counts, increments};
+use crate::effects::CLEARANCE_KNOWN_ARCSEC;
 use crate::solve::{BEFORE_LAUNCH, Parameter, UNKNOWNS, values};
 use crate::transfer::misalignment_matrix;
 use crate::window::Window;
@@ -192,16 +193,14 @@ impl Flight {
     }
 }
 
-/// The sixteen parameters that a unit's counts tell: its calibration with the constant departures from it, which are a
-/// recalibration (model.md, Effects), and its clock's error (Casteren §3.2).
+/// The sixteen parameters of a unit: its calibration with the constant departures from it, which are a recalibration
+/// (model.md, Effects).
 pub fn true_calibrations(unit: &Configuration) -> [Calibration; 4] {
-    let clock = unit.unit.constant.clock_frequency.ppm * PPM;
     unit.gyros.each_ref().map(|gyro| {
         let (own, effects) = (gyro.calibration, &gyro.effects.constant);
-        let drift = own.drift_arcsec_per_half_s + effects.drift.arcsec_per_h * HALF_SECOND_S / 3600.0;
         Calibration {
-            scale_factor: own.scale_factor * (1.0 + effects.scale_factor.ppm * PPM) * (1.0 - clock),
-            drift_arcsec_per_half_s: drift * (1.0 - 2.0 * clock),
+            scale_factor: own.scale_factor * (1.0 + effects.scale_factor.ppm * PPM),
+            drift_arcsec_per_half_s: own.drift_arcsec_per_half_s + effects.drift.arcsec_per_h * HALF_SECOND_S / 3600.0,
             x_arcsec: own.x_arcsec + effects.misalignment.x_arcsec,
             y_arcsec: own.y_arcsec + effects.misalignment.y_arcsec,
             z_arcsec: own.z_arcsec + effects.misalignment.z_arcsec,
@@ -209,14 +208,14 @@ pub fn true_calibrations(unit: &Configuration) -> [Calibration; 4] {
     })
 }
 
-/// What is believed of a unit before its checkout: no calibration, no effect but its noise, which table 1 tells.
+/// What is believed of a unit before its checkout: none of the sixteen parameters, but its noise and its other effects, as
+/// tests on ground told them.
 pub fn believed_before(unit: &Configuration) -> Configuration {
     let mut believed = unit.clone();
-    believed.unit = Default::default();
-    for (gyro, own) in believed.gyros.iter_mut().zip(&unit.gyros) {
-        *gyro = Default::default();
-        gyro.effects.constant.angle_random_walk = own.effects.constant.angle_random_walk;
-        gyro.effects.constant.drift_random_walk = own.effects.constant.drift_random_walk;
+    for gyro in &mut believed.gyros {
+        gyro.calibration = Default::default();
+        let effects = &mut gyro.effects.constant;
+        (effects.scale_factor, effects.drift, effects.misalignment) = Default::default();
     }
     believed
 }
@@ -251,7 +250,7 @@ pub struct Campaign {
     pub hand_rms_error: Option<[f64; UNKNOWNS]>,
 }
 
-/// The unit of one run: its own sixteen parameters within what a launch leaves, ψ₀, phases of the limit cycle, seed.
+/// The unit of one run: its own sixteen parameters within what a launch leaves, clearances within ±3″ of nominal, ψ₀, phases of the limit cycle, seed.
 pub fn drawn(unit: &Configuration, seed: u64, run: usize) -> Configuration {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(run as u64 + 1);
@@ -261,6 +260,13 @@ pub fn drawn(unit: &Configuration, seed: u64, run: usize) -> Configuration {
         let most = BEFORE_LAUNCH[parameter.index.min(2)];
         let value = nominal + most * (2.0 * random.random::<f64>() - 1.0);
         *parameter.of_mut(&mut configuration.gyros[parameter.gyro as usize].calibration) = value;
+    }
+    for gyro in &mut configuration.gyros {
+        let clearance_arcsec = &mut gyro.effects.constant.pivot_clearance.clearance_arcsec;
+        let off = CLEARANCE_KNOWN_ARCSEC * (2.0 * random.random::<f64>() - 1.0);
+        if *clearance_arcsec > 0.0 {
+            *clearance_arcsec = (*clearance_arcsec + off).clamp(0.0, 100.0);
+        }
     }
     configuration.scenario.psi_deg = 360.0 * random.random::<f64>();
     configuration.scenario.limit_cycle.phase_x_rad = TAU * random.random::<f64>();
@@ -284,7 +290,7 @@ pub fn campaign(unit: &Configuration, seed: u64, runs: usize, by: By, done: impl
         .map(|run| {
             let configuration = sequence(&drawn(unit, seed, run), Precautions::needed_by(unit));
             let truth = values(&true_calibrations(&configuration));
-            let calibrated = fly(&configuration).calibrate(&believed_before(&configuration), by);
+            let calibrated = fly(&configuration).calibrate(&believed_before(unit), by);
             done();
             let calibrated = calibrated.map_err(|error| error.to_string())?;
             let solution = &calibrated.solution;
@@ -349,7 +355,12 @@ pub fn precautions(unit: &Configuration) -> Result<Vec<Outcome>, CalibrateError>
     for gyro in &mut thermal.gyros {
         gyro.effects.constant.pivot_clearance = Default::default();
     }
-    let none = believed_before(unit);
+    let mut none = believed_before(unit);
+    none.unit.constant.misalignment_thermal = Default::default();
+    for gyro in &mut none.gyros {
+        gyro.effects.constant.pivot_clearance = Default::default();
+    }
+    let none = none;
     // The paper corrects GYRY and GYRZB, whose output axis is X, by the clearance.
     let corrected = |error_arcsec: f64| {
         let mut believed = none.clone();

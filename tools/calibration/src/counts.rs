@@ -14,6 +14,8 @@ use nalgebra::Matrix4;
 const TIMING_BLOCK: usize = 600;
 /// On-board half second, ns.
 const HALF_SECOND_NS: i64 = 500_000_000;
+/// Half seconds that may be missing in all, a week's: more are a wrong word, not a gap.
+const MOST_MISSING: u64 = 1_209_600;
 /// A receive time this far from the averaged course is a jump of somebody's clock.
 const TIME_JUMP_S: f64 = 0.1;
 
@@ -79,6 +81,8 @@ pub struct Counts {
     pub electronics_c: Vec<f64>,
     /// Where sums are worth nothing, in order.
     pub breaks: Vec<Break>,
+    /// The instant after which times ran back, and what followed was dropped.
+    pub runs_back_s: Option<f64>,
 }
 
 /// Where an instant lies between nodes: weights of four neighbouring nodes.
@@ -108,6 +112,25 @@ impl Counts {
             self.electronics_c.push(electronics_c);
         }
         self.electronics_c.push(electronics_c);
+    }
+
+    /// Drops what follows the first time that runs back: an instant after it would be there twice.
+    fn cut_where_time_runs_back(&mut self) {
+        if let Some(node) = self.node_s.windows(2).position(|pair| pair[1] <= pair[0]) {
+            self.runs_back_s = Some(self.start_ns as f64 * 1e-9 + self.node_s[node]);
+            self.node_s.truncate(node + 1);
+            self.electronics_c.truncate(node + 1);
+            self.accumulated.iter_mut().for_each(|sums| sums.truncate(node + 1));
+            self.breaks.retain(|found| found.from < node);
+            self.breaks.iter_mut().for_each(|found| found.to = found.to.min(node));
+        }
+    }
+
+    /// Puts the times of a unit whose own clock told them, and is fast by so many ppm, on true time.
+    pub fn correct_clock(&mut self, ppm: f64) {
+        if !self.is_received {
+            self.node_s.iter_mut().for_each(|node_s| *node_s /= 1.0 + ppm * 1e-6);
+        }
     }
 
     /// Half seconds.
@@ -193,12 +216,15 @@ impl Counts {
         reading.weights.iter().zip(nodes).map(|(weight, count)| weight * count).sum()
     }
 
-    /// The first break of a gyro between two instants.
+    /// The first break of a gyro between two instants, or beside one of them among the nodes that it is read from.
     pub fn broken(&self, gyro: usize, from: &Reading, to: &Reading) -> Option<&Break> {
-        let (from, to) = (from.half_seconds.min(to.half_seconds), from.half_seconds.max(to.half_seconds));
-        self.breaks
-            .iter()
-            .find(|found| found.gyros[gyro] && (found.from as f64) < to.ceil() && found.to as f64 > from.floor())
+        let used = |reading: &Reading| {
+            let nodes = (0..reading.weights.len()).filter(|&index| reading.weights[index] != 0.0);
+            let nodes: Vec<usize> = nodes.map(|index| reading.first + index).collect();
+            (nodes.first().copied().unwrap_or(reading.first), nodes.last().copied().unwrap_or(reading.first))
+        };
+        let (first, last) = (used(from).0.min(used(to).0), used(from).1.max(used(to).1));
+        self.breaks.iter().find(|found| found.gyros[gyro] && found.from < last && found.to > first)
     }
 }
 
@@ -211,6 +237,7 @@ pub struct CountsReader {
     /// Node, time and whether that was received, of each row.
     times: Vec<(usize, i64, bool)>,
     counts: Counts,
+    missing: u64,
     defects: u64,
 }
 
@@ -221,7 +248,7 @@ impl Sink for CountsReader {
         let by_time = |times: &[(usize, i64, bool)]| {
             let before_ns = times.last().filter(|last| last.2 == row.is_received).map(|last| last.1);
             let passed_ns = row.time.zip(before_ns).map_or(HALF_SECOND_NS, |(time, before_ns)| time.t_ns - before_ns);
-            ((passed_ns + HALF_SECOND_NS / 2) / HALF_SECOND_NS).clamp(1, 1_000_000) as u64
+            ((passed_ns + HALF_SECOND_NS / 2) / HALF_SECOND_NS).max(1) as u64
         };
         let (advance, kind) = match step {
             Step::First | Step::Next => (1, None),
@@ -230,8 +257,9 @@ impl Sink for CountsReader {
             Step::Reset => (by_time(&self.times), Some(BreakKind::Reset)),
             Step::Jump => (by_time(&self.times), Some(BreakKind::Jump)),
         };
-        // A gap longer than a week is a wrong word, not a gap.
-        let advance = advance.min(1_209_600) as usize;
+        let advance = if advance - 1 > MOST_MISSING - self.missing { 1 } else { advance };
+        self.missing += advance - 1;
+        let advance = advance as usize;
         if self.counts.node_s.is_empty() {
             self.counts = Counts::starting_at(0);
         }
@@ -313,6 +341,7 @@ impl CountsReader {
             kind: BreakKind::TimeJump,
         }));
         counts.breaks.sort_by_key(|found| found.from);
+        counts.cut_where_time_runs_back();
         Some(counts)
     }
 }

@@ -5,16 +5,18 @@ use std::sync::Arc;
 
 use geu_model::attitude::{Recorded, Row};
 use geu_model::configuration::GyroConfiguration;
-use geu_model::effect::{CALIBRATION_COLUMN, Effects, SELF_TEST_COLUMN};
+use geu_model::effect::{CALIBRATION_COLUMN, Effects, WIRING_COLUMNS};
 use geu_model::package::Calibration;
-use geu_model::units::HALF_SECOND_S;
+use geu_model::units::{HALF_SECOND_S, PPM};
 use geu_model::{Configuration, Truth, Unit};
 
 use crate::counts::{Counts, Reading};
 use crate::noise::{Disturbance, Source};
 
-/// How well the clearance of the pivots is known, arcsec: ±3″ (Casteren §5.3), taken as the bounds of a uniform error.
-pub const CLEARANCE_SIGMA_ARCSEC: f64 = 1.732_050_807_568_877_2;
+/// How well the clearance of the pivots is known: ±3″ (Casteren §5.3), taken as the bounds of a uniform error.
+pub const CLEARANCE_KNOWN_ARCSEC: f64 = 3.0;
+/// The same as 1 sigma: over √3.
+pub const CLEARANCE_SIGMA_ARCSEC: f64 = CLEARANCE_KNOWN_ARCSEC / 1.732_050_807_568_877_2;
 
 /// Counts that effects added, accumulated at nodes.
 #[derive(Debug, Clone, PartialEq)]
@@ -37,15 +39,15 @@ impl EffectCounts {
             gyro.effects.constant.drift_random_walk = Default::default();
         }
         let present = (0..quiet.unit.constant.specs().len()).any(|index| quiet.unit.has(index))
-            || quiet.gyros.iter().any(|gyro| {
-                (0..gyro.effects.constant.specs().len()).any(|index| gyro.effects.has(index))
-                    || (0..gyro.wiring.constant.specs().len()).any(|index| gyro.wiring.has(index))
-            });
+            || quiet
+                .gyros
+                .iter()
+                .any(|gyro| (0..gyro.effects.constant.specs().len()).any(|index| gyro.effects.has(index)));
         if !present {
             return None;
         }
         let steps = steps();
-        let times_s = steady(&counts.node_s);
+        let times_s = ends_s(&quiet, counts.len());
         // The temperature that was measured takes the place of the configured course, but for its reference.
         (quiet.electronics.numbers.amplitude_k, quiet.electronics.numbers.trend_k_per_day) = (0.0, 0.0);
         quiet.electronics.table = times_s.iter().copied().zip(counts.electronics_c.iter().copied()).collect();
@@ -99,12 +101,7 @@ impl EffectCounts {
 }
 
 /// Counts that floats added up to each node, for clearances of each gyro's pivots; nothing where there is none.
-pub fn of_floats(
-    calibrations: &[Calibration; 4],
-    clearance_arcsec: &[f64; 4],
-    counts: &Counts,
-    steps: &Steps,
-) -> Option<[Vec<f64>; 4]> {
+pub fn of_floats(calibrations: &[Calibration; 4], clearance_arcsec: &[f64; 4], steps: &Steps) -> Option<[Vec<f64>; 4]> {
     if clearance_arcsec.iter().all(|&clearance| clearance == 0.0) {
         return None;
     }
@@ -114,20 +111,14 @@ pub fn of_floats(
         *own = GyroConfiguration { calibration: calibrations[gyro], ..Default::default() };
         own.effects.constant.pivot_clearance.clearance_arcsec = clearance_arcsec[gyro];
     }
-    Some(run(&floats, &moved(&steady(&counts.node_s), steps)?, steps.len()))
+    Some(run(&floats, &moved(&ends_s(&floats, steps.len()), steps)?, steps.len()))
 }
 
-/// Times of the nodes with jumps of the receiver's clock taken out: the unit itself went on.
-fn steady(node_s: &[f64]) -> Vec<f64> {
-    let mut t_s = 0.0;
-    let steps = node_s.windows(2).map(|pair| Some(pair[1] - pair[0]).filter(|step| (0.4..0.6).contains(step)));
-    let steps = steps.map(|step| step.unwrap_or(HALF_SECOND_S));
-    std::iter::once(0.0)
-        .chain(steps.map(|step| {
-            t_s += step;
-            t_s
-        }))
-        .collect()
+/// Ends of the model's own half seconds, so that it meets the motion where the unit met it, whatever the times of receipt
+/// say of their clocks.
+fn ends_s(configuration: &Configuration, half_seconds: usize) -> Vec<f64> {
+    let length_s = HALF_SECOND_S / (1.0 + configuration.unit.constant.clock_frequency.ppm * PPM);
+    (0..=half_seconds).map(|node| node as f64 * length_s).collect()
 }
 
 /// The motion as a truth to run the model on.
@@ -142,14 +133,14 @@ fn read(nodes: &[f64], reading: &Reading) -> f64 {
     reading.weights.iter().zip(&nodes[reading.first..]).map(|(weight, value)| weight * value).sum()
 }
 
-/// The changes of every column but the calibration's, accumulated.
+/// What every effect of unit and head changes, accumulated.
 fn run(configuration: &Configuration, truth: &Truth, half_seconds: usize) -> [Vec<f64>; 4] {
     let mut unit = Unit::on(configuration, truth);
     let mut accumulated: [Vec<f64>; 4] = std::array::from_fn(|_| vec![0.0]);
     for _ in 0..half_seconds {
         let (_, traces) = unit.end_half_second_traced();
         for (sums, trace) in accumulated.iter_mut().zip(&traces) {
-            let changes = trace.changes[CALIBRATION_COLUMN + 1..SELF_TEST_COLUMN].iter().sum::<f64>();
+            let changes = trace.changes[CALIBRATION_COLUMN + 1..WIRING_COLUMNS].iter().sum::<f64>();
             sums.push(sums[sums.len() - 1] + changes);
         }
     }

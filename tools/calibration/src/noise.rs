@@ -1,6 +1,8 @@
 //! What disturbs a sum of counts: the walks of angle and drift rate between two instants, and everything else as
 //! sources, each with a variance, that rows share or do not.
 
+use std::hash::{DefaultHasher, Hash, Hasher};
+
 use geu_model::Configuration;
 
 /// Variance of one rounding of an accumulated angle, count²: uniform over a count.
@@ -81,6 +83,22 @@ pub enum Source {
         /// The instant.
         at_us: i64,
     },
+    /// A star crossing a slit at an instant, in µs: its random error of ψ (0) or θ (1).
+    Sight {
+        /// The instant.
+        at_us: i64,
+        /// The slit, as [`named`] tells it.
+        slit: u64,
+        /// Of which angle.
+        angle: usize,
+    },
+    /// What is systematic of a slit or a star.
+    Systematic {
+        /// The slit or star, as [`named`] tells it.
+        name: u64,
+        /// Of which angle.
+        angle: usize,
+    },
     /// The level of θ over a manoeuvre that starts at an instant, in µs.
     Level {
         /// The instant.
@@ -91,6 +109,13 @@ pub enum Source {
         /// The gyro.
         gyro: usize,
     },
+}
+
+/// A name as a number by which sources are told apart; the same in every run.
+pub fn named(kind: &str, name: &str) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    (kind, name).hash(&mut hasher);
+    hasher.finish()
 }
 
 /// A disturbance of one manoeuvre's sums.

@@ -185,6 +185,9 @@ pub(crate) fn outside(counts: &Counts, window: &Window) -> String {
     )
 }
 
+/// Mean square of a normal deviate without the largest hundredth of its squares.
+const TRIMMED: f64 = 0.9247;
+
 /// White noise of a reference about each control axis, arcsec, from its second differences against the counts, in which
 /// motion, drift and scale factors have no part. What does not stand out of the rounding by a fifth of an arcsecond is
 /// none.
@@ -214,7 +217,7 @@ pub fn reference_sigma_arcsec(
         // Without the largest hundredth: gaps and jumps are no noise.
         let kept = squares.len() * 99 / 100;
         squares.select_nth_unstable_by(kept, f64::total_cmp);
-        let variance = squares[..kept].iter().sum::<f64>() / kept as f64 / 6.0 - ROUNDING_VARIANCE;
+        let variance = squares[..kept].iter().sum::<f64>() / kept as f64 / (6.0 * TRIMMED) - ROUNDING_VARIANCE;
         sigmas[axis] = if variance > 0.04 { variance.sqrt() } else { 0.0 };
     }
     sigmas

@@ -14,7 +14,7 @@ const AXES: [&str; 3] = ["x", "y", "z"];
 
 /// The JSON that `geu calibrate --json` writes.
 pub fn json(calibrated: &Calibrated) -> Value {
-    let Calibrated { solution, hand, observations, left_out, reference_sigma_arcsec, time_s } = calibrated;
+    let Calibrated { solution, hand, observations, left_out, reference_sigma_arcsec, time_s, is_settled } = calibrated;
     let sigmas = solution.sigmas();
     let hand = match hand {
         Ok(calibrations) => {
@@ -53,6 +53,7 @@ pub fn json(calibrated: &Calibrated) -> Value {
         .collect();
     json!({
         "time_s": time_s,
+        "settled": is_settled,
         "gyros": gyros(&solution.calibrations, Some(&sigmas)),
         "chi2": {
             "value": solution.chi2,
@@ -183,7 +184,7 @@ fn number(json: &Value, field: &str, least: f64, greatest: f64, expected: &str) 
     })
 }
 
-/// The values in the JSON that [`json`] writes and the standard deviation of each, 0 where none is told.
+/// The values in the JSON that [`json()`] writes and the standard deviation of each, 0 where none is told.
 ///
 /// # Errors
 /// A value that is not there, or out of the limits that a configuration has.
@@ -211,7 +212,7 @@ pub fn calibrations(json: &Value) -> Result<([Calibration; 4], [Calibration; 4])
     Ok((calibrations, sigmas))
 }
 
-/// Reads the calibration back from the JSON that [`json`] writes, with its covariance, to be compared.
+/// Reads the calibration back from the JSON that [`json()`] writes, with its covariance, to be compared.
 ///
 /// # Errors
 /// What is not there, as in a calibration that others wrote by hand, or is no number, or is no covariance.

@@ -339,19 +339,19 @@ impl<'a> Equations<'a> {
             *parameter.of_mut(&mut calibrations[parameter.gyro as usize]) = solved[index];
         }
         let left = &self.design * &solved - &self.right;
-        let projection = &self.design * &gain;
-        let open = DMatrix::identity(left.len(), left.len()) - &projection;
-        let of_left = &open * &self.weighing * open.transpose();
+        // Of the projection and of the residuals' covariance only the diagonals are told.
+        let weighed = &gain * &self.weighing * gain.transpose();
+        let seen = &self.design * weighed;
         let whitened_left = root.l_dirty().solve_lower_triangular(&left).ok_or_else(noise_not_finite)?;
         let mut leverage = vec![0.0; self.observations.len()];
         for (row, &(manoeuvre, _)) in self.rows.iter().enumerate() {
-            leverage[manoeuvre] += projection[(row, row)];
+            leverage[manoeuvre] += (self.design.row(row) * gain.column(row))[0];
         }
         let residuals = self.rows.iter().enumerate().map(|(row, &(manoeuvre, gyro))| Residual {
             manoeuvre,
             gyro: Gyro::ALL[gyro],
             arcsec: left[row],
-            sigma_arcsec: of_left[(row, row)].max(0.0).sqrt(),
+            sigma_arcsec: (self.weighing[(row, row)] - seen.row(row).dot(&self.design.row(row))).max(0.0).sqrt(),
         });
         Ok(Solution {
             calibrations,
@@ -537,14 +537,15 @@ fn covariances(
         let drift = DMatrix::from_fn(own.len(), own.len(), |a, b| walk.drift_covariance(own[a].1, own[b].1));
         let lengths = DVector::from_iterator(own.len(), own.iter().map(|(_, stretch)| stretch.1 - stretch.0));
         // The integral over each stretch less its share of the mean over all.
-        let total_s = lengths.sum();
-        let mean = DMatrix::from_element(1, own.len(), 1.0 / total_s.max(f64::MIN_POSITIVE));
-        let about_mean = DMatrix::identity(own.len(), own.len()) - &lengths * mean;
-        let relative = &about_mean * &drift * about_mean.transpose();
+        let of_mean = drift.column_sum() / lengths.sum().max(f64::MIN_POSITIVE);
+        let mean_variance = of_mean.sum() / lengths.sum().max(f64::MIN_POSITIVE);
+        let relative = |a: usize, b: usize| {
+            drift[(a, b)] - lengths[a] * of_mean[b] - of_mean[a] * lengths[b] + lengths[a] * lengths[b] * mean_variance
+        };
         for (a, &(row, stretch)) in own.iter().enumerate() {
             for (b, &(other, other_stretch)) in own.iter().enumerate() {
                 let angle = walk.angle_covariance(stretch, other_stretch);
-                weighing[(row, other)] += angle + relative[(a, b)];
+                weighing[(row, other)] += angle + relative(a, b);
                 telling[(row, other)] += angle + drift[(a, b)];
             }
         }
@@ -573,7 +574,9 @@ fn shared_covariance(
     sources.sort_by(|a, b| a.0.cmp(&b.0).then(a.2.cmp(&b.2)));
     let mut shared = DMatrix::zeros(rows.len(), rows.len());
     for group in sources.chunk_by(|a, b| a.0 == b.0) {
-        for &(_, variance, row, part) in group {
+        let variance = group[0].1;
+        debug_assert!(group.iter().all(|own| own.1 == variance), "one variance for {:?}", group[0].0);
+        for &(_, _, row, part) in group {
             for &(_, _, other, other_part) in group {
                 shared[(row, other)] += variance * part * other_part;
             }

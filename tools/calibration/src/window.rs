@@ -122,8 +122,11 @@ pub fn parse(name: &str, text: &str) -> Result<Vec<Window>, WindowError> {
 pub(crate) const REST_ARCSEC_S: f64 = 4.0;
 /// Half seconds over which rates are smoothed: one period of the limit cycle.
 const SMOOTHED: usize = 10;
-/// Stretches are cut to this length at most, so that scans without a rest still tell their drift.
+/// Stretches are cut to this length at most, so that scans without a rest still tell their drift; longer in recordings of
+/// weeks, so that they do not become too many to be solved together.
 pub(crate) const LONGEST_HALF_SECONDS: usize = 3600;
+/// Stretches that a recording is cut into by length alone.
+const MOST_BY_LENGTH: usize = 100;
 /// Stretches shorter than this are joined to the one before.
 const SHORTEST_HALF_SECONDS: usize = 120;
 
@@ -140,6 +143,8 @@ pub(crate) fn smoothed_rate_control_arcsec_s(counts: &Counts, transfer: &Transfe
 pub fn cut_at_rests(counts: &Counts, transfer: &Transfer, from_s: f64, to_s: f64) -> Vec<Window> {
     let first = counts.node_s.partition_point(|&node_s| node_s < from_s);
     let last = counts.node_s.partition_point(|&node_s| node_s <= to_s).saturating_sub(1);
+    let longest = LONGEST_HALF_SECONDS.max(last.saturating_sub(first) / MOST_BY_LENGTH);
+    let shortest = SHORTEST_HALF_SECONDS.max(longest / 30);
     let is_at_rest = |node: usize| {
         smoothed_rate_control_arcsec_s(counts, transfer, node).iter().all(|rate| rate.abs() < REST_ARCSEC_S)
     };
@@ -148,12 +153,12 @@ pub fn cut_at_rests(counts: &Counts, transfer: &Transfer, from_s: f64, to_s: f64
     for node in first + 1..last {
         let rests = is_at_rest(node);
         let since = node - cuts[cuts.len() - 1];
-        if (rests != was_at_rest && since >= SHORTEST_HALF_SECONDS) || since >= LONGEST_HALF_SECONDS {
+        if (rests != was_at_rest && since >= shortest) || since >= longest {
             cuts.push(node);
         }
         was_at_rest = rests;
     }
-    if last.saturating_sub(cuts[cuts.len() - 1]) < SHORTEST_HALF_SECONDS && cuts.len() > 1 {
+    if last.saturating_sub(cuts[cuts.len() - 1]) < shortest && cuts.len() > 1 {
         cuts.pop();
     }
     cuts.push(last);

@@ -29,7 +29,7 @@ const CLEARANCE_ARCSEC: f64 = 3.0;
 pub struct Day {
     /// What the gyros counted.
     pub counts: Counts,
-    /// Fixes of the star sensor, the mean of its slits, [`FIX_SPACING_S`] apart or more.
+    /// Fixes of the star sensor, the mean of its slits, 30 min apart or more.
     pub fixes: Vec<Fix>,
     /// Samples of the sun sensor, 10 min apart or so.
     pub sun: Vec<Fix>,

@@ -123,7 +123,7 @@ impl Fix {
         Fix { t_s, seen, sights: vec![sight(Vector3::y()), sight(Vector3::new(sin_theta, 0.0, -cos_theta))] }
     }
 
-    /// Every fix of the star sensor and a sample of the sun sensor each [`SUN_EVERY_S`], from files of a recording that
+    /// Every fix of the star sensor and a sample of the sun sensor each ten minutes, from files of a recording that
     /// starts at `start_ns` of their time scale.
     pub fn of_sensors(sensors: &Sensors, start_ns: i64) -> Vec<Fix> {
         let seconds = |t_ns: i64| (t_ns - start_ns) as f64 * 1e-9;

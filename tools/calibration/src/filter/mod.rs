@@ -191,7 +191,7 @@ pub fn reconstruct(
     let fixes_outside = fixes.len() - at_nodes.len();
     let (mut counts, lost) = mended(counts, in_use);
     if let Some(floats) =
-        effects::of_floats(calibrations, &noise.clearance_arcsec, &counts, &steps(&counts, calibrations, in_use))
+        effects::of_floats(calibrations, &noise.clearance_arcsec, &steps(&counts, calibrations, in_use))
     {
         for (sums, floats) in counts.to_mut().accumulated.iter_mut().zip(&floats) {
             sums.iter_mut().zip(floats).for_each(|(sum, float)| *sum -= float);
