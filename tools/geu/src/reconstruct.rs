@@ -161,7 +161,8 @@ fn recording(arguments: &Arguments, configuration: &Configuration, in_use: InUse
     let noise = Noise::of(configuration, in_use);
     let told_of = reconstruct(&counts, &calibrations, in_use, &noise, &fixes).map_err(Failure::input)?;
     for found in &counts.breaks {
-        let [from_s, to_s] = [found.from, found.to].map(|node| counts.node_s[node.min(counts.len())]);
+        let unix_s = |node: usize| counts.start_ns as f64 * 1e-9 + counts.node_s[node.min(counts.len())];
+        let (from_s, to_s) = (unix_s(found.from), unix_s(found.to));
         note(format_args!("geu: {from_s:.1}…{to_s:.1} s: {}\n", found.kind));
     }
     if told_of.fixes_outside > 0 {
