@@ -34,8 +34,8 @@ pub struct Arguments {
     #[arg(long, value_enum, default_value_t = Sensors::Absolute)]
     attitude: Sensors,
     /// Fly so many, each with a unit, ψ₀ and limit cycle of its own, and compare scatter with prediction
-    #[arg(long, value_name = "N", conflicts_with_all = ["precautions", "out"])]
-    runs: Option<usize>,
+    #[arg(long, value_name = "N", conflicts_with_all = ["precautions", "out"], value_parser = clap::value_parser!(u32).range(1..))]
+    runs: Option<u32>,
     /// Print what each precaution of Casteren §5 buys; without --config to the reference unit with pivots of 14 arcsec and
     /// a thermal misalignment of 0.5 arcsec/deg
     #[arg(long, conflicts_with = "out")]
@@ -90,8 +90,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     match arguments.runs {
         Some(runs) => {
-            let bar = indicatif::ProgressBar::new(runs as u64);
-            let campaign = checkout::campaign(&unit, unit.seed, runs, by, || bar.inc(1));
+            let bar = indicatif::ProgressBar::new(runs.into());
+            let campaign = checkout::campaign(&unit, unit.seed, runs as usize, by, || bar.inc(1));
             bar.finish_and_clear();
             say!("{}", scatter(&campaign))?;
             match campaign.failed.first() {
