@@ -4,7 +4,7 @@ use geu_model::attitude::{Manoeuvre, Plan};
 use geu_model::effect::{Effects, HeadEffects, UnitEffects};
 use geu_model::noise::Stream;
 use geu_model::package::Calibration;
-use geu_model::sensor::{Fss, StarSensor, SunSensor};
+use geu_model::sensor::{StarSensor, SunSensor};
 use geu_model::units::{ARCSEC_PER_RAD, HALF_SECOND_S, ORBIT_S};
 use geu_model::{Configuration, Truth, Unit};
 use geu_protocol::Gyro;
@@ -78,8 +78,7 @@ impl Day {
             }
             if let Some(seen) = sun.see(&motion).filter(|_| end_s >= next_sun_s) {
                 next_sun_s = end_s + SUN_EVERY_S;
-                let Fss { step_arcsec, .. } = sensors.fss;
-                day.sun.push(Fix::sun(end_s, seen.theta_arcsec, seen.roll_arcsec, step_arcsec));
+                day.sun.push(Fix::sun(end_s, seen.theta_arcsec, seen.roll_arcsec, &sensors.fss));
             }
             day.attitude.push(now(&motion));
         }
