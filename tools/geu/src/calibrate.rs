@@ -8,6 +8,7 @@ use geu_calibration::absolute::Sensors;
 use geu_calibration::solve::{Parameter, Solution, values};
 use geu_calibration::{Attitude, Calibrated, Counts, CountsReader, calibrate, report, window};
 use geu_model::Configuration;
+use geu_model::configuration::unix_ns;
 use geu_model::units::HALF_SECOND_S;
 use geu_protocol::{CanPlan, Gyro};
 use geu_recording::{InputReader, Options, Reference, Stop};
@@ -18,6 +19,8 @@ use crate::decode::refuse_overwriting;
 use crate::failure::{Failure, note, say};
 use crate::settings::Settings;
 use crate::update::{self, Results, Update};
+
+const HALF_SECOND_NS: i64 = 500_000_000;
 
 /// Solves the sixteen in-orbit parameters from a recording and what tells its attitude; or, between checkouts, updates the Z gyros.
 ///
@@ -50,7 +53,7 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE", requires = "fss")]
     sse: Option<String>,
     /// Time at which the unit's clock was 0, for recordings without receive times [default: start of the attitude data]
-    #[arg(long, value_name = "UNIX_SECONDS", allow_negative_numbers = true)]
+    #[arg(long, value_name = "UNIX_SECONDS", allow_negative_numbers = true, value_parser = crate::settings::start)]
     start: Option<f64>,
     /// Base of the CAN identifiers, hexadecimal
     #[arg(long, value_name = "ID", value_parser = crate::settings::can_base)]
@@ -98,11 +101,10 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     let attitude_start_ns = match (&reference, &sensors) {
         (Some(reference), _) => reference.start_ns,
-        // The first sample of the sun sensor ends the first half second.
-        (None, Some(sensors)) => sensors.sun.first().map_or(0, |sample| sample.0 - 500_000_000),
+        (None, Some(sensors)) => start_of_sensors_ns(sensors).unwrap_or(0),
         (None, None) => 0,
     };
-    let start_ns = arguments.start.map_or(attitude_start_ns, |start_s| (start_s * 1e9) as i64);
+    let start_ns = arguments.start.map_or(attitude_start_ns, unix_ns);
     let counts = read_counts(&arguments.link, arguments.base, start_ns)?;
     let attitude = match (&reference, &sensors) {
         (Some(reference), _) => Attitude::Reference(reference, arguments.reference_sigma),
@@ -171,6 +173,11 @@ impl Arguments {
 pub fn write(path: &Path, text: String) -> Result<(), Failure> {
     std::fs::write(path, text)
         .map_err(|error| Failure::failed(format!("{}: cannot be written: {error}", path.display())))
+}
+
+/// Start of what the sun sensor saw: its first sample ends the first half second. Nothing without a sample.
+pub fn start_of_sensors_ns(sensors: &Sensors) -> Option<i64> {
+    sensors.sun.first().map(|sample| sample.0 - HALF_SECOND_NS)
 }
 
 /// Reads recordings as one stream of counts.

@@ -25,7 +25,7 @@ pub struct Update {
     #[arg(long, conflicts_with_all = ["html", "compare"])]
     pub update: bool,
     /// With --update: when the believed values were determined [default: what --known tells, else a fortnight before]
-    #[arg(long, value_name = "UNIX_SECONDS", allow_negative_numbers = true, requires = "update")]
+    #[arg(long, value_name = "UNIX_SECONDS", allow_negative_numbers = true, requires = "update", value_parser = crate::settings::start)]
     calibrated: Option<f64>,
     /// With --update: JSON of the calibration or update that gave the believed values, for their sigmas
     #[arg(long, value_name = "FILE", requires = "update")]
