@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use geu_calibration::absolute::Sensors;
+use geu_calibration::compare::LEAST_PROBABILITY;
 use geu_calibration::solve::{Parameter, Solution, values};
 use geu_calibration::{Attitude, Calibrated, Counts, CountsReader, calibrate, report, window};
 use geu_model::Configuration;
@@ -64,6 +65,9 @@ pub struct Arguments {
     /// Write the configuration with the solved values, comments kept; with --compare the merged ones, if all are compatible
     #[arg(long, value_name = "CONFIG")]
     out: Option<PathBuf>,
+    /// Write --out even though the parameters do not explain the data
+    #[arg(long, requires = "out", conflicts_with = "update")]
+    anyway: bool,
     /// Write the result as a page with plots, which needs no other file
     #[arg(long, value_name = "FILE")]
     html: Option<PathBuf>,
@@ -106,6 +110,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     let start_ns = arguments.start.map_or(attitude_start_ns, unix_ns);
     let counts = read_counts(&arguments.link, arguments.base, start_ns)?;
+    refuse_other_time(reference.as_ref(), &counts)?;
     let attitude = match (&reference, &sensors) {
         (Some(reference), _) => Attitude::Reference(reference, arguments.reference_sigma),
         (None, Some(sensors)) => Attitude::Sensors(sensors),
@@ -128,7 +133,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         }
         write(path, format!("{json:#}\n"))?;
     }
-    if let Some(path) = &arguments.out {
+    let is_explained = calibrated.solution.probability() >= LEAST_PROBABILITY;
+    if let Some(path) = arguments.out.as_ref().filter(|_| is_explained || arguments.anyway) {
         let merged = comparison.as_ref().filter(|comparison| comparison.is_compatible());
         let solution = merged.map_or(&calibrated.solution, |comparison| &comparison.combined);
         write(path, with_solution(&settings, solution)?)?;
@@ -146,9 +152,35 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         write(path, page.html())?;
     }
     say!("{}", table(&configuration, &calibrated))?;
-    match &comparison {
-        Some(comparison) => say!("\n{}", calibrate_compare::table(&earlier, comparison)),
-        None => Ok(()),
+    if let Some(comparison) = &comparison {
+        say!("\n{}", calibrate_compare::table(&earlier, comparison))?;
+    }
+    if is_explained {
+        return Ok(());
+    }
+    let why = format!(
+        "the sixteen parameters do not explain these data: probability {:.1e}, at least {LEAST_PROBABILITY} expected",
+        calibrated.solution.probability()
+    );
+    match &arguments.out {
+        Some(path) if arguments.anyway => {
+            note(format_args!("geu: {why}; {} is written all the same\n", path.display()));
+            Ok(())
+        }
+        Some(path) => Err(Failure::failed(format!("{why}; {} is not written without --anyway", path.display()))),
+        None => Err(Failure::failed(why)),
+    }
+}
+
+/// Refuses a reference whose times are not those of the link: the ends of its half seconds were received in UTC, and TAI,
+/// GPS or TT are whole seconds off it.
+fn refuse_other_time(reference: Option<&Reference>, counts: &Counts) -> Result<(), Failure> {
+    match reference.and_then(|reference| reference.time_system.as_deref()) {
+        Some(system) if system != "UTC" && counts.is_received => Err(Failure::input(format!(
+            "--reference: TIME_SYSTEM: expected UTC, as the link's receive times are, got {system}: time systems are offset \
+             from each other, TAI, GPS and TT from UTC by whole seconds and more; convert the ephemeris to UTC"
+        ))),
+        _ => Ok(()),
     }
 }
 
@@ -293,7 +325,7 @@ fn table(believed: &Configuration, calibrated: &Calibrated) -> String {
             sigma[0], sigma[1], sigma[2]
         );
     }
-    if solution.probability() < 1e-3 && solution.degrees_of_freedom > 0 {
+    if solution.probability() < LEAST_PROBABILITY {
         let _ = writeln!(
             text,
             "the sixteen parameters do not explain these data: `geu diagnose` looks for what is missing"
