@@ -279,3 +279,69 @@ fn an_update_finds_the_survey_scans_and_rewrites_four_values() {
     ]);
     assert!(error.contains("expected survey scans: 120 s or more at a steady 60…289 arcsec/s about Z"), "{error}");
 }
+
+#[test]
+fn what_the_parameters_do_not_explain_is_said_and_written_only_when_asked() {
+    let room = tempfile::tempdir().expect("a directory");
+    let flight = room.path().join("flight");
+    // In the middle of the pointing, where the drift is told.
+    let course = "gyro.GYRX.drift-step={ arcsec_per_h = 3000.0, time_s = 900.0 }";
+    run(&["simulate", "--duration", "14000", "--set", course, "--out", text(&flight)]);
+    let file = |name: &str| text(&flight.join(name)).to_owned();
+    let (link, manoeuvres, reference) = (file("link.log"), file("manoeuvres.csv"), file("reference.csv"));
+    let (json, out) = (room.path().join("result.json"), room.path().join("unit.toml"));
+    let results = ["--json", text(&json), "--out", text(&out)];
+    let arguments = [&arguments(&link, &manoeuvres, &reference)[..], &results].concat();
+    let refused = output(&arguments);
+    let error = String::from_utf8_lossy(&refused.stderr);
+    assert_eq!(refused.status.code(), Some(1), "{error}");
+    assert!(error.contains("do not explain these data") && error.contains("--anyway"), "{error}");
+    assert!(
+        String::from_utf8_lossy(&refused.stdout).contains("GYRZB misalignment y") && json.exists() && !out.exists()
+    );
+    let (_, error) = run(&[&arguments[..], &["--anyway"]].concat());
+    assert!(error.contains("do not explain these data") && out.exists(), "{error}");
+}
+
+#[test]
+fn a_serial_recording_starts_where_the_attitude_does() {
+    let room = tempfile::tempdir().expect("a directory");
+    let flight = room.path().join("flight");
+    run(&["simulate", "--wire", "serial", "--start", "1800000000", "--duration", "14000", "--out", text(&flight)]);
+    let file = |name: &str| text(&flight.join(name)).to_owned();
+    let (link, fss, sse) = (file("link.bin"), file("fss.csv"), file("sse.csv"));
+    let sensors = ["--link", &link, "--fss", &fss, "--sse", &sse];
+    let (table, _) = run(&[&["calibrate", "--manoeuvres", &file("manoeuvres.csv")], &sensors[..]].concat());
+    assert!(table.contains("GYRX scale factor"), "{table}");
+    let (told, error) = run(&[&["reconstruct"], &sensors[..]].concat());
+    assert!(told.contains("28000 half seconds") && !error.contains("outside"), "{told}{error}");
+    for command in ["calibrate", "reconstruct"] {
+        for bad in ["NaN", "1e30", "-1", "inf"] {
+            let message = refused(&[&[command, "--start", bad], &sensors[..]].concat());
+            assert!(message.contains("expected 0…4e9 seconds"), "{command} {bad}: {message}");
+        }
+    }
+    let message = refused(&["checkout", "--runs", "0"]);
+    assert!(message.contains("--runs"), "{message}");
+}
+
+#[test]
+fn an_ephemeris_that_is_not_in_utc_is_refused() {
+    let room = tempfile::tempdir().expect("a directory");
+    let path = room.path().join("attitude.aem");
+    let link = in_can("link.log");
+    for (system, update) in [("TAI", false), ("GPS", true)] {
+        let mut aem = format!(
+            "CCSDS_AEM_VERS = 1.0\nCREATION_DATE = 2027-01-15T00:00:00\nORIGINATOR = TEST\nMETA_START\nOBJECT_NAME = GEU\n\
+             OBJECT_ID = 1983-004A\nREF_FRAME_A = EME2000\nREF_FRAME_B = SC_BODY_1\nATTITUDE_DIR = A2B\n\
+             TIME_SYSTEM = {system}\nSTART_TIME = 2027-01-15T08:00:00\nSTOP_TIME = 2027-01-15T08:01:00\n\
+             ATTITUDE_TYPE = QUATERNION\nQUATERNION_TYPE = FIRST\nMETA_STOP\nDATA_START\n"
+        );
+        (0..60).for_each(|second| aem += &format!("2027-01-15T08:00:{second:02} 1 0 0 0\n"));
+        fs::write(&path, aem + "DATA_STOP\n").expect("writable");
+        let mut arguments = vec!["calibrate", "--link", &link, "--reference", text(&path)];
+        arguments.extend(update.then_some("--update"));
+        let message = refused(&arguments);
+        assert!(message.contains(system) && message.contains("convert the ephemeris to UTC"), "{message}");
+    }
+}

@@ -5,9 +5,11 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use geu_calibration::absolute::Sensors;
+use geu_calibration::compare::LEAST_PROBABILITY;
 use geu_calibration::solve::{Parameter, Solution, values};
 use geu_calibration::{Attitude, Calibrated, Counts, CountsReader, calibrate, report, window};
 use geu_model::Configuration;
+use geu_model::configuration::unix_ns;
 use geu_model::units::HALF_SECOND_S;
 use geu_protocol::{CanPlan, Gyro};
 use geu_recording::{InputReader, Options, Reference, Stop};
@@ -18,6 +20,8 @@ use crate::decode::refuse_overwriting;
 use crate::failure::{Failure, note, say};
 use crate::settings::Settings;
 use crate::update::{self, Results, Update};
+
+const HALF_SECOND_NS: i64 = 500_000_000;
 
 /// Solves the sixteen in-orbit parameters from a recording and what tells its attitude; or, between checkouts, updates the Z gyros.
 ///
@@ -50,7 +54,7 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE", requires = "fss")]
     sse: Option<String>,
     /// Time at which the unit's clock was 0, for recordings without receive times [default: start of the attitude data]
-    #[arg(long, value_name = "UNIX_SECONDS", allow_negative_numbers = true)]
+    #[arg(long, value_name = "UNIX_SECONDS", allow_negative_numbers = true, value_parser = crate::settings::start)]
     start: Option<f64>,
     /// Base of the CAN identifiers, hexadecimal
     #[arg(long, value_name = "ID", value_parser = crate::settings::can_base)]
@@ -61,6 +65,9 @@ pub struct Arguments {
     /// Write the configuration with the solved values, comments kept; with --compare the merged ones, if all are compatible
     #[arg(long, value_name = "CONFIG")]
     out: Option<PathBuf>,
+    /// Write --out even though the parameters do not explain the data
+    #[arg(long, requires = "out", conflicts_with = "update")]
+    anyway: bool,
     /// Write the result as a page with plots, which needs no other file
     #[arg(long, value_name = "FILE")]
     html: Option<PathBuf>,
@@ -98,12 +105,12 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     let attitude_start_ns = match (&reference, &sensors) {
         (Some(reference), _) => reference.start_ns,
-        // The first sample of the sun sensor ends the first half second.
-        (None, Some(sensors)) => sensors.sun.first().map_or(0, |sample| sample.0 - 500_000_000),
+        (None, Some(sensors)) => start_of_sensors_ns(sensors).unwrap_or(0),
         (None, None) => 0,
     };
-    let start_ns = arguments.start.map_or(attitude_start_ns, |start_s| (start_s * 1e9) as i64);
+    let start_ns = arguments.start.map_or(attitude_start_ns, unix_ns);
     let counts = read_counts(&arguments.link, arguments.base, start_ns)?;
+    refuse_other_time(reference.as_ref(), &counts)?;
     let attitude = match (&reference, &sensors) {
         (Some(reference), _) => Attitude::Reference(reference, arguments.reference_sigma),
         (None, Some(sensors)) => Attitude::Sensors(sensors),
@@ -126,7 +133,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         }
         write(path, format!("{json:#}\n"))?;
     }
-    if let Some(path) = &arguments.out {
+    let is_explained = calibrated.solution.probability() >= LEAST_PROBABILITY;
+    if let Some(path) = arguments.out.as_ref().filter(|_| is_explained || arguments.anyway) {
         let merged = comparison.as_ref().filter(|comparison| comparison.is_compatible());
         let solution = merged.map_or(&calibrated.solution, |comparison| &comparison.combined);
         write(path, with_solution(&settings, solution)?)?;
@@ -144,9 +152,35 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         write(path, page.html())?;
     }
     say!("{}", table(&configuration, &calibrated))?;
-    match &comparison {
-        Some(comparison) => say!("\n{}", calibrate_compare::table(&earlier, comparison)),
-        None => Ok(()),
+    if let Some(comparison) = &comparison {
+        say!("\n{}", calibrate_compare::table(&earlier, comparison))?;
+    }
+    if is_explained {
+        return Ok(());
+    }
+    let why = format!(
+        "the sixteen parameters do not explain these data: probability {:.1e}, at least {LEAST_PROBABILITY} expected",
+        calibrated.solution.probability()
+    );
+    match &arguments.out {
+        Some(path) if arguments.anyway => {
+            note(format_args!("geu: {why}; {} is written all the same\n", path.display()));
+            Ok(())
+        }
+        Some(path) => Err(Failure::failed(format!("{why}; {} is not written without --anyway", path.display()))),
+        None => Err(Failure::failed(why)),
+    }
+}
+
+/// Refuses a reference whose times are not those of the link: the ends of its half seconds were received in UTC, and TAI,
+/// GPS or TT are whole seconds off it.
+fn refuse_other_time(reference: Option<&Reference>, counts: &Counts) -> Result<(), Failure> {
+    match reference.and_then(|reference| reference.time_system.as_deref()) {
+        Some(system) if system != "UTC" && counts.is_received => Err(Failure::input(format!(
+            "--reference: TIME_SYSTEM: expected UTC, as the link's receive times are, got {system}: time systems are offset \
+             from each other, TAI, GPS and TT from UTC by whole seconds and more; convert the ephemeris to UTC"
+        ))),
+        _ => Ok(()),
     }
 }
 
@@ -171,6 +205,11 @@ impl Arguments {
 pub fn write(path: &Path, text: String) -> Result<(), Failure> {
     std::fs::write(path, text)
         .map_err(|error| Failure::failed(format!("{}: cannot be written: {error}", path.display())))
+}
+
+/// Start of what the sun sensor saw: its first sample ends the first half second. Nothing without a sample.
+pub fn start_of_sensors_ns(sensors: &Sensors) -> Option<i64> {
+    sensors.sun.first().map(|sample| sample.0 - HALF_SECOND_NS)
 }
 
 /// Reads recordings as one stream of counts.
@@ -286,7 +325,7 @@ fn table(believed: &Configuration, calibrated: &Calibrated) -> String {
             sigma[0], sigma[1], sigma[2]
         );
     }
-    if solution.probability() < 1e-3 && solution.degrees_of_freedom > 0 {
+    if solution.probability() < LEAST_PROBABILITY {
         let _ = writeln!(
             text,
             "the sixteen parameters do not explain these data: `geu diagnose` looks for what is missing"

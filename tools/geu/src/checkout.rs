@@ -8,14 +8,15 @@ use geu_calibration::checkout::{
     self, By, Campaign, Outcome, Precautions, believed_before, fly, sequence, true_calibrations,
 };
 use geu_calibration::combine;
-use geu_calibration::solve::{Parameter, Solution, UNKNOWNS, probability, values};
+use geu_calibration::compare::LEAST_PROBABILITY;
+use geu_calibration::solve::{Parameter, Solution, UNKNOWNS, values};
 use geu_daemon::record::Recorder;
 use geu_daemon::simulate::simulate;
 use geu_model::configuration::WireForm;
 use geu_model::{Configuration, Truth};
 use geu_protocol::Gyro;
 
-use crate::failure::{Failure, say};
+use crate::failure::{Failure, note, say};
 use crate::settings::{Settings, seed};
 
 /// Flies the in-orbit checkout in simulation, calibrates it and compares with the truth.
@@ -34,8 +35,8 @@ pub struct Arguments {
     #[arg(long, value_enum, default_value_t = Sensors::Absolute)]
     attitude: Sensors,
     /// Fly so many, each with a unit, ψ₀ and limit cycle of its own, and compare scatter with prediction
-    #[arg(long, value_name = "N", conflicts_with_all = ["precautions", "out"])]
-    runs: Option<usize>,
+    #[arg(long, value_name = "N", conflicts_with_all = ["precautions", "out"], value_parser = clap::value_parser!(u32).range(1..))]
+    runs: Option<u32>,
     /// Print what each precaution of Casteren §5 buys; without --config to the reference unit with pivots of 14 arcsec and
     /// a thermal misalignment of 0.5 arcsec/deg
     #[arg(long, conflicts_with = "out")]
@@ -90,8 +91,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     match arguments.runs {
         Some(runs) => {
-            let bar = indicatif::ProgressBar::new(runs as u64);
-            let campaign = checkout::campaign(&unit, unit.seed, runs, by, || bar.inc(1));
+            let bar = indicatif::ProgressBar::new(runs.into());
+            let campaign = checkout::campaign(&unit, unit.seed, runs as usize, by, || bar.inc(1));
             bar.finish_and_clear();
             say!("{}", scatter(&campaign))?;
             match campaign.failed.first() {
@@ -109,7 +110,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 /// Flies the sequence twice, compares and combines.
 fn twice(unit: &Configuration, by: By, out: Option<&std::path::Path>) -> Result<(), Failure> {
     let first = sequence(unit, Precautions::ALL);
-    // A fortnight later or so: other noise, another place on the orbit, other phases.
+    // Flown at once by the same unit, with other noise, at another ψ₀ and with other phases of the limit cycle.
     let mut second = sequence(&checkout::drawn(unit, unit.seed, 0), Precautions::ALL);
     second.gyros = first.gyros.clone();
     if let Some(directory) = out {
@@ -160,10 +161,19 @@ fn twice(unit: &Configuration, by: By, out: Option<&std::path::Path>) -> Result<
         two.chi2,
         two.degrees_of_freedom,
         comparison.together,
-        probability(comparison.together, UNKNOWNS),
-        if probability(comparison.together, UNKNOWNS) > 1e-3 { "compatible" } else { "not compatible" },
+        comparison.together_probability(),
+        if comparison.is_compatible() { "compatible" } else { "not compatible" },
     );
-    say!("{text}")
+    say!("{text}")?;
+    for (which, solution) in [("first", &one), ("second", &two)] {
+        if solution.probability() < LEAST_PROBABILITY {
+            note(format_args!(
+                "geu: the sixteen parameters do not explain the {which} flight, probability {:.1e}: its sigmas are too small\n",
+                solution.probability()
+            ));
+        }
+    }
+    Ok(())
 }
 
 fn fly_length(configuration: &Configuration) -> u64 {
@@ -244,9 +254,13 @@ fn what_they_buy(outcomes: &[Outcome]) -> String {
         let sigma = outcomes.first().map_or(f64::NAN, |outcome| outcome.sigmas[index]);
         let _ = writeln!(text, " {:>9.digits$}", sigma * size);
     }
-    let _ = write!(text, "{:<22}", "χ² of 8");
+    let _ = write!(text, "{:<22}", "χ²");
     for outcome in outcomes {
         let _ = write!(text, " {:>9.1}", outcome.chi2.0);
+    }
+    let _ = write!(text, "\n{:<22}", "spare equations");
+    for outcome in outcomes {
+        let _ = write!(text, " {:>9}", outcome.chi2.1);
     }
     let _ = writeln!(text);
     for (index, outcome) in outcomes.iter().enumerate() {

@@ -12,9 +12,10 @@ use geu_calibration::filter::{
     reconstruct, survey_day,
 };
 use geu_model::Configuration;
+use geu_model::configuration::unix_ns;
 use geu_protocol::{CanPlan, Gyro};
 
-use crate::calibrate::read_counts;
+use crate::calibrate::{read_counts, start_of_sensors_ns};
 use crate::failure::{Failure, note, say};
 use crate::settings::{Settings, half_seconds};
 
@@ -54,8 +55,9 @@ pub struct Arguments {
     /// History of the sun sensor, of which a sample every ten minutes is used
     #[arg(long, value_name = "FILE", requires = "link")]
     fss: Option<String>,
-    /// Time at which the unit's clock was 0, for recordings without receive times [default: the configuration's start]
-    #[arg(long, value_name = "UNIX_SECONDS", allow_negative_numbers = true, requires = "link")]
+    /// Time at which the unit's clock was 0, for recordings without receive times [default: start of the sun sensor's data,
+    /// without them the configuration's]
+    #[arg(long, value_name = "UNIX_SECONDS", allow_negative_numbers = true, requires = "link", value_parser = crate::settings::start)]
     start: Option<f64>,
     /// Base of the CAN identifiers, hexadecimal
     #[arg(long, value_name = "ID", value_parser = crate::settings::can_base, requires = "link")]
@@ -148,20 +150,22 @@ fn told(whiteness: &Whiteness) -> String {
 }
 
 fn recording(arguments: &Arguments, configuration: &Configuration, in_use: InUse, sse: &str) -> Result<(), Failure> {
-    let start_ns = arguments.start.map_or(configuration.start_unix_ns, |start_s| (start_s * 1e9) as i64);
-    let counts = read_counts(&arguments.link, arguments.base, start_ns)?;
     let sensors = match &arguments.fss {
         Some(fss) => Sensors::read(fss, sse, configuration.sensors),
         None => Sensors::read_fixes(sse, configuration.sensors),
     }
     .map_err(Failure::input)?;
+    let attitude_start_ns = start_of_sensors_ns(&sensors).unwrap_or(configuration.start_unix_ns);
+    let start_ns = arguments.start.map_or(attitude_start_ns, unix_ns);
+    let counts = read_counts(&arguments.link, arguments.base, start_ns)?;
     let fixes = Fix::of_sensors(&sensors, counts.start_ns);
     // Departures that the configuration holds constant are believed, as `geu calibrate` believes them.
     let calibrations = checkout_calibration(configuration);
     let noise = Noise::of(configuration, in_use);
     let told_of = reconstruct(&counts, &calibrations, in_use, &noise, &fixes).map_err(Failure::input)?;
     for found in &counts.breaks {
-        let [from_s, to_s] = [found.from, found.to].map(|node| counts.node_s[node.min(counts.len())]);
+        let unix_s = |node: usize| counts.start_ns as f64 * 1e-9 + counts.node_s[node.min(counts.len())];
+        let (from_s, to_s) = (unix_s(found.from), unix_s(found.to));
         note(format_args!("geu: {from_s:.1}…{to_s:.1} s: {}\n", found.kind));
     }
     if told_of.fixes_outside > 0 {

@@ -35,7 +35,8 @@ pub fn can_base(text: &str) -> Result<CanPlan, String> {
         .ok_or_else(|| format!("expected a hexadecimal identifier from 0 to {max:X}, got {text}"))
 }
 
-fn start(text: &str) -> Result<f64, String> {
+/// A Unix time, s.
+pub fn start(text: &str) -> Result<f64, String> {
     let start = text.parse().ok().filter(|start| (0.0..=4e9).contains(start));
     start.ok_or_else(|| format!("expected 0…4e9 seconds, got {text}"))
 }

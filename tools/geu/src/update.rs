@@ -4,6 +4,7 @@ use std::fmt::Write;
 use std::path::PathBuf;
 
 use clap::Args;
+use geu_calibration::compare::LEAST_PROBABILITY;
 use geu_calibration::solve::{Parameter, values};
 use geu_calibration::upkeep::{
     BEYOND_SIGMAS, Change, DRIFT_PER_FORTNIGHT, FORTNIGHT_S, GYROS, PARAMETERS, SCALE_FACTOR_PER_FORTNIGHT,
@@ -25,7 +26,7 @@ pub struct Update {
     #[arg(long, conflicts_with_all = ["html", "compare"])]
     pub update: bool,
     /// With --update: when the believed values were determined [default: what --known tells, else a fortnight before]
-    #[arg(long, value_name = "UNIX_SECONDS", allow_negative_numbers = true, requires = "update")]
+    #[arg(long, value_name = "UNIX_SECONDS", allow_negative_numbers = true, requires = "update", value_parser = crate::settings::start)]
     calibrated: Option<f64>,
     /// With --update: JSON of the calibration or update that gave the believed values, for their sigmas
     #[arg(long, value_name = "FILE", requires = "update")]
@@ -179,7 +180,7 @@ fn table(upkeep: &Upkeep) -> String {
         }
     }
     due(&mut text, upkeep);
-    if upkeep.probability() < 1e-3 && !upkeep.needs_checkout() {
+    if upkeep.probability() < LEAST_PROBABILITY && !upkeep.needs_checkout() {
         let _ = writeln!(
             text,
             "the scans contradict each other or what was known; `geu diagnose` looks for what the model lacks"

@@ -4,7 +4,7 @@ use geu_model::attitude::{Manoeuvre, Plan};
 use geu_model::effect::{Effects, HeadEffects, UnitEffects};
 use geu_model::noise::Stream;
 use geu_model::package::Calibration;
-use geu_model::sensor::{Fss, StarSensor, SunSensor};
+use geu_model::sensor::{StarSensor, SunSensor};
 use geu_model::units::{ARCSEC_PER_RAD, HALF_SECOND_S, ORBIT_S};
 use geu_model::{Configuration, Truth, Unit};
 use geu_protocol::Gyro;
@@ -13,6 +13,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 use super::fix::SUN_EVERY_S;
 use super::{Estimate, FilterError, Fix, Noise, Reconstruction, attitude_of, reconstruct};
 use crate::counts::Counts;
+use crate::effects::CLEARANCE_SIGMA_ARCSEC;
 use crate::transfer::InUse;
 
 /// The mission's requirement on the boresight (Casteren §1).
@@ -21,8 +22,6 @@ pub const REQUIREMENT_ARCSEC: f64 = 20.0;
 pub const FIX_SPACING_S: f64 = 1800.0;
 /// Scale on which the model's non-linearity is cubic, arcsec/s (model.md, Effects).
 const NONLINEARITY_ARCSEC_S: f64 = 720.0;
-/// What a clearance is known to (Casteren §5.3).
-const CLEARANCE_ARCSEC: f64 = 3.0;
 
 /// A recording with its exact attitude.
 #[derive(Debug, Clone)]
@@ -78,8 +77,7 @@ impl Day {
             }
             if let Some(seen) = sun.see(&motion).filter(|_| end_s >= next_sun_s) {
                 next_sun_s = end_s + SUN_EVERY_S;
-                let Fss { step_arcsec, .. } = sensors.fss;
-                day.sun.push(Fix::sun(end_s, seen.theta_arcsec, seen.roll_arcsec, step_arcsec));
+                day.sun.push(Fix::sun(end_s, seen.theta_arcsec, seen.roll_arcsec, &sensors.fss));
             }
             day.attitude.push(now(&motion));
         }
@@ -226,7 +224,7 @@ pub fn survey_day(
     let calibrations = with_errors(&checkout_calibration(&configuration), &noise, configuration.seed);
     for (gyro, clearance_arcsec) in Gyro::ALL.into_iter().zip(&mut noise.clearance_arcsec) {
         let mut stream = Stream::of_sensor(configuration.seed, &format!("clearance {}", gyro.name()));
-        let known = *clearance_arcsec + CLEARANCE_ARCSEC * stream.standard_normal();
+        let known = *clearance_arcsec + CLEARANCE_SIGMA_ARCSEC * stream.standard_normal();
         *clearance_arcsec = if *clearance_arcsec > 0.0 { known.max(0.0) } else { 0.0 };
     }
     let mut fixes = day.fixes.clone();

@@ -1,5 +1,6 @@
 //! What the absolute sensors see of the attitude (Casteren §1, §5).
 
+use geu_model::sensor::Fss;
 use geu_model::units::{ARCSEC_PER_RAD, RAD_PER_DEG, SUN_RATE_RAD_S};
 use nalgebra::{Matrix3, Rotation3, SymmetricEigen, UnitQuaternion, Vector3};
 
@@ -106,19 +107,18 @@ impl Fix {
         Fix::star(t_s, theta_deg, psi_deg, (random + star_arcsec * star_arcsec).sqrt().max(1e-3))
     }
 
-    /// A sample of the Fine Sun Sensor: the sun's angle in the XZ plane and out of it. Steps of `step_arcsec` err by
-    /// `step_arcsec`/√12; a turn about the sun vector is not seen.
-    pub fn sun(t_s: f64, theta_arcsec: f64, roll_arcsec: f64, step_arcsec: f64) -> Fix {
+    /// A sample of the Fine Sun Sensor: the sun's angle in the XZ plane and out of it. Its steps err by one over √12, beside
+    /// its noise; a turn about the sun vector is not seen.
+    pub fn sun(t_s: f64, theta_arcsec: f64, roll_arcsec: f64, sensor: &Fss) -> Fix {
         let (sin_theta, cos_theta) = libm::sincos(theta_arcsec / ARCSEC_PER_RAD);
         let (sin_roll, cos_roll) = libm::sincos(roll_arcsec / ARCSEC_PER_RAD);
         let control = Vector3::new(cos_theta * cos_roll, sin_roll, sin_theta * cos_roll);
         let (sin, cos) = libm::sincos(SUN_RATE_RAD_S * t_s);
         let seen = Seen::Direction { control, inertial: Vector3::new(cos, sin, 0.0) };
-        let sight = |direction_control| Sight {
-            direction_control,
-            sigma_arcsec: step_arcsec / 12f64.sqrt(),
-            systematic: [0.0; 2],
-        };
+        let Fss { step_arcsec, noise_arcsec } = *sensor;
+        // A sensor without either is exact to a milliarcsecond.
+        let sigma_arcsec = (step_arcsec * step_arcsec / 12.0 + noise_arcsec * noise_arcsec).sqrt().max(1e-3);
+        let sight = |direction_control| Sight { direction_control, sigma_arcsec, systematic: [0.0; 2] };
         // About Y, and about the axis that carries the sun out of the XZ plane.
         Fix { t_s, seen, sights: vec![sight(Vector3::y()), sight(Vector3::new(sin_theta, 0.0, -cos_theta))] }
     }
@@ -136,7 +136,7 @@ impl Fix {
         for &(t_ns, [theta_arcsec, roll_arcsec]) in &sensors.sun {
             let t_s = seconds(t_ns);
             if t_s >= next_s {
-                fixes.push(Fix::sun(t_s, theta_arcsec, roll_arcsec, sensors.numbers.fss.step_arcsec));
+                fixes.push(Fix::sun(t_s, theta_arcsec, roll_arcsec, &sensors.numbers.fss));
                 next_s = t_s + SUN_EVERY_S;
             }
         }
@@ -190,7 +190,7 @@ mod tests {
         let whole = Fix::attitude(500.0, attitude, &Matrix3::identity());
         assert!((whole.residual_control_arcsec(&predicted) - turn_arcsec).norm() < 1e-6);
         assert_eq!(whole.sights.len(), 3);
-        let sun = Fix::sun(500.0, 1.3 * ARCSEC_PER_RAD, 0.0, 4.0);
+        let sun = Fix::sun(500.0, 1.3 * ARCSEC_PER_RAD, 0.0, &Fss::default());
         let seen = sun.residual_control_arcsec(&predicted);
         for sight in &sun.sights {
             let along = sight.direction_control;

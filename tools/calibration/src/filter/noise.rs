@@ -5,6 +5,7 @@ use geu_model::effect::{Effects, HeadEffects};
 use geu_model::units::HALF_SECOND_S;
 
 use super::FilterError;
+use crate::effects::CLEARANCE_SIGMA_ARCSEC;
 use crate::transfer::InUse;
 
 /// Figures of the gyros' noise and of what is not known at the start. 1 sigma.
@@ -21,8 +22,8 @@ pub struct Noise {
     /// Clearance of each float, in wire order, whose motion is taken out of the counts before anything else, as the paper
     /// leaves open (Casteren §3.3: "it may be corrected for at reconstruction"); 0 takes nothing out. At most 14″.
     pub clearance_arcsec: [f64; 4],
-    /// Angle of each gyro that is off without accumulating, beside the rounding, white from fix to fix: half of the 3″ to
-    /// which a clearance is known (Casteren §5.3). For a float that is not taken out, its clearance over √12.
+    /// Angle of each gyro that is off without accumulating, beside the rounding, white from fix to fix: half of
+    /// [`CLEARANCE_SIGMA_ARCSEC`], for a stop is half a clearance from the middle. For a float that is not taken out, its clearance over √12.
     pub bounded_arcsec: f64,
     /// Rounding of the accumulated angle: one count, of which 1/√12 is the sigma (Casteren §2). 0 for counts before rounding.
     pub count_arcsec: f64,
@@ -55,7 +56,7 @@ impl Noise {
         drift_random_walk_arcsec_per_s_per_sqrt_s: 8e-6,
         scale_factor_random_walk_ppm_per_sqrt_s: 0.157,
         clearance_arcsec: [14.0; 4],
-        bounded_arcsec: 1.5,
+        bounded_arcsec: 0.5 * CLEARANCE_SIGMA_ARCSEC,
         count_arcsec: 1.0,
         lost_rate_arcsec_s: 360.0,
         start_attitude_control_arcsec: [5.0, 60.0, 60.0],

@@ -138,6 +138,17 @@ fn the_smoother_is_never_less_certain_than_the_filter_and_not_worse() {
 }
 
 #[test]
+fn a_noisy_sun_sensor_weighs_by_its_noise() {
+    let noisy = survey(1, &["sensors.fss.noise_arcsec=20"]);
+    let [without, with] =
+        [false, true].map(|with_sun| survey_day(&noisy, 86_400, InUse::WithZa, with_sun).expect("fixes"));
+    assert!(with.fixes > without.fixes + 60, "{} {}", with.fixes, without.fixes);
+    let whiteness = with.reconstruction.whiteness;
+    assert!(whiteness.is_white(), "{whiteness:?}");
+    assert!(with.smoothed.rms_arcsec < without.smoothed.rms_arcsec, "{:?} {:?}", with.smoothed, without.smoothed);
+}
+
+#[test]
 fn innovations_are_white_on_the_reference_unit_and_not_where_the_model_is_wrong() {
     let white = (1..=10).filter(|&seed| reconstructed(&survey(seed, &[]), 86_400).1.whiteness.is_white()).count();
     assert!(white >= 9, "{white} of 10");
@@ -228,7 +239,7 @@ fn little_or_bad_input_is_refused_or_handled_and_never_a_panic() {
         run(&some(4), za, &noise, std::slice::from_ref(&late)),
         Err(FilterError::NoAttitude { got: 1, .. })
     ));
-    let sun = Fix::sun(1.0, 324_000.0, 0.0, 4.0);
+    let sun = Fix::sun(1.0, 324_000.0, 0.0, &geu_model::sensor::Fss::default());
     assert!(matches!(run(&some(4), za, &noise, &[sun]), Err(FilterError::NoAttitude { .. })));
     let bad = Fix::star(1.0, f64::NAN, 0.0, 0.5);
     assert!(matches!(run(&some(4), za, &noise, &[fix.clone(), bad]), Err(FilterError::Fix { index: 1, .. })));
