@@ -157,8 +157,10 @@ struct Station<'a> {
 /// The attitude at each node, from the gyros and through every fix.
 #[derive(Debug, Clone, Default)]
 pub struct GyroPath {
-    /// θ and ψ at each node.
+    /// θ and ψ at each node, through every fix.
     pub points: Vec<Point>,
+    /// The same from the gyros alone, through the first fix.
+    pub unbent: Vec<Point>,
     /// Inertial rotation about the control axes that the gyros tell, accumulated to each node, arcsec.
     pub turned_control_arcsec: Vec<[f64; 3]>,
 }
@@ -174,7 +176,7 @@ const LEVEL_STEPS: f64 = 1.0 / 20.0;
 const STILL_STEPS: f64 = 0.15;
 /// What the sun sensor's steps leave of the limit cycle about X, in steps: a cycle about the sun's own plane meets as many
 /// steps above as below, and their errors cancel but for a small part.
-const CYCLE_STEPS: f64 = 1.0 / 40.0;
+const CYCLE_STEPS: f64 = 1.0 / 80.0;
 
 /// Lays the gyros' path through the fixes. `transfer` may be rough: what it gets wrong is bent away between fixes.
 pub fn path(measured: &Measured, sensors: &Sensors, transfer: &Transfer) -> Option<GyroPath> {
@@ -197,6 +199,7 @@ pub fn path(measured: &Measured, sensors: &Sensors, transfer: &Transfer) -> Opti
     for node in (0..anchor).rev() {
         points[node] = step(&points[node + 1], node + 1, node);
     }
+    let unbent = points.clone();
     // Bend it through the fixes: the difference at each, straight lines between, held before the first and after the last.
     let mut bends: Vec<(f64, [f64; 2])> = Vec::new();
     for station in &stations {
@@ -213,7 +216,7 @@ pub fn path(measured: &Measured, sensors: &Sensors, transfer: &Transfer) -> Opti
         point.theta_rad += theta;
         point.psi_rad += psi;
     }
-    Some(GyroPath { points, turned_control_arcsec: turned })
+    Some(GyroPath { points, unbent, turned_control_arcsec: turned })
 }
 
 fn bend(bends: &[(f64, [f64; 2])], x: f64) -> [f64; 2] {
@@ -268,11 +271,13 @@ fn mean(slits: &[[f64; 2]]) -> [f64; 2] {
     ]
 }
 
-/// The equations of `windows`, with rotations from the sensors. Each window needs a fix at either end.
+/// The equations of `windows`, with rotations from the sensors, which err as `numbers` say. Each window needs a fix at
+/// either end.
 pub fn with_sensors(
     measured: &Measured,
     windows: &[Window],
     sensors: &Sensors,
+    numbers: &SensorNumbers,
     walks: &[Walks; 4],
     path: &GyroPath,
 ) -> (Vec<Observation>, Vec<LeftOut>) {
@@ -280,7 +285,7 @@ pub fn with_sensors(
     let (mut observations, mut left_out) = (Vec::new(), Vec::new());
     let stations = stations(counts, sensors);
     let start_s = counts.start_ns as f64 * 1e-9;
-    let overlay = Overlay { counts, sensors, path };
+    let overlay = Overlay { counts, sensors, numbers, path };
     for window in windows {
         let mut leave = |why: String| {
             left_out.push(LeftOut { name: window.name.clone(), start_s: window.start_s, gyro: None, why });
@@ -342,21 +347,27 @@ pub fn with_sensors(
 struct Overlay<'a> {
     counts: &'a Counts,
     sensors: &'a Sensors,
+    numbers: &'a SensorNumbers,
     path: &'a GyroPath,
 }
 
 impl Overlay<'_> {
-    /// Departure about X that the gyros tell, but for a constant, at nodes around an instant, arcsec: what they turned about X
-    /// less what the path and the sun account for. And the first of these nodes.
-    fn about_x_arcsec(&self, t_s: f64) -> (usize, Vec<f64>) {
+    /// Departure about X that the gyros tell, but for a constant, at nodes around a fix, arcsec: what they turned about X less
+    /// what their path and the sun account for. The path is put through this fix alone, so that no other bends it here.
+    /// With the first of these nodes.
+    fn about_x_arcsec(&self, station: &Station, raised_rad: f64) -> (usize, Vec<f64>) {
         // Two nodes more than the samples need, for the four that an instant is read from.
-        let near = |node_s: &f64| *node_s < t_s - OVERLAY_S - 1.5;
-        let first = self.counts.node_s.partition_point(near);
-        let last = self.counts.node_s.partition_point(|node_s| *node_s <= t_s + OVERLAY_S + 1.5);
+        let (from_s, to_s) = (station.point.t_s - OVERLAY_S - 1.5, station.point.t_s + OVERLAY_S + 1.5);
+        let first = self.counts.node_s.partition_point(|node_s| *node_s < from_s);
+        let last = self.counts.node_s.partition_point(|node_s| *node_s <= to_s);
+        let raised = |node: usize| {
+            let point = self.path.unbent[node];
+            Point { theta_rad: point.theta_rad + raised_rad, ..point }
+        };
         let mut explained = 0.0;
         let about_x = (first..last).map(|node| {
             if node > first {
-                explained += step_control_arcsec(&self.path.points[node - 1], &self.path.points[node])[0];
+                explained += step_control_arcsec(&raised(node - 1), &raised(node))[0];
             }
             self.path.turned_control_arcsec[node][0] - explained
         });
@@ -375,7 +386,9 @@ impl Overlay<'_> {
     /// lay them over the sun sensor around it.
     fn limit_cycle_x_arcsec(&self, station: &Station) -> Option<f64> {
         let t_s = station.point.t_s;
-        let (first, about_x_arcsec) = self.about_x_arcsec(t_s);
+        let theta_at = |reading: &Reading| interpolate(&self.path.unbent, reading).theta_rad;
+        let raised_rad = station.point.theta_rad - theta_at(&station.reading);
+        let (first, about_x_arcsec) = self.about_x_arcsec(station, raised_rad);
         let gyros = |reading: &Reading| {
             let from = reading.first.checked_sub(first)?;
             let nodes = about_x_arcsec.get(from..from + reading.weights.len())?;
@@ -385,7 +398,7 @@ impl Overlay<'_> {
         for (sample_s, angles) in self.samples(t_s - OVERLAY_S, t_s + OVERLAY_S) {
             let Some(reading) = self.counts.at(sample_s) else { continue };
             let Some(gyros) = gyros(&reading) else { continue };
-            let theta_rad = interpolate(&self.path.points, &reading).theta_rad;
+            let theta_rad = theta_at(&reading) + raised_rad;
             // The sun leaves the XZ plane by the turn about X times sin θ.
             let difference = angles[1] / libm::sin(theta_rad) - gyros;
             let x = sample_s - t_s;
@@ -402,12 +415,14 @@ impl Overlay<'_> {
         Some(gyros(&station.reading)? + (xx * y - x * xy) / spread)
     }
 
-    /// Mean of what the sun sensor's θ is above the path's between two instants, arcsec, and its variance.
-    fn level(&self, from_s: f64, to_s: f64) -> Option<(f64, f64)> {
+    /// Mean of what the sun sensor's θ is above that of the gyros' path, bent so at so many half seconds, between two
+    /// instants, arcsec, and its variance.
+    fn level(&self, from_s: f64, to_s: f64, bend_rad: impl Fn(f64) -> f64) -> Option<(f64, f64)> {
         let (mut count, mut sum, mut squares) = (0.0, 0.0, 0.0);
         for (sample_s, angles) in self.samples(from_s, to_s) {
             let Some(reading) = self.counts.at(sample_s) else { continue };
-            let above = angles[0] - interpolate(&self.path.points, &reading).theta_rad * ARCSEC_PER_RAD;
+            let theta_rad = interpolate(&self.path.unbent, &reading).theta_rad + bend_rad(reading.half_seconds);
+            let above = angles[0] - theta_rad * ARCSEC_PER_RAD;
             count += 1.0;
             sum += above;
             squares += above * above;
@@ -416,7 +431,7 @@ impl Overlay<'_> {
             return None;
         }
         let mean = sum / count;
-        let Fss { step_arcsec, noise_arcsec } = self.sensors.numbers.fss;
+        let Fss { step_arcsec, noise_arcsec } = self.numbers.fss;
         let is_still = squares / count - mean * mean < (STILL_STEPS * step_arcsec).powi(2);
         let steps = if is_still { 1.0 / 12.0 } else { LEVEL_STEPS * LEVEL_STEPS };
         Some((mean, steps * step_arcsec * step_arcsec + noise_arcsec * noise_arcsec / count))
@@ -431,7 +446,7 @@ fn rotation(
     overlay: &Overlay,
     walks: &[Walks; 4],
 ) -> ([f64; 3], Vec<Disturbance>) {
-    let Overlay { counts, sensors, path, .. } = overlay;
+    let Overlay { counts, numbers, path, .. } = *overlay;
     // The same slits on both sides where there are any, so that what is theirs cancels (Casteren §5).
     let in_both = |slit: &&Slit| [from, to].iter().all(|end| end.fix.slits.iter().any(|other| other.0 == slit.0));
     let any_in_both = from.fix.slits.iter().any(|slit| in_both(&slit));
@@ -442,13 +457,14 @@ fn rotation(
         .iter()
         .map(|slits| slits.iter().map(|slit| slit.2 * slit.2).sum::<f64>() / (slits.len() * slits.len()) as f64)
         .sum();
-    // The ends by the slits in common, ψ on the path's turn.
+    // The ends by these slits, ψ on the path's turn. Between them the gyros' own path is bent evenly, so that no other fix
+    // on the way has a part in it.
     let point = |station: &Station, angles: [f64; 2]| {
-        let on_path = interpolate(&path.points, &station.reading);
-        let mut psi = angles[1] * RAD_PER_DEG - on_path.psi_rad;
+        let near = interpolate(&path.points, &station.reading);
+        let mut psi = angles[1] * RAD_PER_DEG - near.psi_rad;
         psi -= (psi / std::f64::consts::TAU).round() * std::f64::consts::TAU;
-        let t_s = on_path.t_s;
-        (on_path, Point { t_s, theta_rad: angles[0] * RAD_PER_DEG, psi_rad: on_path.psi_rad + psi })
+        let fixed = Point { theta_rad: angles[0] * RAD_PER_DEG, psi_rad: near.psi_rad + psi, ..near };
+        (interpolate(&path.unbent, &station.reading), fixed)
     };
     let ((path_start, start), (path_end, end)) = (point(from, ends[0]), point(to, ends[1]));
     // The level of θ: what slits share does not cancel in cos θ; the sun sensor tells it, as well as its steps allow.
@@ -457,28 +473,28 @@ fn rotation(
     let (walk, length_s) = (&walks[Gyro::Y as usize], end.t_s - start.t_s);
     let bridge_variance = walk.angle_arcsec_per_sqrt_s.powi(2) * length_s / 12.0
         + walk.drift_arcsec_per_s_per_sqrt_s.powi(2) * length_s.powi(3) / 120.0;
-    let fix_variance = sensors.numbers.sse.slit_arcsec.powi(2) / slit_count + random_variance / 4.0 + bridge_variance;
-    let cycle_variance = (sensors.numbers.fss.step_arcsec * CYCLE_STEPS).powi(2)
-        + sensors.numbers.fss.noise_arcsec.powi(2) / (4.0 * OVERLAY_S);
-    let (level_arcsec, level_variance) = match overlay.level(start.t_s, end.t_s) {
+    let fix_variance = numbers.sse.slit_arcsec.powi(2) / slit_count + random_variance / 4.0 + bridge_variance;
+    let cycle_variance =
+        (numbers.fss.step_arcsec * CYCLE_STEPS).powi(2) + numbers.fss.noise_arcsec.powi(2) / (4.0 * OVERLAY_S);
+    let (first, last) = (from.reading.half_seconds, to.reading.half_seconds);
+    let bend = |half_seconds: f64| {
+        let share = (half_seconds - first) / (last - first);
+        let between = |from: f64, to: f64| from + (to - from) * share;
+        [
+            between(start.theta_rad - path_start.theta_rad, end.theta_rad - path_end.theta_rad),
+            between(start.psi_rad - path_start.psi_rad, end.psi_rad - path_end.psi_rad),
+        ]
+    };
+    let (level_arcsec, level_variance) = match overlay.level(start.t_s, end.t_s, |half_seconds| bend(half_seconds)[0]) {
         Some((level_arcsec, seen_variance)) => {
-            let bend = ((start.theta_rad - path_start.theta_rad) + (end.theta_rad - path_end.theta_rad)) / 2.0
-                * ARCSEC_PER_RAD;
             let total = fix_variance + seen_variance;
-            ((level_arcsec - bend) * fix_variance / total, fix_variance * seen_variance / total)
+            (level_arcsec * fix_variance / total, fix_variance * seen_variance / total)
         }
         None => (0.0, fix_variance),
     };
-    let (first, last) = (from.reading.half_seconds, to.reading.half_seconds);
     let bent = |node: usize| {
-        let (point, share) = (path.points[node], (node as f64 - first) / (last - first));
-        let between = |from: f64, to: f64| from + (to - from) * share;
-        Point {
-            t_s: counts.node_s[node],
-            theta_rad: point.theta_rad
-                + between(start.theta_rad - path_start.theta_rad, end.theta_rad - path_end.theta_rad),
-            psi_rad: point.psi_rad + between(start.psi_rad - path_start.psi_rad, end.psi_rad - path_end.psi_rad),
-        }
+        let (point, [theta_rad, psi_rad]) = (path.unbent[node], bend(node as f64));
+        Point { t_s: counts.node_s[node], theta_rad: point.theta_rad + theta_rad, psi_rad: point.psi_rad + psi_rad }
     };
     let nodes = (first.floor() as usize + 1)..(last.ceil() as usize);
     let raised = |point: Point| Point { theta_rad: point.theta_rad + level_arcsec / ARCSEC_PER_RAD, ..point };
@@ -502,7 +518,7 @@ fn rotation(
         }
         before = Some(point);
     }
-    let mut all = disturbances([from, to], &seen, sun, &sensors.numbers, cycle_variance);
+    let mut all = disturbances([from, to], &seen, sun, numbers, cycle_variance);
     all.push(Disturbance {
         source: Source::Level { at_us: micros(from.point.t_s) },
         variance: level_variance,
@@ -538,13 +554,14 @@ fn disturbances(
             }
         }
         push(Source::Reference { axis: 0, at_us }, cycle_variance, [sign, 0.0, 0.0]);
-        // The gyros' own rounding at the fix is in the rebuilt limit cycle: that of X, which is in its counts as well and
-        // cancels there, and that of Z by cot θ.
-        let cot = 1.0 / libm::tan(station.point.theta_rad);
-        for (gyro, per_count) in [(Gyro::X, sign), (Gyro::Za, -sign * cot)] {
+        // The gyros' own rounding at the fix is in the rebuilt limit cycle and in the path: that of X stands in its counts as
+        // well and cancels there; that of Z, which moves ψ, cancels between the two but for what the even bend makes of it.
+        let sin = libm::sin(station.point.theta_rad);
+        let of_z = [-sun[0] / sin, 0.0, 1.0 - sun[2] / sin];
+        for (gyro, per_count) in [(Gyro::X, [1.0, 0.0, 0.0]), (Gyro::Za, of_z)] {
             for (index, weight) in station.reading.weights.iter().enumerate().filter(|(_, weight)| **weight != 0.0) {
                 let source = Source::Rounding { gyro: gyro as usize, node: station.reading.first + index };
-                push(source, ROUNDING_VARIANCE, [per_count * weight, 0.0, 0.0]);
+                push(source, ROUNDING_VARIANCE, per_count.map(|part| sign * weight * part));
             }
         }
     }

@@ -149,6 +149,11 @@ pub fn calibrate(
             finish(counts, observations, left_out, &walks, &believed, sigma_arcsec)
         }
         Attitude::Sensors(sensors) => {
+            // While the path settles stars are taken as exact: weights that mistrust them would lean on what the path itself
+            // still gets wrong.
+            let mut numbers = sensors.numbers;
+            numbers.sse.star_arcsec = 0.0;
+            let mut settled = None;
             let mut calibrations = believed;
             let mut effects: Option<EffectCounts> = None;
             let mut pass = 0;
@@ -164,14 +169,24 @@ pub fn calibrate(
                 let of_path = EffectCounts::of(configuration, counts, || steps_of_path(&path));
                 let measured = Measured { counts, effects: of_path.as_ref() };
                 let windows = chosen(&measured, windows, &transfer, attitude)?;
-                let (observations, left_out) = absolute::with_sensors(&measured, &windows, sensors, &walks, &path);
+                let (observations, left_out) =
+                    absolute::with_sensors(&measured, &windows, sensors, &numbers, &walks, &path);
                 let mut found = finish(counts, observations, left_out, &walks, &calibrations, [f64::NAN; 3])?;
                 let changes = found.solution.values().into_iter().zip(solve::values(&calibrations));
+                // The last pass, with the stars as they err, does not bear on the path.
+                if let Some(is_settled) = settled {
+                    found.is_settled = is_settled;
+                    return Ok(found);
+                }
                 found.is_settled = changes
                     .zip(found.solution.sigmas())
                     .all(|((now, before), sigma)| (now - before).abs() < SETTLED_SIGMA * sigma);
                 if found.is_settled || pass == PASSES {
-                    return Ok(found);
+                    if numbers == sensors.numbers {
+                        return Ok(found);
+                    }
+                    settled = Some(found.is_settled);
+                    numbers = sensors.numbers;
                 }
                 calibrations = found.solution.calibrations;
                 effects = of_path;

@@ -458,7 +458,8 @@ pub fn update(
                 let measured = Measured { counts, effects: of_path.as_ref() };
                 let mut left_out = Vec::new();
                 let windows = chosen(counts, &calibrations, legs, attitude, &mut left_out);
-                let (observations, broken) = absolute::with_sensors(&measured, &windows, sensors, &walks, &path);
+                let (observations, broken) =
+                    absolute::with_sensors(&measured, &windows, sensors, &sensors.numbers, &walks, &path);
                 left_out.extend(broken);
                 let found = finish(configuration, known, counts, observations, left_out)?;
                 if pass == PASSES {
