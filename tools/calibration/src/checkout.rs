@@ -121,6 +121,8 @@ pub fn fly(configuration: &Configuration) -> Flight {
     let start_s = configuration.start_unix_ns as f64 * 1e-9;
     let mut unit = Unit::new(configuration);
     let mut counts = Counts::starting_at(configuration.start_unix_ns);
+    // On true time, as a receiver tells it.
+    counts.is_received = true;
     let mut motion = Truth::Scenario.motion(configuration, 0.0);
     let mut sun_sensor = SunSensor::new(configuration.sensors.fss, configuration.seed);
     let limit_cycle = configuration.scenario.limit_cycle;

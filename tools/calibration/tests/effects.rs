@@ -16,7 +16,7 @@ fn middling(code: &str) -> f64 {
     match code {
         "misalignment-thermal" => 0.5,
         "clock-frequency" => 20.0,
-        "time-offset" => 0.05,
+        "time-offset" => 0.4,
         "misalignment" => 30.0,
         "output-axis-acceleration" | "anisoinertia" => 0.01,
         "pivot-clearance" => 14.0,

@@ -94,6 +94,10 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         let config = arguments.config.as_ref().and_then(|path| path.to_str());
         refuse_overwriting(option, file.as_ref(), read.chain(config))?;
     }
+    // A configuration may be written back onto itself.
+    let inputs = arguments.inputs();
+    let read = inputs.iter().map(|(_, name)| name).chain(&arguments.compare).map(String::as_str);
+    refuse_overwriting("--out", arguments.out.as_ref(), read)?;
     let settings = Settings { config: arguments.config.clone(), overrides: arguments.overrides.clone() };
     let configuration = settings.read()?;
     let earlier = calibrate_compare::read(&arguments.compare)?;
@@ -328,7 +332,7 @@ fn table(believed: &Configuration, calibrated: &Calibrated) -> String {
     if solution.probability() < LEAST_PROBABILITY {
         let _ = writeln!(
             text,
-            "the sixteen parameters do not explain these data: `geu diagnose` looks for what is missing"
+            "the sixteen parameters do not explain these data: the unit has an effect that the configuration has not, or counts or fixes are wrong"
         );
     }
     text.truncate(text.trim_end().len());

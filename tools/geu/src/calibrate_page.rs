@@ -73,8 +73,8 @@ impl Page<'_> {
         let (tone, words, why) = if spare == 0 {
             ("doubt", "Solved, and not tested.", "There are just as many equations as parameters.".to_owned())
         } else if probability < LEAST_PROBABILITY {
-            let why = "More is in these data than sixteen parameters and the configured noise: <code>geu diagnose</code> \
-                       looks for what is missing. The sigmas below hold for a complete model and are too small here.";
+            let why = "More is in these data than sixteen parameters and the configured noise: an effect that the \
+                       configuration does not have, a wrong fix, or counts that are. The sigmas below hold for a complete model and are too small here.";
             ("bad", "The sixteen parameters do not explain these data.", why.to_owned())
         } else if probability > 1.0 - LEAST_PROBABILITY {
             let why =

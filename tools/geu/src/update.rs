@@ -183,7 +183,7 @@ fn table(upkeep: &Upkeep) -> String {
     if upkeep.probability() < LEAST_PROBABILITY && !upkeep.needs_checkout() {
         let _ = writeln!(
             text,
-            "the scans contradict each other or what was known; `geu diagnose` looks for what the model lacks"
+            "the scans contradict each other or what was known; the unit has an effect that the configuration has not, or counts or fixes are wrong"
         );
     }
     text.truncate(text.trim_end().len());
