@@ -172,7 +172,10 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             Ok(())
         }
         Some(path) => Err(Failure::failed(format!("{why}; {} is not written without --anyway", path.display()))),
-        None => Err(Failure::failed(why)),
+        None => {
+            note(format_args!("geu: {why}\n"));
+            Ok(())
+        }
     }
 }
 
