@@ -216,6 +216,13 @@ fn lists_and_references_that_do_not_fit_are_refused_or_left_out() {
         let message = of_list(&bad);
         assert!(message.contains(part), "{part} not in {message}");
     }
+    // The order of the lines does not matter.
+    let backwards = edited(&room, "manoeuvres.csv", |text| {
+        let (header, rows) = text.split_once('\n').expect("a header");
+        rows.lines().rev().fold(format!("{header}\n"), |text, row| text + row + "\n")
+    });
+    let of = |manoeuvres: &str| run(&arguments(&link, manoeuvres, &reference)).0;
+    assert_eq!(of(text(&backwards)), of(&manoeuvres));
     // A reference that ends inside the scan about Z.
     let short =
         edited(&room, "reference.csv", |text| text.lines().take(10_000).map(|line| format!("{line}\n")).collect());

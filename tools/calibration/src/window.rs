@@ -54,7 +54,7 @@ pub enum WindowError {
     },
 }
 
-/// Reads `manoeuvres.csv`, which may be compressed. An empty end is that of the recording (infinite).
+/// Reads `manoeuvres.csv`, which may be compressed; in order of time, whatever that of the lines. An empty end is that of the recording (infinite).
 ///
 /// # Errors
 /// The first line that is no manoeuvre, or overlaps the one before.
@@ -115,6 +115,7 @@ pub fn parse(name: &str, text: &str) -> Result<Vec<Window>, WindowError> {
         }
         windows.push(Window { name: text(0).to_owned(), start_s, end_s });
     }
+    windows.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
     Ok(windows)
 }
 
