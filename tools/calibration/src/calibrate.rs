@@ -66,16 +66,9 @@ pub enum CalibrateError {
         /// Its end.
         to_s: f64,
     },
-    /// Faults of the wiring are believed: counts that went through them tell nothing that can be taken off.
-    #[error(
-        "gyro.{gyro}: expected a unit without faults of its wiring, got {code}; mend the recording, or leave the fault out of the configuration"
-    )]
-    Wiring {
-        /// The gyro.
-        gyro: &'static str,
-        /// The fault.
-        code: &'static str,
-    },
+    /// Faults of the wiring are believed.
+    #[error(transparent)]
+    Wiring(#[from] BelievedFault),
     /// More than can be solved together.
     #[error("expected at most {MOST_WINDOWS} manoeuvres, which are solved together, got {0}; give a list of fewer")]
     TooMany(usize),
@@ -100,6 +93,46 @@ const PASSES: usize = 4;
 /// A change of the parameters, in sigmas, that is not worth another pass.
 const SETTLED_SIGMA: f64 = 0.1;
 
+/// A fault of the wiring in what is believed: counts that went through it tell nothing that can be taken off.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error(
+    "gyro.{gyro}: expected a unit without faults of its wiring, got {code}; mend the recording, or leave the fault out of the configuration"
+)]
+pub struct BelievedFault {
+    /// The gyro.
+    pub gyro: &'static str,
+    /// The fault.
+    pub code: &'static str,
+}
+
+/// Counts at the time of the motion that they tell, by the clock and the time offset that are believed; and what is left to
+/// believe of the unit.
+///
+/// # Errors
+/// A believed fault of the wiring.
+pub(crate) fn corrected<'a>(
+    configuration: &'a Configuration,
+    counts: &'a Counts,
+) -> Result<(Cow<'a, Configuration>, Cow<'a, Counts>), BelievedFault> {
+    for (own, gyro) in configuration.gyros.iter().zip(Gyro::ALL) {
+        if let Some(index) = (0..WiringEffects::SPECS.len()).find(|&index| own.wiring.has(index)) {
+            return Err(BelievedFault { gyro: gyro.name(), code: WiringEffects::SPECS[index].code });
+        }
+    }
+    let (mut configuration, mut counts) = (Cow::Borrowed(configuration), Cow::Borrowed(counts));
+    let clock_ppm = configuration.unit.constant.clock_frequency.ppm;
+    if !counts.is_received && clock_ppm != 0.0 {
+        counts.to_mut().correct_clock(clock_ppm);
+    }
+    // Counts at t tell the motion of t − seconds: those of an earlier unit without the offset.
+    let offset_s = configuration.unit.constant.time_offset.seconds;
+    if offset_s != 0.0 {
+        configuration.to_mut().unit.constant.time_offset = Default::default();
+        counts.to_mut().start_ns -= (offset_s * 1e9).round() as i64;
+    }
+    Ok((configuration, counts))
+}
+
 /// Calibrates a recording. `configuration` is what is believed of the unit: its effects are taken off, its walks weigh.
 /// Without `windows` a whole recording is used, cut where the unit rests, or at the fixes.
 ///
@@ -114,22 +147,7 @@ pub fn calibrate(
     if counts.len() < 4 {
         return Err(CalibrateError::TooShort(counts.len()));
     }
-    for (own, gyro) in configuration.gyros.iter().zip(Gyro::ALL) {
-        if let Some(index) = (0..WiringEffects::SPECS.len()).find(|&index| own.wiring.has(index)) {
-            return Err(CalibrateError::Wiring { gyro: gyro.name(), code: WiringEffects::SPECS[index].code });
-        }
-    }
-    let (mut configuration, mut counts) = (Cow::Borrowed(configuration), Cow::Borrowed(counts));
-    let clock_ppm = configuration.unit.constant.clock_frequency.ppm;
-    if !counts.is_received && clock_ppm != 0.0 {
-        counts.to_mut().correct_clock(clock_ppm);
-    }
-    // Counts at t tell the motion of t − seconds: those of an earlier unit without the offset.
-    let offset_s = configuration.unit.constant.time_offset.seconds;
-    if offset_s != 0.0 {
-        configuration.to_mut().unit.constant.time_offset = Default::default();
-        counts.to_mut().start_ns -= (offset_s * 1e9).round() as i64;
-    }
+    let (configuration, counts) = corrected(configuration, counts)?;
     let (configuration, counts) = (&*configuration, &*counts);
     let believed = configuration.gyros.each_ref().map(|gyro| gyro.calibration);
     let walks = Walks::configured(configuration);

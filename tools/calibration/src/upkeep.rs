@@ -15,7 +15,7 @@ use nalgebra::DMatrix;
 use serde_json::{Value, json};
 
 use crate::absolute;
-use crate::calibrate::{Attitude, steps_of_path, steps_of_reference};
+use crate::calibrate::{Attitude, BelievedFault, corrected, steps_of_path, steps_of_reference};
 use crate::counts::Counts;
 use crate::effects::EffectCounts;
 use crate::noise::Walks;
@@ -215,6 +215,9 @@ pub struct Upkeep {
 /// Why nothing could be refined.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum UpkeepError {
+    /// Faults of the wiring are believed.
+    #[error(transparent)]
+    Wiring(#[from] BelievedFault),
     /// Nothing stands in it.
     #[error("expected a recording of at least 4 half seconds, got {0}")]
     TooShort(usize),
@@ -423,6 +426,8 @@ pub fn update(
     if counts.len() < 4 {
         return Err(UpkeepError::TooShort(counts.len()));
     }
+    let (configuration, counts) = corrected(configuration, counts)?;
+    let (configuration, counts) = (&*configuration, &*counts);
     let start_s = counts.start_ns as f64 * 1e-9;
     if known.at_s > start_s + counts.end_s() {
         return Err(UpkeepError::Later { start_s, at_s: known.at_s });

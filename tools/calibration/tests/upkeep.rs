@@ -230,3 +230,24 @@ fn broken_counts_cost_their_own_stretch() {
     assert!((without[0].start_s - scan.start_s).abs() < 1.0 && without[0].residuals[0].is_some());
     assert!(upkeep.left_out.iter().any(|found| found.to_string().contains("GYRZB: the count is saturated at")));
 }
+
+#[test]
+fn a_believed_clock_and_time_offset_are_corrected_and_a_fault_of_the_wiring_is_refused() {
+    let mut unit = surveying(12.0);
+    unit.unit.constant.clock_frequency.ppm = 500.0;
+    unit.unit.constant.time_offset.seconds = 0.3;
+    let mut flight = fly(&unit);
+    // Times as the unit's own clock tells them, without a receiver.
+    flight.counts.is_received = false;
+    flight.counts.node_s = (0..flight.counts.node_s.len()).map(|node| node as f64 * 0.5).collect();
+    let upkeep = update(&unit, &fortnight(), &flight.counts, None, &by_reference(&flight)).expect("scans");
+    within(&upkeep, truth(&unit, upkeep.at_s), 5.0);
+    assert!(upkeep.probability() > 1e-4, "{}", upkeep.chi2);
+    unit.gyros[2].wiring.constant.sign_inversion.on = 1.0;
+    let refused = update(&unit, &fortnight(), &flight.counts, None, &by_reference(&flight));
+    let message = refused.expect_err("a fault").to_string();
+    assert!(
+        message.contains("gyro.GYRZA: expected a unit without faults of its wiring, got sign-inversion"),
+        "{message}"
+    );
+}
