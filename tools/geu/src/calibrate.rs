@@ -18,7 +18,7 @@ use crate::calibrate_compare;
 use crate::calibrate_page::Page;
 use crate::decode::refuse_overwriting;
 use crate::failure::{Failure, note, say};
-use crate::settings::Settings;
+use crate::settings::{NamedSettings, Settings};
 use crate::update::{self, Results, Update};
 
 const HALF_SECOND_NS: i64 = 500_000_000;
@@ -29,12 +29,8 @@ const HALF_SECOND_NS: i64 = 500_000_000;
 /// names of your own are used; slews, stabilisations, surveys, rasters, eclipses and holds are not.
 #[derive(Args, Debug)]
 pub struct Arguments {
-    /// What is believed of the unit; its effects are taken off, its walks weigh [default: the reference unit]
-    #[arg(long, value_name = "CONFIG")]
-    config: Option<PathBuf>,
-    /// Overrides a value of the configuration
-    #[arg(long = "set", value_name = "PATH=VALUE")]
-    overrides: Vec<String>,
+    #[command(flatten)]
+    unit: NamedSettings,
     /// Recording of the link, CAN or serial; several are one stream
     #[arg(long, required = true, num_args = 1.., value_name = "FILE")]
     link: Vec<String>,
@@ -91,14 +87,14 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     for (option, file) in [("--json", &arguments.json), ("--html", &arguments.html)] {
         let inputs = arguments.inputs();
         let read = inputs.iter().map(|(_, name)| name).chain(&arguments.compare).map(String::as_str);
-        let config = arguments.config.as_ref().and_then(|path| path.to_str());
+        let config = arguments.unit.config.as_ref().and_then(|path| path.to_str());
         refuse_overwriting(option, file.as_ref(), read.chain(config))?;
     }
     // A configuration may be written back onto itself.
     let inputs = arguments.inputs();
     let read = inputs.iter().map(|(_, name)| name).chain(&arguments.compare).map(String::as_str);
     refuse_overwriting("--out", arguments.out.as_ref(), read)?;
-    let settings = Settings { config: arguments.config.clone(), overrides: arguments.overrides.clone() };
+    let settings = Settings::from(&arguments.unit);
     let configuration = settings.read()?;
     let earlier = calibrate_compare::read(&arguments.compare)?;
     let windows = arguments.manoeuvres.as_deref().map(window::read).transpose().map_err(Failure::input)?;

@@ -17,20 +17,17 @@ use geu_model::{Configuration, Truth};
 use geu_protocol::Gyro;
 
 use crate::failure::{Failure, note, say};
-use crate::settings::{Settings, seed};
+use crate::settings::{NamedSettings, Settings, seed};
 
 /// Flies the in-orbit checkout in simulation, calibrates it and compares with the truth.
 ///
 /// The sequence is that of configs/checkout.toml, about fourteen hours; it is flown twice, and the two results are
-/// compared and combined. Nothing is believed of the unit beforehand but its noise.
+/// compared and combined. None of the sixteen parameters is believed beforehand; the unit's noise and its other
+/// effects are.
 #[derive(Args, Debug)]
 pub struct Arguments {
-    /// The unit [default: the reference unit]
-    #[arg(long, value_name = "CONFIG")]
-    config: Option<PathBuf>,
-    /// Overrides a value of the configuration
-    #[arg(long = "set", value_name = "PATH=VALUE")]
-    overrides: Vec<String>,
+    #[command(flatten)]
+    unit: NamedSettings,
     /// What tells the rotations
     #[arg(long, value_enum, default_value_t = Sensors::Absolute)]
     attitude: Sensors,
@@ -74,7 +71,7 @@ const GUARDED_AGAINST: [&str; 5] = [
 /// # Errors
 /// A configuration that cannot be read, a checkout that cannot be calibrated, files that cannot be written.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let settings = Settings { config: arguments.config.clone(), overrides: arguments.overrides.clone() };
+    let settings = Settings::from(&arguments.unit);
     let mut unit = if arguments.precautions && settings.config.is_none() {
         let overrides = GUARDED_AGAINST.into_iter().map(str::to_owned).chain(settings.overrides.clone());
         Configuration::reference_with(&overrides.collect::<Vec<_>>()).map_err(Failure::input)?

@@ -17,7 +17,7 @@ use geu_protocol::{CanPlan, Gyro};
 
 use crate::calibrate::{read_counts, start_of_sensors_ns};
 use crate::failure::{Failure, note, say};
-use crate::settings::{Settings, half_seconds};
+use crate::settings::{NamedSettings, Settings, half_seconds};
 
 /// Reconstructs the attitude between star fixes by a Kalman filter and a smoother.
 ///
@@ -25,12 +25,8 @@ use crate::settings::{Settings, half_seconds};
 /// and with the mission's requirement, and tells what each effect costs.
 #[derive(Args, Debug)]
 pub struct Arguments {
-    /// What is believed of the unit, with its constant effects [default: the reference unit]
-    #[arg(long, value_name = "CONFIG")]
-    config: Option<PathBuf>,
-    /// Overrides a value of the configuration
-    #[arg(long = "set", value_name = "PATH=VALUE")]
-    overrides: Vec<String>,
+    #[command(flatten)]
+    unit: NamedSettings,
     /// Gyro used about Z
     #[arg(long, value_name = "GYRO", default_value = "za")]
     z: ZGyro,
@@ -81,7 +77,7 @@ enum ZGyro {
 /// # Errors
 /// Input that cannot be read, no fix to start from, a file that cannot be written.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let settings = Settings { config: arguments.config.clone(), overrides: arguments.overrides.clone() };
+    let settings = Settings::from(&arguments.unit);
     let configuration = settings.read()?;
     let in_use = match arguments.z {
         ZGyro::Za => InUse::WithZa,

@@ -20,6 +20,23 @@ pub struct Settings {
     pub overrides: Vec<String>,
 }
 
+/// The same by name, for commands that take other files too.
+#[derive(Args, Debug, Clone)]
+pub struct NamedSettings {
+    /// What is believed of the unit [default: the reference unit]
+    #[arg(long, value_name = "CONFIG")]
+    pub config: Option<PathBuf>,
+    /// Overrides a value of the configuration
+    #[arg(long = "set", value_name = "PATH=VALUE")]
+    pub overrides: Vec<String>,
+}
+
+impl From<&NamedSettings> for Settings {
+    fn from(named: &NamedSettings) -> Settings {
+        Settings { config: named.config.clone(), overrides: named.overrides.clone() }
+    }
+}
+
 /// A seed that a configuration can hold: its integers end at 2^63.
 pub fn seed(text: &str) -> Result<u64, String> {
     let seed = text.parse().ok().filter(|&seed| seed <= i64::MAX as u64);
