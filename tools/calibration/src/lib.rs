@@ -12,6 +12,7 @@ pub mod hand;
 pub mod noise;
 pub mod observe;
 pub mod redundancy;
+pub mod refine;
 pub mod report;
 pub mod solve;
 pub mod sun;

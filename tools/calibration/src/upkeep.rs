@@ -20,8 +20,9 @@ use crate::counts::Counts;
 use crate::effects::EffectCounts;
 use crate::noise::Walks;
 use crate::observe::{self, LeftOut, Measured, reference_sigma_arcsec};
+use crate::refine::{Prior, Refined, refine};
 use crate::report;
-use crate::solve::{Observation, PER_GYRO, Parameter, Prior, Refined, UNKNOWNS, Unsolvable, refine};
+use crate::solve::{Observation, PER_GYRO, Parameter, UNKNOWNS, Unsolvable};
 use crate::transfer::{InUse, Transfer};
 use crate::window::{LONGEST_HALF_SECONDS, REST_ARCSEC_S, Window, smoothed_rate_control_arcsec_s};
 
