@@ -51,7 +51,8 @@ impl ElectronicsCourse {
     }
 }
 
-fn interpolate(table: &[(f64, f64)], t_s: f64) -> f64 {
+/// Straight lines between points in order of time, held beyond the ends; NaN where there are none.
+pub(crate) fn interpolate(table: &[(f64, f64)], t_s: f64) -> f64 {
     let after = table.partition_point(|point| point.0 <= t_s);
     match (after.checked_sub(1).map(|before| table[before]), table.get(after)) {
         (Some(before), Some(after)) => before.1 + (after.1 - before.1) * (t_s - before.0) / (after.0 - before.0),

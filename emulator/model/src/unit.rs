@@ -15,7 +15,7 @@ use crate::effect::{
     WiringStates,
 };
 use crate::package::{Package, Standing, SubStep, Trace};
-use crate::temperature::Sensor;
+use crate::temperature::{Sensor, interpolate};
 use crate::units::HALF_SECOND_S;
 
 /// Sub-steps of a half second, over which motion is resolved: 0.1 s each.
@@ -116,6 +116,8 @@ pub struct Unit {
     channels: [Channel; 4],
     wiring: WiringStates,
     sensor: Sensor,
+    /// Sensor temperatures that were measured; where there are any they take the place of the heater.
+    sensor_measured: Vec<(f64, f64)>,
     /// True time since the start, fs, at the start of the running half second and at its end.
     start_fs: i128,
     end_fs: i128,
@@ -151,6 +153,7 @@ impl Unit {
             wiring: WiringStates::default(),
             configuration: configuration.clone(),
             sensor: Sensor::WARM,
+            sensor_measured: Vec::new(),
             start_fs: 0,
             end_fs: 0,
             unit: UnitEffects::default(),
@@ -210,6 +213,12 @@ impl Unit {
     /// saturation.
     pub fn accumulated_counts(&self) -> [f64; 4] {
         self.channels.each_ref().map(|channel| channel.accumulated)
+    }
+
+    /// Has the sensor at temperatures that were measured, (time since the start in s, °C) in order of time, instead of where
+    /// its heater would hold it: for a model beside a recording.
+    pub fn follow_sensor(&mut self, measured: Vec<(f64, f64)>) {
+        self.sensor_measured = measured;
     }
 
     /// Carries out the payload of a COMMAND within the running half second.
@@ -366,7 +375,10 @@ impl Unit {
         Temperatures {
             electronics_c: electronics.at_c(t_s),
             electronics_reference_c: electronics.numbers.reference_c,
-            sensor_c: self.sensor.temperature_c,
+            sensor_c: match self.sensor_measured.is_empty() {
+                true => self.sensor.temperature_c,
+                false => interpolate(&self.sensor_measured, t_s),
+            },
         }
     }
 }

@@ -79,6 +79,11 @@ pub struct Counts {
     pub accumulated: [Vec<f64>; 4],
     /// Electronics temperature over the half second before each node, °C (node 0 as node 1).
     pub electronics_c: Vec<f64>,
+    /// Sensor temperature at each node, °C, the last one known where a row has none; empty where none has.
+    pub sensor_c: Vec<f64>,
+    /// Nodes of the rows, and how much later each was received than nominal half seconds since the first would have it, s; empty
+    /// where nothing was received.
+    pub received_late_s: Vec<(usize, f64)>,
     /// Where sums are worth nothing, in order.
     pub breaks: Vec<Break>,
     /// The instant after which times ran back, and what followed was dropped.
@@ -120,6 +125,8 @@ impl Counts {
             self.runs_back_s = Some(self.start_ns as f64 * 1e-9 + self.node_s[node]);
             self.node_s.truncate(node + 1);
             self.electronics_c.truncate(node + 1);
+            self.sensor_c.truncate(node + 1);
+            self.received_late_s.retain(|received| received.0 <= node);
             self.accumulated.iter_mut().for_each(|sums| sums.truncate(node + 1));
             self.breaks.retain(|found| found.from < node);
             self.breaks.iter_mut().for_each(|found| found.to = found.to.min(node));
@@ -281,6 +288,12 @@ impl Sink for CountsReader {
         if half_second.unit_flags & unit_flag("self_test") != 0 {
             self.note(self.node - 1, [true; 4], BreakKind::SelfTest);
         }
+        if row.has_clock {
+            // Rows without one, between, keep the temperature before.
+            let held = self.counts.sensor_c.last().copied().unwrap_or(f64::from(half_second.sensor_centi_c) * 0.01);
+            self.counts.sensor_c.resize(self.node, held);
+            self.counts.sensor_c.push(f64::from(half_second.sensor_centi_c) * 0.01);
+        }
         if let Some(time) = row.time {
             self.times.push((self.node, time.t_ns, row.is_received));
         }
@@ -332,6 +345,12 @@ impl CountsReader {
         let start_s = at(0);
         counts.node_s = (0..counts.node_s.len()).map(|node| at(node) - start_s).collect();
         let zero_ns = if is_received { 0 } else { clock_start_ns };
+        if let Some(&held) = counts.sensor_c.last() {
+            counts.sensor_c.resize(counts.node_s.len(), held);
+        }
+        if is_received {
+            counts.received_late_s.clone_from(&departures);
+        }
         counts.start_ns = first.1 + zero_ns + (start_s * 1e9).round() as i64;
         counts.is_received = is_received;
         counts.breaks.extend(jumps.into_iter().map(|(from, to)| Break {

@@ -1,5 +1,18 @@
 //! Model against measurement: where the two part, which effect is missing, on which gyro, how large it is.
 
-mod finding;
+pub mod bank;
+pub mod change;
+pub mod explain;
+pub mod finding;
+pub mod measured;
+pub mod noise;
+pub mod normal;
+pub mod null;
+pub mod search;
+pub mod state;
+pub mod whitening;
 
+pub use bank::Bank;
+pub use state::Case;
 pub use finding::Finding;
+pub use measured::{Measured, MeasuredError};

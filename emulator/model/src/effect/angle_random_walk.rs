@@ -22,6 +22,7 @@ impl Effect for AngleRandomWalk {
         paper: "0.01",
         source: "implied by Casteren table 1",
     };
+    const IS_NOISE: bool = true;
 }
 
 /// The stream, and what it gave for the half second now running.

@@ -37,6 +37,7 @@ impl Effect for DriftRandomWalk {
         paper: "3.6 arcsec/h (3 sigma) over 30 min: 8e-6",
         source: "Casteren §3.1, table 1",
     };
+    const IS_NOISE: bool = true;
 }
 
 /// The walk so far.

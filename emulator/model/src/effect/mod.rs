@@ -85,6 +85,8 @@ pub struct Amplitude {
 pub trait Effect: Numbers + Default {
     /// What is said of it.
     const SPEC: EffectSpec;
+    /// Whether it draws random numbers: its amplitude is a deviation, and has no signature in the counts.
+    const IS_NOISE: bool = false;
 
     /// A number that does not go with the others, each within its own limits, and what was expected of it. Asked with the
     /// amplitudes at the largest that they reach.
@@ -244,6 +246,8 @@ pub trait Effects: Copy + Default {
     fn numbers_mut(&mut self, index: usize) -> &mut dyn Numbers;
     /// See [`Effect::misfit`], of the effect at `index` of [`Effects::specs`].
     fn misfit(&self, index: usize) -> Option<(&'static str, String)>;
+    /// See [`Effect::IS_NOISE`], of the effect at `index` of [`Effects::specs`].
+    fn is_noise(&self, index: usize) -> bool;
 }
 
 /// A list of effects with the courses of their amplitudes.
@@ -282,6 +286,19 @@ impl<E: Effects> Configured<E> {
         effects
     }
 
+    /// The same without the effects that draw random numbers.
+    #[must_use]
+    pub fn without_noise(mut self) -> Self {
+        let absent = E::default();
+        for index in (0..absent.specs().len()).filter(|&index| absent.is_noise(index)) {
+            for number in 0..absent.numbers(index).specs().len() {
+                *self.constant.numbers_mut(index).value_mut(number) = absent.numbers(index).value(number);
+            }
+            self.courses.retain(|course| course.effect != index);
+        }
+        self
+    }
+
     /// Whether the effect at `index` is there: an amplitude that is not 0, or a course.
     pub fn has(&self, index: usize) -> bool {
         let (numbers, amplitudes) = (self.constant.numbers(index), self.constant.specs()[index].amplitudes.len());
@@ -314,6 +331,9 @@ macro_rules! effect_list {
             fn misfit(&self, index: usize) -> Option<(&'static str, String)> {
                 let Self { $($field),* } = self;
                 [$($field.misfit()),*].into_iter().nth(index).expect("index of SPECS")
+            }
+            fn is_noise(&self, index: usize) -> bool {
+                [$(<$type as Effect>::IS_NOISE),*][index]
             }
         }
     };

@@ -1,0 +1,386 @@
+//! Signatures: what each amplitude of the model, with each course, would add to the channels of this recording.
+//!
+//! A signature comes from running the model with the amplitude moved. A course in time takes the signature of the constant amplitude
+//! apart and puts it together again with the course's own law, by its increments (what adds a rate: a drift) or by its values (what
+//! adds an angle: lost counts), whichever one run with a step in its middle shows to be right. That is for finding; what is found
+//! is fitted by the model itself.
+
+use geu_model::Configuration;
+use geu_model::course::{Course, Interval, KINDS};
+use geu_model::number::{Default as DefaultValue, Number};
+use geu_model::units::HALF_SECOND_S;
+use rayon::prelude::*;
+
+use crate::change::{ALL_GYROS, Amplitude, Change, is_real};
+use crate::measured::{BLOCK_S, CHANNELS, Measured, Series, TIMING};
+
+/// A signature is run with this share of the largest value accepted.
+const SHARE: f64 = 1e-3;
+/// Whether it is linear is tried with this share.
+const TRIED_SHARE: f64 = 0.1;
+/// Cosine of the signature put together with the one that was run, above which the former stands for the latter.
+const ALIKE: f64 = 0.95;
+/// Factor between neighbouring sizes of an amplitude that is not linear.
+const SIZE_FACTOR: f64 = 1.5;
+/// Shortest time constant or period that is looked for, in blocks: what is shorter averages out.
+const SHORTEST_BLOCKS: f64 = 6.0;
+/// Time constants looked for, the ratio of neighbours.
+const TIME_FACTOR: f64 = 3.0;
+/// Periods looked for: as many multiples of half a turn over the recording.
+const FREQUENCIES: usize = 40;
+/// Phases looked for, over half a turn.
+const PHASES: usize = 6;
+/// Onsets looked for, of what goes on after them.
+const ONSETS: usize = 96;
+/// Blocks between onsets of what moves an angle at once.
+const SUDDEN_BLOCKS: usize = 2;
+
+/// How a course is put on a signature.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Mode {
+    /// On its increments.
+    Rate,
+    /// On its values.
+    Level,
+}
+
+/// The signature of a constant amplitude, for one unit of its size.
+#[derive(Debug, Clone)]
+pub struct Base {
+    /// Which.
+    pub amplitude: Amplitude,
+    /// Values of its own shapes.
+    pub own_shapes: Vec<f64>,
+    /// The size with which it was run.
+    pub size: f64,
+    /// Whether another size has the same signature.
+    pub is_linear: bool,
+    /// Averages over blocks.
+    series: Series,
+    mode: Mode,
+}
+
+/// A course put on a base.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Variation {
+    /// None.
+    Constant,
+    /// One of [`KINDS`], with its shapes.
+    Course {
+        /// Index of the kind.
+        kind: usize,
+        /// Its shapes.
+        shapes: Vec<f64>,
+    },
+    /// The effect's own onset, at the start of this block.
+    Onset {
+        /// The block.
+        block: usize,
+    },
+}
+
+/// A kind of question, which has a threshold of its own: short answers stand in other noise than long ones.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Family(pub usize);
+
+impl Family {
+    /// Constant, each of [`KINDS`], sudden, a noise, a formula.
+    pub const COUNT: usize = KINDS.len() + 4;
+    /// A constant amplitude.
+    pub const CONSTANT: Family = Family(0);
+    /// An angle that jumps.
+    pub const SUDDEN: Family = Family(KINDS.len() + 1);
+    /// A noise that is larger than configured.
+    pub const NOISE: Family = Family(KINDS.len() + 2);
+    /// A formula that stands in no catalogue.
+    pub const FORMULA: Family = Family(KINDS.len() + 3);
+}
+
+impl Variation {
+    /// Its family.
+    pub fn family(&self) -> Family {
+        match self {
+            Variation::Constant => Family::CONSTANT,
+            Variation::Course { kind, .. } => Family(1 + kind),
+            Variation::Onset { .. } => Family::SUDDEN,
+        }
+    }
+}
+
+/// A signature on one channel: 0 before the block `from`.
+pub struct Column {
+    /// First block told.
+    pub from: usize,
+    /// The rest, or as much of it as matters.
+    pub values: Vec<f64>,
+}
+
+/// The signatures of all amplitudes beside one recording.
+#[derive(Debug)]
+pub struct Bank {
+    /// Each amplitude, its shapes and, where it is not linear, sizes.
+    pub bases: Vec<Base>,
+    excess_k: Vec<f64>,
+    blocks: usize,
+}
+
+fn is_instant(number: &Number) -> bool {
+    number.name == "time_s"
+}
+
+impl Bank {
+    /// Runs the model of `configuration` once for each amplitude and value of its shapes.
+    pub fn new(measured: &Measured, configuration: &Configuration) -> Bank {
+        let base = measured.run(configuration, 0.0);
+        let blocks = measured.block_count();
+        let reference_c = configuration.electronics.numbers.reference_c;
+        let excess_k: Vec<f64> =
+            measured.electronics_c().iter().map(|electronics_c| electronics_c - reference_c).collect();
+        let mut bank = Bank { bases: Vec::new(), excess_k, blocks };
+        let runs: Vec<Base> = Amplitude::all()
+            .into_par_iter()
+            .filter(is_real)
+            .flat_map_iter(|amplitude| {
+                let shapes = own_shapes(&amplitude);
+                shapes.into_iter().map(move |own_shapes| (amplitude, own_shapes))
+            })
+            .flat_map_iter(|(amplitude, own_shapes)| bank.run(measured, configuration, &base, amplitude, own_shapes))
+            .collect();
+        bank.bases = runs;
+        bank
+    }
+
+    /// The bases of one amplitude: one where it is linear, else one for each of several sizes.
+    fn run(
+        &self,
+        measured: &Measured,
+        configuration: &Configuration,
+        from: &Series,
+        amplitude: Amplitude,
+        own_shapes: Vec<f64>,
+    ) -> Vec<Base> {
+        let limits = amplitude.size();
+        let of = |change: &Change| {
+            let mut moved = configuration.clone();
+            change.apply(&mut moved);
+            let mut series = measured.difference(&measured.run(&moved, 0.0), from);
+            series.iter_mut().flatten().for_each(|value| *value /= change.size);
+            series
+        };
+        let change = |size: f64| Change {
+            amplitude,
+            size,
+            own_shapes: own_shapes.clone(),
+            course_shapes: Vec::new(),
+            gyros: amplitude.gyros(),
+        };
+        let base = |size: f64, series: Series, is_linear: bool| Base {
+            amplitude,
+            own_shapes: own_shapes.clone(),
+            size,
+            is_linear,
+            series,
+            mode: Mode::Rate,
+        };
+        let mut small = base(limits.greatest * SHARE, of(&change(limits.greatest * SHARE)), true);
+        // One run with a step in the middle, of a size that shows whether the size matters.
+        let middle_s = (self.blocks / 2) as f64 * BLOCK_S;
+        let mut tried = change(limits.greatest * TRIED_SHARE);
+        let onset = amplitude.own_shapes().iter().position(is_instant);
+        match onset {
+            Some(index) => tried.own_shapes[index] = middle_s,
+            None => {
+                let Some(stepped) = amplitude.with(0) else { return vec![small] };
+                (tried.amplitude, tried.course_shapes) = (stepped, vec![middle_s]);
+            }
+        }
+        let ran = of(&tried);
+        let step = Variation::Course { kind: 0, shapes: vec![middle_s] };
+        let alike = |small: &Base| {
+            let put: Series = std::array::from_fn(|channel| self.whole(small, &step, channel));
+            cosine(&put, &ran)
+        };
+        let by_rate = alike(&small);
+        small.mode = Mode::Level;
+        let by_level = alike(&small);
+        if by_rate >= by_level {
+            small.mode = Mode::Rate;
+        }
+        if by_rate.max(by_level) >= ALIKE || cosine(&ran, &ran) == 0.0 {
+            return vec![small];
+        }
+        let mode = small.mode;
+        let mut sizes = Vec::new();
+        let mut size = limits.greatest;
+        while size > 0.01 * limits.greatest {
+            sizes.push(size);
+            if limits.least < 0.0 {
+                sizes.push(-size);
+            }
+            size /= SIZE_FACTOR;
+        }
+        let sized = |size: &f64| Base { mode, ..base(*size, of(&change(*size)), false) };
+        sizes.par_iter().map(sized).collect()
+    }
+
+    /// Every course of a base that is looked for.
+    pub fn variations(&self, base: &Base) -> Vec<Variation> {
+        let has_onset = base.amplitude.own_shapes().iter().any(is_instant);
+        let mut all = match has_onset {
+            true => (1..self.blocks / SUDDEN_BLOCKS)
+                .map(|onset| Variation::Onset { block: onset * SUDDEN_BLOCKS })
+                .collect(),
+            false => vec![Variation::Constant],
+        };
+        // Courses of what is not linear stand beside a few of its sizes.
+        let is_tried = base.is_linear || (base.size.abs().ln() / SIZE_FACTOR.ln()).round() as i64 % 3 == 0;
+        let default = own_shapes(&base.amplitude)[0] == base.own_shapes;
+        for (kind, spec) in KINDS.iter().enumerate().filter(|_| is_tried && default) {
+            if base.amplitude.with(kind).is_none() || has_onset && spec.shapes.iter().any(is_instant) {
+                continue;
+            }
+            let mut shapes: Vec<Vec<f64>> = vec![vec![]];
+            for number in spec.shapes {
+                let values = self.course_values(number);
+                shapes = shapes
+                    .iter()
+                    .flat_map(|before| values.iter().map(|value| [&before[..], &[*value]].concat()))
+                    .collect();
+            }
+            all.extend(shapes.into_iter().map(|shapes| Variation::Course { kind, shapes }));
+        }
+        all
+    }
+
+    /// Values of a course's shape that are looked for.
+    fn course_values(&self, number: &Number) -> Vec<f64> {
+        let duration_s = self.blocks as f64 * BLOCK_S;
+        match number.name {
+            _ if is_instant(number) => (1..ONSETS).map(|onset| duration_s * onset as f64 / ONSETS as f64).collect(),
+            "phase_rad" => (0..PHASES).map(|phase| std::f64::consts::PI * phase as f64 / PHASES as f64).collect(),
+            // A period: whole and half turns over the recording.
+            _ => (1..=FREQUENCIES)
+                .map(|half_turns| 2.0 * duration_s / half_turns as f64)
+                .filter(|&period_s| period_s >= 4.0 * SHORTEST_BLOCKS * BLOCK_S)
+                .collect(),
+        }
+    }
+
+    /// The signature of a course on one channel, for one unit of size; nothing where it does not reach the channel.
+    pub fn column(&self, base: &Base, variation: &Variation, channel: usize) -> Option<Column> {
+        if base.series[channel].iter().all(|&value| value == 0.0) {
+            return None;
+        }
+        let from = match variation {
+            Variation::Onset { block } => *block,
+            Variation::Course { kind, shapes } => {
+                let first = KINDS[*kind].shapes.iter().zip(shapes).find(|(number, _)| is_instant(number));
+                first.map_or(0, |(_, onset_s)| (onset_s / BLOCK_S) as usize)
+            }
+            Variation::Constant => 0,
+        };
+        Some(Column { from, values: self.put(base, variation, channel, from) })
+    }
+
+    fn whole(&self, base: &Base, variation: &Variation, channel: usize) -> Vec<f64> {
+        self.put(base, variation, channel, 0)
+    }
+
+    fn put(&self, base: &Base, variation: &Variation, channel: usize, from: usize) -> Vec<f64> {
+        let series = &base.series[channel];
+        let interval = |block: usize| Interval {
+            start_s: (Measured::middle_s(block) - BLOCK_S).max(-HALF_SECOND_S),
+            end_s: Measured::middle_s(block),
+            electronics_excess_k: self.excess_k[block],
+        };
+        let law = match variation {
+            Variation::Constant => return series[from..].to_vec(),
+            Variation::Course { kind, shapes } => KINDS[*kind].law(shapes),
+            Variation::Onset { block } => KINDS[0].law(&[*block as f64 * BLOCK_S]),
+        };
+        let course = Course { effect: 0, amplitude: 0, size: 1.0, law };
+        let mut sum = 0.0;
+        let put = |block: usize| {
+            let value = course.value(&interval(block));
+            match base.mode {
+                Mode::Level => series[block] * value,
+                Mode::Rate => {
+                    sum += (series[block] - if block == 0 { 0.0 } else { series[block - 1] }) * value;
+                    sum
+                }
+            }
+        };
+        (from..series.len()).map(put).collect()
+    }
+
+    /// The change that a hypothesis of that size is.
+    pub fn change(&self, base: &Base, variation: &Variation, size: f64, gyros: [bool; 4]) -> Change {
+        let mut change = Change {
+            amplitude: base.amplitude,
+            size,
+            own_shapes: base.own_shapes.clone(),
+            course_shapes: Vec::new(),
+            gyros: if base.amplitude.place == crate::change::Place::Unit { ALL_GYROS } else { gyros },
+        };
+        match variation {
+            Variation::Constant => {}
+            Variation::Course { kind, shapes } => {
+                change.amplitude.kind = Some(*kind);
+                change.course_shapes.clone_from(shapes);
+            }
+            Variation::Onset { block } => {
+                for (number, value) in base.amplitude.own_shapes().iter().zip(&mut change.own_shapes) {
+                    if is_instant(number) {
+                        *value = *block as f64 * BLOCK_S;
+                    }
+                }
+            }
+        }
+        change
+    }
+}
+
+/// Values of an effect's own shapes that are looked for, the defaults first: times by their limits; what else has a default is
+/// taken there, and fitted where the effect is found.
+fn own_shapes(amplitude: &Amplitude) -> Vec<Vec<f64>> {
+    let defaults: Vec<f64> = amplitude
+        .own_shapes()
+        .iter()
+        .map(|number| match number.default {
+            DefaultValue::Value(value) => value,
+            DefaultValue::Required | DefaultValue::Absent => number.least.max(0.0),
+        })
+        .collect();
+    let mut all = vec![defaults.clone()];
+    for (index, number) in amplitude.own_shapes().iter().enumerate() {
+        let is_time = number.name.ends_with("_s") && !is_instant(number) && number.least > 0.0;
+        if !is_time || !defaults[index].is_finite() {
+            continue;
+        }
+        for factor in [TIME_FACTOR.powi(-2), 1.0 / TIME_FACTOR, TIME_FACTOR, TIME_FACTOR.powi(2)] {
+            let value = defaults[index] * factor;
+            if (number.least..=number.greatest).contains(&value) && value >= SHORTEST_BLOCKS * BLOCK_S {
+                let mut shapes = defaults.clone();
+                shapes[index] = value;
+                all.push(shapes);
+            }
+        }
+    }
+    all
+}
+
+fn cosine(one: &Series, other: &Series) -> f64 {
+    // Of increments: a constant or a slow part would outweigh the rest. The channel of the times has a unit of its own.
+    let increments = |series: &Series, channel: usize| -> Vec<f64> {
+        series[channel].windows(2).map(|pair| pair[1] - pair[0]).collect()
+    };
+    let (mut both, mut ones, mut others) = (0.0, 0.0, 0.0);
+    for channel in (0..CHANNELS).filter(|&channel| channel != TIMING) {
+        for (a, b) in increments(one, channel).into_iter().zip(increments(other, channel)) {
+            both += a * b;
+            ones += a * a;
+            others += b * b;
+        }
+    }
+    if ones == 0.0 || others == 0.0 { 0.0 } else { both / (ones * others).sqrt() }
+}

@@ -1,0 +1,248 @@
+//! What was measured: counts at nodes, when they were received, temperatures, and the motion that a better sensor saw; on
+//! one time scale, whose 0 is the start of the first half second.
+
+use std::sync::Arc;
+
+use geu_calibration::Counts;
+use geu_model::attitude::Recorded;
+use geu_model::units::HALF_SECOND_S;
+use geu_model::{Configuration, Truth, Unit};
+use geu_recording::Reference;
+
+/// Series that a model is compared with: the four gyros' accumulated angles, and when their half seconds ended.
+pub const CHANNELS: usize = 5;
+/// The channel of the times of receipt, after those of the gyros.
+pub const TIMING: usize = 4;
+/// Unit of the channel of the times: 0.1 ms, so that its numbers are of the size of the angles'.
+const TIMING_UNIT_S: f64 = 1e-4;
+/// Half seconds averaged into one block, 5 s. Rounding and whatever swings with the limit cycle's period averages out; a missing
+/// effect moves an angle over minutes.
+pub const BLOCK: usize = 10;
+/// Length of a block, s.
+pub const BLOCK_S: f64 = BLOCK as f64 * HALF_SECOND_S;
+/// Length of a reading worth a diagnosis: 10 min.
+const LEAST_BLOCKS: usize = 120;
+
+/// Why nothing can be told.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum MeasuredError {
+    /// The recording has no half second.
+    #[error("the recording: expected half seconds, got none; `geu decode` tells what is in it")]
+    Empty,
+    /// Recording and reference have too little in common.
+    #[error(
+        "the recording ({from_s:.1}…{to_s:.1} s) and the reference ({reference_from_s:.1}…{reference_to_s:.1} s): expected at least 10 min in common, got {common_s:.1} s"
+    )]
+    NoOverlap {
+        /// Start of the recording.
+        from_s: f64,
+        /// Its end.
+        to_s: f64,
+        /// Start of the reference.
+        reference_from_s: f64,
+        /// Its end.
+        reference_to_s: f64,
+        /// What they have in common.
+        common_s: f64,
+    },
+}
+
+/// Ten half seconds of one channel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Block {
+    /// Whether its nodes can be trusted.
+    pub is_good: bool,
+    /// Whether the sum begins anew in it or before it: what was accumulated between is not known.
+    pub restarts: bool,
+}
+
+/// A recording beside its reference.
+#[derive(Debug, Clone)]
+pub struct Measured {
+    /// What was counted.
+    pub counts: Counts,
+    /// The motion; time 0 is that of node 0.
+    pub reference: Arc<Recorded>,
+    /// Half seconds up to the end of the reference.
+    pub half_seconds: usize,
+    /// Blocks of each channel. The channel of the times has good ones only where times were received.
+    pub blocks: [Vec<Block>; CHANNELS],
+    /// Time of receipt of each node less nominal half seconds, in units of [`TIMING_UNIT_S`]; NaN where none came.
+    late: Vec<f64>,
+}
+
+/// The model beside a recording: each channel at every node, or averaged over blocks.
+pub type Series = [Vec<f64>; CHANNELS];
+
+impl Measured {
+    /// Sets counts beside their reference.
+    ///
+    /// # Errors
+    /// [`MeasuredError`], where there is not enough of either.
+    pub fn new(counts: Counts, reference: &Reference) -> Result<Measured, MeasuredError> {
+        if counts.is_empty() {
+            return Err(MeasuredError::Empty);
+        }
+        let start_s = (reference.start_ns - counts.start_ns) as f64 * 1e-9;
+        let reference = Recorded::clone(&reference.truth).starting_at(start_s);
+        // Beside the ends of the reference a spline bends more than the motion does.
+        let covered = |node_s: f64| node_s >= start_s && node_s <= reference.end_s();
+        let half_seconds = counts.node_s.partition_point(|&node_s| node_s <= reference.end_s()).saturating_sub(1);
+        let common_s =
+            (counts.end_s().min(reference.end_s()) - start_s.max(0.0)).max(0.0);
+        let count = half_seconds / BLOCK;
+        let mut late = vec![f64::NAN; counts.node_s.len()];
+        for &(node, late_s) in &counts.received_late_s {
+            late[node] = late_s / TIMING_UNIT_S;
+        }
+        let mut blocks: [Vec<Block>; CHANNELS] =
+            std::array::from_fn(|_| vec![Block { is_good: true, restarts: false }; count]);
+        for (index, channel) in blocks.iter_mut().enumerate() {
+            for (number, block) in channel.iter_mut().enumerate() {
+                let nodes = nodes(number);
+                let is_known = match index {
+                    TIMING => late[nodes].iter().any(|late| !late.is_nan()),
+                    _ => counts.node_s[nodes].iter().all(|&node_s| covered(node_s)),
+                };
+                (block.is_good, block.restarts) = (is_known, !is_known && index != TIMING);
+            }
+        }
+        for found in &counts.breaks {
+            // The block in which the sum is lost, and all that it touches.
+            for (index, channel) in blocks.iter_mut().enumerate() {
+                let concerns = match index {
+                    TIMING => found.kind == geu_calibration::BreakKind::TimeJump || matches!(found.kind, geu_calibration::BreakKind::Jump | geu_calibration::BreakKind::Reset),
+                    gyro => found.gyros[gyro],
+                };
+                let last = found.to.saturating_sub(1) / BLOCK;
+                for block in channel.iter_mut().take(last + 1).skip(found.from / BLOCK).filter(|_| concerns) {
+                    *block = Block { is_good: false, restarts: true };
+                }
+            }
+        }
+        let good = blocks[..TIMING].iter().map(|channel| channel.iter().filter(|block| block.is_good).count()).max();
+        if good.unwrap_or(0) < LEAST_BLOCKS {
+            let at = counts.start_ns as f64 * 1e-9;
+            return Err(MeasuredError::NoOverlap {
+                from_s: at,
+                to_s: at + counts.end_s(),
+                reference_from_s: at + start_s,
+                reference_to_s: at + reference.end_s(),
+                common_s,
+            });
+        }
+        Ok(Measured { counts, reference: Arc::new(reference), half_seconds, blocks, late })
+    }
+
+    /// Blocks of each channel.
+    pub fn block_count(&self) -> usize {
+        self.blocks[0].len()
+    }
+
+    /// Middle of a block, s.
+    pub fn middle_s(block: usize) -> f64 {
+        (block as f64 + 0.5) * BLOCK_S + 0.5 * HALF_SECOND_S
+    }
+
+    /// What was measured at each node, as [`Measured::run`] tells it of a model.
+    pub fn series(&self) -> Series {
+        let nodes = self.half_seconds + 1;
+        std::array::from_fn(|channel| match channel {
+            TIMING => self.late[..nodes].to_vec(),
+            gyro => self.counts.accumulated[gyro][..nodes].to_vec(),
+        })
+    }
+
+    /// A model without its noise, on this motion and at these temperatures, at each node: accumulated counts before rounding, and
+    /// how much later than nominal its half seconds end. `lag_s` is how much later than the reference's the recording's times are.
+    pub fn run(&self, configuration: &Configuration, lag_s: f64) -> Series {
+        let reference = match lag_s == 0.0 {
+            true => self.reference.clone(),
+            false => {
+                let start_s = self.reference.start_s() + lag_s;
+                Arc::new(Recorded::clone(&self.reference).starting_at(start_s))
+            }
+        };
+        let mut unit = Unit::on(&self.quiet(configuration), &Truth::Recorded(reference));
+        unit.follow_sensor(self.table(&self.counts.sensor_c));
+        let mut series: Series = std::array::from_fn(|_| Vec::with_capacity(self.half_seconds + 1));
+        for channel in &mut series {
+            channel.push(0.0);
+        }
+        for node in 1..=self.half_seconds {
+            let ended = unit.end_half_second();
+            for (channel, counts) in series.iter_mut().zip(unit.accumulated_counts()) {
+                channel.push(counts);
+            }
+            let late_ns = ended.end_ns - node as i64 * 500_000_000;
+            series[TIMING].push(late_ns as f64 * 1e-9 / TIMING_UNIT_S);
+        }
+        series
+    }
+
+    /// The configuration as the model of this recording: no noise, no wiring faults (exact checks have mended the rows), temperatures
+    /// as measured.
+    fn quiet(&self, configuration: &Configuration) -> Configuration {
+        let mut quiet = configuration.clone();
+        quiet.unit = quiet.unit.without_noise();
+        for gyro in &mut quiet.gyros {
+            gyro.effects = std::mem::take(&mut gyro.effects).without_noise();
+            gyro.wiring = Default::default();
+        }
+        (quiet.electronics.numbers.amplitude_k, quiet.electronics.numbers.trend_k_per_day) = (0.0, 0.0);
+        quiet.electronics.table = self.table(&self.counts.electronics_c);
+        quiet
+    }
+
+    fn table(&self, celsius: &[f64]) -> Vec<(f64, f64)> {
+        (0..celsius.len()).map(|node| node as f64 * HALF_SECOND_S).zip(celsius.iter().copied()).collect()
+    }
+
+    /// Averages over blocks of what was measured less what a model tells, 0 where a block is not good.
+    pub fn residual(&self, model: &Series) -> Series {
+        std::array::from_fn(|channel| {
+            let of_node = |node: usize| match channel {
+                TIMING => self.late[node] - model[TIMING][node],
+                gyro => self.counts.accumulated[gyro][node] - model[gyro][node],
+            };
+            self.averages(channel, of_node)
+        })
+    }
+
+    /// Averages over blocks of the difference of two runs, good or not.
+    pub fn difference(&self, moved: &Series, from: &Series) -> Series {
+        std::array::from_fn(|channel| {
+            let average = |number: usize| {
+                nodes(number).map(|node| moved[channel][node] - from[channel][node]).sum::<f64>() / BLOCK as f64
+            };
+            (0..self.block_count()).map(average).collect()
+        })
+    }
+
+    /// Electronics temperature of each block, °C.
+    pub fn electronics_c(&self) -> Vec<f64> {
+        let of_block = |number: usize| self.counts.electronics_c[nodes(number)].iter().sum::<f64>() / BLOCK as f64;
+        (0..self.block_count()).map(of_block).collect()
+    }
+
+    fn averages(&self, channel: usize, of_node: impl Fn(usize) -> f64) -> Vec<f64> {
+        let average = |(number, block): (usize, &Block)| {
+            if !block.is_good {
+                return 0.0;
+            }
+            if channel == TIMING {
+                // A stamp may be late by any time: the middle one.
+                let mut known: Vec<f64> = nodes(number).map(&of_node).filter(|value| !value.is_nan()).collect();
+                let middle = known.len() / 2;
+                return *known.select_nth_unstable_by(middle, f64::total_cmp).1;
+            }
+            nodes(number).map(&of_node).sum::<f64>() / BLOCK as f64
+        };
+        self.blocks[channel].iter().enumerate().map(average).collect()
+    }
+}
+
+/// Nodes of a block: node 0 is the start.
+pub fn nodes(block: usize) -> std::ops::Range<usize> {
+    1 + block * BLOCK..1 + (block + 1) * BLOCK
+}

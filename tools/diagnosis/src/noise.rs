@@ -1,0 +1,153 @@
+//! The noise of the channels: what is configured, what is white on top of it, and whether the data speak of more.
+
+use geu_model::Configuration;
+
+use crate::measured::{BLOCK, Block, CHANNELS, Measured, Series, TIMING};
+use crate::normal::{Normal, Nuisance};
+use crate::state::Case;
+use crate::whitening::{Noise, ROUNDING, Whitening};
+
+/// Median of the absolute value of a normal variable.
+const MEDIAN_OF_NORMAL: f64 = 0.674_489_750_196_081_7;
+/// Least white noise of an average of ten roundings, as a share of that of ten independent ones: they are not quite.
+const LEAST_WHITE: f64 = 0.5;
+/// Least white noise of the times, 1 µs in units of the channel.
+const LEAST_TIMING: f64 = 0.01;
+
+/// A random walk that may be larger than configured.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Walk {
+    /// Of the angle.
+    Angle,
+    /// Of the rate.
+    Rate,
+}
+
+impl Noise {
+    /// A walk's growth.
+    pub fn walk(&self, walk: Walk) -> f64 {
+        match walk {
+            Walk::Angle => self.angle_walk,
+            Walk::Rate => self.rate_walk,
+        }
+    }
+
+    /// The same with another walk.
+    #[must_use]
+    pub fn with(mut self, walk: Walk, value: f64) -> Noise {
+        match walk {
+            Walk::Angle => self.angle_walk = value,
+            Walk::Rate => self.rate_walk = value,
+        }
+        self
+    }
+}
+
+/// The configured walks with the white noise that the residual shows: rounding and the reference.
+///
+/// Its variance comes from second differences of neighbouring blocks, by their median, which no missing effect moves.
+pub fn of(configuration: &Configuration, measured: &Measured, residual: &Series) -> [Noise; CHANNELS] {
+    std::array::from_fn(|channel| {
+        let seconds = second_differences(&residual[channel], &measured.blocks[channel]);
+        if channel == TIMING {
+            let white = (seconds.max(0.0) / 6.0).max(LEAST_TIMING.powi(2));
+            return Noise { white, angle_walk: 0.0, rate_walk: 0.0 };
+        }
+        let effects = &configuration.gyros[channel].effects.constant;
+        let angle_walk = effects.angle_random_walk.arcsec_per_sqrt_s;
+        let rate_walk = effects.drift_random_walk.arcsec_per_s_per_sqrt_s;
+        // A walk's second difference has two steps of it, each the average over a ramp: 2/3 of a whole one together with its
+        // neighbour's −1/6; 1 in all.
+        let walk = angle_walk.powi(2) * crate::measured::BLOCK_S;
+        let white = ((seconds - walk) / 6.0).max(LEAST_WHITE * ROUNDING / BLOCK as f64);
+        Noise { white, angle_walk, rate_walk }
+    })
+}
+
+/// Variance of second differences, by the median of their absolute values; 0 where there are none.
+fn second_differences(series: &[f64], blocks: &[Block]) -> f64 {
+    let good = |window: &[Block]| window.iter().all(|block| block.is_good && !block.restarts);
+    let triples = series.windows(3).zip(blocks.windows(3)).filter(|(_, blocks)| good(blocks));
+    let mut sizes: Vec<f64> = triples.map(|(values, _)| (values[0] - 2.0 * values[1] + values[2]).abs()).collect();
+    let middle = sizes.len() / 2;
+    if sizes.is_empty() {
+        return 0.0;
+    }
+    (sizes.select_nth_unstable_by(middle, f64::total_cmp).1.to_owned() / MEDIAN_OF_NORMAL).powi(2)
+}
+
+/// A walk fitted: its growth, one sigma of the growth's logarithm, and by how much −2 ln of the likelihood falls.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Fitted {
+    /// The noise with it.
+    pub noise: Noise,
+    /// Of the natural logarithm of the growth.
+    pub log_sigma: f64,
+    /// Against the noise before.
+    pub fall: f64,
+}
+
+/// Fits one walk of one channel, and the white noise with it.
+pub fn fit(case: &Case, channel: usize, noise: &Noise, walk: Walk, residual: &Series, nuisances: &[Nuisance]) -> Fitted {
+    let own: Vec<Nuisance> = nuisances
+        .iter()
+        .filter(|column| column[channel].is_some())
+        .map(|column| std::array::from_fn(|other| if other == channel { column[channel].clone() } else { None }))
+        .collect();
+    let blocks = &case.measured.blocks;
+    let none = Noise { white: 1.0, angle_walk: 0.0, rate_walk: 0.0 };
+    let bad: Vec<Block> = vec![Block { is_good: false, restarts: false }; residual[0].len()];
+    let deviance = |noise: &Noise| {
+        let whitenings = std::array::from_fn(|other| match other == channel {
+            true => Whitening::new(noise, &blocks[channel]),
+            false => Whitening::new(&none, &bad),
+        });
+        Normal::new(whitenings, residual, &own).deviance()
+    };
+    let start = match (noise.walk(walk), walk) {
+        (configured, _) if configured > 0.0 => configured.ln(),
+        (_, Walk::Angle) => (noise.white.sqrt() * 1e-2).ln(),
+        (_, Walk::Rate) => (noise.white.sqrt() * 1e-5).ln(),
+    };
+    let with = |log_walk: f64, log_white: f64| Noise { white: log_white.exp(), ..noise.with(walk, log_walk.exp()) };
+    // White noise has little to do with a walk: each is taken in turn.
+    let (mut log_walk, mut log_white) = (start, noise.white.ln());
+    for _ in 0..2 {
+        log_walk = least(log_walk - 4.0, log_walk + 7.0, |log_walk| deviance(&with(log_walk, log_white)));
+        log_white = least(log_white - 1.0, log_white + 1.0, |log_white| deviance(&with(log_walk, log_white)));
+    }
+    // Both sides with the white noise that suits them.
+    let before_white = least(noise.white.ln() - 1.0, noise.white.ln() + 1.0, |log_white| {
+        deviance(&Noise { white: log_white.exp(), ..*noise })
+    });
+    let best = deviance(&with(log_walk, log_white));
+    let before = deviance(&Noise { white: before_white.exp(), ..*noise });
+    let aside = 0.1;
+    let bend = deviance(&with(log_walk + aside, log_white)) + deviance(&with(log_walk - aside, log_white)) - 2.0 * best;
+    let log_sigma = (2.0 * aside * aside / bend.max(1e-9)).sqrt();
+    Fitted { noise: with(log_walk, log_white), log_sigma, fall: before - best }
+}
+
+/// Where a function of one number is least, by a grid and the golden section.
+fn least(from: f64, to: f64, of: impl Fn(f64) -> f64) -> f64 {
+    const GRID: usize = 8;
+    let at = |index: usize| from + (to - from) * index as f64 / GRID as f64;
+    let values: Vec<f64> = (0..=GRID).map(|index| of(at(index))).collect();
+    let best = (0..=GRID).min_by(|a, b| values[*a].total_cmp(&values[*b])).unwrap_or(0);
+    let (mut low, mut high) = (at(best.saturating_sub(1)), at((best + 1).min(GRID)));
+    let ratio = 0.618_033_988_749_894_9;
+    let (mut left, mut right) = (high - ratio * (high - low), low + ratio * (high - low));
+    let (mut at_left, mut at_right) = (of(left), of(right));
+    while high - low > 0.01 {
+        if at_left < at_right {
+            (high, right, at_right) = (right, left, at_left);
+            left = high - ratio * (high - low);
+            at_left = of(left);
+        } else {
+            (low, left, at_left) = (left, right, at_right);
+            right = low + ratio * (high - low);
+            at_right = of(right);
+        }
+    }
+    0.5 * (low + high)
+}

@@ -1,0 +1,346 @@
+//! Least squares on whitened channels: nuisances are projected out of the residual and of every signature, and the three thirds of
+//! the recording are kept apart, so that each can be foretold from the other two.
+
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+
+use crate::bank::Column;
+use crate::measured::{CHANNELS, Series};
+use crate::whitening::Whitening;
+
+/// Parts of the recording, each held out in turn.
+pub const THIRDS: usize = 3;
+/// Of the diagonal: what keeps a direction solvable of which the data tell nothing.
+const RIDGE: f64 = 1e-10;
+/// The same for a fit to two thirds: what they tell by less than this share of what all tell is taken as untold.
+const HELD_OUT_RIDGE: f64 = 1e-4;
+/// A signature of which the nuisances leave less than this share cannot be told from them.
+const LEAST_LEFT: f64 = 1e-4;
+
+/// Column of a nuisance: for each channel that it reaches, averages over blocks.
+pub type Nuisance = [Option<Vec<f64>>; CHANNELS];
+
+/// The residual and the nuisances.
+#[derive(Debug)]
+pub struct Normal {
+    whitenings: [Whitening; CHANNELS],
+    /// First block of each third, and the end.
+    bounds: [usize; THIRDS + 1],
+    /// Whitened.
+    residual: Series,
+    columns: Vec<Nuisance>,
+    /// Products, for each third.
+    gram: [DMatrix<f64>; THIRDS],
+    right: [DVector<f64>; THIRDS],
+    squares: [f64; THIRDS],
+    /// Of the whole, scaled to a diagonal of ones; what a column is divided by.
+    factor: Cholesky<f64, Dyn>,
+    scale: DVector<f64>,
+    solved: DVector<f64>,
+}
+
+/// Products of one signature, with itself, with the residual, with the nuisances; for each third. Those of channels add up.
+#[derive(Debug, Clone)]
+pub struct Products {
+    own: [f64; THIRDS],
+    residual: [f64; THIRDS],
+    nuisances: [Vec<f64>; THIRDS],
+}
+
+/// What a signature explains.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Gain {
+    /// Its size.
+    pub size: f64,
+    /// One sigma of that.
+    pub sigma: f64,
+    /// By how much χ² falls.
+    pub chi2: f64,
+}
+
+impl Normal {
+    /// Takes the residual and the nuisances, not whitened yet.
+    pub fn new(whitenings: [Whitening; CHANNELS], residual: &Series, nuisances: &[Nuisance]) -> Normal {
+        let blocks = residual[0].len();
+        let bounds = std::array::from_fn(|third| blocks * third / THIRDS);
+        let residual: Series = std::array::from_fn(|channel| whitenings[channel].apply(&residual[channel]));
+        let white = |column: &Nuisance| -> Nuisance {
+            std::array::from_fn(|channel| column[channel].as_ref().map(|values| whitenings[channel].apply(values)))
+        };
+        let columns: Vec<Nuisance> = nuisances.iter().map(white).collect();
+        let count = columns.len();
+        let mut normal = Normal {
+            whitenings,
+            bounds,
+            squares: [0.0; THIRDS],
+            gram: std::array::from_fn(|_| DMatrix::zeros(count, count)),
+            right: std::array::from_fn(|_| DVector::zeros(count)),
+            residual,
+            columns,
+            factor: Cholesky::new(DMatrix::identity(count, count)).expect("the identity is positive"),
+            scale: DVector::from_element(count, 1.0),
+            solved: DVector::zeros(count),
+        };
+        for third in 0..THIRDS {
+            let range = bounds[third]..bounds[third + 1];
+            for channel in 0..CHANNELS {
+                let residual = &normal.residual[channel][range.clone()];
+                normal.squares[third] += dot(residual, residual);
+                for (i, one) in normal.columns.iter().enumerate() {
+                    let Some(one) = &one[channel] else { continue };
+                    let one = &one[range.clone()];
+                    normal.right[third][i] += dot(one, residual);
+                    for (j, other) in normal.columns.iter().enumerate().take(i + 1) {
+                        if let Some(other) = &other[channel] {
+                            normal.gram[third][(i, j)] += dot(one, &other[range.clone()]);
+                        }
+                    }
+                }
+            }
+            let gram = &mut normal.gram[third];
+            for i in 0..count {
+                for j in 0..i {
+                    gram[(j, i)] = gram[(i, j)];
+                }
+            }
+        }
+        let gram: DMatrix<f64> = normal.gram.iter().sum();
+        let right: DVector<f64> = normal.right.iter().sum();
+        normal.scale = DVector::from_fn(count, |i, _| if gram[(i, i)] > 0.0 { 1.0 / gram[(i, i)].sqrt() } else { 0.0 });
+        normal.factor = factored(&gram, &normal.scale, RIDGE);
+        normal.solved = lower(&normal.factor, &normal.scale.component_mul(&right));
+        normal
+    }
+
+    /// The whitened residual, as it stands.
+    pub fn residual(&self) -> &Series {
+        &self.residual
+    }
+
+    /// How many nuisances there are.
+    pub fn nuisances(&self) -> usize {
+        self.columns.len()
+    }
+
+    /// Blocks that tell something.
+    pub fn count(&self) -> usize {
+        self.whitenings.iter().map(|whitening| whitening.count).sum()
+    }
+
+    /// χ² beside the nuisances.
+    pub fn chi2(&self) -> f64 {
+        self.squares.iter().sum::<f64>() - self.solved.norm_squared()
+    }
+
+    /// −2 ln of the likelihood beside the nuisances, but for a constant: that of the data without what the nuisances take.
+    pub fn deviance(&self) -> f64 {
+        let determinants = self.whitenings.iter().map(|whitening| whitening.log_determinant).sum::<f64>();
+        let told = (0..self.scale.len()).filter(|&index| self.scale[index] > 0.0);
+        let diagonal = |index: usize| self.factor.l_dirty()[(index, index)];
+        self.chi2() + determinants + told.map(|index| 2.0 * (diagonal(index) / self.scale[index]).ln()).sum::<f64>()
+    }
+
+    /// Squares of the whitened residual as it stands.
+    pub fn squares(&self) -> f64 {
+        self.squares.iter().sum()
+    }
+
+    /// The nuisances, fitted, and their covariance.
+    pub fn solution(&self) -> (DVector<f64>, DMatrix<f64>) {
+        let upper = |right: &DVector<f64>| {
+            let l = self.factor.l_dirty();
+            l.tr_solve_lower_triangular(right).expect("a diagonal without zeros")
+        };
+        let solved = upper(&self.solved).component_mul(&self.scale);
+        let inverse = self.factor.inverse();
+        let scale = DMatrix::from_diagonal(&self.scale);
+        (solved, &scale * inverse * &scale)
+    }
+
+    /// The whitened residual beside the nuisances.
+    pub fn left(&self) -> Series {
+        self.left_of_white(self.residual.clone())
+    }
+
+    /// Another residual, whitened, beside the nuisances.
+    pub fn left_of(&self, residual: &Series) -> Series {
+        self.left_of_white(std::array::from_fn(|channel| self.whitenings[channel].apply(&residual[channel])))
+    }
+
+    fn left_of_white(&self, white: Series) -> Series {
+        let products = |column: &Nuisance| {
+            let own = (0..CHANNELS).filter_map(|channel| Some(dot(column[channel].as_ref()?, &white[channel])));
+            own.sum::<f64>()
+        };
+        let right = DVector::from_iterator(self.columns.len(), self.columns.iter().map(products));
+        let solved = lower(&self.factor, &self.scale.component_mul(&right));
+        let solved = self.factor.l_dirty().tr_solve_lower_triangular(&solved).expect("a diagonal without zeros");
+        let solved = solved.component_mul(&self.scale);
+        std::array::from_fn(|channel| {
+            let mut left = white[channel].clone();
+            for (column, size) in self.columns.iter().zip(&solved) {
+                if let Some(values) = &column[channel] {
+                    left.iter_mut().zip(values).for_each(|(left, value)| *left -= size * value);
+                }
+            }
+            left
+        })
+    }
+
+    /// A signature, whitened: the first block told and the values.
+    pub fn white(&self, channel: usize, column: &Column) -> (usize, Vec<f64>) {
+        (column.from, self.whitenings[channel].apply_from(column.from, &column.values))
+    }
+
+    /// Products of a whitened signature on one channel.
+    pub fn products(&self, channel: usize, (from, white): &(usize, Vec<f64>)) -> Products {
+        let mut products = Products::none(self.columns.len());
+        for third in 0..THIRDS {
+            let start = self.bounds[third].max(*from);
+            let end = self.bounds[third + 1].min(from + white.len());
+            if start >= end {
+                continue;
+            }
+            let own = &white[start - from..end - from];
+            products.own[third] = dot(own, own);
+            products.residual[third] = dot(own, &self.residual[channel][start..end]);
+            for (product, column) in products.nuisances[third].iter_mut().zip(&self.columns) {
+                if let Some(values) = &column[channel] {
+                    *product = dot(own, &values[start..end]);
+                }
+            }
+        }
+        products
+    }
+
+    /// The same, not whitened yet.
+    pub fn products_of(&self, channel: usize, column: &Column) -> Products {
+        self.products(channel, &self.white(channel, column))
+    }
+
+    /// What a signature explains beside the nuisances; nothing where it cannot be told from them.
+    pub fn gain(&self, products: &Products) -> Option<Gain> {
+        let (own, right, _) = self.projected(products)?;
+        Some(Gain { size: right / own, sigma: own.sqrt().recip(), chi2: right * right / own })
+    }
+
+    /// Square and product with the residual of a signature beside the nuisances, and its part in them.
+    fn projected(&self, products: &Products) -> Option<(f64, f64, DVector<f64>)> {
+        let own: f64 = products.own.iter().sum();
+        let part = self.part(products);
+        let left = own - part.norm_squared();
+        let right = products.residual.iter().sum::<f64>() - part.dot(&self.solved);
+        (left > LEAST_LEFT * own && own > 0.0).then_some((left, right, part))
+    }
+
+    fn part(&self, products: &Products) -> DVector<f64> {
+        let sums = DVector::from_fn(self.columns.len(), |i, _| products.nuisances.iter().map(|v| v[i]).sum::<f64>());
+        lower(&self.factor, &self.scale.component_mul(&sums))
+    }
+
+    /// Cosine of two signatures beside the nuisances, from the products of each and the product of the two; 0 where one cannot be
+    /// told from the nuisances.
+    pub fn cosine(&self, one: &Products, other: &Products, both: f64) -> f64 {
+        match (self.projected(one), self.projected(other)) {
+            (Some((one, _, one_part)), Some((other, _, other_part))) => {
+                (both - one_part.dot(&other_part)) / (one * other).sqrt()
+            }
+            _ => 0.0,
+        }
+    }
+
+    /// By how much the signature lowers χ² of each third when its size and the nuisances are fitted to the other two.
+    pub fn held_out(&self, products: &Products) -> [f64; THIRDS] {
+        let count = self.columns.len();
+        let with = |third: usize| {
+            let mut gram = DMatrix::zeros(count + 1, count + 1);
+            gram.view_mut((0, 0), (count, count)).copy_from(&self.gram[third]);
+            let mut right = DVector::zeros(count + 1);
+            right.rows_mut(0, count).copy_from(&self.right[third]);
+            for (i, product) in products.nuisances[third].iter().enumerate() {
+                (gram[(i, count)], gram[(count, i)]) = (*product, *product);
+            }
+            (gram[(count, count)], right[count]) = (products.own[third], products.residual[third]);
+            (gram, right)
+        };
+        let with: [_; THIRDS] = std::array::from_fn(with);
+        let without: [_; THIRDS] = std::array::from_fn(|third| (self.gram[third].clone(), self.right[third].clone()));
+        let (with, without) = (foretold(&with), foretold(&without));
+        std::array::from_fn(|third| without[third] - with[third])
+    }
+
+    /// The nuisances fitted without each third.
+    pub fn without_thirds(&self) -> [DVector<f64>; THIRDS] {
+        let parts: [_; THIRDS] = std::array::from_fn(|third| (self.gram[third].clone(), self.right[third].clone()));
+        std::array::from_fn(|third| fitted_without(&parts, third))
+    }
+}
+
+impl Products {
+    /// Of nothing.
+    pub fn none(nuisances: usize) -> Products {
+        Products {
+            own: [0.0; THIRDS],
+            residual: [0.0; THIRDS],
+            nuisances: std::array::from_fn(|_| vec![0.0; nuisances]),
+        }
+    }
+
+    /// The sum with those of another channel.
+    #[must_use]
+    pub fn plus(mut self, other: &Products) -> Products {
+        for third in 0..THIRDS {
+            self.own[third] += other.own[third];
+            self.residual[third] += other.residual[third];
+            self.nuisances[third].iter_mut().zip(&other.nuisances[third]).for_each(|(sum, value)| *sum += value);
+        }
+        self
+    }
+}
+
+/// What the fit to the other two leaves of each third's χ², but for the squares of the residual.
+fn foretold(parts: &[(DMatrix<f64>, DVector<f64>); THIRDS]) -> [f64; THIRDS] {
+    std::array::from_fn(|third| {
+        let size = fitted_without(parts, third);
+        let (gram, right) = &parts[third];
+        size.dot(&(gram * &size)) - 2.0 * size.dot(right)
+    })
+}
+
+fn fitted_without(parts: &[(DMatrix<f64>, DVector<f64>); THIRDS], third: usize) -> DVector<f64> {
+    let count = parts[0].1.len();
+    let whole = parts.iter().fold(DVector::zeros(count), |sum: DVector<f64>, (gram, _)| sum + gram.diagonal());
+    let scale = whole.map(|own| if own > 0.0 { 1.0 / own.sqrt() } else { 0.0 });
+    let others = (0..THIRDS).filter(|&other| other != third);
+    let (gram, right) = others.fold((DMatrix::zeros(count, count), DVector::zeros(count)), |(gram, right), other| {
+        (gram + &parts[other].0, right + &parts[other].1)
+    });
+    let factor = factored(&gram, &scale, HELD_OUT_RIDGE);
+    factor.solve(&scale.component_mul(&right)).component_mul(&scale)
+}
+
+fn factored(gram: &DMatrix<f64>, scale: &DVector<f64>, ridge: f64) -> Cholesky<f64, Dyn> {
+    let scaled = DMatrix::from_fn(gram.nrows(), gram.ncols(), |i, j| {
+        gram[(i, j)] * scale[i] * scale[j] + if i == j { ridge + f64::from(u8::from(scale[i] == 0.0)) } else { 0.0 }
+    });
+    // Rounding may leave a singular one a trace below 0.
+    Cholesky::new(scaled.clone())
+        .or_else(|| Cholesky::new(&scaled + DMatrix::identity(gram.nrows(), gram.ncols()) * 1e-6))
+        .unwrap_or_else(|| Cholesky::new(DMatrix::identity(gram.nrows(), gram.ncols())).expect("positive"))
+}
+
+fn lower(factor: &Cholesky<f64, Dyn>, right: &DVector<f64>) -> DVector<f64> {
+    factor.l_dirty().solve_lower_triangular(right).expect("a diagonal without zeros")
+}
+
+pub(crate) fn dot(one: &[f64], other: &[f64]) -> f64 {
+    // Four sums, so that the processor need not wait for one.
+    let mut sums = [0.0; 4];
+    let (ones, others) = (one.chunks_exact(4), other.chunks_exact(4));
+    let rest: f64 = ones.remainder().iter().zip(others.remainder()).map(|(a, b)| a * b).sum();
+    for (a, b) in ones.zip(others) {
+        for lane in 0..4 {
+            sums[lane] += a[lane] * b[lane];
+        }
+    }
+    sums.iter().sum::<f64>() + rest
+}

@@ -1,0 +1,175 @@
+//! Thresholds: what the search finds where nothing is hidden, on this motion and with this noise.
+//!
+//! The model's own counts along the reference, with its walks and its rounding drawn anew and the unit a little off what is
+//! believed, go through the whole search; the largest gain in each family of hypotheses is kept. Extreme values follow Gumbel's
+//! law, of which the upper percent is the threshold; the families share it alike.
+
+use geu_model::noise::Stream;
+use geu_model::units::HALF_SECOND_S;
+use geu_protocol::Gyro;
+use rayon::prelude::*;
+
+use crate::bank::{Bank, Family};
+use crate::change::Place;
+use crate::measured::{BLOCK, CHANNELS, Series, TIMING, nodes};
+use crate::normal::{Normal, Products};
+use crate::search::{columns, set_penalty, sets};
+use crate::state::Case;
+use crate::whitening::{Noise, ROUNDING};
+
+/// Recordings drawn.
+pub const RUNS: usize = 128;
+/// Chance of a false name in a recording with nothing hidden.
+pub const FALSE_NAMES: f64 = 0.01;
+/// How much a believed drift may be off, arcsec/s: what decides how the rounding beats.
+const DRIFT_OFF_ARCSEC_S: f64 = 3e-4;
+/// Euler's constant: the mean of Gumbel's law.
+const EULER: f64 = 0.577_215_664_901_532_9;
+/// For what is not simulated: a noise that is larger. Eight questions, one percent, and as much again because rounding
+/// is not quite white.
+const NOISE_CHI2: f64 = 25.0;
+
+/// By how much χ² must fall in each family.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Thresholds {
+    /// For each family.
+    pub chi2: [f64; Family::COUNT],
+}
+
+impl Thresholds {
+    /// Of a family.
+    pub fn of(&self, family: Family) -> f64 {
+        self.chi2[family.0]
+    }
+}
+
+/// Draws recordings with nothing hidden and searches them.
+pub fn thresholds(case: &Case, bank: &Bank, normal: &Normal, noise: &[Noise; CHANNELS], seed: u64) -> Thresholds {
+    let model = case.measured.run(case.believed, 0.0);
+    let drawn = (0..RUNS).into_par_iter().map(|run| {
+        normal.left_of(&draw(case, &model, noise, seed.wrapping_add(run as u64)))
+    });
+    let drawn: Vec<Series> = drawn.collect();
+    // Block by block, the runs side by side.
+    let blocks = drawn[0][0].len();
+    let beside: [Vec<f32>; CHANNELS] = std::array::from_fn(|channel| {
+        (0..blocks).flat_map(|block| drawn.iter().map(move |series| series[channel][block] as f32)).collect()
+    });
+    let largest = (0..bank.bases.len())
+        .into_par_iter()
+        .map(|base| of_base(bank, base, normal, &beside))
+        .reduce(|| vec![[0.0; RUNS]; Family::COUNT], |mut one, other| {
+            for (one, other) in one.iter_mut().flatten().zip(other.iter().flatten()) {
+                *one = one.max(*other);
+            }
+            one
+        });
+    limits(&largest)
+}
+
+/// For each family and run, the largest gain of one base.
+fn of_base(bank: &Bank, base: usize, normal: &Normal, beside: &[Vec<f32>; CHANNELS]) -> Vec<[f64; RUNS]> {
+    let base = &bank.bases[base];
+    let mut largest = vec![[0.0f64; RUNS]; Family::COUNT];
+    for variation in bank.variations(base) {
+        let columns = columns(bank, base, &variation);
+        let parts: [Option<(Products, [f32; RUNS])>; CHANNELS] = std::array::from_fn(|channel| {
+            let column = columns[channel].as_ref()?;
+            let white = normal.white(channel, column);
+            let mut sums = [0.0f32; RUNS];
+            for (value, runs) in white.1.iter().zip(beside[channel].chunks_exact(RUNS).skip(white.0)) {
+                let value = *value as f32;
+                for (sum, run) in sums.iter_mut().zip(runs) {
+                    *sum += value * run;
+                }
+            }
+            Some((normal.products(channel, &white), sums))
+        });
+        let family = &mut largest[variation.family().0];
+        let mut take = |chosen: &[bool; CHANNELS], penalty: f64| {
+            let (mut products, mut sums) = (Products::none(normal.nuisances()), [0.0f32; RUNS]);
+            for (part, own) in parts.iter().zip(chosen).filter(|(_, chosen)| **chosen).filter_map(|(part, _)| {
+                part.as_ref()
+            }) {
+                products = products.plus(part);
+                sums.iter_mut().zip(own).for_each(|(sum, own)| *sum += own);
+            }
+            let Some(gain) = normal.gain(&products) else { return };
+            // The sigma is one over the root of what is left of the signature.
+            let scale = gain.sigma * gain.sigma;
+            for (largest, sum) in family.iter_mut().zip(sums) {
+                *largest = largest.max(f64::from(sum).powi(2) * scale - penalty);
+            }
+        };
+        match base.amplitude.place {
+            Place::Unit => take(&[true; CHANNELS], 0.0),
+            Place::Head => {
+                for gyros in sets(Gyro::ALL.map(|gyro| parts[gyro as usize].is_some())) {
+                    let chosen = std::array::from_fn(|channel| channel != TIMING && gyros[channel.min(3)]);
+                    take(&chosen, set_penalty(&gyros, Place::Head));
+                }
+            }
+        }
+    }
+    largest
+}
+
+/// One recording with nothing hidden: what the counts differ from the model.
+fn draw(case: &Case, model: &Series, noise: &[Noise; CHANNELS], seed: u64) -> Series {
+    let measured = case.measured;
+    std::array::from_fn(|channel| {
+        let gyro = Gyro::ALL[channel.min(3)];
+        let mut stream = if channel == TIMING {
+            Stream::of_sensor(seed, "null")
+        } else {
+            Stream::new(seed, gyro, "null")
+        };
+        let own = &noise[channel];
+        let blocks = &measured.blocks[channel];
+        if channel == TIMING {
+            return blocks.iter().map(|_| own.white.sqrt() * stream.standard_normal()).collect();
+        }
+        let (root_s, mut rate) = (HALF_SECOND_S.sqrt(), DRIFT_OFF_ARCSEC_S * stream.standard_normal());
+        let mut walked = 100.0 * stream.standard_normal();
+        // What is white beyond rounding.
+        let beyond = (own.white - ROUNDING / BLOCK as f64).max(0.0).sqrt();
+        let mut of_block = |block: usize| {
+            let mut sum = 0.0;
+            for node in nodes(block) {
+                rate += own.rate_walk * root_s * stream.standard_normal();
+                walked += rate * HALF_SECOND_S + own.angle_walk * root_s * stream.standard_normal();
+                let angle = model[channel][node];
+                sum += (angle + walked).round() - angle;
+            }
+            sum / BLOCK as f64 + beyond * stream.standard_normal()
+        };
+        (0..blocks.len()).map(&mut of_block).collect()
+    })
+}
+
+/// The thresholds, from the largest gains.
+fn limits(largest: &[[f64; RUNS]]) -> Thresholds {
+    let laws: Vec<Option<(f64, f64)>> = largest.iter().map(|runs| gumbel(runs)).collect();
+    let worst: Vec<f64> = (0..RUNS)
+        .map(|run| {
+            let reduced = laws.iter().zip(largest).filter_map(|(law, runs)| law.map(|(at, scale)| (runs[run] - at) / scale));
+            reduced.fold(f64::NEG_INFINITY, f64::max)
+        })
+        .collect();
+    let (at, scale) = gumbel(&worst).unwrap_or((0.0, 1.0));
+    let reduced = at - scale * (-(1.0 - FALSE_NAMES).ln()).ln();
+    let of = |family: usize| match laws[family] {
+        Some((at, scale)) => at + scale * reduced,
+        None => NOISE_CHI2,
+    };
+    Thresholds { chi2: std::array::from_fn(of) }
+}
+
+/// Location and scale of Gumbel's law, by its moments; nothing where all are alike.
+fn gumbel(values: &[f64]) -> Option<(f64, f64)> {
+    let count = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / count;
+    let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (count - 1.0);
+    let scale = (6.0 * variance).sqrt() / std::f64::consts::PI;
+    (scale > 0.0).then_some((mean - EULER * scale, scale))
+}

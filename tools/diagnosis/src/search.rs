@@ -1,0 +1,146 @@
+//! The search: every hypothesis of the bank, on every set of gyros, against what the state leaves.
+
+use geu_protocol::Gyro;
+use rayon::prelude::*;
+
+use crate::bank::{Bank, Base, Column, Family, Variation};
+use crate::change::{ALL_GYROS, Change, Gyros, Place};
+use crate::measured::{CHANNELS, TIMING};
+use crate::normal::{Gain, Normal, Products, THIRDS};
+use crate::state::State;
+
+/// Blocks of a jump of the angle that are looked at: the filter has forgotten it after.
+const SUDDEN_BLOCKS: usize = 120;
+
+/// A hypothesis with what it explains.
+#[derive(Debug, Clone)]
+pub struct Candidate {
+    /// What it is, at the size that fits.
+    pub change: Change,
+    /// Its family.
+    pub family: Family,
+    /// What it explains.
+    pub gain: Gain,
+    /// By how much it lowers χ² of each third, fitted to the others.
+    pub held_out: [f64; THIRDS],
+    /// Index of its base, and its course.
+    pub base: usize,
+    /// Its course.
+    pub variation: Variation,
+}
+
+/// Sets of gyros that an amplitude may act on together with one size.
+pub fn sets(available: Gyros) -> Vec<Gyros> {
+    let all: Vec<Gyros> = (1u8..16)
+        .map(|mask| std::array::from_fn(|gyro| mask & (1 << gyro) != 0))
+        .filter(|set: &Gyros| (0..4).all(|gyro| available[gyro] || !set[gyro]))
+        .collect();
+    all
+}
+
+/// What a set of gyros costs beside one gyro or all of them: there are ten ways to choose two or three of four.
+pub fn set_penalty(gyros: &Gyros, place: Place) -> f64 {
+    let count = gyros.iter().filter(|has| **has).count();
+    if place == Place::Head && (count == 2 || count == 3) { 2.0 * 10f64.ln() } else { 0.0 }
+}
+
+/// The columns of a hypothesis, as much of them as matters.
+pub fn columns(bank: &Bank, base: &Base, variation: &Variation) -> [Option<Column>; CHANNELS] {
+    std::array::from_fn(|channel| {
+        let mut column = bank.column(base, variation, channel)?;
+        if variation.family() == Family::SUDDEN {
+            column.values.truncate(SUDDEN_BLOCKS);
+        }
+        Some(column)
+    })
+}
+
+/// The best candidate of each code and set of gyros, the best first; those of `held` codes on their own gyros left out where a
+/// configuration holds only one.
+pub fn search(bank: &Bank, normal: &Normal, state: &State, penalty: &(dyn Fn(Family) -> f64 + Sync)) -> Vec<Candidate> {
+    let of_base = |index: usize| -> Vec<Candidate> {
+        let base = &bank.bases[index];
+        let mut best: Vec<Candidate> = Vec::new();
+        for variation in bank.variations(base) {
+            let columns = columns(bank, base, &variation);
+            let products: [Option<Products>; CHANNELS] = std::array::from_fn(|channel| {
+                columns[channel].as_ref().map(|column| normal.products_of(channel, column))
+            });
+            let kind = match &variation {
+                Variation::Course { kind, .. } => Some(*kind),
+                _ => None,
+            };
+            let mut try_set = |gyros: Gyros, products: &Products| {
+                let Some(gain) = normal.gain(products) else { return };
+                let held = state.held.iter().any(|held| {
+                    let own = &held.change.amplitude;
+                    (own.place, own.effect, own.amplitude, own.kind)
+                        == (base.amplitude.place, base.amplitude.effect, base.amplitude.amplitude, kind)
+                        && held.change.gyros.iter().zip(gyros).any(|(one, other)| *one && other)
+                });
+                if held {
+                    return;
+                }
+                let place = best
+                    .iter()
+                    .position(|other| other.change.gyros == gyros && other.change.amplitude.kind == kind);
+                if place.is_some_and(|place| best[place].gain.chi2 >= gain.chi2) {
+                    return;
+                }
+                let size = if base.is_linear { gain.size } else { base.size };
+                let change = bank.change(base, &variation, size, gyros);
+                // What is not linear was run at this size: a gain at half of it or twice is that of another size.
+                let is_near = base.is_linear || (0.4..2.5).contains(&(gain.size / base.size));
+                if !change.is_within_limits() || !is_near {
+                    return;
+                }
+                let candidate = Candidate {
+                    change,
+                    family: variation.family(),
+                    gain,
+                    held_out: [0.0; THIRDS],
+                    base: index,
+                    variation: variation.clone(),
+                };
+                match place {
+                    Some(place) => best[place] = candidate,
+                    None => best.push(candidate),
+                }
+            };
+            match base.amplitude.place {
+                Place::Unit => {
+                    let none = Products::none(normal.nuisances());
+                    let sum = products.iter().flatten().fold(none, Products::plus);
+                    try_set(ALL_GYROS, &sum);
+                }
+                Place::Head => {
+                    let available = Gyro::ALL.map(|gyro| products[gyro as usize].is_some());
+                    for gyros in sets(available) {
+                        let none = Products::none(normal.nuisances());
+                        let parts = products[..TIMING].iter().zip(gyros).filter(|(_, has)| *has);
+                        let sum = parts.filter_map(|(part, _)| part.as_ref()).fold(none, Products::plus);
+                        try_set(gyros, &sum);
+                    }
+                }
+            }
+        }
+        best
+    };
+    let found: Vec<Vec<Candidate>> = (0..bank.bases.len()).into_par_iter().map(of_base).collect();
+    let mut best: Vec<Candidate> = Vec::new();
+    let score = |candidate: &Candidate| candidate.gain.chi2 - penalty(candidate.family)
+        - set_penalty(&candidate.change.gyros, candidate.change.amplitude.place);
+    for candidate in found.into_iter().flatten() {
+        // One for each code and set of gyros, whatever its shapes.
+        let same = best.iter().position(|other| {
+            other.change.amplitude == candidate.change.amplitude && other.change.gyros == candidate.change.gyros
+        });
+        match same {
+            Some(place) if score(&best[place]) < score(&candidate) => best[place] = candidate,
+            Some(_) => {}
+            None => best.push(candidate),
+        }
+    }
+    best.sort_by(|a, b| score(b).total_cmp(&score(a)));
+    best
+}

@@ -1,0 +1,254 @@
+//! What is held of the unit at some point of a diagnosis, and its fit to the recording: the sixteen, the common lag, and every
+//! change found so far, together, by Gauss and Newton, each step run by the model from the start.
+
+use geu_model::Configuration;
+use geu_model::number::Numbers;
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+use crate::change::{Change, Parameter, sixteen};
+use crate::measured::{CHANNELS, Measured, Series, TIMING};
+use crate::normal::{Normal, Nuisance};
+use crate::whitening::{Noise, Whitening};
+
+/// Shift with which the signature of a common lag is run.
+const LAG_S: f64 = 1e-3;
+/// Rounds of a fit; each is a run for every free parameter.
+const ROUNDS: usize = 6;
+/// A fit ends where a round lowers χ² by less.
+const SETTLED: f64 = 0.01;
+/// Times a step is halved.
+const HALVINGS: usize = 5;
+/// Share of a calibration number's range by which it is moved for its signature.
+const SHARE: f64 = 1e-4;
+
+/// A change and which of its parameters are fitted.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Held {
+    /// The change.
+    pub change: Change,
+    /// For each of its parameters, whether it is fitted; the others stay at their defaults.
+    pub is_free: Vec<bool>,
+    /// One sigma of each, from the last fit; NaN where it is not fitted.
+    pub sigmas: Vec<f64>,
+}
+
+impl Held {
+    /// With its size and the shapes that have no default free.
+    pub fn new(change: Change) -> Held {
+        let own = change.own_shapes.len();
+        let is_free: Vec<bool> = (0..change.parameters().len())
+            .map(|index| index == 0 || index > own || change.amplitude.own_shapes()[index - 1].name == "time_s")
+            .collect();
+        Held { sigmas: vec![f64::NAN; is_free.len()], is_free, change }
+    }
+}
+
+/// All that is held.
+#[derive(Debug, Clone)]
+pub struct State {
+    /// Added to the sixteen, in the order of [`sixteen`].
+    pub sixteen: Vec<f64>,
+    /// One sigma of each.
+    pub sixteen_sigmas: Vec<f64>,
+    /// How much later than the reference's the recording's times are.
+    pub lag_s: f64,
+    /// One sigma of that.
+    pub lag_sigma_s: f64,
+    /// Changes found.
+    pub held: Vec<Held>,
+    /// Noise of each channel.
+    pub noise: [Noise; CHANNELS],
+}
+
+/// The recording with what is believed of the unit, and what never changes in a diagnosis.
+pub struct Case<'a> {
+    /// The recording.
+    pub measured: &'a Measured,
+    /// The configuration as given.
+    pub believed: &'a Configuration,
+    /// Signatures of the sixteen and of the lag.
+    pub nuisances: Vec<Nuisance>,
+}
+
+impl<'a> Case<'a> {
+    /// Runs the model for the signatures of the sixteen and of a common lag.
+    pub fn new(measured: &'a Measured, believed: &'a Configuration) -> Case<'a> {
+        let from = measured.run(believed, 0.0);
+        let numbers = geu_model::package::Calibration::NUMBERS;
+        let moved = |number: usize| {
+            let size = SHARE * (numbers[number].greatest - numbers[number].least);
+            let mut moved = believed.clone();
+            for gyro in &mut moved.gyros {
+                *gyro.calibration.value_mut(number) += size;
+            }
+            let mut series = measured.difference(&measured.run(&moved, 0.0), &from);
+            series.iter_mut().flatten().for_each(|value| *value /= size);
+            series
+        };
+        let series: Vec<Series> = (0..numbers.len()).into_par_iter().map(moved).collect();
+        let of_gyro = |(gyro, number): (geu_protocol::Gyro, usize)| -> Nuisance {
+            std::array::from_fn(|channel| (channel == gyro as usize).then(|| series[number][channel].clone()))
+        };
+        let mut nuisances: Vec<Nuisance> = sixteen().into_iter().map(of_gyro).collect();
+        let mut lag = measured.difference(&measured.run(believed, LAG_S), &from);
+        lag.iter_mut().flatten().for_each(|value| *value /= LAG_S);
+        nuisances.push(std::array::from_fn(|channel| {
+            (channel != TIMING).then(|| std::mem::take(&mut lag[channel]))
+        }));
+        Case { measured, believed, nuisances }
+    }
+
+    /// The state before anything is known.
+    pub fn start(&self, noise: [Noise; CHANNELS]) -> State {
+        let count = self.nuisances.len() - 1;
+        State {
+            sixteen: vec![0.0; count],
+            sixteen_sigmas: vec![f64::NAN; count],
+            lag_s: 0.0,
+            lag_sigma_s: f64::NAN,
+            held: Vec::new(),
+            noise,
+        }
+    }
+
+    /// Residual of a state, averaged over blocks.
+    pub fn residual(&self, state: &State) -> Series {
+        self.measured.residual(&self.measured.run(&state.configuration(self.believed), state.lag_s))
+    }
+
+    /// The filters of a state's noise.
+    pub fn whitenings(&self, noise: &[Noise; CHANNELS]) -> [Whitening; CHANNELS] {
+        std::array::from_fn(|channel| Whitening::new(&noise[channel], &self.measured.blocks[channel]))
+    }
+
+    /// The equations of a state: its residual, with the sixteen, the lag and every free parameter as nuisances.
+    pub fn normal(&self, state: &State) -> Normal {
+        let (residual, columns) = self.linearised(state);
+        Normal::new(self.whitenings(&state.noise), &residual, &columns)
+    }
+
+    /// The residual, and the signatures of all that is fitted: nuisances, then the free parameters.
+    fn linearised(&self, state: &State) -> (Series, Vec<Nuisance>) {
+        let from = self.measured.run(&state.configuration(self.believed), state.lag_s);
+        let free = state.free();
+        let moved = |&(held, index): &(usize, usize)| -> Nuisance {
+            let change = &state.held[held].change;
+            let parameter = &change.parameters()[index];
+            let mut step = step(parameter);
+            if parameter.value + step > parameter.greatest {
+                step = -step;
+            }
+            let mut moved = state.clone();
+            moved.held[held].change.set(index, parameter.value + step);
+            let series =
+                self.measured.difference(&self.measured.run(&moved.configuration(self.believed), state.lag_s), &from);
+            series.map(|values| {
+                let any = values.iter().any(|&value| value != 0.0);
+                any.then(|| values.into_iter().map(|value| value / step).collect())
+            })
+        };
+        let columns: Vec<Nuisance> = free.par_iter().map(moved).collect();
+        (self.measured.residual(&from), [&self.nuisances[..], &columns[..]].concat())
+    }
+
+    /// Fits everything that is free, and tells the equations at the end.
+    pub fn fit(&self, state: &mut State) -> Normal {
+        let mut normal = self.normal(state);
+        for _ in 0..ROUNDS {
+            let (solution, _) = normal.solution();
+            let mut share = 1.0;
+            let mut next = None;
+            for _ in 0..HALVINGS {
+                let tried = state.moved(&(&solution * share));
+                let tried_normal = self.normal(&tried);
+                if tried_normal.squares() <= normal.squares() {
+                    next = Some((tried, tried_normal));
+                    break;
+                }
+                share *= 0.5;
+            }
+            let Some((tried, tried_normal)) = next else { break };
+            let fall = normal.squares() - tried_normal.squares();
+            (*state, normal) = (tried, tried_normal);
+            if fall < SETTLED {
+                break;
+            }
+        }
+        state.take_sigmas(&normal.solution().1);
+        normal
+    }
+}
+
+impl State {
+    /// The configuration with all that is held.
+    pub fn configuration(&self, believed: &Configuration) -> Configuration {
+        let mut configuration = believed.clone();
+        for ((gyro, number), added) in sixteen().into_iter().zip(&self.sixteen) {
+            *configuration.gyros[gyro as usize].calibration.value_mut(number) += added;
+        }
+        for held in &self.held {
+            held.change.apply(&mut configuration);
+        }
+        configuration
+    }
+
+    /// Free parameters: index of the change and of the parameter.
+    pub fn free(&self) -> Vec<(usize, usize)> {
+        let of_change = |(held, own): (usize, &Held)| {
+            let free: Vec<(usize, usize)> =
+                (0..own.is_free.len()).filter(|&index| own.is_free[index]).map(|index| (held, index)).collect();
+            free
+        };
+        self.held.iter().enumerate().flat_map(of_change).collect()
+    }
+
+    fn moved(&self, by: &DVector<f64>) -> State {
+        let mut moved = self.clone();
+        let count = self.sixteen.len();
+        for (index, value) in moved.sixteen.iter_mut().enumerate() {
+            *value += by[index];
+        }
+        moved.lag_s += by[count];
+        for (place, (held, index)) in self.free().into_iter().enumerate() {
+            let change = &mut moved.held[held].change;
+            let parameter = &change.parameters()[index];
+            let most = reach(parameter);
+            let value = parameter.value + by[count + 1 + place].clamp(-most, most);
+            change.set(index, value.clamp(parameter.least, parameter.greatest));
+        }
+        moved
+    }
+
+    fn take_sigmas(&mut self, covariance: &DMatrix<f64>) {
+        let count = self.sixteen.len();
+        let sigma = |index: usize| covariance[(index, index)].max(0.0).sqrt();
+        self.sixteen_sigmas = (0..count).map(sigma).collect();
+        self.lag_sigma_s = sigma(count);
+        for (place, (held, index)) in self.free().into_iter().enumerate() {
+            self.held[held].sigmas[index] = sigma(count + 1 + place);
+        }
+    }
+}
+
+/// By how much a parameter is moved for its signature.
+fn step(parameter: &Parameter) -> f64 {
+    match parameter.name.as_str() {
+        // Two blocks, so that what happens within one is averaged.
+        "time_s" => 10.0,
+        "phase_rad" => 0.02,
+        _ if parameter.value != 0.0 => 0.02 * parameter.value.abs(),
+        _ => 2e-3 * parameter.greatest.min(1e3),
+    }
+}
+
+/// The farthest that one round may move it.
+fn reach(parameter: &Parameter) -> f64 {
+    match parameter.name.as_str() {
+        "time_s" => 300.0,
+        "phase_rad" => 0.5,
+        "period_s" => 0.1 * parameter.value.abs(),
+        name if name.ends_with("_s") => 0.5 * parameter.value.abs(),
+        _ => f64::INFINITY,
+    }
+}
