@@ -30,7 +30,7 @@ fn main() {
         let thresholds = null::thresholds(&case, &bank, &normal, &noise, 1);
         println!("thresholds {:?} {:?}", t.elapsed(), thresholds);
         let t = Instant::now();
-        let done = explain::grow(&case, &bank, &thresholds, case.start(noise));
+        let done = explain::explain(&case, &bank, &thresholds, &case.start(noise));
         println!("explained {:?} chi2 {} of {}", t.elapsed(), done.normal.squares(), done.normal.count());
         for round in &done.rounds {
             println!("--");
@@ -38,6 +38,7 @@ fn main() {
                 println!("  {} {:?} {:?} {:?}", c.change.amplitude.code(), c.change.gyros.map(|x| x as u8), c.gain, c.change.parameters().iter().map(|p| p.value).collect::<Vec<_>>());
             }
         }
+        println!("unlike {:?} noise {:?}", explain::unlikeness(&done.normal.left()), done.noise);
         for h in &done.state.held {
             println!("HELD {} {:?} {:?} {:?}", h.change.amplitude.code(), h.change.gyros.map(|x| x as u8), h.change.parameters().iter().map(|p| (p.name.clone(), p.value)).collect::<Vec<_>>(), h.sigmas);
         }

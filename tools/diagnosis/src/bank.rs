@@ -8,7 +8,6 @@
 use geu_model::Configuration;
 use geu_model::course::{Course, Interval, KINDS};
 use geu_model::number::{Default as DefaultValue, Number};
-use geu_model::units::HALF_SECOND_S;
 use rayon::prelude::*;
 
 use crate::change::{ALL_GYROS, Amplitude, Change, is_real};
@@ -27,11 +26,11 @@ const SHORTEST_BLOCKS: f64 = 6.0;
 /// Time constants looked for, the ratio of neighbours.
 const TIME_FACTOR: f64 = 3.0;
 /// Periods looked for: as many multiples of half a turn over the recording.
-const FREQUENCIES: usize = 40;
+const FREQUENCIES: usize = 32;
 /// Phases looked for, over half a turn.
-const PHASES: usize = 6;
+const PHASES: usize = 4;
 /// Onsets looked for, of what goes on after them.
-const ONSETS: usize = 96;
+const ONSETS: usize = 64;
 /// Blocks between onsets of what moves an angle at once.
 const SUDDEN_BLOCKS: usize = 2;
 
@@ -206,7 +205,8 @@ impl Bank {
         if by_rate >= by_level {
             small.mode = Mode::Rate;
         }
-        if by_rate.max(by_level) >= ALIKE || cosine(&ran, &ran) == 0.0 {
+        let is_silent = cosine(&ran, &ran) == 0.0;
+        if is_silent || by_rate.max(by_level) >= ALIKE || cosine(&small.series, &of(&change(tried.size))) >= ALIKE {
             return vec![small];
         }
         let mode = small.mode;
@@ -288,10 +288,13 @@ impl Bank {
 
     fn put(&self, base: &Base, variation: &Variation, channel: usize, from: usize) -> Vec<f64> {
         let series = &base.series[channel];
-        let interval = |block: usize| Interval {
-            start_s: (Measured::middle_s(block) - BLOCK_S).max(-HALF_SECOND_S),
-            end_s: Measured::middle_s(block),
-            electronics_excess_k: self.excess_k[block],
+        // An increment lies between the middles of two blocks, a value in its own.
+        let interval = |block: usize| {
+            let end_s = match base.mode {
+                Mode::Rate => Measured::middle_s(block),
+                Mode::Level => (block + 1) as f64 * BLOCK_S,
+            };
+            Interval { start_s: end_s - BLOCK_S, end_s, electronics_excess_k: self.excess_k[block] }
         };
         let law = match variation {
             Variation::Constant => return series[from..].to_vec(),

@@ -1,10 +1,15 @@
-//! The loop: search, fit the best by the model, keep it where it pays, search again.
+//! The loop: search, fit the best by the model, keep it where it pays, search again; and what of all that may be believed.
+//!
+//! Everything is weighed alike: an entry costs what the search would find by chance in its family, and pays what χ² falls by. The
+//! same data may speak of several effects or of noise that is larger than believed: both ways are gone, and the cheaper one holds.
 
 use rayon::prelude::*;
 
-use crate::bank::Bank;
-use crate::measured::Series;
-use crate::normal::Normal;
+use crate::bank::{Bank, Family};
+use crate::change::Place;
+use crate::measured::{CHANNELS, TIMING};
+use crate::noise::{self, Fitted, Walk};
+use crate::normal::{Normal, THIRDS};
 use crate::null::Thresholds;
 use crate::search::{Candidate, search, set_penalty};
 use crate::state::{Case, Held, State};
@@ -12,17 +17,40 @@ use crate::state::{Case, Held, State};
 /// Effects at most.
 const MOST: usize = 6;
 /// Candidates fitted in each round.
-const FITTED: usize = 5;
-/// Candidates whose score is worse than the best one's by more are not.
-const NEAR: f64 = 40.0;
+const FITTED: usize = 4;
+/// Candidates that explain less than this share of what the best one does are not fitted.
+const NEAR: f64 = 0.85;
+/// Nor those whose χ² falls by so much less, where that is more.
+const NEAR_CHI2: f64 = 12.0;
+/// A shape that has a default is told where χ² falls by this, two sigma, or where it is known to a fifth.
+const SHAPE_CHI2: f64 = 4.0;
+/// See [`SHAPE_CHI2`].
+const SHAPE_KNOWN: f64 = 0.2;
+/// Sigmas within which a number of counts is a whole one.
+const WHOLE_SIGMAS: f64 = 4.0;
 
-/// One round of the loop.
+/// One round of the loop: what was looked at, the best first.
+#[derive(Debug, Clone)]
 pub struct Round {
-    /// What was looked at, the best first.
+    /// Candidates.
     pub candidates: Vec<Candidate>,
+    /// What was kept: index of the change in the state.
+    pub kept: Option<usize>,
+}
+
+/// A walk that is not as configured.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NoiseFound {
+    /// The channel.
+    pub channel: usize,
+    /// Which walk.
+    pub walk: Walk,
+    /// As fitted.
+    pub fitted: Fitted,
 }
 
 /// Where the loop ended.
+#[derive(Debug)]
 pub struct Explained {
     /// All that is held.
     pub state: State,
@@ -30,55 +58,219 @@ pub struct Explained {
     pub normal: Normal,
     /// The rounds.
     pub rounds: Vec<Round>,
-    /// χ² and all that was paid for names.
-    pub score: f64,
+    /// Walks that are not as configured.
+    pub noise: Vec<NoiseFound>,
+    /// By how much each change lowers χ² of each third, fitted to the other two; in the order of the state.
+    pub held_out: Vec<[f64; THIRDS]>,
+    /// What was paid for each change.
+    costs: Vec<f64>,
+}
+
+impl Explained {
+    /// χ² of all that is left and all that was paid for names.
+    fn score(&self, thresholds: &Thresholds) -> f64 {
+        let own: f64 = self.noise.iter().map(|_| thresholds.of(Family::NOISE)).sum();
+        self.normal.likelihood() + self.costs.iter().sum::<f64>() + own
+    }
+}
+
+/// What explains the recording best: effects of the bank, noise, or both.
+pub fn explain(case: &Case, bank: &Bank, thresholds: &Thresholds, start: &State) -> Explained {
+    let mut effects = grow(case, bank, thresholds, Explained::start(case, start.clone()));
+    effects.free_noise(case, thresholds);
+    effects.prune(case, thresholds);
+    let mut noise = Explained::start(case, start.clone());
+    noise.free_noise(case, thresholds);
+    if noise.noise.is_empty() || effects.state.held.is_empty() {
+        return effects;
+    }
+    let mut noise = grow(case, bank, thresholds, noise);
+    noise.prune(case, thresholds);
+    noise.fit_white(case);
+    if noise.score(thresholds) < effects.score(thresholds) { noise } else { effects }
 }
 
 /// Adds the best effect as long as one qualifies.
-pub fn grow(case: &Case, bank: &Bank, thresholds: &Thresholds, mut state: State) -> Explained {
-    let mut normal = case.fit(&mut state);
-    let mut rounds = Vec::new();
-    let mut paid = 0.0;
-    while state.held.len() < MOST {
-        let candidates = search(bank, &normal, &state, &|family| thresholds.of(family));
-        let cost = |candidate: &Candidate| {
-            thresholds.of(candidate.family) + set_penalty(&candidate.change.gyros, candidate.change.amplitude.place)
-        };
+fn grow(case: &Case, bank: &Bank, thresholds: &Thresholds, mut now: Explained) -> Explained {
+    let cost = |candidate: &Candidate| {
+        thresholds.of(candidate.family) + set_penalty(&candidate.change.gyros, candidate.change.amplitude.place)
+    };
+    while now.state.held.len() < MOST {
+        let candidates = search(bank, &now.normal, &now.state, &|family| thresholds.of(family));
         let Some(first) = candidates.first() else { break };
-        let best_score = first.gain.chi2 - cost(first);
-        let tried: Vec<(&Candidate, State, Normal)> = candidates
+        let best = first.gain.chi2 - cost(first);
+        let least = (NEAR * best).min(best - NEAR_CHI2);
+        let fitted = |candidate: &Candidate| -> Option<(f64, Candidate, State, Normal)> {
+            let mut state = now.state.clone();
+            state.held.push(Held::new(candidate.change.clone()));
+            let normal = case.fit(&mut state);
+            let fall = now.normal.squares() - normal.squares() - cost(candidate);
+            is_possible(state.held.last().expect("just put")).then(|| (fall, candidate.clone(), state, normal))
+        };
+        let worth: Vec<&Candidate> = candidates
             .iter()
             .take(FITTED)
-            .filter(|candidate| candidate.gain.chi2 - cost(candidate) > best_score - NEAR.max(0.5 * best_score))
-            .filter(|candidate| candidate.gain.chi2 > 0.5 * cost(candidate))
-            .collect::<Vec<_>>()
-            .into_par_iter()
-            .map(|candidate| {
-                let mut tried = state.clone();
-                tried.held.push(Held::new(candidate.change.clone()));
-                let normal = case.fit(&mut tried);
-                (candidate, tried, normal)
-            })
+            // Its shape may suit better yet.
+            .filter(|candidate| candidate.gain.chi2 > 0.6 * cost(candidate))
+            .filter(|candidate| candidate.gain.chi2 - cost(candidate) >= least)
             .collect();
-        let before = normal.squares();
+        let tried: Vec<_> = worth.into_par_iter().filter_map(fitted).collect();
         let best = tried
             .into_iter()
-            .map(|(candidate, state, normal)| (before - normal.squares() - cost(candidate), candidate, state, normal))
+            .filter(|(fall, candidate, ..)| {
+                *fall > 0.0 && (candidate.family == Family::SUDDEN || candidate.held_out.iter().sum::<f64>() > 0.0)
+            })
             .max_by(|one, other| one.0.total_cmp(&other.0));
-        let Some((gain, candidate, next, next_normal)) = best else { break };
-        let cost = cost(candidate);
-        rounds.push(Round { candidates: candidates.clone() });
-        if gain <= 0.0 {
+        let mut round = Round { candidates: candidates.clone(), kept: None };
+        let Some((_, candidate, state, normal)) = best else {
+            now.rounds.push(round);
             break;
-        }
-        (state, normal) = (next, next_normal);
-        paid += cost;
+        };
+        round.kept = Some(state.held.len() - 1);
+        now.rounds.push(round);
+        now.costs.push(cost(&candidate));
+        now.held_out.push(candidate.held_out);
+        (now.state, now.normal) = (state, normal);
+        now.free_shapes(case);
     }
-    let score = normal.squares() + paid;
-    Explained { state, normal, rounds, score }
+    now
 }
 
-/// Residual of the state.
-pub fn residual(case: &Case, state: &State) -> Series {
-    case.residual(state)
+/// Whether what was found is a thing that there can be: within its limits, and a whole number where it is one of counts.
+fn is_possible(held: &Held) -> bool {
+    let size = &held.change.parameters()[0];
+    let is_whole = size.name != "counts" || {
+        let off = (size.value - size.value.round()).abs();
+        size.value.round() != 0.0 && off <= WHOLE_SIGMAS * held.sigmas[0].max(0.01)
+    };
+    is_whole && held.change.is_within_limits() && held.sigmas[0].is_finite()
+}
+
+impl Explained {
+    fn start(case: &Case, mut state: State) -> Explained {
+        let normal = case.fit(&mut state);
+        Explained { state, normal, rounds: Vec::new(), noise: Vec::new(), held_out: Vec::new(), costs: Vec::new() }
+    }
+
+    /// Frees those shapes of the last change that the data tell.
+    fn free_shapes(&mut self, case: &Case) {
+        let last = self.state.held.len() - 1;
+        for index in 0..self.state.held[last].is_free.len() {
+            if self.state.held[last].is_free[index] {
+                continue;
+            }
+            let mut tried = self.state.clone();
+            tried.held[last].free(index);
+            let normal = case.fit(&mut tried);
+            let own = &tried.held[last];
+            let is_known = own.sigmas[index] < SHAPE_KNOWN * own.change.parameters()[index].value.abs();
+            let fall = self.normal.squares() - normal.squares();
+            if is_possible(own) && (fall > SHAPE_CHI2 || fall >= 0.0 && is_known) {
+                (self.state, self.normal) = (tried, normal);
+            }
+        }
+    }
+
+    /// Lets walks be larger than configured where that pays, the one that pays most first.
+    fn free_noise(&mut self, case: &Case, thresholds: &Thresholds) {
+        let questions: Vec<(usize, Walk)> = (0..TIMING)
+            .flat_map(|channel| [(channel, Walk::Angle), (channel, Walk::Rate)])
+            .chain([(TIMING, Walk::Angle)])
+            .collect();
+        for _ in 0..questions.len() {
+            let (residual, nuisances) = case.linearised(&mut self.state);
+            let open = questions.par_iter().filter(|(channel, walk)| {
+                let is_taken = |found: &NoiseFound| (found.channel, found.walk) == (*channel, *walk);
+                !self.noise.iter().any(is_taken)
+                    && case.measured.blocks[*channel].iter().any(|block| block.is_good)
+            });
+            let fits = open.map(|&(channel, walk)| NoiseFound {
+                channel,
+                walk,
+                fitted: noise::fit(case, channel, &self.state.noise[channel], walk, &residual, &nuisances),
+            });
+            let best = fits.collect::<Vec<_>>().into_iter().max_by(|a, b| a.fitted.fall.total_cmp(&b.fitted.fall));
+            match best {
+                Some(found)
+                    if found.fitted.fall > thresholds.of(Family::NOISE)
+                        && found.fitted.noise.walk(found.walk) > self.state.noise[found.channel].walk(found.walk) =>
+                {
+                    self.state.noise[found.channel] = found.fitted.noise;
+                    self.noise.push(found);
+                }
+                _ => break,
+            }
+        }
+        self.fit_white(case);
+    }
+
+    /// Fits the white noise to what is left.
+    fn fit_white(&mut self, case: &Case) {
+        let (residual, nuisances) = case.linearised(&mut self.state);
+        let white = |channel: usize| noise::fit_white(case, channel, &self.state.noise[channel], &residual, &nuisances);
+        let all: Vec<_> = (0..CHANNELS).into_par_iter().map(white).collect();
+        self.state.noise = std::array::from_fn(|channel| all[channel]);
+        self.normal = case.fit(&mut self.state);
+    }
+
+    /// Drops each change that, beside all the others, is not worth what was paid for it.
+    fn prune(&mut self, case: &Case, thresholds: &Thresholds) {
+        let _ = thresholds;
+        loop {
+            let without = |index: usize| {
+                let mut state = self.state.clone();
+                state.held.remove(index);
+                let normal = case.fit(&mut state);
+                (normal.squares() - self.normal.squares() - self.costs[index], index, state, normal)
+            };
+            let all: Vec<_> = (0..self.state.held.len()).into_par_iter().map(without).collect();
+            match all.into_iter().min_by(|one, other| one.0.total_cmp(&other.0)) {
+                Some((worth, index, state, normal)) if worth <= 0.0 => {
+                    (self.state, self.normal) = (state, normal);
+                    self.costs.remove(index);
+                    self.held_out.remove(index);
+                    for round in &mut self.rounds {
+                        round.kept = match round.kept {
+                            Some(kept) if kept == index => None,
+                            Some(kept) if kept > index => Some(kept - 1),
+                            kept => kept,
+                        };
+                    }
+                }
+                _ => break,
+            }
+        }
+    }
+}
+
+/// How far a whitened residual is from noise.
+///
+/// For averages over half a minute up to half an hour, on each gyro: their χ² against their number, in sigmas; the largest. What no
+/// hypothesis matches is still slow.
+pub fn unlikeness(left: &crate::measured::Series) -> (f64, [f64; CHANNELS]) {
+    const SCALES: [usize; 4] = [6, 24, 96, 384];
+    let of_channel = |channel: usize| {
+        let of_scale = |scale: &usize| {
+            let windows: Vec<f64> = left[channel]
+                .chunks_exact(*scale)
+                .map(|window| window.iter().sum::<f64>().powi(2) / *scale as f64)
+                .collect();
+            let count = windows.len() as f64;
+            // With few windows the law leans: the cube root of χ² is closer to a normal variable (Wilson and Hilferty).
+            let mean = windows.iter().sum::<f64>() / count.max(1.0);
+            if windows.len() < 4 {
+                return 0.0;
+            }
+            let spread = 2.0 / (9.0 * count);
+            (mean.cbrt() - (1.0 - spread)) / spread.sqrt()
+        };
+        SCALES.iter().map(of_scale).fold(f64::NEG_INFINITY, f64::max)
+    };
+    let channels: [f64; CHANNELS] = std::array::from_fn(of_channel);
+    (channels[..TIMING].iter().copied().fold(f64::NEG_INFINITY, f64::max), channels)
+}
+
+/// Whether a change is one of the catalogue, and not a formula.
+pub fn is_in_catalogue(held: &Held) -> bool {
+    matches!(held.change.amplitude.place, Place::Unit | Place::Head)
 }

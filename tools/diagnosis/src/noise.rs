@@ -9,7 +9,9 @@ use crate::whitening::{Noise, ROUNDING, Whitening};
 
 /// Median of the absolute value of a normal variable.
 const MEDIAN_OF_NORMAL: f64 = 0.674_489_750_196_081_7;
-/// Least white noise of an average of ten roundings, as a share of that of ten independent ones: they are not quite.
+/// Blocks in which the white noise is told on its own.
+const STRETCH: usize = 120;
+/// Least white noise of an average of ten roundings, as a share of that of ten independent ones.
 const LEAST_WHITE: f64 = 0.5;
 /// Least white noise of the times, 1 µs in units of the channel.
 const LEAST_TIMING: f64 = 0.01;
@@ -64,16 +66,22 @@ pub fn of(configuration: &Configuration, measured: &Measured, residual: &Series)
     })
 }
 
-/// Variance of second differences, by the median of their absolute values; 0 where there are none.
+/// Variance of second differences: by the median of their absolute values in each stretch of ten minutes, the average of the middle
+/// stretches; rounding while the unit rests is not that of a scan. 0 where there are none.
 fn second_differences(series: &[f64], blocks: &[Block]) -> f64 {
     let good = |window: &[Block]| window.iter().all(|block| block.is_good && !block.restarts);
-    let triples = series.windows(3).zip(blocks.windows(3)).filter(|(_, blocks)| good(blocks));
-    let mut sizes: Vec<f64> = triples.map(|(values, _)| (values[0] - 2.0 * values[1] + values[2]).abs()).collect();
-    let middle = sizes.len() / 2;
-    if sizes.is_empty() {
-        return 0.0;
-    }
-    (sizes.select_nth_unstable_by(middle, f64::total_cmp).1.to_owned() / MEDIAN_OF_NORMAL).powi(2)
+    let of_stretch = |(values, blocks): (&[f64], &[Block])| {
+        let triples = values.windows(3).zip(blocks.windows(3)).filter(|(_, blocks)| good(blocks));
+        let mut sizes: Vec<f64> = triples.map(|(values, _)| (values[0] - 2.0 * values[1] + values[2]).abs()).collect();
+        let middle = sizes.len() / 2;
+        (sizes.len() >= STRETCH / 2)
+            .then(|| (*sizes.select_nth_unstable_by(middle, f64::total_cmp).1 / MEDIAN_OF_NORMAL).powi(2))
+    };
+    let mut variances: Vec<f64> = series.chunks(STRETCH).zip(blocks.chunks(STRETCH)).filter_map(of_stretch).collect();
+    variances.sort_by(f64::total_cmp);
+    let cut = variances.len() / 10;
+    let middle = &variances[cut..variances.len() - cut];
+    if middle.is_empty() { 0.0 } else { middle.iter().sum::<f64>() / middle.len() as f64 }
 }
 
 /// A walk fitted: its growth, one sigma of the growth's logarithm, and by how much −2 ln of the likelihood falls.
@@ -87,23 +95,42 @@ pub struct Fitted {
     pub fall: f64,
 }
 
-/// Fits one walk of one channel, and the white noise with it.
-pub fn fit(case: &Case, channel: usize, noise: &Noise, walk: Walk, residual: &Series, nuisances: &[Nuisance]) -> Fitted {
+/// −2 ln of the likelihood of one channel for any noise of it, beside the nuisances.
+fn deviance<'a>(
+    case: &'a Case,
+    channel: usize,
+    residual: &'a Series,
+    nuisances: &[Nuisance],
+) -> impl Fn(&Noise) -> f64 + use<'a> {
     let own: Vec<Nuisance> = nuisances
         .iter()
         .filter(|column| column[channel].is_some())
         .map(|column| std::array::from_fn(|other| if other == channel { column[channel].clone() } else { None }))
         .collect();
-    let blocks = &case.measured.blocks;
     let none = Noise { white: 1.0, angle_walk: 0.0, rate_walk: 0.0 };
     let bad: Vec<Block> = vec![Block { is_good: false, restarts: false }; residual[0].len()];
-    let deviance = |noise: &Noise| {
+    move |noise: &Noise| {
         let whitenings = std::array::from_fn(|other| match other == channel {
-            true => Whitening::new(noise, &blocks[channel]),
+            true => Whitening::new(noise, &case.measured.blocks[channel]),
             false => Whitening::new(&none, &bad),
         });
         Normal::new(whitenings, residual, &own).deviance()
-    };
+    }
+}
+
+/// Fits the white noise of one channel.
+pub fn fit_white(case: &Case, channel: usize, noise: &Noise, residual: &Series, nuisances: &[Nuisance]) -> Noise {
+    if !case.measured.blocks[channel].iter().any(|block| block.is_good) {
+        return *noise;
+    }
+    let deviance = deviance(case, channel, residual, nuisances);
+    let with = |log_white: f64| Noise { white: log_white.exp(), ..*noise };
+    with(least(noise.white.ln() - 1.0, noise.white.ln() + 1.0, |log_white| deviance(&with(log_white))))
+}
+
+/// Fits one walk of one channel, and the white noise with it.
+pub fn fit(case: &Case, channel: usize, noise: &Noise, walk: Walk, residual: &Series, nuisances: &[Nuisance]) -> Fitted {
+    let deviance = deviance(case, channel, residual, nuisances);
     let start = match (noise.walk(walk), walk) {
         (configured, _) if configured > 0.0 => configured.ln(),
         (_, Walk::Angle) => (noise.white.sqrt() * 1e-2).ln(),
@@ -117,11 +144,8 @@ pub fn fit(case: &Case, channel: usize, noise: &Noise, walk: Walk, residual: &Se
         log_white = least(log_white - 1.0, log_white + 1.0, |log_white| deviance(&with(log_walk, log_white)));
     }
     // Both sides with the white noise that suits them.
-    let before_white = least(noise.white.ln() - 1.0, noise.white.ln() + 1.0, |log_white| {
-        deviance(&Noise { white: log_white.exp(), ..*noise })
-    });
+    let before = deviance(&fit_white(case, channel, noise, residual, nuisances));
     let best = deviance(&with(log_walk, log_white));
-    let before = deviance(&Noise { white: before_white.exp(), ..*noise });
     let aside = 0.1;
     let bend = deviance(&with(log_walk + aside, log_white)) + deviance(&with(log_walk - aside, log_white)) - 2.0 * best;
     let log_sigma = (2.0 * aside * aside / bend.max(1e-9)).sqrt();

@@ -46,6 +46,31 @@ pub struct Products {
     nuisances: [Vec<f64>; THIRDS],
 }
 
+/// A signature, or the part of one on one channel, beside the nuisances. Parts add up.
+#[derive(Debug, Clone)]
+pub struct Beside {
+    own: f64,
+    right: f64,
+    part: DVector<f64>,
+}
+
+impl Beside {
+    /// What is left of the square of a sum of parts; nothing where it cannot be told from the nuisances.
+    fn left(parts: &[&Beside]) -> Option<f64> {
+        let own: f64 = parts.iter().map(|part| part.own).sum();
+        let pairs = parts.iter().flat_map(|one| parts.iter().map(|other| one.part.dot(&other.part)));
+        let left = own - pairs.sum::<f64>();
+        (left > LEAST_LEFT * own && own > 0.0).then_some(left)
+    }
+
+    /// What a sum of parts explains; nothing where it cannot be told from the nuisances.
+    pub fn gain(parts: &[&Beside]) -> Option<Gain> {
+        let left = Beside::left(parts)?;
+        let right: f64 = parts.iter().map(|part| part.right).sum();
+        Some(Gain { size: right / left, sigma: left.sqrt().recip(), chi2: right * right / left })
+    }
+}
+
 /// What a signature explains.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Gain {
@@ -139,6 +164,11 @@ impl Normal {
         self.chi2() + determinants + told.map(|index| 2.0 * (diagonal(index) / self.scale[index]).ln()).sum::<f64>()
     }
 
+    /// −2 ln of the likelihood as it stands, but for a constant.
+    pub fn likelihood(&self) -> f64 {
+        self.squares() + self.whitenings.iter().map(|whitening| whitening.log_determinant).sum::<f64>()
+    }
+
     /// Squares of the whitened residual as it stands.
     pub fn squares(&self) -> f64 {
         self.squares.iter().sum()
@@ -217,19 +247,16 @@ impl Normal {
         self.products(channel, &self.white(channel, column))
     }
 
-    /// What a signature explains beside the nuisances; nothing where it cannot be told from them.
-    pub fn gain(&self, products: &Products) -> Option<Gain> {
-        let (own, right, _) = self.projected(products)?;
-        Some(Gain { size: right / own, sigma: own.sqrt().recip(), chi2: right * right / own })
+    /// A signature beside the nuisances.
+    pub fn beside(&self, products: &Products) -> Beside {
+        let part = self.part(products);
+        let right = products.residual.iter().sum::<f64>() - part.dot(&self.solved);
+        Beside { own: products.own.iter().sum(), right, part }
     }
 
-    /// Square and product with the residual of a signature beside the nuisances, and its part in them.
-    fn projected(&self, products: &Products) -> Option<(f64, f64, DVector<f64>)> {
-        let own: f64 = products.own.iter().sum();
-        let part = self.part(products);
-        let left = own - part.norm_squared();
-        let right = products.residual.iter().sum::<f64>() - part.dot(&self.solved);
-        (left > LEAST_LEFT * own && own > 0.0).then_some((left, right, part))
+    /// What a signature explains beside the nuisances; nothing where it cannot be told from them.
+    pub fn gain(&self, products: &Products) -> Option<Gain> {
+        Beside::gain(&[&self.beside(products)])
     }
 
     fn part(&self, products: &Products) -> DVector<f64> {
@@ -240,10 +267,9 @@ impl Normal {
     /// Cosine of two signatures beside the nuisances, from the products of each and the product of the two; 0 where one cannot be
     /// told from the nuisances.
     pub fn cosine(&self, one: &Products, other: &Products, both: f64) -> f64 {
-        match (self.projected(one), self.projected(other)) {
-            (Some((one, _, one_part)), Some((other, _, other_part))) => {
-                (both - one_part.dot(&other_part)) / (one * other).sqrt()
-            }
+        let (one, other) = (self.beside(one), self.beside(other));
+        match (Beside::left(&[&one]), Beside::left(&[&other])) {
+            (Some(one_left), Some(other_left)) => (both - one.part.dot(&other.part)) / (one_left * other_left).sqrt(),
             _ => 0.0,
         }
     }

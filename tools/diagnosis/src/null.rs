@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use crate::bank::{Bank, Family};
 use crate::change::Place;
 use crate::measured::{BLOCK, CHANNELS, Series, TIMING, nodes};
-use crate::normal::{Normal, Products};
+use crate::normal::{Beside, Normal};
 use crate::search::{columns, set_penalty, sets};
 use crate::state::Case;
 use crate::whitening::{Noise, ROUNDING};
@@ -34,6 +34,8 @@ const NOISE_CHI2: f64 = 25.0;
 pub struct Thresholds {
     /// For each family.
     pub chi2: [f64; Family::COUNT],
+    /// What [`crate::explain::unlikeness`] of noise exceeds as seldom.
+    pub unlikeness: f64,
 }
 
 impl Thresholds {
@@ -64,7 +66,9 @@ pub fn thresholds(case: &Case, bank: &Bank, normal: &Normal, noise: &[Noise; CHA
             }
             one
         });
-    limits(&largest)
+    let unlike: Vec<f64> = drawn.iter().map(|left| crate::explain::unlikeness(left).0).collect();
+    let (at, scale) = gumbel(&unlike).unwrap_or((0.0, 1.0));
+    Thresholds { unlikeness: at - scale * (-(1.0 - FALSE_NAMES).ln()).ln(), ..limits(&largest) }
 }
 
 /// For each family and run, the largest gain of one base.
@@ -73,7 +77,7 @@ fn of_base(bank: &Bank, base: usize, normal: &Normal, beside: &[Vec<f32>; CHANNE
     let mut largest = vec![[0.0f64; RUNS]; Family::COUNT];
     for variation in bank.variations(base) {
         let columns = columns(bank, base, &variation);
-        let parts: [Option<(Products, [f32; RUNS])>; CHANNELS] = std::array::from_fn(|channel| {
+        let parts: [Option<(Beside, [f32; RUNS])>; CHANNELS] = std::array::from_fn(|channel| {
             let column = columns[channel].as_ref()?;
             let white = normal.white(channel, column);
             let mut sums = [0.0f32; RUNS];
@@ -83,18 +87,16 @@ fn of_base(bank: &Bank, base: usize, normal: &Normal, beside: &[Vec<f32>; CHANNE
                     *sum += value * run;
                 }
             }
-            Some((normal.products(channel, &white), sums))
+            Some((normal.beside(&normal.products(channel, &white)), sums))
         });
         let family = &mut largest[variation.family().0];
         let mut take = |chosen: &[bool; CHANNELS], penalty: f64| {
-            let (mut products, mut sums) = (Products::none(normal.nuisances()), [0.0f32; RUNS]);
-            for (part, own) in parts.iter().zip(chosen).filter(|(_, chosen)| **chosen).filter_map(|(part, _)| {
-                part.as_ref()
-            }) {
-                products = products.plus(part);
+            let chosen = || parts.iter().zip(chosen).filter(|(_, chosen)| **chosen).filter_map(|(part, _)| part.as_ref());
+            let mut sums = [0.0f32; RUNS];
+            for (_, own) in chosen() {
                 sums.iter_mut().zip(own).for_each(|(sum, own)| *sum += own);
             }
-            let Some(gain) = normal.gain(&products) else { return };
+            let Some(gain) = Beside::gain(&chosen().map(|(part, _)| part).collect::<Vec<_>>()) else { return };
             // The sigma is one over the root of what is left of the signature.
             let scale = gain.sigma * gain.sigma;
             for (largest, sum) in family.iter_mut().zip(sums) {
@@ -162,7 +164,7 @@ fn limits(largest: &[[f64; RUNS]]) -> Thresholds {
         Some((at, scale)) => at + scale * reduced,
         None => NOISE_CHI2,
     };
-    Thresholds { chi2: std::array::from_fn(of) }
+    Thresholds { chi2: std::array::from_fn(of), unlikeness: f64::INFINITY }
 }
 
 /// Location and scale of Gumbel's law, by its moments; nothing where all are alike.

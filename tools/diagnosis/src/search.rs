@@ -6,11 +6,14 @@ use rayon::prelude::*;
 use crate::bank::{Bank, Base, Column, Family, Variation};
 use crate::change::{ALL_GYROS, Change, Gyros, Place};
 use crate::measured::{CHANNELS, TIMING};
-use crate::normal::{Gain, Normal, Products, THIRDS};
+use crate::normal::{Beside, Gain, Normal, Products, THIRDS};
 use crate::state::State;
 
 /// Blocks of a jump of the angle that are looked at: the filter has forgotten it after.
 const SUDDEN_BLOCKS: usize = 120;
+
+/// Candidates that are looked at closely.
+const SHOWN: usize = 24;
 
 /// A hypothesis with what it explains.
 #[derive(Debug, Clone)]
@@ -55,6 +58,20 @@ pub fn columns(bank: &Bank, base: &Base, variation: &Variation) -> [Option<Colum
     })
 }
 
+/// Products of a candidate, over its gyros.
+pub fn products(bank: &Bank, normal: &Normal, candidate: &Candidate) -> Products {
+    let columns = columns(bank, &bank.bases[candidate.base], &candidate.variation);
+    let reaches = |channel: usize| match candidate.change.amplitude.place {
+        Place::Unit => true,
+        _ => channel != TIMING && candidate.change.gyros[channel],
+    };
+    let parts = columns.iter().enumerate().filter(|(channel, _)| reaches(*channel));
+    parts.fold(Products::none(normal.nuisances()), |sum, (channel, column)| match column {
+        Some(column) => sum.plus(&normal.products_of(channel, column)),
+        None => sum,
+    })
+}
+
 /// The best candidate of each code and set of gyros, the best first; those of `held` codes on their own gyros left out where a
 /// configuration holds only one.
 pub fn search(bank: &Bank, normal: &Normal, state: &State, penalty: &(dyn Fn(Family) -> f64 + Sync)) -> Vec<Candidate> {
@@ -63,15 +80,15 @@ pub fn search(bank: &Bank, normal: &Normal, state: &State, penalty: &(dyn Fn(Fam
         let mut best: Vec<Candidate> = Vec::new();
         for variation in bank.variations(base) {
             let columns = columns(bank, base, &variation);
-            let products: [Option<Products>; CHANNELS] = std::array::from_fn(|channel| {
-                columns[channel].as_ref().map(|column| normal.products_of(channel, column))
+            let parts: [Option<Beside>; CHANNELS] = std::array::from_fn(|channel| {
+                columns[channel].as_ref().map(|column| normal.beside(&normal.products_of(channel, column)))
             });
             let kind = match &variation {
                 Variation::Course { kind, .. } => Some(*kind),
                 _ => None,
             };
-            let mut try_set = |gyros: Gyros, products: &Products| {
-                let Some(gain) = normal.gain(products) else { return };
+            let mut try_set = |gyros: Gyros, parts: &[&Beside]| {
+                let Some(gain) = Beside::gain(parts) else { return };
                 let held = state.held.iter().any(|held| {
                     let own = &held.change.amplitude;
                     (own.place, own.effect, own.amplitude, own.kind)
@@ -108,18 +125,11 @@ pub fn search(bank: &Bank, normal: &Normal, state: &State, penalty: &(dyn Fn(Fam
                 }
             };
             match base.amplitude.place {
-                Place::Unit => {
-                    let none = Products::none(normal.nuisances());
-                    let sum = products.iter().flatten().fold(none, Products::plus);
-                    try_set(ALL_GYROS, &sum);
-                }
+                Place::Unit => try_set(ALL_GYROS, &parts.iter().flatten().collect::<Vec<_>>()),
                 Place::Head => {
-                    let available = Gyro::ALL.map(|gyro| products[gyro as usize].is_some());
-                    for gyros in sets(available) {
-                        let none = Products::none(normal.nuisances());
-                        let parts = products[..TIMING].iter().zip(gyros).filter(|(_, has)| *has);
-                        let sum = parts.filter_map(|(part, _)| part.as_ref()).fold(none, Products::plus);
-                        try_set(gyros, &sum);
+                    for gyros in sets(Gyro::ALL.map(|gyro| parts[gyro as usize].is_some())) {
+                        let chosen = parts[..TIMING].iter().zip(gyros).filter(|(_, has)| *has);
+                        try_set(gyros, &chosen.filter_map(|(part, _)| part.as_ref()).collect::<Vec<_>>());
                     }
                 }
             }
@@ -142,5 +152,8 @@ pub fn search(bank: &Bank, normal: &Normal, state: &State, penalty: &(dyn Fn(Fam
         }
     }
     best.sort_by(|a, b| score(b).total_cmp(&score(a)));
+    for candidate in best.iter_mut().take(SHOWN) {
+        candidate.held_out = normal.held_out(&products(bank, normal, candidate));
+    }
     best
 }

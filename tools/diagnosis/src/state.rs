@@ -1,6 +1,8 @@
 //! What is held of the unit at some point of a diagnosis, and its fit to the recording: the sixteen, the common lag, and every
 //! change found so far, together, by Gauss and Newton, each step run by the model from the start.
 
+use std::sync::Arc;
+
 use geu_model::Configuration;
 use geu_model::number::Numbers;
 use nalgebra::{DMatrix, DVector};
@@ -17,6 +19,8 @@ const LAG_S: f64 = 1e-3;
 const ROUNDS: usize = 6;
 /// A fit ends where a round lowers χ² by less.
 const SETTLED: f64 = 0.01;
+/// A fall of χ² that differs from what was foretold by less than this share is that of a linear model.
+const LINEAR: f64 = 0.02;
 /// Times a step is halved.
 const HALVINGS: usize = 5;
 /// Share of a calibration number's range by which it is moved for its signature.
@@ -31,16 +35,24 @@ pub struct Held {
     pub is_free: Vec<bool>,
     /// One sigma of each, from the last fit; NaN where it is not fitted.
     pub sigmas: Vec<f64>,
+    /// Signatures of the free ones, where they were run: nearly the same as long as the parameters are.
+    columns: Option<Arc<Vec<Nuisance>>>,
 }
 
 impl Held {
+    /// Fits this parameter too.
+    pub fn free(&mut self, index: usize) {
+        self.is_free[index] = true;
+        self.columns = None;
+    }
+
     /// With its size and the shapes that have no default free.
     pub fn new(change: Change) -> Held {
         let own = change.own_shapes.len();
         let is_free: Vec<bool> = (0..change.parameters().len())
             .map(|index| index == 0 || index > own || change.amplitude.own_shapes()[index - 1].name == "time_s")
             .collect();
-        Held { sigmas: vec![f64::NAN; is_free.len()], is_free, change }
+        Held { sigmas: vec![f64::NAN; is_free.len()], is_free, change, columns: None }
     }
 }
 
@@ -122,34 +134,42 @@ impl<'a> Case<'a> {
         std::array::from_fn(|channel| Whitening::new(&noise[channel], &self.measured.blocks[channel]))
     }
 
-    /// The equations of a state: its residual, with the sixteen, the lag and every free parameter as nuisances.
-    pub fn normal(&self, state: &State) -> Normal {
-        let (residual, columns) = self.linearised(state);
-        Normal::new(self.whitenings(&state.noise), &residual, &columns)
+    /// The residual, and the signatures of all that is fitted: nuisances, then the free parameters. Those that are not at hand are
+    /// run, and kept.
+    pub fn linearised(&self, state: &mut State) -> (Series, Vec<Nuisance>) {
+        let from = self.measured.run(&state.configuration(self.believed), state.lag_s);
+        let open: Vec<(usize, usize)> =
+            state.free().into_iter().filter(|(held, _)| state.held[*held].columns.is_none()).collect();
+        let columns: Vec<Nuisance> = open.par_iter().map(|&(held, index)| self.column(state, &from, held, index)).collect();
+        for held in 0..state.held.len() {
+            if state.held[held].columns.is_none() {
+                let own = open.iter().zip(&columns).filter(|((other, _), _)| *other == held);
+                state.held[held].columns = Some(Arc::new(own.map(|(_, column)| column.clone()).collect()));
+            }
+        }
+        let of_changes = state.held.iter().filter_map(|held| held.columns.as_deref()).flatten();
+        (self.measured.residual(&from), self.nuisances.iter().chain(of_changes).cloned().collect())
     }
 
-    /// The residual, and the signatures of all that is fitted: nuisances, then the free parameters.
-    fn linearised(&self, state: &State) -> (Series, Vec<Nuisance>) {
-        let from = self.measured.run(&state.configuration(self.believed), state.lag_s);
-        let free = state.free();
-        let moved = |&(held, index): &(usize, usize)| -> Nuisance {
-            let change = &state.held[held].change;
-            let parameter = &change.parameters()[index];
-            let mut step = step(parameter);
-            if parameter.value + step > parameter.greatest {
-                step = -step;
-            }
-            let mut moved = state.clone();
-            moved.held[held].change.set(index, parameter.value + step);
-            let series =
-                self.measured.difference(&self.measured.run(&moved.configuration(self.believed), state.lag_s), &from);
-            series.map(|values| {
-                let any = values.iter().any(|&value| value != 0.0);
-                any.then(|| values.into_iter().map(|value| value / step).collect())
-            })
-        };
-        let columns: Vec<Nuisance> = free.par_iter().map(moved).collect();
-        (self.measured.residual(&from), [&self.nuisances[..], &columns[..]].concat())
+    /// The signature of one parameter of a change.
+    fn column(&self, state: &State, from: &Series, held: usize, index: usize) -> Nuisance {
+        let parameter = &state.held[held].change.parameters()[index];
+        let mut step = step(parameter);
+        if parameter.value + step > parameter.greatest {
+            step = -step;
+        }
+        let mut moved = state.clone();
+        moved.held[held].change.set(index, parameter.value + step);
+        let run = self.measured.run(&moved.configuration(self.believed), state.lag_s);
+        self.measured.difference(&run, from).map(|values| {
+            let any = values.iter().any(|&value| value != 0.0);
+            any.then(|| values.into_iter().map(|value| value / step).collect())
+        })
+    }
+
+    fn normal(&self, state: &mut State) -> Normal {
+        let (residual, columns) = self.linearised(state);
+        Normal::new(self.whitenings(&state.noise), &residual, &columns)
     }
 
     /// Fits everything that is free, and tells the equations at the end.
@@ -157,11 +177,15 @@ impl<'a> Case<'a> {
         let mut normal = self.normal(state);
         for _ in 0..ROUNDS {
             let (solution, _) = normal.solution();
+            let foretold = normal.squares() - normal.chi2();
+            if foretold < SETTLED {
+                break;
+            }
             let mut share = 1.0;
             let mut next = None;
             for _ in 0..HALVINGS {
-                let tried = state.moved(&(&solution * share));
-                let tried_normal = self.normal(&tried);
+                let mut tried = state.moved(&(&solution * share));
+                let tried_normal = self.normal(&mut tried);
                 if tried_normal.squares() <= normal.squares() {
                     next = Some((tried, tried_normal));
                     break;
@@ -171,8 +195,13 @@ impl<'a> Case<'a> {
             let Some((tried, tried_normal)) = next else { break };
             let fall = normal.squares() - tried_normal.squares();
             (*state, normal) = (tried, tried_normal);
-            if fall < SETTLED {
+            // What falls as foretold is linear, and there.
+            if (fall - foretold).abs() < SETTLED.max(LINEAR * foretold) && normal.squares() - normal.chi2() < SETTLED {
                 break;
+            }
+            if (fall - foretold).abs() > LINEAR * foretold {
+                state.held.iter_mut().for_each(|held| held.columns = None);
+                normal = self.normal(state);
             }
         }
         state.take_sigmas(&normal.solution().1);
