@@ -206,6 +206,12 @@ impl Unit {
         self.lost_counts
     }
 
+    /// Counts so far as real numbers, in the order of [`Gyro::ALL`]: before rounding, wiring faults, self-test, power and
+    /// saturation.
+    pub fn accumulated_counts(&self) -> [f64; 4] {
+        self.channels.each_ref().map(|channel| channel.accumulated)
+    }
+
     /// Carries out the payload of a COMMAND within the running half second.
     pub fn command(&mut self, payload: &[u8]) -> Answer {
         let opcode = payload.first().copied().unwrap_or(0);
@@ -422,6 +428,9 @@ mod tests {
                 unquantised[index] += traces[index].unquantised;
                 assert!((counted[index] - unquantised[index]).abs() < 0.500_001);
             }
+        }
+        for (told, summed) in unit.accumulated_counts().into_iter().zip(unquantised) {
+            assert!((told - summed).abs() < 1e-6, "{told} {summed}");
         }
     }
 

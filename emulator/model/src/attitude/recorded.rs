@@ -143,9 +143,16 @@ impl Recorded {
 
     /// The same truth with its start as time 0.
     #[must_use]
-    pub fn starting_at_zero(mut self) -> Recorded {
-        let start_s = self.start_s();
-        self.t_s.iter_mut().for_each(|t_s| *t_s -= start_s);
+    pub fn starting_at_zero(self) -> Recorded {
+        self.starting_at(0.0)
+    }
+
+    /// The same truth moved in time, so that the first row's time is `start_s`.
+    #[must_use]
+    pub fn starting_at(mut self, start_s: f64) -> Recorded {
+        let first_s = self.start_s();
+        // The difference first: it is exact or nearly so where the truth's own times are large.
+        self.t_s.iter_mut().for_each(|t_s| *t_s = *t_s - first_s + start_s);
         self
     }
 
@@ -309,6 +316,15 @@ mod tests {
                 );
             }
         }
+    }
+
+    #[test]
+    fn a_truth_moved_in_time_tells_the_same_motion_at_the_moved_times() {
+        let recorded = Recorded::new(&rows(20, |t| t * t)).expect("good rows");
+        let moved = recorded.clone().starting_at(-3.5);
+        assert_eq!((moved.start_s(), moved.end_s()), (-3.5, 6.5));
+        assert_eq!(moved.at(1.25, &mut 0).0, recorded.at(4.75, &mut 0).0);
+        assert_eq!(moved.starting_at_zero(), recorded);
     }
 
     #[test]
