@@ -165,3 +165,29 @@ fn a_truth_that_cannot_serve_is_refused_at_the_start() {
     }
     assert!(!out.exists(), "nothing is written for a run that cannot be");
 }
+
+#[test]
+fn a_discovered_term_is_simulated_told_in_the_truth_and_made_again() {
+    let room = tempfile::tempdir().expect("a directory");
+    let (first, again) = (room.path().join("first"), room.path().join("again"));
+    let terms = r#"gyro.GYRY.discovered=[{formula="rate_y^2",coefficient=4e-7}]"#;
+    simulate(&["--duration", "900", "--set", terms], &first);
+    simulate(&[path(&first.join("run.toml"))], &again);
+    assert_same_bytes(&first, &again);
+    let truth = fs::read_to_string(first.join("truth.csv")).expect("a file");
+    let header: Vec<&str> = truth.lines().next().expect("a header").split(',').collect();
+    let place = |name: &str| header.iter().position(|own| *own == name).unwrap_or_else(|| panic!("{name}: {header:?}"));
+    let (own, from, to) = (place("discovered_counts"), place("true_arcsec"), place("unquantised"));
+    let mut most: f64 = 0.0;
+    for row in rows(&first.join("truth.csv")) {
+        let sum: f64 = row[from..to].iter().map(|field| number(field)).sum();
+        assert!((sum - number(&row[to])).abs() < 1e-9, "{row:?}");
+        if row[2] == "GYRY" {
+            most = most.max(number(&row[own]));
+        } else {
+            assert_eq!(number(&row[own]), 0.0, "{row:?}");
+        }
+    }
+    // A scan of 720″/s about Y: (720″/s)²·4·10⁻⁷·0.5 s/0.9987, the limit cycle beside it.
+    assert!((0.1038..0.1055).contains(&most), "{most}");
+}

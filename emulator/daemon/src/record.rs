@@ -10,10 +10,7 @@ use std::path::{Path, PathBuf};
 
 use geu_model::attitude::{Leg, Motion};
 use geu_model::configuration::{RecordedCommand, RunRecord, WireForm};
-use geu_model::effect::{
-    CALIBRATION_COLUMN, HEAD_COLUMNS, HeadEffects, POWER_COLUMN, SATURATION_COLUMN, SELF_TEST_COLUMN, UNIT_COLUMNS,
-    UnitEffects, WIRING_COLUMNS, WiringEffects, columns,
-};
+use geu_model::effect::columns;
 use geu_model::sensor::{StarSensor, SunSensor};
 use geu_model::units::RAD_PER_DEG;
 use geu_model::{Configuration, Ended, Trace, Truth};
@@ -132,7 +129,7 @@ impl Recorder {
             legs: VecDeque::new(),
             half_seconds: 0,
             end_ns: 0,
-            truth_columns: truth_columns(configuration),
+            truth_columns: configuration.columns(),
         };
         recorder.headers()?;
         // A process that is killed leaves a run all the same.
@@ -339,20 +336,6 @@ impl Recorder {
         }
         Ok(())
     }
-}
-
-/// The columns of a trace that this configuration can fill: the calibration, what is present, saturation.
-fn truth_columns(configuration: &Configuration) -> Vec<usize> {
-    let gyros = &configuration.gyros;
-    let unit = (0..UnitEffects::SPECS.len()).filter(|&index| configuration.unit.has(index));
-    let head = (0..HeadEffects::SPECS.len()).filter(|&index| gyros.iter().any(|gyro| gyro.effects.has(index)));
-    let wiring = (0..WiringEffects::SPECS.len()).filter(|&index| gyros.iter().any(|gyro| gyro.wiring.has(index)));
-    std::iter::once(CALIBRATION_COLUMN)
-        .chain(unit.map(|index| UNIT_COLUMNS + index))
-        .chain(head.map(|index| HEAD_COLUMNS + index))
-        .chain(wiring.map(|index| WIRING_COLUMNS + index))
-        .chain([SELF_TEST_COLUMN, POWER_COLUMN, SATURATION_COLUMN])
-        .collect()
 }
 
 /// A time in s as ns; one without end is the last there is.

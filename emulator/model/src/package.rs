@@ -3,9 +3,10 @@
 use geu_protocol::Gyro;
 
 use crate::attitude::Step;
+use crate::effect::discovered::{self, Term};
 use crate::effect::{
-    CALIBRATION_COLUMN, COLUMNS, Head, HeadEffects, HeadStates, Surroundings, Tap, Temperatures, Timing, UNIT_COLUMNS,
-    UnitEffects, UnitStates,
+    CALIBRATION_COLUMN, COLUMNS, DISCOVERED_COLUMN, Head, HeadEffects, HeadStates, Surroundings, Tap, Temperatures,
+    Timing, UNIT_COLUMNS, UnitEffects, UnitStates,
 };
 use crate::number::numbers;
 use crate::units::{ARCSEC_PER_RAD, HALF_SECOND_S};
@@ -117,6 +118,8 @@ pub struct Standing<'a> {
     pub calibration: &'a Calibration,
     /// Its effects.
     pub effects: HeadEffects,
+    /// Those whose terms are data.
+    pub discovered: &'a [Term],
 }
 
 /// The four gyros: what their effects and the unit's remember.
@@ -169,6 +172,12 @@ impl Package {
             for (index, head) in heads.iter_mut().enumerate() {
                 let surroundings = Surroundings { step, axes: Axes::of(Gyro::ALL[index]), temperatures, end_s: *end_s };
                 let tap = &mut taps[index];
+                if !gyros[index].discovered.is_empty() {
+                    discovered::apply(gyros[index].discovered, head, &surroundings);
+                    if T::LOOKS {
+                        tap.after(DISCOVERED_COLUMN, head.counts(&Timing::default()));
+                    }
+                }
                 gyros[index].effects.apply(&mut self.heads[index], head, &surroundings, tap);
                 counts[index] += head.counts(&timing);
                 if T::LOOKS {

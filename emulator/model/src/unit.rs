@@ -290,6 +290,7 @@ impl Unit {
         let standing = std::array::from_fn(|index| Standing {
             calibration: &gyros[index].calibration,
             effects: gyros[index].effects.at(&interval),
+            discovered: &gyros[index].discovered,
         });
         let wiring: [WiringEffects; 4] = std::array::from_fn(|index| gyros[index].wiring.at(&interval));
         let mut taps: [T; 4] = std::array::from_fn(|_| T::default());

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use geu_model::attitude::{Recorded, Row};
 use geu_model::configuration::GyroConfiguration;
-use geu_model::effect::{CALIBRATION_COLUMN, Effects, WIRING_COLUMNS};
+use geu_model::effect::{CALIBRATION_COLUMN, UNIT_COLUMNS, WIRING_COLUMNS};
 use geu_model::package::Calibration;
 use geu_model::units::{HALF_SECOND_S, PPM};
 use geu_model::{Configuration, Truth, Unit};
@@ -38,12 +38,7 @@ impl EffectCounts {
             gyro.effects.constant.angle_random_walk = Default::default();
             gyro.effects.constant.drift_random_walk = Default::default();
         }
-        let present = (0..quiet.unit.constant.specs().len()).any(|index| quiet.unit.has(index))
-            || quiet
-                .gyros
-                .iter()
-                .any(|gyro| (0..gyro.effects.constant.specs().len()).any(|index| gyro.effects.has(index)));
-        if !present {
+        if !quiet.columns().iter().any(|column| (UNIT_COLUMNS..WIRING_COLUMNS).contains(column)) {
             return None;
         }
         let steps = steps();

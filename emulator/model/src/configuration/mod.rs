@@ -12,7 +12,11 @@ use geu_protocol::Gyro;
 
 use crate::attitude::{LimitCycle, Manoeuvre, Plan, Scenario};
 use crate::course::{Course, KINDS, Kind};
-use crate::effect::{Configured, EffectSpec, Effects, HeadEffects, UnitEffects, WiringEffects};
+use crate::effect::discovered::{self, Formula, Term};
+use crate::effect::{
+    CALIBRATION_COLUMN, Configured, DISCOVERED_COLUMN, EffectSpec, Effects, HEAD_COLUMNS, HeadEffects, POWER_COLUMN,
+    SATURATION_COLUMN, SELF_TEST_COLUMN, UNIT_COLUMNS, UnitEffects, WIRING_COLUMNS, WiringEffects,
+};
 use crate::number::{Default as DefaultValue, Form, Number};
 use crate::package::{Axes, Calibration};
 use crate::sensor::SensorNumbers;
@@ -28,6 +32,8 @@ pub struct GyroConfiguration {
     pub calibration: Calibration,
     /// Its effects.
     pub effects: Configured<HeadEffects>,
+    /// The effect whose terms are data.
+    pub discovered: Vec<Term>,
     /// Faults of its wiring.
     pub wiring: Configured<WiringEffects>,
 }
@@ -183,6 +189,23 @@ impl Configuration {
         REFERENCE
     }
 
+    /// Columns of a trace that it can fill, in order: the calibration, the effects that are present, self-test, power,
+    /// saturation.
+    pub fn columns(&self) -> Vec<usize> {
+        let gyros = &self.gyros;
+        let unit = (0..UnitEffects::SPECS.len()).filter(|&index| self.unit.has(index));
+        let discovered = gyros.iter().any(|gyro| discovered::is_present(&gyro.discovered));
+        let head = (0..HeadEffects::SPECS.len()).filter(|&index| gyros.iter().any(|gyro| gyro.effects.has(index)));
+        let wiring = (0..WiringEffects::SPECS.len()).filter(|&index| gyros.iter().any(|gyro| gyro.wiring.has(index)));
+        std::iter::once(CALIBRATION_COLUMN)
+            .chain(unit.map(|index| UNIT_COLUMNS + index))
+            .chain(discovered.then_some(DISCOVERED_COLUMN))
+            .chain(head.map(|index| HEAD_COLUMNS + index))
+            .chain(wiring.map(|index| WIRING_COLUMNS + index))
+            .chain([SELF_TEST_COLUMN, POWER_COLUMN, SATURATION_COLUMN])
+            .collect()
+    }
+
     fn read(root: &Node) -> Result<Configuration, ConfigurationError> {
         root.only(&TOP)?;
         let unit = match root.table("unit")? {
@@ -226,8 +249,32 @@ fn read_gyro(node: &Node, axes: &Axes) -> Result<GyroConfiguration, Configuratio
     if let Some(node) = node.table("calibration")? {
         node.fill(&mut calibration, has, &[])?;
     }
-    known_effects(node, &["calibration"], &[HeadEffects::SPECS, WiringEffects::SPECS])?;
-    Ok(GyroConfiguration { calibration, effects: read_effects(node, has)?, wiring: read_effects(node, has)? })
+    known_effects(node, &["calibration", discovered::CODE], &[HeadEffects::SPECS, WiringEffects::SPECS])?;
+    Ok(GyroConfiguration {
+        calibration,
+        effects: read_effects(node, has)?,
+        discovered: read_discovered(node)?,
+        wiring: read_effects(node, has)?,
+    })
+}
+
+fn read_discovered(node: &Node) -> Result<Vec<Term>, ConfigurationError> {
+    let terms = node.tables(discovered::CODE)?;
+    if terms.len() > discovered::MOST_TERMS {
+        let (path, most) = (node.path_of(discovered::CODE), discovered::MOST_TERMS);
+        return Err(
+            node.error(discovered::CODE, format!("expected at most {most} terms in `{path}`, got {}", terms.len()))
+        );
+    }
+    let read = |node: &Node| {
+        node.only(&["formula", discovered::COEFFICIENT.name])?;
+        let formula: Result<Formula, _> = node.text("formula")?.parse();
+        Ok(Term {
+            formula: formula.map_err(|error| node.unexpected("formula", &error.expected))?,
+            coefficient: node.number(&discovered::COEFFICIENT)?,
+        })
+    };
+    terms.iter().map(read).collect()
 }
 
 /// The effect that a key names, and the kind of its course where it has a suffix.

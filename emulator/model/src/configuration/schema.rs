@@ -6,6 +6,7 @@ use serde_json::{Map, Value, json};
 use super::{Configuration, DURATION, PSI, START, THETA, WireForm};
 use crate::attitude::{LimitCycle, Manoeuvre};
 use crate::course::{KINDS, Size};
+use crate::effect::discovered::{self, Regressor};
 use crate::effect::{Effects, HeadEffects, UnitEffects, WiringEffects};
 use crate::number::{Default, Form, Number, Numbers};
 use crate::package::{Axes, Calibration};
@@ -22,6 +23,7 @@ impl Configuration {
                 let mut properties = effects::<HeadEffects>(&has);
                 properties.extend(effects::<WiringEffects>(&has));
                 properties.insert("calibration".to_owned(), table(&Calibration::default(), &has));
+                properties.insert(discovered::CODE.to_owned(), discovered_terms());
                 (gyro.name().to_owned(), object(properties, &[]))
             })
             .collect();
@@ -139,6 +141,26 @@ fn effects<E: Effects>(has: &dyn Fn(&str) -> bool) -> Map<String, Value> {
         }
     }
     properties
+}
+
+fn discovered_terms() -> Value {
+    let names = Regressor::ALL.map(|regressor| regressor.name().replace('(', "\\(").replace(')', "\\)")).join("|");
+    let factor = format!(" *({names}) *(\\^ *[123] *)?");
+    let (coefficient, formula) = (
+        discovered::COEFFICIENT,
+        json!({
+            "type": "string",
+            "description": discovered::FORMULA_MEANING,
+            "pattern": format!("^{factor}(\\*{factor})*$"),
+        }),
+    );
+    let term = json!({ "formula": formula, coefficient.name: number(&coefficient) });
+    json!({
+        "type": "array",
+        "description": discovered::TITLE,
+        "maxItems": discovered::MOST_TERMS,
+        "items": object(map(term), &["formula", coefficient.name]),
+    })
 }
 
 fn manoeuvres() -> Vec<Value> {

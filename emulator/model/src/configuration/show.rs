@@ -7,6 +7,7 @@ use geu_protocol::Gyro;
 use super::{Configuration, DURATION, PSI, RunRecord, START, THETA};
 use crate::attitude::Manoeuvre;
 use crate::course::Kind;
+use crate::effect::discovered::{self, Regressor, Term};
 use crate::effect::{Configured, Effects};
 use crate::number::{Default, Form, Number, Numbers};
 use crate::package::Axes;
@@ -76,6 +77,7 @@ impl Configuration {
                 &configured.calibration,
                 has,
             );
+            discovered(&mut text, complete, &configured.discovered);
             effects(&mut text, complete, &configured.effects, has);
             effects(&mut text, complete, &configured.wiring, has);
         }
@@ -170,6 +172,29 @@ fn effects<E: Effects>(text: &mut String, complete: bool, configured: &Configure
             numbers(text, false, "", spec.code, spec.title, present, &has);
         }
         courses(text, configured, index);
+    }
+}
+
+/// The effect whose terms are data.
+fn discovered(text: &mut String, complete: bool, terms: &[Term]) {
+    let code = discovered::CODE;
+    let coefficient = discovered::COEFFICIENT;
+    if complete {
+        line(text, format_args!("# {}; at most {} terms", discovered::TITLE, discovered::MOST_TERMS));
+        line(text, format_args!("#   formula: {}:", discovered::FORMULA_MEANING));
+        for regressor in Regressor::ALL {
+            let (name, meaning, unit) = (regressor.name(), regressor.meaning(), regressor.unit());
+            line(text, format_args!("#     {name}: {meaning} ({unit})"));
+        }
+        line(text, format_args!("#   {}: {} ({})", coefficient.name, coefficient.meaning, coefficient.limits()));
+    }
+    let term = |Term { formula, coefficient: value }: &Term| {
+        format!("{{ formula = \"{formula}\", {} = {value:?} }}", coefficient.name)
+    };
+    match terms {
+        [] if complete => line(text, format_args!("# {code} = []")),
+        [] => {}
+        terms => line(text, format_args!("{code} = [{}]", terms.iter().map(term).collect::<Vec<_>>().join(", "))),
     }
 }
 

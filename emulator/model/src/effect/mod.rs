@@ -2,7 +2,7 @@
 //!
 //! What a law acts on says where and on whom it acts. Effects of the unit are one list ([`UnitEffects`]), effects of a
 //! gyro another ([`HeadEffects`]), faults of a gyro's wiring a third ([`WiringEffects`]); laws are called statically from
-//! the list, in the hot loop. All numbers go through [`Effects`]: configuration and its schema, courses, and whatever
+//! the list, in the hot loop. One effect stands beside the lists, as its terms are data: [`discovered`]. All numbers go through [`Effects`]: configuration and its schema, courses, and whatever
 //! searches or moves an amplitude. State stands apart from the numbers, so a number moved live never resets it, and an
 //! amplitude of 0 changes no bit.
 //!
@@ -17,6 +17,7 @@ mod angle_random_walk;
 mod anisoinertia;
 mod axis_swap;
 mod clock_frequency;
+pub mod discovered;
 mod drift;
 mod drift_random_walk;
 mod drift_sensor_temperature;
@@ -210,14 +211,17 @@ impl Tap for () {
     fn changed(&mut self, _column: usize, _counts: f64) {}
 }
 
-/// Columns of a trace: the calibration, the effects of the three lists, self-test, power, saturation.
-pub const COLUMNS: usize = 4 + UnitEffects::SPECS.len() + HeadEffects::SPECS.len() + WiringEffects::SPECS.len();
+/// Columns of a trace: the calibration, the effects of the three lists with the discovered one before those of a gyro,
+/// self-test, power, saturation.
+pub const COLUMNS: usize = 5 + UnitEffects::SPECS.len() + HeadEffects::SPECS.len() + WiringEffects::SPECS.len();
 /// Column of the calibration.
 pub const CALIBRATION_COLUMN: usize = 0;
 /// First column of [`UnitEffects`].
 pub const UNIT_COLUMNS: usize = 1;
+/// Column of what the terms of [`discovered`] add.
+pub const DISCOVERED_COLUMN: usize = UNIT_COLUMNS + UnitEffects::SPECS.len();
 /// First column of [`HeadEffects`].
-pub const HEAD_COLUMNS: usize = UNIT_COLUMNS + UnitEffects::SPECS.len();
+pub const HEAD_COLUMNS: usize = DISCOVERED_COLUMN + 1;
 /// First column of [`WiringEffects`].
 pub const WIRING_COLUMNS: usize = HEAD_COLUMNS + HeadEffects::SPECS.len();
 /// Column of the counts that a self-test adds.
@@ -229,9 +233,12 @@ pub const SATURATION_COLUMN: usize = COLUMNS - 1;
 
 /// Codes of the columns, in order.
 pub fn columns() -> Vec<&'static str> {
-    let specs = [UnitEffects::SPECS, HeadEffects::SPECS, WiringEffects::SPECS].concat();
+    let codes = |specs: &'static [EffectSpec]| specs.iter().map(|spec| spec.code);
     std::iter::once("calibration")
-        .chain(specs.iter().map(|spec| spec.code))
+        .chain(codes(UnitEffects::SPECS))
+        .chain([discovered::CODE])
+        .chain(codes(HeadEffects::SPECS))
+        .chain(codes(WiringEffects::SPECS))
         .chain(["self-test", "gyro-power", "saturation"])
         .collect()
 }

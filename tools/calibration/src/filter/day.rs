@@ -1,7 +1,7 @@
 //! A survey day: 24 h simulated with the model, reconstructed, and held against the exact attitude (Casteren §1, §3).
 
 use geu_model::attitude::{Manoeuvre, Plan};
-use geu_model::effect::{Effects, HeadEffects, UnitEffects};
+use geu_model::effect::{Effects, UNIT_COLUMNS, WIRING_COLUMNS, columns, discovered};
 use geu_model::noise::Stream;
 use geu_model::package::Calibration;
 use geu_model::sensor::{StarSensor, SunSensor};
@@ -284,13 +284,9 @@ pub fn cost_of_effects(
 
 /// Codes of the effects that a configuration has, in physical order.
 fn effects_of(configuration: &Configuration) -> Vec<&'static str> {
-    let unit = (0..UnitEffects::SPECS.len())
-        .filter(|&index| configuration.unit.has(index))
-        .map(|index| UnitEffects::SPECS[index].code);
-    let heads = (0..HeadEffects::SPECS.len())
-        .filter(|&index| configuration.gyros.iter().any(|gyro| gyro.effects.has(index)))
-        .map(|index| HeadEffects::SPECS[index].code);
-    unit.chain(heads).collect()
+    let codes = columns();
+    let of_unit_and_heads = |column: &usize| (UNIT_COLUMNS..WIRING_COLUMNS).contains(column);
+    configuration.columns().into_iter().filter(of_unit_and_heads).map(|column| codes[column]).collect()
 }
 
 /// The configuration with only the effects that `keep` names.
@@ -305,6 +301,11 @@ fn keeping(configuration: &Configuration, keep: &dyn Fn(&str) -> bool) -> Config
     }
     let mut configuration = configuration.clone();
     drop_from(&mut configuration.unit, keep);
-    configuration.gyros.iter_mut().for_each(|gyro| drop_from(&mut gyro.effects, keep));
+    for gyro in &mut configuration.gyros {
+        drop_from(&mut gyro.effects, keep);
+        if !keep(discovered::CODE) {
+            gyro.discovered.clear();
+        }
+    }
     configuration
 }
