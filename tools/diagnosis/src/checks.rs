@@ -37,7 +37,7 @@ use told::Told;
 /// What the checks found, and the rows as they are without what could be put right.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Checked {
-    /// In order of time; runs of the same thing are one.
+    /// In order of time; runs of the same thing are one. Places are told in s since the start of the first half second.
     pub findings: Vec<Finding>,
     /// What the model has a code for, in order of time.
     pub faults: Vec<WiringFault>,

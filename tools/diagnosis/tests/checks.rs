@@ -196,6 +196,9 @@ fn ordinary_effects_however_large_are_no_finding() {
         each("angle-random-walk", "arcsec_per_sqrt_s", [3.0; 4]),
         each("lost-counts", "counts", [1e6, -3000.0, 500.0, 20.0]),
         vec![Hidden::new("time-offset", &[], &[("seconds", 0.4)])],
+        // A gyro that rests within its play repeats its count, and is not stuck.
+        each("count-backlash", "play_arcsec", [8.0; 4]),
+        each("count-backlash", "play_arcsec", [100.0; 4]),
     ]
     .into_iter()
     .enumerate()

@@ -31,6 +31,9 @@ const SHOWN_SIGMA: f64 = 0.03;
 const SUMMED: [usize; 2] = [1, 120];
 /// Sums that a judgement needs.
 const FEWEST: f64 = 8.0;
+/// By how much the angle must move about its trend before counts that do not are called lost: within pivots or a play,
+/// whose limits are 100 arcsec, they may rest.
+const HIDDEN_COUNTS: f64 = 150.0;
 /// What rounding leaves of a sum: two roundings of variance 1/12.
 const ROUNDING_VARIANCE: f64 = 1.0 / 6.0;
 /// Rise of the sum of squares over the residual variance within which an onset is as good as another: 5 sigma.
@@ -172,7 +175,8 @@ impl Search<'_> {
             let fits = [0, 1, 2, 3].map(|gyro| self.fit(gyro, halves.clone(), &with, summed));
             fits.iter().any(Option::is_some) && fits.iter().flatten().all(Fit::is_the_law)
         });
-        if !is_shown {
+        let rests = |gyro: usize| self.excursion(gyro, halves.clone(), &with) < HIDDEN_COUNTS;
+        if !is_shown || !law.undoes_itself() && (0..4).all(rests) {
             return None;
         }
         let fits = [0, 1, 2, 3].map(|gyro| self.fit(gyro, halves.clone(), &with, 1));
@@ -213,6 +217,21 @@ impl Search<'_> {
     fn agrees(&self, law: &Law, onset: usize, with: &[[f64; 4]]) -> bool {
         let earlier = self.with(law, 0..onset + with.len());
         earlier[onset..].iter().zip(with).all(|(earlier, with)| earlier == with)
+    }
+
+    /// How far the angle goes that the law takes away, about the line that a drift makes, counts.
+    fn excursion(&self, gyro: usize, halves: Range<usize>, with: &[[f64; 4]]) -> f64 {
+        let steps = || {
+            let used = halves.clone().zip(with).filter(|(index, _)| self.compared.halves[*index].is_used[gyro]);
+            used.map(|(index, with)| with[gyro] - self.believed[index][gyro])
+        };
+        let mean = steps().sum::<f64>() / (steps().count() as f64).max(1.0);
+        let (mut angle, mut least, mut greatest) = (0.0, 0.0_f64, 0.0_f64);
+        for step in steps() {
+            angle += step - mean;
+            (least, greatest) = (least.min(angle), greatest.max(angle));
+        }
+        greatest - least
     }
 
     /// Moments of a gyro over a stretch, by sums of so many half seconds; nothing where the law changes nothing.
