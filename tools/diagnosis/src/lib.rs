@@ -2,8 +2,9 @@
 
 pub mod bank;
 pub mod change;
+pub mod checks;
 pub mod explain;
-pub mod finding;
+mod finding;
 pub mod measured;
 pub mod noise;
 pub mod normal;
@@ -13,6 +14,6 @@ pub mod state;
 pub mod whitening;
 
 pub use bank::Bank;
-pub use state::Case;
 pub use finding::Finding;
 pub use measured::{Measured, MeasuredError};
+pub use state::Case;

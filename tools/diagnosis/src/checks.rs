@@ -1,0 +1,102 @@
+//! The exact checks with which a diagnosis begins: what is certain before any statistics of small effects, and what must be
+//! out of the way for them.
+//!
+//! The link first (sequence, times, flags, ends of the range), then the receiver's clock against the unit's, then the counts
+//! against the motion: a wrong unit, and the faults of [`geu_model::effect::WiringEffects`].
+//!
+//! ```
+//! use geu_diagnosis::checks::check;
+//! use geu_model::Configuration;
+//! use geu_recording::Reference;
+//!
+//! let rows = "t_s,rate_x_arcsec_s,rate_y_arcsec_s,rate_z_arcsec_s\n0.5,0,0,0\n1.0,0,0,0\n1.5,0,0,0\n";
+//! let reference = Reference::parse("reference.csv", rows).expect("a reference");
+//! let checked = check(&[], &[], &Configuration::reference(), &reference);
+//! assert!(checked.faults.is_empty() && checked.rows.is_empty());
+//! ```
+
+mod clock;
+mod compared;
+mod following;
+mod law;
+mod link;
+mod timeline;
+mod told;
+mod wiring;
+
+use geu_model::Configuration;
+use geu_protocol::Gyro;
+use geu_recording::{Defect, Reference, Row};
+
+use crate::Finding;
+use compared::Compared;
+use law::Law;
+use timeline::Timeline;
+use told::Told;
+
+/// What the checks found, and the rows as they are without what could be put right.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Checked {
+    /// In order of time; runs of the same thing are one. Places are told in s since the start of the first half second.
+    pub findings: Vec<Finding>,
+    /// What the model has a code for, in order of time.
+    pub faults: Vec<WiringFault>,
+    /// As many as were given: wiring faults undone; where that cannot be, or a count stands at an end of its range without
+    /// the flag, marked as no measurement.
+    pub rows: Vec<Row>,
+}
+
+/// A fault of [`geu_model::effect::WiringEffects`] that the counts show against the motion.
+#[derive(Debug, Clone, PartialEq)]
+pub struct WiringFault {
+    /// `axis-swap`; `axis-swap-step` where it begins after the start.
+    pub code: String,
+    /// The gyro at which a configuration names it.
+    pub bearer: Gyro,
+    /// Key of its number in a configuration, without the code: `on`.
+    pub parameter: &'static str,
+    /// Value of that number, as [`geu_model::number::Number`] has it.
+    pub value: f64,
+    /// The gyros whose counts it changes, in wire order.
+    pub gyros: Vec<Gyro>,
+    /// Where it begins, s since the start of the first half second; nothing where it was there from the start.
+    pub onset_s: Option<f64>,
+    /// Between which times it may as well have begun, s.
+    pub onset_between_s: [f64; 2],
+    /// Where it ends, s; nothing where it lasts to the end.
+    pub end_s: Option<f64>,
+    /// Half seconds of the recording over which it holds.
+    pub half_seconds: usize,
+    /// Rms of measured less predicted counts over them, without the fault, over the gyros concerned.
+    pub without_rms_counts: f64,
+    /// The same with the fault.
+    pub with_rms_counts: f64,
+}
+
+/// Checks a recording: `rows` and `defects` as the decoder gave them, in order; `configuration` is what is believed.
+pub fn check(rows: &[Row], defects: &[Defect], configuration: &Configuration, reference: &Reference) -> Checked {
+    let timeline = Timeline::of(rows);
+    let mut told = Told::new(&timeline);
+    told.defects(defects);
+    let mut corrected = rows.to_vec();
+    link::check(&mut corrected, &timeline, &mut told);
+    clock::check(rows, &timeline, configuration, &mut told);
+
+    let compared = Compared::of(&corrected, &timeline, configuration, reference, &mut told);
+    let mut faults = Vec::new();
+    if let Some(mut compared) = compared {
+        // Two exchanged gyros can look as if each were in another unit; counts in a coarser unit as if they were stuck.
+        let laws = Law::all();
+        let reversible: Vec<Law> = laws.iter().copied().filter(Law::undoes_itself).collect();
+        faults = wiring::search(&reversible, &mut compared, &timeline);
+        if following::wrong_units(&mut compared, &mut told) {
+            faults.extend(wiring::search(&laws, &mut compared, &timeline));
+        }
+        wiring::undo(&faults, &compared, &mut corrected);
+        following::strangers(&compared, &mut told);
+    }
+    let mut faults: Vec<WiringFault> = faults.into_iter().map(|found| found.fault).collect();
+    faults.sort_by(|one, other| one.onset_s.unwrap_or(0.0).total_cmp(&other.onset_s.unwrap_or(0.0)));
+    faults.iter().for_each(|fault| told.fault(fault));
+    Checked { findings: told.findings(), faults, rows: corrected }
+}

@@ -1,0 +1,103 @@
+//! The wiring faults that the model has, each as one number set at one gyro; no fault is known here by name.
+
+use geu_model::effect::{EffectSpec, Effects, WiringEffects, WiringStates};
+use geu_model::number::Form;
+use geu_protocol::Gyro;
+
+/// Wiring of the four gyros.
+pub type Wiring = [WiringEffects; 4];
+
+/// Lets wiring act on the counts of a half second.
+pub fn apply(wiring: &Wiring, states: &mut WiringStates, counts: &mut [f64; 4]) {
+    WiringEffects::apply(wiring, states, counts, &mut [(); 4]);
+}
+
+/// One number of one fault, set at one gyro.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Law {
+    /// The gyro.
+    pub bearer: Gyro,
+    effect: usize,
+    amplitude: usize,
+    /// Its value.
+    pub value: f64,
+}
+
+impl Law {
+    /// Every fault at every gyro, switched on or with each other gyro.
+    pub fn all() -> Vec<Law> {
+        let blank = WiringEffects::default();
+        let mut laws = Vec::new();
+        for (effect, spec) in WiringEffects::SPECS.iter().enumerate() {
+            for (amplitude, number) in blank.numbers(effect).specs().iter().enumerate().take(spec.amplitudes.len()) {
+                for bearer in Gyro::ALL {
+                    let values = match number.form {
+                        Form::Flag => vec![1.0],
+                        Form::Gyro => (1..=4).filter(|&named| named != bearer as usize + 1).map(|n| n as f64).collect(),
+                        Form::Real => Vec::new(),
+                    };
+                    laws.extend(values.into_iter().map(|value| Law { bearer, effect, amplitude, value }));
+                }
+            }
+        }
+        laws
+    }
+
+    /// What is said of the fault.
+    pub fn spec(&self) -> &'static EffectSpec {
+        &WiringEffects::SPECS[self.effect]
+    }
+
+    /// Key of the number.
+    pub fn parameter(&self) -> &'static str {
+        WiringEffects::default().numbers(self.effect).specs()[self.amplitude].name
+    }
+
+    /// Place of the fault in the physical order.
+    pub fn order(&self) -> usize {
+        self.effect
+    }
+
+    /// Sets it.
+    pub fn set(&self, wiring: &mut Wiring) {
+        *wiring[self.bearer as usize].numbers_mut(self.effect).value_mut(self.amplitude) = self.value;
+    }
+
+    /// The wiring with it.
+    pub fn with(&self, wiring: &Wiring) -> Wiring {
+        let mut with = *wiring;
+        self.set(&mut with);
+        with
+    }
+
+    /// What it makes of 1, 2, 3, 4: where each gyro's counts come from, and their sign.
+    pub fn sources(&self) -> [f64; 4] {
+        let mut counts = [1.0, 2.0, 3.0, 4.0];
+        apply(&self.with(&Wiring::default()), &mut WiringStates::default(), &mut counts);
+        counts
+    }
+
+    /// Whether it undoes itself; else the counts are lost.
+    pub fn undoes_itself(&self) -> bool {
+        let mut counts = self.sources();
+        apply(&self.with(&Wiring::default()), &mut WiringStates::default(), &mut counts);
+        counts == [1.0, 2.0, 3.0, 4.0]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_fault_of_the_model_is_there_at_every_gyro() {
+        let laws = Law::all();
+        for (effect, spec) in WiringEffects::SPECS.iter().enumerate() {
+            for bearer in Gyro::ALL {
+                assert!(laws.iter().any(|law| law.effect == effect && law.bearer == bearer), "{}", spec.code);
+            }
+        }
+        // 4 negated, 12 exchanged, 4 stuck.
+        assert_eq!((laws.len(), laws.iter().filter(|law| law.undoes_itself()).count()), (20, 16));
+    }
+}

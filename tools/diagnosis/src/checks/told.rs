@@ -1,0 +1,177 @@
+//! What is told: notes of single half seconds become findings of runs.
+
+use std::collections::BTreeMap;
+
+use geu_protocol::Gyro;
+use geu_recording::{Defect, DefectKind, Row};
+
+use super::WiringFault;
+use super::timeline::Timeline;
+use crate::Finding;
+
+/// Notes of one kind that are no further apart are one run, s.
+const JOINED_S: f64 = 60.0;
+/// Of more runs of one kind only one finding is made.
+const MOST_RUNS: usize = 10;
+
+/// An onset is told with its interval where that is longer, s.
+const CERTAIN_S: f64 = 2.0;
+
+/// A kind of note: its stable name, and what there are so many of.
+#[derive(Debug, Clone, Copy)]
+pub struct Kind {
+    /// As [`Finding::kind`].
+    pub name: &'static str,
+    /// After the number of half seconds.
+    pub what: &'static str,
+    /// Unit of the number noted beside it; empty where there is none.
+    pub unit: &'static str,
+}
+
+struct Run {
+    kind: Kind,
+    gyro: Option<Gyro>,
+    from_s: f64,
+    to_s: f64,
+    count: u64,
+    largest: f64,
+}
+
+impl Run {
+    fn take(&mut self, other: &Run) {
+        self.to_s = self.to_s.max(other.to_s);
+        self.count = self.count.saturating_add(other.count);
+        if other.largest.abs() > self.largest.abs() {
+            self.largest = other.largest;
+        }
+    }
+
+    fn finding(&self, runs: usize) -> (f64, Finding) {
+        let mut text = format!("{} {}", self.count, self.kind.what);
+        if runs > 1 {
+            text += &format!(", in {runs} runs");
+        }
+        if !self.kind.unit.is_empty() {
+            let most = if self.count > 1 { ", at most" } else { ":" };
+            text += &format!("{most} {:+.3} {}", self.largest, self.kind.unit);
+        }
+        (
+            self.from_s,
+            Finding { kind: self.kind.name.to_owned(), place: place(self.gyro, self.from_s, self.to_s), text },
+        )
+    }
+}
+
+/// `GYRX, 5200.0–5210.5 s`.
+fn place(gyro: Option<Gyro>, from_s: f64, to_s: f64) -> String {
+    let gyro = gyro.map_or(String::new(), |gyro| format!("{}, ", gyro.name()));
+    format!("{gyro}{from_s:.1}\u{2013}{to_s:.1} s")
+}
+
+/// Takes notes.
+pub struct Told<'a> {
+    timeline: &'a Timeline,
+    runs: Vec<Run>,
+    /// Index of the last run of a kind and gyro.
+    last: BTreeMap<(&'static str, Option<Gyro>), usize>,
+    findings: Vec<(f64, Finding)>,
+}
+
+impl<'a> Told<'a> {
+    pub fn new(timeline: &'a Timeline) -> Told<'a> {
+        Told { timeline, runs: Vec::new(), last: BTreeMap::new(), findings: Vec::new() }
+    }
+
+    /// Notes one half second, or so many that are missing before it.
+    pub fn note(&mut self, kind: Kind, gyro: Option<Gyro>, row: usize, count: u64, value: f64) {
+        let (from_s, to_s) = (self.timeline.start_s(row), self.timeline.end_s[row]);
+        let run = Run { kind, gyro, from_s, to_s, count, largest: value };
+        match self.last.get(&(kind.name, gyro)).map(|&index| &mut self.runs[index]) {
+            Some(last) if (from_s - last.to_s).abs() <= JOINED_S => last.take(&run),
+            _ => {
+                self.last.insert((kind.name, gyro), self.runs.len());
+                self.runs.push(run);
+            }
+        }
+    }
+
+    /// Tells a finding of the whole recording, or of a gyro.
+    pub fn whole(&mut self, kind: &str, gyro: Option<Gyro>, text: String) {
+        let [from_s, to_s] = match self.timeline.end_s.len() {
+            0 => [0.0; 2],
+            rows => [self.timeline.start_s(0), self.timeline.end_s[rows - 1]],
+        };
+        self.findings.push((from_s, Finding { kind: kind.to_owned(), place: place(gyro, from_s, to_s), text }));
+    }
+
+    /// Tells what the decoder found wrong, each kind once; gaps and jumps are seen in the rows themselves.
+    pub fn defects(&mut self, defects: &[Defect]) {
+        let mut kinds: BTreeMap<DefectKind, (u64, u64, &Defect)> = BTreeMap::new();
+        for defect in defects {
+            if matches!(defect.kind, DefectKind::SequenceGap | DefectKind::SequenceJump | DefectKind::TimeBackwards) {
+                continue;
+            }
+            let entry = kinds.entry(defect.kind).or_insert((0, 0, defect));
+            (entry.0, entry.1) = (entry.0 + 1, entry.1.saturating_add(defect.lost));
+        }
+        for (kind, (count, lost, first)) in kinds {
+            let place = first.place_text();
+            let lost = if lost > 0 { format!(", {lost} lost") } else { String::new() };
+            let text = format!("{count} in the input{lost}; the first at {place}");
+            let since_s = first
+                .time
+                .map_or(0.0, |time| (i128::from(time.t_ns) - i128::from(self.timeline.start_ns)) as f64 * 1e-9);
+            self.findings.push((since_s, Finding { kind: kind.name().to_owned(), place, text }));
+        }
+    }
+
+    /// Tells a wiring fault.
+    pub fn fault(&mut self, fault: &WiringFault) {
+        let gyros: Vec<&str> = fault.gyros.iter().map(|gyro| gyro.name()).collect();
+        let gyros = gyros.join(", ");
+        let place = match (fault.onset_s, fault.end_s) {
+            (None, None) => gyros,
+            (Some(onset_s), None) => format!("{gyros}, from {onset_s:.1} s"),
+            (onset_s, Some(end_s)) => format!("{gyros}, {:.1}\u{2013}{end_s:.1} s", onset_s.unwrap_or(0.0)),
+        };
+        let mut text = format!(
+            "{} half seconds are {:.2} counts rms from the motion, and {:.2} with {}",
+            fault.half_seconds, fault.without_rms_counts, fault.with_rms_counts, fault.code
+        );
+        let [from_s, to_s] = fault.onset_between_s;
+        if fault.onset_s.is_some() && to_s - from_s > CERTAIN_S {
+            text += &format!("; it may have begun between {from_s:.1} and {to_s:.1} s");
+        }
+        self.findings.push((fault.onset_s.unwrap_or(0.0), Finding { kind: fault.code.clone(), place, text }));
+    }
+
+    /// All of them in order of time.
+    pub fn findings(self) -> Vec<Finding> {
+        let mut grouped: BTreeMap<(&'static str, Option<Gyro>), Vec<Run>> = BTreeMap::new();
+        for run in self.runs {
+            grouped.entry((run.kind.name, run.gyro)).or_default().push(run);
+        }
+        let mut findings = self.findings;
+        for mut runs in grouped.into_values() {
+            if runs.len() > MOST_RUNS {
+                let count = runs.len();
+                let mut all = runs.swap_remove(0);
+                runs.iter().for_each(|run| all.take(run));
+                findings.push(all.finding(count));
+            } else {
+                findings.extend(runs.iter().map(|run| run.finding(1)));
+            }
+        }
+        findings.sort_by(|one, other| one.0.total_cmp(&other.0));
+        findings.into_iter().map(|(_, finding)| finding).collect()
+    }
+}
+
+/// Whether two rows say the same of their half second.
+pub fn same(one: &Row, other: &Row) -> bool {
+    let [mut one_half, other_half] = [one, other].map(|row| row.half_second);
+    if !(one.has_clock && other.has_clock) {
+        (one_half.clock_count, one_half.sensor_centi_c) = (other_half.clock_count, other_half.sensor_centi_c);
+    }
+    one_half == other_half
+}
