@@ -10,13 +10,15 @@ use geu_model::course::{Course, Interval, KINDS};
 use geu_model::number::{Default as DefaultValue, Number};
 use rayon::prelude::*;
 
-use crate::change::{ALL_GYROS, Amplitude, Change, is_real};
+use crate::change::{ALL_GYROS, Amplitude, Change, Place, is_real};
 use crate::measured::{BLOCK_S, CHANNELS, Measured, Series, TIMING};
 
 /// A signature is run with this share of the largest value accepted.
 const SHARE: f64 = 1e-3;
 /// Whether it is linear is tried with this share.
 const TRIED_SHARE: f64 = 0.1;
+/// Coefficient with which the signature of a formula is run.
+const COEFFICIENT: f64 = 1e-6;
 /// Cosine of the signature put together with the one that was run, above which the former stands for the latter.
 const ALIKE: f64 = 0.95;
 /// Factor between neighbouring sizes of an amplitude that is not linear.
@@ -59,6 +61,18 @@ pub struct Base {
     mode: Mode,
 }
 
+impl Base {
+    /// What one unit of its size adds to a channel.
+    pub fn values(&self, channel: usize) -> &[f64] {
+        &self.series[channel]
+    }
+
+    /// The family of a course of it.
+    pub fn family(&self, variation: &Variation) -> Family {
+        if self.amplitude.place == Place::Discovered { Family::FORMULA } else { variation.family() }
+    }
+}
+
 /// A course put on a base.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Variation {
@@ -96,6 +110,14 @@ impl Family {
 }
 
 impl Variation {
+    /// Index of its course in [`KINDS`].
+    pub fn kind(&self) -> Option<usize> {
+        match self {
+            Variation::Course { kind, .. } => Some(*kind),
+            Variation::Constant | Variation::Onset { .. } => None,
+        }
+    }
+
     /// Its family.
     pub fn family(&self) -> Family {
         match self {
@@ -115,7 +137,7 @@ pub struct Column {
 }
 
 /// The signatures of all amplitudes beside one recording.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Bank {
     /// Each amplitude, its shapes and, where it is not linear, sizes.
     pub bases: Vec<Base>,
@@ -147,6 +169,45 @@ impl Bank {
             .collect();
         bank.bases = runs;
         bank
+    }
+
+    /// Adds the terms that stand in no catalogue: the signature of each formula, on every gyro. A run tells four of them, one for each
+    /// gyro: what a term adds is the same on all of them, but for the scale factor.
+    pub fn with_formulas(mut self, measured: &Measured, configuration: &Configuration) -> Bank {
+        let from = measured.run(configuration, 0.0);
+        let run = |four: &[Amplitude]| -> Vec<Base> {
+            let mut moved = configuration.clone();
+            let changes: Vec<Change> = four
+                .iter()
+                .enumerate()
+                .map(|(gyro, &amplitude)| Change {
+                    amplitude,
+                    size: COEFFICIENT,
+                    own_shapes: Vec::new(),
+                    course_shapes: Vec::new(),
+                    gyros: std::array::from_fn(|other| other == gyro),
+                })
+                .collect();
+            changes.iter().for_each(|change| change.apply(&mut moved));
+            let mut series = measured.difference(&measured.run(&moved, 0.0), &from);
+            let base = |(gyro, &amplitude): (usize, &Amplitude)| {
+                let mut own = std::mem::take(&mut series[gyro]);
+                own.iter_mut().for_each(|value| *value /= COEFFICIENT);
+                let of_channel = |channel: usize| if channel == TIMING { vec![0.0; own.len()] } else { own.clone() };
+                Base {
+                    amplitude,
+                    own_shapes: Vec::new(),
+                    size: COEFFICIENT,
+                    is_linear: true,
+                    series: std::array::from_fn(of_channel),
+                    mode: Mode::Rate,
+                }
+            };
+            four.iter().enumerate().map(base).collect()
+        };
+        let formulas: Vec<Base> = Amplitude::formulas().par_chunks(TIMING).flat_map_iter(run).collect();
+        self.bases.extend(formulas);
+        self
     }
 
     /// The bases of one amplitude: one where it is linear, else one for each of several sizes.
@@ -225,6 +286,9 @@ impl Bank {
 
     /// Every course of a base that is looked for.
     pub fn variations(&self, base: &Base) -> Vec<Variation> {
+        if base.amplitude.place == Place::Discovered {
+            return vec![Variation::Constant];
+        }
         let has_onset = base.amplitude.own_shapes().iter().any(is_instant);
         let mut all = match has_onset {
             true => (1..self.blocks / SUDDEN_BLOCKS)
@@ -323,7 +387,7 @@ impl Bank {
             size,
             own_shapes: base.own_shapes.clone(),
             course_shapes: Vec::new(),
-            gyros: if base.amplitude.place == crate::change::Place::Unit { ALL_GYROS } else { gyros },
+            gyros: if base.amplitude.place == Place::Unit { ALL_GYROS } else { gyros },
         };
         match variation {
             Variation::Constant => {}

@@ -6,7 +6,8 @@
 use geu_model::Configuration;
 use geu_model::course::{Course, KINDS, Size};
 use geu_model::effect::{Configured, EffectSpec, Effects, HeadEffects, UnitEffects};
-use geu_model::number::{Form, Number, Numbers};
+use geu_model::effect::discovered::{self, Formula, Regressor, Term};
+use geu_model::number::{Form, Number};
 use geu_model::package::{Axes, Calibration};
 use geu_protocol::Gyro;
 
@@ -23,6 +24,8 @@ pub enum Place {
     Unit,
     /// Of one gyro.
     Head,
+    /// The terms of one gyro that stand in no list.
+    Discovered,
 }
 
 /// An amplitude of the model, constant or with a course.
@@ -36,7 +39,18 @@ pub struct Amplitude {
     pub amplitude: usize,
     /// Index of the course in [`KINDS`].
     pub kind: Option<usize>,
+    /// What a discovered term follows.
+    pub formula: Option<Formula>,
 }
+
+/// What is said of the terms that are data.
+const DISCOVERED: EffectSpec = EffectSpec {
+    code: discovered::CODE,
+    title: discovered::TITLE,
+    amplitudes: &[geu_model::effect::Amplitude { per_day: 0.0, per_k: 0.0 }],
+    paper: "",
+    source: "a diagnosis",
+};
 
 impl Amplitude {
     /// Every amplitude that has a signature, constant; in the order of the lists.
@@ -45,15 +59,47 @@ impl Amplitude {
             let list = E::default();
             let of_effect = |effect: usize| {
                 let amplitudes = 0..list.specs()[effect].amplitudes.len();
-                amplitudes.map(move |amplitude| Amplitude { place, effect, amplitude, kind: None })
+                amplitudes.map(move |amplitude| Amplitude {
+                    place,
+                    effect,
+                    amplitude,
+                    kind: None,
+                    formula: None,
+                })
             };
             (0..list.specs().len()).filter(|&effect| !list.is_noise(effect)).flat_map(of_effect).collect()
         }
         [of::<UnitEffects>(Place::Unit), of::<HeadEffects>(Place::Head)].concat()
     }
 
+    /// Every product of one or two of the regressors: as many terms as may be in nobody's catalogue. Courses in time are for
+    /// effects; a term that goes on growing is none.
+    pub fn formulas() -> Vec<Amplitude> {
+        let regressors = Regressor::ALL.into_iter().filter(|regressor| regressor.name() != "time");
+        let regressors: Vec<Regressor> = regressors.collect();
+        let singles = regressors.iter().map(|one| vec![*one]);
+        let pairs = (0..regressors.len())
+            .flat_map(|one| (one..regressors.len()).map(move |other| (one, other)))
+            .map(|(one, other)| vec![regressors[one], regressors[other]]);
+        let mut formulas: Vec<Formula> =
+            singles.chain(pairs).filter_map(|factors| Formula::new(&factors).ok()).collect();
+        formulas.sort();
+        formulas.dedup();
+        let of = |formula| Amplitude {
+            place: Place::Discovered,
+            effect: 0,
+            amplitude: 0,
+            kind: None,
+            formula: Some(formula),
+        };
+        formulas.into_iter().map(of).collect()
+    }
+
     /// The same with this course; nothing where it can have none.
     pub fn with(self, kind: usize) -> Option<Amplitude> {
+        if self.place == Place::Discovered {
+            return None;
+        }
         KINDS[kind].size(self.spec(), self.numbers(), self.amplitude)?;
         Some(Amplitude { kind: Some(kind), ..self })
     }
@@ -63,6 +109,7 @@ impl Amplitude {
         match self.place {
             Place::Unit => &UnitEffects::SPECS[self.effect],
             Place::Head => &HeadEffects::SPECS[self.effect],
+            Place::Discovered => &DISCOVERED,
         }
     }
 
@@ -71,6 +118,7 @@ impl Amplitude {
         match self.place {
             Place::Unit => UnitEffects::default().numbers(self.effect).specs(),
             Place::Head => HeadEffects::default().numbers(self.effect).specs(),
+            Place::Discovered => const { &[discovered::COEFFICIENT] },
         }
     }
 
@@ -100,7 +148,7 @@ impl Amplitude {
     /// The gyros that can have it.
     pub fn gyros(&self) -> Gyros {
         let name = self.numbers()[self.amplitude].name;
-        Gyro::ALL.map(|gyro| self.place == Place::Unit || Axes::of(gyro).has_number(name))
+        Gyro::ALL.map(|gyro| self.place != Place::Head || Axes::of(gyro).has_number(name))
     }
 }
 
@@ -127,6 +175,15 @@ impl Change {
             Place::Head => {
                 for (gyro, _) in configuration.gyros.iter_mut().zip(self.gyros).filter(|(_, has)| *has) {
                     self.put(&mut gyro.effects);
+                }
+            }
+            Place::Discovered => {
+                let formula = self.amplitude.formula.expect("a discovered term has one");
+                for (gyro, _) in configuration.gyros.iter_mut().zip(self.gyros).filter(|(_, has)| *has) {
+                    match gyro.discovered.iter_mut().find(|term| term.formula == formula) {
+                        Some(term) => term.coefficient += self.size,
+                        None => gyro.discovered.push(Term { formula, coefficient: self.size }),
+                    }
                 }
             }
         }
@@ -187,34 +244,35 @@ impl Change {
 
     /// What [`Configuration::edited`] takes to have it in the text of `configuration`, which has it already.
     pub fn assignments(&self, configuration: &Configuration) -> Vec<String> {
-        let places: Vec<(String, Option<usize>)> = match self.amplitude.place {
-            Place::Unit => vec![("unit".to_owned(), None)],
-            Place::Head => Gyro::ALL
-                .into_iter()
-                .filter(|gyro| self.gyros[*gyro as usize])
-                .map(|gyro| (format!("gyro.{}", gyro.name()), Some(gyro as usize)))
-                .collect(),
+        let gyros = Gyro::ALL.into_iter().filter(|gyro| self.gyros[*gyro as usize]);
+        let of_gyro = |gyro: Gyro| {
+            let (path, own) = (format!("gyro.{}", gyro.name()), &configuration.gyros[gyro as usize]);
+            if self.amplitude.place == Place::Head {
+                return self.values(&path, self.total(&own.effects));
+            }
+            // A list is given whole.
+            let terms = own.discovered.iter().map(|term| {
+                let Term { formula, coefficient } = term;
+                format!("{{ formula = \"{formula}\", coefficient = {coefficient:?} }}")
+            });
+            vec![format!("{path}.{}=[{}]", discovered::CODE, terms.collect::<Vec<_>>().join(", "))]
         };
-        let of_place = |(path, gyro): (String, Option<usize>)| {
-            let total = match gyro {
-                None => self.total(&configuration.unit),
-                Some(gyro) => self.total(&configuration.gyros[gyro].effects),
-            };
-            let code = self.amplitude.code();
-            let base = self.amplitude.spec().code;
-            let size = self.amplitude.size().name;
-            let own = self.amplitude.own_shapes().iter().zip(&self.own_shapes);
-            let course = self.amplitude.course_shapes().iter().zip(&self.course_shapes);
-            let default = |number: &Number, value: f64| number.default.initial() == value;
-            std::iter::once(format!("{path}.{code}.{size}={total:?}"))
-                .chain(
-                    own.filter(|(number, value)| !default(number, **value))
-                        .map(|(number, value)| format!("{path}.{base}.{}={value:?}", number.name)),
-                )
-                .chain(course.map(|(number, value)| format!("{path}.{code}.{}={value:?}", number.name)))
-                .collect::<Vec<_>>()
-        };
-        places.into_iter().flat_map(of_place).collect()
+        match self.amplitude.place {
+            Place::Unit => self.values("unit", self.total(&configuration.unit)),
+            Place::Head | Place::Discovered => gyros.flat_map(of_gyro).collect(),
+        }
+    }
+
+    /// The assignments below one table.
+    fn values(&self, path: &str, total: f64) -> Vec<String> {
+        let (code, base, size) = (self.amplitude.code(), self.amplitude.spec().code, self.amplitude.size().name);
+        let own = self.amplitude.own_shapes().iter().zip(&self.own_shapes);
+        let own = own.filter(|(number, value)| number.default.initial() != **value);
+        let course = self.amplitude.course_shapes().iter().zip(&self.course_shapes);
+        std::iter::once(format!("{path}.{code}.{size}={total:?}"))
+            .chain(own.map(|(number, value)| format!("{path}.{base}.{}={value:?}", number.name)))
+            .chain(course.map(|(number, value)| format!("{path}.{code}.{}={value:?}", number.name)))
+            .collect()
     }
 
     fn total<E: Effects>(&self, configured: &Configured<E>) -> f64 {

@@ -25,6 +25,7 @@ mod told;
 mod wiring;
 
 use geu_model::Configuration;
+use geu_model::effect::{Effects, WiringEffects};
 use geu_protocol::Gyro;
 use geu_recording::{Defect, Reference, Row};
 
@@ -71,6 +72,19 @@ pub struct WiringFault {
     pub without_rms_counts: f64,
     /// The same with the fault.
     pub with_rms_counts: f64,
+}
+
+impl WiringFault {
+    /// The value of its number as a configuration writes it.
+    pub fn written(&self) -> String {
+        let list = WiringEffects::default();
+        let numbers = (0..list.specs().len()).flat_map(|effect| {
+            let is_own = self.code.starts_with(list.specs()[effect].code);
+            list.numbers(effect).specs().iter().filter(move |_| is_own)
+        });
+        let number = numbers.into_iter().find(|number| number.name == self.parameter);
+        number.map_or_else(|| format!("{:?}", self.value), |number| number.written(self.value))
+    }
 }
 
 /// Checks a recording: `rows` and `defects` as the decoder gave them, in order; `configuration` is what is believed.

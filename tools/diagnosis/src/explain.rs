@@ -68,7 +68,7 @@ pub struct Explained {
 
 impl Explained {
     /// χ² of all that is left and all that was paid for names.
-    fn score(&self, thresholds: &Thresholds) -> f64 {
+    pub fn score(&self, thresholds: &Thresholds) -> f64 {
         let own: f64 = self.noise.iter().map(|_| thresholds.of(Family::NOISE)).sum();
         self.normal.likelihood() + self.costs.iter().sum::<f64>() + own
     }
@@ -147,6 +147,46 @@ fn is_possible(held: &Held) -> bool {
 }
 
 impl Explained {
+    /// By how much χ² falls with a change, beside all the others, and what was paid for it.
+    pub fn worth(&self, case: &Case, index: usize) -> (f64, f64) {
+        let mut state = self.state.clone();
+        state.held.remove(index);
+        let normal = case.fit(&mut state);
+        (normal.squares() - self.normal.squares(), self.costs[index])
+    }
+
+    /// Makes one change of two that differ in their gyros alone.
+    pub fn join(&mut self, case: &Case, one: usize, other: usize) {
+        let second = self.state.held.remove(other);
+        let first = &mut self.state.held[one];
+        let mut change = first.change.clone();
+        change.gyros.iter_mut().zip(second.change.gyros).for_each(|(own, other)| *own |= other);
+        let is_free = first.is_free.clone();
+        *first = Held::new(change);
+        first.is_free = is_free;
+        let cost = self.costs.remove(other);
+        self.costs[one] = self.costs[one].max(cost);
+        let held_out = self.held_out.remove(other);
+        self.held_out[one].iter_mut().zip(held_out).for_each(|(own, other)| *own += other);
+        self.normal = case.fit(&mut self.state);
+    }
+
+    /// Drops what acts on no other gyros than these.
+    pub fn drop_on(&mut self, case: &Case, gyros: &[bool; 4]) {
+        let is_kept = |held: &Held| {
+            held.change.amplitude.place == Place::Unit
+                || held.change.gyros.iter().zip(gyros).any(|(own, other)| *own && !other)
+        };
+        for index in (0..self.state.held.len()).rev() {
+            if !is_kept(&self.state.held[index]) {
+                self.state.held.remove(index);
+                self.costs.remove(index);
+                self.held_out.remove(index);
+            }
+        }
+        self.normal = case.fit(&mut self.state);
+    }
+
     fn start(case: &Case, mut state: State) -> Explained {
         let normal = case.fit(&mut state);
         Explained { state, normal, rounds: Vec::new(), noise: Vec::new(), held_out: Vec::new(), costs: Vec::new() }
@@ -270,7 +310,3 @@ pub fn unlikeness(left: &crate::measured::Series) -> (f64, [f64; CHANNELS]) {
     (channels[..TIMING].iter().copied().fold(f64::NEG_INFINITY, f64::max), channels)
 }
 
-/// Whether a change is one of the catalogue, and not a formula.
-pub fn is_in_catalogue(held: &Held) -> bool {
-    matches!(held.change.amplitude.place, Place::Unit | Place::Head)
-}

@@ -8,6 +8,7 @@ use geu_model::noise::Stream;
 use geu_model::units::HALF_SECOND_S;
 use geu_protocol::Gyro;
 use rayon::prelude::*;
+use serde_json::{Value, json};
 
 use crate::bank::{Bank, Family};
 use crate::change::Place;
@@ -39,6 +40,17 @@ pub struct Thresholds {
 }
 
 impl Thresholds {
+    /// As it is kept in a file.
+    pub fn to_json(&self) -> Value {
+        json!({ "chi2": self.chi2.to_vec(), "unlikeness": self.unlikeness })
+    }
+
+    /// Of a file; nothing where that holds something else.
+    pub fn from_json(value: &Value) -> Option<Thresholds> {
+        let numbers: Vec<f64> = value["chi2"].as_array()?.iter().filter_map(Value::as_f64).collect();
+        Some(Thresholds { chi2: numbers.try_into().ok()?, unlikeness: value["unlikeness"].as_f64()? })
+    }
+
     /// Of a family.
     pub fn of(&self, family: Family) -> f64 {
         self.chi2[family.0]
@@ -89,7 +101,7 @@ fn of_base(bank: &Bank, base: usize, normal: &Normal, beside: &[Vec<f32>; CHANNE
             }
             Some((normal.beside(&normal.products(channel, &white)), sums))
         });
-        let family = &mut largest[variation.family().0];
+        let family = &mut largest[base.family(&variation).0];
         let mut take = |chosen: &[bool; CHANNELS], penalty: f64| {
             let chosen = || parts.iter().zip(chosen).filter(|(_, chosen)| **chosen).filter_map(|(part, _)| part.as_ref());
             let mut sums = [0.0f32; RUNS];
@@ -105,7 +117,7 @@ fn of_base(bank: &Bank, base: usize, normal: &Normal, beside: &[Vec<f32>; CHANNE
         };
         match base.amplitude.place {
             Place::Unit => take(&[true; CHANNELS], 0.0),
-            Place::Head => {
+            Place::Head | Place::Discovered => {
                 for gyros in sets(Gyro::ALL.map(|gyro| parts[gyro as usize].is_some())) {
                     let chosen = std::array::from_fn(|channel| channel != TIMING && gyros[channel.min(3)]);
                     take(&chosen, set_penalty(&gyros, Place::Head));

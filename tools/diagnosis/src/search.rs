@@ -4,7 +4,7 @@ use geu_protocol::Gyro;
 use rayon::prelude::*;
 
 use crate::bank::{Bank, Base, Column, Family, Variation};
-use crate::change::{ALL_GYROS, Change, Gyros, Place};
+use crate::change::{ALL_GYROS, Amplitude, Change, Gyros, Place};
 use crate::measured::{CHANNELS, TIMING};
 use crate::normal::{Beside, Gain, Normal, Products, THIRDS};
 use crate::state::State;
@@ -44,7 +44,7 @@ pub fn sets(available: Gyros) -> Vec<Gyros> {
 /// What a set of gyros costs beside one gyro or all of them: there are ten ways to choose two or three of four.
 pub fn set_penalty(gyros: &Gyros, place: Place) -> f64 {
     let count = gyros.iter().filter(|has| **has).count();
-    if place == Place::Head && (count == 2 || count == 3) { 2.0 * 10f64.ln() } else { 0.0 }
+    if place != Place::Unit && (count == 2 || count == 3) { 2.0 * 10f64.ln() } else { 0.0 }
 }
 
 /// The columns of a hypothesis, as much of them as matters.
@@ -83,16 +83,12 @@ pub fn search(bank: &Bank, normal: &Normal, state: &State, penalty: &(dyn Fn(Fam
             let parts: [Option<Beside>; CHANNELS] = std::array::from_fn(|channel| {
                 columns[channel].as_ref().map(|column| normal.beside(&normal.products_of(channel, column)))
             });
-            let kind = match &variation {
-                Variation::Course { kind, .. } => Some(*kind),
-                _ => None,
-            };
+            let kind = variation.kind();
             let mut try_set = |gyros: Gyros, parts: &[&Beside]| {
                 let Some(gain) = Beside::gain(parts) else { return };
                 let held = state.held.iter().any(|held| {
                     let own = &held.change.amplitude;
-                    (own.place, own.effect, own.amplitude, own.kind)
-                        == (base.amplitude.place, base.amplitude.effect, base.amplitude.amplitude, kind)
+                    *own == Amplitude { kind, ..base.amplitude }
                         && held.change.gyros.iter().zip(gyros).any(|(one, other)| *one && other)
                 });
                 if held {
@@ -113,7 +109,7 @@ pub fn search(bank: &Bank, normal: &Normal, state: &State, penalty: &(dyn Fn(Fam
                 }
                 let candidate = Candidate {
                     change,
-                    family: variation.family(),
+                    family: base.family(&variation),
                     gain,
                     held_out: [0.0; THIRDS],
                     base: index,
@@ -126,7 +122,7 @@ pub fn search(bank: &Bank, normal: &Normal, state: &State, penalty: &(dyn Fn(Fam
             };
             match base.amplitude.place {
                 Place::Unit => try_set(ALL_GYROS, &parts.iter().flatten().collect::<Vec<_>>()),
-                Place::Head => {
+                Place::Head | Place::Discovered => {
                     for gyros in sets(Gyro::ALL.map(|gyro| parts[gyro as usize].is_some())) {
                         let chosen = parts[..TIMING].iter().zip(gyros).filter(|(_, has)| *has);
                         try_set(gyros, &chosen.filter_map(|(part, _)| part.as_ref()).collect::<Vec<_>>());

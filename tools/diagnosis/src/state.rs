@@ -40,6 +40,11 @@ pub struct Held {
 }
 
 impl Held {
+    /// The signature of one unit of its size, where it was run.
+    pub fn signature(&self) -> Option<Nuisance> {
+        self.columns.as_ref()?.first().cloned()
+    }
+
     /// Fits this parameter too.
     pub fn free(&mut self, index: usize) {
         self.is_free[index] = true;

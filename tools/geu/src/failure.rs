@@ -22,6 +22,11 @@ impl Failure {
         Failure { code: 2, message: message.to_string() }
     }
 
+    /// A diagnosis that left something unexplained: exit 3. Its report has said so.
+    pub fn unexplained() -> Failure {
+        Failure { code: 3, message: String::new() }
+    }
+
     /// Results could not be written: exit 1; but whoever closed the pipe has seen enough, a quiet end.
     pub fn writing(error: io::Error) -> Failure {
         match error.kind() {

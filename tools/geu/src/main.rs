@@ -11,6 +11,7 @@ mod checkout;
 mod config;
 mod decode;
 mod describe;
+mod diagnose;
 mod draw;
 mod failure;
 mod gyro_csv;
@@ -18,7 +19,6 @@ mod page;
 mod reconstruct;
 mod rows;
 mod run;
-
 mod selftest;
 mod send;
 mod settings;
@@ -51,6 +51,7 @@ enum Command {
     Calibrate(calibrate::Arguments),
     Checkout(checkout::Arguments),
     Reconstruct(reconstruct::Arguments),
+    Diagnose(diagnose::Arguments),
     Config(config::Arguments),
     Describe(describe::Arguments),
     /// Decode recordings or live links to CSV, JSON lines or a summary.
@@ -71,6 +72,7 @@ fn main() -> ExitCode {
         Some(Command::Calibrate(arguments)) => calibrate::run(&arguments),
         Some(Command::Checkout(arguments)) => checkout::run(&arguments),
         Some(Command::Reconstruct(arguments)) => reconstruct::run(&arguments),
+        Some(Command::Diagnose(arguments)) => diagnose::run(&arguments),
         Some(Command::Config(arguments)) => config::run(&arguments),
         Some(Command::Describe(arguments)) => describe::run(&arguments),
         Some(Command::Decode(arguments)) => decode::run(arguments),

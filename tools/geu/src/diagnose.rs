@@ -1,0 +1,188 @@
+//! `geu diagnose`: where model and measurement part, which effect is missing, how large it is.
+
+use std::fs;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::Args;
+use geu_diagnosis::diagnosis::{Class, Diagnosis, Entry};
+use geu_diagnosis::{Settings as Diagnosing, Thresholds, Verdict, diagnose_rows, report};
+use geu_model::Configuration;
+use geu_model::configuration::unix_ns;
+use geu_protocol::CanPlan;
+use geu_protocol::capture::{Place, Time};
+use geu_recording::{Defect, DefectKind, InputReader, Options, Reference, Row, Sink, Stop};
+use indicatif::ProgressBar;
+
+use crate::calibrate::write;
+use crate::failure::{Failure, note, say};
+use crate::settings::{NamedSettings, Settings};
+
+/// Defects of a recording that are looked at; a broken one has millions.
+const MOST_DEFECTS: usize = 100_000;
+
+/// Finds where model and measurement part, names the missing effect, adds it to the model and shows the gap shrink.
+///
+/// Exit 3 where something is left that no effect of the model explains.
+#[derive(Args, Debug)]
+pub struct Arguments {
+    #[command(flatten)]
+    unit: NamedSettings,
+    /// Recording of the link, CAN or serial; several are one stream
+    #[arg(long, required = true, num_args = 1.., value_name = "FILE")]
+    link: Vec<String>,
+    /// Reference attitude: reference.csv or a CCSDS attitude ephemeris
+    #[arg(long, value_name = "FILE")]
+    reference: String,
+    /// Time at which the unit's clock was 0, for recordings without receive times [default: start of the reference]
+    #[arg(long, value_name = "UNIX_SECONDS", allow_negative_numbers = true, value_parser = crate::settings::start)]
+    start: Option<f64>,
+    /// Base of the CAN identifiers, hexadecimal
+    #[arg(long, value_name = "ID", value_parser = crate::settings::can_base)]
+    base: Option<CanPlan>,
+    /// Write the result as JSON
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// Write the configuration with what was found, its comments kept
+    #[arg(long, value_name = "CONFIG")]
+    out: Option<PathBuf>,
+    /// Seed of the recordings with nothing hidden that set the thresholds
+    #[arg(long, default_value_t = 1, value_parser = crate::settings::seed)]
+    seed: u64,
+    /// Set the thresholds anew, without those kept in the cache directory
+    #[arg(long)]
+    no_cache: bool,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// Input that cannot be read, results that cannot be written; exit 3 where something is left unexplained.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let settings = Settings::from(&arguments.unit);
+    let believed = settings.read()?;
+    let reference = Reference::read(&arguments.reference).map_err(Failure::input)?;
+    let recording = Recording::read(&arguments.link, arguments.base)?;
+    let bar = ProgressBar::new_spinner();
+    bar.enable_steady_tick(Duration::from_millis(200));
+    let cache = Cache::new(arguments.no_cache);
+    let diagnosing = Diagnosing {
+        seed: arguments.seed,
+        clock_start_ns: arguments.start.map_or(reference.start_ns, unix_ns),
+        known: &|key| cache.get(key),
+        keep: &|key, thresholds| cache.put(key, thresholds),
+        progress: &|what| bar.set_message(what.to_owned()),
+    };
+    let diagnosis = diagnose_rows(&recording.rows, &recording.defects(), &believed, &reference, &diagnosing);
+    bar.finish_and_clear();
+    let diagnosis = diagnosis.map_err(|error| Failure::input(format!("{}: {error}", arguments.link.join(" "))))?;
+    if let Some(path) = &arguments.json {
+        write(path, format!("{:#}\n", report::json(&diagnosis)))?;
+    }
+    if let Some(path) = &arguments.out {
+        write(path, written(&settings, &diagnosis, &arguments.link)?)?;
+    }
+    say!("{}", report::text(&diagnosis).trim_end())?;
+    if diagnosis.verdict == Verdict::Unexplained { Err(Failure::unexplained()) } else { Ok(()) }
+}
+
+/// The configuration with all that was found, each with a comment that says where and how well.
+fn written(settings: &Settings, diagnosis: &Diagnosis, link: &[String]) -> Result<String, Failure> {
+    let (name, text) = settings.text()?;
+    let mut values = settings.overrides.clone();
+    let link = link.join(" ").replace(['\n', '\r'], " ");
+    let commented = |entry: &Entry| {
+        let told = entry.parameters.iter().map(|number| format!("{} {}", number.name, report::with_sigma(number)));
+        let what = if entry.class == Class::Recalibration { "recalibrated" } else { "found" };
+        let comment = format!("{what} on {link}: {}", told.collect::<Vec<_>>().join(", "));
+        entry.assignments.iter().map(move |assignment| format!("{assignment} # {comment}")).collect::<Vec<_>>()
+    };
+    values.extend(diagnosis.entries.iter().flat_map(commented));
+    let text = Configuration::edited(&name, &text, &values).map_err(Failure::input)?;
+    // What is written is what others read.
+    Configuration::parse(&name, &text, &[]).map_err(Failure::failed)?;
+    Ok(text)
+}
+
+/// Rows and defects of a recording.
+#[derive(Default)]
+pub struct Recording {
+    /// Half seconds.
+    pub rows: Vec<Row>,
+    found: Vec<Found>,
+}
+
+/// A defect without its bytes: input, place, kind, time, half seconds lost.
+type Found = (String, Place, DefectKind, Option<Time>, u64);
+
+impl Sink for Recording {
+    fn row(&mut self, row: &Row) {
+        self.rows.push(*row);
+    }
+
+    fn defect(&mut self, defect: &Defect) {
+        if self.found.len() < MOST_DEFECTS {
+            self.found.push((defect.input.to_owned(), defect.place, defect.kind, defect.time, defect.lost));
+        }
+    }
+}
+
+impl Recording {
+    /// Reads recordings as one stream.
+    ///
+    /// # Errors
+    /// Input that cannot be read.
+    pub fn read(names: &[String], plan: Option<CanPlan>) -> Result<Recording, Failure> {
+        let options = Options { plan: plan.unwrap_or_default(), ..Options::default() };
+        let (mut reader, mut recording) = (InputReader::new(options, Stop::default()), Recording::default());
+        for name in names {
+            reader.read(name, &mut recording).map_err(Failure::input)?;
+        }
+        reader.finish(&mut recording).1.map_err(Failure::input)?;
+        Ok(recording)
+    }
+
+    /// Its defects, without their bytes.
+    pub fn defects<'a>(&'a self) -> Vec<Defect<'a>> {
+        let of = |(input, place, kind, time, lost): &'a Found| Defect {
+            input,
+            place: *place,
+            kind: *kind,
+            bytes: &[],
+            time: *time,
+            lost: *lost,
+        };
+        self.found.iter().map(of).collect()
+    }
+}
+
+/// Thresholds in the user's cache directory; a cache that cannot be read or written is none.
+struct Cache {
+    directory: Option<PathBuf>,
+}
+
+impl Cache {
+    fn new(is_off: bool) -> Cache {
+        let of = |name: &str| std::env::var_os(name).filter(|path| !path.is_empty()).map(PathBuf::from);
+        let home = || of("HOME").map(|home| home.join(".cache"));
+        let directory = of("XDG_CACHE_HOME").filter(|path| path.is_absolute()).or_else(home);
+        Cache { directory: directory.filter(|_| !is_off).map(|directory| directory.join("geu").join("thresholds")) }
+    }
+
+    fn get(&self, key: u64) -> Option<Thresholds> {
+        let text = fs::read_to_string(self.directory.as_ref()?.join(format!("{key:016x}.json"))).ok()?;
+        Thresholds::from_json(&serde_json::from_str(&text).ok()?)
+    }
+
+    fn put(&self, key: u64, thresholds: &Thresholds) {
+        let Some(directory) = &self.directory else { return };
+        // Written aside and moved into place, so that another run never reads half of it.
+        let (path, aside) = (format!("{key:016x}.json"), format!("{key:016x}.{}", std::process::id()));
+        let kept = fs::create_dir_all(directory)
+            .and_then(|()| fs::write(directory.join(&aside), thresholds.to_json().to_string()))
+            .and_then(|()| fs::rename(directory.join(&aside), directory.join(path)));
+        if let Err(error) = kept {
+            note(format_args!("geu: {}: thresholds cannot be kept: {error}\n", directory.display()));
+        }
+    }
+}
