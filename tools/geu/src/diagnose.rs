@@ -90,15 +90,18 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 fn written(settings: &Settings, diagnosis: &Diagnosis, link: &[String]) -> Result<String, Failure> {
     let (name, text) = settings.text()?;
     let mut values = settings.overrides.clone();
-    let link = link.join(" ").replace(['\n', '\r'], " ");
+    values.extend(diagnosis.entries.iter().flat_map(|entry| entry.assignments.iter().cloned()));
+    let link = link.join(" ");
     let commented = |entry: &Entry| {
         let told = entry.parameters.iter().map(|number| format!("{} {}", number.name, report::with_sigma(number)));
         let what = if entry.class == Class::Recalibration { "recalibrated" } else { "found" };
         let comment = format!("{what} on {link}: {}", told.collect::<Vec<_>>().join(", "));
-        entry.assignments.iter().map(move |assignment| format!("{assignment} # {comment}")).collect::<Vec<_>>()
+        let paths = entry.assignments.iter().filter_map(|assignment| assignment.split_once('='));
+        paths.map(|(path, _)| (path.to_owned(), comment.clone())).collect::<Vec<_>>()
     };
-    values.extend(diagnosis.entries.iter().flat_map(commented));
+    let comments: Vec<_> = diagnosis.entries.iter().flat_map(commented).collect();
     let text = Configuration::edited(&name, &text, &values).map_err(Failure::input)?;
+    let text = Configuration::commented(&text, &comments);
     // What is written is what others read.
     Configuration::parse(&name, &text, &[]).map_err(Failure::failed)?;
     Ok(text)

@@ -317,6 +317,32 @@ pub fn with_overrides(name: &str, text: &str, overrides: &[String]) -> Result<St
     Ok(document.to_string())
 }
 
+/// The text of a configuration with comments at the ends of lines: each behind the value that stands at its path, or behind the
+/// inline table that this is in. A comment that is there already stays before it.
+pub fn with_comments(text: &str, comments: &[(String, String)]) -> String {
+    let Ok(mut document) = text.parse::<DocumentMut>() else { return text.to_owned() };
+    for (path, comment) in comments {
+        let mut keys = path.split('.');
+        let mut item = keys.next().and_then(|key| document.get_mut(key));
+        while let Some(found) = item {
+            if let Item::Value(value) = found {
+                let decor = value.decor_mut();
+                let before = decor.suffix().and_then(|suffix| suffix.as_str()).unwrap_or_default().trim_end();
+                let comment = comment.replace(['\n', '\r'], " ");
+                let suffix = match before.trim_start() {
+                    "" => format!(" # {comment}"),
+                    _ if before.ends_with(&comment) => before.to_owned(),
+                    _ => format!("{before}; {comment}"),
+                };
+                decor.set_suffix(suffix);
+                break;
+            }
+            item = keys.next().and_then(|key| found.get_mut(key));
+        }
+    }
+    document.to_string()
+}
+
 fn merge(base: &mut dyn TableLike, over: &dyn TableLike, path: &str) -> Result<(), String> {
     for (key, item) in over.iter() {
         let path = if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") };

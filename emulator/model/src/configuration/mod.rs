@@ -171,6 +171,11 @@ impl Configuration {
         document::with_overrides(name, text, values)
     }
 
+    /// The text of a configuration with comments put behind values, each a path and the comment.
+    pub fn commented(text: &str, comments: &[(String, String)]) -> String {
+        document::with_comments(text, comments)
+    }
+
     /// The reference unit on its default scenario (model.md).
     pub fn reference() -> Configuration {
         Configuration::reference_with(&[]).expect("the built-in configuration is valid")
