@@ -51,9 +51,22 @@ impl ElectronicsCourse {
     }
 }
 
+/// Index of the first point after a time. Tables are mostly evenly spaced: where they are, the place is known at once.
+fn after(table: &[(f64, f64)], t_s: f64) -> usize {
+    if let (Some(first), Some(last)) = (table.first(), table.last()) {
+        let spacing_s = (last.0 - first.0) / (table.len() - 1).max(1) as f64;
+        let guess = (((t_s - first.0) / spacing_s) as usize).saturating_add(1);
+        let is_after = |index: usize| table.get(index).is_none_or(|point| point.0 > t_s);
+        if (1..=table.len()).contains(&guess) && is_after(guess) && !is_after(guess - 1) {
+            return guess;
+        }
+    }
+    table.partition_point(|point| point.0 <= t_s)
+}
+
 /// Straight lines between points in order of time, held beyond the ends; NaN where there are none.
 pub(crate) fn interpolate(table: &[(f64, f64)], t_s: f64) -> f64 {
-    let after = table.partition_point(|point| point.0 <= t_s);
+    let after = after(table, t_s);
     match (after.checked_sub(1).map(|before| table[before]), table.get(after)) {
         (Some(before), Some(after)) => before.1 + (after.1 - before.1) * (t_s - before.0) / (after.0 - before.0),
         (Some(point), None) => point.1,
@@ -100,6 +113,18 @@ mod tests {
     fn a_table_is_joined_by_straight_lines_and_held_beyond_its_ends() {
         let course = ElectronicsCourse { table: vec![(10.0, 20.0), (20.0, 22.0)], ..ElectronicsCourse::default() };
         assert_eq!([0.0, 10.0, 15.0, 20.0, 99.0].map(|t_s| course.at_c(t_s)), [20.0, 20.0, 21.0, 22.0, 22.0]);
+    }
+
+    #[test]
+    fn a_table_is_read_alike_however_it_is_spaced() {
+        let even: Vec<(f64, f64)> = (0..50).map(|index| (f64::from(index) * 0.5, f64::from(index * index))).collect();
+        let uneven: Vec<(f64, f64)> = even.iter().map(|(t_s, celsius)| (t_s * t_s, *celsius)).collect();
+        for table in [&even[..], &uneven[..], &even[..1], &[]] {
+            for tenth in -10..7000 {
+                let t_s = f64::from(tenth) * 0.1;
+                assert_eq!(after(table, t_s), table.partition_point(|point| point.0 <= t_s), "{t_s}");
+            }
+        }
     }
 
     #[test]

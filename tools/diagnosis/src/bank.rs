@@ -171,9 +171,17 @@ impl Bank {
         bank
     }
 
-    /// Adds the terms that stand in no catalogue: the signature of each formula, on every gyro. A run tells four of them, one for each
+    /// The signatures of both.
+    #[must_use]
+    pub fn and(&self, other: &Bank) -> Bank {
+        let mut both = self.clone();
+        both.bases.extend(other.bases.iter().cloned());
+        both
+    }
+
+    /// The terms that stand in no catalogue: the signature of each formula, on every gyro. A run tells four of them, one for each
     /// gyro: what a term adds is the same on all of them, but for the scale factor.
-    pub fn with_formulas(mut self, measured: &Measured, configuration: &Configuration) -> Bank {
+    pub fn formulas(&self, measured: &Measured, configuration: &Configuration) -> Bank {
         let from = measured.run(configuration, 0.0);
         let run = |four: &[Amplitude]| -> Vec<Base> {
             let mut moved = configuration.clone();
@@ -205,9 +213,8 @@ impl Bank {
             };
             four.iter().enumerate().map(base).collect()
         };
-        let formulas: Vec<Base> = Amplitude::formulas().par_chunks(TIMING).flat_map_iter(run).collect();
-        self.bases.extend(formulas);
-        self
+        let bases = Amplitude::formulas().par_chunks(TIMING).flat_map_iter(run).collect();
+        Bank { bases, excess_k: self.excess_k.clone(), blocks: self.blocks }
     }
 
     /// The bases of one amplitude: one where it is linear, else one for each of several sizes.

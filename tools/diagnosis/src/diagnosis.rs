@@ -1,5 +1,7 @@
 //! A diagnosis from its start to its end: what is missing, what is only out of date, what is left.
 
+use std::cell::LazyCell;
+
 use geu_calibration::CountsReader;
 use geu_model::Configuration;
 use geu_model::effect::{AngleRandomWalk, DriftRandomWalk, Effect};
@@ -201,29 +203,28 @@ pub fn diagnose(
     let before = measured.run(believed, 0.0);
     let noise = noise::of(believed, measured, &measured.residual(&before));
     let start = case.start(noise);
-    let mut all: Option<Bank> = None;
+    let formulas = LazyCell::new(|| catalogue.formulas(measured, believed));
+    let all = LazyCell::new(|| catalogue.and(&formulas));
     let thresholds = options.known.clone().unwrap_or_else(|| {
         tell("thresholds");
-        let bank = all.get_or_insert_with(|| catalogue.clone().with_formulas(measured, believed));
         let normal = case.fit(&mut start.clone());
-        thresholds(&case, bank, &normal, &noise, options.seed)
+        thresholds(&case, &all, &normal, &noise, options.seed)
     });
     tell("search");
     let mut explained = explain(&case, &catalogue, &thresholds, &start);
-    let is_noise = |explained: &Explained| unlikeness(&explained.normal.left()).0 <= thresholds.unlikeness;
-    if !explained.state.held.is_empty() || !explained.noise.is_empty() || !is_noise(&explained) {
+    let is_noise = unlikeness(&explained.normal.left()).0 <= thresholds.unlikeness;
+    let is_found = !explained.state.held.is_empty() || !explained.noise.is_empty();
+    if !is_noise || is_found && explained.is_doubtful(&case, &formulas, &thresholds) {
         tell("formulas");
-        let bank = all.get_or_insert_with(|| catalogue.clone().with_formulas(measured, believed));
-        let mut other = explain(&case, bank, &thresholds, &start);
+        let other = explain(&case, &all, &thresholds, &start);
         let has_formula = other.state.held.iter().any(|held| held.change.amplitude.place == Place::Discovered);
         if has_formula && other.score(&thresholds) + FORMULA_MARGIN < explained.score(&thresholds) {
-            std::mem::swap(&mut explained, &mut other);
+            explained = other;
         }
     }
     tell("report");
-    let mut explained = explained;
     merge_gyros(&case, &mut explained);
-    let bank = all.as_ref().unwrap_or(&catalogue);
+    let bank: &Bank = if is_found || !is_noise { &all } else { &catalogue };
     Report { case: &case, bank, thresholds: &thresholds, faults, raw: options.raw }.finish(explained, findings)
 }
 

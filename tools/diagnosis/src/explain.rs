@@ -19,7 +19,9 @@ const MOST: usize = 6;
 /// Candidates fitted in each round.
 const FITTED: usize = 4;
 /// Candidates that explain less than this share of what the best one does are not fitted.
-const NEAR: f64 = 0.85;
+const NEAR: f64 = 0.93;
+/// Nor those that explain less than this share of what they cost: their shapes are nearly the best ones already.
+const HOPE: f64 = 0.8;
 /// Nor those whose χ² falls by so much less, where that is more.
 const NEAR_CHI2: f64 = 12.0;
 /// A shape that has a default is told where χ² falls by this, two sigma, or where it is known to a fifth.
@@ -110,8 +112,7 @@ fn grow(case: &Case, bank: &Bank, thresholds: &Thresholds, mut now: Explained) -
         let worth: Vec<&Candidate> = candidates
             .iter()
             .take(FITTED)
-            // Its shape may suit better yet.
-            .filter(|candidate| candidate.gain.chi2 > 0.6 * cost(candidate))
+            .filter(|candidate| candidate.gain.chi2 > HOPE * cost(candidate))
             .filter(|candidate| candidate.gain.chi2 - cost(candidate) >= least)
             .collect();
         let tried: Vec<_> = worth.into_par_iter().filter_map(fitted).collect();
@@ -147,6 +148,23 @@ fn is_possible(held: &Held) -> bool {
 }
 
 impl Explained {
+    /// Whether a formula might do better: as well in the place of one of the changes, or instead of a pile of them, or of noise.
+    pub fn is_doubtful(&self, case: &Case, formulas: &Bank, thresholds: &Thresholds) -> bool {
+        let is_pile = |gyro: usize| self.state.held.iter().filter(|held| held.change.gyros[gyro]).count() > 1;
+        if !self.noise.is_empty() || (0..TIMING).any(is_pile) {
+            return true;
+        }
+        (0..self.state.held.len()).any(|index| {
+            let (worth, cost) = self.worth(case, index);
+            let mut state = self.state.clone();
+            state.held.remove(index);
+            let normal = case.fit(&mut state);
+            let candidates = search(formulas, &normal, &state, &|family| thresholds.of(family));
+            let best = candidates.first().map(|best| best.gain.chi2 - thresholds.of(best.family));
+            best.is_some_and(|best| best > worth - cost)
+        })
+    }
+
     /// By how much χ² falls with a change, beside all the others, and what was paid for it.
     pub fn worth(&self, case: &Case, index: usize) -> (f64, f64) {
         let mut state = self.state.clone();
