@@ -30,6 +30,9 @@ const FORMULA_MARGIN: f64 = 10.0;
 const RECALIBRATED_SIGMAS: f64 = 4.0;
 /// A constant lag is the link's up to here (icd.md).
 const LAG_S: f64 = 0.010;
+/// How well calibration numbers hold between checkouts, in the order of [`Calibration::NUMBERS`]: 20 ppm and 6″/h are what a
+/// calibration is for (Casteren §1, table 1), 3″ how well pivots let an axis be known (§5.3).
+const HOLDS: [f64; Calibration::NUMBERS.len()] = [20e-6, 6.0 / 7200.0, 3.0, 3.0, 3.0];
 /// Sigmas within which two gyros have the same size of an effect.
 const SAME_SIGMAS: f64 = 3.0;
 /// Cosine above which a calibration number and an effect are one thing.
@@ -348,8 +351,8 @@ impl Report<'_> {
             let onset = fault.onset_s.map(|onset_s| Number { name: "time_s".to_owned(), value: onset_s, sigma: None, written: None });
             let written = fault.written();
             let path = format!("gyro.{}.{}", fault.bearer.name(), fault.code);
-            let assignments = std::iter::once(format!("{path}.{}={written}", fault.parameter))
-                .chain(fault.onset_s.map(|onset_s| format!("{path}.time_s={onset_s:?}")));
+            let assignments = std::iter::once(format!("{path}.{} = {written}", fault.parameter))
+                .chain(fault.onset_s.map(|onset_s| format!("{path}.time_s = {onset_s:?}")));
             Entry {
                 code: fault.code.clone(),
                 formula: None,
@@ -450,7 +453,7 @@ impl Report<'_> {
         for (entry, _) in &mut entries {
             let (code, number) = (&entry.code, &entry.parameters[0]);
             let gyros = Gyro::ALL.into_iter().filter(|gyro| entry.gyros[*gyro as usize]);
-            let assignment = |gyro: Gyro| format!("gyro.{}.{code}.{}={:?}", gyro.name(), number.name, number.value);
+            let assignment = |gyro: Gyro| format!("gyro.{}.{code}.{} = {:?}", gyro.name(), number.name, number.value);
             entry.assignments = gyros.map(assignment).collect();
         }
         entries.into_iter().map(|(entry, _)| entry).collect()
@@ -531,7 +534,9 @@ impl Report<'_> {
             };
             let key = Calibration::NUMBERS[number].name;
             let total = self.case.believed.gyros[gyro as usize].calibration.value(number) + value;
-            let assignment = format!("gyro.{}.calibration.{key}={total:?}", gyro.name());
+            // Digits beyond a hundredth of a sigma say nothing.
+            let decimals = (2.0 - sigma.log10().floor()).clamp(0.0, 15.0) as usize;
+            let assignment = format!("gyro.{}.calibration.{key} = {total:.decimals$}", gyro.name());
             let gyros: Gyros = std::array::from_fn(|other| other == gyro as usize);
             match entries.iter_mut().find(|entry| entry.code == amplitude.code() && entry.gyros == gyros) {
                 Some(entry) => {
@@ -642,7 +647,7 @@ impl Report<'_> {
         let blocks = measured.block_count();
         let mut corrections: Series = std::array::from_fn(|_| vec![0.0; blocks]);
         let mut squares = 0.0;
-        for (third, size) in normal.without_thirds().into_iter().enumerate() {
+        for (third, size) in normal.without_thirds(&known(state)).into_iter().enumerate() {
             let range = blocks * third / THIRDS..blocks * (third + 1) / THIRDS;
             let mut own: Series = std::array::from_fn(|channel| residual[channel].clone());
             for (column, size) in columns.iter().zip(&size) {
@@ -708,6 +713,14 @@ impl Report<'_> {
             before = now;
         }
     }
+}
+
+/// What is known of the sixteen and the lag before a recording, as departures from a state: a calibration holds for as long as
+/// [`HOLDS`] says, and where it has plainly not held, as much as it was off.
+fn known(state: &State) -> Vec<(f64, f64)> {
+    let of_number = |((_, number), moved): ((Gyro, usize), &f64)| (-moved, HOLDS[number].max(moved.abs()));
+    let sixteen = sixteen().into_iter().zip(&state.sixteen).map(of_number);
+    sixteen.chain(std::iter::once((-state.lag_s, LAG_S.max(state.lag_s.abs())))).collect()
 }
 
 fn shown(rival: Rival) -> RivalShown {
