@@ -13,7 +13,7 @@ use geu_recording::{Defect, Reference, Row, Sink};
 use crate::bank::{Bank, Family};
 use crate::change::{ALL_GYROS, Amplitude, Change, Gyros, Place, sixteen};
 use crate::checks::{WiringFault, check};
-use crate::explain::{Explained, Round, explain, unlikeness};
+use crate::explain::{Explained, NoiseFound, Round, explain, unlikeness};
 use crate::finding::Finding;
 use crate::gap::{self, Gap};
 use crate::measured::{BLOCK_S, CHANNELS, Measured, MeasuredError, Series, TIMING};
@@ -28,8 +28,12 @@ use crate::state::{Case, Held, State};
 const FORMULA_MARGIN: f64 = 10.0;
 /// A calibration number is told as moved from so many sigmas on: once in 1000 recordings of sixteen.
 const RECALIBRATED_SIGMAS: f64 = 4.0;
-/// A constant lag is the link's up to here (icd.md).
+/// A constant lag beyond this is not the link's (icd.md).
 const LAG_S: f64 = 0.010;
+/// What the link's own lag may be, up to 5 ms (icd.md): its mean, and one sigma.
+const LINK_LAG_S: (f64, f64) = (0.0025, 0.0025 / 1.732_050_807_568_877_2);
+/// A walk is told from this many times the configured one on: rounding, while a gyro hardly turns, can look like half as much again.
+const LEAST_WALK: f64 = 2.0;
 /// How well calibration numbers hold between checkouts, in the order of [`Calibration::NUMBERS`]: 20 ppm and 6″/h are what a
 /// calibration is for (Casteren §1, table 1), 3″ how well pivots let an axis be known (§5.3).
 const HOLDS: [f64; Calibration::NUMBERS.len()] = [20e-6, 6.0 / 7200.0, 3.0, 3.0, 3.0];
@@ -37,6 +41,10 @@ const HOLDS: [f64; Calibration::NUMBERS.len()] = [20e-6, 6.0 / 7200.0, 3.0, 3.0,
 const SAME_SIGMAS: f64 = 3.0;
 /// Cosine above which a calibration number and an effect are one thing.
 const SAME: f64 = 0.9999;
+/// Cosine above which two signatures are one.
+const SAME_SIGNATURE: f64 = 0.999;
+/// Rivals told.
+const TOLD: usize = 5;
 /// Terms told that the rest follows.
 const FOLLOWED: usize = 5;
 
@@ -227,6 +235,7 @@ pub fn diagnose(
     }
     tell("report");
     merge_gyros(&case, &mut explained);
+    explained.widen_onsets(&case);
     let bank: &Bank = if is_found || !is_noise { &all } else { &catalogue };
     Report { case: &case, bank, thresholds: &thresholds, faults, raw: options.raw }.finish(explained, findings)
 }
@@ -396,7 +405,12 @@ impl Report<'_> {
                 gap_share: 0.0,
                 chi2: Some(explained.worth(self.case, index)),
                 held_out: explained.held_out.get(index).copied(),
-                rivals: rivals(self.case, self.bank, &explained.state, index).into_iter().map(shown).collect(),
+                rivals: rivals(self.case, self.bank, &explained.state, index)
+                    .into_iter()
+                    .filter(|rival| !is_the_same(amplitude, rival))
+                    .take(TOLD)
+                    .map(shown)
+                    .collect(),
                 assignments: held.change.assignments(&configuration),
             }
         };
@@ -406,7 +420,7 @@ impl Report<'_> {
     /// Walks that are larger than configured; gyros of one walk whose sizes agree are one entry.
     fn noises(&self, explained: &Explained) -> Vec<Entry> {
         let mut entries: Vec<(Entry, f64)> = Vec::new();
-        for found in explained.noise.iter().filter(|found| found.channel != TIMING) {
+        for found in explained.noise.iter().filter(|found| is_told(self.case.believed, explained, found)) {
             let (spec, number) = match found.walk {
                 Walk::Angle => (AngleRandomWalk::SPEC, AngleRandomWalk::default().specs()[0]),
                 Walk::Rate => (DriftRandomWalk::SPEC, DriftRandomWalk::default().specs()[0]),
@@ -462,21 +476,26 @@ impl Report<'_> {
     /// A common lag that is more than a link's, as the effect that has its signature: a reference that is early looks the same.
     fn lag(&self, explained: &mut Explained) -> Option<Entry> {
         let state = &mut explained.state;
-        let (lag_s, sigma) = (state.lag_s, state.lag_sigma_s);
+        let (lag_s, lag_sigma_s) = (state.lag_s, state.lag_sigma_s);
+        let sigma = lag_sigma_s;
         if lag_s.abs() <= LAG_S + SAME_SIGMAS * sigma {
             return None;
         }
         let own = self.case.nuisances.last()?;
         let (amplitude, ratio) = self.alike(own, Place::Unit)?;
+        // Some of it is the link's.
+        let link_s = if self.case.measured.counts.is_received { LINK_LAG_S } else { (0.0, 0.0) };
         let change = Change {
             amplitude,
-            size: lag_s * ratio,
+            size: (lag_s - link_s.0) * ratio,
             own_shapes: Vec::new(),
             course_shapes: Vec::new(),
             gyros: ALL_GYROS,
         };
-        let mut configuration = self.case.believed.clone();
-        change.apply(&mut configuration);
+        let sigma = sigma.hypot(link_s.1);
+        state.lag_s = link_s.0;
+        state.held.push(Held::fixed(change.clone()));
+        let configuration = state.configuration(self.case.believed);
         let late = RivalShown {
             code: if lag_s > 0.0 { "reference-early" } else { "reference-late" }.to_owned(),
             formula: None,
@@ -493,7 +512,7 @@ impl Report<'_> {
             gyros: ALL_GYROS,
             parameters: vec![Number { name: limits.name, value: change.size, sigma: Some(sigma * ratio.abs()), written: None }],
             gap_share: 0.0,
-            chi2: Some(((lag_s / sigma).powi(2), (LAG_S / sigma).powi(2))),
+            chi2: Some(((lag_s / lag_sigma_s).powi(2), (LAG_S / lag_sigma_s).powi(2))),
             held_out: None,
             rivals: vec![late],
             assignments: change.assignments(&configuration),
@@ -620,7 +639,7 @@ impl Report<'_> {
     /// The configuration with everything found.
     fn configuration(&self, explained: &Explained) -> Configuration {
         let mut configuration = explained.state.configuration(self.case.believed);
-        for found in explained.noise.iter().filter(|found| found.channel != TIMING) {
+        for found in explained.noise.iter().filter(|found| is_told(self.case.believed, explained, found)) {
             let effects = &mut configuration.gyros[found.channel].effects.constant;
             let value = explained.state.noise[found.channel].walk(found.walk);
             match found.walk {
@@ -713,6 +732,27 @@ impl Report<'_> {
             before = now;
         }
     }
+}
+
+/// Whether a rival is what was found in other words: a course of it that is constant all through, or its law as a formula.
+fn is_the_same(found: &Amplitude, rival: &Rival) -> bool {
+    let other = &rival.change.amplitude;
+    let is_course = found.kind.is_none() && (other.place, other.effect) == (found.place, found.effect);
+    let is_law = found.formula.is_none() && other.formula.is_some();
+    rival.cosine > SAME_SIGNATURE && (is_course || is_law)
+}
+
+/// Whether a walk is so much larger than configured that it is no trick of rounding.
+fn is_told(believed: &Configuration, explained: &Explained, found: &NoiseFound) -> bool {
+    if found.channel == TIMING {
+        return false;
+    }
+    let effects = &believed.gyros[found.channel].effects.constant;
+    let configured = match found.walk {
+        Walk::Angle => effects.angle_random_walk.arcsec_per_sqrt_s,
+        Walk::Rate => effects.drift_random_walk.arcsec_per_s_per_sqrt_s,
+    };
+    explained.state.noise[found.channel].walk(found.walk) >= LEAST_WALK * configured
 }
 
 /// What is known of the sixteen and the lag before a recording, as departures from a state: a calibration holds for as long as

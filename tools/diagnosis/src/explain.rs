@@ -28,6 +28,10 @@ const NEAR_CHI2: f64 = 12.0;
 const SHAPE_CHI2: f64 = 4.0;
 /// See [`SHAPE_CHI2`].
 const SHAPE_KNOWN: f64 = 0.2;
+/// Least distance from an onset that is tried, s, and how often it is doubled.
+const ONSET_S: f64 = 10.0;
+/// See [`ONSET_S`].
+const ONSET_DOUBLINGS: u32 = 8;
 /// Sigmas within which a number of counts is a whole one.
 const WHOLE_SIGMAS: f64 = 4.0;
 
@@ -226,6 +230,46 @@ impl Explained {
             if is_possible(own) && (fall > SHAPE_CHI2 || fall >= 0.0 && is_known) {
                 (self.state, self.normal) = (tried, normal);
             }
+        }
+    }
+
+    /// Widens the sigmas of onsets to where χ² has risen by one: between two motions an onset may lie anywhere.
+    pub fn widen_onsets(&mut self, case: &Case) {
+        for index in 0..self.state.held.len() {
+            let parameters = self.state.held[index].change.parameters();
+            let Some(place) = parameters.iter().position(|parameter| parameter.name == "time_s") else { continue };
+            if !self.state.held[index].is_free[place] {
+                continue;
+            }
+            let least = self.normal.chi2();
+            let risen = |by_s: f64| {
+                let mut state = self.state.clone();
+                let parameter = &parameters[place];
+                let value = (parameter.value + by_s).clamp(parameter.least, parameter.greatest);
+                state.held[index].change.set(place, value);
+                state.held[index].is_free[place] = false;
+                state.held[index].run_anew();
+                case.normal(&mut state).chi2() > least + 1.0
+            };
+            let reach_s = |sign: f64| {
+                let doubled = (0..ONSET_DOUBLINGS).map(|power| ONSET_S * f64::from(1 << power));
+                let (mut near, mut far) = (0.0, f64::NAN);
+                for distance_s in doubled {
+                    if risen(sign * distance_s) {
+                        far = distance_s;
+                        break;
+                    }
+                    near = distance_s;
+                }
+                while far - near > 0.25 * far {
+                    let middle = 0.5 * (near + far);
+                    if risen(sign * middle) { far = middle } else { near = middle }
+                }
+                if far.is_nan() { near } else { far }
+            };
+            let sides = [-1.0, 1.0].into_par_iter().map(reach_s).reduce(|| 0.0, f64::max);
+            let sigma = &mut self.state.held[index].sigmas[place];
+            *sigma = sigma.max(sides);
         }
     }
 

@@ -40,6 +40,17 @@ pub struct Held {
 }
 
 impl Held {
+    /// Forgets its signatures.
+    pub fn run_anew(&mut self) {
+        self.columns = None;
+    }
+
+    /// With nothing to be fitted.
+    pub fn fixed(change: Change) -> Held {
+        let count = change.parameters().len();
+        Held { sigmas: vec![f64::NAN; count], is_free: vec![false; count], change, columns: None }
+    }
+
     /// The signature of one unit of its size, where it was run.
     pub fn signature(&self) -> Option<Nuisance> {
         self.columns.as_ref()?.first().cloned()
@@ -172,7 +183,8 @@ impl<'a> Case<'a> {
         })
     }
 
-    fn normal(&self, state: &mut State) -> Normal {
+    /// The equations of a state as it stands.
+    pub fn normal(&self, state: &mut State) -> Normal {
         let (residual, columns) = self.linearised(state);
         Normal::new(self.whitenings(&state.noise), &residual, &columns)
     }
