@@ -12,6 +12,8 @@ use geu_model::Configuration;
 use geu_plant::{GYROS, Gyro, Hidden, Plant};
 use geu_recording::Reference;
 use geu_tests::comparison::Recording;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 
 const ONSET: (&str, f64) = ("time_s", 5200.0);
 const X: &[Gyro] = &[Gyro::X];
@@ -45,10 +47,57 @@ fn diagnosed(recording: &Recording, reference: &Reference, believed: &Configurat
     diagnose_rows(&recording.rows, &[], believed, reference, &settings).expect("a recording")
 }
 
+/// What a bench tells otherwise than it is.
+#[derive(Default)]
+struct Bench {
+    /// The reference's times are late by this.
+    late_s: f64,
+    /// The reference errs by this about each axis, 1 sigma.
+    noise_arcsec: f64,
+    /// The temperature is told so many half seconds late.
+    temperature_late: usize,
+}
+
+impl Bench {
+    fn tells(&self, recording: &mut Recording, reference: &str) {
+        let told: Vec<i16> = recording.rows.iter().map(|row| row.half_second.electronics_centi_c).collect();
+        for (index, row) in recording.rows.iter_mut().enumerate() {
+            row.half_second.electronics_centi_c = told[index.saturating_sub(self.temperature_late)];
+        }
+        let mut random = ChaCha8Rng::seed_from_u64(1);
+        let mut before = [0.0; 3];
+        let told = reference.lines().enumerate().map(|(line, text)| {
+            if line == 0 {
+                return text.to_owned();
+            }
+            let mut fields: Vec<f64> = text.split(',').map(|field| field.parse().expect("a number")).collect();
+            // Twelve uniform numbers, less six, are as good as normal.
+            let mut normal = || (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0;
+            for axis in 0..3 {
+                let now = self.noise_arcsec * normal();
+                fields[1 + axis] += (now - std::mem::replace(&mut before[axis], now)) / 0.5;
+            }
+            fields[0] += self.late_s;
+            let fields: Vec<String> = fields.iter().map(|field| format!("{field:.6}")).collect();
+            fields.join(",")
+        });
+        let told = told.collect::<Vec<_>>().join("\n");
+        recording.reference = Reference::parse("reference.csv", &told).expect("a reference");
+    }
+}
+
 fn diagnosis(seed: u64, hidden: &[Hidden]) -> Diagnosis {
+    diagnosis_of(seed, hidden, None)
+}
+
+fn diagnosis_of(seed: u64, hidden: &[Hidden], bench: Option<&Bench>) -> Diagnosis {
     let is_cooling = hidden.iter().any(|hidden| hidden.code.starts_with("drift-sensor-temperature"));
     let heater_off_s = is_cooling.then_some(4000.0);
-    let recording = recorded(&Plant { heater_off_s, ..Plant::new(seed, hidden.to_vec()) });
+    let plant = Plant { heater_off_s, ..Plant::new(seed, hidden.to_vec()) };
+    let mut recording = recorded(&plant);
+    if let Some(bench) = bench {
+        bench.tells(&mut recording, &plant.record().reference);
+    }
     let diagnosis = diagnosed(&recording, &recording.reference, &Configuration::reference());
     let names: Vec<String> = hidden.iter().map(|hidden| format!("{} {:?}", hidden.code, hidden.gyros)).collect();
     println!("== seed {seed}: {}: {}", names.join(" + "), diagnosis.verdict.name());
@@ -233,6 +282,60 @@ fn wiring_is_named() {
         assert!(missing(&diagnosis).all(|entry| entry.gyros == gyros(&hidden)));
         assert_eq!(diagnosis.verdict, Verdict::Explained);
     }
+}
+
+/// What is hidden is named, or nothing is beside what is wrong with the bench; never anything else.
+fn assert_not_misnamed(seed: u64, hidden: &[Hidden], bench: &Bench, beside: &[&str]) {
+    let diagnosis = diagnosis_of(seed, hidden, Some(bench));
+    for entry in missing(&diagnosis) {
+        let is_right = hidden.iter().any(|hidden| names(entry, hidden)) || beside.contains(&entry.code.as_str());
+        assert!(is_right, "{} {:?} on {hidden:?}", entry.code, entry.gyros);
+    }
+}
+
+#[test]
+fn noise_five_times_as_large_misleads_nobody() {
+    let walks = [
+        Hidden::new("angle-random-walk", &GYROS, &[("arcsec_per_sqrt_s", 0.05)]),
+        Hidden::new("drift-random-walk", &GYROS, &[("arcsec_per_s_per_sqrt_s", 4e-5)]),
+    ];
+    for seed in 12..15 {
+        assert_not_misnamed(seed, &walks, &Bench::default(), &[]);
+        let hidden = Hidden::new("pivot-clearance", X, &[("clearance_arcsec", 11.5)]);
+        assert_not_misnamed(seed, &[&walks[..], &[hidden]].concat(), &Bench::default(), &[]);
+    }
+}
+
+#[test]
+fn a_temperature_told_late_misleads_nobody() {
+    let bench = Bench { temperature_late: 600, ..Bench::default() };
+    for hidden in [
+        Hidden::new("scale-factor-temperature", &GYROS, &[("ppm_per_k", 12.5)]),
+        Hidden::new("drift-temperature", Y, &[("arcsec_per_h_per_k", 12.0)]),
+        Hidden::new("pivot-clearance", ZB, &[("clearance_arcsec", 9.0)]),
+    ] {
+        assert_not_misnamed(15, &[hidden], &bench, &[]);
+    }
+    assert_not_misnamed(15, &[], &bench, &[]);
+}
+
+#[test]
+fn a_reference_that_errs_misleads_nobody() {
+    let bench = Bench { noise_arcsec: 1.0, ..Bench::default() };
+    for seed in 16..18 {
+        assert_not_misnamed(seed, &[], &bench, &[]);
+        assert_not_misnamed(seed, &[Hidden::new("pivot-clearance", X, &[("clearance_arcsec", 11.5)])], &bench, &[]);
+    }
+}
+
+#[test]
+fn a_reference_that_is_late_is_a_time_offset_or_its_rival_and_nothing_else() {
+    let bench = Bench { late_s: 0.03, ..Bench::default() };
+    let diagnosis = diagnosis_of(18, &[], Some(&bench));
+    let told: Vec<&Entry> = missing(&diagnosis).collect();
+    let [entry] = told[..] else { panic!("{} things told", told.len()) };
+    assert_eq!((entry.code.as_str(), entry.rivals[0].code.as_str()), ("time-offset", "reference-late"));
+    assert_not_misnamed(18, &[Hidden::new("drift-step", Y, &[("arcsec_per_h", 30.0), ONSET])], &bench, &["time-offset"]);
 }
 
 #[test]

@@ -16,7 +16,7 @@ use crate::checks::{WiringFault, check};
 use crate::explain::{Explained, NoiseFound, Round, explain, unlikeness};
 use crate::finding::Finding;
 use crate::gap::{self, Gap};
-use crate::measured::{BLOCK_S, CHANNELS, Measured, MeasuredError, Series, TIMING};
+use crate::measured::{BLOCK_S, CHANNELS, Measured, MeasuredError, Series, Shifts, TIMING};
 use crate::noise::{self, Walk};
 use crate::normal::{Normal, THIRDS};
 use crate::null::{Thresholds, thresholds};
@@ -211,7 +211,7 @@ pub fn diagnose(
     tell("signatures");
     let case = Case::new(measured, believed);
     let catalogue = Bank::new(measured, believed);
-    let before = measured.run(believed, 0.0);
+    let before = measured.run(believed, Shifts::default());
     let noise = noise::of(believed, measured, &measured.residual(&before));
     let start = case.start(noise);
     let formulas = LazyCell::new(|| catalogue.formulas(measured, believed));
@@ -242,7 +242,7 @@ pub fn diagnose(
 
 /// What thresholds depend on: the motion, the blocks that can be used, the noise, what is searched.
 pub fn key(measured: &Measured, believed: &Configuration, seed: u64) -> u64 {
-    let before = measured.run(believed, 0.0);
+    let before = measured.run(believed, Shifts::default());
     let noise = noise::of(believed, measured, &measured.residual(&before));
     // FNV-1a.
     let mut hash = 0xcbf2_9ce4_8422_2325u64;
@@ -309,7 +309,16 @@ impl Report<'_> {
         let left = explained.normal.left();
         let (_, channels) = unlikeness(&left);
         let unlike: Gyros = std::array::from_fn(|gyro| channels[gyro] > self.thresholds.unlikeness);
-        let mut entries = self.faults(); 
+        let mut findings = findings;
+        let late_s = explained.state.shifts.temperature_s;
+        if late_s != 0.0 {
+            findings.push(Finding {
+                kind: "temperature-lag".to_owned(),
+                place: "the whole recording".to_owned(),
+                text: format!("what follows the electronics temperature does so {late_s:.0} s before the temperature is told"),
+            });
+        }
+        let mut entries = self.faults();
         entries.extend(self.effects(&explained));
         entries.extend(self.noises(&explained));
         if let Some(entry) = self.lag(&mut explained) {
@@ -324,17 +333,17 @@ impl Report<'_> {
         };
         let unexplained = unlike.contains(&true).then(|| self.unexplained(&explained, &left, unlike));
         let configuration = self.configuration(&explained);
-        let lag_s = explained.state.lag_s;
+        let shifts = explained.state.shifts;
         let windowed_of = |model: &Series| gap::windowed(measured, &gap::residual(measured, model));
-        let given = measured.run(case.believed, lag_s);
+        let given = measured.run(case.believed, shifts);
         let raw = self.raw.unwrap_or(measured);
         let before = gap::windowed(raw, &gap::residual(raw, &given));
-        let after_run = measured.run(&configuration, lag_s);
+        let after_run = measured.run(&configuration, shifts);
         let after = windowed_of(&after_run);
         let before_gap = self.gap(raw, &before, &given, &explained.state);
         let after_gap = self.gap(measured, &after, &after_run, &explained.state);
         let held_out = self.held_out(&explained, &after_run);
-        self.shares(&mut entries, before_gap.squares, lag_s);
+        self.shares(&mut entries, before_gap.squares, shifts);
         Diagnosis {
             verdict,
             entries,
@@ -347,7 +356,7 @@ impl Report<'_> {
             thresholds: self.thresholds.clone(),
             windowed: [before, after],
             left,
-            lag_s: (explained.state.lag_s, explained.state.lag_sigma_s),
+            lag_s: (shifts.lag_s, explained.state.lag_sigma_s),
             noise: explained.state.noise,
         }
     }
@@ -476,7 +485,7 @@ impl Report<'_> {
     /// A common lag that is more than a link's, as the effect that has its signature: a reference that is early looks the same.
     fn lag(&self, explained: &mut Explained) -> Option<Entry> {
         let state = &mut explained.state;
-        let (lag_s, lag_sigma_s) = (state.lag_s, state.lag_sigma_s);
+        let (lag_s, lag_sigma_s) = (state.shifts.lag_s, state.lag_sigma_s);
         let sigma = lag_sigma_s;
         if lag_s.abs() <= LAG_S + SAME_SIGMAS * sigma {
             return None;
@@ -493,7 +502,7 @@ impl Report<'_> {
             gyros: ALL_GYROS,
         };
         let sigma = sigma.hypot(link_s.1);
-        state.lag_s = link_s.0;
+        state.shifts.lag_s = link_s.0;
         state.held.push(Held::fixed(change.clone()));
         let configuration = state.configuration(self.case.believed);
         let late = RivalShown {
@@ -708,10 +717,10 @@ impl Report<'_> {
     }
 
     /// The fall of the squares as each entry is added, in order.
-    fn shares(&self, entries: &mut [Entry], whole: f64, lag_s: f64) {
+    fn shares(&self, entries: &mut [Entry], whole: f64, shifts: Shifts) {
         let measured = self.case.measured;
         let squares = |configuration: &Configuration| {
-            let model = measured.run(configuration, lag_s);
+            let model = measured.run(configuration, shifts);
             gap::of(&gap::windowed(measured, &gap::residual(measured, &model))).squares
         };
         let text = self.case.believed.to_toml(false);
@@ -760,7 +769,7 @@ fn is_told(believed: &Configuration, explained: &Explained, found: &NoiseFound) 
 fn known(state: &State) -> Vec<(f64, f64)> {
     let of_number = |((_, number), moved): ((Gyro, usize), &f64)| (-moved, HOLDS[number].max(moved.abs()));
     let sixteen = sixteen().into_iter().zip(&state.sixteen).map(of_number);
-    sixteen.chain(std::iter::once((-state.lag_s, LAG_S.max(state.lag_s.abs())))).collect()
+    sixteen.chain(std::iter::once((-state.shifts.lag_s, LAG_S.max(state.shifts.lag_s.abs())))).collect()
 }
 
 fn shown(rival: Rival) -> RivalShown {

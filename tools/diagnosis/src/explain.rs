@@ -5,8 +5,10 @@
 
 use rayon::prelude::*;
 
+use geu_model::course::{KINDS, Law};
+
 use crate::bank::{Bank, Family};
-use crate::change::Place;
+use crate::change::{Change, Place};
 use crate::measured::{CHANNELS, TIMING};
 use crate::noise::{self, Fitted, Walk};
 use crate::normal::{Normal, THIRDS};
@@ -32,6 +34,12 @@ const SHAPE_KNOWN: f64 = 0.2;
 const ONSET_S: f64 = 10.0;
 /// See [`ONSET_S`].
 const ONSET_DOUBLINGS: u32 = 8;
+/// Name of a size that is a whole number.
+const WHOLE: &str = "counts";
+/// How late a temperature may be told, s.
+const TEMPERATURE_S: [f64; 9] = [-300.0, 0.0, 150.0, 300.0, 450.0, 600.0, 900.0, 1200.0, 1800.0];
+/// What a lag of the temperature must lower χ² by, three sigma.
+const TEMPERATURE_CHI2: f64 = 9.0;
 /// Sigmas within which a number of counts is a whole one.
 const WHOLE_SIGMAS: f64 = 4.0;
 
@@ -136,7 +144,9 @@ fn grow(case: &Case, bank: &Bank, thresholds: &Thresholds, mut now: Explained) -
         now.costs.push(cost(&candidate));
         now.held_out.push(candidate.held_out);
         (now.state, now.normal) = (state, normal);
+        now.shift_temperature(case);
         now.free_shapes(case);
+        now.take_whole(case);
     }
     now
 }
@@ -144,7 +154,7 @@ fn grow(case: &Case, bank: &Bank, thresholds: &Thresholds, mut now: Explained) -
 /// Whether what was found is a thing that there can be: within its limits, and a whole number where it is one of counts.
 fn is_possible(held: &Held) -> bool {
     let size = &held.change.parameters()[0];
-    let is_whole = size.name != "counts" || {
+    let is_whole = size.name != WHOLE || {
         let off = (size.value - size.value.round()).abs();
         size.value.round() != 0.0 && off <= WHOLE_SIGMAS * held.sigmas[0].max(0.01)
     };
@@ -212,6 +222,49 @@ impl Explained {
     fn start(case: &Case, mut state: State) -> Explained {
         let normal = case.fit(&mut state);
         Explained { state, normal, rounds: Vec::new(), noise: Vec::new(), held_out: Vec::new(), costs: Vec::new() }
+    }
+
+    /// Where the last change follows the temperature, or swings as a temperature may, looks for how late the temperature is told.
+    fn shift_temperature(&mut self, case: &Case) {
+        let Some(last) = self.state.held.last().map(|held| held.change.clone()) else { return };
+        let law = last.amplitude.kind.map(|kind| KINDS[kind].law(&last.course_shapes));
+        let is_wave = matches!(law, Some(Law::Periodic { .. }));
+        if !is_wave && law != Some(Law::Temperature) {
+            return;
+        }
+        let following = KINDS.iter().position(|kind| kind.shapes.is_empty() && kind.law(&[]) == Law::Temperature);
+        let Some(amplitude) = following.and_then(|kind| last.amplitude.with(kind)) else { return };
+        let tried = |late_s: &f64| {
+            let mut state = self.state.clone();
+            state.shifts.temperature_s = *late_s;
+            state.held.pop();
+            state.held.iter_mut().for_each(Held::run_anew);
+            let size = if is_wave { amplitude.size().greatest * 1e-4 } else { last.size };
+            let change = Change { amplitude, size, course_shapes: Vec::new(), ..last.clone() };
+            state.held.push(Held::new(change));
+            let normal = case.fit(&mut state);
+            (state, normal)
+        };
+        let best = TEMPERATURE_S.par_iter().map(tried).min_by(|one, other| one.1.squares().total_cmp(&other.1.squares()));
+        let Some((state, normal)) = best else { return };
+        // A wave has two shapes to spare; a lag must pay for itself.
+        let worth = if is_wave { -TEMPERATURE_CHI2 } else { TEMPERATURE_CHI2 };
+        if self.normal.squares() - normal.squares() > worth && is_possible(state.held.last().expect("just put")) {
+            (self.state, self.normal) = (state, normal);
+        }
+    }
+
+    /// Takes a number of counts as the whole one that it is.
+    fn take_whole(&mut self, case: &Case) {
+        let last = self.state.held.last_mut().expect("just put");
+        if last.change.parameters()[0].name == WHOLE {
+            let sigma = last.sigmas[0];
+            last.change.size = last.change.size.round();
+            last.is_free[0] = false;
+            last.run_anew();
+            self.normal = case.fit(&mut self.state);
+            self.state.held.last_mut().expect("still there").sigmas[0] = sigma;
+        }
     }
 
     /// Frees those shapes of the last change that the data tell.

@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 
 use crate::bank::{Bank, Family};
 use crate::change::Place;
-use crate::measured::{BLOCK, CHANNELS, Series, TIMING, nodes};
+use crate::measured::{BLOCK, CHANNELS, Series, Shifts, TIMING, nodes};
 use crate::normal::{Beside, Normal};
 use crate::search::{columns, set_penalty, sets};
 use crate::state::Case;
@@ -61,7 +61,7 @@ impl Thresholds {
 
 /// Draws recordings with nothing hidden and searches them.
 pub fn thresholds(case: &Case, bank: &Bank, normal: &Normal, noise: &[Noise; CHANNELS], seed: u64) -> Thresholds {
-    let model = case.measured.run(case.believed, 0.0);
+    let model = case.measured.run(case.believed, Shifts::default());
     let raw: Vec<Series> =
         (0..RUNS).into_par_iter().map(|run| draw(case, &model, noise, seed.wrapping_add(run as u64))).collect();
     let drawn: Vec<Series> = raw.par_iter().map(|raw| normal.left_of(raw)).collect();

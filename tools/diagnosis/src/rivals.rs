@@ -30,7 +30,7 @@ pub struct Rival {
 pub fn rivals(case: &Case, bank: &Bank, state: &State, index: usize) -> Vec<Rival> {
     let mut others = state.clone();
     let held = others.held.remove(index);
-    let Some(own) = held.signature() else { return Vec::new() };
+    let own = case.signature(state, index);
     let (_, columns_of_others) = case.linearised(&mut others);
     // All of the signature is there to be explained, and nothing else.
     let whole: Series = std::array::from_fn(|channel| match &own[channel] {
