@@ -9,6 +9,7 @@ pub mod measured;
 pub mod noise;
 pub mod normal;
 pub mod null;
+pub mod rates;
 pub mod search;
 pub mod state;
 pub mod whitening;
