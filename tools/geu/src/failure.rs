@@ -22,6 +22,11 @@ impl Failure {
         Failure { code: 2, message: message.to_string() }
     }
 
+    /// A diagnosis ended unexplained: exit 3. It was told already.
+    pub fn unexplained() -> Failure {
+        Failure { code: 3, message: String::new() }
+    }
+
     /// Results could not be written: exit 1; but whoever closed the pipe has seen enough, a quiet end.
     pub fn writing(error: io::Error) -> Failure {
         match error.kind() {

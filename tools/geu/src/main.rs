@@ -11,6 +11,8 @@ mod checkout;
 mod config;
 mod decode;
 mod describe;
+mod diagnose;
+mod diagnose_rates;
 mod draw;
 mod failure;
 mod gyro_csv;
@@ -53,6 +55,7 @@ enum Command {
     Reconstruct(reconstruct::Arguments),
     Config(config::Arguments),
     Describe(describe::Arguments),
+    Diagnose(diagnose::Arguments),
     /// Decode recordings or live links to CSV, JSON lines or a summary.
     Decode(decode::Arguments),
     Track(track::Arguments),
@@ -72,6 +75,7 @@ fn main() -> ExitCode {
         Some(Command::Checkout(arguments)) => checkout::run(&arguments),
         Some(Command::Reconstruct(arguments)) => reconstruct::run(&arguments),
         Some(Command::Config(arguments)) => config::run(&arguments),
+        Some(Command::Diagnose(arguments)) => diagnose::run(&arguments),
         Some(Command::Describe(arguments)) => describe::run(&arguments),
         Some(Command::Decode(arguments)) => decode::run(arguments),
         Some(Command::Track(arguments)) => track::run(&arguments),
