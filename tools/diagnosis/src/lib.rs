@@ -13,6 +13,7 @@ pub mod normal;
 pub mod null;
 pub mod report;
 pub mod rivals;
+pub mod rates;
 pub mod search;
 pub mod state;
 pub mod stretches;

@@ -18,6 +18,7 @@ use indicatif::ProgressBar;
 use crate::calibrate::write;
 use crate::decode::refuse_overwriting;
 use crate::diagnose_page::Page;
+use crate::diagnose_rates::{self, RatesArguments};
 use crate::failure::{Failure, note, say};
 use crate::settings::{NamedSettings, Settings};
 
@@ -32,11 +33,15 @@ pub struct Arguments {
     #[command(flatten)]
     unit: NamedSettings,
     /// Recording of the link, CAN or serial; several are one stream
-    #[arg(long, required = true, num_args = 1.., value_name = "FILE")]
+    #[arg(long, required_unless_present = "gyro_csv", num_args = 1.., value_name = "FILE")]
     link: Vec<String>,
     /// Reference attitude: reference.csv or a CCSDS attitude ephemeris
     #[arg(long, value_name = "FILE")]
     reference: String,
+    /// Take plain CSV of any gyros instead, as this file describes it: columns, units, interval, reference (configs/suchai3.toml is
+    /// one); --reference is then a CSV with t_s and rate_arcsec_s or rate_x_arcsec_s…, or the table that the description tells
+    #[arg(long, value_name = "DESCRIPTION", conflicts_with_all = ["config", "overrides", "manoeuvres", "start", "base", "html", "out"])]
+    gyro_csv: Option<PathBuf>,
     /// Manoeuvres that residuals are told by, CSV with the columns manoeuvre,start_s,end_s [default: cut where the motion changes]
     #[arg(long, value_name = "FILE")]
     manoeuvres: Option<String>,
@@ -68,6 +73,15 @@ pub struct Arguments {
 /// # Errors
 /// Input that cannot be read, results that cannot be written; exit 3 where something is left unexplained.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    if let Some(gyro_csv) = &arguments.gyro_csv {
+        return diagnose_rates::run(&RatesArguments {
+            gyro_csv,
+            link: &arguments.link,
+            reference: &arguments.reference,
+            seed: arguments.seed,
+            json: arguments.json.as_ref(),
+        });
+    }
     let inputs = arguments.inputs();
     let config = arguments.unit.config.as_ref().and_then(|path| path.to_str());
     for (option, file) in [("--json", &arguments.json), ("--html", &arguments.html)] {

@@ -14,6 +14,7 @@ mod describe;
 mod diagnose;
 mod diagnose_charts;
 mod diagnose_page;
+mod diagnose_rates;
 mod draw;
 mod failure;
 mod gyro_csv;

@@ -107,6 +107,30 @@ pub struct Description {
     pub delimiter: u8,
     /// Gyros, in the order in which they are described.
     pub gyros: Vec<GyroColumn>,
+    /// The table of windows to which they are compared, where it is described.
+    pub reference: Option<ReferenceTable>,
+}
+
+/// A column of rates.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RateColumn {
+    /// Its name.
+    pub column: String,
+    /// What one in it is, arcsec/s.
+    pub scale_arcsec_s: f64,
+}
+
+/// A table of windows: mean rates of the gyros and an independent rate.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ReferenceTable {
+    /// Column that tells which windows belong together, such as a day.
+    pub group: Option<String>,
+    /// The independent rate: its magnitude, or about X, Y and Z.
+    pub rates: Vec<RateColumn>,
+    /// Mean rate of each gyro about its axis, in the order of [`Description::gyros`].
+    pub gyros: Vec<RateColumn>,
+    /// What is to be said of it wherever it is used.
+    pub caveat: Option<String>,
 }
 
 impl Description {
@@ -117,7 +141,7 @@ impl Description {
     pub fn parse(name: &str, text: &str) -> Result<Description, ConfigurationError> {
         let source = Source::parse(name, text)?;
         let root = source.root();
-        root.only(&["time", "gyro", "delimiter"])?;
+        root.only(&["time", "gyro", "delimiter", "reference"])?;
         let delimiter = match root.keys().contains(&"delimiter") {
             true => root.choice("delimiter", &[",", ";", "\t", "|", " "])?.as_bytes()[0],
             false => b',',
@@ -139,9 +163,45 @@ impl Description {
             time_scale_s: TIME_UNITS.into_iter().find(|(name, _)| *name == unit).map_or(1.0, |(_, scale)| scale),
             interval_s,
             delimiter,
+            reference: match root.table("reference")? {
+                Some(node) => Some(read_reference(&node, &gyros)?),
+                None => None,
+            },
             gyros,
         })
     }
+}
+
+fn read_reference(node: &Node, gyros: &[GyroColumn]) -> Result<ReferenceTable, ConfigurationError> {
+    node.only(&["group", "caveat", "rate", "rate_x", "rate_y", "rate_z", "gyro"])?;
+    let text = |key: &str| {
+        if node.keys().contains(&key) { node.text(key).map(|text| Some(text.to_owned())) } else { Ok(None) }
+    };
+    let has_vector = node.keys().iter().any(|key| key.starts_with("rate_"));
+    if has_vector && node.keys().contains(&"rate") {
+        return Err(node.error("rate", "expected `rate`, or `rate_x`, `rate_y` and `rate_z`, got both".to_owned()));
+    }
+    let names: &[&str] = if has_vector { &["rate_x", "rate_y", "rate_z"] } else { &["rate"] };
+    let of_gyro = node.table("gyro")?;
+    let of_gyro = of_gyro.ok_or_else(|| node.error("gyro", "expected tables gyro.NAME, got none".to_owned()))?;
+    of_gyro.only(&gyros.iter().map(|gyro| gyro.name.as_str()).collect::<Vec<_>>())?;
+    Ok(ReferenceTable {
+        group: text("group")?,
+        caveat: text("caveat")?,
+        rates: names.iter().map(|name| read_rate(node, name)).collect::<Result<_, _>>()?,
+        gyros: gyros.iter().map(|gyro| read_rate(&of_gyro, &gyro.name)).collect::<Result<_, _>>()?,
+    })
+}
+
+fn read_rate(parent: &Node, key: &str) -> Result<RateColumn, ConfigurationError> {
+    let path = parent.path_of(key);
+    let missing = || parent.error(key, format!("expected `{path}`, {{ column = TEXT, unit = UNIT }}, got none"));
+    let node = parent.table(key)?.ok_or_else(missing)?;
+    node.only(&["column", "unit"])?;
+    let rates = GYRO_UNITS.iter().filter(|(.., is_angle)| !is_angle);
+    let unit = node.choice("unit", &rates.clone().map(|(unit, ..)| *unit).collect::<Vec<_>>())?;
+    let scale_arcsec_s = rates.clone().find(|(name, ..)| *name == unit).map_or(1.0, |(_, size, _)| *size);
+    Ok(RateColumn { column: node.text("column")?.to_owned(), scale_arcsec_s })
 }
 
 fn read_gyro(all: &Node, name: &str, interval_s: f64) -> Result<GyroColumn, ConfigurationError> {

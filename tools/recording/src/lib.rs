@@ -39,6 +39,7 @@ mod gyro_csv;
 mod input;
 mod input_reader;
 mod live;
+mod rate_table;
 mod reference;
 mod row;
 mod summary;
@@ -50,10 +51,11 @@ pub use decoder::{Decoder, Options};
 pub use defect::{Defect, DefectKind};
 pub use gyro_csv::{
     Account as GyroCsvAccount, Defect as GyroCsvDefect, DefectKind as GyroCsvDefectKind, Description, GyroColumn,
-    GyroCsv, GyroCsvError, Sample,
+    GyroCsv, GyroCsvError, RateColumn, ReferenceTable, Sample,
 };
 pub use input::{InputError, read_text};
 pub use input_reader::{InputReader, Stop};
+pub use rate_table::{RateRow, RateTable, RateTableError};
 pub use reference::{Reference, ReferenceError};
 pub use row::{Row, Sink};
 pub use summary::Summary;

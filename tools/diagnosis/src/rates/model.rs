@@ -1,0 +1,107 @@
+//! What a gyro with errors reads, and the residual that it leaves.
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::rates::windows::{Reference, Windows};
+
+/// An error of the gyros; its value is a rate in arcsec/s or a fraction.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Parameter {
+    /// Rate that the gyro tells at rest, arcsec/s.
+    Bias(usize),
+    /// Scale error common to all gyros.
+    Scale,
+    /// Scale error of one gyro.
+    OwnScale(usize),
+}
+
+impl Parameter {
+    /// Its code in the model: `drift`, `scale-factor`.
+    pub fn code(self) -> &'static str {
+        match self {
+            Parameter::Bias(_) => "drift",
+            Parameter::Scale | Parameter::OwnScale(_) => "scale-factor",
+        }
+    }
+
+    /// The name of its number in the model, and what one of it is there: arcsec/h, ppm.
+    pub fn unit(self) -> (&'static str, f64) {
+        match self {
+            Parameter::Bias(_) => ("arcsec_per_h", 3600.0),
+            Parameter::Scale | Parameter::OwnScale(_) => ("ppm", 1e6),
+        }
+    }
+
+    /// Indices of the gyros that it acts on.
+    pub fn gyros(self, windows: &Windows) -> Vec<usize> {
+        match self {
+            Parameter::Bias(gyro) | Parameter::OwnScale(gyro) => vec![gyro],
+            Parameter::Scale => (0..windows.gyros.len()).collect(),
+        }
+    }
+
+    /// In words: `bias of X`, `scale error of all`.
+    pub fn words(self, windows: &Windows) -> String {
+        let name = |gyro: usize| windows.gyros.get(gyro).map_or("?", |gyro| gyro.name.as_str());
+        match self {
+            Parameter::Bias(gyro) => format!("bias of {}", name(gyro)),
+            Parameter::Scale => "scale error".to_owned(),
+            Parameter::OwnScale(gyro) => format!("scale error of {} alone", name(gyro)),
+        }
+    }
+
+    /// Largest value that makes sense: a bias not beyond the greatest rate told, a scale error of a half.
+    pub(crate) fn limit(self, windows: &Windows) -> f64 {
+        match self {
+            Parameter::Bias(_) => windows.greatest_arcsec_s(),
+            Parameter::Scale | Parameter::OwnScale(_) => 0.5,
+        }
+    }
+}
+
+/// Corrected gyros less the reference, channel after channel, and the derivative by each of `set`.
+pub(crate) fn residual(windows: &Windows, set: &[Parameter], values: &[f64]) -> (DVector<f64>, DMatrix<f64>) {
+    let (count, gyros) = (windows.all().len(), windows.gyros.len());
+    let (mut bias, mut factor, mut common) = (vec![0.0; gyros], vec![1.0; gyros], 1.0);
+    for (parameter, value) in set.iter().zip(values) {
+        match *parameter {
+            Parameter::Bias(gyro) => bias[gyro] = *value,
+            Parameter::OwnScale(gyro) => factor[gyro] = 1.0 + value,
+            Parameter::Scale => common = 1.0 + value,
+        }
+    }
+    let mut residual = DVector::zeros(windows.channels() * count);
+    let mut slope = DMatrix::zeros(residual.len(), set.len());
+    for (index, window) in windows.all().iter().enumerate() {
+        let told = window.rates_arcsec_s.iter().zip(&bias).zip(&factor);
+        let rates: Vec<f64> = told.map(|((rate, bias), factor)| (rate - bias) / (factor * common)).collect();
+        // Derivative of a gyro's corrected rate.
+        let of_rate = |gyro: usize, parameter: Parameter| match parameter {
+            Parameter::Bias(of) if of == gyro => -1.0 / (factor[gyro] * common),
+            Parameter::OwnScale(of) if of == gyro => -rates[gyro] / factor[gyro],
+            Parameter::Scale => -rates[gyro] / common,
+            _ => 0.0,
+        };
+        match window.reference {
+            Reference::Magnitude(reference) => {
+                // A unit that rests has no direction: whichever, the derivative by it is 0.
+                let magnitude = rates.iter().map(|rate| rate * rate).sum::<f64>().sqrt();
+                let along = |gyro: usize| if magnitude > 0.0 { rates[gyro] / magnitude } else { 0.0 };
+                residual[index] = magnitude - reference;
+                for (column, parameter) in set.iter().enumerate() {
+                    slope[(index, column)] = (0..gyros).map(|gyro| along(gyro) * of_rate(gyro, *parameter)).sum();
+                }
+            }
+            Reference::Vector(reference) => {
+                for (gyro, of) in windows.gyros.iter().enumerate() {
+                    let row = gyro * count + index;
+                    residual[row] = rates[gyro] - reference[of.axis.min(2)];
+                    for (column, parameter) in set.iter().enumerate() {
+                        slope[(row, column)] = of_rate(gyro, *parameter);
+                    }
+                }
+            }
+        }
+    }
+    (residual, slope)
+}
