@@ -34,6 +34,8 @@ const SHAPE_KNOWN: f64 = 0.2;
 const ONSET_S: f64 = 10.0;
 /// See [`ONSET_S`].
 const ONSET_DOUBLINGS: u32 = 8;
+/// What each further walk that is larger costs, where one is.
+const TOGETHER_CHI2: f64 = 2.7;
 /// Name of a size that is a whole number.
 const WHOLE: &str = "counts";
 /// How late a temperature may be told, s.
@@ -85,7 +87,8 @@ pub struct Explained {
 impl Explained {
     /// χ² of all that is left and all that was paid for names.
     pub fn score(&self, thresholds: &Thresholds) -> f64 {
-        let own: f64 = self.noise.iter().map(|_| thresholds.of(Family::NOISE)).sum();
+        let own = self.noise.len().min(1) as f64 * thresholds.of(Family::NOISE)
+            + TOGETHER_CHI2 * self.noise.len().saturating_sub(1) as f64;
         self.normal.likelihood() + self.costs.iter().sum::<f64>() + own
     }
 }
@@ -362,7 +365,37 @@ impl Explained {
                 _ => break,
             }
         }
+        self.free_together(case, thresholds);
         self.fit_white(case);
+    }
+
+    /// Lets a walk be larger on all gyros that have it as configured, where it pays on none of them alone but on all together.
+    fn free_together(&mut self, case: &Case, thresholds: &Thresholds) {
+        for walk in [Walk::Rate, Walk::Angle] {
+            let (residual, nuisances) = case.linearised(&mut self.state);
+            let is_open = |channel: &usize| {
+                !self.noise.iter().any(|found| (found.channel, found.walk) == (*channel, walk))
+                    && case.measured.blocks[*channel].iter().any(|block| block.is_good)
+            };
+            let fits: Vec<NoiseFound> = (0..TIMING)
+                .filter(is_open)
+                .map(|channel| NoiseFound {
+                    channel,
+                    walk,
+                    fitted: noise::fit(case, channel, &self.state.noise[channel], walk, &residual, &nuisances),
+                })
+                .filter(|found| found.fitted.noise.walk(walk) > self.state.noise[found.channel].walk(walk))
+                .collect();
+            let fall: f64 = fits.iter().map(|found| found.fitted.fall).sum();
+            // A question more, and a number more for each further gyro.
+            let more = TOGETHER_CHI2 * fits.len().saturating_sub(1) as f64;
+            if fits.len() > 1 && fall > thresholds.of(Family::NOISE) + more {
+                for found in fits {
+                    self.state.noise[found.channel] = found.fitted.noise;
+                    self.noise.push(found);
+                }
+            }
+        }
     }
 
     /// Fits the white noise to what is left.

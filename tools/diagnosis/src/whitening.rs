@@ -4,7 +4,7 @@
 //! white. The filter is linear and knows no data, so it is the same for a residual and for every signature that is looked
 //! for in it (Willsky and Jones). Where a sum begins anew the angle is taken from the first block after it, which tells nothing else.
 
-use crate::measured::{BLOCK_S, Block};
+use crate::measured::{BLOCK, BLOCK_S, Block};
 
 /// Variance of a rounded number, even between two whole ones.
 pub const ROUNDING: f64 = 1.0 / 12.0;
@@ -20,10 +20,17 @@ pub struct Noise {
     pub rate_walk: f64,
 }
 
+/// A block's average of a walk that starts at 0, sampled at each of its nodes, in parts of what the walk grows by over the block: its
+/// mean time, and its variance.
+const MEAN: f64 = (BLOCK as f64 + 1.0) / (2.0 * BLOCK as f64);
+/// See [`MEAN`].
+const VARIANCE: f64 = (BLOCK as f64 + 1.0) * (2.0 * BLOCK as f64 + 1.0) / (6.0 * BLOCK as f64 * BLOCK as f64);
+
 /// The filter for one channel.
 #[derive(Debug, Clone)]
 pub struct Whitening {
-    /// For each block the gains on angle and rate, and one over the deviation of the innovation: 0 where a block tells nothing.
+    /// For each block the gains on angle and rate at its end, and one over the deviation of the innovation: 0 where a block tells
+    /// nothing.
     steps: Vec<([f64; 2], f64)>,
     /// Σ ln of the innovations' variances.
     pub log_determinant: f64,
@@ -34,28 +41,34 @@ pub struct Whitening {
 impl Whitening {
     /// The filter of this noise over these blocks.
     pub fn new(noise: &Noise, blocks: &[Block]) -> Whitening {
-        let (angle, drift, t) = (noise.angle_walk.powi(2), noise.rate_walk.powi(2), BLOCK_S);
+        let (angle, drift, t) = (noise.angle_walk.powi(2) * BLOCK_S, noise.rate_walk.powi(2), BLOCK_S);
+        let mean_s = MEAN * t;
         // At the start the angle is free, since a common shift of time moves what was before. The rate of then is no noise: it is
         // one of the sixteen.
         let (mut aa, mut ad, mut dd) = (0.0, 0.0, 0.0);
         let (mut anew, mut log_determinant, mut count) = (true, 0.0, 0);
         let step = |block: &Block| {
-            aa += 2.0 * ad * t + dd * t * t + angle * t + drift * t.powi(3) / 3.0;
-            ad += dd * t + drift * t * t / 2.0;
+            // Of the average with itself, and with angle and rate at the block's end.
+            let innovation = aa + 2.0 * mean_s * ad + mean_s * mean_s * dd + VARIANCE * angle + noise.white;
+            let with_angle = aa + (mean_s + t) * ad + mean_s * t * dd + MEAN * angle;
+            let with_rate = ad + mean_s * dd;
+            aa += 2.0 * t * ad + t * t * dd + angle + drift * t.powi(3) / 3.0;
+            ad += t * dd + drift * t * t / 2.0;
             dd += drift * t;
             anew |= block.restarts;
             if !block.is_good {
                 return ([0.0; 2], 0.0);
             }
             if std::mem::take(&mut anew) {
-                (aa, ad) = (noise.white, 0.0);
+                // The angle at the end is the average and what came after its mean time.
+                let left_s = t - mean_s;
+                (aa, ad) = (noise.white + (1.0 - 2.0 * MEAN + VARIANCE) * angle + left_s * left_s * dd, left_s * dd);
                 return ([1.0, 0.0], 0.0);
             }
-            let innovation = aa + noise.white;
-            let gains = [aa / innovation, ad / innovation];
-            dd -= gains[1] * ad;
-            ad -= gains[0] * ad;
-            aa -= gains[0] * aa;
+            let gains = [with_angle / innovation, with_rate / innovation];
+            aa -= gains[0] * with_angle;
+            ad -= gains[0] * with_rate;
+            dd -= gains[1] * with_rate;
             log_determinant += innovation.ln();
             count += 1;
             (gains, 1.0 / innovation.sqrt())
@@ -71,11 +84,11 @@ impl Whitening {
 
     /// The same of a series that is 0 before the block `from`, of which it tells the rest or some of it.
     pub fn apply_from(&self, from: usize, series: &[f64]) -> Vec<f64> {
+        const MEAN_S: f64 = MEAN * BLOCK_S;
         let (mut angle, mut rate) = (0.0, 0.0);
         let innovations = self.steps[from..].iter().zip(series).map(|((gains, weight), measured)| {
-            angle += rate * BLOCK_S;
-            let innovation = measured - angle;
-            angle += gains[0] * innovation;
+            let innovation = measured - angle - rate * MEAN_S;
+            angle += rate * BLOCK_S + gains[0] * innovation;
             rate += gains[1] * innovation;
             innovation * weight
         });
@@ -94,26 +107,32 @@ mod tests {
     }
 
     #[test]
-    fn noise_of_the_model_comes_out_white_across_a_break() {
-        let noise = Noise { white: 1.0 / 120.0, angle_walk: 0.01, rate_walk: 8e-6 };
-        let mut blocks = vec![Block { is_good: true, restarts: false }; 20_000];
-        blocks[9_000] = Block { is_good: false, restarts: true };
-        let (mut state, mut angle, mut rate) = (1u64, 0.0, 0.0);
-        let mut normal = || (0..12).map(|_| draw(&mut state)).sum::<f64>();
-        let series: Vec<f64> = (0..blocks.len())
-            .map(|block| {
-                let kick = noise.rate_walk * BLOCK_S.sqrt() * normal();
-                angle += (rate + 0.5 * kick) * BLOCK_S + noise.angle_walk * BLOCK_S.sqrt() * normal();
-                rate += kick;
-                let jump = if block > 9_000 { 1e6 } else { 0.0 };
-                angle + jump + noise.white.sqrt() * normal()
-            })
-            .collect();
-        let white = Whitening::new(&noise, &blocks).apply(&series);
-        let variance = white.iter().map(|value| value * value).sum::<f64>() / 19_998.0;
-        let neighbours = white.windows(2).map(|pair| pair[0] * pair[1]).sum::<f64>() / 19_998.0;
-        // Four deviations: √(2/20 000) and √(1/20 000).
-        assert!((variance - 1.0).abs() < 0.04 && neighbours.abs() < 0.029, "{variance} {neighbours}");
-        assert_eq!(white[9_001], 0.0);
+    fn walks_come_out_white_across_a_break_whichever_is_the_larger() {
+        for angle_walk in [0.01, 0.3] {
+            let noise = Noise { white: 1.0 / 120.0, angle_walk, rate_walk: 8e-6 };
+            let mut blocks = vec![Block { is_good: true, restarts: false }; 20_000];
+            blocks[9_000] = Block { is_good: false, restarts: true };
+            let (mut state, mut angle, mut rate) = (1u64, 0.0, 0.0);
+            let mut normal = || (0..12).map(|_| draw(&mut state)).sum::<f64>();
+            let step_s = BLOCK_S / BLOCK as f64;
+            let series: Vec<f64> = (0..blocks.len())
+                .map(|block| {
+                    let of_node = |_| {
+                        rate += noise.rate_walk * step_s.sqrt() * normal();
+                        angle += rate * step_s + noise.angle_walk * step_s.sqrt() * normal();
+                        angle
+                    };
+                    let average = (0..BLOCK).map(of_node).sum::<f64>() / BLOCK as f64;
+                    let jump = if block > 9_000 { 1e6 } else { 0.0 };
+                    average + jump + noise.white.sqrt() * normal()
+                })
+                .collect();
+            let white = Whitening::new(&noise, &blocks).apply(&series);
+            let variance = white.iter().map(|value| value * value).sum::<f64>() / 19_997.0;
+            let neighbours = white.windows(2).map(|pair| pair[0] * pair[1]).sum::<f64>() / 19_997.0;
+            // Four deviations: √(2/20 000) and √(1/20 000).
+            assert!((variance - 1.0).abs() < 0.04 && neighbours.abs() < 0.029, "{variance} {neighbours}");
+            assert_eq!(white[9_001], 0.0);
+        }
     }
 }
