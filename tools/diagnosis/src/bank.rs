@@ -11,7 +11,7 @@ use geu_model::number::{Default as DefaultValue, Number};
 use rayon::prelude::*;
 
 use crate::change::{ALL_GYROS, Amplitude, Change, Place, is_real};
-use crate::measured::{BLOCK_S, CHANNELS, Measured, Series, TIMING};
+use crate::measured::{BLOCK_S, CHANNELS, Measured, Series, Shifts, TIMING};
 
 /// A signature is run with this share of the largest value accepted.
 const SHARE: f64 = 1e-3;
@@ -152,7 +152,7 @@ fn is_instant(number: &Number) -> bool {
 impl Bank {
     /// Runs the model of `configuration` once for each amplitude and value of its shapes.
     pub fn new(measured: &Measured, configuration: &Configuration) -> Bank {
-        let base = measured.run(configuration, 0.0);
+        let base = measured.run(configuration, Shifts::default());
         let blocks = measured.block_count();
         let reference_c = configuration.electronics.numbers.reference_c;
         let excess_k: Vec<f64> =
@@ -182,7 +182,7 @@ impl Bank {
     /// The terms that stand in no catalogue: the signature of each formula, on every gyro. A run tells four of them, one for each
     /// gyro: what a term adds is the same on all of them, but for the scale factor.
     pub fn formulas(&self, measured: &Measured, configuration: &Configuration) -> Bank {
-        let from = measured.run(configuration, 0.0);
+        let from = measured.run(configuration, Shifts::default());
         let run = |four: &[Amplitude]| -> Vec<Base> {
             let mut moved = configuration.clone();
             let changes: Vec<Change> = four
@@ -197,7 +197,7 @@ impl Bank {
                 })
                 .collect();
             changes.iter().for_each(|change| change.apply(&mut moved));
-            let mut series = measured.difference(&measured.run(&moved, 0.0), &from);
+            let mut series = measured.difference(&measured.run(&moved, Shifts::default()), &from);
             let base = |(gyro, &amplitude): (usize, &Amplitude)| {
                 let mut own = std::mem::take(&mut series[gyro]);
                 own.iter_mut().for_each(|value| *value /= COEFFICIENT);
@@ -230,7 +230,7 @@ impl Bank {
         let of = |change: &Change| {
             let mut moved = configuration.clone();
             change.apply(&mut moved);
-            let mut series = measured.difference(&measured.run(&moved, 0.0), from);
+            let mut series = measured.difference(&measured.run(&moved, Shifts::default()), from);
             series.iter_mut().flatten().for_each(|value| *value /= change.size);
             series
         };

@@ -255,7 +255,7 @@ impl Change {
                 let Term { formula, coefficient } = term;
                 format!("{{ formula = \"{formula}\", coefficient = {coefficient:?} }}")
             });
-            vec![format!("{path}.{}=[{}]", discovered::CODE, terms.collect::<Vec<_>>().join(", "))]
+            vec![format!("{path}.{} = [{}]", discovered::CODE, terms.collect::<Vec<_>>().join(", "))]
         };
         match self.amplitude.place {
             Place::Unit => self.values("unit", self.total(&configuration.unit)),
@@ -269,9 +269,9 @@ impl Change {
         let own = self.amplitude.own_shapes().iter().zip(&self.own_shapes);
         let own = own.filter(|(number, value)| number.default.initial() != **value);
         let course = self.amplitude.course_shapes().iter().zip(&self.course_shapes);
-        std::iter::once(format!("{path}.{code}.{size}={total:?}"))
-            .chain(own.map(|(number, value)| format!("{path}.{base}.{}={value:?}", number.name)))
-            .chain(course.map(|(number, value)| format!("{path}.{code}.{}={value:?}", number.name)))
+        std::iter::once(format!("{path}.{code}.{size} = {total:?}"))
+            .chain(own.map(|(number, value)| format!("{path}.{base}.{} = {value:?}", number.name)))
+            .chain(course.map(|(number, value)| format!("{path}.{code}.{} = {value:?}", number.name)))
             .collect()
     }
 

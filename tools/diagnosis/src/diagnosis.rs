@@ -13,10 +13,10 @@ use geu_recording::{Defect, Reference, Row, Sink};
 use crate::bank::{Bank, Family};
 use crate::change::{ALL_GYROS, Amplitude, Change, Gyros, Place, sixteen};
 use crate::checks::{WiringFault, check};
-use crate::explain::{Explained, Round, explain, unlikeness};
+use crate::explain::{Explained, NoiseFound, Round, explain, unlikeness};
 use crate::finding::Finding;
 use crate::gap::{self, Gap};
-use crate::measured::{BLOCK_S, CHANNELS, Measured, MeasuredError, Series, TIMING};
+use crate::measured::{BLOCK_S, CHANNELS, Measured, MeasuredError, Series, Shifts, TIMING};
 use crate::noise::{self, Walk};
 use crate::normal::{Normal, THIRDS};
 use crate::null::{Thresholds, thresholds};
@@ -28,12 +28,23 @@ use crate::state::{Case, Held, State};
 const FORMULA_MARGIN: f64 = 10.0;
 /// A calibration number is told as moved from so many sigmas on: once in 1000 recordings of sixteen.
 const RECALIBRATED_SIGMAS: f64 = 4.0;
-/// A constant lag is the link's up to here (icd.md).
+/// A constant lag beyond this is not the link's (icd.md).
 const LAG_S: f64 = 0.010;
+/// What the link's own lag may be, up to 5 ms (icd.md): its mean, and one sigma.
+const LINK_LAG_S: (f64, f64) = (0.0025, 0.0025 / 1.732_050_807_568_877_2);
+/// A walk is told from this many times the configured one on: rounding, while a gyro hardly turns, can look like half as much again.
+const LEAST_WALK: f64 = 2.0;
+/// How well calibration numbers hold between checkouts, in the order of [`Calibration::NUMBERS`]: 20 ppm and 6″/h are what a
+/// calibration is for (Casteren §1, table 1), 3″ how well pivots let an axis be known (§5.3).
+const HOLDS: [f64; Calibration::NUMBERS.len()] = [20e-6, 6.0 / 7200.0, 3.0, 3.0, 3.0];
 /// Sigmas within which two gyros have the same size of an effect.
 const SAME_SIGMAS: f64 = 3.0;
 /// Cosine above which a calibration number and an effect are one thing.
 const SAME: f64 = 0.9999;
+/// Cosine above which two signatures are one.
+const SAME_SIGNATURE: f64 = 0.999;
+/// Rivals told.
+const TOLD: usize = 5;
 /// Terms told that the rest follows.
 const FOLLOWED: usize = 5;
 
@@ -200,7 +211,7 @@ pub fn diagnose(
     tell("signatures");
     let case = Case::new(measured, believed);
     let catalogue = Bank::new(measured, believed);
-    let before = measured.run(believed, 0.0);
+    let before = measured.run(believed, Shifts::default());
     let noise = noise::of(believed, measured, &measured.residual(&before));
     let start = case.start(noise);
     let formulas = LazyCell::new(|| catalogue.formulas(measured, believed));
@@ -224,13 +235,14 @@ pub fn diagnose(
     }
     tell("report");
     merge_gyros(&case, &mut explained);
+    explained.widen_onsets(&case);
     let bank: &Bank = if is_found || !is_noise { &all } else { &catalogue };
     Report { case: &case, bank, thresholds: &thresholds, faults, raw: options.raw }.finish(explained, findings)
 }
 
 /// What thresholds depend on: the motion, the blocks that can be used, the noise, what is searched.
 pub fn key(measured: &Measured, believed: &Configuration, seed: u64) -> u64 {
-    let before = measured.run(believed, 0.0);
+    let before = measured.run(believed, Shifts::default());
     let noise = noise::of(believed, measured, &measured.residual(&before));
     // FNV-1a.
     let mut hash = 0xcbf2_9ce4_8422_2325u64;
@@ -297,7 +309,16 @@ impl Report<'_> {
         let left = explained.normal.left();
         let (_, channels) = unlikeness(&left);
         let unlike: Gyros = std::array::from_fn(|gyro| channels[gyro] > self.thresholds.unlikeness);
-        let mut entries = self.faults(); 
+        let mut findings = findings;
+        let late_s = explained.state.shifts.temperature_s;
+        if late_s != 0.0 {
+            findings.push(Finding {
+                kind: "temperature-lag".to_owned(),
+                place: "the whole recording".to_owned(),
+                text: format!("what follows the electronics temperature does so {late_s:.0} s before the temperature is told"),
+            });
+        }
+        let mut entries = self.faults();
         entries.extend(self.effects(&explained));
         entries.extend(self.noises(&explained));
         if let Some(entry) = self.lag(&mut explained) {
@@ -312,17 +333,17 @@ impl Report<'_> {
         };
         let unexplained = unlike.contains(&true).then(|| self.unexplained(&explained, &left, unlike));
         let configuration = self.configuration(&explained);
-        let lag_s = explained.state.lag_s;
+        let shifts = explained.state.shifts;
         let windowed_of = |model: &Series| gap::windowed(measured, &gap::residual(measured, model));
-        let given = measured.run(case.believed, lag_s);
+        let given = measured.run(case.believed, shifts);
         let raw = self.raw.unwrap_or(measured);
         let before = gap::windowed(raw, &gap::residual(raw, &given));
-        let after_run = measured.run(&configuration, lag_s);
+        let after_run = measured.run(&configuration, shifts);
         let after = windowed_of(&after_run);
         let before_gap = self.gap(raw, &before, &given, &explained.state);
         let after_gap = self.gap(measured, &after, &after_run, &explained.state);
         let held_out = self.held_out(&explained, &after_run);
-        self.shares(&mut entries, before_gap.squares, lag_s);
+        self.shares(&mut entries, before_gap.squares, shifts);
         Diagnosis {
             verdict,
             entries,
@@ -335,7 +356,7 @@ impl Report<'_> {
             thresholds: self.thresholds.clone(),
             windowed: [before, after],
             left,
-            lag_s: (explained.state.lag_s, explained.state.lag_sigma_s),
+            lag_s: (shifts.lag_s, explained.state.lag_sigma_s),
             noise: explained.state.noise,
         }
     }
@@ -348,8 +369,8 @@ impl Report<'_> {
             let onset = fault.onset_s.map(|onset_s| Number { name: "time_s".to_owned(), value: onset_s, sigma: None, written: None });
             let written = fault.written();
             let path = format!("gyro.{}.{}", fault.bearer.name(), fault.code);
-            let assignments = std::iter::once(format!("{path}.{}={written}", fault.parameter))
-                .chain(fault.onset_s.map(|onset_s| format!("{path}.time_s={onset_s:?}")));
+            let assignments = std::iter::once(format!("{path}.{} = {written}", fault.parameter))
+                .chain(fault.onset_s.map(|onset_s| format!("{path}.time_s = {onset_s:?}")));
             Entry {
                 code: fault.code.clone(),
                 formula: None,
@@ -393,7 +414,12 @@ impl Report<'_> {
                 gap_share: 0.0,
                 chi2: Some(explained.worth(self.case, index)),
                 held_out: explained.held_out.get(index).copied(),
-                rivals: rivals(self.case, self.bank, &explained.state, index).into_iter().map(shown).collect(),
+                rivals: rivals(self.case, self.bank, &explained.state, index)
+                    .into_iter()
+                    .filter(|rival| !is_the_same(amplitude, rival))
+                    .take(TOLD)
+                    .map(shown)
+                    .collect(),
                 assignments: held.change.assignments(&configuration),
             }
         };
@@ -403,7 +429,7 @@ impl Report<'_> {
     /// Walks that are larger than configured; gyros of one walk whose sizes agree are one entry.
     fn noises(&self, explained: &Explained) -> Vec<Entry> {
         let mut entries: Vec<(Entry, f64)> = Vec::new();
-        for found in explained.noise.iter().filter(|found| found.channel != TIMING) {
+        for found in explained.noise.iter().filter(|found| is_told(self.case.believed, explained, found)) {
             let (spec, number) = match found.walk {
                 Walk::Angle => (AngleRandomWalk::SPEC, AngleRandomWalk::default().specs()[0]),
                 Walk::Rate => (DriftRandomWalk::SPEC, DriftRandomWalk::default().specs()[0]),
@@ -450,7 +476,7 @@ impl Report<'_> {
         for (entry, _) in &mut entries {
             let (code, number) = (&entry.code, &entry.parameters[0]);
             let gyros = Gyro::ALL.into_iter().filter(|gyro| entry.gyros[*gyro as usize]);
-            let assignment = |gyro: Gyro| format!("gyro.{}.{code}.{}={:?}", gyro.name(), number.name, number.value);
+            let assignment = |gyro: Gyro| format!("gyro.{}.{code}.{} = {:?}", gyro.name(), number.name, number.value);
             entry.assignments = gyros.map(assignment).collect();
         }
         entries.into_iter().map(|(entry, _)| entry).collect()
@@ -459,21 +485,26 @@ impl Report<'_> {
     /// A common lag that is more than a link's, as the effect that has its signature: a reference that is early looks the same.
     fn lag(&self, explained: &mut Explained) -> Option<Entry> {
         let state = &mut explained.state;
-        let (lag_s, sigma) = (state.lag_s, state.lag_sigma_s);
+        let (lag_s, lag_sigma_s) = (state.shifts.lag_s, state.lag_sigma_s);
+        let sigma = lag_sigma_s;
         if lag_s.abs() <= LAG_S + SAME_SIGMAS * sigma {
             return None;
         }
         let own = self.case.nuisances.last()?;
         let (amplitude, ratio) = self.alike(own, Place::Unit)?;
+        // Some of it is the link's.
+        let link_s = if self.case.measured.counts.is_received { LINK_LAG_S } else { (0.0, 0.0) };
         let change = Change {
             amplitude,
-            size: lag_s * ratio,
+            size: (lag_s - link_s.0) * ratio,
             own_shapes: Vec::new(),
             course_shapes: Vec::new(),
             gyros: ALL_GYROS,
         };
-        let mut configuration = self.case.believed.clone();
-        change.apply(&mut configuration);
+        let sigma = sigma.hypot(link_s.1);
+        state.shifts.lag_s = link_s.0;
+        state.held.push(Held::fixed(change.clone()));
+        let configuration = state.configuration(self.case.believed);
         let late = RivalShown {
             code: if lag_s > 0.0 { "reference-early" } else { "reference-late" }.to_owned(),
             formula: None,
@@ -490,7 +521,7 @@ impl Report<'_> {
             gyros: ALL_GYROS,
             parameters: vec![Number { name: limits.name, value: change.size, sigma: Some(sigma * ratio.abs()), written: None }],
             gap_share: 0.0,
-            chi2: Some(((lag_s / sigma).powi(2), (LAG_S / sigma).powi(2))),
+            chi2: Some(((lag_s / lag_sigma_s).powi(2), (LAG_S / lag_sigma_s).powi(2))),
             held_out: None,
             rivals: vec![late],
             assignments: change.assignments(&configuration),
@@ -531,7 +562,9 @@ impl Report<'_> {
             };
             let key = Calibration::NUMBERS[number].name;
             let total = self.case.believed.gyros[gyro as usize].calibration.value(number) + value;
-            let assignment = format!("gyro.{}.calibration.{key}={total:?}", gyro.name());
+            // Digits beyond a hundredth of a sigma say nothing.
+            let decimals = (2.0 - sigma.log10().floor()).clamp(0.0, 15.0) as usize;
+            let assignment = format!("gyro.{}.calibration.{key} = {total:.decimals$}", gyro.name());
             let gyros: Gyros = std::array::from_fn(|other| other == gyro as usize);
             match entries.iter_mut().find(|entry| entry.code == amplitude.code() && entry.gyros == gyros) {
                 Some(entry) => {
@@ -615,7 +648,7 @@ impl Report<'_> {
     /// The configuration with everything found.
     fn configuration(&self, explained: &Explained) -> Configuration {
         let mut configuration = explained.state.configuration(self.case.believed);
-        for found in explained.noise.iter().filter(|found| found.channel != TIMING) {
+        for found in explained.noise.iter().filter(|found| is_told(self.case.believed, explained, found)) {
             let effects = &mut configuration.gyros[found.channel].effects.constant;
             let value = explained.state.noise[found.channel].walk(found.walk);
             match found.walk {
@@ -642,7 +675,7 @@ impl Report<'_> {
         let blocks = measured.block_count();
         let mut corrections: Series = std::array::from_fn(|_| vec![0.0; blocks]);
         let mut squares = 0.0;
-        for (third, size) in normal.without_thirds().into_iter().enumerate() {
+        for (third, size) in normal.without_thirds(&known(state)).into_iter().enumerate() {
             let range = blocks * third / THIRDS..blocks * (third + 1) / THIRDS;
             let mut own: Series = std::array::from_fn(|channel| residual[channel].clone());
             for (column, size) in columns.iter().zip(&size) {
@@ -684,10 +717,10 @@ impl Report<'_> {
     }
 
     /// The fall of the squares as each entry is added, in order.
-    fn shares(&self, entries: &mut [Entry], whole: f64, lag_s: f64) {
+    fn shares(&self, entries: &mut [Entry], whole: f64, shifts: Shifts) {
         let measured = self.case.measured;
         let squares = |configuration: &Configuration| {
-            let model = measured.run(configuration, lag_s);
+            let model = measured.run(configuration, shifts);
             gap::of(&gap::windowed(measured, &gap::residual(measured, &model))).squares
         };
         let text = self.case.believed.to_toml(false);
@@ -708,6 +741,35 @@ impl Report<'_> {
             before = now;
         }
     }
+}
+
+/// Whether a rival is what was found in other words: a course of it that is constant all through, or its law as a formula.
+fn is_the_same(found: &Amplitude, rival: &Rival) -> bool {
+    let other = &rival.change.amplitude;
+    let is_course = found.kind.is_none() && (other.place, other.effect) == (found.place, found.effect);
+    let is_law = found.formula.is_none() && other.formula.is_some();
+    rival.cosine > SAME_SIGNATURE && (is_course || is_law)
+}
+
+/// Whether a walk is so much larger than configured that it is no trick of rounding.
+fn is_told(believed: &Configuration, explained: &Explained, found: &NoiseFound) -> bool {
+    if found.channel == TIMING {
+        return false;
+    }
+    let effects = &believed.gyros[found.channel].effects.constant;
+    let configured = match found.walk {
+        Walk::Angle => effects.angle_random_walk.arcsec_per_sqrt_s,
+        Walk::Rate => effects.drift_random_walk.arcsec_per_s_per_sqrt_s,
+    };
+    explained.state.noise[found.channel].walk(found.walk) >= LEAST_WALK * configured
+}
+
+/// What is known of the sixteen and the lag before a recording, as departures from a state: a calibration holds for as long as
+/// [`HOLDS`] says, and where it has plainly not held, as much as it was off.
+fn known(state: &State) -> Vec<(f64, f64)> {
+    let of_number = |((_, number), moved): ((Gyro, usize), &f64)| (-moved, HOLDS[number].max(moved.abs()));
+    let sixteen = sixteen().into_iter().zip(&state.sixteen).map(of_number);
+    sixteen.chain(std::iter::once((-state.shifts.lag_s, LAG_S.max(state.shifts.lag_s.abs())))).collect()
 }
 
 fn shown(rival: Rival) -> RivalShown {

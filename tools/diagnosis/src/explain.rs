@@ -5,8 +5,10 @@
 
 use rayon::prelude::*;
 
+use geu_model::course::{KINDS, Law};
+
 use crate::bank::{Bank, Family};
-use crate::change::Place;
+use crate::change::{Change, Place};
 use crate::measured::{CHANNELS, TIMING};
 use crate::noise::{self, Fitted, Walk};
 use crate::normal::{Normal, THIRDS};
@@ -28,6 +30,16 @@ const NEAR_CHI2: f64 = 12.0;
 const SHAPE_CHI2: f64 = 4.0;
 /// See [`SHAPE_CHI2`].
 const SHAPE_KNOWN: f64 = 0.2;
+/// Least distance from an onset that is tried, s, and how often it is doubled.
+const ONSET_S: f64 = 10.0;
+/// See [`ONSET_S`].
+const ONSET_DOUBLINGS: u32 = 8;
+/// Name of a size that is a whole number.
+const WHOLE: &str = "counts";
+/// How late a temperature may be told, s.
+const TEMPERATURE_S: [f64; 9] = [-300.0, 0.0, 150.0, 300.0, 450.0, 600.0, 900.0, 1200.0, 1800.0];
+/// What a lag of the temperature must lower χ² by, three sigma.
+const TEMPERATURE_CHI2: f64 = 9.0;
 /// Sigmas within which a number of counts is a whole one.
 const WHOLE_SIGMAS: f64 = 4.0;
 
@@ -132,7 +144,9 @@ fn grow(case: &Case, bank: &Bank, thresholds: &Thresholds, mut now: Explained) -
         now.costs.push(cost(&candidate));
         now.held_out.push(candidate.held_out);
         (now.state, now.normal) = (state, normal);
+        now.shift_temperature(case);
         now.free_shapes(case);
+        now.take_whole(case);
     }
     now
 }
@@ -140,7 +154,7 @@ fn grow(case: &Case, bank: &Bank, thresholds: &Thresholds, mut now: Explained) -
 /// Whether what was found is a thing that there can be: within its limits, and a whole number where it is one of counts.
 fn is_possible(held: &Held) -> bool {
     let size = &held.change.parameters()[0];
-    let is_whole = size.name != "counts" || {
+    let is_whole = size.name != WHOLE || {
         let off = (size.value - size.value.round()).abs();
         size.value.round() != 0.0 && off <= WHOLE_SIGMAS * held.sigmas[0].max(0.01)
     };
@@ -210,6 +224,49 @@ impl Explained {
         Explained { state, normal, rounds: Vec::new(), noise: Vec::new(), held_out: Vec::new(), costs: Vec::new() }
     }
 
+    /// Where the last change follows the temperature, or swings as a temperature may, looks for how late the temperature is told.
+    fn shift_temperature(&mut self, case: &Case) {
+        let Some(last) = self.state.held.last().map(|held| held.change.clone()) else { return };
+        let law = last.amplitude.kind.map(|kind| KINDS[kind].law(&last.course_shapes));
+        let is_wave = matches!(law, Some(Law::Periodic { .. }));
+        if !is_wave && law != Some(Law::Temperature) {
+            return;
+        }
+        let following = KINDS.iter().position(|kind| kind.shapes.is_empty() && kind.law(&[]) == Law::Temperature);
+        let Some(amplitude) = following.and_then(|kind| last.amplitude.with(kind)) else { return };
+        let tried = |late_s: &f64| {
+            let mut state = self.state.clone();
+            state.shifts.temperature_s = *late_s;
+            state.held.pop();
+            state.held.iter_mut().for_each(Held::run_anew);
+            let size = if is_wave { amplitude.size().greatest * 1e-4 } else { last.size };
+            let change = Change { amplitude, size, course_shapes: Vec::new(), ..last.clone() };
+            state.held.push(Held::new(change));
+            let normal = case.fit(&mut state);
+            (state, normal)
+        };
+        let best = TEMPERATURE_S.par_iter().map(tried).min_by(|one, other| one.1.squares().total_cmp(&other.1.squares()));
+        let Some((state, normal)) = best else { return };
+        // A wave has two shapes to spare; a lag must pay for itself.
+        let worth = if is_wave { -TEMPERATURE_CHI2 } else { TEMPERATURE_CHI2 };
+        if self.normal.squares() - normal.squares() > worth && is_possible(state.held.last().expect("just put")) {
+            (self.state, self.normal) = (state, normal);
+        }
+    }
+
+    /// Takes a number of counts as the whole one that it is.
+    fn take_whole(&mut self, case: &Case) {
+        let last = self.state.held.last_mut().expect("just put");
+        if last.change.parameters()[0].name == WHOLE {
+            let sigma = last.sigmas[0];
+            last.change.size = last.change.size.round();
+            last.is_free[0] = false;
+            last.run_anew();
+            self.normal = case.fit(&mut self.state);
+            self.state.held.last_mut().expect("still there").sigmas[0] = sigma;
+        }
+    }
+
     /// Frees those shapes of the last change that the data tell.
     fn free_shapes(&mut self, case: &Case) {
         let last = self.state.held.len() - 1;
@@ -226,6 +283,46 @@ impl Explained {
             if is_possible(own) && (fall > SHAPE_CHI2 || fall >= 0.0 && is_known) {
                 (self.state, self.normal) = (tried, normal);
             }
+        }
+    }
+
+    /// Widens the sigmas of onsets to where χ² has risen by one: between two motions an onset may lie anywhere.
+    pub fn widen_onsets(&mut self, case: &Case) {
+        for index in 0..self.state.held.len() {
+            let parameters = self.state.held[index].change.parameters();
+            let Some(place) = parameters.iter().position(|parameter| parameter.name == "time_s") else { continue };
+            if !self.state.held[index].is_free[place] {
+                continue;
+            }
+            let least = self.normal.chi2();
+            let risen = |by_s: f64| {
+                let mut state = self.state.clone();
+                let parameter = &parameters[place];
+                let value = (parameter.value + by_s).clamp(parameter.least, parameter.greatest);
+                state.held[index].change.set(place, value);
+                state.held[index].is_free[place] = false;
+                state.held[index].run_anew();
+                case.normal(&mut state).chi2() > least + 1.0
+            };
+            let reach_s = |sign: f64| {
+                let doubled = (0..ONSET_DOUBLINGS).map(|power| ONSET_S * f64::from(1 << power));
+                let (mut near, mut far) = (0.0, f64::NAN);
+                for distance_s in doubled {
+                    if risen(sign * distance_s) {
+                        far = distance_s;
+                        break;
+                    }
+                    near = distance_s;
+                }
+                while far - near > 0.25 * far {
+                    let middle = 0.5 * (near + far);
+                    if risen(sign * middle) { far = middle } else { near = middle }
+                }
+                if far.is_nan() { near } else { far }
+            };
+            let sides = [-1.0, 1.0].into_par_iter().map(reach_s).reduce(|| 0.0, f64::max);
+            let sigma = &mut self.state.held[index].sigmas[place];
+            *sigma = sigma.max(sides);
         }
     }
 

@@ -71,6 +71,15 @@ pub struct Measured {
     late: Vec<f64>,
 }
 
+/// How a recording and what is told beside it lie in time.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Shifts {
+    /// How much later than the reference's the recording's times are.
+    pub lag_s: f64,
+    /// How much later than the electronics' own course the temperature is told.
+    pub temperature_s: f64,
+}
+
 /// The model beside a recording: each channel at every node, or averaged over blocks.
 pub type Series = [Vec<f64>; CHANNELS];
 
@@ -154,8 +163,8 @@ impl Measured {
     }
 
     /// A model without its noise, on this motion and at these temperatures, at each node: accumulated counts before rounding, and
-    /// how much later than nominal its half seconds end. `lag_s` is how much later than the reference's the recording's times are.
-    pub fn run(&self, configuration: &Configuration, lag_s: f64) -> Series {
+    /// how much later than nominal its half seconds end.
+    pub fn run(&self, configuration: &Configuration, Shifts { lag_s, temperature_s }: Shifts) -> Series {
         let reference = match lag_s == 0.0 {
             true => self.reference.clone(),
             false => {
@@ -163,8 +172,8 @@ impl Measured {
                 Arc::new(Recorded::clone(&self.reference).starting_at(start_s))
             }
         };
-        let mut unit = Unit::on(&self.quiet(configuration), &Truth::Recorded(reference));
-        unit.follow_sensor(self.table(&self.counts.sensor_c));
+        let mut unit = Unit::on(&self.quiet(configuration, temperature_s), &Truth::Recorded(reference));
+        unit.follow_sensor(table(&self.counts.sensor_c, 0.0));
         let mut series: Series = std::array::from_fn(|_| Vec::with_capacity(self.half_seconds + 1));
         for channel in &mut series {
             channel.push(0.0);
@@ -182,7 +191,7 @@ impl Measured {
 
     /// The configuration as the model of this recording: no noise, no wiring faults (exact checks have mended the rows), temperatures
     /// as measured.
-    fn quiet(&self, configuration: &Configuration) -> Configuration {
+    fn quiet(&self, configuration: &Configuration, temperature_s: f64) -> Configuration {
         let mut quiet = configuration.clone();
         quiet.unit = quiet.unit.without_noise();
         for gyro in &mut quiet.gyros {
@@ -190,12 +199,8 @@ impl Measured {
             gyro.wiring = Default::default();
         }
         (quiet.electronics.numbers.amplitude_k, quiet.electronics.numbers.trend_k_per_day) = (0.0, 0.0);
-        quiet.electronics.table = self.table(&self.counts.electronics_c);
+        quiet.electronics.table = table(&self.counts.electronics_c, temperature_s);
         quiet
-    }
-
-    fn table(&self, celsius: &[f64]) -> Vec<(f64, f64)> {
-        (0..celsius.len()).map(|node| node as f64 * HALF_SECOND_S).zip(celsius.iter().copied()).collect()
     }
 
     /// Averages over blocks of what was measured less what a model tells, 0 where a block is not good.
@@ -240,6 +245,11 @@ impl Measured {
         };
         self.blocks[channel].iter().enumerate().map(average).collect()
     }
+}
+
+/// Temperatures at nodes that were told so much later than they were.
+fn table(celsius: &[f64], late_s: f64) -> Vec<(f64, f64)> {
+    (0..celsius.len()).map(|node| node as f64 * HALF_SECOND_S - late_s).zip(celsius.iter().copied()).collect()
 }
 
 /// Nodes of a block: node 0 is the start.

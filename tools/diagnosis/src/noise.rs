@@ -9,6 +9,10 @@ use crate::whitening::{Noise, ROUNDING, Whitening};
 
 /// Median of the absolute value of a normal variable.
 const MEDIAN_OF_NORMAL: f64 = 0.674_489_750_196_081_7;
+/// Times that walk and white noise are fitted in turn, at most.
+const TURNS: usize = 12;
+/// A logarithm that moves by less stays.
+const STAYS: f64 = 0.02;
 /// Blocks in which the white noise is told on its own.
 const STRETCH: usize = 120;
 /// Least white noise of an average of ten roundings, as a share of that of ten independent ones.
@@ -137,11 +141,17 @@ pub fn fit(case: &Case, channel: usize, noise: &Noise, walk: Walk, residual: &Se
         (_, Walk::Rate) => (noise.white.sqrt() * 1e-5).ln(),
     };
     let with = |log_walk: f64, log_white: f64| Noise { white: log_white.exp(), ..noise.with(walk, log_walk.exp()) };
-    // White noise has little to do with a walk: each is taken in turn.
+    // Each in turn, until they stay: over all there is at first, then near by.
     let (mut log_walk, mut log_white) = (start, noise.white.ln());
-    for _ in 0..2 {
-        log_walk = least(log_walk - 4.0, log_walk + 7.0, |log_walk| deviance(&with(log_walk, log_white)));
+    let (mut below, mut above) = (4.0, 7.0);
+    for _ in 0..TURNS {
+        let before = log_walk;
+        log_walk = least(log_walk - below, log_walk + above, |log_walk| deviance(&with(log_walk, log_white)));
         log_white = least(log_white - 1.0, log_white + 1.0, |log_white| deviance(&with(log_walk, log_white)));
+        (below, above) = (0.5, 0.5);
+        if (log_walk - before).abs() < STAYS {
+            break;
+        }
     }
     // Both sides with the white noise that suits them.
     let before = deviance(&fit_white(case, channel, noise, residual, nuisances));

@@ -294,10 +294,10 @@ impl Normal {
         std::array::from_fn(|third| without[third] - with[third])
     }
 
-    /// The nuisances fitted without each third.
-    pub fn without_thirds(&self) -> [DVector<f64>; THIRDS] {
+    /// The nuisances fitted without each third; for the first ones something is known beforehand: a value and its sigma.
+    pub fn without_thirds(&self, known: &[(f64, f64)]) -> [DVector<f64>; THIRDS] {
         let parts: [_; THIRDS] = std::array::from_fn(|third| (self.gram[third].clone(), self.right[third].clone()));
-        std::array::from_fn(|third| fitted_without(&parts, third))
+        std::array::from_fn(|third| fitted_without(&parts, third, known))
     }
 }
 
@@ -326,20 +326,28 @@ impl Products {
 /// What the fit to the other two leaves of each third's χ², but for the squares of the residual.
 fn foretold(parts: &[(DMatrix<f64>, DVector<f64>); THIRDS]) -> [f64; THIRDS] {
     std::array::from_fn(|third| {
-        let size = fitted_without(parts, third);
+        let size = fitted_without(parts, third, &[]);
         let (gram, right) = &parts[third];
         size.dot(&(gram * &size)) - 2.0 * size.dot(right)
     })
 }
 
-fn fitted_without(parts: &[(DMatrix<f64>, DVector<f64>); THIRDS], third: usize) -> DVector<f64> {
+fn fitted_without(
+    parts: &[(DMatrix<f64>, DVector<f64>); THIRDS],
+    third: usize,
+    known: &[(f64, f64)],
+) -> DVector<f64> {
     let count = parts[0].1.len();
     let whole = parts.iter().fold(DVector::zeros(count), |sum: DVector<f64>, (gram, _)| sum + gram.diagonal());
     let scale = whole.map(|own| if own > 0.0 { 1.0 / own.sqrt() } else { 0.0 });
     let others = (0..THIRDS).filter(|&other| other != third);
-    let (gram, right) = others.fold((DMatrix::zeros(count, count), DVector::zeros(count)), |(gram, right), other| {
-        (gram + &parts[other].0, right + &parts[other].1)
+    let (mut gram, mut right) = others.fold((DMatrix::zeros(count, count), DVector::zeros(count)), |sums, other| {
+        (sums.0 + &parts[other].0, sums.1 + &parts[other].1)
     });
+    for (index, (value, sigma)) in known.iter().enumerate() {
+        gram[(index, index)] += sigma.powi(-2);
+        right[index] += value * sigma.powi(-2);
+    }
     let factor = factored(&gram, &scale, HELD_OUT_RIDGE);
     factor.solve(&scale.component_mul(&right)).component_mul(&scale)
 }

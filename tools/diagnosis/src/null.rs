@@ -12,10 +12,11 @@ use serde_json::{Value, json};
 
 use crate::bank::{Bank, Family};
 use crate::change::Place;
-use crate::measured::{BLOCK, CHANNELS, Series, TIMING, nodes};
+use crate::measured::{BLOCK, CHANNELS, Series, Shifts, TIMING, nodes};
 use crate::normal::{Beside, Normal};
 use crate::search::{columns, set_penalty, sets};
 use crate::state::Case;
+use crate::noise::Walk;
 use crate::whitening::{Noise, ROUNDING};
 
 /// Recordings drawn.
@@ -26,9 +27,10 @@ pub const FALSE_NAMES: f64 = 0.01;
 const DRIFT_OFF_ARCSEC_S: f64 = 3e-4;
 /// Euler's constant: the mean of Gumbel's law.
 const EULER: f64 = 0.577_215_664_901_532_9;
-/// For what is not simulated: a noise that is larger. Eight questions, one percent, and as much again because rounding
-/// is not quite white.
-const NOISE_CHI2: f64 = 25.0;
+/// Recordings in which walks are fitted.
+const NOISE_RUNS: usize = 32;
+/// Least fall of χ² for a larger walk: eight questions at one percent, one of 800.
+const LEAST_NOISE_CHI2: f64 = 10.3;
 
 /// By how much χ² must fall in each family.
 #[derive(Debug, Clone, PartialEq)]
@@ -59,11 +61,10 @@ impl Thresholds {
 
 /// Draws recordings with nothing hidden and searches them.
 pub fn thresholds(case: &Case, bank: &Bank, normal: &Normal, noise: &[Noise; CHANNELS], seed: u64) -> Thresholds {
-    let model = case.measured.run(case.believed, 0.0);
-    let drawn = (0..RUNS).into_par_iter().map(|run| {
-        normal.left_of(&draw(case, &model, noise, seed.wrapping_add(run as u64)))
-    });
-    let drawn: Vec<Series> = drawn.collect();
+    let model = case.measured.run(case.believed, Shifts::default());
+    let raw: Vec<Series> =
+        (0..RUNS).into_par_iter().map(|run| draw(case, &model, noise, seed.wrapping_add(run as u64))).collect();
+    let drawn: Vec<Series> = raw.par_iter().map(|raw| normal.left_of(raw)).collect();
     // Block by block, the runs side by side.
     let blocks = drawn[0][0].len();
     let beside: [Vec<f32>; CHANNELS] = std::array::from_fn(|channel| {
@@ -80,7 +81,25 @@ pub fn thresholds(case: &Case, bank: &Bank, normal: &Normal, noise: &[Noise; CHA
         });
     let unlike: Vec<f64> = drawn.iter().map(|left| crate::explain::unlikeness(left).0).collect();
     let (at, scale) = gumbel(&unlike).unwrap_or((0.0, 1.0));
-    Thresholds { unlikeness: at - scale * (-(1.0 - FALSE_NAMES).ln()).ln(), ..limits(&largest) }
+    let mut thresholds =
+        Thresholds { unlikeness: at - scale * (-(1.0 - FALSE_NAMES).ln()).ln(), ..limits(&largest) };
+    let falls: Vec<f64> = raw[..NOISE_RUNS].par_iter().map(|raw| largest_walk(case, noise, raw)).collect();
+    if let Some((at, scale)) = gumbel(&falls) {
+        let chance = at - scale * (-(1.0 - FALSE_NAMES).ln()).ln();
+        thresholds.chi2[Family::NOISE.0] = chance.max(LEAST_NOISE_CHI2);
+    }
+    thresholds
+}
+
+/// By how much a walk that is larger than configured betters a recording that has none.
+fn largest_walk(case: &Case, noise: &[Noise; CHANNELS], residual: &Series) -> f64 {
+    let walks = (0..TIMING).flat_map(|channel| [(channel, Walk::Angle), (channel, Walk::Rate)]);
+    let fall = |(channel, walk): (usize, Walk)| {
+        let fitted = crate::noise::fit(case, channel, &noise[channel], walk, residual, &case.nuisances);
+        let is_larger = fitted.noise.walk(walk) > noise[channel].walk(walk);
+        if is_larger { fitted.fall } else { 0.0 }
+    };
+    walks.map(fall).fold(0.0, f64::max)
 }
 
 /// For each family and run, the largest gain of one base.
@@ -174,7 +193,8 @@ fn limits(largest: &[[f64; RUNS]]) -> Thresholds {
     let reduced = at - scale * (-(1.0 - FALSE_NAMES).ln()).ln();
     let of = |family: usize| match laws[family] {
         Some((at, scale)) => at + scale * reduced,
-        None => NOISE_CHI2,
+        // A family that these lists do not have.
+        None => f64::INFINITY,
     };
     Thresholds { chi2: std::array::from_fn(of), unlikeness: f64::INFINITY }
 }

@@ -132,7 +132,8 @@ pub fn sentence(entry: &Entry) -> String {
     if let Some((_, unit)) = &entry.formula {
         text += &format!(" {unit}");
     }
-    text += &format!("; {:.0} % of the gap", 100.0 * entry.gap_share);
+    // Without the sign of a zero.
+    text += &format!("; {} % of the gap", (100.0 * entry.gap_share).round() as i64);
     if let Some((fall, threshold)) = entry.chi2 {
         text += &format!("; chi2 falls by {fall:.0} (chance: {threshold:.0})");
     }

@@ -10,8 +10,6 @@ use crate::normal::{Beside, Normal, Nuisance, Products};
 use crate::search::columns;
 use crate::state::{Case, State};
 
-/// Rivals told.
-const TOLD: usize = 5;
 /// Those that are less alike are none.
 const LEAST_COSINE: f64 = 0.3;
 /// A group whose members cannot be told apart: what they differ by explains less than this, three sigma.
@@ -32,7 +30,7 @@ pub struct Rival {
 pub fn rivals(case: &Case, bank: &Bank, state: &State, index: usize) -> Vec<Rival> {
     let mut others = state.clone();
     let held = others.held.remove(index);
-    let Some(own) = held.signature() else { return Vec::new() };
+    let own = case.signature(state, index);
     let (_, columns_of_others) = case.linearised(&mut others);
     // All of the signature is there to be explained, and nothing else.
     let whole: Series = std::array::from_fn(|channel| match &own[channel] {
@@ -84,7 +82,6 @@ pub fn rivals(case: &Case, bank: &Bank, state: &State, index: usize) -> Vec<Riva
         }
     }
     told.sort_by(|one, other| other.cosine.total_cmp(&one.cosine));
-    told.truncate(TOLD);
     told
 }
 

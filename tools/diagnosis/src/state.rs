@@ -9,7 +9,7 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use crate::change::{Change, Parameter, sixteen};
-use crate::measured::{CHANNELS, Measured, Series, TIMING};
+use crate::measured::{CHANNELS, Measured, Series, Shifts, TIMING};
 use crate::normal::{Normal, Nuisance};
 use crate::whitening::{Noise, Whitening};
 
@@ -40,9 +40,15 @@ pub struct Held {
 }
 
 impl Held {
-    /// The signature of one unit of its size, where it was run.
-    pub fn signature(&self) -> Option<Nuisance> {
-        self.columns.as_ref()?.first().cloned()
+    /// Forgets its signatures.
+    pub fn run_anew(&mut self) {
+        self.columns = None;
+    }
+
+    /// With nothing to be fitted.
+    pub fn fixed(change: Change) -> Held {
+        let count = change.parameters().len();
+        Held { sigmas: vec![f64::NAN; count], is_free: vec![false; count], change, columns: None }
     }
 
     /// Fits this parameter too.
@@ -68,9 +74,9 @@ pub struct State {
     pub sixteen: Vec<f64>,
     /// One sigma of each.
     pub sixteen_sigmas: Vec<f64>,
-    /// How much later than the reference's the recording's times are.
-    pub lag_s: f64,
-    /// One sigma of that.
+    /// How recording, reference and temperatures lie in time.
+    pub shifts: Shifts,
+    /// One sigma of the lag.
     pub lag_sigma_s: f64,
     /// Changes found.
     pub held: Vec<Held>,
@@ -91,7 +97,7 @@ pub struct Case<'a> {
 impl<'a> Case<'a> {
     /// Runs the model for the signatures of the sixteen and of a common lag.
     pub fn new(measured: &'a Measured, believed: &'a Configuration) -> Case<'a> {
-        let from = measured.run(believed, 0.0);
+        let from = measured.run(believed, Shifts::default());
         let numbers = geu_model::package::Calibration::NUMBERS;
         let moved = |number: usize| {
             let size = SHARE * (numbers[number].greatest - numbers[number].least);
@@ -99,7 +105,7 @@ impl<'a> Case<'a> {
             for gyro in &mut moved.gyros {
                 *gyro.calibration.value_mut(number) += size;
             }
-            let mut series = measured.difference(&measured.run(&moved, 0.0), &from);
+            let mut series = measured.difference(&measured.run(&moved, Shifts::default()), &from);
             series.iter_mut().flatten().for_each(|value| *value /= size);
             series
         };
@@ -108,7 +114,7 @@ impl<'a> Case<'a> {
             std::array::from_fn(|channel| (channel == gyro as usize).then(|| series[number][channel].clone()))
         };
         let mut nuisances: Vec<Nuisance> = sixteen().into_iter().map(of_gyro).collect();
-        let mut lag = measured.difference(&measured.run(believed, LAG_S), &from);
+        let mut lag = measured.difference(&measured.run(believed, Shifts { lag_s: LAG_S, ..Shifts::default() }), &from);
         lag.iter_mut().flatten().for_each(|value| *value /= LAG_S);
         nuisances.push(std::array::from_fn(|channel| {
             (channel != TIMING).then(|| std::mem::take(&mut lag[channel]))
@@ -122,7 +128,7 @@ impl<'a> Case<'a> {
         State {
             sixteen: vec![0.0; count],
             sixteen_sigmas: vec![f64::NAN; count],
-            lag_s: 0.0,
+            shifts: Shifts::default(),
             lag_sigma_s: f64::NAN,
             held: Vec::new(),
             noise,
@@ -131,7 +137,7 @@ impl<'a> Case<'a> {
 
     /// Residual of a state, averaged over blocks.
     pub fn residual(&self, state: &State) -> Series {
-        self.measured.residual(&self.measured.run(&state.configuration(self.believed), state.lag_s))
+        self.measured.residual(&self.measured.run(&state.configuration(self.believed), state.shifts))
     }
 
     /// The filters of a state's noise.
@@ -142,7 +148,7 @@ impl<'a> Case<'a> {
     /// The residual, and the signatures of all that is fitted: nuisances, then the free parameters. Those that are not at hand are
     /// run, and kept.
     pub fn linearised(&self, state: &mut State) -> (Series, Vec<Nuisance>) {
-        let from = self.measured.run(&state.configuration(self.believed), state.lag_s);
+        let from = self.measured.run(&state.configuration(self.believed), state.shifts);
         let open: Vec<(usize, usize)> =
             state.free().into_iter().filter(|(held, _)| state.held[*held].columns.is_none()).collect();
         let columns: Vec<Nuisance> = open.par_iter().map(|&(held, index)| self.column(state, &from, held, index)).collect();
@@ -165,14 +171,21 @@ impl<'a> Case<'a> {
         }
         let mut moved = state.clone();
         moved.held[held].change.set(index, parameter.value + step);
-        let run = self.measured.run(&moved.configuration(self.believed), state.lag_s);
+        let run = self.measured.run(&moved.configuration(self.believed), state.shifts);
         self.measured.difference(&run, from).map(|values| {
             let any = values.iter().any(|&value| value != 0.0);
             any.then(|| values.into_iter().map(|value| value / step).collect())
         })
     }
 
-    fn normal(&self, state: &mut State) -> Normal {
+    /// The signature of one unit of the size of a change, as it stands.
+    pub fn signature(&self, state: &State, held: usize) -> Nuisance {
+        let from = self.measured.run(&state.configuration(self.believed), state.shifts);
+        self.column(state, &from, held, 0)
+    }
+
+    /// The equations of a state as it stands.
+    pub fn normal(&self, state: &mut State) -> Normal {
         let (residual, columns) = self.linearised(state);
         Normal::new(self.whitenings(&state.noise), &residual, &columns)
     }
@@ -243,7 +256,7 @@ impl State {
         for (index, value) in moved.sixteen.iter_mut().enumerate() {
             *value += by[index];
         }
-        moved.lag_s += by[count];
+        moved.shifts.lag_s += by[count];
         for (place, (held, index)) in self.free().into_iter().enumerate() {
             let change = &mut moved.held[held].change;
             let parameter = &change.parameters()[index];

@@ -97,7 +97,7 @@ fn written(settings: &Settings, diagnosis: &Diagnosis, link: &[String]) -> Resul
         let what = if entry.class == Class::Recalibration { "recalibrated" } else { "found" };
         let comment = format!("{what} on {link}: {}", told.collect::<Vec<_>>().join(", "));
         let paths = entry.assignments.iter().filter_map(|assignment| assignment.split_once('='));
-        paths.map(|(path, _)| (path.to_owned(), comment.clone())).collect::<Vec<_>>()
+        paths.map(|(path, _)| (path.trim().to_owned(), comment.clone())).collect::<Vec<_>>()
     };
     let comments: Vec<_> = diagnosis.entries.iter().flat_map(commented).collect();
     let text = Configuration::edited(&name, &text, &values).map_err(Failure::input)?;

@@ -1,0 +1,359 @@
+//! The diagnosis of recordings that our model did not make: what is hidden is named, on the gyro that has it, at its size; what stands
+//! in no catalogue is not given a name of it; and where nothing is hidden nothing is named.
+
+use std::collections::HashMap;
+use std::fs;
+use std::sync::Mutex;
+
+use geu_diagnosis::diagnosis::{Class, Entry};
+use geu_diagnosis::rivals::APART_CHI2;
+use geu_diagnosis::{Diagnosis, Settings, Thresholds, Verdict, diagnose_rows, report};
+use geu_model::Configuration;
+use geu_plant::{GYROS, Gyro, Hidden, Plant};
+use geu_recording::Reference;
+use geu_tests::comparison::Recording;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+const ONSET: (&str, f64) = ("time_s", 5200.0);
+const X: &[Gyro] = &[Gyro::X];
+const Y: &[Gyro] = &[Gyro::Y];
+const ZA: &[Gyro] = &[Gyro::Za];
+const ZB: &[Gyro] = &[Gyro::Zb];
+const UNIT: &[Gyro] = &[];
+
+/// Recordings of one flight have their thresholds in common.
+static THRESHOLDS: Mutex<Option<HashMap<u64, Thresholds>>> = Mutex::new(None);
+
+fn recorded(plant: &Plant) -> Recording {
+    let room = tempfile::tempdir().expect("a directory");
+    let recording = plant.record();
+    let [link, reference] = ["link.log", "reference.csv"].map(|name| room.path().join(name));
+    fs::write(&link, recording.link).expect("written");
+    fs::write(&reference, recording.reference).expect("written");
+    Recording::read(&link, &reference)
+}
+
+fn diagnosed(recording: &Recording, reference: &Reference, believed: &Configuration) -> Diagnosis {
+    let settings = Settings {
+        seed: 1,
+        clock_start_ns: reference.start_ns,
+        known: &|key| THRESHOLDS.lock().expect("no panic").get_or_insert_default().get(&key).cloned(),
+        keep: &|key, thresholds| {
+            THRESHOLDS.lock().expect("no panic").get_or_insert_default().insert(key, thresholds.clone());
+        },
+        progress: &|_| (),
+    };
+    diagnose_rows(&recording.rows, &[], believed, reference, &settings).expect("a recording")
+}
+
+/// What a bench tells otherwise than it is.
+#[derive(Default)]
+struct Bench {
+    /// The reference's times are late by this.
+    late_s: f64,
+    /// The reference errs by this about each axis, 1 sigma.
+    noise_arcsec: f64,
+    /// The temperature is told so many half seconds late.
+    temperature_late: usize,
+}
+
+impl Bench {
+    fn tells(&self, recording: &mut Recording, reference: &str) {
+        let told: Vec<i16> = recording.rows.iter().map(|row| row.half_second.electronics_centi_c).collect();
+        for (index, row) in recording.rows.iter_mut().enumerate() {
+            row.half_second.electronics_centi_c = told[index.saturating_sub(self.temperature_late)];
+        }
+        let mut random = ChaCha8Rng::seed_from_u64(1);
+        let mut before = [0.0; 3];
+        let told = reference.lines().enumerate().map(|(line, text)| {
+            if line == 0 {
+                return text.to_owned();
+            }
+            let mut fields: Vec<f64> = text.split(',').map(|field| field.parse().expect("a number")).collect();
+            // Twelve uniform numbers, less six, are as good as normal.
+            let mut normal = || (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0;
+            for axis in 0..3 {
+                let now = self.noise_arcsec * normal();
+                fields[1 + axis] += (now - std::mem::replace(&mut before[axis], now)) / 0.5;
+            }
+            fields[0] += self.late_s;
+            let fields: Vec<String> = fields.iter().map(|field| format!("{field:.6}")).collect();
+            fields.join(",")
+        });
+        let told = told.collect::<Vec<_>>().join("\n");
+        recording.reference = Reference::parse("reference.csv", &told).expect("a reference");
+    }
+}
+
+fn diagnosis(seed: u64, hidden: &[Hidden]) -> Diagnosis {
+    diagnosis_of(seed, hidden, None)
+}
+
+fn diagnosis_of(seed: u64, hidden: &[Hidden], bench: Option<&Bench>) -> Diagnosis {
+    let is_cooling = hidden.iter().any(|hidden| hidden.code.starts_with("drift-sensor-temperature"));
+    let heater_off_s = is_cooling.then_some(4000.0);
+    let plant = Plant { heater_off_s, ..Plant::new(seed, hidden.to_vec()) };
+    let mut recording = recorded(&plant);
+    if let Some(bench) = bench {
+        bench.tells(&mut recording, &plant.record().reference);
+    }
+    let diagnosis = diagnosed(&recording, &recording.reference, &Configuration::reference());
+    let names: Vec<String> = hidden.iter().map(|hidden| format!("{} {:?}", hidden.code, hidden.gyros)).collect();
+    println!("== seed {seed}: {}: {}", names.join(" + "), diagnosis.verdict.name());
+    missing(&diagnosis).for_each(|entry| println!("   {}", report::sentence(entry)));
+    if let Some(left) = &diagnosis.unexplained {
+        println!("   left: {:?} {:?} {} {:?}", left.gyros, left.interval_s, left.shape, left.follows);
+    }
+    diagnosis
+}
+
+fn missing(diagnosis: &Diagnosis) -> impl Iterator<Item = &Entry> {
+    diagnosis.entries.iter().filter(|entry| entry.class == Class::MissingEffect)
+}
+
+fn gyros(hidden: &Hidden) -> [bool; 4] {
+    let has = |gyro: &Gyro| hidden.gyros.is_empty() || hidden.gyros.contains(gyro);
+    GYROS.each_ref().map(has)
+}
+
+/// Whether an entry names what is hidden, itself or as one of a group that cannot be told apart.
+fn names(entry: &Entry, hidden: &Hidden) -> bool {
+    let is_rival = entry.rivals.iter().any(|rival| {
+        rival.code == hidden.code
+            && rival.gyros == gyros(hidden)
+            && rival.behind_chi2.is_none_or(|behind| behind < APART_CHI2)
+    });
+    entry.gyros == gyros(hidden) && (entry.code == hidden.code || is_rival)
+}
+
+/// Each is named, and nothing else; what is named by its own code has its size within so many sigmas.
+fn assert_named(seed: u64, hidden: &[Hidden]) {
+    const SIGMAS: f64 = 4.0;
+    let diagnosis = diagnosis(seed, hidden);
+    assert_eq!(diagnosis.verdict, Verdict::Explained, "{hidden:?}");
+    assert_eq!(missing(&diagnosis).count(), hidden.len(), "{hidden:?}");
+    for hidden in hidden {
+        let entry = missing(&diagnosis).find(|entry| names(entry, hidden));
+        let entry = entry.unwrap_or_else(|| panic!("{hidden:?} is not named"));
+        for (name, value) in hidden.parameters.iter().filter(|_| entry.code == hidden.code) {
+            let Some(number) = entry.parameters.iter().find(|number| number.name == *name) else { continue };
+            if let Some(sigma) = number.sigma {
+                let off = (number.value - value).abs() / sigma;
+                assert!(off < SIGMAS, "{} {name}: {} ± {sigma}, hidden {value}", hidden.code, number.value);
+            }
+        }
+    }
+}
+
+fn assert_each_named(seed: u64, all: &[Hidden]) {
+    all.iter().for_each(|hidden| assert_named(seed, std::slice::from_ref(hidden)));
+}
+
+#[test]
+fn nothing_is_named_where_nothing_is_hidden() {
+    for seed in 20..26 {
+        let diagnosis = diagnosis(seed, &[]);
+        assert_eq!((diagnosis.verdict, missing(&diagnosis).count()), (Verdict::Consistent, 0), "seed {seed}");
+    }
+}
+
+#[test]
+fn drifts_are_named() {
+    assert_each_named(
+        2,
+        &[
+            Hidden::new("drift-step", Y, &[("arcsec_per_h", 16.0), ONSET]),
+            Hidden::new("drift-ramp", X, &[("arcsec_per_h_per_day", 420.0)]),
+            Hidden::new("drift-temperature", ZA, &[("arcsec_per_h_per_k", 12.0)]),
+            Hidden::new("drift-periodic", ZB, &[("amplitude_arcsec_per_h", 20.0), ("period_s", 5000.0), ("phase_rad", 1.0)]),
+            Hidden::new("drift-sensor-temperature", X, &[("arcsec_per_h_per_k", 1.0)]),
+        ],
+    );
+}
+
+#[test]
+fn scale_factors_are_named() {
+    assert_each_named(
+        2,
+        &[
+            Hidden::new("scale-factor-step", ZB, &[("ppm", 60.0), ONSET]),
+            Hidden::new("scale-factor-ramp", Y, &[("ppm_per_day", 1500.0)]),
+            Hidden::new("scale-factor-temperature", &GYROS, &[("ppm_per_k", 12.5)]),
+            Hidden::new("scale-factor-periodic", Y, &[("amplitude_ppm", 80.0), ("period_s", 5000.0), ("phase_rad", 1.0)]),
+            Hidden::new("scale-factor-nonlinearity", Y, &[("cubic_ppm", 180.0)]),
+            Hidden::new("scale-factor-asymmetry", ZA, &[("ppm", 120.0)]),
+        ],
+    );
+}
+
+#[test]
+fn clocks_and_links_are_named() {
+    assert_each_named(
+        2,
+        &[
+            Hidden::new("clock-frequency", UNIT, &[("ppm", 14.0)]),
+            Hidden::new("clock-frequency-temperature", UNIT, &[("ppm_per_k", 3.0)]),
+            Hidden::new("time-offset", UNIT, &[("seconds", 0.03)]),
+            Hidden::new("time-offset", UNIT, &[("seconds", -0.03)]),
+            Hidden::new("lost-counts", X, &[("counts", -15.0), ("time_s", 6000.0)]),
+        ],
+    );
+}
+
+#[test]
+fn pivots_are_named() {
+    let clearance = ("clearance_arcsec", 11.5);
+    assert_each_named(
+        3,
+        &[
+            Hidden::new("pivot-clearance", X, &[clearance]),
+            Hidden::new("pivot-clearance", ZB, &[clearance, ("preferred_arcsec", 3.0)]),
+            Hidden::new("pivot-clearance-step", Y, &[clearance, ONSET]),
+        ],
+    );
+}
+
+#[test]
+fn misalignments_are_named() {
+    assert_each_named(
+        3,
+        &[
+            Hidden::new("misalignment-step", X, &[("y_arcsec", 20.0), ONSET]),
+            Hidden::new("misalignment-ramp", ZA, &[("y_arcsec_per_day", 300.0)]),
+            Hidden::new("misalignment-temperature", ZB, &[("x_arcsec_per_k", 20.0)]),
+            Hidden::new("misalignment-thermal", UNIT, &[("arcsec_per_deg", 0.9), ("time_constant_s", 280.0)]),
+        ],
+    );
+}
+
+#[test]
+fn products_and_accelerations_are_named() {
+    assert_each_named(
+        3,
+        &[
+            Hidden::new("output-axis-acceleration", ZA, &[("seconds", 0.005)]),
+            Hidden::new("anisoinertia", X, &[("seconds", 0.02)]),
+        ],
+    );
+}
+
+#[test]
+fn pairs_are_named() {
+    for pair in [
+        [
+            Hidden::new("pivot-clearance", ZB, &[("clearance_arcsec", 9.0)]),
+            Hidden::new("drift-ramp", X, &[("arcsec_per_h_per_day", 420.0)]),
+        ],
+        [
+            Hidden::new("pivot-clearance", X, &[("clearance_arcsec", 9.0)]),
+            Hidden::new("drift-step", X, &[("arcsec_per_h", 30.0), ONSET]),
+        ],
+        [
+            Hidden::new("clock-frequency", UNIT, &[("ppm", 14.0)]),
+            Hidden::new("scale-factor-nonlinearity", Y, &[("cubic_ppm", 300.0)]),
+        ],
+    ] {
+        assert_named(4, &pair);
+    }
+}
+
+#[test]
+fn noises_are_named() {
+    for hidden in [
+        Hidden::new("angle-random-walk", &GYROS, &[("arcsec_per_sqrt_s", 0.1)]),
+        Hidden::new("drift-random-walk", &GYROS, &[("arcsec_per_s_per_sqrt_s", 2e-4)]),
+        Hidden::new("drift-random-walk", Y, &[("arcsec_per_s_per_sqrt_s", 2e-4)]),
+    ] {
+        assert_named(4, &[hidden]);
+    }
+}
+
+#[test]
+fn wiring_is_named() {
+    for hidden in [
+        Hidden::new("sign-inversion-step", Y, &[("on", 1.0), ONSET]),
+        Hidden::new("axis-swap", &[Gyro::Y, Gyro::Za], &[("on", 1.0)]),
+        Hidden::new("stuck-output-step", X, &[("on", 1.0), ONSET]),
+    ] {
+        let diagnosis = diagnosis(9, std::slice::from_ref(&hidden));
+        let named: Vec<&str> = missing(&diagnosis).map(|entry| entry.code.as_str()).collect();
+        assert_eq!(named, [hidden.code.as_str()]);
+        assert!(missing(&diagnosis).all(|entry| entry.gyros == gyros(&hidden)));
+        assert_eq!(diagnosis.verdict, Verdict::Explained);
+    }
+}
+
+/// What is hidden is named, or nothing is beside what is wrong with the bench; never anything else.
+fn assert_not_misnamed(seed: u64, hidden: &[Hidden], bench: &Bench, beside: &[&str]) {
+    let diagnosis = diagnosis_of(seed, hidden, Some(bench));
+    for entry in missing(&diagnosis) {
+        let is_right = hidden.iter().any(|hidden| names(entry, hidden)) || beside.contains(&entry.code.as_str());
+        assert!(is_right, "{} {:?} on {hidden:?}", entry.code, entry.gyros);
+    }
+}
+
+#[test]
+fn noise_five_times_as_large_misleads_nobody() {
+    let walks = [
+        Hidden::new("angle-random-walk", &GYROS, &[("arcsec_per_sqrt_s", 0.05)]),
+        Hidden::new("drift-random-walk", &GYROS, &[("arcsec_per_s_per_sqrt_s", 4e-5)]),
+    ];
+    for seed in 12..15 {
+        assert_not_misnamed(seed, &walks, &Bench::default(), &[]);
+        let hidden = Hidden::new("pivot-clearance", X, &[("clearance_arcsec", 11.5)]);
+        assert_not_misnamed(seed, &[&walks[..], &[hidden]].concat(), &Bench::default(), &[]);
+    }
+}
+
+#[test]
+fn a_temperature_told_late_misleads_nobody() {
+    let bench = Bench { temperature_late: 600, ..Bench::default() };
+    for hidden in [
+        Hidden::new("scale-factor-temperature", &GYROS, &[("ppm_per_k", 12.5)]),
+        Hidden::new("drift-temperature", Y, &[("arcsec_per_h_per_k", 12.0)]),
+        Hidden::new("pivot-clearance", ZB, &[("clearance_arcsec", 9.0)]),
+    ] {
+        assert_not_misnamed(15, &[hidden], &bench, &[]);
+    }
+    assert_not_misnamed(15, &[], &bench, &[]);
+}
+
+#[test]
+fn a_reference_that_errs_misleads_nobody() {
+    let bench = Bench { noise_arcsec: 1.0, ..Bench::default() };
+    for seed in 16..18 {
+        assert_not_misnamed(seed, &[], &bench, &[]);
+        assert_not_misnamed(seed, &[Hidden::new("pivot-clearance", X, &[("clearance_arcsec", 11.5)])], &bench, &[]);
+    }
+}
+
+#[test]
+fn a_reference_that_is_late_is_a_time_offset_or_its_rival_and_nothing_else() {
+    let bench = Bench { late_s: 0.03, ..Bench::default() };
+    let diagnosis = diagnosis_of(18, &[], Some(&bench));
+    let told: Vec<&Entry> = missing(&diagnosis).collect();
+    let [entry] = told[..] else { panic!("{} things told", told.len()) };
+    assert_eq!((entry.code.as_str(), entry.rivals[0].code.as_str()), ("time-offset", "reference-late"));
+    assert_not_misnamed(18, &[Hidden::new("drift-step", Y, &[("arcsec_per_h", 30.0), ONSET])], &bench, &["time-offset"]);
+}
+
+#[test]
+fn what_is_in_no_catalogue_is_not_given_a_name_of_it() {
+    for (hidden, formula) in [
+        (Hidden::new("rate-squared-coupling", ZB, &[("per_arcsec_s", 4e-7)]), Some("rate_y^2")),
+        (Hidden::new("rate-product-coupling", Y, &[("per_arcsec_s", 3e-7)]), Some("rate_x*rate_z")),
+        (Hidden::new("rate-drift", X, &[("ppm", 100.0)]), Some("abs(rate_z)")),
+        (Hidden::new("count-backlash", ZA, &[("play_arcsec", 8.0)]), None),
+    ] {
+        let diagnosis = diagnosis(11, std::slice::from_ref(&hidden));
+        assert!(missing(&diagnosis).all(|entry| entry.code == "discovered"), "{hidden:?}");
+        match formula {
+            Some(formula) => {
+                let told: Vec<&str> = missing(&diagnosis).filter_map(|entry| Some(entry.formula.as_ref()?.0.as_str())).collect();
+                assert_eq!(told, [formula]);
+            }
+            None => assert_eq!(diagnosis.verdict, Verdict::Unexplained),
+        }
+    }
+}
