@@ -135,6 +135,15 @@ impl Found {
     }
 }
 
+impl Hidden {
+    /// The change of the model that it is; nothing of what has no signature.
+    pub fn change(&self) -> Option<Change> {
+        let parameters = self.parameters.iter().map(|(name, value)| (name.clone(), *value, None)).collect();
+        let (code, formula) = (self.code.clone(), self.formula.clone());
+        Found { code, formula, gyros: self.gyros, parameters, rivals: Vec::new() }.change()
+    }
+}
+
 impl fmt::Display for Found {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         write!(f, "{} {}", names(&self.gyros).join("+"), self.code)?;

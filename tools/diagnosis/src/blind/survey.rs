@@ -15,11 +15,11 @@ use super::score::Found;
 use crate::bank::{Bank, Column};
 use crate::change::{Change, Place};
 use crate::diagnosis::{Diagnosis, Settings, diagnose_rows};
-use crate::measured::{CHANNELS, Measured, MeasuredError, Series};
+use crate::measured::{CHANNELS, Measured, MeasuredError, Series, Shifts};
 use crate::noise;
 use crate::normal::{Normal, Nuisance, Products, dot};
 use crate::null::Thresholds;
-use crate::rivals::rivals;
+use crate::rivals::{Rival, rivals};
 use crate::state::{Case, Held};
 use crate::whitening::Noise;
 
@@ -77,7 +77,7 @@ impl Survey {
         flight.rows.iter().for_each(|row| reader.row(row));
         let counts = reader.finish(believed.start_unix_ns).ok_or(MeasuredError::Empty)?;
         let measured = Measured::new(counts, &flight.reference)?;
-        let from = measured.run(&believed, 0.0);
+        let from = measured.run(&believed, Shifts::default());
         let residual = measured.residual(&from);
         let noise = noise::of(&believed, &measured, &residual);
         let case = Case::new(&measured, &believed);
@@ -101,7 +101,7 @@ impl Survey {
     }
 
     fn run(&self, configuration: &Configuration) -> Series {
-        self.measured.run(configuration, 0.0)
+        self.measured.run(configuration, Shifts::default())
     }
 
     fn strength(&self, signature: &Signature) -> Option<f64> {
@@ -117,7 +117,8 @@ impl Survey {
     }
 
     /// Cosine of the signatures of what was hidden and what was found, whitened and beside the nuisances, without sign; 0 where one
-    /// of them has none.
+    /// of them has none. What was found stands there with the numbers found, or with those with which it is most like what was
+    /// hidden: noise moves a shape, and that makes it no other name.
     pub fn likeness(&self, hidden: &Hidden, found: &Found) -> f64 {
         if !matches!(hidden.origin, Origin::Catalogue | Origin::Unknown) {
             return 0.0;
@@ -131,7 +132,11 @@ impl Survey {
         };
         let (Some(one), Some(other)) = (self.signature_of(&hidden.assignments), of_found()) else { return 0.0 };
         let both: f64 = one.white.iter().zip(&other.white).map(|(one, other)| dot(one, other)).sum();
-        self.normal.cosine(&one.products, &other.products, both).abs().min(1.0)
+        let as_found = self.normal.cosine(&one.products, &other.products, both).abs().min(1.0);
+        let rivals = hidden.change().map_or(Vec::new(), |change| self.rivals(&change));
+        let is_found =
+            |rival: &&Rival| rival.change.amplitude.code() == found.code && rival.change.gyros == found.gyros;
+        rivals.iter().find(is_found).map_or(as_found, |rival| rival.cosine.max(as_found))
     }
 
     /// The change with a size whose signature is of that strength; nothing where none is within limits, or it cannot be told from the
@@ -167,14 +172,18 @@ impl Survey {
 
     /// The amplitude of the catalogue that looks most like a change, and the cosine of the two.
     pub fn nearest(&self, change: &Change) -> Option<(String, f64)> {
+        let nearest = self.rivals(change).into_iter().next()?;
+        Some((nearest.change.amplitude.code(), nearest.cosine))
+    }
+
+    /// The amplitudes of the catalogue that look like a change, the most alike first.
+    fn rivals(&self, change: &Change) -> Vec<Rival> {
         let bank = self.bank.get_or_init(|| Bank::new(&self.measured, &self.believed));
         let nuisances = self.nuisances.clone();
         let case = Case { measured: &self.measured, believed: &self.believed, nuisances };
         let mut state = case.start(self.noise);
         state.held.push(Held::new(change.clone()));
-        case.linearised(&mut state);
-        let nearest = rivals(&case, bank, &state, 0).into_iter().next()?;
-        Some((nearest.change.amplitude.code(), nearest.cosine))
+        rivals(&case, bank, &state, 0)
     }
 
     /// Diagnoses a flight. The thresholds are those of a flight with nothing hidden, for all flights of this motion: a key of
