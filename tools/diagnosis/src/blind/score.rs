@@ -245,7 +245,9 @@ pub fn score(hidden: &[Hidden], told: &Told, likeness: &dyn Fn(&Hidden, &Found) 
         };
         let least = if own.origin == Origin::Unknown { GROUP_COSINE } else { SAME_COSINE };
         let mut naming = if reached == own.gyros { Naming::Right } else { Naming::Missed };
-        for (found, is_true) in told.missing.iter().zip(&mut is_true).filter(|(found, _)| !found.is(own)) {
+        // The same code on other gyros too is the same thing where they show nothing of it.
+        let is_named = |found: &Found| found.is(own) && is_within(&found.gyros);
+        for (found, is_true) in told.missing.iter().zip(&mut is_true).filter(|(found, _)| !is_named(found)) {
             let is_group = found.gyros == own.gyros && found.rivals.iter().any(is_rival);
             if is_group || likeness(own, found) >= least {
                 *is_true = true;
