@@ -4,6 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Output;
 
+use geu_tests::page::well_formed;
 use geu_tests::{geu, root};
 use serde_json::Value;
 use tempfile::TempDir;
@@ -67,35 +68,6 @@ fn text(room: &TempDir, name: &str) -> String {
 
 fn json(room: &TempDir, name: &str) -> Value {
     serde_json::from_str(&text(room, name)).expect("JSON")
-}
-
-/// Every tag opened is closed in its turn, every attribute quoted, every `&` an entity; gives the names of the tags.
-fn well_formed(page: &str) -> Vec<String> {
-    let rest = page.strip_prefix("<!DOCTYPE html>").expect("a doctype");
-    let (mut open, mut all): (Vec<String>, Vec<String>) = (Vec::new(), Vec::new());
-    let mut pieces = rest.split('<');
-    assert_eq!(pieces.next().map(str::trim), Some(""));
-    for piece in pieces {
-        let (tag, after) = piece.split_once('>').unwrap_or_else(|| panic!("no end: <{piece}"));
-        assert!(!after.contains('>'), "stray >: {after}");
-        for reference in after.split('&').skip(1).chain(tag.split('&').skip(1)) {
-            assert!(["amp;", "lt;", "gt;", "quot;"].iter().any(|name| reference.starts_with(name)), "&{reference}");
-        }
-        if let Some(name) = tag.strip_prefix('/') {
-            assert_eq!(open.pop().as_deref(), Some(name), "</{name}>");
-            continue;
-        }
-        assert_eq!(tag.matches('"').count() % 2, 0, "<{tag}>");
-        let outside: String = tag.trim_end_matches('/').split('"').step_by(2).collect();
-        let (name, attributes) = outside.split_once(' ').unwrap_or((&outside, ""));
-        assert!(attributes.split_whitespace().all(|attribute| attribute.ends_with('=')), "<{tag}>");
-        all.push(name.to_owned());
-        if !tag.ends_with('/') {
-            open.push(name.to_owned());
-        }
-    }
-    assert_eq!(open, Vec::<String>::new());
-    all
 }
 
 #[test]

@@ -3,6 +3,7 @@
 use std::cell::LazyCell;
 
 use geu_calibration::CountsReader;
+use geu_calibration::window::Window;
 use geu_model::Configuration;
 use geu_model::effect::{AngleRandomWalk, DriftRandomWalk, Effect};
 use geu_model::number::Numbers;
@@ -23,6 +24,8 @@ use crate::null::{Thresholds, thresholds};
 use crate::rivals::{Rival, rivals};
 use crate::search::search;
 use crate::state::{Case, Held, State};
+use crate::stretches::{self, Stretch};
+use crate::whereabouts::{Whereabouts, whereabouts};
 
 /// A formula must be better than the catalogue by so much, ten to the fifth in odds of two to one against each of its terms.
 const FORMULA_MARGIN: f64 = 10.0;
@@ -179,6 +182,12 @@ pub struct Diagnosis {
     pub thresholds: Thresholds,
     /// Windowed residual at each node, before and after.
     pub windowed: [[Vec<f64>; TIMING]; 2],
+    /// What the unit did.
+    pub stretches: Vec<Stretch>,
+    /// Root mean square of the residual in each stretch on each gyro, before and after.
+    pub stretch_rms_arcsec: [Vec<[f64; TIMING]>; 2],
+    /// Where the data leave the model, before (what exact checks mended taken as mended) and after.
+    pub whereabouts: [Whereabouts; 2],
     /// Whitened residual at the end, for what it still follows.
     pub left: Series,
     /// Common lag, s, and its sigma.
@@ -195,6 +204,8 @@ pub struct Options<'a> {
     pub known: Option<Thresholds>,
     /// The recording before wiring faults were mended, where there are any.
     pub raw: Option<&'a Measured>,
+    /// What the unit did; nothing where its motion is to tell.
+    pub manoeuvres: Option<&'a [Window]>,
     /// Told what is being done.
     pub progress: &'a (dyn Fn(&str) + Sync),
 }
@@ -237,7 +248,8 @@ pub fn diagnose(
     merge_gyros(&case, &mut explained);
     explained.widen_onsets(&case);
     let bank: &Bank = if is_found || !is_noise { &all } else { &catalogue };
-    Report { case: &case, bank, thresholds: &thresholds, faults, raw: options.raw }.finish(explained, findings)
+    let (raw, manoeuvres) = (options.raw, options.manoeuvres);
+    Report { case: &case, bank, thresholds: &thresholds, faults, raw, manoeuvres }.finish(explained, findings)
 }
 
 /// What thresholds depend on: the motion, the blocks that can be used, the noise, what is searched.
@@ -295,6 +307,7 @@ struct Report<'a> {
     thresholds: &'a Thresholds,
     faults: &'a [WiringFault],
     raw: Option<&'a Measured>,
+    manoeuvres: Option<&'a [Window]>,
 }
 
 impl Report<'_> {
@@ -344,6 +357,10 @@ impl Report<'_> {
         let after_gap = self.gap(measured, &after, &after_run, &explained.state);
         let held_out = self.held_out(&explained, &after_run);
         self.shares(&mut entries, before_gap.squares, shifts);
+        let stretches = match self.manoeuvres {
+            Some(windows) => stretches::listed(measured, windows),
+            None => stretches::cut(measured),
+        };
         Diagnosis {
             verdict,
             entries,
@@ -355,6 +372,12 @@ impl Report<'_> {
             rounds: explained.rounds,
             thresholds: self.thresholds.clone(),
             windowed: [before, after],
+            stretch_rms_arcsec: [
+                stretches::rms_arcsec(raw, &given, &stretches),
+                stretches::rms_arcsec(measured, &after_run, &stretches),
+            ],
+            whereabouts: whereabouts(case, &explained.state.noise, [&given, &after_run], &stretches),
+            stretches,
             left,
             lag_s: (shifts.lag_s, explained.state.lag_sigma_s),
             noise: explained.state.noise,
@@ -807,7 +830,7 @@ pub fn diagnose_rows(
     let key = key(&measured, believed, options.seed);
     let known = (options.known)(key);
     let is_new = known.is_none();
-    let own = Options { seed: options.seed, known, raw: raw.as_ref(), progress: options.progress };
+    let own = Options { seed: options.seed, known, raw: raw.as_ref(), manoeuvres: options.manoeuvres, progress: options.progress };
     let diagnosis = diagnose(&measured, believed, checked.findings, &checked.faults, &own);
     if is_new {
         (options.keep)(key, &diagnosis.thresholds);
@@ -821,6 +844,8 @@ pub struct Settings<'a> {
     pub seed: u64,
     /// When the unit's clock was 0, ns.
     pub clock_start_ns: i64,
+    /// What the unit did, on the time scale of the recording; nothing where its motion is to tell.
+    pub manoeuvres: Option<&'a [Window]>,
     /// Thresholds by their key.
     pub known: &'a (dyn Fn(u64) -> Option<Thresholds> + Sync),
     /// Keeps thresholds.

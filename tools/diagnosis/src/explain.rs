@@ -50,6 +50,8 @@ pub struct Round {
     pub candidates: Vec<Candidate>,
     /// What was kept: index of the change in the state.
     pub kept: Option<usize>,
+    /// Which of the candidates was added, even where it was dropped again later.
+    pub added: Option<usize>,
 }
 
 /// A walk that is not as configured.
@@ -134,12 +136,16 @@ fn grow(case: &Case, bank: &Bank, thresholds: &Thresholds, mut now: Explained) -
                 *fall > 0.0 && (candidate.family == Family::SUDDEN || candidate.held_out.iter().sum::<f64>() > 0.0)
             })
             .max_by(|one, other| one.0.total_cmp(&other.0));
-        let mut round = Round { candidates: candidates.clone(), kept: None };
+        let mut round = Round { candidates: candidates.clone(), kept: None, added: None };
         let Some((_, candidate, state, normal)) = best else {
             now.rounds.push(round);
             break;
         };
         round.kept = Some(state.held.len() - 1);
+        round.added = candidates.iter().position(|other| {
+            (other.base, &other.variation, other.change.gyros)
+                == (candidate.base, &candidate.variation, candidate.change.gyros)
+        });
         now.rounds.push(round);
         now.costs.push(cost(&candidate));
         now.held_out.push(candidate.held_out);

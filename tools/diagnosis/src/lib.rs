@@ -16,6 +16,8 @@ pub mod report;
 pub mod rivals;
 pub mod search;
 pub mod state;
+pub mod stretches;
+pub mod whereabouts;
 pub mod whitening;
 
 pub use bank::Bank;

@@ -6,6 +6,7 @@ use serde_json::{Map, Value, json};
 use crate::change::Gyros;
 use crate::diagnosis::{Class, Diagnosis, Entry, Gaps, Number, Verdict};
 use crate::gap::Gap;
+use crate::whereabouts::standing_out;
 
 /// Names of gyros.
 pub fn names(gyros: &Gyros) -> Vec<&'static str> {
@@ -156,6 +157,15 @@ pub fn sentence(entry: &Entry) -> String {
     text
 }
 
+/// A verdict in a sentence.
+pub fn verdict(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Consistent => "consistent: the model explains the recording",
+        Verdict::Explained => "explained: with what was missing the model explains the recording",
+        Verdict::Unexplained => "unexplained: something is left that no effect of the model explains",
+    }
+}
+
 /// The report for a terminal.
 pub fn text(diagnosis: &Diagnosis) -> String {
     let mut text = String::new();
@@ -163,11 +173,7 @@ pub fn text(diagnosis: &Diagnosis) -> String {
         text += &content;
         text.push('\n');
     };
-    line(match diagnosis.verdict {
-        Verdict::Consistent => "consistent: the model explains the recording".to_owned(),
-        Verdict::Explained => "explained: with what was missing the model explains the recording".to_owned(),
-        Verdict::Unexplained => "unexplained: something is left that no effect of the model explains".to_owned(),
-    });
+    line(verdict(diagnosis.verdict).to_owned());
     for (class, title) in [
         (Class::MissingEffect, "missing in the model"),
         (Class::Recalibration, "the calibration has moved; this is no missing effect"),
@@ -191,6 +197,11 @@ pub fn text(diagnosis: &Diagnosis) -> String {
         for found in &diagnosis.findings {
             line(format!("  {}: {}: {}", found.kind, found.place, found.text));
         }
+    }
+    let places = standing_out(diagnosis);
+    if !places.is_empty() {
+        line("\nwhere the data leave the model, in sigmas before and after".to_owned());
+        places.into_iter().for_each(|place| line(format!("  {place}")));
     }
     line("\ngap, arcsec within 30 min       rms      max   at the end   chi2/dof".to_owned());
     for (name, gap) in [

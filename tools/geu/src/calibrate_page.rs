@@ -11,7 +11,7 @@ use geu_protocol::Gyro;
 
 use crate::calibrate::fine;
 use crate::page::chart::{CROSS, Chart, DIAMOND};
-use crate::page::{date, escape, fixed, html, sigmas as in_sigmas, signed, significant, table};
+use crate::page::{date, escape, fixed, html, prose, provenance, sigmas as in_sigmas, signed, significant, table};
 
 const S_PER_DAY: f64 = 86_400.0;
 /// Beyond so many sigmas a residual is marked: among a hundred equations one is by chance once in four.
@@ -443,29 +443,10 @@ impl Page<'_> {
     }
 
     fn provenance(&self) -> String {
-        let mut text = String::from("<h2>Provenance</h2>\n<dl>\n");
-        let mut item = |name: &str, what: &str| {
-            let _ = writeln!(text, "<dt>{}</dt><dd><code>{}</code></dd>", escape(name), escape(what));
-        };
-        item("command", &command());
-        item("geu", crate::VERSION.as_str());
-        for (what, name) in &self.inputs {
-            item(what, name);
-        }
-        for one in self.earlier {
-            item("earlier calibration", &one.name);
-        }
-        let (name, configuration, overrides) = &self.configuration;
-        item("configuration", name);
-        for value in *overrides {
-            item("override", value);
-        }
-        let _ = writeln!(
-            text,
-            "</dl>\n<details>\n<summary>The configuration as it was read</summary>\n<pre>{}</pre>\n</details>",
-            escape(configuration)
-        );
-        text
+        let earlier = self.earlier.iter().map(|one| ("earlier calibration", one.name.clone()));
+        let inputs: Vec<_> = self.inputs.iter().cloned().chain(earlier).collect();
+        let (name, text, overrides) = &self.configuration;
+        provenance(&inputs, name, text, overrides)
     }
 }
 
@@ -500,27 +481,10 @@ fn position(parameter: Parameter) -> usize {
     solve::PER_GYRO * parameter.gyro as usize + parameter.index
 }
 
-/// A cell that is read, not compared.
-fn prose(text: &str) -> String {
-    format!("<span class=\"prose\">{}</span>", escape(text))
-}
-
 fn percent(probability: f64) -> String {
     match probability * 100.0 {
         percent if percent < 0.1 => "less than 0.1 %".to_owned(),
         percent if percent > 99.9 => "more than 99.9 %".to_owned(),
         percent => format!("{} %", significant(percent, 2)),
     }
-}
-
-/// The command line, so that a shell takes it again.
-fn command() -> String {
-    let quoted = std::env::args().map(|argument| {
-        let is_plain = |character: char| character.is_ascii_alphanumeric() || "-_./=,:+@%".contains(character);
-        match !argument.is_empty() && argument.chars().all(is_plain) {
-            true => argument,
-            false => format!("'{}'", argument.replace('\'', r"'\''")),
-        }
-    });
-    quoted.collect::<Vec<_>>().join(" ")
 }

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
+use geu_calibration::window;
 use geu_diagnosis::diagnosis::{Class, Diagnosis, Entry};
 use geu_diagnosis::{Settings as Diagnosing, Thresholds, Verdict, diagnose_rows, report};
 use geu_model::Configuration;
@@ -15,6 +16,8 @@ use geu_recording::{Defect, DefectKind, InputReader, Options, Reference, Row, Si
 use indicatif::ProgressBar;
 
 use crate::calibrate::write;
+use crate::decode::refuse_overwriting;
+use crate::diagnose_page::Page;
 use crate::failure::{Failure, note, say};
 use crate::settings::{NamedSettings, Settings};
 
@@ -34,6 +37,9 @@ pub struct Arguments {
     /// Reference attitude: reference.csv or a CCSDS attitude ephemeris
     #[arg(long, value_name = "FILE")]
     reference: String,
+    /// Manoeuvres that residuals are told by, CSV with the columns manoeuvre,start_s,end_s [default: cut where the motion changes]
+    #[arg(long, value_name = "FILE")]
+    manoeuvres: Option<String>,
     /// Time at which the unit's clock was 0, for recordings without receive times [default: start of the reference]
     #[arg(long, value_name = "UNIX_SECONDS", allow_negative_numbers = true, value_parser = crate::settings::start)]
     start: Option<f64>,
@@ -43,6 +49,9 @@ pub struct Arguments {
     /// Write the result as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
+    /// Write the result as a page with plots, which needs no other file
+    #[arg(long, value_name = "FILE")]
+    html: Option<PathBuf>,
     /// Write the configuration with what was found, its comments kept
     #[arg(long, value_name = "CONFIG")]
     out: Option<PathBuf>,
@@ -59,16 +68,23 @@ pub struct Arguments {
 /// # Errors
 /// Input that cannot be read, results that cannot be written; exit 3 where something is left unexplained.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let inputs = arguments.inputs();
+    let config = arguments.unit.config.as_ref().and_then(|path| path.to_str());
+    for (option, file) in [("--json", &arguments.json), ("--html", &arguments.html)] {
+        refuse_overwriting(option, file.as_ref(), inputs.iter().map(|(_, name)| name.as_str()).chain(config))?;
+    }
     let settings = Settings::from(&arguments.unit);
     let believed = settings.read()?;
     let reference = Reference::read(&arguments.reference).map_err(Failure::input)?;
     let recording = Recording::read(&arguments.link, arguments.base)?;
+    let windows = arguments.manoeuvres.as_deref().map(window::read).transpose().map_err(Failure::input)?;
     let bar = ProgressBar::new_spinner();
     bar.enable_steady_tick(Duration::from_millis(200));
     let cache = Cache::new(arguments.no_cache);
     let diagnosing = Diagnosing {
         seed: arguments.seed,
         clock_start_ns: arguments.start.map_or(reference.start_ns, unix_ns),
+        manoeuvres: windows.as_deref(),
         known: &|key| cache.get(key),
         keep: &|key, thresholds| cache.put(key, thresholds),
         progress: &|what| bar.set_message(what.to_owned()),
@@ -82,8 +98,24 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(path) = &arguments.out {
         write(path, written(&settings, &diagnosis, &arguments.link)?)?;
     }
+    if let Some(path) = &arguments.html {
+        let (name, text) = settings.text()?;
+        let inputs = arguments.inputs();
+        let page = Page { diagnosis: &diagnosis, inputs, configuration: (name, text, &settings.overrides) };
+        write(path, page.html())?;
+    }
     say!("{}", report::text(&diagnosis).trim_end())?;
     if diagnosis.verdict == Verdict::Unexplained { Err(Failure::unexplained()) } else { Ok(()) }
+}
+
+impl Arguments {
+    /// What is read, what it is and its name.
+    fn inputs(&self) -> Vec<(&'static str, String)> {
+        let links = self.link.iter().map(|name| ("recording", name.clone()));
+        let reference = ("reference attitude", self.reference.clone());
+        let manoeuvres = self.manoeuvres.iter().map(|name| ("manoeuvres", name.clone()));
+        links.chain([reference]).chain(manoeuvres).collect()
+    }
 }
 
 /// The configuration with all that was found, each with a comment that says where and how well.

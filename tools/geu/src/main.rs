@@ -13,6 +13,8 @@ mod config;
 mod decode;
 mod describe;
 mod diagnose;
+mod diagnose_charts;
+mod diagnose_page;
 mod draw;
 mod failure;
 mod gyro_csv;

@@ -215,7 +215,7 @@ impl Survey {
         keep: &(dyn Fn(u64, &Thresholds) + Sync),
     ) -> Result<Diagnosis, MeasuredError> {
         let clock_start_ns = flight.reference.start_ns;
-        let settings = Settings { seed: 1, clock_start_ns, known, keep, progress: &|_| {} };
+        let settings = Settings { seed: 1, clock_start_ns, known, keep, manoeuvres: None, progress: &|_| {} };
         diagnose_rows(&flight.rows, &[], &self.believed, &flight.reference, &settings)
     }
 }

@@ -4,8 +4,9 @@ use std::fmt::Write;
 
 use super::escape;
 
-/// Room for labels, pixels.
+/// Room for numbers at the left, pixels.
 const LEFT: f64 = 46.0;
+/// Room for other labels.
 const RIGHT: f64 = 8.0;
 const TOP: f64 = 19.0;
 const LINE: f64 = 15.0;
@@ -13,6 +14,7 @@ const LINE: f64 = 15.0;
 /// A diagram that grows.
 pub struct Chart {
     size: (f64, f64),
+    left: f64,
     x: (f64, f64),
     y: (f64, f64),
     bottom: f64,
@@ -30,10 +32,15 @@ pub enum Anchor {
 impl Chart {
     /// An empty diagram over ranges; `label` says in words what it shows. Room for `lines` of text is kept below.
     pub fn new(label: &str, size: (f64, f64), x: (f64, f64), y: (f64, f64), lines: u8) -> Chart {
+        Chart::with_left(LEFT, label, size, x, y, lines)
+    }
+
+    /// The same with so much room at the left, where words stand there.
+    pub fn with_left(left: f64, label: &str, size: (f64, f64), x: (f64, f64), y: (f64, f64), lines: u8) -> Chart {
         let (width, height) = size;
         let label = escape(label);
         let text = format!("<svg viewBox=\"0 0 {width} {height}\" role=\"img\" aria-label=\"{label}\">\n");
-        let mut chart = Chart { size, x, y, bottom: height - 4.0 - LINE * f64::from(lines), text };
+        let mut chart = Chart { size, left, x, y, bottom: height - 4.0 - LINE * f64::from(lines), text };
         let (left, right) = (chart.x_px(x.0), chart.x_px(x.1));
         let _ = writeln!(
             chart.text,
@@ -45,7 +52,7 @@ impl Chart {
     }
 
     fn x_px(&self, x: f64) -> f64 {
-        LEFT + (x - self.x.0) / (self.x.1 - self.x.0) * (self.size.0 - LEFT - RIGHT)
+        self.left + (x - self.x.0) / (self.x.1 - self.x.0) * (self.size.0 - self.left - RIGHT)
     }
 
     fn y_px(&self, y: f64) -> f64 {
@@ -54,10 +61,18 @@ impl Chart {
 
     /// Ticks beside it, about `count`, with lines across.
     pub fn y_ticks(&mut self, count: usize) {
-        for (tick, name) in ticks(self.y, count) {
+        self.y_lines(ticks(self.y, count));
+    }
+
+    /// The same from some value on.
+    pub fn y_ticks_from(&mut self, least: f64, count: usize) {
+        self.y_lines(ticks((least, self.y.1), count));
+    }
+
+    fn y_lines(&mut self, ticks: Vec<(f64, String)>) {
+        for (tick, name) in ticks {
             self.line(if tick == 0.0 { "zero" } else { "rule" }, (self.x.0, tick), (self.x.1, tick));
-            let y = self.y_px(tick) + 4.0;
-            self.put(LEFT - 5.0, y, Anchor::End, &name);
+            self.beside(tick, &name);
         }
     }
 
@@ -83,7 +98,7 @@ impl Chart {
 
     /// What the axis beside tells, above it.
     pub fn y_name(&mut self, text: &str) {
-        self.put(LEFT, TOP - 6.0, Anchor::Start, text);
+        self.put(self.left, TOP - 6.0, Anchor::Start, text);
     }
 
     fn put(&mut self, x: f64, y: f64, anchor: Anchor, text: &str) {
@@ -108,16 +123,46 @@ impl Chart {
         );
     }
 
+    /// A text beside it at `y`.
+    pub fn beside(&mut self, y: f64, text: &str) {
+        let y = self.y_px(y) + 4.0;
+        self.put(self.left - 5.0, y, Anchor::End, text);
+    }
+
+    /// A text in the middle of a place.
+    pub fn within(&mut self, at: (f64, f64), text: &str) {
+        let (x, y) = (self.x_px(at.0), self.y_px(at.1) + 4.0);
+        self.put(x, y, Anchor::Middle, text);
+    }
+
+    /// How wide so much of `x` is, pixels.
+    pub fn width_px(&self, of_x: f64) -> f64 {
+        self.x_px(self.x.0 + of_x) - self.x_px(self.x.0)
+    }
+
+    /// A box between two corners with what it is.
+    pub fn rectangle(&mut self, class: &str, from: (f64, f64), to: (f64, f64), title: &str) {
+        let (left, right) = (self.x_px(from.0), self.x_px(to.0));
+        let (top, bottom) = (self.y_px(to.1), self.y_px(from.1));
+        let _ = writeln!(
+            self.text,
+            "<rect class=\"{class}\" x=\"{left:.1}\" y=\"{top:.1}\" width=\"{:.1}\" height=\"{:.1}\"><title>{}</title></rect>",
+            (right - left).max(0.5),
+            (bottom - top).max(0.0),
+            escape(title)
+        );
+    }
+
     /// A closed line; what lies beyond the frame is not seen.
     pub fn polygon(&mut self, class: &str, points: impl IntoIterator<Item = (f64, f64)>) {
         let mut all = String::new();
         for point in points {
             let _ = write!(all, "{:.1},{:.1} ", self.x_px(point.0), self.y_px(point.1));
         }
-        let (width, height) = (self.size.0 - LEFT - RIGHT, self.bottom - TOP);
+        let (left, width, height) = (self.left, self.size.0 - self.left - RIGHT, self.bottom - TOP);
         let _ = writeln!(
             self.text,
-            "<svg x=\"{LEFT}\" y=\"{TOP}\" width=\"{width}\" height=\"{height}\" viewBox=\"{LEFT} {TOP} {width} {height}\"><polygon class=\"{class}\" points=\"{}\"/></svg>",
+            "<svg x=\"{left}\" y=\"{TOP}\" width=\"{width}\" height=\"{height}\" viewBox=\"{left} {TOP} {width} {height}\"><polygon class=\"{class}\" points=\"{}\"/></svg>",
             all.trim_end()
         );
     }
@@ -143,7 +188,7 @@ impl Chart {
             (at, format!("<path class=\"{class}\" d=\"{path}\">"))
         } else {
             let degrees = (-dy * (self.bottom - TOP) / (self.y.1 - self.y.0))
-                .atan2(dx * (self.size.0 - LEFT - RIGHT) / (self.x.1 - self.x.0))
+                .atan2(dx * (self.size.0 - self.left - RIGHT) / (self.x.1 - self.x.0))
                 .to_degrees();
             let shape = format!("<path class=\"{arrow}\" d=\"{ARROW}\" transform=\"rotate({degrees:.1})\">");
             ((middle_x + dx / beyond, middle_y + dy / beyond), shape)

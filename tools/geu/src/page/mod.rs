@@ -68,6 +68,40 @@ pub fn table(caption: &str, header: &[&str], rows: impl IntoIterator<Item = Vec<
     text + "</tbody>\n</table>\n</div>\n"
 }
 
+/// A cell that is read, not compared.
+pub fn prose(text: &str) -> String {
+    format!("<span class=\"prose\">{}</span>", escape(text))
+}
+
+/// What a page rests on: the command, the version, what was read by what it is and its name, the configuration.
+pub fn provenance(inputs: &[(&str, String)], name: &str, configuration: &str, overrides: &[String]) -> String {
+    let mut text = String::from("<h2>Provenance</h2>\n<dl>\n");
+    let mut item = |name: &str, what: &str| {
+        text += &format!("<dt>{}</dt><dd><code>{}</code></dd>\n", escape(name), escape(what));
+    };
+    item("command", &command());
+    item("geu", crate::VERSION.as_str());
+    inputs.iter().for_each(|(what, name)| item(what, name));
+    item("configuration", name);
+    overrides.iter().for_each(|value| item("override", value));
+    let configuration = escape(configuration);
+    text + &format!(
+        "</dl>\n<details>\n<summary>The configuration as it was read</summary>\n<pre>{configuration}</pre>\n</details>\n"
+    )
+}
+
+/// The command line, so that a shell takes it again.
+fn command() -> String {
+    let quoted = std::env::args().map(|argument| {
+        let is_plain = |character: char| character.is_ascii_alphanumeric() || "-_./=,:+@%".contains(character);
+        match !argument.is_empty() && argument.chars().all(is_plain) {
+            true => argument,
+            false => format!("'{}'", argument.replace('\'', r"'\''")),
+        }
+    });
+    quoted.collect::<Vec<_>>().join(" ")
+}
+
 /// A number with so many significant digits and without an exponent.
 pub fn significant(value: f64, digits: i32) -> String {
     let decimals = if value == 0.0 { 0 } else { (digits - 1 - value.abs().log10().floor() as i32).clamp(0, 12) };

@@ -1,0 +1,170 @@
+//! `geu diagnose --html`: a page that stands by itself, of a recording that is explained and of one that is not.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use geu_plant::{Gyro, Hidden, Plant};
+use geu_tests::geu;
+use geu_tests::page::well_formed;
+use tempfile::TempDir;
+
+/// A recording of the plant, diagnosed: the exit code, the report and the page.
+struct Diagnosed {
+    room: TempDir,
+    code: Option<i32>,
+    report: String,
+    page: String,
+}
+
+impl Diagnosed {
+    fn of(seed: u64, hidden: Hidden, further: &[&str]) -> Diagnosed {
+        let room = tempfile::tempdir().expect("a directory");
+        let at = |name: &str| room.path().join(name).display().to_string();
+        let recording = Plant { duration_s: 7200.0, ..Plant::new(seed, vec![hidden]) }.record();
+        for (name, text) in [("link.log", &recording.link), ("reference.csv", &recording.reference)] {
+            fs::write(at(name), text).expect("written");
+        }
+        // A list that begins and ends within the recording, on its time scale.
+        fs::write(at("manoeuvres.csv"), "manoeuvre,start_s,end_s\n<first> & only,1795000100,1795003000\n")
+            .expect("written");
+        let mut command = geu();
+        command.args([
+            "diagnose",
+            "--link",
+            &at("link.log"),
+            "--reference",
+            &at("reference.csv"),
+            "--html",
+            &at("page.html"),
+        ]);
+        command.args(further.iter().map(|text| text.replace("{}", &room.path().display().to_string())));
+        // Thresholds of its own, so that nobody's cache is filled.
+        let output = command.env("XDG_CACHE_HOME", at("cache")).output().expect("geu starts");
+        let page = fs::read_to_string(at("page.html"))
+            .unwrap_or_else(|error| panic!("no page: {error}: {}", String::from_utf8_lossy(&output.stderr)));
+        let report = String::from_utf8_lossy(&output.stdout).into_owned();
+        Diagnosed { room, code: output.status.code(), report, page }
+    }
+
+    /// What holds of every page.
+    fn assert_whole(&self) {
+        let tags = well_formed(&self.page);
+        assert!(tags.iter().all(|tag| !["script", "link", "img", "iframe", "a"].contains(&tag.as_str())));
+        for outside in ["://", "src=", "href=", "url(", "@import"] {
+            assert!(!self.page.contains(outside), "{outside}");
+        }
+        for title in [
+            "Found",
+            "Residuals before and after",
+            "Manoeuvres",
+            "Where the data leave the model",
+            "Search",
+            "Rivals",
+            "Proof on held-out data",
+            "Exact checks",
+            "Provenance",
+        ] {
+            assert!(self.page.contains(&format!("<h2>{title}</h2>")), "{title}");
+        }
+        for gyro in ["GYRX", "GYRY", "GYRZA", "GYRZB"] {
+            let chart = self.chart(&format!("Residual of {gyro} before and after, arcsec over seconds"));
+            for class in ["before", "after", "window"] {
+                assert!(chart.contains(&format!("class=\"{class}\"")), "{gyro} {class}");
+            }
+            let bars = self.chart(&format!("Gap of {gyro} in each manoeuvre before and after, arcsec"));
+            assert!(
+                bars.contains("class=\"before\"") && bars.contains("class=\"after\"") && bars.contains("arcsec rms")
+            );
+        }
+        // Every sentence about a thing found is that of the report.
+        let found = self.report.lines().filter(|line| line.starts_with("  GYR") && line.contains("% of the gap"));
+        for sentence in found {
+            assert!(self.page.contains(&sentence.trim().replace('>', "&gt;")), "{sentence}");
+        }
+        assert!(!self.page.contains("NaN") && !self.page.contains("inf"), "a number that is none");
+    }
+
+    /// The diagram with this label; nested ones, which clip, included.
+    fn chart(&self, label: &str) -> &str {
+        let start = self.page.find(&format!("aria-label=\"{label}\">")).unwrap_or_else(|| panic!("no {label}"));
+        let rest = &self.page[start..];
+        &rest[..rest.find("</figure>").expect("an end")]
+    }
+
+    /// The search table of a round.
+    fn round(&self, number: usize) -> &str {
+        let start = self.page.find(&format!("<h3>Round {number}: ")).unwrap_or_else(|| panic!("no round {number}"));
+        let rest = &self.page[start..];
+        &rest[..rest.find("</table>").expect("an end")]
+    }
+}
+
+/// Draws a page as a reader sees it; nothing where there is no browser.
+fn screenshot(page: &Path, width: usize) -> Option<PathBuf> {
+    let browser = ["chromium", "chromium-browser", "google-chrome"]
+        .into_iter()
+        .find(|name| Command::new(name).arg("--version").output().is_ok_and(|output| output.status.success()))?;
+    let (directory, image) = (page.parent().expect("a directory"), page.with_extension(format!("{width}.png")));
+    let shown = Command::new(browser)
+        .args(["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"])
+        .arg(format!("--user-data-dir={}", directory.join("browser").display()))
+        .arg(format!("--window-size={width},4000"))
+        .arg(format!("--screenshot={}", image.display()))
+        .arg(page)
+        .output()
+        .expect("the browser starts");
+    assert!(shown.status.success(), "{}", String::from_utf8_lossy(&shown.stderr));
+    Some(image)
+}
+
+#[test]
+fn a_pivot_clearance_is_told_with_both_residuals_its_search_and_where_it_shows() {
+    let hidden = Hidden::new("pivot-clearance", &[Gyro::X], &[("clearance_arcsec", 11.5)]);
+    let diagnosed = Diagnosed::of(7, hidden, &[]);
+    assert_eq!(diagnosed.code, Some(0), "{}", diagnosed.report);
+    diagnosed.assert_whole();
+    let page = &diagnosed.page;
+    assert!(page.contains("<strong>explained</strong>: with what was missing the model explains the recording."));
+    assert!(page.contains("<li>GYRX: pivot-clearance, clearance_arcsec = 11."), "the sentence");
+    let first = diagnosed.round(1);
+    assert!(first.starts_with("<h3>Round 1: added pivot-clearance</h3>"), "{first}");
+    assert!(first.contains("<b>pivot-clearance</b>") && first.contains("<td>added</td>"), "{first}");
+    // What it does shows at the slews about Y, and no more once it is in the model.
+    assert!(page.contains(" turn about Y at +720 arcsec/s</th>"));
+    let before = diagnosed.chart("Where the data of GYRX leave the model before: variables over seconds");
+    let after = diagnosed.chart("Where the data of GYRX leave the model after: variables over seconds");
+    let count = |chart: &str| chart.matches("class=\"heat ").count();
+    assert!(
+        before.contains("strong") && count(before) > 10 * count(after).max(1),
+        "{} {}",
+        count(before),
+        count(after)
+    );
+    assert!(diagnosed.report.contains("where the data leave the model, in sigmas before and after\n  GYRX along "));
+    match screenshot(&diagnosed.room.path().join("page.html"), 1280) {
+        Some(image) => {
+            let bytes = fs::read(image).expect("an image");
+            assert!(bytes.starts_with(b"\x89PNG") && bytes.len() > 50_000, "{} bytes", bytes.len());
+        }
+        None => println!("skipped: no Chromium here, the page was not drawn"),
+    }
+}
+
+#[test]
+fn a_backlash_ends_unexplained_with_its_interval_in_the_residual() {
+    let hidden = Hidden::new("count-backlash", &[Gyro::Y], &[("play_arcsec", 30.0)]);
+    let diagnosed = Diagnosed::of(8, hidden, &["--manoeuvres", "{}/manoeuvres.csv"]);
+    assert_eq!(diagnosed.code, Some(3), "{}", diagnosed.report);
+    diagnosed.assert_whole();
+    assert!(
+        diagnosed
+            .page
+            .contains("<strong>unexplained</strong>: something is left that no effect of the model explains.")
+    );
+    let chart = diagnosed.chart("Residual of GYRY before and after, arcsec over seconds");
+    assert!(chart.contains("class=\"left\"") && chart.contains("<title>left unexplained, "));
+    assert!(diagnosed.page.contains("Left unexplained: GYRY"));
+    // The list's manoeuvre, under its own name.
+    assert!(diagnosed.page.contains("<th scope=\"row\">1 &lt;first&gt; &amp; only</th><td>100</td><td>2900</td>"));
+}

@@ -1,0 +1,234 @@
+//! The diagrams of a diagnosis: residuals over time, gaps by manoeuvre, where the data leave the model.
+
+use geu_diagnosis::diagnosis::Diagnosis;
+use geu_diagnosis::gap::WINDOW;
+use geu_diagnosis::stretches::Stretch;
+use geu_diagnosis::whereabouts::{STANDS_OUT, VARIABLES, Whereabouts};
+use geu_model::units::HALF_SECOND_S;
+use geu_protocol::Gyro;
+
+use crate::page::chart::Chart;
+use crate::page::{escape, fixed, significant};
+
+/// Columns of pixels into which a residual is gathered.
+const COLUMNS: usize = 800;
+/// Room that a digit takes, pixels.
+const DIGIT_PX: f64 = 7.5;
+/// Most lines at the ends of windows, and most numbers below a diagram.
+const MOST_LABELS: usize = 14;
+/// Classes of the control axes.
+const AXES: [(&str, &str); 3] = [("turn-x", "X"), ("turn-y", "Y"), ("turn-z", "Z")];
+
+/// Class of a number of sigmas; nothing where it does not stand out.
+pub fn strength(sigmas: f64) -> Option<&'static str> {
+    let level = [10.0, STANDS_OUT, 3.0].iter().position(|least| sigmas.abs() > *least)?;
+    let classes = if sigmas > 0.0 {
+        ["plus strong", "plus middling", "plus weak"]
+    } else {
+        ["minus strong", "minus middling", "minus weak"]
+    };
+    Some(classes[level])
+}
+
+/// What the colours of the strip of manoeuvres mean.
+pub fn axes_key() -> String {
+    AXES.iter()
+        .map(|(class, axis)| {
+            format!("<span><svg viewBox=\"0 0 22 14\"><rect class=\"{class}\" width=\"22\" height=\"14\"/></svg>turns about {axis}</span>\n")
+        })
+        .collect()
+}
+
+/// End of the recording, s.
+fn end_s(diagnosis: &Diagnosis) -> f64 {
+    let nodes = diagnosis.windowed.iter().flatten().map(Vec::len).max().unwrap_or(0);
+    (nodes.saturating_sub(1).max(1)) as f64 * HALF_SECOND_S
+}
+
+/// The residual of a gyro before and after, over time.
+pub fn residuals(diagnosis: &Diagnosis, gyro: Gyro) -> String {
+    let name = gyro.name();
+    let [before, after] = &diagnosis.windowed;
+    let series = [("before", &before[gyro as usize]), ("after", &after[gyro as usize])];
+    let known = series.iter().flat_map(|(_, values)| values.iter()).filter(|value| value.is_finite());
+    let (least, most) = known.fold((0.0f64, 0.0f64), |(least, most), value| (least.min(*value), most.max(*value)));
+    let span = (most - least).max(2.0);
+    let end_s = end_s(diagnosis);
+    // The strip of manoeuvres lies below the residual, inside the frame.
+    let strip = (least - 0.24 * span, least - 0.1 * span);
+    let label = format!("Residual of {name} before and after, arcsec over seconds");
+    let mut chart = Chart::new(&label, (860.0, 220.0), (0.0, end_s), (strip.0, most + 0.06 * span), 2);
+    chart.y_ticks_from(least, 6);
+    chart.y_name("arcsec");
+    let left = diagnosis.unexplained.as_ref().filter(|left| left.gyros[gyro as usize]);
+    if let Some(left) = left {
+        let [from_s, to_s] = left.interval_s.map(|at_s| at_s.clamp(0.0, end_s));
+        let title = format!("left unexplained, {from_s:.0}…{to_s:.0} s");
+        chart.rectangle("left", (from_s, strip.1), (to_s, most + 0.06 * span), &title);
+    }
+    windows(&mut chart, end_s, (strip.0, most + 0.06 * span));
+    for (class, values) in series {
+        for run in envelope(values, end_s) {
+            let above = run.iter().map(|&(at, _, most)| (at, most));
+            chart.polygon(class, above.chain(run.iter().rev().map(|&(at, least, _)| (at, least))));
+        }
+    }
+    for (index, stretch) in diagnosis.stretches.iter().enumerate() {
+        let class = stretch.axis.map_or("rest", |axis| AXES[axis.min(2)].0);
+        let (from_s, to_s) = (stretch.from_s, stretch.to_s.min(end_s));
+        chart.rectangle(class, (from_s, strip.0), (to_s, strip.1), &told(index, stretch));
+        let number = (index + 1).to_string();
+        if chart.width_px(to_s - from_s) >= DIGIT_PX * number.len() as f64 {
+            chart.within((0.5 * (from_s + to_s), 0.5 * (strip.0 + strip.1)), &number);
+        }
+    }
+    chart.x_name("s since the start; lines at the ends of windows of 30 min");
+    let rms = |values: &[f64]| {
+        let (sum, count) = values
+            .iter()
+            .filter(|value| value.is_finite())
+            .fold((0.0, 0usize), |(sum, count), value| (sum + value * value, count + 1));
+        if count == 0 {
+            "unknown".to_owned()
+        } else {
+            format!("{} arcsec rms", significant((sum / count as f64).sqrt(), 3))
+        }
+    };
+    let left = left.map_or(String::new(), |left| {
+        format!("; shaded: left unexplained, {:.0}…{:.0} s", left.interval_s[0], left.interval_s[1])
+    });
+    format!(
+        "<figure class=\"broad\">\n<figcaption><b>{name}</b> before {}, after {}{left}</figcaption>\n<div class=\"wide\" role=\"region\" tabindex=\"0\" aria-label=\"{}\">\n{}</div>\n</figure>\n",
+        rms(series[0].1),
+        rms(series[1].1),
+        escape(&label),
+        chart.finish()
+    )
+}
+
+/// Lines at the ends of windows, with their times below.
+fn windows(chart: &mut Chart, end_s: f64, y: (f64, f64)) {
+    let window_s = WINDOW as f64 * HALF_SECOND_S;
+    let count = (end_s / window_s) as usize;
+    let every = count.div_ceil(MOST_LABELS).max(1);
+    for window in 0..=count {
+        let at_s = window as f64 * window_s;
+        chart.line("window", (at_s, y.0), (at_s, y.1));
+        if window % every == 0 {
+            chart.below(at_s, &format!("{at_s:.0}"));
+        }
+    }
+}
+
+/// Least and greatest value in each column of pixels, in runs that neither a gap nor the end of a window interrupts.
+fn envelope(values: &[f64], end_s: f64) -> Vec<Vec<(f64, f64, f64)>> {
+    let mut runs: Vec<Vec<(f64, f64, f64)>> = Vec::new();
+    let mut place = None;
+    for (node, value) in values.iter().enumerate() {
+        if !value.is_finite() {
+            place = None;
+            continue;
+        }
+        let at_s = node as f64 * HALF_SECOND_S;
+        let now = (node.saturating_sub(1) / WINDOW, (at_s / end_s * COLUMNS as f64) as usize);
+        match (place, runs.last_mut().and_then(|run| run.last_mut())) {
+            (Some(before), Some((_, least, most))) if before == now => {
+                (*least, *most) = (least.min(*value), most.max(*value))
+            }
+            (Some((window, _)), Some(_)) if window == now.0 => {
+                runs.last_mut().into_iter().for_each(|run| run.push((at_s, *value, *value)));
+            }
+            _ => runs.push(vec![(at_s, *value, *value)]),
+        }
+        place = Some(now);
+    }
+    runs
+}
+
+/// The gap of a gyro in each manoeuvre, before and after.
+pub fn gap_bars(diagnosis: &Diagnosis, gyro: Gyro) -> String {
+    let (name, stretches) = (gyro.name(), &diagnosis.stretches);
+    let [before, after] = diagnosis
+        .stretch_rms_arcsec
+        .each_ref()
+        .map(|all| -> Vec<f64> { all.iter().map(|rms| rms[gyro as usize]).collect() });
+    let most = before.iter().chain(&after).copied().filter(|rms| rms.is_finite()).fold(1.0, f64::max) * 1.06;
+    let label = format!("Gap of {name} in each manoeuvre before and after, arcsec");
+    let mut chart = Chart::new(&label, (480.0, 190.0), (0.4, stretches.len() as f64 + 0.6), (0.0, most), 2);
+    chart.y_ticks(5);
+    chart.y_name("arcsec rms");
+    for (index, stretch) in stretches.iter().enumerate() {
+        let at = (index + 1) as f64;
+        for (class, rms, left, right) in [("before", &before, at - 0.42, at), ("after", &after, at, at + 0.42)] {
+            let Some(rms) = rms.get(index).filter(|rms| rms.is_finite()) else { continue };
+            chart.rectangle(
+                class,
+                (left, 0.0),
+                (right, *rms),
+                &format!("{}, {class}: {rms:.2} arcsec", told(index, stretch)),
+            );
+        }
+    }
+    let every = stretches.len().div_ceil(MOST_LABELS).max(1);
+    (1..=stretches.len())
+        .filter(|number| (number - 1) % every == 0)
+        .for_each(|number| chart.below(number as f64, &number.to_string()));
+    chart.x_name("number of the manoeuvre");
+    format!("<figure>\n<figcaption><b>{name}</b></figcaption>\n{}</figure>\n", chart.finish())
+}
+
+/// Where the data of a gyro leave a model: variables over time.
+pub fn heat_map(diagnosis: &Diagnosis, model: &Whereabouts, gyro: Gyro, when: &str) -> String {
+    let (name, rows) = (gyro.name(), VARIABLES.len() as f64);
+    let label = format!("Where the data of {name} leave the model {when}: variables over seconds");
+    let end_s = end_s(diagnosis);
+    let mut chart = Chart::with_left(128.0, &label, (480.0, 340.0), (0.0, end_s), (0.0, rows), 2);
+    for (index, variable) in VARIABLES.iter().enumerate() {
+        let bottom = rows - 1.0 - index as f64;
+        chart.beside(bottom + 0.5, variable);
+        chart.line("faintly", (0.0, bottom), (end_s, bottom));
+        for (number, (stretch, sigmas)) in diagnosis.stretches.iter().zip(&model.stretches[gyro as usize]).enumerate() {
+            let Some((sigmas, class)) = sigmas[index].and_then(|sigmas| Some((sigmas, strength(sigmas)?))) else {
+                continue;
+            };
+            let title = format!("{}: {variable} {} σ", told(number, stretch), fixed(sigmas, 1));
+            let corners = ((stretch.from_s, bottom), (stretch.to_s.min(end_s), bottom + 1.0));
+            chart.rectangle(&format!("heat {class}"), corners.0, corners.1, &title);
+        }
+    }
+    windows(&mut chart, end_s, (0.0, rows));
+    chart.x_name("s since the start");
+    format!("<figure>\n<figcaption><b>{name}</b> {when}</figcaption>\n{}</figure>\n", chart.finish())
+}
+
+/// A manoeuvre with its number and times.
+fn told(index: usize, stretch: &Stretch) -> String {
+    format!("{} {}, {:.0}…{:.0} s", index + 1, stretch.name, stretch.from_s, stretch.to_s)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_envelope_is_interrupted_by_gaps_and_windows() {
+        let mut values: Vec<f64> = (0..=2 * WINDOW).map(|node| if node % 2 == 0 { 1.0 } else { -1.0 }).collect();
+        values[0] = f64::NAN;
+        values[100] = f64::NAN;
+        let runs = envelope(&values, WINDOW as f64);
+        assert_eq!(runs.len(), 3);
+        assert!(
+            runs[2].iter().all(|&(_, least, most)| (least, most) == (-1.0, 1.0)) && runs[2].len() == COLUMNS / 2 + 1
+        );
+        assert!(envelope(&[f64::NAN; 4], 1.0).is_empty());
+    }
+
+    #[test]
+    fn strength_begins_at_3_sigma() {
+        assert_eq!(
+            [2.9, 3.1, -6.0, 11.0].map(strength),
+            [None, Some("plus weak"), Some("minus middling"), Some("plus strong")]
+        );
+        assert_eq!(strength(f64::NAN), None);
+    }
+}

@@ -1,0 +1,432 @@
+//! The page of `geu diagnose --html`: what was found, how it was found, why it may be believed, what is left. Its diagrams are in
+//! `diagnose_charts.rs`.
+
+use std::fmt::Write;
+
+use geu_diagnosis::change::Amplitude;
+use geu_diagnosis::diagnosis::{Class, Diagnosis, Entry, RivalShown};
+use geu_diagnosis::explain::Round;
+use geu_diagnosis::gap::Gap;
+use geu_diagnosis::search::{Candidate, set_penalty};
+use geu_diagnosis::whereabouts::{STANDS_OUT, VARIABLES, strongest};
+use geu_diagnosis::{Verdict, report};
+use geu_protocol::Gyro;
+
+use crate::diagnose_charts::{axes_key, gap_bars, heat_map, residuals, strength};
+use crate::page::{escape, fixed, html, prose, provenance, significant, table};
+
+/// Candidates shown of a round.
+const CANDIDATES: usize = 8;
+/// Places shown of those where the data leave the model.
+const PLACES: usize = 12;
+/// Findings shown; a broken recording has thousands.
+const FINDINGS: usize = 200;
+
+/// What the page tells of.
+pub struct Page<'a> {
+    /// What came out.
+    pub diagnosis: &'a Diagnosis,
+    /// What was read, what it is and its name.
+    pub inputs: Vec<(&'static str, String)>,
+    /// The configuration's name, text and overrides.
+    pub configuration: (String, String, &'a [String]),
+}
+
+impl Page<'_> {
+    /// The page.
+    pub fn html(&self) -> String {
+        let mut body = String::from("<h1>Diagnosis of a recording</h1>\n");
+        body += &self.verdict();
+        body += &self.found();
+        body += &self.residuals();
+        body += &self.manoeuvres();
+        body += &self.whereabouts();
+        body += &self.search();
+        body += &self.rivals();
+        body += &self.proof();
+        body += &self.findings();
+        let (name, text, overrides) = &self.configuration;
+        body += &provenance(&self.inputs, name, text, overrides);
+        html("Diagnosis of a recording", &body)
+    }
+
+    fn of_class(&self, class: Class) -> impl Iterator<Item = &Entry> {
+        self.diagnosis.entries.iter().filter(move |entry| entry.class == class)
+    }
+
+    fn verdict(&self) -> String {
+        let tone = match self.diagnosis.verdict {
+            Verdict::Consistent | Verdict::Explained => "good",
+            Verdict::Unexplained => "bad",
+        };
+        let words = report::verdict(self.diagnosis.verdict);
+        let (word, why) = words.split_once(": ").unwrap_or((words, ""));
+        let mut text =
+            format!("<div class=\"verdict {tone}\">\n<p><strong>{}</strong>: {}.</p>\n", escape(word), escape(why));
+        for (class, title) in [
+            (Class::MissingEffect, "Missing in the model"),
+            (Class::Recalibration, "The calibration has moved; this is no missing effect"),
+        ] {
+            let sentences: Vec<String> =
+                self.of_class(class).map(|entry| format!("<li>{}</li>\n", escape(&report::sentence(entry)))).collect();
+            if !sentences.is_empty() {
+                let _ = write!(text, "<p>{title}:</p>\n<ul>\n{}</ul>\n", sentences.concat());
+            }
+        }
+        if let Some(left) = &self.diagnosis.unexplained {
+            let [from_s, to_s] = left.interval_s;
+            let gyros = report::names(&left.gyros).join(", ");
+            let _ =
+                writeln!(text, "<p>Left unexplained: {gyros}: {}, {from_s:.0}…{to_s:.0} s.</p>", escape(&left.shape));
+            let follows: Vec<String> =
+                left.follows.iter().map(|(term, fall)| format!("{} ({fall:.0})", escape(term))).collect();
+            if !follows.is_empty() {
+                let _ = writeln!(text, "<p>It follows most, by the fall of χ²: {}.</p>", follows.join(", "));
+            }
+        }
+        let [before, after] = [&self.diagnosis.before.fitted, &self.diagnosis.after.fitted];
+        let _ = writeln!(
+            text,
+            "<p>The gap, the residual angle within half an hour, goes from {} to {} arcsec rms.</p>\n</div>",
+            significant(before.rms_arcsec, 3),
+            significant(after.rms_arcsec, 3)
+        );
+        text
+    }
+
+    fn found(&self) -> String {
+        let rows = self.diagnosis.entries.iter().flat_map(|entry| {
+            entry.parameters.iter().enumerate().map(|(index, number)| {
+                let is_first = index == 0;
+                let once = |text: String| if is_first { text } else { String::new() };
+                let class = if entry.class == Class::Recalibration { "moved" } else { "missing" };
+                let chi2 = entry.chi2.map_or("–".to_owned(), |(fall, chance)| format!("{fall:.0} ({chance:.0})"));
+                vec![
+                    escape(&report::called(entry)),
+                    gyros(&entry.gyros),
+                    once(class.to_owned()),
+                    escape(&match &entry.formula {
+                        Some((_, unit)) => format!("{}, {unit}", number.name),
+                        None => number.name.clone(),
+                    }),
+                    escape(&report::with_sigma(number)).replace('-', "−"),
+                    once(format!("{} %", fixed(100.0 * entry.gap_share, 1).replace('+', ""))),
+                    once(chi2),
+                ]
+            })
+        });
+        let rows: Vec<_> = rows.collect();
+        if rows.is_empty() {
+            return "<h2>Found</h2>\n<p>Nothing is missing, and the calibration has not moved.</p>\n".to_owned();
+        }
+        let header = ["what", "gyros", "", "parameter", "value ± 1 σ", "of the gap", "fall of χ² (chance)"];
+        let caption = "What was found: values with one sigma, the share of the gap that it takes away, by how much χ² falls \
+                       with it, and what chance does in one recording of a hundred";
+        format!("<h2>Found</h2>\n{}", table(caption, &header, rows))
+    }
+
+    fn residuals(&self) -> String {
+        let mut text = format!(
+            "<h2>Residuals before and after</h2>\n<p>Measured less model, the accumulated angle in arcsec: with the \
+             configuration as given, and with what was found. Windows of 30 min, from line to line, start at zero \
+             each, and so does what follows a break; where the sum cannot be trusted nothing is drawn. The strip below tells \
+             what the unit did, with the numbers of the manoeuvres.</p>\n{}",
+            self.key()
+        );
+        for gyro in Gyro::ALL {
+            text += &residuals(self.diagnosis, gyro);
+        }
+        text
+    }
+
+    /// What colours mean in the diagrams of before and after.
+    fn key(&self) -> String {
+        let mut items = vec![("before", "as configured"), ("after", "with what was found")];
+        if self.diagnosis.unexplained.is_some() {
+            items.push(("left", "where something is left unexplained"));
+        }
+        let items = items.into_iter().map(|(class, words)| {
+            format!("<span><svg viewBox=\"0 0 22 14\"><rect class=\"{class}\" width=\"22\" height=\"14\"/></svg>{words}</span>\n")
+        });
+        format!("<div class=\"key\">\n{}{}</div>\n", items.collect::<String>(), axes_key())
+    }
+
+    fn manoeuvres(&self) -> String {
+        let mut text = String::from(
+            "<h2>Manoeuvres</h2>\n<p>Root mean square of the residual within each manoeuvre, which starts at zero, before and \
+             after.</p>\n<div class=\"figures dense\">\n",
+        );
+        for gyro in Gyro::ALL {
+            text += &gap_bars(self.diagnosis, gyro);
+        }
+        let [before, after] = &self.diagnosis.stretch_rms_arcsec;
+        let rows = self.diagnosis.stretches.iter().enumerate().map(|(index, stretch)| {
+            let rms = |gyro: Gyro| {
+                let [before, after] =
+                    [before, after].map(|all| all.get(index).map_or(f64::NAN, |rms| rms[gyro as usize]));
+                format!("{} → {}", arcsec(before), arcsec(after))
+            };
+            let mut row = vec![
+                format!("{} {}", index + 1, escape(&stretch.name)),
+                format!("{:.0}", stretch.from_s),
+                format!("{:.0}", stretch.to_s - stretch.from_s),
+            ];
+            row.extend(Gyro::ALL.map(rms));
+            row
+        });
+        let header = ["manoeuvre", "start, s", "length, s", "GYRX", "GYRY", "GYRZA", "GYRZB"];
+        let caption = "Manoeuvres, and the residual within each before → after, arcsec rms";
+        let _ = writeln!(
+            text,
+            "</div>\n<details>\n<summary>The {} manoeuvres in numbers</summary>\n{}</details>",
+            self.diagnosis.stretches.len(),
+            table(caption, &header, rows)
+        );
+        text
+    }
+
+    fn whereabouts(&self) -> String {
+        let [before, after] = &self.diagnosis.whereabouts;
+        let rows = (1..VARIABLES.len()).map(|variable| {
+            let of_gyro = |gyro: Gyro| {
+                let [before, after] = [before, after].map(|model| model.whole[gyro as usize][variable]);
+                match (before, after) {
+                    (None, None) => "–".to_owned(),
+                    _ => format!("{} → {}", in_sigmas(before), in_sigmas(after)),
+                }
+            };
+            std::iter::once(escape(VARIABLES[variable])).chain(Gyro::ALL.map(of_gyro)).collect()
+        });
+        let header = ["variable", "GYRX", "GYRY", "GYRZA", "GYRZB"];
+        let caption = "An error of rate in proportion to each variable, before → after, in sigmas, over the whole recording, beside \
+                       the sixteen calibration parameters, with the lag found; – where these leave nothing of it";
+        let mut text = format!(
+            "<h2>Where the data leave the model</h2>\n<p>Along which variable: how large an error of rate in proportion to it is, in \
+             its sigmas. Beyond 3 it is coloured, more beyond {STANDS_OUT:.0} and 10; one colour for each sign. Variables that go \
+             together on this motion stand out together. What exact checks mended is taken as mended.</p>\n{}",
+            table(caption, &header, rows)
+        );
+        text += &self.places();
+        let stands_out = |gyro: &Gyro| {
+            let all = [before, after].into_iter().flat_map(|model| &model.stretches[*gyro as usize]);
+            all.filter_map(strongest).any(|(_, sigmas)| sigmas.abs() > STANDS_OUT)
+        };
+        let (shown, others): (Vec<Gyro>, Vec<Gyro>) = Gyro::ALL.into_iter().partition(stands_out);
+        if !shown.is_empty() {
+            text += "<p>The same in each manoeuvre, over time. Among so many places chance reaches 3 sigma now and then, 5 hardly \
+                     ever. Empty is below 3, or where a manoeuvre tells nothing of a variable.</p>\n<div class=\"figures heats\">\n";
+            for gyro in shown {
+                for (model, when) in self.diagnosis.whereabouts.iter().zip(["before", "after"]) {
+                    text += &heat_map(self.diagnosis, model, gyro, when);
+                }
+            }
+            text += "</div>\n";
+        }
+        if !others.is_empty() {
+            let names: Vec<&str> = others.into_iter().map(Gyro::name).collect();
+            let _ =
+                writeln!(text, "<p>{}: nothing beyond {STANDS_OUT:.0} sigma in any manoeuvre.</p>", names.join(", "));
+        }
+        text
+    }
+
+    /// The manoeuvres in which the data leave the model most.
+    fn places(&self) -> String {
+        let [before, after] = &self.diagnosis.whereabouts;
+        let mut places: Vec<(Gyro, usize, usize, f64)> = Gyro::ALL
+            .into_iter()
+            .flat_map(|gyro| {
+                before.stretches[gyro as usize].iter().enumerate().map(move |(number, own)| (gyro, number, own))
+            })
+            .filter_map(|(gyro, number, own)| strongest(own).map(|(variable, sigmas)| (gyro, number, variable, sigmas)))
+            .filter(|(.., sigmas)| sigmas.abs() > STANDS_OUT)
+            .collect();
+        if places.is_empty() {
+            return String::new();
+        }
+        places.sort_by(|one, other| other.3.abs().total_cmp(&one.3.abs()));
+        let count = places.len();
+        let rows = places.into_iter().take(PLACES).map(|(gyro, number, variable, sigmas)| {
+            let later = after.stretches[gyro as usize].get(number).and_then(|own| own[variable]);
+            let stretch = &self.diagnosis.stretches[number];
+            vec![
+                format!("{} {}", number + 1, escape(&stretch.name)),
+                format!("{:.0}", stretch.from_s),
+                gyro.name().to_owned(),
+                escape(VARIABLES[variable]),
+                in_sigmas(Some(sigmas)),
+                in_sigmas(later),
+            ]
+        });
+        let caption = format!(
+            "The manoeuvres in which the data leave the model most, each with the variable that shows it best: {} of {count}",
+            count.min(PLACES)
+        );
+        table(&caption, &["manoeuvre", "start, s", "gyro", "variable", "before, σ", "after, σ"], rows)
+    }
+
+    fn search(&self) -> String {
+        let mut text = String::from(
+            "<h2>Search</h2>\n<p>Each round looks at every effect of the model on every set of gyros with every course in time \
+             beside all that is held, and adds the one that explains most, where that is more than chance does in one recording \
+             of a hundred and pays on data held out.</p>\n",
+        );
+        if self.diagnosis.rounds.is_empty() {
+            text += "<p>No round was run.</p>\n";
+        }
+        for (index, round) in self.diagnosis.rounds.iter().enumerate() {
+            text += &self.round(index + 1, round);
+        }
+        text
+    }
+
+    fn round(&self, number: usize, round: &Round) -> String {
+        let outcome = |candidate: &Candidate| match round.kept {
+            Some(_) => format!("added {}", named(candidate)),
+            None => format!("added {}, dropped again beside what came later", named(candidate)),
+        };
+        let added = round.added.and_then(|added| round.candidates.get(added));
+        let outcome = added.map_or_else(|| "nothing qualifies".to_owned(), outcome);
+        let shown =
+            round.candidates.iter().enumerate().filter(|(index, _)| *index < CANDIDATES || Some(*index) == round.added);
+        let rows = shown.map(|(index, candidate)| {
+            let change = &candidate.change;
+            let chance =
+                self.diagnosis.thresholds.of(candidate.family) + set_penalty(&change.gyros, change.amplitude.place);
+            let parameters: Vec<String> = change
+                .parameters()
+                .iter()
+                .map(|parameter| format!("{} {}", parameter.name, significant(parameter.value, 4)))
+                .collect();
+            let fall = format!("{:.0}", candidate.gain.chi2);
+            let is_added = Some(index) == round.added;
+            vec![
+                if is_added { format!("<b>{}</b>", named(candidate)) } else { named(candidate) },
+                gyros(&change.gyros),
+                if candidate.gain.chi2 > chance { format!("<b>{fall}</b>") } else { fall },
+                format!("{chance:.0}"),
+                fixed(candidate.held_out.iter().sum(), 0),
+                match (is_added, round.kept) {
+                    (true, Some(_)) => "added".to_owned(),
+                    (true, None) => "added, dropped later".to_owned(),
+                    _ => String::new(),
+                },
+                prose(&parameters.join(", ")),
+            ]
+        });
+        let caption = format!("Round {number}: {}", outcome.replace("<b>", "").replace("</b>", ""));
+        let header = ["candidate", "gyros", "fall of χ²", "chance", "held out", "", "with"];
+        format!("<h3>{caption}</h3>\n{}", table(&format!("Round {number}, the best candidates"), &header, rows))
+    }
+
+    fn rivals(&self) -> String {
+        let mut text = String::from("<h2>Rivals</h2>\n");
+        let rows: Vec<Vec<String>> = self
+            .of_class(Class::MissingEffect)
+            .flat_map(|entry| entry.rivals.iter().map(move |rival| (entry, rival)))
+            .map(|(entry, rival)| rival_row(entry, rival))
+            .collect();
+        if rows.is_empty() {
+            return text + "<p>Nothing that was found has a rival.</p>\n";
+        }
+        text += "<p>What looks like what was found: the cosine of the two signatures on this motion, 1 where they are the same, and \
+                 by how much χ² falls less with the rival in its place.</p>\n";
+        let header = ["found", "rival", "gyros", "cosine", "χ² behind", "what would tell them apart"];
+        text + &table("Rivals, the most alike first", &header, rows)
+    }
+
+    fn proof(&self) -> String {
+        let mut text = String::from("<h2>Proof on held-out data</h2>\n");
+        let rows: Vec<Vec<String>> = self
+            .diagnosis
+            .entries
+            .iter()
+            .filter_map(|entry| {
+                let thirds = entry.held_out?;
+                let mut row = vec![escape(&report::called(entry)), gyros(&entry.gyros)];
+                row.extend(thirds.map(|fall| fixed(fall, 0)));
+                row.push(fixed(thirds.iter().sum(), 0));
+                Some(row)
+            })
+            .collect();
+        if !rows.is_empty() {
+            let caption = "By how much χ² of each third of the recording falls with it, fitted to the other two";
+            text += &table(caption, &["found", "gyros", "first third", "second", "last", "sum"], rows);
+        }
+        let row = |name: &str, gap: &Gap| {
+            let Gap { rms_arcsec, max_arcsec, after_30min_arcsec, reduced_chi2, .. } = *gap;
+            let mut row = vec![name.to_owned()];
+            row.extend([rms_arcsec, max_arcsec, after_30min_arcsec].map(arcsec));
+            row.push(if reduced_chi2.is_finite() { format!("{reduced_chi2:.3}") } else { "–".to_owned() });
+            row
+        };
+        let Diagnosis { before, after, .. } = self.diagnosis;
+        let rows = [
+            row("before, fitted", &before.fitted),
+            row("before, held out", &before.held_out),
+            row("after, fitted", &after.fitted),
+            row("after, held out", &after.held_out),
+        ];
+        let caption = "The gap, arcsec within windows of 30 min over all gyros: fitted, and each third foretold from the other two";
+        text + &table(caption, &["gap", "rms", "largest", "rms at the end", "χ² per degree of freedom"], rows)
+    }
+
+    fn findings(&self) -> String {
+        let findings = &self.diagnosis.findings;
+        if findings.is_empty() {
+            return "<h2>Exact checks</h2>\n<p>Nothing lost, repeated, corrupt, stuck, swapped or inverted, and no jump of \
+                    time.</p>\n"
+                .to_owned();
+        }
+        let rows = findings
+            .iter()
+            .take(FINDINGS)
+            .map(|found| vec![escape(&found.kind), escape(&found.place), prose(&found.text)]);
+        let caption = format!("What exact checks found: {} of {}", findings.len().min(FINDINGS), findings.len());
+        format!("<h2>Exact checks</h2>\n{}", table(&caption, &["kind", "place", "what"], rows))
+    }
+}
+
+fn rival_row(entry: &Entry, rival: &RivalShown) -> Vec<String> {
+    let name = rival.formula.as_ref().unwrap_or(&rival.code);
+    let width = 100.0 * rival.cosine.abs().clamp(0.0, 1.0);
+    vec![
+        escape(&report::called(entry)),
+        escape(name),
+        gyros(&rival.gyros),
+        format!(
+            "{:.3} <span class=\"track\"><span class=\"bar\" style=\"width:{width:.0}%\"></span></span>",
+            rival.cosine
+        ),
+        rival.behind_chi2.map_or_else(|| "the same signature".to_owned(), |behind| format!("{behind:.0}")),
+        match (&rival.remedy, rival.behind_chi2) {
+            (Some(remedy), _) => prose(remedy),
+            (None, Some(behind)) if behind >= geu_diagnosis::rivals::APART_CHI2 => prose("this recording"),
+            _ => prose("nothing in this recording"),
+        },
+    ]
+}
+
+/// What a candidate is: its code or its formula.
+fn named(candidate: &Candidate) -> String {
+    let amplitude: &Amplitude = &candidate.change.amplitude;
+    escape(&amplitude.formula.map_or_else(|| amplitude.code(), |formula| format!("term {formula}")))
+}
+
+fn gyros(gyros: &geu_diagnosis::change::Gyros) -> String {
+    if *gyros == [true; 4] { "all".to_owned() } else { report::names(gyros).join(", ") }
+}
+
+/// A number of arcsec, or that there is none.
+fn arcsec(value: f64) -> String {
+    if value.is_finite() { format!("{value:.2}").replace('-', "−") } else { "–".to_owned() }
+}
+
+/// A number of sigmas in the colour of its strength.
+fn in_sigmas(sigmas: Option<f64>) -> String {
+    let Some(sigmas) = sigmas else { return "–".to_owned() };
+    match strength(sigmas) {
+        Some(class) => format!("<span class=\"heat {class}\">{}</span>", fixed(sigmas, 1)),
+        None => fixed(sigmas, 1),
+    }
+}
