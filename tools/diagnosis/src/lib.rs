@@ -1,6 +1,7 @@
 //! Model against measurement: where the two part, which effect is missing, on which gyro, how large it is.
 
 pub mod bank;
+pub mod blind;
 pub mod change;
 pub mod checks;
 pub mod explain;
