@@ -3,6 +3,7 @@
 pub mod bank;
 pub mod blind;
 pub mod change;
+mod climb;
 pub mod checks;
 pub mod explain;
 pub mod diagnosis;
