@@ -254,6 +254,7 @@ fn products_and_accelerations_are_named() {
 }
 
 #[test]
+#[ignore = "minutes; .ci/run has it"]
 fn pairs_are_named() {
     for pair in [
         [
@@ -286,6 +287,7 @@ fn noises_are_named() {
 }
 
 #[test]
+#[ignore = "minutes; .ci/run has it"]
 fn wiring_is_named() {
     for hidden in [
         Hidden::new("sign-inversion-step", Y, &[("on", 1.0), ONSET]),
@@ -394,9 +396,7 @@ fn effects_of_every_kind_are_named() {
         &[
             Hidden::new("drift-step", Y, &[("arcsec_per_h", 16.0), ONSET]),
             Hidden::new("scale-factor-temperature", &GYROS, &[("ppm_per_k", 12.5)]),
-            Hidden::new("clock-frequency", UNIT, &[("ppm", 14.0)]),
             Hidden::new("pivot-clearance", X, &[("clearance_arcsec", 11.5)]),
-            Hidden::new("output-axis-acceleration", ZA, &[("seconds", 0.005)]),
         ],
     );
 }

@@ -47,7 +47,7 @@ const SAME: f64 = 0.9999;
 /// Cosine above which two signatures are one.
 const SAME_SIGNATURE: f64 = 0.999;
 /// Rivals told.
-const TOLD: usize = 5;
+const TOLD: usize = 8;
 /// Terms told that the rest follows.
 const FOLLOWED: usize = 5;
 
@@ -317,10 +317,6 @@ impl Report<'_> {
         let piled = explained.piled(&|found| is_told(case.believed, &explained, found));
         let unlike: Gyros = std::array::from_fn(|gyro| channels[gyro] > self.thresholds.unlikeness || piled[gyro]);
         if unlike.contains(&true) {
-            // The noise that was to explain it goes with it.
-            if piled.contains(&true) {
-                explained.configure_noise(case, &piled);
-            }
             // A pile that does not end in noise explains nothing: what was held of these gyros alone is no name for it.
             explained.drop_on(case, &unlike);
         }
@@ -340,7 +336,7 @@ impl Report<'_> {
         }
         let mut entries = self.faults();
         entries.extend(self.effects(&explained));
-        entries.extend(self.noises(&explained));
+        entries.extend(self.noises(&explained, &unlike));
         if let Some(entry) = self.lag(&mut explained) {
             entries.push(entry);
         }
@@ -462,9 +458,11 @@ impl Report<'_> {
     }
 
     /// Walks that are larger than configured; gyros of one walk whose sizes agree are one entry.
-    fn noises(&self, explained: &Explained) -> Vec<Entry> {
+    /// On a gyro that is left unexplained they are a last resort, and no name.
+    fn noises(&self, explained: &Explained, unlike: &Gyros) -> Vec<Entry> {
         let mut entries: Vec<(Entry, f64)> = Vec::new();
-        for found in explained.noise.iter().filter(|found| is_told(self.case.believed, explained, found)) {
+        let is_told = |found: &&NoiseFound| is_told(self.case.believed, explained, found) && !unlike[found.channel];
+        for found in explained.noise.iter().filter(is_told) {
             let (spec, number) = match found.walk {
                 Walk::Angle => (AngleRandomWalk::SPEC, AngleRandomWalk::default().specs()[0]),
                 Walk::Rate => (DriftRandomWalk::SPEC, DriftRandomWalk::default().specs()[0]),
@@ -573,8 +571,8 @@ impl Report<'_> {
         let steps = |values: &[f64]| -> Vec<f64> { values.windows(2).map(|pair| pair[1] - pair[0]).collect() };
         self.bank.bases.iter().filter(|base| base.amplitude.place == place).find_map(|base| {
             let (mut both, mut ones, mut others) = (0.0, 0.0, 0.0);
-            for channel in 0..TIMING {
-                let Some(values) = &nuisance[channel] else { continue };
+            for (channel, values) in nuisance.iter().enumerate().take(TIMING) {
+                let Some(values) = values else { continue };
                 let (one, other) = (steps(values), steps(base.values(channel)));
                 both += crate::normal::dot(&one, &other);
                 ones += crate::normal::dot(&one, &one);
@@ -590,7 +588,7 @@ impl Report<'_> {
         let mut entries: Vec<Entry> = Vec::new();
         for (index, (gyro, number)) in sixteen().into_iter().enumerate() {
             let (value, sigma) = (state.sixteen[index], state.sixteen_sigmas[index]);
-            if !(value.abs() > RECALIBRATED_SIGMAS * sigma) {
+            if value.abs() <= RECALIBRATED_SIGMAS * sigma || sigma.is_nan() {
                 continue;
             }
             let Some((amplitude, ratio)) = self.alike(&self.case.nuisances[index], Place::Head) else { continue };
@@ -751,7 +749,7 @@ impl Report<'_> {
                 let first = 1 + start * crate::measured::BLOCK;
                 let end = (first - 1).next_multiple_of(gap::WINDOW).min(gyro.len() - 1);
                 let at_first = gyro.get(first).copied().unwrap_or(f64::NAN);
-                if !at_first.is_nan() && (first - 1) % gap::WINDOW != 0 {
+                if !at_first.is_nan() && !(first - 1).is_multiple_of(gap::WINDOW) {
                     gyro[first..=end].iter_mut().for_each(|value| *value -= at_first);
                 }
             }

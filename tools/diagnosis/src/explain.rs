@@ -137,9 +137,7 @@ fn grow(case: &Case, bank: &Bank, thresholds: &Thresholds, mut now: Explained) -
         let tried: Vec<_> = worth.into_par_iter().filter_map(fitted).collect();
         let best = tried
             .into_iter()
-            .filter(|(fall, candidate, ..)| {
-                *fall > 0.0 && (candidate.family == Family::SUDDEN || candidate.held_out.iter().sum::<f64>() > 0.0)
-            })
+            .filter(|(fall, candidate, ..)| *fall > 0.0 && candidate.pays_held_out())
             .max_by(|one, other| one.0.total_cmp(&other.0));
         let mut round = Round { candidates: candidates.clone(), kept: None, added: None };
         let Some((_, candidate, state, normal)) = best else {
@@ -231,16 +229,6 @@ impl Explained {
         self.costs[one] = self.costs[one].max(cost);
         let held_out = self.held_out.remove(other);
         self.held_out[one].iter_mut().zip(held_out).for_each(|(own, other)| *own += other);
-        self.normal = case.fit(&mut self.state);
-    }
-
-    /// Takes the noise of these gyros as configured again.
-    pub fn configure_noise(&mut self, case: &Case, gyros: &[bool; 4]) {
-        let configured = noise::of(case.believed, case.measured, &case.residual(&self.state));
-        for gyro in (0..TIMING).filter(|&gyro| gyros[gyro]) {
-            self.state.noise[gyro] = configured[gyro];
-        }
-        self.noise.retain(|found| found.channel == TIMING || !gyros[found.channel]);
         self.normal = case.fit(&mut self.state);
     }
 

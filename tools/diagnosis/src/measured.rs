@@ -56,6 +56,9 @@ pub struct Block {
     pub restarts: bool,
 }
 
+/// A lag, and the motion moved by it.
+type Lagging = Option<(f64, Arc<Recorded>)>;
+
 /// A recording beside its reference.
 #[derive(Debug, Clone)]
 pub struct Measured {
@@ -68,7 +71,7 @@ pub struct Measured {
     /// Blocks of each channel. The channel of the times has good ones only where times were received.
     pub blocks: [Vec<Block>; CHANNELS],
     /// The motion moved by a lag.
-    lagging: Arc<Mutex<Option<(f64, Arc<Recorded>)>>>,
+    lagging: Arc<Mutex<Lagging>>,
     /// Time of receipt of each node less nominal half seconds, in units of [`TIMING_UNIT_S`]; NaN where none came.
     late: Vec<f64>,
 }

@@ -302,6 +302,12 @@ impl Normal {
 }
 
 impl Products {
+    /// How the square of the signature spreads over the thirds, in parts of the whole.
+    pub fn shares(&self) -> [f64; THIRDS] {
+        let whole: f64 = self.own.iter().sum();
+        self.own.map(|own| if whole > 0.0 { own / whole } else { 0.0 })
+    }
+
     /// Of nothing.
     pub fn none(nuisances: usize) -> Products {
         Products {

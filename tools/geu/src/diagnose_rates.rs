@@ -34,9 +34,9 @@ pub struct RatesArguments<'a> {
 /// Input that cannot be read or does not suffice, a file that cannot be written, an end unexplained.
 pub fn run(arguments: &RatesArguments) -> Result<(), Failure> {
     let name = arguments.gyro_csv.display().to_string();
-    let inputs = arguments.link.iter().chain([&arguments.reference, &name]).map(String::as_str);
+    let inputs = arguments.link.iter().chain([arguments.reference, &name]).map(String::as_str);
     refuse_overwriting("--json", arguments.json, inputs)?;
-    let text = read_text(&arguments.gyro_csv).map_err(|error| {
+    let text = read_text(arguments.gyro_csv).map_err(|error| {
         Failure::input(format!("{name}: cannot be read: {error}; expected a description, such as configs/suchai3.toml"))
     })?;
     let description = Description::parse(&name, &text).map_err(Failure::input)?;
@@ -44,7 +44,7 @@ pub fn run(arguments: &RatesArguments) -> Result<(), Failure> {
     let links = arguments.link.iter().map(read).collect::<Result<Vec<_>, _>>()?;
     let findings: Vec<Finding> =
         arguments.link.iter().zip(&links).flat_map(|(link, read)| of_link(link, read)).collect();
-    let table = RateTable::read(&arguments.reference, description.reference.as_ref()).map_err(Failure::input)?;
+    let table = RateTable::read(arguments.reference, description.reference.as_ref()).map_err(Failure::input)?;
     let windows = windows::windows(arguments, &description, &links, &table)?;
     let failed = |error| Failure::input(format!("{}: {error}", arguments.reference));
     let diagnosis = diagnose(&windows, arguments.seed).map_err(failed)?;
