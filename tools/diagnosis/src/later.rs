@@ -17,7 +17,10 @@ fn move_courses<E: Effects>(configured: &mut Configured<E>, by_s: f64) {
     for effect in 0..configured.constant.specs().len() {
         let amplitudes = configured.constant.specs()[effect].amplitudes.len();
         let numbers = configured.constant.numbers_mut(effect);
-        for index in (amplitudes..numbers.specs().len()).filter(|&index| numbers.specs()[index].name == "time_s").collect::<Vec<_>>() {
+        for index in (amplitudes..numbers.specs().len())
+            .filter(|&index| numbers.specs()[index].name == "time_s")
+            .collect::<Vec<_>>()
+        {
             *numbers.value_mut(index) -= by_s;
         }
     }

@@ -94,9 +94,12 @@ impl<'a> Remedies<'a> {
         let swings = changes.iter().chain([&found]).any(|change| swings(change));
         let flights = self.flights.get_or_init(|| self.fly());
         let warmings = if swings { &self.warmings.get_or_init(|| self.warm())[..] } else { &[] };
+        // What the state has at hand is of the recording.
+        let mut anew = state.clone();
+        anew.held.iter_mut().for_each(Held::run_anew);
         let flown = |measured: &Measured, nuisances: &[Nuisance]| {
             let case = Case { measured, believed: self.case.believed, nuisances: nuisances.to_vec() };
-            now.followed_by(&signatures(&case, state, index, &changes)).apart(state, found.size)
+            now.followed_by(&signatures(&case, &anew, index, &changes)).apart(state, found.size)
         };
         let tried = flights.par_iter().chain(warmings).map(|Candidate { name, measured, nuisances }| Tried {
             name,
@@ -127,7 +130,9 @@ impl<'a> Remedies<'a> {
         let known = &measured.counts.electronics_c[..=half_seconds];
         let mean_c = known.iter().sum::<f64>() / known.len() as f64;
         let first = |column: &Nuisance| -> Nuisance {
-            std::array::from_fn(|channel| column[channel].as_ref().map(|values| values[..half_seconds / BLOCK].to_vec()))
+            std::array::from_fn(|channel| {
+                column[channel].as_ref().map(|values| values[..half_seconds / BLOCK].to_vec())
+            })
         };
         let candidate = |name: &str, measured: Measured| Candidate {
             name: name.to_owned(),
@@ -137,7 +142,10 @@ impl<'a> Remedies<'a> {
         let later = measured.again(half_seconds, |celsius| 2.0 * mean_c - celsius);
         let warmer = measured.again(half_seconds, |celsius| celsius + WARMER_K);
         vec![
-            candidate("the same motion half an orbit later, as the electronics temperature swings the other way,", later),
+            candidate(
+                "the same motion half an orbit later, as the electronics temperature swings the other way,",
+                later,
+            ),
             candidate(&format!("the same motion with the electronics {WARMER_K} K warmer"), warmer),
         ]
     }
@@ -161,7 +169,9 @@ fn sentence<'a>(cosine: f64, before: Apart, tried: impl Iterator<Item = (&'a Tri
     };
     let (after, sigmas) = (apart.cosine, apart.chi2.sqrt());
     match is_lowered(apart) {
-        true => format!("{name} would bring the cosine from {cosine:.2} to {after:.2}, and the two {sigmas:.1} sigma apart"),
+        true => {
+            format!("{name} would bring the cosine from {cosine:.2} to {after:.2}, and the two {sigmas:.1} sigma apart")
+        }
         false => format!("{name} would leave the cosine at {after:.2}, yet bring the two {sigmas:.1} sigma apart"),
     }
 }
@@ -206,9 +216,11 @@ fn flights(believed: &Configuration) -> Vec<(String, Flight)> {
         match Plan::new(&alone) {
             Ok(_) => sequences.push((name, alone.manoeuvres)),
             // It needs another attitude; of two such, one is the other backwards.
-            Err(_) if name == named(manoeuvre.kind()) => sequences.extend(there_and_back.iter().map(|(both, there, back)| {
-                (format!("{both} with {name} between"), vec![there.clone(), manoeuvre.clone(), back.clone()])
-            })),
+            Err(_) if name == named(manoeuvre.kind()) => {
+                sequences.extend(there_and_back.iter().map(|(both, there, back)| {
+                    (format!("{both} with {name} between"), vec![there.clone(), manoeuvre.clone(), back.clone()])
+                }))
+            }
             Err(_) => {}
         }
     }
@@ -270,8 +282,6 @@ fn bare(name: &str) -> &str {
 /// What each change adds to a recording or a flight, beside all else that is held.
 fn signatures(case: &Case, state: &State, index: usize, rivals: &[&Change]) -> Signatures {
     let mut state = state.clone();
-    // What is at hand is of the recording.
-    state.held.iter_mut().for_each(Held::run_anew);
     let own = case.signature(&state, index);
     state.held.remove(index);
     let (_, nuisances) = case.linearised(&mut state);
@@ -348,7 +358,12 @@ mod tests {
     #[test]
     fn flights_come_of_the_kinds_and_are_named_in_words() {
         let names: Vec<String> = flights(&Configuration::reference()).into_iter().map(|(name, _)| name).collect();
-        for name in ["a Z-scan", "a Y-scan to 120° and back", "a Y-scan to 60° and back with an X-scan between", "an orbit of survey"] {
+        for name in [
+            "a Z-scan",
+            "a Y-scan to 120° and back",
+            "a Y-scan to 60° and back with an X-scan between",
+            "an orbit of survey",
+        ] {
             assert!(names.iter().any(|other| other == name), "{name}: {names:?}");
         }
     }

@@ -12,9 +12,9 @@ use geu_diagnosis::rivals::rivals;
 use geu_diagnosis::state::{Held, State};
 use geu_diagnosis::whitening::Noise;
 use geu_diagnosis::{Bank, Case, Measured};
+use geu_model::Configuration;
 use geu_model::attitude::{Manoeuvre, Motion, Plan, Recorded, Row, Scenario};
 use geu_model::units::HALF_SECOND_S;
-use geu_model::Configuration;
 use geu_recording::Reference;
 
 const NOISE: Noise = Noise { white: 0.01, angle_walk: 0.02, rate_walk: 2e-5 };
@@ -42,7 +42,11 @@ fn recorded(believed: &Configuration, manoeuvres: &[Manoeuvre], after_s: Option<
     let row = |node: usize| {
         let step = motion.advance(node as f64 * HALF_SECOND_S);
         let (theta_rad, psi_rad) = (step.end.theta_rad, step.end.psi_rad);
-        Row { t_s: step.end.t_s, angle_control_arcsec: step.angle_control_arcsec, theta_psi_rad: Some((theta_rad, psi_rad)) }
+        Row {
+            t_s: step.end.t_s,
+            angle_control_arcsec: step.angle_control_arcsec,
+            theta_psi_rad: Some((theta_rad, psi_rad)),
+        }
     };
     let rows: Vec<Row> = (0..=count + 4).map(row).collect();
     let truth = Arc::new(Recorded::new(&rows).expect("a truth"));
@@ -67,7 +71,6 @@ fn holding(case: &Case, found: &Change) -> State {
     state
 }
 
-
 /// Cosine of two changes beside the nuisances, both run over the whole recording.
 fn cosine(case: &Case, one: &Change, other: &Change) -> f64 {
     let state = case.start([NOISE; CHANNELS]);
@@ -75,16 +78,21 @@ fn cosine(case: &Case, one: &Change, other: &Change) -> f64 {
     let normal = Normal::new(case.whitenings(&state.noise), &residual, &nuisances);
     let white = |change: &Change| {
         let signature = case.signature(&holding(case, change), 0);
-        signature.into_iter().enumerate().filter_map(|(channel, values)| {
-            let white = normal.white(channel, &Column { from: 0, values: values? });
-            Some((channel, normal.products(channel, &white), white.1))
-        }).collect::<Vec<_>>()
+        signature
+            .into_iter()
+            .enumerate()
+            .filter_map(|(channel, values)| {
+                let white = normal.white(channel, &Column { from: 0, values: values? });
+                Some((channel, normal.products(channel, &white), white.1))
+            })
+            .collect::<Vec<_>>()
     };
     let (one, other) = (white(one), white(other));
     let products = |parts: &[(usize, Products, Vec<f64>)]| {
         parts.iter().fold(Products::none(normal.nuisances()), |sum, (_, part, _)| sum.plus(part))
     };
-    let pairs = one.iter().flat_map(|one| other.iter().filter(move |other| other.0 == one.0).map(move |other| (one, other)));
+    let pairs =
+        one.iter().flat_map(|one| other.iter().filter(move |other| other.0 == one.0).map(move |other| (one, other)));
     let both = pairs.flat_map(|(one, other)| one.2.iter().zip(&other.2)).map(|(a, b)| a * b).sum();
     normal.cosine(&products(&one), &products(&other), both).abs()
 }
