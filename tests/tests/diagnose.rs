@@ -38,6 +38,7 @@ fn diagnosed(recording: &Recording, reference: &Reference, believed: &Configurat
     let settings = Settings {
         seed: 1,
         clock_start_ns: reference.start_ns,
+        manoeuvres: None,
         known: &|key| THRESHOLDS.lock().expect("no panic").get_or_insert_default().get(&key).cloned(),
         keep: &|key, thresholds| {
             THRESHOLDS.lock().expect("no panic").get_or_insert_default().insert(key, thresholds.clone());

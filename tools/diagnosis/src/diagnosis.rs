@@ -236,8 +236,7 @@ pub fn diagnose(
     tell("search");
     let mut explained = explain(&case, &catalogue, &thresholds, &start);
     let is_noise = unlikeness(&explained.normal.left()).0 <= thresholds.unlikeness;
-    let is_found = !explained.state.held.is_empty() || !explained.noise.is_empty();
-    if !is_noise || is_found && explained.is_doubtful(&case, &formulas, &thresholds) {
+    if !is_noise || explained.is_doubtful(&case, &formulas, &thresholds) {
         tell("formulas");
         let other = explain(&case, &all, &thresholds, &start);
         let has_formula = other.state.held.iter().any(|held| held.change.amplitude.place == Place::Discovered);
@@ -248,7 +247,7 @@ pub fn diagnose(
     tell("report");
     merge_gyros(&case, &mut explained);
     explained.widen_onsets(&case);
-    let bank: &Bank = if is_found || !is_noise { &all } else { &catalogue };
+    let bank: &Bank = if !explained.state.held.is_empty() || !is_noise { &all } else { &catalogue };
     let (raw, manoeuvres) = (options.raw, options.manoeuvres);
     Report { case: &case, bank, thresholds: &thresholds, faults, raw, manoeuvres }.finish(explained, findings)
 }
@@ -315,14 +314,21 @@ impl Report<'_> {
     fn finish(&self, mut explained: Explained, findings: Vec<Finding>) -> Diagnosis {
         let (case, measured) = (self.case, self.case.measured);
         let (_, channels) = unlikeness(&explained.normal.left());
-        let unlike: Gyros = std::array::from_fn(|gyro| channels[gyro] > self.thresholds.unlikeness);
+        let piled = explained.piled(&|found| is_told(case.believed, &explained, found));
+        let unlike: Gyros =
+            std::array::from_fn(|gyro| channels[gyro] > self.thresholds.unlikeness || piled[gyro]);
         if unlike.contains(&true) {
+            // The noise that was to explain it goes with it.
+            if piled.contains(&true) {
+                explained.configure_noise(case, &piled);
+            }
             // A pile that does not end in noise explains nothing: what was held of these gyros alone is no name for it.
             explained.drop_on(case, &unlike);
         }
         let left = explained.normal.left();
         let (_, channels) = unlikeness(&left);
-        let unlike: Gyros = std::array::from_fn(|gyro| channels[gyro] > self.thresholds.unlikeness);
+        let unlike: Gyros =
+            std::array::from_fn(|gyro| channels[gyro] > self.thresholds.unlikeness || piled[gyro]);
         let mut findings = findings;
         let late_s = explained.state.shifts.temperature_s;
         if late_s != 0.0 {

@@ -18,6 +18,8 @@ use crate::state::{Case, Held, State};
 
 /// Effects at most.
 const MOST: usize = 6;
+/// Effects of one gyro at most.
+const MOST_OF_ONE: usize = 3;
 /// Candidates fitted in each round.
 const FITTED: usize = 4;
 /// Candidates that explain less than this share of what the best one does are not fitted.
@@ -177,6 +179,10 @@ impl Explained {
         if !self.noise.is_empty() || (0..TIMING).any(is_pile) {
             return true;
         }
+        let here = search(formulas, &self.normal, &self.state, &|family| thresholds.of(family));
+        if here.first().is_some_and(|best| best.gain.chi2 > thresholds.of(best.family)) {
+            return true;
+        }
         (0..self.state.held.len()).any(|index| {
             let (worth, cost) = self.worth(case, index);
             let mut state = self.state.clone();
@@ -185,6 +191,19 @@ impl Explained {
             let candidates = search(formulas, &normal, &state, &|family| thresholds.of(family));
             let best = candidates.first().map(|best| best.gain.chi2 - thresholds.of(best.family));
             best.is_some_and(|best| best > worth - cost)
+        })
+    }
+
+    /// Gyros whose changes are a pile: noise as a last resort beside several of them, several formulas, or more than anything should
+    /// have. A pile explains everything, and so nothing.
+    pub fn piled(&self, is_told: &dyn Fn(&NoiseFound) -> bool) -> [bool; 4] {
+        std::array::from_fn(|gyro| {
+            let own = || self.state.held.iter().filter(|held| {
+                held.change.amplitude.place != Place::Unit && held.change.gyros[gyro]
+            });
+            let formulas = own().filter(|held| held.change.amplitude.place == Place::Discovered).count();
+            let is_noisy = self.noise.iter().any(|found| found.channel == gyro && is_told(found));
+            own().count() > MOST_OF_ONE || formulas > 1 || is_noisy && own().count() > 1
         })
     }
 
@@ -209,6 +228,16 @@ impl Explained {
         self.costs[one] = self.costs[one].max(cost);
         let held_out = self.held_out.remove(other);
         self.held_out[one].iter_mut().zip(held_out).for_each(|(own, other)| *own += other);
+        self.normal = case.fit(&mut self.state);
+    }
+
+    /// Takes the noise of these gyros as configured again.
+    pub fn configure_noise(&mut self, case: &Case, gyros: &[bool; 4]) {
+        let configured = noise::of(case.believed, case.measured, &case.residual(&self.state));
+        for gyro in (0..TIMING).filter(|&gyro| gyros[gyro]) {
+            self.state.noise[gyro] = configured[gyro];
+        }
+        self.noise.retain(|found| found.channel == TIMING || !gyros[found.channel]);
         self.normal = case.fit(&mut self.state);
     }
 

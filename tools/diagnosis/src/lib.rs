@@ -1,7 +1,9 @@
 //! Model against measurement: where the two part, which effect is missing, on which gyro, how large it is.
 
 pub mod bank;
+pub mod blind;
 pub mod change;
+mod climb;
 pub mod checks;
 pub mod explain;
 pub mod diagnosis;

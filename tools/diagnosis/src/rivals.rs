@@ -3,15 +3,18 @@
 
 use rayon::prelude::*;
 
-use crate::bank::{Bank, Column};
-use crate::change::{Amplitude, Change, Gyros, Place};
-use crate::measured::{Series, TIMING};
+use crate::bank::{Bank, Base, Column, Variation};
+use crate::change::{ALL_GYROS, Amplitude, Change, Gyros, Place};
+use crate::climb::climb;
+use crate::measured::{BLOCK_S, Series, TIMING};
 use crate::normal::{Beside, Normal, Nuisance, Products};
 use crate::search::columns;
 use crate::state::{Case, State};
 
 /// Those that are less alike are none.
 const LEAST_COSINE: f64 = 0.3;
+/// Rivals whose shapes are fitted.
+const CLIMBED: usize = 32;
 /// A group whose members cannot be told apart: what they differ by explains less than this, three sigma.
 pub const APART_CHI2: f64 = 9.0;
 
@@ -24,6 +27,14 @@ pub struct Rival {
     pub cosine: f64,
     /// What χ² falls by more with the one that was found.
     pub behind_chi2: f64,
+}
+
+/// Where a rival was found on the grid.
+struct Spot {
+    base: usize,
+    variation: Variation,
+    gyros: Gyros,
+    cosine: f64,
 }
 
 /// The rivals of the change at `index` of a state, the most alike first.
@@ -41,42 +52,72 @@ pub fn rivals(case: &Case, bank: &Bank, state: &State, index: usize) -> Vec<Riva
     let products = products_of(&normal, &own);
     let Some(found) = normal.gain(&products) else { return Vec::new() };
     let amplitude = held.change.amplitude;
-    let of_base = |index: usize| -> Vec<Rival> {
+    let cosine_of = |base: &Base, variation: &Variation, gyros: &Gyros| -> Option<(f64, f64)> {
+        let parts = columns(bank, base, variation);
+        let parts: Vec<Beside> = parts
+            .iter()
+            .enumerate()
+            .filter(|(channel, _)| reaches(&base.amplitude, gyros, *channel))
+            .filter_map(|(channel, column)| Some(normal.beside(&normal.products_of(channel, column.as_ref()?))))
+            .collect();
+        // What it explains of the signature found, beside the nuisances: its square is that of the cosine.
+        let gain = Beside::gain(&parts.iter().collect::<Vec<_>>())?;
+        Some(((gain.chi2 / found.chi2).clamp(0.0, 1.0).sqrt(), gain.size))
+    };
+    let sets = |base: &Base| -> Vec<Gyros> {
+        if base.amplitude.place == Place::Unit {
+            return vec![ALL_GYROS];
+        }
+        let singles = (0..4).map(|gyro| std::array::from_fn(|other| other == gyro));
+        let mut sets: Vec<Gyros> = singles.chain([ALL_GYROS, held.change.gyros]).collect();
+        sets.retain(|set| set.iter().zip(base.amplitude.gyros()).all(|(own, can)| !own || can));
+        sets.sort_unstable();
+        sets.dedup();
+        sets
+    };
+    let of_base = |index: usize| -> Vec<Spot> {
         let base = &bank.bases[index];
-        let mut best: Vec<Rival> = Vec::new();
+        let mut best: Vec<Spot> = Vec::new();
         for variation in bank.variations(base) {
             let own = Amplitude { kind: variation.kind(), ..base.amplitude };
-            if own == amplitude {
-                continue;
-            }
-            let columns = columns(bank, base, &variation);
-            let parts: Vec<Beside> = columns
-                .iter()
-                .enumerate()
-                .filter(|(channel, _)| reaches(&base.amplitude, &held.change.gyros, *channel))
-                .filter_map(|(channel, column)| Some(normal.beside(&normal.products_of(channel, column.as_ref()?))))
-                .collect();
-            // What it explains of the signature found, beside the nuisances: its square is that of the cosine.
-            let Some(gain) = Beside::gain(&parts.iter().collect::<Vec<_>>()) else { continue };
-            let cosine = (gain.chi2 / found.chi2).clamp(0.0, 1.0).sqrt();
-            let change = bank.change(base, &variation, gain.size, held.change.gyros);
-            if !change.is_within_limits() {
-                continue;
-            }
-            let rival = Rival { change, cosine, behind_chi2: found.chi2 - gain.chi2 };
-            match best.iter_mut().find(|other| other.change.amplitude == own) {
-                Some(other) if other.cosine < cosine => *other = rival,
-                Some(_) => {}
-                None => best.push(rival),
+            for gyros in sets(base) {
+                if own == amplitude && gyros == held.change.gyros {
+                    continue;
+                }
+                let Some((cosine, _)) = cosine_of(base, &variation, &gyros) else { continue };
+                let same =
+                    best.iter_mut().find(|other| other.variation.kind() == variation.kind() && other.gyros == gyros);
+                match same {
+                    Some(other) if other.cosine >= cosine => {}
+                    Some(other) => *other = Spot { base: index, variation: variation.clone(), gyros, cosine },
+                    None => best.push(Spot { base: index, variation: variation.clone(), gyros, cosine }),
+                }
             }
         }
         best
     };
-    let all: Vec<Rival> = (0..bank.bases.len()).into_par_iter().flat_map_iter(of_base).collect();
+    let mut places: Vec<Spot> = (0..bank.bases.len()).into_par_iter().flat_map_iter(of_base).collect();
+    places.retain(|place| place.cosine >= LEAST_COSINE);
+    places.sort_by(|one, other| other.cosine.total_cmp(&one.cosine));
+    places.truncate(CLIMBED);
+    let duration_s = case.measured.block_count() as f64 * BLOCK_S;
+    let climbed = |spot: Spot| -> Option<Rival> {
+        let base = &bank.bases[spot.base];
+        let of = |variation: &Variation| cosine_of(base, variation, &spot.gyros).map_or(0.0, |(cosine, _)| cosine);
+        let (variation, cosine) = climb(spot.variation.clone(), duration_s, &of);
+        let (_, size) = cosine_of(base, &variation, &spot.gyros)?;
+        let change = bank.change(base, &variation, size, spot.gyros);
+        let behind_chi2 = found.chi2 * (1.0 - cosine * cosine);
+        change.is_within_limits().then_some(Rival { change, cosine, behind_chi2 })
+    };
+    let all: Vec<Rival> = places.into_par_iter().filter_map(climbed).collect();
     let mut told: Vec<Rival> = Vec::new();
-    for rival in all.into_iter().filter(|rival| rival.cosine >= LEAST_COSINE) {
-        match told.iter_mut().find(|other| other.change.amplitude == rival.change.amplitude) {
-            Some(other) if other.cosine < rival.cosine => *other = rival,
+    for rival in all {
+        let is_same = |other: &Rival| {
+            other.change.amplitude == rival.change.amplitude && other.change.gyros == rival.change.gyros
+        };
+        match told.iter().position(is_same) {
+            Some(place) if told[place].cosine < rival.cosine => told[place] = rival,
             Some(_) => {}
             None => told.push(rival),
         }

@@ -5,13 +5,16 @@ use rayon::prelude::*;
 
 use crate::bank::{Bank, Base, Column, Family, Variation};
 use crate::change::{ALL_GYROS, Amplitude, Change, Gyros, Place};
-use crate::measured::{CHANNELS, TIMING};
+use crate::climb::climb;
+use crate::measured::{BLOCK_S, CHANNELS, TIMING};
 use crate::normal::{Beside, Gain, Normal, Products, THIRDS};
 use crate::state::State;
 
 /// Blocks of a jump of the angle that are looked at: the filter has forgotten it after.
 const SUDDEN_BLOCKS: usize = 120;
 
+/// Candidates whose shapes are fitted.
+const CLIMBED: usize = 48;
 /// Candidates that are looked at closely.
 const SHOWN: usize = 24;
 
@@ -147,6 +150,27 @@ pub fn search(bank: &Bank, normal: &Normal, state: &State, penalty: &(dyn Fn(Fam
             None => best.push(candidate),
         }
     }
+    best.sort_by(|a, b| score(b).total_cmp(&score(a)));
+    // Between the points of the grid.
+    let climbed = |candidate: &mut Candidate| {
+        let base = &bank.bases[candidate.base];
+        let duration_s = normal.residual()[0].len() as f64 * BLOCK_S;
+        let gain = |variation: &Variation| {
+            let moved = Candidate { variation: variation.clone(), ..candidate.clone() };
+            normal.gain(&products(bank, normal, &moved))
+        };
+        let of = |variation: &Variation| gain(variation).map_or(0.0, |gain| gain.chi2);
+        let (variation, _) = climb(candidate.variation.clone(), duration_s, &of);
+        if let Some(found) = gain(&variation) {
+            let size = if base.is_linear { found.size } else { base.size };
+            let change = bank.change(base, &variation, size, candidate.change.gyros);
+            if change.is_within_limits() {
+                *candidate = Candidate { change, gain: found, variation, ..candidate.clone() };
+            }
+        }
+    };
+    best.truncate(CLIMBED);
+    best.par_iter_mut().for_each(climbed);
     best.sort_by(|a, b| score(b).total_cmp(&score(a)));
     for candidate in best.iter_mut().take(SHOWN) {
         candidate.held_out = normal.held_out(&products(bank, normal, candidate));

@@ -4,6 +4,7 @@
 //! `--strict` found defects, 2 bad usage or bad input, 3 a diagnosis ended unexplained.
 
 mod bench;
+mod blind;
 mod calibrate;
 mod calibrate_compare;
 mod calibrate_page;
@@ -55,6 +56,7 @@ enum Command {
     Checkout(checkout::Arguments),
     Reconstruct(reconstruct::Arguments),
     Diagnose(diagnose::Arguments),
+    Blind(blind::Arguments),
     Config(config::Arguments),
     Describe(describe::Arguments),
     /// Decode recordings or live links to CSV, JSON lines or a summary.
@@ -76,6 +78,7 @@ fn main() -> ExitCode {
         Some(Command::Checkout(arguments)) => checkout::run(&arguments),
         Some(Command::Reconstruct(arguments)) => reconstruct::run(&arguments),
         Some(Command::Diagnose(arguments)) => diagnose::run(&arguments),
+        Some(Command::Blind(arguments)) => blind::run(&arguments),
         Some(Command::Config(arguments)) => config::run(&arguments),
         Some(Command::Describe(arguments)) => describe::run(&arguments),
         Some(Command::Decode(arguments)) => decode::run(arguments),

@@ -1,0 +1,283 @@
+//! Draws what is hidden, through the model's own lists: no effect is named here.
+
+use std::f64::consts::TAU;
+
+use geu_model::Configuration;
+use geu_model::course::KINDS;
+use geu_model::effect::discovered::{Formula, Regressor};
+use geu_model::effect::{Effects, HeadEffects, WiringEffects};
+use geu_model::number::{Default as DefaultValue, Form, Number, Numbers, named_gyro};
+use geu_model::package::{Axes, Calibration};
+use geu_protocol::Gyro;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use super::fly::{Flight, fly};
+use super::hidden::{Hidden, Key, Origin};
+use super::survey::{Sized, Survey};
+use crate::change::{ALL_GYROS, Amplitude, Change, Place, is_real};
+
+/// Strengths that [`hide`] chooses from, in sigmas.
+const STRENGTHS: [f64; 6] = [3.0, 4.5, 6.0, 9.0, 12.0, 24.0];
+/// What happens at some time does so within this part of the recording.
+const WITHIN: [f64; 2] = [0.15, 0.85];
+/// Shortest period, s; the longest is the recording.
+const SHORTEST_PERIOD_S: f64 = 1200.0;
+/// A time constant is drawn between its default over this and as many times it.
+const TIME_FACTOR: f64 = 3.0;
+/// How many times larger a noise is than believed.
+const LOUDER: [f64; 2] = [3.0, 10.0];
+/// Of effects of one gyro, one in so many is on all four alike.
+const ON_ALL: u32 = 8;
+/// Draws until something fits.
+const TRIES: usize = 200;
+/// One sigma of the errors of the sixteen: of a scale factor, of a drift in arcsec per half second, of a misalignment in arcsec.
+const SCALE_OFF: f64 = 6e-6;
+const DRIFT_OFF: f64 = 1.2 / 7200.0;
+const MISALIGNMENT_OFF: f64 = 1.5;
+
+/// Hides from none to three things, and flies the unit that has them: one time in seven none, one in seven a term outside the
+/// catalogue, else amplitudes, and now and then a noise or a wiring fault.
+pub fn hide(survey: &Survey, seed: u64) -> (Key, Flight) {
+    let mut draw = Draw::new(survey, seed, 0);
+    let mut hidden: Vec<Hidden> = Vec::new();
+    let count = match draw.random.random_range(0..7) {
+        0 => 0,
+        1 => {
+            let strength = draw.strength();
+            hidden.extend(draw.unknown(strength));
+            1
+        }
+        _ => draw.random.random_range(1..=3),
+    };
+    for _ in 0..TRIES {
+        if hidden.len() >= count {
+            break;
+        }
+        let strength = draw.strength();
+        let next = match draw.random.random_range(0..10) {
+            0 => draw.noise(),
+            1 => draw.wiring(),
+            _ => draw.amplitude(strength),
+        };
+        // Courses of one effect share its shapes, and a swap moves what another fault did.
+        let is_other = |next: &Hidden| {
+            let alike = |own: &Hidden| own.code.starts_with(&next.code) || next.code.starts_with(&own.code);
+            !hidden.iter().any(|own| alike(own) || own.origin == Origin::Wiring && next.origin == Origin::Wiring)
+        };
+        hidden.extend(next.filter(is_other));
+    }
+    let flight = draw.fly(&hidden);
+    (Key { seed, duration_s: survey.duration_s, hidden }, flight)
+}
+
+/// Whether a course adds no second onset to an effect that has its own: a jump from some time on is a jump.
+fn has_one_onset(amplitude: &Amplitude) -> bool {
+    let is_own = |shape: &Number| amplitude.own_shapes().iter().any(|own| own.name == shape.name);
+    !amplitude.course_shapes().iter().any(is_own)
+}
+
+/// Draws for one recording.
+pub struct Draw<'a> {
+    survey: &'a Survey,
+    random: ChaCha8Rng,
+}
+
+impl<'a> Draw<'a> {
+    /// The draws of one recording: a function of seed and stream alone.
+    pub fn new(survey: &'a Survey, seed: u64, stream: u64) -> Draw<'a> {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        random.set_stream(stream);
+        Draw { survey, random }
+    }
+
+    fn strength(&mut self) -> f64 {
+        STRENGTHS[self.random.random_range(0..STRENGTHS.len())]
+    }
+
+    fn between(&mut self, [least, greatest]: [f64; 2]) -> f64 {
+        least + (greatest - least) * self.random.random::<f64>()
+    }
+
+    fn log_between(&mut self, [least, greatest]: [f64; 2]) -> f64 {
+        self.between([least.ln(), greatest.ln()]).exp()
+    }
+
+    fn gyro(&mut self) -> Gyro {
+        Gyro::ALL[self.random.random_range(0..Gyro::ALL.len())]
+    }
+
+    /// A standard normal number.
+    fn normal(&mut self) -> f64 {
+        // Box and Muller; of 1 less a number below 1, so that the logarithm is finite.
+        let (radius, turn) = (1.0 - self.random.random::<f64>(), self.random.random::<f64>());
+        (-2.0 * radius.ln()).sqrt() * (TAU * turn).cos()
+    }
+
+    /// A value of a shape: a time somewhere in the recording, a period, a phase, a time constant; what else has a default keeps it.
+    fn shape(&mut self, number: &Number) -> f64 {
+        let duration_s = self.survey.duration_s;
+        let default = number.default.initial();
+        match (number.name, number.default) {
+            ("time_s", _) => self.between(WITHIN.map(|share| share * duration_s)),
+            ("period_s", _) => self.log_between([SHORTEST_PERIOD_S.min(duration_s), duration_s]),
+            ("phase_rad", _) => self.between([0.0, TAU]),
+            (name, DefaultValue::Value(value)) if name.ends_with("_s") && value > 0.0 => {
+                let limits = [value / TIME_FACTOR, value * TIME_FACTOR];
+                self.log_between(limits).clamp(number.least, number.greatest)
+            }
+            _ if default.is_finite() => default,
+            _ => number.least.max(0.0),
+        }
+    }
+
+    /// An amplitude of the catalogue, constant or with a course, of that strength.
+    pub fn amplitude(&mut self, strength: f64) -> Option<Hidden> {
+        let constants = Amplitude::all().into_iter().filter(is_real);
+        let all: Vec<Amplitude> = constants
+            .flat_map(|one| std::iter::once(one).chain((0..KINDS.len()).filter_map(move |kind| one.with(kind))))
+            .filter(has_one_onset)
+            .collect();
+        let one = |draw: &mut Self| {
+            let amplitude = *all.get(draw.random.random_range(0..all.len()))?;
+            let own_shapes = amplitude.own_shapes().iter().map(|number| draw.shape(number)).collect();
+            let course_shapes = amplitude.course_shapes().iter().map(|number| draw.shape(number)).collect();
+            let (gyro, on_all) = (draw.gyro(), draw.random.random_range(0..ON_ALL) == 0);
+            let available = amplitude.gyros();
+            let gyros = match amplitude.place {
+                Place::Unit => ALL_GYROS,
+                _ if on_all && available == ALL_GYROS => ALL_GYROS,
+                _ if available[gyro as usize] => std::array::from_fn(|index| index == gyro as usize),
+                _ => return None,
+            };
+            let is_negative = amplitude.size().least < 0.0 && draw.random.random::<bool>();
+            let change = Change { amplitude, size: 0.0, own_shapes, course_shapes, gyros };
+            draw.survey.sized(change, if is_negative { -1.0 } else { 1.0 }, strength)
+        };
+        let found = (0..TRIES).find_map(|_| one(self))?;
+        Some(self.hidden(found, Origin::Catalogue))
+    }
+
+    /// A term that stands in no catalogue, of that strength: half of them of one or two factors, which a diagnosis tries, and half of
+    /// three, which it does not.
+    pub fn unknown(&mut self, strength: f64) -> Option<Hidden> {
+        let one = |draw: &mut Self| {
+            let factors = if draw.random.random::<bool>() { 3 } else { draw.random.random_range(1..=2) };
+            let regressors: Vec<Regressor> =
+                (0..factors).map(|_| Regressor::ALL[draw.random.random_range(0..Regressor::COUNT)]).collect();
+            let amplitude = Amplitude {
+                place: Place::Discovered,
+                effect: 0,
+                amplitude: 0,
+                kind: None,
+                formula: Some(Formula::new(&regressors).ok()?),
+            };
+            let (gyro, sign) = (draw.gyro(), if draw.random.random::<bool>() { 1.0 } else { -1.0 });
+            let gyros = std::array::from_fn(|index| index == gyro as usize);
+            let change = Change { amplitude, size: 0.0, own_shapes: Vec::new(), course_shapes: Vec::new(), gyros };
+            draw.survey.sized(change, sign, strength)
+        };
+        let found = (0..TRIES).find_map(|_| one(self))?;
+        let nearest = self.survey.nearest(&found.change);
+        Some(Hidden { nearest, ..self.hidden(found, Origin::Unknown) })
+    }
+
+    fn hidden(&self, Sized { change, sigma, strength }: Sized, origin: Origin) -> Hidden {
+        let mut configuration = self.survey.believed.clone();
+        change.apply(&mut configuration);
+        Hidden {
+            code: change.amplitude.code(),
+            formula: change.amplitude.formula.map(|formula| formula.to_string()),
+            origin,
+            gyros: change.gyros,
+            parameters: change.parameters().into_iter().map(|number| (number.name, number.value)).collect(),
+            sigma: Some(sigma),
+            strength: Some(strength),
+            nearest: None,
+            assignments: change.assignments(&configuration),
+        }
+    }
+
+    /// A noise of one gyro that is larger than believed; nothing where the unit has none.
+    fn noise(&mut self) -> Option<Hidden> {
+        let (gyro, louder) = (self.gyro(), self.log_between(LOUDER));
+        let believed = &self.survey.believed.gyros[gyro as usize].effects.constant;
+        let noises: Vec<usize> = (0..HeadEffects::SPECS.len()).filter(|&index| believed.is_noise(index)).collect();
+        let effect = *noises.get(self.random.random_range(0..noises.len().max(1)))?;
+        let (code, numbers) = (HeadEffects::SPECS[effect].code, believed.numbers(effect));
+        let (name, size) = (numbers.specs()[0].name, numbers.value(0) * louder);
+        (numbers.value(0) > 0.0).then(|| Hidden {
+            code: code.to_owned(),
+            formula: None,
+            origin: Origin::Noise,
+            gyros: std::array::from_fn(|index| index == gyro as usize),
+            parameters: vec![(name.to_owned(), size)],
+            sigma: None,
+            strength: None,
+            nearest: None,
+            assignments: vec![format!("gyro.{}.{code}.{name}={size:?}", gyro.name())],
+        })
+    }
+
+    /// A wiring fault of one gyro, from the start or from some time on.
+    fn wiring(&mut self) -> Option<Hidden> {
+        let gyro = self.gyro();
+        let list = WiringEffects::default();
+        let effect = self.random.random_range(0..WiringEffects::SPECS.len());
+        let spec = &WiringEffects::SPECS[effect];
+        let number = list.numbers(effect).specs().first()?;
+        let other = Gyro::ALL[(gyro as usize + self.random.random_range(1..4)) % 4];
+        let value = match number.form {
+            Form::Flag => 1.0,
+            Form::Gyro => other as usize as f64 + 1.0,
+            Form::Real => return None,
+        };
+        let stepped = KINDS.iter().find(|kind| kind.size(spec, list.numbers(effect).specs(), 0).is_some());
+        let kind = stepped.filter(|_| self.random.random::<bool>());
+        let code = spec.code.to_owned() + kind.map_or("", |kind| kind.suffix);
+        let shapes: Vec<(String, f64)> = kind
+            .map_or(&[][..], |kind| kind.shapes)
+            .iter()
+            .map(|shape| (shape.name.to_owned(), self.shape(shape)))
+            .collect();
+        let path = format!("gyro.{}.{code}", gyro.name());
+        let own = format!("{path}.{}={}", number.name, number.written(value));
+        let exchanged = (number.form == Form::Gyro).then(|| named_gyro(value)).flatten();
+        Some(Hidden {
+            code,
+            formula: None,
+            origin: Origin::Wiring,
+            gyros: Gyro::ALL.map(|one| one == gyro || Some(one) == exchanged),
+            assignments: std::iter::once(own)
+                .chain(shapes.iter().map(|(name, value)| format!("{path}.{name}={value:?}")))
+                .collect(),
+            parameters: std::iter::once((number.name.to_owned(), value)).chain(shapes).collect(),
+            sigma: None,
+            strength: None,
+            nearest: None,
+        })
+    }
+
+    /// Flies the unit with what is hidden, its sixteen a little off what is believed, its noise drawn anew.
+    pub fn fly(&mut self, hidden: &[Hidden]) -> Flight {
+        let assignments: Vec<String> = hidden.iter().flat_map(|hidden| hidden.assignments.iter().cloned()).collect();
+        let text = self.survey.believed.to_toml(false);
+        let mut unit = Configuration::parse("the unit flown", &text, &assignments)
+            .expect("what was drawn is within the limits of a configuration");
+        for gyro in Gyro::ALL {
+            for (index, number) in Calibration::NUMBERS.iter().enumerate() {
+                if !Axes::of(gyro).has_number(number.name) {
+                    continue;
+                }
+                let sigma = match number.name {
+                    "scale_factor" => SCALE_OFF,
+                    name if name.starts_with("drift") => DRIFT_OFF,
+                    _ => MISALIGNMENT_OFF,
+                };
+                *unit.gyros[gyro as usize].calibration.value_mut(index) += sigma * self.normal();
+            }
+        }
+        unit.seed = self.random.random::<u64>() & i64::MAX as u64;
+        fly(&unit, self.survey.duration_s)
+    }
+}

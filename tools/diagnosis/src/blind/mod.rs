@@ -1,0 +1,24 @@
+//! The blind trial: effects hidden at random in simulated recordings, and what a diagnosis makes of them.
+//!
+//! ```
+//! use geu_diagnosis::blind::{Survey, hide};
+//! use geu_model::Configuration;
+//!
+//! let survey = Survey::new(Configuration::reference(), 1500.0).expect("long enough");
+//! let (key, flight) = hide(&survey, 7);
+//! assert!(key.hidden.len() <= 3 && flight.rows.len() == 3000);
+//! ```
+
+mod campaign;
+mod draw;
+mod fly;
+mod hidden;
+mod score;
+mod survey;
+
+pub use campaign::{Campaign, Group, Hiding, Plan, Run, campaign};
+pub use draw::hide;
+pub use fly::{Flight, fly};
+pub use hidden::{BadKey, Hidden, Key, Origin};
+pub use score::{BadResult, Found, Naming, Outcome, Score, SizeError, Told, score};
+pub use survey::{SURVEY_S, Survey};

@@ -1,0 +1,221 @@
+//! The standard survey motion as the unit is believed to fly it: what a change of the model adds there, and how well it can be told
+//! from noise and nuisances.
+//!
+//! The Cramér–Rao bound of a size has the sixteen, the common lag and the walks beside it, not the shapes of the effect itself.
+
+use std::sync::{Mutex, OnceLock, PoisonError};
+
+use geu_calibration::CountsReader;
+use geu_model::Configuration;
+use geu_recording::Sink;
+
+use super::fly::{Flight, fly};
+use super::hidden::{Hidden, Origin};
+use super::score::Found;
+use crate::bank::{Bank, Column};
+use crate::change::{Change, Place};
+use crate::diagnosis::{Diagnosis, Settings, diagnose_rows};
+use crate::measured::{CHANNELS, Measured, MeasuredError, Series, Shifts};
+use crate::noise;
+use crate::normal::{Normal, Nuisance, Products, dot};
+use crate::null::Thresholds;
+use crate::rivals::{Rival, rivals};
+use crate::state::{Case, Held};
+use crate::whitening::Noise;
+
+/// Length of the standard survey motion: three hours of the default scenario.
+pub const SURVEY_S: f64 = 10_800.0;
+/// Rounds in which a size is sought whose signature is as strong as asked.
+const ROUNDS: usize = 12;
+/// How near is near enough.
+const NEAR: f64 = 0.005;
+/// Share of a size by which it is moved for its sigma.
+const STEP: f64 = 0.01;
+/// Share of the greatest value with which the search for a size begins; a formula's coefficient begins at 10⁻⁶.
+const SHARE: f64 = 1e-3;
+const COEFFICIENT: f64 = 1e-6;
+
+/// The motion, what is believed of the unit on it, and its noise.
+pub struct Survey {
+    /// What is believed.
+    pub believed: Configuration,
+    /// On-board time flown.
+    pub duration_s: f64,
+    measured: Measured,
+    from: Series,
+    noise: [Noise; CHANNELS],
+    nuisances: Vec<Nuisance>,
+    normal: Normal,
+    bank: OnceLock<Bank>,
+    thresholds: OnceLock<Thresholds>,
+}
+
+/// What a change adds, whitened.
+pub struct Signature {
+    white: Series,
+    products: Products,
+}
+
+/// A change of the size asked for.
+pub struct Sized {
+    /// The change.
+    pub change: Change,
+    /// Cramér–Rao bound of its size.
+    pub sigma: f64,
+    /// Size of its signature beside the nuisances, in sigmas of the noise.
+    pub strength: f64,
+}
+
+impl Survey {
+    /// Flies the unit as it is believed.
+    ///
+    /// # Errors
+    /// A duration that is too short for a diagnosis.
+    pub fn new(believed: Configuration, duration_s: f64) -> Result<Survey, MeasuredError> {
+        let flight = fly(&believed, duration_s);
+        let mut reader = CountsReader::default();
+        flight.rows.iter().for_each(|row| reader.row(row));
+        let counts = reader.finish(believed.start_unix_ns).ok_or(MeasuredError::Empty)?;
+        let measured = Measured::new(counts, &flight.reference)?;
+        let from = measured.run(&believed, Shifts::default());
+        let residual = measured.residual(&from);
+        let noise = noise::of(&believed, &measured, &residual);
+        let case = Case::new(&measured, &believed);
+        let normal = Normal::new(case.whitenings(&noise), &residual, &case.nuisances);
+        let nuisances = case.nuisances;
+        let (bank, thresholds) = Default::default();
+        Ok(Survey { believed, duration_s, measured, from, noise, nuisances, normal, bank, thresholds })
+    }
+
+    /// What the difference of two configurations adds; the first has more.
+    fn signature(&self, moved: &Series, from: &Series) -> Signature {
+        let difference = self.measured.difference(moved, from);
+        let mut products = Products::none(self.normal.nuisances());
+        let white = std::array::from_fn(|channel| {
+            let white = self.normal.white(channel, &Column { from: 0, values: difference[channel].clone() });
+            let own = std::mem::replace(&mut products, Products::none(0));
+            products = own.plus(&self.normal.products(channel, &white));
+            white.1
+        });
+        Signature { white, products }
+    }
+
+    fn run(&self, configuration: &Configuration) -> Series {
+        self.measured.run(configuration, Shifts::default())
+    }
+
+    fn strength(&self, signature: &Signature) -> Option<f64> {
+        self.normal.gain(&signature.products).map(|gain| gain.sigma.recip())
+    }
+
+    /// The signature of these assignments; nothing where they cannot be put in, or what they make cannot be told.
+    fn signature_of(&self, assignments: &[String]) -> Option<Signature> {
+        let text = self.believed.to_toml(false);
+        let moved = Configuration::parse("what is believed", &text, assignments).ok()?;
+        let signature = self.signature(&self.run(&moved), &self.from);
+        self.strength(&signature).map(|_| signature)
+    }
+
+    /// Cosine of the signatures of what was hidden and what was found, whitened and beside the nuisances, without sign; 0 where one
+    /// of them has none. What was found stands there with the numbers found, or with those with which it is most like what was
+    /// hidden: noise moves a shape, and that makes it no other name.
+    pub fn likeness(&self, hidden: &Hidden, found: &Found) -> f64 {
+        if !matches!(hidden.origin, Origin::Catalogue | Origin::Unknown) {
+            return 0.0;
+        }
+        let of_found = || {
+            let change = found.change()?;
+            let mut configuration = self.believed.clone();
+            change.apply(&mut configuration);
+            let signature = self.signature(&self.run(&configuration), &self.from);
+            self.strength(&signature).map(|_| signature)
+        };
+        let (Some(one), Some(other)) = (self.signature_of(&hidden.assignments), of_found()) else { return 0.0 };
+        let both: f64 = one.white.iter().zip(&other.white).map(|(one, other)| dot(one, other)).sum();
+        let as_found = self.normal.cosine(&one.products, &other.products, both).abs().min(1.0);
+        let rivals = hidden.change().map_or(Vec::new(), |change| self.rivals(&change));
+        let is_found =
+            |rival: &&Rival| rival.change.amplitude.code() == found.code && rival.change.gyros == found.gyros;
+        rivals.iter().find(is_found).map_or(as_found, |rival| rival.cosine.max(as_found))
+    }
+
+    /// The change with a size whose signature is of that strength; nothing where none is within limits, or it cannot be told from the
+    /// nuisances. Counts are whole ones, and so as strong or stronger.
+    pub fn sized(&self, mut change: Change, sign: f64, strength: f64) -> Option<Sized> {
+        let limits = change.amplitude.size();
+        let is_formula = change.amplitude.place == Place::Discovered;
+        change.size = sign * if is_formula { COEFFICIENT } else { SHARE * limits.greatest };
+        let run = |change: &Change| {
+            let mut moved = self.believed.clone();
+            change.apply(&mut moved);
+            change.is_within_limits().then(|| self.run(&moved))
+        };
+        let of = |change: &Change| self.strength(&self.signature(&run(change)?, &self.from));
+        let mut now = of(&change)?;
+        for _ in 0..ROUNDS {
+            if (now / strength - 1.0).abs() < NEAR {
+                break;
+            }
+            change.size *= strength / now;
+            now = of(&change)?;
+        }
+        if limits.name == "counts" {
+            change.size = sign * change.size.abs().ceil();
+            now = of(&change)?;
+        } else if (now / strength - 1.0).abs() >= NEAR {
+            return None;
+        }
+        let aside = Change { size: change.size * (1.0 - STEP), ..change.clone() };
+        let slope = self.strength(&self.signature(&run(&change)?, &run(&aside)?))?;
+        Some(Sized { sigma: STEP * change.size.abs() / slope, strength: now, change })
+    }
+
+    /// The amplitude of the catalogue that looks most like a change, and the cosine of the two.
+    pub fn nearest(&self, change: &Change) -> Option<(String, f64)> {
+        let nearest = self.rivals(change).into_iter().next()?;
+        Some((nearest.change.amplitude.code(), nearest.cosine))
+    }
+
+    /// The amplitudes of the catalogue that look like a change, the most alike first.
+    fn rivals(&self, change: &Change) -> Vec<Rival> {
+        let bank = self.bank.get_or_init(|| Bank::new(&self.measured, &self.believed));
+        let nuisances = self.nuisances.clone();
+        let case = Case { measured: &self.measured, believed: &self.believed, nuisances };
+        let mut state = case.start(self.noise);
+        state.held.push(Held::new(change.clone()));
+        rivals(&case, bank, &state, 0)
+    }
+
+    /// Diagnoses a flight. The thresholds are those of a flight with nothing hidden, for all flights of this motion: a key of
+    /// [`crate::diagnosis::key`] would differ with the goodness of single blocks and the white noise told by the data, and
+    /// thresholds hardly do.
+    ///
+    /// # Errors
+    /// As [`diagnose_rows`].
+    pub fn diagnose(&self, flight: &Flight) -> Result<Diagnosis, MeasuredError> {
+        if self.thresholds.get().is_none() {
+            let mut believed = self.believed.clone();
+            believed.seed = believed.seed.wrapping_add(1) & i64::MAX as u64;
+            let first = Mutex::new(None);
+            self.diagnose_with(&fly(&believed, self.duration_s), &|_| None, &|_, thresholds| {
+                *first.lock().unwrap_or_else(PoisonError::into_inner) = Some(thresholds.clone());
+            })?;
+            if let Some(thresholds) = first.into_inner().unwrap_or_else(PoisonError::into_inner) {
+                // Another thread may have been faster, with the same.
+                let _ = self.thresholds.set(thresholds);
+            }
+        }
+        self.diagnose_with(flight, &|_| self.thresholds.get().cloned(), &|_, _| {})
+    }
+
+    fn diagnose_with(
+        &self,
+        flight: &Flight,
+        known: &(dyn Fn(u64) -> Option<Thresholds> + Sync),
+        keep: &(dyn Fn(u64, &Thresholds) + Sync),
+    ) -> Result<Diagnosis, MeasuredError> {
+        let clock_start_ns = flight.reference.start_ns;
+        let settings = Settings { seed: 1, clock_start_ns, known, keep, manoeuvres: None, progress: &|_| {} };
+        diagnose_rows(&flight.rows, &[], &self.believed, &flight.reference, &settings)
+    }
+}

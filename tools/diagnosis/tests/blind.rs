@@ -1,0 +1,143 @@
+//! The blind trial: what is hidden is told by its key alone, scored as it should be, and a campaign is the same on any threads.
+
+use geu_diagnosis::blind::{Hidden, Key, Naming, Origin, Plan, Survey, Told, campaign, hide, score};
+use geu_model::Configuration;
+use geu_recording::{Defect, InputReader, Options, Reference, Row, Sink, Stop};
+use serde_json::{Value, json};
+
+const SHORT_S: f64 = 1500.0;
+
+fn survey() -> Survey {
+    Survey::new(Configuration::reference(), SHORT_S).expect("long enough")
+}
+
+#[derive(Default)]
+struct Rows(Vec<Row>, usize);
+
+impl Sink for Rows {
+    fn row(&mut self, row: &Row) {
+        self.0.push(*row);
+    }
+
+    fn defect(&mut self, _: &Defect) {
+        self.1 += 1;
+    }
+}
+
+#[test]
+fn the_same_seed_hides_the_same_and_its_files_read_back() {
+    let survey = survey();
+    let mut kinds = [0; 4];
+    for seed in 0..40 {
+        let (key, flight) = hide(&survey, seed);
+        assert_eq!(Key::parse("key.toml", &key.to_toml()).expect("a key"), key, "seed {seed}");
+        key.hidden.iter().for_each(|own| kinds[own.origin as usize] += 1);
+        if seed < 3 {
+            let (again, other) = hide(&survey, seed);
+            assert_eq!((&again, &other.rows), (&key, &flight.rows), "seed {seed}");
+        }
+    }
+    assert!(kinds.iter().all(|&count| count > 0), "{kinds:?}");
+
+    let (_, flight) = hide(&survey, 1);
+    let directory = tempfile::tempdir().expect("a directory");
+    let path = directory.path().join("link.log");
+    std::fs::write(&path, flight.link_log()).expect("written");
+    let (mut reader, mut read) = (InputReader::new(Options::default(), Stop::default()), Rows::default());
+    reader.read(path.to_str().expect("text"), &mut read).expect("a recording");
+    reader.finish(&mut read).1.expect("its end");
+    assert_eq!((&read.0, read.1), (&flight.rows, 0));
+    let reference = Reference::parse("reference.csv", &flight.reference_csv()).expect("a reference");
+    assert_eq!(reference.start_ns, flight.reference.start_ns);
+    assert!((reference.truth.end_s() - flight.reference.truth.end_s()).abs() < 1e-6);
+}
+
+fn step(size: f64) -> Hidden {
+    Hidden {
+        code: "drift-step".to_owned(),
+        formula: None,
+        origin: Origin::Catalogue,
+        gyros: [true, false, false, false],
+        parameters: vec![("arcsec_per_h".to_owned(), size), ("time_s".to_owned(), 700.0)],
+        sigma: Some(2.0),
+        strength: Some(0.5 * size),
+        nearest: None,
+        assignments: vec![
+            format!("gyro.GYRX.drift-step.arcsec_per_h={size:?}"),
+            "gyro.GYRX.drift-step.time_s=700.0".to_owned(),
+        ],
+    }
+}
+
+fn entry(code: &str, gyro: &str, rivals: Value) -> Value {
+    let parameters = json!({ "arcsec_per_h": { "value": 25.0, "sigma": 3.0 }, "on": { "value": true, "sigma": null } });
+    json!({ "code": code, "class": "missing-effect", "gyros": [gyro], "parameters": parameters, "rivals": rivals })
+}
+
+fn told(verdict: &str, effects: &[Value]) -> Told {
+    Told::from_json(&json!({ "verdict": verdict, "effects": effects })).expect("a result")
+}
+
+#[test]
+fn what_was_said_is_scored_against_what_was_hidden() {
+    let rival = |cosine: f64, behind: f64| json!([{ "code": "drift-step", "gyros": ["GYRX"], "cosine": cosine, "behind_chi2": behind }]);
+    let recalibrated = json!({ "code": "scale-factor", "class": "recalibration", "gyros": ["GYRZA"] });
+    for (name, told, naming, false_names) in [
+        ("right", told("explained", &[entry("drift-step", "GYRX", json!([])), recalibrated]), Naming::Right, 0),
+        (
+            "beside",
+            told("explained", &[entry("drift-step", "GYRX", json!([])), entry("drift", "GYRY", json!([]))]),
+            Naming::Right,
+            1,
+        ),
+        ("like", told("explained", &[entry("drift-ramp", "GYRX", rival(0.96, 40.0))]), Naming::Group, 0),
+        ("not apart", told("explained", &[entry("drift-ramp", "GYRX", rival(0.90, 8.0))]), Naming::Group, 0),
+        ("apart", told("explained", &[entry("drift-ramp", "GYRX", rival(0.90, 10.0))]), Naming::Wrong, 1),
+        ("another gyro", told("explained", &[entry("drift-step", "GYRY", json!([]))]), Naming::Missed, 1),
+        ("no name", told("unexplained", &[]), Naming::Unnamed, 0),
+        ("nothing", told("consistent", &[]), Naming::Missed, 0),
+    ] {
+        let score = score(&[step(24.0)], &told, &|_, _| 0.0);
+        assert_eq!((score.outcomes[0].naming, score.false_names.len()), (naming, false_names), "{name}");
+        let size = score.outcomes[0].size.map(|size| (size.error, size.sigma, size.bound));
+        assert_eq!(size, (naming == Naming::Right).then_some((1.0, 3.0, 2.0)), "{name}");
+        let is_right = naming >= Naming::Group && false_names == 0;
+        assert_eq!(score.is_right(&[step(24.0)], &told), is_right, "{name}");
+    }
+    // One thing by its signature, whatever it is called.
+    let other = told("explained", &[entry("drift-periodic", "GYRX", json!([]))]);
+    assert_eq!(score(&[step(24.0)], &other, &|_, _| 0.9995).outcomes[0].naming, Naming::Group);
+    let broken = Told::from_json(&json!({ "verdict": "explained", "effects": 1 })).expect_err("no list");
+    assert_eq!(broken.to_string(), "effects: expected a list, as `geu diagnose --json` writes it");
+}
+
+/// A run of the model with the effect, beside one with what was found.
+#[test]
+fn an_effect_is_like_itself_and_unlike_another() {
+    let survey = survey();
+    let likeness = |code: &str, gyro: &str| {
+        let mut found = told("explained", &[entry(code, gyro, json!([]))]).missing.remove(0);
+        found.parameters.push(("time_s".to_owned(), 700.0, None));
+        survey.likeness(&step(24.0), &found)
+    };
+    assert!((likeness("drift-step", "GYRX") - 1.0).abs() < 1e-3, "{}", likeness("drift-step", "GYRX"));
+    assert!(likeness("drift-step", "GYRY") < 1e-3);
+    assert_eq!(likeness("stuck-output", "GYRX"), 0.0);
+}
+
+#[test]
+fn a_campaign_is_the_same_on_any_number_of_threads() {
+    let survey = survey();
+    let plan = Plan { seed: 3, runs: 4, strengths: vec![12.0], threads: 2 };
+    let all = campaign(&survey, &plan, &|| ()).expect("a campaign");
+    assert_eq!(all.groups.iter().map(|group| group.runs.len()).collect::<Vec<_>>(), [4, 4, 1]);
+    let one = campaign(&survey, &Plan { runs: 1, threads: 1, ..plan }, &|| ()).expect("a campaign");
+    let (first, again) = (&all.groups[0].runs[0], &one.groups[0].runs[0]);
+    assert_eq!((&first.hidden, &first.told, &first.score), (&again.hidden, &again.told, &again.score));
+    assert!((first.hidden[0].strength.expect("an amplitude has one") - 12.0).abs() < 0.1);
+    let tables = all.tables();
+    assert!(
+        tables.contains("| effect, 12× | ") && tables.contains("| nothing | ") && tables.contains("| outside"),
+        "{tables}"
+    );
+}

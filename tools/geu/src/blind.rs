@@ -1,0 +1,197 @@
+//! `geu blind`: effects hidden at random, what a diagnosis makes of them, and how often it is right.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use clap::{Args, Subcommand};
+use geu_diagnosis::blind::{Hidden, Key, Plan, SURVEY_S, Survey, Told, campaign, hide, score};
+use geu_recording::read_text;
+use indicatif::ProgressBar;
+
+use crate::calibrate::write;
+use crate::failure::{Failure, say};
+use crate::settings::{NamedSettings, Settings, seed};
+
+/// Hides effects at random, scores what a diagnosis says of them, and does both many times.
+#[derive(Args, Debug)]
+pub struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand, Debug)]
+enum Command {
+    Hide(Hide),
+    Score(ScoreArguments),
+    Campaign(CampaignArguments),
+}
+
+/// Writes a recording with from none to three things hidden, and the key that tells them.
+///
+/// DIR/recording has link.log, reference.csv and believed.toml, DIR/key has key.toml: what is given the one sees nothing of the
+/// other. With --count the directories are DIR/1, DIR/2 …, for seed N, N + 1 ….
+#[derive(Args, Debug)]
+struct Hide {
+    #[command(flatten)]
+    unit: NamedSettings,
+    /// Seed of all that is drawn
+    #[arg(long, value_parser = seed)]
+    seed: u64,
+    /// Directory to write into; made if it is not there
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Recordings to make
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    count: Option<u16>,
+    /// On-board time of each
+    #[arg(long, value_name = "SECONDS", default_value_t = SURVEY_S, value_parser = duration)]
+    duration: f64,
+}
+
+/// Compares what `geu diagnose --json` wrote with the key; exit 1 where they differ.
+#[derive(Args, Debug)]
+struct ScoreArguments {
+    #[command(flatten)]
+    unit: NamedSettings,
+    /// The key that `geu blind hide` wrote
+    #[arg(long, value_name = "FILE")]
+    key: PathBuf,
+    /// The JSON that `geu diagnose` wrote
+    #[arg(long, value_name = "FILE")]
+    json: PathBuf,
+}
+
+/// Hides one effect in each of many recordings, diagnoses them, and prints power, naming and false names.
+///
+/// Runs of each strength with one amplitude of the catalogue, as many with nothing hidden, and a quarter as many with a term
+/// outside the catalogue at 12 times the bound. The thresholds are those of one recording with nothing hidden.
+#[derive(Args, Debug)]
+struct CampaignArguments {
+    #[command(flatten)]
+    unit: NamedSettings,
+    /// Runs of each strength
+    #[arg(long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u16).range(1..))]
+    runs: u16,
+    /// Seed of all that is drawn
+    #[arg(long, default_value_t = 1, value_parser = seed)]
+    seed: u64,
+    /// Strengths: size over its Cramér–Rao bound, with the sixteen, the lag and the walks as nuisances
+    #[arg(long, value_name = "K,…", value_delimiter = ',', default_value = "6,12", value_parser = strength)]
+    sizes: Vec<f64>,
+    /// Write every run as JSON
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// Print the tables alone
+    #[arg(long)]
+    markdown: bool,
+    /// On-board time of each recording
+    #[arg(long, value_name = "SECONDS", default_value_t = SURVEY_S, value_parser = duration)]
+    duration: f64,
+    /// Threads [default: one for each core]; the result is the same
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
+}
+
+fn duration(text: &str) -> Result<f64, String> {
+    let seconds = text.parse().ok().filter(|seconds| (900.0..=1e6).contains(seconds));
+    seconds.ok_or_else(|| format!("expected 900…1e6 seconds, got {text}"))
+}
+
+fn strength(text: &str) -> Result<f64, String> {
+    let strength = text.parse().ok().filter(|strength| (0.1..=1e4).contains(strength));
+    strength.ok_or_else(|| format!("expected 0.1…1e4, got {text}"))
+}
+
+/// Carries it out.
+///
+/// # Errors
+/// A configuration, key or result that cannot be read, files that cannot be written; exit 1 where a score is not right.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    match &arguments.command {
+        Command::Hide(arguments) => hidden(arguments),
+        Command::Score(arguments) => scored(arguments),
+        Command::Campaign(arguments) => many(arguments),
+    }
+}
+
+fn survey(unit: &NamedSettings, duration_s: f64) -> Result<Survey, Failure> {
+    Survey::new(Settings::from(unit).read()?, duration_s).map_err(Failure::input)
+}
+
+fn hidden(arguments: &Hide) -> Result<(), Failure> {
+    let survey = survey(&arguments.unit, arguments.duration)?;
+    let count = arguments.count.unwrap_or(1);
+    let bar = ProgressBar::new(count.into());
+    for number in 0..count {
+        let (key, flight) = hide(&survey, arguments.seed.wrapping_add(number.into()) & i64::MAX as u64);
+        let own = match arguments.count {
+            Some(_) => arguments.out.join((number + 1).to_string()),
+            None => arguments.out.clone(),
+        };
+        let [recording, apart] = ["recording", "key"].map(|name| own.join(name));
+        for directory in [&recording, &apart] {
+            fs::create_dir_all(directory)
+                .map_err(|error| Failure::failed(format!("{}: cannot be made: {error}", directory.display())))?;
+        }
+        write(&recording.join("link.log"), flight.link_log())?;
+        write(&recording.join("reference.csv"), flight.reference_csv())?;
+        write(&recording.join("believed.toml"), survey.believed.to_toml(false))?;
+        write(&apart.join("key.toml"), key.to_toml())?;
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    Ok(())
+}
+
+fn text(path: &Path) -> Result<String, Failure> {
+    read_text(path).map_err(|error| Failure::input(format!("{}: cannot be read: {error}", path.display())))
+}
+
+fn scored(arguments: &ScoreArguments) -> Result<(), Failure> {
+    let key = Key::parse(&arguments.key.display().to_string(), &text(&arguments.key)?).map_err(Failure::input)?;
+    let at = |error: &dyn std::fmt::Display| Failure::input(format!("{}: {error}", arguments.json.display()));
+    let result = serde_json::from_str(&text(&arguments.json)?).map_err(|error| at(&error))?;
+    let told = Told::from_json(&result).map_err(|error| at(&error))?;
+    let survey = survey(&arguments.unit, key.duration_s)?;
+    let score = score(&key.hidden, &told, &|hidden: &Hidden, found| survey.likeness(hidden, found));
+    for (hidden, outcome) in key.hidden.iter().zip(&score.outcomes) {
+        let size = outcome.size.map_or(String::new(), |size| {
+            format!(
+                "; size off by {:.2} of its sigma, {:.2} of the bound",
+                size.error / size.sigma,
+                size.error / size.bound
+            )
+        });
+        say!("{}: {hidden}{size}", outcome.naming.name())?;
+    }
+    if key.hidden.is_empty() {
+        say!("nothing hidden; said {}", told.verdict)?;
+    }
+    for &index in &score.false_names {
+        say!("false name: {}", told.missing[index])?;
+    }
+    match score.is_right(&key.hidden, &told) && (told.verdict == "consistent" || !key.hidden.is_empty()) {
+        true => Ok(()),
+        false => Err(Failure::failed("expected what the key tells, got something else")),
+    }
+}
+
+fn many(arguments: &CampaignArguments) -> Result<(), Failure> {
+    let survey = survey(&arguments.unit, arguments.duration)?;
+    let threads = arguments.threads.map_or_else(rayon::current_num_threads, usize::from);
+    let plan = Plan { seed: arguments.seed, runs: arguments.runs.into(), strengths: arguments.sizes.clone(), threads };
+    let bar = ProgressBar::new(plan.count() as u64);
+    let campaign = campaign(&survey, &plan, &|| bar.inc(1)).map_err(Failure::failed)?;
+    bar.finish_and_clear();
+    if let Some(path) = &arguments.json {
+        write(path, format!("{:#}\n", campaign.json()))?;
+    }
+    say!("{}", campaign.tables().trim_end())?;
+    if arguments.markdown {
+        return Ok(());
+    }
+    let misses = campaign.misses();
+    say!("\nmissed or wrongly named: {}", misses.len())?;
+    misses.iter().try_for_each(|miss| say!("- {miss}"))?;
+    say!("\nmedian time of a diagnosis, on one core, thresholds known: {:.1} s", campaign.median_s())
+}
