@@ -161,9 +161,14 @@ fn swings(change: &Change) -> bool {
 fn sentence<'a>(cosine: f64, before: Apart, tried: impl Iterator<Item = (&'a Tried<'a>, Apart)>) -> String {
     let is_lowered = |apart: &Apart| apart.cosine < LOWERED * before.cosine;
     let useful: Vec<_> = tried.filter(|(_, apart)| apart.chi2 > APART_CHI2 || is_lowered(apart)).collect();
-    let sure = useful.iter().filter(|(_, apart)| apart.chi2 > SURE_CHI2 && is_lowered(apart));
-    let shortest = sure.min_by(|one, other| one.0.duration_s.total_cmp(&other.0.duration_s));
-    let best = shortest.or_else(|| useful.iter().max_by(|one, other| one.1.chi2.total_cmp(&other.1.chi2)));
+    let is_sure = |apart: &Apart| apart.chi2 > SURE_CHI2;
+    let shortest = |is_fit: &dyn Fn(&Apart) -> bool| {
+        let fit = useful.iter().filter(|(_, apart)| is_fit(apart));
+        fit.min_by(|one, other| one.0.duration_s.total_cmp(&other.0.duration_s))
+    };
+    let best = shortest(&|apart| is_sure(apart) && is_lowered(apart))
+        .or_else(|| shortest(&is_sure))
+        .or_else(|| useful.iter().max_by(|one, other| one.1.chi2.total_cmp(&other.1.chi2)));
     let Some((Tried { name, .. }, apart)) = best else {
         return "none of the manoeuvres tried would tell them apart".to_owned();
     };
@@ -195,34 +200,26 @@ fn flights(believed: &Configuration) -> Vec<(String, Flight)> {
                 }
             }
             None => {
-                let is_rest = numbers.len() == 1;
-                if is_rest {
+                let mut name = named(manoeuvre.kind());
+                // What has nothing but a length is a rest.
+                if let [length] = numbers {
                     *manoeuvre.numbers_mut().value_mut(0) = REST_S;
+                    name += &format!(" with {} = {REST_S}", length.name);
                 }
-                let sign = numbers.iter().position(|number| number.least == -number.greatest);
-                let backwards = sign.map(|sign| {
-                    let mut backwards = manoeuvre.clone();
-                    let value = backwards.numbers_mut().value_mut(sign);
-                    *value = -*value;
-                    (format!("{} with {} = {value}", named(manoeuvre.kind()), numbers[sign].name), backwards)
-                });
-                plain.push((named(manoeuvre.kind()), manoeuvre));
-                plain.extend(backwards);
+                plain.push((name, manoeuvre));
             }
         }
     }
     for (name, manoeuvre) in plain {
-        let alone = scenario(believed, vec![manoeuvre.clone()]);
-        match Plan::new(&alone) {
-            Ok(_) => sequences.push((name, alone.manoeuvres)),
-            // It needs another attitude; of two such, one is the other backwards.
-            Err(_) if name == named(manoeuvre.kind()) => {
-                sequences.extend(there_and_back.iter().map(|(both, there, back)| {
-                    (format!("{both} with {name} between"), vec![there.clone(), manoeuvre.clone(), back.clone()])
-                }))
-            }
-            Err(_) => {}
+        if Plan::new(&scenario(believed, vec![manoeuvre.clone()])).is_ok() {
+            sequences.extend(backwards(&manoeuvre).map(|(name, backwards)| (name, vec![backwards])));
+            sequences.push((name, vec![manoeuvre]));
+            continue;
         }
+        // It needs another attitude.
+        sequences.extend(there_and_back.iter().map(|(both, there, back)| {
+            (format!("{both} with {name} between"), vec![there.clone(), manoeuvre.clone(), back.clone()])
+        }));
     }
     sequences.extend(there_and_back.into_iter().map(|(name, there, back)| (name, vec![there, back])));
     let mut flights: Vec<(String, Flight)> = Vec::new();
@@ -236,6 +233,16 @@ fn flights(believed: &Configuration) -> Vec<(String, Flight)> {
         }
     }
     flights
+}
+
+/// A manoeuvre that turns the other way, where it has a number for that.
+fn backwards(manoeuvre: &Manoeuvre) -> Option<(String, Manoeuvre)> {
+    let mut backwards = manoeuvre.clone();
+    let numbers = manoeuvre.numbers().specs();
+    let sign = numbers.iter().position(|number| number.least == -number.greatest)?;
+    let value = backwards.numbers_mut().value_mut(sign);
+    *value = -*value;
+    Some((format!("{} with {} = {value}", named(manoeuvre.kind()), numbers[sign].name), backwards))
 }
 
 fn scenario(believed: &Configuration, manoeuvres: Vec<Manoeuvre>) -> Scenario {
