@@ -37,7 +37,7 @@ pub fn climb(start: Variation, duration_s: f64, of: &dyn Fn(&Variation) -> f64) 
                 tried[index] += step;
                 let number = &KINDS[kind].shapes[index];
                 let is_inside = (number.least..=number.greatest).contains(&tried[index])
-                    && (number.name != "time_s" || tried[index] < duration_s);
+                    && tried[index] < most(number.name, duration_s);
                 let value = if is_inside { of(&Variation::Course { kind, shapes: tried.clone() }) } else { f64::NAN };
                 if value > best {
                     (best, shapes, is_higher) = (value, tried, true);
@@ -51,6 +51,16 @@ pub fn climb(start: Variation, duration_s: f64, of: &dyn Fn(&Variation) -> f64) 
         }
     }
     (Variation::Course { kind, shapes }, best)
+}
+
+/// The greatest that is looked for: an onset within the recording; a period of which half a turn is, since less of it cannot be told
+/// from a ramp.
+fn most(name: &str, duration_s: f64) -> f64 {
+    match name {
+        "time_s" => duration_s,
+        "phase_rad" => f64::INFINITY,
+        _ => 2.01 * duration_s,
+    }
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use crate::bank::{Bank, Base, Column, Variation};
 use crate::change::{ALL_GYROS, Amplitude, Change, Gyros, Place};
 use crate::climb::climb;
-use crate::measured::{BLOCK_S, Series, TIMING};
+use crate::measured::{BLOCK_S, CHANNELS, Series, TIMING};
 use crate::normal::{Beside, Normal, Nuisance, Products};
 use crate::search::columns;
 use crate::state::{Case, State};
@@ -14,7 +14,7 @@ use crate::state::{Case, State};
 /// Those that are less alike are none.
 const LEAST_COSINE: f64 = 0.3;
 /// Rivals whose shapes are fitted.
-const CLIMBED: usize = 32;
+const CLIMBED: usize = 24;
 /// A group whose members cannot be told apart: what they differ by explains less than this, three sigma.
 pub const APART_CHI2: f64 = 9.0;
 
@@ -52,16 +52,16 @@ pub fn rivals(case: &Case, bank: &Bank, state: &State, index: usize) -> Vec<Riva
     let products = products_of(&normal, &own);
     let Some(found) = normal.gain(&products) else { return Vec::new() };
     let amplitude = held.change.amplitude;
-    let cosine_of = |base: &Base, variation: &Variation, gyros: &Gyros| -> Option<(f64, f64)> {
-        let parts = columns(bank, base, variation);
-        let parts: Vec<Beside> = parts
-            .iter()
-            .enumerate()
-            .filter(|(channel, _)| reaches(&base.amplitude, gyros, *channel))
-            .filter_map(|(channel, column)| Some(normal.beside(&normal.products_of(channel, column.as_ref()?))))
-            .collect();
-        // What it explains of the signature found, beside the nuisances: its square is that of the cosine.
-        let gain = Beside::gain(&parts.iter().collect::<Vec<_>>())?;
+    let parts_of = |base: &Base, variation: &Variation| -> [Option<Beside>; CHANNELS] {
+        let columns = columns(bank, base, variation);
+        std::array::from_fn(|channel| {
+            columns[channel].as_ref().map(|column| normal.beside(&normal.products_of(channel, column)))
+        })
+    };
+    // What it explains of the signature found, beside the nuisances: its square is that of the cosine.
+    let cosine_of = |base: &Base, parts: &[Option<Beside>; CHANNELS], gyros: &Gyros| -> Option<(f64, f64)> {
+        let own = parts.iter().enumerate().filter(|(channel, _)| reaches(&base.amplitude, gyros, *channel));
+        let gain = Beside::gain(&own.filter_map(|(_, part)| part.as_ref()).collect::<Vec<_>>())?;
         Some(((gain.chi2 / found.chi2).clamp(0.0, 1.0).sqrt(), gain.size))
     };
     let sets = |base: &Base| -> Vec<Gyros> {
@@ -80,11 +80,12 @@ pub fn rivals(case: &Case, bank: &Bank, state: &State, index: usize) -> Vec<Riva
         let mut best: Vec<Spot> = Vec::new();
         for variation in bank.variations(base) {
             let own = Amplitude { kind: variation.kind(), ..base.amplitude };
+            let parts = parts_of(base, &variation);
             for gyros in sets(base) {
                 if own == amplitude && gyros == held.change.gyros {
                     continue;
                 }
-                let Some((cosine, _)) = cosine_of(base, &variation, &gyros) else { continue };
+                let Some((cosine, _)) = cosine_of(base, &parts, &gyros) else { continue };
                 let same =
                     best.iter_mut().find(|other| other.variation.kind() == variation.kind() && other.gyros == gyros);
                 match same {
@@ -103,9 +104,18 @@ pub fn rivals(case: &Case, bank: &Bank, state: &State, index: usize) -> Vec<Riva
     let duration_s = case.measured.block_count() as f64 * BLOCK_S;
     let climbed = |spot: Spot| -> Option<Rival> {
         let base = &bank.bases[spot.base];
-        let of = |variation: &Variation| cosine_of(base, variation, &spot.gyros).map_or(0.0, |(cosine, _)| cosine);
+        let at = |variation: &Variation| {
+            let columns = columns(bank, base, variation);
+            let parts = columns.iter().enumerate().map(|(channel, column)| {
+                let column = column.as_ref().filter(|_| reaches(&base.amplitude, &spot.gyros, channel))?;
+                Some(normal.beside(&normal.products_of(channel, column)))
+            });
+            let parts: Vec<Option<Beside>> = parts.collect();
+            cosine_of(base, &parts.try_into().ok()?, &spot.gyros)
+        };
+        let of = |variation: &Variation| at(variation).map_or(0.0, |(cosine, _)| cosine);
         let (variation, cosine) = climb(spot.variation.clone(), duration_s, &of);
-        let (_, size) = cosine_of(base, &variation, &spot.gyros)?;
+        let (_, size) = at(&variation)?;
         let change = bank.change(base, &variation, size, spot.gyros);
         let behind_chi2 = found.chi2 * (1.0 - cosine * cosine);
         change.is_within_limits().then_some(Rival { change, cosine, behind_chi2 })

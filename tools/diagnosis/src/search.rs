@@ -14,7 +14,7 @@ use crate::state::State;
 const SUDDEN_BLOCKS: usize = 120;
 
 /// Candidates whose shapes are fitted.
-const CLIMBED: usize = 48;
+const CLIMBED: usize = 16;
 /// Candidates that are looked at closely.
 const SHOWN: usize = 24;
 
