@@ -46,10 +46,10 @@ mod tests {
     #[test]
     fn every_course_goes_on_where_it_was() {
         let overrides = [
-            "gyro.GYRX.drift-step.arcsec_per_half_s=0.01",
+            "gyro.GYRX.drift-step.arcsec_per_h=50",
             "gyro.GYRX.drift-step.time_s=5000",
             "gyro.GYRX.scale-factor-ramp.ppm_per_day=300",
-            "gyro.GYRX.drift-periodic.amplitude_arcsec_per_half_s=0.02",
+            "gyro.GYRX.drift-periodic.amplitude_arcsec_per_h=20",
             "gyro.GYRX.drift-periodic.period_s=6180",
         ];
         let own = Configuration::reference_with(&overrides.map(str::to_owned)).expect("valid");
