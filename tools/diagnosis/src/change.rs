@@ -5,8 +5,8 @@
 
 use geu_model::Configuration;
 use geu_model::course::{Course, KINDS, Size};
-use geu_model::effect::{Configured, EffectSpec, Effects, HeadEffects, UnitEffects};
 use geu_model::effect::discovered::{self, Formula, Regressor, Term};
+use geu_model::effect::{Configured, EffectSpec, Effects, HeadEffects, UnitEffects};
 use geu_model::number::{Form, Number};
 use geu_model::package::{Axes, Calibration};
 use geu_protocol::Gyro;
@@ -59,13 +59,7 @@ impl Amplitude {
             let list = E::default();
             let of_effect = |effect: usize| {
                 let amplitudes = 0..list.specs()[effect].amplitudes.len();
-                amplitudes.map(move |amplitude| Amplitude {
-                    place,
-                    effect,
-                    amplitude,
-                    kind: None,
-                    formula: None,
-                })
+                amplitudes.map(move |amplitude| Amplitude { place, effect, amplitude, kind: None, formula: None })
             };
             (0..list.specs().len()).filter(|&effect| !list.is_noise(effect)).flat_map(of_effect).collect()
         }
@@ -220,8 +214,7 @@ impl Change {
             least: number.least,
             greatest: number.greatest,
         };
-        let size =
-            Parameter { name: size.name, value: self.size, least: size.least, greatest: size.greatest };
+        let size = Parameter { name: size.name, value: self.size, least: size.least, greatest: size.greatest };
         let own = self.amplitude.own_shapes().iter().zip(&self.own_shapes).map(shape);
         let course = self.amplitude.course_shapes().iter().zip(&self.course_shapes).map(shape);
         std::iter::once(size).chain(own).chain(course).collect()

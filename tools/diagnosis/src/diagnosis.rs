@@ -290,10 +290,11 @@ fn merge_gyros(case: &Case, explained: &mut Explained) {
         let held = &explained.state.held;
         let pair = (0..held.len()).flat_map(|one| (one + 1..held.len()).map(move |other| (one, other))).find(|pair| {
             let (one, other) = (&held[pair.0], &held[pair.1]);
-            let agree = one.change.parameters().iter().zip(other.change.parameters()).enumerate().all(|(index, (a, b))| {
-                let sigma = one.sigmas[index].hypot(other.sigmas[index]);
-                a.value == b.value || (a.value - b.value).abs() < SAME_SIGMAS * sigma
-            });
+            let agree =
+                one.change.parameters().iter().zip(other.change.parameters()).enumerate().all(|(index, (a, b))| {
+                    let sigma = one.sigmas[index].hypot(other.sigmas[index]);
+                    a.value == b.value || (a.value - b.value).abs() < SAME_SIGMAS * sigma
+                });
             one.change.amplitude == other.change.amplitude && one.change.amplitude.place != Place::Unit && agree
         });
         let Some((one, other)) = pair else { return };
@@ -315,8 +316,7 @@ impl Report<'_> {
         let (case, measured) = (self.case, self.case.measured);
         let (_, channels) = unlikeness(&explained.normal.left());
         let piled = explained.piled(&|found| is_told(case.believed, &explained, found));
-        let unlike: Gyros =
-            std::array::from_fn(|gyro| channels[gyro] > self.thresholds.unlikeness || piled[gyro]);
+        let unlike: Gyros = std::array::from_fn(|gyro| channels[gyro] > self.thresholds.unlikeness || piled[gyro]);
         if unlike.contains(&true) {
             // The noise that was to explain it goes with it.
             if piled.contains(&true) {
@@ -327,15 +327,16 @@ impl Report<'_> {
         }
         let left = explained.normal.left();
         let (_, channels) = unlikeness(&left);
-        let unlike: Gyros =
-            std::array::from_fn(|gyro| channels[gyro] > self.thresholds.unlikeness || piled[gyro]);
+        let unlike: Gyros = std::array::from_fn(|gyro| channels[gyro] > self.thresholds.unlikeness || piled[gyro]);
         let mut findings = findings;
         let late_s = explained.state.shifts.temperature_s;
         if late_s != 0.0 {
             findings.push(Finding {
                 kind: "temperature-lag".to_owned(),
                 place: "the whole recording".to_owned(),
-                text: format!("what follows the electronics temperature does so {late_s:.0} s before the temperature is told"),
+                text: format!(
+                    "what follows the electronics temperature does so {late_s:.0} s before the temperature is told"
+                ),
             });
         }
         let mut entries = self.faults();
@@ -396,7 +397,12 @@ impl Report<'_> {
         let of = |fault: &WiringFault| {
             let mut gyros = [false; 4];
             fault.gyros.iter().for_each(|gyro| gyros[*gyro as usize] = true);
-            let onset = fault.onset_s.map(|onset_s| Number { name: "time_s".to_owned(), value: onset_s, sigma: None, written: None });
+            let onset = fault.onset_s.map(|onset_s| Number {
+                name: "time_s".to_owned(),
+                value: onset_s,
+                sigma: None,
+                written: None,
+            });
             let written = fault.written();
             let path = format!("gyro.{}.{}", fault.bearer.name(), fault.code);
             let assignments = std::iter::once(format!("{path}.{} = {written}", fault.parameter))
@@ -548,7 +554,12 @@ impl Report<'_> {
             formula: None,
             class: Class::MissingEffect,
             gyros: ALL_GYROS,
-            parameters: vec![Number { name: limits.name, value: change.size, sigma: Some(sigma * ratio.abs()), written: None }],
+            parameters: vec![Number {
+                name: limits.name,
+                value: change.size,
+                sigma: Some(sigma * ratio.abs()),
+                written: None,
+            }],
             gap_share: 0.0,
             chi2: Some(((lag_s / lag_sigma_s).powi(2), (LAG_S / lag_sigma_s).powi(2))),
             held_out: None,
@@ -664,9 +675,11 @@ impl Report<'_> {
             .collect();
         follows.sort_by(|one, other| other.1.total_cmp(&one.1));
         let mut seen: Vec<String> = Vec::new();
-        follows.retain(|(name, _)| !seen.contains(name) && {
-            seen.push(name.clone());
-            true
+        follows.retain(|(name, _)| {
+            !seen.contains(name) && {
+                seen.push(name.clone());
+                true
+            }
         });
         follows.truncate(FOLLOWED);
         let shape = format!("{shape}: {share:.0} % of the two-minute averages stand out by more than two sigma");
@@ -719,7 +732,8 @@ impl Report<'_> {
                 }
             }
             let white = Normal::new(self.case.whitenings(&state.noise), &own, &[]);
-            squares += white.residual()[..TIMING].iter().flat_map(|values| &values[range.clone()]).map(|v| v * v).sum::<f64>();
+            squares +=
+                white.residual()[..TIMING].iter().flat_map(|values| &values[range.clone()]).map(|v| v * v).sum::<f64>();
         }
         let count = normal.residual()[..TIMING].iter().flatten().filter(|value| **value != 0.0).count();
         // Where one third ends and the next begins another fit holds: each window starts anew there.
@@ -836,7 +850,13 @@ pub fn diagnose_rows(
     let key = key(&measured, believed, options.seed);
     let known = (options.known)(key);
     let is_new = known.is_none();
-    let own = Options { seed: options.seed, known, raw: raw.as_ref(), manoeuvres: options.manoeuvres, progress: options.progress };
+    let own = Options {
+        seed: options.seed,
+        known,
+        raw: raw.as_ref(),
+        manoeuvres: options.manoeuvres,
+        progress: options.progress,
+    };
     let diagnosis = diagnose(&measured, believed, checked.findings, &checked.faults, &own);
     if is_new {
         (options.keep)(key, &diagnosis.thresholds);

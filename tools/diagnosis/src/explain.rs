@@ -198,9 +198,12 @@ impl Explained {
     /// have. A pile explains everything, and so nothing.
     pub fn piled(&self, is_told: &dyn Fn(&NoiseFound) -> bool) -> [bool; 4] {
         std::array::from_fn(|gyro| {
-            let own = || self.state.held.iter().filter(|held| {
-                held.change.amplitude.place != Place::Unit && held.change.gyros[gyro]
-            });
+            let own = || {
+                self.state
+                    .held
+                    .iter()
+                    .filter(|held| held.change.amplitude.place != Place::Unit && held.change.gyros[gyro])
+            };
             let formulas = own().filter(|held| held.change.amplitude.place == Place::Discovered).count();
             let is_noisy = self.noise.iter().any(|found| found.channel == gyro && is_told(found));
             own().count() > MOST_OF_ONE || formulas > 1 || is_noisy && own().count() > 1
@@ -283,7 +286,8 @@ impl Explained {
             let normal = case.fit(&mut state);
             (state, normal)
         };
-        let best = TEMPERATURE_S.par_iter().map(tried).min_by(|one, other| one.1.squares().total_cmp(&other.1.squares()));
+        let best =
+            TEMPERATURE_S.par_iter().map(tried).min_by(|one, other| one.1.squares().total_cmp(&other.1.squares()));
         let Some((state, normal)) = best else { return };
         // A wave has two shapes to spare; a lag must pay for itself.
         let worth = if is_wave { -TEMPERATURE_CHI2 } else { TEMPERATURE_CHI2 };
@@ -374,8 +378,7 @@ impl Explained {
             let (residual, nuisances) = case.linearised(&mut self.state);
             let open = questions.par_iter().filter(|(channel, walk)| {
                 let is_taken = |found: &NoiseFound| (found.channel, found.walk) == (*channel, *walk);
-                !self.noise.iter().any(is_taken)
-                    && case.measured.blocks[*channel].iter().any(|block| block.is_good)
+                !self.noise.iter().any(is_taken) && case.measured.blocks[*channel].iter().any(|block| block.is_good)
             });
             let fits = open.map(|&(channel, walk)| NoiseFound {
                 channel,
@@ -492,4 +495,3 @@ pub fn unlikeness(left: &crate::measured::Series) -> (f64, [f64; CHANNELS]) {
     let channels: [f64; CHANNELS] = std::array::from_fn(of_channel);
     (channels[..TIMING].iter().copied().fold(f64::NEG_INFINITY, f64::max), channels)
 }
-

@@ -1,7 +1,7 @@
 //! What was measured: counts at nodes, when they were received, temperatures, and the motion that a better sensor saw; on
 //! one time scale, whose 0 is the start of the first half second.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use geu_calibration::Counts;
 use geu_model::attitude::Recorded;
@@ -69,6 +69,8 @@ pub struct Measured {
     pub half_seconds: usize,
     /// Blocks of each channel. The channel of the times has good ones only where times were received.
     pub blocks: [Vec<Block>; CHANNELS],
+    /// The motion moved by a lag.
+    lagging: Arc<Mutex<Option<(f64, Arc<Recorded>)>>>,
     /// Time of receipt of each node less nominal half seconds, in units of [`TIMING_UNIT_S`]; NaN where none came.
     late: Vec<f64>,
     /// Time of node 0 since the start that courses count from: 0 but for a flight that follows a recording.
@@ -110,8 +112,7 @@ impl Measured {
         // Beside the ends of the reference a spline bends more than the motion does.
         let covered = |node_s: f64| node_s >= start_s && node_s <= reference.end_s();
         let half_seconds = counts.node_s.partition_point(|&node_s| node_s <= reference.end_s()).saturating_sub(1);
-        let common_s =
-            (counts.end_s().min(reference.end_s()) - start_s.max(0.0)).max(0.0);
+        let common_s = (counts.end_s().min(reference.end_s()) - start_s.max(0.0)).max(0.0);
         let count = half_seconds / BLOCK;
         let mut late = vec![f64::NAN; counts.node_s.len()];
         for &(node, late_s) in &counts.received_late_s {
@@ -133,7 +134,13 @@ impl Measured {
             // The block in which the sum is lost, and all that it touches.
             for (index, channel) in blocks.iter_mut().enumerate() {
                 let concerns = match index {
-                    TIMING => found.kind == geu_calibration::BreakKind::TimeJump || matches!(found.kind, geu_calibration::BreakKind::Jump | geu_calibration::BreakKind::Reset),
+                    TIMING => {
+                        found.kind == geu_calibration::BreakKind::TimeJump
+                            || matches!(
+                                found.kind,
+                                geu_calibration::BreakKind::Jump | geu_calibration::BreakKind::Reset
+                            )
+                    }
                     gyro => found.gyros[gyro],
                 };
                 let last = found.to.saturating_sub(1) / BLOCK;
@@ -153,7 +160,8 @@ impl Measured {
                 common_s,
             });
         }
-        Ok(Measured { counts, reference: Arc::new(reference), half_seconds, blocks, late, start_s: 0.0 })
+        let (reference, lagging) = (Arc::new(reference), Arc::default());
+        Ok(Measured { counts, reference, half_seconds, blocks, lagging, late, start_s: 0.0 })
     }
 
     /// How long it is, s.
@@ -185,6 +193,7 @@ impl Measured {
             reference: Arc::new(motion),
             half_seconds,
             blocks: std::array::from_fn(of_channel),
+            lagging: Arc::default(),
             late: vec![0.0; half_seconds + 1],
             start_s: self.start_s + self.duration_s(),
         }
@@ -227,13 +236,7 @@ impl Measured {
     /// A model without its noise, on this motion and at these temperatures, at each node: accumulated counts before rounding, and
     /// how much later than nominal its half seconds end.
     pub fn run(&self, configuration: &Configuration, Shifts { lag_s, temperature_s }: Shifts) -> Series {
-        let reference = match lag_s == 0.0 {
-            true => self.reference.clone(),
-            false => {
-                let start_s = self.reference.start_s() + lag_s;
-                Arc::new(Recorded::clone(&self.reference).starting_at(start_s))
-            }
-        };
+        let reference = self.reference_at(lag_s);
         let mut unit = Unit::on(&self.quiet(configuration, temperature_s), &Truth::Recorded(reference));
         unit.follow_sensor(table(&self.counts.sensor_c, 0.0));
         let mut series: Series = std::array::from_fn(|_| Vec::with_capacity(self.half_seconds + 1));
@@ -249,6 +252,23 @@ impl Measured {
             series[TIMING].push(late_ns as f64 * 1e-9 / TIMING_UNIT_S);
         }
         series
+    }
+
+    /// The motion as recorded times tell it that are so much late; the last one asked for is kept.
+    fn reference_at(&self, lag_s: f64) -> Arc<Recorded> {
+        if lag_s == 0.0 {
+            return self.reference.clone();
+        }
+        let mut kept = self.lagging.lock().unwrap_or_else(PoisonError::into_inner);
+        match &*kept {
+            Some((own_s, reference)) if *own_s == lag_s => reference.clone(),
+            _ => {
+                let start_s = self.reference.start_s() + lag_s;
+                let reference = Arc::new(Recorded::clone(&self.reference).starting_at(start_s));
+                *kept = Some((lag_s, reference.clone()));
+                reference
+            }
+        }
     }
 
     /// The configuration as the model of this recording: no noise, no wiring faults (exact checks have mended the rows), temperatures

@@ -133,7 +133,14 @@ pub fn fit_white(case: &Case, channel: usize, noise: &Noise, residual: &Series, 
 }
 
 /// Fits one walk of one channel, and the white noise with it.
-pub fn fit(case: &Case, channel: usize, noise: &Noise, walk: Walk, residual: &Series, nuisances: &[Nuisance]) -> Fitted {
+pub fn fit(
+    case: &Case,
+    channel: usize,
+    noise: &Noise,
+    walk: Walk,
+    residual: &Series,
+    nuisances: &[Nuisance],
+) -> Fitted {
     let deviance = deviance(case, channel, residual, nuisances);
     let start = match (noise.walk(walk), walk) {
         (configured, _) if configured > 0.0 => configured.ln(),

@@ -332,11 +332,7 @@ fn foretold(parts: &[(DMatrix<f64>, DVector<f64>); THIRDS]) -> [f64; THIRDS] {
     })
 }
 
-fn fitted_without(
-    parts: &[(DMatrix<f64>, DVector<f64>); THIRDS],
-    third: usize,
-    known: &[(f64, f64)],
-) -> DVector<f64> {
+fn fitted_without(parts: &[(DMatrix<f64>, DVector<f64>); THIRDS], third: usize, known: &[(f64, f64)]) -> DVector<f64> {
     let count = parts[0].1.len();
     let whole = parts.iter().fold(DVector::zeros(count), |sum: DVector<f64>, (gram, _)| sum + gram.diagonal());
     let scale = whole.map(|own| if own > 0.0 { 1.0 / own.sqrt() } else { 0.0 });

@@ -13,10 +13,10 @@ use serde_json::{Value, json};
 use crate::bank::{Bank, Family};
 use crate::change::Place;
 use crate::measured::{BLOCK, CHANNELS, Series, Shifts, TIMING, nodes};
+use crate::noise::Walk;
 use crate::normal::{Beside, Normal};
 use crate::search::{columns, set_penalty, sets};
 use crate::state::Case;
-use crate::noise::Walk;
 use crate::whitening::{Noise, ROUNDING};
 
 /// Recordings drawn.
@@ -70,19 +70,18 @@ pub fn thresholds(case: &Case, bank: &Bank, normal: &Normal, noise: &[Noise; CHA
     let beside: [Vec<f32>; CHANNELS] = std::array::from_fn(|channel| {
         (0..blocks).flat_map(|block| drawn.iter().map(move |series| series[channel][block] as f32)).collect()
     });
-    let largest = (0..bank.bases.len())
-        .into_par_iter()
-        .map(|base| of_base(bank, base, normal, &beside))
-        .reduce(|| vec![[0.0; RUNS]; Family::COUNT], |mut one, other| {
+    let largest = (0..bank.bases.len()).into_par_iter().map(|base| of_base(bank, base, normal, &beside)).reduce(
+        || vec![[0.0; RUNS]; Family::COUNT],
+        |mut one, other| {
             for (one, other) in one.iter_mut().flatten().zip(other.iter().flatten()) {
                 *one = one.max(*other);
             }
             one
-        });
+        },
+    );
     let unlike: Vec<f64> = drawn.iter().map(|left| crate::explain::unlikeness(left).0).collect();
     let (at, scale) = gumbel(&unlike).unwrap_or((0.0, 1.0));
-    let mut thresholds =
-        Thresholds { unlikeness: at - scale * (-(1.0 - FALSE_NAMES).ln()).ln(), ..limits(&largest) };
+    let mut thresholds = Thresholds { unlikeness: at - scale * (-(1.0 - FALSE_NAMES).ln()).ln(), ..limits(&largest) };
     let falls: Vec<f64> = raw[..NOISE_RUNS].par_iter().map(|raw| largest_walk(case, noise, raw)).collect();
     if let Some((at, scale)) = gumbel(&falls) {
         let chance = at - scale * (-(1.0 - FALSE_NAMES).ln()).ln();
@@ -122,7 +121,8 @@ fn of_base(bank: &Bank, base: usize, normal: &Normal, beside: &[Vec<f32>; CHANNE
         });
         let family = &mut largest[base.family(&variation).0];
         let mut take = |chosen: &[bool; CHANNELS], penalty: f64| {
-            let chosen = || parts.iter().zip(chosen).filter(|(_, chosen)| **chosen).filter_map(|(part, _)| part.as_ref());
+            let chosen =
+                || parts.iter().zip(chosen).filter(|(_, chosen)| **chosen).filter_map(|(part, _)| part.as_ref());
             let mut sums = [0.0f32; RUNS];
             for (_, own) in chosen() {
                 sums.iter_mut().zip(own).for_each(|(sum, own)| *sum += own);
@@ -152,11 +152,8 @@ fn draw(case: &Case, model: &Series, noise: &[Noise; CHANNELS], seed: u64) -> Se
     let measured = case.measured;
     std::array::from_fn(|channel| {
         let gyro = Gyro::ALL[channel.min(3)];
-        let mut stream = if channel == TIMING {
-            Stream::of_sensor(seed, "null")
-        } else {
-            Stream::new(seed, gyro, "null")
-        };
+        let mut stream =
+            if channel == TIMING { Stream::of_sensor(seed, "null") } else { Stream::new(seed, gyro, "null") };
         let own = &noise[channel];
         let blocks = &measured.blocks[channel];
         if channel == TIMING {
@@ -185,7 +182,8 @@ fn limits(largest: &[[f64; RUNS]]) -> Thresholds {
     let laws: Vec<Option<(f64, f64)>> = largest.iter().map(|runs| gumbel(runs)).collect();
     let worst: Vec<f64> = (0..RUNS)
         .map(|run| {
-            let reduced = laws.iter().zip(largest).filter_map(|(law, runs)| law.map(|(at, scale)| (runs[run] - at) / scale));
+            let reduced =
+                laws.iter().zip(largest).filter_map(|(law, runs)| law.map(|(at, scale)| (runs[run] - at) / scale));
             reduced.fold(f64::NEG_INFINITY, f64::max)
         })
         .collect();

@@ -113,7 +113,11 @@ pub fn with_sigma(number: &Number) -> String {
 }
 
 fn plain(value: f64) -> String {
-    if value != 0.0 && (value.abs() < 1e-3 || value.abs() >= 1e6) { format!("{value:.3e}") } else { format!("{value:.4}") }
+    if value != 0.0 && (value.abs() < 1e-3 || value.abs() >= 1e6) {
+        format!("{value:.3e}")
+    } else {
+        format!("{value:.4}")
+    }
 }
 
 /// What something is, in words: its code, or its formula.
@@ -148,7 +152,8 @@ pub fn sentence(entry: &Entry) -> String {
         text += &format!("; next best, {}, explains {share:.0} % of what it does", name(next));
     }
     if !same.is_empty() {
-        let names: Vec<String> = same.iter().map(|rival| format!("{} (cosine {:.3})", name(rival), rival.cosine)).collect();
+        let names: Vec<String> =
+            same.iter().map(|rival| format!("{} (cosine {:.3})", name(rival), rival.cosine)).collect();
         text += &format!("; cannot be told apart from {}", names.join(", "));
         for rival in &same {
             let Some(remedy) = &rival.remedy else { continue };
@@ -187,7 +192,11 @@ pub fn text(diagnosis: &Diagnosis) -> String {
     }
     if let Some(left) = &diagnosis.unexplained {
         let [from_s, to_s] = left.interval_s;
-        line(format!("\nleft unexplained\n  {}: {}, {from_s:.0}…{to_s:.0} s", names(&left.gyros).join(", "), left.shape));
+        line(format!(
+            "\nleft unexplained\n  {}: {}, {from_s:.0}…{to_s:.0} s",
+            names(&left.gyros).join(", "),
+            left.shape
+        ));
         let follows: Vec<String> = left.follows.iter().map(|(term, chi2)| format!("{term} ({chi2:.0})")).collect();
         if !follows.is_empty() {
             line(format!("  follows most (fall of chi2): {}", follows.join(", ")));

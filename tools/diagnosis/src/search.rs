@@ -97,9 +97,8 @@ pub fn search(bank: &Bank, normal: &Normal, state: &State, penalty: &(dyn Fn(Fam
                 if held {
                     return;
                 }
-                let place = best
-                    .iter()
-                    .position(|other| other.change.gyros == gyros && other.change.amplitude.kind == kind);
+                let place =
+                    best.iter().position(|other| other.change.gyros == gyros && other.change.amplitude.kind == kind);
                 if place.is_some_and(|place| best[place].gain.chi2 >= gain.chi2) {
                     return;
                 }
@@ -137,8 +136,11 @@ pub fn search(bank: &Bank, normal: &Normal, state: &State, penalty: &(dyn Fn(Fam
     };
     let found: Vec<Vec<Candidate>> = (0..bank.bases.len()).into_par_iter().map(of_base).collect();
     let mut best: Vec<Candidate> = Vec::new();
-    let score = |candidate: &Candidate| candidate.gain.chi2 - penalty(candidate.family)
-        - set_penalty(&candidate.change.gyros, candidate.change.amplitude.place);
+    let score = |candidate: &Candidate| {
+        candidate.gain.chi2
+            - penalty(candidate.family)
+            - set_penalty(&candidate.change.gyros, candidate.change.amplitude.place)
+    };
     for candidate in found.into_iter().flatten() {
         // One for each code and set of gyros, whatever its shapes.
         let same = best.iter().position(|other| {

@@ -116,9 +116,7 @@ impl<'a> Case<'a> {
         let mut nuisances: Vec<Nuisance> = sixteen().into_iter().map(of_gyro).collect();
         let mut lag = measured.difference(&measured.run(believed, Shifts { lag_s: LAG_S, ..Shifts::default() }), &from);
         lag.iter_mut().flatten().for_each(|value| *value /= LAG_S);
-        nuisances.push(std::array::from_fn(|channel| {
-            (channel != TIMING).then(|| std::mem::take(&mut lag[channel]))
-        }));
+        nuisances.push(std::array::from_fn(|channel| (channel != TIMING).then(|| std::mem::take(&mut lag[channel]))));
         Case { measured, believed, nuisances }
     }
 
@@ -151,7 +149,8 @@ impl<'a> Case<'a> {
         let from = self.measured.run(&state.configuration(self.believed), state.shifts);
         let open: Vec<(usize, usize)> =
             state.free().into_iter().filter(|(held, _)| state.held[*held].columns.is_none()).collect();
-        let columns: Vec<Nuisance> = open.par_iter().map(|&(held, index)| self.column(state, &from, held, index)).collect();
+        let columns: Vec<Nuisance> =
+            open.par_iter().map(|&(held, index)| self.column(state, &from, held, index)).collect();
         for held in 0..state.held.len() {
             if state.held[held].columns.is_none() {
                 let own = open.iter().zip(&columns).filter(|((other, _), _)| *other == held);
