@@ -21,6 +21,7 @@ use crate::measured::{BLOCK_S, CHANNELS, Measured, MeasuredError, Series, Shifts
 use crate::noise::{self, Walk};
 use crate::normal::{Normal, THIRDS};
 use crate::null::{Thresholds, thresholds};
+use crate::remedy::Remedies;
 use crate::rivals::{Rival, rivals};
 use crate::search::search;
 use crate::state::{Case, Held, State};
@@ -428,8 +429,12 @@ impl Report<'_> {
     /// The changes held.
     fn effects(&self, explained: &Explained) -> Vec<Entry> {
         let configuration = self.configuration(explained);
+        let remedies = Remedies::new(self.case);
         let of = |(index, held): (usize, &Held)| {
             let amplitude = &held.change.amplitude;
+            let rivals = rivals(self.case, self.bank, &explained.state, index).into_iter();
+            let rivals: Vec<Rival> = rivals.filter(|rival| !is_the_same(amplitude, rival)).take(TOLD).collect();
+            let told = remedies.of(&explained.state, index, &rivals);
             let numbers = held.change.parameters().into_iter().zip(&held.sigmas).map(|(parameter, sigma)| Number {
                 name: parameter.name,
                 value: parameter.value,
@@ -445,12 +450,7 @@ impl Report<'_> {
                 gap_share: 0.0,
                 chi2: Some(explained.worth(self.case, index)),
                 held_out: explained.held_out.get(index).copied(),
-                rivals: rivals(self.case, self.bank, &explained.state, index)
-                    .into_iter()
-                    .filter(|rival| !is_the_same(amplitude, rival))
-                    .take(TOLD)
-                    .map(shown)
-                    .collect(),
+                rivals: rivals.into_iter().zip(told).map(|(rival, remedy)| RivalShown { remedy, ..shown(rival) }).collect(),
                 assignments: held.change.assignments(&configuration),
             }
         };

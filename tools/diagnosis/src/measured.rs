@@ -5,9 +5,11 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use geu_calibration::Counts;
 use geu_model::attitude::Recorded;
-use geu_model::units::HALF_SECOND_S;
+use geu_model::units::{HALF_SECOND_S, ORBIT_S};
 use geu_model::{Configuration, Truth, Unit};
 use geu_recording::Reference;
+
+use crate::later::begin_later;
 
 /// Series that a model is compared with: the four gyros' accumulated angles, and when their half seconds ended.
 pub const CHANNELS: usize = 5;
@@ -74,6 +76,17 @@ pub struct Measured {
     lagging: Arc<Mutex<Lagging>>,
     /// Time of receipt of each node less nominal half seconds, in units of [`TIMING_UNIT_S`]; NaN where none came.
     late: Vec<f64>,
+    /// Time of node 0 since the start that courses count from: 0 but for a flight that follows a recording.
+    start_s: f64,
+}
+
+/// A flight that was not measured, yet may be.
+#[derive(Debug, Clone)]
+pub struct Flight {
+    /// Its motion; time 0 is that of node 0.
+    pub motion: Recorded,
+    /// Half seconds of it.
+    pub half_seconds: usize,
 }
 
 /// How a recording and what is told beside it lie in time.
@@ -150,7 +163,58 @@ impl Measured {
                 common_s,
             });
         }
-        Ok(Measured { counts, reference: Arc::new(reference), half_seconds, blocks, lagging: Arc::default(), late })
+        let (reference, lagging) = (Arc::new(reference), Arc::default());
+        Ok(Measured { counts, reference, half_seconds, blocks, lagging, late, start_s: 0.0 })
+    }
+
+    /// How long it is, s.
+    pub fn duration_s(&self) -> f64 {
+        self.half_seconds as f64 * HALF_SECOND_S
+    }
+
+    /// A flight as it would be recorded after this recording, at the temperatures of an orbit before.
+    pub fn followed_by(&self, flight: Flight) -> Measured {
+        let Flight { motion, half_seconds } = flight;
+        let again = |celsius: &[f64]| -> Vec<f64> {
+            let orbit = (ORBIT_S / HALF_SECOND_S) as usize;
+            // Of less than an orbit nothing tells how it goes on.
+            let period = if celsius.len() > orbit { orbit } else { 1 };
+            let last = celsius.get(celsius.len().saturating_sub(period)..).unwrap_or_default();
+            last.iter().cycle().take(half_seconds + 1).copied().collect()
+        };
+        let mut counts = Counts::starting_at(self.counts.start_ns);
+        counts.is_received = self.counts.is_received;
+        (counts.electronics_c, counts.sensor_c) = (again(&self.counts.electronics_c), again(&self.counts.sensor_c));
+        counts.accumulated = std::array::from_fn(|_| vec![0.0; half_seconds + 1]);
+        let of_channel = |channel: usize| {
+            let is_good = self.blocks[channel].iter().any(|block| block.is_good);
+            let block = |number: usize| Block { is_good, restarts: number == 0 };
+            (0..half_seconds / BLOCK).map(block).collect()
+        };
+        Measured {
+            counts,
+            reference: Arc::new(motion),
+            half_seconds,
+            blocks: std::array::from_fn(of_channel),
+            lagging: Arc::default(),
+            late: vec![0.0; half_seconds + 1],
+            start_s: self.start_s + self.duration_s(),
+        }
+    }
+
+    /// The first `half_seconds` of the recording, flown once more right after it, with the electronics at other temperatures.
+    pub fn again(&self, half_seconds: usize, electronics_c: impl Fn(f64) -> f64) -> Measured {
+        let mut again = self.clone();
+        again.half_seconds = half_seconds.min(self.half_seconds);
+        for channel in &mut again.blocks {
+            channel.truncate(again.half_seconds / BLOCK);
+            if let Some(first) = channel.first_mut() {
+                first.restarts = true;
+            }
+        }
+        again.counts.electronics_c.iter_mut().for_each(|celsius| *celsius = electronics_c(*celsius));
+        again.start_s += self.duration_s();
+        again
     }
 
     /// Blocks of each channel.
@@ -220,6 +284,9 @@ impl Measured {
             gyro.wiring = Default::default();
         }
         (quiet.electronics.numbers.amplitude_k, quiet.electronics.numbers.trend_k_per_day) = (0.0, 0.0);
+        if self.start_s != 0.0 {
+            begin_later(&mut quiet, self.start_s);
+        }
         quiet.electronics.table = table(&self.counts.electronics_c, temperature_s);
         quiet
     }

@@ -155,8 +155,9 @@ pub fn sentence(entry: &Entry) -> String {
         let names: Vec<String> =
             same.iter().map(|rival| format!("{} (cosine {:.3})", name(rival), rival.cosine)).collect();
         text += &format!("; cannot be told apart from {}", names.join(", "));
-        for remedy in same.iter().filter_map(|rival| rival.remedy.as_ref()) {
-            text += &format!("; {remedy}");
+        for rival in &same {
+            let Some(remedy) = &rival.remedy else { continue };
+            text += &format!("; against {}: {remedy}", name(rival));
         }
     }
     text

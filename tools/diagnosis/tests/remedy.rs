@@ -1,0 +1,130 @@
+//! What would tell two effects apart, against the recording with that flight in it.
+
+use std::sync::Arc;
+
+use geu_calibration::Counts;
+use geu_diagnosis::bank::Column;
+use geu_diagnosis::change::{Amplitude, Change};
+use geu_diagnosis::measured::CHANNELS;
+use geu_diagnosis::normal::{Normal, Products};
+use geu_diagnosis::remedy::Remedies;
+use geu_diagnosis::rivals::{APART_CHI2, rivals};
+use geu_diagnosis::state::{Held, State};
+use geu_diagnosis::whitening::Noise;
+use geu_diagnosis::{Bank, Case, Measured};
+use geu_model::Configuration;
+use geu_model::attitude::{Manoeuvre, Motion, Plan, Recorded, Row, Scenario};
+use geu_model::units::HALF_SECOND_S;
+use geu_recording::Reference;
+
+const NOISE: Noise = Noise { white: 0.01, angle_walk: 0.02, rate_walk: 2e-5 };
+
+fn manoeuvre(kind: &str, numbers: &[(&str, f64)]) -> Manoeuvre {
+    let mut manoeuvre = Manoeuvre::of_kind(kind).expect("a kind");
+    for (name, value) in numbers {
+        let index = manoeuvre.numbers().specs().iter().position(|number| number.name == *name).expect("a number");
+        *manoeuvre.numbers_mut().value_mut(index) = *value;
+    }
+    manoeuvre
+}
+
+/// A recording of these manoeuvres from θ = 90° on. What was counted does not matter to what would be. The last manoeuvre has no end of its own where `after_s` says how long it is flown.
+fn recorded(believed: &Configuration, manoeuvres: &[Manoeuvre], after_s: Option<f64>) -> Measured {
+    let scenario = Scenario { manoeuvres: manoeuvres.to_vec(), ..believed.scenario.clone() };
+    let with_end = match after_s {
+        Some(_) => &manoeuvres[..manoeuvres.len() - 1],
+        None => manoeuvres,
+    };
+    let with_end = Scenario { manoeuvres: with_end.to_vec(), ..scenario.clone() };
+    let duration_s = Plan::length_s(&with_end).expect("an end") + after_s.unwrap_or(0.0);
+    let count = (duration_s / HALF_SECOND_S).ceil() as usize;
+    let mut motion = Motion::new(Plan::new(&scenario).expect("possible"), scenario.limit_cycle);
+    let row = |node: usize| {
+        let step = motion.advance(node as f64 * HALF_SECOND_S);
+        let (theta_rad, psi_rad) = (step.end.theta_rad, step.end.psi_rad);
+        Row {
+            t_s: step.end.t_s,
+            angle_control_arcsec: step.angle_control_arcsec,
+            theta_psi_rad: Some((theta_rad, psi_rad)),
+        }
+    };
+    let rows: Vec<Row> = (0..=count + 4).map(row).collect();
+    let truth = Arc::new(Recorded::new(&rows).expect("a truth"));
+    let mut counts = Counts::starting_at(0);
+    for node in 1..=count {
+        let electronics_c = 20.0 + 4.0 * (node as f64 * HALF_SECOND_S * std::f64::consts::TAU / 6180.0).sin();
+        counts.push(node as f64 * HALF_SECOND_S, [0.0; 4], electronics_c);
+    }
+    Measured::new(counts, &Reference { start_ns: 0, truth, time_system: None }).expect("long enough")
+}
+
+fn change(code: &str, gyro: usize, size: f64) -> Change {
+    let kinds = Amplitude::all().into_iter().flat_map(|one| [Some(one), one.with(1), one.with(2)]).flatten();
+    let amplitude = kinds.into_iter().find(|amplitude| amplitude.code() == code).expect("a code");
+    let own_shapes = amplitude.own_shapes().iter().map(|number| number.default.initial()).collect();
+    Change { amplitude, size, own_shapes, course_shapes: Vec::new(), gyros: std::array::from_fn(|other| other == gyro) }
+}
+
+fn holding(case: &Case, found: &Change) -> State {
+    let mut state = case.start([NOISE; CHANNELS]);
+    state.held.push(Held::fixed(found.clone()));
+    state
+}
+
+/// Cosine of two changes beside the nuisances, both run over the whole recording.
+fn cosine(case: &Case, one: &Change, other: &Change) -> f64 {
+    let state = case.start([NOISE; CHANNELS]);
+    let (residual, nuisances) = case.linearised(&mut state.clone());
+    let normal = Normal::new(case.whitenings(&state.noise), &residual, &nuisances);
+    let white = |change: &Change| {
+        let signature = case.signature(&holding(case, change), 0);
+        signature
+            .into_iter()
+            .enumerate()
+            .filter_map(|(channel, values)| {
+                let white = normal.white(channel, &Column { from: 0, values: values? });
+                Some((channel, normal.products(channel, &white), white.1))
+            })
+            .collect::<Vec<_>>()
+    };
+    let (one, other) = (white(one), white(other));
+    let products = |parts: &[(usize, Products, Vec<f64>)]| {
+        parts.iter().fold(Products::none(normal.nuisances()), |sum, (_, part, _)| sum.plus(part))
+    };
+    let pairs =
+        one.iter().flat_map(|one| other.iter().filter(move |other| other.0 == one.0).map(move |other| (one, other)));
+    let both = pairs.flat_map(|(one, other)| one.2.iter().zip(&other.2)).map(|(a, b)| a * b).sum();
+    normal.cosine(&products(&one), &products(&other), both).abs()
+}
+
+#[test]
+fn what_is_alike_in_turns_one_way_at_one_speed_is_told_apart_as_foretold() {
+    let mut believed = Configuration::reference();
+    (believed.scenario.theta_deg, believed.scenario.psi_deg) = (90.0, 0.0);
+    let rest = manoeuvre("pointing", &[("duration_s", 1500.0)]);
+    let scan = manoeuvre("z-scan", &[("angle_deg", 200.0)]);
+    let flown = [rest.clone(), scan, rest];
+    let measured = recorded(&believed, &flown, None);
+    let found = change("scale-factor-asymmetry-ramp", 2, 4000.0);
+    let case = Case::new(&measured, &believed);
+    let mut all = rivals(&case, &Bank::new(&measured, &believed), &holding(&case, &found), 0);
+    all.retain(|rival| rival.behind_chi2 < APART_CHI2);
+    all.truncate(3);
+    let told = Remedies::new(&case).of(&holding(&case, &found), 0, &all);
+    assert!(all.iter().any(|rival| rival.change.amplitude.code() == "scale-factor-ramp"));
+    for (rival, told) in all.iter().zip(told) {
+        let told = told.expect("a remedy");
+        let code = rival.change.amplitude.code();
+        assert!(rival.cosine > 0.99, "{code}: {}", rival.cosine);
+        let (name, numbers) = told.split_once(" would bring the cosine from 1.00 to ").expect(&told);
+        let foretold: f64 = numbers.split_once(',').and_then(|(cosine, _)| cosine.parse().ok()).expect(&told);
+        let (next, after_s) = match name {
+            "a Z-scan with angle_deg = -360" => (manoeuvre("z-scan", &[("angle_deg", -360.0)]), None),
+            "an orbit of survey" => (manoeuvre("survey", &[]), Some(6180.0)),
+            _ => panic!("{told}"),
+        };
+        let longer = recorded(&believed, &[&flown[..], &[next]].concat(), after_s);
+        let cosine = cosine(&Case::new(&longer, &believed), &found, &rival.change);
+        assert!(foretold < 0.9 && (cosine - foretold).abs() < 0.1, "{code}: {told}: {cosine}");
+    }
+}
