@@ -450,7 +450,11 @@ impl Report<'_> {
                 gap_share: 0.0,
                 chi2: Some(explained.worth(self.case, index)),
                 held_out: explained.held_out.get(index).copied(),
-                rivals: rivals.into_iter().zip(told).map(|(rival, remedy)| RivalShown { remedy, ..shown(rival) }).collect(),
+                rivals: rivals
+                    .into_iter()
+                    .zip(told)
+                    .map(|(rival, remedy)| RivalShown { remedy, ..shown(rival) })
+                    .collect(),
                 assignments: held.change.assignments(&configuration),
             }
         };
