@@ -28,7 +28,7 @@ use crate::state::{Case, Held, State};
 use crate::stretches::{self, Stretch};
 use crate::whereabouts::{Whereabouts, whereabouts};
 
-/// A formula must be better than the catalogue by so much, ten to the fifth in odds of two to one against each of its terms.
+/// A formula must be better than the catalogue by so much: odds of e⁵, 150 to one.
 const FORMULA_MARGIN: f64 = 10.0;
 /// A calibration number is told as moved from so many sigmas on: once in 1000 recordings of sixteen.
 const RECALIBRATED_SIGMAS: f64 = 4.0;
@@ -47,6 +47,9 @@ const SAME_SIGMAS: f64 = 3.0;
 const SAME: f64 = 0.9999;
 /// Largest kurtosis of what a walk leaves: 3 is normal, and of 2000 blocks it errs by 0.1.
 const MOST_KURTOSIS: f64 = 4.0;
+/// What is searched, beside the model's lists: another one where grids, families or nulls change, so that thresholds that were kept
+/// are not those of another search.
+const SEARCH: &str = concat!(env!("CARGO_PKG_VERSION"), " 2");
 /// Cosine above which two signatures are one.
 const SAME_SIGNATURE: f64 = 0.999;
 /// Rivals told.
@@ -149,7 +152,7 @@ pub struct Unexplained {
     pub interval_s: [f64; 2],
     /// In words.
     pub shape: String,
-    /// Terms that it follows, with the share of it that each explains.
+    /// Terms that it follows, with what χ² falls by with each alone.
     pub follows: Vec<(String, f64)>,
 }
 
@@ -265,7 +268,7 @@ pub fn key(measured: &Measured, believed: &Configuration, seed: u64) -> u64 {
             hash = (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3);
         }
     };
-    take(concat!(env!("CARGO_PKG_VERSION"), " 1").as_bytes());
+    take(SEARCH.as_bytes());
     take(&seed.to_le_bytes());
     for amplitude in Amplitude::all() {
         take(amplitude.code().as_bytes());
@@ -317,10 +320,10 @@ impl Report<'_> {
     fn finish(&self, mut explained: Explained, findings: Vec<Finding>) -> Diagnosis {
         let (case, measured) = (self.case, self.case.measured);
         let (_, channels) = unlikeness(&explained.normal.left());
-        let mut piled = explained.piled(&|found| is_told(case.believed, &explained, found));
+        let mut piled = explained.piled(&|found| is_told(case.believed, &explained.state, found));
         // A walk is normal and steady: what comes in bursts is none.
         let whitened = explained.normal.left();
-        for found in explained.noise.iter().filter(|found| is_told(case.believed, &explained, found)) {
+        for found in explained.noise.iter().filter(|found| is_told(case.believed, &explained.state, found)) {
             piled[found.channel] |= kurtosis(&whitened[found.channel]) > MOST_KURTOSIS;
         }
         let unlike: Gyros = std::array::from_fn(|gyro| channels[gyro] > self.thresholds.unlikeness || piled[gyro]);
@@ -331,6 +334,8 @@ impl Report<'_> {
         let left = explained.normal.left();
         let (_, channels) = unlikeness(&left);
         let unlike: Gyros = std::array::from_fn(|gyro| channels[gyro] > self.thresholds.unlikeness || piled[gyro]);
+        // On a gyro that is left unexplained larger noise is a last resort, and no name.
+        explained.noise.retain(|found| is_told(case.believed, &explained.state, found) && !unlike[found.channel]);
         let mut findings = findings;
         let late_s = explained.state.shifts.temperature_s;
         if late_s != 0.0 {
@@ -344,7 +349,7 @@ impl Report<'_> {
         }
         let mut entries = self.faults();
         entries.extend(self.effects(&explained));
-        entries.extend(self.noises(&explained, &unlike));
+        entries.extend(self.noises(&explained));
         if let Some(entry) = self.lag(&mut explained) {
             entries.push(entry);
         }
@@ -356,7 +361,7 @@ impl Report<'_> {
             (false, false) => Verdict::Consistent,
         };
         let unexplained = unlike.contains(&true).then(|| self.unexplained(&explained, &left, unlike));
-        let configuration = self.configuration(&explained);
+        let configuration = self.written(&entries, &explained);
         let shifts = explained.state.shifts;
         let windowed_of = |model: &Series| gap::windowed(measured, &gap::residual(measured, model));
         let given = measured.run(case.believed, shifts);
@@ -435,7 +440,7 @@ impl Report<'_> {
 
     /// The changes held.
     fn effects(&self, explained: &Explained) -> Vec<Entry> {
-        let configuration = self.configuration(explained);
+        let configuration = explained.state.configuration(self.case.believed);
         let remedies = Remedies::new(self.case);
         let of = |(index, held): (usize, &Held)| {
             let amplitude = &held.change.amplitude;
@@ -469,11 +474,9 @@ impl Report<'_> {
     }
 
     /// Walks that are larger than configured; gyros of one walk whose sizes agree are one entry.
-    /// On a gyro that is left unexplained they are a last resort, and no name.
-    fn noises(&self, explained: &Explained, unlike: &Gyros) -> Vec<Entry> {
+    fn noises(&self, explained: &Explained) -> Vec<Entry> {
         let mut entries: Vec<(Entry, f64)> = Vec::new();
-        let is_told = |found: &&NoiseFound| is_told(self.case.believed, explained, found) && !unlike[found.channel];
-        for found in explained.noise.iter().filter(is_told) {
+        for found in &explained.noise {
             let (spec, number) = match found.walk {
                 Walk::Angle => (AngleRandomWalk::SPEC, AngleRandomWalk::default().specs()[0]),
                 Walk::Rate => (DriftRandomWalk::SPEC, DriftRandomWalk::default().specs()[0]),
@@ -670,7 +673,6 @@ impl Report<'_> {
             _ => "departures through most of it",
         };
         let formulas = search(self.bank, &explained.normal, &explained.state, &|_| 0.0);
-        let chi2 = excess.iter().sum::<f64>().max(1.0);
         let mut follows: Vec<(String, f64)> = formulas
             .iter()
             .filter(|candidate| {
@@ -692,22 +694,15 @@ impl Report<'_> {
         });
         follows.truncate(FOLLOWED);
         let shape = format!("{shape}: {share:.0} % of the two-minute averages stand out by more than two sigma");
-        let _ = chi2;
         Unexplained { gyros, interval_s: [at_s(from), at_s((to + 1).min(excess.len()))], shape, follows }
     }
 
-    /// The configuration with everything found.
-    fn configuration(&self, explained: &Explained) -> Configuration {
-        let mut configuration = explained.state.configuration(self.case.believed);
-        for found in explained.noise.iter().filter(|found| is_told(self.case.believed, explained, found)) {
-            let effects = &mut configuration.gyros[found.channel].effects.constant;
-            let value = explained.state.noise[found.channel].walk(found.walk);
-            match found.walk {
-                Walk::Angle => effects.angle_random_walk.arcsec_per_sqrt_s = value,
-                Walk::Rate => effects.drift_random_walk.arcsec_per_s_per_sqrt_s = value,
-            }
-        }
-        configuration
+    /// The configuration as the entries write it; what moved by less than is told stays as believed.
+    fn written(&self, entries: &[Entry], explained: &Explained) -> Configuration {
+        let assignments: Vec<String> = entries.iter().flat_map(|entry| entry.assignments.iter().cloned()).collect();
+        let text = self.case.believed.to_toml(false);
+        Configuration::parse("the configuration found", &text, &assignments)
+            .unwrap_or_else(|_| explained.state.configuration(self.case.believed))
     }
 
     fn gap(&self, measured: &Measured, windowed: &[Vec<f64>; TIMING], model: &Series, state: &State) -> Gap {
@@ -812,7 +807,7 @@ fn is_the_same(found: &Amplitude, rival: &Rival) -> bool {
 }
 
 /// Whether a walk is so much larger than configured that it is no trick of rounding.
-fn is_told(believed: &Configuration, explained: &Explained, found: &NoiseFound) -> bool {
+fn is_told(believed: &Configuration, state: &State, found: &NoiseFound) -> bool {
     if found.channel == TIMING {
         return false;
     }
@@ -821,7 +816,7 @@ fn is_told(believed: &Configuration, explained: &Explained, found: &NoiseFound) 
         Walk::Angle => effects.angle_random_walk.arcsec_per_sqrt_s,
         Walk::Rate => effects.drift_random_walk.arcsec_per_s_per_sqrt_s,
     };
-    explained.state.noise[found.channel].walk(found.walk) >= LEAST_WALK * configured
+    state.noise[found.channel].walk(found.walk) >= LEAST_WALK * configured
 }
 
 /// What is known of the sixteen and the lag before a recording, as departures from a state: a calibration holds for as long as

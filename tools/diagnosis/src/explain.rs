@@ -32,10 +32,14 @@ const NEAR_CHI2: f64 = 12.0;
 const SHAPE_CHI2: f64 = 4.0;
 /// See [`SHAPE_CHI2`].
 const SHAPE_KNOWN: f64 = 0.2;
-/// Least distance from an onset that is tried, s, and how often it is doubled.
+/// Least distance from an onset that is tried, s.
 const ONSET_S: f64 = 10.0;
-/// See [`ONSET_S`].
-const ONSET_DOUBLINGS: u32 = 8;
+/// Distance from an onset beyond which none is tried, s.
+const MOST_ONSET_S: f64 = 2000.0;
+/// What χ² may rise by where an onset is moved: rounding of counts alone makes 1 or 2.
+const ONSET_CHI2: f64 = 4.0;
+/// Half the width of that, in sigmas, from which on χ² is no parabola there, whose half width would be 2.
+const FLAT_SIGMAS: f64 = 3.0;
 /// What each further walk that is larger costs, where one is.
 const TOGETHER_CHI2: f64 = 2.7;
 /// Name of a size that is a whole number.
@@ -99,14 +103,14 @@ impl Explained {
 pub fn explain(case: &Case, bank: &Bank, thresholds: &Thresholds, start: &State) -> Explained {
     let mut effects = grow(case, bank, thresholds, Explained::start(case, start.clone()));
     effects.free_noise(case, thresholds);
-    effects.prune(case, thresholds);
+    effects.prune(case);
     let mut noise = Explained::start(case, start.clone());
     noise.free_noise(case, thresholds);
     if noise.noise.is_empty() || effects.state.held.is_empty() {
         return effects;
     }
     let mut noise = grow(case, bank, thresholds, noise);
-    noise.prune(case, thresholds);
+    noise.prune(case);
     noise.fit_white(case);
     if noise.score(thresholds) < effects.score(thresholds) { noise } else { effects }
 }
@@ -316,7 +320,8 @@ impl Explained {
         }
     }
 
-    /// Widens the sigmas of onsets to where χ² has risen by one: between two motions an onset may lie anywhere.
+    /// Puts onsets in the middle of where χ² is nearly the least, with the sigma of what is as likely everywhere there: between two
+    /// motions an onset may lie anywhere.
     pub fn widen_onsets(&mut self, case: &Case) {
         for index in 0..self.state.held.len() {
             let parameters = self.state.held[index].change.parameters();
@@ -325,34 +330,40 @@ impl Explained {
                 continue;
             }
             let least = self.normal.chi2();
-            let risen = |by_s: f64| {
+            let parameter = &parameters[place];
+            let moved = |by_s: f64| {
                 let mut state = self.state.clone();
-                let parameter = &parameters[place];
                 let value = (parameter.value + by_s).clamp(parameter.least, parameter.greatest);
                 state.held[index].change.set(place, value);
                 state.held[index].is_free[place] = false;
                 state.held[index].run_anew();
-                case.normal(&mut state).chi2() > least + 1.0
+                let normal = case.normal(&mut state);
+                (normal.chi2() - least, state)
             };
             let reach_s = |sign: f64| {
-                let doubled = (0..ONSET_DOUBLINGS).map(|power| ONSET_S * f64::from(1 << power));
-                let (mut near, mut far) = (0.0, f64::NAN);
-                for distance_s in doubled {
-                    if risen(sign * distance_s) {
-                        far = distance_s;
-                        break;
-                    }
-                    near = distance_s;
+                let (mut near, mut far) = (0.0, ONSET_S);
+                while moved(sign * far).0 <= ONSET_CHI2 && far < MOST_ONSET_S {
+                    (near, far) = (far, 2.0 * far);
                 }
-                while far - near > 0.25 * far {
+                while far - near > 0.1 * far {
                     let middle = 0.5 * (near + far);
-                    if risen(sign * middle) { far = middle } else { near = middle }
+                    if moved(sign * middle).0 > ONSET_CHI2 { far = middle } else { near = middle }
                 }
-                if far.is_nan() { near } else { far }
+                near
             };
-            let sides = [-1.0, 1.0].into_par_iter().map(reach_s).reduce(|| 0.0, f64::max);
-            let sigma = &mut self.state.held[index].sigmas[place];
-            *sigma = sigma.max(sides);
+            let sides: Vec<f64> = [-1.0, 1.0].into_par_iter().map(reach_s).collect();
+            let half_s = 0.5 * (sides[0] + sides[1]);
+            if half_s <= FLAT_SIGMAS * self.state.held[index].sigmas[place] {
+                continue;
+            }
+            let (rise, mut state) = moved(0.5 * (sides[1] - sides[0]));
+            if rise <= ONSET_CHI2 {
+                state.held[index].is_free[place] = true;
+                state.held[index].sigmas = self.state.held[index].sigmas.clone();
+                self.normal = case.normal(&mut state);
+                self.state = state;
+            }
+            self.state.held[index].sigmas[place] = half_s / 3.0_f64.sqrt();
         }
     }
 
@@ -373,12 +384,13 @@ impl Explained {
                 walk,
                 fitted: noise::fit(case, channel, &self.state.noise[channel], walk, &residual, &nuisances),
             });
-            let best = fits.collect::<Vec<_>>().into_iter().max_by(|a, b| a.fitted.fall.total_cmp(&b.fitted.fall));
-            match best {
-                Some(found)
-                    if found.fitted.fall > thresholds.of(Family::NOISE)
-                        && found.fitted.noise.walk(found.walk) > self.state.noise[found.channel].walk(found.walk) =>
-                {
+            // One that would rather be smaller says nothing of the others.
+            let is_larger = |found: &NoiseFound| {
+                found.fitted.noise.walk(found.walk) > self.state.noise[found.channel].walk(found.walk)
+            };
+            let larger: Vec<NoiseFound> = fits.filter(is_larger).collect();
+            match larger.into_iter().max_by(|a, b| a.fitted.fall.total_cmp(&b.fitted.fall)) {
+                Some(found) if found.fitted.fall > thresholds.of(Family::NOISE) => {
                     self.state.noise[found.channel] = found.fitted.noise;
                     self.noise.push(found);
                 }
@@ -428,8 +440,7 @@ impl Explained {
     }
 
     /// Drops each change that, beside all the others, is not worth what was paid for it.
-    fn prune(&mut self, case: &Case, thresholds: &Thresholds) {
-        let _ = thresholds;
+    fn prune(&mut self, case: &Case) {
         loop {
             let without = |index: usize| {
                 let mut state = self.state.clone();
