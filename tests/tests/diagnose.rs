@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use std::fs;
 use std::sync::Mutex;
 
-use geu_diagnosis::diagnosis::{Class, Entry};
+use geu_diagnosis::outcome::{Class, Entry};
 use geu_diagnosis::rivals::APART_CHI2;
 use geu_diagnosis::{Diagnosis, Settings, Thresholds, Verdict, diagnose_rows, report};
 use geu_model::Configuration;

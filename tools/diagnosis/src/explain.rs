@@ -467,30 +467,3 @@ impl Explained {
         }
     }
 }
-
-/// How far a whitened residual is from noise.
-///
-/// For averages over half a minute up to half an hour, on each gyro: their χ² against their number, in sigmas; the largest. What no
-/// hypothesis matches is still slow.
-pub fn unlikeness(left: &crate::measured::Series) -> (f64, [f64; CHANNELS]) {
-    const SCALES: [usize; 4] = [6, 24, 96, 384];
-    let of_channel = |channel: usize| {
-        let of_scale = |scale: &usize| {
-            let windows: Vec<f64> = left[channel]
-                .chunks_exact(*scale)
-                .map(|window| window.iter().sum::<f64>().powi(2) / *scale as f64)
-                .collect();
-            let count = windows.len() as f64;
-            // With few windows the law leans: the cube root of χ² is closer to a normal variable (Wilson and Hilferty).
-            let mean = windows.iter().sum::<f64>() / count.max(1.0);
-            if windows.len() < 4 {
-                return 0.0;
-            }
-            let spread = 2.0 / (9.0 * count);
-            (mean.cbrt() - (1.0 - spread)) / spread.sqrt()
-        };
-        SCALES.iter().map(of_scale).fold(f64::NEG_INFINITY, f64::max)
-    };
-    let channels: [f64; CHANNELS] = std::array::from_fn(of_channel);
-    (channels[..TIMING].iter().copied().fold(f64::NEG_INFINITY, f64::max), channels)
-}

@@ -37,7 +37,7 @@ const LEAST_NOISE_CHI2: f64 = 10.3;
 pub struct Thresholds {
     /// For each family.
     pub chi2: [f64; Family::COUNT],
-    /// What [`crate::explain::unlikeness`] of noise exceeds as seldom.
+    /// What [`crate::remainder::unlikeness`] of noise exceeds as seldom.
     pub unlikeness: f64,
 }
 
@@ -79,7 +79,7 @@ pub fn thresholds(case: &Case, bank: &Bank, normal: &Normal, noise: &[Noise; CHA
             one
         },
     );
-    let unlike: Vec<f64> = drawn.iter().map(|left| crate::explain::unlikeness(left).0).collect();
+    let unlike: Vec<f64> = drawn.iter().map(|left| crate::remainder::unlikeness(left).0).collect();
     let (at, scale) = gumbel(&unlike).unwrap_or((0.0, 1.0));
     let mut thresholds = Thresholds { unlikeness: at - scale * (-(1.0 - FALSE_NAMES).ln()).ln(), ..limits(&largest) };
     let falls: Vec<f64> = raw[..NOISE_RUNS].par_iter().map(|raw| largest_walk(case, noise, raw)).collect();

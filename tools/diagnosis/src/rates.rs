@@ -31,8 +31,9 @@ mod noise;
 mod null;
 mod windows;
 
+pub use crate::outcome::Verdict;
 pub use apart::{Apart, Manoeuvre};
-pub use diagnosis::{Diagnosis, Found, Gap, GroupGap, Rival, Verdict, diagnose};
+pub use diagnosis::{Diagnosis, Found, Gap, GroupGap, Rival, diagnose};
 pub use model::Parameter;
 pub use noise::{ChannelNoise, Noise};
 pub use windows::{Gyro, RatesError, Reference, Window, Windows};

@@ -4,8 +4,8 @@ use geu_protocol::Gyro;
 use serde_json::{Map, Value, json};
 
 use crate::change::Gyros;
-use crate::diagnosis::{Class, Diagnosis, Entry, Gaps, Number, Verdict};
 use crate::gap::Gap;
+use crate::outcome::{Class, Diagnosis, Entry, Gaps, Number, Verdict};
 use crate::whereabouts::standing_out;
 
 /// Names of gyros.
@@ -146,7 +146,7 @@ pub fn sentence(entry: &Entry) -> String {
         .rivals
         .iter()
         .partition(|rival| rival.behind_chi2.is_none_or(|behind| behind < crate::rivals::APART_CHI2));
-    let name = |rival: &crate::diagnosis::RivalShown| rival.formula.clone().unwrap_or_else(|| rival.code.clone());
+    let name = |rival: &crate::outcome::RivalShown| rival.formula.clone().unwrap_or_else(|| rival.code.clone());
     if let Some(next) = apart.first() {
         let share = 100.0 * next.cosine.powi(2);
         text += &format!("; next best, {}, explains {share:.0} % of what it does", name(next));

@@ -11,9 +11,9 @@ use geu_protocol::Gyro;
 use rayon::prelude::*;
 
 use crate::bank::Column;
-use crate::diagnosis::Diagnosis;
 use crate::measured::{BLOCK, CHANNELS, Measured, Series, TIMING};
 use crate::normal::Normal;
+use crate::outcome::Diagnosis;
 use crate::state::Case;
 use crate::stretches::Stretch;
 use crate::whitening::Noise;

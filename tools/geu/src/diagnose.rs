@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use clap::Args;
 use geu_calibration::window;
-use geu_diagnosis::diagnosis::{Class, Diagnosis, Entry};
+use geu_diagnosis::outcome::{Class, Diagnosis, Entry};
 use geu_diagnosis::{Settings as Diagnosing, Thresholds, Verdict, diagnose_rows, report};
 use geu_model::Configuration;
 use geu_model::configuration::unix_ns;

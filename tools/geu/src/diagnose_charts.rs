@@ -1,7 +1,7 @@
 //! The diagrams of a diagnosis: residuals over time, gaps by manoeuvre, where the data leave the model.
 
-use geu_diagnosis::diagnosis::Diagnosis;
 use geu_diagnosis::gap::WINDOW;
+use geu_diagnosis::outcome::Diagnosis;
 use geu_diagnosis::stretches::Stretch;
 use geu_diagnosis::whereabouts::{STANDS_OUT, VARIABLES, Whereabouts};
 use geu_model::units::HALF_SECOND_S;

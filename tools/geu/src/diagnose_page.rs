@@ -4,9 +4,9 @@
 use std::fmt::Write;
 
 use geu_diagnosis::change::Amplitude;
-use geu_diagnosis::diagnosis::{Class, Diagnosis, Entry, RivalShown};
 use geu_diagnosis::explain::Round;
 use geu_diagnosis::gap::Gap;
+use geu_diagnosis::outcome::{Class, Diagnosis, Entry, RivalShown};
 use geu_diagnosis::search::{Candidate, set_penalty};
 use geu_diagnosis::whereabouts::{STANDS_OUT, VARIABLES, strongest};
 use geu_diagnosis::{Verdict, report};

@@ -6,6 +6,7 @@
 
 use nalgebra::DMatrix;
 
+use crate::outcome::Verdict;
 use crate::rates::apart::{Apart, apart};
 use crate::rates::fit::{Fit, fit, sets};
 use crate::rates::model::{Parameter, residual};
@@ -22,28 +23,6 @@ const MOST: usize = 4;
 const PARTS: usize = 3;
 /// Fall of χ² below which two sets explain the data alike: 3 sigma.
 const ALIKE: f64 = 9.0;
-
-/// How a diagnosis ends.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Verdict {
-    /// Nothing but noise.
-    Consistent,
-    /// Errors found, and nothing but noise beside them.
-    Explained,
-    /// More than noise that no error accounts for.
-    Unexplained,
-}
-
-impl Verdict {
-    /// Its name.
-    pub fn name(self) -> &'static str {
-        match self {
-            Verdict::Consistent => "consistent",
-            Verdict::Explained => "explained",
-            Verdict::Unexplained => "unexplained",
-        }
-    }
-}
 
 /// Another error in the place of one found.
 #[derive(Debug, Clone, PartialEq)]
