@@ -10,7 +10,7 @@ use geu_model::course::{Course, Interval, KINDS};
 use geu_model::number::{Default as DefaultValue, Number};
 use rayon::prelude::*;
 
-use crate::change::{ALL_GYROS, Amplitude, Change, Place, is_real};
+use crate::change::{ALL_GYROS, Amplitude, Change, ONSET, Place, is_real};
 use crate::measured::{BLOCK_S, CHANNELS, Measured, Series, Shifts, TIMING};
 
 /// A signature is run with this share of the largest value accepted.
@@ -146,7 +146,7 @@ pub struct Bank {
 }
 
 fn is_instant(number: &Number) -> bool {
-    number.name == "time_s"
+    number.name == ONSET
 }
 
 impl Bank {
@@ -305,9 +305,8 @@ impl Bank {
         };
         // Courses of what is not linear stand beside a few of its sizes.
         let is_tried = base.is_linear || (base.size.abs().ln() / SIZE_FACTOR.ln()).round() as i64 % 3 == 0;
-        let default = own_shapes(&base.amplitude)[0] == base.own_shapes;
-        for (kind, spec) in KINDS.iter().enumerate().filter(|_| is_tried && default) {
-            if base.amplitude.with(kind).is_none() || has_onset && spec.shapes.iter().any(is_instant) {
+        for (kind, spec) in KINDS.iter().enumerate().filter(|_| is_tried) {
+            if base.amplitude.with(kind).is_none() {
                 continue;
             }
             let mut shapes: Vec<Vec<f64>> = vec![vec![]];

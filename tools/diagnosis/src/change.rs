@@ -43,6 +43,9 @@ pub struct Amplitude {
     pub formula: Option<Formula>,
 }
 
+/// Name of the shape that is an onset.
+pub const ONSET: &str = "time_s";
+
 /// What is said of the terms that are data.
 const DISCOVERED: EffectSpec = EffectSpec {
     code: discovered::CODE,
@@ -89,9 +92,10 @@ impl Amplitude {
         formulas.into_iter().map(of).collect()
     }
 
-    /// The same with this course; nothing where it can have none.
+    /// The same with this course; nothing where it can have none. What happens at one time and is over has none that could be told:
+    /// it is another size.
     pub fn with(self, kind: usize) -> Option<Amplitude> {
-        if self.place == Place::Discovered {
+        if self.place == Place::Discovered || self.own_shapes().iter().any(|number| number.name == ONSET) {
             return None;
         }
         KINDS[kind].size(self.spec(), self.numbers(), self.amplitude)?;

@@ -292,7 +292,8 @@ impl Entries<'_> {
 /// Whether a rival is what was found in other words: a course of it that is constant all through, or its law as a formula.
 fn is_the_same(found: &Amplitude, rival: &Rival) -> bool {
     let other = &rival.change.amplitude;
-    let is_course = found.kind.is_none() && (other.place, other.effect) == (found.place, found.effect);
+    let is_course =
+        found.kind.is_none() && other.kind.is_some() && (other.place, other.effect) == (found.place, found.effect);
     let is_law = found.formula.is_none() && other.formula.is_some();
     rival.cosine > SAME_SIGNATURE && (is_course || is_law)
 }

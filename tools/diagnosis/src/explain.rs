@@ -84,8 +84,8 @@ pub struct Explained {
     pub rounds: Vec<Round>,
     /// Walks that are not as configured.
     pub noise: Vec<NoiseFound>,
-    /// By how much each change lowers χ² of each third, fitted to the other two; in the order of the state.
-    pub held_out: Vec<[f64; THIRDS]>,
+    /// By how much better each third is foretold by the other two with each change ([`Normal::held_out`]); in the order of the state.
+    pub held_out: Vec<[Option<f64>; THIRDS]>,
     /// What was paid for each change.
     costs: Vec<f64>,
 }
@@ -232,7 +232,8 @@ impl Explained {
         let cost = self.costs.remove(other);
         self.costs[one] = self.costs[one].max(cost);
         let held_out = self.held_out.remove(other);
-        self.held_out[one].iter_mut().zip(held_out).for_each(|(own, other)| *own += other);
+        let sum = |own: Option<f64>, other: Option<f64>| Some(own? + other?).or(own).or(other);
+        self.held_out[one] = std::array::from_fn(|third| sum(self.held_out[one][third], held_out[third]));
         self.normal = case.fit(&mut self.state);
     }
 

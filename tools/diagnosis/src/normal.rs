@@ -13,6 +13,8 @@ pub const THIRDS: usize = 3;
 const RIDGE: f64 = 1e-10;
 /// The same for a fit to two thirds: what they tell by less than this share of what all tell is taken as untold.
 const HELD_OUT_RIDGE: f64 = 1e-4;
+/// A third without which less than this share of what tells a size is left cannot be foretold.
+const LEAST_KNOWN: f64 = 0.2;
 /// A signature of which the nuisances leave less than this share cannot be told from them.
 const LEAST_LEFT: f64 = 1e-4;
 
@@ -274,24 +276,31 @@ impl Normal {
         }
     }
 
-    /// By how much the signature lowers χ² of each third when its size and the nuisances are fitted to the other two.
-    pub fn held_out(&self, products: &Products) -> [f64; THIRDS] {
-        let count = self.columns.len();
-        let with = |third: usize| {
-            let mut gram = DMatrix::zeros(count + 1, count + 1);
-            gram.view_mut((0, 0), (count, count)).copy_from(&self.gram[third]);
-            let mut right = DVector::zeros(count + 1);
-            right.rows_mut(0, count).copy_from(&self.right[third]);
-            for (i, product) in products.nuisances[third].iter().enumerate() {
-                (gram[(i, count)], gram[(count, i)]) = (*product, *product);
-            }
-            (gram[(count, count)], right[count]) = (products.own[third], products.residual[third]);
-            (gram, right)
+    /// By how much better each third is foretold with the signature, its size and the nuisances known from the other two: the fall of
+    /// −2 ln of the predictive density p(third | others) = p(all) / p(others), the nuisances and the size integrated out of both.
+    /// Nothing for a third without which the size would hardly be known.
+    pub fn held_out(&self, products: &Products) -> [Option<f64>; THIRDS] {
+        let of = |thirds: &[usize]| -> Option<(f64, f64)> {
+            let gram: DMatrix<f64> = thirds.iter().map(|&third| &self.gram[third]).sum();
+            let factor = factored(&gram, &self.scale, HELD_OUT_RIDGE);
+            let scaled = |vectors: &dyn Fn(usize) -> DVector<f64>| {
+                let sum: DVector<f64> = thirds.iter().map(|&third| vectors(third)).sum();
+                lower(&factor, &self.scale.component_mul(&sum))
+            };
+            let part = scaled(&|third| DVector::from_column_slice(&products.nuisances[third]));
+            let solved = scaled(&|third| self.right[third].clone());
+            let sum = |values: &[f64; THIRDS]| thirds.iter().map(|&third| values[third]).sum::<f64>();
+            let left = sum(&products.own) - part.norm_squared();
+            let right = sum(&products.residual) - part.dot(&solved);
+            (left > 0.0).then(|| (left, right * right / left))
         };
-        let with: [_; THIRDS] = std::array::from_fn(with);
-        let without: [_; THIRDS] = std::array::from_fn(|third| (self.gram[third].clone(), self.right[third].clone()));
-        let (with, without) = (foretold(&with), foretold(&without));
-        std::array::from_fn(|third| without[third] - with[third])
+        let Some((left, gain)) = of(&[0, 1, 2]) else { return [None; THIRDS] };
+        let without = |third: usize| {
+            let others: Vec<usize> = (0..THIRDS).filter(|&other| other != third).collect();
+            let (left_without, gain_without) = of(&others).filter(|(others, _)| *others >= LEAST_KNOWN * left)?;
+            Some(gain - gain_without - (left / left_without).ln())
+        };
+        std::array::from_fn(without)
     }
 
     /// The nuisances fitted without each third; for the first ones something is known beforehand: a value and its sigma.
@@ -302,12 +311,6 @@ impl Normal {
 }
 
 impl Products {
-    /// How the square of the signature spreads over the thirds, in parts of the whole.
-    pub fn shares(&self) -> [f64; THIRDS] {
-        let whole: f64 = self.own.iter().sum();
-        self.own.map(|own| if whole > 0.0 { own / whole } else { 0.0 })
-    }
-
     /// Of nothing.
     pub fn none(nuisances: usize) -> Products {
         Products {
@@ -327,15 +330,6 @@ impl Products {
         }
         self
     }
-}
-
-/// What the fit to the other two leaves of each third's χ², but for the squares of the residual.
-fn foretold(parts: &[(DMatrix<f64>, DVector<f64>); THIRDS]) -> [f64; THIRDS] {
-    std::array::from_fn(|third| {
-        let size = fitted_without(parts, third, &[]);
-        let (gram, right) = &parts[third];
-        size.dot(&(gram * &size)) - 2.0 * size.dot(right)
-    })
 }
 
 fn fitted_without(parts: &[(DMatrix<f64>, DVector<f64>); THIRDS], third: usize, known: &[(f64, f64)]) -> DVector<f64> {

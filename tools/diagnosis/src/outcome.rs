@@ -73,8 +73,8 @@ pub struct Entry {
     pub gap_share: f64,
     /// By how much χ² falls with it, and what chance does in one recording of a hundred; nothing where it was found by exact checks.
     pub chi2: Option<(f64, f64)>,
-    /// By how much it lowers χ² of each third, fitted to the other two.
-    pub held_out: Option<[f64; THIRDS]>,
+    /// By how much better each third is foretold by the other two; nothing for one that has nearly all that tells of it.
+    pub held_out: Option<[Option<f64>; THIRDS]>,
     /// What looks like it.
     pub rivals: Vec<RivalShown>,
     /// What puts it into a configuration.

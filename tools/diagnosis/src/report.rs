@@ -3,9 +3,9 @@
 use geu_protocol::Gyro;
 use serde_json::{Map, Value, json};
 
-use crate::change::Gyros;
+use crate::change::{ALL_GYROS, Gyros};
 use crate::gap::Gap;
-use crate::outcome::{Class, Diagnosis, Entry, Gaps, Number, Verdict};
+use crate::outcome::{Class, Diagnosis, Entry, Gaps, Number, RivalShown, Verdict};
 use crate::whereabouts::standing_out;
 
 /// Names of gyros.
@@ -128,12 +128,15 @@ pub fn called(entry: &Entry) -> String {
     }
 }
 
+fn on(gyros: &Gyros) -> String {
+    if gyros == &ALL_GYROS { "all gyros".to_owned() } else { names(gyros).join(", ") }
+}
+
 /// One sentence for one thing found.
 pub fn sentence(entry: &Entry) -> String {
-    let gyros = if entry.gyros == [true; 4] { "all gyros".to_owned() } else { names(&entry.gyros).join(", ") };
     let numbers: Vec<String> =
         entry.parameters.iter().map(|number| format!("{} = {}", number.name, with_sigma(number))).collect();
-    let mut text = format!("{gyros}: {}, {}", called(entry), numbers.join(", "));
+    let mut text = format!("{}: {}, {}", on(&entry.gyros), called(entry), numbers.join(", "));
     if let Some((_, unit)) = &entry.formula {
         text += &format!(" {unit}");
     }
@@ -146,7 +149,10 @@ pub fn sentence(entry: &Entry) -> String {
         .rivals
         .iter()
         .partition(|rival| rival.behind_chi2.is_none_or(|behind| behind < crate::rivals::APART_CHI2));
-    let name = |rival: &crate::outcome::RivalShown| rival.formula.clone().unwrap_or_else(|| rival.code.clone());
+    let name = |rival: &RivalShown| {
+        let name = rival.formula.as_ref().unwrap_or(&rival.code);
+        if rival.gyros == entry.gyros { name.clone() } else { format!("{name} on {}", on(&rival.gyros)) }
+    };
     if let Some(next) = apart.first() {
         let share = 100.0 * next.cosine.powi(2);
         text += &format!("; next best, {}, explains {share:.0} % of what it does", name(next));

@@ -13,8 +13,6 @@ use crate::state::State;
 /// Blocks of a jump of the angle that are looked at: the filter has forgotten it after.
 const SUDDEN_BLOCKS: usize = 120;
 
-/// Share of a signature in one third above which the other two cannot tell it.
-const MOST_IN_ONE: f64 = 0.8;
 /// What noise alone may raise χ² by in the thirds that have little of it.
 const HARM_CHI2: f64 = 3.0;
 /// Candidates whose shapes are fitted.
@@ -31,10 +29,8 @@ pub struct Candidate {
     pub family: Family,
     /// What it explains.
     pub gain: Gain,
-    /// By how much it lowers χ² of each third, fitted to the others.
-    pub held_out: [f64; THIRDS],
-    /// How its signature spreads over the thirds.
-    pub shares: [f64; THIRDS],
+    /// By how much better each third is foretold by the others ([`Normal::held_out`]).
+    pub held_out: [Option<f64>; THIRDS],
     /// Index of its base, and its course.
     pub base: usize,
     /// Its course.
@@ -42,15 +38,11 @@ pub struct Candidate {
 }
 
 impl Candidate {
-    /// Whether it pays on what was not fitted. A third that has nearly all of the signature cannot be foretold by the others; then
-    /// it is enough that it does no harm to those.
+    /// Whether it pays on what was not fitted. Where a third has nearly all that tells of it, and cannot be foretold, it is enough that
+    /// it does no harm to the others.
     pub fn pays_held_out(&self) -> bool {
-        if self.family == Family::SUDDEN {
-            return true;
-        }
-        let can_be_foretold = |third: &usize| self.shares[*third] <= MOST_IN_ONE;
-        let sum: f64 = (0..THIRDS).filter(can_be_foretold).map(|third| self.held_out[third]).sum();
-        let all = (0..THIRDS).all(|third| can_be_foretold(&third));
+        let all = self.held_out.iter().all(Option::is_some);
+        let sum: f64 = self.held_out.iter().flatten().sum();
         sum > if all { 0.0 } else { -HARM_CHI2 }
     }
 }
@@ -133,8 +125,7 @@ pub fn search(bank: &Bank, normal: &Normal, state: &State, penalty: &(dyn Fn(Fam
                     change,
                     family: base.family(&variation),
                     gain,
-                    held_out: [0.0; THIRDS],
-                    shares: [0.0; THIRDS],
+                    held_out: [None; THIRDS],
                     base: index,
                     variation: variation.clone(),
                 };
@@ -197,7 +188,7 @@ pub fn search(bank: &Bank, normal: &Normal, state: &State, penalty: &(dyn Fn(Fam
     best.sort_by(|a, b| score(b).total_cmp(&score(a)));
     for candidate in best.iter_mut().take(SHOWN) {
         let own = products(bank, normal, candidate);
-        (candidate.held_out, candidate.shares) = (normal.held_out(&own), own.shares());
+        candidate.held_out = normal.held_out(&own);
     }
     best
 }

@@ -305,7 +305,7 @@ impl Page<'_> {
                 gyros(&change.gyros),
                 if candidate.gain.chi2 > chance { format!("<b>{fall}</b>") } else { fall },
                 format!("{chance:.0}"),
-                fixed(candidate.held_out.iter().sum(), 0),
+                foretold(&candidate.held_out),
                 match (is_added, round.kept) {
                     (true, Some(_)) => "added".to_owned(),
                     (true, None) => "added, dropped later".to_owned(),
@@ -344,13 +344,13 @@ impl Page<'_> {
             .filter_map(|entry| {
                 let thirds = entry.held_out?;
                 let mut row = vec![escape(&report::called(entry)), gyros(&entry.gyros)];
-                row.extend(thirds.map(|fall| fixed(fall, 0)));
-                row.push(fixed(thirds.iter().sum(), 0));
+                row.extend(thirds.map(|better| foretold(&[better])));
+                row.push(foretold(&thirds));
                 Some(row)
             })
             .collect();
         if !rows.is_empty() {
-            let caption = "By how much χ² of each third of the recording falls with it, fitted to the other two";
+            let caption = "By how much better each third of the recording is foretold with it, known from the other two (fall of −2 ln of its probability; a dash where one third has nearly all that tells of it)";
             text += &table(caption, &["found", "gyros", "first third", "second", "last", "sum"], rows);
         }
         let row = |name: &str, gap: &Gap| {
@@ -429,4 +429,9 @@ fn in_sigmas(sigmas: Option<f64>) -> String {
         Some(class) => format!("<span class=\"heat {class}\">{}</span>", fixed(sigmas, 1)),
         None => fixed(sigmas, 1),
     }
+}
+
+/// By how much better thirds are foretold, together; a dash where none can be.
+fn foretold(thirds: &[Option<f64>]) -> String {
+    if thirds.iter().all(Option::is_none) { "–".to_owned() } else { fixed(thirds.iter().flatten().sum(), 0) }
 }

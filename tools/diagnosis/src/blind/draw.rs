@@ -71,12 +71,6 @@ pub fn hide(survey: &Survey, seed: u64) -> (Key, Flight) {
     (Key { seed, duration_s: survey.duration_s, hidden }, flight)
 }
 
-/// Whether a course adds no second onset to an effect that has its own: a jump from some time on is a jump.
-fn has_one_onset(amplitude: &Amplitude) -> bool {
-    let is_own = |shape: &Number| amplitude.own_shapes().iter().any(|own| own.name == shape.name);
-    !amplitude.course_shapes().iter().any(is_own)
-}
-
 /// Draws for one recording.
 pub struct Draw<'a> {
     survey: &'a Survey,
@@ -136,7 +130,6 @@ impl<'a> Draw<'a> {
         let constants = Amplitude::all().into_iter().filter(is_real);
         let all: Vec<Amplitude> = constants
             .flat_map(|one| std::iter::once(one).chain((0..KINDS.len()).filter_map(move |kind| one.with(kind))))
-            .filter(has_one_onset)
             .collect();
         let one = |draw: &mut Self| {
             let amplitude = *all.get(draw.random.random_range(0..all.len()))?;

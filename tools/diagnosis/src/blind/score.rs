@@ -224,9 +224,9 @@ pub struct Score {
 
 /// Scores a diagnosis. `likeness` is the cosine of the signatures of what was hidden and what was found.
 ///
-/// Right is the same code on the same gyros, in one entry or several. In the right group is an entry on the same gyros that tells
-/// the right one as a rival that cannot be told apart, or one that has the same signature; for what stands in no catalogue one that is
-/// nearly the same will do.
+/// Right is the same code on the same gyros, in one entry or several. In the right group is an entry that tells the right one, on its
+/// gyros, as a rival that cannot be told apart, or one that has the same signature; for what stands in no catalogue one that is nearly
+/// the same will do.
 pub fn score(hidden: &[Hidden], told: &Told, likeness: &dyn Fn(&Hidden, &Found) -> f64) -> Score {
     let mut is_true = vec![false; told.missing.len()];
     let mut first = Vec::new();
@@ -248,8 +248,7 @@ pub fn score(hidden: &[Hidden], told: &Told, likeness: &dyn Fn(&Hidden, &Found) 
         // The same code on other gyros too is the same thing where they show nothing of it.
         let is_named = |found: &Found| found.is(own) && is_within(&found.gyros);
         for (found, is_true) in told.missing.iter().zip(&mut is_true).filter(|(found, _)| !is_named(found)) {
-            let is_group = found.gyros == own.gyros && found.rivals.iter().any(is_rival);
-            if is_group || likeness(own, found) >= least {
+            if found.rivals.iter().any(is_rival) || likeness(own, found) >= least {
                 *is_true = true;
                 naming = if naming == Naming::Right { naming } else { Naming::Group };
             }
