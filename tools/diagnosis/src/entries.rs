@@ -6,12 +6,13 @@ use geu_model::number::Numbers;
 use geu_model::package::Calibration;
 use geu_protocol::Gyro;
 
-use crate::bank::{Bank, Family};
+use crate::bank::{Bank, Base, Family};
 use crate::change::{ALL_GYROS, Amplitude, Change, Gyros, Place, sixteen};
 use crate::checks::WiringFault;
 use crate::explain::{Explained, NoiseFound};
 use crate::measured::{CHANNELS, TIMING};
 use crate::noise::Walk;
+use crate::normal::dot;
 use crate::null::Thresholds;
 use crate::outcome::{Class, Entry, Number, RivalShown};
 use crate::remedy::Remedies;
@@ -227,21 +228,25 @@ impl Entries<'_> {
         })
     }
 
-    /// The constant amplitude that has the signature of a nuisance, and how much of it one unit of the nuisance is.
+    /// The constant amplitude that has the signature of a nuisance, and how much of it one unit of the nuisance is. On a short motion
+    /// others look much like it: the most alike is meant.
     fn alike(&self, nuisance: &[Option<Vec<f64>>; CHANNELS], place: Place) -> Option<(Amplitude, f64)> {
         let steps = |values: &[f64]| -> Vec<f64> { values.windows(2).map(|pair| pair[1] - pair[0]).collect() };
-        self.bank.bases.iter().filter(|base| base.amplitude.place == place).find_map(|base| {
+        let of_base = |base: &Base| {
             let (mut both, mut ones, mut others) = (0.0, 0.0, 0.0);
             for (channel, values) in nuisance.iter().enumerate().take(TIMING) {
                 let Some(values) = values else { continue };
                 let (one, other) = (steps(values), steps(base.values(channel)));
-                both += crate::normal::dot(&one, &other);
-                ones += crate::normal::dot(&one, &one);
-                others += crate::normal::dot(&other, &other);
+                both += dot(&one, &other);
+                ones += dot(&one, &one);
+                others += dot(&other, &other);
             }
-            let is_same = others > 0.0 && both.abs() > SAME * (ones * others).sqrt();
-            is_same.then(|| (base.amplitude, both / others))
-        })
+            let cosine = if others > 0.0 { both.abs() / (ones * others).sqrt() } else { 0.0 };
+            (cosine, base.amplitude, both / others)
+        };
+        let all = self.bank.bases.iter().filter(|base| base.amplitude.place == place).map(of_base);
+        let (cosine, amplitude, ratio) = all.max_by(|one, other| one.0.total_cmp(&other.0))?;
+        (cosine > SAME).then_some((amplitude, ratio))
     }
 
     /// Calibration numbers that moved.
