@@ -145,11 +145,12 @@ impl Package {
         Package { heads: Gyro::ALL.map(|gyro| HeadStates::start(seed, gyro)), unit: UnitStates::default() }
     }
 
-    /// Counts one half second: N = (M Δφ + … − D)/SF over its sub-steps, as real numbers.
+    /// Counts one half second: N = (M Δφ + … − D)/SF over its sub-steps, as real numbers; 0 for gyros that are not `counted`.
     #[inline]
     pub fn count<T: Tap>(
         &mut self,
         gyros: &[Standing; 4],
+        counted: [bool; 4],
         unit: &UnitEffects,
         temperatures: &Temperatures,
         steps: &[SubStep],
@@ -169,7 +170,7 @@ impl Package {
                 look_at_start(taps, &heads, &timings, [truth, step]);
             }
             unit.apply(&mut self.unit, &mut heads, step, taps);
-            for (index, head) in heads.iter_mut().enumerate() {
+            for (index, head) in heads.iter_mut().enumerate().filter(|(index, _)| counted[*index]) {
                 let surroundings = Surroundings { step, axes: Axes::of(Gyro::ALL[index]), temperatures, end_s: *end_s };
                 let tap = &mut taps[index];
                 if !gyros[index].discovered.is_empty() {

@@ -11,8 +11,8 @@ use crate::attitude::{Motion, Plan, Recorded, Step};
 use crate::configuration::Configuration;
 use crate::course::Interval;
 use crate::effect::{
-    POWER_COLUMN, SATURATION_COLUMN, SELF_TEST_COLUMN, Tap, Temperatures, Timing, UnitEffects, WiringEffects,
-    WiringStates,
+    HeadEffects, POWER_COLUMN, SATURATION_COLUMN, SELF_TEST_COLUMN, Tap, Temperatures, Timing, UnitEffects,
+    WiringEffects, WiringStates,
 };
 use crate::package::{Package, Standing, SubStep, Trace};
 use crate::temperature::{Sensor, interpolate};
@@ -114,6 +114,8 @@ pub struct Unit {
     truth: Motion,
     package: Package,
     channels: [Channel; 4],
+    /// Gyros that are counted; the others read nothing.
+    counted: [bool; 4],
     wiring: WiringStates,
     sensor: Sensor,
     /// Sensor temperatures that were measured; where there are any they take the place of the heater.
@@ -150,6 +152,7 @@ impl Unit {
             truth,
             package: Package::start(configuration.seed),
             channels: Gyro::ALL.map(|_| Channel { power: Power::On(0), accumulated: 0.0, rounded: 0.0 }),
+            counted: [true; 4],
             wiring: WiringStates::default(),
             configuration: configuration.clone(),
             sensor: Sensor::WARM,
@@ -221,6 +224,11 @@ impl Unit {
         self.sensor_measured = measured;
     }
 
+    /// Counts these gyros alone; the others read nothing: for a model of which some gyros matter.
+    pub fn count_only(&mut self, gyros: [bool; 4]) {
+        self.counted = gyros;
+    }
+
     /// Carries out the payload of a COMMAND within the running half second.
     pub fn command(&mut self, payload: &[u8]) -> Answer {
         let opcode = payload.first().copied().unwrap_or(0);
@@ -289,12 +297,12 @@ impl Unit {
         let gyros = &self.configuration.gyros;
         let standing = std::array::from_fn(|index| Standing {
             calibration: &gyros[index].calibration,
-            effects: gyros[index].effects.at(&interval),
+            effects: if self.counted[index] { gyros[index].effects.at(&interval) } else { HeadEffects::default() },
             discovered: &gyros[index].discovered,
         });
         let wiring: [WiringEffects; 4] = std::array::from_fn(|index| gyros[index].wiring.at(&interval));
         let mut taps: [T; 4] = std::array::from_fn(|_| T::default());
-        let unquantised = self.package.count(&standing, &self.unit, &temperatures, &steps, &mut taps);
+        let unquantised = self.package.count(&standing, self.counted, &self.unit, &temperatures, &steps, &mut taps);
         let mut counts: [f64; 4] = std::array::from_fn(|index| self.channels[index].accumulate(unquantised[index]));
         WiringEffects::apply(&wiring, &mut self.wiring, &mut counts, &mut taps);
 

@@ -264,8 +264,9 @@ impl Bank {
         let ran = of(&tried);
         let step = Variation::Course { kind: 0, shapes: vec![middle_s] };
         let alike = |small: &Base| {
-            let put: Series = std::array::from_fn(|channel| self.whole(small, &step, channel));
-            cosine(&put, &ran)
+            let values = self.course(small, &step, 0);
+            let course: Series = small.series.each_ref().map(|series| put(series, small.mode, values.as_deref(), 0));
+            cosine(&course, &ran)
         };
         let by_rate = alike(&small);
         small.mode = Mode::Level;
@@ -336,11 +337,8 @@ impl Bank {
         }
     }
 
-    /// The signature of a course on one channel, for one unit of size; nothing where it does not reach the channel.
-    pub fn column(&self, base: &Base, variation: &Variation, channel: usize) -> Option<Column> {
-        if base.series[channel].iter().all(|&value| value == 0.0) {
-            return None;
-        }
+    /// The signature of a course for one unit of size; nothing on channels that it does not reach.
+    pub fn columns(&self, base: &Base, variation: &Variation) -> [Option<Column>; CHANNELS] {
         let from = match variation {
             Variation::Onset { block } => *block,
             Variation::Course { kind, shapes } => {
@@ -349,41 +347,31 @@ impl Bank {
             }
             Variation::Constant => 0,
         };
-        Some(Column { from, values: self.put(base, variation, channel, from) })
+        let values = self.course(base, variation, from);
+        std::array::from_fn(|channel| {
+            let series = &base.series[channel];
+            let is_reached = series.iter().any(|&value| value != 0.0);
+            is_reached.then(|| Column { from, values: put(series, base.mode, values.as_deref(), from) })
+        })
     }
 
-    fn whole(&self, base: &Base, variation: &Variation, channel: usize) -> Vec<f64> {
-        self.put(base, variation, channel, 0)
-    }
-
-    fn put(&self, base: &Base, variation: &Variation, channel: usize, from: usize) -> Vec<f64> {
-        let series = &base.series[channel];
-        // An increment lies between the middles of two blocks, a value in its own.
-        let interval = |block: usize| {
-            let end_s = match base.mode {
-                Mode::Rate => Measured::middle_s(block),
-                Mode::Level => (block + 1) as f64 * BLOCK_S,
-            };
-            Interval { start_s: end_s - BLOCK_S, end_s, electronics_excess_k: self.excess_k[block] }
-        };
+    /// Values of a course in each block from `from` on; nothing where it is 1 throughout.
+    fn course(&self, base: &Base, variation: &Variation, from: usize) -> Option<Vec<f64>> {
         let law = match variation {
-            Variation::Constant => return series[from..].to_vec(),
+            Variation::Constant => return None,
             Variation::Course { kind, shapes } => KINDS[*kind].law(shapes),
             Variation::Onset { block } => KINDS[0].law(&[*block as f64 * BLOCK_S]),
         };
         let course = Course { effect: 0, amplitude: 0, size: 1.0, law };
-        let mut sum = 0.0;
-        let put = |block: usize| {
-            let value = course.value(&interval(block));
-            match base.mode {
-                Mode::Level => series[block] * value,
-                Mode::Rate => {
-                    sum += (series[block] - if block == 0 { 0.0 } else { series[block - 1] }) * value;
-                    sum
-                }
-            }
+        // An increment lies between the middles of two blocks, a value in its own.
+        let value = |block: usize| {
+            let end_s = match base.mode {
+                Mode::Rate => Measured::middle_s(block),
+                Mode::Level => (block + 1) as f64 * BLOCK_S,
+            };
+            course.value(&Interval { start_s: end_s - BLOCK_S, end_s, electronics_excess_k: self.excess_k[block] })
         };
-        (from..series.len()).map(put).collect()
+        Some((from..self.blocks).map(value).collect())
     }
 
     /// The change that a hypothesis of that size is.
@@ -440,6 +428,23 @@ fn own_shapes(amplitude: &Amplitude) -> Vec<Vec<f64>> {
         }
     }
     all
+}
+
+/// A course put on a signature, from a block on.
+fn put(series: &[f64], mode: Mode, course: Option<&[f64]>, from: usize) -> Vec<f64> {
+    let Some(course) = course else { return series[from..].to_vec() };
+    let own = series[from..].iter().zip(course);
+    match mode {
+        Mode::Level => own.map(|(value, factor)| value * factor).collect(),
+        Mode::Rate => {
+            let (mut sum, mut before) = (0.0, if from == 0 { 0.0 } else { series[from - 1] });
+            own.map(|(value, factor)| {
+                sum += (value - std::mem::replace(&mut before, *value)) * factor;
+                sum
+            })
+            .collect()
+        }
+    }
 }
 
 fn cosine(one: &Series, other: &Series) -> f64 {

@@ -238,10 +238,29 @@ impl Measured {
 
     /// A model without its noise, on this motion and at these temperatures, at each node: accumulated counts before rounding, and
     /// how much later than nominal its half seconds end.
-    pub fn run(&self, configuration: &Configuration, Shifts { lag_s, temperature_s }: Shifts) -> Series {
+    pub fn run(&self, configuration: &Configuration, shifts: Shifts) -> Series {
+        self.run_on([true; 4], configuration, shifts)
+    }
+
+    /// The same of a model that differs from another one on these gyros alone, whose run is known.
+    pub fn run_beside(&self, from: &Series, gyros: [bool; 4], configuration: &Configuration, shifts: Shifts) -> Series {
+        let mut run = self.run_on(gyros, configuration, shifts);
+        for (channel, own) in run.iter_mut().enumerate().filter(|(channel, _)| !gyros.get(*channel).unwrap_or(&true)) {
+            own.clone_from(&from[channel]);
+        }
+        run
+    }
+
+    fn run_on(
+        &self,
+        gyros: [bool; 4],
+        configuration: &Configuration,
+        Shifts { lag_s, temperature_s }: Shifts,
+    ) -> Series {
         let reference = self.reference_at(lag_s);
         let mut unit = Unit::on(&self.quiet(configuration, temperature_s), &Truth::Recorded(reference));
         unit.follow_sensor(table(&self.counts.sensor_c, 0.0));
+        unit.count_only(gyros);
         let mut series: Series = std::array::from_fn(|_| Vec::with_capacity(self.half_seconds + 1));
         for channel in &mut series {
             channel.push(0.0);

@@ -88,6 +88,9 @@ fn second_differences(series: &[f64], blocks: &[Block]) -> f64 {
     if middle.is_empty() { 0.0 } else { middle.iter().sum::<f64>() / middle.len() as f64 }
 }
 
+/// Factors at which a walk is tried before it is fitted.
+const HOPES: [f64; 2] = [1.5, 3.0];
+
 /// A walk fitted: its growth, one sigma of the growth's logarithm, and by how much −2 ln of the likelihood falls.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Fitted {
@@ -132,7 +135,7 @@ pub fn fit_white(case: &Case, channel: usize, noise: &Noise, residual: &Series, 
     with(least(noise.white.ln() - 1.0, noise.white.ln() + 1.0, |log_white| deviance(&with(log_white))))
 }
 
-/// Fits one walk of one channel, and the white noise with it.
+/// Fits one walk of one channel, and the white noise with it; one that is no larger than it was taken stays as it is.
 pub fn fit(
     case: &Case,
     channel: usize,
@@ -148,6 +151,11 @@ pub fn fit(
         (_, Walk::Rate) => (noise.white.sqrt() * 1e-5).ln(),
     };
     let with = |log_walk: f64, log_white: f64| Noise { white: log_white.exp(), ..noise.with(walk, log_walk.exp()) };
+    // What is no more likely half as large again, nor three times as large, is not larger.
+    let now = deviance(noise);
+    if HOPES.iter().all(|factor| deviance(&with(start + factor.ln(), noise.white.ln())) >= now) {
+        return Fitted { noise: *noise, log_sigma: f64::NAN, fall: 0.0 };
+    }
     // Each in turn, until they stay: over all there is at first, then near by.
     let (mut log_walk, mut log_white) = (start, noise.white.ln());
     let (mut below, mut above) = (4.0, 7.0);

@@ -64,13 +64,11 @@ pub fn set_penalty(gyros: &Gyros, place: Place) -> f64 {
 
 /// The columns of a hypothesis, as much of them as matters.
 pub fn columns(bank: &Bank, base: &Base, variation: &Variation) -> [Option<Column>; CHANNELS] {
-    std::array::from_fn(|channel| {
-        let mut column = bank.column(base, variation, channel)?;
-        if variation.family() == Family::SUDDEN {
-            column.values.truncate(SUDDEN_BLOCKS);
-        }
-        Some(column)
-    })
+    let mut columns = bank.columns(base, variation);
+    if variation.family() == Family::SUDDEN {
+        columns.iter_mut().flatten().for_each(|column| column.values.truncate(SUDDEN_BLOCKS));
+    }
+    columns
 }
 
 /// Products of a candidate, over its gyros.
