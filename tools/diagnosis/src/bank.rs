@@ -5,6 +5,8 @@
 //! adds an angle: lost counts), whichever one run with a step in its middle shows to be right. That is for finding; what is found
 //! is fitted by the model itself.
 
+use std::sync::Arc;
+
 use geu_model::Configuration;
 use geu_model::course::{Course, Interval, KINDS};
 use geu_model::number::{Default as DefaultValue, Number};
@@ -57,7 +59,7 @@ pub struct Base {
     /// Whether another size has the same signature.
     pub is_linear: bool,
     /// Averages over blocks.
-    series: Series,
+    series: [Arc<[f64]>; CHANNELS],
     mode: Mode,
 }
 
@@ -201,7 +203,9 @@ impl Bank {
             let base = |(gyro, &amplitude): (usize, &Amplitude)| {
                 let mut own = std::mem::take(&mut series[gyro]);
                 own.iter_mut().for_each(|value| *value /= COEFFICIENT);
-                let of_channel = |channel: usize| if channel == TIMING { vec![0.0; own.len()] } else { own.clone() };
+                let none: Arc<[f64]> = vec![0.0; own.len()].into();
+                let own: Arc<[f64]> = own.into();
+                let of_channel = |channel: usize| if channel == TIMING { none.clone() } else { own.clone() };
                 Base {
                     amplitude,
                     own_shapes: Vec::new(),
@@ -246,7 +250,7 @@ impl Bank {
             own_shapes: own_shapes.clone(),
             size,
             is_linear,
-            series,
+            series: series.map(Arc::from),
             mode: Mode::Rate,
         };
         let mut small = base(limits.greatest * SHARE, of(&change(limits.greatest * SHARE)), true);
@@ -447,14 +451,12 @@ fn put(series: &[f64], mode: Mode, course: Option<&[f64]>, from: usize) -> Vec<f
     }
 }
 
-fn cosine(one: &Series, other: &Series) -> f64 {
+fn cosine(one: &[impl AsRef<[f64]>; CHANNELS], other: &Series) -> f64 {
     // Of increments: a constant or a slow part would outweigh the rest. The channel of the times has a unit of its own.
-    let increments = |series: &Series, channel: usize| -> Vec<f64> {
-        series[channel].windows(2).map(|pair| pair[1] - pair[0]).collect()
-    };
+    let increments = |values: &[f64]| -> Vec<f64> { values.windows(2).map(|pair| pair[1] - pair[0]).collect() };
     let (mut both, mut ones, mut others) = (0.0, 0.0, 0.0);
     for channel in (0..CHANNELS).filter(|&channel| channel != TIMING) {
-        for (a, b) in increments(one, channel).into_iter().zip(increments(other, channel)) {
+        for (a, b) in increments(one[channel].as_ref()).into_iter().zip(increments(&other[channel])) {
             both += a * b;
             ones += a * a;
             others += b * b;
