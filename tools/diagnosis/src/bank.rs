@@ -25,6 +25,8 @@ const COEFFICIENT: f64 = 1e-6;
 const ALIKE: f64 = 0.95;
 /// Factor between neighbouring sizes of an amplitude that is not linear.
 const SIZE_FACTOR: f64 = 1.5;
+/// Least size of an amplitude that is not linear, as a share of the largest accepted.
+const LEAST_SIZE: f64 = 0.002;
 /// Shortest time constant or period that is looked for, in blocks: what is shorter averages out.
 const SHORTEST_BLOCKS: f64 = 6.0;
 /// Time constants looked for, the ratio of neighbours.
@@ -285,7 +287,7 @@ impl Bank {
         let mode = small.mode;
         let mut sizes = Vec::new();
         let mut size = limits.greatest;
-        while size > 0.01 * limits.greatest {
+        while size > LEAST_SIZE * limits.greatest {
             sizes.push(size);
             if limits.least < 0.0 {
                 sizes.push(-size);

@@ -16,7 +16,8 @@ use crate::normal::dot;
 use crate::null::Thresholds;
 use crate::outcome::{Class, Entry, Number, RivalShown};
 use crate::remedy::Remedies;
-use crate::rivals::{Rival, rivals};
+use crate::rivals::{APART_CHI2, Rival, rivals};
+use crate::search::{Candidate, search};
 use crate::state::{Case, Held, State};
 
 /// A calibration number is told as moved from so many sigmas on: once in 1000 recordings of sixteen.
@@ -33,7 +34,7 @@ pub const SAME_SIGMAS: f64 = 3.0;
 const SAME: f64 = 0.9999;
 /// Cosine above which two signatures are one.
 const SAME_SIGNATURE: f64 = 0.999;
-/// Rivals told.
+/// Rivals told at least, and at most with what would tell them apart.
 const TOLD: usize = 8;
 /// What entries are made from.
 pub struct Entries<'a> {
@@ -93,8 +94,13 @@ impl Entries<'_> {
         let of = |(index, held): (usize, &Held)| {
             let amplitude = &held.change.amplitude;
             let rivals = rivals(self.case, self.bank, &explained.state, index).into_iter();
-            let rivals: Vec<Rival> = rivals.filter(|rival| !is_the_same(amplitude, rival)).take(TOLD).collect();
-            let told = remedies.of(&explained.state, index, &rivals);
+            let mut rivals: Vec<Rival> = rivals.filter(|rival| !is_the_same(amplitude, rival)).collect();
+            // The whole group, and what comes next.
+            let in_group = rivals.iter().take_while(|rival| rival.behind_chi2 < APART_CHI2).count();
+            rivals.truncate((in_group + 1).max(TOLD));
+            let remedied = in_group.min(TOLD);
+            let mut told = remedies.of(&explained.state, index, &rivals[..remedied]);
+            told.resize(rivals.len(), None);
             let numbers = held.change.parameters().into_iter().zip(&held.sigmas).map(|(parameter, sigma)| Number {
                 name: parameter.name,
                 value: parameter.value,
@@ -168,13 +174,48 @@ impl Entries<'_> {
                 )),
             }
         }
-        for (entry, _) in &mut entries {
+        let mut entries: Vec<Entry> = entries.into_iter().map(|(entry, _)| entry).collect();
+        for entry in &mut entries {
             let (code, number) = (&entry.code, &entry.parameters[0]);
             let gyros = Gyro::ALL.into_iter().filter(|gyro| entry.gyros[*gyro as usize]);
             let assignment = |gyro: Gyro| format!("gyro.{}.{code}.{} = {:?}", gyro.name(), number.name, number.value);
             entry.assignments = gyros.map(assignment).collect();
         }
-        entries.into_iter().map(|(entry, _)| entry).collect()
+        self.rival_noises(explained, &mut entries);
+        entries
+    }
+
+    /// What of the bank explains nearly as much as larger noise does, were that as configured.
+    fn rival_noises(&self, explained: &Explained, entries: &mut [Entry]) {
+        if entries.is_empty() {
+            return;
+        }
+        let mut state = explained.state.clone();
+        for found in &explained.noise {
+            let configured = configured(self.case.believed, found);
+            state.noise[found.channel] = state.noise[found.channel].with(found.walk, configured);
+        }
+        let normal = self.case.normal(&mut state);
+        let candidates = search(self.bank, &normal, &state, &|_| 0.0);
+        for entry in entries {
+            let fall = entry.chi2.map_or(0.0, |(fall, _)| fall);
+            let is_within = |gyros: &Gyros| gyros.iter().zip(entry.gyros).all(|(own, noisy)| !own || noisy);
+            let near = candidates.iter().filter(|candidate| {
+                candidate.change.amplitude.place != Place::Unit
+                    && is_within(&candidate.change.gyros)
+                    && fall - candidate.gain.chi2 < APART_CHI2
+            });
+            let shown = |candidate: &Candidate| RivalShown {
+                code: candidate.change.amplitude.code(),
+                formula: candidate.change.amplitude.formula.map(|formula| formula.to_string()),
+                gyros: candidate.change.gyros,
+                // Noise has no signature.
+                cosine: 0.0,
+                behind_chi2: Some((fall - candidate.gain.chi2).max(0.0)),
+                remedy: None,
+            };
+            entry.rivals = near.map(shown).collect();
+        }
     }
 
     /// A common lag that is more than a link's, as the effect that has its signature: a reference that is early looks the same.
@@ -308,12 +349,16 @@ pub fn is_told(believed: &Configuration, state: &State, found: &NoiseFound) -> b
     if found.channel == TIMING {
         return false;
     }
+    state.noise[found.channel].walk(found.walk) >= LEAST_WALK * configured(believed, found)
+}
+
+/// The walk as it was believed.
+fn configured(believed: &Configuration, found: &NoiseFound) -> f64 {
     let effects = &believed.gyros[found.channel].effects.constant;
-    let configured = match found.walk {
+    match found.walk {
         Walk::Angle => effects.angle_random_walk.arcsec_per_sqrt_s,
         Walk::Rate => effects.drift_random_walk.arcsec_per_s_per_sqrt_s,
-    };
-    state.noise[found.channel].walk(found.walk) >= LEAST_WALK * configured
+    }
 }
 
 fn shown(rival: Rival) -> RivalShown {

@@ -196,8 +196,8 @@ impl Explained {
         })
     }
 
-    /// Gyros whose changes are a pile: noise as a last resort beside several of them, several formulas, or more than anything should
-    /// have. A pile explains everything, and so nothing.
+    /// Gyros whose changes are a pile: noise as a last resort beside several of them, a formula beside anything, or more than anything
+    /// should have. A pile explains everything, and so nothing.
     pub fn piled(&self, is_told: &dyn Fn(&NoiseFound) -> bool) -> [bool; 4] {
         std::array::from_fn(|gyro| {
             let own = || {
@@ -208,7 +208,7 @@ impl Explained {
             };
             let formulas = own().filter(|held| held.change.amplitude.place == Place::Discovered).count();
             let is_noisy = self.noise.iter().any(|found| found.channel == gyro && is_told(found));
-            own().count() > MOST_OF_ONE || formulas > 1 || is_noisy && own().count() > 1
+            own().count() > if formulas > 0 || is_noisy { 1 } else { MOST_OF_ONE }
         })
     }
 

@@ -128,6 +128,9 @@ pub fn called(entry: &Entry) -> String {
     }
 }
 
+/// Rivals of a group named in a sentence.
+const NAMED: usize = 5;
+
 fn on(gyros: &Gyros) -> String {
     if gyros == &ALL_GYROS { "all gyros".to_owned() } else { names(gyros).join(", ") }
 }
@@ -153,14 +156,20 @@ pub fn sentence(entry: &Entry) -> String {
         let name = rival.formula.as_ref().unwrap_or(&rival.code);
         if rival.gyros == entry.gyros { name.clone() } else { format!("{name} on {}", on(&rival.gyros)) }
     };
-    if let Some(next) = apart.first() {
-        let share = 100.0 * next.cosine.powi(2);
+    if let (Some(next), Some((fall, _))) = (apart.first(), entry.chi2) {
+        let share = 100.0 * (1.0 - next.behind_chi2.unwrap_or(0.0) / fall).max(0.0);
         text += &format!("; next best, {}, explains {share:.0} % of what it does", name(next));
     }
     if !same.is_empty() {
-        let names: Vec<String> =
-            same.iter().map(|rival| format!("{} (cosine {:.3})", name(rival), rival.cosine)).collect();
+        let of = |rival: &&RivalShown| match rival.cosine {
+            0.0 => name(rival),
+            cosine => format!("{} (cosine {cosine:.3})", name(rival)),
+        };
+        let names: Vec<String> = same.iter().take(NAMED).map(of).collect();
         text += &format!("; cannot be told apart from {}", names.join(", "));
+        if same.len() > NAMED {
+            text += &format!(" and {} more", same.len() - NAMED);
+        }
         for rival in &same {
             let Some(remedy) = &rival.remedy else { continue };
             text += &format!("; against {}: {remedy}", name(rival));

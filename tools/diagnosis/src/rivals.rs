@@ -1,5 +1,7 @@
-//! What else would look alike: for each thing found, the whitened cosine of its signature with that of every other hypothesis, beside
-//! the nuisances and all else that was found.
+//! What else would do: for each thing found, every other hypothesis in its place, beside the nuisances and all else that was found.
+//!
+//! A rival that explains the data nearly as well cannot be told apart by them, whatever the search took: what was found is then one
+//! of a group. How alike the two are on this motion is the whitened cosine of their signatures.
 
 use rayon::prelude::*;
 
@@ -7,142 +9,198 @@ use crate::bank::{Bank, Base, Column, Variation};
 use crate::change::{ALL_GYROS, Amplitude, Change, Gyros, Place};
 use crate::climb::climb;
 use crate::measured::{BLOCK_S, CHANNELS, Series, TIMING};
-use crate::normal::{Beside, Normal, Nuisance, Products};
+use crate::normal::{Beside, Gain, Normal, Nuisance, Products, dot};
 use crate::search::columns;
 use crate::state::{Case, State};
 
-/// Those that are less alike are none.
-const LEAST_COSINE: f64 = 0.3;
+/// Those that explain a smaller share of what was found explains are none: the square of a cosine of 0.3.
+const LEAST_SHARE: f64 = 0.09;
 /// Rivals whose shapes are fitted.
 const CLIMBED: usize = 24;
-/// A group whose members cannot be told apart: what they differ by explains less than this, three sigma.
+/// Rivals at most.
+const MOST: usize = 64;
+/// A group whose members cannot be told apart: what χ² falls by differs by less than this, three sigma.
 pub const APART_CHI2: f64 = 9.0;
+/// Sizes between which a signature that is not linear stands for another size.
+const NEAR_SIZES: std::ops::Range<f64> = 0.4..2.5;
 
-/// A hypothesis that looks like one that was found.
+/// A hypothesis in the place of one that was found.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Rival {
     /// What it is.
     pub change: Change,
     /// Cosine of the two signatures, whitened and beside the nuisances; without sign.
     pub cosine: f64,
-    /// What χ² falls by more with the one that was found.
+    /// By how much more χ² falls with the one that was found; 0 where it falls no more.
     pub behind_chi2: f64,
 }
 
-/// Where a rival was found on the grid.
+/// A rival on the grid.
 struct Spot {
     base: usize,
     variation: Variation,
     gyros: Gyros,
-    cosine: f64,
+    gain: Gain,
 }
 
-/// The rivals of the change at `index` of a state, the most alike first.
+/// The rivals of the change at `index` of a state on the data, the best first.
 pub fn rivals(case: &Case, bank: &Bank, state: &State, index: usize) -> Vec<Rival> {
     let mut others = state.clone();
+    others.held.remove(index);
+    let (residual, columns) = case.linearised(&mut others);
+    let normal = Normal::new(case.whitenings(&state.noise), &residual, &columns);
+    in_place_of(case, bank, &normal, state, index)
+}
+
+/// The same where the data are nothing but what the change adds: what looks most like it.
+pub fn look_alikes(case: &Case, bank: &Bank, state: &State, index: usize) -> Vec<Rival> {
+    let mut others = state.clone();
     let held = others.held.remove(index);
-    let own = case.signature(state, index);
-    let (_, columns_of_others) = case.linearised(&mut others);
-    // All of the signature is there to be explained, and nothing else.
-    let whole: Series = std::array::from_fn(|channel| match &own[channel] {
+    let (_, columns) = case.linearised(&mut others);
+    let whole: Series = case.signature(state, index).map(|own| match own {
         Some(values) => values.iter().map(|value| value * held.change.size).collect(),
         None => vec![0.0; case.measured.block_count()],
     });
-    let normal = Normal::new(case.whitenings(&state.noise), &whole, &columns_of_others);
-    let products = products_of(&normal, &own);
-    let Some(found) = normal.gain(&products) else { return Vec::new() };
-    let amplitude = held.change.amplitude;
-    let parts_of = |base: &Base, variation: &Variation| -> [Option<Beside>; CHANNELS] {
-        let columns = columns(bank, base, variation);
-        std::array::from_fn(|channel| {
-            columns[channel].as_ref().map(|column| normal.beside(&normal.products_of(channel, column)))
-        })
-    };
-    // What it explains of the signature found, beside the nuisances: its square is that of the cosine.
-    let cosine_of = |base: &Base, parts: &[Option<Beside>; CHANNELS], gyros: &Gyros| -> Option<(f64, f64)> {
-        let own = parts.iter().enumerate().filter(|(channel, _)| reaches(&base.amplitude, gyros, *channel));
-        let gain = Beside::gain(&own.filter_map(|(_, part)| part.as_ref()).collect::<Vec<_>>())?;
-        Some(((gain.chi2 / found.chi2).clamp(0.0, 1.0).sqrt(), gain.size))
-    };
-    let sets = |base: &Base| -> Vec<Gyros> {
-        if base.amplitude.place == Place::Unit {
-            return vec![ALL_GYROS];
-        }
-        let singles = (0..4).map(|gyro| std::array::from_fn(|other| other == gyro));
-        let mut sets: Vec<Gyros> = singles.chain([ALL_GYROS, held.change.gyros]).collect();
-        sets.retain(|set| set.iter().zip(base.amplitude.gyros()).all(|(own, can)| !own || can));
-        sets.sort_unstable();
-        sets.dedup();
-        sets
-    };
-    let of_base = |index: usize| -> Vec<Spot> {
-        let base = &bank.bases[index];
-        let mut best: Vec<Spot> = Vec::new();
-        for variation in bank.variations(base) {
-            let own = Amplitude { kind: variation.kind(), ..base.amplitude };
-            let parts = parts_of(base, &variation);
-            for gyros in sets(base) {
-                if own == amplitude && gyros == held.change.gyros {
-                    continue;
-                }
-                let Some((cosine, _)) = cosine_of(base, &parts, &gyros) else { continue };
-                let same =
-                    best.iter_mut().find(|other| other.variation.kind() == variation.kind() && other.gyros == gyros);
-                match same {
-                    Some(other) if other.cosine >= cosine => {}
-                    Some(other) => *other = Spot { base: index, variation: variation.clone(), gyros, cosine },
-                    None => best.push(Spot { base: index, variation: variation.clone(), gyros, cosine }),
-                }
-            }
-        }
-        best
-    };
-    let mut places: Vec<Spot> = (0..bank.bases.len()).into_par_iter().flat_map_iter(of_base).collect();
-    places.retain(|place| place.cosine >= LEAST_COSINE);
-    places.sort_by(|one, other| other.cosine.total_cmp(&one.cosine));
-    places.truncate(CLIMBED);
+    let normal = Normal::new(case.whitenings(&state.noise), &whole, &columns);
+    in_place_of(case, bank, &normal, state, index)
+}
+
+fn in_place_of(case: &Case, bank: &Bank, normal: &Normal, state: &State, index: usize) -> Vec<Rival> {
+    let own = Signature::new(normal, &case.signature(state, index));
+    let Some(found) = normal.gain(&own.products) else { return Vec::new() };
+    let held = &state.held[index].change;
+    let mut spots: Vec<Spot> =
+        (0..bank.bases.len()).into_par_iter().flat_map_iter(|base| spots(bank, normal, base, held)).collect();
+    spots.retain(|spot| spot.gain.chi2 >= LEAST_SHARE * found.chi2);
+    spots.sort_by(|one, other| other.gain.chi2.total_cmp(&one.gain.chi2));
+    let in_group = spots.iter().take_while(|spot| found.chi2 - spot.gain.chi2 < APART_CHI2).count();
+    spots.truncate(in_group.clamp(CLIMBED, MOST));
     let duration_s = case.measured.block_count() as f64 * BLOCK_S;
-    let climbed = |spot: Spot| -> Option<Rival> {
+    let told = |(place, spot): (usize, &Spot)| -> Option<Rival> {
         let base = &bank.bases[spot.base];
-        let at = |variation: &Variation| {
-            let columns = columns(bank, base, variation);
-            let parts = columns.iter().enumerate().map(|(channel, column)| {
-                let column = column.as_ref().filter(|_| reaches(&base.amplitude, &spot.gyros, channel))?;
-                Some(normal.beside(&normal.products_of(channel, column)))
-            });
-            let parts: Vec<Option<Beside>> = parts.collect();
-            cosine_of(base, &parts.try_into().ok()?, &spot.gyros)
+        let gain = |variation: &Variation| {
+            let products = Signature::of(bank, normal, base, variation, &spot.gyros).products;
+            normal.gain(&products).filter(|gain| is_near(base, gain))
         };
-        let of = |variation: &Variation| at(variation).map_or(0.0, |(cosine, _)| cosine);
-        let (variation, cosine) = climb(spot.variation.clone(), duration_s, &of);
-        let (_, size) = at(&variation)?;
+        let mut variation = spot.variation.clone();
+        if place < CLIMBED {
+            (variation, _) = climb(variation, duration_s, &|at| gain(at).map_or(0.0, |gain| gain.chi2));
+        }
+        let gain = gain(&variation)?;
+        let signature = Signature::of(bank, normal, base, &variation, &spot.gyros);
+        let cosine = normal.cosine(&own.products, &signature.products, own.dot(&signature)).abs().min(1.0);
+        let size = if base.is_linear { gain.size } else { base.size };
         let change = bank.change(base, &variation, size, spot.gyros);
-        let behind_chi2 = found.chi2 * (1.0 - cosine * cosine);
+        let behind_chi2 = (found.chi2 - gain.chi2).max(0.0);
         change.is_within_limits().then_some(Rival { change, cosine, behind_chi2 })
     };
-    let all: Vec<Rival> = places.into_par_iter().filter_map(climbed).collect();
-    let mut told: Vec<Rival> = Vec::new();
+    let all: Vec<Rival> = spots.par_iter().enumerate().filter_map(told).collect();
+    let mut rivals: Vec<Rival> = Vec::new();
     for rival in all {
         let is_same = |other: &Rival| {
             other.change.amplitude == rival.change.amplitude && other.change.gyros == rival.change.gyros
         };
-        match told.iter().position(is_same) {
-            Some(place) if told[place].cosine < rival.cosine => told[place] = rival,
+        match rivals.iter().position(is_same) {
+            Some(place) if rivals[place].behind_chi2 > rival.behind_chi2 => rivals[place] = rival,
             Some(_) => {}
-            None => told.push(rival),
+            None => rivals.push(rival),
         }
     }
-    told.sort_by(|one, other| other.cosine.total_cmp(&one.cosine));
-    told
+    let first = |rival: &Rival| (rival.behind_chi2, -rival.cosine);
+    rivals.sort_by(|one, other| first(one).partial_cmp(&first(other)).unwrap_or(std::cmp::Ordering::Equal));
+    rivals
+}
+
+/// The best course of each kind of one base on each set of gyros.
+fn spots(bank: &Bank, normal: &Normal, index: usize, held: &Change) -> Vec<Spot> {
+    let base = &bank.bases[index];
+    let mut best: Vec<Spot> = Vec::new();
+    let sets = sets(base, &held.gyros);
+    for variation in bank.variations(base) {
+        let own = Amplitude { kind: variation.kind(), ..base.amplitude };
+        let columns = columns(bank, base, &variation);
+        let parts: [Option<Beside>; CHANNELS] = std::array::from_fn(|channel| {
+            columns[channel].as_ref().map(|column| normal.beside(&normal.products_of(channel, column)))
+        });
+        for gyros in sets.iter().copied().filter(|gyros| own != held.amplitude || *gyros != held.gyros) {
+            let reached = parts.iter().enumerate().filter(|(channel, _)| reaches(&base.amplitude, &gyros, *channel));
+            let gain = Beside::gain(&reached.filter_map(|(_, part)| part.as_ref()).collect::<Vec<_>>());
+            let Some(gain) = gain.filter(|gain| is_near(base, gain)) else { continue };
+            let same = best.iter_mut().find(|other| other.variation.kind() == variation.kind() && other.gyros == gyros);
+            let spot = Spot { base: index, variation: variation.clone(), gyros, gain };
+            match same {
+                Some(other) if other.gain.chi2 >= gain.chi2 => {}
+                Some(other) => *other = spot,
+                None => best.push(spot),
+            }
+        }
+    }
+    best
+}
+
+/// Sets of gyros on which a rival is looked for: each alone, all, and those of what was found.
+fn sets(base: &Base, found: &Gyros) -> Vec<Gyros> {
+    if base.amplitude.place == Place::Unit {
+        return vec![ALL_GYROS];
+    }
+    let singles = (0..4).map(|gyro| std::array::from_fn(|other| other == gyro));
+    let mut sets: Vec<Gyros> = singles.chain([ALL_GYROS, *found]).collect();
+    sets.retain(|set| set.iter().zip(base.amplitude.gyros()).all(|(own, can)| !own || can));
+    sets.sort_unstable();
+    sets.dedup();
+    sets
+}
+
+/// What is not linear was run at one size: a gain at half of it or twice is that of another.
+fn is_near(base: &Base, gain: &Gain) -> bool {
+    base.is_linear || NEAR_SIZES.contains(&(gain.size / base.size))
 }
 
 fn reaches(amplitude: &Amplitude, gyros: &Gyros, channel: usize) -> bool {
     amplitude.place == Place::Unit || channel != TIMING && gyros[channel]
 }
 
-fn products_of(normal: &Normal, own: &Nuisance) -> Products {
-    let parts = own.iter().enumerate().filter_map(|(channel, values)| {
-        Some(normal.products_of(channel, &Column { from: 0, values: values.clone()? }))
-    });
-    parts.fold(Products::none(normal.nuisances()), |sum, part| sum.plus(&part))
+/// The whitened values of a channel that is reached, and the first block of them.
+type White = Option<(usize, Vec<f64>)>;
+
+/// A signature, whitened.
+struct Signature {
+    white: [White; CHANNELS],
+    products: Products,
+}
+
+impl Signature {
+    fn new(normal: &Normal, nuisance: &Nuisance) -> Signature {
+        let column = |values: &Option<Vec<f64>>| Some(Column { from: 0, values: values.clone()? });
+        Signature::whitened(normal, nuisance.each_ref().map(column))
+    }
+
+    fn of(bank: &Bank, normal: &Normal, base: &Base, variation: &Variation, gyros: &Gyros) -> Signature {
+        let mut columns = columns(bank, base, variation);
+        for (channel, column) in columns.iter_mut().enumerate() {
+            if !reaches(&base.amplitude, gyros, channel) {
+                *column = None;
+            }
+        }
+        Signature::whitened(normal, columns)
+    }
+
+    fn whitened(normal: &Normal, columns: [Option<Column>; CHANNELS]) -> Signature {
+        let white: [White; CHANNELS] =
+            std::array::from_fn(|channel| columns[channel].as_ref().map(|column| normal.white(channel, column)));
+        let parts = white.iter().enumerate().filter_map(|(channel, own)| Some(normal.products(channel, own.as_ref()?)));
+        let products = parts.fold(Products::none(normal.nuisances()), |sum, part| sum.plus(&part));
+        Signature { white, products }
+    }
+
+    /// The product with another.
+    fn dot(&self, other: &Signature) -> f64 {
+        let of_channel = |(one, other): (&White, &White)| {
+            let ((one_from, one), (other_from, other)) = (one.as_ref()?, other.as_ref()?);
+            let from = *one_from.max(other_from);
+            let to = (one_from + one.len()).min(other_from + other.len());
+            (from < to).then(|| dot(&one[from - one_from..to - one_from], &other[from - other_from..to - other_from]))
+        };
+        self.white.iter().zip(&other.white).filter_map(of_channel).sum()
+    }
 }

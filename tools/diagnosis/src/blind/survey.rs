@@ -20,7 +20,7 @@ use crate::noise;
 use crate::normal::{Normal, Nuisance, Products, dot};
 use crate::null::Thresholds;
 use crate::outcome::Diagnosis;
-use crate::rivals::{Rival, rivals};
+use crate::rivals::{Rival, look_alikes};
 use crate::state::{Case, Held};
 use crate::whitening::Noise;
 
@@ -184,7 +184,7 @@ impl Survey {
         let case = Case { measured: &self.measured, believed: &self.believed, nuisances };
         let mut state = case.start(self.noise);
         state.held.push(Held::new(change.clone()));
-        rivals(&case, bank, &state, 0)
+        look_alikes(&case, bank, &state, 0)
     }
 
     /// Diagnoses a flight. The thresholds are those of a flight with nothing hidden, for all flights of this motion: a key of
