@@ -2,7 +2,7 @@
 
 Each gyro's residual is what calibrations hold (an offset, a drift and the three rates) and as few other terms as explain it: the
 regressors, their products and the cubes of the rates, integrated at half seconds as the gyros do. Both choose by the extended BIC,
-which counts what was there to choose from; plain BIC names two to six terms a gyro where nothing is hidden. Prints a term a line:
+which counts what was there to choose from; plain BIC names fifteen where nothing is hidden. Prints a term a line:
 gyro, term, coefficient.
 """
 import itertools

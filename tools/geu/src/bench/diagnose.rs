@@ -30,14 +30,17 @@ const PYTHON: &str = include_str!("diagnose.py");
 /// How often a child's memory is looked at.
 const LOOK: Duration = Duration::from_millis(5);
 
+/// Terms of a regression that are printed.
+const SHOWN: usize = 4;
+
 /// Arguments of `geu bench diagnose`.
 #[derive(Args)]
 pub struct Arguments {
     /// Runs of each of our own measurements with thresholds known; the fastest counts
     #[arg(long, value_name = "N", default_value_t = 3)]
     runs: u32,
-    /// Lengths of the recordings; one with nothing hidden, one with one effect and one with two of the first, one with one effect
-    /// of the others
+    /// Lengths of the recordings: of the first one with one effect hidden, one with nothing and one with two, of the others one
+    /// with one effect
     #[arg(long, value_name = "H,…", value_delimiter = ',', default_value = "3,24", value_parser = hours)]
     hours: Vec<f64>,
     /// Leave out statsmodels and pysindy
@@ -93,10 +96,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     say!("{:<24} {:>9} {:>9} {:>9}   found", "", "time_s", "CPU_s", "peak_MB")?;
     for (index, &hours) in arguments.hours.iter().enumerate() {
         for (name, hidden) in &CASES[..if index == 0 { CASES.len() } else { 1 }] {
-            say!(
-                "{hours} h, {name}{}",
-                hidden.iter().map(|hidden| format!(", {}", hidden.assignment)).collect::<String>()
-            )?;
+            let assignments: Vec<&str> = hidden.iter().map(|hidden| hidden.assignment).collect();
+            say!("{hours} h, {name} {}", assignments.join(" "))?;
             let directory = tempfile::tempdir().map_err(Failure::failed)?;
             case(arguments, directory.path(), hours, hidden)?;
         }
@@ -234,7 +235,10 @@ fn judged(terms: &[String], hidden: &[Hidden]) -> String {
     let none: Vec<&str> = hidden.iter().filter(|hidden| hidden.term.is_none()).map(|hidden| hidden.name).collect();
     let is_right = none.is_empty() && same(&names, hidden.iter().filter_map(|hidden| hidden.term));
     let mut text = if is_right { "right: " } else { "wrong: " }.to_owned();
-    text += &if terms.is_empty() { "no term".to_owned() } else { terms.join("; ") };
+    text += &if terms.is_empty() { "no term".to_owned() } else { terms[..terms.len().min(SHOWN)].join("; ") };
+    if terms.len() > SHOWN {
+        text += &format!(" and {} more", terms.len() - SHOWN);
+    }
     if !none.is_empty() {
         text += &format!("; has no term for {}", none.join(", "));
     }
