@@ -3,6 +3,7 @@
 mod cadence;
 mod calibrate;
 mod decode;
+mod diagnose;
 mod model;
 
 use clap::{Args, Subcommand};
@@ -24,6 +25,8 @@ enum Benchmark {
     Calibrate(calibrate::Arguments),
     /// Throughput of the decoder, beside python-can, cantools and log2asc on the same file.
     Decode(decode::Arguments),
+    /// The whole diagnosis as a user has it: time, memory and names found, beside statsmodels and pysindy.
+    Diagnose(diagnose::Arguments),
     /// Half seconds per second of the model, beside the same gyros in numpy.
     Model(model::Arguments),
 }
@@ -34,6 +37,7 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
         Benchmark::Cadence(arguments) => cadence::run(&arguments),
         Benchmark::Calibrate(arguments) => calibrate::run(&arguments),
         Benchmark::Decode(arguments) => decode::run(arguments),
+        Benchmark::Diagnose(arguments) => diagnose::run(&arguments),
         Benchmark::Model(arguments) => model::run(&arguments),
     }
 }

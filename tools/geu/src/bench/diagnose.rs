@@ -1,0 +1,291 @@
+//! `geu bench diagnose`: the whole `geu diagnose` as a user has it, from files to names, beside what a Python user would assemble
+//! on the same residual.
+
+use std::fmt::Write;
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use clap::Args;
+use geu_calibration::CountsReader;
+use geu_daemon::record::Recorder;
+use geu_daemon::simulate::simulate;
+use geu_diagnosis::Measured;
+use geu_diagnosis::measured::{Shifts, TIMING};
+use geu_model::configuration::WireForm;
+use geu_model::temperature::SENSOR_NOMINAL_C;
+use geu_model::units::{HALF_SECOND_S, RAD_PER_DEG};
+use geu_model::{Configuration, Truth};
+use geu_recording::{Reference, Sink};
+use nix::sys::resource::{Usage, UsageWho, getrusage};
+use nix::sys::time::TimeValLike;
+use serde_json::Value;
+
+use crate::calibrate::write;
+use crate::diagnose::Recording;
+use crate::failure::{Failure, say};
+
+/// Sequential selection with statsmodels, sparse regression with pysindy: what a Python user would write.
+const PYTHON: &str = include_str!("diagnose.py");
+/// How often a child's memory is looked at.
+const LOOK: Duration = Duration::from_millis(5);
+
+/// Terms of a regression that are printed.
+const SHOWN: usize = 4;
+
+/// Arguments of `geu bench diagnose`.
+#[derive(Args)]
+pub struct Arguments {
+    /// Runs of each of our own measurements with thresholds known; the fastest counts
+    #[arg(long, value_name = "N", default_value_t = 3)]
+    runs: u32,
+    /// Lengths of the recordings: of the first one with one effect hidden, one with nothing and one with two, of the others one
+    /// with one effect
+    #[arg(long, value_name = "H,…", value_delimiter = ',', default_value = "3,24", value_parser = hours)]
+    hours: Vec<f64>,
+    /// Leave out statsmodels and pysindy
+    #[arg(long)]
+    alone: bool,
+}
+
+fn hours(text: &str) -> Result<f64, String> {
+    let hours = text.parse().ok().filter(|hours| (0.5..=240.0).contains(hours));
+    hours.ok_or_else(|| format!("expected 0.5…240 hours, got {text}"))
+}
+
+/// What is hidden, as an assignment, as our name, and as the term of a regression that is the same function, where there is one.
+struct Hidden {
+    assignment: &'static str,
+    name: &'static str,
+    term: Option<&'static str>,
+}
+
+const PIVOT: Hidden =
+    Hidden { assignment: "gyro.GYRX.pivot-clearance.clearance_arcsec=11.5", name: "GYRX pivot-clearance", term: None };
+const CUBIC: Hidden = Hidden {
+    assignment: "gyro.GYRY.scale-factor-nonlinearity.cubic_ppm=180",
+    name: "GYRY scale-factor-nonlinearity",
+    term: Some("GYRY rate_y^3"),
+};
+const RAMP: Hidden = Hidden {
+    assignment: "gyro.GYRX.drift-ramp.arcsec_per_h_per_day=420",
+    name: "GYRX drift-ramp",
+    term: Some("GYRX time"),
+};
+
+/// Recordings with this hidden.
+const CASES: [(&str, &[Hidden]); 3] =
+    [("one effect", &[PIVOT]), ("nothing hidden", &[]), ("two effects", &[CUBIC, RAMP])];
+
+/// What a child took and said.
+struct Took {
+    time_s: f64,
+    cpu_s: f64,
+    peak_mb: f64,
+    output: Output,
+}
+
+/// Measures and prints.
+///
+/// # Errors
+/// A temporary directory that cannot be written, a diagnosis that fails.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    say!("{cores} cores; cold: thresholds set anew, warm: known, fastest of {} runs", arguments.runs.max(1))?;
+    say!("targets, warm: 3 h under 5 s, 24 h under 40 s; under 500 MB")?;
+    say!("{:<24} {:>9} {:>9} {:>9}   found", "", "time_s", "CPU_s", "peak_MB")?;
+    for (index, &hours) in arguments.hours.iter().enumerate() {
+        for (name, hidden) in &CASES[..if index == 0 { CASES.len() } else { 1 }] {
+            let assignments: Vec<&str> = hidden.iter().map(|hidden| hidden.assignment).collect();
+            say!("{hours} h, {name} {}", assignments.join(" "))?;
+            let directory = tempfile::tempdir().map_err(Failure::failed)?;
+            case(arguments, directory.path(), hours, hidden)?;
+        }
+    }
+    Ok(())
+}
+
+/// Makes a recording, and measures everyone on it.
+fn case(arguments: &Arguments, directory: &Path, hours: f64, hidden: &[Hidden]) -> Result<(), Failure> {
+    record(directory, hours, hidden)?;
+    let cold = diagnose(directory)?;
+    show("geu, cold", &cold, &found(directory, hidden)?)?;
+    let mut warm = diagnose(directory)?;
+    for _ in 1..arguments.runs {
+        let again = diagnose(directory)?;
+        if again.time_s < warm.time_s {
+            warm = again;
+        }
+    }
+    show("geu, warm", &warm, &found(directory, hidden)?)?;
+    if arguments.alone {
+        return Ok(());
+    }
+    let (script, residual) = (directory.join("bench.py"), directory.join("residual.csv"));
+    write(&script, PYTHON.to_owned())?;
+    write(&residual, residual_csv(directory)?)?;
+    for tool in ["statsmodels", "pysindy"] {
+        let took = measure(Command::new("python3").arg(&script).arg(tool).arg(&residual));
+        match took.map_err(|error| format!("python3: {error}")).and_then(terms) {
+            Ok((took, terms)) => show(tool, &took, &judged(&terms, hidden))?,
+            Err(reason) => say!("  {tool:<22} skipped: {reason}")?,
+        }
+    }
+    Ok(())
+}
+
+fn show(name: &str, took: &Took, found: &str) -> Result<(), Failure> {
+    say!("  {name:<22} {:>9.2} {:>9.2} {:>9.0}   {found}", took.time_s, took.cpu_s, took.peak_mb)
+}
+
+/// Flies the reference unit with that hidden, and writes what it is believed to be.
+fn record(directory: &Path, hours: f64, hidden: &[Hidden]) -> Result<(), Failure> {
+    let overrides: Vec<String> = hidden.iter().map(|hidden| hidden.assignment.to_owned()).collect();
+    let unit = Configuration::reference_with(&overrides).map_err(Failure::failed)?;
+    let half_seconds = (hours * 3600.0 / HALF_SECOND_S) as u64;
+    let mut recorder = Recorder::create(directory, &unit, &Truth::Scenario, WireForm::Can).map_err(Failure::failed)?;
+    simulate(&unit, &Truth::Scenario, half_seconds, &mut recorder, |_| {}).map_err(Failure::failed)?;
+    recorder.finish().map_err(Failure::failed)?;
+    write(&directory.join("believed.toml"), Configuration::reference().to_toml(false))
+}
+
+/// A diagnosis as a process of its own.
+fn diagnose(directory: &Path) -> Result<Took, Failure> {
+    let mut command = Command::new(std::env::current_exe().map_err(Failure::failed)?);
+    command.arg("diagnose").env("XDG_CACHE_HOME", directory.join("cache"));
+    for (option, file) in [
+        ("--config", "believed.toml"),
+        ("--link", "link.log"),
+        ("--reference", "reference.csv"),
+        ("--json", "found.json"),
+    ] {
+        command.arg(option).arg(directory.join(file));
+    }
+    let took = measure(&mut command).map_err(Failure::failed)?;
+    match took.output.status.code() {
+        // 3: something is left unexplained, which the result tells.
+        Some(0 | 3) => Ok(took),
+        _ => Err(Failure::failed(String::from_utf8_lossy(&took.output.stderr))),
+    }
+}
+
+/// Runs a command to its end; its output is short.
+fn measure(command: &mut Command) -> std::io::Result<Took> {
+    let cpu_before_s = children_cpu_s()?;
+    let start = Instant::now();
+    let mut child = command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn()?;
+    let status = format!("/proc/{}/status", child.id());
+    let mut peak_kb = 0.0f64;
+    while child.try_wait()?.is_none() {
+        let status = std::fs::read_to_string(&status).unwrap_or_default();
+        let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
+        peak_kb = peak_kb.max(line.and_then(|line| line.trim().trim_end_matches(" kB").parse().ok()).unwrap_or(0.0));
+        std::thread::sleep(LOOK);
+    }
+    let time_s = start.elapsed().as_secs_f64();
+    let cpu_s = children_cpu_s()? - cpu_before_s;
+    Ok(Took { time_s, cpu_s, peak_mb: peak_kb / 1024.0, output: child.wait_with_output()? })
+}
+
+/// CPU time of all children that have ended.
+fn children_cpu_s() -> std::io::Result<f64> {
+    let usage: Usage = getrusage(UsageWho::RUSAGE_CHILDREN)?;
+    Ok((usage.user_time() + usage.system_time()).num_microseconds() as f64 * 1e-6)
+}
+
+/// What a diagnosis wrote, and whether it is what was hidden.
+fn found(directory: &Path, hidden: &[Hidden]) -> Result<String, Failure> {
+    let text = std::fs::read_to_string(directory.join("found.json")).map_err(Failure::failed)?;
+    let result: Value = serde_json::from_str(&text).map_err(Failure::failed)?;
+    let effects = result["effects"].as_array().into_iter().flatten();
+    let (mut names, mut told) = (Vec::new(), vec![result["verdict"].as_str().unwrap_or_default().to_owned()]);
+    for effect in effects.filter(|effect| effect["class"] == "missing-effect") {
+        let gyros: Vec<&str> = effect["gyros"].as_array().into_iter().flatten().filter_map(Value::as_str).collect();
+        let name = format!("{} {}", gyros.join("+"), effect["code"].as_str().unwrap_or_default());
+        let sizes = effect["parameters"].as_object().into_iter().flatten();
+        let sizes =
+            sizes.filter_map(|(key, size)| Some(told_size(key, size["value"].as_f64()?, size["sigma"].as_f64()?)));
+        told.push(format!("{name}, {}", sizes.collect::<Vec<_>>().join(", ")));
+        names.push(name);
+    }
+    let is_right = same(&names, hidden.iter().map(|hidden| hidden.name));
+    Ok(format!("{}: {}", if is_right { "right" } else { "wrong" }, told.join("; ")))
+}
+
+/// A size with its sigma in two digits.
+fn told_size(name: &str, value: f64, sigma: f64) -> String {
+    let decimals = (1.0 - sigma.log10().floor()).clamp(0.0, 9.0) as usize;
+    format!("{name} {value:.decimals$} ± {sigma:.decimals$}")
+}
+
+/// The terms that a script printed, one a line: gyro, term, coefficient.
+fn terms(took: Took) -> Result<(Took, Vec<String>), String> {
+    let [said, wrong] =
+        [&took.output.stdout, &took.output.stderr].map(|bytes| String::from_utf8_lossy(bytes).into_owned());
+    match took.output.status.success() {
+        true => Ok((took, said.lines().map(str::to_owned).collect())),
+        false => Err(wrong.lines().last().unwrap_or("no output").to_owned()),
+    }
+}
+
+/// Whether these terms are what was hidden.
+fn judged(terms: &[String], hidden: &[Hidden]) -> String {
+    let names: Vec<&str> =
+        terms.iter().map(|term| term.rsplit_once(' ').map_or(term.as_str(), |(name, _)| name)).collect();
+    let none: Vec<&str> = hidden.iter().filter(|hidden| hidden.term.is_none()).map(|hidden| hidden.name).collect();
+    let is_right = none.is_empty() && same(&names, hidden.iter().filter_map(|hidden| hidden.term));
+    let mut text = if is_right { "right: " } else { "wrong: " }.to_owned();
+    text += &if terms.is_empty() { "no term".to_owned() } else { terms[..terms.len().min(SHOWN)].join("; ") };
+    if terms.len() > SHOWN {
+        text += &format!(" and {} more", terms.len() - SHOWN);
+    }
+    if !none.is_empty() {
+        text += &format!("; has no term for {}", none.join(", "));
+    }
+    text
+}
+
+/// Whether two lists have the same names, in any order.
+fn same<'a, T: AsRef<str>>(names: &[T], expected: impl Iterator<Item = &'a str>) -> bool {
+    let (mut names, mut expected): (Vec<&str>, Vec<&str>) =
+        (names.iter().map(AsRef::as_ref).collect(), expected.collect());
+    names.sort_unstable();
+    expected.sort_unstable();
+    names == expected
+}
+
+/// For each half second the accumulated residual of each gyro, measured less believed, as the diagnosis has it before it averages,
+/// and what a term of it may follow.
+fn residual_csv(directory: &Path) -> Result<String, Failure> {
+    let name = |file: &str| directory.join(file).display().to_string();
+    let reference = Reference::read(&name("reference.csv")).map_err(Failure::input)?;
+    let mut reader = CountsReader::default();
+    Recording::read(&[name("link.log")], None)?.rows.iter().for_each(|row| reader.row(row));
+    let counts = reader.finish(reference.start_ns).ok_or_else(|| Failure::failed("expected half seconds, got none"))?;
+    let measured = Measured::new(counts, &reference).map_err(Failure::failed)?;
+    let believed = Configuration::reference();
+    let (counted, model) = (measured.series(), measured.run(&believed, Shifts::default()));
+    let mut motion = Truth::Recorded(measured.reference.clone()).motion(&believed, 0.0);
+    let mut text =
+        "time,gyrx,gyry,gyrza,gyrzb,rate_x,rate_y,rate_z,acceleration_x,acceleration_y,acceleration_z,temperature,\
+                    sensor_temperature,theta\n"
+            .to_owned();
+    for node in 1..=measured.half_seconds {
+        let t_s = node as f64 * HALF_SECOND_S;
+        let step = motion.advance(t_s);
+        let (start, end) = (step.start.rate_control_arcsec_s, step.end.rate_control_arcsec_s);
+        let row = [t_s]
+            .into_iter()
+            .chain((0..TIMING).map(|gyro| counted[gyro][node] - model[gyro][node]))
+            .chain(step.angle_control_arcsec.map(|angle| angle / HALF_SECOND_S))
+            .chain((0..3).map(|axis| (end[axis] - start[axis]) / HALF_SECOND_S))
+            .chain([
+                measured.counts.electronics_c[node] - believed.electronics.numbers.reference_c,
+                measured.counts.sensor_c[node] - SENSOR_NOMINAL_C,
+                step.end.theta_rad / RAD_PER_DEG - 90.0,
+            ]);
+        let row: Vec<String> = row.map(|value| value.to_string()).collect();
+        let _ = writeln!(text, "{}", row.join(","));
+    }
+    Ok(text)
+}
