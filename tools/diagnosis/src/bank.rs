@@ -5,6 +5,7 @@
 //! adds an angle: lost counts), whichever one run with a step in its middle shows to be right. That is for finding; what is found
 //! is fitted by the model itself.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use geu_model::Configuration;
@@ -37,6 +38,8 @@ const FREQUENCIES: usize = 32;
 const PHASES: usize = 4;
 /// Onsets looked for, of what goes on after them.
 const ONSETS: usize = 64;
+/// Blocks of a jump of the angle that are looked at: the filter has forgotten it after.
+const JUMP_BLOCKS: usize = 120;
 /// Blocks between onsets of what moves an angle at once.
 const SUDDEN_BLOCKS: usize = 2;
 
@@ -270,8 +273,9 @@ impl Bank {
         let ran = of(&tried);
         let step = Variation::Course { kind: 0, shapes: vec![middle_s] };
         let alike = |small: &Base| {
-            let values = self.course(small, &step, 0);
-            let course: Series = small.series.each_ref().map(|series| put(series, small.mode, values.as_deref(), 0));
+            let values = self.course(small, &step, 0..self.blocks);
+            let course: Series =
+                small.series.each_ref().map(|series| put(series, small.mode, values.as_deref(), 0..self.blocks));
             cosine(&course, &ran)
         };
         let by_rate = alike(&small);
@@ -343,7 +347,7 @@ impl Bank {
         }
     }
 
-    /// The signature of a course for one unit of size; nothing on channels that it does not reach.
+    /// The signature of a course for one unit of size; nothing on channels that it does not reach. Of a jump as much as matters.
     pub fn columns(&self, base: &Base, variation: &Variation) -> [Option<Column>; CHANNELS] {
         let from = match variation {
             Variation::Onset { block } => *block,
@@ -353,16 +357,20 @@ impl Bank {
             }
             Variation::Constant => 0,
         };
-        let values = self.course(base, variation, from);
+        let to = match variation {
+            Variation::Onset { block } => self.blocks.min(block + JUMP_BLOCKS),
+            _ => self.blocks,
+        };
+        let values = self.course(base, variation, from..to);
         std::array::from_fn(|channel| {
             let series = &base.series[channel];
             let is_reached = series.iter().any(|&value| value != 0.0);
-            is_reached.then(|| Column { from, values: put(series, base.mode, values.as_deref(), from) })
+            is_reached.then(|| Column { from, values: put(series, base.mode, values.as_deref(), from..to) })
         })
     }
 
-    /// Values of a course in each block from `from` on; nothing where it is 1 throughout.
-    fn course(&self, base: &Base, variation: &Variation, from: usize) -> Option<Vec<f64>> {
+    /// Values of a course in each of these blocks; nothing where it is 1 throughout.
+    fn course(&self, base: &Base, variation: &Variation, blocks: Range<usize>) -> Option<Vec<f64>> {
         let law = match variation {
             Variation::Constant => return None,
             Variation::Course { kind, shapes } => KINDS[*kind].law(shapes),
@@ -377,7 +385,7 @@ impl Bank {
             };
             course.value(&Interval { start_s: end_s - BLOCK_S, end_s, electronics_excess_k: self.excess_k[block] })
         };
-        Some((from..self.blocks).map(value).collect())
+        Some(blocks.map(value).collect())
     }
 
     /// The change that a hypothesis of that size is.
@@ -436,10 +444,11 @@ fn own_shapes(amplitude: &Amplitude) -> Vec<Vec<f64>> {
     all
 }
 
-/// A course put on a signature, from a block on.
-fn put(series: &[f64], mode: Mode, course: Option<&[f64]>, from: usize) -> Vec<f64> {
-    let Some(course) = course else { return series[from..].to_vec() };
-    let own = series[from..].iter().zip(course);
+/// A course put on a signature, over some blocks.
+fn put(series: &[f64], mode: Mode, course: Option<&[f64]>, blocks: Range<usize>) -> Vec<f64> {
+    let from = blocks.start;
+    let Some(course) = course else { return series[blocks].to_vec() };
+    let own = series[blocks].iter().zip(course);
     match mode {
         Mode::Level => own.map(|(value, factor)| value * factor).collect(),
         Mode::Rate => {

@@ -10,7 +10,7 @@ use geu_recording::{Defect, Reference, Row, Sink};
 use crate::bank::Bank;
 use crate::change::{Amplitude, Gyros, Place};
 use crate::checks::{WiringFault, check};
-use crate::entries::{Entries, SAME_SIGMAS, is_told};
+use crate::entries::{Entries, SAME_SIGMAS};
 use crate::explain::{Explained, NoiseFound, explain};
 use crate::finding::Finding;
 use crate::gap;
@@ -127,7 +127,7 @@ pub fn diagnose(
         tell("formulas");
         let other = explain(&case, &all, &thresholds, &start);
         let has_formula = other.state.held.iter().any(|held| held.change.amplitude.place == Place::Discovered);
-        if has_formula && other.score(&thresholds) + FORMULA_MARGIN < explained.score(&thresholds) {
+        if has_formula && other.score(&case, &thresholds) + FORMULA_MARGIN < explained.score(&case, &thresholds) {
             explained = other;
         }
     }
@@ -257,7 +257,7 @@ impl Report<'_> {
 
     /// Takes back what is no name for anything, and tells the gyros that are left unexplained and what is left at all.
     fn drop_doubtful(&self, explained: &mut Explained) -> (Gyros, Series) {
-        let is_told = |state: &State, found: &NoiseFound| is_told(self.case.believed, state, found);
+        let is_told = |state: &State, found: &NoiseFound| found.is_told(self.case.believed, state);
         let unlike = |left: &Series, piled: &Gyros| -> Gyros {
             let (_, channels) = unlikeness(left);
             std::array::from_fn(|gyro| channels[gyro] > self.thresholds.unlikeness || piled[gyro])

@@ -1,6 +1,5 @@
 //! What was found, as it is told: each change, walk, lag and fault with its numbers, its rivals and what writes it.
 
-use geu_model::Configuration;
 use geu_model::effect::{AngleRandomWalk, DriftRandomWalk, Effect};
 use geu_model::number::Numbers;
 use geu_model::package::Calibration;
@@ -9,7 +8,7 @@ use geu_protocol::Gyro;
 use crate::bank::{Bank, Base, Family};
 use crate::change::{ALL_GYROS, Amplitude, Change, Gyros, Place, sixteen};
 use crate::checks::WiringFault;
-use crate::explain::{Explained, NoiseFound};
+use crate::explain::Explained;
 use crate::measured::{CHANNELS, TIMING};
 use crate::noise::Walk;
 use crate::normal::dot;
@@ -26,8 +25,6 @@ const RECALIBRATED_SIGMAS: f64 = 4.0;
 pub const LAG_S: f64 = 0.010;
 /// What the link's own lag may be, up to 5 ms (icd.md): its mean, and one sigma.
 const LINK_LAG_S: (f64, f64) = (0.0025, 0.0025 / 1.732_050_807_568_877_2);
-/// A walk is told from this many times the configured one on: rounding, while a gyro hardly turns, can look like half as much again.
-const LEAST_WALK: f64 = 2.0;
 /// Sigmas within which two gyros have the same size of an effect.
 pub const SAME_SIGMAS: f64 = 3.0;
 /// Cosine above which a calibration number and an effect are one thing.
@@ -192,7 +189,7 @@ impl Entries<'_> {
         }
         let mut state = explained.state.clone();
         for found in &explained.noise {
-            let configured = configured(self.case.believed, found);
+            let configured = found.configured(self.case.believed);
             state.noise[found.channel] = state.noise[found.channel].with(found.walk, configured);
         }
         let normal = self.case.normal(&mut state);
@@ -342,23 +339,6 @@ fn is_the_same(found: &Amplitude, rival: &Rival) -> bool {
         found.kind.is_none() && other.kind.is_some() && (other.place, other.effect) == (found.place, found.effect);
     let is_law = found.formula.is_none() && other.formula.is_some();
     rival.cosine > SAME_SIGNATURE && (is_course || is_law)
-}
-
-/// Whether a walk is so much larger than configured that it is no trick of rounding.
-pub fn is_told(believed: &Configuration, state: &State, found: &NoiseFound) -> bool {
-    if found.channel == TIMING {
-        return false;
-    }
-    state.noise[found.channel].walk(found.walk) >= LEAST_WALK * configured(believed, found)
-}
-
-/// The walk as it was believed.
-fn configured(believed: &Configuration, found: &NoiseFound) -> f64 {
-    let effects = &believed.gyros[found.channel].effects.constant;
-    match found.walk {
-        Walk::Angle => effects.angle_random_walk.arcsec_per_sqrt_s,
-        Walk::Rate => effects.drift_random_walk.arcsec_per_s_per_sqrt_s,
-    }
 }
 
 fn shown(rival: Rival) -> RivalShown {

@@ -5,10 +5,11 @@
 
 use rayon::prelude::*;
 
+use geu_model::Configuration;
 use geu_model::course::{KINDS, Law};
 
 use crate::bank::{Bank, Family};
-use crate::change::{Change, Place};
+use crate::change::{Amplitude, Change, Place};
 use crate::measured::{CHANNELS, TIMING};
 use crate::noise::{self, Fitted, Walk};
 use crate::normal::{Normal, THIRDS};
@@ -28,6 +29,8 @@ const NEAR: f64 = 0.93;
 const HOPE: f64 = 0.8;
 /// Nor those whose χ² falls by so much less, where that is more.
 const NEAR_CHI2: f64 = 12.0;
+/// A course that explains no more than this share more than a likelier one of the same amplitude is not fitted.
+const NEEDLESS: f64 = 0.02;
 /// A shape that has a default is told where χ² falls by this, two sigma, or where it is known to a fifth.
 const SHAPE_CHI2: f64 = 4.0;
 /// See [`SHAPE_CHI2`].
@@ -73,6 +76,25 @@ pub struct NoiseFound {
     pub fitted: Fitted,
 }
 
+/// A walk is told from this many times the configured one on: rounding, while a gyro hardly turns, can look like half as much again.
+const LEAST_WALK: f64 = 2.0;
+
+impl NoiseFound {
+    /// The walk as it was believed.
+    pub fn configured(&self, believed: &Configuration) -> f64 {
+        let effects = &believed.gyros[self.channel].effects.constant;
+        match self.walk {
+            Walk::Angle => effects.angle_random_walk.arcsec_per_sqrt_s,
+            Walk::Rate => effects.drift_random_walk.arcsec_per_s_per_sqrt_s,
+        }
+    }
+
+    /// Whether it is so much larger than believed that it is no trick of rounding.
+    pub fn is_told(&self, believed: &Configuration, state: &State) -> bool {
+        self.channel != TIMING && state.noise[self.channel].walk(self.walk) >= LEAST_WALK * self.configured(believed)
+    }
+}
+
 /// Where the loop ended.
 #[derive(Debug)]
 pub struct Explained {
@@ -91,11 +113,13 @@ pub struct Explained {
 }
 
 impl Explained {
-    /// χ² of all that is left and all that was paid for names.
-    pub fn score(&self, thresholds: &Thresholds) -> f64 {
+    /// How unlikely all that is left is beside the sixteen and the lag, and all that was paid for names.
+    pub fn score(&self, case: &Case, thresholds: &Thresholds) -> f64 {
         let own = self.noise.len().min(1) as f64 * thresholds.of(Family::NOISE)
             + TOGETHER_CHI2 * self.noise.len().saturating_sub(1) as f64;
-        self.normal.likelihood() + self.costs.iter().sum::<f64>() + own
+        let residual = case.residual(&self.state);
+        let normal = Normal::new(case.whitenings(&self.state.noise), &residual, &case.nuisances);
+        normal.deviance() + self.costs.iter().sum::<f64>() + own
     }
 }
 
@@ -112,7 +136,7 @@ pub fn explain(case: &Case, bank: &Bank, thresholds: &Thresholds, start: &State)
     let mut noise = grow(case, bank, thresholds, noise);
     noise.prune(case);
     noise.fit_white(case);
-    if noise.score(thresholds) < effects.score(thresholds) { noise } else { effects }
+    if noise.score(case, thresholds) < effects.score(case, thresholds) { noise } else { effects }
 }
 
 /// Adds the best effect as long as one qualifies.
@@ -138,6 +162,7 @@ fn grow(case: &Case, bank: &Bank, thresholds: &Thresholds, mut now: Explained) -
             .filter(|candidate| candidate.gain.chi2 > HOPE * cost(candidate))
             .filter(|candidate| candidate.gain.chi2 - cost(candidate) >= least)
             .collect();
+        let worth = without_needless_courses(worth);
         let tried: Vec<_> = worth.into_par_iter().filter_map(fitted).collect();
         let best = tried
             .into_iter()
@@ -164,6 +189,18 @@ fn grow(case: &Case, bank: &Bank, thresholds: &Thresholds, mut now: Explained) -
     now
 }
 
+/// Without courses of what explains nearly as much with another course, or none, that is likelier: the others have nothing to tell.
+fn without_needless_courses(candidates: Vec<&Candidate>) -> Vec<&Candidate> {
+    let key = |candidate: &Candidate| (Amplitude { kind: None, ..candidate.change.amplitude }, candidate.change.gyros);
+    let is_needless = |place: usize| {
+        let mut before = candidates[..place].iter();
+        before.any(|other| {
+            key(other) == key(candidates[place]) && candidates[place].gain.chi2 < (1.0 + NEEDLESS) * other.gain.chi2
+        })
+    };
+    (0..candidates.len()).filter(|&place| !is_needless(place)).map(|place| candidates[place]).collect()
+}
+
 /// Whether what was found is a thing that there can be: within its limits, and a whole number where it is one of counts.
 fn is_possible(held: &Held) -> bool {
     let size = &held.change.parameters()[0];
@@ -178,7 +215,8 @@ impl Explained {
     /// Whether a formula might do better: as well in the place of one of the changes, or instead of a pile of them, or of noise.
     pub fn is_doubtful(&self, case: &Case, formulas: &Bank, thresholds: &Thresholds) -> bool {
         let is_pile = |gyro: usize| self.state.held.iter().filter(|held| held.change.gyros[gyro]).count() > 1;
-        if !self.noise.is_empty() || (0..TIMING).any(is_pile) {
+        let is_noisy = self.noise.iter().any(|found| found.is_told(case.believed, &self.state));
+        if is_noisy || (0..TIMING).any(is_pile) {
             return true;
         }
         let here = search(formulas, &self.normal, &self.state, &|family| thresholds.of(family));

@@ -1,9 +1,10 @@
 //! The noise of the channels: what is configured, what is white on top of it, and whether the data speak of more.
 
 use geu_model::Configuration;
+use nalgebra::{DMatrix, DVector};
 
 use crate::measured::{BLOCK, Block, CHANNELS, Measured, Series, TIMING};
-use crate::normal::{Normal, Nuisance};
+use crate::normal::{Nuisance, RIDGE, dot, factored, lower};
 use crate::state::Case;
 use crate::whitening::{Noise, ROUNDING, Whitening};
 
@@ -102,26 +103,34 @@ pub struct Fitted {
     pub fall: f64,
 }
 
-/// −2 ln of the likelihood of one channel for any noise of it, beside the nuisances.
+/// −2 ln of the likelihood of one channel for any noise of it, beside the nuisances, as [`crate::normal::Normal::deviance`] tells that of all.
 fn deviance<'a>(
     case: &'a Case,
     channel: usize,
     residual: &'a Series,
-    nuisances: &[Nuisance],
+    nuisances: &'a [Nuisance],
 ) -> impl Fn(&Noise) -> f64 + use<'a> {
-    let own: Vec<Nuisance> = nuisances
-        .iter()
-        .filter(|column| column[channel].is_some())
-        .map(|column| std::array::from_fn(|other| if other == channel { column[channel].clone() } else { None }))
-        .collect();
-    let none = Noise { white: 1.0, angle_walk: 0.0, rate_walk: 0.0 };
-    let bad: Vec<Block> = vec![Block { is_good: false, restarts: false }; residual[0].len()];
+    let own: Vec<&[f64]> = nuisances.iter().filter_map(|column| column[channel].as_deref()).collect();
     move |noise: &Noise| {
-        let whitenings = std::array::from_fn(|other| match other == channel {
-            true => Whitening::new(noise, &case.measured.blocks[channel]),
-            false => Whitening::new(&none, &bad),
-        });
-        Normal::new(whitenings, residual, &own).deviance()
+        let whitening = Whitening::new(noise, &case.measured.blocks[channel]);
+        let white = whitening.apply(&residual[channel]);
+        let columns: Vec<Vec<f64>> = own.iter().map(|column| whitening.apply(column)).collect();
+        let gram =
+            DMatrix::from_fn(
+                columns.len(),
+                columns.len(),
+                |i, j| {
+                    if j <= i { dot(&columns[i], &columns[j]) } else { 0.0 }
+                },
+            );
+        let gram = DMatrix::from_fn(columns.len(), columns.len(), |i, j| gram[(i.max(j), i.min(j))]);
+        let scale = gram.diagonal().map(|own| if own > 0.0 { own.sqrt().recip() } else { 0.0 });
+        let factor = factored(&gram, &scale, RIDGE);
+        let right = DVector::from_iterator(columns.len(), columns.iter().map(|column| dot(column, &white)));
+        let solved = lower(&factor, &scale.component_mul(&right));
+        let told = (0..columns.len()).filter(|&index| scale[index] > 0.0);
+        let logs = told.map(|index| 2.0 * (factor.l_dirty()[(index, index)] / scale[index]).ln());
+        dot(&white, &white) - solved.norm_squared() + whitening.log_determinant + logs.sum::<f64>()
     }
 }
 

@@ -10,7 +10,7 @@ use crate::whitening::Whitening;
 /// Parts of the recording, each held out in turn.
 pub const THIRDS: usize = 3;
 /// Of the diagonal: what keeps a direction solvable of which the data tell nothing.
-const RIDGE: f64 = 1e-10;
+pub(crate) const RIDGE: f64 = 1e-10;
 /// The same for a fit to two thirds: what they tell by less than this share of what all tell is taken as untold.
 const HELD_OUT_RIDGE: f64 = 1e-4;
 /// A third without which less than this share of what tells a size is left cannot be foretold.
@@ -164,11 +164,6 @@ impl Normal {
         let told = (0..self.scale.len()).filter(|&index| self.scale[index] > 0.0);
         let diagonal = |index: usize| self.factor.l_dirty()[(index, index)];
         self.chi2() + determinants + told.map(|index| 2.0 * (diagonal(index) / self.scale[index]).ln()).sum::<f64>()
-    }
-
-    /// −2 ln of the likelihood as it stands, but for a constant.
-    pub fn likelihood(&self) -> f64 {
-        self.squares() + self.whitenings.iter().map(|whitening| whitening.log_determinant).sum::<f64>()
     }
 
     /// Squares of the whitened residual as it stands.
@@ -348,7 +343,7 @@ fn fitted_without(parts: &[(DMatrix<f64>, DVector<f64>); THIRDS], third: usize, 
     factor.solve(&scale.component_mul(&right)).component_mul(&scale)
 }
 
-fn factored(gram: &DMatrix<f64>, scale: &DVector<f64>, ridge: f64) -> Cholesky<f64, Dyn> {
+pub(crate) fn factored(gram: &DMatrix<f64>, scale: &DVector<f64>, ridge: f64) -> Cholesky<f64, Dyn> {
     let scaled = DMatrix::from_fn(gram.nrows(), gram.ncols(), |i, j| {
         gram[(i, j)] * scale[i] * scale[j] + if i == j { ridge + f64::from(u8::from(scale[i] == 0.0)) } else { 0.0 }
     });
@@ -358,7 +353,7 @@ fn factored(gram: &DMatrix<f64>, scale: &DVector<f64>, ridge: f64) -> Cholesky<f
         .unwrap_or_else(|| Cholesky::new(DMatrix::identity(gram.nrows(), gram.ncols())).expect("positive"))
 }
 
-fn lower(factor: &Cholesky<f64, Dyn>, right: &DVector<f64>) -> DVector<f64> {
+pub(crate) fn lower(factor: &Cholesky<f64, Dyn>, right: &DVector<f64>) -> DVector<f64> {
     factor.l_dirty().solve_lower_triangular(right).expect("a diagonal without zeros")
 }
 

@@ -15,7 +15,7 @@ use crate::change::Place;
 use crate::measured::{BLOCK, CHANNELS, Series, Shifts, TIMING, nodes};
 use crate::noise::Walk;
 use crate::normal::{Beside, Normal};
-use crate::search::{columns, set_penalty, sets};
+use crate::search::{set_penalty, sets};
 use crate::state::Case;
 use crate::whitening::{Noise, ROUNDING};
 
@@ -62,9 +62,8 @@ impl Thresholds {
 /// Draws recordings with nothing hidden and searches them.
 pub fn thresholds(case: &Case, bank: &Bank, normal: &Normal, noise: &[Noise; CHANNELS], seed: u64) -> Thresholds {
     let model = case.measured.run(case.believed, Shifts::default());
-    let raw: Vec<Series> =
-        (0..RUNS).into_par_iter().map(|run| draw(case, &model, noise, seed.wrapping_add(run as u64))).collect();
-    let drawn: Vec<Series> = raw.par_iter().map(|raw| normal.left_of(raw)).collect();
+    let raw = |run: usize| draw(case, &model, noise, seed.wrapping_add(run as u64));
+    let drawn: Vec<Series> = (0..RUNS).into_par_iter().map(|run| normal.left_of(&raw(run))).collect();
     // Block by block, the runs side by side.
     let blocks = drawn[0][0].len();
     let beside: [Vec<f32>; CHANNELS] = std::array::from_fn(|channel| {
@@ -82,7 +81,7 @@ pub fn thresholds(case: &Case, bank: &Bank, normal: &Normal, noise: &[Noise; CHA
     let unlike: Vec<f64> = drawn.iter().map(|left| crate::remainder::unlikeness(left).0).collect();
     let (at, scale) = gumbel(&unlike).unwrap_or((0.0, 1.0));
     let mut thresholds = Thresholds { unlikeness: at - scale * (-(1.0 - FALSE_NAMES).ln()).ln(), ..limits(&largest) };
-    let falls: Vec<f64> = raw[..NOISE_RUNS].par_iter().map(|raw| largest_walk(case, noise, raw)).collect();
+    let falls: Vec<f64> = (0..NOISE_RUNS).into_par_iter().map(|run| largest_walk(case, noise, &raw(run))).collect();
     if let Some((at, scale)) = gumbel(&falls) {
         let chance = at - scale * (-(1.0 - FALSE_NAMES).ln()).ln();
         thresholds.chi2[Family::NOISE.0] = chance.max(LEAST_NOISE_CHI2);
@@ -106,7 +105,7 @@ fn of_base(bank: &Bank, base: usize, normal: &Normal, beside: &[Vec<f32>; CHANNE
     let base = &bank.bases[base];
     let mut largest = vec![[0.0f64; RUNS]; Family::COUNT];
     for variation in bank.variations(base) {
-        let columns = columns(bank, base, &variation);
+        let columns = bank.columns(base, &variation);
         let parts: [Option<(Beside, [f32; RUNS])>; CHANNELS] = std::array::from_fn(|channel| {
             let column = columns[channel].as_ref()?;
             let white = normal.white(channel, column);

@@ -10,7 +10,6 @@ use crate::change::{ALL_GYROS, Amplitude, Change, Gyros, Place};
 use crate::climb::climb;
 use crate::measured::{BLOCK_S, CHANNELS, Series, TIMING};
 use crate::normal::{Beside, Gain, Normal, Nuisance, Products, dot};
-use crate::search::columns;
 use crate::state::{Case, State};
 
 /// Those that explain a smaller share of what was found explains are none: the square of a cosine of 0.3.
@@ -118,7 +117,7 @@ fn spots(bank: &Bank, normal: &Normal, index: usize, held: &Change) -> Vec<Spot>
     let sets = sets(base, &held.gyros);
     for variation in bank.variations(base) {
         let own = Amplitude { kind: variation.kind(), ..base.amplitude };
-        let columns = columns(bank, base, &variation);
+        let columns = bank.columns(base, &variation);
         let parts: [Option<Beside>; CHANNELS] = std::array::from_fn(|channel| {
             columns[channel].as_ref().map(|column| normal.beside(&normal.products_of(channel, column)))
         });
@@ -176,7 +175,7 @@ impl Signature {
     }
 
     fn of(bank: &Bank, normal: &Normal, base: &Base, variation: &Variation, gyros: &Gyros) -> Signature {
-        let mut columns = columns(bank, base, variation);
+        let mut columns = bank.columns(base, variation);
         for (channel, column) in columns.iter_mut().enumerate() {
             if !reaches(&base.amplitude, gyros, channel) {
                 *column = None;

@@ -3,18 +3,18 @@
 use geu_protocol::Gyro;
 use rayon::prelude::*;
 
-use crate::bank::{Bank, Base, Column, Family, Variation};
+use crate::bank::{Bank, Family, Variation};
 use crate::change::{ALL_GYROS, Amplitude, Change, Gyros, Place};
 use crate::climb::climb;
 use crate::measured::{BLOCK_S, CHANNELS, TIMING};
 use crate::normal::{Beside, Gain, Normal, Products, THIRDS};
 use crate::state::State;
 
-/// Blocks of a jump of the angle that are looked at: the filter has forgotten it after.
-const SUDDEN_BLOCKS: usize = 120;
-
-/// What noise alone may raise χ² by in the thirds that have little of it.
+/// What noise alone may take away from the thirds that have little of it, in χ² and as a share of the gain: what a gain of one
+/// hundred owes to a third that tells a hundredth of it is 1 ± 2.
 const HARM_CHI2: f64 = 3.0;
+/// See [`HARM_CHI2`].
+const HARM_SHARE: f64 = 0.1;
 /// Candidates whose shapes are fitted.
 const CLIMBED: usize = 16;
 /// Candidates that are looked at closely.
@@ -43,7 +43,7 @@ impl Candidate {
     pub fn pays_held_out(&self) -> bool {
         let all = self.held_out.iter().all(Option::is_some);
         let sum: f64 = self.held_out.iter().flatten().sum();
-        sum > if all { 0.0 } else { -HARM_CHI2 }
+        sum > if all { 0.0 } else { -HARM_CHI2.max(HARM_SHARE * self.gain.chi2) }
     }
 }
 
@@ -62,18 +62,9 @@ pub fn set_penalty(gyros: &Gyros, place: Place) -> f64 {
     if place != Place::Unit && (count == 2 || count == 3) { 2.0 * 10f64.ln() } else { 0.0 }
 }
 
-/// The columns of a hypothesis, as much of them as matters.
-pub fn columns(bank: &Bank, base: &Base, variation: &Variation) -> [Option<Column>; CHANNELS] {
-    let mut columns = bank.columns(base, variation);
-    if variation.family() == Family::SUDDEN {
-        columns.iter_mut().flatten().for_each(|column| column.values.truncate(SUDDEN_BLOCKS));
-    }
-    columns
-}
-
 /// Products of a candidate, over its gyros.
 pub fn products(bank: &Bank, normal: &Normal, candidate: &Candidate) -> Products {
-    let columns = columns(bank, &bank.bases[candidate.base], &candidate.variation);
+    let columns = bank.columns(&bank.bases[candidate.base], &candidate.variation);
     let reaches = |channel: usize| match candidate.change.amplitude.place {
         Place::Unit => true,
         _ => channel != TIMING && candidate.change.gyros[channel],
@@ -92,7 +83,7 @@ pub fn search(bank: &Bank, normal: &Normal, state: &State, penalty: &(dyn Fn(Fam
         let base = &bank.bases[index];
         let mut best: Vec<Candidate> = Vec::new();
         for variation in bank.variations(base) {
-            let columns = columns(bank, base, &variation);
+            let columns = bank.columns(base, &variation);
             let parts: [Option<Beside>; CHANNELS] = std::array::from_fn(|channel| {
                 columns[channel].as_ref().map(|column| normal.beside(&normal.products_of(channel, column)))
             });

@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 
 use geu_model::Configuration;
-use geu_model::course::KINDS;
+use geu_model::course::{KINDS, Law};
 use geu_model::effect::discovered::{Formula, Regressor};
 use geu_model::effect::{Effects, HeadEffects, WiringEffects};
 use geu_model::number::{Default as DefaultValue, Form, Number, Numbers, named_gyro};
@@ -71,6 +71,14 @@ pub fn hide(survey: &Survey, seed: u64) -> (Key, Flight) {
     (Key { seed, duration_s: survey.duration_s, hidden }, flight)
 }
 
+/// Whether nothing that cannot be below zero, a clearance, swings through it.
+fn stays_possible(amplitude: &Amplitude) -> bool {
+    let constant = Amplitude { kind: None, ..*amplitude };
+    let shapes: Vec<f64> = amplitude.course_shapes().iter().map(|number| number.least.max(1.0)).collect();
+    let law = amplitude.kind.map(|kind| KINDS[kind].law(&shapes));
+    constant.size().least < 0.0 || !matches!(law, Some(Law::Temperature | Law::Periodic { .. }))
+}
+
 /// Draws for one recording.
 pub struct Draw<'a> {
     survey: &'a Survey,
@@ -130,6 +138,7 @@ impl<'a> Draw<'a> {
         let constants = Amplitude::all().into_iter().filter(is_real);
         let all: Vec<Amplitude> = constants
             .flat_map(|one| std::iter::once(one).chain((0..KINDS.len()).filter_map(move |kind| one.with(kind))))
+            .filter(stays_possible)
             .collect();
         let one = |draw: &mut Self| {
             let amplitude = *all.get(draw.random.random_range(0..all.len()))?;
@@ -143,7 +152,8 @@ impl<'a> Draw<'a> {
                 _ if available[gyro as usize] => std::array::from_fn(|index| index == gyro as usize),
                 _ => return None,
             };
-            let is_negative = amplitude.size().least < 0.0 && draw.random.random::<bool>();
+            let constant = Amplitude { kind: None, ..amplitude };
+            let is_negative = constant.size().least < 0.0 && draw.random.random::<bool>();
             let change = Change { amplitude, size: 0.0, own_shapes, course_shapes, gyros };
             draw.survey.sized(change, if is_negative { -1.0 } else { 1.0 }, strength)
         };
