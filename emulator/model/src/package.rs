@@ -117,7 +117,7 @@ pub struct Standing<'a> {
     /// Its own parameters.
     pub calibration: &'a Calibration,
     /// Its effects.
-    pub effects: HeadEffects,
+    pub effects: &'a HeadEffects,
     /// Those whose terms are data.
     pub discovered: &'a [Term],
 }
@@ -133,8 +133,8 @@ pub struct Package {
 pub struct SubStep {
     /// What is counted.
     pub counted: Step,
-    /// What is true; looked at only by a tap.
-    pub truth: Step,
+    /// What is true, where it is something else; looked at only by a tap.
+    pub truth: Option<Step>,
     /// True time since the start of the run at its end.
     pub end_s: f64,
 }
@@ -167,7 +167,7 @@ impl Package {
             let mut heads: [Head; 4] =
                 std::array::from_fn(|index| calibrated(Axes::of(Gyro::ALL[index]), gyros[index].calibration, step));
             if T::LOOKS {
-                look_at_start(taps, &heads, &timings, [truth, step]);
+                look_at_start(taps, &heads, &timings, [truth.as_ref().unwrap_or(step), step]);
             }
             unit.apply(&mut self.unit, &mut heads, step, taps);
             for (index, head) in heads.iter_mut().enumerate().filter(|(index, _)| counted[*index]) {

@@ -291,14 +291,16 @@ impl Unit {
             // The last sub-step ends with the half second, to the last bit.
             let until_s = if index + 1 == SUB_STEPS { end_s } else { start_s + (index + 1) as f64 * length_s };
             let counted = Step { length_s, ..self.motion.advance(until_s - self.timing.shift_s) };
-            let truth = if T::LOOKS && self.timing.shift_s != 0.0 { self.truth.advance(until_s) } else { counted };
+            let truth = (T::LOOKS && self.timing.shift_s != 0.0).then(|| self.truth.advance(until_s));
             SubStep { counted, truth, end_s: until_s }
         });
         let gyros = &self.configuration.gyros;
-        let standing = std::array::from_fn(|index| Standing {
-            calibration: &gyros[index].calibration,
-            effects: if self.counted[index] { gyros[index].effects.at(&interval) } else { HeadEffects::default() },
-            discovered: &gyros[index].discovered,
+        let mut rooms: [Option<HeadEffects>; 4] = [None; 4];
+        let mut rooms = rooms.iter_mut();
+        let standing = gyros.each_ref().map(|gyro| Standing {
+            calibration: &gyro.calibration,
+            effects: gyro.effects.standing(&interval, rooms.next().expect("one for each")),
+            discovered: &gyro.discovered,
         });
         let wiring: [WiringEffects; 4] = std::array::from_fn(|index| gyros[index].wiring.at(&interval));
         let mut taps: [T; 4] = std::array::from_fn(|_| T::default());

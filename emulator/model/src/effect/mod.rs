@@ -281,6 +281,12 @@ impl<E: Effects> Configured<E> {
         effects
     }
 
+    /// The same without a copy where nothing changes in time; otherwise it stands in `room`.
+    #[inline]
+    pub fn standing<'a>(&'a self, interval: &Interval, room: &'a mut Option<E>) -> &'a E {
+        if self.courses.is_empty() { &self.constant } else { room.insert(self.at(interval)) }
+    }
+
     /// The effects with each amplitude at the largest that it reaches.
     pub fn largest(&self) -> E {
         let mut effects = self.constant;
