@@ -114,6 +114,8 @@ impl Tap for Trace {
 
 /// One gyro of the package as it stands over a half second.
 pub struct Standing<'a> {
+    /// Whether it is counted at all.
+    pub is_counted: bool,
     /// Its own parameters.
     pub calibration: &'a Calibration,
     /// Its effects.
@@ -129,12 +131,11 @@ pub struct Package {
     unit: UnitStates,
 }
 
-/// A sub-step: the motion that is counted, and the motion that is true at that time.
+/// A sub-step.
+#[derive(Debug, Clone, Copy, Default)]
 pub struct SubStep {
-    /// What is counted.
+    /// The motion that is counted.
     pub counted: Step,
-    /// What is true, where it is something else; looked at only by a tap.
-    pub truth: Option<Step>,
     /// True time since the start of the run at its end.
     pub end_s: f64,
 }
@@ -145,15 +146,16 @@ impl Package {
         Package { heads: Gyro::ALL.map(|gyro| HeadStates::start(seed, gyro)), unit: UnitStates::default() }
     }
 
-    /// Counts one half second: N = (M Δφ + … − D)/SF over its sub-steps, as real numbers; 0 for gyros that are not `counted`.
+    /// Counts one half second: N = (M Δφ + … − D)/SF over its sub-steps, as real numbers; 0 for a gyro that is not counted.
+    /// `truths` is the true motion of each sub-step, where it is not what is counted and a tap looks.
     #[inline]
     pub fn count<T: Tap>(
         &mut self,
         gyros: &[Standing; 4],
-        counted: [bool; 4],
         unit: &UnitEffects,
         temperatures: &Temperatures,
         steps: &[SubStep],
+        truths: &[Step],
         taps: &mut [T; 4],
     ) -> [f64; 4] {
         let length_s: f64 = steps.iter().map(|step| step.counted.length_s).sum();
@@ -163,14 +165,14 @@ impl Package {
         let timings = unit.timing();
         let timing = timings.last().copied().unwrap_or_default();
         let mut counts = [0.0; 4];
-        for SubStep { counted: step, truth, end_s } in steps {
+        for (index, SubStep { counted: step, end_s }) in steps.iter().enumerate() {
             let mut heads: [Head; 4] =
                 std::array::from_fn(|index| calibrated(Axes::of(Gyro::ALL[index]), gyros[index].calibration, step));
             if T::LOOKS {
-                look_at_start(taps, &heads, &timings, [truth.as_ref().unwrap_or(step), step]);
+                look_at_start(taps, &heads, &timings, [truths.get(index).unwrap_or(step), step]);
             }
             unit.apply(&mut self.unit, &mut heads, step, taps);
-            for (index, head) in heads.iter_mut().enumerate().filter(|(index, _)| counted[*index]) {
+            for (index, head) in heads.iter_mut().enumerate().filter(|(index, _)| gyros[*index].is_counted) {
                 let surroundings = Surroundings { step, axes: Axes::of(Gyro::ALL[index]), temperatures, end_s: *end_s };
                 let tap = &mut taps[index];
                 if !gyros[index].discovered.is_empty() {

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use geu_protocol::field::{CLOCK_MODULUS, unit_flag};
 use geu_protocol::{CLOCK_PER_HALF_SECOND, Command, Gyro, HalfSecond, LINK_VERSION, Outcome, Reply, command};
 
-use crate::attitude::{Motion, Plan, Recorded, Step};
+use crate::attitude::{Motion, Plan, Recorded};
 use crate::configuration::Configuration;
 use crate::course::Interval;
 use crate::effect::{
@@ -287,24 +287,29 @@ impl Unit {
             electronics_excess_k: temperatures.electronics_c - temperatures.electronics_reference_c,
         };
         let length_s = (end_s - start_s) / SUB_STEPS as f64;
-        let steps: [SubStep; SUB_STEPS] = std::array::from_fn(|index| {
+        let mut steps = [SubStep::default(); SUB_STEPS];
+        let mut truths = Vec::new();
+        for (index, step) in steps.iter_mut().enumerate() {
             // The last sub-step ends with the half second, to the last bit.
-            let until_s = if index + 1 == SUB_STEPS { end_s } else { start_s + (index + 1) as f64 * length_s };
-            let counted = Step { length_s, ..self.motion.advance(until_s - self.timing.shift_s) };
-            let truth = (T::LOOKS && self.timing.shift_s != 0.0).then(|| self.truth.advance(until_s));
-            SubStep { counted, truth, end_s: until_s }
-        });
+            step.end_s = if index + 1 == SUB_STEPS { end_s } else { start_s + (index + 1) as f64 * length_s };
+            step.counted = self.motion.advance(step.end_s - self.timing.shift_s);
+            step.counted.length_s = length_s;
+            if T::LOOKS && self.timing.shift_s != 0.0 {
+                truths.push(self.truth.advance(step.end_s));
+            }
+        }
         let gyros = &self.configuration.gyros;
         let mut rooms: [Option<HeadEffects>; 4] = [None; 4];
         let mut rooms = rooms.iter_mut();
-        let standing = gyros.each_ref().map(|gyro| Standing {
-            calibration: &gyro.calibration,
-            effects: gyro.effects.standing(&interval, rooms.next().expect("one for each")),
-            discovered: &gyro.discovered,
+        let standing = std::array::from_fn(|index| Standing {
+            is_counted: self.counted[index],
+            calibration: &gyros[index].calibration,
+            effects: gyros[index].effects.standing(&interval, rooms.next().expect("one for each")),
+            discovered: &gyros[index].discovered,
         });
         let wiring: [WiringEffects; 4] = std::array::from_fn(|index| gyros[index].wiring.at(&interval));
         let mut taps: [T; 4] = std::array::from_fn(|_| T::default());
-        let unquantised = self.package.count(&standing, self.counted, &self.unit, &temperatures, &steps, &mut taps);
+        let unquantised = self.package.count(&standing, &self.unit, &temperatures, &steps, &truths, &mut taps);
         let mut counts: [f64; 4] = std::array::from_fn(|index| self.channels[index].accumulate(unquantised[index]));
         WiringEffects::apply(&wiring, &mut self.wiring, &mut counts, &mut taps);
 
