@@ -19,7 +19,7 @@ use crate::measured::{BLOCK, CHANNELS, Measured, MeasuredError, Series, Shifts};
 use crate::noise;
 use crate::null::{Thresholds, thresholds};
 use crate::outcome::{Diagnosis, Entry, Gaps, Verdict};
-use crate::remainder::{MOST_KURTOSIS, kurtosis, unexplained, unlikeness};
+use crate::remainder::{kurtosis, unexplained, unlikeness};
 use crate::state::{Case, State};
 use crate::stretches;
 use crate::whereabouts::whereabouts;
@@ -28,7 +28,7 @@ use crate::whereabouts::whereabouts;
 const FORMULA_MARGIN: f64 = 10.0;
 /// What is searched, beside the model's lists: another one where grids, families or nulls change, so that thresholds that were kept
 /// are not those of another search.
-const SEARCH: &str = concat!(env!("CARGO_PKG_VERSION"), " 4");
+const SEARCH: &str = concat!(env!("CARGO_PKG_VERSION"), " 5");
 
 /// What [`diagnose_rows`] takes beside recording and configuration.
 pub struct Settings<'a> {
@@ -266,7 +266,7 @@ impl Report<'_> {
         let left = explained.normal.left();
         // A walk is normal and steady: what comes in bursts is none.
         for found in explained.noise.iter().filter(|found| is_told(&explained.state, found)) {
-            piled[found.channel] |= kurtosis(&left[found.channel]) > MOST_KURTOSIS;
+            piled[found.channel] |= kurtosis(&left[found.channel]) > self.thresholds.kurtosis[found.channel];
         }
         let first = unlike(&left, &piled);
         if first.contains(&true) {

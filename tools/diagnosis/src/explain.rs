@@ -113,9 +113,10 @@ pub struct Explained {
 }
 
 impl Explained {
-    /// How unlikely all that is left is beside the sixteen and the lag, and all that was paid for names.
+    /// How unlikely all that is left is beside the sixteen and the lag, and all that was paid for names. A walk can look like
+    /// anything, and is as dear as the dearest course.
     pub fn score(&self, case: &Case, thresholds: &Thresholds) -> f64 {
-        let own = self.noise.len().min(1) as f64 * thresholds.of(Family::NOISE)
+        let own = self.noise.len().min(1) as f64 * thresholds.largest()
             + TOGETHER_CHI2 * self.noise.len().saturating_sub(1) as f64;
         let residual = case.residual(&self.state);
         let normal = Normal::new(case.whitenings(&self.state.noise), &residual, &case.nuisances);
@@ -224,13 +225,11 @@ impl Explained {
             return true;
         }
         (0..self.state.held.len()).any(|index| {
-            let (worth, cost) = self.worth(case, index);
-            let mut state = self.state.clone();
-            state.held.remove(index);
-            let normal = case.fit(&mut state);
+            let (state, normal) = self.without(case, index);
+            let worth = normal.squares() - self.normal.squares() - self.costs[index];
             let candidates = search(formulas, &normal, &state, &|family| thresholds.of(family));
             let best = candidates.first().map(|best| best.gain.chi2 - thresholds.of(best.family));
-            best.is_some_and(|best| best > worth - cost)
+            best.is_some_and(|best| best > worth)
         })
     }
 
@@ -252,10 +251,15 @@ impl Explained {
 
     /// By how much χ² falls with a change, beside all the others, and what was paid for it.
     pub fn worth(&self, case: &Case, index: usize) -> (f64, f64) {
+        (self.without(case, index).1.squares() - self.normal.squares(), self.costs[index])
+    }
+
+    /// Everything but one change, fitted anew.
+    fn without(&self, case: &Case, index: usize) -> (State, Normal) {
         let mut state = self.state.clone();
         state.held.remove(index);
         let normal = case.fit(&mut state);
-        (normal.squares() - self.normal.squares(), self.costs[index])
+        (state, normal)
     }
 
     /// Makes one change of two that differ in their gyros alone.
@@ -482,9 +486,7 @@ impl Explained {
     fn prune(&mut self, case: &Case) {
         loop {
             let without = |index: usize| {
-                let mut state = self.state.clone();
-                state.held.remove(index);
-                let normal = case.fit(&mut state);
+                let (state, normal) = self.without(case, index);
                 (normal.squares() - self.normal.squares() - self.costs[index], index, state, normal)
             };
             let all: Vec<_> = (0..self.state.held.len()).into_par_iter().map(without).collect();

@@ -15,6 +15,7 @@ use crate::change::Place;
 use crate::measured::{BLOCK, CHANNELS, Series, Shifts, TIMING, nodes};
 use crate::noise::Walk;
 use crate::normal::{Beside, Normal};
+use crate::remainder::{kurtosis, unlikeness};
 use crate::search::{set_penalty, sets};
 use crate::state::Case;
 use crate::whitening::{Noise, ROUNDING};
@@ -29,8 +30,11 @@ const DRIFT_OFF_ARCSEC_S: f64 = 3e-4;
 const EULER: f64 = 0.577_215_664_901_532_9;
 /// Recordings in which walks are fitted.
 const NOISE_RUNS: usize = 32;
-/// Least fall of χ² for a larger walk: eight questions at one percent, one of 800.
-const LEAST_NOISE_CHI2: f64 = 10.3;
+/// Least fall of χ² for a larger walk, four sigma: eight questions at one percent would be 10.3, but rounding that beats with a slow
+/// rate is no walk, and looks like one now and then.
+const LEAST_NOISE_CHI2: f64 = 16.0;
+/// Kurtosis of a channel that tells nothing.
+const ANY_KURTOSIS: f64 = 1e9;
 
 /// By how much χ² must fall in each family.
 #[derive(Debug, Clone, PartialEq)]
@@ -39,18 +43,31 @@ pub struct Thresholds {
     pub chi2: [f64; Family::COUNT],
     /// What [`crate::remainder::unlikeness`] of noise exceeds as seldom.
     pub unlikeness: f64,
+    /// What [`crate::remainder::kurtosis`] of each channel exceeds as seldom: rounding while a gyro hardly turns is not normal.
+    pub kurtosis: [f64; CHANNELS],
 }
 
 impl Thresholds {
     /// As it is kept in a file.
     pub fn to_json(&self) -> Value {
-        json!({ "chi2": self.chi2.to_vec(), "unlikeness": self.unlikeness })
+        json!({ "chi2": self.chi2.to_vec(), "unlikeness": self.unlikeness, "kurtosis": self.kurtosis.to_vec() })
     }
 
     /// Of a file; nothing where that holds something else.
     pub fn from_json(value: &Value) -> Option<Thresholds> {
-        let numbers: Vec<f64> = value["chi2"].as_array()?.iter().filter_map(Value::as_f64).collect();
-        Some(Thresholds { chi2: numbers.try_into().ok()?, unlikeness: value["unlikeness"].as_f64()? })
+        let numbers = |key: &str| Some(value[key].as_array()?.iter().filter_map(Value::as_f64).collect::<Vec<f64>>());
+        Some(Thresholds {
+            chi2: numbers("chi2")?.try_into().ok()?,
+            unlikeness: value["unlikeness"].as_f64()?,
+            kurtosis: numbers("kurtosis")?.try_into().ok()?,
+        })
+    }
+
+    /// The largest of the courses, apart from what happens once.
+    pub fn largest(&self) -> f64 {
+        let families =
+            (0..Family::COUNT).map(Family).filter(|family| ![Family::SUDDEN, Family::NOISE].contains(family));
+        families.map(|family| self.of(family)).filter(|chi2| chi2.is_finite()).fold(0.0, f64::max)
     }
 
     /// Of a family.
@@ -78,15 +95,19 @@ pub fn thresholds(case: &Case, bank: &Bank, normal: &Normal, noise: &[Noise; CHA
             one
         },
     );
-    let unlike: Vec<f64> = drawn.iter().map(|left| crate::remainder::unlikeness(left).0).collect();
-    let (at, scale) = gumbel(&unlike).unwrap_or((0.0, 1.0));
-    let mut thresholds = Thresholds { unlikeness: at - scale * (-(1.0 - FALSE_NAMES).ln()).ln(), ..limits(&largest) };
+    let seldom = |values: &[f64]| {
+        let (at, scale) = gumbel(values)?;
+        Some(at - scale * (-(1.0 - FALSE_NAMES).ln()).ln())
+    };
+    let unlike: Vec<f64> = drawn.iter().map(|left| unlikeness(left).0).collect();
+    let of_channel = |channel: usize| {
+        let values: Vec<f64> = drawn.iter().map(|left| kurtosis(&left[channel])).collect();
+        seldom(&values).unwrap_or(ANY_KURTOSIS)
+    };
+    let mut chi2 = limits(&largest);
     let falls: Vec<f64> = (0..NOISE_RUNS).into_par_iter().map(|run| largest_walk(case, noise, &raw(run))).collect();
-    if let Some((at, scale)) = gumbel(&falls) {
-        let chance = at - scale * (-(1.0 - FALSE_NAMES).ln()).ln();
-        thresholds.chi2[Family::NOISE.0] = chance.max(LEAST_NOISE_CHI2);
-    }
-    thresholds
+    chi2[Family::NOISE.0] = seldom(&falls).unwrap_or(0.0).max(LEAST_NOISE_CHI2);
+    Thresholds { chi2, unlikeness: seldom(&unlike).unwrap_or(1.0), kurtosis: std::array::from_fn(of_channel) }
 }
 
 /// By how much a walk that is larger than configured betters a recording that has none.
@@ -176,8 +197,8 @@ fn draw(case: &Case, model: &Series, noise: &[Noise; CHANNELS], seed: u64) -> Se
     })
 }
 
-/// The thresholds, from the largest gains.
-fn limits(largest: &[[f64; RUNS]]) -> Thresholds {
+/// The thresholds of the families, from the largest gains.
+fn limits(largest: &[[f64; RUNS]]) -> [f64; Family::COUNT] {
     let laws: Vec<Option<(f64, f64)>> = largest.iter().map(|runs| gumbel(runs)).collect();
     let worst: Vec<f64> = (0..RUNS)
         .map(|run| {
@@ -193,7 +214,7 @@ fn limits(largest: &[[f64; RUNS]]) -> Thresholds {
         // A family that these lists do not have.
         None => f64::INFINITY,
     };
-    Thresholds { chi2: std::array::from_fn(of), unlikeness: f64::INFINITY }
+    std::array::from_fn(of)
 }
 
 /// Location and scale of Gumbel's law, by its moments; nothing where all are alike.

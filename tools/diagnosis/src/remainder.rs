@@ -11,9 +11,6 @@ use crate::state::Case;
 /// Terms told that the rest follows.
 const FOLLOWED: usize = 5;
 
-/// Largest kurtosis of what a walk leaves: 3 is normal, and of 2000 blocks it errs by 0.1.
-pub const MOST_KURTOSIS: f64 = 4.0;
-
 /// How far a whitened residual is from noise.
 ///
 /// For averages over half a minute up to half an hour, on each gyro: their χ² against their number, in sigmas; the largest. What no
