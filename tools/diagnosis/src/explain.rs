@@ -145,7 +145,7 @@ fn grow(case: &Case, bank: &Bank, thresholds: &Thresholds, mut now: Explained) -
     let cost = |candidate: &Candidate| {
         thresholds.of(candidate.family) + set_penalty(&candidate.change.gyros, candidate.change.amplitude.place)
     };
-    while now.state.held.len() < MOST {
+    while now.state.held.len() < MOST && (0..TIMING).all(|gyro| now.on(gyro).count() <= MOST_OF_ONE) {
         let candidates = search(bank, &now.normal, &now.state, &|family| thresholds.of(family));
         let Some(first) = candidates.first() else { break };
         let best = first.gain.chi2 - cost(first);
@@ -237,16 +237,15 @@ impl Explained {
     /// should have. A pile explains everything, and so nothing.
     pub fn piled(&self, is_told: &dyn Fn(&NoiseFound) -> bool) -> [bool; 4] {
         std::array::from_fn(|gyro| {
-            let own = || {
-                self.state
-                    .held
-                    .iter()
-                    .filter(|held| held.change.amplitude.place != Place::Unit && held.change.gyros[gyro])
-            };
-            let formulas = own().filter(|held| held.change.amplitude.place == Place::Discovered).count();
+            let has_formula = self.on(gyro).any(|held| held.change.amplitude.place == Place::Discovered);
             let is_noisy = self.noise.iter().any(|found| found.channel == gyro && is_told(found));
-            own().count() > if formulas > 0 || is_noisy { 1 } else { MOST_OF_ONE }
+            self.on(gyro).count() > if has_formula || is_noisy { 1 } else { MOST_OF_ONE }
         })
+    }
+
+    /// The changes of a gyro, those of the whole unit left out.
+    fn on(&self, gyro: usize) -> impl Iterator<Item = &Held> {
+        self.state.held.iter().filter(move |held| held.change.amplitude.place != Place::Unit && held.change.gyros[gyro])
     }
 
     /// By how much χ² falls with a change, beside all the others, and what was paid for it.
