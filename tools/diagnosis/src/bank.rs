@@ -38,6 +38,8 @@ const FREQUENCIES: usize = 32;
 const PHASES: usize = 4;
 /// Onsets looked for, of what goes on after them.
 const ONSETS: usize = 64;
+/// The same of what shows at once, and is gone with the manoeuvre.
+const SUDDEN_ONSETS: usize = 4 * ONSETS;
 /// Blocks of a jump of the angle that are looked at: the filter has forgotten it after.
 const JUMP_BLOCKS: usize = 120;
 /// Blocks between onsets of what moves an angle at once.
@@ -322,7 +324,7 @@ impl Bank {
             }
             let mut shapes: Vec<Vec<f64>> = vec![vec![]];
             for number in spec.shapes {
-                let values = self.course_values(number);
+                let values = self.course_values(number, base.mode);
                 shapes = shapes
                     .iter()
                     .flat_map(|before| values.iter().map(|value| [&before[..], &[*value]].concat()))
@@ -334,10 +336,11 @@ impl Bank {
     }
 
     /// Values of a course's shape that are looked for.
-    fn course_values(&self, number: &Number) -> Vec<f64> {
+    fn course_values(&self, number: &Number, mode: Mode) -> Vec<f64> {
+        let onsets = if mode == Mode::Level { SUDDEN_ONSETS } else { ONSETS };
         let duration_s = self.blocks as f64 * BLOCK_S;
         match number.name {
-            _ if is_instant(number) => (1..ONSETS).map(|onset| duration_s * onset as f64 / ONSETS as f64).collect(),
+            _ if is_instant(number) => (1..onsets).map(|onset| duration_s * onset as f64 / onsets as f64).collect(),
             "phase_rad" => (0..PHASES).map(|phase| std::f64::consts::PI * phase as f64 / PHASES as f64).collect(),
             // A period: whole and half turns over the recording.
             _ => (1..=FREQUENCIES)

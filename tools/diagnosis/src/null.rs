@@ -24,6 +24,9 @@ use crate::whitening::{Noise, ROUNDING};
 pub const RUNS: usize = 128;
 /// Chance of a false name in a recording with nothing hidden.
 pub const FALSE_NAMES: f64 = 0.01;
+/// Chance that a recording with nothing hidden, or one explained, is called unexplained: what a fit leaves is not quite noise, and
+/// what nobody explains is far beyond it.
+const FALSE_ALARMS: f64 = 0.001;
 /// How much a believed drift may be off, arcsec/s: what decides how the rounding beats.
 const DRIFT_OFF_ARCSEC_S: f64 = 3e-4;
 /// Euler's constant: the mean of Gumbel's law.
@@ -95,19 +98,23 @@ pub fn thresholds(case: &Case, bank: &Bank, normal: &Normal, noise: &[Noise; CHA
             one
         },
     );
-    let seldom = |values: &[f64]| {
+    let seldom = |values: &[f64], chance: f64| {
         let (at, scale) = gumbel(values)?;
-        Some(at - scale * (-(1.0 - FALSE_NAMES).ln()).ln())
+        Some(at - scale * (-(1.0 - chance).ln()).ln())
     };
     let unlike: Vec<f64> = drawn.iter().map(|left| unlikeness(left).0).collect();
     let of_channel = |channel: usize| {
         let values: Vec<f64> = drawn.iter().map(|left| kurtosis(&left[channel])).collect();
-        seldom(&values).unwrap_or(ANY_KURTOSIS)
+        seldom(&values, FALSE_ALARMS).unwrap_or(ANY_KURTOSIS)
     };
     let mut chi2 = limits(&largest);
     let falls: Vec<f64> = (0..NOISE_RUNS).into_par_iter().map(|run| largest_walk(case, noise, &raw(run))).collect();
-    chi2[Family::NOISE.0] = seldom(&falls).unwrap_or(0.0).max(LEAST_NOISE_CHI2);
-    Thresholds { chi2, unlikeness: seldom(&unlike).unwrap_or(1.0), kurtosis: std::array::from_fn(of_channel) }
+    chi2[Family::NOISE.0] = seldom(&falls, FALSE_NAMES).unwrap_or(0.0).max(LEAST_NOISE_CHI2);
+    Thresholds {
+        chi2,
+        unlikeness: seldom(&unlike, FALSE_ALARMS).unwrap_or(1.0),
+        kurtosis: std::array::from_fn(of_channel),
+    }
 }
 
 /// By how much a walk that is larger than configured betters a recording that has none.
