@@ -171,7 +171,7 @@ impl Bank {
             .into_par_iter()
             .filter(is_real)
             .flat_map_iter(|amplitude| {
-                let shapes = own_shapes(&amplitude);
+                let shapes = own_shapes(&amplitude, configuration);
                 shapes.into_iter().map(move |own_shapes| (amplitude, own_shapes))
             })
             .flat_map_iter(|(amplitude, own_shapes)| bank.run(measured, configuration, &base, amplitude, own_shapes))
@@ -419,8 +419,11 @@ impl Bank {
 }
 
 /// Values of an effect's own shapes that are looked for, the defaults first: times by their limits; what else has a default is
-/// taken there, and fitted where the effect is found.
-fn own_shapes(amplitude: &Amplitude) -> Vec<Vec<f64>> {
+/// taken there, and fitted where the effect is found. An effect that the configuration has keeps its own.
+fn own_shapes(amplitude: &Amplitude, configuration: &Configuration) -> Vec<Vec<f64>> {
+    if let Some(configured) = amplitude.configured_shapes(configuration) {
+        return vec![configured];
+    }
     let defaults: Vec<f64> = amplitude
         .own_shapes()
         .iter()

@@ -138,6 +138,22 @@ impl Amplitude {
         &self.numbers()[self.spec().amplitudes.len()..]
     }
 
+    /// The effect's own shapes as a configuration has them, where it has the effect at all.
+    pub fn configured_shapes(&self, configuration: &Configuration) -> Option<Vec<f64>> {
+        fn of<E: Effects>(configured: &Configured<E>, effect: usize) -> Option<Vec<f64>> {
+            let (numbers, amplitudes) =
+                (configured.constant.numbers(effect), configured.constant.specs()[effect].amplitudes.len());
+            let has = (0..amplitudes).any(|index| numbers.value(index) != 0.0)
+                || configured.courses.iter().any(|course| course.effect == effect);
+            has.then(|| (amplitudes..numbers.specs().len()).map(|index| numbers.value(index)).collect())
+        }
+        match self.place {
+            Place::Unit => of(&configuration.unit, self.effect),
+            Place::Head => configuration.gyros.iter().find_map(|gyro| of(&gyro.effects, self.effect)),
+            Place::Discovered => None,
+        }
+    }
+
     /// The shapes of its course.
     pub fn course_shapes(&self) -> &'static [Number] {
         self.kind.map_or(&[], |kind| KINDS[kind].shapes)
@@ -264,7 +280,6 @@ impl Change {
     fn values(&self, path: &str, total: f64) -> Vec<String> {
         let (code, base, size) = (self.amplitude.code(), self.amplitude.spec().code, self.amplitude.size().name);
         let own = self.amplitude.own_shapes().iter().zip(&self.own_shapes);
-        let own = own.filter(|(number, value)| number.default.initial() != **value);
         let course = self.amplitude.course_shapes().iter().zip(&self.course_shapes);
         std::iter::once(format!("{path}.{code}.{size} = {total:?}"))
             .chain(own.map(|(number, value)| format!("{path}.{base}.{} = {value:?}", number.name)))

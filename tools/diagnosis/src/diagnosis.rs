@@ -11,7 +11,7 @@ use crate::bank::Bank;
 use crate::change::{Amplitude, Gyros, Place};
 use crate::checks::{WiringFault, check};
 use crate::entries::{Entries, SAME_SIGMAS};
-use crate::explain::{Explained, NoiseFound, explain};
+use crate::explain::{Explained, explain};
 use crate::finding::Finding;
 use crate::gap;
 use crate::held_out::{fitted, held_out};
@@ -20,7 +20,7 @@ use crate::noise;
 use crate::null::{Thresholds, thresholds};
 use crate::outcome::{Diagnosis, Entry, Gaps, Verdict};
 use crate::remainder::{kurtosis, unexplained, unlikeness};
-use crate::state::{Case, State};
+use crate::state::Case;
 use crate::stretches;
 use crate::whereabouts::whereabouts;
 
@@ -28,7 +28,7 @@ use crate::whereabouts::whereabouts;
 const FORMULA_MARGIN: f64 = 10.0;
 /// What is searched, beside the model's lists: another one where grids, families or nulls change, so that thresholds that were kept
 /// are not those of another search.
-const SEARCH: &str = concat!(env!("CARGO_PKG_VERSION"), " 6");
+const SEARCH: &str = concat!(env!("CARGO_PKG_VERSION"), " 7");
 
 /// What [`diagnose_rows`] takes beside recording and configuration.
 pub struct Settings<'a> {
@@ -133,7 +133,6 @@ pub fn diagnose(
     }
     tell("report");
     merge_gyros(&case, &mut explained);
-    explained.widen_onsets(&case);
     let bank: &Bank = if !explained.state.held.is_empty() || !is_noise { &all } else { &catalogue };
     let (raw, manoeuvres) = (options.raw, options.manoeuvres);
     Report { case: &case, bank, thresholds: &thresholds, faults, raw, manoeuvres }.finish(explained, findings)
@@ -154,6 +153,9 @@ pub fn key(measured: &Measured, believed: &Configuration, seed: u64) -> u64 {
     take(&seed.to_le_bytes());
     for amplitude in Amplitude::all() {
         take(amplitude.code().as_bytes());
+    }
+    for celsius in measured.electronics_c() {
+        take(&((celsius * 10.0).round() as i64).to_le_bytes());
     }
     for channel in 0..CHANNELS {
         for block in &measured.blocks[channel] {
@@ -257,15 +259,14 @@ impl Report<'_> {
 
     /// Takes back what is no name for anything, and tells the gyros that are left unexplained and what is left at all.
     fn drop_doubtful(&self, explained: &mut Explained) -> (Gyros, Series) {
-        let is_told = |state: &State, found: &NoiseFound| found.is_told(self.case.believed, state);
         let unlike = |left: &Series, piled: &Gyros| -> Gyros {
             let (_, channels) = unlikeness(left);
             std::array::from_fn(|gyro| channels[gyro] > self.thresholds.unlikeness || piled[gyro])
         };
-        let mut piled = explained.piled(&|found| is_told(&explained.state, found));
+        let mut piled = explained.piled(&|found| found.is_told(self.case.believed, &explained.state));
         let left = explained.normal.left();
         // A walk is normal and steady: what comes in bursts is none.
-        for found in explained.noise.iter().filter(|found| is_told(&explained.state, found)) {
+        for found in explained.noise.iter().filter(|found| found.is_told(self.case.believed, &explained.state)) {
             piled[found.channel] |= kurtosis(&left[found.channel]) > self.thresholds.kurtosis[found.channel];
         }
         let first = unlike(&left, &piled);
@@ -273,11 +274,12 @@ impl Report<'_> {
             // A pile that does not end in noise explains nothing: what was held of these gyros alone is no name for it.
             explained.drop_on(self.case, &first);
         }
-        let left = explained.normal.left();
-        let unlike = unlike(&left, &piled);
+        let unlike = unlike(&explained.normal.left(), &piled);
+        explained.noise.retain(|found| found.is_told(self.case.believed, &explained.state));
         // On a gyro that is left unexplained larger noise is a last resort, and no name.
-        explained.noise.retain(|found| is_told(&explained.state, found) && !unlike[found.channel]);
-        (unlike, left)
+        explained.quieten(self.case, &unlike);
+        explained.widen_onsets(self.case);
+        (unlike, explained.normal.left())
     }
 
     /// The configuration as the entries write it; what moved by less than is told stays as believed.

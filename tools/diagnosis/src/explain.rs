@@ -243,6 +243,20 @@ impl Explained {
         })
     }
 
+    /// Takes back the walks of these gyros: they are as configured.
+    pub fn quieten(&mut self, case: &Case, gyros: &[bool; 4]) {
+        let (gone, kept): (Vec<NoiseFound>, _) =
+            self.noise.iter().partition(|found| gyros.get(found.channel) == Some(&true));
+        self.noise = kept;
+        for found in &gone {
+            let noise = &mut self.state.noise[found.channel];
+            *noise = noise.with(found.walk, found.configured(case.believed));
+        }
+        if !gone.is_empty() {
+            self.normal = case.fit(&mut self.state);
+        }
+    }
+
     /// The changes of a gyro, those of the whole unit left out.
     fn on(&self, gyro: usize) -> impl Iterator<Item = &Held> {
         self.state.held.iter().filter(move |held| held.change.amplitude.place != Place::Unit && held.change.gyros[gyro])
@@ -251,6 +265,20 @@ impl Explained {
     /// By how much χ² falls with a change, beside all the others, and what was paid for it.
     pub fn worth(&self, case: &Case, index: usize) -> (f64, f64) {
         (self.without(case, index).1.squares() - self.normal.squares(), self.costs[index])
+    }
+
+    /// Takes a change back, wherever it is told.
+    fn forget(&mut self, index: usize) -> Held {
+        self.costs.remove(index);
+        self.held_out.remove(index);
+        for round in &mut self.rounds {
+            round.kept = match round.kept {
+                Some(kept) if kept == index => None,
+                Some(kept) if kept > index => Some(kept - 1),
+                kept => kept,
+            };
+        }
+        self.state.held.remove(index)
     }
 
     /// Everything but one change, fitted anew.
@@ -263,17 +291,19 @@ impl Explained {
 
     /// Makes one change of two that differ in their gyros alone.
     pub fn join(&mut self, case: &Case, one: usize, other: usize) {
-        let second = self.state.held.remove(other);
+        let (cost, held_out) = (self.costs[other], self.held_out[other]);
+        let second = self.forget(other);
         let first = &mut self.state.held[one];
         let mut change = first.change.clone();
         change.gyros.iter_mut().zip(second.change.gyros).for_each(|(own, other)| *own |= other);
         let is_free = first.is_free.clone();
         *first = Held::new(change);
         first.is_free = is_free;
-        let cost = self.costs.remove(other);
         self.costs[one] = self.costs[one].max(cost);
-        let held_out = self.held_out.remove(other);
-        let sum = |own: Option<f64>, other: Option<f64>| Some(own? + other?).or(own).or(other);
+        let sum = |own: Option<f64>, other: Option<f64>| match (own, other) {
+            (Some(own), Some(other)) => Some(own + other),
+            (own, other) => own.or(other),
+        };
         self.held_out[one] = std::array::from_fn(|third| sum(self.held_out[one][third], held_out[third]));
         self.normal = case.fit(&mut self.state);
     }
@@ -286,9 +316,7 @@ impl Explained {
         };
         for index in (0..self.state.held.len()).rev() {
             if !is_kept(&self.state.held[index]) {
-                self.state.held.remove(index);
-                self.costs.remove(index);
-                self.held_out.remove(index);
+                self.forget(index);
             }
         }
         self.normal = case.fit(&mut self.state);
@@ -399,13 +427,13 @@ impl Explained {
                 continue;
             }
             let (rise, mut state) = moved(0.5 * (sides[1] - sides[0]));
-            if rise <= ONSET_CHI2 {
-                state.held[index].is_free[place] = true;
-                state.held[index].sigmas = self.state.held[index].sigmas.clone();
-                self.normal = case.normal(&mut state);
-                self.state = state;
+            if rise > ONSET_CHI2 {
+                self.state.held[index].sigmas[place] = sides[0].max(sides[1]);
+                continue;
             }
-            self.state.held[index].sigmas[place] = half_s / 3.0_f64.sqrt();
+            self.normal = case.fit(&mut state);
+            state.held[index].sigmas[place] = half_s / 3.0_f64.sqrt();
+            self.state = state;
         }
     }
 
@@ -491,16 +519,8 @@ impl Explained {
             let all: Vec<_> = (0..self.state.held.len()).into_par_iter().map(without).collect();
             match all.into_iter().min_by(|one, other| one.0.total_cmp(&other.0)) {
                 Some((worth, index, state, normal)) if worth <= 0.0 => {
+                    self.forget(index);
                     (self.state, self.normal) = (state, normal);
-                    self.costs.remove(index);
-                    self.held_out.remove(index);
-                    for round in &mut self.rounds {
-                        round.kept = match round.kept {
-                            Some(kept) if kept == index => None,
-                            Some(kept) if kept > index => Some(kept - 1),
-                            kept => kept,
-                        };
-                    }
                 }
                 _ => break,
             }

@@ -180,7 +180,12 @@ impl Normal {
         let solved = upper(&self.solved).component_mul(&self.scale);
         let inverse = self.factor.inverse();
         let scale = DMatrix::from_diagonal(&self.scale);
-        (solved, &scale * inverse * &scale)
+        let mut covariance = &scale * inverse * &scale;
+        // Of what the data tell nothing.
+        (0..self.scale.len()).filter(|&index| self.scale[index] == 0.0).for_each(|index| {
+            covariance[(index, index)] = f64::INFINITY;
+        });
+        (solved, covariance)
     }
 
     /// The whitened residual beside the nuisances.
@@ -273,7 +278,7 @@ impl Normal {
 
     /// By how much better each third is foretold with the signature, its size and the nuisances known from the other two: the fall of
     /// −2 ln of the predictive density p(third | others) = p(all) / p(others), the nuisances and the size integrated out of both.
-    /// Nothing for a third without which the size would hardly be known.
+    /// Nothing for a third without which the size would hardly be known. The filter that whitens runs across the bounds.
     pub fn held_out(&self, products: &Products) -> [Option<f64>; THIRDS] {
         let of = |thirds: &[usize]| -> Option<(f64, f64)> {
             let gram: DMatrix<f64> = thirds.iter().map(|&third| &self.gram[third]).sum();

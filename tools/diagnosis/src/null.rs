@@ -36,8 +36,8 @@ const NOISE_RUNS: usize = 32;
 /// Least fall of χ² for a larger walk, four sigma: eight questions at one percent would be 10.3, but rounding that beats with a slow
 /// rate is no walk, and looks like one now and then.
 const LEAST_NOISE_CHI2: f64 = 16.0;
-/// Kurtosis of a channel that tells nothing.
-const ANY_KURTOSIS: f64 = 1e9;
+/// A threshold that nothing reaches, for a family or a channel that tells nothing.
+const NEVER: f64 = 1e9;
 
 /// By how much χ² must fall in each family.
 #[derive(Debug, Clone, PartialEq)]
@@ -70,7 +70,7 @@ impl Thresholds {
     pub fn largest(&self) -> f64 {
         let families =
             (0..Family::COUNT).map(Family).filter(|family| ![Family::SUDDEN, Family::NOISE].contains(family));
-        families.map(|family| self.of(family)).filter(|chi2| chi2.is_finite()).fold(0.0, f64::max)
+        families.map(|family| self.of(family)).filter(|chi2| *chi2 < NEVER).fold(0.0, f64::max)
     }
 
     /// Of a family.
@@ -105,7 +105,7 @@ pub fn thresholds(case: &Case, bank: &Bank, normal: &Normal, noise: &[Noise; CHA
     let unlike: Vec<f64> = drawn.iter().map(|left| unlikeness(left).0).collect();
     let of_channel = |channel: usize| {
         let values: Vec<f64> = drawn.iter().map(|left| kurtosis(&left[channel])).collect();
-        seldom(&values, FALSE_ALARMS).unwrap_or(ANY_KURTOSIS)
+        seldom(&values, FALSE_ALARMS).unwrap_or(NEVER)
     };
     let mut chi2 = limits(&largest);
     let falls: Vec<f64> = (0..NOISE_RUNS).into_par_iter().map(|run| largest_walk(case, noise, &raw(run))).collect();
@@ -218,8 +218,8 @@ fn limits(largest: &[[f64; RUNS]]) -> [f64; Family::COUNT] {
     let reduced = at - scale * (-(1.0 - FALSE_NAMES).ln()).ln();
     let of = |family: usize| match laws[family] {
         Some((at, scale)) => at + scale * reduced,
-        // A family that these lists do not have.
-        None => f64::INFINITY,
+        // A family that these lists do not have, or that never gained anything.
+        None => NEVER,
     };
     std::array::from_fn(of)
 }

@@ -19,10 +19,12 @@ pub fn unlikeness(left: &Series) -> (f64, [f64; CHANNELS]) {
     const SCALES: [usize; 4] = [6, 24, 96, 384];
     let of_channel = |channel: usize| {
         let of_scale = |scale: &usize| {
-            let windows: Vec<f64> = left[channel]
-                .chunks_exact(*scale)
-                .map(|window| window.iter().sum::<f64>().powi(2) / *scale as f64)
-                .collect();
+            // Blocks that tell nothing are exactly 0; a window that is half of these is none.
+            let of_window = |window: &[f64]| {
+                let known = window.iter().filter(|value| **value != 0.0).count();
+                (2 * known >= *scale).then(|| window.iter().sum::<f64>().powi(2) / known as f64)
+            };
+            let windows: Vec<f64> = left[channel].chunks_exact(*scale).filter_map(of_window).collect();
             let count = windows.len() as f64;
             // With few windows the law leans: the cube root of χ² is closer to a normal variable (Wilson and Hilferty).
             let mean = windows.iter().sum::<f64>() / count.max(1.0);
@@ -97,6 +99,6 @@ pub fn unexplained(case: &Case, bank: &Bank, explained: &Explained, left: &Serie
         }
     });
     follows.truncate(FOLLOWED);
-    let shape = format!("{shape}: {share:.0} % of the two-minute averages stand out by more than two sigma");
+    let shape = format!("{shape}: {share:.0} % of the two-minute averages stand out");
     Unexplained { gyros, interval_s: [at_s(from), at_s((to + 1).min(excess.len()))], shape, follows }
 }

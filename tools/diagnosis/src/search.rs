@@ -10,11 +10,8 @@ use crate::measured::{BLOCK_S, CHANNELS, TIMING};
 use crate::normal::{Beside, Gain, Normal, Products, THIRDS};
 use crate::state::State;
 
-/// What noise alone may take away from the thirds that have little of it, in χ² and as a share of the gain: what a gain of one
-/// hundred owes to a third that tells a hundredth of it is 1 ± 2.
-const HARM_CHI2: f64 = 3.0;
-/// See [`HARM_CHI2`].
-const HARM_SHARE: f64 = 0.1;
+/// What noise alone may take away from the thirds that have little of it: three sigma, however much the gain is.
+const HARM_CHI2: f64 = 9.0;
 /// Candidates whose shapes are fitted.
 const CLIMBED: usize = 16;
 /// Candidates that are looked at closely.
@@ -43,7 +40,7 @@ impl Candidate {
     pub fn pays_held_out(&self) -> bool {
         let all = self.held_out.iter().all(Option::is_some);
         let sum: f64 = self.held_out.iter().flatten().sum();
-        sum > if all { 0.0 } else { -HARM_CHI2.max(HARM_SHARE * self.gain.chi2) }
+        sum > if all { 0.0 } else { -HARM_CHI2 }
     }
 }
 

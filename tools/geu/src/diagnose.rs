@@ -87,6 +87,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     for (option, file) in [("--json", &arguments.json), ("--html", &arguments.html)] {
         refuse_overwriting(option, file.as_ref(), inputs.iter().map(|(_, name)| name.as_str()).chain(config))?;
     }
+    // A configuration may be written back onto itself.
+    refuse_overwriting("--out", arguments.out.as_ref(), inputs.iter().map(|(_, name)| name.as_str()))?;
     let settings = Settings::from(&arguments.unit);
     let believed = settings.read()?;
     let reference = Reference::read(&arguments.reference).map_err(Failure::input)?;

@@ -11,7 +11,7 @@ use crate::change::{Amplitude, Change, Gyros, Place};
 use crate::report::names;
 use crate::rivals::APART_CHI2;
 
-/// A rival whose signature is as like as this is of the same group.
+/// What stands in no catalogue may be called by what is as like as this.
 const GROUP_COSINE: f64 = 0.95;
 /// Two effects with signatures so alike are one thing.
 const SAME_COSINE: f64 = 0.999;
@@ -240,7 +240,7 @@ pub fn score(hidden: &[Hidden], told: &Told, likeness: &dyn Fn(&Hidden, &Found) 
             }
         }
         let is_rival = |rival: &FoundRival| {
-            let is_alike = rival.behind_chi2.is_none_or(|behind| behind < APART_CHI2) || rival.cosine >= GROUP_COSINE;
+            let is_alike = rival.behind_chi2.is_none_or(|behind| behind < APART_CHI2);
             rival.code == own.code && rival.formula == own.formula && rival.gyros == own.gyros && is_alike
         };
         let least = if own.origin == Origin::Unknown { GROUP_COSINE } else { SAME_COSINE };

@@ -208,7 +208,8 @@ fn found(directory: &Path, hidden: &[Hidden]) -> Result<String, Failure> {
         told.push(format!("{name}, {}", sizes.collect::<Vec<_>>().join(", ")));
         names.push(name);
     }
-    let is_right = same(&names, hidden.iter().map(|hidden| hidden.name));
+    let is_told = result["verdict"] == if hidden.is_empty() { "consistent" } else { "explained" };
+    let is_right = is_told && same(&names, hidden.iter().map(|hidden| hidden.name));
     Ok(format!("{}: {}", if is_right { "right" } else { "wrong" }, told.join("; ")))
 }
 
