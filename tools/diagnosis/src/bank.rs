@@ -78,7 +78,13 @@ impl Base {
 
     /// The family of a course of it.
     pub fn family(&self, variation: &Variation) -> Family {
-        if self.amplitude.place == Place::Discovered { Family::FORMULA } else { variation.family() }
+        let begins = variation.kind().is_some_and(|kind| KINDS[kind].shapes.iter().any(is_instant));
+        match self.amplitude.place {
+            Place::Discovered => Family::FORMULA,
+            // What shows at once stands in the noise of jumps.
+            _ if begins && self.mode == Mode::Level => Family::SUDDEN,
+            _ => variation.family(),
+        }
     }
 }
 
@@ -110,7 +116,7 @@ impl Family {
     pub const COUNT: usize = KINDS.len() + 4;
     /// A constant amplitude.
     pub const CONSTANT: Family = Family(0);
-    /// An angle that jumps.
+    /// An angle that jumps, or what shows from some time on as an angle.
     pub const SUDDEN: Family = Family(KINDS.len() + 1);
     /// A noise that is larger than configured.
     pub const NOISE: Family = Family(KINDS.len() + 2);
