@@ -135,9 +135,23 @@ pub fn explain(case: &Case, bank: &Bank, thresholds: &Thresholds, start: &State)
         return effects;
     }
     let mut noise = grow(case, bank, thresholds, noise);
+    // What the walks took of the effects they give back.
+    noise.quieten(case, &[true; TIMING]);
+    noise.free_noise(case, thresholds);
     noise.prune(case);
-    noise.fit_white(case);
     if noise.score(case, thresholds) < effects.score(case, thresholds) { noise } else { effects }
+}
+
+/// What a larger walk of the rate does in the place of a change, on its gyros.
+fn walked(case: &Case, state: &mut State, change: &Change) -> f64 {
+    if change.amplitude.place == Place::Unit {
+        return 0.0;
+    }
+    let (residual, nuisances) = case.linearised(state);
+    let of = |channel: usize| {
+        noise::fit(case, channel, &state.noise[channel], Walk::Rate, &residual, &nuisances).fall.max(0.0)
+    };
+    (0..TIMING).filter(|&channel| change.gyros[channel]).map(of).sum()
 }
 
 /// Adds the best effect as long as one qualifies.
@@ -458,9 +472,14 @@ impl Explained {
             let is_larger = |found: &NoiseFound| {
                 found.fitted.noise.walk(found.walk) > self.state.noise[found.channel].walk(found.walk)
             };
+            // Walks of one kind on several gyros have one cause: only the first is asked for everything.
+            let spare = |found: &NoiseFound| {
+                let is_further = self.noise.iter().any(|other| other.walk == found.walk && other.channel != TIMING);
+                found.fitted.fall - if is_further { TOGETHER_CHI2 } else { thresholds.of(Family::NOISE) }
+            };
             let larger: Vec<NoiseFound> = fits.filter(is_larger).collect();
-            match larger.into_iter().max_by(|a, b| a.fitted.fall.total_cmp(&b.fitted.fall)) {
-                Some(found) if found.fitted.fall > thresholds.of(Family::NOISE) => {
+            match larger.into_iter().max_by(|a, b| spare(a).total_cmp(&spare(b))) {
+                Some(found) if spare(&found) > 0.0 => {
                     self.state.noise[found.channel] = found.fitted.noise;
                     self.noise.push(found);
                 }
@@ -509,12 +528,15 @@ impl Explained {
         self.normal = case.fit(&mut self.state);
     }
 
-    /// Drops each change that, beside all the others, is not worth what was paid for it.
+    /// Drops each change that, beside all the others, is not worth what was paid for it. Where walks are larger than believed, what was
+    /// paid is too little: then a change must also better a walk in its place.
     fn prune(&mut self, case: &Case) {
+        let is_noisy = self.noise.iter().any(|found| found.is_told(case.believed, &self.state));
         loop {
             let without = |index: usize| {
-                let (state, normal) = self.without(case, index);
-                (normal.squares() - self.normal.squares() - self.costs[index], index, state, normal)
+                let (mut state, normal) = self.without(case, index);
+                let walked = if is_noisy { walked(case, &mut state, &self.state.held[index].change) } else { 0.0 };
+                (normal.squares() - self.normal.squares() - self.costs[index] - walked, index, state, normal)
             };
             let all: Vec<_> = (0..self.state.held.len()).into_par_iter().map(without).collect();
             match all.into_iter().min_by(|one, other| one.0.total_cmp(&other.0)) {
