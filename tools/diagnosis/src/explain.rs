@@ -209,9 +209,11 @@ fn without_needless_courses(candidates: Vec<&Candidate>) -> Vec<&Candidate> {
     let key = |candidate: &Candidate| (Amplitude { kind: None, ..candidate.change.amplitude }, candidate.change.gyros);
     let is_needless = |place: usize| {
         let mut before = candidates[..place].iter();
-        before.any(|other| {
-            key(other) == key(candidates[place]) && candidates[place].gain.chi2 < (1.0 + NEEDLESS) * other.gain.chi2
-        })
+        let has_course = candidates[place].change.amplitude.kind.is_some();
+        has_course
+            && before.any(|other| {
+                key(other) == key(candidates[place]) && candidates[place].gain.chi2 < (1.0 + NEEDLESS) * other.gain.chi2
+            })
     };
     (0..candidates.len()).filter(|&place| !is_needless(place)).map(|place| candidates[place]).collect()
 }
