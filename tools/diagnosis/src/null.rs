@@ -44,9 +44,9 @@ const NEVER: f64 = 1e9;
 pub struct Thresholds {
     /// For each family.
     pub chi2: [f64; Family::COUNT],
-    /// What [`crate::remainder::unlikeness`] of noise exceeds as seldom.
+    /// What the unlikeness of noise exceeds once in a thousand recordings.
     pub unlikeness: f64,
-    /// What [`crate::remainder::kurtosis`] of each channel exceeds as seldom: rounding while a gyro hardly turns is not normal.
+    /// What the kurtosis of each channel exceeds as seldom: rounding while a gyro hardly turns is not normal.
     pub kurtosis: [f64; CHANNELS],
 }
 

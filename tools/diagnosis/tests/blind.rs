@@ -90,7 +90,7 @@ fn what_was_said_is_scored_against_what_was_hidden() {
             Naming::Right,
             1,
         ),
-        ("like", told("explained", &[entry("drift-ramp", "GYRX", rival(0.96, 40.0))]), Naming::Group, 0),
+        ("alike, yet apart", told("explained", &[entry("drift-ramp", "GYRX", rival(0.96, 40.0))]), Naming::Wrong, 1),
         ("not apart", told("explained", &[entry("drift-ramp", "GYRX", rival(0.90, 8.0))]), Naming::Group, 0),
         ("apart", told("explained", &[entry("drift-ramp", "GYRX", rival(0.90, 10.0))]), Naming::Wrong, 1),
         ("another gyro", told("explained", &[entry("drift-step", "GYRY", json!([]))]), Naming::Missed, 1),

@@ -188,7 +188,7 @@ impl Survey {
     }
 
     /// Diagnoses a flight. The thresholds are those of a flight with nothing hidden, for all flights of this motion: a key of
-    /// [`crate::diagnosis::key`] would differ with the goodness of single blocks and the white noise told by the data, and
+    /// the key of a recording would differ with the goodness of single blocks and the white noise told by the data, and
     /// thresholds hardly do.
     ///
     /// # Errors
