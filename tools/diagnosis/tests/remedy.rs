@@ -8,7 +8,7 @@ use geu_diagnosis::change::{Amplitude, Change};
 use geu_diagnosis::measured::CHANNELS;
 use geu_diagnosis::normal::{Normal, Products};
 use geu_diagnosis::remedy::Remedies;
-use geu_diagnosis::rivals::{APART_CHI2, rivals};
+use geu_diagnosis::rivals::{APART_CHI2, look_alikes};
 use geu_diagnosis::state::{Held, State};
 use geu_diagnosis::whitening::Noise;
 use geu_diagnosis::{Bank, Case, Measured};
@@ -107,7 +107,7 @@ fn what_is_alike_in_turns_one_way_at_one_speed_is_told_apart_as_foretold() {
     let measured = recorded(&believed, &flown, None);
     let found = change("scale-factor-asymmetry-ramp", 2, 4000.0);
     let case = Case::new(&measured, &believed);
-    let mut all = rivals(&case, &Bank::new(&measured, &believed), &holding(&case, &found), 0);
+    let mut all = look_alikes(&case, &Bank::new(&measured, &believed), &holding(&case, &found), 0);
     all.retain(|rival| rival.behind_chi2 < APART_CHI2);
     all.truncate(3);
     let told = Remedies::new(&case).of(&holding(&case, &found), 0, &all);
