@@ -28,6 +28,8 @@ const ALIKE: f64 = 0.95;
 const SIZE_FACTOR: f64 = 1.5;
 /// Least size of an amplitude that is not linear, as a share of the largest accepted.
 const LEAST_SIZE: f64 = 0.002;
+/// Sizes, over the one that was run, for which a signature that is not linear stands: the next that are run lie within.
+const NEAR_SIZES: Range<f64> = 0.4..2.5;
 /// Shortest time constant or period that is looked for, in blocks: what is shorter averages out.
 const SHORTEST_BLOCKS: f64 = 6.0;
 /// Time constants looked for, the ratio of neighbours.
@@ -76,6 +78,11 @@ impl Base {
         &self.series[channel]
     }
 
+    /// Whether its signature is that of another size too: what is not linear was run at one size, and tells of those near it.
+    pub fn stands_for(&self, size: f64) -> bool {
+        self.is_linear || NEAR_SIZES.contains(&(size / self.size))
+    }
+
     /// The family of a course of it.
     pub fn family(&self, variation: &Variation) -> Family {
         let begins = variation.kind().is_some_and(|kind| KINDS[kind].shapes.iter().any(is_instant));
@@ -83,7 +90,11 @@ impl Base {
             Place::Discovered => Family::FORMULA,
             // What shows at once stands in the noise of jumps.
             _ if begins && self.mode == Mode::Level => Family::SUDDEN,
-            _ => variation.family(),
+            _ => match variation {
+                Variation::Constant => Family::CONSTANT,
+                Variation::Course { kind, .. } => Family(1 + kind),
+                Variation::Onset { .. } => Family::SUDDEN,
+            },
         }
     }
 }
@@ -130,15 +141,6 @@ impl Variation {
         match self {
             Variation::Course { kind, .. } => Some(*kind),
             Variation::Constant | Variation::Onset { .. } => None,
-        }
-    }
-
-    /// Its family.
-    pub fn family(&self) -> Family {
-        match self {
-            Variation::Constant => Family::CONSTANT,
-            Variation::Course { kind, .. } => Family(1 + kind),
-            Variation::Onset { .. } => Family::SUDDEN,
         }
     }
 }

@@ -3,6 +3,7 @@
 use geu_model::course::KINDS;
 
 use crate::bank::Variation;
+use crate::change::ONSET;
 
 /// Times that steps are halved.
 const HALVINGS: usize = 5;
@@ -23,7 +24,7 @@ pub fn climb(start: Variation, duration_s: f64, of: &dyn Fn(&Variation) -> f64) 
         .iter()
         .zip(&shapes)
         .map(|(number, value)| match number.name {
-            "time_s" => duration_s * ONSET_SHARE,
+            ONSET => duration_s * ONSET_SHARE,
             "phase_rad" => PHASE_RAD,
             _ => PERIOD_SHARE * value,
         })
@@ -57,7 +58,7 @@ pub fn climb(start: Variation, duration_s: f64, of: &dyn Fn(&Variation) -> f64) 
 /// from a ramp.
 fn most(name: &str, duration_s: f64) -> f64 {
     match name {
-        "time_s" => duration_s,
+        ONSET => duration_s,
         "phase_rad" => f64::INFINITY,
         _ => 2.01 * duration_s,
     }

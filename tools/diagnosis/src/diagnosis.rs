@@ -263,7 +263,7 @@ impl Report<'_> {
             let (_, channels) = unlikeness(left);
             std::array::from_fn(|gyro| channels[gyro] > self.thresholds.unlikeness || piled[gyro])
         };
-        let mut piled = explained.piled(&|found| found.is_told(self.case.believed, &explained.state));
+        let mut piled = explained.piled(self.case.believed);
         let left = explained.normal.left();
         // A walk is normal and steady: what comes in bursts is none.
         for found in explained.noise.iter().filter(|found| found.is_told(self.case.believed, &explained.state)) {

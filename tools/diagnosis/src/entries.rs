@@ -6,7 +6,7 @@ use geu_model::package::Calibration;
 use geu_protocol::Gyro;
 
 use crate::bank::{Bank, Base, Family};
-use crate::change::{ALL_GYROS, Amplitude, Change, Gyros, Place, sixteen};
+use crate::change::{ALL_GYROS, Amplitude, Change, Gyros, ONSET, Place, sixteen};
 use crate::checks::WiringFault;
 use crate::explain::Explained;
 use crate::measured::{CHANNELS, TIMING};
@@ -33,6 +33,7 @@ const SAME: f64 = 0.9999;
 const SAME_SIGNATURE: f64 = 0.999;
 /// Rivals told at least, and at most with what would tell them apart.
 const TOLD: usize = 8;
+
 /// What entries are made from.
 pub struct Entries<'a> {
     /// Recording and configuration.
@@ -52,7 +53,7 @@ impl Entries<'_> {
             let mut gyros = [false; 4];
             fault.gyros.iter().for_each(|gyro| gyros[*gyro as usize] = true);
             let onset = fault.onset_s.map(|onset_s| Number {
-                name: "time_s".to_owned(),
+                name: ONSET.to_owned(),
                 value: onset_s,
                 sigma: None,
                 written: None,

@@ -9,7 +9,7 @@ use geu_model::Configuration;
 use geu_model::course::{KINDS, Law};
 
 use crate::bank::{Bank, Family};
-use crate::change::{Amplitude, Change, Place};
+use crate::change::{Amplitude, Change, ONSET, Place};
 use crate::measured::{CHANNELS, TIMING};
 use crate::noise::{self, Fitted, Walk};
 use crate::normal::{Normal, THIRDS};
@@ -43,7 +43,7 @@ const MOST_ONSET_S: f64 = 2000.0;
 const ONSET_CHI2: f64 = 4.0;
 /// Half the width of that, in sigmas, from which on χ² is no parabola there, whose half width would be 2.
 const FLAT_SIGMAS: f64 = 3.0;
-/// What each further walk that is larger costs, where one is.
+/// What each further walk that is larger costs, where one is: one number more, which chance betters by less in nine of ten.
 const TOGETHER_CHI2: f64 = 2.7;
 /// Name of a size that is a whole number.
 const WHOLE: &str = "counts";
@@ -251,10 +251,10 @@ impl Explained {
 
     /// Gyros whose changes are a pile: noise as a last resort beside several of them, a formula beside anything, or more than anything
     /// should have. A pile explains everything, and so nothing.
-    pub fn piled(&self, is_told: &dyn Fn(&NoiseFound) -> bool) -> [bool; 4] {
+    pub fn piled(&self, believed: &Configuration) -> [bool; 4] {
         std::array::from_fn(|gyro| {
             let has_formula = self.on(gyro).any(|held| held.change.amplitude.place == Place::Discovered);
-            let is_noisy = self.noise.iter().any(|found| found.channel == gyro && is_told(found));
+            let is_noisy = self.noise.iter().any(|found| found.channel == gyro && found.is_told(believed, &self.state));
             self.on(gyro).count() > if has_formula || is_noisy { 1 } else { MOST_OF_ONE }
         })
     }
@@ -411,7 +411,7 @@ impl Explained {
     pub fn widen_onsets(&mut self, case: &Case) {
         for index in 0..self.state.held.len() {
             let parameters = self.state.held[index].change.parameters();
-            let Some(place) = parameters.iter().position(|parameter| parameter.name == "time_s") else { continue };
+            let Some(place) = parameters.iter().position(|parameter| parameter.name == ONSET) else { continue };
             if !self.state.held[index].is_free[place] {
                 continue;
             }

@@ -18,7 +18,7 @@ fn move_courses<E: Effects>(configured: &mut Configured<E>, by_s: f64) {
         let amplitudes = configured.constant.specs()[effect].amplitudes.len();
         let numbers = configured.constant.numbers_mut(effect);
         for index in (amplitudes..numbers.specs().len())
-            .filter(|&index| numbers.specs()[index].name == "time_s")
+            .filter(|&index| numbers.specs()[index].name == crate::change::ONSET)
             .collect::<Vec<_>>()
         {
             *numbers.value_mut(index) -= by_s;

@@ -148,11 +148,6 @@ impl Normal {
         self.columns.len()
     }
 
-    /// Blocks that tell something.
-    pub fn count(&self) -> usize {
-        self.whitenings.iter().map(|whitening| whitening.count).sum()
-    }
-
     /// χ² beside the nuisances.
     pub fn chi2(&self) -> f64 {
         self.squares.iter().sum::<f64>() - self.solved.norm_squared()

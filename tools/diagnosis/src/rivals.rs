@@ -20,8 +20,6 @@ const CLIMBED: usize = 24;
 const MOST: usize = 64;
 /// A group whose members cannot be told apart: what χ² falls by differs by less than this, three sigma.
 pub const APART_CHI2: f64 = 9.0;
-/// Sizes between which a signature that is not linear stands for another size.
-const NEAR_SIZES: std::ops::Range<f64> = 0.4..2.5;
 
 /// A hypothesis in the place of one that was found.
 #[derive(Debug, Clone, PartialEq)]
@@ -79,7 +77,7 @@ fn in_place_of(case: &Case, bank: &Bank, normal: &Normal, state: &State, index: 
         let base = &bank.bases[spot.base];
         let gain = |variation: &Variation| {
             let products = Signature::of(bank, normal, base, variation, &spot.gyros).products;
-            normal.gain(&products).filter(|gain| is_near(base, gain))
+            normal.gain(&products).filter(|gain| base.stands_for(gain.size))
         };
         let mut variation = spot.variation.clone();
         if place < CLIMBED {
@@ -124,7 +122,7 @@ fn spots(bank: &Bank, normal: &Normal, index: usize, held: &Change) -> Vec<Spot>
         for gyros in sets.iter().copied().filter(|gyros| own != held.amplitude || *gyros != held.gyros) {
             let reached = parts.iter().enumerate().filter(|(channel, _)| reaches(&base.amplitude, &gyros, *channel));
             let gain = Beside::gain(&reached.filter_map(|(_, part)| part.as_ref()).collect::<Vec<_>>());
-            let Some(gain) = gain.filter(|gain| is_near(base, gain)) else { continue };
+            let Some(gain) = gain.filter(|gain| base.stands_for(gain.size)) else { continue };
             let same = best.iter_mut().find(|other| other.variation.kind() == variation.kind() && other.gyros == gyros);
             let spot = Spot { base: index, variation: variation.clone(), gyros, gain };
             match same {
@@ -148,11 +146,6 @@ fn sets(base: &Base, found: &Gyros) -> Vec<Gyros> {
     sets.sort_unstable();
     sets.dedup();
     sets
-}
-
-/// What is not linear was run at one size: a gain at half of it or twice is that of another.
-fn is_near(base: &Base, gain: &Gain) -> bool {
-    base.is_linear || NEAR_SIZES.contains(&(gain.size / base.size))
 }
 
 fn reaches(amplitude: &Amplitude, gyros: &Gyros, channel: usize) -> bool {

@@ -14,8 +14,6 @@ use crate::state::State;
 const HARM_CHI2: f64 = 9.0;
 /// Candidates whose shapes are fitted.
 const CLIMBED: usize = 16;
-/// Candidates that are looked at closely.
-const SHOWN: usize = 24;
 
 /// A hypothesis with what it explains.
 #[derive(Debug, Clone)]
@@ -102,9 +100,7 @@ pub fn search(bank: &Bank, normal: &Normal, state: &State, penalty: &(dyn Fn(Fam
                 }
                 let size = if base.is_linear { gain.size } else { base.size };
                 let change = bank.change(base, &variation, size, gyros);
-                // What is not linear was run at this size: a gain at half of it or twice is that of another size.
-                let is_near = base.is_linear || (0.4..2.5).contains(&(gain.size / base.size));
-                if !change.is_within_limits() || !is_near {
+                if !change.is_within_limits() || !base.stands_for(gain.size) {
                     return;
                 }
                 let candidate = Candidate {
@@ -172,7 +168,7 @@ pub fn search(bank: &Bank, normal: &Normal, state: &State, penalty: &(dyn Fn(Fam
     best.truncate(CLIMBED);
     best.par_iter_mut().for_each(climbed);
     best.sort_by(|a, b| score(b).total_cmp(&score(a)));
-    for candidate in best.iter_mut().take(SHOWN) {
+    for candidate in &mut best {
         let own = products(bank, normal, candidate);
         candidate.held_out = normal.held_out(&own);
     }

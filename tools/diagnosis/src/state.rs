@@ -8,7 +8,7 @@ use geu_model::number::Numbers;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use crate::change::{ALL_GYROS, Change, Parameter, Place, sixteen};
+use crate::change::{ALL_GYROS, Change, ONSET, Parameter, Place, sixteen};
 use crate::measured::{CHANNELS, Measured, Series, Shifts, TIMING};
 use crate::normal::{Normal, Nuisance};
 use crate::whitening::{Noise, Whitening};
@@ -61,7 +61,7 @@ impl Held {
     pub fn new(change: Change) -> Held {
         let own = change.own_shapes.len();
         let is_free: Vec<bool> = (0..change.parameters().len())
-            .map(|index| index == 0 || index > own || change.amplitude.own_shapes()[index - 1].name == "time_s")
+            .map(|index| index == 0 || index > own || change.amplitude.own_shapes()[index - 1].name == ONSET)
             .collect();
         Held { sigmas: vec![f64::NAN; is_free.len()], is_free, change, columns: None }
     }
@@ -283,7 +283,7 @@ impl State {
 fn step(parameter: &Parameter) -> f64 {
     match parameter.name.as_str() {
         // Two blocks, so that what happens within one is averaged.
-        "time_s" => 10.0,
+        ONSET => 10.0,
         "phase_rad" => 0.02,
         _ if parameter.value != 0.0 => 0.02 * parameter.value.abs(),
         _ => 2e-3 * parameter.greatest.min(1e3),
@@ -293,7 +293,7 @@ fn step(parameter: &Parameter) -> f64 {
 /// The farthest that one round may move it.
 fn reach(parameter: &Parameter) -> f64 {
     match parameter.name.as_str() {
-        "time_s" => 300.0,
+        ONSET => 300.0,
         "phase_rad" => 0.5,
         "period_s" => 0.1 * parameter.value.abs(),
         name if name.ends_with("_s") => 0.5 * parameter.value.abs(),

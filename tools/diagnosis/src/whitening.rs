@@ -34,8 +34,6 @@ pub struct Whitening {
     steps: Vec<([f64; 2], f64)>,
     /// Σ ln of the innovations' variances.
     pub log_determinant: f64,
-    /// Blocks that tell something.
-    pub count: usize,
 }
 
 impl Whitening {
@@ -46,7 +44,7 @@ impl Whitening {
         // At the start the angle is free, since a common shift of time moves what was before. The rate of then is no noise: it is
         // one of the sixteen.
         let (mut aa, mut ad, mut dd) = (0.0, 0.0, 0.0);
-        let (mut anew, mut log_determinant, mut count) = (true, 0.0, 0);
+        let (mut anew, mut log_determinant) = (true, 0.0);
         let step = |block: &Block| {
             // Of the average with itself, and with angle and rate at the block's end.
             let innovation = aa + 2.0 * mean_s * ad + mean_s * mean_s * dd + VARIANCE * angle + noise.white;
@@ -70,11 +68,10 @@ impl Whitening {
             ad -= gains[0] * with_rate;
             dd -= gains[1] * with_rate;
             log_determinant += innovation.ln();
-            count += 1;
             (gains, 1.0 / innovation.sqrt())
         };
         let steps = blocks.iter().map(step).collect();
-        Whitening { steps, log_determinant, count }
+        Whitening { steps, log_determinant }
     }
 
     /// Innovations of a series, each over its deviation.
