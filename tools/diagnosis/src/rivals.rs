@@ -46,7 +46,9 @@ pub fn rivals(case: &Case, bank: &Bank, state: &State, index: usize) -> Vec<Riva
     others.held.remove(index);
     let (residual, columns) = case.linearised(&mut others);
     let normal = Normal::new(case.whitenings(&state.noise), &residual, &columns);
-    in_place_of(case, bank, &normal, state, index)
+    // As the model runs it: of what is not linear the signature tells only the last step.
+    let fall = normal.chi2() - case.normal(&mut state.clone()).chi2();
+    in_place_of(case, bank, &normal, state, index, fall)
 }
 
 /// The same where the data are nothing but what the change adds: what looks most like it.
@@ -59,18 +61,20 @@ pub fn look_alikes(case: &Case, bank: &Bank, state: &State, index: usize) -> Vec
         None => vec![0.0; case.measured.block_count()],
     });
     let normal = Normal::new(case.whitenings(&state.noise), &whole, &columns);
-    in_place_of(case, bank, &normal, state, index)
+    // Nothing but nuisances is left of it.
+    let fall = normal.chi2();
+    in_place_of(case, bank, &normal, state, index, fall)
 }
 
-fn in_place_of(case: &Case, bank: &Bank, normal: &Normal, state: &State, index: usize) -> Vec<Rival> {
+/// The rivals on what `normal` has to explain, of which the change makes χ² fall by `fall`.
+fn in_place_of(case: &Case, bank: &Bank, normal: &Normal, state: &State, index: usize, fall: f64) -> Vec<Rival> {
     let own = Signature::new(normal, &case.signature(state, index));
-    let Some(found) = normal.gain(&own.products) else { return Vec::new() };
     let held = &state.held[index].change;
     let mut spots: Vec<Spot> =
         (0..bank.bases.len()).into_par_iter().flat_map_iter(|base| spots(bank, normal, base, held)).collect();
-    spots.retain(|spot| spot.gain.chi2 >= LEAST_SHARE * found.chi2);
+    spots.retain(|spot| spot.gain.chi2 >= LEAST_SHARE * fall);
     spots.sort_by(|one, other| other.gain.chi2.total_cmp(&one.gain.chi2));
-    let in_group = spots.iter().take_while(|spot| found.chi2 - spot.gain.chi2 < APART_CHI2).count();
+    let in_group = spots.iter().take_while(|spot| fall - spot.gain.chi2 < APART_CHI2).count();
     spots.truncate(in_group.clamp(CLIMBED, MOST));
     let duration_s = case.measured.block_count() as f64 * BLOCK_S;
     let told = |(place, spot): (usize, &Spot)| -> Option<Rival> {
@@ -88,7 +92,7 @@ fn in_place_of(case: &Case, bank: &Bank, normal: &Normal, state: &State, index: 
         let cosine = normal.cosine(&own.products, &signature.products, own.dot(&signature)).abs().min(1.0);
         let size = if base.is_linear { gain.size } else { base.size };
         let change = bank.change(base, &variation, size, spot.gyros);
-        let behind_chi2 = (found.chi2 - gain.chi2).max(0.0);
+        let behind_chi2 = (fall - gain.chi2).max(0.0);
         change.is_within_limits().then_some(Rival { change, cosine, behind_chi2 })
     };
     let all: Vec<Rival> = spots.par_iter().enumerate().filter_map(told).collect();
