@@ -189,6 +189,20 @@ fn saturated_counts_serve_nobody() {
 }
 
 #[test]
+fn outputs_that_are_one_file_are_refused() {
+    let room = tempfile::tempdir().expect("a directory");
+    let (link, reference, both) = (in_can("link.log"), in_can("reference.csv"), room.path().join("both"));
+    let recording = ["--link", &link, "--reference", &reference];
+    for command in [&["calibrate", "--manoeuvres", &in_can("manoeuvres.csv")][..], &["diagnose"]] {
+        for [one, other] in [["--out", "--json"], ["--out", "--html"], ["--json", "--html"]] {
+            let message = refused(&[command, &recording, &[one, text(&both), other, text(&both)]].concat());
+            assert!(message.contains(&format!("{other}: expected another file than {one}, got")), "{message}");
+        }
+        assert!(!both.exists());
+    }
+}
+
+#[test]
 fn lists_and_references_that_do_not_fit_are_refused_or_left_out() {
     let room = tempfile::tempdir().expect("a directory");
     let (link, manoeuvres, reference) = (in_can("link.log"), in_can("manoeuvres.csv"), in_can("reference.csv"));

@@ -16,8 +16,8 @@ use geu_recording::{InputReader, Options, Reference, Stop};
 
 use crate::calibrate_compare;
 use crate::calibrate_page::Page;
-use crate::decode::refuse_overwriting;
 use crate::failure::{Failure, note, say};
+use crate::overwriting::refuse_overwriting;
 use crate::settings::{NamedSettings, Settings};
 use crate::update::{self, Results, Update};
 
@@ -84,16 +84,14 @@ fn sigma(text: &str) -> Result<f64, String> {
 /// # Errors
 /// Input that cannot be read, manoeuvres that do not determine the parameters, files that cannot be written.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    for (option, file) in [("--json", &arguments.json), ("--html", &arguments.html)] {
-        let inputs = arguments.inputs();
-        let read = inputs.iter().map(|(_, name)| name).chain(&arguments.compare).map(String::as_str);
-        let config = arguments.unit.config.as_ref().and_then(|path| path.to_str());
-        refuse_overwriting(option, file.as_ref(), read.chain(config))?;
-    }
-    // A configuration may be written back onto itself.
     let inputs = arguments.inputs();
-    let read = inputs.iter().map(|(_, name)| name).chain(&arguments.compare).map(String::as_str);
-    refuse_overwriting("--out", arguments.out.as_ref(), read)?;
+    let read: Vec<&str> = inputs.iter().map(|(_, name)| name).chain(&arguments.compare).map(String::as_str).collect();
+    let [out, json, html] = [("--out", &arguments.out), ("--json", &arguments.json), ("--html", &arguments.html)]
+        .map(|(option, file)| (option, file.as_ref()));
+    refuse_overwriting(&[out, json, html], &read)?;
+    // A configuration may be written back onto itself.
+    let config = arguments.unit.config.as_ref().and_then(|path| path.to_str());
+    refuse_overwriting(&[json, html], &config.into_iter().collect::<Vec<_>>())?;
     let settings = Settings::from(&arguments.unit);
     let configuration = settings.read()?;
     let earlier = calibrate_compare::read(&arguments.compare)?;

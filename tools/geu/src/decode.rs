@@ -1,10 +1,7 @@
 //! `geu decode`: recordings and live links to rows.
 
-use std::ffi::OsStr;
-use std::fs::{self, File, Metadata};
+use std::fs::File;
 use std::io::{self, Write};
-use std::os::fd::AsFd;
-use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -16,6 +13,7 @@ use geu_recording::{Defect, InputError, InputReader, Options, Row, Sink, Stop, S
 
 use crate::failure::{Failure, note};
 use crate::gyro_csv;
+use crate::overwriting::refuse_overwriting;
 use crate::rows::{Form, write_defect, write_row};
 use crate::settings::can_base;
 
@@ -134,11 +132,11 @@ fn stop_on_signals() {
 
 /// Decodes.
 pub fn run(arguments: Arguments) -> Result<(), Failure> {
+    let outputs = [("--out", arguments.out.as_ref()), ("--defects", arguments.defects.as_ref())];
+    refuse_overwriting(&outputs, &arguments.inputs.iter().map(String::as_str).collect::<Vec<_>>())?;
     if let Some(description) = &arguments.gyro_csv {
-        refuse_same_files(&arguments)?;
         return decode_gyro_csv(&arguments, description);
     }
-    refuse_same_files(&arguments)?;
     let mut writer = Writer { arguments: &arguments, is_open: false, rows: None, defects: None, broken: None };
     let mut reader = arguments.reading.reader();
     let mut result: Result<(), InputError> = Ok(());
@@ -197,60 +195,6 @@ fn decode_gyro_csv(arguments: &Arguments, description: &Path) -> Result<(), Fail
         true => Err(Failure::failed(format!("--strict: {} defects", read.defects.len()))),
         false => Ok(()),
     }
-}
-
-/// A regular file, by device and inode.
-type FileId = (u64, u64);
-
-fn file_id(metadata: io::Result<Metadata>) -> Option<FileId> {
-    let metadata = metadata.ok().filter(Metadata::is_file)?;
-    Some((metadata.dev(), metadata.ino()))
-}
-
-/// Refuses an output that is one of the inputs: writing it would destroy what is to be read.
-pub fn refuse_overwriting<'a>(
-    flag: &str,
-    path: Option<&PathBuf>,
-    mut inputs: impl Iterator<Item = &'a str>,
-) -> Result<(), Failure> {
-    let of_input = |name: &str| match name {
-        "-" => file_id(io::stdin().as_fd().try_clone_to_owned().and_then(|stdin| File::from(stdin).metadata())),
-        name => file_id(fs::metadata(name)),
-    };
-    let Some(path) = path else { return Ok(()) };
-    let Some(id) = file_id(fs::metadata(path)) else { return Ok(()) };
-    match inputs.find(|input| of_input(input) == Some(id)) {
-        Some(input) => Err(Failure::input(format!(
-            "{flag}: expected a file that is none of the inputs, got {}, the same file as the input {input}",
-            path.display()
-        ))),
-        None => Ok(()),
-    }
-}
-
-/// As [`refuse_overwriting`], and an output that is the other one.
-fn refuse_same_files(arguments: &Arguments) -> Result<(), Failure> {
-    for (flag, path) in [("--out", &arguments.out), ("--defects", &arguments.defects)] {
-        refuse_overwriting(flag, path.as_ref(), arguments.inputs.iter().map(String::as_str))?;
-    }
-    let (Some(out), Some(defects)) = (&arguments.out, &arguments.defects) else { return Ok(()) };
-    let same = match (fs::metadata(out), fs::metadata(defects)) {
-        (Err(_), Err(_)) => place(out) == place(defects),
-        (out, defects) => file_id(out).is_some_and(|id| file_id(defects) == Some(id)),
-    };
-    match same {
-        true => Err(Failure::input(format!(
-            "--defects: expected another file than --out, got {}, the same file",
-            defects.display()
-        ))),
-        false => Ok(()),
-    }
-}
-
-/// Where a file that is not there yet will be.
-fn place(path: &Path) -> (Option<PathBuf>, Option<&OsStr>) {
-    let parent = path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    (fs::canonicalize(parent).ok(), path.file_name())
 }
 
 /// Bytes kept before they are written.

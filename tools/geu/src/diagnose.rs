@@ -16,10 +16,10 @@ use geu_recording::{Defect, DefectKind, InputReader, Options, Reference, Row, Si
 use indicatif::ProgressBar;
 
 use crate::calibrate::write;
-use crate::decode::refuse_overwriting;
 use crate::diagnose_page::Page;
 use crate::diagnose_rates::{self, RatesArguments};
 use crate::failure::{Failure, note, say};
+use crate::overwriting::refuse_overwriting;
 use crate::settings::{NamedSettings, Settings};
 
 /// Defects of a recording that are looked at; a broken one has millions.
@@ -83,12 +83,13 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         });
     }
     let inputs = arguments.inputs();
-    let config = arguments.unit.config.as_ref().and_then(|path| path.to_str());
-    for (option, file) in [("--json", &arguments.json), ("--html", &arguments.html)] {
-        refuse_overwriting(option, file.as_ref(), inputs.iter().map(|(_, name)| name.as_str()).chain(config))?;
-    }
+    let read: Vec<&str> = inputs.iter().map(|(_, name)| name.as_str()).collect();
+    let [out, json, html] = [("--out", &arguments.out), ("--json", &arguments.json), ("--html", &arguments.html)]
+        .map(|(option, file)| (option, file.as_ref()));
+    refuse_overwriting(&[out, json, html], &read)?;
     // A configuration may be written back onto itself.
-    refuse_overwriting("--out", arguments.out.as_ref(), inputs.iter().map(|(_, name)| name.as_str()))?;
+    let config = arguments.unit.config.as_ref().and_then(|path| path.to_str());
+    refuse_overwriting(&[json, html], &config.into_iter().collect::<Vec<_>>())?;
     let settings = Settings::from(&arguments.unit);
     let believed = settings.read()?;
     let reference = Reference::read(&arguments.reference).map_err(Failure::input)?;

@@ -10,8 +10,8 @@ use geu_diagnosis::rates::{Verdict, diagnose};
 use geu_recording::{Description, GyroCsv, RateTable, read_text};
 
 use crate::calibrate::write;
-use crate::decode::refuse_overwriting;
 use crate::failure::{Failure, say};
+use crate::overwriting::refuse_overwriting;
 
 /// What it takes.
 #[derive(Debug, Clone, Copy)]
@@ -34,8 +34,8 @@ pub struct RatesArguments<'a> {
 /// Input that cannot be read or does not suffice, a file that cannot be written, an end unexplained.
 pub fn run(arguments: &RatesArguments) -> Result<(), Failure> {
     let name = arguments.gyro_csv.display().to_string();
-    let inputs = arguments.link.iter().chain([arguments.reference, &name]).map(String::as_str);
-    refuse_overwriting("--json", arguments.json, inputs)?;
+    let inputs: Vec<&str> = arguments.link.iter().chain([arguments.reference, &name]).map(String::as_str).collect();
+    refuse_overwriting(&[("--json", arguments.json)], &inputs)?;
     let text = read_text(arguments.gyro_csv).map_err(|error| {
         Failure::input(format!("{name}: cannot be read: {error}; expected a description, such as configs/suchai3.toml"))
     })?;

@@ -19,6 +19,7 @@ mod diagnose_rates;
 mod draw;
 mod failure;
 mod gyro_csv;
+mod overwriting;
 mod page;
 mod reconstruct;
 mod rows;

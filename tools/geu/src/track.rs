@@ -13,8 +13,9 @@ use geu_model::units::{ARCSEC_PER_DEG, ARCSEC_PER_RAD};
 use geu_recording::{Defect, Row, Sink, read_text};
 use nalgebra::{Quaternion, UnitQuaternion};
 
-use crate::decode::{BUFFER, Output, Reading, note_elsewhere, refuse_overwriting};
+use crate::decode::{BUFFER, Output, Reading, note_elsewhere};
 use crate::failure::{Failure, note};
+use crate::overwriting::refuse_overwriting;
 use crate::rows::{quote, write_seconds};
 
 /// Applies a calibration to a link (eq 3): increments about the control axes and attitude, every half second.
@@ -127,8 +128,8 @@ fn believed(arguments: &Arguments) -> Result<Believed, Failure> {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let believed = believed(arguments)?;
     let config = arguments.config.as_ref().and_then(|path| path.to_str());
-    let inputs = [Some(arguments.link.as_str()), config];
-    refuse_overwriting("--out", arguments.out.as_ref(), inputs.into_iter().flatten())?;
+    let inputs: Vec<&str> = [Some(arguments.link.as_str()), config].into_iter().flatten().collect();
+    refuse_overwriting(&[("--out", arguments.out.as_ref())], &inputs)?;
     let is_watched = arguments.out.is_none() && stdout().is_terminal();
     let format = arguments.format.unwrap_or(if is_watched { Format::Text } else { Format::Csv });
     let start = arguments.attitude.unwrap_or_default();
