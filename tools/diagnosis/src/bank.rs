@@ -34,10 +34,10 @@ const NEAR_SIZES: Range<f64> = 0.4..2.5;
 const SHORTEST_BLOCKS: f64 = 6.0;
 /// Time constants looked for, the ratio of neighbours.
 const TIME_FACTOR: f64 = 3.0;
-/// Periods looked for: as many multiples of half a turn over the recording.
-const FREQUENCIES: usize = 32;
-/// Phases looked for, over half a turn.
-const PHASES: usize = 4;
+/// Periods looked for: as many multiples of a quarter of a turn over the recording, from two on.
+const QUARTER_TURNS: usize = 64;
+/// The shape that two courses share, which are a sum of any other.
+const PHASE: &str = "phase_rad";
 /// Onsets looked for, of what goes on after them.
 const ONSETS: usize = 64;
 /// The same of what shows at once, and is gone with the manoeuvre.
@@ -92,7 +92,7 @@ impl Base {
             _ if begins && self.mode == Mode::Level => Family::SUDDEN,
             _ => match variation {
                 Variation::Constant => Family::CONSTANT,
-                Variation::Course { kind, .. } => Family(1 + kind),
+                Variation::Course { kind, .. } => Family::of_kind(*kind),
                 Variation::Onset { .. } => Family::SUDDEN,
             },
         }
@@ -127,6 +127,10 @@ impl Family {
     pub const COUNT: usize = KINDS.len() + 4;
     /// A constant amplitude.
     pub const CONSTANT: Family = Family(0);
+    /// A course of one of [`KINDS`].
+    pub const fn of_kind(kind: usize) -> Family {
+        Family(1 + kind)
+    }
     /// An angle that jumps, or what shows from some time on as an angle.
     pub const SUDDEN: Family = Family(KINDS.len() + 1);
     /// A noise that is larger than configured.
@@ -142,6 +146,16 @@ impl Variation {
             Variation::Course { kind, .. } => Some(*kind),
             Variation::Constant | Variation::Onset { .. } => None,
         }
+    }
+
+    /// The same wave with another phase; nothing of what is no wave. It is the one of phase 0 times the cosine of the phase, and the
+    /// one a quarter of a turn on times the sine.
+    pub fn at_phase(&self, phase_rad: f64) -> Option<Variation> {
+        let Variation::Course { kind, shapes } = self else { return None };
+        let index = KINDS[*kind].shapes.iter().position(|number| number.name == PHASE)?;
+        let mut shapes = shapes.clone();
+        shapes[index] = phase_rad;
+        Some(Variation::Course { kind: *kind, shapes })
     }
 }
 
@@ -312,7 +326,7 @@ impl Bank {
         sizes.par_iter().map(sized).collect()
     }
 
-    /// Every course of a base that is looked for.
+    /// Every course of a base that is looked for, waves at the phase 0.
     pub fn variations(&self, base: &Base) -> Vec<Variation> {
         if base.amplitude.place == Place::Discovered {
             return vec![Variation::Constant];
@@ -349,10 +363,10 @@ impl Bank {
         let duration_s = self.blocks as f64 * BLOCK_S;
         match number.name {
             _ if is_instant(number) => (1..onsets).map(|onset| duration_s * onset as f64 / onsets as f64).collect(),
-            "phase_rad" => (0..PHASES).map(|phase| std::f64::consts::PI * phase as f64 / PHASES as f64).collect(),
-            // A period: whole and half turns over the recording.
-            _ => (1..=FREQUENCIES)
-                .map(|half_turns| 2.0 * duration_s / half_turns as f64)
+            PHASE => vec![0.0],
+            // A period.
+            _ => (2..=QUARTER_TURNS)
+                .map(|quarter_turns| 4.0 * duration_s / quarter_turns as f64)
                 .filter(|&period_s| period_s >= 4.0 * SHORTEST_BLOCKS * BLOCK_S)
                 .collect(),
         }

@@ -4,7 +4,7 @@
 //! looked for on the day it is written.
 
 use geu_model::Configuration;
-use geu_model::course::{Course, KINDS, Size};
+use geu_model::course::{Course, KINDS, Law, Size};
 use geu_model::effect::discovered::{self, Formula, Regressor, Term};
 use geu_model::effect::{Configured, EffectSpec, Effects, HeadEffects, UnitEffects};
 use geu_model::number::{Form, Number};
@@ -78,8 +78,9 @@ impl Amplitude {
         let pairs = (0..regressors.len())
             .flat_map(|one| (one..regressors.len()).map(move |other| (one, other)))
             .map(|(one, other)| vec![regressors[one], regressors[other]]);
+        let cubes = regressors.iter().map(|one| vec![*one; 3]);
         let mut formulas: Vec<Formula> =
-            singles.chain(pairs).filter_map(|factors| Formula::new(&factors).ok()).collect();
+            singles.chain(pairs).chain(cubes).filter_map(|factors| Formula::new(&factors).ok()).collect();
         formulas.sort();
         formulas.dedup();
         let of = |formula| Amplitude {
@@ -182,6 +183,11 @@ pub struct Change {
 }
 
 impl Change {
+    /// The law of its course; nothing of what is constant.
+    pub fn law(&self) -> Option<Law> {
+        self.amplitude.kind.map(|kind| KINDS[kind].law(&self.course_shapes))
+    }
+
     /// Moves the amplitude in a configuration.
     pub fn apply(&self, configuration: &mut Configuration) {
         match self.amplitude.place {

@@ -11,7 +11,7 @@ use crate::bank::Bank;
 use crate::change::{Amplitude, Gyros, Place};
 use crate::checks::{WiringFault, check};
 use crate::entries::{Entries, SAME_SIGMAS};
-use crate::explain::{Explained, explain};
+use crate::explain::{Explained, MOST_OF_ONE, explain};
 use crate::finding::Finding;
 use crate::gap;
 use crate::held_out::{fitted, held_out};
@@ -20,7 +20,7 @@ use crate::noise;
 use crate::null::{Thresholds, thresholds};
 use crate::outcome::{Diagnosis, Entry, Gaps, Verdict};
 use crate::remainder::{kurtosis, unexplained, unlikeness};
-use crate::state::Case;
+use crate::state::{Case, State};
 use crate::stretches;
 use crate::whereabouts::whereabouts;
 
@@ -28,7 +28,7 @@ use crate::whereabouts::whereabouts;
 const FORMULA_MARGIN: f64 = 10.0;
 /// What is searched, beside the model's lists: another one where grids, families or nulls change, so that thresholds that were kept
 /// are not those of another search.
-const SEARCH: &str = concat!(env!("CARGO_PKG_VERSION"), " 8");
+const SEARCH: &str = concat!(env!("CARGO_PKG_VERSION"), " 10");
 
 /// What [`diagnose_rows`] takes beside recording and configuration.
 pub struct Settings<'a> {
@@ -121,21 +121,48 @@ pub fn diagnose(
         thresholds(&case, &all, &normal, &noise, options.seed)
     });
     tell("search");
-    let mut explained = explain(&case, &catalogue, &thresholds, &start);
-    let is_noise = unlikeness(&explained.normal.left()).0 <= thresholds.unlikeness;
-    if !is_noise || explained.is_doubtful(&case, &formulas, &thresholds) {
-        tell("formulas");
-        let other = explain(&case, &all, &thresholds, &start);
-        let has_formula = other.state.held.iter().any(|held| held.change.amplitude.place == Place::Discovered);
-        if has_formula && other.score(&case, &thresholds) + FORMULA_MARGIN < explained.score(&case, &thresholds) {
-            explained = other;
-        }
-    }
+    let mut explained = best_of(&case, &catalogue, &formulas, &all, &thresholds, &start, tell);
     tell("report");
     merge_gyros(&case, &mut explained);
-    let bank: &Bank = if !explained.state.held.is_empty() || !is_noise { &all } else { &catalogue };
+    let bank: &Bank =
+        if !explained.state.held.is_empty() || !is_noise(&explained, &thresholds) { &all } else { &catalogue };
     let (raw, manoeuvres) = (options.raw, options.manoeuvres);
     Report { case: &case, bank, thresholds: &thresholds, faults, raw, manoeuvres }.finish(explained, findings)
+}
+
+/// What explains the recording best, of the catalogue, or with formulas where that leaves doubt. A second effect of one gyro is seldom:
+/// before there are more, a formula is tried.
+fn best_of<'a>(
+    case: &Case,
+    catalogue: &Bank,
+    formulas: &'a LazyCell<Bank, impl FnOnce() -> Bank>,
+    all: &'a LazyCell<Bank, impl FnOnce() -> Bank>,
+    thresholds: &Thresholds,
+    start: &State,
+    tell: &(dyn Fn(&str) + Sync),
+) -> Explained {
+    let mut passes = [1, MOST_OF_ONE].into_iter().peekable();
+    loop {
+        let most = passes.next().unwrap_or(MOST_OF_ONE);
+        let is_last = passes.peek().is_none();
+        let effects = explain(case, catalogue, thresholds, start, most);
+        let is_done = !effects.is_cut && is_noise(&effects, thresholds);
+        if is_done && !effects.is_doubtful(case, formulas, thresholds) {
+            return effects;
+        }
+        tell("formulas");
+        let other = explain(case, all, thresholds, start, most);
+        let is_better = other.stands_on_a_formula(case)
+            && other.score(case, thresholds) + FORMULA_MARGIN < effects.score(case, thresholds);
+        let best = if is_better { other } else { effects };
+        if is_last || !best.is_cut {
+            return best;
+        }
+    }
+}
+
+fn is_noise(explained: &Explained, thresholds: &Thresholds) -> bool {
+    unlikeness(&explained.normal.left()).0 <= thresholds.unlikeness
 }
 
 /// What thresholds depend on: the motion, the blocks that can be used, the noise, what is searched.

@@ -15,8 +15,8 @@ use crate::normal::dot;
 use crate::null::Thresholds;
 use crate::outcome::{Class, Entry, Number, RivalShown};
 use crate::remedy::Remedies;
-use crate::rivals::{APART_CHI2, Rival, rivals};
-use crate::search::{Candidate, search};
+use crate::rivals::{APART_CHI2, Prices, Rival, rivals};
+use crate::search::{Candidate, search, set_penalty};
 use crate::state::{Case, Held, State};
 
 /// A calibration number is told as moved from so many sigmas on: once in 1000 recordings of sixteen.
@@ -91,7 +91,12 @@ impl Entries<'_> {
         let remedies = Remedies::new(self.case);
         let of = |(index, held): (usize, &Held)| {
             let amplitude = &held.change.amplitude;
-            let rivals = rivals(self.case, self.bank, &explained.state, index).into_iter();
+            let worth = explained.worth(self.case, index);
+            let prices = Prices {
+                found: worth.1,
+                of: &|family, change| self.thresholds.of(family) + set_penalty(&change.gyros, change.amplitude.place),
+            };
+            let rivals = rivals(self.case, self.bank, &explained.state, index, &prices).into_iter();
             let mut rivals: Vec<Rival> = rivals.filter(|rival| !is_the_same(amplitude, rival)).collect();
             // The whole group, and what comes next.
             let in_group = rivals.iter().take_while(|rival| rival.behind_chi2 < APART_CHI2).count();
@@ -112,7 +117,7 @@ impl Entries<'_> {
                 gyros: held.change.gyros,
                 parameters: numbers.collect(),
                 gap_share: 0.0,
-                chi2: Some(explained.worth(self.case, index)),
+                chi2: Some(worth),
                 held_out: explained.held_out.get(index).copied(),
                 rivals: rivals
                     .into_iter()

@@ -9,18 +9,19 @@ use geu_model::Configuration;
 use geu_model::course::{KINDS, Law};
 
 use crate::bank::{Bank, Family};
-use crate::change::{Amplitude, Change, ONSET, Place};
-use crate::measured::{CHANNELS, TIMING};
+use crate::change::{Amplitude, Change, Gyros, ONSET, Place};
+use crate::measured::{CHANNELS, Series, TIMING};
 use crate::noise::{self, Fitted, Walk};
 use crate::normal::{Normal, THIRDS};
 use crate::null::Thresholds;
-use crate::search::{Candidate, search, set_penalty};
+use crate::search::{Candidate, HARM_CHI2, search, set_penalty};
 use crate::state::{Case, Held, State};
+use crate::whitening::Noise;
 
 /// Effects at most.
 const MOST: usize = 6;
 /// Effects of one gyro at most.
-const MOST_OF_ONE: usize = 3;
+pub const MOST_OF_ONE: usize = 3;
 /// Candidates fitted in each round.
 const FITTED: usize = 4;
 /// Candidates that explain less than this share of what the best one does are not fitted.
@@ -45,12 +46,20 @@ const ONSET_CHI2: f64 = 4.0;
 const FLAT_SIGMAS: f64 = 3.0;
 /// What each further walk that is larger costs, where one is: one number more, which chance betters by less in nine of ten.
 const TOGETHER_CHI2: f64 = 2.7;
+/// What the search finds beyond chance by more than this, three sigma, is there, whether or not there is anything that explains it.
+const REFUSED_CHI2: f64 = 9.0;
 /// Name of a size that is a whole number.
 const WHOLE: &str = "counts";
+/// Share of the greatest size with which a fit begins.
+const SMALL: f64 = 1e-4;
 /// How late a temperature may be told, s.
-const TEMPERATURE_S: [f64; 9] = [-300.0, 0.0, 150.0, 300.0, 450.0, 600.0, 900.0, 1200.0, 1800.0];
+pub const TEMPERATURE_S: [f64; 9] = [-300.0, 0.0, 150.0, 300.0, 450.0, 600.0, 900.0, 1200.0, 1800.0];
+/// Steps in which the best of them is bettered, s.
+const NEARER_S: [f64; 3] = [75.0, 40.0, 20.0];
 /// What a lag of the temperature must lower χ² by, three sigma.
 const TEMPERATURE_CHI2: f64 = 9.0;
+/// Sigmas from which on a size is one.
+const KNOWN_SIGMAS: f64 = 1.0;
 /// Sigmas within which a number of counts is a whole one.
 const WHOLE_SIGMAS: f64 = 4.0;
 
@@ -110,36 +119,56 @@ pub struct Explained {
     pub held_out: Vec<[Option<f64>; THIRDS]>,
     /// What was paid for each change.
     costs: Vec<f64>,
+    /// Whether more was to be found on a gyro that has as many as it may.
+    pub is_cut: bool,
+    /// Residual before anything was fitted.
+    raw: Series,
+    /// What the search finds in the end and nothing that there can be explains.
+    refused: Option<Refused>,
 }
 
 impl Explained {
     /// How unlikely all that is left is beside the sixteen and the lag, and all that was paid for names. A walk can look like
     /// anything, and is as dear as the dearest course.
     pub fn score(&self, case: &Case, thresholds: &Thresholds) -> f64 {
+        self.score_with(case, thresholds, &self.state.noise)
+    }
+
+    fn score_with(&self, case: &Case, thresholds: &Thresholds, noise: &[Noise; CHANNELS]) -> f64 {
         let own = self.noise.len().min(1) as f64 * thresholds.largest()
             + TOGETHER_CHI2 * self.noise.len().saturating_sub(1) as f64;
         let residual = case.residual(&self.state);
-        let normal = Normal::new(case.whitenings(&self.state.noise), &residual, &case.nuisances);
+        let normal = Normal::new(case.whitenings(noise), &residual, &case.nuisances);
         normal.deviance() + self.costs.iter().sum::<f64>() + own
     }
 }
 
-/// What explains the recording best: effects of the bank, noise, or both.
-pub fn explain(case: &Case, bank: &Bank, thresholds: &Thresholds, start: &State) -> Explained {
-    let mut effects = grow(case, bank, thresholds, Explained::start(case, start.clone()));
-    effects.free_noise(case, thresholds);
-    effects.prune(case);
-    let mut noise = Explained::start(case, start.clone());
-    noise.free_noise(case, thresholds);
-    if noise.noise.is_empty() || effects.state.held.is_empty() {
-        return effects;
+/// What explains the recording best: effects of the bank, noise, or both; up to one more effect than `most` on one gyro.
+pub fn explain(case: &Case, bank: &Bank, thresholds: &Thresholds, start: &State, most: usize) -> Explained {
+    let effects_first = || {
+        let mut effects = grow(case, bank, thresholds, Explained::start(case, start.clone()), most);
+        effects.free_noise(case, thresholds);
+        effects.prune(case);
+        effects.settled(case, thresholds)
+    };
+    let noise_first = || {
+        let mut noise = Explained::start(case, start.clone());
+        noise.free_noise(case, thresholds);
+        if noise.noise.is_empty() {
+            return None;
+        }
+        let mut noise = grow(case, bank, thresholds, noise, most);
+        // What the walks took of the effects they give back.
+        noise.quieten(case, &[true; TIMING]);
+        noise.free_noise(case, thresholds);
+        noise.prune(case);
+        Some(noise.settled(case, thresholds))
+    };
+    let ((effects, effects_score), noise) = rayon::join(effects_first, noise_first);
+    match noise {
+        Some((noise, noise_score)) if noise_score < effects_score => noise,
+        _ => effects,
     }
-    let mut noise = grow(case, bank, thresholds, noise);
-    // What the walks took of the effects they give back.
-    noise.quieten(case, &[true; TIMING]);
-    noise.free_noise(case, thresholds);
-    noise.prune(case);
-    if noise.score(case, thresholds) < effects.score(case, thresholds) { noise } else { effects }
 }
 
 /// What a larger walk of the rate does in the place of a change, on its gyros.
@@ -154,15 +183,32 @@ fn walked(case: &Case, state: &mut State, change: &Change) -> f64 {
     (0..TIMING).filter(|&channel| change.gyros[channel]).map(of).sum()
 }
 
-/// Adds the best effect as long as one qualifies.
-fn grow(case: &Case, bank: &Bank, thresholds: &Thresholds, mut now: Explained) -> Explained {
+/// The kind of course that follows the temperature, and the amplitude with it.
+pub fn following_temperature(amplitude: Amplitude) -> Option<(usize, Amplitude)> {
+    let kind = KINDS.iter().position(|kind| kind.shapes.is_empty() && kind.law(&[]) == Law::Temperature)?;
+    Some((kind, amplitude.with(kind)?))
+}
+
+/// A change with a course that has no shapes, in the place of another course.
+pub fn in_its_place(change: &Change, amplitude: Amplitude) -> Held {
+    let is_same = change.amplitude == amplitude;
+    let size = if is_same { change.size } else { amplitude.size().greatest * SMALL };
+    Held::new(Change { amplitude, size, course_shapes: Vec::new(), ..change.clone() })
+}
+
+/// Adds the best effect as long as one qualifies and no gyro has more than `most`.
+fn grow(case: &Case, bank: &Bank, thresholds: &Thresholds, mut now: Explained, most: usize) -> Explained {
     let cost = |candidate: &Candidate| {
         thresholds.of(candidate.family) + set_penalty(&candidate.change.gyros, candidate.change.amplitude.place)
     };
-    while now.state.held.len() < MOST && (0..TIMING).all(|gyro| now.on(gyro).count() <= MOST_OF_ONE) {
+    loop {
         let candidates = search(bank, &now.normal, &now.state, &|family| thresholds.of(family));
         let Some(first) = candidates.first() else { break };
         let best = first.gain.chi2 - cost(first);
+        if now.state.held.len() >= MOST || (0..TIMING).any(|gyro| now.on(gyro).count() > most) {
+            now.is_cut = best > 0.0;
+            break;
+        }
         let least = (NEAR * best).min(best - NEAR_CHI2);
         let fitted = |candidate: &Candidate| -> Option<(f64, Candidate, State, Normal)> {
             let mut state = now.state.clone();
@@ -186,6 +232,12 @@ fn grow(case: &Case, bank: &Bank, thresholds: &Thresholds, mut now: Explained) -
         let mut round = Round { candidates: candidates.clone(), kept: None, added: None };
         let Some((_, candidate, state, normal)) = best else {
             now.rounds.push(round);
+            let worth = first.gain.chi2 - cost(first);
+            if worth > REFUSED_CHI2 && worth > now.negligible(case) {
+                let noise = now.white(case);
+                let score = now.score_with(case, thresholds, &noise) - worth;
+                now.refused = Some(Refused { gyros: first.change.gyros, score });
+            }
             break;
         };
         round.kept = Some(state.held.len() - 1);
@@ -197,7 +249,7 @@ fn grow(case: &Case, bank: &Bank, thresholds: &Thresholds, mut now: Explained) -
         now.costs.push(cost(&candidate));
         now.held_out.push(candidate.held_out);
         (now.state, now.normal) = (state, normal);
-        now.shift_temperature(case);
+        now.shift_temperature(case, thresholds);
         now.free_shapes(case);
         now.take_whole(case);
     }
@@ -225,7 +277,21 @@ fn is_possible(held: &Held) -> bool {
         let off = (size.value - size.value.round()).abs();
         size.value.round() != 0.0 && off <= WHOLE_SIGMAS * held.sigmas[0].max(0.01)
     };
-    is_whole && held.change.is_within_limits() && held.sigmas[0].is_finite()
+    // Of what is smaller nobody can say that it is there: another number of the same change undoes it.
+    let is_known = size.value.abs() > KNOWN_SIGMAS * held.sigmas[0];
+    is_whole && is_known && held.change.is_within_limits() && held.sigmas[0].is_finite()
+}
+
+/// What explains less than this share of all that was fitted is no more than a fault of the rest: a signature that is like the true one
+/// to a cosine of 0.995 leaves as much.
+const NEGLIGIBLE: f64 = 0.01;
+
+/// A hypothesis of the search that explains much, and is nothing that there can be.
+#[derive(Debug, Clone, Copy)]
+struct Refused {
+    gyros: Gyros,
+    /// The score that it would have.
+    score: f64,
 }
 
 impl Explained {
@@ -249,14 +315,40 @@ impl Explained {
         })
     }
 
-    /// Gyros whose changes are a pile: noise as a last resort beside several of them, a formula beside anything, or more than anything
-    /// should have. A pile explains everything, and so nothing.
+    /// A fall of χ² that is next to nothing beside all that was fitted.
+    fn negligible(&self, case: &Case) -> f64 {
+        let raw = Normal::new(case.whitenings(&self.state.noise), &self.raw, &[]);
+        NEGLIGIBLE * (raw.squares() - self.normal.squares())
+    }
+
+    /// Whether a formula is what explains, and no small mend of other things that do.
+    pub fn stands_on_a_formula(&self, case: &Case) -> bool {
+        let is_formula = |index: &usize| self.state.held[*index].change.amplitude.place == Place::Discovered;
+        (0..self.state.held.len()).filter(is_formula).any(|index| self.worth(case, index).0 > self.negligible(case))
+    }
+
+    /// Gyros whose changes are a pile: noise as a last resort beside several of them, a formula beside anything, one that no other
+    /// third foretells beside another, or more than anything should have, which explains everything, and so nothing; and those on which
+    /// something is left that nothing explains.
     pub fn piled(&self, believed: &Configuration) -> [bool; 4] {
         std::array::from_fn(|gyro| {
-            let has_formula = self.on(gyro).any(|held| held.change.amplitude.place == Place::Discovered);
+            let own = || self.on(gyro).map(|(index, held)| (held, &self.held_out[index]));
+            let has_formula = own().any(|(held, _)| held.change.amplitude.place == Place::Discovered);
             let is_noisy = self.noise.iter().any(|found| found.channel == gyro && found.is_told(believed, &self.state));
-            self.on(gyro).count() > if has_formula || is_noisy { 1 } else { MOST_OF_ONE }
+            if self.refused.is_some_and(|refused| refused.gyros[gyro]) {
+                return true;
+            }
+            let is_told_once = own().any(|(_, held_out)| held_out.iter().flatten().sum::<f64>() < HARM_CHI2);
+            own().count() > if has_formula || is_noisy || is_told_once { 1 } else { MOST_OF_ONE }
         })
+    }
+
+    /// The score, and what was refused only where that would have a better one: walks may explain what it does.
+    fn settled(mut self, case: &Case, thresholds: &Thresholds) -> (Explained, f64) {
+        let score = self.score(case, thresholds);
+        self.refused = self.refused.filter(|refused| refused.score < score);
+        let best = self.refused.map_or(score, |refused| refused.score);
+        (self, best)
     }
 
     /// Takes back the walks of these gyros: they are as configured.
@@ -274,8 +366,9 @@ impl Explained {
     }
 
     /// The changes of a gyro, those of the whole unit left out.
-    fn on(&self, gyro: usize) -> impl Iterator<Item = &Held> {
-        self.state.held.iter().filter(move |held| held.change.amplitude.place != Place::Unit && held.change.gyros[gyro])
+    fn on(&self, gyro: usize) -> impl Iterator<Item = (usize, &Held)> {
+        let is_own = move |change: &Change| change.amplitude.place != Place::Unit && change.gyros[gyro];
+        self.state.held.iter().enumerate().filter(move |(_, held)| is_own(&held.change))
     }
 
     /// By how much χ² falls with a change, beside all the others, and what was paid for it.
@@ -339,37 +432,60 @@ impl Explained {
     }
 
     fn start(case: &Case, mut state: State) -> Explained {
+        let raw = case.residual(&state);
         let normal = case.fit(&mut state);
-        Explained { state, normal, rounds: Vec::new(), noise: Vec::new(), held_out: Vec::new(), costs: Vec::new() }
+        Explained {
+            state,
+            normal,
+            rounds: Vec::new(),
+            noise: Vec::new(),
+            held_out: Vec::new(),
+            costs: Vec::new(),
+            is_cut: false,
+            raw,
+            refused: None,
+        }
     }
 
     /// Where the last change follows the temperature, or swings as a temperature may, looks for how late the temperature is told.
-    fn shift_temperature(&mut self, case: &Case) {
+    fn shift_temperature(&mut self, case: &Case, thresholds: &Thresholds) {
         let Some(last) = self.state.held.last().map(|held| held.change.clone()) else { return };
-        let law = last.amplitude.kind.map(|kind| KINDS[kind].law(&last.course_shapes));
+        let law = last.law();
         let is_wave = matches!(law, Some(Law::Periodic { .. }));
         if !is_wave && law != Some(Law::Temperature) {
             return;
         }
-        let following = KINDS.iter().position(|kind| kind.shapes.is_empty() && kind.law(&[]) == Law::Temperature);
-        let Some(amplitude) = following.and_then(|kind| last.amplitude.with(kind)) else { return };
-        let tried = |late_s: &f64| {
+        let Some((kind, amplitude)) = following_temperature(last.amplitude) else { return };
+        let shift_s = self.state.shifts.temperature_s;
+        let tried = |late_s: f64| {
             let mut state = self.state.clone();
-            state.shifts.temperature_s = *late_s;
+            state.shifts.temperature_s = late_s;
             state.held.pop();
             state.held.iter_mut().for_each(Held::run_anew);
-            let size = if is_wave { amplitude.size().greatest * 1e-4 } else { last.size };
-            let change = Change { amplitude, size, course_shapes: Vec::new(), ..last.clone() };
-            state.held.push(Held::new(change));
+            state.held.push(in_its_place(&last, amplitude));
             let normal = case.fit(&mut state);
-            (state, normal)
+            let lag = match late_s == shift_s {
+                true => 0.0,
+                // So many ways to choose it.
+                false if is_wave => 2.0 * (TEMPERATURE_S.len() as f64).ln(),
+                false => TEMPERATURE_CHI2,
+            };
+            let cost = thresholds.of(Family::of_kind(kind)) + set_penalty(&last.gyros, amplitude.place) + lag;
+            (normal.squares() + cost, cost, state, normal)
         };
-        let best =
-            TEMPERATURE_S.par_iter().map(tried).min_by(|one, other| one.1.squares().total_cmp(&other.1.squares()));
-        let Some((state, normal)) = best else { return };
-        // A wave has two shapes to spare; a lag must pay for itself.
-        let worth = if is_wave { -TEMPERATURE_CHI2 } else { TEMPERATURE_CHI2 };
-        if self.normal.squares() - normal.squares() > worth && is_possible(state.held.last().expect("just put")) {
+        let likeliest =
+            |all: &[f64]| all.par_iter().map(|late_s| tried(*late_s)).min_by(|one, other| one.0.total_cmp(&other.0));
+        let mut best = likeliest(&TEMPERATURE_S);
+        for step_s in NEARER_S {
+            let Some((score, _, state, _)) = &best else { break };
+            let late_s = state.shifts.temperature_s;
+            let nearer = likeliest(&[late_s - step_s, late_s + step_s]).filter(|nearer| nearer.0 < *score);
+            best = nearer.or(best);
+        }
+        let Some((score, cost, state, normal)) = best else { return };
+        let paid = self.costs.last_mut().expect("one for each change");
+        if score < self.normal.squares() + *paid && is_possible(state.held.last().expect("just put")) {
+            *paid = cost;
             (self.state, self.normal) = (state, normal);
         }
     }
@@ -482,14 +598,19 @@ impl Explained {
             let larger: Vec<NoiseFound> = fits.filter(is_larger).collect();
             match larger.into_iter().max_by(|a, b| spare(a).total_cmp(&spare(b))) {
                 Some(found) if spare(&found) > 0.0 => {
-                    self.state.noise[found.channel] = found.fitted.noise;
-                    self.noise.push(found);
+                    self.take_walk(found);
                 }
                 _ => break,
             }
         }
         self.free_together(case, thresholds);
-        self.fit_white(case);
+        self.state.noise = self.white(case);
+        self.normal = case.fit(&mut self.state);
+    }
+
+    fn take_walk(&mut self, found: NoiseFound) {
+        self.state.noise[found.channel] = found.fitted.noise;
+        self.noise.push(found);
     }
 
     /// Lets a walk be larger on all gyros that have it as configured, where it pays on none of them alone but on all together.
@@ -513,21 +634,17 @@ impl Explained {
             // A question more, and a number more for each further gyro.
             let more = TOGETHER_CHI2 * fits.len().saturating_sub(1) as f64;
             if fits.len() > 1 && fall > thresholds.of(Family::NOISE) + more {
-                for found in fits {
-                    self.state.noise[found.channel] = found.fitted.noise;
-                    self.noise.push(found);
-                }
+                fits.into_iter().for_each(|found| self.take_walk(found));
             }
         }
     }
 
-    /// Fits the white noise to what is left.
-    fn fit_white(&mut self, case: &Case) {
+    /// The noise with its white part as what is left tells it.
+    fn white(&mut self, case: &Case) -> [Noise; CHANNELS] {
         let (residual, nuisances) = case.linearised(&mut self.state);
         let white = |channel: usize| noise::fit_white(case, channel, &self.state.noise[channel], &residual, &nuisances);
         let all: Vec<_> = (0..CHANNELS).into_par_iter().map(white).collect();
-        self.state.noise = std::array::from_fn(|channel| all[channel]);
-        self.normal = case.fit(&mut self.state);
+        std::array::from_fn(|channel| all[channel])
     }
 
     /// Drops each change that, beside all the others, is not worth what was paid for it. Where walks are larger than believed, what was

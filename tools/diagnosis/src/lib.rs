@@ -25,6 +25,7 @@ pub mod rivals;
 pub mod search;
 pub mod state;
 pub mod stretches;
+mod sweep;
 pub mod whereabouts;
 pub mod whitening;
 

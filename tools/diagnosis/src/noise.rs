@@ -12,6 +12,8 @@ use crate::whitening::{Noise, ROUNDING, Whitening};
 const MEDIAN_OF_NORMAL: f64 = 0.674_489_750_196_081_7;
 /// Times that walk and white noise are fitted in turn, at most.
 const TURNS: usize = 12;
+/// How far a logarithm of a white noise is looked for at once.
+const NEAR_WHITE: f64 = 1.0;
 /// A logarithm that moves by less stays.
 const STAYS: f64 = 0.02;
 /// Blocks in which the white noise is told on its own.
@@ -57,7 +59,7 @@ pub fn of(configuration: &Configuration, measured: &Measured, residual: &Series)
     std::array::from_fn(|channel| {
         let seconds = second_differences(&residual[channel], &measured.blocks[channel]);
         if channel == TIMING {
-            let white = (seconds.max(0.0) / 6.0).max(LEAST_TIMING.powi(2));
+            let white = (seconds.max(0.0) / 6.0).max(least_white(channel));
             return Noise { white, angle_walk: 0.0, rate_walk: 0.0 };
         }
         let effects = &configuration.gyros[channel].effects.constant;
@@ -66,9 +68,14 @@ pub fn of(configuration: &Configuration, measured: &Measured, residual: &Series)
         // A walk's second difference has two steps of it, each the average over a ramp: 2/3 of a whole one together with its
         // neighbour's −1/6; 1 in all.
         let walk = angle_walk.powi(2) * crate::measured::BLOCK_S;
-        let white = ((seconds - walk) / 6.0).max(LEAST_WHITE * ROUNDING / BLOCK as f64);
+        let white = ((seconds - walk) / 6.0).max(least_white(channel));
         Noise { white, angle_walk, rate_walk }
     })
+}
+
+/// White noise that every channel has.
+fn least_white(channel: usize) -> f64 {
+    if channel == TIMING { LEAST_TIMING.powi(2) } else { LEAST_WHITE * ROUNDING / BLOCK as f64 }
 }
 
 /// Variance of second differences: by the median of their absolute values in each stretch of ten minutes, the average of the middle
@@ -141,7 +148,20 @@ pub fn fit_white(case: &Case, channel: usize, noise: &Noise, residual: &Series, 
     }
     let deviance = deviance(case, channel, residual, nuisances);
     let with = |log_white: f64| Noise { white: log_white.exp(), ..*noise };
-    with(least(noise.white.ln() - 1.0, noise.white.ln() + 1.0, |log_white| deviance(&with(log_white))))
+    let mut log_white = noise.white.ln();
+    for _ in 0..TURNS {
+        let before = log_white;
+        log_white = likeliest_white(channel, log_white, |log_white| deviance(&with(log_white)));
+        if (log_white - before).abs() < NEAR_WHITE / 2.0 {
+            break;
+        }
+    }
+    with(log_white)
+}
+
+/// The logarithm of the white noise near by with which a channel is likeliest.
+fn likeliest_white(channel: usize, log_white: f64, deviance: impl Fn(f64) -> f64) -> f64 {
+    least(log_white - NEAR_WHITE, log_white + NEAR_WHITE, deviance).max(least_white(channel).ln())
 }
 
 /// Fits one walk of one channel, and the white noise with it; one that is no larger than it was taken stays as it is.
@@ -171,7 +191,7 @@ pub fn fit(
     for _ in 0..TURNS {
         let before = log_walk;
         log_walk = least(log_walk - below, log_walk + above, |log_walk| deviance(&with(log_walk, log_white)));
-        log_white = least(log_white - 1.0, log_white + 1.0, |log_white| deviance(&with(log_walk, log_white)));
+        log_white = likeliest_white(channel, log_white, |log_white| deviance(&with(log_walk, log_white)));
         (below, above) = (0.5, 0.5);
         if (log_walk - before).abs() < STAYS {
             break;

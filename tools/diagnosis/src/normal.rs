@@ -65,6 +65,20 @@ impl Beside {
         (left > LEAST_LEFT * own && own > 0.0).then_some(left)
     }
 
+    /// The sum of two signatures on one channel, each times its factor; `both` is the product of the two, whitened.
+    #[must_use]
+    pub fn sum((one_factor, one): (f64, &Beside), (other_factor, other): (f64, &Beside), both: f64) -> Beside {
+        let mut part = &one.part * one_factor;
+        part.axpy(other_factor, &other.part, 1.0);
+        Beside {
+            own: one_factor.powi(2) * one.own
+                + 2.0 * one_factor * other_factor * both
+                + other_factor.powi(2) * other.own,
+            right: one_factor * one.right + other_factor * other.right,
+            part,
+        }
+    }
+
     /// What a sum of parts explains; nothing where it cannot be told from the nuisances.
     pub fn gain(parts: &[&Beside]) -> Option<Gain> {
         let left = Beside::left(parts)?;

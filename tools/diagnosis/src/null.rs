@@ -10,7 +10,7 @@ use geu_protocol::Gyro;
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
-use crate::bank::{Bank, Family};
+use crate::bank::{Bank, Family, Variation};
 use crate::change::Place;
 use crate::measured::{BLOCK, CHANNELS, Series, Shifts, TIMING, nodes};
 use crate::noise::Walk;
@@ -18,6 +18,7 @@ use crate::normal::{Beside, Normal};
 use crate::remainder::{kurtosis, unlikeness};
 use crate::search::{set_penalty, sets};
 use crate::state::Case;
+use crate::sweep::{Part, sweep};
 use crate::whitening::{Noise, ROUNDING};
 
 /// Recordings drawn.
@@ -132,21 +133,18 @@ fn largest_walk(case: &Case, noise: &[Noise; CHANNELS], residual: &Series) -> f6
 fn of_base(bank: &Bank, base: usize, normal: &Normal, beside: &[Vec<f32>; CHANNELS]) -> Vec<[f64; RUNS]> {
     let base = &bank.bases[base];
     let mut largest = vec![[0.0f64; RUNS]; Family::COUNT];
-    for variation in bank.variations(base) {
-        let columns = bank.columns(base, &variation);
-        let parts: [Option<(Beside, [f32; RUNS])>; CHANNELS] = std::array::from_fn(|channel| {
-            let column = columns[channel].as_ref()?;
-            let white = normal.white(channel, column);
-            let mut sums = [0.0f32; RUNS];
-            for (value, runs) in white.1.iter().zip(beside[channel].chunks_exact(RUNS).skip(white.0)) {
-                let value = *value as f32;
-                for (sum, run) in sums.iter_mut().zip(runs) {
-                    *sum += value * run;
-                }
+    let tell = |channel: usize, white: &(usize, Vec<f64>)| {
+        let mut sums = [0.0f32; RUNS];
+        for (value, runs) in white.1.iter().zip(beside[channel].chunks_exact(RUNS).skip(white.0)) {
+            let value = *value as f32;
+            for (sum, run) in sums.iter_mut().zip(runs) {
+                *sum += value * run;
             }
-            Some((normal.beside(&normal.products(channel, &white)), sums))
-        });
-        let family = &mut largest[base.family(&variation).0];
+        }
+        sums
+    };
+    let take = |variation: &Variation, parts: &[Part<[f32; RUNS]>; CHANNELS]| {
+        let family = &mut largest[base.family(variation).0];
         let mut take = |chosen: &[bool; CHANNELS], penalty: f64| {
             let chosen =
                 || parts.iter().zip(chosen).filter(|(_, chosen)| **chosen).filter_map(|(part, _)| part.as_ref());
@@ -170,7 +168,8 @@ fn of_base(bank: &Bank, base: usize, normal: &Normal, beside: &[Vec<f32>; CHANNE
                 }
             }
         }
-    }
+    };
+    sweep(bank, normal, base, tell, take);
     largest
 }
 

@@ -3,14 +3,17 @@
 //! A rival that explains the data nearly as well cannot be told apart by them, whatever the search took: what was found is then one
 //! of a group. How alike the two are on this motion is the whitened cosine of their signatures.
 
+use geu_model::course::Law;
 use rayon::prelude::*;
 
-use crate::bank::{Bank, Base, Column, Variation};
+use crate::bank::{Bank, Base, Column, Family, Variation};
 use crate::change::{ALL_GYROS, Amplitude, Change, Gyros, Place};
 use crate::climb::climb;
+use crate::explain::{TEMPERATURE_S, following_temperature, in_its_place};
 use crate::measured::{BLOCK_S, CHANNELS, Series, TIMING};
 use crate::normal::{Beside, Gain, Normal, Nuisance, Products, dot};
-use crate::state::{Case, State};
+use crate::state::{Case, Held, State};
+use crate::sweep::{Part, sweep};
 
 /// Those that explain a smaller share of what was found explains are none: the square of a cosine of 0.3.
 const LEAST_SHARE: f64 = 0.09;
@@ -20,15 +23,24 @@ const CLIMBED: usize = 24;
 const MOST: usize = 64;
 /// A group whose members cannot be told apart: what χ² falls by differs by less than this, three sigma.
 pub const APART_CHI2: f64 = 9.0;
+/// Other courses of what was found that are so far behind are fitted by the model before they are said to be apart: signatures tell
+/// of the effect's own shapes on a grid alone. Of what is not linear, however far.
+const NEAR_CHI2: f64 = 30.0;
+/// As many at most.
+const FITTED: usize = 3;
 
 /// A hypothesis in the place of one that was found.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Rival {
     /// What it is.
     pub change: Change,
+    /// Its family.
+    pub family: Family,
     /// Cosine of the two signatures, whitened and beside the nuisances; without sign.
     pub cosine: f64,
-    /// By how much more χ² falls with the one that was found; 0 where it falls no more.
+    /// What it may be behind and yet be no worse, fitted by the model.
+    reach_chi2: f64,
+    /// By how much more χ² falls with the one that was found, less what that is dearer; 0 where it falls no more.
     pub behind_chi2: f64,
 }
 
@@ -40,15 +52,102 @@ struct Spot {
     gain: Gain,
 }
 
+/// What is paid for a name: what chance does in its family. A rival that is cheaper may be so much farther behind.
+pub struct Prices<'a> {
+    /// For the one that was found.
+    pub found: f64,
+    /// For a hypothesis.
+    pub of: &'a (dyn Fn(Family, &Change) -> f64 + Sync),
+}
+
 /// The rivals of the change at `index` of a state on the data, the best first.
-pub fn rivals(case: &Case, bank: &Bank, state: &State, index: usize) -> Vec<Rival> {
-    let mut others = state.clone();
-    others.held.remove(index);
-    let (residual, columns) = case.linearised(&mut others);
-    let normal = Normal::new(case.whitenings(&state.noise), &residual, &columns);
-    // As the model runs it: of what is not linear the signature tells only the last step.
-    let fall = normal.chi2() - case.normal(&mut state.clone()).chi2();
-    in_place_of(case, bank, &normal, state, index, fall)
+pub fn rivals(case: &Case, bank: &Bank, state: &State, index: usize, prices: &Prices) -> Vec<Rival> {
+    let achieved = case.normal(&mut state.clone()).chi2();
+    let beside = |temperature_s: f64| -> Vec<Rival> {
+        let mut others = state.clone();
+        others.held.remove(index);
+        if others.shifts.temperature_s != temperature_s {
+            others.shifts.temperature_s = temperature_s;
+            others.held.iter_mut().for_each(Held::run_anew);
+        }
+        let (residual, columns) = case.linearised(&mut others);
+        let normal = Normal::new(case.whitenings(&state.noise), &residual, &columns);
+        // As the model runs it: of what is not linear the signature tells only the last step.
+        let fall = normal.chi2() - achieved;
+        let mut rivals = in_place_of(case, bank, &normal, state, index, fall, prices);
+        let (found, own) = (&state.held[index], Signature::new(&normal, &case.signature(state, index)));
+        let near = |rival: &&mut Rival| {
+            let is_another_course = constant(rival.change.amplitude) == constant(found.change.amplitude);
+            is_another_course && rival.behind_chi2 > APART_CHI2 && rival.behind_chi2 < rival.reach_chi2
+        };
+        let near: Vec<&mut Rival> = rivals.iter_mut().filter(near).take(FITTED).collect();
+        near.into_par_iter().for_each(|rival| {
+            let mut instead = others.clone();
+            instead.held.insert(index, in_the_form_of(found, &rival.change));
+            let behind = case.fit(&mut instead).squares() - achieved;
+            let change = instead.held[index].change.clone();
+            let behind_chi2 = (behind - dearer(prices, rival.family, &change)).max(0.0);
+            if behind_chi2 < rival.behind_chi2 && change.is_within_limits() {
+                let signature = Signature::new(&normal, &case.signature(&instead, index));
+                *rival = Rival { change, behind_chi2, cosine: own.cosine(&normal, &signature), ..rival.clone() };
+            }
+        });
+        rivals
+    };
+    let late_s = state.shifts.temperature_s;
+    let mut rivals = beside(late_s);
+    // What follows a temperature that is told late is not the model's only word on when it is told.
+    let is_late = |held: &Held| held.change.law() == Some(Law::Temperature);
+    let is_own = is_late(&state.held[index]) && state.held.iter().filter(|held| is_late(held)).count() == 1;
+    if late_s != 0.0 && is_own {
+        rivals.extend(beside(0.0));
+    }
+    if matches!(state.held[index].change.law(), Some(Law::Periodic { .. })) {
+        rivals.extend(late_temperature(case, state, index, achieved, prices));
+    }
+    best_of_each(rivals)
+}
+
+/// In the place of a wave: what follows a temperature that is told late.
+fn late_temperature(case: &Case, state: &State, index: usize, achieved: f64, prices: &Prices) -> Option<Rival> {
+    let found = &state.held[index].change;
+    let (kind, amplitude) = following_temperature(found.amplitude)?;
+    let fitted = |late_s: &f64| {
+        let mut instead = state.clone();
+        instead.shifts.temperature_s = *late_s;
+        instead.held[index] = in_its_place(found, amplitude);
+        instead.held.iter_mut().for_each(Held::run_anew);
+        let normal = case.fit(&mut instead);
+        (normal, instead)
+    };
+    let (normal, instead) =
+        TEMPERATURE_S.par_iter().map(fitted).min_by(|one, other| one.0.squares().total_cmp(&other.0.squares()))?;
+    let (change, family) = (instead.held[index].change.clone(), Family::of_kind(kind));
+    let behind_chi2 = (normal.squares() - achieved - dearer(prices, family, &change)).max(0.0);
+    let [own, other] = [state, &instead].map(|state| {
+        let mut others = state.clone();
+        others.held.remove(index);
+        let (residual, columns) = case.linearised(&mut others);
+        let normal = Normal::new(case.whitenings(&state.noise), &residual, &columns);
+        (Signature::new(&normal, &case.signature(state, index)), normal)
+    });
+    let cosine = own.0.cosine(&own.1, &other.0);
+    Some(Rival { change, family, cosine, reach_chi2: 0.0, behind_chi2 }).filter(|rival| rival.change.is_within_limits())
+}
+
+fn constant(amplitude: Amplitude) -> Amplitude {
+    Amplitude { kind: None, ..amplitude }
+}
+
+/// Another course of what was found, with those of its shapes free that are free there.
+fn in_the_form_of(found: &Held, change: &Change) -> Held {
+    let mut held = Held::new(change.clone());
+    (1..=change.own_shapes.len()).filter(|&shape| found.is_free[shape]).for_each(|shape| held.free(shape));
+    held
+}
+
+fn dearer(prices: &Prices, family: Family, rival: &Change) -> f64 {
+    (prices.found - (prices.of)(family, rival)).max(0.0)
 }
 
 /// The same where the data are nothing but what the change adds: what looks most like it.
@@ -63,11 +162,20 @@ pub fn look_alikes(case: &Case, bank: &Bank, state: &State, index: usize) -> Vec
     let normal = Normal::new(case.whitenings(&state.noise), &whole, &columns);
     // Nothing but nuisances is left of it.
     let fall = normal.chi2();
-    in_place_of(case, bank, &normal, state, index, fall)
+    let prices = Prices { found: 0.0, of: &|_, _| 0.0 };
+    best_of_each(in_place_of(case, bank, &normal, state, index, fall, &prices))
 }
 
 /// The rivals on what `normal` has to explain, of which the change makes χ² fall by `fall`.
-fn in_place_of(case: &Case, bank: &Bank, normal: &Normal, state: &State, index: usize, fall: f64) -> Vec<Rival> {
+fn in_place_of(
+    case: &Case,
+    bank: &Bank,
+    normal: &Normal,
+    state: &State,
+    index: usize,
+    fall: f64,
+    prices: &Prices,
+) -> Vec<Rival> {
     let own = Signature::new(normal, &case.signature(state, index));
     let held = &state.held[index].change;
     let mut spots: Vec<Spot> =
@@ -83,19 +191,33 @@ fn in_place_of(case: &Case, bank: &Bank, normal: &Normal, state: &State, index: 
             let products = Signature::of(bank, normal, base, variation, &spot.gyros).products;
             normal.gain(&products).filter(|gain| base.stands_for(gain.size))
         };
-        let mut variation = spot.variation.clone();
+        let made = |variation: &Variation, gain: Gain| {
+            bank.change(base, variation, if base.is_linear { gain.size } else { base.size }, spot.gyros)
+        };
+        let mut best = (spot.variation.clone(), gain(&spot.variation)?);
         if place < CLIMBED {
-            (variation, _) = climb(variation, duration_s, &|at| gain(at).map_or(0.0, |gain| gain.chi2));
+            let (variation, _) =
+                climb(spot.variation.clone(), duration_s, &|at| gain(at).map_or(0.0, |gain| gain.chi2));
+            let climbed = gain(&variation).filter(|gain| made(&variation, *gain).is_within_limits());
+            best = climbed.map_or(best, |gain| (variation, gain));
         }
-        let gain = gain(&variation)?;
+        let (variation, gain) = best;
         let signature = Signature::of(bank, normal, base, &variation, &spot.gyros);
-        let cosine = normal.cosine(&own.products, &signature.products, own.dot(&signature)).abs().min(1.0);
-        let size = if base.is_linear { gain.size } else { base.size };
-        let change = bank.change(base, &variation, size, spot.gyros);
-        let behind_chi2 = (fall - gain.chi2).max(0.0);
-        change.is_within_limits().then_some(Rival { change, cosine, behind_chi2 })
+        let cosine = own.cosine(normal, &signature);
+        let (change, family) = (made(&variation, gain), base.family(&variation));
+        let behind_chi2 = (fall - gain.chi2 - dearer(prices, family, &change)).max(0.0);
+        let reach_chi2 = match base.is_linear {
+            true if change.parameters().len() > 1 => NEAR_CHI2,
+            true => 0.0,
+            false => f64::INFINITY,
+        };
+        change.is_within_limits().then_some(Rival { change, family, cosine, reach_chi2, behind_chi2 })
     };
-    let all: Vec<Rival> = spots.par_iter().enumerate().filter_map(told).collect();
+    best_of_each(spots.par_iter().enumerate().filter_map(told).collect())
+}
+
+/// The best of each code and set of gyros, in order.
+fn best_of_each(all: Vec<Rival>) -> Vec<Rival> {
     let mut rivals: Vec<Rival> = Vec::new();
     for rival in all {
         let is_same = |other: &Rival| {
@@ -117,15 +239,11 @@ fn spots(bank: &Bank, normal: &Normal, index: usize, held: &Change) -> Vec<Spot>
     let base = &bank.bases[index];
     let mut best: Vec<Spot> = Vec::new();
     let sets = sets(base, &held.gyros);
-    for variation in bank.variations(base) {
+    let take = |variation: &Variation, parts: &[Part<()>; CHANNELS]| {
         let own = Amplitude { kind: variation.kind(), ..base.amplitude };
-        let columns = bank.columns(base, &variation);
-        let parts: [Option<Beside>; CHANNELS] = std::array::from_fn(|channel| {
-            columns[channel].as_ref().map(|column| normal.beside(&normal.products_of(channel, column)))
-        });
         for gyros in sets.iter().copied().filter(|gyros| own != held.amplitude || *gyros != held.gyros) {
             let reached = parts.iter().enumerate().filter(|(channel, _)| reaches(&base.amplitude, &gyros, *channel));
-            let gain = Beside::gain(&reached.filter_map(|(_, part)| part.as_ref()).collect::<Vec<_>>());
+            let gain = Beside::gain(&reached.filter_map(|(_, part)| Some(&part.as_ref()?.0)).collect::<Vec<_>>());
             let Some(gain) = gain.filter(|gain| base.stands_for(gain.size)) else { continue };
             let same = best.iter_mut().find(|other| other.variation.kind() == variation.kind() && other.gyros == gyros);
             let spot = Spot { base: index, variation: variation.clone(), gyros, gain };
@@ -135,7 +253,8 @@ fn spots(bank: &Bank, normal: &Normal, index: usize, held: &Change) -> Vec<Spot>
                 None => best.push(spot),
             }
         }
-    }
+    };
+    sweep(bank, normal, base, |_, _| (), take);
     best
 }
 
@@ -187,6 +306,11 @@ impl Signature {
         let parts = white.iter().enumerate().filter_map(|(channel, own)| Some(normal.products(channel, own.as_ref()?)));
         let products = parts.fold(Products::none(normal.nuisances()), |sum, part| sum.plus(&part));
         Signature { white, products }
+    }
+
+    /// Cosine with another, beside the nuisances; without sign.
+    fn cosine(&self, normal: &Normal, other: &Signature) -> f64 {
+        normal.cosine(&self.products, &other.products, self.dot(other)).abs().min(1.0)
     }
 
     /// The product with another.

@@ -9,9 +9,10 @@ use crate::climb::climb;
 use crate::measured::{BLOCK_S, CHANNELS, TIMING};
 use crate::normal::{Beside, Gain, Normal, Products, THIRDS};
 use crate::state::State;
+use crate::sweep::{Part, sweep};
 
 /// What noise alone may take away from the thirds that have little of it: three sigma, however much the gain is.
-const HARM_CHI2: f64 = 9.0;
+pub const HARM_CHI2: f64 = 9.0;
 /// Candidates whose shapes are fitted.
 const CLIMBED: usize = 16;
 
@@ -77,11 +78,7 @@ pub fn search(bank: &Bank, normal: &Normal, state: &State, penalty: &(dyn Fn(Fam
     let of_base = |index: usize| -> Vec<Candidate> {
         let base = &bank.bases[index];
         let mut best: Vec<Candidate> = Vec::new();
-        for variation in bank.variations(base) {
-            let columns = bank.columns(base, &variation);
-            let parts: [Option<Beside>; CHANNELS] = std::array::from_fn(|channel| {
-                columns[channel].as_ref().map(|column| normal.beside(&normal.products_of(channel, column)))
-            });
+        let take = |variation: &Variation, parts: &[Part<()>; CHANNELS]| {
             let kind = variation.kind();
             let mut try_set = |gyros: Gyros, parts: &[&Beside]| {
                 let Some(gain) = Beside::gain(parts) else { return };
@@ -99,13 +96,13 @@ pub fn search(bank: &Bank, normal: &Normal, state: &State, penalty: &(dyn Fn(Fam
                     return;
                 }
                 let size = if base.is_linear { gain.size } else { base.size };
-                let change = bank.change(base, &variation, size, gyros);
+                let change = bank.change(base, variation, size, gyros);
                 if !change.is_within_limits() || !base.stands_for(gain.size) {
                     return;
                 }
                 let candidate = Candidate {
                     change,
-                    family: base.family(&variation),
+                    family: base.family(variation),
                     gain,
                     held_out: [None; THIRDS],
                     base: index,
@@ -117,15 +114,19 @@ pub fn search(bank: &Bank, normal: &Normal, state: &State, penalty: &(dyn Fn(Fam
                 }
             };
             match base.amplitude.place {
-                Place::Unit => try_set(ALL_GYROS, &parts.iter().flatten().collect::<Vec<_>>()),
+                Place::Unit => {
+                    try_set(ALL_GYROS, &parts.iter().flatten().map(|(part, ())| part).collect::<Vec<_>>());
+                }
                 Place::Head | Place::Discovered => {
                     for gyros in sets(Gyro::ALL.map(|gyro| parts[gyro as usize].is_some())) {
                         let chosen = parts[..TIMING].iter().zip(gyros).filter(|(_, has)| *has);
-                        try_set(gyros, &chosen.filter_map(|(part, _)| part.as_ref()).collect::<Vec<_>>());
+                        let parts = chosen.filter_map(|(part, _)| part.as_ref().map(|(part, ())| part));
+                        try_set(gyros, &parts.collect::<Vec<_>>());
                     }
                 }
             }
-        }
+        };
+        sweep(bank, normal, base, |_, _| (), take);
         best
     };
     let found: Vec<Vec<Candidate>> = (0..bank.bases.len()).into_par_iter().map(of_base).collect();

@@ -245,9 +245,9 @@ pub fn score(hidden: &[Hidden], told: &Told, likeness: &dyn Fn(&Hidden, &Found) 
         };
         let least = if own.origin == Origin::Unknown { GROUP_COSINE } else { SAME_COSINE };
         let mut naming = if reached == own.gyros { Naming::Right } else { Naming::Missed };
-        // The same code on other gyros too is the same thing where they show nothing of it.
-        let is_named = |found: &Found| found.is(own) && is_within(&found.gyros);
-        for (found, is_true) in told.missing.iter().zip(&mut is_true).filter(|(found, _)| !is_named(found)) {
+        // The same code on other gyros too, or on some of them alone, is the same thing where the others show nothing of it.
+        let is_done = |found: &Found| reached == own.gyros && found.is(own) && is_within(&found.gyros);
+        for (found, is_true) in told.missing.iter().zip(&mut is_true).filter(|(found, _)| !is_done(found)) {
             if found.rivals.iter().any(is_rival) || likeness(own, found) >= least {
                 *is_true = true;
                 naming = if naming == Naming::Right { naming } else { Naming::Group };

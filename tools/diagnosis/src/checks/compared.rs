@@ -38,6 +38,7 @@ pub struct Half {
 }
 
 /// All half seconds, repeats left out.
+#[derive(Debug, Clone)]
 pub struct Compared {
     pub halves: Vec<Half>,
 }
