@@ -13,7 +13,7 @@ use geu_model::course::{Course, Interval, KINDS};
 use geu_model::number::{Default as DefaultValue, Number};
 use rayon::prelude::*;
 
-use crate::change::{ALL_GYROS, Amplitude, Change, ONSET, Place, is_real};
+use crate::change::{ALL_GYROS, Amplitude, Change, ONSET, PHASE, Place, is_real};
 use crate::measured::{BLOCK_S, CHANNELS, Measured, Series, Shifts, TIMING};
 
 /// A signature is run with this share of the largest value accepted.
@@ -34,10 +34,8 @@ const NEAR_SIZES: Range<f64> = 0.4..2.5;
 const SHORTEST_BLOCKS: f64 = 6.0;
 /// Time constants looked for, the ratio of neighbours.
 const TIME_FACTOR: f64 = 3.0;
-/// Periods looked for: as many multiples of a quarter of a turn over the recording, from two on.
+/// Quarters of a turn over the recording: those of the shortest period looked for; the longest has two.
 const QUARTER_TURNS: usize = 64;
-/// The shape that two courses share, which are a sum of any other.
-const PHASE: &str = "phase_rad";
 /// Onsets looked for, of what goes on after them.
 const ONSETS: usize = 64;
 /// The same of what shows at once, and is gone with the manoeuvre.
@@ -208,6 +206,14 @@ impl Bank {
         let mut both = self.clone();
         both.bases.extend(other.bases.iter().cloned());
         both
+    }
+
+    /// The same where the temperature is told so much later than it was.
+    #[must_use]
+    pub fn late(&self, temperature_s: f64) -> Bank {
+        let last = self.excess_k.len().saturating_sub(1) as f64;
+        let told = |block: usize| (block as f64 + temperature_s / BLOCK_S).round().clamp(0.0, last) as usize;
+        Bank { excess_k: (0..self.excess_k.len()).map(|block| self.excess_k[told(block)]).collect(), ..self.clone() }
     }
 
     /// The terms that stand in no catalogue: the signature of each formula, on every gyro. A run tells four of them, one for each

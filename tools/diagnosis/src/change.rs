@@ -45,6 +45,8 @@ pub struct Amplitude {
 
 /// Name of the shape that is an onset.
 pub const ONSET: &str = "time_s";
+/// Name of the shape of a wave that says where it begins: one of any phase is a sum of two.
+pub const PHASE: &str = "phase_rad";
 
 /// What is said of the terms that are data.
 const DISCOVERED: EffectSpec = EffectSpec {
@@ -69,7 +71,7 @@ impl Amplitude {
         [of::<UnitEffects>(Place::Unit), of::<HeadEffects>(Place::Head)].concat()
     }
 
-    /// Every product of one or two of the regressors: as many terms as may be in nobody's catalogue. Courses in time are for
+    /// Every product of one or two of the regressors, and the cube of each: as many terms as may be in nobody's catalogue. Courses in time are for
     /// effects; a term that goes on growing is none.
     pub fn formulas() -> Vec<Amplitude> {
         let regressors = Regressor::ALL.into_iter().filter(|regressor| regressor.name() != "time");

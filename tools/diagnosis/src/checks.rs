@@ -102,9 +102,10 @@ pub fn check(rows: &[Row], defects: &[Defect], configuration: &Configuration, re
         // Two exchanged gyros can look as if each were in another unit; counts in a coarser unit as if they were stuck.
         let laws = Law::all();
         let reversible: Vec<Law> = laws.iter().copied().filter(Law::undoes_itself).collect();
-        faults = wiring::search(reversible, &mut compared, &timeline);
+        faults = wiring::search(reversible, &[], &mut compared, &timeline);
         if following::wrong_units(&mut compared, &mut told) {
-            faults.extend(wiring::search(laws, &mut compared, &timeline));
+            let further = wiring::search(laws, &faults, &mut compared, &timeline);
+            faults.extend(further);
         }
         wiring::undo(&faults, &compared, &mut corrected);
         following::strangers(&compared, &mut told);

@@ -3,7 +3,7 @@
 use geu_model::course::KINDS;
 
 use crate::bank::Variation;
-use crate::change::ONSET;
+use crate::change::{ONSET, PHASE};
 
 /// Times that steps are halved.
 const HALVINGS: usize = 5;
@@ -25,7 +25,7 @@ pub fn climb(start: Variation, duration_s: f64, of: &dyn Fn(&Variation) -> f64) 
         .zip(&shapes)
         .map(|(number, value)| match number.name {
             ONSET => duration_s * ONSET_SHARE,
-            "phase_rad" => PHASE_RAD,
+            PHASE => PHASE_RAD,
             _ => PERIOD_SHARE * value,
         })
         .collect();
@@ -59,7 +59,7 @@ pub fn climb(start: Variation, duration_s: f64, of: &dyn Fn(&Variation) -> f64) 
 fn most(name: &str, duration_s: f64) -> f64 {
     match name {
         ONSET => duration_s,
-        "phase_rad" => f64::INFINITY,
+        PHASE => f64::INFINITY,
         _ => 2.01 * duration_s,
     }
 }

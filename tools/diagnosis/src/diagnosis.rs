@@ -132,19 +132,16 @@ pub fn diagnose(
 
 /// What explains the recording best, of the catalogue, or with formulas where that leaves doubt. A second effect of one gyro is seldom:
 /// before there are more, a formula is tried.
-fn best_of<'a>(
+fn best_of(
     case: &Case,
     catalogue: &Bank,
-    formulas: &'a LazyCell<Bank, impl FnOnce() -> Bank>,
-    all: &'a LazyCell<Bank, impl FnOnce() -> Bank>,
+    formulas: &LazyCell<Bank, impl FnOnce() -> Bank>,
+    all: &LazyCell<Bank, impl FnOnce() -> Bank>,
     thresholds: &Thresholds,
     start: &State,
     tell: &(dyn Fn(&str) + Sync),
 ) -> Explained {
-    let mut passes = [1, MOST_OF_ONE].into_iter().peekable();
-    loop {
-        let most = passes.next().unwrap_or(MOST_OF_ONE);
-        let is_last = passes.peek().is_none();
+    let pass = |most: usize| {
         let effects = explain(case, catalogue, thresholds, start, most);
         let is_done = !effects.is_cut && is_noise(&effects, thresholds);
         if is_done && !effects.is_doubtful(case, formulas, thresholds) {
@@ -154,11 +151,10 @@ fn best_of<'a>(
         let other = explain(case, all, thresholds, start, most);
         let is_better = other.stands_on_a_formula(case)
             && other.score(case, thresholds) + FORMULA_MARGIN < effects.score(case, thresholds);
-        let best = if is_better { other } else { effects };
-        if is_last || !best.is_cut {
-            return best;
-        }
-    }
+        if is_better { other } else { effects }
+    };
+    let few = pass(1);
+    if few.is_cut { pass(MOST_OF_ONE) } else { few }
 }
 
 fn is_noise(explained: &Explained, thresholds: &Thresholds) -> bool {

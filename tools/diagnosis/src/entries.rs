@@ -16,7 +16,7 @@ use crate::null::Thresholds;
 use crate::outcome::{Class, Entry, Number, RivalShown};
 use crate::remedy::Remedies;
 use crate::rivals::{APART_CHI2, Prices, Rival, rivals};
-use crate::search::{Candidate, search, set_penalty};
+use crate::search::{Candidate, search};
 use crate::state::{Case, Held, State};
 
 /// A calibration number is told as moved from so many sigmas on: once in 1000 recordings of sixteen.
@@ -92,10 +92,7 @@ impl Entries<'_> {
         let of = |(index, held): (usize, &Held)| {
             let amplitude = &held.change.amplitude;
             let worth = explained.worth(self.case, index);
-            let prices = Prices {
-                found: worth.1,
-                of: &|family, change| self.thresholds.of(family) + set_penalty(&change.gyros, change.amplitude.place),
-            };
+            let prices = Prices { found: worth.1, of: &|family, change| self.thresholds.price(family, change) };
             let rivals = rivals(self.case, self.bank, &explained.state, index, &prices).into_iter();
             let mut rivals: Vec<Rival> = rivals.filter(|rival| !is_the_same(amplitude, rival)).collect();
             // The whole group, and what comes next.

@@ -6,15 +6,16 @@
 use rayon::prelude::*;
 
 use geu_model::Configuration;
-use geu_model::course::{KINDS, Law};
+use geu_model::course::Law;
 
 use crate::bank::{Bank, Family};
 use crate::change::{Amplitude, Change, Gyros, ONSET, Place};
-use crate::measured::{CHANNELS, Series, TIMING};
+use crate::late;
+use crate::measured::{CHANNELS, TIMING};
 use crate::noise::{self, Fitted, Walk};
 use crate::normal::{Normal, THIRDS};
 use crate::null::Thresholds;
-use crate::search::{Candidate, HARM_CHI2, search, set_penalty};
+use crate::search::{Candidate, products, search};
 use crate::state::{Case, Held, State};
 use crate::whitening::Noise;
 
@@ -48,16 +49,13 @@ const FLAT_SIGMAS: f64 = 3.0;
 const TOGETHER_CHI2: f64 = 2.7;
 /// What the search finds beyond chance by more than this, three sigma, is there, whether or not there is anything that explains it.
 const REFUSED_CHI2: f64 = 9.0;
+/// What explains less than this share of all that was found is no more than a fault of the rest: a signature that is like the true one
+/// to a cosine of 0.995 leaves as much.
+const NEGLIGIBLE: f64 = 0.01;
+/// What all thirds together must gain, each foretold by the others, for an effect to stand beside another one of its gyro: three sigma.
+const FORETOLD_CHI2: f64 = 9.0;
 /// Name of a size that is a whole number.
 const WHOLE: &str = "counts";
-/// Share of the greatest size with which a fit begins.
-const SMALL: f64 = 1e-4;
-/// How late a temperature may be told, s.
-pub const TEMPERATURE_S: [f64; 9] = [-300.0, 0.0, 150.0, 300.0, 450.0, 600.0, 900.0, 1200.0, 1800.0];
-/// Steps in which the best of them is bettered, s.
-const NEARER_S: [f64; 3] = [75.0, 40.0, 20.0];
-/// What a lag of the temperature must lower χ² by, three sigma.
-const TEMPERATURE_CHI2: f64 = 9.0;
 /// Sigmas from which on a size is one.
 const KNOWN_SIGMAS: f64 = 1.0;
 /// Sigmas within which a number of counts is a whole one.
@@ -121,9 +119,7 @@ pub struct Explained {
     costs: Vec<f64>,
     /// Whether more was to be found on a gyro that has as many as it may.
     pub is_cut: bool,
-    /// Residual before anything was fitted.
-    raw: Series,
-    /// What the search finds in the end and nothing that there can be explains.
+    /// What is left to find in the end and is not explained.
     refused: Option<Refused>,
 }
 
@@ -183,33 +179,21 @@ fn walked(case: &Case, state: &mut State, change: &Change) -> f64 {
     (0..TIMING).filter(|&channel| change.gyros[channel]).map(of).sum()
 }
 
-/// The kind of course that follows the temperature, and the amplitude with it.
-pub fn following_temperature(amplitude: Amplitude) -> Option<(usize, Amplitude)> {
-    let kind = KINDS.iter().position(|kind| kind.shapes.is_empty() && kind.law(&[]) == Law::Temperature)?;
-    Some((kind, amplitude.with(kind)?))
-}
-
-/// A change with a course that has no shapes, in the place of another course.
-pub fn in_its_place(change: &Change, amplitude: Amplitude) -> Held {
-    let is_same = change.amplitude == amplitude;
-    let size = if is_same { change.size } else { amplitude.size().greatest * SMALL };
-    Held::new(Change { amplitude, size, course_shapes: Vec::new(), ..change.clone() })
-}
-
 /// Adds the best effect as long as one qualifies and no gyro has more than `most`.
 fn grow(case: &Case, bank: &Bank, thresholds: &Thresholds, mut now: Explained, most: usize) -> Explained {
-    let cost = |candidate: &Candidate| {
-        thresholds.of(candidate.family) + set_penalty(&candidate.change.gyros, candidate.change.amplitude.place)
-    };
+    let cost = |candidate: &Candidate| thresholds.price(candidate.family, &candidate.change);
     loop {
+        let late_s = now.state.shifts.temperature_s;
+        let late = (late_s != 0.0).then(|| bank.late(late_s));
+        let bank = late.as_ref().unwrap_or(bank);
         let candidates = search(bank, &now.normal, &now.state, &|family| thresholds.of(family));
         let Some(first) = candidates.first() else { break };
-        let best = first.gain.chi2 - cost(first);
+        let spare = first.gain.chi2 - cost(first);
         if now.state.held.len() >= MOST || (0..TIMING).any(|gyro| now.on(gyro).count() > most) {
-            now.is_cut = best > 0.0;
+            now.is_cut = spare > 0.0;
             break;
         }
-        let least = (NEAR * best).min(best - NEAR_CHI2);
+        let least = (NEAR * spare).min(spare - NEAR_CHI2);
         let fitted = |candidate: &Candidate| -> Option<(f64, Candidate, State, Normal)> {
             let mut state = now.state.clone();
             state.held.push(Held::new(candidate.change.clone()));
@@ -232,11 +216,8 @@ fn grow(case: &Case, bank: &Bank, thresholds: &Thresholds, mut now: Explained, m
         let mut round = Round { candidates: candidates.clone(), kept: None, added: None };
         let Some((_, candidate, state, normal)) = best else {
             now.rounds.push(round);
-            let worth = first.gain.chi2 - cost(first);
-            if worth > REFUSED_CHI2 && worth > now.negligible(case) {
-                let noise = now.white(case);
-                let score = now.score_with(case, thresholds, &noise) - worth;
-                now.refused = Some(Refused { gyros: first.change.gyros, score });
+            if spare > REFUSED_CHI2 && spare > now.negligible(case) {
+                now.refused = Some(now.refusal(case, bank, thresholds, first));
             }
             break;
         };
@@ -282,11 +263,7 @@ fn is_possible(held: &Held) -> bool {
     is_whole && is_known && held.change.is_within_limits() && held.sigmas[0].is_finite()
 }
 
-/// What explains less than this share of all that was fitted is no more than a fault of the rest: a signature that is like the true one
-/// to a cosine of 0.995 leaves as much.
-const NEGLIGIBLE: f64 = 0.01;
-
-/// A hypothesis of the search that explains much, and is nothing that there can be.
+/// A hypothesis of the search that explains much, and is none that there can be, or that the model, run, bears out.
 #[derive(Debug, Clone, Copy)]
 struct Refused {
     gyros: Gyros,
@@ -315,10 +292,11 @@ impl Explained {
         })
     }
 
-    /// A fall of χ² that is next to nothing beside all that was fitted.
+    /// A fall of χ² that is next to nothing beside that of all that was found, the lag among it; calibration numbers move in any case.
     fn negligible(&self, case: &Case) -> f64 {
-        let raw = Normal::new(case.whitenings(&self.state.noise), &self.raw, &[]);
-        NEGLIGIBLE * (raw.squares() - self.normal.squares())
+        let sixteen = &case.nuisances[..case.nuisances.len() - 1];
+        let start = case.residual(&case.start(self.state.noise));
+        NEGLIGIBLE * (Normal::new(case.whitenings(&self.state.noise), &start, sixteen).chi2() - self.normal.chi2())
     }
 
     /// Whether a formula is what explains, and no small mend of other things that do.
@@ -327,8 +305,8 @@ impl Explained {
         (0..self.state.held.len()).filter(is_formula).any(|index| self.worth(case, index).0 > self.negligible(case))
     }
 
-    /// Gyros whose changes are a pile: noise as a last resort beside several of them, a formula beside anything, one that no other
-    /// third foretells beside another, or more than anything should have, which explains everything, and so nothing; and those on which
+    /// Gyros whose changes are a pile: noise as a last resort beside several of them, a formula beside anything, one that the
+    /// others of the thirds do not foretell beside another, or more than anything should have, which explains everything, and so nothing; and those on which
     /// something is left that nothing explains.
     pub fn piled(&self, believed: &Configuration) -> [bool; 4] {
         std::array::from_fn(|gyro| {
@@ -338,15 +316,25 @@ impl Explained {
             if self.refused.is_some_and(|refused| refused.gyros[gyro]) {
                 return true;
             }
-            let is_told_once = own().any(|(_, held_out)| held_out.iter().flatten().sum::<f64>() < HARM_CHI2);
+            let is_told_once = own().any(|(_, held_out)| held_out.iter().flatten().sum::<f64>() < FORETOLD_CHI2);
             own().count() > if has_formula || is_noisy || is_told_once { 1 } else { MOST_OF_ONE }
         })
+    }
+
+    /// What a hypothesis would make of the score, with the white noise as it is without it.
+    fn refusal(&mut self, case: &Case, bank: &Bank, thresholds: &Thresholds, candidate: &Candidate) -> Refused {
+        let noise = self.fitted_white(case);
+        let (residual, columns) = case.linearised(&mut self.state);
+        let normal = Normal::new(case.whitenings(&noise), &residual, &columns);
+        let gain = normal.gain(&products(bank, &normal, candidate)).map_or(0.0, |gain| gain.chi2);
+        let worth = gain - thresholds.price(candidate.family, &candidate.change);
+        Refused { gyros: candidate.change.gyros, score: self.score_with(case, thresholds, &noise) - worth }
     }
 
     /// The score, and what was refused only where that would have a better one: walks may explain what it does.
     fn settled(mut self, case: &Case, thresholds: &Thresholds) -> (Explained, f64) {
         let score = self.score(case, thresholds);
-        self.refused = self.refused.filter(|refused| refused.score < score);
+        self.refused = self.refused.filter(|refused| refused.score + REFUSED_CHI2 < score);
         let best = self.refused.map_or(score, |refused| refused.score);
         (self, best)
     }
@@ -387,13 +375,13 @@ impl Explained {
                 kept => kept,
             };
         }
-        self.state.held.remove(index)
+        self.state.remove(index)
     }
 
     /// Everything but one change, fitted anew.
     fn without(&self, case: &Case, index: usize) -> (State, Normal) {
         let mut state = self.state.clone();
-        state.held.remove(index);
+        state.remove(index);
         let normal = case.fit(&mut state);
         (state, normal)
     }
@@ -432,7 +420,6 @@ impl Explained {
     }
 
     fn start(case: &Case, mut state: State) -> Explained {
-        let raw = case.residual(&state);
         let normal = case.fit(&mut state);
         Explained {
             state,
@@ -442,51 +429,23 @@ impl Explained {
             held_out: Vec::new(),
             costs: Vec::new(),
             is_cut: false,
-            raw,
             refused: None,
         }
     }
 
     /// Where the last change follows the temperature, or swings as a temperature may, looks for how late the temperature is told.
     fn shift_temperature(&mut self, case: &Case, thresholds: &Thresholds) {
-        let Some(last) = self.state.held.last().map(|held| held.change.clone()) else { return };
-        let law = last.law();
-        let is_wave = matches!(law, Some(Law::Periodic { .. }));
-        if !is_wave && law != Some(Law::Temperature) {
+        let Some(last) = self.state.held.last() else { return };
+        if !matches!(last.change.law(), Some(Law::Periodic { .. } | Law::Temperature)) {
             return;
         }
-        let Some((kind, amplitude)) = following_temperature(last.amplitude) else { return };
-        let shift_s = self.state.shifts.temperature_s;
-        let tried = |late_s: f64| {
-            let mut state = self.state.clone();
-            state.shifts.temperature_s = late_s;
-            state.held.pop();
-            state.held.iter_mut().for_each(Held::run_anew);
-            state.held.push(in_its_place(&last, amplitude));
-            let normal = case.fit(&mut state);
-            let lag = match late_s == shift_s {
-                true => 0.0,
-                // So many ways to choose it.
-                false if is_wave => 2.0 * (TEMPERATURE_S.len() as f64).ln(),
-                false => TEMPERATURE_CHI2,
-            };
-            let cost = thresholds.of(Family::of_kind(kind)) + set_penalty(&last.gyros, amplitude.place) + lag;
-            (normal.squares() + cost, cost, state, normal)
-        };
-        let likeliest =
-            |all: &[f64]| all.par_iter().map(|late_s| tried(*late_s)).min_by(|one, other| one.0.total_cmp(&other.0));
-        let mut best = likeliest(&TEMPERATURE_S);
-        for step_s in NEARER_S {
-            let Some((score, _, state, _)) = &best else { break };
-            let late_s = state.shifts.temperature_s;
-            let nearer = likeliest(&[late_s - step_s, late_s + step_s]).filter(|nearer| nearer.0 < *score);
-            best = nearer.or(best);
-        }
-        let Some((score, cost, state, normal)) = best else { return };
+        let price = |family, change: &Change| thresholds.price(family, change);
+        let Some(late) = late::likeliest(case, &self.state, self.state.held.len() - 1, &price) else { return };
         let paid = self.costs.last_mut().expect("one for each change");
-        if score < self.normal.squares() + *paid && is_possible(state.held.last().expect("just put")) {
-            *paid = cost;
-            (self.state, self.normal) = (state, normal);
+        let is_better = late.normal.squares() + late.cost_chi2 < self.normal.squares() + *paid;
+        if is_better && is_possible(late.state.held.last().expect("as many as before")) {
+            *paid = late.cost_chi2;
+            (self.state, self.normal) = (late.state, late.normal);
         }
     }
 
@@ -604,7 +563,7 @@ impl Explained {
             }
         }
         self.free_together(case, thresholds);
-        self.state.noise = self.white(case);
+        self.state.noise = self.fitted_white(case);
         self.normal = case.fit(&mut self.state);
     }
 
@@ -640,7 +599,7 @@ impl Explained {
     }
 
     /// The noise with its white part as what is left tells it.
-    fn white(&mut self, case: &Case) -> [Noise; CHANNELS] {
+    fn fitted_white(&mut self, case: &Case) -> [Noise; CHANNELS] {
         let (residual, nuisances) = case.linearised(&mut self.state);
         let white = |channel: usize| noise::fit_white(case, channel, &self.state.noise[channel], &residual, &nuisances);
         let all: Vec<_> = (0..CHANNELS).into_par_iter().map(white).collect();

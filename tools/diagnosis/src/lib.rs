@@ -11,6 +11,7 @@ pub mod explain;
 mod finding;
 pub mod gap;
 mod held_out;
+mod late;
 mod later;
 pub mod measured;
 pub mod noise;

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use serde_json::{Value, json};
 
 use crate::bank::{Bank, Family, Variation};
-use crate::change::Place;
+use crate::change::{Change, Place};
 use crate::measured::{BLOCK, CHANNELS, Series, Shifts, TIMING, nodes};
 use crate::noise::Walk;
 use crate::normal::{Beside, Normal};
@@ -72,6 +72,11 @@ impl Thresholds {
         let families =
             (0..Family::COUNT).map(Family).filter(|family| ![Family::SUDDEN, Family::NOISE].contains(family));
         families.map(|family| self.of(family)).filter(|chi2| *chi2 < NEVER).fold(0.0, f64::max)
+    }
+
+    /// What is paid for a change: what chance does in its family, and for the choice of its gyros.
+    pub fn price(&self, family: Family, change: &Change) -> f64 {
+        self.of(family) + set_penalty(&change.gyros, change.amplitude.place)
     }
 
     /// Of a family.

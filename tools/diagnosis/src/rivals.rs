@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use crate::bank::{Bank, Base, Column, Family, Variation};
 use crate::change::{ALL_GYROS, Amplitude, Change, Gyros, Place};
 use crate::climb::climb;
-use crate::explain::{TEMPERATURE_S, following_temperature, in_its_place};
+use crate::late::{self, following_temperature};
 use crate::measured::{BLOCK_S, CHANNELS, Series, TIMING};
 use crate::normal::{Beside, Gain, Normal, Nuisance, Products, dot};
 use crate::state::{Case, Held, State};
@@ -38,7 +38,7 @@ pub struct Rival {
     pub family: Family,
     /// Cosine of the two signatures, whitened and beside the nuisances; without sign.
     pub cosine: f64,
-    /// What it may be behind and yet be no worse, fitted by the model.
+    /// Up to how far behind it is fitted by the model.
     reach_chi2: f64,
     /// By how much more χ² falls with the one that was found, less what that is dearer; 0 where it falls no more.
     pub behind_chi2: f64,
@@ -74,7 +74,8 @@ pub fn rivals(case: &Case, bank: &Bank, state: &State, index: usize, prices: &Pr
         let normal = Normal::new(case.whitenings(&state.noise), &residual, &columns);
         // As the model runs it: of what is not linear the signature tells only the last step.
         let fall = normal.chi2() - achieved;
-        let mut rivals = in_place_of(case, bank, &normal, state, index, fall, prices);
+        let late = (temperature_s != 0.0).then(|| bank.late(temperature_s));
+        let mut rivals = in_place_of(case, late.as_ref().unwrap_or(bank), &normal, state, index, fall, prices);
         let (found, own) = (&state.held[index], Signature::new(&normal, &case.signature(state, index)));
         let near = |rival: &&mut Rival| {
             let is_another_course = constant(rival.change.amplitude) == constant(found.change.amplitude);
@@ -87,7 +88,7 @@ pub fn rivals(case: &Case, bank: &Bank, state: &State, index: usize, prices: &Pr
             let behind = case.fit(&mut instead).squares() - achieved;
             let change = instead.held[index].change.clone();
             let behind_chi2 = (behind - dearer(prices, rival.family, &change)).max(0.0);
-            if behind_chi2 < rival.behind_chi2 && change.is_within_limits() {
+            if behind.is_finite() && behind_chi2 < rival.behind_chi2 && change.is_within_limits() {
                 let signature = Signature::new(&normal, &case.signature(&instead, index));
                 *rival = Rival { change, behind_chi2, cosine: own.cosine(&normal, &signature), ..rival.clone() };
             }
@@ -97,8 +98,8 @@ pub fn rivals(case: &Case, bank: &Bank, state: &State, index: usize, prices: &Pr
     let late_s = state.shifts.temperature_s;
     let mut rivals = beside(late_s);
     // What follows a temperature that is told late is not the model's only word on when it is told.
-    let is_late = |held: &Held| held.change.law() == Some(Law::Temperature);
-    let is_own = is_late(&state.held[index]) && state.held.iter().filter(|held| is_late(held)).count() == 1;
+    let is_own = state.held[index].follows_temperature()
+        && state.held.iter().filter(|held| held.follows_temperature()).count() == 1;
     if late_s != 0.0 && is_own {
         rivals.extend(beside(0.0));
     }
@@ -110,29 +111,18 @@ pub fn rivals(case: &Case, bank: &Bank, state: &State, index: usize, prices: &Pr
 
 /// In the place of a wave: what follows a temperature that is told late.
 fn late_temperature(case: &Case, state: &State, index: usize, achieved: f64, prices: &Prices) -> Option<Rival> {
-    let found = &state.held[index].change;
-    let (kind, amplitude) = following_temperature(found.amplitude)?;
-    let fitted = |late_s: &f64| {
-        let mut instead = state.clone();
-        instead.shifts.temperature_s = *late_s;
-        instead.held[index] = in_its_place(found, amplitude);
-        instead.held.iter_mut().for_each(Held::run_anew);
-        let normal = case.fit(&mut instead);
-        (normal, instead)
-    };
-    let (normal, instead) =
-        TEMPERATURE_S.par_iter().map(fitted).min_by(|one, other| one.0.squares().total_cmp(&other.0.squares()))?;
-    let (change, family) = (instead.held[index].change.clone(), Family::of_kind(kind));
-    let behind_chi2 = (normal.squares() - achieved - dearer(prices, family, &change)).max(0.0);
-    let [own, other] = [state, &instead].map(|state| {
-        let mut others = state.clone();
-        others.held.remove(index);
-        let (residual, columns) = case.linearised(&mut others);
-        let normal = Normal::new(case.whitenings(&state.noise), &residual, &columns);
-        (Signature::new(&normal, &case.signature(state, index)), normal)
-    });
-    let cosine = own.0.cosine(&own.1, &other.0);
-    Some(Rival { change, family, cosine, reach_chi2: 0.0, behind_chi2 }).filter(|rival| rival.change.is_within_limits())
+    let late = late::likeliest(case, state, index, prices.of)?;
+    let change = late.state.held[index].change.clone();
+    let (family, _) = following_temperature(change.amplitude)?;
+    let mut others = state.clone();
+    others.held.remove(index);
+    let (residual, columns) = case.linearised(&mut others);
+    let normal = Normal::new(case.whitenings(&state.noise), &residual, &columns);
+    let [own, other] = [state, &late.state].map(|state| Signature::new(&normal, &case.signature(state, index)));
+    let behind = late.normal.squares() - achieved - (prices.found - late.cost_chi2).max(0.0);
+    let rival =
+        Rival { change, family, cosine: own.cosine(&normal, &other), reach_chi2: 0.0, behind_chi2: behind.max(0.0) };
+    (behind.is_finite() && rival.change.is_within_limits()).then_some(rival)
 }
 
 fn constant(amplitude: Amplitude) -> Amplitude {
@@ -150,7 +140,7 @@ fn dearer(prices: &Prices, family: Family, rival: &Change) -> f64 {
     (prices.found - (prices.of)(family, rival)).max(0.0)
 }
 
-/// The same where the data are nothing but what the change adds: what looks most like it.
+/// The rivals where the data are nothing but what the change adds: what looks most like it.
 pub fn look_alikes(case: &Case, bank: &Bank, state: &State, index: usize) -> Vec<Rival> {
     let mut others = state.clone();
     let held = others.held.remove(index);
@@ -163,7 +153,7 @@ pub fn look_alikes(case: &Case, bank: &Bank, state: &State, index: usize) -> Vec
     // Nothing but nuisances is left of it.
     let fall = normal.chi2();
     let prices = Prices { found: 0.0, of: &|_, _| 0.0 };
-    best_of_each(in_place_of(case, bank, &normal, state, index, fall, &prices))
+    in_place_of(case, bank, &normal, state, index, fall, &prices)
 }
 
 /// The rivals on what `normal` has to explain, of which the change makes χ² fall by `fall`.

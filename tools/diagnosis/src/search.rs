@@ -12,7 +12,7 @@ use crate::state::State;
 use crate::sweep::{Part, sweep};
 
 /// What noise alone may take away from the thirds that have little of it: three sigma, however much the gain is.
-pub const HARM_CHI2: f64 = 9.0;
+const HARM_CHI2: f64 = 9.0;
 /// Candidates whose shapes are fitted.
 const CLIMBED: usize = 16;
 

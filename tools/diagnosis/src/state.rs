@@ -4,11 +4,12 @@
 use std::sync::Arc;
 
 use geu_model::Configuration;
+use geu_model::course::Law;
 use geu_model::number::Numbers;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use crate::change::{ALL_GYROS, Change, ONSET, Parameter, Place, sixteen};
+use crate::change::{ALL_GYROS, Change, ONSET, PHASE, Parameter, Place, sixteen};
 use crate::measured::{CHANNELS, Measured, Series, Shifts, TIMING};
 use crate::normal::{Normal, Nuisance};
 use crate::whitening::{Noise, Whitening};
@@ -40,6 +41,11 @@ pub struct Held {
 }
 
 impl Held {
+    /// Whether its course is that of the temperature.
+    pub fn follows_temperature(&self) -> bool {
+        self.change.law() == Some(Law::Temperature)
+    }
+
     /// Forgets its signatures.
     pub fn run_anew(&mut self) {
         self.columns = None;
@@ -241,6 +247,16 @@ impl State {
         configuration
     }
 
+    /// Takes a change back, and the lag of the temperature with the last that follows it.
+    pub fn remove(&mut self, index: usize) -> Held {
+        let gone = self.held.remove(index);
+        if self.shifts.temperature_s != 0.0 && !self.held.iter().any(Held::follows_temperature) {
+            self.shifts.temperature_s = 0.0;
+            self.held.iter_mut().for_each(Held::run_anew);
+        }
+        gone
+    }
+
     /// Free parameters: index of the change and of the parameter.
     pub fn free(&self) -> Vec<(usize, usize)> {
         let of_change = |(held, own): (usize, &Held)| {
@@ -284,7 +300,7 @@ fn step(parameter: &Parameter) -> f64 {
     match parameter.name.as_str() {
         // Two blocks, so that what happens within one is averaged.
         ONSET => 10.0,
-        "phase_rad" => 0.02,
+        PHASE => 0.02,
         _ if parameter.value != 0.0 => 0.02 * parameter.value.abs(),
         _ => 2e-3 * parameter.greatest.min(1e3),
     }
@@ -294,7 +310,7 @@ fn step(parameter: &Parameter) -> f64 {
 fn reach(parameter: &Parameter) -> f64 {
     match parameter.name.as_str() {
         ONSET => 300.0,
-        "phase_rad" => 0.5,
+        PHASE => 0.5,
         "period_s" => 0.1 * parameter.value.abs(),
         name if name.ends_with("_s") => 0.5 * parameter.value.abs(),
         _ => f64::INFINITY,

@@ -56,7 +56,7 @@ fn are_same(one: &Path, other: &Path) -> bool {
 }
 
 /// Where a file that is not there yet will be.
-fn place(path: &Path) -> (Option<PathBuf>, Option<&OsStr>) {
+fn place(path: &Path) -> (PathBuf, Option<&OsStr>) {
     let parent = path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    (fs::canonicalize(parent).ok(), path.file_name())
+    (fs::canonicalize(parent).unwrap_or_else(|_| parent.to_owned()), path.file_name())
 }

@@ -7,7 +7,7 @@ use geu_protocol::Gyro;
 use serde_json::Value;
 
 use super::hidden::{Hidden, Origin};
-use crate::change::{Amplitude, Change, Gyros, Place};
+use crate::change::{Amplitude, Change, Gyros, PHASE, Place};
 use crate::report::names;
 use crate::rivals::APART_CHI2;
 
@@ -274,7 +274,7 @@ fn size_error(hidden: &Hidden, told: &Told) -> Option<SizeError> {
     let (name, truth) = hidden.parameters.first()?;
     let (_, value, sigma) = found.parameters.iter().find(|(own, ..)| own == name)?;
     // A swing of the other sign is one half a turn later.
-    let has_phase = hidden.parameters.iter().any(|(name, _)| name == "phase_rad");
+    let has_phase = hidden.parameters.iter().any(|(name, _)| name == PHASE);
     let error = if has_phase { value.abs() - truth.abs() } else { value - truth };
     Some(SizeError { error, sigma: (*sigma)?, bound: hidden.sigma? })
 }

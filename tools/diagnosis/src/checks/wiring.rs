@@ -54,13 +54,13 @@ struct Search<'a> {
     believed: Vec<[f64; 4]>,
 }
 
-/// Names the faults, and leaves out of `compared` what they destroy. What undoes itself is a harness, which does not come and go: a law
-/// that would have to is none.
-pub fn search(mut laws: Vec<Law>, compared: &mut Compared, timeline: &Timeline) -> Vec<Found> {
+/// Names the faults beside those found before, and leaves out of `compared` what they destroy. What undoes itself is a harness, which does
+/// not come and go: a law that would have to is none.
+pub fn search(mut laws: Vec<Law>, before: &[Found], compared: &mut Compared, timeline: &Timeline) -> Vec<Found> {
     loop {
         let mut tried = compared.clone();
         let found = one_by_one(&laws, &mut tried, timeline);
-        let is_again = |index: usize| found[..index].iter().any(|other| other.law == found[index].law);
+        let is_again = |index: usize| before.iter().chain(&found[..index]).any(|other| other.law == found[index].law);
         let Some(again) = (0..found.len()).find(|&index| found[index].law.undoes_itself() && is_again(index)) else {
             *compared = tried;
             return found;
