@@ -71,8 +71,8 @@ impl Amplitude {
         [of::<UnitEffects>(Place::Unit), of::<HeadEffects>(Place::Head)].concat()
     }
 
-    /// Every product of one or two of the regressors, and the cube of each: as many terms as may be in nobody's catalogue. Courses in time are for
-    /// effects; a term that goes on growing is none.
+    /// Every product of one or two of the regressors, and the cube of each: as many terms as may be in nobody's catalogue. Courses in
+    /// time are for effects; a term that goes on growing is none.
     pub fn formulas() -> Vec<Amplitude> {
         let regressors = Regressor::ALL.into_iter().filter(|regressor| regressor.name() != "time");
         let regressors: Vec<Regressor> = regressors.collect();

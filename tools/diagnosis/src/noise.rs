@@ -10,7 +10,7 @@ use crate::whitening::{Noise, ROUNDING, Whitening};
 
 /// Median of the absolute value of a normal variable.
 const MEDIAN_OF_NORMAL: f64 = 0.674_489_750_196_081_7;
-/// Times that walk and white noise are fitted in turn, at most.
+/// Steps of a fit at most: walk and white noise in turn, or white noise alone as far as it moves.
 const TURNS: usize = 12;
 /// How far a logarithm of a white noise is looked for at once.
 const NEAR_WHITE: f64 = 1.0;

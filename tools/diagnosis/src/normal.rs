@@ -227,26 +227,28 @@ impl Normal {
         })
     }
 
-    /// A signature, whitened: the first block told and the values.
-    pub fn white(&self, channel: usize, column: &Column) -> (usize, Vec<f64>) {
-        (column.from, self.whitenings[channel].apply_from(column.from, &column.values))
+    /// A signature, whitened.
+    pub fn white(&self, channel: usize, column: &Column) -> Column {
+        let values = self.whitenings[channel].apply_from(column.from, &column.values);
+        Column { from: column.from, values }
     }
 
     /// Products of a whitened signature on one channel.
-    pub fn products(&self, channel: usize, (from, white): &(usize, Vec<f64>)) -> Products {
+    pub fn products(&self, channel: usize, white: &Column) -> Products {
+        let Column { from, values } = white;
         let mut products = Products::none(self.columns.len());
         for third in 0..THIRDS {
             let start = self.bounds[third].max(*from);
-            let end = self.bounds[third + 1].min(from + white.len());
+            let end = self.bounds[third + 1].min(from + values.len());
             if start >= end {
                 continue;
             }
-            let own = &white[start - from..end - from];
+            let own = &values[start - from..end - from];
             products.own[third] = dot(own, own);
             products.residual[third] = dot(own, &self.residual[channel][start..end]);
             for (product, column) in products.nuisances[third].iter_mut().zip(&self.columns) {
-                if let Some(values) = &column[channel] {
-                    *product = dot(own, &values[start..end]);
+                if let Some(column) = &column[channel] {
+                    *product = dot(own, &column[start..end]);
                 }
             }
         }

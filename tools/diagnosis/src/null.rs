@@ -10,7 +10,7 @@ use geu_protocol::Gyro;
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
-use crate::bank::{Bank, Family, Variation};
+use crate::bank::{Bank, Column, Family, Variation};
 use crate::change::{Change, Place};
 use crate::measured::{BLOCK, CHANNELS, Series, Shifts, TIMING, nodes};
 use crate::noise::Walk;
@@ -138,9 +138,9 @@ fn largest_walk(case: &Case, noise: &[Noise; CHANNELS], residual: &Series) -> f6
 fn of_base(bank: &Bank, base: usize, normal: &Normal, beside: &[Vec<f32>; CHANNELS]) -> Vec<[f64; RUNS]> {
     let base = &bank.bases[base];
     let mut largest = vec![[0.0f64; RUNS]; Family::COUNT];
-    let tell = |channel: usize, white: &(usize, Vec<f64>)| {
+    let tell = |channel: usize, white: &Column| {
         let mut sums = [0.0f32; RUNS];
-        for (value, runs) in white.1.iter().zip(beside[channel].chunks_exact(RUNS).skip(white.0)) {
+        for (value, runs) in white.values.iter().zip(beside[channel].chunks_exact(RUNS).skip(white.from)) {
             let value = *value as f32;
             for (sum, run) in sums.iter_mut().zip(runs) {
                 *sum += value * run;

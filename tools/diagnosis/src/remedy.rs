@@ -353,7 +353,7 @@ fn white(normal: &Normal, signature: &Nuisance) -> ([Vec<f64>; CHANNELS], Produc
         let values = signature[channel].clone().unwrap_or_else(|| vec![0.0; normal.residual()[channel].len()]);
         let whitened = normal.white(channel, &Column { from: 0, values });
         products = products.clone().plus(&normal.products(channel, &whitened));
-        whitened.1
+        whitened.values
     });
     (white, products)
 }

@@ -265,12 +265,10 @@ fn reaches(amplitude: &Amplitude, gyros: &Gyros, channel: usize) -> bool {
     amplitude.place == Place::Unit || channel != TIMING && gyros[channel]
 }
 
-/// The whitened values of a channel that is reached, and the first block of them.
-type White = Option<(usize, Vec<f64>)>;
-
 /// A signature, whitened.
 struct Signature {
-    white: [White; CHANNELS],
+    /// Of the channels that are reached.
+    white: [Option<Column>; CHANNELS],
     products: Products,
 }
 
@@ -291,7 +289,7 @@ impl Signature {
     }
 
     fn whitened(normal: &Normal, columns: [Option<Column>; CHANNELS]) -> Signature {
-        let white: [White; CHANNELS] =
+        let white: [Option<Column>; CHANNELS] =
             std::array::from_fn(|channel| columns[channel].as_ref().map(|column| normal.white(channel, column)));
         let parts = white.iter().enumerate().filter_map(|(channel, own)| Some(normal.products(channel, own.as_ref()?)));
         let products = parts.fold(Products::none(normal.nuisances()), |sum, part| sum.plus(&part));
@@ -305,11 +303,12 @@ impl Signature {
 
     /// The product with another.
     fn dot(&self, other: &Signature) -> f64 {
-        let of_channel = |(one, other): (&White, &White)| {
-            let ((one_from, one), (other_from, other)) = (one.as_ref()?, other.as_ref()?);
-            let from = *one_from.max(other_from);
-            let to = (one_from + one.len()).min(other_from + other.len());
-            (from < to).then(|| dot(&one[from - one_from..to - one_from], &other[from - other_from..to - other_from]))
+        let of_channel = |(one, other): (&Option<Column>, &Option<Column>)| {
+            let (one, other) = (one.as_ref()?, other.as_ref()?);
+            let [end, other_end] = [one, other].map(|column| column.from + column.values.len());
+            let (from, to) = (one.from.max(other.from), end.min(other_end));
+            let part = |column: &Column| from - column.from..to - column.from;
+            (from < to).then(|| dot(&one.values[part(one)], &other.values[part(other)]))
         };
         self.white.iter().zip(&other.white).filter_map(of_channel).sum()
     }

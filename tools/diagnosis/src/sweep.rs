@@ -4,7 +4,7 @@
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
-use crate::bank::{Bank, Base, Variation};
+use crate::bank::{Bank, Base, Column, Variation};
 use crate::measured::CHANNELS;
 use crate::normal::{Beside, Normal, dot};
 
@@ -31,22 +31,19 @@ impl<const COUNT: usize> Linear for [f32; COUNT] {
 /// A signature on one channel beside the nuisances, and what else is told of it there.
 pub type Part<T> = Option<(Beside, T)>;
 
-/// The whitened signature on one channel: the first block told and the values.
-type White = (usize, Vec<f64>);
-
 /// Goes through the courses of a base: `tell` is given a channel and the whitened signature there, `take` each course.
 pub fn sweep<T: Linear>(
     bank: &Bank,
     normal: &Normal,
     base: &Base,
-    tell: impl Fn(usize, &White) -> T,
+    tell: impl Fn(usize, &Column) -> T,
     mut take: impl FnMut(&Variation, &[Part<T>; CHANNELS]),
 ) {
-    let whitened = |variation: &Variation| -> [Option<White>; CHANNELS] {
+    let whitened = |variation: &Variation| -> [Option<Column>; CHANNELS] {
         let columns = bank.columns(base, variation);
         std::array::from_fn(|channel| columns[channel].as_ref().map(|column| normal.white(channel, column)))
     };
-    let parts = |white: &[Option<White>; CHANNELS]| -> [Part<T>; CHANNELS] {
+    let parts = |white: &[Option<Column>; CHANNELS]| -> [Part<T>; CHANNELS] {
         std::array::from_fn(|channel| {
             let white = white[channel].as_ref()?;
             Some((normal.beside(&normal.products(channel, white)), tell(channel, white)))
@@ -62,7 +59,7 @@ pub fn sweep<T: Linear>(
         let later = whitened(&quarter);
         let other = parts(&later);
         let both: [f64; CHANNELS] = std::array::from_fn(|channel| match (&white[channel], &later[channel]) {
-            (Some(one), Some(other)) => dot(&one.1, &other.1),
+            (Some(one), Some(other)) => dot(&one.values, &other.values),
             _ => 0.0,
         });
         for phase in 0..PHASES {

@@ -81,7 +81,7 @@ pub fn whereabouts<const MODELS: usize>(
         let of_gyro = |gyro: usize| {
             let of_variable = |column: &Column| -> (Option<f64>, Vec<Option<f64>>) {
                 let gain = normal.gain(&normal.products_of(gyro, column));
-                let white = normal.white(gyro, column).1;
+                let white = normal.white(gyro, column).values;
                 (gain.map(|gain| gain.size / gain.sigma), in_stretches(&left[gyro], &white, stretches))
             };
             let told: Vec<_> = variables.iter().map(of_variable).collect();

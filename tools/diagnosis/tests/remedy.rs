@@ -83,7 +83,7 @@ fn cosine(case: &Case, one: &Change, other: &Change) -> f64 {
             .enumerate()
             .filter_map(|(channel, values)| {
                 let white = normal.white(channel, &Column { from: 0, values: values? });
-                Some((channel, normal.products(channel, &white), white.1))
+                Some((channel, normal.products(channel, &white), white.values))
             })
             .collect::<Vec<_>>()
     };

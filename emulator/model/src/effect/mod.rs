@@ -2,9 +2,9 @@
 //!
 //! What a law acts on says where and on whom it acts. Effects of the unit are one list ([`UnitEffects`]), effects of a
 //! gyro another ([`HeadEffects`]), faults of a gyro's wiring a third ([`WiringEffects`]); laws are called statically from
-//! the list, in the hot loop. One effect stands beside the lists, as its terms are data: [`discovered`]. All numbers go through [`Effects`]: configuration and its schema, courses, and whatever
-//! searches or moves an amplitude. State stands apart from the numbers, so a number moved live never resets it, and an
-//! amplitude of 0 changes no bit.
+//! the list, in the hot loop. One effect stands beside the lists, as its terms are data: [`discovered`]. All numbers go
+//! through [`Effects`]: configuration and its schema, courses, and whatever searches or moves an amplitude. State stands
+//! apart from the numbers, so a number moved live never resets it, and an amplitude of 0 changes no bit.
 //!
 //! | acts on | when | method |
 //! |---|---|---|

@@ -96,7 +96,7 @@ impl Survey {
             let white = self.normal.white(channel, &Column { from: 0, values: difference[channel].clone() });
             let own = std::mem::replace(&mut products, Products::none(0));
             products = own.plus(&self.normal.products(channel, &white));
-            white.1
+            white.values
         });
         Signature { white, products }
     }

@@ -1,0 +1,103 @@
+//! What of an explanation may be believed.
+
+use geu_model::Configuration;
+
+use crate::bank::Bank;
+use crate::change::{Gyros, Place};
+use crate::measured::TIMING;
+use crate::normal::Normal;
+use crate::null::Thresholds;
+use crate::search::{Candidate, products, search};
+use crate::state::Case;
+
+use super::{Explained, MOST_OF_ONE};
+
+/// What the search finds beyond chance by more than this, three sigma, is there, whether or not there is anything that explains it.
+pub(super) const REFUSED_CHI2: f64 = 9.0;
+/// What explains less than this share of all that was found is no more than a fault of the rest: a signature that is like the true one
+/// to a cosine of 0.995 leaves as much.
+const NEGLIGIBLE: f64 = 0.01;
+/// What all thirds together must gain, each foretold by the others, for an effect to stand beside another one of its gyro: three sigma.
+const FORETOLD_CHI2: f64 = 9.0;
+/// A hypothesis of the search that explains much, and is none that there can be, or that the model, run, bears out.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Refused {
+    gyros: Gyros,
+    /// The score that it would have.
+    score: f64,
+}
+
+impl Explained {
+    /// Whether a formula might do better: as well in the place of one of the changes, or instead of a pile of them, or of noise.
+    pub fn is_doubtful(&self, case: &Case, formulas: &Bank, thresholds: &Thresholds) -> bool {
+        let is_pile = |gyro: usize| self.state.held.iter().filter(|held| held.change.gyros[gyro]).count() > 1;
+        let is_noisy = self.noise.iter().any(|found| found.is_told(case.believed, &self.state));
+        if is_noisy || (0..TIMING).any(is_pile) {
+            return true;
+        }
+        let here = search(formulas, &self.normal, &self.state, &|family| thresholds.of(family));
+        if here.first().is_some_and(|best| best.gain.chi2 > thresholds.of(best.family)) {
+            return true;
+        }
+        (0..self.state.held.len()).any(|index| {
+            let (state, normal) = self.without(case, index);
+            let worth = normal.squares() - self.normal.squares() - self.costs[index];
+            let candidates = search(formulas, &normal, &state, &|family| thresholds.of(family));
+            let best = candidates.first().map(|best| best.gain.chi2 - thresholds.of(best.family));
+            best.is_some_and(|best| best > worth)
+        })
+    }
+
+    /// A fall of χ² that is next to nothing beside that of all that was found, the lag among it; calibration numbers move in any case.
+    pub(super) fn negligible(&self, case: &Case) -> f64 {
+        let sixteen = &case.nuisances[..case.nuisances.len() - 1];
+        let start = case.residual(&case.start(self.state.noise));
+        NEGLIGIBLE * (Normal::new(case.whitenings(&self.state.noise), &start, sixteen).chi2() - self.normal.chi2())
+    }
+
+    /// Whether a formula is what explains, and no small mend of other things that do.
+    pub fn stands_on_a_formula(&self, case: &Case) -> bool {
+        let is_formula = |index: &usize| self.state.held[*index].change.amplitude.place == Place::Discovered;
+        (0..self.state.held.len()).filter(is_formula).any(|index| self.worth(case, index).0 > self.negligible(case))
+    }
+
+    /// Gyros that stay unexplained: those on which something is left that nothing explains, and those whose changes are a pile. A
+    /// pile is noise as a last resort beside several changes, a formula beside anything, a change that the other thirds do not
+    /// foretell beside another one, or more than anything should have, which explains everything, and so nothing.
+    pub fn piled(&self, believed: &Configuration) -> [bool; 4] {
+        std::array::from_fn(|gyro| {
+            let own = || self.on(gyro).map(|(index, held)| (held, &self.held_out[index]));
+            let has_formula = own().any(|(held, _)| held.change.amplitude.place == Place::Discovered);
+            let is_noisy = self.noise.iter().any(|found| found.channel == gyro && found.is_told(believed, &self.state));
+            if self.refused.is_some_and(|refused| refused.gyros[gyro]) {
+                return true;
+            }
+            let is_told_once = own().any(|(_, held_out)| held_out.iter().flatten().sum::<f64>() < FORETOLD_CHI2);
+            own().count() > if has_formula || is_noisy || is_told_once { 1 } else { MOST_OF_ONE }
+        })
+    }
+
+    /// What a hypothesis would make of the score, with the white noise as it is without it.
+    pub(super) fn refusal(
+        &mut self,
+        case: &Case,
+        bank: &Bank,
+        thresholds: &Thresholds,
+        candidate: &Candidate,
+    ) -> Refused {
+        let noise = self.fitted_white(case);
+        let (residual, columns) = case.linearised(&mut self.state);
+        let normal = Normal::new(case.whitenings(&noise), &residual, &columns);
+        let gain = normal.gain(&products(bank, &normal, candidate)).map_or(0.0, |gain| gain.chi2);
+        let worth = gain - thresholds.price(candidate.family, &candidate.change);
+        Refused { gyros: candidate.change.gyros, score: self.score_with(case, thresholds, &noise) - worth }
+    }
+
+    /// The score, and what was refused only where that would have a better one: walks may explain what it does.
+    pub(super) fn settled(mut self, case: &Case, thresholds: &Thresholds) -> (Explained, f64) {
+        let score = self.score(case, thresholds);
+        self.refused = self.refused.filter(|refused| refused.score + REFUSED_CHI2 < score);
+        let best = self.refused.map_or(score, |refused| refused.score);
+        (self, best)
+    }
+}
