@@ -1,15 +1,16 @@
 //! What was measured: counts at nodes, when they were received, temperatures, and the motion that a better sensor saw; on
 //! one time scale, whose 0 is the start of the first half second.
 
-use std::sync::{Arc, Mutex, PoisonError};
+mod runs;
+
+use std::sync::Arc;
 
 use geu_calibration::Counts;
 use geu_model::attitude::Recorded;
 use geu_model::units::{HALF_SECOND_S, ORBIT_S};
-use geu_model::{Configuration, Truth, Unit};
 use geu_recording::Reference;
 
-use crate::later::begin_later;
+use runs::Runs;
 
 /// Series that a model is compared with: the four gyros' accumulated angles, and when their half seconds ended.
 pub const CHANNELS: usize = 5;
@@ -58,9 +59,6 @@ pub struct Block {
     pub restarts: bool,
 }
 
-/// A lag, and the motion moved by it.
-type Lagging = Option<(f64, Arc<Recorded>)>;
-
 /// A recording beside its reference.
 #[derive(Debug, Clone)]
 pub struct Measured {
@@ -72,8 +70,8 @@ pub struct Measured {
     pub half_seconds: usize,
     /// Blocks of each channel. The channel of the times has good ones only where times were received.
     pub blocks: [Vec<Block>; CHANNELS],
-    /// The motion moved by a lag.
-    lagging: Arc<Mutex<Lagging>>,
+    /// Runs of the model on it.
+    runs: Runs,
     /// Time of receipt of each node less nominal half seconds, in units of [`TIMING_UNIT_S`]; NaN where none came.
     late: Vec<f64>,
     /// Time of node 0 since the start that courses count from: 0 but for a flight that follows a recording.
@@ -163,8 +161,8 @@ impl Measured {
                 common_s,
             });
         }
-        let (reference, lagging) = (Arc::new(reference), Arc::default());
-        Ok(Measured { counts, reference, half_seconds, blocks, lagging, late, start_s: 0.0 })
+        let (reference, runs) = (Arc::new(reference), Runs::default());
+        Ok(Measured { counts, reference, half_seconds, blocks, runs, late, start_s: 0.0 })
     }
 
     /// How long it is, s.
@@ -196,7 +194,7 @@ impl Measured {
             reference: Arc::new(motion),
             half_seconds,
             blocks: std::array::from_fn(of_channel),
-            lagging: Arc::default(),
+            runs: Runs::default(),
             late: vec![0.0; half_seconds + 1],
             start_s: self.start_s + self.duration_s(),
         }
@@ -234,80 +232,6 @@ impl Measured {
             TIMING => self.late[..nodes].to_vec(),
             gyro => self.counts.accumulated[gyro][..nodes].to_vec(),
         })
-    }
-
-    /// A model without its noise, on this motion and at these temperatures, at each node: accumulated counts before rounding, and
-    /// how much later than nominal its half seconds end.
-    pub fn run(&self, configuration: &Configuration, shifts: Shifts) -> Series {
-        self.run_on([true; 4], configuration, shifts)
-    }
-
-    /// The same of a model that differs from another one on these gyros alone, whose run is known.
-    pub fn run_beside(&self, from: &Series, gyros: [bool; 4], configuration: &Configuration, shifts: Shifts) -> Series {
-        let mut run = self.run_on(gyros, configuration, shifts);
-        for (channel, own) in run.iter_mut().enumerate().filter(|(channel, _)| !gyros.get(*channel).unwrap_or(&true)) {
-            own.clone_from(&from[channel]);
-        }
-        run
-    }
-
-    fn run_on(
-        &self,
-        gyros: [bool; 4],
-        configuration: &Configuration,
-        Shifts { lag_s, temperature_s }: Shifts,
-    ) -> Series {
-        let reference = self.reference_at(lag_s);
-        let mut unit = Unit::on(&self.quiet(configuration, temperature_s), &Truth::Recorded(reference));
-        unit.follow_sensor(table(&self.counts.sensor_c, 0.0));
-        unit.count_only(gyros);
-        let mut series: Series = std::array::from_fn(|_| Vec::with_capacity(self.half_seconds + 1));
-        for channel in &mut series {
-            channel.push(0.0);
-        }
-        for node in 1..=self.half_seconds {
-            let ended = unit.end_half_second();
-            for (channel, counts) in series.iter_mut().zip(unit.accumulated_counts()) {
-                channel.push(counts);
-            }
-            let late_ns = ended.end_ns - node as i64 * 500_000_000;
-            series[TIMING].push(late_ns as f64 * 1e-9 / TIMING_UNIT_S);
-        }
-        series
-    }
-
-    /// The motion as recorded times tell it that are so much late; the last one asked for is kept.
-    fn reference_at(&self, lag_s: f64) -> Arc<Recorded> {
-        if lag_s == 0.0 {
-            return self.reference.clone();
-        }
-        let mut kept = self.lagging.lock().unwrap_or_else(PoisonError::into_inner);
-        match &*kept {
-            Some((own_s, reference)) if *own_s == lag_s => reference.clone(),
-            _ => {
-                let start_s = self.reference.start_s() + lag_s;
-                let reference = Arc::new(Recorded::clone(&self.reference).starting_at(start_s));
-                *kept = Some((lag_s, reference.clone()));
-                reference
-            }
-        }
-    }
-
-    /// The configuration as the model of this recording: no noise, no wiring faults (exact checks have mended the rows), temperatures
-    /// as measured.
-    fn quiet(&self, configuration: &Configuration, temperature_s: f64) -> Configuration {
-        let mut quiet = configuration.clone();
-        quiet.unit = quiet.unit.without_noise();
-        for gyro in &mut quiet.gyros {
-            gyro.effects = std::mem::take(&mut gyro.effects).without_noise();
-            gyro.wiring = Default::default();
-        }
-        (quiet.electronics.numbers.amplitude_k, quiet.electronics.numbers.trend_k_per_day) = (0.0, 0.0);
-        if self.start_s != 0.0 {
-            begin_later(&mut quiet, self.start_s);
-        }
-        quiet.electronics.table = table(&self.counts.electronics_c, temperature_s);
-        quiet
     }
 
     /// Averages over blocks of what was measured less what a model tells, 0 where a block is not good.
@@ -352,11 +276,6 @@ impl Measured {
         };
         self.blocks[channel].iter().enumerate().map(average).collect()
     }
-}
-
-/// Temperatures at nodes that were told so much later than they were.
-fn table(celsius: &[f64], late_s: f64) -> Vec<(f64, f64)> {
-    (0..celsius.len()).map(|node| node as f64 * HALF_SECOND_S - late_s).zip(celsius.iter().copied()).collect()
 }
 
 /// Nodes of a block: node 0 is the start.

@@ -9,7 +9,7 @@ use geu_model::number::Numbers;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use crate::change::{ALL_GYROS, Change, ONSET, PHASE, Parameter, Place, sixteen};
+use crate::change::{Change, ONSET, PHASE, Parameter, sixteen};
 use crate::measured::{CHANNELS, Measured, Series, Shifts, TIMING};
 use crate::normal::{Normal, Nuisance};
 use crate::whitening::{Noise, Whitening};
@@ -176,9 +176,7 @@ impl<'a> Case<'a> {
         }
         let mut moved = state.clone();
         moved.held[held].change.set(index, parameter.value + step);
-        let own = &state.held[held].change;
-        let gyros = if own.amplitude.place == Place::Unit { ALL_GYROS } else { own.gyros };
-        let run = self.measured.run_beside(from, gyros, &moved.configuration(self.believed), state.shifts);
+        let run = self.measured.run(&moved.configuration(self.believed), state.shifts);
         self.measured.difference(&run, from).map(|values| {
             let any = values.iter().any(|&value| value != 0.0);
             any.then(|| values.into_iter().map(|value| value / step).collect())

@@ -1,8 +1,7 @@
 //! What would tell two effects apart, against the recording with that flight in it.
 
-use std::sync::Arc;
+mod flown;
 
-use geu_calibration::Counts;
 use geu_diagnosis::bank::Column;
 use geu_diagnosis::change::{Amplitude, Change};
 use geu_diagnosis::measured::CHANNELS;
@@ -11,52 +10,12 @@ use geu_diagnosis::remedy::Remedies;
 use geu_diagnosis::rivals::{APART_CHI2, look_alikes};
 use geu_diagnosis::state::{Held, State};
 use geu_diagnosis::whitening::Noise;
-use geu_diagnosis::{Bank, Case, Measured};
+use geu_diagnosis::{Bank, Case};
 use geu_model::Configuration;
-use geu_model::attitude::{Manoeuvre, Motion, Plan, Recorded, Row, Scenario};
-use geu_model::units::HALF_SECOND_S;
-use geu_recording::Reference;
+
+use flown::{manoeuvre, recorded};
 
 const NOISE: Noise = Noise { white: 0.01, angle_walk: 0.02, rate_walk: 2e-5 };
-
-fn manoeuvre(kind: &str, numbers: &[(&str, f64)]) -> Manoeuvre {
-    let mut manoeuvre = Manoeuvre::of_kind(kind).expect("a kind");
-    for (name, value) in numbers {
-        let index = manoeuvre.numbers().specs().iter().position(|number| number.name == *name).expect("a number");
-        *manoeuvre.numbers_mut().value_mut(index) = *value;
-    }
-    manoeuvre
-}
-
-/// A recording of these manoeuvres from θ = 90° on. What was counted does not matter to what would be. The last manoeuvre has no end of its own where `after_s` says how long it is flown.
-fn recorded(believed: &Configuration, manoeuvres: &[Manoeuvre], after_s: Option<f64>) -> Measured {
-    let scenario = Scenario { manoeuvres: manoeuvres.to_vec(), ..believed.scenario.clone() };
-    let with_end = match after_s {
-        Some(_) => &manoeuvres[..manoeuvres.len() - 1],
-        None => manoeuvres,
-    };
-    let with_end = Scenario { manoeuvres: with_end.to_vec(), ..scenario.clone() };
-    let duration_s = Plan::length_s(&with_end).expect("an end") + after_s.unwrap_or(0.0);
-    let count = (duration_s / HALF_SECOND_S).ceil() as usize;
-    let mut motion = Motion::new(Plan::new(&scenario).expect("possible"), scenario.limit_cycle);
-    let row = |node: usize| {
-        let step = motion.advance(node as f64 * HALF_SECOND_S);
-        let (theta_rad, psi_rad) = (step.end.theta_rad, step.end.psi_rad);
-        Row {
-            t_s: step.end.t_s,
-            angle_control_arcsec: step.angle_control_arcsec,
-            theta_psi_rad: Some((theta_rad, psi_rad)),
-        }
-    };
-    let rows: Vec<Row> = (0..=count + 4).map(row).collect();
-    let truth = Arc::new(Recorded::new(&rows).expect("a truth"));
-    let mut counts = Counts::starting_at(0);
-    for node in 1..=count {
-        let electronics_c = 20.0 + 4.0 * (node as f64 * HALF_SECOND_S * std::f64::consts::TAU / 6180.0).sin();
-        counts.push(node as f64 * HALF_SECOND_S, [0.0; 4], electronics_c);
-    }
-    Measured::new(counts, &Reference { start_ns: 0, truth, time_system: None }).expect("long enough")
-}
 
 fn change(code: &str, gyro: usize, size: f64) -> Change {
     let kinds = Amplitude::all().into_iter().flat_map(|one| [Some(one), one.with(1), one.with(2)]).flatten();

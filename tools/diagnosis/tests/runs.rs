@@ -1,0 +1,50 @@
+//! Runs of the model that are put together from earlier ones.
+
+mod flown;
+
+use geu_diagnosis::Measured;
+use geu_diagnosis::measured::{Series, Shifts};
+use geu_model::Configuration;
+
+use flown::{manoeuvre, recorded};
+
+fn bits(series: &Series) -> Vec<u64> {
+    series.iter().flatten().map(|value| value.to_bits()).collect()
+}
+
+#[test]
+fn a_run_put_together_from_others_is_the_one_that_is_run_alone() {
+    let flight = [manoeuvre("pointing", &[("duration_s", 300.0)]), manoeuvre("z-scan", &[("angle_deg", 200.0)])];
+    let measured: Measured = recorded(&Configuration::reference(), &flight, None);
+    let with = |assignments: &[&str]| {
+        let assignments: Vec<String> = assignments.iter().map(|&assignment| assignment.to_owned()).collect();
+        Configuration::reference_with(&assignments).expect("valid")
+    };
+    let late = Shifts { lag_s: 0.03, temperature_s: 0.0 };
+    let asked = [
+        (with(&[]), Shifts::default()),
+        (with(&["gyro.GYRX.pivot-clearance.clearance_arcsec=11.5"]), Shifts::default()),
+        (
+            with(&["gyro.GYRY.drift-ramp.arcsec_per_h_per_day=400", "gyro.GYRZB.drift-ramp.arcsec_per_h_per_day=800"]),
+            Shifts::default(),
+        ),
+        // Of the unit: no gyro is as before.
+        (with(&["unit.clock-frequency.ppm=14.0"]), Shifts::default()),
+        (with(&[]), late),
+        (with(&["gyro.GYRX.pivot-clearance.clearance_arcsec=11.5"]), Shifts { temperature_s: 300.0, ..late }),
+        (with(&[]), Shifts::default()),
+    ];
+    let mut seen = Vec::new();
+    for (configuration, shifts) in &asked {
+        // A copy has no earlier runs.
+        let alone = bits(&measured.clone().run(configuration, *shifts));
+        assert_eq!(bits(&measured.run(configuration, *shifts)), alone);
+        assert_eq!(bits(&measured.run(configuration, *shifts)), alone, "asked again");
+        seen.push(alone);
+    }
+    assert_eq!(seen[0], seen[6]);
+    seen.truncate(6);
+    seen.sort_unstable();
+    seen.dedup();
+    assert_eq!(seen.len(), 6, "what was asked for differs");
+}
