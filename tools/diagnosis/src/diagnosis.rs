@@ -276,6 +276,7 @@ impl Report<'_> {
             stretches,
             left,
             lag_s: (shifts.lag_s, explained.state.lag_sigma_s),
+            temperature_late_s: shifts.temperature_s,
             noise: explained.state.noise,
         }
     }

@@ -153,6 +153,8 @@ pub struct Diagnosis {
     pub left: Series,
     /// Common lag, s, and its sigma.
     pub lag_s: (f64, f64),
+    /// How much later than the electronics' own course the temperature is told, s.
+    pub temperature_late_s: f64,
     /// Noise of each gyro as it was taken.
     pub noise: [crate::whitening::Noise; CHANNELS],
 }

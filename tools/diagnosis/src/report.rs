@@ -30,6 +30,7 @@ pub fn json(diagnosis: &Diagnosis) -> Value {
             "follows": left.follows.iter().map(|(term, score)| json!({ "term": term, "score": score })).collect::<Vec<_>>(),
         })),
         "lag_s": { "value": diagnosis.lag_s.0, "sigma": finite(diagnosis.lag_s.1) },
+        "temperature_late_s": diagnosis.temperature_late_s,
     })
 }
 

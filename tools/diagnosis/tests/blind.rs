@@ -118,11 +118,31 @@ fn an_effect_is_like_itself_and_unlike_another() {
     let likeness = |code: &str, gyro: &str| {
         let mut found = told("explained", &[entry(code, gyro, json!([]))]).missing.remove(0);
         found.parameters.push(("time_s".to_owned(), 700.0, None));
-        survey.likeness(&step(24.0), &found)
+        survey.likeness(&step(24.0), &found, 0.0)
     };
     assert!((likeness("drift-step", "GYRX") - 1.0).abs() < 1e-3, "{}", likeness("drift-step", "GYRX"));
     assert!(likeness("drift-step", "GYRY") < 1e-3);
     assert_eq!(likeness("stuck-output", "GYRX"), 0.0);
+}
+
+#[test]
+fn what_follows_a_late_temperature_is_another_signature() {
+    let survey = survey();
+    let follows = json!({ "code": "drift-temperature", "class": "missing-effect", "gyros": ["GYRX"],
+        "parameters": { "arcsec_per_h_per_k": { "value": 5.0, "sigma": 0.1 } }, "rivals": [] });
+    let result = json!({ "verdict": "explained", "effects": [follows], "temperature_late_s": 600.0 });
+    let told = Told::from_json(&result).expect("a result");
+    let hidden = Hidden {
+        code: "drift-temperature".to_owned(),
+        parameters: vec![("arcsec_per_h_per_k".to_owned(), 5.0)],
+        assignments: vec!["gyro.GYRX.drift-temperature.arcsec_per_h_per_k=5.0".to_owned()],
+        origin: Origin::Unknown,
+        ..step(0.0)
+    };
+    let likeness = |late_s: f64| survey.likeness(&hidden, &told.missing[0], late_s);
+    assert!(likeness(0.0) > 0.999, "{}", likeness(0.0));
+    assert_eq!(told.temperature_late_s, 600.0);
+    assert!(likeness(told.temperature_late_s) < likeness(0.0));
 }
 
 #[test]

@@ -153,7 +153,8 @@ fn scored(arguments: &ScoreArguments) -> Result<(), Failure> {
     let result = serde_json::from_str(&text(&arguments.json)?).map_err(|error| at(&error))?;
     let told = Told::from_json(&result).map_err(|error| at(&error))?;
     let survey = survey(&arguments.unit, key.duration_s)?;
-    let score = score(&key.hidden, &told, &|hidden: &Hidden, found| survey.likeness(hidden, found));
+    let score =
+        score(&key.hidden, &told, &|hidden: &Hidden, found| survey.likeness(hidden, found, told.temperature_late_s));
     for (hidden, outcome) in key.hidden.iter().zip(&score.outcomes) {
         let size = outcome.size.map_or(String::new(), |size| {
             format!(

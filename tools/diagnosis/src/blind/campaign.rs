@@ -121,10 +121,10 @@ pub fn campaign(survey: &Survey, plan: &Plan, done: &(dyn Fn() + Sync)) -> Resul
         let diagnosis = survey.diagnose(&flight)?;
         let seconds = start.elapsed().as_secs_f64();
         let told = Told::from_json(&report::json(&diagnosis)).expect("what a report writes");
-        let score = score(&hidden, &told, &|hidden, found| survey.likeness(hidden, found));
+        let score = score(&hidden, &told, &|hidden, found| survey.likeness(hidden, found, told.temperature_late_s));
         let like = |index: &usize| {
             let found = &told.missing[*index];
-            hidden.iter().map(|hidden| survey.likeness(hidden, found)).fold(0.0, f64::max)
+            hidden.iter().map(|hidden| survey.likeness(hidden, found, told.temperature_late_s)).fold(0.0, f64::max)
         };
         let likeness = score.false_names.iter().map(like).collect();
         done();

@@ -23,6 +23,8 @@ pub struct Told {
     pub verdict: String,
     /// The effects that it calls missing.
     pub missing: Vec<Found>,
+    /// How late the temperature is told, with which they are meant, s.
+    pub temperature_late_s: f64,
 }
 
 /// An effect that a diagnosis calls missing.
@@ -74,7 +76,8 @@ impl Told {
         let effects = result["effects"].as_array().ok_or(bad("effects", "a list"))?;
         let missing = effects.iter().filter(|entry| entry["class"] == "missing-effect");
         let missing = missing.map(Found::from_json).collect::<Option<_>>();
-        Ok(Told { verdict, missing: missing.ok_or(bad("effects", "code, gyros and parameters of each"))? })
+        let missing = missing.ok_or(bad("effects", "code, gyros and parameters of each"))?;
+        Ok(Told { verdict, missing, temperature_late_s: result["temperature_late_s"].as_f64().unwrap_or(0.0) })
     }
 }
 

@@ -119,8 +119,8 @@ impl Survey {
 
     /// Cosine of the signatures of what was hidden and what was found, whitened and beside the nuisances, without sign; 0 where one
     /// of them has none. What was found stands there with the numbers found, or with those with which it is most like what was
-    /// hidden: noise moves a shape, and that makes it no other name.
-    pub fn likeness(&self, hidden: &Hidden, found: &Found) -> f64 {
+    /// hidden: noise moves a shape, and that makes it no other name. It is meant with a temperature that is told so much late.
+    pub fn likeness(&self, hidden: &Hidden, found: &Found, temperature_late_s: f64) -> f64 {
         if !matches!(hidden.origin, Origin::Catalogue | Origin::Unknown) {
             return 0.0;
         }
@@ -128,7 +128,10 @@ impl Survey {
             let change = found.change()?;
             let mut configuration = self.believed.clone();
             change.apply(&mut configuration);
-            let signature = self.signature(&self.run(&configuration), &self.from);
+            let shifts = Shifts { temperature_s: temperature_late_s, ..Shifts::default() };
+            let [with, without] =
+                [&configuration, &self.believed].map(|configuration| self.measured.run(configuration, shifts));
+            let signature = self.signature(&with, &without);
             self.strength(&signature).map(|_| signature)
         };
         let (Some(one), Some(other)) = (self.signature_of(&hidden.assignments), of_found()) else { return 0.0 };
