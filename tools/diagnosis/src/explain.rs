@@ -120,8 +120,8 @@ fn grow(case: &Case, bank: &Bank, thresholds: &Thresholds, mut now: Explained, m
     loop {
         let late_s = now.state.shifts.temperature_s;
         let late = (late_s != 0.0).then(|| bank.late(late_s));
-        let bank = late.as_ref().unwrap_or(bank);
-        let candidates = search(bank, &now.normal, &now.state, &|family| thresholds.of(family));
+        let told = late.as_ref().unwrap_or(bank);
+        let candidates = search(told, &now.normal, &now.state, &|family| thresholds.of(family));
         let Some(first) = candidates.first() else { break };
         let spare = first.gain.chi2 - cost(first);
         if now.state.held.len() >= MOST || (0..TIMING).any(|gyro| now.on(gyro).count() > most) {
@@ -152,7 +152,7 @@ fn grow(case: &Case, bank: &Bank, thresholds: &Thresholds, mut now: Explained, m
         let Some((_, candidate, state, normal)) = best else {
             now.rounds.push(round);
             if spare > REFUSED_CHI2 && spare > now.negligible(case) {
-                now.refused = Some(now.refusal(case, bank, thresholds, first));
+                now.refused = Some(now.refusal(case, told, thresholds, first));
             }
             break;
         };
@@ -165,7 +165,7 @@ fn grow(case: &Case, bank: &Bank, thresholds: &Thresholds, mut now: Explained, m
         now.costs.push(cost(&candidate));
         now.held_out.push(candidate.held_out);
         (now.state, now.normal) = (state, normal);
-        now.shift_temperature(case, thresholds);
+        now.shift_temperature(case, bank, thresholds);
         now.free_shapes(case);
         now.take_whole(case);
     }

@@ -1,11 +1,14 @@
 //! A temperature that is told late: what follows it in the place of another course, with the lag that suits best.
+//!
+//! How late is looked for with signatures, which shift for nothing; the model is run where these say that it is.
 
 use geu_model::course::{KINDS, Law};
 use rayon::prelude::*;
 
-use crate::bank::Family;
+use crate::bank::{Bank, Base, Family, Variation};
 use crate::change::{Amplitude, Change};
-use crate::normal::Normal;
+use crate::normal::{Gain, Normal};
+use crate::search::products;
 use crate::state::{Case, Held, State};
 
 /// How late a temperature may be told, s.
@@ -14,8 +17,8 @@ const LATE_S: [f64; 9] = [-300.0, 0.0, 150.0, 300.0, 450.0, 600.0, 900.0, 1200.0
 const NEARER_S: [f64; 4] = [150.0, 75.0, 40.0, 20.0];
 /// What a lag must lower χ² by, three sigma.
 const LAG_CHI2: f64 = 9.0;
-/// Share of the greatest size with which a fit begins.
-const SMALL: f64 = 1e-4;
+/// What explains less than this share of what the change does, by its signature, is not fitted.
+const HOPE: f64 = 0.5;
 
 /// What follows the temperature, fitted in the place of a change.
 pub struct Late {
@@ -35,8 +38,13 @@ impl Late {
 
 /// The family of what follows the temperature, and the amplitude with that course.
 pub fn following_temperature(amplitude: Amplitude) -> Option<(Family, Amplitude)> {
-    let kind = KINDS.iter().position(|kind| kind.shapes.is_empty() && kind.law(&[]) == Law::Temperature)?;
+    let kind = kind()?;
     Some((Family::of_kind(kind), amplitude.with(kind)?))
+}
+
+/// The course that follows the temperature, of [`KINDS`].
+fn kind() -> Option<usize> {
+    KINDS.iter().position(|kind| kind.shapes.is_empty() && kind.law(&[]) == Law::Temperature)
 }
 
 /// What is paid for a lag where another one was told before.
@@ -45,36 +53,71 @@ pub fn lag_chi2(late_s: f64, before_s: f64) -> f64 {
 }
 
 /// Puts what follows the temperature in the place of the change at `index`, with the lag that suits best; `price` is what a change of a
-/// family costs. Nothing where the amplitude has no such course.
+/// family costs. Nothing where the amplitude has no such course, or where that explains much less.
 pub fn likeliest(
     case: &Case,
+    bank: &Bank,
     state: &State,
     index: usize,
     price: &(dyn Fn(Family, &Change) -> f64 + Sync),
 ) -> Option<Late> {
     let found = &state.held[index].change;
     let (family, amplitude) = following_temperature(found.amplitude)?;
-    let size = if found.amplitude == amplitude { found.size } else { amplitude.size().greatest * SMALL };
+    let mut others = state.clone();
+    others.held.remove(index);
+    let (residual, columns) = case.linearised(&mut others);
+    let normal = Normal::new(case.whitenings(&state.noise), &residual, &columns);
+    let spot = spot(bank, &normal, found)?;
+    if spot.gain.chi2 < HOPE * (normal.chi2() - case.normal(&mut state.clone()).chi2()) {
+        return None;
+    }
+    let size = if spot.base.is_linear { spot.gain.size } else { spot.base.size };
     let change = Change { amplitude, size, course_shapes: Vec::new(), ..found.clone() };
     let before_s = state.shifts.temperature_s;
-    let tried = |late_s: f64| {
+    let fitted = |late_s: f64| {
         let mut state = state.clone();
-        state.shifts.temperature_s = late_s;
         state.held[index] = Held::new(change.clone());
-        state.held.iter_mut().for_each(Held::run_anew);
+        state.tell_late(late_s);
         let normal = case.fit(&mut state);
         Late { cost_chi2: price(family, &change) + lag_chi2(late_s, before_s), state, normal }
     };
-    let best_of = |all: &[f64]| {
-        all.par_iter().map(|late_s| tried(*late_s)).min_by(|one, other| one.score().total_cmp(&other.score()))
+    best_of(&[spot.late_s, before_s], |late_s| Some(fitted(late_s)), Late::score)
+}
+
+/// What follows the temperature in the place of a change, by signatures.
+struct Spot<'a> {
+    base: &'a Base,
+    late_s: f64,
+    gain: Gain,
+}
+
+/// Where signatures explain most.
+fn spot<'a>(bank: &'a Bank, normal: &Normal, found: &Change) -> Option<Spot<'a>> {
+    let variation = Variation::Course { kind: kind()?, shapes: Vec::new() };
+    let constant = Amplitude { kind: None, ..found.amplitude };
+    let bases: Vec<&Base> = bank.bases.iter().filter(|base| base.amplitude == constant).collect();
+    let at = |late_s: f64| {
+        let late = bank.late(late_s);
+        let spots = bases.iter().filter_map(|&base| {
+            let gain = normal.gain(&products(&late, normal, base, &variation, &found.gyros))?;
+            base.stands_for(gain.size).then_some(Spot { base, late_s, gain })
+        });
+        spots.max_by(|one, other| one.gain.chi2.total_cmp(&other.gain.chi2))
     };
-    let mut best = best_of(&[&LATE_S[..], &[before_s]].concat())?;
+    let score = |spot: &Spot| -spot.gain.chi2;
+    let mut best = best_of(&LATE_S, at, score)?;
     for step_s in NEARER_S {
-        let late_s = best.state.shifts.temperature_s;
-        let near = [late_s - step_s, late_s + step_s].map(|late_s| late_s.clamp(LATE_S[0], LATE_S[LATE_S.len() - 1]));
-        if let Some(nearer) = best_of(&near).filter(|nearer| nearer.score() < best.score()) {
+        let near = [best.late_s - step_s, best.late_s + step_s];
+        let near = near.map(|late_s| late_s.clamp(LATE_S[0], LATE_S[LATE_S.len() - 1]));
+        if let Some(nearer) = best_of(&near, at, score).filter(|nearer| score(nearer) < score(&best)) {
             best = nearer;
         }
     }
     Some(best)
+}
+
+/// The lag with the least score.
+fn best_of<T: Send>(all_s: &[f64], at: impl Fn(f64) -> Option<T> + Sync, score: impl Fn(&T) -> f64) -> Option<T> {
+    let tried: Vec<T> = all_s.par_iter().filter_map(|late_s| at(*late_s)).collect();
+    tried.into_iter().min_by(|one, other| score(one).total_cmp(&score(other)))
 }

@@ -10,8 +10,9 @@ use crate::bank::{Bank, Base, Column, Family, Variation};
 use crate::change::{ALL_GYROS, Amplitude, Change, Gyros, Place};
 use crate::climb::climb;
 use crate::late::{self, following_temperature};
-use crate::measured::{BLOCK_S, CHANNELS, Series, TIMING};
+use crate::measured::{BLOCK_S, CHANNELS, Series};
 use crate::normal::{Beside, Gain, Normal, Nuisance, Products, dot};
+use crate::search::reaches;
 use crate::state::{Case, Held, State};
 use crate::sweep::{Part, sweep};
 
@@ -66,10 +67,7 @@ pub fn rivals(case: &Case, bank: &Bank, state: &State, index: usize, prices: &Pr
     let beside = |temperature_s: f64| -> Vec<Rival> {
         let mut others = state.clone();
         others.held.remove(index);
-        if others.shifts.temperature_s != temperature_s {
-            others.shifts.temperature_s = temperature_s;
-            others.held.iter_mut().for_each(Held::run_anew);
-        }
+        others.tell_late(temperature_s);
         let (residual, columns) = case.linearised(&mut others);
         let normal = Normal::new(case.whitenings(&state.noise), &residual, &columns);
         // As the model runs it: of what is not linear the signature tells only the last step.
@@ -104,14 +102,21 @@ pub fn rivals(case: &Case, bank: &Bank, state: &State, index: usize, prices: &Pr
         rivals.extend(beside(0.0));
     }
     if matches!(state.held[index].change.law(), Some(Law::Periodic { .. })) {
-        rivals.extend(late_temperature(case, state, index, achieved, prices));
+        rivals.extend(late_temperature(case, bank, state, index, achieved, prices));
     }
     best_of_each(rivals)
 }
 
 /// In the place of a wave: what follows a temperature that is told late.
-fn late_temperature(case: &Case, state: &State, index: usize, achieved: f64, prices: &Prices) -> Option<Rival> {
-    let late = late::likeliest(case, state, index, prices.of)?;
+fn late_temperature(
+    case: &Case,
+    bank: &Bank,
+    state: &State,
+    index: usize,
+    achieved: f64,
+    prices: &Prices,
+) -> Option<Rival> {
+    let late = late::likeliest(case, bank, state, index, prices.of)?;
     let change = late.state.held[index].change.clone();
     let (family, _) = following_temperature(change.amplitude)?;
     let mut others = state.clone();
@@ -259,10 +264,6 @@ fn sets(base: &Base, found: &Gyros) -> Vec<Gyros> {
     sets.sort_unstable();
     sets.dedup();
     sets
-}
-
-fn reaches(amplitude: &Amplitude, gyros: &Gyros, channel: usize) -> bool {
-    amplitude.place == Place::Unit || channel != TIMING && gyros[channel]
 }
 
 /// A signature, whitened.

@@ -3,7 +3,7 @@
 use geu_protocol::Gyro;
 use rayon::prelude::*;
 
-use crate::bank::{Bank, Family, Variation};
+use crate::bank::{Bank, Base, Family, Variation};
 use crate::change::{ALL_GYROS, Amplitude, Change, Gyros, Place};
 use crate::climb::climb;
 use crate::measured::{BLOCK_S, CHANNELS, TIMING};
@@ -58,14 +58,15 @@ pub fn set_penalty(gyros: &Gyros, place: Place) -> f64 {
     if place != Place::Unit && (count == 2 || count == 3) { 2.0 * 10f64.ln() } else { 0.0 }
 }
 
-/// Products of a candidate, over its gyros.
-pub fn products(bank: &Bank, normal: &Normal, candidate: &Candidate) -> Products {
-    let columns = bank.columns(&bank.bases[candidate.base], &candidate.variation);
-    let reaches = |channel: usize| match candidate.change.amplitude.place {
-        Place::Unit => true,
-        _ => channel != TIMING && candidate.change.gyros[channel],
-    };
-    let parts = columns.iter().enumerate().filter(|(channel, _)| reaches(*channel));
+/// Whether what an amplitude adds on these gyros is on a channel.
+pub fn reaches(amplitude: &Amplitude, gyros: &Gyros, channel: usize) -> bool {
+    amplitude.place == Place::Unit || channel != TIMING && gyros[channel]
+}
+
+/// Products of a hypothesis, over its gyros.
+pub fn products(bank: &Bank, normal: &Normal, base: &Base, variation: &Variation, gyros: &Gyros) -> Products {
+    let columns = bank.columns(base, variation);
+    let parts = columns.iter().enumerate().filter(|(channel, _)| reaches(&base.amplitude, gyros, *channel));
     parts.fold(Products::none(normal.nuisances()), |sum, (channel, column)| match column {
         Some(column) => sum.plus(&normal.products_of(channel, column)),
         None => sum,
@@ -152,10 +153,8 @@ pub fn search(bank: &Bank, normal: &Normal, state: &State, penalty: &(dyn Fn(Fam
     let climbed = |candidate: &mut Candidate| {
         let base = &bank.bases[candidate.base];
         let duration_s = normal.residual()[0].len() as f64 * BLOCK_S;
-        let gain = |variation: &Variation| {
-            let moved = Candidate { variation: variation.clone(), ..candidate.clone() };
-            normal.gain(&products(bank, normal, &moved))
-        };
+        let gain =
+            |variation: &Variation| normal.gain(&products(bank, normal, base, variation, &candidate.change.gyros));
         let of = |variation: &Variation| gain(variation).map_or(0.0, |gain| gain.chi2);
         let (variation, _) = climb(candidate.variation.clone(), duration_s, &of);
         if let Some(found) = gain(&variation) {
@@ -170,7 +169,7 @@ pub fn search(bank: &Bank, normal: &Normal, state: &State, penalty: &(dyn Fn(Fam
     best.par_iter_mut().for_each(climbed);
     best.sort_by(|a, b| score(b).total_cmp(&score(a)));
     for candidate in &mut best {
-        let own = products(bank, normal, candidate);
+        let own = products(bank, normal, &bank.bases[candidate.base], &candidate.variation, &candidate.change.gyros);
         candidate.held_out = normal.held_out(&own);
     }
     best

@@ -248,11 +248,18 @@ impl State {
     /// Takes a change back, and the lag of the temperature with the last that follows it.
     pub fn remove(&mut self, index: usize) -> Held {
         let gone = self.held.remove(index);
-        if self.shifts.temperature_s != 0.0 && !self.held.iter().any(Held::follows_temperature) {
-            self.shifts.temperature_s = 0.0;
-            self.held.iter_mut().for_each(Held::run_anew);
+        if !self.held.iter().any(Held::follows_temperature) {
+            self.tell_late(0.0);
         }
         gone
+    }
+
+    /// Takes the temperature as told so much later than it was.
+    pub fn tell_late(&mut self, temperature_s: f64) {
+        if self.shifts.temperature_s != temperature_s {
+            self.shifts.temperature_s = temperature_s;
+            self.held.iter_mut().filter(|held| held.follows_temperature()).for_each(Held::run_anew);
+        }
     }
 
     /// Free parameters: index of the change and of the parameter.

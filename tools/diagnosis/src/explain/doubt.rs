@@ -88,7 +88,9 @@ impl Explained {
         let noise = self.fitted_white(case);
         let (residual, columns) = case.linearised(&mut self.state);
         let normal = Normal::new(case.whitenings(&noise), &residual, &columns);
-        let gain = normal.gain(&products(bank, &normal, candidate)).map_or(0.0, |gain| gain.chi2);
+        let base = &bank.bases[candidate.base];
+        let own = products(bank, &normal, base, &candidate.variation, &candidate.change.gyros);
+        let gain = normal.gain(&own).map_or(0.0, |gain| gain.chi2);
         let worth = gain - thresholds.price(candidate.family, &candidate.change);
         Refused { gyros: candidate.change.gyros, score: self.score_with(case, thresholds, &noise) - worth }
     }

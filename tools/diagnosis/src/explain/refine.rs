@@ -4,6 +4,7 @@ use rayon::prelude::*;
 
 use geu_model::course::Law;
 
+use crate::bank::Bank;
 use crate::change::{Change, ONSET};
 use crate::late;
 use crate::null::Thresholds;
@@ -45,13 +46,13 @@ pub(super) fn is_possible(held: &Held) -> bool {
 
 impl Explained {
     /// Where the last change follows the temperature, or swings as a temperature may, looks for how late the temperature is told.
-    pub(super) fn shift_temperature(&mut self, case: &Case, thresholds: &Thresholds) {
+    pub(super) fn shift_temperature(&mut self, case: &Case, bank: &Bank, thresholds: &Thresholds) {
         let Some(last) = self.state.held.last() else { return };
         if !matches!(last.change.law(), Some(Law::Periodic { .. } | Law::Temperature)) {
             return;
         }
         let price = |family, change: &Change| thresholds.price(family, change);
-        let Some(late) = late::likeliest(case, &self.state, self.state.held.len() - 1, &price) else { return };
+        let Some(late) = late::likeliest(case, bank, &self.state, self.state.held.len() - 1, &price) else { return };
         let paid = self.costs.last_mut().expect("one for each change");
         let is_better = late.normal.squares() + late.cost_chi2 < self.normal.squares() + *paid;
         if is_better && is_possible(late.state.held.last().expect("as many as before")) {
