@@ -9,11 +9,13 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use geu_model::Configuration;
-use geu_model::course::{Course, Interval, KINDS};
-use geu_model::number::{Default as DefaultValue, Number};
+use geu_model::course::KINDS;
+use geu_model::number::Default as DefaultValue;
 use rayon::prelude::*;
 
-use crate::change::{ALL_GYROS, Amplitude, Change, ONSET, PHASE, Place, is_real};
+use crate::change::{ALL_GYROS, Amplitude, Change, Place, is_real};
+pub use crate::courses::Variation;
+use crate::courses::{Courses, Mode, SHORTEST_BLOCKS, is_onset};
 use crate::measured::{BLOCK_S, CHANNELS, Measured, Series, Shifts, TIMING};
 
 /// A signature is run with this share of the largest value accepted.
@@ -30,29 +32,12 @@ const SIZE_FACTOR: f64 = 1.5;
 const LEAST_SIZE: f64 = 0.002;
 /// Sizes, over the one that was run, for which a signature that is not linear stands: the next that are run lie within.
 const NEAR_SIZES: Range<f64> = 0.4..2.5;
-/// Shortest time constant or period that is looked for, in blocks: what is shorter averages out.
-const SHORTEST_BLOCKS: f64 = 6.0;
 /// Time constants looked for, the ratio of neighbours.
 const TIME_FACTOR: f64 = 3.0;
-/// Quarters of a turn over the recording: those of the shortest period looked for; the longest has two.
-const QUARTER_TURNS: usize = 64;
-/// Onsets looked for, of what goes on after them.
-const ONSETS: usize = 64;
-/// The same of what shows at once, and is gone with the manoeuvre.
-const SUDDEN_ONSETS: usize = 4 * ONSETS;
 /// Blocks of a jump of the angle that are looked at: the filter has forgotten it after.
 const JUMP_BLOCKS: usize = 120;
 /// Blocks between onsets of what moves an angle at once.
 const SUDDEN_BLOCKS: usize = 2;
-
-/// How a course is put on a signature.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Mode {
-    /// On its increments.
-    Rate,
-    /// On its values.
-    Level,
-}
 
 /// The signature of a constant amplitude, for one unit of its size.
 #[derive(Debug, Clone)]
@@ -83,7 +68,7 @@ impl Base {
 
     /// The family of a course of it.
     pub fn family(&self, variation: &Variation) -> Family {
-        let begins = variation.kind().is_some_and(|kind| KINDS[kind].shapes.iter().any(is_instant));
+        let begins = variation.kind().is_some_and(|kind| KINDS[kind].shapes.iter().any(is_onset));
         match self.amplitude.place {
             Place::Discovered => Family::FORMULA,
             // What shows at once stands in the noise of jumps.
@@ -95,25 +80,6 @@ impl Base {
             },
         }
     }
-}
-
-/// A course put on a base.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Variation {
-    /// None.
-    Constant,
-    /// One of [`KINDS`], with its shapes.
-    Course {
-        /// Index of the kind.
-        kind: usize,
-        /// Its shapes.
-        shapes: Vec<f64>,
-    },
-    /// The effect's own onset, at the start of this block.
-    Onset {
-        /// The block.
-        block: usize,
-    },
 }
 
 /// A kind of question, which has a threshold of its own: short answers stand in other noise than long ones.
@@ -137,26 +103,6 @@ impl Family {
     pub const FORMULA: Family = Family(KINDS.len() + 3);
 }
 
-impl Variation {
-    /// Index of its course in [`KINDS`].
-    pub fn kind(&self) -> Option<usize> {
-        match self {
-            Variation::Course { kind, .. } => Some(*kind),
-            Variation::Constant | Variation::Onset { .. } => None,
-        }
-    }
-
-    /// The same wave with another phase; nothing of what is no wave. It is the one of phase 0 times the cosine of the phase, and the
-    /// one a quarter of a turn on times the sine.
-    pub fn at_phase(&self, phase_rad: f64) -> Option<Variation> {
-        let Variation::Course { kind, shapes } = self else { return None };
-        let index = KINDS[*kind].shapes.iter().position(|number| number.name == PHASE)?;
-        let mut shapes = shapes.clone();
-        shapes[index] = phase_rad;
-        Some(Variation::Course { kind: *kind, shapes })
-    }
-}
-
 /// A signature on one channel: 0 before the block `from`.
 pub struct Column {
     /// First block told.
@@ -170,23 +116,16 @@ pub struct Column {
 pub struct Bank {
     /// Each amplitude, its shapes and, where it is not linear, sizes.
     pub bases: Vec<Base>,
-    excess_k: Vec<f64>,
-    blocks: usize,
-}
-
-fn is_instant(number: &Number) -> bool {
-    number.name == ONSET
+    courses: Courses,
 }
 
 impl Bank {
     /// Runs the model of `configuration` once for each amplitude and value of its shapes.
     pub fn new(measured: &Measured, configuration: &Configuration) -> Bank {
         let base = measured.run(configuration, Shifts::default());
-        let blocks = measured.block_count();
         let reference_c = configuration.electronics.numbers.reference_c;
-        let excess_k: Vec<f64> =
-            measured.electronics_c().iter().map(|electronics_c| electronics_c - reference_c).collect();
-        let mut bank = Bank { bases: Vec::new(), excess_k, blocks };
+        let excess_k = measured.electronics_c().iter().map(|electronics_c| electronics_c - reference_c).collect();
+        let mut bank = Bank { bases: Vec::new(), courses: Courses::new(excess_k) };
         let runs: Vec<Base> = Amplitude::all()
             .into_par_iter()
             .filter(is_real)
@@ -211,9 +150,7 @@ impl Bank {
     /// The same where the temperature is told so much later than it was.
     #[must_use]
     pub fn late(&self, temperature_s: f64) -> Bank {
-        let last = self.excess_k.len().saturating_sub(1) as f64;
-        let told = |block: usize| (block as f64 + temperature_s / BLOCK_S).round().clamp(0.0, last) as usize;
-        Bank { excess_k: (0..self.excess_k.len()).map(|block| self.excess_k[told(block)]).collect(), ..self.clone() }
+        Bank { bases: self.bases.clone(), courses: self.courses.late(temperature_s) }
     }
 
     /// The terms that stand in no catalogue: the signature of each formula, on every gyro. A run tells four of them, one for each
@@ -253,7 +190,7 @@ impl Bank {
             four.iter().enumerate().map(base).collect()
         };
         let bases = Amplitude::formulas().par_chunks(TIMING).flat_map_iter(run).collect();
-        Bank { bases, excess_k: self.excess_k.clone(), blocks: self.blocks }
+        Bank { bases, courses: self.courses.clone() }
     }
 
     /// The bases of one amplitude: one where it is linear, else one for each of several sizes.
@@ -290,9 +227,9 @@ impl Bank {
         };
         let mut small = base(limits.greatest * SHARE, of(&change(limits.greatest * SHARE)), true);
         // One run with a step in the middle, of a size that shows whether the size matters.
-        let middle_s = (self.blocks / 2) as f64 * BLOCK_S;
+        let middle_s = (self.courses.blocks() / 2) as f64 * BLOCK_S;
         let mut tried = change(limits.greatest * TRIED_SHARE);
-        let onset = amplitude.own_shapes().iter().position(is_instant);
+        let onset = amplitude.own_shapes().iter().position(is_onset);
         match onset {
             Some(index) => tried.own_shapes[index] = middle_s,
             None => {
@@ -303,9 +240,11 @@ impl Bank {
         let ran = of(&tried);
         let step = Variation::Course { kind: 0, shapes: vec![middle_s] };
         let alike = |small: &Base| {
-            let values = self.course(small, &step, 0..self.blocks);
-            let course: Series =
-                small.series.each_ref().map(|series| put(series, small.mode, values.as_deref(), 0..self.blocks));
+            let values = self.courses.values(small.mode, &step, 0..self.courses.blocks());
+            let course: Series = small
+                .series
+                .each_ref()
+                .map(|series| put(series, small.mode, values.as_deref(), 0..self.courses.blocks()));
             cosine(&course, &ran)
         };
         let by_rate = alike(&small);
@@ -337,45 +276,19 @@ impl Bank {
         if base.amplitude.place == Place::Discovered {
             return vec![Variation::Constant];
         }
-        let has_onset = base.amplitude.own_shapes().iter().any(is_instant);
+        let has_onset = base.amplitude.own_shapes().iter().any(is_onset);
         let mut all = match has_onset {
-            true => (1..self.blocks / SUDDEN_BLOCKS)
+            true => (1..self.courses.blocks() / SUDDEN_BLOCKS)
                 .map(|onset| Variation::Onset { block: onset * SUDDEN_BLOCKS })
                 .collect(),
             false => vec![Variation::Constant],
         };
         // Courses of what is not linear stand beside a few of its sizes.
         let is_tried = base.is_linear || (base.size.abs().ln() / SIZE_FACTOR.ln()).round() as i64 % 3 == 0;
-        for (kind, spec) in KINDS.iter().enumerate().filter(|_| is_tried) {
-            if base.amplitude.with(kind).is_none() {
-                continue;
-            }
-            let mut shapes: Vec<Vec<f64>> = vec![vec![]];
-            for number in spec.shapes {
-                let values = self.course_values(number, base.mode);
-                shapes = shapes
-                    .iter()
-                    .flat_map(|before| values.iter().map(|value| [&before[..], &[*value]].concat()))
-                    .collect();
-            }
-            all.extend(shapes.into_iter().map(|shapes| Variation::Course { kind, shapes }));
+        for kind in (0..KINDS.len()).filter(|&kind| is_tried && base.amplitude.with(kind).is_some()) {
+            all.extend(self.courses.variations(kind, base.mode));
         }
         all
-    }
-
-    /// Values of a course's shape that are looked for.
-    fn course_values(&self, number: &Number, mode: Mode) -> Vec<f64> {
-        let onsets = if mode == Mode::Level { SUDDEN_ONSETS } else { ONSETS };
-        let duration_s = self.blocks as f64 * BLOCK_S;
-        match number.name {
-            _ if is_instant(number) => (1..onsets).map(|onset| duration_s * onset as f64 / onsets as f64).collect(),
-            PHASE => vec![0.0],
-            // A period.
-            _ => (2..=QUARTER_TURNS)
-                .map(|quarter_turns| 4.0 * duration_s / quarter_turns as f64)
-                .filter(|&period_s| period_s >= 4.0 * SHORTEST_BLOCKS * BLOCK_S)
-                .collect(),
-        }
     }
 
     /// The signature of a course for one unit of size; nothing on channels that it does not reach. Of a jump as much as matters.
@@ -383,40 +296,21 @@ impl Bank {
         let from = match variation {
             Variation::Onset { block } => *block,
             Variation::Course { kind, shapes } => {
-                let first = KINDS[*kind].shapes.iter().zip(shapes).find(|(number, _)| is_instant(number));
+                let first = KINDS[*kind].shapes.iter().zip(shapes).find(|(number, _)| is_onset(number));
                 first.map_or(0, |(_, onset_s)| (onset_s / BLOCK_S) as usize)
             }
             Variation::Constant => 0,
         };
         let to = match variation {
-            Variation::Onset { block } => self.blocks.min(block + JUMP_BLOCKS),
-            _ => self.blocks,
+            Variation::Onset { block } => self.courses.blocks().min(block + JUMP_BLOCKS),
+            _ => self.courses.blocks(),
         };
-        let values = self.course(base, variation, from..to);
+        let values = self.courses.values(base.mode, variation, from..to);
         std::array::from_fn(|channel| {
             let series = &base.series[channel];
             let is_reached = series.iter().any(|&value| value != 0.0);
             is_reached.then(|| Column { from, values: put(series, base.mode, values.as_deref(), from..to) })
         })
-    }
-
-    /// Values of a course in each of these blocks; nothing where it is 1 throughout.
-    fn course(&self, base: &Base, variation: &Variation, blocks: Range<usize>) -> Option<Vec<f64>> {
-        let law = match variation {
-            Variation::Constant => return None,
-            Variation::Course { kind, shapes } => KINDS[*kind].law(shapes),
-            Variation::Onset { block } => KINDS[0].law(&[*block as f64 * BLOCK_S]),
-        };
-        let course = Course { effect: 0, amplitude: 0, size: 1.0, law };
-        // An increment lies between the middles of two blocks, a value in its own.
-        let value = |block: usize| {
-            let end_s = match base.mode {
-                Mode::Rate => Measured::middle_s(block),
-                Mode::Level => (block + 1) as f64 * BLOCK_S,
-            };
-            course.value(&Interval { start_s: end_s - BLOCK_S, end_s, electronics_excess_k: self.excess_k[block] })
-        };
-        Some(blocks.map(value).collect())
     }
 
     /// The change that a hypothesis of that size is.
@@ -436,7 +330,7 @@ impl Bank {
             }
             Variation::Onset { block } => {
                 for (number, value) in base.amplitude.own_shapes().iter().zip(&mut change.own_shapes) {
-                    if is_instant(number) {
+                    if is_onset(number) {
                         *value = *block as f64 * BLOCK_S;
                     }
                 }
@@ -462,7 +356,7 @@ fn own_shapes(amplitude: &Amplitude, configuration: &Configuration) -> Vec<Vec<f
         .collect();
     let mut all = vec![defaults.clone()];
     for (index, number) in amplitude.own_shapes().iter().enumerate() {
-        let is_time = number.name.ends_with("_s") && !is_instant(number) && number.least > 0.0;
+        let is_time = number.name.ends_with("_s") && !is_onset(number) && number.least > 0.0;
         if !is_time || !defaults[index].is_finite() {
             continue;
         }

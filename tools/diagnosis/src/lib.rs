@@ -5,6 +5,7 @@ pub mod blind;
 pub mod change;
 pub mod checks;
 mod climb;
+mod courses;
 mod diagnosis;
 mod entries;
 pub mod explain;

@@ -1,0 +1,170 @@
+//! Courses in time that are looked for: their grid, and their values in each block. Waves are kept, as every signature is tried with
+//! them.
+
+use std::borrow::Cow;
+use std::f64::consts::FRAC_PI_2;
+use std::ops::Range;
+use std::sync::{Arc, OnceLock};
+
+use geu_model::course::{Course, Interval, KINDS};
+use geu_model::number::Number;
+
+use crate::change::{ONSET, PHASE};
+use crate::measured::{BLOCK_S, Measured};
+
+/// Shortest time constant or period that is looked for, in blocks: what is shorter averages out.
+pub const SHORTEST_BLOCKS: f64 = 6.0;
+/// Quarters of a turn over the recording: those of the shortest period looked for; the longest has two.
+const QUARTER_TURNS: usize = 64;
+/// Onsets looked for, of what goes on after them.
+const ONSETS: usize = 64;
+/// The same of what shows at once, and is gone with the manoeuvre.
+const SUDDEN_ONSETS: usize = 4 * ONSETS;
+
+/// How a course is put on a signature.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Mode {
+    /// On its increments.
+    Rate,
+    /// On its values.
+    Level,
+}
+
+/// A course put on a base.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Variation {
+    /// None.
+    Constant,
+    /// One of [`KINDS`], with its shapes.
+    Course {
+        /// Index of the kind.
+        kind: usize,
+        /// Its shapes.
+        shapes: Vec<f64>,
+    },
+    /// The effect's own onset, at the start of this block.
+    Onset {
+        /// The block.
+        block: usize,
+    },
+}
+
+impl Variation {
+    /// Index of its course in [`KINDS`].
+    pub fn kind(&self) -> Option<usize> {
+        match self {
+            Variation::Course { kind, .. } => Some(*kind),
+            Variation::Constant | Variation::Onset { .. } => None,
+        }
+    }
+
+    /// The same wave with another phase; nothing of what is no wave. It is the one of phase 0 times the cosine of the phase, and the
+    /// one a quarter of a turn on times the sine.
+    pub fn at_phase(&self, phase_rad: f64) -> Option<Variation> {
+        let Variation::Course { kind, shapes } = self else { return None };
+        let index = KINDS[*kind].shapes.iter().position(|number| number.name == PHASE)?;
+        let mut shapes = shapes.clone();
+        shapes[index] = phase_rad;
+        Some(Variation::Course { kind: *kind, shapes })
+    }
+}
+
+/// Whether a shape is the time from which something holds.
+pub fn is_onset(number: &Number) -> bool {
+    number.name == ONSET
+}
+
+/// Courses on one recording.
+#[derive(Debug, Clone)]
+pub struct Courses {
+    /// By how much the electronics are warmer than the reference temperature, in each block.
+    excess_k: Vec<f64>,
+    /// The waves of the grid.
+    waves: Arc<[Wave]>,
+}
+
+/// A wave, a value for each block once it was asked for.
+#[derive(Debug)]
+struct Wave {
+    mode: Mode,
+    variation: Variation,
+    values: OnceLock<Vec<f64>>,
+}
+
+impl Courses {
+    /// Of a recording whose electronics were by so much warmer than the reference temperature in each block.
+    pub fn new(excess_k: Vec<f64>) -> Courses {
+        let none = Courses { excess_k, waves: Arc::default() };
+        let of_mode = |mode: Mode| {
+            let all = (0..KINDS.len()).flat_map(|kind| none.variations(kind, mode));
+            let quarters = all.filter_map(|wave| Some([wave.at_phase(FRAC_PI_2)?, wave])).flatten();
+            quarters.map(|variation| Wave { mode, variation, values: OnceLock::new() }).collect::<Vec<_>>()
+        };
+        let waves = [Mode::Rate, Mode::Level].into_iter().flat_map(of_mode).collect();
+        Courses { waves, ..none }
+    }
+
+    /// Blocks of the recording.
+    pub fn blocks(&self) -> usize {
+        self.excess_k.len()
+    }
+
+    /// The same where the temperature is told so much later than it was.
+    #[must_use]
+    pub fn late(&self, temperature_s: f64) -> Courses {
+        let last = self.blocks().saturating_sub(1) as f64;
+        let told = |block: usize| (block as f64 + temperature_s / BLOCK_S).round().clamp(0.0, last) as usize;
+        let excess_k = (0..self.blocks()).map(|block| self.excess_k[told(block)]).collect();
+        Courses { excess_k, waves: self.waves.clone() }
+    }
+
+    /// The grid of one of [`KINDS`], waves at the phase 0.
+    pub fn variations(&self, kind: usize, mode: Mode) -> Vec<Variation> {
+        let mut all: Vec<Vec<f64>> = vec![vec![]];
+        for number in KINDS[kind].shapes {
+            let values = self.shape_values(number, mode);
+            all = all.iter().flat_map(|before| values.iter().map(|value| [&before[..], &[*value]].concat())).collect();
+        }
+        all.into_iter().map(|shapes| Variation::Course { kind, shapes }).collect()
+    }
+
+    /// Values of a course's shape that are looked for.
+    fn shape_values(&self, number: &Number, mode: Mode) -> Vec<f64> {
+        let onsets = if mode == Mode::Level { SUDDEN_ONSETS } else { ONSETS };
+        let duration_s = self.blocks() as f64 * BLOCK_S;
+        match number.name {
+            _ if is_onset(number) => (1..onsets).map(|onset| duration_s * onset as f64 / onsets as f64).collect(),
+            PHASE => vec![0.0],
+            // A period.
+            _ => (2..=QUARTER_TURNS)
+                .map(|quarter_turns| 4.0 * duration_s / quarter_turns as f64)
+                .filter(|&period_s| period_s >= 4.0 * SHORTEST_BLOCKS * BLOCK_S)
+                .collect(),
+        }
+    }
+
+    /// Values of a course in each of these blocks; nothing where it is 1 throughout.
+    pub fn values(&self, mode: Mode, variation: &Variation, blocks: Range<usize>) -> Option<Cow<'_, [f64]>> {
+        let law = match variation {
+            Variation::Constant => return None,
+            Variation::Course { kind, shapes } => KINDS[*kind].law(shapes),
+            Variation::Onset { block } => KINDS[0].law(&[*block as f64 * BLOCK_S]),
+        };
+        let course = Course { effect: 0, amplitude: 0, size: 1.0, law };
+        // An increment lies between the middles of two blocks, a value in its own.
+        let value = |block: usize| {
+            let end_s = match mode {
+                Mode::Rate => Measured::middle_s(block),
+                Mode::Level => (block + 1) as f64 * BLOCK_S,
+            };
+            course.value(&Interval { start_s: end_s - BLOCK_S, end_s, electronics_excess_k: self.excess_k[block] })
+        };
+        match self.waves.iter().find(|wave| wave.mode == mode && wave.variation == *variation) {
+            Some(wave) => {
+                let whole = wave.values.get_or_init(|| (0..self.blocks()).map(value).collect());
+                Some(Cow::Borrowed(&whole[blocks]))
+            }
+            None => Some(Cow::Owned(blocks.map(value).collect())),
+        }
+    }
+}
