@@ -6,8 +6,8 @@ use geu_model::course::{KINDS, Law};
 use rayon::prelude::*;
 
 use crate::bank::{Bank, Base, Family, Variation};
-use crate::change::{Amplitude, Change};
-use crate::normal::{Gain, Normal};
+use crate::change::{Amplitude, Change, Gyros};
+use crate::normal::{Gain, Normal, Products, THIRDS};
 use crate::search::products;
 use crate::state::{Case, Held, State};
 
@@ -28,6 +28,8 @@ pub struct Late {
     pub normal: Normal,
     /// What is paid for it: the family, the gyros, the lag.
     pub cost_chi2: f64,
+    /// By how much better each third is foretold by the others ([`Normal::held_out`]), by its signature.
+    pub held_out: [Option<f64>; THIRDS],
 }
 
 impl Late {
@@ -63,12 +65,13 @@ pub fn likeliest(
 ) -> Option<Late> {
     let found = &state.held[index].change;
     let (family, amplitude) = following_temperature(found.amplitude)?;
-    let mut others = state.clone();
-    others.held.remove(index);
-    let (residual, columns) = case.linearised(&mut others);
-    let normal = Normal::new(case.whitenings(&state.noise), &residual, &columns);
-    let spot = spot(bank, &normal, found)?;
-    if spot.gain.chi2 < HOPE * (normal.chi2() - case.normal(&mut state.clone()).chi2()) {
+    let others = case.normal(&mut {
+        let mut others = state.clone();
+        others.held.remove(index);
+        others
+    });
+    let spot = spot(bank, &others, found)?;
+    if spot.gain.chi2 < HOPE * (others.chi2() - case.normal(&mut state.clone()).chi2()) {
         return None;
     }
     let size = if spot.base.is_linear { spot.gain.size } else { spot.base.size };
@@ -79,7 +82,8 @@ pub fn likeliest(
         state.held[index] = Held::new(change.clone());
         state.tell_late(late_s);
         let normal = case.fit(&mut state);
-        Late { cost_chi2: price(family, &change) + lag_chi2(late_s, before_s), state, normal }
+        let held_out = others.held_out(&spot.products(bank, &others, late_s, &change.gyros));
+        Late { cost_chi2: price(family, &change) + lag_chi2(late_s, before_s), held_out, state, normal }
     };
     best_of(&[spot.late_s, before_s], |late_s| Some(fitted(late_s)), Late::score)
 }
@@ -87,8 +91,16 @@ pub fn likeliest(
 /// What follows the temperature in the place of a change, by signatures.
 struct Spot<'a> {
     base: &'a Base,
+    variation: Variation,
     late_s: f64,
     gain: Gain,
+}
+
+impl Spot<'_> {
+    /// Its products where the temperature is told so much later than it was.
+    fn products(&self, bank: &Bank, normal: &Normal, late_s: f64, gyros: &Gyros) -> Products {
+        products(&bank.late(late_s), normal, self.base, &self.variation, gyros)
+    }
 }
 
 /// Where signatures explain most.
@@ -100,7 +112,7 @@ fn spot<'a>(bank: &'a Bank, normal: &Normal, found: &Change) -> Option<Spot<'a>>
         let late = bank.late(late_s);
         let spots = bases.iter().filter_map(|&base| {
             let gain = normal.gain(&products(&late, normal, base, &variation, &found.gyros))?;
-            base.stands_for(gain.size).then_some(Spot { base, late_s, gain })
+            base.stands_for(gain.size).then(|| Spot { base, variation: variation.clone(), late_s, gain })
         });
         spots.max_by(|one, other| one.gain.chi2.total_cmp(&other.gain.chi2))
     };

@@ -48,6 +48,16 @@ pub enum MeasuredError {
         /// What they have in common.
         common_s: f64,
     },
+    /// Too much of it is lost.
+    #[error(
+        "the recording: expected at least 10 min of one gyro beside the reference, without lost half seconds, got {good_s:.0} s of {common_s:.0} s; `geu decode` tells what is lost"
+    )]
+    Broken {
+        /// What can be used of the gyro that has most.
+        good_s: f64,
+        /// What recording and reference have in common.
+        common_s: f64,
+    },
 }
 
 /// Ten half seconds of one channel.
@@ -151,7 +161,11 @@ impl Measured {
             }
         }
         let good = blocks[..TIMING].iter().map(|channel| channel.iter().filter(|block| block.is_good).count()).max();
-        if good.unwrap_or(0) < LEAST_BLOCKS {
+        let good = good.unwrap_or(0);
+        if good < LEAST_BLOCKS && count >= LEAST_BLOCKS && common_s >= LEAST_BLOCKS as f64 * BLOCK_S {
+            return Err(MeasuredError::Broken { good_s: good as f64 * BLOCK_S, common_s });
+        }
+        if good < LEAST_BLOCKS {
             let at = counts.start_ns as f64 * 1e-9;
             return Err(MeasuredError::NoOverlap {
                 from_s: at,
@@ -281,4 +295,35 @@ impl Measured {
 /// Nodes of a block: node 0 is the start.
 pub fn nodes(block: usize) -> std::ops::Range<usize> {
     1 + block * BLOCK..1 + (block + 1) * BLOCK
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use geu_calibration::{Break, BreakKind};
+    use geu_model::attitude::Row;
+
+    /// Half seconds at rest from `start_s` of the reference on, which has 1500 s; one in so many is lost.
+    fn refused(start_s: f64, lost_each: usize) -> String {
+        let row = |node: usize| Row {
+            t_s: node as f64 * HALF_SECOND_S,
+            angle_control_arcsec: [0.0; 3],
+            theta_psi_rad: Some((1.5, 0.0)),
+        };
+        let rows: Vec<Row> = (0..=3000).map(row).collect();
+        let truth = Arc::new(Recorded::new(&rows).expect("a truth"));
+        let mut counts = Counts::starting_at((start_s * 1e9) as i64);
+        (1..=2400).for_each(|node| counts.push(node as f64 * HALF_SECOND_S, [0.0; 4], 20.0));
+        let lost = |node: usize| Break { from: node, to: node + 1, gyros: [true; 4], kind: BreakKind::Gap(1) };
+        counts.breaks = (1..2400).step_by(lost_each).map(lost).collect();
+        Measured::new(counts, &Reference { start_ns: 0, truth, time_system: None }).expect_err("too little").to_string()
+    }
+
+    #[test]
+    fn too_little_in_common_and_too_much_lost_are_told_apart() {
+        let apart = refused(1000.0, 2400);
+        assert!(apart.contains("in common, got 500.0 s"), "{apart}");
+        let broken = refused(0.0, 15);
+        assert!(broken.contains("without lost half seconds, got 400 s of 1200 s"), "{broken}");
+    }
 }

@@ -159,7 +159,9 @@ pub fn sentence(entry: &Entry) -> String {
     };
     if let (Some(next), Some((fall, _))) = (apart.first(), entry.chi2) {
         let share = 100.0 * (1.0 - next.behind_chi2.unwrap_or(0.0) / fall).max(0.0);
-        text += &format!("; next best, {}, explains {share:.0} % of what it does", name(next));
+        // It can be told apart, if only just.
+        let share = if share < 99.5 { format!("{share:.0}") } else { "over 99".to_owned() };
+        text += &format!("; next best, {}, explains {share} % of what it does", name(next));
     }
     if !same.is_empty() {
         let of = |rival: &&RivalShown| match rival.cosine {

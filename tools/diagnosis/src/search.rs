@@ -34,13 +34,18 @@ pub struct Candidate {
 }
 
 impl Candidate {
-    /// Whether it pays on what was not fitted. Where a third has nearly all that tells of it, and cannot be foretold, it is enough that
-    /// it does no harm to the others.
+    /// Whether it pays on what was not fitted.
     pub fn pays_held_out(&self) -> bool {
-        let all = self.held_out.iter().all(Option::is_some);
-        let sum: f64 = self.held_out.iter().flatten().sum();
-        sum > if all { 0.0 } else { -HARM_CHI2 }
+        pays(&self.held_out)
     }
+}
+
+/// Whether a hypothesis by which each third is so much better foretold pays on what was not fitted. Where a third has nearly all that
+/// tells of it, and cannot be foretold, it is enough that it does no harm to the others.
+pub fn pays(held_out: &[Option<f64>; THIRDS]) -> bool {
+    let all = held_out.iter().all(Option::is_some);
+    let sum: f64 = held_out.iter().flatten().sum();
+    sum > if all { 0.0 } else { -HARM_CHI2 }
 }
 
 /// Sets of gyros that an amplitude may act on together with one size.

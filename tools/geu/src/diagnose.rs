@@ -22,7 +22,7 @@ use crate::failure::{Failure, note, say};
 use crate::overwriting::refuse_overwriting;
 use crate::settings::{NamedSettings, Settings};
 
-/// Defects of a recording that are looked at; a broken one has millions.
+/// Defects of a recording that are listed; a broken one has millions, and how many more there are is told.
 const MOST_DEFECTS: usize = 100_000;
 
 /// Finds where model and measurement part, names the missing effect, adds it to the model and shows the gap shrink.
@@ -162,6 +162,7 @@ pub struct Recording {
     /// Half seconds.
     pub rows: Vec<Row>,
     found: Vec<Found>,
+    beyond: u64,
 }
 
 /// A defect without its bytes: input, place, kind, time, half seconds lost.
@@ -175,6 +176,8 @@ impl Sink for Recording {
     fn defect(&mut self, defect: &Defect) {
         if self.found.len() < MOST_DEFECTS {
             self.found.push((defect.input.to_owned(), defect.place, defect.kind, defect.time, defect.lost));
+        } else {
+            self.beyond += 1;
         }
     }
 }
@@ -191,6 +194,10 @@ impl Recording {
             reader.read(name, &mut recording).map_err(Failure::input)?;
         }
         reader.finish(&mut recording).1.map_err(Failure::input)?;
+        if recording.beyond > 0 {
+            let beyond = recording.beyond;
+            note(format_args!("geu: {MOST_DEFECTS} defects are listed, {beyond} more are not; `geu decode` has all\n"));
+        }
         Ok(recording)
     }
 

@@ -8,6 +8,7 @@ use crate::bank::Bank;
 use crate::change::{Change, ONSET};
 use crate::late;
 use crate::null::Thresholds;
+use crate::search::pays;
 use crate::state::{Case, Held};
 
 use super::Explained;
@@ -55,8 +56,9 @@ impl Explained {
         let Some(late) = late::likeliest(case, bank, &self.state, self.state.held.len() - 1, &price) else { return };
         let paid = self.costs.last_mut().expect("one for each change");
         let is_better = late.normal.squares() + late.cost_chi2 < self.normal.squares() + *paid;
-        if is_better && is_possible(late.state.held.last().expect("as many as before")) {
+        if is_better && pays(&late.held_out) && is_possible(late.state.held.last().expect("as many as before")) {
             *paid = late.cost_chi2;
+            *self.held_out.last_mut().expect("one for each change") = late.held_out;
             (self.state, self.normal) = (late.state, late.normal);
         }
     }
