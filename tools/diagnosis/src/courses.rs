@@ -168,3 +168,33 @@ impl Courses {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_wave_that_is_kept_is_the_one_that_is_computed() {
+        let excess_k: Vec<f64> = (0..500).map(|block| (block as f64 * 0.01).sin()).collect();
+        let own = Courses::new(excess_k.clone());
+        let none = Courses { excess_k, waves: Arc::default() };
+        let late = own.late(150.0);
+        for mode in [Mode::Rate, Mode::Level] {
+            let (mut waves, mut followers) = (0, 0);
+            for variation in (0..KINDS.len()).flat_map(|kind| none.variations(kind, mode)) {
+                let values = none.values(mode, &variation, 30..200);
+                assert_eq!(own.values(mode, &variation, 30..200), values, "{variation:?}");
+                let is_wave = variation.at_phase(0.0).is_some();
+                let is_kept = matches!(own.values(mode, &variation, 0..10), Some(Cow::Borrowed(_)));
+                assert_eq!(is_kept, is_wave, "{variation:?}");
+                waves += usize::from(is_wave);
+                // Only what follows the temperature is another where that is told late.
+                if late.values(mode, &variation, 30..200) != values {
+                    assert_eq!(late.values(mode, &variation, 30..200), none.values(mode, &variation, 60..230));
+                    followers += 1;
+                }
+            }
+            assert!(waves > 10 && followers == 1, "{waves} {followers}");
+        }
+    }
+}

@@ -11,6 +11,7 @@ use rayon::prelude::*;
 
 use crate::bank::Bank;
 use crate::change::{Amplitude, Change, Place};
+use crate::late::lag_chi2;
 use crate::measured::{CHANNELS, TIMING};
 use crate::normal::{Normal, THIRDS};
 use crate::null::Thresholds;
@@ -82,7 +83,7 @@ impl Explained {
             + TOGETHER_CHI2 * self.noise.len().saturating_sub(1) as f64;
         let residual = case.residual(&self.state);
         let normal = Normal::new(case.whitenings(noise), &residual, &case.nuisances);
-        normal.deviance() + self.costs.iter().sum::<f64>() + own
+        normal.deviance() + self.costs.iter().sum::<f64>() + lag_chi2(&self.state) + own
     }
 }
 
@@ -195,7 +196,13 @@ impl Explained {
 
     /// By how much χ² falls with a change, beside all the others, and what was paid for it.
     pub fn worth(&self, case: &Case, index: usize) -> (f64, f64) {
-        (self.without(case, index).1.squares() - self.normal.squares(), self.costs[index])
+        let (without, normal) = self.without(case, index);
+        (normal.squares() - self.normal.squares(), self.cost(index, &without))
+    }
+
+    /// What was paid for a change, and for the lag that goes with it.
+    fn cost(&self, index: usize, without: &State) -> f64 {
+        self.costs[index] + lag_chi2(&self.state) - lag_chi2(without)
     }
 
     /// Takes a change back, wherever it is told.
@@ -275,7 +282,8 @@ impl Explained {
             let without = |index: usize| {
                 let (mut state, normal) = self.without(case, index);
                 let walked = if is_noisy { walked(case, &mut state, &self.state.held[index].change) } else { 0.0 };
-                (normal.squares() - self.normal.squares() - self.costs[index] - walked, index, state, normal)
+                let spare = normal.squares() - self.normal.squares() - self.cost(index, &state);
+                (spare - walked, index, state, normal)
             };
             let all: Vec<_> = (0..self.state.held.len()).into_par_iter().map(without).collect();
             match all.into_iter().min_by(|one, other| one.0.total_cmp(&other.0)) {

@@ -16,7 +16,7 @@ const LATE_S: [f64; 9] = [-300.0, 0.0, 150.0, 300.0, 450.0, 600.0, 900.0, 1200.0
 /// Steps in which the best of them is bettered, s: from half of the widest gap on.
 const NEARER_S: [f64; 4] = [150.0, 75.0, 40.0, 20.0];
 /// What a lag must lower χ² by, three sigma.
-const LAG_CHI2: f64 = 9.0;
+pub const LAG_CHI2: f64 = 9.0;
 /// What explains less than this share of what the change does, by its signature, is not fitted.
 const HOPE: f64 = 0.5;
 
@@ -26,15 +26,18 @@ pub struct Late {
     pub state: State,
     /// The equations of that.
     pub normal: Normal,
-    /// What is paid for it: the family, the gyros, the lag.
-    pub cost_chi2: f64,
+    /// What is paid for its family and gyros.
+    pub price_chi2: f64,
+    /// And for the lag, where there was none.
+    pub lag_chi2: f64,
     /// By how much better each third is foretold by the others ([`Normal::held_out`]), by its signature.
     pub held_out: [Option<f64>; THIRDS],
 }
 
 impl Late {
-    fn score(&self) -> f64 {
-        self.normal.squares() + self.cost_chi2
+    /// What is left, and what is paid.
+    pub fn score(&self) -> f64 {
+        self.normal.squares() + self.price_chi2 + self.lag_chi2
     }
 }
 
@@ -49,22 +52,31 @@ fn kind() -> Option<usize> {
     KINDS.iter().position(|kind| kind.shapes.is_empty() && kind.law(&[]) == Law::Temperature)
 }
 
-/// What is paid for a lag where another one was told before.
-pub fn lag_chi2(late_s: f64, before_s: f64) -> f64 {
-    if late_s == before_s { 0.0 } else { LAG_CHI2 }
+/// What is paid for the lag of a state, one for all that follows the temperature.
+pub fn lag_chi2(state: &State) -> f64 {
+    if state.shifts.temperature_s == 0.0 { 0.0 } else { LAG_CHI2 }
 }
 
-/// Puts what follows the temperature in the place of the change at `index`, with the lag that suits best; `price` is what a change of a
-/// family costs. Nothing where the amplitude has no such course, or where that explains much less.
+/// Puts what follows the temperature in the place of the change at `index`, with the lag that suits best of those that are accepted;
+/// `price` is what a change of a family costs. Nothing where the amplitude has no such course, where that explains much less, or where
+/// it is held already.
 pub fn likeliest(
     case: &Case,
     bank: &Bank,
     state: &State,
     index: usize,
     price: &(dyn Fn(Family, &Change) -> f64 + Sync),
+    is_accepted: &(dyn Fn(&Late) -> bool + Sync),
 ) -> Option<Late> {
     let found = &state.held[index].change;
     let (family, amplitude) = following_temperature(found.amplitude)?;
+    let is_held = |(other, held): (usize, &Held)| {
+        let shares = held.change.gyros.iter().zip(found.gyros).any(|(one, other)| *one && other);
+        other != index && held.change.amplitude == amplitude && shares
+    };
+    if state.held.iter().enumerate().any(is_held) {
+        return None;
+    }
     let others = case.normal(&mut {
         let mut others = state.clone();
         others.held.remove(index);
@@ -76,16 +88,20 @@ pub fn likeliest(
     }
     let size = if spot.base.is_linear { spot.gain.size } else { spot.base.size };
     let change = Change { amplitude, size, course_shapes: Vec::new(), ..found.clone() };
-    let before_s = state.shifts.temperature_s;
     let fitted = |late_s: f64| {
-        let mut state = state.clone();
-        state.held[index] = Held::new(change.clone());
-        state.tell_late(late_s);
-        let normal = case.fit(&mut state);
+        let mut own = state.clone();
+        own.held[index] = Held::new(change.clone());
+        own.tell_late(late_s);
+        let normal = case.fit(&mut own);
         let held_out = others.held_out(&spot.products(bank, &others, late_s, &change.gyros));
-        Late { cost_chi2: price(family, &change) + lag_chi2(late_s, before_s), held_out, state, normal }
+        let lag_chi2 = lag_chi2(&own) - lag_chi2(state);
+        let late = Late { state: own, normal, price_chi2: price(family, &change), lag_chi2, held_out };
+        is_accepted(&late).then_some(late)
     };
-    best_of(&[spot.late_s, before_s], |late_s| Some(fitted(late_s)), Late::score)
+    let mut all_s = vec![spot.late_s, state.shifts.temperature_s, 0.0];
+    all_s.sort_by(f64::total_cmp);
+    all_s.dedup();
+    best_of(&all_s, fitted, Late::score)
 }
 
 /// What follows the temperature in the place of a change, by signatures.

@@ -50,7 +50,7 @@ pub enum MeasuredError {
     },
     /// Too much of it is lost.
     #[error(
-        "the recording: expected at least 10 min of one gyro beside the reference, without lost half seconds, got {good_s:.0} s of {common_s:.0} s; `geu decode` tells what is lost"
+        "the recording: expected at least 10 min of one gyro beside the reference, without lost, clipped or invalid half seconds, got {good_s:.0} s of {common_s:.0} s; `geu decode` tells what is lost"
     )]
     Broken {
         /// What can be used of the gyro that has most.
@@ -80,7 +80,7 @@ pub struct Measured {
     pub half_seconds: usize,
     /// Blocks of each channel. The channel of the times has good ones only where times were received.
     pub blocks: [Vec<Block>; CHANNELS],
-    /// Runs of the model on it.
+    /// Runs of the model on it: nothing that they depend on may move after the first; a copy begins anew.
     runs: Runs,
     /// Time of receipt of each node less nominal half seconds, in units of [`TIMING_UNIT_S`]; NaN where none came.
     late: Vec<f64>,
@@ -141,6 +141,11 @@ impl Measured {
                 (block.is_good, block.restarts) = (is_known, !is_known && index != TIMING);
             }
         }
+        let good = |blocks: &[Vec<Block>; CHANNELS]| {
+            let of_channel = |channel: &Vec<Block>| channel.iter().filter(|block| block.is_good).count();
+            blocks[..TIMING].iter().map(of_channel).max().unwrap_or(0)
+        };
+        let covered = good(&blocks);
         for found in &counts.breaks {
             // The block in which the sum is lost, and all that it touches.
             for (index, channel) in blocks.iter_mut().enumerate() {
@@ -160,9 +165,8 @@ impl Measured {
                 }
             }
         }
-        let good = blocks[..TIMING].iter().map(|channel| channel.iter().filter(|block| block.is_good).count()).max();
-        let good = good.unwrap_or(0);
-        if good < LEAST_BLOCKS && count >= LEAST_BLOCKS && common_s >= LEAST_BLOCKS as f64 * BLOCK_S {
+        let good = good(&blocks);
+        if good < LEAST_BLOCKS && covered >= LEAST_BLOCKS {
             return Err(MeasuredError::Broken { good_s: good as f64 * BLOCK_S, common_s });
         }
         if good < LEAST_BLOCKS {
@@ -324,6 +328,6 @@ mod tests {
         let apart = refused(1000.0, 2400);
         assert!(apart.contains("in common, got 500.0 s"), "{apart}");
         let broken = refused(0.0, 15);
-        assert!(broken.contains("without lost half seconds, got 400 s of 1200 s"), "{broken}");
+        assert!(broken.contains("invalid half seconds, got 400 s of 1200 s"), "{broken}");
     }
 }

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use crate::bank::{Bank, Base, Column, Family, Variation};
 use crate::change::{ALL_GYROS, Amplitude, Change, Gyros, Place};
 use crate::climb::climb;
-use crate::late::{self, following_temperature};
+use crate::late::{self, LAG_CHI2, Late, following_temperature};
 use crate::measured::{BLOCK_S, CHANNELS, Series};
 use crate::normal::{Beside, Gain, Normal, Nuisance, Products, dot};
 use crate::search::reaches;
@@ -64,7 +64,16 @@ pub struct Prices<'a> {
 /// The rivals of the change at `index` of a state on the data, the best first.
 pub fn rivals(case: &Case, bank: &Bank, state: &State, index: usize, prices: &Prices) -> Vec<Rival> {
     let achieved = case.normal(&mut state.clone()).chi2();
+    // What follows a temperature that is told late is not the model's only word on when it is told.
+    let is_own = state.held[index].follows_temperature()
+        && state.held.iter().filter(|held| held.follows_temperature()).count() == 1;
     let beside = |temperature_s: f64| -> Vec<Rival> {
+        // The lag was paid for with what was found, and is by what follows the temperature in its place.
+        let price = |family, change: &Change| {
+            let needs_lag = is_own && temperature_s != 0.0 && change.law() == Some(Law::Temperature);
+            (prices.of)(family, change) + if needs_lag { LAG_CHI2 } else { 0.0 }
+        };
+        let prices = &Prices { found: prices.found, of: &price };
         let mut others = state.clone();
         others.held.remove(index);
         others.tell_late(temperature_s);
@@ -95,9 +104,6 @@ pub fn rivals(case: &Case, bank: &Bank, state: &State, index: usize, prices: &Pr
     };
     let late_s = state.shifts.temperature_s;
     let mut rivals = beside(late_s);
-    // What follows a temperature that is told late is not the model's only word on when it is told.
-    let is_own = state.held[index].follows_temperature()
-        && state.held.iter().filter(|held| held.follows_temperature()).count() == 1;
     if late_s != 0.0 && is_own {
         rivals.extend(beside(0.0));
     }
@@ -116,7 +122,9 @@ fn late_temperature(
     achieved: f64,
     prices: &Prices,
 ) -> Option<Rival> {
-    let late = late::likeliest(case, bank, state, index, prices.of)?;
+    let is_accepted =
+        |late: &Late| late.state.held[index].change.is_within_limits() && late.normal.squares().is_finite();
+    let late = late::likeliest(case, bank, state, index, prices.of, &is_accepted)?;
     let change = late.state.held[index].change.clone();
     let (family, _) = following_temperature(change.amplitude)?;
     let mut others = state.clone();
@@ -124,10 +132,9 @@ fn late_temperature(
     let (residual, columns) = case.linearised(&mut others);
     let normal = Normal::new(case.whitenings(&state.noise), &residual, &columns);
     let [own, other] = [state, &late.state].map(|state| Signature::new(&normal, &case.signature(state, index)));
-    let behind = late.normal.squares() - achieved - (prices.found - late.cost_chi2).max(0.0);
-    let rival =
-        Rival { change, family, cosine: own.cosine(&normal, &other), reach_chi2: 0.0, behind_chi2: behind.max(0.0) };
-    (behind.is_finite() && rival.change.is_within_limits()).then_some(rival)
+    let dearer = prices.found - late.price_chi2 - late.lag_chi2;
+    let behind_chi2 = (late.normal.squares() - achieved - dearer.max(0.0)).max(0.0);
+    Some(Rival { change, family, cosine: own.cosine(&normal, &other), reach_chi2: 0.0, behind_chi2 })
 }
 
 fn constant(amplitude: Amplitude) -> Amplitude {

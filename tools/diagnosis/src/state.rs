@@ -9,7 +9,7 @@ use geu_model::number::Numbers;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use crate::change::{Change, ONSET, PHASE, Parameter, sixteen};
+use crate::change::{Change, ONSET, PHASE, Parameter, Place, sixteen};
 use crate::measured::{CHANNELS, Measured, Series, Shifts, TIMING};
 use crate::normal::{Normal, Nuisance};
 use crate::whitening::{Noise, Whitening};
@@ -258,7 +258,10 @@ impl State {
     pub fn tell_late(&mut self, temperature_s: f64) {
         if self.shifts.temperature_s != temperature_s {
             self.shifts.temperature_s = temperature_s;
-            self.held.iter_mut().filter(|held| held.follows_temperature()).for_each(Held::run_anew);
+            // A formula may have the temperature among its factors.
+            let moves =
+                |held: &&mut Held| held.follows_temperature() || held.change.amplitude.place == Place::Discovered;
+            self.held.iter_mut().filter(moves).for_each(Held::run_anew);
         }
     }
 

@@ -9,7 +9,7 @@ use crate::measured::CHANNELS;
 use crate::normal::{Beside, Normal, dot};
 
 /// Phases of a wave that are looked for, over half a turn.
-const PHASES: usize = 8;
+const PHASES: usize = 16;
 
 /// What is told of a signature on one channel, linear in it.
 pub trait Linear: Sized {

@@ -143,6 +143,17 @@ fn what_follows_a_late_temperature_is_another_signature() {
     assert!(likeness(0.0) > 0.999, "{}", likeness(0.0));
     assert_eq!(told.temperature_late_s, 600.0);
     assert!(likeness(told.temperature_late_s) < likeness(0.0));
+    // Another code that was hidden, as like as the lag lets it be.
+    let numbers = [("amplitude_arcsec_per_h", 20.0), ("period_s", 6180.0), ("phase_rad", 0.0)];
+    let swings = Hidden {
+        code: "drift-periodic".to_owned(),
+        parameters: numbers.map(|(name, value)| (name.to_owned(), value)).to_vec(),
+        assignments: numbers.map(|(name, value)| format!("gyro.GYRX.drift-periodic.{name}={value:?}")).to_vec(),
+        origin: Origin::Unknown,
+        ..step(0.0)
+    };
+    let [now, quarter_turn_late] = [0.0, 1545.0].map(|late_s| survey.likeness(&swings, &told.missing[0], late_s));
+    assert!((now - quarter_turn_late).abs() > 0.01, "{now} {quarter_turn_late}");
 }
 
 #[test]

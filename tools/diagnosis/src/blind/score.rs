@@ -77,7 +77,11 @@ impl Told {
         let missing = effects.iter().filter(|entry| entry["class"] == "missing-effect");
         let missing = missing.map(Found::from_json).collect::<Option<_>>();
         let missing = missing.ok_or(bad("effects", "code, gyros and parameters of each"))?;
-        Ok(Told { verdict, missing, temperature_late_s: result["temperature_late_s"].as_f64().unwrap_or(0.0) })
+        let temperature_late_s = match &result["temperature_late_s"] {
+            Value::Null => 0.0,
+            value => value.as_f64().ok_or(bad("temperature_late_s", "a number"))?,
+        };
+        Ok(Told { verdict, missing, temperature_late_s })
     }
 }
 

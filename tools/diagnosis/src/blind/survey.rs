@@ -137,7 +137,7 @@ impl Survey {
         let (Some(one), Some(other)) = (self.signature_of(&hidden.assignments), of_found()) else { return 0.0 };
         let both: f64 = one.white.iter().zip(&other.white).map(|(one, other)| dot(one, other)).sum();
         let as_found = self.normal.cosine(&one.products, &other.products, both).abs().min(1.0);
-        let rivals = hidden.change().map_or(Vec::new(), |change| self.rivals(&change));
+        let rivals = hidden.change().map_or(Vec::new(), |change| self.rivals(&change, temperature_late_s));
         let is_found =
             |rival: &&Rival| rival.change.amplitude.code() == found.code && rival.change.gyros == found.gyros;
         rivals.iter().find(is_found).map_or(as_found, |rival| rival.cosine.max(as_found))
@@ -176,18 +176,18 @@ impl Survey {
 
     /// The amplitude of the catalogue that looks most like a change, and the cosine of the two.
     pub fn nearest(&self, change: &Change) -> Option<(String, f64)> {
-        let nearest = self.rivals(change).into_iter().next()?;
+        let nearest = self.rivals(change, 0.0).into_iter().next()?;
         Some((nearest.change.amplitude.code(), nearest.cosine))
     }
 
-    /// The amplitudes of the catalogue that look like a change, the most alike first.
-    fn rivals(&self, change: &Change) -> Vec<Rival> {
+    /// The amplitudes of the catalogue that look like a change where the temperature is told so much late, the most alike first.
+    fn rivals(&self, change: &Change, temperature_late_s: f64) -> Vec<Rival> {
         let bank = self.bank.get_or_init(|| Bank::new(&self.measured, &self.believed));
         let nuisances = self.nuisances.clone();
         let case = Case { measured: &self.measured, believed: &self.believed, nuisances };
         let mut state = case.start(self.noise);
         state.held.push(Held::new(change.clone()));
-        look_alikes(&case, bank, &state, 0)
+        look_alikes(&case, &bank.late(temperature_late_s), &state, 0)
     }
 
     /// Diagnoses a flight. The thresholds are those of a flight with nothing hidden, for all flights of this motion: a key of

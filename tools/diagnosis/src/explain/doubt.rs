@@ -41,7 +41,7 @@ impl Explained {
         }
         (0..self.state.held.len()).any(|index| {
             let (state, normal) = self.without(case, index);
-            let worth = normal.squares() - self.normal.squares() - self.costs[index];
+            let worth = normal.squares() - self.normal.squares() - self.cost(index, &state);
             let candidates = search(formulas, &normal, &state, &|family| thresholds.of(family));
             let best = candidates.first().map(|best| best.gain.chi2 - thresholds.of(best.family));
             best.is_some_and(|best| best > worth)

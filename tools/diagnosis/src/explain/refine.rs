@@ -6,7 +6,8 @@ use geu_model::course::Law;
 
 use crate::bank::Bank;
 use crate::change::{Change, ONSET};
-use crate::late;
+use crate::late::{self, Late};
+use crate::normal::THIRDS;
 use crate::null::Thresholds;
 use crate::search::pays;
 use crate::state::{Case, Held};
@@ -53,12 +54,20 @@ impl Explained {
             return;
         }
         let price = |family, change: &Change| thresholds.price(family, change);
-        let Some(late) = late::likeliest(case, bank, &self.state, self.state.held.len() - 1, &price) else { return };
-        let paid = self.costs.last_mut().expect("one for each change");
-        let is_better = late.normal.squares() + late.cost_chi2 < self.normal.squares() + *paid;
-        if is_better && pays(&late.held_out) && is_possible(late.state.held.last().expect("as many as before")) {
-            *paid = late.cost_chi2;
-            *self.held_out.last_mut().expect("one for each change") = late.held_out;
+        let own = *self.held_out.last().expect("one for each change");
+        let foretold = |held_out: &[Option<f64>; THIRDS]| held_out.iter().flatten().sum::<f64>();
+        // What follows the temperature anyway must be foretold better with the lag than without.
+        let is_foretold = |late: &Late| !last.follows_temperature() || foretold(&late.held_out) > foretold(&own);
+        let is_accepted = |late: &Late| {
+            let last = late.state.held.last().expect("as many as before");
+            pays(&late.held_out) && is_foretold(late) && is_possible(last)
+        };
+        let index = self.state.held.len() - 1;
+        let Some(late) = late::likeliest(case, bank, &self.state, index, &price, &is_accepted) else { return };
+        let paid = &mut self.costs[index];
+        if late.score() < self.normal.squares() + *paid {
+            *paid = late.price_chi2;
+            self.held_out[index] = late.held_out;
             (self.state, self.normal) = (late.state, late.normal);
         }
     }

@@ -20,7 +20,7 @@ const KEPT: usize = 8;
 /// What was run lately on one recording.
 #[derive(Debug, Default)]
 pub(super) struct Runs {
-    /// The last one asked for last.
+    /// The last one of use last.
     kept: Mutex<Vec<Run>>,
     /// The motion moved by a lag: the last one asked for.
     lagging: Mutex<Option<(f64, Arc<Recorded>)>>,
@@ -59,26 +59,27 @@ impl Runs {
         shifts: Shifts,
     ) -> [Option<Arc<Vec<f64>>>; CHANNELS] {
         let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        let alike = |run: &Run| {
-            run.is_of(unit, shifts).then(|| (0..TIMING).filter(|&gyro| run.gyros[gyro] == gyros[gyro]).count())
-        };
-        let Some((_, nearest)) = kept.iter().enumerate().filter_map(|(place, run)| Some((alike(run)?, place))).max()
-        else {
-            return Default::default();
-        };
-        // Used once more.
-        let run = kept.remove(nearest);
-        let channel = |channel: usize| {
-            let is_same = channel == TIMING || run.gyros[channel] == gyros[channel];
-            is_same.then(|| run.channels[channel].clone())
-        };
-        let known = std::array::from_fn(channel);
-        kept.push(run);
+        let alike: Vec<bool> = kept.iter().map(|run| run.is_of(unit, shifts)).collect();
+        let mut is_used = vec![false; kept.len()];
+        let known = std::array::from_fn(|channel| {
+            let has =
+                |place: &usize| alike[*place] && (channel == TIMING || kept[*place].gyros[channel] == gyros[channel]);
+            let place = (0..kept.len()).rev().find(has)?;
+            is_used[place] |= channel != TIMING;
+            Some(kept[place].channels[channel].clone())
+        });
+        // What was of use once more goes last.
+        let mut used = is_used.into_iter();
+        let (last, mut first): (Vec<Run>, Vec<Run>) = kept.drain(..).partition(|_| used.next() == Some(true));
+        first.extend(last);
+        *kept = first;
         known
     }
 
     fn keep(&self, run: Run) {
         let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        // Another thread may have asked for the same.
+        kept.retain(|other| !(other.is_of(&run.unit, run.shifts) && other.gyros == run.gyros));
         if kept.len() >= KEPT {
             kept.remove(0);
         }
