@@ -9,6 +9,7 @@ use geu_diagnosis::outcome::{Class, Entry};
 use geu_diagnosis::rivals::APART_CHI2;
 use geu_diagnosis::{Diagnosis, Settings, Thresholds, Verdict, diagnose_rows, report};
 use geu_model::Configuration;
+use geu_model::units::HALF_SECOND_S;
 use geu_plant::{GYROS, Gyro, Hidden, Plant};
 use geu_recording::Reference;
 use geu_tests::comparison::Recording;
@@ -340,6 +341,19 @@ fn a_temperature_told_late_misleads_nobody() {
         assert_not_misnamed(15, &[hidden], &bench, &[]);
     }
     assert_not_misnamed(15, &[], &bench, &[]);
+}
+
+#[test]
+#[ignore = "minutes; .ci/run has it"]
+fn how_late_a_temperature_is_told_is_found() {
+    let hidden = [Hidden::new("scale-factor-temperature", &GYROS, &[("ppm_per_k", 25.0)])];
+    for half_seconds in [0, 440] {
+        let bench = Bench { temperature_late: half_seconds, ..Bench::default() };
+        let diagnosis = diagnosis_of(19, &hidden, Some(&bench));
+        let (late_s, told_s) = (half_seconds as f64 * HALF_SECOND_S, diagnosis.temperature_late_s);
+        // To three steps of what is looked for; where none is late, none is told.
+        assert!((told_s - late_s).abs() < 60.0 && (told_s == 0.0) == (late_s == 0.0), "{late_s} s: {told_s} s");
+    }
 }
 
 #[test]
