@@ -344,9 +344,13 @@ impl Report<'_> {
 /// What is to be said of a temperature that is told late.
 fn temperature_lag(shifts: &Shifts) -> Option<Finding> {
     let late_s = shifts.temperature_s;
+    let when = if late_s > 0.0 { "before" } else { "after" };
     (late_s != 0.0).then(|| Finding {
         kind: "temperature-lag".to_owned(),
         place: "the whole recording".to_owned(),
-        text: format!("what follows the electronics temperature does so {late_s:.0} s before the temperature is told"),
+        text: format!(
+            "what follows the electronics temperature does so {:.0} s {when} the temperature is told",
+            late_s.abs()
+        ),
     })
 }

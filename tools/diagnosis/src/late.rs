@@ -11,7 +11,7 @@ use crate::normal::{Gain, Normal, Products, THIRDS};
 use crate::search::products;
 use crate::state::{Case, Held, State};
 
-/// How late a temperature may be told, s.
+/// How late a temperature may be told, s; early where a part of the electronics is warm only after the sensor.
 const LATE_S: [f64; 9] = [-300.0, 0.0, 150.0, 300.0, 450.0, 600.0, 900.0, 1200.0, 1800.0];
 /// Steps in which the best of them is bettered, s: from half of the widest gap on.
 const NEARER_S: [f64; 4] = [150.0, 75.0, 40.0, 20.0];
