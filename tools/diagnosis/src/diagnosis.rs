@@ -28,7 +28,7 @@ use crate::whereabouts::whereabouts;
 const FORMULA_MARGIN: f64 = 10.0;
 /// What is searched, beside the model's lists: another one where grids, families or nulls change, so that thresholds that were kept
 /// are not those of another search.
-const SEARCH: &str = concat!(env!("CARGO_PKG_VERSION"), " 11");
+const SEARCH: &str = concat!(env!("CARGO_PKG_VERSION"), " 12");
 
 /// What [`diagnose_rows`] takes beside recording and configuration.
 pub struct Settings<'a> {

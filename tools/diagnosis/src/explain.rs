@@ -82,7 +82,7 @@ impl Explained {
         let own = self.noise.len().min(1) as f64 * thresholds.largest()
             + TOGETHER_CHI2 * self.noise.len().saturating_sub(1) as f64;
         let residual = case.residual(&self.state);
-        let normal = Normal::new(case.whitenings(noise), &residual, &case.nuisances);
+        let normal = Normal::departed(case.whitenings(noise), &residual, &case.nuisances, &self.state.sixteen);
         normal.deviance() + self.costs.iter().sum::<f64>() + lag_chi2(&self.state) + own
     }
 }

@@ -28,7 +28,7 @@ pub fn held_out(case: &Case, state: &State) -> Gap {
     let (measured, state) = (case.measured, &mut state.clone());
     let model = measured.run(&state.configuration(case.believed), state.shifts);
     let (residual, columns) = case.linearised(state);
-    let normal = Normal::new(case.whitenings(&state.noise), &residual, &columns);
+    let normal = Normal::departed(case.whitenings(&state.noise), &residual, &columns, &state.sixteen);
     let blocks = measured.block_count();
     let mut corrections: Series = std::array::from_fn(|_| vec![0.0; blocks]);
     let mut squares = 0.0;

@@ -3,7 +3,10 @@
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
+use geu_model::package::Calibration;
+
 use crate::bank::Column;
+use crate::change::sixteen;
 use crate::measured::{CHANNELS, Series};
 use crate::whitening::Whitening;
 
@@ -11,6 +14,9 @@ use crate::whitening::Whitening;
 pub const THIRDS: usize = 3;
 /// Of the diagonal: what keeps a direction solvable of which the data tell nothing.
 pub(crate) const RIDGE: f64 = 1e-10;
+/// How much calibration numbers may move at all, in the order of [`Calibration::NUMBERS`]: 2000 ppm is what a launch does to a scale factor
+/// (Casteren §5.1), the others are as wide. What the motion does not tell stays within; what it tells hardly feels it.
+const LOOSE: [f64; Calibration::NUMBERS.len()] = [2000e-6, 600.0 / 7200.0, 300.0, 300.0, 300.0];
 /// The same for a fit to two thirds: what they tell by less than this share of what all tell is taken as untold.
 const HELD_OUT_RIDGE: f64 = 1e-4;
 /// A third without which less than this share of what tells a size is left cannot be foretold.
@@ -34,6 +40,8 @@ pub struct Normal {
     gram: [DMatrix<f64>; THIRDS],
     right: [DVector<f64>; THIRDS],
     squares: [f64; THIRDS],
+    /// Of what the sixteen have moved by, over what they may.
+    known_squares: f64,
     /// Of the whole, scaled to a diagonal of ones; what a column is divided by.
     factor: Cholesky<f64, Dyn>,
     scale: DVector<f64>,
@@ -99,8 +107,18 @@ pub struct Gain {
 }
 
 impl Normal {
-    /// Takes the residual and the nuisances, not whitened yet.
+    /// Takes the residual and the nuisances, not whitened yet; the first of these are the sixteen, as believed.
     pub fn new(whitenings: [Whitening; CHANNELS], residual: &Series, nuisances: &[Nuisance]) -> Normal {
+        Normal::departed(whitenings, residual, nuisances, &[])
+    }
+
+    /// The same of a state in which the sixteen have moved by so much.
+    pub fn departed(
+        whitenings: [Whitening; CHANNELS],
+        residual: &Series,
+        nuisances: &[Nuisance],
+        moved: &[f64],
+    ) -> Normal {
         let blocks = residual[0].len();
         let bounds = std::array::from_fn(|third| blocks * third / THIRDS);
         let residual: Series = std::array::from_fn(|channel| whitenings[channel].apply(&residual[channel]));
@@ -113,6 +131,7 @@ impl Normal {
             whitenings,
             bounds,
             squares: [0.0; THIRDS],
+            known_squares: 0.0,
             gram: std::array::from_fn(|_| DMatrix::zeros(count, count)),
             right: std::array::from_fn(|_| DVector::zeros(count)),
             residual,
@@ -147,7 +166,14 @@ impl Normal {
         let gram: DMatrix<f64> = normal.gram.iter().sum();
         let right: DVector<f64> = normal.right.iter().sum();
         normal.scale = DVector::from_fn(count, |i, _| if gram[(i, i)] > 0.0 { 1.0 / gram[(i, i)].sqrt() } else { 0.0 });
-        normal.factor = factored(&gram, &normal.scale, RIDGE);
+        let (mut known, mut right) = (gram, right);
+        for (index, (_, number)) in sixteen().into_iter().enumerate().take(count) {
+            let (moved, weight) = (moved.get(index).copied().unwrap_or(0.0), LOOSE[number].powi(-2));
+            known[(index, index)] += weight;
+            right[index] -= weight * moved;
+            normal.known_squares += weight * moved * moved;
+        }
+        normal.factor = factored(&known, &normal.scale, RIDGE);
         normal.solved = lower(&normal.factor, &normal.scale.component_mul(&right));
         normal
     }
@@ -164,7 +190,7 @@ impl Normal {
 
     /// χ² beside the nuisances.
     pub fn chi2(&self) -> f64 {
-        self.squares.iter().sum::<f64>() - self.solved.norm_squared()
+        self.squares() - self.solved.norm_squared()
     }
 
     /// −2 ln of the likelihood beside the nuisances, but for a constant: that of the data without what the nuisances take.
@@ -175,9 +201,9 @@ impl Normal {
         self.chi2() + determinants + told.map(|index| 2.0 * (diagonal(index) / self.scale[index]).ln()).sum::<f64>()
     }
 
-    /// Squares of the whitened residual as it stands.
+    /// Squares of the whitened residual as it stands, and of what the sixteen have moved by.
     pub fn squares(&self) -> f64 {
-        self.squares.iter().sum()
+        self.squares.iter().sum::<f64>() + self.known_squares
     }
 
     /// The nuisances, fitted, and their covariance.

@@ -78,7 +78,7 @@ pub fn rivals(case: &Case, bank: &Bank, state: &State, index: usize, prices: &Pr
         others.held.remove(index);
         others.tell_late(temperature_s);
         let (residual, columns) = case.linearised(&mut others);
-        let normal = Normal::new(case.whitenings(&state.noise), &residual, &columns);
+        let normal = Normal::departed(case.whitenings(&state.noise), &residual, &columns, &state.sixteen);
         // As the model runs it: of what is not linear the signature tells only the last step.
         let fall = normal.chi2() - achieved;
         let late = (temperature_s != 0.0).then(|| bank.late(temperature_s));
@@ -130,7 +130,7 @@ fn late_temperature(
     let mut others = state.clone();
     others.held.remove(index);
     let (residual, columns) = case.linearised(&mut others);
-    let normal = Normal::new(case.whitenings(&state.noise), &residual, &columns);
+    let normal = Normal::departed(case.whitenings(&state.noise), &residual, &columns, &state.sixteen);
     let [own, other] = [state, &late.state].map(|state| Signature::new(&normal, &case.signature(state, index)));
     let dearer = prices.found - late.price_chi2 - late.lag_chi2;
     let behind_chi2 = (late.normal.squares() - achieved - dearer.max(0.0)).max(0.0);

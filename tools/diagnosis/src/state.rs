@@ -192,7 +192,7 @@ impl<'a> Case<'a> {
     /// The equations of a state as it stands.
     pub fn normal(&self, state: &mut State) -> Normal {
         let (residual, columns) = self.linearised(state);
-        Normal::new(self.whitenings(&state.noise), &residual, &columns)
+        Normal::departed(self.whitenings(&state.noise), &residual, &columns, &state.sixteen)
     }
 
     /// Fits everything that is free, and tells the equations at the end.

@@ -1,7 +1,7 @@
 //! `geu diagnose`: where model and measurement part, which effect is missing, how large it is.
 
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use clap::Args;
@@ -109,19 +109,23 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let diagnosis = diagnose_rows(&recording.rows, &recording.defects(), &believed, &reference, &diagnosing);
     bar.finish_and_clear();
     let diagnosis = diagnosis.map_err(|error| Failure::input(format!("{}: {error}", arguments.link.join(" "))))?;
-    if let Some(path) = &arguments.json {
-        write(path, format!("{:#}\n", report::json(&diagnosis)))?;
-    }
-    if let Some(path) = &arguments.out {
-        write(path, written(&settings, &diagnosis, &arguments.link)?)?;
-    }
-    if let Some(path) = &arguments.html {
+    // What was found is told whatever becomes of the files, and each file whatever becomes of the others.
+    say!("{}", report::text(&diagnosis).trim_end())?;
+    let json =
+        || arguments.json.as_ref().map_or(Ok(()), |path| write(path, format!("{:#}\n", report::json(&diagnosis))));
+    let html = || {
+        let Some(path) = &arguments.html else { return Ok(()) };
         let (name, text) = settings.text()?;
         let inputs = arguments.inputs();
         let page = Page { diagnosis: &diagnosis, inputs, configuration: (name, text, &settings.overrides) };
-        write(path, page.html())?;
-    }
-    say!("{}", report::text(&diagnosis).trim_end())?;
+        write(path, page.html())
+    };
+    let out = || {
+        let Some(path) = &arguments.out else { return Ok(()) };
+        write(path, written(path, &settings, &diagnosis, &arguments.link)?)
+    };
+    let all = [json(), html(), out()];
+    all.into_iter().collect::<Result<(), Failure>>()?;
     if diagnosis.verdict == Verdict::Unexplained { Err(Failure::unexplained()) } else { Ok(()) }
 }
 
@@ -136,7 +140,7 @@ impl Arguments {
 }
 
 /// The configuration with all that was found, each with a comment that says where and how well.
-fn written(settings: &Settings, diagnosis: &Diagnosis, link: &[String]) -> Result<String, Failure> {
+fn written(path: &Path, settings: &Settings, diagnosis: &Diagnosis, link: &[String]) -> Result<String, Failure> {
     let (name, text) = settings.text()?;
     let mut values = settings.overrides.clone();
     values.extend(diagnosis.entries.iter().flat_map(|entry| entry.assignments.iter().cloned()));
@@ -149,10 +153,12 @@ fn written(settings: &Settings, diagnosis: &Diagnosis, link: &[String]) -> Resul
         paths.map(|(path, _)| (path.trim().to_owned(), comment.clone())).collect::<Vec<_>>()
     };
     let comments: Vec<_> = diagnosis.entries.iter().flat_map(commented).collect();
-    let text = Configuration::edited(&name, &text, &values).map_err(Failure::input)?;
+    // What was found may lie beyond what the model is good for.
+    let refused = |error| Failure::failed(format!("{}: not written: with what was found, {error}", path.display()));
+    let text = Configuration::edited(&name, &text, &values).map_err(refused)?;
     let text = Configuration::commented(&text, &comments);
     // What is written is what others read.
-    Configuration::parse(&name, &text, &[]).map_err(Failure::failed)?;
+    Configuration::parse(&name, &text, &[]).map_err(refused)?;
     Ok(text)
 }
 

@@ -267,6 +267,8 @@ mod tests {
             (format!("{header}{good}x,0,0,0\n"), "line 6: t_s: expected a number, got \"x\""),
             (format!("{header}{good}3.0,0,,0\n"), "line 6: rate_y_arcsec_s: expected a number"),
             (format!("{header}{good}3.0,0\n"), "line: 6"),
+            (format!("{header}{good}3.0,nan,0,0\n"), "line 6: expected finite numbers"),
+            (format!("{header}{good}3.0,0,1e300,0\n"), "line 6: expected finite numbers, turns within 1e9 arcsec"),
             (format!("{header}{good}2.5,0,0,0\n"), "line 6: expected time to rise"),
             (format!("{header}{good}9.5,0,0,0\n"), "line 6: expected rows every 0.5 s or so, got a gap of 7 s"),
             (header.to_owned(), "expected motion over at least 3 rows, got 0"),

@@ -46,8 +46,10 @@ pub enum BadRows {
         /// Median spacing of the rows.
         spacing_s: f64,
     },
-    /// Not a number.
-    #[error("expected finite numbers, got {value}")]
+    /// Not a number, or one that no motion has.
+    #[error(
+        "expected finite numbers, turns within {MOST_ARCSEC:e} arcsec from row to row, the sun within {MOST_RAD} rad; got {value:e}"
+    )]
     NotFinite {
         /// Index of the row.
         index: usize,
@@ -68,6 +70,10 @@ impl BadRows {
     }
 }
 
+/// Turn from row to row beyond which it is none: far more than any spacecraft makes, and few enough digits to add up.
+const MOST_ARCSEC: f64 = 1e9;
+/// The same of θ and ψ.
+const MOST_RAD: f64 = 1e4;
 /// A hole longer than this many median spacings is a gap.
 const GAP_SPACINGS: f64 = 1.9;
 
@@ -103,8 +109,12 @@ impl Recorded {
             return Err(BadRows::TooFew(intervals));
         }
         for (index, row) in rows.iter().enumerate() {
-            let numbers = row.angle_control_arcsec.into_iter().chain([row.t_s]);
-            if let Some(value) = numbers.into_iter().find(|number| !number.is_finite()) {
+            let is_beyond = |number: &f64, most: f64| !number.is_finite() || number.abs() > most;
+            let turn = row.angle_control_arcsec.into_iter().find(|number| is_beyond(number, MOST_ARCSEC));
+            let sun = row.theta_psi_rad.map(|(theta_rad, psi_rad)| [theta_rad, psi_rad]);
+            let sun = sun.into_iter().flatten().find(|number| is_beyond(number, MOST_RAD));
+            let time = Some(row.t_s).filter(|t_s| !t_s.is_finite());
+            if let Some(value) = turn.or(sun).or(time) {
                 return Err(BadRows::NotFinite { index, value });
             }
         }

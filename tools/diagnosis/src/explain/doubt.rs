@@ -87,7 +87,7 @@ impl Explained {
     ) -> Refused {
         let noise = self.fitted_white(case);
         let (residual, columns) = case.linearised(&mut self.state);
-        let normal = Normal::new(case.whitenings(&noise), &residual, &columns);
+        let normal = Normal::departed(case.whitenings(&noise), &residual, &columns, &self.state.sixteen);
         let base = &bank.bases[candidate.base];
         let own = products(bank, &normal, base, &candidate.variation, &candidate.change.gyros);
         let gain = normal.gain(&own).map_or(0.0, |gain| gain.chi2);
