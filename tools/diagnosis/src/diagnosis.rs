@@ -297,6 +297,8 @@ impl Report<'_> {
         if first.contains(&true) {
             // A pile that does not end in noise explains nothing: what was held of these gyros alone is no name for it.
             explained.drop_on(self.case, &first);
+            // What stood beside it may be worth nothing without.
+            explained.prune(self.case);
         }
         let unlike = unlike(&explained.normal.left(), &piled);
         explained.noise.retain(|found| found.is_told(self.case.believed, &explained.state));

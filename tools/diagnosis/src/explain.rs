@@ -276,7 +276,7 @@ impl Explained {
 
     /// Drops each change that, beside all the others, is not worth what was paid for it. Where walks are larger than believed, what was
     /// paid is too little: then a change must also better a walk in its place.
-    fn prune(&mut self, case: &Case) {
+    pub fn prune(&mut self, case: &Case) {
         let is_noisy = self.noise.iter().any(|found| found.is_told(case.believed, &self.state));
         loop {
             let without = |index: usize| {

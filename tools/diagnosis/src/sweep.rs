@@ -41,7 +41,11 @@ pub fn sweep<T: Linear>(
 ) {
     let whitened = |variation: &Variation| -> [Option<Column>; CHANNELS] {
         let columns = bank.columns(base, variation);
-        std::array::from_fn(|channel| columns[channel].as_ref().map(|column| normal.white(channel, column)))
+        // Of a channel without a good block nothing is told.
+        let is_told = |white: &Column| white.values.iter().any(|&value| value != 0.0);
+        std::array::from_fn(|channel| {
+            columns[channel].as_ref().map(|column| normal.white(channel, column)).filter(is_told)
+        })
     };
     let parts = |white: &[Option<Column>; CHANNELS]| -> [Part<T>; CHANNELS] {
         std::array::from_fn(|channel| {
