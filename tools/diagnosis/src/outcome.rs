@@ -24,6 +24,9 @@ pub enum Verdict {
 }
 
 impl Verdict {
+    /// All of them.
+    pub const ALL: [Verdict; 3] = [Verdict::Consistent, Verdict::Explained, Verdict::Unexplained];
+
     /// As JSON has it.
     pub fn name(self) -> &'static str {
         match self {

@@ -13,6 +13,12 @@ pub fn names(gyros: &Gyros) -> Vec<&'static str> {
     Gyro::ALL.into_iter().filter(|gyro| gyros[*gyro as usize]).map(Gyro::name).collect()
 }
 
+/// The gyros with these names; nothing where there is none, or a name is no gyro's.
+pub fn named(names: &[&str]) -> Option<Gyros> {
+    let is_gyro = |name: &&str| Gyro::ALL.iter().any(|gyro| gyro.name() == *name);
+    (!names.is_empty() && names.iter().all(is_gyro)).then(|| Gyro::ALL.map(|gyro| names.contains(&gyro.name())))
+}
+
 /// The JSON that cli.md describes, with more fields than it names.
 pub fn json(diagnosis: &Diagnosis) -> Value {
     let findings = diagnosis.findings.iter();

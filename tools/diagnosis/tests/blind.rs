@@ -109,6 +109,13 @@ fn what_was_said_is_scored_against_what_was_hidden() {
     assert_eq!(score(&[step(24.0)], &other, &|_, _| 0.9995).outcomes[0].naming, Naming::Group);
     let broken = Told::from_json(&json!({ "verdict": "explained", "effects": 1 })).expect_err("no list");
     assert_eq!(broken.to_string(), "effects: expected a list, as `geu diagnose --json` writes it");
+    let broken = Told::from_json(&json!({ "verdict": "sure", "effects": [] })).expect_err("no verdict");
+    assert!(broken.to_string().starts_with("verdict: expected consistent, explained or unexplained"), "{broken}");
+    let elsewhere = entry("drift-step", "GYRQ", json!([]));
+    assert!(Told::from_json(&json!({ "verdict": "explained", "effects": [elsewhere] })).is_err());
+    let key = Key { seed: 1, duration_s: 100.0, hidden: vec![step(24.0)] }.to_toml();
+    let broken = Key::parse("key.toml", &key.replace("\"GYRX\"", "\"GYRQ\"")).expect_err("no gyro");
+    assert!(broken.to_string().contains("expected one or more of GYRX, GYRY, GYRZA, GYRZB"), "{broken}");
 }
 
 /// A run of the model with the effect, beside one with what was found.

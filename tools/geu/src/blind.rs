@@ -150,7 +150,8 @@ fn text(path: &Path) -> Result<String, Failure> {
 fn scored(arguments: &ScoreArguments) -> Result<(), Failure> {
     let key = Key::parse(&arguments.key.display().to_string(), &text(&arguments.key)?).map_err(Failure::input)?;
     let at = |error: &dyn std::fmt::Display| Failure::input(format!("{}: {error}", arguments.json.display()));
-    let result = serde_json::from_str(&text(&arguments.json)?).map_err(|error| at(&error))?;
+    let expected = |error: serde_json::Error| at(&format!("expected JSON as `geu diagnose --json` writes it: {error}"));
+    let result = serde_json::from_str(&text(&arguments.json)?).map_err(expected)?;
     let told = Told::from_json(&result).map_err(|error| at(&error))?;
     let survey = survey(&arguments.unit, key.duration_s)?;
     let score =

@@ -2,11 +2,10 @@
 
 use std::fmt;
 
-use geu_protocol::Gyro;
 use toml_edit::{Array, ArrayOfTables, DocumentMut, InlineTable, Item, Table, Value, value};
 
 use crate::change::Gyros;
-use crate::report::names;
+use crate::report::{named, names};
 
 /// Where something hidden comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -171,7 +170,7 @@ impl Hidden {
             let array = table.get(name)?.as_array()?;
             array.iter().map(|text| text.as_str().map(str::to_owned)).collect()
         };
-        let gyros = texts("gyros").ok_or(("gyros", "names of gyros"))?;
+        let gyros = texts("gyros").and_then(|names| named(&names.iter().map(String::as_str).collect::<Vec<_>>()));
         let parameters = table.get("parameters").and_then(Item::as_inline_table);
         let numbers = parameters.map(|numbers| {
             numbers.iter().map(|(name, number)| Some((name.to_owned(), number.as_float()?))).collect::<Option<Vec<_>>>()
@@ -184,7 +183,7 @@ impl Hidden {
             code: text("code").ok_or(("code", "a code of the model"))?,
             formula: text("formula"),
             origin: origin.ok_or(("origin", "catalogue, noise, wiring or unknown"))?,
-            gyros: Gyro::ALL.map(|gyro| gyros.iter().any(|name| name == gyro.name())),
+            gyros: gyros.ok_or(("gyros", "one or more of GYRX, GYRY, GYRZA, GYRZB"))?,
             parameters: numbers.flatten().ok_or(("parameters", "numbers by name"))?,
             sigma: table.get("sigma").and_then(Item::as_float),
             strength: table.get("strength").and_then(Item::as_float),

@@ -3,12 +3,12 @@
 use std::fmt;
 
 use geu_model::course::KINDS;
-use geu_protocol::Gyro;
 use serde_json::Value;
 
 use super::hidden::{Hidden, Origin};
 use crate::change::{Amplitude, Change, Gyros, PHASE, Place};
-use crate::report::names;
+use crate::outcome::Verdict;
+use crate::report::{named, names};
 use crate::rivals::APART_CHI2;
 
 /// What stands in no catalogue may be called by what is as like as this.
@@ -72,7 +72,8 @@ impl Told {
     /// [`BadResult`], with the field.
     pub fn from_json(result: &Value) -> Result<Told, BadResult> {
         let bad = |field, expected| BadResult { field, expected };
-        let verdict = result["verdict"].as_str().ok_or(bad("verdict", "a word"))?.to_owned();
+        let verdict = result["verdict"].as_str().filter(|word| Verdict::ALL.iter().any(|one| one.name() == *word));
+        let verdict = verdict.ok_or(bad("verdict", "consistent, explained or unexplained"))?.to_owned();
         let effects = result["effects"].as_array().ok_or(bad("effects", "a list"))?;
         let missing = effects.iter().filter(|entry| entry["class"] == "missing-effect");
         let missing = missing.map(Found::from_json).collect::<Option<_>>();
@@ -168,8 +169,7 @@ impl fmt::Display for Found {
 }
 
 fn gyros(value: &Value) -> Option<Gyros> {
-    let array = value.as_array()?;
-    Some(Gyro::ALL.map(|gyro| array.iter().any(|name| name == gyro.name())))
+    named(&value.as_array()?.iter().map(Value::as_str).collect::<Option<Vec<&str>>>()?)
 }
 
 /// What became of something hidden.
