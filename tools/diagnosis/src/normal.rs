@@ -14,8 +14,9 @@ use crate::whitening::Whitening;
 pub const THIRDS: usize = 3;
 /// Of the diagonal: what keeps a direction solvable of which the data tell nothing.
 pub(crate) const RIDGE: f64 = 1e-10;
-/// How much calibration numbers may move at all, in the order of [`Calibration::NUMBERS`]: 2000 ppm is what a launch does to a scale factor
-/// (Casteren §5.1), the others are as wide. What the motion does not tell stays within; what it tells hardly feels it.
+/// How much calibration numbers may move at all, one sigma in the order of [`Calibration::NUMBERS`]: what a launch does to a scale
+/// factor (Casteren table 1), and as much wider than an arcminute (§3.4) and a drift. What the motion does not tell stays within; what
+/// it tells hardly feels it.
 const LOOSE: [f64; Calibration::NUMBERS.len()] = [2000e-6, 600.0 / 7200.0, 300.0, 300.0, 300.0];
 /// The same for a fit to two thirds: what they tell by less than this share of what all tell is taken as untold.
 const HELD_OUT_RIDGE: f64 = 1e-4;
