@@ -6,6 +6,8 @@
 //! a few scans cannot spoil what a checkout determined, and where the scans tell nothing of the drift it stays.
 //! The misalignments are solved along with their own sigmas, so that their uncertainty counts, and are then held.
 
+mod scans;
+
 use geu_model::Configuration;
 use geu_model::effect::Effects;
 use geu_model::package::Calibration;
@@ -24,23 +26,16 @@ use crate::refine::{Prior, Refined, refine};
 use crate::report;
 use crate::solve::{Observation, PER_GYRO, Parameter, UNKNOWNS, Unsolvable};
 use crate::transfer::{InUse, Transfer};
-use crate::window::{LONGEST_HALF_SECONDS, REST_ARCSEC_S, Window, smoothed_rate_control_arcsec_s};
+use crate::window::{REST_ARCSEC_S, Window};
+
+use scans::chosen;
+
+pub use scans::{MOST_ARCSEC_S, SHORTEST_S, STEADY_ARCSEC_S};
 
 /// The survey's rate about Z, 3.85 arcmin/s (Casteren §5): where the transfer function has to be best.
 pub const SURVEY_ARCSEC_S: f64 = 231.0;
 /// Slower stretches tell the drift and hardly the scale factor.
 pub const LEAST_SCAN_ARCSEC_S: f64 = 60.0;
-/// Faster ones, such as slews, would bring the non-linearity in, 0.02 % over the whole range (Casteren §3.2, §5).
-pub const MOST_ARCSEC_S: f64 = 1.25 * SURVEY_ARCSEC_S;
-/// Shorter stretches are not used: over 120 s of a survey the two roundings are 15 ppm, less than the short-term change allowed.
-pub const SHORTEST_S: f64 = 120.0;
-/// How far a steady rate departs from its mean.
-pub const STEADY_ARCSEC_S: f64 = 2.0;
-/// Share of a leg that has to be steady; what is left are its ramps.
-const STEADY_SHARE: f64 = 0.8;
-/// Ramps make steady stretches of a second or two, which nobody would look for.
-const MENTIONED_HALF_SECONDS: usize = 40;
-
 /// A redetermination is due after a fortnight (Casteren §3.1, §3.2).
 pub const FORTNIGHT_S: f64 = 14.0 * S_PER_DAY;
 /// Change of a scale factor in a fortnight: 0.004 % per month of 30 days (table 1).
@@ -268,144 +263,6 @@ pub fn summary(left_out: &[LeftOut]) -> Vec<String> {
         _ => format!("{first} (and {} more like it)", count - 1),
     };
     lines.iter().map(words).collect()
-}
-
-/// A stretch at a steady rate about Z with θ held: its nodes and its rate.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Steady {
-    from: usize,
-    to: usize,
-    rate_z_arcsec_s: f64,
-}
-
-/// The steady stretches of a recording, as its counts tell them.
-fn steady(counts: &Counts, calibrations: &[Calibration; 4]) -> Vec<Steady> {
-    // Of the Z gyros that which is broken less.
-    let broken = |gyro: Gyro| {
-        let own = counts.breaks.iter().filter(|found| found.gyros[gyro as usize]);
-        own.map(|found| found.to - found.from).sum::<usize>()
-    };
-    let (in_use, z) = match broken(Gyro::Za) <= broken(Gyro::Zb) {
-        true => (InUse::WithZa, Gyro::Za),
-        false => (InUse::WithZb, Gyro::Zb),
-    };
-    let transfer = Transfer::new(calibrations, in_use);
-    let mut is_broken = vec![false; counts.len()];
-    for found in counts.breaks.iter().filter(|found| found.gyros[z as usize] || found.gyros[Gyro::Y as usize]) {
-        is_broken[found.from..found.to.min(counts.len())].fill(true);
-    }
-    let mut stretches: Vec<Steady> = Vec::new();
-    // The stretch that runs: first node, sum and number of its rates.
-    let mut running: Option<(usize, f64, f64)> = None;
-    for node in 0..=counts.len() {
-        let [_, about_y, rate] = smoothed_rate_control_arcsec_s(counts, &transfer, node);
-        let is_whole = node == 0 || !is_broken[node - 1];
-        match &mut running {
-            Some((_, sum, number))
-                if is_whole && about_y.abs() < REST_ARCSEC_S && (rate - *sum / *number).abs() < STEADY_ARCSEC_S =>
-            {
-                *sum += rate;
-                *number += 1.0;
-            }
-            _ => {
-                stretches.extend(running.map(|(from, sum, number)| Steady {
-                    from,
-                    to: node - 1,
-                    rate_z_arcsec_s: sum / number,
-                }));
-                running = (about_y.abs() < REST_ARCSEC_S).then_some((node, rate, 1.0));
-            }
-        }
-    }
-    stretches.extend(running.map(|(from, sum, number)| Steady {
-        from,
-        to: counts.len(),
-        rate_z_arcsec_s: sum / number,
-    }));
-    stretches.retain(|stretch| stretch.to - stretch.from >= MENTIONED_HALF_SECONDS);
-    stretches
-}
-
-/// Why a stretch is not used, if it is not.
-fn unsuitable(length_s: f64, rate_z_arcsec_s: f64) -> Option<String> {
-    if length_s < SHORTEST_S {
-        Some(format!("shorter than {SHORTEST_S:.0} s"))
-    } else if rate_z_arcsec_s.abs() > MOST_ARCSEC_S {
-        Some(format!(
-            "turns about Z faster than {MOST_ARCSEC_S:.0} arcsec/s, where the transfer function is another line"
-        ))
-    } else {
-        None
-    }
-}
-
-/// The stretches to use: the steady ones of the recording, cut to half an hour; or the legs of a list, or what lies between
-/// fixes, as far as they are steady.
-fn chosen(
-    counts: &Counts,
-    calibrations: &[Calibration; 4],
-    legs: Option<&[Window]>,
-    attitude: &Attitude,
-    left_out: &mut Vec<LeftOut>,
-) -> Vec<Window> {
-    let zero_s = counts.start_ns as f64 * 1e-9;
-    let steady = steady(counts, calibrations);
-    let mut leave = |name: &str, start_s: f64, why: String| {
-        left_out.push(LeftOut { name: name.to_owned(), start_s, gyro: None, why });
-    };
-    let fixes: Vec<Window>;
-    let legs = match (legs, attitude) {
-        (Some(legs), _) => legs,
-        (None, Attitude::Sensors(sensors)) => {
-            let pairs = sensors.fixes.windows(2).map(|pair| [pair[0].t_ns as f64 * 1e-9, pair[1].t_ns as f64 * 1e-9]);
-            fixes = pairs.map(|[start_s, end_s]| Window { name: "fixes".to_owned(), start_s, end_s }).collect();
-            &fixes
-        }
-        (None, Attitude::Reference(..)) => {
-            let mut windows = Vec::new();
-            for stretch in steady {
-                let start_s = zero_s + counts.node_s[stretch.from];
-                let length_s = counts.node_s[stretch.to] - counts.node_s[stretch.from];
-                if let Some(why) = unsuitable(length_s, stretch.rate_z_arcsec_s) {
-                    leave("stretch", start_s, why);
-                    continue;
-                }
-                let parts = (stretch.to - stretch.from).div_ceil(LONGEST_HALF_SECONDS);
-                let node = |part: usize| stretch.from + (stretch.to - stretch.from) * part / parts;
-                windows.extend((0..parts).map(|part| Window {
-                    name: "stretch".to_owned(),
-                    start_s: zero_s + counts.node_s[node(part)],
-                    end_s: zero_s + counts.node_s[node(part + 1)],
-                }));
-            }
-            return windows;
-        }
-    };
-    let mut windows = Vec::new();
-    for leg in legs {
-        // A leg without an end ends with the recording.
-        let leg = Window { end_s: leg.end_s.min(zero_s + counts.end_s()), ..leg.clone() };
-        let (from_s, to_s) = (leg.start_s - zero_s, leg.end_s - zero_s);
-        if !["survey", "pointing", "hold", "fixes"].contains(&leg.name.as_str()) {
-            leave(&leg.name, leg.start_s, "neither a survey nor a rest (pointing, hold)".to_owned());
-            continue;
-        }
-        let overlap_s =
-            |stretch: &Steady| counts.node_s[stretch.to].min(to_s) - counts.node_s[stretch.from].max(from_s);
-        let longest = steady.iter().max_by(|a, b| overlap_s(a).total_cmp(&overlap_s(b)));
-        let why = match longest {
-            _ if to_s - from_s < SHORTEST_S => unsuitable(to_s - from_s, 0.0),
-            Some(longest) if overlap_s(longest) >= STEADY_SHARE * (to_s - from_s) => {
-                unsuitable(to_s - from_s, longest.rate_z_arcsec_s)
-            }
-            _ => Some("the rate about Z is not steady, or θ is not held, or counts are missing".to_owned()),
-        };
-        match why {
-            Some(why) => leave(&leg.name, leg.start_s, why),
-            None => windows.push(leg),
-        }
-    }
-    windows
 }
 
 /// Passes with the sensors, whose path rests on the Z gyros.
