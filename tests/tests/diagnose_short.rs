@@ -12,16 +12,30 @@ fn what_a_short_recording_does_not_tell_stays_as_believed() {
     let hidden = "gyro.GYRX.pivot-clearance.clearance_arcsec=11.5";
     let simulated = geu().args(["simulate", "--duration", "900", "--set", hidden, "--out", &at("run")]).output();
     assert!(simulated.expect("geu starts").status.success());
-    let (link, reference, json, out) =
-        (at("run/link.log"), at("run/reference.csv"), at("said.json"), at("none/x.toml"));
+    let [link, reference, json] = ["run/link.log", "run/reference.csv", "said.json"].map(at);
+    let [out, html] = ["none/x.toml", "none/x.html"].map(at);
     let mut command = geu();
-    command.args(["diagnose", "--link", &link, "--reference", &reference, "--json", &json, "--out", &out]);
+    command.args([
+        "diagnose",
+        "--link",
+        &link,
+        "--reference",
+        &reference,
+        "--json",
+        &json,
+        "--out",
+        &out,
+        "--html",
+        &html,
+    ]);
     let output = command.env("XDG_CACHE_HOME", at("cache")).output().expect("geu starts");
-    // What was found is told and written, though one file cannot be.
+    // What was found is told and written, though two files cannot be.
     let (report, errors) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
     assert_eq!(output.status.code(), Some(1), "{report}{errors}");
     assert!(report.starts_with("explained: "), "{report}");
-    assert!(errors.contains("none/x.toml: cannot be written") && !Path::new(&out).exists(), "{errors}");
+    for path in [&out, &html] {
+        assert!(errors.contains(&format!("{path}: cannot be written")) && !Path::new(path).exists(), "{errors}");
+    }
     let said: Value = serde_json::from_str(&std::fs::read_to_string(&json).expect("written")).expect("JSON");
     let [found] = &said["effects"].as_array().expect("a list")[..] else { panic!("{report}") };
     assert_eq!((&found["code"], &found["gyros"][0]), (&"pivot-clearance".into(), &"GYRX".into()), "{report}");

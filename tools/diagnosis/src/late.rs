@@ -77,11 +77,7 @@ pub fn likeliest(
     if state.held.iter().enumerate().any(is_held) {
         return None;
     }
-    let others = case.normal(&mut {
-        let mut others = state.clone();
-        others.held.remove(index);
-        others
-    });
+    let others = case.normal_without(state, index);
     let spot = spot(bank, &others, found)?;
     if spot.gain.chi2 < HOPE * (others.chi2() - case.normal(&mut state.clone()).chi2()) {
         return None;

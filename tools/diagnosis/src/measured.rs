@@ -166,10 +166,10 @@ impl Measured {
             }
         }
         let good = good(&blocks);
-        if good < LEAST_BLOCKS && covered >= LEAST_BLOCKS {
-            return Err(MeasuredError::Broken { good_s: good as f64 * BLOCK_S, common_s });
-        }
         if good < LEAST_BLOCKS {
+            if covered >= LEAST_BLOCKS {
+                return Err(MeasuredError::Broken { good_s: good as f64 * BLOCK_S, common_s });
+            }
             let at = counts.start_ns as f64 * 1e-9;
             return Err(MeasuredError::NoOverlap {
                 from_s: at,

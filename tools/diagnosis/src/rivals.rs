@@ -77,8 +77,7 @@ pub fn rivals(case: &Case, bank: &Bank, state: &State, index: usize, prices: &Pr
         let mut others = state.clone();
         others.held.remove(index);
         others.tell_late(temperature_s);
-        let (residual, columns) = case.linearised(&mut others);
-        let normal = Normal::departed(case.whitenings(&state.noise), &residual, &columns, &state.sixteen);
+        let normal = case.normal(&mut others);
         // As the model runs it: of what is not linear the signature tells only the last step.
         let fall = normal.chi2() - achieved;
         let late = (temperature_s != 0.0).then(|| bank.late(temperature_s));
@@ -127,10 +126,7 @@ fn late_temperature(
     let late = late::likeliest(case, bank, state, index, prices.of, &is_accepted)?;
     let change = late.state.held[index].change.clone();
     let (family, _) = following_temperature(change.amplitude)?;
-    let mut others = state.clone();
-    others.held.remove(index);
-    let (residual, columns) = case.linearised(&mut others);
-    let normal = Normal::departed(case.whitenings(&state.noise), &residual, &columns, &state.sixteen);
+    let normal = case.normal_without(state, index);
     let [own, other] = [state, &late.state].map(|state| Signature::new(&normal, &case.signature(state, index)));
     let dearer = prices.found - late.price_chi2 - late.lag_chi2;
     let behind_chi2 = (late.normal.squares() - achieved - dearer.max(0.0)).max(0.0);

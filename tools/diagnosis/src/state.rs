@@ -195,6 +195,13 @@ impl<'a> Case<'a> {
         Normal::departed(self.whitenings(&state.noise), &residual, &columns, &state.sixteen)
     }
 
+    /// The equations of a state as it stands without one change, at the same lag.
+    pub fn normal_without(&self, state: &State, index: usize) -> Normal {
+        let mut others = state.clone();
+        others.held.remove(index);
+        self.normal(&mut others)
+    }
+
     /// Fits everything that is free, and tells the equations at the end.
     pub fn fit(&self, state: &mut State) -> Normal {
         let mut normal = self.normal(state);

@@ -109,8 +109,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let diagnosis = diagnose_rows(&recording.rows, &recording.defects(), &believed, &reference, &diagnosing);
     bar.finish_and_clear();
     let diagnosis = diagnosis.map_err(|error| Failure::input(format!("{}: {error}", arguments.link.join(" "))))?;
-    // What was found is told whatever becomes of the files, and each file whatever becomes of the others.
-    say!("{}", report::text(&diagnosis).trim_end())?;
+    // What was found is told whatever becomes of the files, and each of these whatever becomes of the others.
+    let said = say!("{}", report::text(&diagnosis).trim_end());
     let json =
         || arguments.json.as_ref().map_or(Ok(()), |path| write(path, format!("{:#}\n", report::json(&diagnosis))));
     let html = || {
@@ -124,8 +124,13 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         let Some(path) = &arguments.out else { return Ok(()) };
         write(path, written(path, &settings, &diagnosis, &arguments.link)?)
     };
-    let all = [json(), html(), out()];
-    all.into_iter().collect::<Result<(), Failure>>()?;
+    let mut failures = [json(), html(), out(), said].into_iter().filter_map(Result::err);
+    if let Some(first) = failures.next() {
+        failures.for_each(|further| {
+            let _ = further.report();
+        });
+        return Err(first);
+    }
     if diagnosis.verdict == Verdict::Unexplained { Err(Failure::unexplained()) } else { Ok(()) }
 }
 
