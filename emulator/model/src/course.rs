@@ -98,7 +98,7 @@ pub const KINDS: &[Kind] = &[
         suffix: "-step",
         meaning: "holds from time_s on",
         key: str::to_owned,
-        limit: |number, _| (number.least.min(-number.greatest), number.greatest),
+        limit: |number, _| step_limits(number),
         shapes: &[TIME],
         law: |shapes| Law::Step { time_s: shapes[0] },
     },
@@ -122,11 +122,16 @@ pub const KINDS: &[Kind] = &[
         suffix: "-periodic",
         meaning: "amplitude times sin(2 pi t / period + phase)",
         key: |name| format!("amplitude_{name}"),
-        limit: |number, _| (number.least.min(-number.greatest), number.greatest),
+        limit: |number, _| step_limits(number),
         shapes: &[PERIOD, PHASE],
         law: |shapes| Law::Periodic { period_s: shapes[0], phase_rad: shapes[1] },
     },
 ];
+
+/// Limits of a step: from any value to any other that the model is good for.
+pub fn step_limits(number: &Number) -> (f64, f64) {
+    (number.least.min(-number.greatest), number.greatest)
+}
 
 impl Kind {
     /// What is said of the size of an amplitude's course; nothing where there can be none: what is on or off, or names

@@ -16,6 +16,7 @@ pub mod attitude;
 pub mod configuration;
 pub mod course;
 pub mod effect;
+pub mod fault;
 pub mod noise;
 pub mod number;
 pub mod package;
@@ -27,4 +28,4 @@ pub mod units;
 
 pub use configuration::Configuration;
 pub use package::Trace;
-pub use unit::{Answer, Ended, Truth, Unit};
+pub use unit::{Answer, Ended, Injected, Truth, Unit};

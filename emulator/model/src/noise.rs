@@ -8,6 +8,8 @@ use std::sync::LazyLock;
 
 /// Stands in the key where a gyro would.
 const NO_GYRO: u8 = u8::MAX;
+/// Stands there for a fault.
+const FAULT: u8 = u8::MAX - 1;
 
 /// A stream of independent standard normal numbers.
 #[derive(Debug, Clone)]
@@ -24,6 +26,27 @@ impl Stream {
     /// The stream of an absolute sensor, or of a part of one, by name; no gyro's stream is the same.
     pub fn of_sensor(seed: u64, name: &str) -> Stream {
         Stream::keyed(seed, NO_GYRO, name)
+    }
+
+    /// The stream of one draw of a fault: by seed, the fault's identifier, what is drawn, and which time.
+    pub fn of_fault(seed: u64, id: &str, what: &str, time: u64) -> Stream {
+        let mut key = [0; 32];
+        key[..8].copy_from_slice(&seed.to_le_bytes());
+        key[8] = FAULT;
+        key[9..16].copy_from_slice(&fnv1a(what.as_bytes()).to_le_bytes()[..7]);
+        key[16..24].copy_from_slice(&fnv1a(id.as_bytes()).to_le_bytes());
+        key[24..].copy_from_slice(&time.to_le_bytes());
+        Stream(ChaCha8Rng::from_seed(key))
+    }
+
+    /// The next number, evenly from 0 up to 1.
+    pub fn uniform(&mut self) -> f64 {
+        unit_interval(self.0.next_u64())
+    }
+
+    /// The next 64 bits.
+    pub fn bits(&mut self) -> u64 {
+        self.0.next_u64()
     }
 
     fn keyed(seed: u64, whose: u8, name: &str) -> Stream {

@@ -34,6 +34,10 @@ pub enum Form {
     Flag,
     /// As the name of a gyro (1…4 in wire order); 0 is none.
     Gyro,
+    /// As a number without a fraction.
+    Whole,
+    /// As one of these words, by index.
+    Choice(&'static [&'static str]),
 }
 
 /// What is said of one number.
@@ -72,6 +76,8 @@ impl Form {
             Form::Real => format!("{value:?}"),
             Form::Flag => (value != 0.0).to_string(),
             Form::Gyro => format!("{:?}", named_gyro(value).map_or("", Gyro::name)),
+            Form::Whole => format!("{value:.0}"),
+            Form::Choice(names) => format!("{:?}", names.get(value as usize).copied().unwrap_or_default()),
         }
     }
 
@@ -80,6 +86,8 @@ impl Form {
         match (self, least.is_finite(), greatest.is_finite()) {
             (Form::Flag, ..) => "true or false".to_owned(),
             (Form::Gyro, ..) => format!("one of {}", Gyro::ALL.map(|gyro| format!("{:?}", gyro.name())).join(", ")),
+            (Form::Choice(names), ..) => format!("one of {}", names.join(", ")),
+            (Form::Whole, ..) => format!("a whole number within {least}…{greatest}"),
             (_, true, true) if least == -greatest => format!("a number within ±{greatest}"),
             (_, true, true) => format!("a number within {least}…{greatest}"),
             (_, true, false) => format!("{least} or more"),
@@ -87,6 +95,18 @@ impl Form {
             (_, false, false) => "any number".to_owned(),
         }
     }
+}
+
+/// A number that belongs to no struct.
+pub const fn number(
+    name: &'static str,
+    form: Form,
+    default: Default,
+    least: f64,
+    greatest: f64,
+    meaning: &'static str,
+) -> Number {
+    Number { name, form, default, least, greatest, meaning }
 }
 
 /// The gyro that a number of form [`Form::Gyro`] means.

@@ -1,6 +1,7 @@
 //! The unit as a state machine: half seconds, commands, modes (icd.md).
 //!
-//! A command acts as if it had come at the start of the half second that runs.
+//! A command acts as if it had come at the start of the half second that runs; a fault is decided at its start, and acts
+//! over all of it.
 
 use std::sync::Arc;
 
@@ -11,12 +12,16 @@ use crate::attitude::{Motion, Plan, Recorded};
 use crate::configuration::Configuration;
 use crate::course::Interval;
 use crate::effect::{
-    HeadEffects, POWER_COLUMN, SATURATION_COLUMN, SELF_TEST_COLUMN, Tap, Temperatures, Timing, UnitEffects,
-    WiringEffects, WiringStates,
+    FAULT_COLUMN, HeadEffects, POWER_COLUMN, SATURATION_COLUMN, SELF_TEST_COLUMN, Tap, Temperatures, Timing,
+    UnitEffects, WiringEffects, WiringStates,
 };
+use crate::fault::acting::{Acting, Faults, Happening};
+use crate::fault::catalogue::{HeadLaw, Law, UnitLaw};
+use crate::fault::expression::Moment;
+use crate::fault::{Fault, List};
 use crate::package::{Package, Standing, SubStep, Trace};
 use crate::temperature::{Sensor, interpolate};
-use crate::units::HALF_SECOND_S;
+use crate::units::{HALF_SECOND_S, RAD_PER_DEG};
 
 /// Sub-steps of a half second, over which motion is resolved: 0.1 s each.
 const SUB_STEPS: usize = 5;
@@ -45,6 +50,17 @@ pub struct Ended {
     pub cyclic: bool,
     /// Scheduled end, true time since the start of the first half second, ns.
     pub end_ns: i64,
+}
+
+/// What faults did to a half second.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Injected {
+    /// What the unit would have told had none of those come that act now.
+    pub clean: HalfSecond,
+    /// Whether that would have been sent cyclically.
+    pub is_clean_cyclic: bool,
+    /// Those that act.
+    pub acting: Arc<Vec<Acting>>,
 }
 
 /// What moves the unit.
@@ -108,7 +124,13 @@ impl Channel {
 /// The unit.
 #[derive(Debug, Clone)]
 pub struct Unit {
-    configuration: Configuration,
+    configuration: Arc<Configuration>,
+    faults: Faults,
+    /// The unit without the faults that act, as it was when the first of them came.
+    clean: Option<Box<Unit>>,
+    injected: Option<Arc<Injected>>,
+    /// Opcodes of the commands of the running half second.
+    heard: Vec<u8>,
     /// The motion that is counted, which an effect may shift, and the motion of the moment.
     motion: Motion,
     truth: Motion,
@@ -154,7 +176,11 @@ impl Unit {
             channels: Gyro::ALL.map(|_| Channel { power: Power::On(0), accumulated: 0.0, rounded: 0.0 }),
             counted: [true; 4],
             wiring: WiringStates::default(),
-            configuration: configuration.clone(),
+            configuration: Arc::new(configuration.clone()),
+            faults: Faults::new(configuration),
+            clean: None,
+            injected: None,
+            heard: Vec::new(),
             sensor: Sensor::WARM,
             sensor_measured: Vec::new(),
             start_fs: 0,
@@ -169,7 +195,7 @@ impl Unit {
             self_test: None,
             last: None,
         };
-        unit.schedule_end();
+        unit.begin();
         // The first half second counts from where its shifted time begins.
         let shift_s = unit.timing.shift_s;
         if shift_s != 0.0 {
@@ -229,8 +255,52 @@ impl Unit {
         self.counted = gyros;
     }
 
-    /// Carries out the payload of a COMMAND within the running half second.
-    pub fn command(&mut self, payload: &[u8]) -> Answer {
+    /// What faults did to the half second that ended last; nothing where none acted.
+    pub fn injected(&self) -> Option<&Arc<Injected>> {
+        self.injected.as_ref()
+    }
+
+    /// What happened to faults and expectations since the last call.
+    pub fn take_happened(&mut self) -> Vec<Happening> {
+        self.faults.take_happened()
+    }
+
+    /// The faults and expectations of the run.
+    pub fn faults(&self) -> &Faults {
+        &self.faults
+    }
+
+    /// Adds a fault from the next half second on; what was added, as a plan that is run again must have it.
+    pub fn inject(&mut self, mut fault: Fault) -> Fault {
+        fault.at_s = fault.at_s.max(self.next_start_s());
+        self.faults.add(fault.clone());
+        fault
+    }
+
+    /// Takes a fault away from the next half second on: its end, on-board time; nothing where there is none.
+    pub fn clear(&mut self, id: &str) -> Option<f64> {
+        let until_s = self.next_start_s();
+        self.faults.clear(id, until_s).then_some(until_s)
+    }
+
+    /// On-board time at which the next half second starts.
+    fn next_start_s(&self) -> f64 {
+        (self.ended + 1) as f64 * HALF_SECOND_S
+    }
+
+    /// Carries out the payload of a COMMAND within the running half second; nothing where a fault keeps the unit from
+    /// hearing it.
+    pub fn command(&mut self, payload: &[u8]) -> Option<Answer> {
+        if let Some(clean) = &mut self.clean {
+            clean.command(payload);
+        }
+        // Each once: a client may send as many as it likes.
+        let opcode = payload.first().copied().filter(|opcode| !self.heard.contains(opcode));
+        self.heard.extend(opcode);
+        (!self.faults.is_silent()).then(|| self.answer(payload))
+    }
+
+    fn answer(&mut self, payload: &[u8]) -> Answer {
         let opcode = payload.first().copied().unwrap_or(0);
         let answer = |outcome| Answer { reply: Reply::new(opcode, outcome, &[]), polled: None };
         let command = match command::parse(payload) {
@@ -298,16 +368,24 @@ impl Unit {
                 truths.push(self.truth.advance(step.end_s));
             }
         }
-        let gyros = &self.configuration.gyros;
+        let (gyros, faults) = (&self.configuration.gyros, &self.faults);
         let mut rooms: [Option<HeadEffects>; 4] = [None; 4];
         let mut rooms = rooms.iter_mut();
-        let standing = std::array::from_fn(|index| Standing {
-            is_counted: self.counted[index],
-            calibration: &gyros[index].calibration,
-            effects: gyros[index].effects.standing(&interval, rooms.next().expect("one for each")),
-            discovered: &gyros[index].discovered,
+        let standing = std::array::from_fn(|index| {
+            let (room, gyro) = (rooms.next().expect("one for each"), Some(Gyro::ALL[index]));
+            Standing {
+                is_counted: self.counted[index],
+                calibration: &gyros[index].calibration,
+                effects: match faults.moves(List::Head, gyro) {
+                    false => gyros[index].effects.standing(&interval, room),
+                    true => room.insert(faults.moved(gyros[index].effects.at(&interval), List::Head, gyro)),
+                },
+                discovered: &gyros[index].discovered,
+            }
         });
-        let wiring: [WiringEffects; 4] = std::array::from_fn(|index| gyros[index].wiring.at(&interval));
+        let wiring: [WiringEffects; 4] = std::array::from_fn(|index| {
+            faults.moved(gyros[index].wiring.at(&interval), List::Wiring, Some(Gyro::ALL[index]))
+        });
         let mut taps: [T; 4] = std::array::from_fn(|_| T::default());
         let unquantised = self.package.count(&standing, &self.unit, &temperatures, &steps, &truths, &mut taps);
         let mut counts: [f64; 4] = std::array::from_fn(|index| self.channels[index].accumulate(unquantised[index]));
@@ -335,6 +413,16 @@ impl Unit {
                     }
                 }
             }
+        }
+        let before = counts;
+        let marks = self.faults.act_on_counts(&mut counts);
+        half_second.gyro_flags &= !marks.invalid;
+        synchronous &= !marks.is_coasting;
+        for (index, gyro) in Gyro::ALL.into_iter().enumerate() {
+            let counts = &mut counts[index];
+            if *counts != before[index] {
+                taps[index].changed(FAULT_COLUMN, *counts - before[index]);
+            }
             let clipped = counts.clamp(f64::from(i16::MIN), f64::from(i16::MAX));
             if clipped != *counts {
                 half_second.gyro_flags |= gyro.bit() << 4;
@@ -348,7 +436,10 @@ impl Unit {
         half_second.sequence = self.sequence;
         half_second.clock_count = self.clock_count;
         let at_end = self.temperatures(end_s);
+        let heater_on = self.sensor.heater_on;
+        self.sensor.heater_on &= !self.faults.on_unit().any(|(law, _)| law == UnitLaw::HeaterLost);
         self.sensor.advance(end_s - start_s, at_end.electronics_c);
+        self.sensor.heater_on = heater_on;
         half_second.electronics_centi_c = centi(at_end.electronics_c);
         half_second.sensor_centi_c = centi(self.sensor.temperature_c);
         half_second.unit_flags = [
@@ -364,12 +455,104 @@ impl Unit {
             let half_seconds_left = test.half_seconds_left - 1;
             (half_seconds_left > 0).then_some(SelfTest { half_seconds_left, ..test })
         });
+        for (law, _) in self.faults.on_unit() {
+            if let UnitLaw::FlipFlags { gyro_flags, unit_flags } = law {
+                half_second.gyro_flags ^= gyro_flags;
+                half_second.unit_flags ^= unit_flags;
+            }
+        }
         self.last = Some(half_second);
-        let ended = Ended { half_second, cyclic: !self.polled, end_ns: self.running_end_ns() };
+        let cyclic = !self.polled && !self.faults.is_silent();
+        let ended = Ended { half_second, cyclic, end_ns: self.running_end_ns() };
+        self.injected = self.compare(&ended);
         self.ended += 1;
         self.start_fs = self.end_fs;
-        self.schedule_end();
+        self.begin();
         (ended, taps)
+    }
+
+    /// What the faults that act made of the half second.
+    fn compare(&mut self, ended: &Ended) -> Option<Arc<Injected>> {
+        let clean = self.clean.as_mut().map(|clean| clean.end_half_second());
+        if self.faults.acting().is_empty() {
+            return None;
+        }
+        let clean = clean.unwrap_or(*ended);
+        Some(Arc::new(Injected {
+            clean: clean.half_second,
+            is_clean_cyclic: clean.cyclic,
+            acting: self.faults.acting().clone(),
+        }))
+    }
+
+    /// Begins a half second: which faults act over it, and when it ends.
+    fn begin(&mut self) {
+        if !self.faults.is_empty() {
+            let mut now = self.moment();
+            for (law, gyro) in self.faults.begin(&mut now, self.last) {
+                self.recover(law, gyro);
+            }
+            if !self.faults.touch_unit() {
+                self.clean = None;
+            } else if self.clean.is_none() {
+                let mut clean = Unit { faults: Faults::default(), injected: None, ..self.clone() };
+                clean.begin();
+                self.clean = Some(Box::new(clean));
+            }
+            for (law, elapsed) in self.faults.on_unit() {
+                match law {
+                    UnitLaw::BrownOut => self.channels.iter_mut().for_each(|channel| channel.power = Power::Off),
+                    UnitLaw::ClockJump { cycles } if elapsed == 0 => {
+                        let modulus = CLOCK_MODULUS as i64;
+                        self.clock_count = (self.clock_count as i64 + cycles).rem_euclid(modulus) as u64;
+                    }
+                    _ => {}
+                }
+            }
+        }
+        self.heard.clear();
+        self.schedule_end();
+    }
+
+    /// After a fault is over.
+    fn recover(&mut self, law: Law, gyro: Option<Gyro>) {
+        let spin_up = |channel: &mut Channel| channel.power = Power::On(SPIN_UP_HALF_SECONDS);
+        match law {
+            Law::Head(HeadLaw::SpinDown { .. }) => {
+                let own = gyro.map(|gyro| &mut self.channels[gyro as usize]);
+                own.filter(|channel| matches!(channel.power, Power::On(_))).map(spin_up);
+            }
+            Law::Unit(law @ (UnitLaw::Reset | UnitLaw::BrownOut | UnitLaw::BootDelay)) => {
+                (self.sequence, self.clock_count, self.polled) = (u16::MAX, 0, false);
+                (self.self_test, self.last) = (None, None);
+                if law == UnitLaw::BrownOut {
+                    self.sensor.heater_on = true;
+                    self.channels.iter_mut().for_each(spin_up);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// What a condition can know at the start of the half second that begins.
+    fn moment(&self) -> Moment {
+        let (truth, last) = (self.motion.now(), self.last.unwrap_or_default());
+        let angle = |rad: f64| if self.motion.knows_sun() { rad / RAD_PER_DEG } else { f64::NAN };
+        Moment {
+            t_s: self.ended as f64 * HALF_SECOND_S,
+            frame: self.ended,
+            sequence: self.sequence.wrapping_add(1),
+            rate_arcsec_s: truth.rate_control_arcsec_s,
+            theta_deg: angle(truth.theta_rad),
+            psi_deg: angle(truth.psi_rad),
+            electronics_c: self.temperatures(self.start_fs as f64 * 1e-15).electronics_c,
+            sensor_c: self.sensor.temperature_c,
+            is_polled: self.polled,
+            increments: last.increments,
+            gyro_flags: last.gyro_flags,
+            commands: self.heard.clone(),
+            active: Vec::new(),
+        }
     }
 
     /// Schedules the end of the half second that begins: 0.5/(1 + ε) s of true time after its start.
@@ -381,7 +564,7 @@ impl Unit {
             end_s: start_s + HALF_SECOND_S,
             electronics_excess_k: temperatures.electronics_c - temperatures.electronics_reference_c,
         };
-        self.unit = self.configuration.unit.at(&interval);
+        self.unit = self.faults.moved(self.configuration.unit.at(&interval), List::Unit, None);
         self.timing = self.unit.timing().last().copied().unwrap_or_default();
         self.end_fs = self.start_fs + (HALF_SECOND_FS / (1.0 + self.timing.clock_error)).round() as i128;
     }
@@ -417,7 +600,7 @@ mod tests {
     }
 
     fn outcome(unit: &mut Unit, payload: &[u8]) -> Outcome {
-        unit.command(payload).reply.outcome()
+        unit.command(payload).expect("no fault keeps it from hearing").reply.outcome()
     }
 
     #[test]
@@ -551,7 +734,7 @@ mod tests {
         assert!(!ended.cyclic);
         assert_eq!(ended.half_second.unit_flags & 16, 16);
         for _ in 0..2 {
-            assert_eq!(unit.command(&[3]).polled, Some(ended.half_second));
+            assert_eq!(unit.command(&[3]).expect("heard").polled, Some(ended.half_second));
         }
         unit.command(&[2, 0]);
         assert!(unit.end_half_second().cyclic);

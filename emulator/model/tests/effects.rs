@@ -187,6 +187,7 @@ fn every_number_is_refused_beyond_its_limits_and_taken_at_them() {
                     }
                     Form::Flag => (vec!["true".to_owned()], vec!["1".to_owned()]),
                     Form::Gyro => (vec!["\"GYRY\"".to_owned()], vec!["\"GYRQ\"".to_owned(), "1".to_owned()]),
+                    Form::Whole | Form::Choice(_) => unreachable!("no effect has one"),
                 };
                 for value in good {
                     assert!(parse(&table(&value)).is_ok(), "{}", parse(&table(&value)).expect_err("not good"));

@@ -167,6 +167,14 @@ impl<'a> Node<'a> {
             Form::Real => item.as_float().or_else(|| item.as_integer().map(|value| value as f64)),
             Form::Flag => item.as_bool().map(f64::from),
             Form::Gyro => item.as_str().and_then(Gyro::named).map(|gyro| gyro as usize as f64 + 1.0),
+            // JSON knows one kind of number: 3.0 is whole too.
+            Form::Whole => item
+                .as_integer()
+                .map(|value| value as f64)
+                .or_else(|| item.as_float().filter(|value| value.fract() == 0.0)),
+            Form::Choice(names) => {
+                item.as_str().and_then(|text| names.iter().position(|name| *name == text)).map(|index| index as f64)
+            }
         };
         match value {
             Some(value) if least <= value && value <= greatest => Ok(Some(value)),

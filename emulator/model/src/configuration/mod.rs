@@ -4,6 +4,7 @@
 //! θ = 90°. The reference unit on its default scenario is `configs/reference.toml`, which is built in.
 
 mod document;
+pub mod fault;
 mod schema;
 mod show;
 
@@ -14,9 +15,13 @@ use crate::attitude::{LimitCycle, Manoeuvre, Plan, Scenario};
 use crate::course::{Course, KINDS, Kind};
 use crate::effect::discovered::{self, Formula, Term};
 use crate::effect::{
-    CALIBRATION_COLUMN, Configured, DISCOVERED_COLUMN, EffectSpec, Effects, HEAD_COLUMNS, HeadEffects, POWER_COLUMN,
-    SATURATION_COLUMN, SELF_TEST_COLUMN, UNIT_COLUMNS, UnitEffects, WIRING_COLUMNS, WiringEffects,
+    CALIBRATION_COLUMN, COLUMNS, Configured, DISCOVERED_COLUMN, EffectSpec, Effects, FAULT_COLUMN, HEAD_COLUMNS,
+    HeadEffects, POWER_COLUMN, SATURATION_COLUMN, SELF_TEST_COLUMN, UNIT_COLUMNS, UnitEffects, WIRING_COLUMNS,
+    WiringEffects,
 };
+use crate::fault::catalogue::Law;
+use crate::fault::expectation::Expectation;
+use crate::fault::{Fault, List};
 use crate::number::{Default as DefaultValue, Form, Number};
 use crate::package::{Axes, Calibration};
 use crate::sensor::SensorNumbers;
@@ -87,6 +92,8 @@ pub struct RunRecord {
     pub wire: Option<WireForm>,
     /// File of the truth, as it was given; without one the scenario is flown.
     pub truth: Option<String>,
+    /// Whether faults could be injected while it ran: its truth has every column then.
+    pub is_open: bool,
     /// Commands received.
     pub commands: Vec<RecordedCommand>,
 }
@@ -108,6 +115,10 @@ pub struct Configuration {
     pub sensors: SensorNumbers,
     /// What is flown.
     pub scenario: Scenario,
+    /// What goes wrong.
+    pub faults: Vec<Fault>,
+    /// What must be done about it.
+    pub expectations: Vec<Expectation>,
     /// Of a recorded run.
     pub run: RunRecord,
 }
@@ -145,8 +156,19 @@ const DURATION: Number = Number {
     meaning: "how long it ran",
 };
 
-const TOP: [&str; 9] =
-    ["seed", "start_unix_s", "unit", "temperature", "gyro", "sensors", "scenario", "manoeuvre", "run"];
+const TOP: [&str; 11] = [
+    "seed",
+    "start_unix_s",
+    "unit",
+    "temperature",
+    "gyro",
+    "sensors",
+    "scenario",
+    "manoeuvre",
+    fault::FAULT,
+    fault::EXPECT,
+    "run",
+];
 
 impl Configuration {
     /// Reads a configuration; `name` is what errors call it. Each override is `PATH=VALUE`.
@@ -197,18 +219,26 @@ impl Configuration {
     /// Columns of a trace that it can fill, in order: the calibration, the effects that are present, self-test, power,
     /// saturation.
     pub fn columns(&self) -> Vec<usize> {
+        if self.run.is_open {
+            return (0..COLUMNS).collect();
+        }
         let gyros = &self.gyros;
+        let mut moved: Vec<usize> = self.faults.iter().filter_map(fault_column).collect();
         let unit = (0..UnitEffects::SPECS.len()).filter(|&index| self.unit.has(index));
         let discovered = gyros.iter().any(|gyro| discovered::is_present(&gyro.discovered));
         let head = (0..HeadEffects::SPECS.len()).filter(|&index| gyros.iter().any(|gyro| gyro.effects.has(index)));
         let wiring = (0..WiringEffects::SPECS.len()).filter(|&index| gyros.iter().any(|gyro| gyro.wiring.has(index)));
-        std::iter::once(CALIBRATION_COLUMN)
+        let mut columns: Vec<usize> = std::iter::once(CALIBRATION_COLUMN)
             .chain(unit.map(|index| UNIT_COLUMNS + index))
             .chain(discovered.then_some(DISCOVERED_COLUMN))
             .chain(head.map(|index| HEAD_COLUMNS + index))
             .chain(wiring.map(|index| WIRING_COLUMNS + index))
             .chain([SELF_TEST_COLUMN, POWER_COLUMN, SATURATION_COLUMN])
-            .collect()
+            .collect();
+        columns.append(&mut moved);
+        columns.sort_unstable();
+        columns.dedup();
+        columns
     }
 
     fn read(root: &Node) -> Result<Configuration, ConfigurationError> {
@@ -230,6 +260,7 @@ impl Configuration {
             }
         }
         let start_unix_s = root.number(&START)?;
+        let faults = fault::read_faults(root, &[])?;
         Ok(Configuration {
             seed: root.whole_number("seed")?.unwrap_or(1),
             start_unix_ns: unix_ns(start_unix_s),
@@ -238,8 +269,23 @@ impl Configuration {
             gyros,
             sensors: read_sensors(root)?,
             scenario: read_scenario(root)?,
+            expectations: fault::read_expectations(root, &[], &faults)?,
+            faults,
             run: read_run(root)?,
         })
+    }
+}
+
+/// The column of a trace that a fault fills.
+fn fault_column(fault: &Fault) -> Option<usize> {
+    match fault.law() {
+        Law::Parameter { target, .. } => Some(match target.list {
+            List::Unit => UNIT_COLUMNS + target.effect,
+            List::Head => HEAD_COLUMNS + target.effect,
+            List::Wiring => WIRING_COLUMNS + target.effect,
+        }),
+        Law::Head(_) => Some(FAULT_COLUMN),
+        Law::Unit(_) | Law::Link(_) => None,
     }
 }
 
@@ -412,7 +458,7 @@ fn read_scenario(root: &Node) -> Result<Scenario, ConfigurationError> {
 fn read_run(root: &Node) -> Result<RunRecord, ConfigurationError> {
     let mut run = RunRecord::default();
     let Some(node) = root.table("run")? else { return Ok(run) };
-    node.only(&[DURATION.name, "wire", "truth", "command"])?;
+    node.only(&[DURATION.name, "wire", "truth", "open", "command"])?;
     run.duration_s = node.number(&DURATION)?;
     if node.keys().contains(&"wire") {
         run.wire = WireForm::named(node.choice("wire", &WireForm::NAMES)?);
@@ -420,6 +466,7 @@ fn read_run(root: &Node) -> Result<RunRecord, ConfigurationError> {
     if node.keys().contains(&"truth") {
         run.truth = Some(node.text("truth")?.to_owned());
     }
+    run.is_open = node.value("open", Form::Flag, 0.0, 1.0)?.is_some_and(|open| open != 0.0);
     for node in node.tables("command")? {
         node.only(&["half_second", "link", "bytes"])?;
         let half_second = node

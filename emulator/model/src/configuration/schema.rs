@@ -3,11 +3,14 @@
 use geu_protocol::Gyro;
 use serde_json::{Map, Value, json};
 
+use super::fault::{EXPECT_NUMBERS, FAULT_NUMBERS, FAULT_TEXTS};
 use super::{Configuration, DURATION, PSI, START, THETA, WireForm};
 use crate::attitude::{LimitCycle, Manoeuvre};
 use crate::course::{KINDS, Size};
 use crate::effect::discovered::{self, Regressor};
 use crate::effect::{Effects, HeadEffects, UnitEffects, WiringEffects};
+use crate::fault::catalogue::{CATALOGUE, LinkKind, Scope};
+use crate::fault::{Target, shape};
 use crate::number::{Default, Form, Number, Numbers};
 use crate::package::{Axes, Calibration};
 use crate::sensor::SensorNumbers;
@@ -54,10 +57,13 @@ impl Configuration {
             "unit": object(effects::<UnitEffects>(&|_| true), &[]),
             "gyro": object(gyros, &[]),
             "sensors": object(sensors, &[]),
+            "fault": { "type": "array", "items": { "oneOf": faults() } },
+            "expect": { "type": "array", "items": expectation() },
             "run": object(map(json!({
                 DURATION.name: number(&DURATION),
                 "wire": { "enum": WireForm::NAMES },
                 "truth": { "type": "string", "description": "file of the truth: reference.csv or CCSDS AEM" },
+                "open": { "type": "boolean", "description": "whether faults could be injected while it ran" },
                 "command": { "type": "array", "items": object(map(command), &["half_second", "link", "bytes"]) },
             })), &[]),
         });
@@ -88,11 +94,13 @@ fn limited(form: Form, least: f64, greatest: f64, meaning: &str) -> Value {
         Form::Real => json!({ "type": "number" }),
         Form::Flag => json!({ "type": "boolean" }),
         Form::Gyro => json!({ "enum": Gyro::ALL.map(Gyro::name) }),
+        Form::Whole => json!({ "type": "integer" }),
+        Form::Choice(names) => json!({ "enum": names }),
     };
     schema["description"] = json!(meaning.trim());
     // JSON has no infinities: such a limit is none.
     for (key, limit) in [("minimum", least), ("maximum", greatest)] {
-        if form == Form::Real && limit.is_finite() {
+        if matches!(form, Form::Real | Form::Whole) && limit.is_finite() {
             schema[key] = json!(limit);
         }
     }
@@ -103,6 +111,8 @@ fn number(spec: &Number) -> Value {
     let mut schema = limited(spec.form, spec.least, spec.greatest, spec.meaning);
     match (spec.form, spec.default) {
         (Form::Real, Default::Value(value)) if value.is_finite() => schema["default"] = json!(value),
+        (Form::Whole, Default::Value(value)) => schema["default"] = json!(value as i64),
+        (Form::Choice(names), Default::Value(value)) => schema["default"] = json!(names[value as usize]),
         (Form::Flag, Default::Value(value)) => schema["default"] = json!(value != 0.0),
         _ => {}
     }
@@ -161,6 +171,85 @@ fn discovered_terms() -> Value {
         "maxItems": discovered::MOST_TERMS,
         "items": object(map(term), &["formula", coefficient.name]),
     })
+}
+
+/// What every fault may say of when and how long.
+fn common() -> Map<String, Value> {
+    let texts = FAULT_TEXTS
+        .iter()
+        .map(|(key, meaning)| ((*key).to_owned(), json!({ "type": "string", "description": meaning })));
+    let numbers = FAULT_NUMBERS.iter().map(|spec| (spec.name.to_owned(), number(spec)));
+    texts.chain(numbers).chain([("seed".to_owned(), json!({ "type": "integer", "minimum": 0 }))]).collect()
+}
+
+fn gyro_names(gyros: &[Gyro]) -> Value {
+    json!({ "enum": gyros.iter().map(|gyro| gyro.name()).collect::<Vec<_>>() })
+}
+
+/// One schema for each parameter and each fault that has a name.
+pub fn faults() -> Vec<Value> {
+    let parameters = Target::all().into_iter().map(|target| {
+        let (least, greatest) = target.limits();
+        let courses: Vec<Value> = shape::KINDS
+            .iter()
+            .filter(|kind| !target.is_switch() || kind.name == "step")
+            .map(|kind| {
+                let mut properties: Map<String, Value> =
+                    kind.numbers.iter().map(|spec| (spec.name.to_owned(), number(spec))).collect();
+                let required: Vec<&str> = std::iter::once(kind.name)
+                    .chain(kind.numbers.iter().filter(|spec| spec.default == Default::Required).map(|spec| spec.name))
+                    .collect();
+                properties.insert(kind.name.to_owned(), limited(target.number().form, least, greatest, kind.meaning));
+                object(properties, &required)
+            })
+            .collect();
+        let mut properties = common();
+        properties.insert("parameter".to_owned(), json!({ "const": target.name() }));
+        properties.insert("course".to_owned(), json!({ "oneOf": courses }));
+        let mut required = vec!["parameter", "course"];
+        if !target.gyros().is_empty() {
+            properties.insert("gyro".to_owned(), gyro_names(&target.gyros()));
+            required.push("gyro");
+        }
+        object(properties, &required)
+    });
+    let possible = CATALOGUE.iter().filter(|spec| !spec.links().is_empty());
+    let named = possible.map(|spec| {
+        let mut properties = common();
+        properties.remove("release_s");
+        properties.insert("fault".to_owned(), json!({ "const": spec.code, "description": spec.meaning }));
+        properties.extend(spec.numbers.iter().map(|spec| (spec.name.to_owned(), number(spec))));
+        let mut required = vec!["fault"];
+        required.extend(spec.numbers.iter().filter(|spec| spec.default == Default::Required).map(|spec| spec.name));
+        match spec.scope {
+            Scope::Gyro => {
+                properties.insert("gyro".to_owned(), gyro_names(&Gyro::ALL));
+                required.push("gyro");
+            }
+            Scope::Link => {
+                let names: Vec<&str> = spec.links().into_iter().map(LinkKind::name).collect();
+                properties.insert("link".to_owned(), json!({ "enum": names }));
+            }
+            Scope::Unit => {}
+        }
+        object(properties, &required)
+    });
+    parameters.chain(named).collect()
+}
+
+fn expectation() -> Value {
+    let mut properties: Map<String, Value> =
+        EXPECT_NUMBERS.iter().map(|spec| (spec.name.to_owned(), number(spec))).collect();
+    for (key, meaning) in [
+        ("id", "its own in the plan"),
+        ("after", "from the first start of this fault on"),
+        ("condition", "what must hold"),
+    ] {
+        properties.insert(key.to_owned(), json!({ "type": "string", "description": meaning }));
+    }
+    let mut schema = object(properties, &["condition"]);
+    schema["oneOf"] = json!([{ "required": ["within_s"] }, { "required": ["throughout_s"] }]);
+    schema
 }
 
 fn manoeuvres() -> Vec<Value> {

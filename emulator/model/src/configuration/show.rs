@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use geu_protocol::Gyro;
 
-use super::{Configuration, DURATION, PSI, RunRecord, START, THETA};
+use super::{Configuration, DURATION, PSI, RunRecord, START, THETA, fault};
 use crate::attitude::Manoeuvre;
 use crate::course::Kind;
 use crate::effect::discovered::{self, Regressor, Term};
@@ -85,6 +85,10 @@ impl Configuration {
         for (index, (key, title)) in SensorNumbers::KEYS.into_iter().enumerate() {
             numbers(&mut text, complete, "", key, title, self.sensors.numbers(index), |_| true);
         }
+        if complete {
+            kinds_of_faults(&mut text);
+        }
+        text += &fault::plan_text(&self.faults, &self.expectations);
         self.show_run(&mut text);
         text
     }
@@ -98,7 +102,10 @@ impl Configuration {
             line(text, format_args!("wire = {:?}", wire.name()));
         }
         if let Some(truth) = &self.run.truth {
-            line(text, format_args!("truth = {}", toml_edit::Value::from(truth.as_str())));
+            line(text, format_args!("truth = {}", quoted(truth)));
+        }
+        if self.run.is_open {
+            line(text, format_args!("open = true"));
         }
         for command in &self.run.commands {
             let bytes: String = command.payload.iter().map(|byte| format!("{byte:02X}")).collect();
@@ -111,6 +118,11 @@ impl Configuration {
             );
         }
     }
+}
+
+/// A text as TOML has it.
+pub(super) fn quoted(text: &str) -> String {
+    toml_edit::Value::from(text).to_string()
 }
 
 fn line(text: &mut String, content: std::fmt::Arguments) {
@@ -240,4 +252,17 @@ fn kinds_of_manoeuvres(text: &mut String) {
             line(text, format_args!("#   {}: {} ({}; {default})", spec.name, spec.meaning.trim(), spec.limits()));
         }
     }
+}
+
+fn kinds_of_faults(text: &mut String) {
+    let example =
+        "at_s = 100.0, gyro = \"GYRX\", parameter = \"pivot-clearance.clearance_arcsec\", course = { step = 11.5 }";
+    line(text, format_args!("\n# Faults; `geu faults list` shows all of them. Keys of each:"));
+    for (key, meaning) in fault::FAULT_TEXTS {
+        line(text, format_args!("#   {key}: {meaning}"));
+    }
+    for number in fault::FAULT_NUMBERS {
+        line(text, format_args!("#   {}: {} ({})", number.name, number.meaning, number.limits()));
+    }
+    line(text, format_args!("# fault = [{{ {example}, for_s = 600.0 }}]"));
 }

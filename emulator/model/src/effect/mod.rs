@@ -212,8 +212,8 @@ impl Tap for () {
 }
 
 /// Columns of a trace: the calibration, the effects of the three lists with the discovered one before those of a gyro,
-/// self-test, power, saturation.
-pub const COLUMNS: usize = 5 + UnitEffects::SPECS.len() + HeadEffects::SPECS.len() + WiringEffects::SPECS.len();
+/// self-test, power, faults of heads, saturation.
+pub const COLUMNS: usize = 6 + UnitEffects::SPECS.len() + HeadEffects::SPECS.len() + WiringEffects::SPECS.len();
 /// Column of the calibration.
 pub const CALIBRATION_COLUMN: usize = 0;
 /// First column of [`UnitEffects`].
@@ -225,9 +225,11 @@ pub const HEAD_COLUMNS: usize = DISCOVERED_COLUMN + 1;
 /// First column of [`WiringEffects`].
 pub const WIRING_COLUMNS: usize = HEAD_COLUMNS + HeadEffects::SPECS.len();
 /// Column of the counts that a self-test adds.
-pub const SELF_TEST_COLUMN: usize = COLUMNS - 3;
+pub const SELF_TEST_COLUMN: usize = COLUMNS - 4;
 /// Column of what a stopped gyro does not count.
-pub const POWER_COLUMN: usize = COLUMNS - 2;
+pub const POWER_COLUMN: usize = COLUMNS - 3;
+/// Column of what named faults of a gyro change.
+pub const FAULT_COLUMN: usize = COLUMNS - 2;
 /// Column of what clipping to 16 bits takes away.
 pub const SATURATION_COLUMN: usize = COLUMNS - 1;
 
@@ -239,7 +241,7 @@ pub fn columns() -> Vec<&'static str> {
         .chain([discovered::CODE])
         .chain(codes(HeadEffects::SPECS))
         .chain(codes(WiringEffects::SPECS))
-        .chain(["self-test", "gyro-power", "saturation"])
+        .chain(["self-test", "gyro-power", "fault", "saturation"])
         .collect()
 }
 

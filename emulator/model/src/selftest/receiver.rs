@@ -80,7 +80,8 @@ impl Receiver {
         COMMANDS
             .iter()
             .find(|spec| spec.name == name)
-            .is_some_and(|spec| self.unit.command(&command::payload(spec, values)).reply.outcome() == Outcome::Done)
+            .and_then(|spec| self.unit.command(&command::payload(spec, values)))
+            .is_some_and(|answer| answer.reply.outcome() == Outcome::Done)
     }
 }
 

@@ -233,6 +233,7 @@ impl<'a> Draw<'a> {
         let value = match number.form {
             Form::Flag => 1.0,
             Form::Gyro => other as usize as f64 + 1.0,
+            Form::Whole | Form::Choice(_) => 0.0,
             Form::Real => return None,
         };
         let stepped = KINDS.iter().find(|kind| kind.size(spec, list.numbers(effect).specs(), 0).is_some());

@@ -33,6 +33,7 @@ impl Law {
                 for bearer in Gyro::ALL {
                     let values = match number.form {
                         Form::Flag => vec![1.0],
+                        Form::Whole | Form::Choice(_) => vec![],
                         Form::Gyro => (1..=4).filter(|&named| named != bearer as usize + 1).map(|n| n as f64).collect(),
                         Form::Real => Vec::new(),
                     };

@@ -1,0 +1,361 @@
+//! `[[fault]]` and `[[expect]]`: in a configuration, in a plan of their own, in what is injected live.
+
+use std::fmt::Write;
+
+use geu_protocol::Gyro;
+
+use super::document::{ConfigurationError, Node, Source};
+use super::{Configuration, show};
+use crate::fault::catalogue::{CATALOGUE, LinkKind, Scope, Spec};
+use crate::fault::expectation::{Expectation, Window};
+use crate::fault::expression::Expression;
+use crate::fault::{Action, Fault, Target, shape};
+use crate::number::{Default, Form, Number, number};
+
+/// Most faults and most expectations of a plan.
+const MOST: usize = 1000;
+/// Longest identifier.
+const MOST_ID: usize = 64;
+const LATEST_S: f64 = 1e10;
+
+/// Key of a list of faults.
+pub(super) const FAULT: &str = "fault";
+/// Key of a list of expectations.
+pub(super) const EXPECT: &str = "expect";
+
+const AT: Number = number("at_s", Form::Real, Default::Value(0.0), 0.0, LATEST_S, "not before this on-board time");
+const PROBABILITY: Number = number(
+    "probability",
+    Form::Real,
+    Default::Value(1.0),
+    0.0,
+    1.0,
+    "chance to start in a half second in which the rest would let it",
+);
+const BY_HAND: Number =
+    number("by_hand", Form::Flag, Default::Value(0.0), 0.0, 1.0, "waits to be started by somebody at the bench");
+const FOR: Number =
+    number("for_s", Form::Real, Default::Absent, 0.5, LATEST_S, "how long it acts; without end where not named");
+const UNTIL: Number = number("until_s", Form::Real, Default::Absent, 0.0, LATEST_S, "never from this on-board time on");
+const RELEASE: Number =
+    number("release_s", Form::Real, Default::Value(0.0), 0.0, 1e6, "a parameter returns over so long at the end");
+const TIMES: Number = number("times", Form::Whole, Default::Value(1.0), 1.0, 1e9, "how often it may start");
+const WITHIN: Number =
+    number("within_s", Form::Real, Default::Absent, 0.5, LATEST_S, "must hold at least once within so long");
+const THROUGHOUT: Number =
+    number("throughout_s", Form::Real, Default::Absent, 0.5, LATEST_S, "must hold all the time for so long");
+
+/// The numbers that every fault has.
+pub const FAULT_NUMBERS: [&Number; 7] = [&AT, &PROBABILITY, &BY_HAND, &FOR, &UNTIL, &RELEASE, &TIMES];
+/// The texts that every fault has, and what they mean.
+pub const FAULT_TEXTS: [(&str, &str); 3] = [
+    ("id", "its own in the plan; made up where not named"),
+    ("when", "a condition before which it does not start"),
+    ("end_when", "a condition that ends it"),
+];
+/// The numbers that an expectation has.
+pub const EXPECT_NUMBERS: [&Number; 3] = [&AT, &WITHIN, &THROUGHOUT];
+
+type Read<T> = Result<T, ConfigurationError>;
+
+impl Configuration {
+    /// Adds the faults and expectations of a plan, a text with `[[fault]]` and `[[expect]]` and nothing else.
+    ///
+    /// # Errors
+    /// The first thing wrong, with its line; nothing is added then.
+    pub fn add_plan(&mut self, name: &str, text: &str) -> Result<(), ConfigurationError> {
+        let source = Source::parse(name, text)?;
+        let root = source.root();
+        root.only(&[FAULT, EXPECT])?;
+        let faults = read_faults(&root, &self.faults)?;
+        self.expectations.extend(read_expectations(&root, &self.expectations, &[&self.faults[..], &faults].concat())?);
+        self.faults.extend(faults);
+        Ok(())
+    }
+}
+
+/// Reads one fault from a text of its keys alone, for a run that has `others`.
+///
+/// # Errors
+/// The first thing wrong, with its line.
+pub fn read_fault_text(name: &str, text: &str, others: &[Fault]) -> Read<Fault> {
+    read_fault(&Source::parse(name, text)?.root(), others)
+}
+
+/// Reads `[[fault]]`; `before` are those that are there already.
+pub(super) fn read_faults(root: &Node, before: &[Fault]) -> Read<Vec<Fault>> {
+    let nodes = root.tables(FAULT)?;
+    let mut all = before.to_vec();
+    for node in &nodes {
+        let fault = read_fault(node, &all)?;
+        all.push(fault);
+    }
+    if all.len() > MOST {
+        return Err(root.error(FAULT, format!("expected at most {MOST} faults, got {}", all.len())));
+    }
+    let faults = all.split_off(before.len());
+    for (node, fault) in nodes.iter().zip(&faults) {
+        for (key, condition) in [("when", &fault.when), ("end_when", &fault.end_when)] {
+            known(node, key, condition.iter().flat_map(Expression::faults), before.iter().chain(&faults))?;
+        }
+    }
+    Ok(faults)
+}
+
+/// Refuses to ask about a fault that is not there.
+fn known<'a>(
+    node: &Node,
+    key: &str,
+    asked: impl IntoIterator<Item = &'a str>,
+    faults: impl Iterator<Item = &'a Fault> + Clone,
+) -> Read<()> {
+    match asked.into_iter().find(|id| !faults.clone().any(|fault| fault.id == *id)) {
+        None => Ok(()),
+        Some(id) => {
+            let ids: Vec<&str> = faults.map(|fault| fault.id.as_str()).collect();
+            let ids = if ids.is_empty() { "there is none".to_owned() } else { ids.join(", ") };
+            Err(node.unexpected(key, &format!("the identifier of a fault ({ids}) in place of {id:?}")))
+        }
+    }
+}
+
+fn read_fault(node: &Node, others: &[Fault]) -> Read<Fault> {
+    let keys = node.keys();
+    let has = |key: &str| keys.contains(&key);
+    let common: Vec<&str> = FAULT_TEXTS
+        .iter()
+        .map(|(key, _)| *key)
+        .chain(FAULT_NUMBERS.iter().map(|number| number.name))
+        .chain(["seed"])
+        .collect();
+    if has("parameter") == has("fault") {
+        let message = "expected either `parameter` (a number of an effect) or `fault` (one that has a name)".to_owned();
+        return Err(node.error(if has("fault") { "fault" } else { "parameter" }, message));
+    }
+    let (action, gyro, link) = if has("parameter") {
+        node.only(&[&["parameter", "course", "gyro"][..], &common].concat())?;
+        let target = read_target(node)?;
+        let (size, course) = read_course(node, &target)?;
+        (Action::Parameter { target, size, course }, read_gyro(node, &target.gyros(), &target.name())?, None)
+    } else {
+        let spec = read_spec(node)?;
+        let own: &[&str] = match spec.scope {
+            Scope::Gyro => &["fault", "gyro"],
+            Scope::Unit => &["fault"],
+            Scope::Link => &["fault", "link"],
+        };
+        let numbers: Vec<&str> = spec.numbers.iter().map(|number| number.name).collect();
+        node.only(&[own, &numbers, &common].concat())?;
+        let values = spec.numbers.iter().map(|number| node.number(number)).collect::<Read<Vec<f64>>>()?;
+        let gyro = if spec.scope == Scope::Gyro { read_gyro(node, &Gyro::ALL, spec.code)? } else { None };
+        let link = if spec.scope == Scope::Link { read_link(node, spec)? } else { None };
+        (Action::Named { spec, values }, gyro, link)
+    };
+    let condition = |key: &str| -> Read<Option<Expression>> {
+        if !has(key) {
+            return Ok(None);
+        }
+        node.text(key)?.parse().map(Some).map_err(|expected: String| node.unexpected(key, &expected))
+    };
+    let optional = |number: &Number| node.number(number).map(|value| Some(value).filter(|value| !value.is_nan()));
+    let release_s = node.number(&RELEASE)?;
+    if release_s > 0.0 && matches!(&action, Action::Named { .. }) {
+        return Err(node.unexpected(RELEASE.name, "a fault of a parameter, which can return gradually,"));
+    }
+    Ok(Fault {
+        id: read_id(node, FAULT, others.iter().map(|fault| fault.id.as_str()))?,
+        action,
+        gyro,
+        link,
+        at_s: node.number(&AT)?,
+        when: condition("when")?,
+        probability: node.number(&PROBABILITY)?,
+        by_hand: node.number(&BY_HAND)? != 0.0,
+        for_s: optional(&FOR)?,
+        end_when: condition("end_when")?,
+        until_s: optional(&UNTIL)?.unwrap_or(f64::INFINITY),
+        release_s,
+        times: node.number(&TIMES)? as u64,
+        seed: node.whole_number("seed")?,
+    })
+}
+
+fn read_target(node: &Node) -> Read<Target> {
+    let name = node.text("parameter")?;
+    Target::named(name).ok_or_else(|| {
+        let names: Vec<String> = Target::all().iter().map(Target::name).collect();
+        node.unexpected("parameter", &format!("one of {}", names.join(", ")))
+    })
+}
+
+fn read_spec(node: &Node) -> Read<&'static Spec> {
+    let codes: Vec<&str> = CATALOGUE.iter().map(|spec| spec.code).collect();
+    Ok(Spec::named(node.choice("fault", &codes)?).expect("one of the codes"))
+}
+
+fn read_gyro(node: &Node, valid: &[Gyro], what: &str) -> Read<Option<Gyro>> {
+    if valid.is_empty() {
+        return match node.keys().contains(&"gyro") {
+            false => Ok(None),
+            true => Err(node.unexpected("gyro", &format!("no gyro for {what}, which is the whole unit's,"))),
+        };
+    }
+    let names: Vec<&str> = valid.iter().map(|gyro| gyro.name()).collect();
+    Ok(Gyro::named(node.choice("gyro", &names)?))
+}
+
+fn read_link(node: &Node, spec: &Spec) -> Read<Option<LinkKind>> {
+    let reasons = |kind: LinkKind| spec.unable_on(kind).map(|reason| format!("{} cannot: {reason}", kind.name()));
+    if !node.keys().contains(&"link") {
+        if spec.links().is_empty() {
+            let all: Vec<String> = LinkKind::ALL.into_iter().filter_map(reasons).collect();
+            return Err(node.unexpected("fault", &format!("a fault that a link can have; {}", all.join("; "))));
+        }
+        return Ok(None);
+    }
+    let kind = LinkKind::named(node.choice("link", &LinkKind::NAMES)?).expect("one of the names");
+    match reasons(kind) {
+        None => Ok(Some(kind)),
+        Some(reason) => Err(node.unexpected("link", &format!("a link that can have {}; {reason};", spec.code))),
+    }
+}
+
+fn read_course(node: &Node, target: &Target) -> Read<(f64, shape::Law)> {
+    let kinds: Vec<&str> =
+        shape::KINDS.iter().map(|kind| kind.name).filter(|name| !target.is_switch() || *name == "step").collect();
+    let course = node.table("course")?.ok_or_else(|| {
+        node.error(
+            "parameter",
+            format!("expected `course`, such as {{ step = 1.0 }}, with one of {}; got none", kinds.join(", ")),
+        )
+    })?;
+    let kind = shape::KINDS.iter().find(|kind| kinds.contains(&kind.name) && course.keys().contains(&kind.name));
+    let Some(kind) = kind else {
+        return Err(node.unexpected("course", &format!("a course with one of {}", kinds.join(", "))));
+    };
+    let numbers: Vec<&str> = kind.numbers.iter().map(|number| number.name).collect();
+    course.only(&[&[kind.name][..], &numbers].concat())?;
+    let (least, greatest) = target.limits();
+    let size = course.value(kind.name, target.number().form, least, greatest)?.expect("the key is there");
+    let numbers = kind.numbers.iter().map(|number| course.number(number)).collect::<Read<Vec<f64>>>()?;
+    Ok((size, kind.law(&numbers)))
+}
+
+fn read_id<'a>(node: &Node, prefix: &str, others: impl Iterator<Item = &'a str> + Clone) -> Read<String> {
+    let is_taken = |id: &str| others.clone().any(|other| other == id);
+    if !node.keys().contains(&"id") {
+        let free = (1..).map(|number| format!("{prefix}-{number}")).find(|id| !is_taken(id));
+        return Ok(free.expect("there are more numbers than faults"));
+    }
+    let id = node.text("id")?;
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
+    if id.is_empty() || id.len() > MOST_ID || !id.chars().all(is_plain) {
+        return Err(node.unexpected("id", &format!("1 to {MOST_ID} letters, digits, `-`, `_` or `.`")));
+    }
+    if is_taken(id) {
+        return Err(node.unexpected("id", "an identifier of its own, not taken by another,"));
+    }
+    Ok(id.to_owned())
+}
+
+/// Reads `[[expect]]` of a run with these faults.
+pub(super) fn read_expectations(root: &Node, before: &[Expectation], faults: &[Fault]) -> Read<Vec<Expectation>> {
+    let mut all = before.to_vec();
+    for node in root.tables(EXPECT)? {
+        let numbers: Vec<&str> = EXPECT_NUMBERS.iter().map(|number| number.name).collect();
+        node.only(&[&["id", "after", "condition"][..], &numbers].concat())?;
+        let condition: Expression =
+            node.text("condition")?.parse().map_err(|expected: String| node.unexpected("condition", &expected))?;
+        known(&node, "condition", condition.faults(), faults.iter())?;
+        let after = if node.keys().contains(&"after") { Some(node.text("after")?) } else { None };
+        known(&node, "after", after, faults.iter())?;
+        let window = match (node.number(&WITHIN)?, node.number(&THROUGHOUT)?) {
+            (within_s, throughout_s) if throughout_s.is_nan() && !within_s.is_nan() => Window::Within(within_s),
+            (within_s, throughout_s) if within_s.is_nan() && !throughout_s.is_nan() => Window::Throughout(throughout_s),
+            _ => {
+                let message =
+                    "expected either `within_s` (must hold at least once) or `throughout_s` (must hold all the time)";
+                return Err(node.error("condition", message.to_owned()));
+            }
+        };
+        let id = read_id(&node, EXPECT, all.iter().map(|expectation| expectation.id.as_str()))?;
+        all.push(Expectation { id, after: after.map(str::to_owned), at_s: node.number(&AT)?, condition, window });
+    }
+    if all.len() > MOST {
+        return Err(root.error(EXPECT, format!("expected at most {MOST} expectations, got {}", all.len())));
+    }
+    Ok(all.split_off(before.len()))
+}
+
+/// One fault as TOML, its keys alone.
+pub fn fault_text(fault: &Fault) -> String {
+    let mut text = String::new();
+    let mut put = |key: &str, value: String| writeln!(text, "{key} = {value}").expect("a string takes everything");
+    put("id", format!("{:?}", fault.id));
+    match &fault.action {
+        Action::Parameter { target, size, course } => {
+            put("parameter", format!("{:?}", target.name()));
+            let (kind, numbers) = shape::Kind::of(course);
+            let written = kind.numbers.iter().zip(&numbers).filter(|(_, value)| !value.is_nan());
+            let written: Vec<String> = std::iter::once(format!("{} = {}", kind.name, target.number().written(*size)))
+                .chain(written.map(|(number, value)| format!("{} = {}", number.name, number.written(*value))))
+                .collect();
+            put("course", format!("{{ {} }}", written.join(", ")));
+        }
+        Action::Named { spec, values } => {
+            put("fault", format!("{:?}", spec.code));
+            spec.numbers.iter().zip(values).for_each(|(number, value)| put(number.name, number.written(*value)));
+        }
+    }
+    if let Some(gyro) = fault.gyro {
+        put("gyro", format!("{:?}", gyro.name()));
+    }
+    if let Some(link) = fault.link {
+        put("link", format!("{:?}", link.name()));
+    }
+    for (key, condition) in [("when", &fault.when), ("end_when", &fault.end_when)] {
+        if let Some(condition) = condition {
+            put(key, show::quoted(&condition.to_string()));
+        }
+    }
+    let values = [
+        fault.at_s,
+        fault.probability,
+        f64::from(u8::from(fault.by_hand)),
+        fault.for_s.unwrap_or(f64::NAN),
+        if fault.until_s.is_finite() { fault.until_s } else { f64::NAN },
+        fault.release_s,
+        fault.times as f64,
+    ];
+    for (number, value) in FAULT_NUMBERS.into_iter().zip(values) {
+        let is_default = number.default.initial() == value || value.is_nan();
+        if !is_default || number.name == AT.name && fault.when.is_none() {
+            put(number.name, number.written(value));
+        }
+    }
+    if let Some(seed) = fault.seed {
+        put("seed", seed.to_string());
+    }
+    text
+}
+
+/// Faults and expectations as a plan.
+pub fn plan_text(faults: &[Fault], expectations: &[Expectation]) -> String {
+    let mut text = String::new();
+    for fault in faults {
+        text += &format!("\n[[{FAULT}]]\n{}", fault_text(fault));
+    }
+    for Expectation { id, after, at_s, condition, window } in expectations {
+        text += &format!("\n[[{EXPECT}]]\nid = {id:?}\n");
+        if let Some(after) = after {
+            text += &format!("after = {after:?}\n");
+        }
+        let (number, length_s) = match window {
+            Window::Within(length_s) => (WITHIN, length_s),
+            Window::Throughout(length_s) => (THROUGHOUT, length_s),
+        };
+        let condition = show::quoted(&condition.to_string());
+        text += &format!("{} = {at_s:?}\ncondition = {condition}\n{} = {length_s:?}\n", AT.name, number.name);
+    }
+    text
+}

@@ -1,0 +1,343 @@
+//! The faults of a run, half second by half second: which act, and what those of head and unit do.
+
+use std::sync::Arc;
+
+use geu_protocol::{Gyro, HalfSecond};
+
+use super::catalogue::{HeadLaw, Law, LinkLaw, SpikeLaw, UnitLaw};
+use super::expectation::{Verdict, Watch};
+use super::expression::Moment;
+use super::{Draw, Fault, List, Target};
+use crate::configuration::Configuration;
+use crate::effect::Effects;
+use crate::number::Number;
+
+/// A fault over one half second.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Acting {
+    /// The fault.
+    pub fault: Arc<Fault>,
+    /// What it does.
+    pub law: Law,
+    /// Half seconds since it started.
+    pub elapsed: u64,
+    /// Index of this half second.
+    pub frame: u64,
+    /// 1; less while a parameter returns.
+    pub share: f64,
+    /// The last half second before it started.
+    pub before: Option<HalfSecond>,
+    /// Seed of what it draws.
+    pub seed: u64,
+}
+
+impl Acting {
+    /// Where its random numbers come from.
+    pub fn draw(&self) -> Draw<'_> {
+        Draw::new(self.seed, &self.fault.id)
+    }
+
+    /// What it does on links.
+    pub fn on_link(&self) -> Option<LinkLaw> {
+        match self.law {
+            Law::Link(law) => Some(law),
+            _ => None,
+        }
+    }
+}
+
+/// What happened to a fault or an expectation.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Happening {
+    /// A fault began to act.
+    Started(Arc<Fault>),
+    /// It is over, after so many half seconds.
+    Ended(Arc<Fault>, u64),
+    /// An expectation was decided.
+    Decided(Watch),
+}
+
+/// A fault of the plan, and how it stands.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Planned {
+    /// The fault.
+    pub fault: Arc<Fault>,
+    /// What it does.
+    pub law: Law,
+    /// How often it has started.
+    pub started: u64,
+    /// While it acts.
+    running: Option<Running>,
+    /// Nothing of it any more.
+    pub is_cleared: bool,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+struct Running {
+    start: u64,
+    /// Where its end is known.
+    end: Option<u64>,
+    /// While a parameter returns: since when.
+    releasing: Option<u64>,
+    before: Option<HalfSecond>,
+    /// What a law that scales counts has not told yet.
+    carried: f64,
+}
+
+impl Planned {
+    /// Whether it acts, and since which half second.
+    pub fn since(&self) -> Option<u64> {
+        self.running.as_ref().map(|running| running.start)
+    }
+
+    /// The half second with which it ends, where that is known.
+    pub fn end(&self) -> Option<u64> {
+        self.running.as_ref().and_then(|running| running.end)
+    }
+
+    /// Whether it never acts again.
+    pub fn is_over(&self) -> bool {
+        self.running.is_none() && (self.is_cleared || self.started >= self.fault.times)
+    }
+}
+
+/// All faults of a run.
+#[derive(Debug, Clone, Default)]
+pub struct Faults {
+    seed: u64,
+    /// In the order of the plan, then as they were injected.
+    pub planned: Vec<Planned>,
+    /// What is expected.
+    pub watches: Vec<Watch>,
+    acting: Arc<Vec<Acting>>,
+    happened: Vec<Happening>,
+}
+
+/// What a gyro's faults say of its flags.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Marks {
+    /// Gyros that are not valid, as bits.
+    pub invalid: u8,
+    /// Whether a spin motor coasts.
+    pub is_coasting: bool,
+}
+
+impl Faults {
+    /// Those of a configuration.
+    pub fn new(configuration: &Configuration) -> Faults {
+        let mut faults = Faults { seed: configuration.seed, ..Faults::default() };
+        configuration.faults.iter().for_each(|fault| faults.add(fault.clone()));
+        faults.watches = configuration.expectations.iter().cloned().map(Watch::new).collect();
+        faults
+    }
+
+    /// Adds one.
+    pub fn add(&mut self, fault: Fault) {
+        let law = fault.law();
+        self.planned.push(Planned { fault: Arc::new(fault), law, started: 0, running: None, is_cleared: false });
+    }
+
+    /// Takes one away from the half second on that begins next. False where there is none, or it is over.
+    pub fn clear(&mut self, id: &str, until_s: f64) -> bool {
+        let found = self.planned.iter_mut().find(|planned| planned.fault.id == id && !planned.is_over());
+        let Some(planned) = found else { return false };
+        let until_s = until_s.min(planned.fault.until_s);
+        planned.fault = Arc::new(Fault { until_s, ..Fault::clone(&planned.fault) });
+        planned.is_cleared = true;
+        true
+    }
+
+    /// Whether there is nothing to look at in any half second.
+    pub fn is_empty(&self) -> bool {
+        self.planned.is_empty() && self.watches.is_empty()
+    }
+
+    /// Those that act over the running half second.
+    pub fn acting(&self) -> &Arc<Vec<Acting>> {
+        &self.acting
+    }
+
+    /// Whether one acts that changes what the unit tells.
+    pub fn touch_unit(&self) -> bool {
+        self.acting.iter().any(|acting| acting.on_link().is_none())
+    }
+
+    /// What happened since the last call.
+    pub fn take_happened(&mut self) -> Vec<Happening> {
+        std::mem::take(&mut self.happened)
+    }
+
+    /// Decides what acts over the half second that begins, and tells the laws that are over. `last` is the one before.
+    pub fn begin(&mut self, now: &mut Moment, last: Option<HalfSecond>) -> Vec<(Law, Option<Gyro>)> {
+        now.active = self.acting.iter().map(|acting| acting.fault.id.clone()).collect();
+        let mut over = Vec::new();
+        let mut all = Vec::new();
+        for planned in &mut self.planned {
+            if let Some(ended) = planned.end_if_due(now) {
+                over.push((planned.law, planned.fault.gyro));
+                self.happened.push(Happening::Ended(planned.fault.clone(), ended));
+            }
+            if planned.is_triggered(now, planned.fault.seed.unwrap_or(self.seed)) {
+                planned.started += 1;
+                let end = planned.fault.half_seconds().map(|length| now.frame + length);
+                planned.running = Some(Running { start: now.frame, end, releasing: None, before: last, carried: 0.0 });
+                self.happened.push(Happening::Started(planned.fault.clone()));
+            }
+            let seed = planned.fault.seed.unwrap_or(self.seed);
+            all.extend(planned.acting(now.frame, seed));
+        }
+        self.acting = Arc::new(all);
+        let planned = &self.planned;
+        let started = |id: &str| planned.iter().any(|planned| planned.fault.id == id && planned.started > 0);
+        for watch in &mut self.watches {
+            if watch.look(now, started) {
+                self.happened.push(Happening::Decided(watch.clone()));
+            }
+        }
+        over
+    }
+
+    /// How the expectations stand.
+    pub fn verdicts(&self) -> impl Iterator<Item = (&str, Verdict)> {
+        self.watches.iter().map(|watch| (watch.expectation.id.as_str(), watch.verdict))
+    }
+
+    /// Whether a parameter of this list is moved; of a gyro's, whether of this gyro.
+    pub fn moves(&self, list: List, gyro: Option<Gyro>) -> bool {
+        self.offsets(list, gyro).next().is_some()
+    }
+
+    /// Adds to the effects what the faults add over the running half second; limits stay what they are.
+    pub fn moved<E: Effects>(&self, mut effects: E, list: List, gyro: Option<Gyro>) -> E {
+        for (target, value) in self.offsets(list, gyro) {
+            let numbers = effects.numbers_mut(target.effect);
+            let Number { least, greatest, .. } = numbers.specs()[target.number];
+            let number = numbers.value_mut(target.number);
+            *number = (*number + value).clamp(least, greatest);
+        }
+        effects
+    }
+
+    fn offsets(&self, list: List, gyro: Option<Gyro>) -> impl Iterator<Item = (Target, f64)> {
+        let own = self.acting.iter().filter(move |acting| acting.fault.gyro == gyro);
+        own.filter_map(move |acting| match acting.law {
+            Law::Parameter { target, size, course } if target.list == list => {
+                let elapsed_s = acting.elapsed as f64 * 0.5 + 0.25;
+                Some((target, size * acting.share * course.factor(elapsed_s, &acting.draw())))
+            }
+            _ => None,
+        })
+    }
+
+    /// Laws on the unit that act over the running half second, and since how many.
+    pub fn on_unit(&self) -> impl Iterator<Item = (UnitLaw, u64)> {
+        self.acting.iter().filter_map(|acting| match acting.law {
+            Law::Unit(law) => Some((law, acting.elapsed)),
+            _ => None,
+        })
+    }
+
+    /// Whether the unit neither tells nor hears anything.
+    pub fn is_silent(&self) -> bool {
+        self.on_unit().any(|(law, _)| matches!(law, UnitLaw::Reset | UnitLaw::BrownOut | UnitLaw::BootDelay))
+    }
+
+    /// Lets the faults of heads act on the counts of the half second that ends.
+    pub fn act_on_counts(&mut self, counts: &mut [f64; 4]) -> Marks {
+        let mut marks = Marks::default();
+        let heads = self.acting.iter().filter_map(|acting| match acting.law {
+            Law::Head(law) => Some((law, acting, acting.fault.gyro?)),
+            _ => None,
+        });
+        for (law, acting, gyro) in heads {
+            let count = &mut counts[gyro as usize];
+            let draw = || acting.draw().at("count", acting.frame);
+            match law {
+                HeadLaw::Dead => {
+                    *count = 0.0;
+                    marks.invalid |= gyro.bit();
+                }
+                HeadLaw::StuckCount { counts } => *count = counts,
+                HeadLaw::WrongLsb { factor } => {
+                    let planned = self.planned.iter_mut().find(|planned| planned.fault.id == acting.fault.id);
+                    let Some(running) = planned.and_then(|planned| planned.running.as_mut()) else { continue };
+                    running.carried += *count * factor;
+                    let told = running.carried.round();
+                    running.carried -= told;
+                    *count = told;
+                }
+                HeadLaw::Spike { counts, law } => {
+                    let share = match law {
+                        SpikeLaw::Constant => 1.0,
+                        SpikeLaw::Alternating => [1.0, -1.0][(acting.elapsed % 2) as usize],
+                        SpikeLaw::Uniform => 2.0 * draw().uniform() - 1.0,
+                        SpikeLaw::Normal => draw().standard_normal(),
+                    };
+                    *count += (counts * share).round();
+                }
+                HeadLaw::Garbage => *count = f64::from(draw().bits() as u16 as i16),
+                HeadLaw::Saturated { is_negative } => {
+                    // One beyond what fits, so that clipping flags it.
+                    *count = if is_negative { f64::from(i16::MIN) - 1.0 } else { f64::from(i16::MAX) + 1.0 };
+                }
+                HeadLaw::SpinDown { coast_s } => {
+                    *count = (*count * libm::exp(-(acting.elapsed as f64) * 0.5 / coast_s)).round();
+                    marks.invalid |= gyro.bit();
+                    marks.is_coasting = true;
+                }
+            }
+        }
+        marks
+    }
+}
+
+impl Planned {
+    fn is_triggered(&self, now: &Moment, seed: u64) -> bool {
+        let fault = &self.fault;
+        self.running.is_none()
+            && !fault.by_hand
+            && self.started < fault.times
+            && (fault.at_s..fault.until_s).contains(&now.t_s)
+            && fault.when.as_ref().is_none_or(|when| when.holds(now))
+            && (fault.probability >= 1.0
+                || Draw::new(seed, &fault.id).at("trigger", now.frame).uniform() < fault.probability)
+    }
+
+    /// Ends it when its time has come: how many half seconds it acted. A parameter returns first.
+    fn end_if_due(&mut self, now: &Moment) -> Option<u64> {
+        let fault = &self.fault;
+        let running = self.running.as_mut()?;
+        let is_due = running.end.is_some_and(|end| now.frame >= end)
+            || now.t_s >= fault.until_s
+            || fault.end_when.as_ref().is_some_and(|condition| condition.holds(now));
+        if fault.release_s > 0.0 {
+            if is_due && running.releasing.is_none() {
+                running.releasing = Some(now.frame);
+            }
+            let released = running.releasing.map(|since| (now.frame - since) as f64 * 0.5);
+            if released.is_none_or(|released_s| released_s < fault.release_s) {
+                return None;
+            }
+        } else if !is_due {
+            return None;
+        }
+        let ended = now.frame - running.start;
+        self.running = None;
+        Some(ended)
+    }
+
+    fn acting(&self, frame: u64, seed: u64) -> Option<Acting> {
+        let running = self.running.as_ref()?;
+        let released =
+            running.releasing.map_or(0.0, |since| ((frame - since) as f64 * 0.5 + 0.25) / self.fault.release_s);
+        Some(Acting {
+            fault: self.fault.clone(),
+            law: self.law,
+            elapsed: frame - running.start,
+            frame,
+            share: (1.0 - released).max(0.0),
+            before: running.before,
+            seed,
+        })
+    }
+}

@@ -1,0 +1,498 @@
+//! The faults that have a name: of a gyro's head, of the whole unit, of a link. Those of a link are carried out by the
+//! daemon, on bytes; here stands what they are, on which links they can be, and what else could do what no link can.
+
+use crate::fault::{Target, shape};
+use crate::number::{Default, Form, Number, number};
+
+/// A kind of link.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum LinkKind {
+    /// A pty.
+    Pty,
+    /// A serial port.
+    Serial,
+    /// A CAN interface.
+    Can,
+    /// TCP.
+    Tcp,
+}
+
+impl LinkKind {
+    /// All, in the order of [`LinkKind::NAMES`].
+    pub const ALL: [LinkKind; 4] = [LinkKind::Pty, LinkKind::Serial, LinkKind::Can, LinkKind::Tcp];
+    /// Names in plans and on the command line.
+    pub const NAMES: [&str; 4] = ["pty", "serial", "can", "tcp"];
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        LinkKind::NAMES[self as usize]
+    }
+
+    /// The kind of that name.
+    pub fn named(name: &str) -> Option<LinkKind> {
+        LinkKind::ALL.into_iter().find(|kind| kind.name() == name)
+    }
+}
+
+/// Whom a fault is on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Scope {
+    /// One gyro.
+    Gyro,
+    /// The whole unit.
+    Unit,
+    /// Links.
+    Link,
+}
+
+impl Scope {
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        ["gyro", "unit", "link"][self as usize]
+    }
+}
+
+/// What a fault of a gyro does to its counts, after rounding and wiring, before clipping.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[allow(missing_docs)]
+pub enum HeadLaw {
+    Dead,
+    StuckCount { counts: f64 },
+    WrongLsb { factor: f64 },
+    Spike { counts: f64, law: SpikeLaw },
+    Garbage,
+    Saturated { is_negative: bool },
+    SpinDown { coast_s: f64 },
+}
+
+/// How the size of a spike is drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[allow(missing_docs)]
+pub enum SpikeLaw {
+    Constant,
+    Alternating,
+    Uniform,
+    Normal,
+}
+
+impl SpikeLaw {
+    const NAMES: &[&str] = &["constant", "alternating", "uniform", "normal"];
+
+    fn at(index: f64) -> SpikeLaw {
+        [SpikeLaw::Constant, SpikeLaw::Alternating, SpikeLaw::Uniform, SpikeLaw::Normal][index as usize]
+    }
+}
+
+/// What a fault of the unit does.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[allow(missing_docs)]
+pub enum UnitLaw {
+    Reset,
+    BrownOut,
+    BootDelay,
+    FlipFlags { gyro_flags: u8, unit_flags: u8 },
+    ClockJump { cycles: i64 },
+    HeaterLost,
+}
+
+/// What a fault of a link does to what it carries.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[allow(missing_docs)]
+pub enum LinkLaw {
+    Drop,
+    Duplicate { copies: u64 },
+    Reorder,
+    Delay { delay_s: f64 },
+    Jitter { jitter_s: f64 },
+    Truncate { bytes: u64 },
+    Split { byte: u64, gap_s: f64 },
+    Merge { frames: u64 },
+    ExtraBytes { bytes: u64 },
+    BitFlip { bits: u64, is_after_crc: bool },
+    SequenceStuck,
+    SequenceJump { by: i64 },
+    StaleRepeat,
+    WrongLength { length: u64 },
+    WrongIdentifier { identifier: u64 },
+    Babble { amount: u64 },
+    Silence,
+    BaudMismatch { baud: f64 },
+    ReplyLate { delay_s: f64 },
+    ReplyMissing,
+}
+
+/// What a named fault does.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Law {
+    /// Moves a parameter of an effect, as a fault of that parameter would.
+    Parameter {
+        /// Which.
+        target: Target,
+        /// Size.
+        size: f64,
+        /// Course.
+        course: shape::Law,
+    },
+    /// On one gyro.
+    Head(HeadLaw),
+    /// On the unit.
+    Unit(UnitLaw),
+    /// On links.
+    Link(LinkLaw),
+}
+
+/// What is said of a named fault.
+pub struct Spec {
+    /// Its name in a plan.
+    pub code: &'static str,
+    /// Whom it is on.
+    pub scope: Scope,
+    /// What it does.
+    pub meaning: &'static str,
+    /// Its numbers.
+    pub numbers: &'static [Number],
+    /// How long it acts where nothing is said; without end where that is nothing.
+    pub for_s: Option<f64>,
+    /// For a fault of a link: where it cannot be done, why, and what could.
+    pub unable: &'static [(LinkKind, &'static str)],
+    law: fn(&[f64]) -> Law,
+}
+
+impl PartialEq for Spec {
+    fn eq(&self, other: &Spec) -> bool {
+        self.code == other.code
+    }
+}
+
+impl std::fmt::Debug for Spec {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.code)
+    }
+}
+
+impl Spec {
+    /// The fault of that name.
+    pub fn named(code: &str) -> Option<&'static Spec> {
+        CATALOGUE.iter().find(|spec| spec.code == code)
+    }
+
+    /// Its law with these values of [`Spec::numbers`].
+    pub fn law(&self, numbers: &[f64]) -> Law {
+        (self.law)(numbers)
+    }
+
+    /// Why a link cannot have it; nothing where it can.
+    pub fn unable_on(&self, link: LinkKind) -> Option<&'static str> {
+        self.unable.iter().find(|(kind, _)| *kind == link).map(|(_, reason)| *reason)
+    }
+
+    /// Links that can have it.
+    pub fn links(&self) -> Vec<LinkKind> {
+        LinkKind::ALL.into_iter().filter(|&kind| self.unable_on(kind).is_none()).collect()
+    }
+}
+
+const WHOLE: Form = Form::Whole;
+const REAL: Form = Form::Real;
+const ONE: Default = Default::Value(1.0);
+const REQUIRED: Default = Default::Required;
+
+const fn head(code: &'static str, meaning: &'static str, numbers: &'static [Number], law: fn(&[f64]) -> Law) -> Spec {
+    Spec { code, scope: Scope::Gyro, meaning, numbers, for_s: None, unable: &[], law }
+}
+
+const fn unit(
+    code: &'static str,
+    meaning: &'static str,
+    numbers: &'static [Number],
+    for_s: Option<f64>,
+    law: fn(&[f64]) -> Law,
+) -> Spec {
+    Spec { code, scope: Scope::Unit, meaning, numbers, for_s, unable: &[], law }
+}
+
+const fn link(
+    code: &'static str,
+    meaning: &'static str,
+    numbers: &'static [Number],
+    unable: &'static [(LinkKind, &'static str)],
+    law: fn(&[f64]) -> Law,
+) -> Spec {
+    Spec { code, scope: Scope::Link, meaning, numbers, for_s: None, unable, law }
+}
+
+fn moved(parameter: &str, size: f64, course: shape::Law) -> Law {
+    Law::Parameter { target: Target::named(parameter).expect("a number of an effect"), size, course }
+}
+
+/// A fault that no link can have.
+const fn impossible(code: &'static str, meaning: &'static str, unable: &'static [(LinkKind, &'static str)]) -> Spec {
+    link(code, meaning, &[], unable, |_| unreachable!("refused on every link"))
+}
+
+const NO_FRAMES: &str = "a CAN frame carries nothing but its own bytes: babble sends more frames";
+const NO_BAUD_CAN: &str = "a controller at another bit rate sees error frames, which software cannot send: set another bitrate with ip link, or use a CAN disturbance generator";
+const NO_BAUD_TCP: &str = "TCP has no baud rate: use a pty or a serial port";
+const NO_PARITY_PTY: &str = "a pty carries bytes, not bits on a line, so it has neither parity nor framing: a serial port with a disturbance box (or a USB adapter set to another format at the far end) has";
+const NO_PARITY_SERIAL: &str = "the driver sends every byte with the format that was set: a disturbance box in the line, or an UART driven by a microcontroller, can break single bits";
+const NO_PARITY_TCP: &str =
+    "TCP carries bytes, not bits on a line: a serial port with a disturbance box has parity and framing";
+const NO_PARITY_CAN: &str = "CAN has no parity: bit-flip changes data, and a CAN disturbance generator (such as CANstress) breaks bits on the bus";
+const NO_BUS: &str = "is a state of a CAN controller: use --can";
+const NO_BUS_CAN: &str = "software cannot make it on a real bus, and a virtual one has none: a CAN disturbance generator (such as CANstress), or a shorted bus, can";
+const NO_BUS_LINKS: [(LinkKind, &str); 4] =
+    [(LinkKind::Pty, NO_BUS), (LinkKind::Serial, NO_BUS), (LinkKind::Can, NO_BUS_CAN), (LinkKind::Tcp, NO_BUS)];
+const NO_LINE_LINKS: [(LinkKind, &str); 4] = [
+    (LinkKind::Pty, NO_PARITY_PTY),
+    (LinkKind::Serial, NO_PARITY_SERIAL),
+    (LinkKind::Can, NO_PARITY_CAN),
+    (LinkKind::Tcp, NO_PARITY_TCP),
+];
+
+/// Every named fault.
+pub static CATALOGUE: &[Spec] = &[
+    head("dead", "reads 0, not valid", &[], |_| Law::Head(HeadLaw::Dead)),
+    head(
+        "stuck-count",
+        "every increment is the same, flagged valid",
+        &[number("counts", WHOLE, REQUIRED, -32768.0, 32767.0, "the increment")],
+        |n| Law::Head(HeadLaw::StuckCount { counts: n[0] }),
+    ),
+    head("stuck-rate", "the last increment is repeated", &[], |_| moved("stuck-output.on", 1.0, shape::Law::Step)),
+    head("sign-flip", "counts have the other sign", &[], |_| moved("sign-inversion.on", 1.0, shape::Law::Step)),
+    head(
+        "axis-swap",
+        "counts of two gyros stand in each other's place",
+        &[number("with", Form::Gyro, REQUIRED, 1.0, 4.0, "the other gyro")],
+        |n| moved("axis-swap.with", n[0], shape::Law::Step),
+    ),
+    head(
+        "wrong-lsb",
+        "counts are of another size",
+        &[number("factor", REAL, REQUIRED, -256.0, 256.0, "counts told for one that is meant")],
+        |n| Law::Head(HeadLaw::WrongLsb { factor: n[0] }),
+    ),
+    Spec {
+        for_s: Some(0.5),
+        ..head(
+            "spike",
+            "counts are added in each half second",
+            &[
+                number("counts", REAL, REQUIRED, -65535.0, 65535.0, "size: the value, the largest, or the deviation"),
+                number("law", Form::Choice(SpikeLaw::NAMES), Default::Value(0.0), 0.0, 3.0, "how the size is drawn"),
+            ],
+            |n| Law::Head(HeadLaw::Spike { counts: n[0], law: SpikeLaw::at(n[1]) }),
+        )
+    },
+    head("garbage", "any 16 bits, flagged valid", &[], |_| Law::Head(HeadLaw::Garbage)),
+    head(
+        "saturated",
+        "the largest increment, flagged saturated",
+        &[number("negative", Form::Flag, Default::Value(0.0), 0.0, 1.0, "whether it is the most negative one")],
+        |n| Law::Head(HeadLaw::Saturated { is_negative: n[0] != 0.0 }),
+    ),
+    head(
+        "noise-growth",
+        "the angle random walk grows and stays",
+        &[
+            number("arcsec_per_sqrt_s", REAL, REQUIRED, 0.0, 100.0, "what the walk grows by"),
+            number("over_s", REAL, REQUIRED, 0.5, 1e9, "how long it grows"),
+        ],
+        |n| moved("angle-random-walk.arcsec_per_sqrt_s", n[0], shape::Law::Ramp { over_s: n[1] }),
+    ),
+    head(
+        "spin-down",
+        "the spin motor coasts: counts fade, not valid, not synchronous; 60 s of spin-up when it is over",
+        &[number("coast_s", REAL, Default::Value(30.0), 0.5, 1e6, "time constant of the coast")],
+        |n| Law::Head(HeadLaw::SpinDown { coast_s: n[0] }),
+    ),
+    unit("heater-lost", "the sensor's heater gives nothing, whatever is commanded", &[], None, |_| {
+        Law::Unit(UnitLaw::HeaterLost)
+    }),
+    unit(
+        "reset",
+        "the electronics restart: silent meanwhile, then sequence and clock from 0, cyclic, no self-test; gyros run on",
+        &[],
+        Some(2.0),
+        |_| Law::Unit(UnitLaw::Reset),
+    ),
+    unit(
+        "brown-out",
+        "power is lost: silent meanwhile, then as after a reset, heater on, and the gyros spin up again",
+        &[],
+        Some(2.0),
+        |_| Law::Unit(UnitLaw::BrownOut),
+    ),
+    unit(
+        "boot-delay",
+        "silent until it is over, then sequence and clock from 0; on from the start, the unit boots late",
+        &[],
+        Some(2.0),
+        |_| Law::Unit(UnitLaw::BootDelay),
+    ),
+    unit(
+        "flip-flags",
+        "flags contradict the data: these bits are told the wrong way",
+        &[
+            number("gyro_flags", WHOLE, Default::Value(0.0), 0.0, 255.0, "mask"),
+            number("unit_flags", WHOLE, Default::Value(0.0), 0.0, 255.0, "mask"),
+        ],
+        None,
+        |n| Law::Unit(UnitLaw::FlipFlags { gyro_flags: n[0] as u8, unit_flags: n[1] as u8 }),
+    ),
+    unit(
+        "clock-jump",
+        "the clock count jumps once and goes on from there",
+        &[number("cycles", WHOLE, REQUIRED, -1e12, 1e12, "cycles of the unit clock")],
+        Some(0.5),
+        |n| Law::Unit(UnitLaw::ClockJump { cycles: n[0] as i64 }),
+    ),
+    link("drop", "half seconds are not sent", &[], &[], |_| Law::Link(LinkLaw::Drop)),
+    link(
+        "duplicate",
+        "half seconds are sent more than once",
+        &[number("copies", WHOLE, ONE, 1.0, 16.0, "how often more")],
+        &[],
+        |n| Law::Link(LinkLaw::Duplicate { copies: n[0] as u64 }),
+    ),
+    link("reorder", "of each two half seconds the second is sent before the first", &[], &[], |_| {
+        Law::Link(LinkLaw::Reorder)
+    }),
+    link(
+        "delay",
+        "half seconds are sent late",
+        &[number("delay_s", REAL, REQUIRED, 0.0, 60.0, "how late")],
+        &[],
+        |n| Law::Link(LinkLaw::Delay { delay_s: n[0] }),
+    ),
+    link(
+        "jitter",
+        "half seconds are sent late, each by a delay drawn evenly",
+        &[number("jitter_s", REAL, REQUIRED, 0.0, 60.0, "the longest")],
+        &[],
+        |n| Law::Link(LinkLaw::Jitter { jitter_s: n[0] }),
+    ),
+    link(
+        "truncate",
+        "the last bytes are missing; on CAN every message is shorter, and one without bytes left is not sent",
+        &[number("bytes", WHOLE, ONE, 1.0, 27.0, "how many")],
+        &[],
+        |n| Law::Link(LinkLaw::Truncate { bytes: n[0] as u64 }),
+    ),
+    link(
+        "split",
+        "a gap within the half second: behind this byte of a frame, on CAN behind this message",
+        &[
+            number("byte", WHOLE, ONE, 1.0, 27.0, "bytes, on CAN messages, before the gap"),
+            number("gap_s", REAL, Default::Value(0.05), 0.001, 10.0, "how long"),
+        ],
+        &[],
+        |n| Law::Link(LinkLaw::Split { byte: n[0] as u64, gap_s: n[1] }),
+    ),
+    link(
+        "merge",
+        "half seconds are held and sent together",
+        &[number("frames", WHOLE, Default::Value(2.0), 2.0, 64.0, "how many at once")],
+        &[],
+        |n| Law::Link(LinkLaw::Merge { frames: n[0] as u64 }),
+    ),
+    link(
+        "extra-bytes",
+        "bytes that mean nothing stand before each half second",
+        &[number("bytes", WHOLE, ONE, 1.0, 64.0, "how many")],
+        &[(LinkKind::Can, NO_FRAMES)],
+        |n| Law::Link(LinkLaw::ExtraBytes { bytes: n[0] as u64 }),
+    ),
+    link(
+        "bit-flip",
+        "bits of the data are changed: before the CRC, which then is right, or after it",
+        &[
+            number("bits", WHOLE, ONE, 1.0, 64.0, "how many, anywhere in the data"),
+            number("crc", Form::Choice(&["after", "before"]), Default::Value(0.0), 0.0, 1.0, "after or before the CRC"),
+        ],
+        &[],
+        |n| Law::Link(LinkLaw::BitFlip { bits: n[0] as u64, is_after_crc: n[1] == 0.0 }),
+    ),
+    link("sequence-stuck", "the sequence stands still, the CRC is right", &[], &[], |_| {
+        Law::Link(LinkLaw::SequenceStuck)
+    }),
+    link(
+        "sequence-jump",
+        "the sequence is off by so much, the CRC is right",
+        &[number("by", WHOLE, REQUIRED, -32768.0, 32767.0, "how much")],
+        &[],
+        |n| Law::Link(LinkLaw::SequenceJump { by: n[0] as i64 }),
+    ),
+    link("stale-repeat", "the last good half second is sent again and again", &[], &[], |_| {
+        Law::Link(LinkLaw::StaleRepeat)
+    }),
+    link(
+        "wrong-length",
+        "the length told is not that of the data; on CAN every message has this length",
+        &[number("length", WHOLE, REQUIRED, 0.0, 255.0, "length told; on CAN 0…8")],
+        &[],
+        |n| Law::Link(LinkLaw::WrongLength { length: n[0] as u64 }),
+    ),
+    link(
+        "wrong-identifier",
+        "messages go out under another identifier: the frame's type, on CAN the identifier of INCREMENTS, the others behind it",
+        &[number("identifier", WHOLE, REQUIRED, 0.0, 2045.0, "type 0…255, on CAN 0…2045")],
+        &[],
+        |n| Law::Link(LinkLaw::WrongIdentifier { identifier: n[0] as u64 }),
+    ),
+    link(
+        "babble",
+        "nonsense between the half seconds: bytes, on CAN frames of any identifier",
+        &[number("amount", WHOLE, Default::Value(16.0), 1.0, 1000.0, "bytes or frames in each half second")],
+        &[],
+        |n| Law::Link(LinkLaw::Babble { amount: n[0] as u64 }),
+    ),
+    link("silence", "neither data nor replies", &[], &[], |_| Law::Link(LinkLaw::Silence)),
+    link(
+        "baud-mismatch",
+        "the bytes that a receiver at the link's rate reads when they are sent at another",
+        &[number("baud", REAL, REQUIRED, 50.0, 4e6, "rate of the sender")],
+        &[(LinkKind::Can, NO_BAUD_CAN), (LinkKind::Tcp, NO_BAUD_TCP)],
+        |n| Law::Link(LinkLaw::BaudMismatch { baud: n[0] }),
+    ),
+    link(
+        "reply-late",
+        "replies, and what was polled, are late",
+        &[number("delay_s", REAL, REQUIRED, 0.0, 60.0, "how late")],
+        &[],
+        |n| Law::Link(LinkLaw::ReplyLate { delay_s: n[0] }),
+    ),
+    link("reply-missing", "commands act, and get no reply", &[], &[], |_| Law::Link(LinkLaw::ReplyMissing)),
+    impossible("parity-error", "bytes with wrong parity", &NO_LINE_LINKS),
+    impossible("framing-error", "bytes without a stop bit", &NO_LINE_LINKS),
+    impossible("bus-off", "the controller leaves the bus", &NO_BUS_LINKS),
+    impossible("bit-error", "a bit on the bus is overwritten: error frames", &NO_BUS_LINKS),
+];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn codes_are_unique_and_numbers_within_their_limits() {
+        for (index, spec) in CATALOGUE.iter().enumerate() {
+            assert!(CATALOGUE[..index].iter().all(|other| other.code != spec.code), "{}", spec.code);
+            assert!(spec.scope == Scope::Link || spec.unable.is_empty(), "{}", spec.code);
+            for number in spec.numbers {
+                assert!(number.least <= number.greatest, "{} {}", spec.code, number.name);
+                if let Default::Value(value) = number.default {
+                    assert!((number.least..=number.greatest).contains(&value), "{} {}", spec.code, number.name);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_no_link_can_do_says_what_could_on_each() {
+        for spec in CATALOGUE.iter().filter(|spec| spec.scope == Scope::Link) {
+            let is_impossible = ["parity-error", "framing-error", "bus-off", "bit-error"].contains(&spec.code);
+            assert_eq!(spec.links().is_empty(), is_impossible, "{}", spec.code);
+            assert!(spec.unable.iter().all(|(_, reason)| reason.len() > 20), "{}", spec.code);
+        }
+    }
+}

@@ -1,0 +1,464 @@
+//! Conditions as text: `abs(rate_y) > 700 and not valid(GYRX)`. What starts and ends a fault, and what is expected.
+//!
+//! Numbers with `+ - * / %`, compared by `< <= > >= == !=`; conditions joined by `not`, `and`, `or`; brackets. What a name
+//! means stands once, in [`VARIABLES`] and [`FUNCTIONS`]. It is evaluated at the start of a half second.
+
+use std::fmt;
+
+use geu_protocol::Gyro;
+use geu_protocol::command::COMMANDS;
+
+/// Longest text of an expression.
+const MOST_LENGTH: usize = 500;
+/// Most brackets and signs within each other.
+const MOST_DEPTH: usize = 40;
+
+/// What an expression can know of the unit, at the start of a half second.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Moment {
+    /// On-board time since the start of the run.
+    pub t_s: f64,
+    /// Index of the half second that begins, from 0.
+    pub frame: u64,
+    /// Sequence of the half second that begins.
+    pub sequence: u16,
+    /// Inertial rates about the control axes.
+    pub rate_arcsec_s: [f64; 3],
+    /// Solar aspect angle; NaN where the truth does not tell it.
+    pub theta_deg: f64,
+    /// Angle about the sun vector; NaN where the truth does not tell it.
+    pub psi_deg: f64,
+    /// Temperature of the electronics.
+    pub electronics_c: f64,
+    /// Temperature of the sensor.
+    pub sensor_c: f64,
+    /// Whether the unit is polled.
+    pub is_polled: bool,
+    /// Increments of the half second that ended last.
+    pub increments: [i16; 4],
+    /// Its gyro flags.
+    pub gyro_flags: u8,
+    /// Opcodes of the commands that it brought.
+    pub commands: Vec<u8>,
+    /// Identifiers of the faults that acted in it.
+    pub active: Vec<String>,
+}
+
+/// Whether something is a number or a condition.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Sort {
+    Number,
+    Condition,
+}
+
+/// Names, what they mean, and their values.
+type Variable = (&'static str, &'static str, fn(&Moment) -> f64);
+
+/// Every variable.
+const VARIABLES: &[Variable] = &[
+    ("t_s", "on-board time since the start", |now| now.t_s),
+    ("frame", "index of the half second that begins, from 0", |now| now.frame as f64),
+    ("sequence", "its sequence number", |now| f64::from(now.sequence)),
+    ("rate_x", "true rate about X, arcsec/s", |now| now.rate_arcsec_s[0]),
+    ("rate_y", "true rate about Y, arcsec/s", |now| now.rate_arcsec_s[1]),
+    ("rate_z", "true rate about Z, arcsec/s", |now| now.rate_arcsec_s[2]),
+    ("theta_deg", "solar aspect angle", |now| now.theta_deg),
+    ("psi_deg", "angle about the sun vector", |now| now.psi_deg),
+    ("electronics_c", "electronics temperature, degC", |now| now.electronics_c),
+    ("sensor_c", "sensor temperature, degC", |now| now.sensor_c),
+    ("polled", "1 in polled mode, else 0", |now| f64::from(u8::from(now.is_polled))),
+];
+
+/// What a function takes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Takes {
+    Number,
+    Gyro,
+    Command,
+    Fault,
+}
+
+/// Every function: name, what it takes and gives, meaning.
+const FUNCTIONS: &[(&str, Takes, Sort, &str)] = &[
+    ("abs", Takes::Number, Sort::Number, "magnitude"),
+    ("count", Takes::Gyro, Sort::Number, "the gyro's last increment"),
+    ("valid", Takes::Gyro, Sort::Condition, "whether its last increment was flagged valid"),
+    ("saturated", Takes::Gyro, Sort::Condition, "whether it was flagged saturated"),
+    ("command", Takes::Command, Sort::Condition, "whether the last half second brought this command, valid or not"),
+    ("active", Takes::Fault, Sort::Condition, "whether the fault of this identifier acted in the last half second"),
+];
+
+/// The names that an expression may hold, each with its meaning.
+pub fn vocabulary() -> Vec<(String, &'static str)> {
+    let variables = VARIABLES.iter().map(|(name, meaning, _)| ((*name).to_owned(), *meaning));
+    let functions = FUNCTIONS.iter().map(|(name, takes, _, meaning)| {
+        let argument = match takes {
+            Takes::Number => "number",
+            Takes::Gyro => "GYRX",
+            Takes::Command => "SET_MODE",
+            Takes::Fault => "\"fault-1\"",
+        };
+        (format!("{name}({argument})"), *meaning)
+    });
+    variables.chain(functions).collect()
+}
+
+#[derive(Debug, Clone, PartialEq)]
+enum Node {
+    Constant(f64),
+    Variable(usize),
+    Negated(Box<Node>),
+    Not(Box<Node>),
+    Operation(Box<Node>, usize, Box<Node>),
+    Magnitude(Box<Node>),
+    Count(Gyro),
+    Flag(Gyro, u32),
+    Command(u8),
+    Active(String),
+}
+
+/// A condition, and the text it was read from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Expression {
+    text: String,
+    root: Node,
+}
+
+impl fmt::Display for Expression {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.text)
+    }
+}
+
+/// Operators by how tightly they bind, the loosest first: text, what stands on either side, what comes out.
+const OPERATORS: &[(usize, &str, Sort, Sort, fn(f64, f64) -> f64)] = &[
+    (0, "or", Sort::Condition, Sort::Condition, |a, b| truth(a != 0.0 || b != 0.0)),
+    (1, "and", Sort::Condition, Sort::Condition, |a, b| truth(a != 0.0 && b != 0.0)),
+    (2, "<=", Sort::Number, Sort::Condition, |a, b| truth(a <= b)),
+    (2, ">=", Sort::Number, Sort::Condition, |a, b| truth(a >= b)),
+    (2, "==", Sort::Number, Sort::Condition, |a, b| truth(a == b)),
+    (2, "!=", Sort::Number, Sort::Condition, |a, b| truth(a != b)),
+    (2, "<", Sort::Number, Sort::Condition, |a, b| truth(a < b)),
+    (2, ">", Sort::Number, Sort::Condition, |a, b| truth(a > b)),
+    (3, "+", Sort::Number, Sort::Number, |a, b| a + b),
+    (3, "-", Sort::Number, Sort::Number, |a, b| a - b),
+    (4, "*", Sort::Number, Sort::Number, |a, b| a * b),
+    (4, "/", Sort::Number, Sort::Number, |a, b| a / b),
+    (4, "%", Sort::Number, Sort::Number, |a, b| a % b),
+];
+/// One more than the tightest.
+const LEVELS: usize = 5;
+
+fn truth(value: bool) -> f64 {
+    f64::from(u8::from(value))
+}
+
+impl Expression {
+    /// Whether it holds. What is compared with something unknown does not.
+    pub fn holds(&self, now: &Moment) -> bool {
+        self.root.value(now) != 0.0
+    }
+
+    /// Identifiers of the faults that it asks about.
+    pub fn faults(&self) -> Vec<&str> {
+        let mut found = Vec::new();
+        self.root.faults(&mut found);
+        found
+    }
+}
+
+impl Node {
+    fn value(&self, now: &Moment) -> f64 {
+        match self {
+            Node::Constant(value) => *value,
+            Node::Variable(index) => VARIABLES[*index].2(now),
+            Node::Negated(node) => -node.value(now),
+            Node::Not(node) => truth(node.value(now) == 0.0),
+            Node::Operation(left, index, right) => OPERATORS[*index].4(left.value(now), right.value(now)),
+            Node::Magnitude(node) => node.value(now).abs(),
+            Node::Count(gyro) => f64::from(now.increments[*gyro as usize]),
+            Node::Flag(gyro, shift) => truth(now.gyro_flags & gyro.bit() << shift != 0),
+            Node::Command(opcode) => truth(now.commands.contains(opcode)),
+            Node::Active(id) => truth(now.active.contains(id)),
+        }
+    }
+
+    fn faults<'a>(&'a self, found: &mut Vec<&'a str>) {
+        match self {
+            Node::Active(id) => found.push(id),
+            Node::Negated(node) | Node::Not(node) | Node::Magnitude(node) => node.faults(found),
+            Node::Operation(left, _, right) => {
+                left.faults(found);
+                right.faults(found);
+            }
+            _ => {}
+        }
+    }
+}
+
+impl std::str::FromStr for Expression {
+    /// What was expected where, in words.
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Expression, String> {
+        if text.len() > MOST_LENGTH {
+            return Err(format!("a condition of at most {MOST_LENGTH} characters"));
+        }
+        let mut reader = Reader { text, place: 0, depth: 0 };
+        let (root, sort) = reader.level(0)?;
+        reader.skip_space();
+        if reader.place < text.len() {
+            return Err(reader.expected("an operator or the end"));
+        }
+        match sort {
+            Sort::Condition => Ok(Expression { text: text.to_owned(), root }),
+            Sort::Number => Err("a condition such as abs(rate_y) > 700, not a number".to_owned()),
+        }
+    }
+}
+
+struct Reader<'a> {
+    text: &'a str,
+    place: usize,
+    depth: usize,
+}
+
+impl<'a> Reader<'a> {
+    fn rest(&self) -> &'a str {
+        &self.text[self.place..]
+    }
+
+    fn skip_space(&mut self) {
+        self.place = self.text.len() - self.rest().trim_start().len();
+    }
+
+    fn expected(&self, what: &str) -> String {
+        let rest: String = self.rest().chars().take(20).collect();
+        let at = if rest.is_empty() { "at the end".to_owned() } else { format!("at {rest:?}") };
+        format!("{what} {at} of the condition")
+    }
+
+    /// Takes `token` if it stands next; a word only whole.
+    fn take(&mut self, token: &str) -> bool {
+        self.skip_space();
+        let Some(after) = self.rest().strip_prefix(token) else { return false };
+        let is_word = token.ends_with(|c: char| c.is_ascii_alphanumeric());
+        if is_word && after.starts_with(|c: char| c.is_ascii_alphanumeric() || c == '_') {
+            return false;
+        }
+        self.place += token.len();
+        true
+    }
+
+    fn deeper<T>(&mut self, read: impl FnOnce(&mut Self) -> Result<T, String>) -> Result<T, String> {
+        self.depth += 1;
+        if self.depth > MOST_DEPTH {
+            return Err(format!("at most {MOST_DEPTH} brackets within each other"));
+        }
+        let result = read(self);
+        self.depth -= 1;
+        result
+    }
+
+    /// Operators of this level and tighter.
+    fn level(&mut self, level: usize) -> Result<(Node, Sort), String> {
+        if level == LEVELS {
+            return self.primary();
+        }
+        let (mut left, mut sort) = self.level(level + 1)?;
+        loop {
+            let own = OPERATORS.iter().enumerate().filter(|(_, operator)| operator.0 == level);
+            let Some((index, operator)) = own.clone().find(|(_, operator)| self.take(operator.1)) else {
+                return Ok((left, sort));
+            };
+            let (_, name, takes, gives, _) = *operator;
+            let place = self.place;
+            let (right, right_sort) = self.level(level + 1)?;
+            if sort != takes || right_sort != takes {
+                self.place = place - name.len();
+                return Err(self.expected(match takes {
+                    Sort::Number => "numbers on both sides of the operator",
+                    Sort::Condition => "conditions on both sides of the operator",
+                }));
+            }
+            (left, sort) = (Node::Operation(Box::new(left), index, Box::new(right)), gives);
+        }
+    }
+
+    fn primary(&mut self) -> Result<(Node, Sort), String> {
+        if self.take("(") {
+            let inner = self.deeper(|reader| reader.level(0))?;
+            return if self.take(")") { Ok(inner) } else { Err(self.expected("a closing bracket")) };
+        }
+        if self.take("not") {
+            let place = self.place;
+            // Binds tighter than `and`, looser than a comparison.
+            let (node, sort) = self.deeper(|reader| reader.level(2))?;
+            if sort != Sort::Condition {
+                self.place = place;
+                return Err(self.expected("a condition behind `not`"));
+            }
+            return Ok((Node::Not(Box::new(node)), sort));
+        }
+        if self.take("-") {
+            let place = self.place;
+            let (node, sort) = self.deeper(Reader::primary)?;
+            if sort != Sort::Number {
+                self.place = place;
+                return Err(self.expected("a number behind `-`"));
+            }
+            return Ok((Node::Negated(Box::new(node)), sort));
+        }
+        self.skip_space();
+        let rest = self.rest();
+        let length = rest.find(|c: char| !c.is_ascii_alphanumeric() && c != '_' && c != '.').unwrap_or(rest.len());
+        let word = &rest[..length];
+        if word.starts_with(|c: char| c.is_ascii_digit() || c == '.') {
+            // An exponent's sign is part of the number.
+            let mut length = length;
+            if word.ends_with(['e', 'E']) && rest[length..].starts_with(['+', '-']) {
+                let digits = rest[length + 1..].bytes().take_while(u8::is_ascii_digit).count();
+                length += 1 + digits;
+            }
+            let value: Option<f64> = rest[..length].parse().ok().filter(|value: &f64| value.is_finite());
+            let value = value.ok_or_else(|| self.expected("a number"))?;
+            self.place += length;
+            return Ok((Node::Constant(value), Sort::Number));
+        }
+        if let Some(index) = VARIABLES.iter().position(|variable| variable.0 == word) {
+            self.place += length;
+            return Ok((Node::Variable(index), Sort::Number));
+        }
+        let Some((name, takes, gives, _)) = FUNCTIONS.iter().find(|function| function.0 == word) else {
+            let names: Vec<String> = vocabulary().into_iter().map(|(name, _)| name).collect();
+            return Err(self.expected(&format!("a number, or one of {},", names.join(", "))));
+        };
+        self.place += length;
+        if !self.take("(") {
+            return Err(self.expected(&format!("a bracket behind {name}")));
+        }
+        let node = self.deeper(|reader| reader.argument(name, *takes))?;
+        if self.take(")") { Ok((node, *gives)) } else { Err(self.expected("a closing bracket")) }
+    }
+
+    fn argument(&mut self, function: &str, takes: Takes) -> Result<Node, String> {
+        if takes == Takes::Number {
+            let (node, sort) = self.level(0)?;
+            return match sort {
+                Sort::Number => Ok(Node::Magnitude(Box::new(node))),
+                Sort::Condition => Err(format!("a number in the brackets of {function}")),
+            };
+        }
+        self.skip_space();
+        let rest = self.rest();
+        let (name, length) = match rest.strip_prefix('"') {
+            Some(quoted) => {
+                let end = quoted.find('"').ok_or_else(|| self.expected("a closing quote"))?;
+                (&quoted[..end], end + 2)
+            }
+            None => {
+                let end = rest.find(|c: char| !c.is_ascii_alphanumeric() && c != '_' && c != '-').unwrap_or(rest.len());
+                (&rest[..end], end)
+            }
+        };
+        let node = match takes {
+            Takes::Gyro => {
+                let gyro = Gyro::named(name)
+                    .ok_or_else(|| self.expected(&format!("one of {}", Gyro::ALL.map(Gyro::name).join(", "))))?;
+                match function {
+                    "count" => Node::Count(gyro),
+                    "valid" => Node::Flag(gyro, 0),
+                    _ => Node::Flag(gyro, 4),
+                }
+            }
+            Takes::Command => {
+                let names: Vec<&str> = COMMANDS.iter().map(|command| command.name).collect();
+                let command = COMMANDS.iter().find(|command| command.name == name);
+                Node::Command(command.ok_or_else(|| self.expected(&format!("one of {}", names.join(", "))))?.opcode)
+            }
+            Takes::Fault | Takes::Number if name.is_empty() => {
+                return Err(self.expected("a fault's identifier"));
+            }
+            Takes::Fault | Takes::Number => Node::Active(name.to_owned()),
+        };
+        self.place += length;
+        Ok(node)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn moment() -> Moment {
+        Moment {
+            t_s: 12.5,
+            frame: 25,
+            sequence: 24,
+            rate_arcsec_s: [1.0, -720.0, 0.25],
+            theta_deg: 90.0,
+            psi_deg: f64::NAN,
+            gyro_flags: 0x1E,
+            increments: [7, -360, 0, 0],
+            commands: vec![2],
+            active: vec!["pivot".to_owned()],
+            ..Moment::default()
+        }
+    }
+
+    #[test]
+    fn conditions_are_read_as_they_are_meant() {
+        for (text, expected) in [
+            ("abs(rate_y) > 700", true),
+            ("rate_y > 700", false),
+            ("t_s >= 12.5 and frame == 25", true),
+            ("t_s < 12.5 or frame % 10 == 5", true),
+            ("not t_s < 12.5 and 1 + 2 * 3 == 7", true),
+            ("not (t_s >= 12.5 and frame == 25)", false),
+            ("(1 + 2) * 3 == 9 and -2 - -3 == 1", true),
+            ("valid(GYRX) or not valid(GYRY)", false),
+            ("saturated(GYRX) and count(GYRX) == 7", true),
+            ("command(SET_MODE) and not command(POLL)", true),
+            ("active(pivot) and not active(\"a b\")", true),
+            ("psi_deg < 1e+9", false),
+            ("2.5e-1 == rate_z", true),
+            ("1 == 1 or 1 == 2 and 1 == 3", true),
+        ] {
+            let expression: Expression = text.parse().unwrap_or_else(|error| panic!("{text}: {error}"));
+            assert_eq!(expression.holds(&moment()), expected, "{text}");
+            assert_eq!(expression.to_string(), text);
+        }
+    }
+
+    #[test]
+    fn what_is_no_condition_is_told_with_its_place() {
+        for (text, expected) in [
+            ("", "a number, or one of t_s, frame,"),
+            ("rate_y", "a condition such as"),
+            ("rate_q > 1", "at \"rate_q > 1\""),
+            ("rate_y >", "at the end"),
+            ("(rate_y > 1", "a closing bracket"),
+            ("rate_y > 1 rate_x", "an operator or the end"),
+            ("valid(GYRQ)", "one of GYRX, GYRY, GYRZA, GYRZB"),
+            ("command(FLY)", "one of PING, SET_MODE"),
+            ("rate_y and rate_x", "conditions on both sides"),
+            ("(rate_y > 1) + 1 > 0", "numbers on both sides"),
+            ("not rate_y", "a condition behind `not`"),
+            ("1e999 > 1", "a number at"),
+            ("active()", "a fault's identifier"),
+            ("abs(1 > 2) == 1", "a number in the brackets"),
+            ("ü > 1", "a number, or one of"),
+        ] {
+            let error = text.parse::<Expression>().expect_err(text);
+            assert!(error.contains(expected), "{text}: {error}");
+        }
+        assert!("(".repeat(1000).parse::<Expression>().is_err());
+        assert!("-".repeat(400).parse::<Expression>().is_err());
+    }
+
+    #[test]
+    fn the_faults_that_it_asks_about_are_known() {
+        let expression: Expression = "active(a) and not (active(b) or t_s > 1)".parse().expect("a condition");
+        assert_eq!(expression.faults(), ["a", "b"]);
+    }
+}

@@ -1,0 +1,258 @@
+//! Faults: what a plan, or somebody at the bench, does to a running unit.
+//!
+//! A fault moves a parameter of an effect ([`shape`]), or is one that has a name ([`catalogue`]): of a gyro's head, of the
+//! unit, of a link. It waits for its trigger (a time, an [`expression`], chance, a hand), acts for a while, and is over;
+//! [`acting`] is that clockwork. All is decided at the start of a half second, on on-board time, and what is drawn depends
+//! on seed, identifier and half second alone: the same plan gives the same bytes.
+
+pub mod acting;
+pub mod catalogue;
+pub mod expectation;
+pub mod expression;
+pub mod shape;
+
+use geu_protocol::Gyro;
+
+use crate::course;
+use crate::effect::{EffectSpec, Effects, HeadEffects, UnitEffects, WiringEffects};
+use crate::noise::Stream;
+use crate::number::{Form, Number};
+use crate::package::Axes;
+use catalogue::{Law, LinkKind, Spec};
+use expression::Expression;
+
+/// Which list of effects.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum List {
+    /// [`UnitEffects`].
+    Unit,
+    /// [`HeadEffects`].
+    Head,
+    /// [`WiringEffects`].
+    Wiring,
+}
+
+/// A number of an effect, which a fault can move.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Target {
+    /// List of the effect.
+    pub list: List,
+    /// Index of the effect in its list.
+    pub effect: usize,
+    /// Index of the number among the effect's.
+    pub number: usize,
+}
+
+impl Target {
+    /// Every number of every effect.
+    pub fn all() -> Vec<Target> {
+        fn of<E: Effects>(list: List) -> impl Iterator<Item = Target> {
+            let effects = E::default();
+            let counts: Vec<usize> =
+                (0..effects.specs().len()).map(|effect| effects.numbers(effect).specs().len()).collect();
+            let targets = move |(effect, count)| (0..count).map(move |number| Target { list, effect, number });
+            counts.into_iter().enumerate().flat_map(targets)
+        }
+        of::<UnitEffects>(List::Unit)
+            .chain(of::<HeadEffects>(List::Head))
+            .chain(of::<WiringEffects>(List::Wiring))
+            .collect()
+    }
+
+    /// The number that is called `effect.number`.
+    pub fn named(name: &str) -> Option<Target> {
+        Target::all().into_iter().find(|target| target.name() == name)
+    }
+
+    /// `effect.number`.
+    pub fn name(&self) -> String {
+        format!("{}.{}", self.effect().code, self.number().name)
+    }
+
+    /// Its effect.
+    pub fn effect(&self) -> &'static EffectSpec {
+        match self.list {
+            List::Unit => &UnitEffects::SPECS[self.effect],
+            List::Head => &HeadEffects::SPECS[self.effect],
+            List::Wiring => &WiringEffects::SPECS[self.effect],
+        }
+    }
+
+    /// What is said of it.
+    pub fn number(&self) -> &'static Number {
+        let specs = match self.list {
+            List::Unit => UnitEffects::default().numbers(self.effect).specs(),
+            List::Head => HeadEffects::default().numbers(self.effect).specs(),
+            List::Wiring => WiringEffects::default().numbers(self.effect).specs(),
+        };
+        &specs[self.number]
+    }
+
+    /// Limits of what a fault may add: from any value to any other that the model is good for, as a step in the
+    /// configuration has them.
+    pub fn limits(&self) -> (f64, f64) {
+        course::step_limits(self.number())
+    }
+
+    /// Gyros that have it; none where it is the unit's.
+    pub fn gyros(&self) -> Vec<Gyro> {
+        match self.list {
+            List::Unit => Vec::new(),
+            _ => Gyro::ALL.into_iter().filter(|&gyro| Axes::of(gyro).has_number(self.number().name)).collect(),
+        }
+    }
+
+    /// Whether it can only be stepped: what is on or off, or names a gyro.
+    pub fn is_switch(&self) -> bool {
+        self.number().form != Form::Real
+    }
+}
+
+/// What a fault does.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Action {
+    /// Adds to a parameter.
+    Parameter {
+        /// Which.
+        target: Target,
+        /// How much.
+        size: f64,
+        /// How it moves.
+        course: shape::Law,
+    },
+    /// One that has a name.
+    Named {
+        /// Which.
+        spec: &'static Spec,
+        /// Its numbers.
+        values: Vec<f64>,
+    },
+}
+
+impl Action {
+    /// The parameter or the name.
+    pub fn name(&self) -> String {
+        match self {
+            Action::Parameter { target, .. } => target.name(),
+            Action::Named { spec, .. } => spec.code.to_owned(),
+        }
+    }
+}
+
+/// A fault of a plan.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Fault {
+    /// Its own, in the plan.
+    pub id: String,
+    /// What it does.
+    pub action: Action,
+    /// The gyro that it is on.
+    pub gyro: Option<Gyro>,
+    /// The kind of links that it is on; all where nothing is said.
+    pub link: Option<LinkKind>,
+    /// Not before this on-board time.
+    pub at_s: f64,
+    /// Nor before this holds.
+    pub when: Option<Expression>,
+    /// Nor unless chance has it so, drawn for each half second in which the rest would let it start.
+    pub probability: f64,
+    /// Waits to be started by somebody.
+    pub by_hand: bool,
+    /// How long it acts; without end where nothing is said.
+    pub for_s: Option<f64>,
+    /// Or until this holds.
+    pub end_when: Option<Expression>,
+    /// And never from this on-board time on.
+    pub until_s: f64,
+    /// A parameter returns over so long.
+    pub release_s: f64,
+    /// How often it may start.
+    pub times: u64,
+    /// Of what it draws; the run's where nothing is said.
+    pub seed: Option<u64>,
+}
+
+impl Fault {
+    /// How long it acts at most, in half seconds, at least one.
+    pub fn half_seconds(&self) -> Option<u64> {
+        let own = match &self.action {
+            Action::Named { spec, .. } => spec.for_s,
+            Action::Parameter { .. } => None,
+        };
+        // Half a half second or more counts as one.
+        self.for_s.or(own).map(|for_s| ((for_s * 2.0).round() as u64).max(1))
+    }
+
+    /// What it does, as a law.
+    pub fn law(&self) -> Law {
+        match &self.action {
+            Action::Named { spec, values } => spec.law(values),
+            Action::Parameter { target, size, course } => {
+                Law::Parameter { target: *target, size: *size, course: *course }
+            }
+        }
+    }
+
+    /// What starts it, in words.
+    pub fn trigger(&self) -> String {
+        let mut parts = Vec::new();
+        if self.by_hand {
+            parts.push("by hand".to_owned());
+        }
+        if self.at_s > 0.0 || self.when.is_none() {
+            parts.push(format!("t_s >= {:?}", self.at_s));
+        }
+        parts.extend(self.when.as_ref().map(Expression::to_string));
+        if self.probability < 1.0 {
+            parts.push(format!("probability {:?}", self.probability));
+        }
+        parts.join(", ")
+    }
+}
+
+/// Where the random numbers of one fault come from.
+#[derive(Debug, Clone, Copy)]
+pub struct Draw<'a> {
+    seed: u64,
+    id: &'a str,
+}
+
+impl<'a> Draw<'a> {
+    /// Those of a fault.
+    pub fn new(seed: u64, id: &'a str) -> Draw<'a> {
+        Draw { seed, id }
+    }
+
+    /// A stream for one purpose at one time.
+    pub fn at(&self, what: &str, time: u64) -> Stream {
+        Stream::of_fault(self.seed, self.id, what, time)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_number_of_every_effect_can_be_named() {
+        let all = Target::all();
+        assert!(all.len() > 20);
+        for target in &all {
+            assert_eq!(Target::named(&target.name()), Some(*target));
+        }
+        assert_eq!(Target::named("pivot-clearance.clearance_arcsec").expect("there").gyros(), Gyro::ALL);
+        assert_eq!(Target::named("misalignment.x_arcsec").expect("there").gyros(), [Gyro::Y, Gyro::Za, Gyro::Zb]);
+        assert!(Target::named("clock-frequency.ppm").expect("there").gyros().is_empty());
+    }
+
+    #[test]
+    fn the_parameters_of_named_faults_are_there() {
+        for spec in catalogue::CATALOGUE.iter().filter(|spec| spec.scope != catalogue::Scope::Link) {
+            let values: Vec<f64> = spec.numbers.iter().map(|number| number.greatest).collect();
+            if let catalogue::Law::Parameter { target, size, .. } = spec.law(&values) {
+                let (least, greatest) = target.limits();
+                assert!((least..=greatest).contains(&size), "{}", spec.code);
+            }
+        }
+    }
+}

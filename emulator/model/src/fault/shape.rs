@@ -1,0 +1,155 @@
+//! How a fault moves a parameter while it acts: what is added to the configured value.
+
+use super::Draw;
+use crate::number::{Default, Form, Number, number};
+
+/// The course of what is added.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Law {
+    /// At once, and held.
+    Step,
+    /// Grows evenly, and holds when it is there.
+    Ramp {
+        /// How long it grows.
+        over_s: f64,
+    },
+    /// There for a while, again and again.
+    Pulse {
+        /// How long it is there.
+        width_s: f64,
+        /// From one to the next; infinite for a single one.
+        period_s: f64,
+    },
+    /// A sine, from 0 at the start.
+    Sine {
+        /// Period.
+        period_s: f64,
+        /// Phase at the start.
+        phase_rad: f64,
+    },
+    /// Normally distributed, drawn anew now and then; the size is the deviation.
+    Random {
+        /// From one draw to the next.
+        every_s: f64,
+    },
+}
+
+/// A kind of course.
+pub struct Kind {
+    /// Key of its size.
+    pub name: &'static str,
+    /// What it means.
+    pub meaning: &'static str,
+    /// Numbers beside the size.
+    pub numbers: &'static [Number],
+    law: fn(&[f64]) -> Law,
+}
+
+/// Every kind of course.
+pub const KINDS: &[Kind] = &[
+    Kind { name: "step", meaning: "at once, and held", numbers: &[], law: |_| Law::Step },
+    Kind {
+        name: "ramp",
+        meaning: "grows evenly for over_s, then holds",
+        numbers: &[number("over_s", Form::Real, Default::Required, 0.5, 1e9, "how long it grows")],
+        law: |numbers| Law::Ramp { over_s: numbers[0] },
+    },
+    Kind {
+        name: "pulse",
+        meaning: "there for width_s, once or each period_s",
+        numbers: &[
+            number("width_s", Form::Real, Default::Required, 0.5, 1e9, "how long it is there"),
+            number(
+                "period_s",
+                Form::Real,
+                Default::Absent,
+                1.0,
+                1e9,
+                "from one to the next; once where it is not named",
+            ),
+        ],
+        law: |numbers| Law::Pulse {
+            width_s: numbers[0],
+            period_s: if numbers[1].is_nan() { f64::INFINITY } else { numbers[1] },
+        },
+    },
+    Kind {
+        name: "sine",
+        meaning: "amplitude of a sine from the start on",
+        numbers: &[
+            number("period_s", Form::Real, Default::Required, 1.0, 1e9, "period"),
+            number("phase_rad", Form::Real, Default::Value(0.0), -100.0, 100.0, "phase at the start"),
+        ],
+        law: |numbers| Law::Sine { period_s: numbers[0], phase_rad: numbers[1] },
+    },
+    Kind {
+        name: "random",
+        meaning: "deviation of normally distributed values, drawn anew each every_s",
+        numbers: &[number("every_s", Form::Real, Default::Value(0.5), 0.5, 1e9, "from one draw to the next")],
+        law: |numbers| Law::Random { every_s: numbers[0] },
+    },
+];
+
+impl Kind {
+    /// The law with these values of [`Kind::numbers`].
+    pub fn law(&self, numbers: &[f64]) -> Law {
+        (self.law)(numbers)
+    }
+
+    /// The kind of a law, and its values of [`Kind::numbers`].
+    pub fn of(law: &Law) -> (&'static Kind, Vec<f64>) {
+        let (index, numbers) = match *law {
+            Law::Step => (0, vec![]),
+            Law::Ramp { over_s } => (1, vec![over_s]),
+            Law::Pulse { width_s, period_s } => {
+                (2, vec![width_s, if period_s.is_finite() { period_s } else { f64::NAN }])
+            }
+            Law::Sine { period_s, phase_rad } => (3, vec![period_s, phase_rad]),
+            Law::Random { every_s } => (4, vec![every_s]),
+        };
+        (&KINDS[index], numbers)
+    }
+}
+
+impl Law {
+    /// What stands before the size `elapsed_s` after the start, at the middle of a half second.
+    pub fn factor(&self, elapsed_s: f64, draw: &Draw) -> f64 {
+        match *self {
+            Law::Step => 1.0,
+            Law::Ramp { over_s } => (elapsed_s / over_s).min(1.0),
+            Law::Pulse { width_s, period_s } => {
+                f64::from(u8::from(if period_s.is_finite() { elapsed_s % period_s } else { elapsed_s } < width_s))
+            }
+            Law::Sine { period_s, phase_rad } => libm::sin(std::f64::consts::TAU * elapsed_s / period_s + phase_rad),
+            Law::Random { every_s } => draw.at("course", (elapsed_s / every_s) as u64).standard_normal(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn courses_go_as_they_are_named() {
+        let draw = Draw::new(1, "test");
+        let factors = |law: Law| [0.25, 4.75, 5.25, 10.25, 12.25].map(|elapsed_s| law.factor(elapsed_s, &draw));
+        assert_eq!(factors(Law::Step), [1.0; 5]);
+        assert_eq!(factors(Law::Ramp { over_s: 10.0 }), [0.025, 0.475, 0.525, 1.0, 1.0]);
+        assert_eq!(factors(Law::Pulse { width_s: 5.0, period_s: 10.0 }), [1.0, 1.0, 0.0, 1.0, 1.0]);
+        assert_eq!(factors(Law::Pulse { width_s: 5.0, period_s: f64::INFINITY }), [1.0, 1.0, 0.0, 0.0, 0.0]);
+        assert_eq!(Law::Sine { period_s: 4.0, phase_rad: 0.0 }.factor(1.0, &draw), 1.0);
+        let random = factors(Law::Random { every_s: 5.0 });
+        assert_eq!(random[0], random[1]);
+        assert_ne!(random[1], random[2]);
+    }
+
+    #[test]
+    fn kinds_and_laws_name_each_other() {
+        for kind in KINDS {
+            let numbers: Vec<f64> = (1..=kind.numbers.len()).map(|number| number as f64).collect();
+            let (back, values) = Kind::of(&kind.law(&numbers));
+            assert_eq!((back.name, values), (kind.name, numbers));
+        }
+    }
+}

@@ -1,0 +1,308 @@
+//! Faults of a plan on the unit: what they do, when, and that the same plan gives the same bytes.
+
+use geu_model::configuration::fault::fault_text;
+use geu_model::fault::acting::Happening;
+use geu_model::fault::catalogue::{CATALOGUE, Scope};
+use geu_model::fault::expectation::Verdict;
+use geu_model::fault::shape::KINDS;
+use geu_model::fault::{Target, expression};
+use geu_model::number::{Default, Form};
+use geu_model::{Configuration, Unit};
+use geu_protocol::{Gyro, HalfSecond};
+
+fn with_plan(plan: &str) -> Configuration {
+    let mut configuration = Configuration::reference();
+    configuration.add_plan("plan", plan).unwrap_or_else(|error| panic!("{error}"));
+    configuration
+}
+
+fn run(configuration: &Configuration, half_seconds: usize) -> Vec<HalfSecond> {
+    let mut unit = Unit::new(configuration);
+    (0..half_seconds).map(|_| unit.end_half_second().half_second).collect()
+}
+
+fn refused(plan: &str) -> String {
+    Configuration::reference().add_plan("plan", plan).expect_err(plan).to_string()
+}
+
+#[test]
+fn a_drift_step_adds_its_drift_for_its_time_and_no_longer() {
+    let plan = "[[fault]]\nat_s = 10.0\ngyro = \"GYRX\"\nparameter = \"drift.arcsec_per_h\"\ncourse = { step = -72000.0 }\nfor_s = 5.0";
+    let error = refused(plan);
+    assert!(error.contains("course.step") && error.contains("plan:5"), "{error}");
+    let plan = plan.replace("72000", "900");
+    let (faulty, plain) = (run(&with_plan(&plan), 100), run(&Configuration::reference(), 100));
+    assert_eq!(faulty[..20], plain[..20]);
+    let counted = |rows: &[HalfSecond]| rows.iter().map(|row| i64::from(row.increments[0])).sum::<i64>();
+    // A drift is sensed and not counted: 900 arcsec/h for 5 s are 1.25 arcsec.
+    let gained = counted(&faulty) - counted(&plain);
+    assert!((1..=2).contains(&gained), "{gained}");
+    assert_eq!(faulty[0].increments[1..], plain[0].increments[1..]);
+}
+
+#[test]
+fn what_the_unit_would_have_told_stands_beside_what_it_told() {
+    let configuration =
+        with_plan("[[fault]]\nat_s = 3.0\ngyro = \"GYRY\"\nfault = \"stuck-count\"\ncounts = 77\nfor_s = 2.0");
+    let plain = run(&Configuration::reference(), 20);
+    let mut unit = Unit::new(&configuration);
+    for (index, plain) in plain.iter().enumerate() {
+        let ended = unit.end_half_second();
+        let acts = (6..10).contains(&index);
+        assert_eq!(ended.half_second.increments[1] == 77, acts, "{index}");
+        let injected = unit.injected();
+        assert_eq!(injected.is_some(), acts, "{index}");
+        assert!(
+            injected.is_none_or(|injected| injected.clean == *plain && injected.acting[0].elapsed == index as u64 - 6)
+        );
+        let happened: Vec<String> = unit
+            .take_happened()
+            .iter()
+            .map(|what| match what {
+                Happening::Started(fault) => format!("start {}", fault.id),
+                Happening::Ended(fault, count) => format!("end {} {count}", fault.id),
+                Happening::Decided(_) => unreachable!("nothing is expected"),
+            })
+            .collect();
+        // Decided when the half second begins: right after the one before has ended.
+        let expected: &[&str] = match index {
+            5 => &["start fault-1"],
+            9 => &["end fault-1 4"],
+            _ => &[],
+        };
+        assert_eq!(happened, expected, "{index}");
+    }
+}
+
+#[test]
+fn every_parameter_and_every_course_can_be_injected_and_written_back() {
+    for target in Target::all() {
+        for kind in KINDS.iter().filter(|kind| !target.is_switch() || kind.name == "step") {
+            let (_, greatest) = target.limits();
+            let gyro = target.gyros().last().map_or(String::new(), |gyro| format!("gyro = \"{}\"\n", gyro.name()));
+            let numbers: String =
+                kind.numbers.iter().map(|number| format!(", {} = {:?}", number.name, number.least.max(1.0))).collect();
+            let size = match target.number().form {
+                Form::Gyro => 2.0,
+                Form::Flag => 1.0,
+                _ => greatest,
+            };
+            let plan = format!(
+                "[[fault]]\nid = \"a\"\n{gyro}parameter = \"{}\"\ncourse = {{ {} = {}{numbers} }}\nwhen = \"frame % 3 == 1\"\nend_when = \"active(a)\"\nrelease_s = 1.5\ntimes = 4\nuntil_s = 90.0\nprobability = 0.5\nseed = 9",
+                target.name(),
+                kind.name,
+                target.number().written(size),
+            );
+            let configuration = with_plan(&plan);
+            let again = Configuration::parse("again", &configuration.to_toml(false), &[])
+                .unwrap_or_else(|error| panic!("{error}"));
+            assert_eq!(again, configuration);
+            assert_eq!(run(&again, 40), run(&configuration, 40), "{plan}");
+            let again = with_plan(&format!("[[fault]]\n{}", fault_text(&configuration.faults[0])));
+            assert_eq!(again.faults, configuration.faults);
+        }
+    }
+}
+
+#[test]
+fn every_fault_of_gyro_and_unit_changes_what_the_unit_tells_and_is_over_in_the_end() {
+    for spec in CATALOGUE.iter().filter(|spec| spec.scope != Scope::Link) {
+        let numbers: String = spec
+            .numbers
+            .iter()
+            .map(|number| {
+                let value = match (number.form, number.default) {
+                    (_, Default::Value(value)) if value != 0.0 => value,
+                    (Form::Gyro, _) => 3.0,
+                    (Form::Choice(_) | Form::Flag, _) => 0.0,
+                    _ => number.greatest.min(100.0),
+                };
+                format!("{} = {}\n", number.name, number.written(value))
+            })
+            .collect();
+        let gyro = if spec.scope == Scope::Gyro { "gyro = \"GYRY\"\n" } else { "" };
+        let plan = format!("[[fault]]\nfault = \"{}\"\n{gyro}{numbers}at_s = 2.0\nfor_s = 100.0\n", spec.code);
+        let configuration = with_plan(&plan);
+        let mut unit = Unit::new(&configuration);
+        let (mut differ, mut acted) = (0, 0);
+        for _ in 0..1000 {
+            let ended = unit.end_half_second();
+            if let Some(injected) = unit.injected() {
+                acted += 1;
+                differ += u32::from(injected.clean != ended.half_second || injected.is_clean_cyclic != ended.cyclic);
+            }
+        }
+        assert!(differ > 0 && acted == 200, "{}: {differ} of {acted}", spec.code);
+        assert_eq!(run(&configuration, 1000), run(&configuration, 1000), "{}", spec.code);
+    }
+}
+
+#[test]
+fn a_reset_silences_the_unit_and_restarts_sequence_and_clock() {
+    let mut unit = Unit::new(&with_plan("[[fault]]\nat_s = 5.0\nfault = \"reset\"\nfor_s = 1.5"));
+    unit.command(&[2, 1]).expect("heard");
+    for index in 0..20 {
+        assert_eq!(unit.command(&[1]).is_some(), !(10..13).contains(&index), "{index}");
+        let ended = unit.end_half_second();
+        assert_eq!(ended.cyclic, index >= 13, "{index}");
+        if index >= 13 {
+            assert_eq!(
+                (ended.half_second.sequence, ended.half_second.clock_count),
+                (index - 13, (u64::from(index) - 12) * 500_000)
+            );
+        }
+    }
+}
+
+#[test]
+fn triggers_start_a_fault_when_all_of_them_hold() {
+    let starts = |keys: &str| {
+        let configuration =
+            with_plan(&format!("[[fault]]\ngyro = \"GYRX\"\nfault = \"dead\"\nfor_s = 0.5\n{keys}"));
+        run(&configuration, 200)
+            .iter()
+            .enumerate()
+            .filter(|(_, row)| row.gyro_flags & 1 == 0)
+            .map(|(index, _)| index)
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(starts("times = 1000\nwhen = \"frame == 7 or sequence == 9\""), [7, 9]);
+    assert_eq!(starts("times = 1000\nat_s = 98.0"), [196, 197, 198, 199]);
+    assert_eq!(starts("times = 1000\nuntil_s = 1.0"), [0, 1]);
+    assert_eq!(starts("times = 1000\nby_hand = true"), [0; 0]);
+    assert_eq!(starts("times = 2\n").len(), 2);
+    let chance = starts("times = 1000\nprobability = 0.25");
+    assert!((25..=75).contains(&chance.len()), "{}", chance.len());
+    assert_eq!(chance, starts("times = 1000\nprobability = 0.25"));
+    assert_ne!(chance, starts("times = 1000\nprobability = 0.25\nseed = 2"));
+}
+
+#[test]
+fn a_command_triggers_with_the_next_half_second() {
+    let mut unit = Unit::new(&with_plan("[[fault]]\ngyro = \"GYRX\"\nfault = \"dead\"\nwhen = \"command(SELF_TEST)\""));
+    unit.end_half_second();
+    unit.command(&[4, 1, 0, 5, 3]);
+    assert!(unit.end_half_second().half_second.gyro_flags & 1 == 1);
+    assert!(unit.end_half_second().half_second.gyro_flags & 1 == 0);
+}
+
+#[test]
+fn a_parameter_returns_over_its_release() {
+    // A scale factor of 1 % off on a scan shows in every increment.
+    let plan = "[[fault]]\nat_s = 0.0\ngyro = \"GYRX\"\nparameter = \"sign-inversion.on\"\ncourse = { step = true }\nfor_s = 1.0\nrelease_s = 2.0";
+    let mut unit = Unit::new(&with_plan(plan));
+    let shares: Vec<f64> = (0..8)
+        .filter_map(|_| {
+            unit.end_half_second();
+            unit.injected().map(|injected| injected.acting[0].share)
+        })
+        .collect();
+    assert_eq!(shares, [1.0, 1.0, 0.875, 0.625, 0.375, 0.125]);
+}
+
+#[test]
+fn a_run_with_live_injections_is_the_run_of_the_plan_that_they_make() {
+    let mut unit = Unit::new(&with_plan("[[fault]]\nat_s = 1.0\ngyro = \"GYRZA\"\nfault = \"garbage\"\nfor_s = 20.0"));
+    let live = with_plan(
+        "[[fault]]\nid = \"live\"\ngyro = \"GYRX\"\nfault = \"garbage\"\nwhen = \"frame % 4 == 0\"\nfor_s = 1.0\ntimes = 100",
+    );
+    let (mut rows, mut plan) = (Vec::new(), String::new());
+    for index in 0..100 {
+        if index == 30 {
+            let added = unit.inject(live.faults[0].clone());
+            assert_eq!(added.at_s, 15.5);
+        }
+        if index == 60 {
+            assert_eq!(unit.clear("live"), Some(30.5));
+            assert_eq!(unit.clear("nobody"), None);
+        }
+        rows.push(unit.end_half_second().half_second);
+    }
+    for planned in &unit.faults().planned {
+        plan += &format!("[[fault]]\n{}", fault_text(&planned.fault));
+    }
+    assert_eq!(run(&with_plan(&plan), 100), rows);
+}
+
+#[test]
+fn expectations_are_decided_by_what_the_computer_does() {
+    let plan = "[[fault]]\nid = \"stop\"\nat_s = 2.0\ngyro = \"GYRX\"\nfault = \"dead\"\n\
+                [[expect]]\nid = \"reacts\"\nafter = \"stop\"\ncondition = \"command(GYRO_POWER)\"\nwithin_s = 2.0\n\
+                [[expect]]\nid = \"leaves the rest alone\"\nafter = \"stop\"\ncondition = \"valid(GYRY)\"\nthroughout_s = 5.0";
+    assert!(refused(plan).contains("letters, digits"));
+    let plan = plan.replace("leaves the rest alone", "rest");
+    for (is_good, expected) in [(true, Verdict::Met(3.5)), (false, Verdict::NotMet(4.0))] {
+        let mut unit = Unit::new(&with_plan(&plan));
+        for index in 0..20 {
+            if is_good && index == 6 {
+                unit.command(&[6, 0b1110]);
+            }
+            unit.end_half_second();
+        }
+        let verdicts: Vec<_> = unit.faults().verdicts().collect();
+        assert_eq!(verdicts, [("reacts", expected), ("rest", Verdict::Met(7.0))]);
+    }
+}
+
+#[test]
+fn what_is_wrong_in_a_plan_is_told_with_its_place_and_the_valid_names() {
+    for (plan, expected) in [
+        ("[[fault]]\nat_s = 1.0", "either `parameter`"),
+        ("[[fault]]\nparameter = \"pivot.clearance\"\ngyro = \"GYRX\"", "pivot-clearance.clearance_arcsec"),
+        (
+            "[[fault]]\nparameter = \"drift.arcsec_per_h\"\ngyro = \"GYRQ\"\ncourse = { step = 1.0 }",
+            "one of GYRX, GYRY, GYRZA, GYRZB",
+        ),
+        ("[[fault]]\nparameter = \"drift.arcsec_per_h\"\ncourse = { step = 1.0 }", "one of GYRX, GYRY, GYRZA, GYRZB"),
+        (
+            "[[fault]]\nparameter = \"clock-frequency.ppm\"\ngyro = \"GYRX\"\ncourse = { step = 1.0 }",
+            "the whole unit's",
+        ),
+        (
+            "[[fault]]\nparameter = \"misalignment.x_arcsec\"\ngyro = \"GYRX\"\ncourse = { step = 1.0 }",
+            "one of GYRY, GYRZA, GYRZB",
+        ),
+        ("[[fault]]\nparameter = \"drift.arcsec_per_h\"\ngyro = \"GYRX\"", "expected `course`"),
+        (
+            "[[fault]]\nparameter = \"drift.arcsec_per_h\"\ngyro = \"GYRX\"\ncourse = { leap = 1.0 }",
+            "step, ramp, pulse, sine, random",
+        ),
+        ("[[fault]]\nparameter = \"drift.arcsec_per_h\"\ngyro = \"GYRX\"\ncourse = { ramp = 1.0 }", "over_s"),
+        (
+            "[[fault]]\nparameter = \"sign-inversion.on\"\ngyro = \"GYRX\"\ncourse = { sine = 1.0, period_s = 9.0 }",
+            "one of step for",
+        ),
+        ("[[fault]]\nfault = \"explode\"", "dead, stuck-count"),
+        ("[[fault]]\nfault = \"stuck-count\"\ngyro = \"GYRX\"", "counts"),
+        ("[[fault]]\nfault = \"stuck-count\"\ngyro = \"GYRX\"\ncounts = 40000", "-32768…32767"),
+        ("[[fault]]\nfault = \"stuck-count\"\ngyro = \"GYRX\"\ncounts = 1.5", "a whole number"),
+        (
+            "[[fault]]\nfault = \"spike\"\ngyro = \"GYRX\"\ncounts = 5\nlaw = \"wild\"",
+            "constant, alternating, uniform, normal",
+        ),
+        ("[[fault]]\nfault = \"dead\"\ngyro = \"GYRX\"\nrelease_s = 2.0", "a fault of a parameter"),
+        ("[[fault]]\nfault = \"dead\"\ngyro = \"GYRX\"\nlink = \"pty\"", "unknown key `link`"),
+        ("[[fault]]\nfault = \"parity-error\"\nlink = \"pty\"", "a disturbance box"),
+        ("[[fault]]\nfault = \"bus-off\"", "CAN disturbance generator"),
+        ("[[fault]]\nfault = \"baud-mismatch\"\nlink = \"tcp\"\nbaud = 9600.0", "TCP has no baud rate"),
+        ("[[fault]]\nfault = \"drop\"\nlink = \"usb\"", "pty, serial, can, tcp"),
+        ("[[fault]]\nfault = \"drop\"\nwhen = \"rate_q > 1\"", "rate_y"),
+        ("[[fault]]\nfault = \"drop\"\nwhen = \"active(x)\"", "the identifier of a fault"),
+        ("[[fault]]\nid = \"a\"\nfault = \"drop\"\n[[fault]]\nid = \"a\"\nfault = \"drop\"", "plan:5"),
+        ("[[expect]]\ncondition = \"t_s > 1\"", "either `within_s`"),
+        ("[[expect]]\ncondition = \"t_s > 1\"\nwithin_s = 1.0\nafter = \"x\"", "there is none"),
+        ("seed = 4", "expected one of: fault, expect"),
+    ] {
+        let error = refused(plan);
+        assert!(error.contains(expected), "{plan}\n{error}");
+    }
+    assert!(expression::vocabulary().len() > 10 && Gyro::ALL.len() == 4);
+}
+
+#[test]
+fn a_refused_plan_leaves_nothing_behind() {
+    let mut configuration = Configuration::reference();
+    let plan = "[[fault]]\nfault = \"drop\"\n[[fault]]\nfault = \"explode\"";
+    configuration.add_plan("plan", plan).expect_err("one is unknown");
+    assert_eq!(configuration, Configuration::reference());
+}
