@@ -3,15 +3,19 @@
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering::Relaxed};
 use std::sync::mpsc::SyncSender;
-use std::sync::{Mutex, MutexGuard};
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::thread;
 use std::time::{Duration, Instant};
 
 use geu_model::configuration::RecordedCommand;
-use geu_model::{Configuration, Ended, Trace, Truth, Unit};
+use geu_model::fault::Fault;
+use geu_model::fault::acting::{Acting, Happening};
+use geu_model::{Configuration, Ended, Injected, Trace, Truth, Unit};
 use geu_protocol::{HalfSecond, Reply};
 use tokio::sync::Notify;
 
+use crate::cadence::Speed;
+use crate::carriage::{Carrier, Content, Piece};
 use crate::record::Event;
 
 /// The time keeper steps aside for commands so long at most.
@@ -19,9 +23,39 @@ const ASIDE: Duration = Duration::from_millis(2);
 
 /// The answer to a command, as it goes back to whoever asked.
 pub(crate) struct Answered {
-    pub reply: Reply,
+    /// Nothing from a unit that a fault keeps silent.
+    pub reply: Option<Reply>,
     /// The messages that follow the reply.
     pub polled: Option<HalfSecond>,
+    /// The faults of the running half second.
+    acting: Arc<Vec<Acting>>,
+}
+
+impl Answered {
+    /// What leaves over a link, each so long after the one before.
+    pub fn leaving(&self, carrier: &Carrier) -> Vec<(Duration, Content)> {
+        let Some(reply) = &self.reply else { return Vec::new() };
+        let mut pieces: Vec<Piece> = carrier.reply(reply, &self.acting).into_iter().collect();
+        pieces.extend(self.polled.iter().flat_map(|polled| carrier.polled(polled, reply, &self.acting)));
+        let mut before_ns = 0;
+        let gap = |piece: Piece| {
+            let gap_ns = piece.after_ns - std::mem::replace(&mut before_ns, piece.after_ns);
+            (Duration::from_nanos(gap_ns.max(0) as u64), piece.content)
+        };
+        pieces.into_iter().map(gap).collect()
+    }
+
+    /// The same, with what leaves at the same time in one.
+    pub fn leaving_together(&self, carrier: &Carrier) -> Vec<(Duration, Vec<Content>)> {
+        let mut together: Vec<(Duration, Vec<Content>)> = Vec::new();
+        for (gap, content) in self.leaving(carrier) {
+            match together.last_mut() {
+                Some((_, contents)) if gap.is_zero() => contents.push(content),
+                _ => together.push((gap, vec![content])),
+            }
+        }
+        together
+    }
 }
 
 /// A half second on its way: ended in the unit a moment early, so that it can be encoded before its deadline. Until
@@ -29,6 +63,8 @@ pub(crate) struct Answered {
 struct Underway {
     ended: Ended,
     traces: Option<Box<[Trace; 4]>>,
+    injected: Option<Arc<Injected>>,
+    happened: Vec<Happening>,
 }
 
 struct Inner {
@@ -44,6 +80,7 @@ struct Inner {
 /// The unit, and what is known of its commands.
 pub(crate) struct Desk {
     inner: Mutex<Inner>,
+    speed: Speed,
     /// A deadline has passed: commands that came shortly before it are carried out.
     passed: Notify,
     /// Commands that wait for the unit; the time keeper steps aside for them.
@@ -55,11 +92,20 @@ pub(crate) struct Desk {
 }
 
 impl Desk {
-    pub fn new(configuration: &Configuration, truth: &Truth, recording: Option<SyncSender<Event>>) -> Desk {
+    pub fn new(
+        configuration: &Configuration,
+        truth: &Truth,
+        speed: Speed,
+        recording: Option<SyncSender<Event>>,
+    ) -> Desk {
         let unit = Unit::on(configuration, truth);
         let recorded = configuration.run.commands.iter().cloned().collect();
+        let mut inner = Inner { unit, completed: None, underway: None, recorded, recording };
+        let happened = inner.unit.take_happened();
+        inner.tell_happened(happened);
         Desk {
-            inner: Mutex::new(Inner { unit, completed: None, underway: None, recorded, recording }),
+            inner: Mutex::new(inner),
+            speed,
             passed: Notify::new(),
             waiting: AtomicUsize::new(0),
             commands: AtomicU64::new(0),
@@ -87,8 +133,8 @@ impl Desk {
         (inner.unit.ended(), inner.unit.running_end_ns())
     }
 
-    /// Ends the running half second. Until [`Desk::complete`] commands wait.
-    pub fn end_half_second(&self) -> Ended {
+    /// Ends the running half second, and tells what faults did to it. Until [`Desk::complete`] commands wait.
+    pub fn end_half_second(&self) -> (Ended, Option<Arc<Injected>>) {
         let mut inner = self.lock();
         inner.repeat_recorded();
         let (ended, traces) = if inner.recording.is_some() {
@@ -97,8 +143,16 @@ impl Desk {
         } else {
             (inner.unit.end_half_second(), None)
         };
-        inner.underway = Some(Underway { ended, traces });
-        ended
+        let (injected, happened) = (inner.unit.injected().cloned(), inner.unit.take_happened());
+        inner.underway = Some(Underway { ended, traces, injected: injected.clone(), happened });
+        (ended, injected)
+    }
+
+    /// Waits for so much on-board time.
+    pub async fn wait(&self, on_board: Duration) {
+        if let Some(wall_ns) = self.speed.wall_ns(on_board.as_nanos() as i64) {
+            tokio::time::sleep(Duration::from_nanos(wall_ns as u64)).await;
+        }
     }
 
     /// The deadline of the half second that was ended last has passed.
@@ -133,6 +187,28 @@ impl Desk {
         }
         self.commands.fetch_add(1, Relaxed);
         Some(inner.command(link, payload))
+    }
+
+    /// Adds the fault that `read` makes, knowing those that are there, from the next half second on.
+    ///
+    /// # Errors
+    /// What `read` says.
+    pub fn inject<E>(&self, read: impl FnOnce(&[Fault]) -> Result<Fault, E>) -> Result<Fault, E> {
+        let mut inner = self.lock();
+        let there: Vec<Fault> =
+            inner.unit.faults().planned.iter().map(|planned| Fault::clone(&planned.fault)).collect();
+        let fault = read(&there)?;
+        let fault = inner.unit.inject(fault);
+        inner.tell(Event::Injected(fault.clone()));
+        Ok(fault)
+    }
+
+    /// Takes a fault away from the next half second on; its end, on-board time, or nothing where there is none.
+    pub fn clear(&self, id: &str) -> Option<f64> {
+        let mut inner = self.lock();
+        let until_s = inner.unit.clear(id)?;
+        inner.tell(Event::Cleared { id: id.to_owned(), until_s });
+        Some(until_s)
     }
 
     /// Tells the recording that no more follows.
@@ -176,22 +252,30 @@ impl Inner {
     }
 
     fn complete(&mut self) {
-        if let Some(Underway { ended, traces }) = self.underway.take() {
+        if let Some(Underway { ended, traces, injected, happened }) = self.underway.take() {
             self.completed = Some((ended.half_second, ended.end_ns));
             if let Some(traces) = traces {
-                self.tell(Event::HalfSecond(ended, traces));
+                self.tell(Event::HalfSecond(ended, traces, injected));
             }
+            self.tell_happened(happened);
         }
+    }
+
+    fn tell_happened(&mut self, happened: Vec<Happening>) {
+        happened.into_iter().for_each(|happening| self.tell(Event::Happened(happening)));
     }
 
     fn command(&mut self, link: &str, payload: &[u8]) -> Answered {
         let running_end_ns = self.unit.running_end_ns();
         let answer = self.unit.command(payload);
         self.tell(Event::Command { link: link.to_owned(), payload: payload.to_vec(), running_end_ns });
-        if let (Some(polled), Some((_, end_ns))) = (answer.polled, self.completed) {
-            self.tell(Event::Polled(polled, end_ns));
+        let acting = self.unit.faults().acting().clone();
+        let Some(answer) = answer else { return Answered { reply: None, polled: None, acting } };
+        if let (Some(half_second), Some((_, end_ns))) = (answer.polled, self.completed) {
+            let injected = self.unit.injected().cloned();
+            self.tell(Event::Polled { half_second, reply: answer.reply, end_ns, injected, acting: acting.clone() });
         }
-        Answered { reply: answer.reply, polled: answer.polled }
+        Answered { reply: Some(answer.reply), polled: answer.polled, acting }
     }
 }
 
@@ -211,10 +295,10 @@ mod tests {
 
     #[test]
     fn a_command_just_before_the_deadline_is_carried_out_just_after_it() {
-        let desk = Desk::new(&Configuration::reference(), &Truth::Scenario, None);
-        assert_eq!(now(&desk, &[2, 1]).reply.outcome(), Outcome::Done);
-        assert_eq!(now(&desk, &[3]).reply.outcome(), Outcome::NotPossibleNow);
-        let first = desk.end_half_second();
+        let desk = Desk::new(&Configuration::reference(), &Truth::Scenario, Speed::Max, None);
+        assert_eq!(now(&desk, &[2, 1]).reply.expect("heard").outcome(), Outcome::Done);
+        assert_eq!(now(&desk, &[3]).reply.expect("heard").outcome(), Outcome::NotPossibleNow);
+        let (first, _) = desk.end_half_second();
         assert!(!first.cyclic);
         let mut poll = std::pin::pin!(desk.command("test", &[3]));
         let mut context = Context::from_waker(Waker::noop());
@@ -224,7 +308,7 @@ mod tests {
         let Poll::Ready(answered) = poll.as_mut().poll(&mut context) else { panic!("nothing to wait for") };
         assert_eq!(answered.polled, Some(first.half_second));
         assert_eq!(desk.waiting.load(Relaxed), 0);
-        let second = desk.end_half_second();
+        let (second, _) = desk.end_half_second();
         assert!(desk.try_command("test", &[3]).is_none());
         desk.complete();
         assert_eq!(now(&desk, &[3]).polled, Some(second.half_second));
@@ -235,7 +319,7 @@ mod tests {
     fn what_is_told_to_the_recording_happens_again_in_a_unit_of_its_own() {
         let configuration = Configuration::reference();
         let (recording, events) = sync_channel(10_000);
-        let desk = Desk::new(&configuration, &Truth::Scenario, Some(recording));
+        let desk = Desk::new(&configuration, &Truth::Scenario, Speed::Max, Some(recording));
         let payloads: [&[u8]; 8] = [&[1], &[2, 1], &[3], &[5], &[3], &[2, 0], &[4, 1, 0, 5, 3], &[3]];
         let mut context = Context::from_waker(Waker::noop());
         for index in 0..400 {
@@ -259,19 +343,20 @@ mod tests {
         let (mut polled, mut end_ns, mut polls) = (None, 0, 0);
         for event in events {
             match event {
-                Event::HalfSecond(ended, traces) => {
+                Event::HalfSecond(ended, traces, _) => {
                     assert_eq!((ended, *traces), unit.end_half_second_traced());
                     end_ns = ended.end_ns;
                 }
                 Event::Command { payload, running_end_ns, .. } => {
                     assert_eq!(running_end_ns, unit.running_end_ns());
                     assert_eq!(polled, None, "a recorded POLL has its data");
-                    polled = unit.command(&payload).polled;
+                    polled = unit.command(&payload).expect("heard").polled;
                 }
-                Event::Polled(half_second, stamp_ns) => {
+                Event::Polled { half_second, end_ns: stamp_ns, .. } => {
                     polls += 1;
                     assert_eq!((Some(half_second), stamp_ns), (polled.take(), end_ns));
                 }
+                _ => unreachable!("no fault"),
             }
         }
         assert!(polls > 20 && unit.ended() == 400, "{polls}");

@@ -5,8 +5,11 @@
 //! signals, devices that come back. Both meet at the desk, where the unit stands behind one lock.
 
 pub mod cadence;
+pub mod carriage;
+mod catalogue;
 mod console;
 mod desk;
+mod fault_log;
 pub mod lateness;
 pub mod link;
 pub mod record;
@@ -14,4 +17,5 @@ mod recording;
 mod run;
 pub mod simulate;
 
+pub use catalogue::catalogue;
 pub use run::{RunError, Settings, Summary, asked_to_end, run};

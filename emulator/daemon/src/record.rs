@@ -7,14 +7,21 @@ use std::collections::VecDeque;
 use std::fs::{self, File};
 use std::io::{self, BufRead, BufReader, BufWriter, Write};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use geu_model::attitude::{Leg, Motion};
 use geu_model::configuration::{RecordedCommand, RunRecord, WireForm};
 use geu_model::effect::columns;
+use geu_model::fault::Fault;
+use geu_model::fault::acting::{Acting, Happening};
+use geu_model::fault::catalogue::LinkKind;
 use geu_model::sensor::{StarSensor, SunSensor};
 use geu_model::units::RAD_PER_DEG;
-use geu_model::{Configuration, Ended, Trace, Truth};
-use geu_protocol::{CanPlan, Gyro, HalfSecond, serial};
+use geu_model::{Configuration, Ended, Injected, Trace, Truth};
+use geu_protocol::{CanPlan, Gyro, HalfSecond, Reply};
+
+use crate::carriage::{Carrier, Content, Form, Outbox, Piece};
+use crate::fault_log::FaultLog;
 
 /// Interface name in `link.log`.
 const INTERFACE: &str = "can0";
@@ -31,22 +38,35 @@ pub struct RecordError {
 
 /// What happened in the unit, told in the order in which it happened on board.
 pub(crate) enum Event {
-    /// A half second ended.
-    HalfSecond(Ended, Box<[Trace; 4]>),
+    /// A half second ended, and what faults did to it.
+    HalfSecond(Ended, Box<[Trace; 4]>, Option<Arc<Injected>>),
     /// A command came within the half second that runs; its scheduled end.
     Command { link: String, payload: Vec<u8>, running_end_ns: i64 },
-    /// A half second was sent because it was polled, stamped with its scheduled end.
-    Polled(HalfSecond, i64),
+    /// A half second was sent because it was polled, stamped with its scheduled end: what faults did to it, and those
+    /// that act as it is sent.
+    Polled {
+        half_second: HalfSecond,
+        reply: Reply,
+        end_ns: i64,
+        injected: Option<Arc<Injected>>,
+        acting: Arc<Vec<Acting>>,
+    },
+    /// Something became of a fault or an expectation, with the end of the last half second.
+    Happened(Happening),
+    /// A fault was injected while the unit ran.
+    Injected(Fault),
+    /// A fault was taken away, from this on-board time on.
+    Cleared { id: String, until_s: f64 },
 }
 
 /// One file, written through a buffer, that tells its path when it fails.
-struct Output {
+pub(crate) struct Output {
     path: PathBuf,
     file: BufWriter<File>,
 }
 
 impl Output {
-    fn create(directory: &Path, name: &str) -> Result<Output, RecordError> {
+    pub fn create(directory: &Path, name: &str) -> Result<Output, RecordError> {
         let path = directory.join(name);
         match File::create(&path) {
             Ok(file) => Ok(Output { path, file: BufWriter::with_capacity(1 << 16, file) }),
@@ -54,7 +74,7 @@ impl Output {
         }
     }
 
-    fn write(&mut self, content: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>) -> Result<(), RecordError> {
+    pub fn write(&mut self, content: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>) -> Result<(), RecordError> {
         content(&mut self.file).map_err(|source| RecordError { path: self.path.clone(), source })
     }
 }
@@ -64,8 +84,12 @@ pub struct Recorder {
     directory: PathBuf,
     configuration: Configuration,
     wire: WireForm,
-    plan: CanPlan,
+    /// The link that is recorded, and what waits on it.
+    carrier: Carrier,
+    links: Vec<LinkKind>,
+    outbox: Outbox,
     link: Output,
+    faults: FaultLog,
     reference: Output,
     truth: Output,
     manoeuvres: Output,
@@ -87,7 +111,8 @@ pub struct Recorder {
 }
 
 impl Recorder {
-    /// Opens the files of a run on `truth` in `directory`, which is made if it is not there.
+    /// Opens the files of a run on `truth` in `directory`, which is made if it is not there. `links` are those that are
+    /// open beside the recording; the recorded link is the first of its form, else one of the default kind.
     ///
     /// # Errors
     /// A directory or file that cannot be written.
@@ -96,7 +121,10 @@ impl Recorder {
         configuration: &Configuration,
         truth: &Truth,
         wire: WireForm,
+        links: &[Carrier],
     ) -> Result<Recorder, RecordError> {
+        let links = if links.is_empty() { again(&configuration.run.links) } else { links.to_vec() };
+        let carrier = recorded(wire, &links);
         fs::create_dir_all(directory).map_err(|source| RecordError { path: directory.to_owned(), source })?;
         let (link_name, other) = match wire {
             WireForm::Can => ("link.log", "link.bin"),
@@ -121,7 +149,10 @@ impl Recorder {
             directory: directory.to_owned(),
             configuration: configuration.clone(),
             wire,
-            plan: CanPlan::default(),
+            faults: FaultLog::create(directory, &carrier, &links)?,
+            carrier,
+            links: links.iter().map(|carrier| carrier.kind).collect(),
+            outbox: Outbox::default(),
             motion: truth.motion(configuration, 0.0),
             sun_sensor: SunSensor::new(configuration.sensors.fss, configuration.seed),
             star_sensor: StarSensor::new(configuration.sensors.sse, configuration.seed, scenario.limit_cycle),
@@ -160,18 +191,45 @@ impl Recorder {
     /// A file that cannot be written.
     pub(crate) fn event(&mut self, event: &Event) -> Result<(), RecordError> {
         match event {
-            Event::HalfSecond(ended, traces) => self.half_second(ended, traces),
+            Event::HalfSecond(ended, traces, injected) => self.half_second(ended, traces, injected.as_deref()),
             Event::Command { link, payload, running_end_ns } => self.command(link, payload, *running_end_ns),
-            Event::Polled(half_second, end_ns) => self.sent(half_second, *end_ns),
+            Event::Polled { half_second, reply, end_ns, injected, acting } => {
+                let pieces = self.carrier.polled(half_second, reply, acting);
+                self.faults.polled(self.half_seconds, half_second, reply, injected.as_deref(), acting)?;
+                self.sent(pieces, *end_ns)
+            }
+            Event::Happened(happening) => self.faults.happened(self.half_seconds, happening),
+            Event::Injected(fault) => {
+                self.configuration.faults.push(fault.clone());
+                self.faults.injected(self.half_seconds, fault)
+            }
+            Event::Cleared { id, until_s } => {
+                // The last of that name: an earlier one is over.
+                let fault = self.configuration.faults.iter_mut().rev().find(|fault| fault.id == *id);
+                fault.into_iter().for_each(|fault| fault.until_s = fault.until_s.min(*until_s));
+                self.faults.cleared(id, *until_s)
+            }
         }
     }
 
     /// Its messages where it was sent cyclically, its truth, and the reference up to its end.
-    fn half_second(&mut self, ended: &Ended, traces: &[Trace; 4]) -> Result<(), RecordError> {
-        self.half_seconds += 1;
-        if ended.cyclic {
-            self.sent(&ended.half_second, ended.end_ns)?;
+    fn half_second(
+        &mut self,
+        ended: &Ended,
+        traces: &[Trace; 4],
+        injected: Option<&Injected>,
+    ) -> Result<(), RecordError> {
+        let frame = self.half_seconds;
+        let half_second = Some(&ended.half_second).filter(|_| ended.cyclic);
+        let pieces = self.carrier.carry(half_second, frame, injected.map_or(&[], |injected| &injected.acting));
+        self.outbox.put(pieces, frame, ended.end_ns);
+        while let Some((due_ns, contents)) = self.outbox.take(ended.end_ns) {
+            self.write(&contents, due_ns)?;
         }
+        if let Some(injected) = injected {
+            self.faults.half_second(frame, ended, injected)?;
+        }
+        self.half_seconds += 1;
         self.truth_rows(ended, traces)?;
         while self.reference_rows * REFERENCE_NS < ended.end_ns {
             self.reference_row()?;
@@ -194,15 +252,17 @@ impl Recorder {
         self.manoeuvres.write(|file| writeln!(file, "{},{start},{end}", leg.name))
     }
 
-    fn sent(&mut self, half_second: &HalfSecond, end_ns: i64) -> Result<(), RecordError> {
-        let stamp = stamp(self.configuration.start_unix_ns + end_ns);
-        let (wire, plan) = (self.wire, self.plan);
-        self.link.write(|file| match wire {
-            WireForm::Serial => file.write_all(&serial::data_frame(half_second)),
-            WireForm::Can => plan.frames(half_second).iter().try_for_each(|frame| {
-                let data = frame.data().iter().fold(0, |data, &byte| data << 8 | u64::from(byte));
-                writeln!(file, "({stamp}) {INTERFACE} {:03X}#{data:0width$X}", frame.id, width = 2 * frame.data().len())
-            }),
+    fn sent(&mut self, pieces: Vec<Piece>, end_ns: i64) -> Result<(), RecordError> {
+        pieces.into_iter().try_for_each(|piece| self.write(&[piece.content], end_ns + piece.after_ns))
+    }
+
+    fn write(&mut self, contents: &[Content], due_ns: i64) -> Result<(), RecordError> {
+        let stamp = stamp(self.configuration.start_unix_ns + due_ns);
+        self.link.write(|file| {
+            contents.iter().try_for_each(|content| match content {
+                Content::Bytes(bytes) => file.write_all(bytes),
+                Content::Frame(_) => writeln!(file, "({stamp}) {INTERFACE} {content}"),
+            })
         })
     }
 
@@ -308,6 +368,8 @@ impl Recorder {
             duration_s: self.half_seconds as f64 * 0.5,
             wire: Some(self.wire),
             truth: configuration.run.truth.take(),
+            links: self.links.clone(),
+            is_open: configuration.run.is_open,
             commands: Vec::new(),
         };
         let mut run = Output::create(&self.directory, "run.toml")?;
@@ -334,8 +396,29 @@ impl Recorder {
         ] {
             output.write(|file| file.flush())?;
         }
-        Ok(())
+        self.faults.flush()
     }
+}
+
+/// The link that a recording of this form is of: the first such one that is open, else one of the default kind.
+fn recorded(wire: WireForm, links: &[Carrier]) -> Carrier {
+    let is_can = |carrier: &&Carrier| matches!(carrier.form, Form::Can(_));
+    match wire {
+        WireForm::Can => Carrier::can(CanPlan::default()),
+        WireForm::Serial => {
+            let open = links.iter().find(|carrier| !is_can(carrier));
+            Carrier::serial(open.map_or(LinkKind::Pty, |carrier| carrier.kind))
+        }
+    }
+}
+
+/// The links of an earlier run, each as its kind has them by default.
+fn again(kinds: &[LinkKind]) -> Vec<Carrier> {
+    let carrier = |&kind: &LinkKind| match kind {
+        LinkKind::Can => Carrier::can(CanPlan::default()),
+        kind => Carrier::serial(kind),
+    };
+    kinds.iter().map(carrier).collect()
 }
 
 /// A time in s as ns; one without end is the last there is.

@@ -8,10 +8,13 @@ use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use geu_model::fault::acting::Acting;
 use geu_model::{Configuration, Truth};
+use geu_protocol::HalfSecond;
 use tokio::signal::unix::{SignalKind, signal};
 
 use crate::cadence::{Sleeper, Speed, ask_for_realtime, doze_until, now_ns};
+use crate::carriage::Outbox;
 use crate::console;
 use crate::desk::Desk;
 use crate::lateness::{Histogram, Time};
@@ -129,7 +132,7 @@ pub fn run(
         return Err(RunError::NobodyToWaitFor);
     }
     let (recording, writer) = recorder.map(Writer::start).unzip();
-    let desk = Arc::new(Desk::new(configuration, truth, recording));
+    let desk = Arc::new(Desk::new(configuration, truth, settings.speed, recording));
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let ended = runtime.block_on(keep(&desk, settings, shutdown));
     // Ends the tasks; with the last of them the symlink of a pty goes.
@@ -162,6 +165,7 @@ async fn keep(
     links.iter().filter(|link| link.is_ready()).for_each(|link| console::ready(&link.tally().name));
     let tallies: Vec<_> = links.iter().map(|link| link.tally()).collect();
     let timing = Arc::new(Timing::default());
+    let links = links.into_iter().map(Outgoing::new).collect();
     let mut keeper = Keeper { desk: desk.clone(), settings: settings.clone(), links, timing: timing.clone() };
     let (done, mut is_done) = tokio::sync::oneshot::channel();
     let thread = thread::Builder::new().name("geu-cadence".to_owned()).spawn(move || {
@@ -194,7 +198,7 @@ async fn keep(
     // The time keeper is done; it still holds the links.
     let keeper = thread.join().expect("the time keeper does not panic");
     let give_up = Instant::now() + LAST_WORDS;
-    while Instant::now() < give_up && !keeper.links.iter().all(|link| link.is_drained()) {
+    while Instant::now() < give_up && !keeper.links.iter().all(|outgoing| outgoing.link.is_drained()) {
         tokio::time::sleep(LOOK_AGAIN).await;
     }
     drop(keeper);
@@ -245,8 +249,53 @@ impl Timing {
 struct Keeper {
     desk: Arc<Desk>,
     settings: Settings,
-    links: Vec<Box<dyn Link>>,
+    links: Vec<Outgoing>,
     timing: Arc<Timing>,
+}
+
+/// A link, and what waits for its time.
+struct Outgoing {
+    link: Box<dyn Link>,
+    outbox: Outbox,
+    /// Whether something is prepared for the deadline.
+    is_prepared: bool,
+}
+
+impl Outgoing {
+    fn new(link: Box<dyn Link>) -> Outgoing {
+        Outgoing { link, outbox: Outbox::default(), is_prepared: false }
+    }
+
+    /// Takes a half second in, or nothing where none is sent, and prepares what is due with its end.
+    fn put(&mut self, half_second: Option<&HalfSecond>, frame: u64, end_ns: i64, acting: &[Acting]) {
+        let pieces = self.link.carrier().carry(half_second, frame, acting);
+        self.outbox.put(pieces, frame, end_ns);
+    }
+
+    /// Sends what was due before, and prepares what is due at `end_ns`.
+    fn prepare(&mut self, end_ns: i64, patience: Duration) {
+        self.send_due(end_ns - 1, patience);
+        let due = self.outbox.take(end_ns);
+        self.is_prepared = due.is_some();
+        if let Some((_, contents)) = due {
+            self.link.prepare(&contents);
+        }
+    }
+
+    /// Sends what was prepared.
+    fn send(&mut self, patience: Duration) {
+        if std::mem::take(&mut self.is_prepared) {
+            self.link.send(patience);
+        }
+    }
+
+    /// Sends what a fault has held back until now.
+    fn send_due(&mut self, until_ns: i64, patience: Duration) {
+        while let Some((_, contents)) = self.outbox.take(until_ns) {
+            self.link.prepare(&contents);
+            self.link.send(patience);
+        }
+    }
 }
 
 impl Keeper {
@@ -275,21 +324,26 @@ impl Keeper {
             }
             let deadline_ns = self.settings.speed.wall_ns(running_end_ns).map(|wall_ns| start_ns + wall_ns);
             if let Some(deadline_ns) = deadline_ns {
-                while !self.is_stopped() && now_ns() < deadline_ns - LEAD_NS {
-                    doze_until(deadline_ns - LEAD_NS);
-                }
+                self.doze_and_send_late(start_ns, deadline_ns - LEAD_NS, patience);
                 if self.is_stopped() {
                     break;
                 }
             }
-            let ended = self.desk.end_half_second();
+            let frame = ended;
+            let (ended, injected) = self.desk.end_half_second();
+            let acting: &[Acting] = injected.as_ref().map_or(&[], |injected| &injected.acting);
             if self.is_past_next_deadline(start_ns) {
                 missed += 1;
+                self.links.iter_mut().for_each(|outgoing| outgoing.put(None, frame, ended.end_ns, &[]));
                 self.desk.complete();
                 continue;
             }
             self.tell_missed(std::mem::take(&mut missed));
-            self.links.iter_mut().for_each(|link| link.prepare(&ended.half_second));
+            let half_second = Some(&ended.half_second).filter(|_| ended.cyclic);
+            for outgoing in &mut self.links {
+                outgoing.put(half_second, frame, ended.end_ns, acting);
+                outgoing.prepare(ended.end_ns, patience);
+            }
             if let Some(deadline_ns) = deadline_ns {
                 sleeper.until(deadline_ns);
             }
@@ -298,9 +352,7 @@ impl Keeper {
             if !patience.is_zero() {
                 self.desk.complete();
             }
-            if ended.cyclic {
-                self.links.iter_mut().for_each(|link| link.send(patience));
-            }
+            self.links.iter_mut().for_each(|outgoing| outgoing.send(patience));
             self.desk.complete();
             if let Some(deadline_ns) = deadline_ns {
                 self.timing.record(now_ns - deadline_ns);
@@ -309,12 +361,28 @@ impl Keeper {
         self.tell_missed(missed);
     }
 
+    /// Waits until `wake_ns`, and sends what becomes due meanwhile because a fault held it back.
+    fn doze_and_send_late(&mut self, start_ns: i64, wake_ns: i64, patience: Duration) {
+        let speed = self.settings.speed;
+        while !self.is_stopped() && now_ns() < wake_ns {
+            let next_ns = self.links.iter().filter_map(|outgoing| outgoing.outbox.next_ns()).min();
+            let next = next_ns.and_then(|due_ns| Some((due_ns, start_ns + speed.wall_ns(due_ns)?)));
+            match next.filter(|(_, wall_ns)| *wall_ns < wake_ns) {
+                Some((due_ns, wall_ns)) if wall_ns <= now_ns() => {
+                    self.links.iter_mut().for_each(|outgoing| outgoing.send_due(due_ns, patience));
+                }
+                Some((_, wall_ns)) => doze_until(wall_ns),
+                None => doze_until(wake_ns),
+            }
+        }
+    }
+
     fn is_stopped(&self) -> bool {
         self.timing.stop.load(Relaxed)
     }
 
     fn has_client(&self) -> bool {
-        self.links.iter().any(|link| link.tally().clients.load(Relaxed) > 0)
+        self.links.iter().any(|outgoing| outgoing.link.tally().clients.load(Relaxed) > 0)
     }
 
     /// Whether the half second that just ended on board comes so late that the next is due already. In real time it

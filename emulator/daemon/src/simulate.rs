@@ -47,19 +47,25 @@ fn fly(configuration: &Configuration, truth: &Truth, half_seconds: u64, sender: 
     let mut unit = Unit::on(configuration, truth);
     let mut commands = configuration.run.commands.iter().peekable();
     let mut last_end_ns = 0;
-    let mut batch = Vec::new();
+    let happened = |unit: &mut Unit| unit.take_happened().into_iter().map(Event::Happened).collect::<Vec<_>>();
+    let mut batch = happened(&mut unit);
     // The half second that runs at the end never ends, but its commands are answered.
     for index in 0..=half_seconds {
         while let Some(command) = commands.next_if(|command| command.half_second <= index) {
             let (link, payload) = (command.link.clone(), command.payload.clone());
             batch.push(Event::Command { link, payload, running_end_ns: unit.running_end_ns() });
-            let answer = unit.command(&command.payload);
-            batch.extend(answer.polled.map(|polled| Event::Polled(polled, last_end_ns)));
+            let injected = unit.injected().cloned();
+            let Some(answer) = unit.command(&command.payload) else { continue };
+            let acting = unit.faults().acting().clone();
+            let (reply, end_ns) = (answer.reply, last_end_ns);
+            let polled = |half_second| Event::Polled { half_second, reply, end_ns, injected, acting };
+            batch.extend(answer.polled.map(polled));
         }
         if index < half_seconds {
             let (ended, traces) = unit.end_half_second_traced();
             last_end_ns = ended.end_ns;
-            batch.push(Event::HalfSecond(ended, Box::new(traces)));
+            batch.push(Event::HalfSecond(ended, Box::new(traces), unit.injected().cloned()));
+            batch.extend(happened(&mut unit));
         }
         let is_full = (index + 1).is_multiple_of(BATCH) || index == half_seconds;
         if is_full && sender.send(std::mem::take(&mut batch)).is_err() {

@@ -359,12 +359,17 @@ impl Unit {
         let length_s = (end_s - start_s) / SUB_STEPS as f64;
         let mut steps = [SubStep::default(); SUB_STEPS];
         let mut truths = Vec::new();
+        let looks_at_truth = T::LOOKS && (self.timing.shift_s != 0.0 || self.motion.now().t_s != start_s);
+        // A shift that begins now: until here, what was counted was the truth.
+        if looks_at_truth && self.truth.now().t_s < start_s && self.motion.now().t_s == start_s {
+            self.truth = self.motion.clone();
+        }
         for (index, step) in steps.iter_mut().enumerate() {
             // The last sub-step ends with the half second, to the last bit.
             step.end_s = if index + 1 == SUB_STEPS { end_s } else { start_s + (index + 1) as f64 * length_s };
             step.counted = self.motion.advance(step.end_s - self.timing.shift_s);
             step.counted.length_s = length_s;
-            if T::LOOKS && self.timing.shift_s != 0.0 {
+            if looks_at_truth {
                 truths.push(self.truth.advance(step.end_s));
             }
         }

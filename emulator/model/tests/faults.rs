@@ -157,8 +157,7 @@ fn a_reset_silences_the_unit_and_restarts_sequence_and_clock() {
 #[test]
 fn triggers_start_a_fault_when_all_of_them_hold() {
     let starts = |keys: &str| {
-        let configuration =
-            with_plan(&format!("[[fault]]\ngyro = \"GYRX\"\nfault = \"dead\"\nfor_s = 0.5\n{keys}"));
+        let configuration = with_plan(&format!("[[fault]]\ngyro = \"GYRX\"\nfault = \"dead\"\nfor_s = 0.5\n{keys}"));
         run(&configuration, 200)
             .iter()
             .enumerate()
@@ -305,4 +304,29 @@ fn a_refused_plan_leaves_nothing_behind() {
     let plan = "[[fault]]\nfault = \"drop\"\n[[fault]]\nfault = \"explode\"";
     configuration.add_plan("plan", plan).expect_err("one is unknown");
     assert_eq!(configuration, Configuration::reference());
+}
+
+#[test]
+fn a_shift_of_time_that_comes_and_goes_leaves_the_truth_alone() {
+    let scan = "manoeuvre=[{ kind = \"y-scan\", to_theta_deg = 100.0 }]".to_owned();
+    let plain = Configuration::reference_with(&[scan]).expect("valid");
+    let mut shifted = plain.clone();
+    let plan = "[[fault]]\nat_s = 5.0\nparameter = \"time-offset.seconds\"\ncourse = { step = 0.2 }\nfor_s = 5.0";
+    shifted.add_plan("plan", plan).expect("valid");
+    let (mut plain, mut shifted) = (Unit::new(&plain), Unit::new(&shifted));
+    let mut differ = 0;
+    for index in 0..60 {
+        let ((_, truths), (_, traces)) = (plain.end_half_second_traced(), shifted.end_half_second_traced());
+        for (truth, trace) in truths.iter().zip(&traces) {
+            assert!((truth.true_arcsec - trace.true_arcsec).abs() < 1e-6, "{index}");
+            let sum: f64 = trace.true_arcsec + trace.changes.iter().sum::<f64>();
+            assert!((sum - trace.unquantised).abs() < 1e-6, "{index}");
+            differ += u32::from((truth.unquantised - trace.unquantised).abs() > 1.0);
+        }
+    }
+    assert!(differ > 0);
+    let counted = |unit: &Unit| unit.accumulated_counts();
+    for (plain, shifted) in counted(&plain).into_iter().zip(counted(&shifted)) {
+        assert!((plain - shifted).abs() < 0.01, "{plain} {shifted}");
+    }
 }

@@ -112,7 +112,7 @@ fn twice(unit: &Configuration, by: By, out: Option<&std::path::Path>) -> Result<
     second.gyros = first.gyros.clone();
     if let Some(directory) = out {
         let mut recorder =
-            Recorder::create(directory, &first, &Truth::Scenario, WireForm::Can).map_err(Failure::input)?;
+            Recorder::create(directory, &first, &Truth::Scenario, WireForm::Can, &[]).map_err(Failure::input)?;
         let half_seconds = fly_length(&first);
         simulate(&first, &Truth::Scenario, half_seconds, &mut recorder, |_| {}).map_err(Failure::failed)?;
         recorder.finish().map_err(Failure::failed)?;

@@ -18,6 +18,7 @@ mod diagnose_page;
 mod diagnose_rates;
 mod draw;
 mod failure;
+mod faults;
 mod gyro_csv;
 mod overwriting;
 mod page;
@@ -58,6 +59,7 @@ enum Command {
     Reconstruct(reconstruct::Arguments),
     Diagnose(diagnose::Arguments),
     Blind(blind::Arguments),
+    Faults(faults::Arguments),
     Config(config::Arguments),
     Describe(describe::Arguments),
     /// Decode recordings or live links to CSV, JSON lines or a summary.
@@ -80,6 +82,7 @@ fn main() -> ExitCode {
         Some(Command::Reconstruct(arguments)) => reconstruct::run(&arguments),
         Some(Command::Diagnose(arguments)) => diagnose::run(&arguments),
         Some(Command::Blind(arguments)) => blind::run(&arguments),
+        Some(Command::Faults(arguments)) => faults::run(&arguments),
         Some(Command::Config(arguments)) => config::run(&arguments),
         Some(Command::Describe(arguments)) => describe::run(&arguments),
         Some(Command::Decode(arguments)) => decode::run(arguments),

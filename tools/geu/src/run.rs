@@ -105,7 +105,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let wire = Wire::form(arguments.wire, &ready.configuration);
     let recorder = match &arguments.record {
         Some(directory) => {
-            Some(Recorder::create(directory, &ready.configuration, &ready.truth, wire).map_err(Failure::input)?)
+            let carriers: Vec<_> = settings.links.iter().map(LinkAddress::carrier).collect();
+            let recorder = Recorder::create(directory, &ready.configuration, &ready.truth, wire, &carriers);
+            Some(recorder.map_err(Failure::input)?)
         }
         None => None,
     };

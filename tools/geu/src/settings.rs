@@ -73,6 +73,9 @@ pub struct RunSettings {
     /// first instant is the start [default: the recorded one, else scenario]
     #[arg(long, value_name = "SOURCE")]
     pub truth: Option<String>,
+    /// Plan of faults and expectations, TOML with [[fault]] and [[expect]]; added to the configuration's
+    #[arg(long, value_name = "PLAN")]
+    pub faults: Vec<PathBuf>,
 }
 
 /// A run that is ready to begin.
@@ -179,6 +182,15 @@ impl RunSettings {
         }
         if let Some(source) = &self.truth {
             configuration.run.truth = Some(source.clone()).filter(|source| source != "scenario");
+        }
+        for path in &self.faults {
+            let (name, text) = (path.display().to_string(), geu_recording::read_text(path));
+            let text = text.map_err(|error| {
+                Failure::input(format!(
+                    "{name}: cannot be read: {error}; expected a plan with [[fault]] and [[expect]], as in configs/faults.toml"
+                ))
+            })?;
+            configuration.add_plan(&name, &text).map_err(Failure::input)?;
         }
         let truth = match &configuration.run.truth {
             None => Truth::Scenario,

@@ -52,7 +52,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         .half_seconds(duration_s.map(half_seconds).transpose()?)?
         .ok_or_else(|| Failure::input("the scenario has no end of its own: expected --duration SECONDS"))?;
     let wire = Wire::form(arguments.wire, configuration);
-    let mut recorder = Recorder::create(out, configuration, &ready.truth, wire).map_err(Failure::input)?;
+    let mut recorder = Recorder::create(out, configuration, &ready.truth, wire, &[]).map_err(Failure::input)?;
     let bar = indicatif::ProgressBar::new(count);
     simulate(configuration, &ready.truth, count, &mut recorder, |done| bar.set_position(done))
         .map_err(Failure::failed)?;

@@ -5,7 +5,7 @@ use std::sync::atomic::Ordering::Relaxed;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use geu_protocol::{CanFrame, CanPlan, HalfSecond};
+use geu_protocol::CanPlan;
 use nix::errno::Errno;
 use nix::ifaddrs::getifaddrs;
 use nix::net::if_::InterfaceFlags;
@@ -14,6 +14,7 @@ use tokio::sync::Notify;
 use tokio::task::yield_now;
 
 use super::{Link, LinkError, Sending, Tally, Watched};
+use crate::carriage::{Carrier, Content};
 use crate::console;
 use crate::desk::Desk;
 
@@ -72,6 +73,7 @@ struct Bus {
     lost: Notify,
     /// Held for the frames of one half second, so that no other comes between.
     turn: tokio::sync::Mutex<()>,
+    carrier: Carrier,
     tally: Arc<Tally>,
 }
 
@@ -84,7 +86,7 @@ enum Written {
 
 struct Can {
     bus: Arc<Bus>,
-    frames: [socketcan::CanFrame; 3],
+    frames: Vec<socketcan::CanFrame>,
     /// Whether the interface was up when it was opened.
     is_up: bool,
     /// Whether the queue was full at the last half second; told once, and once when it is over.
@@ -92,7 +94,7 @@ struct Can {
 }
 
 /// Opens the interface and serves it.
-pub(super) fn open(address: &CanAddress, desk: &Arc<Desk>) -> Result<impl Link + use<>, LinkError> {
+pub(super) fn open(address: &CanAddress, carrier: Carrier, desk: &Arc<Desk>) -> Result<impl Link + use<>, LinkError> {
     let socket = connect(address)?;
     let bus = Arc::new(Bus {
         address: address.clone(),
@@ -100,12 +102,12 @@ pub(super) fn open(address: &CanAddress, desk: &Arc<Desk>) -> Result<impl Link +
         failure: Mutex::new(None),
         lost: Notify::new(),
         turn: tokio::sync::Mutex::new(()),
+        carrier,
         tally: Tally::new(format!("can {} {:X}", address.interface, address.plan.base())),
     });
     let is_up = is_up(&address.interface);
     tokio::spawn(attend(socket, is_up, bus.clone(), desk.clone()));
-    let frames = address.plan.frames(&HalfSecond::default()).map(|frame| to_socket(&frame));
-    Ok(Can { bus, frames, is_up, is_full: false })
+    Ok(Can { bus, frames: Vec::new(), is_up, is_full: false })
 }
 
 /// A socket that does not block and hears nothing but COMMAND.
@@ -138,9 +140,9 @@ fn is_up(interface: &str) -> bool {
     })
 }
 
-fn to_socket(frame: &CanFrame) -> socketcan::CanFrame {
-    let id = StandardId::new(frame.id).expect("a plan has 11-bit identifiers only");
-    socketcan::CanFrame::new(id, frame.data()).expect("a frame of the unit has at most eight bytes")
+fn to_socket(content: &Content) -> Option<socketcan::CanFrame> {
+    let Content::Frame(frame) = content else { return None };
+    socketcan::CanFrame::new(StandardId::new(frame.id)?, frame.data())
 }
 
 impl Bus {
@@ -274,18 +276,22 @@ async fn answer(frame: &socketcan::CanFrame, socket: &CanSocket, bus: &Bus, desk
         return;
     }
     let answered = desk.command(&bus.tally.name, frame.data()).await;
-    let plan = bus.address.plan;
-    let give_up = Instant::now() + QUEUE_PATIENCE;
-    let reply = to_socket(&CanFrame::new(plan.reply_id(), answered.reply.bytes()));
-    let _turn = bus.turn.lock().await;
-    if bus.write_later(socket, &reply, give_up).await {
-        bus.tally.replies.fetch_add(1, Relaxed);
-        if let Some(half_second) = answered.polled {
-            for frame in plan.frames(&half_second) {
-                if !bus.write_later(socket, &to_socket(&frame), give_up).await {
-                    break;
-                }
-            }
+    let (mut give_up, mut turn) = (Instant::now() + QUEUE_PATIENCE, None);
+    for (index, (gap, content)) in answered.leaving(&bus.carrier).into_iter().enumerate() {
+        if !gap.is_zero() {
+            turn = None;
+            desk.wait(gap).await;
+            give_up = Instant::now() + QUEUE_PATIENCE;
+        }
+        if turn.is_none() {
+            turn = Some(bus.turn.lock().await);
+        }
+        let Some(frame) = to_socket(&content) else { continue };
+        if !bus.write_later(socket, &frame, give_up).await {
+            break;
+        }
+        if index == 0 {
+            bus.tally.replies.fetch_add(1, Relaxed);
         }
     }
 }
@@ -305,8 +311,12 @@ impl Can {
 }
 
 impl Link for Can {
-    fn prepare(&mut self, half_second: &HalfSecond) {
-        self.frames = self.bus.address.plan.frames(half_second).map(|frame| to_socket(&frame));
+    fn carrier(&self) -> &Carrier {
+        &self.bus.carrier
+    }
+
+    fn prepare(&mut self, contents: &[Content]) {
+        self.frames = contents.iter().filter_map(to_socket).collect();
     }
 
     fn send(&mut self, patience: Duration) {

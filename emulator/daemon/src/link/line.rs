@@ -125,8 +125,9 @@ impl State {
         self.write()
     }
 
+    /// What is longer than a frame, because a fault made it so, has room where a frame has.
     fn has_data_room(&self, length: usize) -> bool {
-        self.pending.len() - self.replies + length <= DATA_ROOM
+        self.pending.len() - self.replies + length.min(MAX_FRAME) <= DATA_ROOM
     }
 
     fn has_reply_room(&self) -> bool {
@@ -237,7 +238,7 @@ impl Line {
     /// Sends the reply to a command, behind what waits; [`Line::reply_room`] comes first.
     pub fn reply(&self, bytes: &[u8]) {
         let mut state = self.lock();
-        if state.port.is_none() {
+        if state.port.is_none() || bytes.is_empty() {
             return;
         }
         state.take(bytes, true);

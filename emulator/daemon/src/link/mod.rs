@@ -18,9 +18,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering::Relaxed};
 use std::time::Duration;
 
-use geu_protocol::HalfSecond;
+use geu_model::fault::catalogue::LinkKind;
 use tokio::io::unix::AsyncFd;
 
+use crate::carriage::{Carrier, Content, Form};
 use crate::desk::Desk;
 
 pub use can::CanAddress;
@@ -37,6 +38,20 @@ pub enum LinkAddress {
     Can(CanAddress),
     /// Serial bytes to every client of this address.
     Tcp(String),
+}
+
+impl LinkAddress {
+    /// What it carries, as a recording beside it tells it.
+    pub fn carrier(&self) -> Carrier {
+        match self {
+            LinkAddress::Pty(_) => Carrier::serial(LinkKind::Pty),
+            LinkAddress::Serial(address) => {
+                Carrier { kind: LinkKind::Serial, form: Form::Serial { baud: address.baud } }
+            }
+            LinkAddress::Can(address) => Carrier::can(address.plan),
+            LinkAddress::Tcp(_) => Carrier::serial(LinkKind::Tcp),
+        }
+    }
 }
 
 /// A link that cannot be opened.
@@ -135,9 +150,11 @@ enum Sending {
 
 /// A link, as the thread that keeps time sees it.
 pub(crate) trait Link: Send {
-    /// Encodes a half second, before its deadline.
-    fn prepare(&mut self, half_second: &HalfSecond);
-    /// Sends it, without blocking; a reader that has no room is given `patience` before it loses the half second.
+    /// How it writes, and whom a fault is on.
+    fn carrier(&self) -> &Carrier;
+    /// Takes what is sent next, before its deadline.
+    fn prepare(&mut self, contents: &[Content]);
+    /// Sends it, without blocking; a reader that has no room is given `patience` before it loses all of it.
     fn send(&mut self, patience: Duration);
     /// Whether it can be used at once; one that cannot tells by itself when it can.
     fn is_ready(&self) -> bool {
@@ -149,16 +166,26 @@ pub(crate) trait Link: Send {
     fn tally(&self) -> Arc<Tally>;
 }
 
+/// The bytes of contents that go over a stream.
+fn stream(contents: &[Content]) -> Vec<u8> {
+    let bytes = |content: &Content| match content {
+        Content::Bytes(bytes) => bytes.clone(),
+        Content::Frame(_) => Vec::new(),
+    };
+    contents.iter().flat_map(bytes).collect()
+}
+
 /// Opens a link and starts its tasks on the runtime.
 ///
 /// # Errors
 /// What stands in the way, and what to do about it.
 pub(crate) fn open(address: &LinkAddress, desk: &Arc<Desk>, speedup: f64) -> Result<Box<dyn Link>, LinkError> {
+    let carrier = address.carrier();
     Ok(match address {
-        LinkAddress::Pty(path) => Box::new(pty::open(path, desk, speedup)?),
-        LinkAddress::Serial(address) => Box::new(serial::open(address, desk)?),
-        LinkAddress::Can(address) => Box::new(can::open(address, desk)?),
-        LinkAddress::Tcp(address) => Box::new(tcp::open(address, desk, speedup > 1.0)?),
+        LinkAddress::Pty(path) => Box::new(pty::open(path, carrier, desk, speedup)?),
+        LinkAddress::Serial(address) => Box::new(serial::open(address, carrier, desk)?),
+        LinkAddress::Can(address) => Box::new(can::open(address, carrier, desk)?),
+        LinkAddress::Tcp(address) => Box::new(tcp::open(address, carrier, desk, speedup > 1.0)?),
     })
 }
 

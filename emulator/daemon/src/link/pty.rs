@@ -18,8 +18,7 @@ use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use geu_protocol::HalfSecond;
-use geu_protocol::serial::{BITS_PER_BYTE, DEFAULT_BAUD, MAX_FRAME, data_frame};
+use geu_protocol::serial::{BITS_PER_BYTE, DEFAULT_BAUD, MAX_FRAME};
 use nix::errno::Errno;
 use nix::fcntl::{FcntlArg, FdFlag, OFlag, fcntl, open as open_file};
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
@@ -32,7 +31,8 @@ use tokio::io::unix::AsyncFd;
 
 use super::line::{Line, Port};
 use super::receive::serve;
-use super::{Link, LinkError, Sending, Tally, Watched};
+use super::{Link, LinkError, Sending, Tally, Watched, stream};
+use crate::carriage::{Carrier, Content};
 use crate::console;
 use crate::desk::Desk;
 
@@ -52,7 +52,8 @@ nix::ioctl_read_bad!(
 struct Pty {
     line: Arc<Line>,
     symlink: Arc<Symlink>,
-    frame: [u8; MAX_FRAME],
+    carrier: Carrier,
+    bytes: Vec<u8>,
     is_stalled: bool,
     tally: Arc<Tally>,
 }
@@ -116,7 +117,12 @@ fn is_hung_up(master: impl AsFd) -> bool {
 }
 
 /// Opens a pty, puts a symlink to it at `path`, and serves it.
-pub(super) fn open(path: &Path, desk: &Arc<Desk>, speedup: f64) -> Result<impl Link + use<>, LinkError> {
+pub(super) fn open(
+    path: &Path,
+    carrier: Carrier,
+    desk: &Arc<Desk>,
+    speedup: f64,
+) -> Result<impl Link + use<>, LinkError> {
     let fail = |error: nix::Error| LinkError::Pty(path.display().to_string(), error.into());
     let terminal = Terminal::new().map_err(fail)?;
     let symlink = Arc::new(Symlink::create(path, &terminal.slave.0)?);
@@ -128,13 +134,14 @@ pub(super) fn open(path: &Path, desk: &Arc<Desk>, speedup: f64) -> Result<impl L
     let inotify = Watched::new(inotify).map_err(|error| LinkError::Pty(path.display().to_string(), error))?;
     tokio::spawn({
         let (line, symlink, desk, tally) = (line.clone(), symlink.clone(), desk.clone(), tally.clone());
+        let carrier = carrier.clone();
         async move {
-            if let Err(error) = attend(terminal, &inotify, &line, &symlink, &desk, &tally).await {
+            if let Err(error) = attend(terminal, &inotify, &line, &symlink, &desk, &carrier, &tally).await {
                 console::say(format_args!("{}: {error}; the unit goes on without it", tally.name));
             }
         }
     });
-    Ok(Pty { line, symlink, frame: [0; MAX_FRAME], is_stalled: false, tally })
+    Ok(Pty { line, symlink, carrier, bytes: Vec::new(), is_stalled: false, tally })
 }
 
 /// Serves one client after the other.
@@ -144,6 +151,7 @@ async fn attend(
     line: &Line,
     symlink: &Symlink,
     desk: &Desk,
+    carrier: &Carrier,
     tally: &Tally,
 ) -> io::Result<()> {
     loop {
@@ -168,7 +176,7 @@ async fn attend(
             let port = Watched::new(master.clone())?;
             tokio::select! {
                 // The end of one client; another may be there already.
-                _ = serve(&port, line, desk, &tally.name) => {}
+                _ = serve(&port, line, desk, carrier, &tally.name) => {}
                 _ = line.pump(&port) => {}
             }
         }
@@ -178,8 +186,12 @@ async fn attend(
 }
 
 impl Link for Pty {
-    fn prepare(&mut self, half_second: &HalfSecond) {
-        self.frame = data_frame(half_second);
+    fn carrier(&self) -> &Carrier {
+        &self.carrier
+    }
+
+    fn prepare(&mut self, contents: &[Content]) {
+        self.bytes = stream(contents);
     }
 
     fn send(&mut self, patience: Duration) {
@@ -192,7 +204,7 @@ impl Link for Pty {
             }
             thread::sleep(LOOK_AGAIN);
         }
-        self.tally.count(self.line.send(&self.frame, patience));
+        self.tally.count(self.line.send(&self.bytes, patience));
     }
 
     fn is_drained(&self) -> bool {

@@ -5,14 +5,15 @@ use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
 
 use bytes::{Buf, BytesMut};
-use geu_protocol::serial::{Deframer, Found, Kind, data_frame, frame};
+use geu_protocol::serial::{Deframer, Found, Kind};
 use nix::unistd;
 use tokio::io::unix::AsyncFd;
 use tokio::task::yield_now;
 use tokio::time::timeout;
 
-use super::Watched;
 use super::line::{Line, Port};
+use super::{Watched, stream};
+use crate::carriage::Carrier;
 use crate::desk::Desk;
 
 /// After so long without a byte, a good frame inside what looks like the start of another is no longer kept waiting.
@@ -67,7 +68,13 @@ impl Receiver {
 ///
 /// # Errors
 /// What reading says when the device is gone.
-pub(super) async fn serve(port: &AsyncFd<Watched<Port>>, line: &Line, desk: &Desk, link: &str) -> io::Result<()> {
+pub(super) async fn serve(
+    port: &AsyncFd<Watched<Port>>,
+    line: &Line,
+    desk: &Desk,
+    carrier: &Carrier,
+    link: &str,
+) -> io::Result<()> {
     let (mut receiver, mut bytes, mut can_pause) = (Receiver::default(), [0; 512], false);
     let mut commands: Vec<Vec<u8>> = Vec::new();
     let end = loop {
@@ -89,11 +96,12 @@ pub(super) async fn serve(port: &AsyncFd<Watched<Port>>, line: &Line, desk: &Des
             // Without room for the reply nothing more is read: a client that does not read is not served on.
             line.reply_room().await;
             let answered = desk.command(link, &payload).await;
-            let mut bytes = frame(Kind::Reply, answered.reply.bytes());
-            if let Some(half_second) = answered.polled {
-                bytes.extend_from_slice(&data_frame(&half_second));
+            for (gap, contents) in answered.leaving_together(carrier) {
+                if !gap.is_zero() {
+                    desk.wait(gap).await;
+                }
+                line.reply(&stream(&contents));
             }
-            line.reply(&bytes);
         }
         yield_now().await;
     };
@@ -117,6 +125,8 @@ async fn read(port: &AsyncFd<Watched<Port>>, bytes: &mut [u8]) -> io::Result<usi
 
 #[cfg(test)]
 mod tests {
+    use geu_protocol::serial::{data_frame, frame};
+
     use super::*;
 
     fn commands(pieces: &[&[u8]]) -> (Vec<Vec<u8>>, u64) {

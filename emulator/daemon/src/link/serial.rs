@@ -5,13 +5,13 @@ use std::os::fd::AsFd;
 use std::sync::Arc;
 use std::time::Duration;
 
-use geu_protocol::HalfSecond;
-use geu_protocol::serial::{DEFAULT_BAUD, MAX_FRAME, data_frame};
+use geu_protocol::serial::DEFAULT_BAUD;
 use tokio_serial::{DataBits, Parity, SerialStream, StopBits};
 
 use super::line::{Line, Port};
 use super::receive::serve;
-use super::{Link, LinkError, Sending, Tally, Watched};
+use super::{Link, LinkError, Sending, Tally, Watched, stream};
+use crate::carriage::{Carrier, Content};
 use crate::console;
 use crate::desk::Desk;
 
@@ -62,17 +62,22 @@ impl SerialAddress {
 
 struct Serial {
     line: Arc<Line>,
-    frame: [u8; MAX_FRAME],
+    carrier: Carrier,
+    bytes: Vec<u8>,
     tally: Arc<Tally>,
 }
 
 /// Opens the port and serves it.
-pub(super) fn open(address: &SerialAddress, desk: &Arc<Desk>) -> Result<impl Link + use<>, LinkError> {
+pub(super) fn open(
+    address: &SerialAddress,
+    carrier: Carrier,
+    desk: &Arc<Desk>,
+) -> Result<impl Link + use<>, LinkError> {
     let opened = address.open().map_err(|error| LinkError::Serial(address.device.clone(), error))?;
     let tally = Tally::new(format!("serial {} {}", address.device, address.baud));
     let line = Arc::new(Line::new(None, 0.0, tally.clone()));
-    tokio::spawn(attend(opened, address.clone(), line.clone(), desk.clone(), tally.clone()));
-    Ok(Serial { line, frame: [0; MAX_FRAME], tally })
+    tokio::spawn(attend(opened, address.clone(), line.clone(), desk.clone(), carrier.clone(), tally.clone()));
+    Ok(Serial { line, carrier, bytes: Vec::new(), tally })
 }
 
 async fn attend(
@@ -80,11 +85,12 @@ async fn attend(
     address: SerialAddress,
     line: Arc<Line>,
     desk: Arc<Desk>,
+    carrier: Carrier,
     tally: Arc<Tally>,
 ) {
     loop {
         line.open(opened.1.clone());
-        let end = session(&opened.1, &line, &desk, &tally).await;
+        let end = session(&opened.1, &line, &desk, &carrier, &tally).await;
         line.close();
         drop(opened);
         let reason = end.err().map_or_else(|| "hung up".to_owned(), |error| error.to_string());
@@ -102,21 +108,25 @@ async fn attend(
     }
 }
 
-async fn session(port: &Port, line: &Line, desk: &Desk, tally: &Tally) -> io::Result<()> {
+async fn session(port: &Port, line: &Line, desk: &Desk, carrier: &Carrier, tally: &Tally) -> io::Result<()> {
     let port = Watched::new(port.clone())?;
     tokio::select! {
-        end = serve(&port, line, desk, &tally.name) => end,
+        end = serve(&port, line, desk, carrier, &tally.name) => end,
         end = line.pump(&port) => end,
     }
 }
 
 impl Link for Serial {
-    fn prepare(&mut self, half_second: &HalfSecond) {
-        self.frame = data_frame(half_second);
+    fn carrier(&self) -> &Carrier {
+        &self.carrier
+    }
+
+    fn prepare(&mut self, contents: &[Content]) {
+        self.bytes = stream(contents);
     }
 
     fn send(&mut self, patience: Duration) {
-        self.tally.count(match self.line.send(&self.frame, patience) {
+        self.tally.count(match self.line.send(&self.bytes, patience) {
             Sending::Unread => Sending::Dropped,
             outcome => outcome,
         });

@@ -6,15 +6,14 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use geu_protocol::HalfSecond;
-use geu_protocol::serial::{MAX_FRAME, data_frame};
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::socket::{setsockopt, sockopt};
 use tokio::net::{TcpListener, TcpStream};
 
 use super::line::{Line, Port};
 use super::receive::serve;
-use super::{Link, LinkError, Tally, Watched};
+use super::{Link, LinkError, Tally, Watched, stream};
+use crate::carriage::{Carrier, Content};
 use crate::console;
 use crate::desk::Desk;
 
@@ -36,7 +35,8 @@ const ACCEPT_AGAIN: Duration = Duration::from_millis(200);
 
 struct Tcp {
     clients: Clients,
-    frame: [u8; MAX_FRAME],
+    carrier: Carrier,
+    bytes: Vec<u8>,
     tally: Arc<Tally>,
 }
 
@@ -50,18 +50,30 @@ struct Client {
 }
 
 /// Listens, and serves whoever comes.
-pub(super) fn open(address: &str, desk: &Arc<Desk>, is_faster: bool) -> Result<impl Link + use<>, LinkError> {
+pub(super) fn open(
+    address: &str,
+    carrier: Carrier,
+    desk: &Arc<Desk>,
+    is_faster: bool,
+) -> Result<impl Link + use<>, LinkError> {
     let fail = |error| LinkError::Tcp(address.to_owned(), error);
     let listener = std::net::TcpListener::bind(address).map_err(fail)?;
     listener.set_nonblocking(true).map_err(fail)?;
     let listener = TcpListener::from_std(listener).map_err(fail)?;
     let tally = Tally::new(format!("tcp {}", listener.local_addr().map_err(fail)?));
     let clients = Clients::default();
-    tokio::spawn(accept(listener, is_faster, clients.clone(), desk.clone(), tally.clone()));
-    Ok(Tcp { clients, frame: [0; MAX_FRAME], tally })
+    tokio::spawn(accept(listener, is_faster, clients.clone(), desk.clone(), carrier.clone(), tally.clone()));
+    Ok(Tcp { clients, carrier, bytes: Vec::new(), tally })
 }
 
-async fn accept(listener: TcpListener, is_faster: bool, clients: Clients, desk: Arc<Desk>, tally: Arc<Tally>) {
+async fn accept(
+    listener: TcpListener,
+    is_faster: bool,
+    clients: Clients,
+    desk: Arc<Desk>,
+    carrier: Carrier,
+    tally: Arc<Tally>,
+) {
     let mut has_told = false;
     loop {
         let Ok((stream, peer)) = listener.accept().await else {
@@ -91,8 +103,9 @@ async fn accept(listener: TcpListener, is_faster: bool, clients: Clients, desk: 
         tally.clients.fetch_add(1, Relaxed);
         tokio::spawn({
             let (clients, desk, tally) = (clients.clone(), desk.clone(), tally.clone());
+            let carrier = carrier.clone();
             async move {
-                attend(port, &client, &desk, peer).await;
+                attend(port, &client, &desk, &carrier, peer).await;
                 client.line.close();
                 clients.lock().expect("nothing panics with the list").retain(|other| !Arc::ptr_eq(other, &client));
                 tally.clients.fetch_sub(1, Relaxed);
@@ -114,11 +127,11 @@ fn prepare(stream: TcpStream, is_faster: bool) -> std::io::Result<Port> {
     Ok(Arc::new(stream))
 }
 
-async fn attend(port: Port, client: &Client, desk: &Desk, peer: SocketAddr) {
+async fn attend(port: Port, client: &Client, desk: &Desk, carrier: &Carrier, peer: SocketAddr) {
     let Ok(port) = Watched::new(port) else { return };
     let link = format!("tcp {peer}");
     let commands = async {
-        if serve(&port, &client.line, desk, &link).await.is_ok() {
+        if serve(&port, &client.line, desk, carrier, &link).await.is_ok() {
             // It has said all it had to say, but may go on listening: `socat -u`, `nc` at the end of its input.
             client.has_ended.store(true, Relaxed);
             until_gone(port.get_ref(), &client.line).await;
@@ -151,14 +164,18 @@ async fn until_gone(port: &Watched<Port>, line: &Line) {
 }
 
 impl Link for Tcp {
-    fn prepare(&mut self, half_second: &HalfSecond) {
-        self.frame = data_frame(half_second);
+    fn carrier(&self) -> &Carrier {
+        &self.carrier
+    }
+
+    fn prepare(&mut self, contents: &[Content]) {
+        self.bytes = stream(contents);
     }
 
     fn send(&mut self, patience: Duration) {
         let clients = self.clients.lock().expect("nothing panics with the list").clone();
         for client in &clients {
-            self.tally.count(client.line.send(&self.frame, patience));
+            self.tally.count(client.line.send(&self.bytes, patience));
         }
     }
 

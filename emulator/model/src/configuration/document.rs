@@ -207,6 +207,20 @@ impl<'a> Node<'a> {
         }
     }
 
+    /// A list of texts, each one of `valid`; empty where it is not there.
+    ///
+    /// # Errors
+    /// Not a list, or another text in it.
+    pub fn choices(&self, key: &str, valid: &[&str]) -> Read<Vec<&'a str>> {
+        let Some(item) = self.table.get(key) else { return Ok(Vec::new()) };
+        let texts =
+            item.as_array().and_then(|array| array.iter().map(|value| value.as_str()).collect::<Option<Vec<_>>>());
+        match texts {
+            Some(texts) if texts.iter().all(|text| valid.contains(text)) => Ok(texts),
+            _ => Err(self.unexpected(key, &format!("a list of {}", valid.join(", ")))),
+        }
+    }
+
     /// A text.
     ///
     /// # Errors

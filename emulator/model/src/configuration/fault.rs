@@ -149,6 +149,10 @@ fn read_fault(node: &Node, others: &[Fault]) -> Read<Fault> {
         let values = spec.numbers.iter().map(|number| node.number(number)).collect::<Read<Vec<f64>>>()?;
         let gyro = if spec.scope == Scope::Gyro { read_gyro(node, &Gyro::ALL, spec.code)? } else { None };
         let link = if spec.scope == Scope::Link { read_link(node, spec)? } else { None };
+        // One that no link can have is refused with its link.
+        if let Some((number, expected)) = spec.misfit(&values, link) {
+            return Err(node.unexpected(number, &expected));
+        }
         (Action::Named { spec, values }, gyro, link)
     };
     let condition = |key: &str| -> Read<Option<Expression>> {

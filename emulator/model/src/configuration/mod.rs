@@ -19,7 +19,7 @@ use crate::effect::{
     HeadEffects, POWER_COLUMN, SATURATION_COLUMN, SELF_TEST_COLUMN, UNIT_COLUMNS, UnitEffects, WIRING_COLUMNS,
     WiringEffects,
 };
-use crate::fault::catalogue::Law;
+use crate::fault::catalogue::{Law, LinkKind};
 use crate::fault::expectation::Expectation;
 use crate::fault::{Fault, List};
 use crate::number::{Default as DefaultValue, Form, Number};
@@ -90,6 +90,8 @@ pub struct RunRecord {
     pub duration_s: f64,
     /// Form of the link recorded.
     pub wire: Option<WireForm>,
+    /// Kinds of the links that were open: whom a fault was on.
+    pub links: Vec<LinkKind>,
     /// File of the truth, as it was given; without one the scenario is flown.
     pub truth: Option<String>,
     /// Whether faults could be injected while it ran: its truth has every column then.
@@ -458,11 +460,12 @@ fn read_scenario(root: &Node) -> Result<Scenario, ConfigurationError> {
 fn read_run(root: &Node) -> Result<RunRecord, ConfigurationError> {
     let mut run = RunRecord::default();
     let Some(node) = root.table("run")? else { return Ok(run) };
-    node.only(&[DURATION.name, "wire", "truth", "open", "command"])?;
+    node.only(&[DURATION.name, "wire", "links", "truth", "open", "command"])?;
     run.duration_s = node.number(&DURATION)?;
     if node.keys().contains(&"wire") {
         run.wire = WireForm::named(node.choice("wire", &WireForm::NAMES)?);
     }
+    run.links = node.choices("links", &LinkKind::NAMES)?.into_iter().filter_map(LinkKind::named).collect();
     if node.keys().contains(&"truth") {
         run.truth = Some(node.text("truth")?.to_owned());
     }

@@ -63,6 +63,7 @@ impl Configuration {
                 DURATION.name: number(&DURATION),
                 "wire": { "enum": WireForm::NAMES },
                 "truth": { "type": "string", "description": "file of the truth: reference.csv or CCSDS AEM" },
+                "links": { "type": "array", "items": { "enum": LinkKind::NAMES } },
                 "open": { "type": "boolean", "description": "whether faults could be injected while it ran" },
                 "command": { "type": "array", "items": object(map(command), &["half_second", "link", "bytes"]) },
             })), &[]),

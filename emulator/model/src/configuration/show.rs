@@ -101,6 +101,10 @@ impl Configuration {
         if let Some(wire) = self.run.wire {
             line(text, format_args!("wire = {:?}", wire.name()));
         }
+        if !self.run.links.is_empty() {
+            let names: Vec<&str> = self.run.links.iter().map(|link| link.name()).collect();
+            line(text, format_args!("links = {names:?}"));
+        }
         if let Some(truth) = &self.run.truth {
             line(text, format_args!("truth = {}", quoted(truth)));
         }

@@ -186,6 +186,28 @@ impl Spec {
         self.unable.iter().find(|(kind, _)| *kind == link).map(|(_, reason)| *reason)
     }
 
+    /// A number that cannot be on the links that the fault is on, and what was expected of it.
+    pub fn misfit(&self, numbers: &[f64], link: Option<LinkKind>) -> Option<(&'static str, String)> {
+        let (may_be_can, may_be_serial) = (link.is_none_or(|kind| kind == LinkKind::Can), link != Some(LinkKind::Can));
+        let at_most = |most: u64, what: &str| format!("at most {most} {what}, or another `link`,");
+        match self.law(numbers) {
+            Law::Link(LinkLaw::WrongLength { length }) if may_be_can && length > 8 => {
+                Some(("length", at_most(8, "on CAN")))
+            }
+            Law::Link(LinkLaw::WrongIdentifier { identifier }) if may_be_serial && identifier > 255 => {
+                Some(("identifier", at_most(255, "on a link of bytes")))
+            }
+            Law::Link(LinkLaw::Truncate { bytes }) if may_be_can && bytes > 8 => Some(("bytes", at_most(8, "on CAN"))),
+            Law::Link(LinkLaw::Split { byte, .. }) if may_be_can && byte > 2 => {
+                Some(("byte", at_most(2, "messages on CAN")))
+            }
+            Law::Unit(UnitLaw::FlipFlags { gyro_flags: 0, unit_flags: 0 }) => {
+                Some(("gyro_flags", "a mask with at least one bit, here or in `unit_flags`,".to_owned()))
+            }
+            _ => None,
+        }
+    }
+
     /// Links that can have it.
     pub fn links(&self) -> Vec<LinkKind> {
         LinkKind::ALL.into_iter().filter(|&kind| self.unable_on(kind).is_none()).collect()

@@ -21,6 +21,9 @@ use crate::package::Axes;
 use catalogue::{Law, LinkKind, Spec};
 use expression::Expression;
 
+/// Stands for a limit that is none: what is added must be finite.
+const UNLIMITED: f64 = 1e10;
+
 /// Which list of effects.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum List {
@@ -91,7 +94,8 @@ impl Target {
     /// Limits of what a fault may add: from any value to any other that the model is good for, as a step in the
     /// configuration has them.
     pub fn limits(&self) -> (f64, f64) {
-        course::step_limits(self.number())
+        let (least, greatest) = course::step_limits(self.number());
+        (least.max(-UNLIMITED), greatest.min(UNLIMITED))
     }
 
     /// Gyros that have it; none where it is the unit's.

@@ -143,7 +143,8 @@ fn record(directory: &Path, hours: f64, hidden: &[Hidden]) -> Result<(), Failure
     let overrides: Vec<String> = hidden.iter().map(|hidden| hidden.assignment.to_owned()).collect();
     let unit = Configuration::reference_with(&overrides).map_err(Failure::failed)?;
     let half_seconds = (hours * 3600.0 / HALF_SECOND_S) as u64;
-    let mut recorder = Recorder::create(directory, &unit, &Truth::Scenario, WireForm::Can).map_err(Failure::failed)?;
+    let mut recorder =
+        Recorder::create(directory, &unit, &Truth::Scenario, WireForm::Can, &[]).map_err(Failure::failed)?;
     simulate(&unit, &Truth::Scenario, half_seconds, &mut recorder, |_| {}).map_err(Failure::failed)?;
     recorder.finish().map_err(Failure::failed)?;
     write(&directory.join("believed.toml"), Configuration::reference().to_toml(false))

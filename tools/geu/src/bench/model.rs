@@ -71,7 +71,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let directory = tempfile::tempdir().map_err(Failure::failed)?;
     let written = fastest(&mut || {
         let mut recorder =
-            Recorder::create(directory.path(), &all, &Truth::Scenario, WireForm::Can).map_err(Failure::failed)?;
+            Recorder::create(directory.path(), &all, &Truth::Scenario, WireForm::Can, &[]).map_err(Failure::failed)?;
         simulate(&all, &Truth::Scenario, half_seconds, &mut recorder, |_| {}).map_err(Failure::failed)?;
         recorder.finish().map_err(Failure::failed)
     })?;

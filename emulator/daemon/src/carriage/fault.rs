@@ -1,0 +1,372 @@
+//! What the faults of links do to a half second, in four steps: to what it says, to its bytes, to how often and when they
+//! are sent, to what else is on the link. Within a step, in the order of the plan.
+
+use geu_model::fault::acting::Acting;
+use geu_model::fault::catalogue::LinkLaw;
+use geu_model::noise::Stream;
+use geu_protocol::crc::crc16;
+use geu_protocol::serial::{OVERHEAD, SYNC};
+use geu_protocol::{CanFrame, HalfSecond};
+
+use super::{Carrier, Content, Form, Piece, baud, ns};
+
+/// Bytes of STATUS that its CRC covers, and of a CRC.
+const STATUS_COVERED: usize = 6;
+const CRC: usize = 2;
+/// Nonsense between half seconds comes in so many portions.
+const PORTIONS: u64 = 16;
+const HALF_SECOND_NS: i64 = 500_000_000;
+
+fn draw(acting: &Acting) -> Stream {
+    acting.draw().at("link", acting.frame)
+}
+
+pub(super) fn carry(
+    carrier: &Carrier,
+    half_second: Option<&HalfSecond>,
+    frame: u64,
+    own: &[(&Acting, LinkLaw)],
+) -> Vec<Piece> {
+    let mut contents = Vec::new();
+    if let Some(half_second) = half_second {
+        let mut said = *half_second;
+        own.iter().for_each(|(acting, law)| say(&mut said, acting, *law));
+        contents = carrier.plain(&said);
+        own.iter().for_each(|(acting, law)| change(carrier, &mut contents, acting, *law));
+    }
+    let mut pieces: Vec<Piece> = contents.into_iter().map(|content| Piece { frame, after_ns: 0, content }).collect();
+    own.iter().for_each(|(acting, law)| send(carrier, &mut pieces, acting, *law));
+    own.iter().for_each(|(acting, law)| add(carrier, &mut pieces, frame, acting, *law));
+    if own.iter().any(|(_, law)| *law == LinkLaw::Silence) {
+        pieces.clear();
+    }
+    pieces
+}
+
+/// What the half second says.
+fn say(said: &mut HalfSecond, acting: &Acting, law: LinkLaw) {
+    match law {
+        LinkLaw::SequenceStuck => said.sequence = acting.before.map_or(0, |before| before.sequence),
+        LinkLaw::SequenceJump { by } => said.sequence = said.sequence.wrapping_add(by as u16),
+        LinkLaw::StaleRepeat => *said = acting.before.unwrap_or_default(),
+        _ => {}
+    }
+}
+
+/// Its bytes.
+fn change(carrier: &Carrier, contents: &mut Vec<Content>, acting: &Acting, law: LinkLaw) {
+    match (law, carrier.form) {
+        (LinkLaw::BitFlip { bits, is_after_crc }, _) => flip(contents, bits, is_after_crc, &mut draw(acting)),
+        (LinkLaw::Truncate { bytes }, _) => contents.retain_mut(|content| {
+            let kept = bytes_of(content).len().saturating_sub(bytes as usize);
+            cut(content, kept);
+            kept > 0
+        }),
+        (LinkLaw::WrongLength { length }, Form::Serial { .. }) => each_frame(contents, |bytes| bytes[3] = length as u8),
+        (LinkLaw::WrongLength { length }, Form::Can(_)) => {
+            contents.iter_mut().for_each(|content| cut(content, (length as usize).min(8)));
+        }
+        (LinkLaw::WrongIdentifier { identifier }, Form::Serial { .. }) => {
+            each_frame(contents, |bytes| bytes[2] = identifier as u8);
+        }
+        (LinkLaw::WrongIdentifier { identifier }, Form::Can(plan)) => {
+            for content in contents {
+                if let Content::Frame(frame) = content {
+                    *frame = CanFrame::new(identifier as u16 + frame.id.saturating_sub(plan.base()), frame.data());
+                }
+            }
+        }
+        (LinkLaw::BaudMismatch { baud }, Form::Serial { baud: own }) => {
+            for content in contents {
+                if let Content::Bytes(bytes) = content {
+                    *bytes = baud::read_at(bytes, baud, f64::from(own));
+                }
+            }
+        }
+        _ => {}
+    }
+}
+
+fn bytes_of(content: &Content) -> &[u8] {
+    match content {
+        Content::Bytes(bytes) => bytes,
+        Content::Frame(frame) => frame.data(),
+    }
+}
+
+/// Makes it so long, with zeros behind where it was shorter.
+fn cut(content: &mut Content, length: usize) {
+    match content {
+        Content::Bytes(bytes) => bytes.truncate(length),
+        Content::Frame(frame) => {
+            let mut data = frame.data().to_vec();
+            data.resize(length, 0);
+            *frame = CanFrame::new(frame.id, &data);
+        }
+    }
+}
+
+/// Changes the header of whole frames; their CRC is right again.
+fn each_frame(contents: &mut [Content], change: impl Fn(&mut [u8])) {
+    for content in contents {
+        if let Content::Bytes(bytes) = content
+            && bytes.len() >= OVERHEAD
+        {
+            change(bytes);
+            close_frame(bytes);
+        }
+    }
+}
+
+fn close_frame(bytes: &mut [u8]) {
+    let end = bytes.len() - CRC;
+    let crc = crc16(&bytes[SYNC.len()..end]);
+    bytes[end..].copy_from_slice(&crc.to_be_bytes());
+}
+
+/// Flips bits anywhere in the data; before the CRC it is right again, after it the CRC may be hit too.
+fn flip(contents: &mut [Content], bits: u64, is_after_crc: bool, draw: &mut Stream) {
+    let is_serial = matches!(contents.first(), Some(Content::Bytes(_)));
+    // Places that may be hit: message and byte.
+    let mut places = Vec::new();
+    for (index, content) in contents.iter().enumerate() {
+        let length = bytes_of(content).len();
+        let covered = match (is_serial, index) {
+            (true, _) => OVERHEAD - CRC..length.saturating_sub(if is_after_crc { 0 } else { CRC }),
+            (false, 1) if !is_after_crc => 0..STATUS_COVERED.min(length),
+            (false, _) => 0..length,
+        };
+        places.extend(covered.flat_map(|byte| (0..8).map(move |bit| (index, byte, bit))));
+    }
+    for _ in 0..bits.min(places.len() as u64) {
+        let (index, byte, bit) = places.swap_remove((draw.uniform() * places.len() as f64) as usize);
+        let mut data = bytes_of(&contents[index]).to_vec();
+        data[byte] ^= 1 << bit;
+        match &mut contents[index] {
+            Content::Bytes(bytes) => *bytes = data,
+            Content::Frame(frame) => *frame = CanFrame::new(frame.id, &data),
+        }
+    }
+    if is_after_crc {
+        return;
+    }
+    match contents {
+        [Content::Bytes(bytes)] if bytes.len() >= OVERHEAD => close_frame(bytes),
+        [Content::Frame(increments), Content::Frame(status), ..] if status.data().len() == STATUS_COVERED + CRC => {
+            let mut data = status.data().to_vec();
+            let crc = crc16(&[increments.data(), &data[..STATUS_COVERED]].concat());
+            data[STATUS_COVERED..].copy_from_slice(&crc.to_be_bytes());
+            *status = CanFrame::new(status.id, &data);
+        }
+        _ => {}
+    }
+}
+
+/// How often and when.
+fn send(carrier: &Carrier, pieces: &mut Vec<Piece>, acting: &Acting, law: LinkLaw) {
+    let late = |pieces: &mut Vec<Piece>, by_ns: i64| pieces.iter_mut().for_each(|piece| piece.after_ns += by_ns);
+    match law {
+        LinkLaw::Drop => pieces.clear(),
+        LinkLaw::Duplicate { copies } => {
+            let once = pieces.clone();
+            (0..copies).for_each(|_| pieces.extend(once.iter().cloned()));
+        }
+        LinkLaw::Delay { delay_s } => late(pieces, ns(delay_s)),
+        LinkLaw::Jitter { jitter_s } => late(pieces, ns(jitter_s * draw(acting).uniform())),
+        // Just behind the next.
+        LinkLaw::Reorder if acting.elapsed.is_multiple_of(2) => {
+            pieces.iter_mut().for_each(|piece| (piece.frame, piece.after_ns) = (piece.frame + 1, piece.after_ns + 1));
+        }
+        LinkLaw::Merge { frames } => {
+            let held = frames - 1 - acting.elapsed % frames;
+            pieces.iter_mut().for_each(|piece| piece.frame += held);
+        }
+        LinkLaw::Split { byte, gap_s } => split(carrier, pieces, byte as usize, ns(gap_s)),
+        _ => {}
+    }
+}
+
+fn split(carrier: &Carrier, pieces: &mut Vec<Piece>, place: usize, gap_ns: i64) {
+    if matches!(carrier.form, Form::Can(_)) {
+        pieces.iter_mut().skip(place).for_each(|piece| piece.after_ns += gap_ns);
+        return;
+    }
+    let parts = pieces.drain(..).flat_map(|piece| match &piece.content {
+        Content::Bytes(bytes) if bytes.len() > place => {
+            let (head, tail) = bytes.split_at(place);
+            let part = |bytes: &[u8], after_ns| Piece { after_ns, content: Content::Bytes(bytes.to_vec()), ..piece };
+            vec![part(head, piece.after_ns), part(tail, piece.after_ns + gap_ns)]
+        }
+        _ => vec![piece],
+    });
+    *pieces = parts.collect();
+}
+
+/// What else is on the link.
+fn add(carrier: &Carrier, pieces: &mut Vec<Piece>, frame: u64, acting: &Acting, law: LinkLaw) {
+    let mut draw = draw(acting);
+    let mut nonsense = |count: u64| -> Vec<u8> { (0..count).map(|_| draw.bits() as u8).collect() };
+    match (law, carrier.form) {
+        (LinkLaw::ExtraBytes { bytes }, _) => {
+            let extra = nonsense(bytes);
+            match pieces.first_mut() {
+                Some(Piece { content: Content::Bytes(own), .. }) => *own = [extra, std::mem::take(own)].concat(),
+                _ => pieces.push(Piece { frame, after_ns: 0, content: Content::Bytes(extra) }),
+            }
+        }
+        (LinkLaw::Babble { amount }, form) => {
+            for portion in 0..amount.min(PORTIONS) {
+                let count = (portion + 1) * amount / PORTIONS.min(amount) - portion * amount / PORTIONS.min(amount);
+                let after_ns = (2 * portion as i64 + 1) * HALF_SECOND_NS / (2 * amount.min(PORTIONS) as i64);
+                let contents = match form {
+                    Form::Serial { .. } => vec![Content::Bytes(nonsense(count))],
+                    Form::Can(_) => (0..count)
+                        .map(|_| {
+                            let bytes = nonsense(11);
+                            let id = u16::from_be_bytes([bytes[0], bytes[1]]) & 0x7FF;
+                            Content::Frame(CanFrame::new(id, &bytes[3..3 + usize::from(bytes[2] % 9)]))
+                        })
+                        .collect(),
+                };
+                pieces.extend(contents.into_iter().map(|content| Piece { frame, after_ns, content }));
+            }
+        }
+        _ => {}
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use geu_model::fault::catalogue::{CATALOGUE, LinkKind, Scope, Spec};
+    use geu_model::number::{Default, Form as NumberForm};
+    use geu_model::{Configuration, Unit};
+    use geu_protocol::serial::{Deframer, Found};
+    use geu_protocol::{CanPlan, serial};
+
+    use super::*;
+
+    fn carrier(kind: LinkKind) -> Carrier {
+        match kind {
+            LinkKind::Can => Carrier::can(CanPlan::default()),
+            kind => Carrier::serial(kind),
+        }
+    }
+
+    /// What a link carries in each of 20 half seconds with a fault of it in 8 to 15, and what it would carry.
+    fn carried(kind: LinkKind, keys: &str) -> Vec<(Vec<Content>, Vec<Piece>)> {
+        let mut configuration = Configuration::reference();
+        let plan = format!("[[fault]]\nlink = \"{}\"\nat_s = 4.0\nfor_s = 4.0\n{keys}", kind.name());
+        configuration.add_plan("plan", &plan).unwrap_or_else(|error| panic!("{error}"));
+        let (mut unit, carrier) = (Unit::new(&configuration), carrier(kind));
+        let half_seconds = (0..20).map(|frame| {
+            let ended = unit.end_half_second();
+            let acting = unit.injected().map(|injected| injected.acting.clone()).unwrap_or_default();
+            (carrier.plain(&ended.half_second), carrier.carry(Some(&ended.half_second), frame, &acting))
+        });
+        half_seconds.collect()
+    }
+
+    fn keys(spec: &Spec) -> String {
+        let value = |default: Default, form: NumberForm, least: f64| match (default, form) {
+            (Default::Value(value), _) => value,
+            (_, NumberForm::Whole) => least.max(3.0),
+            _ => least.max(0.3),
+        };
+        let numbers = spec.numbers.iter().map(|n| (n, value(n.default, n.form, n.least)));
+        numbers.fold(format!("fault = \"{}\"\n", spec.code), |text, (number, value)| {
+            text + &format!("{} = {}\n", number.name, number.written(value))
+        })
+    }
+
+    #[test]
+    fn every_fault_changes_what_every_link_that_has_it_carries_while_it_acts_and_no_longer() {
+        for spec in CATALOGUE.iter().filter(|spec| spec.scope == Scope::Link && !spec.code.starts_with("reply")) {
+            for kind in spec.links() {
+                let (all, again) = (carried(kind, &keys(spec)), carried(kind, &keys(spec)));
+                assert_eq!(all, again, "{} on {}", spec.code, kind.name());
+                let mut touched = 0;
+                for (frame, (before, after)) in all.iter().enumerate() {
+                    let on_time = after.iter().all(|piece| (piece.frame, piece.after_ns) == (frame as u64, 0));
+                    let same = on_time && after.iter().map(|piece| &piece.content).eq(before);
+                    assert!(same || (8..16).contains(&frame), "{} on {} at {frame}", spec.code, kind.name());
+                    touched += usize::from(!same);
+                }
+                assert!(touched >= 4, "{} on {}: {touched}", spec.code, kind.name());
+            }
+        }
+    }
+
+    /// The kinds of what a deframer finds in the bytes of the half seconds in which the fault acts.
+    fn found(keys: &str) -> BTreeMap<&'static str, usize> {
+        let bytes: Vec<u8> = carried(LinkKind::Pty, keys)[8..16]
+            .iter()
+            .flat_map(|(_, after)| after.iter().flat_map(|piece| bytes_of(&piece.content).to_vec()))
+            .collect();
+        let mut counts = BTreeMap::new();
+        let mut deframer = Deframer::default();
+        deframer.consume(&bytes, &mut |found| {
+            let name = match found {
+                Found::Frame { kind: serial::Kind::Data, .. } => "data",
+                Found::Frame { .. } => "other",
+                Found::Rejected { .. } => "rejected",
+                _ => "else",
+            };
+            *counts.entry(name).or_default() += 1;
+        });
+        counts
+    }
+
+    #[test]
+    fn a_receiver_sees_good_frames_where_the_crc_is_right_and_none_where_it_is_not() {
+        for (keys, good, is_rejected) in [
+            ("fault = \"bit-flip\"\ncrc = \"before\"\nbits = 5", 8, false),
+            ("fault = \"bit-flip\"\ncrc = \"after\"\nbits = 1", 0, true),
+            ("fault = \"sequence-jump\"\nby = 100", 8, false),
+            ("fault = \"duplicate\"\ncopies = 2", 24, false),
+            ("fault = \"split\"", 8, false),
+            ("fault = \"drop\"", 0, false),
+            ("fault = \"wrong-length\"\nlength = 4", 0, true),
+            ("fault = \"wrong-identifier\"\nidentifier = 2", 0, true),
+        ] {
+            let found = found(keys);
+            assert_eq!(found.get("data").copied().unwrap_or(0), good, "{keys}: {found:?}");
+            assert_eq!(found.get("rejected").is_some_and(|&count| count > 0), is_rejected, "{keys}: {found:?}");
+        }
+    }
+
+    #[test]
+    fn reordered_and_merged_half_seconds_leave_in_the_order_that_is_meant() {
+        let released = |keys: &str| {
+            let all = carried(LinkKind::Tcp, keys);
+            let mut pieces: Vec<(u64, i64, usize)> = all[8..16]
+                .iter()
+                .enumerate()
+                .flat_map(|(index, (_, after))| after.iter().map(move |piece| (piece.frame, piece.after_ns, index)))
+                .collect();
+            pieces.sort_unstable();
+            pieces.into_iter().map(|(frame, _, index)| (frame, index)).collect::<Vec<_>>()
+        };
+        let swapped = [(9, 1), (9, 0), (11, 3), (11, 2), (13, 5), (13, 4), (15, 7), (15, 6)];
+        assert_eq!(released("fault = \"reorder\""), swapped);
+        let merged: Vec<(u64, usize)> = (0..8).map(|index| (if index < 4 { 11 } else { 15 }, index)).collect();
+        assert_eq!(released("fault = \"merge\"\nframes = 4"), merged);
+    }
+
+    #[test]
+    fn on_can_a_flip_before_the_crc_is_believed_and_one_after_it_is_not() {
+        for (place, is_believed) in [("before", true), ("after", false)] {
+            let all = carried(LinkKind::Can, &format!("fault = \"bit-flip\"\nbits = 40\ncrc = \"{place}\""));
+            for (_, after) in &all[8..16] {
+                let [Content::Frame(increments), Content::Frame(status), _] =
+                    [0, 1, 2].map(|index| after[index].content.clone())
+                else {
+                    panic!("three frames")
+                };
+                let crc = crc16(&[increments.data(), &status.data()[..6]].concat()).to_be_bytes();
+                assert_eq!(status.data()[6..] == crc, is_believed);
+            }
+        }
+    }
+}

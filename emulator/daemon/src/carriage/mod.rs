@@ -1,0 +1,150 @@
+//! What goes over a link: half seconds and replies as bytes or CAN frames, with what the faults of links make of them.
+//!
+//! A [`Carrier`] is a link without a device: pure, so that a recording holds what every link of its kind carried. It makes
+//! [`Piece`]s; [`Outbox`] says when each is due.
+
+mod baud;
+mod fault;
+mod outbox;
+
+use geu_model::fault::acting::Acting;
+use geu_model::fault::catalogue::{LinkKind, LinkLaw};
+use geu_protocol::serial::{DEFAULT_BAUD, Kind, data_frame, frame};
+use geu_protocol::{CanFrame, CanPlan, HalfSecond, Reply};
+
+pub(crate) use outbox::Outbox;
+
+/// How a link writes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Form {
+    /// Frames in a stream of bytes, at this rate.
+    Serial {
+        /// Baud.
+        baud: u32,
+    },
+    /// CAN frames.
+    Can(CanPlan),
+}
+
+/// Bytes of a stream, or a frame.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Content {
+    /// Of a stream.
+    Bytes(Vec<u8>),
+    /// On a bus.
+    Frame(CanFrame),
+}
+
+/// As a log writes it: hexadecimal; a CAN frame as candump does.
+impl std::fmt::Display for Content {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let data = match self {
+            Content::Bytes(bytes) => bytes,
+            Content::Frame(frame) => {
+                write!(f, "{:03X}#", frame.id)?;
+                frame.data()
+            }
+        };
+        data.iter().try_for_each(|byte| write!(f, "{byte:02X}"))
+    }
+}
+
+/// Something that is sent, and when.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Piece {
+    /// Index of the half second with which it is sent.
+    pub frame: u64,
+    /// On-board time after the end of that, ns.
+    pub after_ns: i64,
+    /// What.
+    pub content: Content,
+}
+
+/// A link without a device.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Carrier {
+    /// Its kind: whom a fault is on.
+    pub kind: LinkKind,
+    /// How it writes.
+    pub form: Form,
+}
+
+impl Carrier {
+    /// A link of bytes at the default rate.
+    pub fn serial(kind: LinkKind) -> Carrier {
+        Carrier { kind, form: Form::Serial { baud: DEFAULT_BAUD } }
+    }
+
+    /// A CAN interface.
+    pub fn can(plan: CanPlan) -> Carrier {
+        Carrier { kind: LinkKind::Can, form: Form::Can(plan) }
+    }
+
+    /// A half second as it goes out without faults.
+    pub fn plain(&self, half_second: &HalfSecond) -> Vec<Content> {
+        match self.form {
+            Form::Serial { .. } => vec![Content::Bytes(data_frame(half_second).to_vec())],
+            Form::Can(plan) => plan.frames(half_second).into_iter().map(Content::Frame).collect(),
+        }
+    }
+
+    /// A half second, or nothing where none is sent by itself, with the faults that act on this link.
+    pub fn carry(&self, half_second: Option<&HalfSecond>, frame: u64, acting: &[Acting]) -> Vec<Piece> {
+        let own = self.own(acting);
+        if own.is_empty() {
+            let at_once = |content| Piece { frame, after_ns: 0, content };
+            return half_second.into_iter().flat_map(|it| self.plain(it)).map(at_once).collect();
+        }
+        fault::carry(self, half_second, frame, &own)
+    }
+
+    /// The reply to a command, and how late; nothing where a fault keeps it back.
+    pub fn reply(&self, reply: &Reply, acting: &[Acting]) -> Option<Piece> {
+        let mut piece = Piece { frame: 0, after_ns: 0, content: self.plain_reply(reply) };
+        for (_, law) in self.own(acting) {
+            match law {
+                LinkLaw::Silence | LinkLaw::ReplyMissing => return None,
+                LinkLaw::ReplyLate { delay_s } => piece.after_ns += ns(delay_s),
+                _ => {}
+            }
+        }
+        Some(piece)
+    }
+
+    /// The half second that follows the reply to a POLL; nothing without one. It cannot be held back for another.
+    pub fn polled(&self, polled: &HalfSecond, reply: &Reply, acting: &[Acting]) -> Vec<Piece> {
+        let Some(reply) = self.reply(reply, acting) else { return Vec::new() };
+        let mut pieces = self.carry(Some(polled), 0, acting);
+        pieces.iter_mut().for_each(|piece| (piece.frame, piece.after_ns) = (0, piece.after_ns + reply.after_ns));
+        pieces.sort_by_key(|piece| piece.after_ns);
+        pieces
+    }
+
+    fn plain_reply(&self, reply: &Reply) -> Content {
+        match self.form {
+            Form::Serial { .. } => Content::Bytes(frame(Kind::Reply, reply.bytes())),
+            Form::Can(plan) => Content::Frame(CanFrame::new(plan.reply_id(), reply.bytes())),
+        }
+    }
+
+    /// The faults of links that act on this one.
+    fn own<'a>(&self, acting: &'a [Acting]) -> Vec<(&'a Acting, LinkLaw)> {
+        let on_this = |acting: &&Acting| {
+            let is_able = |law: LinkLaw| !matches!((law, self.form), (LinkLaw::ExtraBytes { .. }, Form::Can(_)));
+            acting.fault.link.is_none_or(|kind| kind == self.kind) && acting.on_link().is_some_and(is_able)
+        };
+        acting.iter().filter(on_this).filter_map(|acting| Some((acting, acting.on_link()?))).collect()
+    }
+
+    /// Identifiers of all faults that act and can change what this link carries.
+    pub fn touching<'a>(&self, acting: &'a [Acting]) -> Vec<&'a str> {
+        let on_this =
+            |acting: &&Acting| acting.on_link().is_none() || acting.fault.link.is_none_or(|kind| kind == self.kind);
+        acting.iter().filter(on_this).map(|acting| acting.fault.id.as_str()).collect()
+    }
+}
+
+/// A time in s as ns.
+fn ns(time_s: f64) -> i64 {
+    (time_s * 1e9).round() as i64
+}

@@ -1,0 +1,115 @@
+//! The catalogue of faults as JSON: what a page, or anybody who asks, can inject, with units and limits.
+
+use geu_model::fault::catalogue::{CATALOGUE, LinkKind};
+use geu_model::fault::{Target, expression, shape};
+use geu_model::number::{Default, Form, Number};
+use geu_protocol::Gyro;
+use geu_protocol::command::COMMANDS;
+use serde_json::{Map, Value, json};
+
+/// The unit of a number, which its name ends with.
+fn unit(name: &str) -> &'static str {
+    const UNITS: [(&str, &str); 14] = [
+        ("arcsec_per_sqrt_s", "arcsec/√s"),
+        ("arcsec_per_h_per_sqrt_h", "arcsec/h/√h"),
+        ("arcsec_per_deg", "arcsec/°"),
+        ("arcsec_per_h", "arcsec/h"),
+        ("arcsec_per_half_s", "arcsec/half s"),
+        ("arcsec", "arcsec"),
+        ("counts", "counts"),
+        ("cycles", "cycles"),
+        ("seconds", "s"),
+        ("ppm", "ppm"),
+        ("rad", "rad"),
+        ("baud", "baud"),
+        ("_s", "s"),
+        ("_c", "°C"),
+    ];
+    UNITS.iter().find(|(ending, _)| name.ends_with(ending)).map_or("", |(_, unit)| unit)
+}
+
+fn form(form: Form) -> &'static str {
+    match form {
+        Form::Real => "real",
+        Form::Flag => "flag",
+        Form::Gyro => "gyro",
+        Form::Whole => "whole",
+        Form::Choice(_) => "choice",
+    }
+}
+
+fn number(spec: &Number) -> Value {
+    let value = |value: f64| match spec.form {
+        Form::Choice(names) => json!(names.get(value as usize)),
+        Form::Flag => json!(value != 0.0),
+        _ => json!(value),
+    };
+    json!({
+        "name": spec.name,
+        "form": form(spec.form),
+        "choices": if let Form::Choice(names) = spec.form { json!(names) } else { Value::Null },
+        "least": spec.least,
+        "greatest": spec.greatest,
+        "required": spec.default == Default::Required,
+        "default": if let Default::Value(default) = spec.default { value(default) } else { Value::Null },
+        "unit": unit(spec.name),
+        "meaning": spec.meaning.trim(),
+    })
+}
+
+/// Gyros, parameters with courses, faults that have a name, commands, the words of a condition.
+pub fn catalogue() -> Value {
+    let names = |gyros: &[Gyro]| gyros.iter().map(|gyro| gyro.name()).collect::<Vec<_>>();
+    let parameters = Target::all().into_iter().map(|target| {
+        let ((least, greatest), spec) = (target.limits(), target.number());
+        json!({
+            "parameter": target.name(),
+            "title": target.effect().title,
+            "per_gyro": !target.gyros().is_empty(),
+            "gyros": names(&target.gyros()),
+            "form": form(spec.form),
+            "least": least,
+            "greatest": greatest,
+            "unit": unit(spec.name),
+            "meaning": spec.meaning.trim(),
+        })
+    });
+    let courses = shape::KINDS.iter().map(|kind| {
+        json!({ "course": kind.name, "meaning": kind.meaning, "numbers": kind.numbers.iter().map(number).collect::<Vec<_>>() })
+    });
+    let faults = CATALOGUE.iter().map(|spec| {
+        let links: Map<String, Value> =
+            LinkKind::ALL.into_iter().map(|kind| (kind.name().to_owned(), json!(spec.unable_on(kind)))).collect();
+        json!({
+            "fault": spec.code,
+            "scope": spec.scope.name(),
+            "title": spec.meaning,
+            "numbers": spec.numbers.iter().map(number).collect::<Vec<_>>(),
+            "for_s": spec.for_s,
+            "links": links,
+        })
+    });
+    let commands = COMMANDS.iter().map(|command| {
+        let arguments = command.arguments.iter().map(|argument| {
+            json!({ "name": argument.name, "least": argument.range.0, "greatest": argument.range.1, "meaning": argument.meaning })
+        });
+        json!({
+            "name": command.name,
+            "opcode": command.opcode,
+            "meaning": command.meaning,
+            "arguments": arguments.collect::<Vec<_>>(),
+        })
+    });
+    let words: Vec<Value> = expression::vocabulary()
+        .into_iter()
+        .map(|(name, meaning)| json!({ "name": name, "meaning": meaning }))
+        .collect();
+    json!({
+        "gyros": Gyro::ALL.map(Gyro::name),
+        "parameters": parameters.collect::<Vec<_>>(),
+        "courses": courses.collect::<Vec<_>>(),
+        "faults": faults.collect::<Vec<_>>(),
+        "commands": commands.collect::<Vec<_>>(),
+        "conditions": words,
+    })
+}

@@ -1,0 +1,121 @@
+//! `geu faults`: what can go wrong, and on which link.
+
+use std::io::Write;
+
+use clap::{Args, Subcommand};
+use geu_model::configuration::fault::{EXPECT_NUMBERS, FAULT_NUMBERS, FAULT_TEXTS};
+use geu_model::fault::catalogue::{CATALOGUE, LinkKind, Scope, Spec};
+use geu_model::fault::{Target, expression, shape};
+use geu_model::number::{Default, Number};
+
+use crate::failure::Failure;
+
+/// What can go wrong: the catalogue of faults.
+#[derive(Args, Debug)]
+pub struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand, Debug)]
+enum Command {
+    List(List),
+}
+
+/// Prints every fault with its numbers, and what a plan may say of it.
+#[derive(Args, Debug)]
+struct List {
+    /// Says of each fault of a link whether this kind can have it
+    #[arg(long, value_parser = link_kind)]
+    link: Option<LinkKind>,
+    /// As JSON
+    #[arg(long)]
+    json: bool,
+}
+
+fn link_kind(text: &str) -> Result<LinkKind, String> {
+    LinkKind::named(text).ok_or_else(|| format!("expected one of {}, got {text}", LinkKind::NAMES.join(", ")))
+}
+
+/// Carries it out.
+///
+/// # Errors
+/// Standard output that cannot be written.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let Command::List(list) = &arguments.command;
+    let text = if list.json { format!("{:#}\n", geu_daemon::catalogue()) } else { text(list.link) };
+    match std::io::stdout().write_all(text.as_bytes()) {
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(Failure::failed(error)),
+        _ => Ok(()),
+    }
+}
+
+fn number(spec: &Number) -> String {
+    let default = match spec.default {
+        Default::Value(value) => format!("; default {}", spec.written(value)),
+        Default::Required => "; required".to_owned(),
+        Default::Absent => String::new(),
+    };
+    format!("{}: {} ({}{default})", spec.name, spec.meaning.trim(), spec.limits())
+}
+
+fn text(link: Option<LinkKind>) -> String {
+    let mut lines =
+        vec!["A fault of a plan, [[fault]], is a parameter that is moved or one that has a name.".to_owned()];
+    if link.is_none() {
+        lines.push("\nParameters (parameter = \"effect.number\", course = { … }):".to_owned());
+        for target in Target::all() {
+            let (least, greatest) = target.limits();
+            let limits = target.number().form.limits(least, greatest);
+            let whom = match target.gyros().len() {
+                0 => "the unit".to_owned(),
+                4 => "any gyro".to_owned(),
+                _ => target.gyros().iter().map(|gyro| gyro.name()).collect::<Vec<_>>().join(", "),
+            };
+            lines.push(format!("  {:<50} {whom}; adds {limits}", target.name()));
+        }
+        lines.push("\nCourses of a parameter:".to_owned());
+        for kind in shape::KINDS {
+            lines.push(format!("  {:<10} {}", kind.name, kind.meaning));
+            lines.extend(kind.numbers.iter().map(|spec| format!("    {}", number(spec))));
+        }
+    }
+    for scope in [Scope::Gyro, Scope::Unit, Scope::Link] {
+        if link.is_some() && scope != Scope::Link {
+            continue;
+        }
+        let whom = match scope {
+            Scope::Gyro => "a gyro (gyro = \"GYRX\")".to_owned(),
+            Scope::Unit => "the unit".to_owned(),
+            Scope::Link => {
+                format!("links (link = \"{}\"; without it, of all)", link.map_or("pty|serial|can|tcp", LinkKind::name))
+            }
+        };
+        lines.push(format!("\nFaults of {whom}:"));
+        for spec in CATALOGUE.iter().filter(|spec| spec.scope == scope) {
+            lines.push(format!("  {:<18} {}", spec.code, spec.meaning));
+            lines.extend(spec.numbers.iter().map(|spec| format!("    {}", number(spec))));
+            if let Some(for_s) = spec.for_s {
+                lines.push(format!("    for_s: {for_s:?} where not named"));
+            }
+            lines.extend(refusals(spec, link));
+        }
+    }
+    if link.is_none() {
+        lines.push("\nWhen and how long, of every fault:".to_owned());
+        lines.extend(FAULT_TEXTS.iter().map(|(key, meaning)| format!("  {key}: {meaning}")));
+        lines.extend(FAULT_NUMBERS.iter().map(|spec| format!("  {}", number(spec))));
+        lines.push("  seed: of what it draws; the run's where not named".to_owned());
+        lines.push("\nConditions join comparisons (< <= > >= == !=, + - * / %) by and, or, not:".to_owned());
+        lines.extend(expression::vocabulary().iter().map(|(name, meaning)| format!("  {name:<20} {meaning}")));
+        lines.push("\nExpectations, [[expect]]: id, after (a fault), condition, and".to_owned());
+        lines.extend(EXPECT_NUMBERS.iter().map(|spec| format!("  {}", number(spec))));
+    }
+    lines.join("\n") + "\n"
+}
+
+/// Where it cannot be done, and why.
+fn refusals(spec: &Spec, link: Option<LinkKind>) -> Vec<String> {
+    let asked = spec.unable.iter().filter(|(kind, _)| link.is_none_or(|link| link == *kind));
+    asked.map(|(kind, reason)| format!("    not on {}: {reason}", kind.name())).collect()
+}
