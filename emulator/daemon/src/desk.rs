@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 use geu_model::configuration::RecordedCommand;
 use geu_model::fault::Fault;
 use geu_model::fault::acting::{Acting, Happening};
+use geu_model::fault::expectation::Watch;
 use geu_model::{Configuration, Ended, Injected, Trace, Truth, Unit};
 use geu_protocol::{HalfSecond, Reply};
 use tokio::sync::Notify;
@@ -187,6 +188,11 @@ impl Desk {
         }
         self.commands.fetch_add(1, Relaxed);
         Some(inner.command(link, payload))
+    }
+
+    /// How the expectations stand.
+    pub fn watches(&self) -> Vec<Watch> {
+        self.lock().unit.faults().watches.clone()
     }
 
     /// Adds the fault that `read` makes, knowing those that are there, from the next half second on.

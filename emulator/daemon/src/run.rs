@@ -9,6 +9,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use geu_model::fault::acting::Acting;
+use geu_model::fault::expectation::Watch;
 use geu_model::{Configuration, Truth};
 use geu_protocol::HalfSecond;
 use tokio::signal::unix::{SignalKind, signal};
@@ -87,6 +88,8 @@ pub struct Summary {
     pub rejected: u64,
     /// Each link.
     pub links: Vec<Arc<Tally>>,
+    /// How the expectations of the plan stand.
+    pub watches: Vec<Watch>,
 }
 
 impl fmt::Display for Summary {
@@ -211,6 +214,7 @@ async fn keep(
         commands: desk.commands.load(Relaxed),
         rejected: desk.rejected.load(Relaxed),
         links: tallies,
+        watches: desk.watches(),
     })
 }
 

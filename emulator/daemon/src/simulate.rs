@@ -3,6 +3,7 @@
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::thread;
 
+use geu_model::fault::expectation::Watch;
 use geu_model::{Configuration, Truth, Unit};
 
 use crate::record::{Event, RecordError, Recorder};
@@ -12,7 +13,8 @@ const BATCH: u64 = 128;
 /// Batches that may wait to be written.
 const QUEUE: usize = 4;
 
-/// Runs `half_seconds` of the unit on `truth` into `recorder`, with the commands its configuration recorded.
+/// Runs `half_seconds` of the unit on `truth` into `recorder`, with the commands its configuration recorded; how the
+/// expectations of its plan stand then.
 ///
 /// The model runs on a thread of its own; this one writes what it tells, in its order. `progress` is told how many half
 /// seconds are written, now and then.
@@ -25,10 +27,10 @@ pub fn simulate(
     half_seconds: u64,
     recorder: &mut Recorder,
     mut progress: impl FnMut(u64),
-) -> Result<(), RecordError> {
+) -> Result<Vec<Watch>, RecordError> {
     thread::scope(|scope| {
         let (sender, batches) = sync_channel(QUEUE);
-        scope.spawn(move || fly(configuration, truth, half_seconds, &sender));
+        let flight = scope.spawn(move || fly(configuration, truth, half_seconds, &sender));
         let mut written = 0;
         // A failure drops the receiver, which ends the model.
         for batch in batches {
@@ -38,12 +40,12 @@ pub fn simulate(
             written = half_seconds.min(written + BATCH);
             progress(written);
         }
-        Ok(())
+        Ok(flight.join().expect("the model does not panic"))
     })
 }
 
 /// Flies the unit and tells all that happens, until the end or until nobody listens.
-fn fly(configuration: &Configuration, truth: &Truth, half_seconds: u64, sender: &SyncSender<Vec<Event>>) {
+fn fly(configuration: &Configuration, truth: &Truth, half_seconds: u64, sender: &SyncSender<Vec<Event>>) -> Vec<Watch> {
     let mut unit = Unit::on(configuration, truth);
     let mut commands = configuration.run.commands.iter().peekable();
     let mut last_end_ns = 0;
@@ -69,7 +71,8 @@ fn fly(configuration: &Configuration, truth: &Truth, half_seconds: u64, sender: 
         }
         let is_full = (index + 1).is_multiple_of(BATCH) || index == half_seconds;
         if is_full && sender.send(std::mem::take(&mut batch)).is_err() {
-            return;
+            break;
         }
     }
+    unit.faults().watches.clone()
 }

@@ -17,6 +17,7 @@ mod diagnose_charts;
 mod diagnose_page;
 mod diagnose_rates;
 mod draw;
+mod expectations;
 mod failure;
 mod faults;
 mod gyro_csv;

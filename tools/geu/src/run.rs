@@ -10,6 +10,7 @@ use geu_daemon::record::Recorder;
 use geu_daemon::{RunError, Settings, asked_to_end};
 use geu_model::configuration::unix_ns;
 
+use crate::expectations;
 use crate::failure::{Failure, note};
 use crate::settings::{RunSettings, Wire, half_seconds};
 
@@ -56,6 +57,8 @@ pub struct Arguments {
     /// Asks for real-time priority (SCHED_FIFO), and says whether it was granted
     #[arg(long)]
     realtime: bool,
+    #[command(flatten)]
+    expectations: expectations::Report,
     /// Control interface: only `off` for now, which is the default
     #[arg(long, value_name = "ADDRESS|off", value_parser = control_off)]
     control: Option<String>,
@@ -120,5 +123,5 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             }
         })?;
     note(format_args!("{summary}"));
-    Ok(())
+    arguments.expectations.tell(&summary.watches)
 }

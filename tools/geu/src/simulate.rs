@@ -9,6 +9,7 @@ use geu_model::Truth;
 use geu_model::attitude::Plan;
 
 use crate::draw;
+use crate::expectations;
 use crate::failure::Failure;
 use crate::settings::{RunSettings, Wire, half_seconds};
 
@@ -29,12 +30,15 @@ pub struct Arguments {
     /// Form of the link [default: the recorded form, else can]
     #[arg(long)]
     wire: Option<Wire>,
+    #[command(flatten)]
+    expectations: expectations::Report,
 }
 
 /// Carries it out.
 ///
 /// # Errors
-/// A configuration that cannot be run, a truth that does not cover the run, a scenario without end and no duration, files that cannot be written.
+/// A configuration that cannot be run, a truth that does not cover the run, a scenario without end and no duration, files that cannot be written,
+/// an expectation that was not met.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let ready = arguments.run.read()?;
     let configuration = &ready.configuration;
@@ -54,8 +58,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let wire = Wire::form(arguments.wire, configuration);
     let mut recorder = Recorder::create(out, configuration, &ready.truth, wire, &[]).map_err(Failure::input)?;
     let bar = indicatif::ProgressBar::new(count);
-    simulate(configuration, &ready.truth, count, &mut recorder, |done| bar.set_position(done))
+    let watches = simulate(configuration, &ready.truth, count, &mut recorder, |done| bar.set_position(done))
         .map_err(Failure::failed)?;
     bar.finish_and_clear();
-    recorder.finish().map_err(Failure::failed)
+    recorder.finish().map_err(Failure::failed)?;
+    arguments.expectations.tell(&watches)
 }
