@@ -6,6 +6,7 @@
 
 pub mod cadence;
 mod console;
+pub mod control;
 mod desk;
 pub mod lateness;
 pub mod link;
