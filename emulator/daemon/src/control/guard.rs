@@ -64,7 +64,7 @@ impl Guard {
                     .is_ok_and(|ip| ip.is_loopback() || ip == self.address.ip() || self.address.ip().is_unspecified())
         };
         let text = host.to_str().unwrap_or_default();
-        let is_own = text.parse::<Authority>().is_ok_and(|authority| own(authority.host()));
+        let is_own = !text.contains('@') && text.parse::<Authority>().is_ok_and(|authority| own(authority.host()));
         if !is_own || !uri.host().is_none_or(own) {
             let address = self.address;
             return Err(forbidden(format!("Host: expected {address} or localhost:{}, got {host:?}", address.port())));
