@@ -24,6 +24,7 @@ pub(super) const FILES: &[File] = files! {
     "/" "The bench page" "text/html; charset=utf-8" include_str!("page/index.html");
     "/page.css" "Its style" "text/css; charset=utf-8" include_str!("page/page.css");
     "/page.js" "Its script" "text/javascript; charset=utf-8" include_str!("page/page.js");
+    "/dom.js" "Elements and questions" "text/javascript; charset=utf-8" include_str!("page/dom.js");
     "/charts.js" "Strip charts" "text/javascript; charset=utf-8" include_str!("page/charts.js");
     "/panels.js" "Faults and commands" "text/javascript; charset=utf-8" include_str!("page/panels.js");
     "/wire.js" "Frames taken apart" "text/javascript; charset=utf-8" include_str!("page/wire.js");
