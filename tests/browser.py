@@ -70,6 +70,8 @@ class Browser:
         return True
 
     def show(self, width, height, scheme):
+        """The size of the screen, and whether the person at it likes it dark."""
+        self.shown = width, height, scheme
         self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=width < 600)
         self.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
 
@@ -93,11 +95,13 @@ class Browser:
                       **(text if kind == "keyDown" else {}))
 
     def screenshot(self, path):
-        """The whole page, however long."""
+        """The whole page, however long, on a screen as long as it is."""
         size = self.call("Page.getLayoutMetrics")["cssContentSize"]
-        clip = {"x": 0, "y": 0, "width": size["width"], "height": size["height"], "scale": 1}
-        data = self.call("Page.captureScreenshot", captureBeyondViewport=True, clip=clip)["data"]
-        Path(path).write_bytes(base64.b64decode(data))
+        shown = self.shown
+        self.show(shown[0], int(size["height"]), shown[2])
+        time.sleep(0.7)
+        Path(path).write_bytes(base64.b64decode(self.call("Page.captureScreenshot")["data"]))
+        self.show(*shown)
 
     def __enter__(self):
         return self

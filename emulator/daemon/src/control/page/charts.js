@@ -56,7 +56,7 @@ export function charts(gyros) {
         y: { range: (_, low, high) => around(low, high, view.least) },
       },
       axes: [
-        { ...axis, show: isLast, size: 22, values: (_, splits) => splits.map((t) => (t < 0 ? "" : clock(t, 0))) },
+        { ...axis, size: isLast ? 22 : 0, values: (_, splits) => splits.map((t) => (t < 0 || !isLast ? "" : clock(t, 0))) },
         { ...axis, size: 58, space: 24, values: (_, splits) => splits.map((value) => String(+value.toPrecision(6)).replace("-", "−")) },
       ],
       series: [{}, { stroke: () => colour("--first"), width: 1.5, points: { show: false }, spanGaps: false }],

@@ -28,6 +28,10 @@ export function readings(list) {
   };
 }
 
+/** A name that may be broken where its words end. */
+export const breakable = (name) =>
+  name.split(/(?<=[._-])(?=\p{L})/u).flatMap((word, index) => (index ? [element("wbr"), word] : [word]));
+
 /** On-board time as h:mm:ss.s. */
 export function clock(seconds, decimals = 1) {
   const hours = Math.floor(seconds / 3600), minutes = Math.floor(seconds / 60) % 60;

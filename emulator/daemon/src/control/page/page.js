@@ -1,7 +1,7 @@
 // The bench page: follows the unit's events, and says so when they stop.
 
 import { charts } from "./charts.js";
-import { ask, at, clock, element, fixed, path, readings } from "./dom.js";
+import { ask, at, breakable, clock, element, fixed, path, readings } from "./dom.js";
 import { commander, faultList, injector } from "./panels.js";
 import { wire } from "./wire.js";
 
@@ -71,7 +71,7 @@ function take(lines) {
     happened.push(line);
     const { t_s: t, kind, text } = JSON.parse(line);
     at("happenings").prepend(element("li", { className: kind },
-      element("time", {}, clock(t)), element("span", { className: "kind" }, kind), element("span", {}, text)));
+      element("time", {}, clock(t)), element("span", { className: "kind" }, kind), element("span", {}, ...breakable(text))));
   }
   while (happened.length > HAPPENINGS) {
     happened.shift();
@@ -81,7 +81,7 @@ function take(lines) {
 
 function start([catalogue, layout, status]) {
   const gyros = charts(catalogue.gyros), frames = wire(layout), flags = lamps(layout);
-  const showFaults = faultList(refresh);
+  const showFaults = faultList(catalogue, refresh);
   async function refresh() {
     showFaults(await ask("GET", "/api/faults").catch(() => []));
   }

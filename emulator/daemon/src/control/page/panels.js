@@ -1,6 +1,6 @@
 // Faults and commands: what the catalogue offers as forms, what is active as a list.
 
-import { ask, at, clock, element } from "./dom.js";
+import { ask, at, breakable, clock, element } from "./dom.js";
 
 /** A question with its error shown in `place`; nothing where it was refused. */
 async function tried(place, question) {
@@ -74,7 +74,7 @@ export function injector(catalogue, changed) {
     };
     if (kind === "p") {
       const parameter = parameters.find((known) => known.parameter === name);
-      at("what-meaning").textContent = [parameter.meaning, name].filter(Boolean).join(" · ");
+      explain(parameter.meaning, name);
       const gyro = parameter.per_gyro ? choice("gyro", "Gyro", options(parameter.gyros?.length ? parameter.gyros : gyros)) : null;
       const course = choice("course", "Course", courses.map((known) =>
         element("option", { value: known.course, title: known.meaning }, known.course)));
@@ -96,7 +96,7 @@ export function injector(catalogue, changed) {
       read = () => ({ gyro: gyro?.value, parameter: name, course: values(fields) });
     } else {
       const fault = faults.find((known) => known.fault === name);
-      at("what-meaning").textContent = [fault.meaning, name].filter(Boolean).join(" · ");
+      explain(fault.meaning, name);
       const gyro = fault.scope === "gyro" ? choice("gyro", "Gyro", options(gyros)) : null;
       const link = fault.scope === "link" ? choice("link", "Link", Object.entries(fault.links ?? {}).map(([known, reason]) =>
         element("option", { value: known, disabled: reason !== null }, reason === null ? known : `${known}: ${reason}`))) : null;
@@ -106,6 +106,8 @@ export function injector(catalogue, changed) {
     }
   }
 
+  const explain = (meaning, name) =>
+    at("what-meaning").replaceChildren(...(meaning ? [`${meaning} `] : []), element("code", {}, ...breakable(name)));
   const values = (fields) => Object.fromEntries(fields.map(([name, made]) => [name, made.read()]));
   at("what").addEventListener("change", show);
   show();
@@ -128,7 +130,9 @@ export function injector(catalogue, changed) {
 }
 
 /** The list of faults that are armed or active; gives what takes a new state in. */
-export function faultList(changed) {
+export function faultList(catalogue, changed) {
+  const titles = new Map([...catalogue.parameters.map((known) => [known.parameter, known.title]),
+    ...catalogue.faults.map((known) => [known.fault, known.title])]);
   let shown = null;
   at("clear-all").addEventListener("click", async () => {
     if (await tried("clear-error", () => ask("DELETE", "/api/faults"))) changed();
@@ -149,8 +153,8 @@ export function faultList(changed) {
         Number.isFinite(fault.until_s) ? `until ${clock(fault.until_s)}` : ""].filter(Boolean).join(", ");
       return element("li", { className: fault.state },
         element("span", { className: "lamp" }, fault.state),
-        element("span", { className: "said" }, element("b", {}, fault.what ?? fault.id),
-          element("small", {}, [fault.gyro ?? fault.link, fault.id, times].filter(Boolean).join(" · "))),
+        element("span", { className: "said" }, element("b", {}, [fault.gyro ?? fault.link, titles.get(fault.what) ?? fault.what].filter(Boolean).join(" ")),
+          element("small", {}, ...breakable(fault.what ?? ""), " ", element("span", {}, [fault.id, times].filter(Boolean).join(", ")))),
         button);
     }));
     if (!now.length) at("faults").append(element("li", { className: "none" }, "None: the unit does what its configuration says."));
