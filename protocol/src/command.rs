@@ -222,6 +222,49 @@ pub fn payload(spec: &CommandSpec, values: &[i64]) -> Vec<u8> {
     bytes
 }
 
+/// The payload of the command of this name, upper or lower case, - or _, as people write it. What the wire cannot hold
+/// cannot be sent; what only the unit refuses is left to the unit.
+///
+/// # Errors
+/// No command of that name, too few or too many arguments, or one that the wire cannot hold.
+pub fn named(name: &str, values: &[i64]) -> Result<Vec<u8>, String> {
+    let wanted = name.to_uppercase().replace('-', "_");
+    let spec = COMMANDS.iter().find(|spec| spec.name == wanted).ok_or_else(|| {
+        let names: Vec<_> = COMMANDS.iter().map(|spec| spec.name).collect();
+        format!("{name:?} is no command; expected one of {}", names.join(", "))
+    })?;
+    if values.len() != spec.arguments.len() {
+        let usage: Vec<_> =
+            spec.arguments.iter().map(|argument| format!("{} ({})", argument.name, argument.meaning)).collect();
+        return Err(format!(
+            "{}: expected {}, got {} argument{}",
+            spec.name,
+            if usage.is_empty() { "no arguments".to_owned() } else { usage.join(", ") },
+            values.len(),
+            if values.len() == 1 { "" } else { "s" }
+        ));
+    }
+    for (argument, &value) in spec.arguments.iter().zip(values) {
+        let (least, greatest) = argument.wire.limits();
+        if value < least || value > greatest {
+            let (from, to) = argument.range;
+            return Err(format!("{} {}: expected a number from {from} to {to}, got {value}", spec.name, argument.name));
+        }
+    }
+    Ok(payload(spec, values))
+}
+
+/// The payload that these hexadecimal digits say, with or without blanks: any bytes that a COMMAND can carry.
+pub fn from_hex(hex: &str) -> Option<Vec<u8>> {
+    let digits: Vec<u8> = hex
+        .chars()
+        .filter(|c| !c.is_whitespace())
+        .map(|c| c.to_digit(16).map(|digit| digit as u8))
+        .collect::<Option<_>>()?;
+    let bytes: Vec<u8> = digits.chunks(2).map(|pair| pair.iter().fold(0, |byte, digit| byte << 4 | digit)).collect();
+    (digits.len().is_multiple_of(2) && COMMAND_LENGTHS.contains(&bytes.len())).then_some(bytes)
+}
+
 /// The payload of a REPLY: 2 to 8 bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Reply {
@@ -294,6 +337,20 @@ mod tests {
         assert_eq!(choices("HEATER"), [(0, "off"), (1, "on")]);
         assert_eq!(choices("SELF_TEST"), []);
         assert_eq!(choices("GYRO_POWER"), []);
+    }
+
+    #[test]
+    fn names_and_hexadecimal_digits_are_taken_as_people_write_them() {
+        assert_eq!(named("set-mode", &[1]), Ok(vec![2, 1]));
+        assert_eq!(named("Self_Test", &[15, -100, 9]), Ok(vec![4, 15, 0xFF, 0x9C, 9]));
+        assert_eq!(named("SET_MODE", &[7]), Ok(vec![2, 7]), "the unit is to refuse it");
+        for (name, values) in [("nonsense", &[][..]), ("PING", &[1]), ("SET_MODE", &[]), ("SET_MODE", &[256])] {
+            assert!(named(name, values).is_err(), "{name} {values:?}");
+        }
+        assert_eq!(from_hex("09 0aFF"), Some(vec![9, 10, 255]));
+        for hex in ["", "1", "zz", "010203040506070809", "é1"] {
+            assert_eq!(from_hex(hex), None, "{hex}");
+        }
     }
 
     #[test]

@@ -88,6 +88,12 @@ impl Wire {
         matches!(self, Wire::I16)
     }
 
+    /// Smallest and largest number that can be sent.
+    pub const fn limits(self) -> (i64, i64) {
+        let bits = 8 * self.length() as u32;
+        if self.signed() { (-(1 << (bits - 1)), (1 << (bits - 1)) - 1) } else { (0, (1 << bits) - 1) }
+    }
+
     /// `u8`, `u16`, `i16`, `u48`, as the interface control document writes it.
     pub const fn name(self) -> &'static str {
         match self {

@@ -8,6 +8,7 @@ pub mod cadence;
 pub mod carriage;
 mod catalogue;
 mod console;
+pub mod control;
 mod desk;
 mod fault_log;
 pub mod lateness;

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::{CYCLE_MS, can_messages, limits};
+use super::{CYCLE_MS, can_messages};
 use crate::can::CanPlan;
 use crate::command::{ArgumentSpec, COMMAND_LENGTHS, COMMANDS, CommandSpec, Outcome, REPLY_LENGTHS};
 use crate::field::{FieldSpec, Wire};
@@ -36,7 +36,7 @@ impl Signal {
             bits: 8 * wire.length(),
             signed: wire.signed(),
             scale: 1.0,
-            limits: limits(wire),
+            limits: wire.limits(),
             unit: "",
             values: Vec::new(),
             comment: String::new(),

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::{can_messages, filled, limits, serial_messages};
+use super::{can_messages, filled, serial_messages};
 use crate::can::DEFAULT_BASE;
 use crate::command::{
     ArgumentSpec, COMMAND_LENGTHS, COMMAND_SERIAL, COMMANDS, CommandSpec, Outcome, REPLY_LENGTHS, REPLY_SERIAL,
@@ -150,7 +150,7 @@ fn messages() -> Text {
 /// What C says of the range of an argument; nothing where the type says it already.
 fn range_test(argument: &ArgumentSpec) -> Option<String> {
     let (low, high) = argument.range;
-    let (type_low, type_high) = limits(argument.wire);
+    let (type_low, type_high) = argument.wire.limits();
     let mut tests = Vec::new();
     if low > type_low {
         tests.push(format!("*{} < {low}", argument.name));

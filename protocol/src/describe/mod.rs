@@ -20,17 +20,10 @@ pub use header::header;
 pub use icd::icd;
 
 use crate::command::{COMMAND_CAN, COMMAND_SERIAL, REPLY_CAN, REPLY_SERIAL};
-use crate::field::Wire;
 use crate::message::{MESSAGES, Place};
 
 /// Milliseconds between cyclic messages of one kind.
 const CYCLE_MS: u32 = 500;
-
-/// Smallest and largest number that the wire type carries.
-const fn limits(wire: Wire) -> (i64, i64) {
-    let bits = 8 * wire.length() as u32;
-    if wire.signed() { (-(1 << (bits - 1)), (1 << (bits - 1)) - 1) } else { (0, (1 << bits) - 1) }
-}
 
 /// Every message that travels on CAN: identifier relative to the base, and name.
 fn can_messages() -> Vec<(u16, &'static str)> {

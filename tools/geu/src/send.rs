@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use geu_daemon::link::{CanAddress, SerialAddress};
 use geu_protocol::can::Role;
-use geu_protocol::command::{self, COMMAND_LENGTHS, COMMANDS, CommandSpec, Outcome};
+use geu_protocol::command::{self, COMMANDS, Outcome};
 use geu_protocol::serial::{Deframer, Found, Kind, frame, read_data};
 use geu_protocol::{Assembler, CanPlan, HalfSecond, Reply, can::Assembled};
 use nix::libc;
@@ -100,45 +100,15 @@ fn table() -> String {
 }
 
 fn named_payload(name: &str, values: &[String]) -> Result<Vec<u8>, Failure> {
-    let wanted = name.to_uppercase().replace('-', "_");
-    let spec = COMMANDS.iter().find(|spec| spec.name == wanted).ok_or_else(|| {
-        let names: Vec<_> = COMMANDS.iter().map(|spec| spec.name).collect();
-        Failure::input(format!("{name:?} is no command; expected one of {}", names.join(", ")))
-    })?;
-    if values.len() != spec.arguments.len() {
-        return Err(Failure::input(format!(
-            "{}: expected {}, got {} argument{}",
-            spec.name,
-            usage(spec),
-            values.len(),
-            if values.len() == 1 { "" } else { "s" }
-        )));
-    }
-    let numbers: Result<Vec<i64>, Failure> = spec
-        .arguments
+    let numbers: Result<Vec<i64>, Failure> = values
         .iter()
-        .zip(values)
-        .map(|(argument, text)| {
-            // What the wire cannot hold cannot be sent; what only the unit refuses is left to the unit.
-            let bits = 8 * argument.wire.length();
-            let (low, high) =
-                if argument.wire.signed() { (-(1 << (bits - 1)), (1 << (bits - 1)) - 1) } else { (0, (1 << bits) - 1) };
-            number(text).filter(|value| (low..=high).contains(value)).ok_or_else(|| {
-                let (from, to) = argument.range;
-                Failure::input(format!(
-                    "{} {}: expected a number from {from} to {to}, got {text}",
-                    spec.name, argument.name
-                ))
+        .map(|text| {
+            number(text).ok_or_else(|| {
+                Failure::input(format!("{name}: expected numbers, decimal or 0x…, of at most 32 bits, got {text}"))
             })
         })
         .collect();
-    Ok(command::payload(spec, &numbers?))
-}
-
-fn usage(spec: &CommandSpec) -> String {
-    let arguments: Vec<_> =
-        spec.arguments.iter().map(|argument| format!("{} ({})", argument.name, argument.meaning)).collect();
-    if arguments.is_empty() { "no arguments".to_owned() } else { arguments.join(", ") }
+    command::named(name, &numbers?).map_err(Failure::input)
 }
 
 fn number(text: &str) -> Option<i64> {
@@ -151,11 +121,7 @@ fn number(text: &str) -> Option<i64> {
 }
 
 fn raw_payload(hex: &str) -> Result<Vec<u8>, Failure> {
-    let digits: String = hex.chars().filter(|c| !c.is_whitespace()).collect();
-    let bytes: Option<Vec<u8>> = (digits.is_ascii() && digits.len().is_multiple_of(2))
-        .then(|| (0..digits.len()).step_by(2).map(|at| u8::from_str_radix(&digits[at..at + 2], 16).ok()).collect())
-        .flatten();
-    bytes.filter(|bytes| COMMAND_LENGTHS.contains(&bytes.len())).ok_or_else(|| {
+    command::from_hex(hex).ok_or_else(|| {
         Failure::input(format!("--raw: expected 1 to 8 bytes, two hexadecimal digits each, got {hex:?}"))
     })
 }
@@ -338,20 +304,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_and_numbers_are_taken_as_people_write_them() {
-        let payload = |name: &str, values: &[&str]| {
-            let values: Vec<_> = values.iter().map(|&value| value.to_owned()).collect();
-            named_payload(name, &values).ok()
-        };
-        assert_eq!(payload("set-mode", &["1"]), Some(vec![2, 1]));
-        assert_eq!(payload("Self_Test", &["0x0F", "-100", "9"]), Some(vec![4, 15, 0xFF, 0x9C, 9]));
-        assert_eq!(payload("SET_MODE", &["7"]), Some(vec![2, 7]), "the unit is to refuse it");
-        for (name, values) in [("nonsense", &[][..]), ("PING", &["1"]), ("SET_MODE", &[]), ("SET_MODE", &["256"])] {
-            assert_eq!(payload(name, values), None, "{name} {values:?}");
-        }
-        assert_eq!(raw_payload("09 0aFF").ok(), Some(vec![9, 10, 255]));
-        for hex in ["", "1", "zz", "010203040506070809", "é1"] {
-            assert!(raw_payload(hex).is_err(), "{hex}");
-        }
+    fn numbers_are_taken_as_people_write_them() {
+        assert_eq!(["0x0F", "-100", "-0X1", "7"].map(number), [Some(15), Some(-100), Some(-1), Some(7)]);
+        assert_eq!(["", "x", "--1", "0x", "5000000000"].map(number), [None; 5]);
     }
 }

@@ -1,0 +1,143 @@
+// The bench page: follows the unit's events, and says so when they stop.
+
+import { charts } from "./charts.js";
+import { ask, at, breakable, clock, element, fixed, path, readings } from "./dom.js";
+import { commander, faultList, injector } from "./panels.js";
+import { wire } from "./wire.js";
+
+/** Without a half second for so long the unit is said to be silent. */
+const SILENCE_MS = 3000;
+const AGAIN_MS = 1000;
+const HAPPENINGS = 500;
+
+const show = readings(at("readings"));
+const showLateness = readings(at("lateness"));
+const happened = [];
+let isOpen = false, heard = 0;
+
+function trouble(text) {
+  at("trouble").textContent = text;
+  at("trouble").hidden = text === "";
+}
+
+function state(name, text) {
+  at("connection").className = `pill ${name}`;
+  if (at("connection").textContent !== text) at("connection").textContent = text;
+}
+
+function lamps(layout) {
+  const bits = (name) => layout.serial.find((field) => field.name === name)?.bits ?? [];
+  const made = ["gyro_flags", "unit_flags"].flatMap((name) => bits(name).map(({ bit, name: said, meaning }) => {
+    const lamp = element("li", { title: meaning }, said.replaceAll("_", " "));
+    at("lamps").append(lamp);
+    return { name, bit, lamp };
+  }));
+  return (half) => made.forEach(({ name, bit, lamp }) => lamp.classList.toggle("on", ((half[name] >> bit) & 1) === 1));
+}
+
+function links(half) {
+  const rows = half.links.map((link) => [link.name, link.clients, link.sent, link.dropped, link.replies]);
+  const said = JSON.stringify(rows);
+  if (at("link-rows").dataset.said === said) return;
+  at("link-rows").dataset.said = said;
+  at("link-rows").replaceChildren(...rows.map((row) => element("tr", {}, ...row.map((cell, index) =>
+    element(index ? "td" : "th", index === 3 && cell > 0 ? { className: "warn" } : {}, String(cell))))));
+}
+
+function numbers(half) {
+  const unit = (value, decimals, name) => `${fixed(value, decimals)} ${name}`;
+  show("on-board time", clock(half.t_s));
+  show("sequence", String(half.sequence));
+  show("clock count", String(half.clock_count));
+  show("electronics", unit(half.electronics_c, 2, "°C"));
+  show("sensor", unit(half.sensor_c, 2, "°C"));
+  show("mode", half.cyclic === false ? "polled" : "cyclic");
+  const [x, y, z] = half.rate_arcsec_s ?? [];
+  show("true rate x, y, z", `${fixed(x, 1)}  ${fixed(y, 1)}  ${fixed(z, 1)} ″/s`);
+  show("θ, ψ", `${half.theta_deg == null ? "–" : fixed(half.theta_deg, 2)}°  ${half.psi_deg == null ? "–" : fixed(half.psi_deg, 2)}°`);
+  const { count, p50_us: p50, p99_us: p99, max_us: max } = half.lateness;
+  const time = (us) => (us >= 1000 ? unit(us / 1000, 2, "ms") : unit(us, 0, "µs"));
+  showLateness("lateness p50", count ? time(p50) : "–");
+  showLateness("p99", count ? time(p99) : "–");
+  showLateness("max", count ? time(max) : "–");
+  showLateness("late", String(half.late));
+  showLateness("missed", String(half.missed));
+}
+
+/** Adds lines to the timeline, those that are known left out. */
+function take(lines) {
+  const known = new Set(happened);
+  for (const line of lines.filter((line) => line !== "" && !known.has(line))) {
+    happened.push(line);
+    const { t_s: t, kind, text } = JSON.parse(line);
+    at("happenings").prepend(element("li", { className: kind },
+      element("time", {}, clock(t)), element("span", { className: "kind" }, kind), element("span", {}, ...breakable(text))));
+  }
+  while (happened.length > HAPPENINGS) {
+    happened.shift();
+    at("happenings").lastChild.remove();
+  }
+}
+
+function start([catalogue, layout, status]) {
+  const gyros = charts(catalogue.gyros), frames = wire(layout), flags = lamps(layout);
+  const showFaults = faultList(catalogue, refresh);
+  async function refresh() {
+    showFaults(await ask("GET", "/api/faults").catch(() => []));
+  }
+  injector(catalogue, refresh);
+  commander(catalogue.commands);
+  if (status.links) links(status);
+  at("download").href = path("/api/timeline");
+
+  function follow() {
+    const source = new EventSource(path("/api/events"));
+    source.addEventListener("open", async () => {
+      isOpen = true;
+      heard = performance.now();
+      trouble("");
+      refresh();
+      take((await ask("GET", "/api/timeline").catch(() => "")).split("\n"));
+    });
+    source.addEventListener("error", () => {
+      isOpen = false;
+      trouble("The connection to the unit is lost; trying again. What is shown is the last that was heard.");
+      // Refused rather than broken off: the browser does not try again by itself.
+      if (source.readyState === EventSource.CLOSED) setTimeout(follow, AGAIN_MS);
+    });
+    source.addEventListener("half-second", (event) => {
+      const half = JSON.parse(event.data);
+      heard = performance.now();
+      gyros.take(half);
+      frames.take(half);
+      flags(half);
+      numbers(half);
+      links(half);
+      showFaults(half.faults);
+    });
+    source.addEventListener("timeline", (event) => take([event.data]));
+  }
+  follow();
+  setInterval(() => {
+    const silence = performance.now() - heard;
+    if (!isOpen) state("lost", "reconnecting");
+    else if (silence > SILENCE_MS) state("silent", `silent for ${Math.round(silence / 1000)} s`);
+    else state("live", "live");
+  }, 250);
+}
+
+/** Until the unit answers once, there is nothing to show. */
+async function begin() {
+  let answers;
+  try {
+    answers = await Promise.all(["/api/catalogue", "/api/layout", "/api/status"].map((plain) => ask("GET", plain)));
+  } catch (error) {
+    state("lost", "not connected");
+    trouble(error.status === 401 ? "This unit wants a token: open the page as /?token=TOKEN." : `${error.message}; trying again.`);
+    if (error.status !== 401) setTimeout(begin, AGAIN_MS);
+    return;
+  }
+  trouble("");
+  start(answers);
+}
+begin();

@@ -1,0 +1,316 @@
+//! The table of routes: the router is built from it, and so is the document that describes them.
+
+use std::convert::Infallible;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::body::HttpBody;
+use axum::extract::rejection::PathRejection;
+use axum::extract::{Path, Request, State};
+use axum::handler::Handler;
+use axum::http::{Method, StatusCode, header};
+use axum::middleware::{self, Next};
+use axum::response::sse::{KeepAlive, Sse};
+use axum::response::{IntoResponse, Response, sse};
+use axum::routing::{MethodFilter, MethodRouter, on};
+use axum::{Router, body};
+use geu_protocol::command;
+use http_body_util::{BodyExt, LengthLimitError, Limited};
+use serde_json::{Map, Value};
+use tokio::sync::Semaphore;
+use tokio_stream::StreamExt;
+use tokio_stream::wrappers::BroadcastStream;
+
+use super::answer::{Answer, Refusal, json, text};
+use super::guard::Guard;
+use super::{Bench, openapi, page, words};
+
+/// Event streams at once; the other connections are for questions.
+pub(super) const STREAMS: usize = 16;
+/// Longest body, byte.
+pub(super) const BODY: usize = 64 * 1024;
+/// A client has so long to send it.
+pub(super) const BODY_WITHIN: Duration = Duration::from_secs(5);
+/// A unit that has not answered a command by then (the link's replies take 20 ms) is not running.
+const REPLY_WITHIN: Duration = Duration::from_secs(2);
+/// An event stream says so often that it lives; a client that is gone is noticed by it.
+const SIGN_OF_LIFE: Duration = Duration::from_secs(5);
+
+/// What every handler sees.
+pub(super) struct Room<B> {
+    bench: Arc<B>,
+    streams: Arc<Semaphore>,
+    openapi: String,
+}
+
+type Here<B> = State<Arc<Room<B>>>;
+
+/// One route: what it is called, takes, gives and refuses, and what answers it.
+pub(super) struct Route<S> {
+    pub method: Method,
+    pub path: &'static str,
+    pub what: &'static str,
+    /// Schema of the body.
+    pub takes: Option<&'static str>,
+    pub gives: Gives,
+    /// Beside those that any route may give.
+    pub refuses: &'static [u16],
+    handler: MethodRouter<S>,
+}
+
+/// What a route answers when all is well.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Gives {
+    /// JSON of this schema.
+    Json(u16, &'static str),
+    /// Text of this type.
+    Text(&'static str),
+}
+
+/// Every route.
+pub(super) fn table<B: Bench>() -> Vec<Route<Arc<Room<B>>>> {
+    let mut table = vec![
+        get("/api/status", "State of the run", Gives::Json(200, "Status"), status::<B>),
+        get("/api/lateness", "How late half seconds were sent", Gives::Json(200, "Lateness"), lateness::<B>),
+        get("/api/truth", "What really happened, beside what the unit tells", Gives::Json(200, "Truth"), truth::<B>),
+        get("/api/catalogue", "What can be set, injected and commanded", Gives::Json(200, "Catalogue"), catalogue::<B>),
+        get("/api/parameters", "Parameters that a fault can change", Gives::Json(200, "Parameters"), parameters::<B>),
+        get("/api/layout", "What stands where in the frames of a half second", Gives::Json(200, "Layout"), layout),
+        get("/api/faults", "Every fault: armed, active, over", Gives::Json(200, "Faults"), faults::<B>),
+        Route {
+            takes: Some("Fault"),
+            refuses: &[400, 413, 415],
+            ..route(Method::POST, "/api/faults", "Injects a fault", Gives::Json(201, "FaultState"), inject::<B>)
+        },
+        route(Method::DELETE, "/api/faults", "Ends every fault", Gives::Json(200, "Cleared"), clear_all::<B>),
+        Route {
+            refuses: &[400, 404],
+            ..route(Method::DELETE, "/api/faults/{id}", "Ends one fault", Gives::Json(200, "Cleared"), clear::<B>)
+        },
+        Route {
+            takes: Some("Command"),
+            refuses: &[400, 413, 415],
+            ..route(Method::POST, "/api/commands", "Sends the unit a command", Gives::Json(200, "Reply"), command::<B>)
+        },
+        get(
+            "/api/events",
+            "Server-sent events: half-second (schema HalfSecond) and timeline (schema Happening)",
+            Gives::Text("text/event-stream"),
+            events::<B>,
+        ),
+        get(
+            "/api/timeline",
+            "What happened so far, one Happening a line",
+            Gives::Text("application/x-ndjson"),
+            timeline::<B>,
+        ),
+        get("/api/openapi.json", "This document", Gives::Json(200, "Document"), document::<B>),
+    ];
+    for file in page::FILES {
+        let content = move || async move { text(StatusCode::OK, file.content_type, file.text) };
+        table.push(get(file.path, file.what, Gives::Text(file.content_type), content));
+    }
+    table
+}
+
+fn get<S, T, H>(path: &'static str, what: &'static str, gives: Gives, handler: H) -> Route<S>
+where
+    S: Clone + Send + Sync + 'static,
+    T: 'static,
+    H: Handler<T, S>,
+{
+    route(Method::GET, path, what, gives, handler)
+}
+
+fn route<S, T, H>(method: Method, path: &'static str, what: &'static str, gives: Gives, handler: H) -> Route<S>
+where
+    S: Clone + Send + Sync + 'static,
+    T: 'static,
+    H: Handler<T, S>,
+{
+    let filter = MethodFilter::try_from(method.clone()).expect("the methods of the table are ordinary ones");
+    Route { method, path, what, takes: None, gives, refuses: &[], handler: on(filter, handler) }
+}
+
+/// The router of the table, behind the guard.
+pub(super) fn router<B: Bench>(bench: Arc<B>, guard: Guard) -> Router {
+    let table = table::<B>();
+    let streams = Arc::new(Semaphore::new(STREAMS));
+    let room = Arc::new(Room { bench, streams, openapi: openapi::document(&table).to_string() });
+    let mut router = Router::new();
+    for route in table {
+        router = router.route(route.path, route.handler);
+    }
+    router
+        .fallback(no_such_path)
+        .method_not_allowed_fallback(no_such_method)
+        .layer(middleware::from_fn(move |request, next| watch(guard.clone(), request, next)))
+        .with_state(room)
+}
+
+/// The guard before every answer, and what a browser is told to allow after it.
+async fn watch(guard: Guard, request: Request, next: Next) -> Response {
+    let mut response = match guard.check(&request) {
+        Ok(()) => next.run(request).await,
+        Err(refusal) => refusal.into_response(),
+    };
+    let headers = response.headers_mut();
+    headers.insert(header::CONTENT_SECURITY_POLICY, header::HeaderValue::from_static(page::POLICY));
+    headers.insert(header::CACHE_CONTROL, header::HeaderValue::from_static("no-store"));
+    headers.insert(header::REFERRER_POLICY, header::HeaderValue::from_static("no-referrer"));
+    headers.insert(header::X_CONTENT_TYPE_OPTIONS, header::HeaderValue::from_static("nosniff"));
+    headers.insert("cross-origin-resource-policy", header::HeaderValue::from_static("same-origin"));
+    response
+}
+
+async fn no_such_path(request: Request) -> Refusal {
+    let path = request.uri().path();
+    Refusal(StatusCode::NOT_FOUND, format!("{path}: no such path; expected one of those in /api/openapi.json"))
+}
+
+async fn no_such_method(request: Request) -> Refusal {
+    let (method, path) = (request.method(), request.uri().path());
+    let message = format!("{path}: expected a method that /api/openapi.json tells for it, got {method}");
+    Refusal(StatusCode::METHOD_NOT_ALLOWED, message)
+}
+
+async fn status<B: Bench>(State(room): Here<B>) -> Response {
+    json(StatusCode::OK, &room.bench.status())
+}
+
+async fn lateness<B: Bench>(State(room): Here<B>) -> Response {
+    json(StatusCode::OK, &room.bench.status()["lateness"])
+}
+
+async fn truth<B: Bench>(State(room): Here<B>) -> Response {
+    json(StatusCode::OK, &room.bench.status()["truth"])
+}
+
+async fn catalogue<B: Bench>(State(room): Here<B>) -> Response {
+    json(StatusCode::OK, &room.bench.catalogue())
+}
+
+async fn parameters<B: Bench>(State(room): Here<B>) -> Response {
+    json(StatusCode::OK, &room.bench.catalogue()["parameters"])
+}
+
+async fn layout() -> Response {
+    json(StatusCode::OK, &words::layout())
+}
+
+async fn faults<B: Bench>(State(room): Here<B>) -> Response {
+    json(StatusCode::OK, &room.bench.faults())
+}
+
+async fn inject<B: Bench>(State(room): Here<B>, request: Request) -> Answer {
+    let fault = object(request).await?;
+    let injected = room.bench.inject(&fault).map_err(bad)?;
+    Ok(json(StatusCode::CREATED, &injected))
+}
+
+async fn clear<B: Bench>(State(room): Here<B>, id: Result<Path<String>, PathRejection>) -> Answer {
+    let Path(id) = id.map_err(|rejection| bad(rejection.body_text()))?;
+    let cleared = room.bench.clear(&id).map_err(|message| Refusal(StatusCode::NOT_FOUND, message))?;
+    Ok(json(StatusCode::OK, &cleared))
+}
+
+async fn clear_all<B: Bench>(State(room): Here<B>) -> Response {
+    json(StatusCode::OK, &room.bench.clear_all())
+}
+
+async fn command<B: Bench>(State(room): Here<B>, request: Request) -> Answer {
+    let payload = payload(&object(request).await?).map_err(bad)?;
+    let reply = tokio::time::timeout(REPLY_WITHIN, room.bench.command(payload)).await.map_err(|_| {
+        let message = format!("the unit has not answered within {} s; is it running?", REPLY_WITHIN.as_secs());
+        Refusal(StatusCode::SERVICE_UNAVAILABLE, message)
+    })?;
+    Ok(json(StatusCode::OK, &reply))
+}
+
+async fn events<B: Bench>(State(room): Here<B>) -> Answer {
+    let place = room.streams.clone().try_acquire_owned().map_err(|_| {
+        let message = format!("expected at most {STREAMS} event streams at once, got more; try again later");
+        Refusal(StatusCode::SERVICE_UNAVAILABLE, message)
+    })?;
+    // Who falls behind is let go, and comes again for the present.
+    let events = BroadcastStream::new(room.bench.subscribe()).map_while(Result::ok).map(move |event| {
+        let _held = &place;
+        Ok::<_, Infallible>(sse::Event::default().event(event.name).data(event.data))
+    });
+    Ok(Sse::new(events).keep_alive(KeepAlive::new().interval(SIGN_OF_LIFE)).into_response())
+}
+
+async fn timeline<B: Bench>(State(room): Here<B>) -> Response {
+    let lines = room.bench.timeline();
+    let mut all = String::with_capacity(lines.iter().map(|line| line.len() + 1).sum());
+    for line in &lines {
+        all.push_str(line);
+        all.push('\n');
+    }
+    let mut response = text(StatusCode::OK, "application/x-ndjson", all);
+    let saved_as = header::HeaderValue::from_static("attachment; filename=\"timeline.jsonl\"");
+    response.headers_mut().insert(header::CONTENT_DISPOSITION, saved_as);
+    response
+}
+
+async fn document<B: Bench>(State(room): Here<B>) -> Response {
+    text(StatusCode::OK, "application/json", room.openapi.clone())
+}
+
+fn bad(message: String) -> Refusal {
+    Refusal(StatusCode::BAD_REQUEST, message)
+}
+
+/// The JSON object of a body.
+async fn object(request: Request) -> Result<Map<String, Value>, Refusal> {
+    let too_long = || Refusal(StatusCode::PAYLOAD_TOO_LARGE, format!("body: expected at most {BODY} bytes, got more"));
+    let body: body::Body = request.into_body();
+    if body.size_hint().lower() > BODY as u64 {
+        return Err(too_long());
+    }
+    let read = tokio::time::timeout(BODY_WITHIN, Limited::new(body, BODY).collect()).await.map_err(|_| {
+        let message = format!("body: expected all of it within {} s, got a part", BODY_WITHIN.as_secs());
+        Refusal(StatusCode::REQUEST_TIMEOUT, message)
+    })?;
+    let bytes = read.map_err(|error| match error.downcast::<LengthLimitError>() {
+        Ok(_) => too_long(),
+        Err(error) => bad(format!("body: {error}")),
+    })?;
+    match serde_json::from_slice(&bytes.to_bytes()) {
+        Ok(Value::Object(object)) => Ok(object),
+        Ok(other) => Err(bad(format!("body: expected a JSON object, got {}", kind(&other)))),
+        Err(error) => Err(bad(format!("body: expected a JSON object: {error}"))),
+    }
+}
+
+fn kind(value: &Value) -> &'static str {
+    match value {
+        Value::Null => "null",
+        Value::Bool(_) => "a truth value",
+        Value::Number(_) => "a number",
+        Value::String(_) => "a text",
+        Value::Array(_) => "a list",
+        Value::Object(_) => "an object",
+    }
+}
+
+/// The payload of a COMMAND: `{"name": …, "arguments": […]}` or `{"bytes": …}`.
+pub(super) fn payload(command: &Map<String, Value>) -> Result<Vec<u8>, String> {
+    if let Some(other) = command.keys().find(|key| !["name", "arguments", "bytes"].contains(&key.as_str())) {
+        return Err(format!("{other:?}: expected name and arguments, or bytes"));
+    }
+    let arguments = match command.get("arguments") {
+        None => Vec::new(),
+        Some(Value::Array(values)) => values
+            .iter()
+            .map(|value| value.as_i64().ok_or_else(|| format!("arguments: expected whole numbers, got {value}")))
+            .collect::<Result<_, _>>()?,
+        Some(other) => return Err(format!("arguments: expected a list of whole numbers, got {}", kind(other))),
+    };
+    match (command.get("name"), command.get("bytes")) {
+        (Some(Value::String(name)), None) => command::named(name, &arguments),
+        (None, Some(Value::String(hex))) if arguments.is_empty() => command::from_hex(hex)
+            .ok_or_else(|| format!("bytes: expected 1 to 8 bytes, two hexadecimal digits each, got {hex:?}")),
+        _ => Err("expected the name of a command and its arguments, or bytes without arguments".to_owned()),
+    }
+}

@@ -1,0 +1,523 @@
+//! The control interface from outside, byte by byte over TCP, before a bench that holds still.
+
+use std::collections::BTreeSet;
+use std::io::{Read, Write};
+use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::sync::Mutex;
+use std::time::{Duration, Instant};
+
+use geu_protocol::{Outcome, Reply};
+use serde_json::json;
+
+use super::server::{CONNECTIONS, HEADERS_WITHIN, READS_WITHIN};
+use super::*;
+
+struct FakeBench {
+    faults: Mutex<Vec<String>>,
+    events: broadcast::Sender<Event>,
+}
+
+impl Bench for FakeBench {
+    fn status(&self) -> Value {
+        json!({ "t_s": 1.5, "lateness": { "count": 3 }, "truth": { "theta_deg": 90.0 } })
+    }
+
+    fn catalogue(&self) -> Value {
+        json!({ "parameters": [{ "parameter": "drift.arcsec_per_h" }], "commands": commands() })
+    }
+
+    fn faults(&self) -> Value {
+        json!(*self.faults.lock().unwrap())
+    }
+
+    fn inject(&self, fault: &Map<String, Value>) -> Result<Value, String> {
+        let id = fault.get("id").and_then(Value::as_str).ok_or("id: expected a name, got none")?;
+        self.faults.lock().unwrap().push(id.to_owned());
+        Ok(json!({ "id": id }))
+    }
+
+    fn clear(&self, id: &str) -> Result<Value, String> {
+        let mut faults = self.faults.lock().unwrap();
+        let at = faults.iter().position(|known| known == id).ok_or_else(|| format!("{id}: no such fault"))?;
+        Ok(json!({ "id": faults.remove(at) }))
+    }
+
+    fn clear_all(&self) -> Value {
+        json!({ "cleared": self.faults.lock().unwrap().drain(..).count() })
+    }
+
+    async fn command(&self, payload: Vec<u8>) -> Value {
+        if payload == [5] {
+            std::future::pending::<()>().await;
+        }
+        reply(&Reply::new(payload[0], Outcome::Done, &[1, 0]), None)
+    }
+
+    fn timeline(&self) -> Vec<Arc<str>> {
+        vec!["{\"t_s\":1}".into(), "{\"t_s\":2}".into()]
+    }
+
+    fn subscribe(&self) -> broadcast::Receiver<Event> {
+        self.events.subscribe()
+    }
+}
+
+/// A served bench; ends with the test.
+struct Served {
+    bench: Arc<FakeBench>,
+    address: SocketAddr,
+    _server: Server,
+}
+
+fn served(token: Option<&str>) -> Served {
+    let door = Door::open("127.0.0.1:0", false, token.map(str::to_owned)).unwrap();
+    let bench = Arc::new(FakeBench { faults: Mutex::default(), events: broadcast::channel(64).0 });
+    let address = door.address();
+    Served { _server: door.serve(bench.clone()).unwrap(), bench, address }
+}
+
+/// What came back.
+#[derive(Debug)]
+struct Got {
+    status: u16,
+    head: String,
+    body: String,
+}
+
+impl Got {
+    fn json(&self) -> Value {
+        assert!(self.head.contains("content-type: application/json"), "{self:?}");
+        serde_json::from_str(&self.body).unwrap()
+    }
+
+    /// The status of a refusal, whose body says why in JSON.
+    fn refused(&self) -> u16 {
+        assert!(self.json()["error"].as_str().is_some_and(|error| error.len() > 10), "{self:?}");
+        self.status
+    }
+}
+
+impl Served {
+    fn connect(&self) -> TcpStream {
+        let stream = TcpStream::connect(self.address).unwrap();
+        stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+        stream
+    }
+
+    /// Sends these bytes and reads to the end of the connection.
+    fn raw(&self, bytes: &[u8]) -> Got {
+        let mut stream = self.connect();
+        // The server may refuse and close before it has all.
+        let _ = stream.write_all(bytes);
+        rest(&mut stream)
+    }
+
+    fn ask(&self, method: &str, path: &str, headers: &[(&str, &str)], body: &str) -> Got {
+        let mut head = format!("{method} {path} HTTP/1.1\r\nconnection: close\r\n");
+        if !headers.iter().any(|(name, _)| *name == "host") {
+            head += &format!("host: {}\r\n", self.address);
+        }
+        if !body.is_empty() {
+            head += &format!("content-length: {}\r\n", body.len());
+        }
+        for (name, value) in headers {
+            head += &format!("{name}: {value}\r\n");
+        }
+        self.raw(format!("{head}\r\n{body}").as_bytes())
+    }
+
+    fn get(&self, path: &str) -> Got {
+        self.ask("GET", path, &[], "")
+    }
+
+    fn post(&self, path: &str, body: &str) -> Got {
+        self.ask("POST", path, &[("content-type", "application/json")], body)
+    }
+
+    /// An event stream, its head read.
+    fn events(&self) -> (TcpStream, String) {
+        let mut stream = self.connect();
+        write!(stream, "GET /api/events HTTP/1.1\r\nhost: {}\r\n\r\n", self.address).unwrap();
+        let mut head = String::new();
+        let mut byte = [0];
+        while !head.ends_with("\r\n\r\n") && stream.read(&mut byte).unwrap() > 0 {
+            head.push(byte[0] as char);
+        }
+        (stream, head)
+    }
+
+    fn tell(&self, data: &str) {
+        let _ = self.bench.events.send(Event { name: "half-second", data: data.into() });
+    }
+}
+
+fn rest(stream: &mut TcpStream) -> Got {
+    let mut bytes = Vec::new();
+    let _ = stream.read_to_end(&mut bytes);
+    let text = String::from_utf8_lossy(&bytes);
+    let (head, body) = text.split_once("\r\n\r\n").unwrap_or((&text, ""));
+    let status = head.get(9..12).and_then(|status| status.parse().ok()).unwrap_or(0);
+    Got { status, head: head.to_lowercase(), body: body.to_owned() }
+}
+
+#[test]
+fn every_question_is_answered() {
+    let served = served(None);
+    assert_eq!(served.get("/api/status").json()["t_s"], 1.5);
+    assert_eq!(served.get("/api/lateness").json(), json!({ "count": 3 }));
+    assert_eq!(served.get("/api/truth").json(), json!({ "theta_deg": 90.0 }));
+    assert_eq!(served.get("/api/parameters").json(), json!([{ "parameter": "drift.arcsec_per_h" }]));
+    assert_eq!(served.get("/api/catalogue").json()["commands"][0]["name"], "PING");
+    let timeline = served.get("/api/timeline");
+    assert_eq!(timeline.body, "{\"t_s\":1}\n{\"t_s\":2}\n");
+    assert!(timeline.head.contains("content-disposition: attachment; filename=\"timeline.jsonl\""), "{timeline:?}");
+    assert!(timeline.head.contains("content-type: application/x-ndjson"), "{timeline:?}");
+    for file in page::FILES {
+        let got = served.get(file.path);
+        assert_eq!((got.status, got.body.as_str()), (200, file.text), "{}", file.path);
+        assert!(got.head.contains("content-security-policy: default-src 'none'; script-src 'self';"), "{got:?}");
+    }
+    assert_eq!(served.ask("HEAD", "/api/status", &[], "").status, 200);
+}
+
+#[test]
+fn faults_are_injected_and_cleared() {
+    let served = served(None);
+    let injected = served.post("/api/faults", r#"{"id": "a/b ü"}"#);
+    assert_eq!((injected.status, injected.json()), (201, json!({ "id": "a/b ü" })));
+    assert_eq!(served.post("/api/faults", r#"{"id": "second"}"#).status, 201);
+    assert_eq!(served.get("/api/faults").json(), json!(["a/b ü", "second"]));
+    assert_eq!(served.ask("DELETE", "/api/faults/a%2Fb%20%C3%BC", &[], "").json()["id"], "a/b ü");
+    assert_eq!(served.ask("DELETE", "/api/faults/second%20", &[], "").refused(), 404);
+    assert_eq!(served.ask("DELETE", "/api/faults/%FF", &[], "").refused(), 400);
+    assert_eq!(served.ask("DELETE", "/api/faults", &[], "").json(), json!({ "cleared": 1 }));
+    let refused = served.post("/api/faults", "{}");
+    assert_eq!((refused.refused(), refused.json()["error"].as_str()), (400, Some("id: expected a name, got none")));
+}
+
+#[test]
+fn commands_are_sent_by_name_or_as_bytes() {
+    let served = served(None);
+    for body in [r#"{"name": "set-mode", "arguments": [1]}"#, r#"{"bytes": "02 01"}"#] {
+        let got = served.post("/api/commands", body);
+        assert_eq!(
+            (got.status, &got.json()["name"], &got.json()["outcome"]),
+            (200, &json!("SET_MODE"), &json!("done"))
+        );
+    }
+    let ping = served.post("/api/commands", r#"{"name": "PING"}"#).json();
+    assert_eq!((&ping["values"], &ping["bytes"]), (&json!({ "major": 1, "minor": 0 }), &json!("01000100")));
+    for wrong in [
+        r#"{}"#,
+        r#"{"name": "NONSENSE"}"#,
+        r#"{"name": "SET_MODE"}"#,
+        r#"{"name": "SET_MODE", "arguments": [256]}"#,
+        r#"{"name": "SET_MODE", "arguments": ["1"]}"#,
+        r#"{"name": "SET_MODE", "arguments": 1}"#,
+        r#"{"name": "PING", "bytes": "01"}"#,
+        r#"{"bytes": "1"}"#,
+        r#"{"bytes": "01", "arguments": [1]}"#,
+        r#"{"name": "PING", "twice": true}"#,
+        r#"{"name": 7}"#,
+    ] {
+        assert_eq!(served.post("/api/commands", wrong).refused(), 400, "{wrong}");
+    }
+    assert_eq!(served.post("/api/commands", r#"{"name": "RESET_SEQUENCE"}"#).refused(), 503, "it never answers");
+}
+
+#[test]
+fn what_is_not_understood_is_refused_in_json() {
+    let served = served(None);
+    assert_eq!(served.get("/api/nothing").refused(), 404);
+    assert_eq!(served.get("/../etc/passwd").refused(), 404);
+    assert_eq!(served.post("/api/status", "{}").refused(), 405);
+    assert_eq!(served.ask("OPTIONS", "/api/faults", &[], "").refused(), 405);
+    for body in ["", "nonsense", "[1]", "{\"a\":", &"[".repeat(5000), "\u{0}"] {
+        assert_eq!(served.post("/api/faults", body).refused(), 400, "{body:.20}");
+    }
+    for wrong in ["text/plain", "application/x-www-form-urlencoded", "application/jsonp"] {
+        assert_eq!(served.ask("POST", "/api/faults", &[("content-type", wrong)], "{}").refused(), 415);
+    }
+    assert_eq!(served.ask("POST", "/api/faults", &[], "{}").refused(), 415);
+    assert_eq!(served.ask("DELETE", "/api/faults", &[], "x").refused(), 415);
+    let with_charset = [("content-type", "Application/JSON; charset=utf-8")];
+    assert_eq!(served.ask("POST", "/api/faults", &with_charset, r#"{"id": "a"}"#).status, 201);
+}
+
+#[test]
+fn a_body_has_a_greatest_length() {
+    let served = served(None);
+    let longest = format!(r#"{{"id": "{}"}}"#, "x".repeat(routes::BODY - 10));
+    assert_eq!(longest.len(), routes::BODY);
+    assert_eq!(served.post("/api/faults", &longest).status, 201);
+    assert_eq!(served.post("/api/faults", &format!("{longest} ")).refused(), 413);
+    let head = format!("POST /api/faults HTTP/1.1\r\nhost: {}\r\ncontent-type: application/json\r\n", served.address);
+    let promised = format!("{head}connection: close\r\ncontent-length: 99999999999\r\n\r\n");
+    assert_eq!(served.raw(promised.as_bytes()).refused(), 413);
+    let chunk = format!("1000\r\n{}\r\n", " ".repeat(4096));
+    let chunked = format!("{head}connection: close\r\ntransfer-encoding: chunked\r\n\r\n{}0\r\n\r\n", chunk.repeat(17));
+    assert_eq!(served.raw(chunked.as_bytes()).refused(), 413);
+    let start = Instant::now();
+    let broken_off = format!("{head}connection: close\r\ncontent-length: 10\r\n\r\n{{");
+    assert_eq!(served.raw(broken_off.as_bytes()).refused(), 408);
+    assert!(start.elapsed() < 2 * routes::BODY_WITHIN);
+}
+
+#[test]
+fn pages_of_other_sites_are_refused() {
+    let served = served(None);
+    let own = format!("http://{}", served.address);
+    assert_eq!(served.ask("GET", "/api/status", &[("origin", &own)], "").status, 200);
+    for origin in ["http://evil.example", "null", "https://127.0.0.1:8470", "http://127.0.0.1:1", "http://localhost"] {
+        for (method, path) in [("GET", "/api/status"), ("GET", "/"), ("DELETE", "/api/faults")] {
+            assert_eq!(served.ask(method, path, &[("origin", origin)], "").refused(), 403, "{origin} {path}");
+        }
+    }
+    assert_eq!(served.ask("GET", "/api/events", &[("sec-fetch-site", "cross-site")], "").refused(), 403);
+    assert_eq!(served.ask("GET", "/", &[("sec-fetch-site", "cross-site")], "").status, 200, "a link may lead here");
+}
+
+#[test]
+fn names_that_others_made_to_lead_here_are_refused() {
+    let served = served(None);
+    let port = served.address.port();
+    for host in ["localhost", "LOCALHOST", "127.0.0.1", "127.0.0.2", "[::1]"] {
+        assert_eq!(served.ask("GET", "/api/status", &[("host", &format!("{host}:{port}"))], "").status, 200, "{host}");
+    }
+    assert_eq!(served.ask("GET", "/", &[("host", "127.0.0.1:9000")], "").status, 200, "through a tunnel");
+    let evil = [
+        "evil.example",
+        "127.0.0.1.evil.example",
+        "localhost.evil.example",
+        "192.0.2.1",
+        "evil@localhost",
+        "a b",
+        "",
+        "0",
+        "localhost:x",
+        "[::1",
+        "2130706433",
+    ];
+    for host in evil {
+        let refused = served.ask("GET", "/api/status", &[("host", host)], "");
+        assert!([400, 403].contains(&refused.status), "{host}: {refused:?}");
+    }
+    assert_eq!(served.ask("GET", "/api/status", &[("host", "localhost"), ("host", "localhost")], "").refused(), 400);
+    assert_eq!(served.raw(b"GET /api/status HTTP/1.0\r\n\r\n").refused(), 400);
+    let absolute = format!("http://evil.example:{port}/api/status");
+    assert_eq!(served.ask("GET", &absolute, &[], "").refused(), 403);
+}
+
+#[test]
+fn without_the_token_nothing_is_told_or_done() {
+    let served = served(Some("s3cret"));
+    assert_eq!(served.get("/").status, 200, "the page holds no secret");
+    for (path, headers) in [
+        ("/api/status", &[][..]),
+        ("/api/status?token=", &[]),
+        ("/api/status?token=s3cre", &[]),
+        ("/api/status?token=s3crets", &[]),
+        ("/api/nothing", &[]),
+        ("/api/status", &[("authorization", "Bearer wrong")]),
+        ("/api/status", &[("authorization", "Basic s3cret")]),
+        ("/api/events", &[]),
+    ] {
+        assert_eq!(served.ask("GET", path, headers, "").refused(), 401, "{path} {headers:?}");
+    }
+    assert_eq!(served.ask("DELETE", "/api/faults", &[], "").refused(), 401);
+    assert_eq!(served.get("/api/status?token=s3cret").status, 200);
+    assert_eq!(served.ask("GET", "/api/status", &[("authorization", "Bearer s3cret")], "").status, 200);
+}
+
+#[test]
+fn other_machines_need_a_token_to_reach_and_a_taken_port_is_stepped_over_only_where_none_was_asked_for() {
+    for address in ["0.0.0.0:0", "[::]:0"] {
+        for token in [None, Some(String::new())] {
+            let error = Door::open(address, false, token).unwrap_err().to_string();
+            assert!(error.contains("expected a token"), "{error}");
+        }
+    }
+    let door = Door::open("0.0.0.0:0", false, Some("s3cret".to_owned())).unwrap();
+    assert!(door.address().ip().is_unspecified());
+    for address in ["nonsense", "127.0.0.1", "127.0.0.1:70000", "192.0.2.1:0"] {
+        let error = Door::open(address, true, Some("s3cret".to_owned())).unwrap_err().to_string();
+        assert!(error.starts_with(&format!("--control {address}: ")), "{error}");
+    }
+    // Somewhere a port is taken, and one of the next hundred is not.
+    let taken = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = taken.local_addr().unwrap();
+    assert!(Door::open(&address.to_string(), false, None).unwrap_err().to_string().contains("free"));
+    if address.port() < u16::MAX - 100 {
+        let next = Door::open(&address.to_string(), true, None).unwrap().address();
+        assert!(next.port() > address.port() && next.port() < address.port() + 100, "{next}");
+    }
+}
+
+#[test]
+fn events_reach_all_who_listen() {
+    let served = served(None);
+    let mut streams: Vec<_> = (0..3).map(|_| served.events()).collect();
+    served.tell("{\"half_second\":1}");
+    let told = b"event: half-second\ndata: {\"half_second\":1}\n\n";
+    for (stream, head) in &mut streams {
+        assert!(head.contains("200 OK") && head.contains("text/event-stream"), "{head}");
+        let mut seen = Vec::new();
+        while !seen.windows(told.len()).any(|window| window == told) {
+            let mut piece = [0; 256];
+            let length = stream.read(&mut piece).unwrap();
+            assert!(length > 0, "{}", String::from_utf8_lossy(&seen));
+            seen.extend_from_slice(&piece[..length]);
+        }
+    }
+}
+
+#[test]
+fn streams_and_connections_have_a_greatest_number_and_places_become_free() {
+    let served = served(None);
+    let mut streams: Vec<_> = (0..routes::STREAMS).map(|_| served.events()).collect();
+    assert!(streams.iter().all(|(_, head)| head.contains("200 OK")));
+    assert_eq!(served.get("/api/events").refused(), 503);
+    let idle: Vec<_> = (0..CONNECTIONS - routes::STREAMS).map(|_| served.connect()).collect();
+    assert_eq!(served.get("/api/status").refused(), 503);
+    drop(idle);
+    streams.pop();
+    let start = Instant::now();
+    while served.get("/api/status").status != 200 || !served.events().1.contains("200 OK") {
+        assert!(start.elapsed() < Duration::from_secs(5), "no place becomes free");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+#[test]
+fn who_dawdles_or_idles_is_hung_up_on() {
+    let served = served(None);
+    let start = Instant::now();
+    let mut dawdler = served.connect();
+    let mut idler = served.connect();
+    write!(idler, "GET /api/status HTTP/1.1\r\nhost: {}\r\n\r\n", served.address).unwrap();
+    dawdler.write_all(b"GET /api/status HTTP/1.1\r\n").unwrap();
+    // A byte now and then does not help.
+    while start.elapsed() < HEADERS_WITHIN - Duration::from_secs(1) {
+        dawdler.write_all(b"x").unwrap();
+        std::thread::sleep(Duration::from_millis(200));
+    }
+    assert_ne!(rest(&mut dawdler).status, 200);
+    assert_eq!(rest(&mut idler).status, 200);
+    assert!(start.elapsed() < HEADERS_WITHIN + Duration::from_secs(3), "{:?}", start.elapsed());
+}
+
+#[test]
+fn a_listener_that_does_not_read_is_dropped_and_others_are_served_meanwhile() {
+    let served = served(None);
+    let (_stalled, _) = served.events();
+    let (start, much) = (Instant::now(), format!("\"{}\"", "x".repeat(50_000)));
+    let mut longest = Duration::ZERO;
+    while served.bench.events.receiver_count() > 0 {
+        served.tell(&much);
+        let asked = Instant::now();
+        assert_eq!(served.get("/api/status").status, 200);
+        longest = longest.max(asked.elapsed());
+        assert!(start.elapsed() < READS_WITHIN + Duration::from_secs(10), "still listening");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    assert!(longest < Duration::from_secs(1), "{longest:?}");
+}
+
+#[test]
+fn garbage_does_no_harm() {
+    let served = served(None);
+    let long = format!("GET /{} HTTP/1.1\r\nhost: localhost\r\n\r\n", "x".repeat(70_000));
+    let many: String = (0..2000).map(|n| format!("h{n}: x\r\n")).collect();
+    let many = format!("GET / HTTP/1.1\r\nhost: localhost\r\n{many}\r\n");
+    let pieces: [&[u8]; 8] = [
+        b"\r\n\r\n\r\n",
+        b"nonsense\r\n\r\n",
+        b"\xEB\x90\x01\x16\x00\x00\xFF\xFE\r\n\r\n",
+        b"GET / HTTP/9.9\r\n\r\n",
+        b"POST /api/faults HTTP/1.1\r\nhost: localhost\r\ncontent-type: application/json\r\ntransfer-encoding: chunked\r\n\r\nZZ\r\n",
+        b"POST /api/faults HTTP/1.1\r\nhost: localhost\r\ncontent-length: -1\r\n\r\n",
+        long.as_bytes(),
+        many.as_bytes(),
+    ];
+    for piece in pieces {
+        let mut stream = served.connect();
+        let _ = stream.write_all(piece);
+        let _ = stream.shutdown(std::net::Shutdown::Write);
+        let got = rest(&mut stream);
+        assert_ne!(got.status, 200, "{got:?}");
+        assert!(!got.body.contains('<'), "{got:?}");
+    }
+    let mut state = 1u32;
+    for _ in 0..200 {
+        let noise: Vec<u8> = (0..300)
+            .map(|_| {
+                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                (state >> 24) as u8
+            })
+            .collect();
+        let mut stream = served.connect();
+        let _ = stream.write_all(&noise);
+    }
+    let start = Instant::now();
+    while served.get("/api/status").status != 200 {
+        assert!(start.elapsed() < Duration::from_secs(10));
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+#[test]
+fn every_route_stands_in_the_document_and_every_reference_leads_somewhere() {
+    let served = served(None);
+    let document = served.get("/api/openapi.json").json();
+    assert_eq!(document["openapi"], "3.1.0");
+    let mut names = BTreeSet::new();
+    let table = routes::table::<FakeBench>();
+    for route in &table {
+        let method = route.method.as_str().to_lowercase();
+        let operation = &document["paths"][route.path][&method];
+        assert!(operation["responses"].is_object(), "{method} {}", route.path);
+        assert!(names.insert(operation["operationId"].as_str().unwrap().to_owned()), "{operation}");
+        // The router has it too.
+        let got = match route.path {
+            "/api/events" => served.events().1.contains("200 OK").into(),
+            path => served.ask(route.method.as_str(), &path.replace("{id}", "none"), &[], "").status,
+        };
+        assert!(![0, 405].contains(&got) && (got != 404 || route.path.contains('{')), "{method} {}: {got}", route.path);
+    }
+    let operations: usize =
+        document["paths"].as_object().unwrap().values().map(|path| path.as_object().unwrap().len()).sum();
+    assert_eq!(operations, table.len());
+    let mut references = Vec::new();
+    gather(&document, &mut references);
+    assert!(references.len() > 40);
+    for reference in references {
+        let pointer = reference.strip_prefix('#').unwrap();
+        assert!(document.pointer(pointer).is_some(), "{reference} leads nowhere");
+    }
+}
+
+fn gather(value: &Value, references: &mut Vec<String>) {
+    match value {
+        Value::Object(object) => {
+            references.extend(object.get("$ref").and_then(Value::as_str).map(str::to_owned));
+            object.values().for_each(|value| gather(value, references));
+        }
+        Value::Array(values) => values.iter().for_each(|value| gather(value, references)),
+        _ => {}
+    }
+}
+
+#[test]
+fn the_layout_covers_the_frames_without_gaps() {
+    let layout = served(None).get("/api/layout").json();
+    let serial = std::iter::once((&layout["serial"], geu_protocol::serial::MAX_FRAME as u64));
+    let can = layout["can"].as_array().unwrap();
+    assert_eq!(can.len(), 3);
+    for (fields, length) in serial.chain(can.iter().map(|message| (&message["fields"], 8))) {
+        let end = fields.as_array().unwrap().iter().fold(0, |at, field| {
+            assert_eq!(field["at"], at, "{field}");
+            at + field["length"].as_u64().unwrap()
+        });
+        assert_eq!(end, length);
+    }
+}
