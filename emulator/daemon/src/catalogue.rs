@@ -4,8 +4,9 @@ use geu_model::fault::catalogue::{CATALOGUE, LinkKind};
 use geu_model::fault::{Target, expression, shape};
 use geu_model::number::{Default, Form, Number};
 use geu_protocol::Gyro;
-use geu_protocol::command::COMMANDS;
 use serde_json::{Map, Value, json};
+
+use crate::control;
 
 /// The unit of a number, which its name ends with.
 fn unit(name: &str) -> &'static str {
@@ -75,7 +76,10 @@ pub fn catalogue() -> Value {
         })
     });
     let courses = shape::KINDS.iter().map(|kind| {
-        json!({ "course": kind.name, "meaning": kind.meaning, "numbers": kind.numbers.iter().map(number).collect::<Vec<_>>() })
+        // The size, whose limits are the parameter's, goes by the course's name.
+        let size = json!({ "name": kind.name, "form": "real", "required": true, "meaning": kind.meaning });
+        let numbers: Vec<Value> = std::iter::once(size).chain(kind.numbers.iter().map(number)).collect();
+        json!({ "course": kind.name, "meaning": kind.meaning, "numbers": numbers })
     });
     let faults = CATALOGUE.iter().map(|spec| {
         let links: Map<String, Value> =
@@ -83,21 +87,11 @@ pub fn catalogue() -> Value {
         json!({
             "fault": spec.code,
             "scope": spec.scope.name(),
-            "title": spec.meaning,
+            "title": spec.code.replace('-', " "),
+            "meaning": spec.meaning,
             "numbers": spec.numbers.iter().map(number).collect::<Vec<_>>(),
             "for_s": spec.for_s,
             "links": links,
-        })
-    });
-    let commands = COMMANDS.iter().map(|command| {
-        let arguments = command.arguments.iter().map(|argument| {
-            json!({ "name": argument.name, "least": argument.range.0, "greatest": argument.range.1, "meaning": argument.meaning })
-        });
-        json!({
-            "name": command.name,
-            "opcode": command.opcode,
-            "meaning": command.meaning,
-            "arguments": arguments.collect::<Vec<_>>(),
         })
     });
     let words: Vec<Value> = expression::vocabulary()
@@ -109,7 +103,7 @@ pub fn catalogue() -> Value {
         "parameters": parameters.collect::<Vec<_>>(),
         "courses": courses.collect::<Vec<_>>(),
         "faults": faults.collect::<Vec<_>>(),
-        "commands": commands.collect::<Vec<_>>(),
+        "commands": control::commands(),
         "conditions": words,
     })
 }

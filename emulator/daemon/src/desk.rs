@@ -9,12 +9,13 @@ use std::time::{Duration, Instant};
 
 use geu_model::configuration::RecordedCommand;
 use geu_model::fault::Fault;
-use geu_model::fault::acting::{Acting, Happening};
+use geu_model::fault::acting::{Acting, Happening, Planned};
 use geu_model::fault::expectation::Watch;
 use geu_model::{Configuration, Ended, Injected, Trace, Truth, Unit};
 use geu_protocol::{HalfSecond, Reply};
 use tokio::sync::Notify;
 
+use crate::bench::Teller;
 use crate::cadence::Speed;
 use crate::carriage::{Carrier, Content, Piece};
 use crate::record::Event;
@@ -76,6 +77,7 @@ struct Inner {
     /// Commands of a recorded run, still to be carried out again.
     recorded: VecDeque<RecordedCommand>,
     recording: Option<SyncSender<Event>>,
+    bench: Option<Teller>,
 }
 
 /// The unit, and what is known of its commands.
@@ -98,10 +100,11 @@ impl Desk {
         truth: &Truth,
         speed: Speed,
         recording: Option<SyncSender<Event>>,
+        bench: Option<Teller>,
     ) -> Desk {
         let unit = Unit::on(configuration, truth);
         let recorded = configuration.run.commands.iter().cloned().collect();
-        let mut inner = Inner { unit, completed: None, underway: None, recorded, recording };
+        let mut inner = Inner { unit, completed: None, underway: None, recorded, recording, bench };
         let happened = inner.unit.take_happened();
         inner.tell_happened(happened);
         Desk {
@@ -138,7 +141,7 @@ impl Desk {
     pub fn end_half_second(&self) -> (Ended, Option<Arc<Injected>>) {
         let mut inner = self.lock();
         inner.repeat_recorded();
-        let (ended, traces) = if inner.recording.is_some() {
+        let (ended, traces) = if inner.recording.is_some() || inner.bench.is_some() {
             let (ended, traces) = inner.unit.end_half_second_traced();
             (ended, Some(Box::new(traces)))
         } else {
@@ -209,6 +212,19 @@ impl Desk {
         Ok(fault)
     }
 
+    /// Starts a fault that waits for a hand, with the next half second: on-board time; nothing where there is none.
+    pub fn start(&self, id: &str) -> Option<f64> {
+        let mut inner = self.lock();
+        let at_s = inner.unit.start(id)?;
+        inner.tell(Event::StartedByHand { id: id.to_owned(), at_s });
+        Some(at_s)
+    }
+
+    /// The faults of the run, as they stand.
+    pub fn planned(&self) -> Vec<Planned> {
+        self.lock().unit.faults().planned.clone()
+    }
+
     /// Takes a fault away from the next half second on; its end, on-board time, or nothing where there is none.
     pub fn clear(&self, id: &str) -> Option<f64> {
         let mut inner = self.lock();
@@ -221,7 +237,7 @@ impl Desk {
     pub fn close(&self) {
         let mut inner = self.lock();
         inner.repeat_recorded();
-        inner.recording = None;
+        (inner.recording, inner.bench) = (None, None);
     }
 }
 
@@ -243,6 +259,9 @@ impl Drop for Waiting<'_> {
 
 impl Inner {
     fn tell(&mut self, event: Event) {
+        if let Some(bench) = &mut self.bench {
+            bench.tell(&event, self.unit.motion());
+        }
         // The other end hangs up only after a failed write, which it has told.
         if self.recording.as_ref().is_some_and(|recording| recording.send(event).is_err()) {
             self.recording = None;
@@ -301,7 +320,7 @@ mod tests {
 
     #[test]
     fn a_command_just_before_the_deadline_is_carried_out_just_after_it() {
-        let desk = Desk::new(&Configuration::reference(), &Truth::Scenario, Speed::Max, None);
+        let desk = Desk::new(&Configuration::reference(), &Truth::Scenario, Speed::Max, None, None);
         assert_eq!(now(&desk, &[2, 1]).reply.expect("heard").outcome(), Outcome::Done);
         assert_eq!(now(&desk, &[3]).reply.expect("heard").outcome(), Outcome::NotPossibleNow);
         let (first, _) = desk.end_half_second();
@@ -325,7 +344,7 @@ mod tests {
     fn what_is_told_to_the_recording_happens_again_in_a_unit_of_its_own() {
         let configuration = Configuration::reference();
         let (recording, events) = sync_channel(10_000);
-        let desk = Desk::new(&configuration, &Truth::Scenario, Speed::Max, Some(recording));
+        let desk = Desk::new(&configuration, &Truth::Scenario, Speed::Max, Some(recording), None);
         let payloads: [&[u8]; 8] = [&[1], &[2, 1], &[3], &[5], &[3], &[2, 0], &[4, 1, 0, 5, 3], &[3]];
         let mut context = Context::from_waker(Waker::noop());
         for index in 0..400 {

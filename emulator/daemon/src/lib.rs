@@ -4,6 +4,7 @@
 //! ([`link`]) itself; a runtime on the calling thread does whatever waits for somebody else: clients, commands,
 //! signals, devices that come back. Both meet at the desk, where the unit stands behind one lock.
 
+mod bench;
 pub mod cadence;
 pub mod carriage;
 mod catalogue;

@@ -11,7 +11,7 @@ use std::sync::Arc;
 
 use geu_model::attitude::{Leg, Motion};
 use geu_model::configuration::{RecordedCommand, RunRecord, WireForm};
-use geu_model::effect::columns;
+use geu_model::effect::{FAULT_COLUMN, columns};
 use geu_model::fault::Fault;
 use geu_model::fault::acting::{Acting, Happening};
 use geu_model::fault::catalogue::LinkKind;
@@ -55,6 +55,8 @@ pub(crate) enum Event {
     Happened(Happening),
     /// A fault was injected while the unit ran.
     Injected(Fault),
+    /// A fault that waited for a hand was started, with this on-board time.
+    StartedByHand { id: String, at_s: f64 },
     /// A fault was taken away, from this on-board time on.
     Cleared { id: String, until_s: f64 },
 }
@@ -203,9 +205,13 @@ impl Recorder {
                 self.configuration.faults.push(fault.clone());
                 self.faults.injected(self.half_seconds, fault)
             }
+            Event::StartedByHand { id, at_s } => {
+                let fault = self.configuration.faults.iter_mut().find(|fault| fault.id == *id);
+                fault.into_iter().for_each(|fault| (fault.by_hand, fault.at_s) = (false, *at_s));
+                Ok(())
+            }
             Event::Cleared { id, until_s } => {
-                // The last of that name: an earlier one is over.
-                let fault = self.configuration.faults.iter_mut().rev().find(|fault| fault.id == *id);
+                let fault = self.configuration.faults.iter_mut().find(|fault| fault.id == *id);
                 fault.into_iter().for_each(|fault| fault.until_s = fault.until_s.min(*until_s));
                 self.faults.cleared(id, *until_s)
             }
@@ -276,7 +282,10 @@ impl Recorder {
             for (gyro, trace) in Gyro::ALL.into_iter().zip(traces) {
                 file.write_all(row_start.as_bytes())?;
                 file.write_all(gyro.name().as_bytes())?;
-                let changes = truth_columns.iter().map(|&column| trace.changes[column]);
+                let changes = truth_columns.iter().map(|&column| match column {
+                    FAULT_COLUMN => trace.changes[column] + unforeseen(trace, truth_columns),
+                    column => trace.changes[column],
+                });
                 for number in std::iter::once(trace.true_arcsec).chain(changes).chain([trace.unquantised]) {
                     file.write_all(b",")?;
                     file.write_all(digits.format(number).as_bytes())?;
@@ -398,6 +407,12 @@ impl Recorder {
         }
         self.faults.flush()
     }
+}
+
+/// What columns changed that the file does not have: those of effects that are there by a fault alone.
+fn unforeseen(trace: &Trace, columns: &[usize]) -> f64 {
+    let others = trace.changes.iter().enumerate().filter(|(column, _)| columns.binary_search(column).is_err());
+    others.map(|(_, change)| change).sum()
 }
 
 /// The link that a recording of this form is of: the first such one that is open, else one of the default kind.

@@ -14,9 +14,11 @@ use geu_model::{Configuration, Truth};
 use geu_protocol::HalfSecond;
 use tokio::signal::unix::{SignalKind, signal};
 
+use crate::bench::{LiveBench, Shower};
 use crate::cadence::{Sleeper, Speed, ask_for_realtime, doze_until, now_ns};
 use crate::carriage::Outbox;
 use crate::console;
+use crate::control::{Door, DoorError};
 use crate::desk::Desk;
 use crate::lateness::{Histogram, Time};
 use crate::link::{self, Link, LinkAddress, LinkError, Tally};
@@ -64,6 +66,9 @@ pub enum RunError {
         "--wait: nobody attaches to a CAN interface or a serial port; expected a link with clients too: --pty or --tcp"
     )]
     NobodyToWaitFor,
+    /// The control interface cannot be served.
+    #[error(transparent)]
+    Control(#[from] DoorError),
     /// The recording cannot be written.
     #[error(transparent)]
     Record(#[from] RecordError),
@@ -120,6 +125,7 @@ pub async fn asked_to_end() -> io::Result<()> {
 }
 
 /// Runs the unit on `truth` until its half seconds are over or `shutdown` resolves; links are removed when it returns.
+/// Behind `door` it can be watched and driven.
 ///
 /// # Errors
 /// A link that cannot be opened, a recording that cannot be written.
@@ -128,6 +134,7 @@ pub fn run(
     truth: &Truth,
     settings: &Settings,
     recorder: Option<Recorder>,
+    door: Option<Door>,
     shutdown: impl Future<Output = io::Result<()>>,
 ) -> Result<Summary, RunError> {
     let has_clients = |link: &LinkAddress| matches!(link, LinkAddress::Pty(_) | LinkAddress::Tcp(_));
@@ -135,12 +142,18 @@ pub fn run(
         return Err(RunError::NobodyToWaitFor);
     }
     let (recording, writer) = recorder.map(Writer::start).unzip();
-    let desk = Arc::new(Desk::new(configuration, truth, settings.speed, recording));
+    let (mut bench, mut teller, mut shower) = (None, None, None);
+    if let Some(door) = door {
+        let (live, tells, shows) = LiveBench::start()?;
+        (bench, teller, shower) = (Some((door, live)), Some(tells), Some(shows));
+    }
+    let desk = Arc::new(Desk::new(configuration, truth, settings.speed, recording, teller));
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    let ended = runtime.block_on(keep(&desk, settings, shutdown));
+    let ended = runtime.block_on(keep(&desk, settings, bench, shutdown));
     // Ends the tasks; with the last of them the symlink of a pty goes.
     drop(runtime);
     desk.close();
+    shower.into_iter().for_each(Shower::finish);
     console::finish();
     let written = writer.map_or(Ok(()), Writer::finish);
     let summary = ended?;
@@ -151,6 +164,7 @@ pub fn run(
 async fn keep(
     desk: &Arc<Desk>,
     settings: &Settings,
+    bench: Option<(Door, LiveBench)>,
     shutdown: impl Future<Output = io::Result<()>>,
 ) -> Result<Summary, RunError> {
     let mut shutdown = std::pin::pin!(shutdown);
@@ -168,6 +182,12 @@ async fn keep(
     links.iter().filter(|link| link.is_ready()).for_each(|link| console::ready(&link.tally().name));
     let tallies: Vec<_> = links.iter().map(|link| link.tally()).collect();
     let timing = Arc::new(Timing::default());
+    let mut server = None;
+    if let Some((door, bench)) = bench {
+        bench.know(desk, links.iter().map(|link| (link.carrier().clone(), link.tally())).collect(), &timing);
+        console::say(format_args!("bench page and control: http://{}/", door.address()));
+        server = Some(door.serve(Arc::new(bench))?);
+    }
     let links = links.into_iter().map(Outgoing::new).collect();
     let mut keeper = Keeper { desk: desk.clone(), settings: settings.clone(), links, timing: timing.clone() };
     let (done, mut is_done) = tokio::sync::oneshot::channel();
@@ -205,6 +225,7 @@ async fn keep(
         tokio::time::sleep(LOOK_AGAIN).await;
     }
     drop(keeper);
+    drop(server);
     console::clear_status();
     Ok(Summary {
         half_seconds: desk.running().0,
@@ -220,20 +241,20 @@ async fn keep(
 
 /// How well time is kept, as both threads see it.
 #[derive(Default)]
-struct Timing {
+pub(crate) struct Timing {
     stop: AtomicBool,
     counts: Mutex<Counts>,
 }
 
 #[derive(Default, Clone)]
-struct Counts {
-    late: u64,
-    missed: u64,
-    lateness: Histogram,
+pub(crate) struct Counts {
+    pub late: u64,
+    pub missed: u64,
+    pub lateness: Histogram,
 }
 
 impl Timing {
-    fn counts(&self) -> Counts {
+    pub fn counts(&self) -> Counts {
         self.counts.lock().expect("nothing panics with the counts").clone()
     }
 

@@ -277,6 +277,17 @@ impl Unit {
         fault
     }
 
+    /// Starts a fault that waits for a hand, with the next half second: on-board time; nothing where there is none.
+    pub fn start(&mut self, id: &str) -> Option<f64> {
+        let at_s = self.next_start_s();
+        self.faults.start(id, at_s).then_some(at_s)
+    }
+
+    /// The motion of the moment that is counted.
+    pub fn motion(&self) -> &Motion {
+        &self.motion
+    }
+
     /// Takes a fault away from the next half second on: its end, on-board time; nothing where there is none.
     pub fn clear(&mut self, id: &str) -> Option<f64> {
         let until_s = self.next_start_s();

@@ -5,6 +5,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use clap::Args;
 use geu_daemon::cadence::Speed;
+use geu_daemon::control::{DEFAULT_ADDRESS, Door};
 use geu_daemon::link::{CanAddress, LinkAddress, SerialAddress};
 use geu_daemon::record::Recorder;
 use geu_daemon::{RunError, Settings, asked_to_end};
@@ -59,17 +60,12 @@ pub struct Arguments {
     realtime: bool,
     #[command(flatten)]
     expectations: expectations::Report,
-    /// Control interface: only `off` for now, which is the default
-    #[arg(long, value_name = "ADDRESS|off", value_parser = control_off)]
+    /// Control interface and bench page [default: 127.0.0.1:8470, or the next port that is free]
+    #[arg(long, value_name = "ADDRESS|off")]
     control: Option<String>,
-}
-
-fn control_off(text: &str) -> Result<String, String> {
-    if text == "off" {
-        Ok(text.to_owned())
-    } else {
-        Err("expected off: the control interface is not there yet, it comes with a later version".to_owned())
-    }
+    /// Whom the control interface lets in beyond loopback: `Authorization: Bearer TOKEN`, or `?token=TOKEN`
+    #[arg(long, value_name = "TOKEN", env = "GEU_CONTROL_TOKEN", hide_env_values = true)]
+    control_token: Option<String>,
 }
 
 impl Arguments {
@@ -105,6 +101,15 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         realtime: arguments.realtime,
         wait_for_client: arguments.wait,
     };
+    let (control, token) = (arguments.control.as_deref(), arguments.control_token.clone());
+    let door = match control {
+        Some("off") => None,
+        address => {
+            let door = Door::open(address.unwrap_or(DEFAULT_ADDRESS), address.is_none(), token);
+            Some(door.map_err(Failure::input)?)
+        }
+    };
+    ready.configuration.run.is_open = door.is_some();
     let wire = Wire::form(arguments.wire, &ready.configuration);
     let recorder = match &arguments.record {
         Some(directory) => {
@@ -114,13 +119,11 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         }
         None => None,
     };
-    let summary =
-        geu_daemon::run(&ready.configuration, &ready.truth, &settings, recorder, asked_to_end()).map_err(|error| {
-            match error {
-                RunError::Link(error) => Failure::input(error),
-                error @ RunError::NobodyToWaitFor => Failure::input(error),
-                error => Failure::failed(error),
-            }
+    let summary = geu_daemon::run(&ready.configuration, &ready.truth, &settings, recorder, door, asked_to_end())
+        .map_err(|error| match error {
+            RunError::Link(error) => Failure::input(error),
+            error @ RunError::NobodyToWaitFor => Failure::input(error),
+            error => Failure::failed(error),
         })?;
     note(format_args!("{summary}"));
     arguments.expectations.tell(&summary.watches)

@@ -15,9 +15,8 @@ use crate::attitude::{LimitCycle, Manoeuvre, Plan, Scenario};
 use crate::course::{Course, KINDS, Kind};
 use crate::effect::discovered::{self, Formula, Term};
 use crate::effect::{
-    CALIBRATION_COLUMN, COLUMNS, Configured, DISCOVERED_COLUMN, EffectSpec, Effects, FAULT_COLUMN, HEAD_COLUMNS,
-    HeadEffects, POWER_COLUMN, SATURATION_COLUMN, SELF_TEST_COLUMN, UNIT_COLUMNS, UnitEffects, WIRING_COLUMNS,
-    WiringEffects,
+    CALIBRATION_COLUMN, Configured, DISCOVERED_COLUMN, EffectSpec, Effects, FAULT_COLUMN, HEAD_COLUMNS, HeadEffects,
+    POWER_COLUMN, SATURATION_COLUMN, SELF_TEST_COLUMN, UNIT_COLUMNS, UnitEffects, WIRING_COLUMNS, WiringEffects,
 };
 use crate::fault::catalogue::{Law, LinkKind};
 use crate::fault::expectation::Expectation;
@@ -94,7 +93,8 @@ pub struct RunRecord {
     pub links: Vec<LinkKind>,
     /// File of the truth, as it was given; without one the scenario is flown.
     pub truth: Option<String>,
-    /// Whether faults could be injected while it ran: its truth has every column then.
+    /// Whether faults could be injected while it ran: its truth has one column for what effects add that are there by
+    /// faults alone.
     pub is_open: bool,
     /// Commands received.
     pub commands: Vec<RecordedCommand>,
@@ -221,11 +221,11 @@ impl Configuration {
     /// Columns of a trace that it can fill, in order: the calibration, the effects that are present, self-test, power,
     /// saturation.
     pub fn columns(&self) -> Vec<usize> {
-        if self.run.is_open {
-            return (0..COLUMNS).collect();
-        }
         let gyros = &self.gyros;
-        let mut moved: Vec<usize> = self.faults.iter().filter_map(fault_column).collect();
+        let mut moved: Vec<usize> = match self.run.is_open {
+            true => vec![FAULT_COLUMN],
+            false => self.faults.iter().filter_map(fault_column).collect(),
+        };
         let unit = (0..UnitEffects::SPECS.len()).filter(|&index| self.unit.has(index));
         let discovered = gyros.iter().any(|gyro| discovered::is_present(&gyro.discovered));
         let head = (0..HeadEffects::SPECS.len()).filter(|&index| gyros.iter().any(|gyro| gyro.effects.has(index)));

@@ -137,6 +137,14 @@ impl Faults {
         self.planned.push(Planned { fault: Arc::new(fault), law, started: 0, running: None, is_cleared: false });
     }
 
+    /// Starts one that waits for a hand, at this on-board time. False where there is none.
+    pub fn start(&mut self, id: &str, at_s: f64) -> bool {
+        let found = self.planned.iter_mut().find(|planned| planned.fault.id == id && planned.fault.by_hand);
+        let Some(planned) = found else { return false };
+        planned.fault = Arc::new(Fault { by_hand: false, at_s, ..Fault::clone(&planned.fault) });
+        true
+    }
+
     /// Takes one away from the half second on that begins next. False where there is none, or it is over.
     pub fn clear(&mut self, id: &str, until_s: f64) -> bool {
         let found = self.planned.iter_mut().find(|planned| planned.fault.id == id && !planned.is_over());
