@@ -40,8 +40,8 @@ fn texts(contents: &[Content]) -> Vec<String> {
     contents.iter().map(Content::to_string).collect()
 }
 
-/// The keys of a fault as JSON.
-pub(crate) fn keys(fault: &Fault) -> Value {
+/// The keys of a fault as JSON, as the control interface takes them.
+pub fn keys(fault: &Fault) -> Value {
     let text = fault_text(fault);
     let document: toml_edit::DocumentMut = text.parse().expect("written as TOML");
     let keys = document.iter().map(|(key, item)| (key.to_owned(), json_of(item.as_value().expect("keys of a fault"))));

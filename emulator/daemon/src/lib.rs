@@ -20,4 +20,5 @@ mod run;
 pub mod simulate;
 
 pub use catalogue::catalogue;
+pub use fault_log::keys as fault_keys;
 pub use run::{RunError, Settings, Summary, asked_to_end, run};

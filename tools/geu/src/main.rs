@@ -10,6 +10,7 @@ mod calibrate_compare;
 mod calibrate_page;
 mod checkout;
 mod config;
+mod control;
 mod decode;
 mod describe;
 mod diagnose;
@@ -21,6 +22,8 @@ mod expectations;
 mod failure;
 mod faults;
 mod gyro_csv;
+mod inject;
+mod monitor;
 mod overwriting;
 mod page;
 mod reconstruct;
@@ -61,6 +64,8 @@ enum Command {
     Diagnose(diagnose::Arguments),
     Blind(blind::Arguments),
     Faults(faults::Arguments),
+    Inject(inject::Arguments),
+    Monitor(monitor::Arguments),
     Config(config::Arguments),
     Describe(describe::Arguments),
     /// Decode recordings or live links to CSV, JSON lines or a summary.
@@ -84,6 +89,8 @@ fn main() -> ExitCode {
         Some(Command::Diagnose(arguments)) => diagnose::run(&arguments),
         Some(Command::Blind(arguments)) => blind::run(&arguments),
         Some(Command::Faults(arguments)) => faults::run(&arguments),
+        Some(Command::Inject(arguments)) => inject::run(&arguments),
+        Some(Command::Monitor(arguments)) => monitor::run(&arguments),
         Some(Command::Config(arguments)) => config::run(&arguments),
         Some(Command::Describe(arguments)) => describe::run(&arguments),
         Some(Command::Decode(arguments)) => decode::run(arguments),

@@ -1,0 +1,181 @@
+//! `geu monitor`: the bench page's figures in a terminal.
+
+use std::collections::VecDeque;
+use std::fmt::Write;
+use std::io::{IsTerminal, stdout};
+
+use clap::Args;
+use geu_protocol::Gyro;
+use geu_protocol::field::UNIT_FLAGS;
+use serde_json::Value;
+
+use crate::control::Emulator;
+use crate::failure::{Failure, print};
+use crate::inject;
+
+/// Lines of the timeline that stand below the figures.
+const HAPPENINGS: usize = 8;
+/// Home, and erase what is below.
+const HOME: &str = "\x1b[H\x1b[J";
+
+/// Shows a running emulator in the terminal: the same figures as the bench page, plain.
+///
+/// On a terminal the figures stand still and change; in a pipe each half second is a line, and so is what happens.
+#[derive(Args, Debug)]
+pub struct Arguments {
+    #[command(flatten)]
+    emulator: Emulator,
+    /// Ends after so many half seconds
+    #[arg(long, value_name = "COUNT")]
+    count: Option<u64>,
+    /// Lines, on a terminal too
+    #[arg(long)]
+    lines: bool,
+}
+
+/// Carries it out.
+///
+/// # Errors
+/// No emulator; standard output that cannot be written.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let stands_still = stdout().is_terminal() && !arguments.lines;
+    let mut happened: VecDeque<String> = VecDeque::new();
+    let mut left = arguments.count.unwrap_or(u64::MAX);
+    // Accumulated difference of counts and truth since the monitor began.
+    let mut departures = [0.0; 4];
+    for told in arguments.emulator.follow()? {
+        if told.name == "timeline" {
+            let line = format!(
+                "{:>10.1} s  {:<12} {}",
+                told.data["t_s"].as_f64().unwrap_or_default(),
+                told.data["kind"].as_str().unwrap_or_default(),
+                told.data["text"].as_str().unwrap_or_default()
+            );
+            if stands_still {
+                happened.truncate(HAPPENINGS - 1);
+                happened.push_front(line);
+            } else {
+                print(format_args!("{line}\n"))?;
+            }
+            continue;
+        }
+        for (index, departure) in departures.iter_mut().enumerate() {
+            *departure += number(&told.data["increments"][index]) - number(&told.data["true_arcsec"][index]);
+        }
+        if stands_still {
+            let figures = figures(&told.data, &departures);
+            let happened: String = happened.iter().map(|line| format!("{line}\n")).collect();
+            print(format_args!("{HOME}{figures}\n{happened}"))?;
+        } else {
+            print(format_args!("{}\n", line(&told.data)))?;
+        }
+        left -= 1;
+        if left == 0 {
+            return Ok(());
+        }
+    }
+    Err(Failure::failed("the emulator has ended"))
+}
+
+fn number(value: &Value) -> f64 {
+    value.as_f64().unwrap_or_default()
+}
+
+/// A half second in one line.
+fn line(half_second: &Value) -> String {
+    let counts: Vec<String> = Gyro::ALL
+        .into_iter()
+        .enumerate()
+        .map(|(index, gyro)| format!("{} {:+6}", gyro.name(), half_second["increments"][index].as_i64().unwrap_or(0)))
+        .collect();
+    let faults = half_second["faults"].as_array().into_iter().flatten();
+    let active: Vec<&str> =
+        faults.filter(|fault| fault["state"] == "active").filter_map(|fault| fault["id"].as_str()).collect();
+    format!(
+        "{:>10.1} s  seq {:5}  {}  {:.2} / {:.2} °C  late p50 {:.0} µs  {}",
+        number(&half_second["t_s"]),
+        number(&half_second["sequence"]),
+        counts.join("  "),
+        number(&half_second["electronics_c"]),
+        number(&half_second["sensor_c"]),
+        number(&half_second["lateness"]["p50_us"]),
+        active.join(" ")
+    )
+    .trim_end()
+    .to_owned()
+}
+
+/// A half second on a screen.
+fn figures(half_second: &Value, departures: &[f64; 4]) -> String {
+    let value = |key: &str| number(&half_second[key]);
+    let mut text = String::new();
+    let mode = if half_second["cyclic"] == false { "not sent by itself" } else { "cyclic" };
+    let _ = writeln!(
+        text,
+        "on-board time {:.1} s   sequence {}   clock count {}   {mode}",
+        value("t_s"),
+        value("sequence"),
+        value("clock_count")
+    );
+    let _ = writeln!(
+        text,
+        "electronics {:.2} °C   sensor {:.2} °C   {}\n",
+        value("electronics_c"),
+        value("sensor_c"),
+        flags(half_second)
+    );
+    let _ = writeln!(text, "gyro     count   true arcsec   difference   accumulated   flags");
+    let gyro_flags = value("gyro_flags") as u8;
+    for (index, gyro) in Gyro::ALL.into_iter().enumerate() {
+        let (count, truth) = (number(&half_second["increments"][index]), number(&half_second["true_arcsec"][index]));
+        let valid = if gyro_flags & gyro.bit() == 0 { "not valid" } else { "valid" };
+        let saturated = if gyro_flags & gyro.bit() << 4 == 0 { "" } else { ", saturated" };
+        let _ = writeln!(
+            text,
+            "{:<6} {count:+7}  {truth:+12.3}  {:+11.3}  {:+12.3}   {valid}{saturated}",
+            gyro.name(),
+            count - truth,
+            departures[index]
+        );
+    }
+    let rates: Vec<f64> = (0..3).map(|axis| number(&half_second["rate_arcsec_s"][axis])).collect();
+    let _ = write!(text, "\ntrue rate  x {:+.2}  y {:+.2}  z {:+.2} arcsec/s", rates[0], rates[1], rates[2]);
+    if let (Some(theta), Some(psi)) = (half_second["theta_deg"].as_f64(), half_second["psi_deg"].as_f64()) {
+        let _ = write!(text, "   theta {theta:.3}°  psi {psi:.3}°");
+    }
+    let lateness = &half_second["lateness"];
+    let _ = writeln!(
+        text,
+        "\nlateness   p50 {:.0} µs  p99 {:.0} µs  max {:.0} µs   late {}  missed {}\n",
+        number(&lateness["p50_us"]),
+        number(&lateness["p99_us"]),
+        number(&lateness["max_us"]),
+        value("late"),
+        value("missed")
+    );
+    let _ = writeln!(text, "serial     {}", half_second["wire"]["serial"].as_str().unwrap_or_default());
+    let can: Vec<&str> =
+        half_second["wire"]["can"].as_array().into_iter().flatten().filter_map(Value::as_str).collect();
+    let _ = writeln!(text, "can        {}\n", can.join("  "));
+    for link in half_second["links"].as_array().into_iter().flatten() {
+        let _ = writeln!(
+            text,
+            "link       {}: {} clients, {} sent, {} dropped, {} replies",
+            link["name"].as_str().unwrap_or_default(),
+            link["clients"],
+            link["sent"],
+            link["dropped"],
+            link["replies"]
+        );
+    }
+    for fault in half_second["faults"].as_array().into_iter().flatten().filter(|fault| fault["state"] != "over") {
+        let _ = writeln!(text, "fault      {}", inject::line(fault));
+    }
+    text
+}
+
+fn flags(half_second: &Value) -> String {
+    let flags = number(&half_second["unit_flags"]) as u8;
+    let names = UNIT_FLAGS.iter().filter(|flag| flags & 1 << flag.bit != 0).map(|flag| flag.name.replace('_', " "));
+    names.collect::<Vec<_>>().join(", ")
+}
