@@ -2,11 +2,15 @@
 
 import { at, element } from "./dom.js";
 
-const TABS = [["serial", "Serial"], ["can", "CAN"]];
+const TABS = [
+  ["serial", "Serial"],
+  ["can", "CAN"],
+];
 
 /** Shows half seconds as the links carry them. */
 export function wire(layout) {
-  let shown = "serial", last = null;
+  let shown = "serial",
+    last = null;
   const tabs = TABS.map(([name, title]) => {
     const tab = element("button", { type: "button", role: "tab", id: `tab-${name}` }, title);
     tab.setAttribute("aria-controls", "frames");
@@ -32,12 +36,43 @@ export function wire(layout) {
     at("frames").setAttribute("aria-labelledby", `tab-${name}`);
     rows = parts[name].map((part) => {
       const title = element("code", { className: "frame" });
-      const cells = part.fields.map((field) => ({ field, bytes: element("td", { className: "bytes" }), value: element("td") }));
-      const body = element("tbody", {}, ...cells.map(({ field, bytes, value }) =>
-        element("tr", { title: field.meaning }, element("td", {}, String(field.at)), bytes, element("th", { scope: "row" }, field.name), value)));
-      const head = element("thead", {}, element("tr", {}, ...["byte", "hex", "field", "value"].map((text) => element("th", { scope: "col" }, text))));
+      const cells = part.fields.map((field) => ({
+        field,
+        bytes: element("td", { className: "bytes" }),
+        value: element("td"),
+      }));
+      const body = element(
+        "tbody",
+        {},
+        ...cells.map(({ field, bytes, value }) =>
+          element(
+            "tr",
+            { title: field.meaning },
+            element("td", {}, String(field.at)),
+            bytes,
+            element("th", { scope: "row" }, field.name),
+            value,
+          ),
+        ),
+      );
+      const head = element(
+        "thead",
+        {},
+        element("tr", {}, ...["byte", "hex", "field", "value"].map((text) => element("th", { scope: "col" }, text))),
+      );
       at("frames").append(title);
-      return { part, title, cells, shown: element("div", { className: "part" }, element("h3", {}, part.name), title, element("div", { className: "wide" }, element("table", {}, head, body))) };
+      return {
+        part,
+        title,
+        cells,
+        shown: element(
+          "div",
+          { className: "part" },
+          element("h3", {}, part.name),
+          title,
+          element("div", { className: "wide" }, element("table", {}, head, body)),
+        ),
+      };
     });
     at("frames").replaceChildren(...rows.map((row) => row.shown));
     fill();
@@ -46,7 +81,7 @@ export function wire(layout) {
   function fill() {
     if (!last) return;
     rows.forEach(({ title, cells }, index) => {
-      const line = shown === "serial" ? last.serial : last.can[index] ?? "";
+      const line = shown === "serial" ? last.serial : (last.can[index] ?? "");
       const [id, data] = line.includes("#") ? line.split("#") : ["", line];
       const bytes = data.match(/../g) ?? [];
       title.textContent = [id, bytes.join(" ")].filter(Boolean).join("  ");
@@ -59,7 +94,12 @@ export function wire(layout) {
   }
 
   choose(shown);
-  return { take(half) { last = half.wire; fill(); } };
+  return {
+    take(half) {
+      last = half.wire;
+      fill();
+    },
+  };
 }
 
 /** The number that these digits say, with unit and named bits. */
