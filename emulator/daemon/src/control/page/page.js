@@ -111,6 +111,7 @@ function start([catalogue, layout, status]) {
   commander(catalogue.commands);
   if (status.links) links(status);
   at("download").href = path("/api/timeline");
+  at("document").href = path("/api/openapi.json");
 
   function follow() {
     const source = new EventSource(path("/api/events"));

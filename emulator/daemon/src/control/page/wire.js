@@ -1,6 +1,6 @@
 // The last frame, taken apart field by field by the layout that the unit tells.
 
-import { at, element } from "./dom.js";
+import { at, breakable, element } from "./dom.js";
 
 const TABS = [
   ["serial", "Serial"],
@@ -60,7 +60,6 @@ export function wire(layout) {
         {},
         element("tr", {}, ...["byte", "hex", "field", "value"].map((text) => element("th", { scope: "col" }, text))),
       );
-      at("frames").append(title);
       return {
         part,
         title,
@@ -88,7 +87,8 @@ export function wire(layout) {
       for (const { field, bytes: place, value } of cells) {
         const own = bytes.slice(field.at, field.at + field.length);
         place.textContent = own.join(" ");
-        value.textContent = own.length === field.length ? meaning(field, own.join("")) : "–";
+        const said = own.length === field.length ? meaning(field, own.join("")) : "–";
+        if (value.textContent !== said) value.replaceChildren(...breakable(said));
       }
     });
   }
@@ -105,11 +105,11 @@ export function wire(layout) {
 /** The number that these digits say, with unit and named bits. */
 function meaning(field, hex) {
   let number = parseInt(hex, 16);
-  if (field.bits.length) {
+  if (field.form === "digits") return hex;
+  if (field.form === "flags") {
     const names = field.bits.filter(({ bit }) => (number >> bit) & 1).map(({ name }) => name);
     return names.join(", ") || "none";
   }
-  if (["sync", "type", "length", "crc"].includes(field.name)) return field.name === "length" ? String(number) : hex;
   if (field.signed && number >= 2 ** (8 * field.length - 1)) number -= 2 ** (8 * field.length);
   const decimals = Math.max(0, -Math.floor(Math.log10(field.scale)));
   return `${(number * field.scale).toFixed(decimals).replace("-", "−")} ${field.unit.replace("degC", "°C")}`.trim();
