@@ -1,4 +1,5 @@
 """Drives headless Chromium through its DevTools protocol."""
+
 import base64
 import json
 import subprocess
@@ -16,10 +17,25 @@ class Browser:
 
     def __init__(self, program, profile):
         self.process = subprocess.Popen(
-            [program, "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--hide-scrollbars",
-             "--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync",
-             "--remote-debugging-port=0", f"--user-data-dir={profile}", "about:blank"],
-            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+            [
+                program,
+                "--headless=new",
+                "--no-sandbox",
+                "--disable-gpu",
+                "--disable-dev-shm-usage",
+                "--hide-scrollbars",
+                "--no-first-run",
+                "--disable-background-networking",
+                "--disable-component-update",
+                "--disable-sync",
+                "--remote-debugging-port=0",
+                f"--user-data-dir={profile}",
+                "about:blank",
+            ],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
         told = Path(profile) / "DevToolsActivePort"
         wait(lambda: told.exists() and told.read_text().count("\n"), 30, "Chromium's port")
         port = told.read_text().split()[0]
@@ -72,7 +88,9 @@ class Browser:
     def show(self, width, height, scheme):
         """The size of the screen, and whether the person at it likes it dark."""
         self.shown = width, height, scheme
-        self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=width < 600)
+        self.call(
+            "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=width < 600
+        )
         self.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
 
     def focus(self, selector):
@@ -85,14 +103,23 @@ class Browser:
 
     def choose(self, selector, value):
         """Chooses of a list, as a person's choice is told to the page."""
-        self.value(f"(list => {{ list.value = {json.dumps(value)}; "
-                   f"list.dispatchEvent(new Event('change', {{ bubbles: true }})); }})(document.querySelector({json.dumps(selector)}))")
+        self.value(
+            f"(list => {{ list.value = {json.dumps(value)}; "
+            "list.dispatchEvent(new Event('change', { bubbles: true })); "
+            f"}})(document.querySelector({json.dumps(selector)}))"
+        )
 
     def key(self, name):
         text = {"text": "\r"} if name == "Enter" else {}
         for kind in ("keyDown", "keyUp"):
-            self.call("Input.dispatchKeyEvent", type=kind, key=name, code=name, windowsVirtualKeyCode=KEYS[name],
-                      **(text if kind == "keyDown" else {}))
+            self.call(
+                "Input.dispatchKeyEvent",
+                type=kind,
+                key=name,
+                code=name,
+                windowsVirtualKeyCode=KEYS[name],
+                **(text if kind == "keyDown" else {}),
+            )
 
     def screenshot(self, path):
         """The whole page, however long, on a screen as long as it is."""

@@ -31,7 +31,8 @@ fn main() {
     };
     if let Err(reason) = taken {
         println!(
-            "cargo:warning=the bench page is built without charts: {reason}; to have them, set GEU_UPLOT to a directory with {} of uPlot {VERSION}, or `cargo clean -p geu-daemon` and build with npm and a network",
+            "cargo:warning=the bench page is built without charts: {reason}; to have them, set GEU_UPLOT to a directory \
+             with {} of uPlot {VERSION}, or `cargo clean -p geu-daemon` and build with npm and a network",
             FILES.map(|(name, _)| name).join(", ")
         );
         for (name, _) in FILES {

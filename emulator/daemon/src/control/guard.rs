@@ -9,20 +9,23 @@ use axum::http::{HeaderMap, Method, StatusCode, Uri, header, uri::Authority};
 use constant_time_eq::constant_time_eq;
 
 use super::answer::Refusal;
+use super::page;
 
 /// What is asked of every request before anything else.
 #[derive(Debug, Clone)]
 pub(super) struct Guard {
     /// The address that is listened at.
     pub address: SocketAddr,
-    /// What `/api` wants to be shown.
+    /// What wants to be shown for everything but the page.
     pub token: Option<String>,
 }
 
 impl Guard {
     /// Whether the request may be answered.
     pub fn check(&self, request: &Request) -> Result<(), Refusal> {
-        let (headers, is_api) = (request.headers(), request.uri().path().starts_with("/api/"));
+        let headers = request.headers();
+        // The page itself holds no secret and does nothing.
+        let is_open = page::FILES.iter().any(|file| file.path == request.uri().path());
         let host = self.host(headers, request.uri())?;
         if let Some(origin) = headers.get(header::ORIGIN)
             && origin.as_bytes() != format!("http://{host}").as_bytes()
@@ -32,16 +35,15 @@ impl Guard {
             )));
         }
         // Tells of requests too that carry no Origin, as for a picture.
-        if is_api && headers.get("sec-fetch-site").is_some_and(|site| site == "cross-site") {
-            return Err(forbidden(
-                "Sec-Fetch-Site: expected a request of this site's own page, got cross-site".to_owned(),
-            ));
+        let site = headers.get("sec-fetch-site").filter(|site| *site != "same-origin" && *site != "none");
+        if let Some(site) = site.filter(|_| !is_open) {
+            return Err(forbidden(format!("Sec-Fetch-Site: expected same-origin or none, got {site:?}")));
         }
         if !matches!(*request.method(), Method::GET | Method::HEAD) && !request.body().is_end_stream() {
             is_json(headers)?;
         }
         match &self.token {
-            Some(token) if is_api => is_shown(token, headers, request.uri()),
+            Some(token) if !is_open => is_shown(token, headers, request.uri()),
             _ => Ok(()),
         }
     }
@@ -67,7 +69,9 @@ impl Guard {
         let is_own = !text.contains('@') && text.parse::<Authority>().is_ok_and(|authority| own(authority.host()));
         if !is_own || !uri.host().is_none_or(own) {
             let address = self.address;
-            return Err(forbidden(format!("Host: expected {address} or localhost:{}, got {host:?}", address.port())));
+            return Err(forbidden(format!(
+                "Host: expected the address of this server ({address}) or localhost, got {host:?}"
+            )));
         }
         Ok(text)
     }

@@ -79,6 +79,7 @@ fn why(status: u16) -> &'static str {
         401 => "Without the token, or with another",
         403 => "Of another site's page, or by a name that is not this server's",
         404 => "Nothing of that name",
+        408 => "Body that did not come to its end in time",
         413 => "Body too long",
         415 => "Body that is not said to be JSON",
         _ => "No room for another connection or stream, or the unit does not answer",

@@ -33,6 +33,6 @@ pub(super) const FILES: &[File] = files! {
         include_str!(concat!(env!("OUT_DIR"), "/uPlot.iife.min.js"));
     "/uPlot.css" "Its style" "text/css; charset=utf-8" include_str!(concat!(env!("OUT_DIR"), "/uPlot.min.css"));
     "/licences" "Licences of what the page is made of" "text/plain; charset=utf-8"
-        concat!("GEU, https://opensource.org/license/mit\n\n", include_str!("../../../../LICENSE"),
+        concat!("GEU\n\n", include_str!("../../../../LICENSE"),
             "\n\nuPlot, where this build has charts\n\n", include_str!(concat!(env!("OUT_DIR"), "/LICENSE")));
 };

@@ -79,17 +79,17 @@ pub(super) fn table<B: Bench>() -> Vec<Route<Arc<Room<B>>>> {
         get("/api/faults", "Every fault: armed, active, over", Gives::Json(200, "Faults"), faults::<B>),
         Route {
             takes: Some("Fault"),
-            refuses: &[400, 413, 415],
+            refuses: &[400, 408, 413, 415],
             ..route(Method::POST, "/api/faults", "Injects a fault", Gives::Json(201, "FaultState"), inject::<B>)
         },
         route(Method::DELETE, "/api/faults", "Ends every fault", Gives::Json(200, "Cleared"), clear_all::<B>),
         Route {
-            refuses: &[400, 404],
+            refuses: &[404],
             ..route(Method::DELETE, "/api/faults/{id}", "Ends one fault", Gives::Json(200, "Cleared"), clear::<B>)
         },
         Route {
             takes: Some("Command"),
-            refuses: &[400, 413, 415],
+            refuses: &[400, 408, 413, 415],
             ..route(Method::POST, "/api/commands", "Sends the unit a command", Gives::Json(200, "Reply"), command::<B>)
         },
         get(

@@ -2,8 +2,7 @@
 
 use geu_protocol::command::{COMMANDS, CommandSpec};
 use geu_protocol::field::{CRC, FieldSpec, Wire};
-use geu_protocol::message::{Data, MESSAGES, Message, MessageSpec, Place};
-use geu_protocol::serial::{OVERHEAD, SYNC};
+use geu_protocol::message::{Data, MESSAGES, Message, Place};
 use geu_protocol::{HalfSecond, Reply};
 use serde_json::{Map, Value, json};
 
@@ -53,37 +52,50 @@ pub fn reply(reply: &Reply, polled: Option<&HalfSecond>) -> Value {
         "outcome": reply.outcome().text(), "values": values, "bytes": hex(reply.bytes()), "polled": polled })
 }
 
+/// What stands before the payload of a serial frame.
+const HEADER: [FieldSpec; 3] = [
+    header("sync", Wire::U16, "start of every frame"),
+    header("type", Wire::U8, "what the payload is"),
+    header("length", Wire::U8, "bytes of the payload"),
+];
+/// Fields whose digits say more than their number.
+const DIGITS: [&str; 3] = [HEADER[0].name, HEADER[1].name, CRC.name];
+
+const fn header(name: &'static str, wire: Wire, meaning: &'static str) -> FieldSpec {
+    FieldSpec { name, wire, unit: "", scale: 1.0, bits: &[], meaning }
+}
+
 /// What stands where in the frames of a half second.
 pub(super) fn layout() -> Value {
     let can = MESSAGES.iter().filter_map(|message| match message.place {
         Place::Can(offset) => Some(json!({ "name": message.name, "offset": offset, "meaning": message.meaning,
-            "fields": fields(message, 0) })),
+            "fields": fields(message.fields.iter()) })),
         Place::Serial(_) => None,
     });
-    let header = |name, at, length, meaning: String| {
-        json!({ "name": name, "at": at, "length": length, "signed": false, "unit": "", "scale": 1.0, "bits": [],
-            "meaning": meaning })
-    };
-    let payload_at = OVERHEAD - CRC.wire.length();
-    let mut serial = vec![
-        header("sync", 0, SYNC.len(), format!("{}, the start of every frame", hex(&SYNC))),
-        header("type", SYNC.len(), Wire::U8.length(), format!("what the payload is: {}", Data::SPEC.name)),
-        header("length", SYNC.len() + 1, Wire::U8.length(), "bytes of the payload".to_owned()),
-    ];
-    serial.extend(fields(&Data::SPEC, payload_at));
-    serial.push(field(payload_at + Data::SPEC.length(), &CRC));
+    let serial = fields(HEADER.iter().chain(Data::SPEC.fields).chain([&CRC]));
     json!({ "serial": serial, "can": can.collect::<Vec<_>>() })
 }
 
-fn fields(message: &MessageSpec, start: usize) -> Vec<Value> {
-    message.placed_fields().map(|(at, spec)| field(start + at, spec)).collect()
-}
-
-fn field(at: usize, spec: &FieldSpec) -> Value {
-    let bits: Vec<Value> =
-        spec.bits.iter().map(|bit| json!({ "bit": bit.bit, "name": bit.name, "meaning": bit.meaning })).collect();
-    json!({ "name": spec.name, "at": at, "length": spec.wire.length(), "signed": spec.wire.signed(),
-        "unit": spec.unit, "scale": spec.scale, "bits": bits, "meaning": spec.meaning })
+fn fields<'a>(specs: impl Iterator<Item = &'a FieldSpec>) -> Vec<Value> {
+    let mut at = 0;
+    specs
+        .map(|spec| {
+            let bits: Vec<Value> = spec
+                .bits
+                .iter()
+                .map(|bit| json!({ "bit": bit.bit, "name": bit.name, "meaning": bit.meaning }))
+                .collect();
+            let form = match bits.is_empty() {
+                _ if DIGITS.contains(&spec.name) => "digits",
+                true => "number",
+                false => "flags",
+            };
+            let length = spec.wire.length();
+            at += length;
+            json!({ "name": spec.name, "at": at - length, "length": length, "form": form, "signed": spec.wire.signed(),
+                "unit": spec.unit, "scale": spec.scale, "bits": bits, "meaning": spec.meaning })
+        })
+        .collect()
 }
 
 fn hex(bytes: &[u8]) -> String {

@@ -17,27 +17,45 @@ export function charts(gyros) {
   const columns = gyros.map(() => Object.fromEntries(VIEWS.map((view) => [view.name, []])));
   const sums = gyros.map(() => 0);
   const faults = new Map();
-  let view = VIEWS[0], windowS = 60, last = null, isDrawing = false;
+  let view = VIEWS[0],
+    windowS = 60,
+    last = null,
+    isDrawing = false;
 
   for (const known of VIEWS) {
     const choice = element("input", { type: "radio", name: "view", value: known.name, checked: known === view });
-    choice.addEventListener("change", () => { view = known; draw(); });
+    choice.addEventListener("change", () => {
+      view = known;
+      draw();
+    });
     at("views").append(element("label", {}, choice, element("span", {}, known.title)));
   }
-  at("window").addEventListener("change", (event) => { windowS = Number(event.target.value); draw(); });
+  at("window").addEventListener("change", (event) => {
+    windowS = Number(event.target.value);
+    draw();
+  });
   at("zero").addEventListener("click", () => {
     sums.fill(0);
-    columns.forEach((column) => { column.accumulated = column.accumulated.map(() => null); });
+    columns.forEach((column) => {
+      column.accumulated = column.accumulated.map(() => null);
+    });
     draw();
   });
 
   const hasCharts = typeof uPlot === "function";
   at("no-charts").hidden = hasCharts;
   const strips = gyros.map((gyro, index) => {
-    const value = element("output", { className: "value" }), sub = element("span", { className: "sub" });
+    const value = element("output", { className: "value" }),
+      sub = element("span", { className: "sub" });
     const canvas = element("div", { className: "canvas", role: "img", ariaLabel: `Strip chart of ${gyro}` });
-    at("strips").append(element("div", { className: "strip", id: `strip-${gyro}` },
-      element("div", { className: "reading" }, element("b", {}, gyro), value, sub), canvas));
+    at("strips").append(
+      element(
+        "div",
+        { className: "strip", id: `strip-${gyro}` },
+        element("div", { className: "reading" }, element("b", {}, gyro), value, sub),
+        canvas,
+      ),
+    );
     const plot = hasCharts ? plotted(canvas, index) : null;
     return { value, sub, plot };
   });
@@ -45,23 +63,48 @@ export function charts(gyros) {
   function plotted(canvas, index) {
     const isLast = index === gyros.length - 1;
     const font = "11px ui-monospace, 'DejaVu Sans Mono', monospace";
-    const axis = { stroke: () => colour("--soft"), font, ticks: { show: false },
-      grid: { stroke: () => colour("--rule"), width: 1 } };
-    const plot = new uPlot({
-      width: Math.max(canvas.clientWidth, 100), height: isLast ? 138 : 116,
-      legend: { show: false }, padding: [8, 12, isLast ? 0 : 8, 0],
-      cursor: { sync: { key: "gyros" }, y: false, drag: { x: false, y: false }, points: { size: 5 } },
-      scales: {
-        x: { time: false, range: () => { const end = times.at(-1) ?? windowS; return [end - windowS, end]; } },
-        y: { range: (_, low, high) => around(low, high, view.least) },
+    const axis = {
+      stroke: () => colour("--soft"),
+      font,
+      ticks: { show: false },
+      grid: { stroke: () => colour("--rule"), width: 1 },
+    };
+    const plot = new uPlot(
+      {
+        width: Math.max(canvas.clientWidth, 100),
+        height: isLast ? 138 : 116,
+        legend: { show: false },
+        padding: [8, 12, isLast ? 0 : 8, 0],
+        cursor: { sync: { key: "gyros" }, y: false, drag: { x: false, y: false }, points: { size: 5 } },
+        scales: {
+          x: {
+            time: false,
+            range: () => {
+              const end = times.at(-1) ?? windowS;
+              return [end - windowS, end];
+            },
+          },
+          y: { range: (_, low, high) => around(low, high, view.least) },
+        },
+        axes: [
+          {
+            ...axis,
+            size: isLast ? 22 : 0,
+            values: (_, splits) => splits.map((t) => (t < 0 || !isLast ? "" : clock(t, 0))),
+          },
+          {
+            ...axis,
+            size: 58,
+            space: 24,
+            values: (_, splits) => splits.map((value) => String(+value.toPrecision(6)).replace("-", "−")),
+          },
+        ],
+        series: [{}, { stroke: () => colour("--first"), width: 1.5, points: { show: false }, spanGaps: false }],
+        hooks: { drawClear: [(plot) => shade(plot, gyros[index])], setCursor: [() => read()] },
       },
-      axes: [
-        { ...axis, size: isLast ? 22 : 0, values: (_, splits) => splits.map((t) => (t < 0 || !isLast ? "" : clock(t, 0))) },
-        { ...axis, size: 58, space: 24, values: (_, splits) => splits.map((value) => String(+value.toPrecision(6)).replace("-", "−")) },
-      ],
-      series: [{}, { stroke: () => colour("--first"), width: 1.5, points: { show: false }, spanGaps: false }],
-      hooks: { drawClear: [(plot) => shade(plot, gyros[index])], setCursor: [() => read()] },
-    }, [[], []], canvas);
+      [[], []],
+      canvas,
+    );
     new ResizeObserver(() => plot.setSize({ width: canvas.clientWidth, height: plot.height })).observe(canvas);
     return plot;
   }
@@ -75,9 +118,12 @@ export function charts(gyros) {
     ctx.clip();
     for (const fault of faults.values()) {
       if ((fault.gyro && fault.gyro !== gyro) || !Number.isFinite(fault.since_s)) continue;
-      const end = fault.state === "active" ? Infinity : fault.until_s ?? Infinity;
+      const end = fault.state === "active" ? Infinity : (fault.until_s ?? Infinity);
       const from = plot.valToPos(fault.since_s, "x", true);
-      const to = Math.min(end === Infinity ? bbox.left + bbox.width : plot.valToPos(end, "x", true), bbox.left + bbox.width);
+      const to = Math.min(
+        end === Infinity ? bbox.left + bbox.width : plot.valToPos(end, "x", true),
+        bbox.left + bbox.width,
+      );
       ctx.fillStyle = ctx.strokeStyle = colour("--second");
       ctx.globalAlpha = 0.13;
       ctx.fillRect(from, bbox.top, to - from, bbox.height);
@@ -93,7 +139,8 @@ export function charts(gyros) {
       const place = plot?.cursor.idx ?? times.length - 1;
       const column = columns[index][view.name];
       value.textContent = fixed(column[place] ?? NaN, view.decimals);
-      sub.textContent = plot?.cursor.idx != null ? `at ${clock(times[place])}` : view.name === "counts" ? "count" : "arcsec";
+      sub.textContent =
+        plot?.cursor.idx != null ? `at ${clock(times[place])}` : view.name === "counts" ? "count" : "arcsec";
     });
   }
 
@@ -121,17 +168,25 @@ export function charts(gyros) {
         times.length = 0;
         sums.fill(0);
         faults.clear();
-        columns.forEach((column) => VIEWS.forEach(({ name }) => { column[name].length = 0; }));
+        columns.forEach((column) =>
+          VIEWS.forEach(({ name }) => {
+            column[name].length = 0;
+          }),
+        );
       } else if (last && half.half_second > last.half_second + 1) {
         // What was not told is not drawn.
         row((last.t_s + half.t_s) / 2, null);
       }
       last = half;
-      row(half.t_s, gyros.map((_, index) => {
-        const counts = half.increments[index], truth = half.true_arcsec[index];
-        sums[index] += counts - truth;
-        return { counts, truth, difference: counts - truth, accumulated: sums[index] };
-      }));
+      row(
+        half.t_s,
+        gyros.map((_, index) => {
+          const counts = half.increments[index],
+            truth = half.true_arcsec[index];
+          sums[index] += counts - truth;
+          return { counts, truth, difference: counts - truth, accumulated: sums[index] };
+        }),
+      );
       const old = times.findIndex((t) => t >= half.t_s - KEEP_S);
       if (old > 0) {
         times.splice(0, old);
@@ -147,6 +202,7 @@ export function charts(gyros) {
 /** A range with a margin, never narrower than `least`. */
 function around(low, high, least) {
   if (!Number.isFinite(low) || !Number.isFinite(high)) return [-least, least];
-  const half = Math.max((high - low) * 0.56, least / 2), middle = (high + low) / 2;
+  const half = Math.max((high - low) * 0.56, least / 2),
+    middle = (high + low) / 2;
   return [middle - half, middle + half];
 }

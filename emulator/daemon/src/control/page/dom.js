@@ -34,13 +34,14 @@ export const breakable = (name) =>
 
 /** On-board time as h:mm:ss.s. */
 export function clock(seconds, decimals = 1) {
-  const hours = Math.floor(seconds / 3600), minutes = Math.floor(seconds / 60) % 60;
+  const hours = Math.floor(seconds / 3600),
+    minutes = Math.floor(seconds / 60) % 60;
   const rest = (seconds % 60).toFixed(decimals).padStart(decimals ? 3 + decimals : 2, "0");
   return hours ? `${hours}:${String(minutes).padStart(2, "0")}:${rest}` : `${minutes}:${rest}`;
 }
 
-export const fixed = (value, decimals) =>
-  Number.isFinite(value) ? value.toFixed(decimals).replace("-", "−") : "–";
+/** A number with these decimals, and a minus as wide as a plus. */
+export const fixed = (value, decimals) => (Number.isFinite(value) ? value.toFixed(decimals).replace("-", "−") : "–");
 
 const token = new URLSearchParams(location.search).get("token");
 
@@ -52,12 +53,21 @@ export async function ask(method, plain, body) {
   const headers = {};
   if (body !== undefined) headers["Content-Type"] = "application/json";
   if (token !== null) headers.Authorization = `Bearer ${token}`;
-  const response = await fetch(plain, { method, headers, body: body === undefined ? undefined : JSON.stringify(body) })
-    .catch(() => { throw new Error("the unit cannot be reached"); });
+  const response = await fetch(plain, {
+    method,
+    headers,
+    body: body === undefined ? undefined : JSON.stringify(body),
+  }).catch(() => {
+    throw new Error("the unit cannot be reached");
+  });
   const text = await response.text();
   if (!response.ok) {
     let message = `${response.status} ${response.statusText}`;
-    try { message = JSON.parse(text).error ?? message; } catch { /* not JSON */ }
+    try {
+      message = JSON.parse(text).error ?? message;
+    } catch {
+      /* not JSON */
+    }
     throw Object.assign(new Error(message), { status: response.status });
   }
   return response.headers.get("content-type").startsWith("application/json") ? JSON.parse(text) : text;

@@ -13,7 +13,8 @@ const HAPPENINGS = 500;
 const show = readings(at("readings"));
 const showLateness = readings(at("lateness"));
 const happened = [];
-let isOpen = false, heard = 0;
+let isOpen = false,
+  heard = 0;
 
 function trouble(text) {
   at("trouble").textContent = text;
@@ -27,11 +28,13 @@ function state(name, text) {
 
 function lamps(layout) {
   const bits = (name) => layout.serial.find((field) => field.name === name)?.bits ?? [];
-  const made = ["gyro_flags", "unit_flags"].flatMap((name) => bits(name).map(({ bit, name: said, meaning }) => {
-    const lamp = element("li", { title: meaning }, said.replaceAll("_", " "));
-    at("lamps").append(lamp);
-    return { name, bit, lamp };
-  }));
+  const made = ["gyro_flags", "unit_flags"].flatMap((name) =>
+    bits(name).map(({ bit, name: said, meaning }) => {
+      const lamp = element("li", { title: meaning }, said.replaceAll("_", " "));
+      at("lamps").append(lamp);
+      return { name, bit, lamp };
+    }),
+  );
   return (half) => made.forEach(({ name, bit, lamp }) => lamp.classList.toggle("on", ((half[name] >> bit) & 1) === 1));
 }
 
@@ -40,8 +43,17 @@ function links(half) {
   const said = JSON.stringify(rows);
   if (at("link-rows").dataset.said === said) return;
   at("link-rows").dataset.said = said;
-  at("link-rows").replaceChildren(...rows.map((row) => element("tr", {}, ...row.map((cell, index) =>
-    element(index ? "td" : "th", index === 3 && cell > 0 ? { className: "warn" } : {}, String(cell))))));
+  at("link-rows").replaceChildren(
+    ...rows.map((row) =>
+      element(
+        "tr",
+        {},
+        ...row.map((cell, index) =>
+          element(index ? "td" : "th", index === 3 && cell > 0 ? { className: "warn" } : {}, String(cell)),
+        ),
+      ),
+    ),
+  );
 }
 
 function numbers(half) {
@@ -52,9 +64,10 @@ function numbers(half) {
   show("electronics", unit(half.electronics_c, 2, "°C"));
   show("sensor", unit(half.sensor_c, 2, "°C"));
   show("mode", half.cyclic === false ? "polled" : "cyclic");
+  const degrees = (value) => (value == null ? "–" : `${fixed(value, 2)}°`);
   const [x, y, z] = half.rate_arcsec_s ?? [];
   show("true rate x, y, z", `${fixed(x, 1)}  ${fixed(y, 1)}  ${fixed(z, 1)} ″/s`);
-  show("θ, ψ", `${half.theta_deg == null ? "–" : fixed(half.theta_deg, 2)}°  ${half.psi_deg == null ? "–" : fixed(half.psi_deg, 2)}°`);
+  show("θ, ψ", `${degrees(half.theta_deg)}  ${degrees(half.psi_deg)}`);
   const { count, p50_us: p50, p99_us: p99, max_us: max } = half.lateness;
   const time = (us) => (us >= 1000 ? unit(us / 1000, 2, "ms") : unit(us, 0, "µs"));
   showLateness("lateness p50", count ? time(p50) : "–");
@@ -70,8 +83,15 @@ function take(lines) {
   for (const line of lines.filter((line) => line !== "" && !known.has(line))) {
     happened.push(line);
     const { t_s: t, kind, text } = JSON.parse(line);
-    at("happenings").prepend(element("li", { className: kind },
-      element("time", {}, clock(t)), element("span", { className: "kind" }, kind), element("span", {}, ...breakable(text))));
+    at("happenings").prepend(
+      element(
+        "li",
+        { className: kind },
+        element("time", {}, clock(t)),
+        element("span", { className: "kind" }, kind),
+        element("span", {}, ...breakable(text)),
+      ),
+    );
   }
   while (happened.length > HAPPENINGS) {
     happened.shift();
@@ -80,7 +100,9 @@ function take(lines) {
 }
 
 function start([catalogue, layout, status]) {
-  const gyros = charts(catalogue.gyros), frames = wire(layout), flags = lamps(layout);
+  const gyros = charts(catalogue.gyros),
+    frames = wire(layout),
+    flags = lamps(layout);
   const showFaults = faultList(catalogue, refresh);
   async function refresh() {
     showFaults(await ask("GET", "/api/faults").catch(() => []));
@@ -89,6 +111,7 @@ function start([catalogue, layout, status]) {
   commander(catalogue.commands);
   if (status.links) links(status);
   at("download").href = path("/api/timeline");
+  at("document").href = path("/api/openapi.json");
 
   function follow() {
     const source = new EventSource(path("/api/events"));
@@ -133,7 +156,11 @@ async function begin() {
     answers = await Promise.all(["/api/catalogue", "/api/layout", "/api/status"].map((plain) => ask("GET", plain)));
   } catch (error) {
     state("lost", "not connected");
-    trouble(error.status === 401 ? "This unit wants a token: open the page as /?token=TOKEN." : `${error.message}; trying again.`);
+    trouble(
+      error.status === 401
+        ? "This unit wants a token: open the page as /?token=TOKEN."
+        : `${error.message}; trying again.`,
+    );
     if (error.status !== 401) setTimeout(begin, AGAIN_MS);
     return;
   }

@@ -15,8 +15,14 @@ async function tried(place, question) {
 
 const range = (least, greatest, unit) => {
   const number = (value) => String(value).replace("-", "−");
-  const span = least != null && greatest != null ? `${number(least)} to ${number(greatest)}`
-    : least != null ? `from ${number(least)}` : greatest != null ? `to ${number(greatest)}` : "";
+  const span =
+    least != null && greatest != null
+      ? `${number(least)} to ${number(greatest)}`
+      : least != null
+        ? `from ${number(least)}`
+        : greatest != null
+          ? `to ${number(greatest)}`
+          : "";
   return [span, unit].filter(Boolean).join(" ");
 };
 
@@ -38,29 +44,47 @@ function field(spec, gyros, text = spec.name) {
     if (spec.default != null) input.value = spec.default;
     return { shown: label(text, input), read: () => input.value };
   }
-  const input = element("input", { ...common, type: "number", step: spec.form === "whole" ? "1" : "any",
-    min: spec.least, max: spec.greatest, required: spec.default == null, placeholder: spec.default ?? "" });
-  return { shown: label(text, input, range(spec.least, spec.greatest, spec.unit)),
-    read: () => (input.value === "" ? undefined : input.valueAsNumber) };
+  const input = element("input", {
+    ...common,
+    type: "number",
+    step: spec.form === "whole" ? "1" : "any",
+    min: spec.least,
+    max: spec.greatest,
+    required: spec.default == null,
+    placeholder: spec.default ?? "",
+  });
+  return {
+    shown: label(text, input, range(spec.least, spec.greatest, spec.unit)),
+    read: () => (input.value === "" ? undefined : input.valueAsNumber),
+  };
 }
 
 /** The panel that injects any fault of the catalogue. */
 export function injector(catalogue, changed) {
   const { gyros, parameters, courses, faults } = catalogue;
-  const group = (title, values) => values.length
-    ? [element("optgroup", { label: title }, ...values.map(([value, text]) => element("option", { value }, text)))] : [];
-  const scoped = (scope) => faults.filter((fault) => fault.scope === scope)
-    .map((fault) => [`f ${fault.fault}`, fault.title ?? fault.fault]);
+  const group = (title, values) =>
+    values.length
+      ? [element("optgroup", { label: title }, ...values.map(([value, text]) => element("option", { value }, text)))]
+      : [];
+  const scoped = (scope) =>
+    faults.filter((fault) => fault.scope === scope).map((fault) => [`f ${fault.fault}`, fault.title ?? fault.fault]);
   // Two parameters of one effect have one title.
   const titles = parameters.map((parameter) => parameter.title);
   const title = ({ title, parameter }) =>
-    titles.filter((other) => other === title).length > 1 ? `${title}: ${parameter.split(".").at(-1)}` : title ?? parameter;
-  const written = (perGyro) => parameters.filter((parameter) => Boolean(parameter.per_gyro) === perGyro)
-    .map((parameter) => [`p ${parameter.parameter}`, title(parameter)]);
+    titles.filter((other) => other === title).length > 1
+      ? `${title}: ${parameter.split(".").at(-1)}`
+      : (title ?? parameter);
+  const written = (perGyro) =>
+    parameters
+      .filter((parameter) => Boolean(parameter.per_gyro) === perGyro)
+      .map((parameter) => [`p ${parameter.parameter}`, title(parameter)]);
   at("what").replaceChildren(
-    ...group("Parameter of a gyro", written(true)), ...group("Parameter of the unit", written(false)),
-    ...group("Fault of a gyro", scoped("gyro")), ...group("Fault of the unit", scoped("unit")),
-    ...group("Fault of a link", scoped("link")));
+    ...group("Parameter of a gyro", written(true)),
+    ...group("Parameter of the unit", written(false)),
+    ...group("Fault of a gyro", scoped("gyro")),
+    ...group("Fault of the unit", scoped("unit")),
+    ...group("Fault of a link", scoped("link")),
+  );
   let read = () => ({});
 
   function show() {
@@ -75,9 +99,14 @@ export function injector(catalogue, changed) {
     if (kind === "p") {
       const parameter = parameters.find((known) => known.parameter === name);
       explain(parameter.meaning, name);
-      const gyro = parameter.per_gyro ? choice("gyro", "Gyro", options(parameter.gyros?.length ? parameter.gyros : gyros)) : null;
-      const course = choice("course", "Course", courses.map((known) =>
-        element("option", { value: known.course, title: known.meaning }, known.course)));
+      const gyro = parameter.per_gyro
+        ? choice("gyro", "Gyro", options(parameter.gyros?.length ? parameter.gyros : gyros))
+        : null;
+      const course = choice(
+        "course",
+        "Course",
+        courses.map((known) => element("option", { value: known.course, title: known.meaning }, known.course)),
+      );
       const numbers = element("div", { className: "fields inner" });
       place.append(numbers);
       let fields = [];
@@ -85,8 +114,16 @@ export function injector(catalogue, changed) {
         const chosen = courses.find((known) => known.course === course.value);
         fields = chosen.numbers.map((spec) => {
           const own = spec.name === chosen.course;
-          const full = own ? { ...spec, form: parameter.form, unit: parameter.unit, default: null,
-            least: parameter.least ?? spec.least, greatest: parameter.greatest ?? spec.greatest } : spec;
+          const full = own
+            ? {
+                ...spec,
+                form: parameter.form,
+                unit: parameter.unit,
+                default: null,
+                least: parameter.least ?? spec.least,
+                greatest: parameter.greatest ?? spec.greatest,
+              }
+            : spec;
           return [spec.name, field(full, gyros, own ? "value" : spec.name)];
         });
         numbers.replaceChildren(...fields.map(([, made]) => made.shown));
@@ -98,8 +135,20 @@ export function injector(catalogue, changed) {
       const fault = faults.find((known) => known.fault === name);
       explain(fault.meaning, name);
       const gyro = fault.scope === "gyro" ? choice("gyro", "Gyro", options(gyros)) : null;
-      const link = fault.scope === "link" ? choice("link", "Link", Object.entries(fault.links ?? {}).map(([known, reason]) =>
-        element("option", { value: known, disabled: reason !== null }, reason === null ? known : `${known}: ${reason}`))) : null;
+      const link =
+        fault.scope === "link"
+          ? choice(
+              "link",
+              "Link",
+              Object.entries(fault.links ?? {}).map(([known, reason]) =>
+                element(
+                  "option",
+                  { value: known, disabled: reason !== null },
+                  reason === null ? known : `${known}: ${reason}`,
+                ),
+              ),
+            )
+          : null;
       const fields = fault.numbers.map((spec) => [spec.name, field(spec, gyros)]);
       place.append(...fields.map(([, made]) => made.shown));
       read = () => ({ fault: name, gyro: gyro?.value, link: link?.value, ...values(fields) });
@@ -113,7 +162,8 @@ export function injector(catalogue, changed) {
   show();
   at("inject-form").addEventListener("submit", async (event) => {
     event.preventDefault();
-    const form = event.target, fault = read();
+    const form = event.target,
+      fault = read();
     for (const name of ["for_s", "at_s", "release_s", "times", "probability"]) {
       if (form.elements[name].value !== "") fault[name] = form.elements[name].valueAsNumber;
     }
@@ -131,8 +181,10 @@ export function injector(catalogue, changed) {
 
 /** The list of faults that are armed or active; gives what takes a new state in. */
 export function faultList(catalogue, changed) {
-  const titles = new Map([...catalogue.parameters.map((known) => [known.parameter, known.title]),
-    ...catalogue.faults.map((known) => [known.fault, known.title])]);
+  const titles = new Map([
+    ...catalogue.parameters.map((known) => [known.parameter, known.title]),
+    ...catalogue.faults.map((known) => [known.fault, known.title]),
+  ]);
   let shown = null;
   at("clear-all").addEventListener("click", async () => {
     if (await tried("clear-error", () => ask("DELETE", "/api/faults"))) changed();
@@ -144,20 +196,44 @@ export function faultList(catalogue, changed) {
     if (said === shown) return;
     shown = said;
     at("clear-all").hidden = now.length < 2;
-    at("faults").replaceChildren(...now.map((fault) => {
-      const button = element("button", { type: "button", ariaLabel: `Clear ${fault.id}` }, "Clear");
-      button.addEventListener("click", async () => {
-        if (await tried("clear-error", () => ask("DELETE", `/api/faults/${encodeURIComponent(fault.id)}`))) changed();
-      });
-      const times = [Number.isFinite(fault.since_s) ? `since ${clock(fault.since_s)}` : "",
-        Number.isFinite(fault.until_s) ? `until ${clock(fault.until_s)}` : ""].filter(Boolean).join(", ");
-      return element("li", { className: fault.state },
-        element("span", { className: "lamp" }, fault.state),
-        element("span", { className: "said" }, element("b", {}, [fault.gyro ?? fault.link, titles.get(fault.what) ?? fault.what].filter(Boolean).join(" ")),
-          element("small", {}, ...breakable(fault.what ?? ""), " ", element("span", {}, [fault.id, times].filter(Boolean).join(", ")))),
-        button);
-    }));
-    if (!now.length) at("faults").append(element("li", { className: "none" }, "None: the unit does what its configuration says."));
+    at("faults").replaceChildren(
+      ...now.map((fault) => {
+        const button = element("button", { type: "button", ariaLabel: `Clear ${fault.id}` }, "Clear");
+        button.addEventListener("click", async () => {
+          if (await tried("clear-error", () => ask("DELETE", `/api/faults/${encodeURIComponent(fault.id)}`))) changed();
+        });
+        const times = [
+          Number.isFinite(fault.since_s) ? `since ${clock(fault.since_s)}` : "",
+          Number.isFinite(fault.until_s) ? `until ${clock(fault.until_s)}` : "",
+        ]
+          .filter(Boolean)
+          .join(", ");
+        return element(
+          "li",
+          { className: fault.state },
+          element("span", { className: "lamp" }, fault.state),
+          element(
+            "span",
+            { className: "said" },
+            element(
+              "b",
+              {},
+              [fault.gyro ?? fault.link, titles.get(fault.what) ?? fault.what].filter(Boolean).join(" "),
+            ),
+            element(
+              "small",
+              {},
+              ...breakable(fault.what ?? ""),
+              " ",
+              element("span", {}, [fault.id, times].filter(Boolean).join(", ")),
+            ),
+          ),
+          button,
+        );
+      }),
+    );
+    if (!now.length)
+      at("faults").append(element("li", { className: "none" }, "None: the unit does what its configuration says."));
   };
 }
 
@@ -170,9 +246,24 @@ export function commander(commands) {
     at("command-meaning").textContent = chosen().meaning ?? "";
     fields = chosen().arguments.map((argument) => {
       const input = argument.choices?.length
-        ? element("select", { name: argument.name }, ...argument.choices.map(({ value, name }) => element("option", { value }, `${value} ${name}`)))
-        : element("input", { name: argument.name, type: "number", step: "1", required: true, min: argument.least, max: argument.greatest, title: argument.meaning });
-      return { input, shown: label(argument.name, input, argument.choices?.length ? "" : range(argument.least, argument.greatest)) };
+        ? element(
+            "select",
+            { name: argument.name },
+            ...argument.choices.map(({ value, name }) => element("option", { value }, `${value} ${name}`)),
+          )
+        : element("input", {
+            name: argument.name,
+            type: "number",
+            step: "1",
+            required: true,
+            min: argument.least,
+            max: argument.greatest,
+            title: argument.meaning,
+          });
+      return {
+        input,
+        shown: label(argument.name, input, argument.choices?.length ? "" : range(argument.least, argument.greatest)),
+      };
     });
     at("command-fields").replaceChildren(...fields.map((made) => made.shown));
   };
@@ -185,7 +276,9 @@ export function commander(commands) {
     const reply = await tried("command-error", () => ask("POST", "/api/commands", command));
     if (!reply) return;
     const values = Object.entries(reply.values ?? {}).map(([name, value]) => `${name} ${value}`);
-    const polled = reply.polled ? [`sequence ${reply.polled.sequence}, increments ${reply.polled.increments.join(" ")}`] : [];
+    const polled = reply.polled
+      ? [`sequence ${reply.polled.sequence}, increments ${reply.polled.increments.join(" ")}`]
+      : [];
     at("replied").textContent = [`${command.name}: ${reply.outcome}`, ...values, ...polled].join("  ");
   });
 }

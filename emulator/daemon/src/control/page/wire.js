@@ -1,12 +1,16 @@
 // The last frame, taken apart field by field by the layout that the unit tells.
 
-import { at, element } from "./dom.js";
+import { at, breakable, element } from "./dom.js";
 
-const TABS = [["serial", "Serial"], ["can", "CAN"]];
+const TABS = [
+  ["serial", "Serial"],
+  ["can", "CAN"],
+];
 
 /** Shows half seconds as the links carry them. */
 export function wire(layout) {
-  let shown = "serial", last = null;
+  let shown = "serial",
+    last = null;
   const tabs = TABS.map(([name, title]) => {
     const tab = element("button", { type: "button", role: "tab", id: `tab-${name}` }, title);
     tab.setAttribute("aria-controls", "frames");
@@ -32,12 +36,42 @@ export function wire(layout) {
     at("frames").setAttribute("aria-labelledby", `tab-${name}`);
     rows = parts[name].map((part) => {
       const title = element("code", { className: "frame" });
-      const cells = part.fields.map((field) => ({ field, bytes: element("td", { className: "bytes" }), value: element("td") }));
-      const body = element("tbody", {}, ...cells.map(({ field, bytes, value }) =>
-        element("tr", { title: field.meaning }, element("td", {}, String(field.at)), bytes, element("th", { scope: "row" }, field.name), value)));
-      const head = element("thead", {}, element("tr", {}, ...["byte", "hex", "field", "value"].map((text) => element("th", { scope: "col" }, text))));
-      at("frames").append(title);
-      return { part, title, cells, shown: element("div", { className: "part" }, element("h3", {}, part.name), title, element("div", { className: "wide" }, element("table", {}, head, body))) };
+      const cells = part.fields.map((field) => ({
+        field,
+        bytes: element("td", { className: "bytes" }),
+        value: element("td"),
+      }));
+      const body = element(
+        "tbody",
+        {},
+        ...cells.map(({ field, bytes, value }) =>
+          element(
+            "tr",
+            { title: field.meaning },
+            element("td", {}, String(field.at)),
+            bytes,
+            element("th", { scope: "row" }, field.name),
+            value,
+          ),
+        ),
+      );
+      const head = element(
+        "thead",
+        {},
+        element("tr", {}, ...["byte", "hex", "field", "value"].map((text) => element("th", { scope: "col" }, text))),
+      );
+      return {
+        part,
+        title,
+        cells,
+        shown: element(
+          "div",
+          { className: "part" },
+          element("h3", {}, part.name),
+          title,
+          element("div", { className: "wide" }, element("table", {}, head, body)),
+        ),
+      };
     });
     at("frames").replaceChildren(...rows.map((row) => row.shown));
     fill();
@@ -46,30 +80,36 @@ export function wire(layout) {
   function fill() {
     if (!last) return;
     rows.forEach(({ title, cells }, index) => {
-      const line = shown === "serial" ? last.serial : last.can[index] ?? "";
+      const line = shown === "serial" ? last.serial : (last.can[index] ?? "");
       const [id, data] = line.includes("#") ? line.split("#") : ["", line];
       const bytes = data.match(/../g) ?? [];
       title.textContent = [id, bytes.join(" ")].filter(Boolean).join("  ");
       for (const { field, bytes: place, value } of cells) {
         const own = bytes.slice(field.at, field.at + field.length);
         place.textContent = own.join(" ");
-        value.textContent = own.length === field.length ? meaning(field, own.join("")) : "–";
+        const said = own.length === field.length ? meaning(field, own.join("")) : "–";
+        if (value.textContent !== said) value.replaceChildren(...breakable(said));
       }
     });
   }
 
   choose(shown);
-  return { take(half) { last = half.wire; fill(); } };
+  return {
+    take(half) {
+      last = half.wire;
+      fill();
+    },
+  };
 }
 
 /** The number that these digits say, with unit and named bits. */
 function meaning(field, hex) {
   let number = parseInt(hex, 16);
-  if (field.bits.length) {
+  if (field.form === "digits") return hex;
+  if (field.form === "flags") {
     const names = field.bits.filter(({ bit }) => (number >> bit) & 1).map(({ name }) => name);
     return names.join(", ") || "none";
   }
-  if (["sync", "type", "length", "crc"].includes(field.name)) return field.name === "length" ? String(number) : hex;
   if (field.signed && number >= 2 ** (8 * field.length - 1)) number -= 2 ** (8 * field.length);
   const decimals = Math.max(0, -Math.floor(Math.log10(field.scale)));
   return `${(number * field.scale).toFixed(decimals).replace("-", "−")} ${field.unit.replace("degC", "°C")}`.trim();
