@@ -13,6 +13,7 @@ use std::time::{Duration, Instant};
 
 use geu_model::attitude::{Moment, Motion};
 use geu_model::configuration::fault::read_fault_text;
+use geu_model::fault::Fault;
 use geu_model::fault::acting::Planned;
 use geu_model::fault::catalogue::LinkKind;
 use geu_model::units::RAD_PER_DEG;
@@ -368,7 +369,15 @@ impl Bench for LiveBench {
             }
         }
         let text = document.to_string();
-        let fault = desk.inject(|there| read_fault_text("fault", &text, there).map_err(|error| error.message))?;
+        // Read without the desk, which the thread that keeps time may want meanwhile.
+        let fault = loop {
+            let there: Vec<Fault> = desk.planned().iter().map(|planned| Fault::clone(&planned.fault)).collect();
+            let fault = read_fault_text("fault", &text, &there).map_err(|error| error.message)?;
+            // Somebody else may have taken the identifier by now.
+            if let Some(fault) = desk.inject(fault) {
+                break fault;
+            }
+        };
         Ok(json!({ "id": fault.id, "state": "armed", "at_s": fault.at_s, "keys": fault_log::keys(&fault) }))
     }
 
