@@ -189,3 +189,11 @@ fn the_floats_stand_on_a_stop_where_the_checkout_says_so() {
         assert!(at_ends[leg].iter().all(|place| place.abs() < 0.6), "{:?}", at_ends[leg]);
     }
 }
+
+#[test]
+fn the_shipped_plan_is_a_plan() {
+    let mut configuration = Configuration::reference();
+    let text = include_str!("../../../configs/faults.toml");
+    configuration.add_plan("configs/faults.toml", text).unwrap_or_else(|error| panic!("{error}"));
+    assert!(configuration.faults.len() >= 5 && configuration.expectations.len() == 2);
+}
