@@ -13,5 +13,6 @@ pub mod record;
 mod recording;
 mod run;
 pub mod simulate;
+pub mod truth;
 
 pub use run::{RunError, Settings, Summary, asked_to_end, run};

@@ -18,6 +18,7 @@ use crate::lateness::{Histogram, Time};
 use crate::link::{self, Link, LinkAddress, LinkError, Tally};
 use crate::record::{RecordError, Recorder};
 use crate::recording::Writer;
+use crate::truth::{Counts as TruthCounts, Live, TruthError};
 
 /// So long before its deadline a half second is ended and encoded: longer than the model and a wake-up take.
 const LEAD_NS: i64 = 800_000;
@@ -47,6 +48,8 @@ pub struct Settings {
     pub realtime: bool,
     /// Begin only when a client is attached to a pty or over TCP.
     pub wait_for_client: bool,
+    /// The source of the truth, where that comes from outside.
+    pub live: Option<Arc<Live>>,
 }
 
 /// A run that could not begin, or whose recording is not complete.
@@ -60,6 +63,9 @@ pub enum RunError {
         "--wait: nobody attaches to a CAN interface or a serial port; expected a link with clients too: --pty or --tcp"
     )]
     NobodyToWaitFor,
+    /// The truth from outside cannot be listened for.
+    #[error(transparent)]
+    Truth(#[from] TruthError),
     /// The recording cannot be written.
     #[error(transparent)]
     Record(#[from] RecordError),
@@ -82,6 +88,8 @@ pub struct Summary {
     pub commands: u64,
     /// Frames to the unit dropped without an answer.
     pub rejected: u64,
+    /// What became of the samples of a truth from outside.
+    pub truth: Option<TruthCounts>,
     /// Each link.
     pub links: Vec<Arc<Tally>>,
 }
@@ -93,6 +101,7 @@ impl fmt::Display for Summary {
             writeln!(f, "lateness     {}", self.lateness)?;
         }
         writeln!(f, "commands     {} answered, {} frames dropped (CRC, length, kind)", self.commands, self.rejected)?;
+        self.truth.iter().try_for_each(|counts| writeln!(f, "truth        {counts}"))?;
         self.links.iter().try_for_each(|link| writeln!(f, "link         {link}"))
     }
 }
@@ -158,6 +167,9 @@ async fn keep(
     for address in &settings.links {
         links.push(link::open(address, desk, speedup)?);
     }
+    if let Some(live) = &settings.live {
+        live.open()?;
+    }
     // Only now: who waits for one line may count on all links.
     links.iter().filter(|link| link.is_ready()).for_each(|link| console::ready(&link.tally().name));
     let tallies: Vec<_> = links.iter().map(|link| link.tally()).collect();
@@ -206,6 +218,7 @@ async fn keep(
         lateness: timing.lateness(),
         commands: desk.commands.load(Relaxed),
         rejected: desk.rejected.load(Relaxed),
+        truth: settings.live.as_ref().map(|live| live.counts()),
         links: tallies,
     })
 }
@@ -265,6 +278,9 @@ impl Keeper {
             thread::park_timeout(LOOK_AGAIN);
         }
         let patience = if self.settings.speed.is_faster_than_real() { PATIENCE } else { Duration::ZERO };
+        if let Some(live) = &self.settings.live {
+            live.await_first(self.settings.speed == Speed::Max, || self.is_stopped());
+        }
         let start_ns = now_ns();
         let mut missed = 0;
         while !self.is_stopped() {
@@ -281,6 +297,9 @@ impl Keeper {
                 if self.is_stopped() {
                     break;
                 }
+            }
+            if let Some(live) = &self.settings.live {
+                live.finish(self.desk.needs_truth_s(), self.settings.speed == Speed::Max, || self.is_stopped());
             }
             let ended = self.desk.end_half_second();
             if self.is_past_next_deadline(start_ns) {

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use geu_protocol::field::{CLOCK_MODULUS, unit_flag};
 use geu_protocol::{CLOCK_PER_HALF_SECOND, Command, Gyro, HalfSecond, LINK_VERSION, Outcome, Reply, command};
 
-use crate::attitude::{Motion, Plan, Recorded};
+use crate::attitude::{Motion, Plan, Recorded, Stepped};
 use crate::configuration::Configuration;
 use crate::course::Interval;
 use crate::effect::{
@@ -55,6 +55,8 @@ pub enum Truth {
     Scenario,
     /// Rows of a file; their time 0 is the start of the first half second.
     Recorded(Arc<Recorded>),
+    /// Pieces that become known while the unit runs, or that did in a run before; their time 0 is the same.
+    Stepped(Arc<Stepped>),
 }
 
 impl Truth {
@@ -68,6 +70,7 @@ impl Truth {
                 Motion::starting_before(plan, scenario.limit_cycle, (-t_s).max(0.0))
             }
             Truth::Recorded(rows) => Motion::recorded(rows.clone(), t_s),
+            Truth::Stepped(pieces) => Motion::stepped(pieces.clone(), t_s),
         }
     }
 }
@@ -179,14 +182,21 @@ impl Unit {
         unit
     }
 
-    /// How many half seconds, at most `most`, a truth tells that ends at `truth_end_s`: all their true time, the motion
-    /// that an effect shifts to them, and the half second of true time in which the last one ends.
-    pub fn half_seconds_within(configuration: &Configuration, truth_end_s: f64, most: u64) -> u64 {
+    /// How many half seconds, at most `most`, a truth tells: all their true time, the motion that an effect shifts to them,
+    /// and of a recorded one the half second of true time in which the last one ends.
+    pub fn half_seconds_within(configuration: &Configuration, truth: &Truth, most: u64) -> u64 {
+        if matches!(truth, Truth::Scenario) {
+            return most;
+        }
         let mut unit = Unit::new(configuration);
-        let covered = |unit: &Unit| {
-            let end_s = unit.end_fs as f64 * 1e-15;
-            let needed_s = (end_s / HALF_SECOND_S - GRAIN).ceil() * HALF_SECOND_S;
-            needed_s.max(end_s - unit.timing.shift_s) <= truth_end_s + GRAIN
+        let covered = |unit: &Unit| match truth {
+            Truth::Scenario => true,
+            Truth::Recorded(rows) => {
+                let end_s = unit.end_fs as f64 * 1e-15;
+                let needed_s = (end_s / HALF_SECOND_S - GRAIN).ceil() * HALF_SECOND_S;
+                needed_s.max(end_s - unit.timing.shift_s) <= rows.end_s() + GRAIN
+            }
+            Truth::Stepped(pieces) => unit.needs_truth_s() <= pieces.end_s() + GRAIN,
         };
         let mut count = 0;
         while count < most && covered(&unit) {
@@ -195,6 +205,13 @@ impl Unit {
             unit.schedule_end();
         }
         count
+    }
+
+    /// How far the truth must be known to end the running half second: to its end, and beyond where an effect shifts the
+    /// motion forward.
+    pub fn needs_truth_s(&self) -> f64 {
+        let end_s = self.end_fs as f64 * 1e-15;
+        end_s.max(end_s - self.timing.shift_s)
     }
 
     /// How many half seconds have ended: the index of the one that runs.

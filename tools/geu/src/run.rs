@@ -101,6 +101,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         spin: Duration::from_micros(arguments.spin.into()),
         realtime: arguments.realtime,
         wait_for_client: arguments.wait,
+        live: ready.live.as_ref().map(|live| live.source.clone()),
     };
     let wire = Wire::form(arguments.wire, &ready.configuration);
     let recorder = match &arguments.record {
@@ -113,7 +114,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         geu_daemon::run(&ready.configuration, &ready.truth, &settings, recorder, asked_to_end()).map_err(|error| {
             match error {
                 RunError::Link(error) => Failure::input(error),
-                error @ RunError::NobodyToWaitFor => Failure::input(error),
+                error @ (RunError::NobodyToWaitFor | RunError::Truth(_)) => Failure::input(error),
                 error => Failure::failed(error),
             }
         })?;
