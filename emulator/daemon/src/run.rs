@@ -298,8 +298,8 @@ impl Keeper {
                     break;
                 }
             }
-            if let Some(live) = &self.settings.live {
-                live.finish(self.desk.needs_truth_s(), self.settings.speed == Speed::Max, || self.is_stopped());
+            if !self.has_truth() {
+                break;
             }
             let ended = self.desk.end_half_second();
             if self.is_past_next_deadline(start_ns) {
@@ -326,6 +326,13 @@ impl Keeper {
             }
         }
         self.tell_missed(missed);
+    }
+
+    /// Has the truth of the running half second, where it comes from outside; not where the run was stopped meanwhile.
+    fn has_truth(&self) -> bool {
+        let waits_for_source = self.settings.speed == Speed::Max;
+        let finish = |live: &Arc<Live>| live.finish(self.desk.needs_truth_s(), waits_for_source, || self.is_stopped());
+        self.settings.live.as_ref().is_none_or(finish)
     }
 
     fn is_stopped(&self) -> bool {

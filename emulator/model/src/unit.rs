@@ -423,6 +423,7 @@ fn centi(temperature_c: f64) -> i16 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::attitude::{Basis, Knot, Row};
 
     fn unit(overrides: &[&str]) -> Unit {
         let overrides: Vec<String> = overrides.iter().map(|text| text.to_string()).collect();
@@ -447,19 +448,34 @@ mod tests {
 
     #[test]
     fn a_truth_covers_what_its_clock_needs() {
-        let within = |overrides: &[&str], truth_end_s: f64, most: u64| {
+        let within = |overrides: &[&str], truth: &Truth, most: u64| {
             let overrides: Vec<String> = overrides.iter().map(|text| (*text).to_owned()).collect();
             let configuration = Configuration::reference_with(&overrides).expect("valid");
-            Unit::half_seconds_within(&configuration, truth_end_s, most)
+            Unit::half_seconds_within(&configuration, truth, most)
         };
-        assert_eq!(within(&[], 100.0, 1000), 200);
-        assert_eq!(within(&[], 100.0, 150), 150);
-        assert_eq!(within(&[], 99.9, 1000), 199);
-        // A slow clock: its 200th half second ends 1 ms after 100 s.
-        assert_eq!(within(&["unit.clock-frequency.ppm=-10"], 100.0, 1000), 199);
-        assert_eq!(within(&["unit.clock-frequency.ppm=10"], 100.0, 1000), 200);
+        let recorded = |tenths: u32| {
+            let row = |tenth| Row { t_s: f64::from(tenth) / 10.0, angle_control_arcsec: [0.0; 3], theta_psi_rad: None };
+            let rows: Vec<Row> = (0..=tenths).map(row).collect();
+            Truth::Recorded(Arc::new(Recorded::new(&rows).expect("good rows")))
+        };
+        let stepped = |t_s: f64| {
+            let pieces = Stepped::default();
+            pieces.append(Knot { t_s, angle_control_arcsec: [0.0; 3], basis: Basis::Told });
+            Truth::Stepped(Arc::new(pieces))
+        };
+        assert_eq!(within(&[], &recorded(1000), 1000), 200);
+        assert_eq!(within(&[], &recorded(1000), 150), 150);
+        assert_eq!(within(&[], &recorded(999), 1000), 199);
+        assert_eq!(within(&[], &Truth::Scenario, 1000), 1000);
+        // A slow clock: its 200th half second ends 1 ms after 100 s; only a recorded truth must tell that whole half second.
+        let slow = &["unit.clock-frequency.ppm=-10"];
+        assert_eq!(within(slow, &recorded(1000), 1000), 199);
+        assert_eq!(within(slow, &stepped(100.0), 1000), 199);
+        assert_eq!(within(slow, &stepped(100.002), 1000), 200);
+        assert_eq!(within(&["unit.clock-frequency.ppm=10"], &recorded(1000), 1000), 200);
         // Counts that tell the motion of 0.2 s ahead.
-        assert_eq!(within(&["unit.time-offset.seconds=-0.2"], 100.0, 1000), 199);
+        let ahead = &["unit.time-offset.seconds=-0.2"];
+        assert_eq!((within(ahead, &recorded(1000), 1000), within(ahead, &stepped(100.2), 1000)), (199, 200));
     }
 
     #[test]

@@ -153,17 +153,21 @@ impl Live {
     }
 
     /// Makes the truth final up to `needed_s`: as it is known now, or, in a run that waits for its source, as soon as samples
-    /// cover it.
-    pub(crate) fn finish(&self, needed_s: f64, waits_for_source: bool, is_stopped: impl Fn() -> bool) {
+    /// cover it. Says whether it did: not where the run was stopped while it waited.
+    pub(crate) fn finish(&self, needed_s: f64, waits_for_source: bool, is_stopped: impl Fn() -> bool) -> bool {
         if waits_for_source {
             self.want(needed_s);
             self.wait(Some(PATIENCE), &is_stopped, |follower| follower.covers(needed_s));
+            if is_stopped() {
+                return false;
+            }
         }
         let note = self.state().follower.finish(needed_s);
         self.want(needed_s + HALF_SECOND_S);
         if let Some(note) = note {
             console::say(format_args!("truth {}: {note}", self.address));
         }
+        true
     }
 
     fn want(&self, until_s: f64) {
