@@ -9,7 +9,7 @@ use std::net::{TcpListener, TcpStream, UdpSocket};
 use std::path::Path;
 use std::process::{Child, Stdio};
 use std::thread::{self, sleep};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use geu_tests::geu;
 
@@ -142,8 +142,10 @@ fn whatever_the_network_does_no_angle_is_lost_and_the_run_is_made_again() {
     let emulator = Emulator::start("udp://127.0.0.1:0", &run, &["--speed", "10", "--duration", "30"]);
     let socket = emulator.source();
     let mut held_up = String::new();
+    let start = Instant::now();
     for step in 0..=160 {
         let t_s = f64::from(step) * 0.2;
+        sleep((start + Duration::from_secs_f64(t_s / 10.0)).saturating_duration_since(Instant::now()));
         let [w, x] = about_x(angle_arcsec(t_s));
         writeln!(held_up, r#"{{"t_s": {t_s}, "q": [{w}, {x}, 0, 0]}}"#).expect("a string");
         if step % 25 == 10 {
@@ -154,7 +156,6 @@ fn whatever_the_network_does_no_angle_is_lost_and_the_run_is_made_again() {
             socket.send(held_up.as_bytes()).expect("sent");
             held_up.clear();
         }
-        sleep(Duration::from_millis(19));
     }
     let said = emulator.end();
     let counted = said.lines().find(|line| line.starts_with("truth  ")).expect("a summary");
@@ -162,7 +163,7 @@ fn whatever_the_network_does_no_angle_is_lost_and_the_run_is_made_again() {
     assert!(counted.contains("bad lines 18") || counted.contains("bad lines 21"), "{said}");
     assert_eq!(said.matches("from 127.0.0.1:").count(), 3, "the first few are told: {said}");
     let turned = turned_arcsec(&run, "GYRX");
-    assert!((turned - angle_arcsec(30.0)).abs() < 40.0, "{turned} {}", angle_arcsec(30.0));
+    assert!((turned - angle_arcsec(30.0)).abs() < 60.0, "{turned} {}", angle_arcsec(30.0));
     let bases = rows(&run.join("received.csv"));
     assert!(bases.iter().any(|row| row[4] == "held") && bases.iter().filter(|row| row[4] == "told").count() > 200);
     assert_made_again(&run, room.path());

@@ -168,7 +168,7 @@ async fn keep(
         links.push(link::open(address, desk, speedup)?);
     }
     if let Some(live) = &settings.live {
-        live.open()?;
+        live.open(settings.wait_for_client && settings.speed != Speed::Max)?;
     }
     // Only now: who waits for one line may count on all links.
     links.iter().filter(|link| link.is_ready()).for_each(|link| console::ready(&link.tally().name));

@@ -3,6 +3,7 @@
 use std::fs::OpenOptions;
 use std::io::{self, BufRead, BufReader, Read, Write};
 use std::net::{TcpStream, UdpSocket};
+use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
@@ -11,6 +12,7 @@ use std::time::{Duration, Instant};
 
 use geu_protocol::HalfSecond;
 use geu_protocol::serial::{Deframer, Found, Kind, read_data};
+use nix::sys::prctl::set_pdeathsig;
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 
@@ -43,7 +45,7 @@ pub fn program(named: Option<&Path>) -> Result<PathBuf, String> {
 }
 
 impl Emulator {
-    /// Starts `geu run` on free ports, held back until this computer is there.
+    /// Starts `geu run` on free ports, held back until this computer is there; it ends with this program, however that ends.
     ///
     /// # Errors
     /// A program that does not start, or ends before its link is ready.
@@ -51,6 +53,8 @@ impl Emulator {
         let mut command = Command::new(program);
         command.args(["run", "--wait", "--tcp", "127.0.0.1:0", "--truth", "udp://127.0.0.1:0"]).args(arguments);
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        // SAFETY: between fork and exec this makes one system call and touches no memory.
+        unsafe { command.pre_exec(|| set_pdeathsig(Signal::SIGTERM).map_err(io::Error::from)) };
         let failed = |error: io::Error| format!("{}: cannot be started: {error}", program.display());
         let mut child = command.spawn().map_err(failed)?;
         let (out, said) = (child.stdout.take(), child.stderr.take());

@@ -39,10 +39,8 @@ pub struct Flown {
 /// Pointing that is further off at the end of a flight was not held, arcsec: the loop's swing, and the walks of a gyro's angle
 /// and drift over so long.
 pub fn bound_arcsec(believed: &Believed, seconds: u32) -> f64 {
-    let t_s = f64::from(seconds);
-    let variance = |walks: &Walks| {
-        walks.angle_arcsec_per_sqrt_s.powi(2) * t_s + walks.drift_arcsec_per_s_per_sqrt_s.powi(2) * t_s.powi(3) / 3.0
-    };
+    let flight = (0.0, f64::from(seconds));
+    let variance = |walks: &Walks| walks.angle_covariance(flight, flight) + walks.drift_covariance(flight, flight);
     SWING_ARCSEC + SIGMAS * believed.walks.iter().map(variance).fold(0.0, f64::max).sqrt()
 }
 

@@ -23,6 +23,8 @@ const FASTEST_ARCSEC_S: f64 = 36_000.0;
 const NEAR_S: f64 = 0.001;
 /// Times are rounded by so much, s.
 const GRAIN_S: f64 = 1e-6;
+/// Of a source that runs before the unit does, so much is kept, s: more than anybody tells ahead.
+const KEPT_S: f64 = 1.0;
 /// Pieces that a half second becomes: the model's own sub-steps.
 const PIECES: usize = 5;
 
@@ -163,6 +165,21 @@ impl Follower {
         self.counts.jumps += 1;
         let fastest_deg_s = fastest_arcsec_s / 3600.0;
         Some(format!("its attitude jumped, by {fastest_deg_s:.1}°/s for {passed_s:.3} s; that is not counted"))
+    }
+
+    /// Before the first half second: has time 0 follow the source, a moment before its last sample.
+    pub fn forget_the_past(&mut self) {
+        let start_s = self.told_s() - KEPT_S;
+        if let Some(zero_s) = self.zero_s.as_mut().filter(|_| start_s > 0.0 && self.used_s == 0.0) {
+            *zero_s += start_s;
+            let start = self.at(start_s);
+            self.curve.retain(|&(t_s, _)| t_s > start_s);
+            self.curve.push_front((start_s, start));
+            for (t_s, angle) in &mut self.curve {
+                *t_s -= start_s;
+                *angle = std::array::from_fn(|axis| angle[axis] - start[axis]);
+            }
+        }
     }
 
     /// Makes the truth final up to `end_s`, whatever is known, and tells what is worth telling.
@@ -363,6 +380,19 @@ mod tests {
         follower.finish(0.5);
         assert_near(&used(&follower), &[5.0]);
         assert_eq!(follower.counts.out_of_order, 2);
+    }
+
+    #[test]
+    fn a_source_that_ran_before_the_unit_begins_a_moment_before_its_last_sample() {
+        let mut follower = follower();
+        for step in 0..=100 {
+            follower.take(rate(50.0 + f64::from(step) * 0.3, f64::from(step)));
+            follower.forget_the_past();
+        }
+        assert!((follower.told_s() - 1.0).abs() < 1e-9 && follower.curve.len() <= 5);
+        follower.finish(1.0);
+        // 0.3 s at each of 100, 99 and 98″/s, 0.1 s at 97″/s.
+        assert_near(&used(&follower), &[0.3 * 297.0 + 9.7]);
     }
 
     #[test]

@@ -111,6 +111,8 @@ struct State {
     follower: Follower,
     /// On-board time up to which the truth is needed next.
     wanted_s: f64,
+    /// The run waits for clients, and the source does not wait for the run.
+    is_early: bool,
     told: u64,
 }
 
@@ -118,7 +120,7 @@ impl Live {
     /// A truth from `address`, before its first sample.
     pub fn new(address: LiveAddress) -> Arc<Live> {
         let truth = Arc::new(Stepped::remembering(PIECES));
-        let state = State { follower: Follower::new(truth.clone()), wanted_s: HALF_SECOND_S, told: 0 };
+        let state = State { follower: Follower::new(truth.clone()), wanted_s: HALF_SECOND_S, is_early: false, told: 0 };
         Arc::new(Live { address, truth, state: Mutex::new(state), came: Condvar::new(), wanted: Notify::new() })
     }
 
@@ -132,8 +134,10 @@ impl Live {
         self.state().follower.counts
     }
 
-    /// Begins to listen, or to look for the server; within the runtime.
-    pub(crate) fn open(self: &Arc<Live>) -> Result<(), TruthError> {
+    /// Begins to listen, or to look for the server; within the runtime. Where the run is held back for its clients, the
+    /// samples until then are the past.
+    pub(crate) fn open(self: &Arc<Live>, is_held_back: bool) -> Result<(), TruthError> {
+        self.state().is_early = is_held_back;
         source::open(self).map_err(|source| TruthError { address: self.address.clone(), source })
     }
 
@@ -143,6 +147,7 @@ impl Live {
 
     /// Waits for the first sample, which sets on-board time 0; in real time a moment longer.
     pub(crate) fn await_first(&self, waits_for_source: bool, is_stopped: impl Fn() -> bool) {
+        self.state().is_early = false;
         if !self.state().follower.has_begun() {
             console::say(format_args!("waits for the first sample of {}", self.address));
         }
@@ -205,13 +210,16 @@ impl Live {
                 console::say(format_args!("truth {}: {note}{more}", self.address));
             }
         }
+        if state.is_early {
+            state.follower.forget_the_past();
+        }
         drop(state);
         self.came.notify_all();
     }
 
     fn is_wanted(&self, ahead_s: f64) -> bool {
         let state = self.state();
-        !state.follower.covers(state.wanted_s + ahead_s)
+        state.is_early || !state.follower.covers(state.wanted_s + ahead_s)
     }
 
     /// Waits until samples are wanted further than `ahead_s` before those that came.

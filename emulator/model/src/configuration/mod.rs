@@ -85,7 +85,7 @@ pub struct RunRecord {
     pub duration_s: f64,
     /// Form of the link recorded.
     pub wire: Option<WireForm>,
-    /// File of the truth, as it was given; without one the scenario is flown.
+    /// The truth, a file or a simulator's address, as it was given; without one the scenario is flown.
     pub truth: Option<String>,
     /// Commands received.
     pub commands: Vec<RecordedCommand>,
