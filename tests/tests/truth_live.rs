@@ -143,7 +143,7 @@ fn whatever_the_network_does_no_angle_is_lost_and_the_run_is_made_again() {
     let socket = emulator.source();
     let mut held_up = String::new();
     let start = Instant::now();
-    for step in 0..=160 {
+    for step in 0..=152 {
         let t_s = f64::from(step) * 0.2;
         sleep((start + Duration::from_secs_f64(t_s / 10.0)).saturating_duration_since(Instant::now()));
         let [w, x] = about_x(angle_arcsec(t_s));
@@ -153,14 +153,15 @@ fn whatever_the_network_does_no_angle_is_lost_and_the_run_is_made_again() {
         }
         // Between 4 s and 7 s of the source nothing gets through.
         if !(20..35).contains(&step) {
-            socket.send(held_up.as_bytes()).expect("sent");
+            // On a machine that is busy the run may be over by now.
+            let _ = socket.send(held_up.as_bytes());
             held_up.clear();
         }
     }
     let said = emulator.end();
     let counted = said.lines().find(|line| line.starts_with("truth  ")).expect("a summary");
     assert!(counted.contains("missing 0, jumps 0") && !counted.contains("late half seconds 0,"), "{said}");
-    assert!(counted.contains("bad lines 18") || counted.contains("bad lines 21"), "{said}");
+    assert!(counted.contains("bad lines 18"), "{said}");
     assert_eq!(said.matches("from 127.0.0.1:").count(), 3, "the first few are told: {said}");
     let turned = turned_arcsec(&run, "GYRX");
     assert!((turned - angle_arcsec(30.0)).abs() < 60.0, "{turned} {}", angle_arcsec(30.0));

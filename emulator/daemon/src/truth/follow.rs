@@ -396,6 +396,42 @@ mod tests {
     }
 
     #[test]
+    fn whatever_a_source_tells_what_is_used_is_finite_and_its_time_rises() {
+        let mut follower = follower();
+        let mut state = 1_u64;
+        let mut draw = |most: u64| {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            (state >> 33) % most
+        };
+        let (mut t_s, mut end_s) = (0.0, 0.0);
+        for _ in 0..20_000 {
+            t_s = match draw(20) {
+                0 => -1e12,
+                1 => 1e12,
+                2 => t_s - 0.3,
+                3 => t_s + 1e-300,
+                4 => t_s + 4.9,
+                _ => t_s + 0.1,
+            };
+            let motion = match draw(6) {
+                0 => Told::Rate([f64::MAX, -f64::MAX, 1.0]),
+                1 => Told::Rate([1e4, 0.0, -1e4]),
+                2 => Told::Attitude([0.0, 0.6, -0.8, 0.0]),
+                3 => Told::Attitude([1.0, 5e-324, 0.0, 0.0]),
+                _ => Told::Attitude([-1.0, 0.0, 0.0, 0.0]),
+            };
+            follower.take(Sample { t_s, motion });
+            if draw(3) == 0 {
+                end_s += 0.5;
+                follower.finish(end_s);
+            }
+        }
+        let knots = follower.truth.knots_from(0);
+        assert!(knots.windows(2).all(|pair| pair[0].t_s < pair[1].t_s), "time rises");
+        assert!(knots.iter().all(|knot| knot.angle_control_arcsec.iter().all(|angle| angle.abs() < 1e9)));
+    }
+
+    #[test]
     fn a_flood_of_samples_needs_no_more_memory_than_one_each_millisecond() {
         let mut follower = follower();
         (0..100_000).for_each(|index| drop(follower.take(rate(f64::from(index) * 1e-5, 10.0))));

@@ -36,7 +36,7 @@ const GRACE: Duration = Duration::from_millis(100);
 const LOOK_AGAIN: Duration = Duration::from_millis(50);
 /// Pieces that are remembered: 1200 s, more than may wait to be written.
 const PIECES: usize = 12_000;
-/// Bad lines and jumps told one by one; more are only counted.
+/// Of bad lines and of jumps so many are told one by one; more are only counted.
 const MOST_TOLD: u64 = 3;
 
 /// Where the truth comes from, and how it is spoken.
@@ -113,14 +113,13 @@ struct State {
     wanted_s: f64,
     /// The run waits for clients, and the source does not wait for the run.
     is_early: bool,
-    told: u64,
 }
 
 impl Live {
     /// A truth from `address`, before its first sample.
     pub fn new(address: LiveAddress) -> Arc<Live> {
         let truth = Arc::new(Stepped::remembering(PIECES));
-        let state = State { follower: Follower::new(truth.clone()), wanted_s: HALF_SECOND_S, is_early: false, told: 0 };
+        let state = State { follower: Follower::new(truth.clone()), wanted_s: HALF_SECOND_S, is_early: false };
         Arc::new(Live { address, truth, state: Mutex::new(state), came: Condvar::new(), wanted: Notify::new() })
     }
 
@@ -196,19 +195,19 @@ impl Live {
     /// Takes a sample, or counts a line of `place` that is none.
     fn take(&self, place: fmt::Arguments<'_>, read: Result<Sample, String>) {
         let mut state = self.state();
-        let note = match read {
-            Ok(sample) => state.follower.take(sample),
+        let (note, so_far) = match read {
+            Ok(sample) => {
+                let note = state.follower.take(sample);
+                (note, state.follower.counts.jumps)
+            }
             Err(wrong) => {
                 state.follower.counts.bad_lines += 1;
-                Some(format!("{place}: {wrong}"))
+                (Some(format!("{place}: {wrong}")), state.follower.counts.bad_lines)
             }
         };
-        if let Some(note) = note {
-            state.told += 1;
-            let more = if state.told == MOST_TOLD { "; more of the kind are only counted" } else { "" };
-            if state.told <= MOST_TOLD {
-                console::say(format_args!("truth {}: {note}{more}", self.address));
-            }
+        if let Some(note) = note.filter(|_| so_far <= MOST_TOLD) {
+            let more = if so_far == MOST_TOLD { "; more of the kind are only counted" } else { "" };
+            console::say(format_args!("truth {}: {note}{more}", self.address));
         }
         if state.is_early {
             state.follower.forget_the_past();
