@@ -1,4 +1,4 @@
-//! The socket text of 42, NASA's spacecraft simulation: `TIME`, variables of all kinds, `[ENDMSG]`.
+//! The socket text of 42, NASA's spacecraft simulation: `TIME`, variables of all kinds, and `[ENDMSG]` or `[EOF]`.
 //!
 //! Versions differ: numbers stand in brackets or not, and the attitude under `SC[0].B[0].qn` (the main body's own), under
 //! `SC[0].qn`, or only under `SC[0].AC.qbn` (what the flight software believes). The first of these that a message has is
@@ -10,8 +10,8 @@ use super::json::unit_quaternion;
 
 /// Where the attitude may stand, the best first.
 const ATTITUDES: [&str; 3] = ["SC[0].B[0].qn", "SC[0].qn", "SC[0].AC.qbn"];
-/// Ends a message.
-const END: &str = "[ENDMSG]";
+/// What ends a message, in one version or another.
+const ENDS: [&str; 2] = ["[ENDMSG]", "[EOF]"];
 
 /// What was read of the message that is coming.
 #[derive(Debug, Default)]
@@ -27,7 +27,7 @@ impl Message {
     /// Takes a line; at the end of a message, what that told.
     pub fn line(&mut self, line: &str) -> Option<Result<Sample, String>> {
         let line = line.trim();
-        if line == END {
+        if ENDS.contains(&line) {
             return Some(std::mem::take(self).end());
         }
         if let Some(stamp) = line.strip_prefix("TIME ") {
@@ -98,7 +98,7 @@ mod tests {
     fn both_layouts_tell_the_same_attitude_real_part_first() {
         let plain = "TIME 2026-130-12:00:00.000000000\nOrb[0].PosN =  6.7e+06 0 0\nSC[0].AC.qbn = 1 0 0 0\nSC[0].B[0].wn =  1.0e-03 2.0e-03 3.0e-03\nSC[0].B[0].qn =  0.000000000000e+00  6.000000000000e-01  0.000000000000e+00  8.000000000000e-01\nSC[0].B[1].qn = 1 0 0 0\n[ENDMSG]\n";
         let bracketed = "TIME 2026-130-12:00:00.000000000\r\nSC[0].svb = [1 0 0]\r\nSC[0].qn = [ 0.0e+00  6.0e-01  0.0e+00  8.0e-01]\r\nSC[1].qn = [1 0 0 0]\r\n[ENDMSG]\r\n";
-        let flight_software = "TIME 2026-130-12:00:00.0\nSC[0].AC.wbn = 0 0 0\nSC[0].AC.qbn = 0 0.6 0 0.8\n[ENDMSG]\n";
+        let flight_software = "TIME 2026-130-12:00:00.0\nSC[0].AC.wbn = 0 0 0\nSC[0].AC.qbn = 0 0.6 0 0.8\n[EOF]\n\n";
         let expected = Some(Ok(Sample { t_s: 831_729_600.0, motion: Told::Attitude([0.8, 0.0, 0.6, 0.0]) }));
         for text in [plain, bracketed, flight_software] {
             assert_eq!(last(text), expected, "{text}");
