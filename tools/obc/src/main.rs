@@ -34,7 +34,7 @@ struct Arguments {
     /// On-board time against the wall clock: a factor, or max, where unit and computer wait for each other [default: 1]
     #[arg(long, value_name = "X|max", conflicts_with = "link")]
     speed: Option<String>,
-    /// Changes a value in the unit, unknown on board: gyro.GYRY.drift-step.arcsec_per_h=720
+    /// Changes a value in the unit, unknown on board: gyro.GYRY.drift.arcsec_per_h=720
     #[arg(long = "set", value_name = "PATH=VALUE", conflicts_with = "link")]
     overrides: Vec<String>,
     /// Fault plan for geu run
