@@ -16,27 +16,42 @@ pub fn root() -> &'static Path {
 
 /// The program `geu` of this build.
 ///
-/// `cargo test` at the root builds it. `cargo test -p geu-tests` alone does not: it takes the one that is there, and
-/// builds it where there is none.
-///
 /// # Panics
 /// Where it cannot be built.
 pub fn geu() -> Command {
     static PROGRAM: OnceLock<PathBuf> = OnceLock::new();
+    Command::new(PROGRAM.get_or_init(|| program("geu")))
+}
+
+/// The on-board computer of this build, with the `geu` beside it.
+///
+/// # Panics
+/// Where one of them cannot be built.
+pub fn geu_obc() -> Command {
+    static PROGRAM: OnceLock<PathBuf> = OnceLock::new();
     Command::new(PROGRAM.get_or_init(|| {
-        // A test runs in <target>/<profile>/deps.
-        let test = std::env::current_exe().expect("the path of this test");
-        let directory = test.ancestors().nth(2).expect("the directory of the profile");
-        let program = directory.join("geu");
-        if !program.exists() {
-            let release = directory.ends_with("release");
-            let mut cargo = Command::new(env!("CARGO"));
-            cargo.current_dir(root()).args(["build", "--package", "geu"]).args(release.then_some("--release"));
-            let built = cargo.status().is_ok_and(|status| status.success());
-            assert!(built && program.exists(), "{} is missing: run `cargo build` first", program.display());
-        }
-        program
+        program("geu");
+        program("geu-obc")
     }))
+}
+
+/// The program of a package of the same name.
+///
+/// `cargo test` at the root builds it. `cargo test -p geu-tests` alone does not: it takes the one that is there, and
+/// builds it where there is none.
+fn program(name: &str) -> PathBuf {
+    // A test runs in <target>/<profile>/deps.
+    let test = std::env::current_exe().expect("the path of this test");
+    let directory = test.ancestors().nth(2).expect("the directory of the profile");
+    let program = directory.join(name);
+    if !program.exists() {
+        let release = directory.ends_with("release");
+        let mut cargo = Command::new(env!("CARGO"));
+        cargo.current_dir(root()).args(["build", "--package", name]).args(release.then_some("--release"));
+        let built = cargo.status().is_ok_and(|status| status.success());
+        assert!(built && program.exists(), "{} is missing: run `cargo build` first", program.display());
+    }
+    program
 }
 
 /// Says on standard error that a test could not run, and why.

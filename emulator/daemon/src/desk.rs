@@ -137,6 +137,11 @@ impl Desk {
         (inner.unit.ended(), inner.unit.running_end_ns())
     }
 
+    /// How far the truth must be known to end the running half second.
+    pub fn needs_truth_s(&self) -> f64 {
+        self.lock().unit.needs_truth_s()
+    }
+
     /// Ends the running half second, and tells what faults did to it. Until [`Desk::complete`] commands wait.
     pub fn end_half_second(&self) -> (Ended, Option<Arc<Injected>>) {
         let mut inner = self.lock();

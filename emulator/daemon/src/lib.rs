@@ -18,6 +18,7 @@ pub mod record;
 mod recording;
 mod run;
 pub mod simulate;
+pub mod truth;
 
 pub use catalogue::catalogue;
 pub use fault_log::keys as fault_keys;

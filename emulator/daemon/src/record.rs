@@ -9,7 +9,7 @@ use std::io::{self, BufRead, BufReader, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use geu_model::attitude::{Leg, Motion};
+use geu_model::attitude::{Leg, Motion, Stepped};
 use geu_model::configuration::{RecordedCommand, RunRecord, WireForm};
 use geu_model::effect::{FAULT_COLUMN, columns};
 use geu_model::fault::Fault;
@@ -22,6 +22,8 @@ use geu_protocol::{CanPlan, Gyro, HalfSecond, Reply};
 
 use crate::carriage::{Carrier, Content, Form, Outbox, Piece};
 use crate::fault_log::FaultLog;
+
+use crate::truth::received;
 
 /// Interface name in `link.log`.
 const INTERFACE: &str = "can0";
@@ -81,6 +83,14 @@ impl Output {
     }
 }
 
+/// Keeps a truth that becomes known as time goes on.
+struct Received {
+    output: Output,
+    truth: Arc<Stepped>,
+    /// Knots written; the start is not.
+    written: u64,
+}
+
 /// Writes a run.
 pub struct Recorder {
     directory: PathBuf,
@@ -98,6 +108,8 @@ pub struct Recorder {
     commands: Output,
     fss: Output,
     sse: Output,
+    /// Of a truth that became known as time went on.
+    received: Option<Received>,
     /// Walks the truth in true half seconds, beside the unit's own.
     motion: Motion,
     sun_sensor: SunSensor,
@@ -139,6 +151,13 @@ impl Recorder {
             }
             _ => {}
         }
+        let received = match truth {
+            Truth::Stepped(truth) => {
+                let output = Output::create(directory, received::NAME)?;
+                Some(Received { output, truth: truth.clone(), written: 1 })
+            }
+            Truth::Scenario | Truth::Recorded(_) => None,
+        };
         let scenario = &configuration.scenario;
         let mut recorder = Recorder {
             link: Output::create(directory, link_name)?,
@@ -148,6 +167,7 @@ impl Recorder {
             commands: Output::create(directory, "commands.jsonl")?,
             fss: Output::create(directory, "fss.csv")?,
             sse: Output::create(directory, "sse.csv")?,
+            received,
             directory: directory.to_owned(),
             configuration: configuration.clone(),
             wire,
@@ -179,6 +199,9 @@ impl Recorder {
         self.manoeuvres.write(|file| writeln!(file, "manoeuvre,start_s,end_s"))?;
         self.fss.write(|file| writeln!(file, "t_s,theta_arcsec,roll_arcsec"))?;
         self.sse.write(|file| writeln!(file, "t_s,star,slit,theta_deg,psi_deg,sigma_arcsec"))?;
+        if let Some(received) = &mut self.received {
+            received.output.write(|file| writeln!(file, "{}", received::HEADER))?;
+        }
         let (codes, truth_columns) = (columns(), &self.truth_columns);
         self.truth.write(|file| {
             write!(file, "t_s,sequence,gyro,true_arcsec")?;
@@ -237,13 +260,34 @@ impl Recorder {
         }
         self.half_seconds += 1;
         self.truth_rows(ended, traces)?;
-        while self.reference_rows * REFERENCE_NS < ended.end_ns {
+        if self.received.is_some() {
+            self.received_rows()?;
+            // One half second behind: what is beyond the end of this one may not be known yet.
+            self.reference_rows_within(self.end_ns)?;
+        }
+        while self.received.is_none() && self.reference_rows * REFERENCE_NS < ended.end_ns {
             self.reference_row()?;
         }
         self.end_ns = ended.end_ns;
         while self.legs.front().is_some_and(|leg| ns(leg.end_s) <= ended.end_ns) {
             let leg = self.legs.pop_front().expect("the front is there");
             self.manoeuvre(&leg)?;
+        }
+        Ok(())
+    }
+
+    /// The knots that became known.
+    fn received_rows(&mut self) -> Result<(), RecordError> {
+        let Some(Received { output, truth, written }) = &mut self.received else { return Ok(()) };
+        let knots = truth.knots_from(*written);
+        *written += knots.len() as u64;
+        output.write(|file| knots.iter().try_for_each(|knot| received::write_row(file, knot)))
+    }
+
+    /// The rows of the reference that end by then.
+    fn reference_rows_within(&mut self, end_ns: i64) -> Result<(), RecordError> {
+        while (self.reference_rows + 1) * REFERENCE_NS <= end_ns {
+            self.reference_row()?;
         }
         Ok(())
     }
@@ -352,6 +396,10 @@ impl Recorder {
     /// # Errors
     /// A file that cannot be written.
     pub fn finish(mut self) -> Result<(), RecordError> {
+        if self.received.is_some() {
+            self.received_rows()?;
+            self.reference_rows_within(self.end_ns)?;
+        }
         for leg in std::mem::take(&mut self.legs) {
             self.manoeuvre(&leg)?;
         }
@@ -376,9 +424,13 @@ impl Recorder {
         configuration.run = RunRecord {
             duration_s: self.half_seconds as f64 * 0.5,
             wire: Some(self.wire),
-            truth: configuration.run.truth.take(),
             links: self.links.clone(),
             is_open: configuration.run.is_open,
+            // Beside this file, wherever the directory goes.
+            truth: configuration.run.truth.take().map(|name| match self.received {
+                Some(_) => received::NAME.to_owned(),
+                None => name,
+            }),
             commands: Vec::new(),
         };
         let mut run = Output::create(&self.directory, "run.toml")?;
@@ -405,7 +457,8 @@ impl Recorder {
         ] {
             output.write(|file| file.flush())?;
         }
-        self.faults.flush()
+        self.faults.flush()?;
+        self.received.as_mut().map_or(Ok(()), |received| received.output.write(|file| file.flush()))
     }
 }
 

@@ -24,6 +24,7 @@ use crate::lateness::{Histogram, Time};
 use crate::link::{self, Link, LinkAddress, LinkError, Tally};
 use crate::record::{RecordError, Recorder};
 use crate::recording::Writer;
+use crate::truth::{Counts as TruthCounts, Live, TruthError};
 
 /// So long before its deadline a half second is ended and encoded: longer than the model and a wake-up take.
 const LEAD_NS: i64 = 800_000;
@@ -53,6 +54,8 @@ pub struct Settings {
     pub realtime: bool,
     /// Begin only when a client is attached to a pty or over TCP.
     pub wait_for_client: bool,
+    /// The source of the truth, where that comes from outside.
+    pub live: Option<Arc<Live>>,
 }
 
 /// A run that could not begin, or whose recording is not complete.
@@ -69,6 +72,9 @@ pub enum RunError {
     /// The control interface cannot be served.
     #[error(transparent)]
     Control(#[from] DoorError),
+    /// The truth from outside cannot be listened for.
+    #[error(transparent)]
+    Truth(#[from] TruthError),
     /// The recording cannot be written.
     #[error(transparent)]
     Record(#[from] RecordError),
@@ -91,6 +97,8 @@ pub struct Summary {
     pub commands: u64,
     /// Frames to the unit dropped without an answer.
     pub rejected: u64,
+    /// What became of the samples of a truth from outside.
+    pub truth: Option<TruthCounts>,
     /// Each link.
     pub links: Vec<Arc<Tally>>,
     /// How the expectations of the plan stand.
@@ -104,6 +112,7 @@ impl fmt::Display for Summary {
             writeln!(f, "lateness     {}", self.lateness)?;
         }
         writeln!(f, "commands     {} answered, {} frames dropped (CRC, length, kind)", self.commands, self.rejected)?;
+        self.truth.iter().try_for_each(|counts| writeln!(f, "truth        {counts}"))?;
         self.links.iter().try_for_each(|link| writeln!(f, "link         {link}"))
     }
 }
@@ -178,6 +187,9 @@ async fn keep(
     for address in &settings.links {
         links.push(link::open(address, desk, speedup)?);
     }
+    if let Some(live) = &settings.live {
+        live.open(settings.wait_for_client && settings.speed != Speed::Max)?;
+    }
     // Only now: who waits for one line may count on all links.
     links.iter().filter(|link| link.is_ready()).for_each(|link| console::ready(&link.tally().name));
     let tallies: Vec<_> = links.iter().map(|link| link.tally()).collect();
@@ -234,6 +246,7 @@ async fn keep(
         lateness: timing.lateness(),
         commands: desk.commands.load(Relaxed),
         rejected: desk.rejected.load(Relaxed),
+        truth: settings.live.as_ref().map(|live| live.counts()),
         links: tallies,
         watches: desk.watches(),
     })
@@ -339,6 +352,9 @@ impl Keeper {
             thread::park_timeout(LOOK_AGAIN);
         }
         let patience = if self.settings.speed.is_faster_than_real() { PATIENCE } else { Duration::ZERO };
+        if let Some(live) = &self.settings.live {
+            live.await_first(self.settings.speed == Speed::Max, || self.is_stopped());
+        }
         let start_ns = now_ns();
         let mut missed = 0;
         while !self.is_stopped() {
@@ -353,6 +369,9 @@ impl Keeper {
                 if self.is_stopped() {
                     break;
                 }
+            }
+            if !self.has_truth() {
+                break;
             }
             let frame = ended;
             let (ended, injected) = self.desk.end_half_second();
@@ -400,6 +419,13 @@ impl Keeper {
                 None => doze_until(wake_ns),
             }
         }
+    }
+
+    /// Has the truth of the running half second, where it comes from outside; not where the run was stopped meanwhile.
+    fn has_truth(&self) -> bool {
+        let waits_for_source = self.settings.speed == Speed::Max;
+        let finish = |live: &Arc<Live>| live.finish(self.desk.needs_truth_s(), waits_for_source, || self.is_stopped());
+        self.settings.live.as_ref().is_none_or(finish)
     }
 
     fn is_stopped(&self) -> bool {

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use geu_protocol::field::{CLOCK_MODULUS, unit_flag};
 use geu_protocol::{CLOCK_PER_HALF_SECOND, Command, Gyro, HalfSecond, LINK_VERSION, Outcome, Reply, command};
 
-use crate::attitude::{Motion, Plan, Recorded};
+use crate::attitude::{Motion, Plan, Recorded, Stepped};
 use crate::configuration::Configuration;
 use crate::course::Interval;
 use crate::effect::{
@@ -71,6 +71,8 @@ pub enum Truth {
     Scenario,
     /// Rows of a file; their time 0 is the start of the first half second.
     Recorded(Arc<Recorded>),
+    /// Pieces that become known while the unit runs, or that did in a run before; their time 0 is the same.
+    Stepped(Arc<Stepped>),
 }
 
 impl Truth {
@@ -84,6 +86,7 @@ impl Truth {
                 Motion::starting_before(plan, scenario.limit_cycle, (-t_s).max(0.0))
             }
             Truth::Recorded(rows) => Motion::recorded(rows.clone(), t_s),
+            Truth::Stepped(pieces) => Motion::stepped(pieces.clone(), t_s),
         }
     }
 }
@@ -205,14 +208,21 @@ impl Unit {
         unit
     }
 
-    /// How many half seconds, at most `most`, a truth tells that ends at `truth_end_s`: all their true time, the motion
-    /// that an effect shifts to them, and the half second of true time in which the last one ends.
-    pub fn half_seconds_within(configuration: &Configuration, truth_end_s: f64, most: u64) -> u64 {
+    /// How many half seconds, at most `most`, a truth tells: all their true time, the motion that an effect shifts to them,
+    /// and of a recorded one the half second of true time in which the last one ends.
+    pub fn half_seconds_within(configuration: &Configuration, truth: &Truth, most: u64) -> u64 {
+        if matches!(truth, Truth::Scenario) {
+            return most;
+        }
         let mut unit = Unit::new(configuration);
-        let covered = |unit: &Unit| {
-            let end_s = unit.end_fs as f64 * 1e-15;
-            let needed_s = (end_s / HALF_SECOND_S - GRAIN).ceil() * HALF_SECOND_S;
-            needed_s.max(end_s - unit.timing.shift_s) <= truth_end_s + GRAIN
+        let covered = |unit: &Unit| match truth {
+            Truth::Scenario => true,
+            Truth::Recorded(rows) => {
+                let end_s = unit.end_fs as f64 * 1e-15;
+                let needed_s = (end_s / HALF_SECOND_S - GRAIN).ceil() * HALF_SECOND_S;
+                needed_s.max(end_s - unit.timing.shift_s) <= rows.end_s() + GRAIN
+            }
+            Truth::Stepped(pieces) => unit.needs_truth_s() <= pieces.end_s() + GRAIN,
         };
         let mut count = 0;
         while count < most && covered(&unit) {
@@ -221,6 +231,13 @@ impl Unit {
             unit.schedule_end();
         }
         count
+    }
+
+    /// How far the truth must be known to end the running half second: to its end, and beyond where an effect shifts the
+    /// motion forward.
+    pub fn needs_truth_s(&self) -> f64 {
+        let end_s = self.end_fs as f64 * 1e-15;
+        end_s.max(end_s - self.timing.shift_s)
     }
 
     /// How many half seconds have ended: the index of the one that runs.
@@ -605,6 +622,7 @@ fn centi(temperature_c: f64) -> i16 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::attitude::{Basis, Knot, Row};
 
     fn unit(overrides: &[&str]) -> Unit {
         let overrides: Vec<String> = overrides.iter().map(|text| text.to_string()).collect();
@@ -629,19 +647,34 @@ mod tests {
 
     #[test]
     fn a_truth_covers_what_its_clock_needs() {
-        let within = |overrides: &[&str], truth_end_s: f64, most: u64| {
+        let within = |overrides: &[&str], truth: &Truth, most: u64| {
             let overrides: Vec<String> = overrides.iter().map(|text| (*text).to_owned()).collect();
             let configuration = Configuration::reference_with(&overrides).expect("valid");
-            Unit::half_seconds_within(&configuration, truth_end_s, most)
+            Unit::half_seconds_within(&configuration, truth, most)
         };
-        assert_eq!(within(&[], 100.0, 1000), 200);
-        assert_eq!(within(&[], 100.0, 150), 150);
-        assert_eq!(within(&[], 99.9, 1000), 199);
-        // A slow clock: its 200th half second ends 1 ms after 100 s.
-        assert_eq!(within(&["unit.clock-frequency.ppm=-10"], 100.0, 1000), 199);
-        assert_eq!(within(&["unit.clock-frequency.ppm=10"], 100.0, 1000), 200);
+        let recorded = |tenths: u32| {
+            let row = |tenth| Row { t_s: f64::from(tenth) / 10.0, angle_control_arcsec: [0.0; 3], theta_psi_rad: None };
+            let rows: Vec<Row> = (0..=tenths).map(row).collect();
+            Truth::Recorded(Arc::new(Recorded::new(&rows).expect("good rows")))
+        };
+        let stepped = |t_s: f64| {
+            let pieces = Stepped::default();
+            pieces.append(Knot { t_s, angle_control_arcsec: [0.0; 3], basis: Basis::Told });
+            Truth::Stepped(Arc::new(pieces))
+        };
+        assert_eq!(within(&[], &recorded(1000), 1000), 200);
+        assert_eq!(within(&[], &recorded(1000), 150), 150);
+        assert_eq!(within(&[], &recorded(999), 1000), 199);
+        assert_eq!(within(&[], &Truth::Scenario, 1000), 1000);
+        // A slow clock: its 200th half second ends 1 ms after 100 s; only a recorded truth must tell that whole half second.
+        let slow = &["unit.clock-frequency.ppm=-10"];
+        assert_eq!(within(slow, &recorded(1000), 1000), 199);
+        assert_eq!(within(slow, &stepped(100.0), 1000), 199);
+        assert_eq!(within(slow, &stepped(100.002), 1000), 200);
+        assert_eq!(within(&["unit.clock-frequency.ppm=10"], &recorded(1000), 1000), 200);
         // Counts that tell the motion of 0.2 s ahead.
-        assert_eq!(within(&["unit.time-offset.seconds=-0.2"], 100.0, 1000), 199);
+        let ahead = &["unit.time-offset.seconds=-0.2"];
+        assert_eq!((within(ahead, &recorded(1000), 1000), within(ahead, &stepped(100.2), 1000)), (199, 200));
     }
 
     #[test]

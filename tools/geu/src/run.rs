@@ -100,6 +100,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         spin: Duration::from_micros(arguments.spin.into()),
         realtime: arguments.realtime,
         wait_for_client: arguments.wait,
+        live: ready.live.as_ref().map(|live| live.source.clone()),
     };
     let (control, token) = (arguments.control.as_deref(), arguments.control_token.clone());
     let door = match control {
@@ -122,7 +123,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let summary = geu_daemon::run(&ready.configuration, &ready.truth, &settings, recorder, door, asked_to_end())
         .map_err(|error| match error {
             RunError::Link(error) => Failure::input(error),
-            error @ RunError::NobodyToWaitFor => Failure::input(error),
+            error @ (RunError::NobodyToWaitFor | RunError::Truth(_)) => Failure::input(error),
             error => Failure::failed(error),
         })?;
     note(format_args!("{summary}"));

@@ -1,12 +1,14 @@
 //! Where a configuration comes from: a file or the built-in one, with overrides. Every command that reads one takes these.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
+use geu_daemon::truth::{Live, LiveAddress, received};
 use geu_model::configuration::{WireForm, unix_ns};
 use geu_model::{Configuration, Truth, Unit};
 use geu_protocol::CanPlan;
-use geu_recording::Reference;
+use geu_recording::{Reference, ReferenceError, read_text};
 
 use crate::failure::Failure;
 
@@ -69,8 +71,9 @@ pub struct RunSettings {
     /// Unix time of the start of the first half second, in place of the configuration's
     #[arg(long, value_name = "UNIX_SECONDS", allow_negative_numbers = true, value_parser = start)]
     pub start: Option<f64>,
-    /// What moves the unit: `scenario` (the configuration's), or a file, reference.csv or a CCSDS attitude ephemeris, whose
-    /// first instant is the start [default: the recorded one, else scenario]
+    /// What moves the unit: `scenario` (the configuration's); a file, reference.csv or a CCSDS attitude ephemeris, whose
+    /// first instant is the start; or, for `geu run`, a simulator: udp://HOST:PORT listens for JSON lines, tcp://HOST:PORT
+    /// fetches them, 42://HOST:PORT speaks with 42 [default: the recorded one, else scenario]
     #[arg(long, value_name = "SOURCE")]
     pub truth: Option<String>,
     /// Plan of faults and expectations, TOML with [[fault]] and [[expect]]; added to the configuration's
@@ -84,6 +87,16 @@ pub struct ReadyRun {
     pub configuration: Configuration,
     /// What moves the unit.
     pub truth: Truth,
+    /// Who tells it, where that is a simulator.
+    pub live: Option<LiveTruth>,
+}
+
+/// A truth from outside, before anything of it was told.
+pub struct LiveTruth {
+    /// As it was asked for.
+    pub address: LiveAddress,
+    /// To run on.
+    pub source: Arc<Live>,
 }
 
 impl ReadyRun {
@@ -93,14 +106,18 @@ impl ReadyRun {
     /// # Errors
     /// A file that does not cover what is asked.
     pub fn half_seconds(&self, asked: Option<u64>) -> Result<Option<u64>, Failure> {
-        let Truth::Recorded(rows) = &self.truth else { return Ok(asked) };
-        let covered = Unit::half_seconds_within(&self.configuration, rows.end_s(), asked.unwrap_or(u64::MAX));
+        let end_s = match &self.truth {
+            Truth::Recorded(rows) => rows.end_s(),
+            Truth::Stepped(pieces) if self.live.is_none() => pieces.end_s(),
+            Truth::Scenario | Truth::Stepped(_) => return Ok(asked),
+        };
+        let covered = Unit::half_seconds_within(&self.configuration, &self.truth, asked.unwrap_or(u64::MAX));
         match asked {
             Some(asked) if covered < asked => Err(Failure::input(format!(
                 "{}: expected a truth that covers the run of {} s, got one of {} s, enough for {} s",
                 self.configuration.run.truth.as_deref().unwrap_or_default(),
                 asked as f64 * 0.5,
-                rows.end_s(),
+                end_s,
                 covered as f64 * 0.5,
             ))),
             _ => Ok(Some(covered)),
@@ -192,12 +209,38 @@ impl RunSettings {
             })?;
             configuration.add_plan(&name, &text).map_err(Failure::input)?;
         }
-        let truth = match &configuration.run.truth {
-            None => Truth::Scenario,
-            Some(name) => Truth::Recorded(Reference::read(name).map_err(Failure::input)?.truth),
+        let name = match (&configuration.run.truth, &self.truth, &self.settings.config) {
+            (Some(name), None, Some(config)) => Some(beside(config, name)),
+            (name, ..) => name.clone(),
         };
-        Ok(ReadyRun { configuration, truth })
+        configuration.run.truth.clone_from(&name);
+        let (truth, live) = match name {
+            None => (Truth::Scenario, None),
+            Some(name) if LiveAddress::is_meant(&name) => {
+                let address: LiveAddress = name.parse().map_err(Failure::input)?;
+                let source = Live::new(address.clone());
+                (source.truth(), Some(LiveTruth { address, source }))
+            }
+            Some(name) => (truth_of_file(&name)?, None),
+        };
+        Ok(ReadyRun { configuration, truth, live })
     }
+}
+
+/// The file that a configuration names: beside it, where it is there, else as it stands.
+fn beside(config: &Path, name: &str) -> String {
+    let path = config.parent().unwrap_or(Path::new("")).join(name);
+    path.to_str().filter(|_| path.exists()).unwrap_or(name).to_owned()
+}
+
+/// A truth from a file, whichever kind it is.
+fn truth_of_file(name: &str) -> Result<Truth, Failure> {
+    let failed = |source| ReferenceError::Read { name: name.to_owned(), source };
+    let text = read_text(Path::new(name)).map_err(failed).map_err(Failure::input)?;
+    if received::is_received(&text) {
+        return Ok(Truth::Stepped(Arc::new(received::parse(name, &text).map_err(Failure::input)?)));
+    }
+    Ok(Truth::Recorded(Reference::parse(name, &text).map_err(Failure::input)?.truth))
 }
 
 /// Half seconds of on-board time in `duration_s`.

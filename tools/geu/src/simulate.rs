@@ -11,7 +11,7 @@ use geu_model::attitude::Plan;
 use crate::draw;
 use crate::expectations;
 use crate::failure::Failure;
-use crate::settings::{RunSettings, Wire, half_seconds};
+use crate::settings::{LiveTruth, RunSettings, Wire, half_seconds};
 
 /// Runs the model without links, as fast as possible, and writes what a run records.
 #[derive(Args, Debug)]
@@ -41,6 +41,11 @@ pub struct Arguments {
 /// an expectation that was not met.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let ready = arguments.run.read()?;
+    if let Some(LiveTruth { address, .. }) = &ready.live {
+        return Err(Failure::input(format!(
+            "--truth {address}: expected a file or scenario, got a truth that is told while the unit runs; it needs geu run"
+        )));
+    }
     let configuration = &ready.configuration;
     if let Some(directory) = &arguments.svg {
         draw::draw(directory, configuration)?;
@@ -49,7 +54,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let recorded_s = Some(configuration.run.duration_s).filter(|&duration_s| duration_s > 0.0);
     let scenario_s = || match ready.truth {
         Truth::Scenario => Plan::length_s(&configuration.scenario),
-        Truth::Recorded(_) => None,
+        Truth::Recorded(_) | Truth::Stepped(_) => None,
     };
     let duration_s = arguments.duration.or(recorded_s).or_else(scenario_s);
     let count = ready

@@ -8,11 +8,13 @@ mod manoeuvre;
 mod motion;
 mod plan;
 mod recorded;
+mod stepped;
 
 pub use manoeuvre::{Manoeuvre, Scenario};
 pub use motion::{LimitCycle, Moment, Motion, Step};
 pub use plan::{Impossible, Leg, Plan};
 pub use recorded::{BadRows, Recorded, Row, median_spacing_s};
+pub use stepped::{Basis, Knot, Stepped, turn_between_arcsec};
 
 /// A stretch of time over which θ and ψ have constant accelerations. Radians; times from the segment's start.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -11,6 +11,7 @@ use std::sync::Arc;
 use super::Segment;
 use super::plan::{Leg, Plan};
 use super::recorded::Recorded;
+use super::stepped::Stepped;
 use crate::number::numbers;
 use crate::units::{ARCSEC_PER_RAD, SUN_RATE_RAD_S};
 
@@ -60,7 +61,7 @@ const NODES: [f64; 2] = [0.211_324_865_405_187_1, 0.788_675_134_594_812_9];
 /// Longest stretch integrated in one piece.
 const LONGEST_S: f64 = 0.1;
 
-/// Walks along a scenario or a recorded truth, forward only, in stretches of any length.
+/// Walks along a scenario or another truth, forward only, in stretches of any length.
 #[derive(Debug, Clone)]
 pub struct Motion {
     source: Source,
@@ -70,7 +71,16 @@ pub struct Motion {
 #[derive(Debug, Clone)]
 enum Source {
     Scenario(Box<Flight>),
-    Recorded { rows: Arc<Recorded>, near: usize, angle_control_arcsec: [f64; 3] },
+    Recorded {
+        rows: Arc<Recorded>,
+        near: usize,
+        angle_control_arcsec: [f64; 3],
+    },
+    /// Nothing of it is read before the first stretch is asked for: it may not be known yet.
+    Stepped {
+        truth: Arc<Stepped>,
+        angle_control_arcsec: Option<[f64; 3]>,
+    },
 }
 
 /// A scenario being flown.
@@ -109,6 +119,12 @@ impl Motion {
         Motion { source: Source::Recorded { rows, near, angle_control_arcsec }, now }
     }
 
+    /// At `t_s` of a truth that becomes known as time goes on.
+    pub fn stepped(truth: Arc<Stepped>, t_s: f64) -> Motion {
+        let now = Moment { t_s, theta_rad: std::f64::consts::FRAC_PI_2, ..Moment::default() };
+        Motion { source: Source::Stepped { truth, angle_control_arcsec: None }, now }
+    }
+
     /// Moves on to `end_s` (true time since the start) and tells the motion since the last call; no motion where `end_s`
     /// lies before that.
     #[inline]
@@ -129,6 +145,16 @@ impl Motion {
                 step.angle_control_arcsec = std::array::from_fn(|axis| angle[axis] - angle_control_arcsec[axis]);
                 (*angle_control_arcsec, self.now, step.end) = (angle, moment, moment);
             }
+            Source::Stepped { truth, angle_control_arcsec } => {
+                let before = angle_control_arcsec.unwrap_or_else(|| {
+                    let (angle, moment) = truth.at(start.t_s);
+                    step.start = moment;
+                    angle
+                });
+                let (angle, moment) = truth.at(end_s);
+                step.angle_control_arcsec = std::array::from_fn(|axis| angle[axis] - before[axis]);
+                (*angle_control_arcsec, self.now, step.end) = (Some(angle), moment, moment);
+            }
         }
         step
     }
@@ -143,6 +169,7 @@ impl Motion {
         match &self.source {
             Source::Scenario(_) => true,
             Source::Recorded { rows, .. } => rows.knows_sun(),
+            Source::Stepped { .. } => false,
         }
     }
 
@@ -154,6 +181,7 @@ impl Motion {
         match &self.source {
             Source::Scenario(flight) => flight.limit_cycle.departure_control_arcsec(self.now.t_s),
             Source::Recorded { rows, near, .. } => rows.departure_control_arcsec(self.now.t_s, *near),
+            Source::Stepped { .. } => [0.0; 2],
         }
     }
 
@@ -162,7 +190,7 @@ impl Motion {
     pub fn take_legs(&mut self) -> Vec<Leg> {
         match &mut self.source {
             Source::Scenario(flight) => flight.plan.take_legs(),
-            Source::Recorded { .. } => Vec::new(),
+            Source::Recorded { .. } | Source::Stepped { .. } => Vec::new(),
         }
     }
 }

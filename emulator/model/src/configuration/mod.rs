@@ -91,7 +91,7 @@ pub struct RunRecord {
     pub wire: Option<WireForm>,
     /// Kinds of the links that were open: whom a fault was on.
     pub links: Vec<LinkKind>,
-    /// File of the truth, as it was given; without one the scenario is flown.
+    /// The truth, a file or a simulator's address, as it was given; without one the scenario is flown.
     pub truth: Option<String>,
     /// Whether faults could be injected while it ran: its truth has one column for what effects add that are there by
     /// faults alone.

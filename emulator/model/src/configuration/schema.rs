@@ -62,9 +62,9 @@ impl Configuration {
             "run": object(map(json!({
                 DURATION.name: number(&DURATION),
                 "wire": { "enum": WireForm::NAMES },
-                "truth": { "type": "string", "description": "file of the truth: reference.csv or CCSDS AEM" },
                 "links": { "type": "array", "items": { "enum": LinkKind::NAMES } },
                 "open": { "type": "boolean", "description": "whether faults could be injected while it ran" },
+                "truth": { "type": "string", "description": "truth: a file (reference.csv, CCSDS AEM, received.csv) or, for geu run, udp://, tcp:// or 42://HOST:PORT" },
                 "command": { "type": "array", "items": object(map(command), &["half_second", "link", "bytes"]) },
             })), &[]),
         });

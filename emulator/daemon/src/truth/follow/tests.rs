@@ -1,0 +1,209 @@
+//! What is used of a source that is on time, late, missing, behind, or jumps.
+
+use super::*;
+
+/// A source that turns about X at a rate of its own, told as an attitude.
+fn about_x(t_s: f64, arcsec: f64) -> Sample {
+    let half = (arcsec / 3600.0 / 2.0_f64).to_radians();
+    Sample { t_s, motion: Told::Attitude([half.cos(), half.sin(), 0.0, 0.0]) }
+}
+
+fn rate(t_s: f64, x: f64) -> Sample {
+    Sample { t_s, motion: Told::Rate([x, 0.0, 0.0]) }
+}
+
+fn take(follower: &mut Follower, samples: &[Sample]) {
+    samples.iter().for_each(|sample| drop(follower.take(*sample)));
+}
+
+fn follower() -> Follower {
+    Follower::new(Arc::default())
+}
+
+/// The rotation about X that was used in each half second.
+fn used(follower: &Follower) -> Vec<f64> {
+    let knots = follower.truth.knots_from(0);
+    let ends: Vec<f64> = knots.iter().step_by(PIECES).map(|knot| knot.angle_control_arcsec[0]).collect();
+    ends.windows(2).map(|pair| pair[1] - pair[0]).collect()
+}
+
+fn assert_near(got: &[f64], expected: &[f64]) {
+    let near = got.iter().zip(expected).all(|(got, expected)| (got - expected).abs() < 1e-6);
+    assert!(got.len() == expected.len() && near, "{got:?} is not {expected:?}");
+}
+
+#[test]
+fn samples_on_time_are_used_as_they_are_from_the_first_on() {
+    let mut follower = follower();
+    for step in 0..=10 {
+        let t_s = f64::from(step) * 0.1;
+        follower.take(about_x(1e6 + t_s, 50.0 * t_s * t_s));
+    }
+    assert!(follower.covers(1.0) && !follower.covers(1.01));
+    assert_eq!((follower.finish(0.5), follower.finish(1.0)), (None, None));
+    assert_near(&used(&follower), &[12.5, 37.5]);
+    assert_eq!(follower.counts, Counts { received: 11, ..Counts::default() });
+}
+
+#[test]
+fn a_late_sample_is_made_up_over_the_next_half_second_and_no_angle_is_lost() {
+    let mut follower = follower();
+    take(&mut follower, &[rate(0.0, 0.0), rate(0.5, 100.0)]);
+    follower.finish(0.5);
+    // Nothing tells that it turns the other way now: 100″/s are held.
+    follower.finish(1.0);
+    take(&mut follower, &[rate(1.0, -100.0), rate(1.5, -100.0)]);
+    follower.finish(1.5);
+    take(&mut follower, &[rate(2.0, -100.0)]);
+    follower.finish(2.0);
+    assert_near(&used(&follower), &[50.0, 50.0, -150.0, -50.0]);
+    let bases: Vec<Basis> = follower.truth.knots_from(1).iter().step_by(PIECES).map(|knot| knot.basis).collect();
+    assert_eq!(bases, [Basis::Told, Basis::Held, Basis::Told, Basis::Told]);
+    assert_eq!(follower.counts.late, 1);
+    // Evenly: every tenth of the half second has the same share.
+    let knots = follower.truth.knots_from(10);
+    let tenths: Vec<f64> = knots
+        .windows(2)
+        .take(5)
+        .map(|pair| pair[1].angle_control_arcsec[0] - pair[0].angle_control_arcsec[0])
+        .collect();
+    assert_near(&tenths, &[-30.0; 5]);
+}
+
+#[test]
+fn a_source_that_is_missing_leaves_the_unit_at_rest_and_is_told_once_as_is_its_return() {
+    let mut follower = follower();
+    take(&mut follower, &[rate(0.0, 0.0), rate(0.5, 10.0)]);
+    let notes: Vec<String> = (1..=16).filter_map(|half| follower.finish(f64::from(half) * 0.5)).collect();
+    assert_eq!(notes.len(), 1, "{notes:?}");
+    let rates = used(&follower);
+    assert_near(&rates[..11], &[5.0; 11]);
+    assert_near(&rates[11..], &[0.0; 5]);
+    assert_eq!((follower.counts.late, follower.counts.missing), (10, 5));
+    // What it tells when it is back is of a time that leapt; its own time goes on.
+    assert!(follower.take(rate(8.2, 1000.0)).is_some_and(|note| note.contains("time jumped by +7.700 s")));
+    follower.take(rate(8.7, 20.0));
+    assert!(follower.finish(8.5).is_some_and(|note| note.contains("back")));
+    assert_near(&used(&follower)[16..], &[6.0]);
+    assert_eq!(follower.counts.jumps, 1);
+}
+
+#[test]
+fn samples_that_were_held_up_on_the_way_are_all_counted() {
+    let mut follower = follower();
+    (0..=1).for_each(|half| drop(follower.take(rate(f64::from(half) * 0.5, 10.0))));
+    (1..=20).for_each(|half| drop(follower.finish(f64::from(half) * 0.5)));
+    (2..=21).for_each(|half| drop(follower.take(rate(f64::from(half) * 0.5, 10.0))));
+    follower.finish(10.5);
+    assert!((used(&follower).iter().sum::<f64>() - 105.0).abs() < 1e-9);
+    assert_eq!(follower.counts.jumps, 0);
+}
+
+#[test]
+fn a_source_that_stood_still_and_goes_on_is_followed_as_of_now() {
+    let mut follower = follower();
+    (0..=2).for_each(|half| drop(follower.take(rate(f64::from(half) * 0.5, 10.0))));
+    // The simulator stands for 10 s, the unit does not.
+    (1..=22).for_each(|half| drop(follower.finish(f64::from(half) * 0.5)));
+    let mut notes = Vec::new();
+    for half in 3..=20 {
+        follower.take(rate(f64::from(half) * 0.5, 10.0));
+        notes.extend(follower.finish(f64::from(half + 20) * 0.5));
+    }
+    assert_eq!(notes.len(), 1, "{notes:?}");
+    assert!(notes[0].starts_with("it is 10.000 s behind"), "{notes:?}");
+    assert_eq!(follower.counts.jumps, 1);
+    // Its 10 s of 10″/s.
+    assert!((used(&follower).iter().sum::<f64>() - 100.0).abs() < 1e-9, "{:?}", used(&follower));
+}
+
+#[test]
+fn time_that_goes_back_goes_on_from_where_the_unit_is() {
+    let mut follower = follower();
+    (0..=4).for_each(|half| drop(follower.take(about_x(100.0 + f64::from(half) * 0.5, 10.0 * f64::from(half)))));
+    (1..=4).for_each(|half| drop(follower.finish(f64::from(half) * 0.5)));
+    assert!(follower.take(about_x(0.0, 5000.0)).is_some_and(|note| note.contains("jumped by -102.000 s")));
+    follower.take(about_x(0.6, 5006.0));
+    assert!(follower.covers(2.5));
+    follower.finish(2.5);
+    assert!((used(&follower)[4] - 5.0).abs() < 1e-3, "{:?}", used(&follower));
+}
+
+#[test]
+fn an_attitude_that_jumps_is_not_turned_to() {
+    let mut follower = follower();
+    follower.take(about_x(0.0, 0.0));
+    follower.take(about_x(0.5, 50.0));
+    assert!(follower.take(about_x(1.0, 100_000.0)).is_some_and(|note| note.contains("attitude jumped")));
+    follower.take(about_x(1.5, 100_020.0));
+    (1..=3).for_each(|half| drop(follower.finish(f64::from(half) * 0.5)));
+    assert_near(&used(&follower), &[50.0, 50.0, 20.0]);
+    assert_eq!((follower.counts.jumps, follower.counts.late), (1, 0));
+}
+
+#[test]
+fn a_sample_that_was_overtaken_is_counted_and_not_used() {
+    let mut follower = follower();
+    take(&mut follower, &[rate(0.0, 0.0), rate(0.2, 10.0), rate(0.1, 900.0), rate(0.2, 900.0), rate(0.5, 10.0)]);
+    follower.finish(0.5);
+    assert_near(&used(&follower), &[5.0]);
+    assert_eq!(follower.counts.out_of_order, 2);
+}
+
+#[test]
+fn a_source_that_ran_before_the_unit_begins_a_moment_before_its_last_sample() {
+    let mut follower = follower();
+    for step in 0..=100 {
+        follower.take(rate(50.0 + f64::from(step) * 0.3, f64::from(step)));
+        follower.forget_the_past();
+    }
+    assert!((follower.told_s() - 1.0).abs() < 1e-9 && follower.curve.len() <= 5);
+    follower.finish(1.0);
+    // 0.3 s at each of 100, 99 and 98″/s, 0.1 s at 97″/s.
+    assert_near(&used(&follower), &[0.3 * 297.0 + 9.7]);
+}
+
+#[test]
+fn whatever_a_source_tells_what_is_used_is_finite_and_its_time_rises() {
+    let mut follower = follower();
+    let mut state = 1_u64;
+    let mut draw = |most: u64| {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+        (state >> 33) % most
+    };
+    let (mut t_s, mut end_s) = (0.0, 0.0);
+    for _ in 0..20_000 {
+        t_s = match draw(20) {
+            0 => -1e12,
+            1 => 1e12,
+            2 => t_s - 0.3,
+            3 => t_s + 1e-300,
+            4 => t_s + 4.9,
+            _ => t_s + 0.1,
+        };
+        let motion = match draw(6) {
+            0 => Told::Rate([f64::MAX, -f64::MAX, 1.0]),
+            1 => Told::Rate([1e4, 0.0, -1e4]),
+            2 => Told::Attitude([0.0, 0.6, -0.8, 0.0]),
+            3 => Told::Attitude([1.0, 5e-324, 0.0, 0.0]),
+            _ => Told::Attitude([-1.0, 0.0, 0.0, 0.0]),
+        };
+        follower.take(Sample { t_s, motion });
+        if draw(3) == 0 {
+            end_s += 0.5;
+            follower.finish(end_s);
+        }
+    }
+    let knots = follower.truth.knots_from(0);
+    assert!(knots.windows(2).all(|pair| pair[0].t_s < pair[1].t_s), "time rises");
+    assert!(knots.iter().all(|knot| knot.angle_control_arcsec.iter().all(|angle| angle.abs() < 1e9)));
+}
+
+#[test]
+fn a_flood_of_samples_needs_no_more_memory_than_one_each_millisecond() {
+    let mut follower = follower();
+    (0..100_000).for_each(|index| drop(follower.take(rate(f64::from(index) * 1e-5, 10.0))));
+    assert!(follower.curve.len() < 2100, "{}", follower.curve.len());
+    follower.finish(0.5);
+    assert_near(&used(&follower), &[5.0]);
+}

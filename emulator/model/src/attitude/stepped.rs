@@ -1,0 +1,175 @@
+//! A truth that becomes known piece by piece: rotation about the control axes, at constant rates within each piece.
+//!
+//! A source outside tells where the unit points while it runs; whoever follows the source appends what became final, and
+//! the unit reads it. Nothing that was appended ever changes, so the pieces alone make the same run again.
+
+use std::collections::VecDeque;
+use std::sync::{Mutex, MutexGuard};
+
+use super::Moment;
+use crate::units::ARCSEC_PER_RAD;
+
+/// What a piece rests on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Basis {
+    /// The source told it.
+    Told,
+    /// The source was late: the last rate was held.
+    Held,
+    /// The source was missing for long: the unit was held at rest.
+    Missing,
+}
+
+impl Basis {
+    /// Each with its word in a file.
+    pub const WORDS: [(Basis, &'static str); 3] =
+        [(Basis::Told, "told"), (Basis::Held, "held"), (Basis::Missing, "missing")];
+}
+
+/// End of a piece.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Knot {
+    /// True time since the start of the run.
+    pub t_s: f64,
+    /// Rotation about the control axes since the start.
+    pub angle_control_arcsec: [f64; 3],
+    /// What the piece that ends here rests on.
+    pub basis: Basis,
+}
+
+/// The start of every such truth.
+const START: Knot = Knot { t_s: 0.0, angle_control_arcsec: [0.0; 3], basis: Basis::Told };
+
+/// The truth as far as it is known; at rest before its start and after its end.
+#[derive(Debug)]
+pub struct Stepped {
+    known: Mutex<Known>,
+    most: usize,
+}
+
+#[derive(Debug)]
+struct Known {
+    knots: VecDeque<Knot>,
+    /// Knots that were forgotten before the first that is there.
+    forgotten: u64,
+}
+
+impl Default for Stepped {
+    fn default() -> Stepped {
+        Stepped::remembering(usize::MAX)
+    }
+}
+
+impl Stepped {
+    /// One that forgets all but the last `most` knots, for a run without end.
+    pub fn remembering(most: usize) -> Stepped {
+        Stepped { known: Mutex::new(Known { knots: VecDeque::from([START]), forgotten: 0 }), most: most.max(2) }
+    }
+
+    fn known(&self) -> MutexGuard<'_, Known> {
+        self.known.lock().expect("nothing panics with the knots")
+    }
+
+    /// Tells one more piece, from the last knot to this one; nothing where time does not rise.
+    pub fn append(&self, knot: Knot) {
+        let mut known = self.known();
+        if known.knots.back().is_some_and(|last| knot.t_s > last.t_s) {
+            known.knots.push_back(knot);
+            if known.knots.len() > self.most {
+                known.knots.pop_front();
+                known.forgotten += 1;
+            }
+        }
+    }
+
+    /// How far it is known.
+    pub fn end_s(&self) -> f64 {
+        self.known().knots.back().unwrap_or(&START).t_s
+    }
+
+    /// The knots from number `first` on, counted from 0 for the start, as far as they are not forgotten.
+    pub fn knots_from(&self, first: u64) -> Vec<Knot> {
+        let known = self.known();
+        known.knots.iter().skip(first.saturating_sub(known.forgotten) as usize).copied().collect()
+    }
+
+    /// Rotation since the start and rates at `t_s`. Where a piece ends its own rates hold, not those of the next.
+    pub fn at(&self, t_s: f64) -> ([f64; 3], Moment) {
+        // θ and ψ are not known: the package is taken at rest at 90°, where nothing turns it.
+        let mut moment = Moment { t_s, theta_rad: std::f64::consts::FRAC_PI_2, ..Moment::default() };
+        let known = self.known();
+        let after = known.knots.partition_point(|knot| knot.t_s < t_s);
+        let (Some(from), Some(to)) =
+            (after.checked_sub(1).and_then(|index| known.knots.get(index)), known.knots.get(after))
+        else {
+            let nearest = if after == 0 { known.knots.front() } else { known.knots.back() };
+            return (nearest.unwrap_or(&START).angle_control_arcsec, moment);
+        };
+        let (length_s, since_s) = (to.t_s - from.t_s, t_s - from.t_s);
+        let turn: [f64; 3] =
+            std::array::from_fn(|axis| to.angle_control_arcsec[axis] - from.angle_control_arcsec[axis]);
+        moment.rate_control_arcsec_s = turn.map(|turn| turn / length_s);
+        let share = since_s / length_s;
+        (std::array::from_fn(|axis| from.angle_control_arcsec[axis] + turn[axis] * share), moment)
+    }
+}
+
+/// The turn about the control axes, by the shorter way, from one attitude to the next; quaternions of unit length, control
+/// frame to inertial, real part first.
+pub fn turn_between_arcsec(from: [f64; 4], to: [f64; 4]) -> [f64; 3] {
+    let ([a, b, c, d], [e, f, g, h]) = (from, to);
+    // The vector part of from⁻¹ · to, and its real part.
+    let part = [a * f - b * e - c * h + d * g, a * g - c * e - d * f + b * h, a * h - d * e - b * g + c * f];
+    let real = a * e + b * f + c * g + d * h;
+    let sine = libm::sqrt(part.iter().map(|part| part * part).sum());
+    // Twice the angle's half over its sine; the limit where there is next to no turn.
+    let stretch = if sine < 1e-12 { 2.0 } else { 2.0 * libm::atan2(sine, real.abs()) / sine };
+    part.map(|part| part * stretch.copysign(real) * ARCSEC_PER_RAD)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn knot(t_s: f64, x: f64) -> Knot {
+        Knot { t_s, angle_control_arcsec: [x, 0.0, -x], basis: Basis::Told }
+    }
+
+    #[test]
+    fn within_a_piece_the_rate_is_constant_and_outside_there_is_rest() {
+        let truth = Stepped::default();
+        truth.append(knot(0.5, 10.0));
+        truth.append(knot(1.0, 40.0));
+        truth.append(knot(0.7, 99.0));
+        for (t_s, angle, rate) in
+            [(-1.0, 0.0, 0.0), (0.25, 5.0, 20.0), (0.5, 10.0, 20.0), (0.75, 25.0, 60.0), (2.0, 40.0, 0.0)]
+        {
+            let (got, moment) = truth.at(t_s);
+            assert_eq!((got, moment.rate_control_arcsec_s), ([angle, 0.0, -angle], [rate, 0.0, -rate]), "{t_s}");
+        }
+    }
+
+    #[test]
+    fn old_knots_are_forgotten_and_the_others_keep_their_numbers() {
+        let truth = Stepped::remembering(4);
+        (1..=10).for_each(|k| truth.append(knot(f64::from(k), f64::from(k))));
+        assert_eq!(truth.knots_from(9).iter().map(|knot| knot.t_s).collect::<Vec<_>>(), [9.0, 10.0]);
+        assert_eq!(truth.knots_from(0).len(), 4);
+        assert_eq!(truth.at(8.5).0[0], 8.5);
+    }
+
+    #[test]
+    fn a_turn_is_told_by_the_shorter_way_whatever_the_sign() {
+        let about_y = |deg: f64| {
+            let half = (deg / 2.0).to_radians();
+            [half.cos(), 0.0, half.sin(), 0.0]
+        };
+        let from = about_y(30.0);
+        for (to, expected_deg) in
+            [(about_y(31.0), 1.0), (about_y(31.0).map(|part| -part), 1.0), (about_y(-10.0), -40.0), (from, 0.0)]
+        {
+            let turn = turn_between_arcsec(from, to);
+            assert!((turn[1] - expected_deg * 3600.0).abs() < 1e-6 && turn[0] == 0.0 && turn[2] == 0.0, "{turn:?}");
+        }
+    }
+}

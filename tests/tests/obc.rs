@@ -1,0 +1,67 @@
+//! The small on-board computer around the emulator: closed loops, as fast as both go.
+
+use std::process::Output;
+
+use geu_tests::{geu, geu_obc};
+
+fn fly(arguments: &[&str]) -> Output {
+    geu_obc().args(arguments).output().expect("geu-obc starts")
+}
+
+/// On-board time, true and believed error of every second of a flight, s and arcsec.
+fn lines(output: &Output) -> Vec<[f64; 3]> {
+    let text = String::from_utf8_lossy(&output.stdout);
+    let row = |line: &str| {
+        let after = |word: &str| line.split(word).nth(1)?.trim_start().split('″').next()?.parse().ok();
+        Some([line.split_whitespace().next()?.parse().ok()?, after("true")?, after("believed")?])
+    };
+    text.lines().filter_map(row).collect()
+}
+
+#[test]
+fn pointing_is_held_on_the_emulators_own_data_and_the_same_flight_is_flown_again() {
+    let room = tempfile::tempdir().expect("a directory");
+    let (run, again) = (room.path().join("run"), room.path().join("again"));
+    let record = run.to_str().expect("UTF-8");
+    let first = fly(&["--seconds", "300", "--speed", "max", "--record", record]);
+    let said = String::from_utf8_lossy(&first.stderr);
+    assert_eq!(first.status.code(), Some(0), "{said}");
+    assert!(said.contains("late half seconds 0, missing 0, jumps 0, out of order 0, bad lines 0"), "{said}");
+    let rows = lines(&first);
+    assert_eq!(rows.len(), 300);
+    // It starts with 12″/s, and comes back.
+    assert!(rows[4][1] > 30.0 && rows[40..].iter().all(|row| row[1] < 5.0), "{rows:?}");
+    assert!(rows.iter().all(|[_, truth, believed]| (truth - believed).abs() < 2.0), "{rows:?}");
+    assert_eq!(fly(&["--seconds", "300", "--speed", "max"]).stdout, first.stdout);
+    let mut simulate = geu();
+    simulate.arg("simulate").arg(run.join("run.toml")).arg("--out").arg(&again);
+    assert!(simulate.status().expect("geu starts").success());
+    let link = |directory: &std::path::Path| std::fs::read(directory.join("link.log")).expect("a link");
+    assert!(link(&run) == link(&again) && !link(&run).is_empty());
+}
+
+#[test]
+fn a_drift_that_is_not_known_on_board_takes_the_true_pointing_away_and_nobody_on_board_sees_it() {
+    let sets = ["--set", "gyro.GYRX.drift-step.arcsec_per_h=1800", "--set", "gyro.GYRX.drift-step.time_s=60"];
+    let flown = fly(&[&["--seconds", "180", "--speed", "max"], &sets[..]].concat());
+    assert_eq!(flown.status.code(), Some(1), "{}", String::from_utf8_lossy(&flown.stderr));
+    let rows = lines(&flown);
+    let [t_s, truth, believed] = rows[rows.len() - 1];
+    // 1800″/h for 120 s is 60″; the loop follows it by what it swings.
+    assert!(t_s == 180.0 && (truth - 60.0).abs() < 4.0 && believed < 5.0, "{truth} {believed}");
+    assert!(String::from_utf8_lossy(&flown.stdout).contains("pointing not held"));
+}
+
+#[test]
+fn what_cannot_be_flown_says_why() {
+    for (arguments, code, part) in [
+        (&["--geu", "/nowhere/geu"][..], 2, "--geu: expected the program geu, got /nowhere/geu"),
+        (&["--set", "gyro.GYRQ.drift=1"], 2, "geu ended before its link was ready"),
+        (&["--seconds", "3"], 2, "41..=604800"),
+        (&["--link", "127.0.0.1:1", "--truth", "127.0.0.1:1"], 2, "--link 127.0.0.1:1: cannot be opened"),
+    ] {
+        let output = fly(arguments);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.code() == Some(code) && said.contains(part), "{part} not in {said}");
+    }
+}

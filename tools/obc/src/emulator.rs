@@ -1,0 +1,176 @@
+//! The emulator beside the on-board computer: started as a child, or one that runs already; its link, and the way back.
+
+use std::fs::OpenOptions;
+use std::io::{self, BufRead, BufReader, Read, Write};
+use std::net::{TcpStream, UdpSocket};
+use std::os::unix::process::CommandExt;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use geu_protocol::HalfSecond;
+use geu_protocol::serial::{Deframer, Found, Kind, read_data};
+use nix::sys::prctl::set_pdeathsig;
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
+
+/// A link that is silent for so long is dead; longer than a unit waits for its truth.
+const SILENCE: Duration = Duration::from_secs(10);
+/// A child that was asked to end has so long.
+const END: Duration = Duration::from_secs(5);
+/// Half seconds that may wait to be taken.
+const QUEUE: usize = 64;
+
+/// A running emulator.
+pub struct Emulator {
+    /// None for one that somebody else runs.
+    child: Option<Child>,
+    half_seconds: Receiver<HalfSecond>,
+    truth: UdpSocket,
+}
+
+/// The program `geu` that was named, else the one beside this program.
+///
+/// # Errors
+/// No such program.
+pub fn program(named: Option<&Path>) -> Result<PathBuf, String> {
+    let beside = || std::env::current_exe().ok().map(|own| own.with_file_name("geu"));
+    let path = named.map(Path::to_owned).or_else(beside).unwrap_or_default();
+    match path.is_file() {
+        true => Ok(path),
+        false => Err(format!("--geu: expected the program geu, got {}, which is not there", path.display())),
+    }
+}
+
+impl Emulator {
+    /// Starts `geu run` on free ports, held back until this computer is there; it ends with this program, however that ends.
+    ///
+    /// # Errors
+    /// A program that does not start, or ends before its link is ready.
+    pub fn start(program: &Path, arguments: &[String]) -> Result<Emulator, String> {
+        let mut command = Command::new(program);
+        command.args(["run", "--wait", "--tcp", "127.0.0.1:0", "--truth", "udp://127.0.0.1:0"]).args(arguments);
+        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        // SAFETY: between fork and exec this makes one system call and touches no memory.
+        unsafe { command.pre_exec(|| set_pdeathsig(Signal::SIGTERM).map_err(io::Error::from)) };
+        let failed = |error: io::Error| format!("{}: cannot be started: {error}", program.display());
+        let mut child = command.spawn().map_err(failed)?;
+        let (out, said) = (child.stdout.take(), child.stderr.take());
+        // What it says goes on, without its status line, which it keeps to a terminal.
+        thread::spawn(move || {
+            for line in said.into_iter().flat_map(|said| BufReader::new(said).lines()).map_while(Result::ok) {
+                let _ = writeln!(io::stderr(), "{line}");
+            }
+        });
+        let mut running = Running(Some(child));
+        let (mut link, mut truth) = (None, None);
+        let mut lines = BufReader::new(out.ok_or("geu: no standard output")?).lines().map_while(Result::ok);
+        while let (None, _) | (_, None) = (&link, &truth) {
+            let Some(line) = lines.next() else {
+                return Err("geu ended before its link was ready; what it said stands above".to_owned());
+            };
+            link = link.or(line.strip_prefix("ready tcp ").map(str::to_owned));
+            truth = truth.or(line.strip_prefix("ready truth udp://").map(str::to_owned));
+        }
+        let mut emulator = Emulator::attach(&link.unwrap_or_default(), &truth.unwrap_or_default())?;
+        emulator.child = running.0.take();
+        Ok(emulator)
+    }
+
+    /// Goes to one that runs: its link is a TCP address or a path, its truth is told to an address.
+    ///
+    /// # Errors
+    /// Addresses at which nobody is.
+    pub fn attach(link: &str, truth: &str) -> Result<Emulator, String> {
+        let failed =
+            |error: io::Error| format!("--link {link}: cannot be opened: {error}; expected HOST:PORT or a pty");
+        let stream: Box<dyn Read + Send> = match Path::new(link).exists() {
+            true => Box::new(OpenOptions::new().read(true).open(link).map_err(failed)?),
+            false => Box::new(TcpStream::connect(link).map_err(failed)?),
+        };
+        let refused = |error: io::Error| format!("--truth {truth}: cannot be told: {error}; expected HOST:PORT");
+        let socket = UdpSocket::bind("0.0.0.0:0").map_err(refused)?;
+        socket.connect(truth).map_err(refused)?;
+        Ok(Emulator { child: None, half_seconds: listen(stream), truth: socket })
+    }
+
+    /// Tells the truth, a line for an instant. One that cannot be sent is late, which the unit counts.
+    pub fn tell(&self, lines: &str) {
+        let _ = self.truth.send(lines.as_bytes());
+    }
+
+    /// The next half second.
+    ///
+    /// # Errors
+    /// A link that is silent or closed.
+    pub fn next(&self) -> Result<HalfSecond, String> {
+        self.half_seconds.recv_timeout(SILENCE).map_err(|error| match error {
+            RecvTimeoutError::Timeout => {
+                format!("the link is silent for {} s: expected a half second", SILENCE.as_secs())
+            }
+            RecvTimeoutError::Disconnected => "the link was closed: expected another half second".to_owned(),
+        })
+    }
+
+    /// Ends a child, and waits for it.
+    ///
+    /// # Errors
+    /// A child that did not end well.
+    pub fn end(mut self) -> Result<(), String> {
+        let Some(child) = self.child.take() else { return Ok(()) };
+        let mut running = Running(Some(child));
+        let Some(child) = &mut running.0 else { return Ok(()) };
+        let _ = kill(Pid::from_raw(child.id() as i32), Signal::SIGTERM);
+        let asked = Instant::now();
+        while asked.elapsed() < END {
+            match child.try_wait() {
+                Ok(Some(status)) if status.success() => return Ok(()),
+                Ok(Some(status)) => return Err(format!("geu ended with {status}; what it said stands above")),
+                _ => thread::sleep(Duration::from_millis(10)),
+            }
+        }
+        Err(format!("geu did not end within {} s of being asked to; it was killed", END.as_secs()))
+    }
+}
+
+impl Drop for Emulator {
+    fn drop(&mut self) {
+        drop(Running(self.child.take()));
+    }
+}
+
+/// A child that does not outlive this program's interest in it.
+struct Running(Option<Child>);
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        if let Some(child) = &mut self.0 {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+    }
+}
+
+/// Reads a link on a thread of its own.
+fn listen(mut stream: Box<dyn Read + Send>) -> Receiver<HalfSecond> {
+    let (sender, half_seconds) = sync_channel(QUEUE);
+    thread::spawn(move || {
+        let (mut deframer, mut rest, mut chunk) = (Deframer::default(), Vec::new(), [0; 4096]);
+        while let Ok(length @ 1..) = stream.read(&mut chunk) {
+            rest.extend_from_slice(&chunk[..length]);
+            let mut is_over = false;
+            let consumed = deframer.consume(&rest, &mut |found| {
+                if let Found::Frame { kind: Kind::Data, payload, .. } = found {
+                    is_over |= sender.send(read_data(payload)).is_err();
+                }
+            });
+            rest.drain(..consumed);
+            if is_over {
+                return;
+            }
+        }
+    });
+    half_seconds
+}
