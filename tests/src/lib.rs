@@ -1,6 +1,7 @@
 //! Tests that need two crates or a process stand in `tests/`; here is what they share.
 
 pub mod comparison;
+pub mod emulator;
 pub mod page;
 pub mod whitening;
 

@@ -1,19 +1,19 @@
 //! The emulator as its users meet it: the built program, real ptys and sockets, on the loopback only.
 
-use std::fs::{self, File, OpenOptions};
-use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
+use std::fs::{self, File};
+use std::io::{ErrorKind, Read, Write};
 use std::net::TcpStream;
-use std::os::unix::fs::{OpenOptionsExt, symlink};
+use std::os::unix::fs::symlink;
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Command};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
+use geu_protocol::Outcome;
 use geu_protocol::command::{COMMANDS, payload};
-use geu_protocol::serial::{Deframer, Found, Kind, frame, read_data};
-use geu_protocol::{HalfSecond, Outcome, Reply};
+use geu_protocol::serial::{Kind, frame};
+use geu_tests::emulator::{Client, Emulator};
 use geu_tests::{geu, skipped};
-use nix::libc::{O_NOCTTY, O_NONBLOCK};
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 
@@ -21,147 +21,6 @@ use nix::unistd::Pid;
 const REPLY_WITHIN: Duration = Duration::from_millis(20);
 /// What a test waits for at most.
 const PATIENCE: Duration = Duration::from_secs(8);
-
-/// A running `geu run`; ended when it goes.
-struct Emulator {
-    child: Child,
-    /// What stood after `ready`, a line per link.
-    ready: Vec<String>,
-}
-
-impl Emulator {
-    fn start(links: usize, arguments: &[&str]) -> Emulator {
-        let mut command = geu();
-        command.arg("run").args(arguments).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
-        let mut child = command.spawn().expect("geu starts");
-        let mut lines = BufReader::new(child.stdout.take().expect("a pipe")).lines();
-        let ready = (0..links)
-            .map(|_| {
-                let line = lines.next().expect("a line for each link").expect("text");
-                line.strip_prefix("ready ").unwrap_or_else(|| panic!("unexpected {line:?}")).to_owned()
-            })
-            .collect();
-        Emulator { child, ready }
-    }
-
-    /// On TCP alone, and a client of it.
-    fn on_tcp(arguments: &[&str]) -> (Emulator, Client) {
-        let emulator = Emulator::start(1, &[&["--tcp", "127.0.0.1:0"], arguments].concat());
-        let client = emulator.tcp();
-        (emulator, client)
-    }
-
-    fn tcp(&self) -> Client {
-        let address = self.ready.iter().find_map(|ready| ready.strip_prefix("tcp ")).expect("a TCP link");
-        let stream = TcpStream::connect(address).expect("the unit listens");
-        stream.set_nonblocking(true).expect("a socket");
-        stream.set_nodelay(true).expect("a socket");
-        Client::new(stream)
-    }
-
-    fn ask_to_end(&self) {
-        kill(Pid::from_raw(self.child.id() as i32), Signal::SIGTERM).expect("it runs");
-    }
-
-    /// Waits for its end and gives what it said on standard error.
-    fn end(mut self) -> (Option<i32>, String) {
-        let mut said = String::new();
-        self.child.stderr.take().expect("a pipe").read_to_string(&mut said).expect("text");
-        (self.child.wait().expect("its end").code(), said)
-    }
-}
-
-impl Drop for Emulator {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
-
-/// A client of a byte stream.
-struct Client {
-    stream: Box<dyn Stream>,
-    deframer: Deframer,
-    buffer: Vec<u8>,
-    bytes: Vec<u8>,
-    half_seconds: Vec<HalfSecond>,
-    replies: Vec<Reply>,
-    defects: usize,
-    is_over: bool,
-}
-
-trait Stream: Read + Write {}
-impl<T: Read + Write> Stream for T {}
-
-impl Client {
-    fn new(stream: impl Stream + 'static) -> Client {
-        Client {
-            stream: Box::new(stream),
-            deframer: Deframer::default(),
-            buffer: Vec::new(),
-            bytes: Vec::new(),
-            half_seconds: Vec::new(),
-            replies: Vec::new(),
-            defects: 0,
-            is_over: false,
-        }
-    }
-
-    fn open(path: &Path) -> Client {
-        let mut options = OpenOptions::new();
-        Client::new(options.read(true).write(true).custom_flags(O_NOCTTY | O_NONBLOCK).open(path).expect("a pty"))
-    }
-
-    /// Reads what comes until `enough`, the end of the stream, or the end of patience; says whether it was enough.
-    fn read_until(&mut self, enough: impl Fn(&Client) -> bool) -> bool {
-        self.read_for(PATIENCE, enough)
-    }
-
-    fn read_for(&mut self, patience: Duration, enough: impl Fn(&Client) -> bool) -> bool {
-        let (start, mut piece) = (Instant::now(), [0; 4096]);
-        while !enough(self) {
-            match self.stream.read(&mut piece) {
-                Ok(0) => self.is_over = true,
-                Ok(length) => self.take(&piece[..length]),
-                Err(error) if error.kind() == ErrorKind::WouldBlock => sleep(Duration::from_micros(300)),
-                Err(_) => self.is_over = true,
-            }
-            if self.is_over || start.elapsed() > patience {
-                return enough(self);
-            }
-        }
-        true
-    }
-
-    fn take(&mut self, bytes: &[u8]) {
-        self.bytes.extend_from_slice(bytes);
-        self.buffer.extend_from_slice(bytes);
-        let used = self.deframer.consume(&self.buffer, &mut |found| match found {
-            Found::Frame { kind: Kind::Data, payload, .. } => self.half_seconds.push(read_data(payload)),
-            Found::Frame { kind: Kind::Reply, payload, .. } => {
-                self.replies.push(Reply::read(payload).expect("a reply"))
-            }
-            _ => self.defects += 1,
-        });
-        self.buffer.drain(..used);
-    }
-
-    /// Sends bytes and waits for the next reply: it, and how long it took.
-    fn ask(&mut self, bytes: &[u8]) -> (Reply, Duration) {
-        let (before, start) = (self.replies.len(), Instant::now());
-        self.stream.write_all(bytes).expect("room");
-        assert!(self.read_until(|client| client.replies.len() > before), "no reply to {bytes:02X?}");
-        (self.replies[before], start.elapsed())
-    }
-
-    fn is_without_gap(&self) -> bool {
-        self.defects == 0
-            && self.half_seconds.windows(2).all(|pair| {
-                pair[1].sequence == pair[0].sequence.wrapping_add(1)
-                    && pair[1].clock_count == pair[0].clock_count + 500_000
-            })
-    }
-}
 
 fn directory() -> tempfile::TempDir {
     tempfile::tempdir().expect("a directory")
@@ -607,7 +466,8 @@ fn a_link_that_is_not_there_is_bad_input_with_one_message() {
         (&["--tcp", "127.0.0.1"], "127.0.0.1"),
         (&["--can", "nocan0"], "nocan0"),
         (&["--can", "vcan0:FFF"], "FFF"),
-        (&["--control", "127.0.0.1:9"], "later"),
+        (&["--control", "127.0.0.1"], "--control 127.0.0.1"),
+        (&["--control", "0.0.0.0:0"], "--control-token"),
         (&["--speed", "0"], "max"),
         (&["--wait", "--can", "nocan0"], "--wait"),
         (&["--pty", "/no/such/directory/geu0"], "/no/such/directory/geu0"),

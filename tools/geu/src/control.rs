@@ -1,6 +1,7 @@
 //! The control interface of a running emulator, as a client sees it.
 
 use std::io::{BufRead, BufReader};
+use std::sync::LazyLock;
 use std::time::Duration;
 
 use clap::Args;
@@ -13,6 +14,11 @@ use crate::failure::Failure;
 
 /// An emulator that does not answer by then is not there.
 const ANSWER_WITHIN: Duration = Duration::from_secs(5);
+
+/// Keeps its connections from one question to the next.
+static AGENT: LazyLock<Agent> = LazyLock::new(|| {
+    Agent::config_builder().http_status_as_error(false).timeout_connect(Some(ANSWER_WITHIN)).build().new_agent()
+});
 
 /// Which emulator.
 #[derive(Args, Debug, Clone)]
@@ -34,6 +40,11 @@ pub struct Told {
 }
 
 impl Emulator {
+    /// The one whose interface is at `address`.
+    pub fn at(address: &str) -> Emulator {
+        Emulator { control: address.to_owned(), control_token: None }
+    }
+
     /// Asks, and gives the answer.
     ///
     /// # Errors
@@ -103,13 +114,7 @@ impl Emulator {
                 self.control
             ))
         })?;
-        let agent = Agent::config_builder()
-            .http_status_as_error(false)
-            .timeout_connect(Some(ANSWER_WITHIN))
-            .timeout_global(within)
-            .build()
-            .new_agent();
-        agent.run(request).map_err(|error| {
+        AGENT.run(AGENT.configure_request(request).timeout_global(within).build()).map_err(|error| {
             Failure::failed(format!(
                 "--control {}: {error}; expected a running emulator there: geu run says its address as it starts",
                 self.control

@@ -2,6 +2,7 @@
 
 mod cadence;
 mod calibrate;
+mod control;
 mod decode;
 mod diagnose;
 mod model;
@@ -23,6 +24,8 @@ enum Benchmark {
     Cadence(cadence::Arguments),
     /// How long the evaluation of a recording takes: filter and smoother over a day.
     Calibrate(calibrate::Arguments),
+    /// What watching and asking over HTTP cost the cadence.
+    Control(control::Arguments),
     /// Throughput of the decoder, beside python-can, cantools and log2asc on the same file.
     Decode(decode::Arguments),
     /// The whole diagnosis as a user has it: time, memory and names found, beside statsmodels and pysindy.
@@ -36,6 +39,7 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
     match arguments.benchmark {
         Benchmark::Cadence(arguments) => cadence::run(&arguments),
         Benchmark::Calibrate(arguments) => calibrate::run(&arguments),
+        Benchmark::Control(arguments) => control::run(&arguments),
         Benchmark::Decode(arguments) => decode::run(arguments),
         Benchmark::Diagnose(arguments) => diagnose::run(&arguments),
         Benchmark::Model(arguments) => model::run(&arguments),

@@ -1,0 +1,180 @@
+//! `geu bench control`: what watching and asking cost the cadence.
+//!
+//! Two emulators run side by side, one with its control interface open and one without; first alone, then while a page,
+//! eight event clients and a client that asks a thousand times a second are at the open one. Both meet the same machine and
+//! the same load, so that what the interface itself costs is seen apart from what the clients take of the processor.
+
+use std::io::{BufRead, BufReader, Read};
+use std::process::{Child, Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use clap::Args;
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
+use serde_json::Value;
+use ureq::http::Method;
+
+use crate::control::Emulator as Client;
+use crate::failure::{Failure, say};
+
+/// Event clients, beside the page.
+const EVENT_CLIENTS: usize = 8;
+/// Questions of the one client that asks.
+const REQUESTS_PER_S: u64 = 1000;
+
+/// Arguments of `geu bench control`.
+#[derive(Args)]
+pub struct Arguments {
+    /// Length of each of the two parts
+    #[arg(long, default_value_t = 120)]
+    seconds: u64,
+    /// Browser that opens the page without a window; without one, a ninth event client stands for it
+    #[arg(long, value_name = "PROGRAM")]
+    browser: Option<String>,
+}
+
+/// Measures.
+///
+/// # Errors
+/// An emulator that does not start, a browser that is not there.
+pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let part = Duration::from_secs(arguments.seconds.max(2));
+    let mut medians = Vec::new();
+    for is_loaded in [false, true] {
+        let (mut open, mut closed) = (Emulator::start(true)?, Emulator::start(false)?);
+        let load = if is_loaded { Some(Load::start(&open.address, arguments.browser.as_deref())?) } else { None };
+        let start = Instant::now();
+        let mut last = Value::Null;
+        while start.elapsed() < part {
+            thread::sleep(part.saturating_sub(start.elapsed()).min(Duration::from_secs(1)));
+            last = open.client().ask(Method::GET, "/api/status", None)?["lateness"].clone();
+        }
+        say!("{}", if is_loaded { "with clients" } else { "without clients" })?;
+        if let Some(load) = load {
+            let (asked, told) = load.end();
+            let per_s = asked as f64 / part.as_secs_f64();
+            say!("  {asked} requests ({per_s:.0}/s), {told} events to {EVENT_CLIENTS} clients and a page")?;
+        }
+        medians.push(last["p50_us"].as_f64().unwrap_or_default());
+        for (name, emulator) in [("control interface open", &mut open), ("--control off", &mut closed)] {
+            say!("  {name:<24} {}", emulator.end())?;
+        }
+    }
+    say!("median with clients against without: {:+.1} µs", medians[1] - medians[0])
+}
+
+/// An emulator as a process of its own.
+struct Emulator {
+    child: Child,
+    said: BufReader<std::process::ChildStderr>,
+    address: String,
+    /// Of the symlink.
+    _directory: tempfile::TempDir,
+}
+
+impl Emulator {
+    fn start(is_open: bool) -> Result<Emulator, Failure> {
+        let directory = tempfile::tempdir().map_err(Failure::failed)?;
+        let mut command = Command::new(std::env::current_exe().map_err(Failure::failed)?);
+        command.arg("run").arg("--pty").arg(directory.path().join("geu0"));
+        command.args(["--control", if is_open { "127.0.0.1:0" } else { "off" }]);
+        let mut child = command
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .map_err(Failure::failed)?;
+        let mut said = BufReader::new(child.stderr.take().expect("piped"));
+        let mut address = String::new();
+        if is_open {
+            said.read_line(&mut address).map_err(Failure::failed)?;
+            address = address.trim().rsplit(' ').next().unwrap_or_default().to_owned();
+        }
+        Ok(Emulator { child, said, address, _directory: directory })
+    }
+
+    fn client(&self) -> Client {
+        Client::at(&self.address)
+    }
+
+    /// Asks it to end; its line on lateness.
+    fn end(&mut self) -> String {
+        let _ = kill(Pid::from_raw(self.child.id() as i32), Signal::SIGTERM);
+        let mut said = String::new();
+        let _ = self.said.read_to_string(&mut said);
+        let _ = self.child.wait();
+        let lateness = said.lines().find_map(|line| line.strip_prefix("lateness"));
+        lateness.unwrap_or("no lateness told").trim().to_owned()
+    }
+}
+
+impl Drop for Emulator {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// The clients.
+struct Load {
+    stop: Arc<AtomicBool>,
+    asked: Arc<AtomicU64>,
+    told: Arc<AtomicU64>,
+    browser: Option<Child>,
+    asker: thread::JoinHandle<()>,
+}
+
+impl Load {
+    fn start(address: &str, browser: Option<&str>) -> Result<Load, Failure> {
+        let (stop, asked, told): (Arc<AtomicBool>, Arc<AtomicU64>, Arc<AtomicU64>) = Default::default();
+        let pages = if browser.is_some() { 0 } else { 1 };
+        for _ in 0..EVENT_CLIENTS + pages {
+            let (events, told) = (Client::at(address).follow()?, told.clone());
+            // Ends with the emulator.
+            thread::spawn(move || {
+                events.for_each(|_| {
+                    let _ = told.fetch_add(1, Relaxed);
+                })
+            });
+        }
+        let browser = browser.map(|program| {
+            Command::new(program)
+                .args(["--headless=new", "--no-sandbox", "--disable-gpu", "--remote-debugging-port=0", address])
+                .stdin(Stdio::null())
+                .stdout(Stdio::null())
+                .stderr(Stdio::null())
+                .spawn()
+                .map_err(|error| Failure::input(format!("--browser {program}: {error}; expected Chromium")))
+        });
+        let browser = browser.transpose()?;
+        let asker = thread::spawn({
+            let (client, stop, asked) = (Client::at(address), stop.clone(), asked.clone());
+            move || {
+                let start = Instant::now();
+                for count in 1.. {
+                    let due = Duration::from_nanos(count * 1_000_000_000 / REQUESTS_PER_S);
+                    thread::sleep(due.saturating_sub(start.elapsed()));
+                    if stop.load(Relaxed) || client.ask(Method::GET, "/api/status", None).is_err() {
+                        return;
+                    }
+                    asked.fetch_add(1, Relaxed);
+                }
+            }
+        });
+        Ok(Load { stop, asked, told, browser, asker })
+    }
+
+    /// Requests answered and events received.
+    fn end(mut self) -> (u64, u64) {
+        self.stop.store(true, Relaxed);
+        let _ = self.asker.join();
+        if let Some(browser) = &mut self.browser {
+            let _ = browser.kill();
+            let _ = browser.wait();
+        }
+        (self.asked.load(Relaxed), self.told.load(Relaxed))
+    }
+}
