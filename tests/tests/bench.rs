@@ -88,6 +88,8 @@ fn what_is_refused_leaves_nothing_behind_and_is_told_with_the_valid_names() {
         (&["stuck-count", "GYRX", "counts=1", "counts=2"], "once"),
         (&["explode"], "stuck-count"),
         (&["parity-error", "tcp"], "disturbance box"),
+        (&["drop", "can"], "a link that is open (tcp)"),
+        (&["baud-mismatch", "baud=9600"], "a link that is open (tcp)"),
         (&["drift.arcsec_per_h", "GYRX", "step=1e9"], "36000"),
         (&["drift.arcsec_per_h", "GYRX", "step=nan"], "36000"),
         (&["drop", "when=rate_q > 1"], "rate_y"),

@@ -244,12 +244,6 @@ impl Known {
         let angle = |rad: f64| if knows_sun { json!(rad / RAD_PER_DEG) } else { Value::Null };
         let counts = self.timing.counts();
         let us = |ns: u64| ns as f64 * 1e-3;
-        let links = self.links.iter().map(|(kind, tally)| {
-            json!({
-                "name": tally.name, "kind": kind.name(), "clients": tally.clients.load(Relaxed),
-                "sent": tally.sent.load(Relaxed), "dropped": tally.dropped.load(Relaxed), "replies": tally.replies.load(Relaxed),
-            })
-        });
         json!({
             "t_s": (ended.end_ns as f64 * 1e-9 * 1e6).round() / 1e6,
             "half_second": self.desk.running().0,
@@ -269,7 +263,7 @@ impl Known {
                 "serial": carried(&self.serial).iter().map(Content::to_string).collect::<String>(),
                 "can": carried(&self.can).iter().map(Content::to_string).collect::<Vec<_>>(),
             },
-            "links": links.collect::<Vec<_>>(),
+            "links": self.links(),
             "lateness": {
                 "count": counts.lateness.count(), "p50_us": us(counts.lateness.percentile_ns(0.5)),
                 "p99_us": us(counts.lateness.percentile_ns(0.99)), "max_us": us(counts.lateness.max_ns()),
@@ -283,6 +277,17 @@ impl Known {
     /// Whether a half second that is not sent by itself is there to be polled.
     fn is_polled(&self, ended: &Ended) -> bool {
         ended.half_second.unit_flags & geu_protocol::field::unit_flag("polled") != 0
+    }
+
+    fn links(&self) -> Value {
+        let link = |(kind, tally): &(LinkKind, Arc<Tally>)| {
+            json!({
+                "name": tally.name, "kind": kind.name(), "clients": tally.clients.load(Relaxed),
+                "sent": tally.sent.load(Relaxed), "dropped": tally.dropped.load(Relaxed),
+                "replies": tally.replies.load(Relaxed),
+            })
+        };
+        self.links.iter().map(link).collect()
     }
 
     fn faults(&self) -> Value {
@@ -334,7 +339,8 @@ impl Bench for LiveBench {
     fn status(&self) -> Value {
         let mut status = lock(&self.0.last).clone();
         if !status.is_object() {
-            status = json!({ "half_second": 0, "lateness": { "count": 0 }, "faults": self.known().faults() });
+            let (links, faults) = (self.known().links(), self.known().faults());
+            status = json!({ "half_second": 0, "lateness": { "count": 0 }, "links": links, "faults": faults });
         }
         let truth = ["t_s", "true_arcsec", "rate_arcsec_s", "theta_deg", "psi_deg"];
         status["truth"] =
@@ -373,6 +379,10 @@ impl Bench for LiveBench {
         let fault = loop {
             let there: Vec<Fault> = desk.planned().iter().map(|planned| Fault::clone(&planned.fault)).collect();
             let fault = read_fault_text("fault", &text, &there).map_err(|error| error.message)?;
+            let open: Vec<LinkKind> = self.known().links.iter().map(|(kind, _)| *kind).collect();
+            if let Some(reason) = fault.misses(&open) {
+                return Err(reason);
+            }
             // Somebody else may have taken the identifier by now.
             if let Some(fault) = desk.inject(fault) {
                 break fault;

@@ -137,7 +137,7 @@ impl Recorder {
         wire: WireForm,
         links: &[Carrier],
     ) -> Result<Recorder, RecordError> {
-        let links = if links.is_empty() { again(&configuration.run.links) } else { links.to_vec() };
+        let links = if links.is_empty() { without_links(configuration) } else { links.to_vec() };
         let carrier = recorded(wire, &links);
         fs::create_dir_all(directory).map_err(|source| RecordError { path: directory.to_owned(), source })?;
         let (link_name, other) = match wire {
@@ -480,13 +480,20 @@ fn recorded(wire: WireForm, links: &[Carrier]) -> Carrier {
     }
 }
 
-/// The links of an earlier run, each as its kind has them by default.
-fn again(kinds: &[LinkKind]) -> Vec<Carrier> {
-    let carrier = |&kind: &LinkKind| match kind {
+/// The links of a run that has none: those of the run that is made again, else those that its faults name, each as its
+/// kind has them by default.
+fn without_links(configuration: &Configuration) -> Vec<Carrier> {
+    let mut kinds = configuration.run.links.clone();
+    if kinds.is_empty() {
+        kinds.extend(configuration.faults.iter().filter_map(|fault| fault.link));
+        kinds.sort_unstable();
+        kinds.dedup();
+    }
+    let carrier = |kind| match kind {
         LinkKind::Can => Carrier::can(CanPlan::default()),
         kind => Carrier::serial(kind),
     };
-    kinds.iter().map(carrier).collect()
+    kinds.into_iter().map(carrier).collect()
 }
 
 /// A time in s as ns; one without end is the last there is.

@@ -10,6 +10,7 @@ use geu_daemon::link::{CanAddress, LinkAddress, SerialAddress};
 use geu_daemon::record::Recorder;
 use geu_daemon::{RunError, Settings, asked_to_end};
 use geu_model::configuration::unix_ns;
+use geu_model::fault::catalogue::LinkKind;
 
 use crate::expectations;
 use crate::failure::{Failure, note};
@@ -102,6 +103,10 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         wait_for_client: arguments.wait,
         live: ready.live.as_ref().map(|live| live.source.clone()),
     };
+    let open: Vec<LinkKind> = settings.links.iter().map(|link| link.carrier().kind).collect();
+    if let Some(reason) = ready.configuration.faults.iter().find_map(|fault| fault.misses(&open)) {
+        return Err(Failure::input(reason));
+    }
     let (control, token) = (arguments.control.as_deref(), arguments.control_token.clone());
     let door = match control {
         Some("off") => None,

@@ -5,7 +5,7 @@ use crate::fault::{Target, shape};
 use crate::number::{Default, Form, Number, number};
 
 /// A kind of link.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum LinkKind {
     /// A pty.
     Pty,

@@ -18,7 +18,7 @@ use crate::effect::{EffectSpec, Effects, HeadEffects, UnitEffects, WiringEffects
 use crate::noise::Stream;
 use crate::number::{Form, Number};
 use crate::package::Axes;
-use catalogue::{Law, LinkKind, Spec};
+use catalogue::{Law, LinkKind, Scope, Spec};
 use expression::Expression;
 
 /// Stands for a limit that is none: what is added must be finite.
@@ -185,6 +185,18 @@ impl Fault {
         };
         // Half a half second or more counts as one.
         self.for_s.or(own).map(|for_s| ((for_s * 2.0).round() as u64).max(1))
+    }
+
+    /// Why it could never be seen on these links; nothing where it can, or where it is on no link.
+    pub fn misses(&self, open: &[LinkKind]) -> Option<String> {
+        let Action::Named { spec, .. } = &self.action else { return None };
+        let own = self.link.map_or_else(|| spec.links(), |link| vec![link]);
+        if spec.scope != Scope::Link || own.iter().any(|kind| open.contains(kind)) {
+            return None;
+        }
+        let names = |kinds: &[LinkKind]| kinds.iter().map(|kind| kind.name()).collect::<Vec<_>>().join(", ");
+        let (id, code, own, open) = (&self.id, spec.code, names(&own), names(open));
+        Some(format!("{id}: expected a link that is open ({open}) for {code}, got {own}"))
     }
 
     /// What it does, as a law.

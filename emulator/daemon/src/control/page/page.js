@@ -107,7 +107,7 @@ function start([catalogue, layout, status]) {
   async function refresh() {
     showFaults(await ask("GET", "/api/faults").catch(() => []));
   }
-  injector(catalogue, refresh);
+  injector(catalogue, [...new Set((status.links ?? []).map(({ kind }) => kind))], refresh);
   commander(catalogue.commands);
   if (status.links) links(status);
   at("download").href = path("/api/timeline");

@@ -59,8 +59,8 @@ function field(spec, gyros, text = spec.name) {
   };
 }
 
-/** The panel that injects any fault of the catalogue. */
-export function injector(catalogue, changed) {
+/** The panel that injects any fault of the catalogue; `open` are the kinds of links that there are. */
+export function injector(catalogue, open, changed) {
   const { gyros, parameters, courses, faults } = catalogue;
   const group = (title, values) =>
     values.length
@@ -140,18 +140,21 @@ export function injector(catalogue, changed) {
           ? choice(
               "link",
               "Link",
-              Object.entries(fault.links ?? {}).map(([known, reason]) =>
-                element(
-                  "option",
-                  { value: known, disabled: reason !== null },
-                  reason === null ? known : `${known}: ${reason}`,
+              [
+                ...(open.length > 1 ? [element("option", { value: "" }, "every link that can")] : []),
+                ...open.map((kind) =>
+                  element(
+                    "option",
+                    { value: kind, disabled: fault.links[kind] !== null },
+                    fault.links[kind] === null ? kind : `${kind}: ${fault.links[kind]}`,
+                  ),
                 ),
-              ),
+              ],
             )
           : null;
       const fields = fault.numbers.map((spec) => [spec.name, field(spec, gyros)]);
       place.append(...fields.map(([, made]) => made.shown));
-      read = () => ({ fault: name, gyro: gyro?.value, link: link?.value, ...values(fields) });
+      read = () => ({ fault: name, gyro: gyro?.value, link: link?.value || undefined, ...values(fields) });
     }
   }
 
