@@ -20,4 +20,4 @@ mod run;
 pub mod simulate;
 
 pub use catalogue::catalogue;
-pub use run::{RunError, Settings, Summary, asked_to_end, run};
+pub use run::{RunError, Settings, Summary, asked_to_end, replay, run};
