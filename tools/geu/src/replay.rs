@@ -1,6 +1,8 @@
 //! `geu replay`: a recording in place of the unit.
 
 mod tape;
+#[cfg(test)]
+mod tests;
 mod timeline;
 
 use std::fs::{self, File};
@@ -223,6 +225,9 @@ fn read(mut tape: Tape, names: &[String], options: Options, is_loop: bool) -> (T
         let has_sent = tape.end_pass();
         // Cut before its first frame, a serial recording is not one without any.
         let result = if is_cut { result } else { result.and(ending) };
+        if result.is_ok() && has_sent {
+            tape.begin();
+        }
         if result.is_err() || !is_loop || !has_sent || tape.is_unwanted() || STOP.load(Ordering::Relaxed) {
             return (tape.finish(), result);
         }

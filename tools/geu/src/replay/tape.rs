@@ -16,6 +16,8 @@ use super::timeline::{HALF_SECOND_NS, Irregular, Timeline};
 
 /// Items handed over at once.
 const BATCH: usize = 64;
+/// Batches handed over before it is told that there is something to send: less than may wait.
+const MOST_UNTOLD: usize = super::QUEUE / 2;
 /// Frames that wait for their half second to be whole, or for the unit to show up on an interface.
 const MOST_WAITING: usize = 4096;
 /// Bytes without a frame that are kept for the next frame to tell their time.
@@ -83,7 +85,7 @@ struct Waiting {
 pub struct Tape {
     choice: Choice,
     sender: SyncSender<Vec<Item>>,
-    /// Dropped with the first item.
+    /// Told once that there is something to send.
     begins: Option<SyncSender<()>>,
     batch: Vec<Item>,
     timeline: Timeline,
@@ -95,6 +97,8 @@ pub struct Tape {
     last_half_second_ns: i64,
     is_after: bool,
     is_unwanted: bool,
+    has_half_second: bool,
+    handed_over: usize,
     /// Before an interface is chosen.
     early: Vec<(Vec<u8>, Waiting)>,
     interface: Option<Vec<u8>>,
@@ -124,6 +128,8 @@ impl Tape {
             last_half_second_ns: 0,
             is_after: false,
             is_unwanted: false,
+            has_half_second: false,
+            handed_over: 0,
             early: Vec::new(),
             assembler: Assembler::default(),
             waiting: VecDeque::new(),
@@ -176,12 +182,21 @@ impl Tape {
         self.told
     }
 
+    /// Tells that there is something to send.
+    pub fn begin(&mut self) {
+        if let Some(begins) = self.begins.take() {
+            let _ = begins.send(());
+        }
+    }
+
     fn hand_over(&mut self) {
         if self.batch.is_empty() || self.is_unwanted {
             return;
         }
-        if let Some(begins) = self.begins.take() {
-            let _ = begins.send(());
+        // Bytes alone may turn out to be no recording; a few of them wait for the first half second.
+        self.handed_over += 1;
+        if self.has_half_second || self.handed_over >= MOST_UNTOLD {
+            self.begin();
         }
         self.is_unwanted = self.sender.send(std::mem::take(&mut self.batch)).is_err();
     }
@@ -200,6 +215,7 @@ impl Tape {
         self.span_ns.get_or_insert((recorded_ns, recorded_ns)).1 = recorded_ns;
         if matches!(what, What::HalfSecond { .. }) {
             self.last_half_second_ns = self.timeline.played_ns;
+            self.has_half_second = true;
         }
         let played_ns = self.timeline.played_ns;
         self.batch.push(Item { recorded_ns: self.passed_ns.saturating_add(recorded_ns), played_ns, what });
