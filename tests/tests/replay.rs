@@ -232,7 +232,8 @@ fn what_cannot_be_played_is_refused_with_one_message() {
         file.to_str().expect("text").to_owned()
     };
     let (empty, nonsense) = (file("empty.log", ""), file("nonsense.bin", "\0\u{1}\u{2}\0"));
-    let parameter = file("a.toml", "[[fault]]\nparameter = \"drift.arcsec_per_h\"\ngyro = \"GYRX\"\nsize = 9.0\n");
+    let parameter =
+        file("a.toml", "[[fault]]\nparameter = \"drift.arcsec_per_h\"\ngyro = \"GYRX\"\ncourse = { step = 9.0 }\n");
     let (gyro, unit) = (
         file("b.toml", "[[fault]]\nfault = \"dead\"\ngyro = \"GYRX\"\n"),
         file("c.toml", "[[fault]]\nfault = \"reset\"\n"),

@@ -4,6 +4,7 @@ mod tape;
 #[cfg(test)]
 mod tests;
 mod timeline;
+mod told;
 
 use std::fs::{self, File};
 use std::io::{self, BufRead};
@@ -26,7 +27,8 @@ use crate::expectations;
 use crate::failure::{Failure, note};
 use crate::links::Links;
 use crate::settings::{can_base, seed};
-use tape::{Choice, Tape, Told};
+use tape::{Choice, Tape};
+use told::Told;
 
 /// Batches of items that may wait to be sent: with those of [`tape`], some minutes of a recording.
 const QUEUE: usize = 16;

@@ -5,6 +5,8 @@
 //! second goes out as the link itself writes it.
 
 mod player;
+#[cfg(test)]
+mod tests;
 
 use std::fmt;
 use std::future::Future;

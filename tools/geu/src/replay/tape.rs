@@ -1,7 +1,6 @@
 //! From what a recording holds to what is sent: contents in their order and time, and which of them make a half second.
 
 use std::collections::VecDeque;
-use std::fmt;
 use std::sync::mpsc::SyncSender;
 
 use geu_daemon::carriage::Content;
@@ -12,7 +11,8 @@ use geu_protocol::serial::{BITS_PER_BYTE, DEFAULT_BAUD, Deframer, Found, Kind, M
 use geu_protocol::{CanFrame, CanPlan, HalfSecond};
 use geu_recording::{Defect, Row, Sink};
 
-use super::timeline::{HALF_SECOND_NS, Irregular, Timeline};
+use super::timeline::{HALF_SECOND_NS, Timeline};
+use super::told::Told;
 
 /// Items handed over at once.
 const BATCH: usize = 64;
@@ -32,42 +32,6 @@ pub struct Choice {
     pub from_ns: i64,
     pub to_ns: i64,
     pub longest_gap_ns: i64,
-}
-
-/// What there is to be told of a recording at the end.
-#[derive(Debug, Clone, Default)]
-pub struct Told {
-    /// Of one pass.
-    pub length_ns: i64,
-    passes: u64,
-    irregular: Irregular,
-    /// Extended, remote, FD and error frames, which no link here carries.
-    other_frames: u64,
-    /// Frames on other interfaces.
-    elsewhere: u64,
-    /// Records that are none.
-    broken: u64,
-}
-
-impl fmt::Display for Told {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Irregular { gaps, longest_ns, jumps } = self.irregular;
-        if self.passes > 1 {
-            writeln!(f, "read         {} times", self.passes)?;
-        }
-        if gaps + jumps > 0 {
-            let longest_s = longest_ns as f64 * 1e-9;
-            writeln!(f, "time stamps  {gaps} gaps shortened, the longest of {longest_s:.3} s; {jumps} jumps back")?;
-        }
-        if self.other_frames + self.elsewhere + self.broken > 0 {
-            writeln!(
-                f,
-                "not sent     {} extended, remote, FD and error frames, {} frames of other interfaces, {} broken records",
-                self.other_frames, self.elsewhere, self.broken
-            )?;
-        }
-        Ok(())
-    }
 }
 
 /// A frame that waits.
