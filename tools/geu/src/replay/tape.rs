@@ -126,7 +126,6 @@ impl Tape {
         self.send_waiting(0);
         self.end_bytes();
         self.told.length_ns = self.told.length_ns.max(self.timeline.recorded_ns);
-        self.told.passes += 1;
         let span_ns = self.span_ns.take();
         self.timeline.rewind();
         self.interface = self.choice.interface.clone();

@@ -9,8 +9,6 @@ use super::timeline::Irregular;
 pub struct Told {
     /// Of one pass.
     pub length_ns: i64,
-    /// Passes.
-    pub passes: u64,
     /// Of its time stamps.
     pub irregular: Irregular,
     /// Extended, remote, FD and error frames, which no link here carries.
@@ -24,9 +22,6 @@ pub struct Told {
 impl fmt::Display for Told {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Irregular { gaps, longest_ns, jumps } = self.irregular;
-        if self.passes > 1 {
-            writeln!(f, "read         {} times", self.passes)?;
-        }
         if gaps + jumps > 0 {
             let longest_s = longest_ns as f64 * 1e-9;
             writeln!(f, "time stamps  {gaps} gaps shortened, the longest of {longest_s:.3} s; {jumps} jumps back")?;
