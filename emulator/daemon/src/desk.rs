@@ -18,6 +18,7 @@ use tokio::sync::Notify;
 use crate::bench::Teller;
 use crate::cadence::Speed;
 use crate::carriage::{Carrier, Content, Piece};
+use crate::console;
 use crate::record::Event;
 
 /// The time keeper steps aside for commands so long at most.
@@ -88,6 +89,8 @@ pub(crate) struct Desk {
     passed: Notify,
     /// Commands that wait for the unit; the time keeper steps aside for them.
     waiting: AtomicUsize,
+    /// A recording lies there in place of a unit: commands are counted, and nobody answers.
+    is_recording: bool,
     /// Commands carried out or refused.
     pub commands: AtomicU64,
     /// Frames dropped without an answer: wrong CRC or length, cut, remote or extended.
@@ -112,9 +115,16 @@ impl Desk {
             speed,
             passed: Notify::new(),
             waiting: AtomicUsize::new(0),
+            is_recording: false,
             commands: AtomicU64::new(0),
             rejected: AtomicU64::new(0),
         }
+    }
+
+    /// A desk with a recording on it.
+    pub fn of_recording(speed: Speed) -> Desk {
+        let desk = Desk::new(&Configuration::reference(), &Truth::Scenario, speed, None, None);
+        Desk { is_recording: true, ..desk }
     }
 
     fn lock(&self) -> MutexGuard<'_, Inner> {
@@ -177,6 +187,12 @@ impl Desk {
 
     /// Carries out the payload of a COMMAND that came over `link`; shortly before a deadline it waits for that.
     pub async fn command(&self, link: &str, payload: &[u8]) -> Answered {
+        if self.is_recording {
+            if self.commands.fetch_add(1, Relaxed) == 0 {
+                console::say(format_args!("{link}: a command came; a recording answers none: they are counted"));
+            }
+            return Answered { reply: None, polled: None, acting: Arc::default() };
+        }
         let _waiting = Waiting::new(&self.waiting);
         loop {
             // Made before the look at the unit, so that a deadline that passes in between is not slept through.

@@ -22,4 +22,4 @@ pub mod truth;
 
 pub use catalogue::catalogue;
 pub use fault_log::keys as fault_keys;
-pub use run::{RunError, Settings, Summary, asked_to_end, run};
+pub use run::{RunError, Settings, Summary, asked_to_end, replay, run};

@@ -1,5 +1,7 @@
 //! The emulator: one thread keeps time and sends, the calling thread runs everything that waits for somebody else.
 
+pub mod replay;
+
 use std::fmt;
 use std::future::Future;
 use std::io;

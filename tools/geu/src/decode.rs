@@ -100,7 +100,7 @@ enum Format {
     Summary,
 }
 
-fn input_format(text: &str) -> Result<InputFormat, String> {
+pub fn input_format(text: &str) -> Result<InputFormat, String> {
     InputFormat::named(text).ok_or_else(|| {
         let names = InputFormat::NAMED.map(|(name, _)| name);
         format!("expected one of {}, got {text}", names.join(", "))

@@ -23,10 +23,12 @@ mod failure;
 mod faults;
 mod gyro_csv;
 mod inject;
+mod links;
 mod monitor;
 mod overwriting;
 mod page;
 mod reconstruct;
+mod replay;
 mod rows;
 mod run;
 mod selftest;
@@ -55,6 +57,7 @@ struct Arguments {
 #[derive(Subcommand)]
 enum Command {
     Run(run::Arguments),
+    Replay(replay::Arguments),
     Send(send::Arguments),
     Selftest(selftest::Arguments),
     Simulate(simulate::Arguments),
@@ -97,6 +100,7 @@ fn main() -> ExitCode {
         Some(Command::Track(arguments)) => track::run(&arguments),
         Some(Command::Bench(arguments)) => bench::run(arguments),
         Some(Command::Run(arguments)) => run::run(&arguments),
+        Some(Command::Replay(arguments)) => replay::run(arguments),
         Some(Command::Send(arguments)) => send::run(&arguments),
         Some(Command::Selftest(arguments)) => selftest::run(&arguments),
         None => run::run(&run::Arguments::default()),

@@ -6,7 +6,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use clap::Args;
 use geu_daemon::cadence::Speed;
 use geu_daemon::control::{DEFAULT_ADDRESS, Door};
-use geu_daemon::link::{CanAddress, LinkAddress, SerialAddress};
+use geu_daemon::link::LinkAddress;
 use geu_daemon::record::Recorder;
 use geu_daemon::{RunError, Settings, asked_to_end};
 use geu_model::configuration::unix_ns;
@@ -14,10 +14,8 @@ use geu_model::fault::catalogue::LinkKind;
 
 use crate::expectations;
 use crate::failure::{Failure, note};
+use crate::links::Links;
 use crate::settings::{RunSettings, Wire, half_seconds};
-
-/// Name of the default pty.
-const DEFAULT_PTY: &str = "geu0";
 
 /// Runs the emulator: the unit on a pty, a serial port, a CAN interface or TCP, or several of them at once.
 ///
@@ -26,18 +24,8 @@ const DEFAULT_PTY: &str = "geu0";
 pub struct Arguments {
     #[command(flatten)]
     run: RunSettings,
-    /// Pty under a stable symlink
-    #[arg(long, value_name = "PATH")]
-    pty: Vec<PathBuf>,
-    /// Serial port, 8N1 [default rate: 115200]
-    #[arg(long, value_name = "DEVICE[:BAUD]")]
-    serial: Vec<SerialAddress>,
-    /// SocketCAN interface; the base identifier in hexadecimal [default: 1A0]
-    #[arg(long, value_name = "INTERFACE[:BASE]")]
-    can: Vec<CanAddress>,
-    /// Serves the serial bytes to every client of HOST:PORT; port 0 takes a free one
-    #[arg(long, value_name = "ADDRESS")]
-    tcp: Vec<String>,
+    #[command(flatten)]
+    links: Links,
     /// Writes there what `geu simulate` writes, for this run
     #[arg(long, value_name = "DIRECTORY")]
     record: Option<PathBuf>,
@@ -69,21 +57,6 @@ pub struct Arguments {
     control_token: Option<String>,
 }
 
-impl Arguments {
-    fn links(&self) -> Vec<LinkAddress> {
-        let mut links: Vec<LinkAddress> = Vec::new();
-        links.extend(self.can.iter().cloned().map(LinkAddress::Can));
-        links.extend(self.serial.iter().cloned().map(LinkAddress::Serial));
-        links.extend(self.pty.iter().cloned().map(LinkAddress::Pty));
-        links.extend(self.tcp.iter().cloned().map(LinkAddress::Tcp));
-        if links.is_empty() {
-            let directory = std::env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from).filter(|path| path.is_dir());
-            links.push(LinkAddress::Pty(directory.unwrap_or_else(|| "/tmp".into()).join(DEFAULT_PTY)));
-        }
-        links
-    }
-}
-
 /// Carries it out.
 ///
 /// # Errors
@@ -95,7 +68,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         ready.configuration.start_unix_ns = unix_ns(now.as_secs_f64());
     }
     let settings = Settings {
-        links: arguments.links(),
+        links: arguments.links.addresses(),
         speed: arguments.speed.unwrap_or(Speed::Times(1.0)),
         half_seconds: ready.half_seconds(arguments.duration.map(half_seconds).transpose()?)?,
         spin: Duration::from_micros(arguments.spin.into()),

@@ -260,12 +260,14 @@ impl Target {
         match self {
             Target::Capture { reader, frames, .. } => reader.consume(bytes, &mut |place, event| {
                 *frames += u64::from(!matches!(event, Event::Remark));
+                sink.record(&event);
                 decoder.event(place, event, sink);
             }),
             Target::Serial { head, length } => {
                 let missing = TOLD.saturating_sub(head.len()).min(bytes.len());
                 head.extend_from_slice(&bytes[..missing]);
                 *length += bytes.len() as u64;
+                sink.bytes(bytes);
                 decoder.serial(bytes, None, sink);
                 bytes.len()
             }
@@ -281,6 +283,7 @@ impl Target {
                         *cut = Some(at);
                     }
                     *frames += u64::from(!matches!(event, Event::Remark));
+                    sink.record(&event);
                     decoder.event(place, event, sink);
                 });
                 decoder.count_records(reader.records());

@@ -1,7 +1,7 @@
 //! What comes out: rows, to whoever wants them.
 
 use geu_protocol::HalfSecond;
-use geu_protocol::capture::Time;
+use geu_protocol::capture::{Event, Time};
 
 use crate::defect::Defect;
 
@@ -23,6 +23,11 @@ pub struct Row {
 pub trait Sink {
     /// Called when an input could be opened, before anything of it.
     fn opened(&mut self) {}
+    /// Called with every record of a capture, before what is made of it.
+    #[inline]
+    fn record(&mut self, _event: &Event) {}
+    /// Called with the bytes of a serial recording, before what is made of them.
+    fn bytes(&mut self, _bytes: &[u8]) {}
     /// Takes a half second.
     fn row(&mut self, row: &Row);
     /// Takes a defect.

@@ -1,0 +1,239 @@
+//! A recording in place of the unit: what was recorded goes out over the links, at its own pace or another.
+//!
+//! Whoever reads the recording hands it over as [`Item`]s; here is what becomes of each on each link. A link of the
+//! recorded form carries the contents as they are. On one of the other form, and where a fault of links acts, the half
+//! second goes out as the link itself writes it.
+
+mod player;
+#[cfg(test)]
+mod tests;
+
+use std::fmt;
+use std::future::Future;
+use std::io;
+use std::sync::Arc;
+use std::sync::atomic::Ordering::Relaxed;
+use std::sync::mpsc::Receiver;
+use std::thread;
+use std::time::Instant;
+
+use geu_model::Configuration;
+use geu_model::fault::catalogue::{Law, LinkLaw};
+use geu_model::fault::expectation::Watch;
+use geu_model::fault::{Action, Fault};
+use geu_protocol::{CanPlan, HalfSecond};
+
+use super::{LAST_WORDS, LOOK_AGAIN, Outgoing, RunError, STATUS, Timing};
+use crate::cadence::Speed;
+use crate::carriage::Content;
+use crate::console;
+use crate::desk::Desk;
+use crate::lateness::Histogram;
+use crate::link::{self, LinkAddress, Tally};
+use player::{Counts, Player};
+
+/// Something of a recording, and when.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Item {
+    /// Since the start of the recording, as it was recorded, ns: what faults go by.
+    pub recorded_ns: i64,
+    /// Since the start of the replay at speed 1, ns; never less than in the item before.
+    pub played_ns: i64,
+    /// What.
+    pub what: What,
+}
+
+/// What an item is.
+#[derive(Debug, Clone, PartialEq)]
+pub enum What {
+    /// A half second begins: what its contents, which follow, say.
+    HalfSecond {
+        /// All of it.
+        half_second: HalfSecond,
+        /// Whether it was recorded on CAN.
+        is_can: bool,
+    },
+    /// Bytes or a frame, as they were recorded.
+    Content(Content, Whose),
+    /// Something to be told when its time comes.
+    Note(String),
+}
+
+/// Whose a content is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Whose {
+    /// Of the half second told last.
+    HalfSecond,
+    /// Of the unit, but of no whole half second.
+    Unit,
+    /// A command to it.
+    Command,
+    /// Other traffic.
+    Other,
+}
+
+/// How to play a recording back.
+#[derive(Debug, Clone)]
+pub struct Settings {
+    /// Links to open; all carry the same.
+    pub links: Vec<LinkAddress>,
+    /// Recorded time against the wall clock.
+    pub speed: Speed,
+    /// Begin only when a client is attached to a pty or over TCP.
+    pub wait_for_client: bool,
+    /// Identifiers of the unit in the recording.
+    pub recorded_plan: CanPlan,
+    /// Faults of links, and what is expected; see [`refused`].
+    pub plan: Configuration,
+}
+
+/// Where steps come from: so many half seconds each. When nobody can send any more, the replay ends.
+pub type Steps = Receiver<u64>;
+
+/// The first fault of a plan that cannot act on a recording, in words.
+pub fn refused(faults: &[Fault]) -> Option<String> {
+    let can_act = |fault: &Fault| matches!(fault.law(), Law::Link(law) if !matches!(law, LinkLaw::ReplyLate { .. } | LinkLaw::ReplyMissing));
+    let fault = faults.iter().find(|fault| !can_act(fault))?;
+    let on = match (&fault.action, fault.law()) {
+        (_, Law::Link(_)) => "replies, and a recording gives none".to_owned(),
+        (Action::Parameter { .. }, _) => "a parameter of the model, which a recording has passed".to_owned(),
+        (Action::Named { spec, .. }, _) => format!("the {}, whose counts are recorded already", spec.scope.name()),
+    };
+    Some(format!(
+        "fault {:?}: {} acts on {on}; expected faults of links alone (`geu faults --link tcp` lists them): take it out, or run the unit with `geu run --faults`",
+        fault.id,
+        fault.action.name(),
+    ))
+}
+
+/// What a replay has done.
+pub struct Summary {
+    counts: Counts,
+    lateness: Histogram,
+    late: u64,
+    commands: u64,
+    rejected: u64,
+    links: Vec<Arc<Tally>>,
+    /// How the expectations of the plan stand.
+    pub watches: Vec<Watch>,
+}
+
+impl fmt::Display for Summary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Counts { half_seconds, faulted, unit_frames, unit_bytes, other, held_up } = self.counts;
+        write!(f, "half seconds {half_seconds} of the recording, {} contents late", self.late)?;
+        if faulted > 0 {
+            write!(f, ", {faulted} with faults")?;
+        }
+        writeln!(f)?;
+        if held_up > 0 {
+            writeln!(f, "held up      {held_up} times; the recording waited")?;
+        }
+        if self.lateness.count() > 0 {
+            writeln!(f, "lateness     {}", self.lateness)?;
+        }
+        if unit_frames + unit_bytes + other > 0 {
+            writeln!(
+                f,
+                "left out     on links of the other form: {unit_frames} frames and {unit_bytes} bytes that make no whole half second, {other} of commands and other traffic"
+            )?;
+        }
+        if self.commands + self.rejected > 0 {
+            writeln!(f, "commands     {} without an answer, {} frames dropped", self.commands, self.rejected)?;
+        }
+        self.links.iter().try_for_each(|link| writeln!(f, "link         {link}"))
+    }
+}
+
+/// Sends `items` over the links until they are over or `shutdown` resolves, each half second when a step allows it
+/// where there are `steps`.
+///
+/// # Errors
+/// A link that cannot be opened.
+pub fn replay(
+    settings: &Settings,
+    items: Receiver<Vec<Item>>,
+    steps: Option<Steps>,
+    shutdown: impl Future<Output = io::Result<()>>,
+) -> Result<Summary, RunError> {
+    let has_clients = |link: &LinkAddress| matches!(link, LinkAddress::Pty(_) | LinkAddress::Tcp(_));
+    if settings.wait_for_client && !settings.links.iter().any(has_clients) {
+        return Err(RunError::NobodyToWaitFor);
+    }
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    let ended = runtime.block_on(keep(settings, items, steps, shutdown));
+    // Ends the tasks; with the last of them the symlink of a pty goes.
+    drop(runtime);
+    console::finish();
+    ended
+}
+
+async fn keep(
+    settings: &Settings,
+    items: Receiver<Vec<Item>>,
+    steps: Option<Steps>,
+    shutdown: impl Future<Output = io::Result<()>>,
+) -> Result<Summary, RunError> {
+    let mut shutdown = std::pin::pin!(shutdown);
+    // Polled once now, so that a signal during the opening of links is not the default end of the process.
+    let asked = tokio::select! { biased; asked = &mut shutdown => Some(asked), () = std::future::ready(()) => None };
+    let desk = Arc::new(Desk::of_recording(settings.speed));
+    let speedup = match settings.speed {
+        Speed::Times(factor) if steps.is_none() => factor,
+        _ => f64::INFINITY,
+    };
+    let mut links = Vec::new();
+    for address in &settings.links {
+        links.push(link::open(address, &desk, speedup)?);
+    }
+    links.iter().filter(|link| link.is_ready()).for_each(|link| console::ready(&link.tally().name));
+    let tallies: Vec<_> = links.iter().map(|link| link.tally()).collect();
+    let timing = Arc::new(Timing::default());
+    let links = links.into_iter().map(Outgoing::new).collect();
+    let mut player = Player::new(settings, links, items, steps, timing.clone());
+    let shown = player.shown.clone();
+    let (done, mut is_done) = tokio::sync::oneshot::channel();
+    let thread = thread::Builder::new().name("geu-cadence".to_owned()).spawn(move || {
+        player.play();
+        let _ = done.send(());
+        player
+    })?;
+
+    let mut status = tokio::time::interval(STATUS);
+    status.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Skip);
+    let wants_status = console::wants_status();
+    if let Some(asked) = asked {
+        asked?;
+        timing.stop.store(true, Relaxed);
+    }
+    loop {
+        tokio::select! {
+            _ = &mut is_done => break,
+            asked = &mut shutdown, if !timing.stop.load(Relaxed) => {
+                asked?;
+                timing.stop.store(true, Relaxed);
+                thread.thread().unpark();
+            }
+            _ = status.tick(), if wants_status => {
+                let clients = tallies.iter().map(|tally| tally.clients.load(Relaxed)).sum();
+                let half_second = *shown.lock().expect("nothing panics with it");
+                console::show_status(half_second.as_ref(), clients, &timing.lateness());
+            }
+        }
+    }
+    let player = thread.join().expect("the player does not panic");
+    let give_up = Instant::now() + LAST_WORDS;
+    while Instant::now() < give_up && !player.links.iter().all(|outgoing| outgoing.link.is_drained()) {
+        tokio::time::sleep(LOOK_AGAIN).await;
+    }
+    console::clear_status();
+    Ok(Summary {
+        counts: player.counts,
+        lateness: timing.lateness(),
+        late: timing.counts().late,
+        commands: desk.commands.load(Relaxed),
+        rejected: desk.rejected.load(Relaxed),
+        links: tallies,
+        watches: player.faults.watches.clone(),
+    })
+}

@@ -1,0 +1,322 @@
+//! The thread that keeps the time of a recording.
+
+use std::sync::atomic::Ordering::Relaxed;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError};
+use std::sync::{Arc, Mutex};
+use std::thread;
+use std::time::Duration;
+
+use geu_model::fault::acting::{Acting, Faults, Happening};
+use geu_model::fault::catalogue::LinkLaw;
+use geu_model::fault::expression::Moment;
+use geu_protocol::field::unit_flag;
+use geu_protocol::{CanFrame, CanPlan, HalfSecond};
+
+use super::{Item, Settings, Steps, What, Whose};
+use crate::cadence::{Sleeper, Speed, doze_until, now_ns};
+use crate::carriage::{Carrier, Content, Form};
+use crate::console;
+use crate::lateness::Time;
+use crate::run::{LEAD_NS, LOOK_AGAIN, Outgoing, PATIENCE, Timing};
+
+/// Half of on-board time between two half seconds.
+const HALF_SECOND_NS: i64 = 500_000_000;
+/// A process held up for so long goes on from where it stood: what it did not send then is not sent in a burst.
+const HELD_UP_NS: i64 = 1_000_000_000;
+/// Between two looks whether to stop, where a recording or a step is waited for.
+const WAIT: Duration = Duration::from_millis(50);
+
+/// What was done, for the end.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(super) struct Counts {
+    pub half_seconds: u64,
+    /// Of these, with a fault of links acting.
+    pub faulted: u64,
+    /// Frames of the unit that a link of bytes could not carry.
+    pub unit_frames: u64,
+    /// Bytes that a CAN interface could not carry.
+    pub unit_bytes: u64,
+    /// Commands and other traffic that a link of the other form could not carry.
+    pub other: u64,
+    /// How often the process was held up.
+    pub held_up: u64,
+}
+
+pub(super) struct Player {
+    pub links: Vec<Outgoing>,
+    pub faults: Faults,
+    pub counts: Counts,
+    /// The half second sent last, for the status line.
+    pub shown: Arc<Mutex<Option<HalfSecond>>>,
+    items: Receiver<Vec<Item>>,
+    steps: Option<Steps>,
+    /// Half seconds that may go out before another step.
+    allowed: u64,
+    speed: Speed,
+    recorded_plan: CanPlan,
+    wait_for_client: bool,
+    timing: Arc<Timing>,
+    /// Index of the half second that comes next.
+    frame: u64,
+    last: Option<HalfSecond>,
+    /// Of each link: whether the half second told last goes out as the link writes it, not as it was recorded.
+    is_written_anew: Vec<bool>,
+    start_ns: i64,
+}
+
+impl Player {
+    pub fn new(
+        settings: &Settings,
+        links: Vec<Outgoing>,
+        items: Receiver<Vec<Item>>,
+        steps: Option<Steps>,
+        timing: Arc<Timing>,
+    ) -> Player {
+        Player {
+            is_written_anew: vec![false; links.len()],
+            links,
+            faults: Faults::new(&settings.plan),
+            counts: Counts::default(),
+            shown: Arc::default(),
+            items,
+            speed: if steps.is_some() { Speed::Max } else { settings.speed },
+            steps,
+            allowed: 0,
+            recorded_plan: settings.recorded_plan,
+            wait_for_client: settings.wait_for_client,
+            timing,
+            frame: 0,
+            last: None,
+            start_ns: 0,
+        }
+    }
+
+    /// Plays until the items are over, or it is stopped.
+    pub fn play(&mut self) {
+        let sleeper = Sleeper::new(Duration::ZERO);
+        while self.wait_for_client && !self.is_stopped() && !self.has_client() {
+            thread::park_timeout(LOOK_AGAIN);
+        }
+        self.start_ns = now_ns();
+        let mut last_ns = 0;
+        loop {
+            let batch = match self.items.recv_timeout(WAIT) {
+                Ok(batch) => batch,
+                Err(RecvTimeoutError::Timeout) if !self.is_stopped() => continue,
+                Err(_) => break,
+            };
+            for item in batch {
+                last_ns = item.played_ns;
+                self.send_held(item.played_ns - 1, &sleeper);
+                self.wait_until(item.played_ns, &sleeper);
+                if self.is_stopped() {
+                    return;
+                }
+                let is_content = matches!(item.what, What::Content(..));
+                if !self.take(item) {
+                    return;
+                }
+                if is_content && let Some(deadline_ns) = self.wall_ns(last_ns) {
+                    self.timing.record(now_ns() - deadline_ns);
+                }
+            }
+        }
+        // What a fault holds back for a half second that does not come.
+        self.links.iter_mut().for_each(|outgoing| outgoing.outbox.put(Vec::new(), u64::MAX, last_ns));
+        self.send_held(i64::MAX, &sleeper);
+    }
+
+    fn is_stopped(&self) -> bool {
+        self.timing.stop.load(Relaxed)
+    }
+
+    fn has_client(&self) -> bool {
+        self.links.iter().any(|outgoing| outgoing.link.tally().clients.load(Relaxed) > 0)
+    }
+
+    fn patience(&self) -> Duration {
+        if self.speed.is_faster_than_real() { PATIENCE } else { Duration::ZERO }
+    }
+
+    fn wall_ns(&self, played_ns: i64) -> Option<i64> {
+        self.speed.wall_ns(played_ns).map(|wall_ns| self.start_ns.saturating_add(wall_ns))
+    }
+
+    fn wait_until(&mut self, played_ns: i64, sleeper: &Sleeper) {
+        let Some(deadline_ns) = self.wall_ns(played_ns) else { return };
+        while !self.is_stopped() && now_ns() < deadline_ns - LEAD_NS {
+            doze_until(deadline_ns - LEAD_NS);
+        }
+        if !self.is_stopped() {
+            sleeper.until(deadline_ns);
+        }
+        let late_ns = now_ns() - deadline_ns;
+        if late_ns > HELD_UP_NS && !self.speed.is_faster_than_real() {
+            self.counts.held_up += 1;
+            self.start_ns += late_ns;
+            let late = Time(late_ns as u64);
+            console::say(format_args!("held up for about {late}; the recording goes on where it stood"));
+        }
+    }
+
+    /// Sends, each at its time, what a fault holds back until then.
+    fn send_held(&mut self, until_ns: i64, sleeper: &Sleeper) {
+        let next = |links: &[Outgoing]| links.iter().filter_map(|outgoing| outgoing.outbox.next_ns()).min();
+        while let Some(due_ns) = next(&self.links).filter(|&due_ns| due_ns <= until_ns) {
+            self.wait_until(due_ns, sleeper);
+            if self.is_stopped() {
+                return;
+            }
+            let patience = self.patience();
+            self.links.iter_mut().for_each(|outgoing| outgoing.send_due(due_ns, patience));
+        }
+    }
+
+    /// Takes an item whose time has come; false when no more is to be sent.
+    fn take(&mut self, item: Item) -> bool {
+        match item.what {
+            What::Note(text) => console::say(text),
+            What::HalfSecond { half_second, is_can } => {
+                if !self.is_allowed() {
+                    return false;
+                }
+                self.begin(&half_second, is_can, &item);
+            }
+            What::Content(content, whose) => self.send(&content, whose),
+        }
+        true
+    }
+
+    /// Waits for a step where there are steps; false when none comes any more.
+    fn is_allowed(&mut self) -> bool {
+        let Some(steps) = &self.steps else { return true };
+        while self.allowed == 0 {
+            if let Some(last) = &self.last
+                && matches!(steps.try_recv().map(|step| self.allowed += step), Err(TryRecvError::Empty))
+            {
+                let (done, sequence) = (self.counts.half_seconds, last.sequence);
+                console::say(format_args!("{done} half seconds sent, the last of sequence {sequence}"));
+            }
+            while self.allowed == 0 {
+                match steps.recv_timeout(WAIT) {
+                    Ok(step) => self.allowed += step,
+                    Err(RecvTimeoutError::Timeout) if !self.timing.stop.load(Relaxed) => {}
+                    Err(_) => return false,
+                }
+            }
+        }
+        self.allowed -= 1;
+        true
+    }
+
+    /// A half second begins: decides what faults do to it, and sends it over links that write it themselves.
+    fn begin(&mut self, half_second: &HalfSecond, is_can: bool, item: &Item) {
+        // Where the recording has a gap, the faults have it too; half seconds a little long or short make none.
+        let by_time = (item.recorded_ns.max(0) + HALF_SECOND_NS / 2) / HALF_SECOND_NS;
+        let frame = if by_time as u64 > self.frame + 1 { by_time as u64 } else { self.frame };
+        self.frame = frame + 1;
+        if !self.faults.is_empty() {
+            self.faults.begin(&mut self.moment(half_second, frame), self.last);
+            self.faults.take_happened().iter().for_each(tell);
+        }
+        let acting = self.faults.acting().clone();
+        let (patience, mut is_faulted) = (self.patience(), false);
+        for (outgoing, is_written_anew) in self.links.iter_mut().zip(&mut self.is_written_anew) {
+            let carrier = outgoing.link.carrier().clone();
+            let is_touched = !carrier.touching(&acting).is_empty();
+            is_faulted |= is_touched;
+            // What was held back for this half second comes before or behind all of it, never between its frames.
+            outgoing.outbox.put(Vec::new(), frame, item.played_ns);
+            let waits = outgoing.outbox.next_ns().is_some_and(|due_ns| due_ns <= item.played_ns + 1);
+            *is_written_anew = is_touched || waits || is_can != is_bus(&carrier);
+            if *is_written_anew {
+                outgoing.put(Some(half_second), frame, item.played_ns, &acting);
+                outgoing.send_due(item.played_ns, patience);
+            }
+        }
+        self.counts.half_seconds += 1;
+        self.counts.faulted += u64::from(is_faulted);
+        self.last = Some(*half_second);
+        *self.shown.lock().expect("nothing panics with it") = self.last;
+    }
+
+    /// What is known at the start of a half second; the rates are not.
+    fn moment(&self, half_second: &HalfSecond, frame: u64) -> Moment {
+        let last = self.last.unwrap_or_default();
+        Moment {
+            t_s: frame as f64 * 0.5,
+            frame,
+            sequence: half_second.sequence,
+            rate_arcsec_s: [f64::NAN; 3],
+            theta_deg: f64::NAN,
+            psi_deg: f64::NAN,
+            electronics_c: f64::from(half_second.electronics_centi_c) / 100.0,
+            sensor_c: f64::from(half_second.sensor_centi_c) / 100.0,
+            is_polled: half_second.unit_flags & unit_flag("polled") != 0,
+            increments: last.increments,
+            gyro_flags: last.gyro_flags,
+            ..Moment::default()
+        }
+    }
+
+    /// Sends a content as it was recorded, over links of its form.
+    fn send(&mut self, content: &Content, whose: Whose) {
+        let is_can = matches!(content, Content::Frame(_));
+        let (patience, acting) = (self.patience(), self.faults.acting().clone());
+        let mut is_left_out = false;
+        for (outgoing, is_written_anew) in self.links.iter_mut().zip(&self.is_written_anew) {
+            let carrier = outgoing.link.carrier();
+            if whose == Whose::HalfSecond && *is_written_anew || whose == Whose::Unit && is_silenced(carrier, &acting) {
+                continue;
+            }
+            if is_can != is_bus(carrier) {
+                is_left_out = true;
+                continue;
+            }
+            let moved = moved(content, whose, self.recorded_plan, carrier);
+            outgoing.link.prepare(std::slice::from_ref(&moved));
+            outgoing.link.send(patience);
+        }
+        if is_left_out {
+            match (whose, content) {
+                (Whose::Unit | Whose::HalfSecond, Content::Frame(_)) => self.counts.unit_frames += 1,
+                (Whose::Unit | Whose::HalfSecond, Content::Bytes(bytes)) => {
+                    self.counts.unit_bytes += bytes.len() as u64
+                }
+                _ => self.counts.other += 1,
+            }
+        }
+    }
+}
+
+fn is_bus(carrier: &Carrier) -> bool {
+    matches!(carrier.form, Form::Can(_))
+}
+
+/// Whether a fault that acts lets nothing of the unit through.
+fn is_silenced(carrier: &Carrier, acting: &[Acting]) -> bool {
+    let silences = |acting: &&Acting| matches!(acting.on_link(), Some(LinkLaw::Silence | LinkLaw::Drop));
+    acting.iter().filter(silences).any(|acting| acting.fault.link.is_none_or(|kind| kind == carrier.kind))
+}
+
+/// A message of the unit with the identifier that it has on this link.
+fn moved(content: &Content, whose: Whose, recorded: CanPlan, carrier: &Carrier) -> Content {
+    match (content, carrier.form) {
+        (Content::Frame(frame), Form::Can(plan)) if whose != Whose::Other => {
+            let offset = frame.id.saturating_sub(recorded.base());
+            Content::Frame(CanFrame::new(plan.base() + offset, frame.data()))
+        }
+        _ => content.clone(),
+    }
+}
+
+fn tell(happening: &Happening) {
+    match happening {
+        Happening::Started(fault) => console::say(format_args!("{} acts: {}", fault.id, fault.action.name())),
+        Happening::Ended(fault, count) => {
+            console::say(format_args!("{} is over after {} s", fault.id, *count as f64 * 0.5));
+        }
+        // Told at the end.
+        Happening::Decided(_) => {}
+    }
+}

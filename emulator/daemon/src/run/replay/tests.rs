@@ -1,0 +1,108 @@
+use std::sync::Mutex;
+use std::sync::mpsc::sync_channel;
+use std::time::Duration;
+
+use geu_model::Configuration;
+use geu_model::fault::catalogue::LinkKind;
+use geu_protocol::CanFrame;
+use geu_protocol::serial::data_frame;
+
+use super::*;
+use crate::cadence::now_ns;
+use crate::carriage::Carrier;
+use crate::link::Link;
+
+/// What was sent, and when, ns.
+type Sent = Arc<Mutex<Vec<(i64, Content)>>>;
+
+/// A link that keeps what it is given.
+struct Kept {
+    carrier: Carrier,
+    next: Vec<Content>,
+    sent: Sent,
+}
+
+impl Link for Kept {
+    fn carrier(&self) -> &Carrier {
+        &self.carrier
+    }
+
+    fn prepare(&mut self, contents: &[Content]) {
+        self.next = contents.to_vec();
+    }
+
+    fn send(&mut self, _patience: Duration) {
+        let now_ns = now_ns();
+        self.sent.lock().unwrap().extend(self.next.drain(..).map(|content| (now_ns, content)));
+    }
+
+    fn is_drained(&self) -> bool {
+        true
+    }
+
+    fn tally(&self) -> Arc<Tally> {
+        unreachable!("nobody waits for a client")
+    }
+}
+
+/// A half second on CAN of base 300 with a frame of somebody else in it, at 20 ms.
+fn items(half_second: &HalfSecond) -> Vec<Item> {
+    let frames = CanPlan::with_base(0x300).unwrap().frames(half_second);
+    let other = Content::Frame(CanFrame::new(0x123, &[7]));
+    let at = |played_ns, what| Item { recorded_ns: played_ns, played_ns, what };
+    let own = |index: usize| What::Content(Content::Frame(frames[index]), Whose::HalfSecond);
+    vec![
+        at(20_000_000, What::HalfSecond { half_second: *half_second, is_can: true }),
+        at(20_000_000, own(0)),
+        at(40_000_000, What::Content(other, Whose::Other)),
+        at(60_000_000, own(1)),
+        at(80_000_000, own(2)),
+    ]
+}
+
+/// What a bus and a stream are sent, and when the replay began at the earliest.
+fn played(speed: Speed, plan: Configuration) -> (Vec<(i64, Content)>, Vec<(i64, Content)>, Counts, i64) {
+    let half_second = HalfSecond { sequence: 9, ..HalfSecond::default() };
+    let (bus, stream) = (Sent::default(), Sent::default());
+    let link = |carrier, sent: &Sent| {
+        Outgoing::new(Box::new(Kept { carrier, next: Vec::new(), sent: sent.clone() }) as Box<dyn Link>)
+    };
+    let links = vec![link(Carrier::can(CanPlan::default()), &bus), link(Carrier::serial(LinkKind::Tcp), &stream)];
+    let recorded_plan = CanPlan::with_base(0x300).unwrap();
+    let settings = Settings { links: Vec::new(), speed, wait_for_client: false, recorded_plan, plan };
+    let (sender, received) = sync_channel(1);
+    sender.send(items(&half_second)).unwrap();
+    drop(sender);
+    let mut player = Player::new(&settings, links, received, None, Arc::default());
+    let start_ns = now_ns();
+    player.play();
+    let taken = |sent: Sent| std::mem::take(&mut *sent.lock().unwrap());
+    (taken(bus), taken(stream), player.counts, start_ns)
+}
+
+#[test]
+fn frames_go_out_as_they_were_at_their_time_with_the_identifiers_of_the_link() {
+    let half_second = HalfSecond { sequence: 9, ..HalfSecond::default() };
+    let [increments, status, clock] = CanPlan::default().frames(&half_second);
+    let (bus, stream, counts, start_ns) = played(Speed::Times(2.0), Configuration::reference());
+    let expected = [increments, CanFrame::new(0x123, &[7]), status, clock].map(Content::Frame);
+    assert_eq!(bus.iter().map(|(_, content)| content.clone()).collect::<Vec<_>>(), expected);
+    for ((sent_ns, _), after_ns) in bus.iter().zip([10_000_000, 20_000_000, 30_000_000, 40_000_000]) {
+        assert!(*sent_ns >= start_ns + after_ns, "never early");
+    }
+    assert_eq!(stream.len(), 1);
+    assert_eq!(stream[0].1, Content::Bytes(data_frame(&half_second).to_vec()));
+    assert_eq!(counts, Counts { half_seconds: 1, other: 1, ..Counts::default() });
+}
+
+#[test]
+fn a_fault_acts_on_the_half_second_and_not_on_other_traffic() {
+    let mut plan = Configuration::reference();
+    plan.add_plan("plan", "[[fault]]\nfault = \"silence\"\n").unwrap();
+    let (bus, stream, counts, _) = played(Speed::Max, plan);
+    assert_eq!(
+        bus.into_iter().map(|(_, content)| content).collect::<Vec<_>>(),
+        [Content::Frame(CanFrame::new(0x123, &[7]))]
+    );
+    assert!(stream.is_empty() && counts.faulted == 1);
+}

@@ -1,0 +1,261 @@
+//! `geu replay`: a recording in place of the unit.
+
+mod tape;
+#[cfg(test)]
+mod tests;
+mod timeline;
+mod told;
+
+use std::fs::{self, File};
+use std::io::{self, BufRead};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::thread;
+
+use clap::Args;
+use geu_daemon::cadence::Speed;
+use geu_daemon::replay::{self, Steps, refused};
+use geu_daemon::{RunError, asked_to_end};
+use geu_model::Configuration;
+use geu_protocol::CanPlan;
+use geu_protocol::capture::Format;
+use geu_recording::{InputError, InputReader, Options, Stop};
+
+use crate::decode::input_format;
+use crate::expectations;
+use crate::failure::{Failure, note};
+use crate::links::Links;
+use crate::settings::{can_base, seed};
+use tape::{Choice, Tape};
+use told::Told;
+
+/// Batches of items that may wait to be sent: with those of [`tape`], some minutes of a recording.
+const QUEUE: usize = 16;
+
+/// Sends a recording over links, as `geu run` sends the unit's half seconds, at its own pace.
+///
+/// Over a link of the recorded form it is sent byte for byte, with its defects and, on CAN, with other traffic; over one of
+/// the other form its half seconds are written anew. Commands are counted; a recording answers none.
+#[derive(Args, Debug)]
+pub struct Arguments {
+    /// Recording that `geu decode` opens, or `-`; several are one stream, in order
+    #[arg(required = true, value_name = "RECORDING")]
+    recordings: Vec<String>,
+    #[command(flatten)]
+    links: Links,
+    /// Recorded time against the wall clock: a factor, or max for as fast as the readers go [default: 1]
+    #[arg(long, value_name = "X|max", allow_negative_numbers = true)]
+    speed: Option<Speed>,
+    /// Sends a half second for each line on standard input; a number on it is so many
+    #[arg(long, conflicts_with = "speed")]
+    step: bool,
+    /// Begins so long after the first time stamp of the recording
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = seconds)]
+    from: Option<f64>,
+    /// Ends before this, of the same time
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = seconds)]
+    to: Option<f64>,
+    /// Over and over; sequence and clock as they were recorded
+    #[arg(long = "loop")]
+    is_loop: bool,
+    /// Shortens longer gaps between time stamps to this
+    #[arg(long, value_name = "SECONDS", default_value = "10", allow_negative_numbers = true, value_parser = seconds)]
+    longest_gap: f64,
+    /// Leaves other traffic and commands to the unit out
+    #[arg(long)]
+    only: bool,
+    /// Base of the recorded CAN identifiers, hexadecimal [default: 1A0]
+    #[arg(long, value_name = "ID", value_parser = can_base)]
+    base: Option<CanPlan>,
+    /// Interface whose frames are sent, where a capture has several [default: the first that carries the unit]
+    #[arg(long, value_name = "NAME")]
+    interface: Option<String>,
+    /// Format of the recordings, instead of telling it from their content
+    #[arg(long, value_name = "FORMAT", value_parser = input_format)]
+    input_format: Option<Format>,
+    /// Plan of faults of links, and of expectations; t_s is the time of --from
+    #[arg(long, value_name = "PLAN")]
+    faults: Vec<PathBuf>,
+    /// Seed of what the faults draw
+    #[arg(long, allow_negative_numbers = true, value_parser = seed)]
+    seed: Option<u64>,
+    /// Begins when a client is attached to a pty or over TCP
+    #[arg(long)]
+    wait: bool,
+    #[command(flatten)]
+    expectations: expectations::Report,
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    let seconds = text.parse().ok().filter(|seconds| (0.0..=4e9).contains(seconds));
+    seconds.ok_or_else(|| format!("expected 0…4e9 seconds, got {text}"))
+}
+
+fn ns(seconds: f64) -> i64 {
+    (seconds * 1e9).round() as i64
+}
+
+/// Set at the end, for whoever still reads.
+static STOP: AtomicBool = AtomicBool::new(false);
+
+impl Arguments {
+    /// What can be said before anything is opened for good.
+    fn check(&self) -> Result<(), Failure> {
+        let from_input = self.recordings.iter().any(|name| name == "-");
+        if from_input && (self.is_loop || self.step) {
+            let (flag, why) = match self.step {
+                true => ("--step", "which gives the steps"),
+                false => ("--loop", "which cannot be read twice"),
+            };
+            return Err(Failure::input(format!("{flag}: expected recordings in files, got -, standard input, {why}")));
+        }
+        if let (Some(from), Some(to)) = (self.from, self.to)
+            && from >= to
+        {
+            return Err(Failure::input(format!("--to: expected more than the {from} of --from, got {to}")));
+        }
+        // A second recording that is missing is told now, not when the first is over.
+        for name in self.recordings.iter().filter(|name| *name != "-") {
+            readable(name)?;
+        }
+        Ok(())
+    }
+
+    fn plan(&self) -> Result<Configuration, Failure> {
+        let mut plan = Configuration::reference();
+        plan.seed = self.seed.unwrap_or(plan.seed);
+        for path in &self.faults {
+            let (name, before) = (path.display().to_string(), plan.faults.len());
+            let text = geu_recording::read_text(path).map_err(|error| {
+                Failure::input(format!(
+                    "{name}: cannot be read: {error}; expected a plan with [[fault]] and [[expect]], as in configs/faults.toml"
+                ))
+            })?;
+            plan.add_plan(&name, &text).map_err(Failure::input)?;
+            if let Some(why) = refused(&plan.faults[before..]) {
+                return Err(Failure::input(format!("--faults {name}: {why}")));
+            }
+        }
+        Ok(plan)
+    }
+
+    fn choice(&self) -> Choice {
+        Choice {
+            plan: self.base.unwrap_or_default(),
+            interface: self.interface.clone().map(String::into_bytes),
+            is_only: self.only,
+            from_ns: ns(self.from.unwrap_or(0.0)),
+            to_ns: self.to.map_or(i64::MAX, ns),
+            longest_gap_ns: ns(self.longest_gap),
+        }
+    }
+}
+
+fn readable(name: &str) -> Result<(), Failure> {
+    let path = Path::new(name);
+    match fs::metadata(path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => {
+            Err(Failure::input(format!("{name}: no such file; expected a recording that `geu decode` opens, or -")))
+        }
+        Ok(metadata) if metadata.is_file() => File::open(path)
+            .map(drop)
+            .map_err(|source| Failure::input(InputError::Open { name: name.to_owned(), source })),
+        Ok(metadata) if metadata.is_dir() => {
+            Err(Failure::input(format!("{name}: is a directory; expected a recording that `geu decode` opens, or -")))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Carries it out.
+///
+/// # Errors
+/// A recording that cannot be read, a plan that cannot act on one, a link that cannot be opened.
+pub fn run(arguments: Arguments) -> Result<(), Failure> {
+    arguments.check()?;
+    let settings = replay::Settings {
+        links: arguments.links.addresses(),
+        speed: arguments.speed.unwrap_or(Speed::Times(1.0)),
+        wait_for_client: arguments.wait,
+        recorded_plan: arguments.base.unwrap_or_default(),
+        plan: arguments.plan()?,
+    };
+    let (sender, items) = sync_channel(QUEUE);
+    let (begins, began) = sync_channel(1);
+    let tape = Tape::new(arguments.choice(), sender, begins);
+    let (names, format, is_loop) = (arguments.recordings.clone(), arguments.input_format, arguments.is_loop);
+    let plan = settings.recorded_plan;
+    let reader = thread::spawn(move || read(tape, &names, Options { plan, format, ..Options::default() }, is_loop));
+    let join = |reader: thread::JoinHandle<_>| reader.join().expect("reading does not panic");
+    if began.recv().is_err() {
+        let (told, read): (Told, Result<(), InputError>) = join(reader);
+        read.map_err(Failure::input)?;
+        return Err(Failure::input(format!(
+            "{}: nothing to be sent from {} s on: the recording has {:.1} s; expected an earlier --from",
+            arguments.recordings.join(", "),
+            arguments.from.unwrap_or(0.0),
+            told.length_ns as f64 * 1e-9,
+        )));
+    }
+    let steps = arguments.step.then(steps);
+    let replayed = replay::replay(&settings, items, steps, asked_to_end());
+    STOP.store(true, Ordering::Relaxed);
+    let (told, read) = join(reader);
+    let summary = replayed.map_err(|error| match error {
+        error @ (RunError::Link(_) | RunError::NobodyToWaitFor) => Failure::input(error),
+        error => Failure::failed(error),
+    })?;
+    note(format_args!("{summary}{told}"));
+    read.map_err(Failure::input)?;
+    arguments.expectations.tell(&summary.watches)
+}
+
+/// Reads the recordings to their end, or over and over, until nobody wants more.
+fn read(mut tape: Tape, names: &[String], options: Options, is_loop: bool) -> (Told, Result<(), InputError>) {
+    loop {
+        let mut reader = InputReader::new(options.clone(), Stop { flag: Some(&STOP), deadline: None });
+        let mut result = Ok(());
+        for name in names {
+            result = reader.read(name, &mut tape);
+            if result.is_err() || tape.is_over() {
+                break;
+            }
+        }
+        let is_cut = tape.is_over();
+        let (_, ending) = reader.finish(&mut tape);
+        let has_sent = tape.end_pass();
+        // Cut before its first frame, a serial recording is not one without any.
+        let result = if is_cut { result } else { result.and(ending) };
+        if result.is_ok() && has_sent {
+            tape.begin();
+        }
+        if result.is_err() || !is_loop || !has_sent || tape.is_unwanted() || STOP.load(Ordering::Relaxed) {
+            return (tape.finish(), result);
+        }
+    }
+}
+
+/// Steps from standard input.
+fn steps() -> Steps {
+    note(format_args!("geu: each line on standard input sends a half second, a number on it so many\n"));
+    let (sender, steps): (SyncSender<u64>, Receiver<u64>) = sync_channel(QUEUE);
+    // Waits for a line to the end of the process.
+    thread::spawn(move || {
+        for line in io::stdin().lock().lines() {
+            let Ok(line) = line else { return };
+            let count = match line.trim() {
+                "" => Ok(1),
+                text => text.parse::<u64>(),
+            };
+            match count.ok().filter(|count| (1..=1_000_000_000).contains(count)) {
+                Some(count) if sender.send(count).is_err() => return,
+                Some(_) => {}
+                None => note(format_args!(
+                    "geu: --step: expected an empty line or a number of half seconds from 1 to 1000000000, got {line:?}\n"
+                )),
+            }
+        }
+    });
+    steps
+}

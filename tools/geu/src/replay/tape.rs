@@ -1,0 +1,397 @@
+//! From what a recording holds to what is sent: contents in their order and time, and which of them make a half second.
+
+use std::collections::VecDeque;
+use std::sync::mpsc::SyncSender;
+
+use geu_daemon::carriage::Content;
+use geu_daemon::replay::{Item, What, Whose};
+use geu_protocol::can::{Assembled, Assembler, Role};
+use geu_protocol::capture::Event;
+use geu_protocol::serial::{BITS_PER_BYTE, DEFAULT_BAUD, Deframer, Found, Kind, MAX_FRAME, OVERHEAD, read_data};
+use geu_protocol::{CanFrame, CanPlan, HalfSecond};
+use geu_recording::{Defect, Row, Sink};
+
+use super::timeline::{HALF_SECOND_NS, Timeline};
+use super::told::Told;
+
+/// Items handed over at once.
+const BATCH: usize = 64;
+/// Batches handed over before it is told that there is something to send: less than may wait.
+const MOST_UNTOLD: usize = super::QUEUE / 2;
+/// Frames that wait for their half second to be whole, or for the unit to show up on an interface.
+const MOST_WAITING: usize = 4096;
+/// Bytes without a frame that are kept for the next frame to tell their time.
+const MOST_STRAY: usize = 4096;
+
+/// What of a recording is sent.
+#[derive(Debug, Clone)]
+pub struct Choice {
+    pub plan: CanPlan,
+    pub interface: Option<Vec<u8>>,
+    pub is_only: bool,
+    pub from_ns: i64,
+    pub to_ns: i64,
+    pub longest_gap_ns: i64,
+}
+
+/// A frame that waits.
+#[derive(Debug, Clone)]
+struct Waiting {
+    frame: CanFrame,
+    role: Role,
+    time_ns: Option<i64>,
+    is_whole: bool,
+    /// The half second that begins with it.
+    begins: Option<HalfSecond>,
+}
+
+/// Takes what is read, and hands it over to be sent.
+pub struct Tape {
+    choice: Choice,
+    sender: SyncSender<Vec<Item>>,
+    /// Told once that there is something to send.
+    begins: Option<SyncSender<()>>,
+    batch: Vec<Item>,
+    timeline: Timeline,
+    told: Told,
+    /// What the time stamps of passes before add up to, ns.
+    passed_ns: i64,
+    /// First and last in this pass that was sent, and the last half second, ns.
+    span_ns: Option<(i64, i64)>,
+    last_half_second_ns: i64,
+    is_after: bool,
+    is_unwanted: bool,
+    has_half_second: bool,
+    handed_over: usize,
+    /// Before an interface is chosen.
+    early: Vec<(Vec<u8>, Waiting)>,
+    interface: Option<Vec<u8>>,
+    assembler: Assembler<u64>,
+    waiting: VecDeque<Waiting>,
+    /// Number of the first frame that waits, and of the last INCREMENTS.
+    first: u64,
+    increments: u64,
+    deframer: Deframer,
+    /// Bytes that were not sent yet, and the offset of the first.
+    bytes: Vec<u8>,
+    offset: u64,
+}
+
+impl Tape {
+    pub fn new(choice: Choice, sender: SyncSender<Vec<Item>>, begins: SyncSender<()>) -> Tape {
+        Tape {
+            timeline: Timeline::new(choice.longest_gap_ns),
+            interface: choice.interface.clone(),
+            choice,
+            sender,
+            begins: Some(begins),
+            batch: Vec::new(),
+            told: Told::default(),
+            passed_ns: 0,
+            span_ns: None,
+            last_half_second_ns: 0,
+            is_after: false,
+            is_unwanted: false,
+            has_half_second: false,
+            handed_over: 0,
+            early: Vec::new(),
+            assembler: Assembler::default(),
+            waiting: VecDeque::new(),
+            first: 0,
+            increments: 0,
+            deframer: Deframer::default(),
+            bytes: Vec::new(),
+            offset: 0,
+        }
+    }
+
+    /// Whether nothing more of this pass is sent.
+    pub fn is_over(&self) -> bool {
+        self.is_after || self.is_unwanted
+    }
+
+    /// Whether nobody takes any more.
+    pub fn is_unwanted(&self) -> bool {
+        self.is_unwanted
+    }
+
+    /// Ends a pass; whether anything of it was sent. Another begins half a second behind its last half second.
+    pub fn end_pass(&mut self) -> bool {
+        if self.interface.is_none()
+            && let Some((interface, _)) = self.early.first()
+        {
+            self.choose(interface.clone());
+        }
+        self.assembler = Assembler::default();
+        self.send_waiting(0);
+        self.end_bytes();
+        self.told.length_ns = self.told.length_ns.max(self.timeline.recorded_ns);
+        let span_ns = self.span_ns.take();
+        self.timeline.rewind();
+        self.interface = self.choice.interface.clone();
+        self.is_after = false;
+        if let Some((first_ns, last_ns)) = span_ns {
+            self.passed_ns = self.passed_ns.saturating_add(last_ns - first_ns).saturating_add(HALF_SECOND_NS);
+            let next_ns = self.last_half_second_ns.saturating_add(HALF_SECOND_NS);
+            self.timeline.played_ns = self.timeline.played_ns.max(next_ns);
+        }
+        self.hand_over();
+        span_ns.is_some()
+    }
+
+    /// What there is to be told.
+    pub fn finish(mut self) -> Told {
+        self.told.irregular = self.timeline.irregular;
+        self.told
+    }
+
+    /// Tells that there is something to send.
+    pub fn begin(&mut self) {
+        if let Some(begins) = self.begins.take() {
+            let _ = begins.send(());
+        }
+    }
+
+    fn hand_over(&mut self) {
+        if self.batch.is_empty() || self.is_unwanted {
+            return;
+        }
+        // Bytes alone may turn out to be no recording; a few of them wait for the first half second.
+        self.handed_over += 1;
+        if self.has_half_second || self.handed_over >= MOST_UNTOLD {
+            self.begin();
+        }
+        self.is_unwanted = self.sender.send(std::mem::take(&mut self.batch)).is_err();
+    }
+
+    /// Sends something at the present time, unless that is not chosen.
+    fn send(&mut self, what: What) {
+        let recorded_ns = self.timeline.recorded_ns;
+        self.is_after |= recorded_ns >= self.choice.to_ns;
+        if recorded_ns < self.choice.from_ns || self.is_over() {
+            return;
+        }
+        if self.choice.is_only && matches!(what, What::Content(_, Whose::Command | Whose::Other)) {
+            return;
+        }
+        self.timeline.is_playing = true;
+        self.span_ns.get_or_insert((recorded_ns, recorded_ns)).1 = recorded_ns;
+        if matches!(what, What::HalfSecond { .. }) {
+            self.last_half_second_ns = self.timeline.played_ns;
+            self.has_half_second = true;
+        }
+        let played_ns = self.timeline.played_ns;
+        self.batch.push(Item { recorded_ns: self.passed_ns.saturating_add(recorded_ns), played_ns, what });
+        if self.batch.len() >= BATCH {
+            self.hand_over();
+        }
+    }
+
+    fn note(&mut self, note: Option<String>) {
+        if let Some(note) = note {
+            self.send(What::Note(note));
+        }
+    }
+
+    // CAN
+
+    /// Takes the frames of this interface; those of others that waited go.
+    fn choose(&mut self, interface: Vec<u8>) {
+        for (own, waiting) in std::mem::take(&mut self.early) {
+            if own == interface { self.push(waiting) } else { self.told.elsewhere += 1 }
+        }
+        self.interface = Some(interface);
+    }
+
+    fn push(&mut self, waiting: Waiting) {
+        let number = self.first + self.waiting.len() as u64;
+        let (role, frame) = (waiting.role, waiting.frame);
+        self.waiting.push_back(waiting);
+        if role == Role::Increments {
+            self.increments = number;
+        }
+        let mut whole = None;
+        self.assembler.push(role, number, frame.data(), &mut |assembled| {
+            if let Assembled::Row(row) = assembled {
+                whole = Some(row).filter(|row| row.has_clock);
+            }
+        });
+        if let Some(row) = whole
+            && let Some(begin) = row.stamp.checked_sub(self.first).map(|begin| begin as usize)
+            && begin < self.waiting.len()
+        {
+            // INCREMENTS, the last STATUS behind it, and CLOCK, which came now.
+            let status = self.waiting.iter().rposition(|waiting| waiting.role == Role::Status).unwrap_or(begin);
+            for index in [begin, status, self.waiting.len() - 1] {
+                self.waiting[index].is_whole = true;
+            }
+            self.waiting[begin].begins = Some(row.half_second);
+        }
+        let kept = if self.assembler.is_waiting() { number + 1 - self.increments } else { 0 };
+        self.send_waiting(if kept as usize > MOST_WAITING { 0 } else { kept as usize });
+    }
+
+    /// Sends what waits, but for the last so many.
+    fn send_waiting(&mut self, kept: usize) {
+        while self.waiting.len() > kept
+            && let Some(waiting) = self.waiting.pop_front()
+        {
+            self.first += 1;
+            let note = match (waiting.time_ns, &waiting.begins) {
+                (Some(time_ns), _) => self.timeline.stamp(time_ns),
+                (None, Some(half_second)) => self.timeline.step(self.timeline.by_clock(half_second)),
+                (None, None) => None,
+            };
+            self.note(note);
+            if let Some(half_second) = waiting.begins {
+                self.timeline.told(&half_second);
+                self.send(What::HalfSecond { half_second, is_can: true });
+            }
+            let whose = match waiting.role {
+                _ if waiting.is_whole => Whose::HalfSecond,
+                Role::Other => Whose::Other,
+                Role::Command => Whose::Command,
+                _ => Whose::Unit,
+            };
+            self.send(What::Content(Content::Frame(waiting.frame), whose));
+        }
+    }
+
+    // Serial
+
+    /// Sends bytes that belong to no frame, before a half second that follows by so much, and says how much is left of that.
+    ///
+    /// Where half seconds are missing these most likely are theirs: a frame's length for each, at its time.
+    fn send_stray(&mut self, end: usize, until_next_ns: i64) -> i64 {
+        let stray: Vec<u8> = self.bytes[..end].to_vec();
+        let missing = (until_next_ns / HALF_SECOND_NS - 1).clamp(0, stray.len().div_ceil(MAX_FRAME) as i64) as usize;
+        let (mut rest, mut left_ns) = (&stray[..], until_next_ns);
+        for index in 0..missing {
+            let length = if index + 1 == missing { rest.len() } else { MAX_FRAME.min(rest.len()) };
+            let (now, later) = rest.split_at(length);
+            (rest, left_ns) = (later, left_ns - HALF_SECOND_NS);
+            let note = self.timeline.step(HALF_SECOND_NS);
+            self.note(note);
+            self.send(What::Content(Content::Bytes(now.to_vec()), Whose::Unit));
+        }
+        if missing == 0 && !stray.is_empty() {
+            let note = self.timeline.step(left_ns);
+            self.note(note);
+            left_ns = 0;
+            self.send(What::Content(Content::Bytes(stray), Whose::Unit));
+        }
+        self.drop_bytes(end);
+        left_ns
+    }
+
+    fn drop_bytes(&mut self, count: usize) {
+        self.bytes.drain(..count);
+        self.offset += count as u64;
+    }
+
+    fn send_frames(&mut self, frames: Vec<(u64, Kind, usize, Option<HalfSecond>)>) {
+        // Taken out of the buffer once: a frame at a time it would be moved for each.
+        let all = std::mem::take(&mut self.bytes);
+        let (start, mut used) = (self.offset, 0);
+        for (at, kind, length, half_second) in frames {
+            let begin = (at - start) as usize;
+            self.bytes = all[used..begin].to_vec();
+            let step_ns = half_second.as_ref().map_or(0, |half_second| self.timeline.by_clock(half_second));
+            let left_ns = self.send_stray(begin - used, step_ns);
+            let note = self.timeline.step(left_ns);
+            self.note(note);
+            let whose = match (kind, half_second) {
+                (_, Some(half_second)) => {
+                    self.timeline.told(&half_second);
+                    self.send(What::HalfSecond { half_second, is_can: false });
+                    Whose::HalfSecond
+                }
+                (Kind::Command, _) => Whose::Command,
+                _ => Whose::Unit,
+            };
+            used = begin + length;
+            self.send(What::Content(Content::Bytes(all[begin..used].to_vec()), whose));
+            self.offset = start + used as u64;
+            if self.is_over() {
+                break;
+            }
+        }
+        self.bytes = all[used..].to_vec();
+    }
+
+    /// At the end what is left comes as if it were the next half second.
+    fn end_bytes(&mut self) {
+        if !self.is_over() {
+            self.send_stray(self.bytes.len(), HALF_SECOND_NS);
+        }
+        self.bytes.clear();
+        (self.deframer, self.offset) = (Deframer::default(), 0);
+    }
+}
+
+impl Sink for Tape {
+    fn record(&mut self, event: &Event) {
+        let frame = match event {
+            Event::Frame(frame) if !frame.extended && frame.id <= 0x7FF && frame.data.len() <= 8 => frame,
+            Event::Frame(_) | Event::Remote | Event::Fd | Event::Error => {
+                self.told.other_frames += 1;
+                return;
+            }
+            Event::Broken { .. } => {
+                self.told.broken += 1;
+                return;
+            }
+            Event::Remark | Event::Dropped(_) => return,
+        };
+        let role = self.choice.plan.role(frame.id);
+        let waiting = Waiting {
+            frame: CanFrame::new(frame.id as u16, frame.data),
+            role,
+            time_ns: frame.time.map(|time| time.t_ns),
+            is_whole: false,
+            begins: None,
+        };
+        match &self.interface {
+            Some(interface) if interface == frame.interface => self.push(waiting),
+            Some(_) => self.told.elsewhere += 1,
+            None => {
+                self.early.push((frame.interface.to_vec(), waiting));
+                if matches!(role, Role::Increments | Role::Status | Role::Clock) {
+                    self.choose(frame.interface.to_vec());
+                } else if self.early.len() > MOST_WAITING {
+                    self.choose(self.early[0].0.clone());
+                }
+            }
+        }
+    }
+
+    fn bytes(&mut self, bytes: &[u8]) {
+        self.bytes.extend_from_slice(bytes);
+        let (mut frames, start) = (Vec::new(), (self.deframer.offset() - self.offset) as usize);
+        self.deframer.consume(&self.bytes[start..], &mut |found| {
+            if let Found::Frame { at, kind, payload } = found {
+                let half_second = (kind == Kind::Data).then(|| read_data(payload));
+                frames.push((at, kind, OVERHEAD + payload.len(), half_second));
+            }
+        });
+        self.send_frames(frames);
+        // Bytes that no frame tells the time of take that of the line.
+        let end = |tape: &Tape| (tape.deframer.offset() - tape.offset) as usize;
+        while !self.is_over() && end(self) > MOST_STRAY {
+            let line_ns = MOST_STRAY as i64 * i64::from(BITS_PER_BYTE) * 1_000_000_000 / i64::from(DEFAULT_BAUD);
+            self.send_stray(MOST_STRAY, line_ns);
+        }
+    }
+
+    fn row(&mut self, _row: &Row) {}
+
+    fn defect(&mut self, _defect: &Defect) {}
+
+    fn flush(&mut self) {
+        self.hand_over();
+    }
+
+    fn is_closed(&self) -> bool {
+        self.is_over()
+    }
+}

@@ -1,0 +1,84 @@
+use std::sync::mpsc::sync_channel;
+
+use geu_daemon::carriage::Content;
+use geu_daemon::replay::{Item, What, Whose};
+use geu_protocol::CanPlan;
+use geu_protocol::capture::{Format, Reader};
+use geu_recording::Sink;
+
+use super::tape::{Choice, Tape};
+
+const LOG: &str = "\
+    (5.000000) can0 123#01\n\
+    (5.100000) can0 1A0#FFFEFFFE00050005\n\
+    (5.100200) can0 123#02\n\
+    (5.100400) can0 1A1#00000F070810DD5E\n\
+    (5.100600) can0 1A2#00000007A1201B58\n\
+    (5.200000) can0 1A8#01\n\
+    (5.200100) can0 1A9#01000100\n\
+    (5.600000) can0 1A0#0000000000000000\n\
+    (5.600200) can1 1A1#0000000000000000\n\
+    (7205.6000) can0 1A8#02\n";
+
+/// What a tape makes of the log, and what there is to be told.
+fn items(choice: Choice) -> (Vec<Item>, String) {
+    let ((sender, items), (begins, _began)) = (sync_channel(100), sync_channel(1));
+    let mut tape = Tape::new(choice, sender, begins);
+    Reader::new(Format::Candump).finish(LOG.as_bytes(), &mut |_, event| tape.record(&event));
+    tape.end_pass();
+    let told = tape.finish().to_string();
+    (items.into_iter().flatten().collect(), told)
+}
+
+fn choice() -> Choice {
+    let plan = CanPlan::default();
+    Choice { plan, interface: None, is_only: false, from_ns: 0, to_ns: i64::MAX, longest_gap_ns: 10_000_000_000 }
+}
+
+fn shown(items: &[Item]) -> Vec<String> {
+    let what = |what: &What| match what {
+        What::HalfSecond { half_second, .. } => format!("half second {}", half_second.sequence),
+        What::Content(Content::Frame(frame), whose) => format!("{:03X} {whose:?}", frame.id),
+        What::Content(Content::Bytes(bytes), whose) => format!("{} bytes {whose:?}", bytes.len()),
+        What::Note(note) => note.clone(),
+    };
+    items.iter().map(|item| format!("{} {}", item.played_ns / 1000, what(&item.what))).collect()
+}
+
+#[test]
+fn frames_keep_order_and_time_and_a_half_second_is_known_when_it_begins() {
+    let (items, told) = items(choice());
+    assert_eq!(
+        shown(&items),
+        [
+            "0 123 Other",
+            "100000 half second 0",
+            "100000 1A0 HalfSecond",
+            "100200 123 Other",
+            "100400 1A1 HalfSecond",
+            "100600 1A2 HalfSecond",
+            "200000 1A8 Command",
+            "200100 1A9 Unit",
+            "600000 1A0 Unit",
+            "10600000 a gap of 7200.000 s, 0.600 s into the recording, is shortened to 10 s",
+            "10600000 1A8 Command",
+        ]
+    );
+    assert_eq!(items[10].recorded_ns, 7_200_600_000_000);
+    assert!(told.contains("1 gaps shortened") && told.contains("1 frames of other interfaces"), "{told}");
+    assert!(
+        matches!(items[1].what, What::HalfSecond { half_second, is_can: true } if half_second.clock_count == 500_000)
+    );
+    assert!(!matches!(items[1].what, What::Content(_, Whose::Unit)));
+}
+
+#[test]
+fn a_part_of_it_and_the_unit_alone_can_be_chosen() {
+    let only = Choice { is_only: true, to_ns: 300_000_000, ..choice() };
+    let (all, _) = items(only);
+    let expected =
+        ["0 half second 0", "0 1A0 HalfSecond", "400 1A1 HalfSecond", "600 1A2 HalfSecond", "100100 1A9 Unit"];
+    assert_eq!(shown(&all), expected);
+    let (late, _) = items(Choice { from_ns: 190_000_000, to_ns: 500_000_000, ..choice() });
+    assert_eq!(shown(&late), ["0 1A8 Command", "100 1A9 Unit"]);
+}

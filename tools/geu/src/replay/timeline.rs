@@ -1,0 +1,167 @@
+//! When things of a recording are sent: by time stamps, or by the unit's clock where there are none.
+
+use geu_protocol::HalfSecond;
+use geu_protocol::field::CLOCK_PER_HALF_SECOND;
+
+/// Between two half seconds.
+pub const HALF_SECOND_NS: i64 = 500_000_000;
+/// Time stamps out of order by less than this are those of neighbours that were written in another order.
+const DISORDER_NS: i64 = 1_000_000_000;
+/// So many jumps and gaps are told one by one.
+const MOST_TOLD: u64 = 20;
+
+/// What was found in the times of a recording.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Irregular {
+    /// Gaps that were shortened.
+    pub gaps: u64,
+    /// The longest of them, ns.
+    pub longest_ns: i64,
+    /// Jumps back in time.
+    pub jumps: u64,
+}
+
+/// Times of a recording.
+#[derive(Debug)]
+pub struct Timeline {
+    /// Since the start of the recording, ns.
+    pub recorded_ns: i64,
+    /// The same with gaps shortened, from the first thing on that is sent, ns.
+    pub played_ns: i64,
+    /// What was found.
+    pub irregular: Irregular,
+    /// Whether `played_ns` goes on.
+    pub is_playing: bool,
+    longest_gap_ns: i64,
+    /// The latest time stamp.
+    stamp_ns: Option<i64>,
+    /// Sequence and clock count told last.
+    clock: Option<(u16, u64)>,
+}
+
+impl Timeline {
+    pub fn new(longest_gap_ns: i64) -> Timeline {
+        Timeline {
+            recorded_ns: 0,
+            played_ns: 0,
+            irregular: Irregular::default(),
+            is_playing: false,
+            longest_gap_ns,
+            stamp_ns: None,
+            clock: None,
+        }
+    }
+
+    /// The recording begins again.
+    pub fn rewind(&mut self) {
+        (self.recorded_ns, self.is_playing, self.stamp_ns, self.clock) = (0, false, None, None);
+    }
+
+    /// Goes on to a time stamp; what there is to be told of it.
+    pub fn stamp(&mut self, t_ns: i64) -> Option<String> {
+        let before_ns = *self.stamp_ns.get_or_insert(t_ns);
+        let step_ns = t_ns.saturating_sub(before_ns);
+        if step_ns < 0 && step_ns > -DISORDER_NS {
+            return None;
+        }
+        self.stamp_ns = Some(t_ns);
+        if step_ns < 0 {
+            self.irregular.jumps += 1;
+            let (at_s, by_s) = (self.recorded_ns as f64 * 1e-9, -step_ns as f64 * 1e-9);
+            let is_told = self.is_playing && self.irregular.jumps <= MOST_TOLD;
+            return is_told.then(|| {
+                format!("time stamps jump back by {by_s:.3} s, {at_s:.3} s into the recording: sent without a pause")
+            });
+        }
+        self.step(step_ns)
+    }
+
+    /// Time that the unit's clock says to have passed when it tells this half second.
+    pub fn by_clock(&self, half_second: &HalfSecond) -> i64 {
+        let Some((sequence, clock_count)) = self.clock else { return 0 };
+        let steps = half_second.sequence.wrapping_sub(sequence);
+        match half_second.clock_count.checked_sub(clock_count) {
+            Some(0) if steps == 0 => 0,
+            Some(cycles)
+                if cycles.is_multiple_of(CLOCK_PER_HALF_SECOND) && (cycles / CLOCK_PER_HALF_SECOND) as u16 == steps =>
+            {
+                i64::try_from(cycles).unwrap_or(i64::MAX).saturating_mul(1000)
+            }
+            // It restarted, or is doubted.
+            _ => HALF_SECOND_NS,
+        }
+    }
+
+    /// Takes notice of what a half second tells.
+    pub fn told(&mut self, half_second: &HalfSecond) {
+        self.clock = Some((half_second.sequence, half_second.clock_count));
+    }
+
+    /// Goes on by so much; what there is to be told of it.
+    pub fn step(&mut self, step_ns: i64) -> Option<String> {
+        let before_s = self.recorded_ns as f64 * 1e-9;
+        self.recorded_ns = self.recorded_ns.saturating_add(step_ns);
+        if !self.is_playing {
+            return None;
+        }
+        self.played_ns = self.played_ns.saturating_add(step_ns.min(self.longest_gap_ns));
+        if step_ns <= self.longest_gap_ns {
+            return None;
+        }
+        let irregular = &mut self.irregular;
+        irregular.gaps += 1;
+        irregular.longest_ns = irregular.longest_ns.max(step_ns);
+        let (gap_s, longest_s) = (step_ns as f64 * 1e-9, self.longest_gap_ns as f64 * 1e-9);
+        (irregular.gaps <= MOST_TOLD).then(|| {
+            format!("a gap of {gap_s:.3} s, {before_s:.3} s into the recording, is shortened to {longest_s} s")
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn time_goes_on_by_stamps_whatever_they_do() {
+        let mut timeline = Timeline::new(10_000_000_000);
+        timeline.is_playing = true;
+        let mut played = |t_s: f64| {
+            let told = timeline.stamp((t_s * 1e9) as i64).is_some();
+            ((timeline.played_ns as f64 * 1e-9).round(), told)
+        };
+        assert_eq!(played(1000.0), (0.0, false));
+        assert_eq!(played(1002.0), (2.0, false));
+        assert_eq!(played(1001.5), (2.0, false), "out of order");
+        assert_eq!(played(1003.0), (3.0, false));
+        assert_eq!(played(8203.0), (13.0, true), "two hours");
+        assert_eq!(played(5.0), (13.0, true), "back");
+        assert_eq!(played(6.0), (14.0, false));
+        assert_eq!(played(9e9), (24.0, true), "the end of time");
+        assert_eq!(timeline.irregular.gaps, 2);
+        assert_eq!(timeline.irregular.jumps, 1);
+    }
+
+    #[test]
+    fn time_goes_on_by_the_clock_where_it_can_be_believed() {
+        let half_second = |sequence: u16, half_seconds: u64| HalfSecond {
+            sequence,
+            clock_count: half_seconds * CLOCK_PER_HALF_SECOND,
+            ..HalfSecond::default()
+        };
+        let mut timeline = Timeline::new(i64::MAX);
+        let mut step = |sequence, half_seconds| {
+            let half_second = half_second(sequence, half_seconds);
+            let step_ns = timeline.by_clock(&half_second);
+            timeline.told(&half_second);
+            step_ns / HALF_SECOND_NS
+        };
+        assert_eq!(step(65_534, 10), 0);
+        assert_eq!(step(65_535, 11), 1);
+        assert_eq!(step(2, 14), 3);
+        assert_eq!(step(2, 14), 0, "polled twice");
+        assert_eq!(step(0, 1), 1, "a restart");
+        assert_eq!(step(1, 900), 1, "a clock that is doubted");
+        assert_eq!(step(2, 901 + 65_536), 65_537, "more than a turn of the sequence");
+    }
+}

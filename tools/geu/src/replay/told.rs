@@ -1,0 +1,38 @@
+//! What there is to be told of a recording when it has been read.
+
+use std::fmt;
+
+use super::timeline::Irregular;
+
+/// What there is to be told of a recording at the end.
+#[derive(Debug, Clone, Default)]
+pub struct Told {
+    /// Of one pass.
+    pub length_ns: i64,
+    /// Of its time stamps.
+    pub irregular: Irregular,
+    /// Extended, remote, FD and error frames, which no link here carries.
+    pub other_frames: u64,
+    /// Frames on other interfaces.
+    pub elsewhere: u64,
+    /// Records that are none.
+    pub broken: u64,
+}
+
+impl fmt::Display for Told {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Irregular { gaps, longest_ns, jumps } = self.irregular;
+        if gaps + jumps > 0 {
+            let longest_s = longest_ns as f64 * 1e-9;
+            writeln!(f, "time stamps  {gaps} gaps shortened, the longest of {longest_s:.3} s; {jumps} jumps back")?;
+        }
+        if self.other_frames + self.elsewhere + self.broken > 0 {
+            writeln!(
+                f,
+                "not sent     {} extended, remote, FD and error frames, {} frames of other interfaces, {} broken records",
+                self.other_frames, self.elsewhere, self.broken
+            )?;
+        }
+        Ok(())
+    }
+}
