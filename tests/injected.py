@@ -1,12 +1,11 @@
 """Faults from the catalogue, and the bytes that `faults.jsonl` claims against those a client received."""
+import http.client
 import json
 import re
 import select
 import subprocess
 import threading
 import time
-import urllib.error
-import urllib.request
 from pathlib import Path
 
 from emulator import Process
@@ -164,10 +163,10 @@ class Tape(threading.Thread):
 class Running:
     """A unit with clients on its links, from before its first half second."""
 
-    def __init__(self, geu, directory, *more, links=("tcp",), faults=None, wait=True):
+    def __init__(self, geu, directory, *more, links=("tcp",), faults=None):
         directory.mkdir()
         self.geu, self.directory, self.record = geu, directory, directory / "record"
-        self.tapes, self.socat, self.base = {}, None, None
+        self.tapes, self.socat, self.port = {}, None, None
         words = [geu, "run", "--record", self.record, "--control", "127.0.0.1:0", *more]
         if faults is not None:
             (directory / "plan.toml").write_text(faults)
@@ -184,14 +183,19 @@ class Running:
             words += ["--pty", directory / "pty"]
         if "tcp" in links:
             words += ["--tcp", "127.0.0.1:0"]
-        self.process = Process(*words, *(["--wait"] if wait else []))
+        if "can" in links:
+            words += ["--can", "vcan0"]
+        has_clients = "tcp" in links or "pty" in links
+        self.process = Process(*words, *(["--wait"] if has_clients else []))
+        if "can" in links:
+            self.process.wait_for("ready can vcan0")
         ready = self.process.wait_for("ready tcp") if "tcp" in links else ""
         if "pty" in links:
             self.process.wait_for("ready pty")
         end = time.monotonic() + 5
-        while not self.base and time.monotonic() < end:
-            found = [re.search(r"bench page and control: (http://127\.0\.0\.1:\d+/)", line) for line in self.process.errors]
-            self.base = next((match[1] for match in found if match), None)
+        while not self.port and time.monotonic() < end:
+            found = [re.search(r"bench page and control: http://127\.0\.0\.1:(\d+)/", line) for line in self.process.errors]
+            self.port = next((int(match[1]) for match in found if match), None)
             time.sleep(0.01)
         # Both within the first half second: one that is there lets it begin.
         if "tcp" in links:
@@ -202,22 +206,26 @@ class Running:
     def ask(self, method, path, body=None):
         """Status and answer of the control interface."""
         data = body if isinstance(body, bytes) or body is None else json.dumps(body).encode()
-        request = urllib.request.Request(self.base + path, data, {"content-type": "application/json"}, method=method)
+        asked = http.client.HTTPConnection("127.0.0.1", self.port, timeout=10)
         try:
-            with urllib.request.urlopen(request, timeout=10) as answer:
-                return answer.status, json.loads(answer.read() or b"null")
-        except urllib.error.HTTPError as error:
-            text = error.read()
-            try:
-                return error.code, json.loads(text)
-            except ValueError:
-                return error.code, text.decode(errors="replace")
+            asked.request(method, path, data, {"content-type": "application/json"})
+        except BrokenPipeError:
+            pass  # a body that is too long is not read to its end
+        try:
+            answer = asked.getresponse()
+            text = answer.read()
+        finally:
+            asked.close()
+        try:
+            return answer.status, json.loads(text or b"null")
+        except ValueError:
+            return answer.status, text.decode(errors="replace")
 
     def inject(self, fault):
-        return self.ask("POST", "api/faults", fault)
+        return self.ask("POST", "/api/faults", fault)
 
     def states(self):
-        return {fault["id"]: fault["state"] for fault in self.ask("GET", "api/faults")[1]}
+        return {fault["id"]: fault["state"] for fault in self.ask("GET", "/api/faults")[1]}
 
     def until_state(self, ids, state, seconds=10):
         """Waits until all these faults stand so."""
@@ -326,3 +334,46 @@ class Matched:
         shifts = sorted(when - due_ns * 1e-9 / speed for when, due_ns, _ in self.came)
         middle = shifts[len(shifts) // 2]
         return shifts[0] - middle, shifts[-1] - middle
+
+
+class MatchedCan:
+    """The same for candump's frames on a bus that nobody else uses: (seconds, identifier, data)."""
+
+    def __init__(self, frames, events, half_seconds, commands=(0x1A8, 0x1A9)):
+        frames = [(when, f"{identifier:03X}#{data.hex().upper()}") for when, identifier, data in frames]
+        self.first = int(frames[1][1][4:8], 16) if len(frames) > 1 else 0
+        self.wrong, self.clean, self.came, self.others = "", {}, [], []
+        for event in events:
+            if event["what"] == "bytes" and event["link"] == "can" and event["before"]:
+                self.clean[event["half_second"]] = event["before"]
+        answers = tuple(f"{identifier:03X}#" for identifier in commands)
+        place = 0
+        for due_ns, index, told in claimed(events, "can", self.first, half_seconds):
+            wanted = 3 if told is None else 1
+            while True:
+                got = [text for _, text in frames[place:place + wanted]]
+                if got == [told] or (told is None and self._is_whole(got)):
+                    break
+                if not got or not got[0].startswith(answers):
+                    self.wrong = f"half second {index}: expected {told or 'three whole messages'}, got {got} at frame {place}"
+                    return
+                self.others.append(frames[place])
+                place += 1
+            if told is None:
+                self.clean[index] = got
+            place += wanted
+            self.came.append((frames[place - 1][0], due_ns, index))
+        self.others += [one for one in frames[place:] if one[1].startswith(answers)]
+        more = [text for _, text in frames[place:] if not text.startswith(answers)]
+        if more:
+            self.wrong = f"{len(more)} frames more than claimed: {more[:5]}"
+
+    @staticmethod
+    def _is_whole(got):
+        if [text[:4] for text in got] != ["1A0#", "1A1#", "1A2#"]:
+            return False
+        increments, status, clock = (bytes.fromhex(text[4:]) for text in got)
+        return len(increments) == len(status) == len(clock) == 8 and \
+            crc16(increments + status[:6]) == int.from_bytes(status[6:], "big")
+
+    lateness = Matched.lateness

@@ -1,6 +1,6 @@
 //! Faults of a plan on the unit: what they do, when, and that the same plan gives the same bytes.
 
-use geu_model::configuration::fault::fault_text;
+use geu_model::configuration::fault::{fault_text, read_fault_text};
 use geu_model::fault::acting::Happening;
 use geu_model::fault::catalogue::{CATALOGUE, Scope};
 use geu_model::fault::expectation::Verdict;
@@ -304,6 +304,22 @@ fn a_refused_plan_leaves_nothing_behind() {
     let plan = "[[fault]]\nfault = \"drop\"\n[[fault]]\nfault = \"explode\"";
     configuration.add_plan("plan", plan).expect_err("one is unknown");
     assert_eq!(configuration, Configuration::reference());
+}
+
+#[test]
+fn what_a_plan_refuses_is_refused_live() {
+    let (others, one) = (with_plan("[[fault]]\nid = \"there\"\nfault = \"drop\"").faults, "fault = \"drop\"\n");
+    for key in ["when", "end_when"] {
+        let asking = |id: &str| format!("{one}id = \"own\"\n{key} = 'active(\"{id}\")'");
+        for id in ["there", "own"] {
+            read_fault_text("fault", &asking(id), &others).expect("both are there");
+        }
+        let error = read_fault_text("fault", &asking("nobody"), &others).expect_err("there is none").to_string();
+        assert!(error.contains("nobody") && error.contains("there, own"), "{error}");
+    }
+    let many = vec![others[0].clone(); 1000];
+    let error = read_fault_text("fault", one, &many).expect_err("one too many").to_string();
+    assert!(error.contains("at most 1000"), "{error}");
 }
 
 #[test]
