@@ -323,6 +323,16 @@ fn what_a_plan_refuses_is_refused_live() {
 }
 
 #[test]
+fn what_was_taken_away_cannot_be_started_by_hand() {
+    let mut unit = Unit::new(&with_plan(
+        "[[fault]]\nid = \"one\"\nfault = \"drop\"\nby_hand = true\n[[fault]]\nid = \"other\"\nfault = \"drop\"\nby_hand = true",
+    ));
+    unit.end_half_second();
+    assert_eq!(unit.clear("one"), Some(1.0));
+    assert_eq!((unit.start("one"), unit.start("other"), unit.start("other")), (None, Some(1.0), None));
+}
+
+#[test]
 fn a_shift_of_time_that_comes_and_goes_leaves_the_truth_alone() {
     let scan = "manoeuvre=[{ kind = \"y-scan\", to_theta_deg = 100.0 }]".to_owned();
     let plain = Configuration::reference_with(&[scan]).expect("valid");
