@@ -123,11 +123,11 @@ class Clock:
 class Tape(threading.Thread):
     """All bytes that pySerial reads, and when."""
 
-    def __init__(self, url):
+    def __init__(self, url, baud=115_200):
         super().__init__(daemon=True)
         import serial  # pylint: disable=import-outside-toplevel
         self.lost = serial.SerialException
-        self.port = serial.serial_for_url(str(url), baudrate=115_200, timeout=0)
+        self.port = serial.serial_for_url(str(url), baudrate=baud, timeout=0)
         self.data, self.chunks, self.stop = bytearray(), [], False
         self.start()
 
@@ -163,7 +163,7 @@ class Tape(threading.Thread):
 class Running:
     """A unit with clients on its links, from before its first half second."""
 
-    def __init__(self, geu, directory, *more, links=("tcp",), faults=None):
+    def __init__(self, geu, directory, *more, links=("tcp",), faults=None, baud=115_200):
         directory.mkdir()
         self.geu, self.directory, self.record = geu, directory, directory / "record"
         self.tapes, self.socat, self.port = {}, None, None
@@ -177,8 +177,8 @@ class Running:
             end = time.monotonic() + 5
             while not (ours.exists() and theirs.exists()) and time.monotonic() < end:
                 time.sleep(0.01)
-            self.tapes["serial"] = Tape(ours)
-            words += ["--serial", theirs]
+            self.tapes["serial"] = Tape(ours, baud)
+            words += ["--serial", f"{theirs}:{baud}"]
         if "pty" in links:
             words += ["--pty", directory / "pty"]
         if "tcp" in links:

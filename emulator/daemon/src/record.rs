@@ -18,6 +18,7 @@ use geu_model::fault::catalogue::LinkKind;
 use geu_model::sensor::{StarSensor, SunSensor};
 use geu_model::units::RAD_PER_DEG;
 use geu_model::{Configuration, Ended, Injected, Trace, Truth};
+use geu_protocol::serial::DEFAULT_BAUD;
 use geu_protocol::{CanPlan, Gyro, HalfSecond, Reply};
 
 use crate::carriage::{Carrier, Content, Form, Outbox, Piece};
@@ -89,6 +90,7 @@ pub struct Recorder {
     /// The link that is recorded, and what waits on it.
     carrier: Carrier,
     links: Vec<LinkKind>,
+    serial_baud: Option<u32>,
     outbox: Outbox,
     link: Output,
     faults: FaultLog,
@@ -125,7 +127,7 @@ impl Recorder {
         wire: WireForm,
         links: &[Carrier],
     ) -> Result<Recorder, RecordError> {
-        let links = if links.is_empty() { again(&configuration.run.links) } else { links.to_vec() };
+        let links = if links.is_empty() { again(&configuration.run) } else { links.to_vec() };
         let carrier = recorded(wire, &links);
         fs::create_dir_all(directory).map_err(|source| RecordError { path: directory.to_owned(), source })?;
         let (link_name, other) = match wire {
@@ -154,6 +156,7 @@ impl Recorder {
             faults: FaultLog::create(directory, &carrier, &links)?,
             carrier,
             links: links.iter().map(|carrier| carrier.kind).collect(),
+            serial_baud: serial_baud(&links),
             outbox: Outbox::default(),
             motion: truth.motion(configuration, 0.0),
             sun_sensor: SunSensor::new(configuration.sensors.fss, configuration.seed),
@@ -378,6 +381,7 @@ impl Recorder {
             wire: Some(self.wire),
             truth: configuration.run.truth.take(),
             links: self.links.clone(),
+            serial_baud: self.serial_baud,
             is_open: configuration.run.is_open,
             commands: Vec::new(),
         };
@@ -422,18 +426,27 @@ fn recorded(wire: WireForm, links: &[Carrier]) -> Carrier {
         WireForm::Can => Carrier::can(CanPlan::default()),
         WireForm::Serial => {
             let open = links.iter().find(|carrier| !is_can(carrier));
-            Carrier::serial(open.map_or(LinkKind::Pty, |carrier| carrier.kind))
+            open.cloned().unwrap_or(Carrier::serial(LinkKind::Pty))
         }
     }
 }
 
-/// The links of an earlier run, each as its kind has them by default.
-fn again(kinds: &[LinkKind]) -> Vec<Carrier> {
-    let carrier = |&kind: &LinkKind| match kind {
-        LinkKind::Can => Carrier::can(CanPlan::default()),
-        kind => Carrier::serial(kind),
+/// The links of an earlier run, each as its kind has them by default; a serial port at its rate.
+fn again(run: &RunRecord) -> Vec<Carrier> {
+    let carrier = |&kind: &LinkKind| match (kind, run.serial_baud) {
+        (LinkKind::Can, _) => Carrier::can(CanPlan::default()),
+        (LinkKind::Serial, Some(baud)) => Carrier { kind, form: Form::Serial { baud } },
+        (kind, _) => Carrier::serial(kind),
     };
-    kinds.iter().map(carrier).collect()
+    run.links.iter().map(carrier).collect()
+}
+
+/// The rate of a serial port among the links, where it is not the default.
+fn serial_baud(links: &[Carrier]) -> Option<u32> {
+    links.iter().find_map(|carrier| match carrier.form {
+        Form::Serial { baud } if carrier.kind == LinkKind::Serial && baud != DEFAULT_BAUD => Some(baud),
+        _ => None,
+    })
 }
 
 /// A time in s as ns; one without end is the last there is.

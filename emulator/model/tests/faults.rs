@@ -356,3 +356,12 @@ fn a_shift_of_time_that_comes_and_goes_leaves_the_truth_alone() {
         assert!((plain - shifted).abs() < 0.01, "{plain} {shifted}");
     }
 }
+
+#[test]
+fn the_rate_of_a_recorded_serial_port_is_kept() {
+    let text = "seed = 1\n[run]\nduration_s = 1.0\nlinks = [\"serial\"]\nserial_baud = 9600\n";
+    let configuration = Configuration::parse("run.toml", text, &[]).expect("valid");
+    assert_eq!(configuration.run.serial_baud, Some(9600));
+    let again = Configuration::parse("run.toml", &configuration.to_toml(false), &[]).expect("as it was written");
+    assert_eq!(again.run, configuration.run);
+}

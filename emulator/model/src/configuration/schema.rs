@@ -4,7 +4,7 @@ use geu_protocol::Gyro;
 use serde_json::{Map, Value, json};
 
 use super::fault::{EXPECT_NUMBERS, FAULT_NUMBERS, FAULT_TEXTS};
-use super::{Configuration, DURATION, PSI, START, THETA, WireForm};
+use super::{Configuration, DURATION, PSI, SERIAL_BAUD, START, THETA, WireForm};
 use crate::attitude::{LimitCycle, Manoeuvre};
 use crate::course::{KINDS, Size};
 use crate::effect::discovered::{self, Regressor};
@@ -64,6 +64,7 @@ impl Configuration {
                 "wire": { "enum": WireForm::NAMES },
                 "truth": { "type": "string", "description": "file of the truth: reference.csv or CCSDS AEM" },
                 "links": { "type": "array", "items": { "enum": LinkKind::NAMES } },
+                SERIAL_BAUD.name: number(&SERIAL_BAUD),
                 "open": { "type": "boolean", "description": "whether faults could be injected while it ran" },
                 "command": { "type": "array", "items": object(map(command), &["half_second", "link", "bytes"]) },
             })), &[]),
