@@ -317,6 +317,12 @@ fn stands(planned: &Planned) -> Value {
     })
 }
 
+/// Identifiers in a message.
+fn listed<'a>(ids: impl Iterator<Item = &'a str>) -> String {
+    let ids: Vec<&str> = ids.collect();
+    if ids.is_empty() { "there is none".to_owned() } else { ids.join(", ") }
+}
+
 /// One value of JSON as TOML has it.
 fn toml_of(value: &Value) -> Option<toml_edit::Value> {
     Some(match value {
@@ -365,7 +371,14 @@ impl Bench for LiveBench {
         if let (Some(Value::String(id)), 1) = (fault.get("start"), fault.len()) {
             return match desk.start(id) {
                 Some(at_s) => Ok(json!({ "id": id, "state": "armed", "at_s": at_s })),
-                None => Err(format!("expected the identifier of a fault with by_hand = true for `start`, got {id:?}")),
+                None => {
+                    let planned = desk.planned();
+                    let waiting = planned.iter().filter(|planned| planned.waits_for_hand());
+                    let there = listed(waiting.map(|planned| planned.fault.id.as_str()));
+                    Err(format!(
+                        "expected the identifier of a fault with by_hand = true that still waits ({there}) for `start`, got {id:?}"
+                    ))
+                }
             };
         }
         let mut document = toml_edit::DocumentMut::new();
@@ -395,9 +408,8 @@ impl Bench for LiveBench {
         let until_s = self.known().desk.clear(id);
         until_s.map(|until_s| json!({ "id": id, "until_s": until_s })).ok_or_else(|| {
             let planned = self.known().desk.planned();
-            let ids: Vec<&str> =
-                planned.iter().filter(|planned| !planned.is_over()).map(|planned| planned.fault.id.as_str()).collect();
-            let there = if ids.is_empty() { "there is none".to_owned() } else { ids.join(", ") };
+            let there =
+                listed(planned.iter().filter(|planned| !planned.is_over()).map(|planned| planned.fault.id.as_str()));
             format!("expected the identifier of a fault that is armed or active ({there}), got {id:?}")
         })
     }

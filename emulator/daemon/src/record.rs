@@ -18,6 +18,7 @@ use geu_model::fault::catalogue::LinkKind;
 use geu_model::sensor::{StarSensor, SunSensor};
 use geu_model::units::RAD_PER_DEG;
 use geu_model::{Configuration, Ended, Injected, Trace, Truth};
+use geu_protocol::serial::DEFAULT_BAUD;
 use geu_protocol::{CanPlan, Gyro, HalfSecond, Reply};
 
 use crate::carriage::{Carrier, Content, Form, Outbox, Piece};
@@ -99,6 +100,7 @@ pub struct Recorder {
     /// The link that is recorded, and what waits on it.
     carrier: Carrier,
     links: Vec<LinkKind>,
+    serial_baud: Option<u32>,
     outbox: Outbox,
     link: Output,
     faults: FaultLog,
@@ -174,6 +176,7 @@ impl Recorder {
             faults: FaultLog::create(directory, &carrier, &links)?,
             carrier,
             links: links.iter().map(|carrier| carrier.kind).collect(),
+            serial_baud: serial_baud(&links),
             outbox: Outbox::default(),
             motion: truth.motion(configuration, 0.0),
             sun_sensor: SunSensor::new(configuration.sensors.fss, configuration.seed),
@@ -425,6 +428,7 @@ impl Recorder {
             duration_s: self.half_seconds as f64 * 0.5,
             wire: Some(self.wire),
             links: self.links.clone(),
+            serial_baud: self.serial_baud,
             is_open: configuration.run.is_open,
             // Beside this file, wherever the directory goes.
             truth: configuration.run.truth.take().map(|name| match self.received {
@@ -475,25 +479,35 @@ fn recorded(wire: WireForm, links: &[Carrier]) -> Carrier {
         WireForm::Can => Carrier::can(CanPlan::default()),
         WireForm::Serial => {
             let open = links.iter().find(|carrier| !is_can(carrier));
-            Carrier::serial(open.map_or(LinkKind::Pty, |carrier| carrier.kind))
+            open.cloned().unwrap_or(Carrier::serial(LinkKind::Pty))
         }
     }
 }
 
 /// The links of a run that has none: those of the run that is made again, else those that its faults name, each as its
-/// kind has them by default.
+/// kind has them by default; a serial port at its rate.
 fn without_links(configuration: &Configuration) -> Vec<Carrier> {
-    let mut kinds = configuration.run.links.clone();
+    let run = &configuration.run;
+    let mut kinds = run.links.clone();
     if kinds.is_empty() {
         kinds.extend(configuration.faults.iter().filter_map(|fault| fault.link));
         kinds.sort_unstable();
         kinds.dedup();
     }
-    let carrier = |kind| match kind {
-        LinkKind::Can => Carrier::can(CanPlan::default()),
-        kind => Carrier::serial(kind),
+    let carrier = |kind| match (kind, run.serial_baud) {
+        (LinkKind::Can, _) => Carrier::can(CanPlan::default()),
+        (LinkKind::Serial, Some(baud)) => Carrier { kind, form: Form::Serial { baud } },
+        (kind, _) => Carrier::serial(kind),
     };
     kinds.into_iter().map(carrier).collect()
+}
+
+/// The rate of a serial port among the links, where it is not the default.
+fn serial_baud(links: &[Carrier]) -> Option<u32> {
+    links.iter().find_map(|carrier| match carrier.form {
+        Form::Serial { baud } if carrier.kind == LinkKind::Serial && baud != DEFAULT_BAUD => Some(baud),
+        _ => None,
+    })
 }
 
 /// A time in s as ns; one without end is the last there is.

@@ -1,6 +1,6 @@
 //! Faults of a plan on the unit: what they do, when, and that the same plan gives the same bytes.
 
-use geu_model::configuration::fault::fault_text;
+use geu_model::configuration::fault::{fault_text, read_fault_text};
 use geu_model::fault::acting::Happening;
 use geu_model::fault::catalogue::{CATALOGUE, Scope};
 use geu_model::fault::expectation::Verdict;
@@ -307,6 +307,32 @@ fn a_refused_plan_leaves_nothing_behind() {
 }
 
 #[test]
+fn what_a_plan_refuses_is_refused_live() {
+    let (others, one) = (with_plan("[[fault]]\nid = \"there\"\nfault = \"drop\"").faults, "fault = \"drop\"\n");
+    for key in ["when", "end_when"] {
+        let asking = |id: &str| format!("{one}id = \"own\"\n{key} = 'active(\"{id}\")'");
+        for id in ["there", "own"] {
+            read_fault_text("fault", &asking(id), &others).expect("both are there");
+        }
+        let error = read_fault_text("fault", &asking("nobody"), &others).expect_err("there is none").to_string();
+        assert!(error.contains("nobody") && error.contains("there, own"), "{error}");
+    }
+    let many = vec![others[0].clone(); 1000];
+    let error = read_fault_text("fault", one, &many).expect_err("one too many").to_string();
+    assert!(error.contains("at most 1000"), "{error}");
+}
+
+#[test]
+fn what_was_taken_away_cannot_be_started_by_hand() {
+    let mut unit = Unit::new(&with_plan(
+        "[[fault]]\nid = \"one\"\nfault = \"drop\"\nby_hand = true\n[[fault]]\nid = \"other\"\nfault = \"drop\"\nby_hand = true",
+    ));
+    unit.end_half_second();
+    assert_eq!(unit.clear("one"), Some(1.0));
+    assert_eq!((unit.start("one"), unit.start("other"), unit.start("other")), (None, Some(1.0), None));
+}
+
+#[test]
 fn a_shift_of_time_that_comes_and_goes_leaves_the_truth_alone() {
     let scan = "manoeuvre=[{ kind = \"y-scan\", to_theta_deg = 100.0 }]".to_owned();
     let plain = Configuration::reference_with(&[scan]).expect("valid");
@@ -329,4 +355,13 @@ fn a_shift_of_time_that_comes_and_goes_leaves_the_truth_alone() {
     for (plain, shifted) in counted(&plain).into_iter().zip(counted(&shifted)) {
         assert!((plain - shifted).abs() < 0.01, "{plain} {shifted}");
     }
+}
+
+#[test]
+fn the_rate_of_a_recorded_serial_port_is_kept() {
+    let text = "seed = 1\n[run]\nduration_s = 1.0\nlinks = [\"serial\"]\nserial_baud = 9600\n";
+    let configuration = Configuration::parse("run.toml", text, &[]).expect("valid");
+    assert_eq!(configuration.run.serial_baud, Some(9600));
+    let again = Configuration::parse("run.toml", &configuration.to_toml(false), &[]).expect("as it was written");
+    assert_eq!(again.run, configuration.run);
 }

@@ -79,7 +79,15 @@ impl Configuration {
 /// # Errors
 /// The first thing wrong, with its line.
 pub fn read_fault_text(name: &str, text: &str, others: &[Fault]) -> Read<Fault> {
-    read_fault(&Source::parse(name, text)?.root(), others)
+    let source = Source::parse(name, text)?;
+    let root = source.root();
+    let fault = read_fault(&root, others)?;
+    // What a plan refuses is refused here too: a recording of the run is read as a plan.
+    if others.len() >= MOST {
+        return Err(root.error(FAULT, format!("expected at most {MOST} faults in a run, which it has already")));
+    }
+    known_in(&root, &fault, others.iter().chain([&fault]))?;
+    Ok(fault)
 }
 
 /// Reads `[[fault]]`; `before` are those that are there already.
@@ -95,11 +103,17 @@ pub(super) fn read_faults(root: &Node, before: &[Fault]) -> Read<Vec<Fault>> {
     }
     let faults = all.split_off(before.len());
     for (node, fault) in nodes.iter().zip(&faults) {
-        for (key, condition) in [("when", &fault.when), ("end_when", &fault.end_when)] {
-            known(node, key, condition.iter().flat_map(Expression::faults), before.iter().chain(&faults))?;
-        }
+        known_in(node, fault, before.iter().chain(&faults))?;
     }
     Ok(faults)
+}
+
+/// Refuses conditions of a fault that ask about one that is not there.
+fn known_in<'a>(node: &Node, fault: &'a Fault, faults: impl Iterator<Item = &'a Fault> + Clone) -> Read<()> {
+    for (key, condition) in [("when", &fault.when), ("end_when", &fault.end_when)] {
+        known(node, key, condition.iter().flat_map(Expression::faults), faults.clone())?;
+    }
+    Ok(())
 }
 
 /// Refuses to ask about a fault that is not there.

@@ -21,7 +21,7 @@ use crate::effect::{
 use crate::fault::catalogue::{Law, LinkKind};
 use crate::fault::expectation::Expectation;
 use crate::fault::{Fault, List};
-use crate::number::{Default as DefaultValue, Form, Number};
+use crate::number::{Default as DefaultValue, Form, Number, number};
 use crate::package::{Axes, Calibration};
 use crate::sensor::SensorNumbers;
 use crate::temperature::{Electronics, ElectronicsCourse};
@@ -91,6 +91,8 @@ pub struct RunRecord {
     pub wire: Option<WireForm>,
     /// Kinds of the links that were open: whom a fault was on.
     pub links: Vec<LinkKind>,
+    /// Rate of the serial port that was open, where it was not the default: a fault can be of another.
+    pub serial_baud: Option<u32>,
     /// The truth, a file or a simulator's address, as it was given; without one the scenario is flown.
     pub truth: Option<String>,
     /// Whether faults could be injected while it ran: its truth has one column for what effects add that are there by
@@ -157,6 +159,14 @@ const DURATION: Number = Number {
     greatest: 1e10,
     meaning: "how long it ran",
 };
+const SERIAL_BAUD: Number = number(
+    "serial_baud",
+    Form::Whole,
+    DefaultValue::Absent,
+    1.0,
+    1e8,
+    "rate of the serial port that was open; the default one where not named",
+);
 
 const TOP: [&str; 11] = [
     "seed",
@@ -460,12 +470,13 @@ fn read_scenario(root: &Node) -> Result<Scenario, ConfigurationError> {
 fn read_run(root: &Node) -> Result<RunRecord, ConfigurationError> {
     let mut run = RunRecord::default();
     let Some(node) = root.table("run")? else { return Ok(run) };
-    node.only(&[DURATION.name, "wire", "links", "truth", "open", "command"])?;
+    node.only(&[DURATION.name, "wire", "links", SERIAL_BAUD.name, "truth", "open", "command"])?;
     run.duration_s = node.number(&DURATION)?;
     if node.keys().contains(&"wire") {
         run.wire = WireForm::named(node.choice("wire", &WireForm::NAMES)?);
     }
     run.links = node.choices("links", &LinkKind::NAMES)?.into_iter().filter_map(LinkKind::named).collect();
+    run.serial_baud = Some(node.number(&SERIAL_BAUD)?).filter(|baud| !baud.is_nan()).map(|baud| baud as u32);
     if node.keys().contains(&"truth") {
         run.truth = Some(node.text("truth")?.to_owned());
     }

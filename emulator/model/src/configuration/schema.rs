@@ -4,7 +4,7 @@ use geu_protocol::Gyro;
 use serde_json::{Map, Value, json};
 
 use super::fault::{EXPECT_NUMBERS, FAULT_NUMBERS, FAULT_TEXTS};
-use super::{Configuration, DURATION, PSI, START, THETA, WireForm};
+use super::{Configuration, DURATION, PSI, SERIAL_BAUD, START, THETA, WireForm};
 use crate::attitude::{LimitCycle, Manoeuvre};
 use crate::course::{KINDS, Size};
 use crate::effect::discovered::{self, Regressor};
@@ -63,6 +63,7 @@ impl Configuration {
                 DURATION.name: number(&DURATION),
                 "wire": { "enum": WireForm::NAMES },
                 "links": { "type": "array", "items": { "enum": LinkKind::NAMES } },
+                SERIAL_BAUD.name: number(&SERIAL_BAUD),
                 "open": { "type": "boolean", "description": "whether faults could be injected while it ran" },
                 "truth": { "type": "string", "description": "truth: a file (reference.csv, CCSDS AEM, received.csv) or, for geu run, udp://, tcp:// or 42://HOST:PORT" },
                 "command": { "type": "array", "items": object(map(command), &["half_second", "link", "bytes"]) },

@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use geu_protocol::Gyro;
 
-use super::{Configuration, DURATION, PSI, RunRecord, START, THETA, fault};
+use super::{Configuration, DURATION, PSI, RunRecord, SERIAL_BAUD, START, THETA, fault};
 use crate::attitude::Manoeuvre;
 use crate::course::Kind;
 use crate::effect::discovered::{self, Regressor, Term};
@@ -104,6 +104,9 @@ impl Configuration {
         if !self.run.links.is_empty() {
             let names: Vec<&str> = self.run.links.iter().map(|link| link.name()).collect();
             line(text, format_args!("links = {names:?}"));
+        }
+        if let Some(baud) = self.run.serial_baud {
+            line(text, format_args!("{} = {baud}", SERIAL_BAUD.name));
         }
         if let Some(truth) = &self.run.truth {
             line(text, format_args!("truth = {}", quoted(truth)));

@@ -95,6 +95,11 @@ impl Planned {
         self.running.as_ref().and_then(|running| running.end)
     }
 
+    /// Whether somebody can start it.
+    pub fn waits_for_hand(&self) -> bool {
+        self.fault.by_hand && !self.is_over()
+    }
+
     /// Whether it never acts again.
     pub fn is_over(&self) -> bool {
         self.running.is_none() && (self.is_cleared || self.started >= self.fault.times)
@@ -139,7 +144,7 @@ impl Faults {
 
     /// Starts one that waits for a hand, at this on-board time. False where there is none.
     pub fn start(&mut self, id: &str, at_s: f64) -> bool {
-        let found = self.planned.iter_mut().find(|planned| planned.fault.id == id && planned.fault.by_hand);
+        let found = self.planned.iter_mut().find(|planned| planned.fault.id == id && planned.waits_for_hand());
         let Some(planned) = found else { return false };
         planned.fault = Arc::new(Fault { by_hand: false, at_s, ..Fault::clone(&planned.fault) });
         true

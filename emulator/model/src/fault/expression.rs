@@ -130,8 +130,11 @@ impl fmt::Display for Expression {
     }
 }
 
-/// Operators by how tightly they bind, the loosest first: text, what stands on either side, what comes out.
-const OPERATORS: &[(usize, &str, Sort, Sort, fn(f64, f64) -> f64)] = &[
+/// How tightly it binds, text, what stands on either side, what comes out, and its value.
+type Operator = (usize, &'static str, Sort, Sort, fn(f64, f64) -> f64);
+
+/// Operators by how tightly they bind, the loosest first.
+const OPERATORS: &[Operator] = &[
     (0, "or", Sort::Condition, Sort::Condition, |a, b| truth(a != 0.0 || b != 0.0)),
     (1, "and", Sort::Condition, Sort::Condition, |a, b| truth(a != 0.0 && b != 0.0)),
     (2, "<=", Sort::Number, Sort::Condition, |a, b| truth(a <= b)),
