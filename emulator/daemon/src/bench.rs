@@ -82,6 +82,9 @@ impl Teller {
                 line(now_s, "command", format!("{name} ({bytes}) over {link}"))
             }
             Event::Polled { .. } => None,
+            Event::Missed { .. } => {
+                line(now_s, "missed", "a half second was not sent: the process was held up".to_owned())
+            }
             Event::Happened(happening) => {
                 let mut told = fault_log::told(self.half_seconds, happening);
                 let (kind, text) = match told["what"].as_str() {

@@ -180,6 +180,16 @@ impl Desk {
         self.passed.notify_waiters();
     }
 
+    /// The same of one that comes too late to be sent.
+    pub fn complete_unsent(&self) {
+        let mut inner = self.lock();
+        inner.complete();
+        let frame = inner.unit.ended() - 1;
+        inner.tell(Event::Missed { frame });
+        drop(inner);
+        self.passed.notify_waiters();
+    }
+
     /// The last half second whose deadline has passed.
     pub fn completed(&self) -> Option<HalfSecond> {
         self.lock().completed.map(|(half_second, _)| half_second)

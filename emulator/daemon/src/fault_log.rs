@@ -5,6 +5,7 @@
 //! | `injected` | a fault came live, with its keys |
 //! | `start`, `end` | a fault began to act, and why; it is over, with the half seconds it touched |
 //! | `bytes` | a half second that a link carried otherwise than without the faults that acted: before, after, identifiers |
+//! | `missed` | a half second that was not sent live, whatever `bytes` claims: the process was held up |
 //! | `cleared` | a fault was taken away |
 //! | `expectation` | one was decided |
 
@@ -168,6 +169,11 @@ impl FaultLog {
             line["touched"] = json!(self.touched.remove(&fault.id).unwrap_or(0));
         }
         self.line(&line)
+    }
+
+    /// A half second was not sent live.
+    pub fn missed(&mut self, frame: u64) -> Result<(), RecordError> {
+        self.line(&json!({ "what": "missed", "t_s": on_board_s(frame + 1), "half_second": frame }))
     }
 
     /// A fault came live.

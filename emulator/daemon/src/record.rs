@@ -54,6 +54,8 @@ pub(crate) enum Event {
         injected: Option<Arc<Injected>>,
         acting: Arc<Vec<Acting>>,
     },
+    /// A half second came too late to be sent live: the process was held up.
+    Missed { frame: u64 },
     /// Something became of a fault or an expectation, with the end of the last half second.
     Happened(Happening),
     /// A fault was injected while the unit ran.
@@ -226,6 +228,7 @@ impl Recorder {
                 self.faults.polled(self.half_seconds, half_second, reply, injected.as_deref(), acting)?;
                 self.sent(pieces, *end_ns)
             }
+            Event::Missed { frame } => self.faults.missed(*frame),
             Event::Happened(happening) => self.faults.happened(self.half_seconds, happening),
             Event::Injected(fault) => {
                 self.configuration.faults.push(fault.clone());

@@ -381,7 +381,7 @@ impl Keeper {
             if self.is_past_next_deadline(start_ns) {
                 missed += 1;
                 self.links.iter_mut().for_each(|outgoing| outgoing.put(None, frame, ended.end_ns, &[]));
-                self.desk.complete();
+                self.desk.complete_unsent();
                 continue;
             }
             self.tell_missed(std::mem::take(&mut missed));
