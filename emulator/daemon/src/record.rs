@@ -232,6 +232,8 @@ impl Recorder {
             Event::Happened(happening) => self.faults.happened(self.half_seconds, happening),
             Event::Injected(fault) => {
                 self.configuration.faults.push(fault.clone());
+                self.configuration.run.injected.push(fault.id.clone());
+                self.add_fault_column()?;
                 self.faults.injected(self.half_seconds, fault)
             }
             Event::StartedByHand { id, at_s } => {
@@ -348,6 +350,29 @@ impl Recorder {
         })
     }
 
+    /// Adds the column of what live faults change to the truth, from its first row on. It is not there from the start, so
+    /// that a run into which nobody injects has the files of a simulated one.
+    fn add_fault_column(&mut self) -> Result<(), RecordError> {
+        let Err(place) = self.truth_columns.binary_search(&FAULT_COLUMN) else { return Ok(()) };
+        self.truth_columns.insert(place, FAULT_COLUMN);
+        self.truth.write(|file| file.flush())?;
+        let mut wider = Output::create(&self.directory, "truth.csv.wider")?;
+        let fail = |source| RecordError { path: self.truth.path.clone(), source };
+        let rows = BufReader::new(File::open(&self.truth.path).map_err(fail)?);
+        let header = format!("{}_counts", columns()[FAULT_COLUMN]);
+        for (index, line) in rows.lines().enumerate() {
+            let line = line.map_err(fail)?;
+            // Behind time, sequence, gyro, true angle and the columns before it.
+            let comma = line.match_indices(',').nth(3 + place).map_or(line.len(), |(at, _)| at);
+            let value = if index == 0 { header.as_str() } else { "0.0" };
+            wider.write(|file| writeln!(file, "{},{value}{}", &line[..comma], &line[comma..]))?;
+        }
+        wider.write(|file| file.flush())?;
+        fs::rename(&wider.path, &self.truth.path).map_err(fail)?;
+        self.truth.file = wider.file;
+        Ok(())
+    }
+
     fn reference_row(&mut self) -> Result<(), RecordError> {
         self.reference_rows += 1;
         let end_ns = self.reference_rows * REFERENCE_NS;
@@ -427,12 +452,14 @@ impl Recorder {
     /// `run.toml` of the run so far.
     fn run_file(&self) -> Result<Output, RecordError> {
         let mut configuration = self.configuration.clone();
+        let has_faults = !configuration.faults.is_empty();
         configuration.run = RunRecord {
             duration_s: self.half_seconds as f64 * 0.5,
             wire: Some(self.wire),
-            links: self.links.clone(),
-            serial_baud: self.serial_baud,
-            is_open: configuration.run.is_open,
+            // Without faults it does not matter.
+            links: if has_faults { self.links.clone() } else { Vec::new() },
+            serial_baud: self.serial_baud.filter(|_| has_faults),
+            injected: std::mem::take(&mut configuration.run.injected),
             // Beside this file, wherever the directory goes.
             truth: configuration.run.truth.take().map(|name| match self.received {
                 Some(_) => received::NAME.to_owned(),

@@ -88,7 +88,6 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             Some(door.map_err(Failure::input)?)
         }
     };
-    ready.configuration.run.is_open = door.is_some();
     let wire = Wire::form(arguments.wire, &ready.configuration);
     let recorder = match &arguments.record {
         Some(directory) => {

@@ -212,13 +212,20 @@ impl<'a> Node<'a> {
     /// # Errors
     /// Not a list, or another text in it.
     pub fn choices(&self, key: &str, valid: &[&str]) -> Read<Vec<&'a str>> {
-        let Some(item) = self.table.get(key) else { return Ok(Vec::new()) };
-        let texts =
-            item.as_array().and_then(|array| array.iter().map(|value| value.as_str()).collect::<Option<Vec<_>>>());
-        match texts {
-            Some(texts) if texts.iter().all(|text| valid.contains(text)) => Ok(texts),
+        match self.texts(key)? {
+            texts if texts.iter().all(|text| valid.contains(text)) => Ok(texts),
             _ => Err(self.unexpected(key, &format!("a list of {}", valid.join(", ")))),
         }
+    }
+
+    /// A list of texts; empty where it is not there.
+    ///
+    /// # Errors
+    /// Not a list of texts.
+    pub fn texts(&self, key: &str) -> Read<Vec<&'a str>> {
+        let Some(item) = self.table.get(key) else { return Ok(Vec::new()) };
+        let texts = item.as_array().and_then(|array| array.iter().map(|value| value.as_str()).collect());
+        texts.ok_or_else(|| self.unexpected(key, "a list of texts"))
     }
 
     /// A text.

@@ -95,9 +95,9 @@ pub struct RunRecord {
     pub serial_baud: Option<u32>,
     /// The truth, a file or a simulator's address, as it was given; without one the scenario is flown.
     pub truth: Option<String>,
-    /// Whether faults could be injected while it ran: its truth has one column for what effects add that are there by
-    /// faults alone.
-    pub is_open: bool,
+    /// Faults that were injected while it ran: its truth has one column for what effects add that are there by these
+    /// alone.
+    pub injected: Vec<String>,
     /// Commands received.
     pub commands: Vec<RecordedCommand>,
 }
@@ -232,10 +232,10 @@ impl Configuration {
     /// saturation.
     pub fn columns(&self) -> Vec<usize> {
         let gyros = &self.gyros;
-        let mut moved: Vec<usize> = match self.run.is_open {
-            true => vec![FAULT_COLUMN],
-            false => self.faults.iter().filter_map(fault_column).collect(),
-        };
+        let injected = &self.run.injected;
+        let planned = self.faults.iter().filter(|fault| !injected.contains(&fault.id));
+        let mut moved: Vec<usize> = planned.filter_map(fault_column).collect();
+        moved.extend((!injected.is_empty()).then_some(FAULT_COLUMN));
         let unit = (0..UnitEffects::SPECS.len()).filter(|&index| self.unit.has(index));
         let discovered = gyros.iter().any(|gyro| discovered::is_present(&gyro.discovered));
         let head = (0..HeadEffects::SPECS.len()).filter(|&index| gyros.iter().any(|gyro| gyro.effects.has(index)));
@@ -470,7 +470,7 @@ fn read_scenario(root: &Node) -> Result<Scenario, ConfigurationError> {
 fn read_run(root: &Node) -> Result<RunRecord, ConfigurationError> {
     let mut run = RunRecord::default();
     let Some(node) = root.table("run")? else { return Ok(run) };
-    node.only(&[DURATION.name, "wire", "links", SERIAL_BAUD.name, "truth", "open", "command"])?;
+    node.only(&[DURATION.name, "wire", "links", SERIAL_BAUD.name, "truth", "injected", "command"])?;
     run.duration_s = node.number(&DURATION)?;
     if node.keys().contains(&"wire") {
         run.wire = WireForm::named(node.choice("wire", &WireForm::NAMES)?);
@@ -480,7 +480,7 @@ fn read_run(root: &Node) -> Result<RunRecord, ConfigurationError> {
     if node.keys().contains(&"truth") {
         run.truth = Some(node.text("truth")?.to_owned());
     }
-    run.is_open = node.value("open", Form::Flag, 0.0, 1.0)?.is_some_and(|open| open != 0.0);
+    run.injected = node.texts("injected")?.into_iter().map(str::to_owned).collect();
     for node in node.tables("command")? {
         node.only(&["half_second", "link", "bytes"])?;
         let half_second = node

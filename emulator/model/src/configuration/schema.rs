@@ -65,7 +65,7 @@ impl Configuration {
                 "links": { "type": "array", "items": { "enum": LinkKind::NAMES } },
                 SERIAL_BAUD.name: number(&SERIAL_BAUD),
                 SERIAL_BAUD.name: number(&SERIAL_BAUD),
-                "open": { "type": "boolean", "description": "whether faults could be injected while it ran" },
+                "injected": { "type": "array", "items": { "type": "string" }, "description": "faults injected while it ran" },
                 "truth": { "type": "string", "description": "truth: a file (reference.csv, CCSDS AEM, received.csv) or, for geu run, udp://, tcp:// or 42://HOST:PORT" },
                 "command": { "type": "array", "items": object(map(command), &["half_second", "link", "bytes"]) },
             })), &[]),

@@ -111,8 +111,8 @@ impl Configuration {
         if let Some(truth) = &self.run.truth {
             line(text, format_args!("truth = {}", quoted(truth)));
         }
-        if self.run.is_open {
-            line(text, format_args!("open = true"));
+        if !self.run.injected.is_empty() {
+            line(text, format_args!("injected = {:?}", self.run.injected));
         }
         for command in &self.run.commands {
             let bytes: String = command.payload.iter().map(|byte| format!("{byte:02X}")).collect();
