@@ -76,7 +76,7 @@ pub struct RunSettings {
     /// fetches them, 42://HOST:PORT speaks with 42 [default: the recorded one, else scenario]
     #[arg(long, value_name = "SOURCE")]
     pub truth: Option<String>,
-    /// Plan of faults and expectations, TOML with [[fault]] and [[expect]]; added to the configuration's
+    /// Plan of faults and expectations (TOML, as configs/faults.toml); added to the configuration's
     #[arg(long, value_name = "PLAN")]
     pub faults: Vec<PathBuf>,
 }

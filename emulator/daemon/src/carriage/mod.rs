@@ -1,7 +1,7 @@
 //! What goes over a link: half seconds and replies as bytes or CAN frames, with what the faults of links make of them.
 //!
 //! A [`Carrier`] is a link without a device: pure, so that a recording holds what every link of its kind carried. It makes
-//! [`Piece`]s; [`Outbox`] says when each is due.
+//! [`Piece`]s; an outbox says when each is due.
 
 mod baud;
 mod fault;

@@ -1,8 +1,8 @@
 //! Truth from outside: a simulator tells over a socket where the unit points, while the unit runs.
 //!
-//! [`Live`] stands between the runtime's tasks, which read the source ([`source`]), and the thread that keeps time: that asks
+//! [`Live`] stands between the runtime's tasks, which read the source (`source`), and the thread that keeps time: that asks
 //! for the truth just before it ends a half second. What is used when samples are late, missing or jump is decided in
-//! [`follow`], on on-board time alone; what was used is a [`Stepped`] truth, which a recording keeps ([`received`]).
+//! `follow`, on on-board time alone; what was used is a [`Stepped`] truth, which a recording keeps ([`received`]).
 
 mod follow;
 mod forty_two;

@@ -13,7 +13,9 @@ use crate::carriage::Carrier;
 use crate::link::Link;
 
 /// What was sent, and when, ns.
-type Sent = Arc<Mutex<Vec<(i64, Content)>>>;
+/// What was sent, and when, ns.
+type Timed = Vec<(i64, Content)>;
+type Sent = Arc<Mutex<Timed>>;
 
 /// A link that keeps what it is given.
 struct Kept {
@@ -61,7 +63,7 @@ fn items(half_second: &HalfSecond) -> Vec<Item> {
 }
 
 /// What a bus and a stream are sent, and when the replay began at the earliest.
-fn played(speed: Speed, plan: Configuration) -> (Vec<(i64, Content)>, Vec<(i64, Content)>, Counts, i64) {
+fn played(speed: Speed, plan: Configuration) -> (Timed, Timed, Counts, i64) {
     let half_second = HalfSecond { sequence: 9, ..HalfSecond::default() };
     let (bus, stream) = (Sent::default(), Sent::default());
     let link = |carrier, sent: &Sent| {
