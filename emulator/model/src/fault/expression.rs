@@ -1,7 +1,7 @@
 //! Conditions as text: `abs(rate_y) > 700 and not valid(GYRX)`. What starts and ends a fault, and what is expected.
 //!
 //! Numbers with `+ - * / %`, compared by `< <= > >= == !=`; conditions joined by `not`, `and`, `or`; brackets. What a name
-//! means stands once, in [`VARIABLES`] and [`FUNCTIONS`]. It is evaluated at the start of a half second.
+//! means stands once, in the tables of variables and functions. It is evaluated at the start of a half second.
 
 use std::fmt;
 
