@@ -294,16 +294,17 @@ impl Known {
     }
 
     fn faults(&self) -> Value {
-        self.desk.planned().iter().map(stands).collect()
+        let now_s = self.desk.running().0 as f64 * 0.5;
+        self.desk.planned().iter().map(|planned| stands(planned, now_s)).collect()
     }
 }
 
 /// How a fault stands.
-fn stands(planned: &Planned) -> Value {
+fn stands(planned: &Planned, now_s: f64) -> Value {
     let (fault, on_board_s) = (&planned.fault, |frame: u64| frame as f64 * 0.5);
     let state = match planned.since() {
         Some(_) => "active",
-        None if planned.is_over() => "over",
+        None if planned.is_over() || fault.until_s <= now_s => "over",
         None => "armed",
     };
     json!({
@@ -398,6 +399,11 @@ impl Bench for LiveBench {
             let open: Vec<LinkKind> = self.known().links.iter().map(|(kind, _)| *kind).collect();
             if let Some(reason) = fault.misses(&open) {
                 return Err(reason);
+            }
+            let now_s = desk.running().0 as f64 * 0.5;
+            if fault.until_s <= now_s + 0.5 {
+                let until_s = fault.until_s;
+                return Err(format!("expected a time to come for `until_s`, after {} s, got {until_s}", now_s + 0.5));
             }
             // Somebody else may have taken the identifier by now.
             if let Some(fault) = desk.inject(fault) {

@@ -33,7 +33,7 @@ const REFERENCE_NS: i64 = 500_000_000;
 
 /// A file of the recording that cannot be written.
 #[derive(Debug, thiserror::Error)]
-#[error("cannot write {}: {source}; expected a directory with room that may be written", .path.display())]
+#[error("cannot write {}: {source}; expected a directory with room that may be written, and that nobody else records into", .path.display())]
 pub struct RecordError {
     path: PathBuf,
     source: io::Error,
@@ -97,6 +97,8 @@ struct Received {
 /// Writes a run.
 pub struct Recorder {
     directory: PathBuf,
+    /// Keeps others from recording into the same directory.
+    _held: File,
     configuration: Configuration,
     wire: WireForm,
     /// The link that is recorded, and what waits on it.
@@ -144,6 +146,7 @@ impl Recorder {
         let links = if links.is_empty() { without_links(configuration) } else { links.to_vec() };
         let carrier = recorded(wire, &links);
         fs::create_dir_all(directory).map_err(|source| RecordError { path: directory.to_owned(), source })?;
+        let held = hold(directory)?;
         let (link_name, other) = match wire {
             WireForm::Can => ("link.log", "link.bin"),
             WireForm::Serial => ("link.bin", "link.log"),
@@ -173,6 +176,7 @@ impl Recorder {
             sse: Output::create(directory, "sse.csv")?,
             received,
             directory: directory.to_owned(),
+            _held: held,
             configuration: configuration.clone(),
             wire,
             faults: FaultLog::create(directory, &carrier, &links)?,
@@ -500,6 +504,14 @@ impl Recorder {
 fn unforeseen(trace: &Trace, columns: &[usize]) -> f64 {
     let others = trace.changes.iter().enumerate().filter(|(column, _)| columns.binary_search(column).is_err());
     others.map(|(_, change)| change).sum()
+}
+
+/// Holds the directory of a recording, by its `run.toml`, for as long as the file lives.
+fn hold(directory: &Path) -> Result<File, RecordError> {
+    let path = directory.join("run.toml");
+    let file = File::options().create(true).truncate(false).write(true).open(&path);
+    let held = file.and_then(|file| file.try_lock().map(|()| file).map_err(io::Error::from));
+    held.map_err(|source| RecordError { path, source })
 }
 
 /// The link that a recording of this form is of: the first such one that is open, else one of the default kind.

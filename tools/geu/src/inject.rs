@@ -6,6 +6,7 @@ use clap::Args;
 use geu_model::Configuration;
 use geu_model::fault::catalogue::LinkKind;
 use geu_model::fault::shape;
+use geu_protocol::Gyro;
 use serde_json::{Map, Value, json};
 use ureq::http::Method;
 
@@ -82,7 +83,13 @@ fn fault(what: &str, keys: &[String]) -> Result<Value, Failure> {
         let (key, value) = match given.split_once('=') {
             Some((key, value)) => (key, read(value)),
             None if LinkKind::named(given).is_some() => ("link", json!(given)),
-            None => ("gyro", json!(given)),
+            None if Gyro::named(given).is_some() => ("gyro", json!(given)),
+            None => {
+                let (gyros, links) = (Gyro::ALL.map(Gyro::name).join(", "), LinkKind::NAMES.join(", "));
+                return Err(Failure::input(format!(
+                    "{given}: expected a gyro ({gyros}), a kind of link ({links}), or KEY=VALUE"
+                )));
+            }
         };
         let room = if is_parameter && is_of_course(key) { &mut course } else { &mut fault };
         if room.insert(key.to_owned(), value).is_some() {

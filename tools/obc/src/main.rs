@@ -22,7 +22,7 @@ use geu_model::Configuration;
 /// Holds a simulated spacecraft still by the gyros of an emulated unit, and prints a line a second.
 ///
 /// The spacecraft starts with the rest of a slew and must come back and stay. What the computer believes of the unit is the
-/// configuration; what --set, --faults and --inject change is in the unit alone, so that one sees what it does to a pointing.
+/// configuration; what --set and --faults change is in the unit alone, so that one sees what it does to a pointing.
 #[derive(Parser)]
 #[command(name = "geu-obc", version)]
 struct Arguments {
@@ -40,9 +40,6 @@ struct Arguments {
     /// Fault plan for geu run
     #[arg(long, value_name = "PLAN", conflicts_with = "link")]
     faults: Option<PathBuf>,
-    /// For geu run, as it takes it
-    #[arg(long, value_name = "FAULT", conflicts_with = "link")]
-    inject: Vec<String>,
     /// Writes what geu run records
     #[arg(long, value_name = "DIRECTORY", conflicts_with = "link")]
     record: Option<PathBuf>,
@@ -93,7 +90,6 @@ impl Arguments {
         let mut add = |name: &str, value: String| all.extend([name.to_owned(), value]);
         self.speed.iter().for_each(|speed| add("--speed", speed.clone()));
         self.overrides.iter().for_each(|path| add("--set", path.clone()));
-        self.inject.iter().for_each(|fault| add("--inject", fault.clone()));
         self.faults.iter().for_each(|plan| add("--faults", plan.display().to_string()));
         self.record.iter().for_each(|directory| add("--record", directory.display().to_string()));
         // Should this program go without ending it.

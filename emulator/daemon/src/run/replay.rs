@@ -100,7 +100,7 @@ pub fn refused(faults: &[Fault]) -> Option<String> {
         (Action::Named { spec, .. }, _) => format!("the {}, whose counts are recorded already", spec.scope.name()),
     };
     Some(format!(
-        "fault {:?}: {} acts on {on}; expected faults of links alone (`geu faults --link tcp` lists them): take it out, or run the unit with `geu run --faults`",
+        "fault {:?}: {} acts on {on}; expected faults of links alone (`geu faults list --link tcp` shows them): take it out, or run the unit with `geu run --faults`",
         fault.id,
         fault.action.name(),
     ))

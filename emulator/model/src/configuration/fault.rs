@@ -176,6 +176,10 @@ fn read_fault(node: &Node, others: &[Fault]) -> Read<Fault> {
         node.text(key)?.parse().map(Some).map_err(|expected: String| node.unexpected(key, &expected))
     };
     let optional = |number: &Number| node.number(number).map(|value| Some(value).filter(|value| !value.is_nan()));
+    let (at_s, until_s) = (node.number(&AT)?, optional(&UNTIL)?.unwrap_or(f64::INFINITY));
+    if until_s <= at_s {
+        return Err(node.unexpected(UNTIL.name, &format!("a time after at_s, which is {at_s},")));
+    }
     let release_s = node.number(&RELEASE)?;
     if release_s > 0.0 && matches!(&action, Action::Named { .. }) {
         return Err(node.unexpected(RELEASE.name, "a fault of a parameter, which can return gradually,"));
@@ -185,13 +189,13 @@ fn read_fault(node: &Node, others: &[Fault]) -> Read<Fault> {
         action,
         gyro,
         link,
-        at_s: node.number(&AT)?,
+        at_s,
         when: condition("when")?,
         probability: node.number(&PROBABILITY)?,
         by_hand: node.number(&BY_HAND)? != 0.0,
         for_s: optional(&FOR)?,
         end_when: condition("end_when")?,
-        until_s: optional(&UNTIL)?.unwrap_or(f64::INFINITY),
+        until_s,
         release_s,
         times: node.number(&TIMES)? as u64,
         seed: node.whole_number("seed")?,
@@ -267,8 +271,11 @@ fn read_id<'a>(node: &Node, prefix: &str, others: impl Iterator<Item = &'a str> 
     }
     let id = node.text("id")?;
     let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
-    if id.is_empty() || id.len() > MOST_ID || !id.chars().all(is_plain) {
-        return Err(node.unexpected("id", &format!("1 to {MOST_ID} letters, digits, `-`, `_` or `.`")));
+    // `all` means every fault where one is cleared, and dots alone mean directories in an address.
+    let is_taken_otherwise = id == "all" || id.chars().all(|c| c == '.');
+    if id.is_empty() || id.len() > MOST_ID || !id.chars().all(is_plain) || is_taken_otherwise {
+        let expected = format!("1 to {MOST_ID} letters, digits, `-`, `_` or `.`, not `all` and not dots alone,");
+        return Err(node.unexpected("id", &expected));
     }
     if is_taken(id) {
         return Err(node.unexpected("id", "an identifier of its own, not taken by another,"));
