@@ -53,6 +53,23 @@ fn a_drift_that_is_not_known_on_board_takes_the_true_pointing_away_and_nobody_on
 }
 
 #[test]
+fn what_a_plan_expects_of_the_computer_is_told_by_code_and_file() {
+    let room = tempfile::tempdir().expect("a directory");
+    let file = |name: &str| room.path().join(name).display().to_string();
+    let (plan, verdicts) = (file("plan.toml"), file("verdicts.xml"));
+    let text = "[[fault]]\nid = \"late\"\nfault = \"dead\"\ngyro = \"GYRZB\"\nat_s = 9e9\n\n[[expect]]\ncondition = \"command(PING)\"\nwithin_s = 20\n";
+    std::fs::write(&plan, text).expect("written");
+    let flown = fly(&["--seconds", "60", "--speed", "max", "--faults", &plan, "--junit", &verdicts]);
+    let said = String::from_utf8_lossy(&flown.stderr);
+    assert_eq!(flown.status.code(), Some(1), "{said}");
+    assert!(said.contains("late: never started (t_s >= 9000000000.0)"), "{said}");
+    assert!(said.contains("1 of 1 expectations were not met"), "{said}");
+    let told = String::from_utf8_lossy(&flown.stdout);
+    assert!(told.contains("pointing held") && told.contains("the emulator is not content"), "{told}");
+    assert!(std::fs::read_to_string(&verdicts).expect("verdicts").contains("failures=\"1\""));
+}
+
+#[test]
 fn what_cannot_be_flown_says_why() {
     for (arguments, code, part) in [
         (&["--geu", "/nowhere/geu"][..], 2, "--geu: expected the program geu, got /nowhere/geu"),

@@ -239,12 +239,17 @@ fn what_cannot_be_played_is_refused_with_one_message() {
         file("c.toml", "[[fault]]\nfault = \"reset\"\n"),
     );
     let reply = file("d.toml", "[[fault]]\nfault = \"reply-missing\"\n");
+    let rate = file("e.toml", "[[fault]]\nfault = \"drop\"\nwhen = \"abs(rate_y) > 700\"\n");
+    let command = file("f.toml", "[[expect]]\ncondition = \"command(PING)\"\nwithin_s = 2\n");
     for (arguments, expected) in [
         (&["/no/such.log"][..], "/no/such.log: no such file"),
         (&[&path, "/no/such.log"], "/no/such.log: no such file"),
         (&["/"], "is a directory"),
         (&[&empty], "is empty"),
         (&[&nonsense], "expected"),
+        (&[&path, "--faults", &rate], "\"fault-1\", when: rate_y is not told by a recording"),
+        (&[&path, "--faults", &command], "\"expect-1\", condition: command is not told by a recording"),
+        (&[&path, "--junit", "/no/such/verdicts.xml"], "--junit /no/such/verdicts.xml: expected a file in a directory"),
         (&[&path, "--faults", &parameter], "expected faults of links alone"),
         (&[&path, "--faults", &gyro], "expected faults of links alone"),
         (&[&path, "--faults", &unit], "expected faults of links alone"),

@@ -295,7 +295,7 @@ impl Known {
 
     fn faults(&self) -> Value {
         let now_s = self.desk.running().0 as f64 * 0.5;
-        self.desk.planned().iter().map(|planned| stands(planned, now_s)).collect()
+        self.desk.faults().planned.iter().map(|planned| stands(planned, now_s)).collect()
     }
 }
 
@@ -376,7 +376,7 @@ impl Bench for LiveBench {
             return match desk.start(id) {
                 Some(at_s) => Ok(json!({ "id": id, "state": "armed", "at_s": at_s })),
                 None => {
-                    let planned = desk.planned();
+                    let planned = desk.faults().planned;
                     let waiting = planned.iter().filter(|planned| planned.waits_for_hand());
                     let there = listed(waiting.map(|planned| planned.fault.id.as_str()));
                     Err(format!(
@@ -394,7 +394,7 @@ impl Bench for LiveBench {
         let text = document.to_string();
         // Read without the desk, which the thread that keeps time may want meanwhile.
         let fault = loop {
-            let there: Vec<Fault> = desk.planned().iter().map(|planned| Fault::clone(&planned.fault)).collect();
+            let there: Vec<Fault> = desk.faults().planned.iter().map(|planned| Fault::clone(&planned.fault)).collect();
             let fault = read_fault_text("fault", &text, &there).map_err(|error| error.message)?;
             let open: Vec<LinkKind> = self.known().links.iter().map(|(kind, _)| *kind).collect();
             if let Some(reason) = fault.misses(&open) {
@@ -416,7 +416,7 @@ impl Bench for LiveBench {
     fn clear(&self, id: &str) -> Result<Value, String> {
         let until_s = self.known().desk.clear(id);
         until_s.map(|until_s| json!({ "id": id, "until_s": until_s })).ok_or_else(|| {
-            let planned = self.known().desk.planned();
+            let planned = self.known().desk.faults().planned;
             let there =
                 listed(planned.iter().filter(|planned| !planned.is_over()).map(|planned| planned.fault.id.as_str()));
             format!("expected the identifier of a fault that is armed or active ({there}), got {id:?}")
@@ -424,7 +424,7 @@ impl Bench for LiveBench {
     }
 
     fn clear_all(&self) -> Value {
-        let planned = self.known().desk.planned();
+        let planned = self.known().desk.faults().planned;
         let ids = planned.iter().filter(|planned| !planned.is_over()).map(|planned| planned.fault.id.clone());
         let cleared: Vec<String> = ids.filter(|id| self.known().desk.clear(id).is_some()).collect();
         json!({ "cleared": cleared })

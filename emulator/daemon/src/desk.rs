@@ -9,8 +9,7 @@ use std::time::{Duration, Instant};
 
 use geu_model::configuration::RecordedCommand;
 use geu_model::fault::Fault;
-use geu_model::fault::acting::{Acting, Happening, Planned};
-use geu_model::fault::expectation::Watch;
+use geu_model::fault::acting::{Acting, Faults, Happening};
 use geu_model::{Configuration, Ended, Injected, Trace, Truth, Unit};
 use geu_protocol::{HalfSecond, Reply};
 use tokio::sync::Notify;
@@ -224,9 +223,9 @@ impl Desk {
         Some(inner.command(link, payload))
     }
 
-    /// How the expectations stand.
-    pub fn watches(&self) -> Vec<Watch> {
-        self.lock().unit.faults().watches.clone()
+    /// How faults and expectations stand.
+    pub fn faults(&self) -> Faults {
+        self.lock().unit.faults().clone()
     }
 
     /// Adds a fault from the next half second on; nothing where another has its identifier.
@@ -246,11 +245,6 @@ impl Desk {
         let at_s = inner.unit.start(id)?;
         inner.tell(Event::StartedByHand { id: id.to_owned(), at_s });
         Some(at_s)
-    }
-
-    /// The faults of the run, as they stand.
-    pub fn planned(&self) -> Vec<Planned> {
-        self.lock().unit.faults().planned.clone()
     }
 
     /// Takes a fault away from the next half second on; its end, on-board time, or nothing where there is none.

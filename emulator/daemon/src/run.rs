@@ -10,8 +10,7 @@ use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use geu_model::fault::acting::Acting;
-use geu_model::fault::expectation::Watch;
+use geu_model::fault::acting::{Acting, Faults};
 use geu_model::{Configuration, Truth};
 use geu_protocol::HalfSecond;
 use tokio::signal::unix::{SignalKind, signal};
@@ -103,8 +102,8 @@ pub struct Summary {
     pub truth: Option<TruthCounts>,
     /// Each link.
     pub links: Vec<Arc<Tally>>,
-    /// How the expectations of the plan stand.
-    pub watches: Vec<Watch>,
+    /// How the faults and expectations of the plan stand.
+    pub faults: Faults,
 }
 
 impl fmt::Display for Summary {
@@ -250,7 +249,7 @@ async fn keep(
         rejected: desk.rejected.load(Relaxed),
         truth: settings.live.as_ref().map(|live| live.counts()),
         links: tallies,
-        watches: desk.watches(),
+        faults: desk.faults(),
     })
 }
 

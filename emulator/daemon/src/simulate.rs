@@ -3,7 +3,7 @@
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::thread;
 
-use geu_model::fault::expectation::Watch;
+use geu_model::fault::acting::Faults;
 use geu_model::{Configuration, Truth, Unit};
 
 use crate::record::{Event, RecordError, Recorder};
@@ -13,8 +13,8 @@ const BATCH: u64 = 128;
 /// Batches that may wait to be written.
 const QUEUE: usize = 4;
 
-/// Runs `half_seconds` of the unit on `truth` into `recorder`, with the commands its configuration recorded; how the
-/// expectations of its plan stand then.
+/// Runs `half_seconds` of the unit on `truth` into `recorder`, with the commands its configuration recorded; how its
+/// faults and expectations stand then.
 ///
 /// The model runs on a thread of its own; this one writes what it tells, in its order. `progress` is told how many half
 /// seconds are written, now and then.
@@ -27,7 +27,7 @@ pub fn simulate(
     half_seconds: u64,
     recorder: &mut Recorder,
     mut progress: impl FnMut(u64),
-) -> Result<Vec<Watch>, RecordError> {
+) -> Result<Faults, RecordError> {
     thread::scope(|scope| {
         let (sender, batches) = sync_channel(QUEUE);
         let flight = scope.spawn(move || fly(configuration, truth, half_seconds, &sender));
@@ -45,7 +45,7 @@ pub fn simulate(
 }
 
 /// Flies the unit and tells all that happens, until the end or until nobody listens.
-fn fly(configuration: &Configuration, truth: &Truth, half_seconds: u64, sender: &SyncSender<Vec<Event>>) -> Vec<Watch> {
+fn fly(configuration: &Configuration, truth: &Truth, half_seconds: u64, sender: &SyncSender<Vec<Event>>) -> Faults {
     let mut unit = Unit::on(configuration, truth);
     let mut commands = configuration.run.commands.iter().peekable();
     let mut last_end_ns = 0;
@@ -74,5 +74,5 @@ fn fly(configuration: &Configuration, truth: &Truth, half_seconds: u64, sender: 
             break;
         }
     }
-    unit.faults().watches.clone()
+    unit.faults().clone()
 }

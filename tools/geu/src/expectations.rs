@@ -1,10 +1,12 @@
-//! What a plan expected of the on-board computer: said, written as JUnit XML, and the exit code.
+//! What became of a plan: faults that never came, and what it expected of the on-board computer: said, written as JUnit
+//! XML, and the exit code.
 
 use std::fmt::Write;
-use std::fs;
+use std::fs::{self, OpenOptions};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use geu_model::fault::acting::Faults;
 use geu_model::fault::expectation::{Verdict, Watch, Window};
 
 use crate::failure::{Failure, note};
@@ -18,11 +20,33 @@ pub struct Report {
 }
 
 impl Report {
-    /// Tells the verdicts.
+    /// Looks, before a run, whether its end can be written.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn check(&self) -> Result<(), Failure> {
+        let Some(path) = &self.junit else { return Ok(()) };
+        let above = path.parent().filter(|above| !above.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let (got, is_there) = (path.display(), path.exists());
+        let expected = match fs::metadata(above) {
+            _ if path.is_dir() => "a file, got a directory",
+            Ok(above) if !above.is_dir() => "a file in a directory; what stands above is none",
+            Err(_) => "a file in a directory that is there",
+            Ok(_) if is_there && OpenOptions::new().append(true).open(path).is_err() => "a file that may be written",
+            Ok(_) => return Ok(()),
+        };
+        Err(Failure::input(format!("--junit {got}: expected {expected}")))
+    }
+
+    /// Tells the faults that never started, and the verdicts.
     ///
     /// # Errors
     /// A file that cannot be written; an expectation that was not met, or whose window had not ended.
-    pub fn tell(&self, watches: &[Watch]) -> Result<(), Failure> {
+    pub fn tell(&self, faults: &Faults) -> Result<(), Failure> {
+        for planned in faults.planned.iter().filter(|planned| planned.started == 0) {
+            note(format_args!("fault        {}: never started ({})\n", planned.fault.id, planned.fault.trigger()));
+        }
+        let watches = &faults.watches;
         for watch in watches {
             note(format_args!("expectation  {}: {}\n", watch.expectation.id, verdict(watch)));
         }

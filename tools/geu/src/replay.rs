@@ -126,14 +126,14 @@ impl Arguments {
         let mut plan = Configuration::reference();
         plan.seed = self.seed.unwrap_or(plan.seed);
         for path in &self.faults {
-            let (name, before) = (path.display().to_string(), plan.faults.len());
+            let name = path.display().to_string();
             let text = geu_recording::read_text(path).map_err(|error| {
                 Failure::input(format!(
                     "{name}: cannot be read: {error}; expected a plan with [[fault]] and [[expect]], as in configs/faults.toml"
                 ))
             })?;
             plan.add_plan(&name, &text).map_err(Failure::input)?;
-            if let Some(why) = refused(&plan.faults[before..]) {
+            if let Some(why) = refused(&plan.faults, &plan.expectations) {
                 return Err(Failure::input(format!("--faults {name}: {why}")));
             }
         }
@@ -174,6 +174,7 @@ fn readable(name: &str) -> Result<(), Failure> {
 /// A recording that cannot be read, a plan that cannot act on one, a link that cannot be opened.
 pub fn run(arguments: Arguments) -> Result<(), Failure> {
     arguments.check()?;
+    arguments.expectations.check()?;
     let settings = replay::Settings {
         links: arguments.links.addresses(),
         speed: arguments.speed.unwrap_or(Speed::Times(1.0)),
@@ -208,7 +209,7 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
     })?;
     note(format_args!("{summary}{told}"));
     read.map_err(Failure::input)?;
-    arguments.expectations.tell(&summary.watches)
+    arguments.expectations.tell(&summary.faults)
 }
 
 /// Reads the recordings to their end, or over and over, until nobody wants more.

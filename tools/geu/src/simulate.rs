@@ -40,6 +40,7 @@ pub struct Arguments {
 /// A configuration that cannot be run, a truth that does not cover the run, a scenario without end and no duration, files that cannot be written,
 /// an expectation that was not met.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    arguments.expectations.check()?;
     let ready = arguments.run.read()?;
     if let Some(LiveTruth { address, .. }) = &ready.live {
         return Err(Failure::input(format!(
@@ -63,9 +64,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let wire = Wire::form(arguments.wire, configuration);
     let mut recorder = Recorder::create(out, configuration, &ready.truth, wire, &[]).map_err(Failure::input)?;
     let bar = indicatif::ProgressBar::new(count);
-    let watches = simulate(configuration, &ready.truth, count, &mut recorder, |done| bar.set_position(done))
+    let faults = simulate(configuration, &ready.truth, count, &mut recorder, |done| bar.set_position(done))
         .map_err(Failure::failed)?;
     bar.finish_and_clear();
     recorder.finish().map_err(Failure::failed)?;
-    arguments.expectations.tell(&watches)
+    arguments.expectations.tell(&faults)
 }

@@ -114,19 +114,19 @@ impl Emulator {
         })
     }
 
-    /// Ends a child, and waits for it.
+    /// Ends a child, and waits for it: whether it was content, as with what a plan expects.
     ///
     /// # Errors
-    /// A child that did not end well.
-    pub fn end(mut self) -> Result<(), String> {
-        let Some(child) = self.child.take() else { return Ok(()) };
+    /// A child that could not run, or did not end.
+    pub fn end(mut self) -> Result<bool, String> {
+        let Some(child) = self.child.take() else { return Ok(true) };
         let mut running = Running(Some(child));
-        let Some(child) = &mut running.0 else { return Ok(()) };
+        let Some(child) = &mut running.0 else { return Ok(true) };
         let _ = kill(Pid::from_raw(child.id() as i32), Signal::SIGTERM);
         let asked = Instant::now();
         while asked.elapsed() < END {
             match child.try_wait() {
-                Ok(Some(status)) if status.success() => return Ok(()),
+                Ok(Some(status)) if matches!(status.code(), Some(0 | 1)) => return Ok(status.success()),
                 Ok(Some(status)) => return Err(format!("geu ended with {status}; what it said stands above")),
                 _ => thread::sleep(Duration::from_millis(10)),
             }

@@ -2,7 +2,7 @@
 //!
 //! It starts `geu run`, reads the link as on-board software does ([`computer`]), moves a simulated spacecraft
 //! ([`spacecraft`]), and tells the emulator where that points (`--truth udp://…`). Exit 0: pointing was held, 1: it was not,
-//! 2: it could not be tried.
+//! or a plan expected something else, 2: it could not be tried.
 
 mod computer;
 mod emulator;
@@ -40,6 +40,9 @@ struct Arguments {
     /// Fault plan for geu run
     #[arg(long, value_name = "PLAN", conflicts_with = "link")]
     faults: Option<PathBuf>,
+    /// Where geu run writes what became of the plan's expectations, as JUnit XML
+    #[arg(long, value_name = "FILE", conflicts_with = "link")]
+    junit: Option<PathBuf>,
     /// Writes what geu run records
     #[arg(long, value_name = "DIRECTORY", conflicts_with = "link")]
     record: Option<PathBuf>,
@@ -91,6 +94,7 @@ impl Arguments {
         self.speed.iter().for_each(|speed| add("--speed", speed.clone()));
         self.overrides.iter().for_each(|path| add("--set", path.clone()));
         self.faults.iter().for_each(|plan| add("--faults", plan.display().to_string()));
+        self.junit.iter().for_each(|file| add("--junit", file.display().to_string()));
         self.record.iter().for_each(|directory| add("--record", directory.display().to_string()));
         // Should this program go without ending it.
         add("--duration", (self.seconds + 30).to_string());
@@ -132,7 +136,7 @@ fn flown(arguments: &Arguments) -> Result<bool, String> {
             return Err(emulator.end().err().map_or_else(|| message.clone(), |more| format!("{message}; {more}")));
         }
     };
-    emulator.end()?;
+    let is_content = emulator.end()?;
     let bound_arcsec = flight::bound_arcsec(&believed, arguments.seconds);
     let is_held = flown.worst_arcsec <= bound_arcsec;
     say(&format!(
@@ -141,5 +145,8 @@ fn flown(arguments: &Arguments) -> Result<bool, String> {
         flown.worst_arcsec,
         flown.worst_s
     ));
-    Ok(is_held)
+    if !is_content {
+        say("the emulator is not content: what it said stands above");
+    }
+    Ok(is_held && is_content)
 }

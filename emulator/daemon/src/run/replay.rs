@@ -18,8 +18,9 @@ use std::thread;
 use std::time::Instant;
 
 use geu_model::Configuration;
+use geu_model::fault::acting::Faults;
 use geu_model::fault::catalogue::{Law, LinkLaw};
-use geu_model::fault::expectation::Watch;
+use geu_model::fault::expectation::Expectation;
 use geu_model::fault::{Action, Fault};
 use geu_protocol::{CanPlan, HalfSecond};
 
@@ -90,12 +91,34 @@ pub struct Settings {
 /// Where steps come from: so many half seconds each. When nobody can send any more, the replay ends.
 pub type Steps = Receiver<u64>;
 
-/// The first fault of a plan that cannot act on a recording, in words.
-pub fn refused(faults: &[Fault]) -> Option<String> {
-    let can_act = |fault: &Fault| matches!(fault.law(), Law::Link(law) if !matches!(law, LinkLaw::ReplyLate { .. } | LinkLaw::ReplyMissing));
-    let fault = faults.iter().find(|fault| !can_act(fault))?;
+/// What a condition can ask about and a recording does not tell.
+const UNTOLD: [&str; 6] = ["rate_x", "rate_y", "rate_z", "theta_deg", "psi_deg", "command"];
+
+/// What of a plan cannot act on a recording, in words: a fault, or a condition that would never hold.
+pub fn refused(faults: &[Fault], expectations: &[Expectation]) -> Option<String> {
+    faults.iter().find_map(misplaced).or_else(|| {
+        let of_faults = faults.iter().flat_map(|fault| {
+            let conditions = [("when", &fault.when), ("end_when", &fault.end_when)];
+            conditions.map(|(key, condition)| (&fault.id, key, condition.as_ref()))
+        });
+        let expected = expectations.iter().map(|one| (&one.id, "condition", Some(&one.condition)));
+        of_faults.chain(expected).find_map(|(id, key, condition)| {
+            let untold = condition?.asks_about().into_iter().find(|name| UNTOLD.contains(name))?;
+            Some(format!(
+                "{id:?}, {key}: {untold} is not told by a recording; expected a condition without {}",
+                UNTOLD.join(", ")
+            ))
+        })
+    })
+}
+
+/// Why a fault cannot act on a recording.
+fn misplaced(fault: &Fault) -> Option<String> {
     let on = match (&fault.action, fault.law()) {
-        (_, Law::Link(_)) => "replies, and a recording gives none".to_owned(),
+        (_, Law::Link(LinkLaw::ReplyLate { .. } | LinkLaw::ReplyMissing)) => {
+            "replies, and a recording gives none".to_owned()
+        }
+        (_, Law::Link(_)) => return None,
         (Action::Parameter { .. }, _) => "a parameter of the model, which a recording has passed".to_owned(),
         (Action::Named { spec, .. }, _) => format!("the {}, whose counts are recorded already", spec.scope.name()),
     };
@@ -114,8 +137,8 @@ pub struct Summary {
     commands: u64,
     rejected: u64,
     links: Vec<Arc<Tally>>,
-    /// How the expectations of the plan stand.
-    pub watches: Vec<Watch>,
+    /// How the faults and expectations of the plan stand.
+    pub faults: Faults,
 }
 
 impl fmt::Display for Summary {
@@ -234,6 +257,6 @@ async fn keep(
         commands: desk.commands.load(Relaxed),
         rejected: desk.rejected.load(Relaxed),
         links: tallies,
-        watches: player.faults.watches.clone(),
+        faults: player.faults,
     })
 }

@@ -164,9 +164,21 @@ impl Expression {
 
     /// Identifiers of the faults that it asks about.
     pub fn faults(&self) -> Vec<&str> {
-        let mut found = Vec::new();
-        self.root.faults(&mut found);
-        found
+        let ids = self.root.all().into_iter().filter_map(|node| match node {
+            Node::Active(id) => Some(id.as_str()),
+            _ => None,
+        });
+        ids.collect()
+    }
+
+    /// Names of the variables that it asks about, and `command` where it asks about one.
+    pub fn asks_about(&self) -> Vec<&'static str> {
+        let names = self.root.all().into_iter().filter_map(|node| match node {
+            Node::Variable(index) => Some(VARIABLES[*index].0),
+            Node::Command(_) => Some("command"),
+            _ => None,
+        });
+        names.collect()
     }
 }
 
@@ -186,16 +198,18 @@ impl Node {
         }
     }
 
-    fn faults<'a>(&'a self, found: &mut Vec<&'a str>) {
+    /// Itself and everything within it, from left to right.
+    fn all(&self) -> Vec<&Node> {
+        let mut all = vec![self];
         match self {
-            Node::Active(id) => found.push(id),
-            Node::Negated(node) | Node::Not(node) | Node::Magnitude(node) => node.faults(found),
+            Node::Negated(node) | Node::Not(node) | Node::Magnitude(node) => all.extend(node.all()),
             Node::Operation(left, _, right) => {
-                left.faults(found);
-                right.faults(found);
+                all.extend(left.all());
+                all.extend(right.all());
             }
             _ => {}
         }
+        all
     }
 }
 
@@ -283,6 +297,10 @@ impl<'a> Reader<'a> {
                     Sort::Number => "numbers on both sides of the operator",
                     Sort::Condition => "conditions on both sides of the operator",
                 }));
+            }
+            if matches!(name, "/" | "%") && right == Node::Constant(0.0) {
+                self.place = place;
+                return Err(self.expected("a divisor other than 0"));
             }
             (left, sort) = (Node::Operation(Box::new(left), index, Box::new(right)), gives);
         }
@@ -448,6 +466,7 @@ mod tests {
             ("(rate_y > 1) + 1 > 0", "numbers on both sides"),
             ("not rate_y", "a condition behind `not`"),
             ("1e999 > 1", "a number at"),
+            ("frame % 0 == 0", "a divisor other than 0 at \" 0 == 0\""),
             ("active()", "a fault's identifier"),
             ("abs(1 > 2) == 1", "a number in the brackets"),
             ("ü > 1", "a number, or one of"),
@@ -463,5 +482,8 @@ mod tests {
     fn the_faults_that_it_asks_about_are_known() {
         let expression: Expression = "active(a) and not (active(b) or t_s > 1)".parse().expect("a condition");
         assert_eq!(expression.faults(), ["a", "b"]);
+        assert_eq!(expression.asks_about(), ["t_s"]);
+        let expression: Expression = "abs(rate_x - 3) > -psi_deg and command(PING)".parse().expect("a condition");
+        assert_eq!(expression.asks_about(), ["rate_x", "psi_deg", "command"]);
     }
 }
