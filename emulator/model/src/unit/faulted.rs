@@ -1,0 +1,148 @@
+//! Faults on the unit: how they come and go, and the unit beside it that has none of those that act.
+
+use std::sync::Arc;
+
+use geu_protocol::field::CLOCK_MODULUS;
+use geu_protocol::{Gyro, HalfSecond};
+
+use super::{Channel, Ended, Power, SPIN_UP_HALF_SECONDS, Unit};
+use crate::fault::Fault;
+use crate::fault::acting::{Acting, Faults, Happening};
+use crate::fault::catalogue::{HeadLaw, Law, UnitLaw};
+use crate::fault::expression::Moment;
+use crate::units::{HALF_SECOND_S, RAD_PER_DEG};
+
+/// What faults did to a half second.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Injected {
+    /// What the unit would have told had none of those come that act now.
+    pub clean: HalfSecond,
+    /// Whether that would have been sent cyclically.
+    pub is_clean_cyclic: bool,
+    /// Those that act.
+    pub acting: Arc<Vec<Acting>>,
+}
+
+impl Unit {
+    /// What faults did to the half second that ended last; nothing where none acted.
+    pub fn injected(&self) -> Option<&Arc<Injected>> {
+        self.injected.as_ref()
+    }
+
+    /// What happened to faults and expectations since the last call.
+    pub fn take_happened(&mut self) -> Vec<Happening> {
+        self.faults.take_happened()
+    }
+
+    /// The faults and expectations of the run.
+    pub fn faults(&self) -> &Faults {
+        &self.faults
+    }
+
+    /// Adds a fault from the next half second on; what was added, as a plan that is run again must have it.
+    pub fn inject(&mut self, mut fault: Fault) -> Fault {
+        fault.at_s = fault.at_s.max(self.next_start_s());
+        self.faults.add(fault.clone());
+        fault
+    }
+
+    /// Starts a fault that waits for a hand, with the next half second: on-board time; nothing where there is none.
+    pub fn start(&mut self, id: &str) -> Option<f64> {
+        let at_s = self.next_start_s();
+        self.faults.start(id, at_s).then_some(at_s)
+    }
+
+    /// Takes a fault away from the next half second on: its end, on-board time; nothing where there is none.
+    pub fn clear(&mut self, id: &str) -> Option<f64> {
+        let until_s = self.next_start_s();
+        self.faults.clear(id, until_s).then_some(until_s)
+    }
+
+    /// On-board time at which the next half second starts.
+    fn next_start_s(&self) -> f64 {
+        (self.ended + 1) as f64 * HALF_SECOND_S
+    }
+
+    /// What the faults that act made of the half second.
+    pub(super) fn compare(&mut self, ended: &Ended) -> Option<Arc<Injected>> {
+        let clean = self.clean.as_mut().map(|clean| clean.end_half_second());
+        if self.faults.acting().is_empty() {
+            return None;
+        }
+        let clean = clean.unwrap_or(*ended);
+        Some(Arc::new(Injected {
+            clean: clean.half_second,
+            is_clean_cyclic: clean.cyclic,
+            acting: self.faults.acting().clone(),
+        }))
+    }
+
+    /// Begins a half second: which faults act over it.
+    pub(super) fn begin_faults(&mut self) {
+        if self.faults.is_empty() {
+            return;
+        }
+        let mut now = self.moment();
+        for (law, gyro) in self.faults.begin(&mut now, self.last) {
+            self.recover(law, gyro);
+        }
+        if !self.faults.touch_unit() {
+            self.clean = None;
+        } else if self.clean.is_none() {
+            let mut clean = Unit { faults: Faults::default(), injected: None, ..self.clone() };
+            clean.begin();
+            self.clean = Some(Box::new(clean));
+        }
+        for (law, elapsed) in self.faults.on_unit() {
+            match law {
+                UnitLaw::BrownOut => self.channels.iter_mut().for_each(|channel| channel.power = Power::Off),
+                UnitLaw::ClockJump { cycles } if elapsed == 0 => {
+                    let modulus = CLOCK_MODULUS as i64;
+                    self.clock_count = (self.clock_count as i64 + cycles).rem_euclid(modulus) as u64;
+                }
+                _ => {}
+            }
+        }
+    }
+
+    /// After a fault is over.
+    fn recover(&mut self, law: Law, gyro: Option<Gyro>) {
+        let spin_up = |channel: &mut Channel| channel.power = Power::On(SPIN_UP_HALF_SECONDS);
+        match law {
+            Law::Head(HeadLaw::SpinDown { .. }) => {
+                let own = gyro.map(|gyro| &mut self.channels[gyro as usize]);
+                own.filter(|channel| matches!(channel.power, Power::On(_))).map(spin_up);
+            }
+            Law::Unit(law @ (UnitLaw::Reset | UnitLaw::BrownOut | UnitLaw::BootDelay)) => {
+                (self.sequence, self.clock_count, self.polled) = (u16::MAX, 0, false);
+                (self.self_test, self.last) = (None, None);
+                if law == UnitLaw::BrownOut {
+                    self.sensor.heater_on = true;
+                    self.channels.iter_mut().for_each(spin_up);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// What a condition can know at the start of the half second that begins.
+    fn moment(&self) -> Moment {
+        let (truth, last) = (self.motion.now(), self.last.unwrap_or_default());
+        let angle = |rad: f64| if self.motion.knows_sun() { rad / RAD_PER_DEG } else { f64::NAN };
+        Moment {
+            t_s: self.ended as f64 * HALF_SECOND_S,
+            frame: self.ended,
+            sequence: self.sequence.wrapping_add(1),
+            rate_arcsec_s: truth.rate_control_arcsec_s,
+            theta_deg: angle(truth.theta_rad),
+            psi_deg: angle(truth.psi_rad),
+            electronics_c: self.temperatures(self.start_fs as f64 * 1e-15).electronics_c,
+            sensor_c: self.sensor.temperature_c,
+            is_polled: self.polled,
+            increments: last.increments,
+            gyro_flags: last.gyro_flags,
+            commands: self.heard.clone(),
+            active: Vec::new(),
+        }
+    }
+}
