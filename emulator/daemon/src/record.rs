@@ -242,12 +242,14 @@ impl Recorder {
             }
             Event::StartedByHand { id, at_s } => {
                 let fault = self.configuration.faults.iter_mut().find(|fault| fault.id == *id);
-                fault.into_iter().for_each(|fault| (fault.by_hand, fault.at_s) = (false, *at_s));
+                fault.into_iter().for_each(|fault| {
+                    fault.start_at(*at_s);
+                });
                 Ok(())
             }
             Event::Cleared { id, until_s } => {
                 let fault = self.configuration.faults.iter_mut().find(|fault| fault.id == *id);
-                fault.into_iter().for_each(|fault| fault.until_s = fault.until_s.min(*until_s));
+                fault.into_iter().for_each(|fault| fault.end_at(*until_s));
                 self.faults.cleared(id, *until_s)
             }
         }

@@ -17,9 +17,9 @@ use crate::effect::{
     FAULT_COLUMN, HeadEffects, POWER_COLUMN, SATURATION_COLUMN, SELF_TEST_COLUMN, Tap, Temperatures, Timing,
     UnitEffects, WiringEffects, WiringStates,
 };
-use crate::fault::List;
 use crate::fault::acting::Faults;
 use crate::fault::catalogue::UnitLaw;
+use crate::fault::{Action, Fault, List};
 use crate::package::{Package, Standing, SubStep, Trace};
 use crate::temperature::{Sensor, interpolate};
 use crate::units::HALF_SECOND_S;
@@ -54,6 +54,9 @@ pub struct Ended {
     pub end_ns: i64,
 }
 
+/// What a truth of rates or quaternions alone does not tell.
+const OF_THE_SUN: [&str; 2] = ["theta_deg", "psi_deg"];
+
 /// What moves the unit.
 #[derive(Debug, Clone, Default)]
 pub enum Truth {
@@ -67,6 +70,11 @@ pub enum Truth {
 }
 
 impl Truth {
+    /// Variables of conditions that it does not tell.
+    pub fn untold(&self, configuration: &Configuration) -> &'static [&'static str] {
+        if self.motion(configuration, 0.0).knows_sun() { &[] } else { &OF_THE_SUN }
+    }
+
     /// The motion from `t_s` on, true time since the start of the first half second; a scenario is at rest before that,
     /// and begins there.
     pub fn motion(&self, configuration: &Configuration, t_s: f64) -> Motion {
@@ -205,30 +213,43 @@ impl Unit {
         if matches!(truth, Truth::Scenario) {
             return most;
         }
-        let mut unit = Unit::new(configuration);
+        let moves_time =
+            |fault: &Fault| matches!(fault.action, Action::Parameter { target, .. } if target.list == List::Unit);
+        // A fault that moves the unit's time comes when its conditions hold: only the run itself tells.
+        let is_flown = configuration.faults.iter().any(moves_time);
+        let mut unit = if is_flown { Unit::on(configuration, truth) } else { Unit::new(configuration) };
+        let mut commands = configuration.run.commands.iter().peekable();
         let covered = |unit: &Unit| match truth {
             Truth::Scenario => true,
             Truth::Recorded(rows) => {
                 let end_s = unit.end_fs as f64 * 1e-15;
                 let needed_s = (end_s / HALF_SECOND_S - GRAIN).ceil() * HALF_SECOND_S;
-                needed_s.max(end_s - unit.timing.shift_s) <= rows.end_s() + GRAIN
+                needed_s.max(unit.needs_truth_s()) <= rows.end_s() + GRAIN
             }
             Truth::Stepped(pieces) => unit.needs_truth_s() <= pieces.end_s() + GRAIN,
         };
         let mut count = 0;
         while count < most && covered(&unit) {
             count += 1;
-            unit.start_fs = unit.end_fs;
-            unit.schedule_end();
+            if is_flown {
+                while let Some(command) = commands.next_if(|command| command.half_second < count) {
+                    unit.command(&command.payload);
+                }
+                unit.end_half_second();
+            } else {
+                unit.start_fs = unit.end_fs;
+                unit.schedule_end();
+            }
         }
         count
     }
 
     /// How far the truth must be known to end the running half second: to its end, and beyond where an effect shifts the
-    /// motion forward.
+    /// motion forward, in the unit or in the one without faults.
     pub fn needs_truth_s(&self) -> f64 {
         let end_s = self.end_fs as f64 * 1e-15;
-        end_s.max(end_s - self.timing.shift_s)
+        let own_s = end_s.max(end_s - self.timing.shift_s);
+        self.clean.as_ref().map_or(own_s, |clean| clean.needs_truth_s().max(own_s))
     }
 
     /// How many half seconds have ended: the index of the one that runs.
@@ -402,7 +423,10 @@ impl Unit {
         let before = counts;
         let marks = self.faults.act_on_counts(&mut counts);
         half_second.gyro_flags &= !marks.invalid;
-        synchronous &= !marks.is_coasting;
+        let coasts = |(channel, gyro): (&Channel, Gyro)| {
+            matches!(channel.power, Power::On(_)) && marks.coasting & gyro.bit() != 0
+        };
+        synchronous &= !self.channels.iter().zip(Gyro::ALL).any(coasts);
         for (index, gyro) in Gyro::ALL.into_iter().enumerate() {
             let counts = &mut counts[index];
             if *counts != before[index] {
@@ -422,7 +446,8 @@ impl Unit {
         half_second.clock_count = self.clock_count;
         let at_end = self.temperatures(end_s);
         let heater_on = self.sensor.heater_on;
-        self.sensor.heater_on &= !self.faults.on_unit().any(|(law, _)| law == UnitLaw::HeaterLost);
+        self.sensor.heater_on &=
+            !self.faults.on_unit().any(|(law, _)| matches!(law, UnitLaw::HeaterLost | UnitLaw::BrownOut));
         self.sensor.advance(end_s - start_s, at_end.electronics_c);
         self.sensor.heater_on = heater_on;
         half_second.electronics_centi_c = centi(at_end.electronics_c);
@@ -461,6 +486,7 @@ impl Unit {
         self.begin_faults();
         self.heard.clear();
         self.schedule_end();
+        self.hold_clean();
     }
 
     /// Schedules the end of the half second that begins: 0.5/(1 + ε) s of true time after its start.

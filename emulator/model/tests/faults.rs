@@ -1,13 +1,16 @@
 //! Faults of a plan on the unit: what they do, when, and that the same plan gives the same bytes.
 
-use geu_model::configuration::fault::{fault_text, read_fault_text};
+use std::sync::Arc;
+
+use geu_model::attitude::{Basis, Knot, Stepped};
+use geu_model::configuration::fault::{fault_text, plan_text, read_fault_text};
 use geu_model::fault::acting::Happening;
 use geu_model::fault::catalogue::{CATALOGUE, Scope};
 use geu_model::fault::expectation::Verdict;
 use geu_model::fault::shape::KINDS;
 use geu_model::fault::{Target, expression};
 use geu_model::number::{Default, Form};
-use geu_model::{Configuration, Unit};
+use geu_model::{Configuration, Truth, Unit};
 use geu_protocol::{Gyro, HalfSecond};
 
 fn with_plan(plan: &str) -> Configuration {
@@ -87,8 +90,9 @@ fn every_parameter_and_every_course_can_be_injected_and_written_back() {
                 Form::Flag => 1.0,
                 _ => greatest,
             };
+            let release = if target.is_switch() { "" } else { "release_s = 1.5\n" };
             let plan = format!(
-                "[[fault]]\nid = \"a\"\n{gyro}parameter = \"{}\"\ncourse = {{ {} = {}{numbers} }}\nwhen = \"frame % 3 == 1\"\nend_when = \"active(a)\"\nrelease_s = 1.5\ntimes = 4\nuntil_s = 90.0\nprobability = 0.5\nseed = 9",
+                "[[fault]]\nid = \"a\"\n{gyro}{release}parameter = \"{}\"\ncourse = {{ {} = {}{numbers} }}\nwhen = \"frame % 3 == 1\"\nend_when = \"active(a)\"\ntimes = 4\nuntil_s = 90.0\nprobability = 0.5\nseed = 9",
                 target.name(),
                 kind.name,
                 target.number().written(size),
@@ -187,8 +191,7 @@ fn a_command_triggers_with_the_next_half_second() {
 
 #[test]
 fn a_parameter_returns_over_its_release() {
-    // A scale factor of 1 % off on a scan shows in every increment.
-    let plan = "[[fault]]\nat_s = 0.0\ngyro = \"GYRX\"\nparameter = \"sign-inversion.on\"\ncourse = { step = true }\nfor_s = 1.0\nrelease_s = 2.0";
+    let plan = "[[fault]]\nat_s = 0.0\ngyro = \"GYRX\"\nparameter = \"scale-factor.ppm\"\ncourse = { step = 10000.0 }\nfor_s = 1.0\nrelease_s = 2.0";
     let mut unit = Unit::new(&with_plan(plan));
     let shares: Vec<f64> = (0..8)
         .filter_map(|_| {
@@ -221,6 +224,89 @@ fn a_run_with_live_injections_is_the_run_of_the_plan_that_they_make() {
         plan += &format!("[[fault]]\n{}", fault_text(&planned.fault));
     }
     assert_eq!(run(&with_plan(&plan), 100), rows);
+}
+
+#[test]
+fn what_is_cleared_or_started_before_its_time_is_the_run_of_a_plan_too() {
+    let plan = "[[fault]]\nid = \"later\"\ngyro = \"GYRX\"\nfault = \"dead\"\nat_s = 10.0\n\
+                [[fault]]\nid = \"hand\"\ngyro = \"GYRY\"\nfault = \"dead\"\nat_s = 10.0\nby_hand = true\nfor_s = 1.0\n\
+                [[fault]]\nid = \"past\"\ngyro = \"GYRZA\"\nfault = \"dead\"\nuntil_s = 1.0\nby_hand = true";
+    let mut unit = Unit::new(&with_plan(plan));
+    let live = read_fault_text("live", "id = \"at-once\"\nfault = \"reset\"", &[]).expect("valid");
+    let mut rows = Vec::new();
+    for index in 0..60 {
+        if index == 4 {
+            assert_eq!(unit.inject(live.clone()).at_s, 2.5);
+            assert_eq!((unit.clear("at-once"), unit.clear("later")), (Some(2.5), Some(2.5)));
+            assert_eq!((unit.start("hand"), unit.start("past"), unit.start("later")), (Some(10.0), None, None));
+        }
+        rows.push(unit.end_half_second().half_second);
+    }
+    let faults: Vec<_> = unit.faults().planned.iter().map(|planned| (*planned.fault).clone()).collect();
+    assert_eq!(run(&with_plan(&plan_text(&faults, &[])), 60), rows);
+    let dead: Vec<usize> = (0..60).filter(|&index| rows[index].gyro_flags != 0x0F).collect();
+    assert_eq!(dead, [20, 21]);
+}
+
+#[test]
+fn what_names_a_gyro_or_is_on_or_off_is_set() {
+    let scan = "manoeuvre=[{ kind = \"y-scan\", to_theta_deg = 100.0 }]".to_owned();
+    let swapped = |gyros: &[&str], configured: &str| {
+        let overrides = [scan.clone(), configured.to_owned()];
+        let mut configuration = Configuration::reference_with(&overrides).expect("valid");
+        let fault = |with: &&str| format!("[[fault]]\ngyro = \"GYRX\"\nfault = \"axis-swap\"\nwith = \"{with}\"\n");
+        configuration.add_plan("plan", &gyros.iter().map(fault).collect::<String>()).expect("valid");
+        run(&configuration, 100)
+    };
+    let none = "gyro.GYRX.scale-factor.ppm=0";
+    assert_eq!(swapped(&["GYRY", "GYRZA"], none), swapped(&["GYRZA"], none), "the last counts");
+    assert_eq!(swapped(&["GYRZA"], "gyro.GYRX.axis-swap.with=\"GYRY\""), swapped(&["GYRZA"], none));
+    assert_ne!(swapped(&["GYRZA"], none), swapped(&["GYRZB"], none));
+    // Without a limit there is nothing to add to.
+    let walk =
+        "[[fault]]\ngyro = \"GYRX\"\nparameter = \"drift-random-walk.correlation_time_s\"\ncourse = { step = 5.0 }";
+    let moved = with_plan(walk);
+    assert_ne!(run(&moved, 20_000), run(&Configuration::reference(), 20_000));
+}
+
+#[test]
+fn a_unit_without_power_cools_and_a_gyro_that_is_off_does_not_coast() {
+    let mut unit = Unit::new(&with_plan("[[fault]]\nfault = \"brown-out\"\nfor_s = 600.0"));
+    let last = (0..1200).map(|_| unit.end_half_second().half_second).last().expect("some");
+    assert!(last.sensor_centi_c < 6_900, "{}", last.sensor_centi_c);
+    let mut unit = Unit::new(&with_plan("[[fault]]\nfault = \"spin-down\"\ngyro = \"GYRX\"\nat_s = 1.0"));
+    unit.command(&[6, 0b1110]);
+    let flags: Vec<u8> = (0..4).map(|_| unit.end_half_second().half_second.unit_flags & 2).collect();
+    assert_eq!(flags, [2; 4], "GYRX is not powered");
+}
+
+#[test]
+fn a_fault_of_the_clock_on_a_truth_from_outside_needs_what_it_is_told_and_no_more() {
+    let told = |end_s: f64| {
+        let pieces = Stepped::default();
+        for index in 0..=(end_s * 10.0).round() as u32 {
+            let t_s = f64::from(index) / 10.0;
+            let angle = 40.0 * t_s + 30.0 * (0.3 * t_s).sin();
+            pieces.append(Knot { t_s, angle_control_arcsec: [angle; 3], basis: Basis::Told });
+        }
+        Truth::Stepped(Arc::new(pieces))
+    };
+    for (plan, count) in [
+        ("at_s = 1.0\nparameter = \"clock-frequency.ppm\"\ncourse = { step = 1000.0 }", 240),
+        ("for_s = 1.0\nparameter = \"clock-frequency.ppm\"\ncourse = { step = -1000.0 }", 239),
+        ("at_s = 1.0\nfor_s = 3.0\nparameter = \"time-offset.seconds\"\ncourse = { step = -0.3 }", 240),
+    ] {
+        let configuration = with_plan(&format!("[[fault]]\n{plan}"));
+        let truth = told(120.0);
+        assert_eq!(Unit::half_seconds_within(&configuration, &truth, 240), count, "{plan}");
+        // Beside a truth that goes on, what the unit would have told is the same: none of it rests on what is not told.
+        let (mut unit, mut beside) = (Unit::on(&configuration, &truth), Unit::on(&configuration, &told(200.0)));
+        for index in 0..count {
+            assert!(unit.needs_truth_s() <= 120.0 + 1e-6, "{plan} {index}");
+            assert_eq!(unit.end_half_second(), beside.end_half_second());
+            assert_eq!(unit.injected(), beside.injected(), "{plan} {index}");
+        }
+    }
 }
 
 #[test]
@@ -279,7 +365,20 @@ fn what_is_wrong_in_a_plan_is_told_with_its_place_and_the_valid_names() {
             "[[fault]]\nfault = \"spike\"\ngyro = \"GYRX\"\ncounts = 5\nlaw = \"wild\"",
             "constant, alternating, uniform, normal",
         ),
-        ("[[fault]]\nfault = \"dead\"\ngyro = \"GYRX\"\nrelease_s = 2.0", "a fault of a parameter"),
+        ("[[fault]]\nfault = \"dead\"\ngyro = \"GYRX\"\nrelease_s = 2.0", "a fault of a parameter that is a quantity"),
+        (
+            "[[fault]]\nparameter = \"stuck-output.on\"\ngyro = \"GYRX\"\ncourse = { step = true }\nrelease_s = 2.0",
+            "a quantity",
+        ),
+        (
+            "[[fault]]\nparameter = \"scale-factor.ppm\"\ngyro = \"GYRX\"\ncourse = { sine = 0.0, period_s = 9.0 }",
+            "nothing changes",
+        ),
+        ("[[fault]]\nfault = \"axis-swap\"\ngyro = \"GYRX\"\nwith = \"GYRX\"", "its own gyro"),
+        ("[[fault]]\nfault = \"wrong-lsb\"\ngyro = \"GYRX\"\nfactor = 1.0", "another than 1"),
+        ("[[fault]]\nfault = \"delay\"\ndelay_s = 0.0", "0.001…60"),
+        ("[[fault]]\nfault = \"sequence-jump\"\nby = 0", "another than 0"),
+        ("[[fault]]\nfault = \"flip-flags\"", "at least one bit"),
         ("[[fault]]\nfault = \"dead\"\ngyro = \"GYRX\"\nlink = \"pty\"", "unknown key `link`"),
         ("[[fault]]\nfault = \"parity-error\"\nlink = \"pty\"", "a disturbance box"),
         ("[[fault]]\nfault = \"bus-off\"", "CAN disturbance generator"),

@@ -72,7 +72,8 @@ fn text(link: Option<LinkKind>) -> String {
                 4 => "any gyro".to_owned(),
                 _ => target.gyros().iter().map(|gyro| gyro.name()).collect::<Vec<_>>().join(", "),
             };
-            lines.push(format!("  {:<50} {whom}; adds {limits}", target.name()));
+            let verb = if target.is_switch() { "sets" } else { "adds" };
+            lines.push(format!("  {:<50} {whom}; {verb} {limits}", target.name()));
         }
         lines.push("\nCourses of a parameter:".to_owned());
         for kind in shape::KINDS {

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use clap::{Args, ValueEnum};
 use geu_daemon::truth::{Live, LiveAddress, received};
 use geu_model::configuration::{WireForm, unix_ns};
+use geu_model::fault::asks_in_vain;
 use geu_model::{Configuration, Truth, Unit};
 use geu_protocol::CanPlan;
 use geu_recording::{Reference, ReferenceError, read_text};
@@ -223,7 +224,11 @@ impl RunSettings {
             }
             Some(name) => (truth_of_file(&name)?, None),
         };
-        Ok(ReadyRun { configuration, truth, live })
+        let (faults, expectations) = (&configuration.faults, &configuration.expectations);
+        match asks_in_vain(faults, expectations, "the truth of this run", truth.untold(&configuration)) {
+            Some(why) => Err(Failure::input(why)),
+            None => Ok(ReadyRun { configuration, truth, live }),
+        }
     }
 }
 

@@ -21,7 +21,7 @@ use geu_model::Configuration;
 use geu_model::fault::acting::Faults;
 use geu_model::fault::catalogue::{Law, LinkLaw};
 use geu_model::fault::expectation::Expectation;
-use geu_model::fault::{Action, Fault};
+use geu_model::fault::{Action, Fault, asks_in_vain};
 use geu_protocol::{CanPlan, HalfSecond};
 
 use super::{LAST_WORDS, LOOK_AGAIN, Outgoing, RunError, STATUS, Timing};
@@ -96,20 +96,8 @@ const UNTOLD: [&str; 6] = ["rate_x", "rate_y", "rate_z", "theta_deg", "psi_deg",
 
 /// What of a plan cannot act on a recording, in words: a fault, or a condition that would never hold.
 pub fn refused(faults: &[Fault], expectations: &[Expectation]) -> Option<String> {
-    faults.iter().find_map(misplaced).or_else(|| {
-        let of_faults = faults.iter().flat_map(|fault| {
-            let conditions = [("when", &fault.when), ("end_when", &fault.end_when)];
-            conditions.map(|(key, condition)| (&fault.id, key, condition.as_ref()))
-        });
-        let expected = expectations.iter().map(|one| (&one.id, "condition", Some(&one.condition)));
-        of_faults.chain(expected).find_map(|(id, key, condition)| {
-            let untold = condition?.asks_about().into_iter().find(|name| UNTOLD.contains(name))?;
-            Some(format!(
-                "{id:?}, {key}: {untold} is not told by a recording; expected a condition without {}",
-                UNTOLD.join(", ")
-            ))
-        })
-    })
+    let misplaced = faults.iter().find_map(misplaced);
+    misplaced.or_else(|| asks_in_vain(faults, expectations, "a recording", &UNTOLD))
 }
 
 /// Why a fault cannot act on a recording.

@@ -36,7 +36,14 @@ const BY_HAND: Number =
     number("by_hand", Form::Flag, Default::Value(0.0), 0.0, 1.0, "waits to be started by somebody at the bench");
 const FOR: Number =
     number("for_s", Form::Real, Default::Absent, 0.5, LATEST_S, "how long it acts; without end where not named");
-const UNTIL: Number = number("until_s", Form::Real, Default::Absent, 0.0, LATEST_S, "never from this on-board time on");
+const UNTIL: Number = number(
+    "until_s",
+    Form::Real,
+    Default::Absent,
+    0.0,
+    LATEST_S,
+    "ends then at the latest, a parameter returns from then on; starts no more",
+);
 const RELEASE: Number =
     number("release_s", Form::Real, Default::Value(0.0), 0.0, 1e6, "a parameter returns over so long at the end");
 const TIMES: Number = number("times", Form::Whole, Default::Value(1.0), 1.0, 1e9, "how often it may start");
@@ -164,7 +171,7 @@ fn read_fault(node: &Node, others: &[Fault]) -> Read<Fault> {
         let gyro = if spec.scope == Scope::Gyro { read_gyro(node, &Gyro::ALL, spec.code)? } else { None };
         let link = if spec.scope == Scope::Link { read_link(node, spec)? } else { None };
         // One that no link can have is refused with its link.
-        if let Some((number, expected)) = spec.misfit(&values, link) {
+        if let Some((number, expected)) = spec.neutral(&values, gyro).or_else(|| spec.misfit(&values, link)) {
             return Err(node.unexpected(number, &expected));
         }
         (Action::Named { spec, values }, gyro, link)
@@ -181,8 +188,11 @@ fn read_fault(node: &Node, others: &[Fault]) -> Read<Fault> {
         return Err(node.unexpected(UNTIL.name, &format!("a time after at_s, which is {at_s},")));
     }
     let release_s = node.number(&RELEASE)?;
-    if release_s > 0.0 && matches!(&action, Action::Named { .. }) {
-        return Err(node.unexpected(RELEASE.name, "a fault of a parameter, which can return gradually,"));
+    let can_return = matches!(&action, Action::Parameter { target, .. } if !target.is_switch());
+    if release_s > 0.0 && !can_return {
+        return Err(
+            node.unexpected(RELEASE.name, "a fault of a parameter that is a quantity, which can return gradually,")
+        );
     }
     Ok(Fault {
         id: read_id(node, FAULT, others.iter().map(|fault| fault.id.as_str()))?,
@@ -259,6 +269,9 @@ fn read_course(node: &Node, target: &Target) -> Read<(f64, shape::Law)> {
     course.only(&[&[kind.name][..], &numbers].concat())?;
     let (least, greatest) = target.limits();
     let size = course.value(kind.name, target.number().form, least, greatest)?.expect("the key is there");
+    if size == 0.0 && !target.is_switch() {
+        return Err(course.unexpected(kind.name, "a number other than 0, with which nothing changes,"));
+    }
     let numbers = kind.numbers.iter().map(|number| course.number(number)).collect::<Read<Vec<f64>>>()?;
     Ok((size, kind.law(&numbers)))
 }

@@ -11,6 +11,7 @@ use super::{Draw, Fault, List, Target};
 use crate::configuration::Configuration;
 use crate::effect::Effects;
 use crate::number::Number;
+use crate::units::HALF_SECOND_S;
 
 /// A fault over one half second.
 #[derive(Debug, Clone, PartialEq)]
@@ -44,6 +45,11 @@ impl Acting {
             _ => None,
         }
     }
+}
+
+/// The middle of a half second, so many after the start, s.
+fn middle_s(elapsed: u64) -> f64 {
+    (elapsed as f64 + 0.5) * HALF_SECOND_S
 }
 
 /// What happened to a fault or an expectation.
@@ -123,8 +129,8 @@ pub struct Faults {
 pub struct Marks {
     /// Gyros that are not valid, as bits.
     pub invalid: u8,
-    /// Whether a spin motor coasts.
-    pub is_coasting: bool,
+    /// Gyros whose spin motor coasts.
+    pub coasting: u8,
 }
 
 impl Faults {
@@ -142,20 +148,23 @@ impl Faults {
         self.planned.push(Planned { fault: Arc::new(fault), law, started: 0, running: None, is_cleared: false });
     }
 
-    /// Starts one that waits for a hand, at this on-board time. False where there is none.
-    pub fn start(&mut self, id: &str, at_s: f64) -> bool {
-        let found = self.planned.iter_mut().find(|planned| planned.fault.id == id && planned.waits_for_hand());
-        let Some(planned) = found else { return false };
-        planned.fault = Arc::new(Fault { by_hand: false, at_s, ..Fault::clone(&planned.fault) });
-        true
+    /// Starts one that waits for a hand, at this on-board time or when its own has come: which. Nothing where there is none,
+    /// or its time has passed.
+    pub fn start(&mut self, id: &str, at_s: f64) -> Option<f64> {
+        let planned = self.planned.iter_mut().find(|planned| planned.fault.id == id && planned.waits_for_hand())?;
+        let mut fault = Fault::clone(&planned.fault);
+        let is_in_time = fault.start_at(at_s);
+        planned.fault = Arc::new(fault);
+        is_in_time.then_some(planned.fault.at_s)
     }
 
     /// Takes one away from the half second on that begins next. False where there is none, or it is over.
     pub fn clear(&mut self, id: &str, until_s: f64) -> bool {
         let found = self.planned.iter_mut().find(|planned| planned.fault.id == id && !planned.is_over());
         let Some(planned) = found else { return false };
-        let until_s = until_s.min(planned.fault.until_s);
-        planned.fault = Arc::new(Fault { until_s, ..Fault::clone(&planned.fault) });
+        let mut fault = Fault::clone(&planned.fault);
+        fault.end_at(until_s);
+        planned.fault = Arc::new(fault);
         planned.is_cleared = true;
         true
     }
@@ -220,13 +229,15 @@ impl Faults {
         self.offsets(list, gyro).next().is_some()
     }
 
-    /// Adds to the effects what the faults add over the running half second; limits stay what they are.
+    /// Adds to the effects what the faults add over the running half second; limits stay what they are. What is on or off,
+    /// or names a gyro, is set; the last fault counts. What was without limit is what the fault adds.
     pub fn moved<E: Effects>(&self, mut effects: E, list: List, gyro: Option<Gyro>) -> E {
         for (target, value) in self.offsets(list, gyro) {
             let numbers = effects.numbers_mut(target.effect);
             let Number { least, greatest, .. } = numbers.specs()[target.number];
             let number = numbers.value_mut(target.number);
-            *number = (*number + value).clamp(least, greatest);
+            let before = if target.is_switch() || !number.is_finite() { 0.0 } else { *number };
+            *number = (before + value).clamp(least, greatest);
         }
         effects
     }
@@ -235,8 +246,8 @@ impl Faults {
         let own = self.acting.iter().filter(move |acting| acting.fault.gyro == gyro);
         own.filter_map(move |acting| match acting.law {
             Law::Parameter { target, size, course } if target.list == list => {
-                let elapsed_s = acting.elapsed as f64 * 0.5 + 0.25;
-                Some((target, size * acting.share * course.factor(elapsed_s, &acting.draw())))
+                let (start, elapsed_s) = (acting.frame - acting.elapsed, middle_s(acting.elapsed));
+                Some((target, size * acting.share * course.factor(start, elapsed_s, &acting.draw())))
             }
             _ => None,
         })
@@ -294,9 +305,10 @@ impl Faults {
                     *count = if is_negative { f64::from(i16::MIN) - 1.0 } else { f64::from(i16::MAX) + 1.0 };
                 }
                 HeadLaw::SpinDown { coast_s } => {
-                    *count = (*count * libm::exp(-(acting.elapsed as f64) * 0.5 / coast_s)).round();
+                    let elapsed_s = acting.elapsed as f64 * HALF_SECOND_S;
+                    *count = (*count * libm::exp(-elapsed_s / coast_s)).round();
                     marks.invalid |= gyro.bit();
-                    marks.is_coasting = true;
+                    marks.coasting |= gyro.bit();
                 }
             }
         }
@@ -327,7 +339,7 @@ impl Planned {
             if is_due && running.releasing.is_none() {
                 running.releasing = Some(now.frame);
             }
-            let released = running.releasing.map(|since| (now.frame - since) as f64 * 0.5);
+            let released = running.releasing.map(|since| (now.frame - since) as f64 * HALF_SECOND_S);
             if released.is_none_or(|released_s| released_s < fault.release_s) {
                 return None;
             }
@@ -341,8 +353,7 @@ impl Planned {
 
     fn acting(&self, frame: u64, seed: u64) -> Option<Acting> {
         let running = self.running.as_ref()?;
-        let released =
-            running.releasing.map_or(0.0, |since| ((frame - since) as f64 * 0.5 + 0.25) / self.fault.release_s);
+        let released = running.releasing.map_or(0.0, |since| middle_s(frame - since) / self.fault.release_s);
         Some(Acting {
             fault: self.fault.clone(),
             law: self.law,

@@ -1,8 +1,10 @@
 //! The faults that have a name: of a gyro's head, of the whole unit, of a link. Those of a link are carried out by the
 //! daemon, on bytes; here stands what they are, on which links they can be, and what else could do what no link can.
 
+use geu_protocol::Gyro;
+
 use crate::fault::{Target, shape};
-use crate::number::{Default, Form, Number, number};
+use crate::number::{Default, Form, Number, named_gyro, number};
 
 /// A kind of link.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -201,8 +203,23 @@ impl Spec {
             Law::Link(LinkLaw::Split { byte, .. }) if may_be_can && byte > 2 => {
                 Some(("byte", at_most(2, "messages on CAN")))
             }
+            _ => None,
+        }
+    }
+
+    /// A number with which it would change nothing, and what was expected of it.
+    pub fn neutral(&self, numbers: &[f64], gyro: Option<Gyro>) -> Option<(&'static str, String)> {
+        let other = |value: &str, number| Some((number, format!("another than {value}, with which nothing changes,")));
+        match self.law(numbers) {
+            Law::Head(HeadLaw::Spike { counts: 0.0, .. }) => other("0", "counts"),
+            Law::Head(HeadLaw::WrongLsb { factor: 1.0 }) => other("1", "factor"),
+            Law::Unit(UnitLaw::ClockJump { cycles: 0 }) => other("0", "cycles"),
+            Law::Link(LinkLaw::SequenceJump { by: 0 }) => other("0", "by"),
             Law::Unit(UnitLaw::FlipFlags { gyro_flags: 0, unit_flags: 0 }) => {
                 Some(("gyro_flags", "a mask with at least one bit, here or in `unit_flags`,".to_owned()))
+            }
+            Law::Parameter { size, .. } if gyro.is_some() && named_gyro(size) == gyro && self.code == "axis-swap" => {
+                other("its own gyro", "with")
             }
             _ => None,
         }
@@ -216,6 +233,8 @@ impl Spec {
 
 const WHOLE: Form = Form::Whole;
 const REAL: Form = Form::Real;
+/// What is later by less cannot be seen.
+const LEAST_DELAY_S: f64 = 0.001;
 const ONE: Default = Default::Value(1.0);
 const REQUIRED: Default = Default::Required;
 
@@ -276,7 +295,7 @@ pub static CATALOGUE: &[Spec] = &[
     head("dead", "reads 0, not valid", &[], |_| Law::Head(HeadLaw::Dead)),
     head(
         "stuck-count",
-        "every increment is the same, flagged valid",
+        "every increment is the same, flagged as if it were right",
         &[number("counts", WHOLE, REQUIRED, -32768.0, 32767.0, "the increment")],
         |n| Law::Head(HeadLaw::StuckCount { counts: n[0] }),
     ),
@@ -306,7 +325,7 @@ pub static CATALOGUE: &[Spec] = &[
             |n| Law::Head(HeadLaw::Spike { counts: n[0], law: SpikeLaw::at(n[1]) }),
         )
     },
-    head("garbage", "any 16 bits, flagged valid", &[], |_| Law::Head(HeadLaw::Garbage)),
+    head("garbage", "any 16 bits, flagged as if they were right", &[], |_| Law::Head(HeadLaw::Garbage)),
     head(
         "saturated",
         "the largest increment, flagged saturated",
@@ -317,7 +336,7 @@ pub static CATALOGUE: &[Spec] = &[
         "noise-growth",
         "the angle random walk grows and stays",
         &[
-            number("arcsec_per_sqrt_s", REAL, REQUIRED, 0.0, 100.0, "what the walk grows by"),
+            number("arcsec_per_sqrt_s", REAL, REQUIRED, 1e-6, 100.0, "what the walk grows by"),
             number("over_s", REAL, REQUIRED, 0.5, 1e9, "how long it grows"),
         ],
         |n| moved("angle-random-walk.arcsec_per_sqrt_s", n[0], shape::Law::Ramp { over_s: n[1] }),
@@ -383,14 +402,14 @@ pub static CATALOGUE: &[Spec] = &[
     link(
         "delay",
         "half seconds are sent late",
-        &[number("delay_s", REAL, REQUIRED, 0.0, 60.0, "how late")],
+        &[number("delay_s", REAL, REQUIRED, LEAST_DELAY_S, 60.0, "how late")],
         &[],
         |n| Law::Link(LinkLaw::Delay { delay_s: n[0] }),
     ),
     link(
         "jitter",
         "half seconds are sent late, each by a delay drawn evenly",
-        &[number("jitter_s", REAL, REQUIRED, 0.0, 60.0, "the longest")],
+        &[number("jitter_s", REAL, REQUIRED, LEAST_DELAY_S, 60.0, "the longest")],
         &[],
         |n| Law::Link(LinkLaw::Jitter { jitter_s: n[0] }),
     ),
@@ -406,7 +425,7 @@ pub static CATALOGUE: &[Spec] = &[
         "a gap within the half second: behind this byte of a frame, on CAN behind this message",
         &[
             number("byte", WHOLE, ONE, 1.0, 27.0, "bytes, on CAN messages, before the gap"),
-            number("gap_s", REAL, Default::Value(0.05), 0.001, 10.0, "how long"),
+            number("gap_s", REAL, Default::Value(0.05), LEAST_DELAY_S, 10.0, "how long"),
         ],
         &[],
         |n| Law::Link(LinkLaw::Split { byte: n[0] as u64, gap_s: n[1] }),
@@ -480,7 +499,7 @@ pub static CATALOGUE: &[Spec] = &[
     link(
         "reply-late",
         "replies, and what was polled, are late",
-        &[number("delay_s", REAL, REQUIRED, 0.0, 60.0, "how late")],
+        &[number("delay_s", REAL, REQUIRED, LEAST_DELAY_S, 60.0, "how late")],
         &[],
         |n| Law::Link(LinkLaw::ReplyLate { delay_s: n[0] }),
     ),

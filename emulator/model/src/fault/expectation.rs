@@ -1,6 +1,7 @@
 //! What the on-board computer must do about a fault, and whether it did.
 
 use super::expression::{Expression, Moment};
+use crate::units::HALF_SECOND_S;
 
 /// How a condition must hold.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -69,7 +70,7 @@ impl Watch {
             Verdict::Open(since) => {
                 let holds = expectation.condition.holds(now);
                 let (Window::Within(length_s) | Window::Throughout(length_s)) = expectation.window;
-                let is_over = (now.frame - since) as f64 * 0.5 >= length_s;
+                let is_over = (now.frame - since) as f64 * HALF_SECOND_S >= length_s;
                 self.verdict = match expectation.window {
                     Window::Within(_) if holds => Verdict::Met(now.t_s),
                     Window::Within(_) if is_over => Verdict::NotMet(now.t_s),

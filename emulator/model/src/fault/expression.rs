@@ -130,19 +130,20 @@ impl fmt::Display for Expression {
     }
 }
 
-/// How tightly it binds, text, what stands on either side, what comes out, and its value.
+/// How tightly it binds, text, what stands on either side, what comes out, and its value. A condition is 1, 0, or NaN where
+/// it rests on something unknown.
 type Operator = (usize, &'static str, Sort, Sort, fn(f64, f64) -> f64);
 
 /// Operators by how tightly they bind, the loosest first.
 const OPERATORS: &[Operator] = &[
-    (0, "or", Sort::Condition, Sort::Condition, |a, b| truth(a != 0.0 || b != 0.0)),
-    (1, "and", Sort::Condition, Sort::Condition, |a, b| truth(a != 0.0 && b != 0.0)),
-    (2, "<=", Sort::Number, Sort::Condition, |a, b| truth(a <= b)),
-    (2, ">=", Sort::Number, Sort::Condition, |a, b| truth(a >= b)),
-    (2, "==", Sort::Number, Sort::Condition, |a, b| truth(a == b)),
-    (2, "!=", Sort::Number, Sort::Condition, |a, b| truth(a != b)),
-    (2, "<", Sort::Number, Sort::Condition, |a, b| truth(a < b)),
-    (2, ">", Sort::Number, Sort::Condition, |a, b| truth(a > b)),
+    (0, "or", Sort::Condition, Sort::Condition, either),
+    (1, "and", Sort::Condition, Sort::Condition, |a, b| not(either(not(a), not(b)))),
+    (2, "<=", Sort::Number, Sort::Condition, |a, b| compared(a, b, a <= b)),
+    (2, ">=", Sort::Number, Sort::Condition, |a, b| compared(a, b, a >= b)),
+    (2, "==", Sort::Number, Sort::Condition, |a, b| compared(a, b, a == b)),
+    (2, "!=", Sort::Number, Sort::Condition, |a, b| compared(a, b, a != b)),
+    (2, "<", Sort::Number, Sort::Condition, |a, b| compared(a, b, a < b)),
+    (2, ">", Sort::Number, Sort::Condition, |a, b| compared(a, b, a > b)),
     (3, "+", Sort::Number, Sort::Number, |a, b| a + b),
     (3, "-", Sort::Number, Sort::Number, |a, b| a - b),
     (4, "*", Sort::Number, Sort::Number, |a, b| a * b),
@@ -156,10 +157,23 @@ fn truth(value: bool) -> f64 {
     f64::from(u8::from(value))
 }
 
+fn compared(a: f64, b: f64, holds: bool) -> f64 {
+    if a.is_nan() || b.is_nan() { f64::NAN } else { truth(holds) }
+}
+
+fn not(condition: f64) -> f64 {
+    1.0 - condition
+}
+
+/// One that holds makes the other's unknown indifferent.
+fn either(a: f64, b: f64) -> f64 {
+    if a == 1.0 || b == 1.0 { 1.0 } else { a + b }
+}
+
 impl Expression {
-    /// Whether it holds. What is compared with something unknown does not.
+    /// Whether it holds for certain. What rests on something unknown does not, nor does its contrary.
     pub fn holds(&self, now: &Moment) -> bool {
-        self.root.value(now) != 0.0
+        self.root.value(now) == 1.0
     }
 
     /// Identifiers of the faults that it asks about.
@@ -188,7 +202,7 @@ impl Node {
             Node::Constant(value) => *value,
             Node::Variable(index) => VARIABLES[*index].2(now),
             Node::Negated(node) => -node.value(now),
-            Node::Not(node) => truth(node.value(now) == 0.0),
+            Node::Not(node) => not(node.value(now)),
             Node::Operation(left, index, right) => OPERATORS[*index].4(left.value(now), right.value(now)),
             Node::Magnitude(node) => node.value(now).abs(),
             Node::Count(gyro) => f64::from(now.increments[*gyro as usize]),
@@ -442,6 +456,12 @@ mod tests {
             ("command(SET_MODE) and not command(POLL)", true),
             ("active(pivot) and not active(\"a b\")", true),
             ("psi_deg < 1e+9", false),
+            ("not psi_deg < 1e+9", false),
+            ("psi_deg != 5", false),
+            ("psi_deg > 5 or frame == 25", true),
+            ("psi_deg > 5 or frame == 26", false),
+            ("not (psi_deg > 5 and frame == 26)", true),
+            ("psi_deg > 5 and frame == 25", false),
             ("2.5e-1 == rate_z", true),
             ("1 == 1 or 1 == 2 and 1 == 3", true),
         ] {

@@ -18,7 +18,9 @@ use crate::effect::{EffectSpec, Effects, HeadEffects, UnitEffects, WiringEffects
 use crate::noise::Stream;
 use crate::number::{Form, Number};
 use crate::package::Axes;
+use crate::units::HALF_SECOND_S;
 use catalogue::{Law, LinkKind, Scope, Spec};
+use expectation::Expectation;
 use expression::Expression;
 
 /// Stands for a limit that is none: what is added must be finite.
@@ -184,7 +186,27 @@ impl Fault {
             Action::Parameter { .. } => None,
         };
         // Half a half second or more counts as one.
-        self.for_s.or(own).map(|for_s| ((for_s * 2.0).round() as u64).max(1))
+        self.for_s.or(own).map(|for_s| ((for_s / HALF_SECOND_S).round() as u64).max(1))
+    }
+
+    /// A hand starts it at this on-board time, or when its own time has come. False where that never comes.
+    pub fn start_at(&mut self, at_s: f64) -> bool {
+        let at_s = self.at_s.max(at_s);
+        let is_in_time = at_s < self.until_s;
+        if is_in_time {
+            (self.by_hand, self.at_s) = (false, at_s);
+        }
+        is_in_time
+    }
+
+    /// Somebody takes it away at this on-board time. One that could not have started by then waits, for a hand that does
+    /// not come: a plan with it says the same.
+    pub fn end_at(&mut self, until_s: f64) {
+        if until_s > self.at_s {
+            self.until_s = self.until_s.min(until_s);
+        } else {
+            self.by_hand = true;
+        }
     }
 
     /// Why it could never be seen on these links; nothing where it can, or where it is on no link.
@@ -224,6 +246,26 @@ impl Fault {
         }
         parts.join(", ")
     }
+}
+
+/// The first condition that could never hold because it asks about something that `source` does not tell, in words.
+/// `untold` are names of variables and functions.
+pub fn asks_in_vain(
+    faults: &[Fault],
+    expectations: &[Expectation],
+    source: &str,
+    untold: &[&'static str],
+) -> Option<String> {
+    let of_faults = faults.iter().flat_map(|fault| {
+        let conditions = [("when", &fault.when), ("end_when", &fault.end_when)];
+        conditions.map(|(key, condition)| (&fault.id, key, condition.as_ref()))
+    });
+    let expected = expectations.iter().map(|one| (&one.id, "condition", Some(&one.condition)));
+    of_faults.chain(expected).find_map(|(id, key, condition)| {
+        let name = condition?.asks_about().into_iter().find(|name| untold.contains(name))?;
+        let untold = untold.join(", ");
+        Some(format!("{id}, {key}: {name} is not told by {source}; expected a condition without {untold}"))
+    })
 }
 
 /// Where the random numbers of one fault come from.

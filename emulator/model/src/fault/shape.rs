@@ -2,6 +2,7 @@
 
 use super::Draw;
 use crate::number::{Default, Form, Number, number};
+use crate::units::HALF_SECOND_S;
 
 /// The course of what is added.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -112,8 +113,8 @@ impl Kind {
 }
 
 impl Law {
-    /// What stands before the size `elapsed_s` after the start, at the middle of a half second.
-    pub fn factor(&self, elapsed_s: f64, draw: &Draw) -> f64 {
+    /// What stands before the size `elapsed_s` after the start with half second `start`, at the middle of a half second.
+    pub fn factor(&self, start: u64, elapsed_s: f64, draw: &Draw) -> f64 {
         match *self {
             Law::Step => 1.0,
             Law::Ramp { over_s } => (elapsed_s / over_s).min(1.0),
@@ -121,7 +122,11 @@ impl Law {
                 f64::from(u8::from(if period_s.is_finite() { elapsed_s % period_s } else { elapsed_s } < width_s))
             }
             Law::Sine { period_s, phase_rad } => libm::sin(std::f64::consts::TAU * elapsed_s / period_s + phase_rad),
-            Law::Random { every_s } => draw.at("course", (elapsed_s / every_s) as u64).standard_normal(),
+            Law::Random { every_s } => {
+                // Known by the half second with which it is drawn.
+                let drawn_s = (elapsed_s / every_s).floor() * every_s;
+                draw.at("course", start + (drawn_s / HALF_SECOND_S) as u64).standard_normal()
+            }
         }
     }
 }
@@ -133,15 +138,18 @@ mod tests {
     #[test]
     fn courses_go_as_they_are_named() {
         let draw = Draw::new(1, "test");
-        let factors = |law: Law| [0.25, 4.75, 5.25, 10.25, 12.25].map(|elapsed_s| law.factor(elapsed_s, &draw));
+        let factors = |law: Law| [0.25, 4.75, 5.25, 10.25, 12.25].map(|elapsed_s| law.factor(0, elapsed_s, &draw));
         assert_eq!(factors(Law::Step), [1.0; 5]);
         assert_eq!(factors(Law::Ramp { over_s: 10.0 }), [0.025, 0.475, 0.525, 1.0, 1.0]);
         assert_eq!(factors(Law::Pulse { width_s: 5.0, period_s: 10.0 }), [1.0, 1.0, 0.0, 1.0, 1.0]);
         assert_eq!(factors(Law::Pulse { width_s: 5.0, period_s: f64::INFINITY }), [1.0, 1.0, 0.0, 0.0, 0.0]);
-        assert_eq!(Law::Sine { period_s: 4.0, phase_rad: 0.0 }.factor(1.0, &draw), 1.0);
+        assert_eq!(Law::Sine { period_s: 4.0, phase_rad: 0.0 }.factor(0, 1.0, &draw), 1.0);
         let random = factors(Law::Random { every_s: 5.0 });
         assert_eq!(random[0], random[1]);
         assert_ne!(random[1], random[2]);
+        let later = |start: u64, elapsed_s: f64| Law::Random { every_s: 5.0 }.factor(start, elapsed_s, &draw);
+        assert_ne!(later(0, 0.25), later(7, 0.25), "another start, other values");
+        assert_eq!(later(0, 5.25), later(10, 0.25), "the same half second, the same value");
     }
 
     #[test]

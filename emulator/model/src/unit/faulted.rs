@@ -12,6 +12,10 @@ use crate::fault::catalogue::{HeadLaw, Law, UnitLaw};
 use crate::fault::expression::Moment;
 use crate::units::{HALF_SECOND_S, RAD_PER_DEG};
 
+/// The unit without faults ends a half second so much later in true time at most, fs. A truth from outside must be known
+/// until then, whatever a fault does to the clock: a sub-step is less than a half second that such a truth is told ahead.
+const CLEAN_BEHIND_FS: i128 = 100_000_000_000_000;
+
 /// What faults did to a half second.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Injected {
@@ -46,10 +50,10 @@ impl Unit {
         fault
     }
 
-    /// Starts a fault that waits for a hand, with the next half second: on-board time; nothing where there is none.
+    /// Starts a fault that waits for a hand, with the next half second or when its own time has come: on-board time. Nothing
+    /// where there is none, or its time has passed.
     pub fn start(&mut self, id: &str) -> Option<f64> {
-        let at_s = self.next_start_s();
-        self.faults.start(id, at_s).then_some(at_s)
+        self.faults.start(id, self.next_start_s())
     }
 
     /// Takes a fault away from the next half second on: its end, on-board time; nothing where there is none.
@@ -61,6 +65,13 @@ impl Unit {
     /// On-board time at which the next half second starts.
     fn next_start_s(&self) -> f64 {
         (self.ended + 1) as f64 * HALF_SECOND_S
+    }
+
+    /// Keeps the unit without faults from running away in true time: how far its clock may be behind this unit's.
+    pub(super) fn hold_clean(&mut self) {
+        if let Some(clean) = &mut self.clean {
+            clean.end_fs = clean.end_fs.min(self.end_fs + CLEAN_BEHIND_FS);
+        }
     }
 
     /// What the faults that act made of the half second.
