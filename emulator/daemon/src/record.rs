@@ -40,6 +40,7 @@ pub struct RecordError {
 }
 
 /// What happened in the unit, told in the order in which it happened on board.
+#[derive(Clone)]
 pub(crate) enum Event {
     /// A half second ended, and what faults did to it.
     HalfSecond(Ended, Box<[Trace; 4]>, Option<Arc<Injected>>),

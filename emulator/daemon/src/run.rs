@@ -197,7 +197,8 @@ async fn keep(
     let timing = Arc::new(Timing::default());
     let mut server = None;
     if let Some((door, bench)) = bench {
-        bench.know(desk, links.iter().map(|link| (link.carrier().clone(), link.tally())).collect(), &timing);
+        let carried: Vec<_> = links.iter().map(|link| (link.carrier().clone(), link.tally())).collect();
+        bench.know(desk, &carried, &timing);
         console::say(format_args!("bench page and control: http://{}/", door.address()));
         server = Some(door.serve(Arc::new(bench))?);
     }

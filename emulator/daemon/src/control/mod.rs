@@ -20,7 +20,7 @@ use serde_json::{Map, Value};
 use tokio::sync::broadcast;
 
 pub use server::{Door, DoorError, Server};
-pub use words::{commands, reply};
+pub use words::{commands, reply, told};
 
 /// Where the control interface listens unless told otherwise.
 pub const DEFAULT_ADDRESS: &str = "127.0.0.1:8470";
