@@ -109,6 +109,39 @@ fn what_is_refused_leaves_nothing_behind_and_is_told_with_the_valid_names() {
 }
 
 #[test]
+fn a_plan_comes_with_one_half_second_or_not_at_all() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let plan = directory.path().join("plan.toml");
+    let (_emulator, mut client, address) = start(&["--speed", "20"]);
+    assert!(client.read_until(|client| client.half_seconds.len() > 4));
+    out(&inject(&address, &["stuck-count", "GYRZA", "counts=1", "id=fault-1"]));
+    // What is named further down, identifiers that are not named, and one that is taken already.
+    let many: String = (0..200).map(|_| "[[fault]]\nfault = \"drop\"\nat_s = 1e6\n").collect();
+    let first = "[[fault]]\nfault = \"dead\"\ngyro = \"GYRX\"\nwhen = \"not active(last)\"\n";
+    let last = "[[fault]]\nid = \"last\"\nfault = \"dead\"\ngyro = \"GYRY\"\n";
+    fs::write(&plan, [first, &many, last].concat()).expect("written");
+    let said = out(&inject(&address, &["--plan", plan.to_str().expect("text")]));
+    assert_eq!(said.lines().count(), 202, "{said}");
+    let at = |line: Option<&str>| line.and_then(|line| line.split(" from ").nth(1)).map(str::to_owned).expect("a time");
+    assert_eq!(at(said.lines().next()), at(said.lines().last()), "{said}");
+    assert!(said.starts_with("fault-2 from "), "{said}");
+    let before = out(&inject(&address, &["--list"])).lines().count();
+    for (wrong, expected) in [
+        ("[[fault]]\nid = \"last\"\nfault = \"drop\"\n", "plan.toml:203:6"),
+        ("[[fault]]\nfault = \"drop\"\nlink = \"can\"\n", "a link that is open (tcp)"),
+        ("[[fault]]\nfault = \"drop\"\nuntil_s = 0.5\n", "a time to come"),
+        ("[[expect]]\nid = \"e\"\ncondition = \"t_s > 1\"\nwithin_s = 9.0\n", "expected faults alone"),
+    ] {
+        let many = many.replace("fault = \"drop\"\nat_s = 1e6\n", "fault = \"drop\"\n");
+        fs::write(&plan, [&many[..many.len() / 200 * 100], "#\n", wrong].concat()).expect("written");
+        let output = inject(&address, &["--plan", plan.to_str().expect("text")]);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.code() == Some(2) && said.contains(expected), "{expected}: {said}");
+        assert_eq!(out(&inject(&address, &["--list"])).lines().count(), before, "nothing of it is left");
+    }
+}
+
+#[test]
 fn a_fault_that_waits_for_a_hand_starts_with_it() {
     let directory = tempfile::tempdir().expect("a directory");
     let plan = directory.path().join("plan.toml");

@@ -14,8 +14,9 @@ use std::sync::mpsc::{Receiver, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
 use std::thread::{self, JoinHandle};
 
-use geu_model::configuration::fault::read_fault_text;
+use geu_model::configuration::fault::{read_fault_text, read_plan_text};
 use geu_model::fault::Fault;
+use geu_model::units::HALF_SECOND_S;
 use serde_json::{Map, Value, json};
 use tokio::sync::broadcast;
 
@@ -90,6 +91,40 @@ impl LiveBench {
     fn known(&self) -> &Known {
         self.0.known.get().expect("served only when all is known")
     }
+
+    /// Adds what `read` makes of the faults that are there: all with the same half second, or none.
+    fn add(&self, read: impl Fn(&[Fault]) -> Result<Vec<Fault>, String>) -> Result<Vec<Fault>, String> {
+        let (desk, open) = (&self.known().desk, self.known().open());
+        // Read without the desk, which the thread that keeps time may want meanwhile; again where an identifier was taken
+        // or a time passed until then.
+        loop {
+            let there: Vec<Fault> = desk.faults().planned.iter().map(|planned| Fault::clone(&planned.fault)).collect();
+            let faults = read(&there)?;
+            if let Some(reason) = faults.iter().find_map(|fault| fault.misses(&open)) {
+                return Err(reason);
+            }
+            let start_s = (desk.running().0 + 1) as f64 * HALF_SECOND_S;
+            if let Some(Fault { id, until_s, .. }) = faults.iter().find(|fault| fault.until_s <= start_s) {
+                return Err(format!("{id}: expected a time to come for `until_s`, after {start_s} s, got {until_s}"));
+            }
+            if let Some(added) = desk.inject(&faults) {
+                return Ok(added);
+            }
+        }
+    }
+
+    fn start_by_hand(&self, id: &str) -> Result<Value, String> {
+        let desk = &self.known().desk;
+        if let Some(at_s) = desk.start(id) {
+            return Ok(json!({ "id": id, "state": "armed", "at_s": at_s }));
+        }
+        let planned = desk.faults().planned;
+        let waiting = planned.iter().filter(|planned| planned.waits_for_hand());
+        let there = listed(waiting.map(|planned| planned.fault.id.as_str()));
+        Err(format!(
+            "expected the identifier of a fault with by_hand = true that still waits ({there}) for `start`, got {id:?}"
+        ))
+    }
 }
 
 impl Shared {
@@ -125,6 +160,11 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().expect("nothing panics with it")
 }
 
+/// A fault that was added, as whoever asked is told.
+fn added_as(fault: &Fault) -> Value {
+    json!({ "id": fault.id, "state": "armed", "at_s": fault.at_s, "keys": fault_log::keys(fault) })
+}
+
 /// Identifiers in a message.
 fn listed<'a>(ids: impl Iterator<Item = &'a str>) -> String {
     let ids: Vec<&str> = ids.collect();
@@ -156,40 +196,21 @@ impl Bench for LiveBench {
         self.known().faults()
     }
 
-    fn inject(&self, fault: &Map<String, Value>) -> Result<Value, String> {
-        let desk = &self.known().desk;
-        if let (Some(Value::String(id)), 1) = (fault.get("start"), fault.len()) {
-            return match desk.start(id) {
-                Some(at_s) => Ok(json!({ "id": id, "state": "armed", "at_s": at_s })),
-                None => {
-                    let planned = desk.faults().planned;
-                    let waiting = planned.iter().filter(|planned| planned.waits_for_hand());
-                    let there = listed(waiting.map(|planned| planned.fault.id.as_str()));
-                    Err(format!(
-                        "expected the identifier of a fault with by_hand = true that still waits ({there}) for `start`, got {id:?}"
-                    ))
-                }
-            };
+    fn inject(&self, injection: &Map<String, Value>) -> Result<Value, String> {
+        let text = |key: &str| injection.get(key).and_then(Value::as_str);
+        let has_only = |keys: &[&str]| injection.keys().all(|key| keys.contains(&key.as_str()));
+        if let Some(id) = text("start").filter(|_| has_only(&["start"])) {
+            self.start_by_hand(id)
+        } else if let Some(plan) = text("plan").filter(|_| has_only(&["plan", "name"])) {
+            let name = text("name").unwrap_or("plan");
+            let added = self.add(|there| read_plan_text(name, plan, there).map_err(|error| error.to_string()))?;
+            Ok(added.iter().map(added_as).collect())
+        } else {
+            let fault = toml::text(injection);
+            let read = |there: &[Fault]| read_fault_text("fault", &fault, there).map(|fault| vec![fault]);
+            let added = self.add(|there| read(there).map_err(|error| error.message))?;
+            Ok(added.iter().map(added_as).next().expect("one was read"))
         }
-        let text = toml::text(fault);
-        // Read without the desk, which the thread that keeps time may want meanwhile.
-        let fault = loop {
-            let there: Vec<Fault> = desk.faults().planned.iter().map(|planned| Fault::clone(&planned.fault)).collect();
-            let fault = read_fault_text("fault", &text, &there).map_err(|error| error.message)?;
-            if let Some(reason) = fault.misses(&self.known().open()) {
-                return Err(reason);
-            }
-            let now_s = desk.running().0 as f64 * 0.5;
-            if fault.until_s <= now_s + 0.5 {
-                let until_s = fault.until_s;
-                return Err(format!("expected a time to come for `until_s`, after {} s, got {until_s}", now_s + 0.5));
-            }
-            // Somebody else may have taken the identifier by now.
-            if let Some(fault) = desk.inject(fault) {
-                break fault;
-            }
-        };
-        Ok(json!({ "id": fault.id, "state": "armed", "at_s": fault.at_s, "keys": fault_log::keys(&fault) }))
     }
 
     fn clear(&self, id: &str) -> Result<Value, String> {

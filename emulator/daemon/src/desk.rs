@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 use geu_model::configuration::RecordedCommand;
 use geu_model::fault::Fault;
 use geu_model::fault::acting::{Acting, Faults, Happening};
+use geu_model::units::HALF_SECOND_S;
 use geu_model::{Configuration, Ended, Injected, Trace, Truth, Unit};
 use geu_protocol::{HalfSecond, Reply};
 use tokio::sync::Notify;
@@ -228,15 +229,19 @@ impl Desk {
         self.lock().unit.faults().clone()
     }
 
-    /// Adds a fault from the next half second on; nothing where another has its identifier.
-    pub fn inject(&self, fault: Fault) -> Option<Fault> {
+    /// Adds faults, all from the next half second on; none where another has the identifier of one, or where the time of
+    /// one has passed.
+    pub fn inject(&self, faults: &[Fault]) -> Option<Vec<Fault>> {
         let mut inner = self.lock();
-        if inner.unit.faults().planned.iter().any(|planned| planned.fault.id == fault.id) {
+        let start_s = (inner.unit.ended() + 1) as f64 * HALF_SECOND_S;
+        let there = &inner.unit.faults().planned;
+        let is_taken = |fault: &Fault| there.iter().any(|planned| planned.fault.id == fault.id);
+        if faults.iter().any(|fault| fault.until_s <= start_s || is_taken(fault)) {
             return None;
         }
-        let fault = inner.unit.inject(fault);
-        inner.tell(Event::Injected(fault.clone()));
-        Some(fault)
+        let added: Vec<Fault> = faults.iter().map(|fault| inner.unit.inject(fault.clone())).collect();
+        added.iter().for_each(|fault| inner.tell(Event::Injected(fault.clone())));
+        Some(added)
     }
 
     /// Starts a fault that waits for a hand, with the next half second: on-board time; nothing where there is none.

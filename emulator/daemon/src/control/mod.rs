@@ -42,11 +42,11 @@ pub trait Bench: Send + Sync + 'static {
     fn catalogue(&self) -> Value;
     /// Every fault that is known: armed, active, over.
     fn faults(&self) -> Value;
-    /// Takes a fault in, written as in a configuration's `[[fault]]`.
+    /// Takes a fault in, written as in a configuration's `[[fault]]`, or all of a `plan`, or starts one by hand.
     ///
     /// # Errors
-    /// What is wrong with it.
-    fn inject(&self, fault: &Map<String, Value>) -> Result<Value, String>;
+    /// What is wrong with it; nothing is taken in then.
+    fn inject(&self, injection: &Map<String, Value>) -> Result<Value, String>;
     /// Ends a fault now, or disarms it.
     ///
     /// # Errors

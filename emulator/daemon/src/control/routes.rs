@@ -27,8 +27,8 @@ use super::{Bench, openapi, page, words};
 
 /// Event streams at once; the other connections are for questions.
 pub(super) const STREAMS: usize = 16;
-/// Longest body, byte.
-pub(super) const BODY: usize = 64 * 1024;
+/// Longest body, byte: a plan of as many faults as there may be, with comments.
+pub(super) const BODY: usize = 1024 * 1024;
 /// A client has so long to send it.
 pub(super) const BODY_WITHIN: Duration = Duration::from_secs(5);
 /// A unit that has not answered a command by then (the link's replies take 20 ms) is not running.
@@ -78,9 +78,15 @@ pub(super) fn table<B: Bench>() -> Vec<Route<Arc<Room<B>>>> {
         get("/api/layout", "What stands where in the frames of a half second", Gives::Json(200, "Layout"), layout),
         get("/api/faults", "Every fault: armed, active, over", Gives::Json(200, "Faults"), faults::<B>),
         Route {
-            takes: Some("Fault"),
+            takes: Some("Injection"),
             refuses: &[400, 408, 413, 415],
-            ..route(Method::POST, "/api/faults", "Injects a fault", Gives::Json(201, "FaultState"), inject::<B>)
+            ..route(
+                Method::POST,
+                "/api/faults",
+                "Injects a fault, or all of a plan, or starts one",
+                Gives::Json(201, "Injected"),
+                inject::<B>,
+            )
         },
         route(Method::DELETE, "/api/faults", "Ends every fault", Gives::Json(200, "Cleared"), clear_all::<B>),
         Route {

@@ -255,7 +255,10 @@ fn a_body_has_a_greatest_length() {
     let promised = format!("{head}connection: close\r\ncontent-length: 99999999999\r\n\r\n");
     assert_eq!(served.raw(promised.as_bytes()).refused(), 413);
     let chunk = format!("1000\r\n{}\r\n", " ".repeat(4096));
-    let chunked = format!("{head}connection: close\r\ntransfer-encoding: chunked\r\n\r\n{}0\r\n\r\n", chunk.repeat(17));
+    let chunked = format!(
+        "{head}connection: close\r\ntransfer-encoding: chunked\r\n\r\n{}0\r\n\r\n",
+        chunk.repeat(routes::BODY / 4096 + 1)
+    );
     assert_eq!(served.raw(chunked.as_bytes()).refused(), 413);
     let start = Instant::now();
     let broken_off = format!("{head}connection: close\r\ncontent-length: 10\r\n\r\n{{");

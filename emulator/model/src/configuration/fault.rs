@@ -90,6 +90,21 @@ pub fn read_fault_text(name: &str, text: &str, others: &[Fault]) -> Read<Fault> 
     Ok(fault)
 }
 
+/// Reads the faults of a plan, a text with `[[fault]]` and nothing else, for a run that has `others`.
+///
+/// # Errors
+/// The first thing wrong, with its line; expectations, which a run has from its start.
+pub fn read_plan_text(name: &str, text: &str, others: &[Fault]) -> Read<Vec<Fault>> {
+    let source = Source::parse(name, text)?;
+    let root = source.root();
+    root.only(&[FAULT, EXPECT])?;
+    if let Some(node) = root.tables(EXPECT)?.first() {
+        let message = "expected faults alone: expectations stand in the plan of `geu run --faults`".to_owned();
+        return Err(node.error("id", message));
+    }
+    read_faults(&root, others)
+}
+
 /// Reads `[[fault]]`; `before` are those that are there already.
 pub(super) fn read_faults(root: &Node, before: &[Fault]) -> Read<Vec<Fault>> {
     let nodes = root.tables(FAULT)?;
