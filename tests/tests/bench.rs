@@ -109,6 +109,39 @@ fn what_is_refused_leaves_nothing_behind_and_is_told_with_the_valid_names() {
 }
 
 #[test]
+fn a_simulation_refuses_what_its_links_can_never_show() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let (plan, run) = (directory.path().join("plan.toml"), directory.path().join("run"));
+    let simulate = |arguments: &[&str]| {
+        let mut geu = geu();
+        geu.args(["simulate", "--duration", "5", "--out"]).arg(&run).args(arguments).output().expect("geu starts")
+    };
+    let faults = ["--faults", plan.to_str().expect("text")];
+    for (fault, wire, expected) in [
+        ("fault = \"extra-bytes\"", "can", Some("a link that is open (can) for extra-bytes")),
+        ("fault = \"extra-bytes\"", "serial", None),
+        ("fault = \"extra-bytes\"\nlink = \"pty\"", "can", None),
+        ("fault = \"baud-mismatch\"\nbaud = 9600.0", "can", Some("or record another --wire")),
+        ("fault = \"drop\"", "can", None),
+    ] {
+        fs::write(&plan, format!("[[fault]]\n{fault}\n")).expect("written");
+        let output = simulate(&[&faults[..], &["--wire", wire]].concat());
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(if expected.is_some() { 2 } else { 0 }), "{fault} {wire}: {said}");
+        assert!(expected.is_none_or(|expected| said.contains(expected)), "{fault} {wire}: {said}");
+        // Nothing was begun, or it can be made again.
+        assert_eq!(run.exists(), expected.is_none());
+        if expected.is_none() {
+            let again = directory.path().join("again");
+            out(&geu().arg("simulate").arg(run.join("run.toml")).arg("--out").arg(&again).output().expect("starts"));
+            let [first, second] = [&run, &again].map(|run| fs::read(run.join("faults.jsonl")).expect("faults"));
+            assert_eq!(first, second, "{fault} {wire}");
+            [run.clone(), again].iter().for_each(|made| fs::remove_dir_all(made).expect("removed"));
+        }
+    }
+}
+
+#[test]
 fn a_plan_comes_with_one_half_second_or_not_at_all() {
     let directory = tempfile::tempdir().expect("a directory");
     let plan = directory.path().join("plan.toml");

@@ -545,6 +545,17 @@ fn without_links(configuration: &Configuration) -> Vec<Carrier> {
     kinds.into_iter().map(carrier).collect()
 }
 
+/// Why a fault of a run without open links would be seen on none of the links that its recording tells; nothing where
+/// all are.
+pub fn misses(configuration: &Configuration, wire: WireForm) -> Option<String> {
+    let links = without_links(configuration);
+    let mut told: Vec<LinkKind> = links.iter().map(|carrier| carrier.kind).collect();
+    told.push(recorded(wire, &links).kind);
+    told.sort_unstable();
+    told.dedup();
+    configuration.faults.iter().find_map(|fault| fault.misses(&told))
+}
+
 /// The rate of a serial port among the links, where it is not the default.
 fn serial_baud(links: &[Carrier]) -> Option<u32> {
     links.iter().find_map(|carrier| match carrier.form {
