@@ -1,7 +1,8 @@
 //! A running unit watched and driven: injected into, monitored, its recording made again.
 
 use std::fs;
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Write};
+use std::net::TcpListener;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 use std::thread::sleep;
@@ -197,6 +198,44 @@ fn a_monitor_shows_half_seconds_and_what_happens_a_line_each() {
     let said = out(&monitor.wait_with_output().expect("its end"));
     assert!(said.lines().filter(|line| line.contains("seq ")).count() == 4, "{said}");
     assert!(said.contains("fault-start  fault-1 acts: stuck-count") && said.contains("GYRX    +99"), "{said}");
+}
+
+/// A control interface that tells one half second at a time, as to a client that falls behind, `times` in all.
+fn lets_go_after_each(times: usize) -> String {
+    let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
+    let address = listener.local_addr().expect("an address").to_string();
+    std::thread::spawn(move || {
+        let mut told = 0;
+        while told < times {
+            let (stream, _) = listener.accept().expect("a client");
+            let mut lines = BufReader::new(&stream).lines();
+            let asked = lines.next().expect("a request").expect("text");
+            lines.find(|line| line.as_ref().is_ok_and(String::is_empty)).expect("the end of the head").expect("text");
+            let is_events = asked.contains("/api/events");
+            told += usize::from(is_events);
+            let (kind, body) = match is_events {
+                true => ("text/event-stream", format!("event: half-second\ndata: {{\"sequence\": {told}}}\n\n")),
+                false => ("application/json", "{}".to_owned()),
+            };
+            let head = format!("HTTP/1.1 200 OK\r\ncontent-type: {kind}\r\nconnection: close\r\n\r\n");
+            (&stream).write_all((head + &body).as_bytes()).expect("sent");
+        }
+    });
+    address
+}
+
+#[test]
+fn a_monitor_that_fell_behind_comes_again_and_one_of_an_emulator_that_ended_says_so() {
+    let monitor = |address: &str, count: &str| {
+        geu().args(["monitor", "--control", address, "--count", count]).output().expect("geu starts")
+    };
+    let said = out(&monitor(&lets_go_after_each(3), "3"));
+    assert!((1..=3).all(|sequence| said.contains(&format!("seq     {sequence}"))), "{said}");
+    let ended = monitor(&lets_go_after_each(1), "2");
+    let said = String::from_utf8_lossy(&ended.stderr);
+    assert!(ended.status.code() == Some(1) && said.contains("the emulator has ended"), "{said}");
+    let none = monitor("127.0.0.1:1", "0");
+    assert_eq!(none.status.code(), Some(2), "{}", String::from_utf8_lossy(&none.stderr));
 }
 
 #[test]

@@ -8,6 +8,7 @@ use clap::Args;
 use geu_protocol::Gyro;
 use geu_protocol::field::UNIT_FLAGS;
 use serde_json::Value;
+use ureq::http::Method;
 
 use crate::control::Emulator;
 use crate::failure::{Failure, print};
@@ -26,7 +27,7 @@ pub struct Arguments {
     #[command(flatten)]
     emulator: Emulator,
     /// Ends after so many half seconds
-    #[arg(long, value_name = "COUNT")]
+    #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u64).range(1..))]
     count: Option<u64>,
     /// Lines, on a terminal too
     #[arg(long)]
@@ -43,38 +44,43 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let mut left = arguments.count.unwrap_or(u64::MAX);
     // Accumulated difference of counts and truth since the monitor began.
     let mut departures = [0.0; 4];
-    for told in arguments.emulator.follow()? {
-        if told.name == "timeline" {
-            let line = format!(
-                "{:>10.1} s  {:<12} {}",
-                told.data["t_s"].as_f64().unwrap_or_default(),
-                told.data["kind"].as_str().unwrap_or_default(),
-                told.data["text"].as_str().unwrap_or_default()
-            );
-            if stands_still {
-                happened.truncate(HAPPENINGS - 1);
-                happened.push_front(line);
-            } else {
-                print(format_args!("{line}\n"))?;
+    loop {
+        for told in arguments.emulator.follow()? {
+            if told.name == "timeline" {
+                let line = format!(
+                    "{:>10.1} s  {:<12} {}",
+                    told.data["t_s"].as_f64().unwrap_or_default(),
+                    told.data["kind"].as_str().unwrap_or_default(),
+                    told.data["text"].as_str().unwrap_or_default()
+                );
+                if stands_still {
+                    happened.truncate(HAPPENINGS - 1);
+                    happened.push_front(line);
+                } else {
+                    print(format_args!("{line}\n"))?;
+                }
+                continue;
             }
-            continue;
+            for (index, departure) in departures.iter_mut().enumerate() {
+                *departure += number(&told.data["increments"][index]) - number(&told.data["true_arcsec"][index]);
+            }
+            if stands_still {
+                let figures = figures(&told.data, &departures);
+                let happened: String = happened.iter().map(|line| format!("{line}\n")).collect();
+                print(format_args!("{HOME}{figures}\n{happened}"))?;
+            } else {
+                print(format_args!("{}\n", line(&told.data)))?;
+            }
+            left -= 1;
+            if left == 0 {
+                return Ok(());
+            }
         }
-        for (index, departure) in departures.iter_mut().enumerate() {
-            *departure += number(&told.data["increments"][index]) - number(&told.data["true_arcsec"][index]);
-        }
-        if stands_still {
-            let figures = figures(&told.data, &departures);
-            let happened: String = happened.iter().map(|line| format!("{line}\n")).collect();
-            print(format_args!("{HOME}{figures}\n{happened}"))?;
-        } else {
-            print(format_args!("{}\n", line(&told.data)))?;
-        }
-        left -= 1;
-        if left == 0 {
-            return Ok(());
+        // Whoever falls behind is let go, and comes again for the present.
+        if arguments.emulator.ask(Method::GET, "/api/status", None).is_err() {
+            return Err(Failure::failed("the emulator has ended"));
         }
     }
-    Err(Failure::failed("the emulator has ended"))
 }
 
 fn number(value: &Value) -> f64 {
