@@ -42,8 +42,6 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let stands_still = stdout().is_terminal() && !arguments.lines;
     let mut happened: VecDeque<String> = VecDeque::new();
     let mut left = arguments.count.unwrap_or(u64::MAX);
-    // Accumulated difference of counts and truth since the monitor began.
-    let mut departures = [0.0; 4];
     loop {
         for told in arguments.emulator.follow()? {
             if told.name == "timeline" {
@@ -61,11 +59,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
                 }
                 continue;
             }
-            for (index, departure) in departures.iter_mut().enumerate() {
-                *departure += number(&told.data["increments"][index]) - number(&told.data["true_arcsec"][index]);
-            }
             if stands_still {
-                let figures = figures(&told.data, &departures);
+                let figures = figures(&told.data);
                 let happened: String = happened.iter().map(|line| format!("{line}\n")).collect();
                 print(format_args!("{HOME}{figures}\n{happened}"))?;
             } else {
@@ -112,7 +107,7 @@ fn line(half_second: &Value) -> String {
 }
 
 /// A half second on a screen.
-fn figures(half_second: &Value, departures: &[f64; 4]) -> String {
+fn figures(half_second: &Value) -> String {
     let value = |key: &str| number(&half_second[key]);
     let mut text = String::new();
     let mode = if half_second["cyclic"] == false { "not sent by itself" } else { "cyclic" };
@@ -141,7 +136,7 @@ fn figures(half_second: &Value, departures: &[f64; 4]) -> String {
             "{:<6} {count:+7}  {truth:+12.3}  {:+11.3}  {:+12.3}   {valid}{saturated}",
             gyro.name(),
             count - truth,
-            departures[index]
+            number(&half_second["departure_arcsec"][index])
         );
     }
     let rates: Vec<f64> = (0..3).map(|axis| number(&half_second["rate_arcsec_s"][axis])).collect();

@@ -46,7 +46,7 @@ impl Known {
     }
 
     pub fn half_second(&self, told: &HalfSecond) -> Value {
-        let HalfSecond { ended, true_arcsec, now, knows_sun, injected } = told;
+        let HalfSecond { ended, true_arcsec, departure_arcsec, now, knows_sun, injected } = told;
         let half_second = &ended.half_second;
         let acting = injected.as_ref().map_or(&[][..], |injected| &injected.acting);
         let carried = |carrier: &Carrier| -> Vec<Content> {
@@ -64,6 +64,7 @@ impl Known {
             "t_s": (ended.end_ns as f64 * 1e-9 * 1e6).round() / 1e6,
             "half_second": self.desk.running().0,
             "true_arcsec": true_arcsec,
+            "departure_arcsec": departure_arcsec,
             "rate_arcsec_s": now.rate_control_arcsec_s,
             "theta_deg": angle(now.theta_rad),
             "psi_deg": angle(now.psi_rad),

@@ -27,6 +27,8 @@ pub(super) enum Told {
 pub(super) struct HalfSecond {
     pub ended: Ended,
     pub true_arcsec: [f64; 4],
+    /// Increments less true rotation, of every half second until the end of this one.
+    pub departure_arcsec: [f64; 4],
     pub now: Moment,
     pub knows_sun: bool,
     pub injected: Option<Arc<Injected>>,
@@ -37,13 +39,14 @@ pub(crate) struct Teller {
     sender: SyncSender<Told>,
     lost: Arc<AtomicU64>,
     half_seconds: u64,
+    departure_arcsec: [f64; 4],
     shown: Option<Instant>,
 }
 
 impl Teller {
     /// Tells `sender`, and counts what finds no room there.
     pub(super) fn new(sender: SyncSender<Told>, lost: Arc<AtomicU64>) -> Teller {
-        Teller { sender, lost, half_seconds: 0, shown: None }
+        Teller { sender, lost, half_seconds: 0, departure_arcsec: [0.0; 4], shown: None }
     }
 
     /// Tells what happened, and never waits.
@@ -51,6 +54,10 @@ impl Teller {
         let told = match event {
             Event::HalfSecond(ended, traces, injected) => {
                 self.half_seconds += 1;
+                let told = ended.half_second.increments.into_iter().zip(traces.iter());
+                for (departure, (increment, trace)) in self.departure_arcsec.iter_mut().zip(told) {
+                    *departure += f64::from(increment) - trace.true_arcsec;
+                }
                 if self.shown.is_some_and(|shown| shown.elapsed() < PACE) {
                     return;
                 }
@@ -58,6 +65,7 @@ impl Teller {
                 Told::HalfSecond(HalfSecond {
                     ended: *ended,
                     true_arcsec: traces.each_ref().map(|trace| trace.true_arcsec),
+                    departure_arcsec: self.departure_arcsec,
                     now: *motion.now(),
                     knows_sun: motion.knows_sun(),
                     injected: injected.clone(),

@@ -15,7 +15,7 @@ const colour = (name) => getComputedStyle(document.documentElement).getPropertyV
 export function charts(gyros) {
   const times = [];
   const columns = gyros.map(() => Object.fromEntries(VIEWS.map((view) => [view.name, []])));
-  const sums = gyros.map(() => 0);
+  const zeros = gyros.map(() => 0);
   const faults = new Map();
   let view = VIEWS[0],
     windowS = 60,
@@ -35,7 +35,7 @@ export function charts(gyros) {
     draw();
   });
   at("zero").addEventListener("click", () => {
-    sums.fill(0);
+    zeros.splice(0, zeros.length, ...(last?.departure_arcsec ?? zeros));
     columns.forEach((column) => {
       column.accumulated = column.accumulated.map(() => null);
     });
@@ -166,7 +166,7 @@ export function charts(gyros) {
     take(half) {
       if (last && half.half_second <= last.half_second) {
         times.length = 0;
-        sums.fill(0);
+        zeros.fill(0);
         faults.clear();
         columns.forEach((column) =>
           VIEWS.forEach(({ name }) => {
@@ -183,8 +183,9 @@ export function charts(gyros) {
         gyros.map((_, index) => {
           const counts = half.increments[index],
             truth = half.true_arcsec[index];
-          sums[index] += counts - truth;
-          return { counts, truth, difference: counts - truth, accumulated: sums[index] };
+          // Summed by the unit: a run faster than real does not tell every half second.
+          const accumulated = half.departure_arcsec[index] - zeros[index];
+          return { counts, truth, difference: counts - truth, accumulated };
         }),
       );
       const old = times.findIndex((t) => t >= half.t_s - KEEP_S);
