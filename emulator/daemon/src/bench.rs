@@ -4,6 +4,8 @@
 //! it (`state`) and sends it to whoever listens. What is driven goes through the desk, as the commands of links do.
 
 mod state;
+#[cfg(test)]
+mod tests;
 mod told;
 mod toml;
 
@@ -14,7 +16,7 @@ use std::sync::mpsc::{Receiver, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
 use std::thread::{self, JoinHandle};
 
-use geu_model::configuration::fault::{read_fault_text, read_plan_text};
+use geu_model::configuration::fault::{MOST, read_fault_text, read_plan_text};
 use geu_model::fault::Fault;
 use geu_model::units::HALF_SECOND_S;
 use serde_json::{Map, Value, json};
@@ -100,6 +102,12 @@ impl LiveBench {
         loop {
             let there: Vec<Fault> = desk.faults().planned.iter().map(|planned| Fault::clone(&planned.fault)).collect();
             let faults = read(&there)?;
+            let count = desk.faults_now().1.len() + faults.len();
+            if count > MOST {
+                return Err(format!(
+                    "expected at most {MOST} faults that are armed or active, got {count}; clear some, as `geu inject --clear ID` does"
+                ));
+            }
             if let Some(reason) = faults.iter().find_map(|fault| fault.misses(&open)) {
                 return Err(reason);
             }
@@ -107,7 +115,7 @@ impl LiveBench {
             if let Some(Fault { id, until_s, .. }) = faults.iter().find(|fault| fault.until_s <= start_s) {
                 return Err(format!("{id}: expected a time to come for `until_s`, after {start_s} s, got {until_s}"));
             }
-            if let Some(added) = desk.inject(&faults) {
+            if let Some(added) = desk.inject(there.len(), &faults) {
                 return Ok(added);
             }
         }
@@ -175,7 +183,7 @@ impl Bench for LiveBench {
     fn status(&self) -> Value {
         let mut status = lock(&self.0.last).clone();
         if !status.is_object() {
-            let (links, faults) = (self.known().links(), self.known().faults());
+            let (links, faults) = (self.known().links(), self.known().faults_now());
             status = json!({ "half_second": 0, "lateness": { "count": 0 }, "links": links, "faults": faults });
         }
         let truth = ["t_s", "true_arcsec", "rate_arcsec_s", "theta_deg", "psi_deg"];

@@ -1,6 +1,6 @@
 //! Faults of a plan on the unit: what they do, when, and that the same plan gives the same bytes.
 
-use geu_model::configuration::fault::{fault_text, read_fault_text};
+use geu_model::configuration::fault::{MOST_EVER, fault_text, read_fault_text};
 use geu_model::fault::acting::Happening;
 use geu_model::fault::catalogue::{CATALOGUE, Scope};
 use geu_model::fault::expectation::Verdict;
@@ -317,9 +317,9 @@ fn what_a_plan_refuses_is_refused_live() {
         let error = read_fault_text("fault", &asking("nobody"), &others).expect_err("there is none").to_string();
         assert!(error.contains("nobody") && error.contains("there, own"), "{error}");
     }
-    let many = vec![others[0].clone(); 1000];
+    let many = vec![others[0].clone(); MOST_EVER];
     let error = read_fault_text("fault", one, &many).expect_err("one too many").to_string();
-    assert!(error.contains("at most 1000"), "{error}");
+    assert!(error.contains("at most 10000 faults"), "{error}");
 }
 
 #[test]

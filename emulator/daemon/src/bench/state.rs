@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 use super::told::HalfSecond;
 use crate::carriage::{Carrier, Content, Form};
 use crate::control;
-use crate::desk::Desk;
+use crate::desk::{Desk, is_over};
 use crate::link::Tally;
 use crate::run::Timing;
 
@@ -80,7 +80,7 @@ impl Known {
             },
             "late": counts.late,
             "missed": counts.missed,
-            "faults": self.faults(),
+            "faults": self.faults_now(),
         });
         let mut shown = control::told(half_second);
         if let (Value::Object(shown), Value::Object(more)) = (&mut shown, more) {
@@ -100,9 +100,16 @@ impl Known {
         self.links.iter().map(link).collect()
     }
 
+    /// Every fault.
     pub fn faults(&self) -> Value {
         let now_s = self.desk.running().0 as f64 * 0.5;
         self.desk.faults().planned.iter().map(|planned| stands(planned, now_s)).collect()
+    }
+
+    /// Those that act, or still may.
+    pub fn faults_now(&self) -> Value {
+        let (now_s, planned) = self.desk.faults_now();
+        planned.iter().map(|planned| stands(planned, now_s)).collect()
     }
 }
 
@@ -116,7 +123,7 @@ fn stands(planned: &Planned, now_s: f64) -> Value {
     let (fault, on_board_s) = (&planned.fault, |frame: u64| frame as f64 * 0.5);
     let state = match planned.since() {
         Some(_) => "active",
-        None if planned.is_over() || fault.until_s <= now_s => "over",
+        None if is_over(planned, now_s) => "over",
         None => "armed",
     };
     json!({

@@ -1,5 +1,6 @@
 //! `[[fault]]` and `[[expect]]`: in a configuration, in a plan of their own, in what is injected live.
 
+use std::collections::HashSet;
 use std::fmt::Write;
 
 use geu_protocol::Gyro;
@@ -12,8 +13,11 @@ use crate::fault::expression::Expression;
 use crate::fault::{Action, Fault, Target, shape};
 use crate::number::{Default, Form, Number, number};
 
-/// Most faults and most expectations of a plan.
-const MOST: usize = 1000;
+/// Most faults and most expectations of a plan, and most faults of a run that are not over.
+pub const MOST: usize = 1000;
+/// Most faults of a run, with those that came live and are over: all stand in its `run.toml`, and are looked at in every
+/// half second.
+pub const MOST_EVER: usize = 10_000;
 /// Longest identifier.
 const MOST_ID: usize = 64;
 const LATEST_S: f64 = 1e10;
@@ -68,8 +72,10 @@ impl Configuration {
         let root = source.root();
         root.only(&[FAULT, EXPECT])?;
         let faults = read_faults(&root, &self.faults)?;
-        self.expectations.extend(read_expectations(&root, &self.expectations, &[&self.faults[..], &faults].concat())?);
-        self.faults.extend(faults);
+        let all = [&self.faults[..], &faults].concat();
+        few_planned(&root, &all, &self.run.injected)?;
+        self.expectations.extend(read_expectations(&root, &self.expectations, &all)?);
+        self.faults = all;
         Ok(())
     }
 }
@@ -83,9 +89,7 @@ pub fn read_fault_text(name: &str, text: &str, others: &[Fault]) -> Read<Fault> 
     let root = source.root();
     let fault = read_fault(&root, others)?;
     // What a plan refuses is refused here too: a recording of the run is read as a plan.
-    if others.len() >= MOST {
-        return Err(root.error(FAULT, format!("expected at most {MOST} faults in a run, which it has already")));
-    }
+    few_enough(&root, others.len() + 1)?;
     known_in(&root, &fault, others.iter().chain([&fault]))?;
     Ok(fault)
 }
@@ -113,14 +117,29 @@ pub(super) fn read_faults(root: &Node, before: &[Fault]) -> Read<Vec<Fault>> {
         let fault = read_fault(node, &all)?;
         all.push(fault);
     }
-    if all.len() > MOST {
-        return Err(root.error(FAULT, format!("expected at most {MOST} faults, got {}", all.len())));
-    }
+    few_enough(root, all.len())?;
     let faults = all.split_off(before.len());
     for (node, fault) in nodes.iter().zip(&faults) {
         known_in(node, fault, before.iter().chain(&faults))?;
     }
     Ok(faults)
+}
+
+/// Refuses more faults than a run may have.
+fn few_enough(root: &Node, count: usize) -> Read<()> {
+    if count <= MOST_EVER {
+        return Ok(());
+    }
+    let message = format!("expected at most {MOST_EVER} faults in a run, over or not, got {count}; begin another run");
+    Err(root.error(FAULT, message))
+}
+
+/// Refuses more faults of a plan than may wait at once; those that came live into a recorded run came one after another.
+pub(super) fn few_planned(root: &Node, faults: &[Fault], injected: &[String]) -> Read<()> {
+    match faults.len().saturating_sub(injected.len()) {
+        ..=MOST => Ok(()),
+        count => Err(root.error(FAULT, format!("expected at most {MOST} faults, got {count}"))),
+    }
 }
 
 /// Refuses conditions of a fault that ask about one that is not there.
@@ -281,7 +300,8 @@ fn read_course(node: &Node, target: &Target) -> Read<(f64, shape::Law)> {
 fn read_id<'a>(node: &Node, prefix: &str, others: impl Iterator<Item = &'a str> + Clone) -> Read<String> {
     let is_taken = |id: &str| others.clone().any(|other| other == id);
     if !node.keys().contains(&"id") {
-        let free = (1..).map(|number| format!("{prefix}-{number}")).find(|id| !is_taken(id));
+        let taken: HashSet<&str> = others.collect();
+        let free = (1..).map(|number| format!("{prefix}-{number}")).find(|id| !taken.contains(id.as_str()));
         return Ok(free.expect("there are more numbers than faults"));
     }
     let id = node.text("id")?;

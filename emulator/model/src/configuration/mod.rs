@@ -272,7 +272,8 @@ impl Configuration {
             }
         }
         let start_unix_s = root.number(&START)?;
-        let faults = fault::read_faults(root, &[])?;
+        let (faults, run) = (fault::read_faults(root, &[])?, read_run(root)?);
+        fault::few_planned(root, &faults, &run.injected)?;
         Ok(Configuration {
             seed: root.whole_number("seed")?.unwrap_or(1),
             start_unix_ns: unix_ns(start_unix_s),
@@ -283,7 +284,7 @@ impl Configuration {
             scenario: read_scenario(root)?,
             expectations: fault::read_expectations(root, &[], &faults)?,
             faults,
-            run: read_run(root)?,
+            run,
         })
     }
 }
