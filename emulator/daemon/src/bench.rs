@@ -47,10 +47,25 @@ pub(crate) struct LiveBench(Arc<Shared>);
 /// What the threads of the bench share.
 struct Shared {
     events: broadcast::Sender<Shown>,
-    timeline: Mutex<VecDeque<Arc<str>>>,
+    timeline: Mutex<Timeline>,
     last: Mutex<Value>,
     lost: Arc<AtomicU64>,
     known: OnceLock<Known>,
+}
+
+/// The latest lines of the timeline, and which of them are of commands.
+#[derive(Default)]
+struct Timeline(VecDeque<(bool, Arc<str>)>);
+
+impl Timeline {
+    /// Where it is full, the oldest command makes room: what faults did stays longer.
+    fn push(&mut self, is_command: bool, line: Arc<str>) {
+        if self.0.len() == TIMELINE {
+            let oldest = self.0.iter().position(|(is_command, _)| *is_command).unwrap_or(0);
+            self.0.remove(oldest);
+        }
+        self.0.push_back((is_command, line));
+    }
 }
 
 /// The thread that shows.
@@ -145,18 +160,16 @@ impl Shared {
                     *lock(&self.last) = shown.clone();
                     ("half-second", shown)
                 }
+                Told::Commands(frame, count) => ("timeline", told::more_commands(frame, count)),
                 Told::Event(frame, event) => {
                     let Some(line) = told::line(frame, &event) else { continue };
                     ("timeline", line)
                 }
             };
+            let is_command = data["kind"] == told::COMMAND;
             let data: Arc<str> = data.to_string().into();
             if name == "timeline" {
-                let mut timeline = lock(&self.timeline);
-                if timeline.len() == TIMELINE {
-                    timeline.pop_front();
-                }
-                timeline.push_back(data.clone());
+                lock(&self.timeline).push(is_command, data.clone());
             }
             // Without anybody who listens.
             let _ = self.events.send(Shown { name, data });
@@ -250,7 +263,7 @@ impl Bench for LiveBench {
     }
 
     fn timeline(&self) -> Vec<Arc<str>> {
-        lock(&self.0.timeline).iter().cloned().collect()
+        lock(&self.0.timeline).0.iter().map(|(_, line)| line.clone()).collect()
     }
 
     fn subscribe(&self) -> broadcast::Receiver<Shown> {

@@ -104,3 +104,29 @@ fn what_is_accumulated_holds_half_seconds_that_were_not_shown() {
     assert_eq!(shown["departure_arcsec"], json!(departure));
     room.desk.close();
 }
+
+#[tokio::test]
+async fn commands_push_nothing_out_of_the_timeline() {
+    let room = room();
+    room.inject(json!({ "id": "first", "fault": "dead", "gyro": "GYRX", "for_s": 1.0 })).expect("a fault");
+    room.shown(|status| status["faults"].as_array().is_some_and(Vec::is_empty));
+    for _ in 0..2 {
+        for _ in 0..1000 {
+            room.bench.command(vec![1]).await;
+        }
+        room.run(1);
+    }
+    let start = Instant::now();
+    let told = |text: &str| room.bench.timeline().iter().filter(|line| line.contains(text)).count();
+    while told("996 more commands") < 2 {
+        assert!(start.elapsed() < Duration::from_secs(10), "{:?}", room.bench.timeline());
+        thread::sleep(Duration::from_millis(10));
+    }
+    assert_eq!(told("PING (01) over control"), 8);
+    let mut timeline = Timeline::default();
+    timeline.push(false, "fault".into());
+    (0..2 * TIMELINE).for_each(|_| timeline.push(true, "command".into()));
+    assert_eq!((timeline.0.len(), &*timeline.0[0].1), (TIMELINE, "fault"));
+    assert_eq!(room.bench.status()["lost"], 0);
+    room.desk.close();
+}

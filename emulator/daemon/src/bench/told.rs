@@ -16,11 +16,18 @@ use crate::record::Event;
 /// A run faster than real shows a half second so often at most.
 const PACE: Duration = Duration::from_millis(50);
 
+/// Kind of line of a command.
+pub(super) const COMMAND: &str = "command";
+/// Commands of one half second that are shown one by one; more are counted.
+const FEW: u64 = 4;
+
 /// Something to be shown.
 pub(super) enum Told {
     HalfSecond(HalfSecond),
     /// An event of the half second that runs.
     Event(u64, Event),
+    /// How many more commands came in that half second.
+    Commands(u64, u64),
 }
 
 /// A half second that ended, with the truth behind it.
@@ -40,19 +47,24 @@ pub(crate) struct Teller {
     lost: Arc<AtomicU64>,
     half_seconds: u64,
     departure_arcsec: [f64; 4],
+    /// Since the last half second.
+    commands: u64,
     shown: Option<Instant>,
 }
 
 impl Teller {
     /// Tells `sender`, and counts what finds no room there.
     pub(super) fn new(sender: SyncSender<Told>, lost: Arc<AtomicU64>) -> Teller {
-        Teller { sender, lost, half_seconds: 0, departure_arcsec: [0.0; 4], shown: None }
+        Teller { sender, lost, half_seconds: 0, departure_arcsec: [0.0; 4], commands: 0, shown: None }
     }
 
     /// Tells what happened, and never waits.
     pub fn tell(&mut self, event: &Event, motion: &Motion) {
         let told = match event {
             Event::HalfSecond(ended, traces, injected) => {
+                if let Some(more @ 1..) = std::mem::take(&mut self.commands).checked_sub(FEW) {
+                    self.send(Told::Commands(self.half_seconds, more));
+                }
                 self.half_seconds += 1;
                 let told = ended.half_second.increments.into_iter().zip(traces.iter());
                 for (departure, (increment, trace)) in self.departure_arcsec.iter_mut().zip(told) {
@@ -72,12 +84,28 @@ impl Teller {
                 })
             }
             Event::Polled { .. } => return,
-            event => Told::Event(self.half_seconds, event.clone()),
+            Event::Command { .. } if self.commands >= FEW => {
+                self.commands += 1;
+                return;
+            }
+            event => {
+                self.commands += u64::from(matches!(event, Event::Command { .. }));
+                Told::Event(self.half_seconds, event.clone())
+            }
         };
+        self.send(told);
+    }
+
+    fn send(&self, told: Told) {
         if self.sender.try_send(told).is_err() {
             self.lost.fetch_add(1, Relaxed);
         }
     }
+}
+
+/// Commands that were not told one by one, as a line of the timeline.
+pub(super) fn more_commands(frame: u64, count: u64) -> Value {
+    json!({ "t_s": frame as f64 * 0.5, "kind": COMMAND, "text": format!("{count} more commands") })
 }
 
 /// An event as a line of the timeline; nothing for what is shown otherwise. `frame` is the half second that runs.
@@ -89,7 +117,7 @@ pub(super) fn line(frame: u64, event: &Event) -> Option<Value> {
         Event::Command { link, payload, .. } => {
             let name = payload.first().and_then(|opcode| COMMANDS.iter().find(|spec| spec.opcode == *opcode));
             let (name, bytes) = (name.map_or("unknown command", |spec| spec.name), command::hex(payload));
-            line(now_s, "command", format!("{name} ({bytes}) over {link}"))
+            line(now_s, COMMAND, format!("{name} ({bytes}) over {link}"))
         }
         Event::Missed { .. } => line(now_s, "missed", "a half second was not sent: the process was held up".to_owned()),
         Event::Happened(happening) => {
