@@ -77,6 +77,29 @@ fn what_is_injected_is_seen_by_the_client_cleared_recorded_and_made_again() {
 }
 
 #[test]
+fn a_recording_that_is_killed_after_an_injection_has_a_truth_that_can_be_read() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let recorded = directory.path().to_str().expect("text");
+    let beside = directory.path().join("truth.csv.faults");
+    let (mut emulator, mut client, address) = start(&["--record", recorded, "--speed", "10"]);
+    assert!(client.read_until(|client| client.half_seconds.len() > 4));
+    out(&inject(&address, &["dead", "GYRY"]));
+    while fs::read(&beside).unwrap_or_default().len() < 1000 {
+        sleep(Duration::from_millis(100));
+    }
+    emulator.child.kill().expect("killed");
+    emulator.child.wait().expect("its end");
+    let text = fs::read_to_string(directory.path().join("truth.csv")).expect("a truth");
+    let rows: Vec<usize> = text.lines().map(|row| row.split(',').count()).collect();
+    // What is buffered is lost, the last row perhaps in part.
+    assert!(rows.len() > 50 && rows[..rows.len() - 1].iter().all(|&count| count == rows[0]), "{rows:?}");
+    assert!(!text.contains("fault_counts"));
+    let again = geu().args(["simulate", "--duration", "5", "--out", recorded]).output().expect("geu starts");
+    out(&again);
+    assert!(!beside.exists(), "it does not belong to the next run");
+}
+
+#[test]
 fn what_is_refused_leaves_nothing_behind_and_is_told_with_the_valid_names() {
     let directory = tempfile::tempdir().expect("a directory");
     let plan = directory.path().join("plan.toml");
