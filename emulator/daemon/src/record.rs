@@ -267,7 +267,11 @@ impl Recorder {
             }
             Event::Cleared { id, until_s } => {
                 let fault = self.configuration.faults.iter_mut().find(|fault| fault.id == *id);
-                fault.into_iter().for_each(|fault| fault.until_s = fault.until_s.min(*until_s));
+                if let Some(fault) = fault {
+                    fault.until_s = fault.until_s.min(*until_s);
+                    // One that was still to come never acts.
+                    fault.at_s = fault.at_s.min(fault.until_s);
+                }
                 self.faults.cleared(id, *until_s)
             }
         }

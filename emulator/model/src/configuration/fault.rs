@@ -211,8 +211,9 @@ fn read_fault(node: &Node, others: &[Fault]) -> Read<Fault> {
     };
     let optional = |number: &Number| node.number(number).map(|value| Some(value).filter(|value| !value.is_nan()));
     let (at_s, until_s) = (node.number(&AT)?, optional(&UNTIL)?.unwrap_or(f64::INFINITY));
-    if until_s <= at_s {
-        return Err(node.unexpected(UNTIL.name, &format!("a time after at_s, which is {at_s},")));
+    // The same time is that of one that was cleared before it acted.
+    if until_s < at_s {
+        return Err(node.unexpected(UNTIL.name, &format!("a time not before at_s, which is {at_s},")));
     }
     let release_s = node.number(&RELEASE)?;
     if release_s > 0.0 && matches!(&action, Action::Named { .. }) {
