@@ -134,8 +134,8 @@ pub fn line(fault: &Value) -> String {
             line += &format!(" on {whom}");
         }
     }
-    match (fault["since_s"].as_f64(), fault["until_s"].as_f64()) {
-        (Some(since_s), Some(until_s)) => line += &format!(", {since_s} s to {until_s} s"),
+    match (fault["since_s"].as_f64(), fault["ends_s"].as_f64()) {
+        (Some(since_s), Some(ends_s)) => line += &format!(", {since_s} s to {ends_s} s"),
         (Some(since_s), None) => line += &format!(", since {since_s} s"),
         (None, _) if text("state") == "armed" => line += &format!(", waits for {}", text("trigger")),
         (None, _) => {}

@@ -136,6 +136,6 @@ fn stands(planned: &Planned, now_s: f64) -> Value {
         "by_hand": fault.by_hand,
         "started": planned.started,
         "since_s": planned.since().map(on_board_s),
-        "until_s": planned.end().map(on_board_s),
+        "ends_s": planned.end().map(on_board_s),
     })
 }

@@ -11,6 +11,7 @@ mod routes;
 mod server;
 #[cfg(test)]
 mod tests;
+mod unique;
 mod words;
 
 use std::future::Future;

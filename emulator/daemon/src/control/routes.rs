@@ -23,6 +23,7 @@ use tokio_stream::wrappers::BroadcastStream;
 
 use super::answer::{Answer, Refusal, json, text};
 use super::guard::Guard;
+use super::unique::Unique;
 use super::{Bench, openapi, page, words};
 
 /// Event streams at once; the other connections are for questions.
@@ -88,7 +89,7 @@ pub(super) fn table<B: Bench>() -> Vec<Route<Arc<Room<B>>>> {
                 inject::<B>,
             )
         },
-        route(Method::DELETE, "/api/faults", "Ends every fault", Gives::Json(200, "Cleared"), clear_all::<B>),
+        route(Method::DELETE, "/api/faults", "Ends every fault", Gives::Json(200, "AllCleared"), clear_all::<B>),
         Route {
             refuses: &[404],
             ..route(Method::DELETE, "/api/faults/{id}", "Ends one fault", Gives::Json(200, "Cleared"), clear::<B>)
@@ -283,8 +284,8 @@ async fn object(request: Request) -> Result<Map<String, Value>, Refusal> {
         Err(error) => bad(format!("body: {error}")),
     })?;
     match serde_json::from_slice(&bytes.to_bytes()) {
-        Ok(Value::Object(object)) => Ok(object),
-        Ok(other) => Err(bad(format!("body: expected a JSON object, got {}", kind(&other)))),
+        Ok(Unique(Value::Object(object))) => Ok(object),
+        Ok(Unique(other)) => Err(bad(format!("body: expected a JSON object, got {}", kind(&other)))),
         Err(error) => Err(bad(format!("body: expected a JSON object: {error}"))),
     }
 }

@@ -207,6 +207,24 @@ fn faults_are_injected_and_cleared() {
 }
 
 #[test]
+fn a_key_that_comes_twice_is_refused() {
+    let served = served(None);
+    for body in [
+        r#"{"id": "a", "id": "b"}"#,
+        r#"{"id": "a", "course": {"step": 1, "step": 1}}"#,
+        r#"{"a": [{"b": 1, "b": 2}]}"#,
+    ] {
+        let refused = served.post("/api/faults", body);
+        assert_eq!(refused.refused(), 400, "{body}");
+        assert!(refused.body.contains("expected each key once, got"), "{refused:?}");
+    }
+    let all = r#"{"id": "a", "numbers": [1, -2, 0.5, 1e300], "flags": [true, false, null], "inner": {"id": ["id"]}}"#;
+    assert_eq!(served.post("/api/faults", all).status, 201);
+    assert_eq!(serde_json::from_str::<unique::Unique>(all).unwrap().0, serde_json::from_str::<Value>(all).unwrap());
+    assert_eq!(served.get("/api/faults").json(), json!(["a"]));
+}
+
+#[test]
 fn commands_are_sent_by_name_or_as_bytes() {
     let served = served(None);
     for body in [r#"{"name": "set-mode", "arguments": [1]}"#, r#"{"bytes": "02 01"}"#] {
