@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 use std::io::{Read, Write};
-use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::net::{IpAddr, SocketAddr, TcpListener, TcpStream};
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
@@ -10,7 +10,7 @@ use geu_protocol::{Outcome, Reply};
 use serde_json::json;
 use tokio_stream::StreamExt;
 
-use super::server::{CONNECTIONS, HEADERS_WITHIN, READS_WITHIN};
+use super::server::{CONNECTIONS, CONNECTIONS_EACH, HEADERS_WITHIN, Places, READS_WITHIN};
 use super::*;
 
 struct FakeBench {
@@ -422,6 +422,26 @@ fn streams_and_connections_have_a_greatest_number_and_places_become_free() {
         assert!(start.elapsed() < Duration::from_secs(5), "no place becomes free");
         std::thread::sleep(Duration::from_millis(20));
     }
+}
+
+#[test]
+fn one_machine_elsewhere_leaves_room_for_others_and_this_one_needs_to_leave_none() {
+    let address = |text: &str| text.parse::<IpAddr>().unwrap();
+    let take = |places: &mut Places, text: &str| {
+        (0..2 * CONNECTIONS).map_while(|_| places.take(address(text))).collect::<Vec<_>>()
+    };
+    for own in ["127.0.0.1", "::1", "::ffff:127.0.0.1"] {
+        assert_eq!(take(&mut Places::new(), own).len(), CONNECTIONS, "{own}");
+    }
+    let mut places = Places::new();
+    let held = take(&mut places, "192.0.2.1");
+    assert_eq!(held.len(), CONNECTIONS_EACH);
+    assert!(places.take(address("::ffff:192.0.2.1")).is_none(), "the same machine");
+    let network = take(&mut places, "2001:db8::1");
+    assert!(network.len() == CONNECTIONS_EACH && places.take(address("2001:db8::2")).is_none());
+    assert_eq!(take(&mut places, "192.0.2.2").len(), CONNECTIONS - 2 * CONNECTIONS_EACH);
+    drop(held);
+    assert_eq!(take(&mut places, "192.0.2.1").len(), CONNECTIONS_EACH);
 }
 
 #[test]
