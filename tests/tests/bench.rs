@@ -57,6 +57,8 @@ fn what_is_injected_is_seen_by_the_client_cleared_recorded_and_made_again() {
     assert_eq!(out(&inject(&address, &["--clear", "fault-1"])), "cleared fault-1\n");
     assert!(client.read_until(|client| client.half_seconds.last().is_some_and(|last| last.increments[1] != -321)));
     out(&inject(&address, &["dead", "GYRX", "id=later", "at_s=1e6"]));
+    // What CAN could not have; none is open or recorded.
+    out(&inject(&address, &["wrong-length", "length=20", "for_s=2"]));
     out(&inject(&address, &["--clear", "all"]));
     let seen = client.half_seconds.len();
     assert!(client.read_until(|client| client.half_seconds.len() > seen + 30));

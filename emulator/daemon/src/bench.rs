@@ -18,6 +18,7 @@ use std::thread::{self, JoinHandle};
 
 use geu_model::configuration::fault::{MOST, read_fault_text, read_plan_text};
 use geu_model::fault::Fault;
+use geu_model::fault::catalogue::LinkKind;
 use geu_model::units::HALF_SECOND_S;
 use serde_json::{Map, Value, json};
 use tokio::sync::broadcast;
@@ -100,9 +101,15 @@ impl LiveBench {
         Ok((LiveBench(shared), Teller::new(sender, lost), Shower(thread)))
     }
 
-    /// Makes the rest known.
-    pub fn know(&self, desk: &Arc<Desk>, links: &[(Carrier, Arc<Tally>)], timing: &Arc<Timing>) {
-        assert!(self.0.known.set(Known::new(desk, links, timing)).is_ok(), "made known once");
+    /// Makes the rest known; `recorded` is the kind of link that a recording is of.
+    pub fn know(
+        &self,
+        desk: &Arc<Desk>,
+        links: &[(Carrier, Arc<Tally>)],
+        recorded: Option<LinkKind>,
+        timing: &Arc<Timing>,
+    ) {
+        assert!(self.0.known.set(Known::new(desk, links, recorded, timing)).is_ok(), "made known once");
     }
 
     fn known(&self) -> &Known {
@@ -220,15 +227,17 @@ impl Bench for LiveBench {
     fn inject(&self, injection: &Map<String, Value>) -> Result<Value, String> {
         let text = |key: &str| injection.get(key).and_then(Value::as_str);
         let has_only = |keys: &[&str]| injection.keys().all(|key| keys.contains(&key.as_str()));
+        let links = self.known().told_links();
         if let Some(id) = text("start").filter(|_| has_only(&["start"])) {
             self.start_by_hand(id)
         } else if let Some(plan) = text("plan").filter(|_| has_only(&["plan", "name"])) {
             let name = text("name").unwrap_or("plan");
-            let added = self.add(|there| read_plan_text(name, plan, there).map_err(|error| error.to_string()))?;
+            let added =
+                self.add(|there| read_plan_text(name, plan, there, &links).map_err(|error| error.to_string()))?;
             Ok(added.iter().map(added_as).collect())
         } else {
             let fault = toml::text(injection);
-            let read = |there: &[Fault]| read_fault_text("fault", &fault, there).map(|fault| vec![fault]);
+            let read = |there: &[Fault]| read_fault_text("fault", &fault, there, &links).map(|fault| vec![fault]);
             let added = self.add(|there| read(there).map_err(|error| error.message))?;
             Ok(added.iter().map(added_as).next().expect("one was read"))
         }

@@ -1,6 +1,6 @@
 //! The catalogue of faults as JSON: what a page, or anybody who asks, can inject, with units and limits.
 
-use geu_model::fault::catalogue::{CATALOGUE, LinkKind};
+use geu_model::fault::catalogue::{CATALOGUE, LinkKind, Spec};
 use geu_model::fault::{Target, expression, shape};
 use geu_model::number::{Default, Form, Number};
 use geu_protocol::Gyro;
@@ -59,6 +59,17 @@ fn number(spec: &Number) -> Value {
     })
 }
 
+/// A number of a named fault, with what single links hold it to.
+fn bounded(own: &Number, spec: &Spec) -> Value {
+    let mut told = number(own);
+    for bound in spec.bounds.iter().filter(|bound| bound.number == own.name) {
+        let on: Map<String, Value> =
+            bound.links.iter().map(|link| (link.name().to_owned(), json!(bound.most))).collect();
+        told["greatest_on"] = on.into();
+    }
+    told
+}
+
 /// Gyros, parameters with courses, faults that have a name, commands, the words of a condition.
 pub fn catalogue() -> Value {
     let names = |gyros: &[Gyro]| gyros.iter().map(|gyro| gyro.name()).collect::<Vec<_>>();
@@ -90,7 +101,7 @@ pub fn catalogue() -> Value {
             "scope": spec.scope.name(),
             "title": spec.code.replace('-', " "),
             "meaning": spec.meaning,
-            "numbers": spec.numbers.iter().map(number).collect::<Vec<_>>(),
+            "numbers": spec.numbers.iter().map(|own| bounded(own, spec)).collect::<Vec<_>>(),
             "for_s": spec.for_s,
             "links": links,
         })

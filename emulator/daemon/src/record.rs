@@ -221,6 +221,11 @@ impl Recorder {
         Ok(recorder)
     }
 
+    /// Kind of the link that is recorded.
+    pub(crate) fn link(&self) -> LinkKind {
+        self.carrier.kind
+    }
+
     fn headers(&mut self) -> Result<(), RecordError> {
         let rates = "rate_x_arcsec_s,rate_y_arcsec_s,rate_z_arcsec_s";
         let angles = if self.motion.knows_sun() { ",theta_deg,psi_deg" } else { "" };

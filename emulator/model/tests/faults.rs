@@ -2,7 +2,7 @@
 
 use geu_model::configuration::fault::{MOST_EVER, fault_text, read_fault_text};
 use geu_model::fault::acting::Happening;
-use geu_model::fault::catalogue::{CATALOGUE, Scope};
+use geu_model::fault::catalogue::{CATALOGUE, LinkKind, Scope};
 use geu_model::fault::expectation::Verdict;
 use geu_model::fault::shape::KINDS;
 use geu_model::fault::{Target, expression};
@@ -312,13 +312,15 @@ fn what_a_plan_refuses_is_refused_live() {
     for key in ["when", "end_when"] {
         let asking = |id: &str| format!("{one}id = \"own\"\n{key} = 'active(\"{id}\")'");
         for id in ["there", "own"] {
-            read_fault_text("fault", &asking(id), &others).expect("both are there");
+            read_fault_text("fault", &asking(id), &others, &LinkKind::ALL).expect("both are there");
         }
-        let error = read_fault_text("fault", &asking("nobody"), &others).expect_err("there is none").to_string();
+        let error = read_fault_text("fault", &asking("nobody"), &others, &LinkKind::ALL)
+            .expect_err("there is none")
+            .to_string();
         assert!(error.contains("nobody") && error.contains("there, own"), "{error}");
     }
     let many = vec![others[0].clone(); MOST_EVER];
-    let error = read_fault_text("fault", one, &many).expect_err("one too many").to_string();
+    let error = read_fault_text("fault", one, &many, &LinkKind::ALL).expect_err("one too many").to_string();
     assert!(error.contains("at most 10000 faults"), "{error}");
 }
 
@@ -364,4 +366,26 @@ fn the_rate_of_a_recorded_serial_port_is_kept() {
     assert_eq!(configuration.run.serial_baud, Some(9600));
     let again = Configuration::parse("run.toml", &configuration.to_toml(false), &[]).expect("as it was written");
     assert_eq!(again.run, configuration.run);
+}
+
+#[test]
+fn a_number_is_held_to_what_the_links_can_that_a_fault_is_on() {
+    let read = |text: &str, links: &[LinkKind]| read_fault_text("fault", text, &[], links).map(|_| ());
+    for (number, most, is_of_can) in [
+        ("wrong-length\"\nlength", 8, true),
+        ("truncate\"\nbytes", 8, true),
+        ("split\"\nbyte", 2, true),
+        ("wrong-identifier\"\nidentifier", 255, false),
+    ] {
+        let (narrow, wide) = if is_of_can { (LinkKind::Can, LinkKind::Pty) } else { (LinkKind::Tcp, LinkKind::Can) };
+        let text = |value: u32, link: &str| format!("fault = \"{number} = {value}\n{link}");
+        let link = |kind: LinkKind| format!("link = {:?}", kind.name());
+        read(&text(most, ""), &LinkKind::ALL).expect("what every link can");
+        read(&text(most + 1, ""), &[wide]).expect("what the one that is open can");
+        read(&text(most + 1, &link(wide)), &LinkKind::ALL).expect("what the one that is named can");
+        for refused in [read(&text(most + 1, ""), &LinkKind::ALL), read(&text(most + 1, &link(narrow)), &[wide])] {
+            let error = refused.expect_err("too much").to_string();
+            assert!(error.contains(&format!("at most {most} ")) && error.contains("another `link`"), "{error}");
+        }
+    }
 }

@@ -20,13 +20,20 @@ use crate::run::Timing;
 pub(super) struct Known {
     pub desk: Arc<Desk>,
     links: Vec<(LinkKind, Arc<Tally>)>,
+    /// Kind of link that a recording is of.
+    recorded: Option<LinkKind>,
     timing: Arc<Timing>,
     serial: Carrier,
     can: Carrier,
 }
 
 impl Known {
-    pub fn new(desk: &Arc<Desk>, links: &[(Carrier, Arc<Tally>)], timing: &Arc<Timing>) -> Known {
+    pub fn new(
+        desk: &Arc<Desk>,
+        links: &[(Carrier, Arc<Tally>)],
+        recorded: Option<LinkKind>,
+        timing: &Arc<Timing>,
+    ) -> Known {
         let of = |is_can: bool| {
             let mut carriers = links.iter().map(|(carrier, _)| carrier);
             carriers.find(|carrier| matches!(carrier.form, Form::Can(_)) == is_can).cloned()
@@ -36,6 +43,7 @@ impl Known {
             serial: of(false).unwrap_or(Carrier::serial(LinkKind::Pty)),
             can: of(true).unwrap_or(Carrier::can(geu_protocol::CanPlan::default())),
             links: links.iter().map(|(carrier, tally)| (carrier.kind, tally.clone())).collect(),
+            recorded,
             timing: timing.clone(),
         }
     }
@@ -43,6 +51,11 @@ impl Known {
     /// Kinds of the links that are open.
     pub fn open(&self) -> Vec<LinkKind> {
         self.links.iter().map(|(kind, _)| *kind).collect()
+    }
+
+    /// Kinds of the links that a fault is on which names none.
+    pub fn told_links(&self) -> Vec<LinkKind> {
+        [self.open(), self.recorded.into_iter().collect()].concat()
     }
 
     pub fn half_second(&self, told: &HalfSecond) -> Value {

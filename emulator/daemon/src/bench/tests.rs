@@ -19,7 +19,7 @@ fn room() -> Room {
     let (bench, teller, shower) = LiveBench::start().expect("a thread");
     let desk = Desk::new(&Configuration::reference(), &Truth::Scenario, Speed::Max, None, Some(teller));
     let desk = Arc::new(desk);
-    bench.know(&desk, &[], &Arc::default());
+    bench.know(&desk, &[], None, &Arc::default());
     Room { bench, desk, _shower: shower }
 }
 
@@ -76,12 +76,13 @@ fn a_run_has_a_greatest_number_of_faults_and_its_record_is_read_again() {
     let refused = configuration.add_plan("plan", plan).expect_err("too many").to_string();
     assert!(refused.contains("expected at most 1000 faults, got 1001"), "{refused}");
     while configuration.faults.len() < MOST_EVER {
-        let more = read_plan_text("plan", &plan.repeat(MOST), &configuration.faults).expect("a plan");
+        let more = read_plan_text("plan", &plan.repeat(MOST), &configuration.faults, &LinkKind::ALL).expect("a plan");
         configuration.run.injected.extend(more.iter().map(|fault| fault.id.clone()));
         configuration.faults.extend(more);
     }
-    let refused =
-        read_fault_text("fault", "fault = \"drop\"", &configuration.faults).expect_err("too many").to_string();
+    let refused = read_fault_text("fault", "fault = \"drop\"", &configuration.faults, &LinkKind::ALL)
+        .expect_err("too many")
+        .to_string();
     assert!(refused.contains("expected at most 10000 faults in a run") && refused.contains("begin another run"));
     let again = Configuration::parse("run.toml", &configuration.to_toml(false), &[]).expect("read again");
     assert_eq!(again.faults.len(), MOST_EVER);

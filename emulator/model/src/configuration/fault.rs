@@ -71,7 +71,7 @@ impl Configuration {
         let source = Source::parse(name, text)?;
         let root = source.root();
         root.only(&[FAULT, EXPECT])?;
-        let faults = read_faults(&root, &self.faults)?;
+        let faults = read_faults(&root, &self.faults, &LinkKind::ALL)?;
         let all = [&self.faults[..], &faults].concat();
         few_planned(&root, &all, &self.run.injected)?;
         self.expectations.extend(read_expectations(&root, &self.expectations, &all)?);
@@ -80,25 +80,25 @@ impl Configuration {
     }
 }
 
-/// Reads one fault from a text of its keys alone, for a run that has `others`.
+/// Reads one fault from a text of its keys alone, for a run that has `others` and these links.
 ///
 /// # Errors
 /// The first thing wrong, with its line.
-pub fn read_fault_text(name: &str, text: &str, others: &[Fault]) -> Read<Fault> {
+pub fn read_fault_text(name: &str, text: &str, others: &[Fault], links: &[LinkKind]) -> Read<Fault> {
     let source = Source::parse(name, text)?;
     let root = source.root();
-    let fault = read_fault(&root, others)?;
+    let fault = read_fault(&root, others, links)?;
     // What a plan refuses is refused here too: a recording of the run is read as a plan.
     few_enough(&root, others.len() + 1)?;
     known_in(&root, &fault, others.iter().chain([&fault]))?;
     Ok(fault)
 }
 
-/// Reads the faults of a plan, a text with `[[fault]]` and nothing else, for a run that has `others`.
+/// Reads the faults of a plan, a text with `[[fault]]` and nothing else, for a run that has `others` and these links.
 ///
 /// # Errors
 /// The first thing wrong, with its line; expectations, which a run has from its start.
-pub fn read_plan_text(name: &str, text: &str, others: &[Fault]) -> Read<Vec<Fault>> {
+pub fn read_plan_text(name: &str, text: &str, others: &[Fault], links: &[LinkKind]) -> Read<Vec<Fault>> {
     let source = Source::parse(name, text)?;
     let root = source.root();
     root.only(&[FAULT, EXPECT])?;
@@ -106,15 +106,15 @@ pub fn read_plan_text(name: &str, text: &str, others: &[Fault]) -> Read<Vec<Faul
         let message = "expected faults alone: expectations stand in the plan of `geu run --faults`".to_owned();
         return Err(node.error("id", message));
     }
-    read_faults(&root, others)
+    read_faults(&root, others, links)
 }
 
-/// Reads `[[fault]]`; `before` are those that are there already.
-pub(super) fn read_faults(root: &Node, before: &[Fault]) -> Read<Vec<Fault>> {
+/// Reads `[[fault]]`; `before` are those that are there already, `links` those that one may be on that names none.
+pub(super) fn read_faults(root: &Node, before: &[Fault], links: &[LinkKind]) -> Read<Vec<Fault>> {
     let nodes = root.tables(FAULT)?;
     let mut all = before.to_vec();
     for node in &nodes {
-        let fault = read_fault(node, &all)?;
+        let fault = read_fault(node, &all, links)?;
         all.push(fault);
     }
     few_enough(root, all.len())?;
@@ -167,7 +167,7 @@ fn known<'a>(
     }
 }
 
-fn read_fault(node: &Node, others: &[Fault]) -> Read<Fault> {
+fn read_fault(node: &Node, others: &[Fault], links: &[LinkKind]) -> Read<Fault> {
     let keys = node.keys();
     let has = |key: &str| keys.contains(&key);
     let common: Vec<&str> = FAULT_TEXTS
@@ -198,7 +198,8 @@ fn read_fault(node: &Node, others: &[Fault]) -> Read<Fault> {
         let gyro = if spec.scope == Scope::Gyro { read_gyro(node, &Gyro::ALL, spec.code)? } else { None };
         let link = if spec.scope == Scope::Link { read_link(node, spec)? } else { None };
         // One that no link can have is refused with its link.
-        if let Some((number, expected)) = spec.misfit(&values, link) {
+        let links = link.as_ref().map_or(links, std::slice::from_ref);
+        if let Some((number, expected)) = spec.misfit(&values, links) {
             return Err(node.unexpected(number, &expected));
         }
         (Action::Named { spec, values }, gyro, link)
