@@ -265,6 +265,11 @@ pub fn from_hex(hex: &str) -> Option<Vec<u8>> {
     (digits.len().is_multiple_of(2) && COMMAND_LENGTHS.contains(&bytes.len())).then_some(bytes)
 }
 
+/// Bytes as hexadecimal digits, two each.
+pub fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02X}")).collect()
+}
+
 /// The payload of a REPLY: 2 to 8 bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Reply {

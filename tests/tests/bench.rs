@@ -1,7 +1,8 @@
 //! A running unit watched and driven: injected into, monitored, its recording made again.
 
 use std::fs;
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Write};
+use std::net::TcpListener;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 use std::thread::sleep;
@@ -55,6 +56,9 @@ fn what_is_injected_is_seen_by_the_client_cleared_recorded_and_made_again() {
     assert!(out(&inject(&address, &["--list"])).contains("active   fault-1"));
     assert_eq!(out(&inject(&address, &["--clear", "fault-1"])), "cleared fault-1\n");
     assert!(client.read_until(|client| client.half_seconds.last().is_some_and(|last| last.increments[1] != -321)));
+    out(&inject(&address, &["dead", "GYRX", "id=later", "at_s=1e6"]));
+    // What CAN could not have; none is open or recorded.
+    out(&inject(&address, &["wrong-length", "length=20", "for_s=2"]));
     out(&inject(&address, &["--clear", "all"]));
     let seen = client.half_seconds.len();
     assert!(client.read_until(|client| client.half_seconds.len() > seen + 30));
@@ -73,6 +77,29 @@ fn what_is_injected_is_seen_by_the_client_cleared_recorded_and_made_again() {
     };
     assert_eq!(told(&live), told(&again));
     assert!(told(&live).iter().any(|line| line["what"] == "bytes" && line["ids"][0] == "fault-1"));
+}
+
+#[test]
+fn a_recording_that_is_killed_after_an_injection_has_a_truth_that_can_be_read() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let recorded = directory.path().to_str().expect("text");
+    let beside = directory.path().join("truth.csv.faults");
+    let (mut emulator, mut client, address) = start(&["--record", recorded, "--speed", "10"]);
+    assert!(client.read_until(|client| client.half_seconds.len() > 4));
+    out(&inject(&address, &["dead", "GYRY"]));
+    while fs::read(&beside).unwrap_or_default().len() < 1000 {
+        sleep(Duration::from_millis(100));
+    }
+    emulator.child.kill().expect("killed");
+    emulator.child.wait().expect("its end");
+    let text = fs::read_to_string(directory.path().join("truth.csv")).expect("a truth");
+    let rows: Vec<usize> = text.lines().map(|row| row.split(',').count()).collect();
+    // What is buffered is lost, the last row perhaps in part.
+    assert!(rows.len() > 50 && rows[..rows.len() - 1].iter().all(|&count| count == rows[0]), "{rows:?}");
+    assert!(!text.contains("fault_counts"));
+    let again = geu().args(["simulate", "--duration", "5", "--out", recorded]).output().expect("geu starts");
+    out(&again);
+    assert!(!beside.exists(), "it does not belong to the next run");
 }
 
 #[test]
@@ -109,6 +136,72 @@ fn what_is_refused_leaves_nothing_behind_and_is_told_with_the_valid_names() {
 }
 
 #[test]
+fn a_simulation_refuses_what_its_links_can_never_show() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let (plan, run) = (directory.path().join("plan.toml"), directory.path().join("run"));
+    let simulate = |arguments: &[&str]| {
+        let mut geu = geu();
+        geu.args(["simulate", "--duration", "5", "--out"]).arg(&run).args(arguments).output().expect("geu starts")
+    };
+    let faults = ["--faults", plan.to_str().expect("text")];
+    for (fault, wire, expected) in [
+        ("fault = \"extra-bytes\"", "can", Some("a link that is open (can) for extra-bytes")),
+        ("fault = \"extra-bytes\"", "serial", None),
+        ("fault = \"extra-bytes\"\nlink = \"pty\"", "can", None),
+        ("fault = \"baud-mismatch\"\nbaud = 9600.0", "can", Some("or record another --wire")),
+        ("fault = \"drop\"", "can", None),
+    ] {
+        fs::write(&plan, format!("[[fault]]\n{fault}\n")).expect("written");
+        let output = simulate(&[&faults[..], &["--wire", wire]].concat());
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(if expected.is_some() { 2 } else { 0 }), "{fault} {wire}: {said}");
+        assert!(expected.is_none_or(|expected| said.contains(expected)), "{fault} {wire}: {said}");
+        // Nothing was begun, or it can be made again.
+        assert_eq!(run.exists(), expected.is_none());
+        if expected.is_none() {
+            let again = directory.path().join("again");
+            out(&geu().arg("simulate").arg(run.join("run.toml")).arg("--out").arg(&again).output().expect("starts"));
+            let [first, second] = [&run, &again].map(|run| fs::read(run.join("faults.jsonl")).expect("faults"));
+            assert_eq!(first, second, "{fault} {wire}");
+            [run.clone(), again].iter().for_each(|made| fs::remove_dir_all(made).expect("removed"));
+        }
+    }
+}
+
+#[test]
+fn a_plan_comes_with_one_half_second_or_not_at_all() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let plan = directory.path().join("plan.toml");
+    let (_emulator, mut client, address) = start(&["--speed", "20"]);
+    assert!(client.read_until(|client| client.half_seconds.len() > 4));
+    out(&inject(&address, &["stuck-count", "GYRZA", "counts=1", "id=fault-1"]));
+    // What is named further down, identifiers that are not named, and one that is taken already.
+    let many: String = (0..200).map(|_| "[[fault]]\nfault = \"drop\"\nat_s = 1e6\n").collect();
+    let first = "[[fault]]\nfault = \"dead\"\ngyro = \"GYRX\"\nwhen = \"not active(last)\"\n";
+    let last = "[[fault]]\nid = \"last\"\nfault = \"dead\"\ngyro = \"GYRY\"\n";
+    fs::write(&plan, [first, &many, last].concat()).expect("written");
+    let said = out(&inject(&address, &["--plan", plan.to_str().expect("text")]));
+    assert_eq!(said.lines().count(), 202, "{said}");
+    let at = |line: Option<&str>| line.and_then(|line| line.split(" from ").nth(1)).map(str::to_owned).expect("a time");
+    assert_eq!(at(said.lines().next()), at(said.lines().last()), "{said}");
+    assert!(said.starts_with("fault-2 from "), "{said}");
+    let before = out(&inject(&address, &["--list"])).lines().count();
+    for (wrong, expected) in [
+        ("[[fault]]\nid = \"last\"\nfault = \"drop\"\n", "plan.toml:203:6"),
+        ("[[fault]]\nfault = \"drop\"\nlink = \"can\"\n", "a link that is open (tcp)"),
+        ("[[fault]]\nfault = \"drop\"\nuntil_s = 0.5\n", "a time to come"),
+        ("[[expect]]\nid = \"e\"\ncondition = \"t_s > 1\"\nwithin_s = 9.0\n", "expected faults alone"),
+    ] {
+        let many = many.replace("fault = \"drop\"\nat_s = 1e6\n", "fault = \"drop\"\n");
+        fs::write(&plan, [&many[..many.len() / 200 * 100], "#\n", wrong].concat()).expect("written");
+        let output = inject(&address, &["--plan", plan.to_str().expect("text")]);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.code() == Some(2) && said.contains(expected), "{expected}: {said}");
+        assert_eq!(out(&inject(&address, &["--list"])).lines().count(), before, "nothing of it is left");
+    }
+}
+
+#[test]
 fn a_fault_that_waits_for_a_hand_starts_with_it() {
     let directory = tempfile::tempdir().expect("a directory");
     let plan = directory.path().join("plan.toml");
@@ -131,6 +224,44 @@ fn a_monitor_shows_half_seconds_and_what_happens_a_line_each() {
     let said = out(&monitor.wait_with_output().expect("its end"));
     assert!(said.lines().filter(|line| line.contains("seq ")).count() == 4, "{said}");
     assert!(said.contains("fault-start  fault-1 acts: stuck-count") && said.contains("GYRX    +99"), "{said}");
+}
+
+/// A control interface that tells one half second at a time, as to a client that falls behind, `times` in all.
+fn lets_go_after_each(times: usize) -> String {
+    let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
+    let address = listener.local_addr().expect("an address").to_string();
+    std::thread::spawn(move || {
+        let mut told = 0;
+        while told < times {
+            let (stream, _) = listener.accept().expect("a client");
+            let mut lines = BufReader::new(&stream).lines();
+            let asked = lines.next().expect("a request").expect("text");
+            lines.find(|line| line.as_ref().is_ok_and(String::is_empty)).expect("the end of the head").expect("text");
+            let is_events = asked.contains("/api/events");
+            told += usize::from(is_events);
+            let (kind, body) = match is_events {
+                true => ("text/event-stream", format!("event: half-second\ndata: {{\"sequence\": {told}}}\n\n")),
+                false => ("application/json", "{}".to_owned()),
+            };
+            let head = format!("HTTP/1.1 200 OK\r\ncontent-type: {kind}\r\nconnection: close\r\n\r\n");
+            (&stream).write_all((head + &body).as_bytes()).expect("sent");
+        }
+    });
+    address
+}
+
+#[test]
+fn a_monitor_that_fell_behind_comes_again_and_one_of_an_emulator_that_ended_says_so() {
+    let monitor = |address: &str, count: &str| {
+        geu().args(["monitor", "--control", address, "--count", count]).output().expect("geu starts")
+    };
+    let said = out(&monitor(&lets_go_after_each(3), "3"));
+    assert!((1..=3).all(|sequence| said.contains(&format!("seq     {sequence}"))), "{said}");
+    let ended = monitor(&lets_go_after_each(1), "2");
+    let said = String::from_utf8_lossy(&ended.stderr);
+    assert!(ended.status.code() == Some(1) && said.contains("the emulator has ended"), "{said}");
+    let none = monitor("127.0.0.1:1", "0");
+    assert_eq!(none.status.code(), Some(2), "{}", String::from_utf8_lossy(&none.stderr));
 }
 
 #[test]

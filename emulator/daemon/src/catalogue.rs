@@ -1,6 +1,6 @@
 //! The catalogue of faults as JSON: what a page, or anybody who asks, can inject, with units and limits.
 
-use geu_model::fault::catalogue::{CATALOGUE, LinkKind};
+use geu_model::fault::catalogue::{CATALOGUE, LinkKind, Spec};
 use geu_model::fault::{Target, expression, shape};
 use geu_model::number::{Default, Form, Number};
 use geu_protocol::Gyro;
@@ -10,21 +10,22 @@ use crate::control;
 
 /// The unit of a number, which its name ends with.
 fn unit(name: &str) -> &'static str {
-    const UNITS: [(&str, &str); 14] = [
+    const UNITS: [(&str, &str); 15] = [
+        ("arcsec_per_s_per_sqrt_s", "arcsec/s/√s"),
         ("arcsec_per_sqrt_s", "arcsec/√s"),
-        ("arcsec_per_h_per_sqrt_h", "arcsec/h/√h"),
+        ("arcsec_per_h_per_k", "arcsec/h/K"),
         ("arcsec_per_deg", "arcsec/°"),
         ("arcsec_per_h", "arcsec/h"),
-        ("arcsec_per_half_s", "arcsec/half s"),
         ("arcsec", "arcsec"),
         ("counts", "counts"),
         ("cycles", "cycles"),
+        ("bytes", "byte"),
+        ("bits", "bit"),
         ("seconds", "s"),
         ("ppm", "ppm"),
         ("rad", "rad"),
         ("baud", "baud"),
         ("_s", "s"),
-        ("_c", "°C"),
     ];
     UNITS.iter().find(|(ending, _)| name.ends_with(ending)).map_or("", |(_, unit)| unit)
 }
@@ -58,6 +59,17 @@ fn number(spec: &Number) -> Value {
     })
 }
 
+/// A number of a named fault, with what single links hold it to.
+fn bounded(own: &Number, spec: &Spec) -> Value {
+    let mut told = number(own);
+    for bound in spec.bounds.iter().filter(|bound| bound.number == own.name) {
+        let on: Map<String, Value> =
+            bound.links.iter().map(|link| (link.name().to_owned(), json!(bound.most))).collect();
+        told["greatest_on"] = on.into();
+    }
+    told
+}
+
 /// Gyros, parameters with courses, faults that have a name, commands, the words of a condition.
 pub fn catalogue() -> Value {
     let names = |gyros: &[Gyro]| gyros.iter().map(|gyro| gyro.name()).collect::<Vec<_>>();
@@ -89,7 +101,7 @@ pub fn catalogue() -> Value {
             "scope": spec.scope.name(),
             "title": spec.code.replace('-', " "),
             "meaning": spec.meaning,
-            "numbers": spec.numbers.iter().map(number).collect::<Vec<_>>(),
+            "numbers": spec.numbers.iter().map(|own| bounded(own, spec)).collect::<Vec<_>>(),
             "for_s": spec.for_s,
             "links": links,
         })
@@ -106,4 +118,54 @@ pub fn catalogue() -> Value {
         "commands": control::commands(),
         "conditions": words,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use geu_model::configuration::fault::FAULT_NUMBERS;
+
+    use super::*;
+
+    /// Numbers that count something which is in their name, are a part of something, or no quantity at all.
+    const NONE: [&str; 18] = [
+        "amount",
+        "by",
+        "by_hand",
+        "byte",
+        "copies",
+        "crc",
+        "factor",
+        "frames",
+        "gyro_flags",
+        "identifier",
+        "law",
+        "length",
+        "negative",
+        "on",
+        "probability",
+        "times",
+        "unit_flags",
+        "with",
+    ];
+
+    #[test]
+    fn every_number_has_its_unit_or_is_known_to_have_none() {
+        let named = CATALOGUE.iter().flat_map(|spec| spec.numbers).chain(FAULT_NUMBERS);
+        let of_courses = shape::KINDS.iter().flat_map(|kind| kind.numbers);
+        let names: BTreeSet<&str> = Target::all()
+            .iter()
+            .map(|target| target.number().name)
+            .chain(named.chain(of_courses).map(|number| number.name))
+            .collect();
+        let without: Vec<&str> = names.iter().copied().filter(|name| unit(name).is_empty()).collect();
+        assert_eq!(without, NONE);
+        for name in names {
+            let (unit, parts) = (unit(name), name.matches("_per_").count());
+            assert_eq!(unit.matches('/').count(), parts, "{name}: {unit}");
+            assert_eq!(unit.matches('√').count(), name.matches("_sqrt_").count(), "{name}: {unit}");
+        }
+        assert_eq!(unit("arcsec_per_s_per_sqrt_s"), "arcsec/s/√s");
+    }
 }

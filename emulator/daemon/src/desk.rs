@@ -9,7 +9,8 @@ use std::time::{Duration, Instant};
 
 use geu_model::configuration::RecordedCommand;
 use geu_model::fault::Fault;
-use geu_model::fault::acting::{Acting, Faults, Happening};
+use geu_model::fault::acting::{Acting, Faults, Happening, Planned};
+use geu_model::units::HALF_SECOND_S;
 use geu_model::{Configuration, Ended, Injected, Trace, Truth, Unit};
 use geu_protocol::{HalfSecond, Reply};
 use tokio::sync::Notify;
@@ -228,15 +229,25 @@ impl Desk {
         self.lock().unit.faults().clone()
     }
 
-    /// Adds a fault from the next half second on; nothing where another has its identifier.
-    pub fn inject(&self, fault: Fault) -> Option<Fault> {
+    /// On-board time, and how the faults stand that are not over by then: few, however many there were.
+    pub fn faults_now(&self) -> (f64, Vec<Planned>) {
+        let inner = self.lock();
+        let now_s = inner.unit.ended() as f64 * HALF_SECOND_S;
+        let planned = inner.unit.faults().planned.iter();
+        (now_s, planned.filter(|planned| !is_over(planned, now_s)).cloned().collect())
+    }
+
+    /// Adds faults, all from the next half second on; none where there are others by now than the `known` ones, which they
+    /// were read for, or where the time of one has passed.
+    pub fn inject(&self, known: usize, faults: &[Fault]) -> Option<Vec<Fault>> {
         let mut inner = self.lock();
-        if inner.unit.faults().planned.iter().any(|planned| planned.fault.id == fault.id) {
+        let start_s = (inner.unit.ended() + 1) as f64 * HALF_SECOND_S;
+        if inner.unit.faults().planned.len() != known || faults.iter().any(|fault| fault.until_s <= start_s) {
             return None;
         }
-        let fault = inner.unit.inject(fault);
-        inner.tell(Event::Injected(fault.clone()));
-        Some(fault)
+        let added: Vec<Fault> = faults.iter().map(|fault| inner.unit.inject(fault.clone())).collect();
+        added.iter().for_each(|fault| inner.tell(Event::Injected(fault.clone())));
+        Some(added)
     }
 
     /// Starts a fault that waits for a hand, with the next half second: on-board time; nothing where there is none.
@@ -261,6 +272,11 @@ impl Desk {
         inner.repeat_recorded();
         (inner.recording, inner.bench) = (None, None);
     }
+}
+
+/// Whether a fault never acts again, at this on-board time.
+pub(crate) fn is_over(planned: &Planned, now_s: f64) -> bool {
+    planned.is_over() || planned.since().is_none() && planned.fault.until_s <= now_s
 }
 
 /// A command that waits, for as long as this lives.

@@ -21,5 +21,4 @@ pub mod simulate;
 pub mod truth;
 
 pub use catalogue::catalogue;
-pub use fault_log::keys as fault_keys;
 pub use run::{RunError, Settings, Summary, asked_to_end, replay, run};

@@ -28,6 +28,10 @@ use crate::truth::received;
 
 /// Interface name in `link.log`.
 const INTERFACE: &str = "can0";
+/// What live faults changed, until it is a column of `truth.csv`.
+const FAULT_VALUES: &str = "truth.csv.faults";
+/// The truth on its way to have that column.
+const WIDER_TRUTH: &str = "truth.csv.wider";
 /// Spacing of `reference.csv`, true time, ns.
 const REFERENCE_NS: i64 = 500_000_000;
 
@@ -40,6 +44,7 @@ pub struct RecordError {
 }
 
 /// What happened in the unit, told in the order in which it happened on board.
+#[derive(Clone)]
 pub(crate) enum Event {
     /// A half second ended, and what faults did to it.
     HalfSecond(Ended, Box<[Trace; 4]>, Option<Arc<Injected>>),
@@ -94,6 +99,16 @@ struct Received {
     written: u64,
 }
 
+/// A column of the truth that began while the unit ran.
+struct Late {
+    /// A value for each row since.
+    output: Output,
+    /// Its place among the columns of a trace.
+    place: usize,
+    /// Rows before, which have 0 there.
+    rows_before: u64,
+}
+
 /// Writes a run.
 pub struct Recorder {
     directory: PathBuf,
@@ -128,6 +143,8 @@ pub struct Recorder {
     end_ns: i64,
     /// Columns of a trace that `truth.csv` has.
     truth_columns: Vec<usize>,
+    /// One of them that stands beside it until the end.
+    late: Option<Late>,
 }
 
 impl Recorder {
@@ -151,12 +168,14 @@ impl Recorder {
             WireForm::Can => ("link.log", "link.bin"),
             WireForm::Serial => ("link.bin", "link.log"),
         };
-        // A link in the other form, of an earlier run, would not belong to this one.
-        match fs::remove_file(directory.join(other)) {
-            Err(source) if source.kind() != io::ErrorKind::NotFound => {
-                return Err(RecordError { path: directory.join(other), source });
+        // What an earlier run left, as a link in the other form, would not belong to this one.
+        for left in [other, FAULT_VALUES, WIDER_TRUTH] {
+            match fs::remove_file(directory.join(left)) {
+                Err(source) if source.kind() != io::ErrorKind::NotFound => {
+                    return Err(RecordError { path: directory.join(left), source });
+                }
+                _ => {}
             }
-            _ => {}
         }
         let received = match truth {
             Truth::Stepped(truth) => {
@@ -192,6 +211,7 @@ impl Recorder {
             half_seconds: 0,
             end_ns: 0,
             truth_columns: configuration.columns(),
+            late: None,
         };
         recorder.headers()?;
         // A process that is killed leaves a run all the same.
@@ -199,6 +219,11 @@ impl Recorder {
         run.write(|file| file.flush())?;
         recorder.flush()?;
         Ok(recorder)
+    }
+
+    /// Kind of the link that is recorded.
+    pub(crate) fn link(&self) -> LinkKind {
+        self.carrier.kind
     }
 
     fn headers(&mut self) -> Result<(), RecordError> {
@@ -237,7 +262,7 @@ impl Recorder {
             Event::Injected(fault) => {
                 self.configuration.faults.push(fault.clone());
                 self.configuration.run.injected.push(fault.id.clone());
-                self.add_fault_column()?;
+                self.begin_fault_column()?;
                 self.faults.injected(self.half_seconds, fault)
             }
             Event::StartedByHand { id, at_s } => {
@@ -333,15 +358,17 @@ impl Recorder {
     fn truth_rows(&mut self, ended: &Ended, traces: &[Trace; 4]) -> Result<(), RecordError> {
         let half_second = &ended.half_second;
         let row_start = format!("{},{},", stamp(self.configuration.start_unix_ns + ended.end_ns), half_second.sequence);
-        let truth_columns = &self.truth_columns;
+        let (truth_columns, is_beside) = (&self.truth_columns, self.late.is_some());
+        let by_faults = |trace: &Trace| trace.changes[FAULT_COLUMN] + unforeseen(trace, truth_columns);
         // The shortest digits that read back the same, so that the columns add up; many times a row, so not by `write!`.
         let (mut digits, mut whole) = (zmij::Buffer::new(), itoa::Buffer::new());
         self.truth.write(|file| {
             for (gyro, trace) in Gyro::ALL.into_iter().zip(traces) {
                 file.write_all(row_start.as_bytes())?;
                 file.write_all(gyro.name().as_bytes())?;
-                let changes = truth_columns.iter().map(|&column| match column {
-                    FAULT_COLUMN => trace.changes[column] + unforeseen(trace, truth_columns),
+                let here = truth_columns.iter().filter(|&&column| column != FAULT_COLUMN || !is_beside);
+                let changes = here.map(|&column| match column {
+                    FAULT_COLUMN => by_faults(trace),
                     column => trace.changes[column],
                 });
                 for number in std::iter::once(trace.true_arcsec).chain(changes).chain([trace.unquantised]) {
@@ -353,30 +380,46 @@ impl Recorder {
                 file.write_all(b"\n")?;
             }
             Ok(())
+        })?;
+        self.late.as_mut().map_or(Ok(()), |late| {
+            let mut traces = traces.iter();
+            late.output.write(|file| traces.try_for_each(|trace| writeln!(file, "{}", digits.format(by_faults(trace)))))
         })
     }
 
-    /// Adds the column of what live faults change to the truth, from its first row on. It is not there from the start, so
-    /// that a run into which nobody injects has the files of a simulated one.
-    fn add_fault_column(&mut self) -> Result<(), RecordError> {
+    /// Begins the column of what live faults change. It is not there from the start, so that a run into which nobody injects
+    /// has the files of a simulated one; and it stands beside `truth.csv` until the end, because rows that are written
+    /// cannot grow. A process that is killed leaves both: a truth that can be read, whose rows lack what live faults did.
+    fn begin_fault_column(&mut self) -> Result<(), RecordError> {
         let Err(place) = self.truth_columns.binary_search(&FAULT_COLUMN) else { return Ok(()) };
         self.truth_columns.insert(place, FAULT_COLUMN);
-        self.truth.write(|file| file.flush())?;
-        let mut wider = Output::create(&self.directory, "truth.csv.wider")?;
+        let output = Output::create(&self.directory, FAULT_VALUES)?;
+        self.late = Some(Late { output, place, rows_before: self.half_seconds * Gyro::ALL.len() as u64 });
+        Ok(())
+    }
+
+    /// Puts the column of what live faults changed into the truth, from its first row on.
+    fn end_fault_column(&mut self) -> Result<(), RecordError> {
+        let Some(Late { output, place, rows_before }) = self.late.take() else { return Ok(()) };
+        let mut wider = Output::create(&self.directory, WIDER_TRUTH)?;
         let fail = |source| RecordError { path: self.truth.path.clone(), source };
+        let mut values = BufReader::new(File::open(&output.path).map_err(fail)?).lines();
         let rows = BufReader::new(File::open(&self.truth.path).map_err(fail)?);
         let header = format!("{}_counts", columns()[FAULT_COLUMN]);
         for (index, line) in rows.lines().enumerate() {
             let line = line.map_err(fail)?;
             // Behind time, sequence, gyro, true angle and the columns before it.
             let comma = line.match_indices(',').nth(3 + place).map_or(line.len(), |(at, _)| at);
-            let value = if index == 0 { header.as_str() } else { "0.0" };
+            let value = match index as u64 {
+                0 => header.clone(),
+                row if row <= rows_before => "0.0".to_owned(),
+                _ => values.next().transpose().map_err(fail)?.unwrap_or_default(),
+            };
             wider.write(|file| writeln!(file, "{},{value}{}", &line[..comma], &line[comma..]))?;
         }
         wider.write(|file| file.flush())?;
         fs::rename(&wider.path, &self.truth.path).map_err(fail)?;
-        self.truth.file = wider.file;
-        Ok(())
+        fs::remove_file(&output.path).map_err(fail)
     }
 
     fn reference_row(&mut self) -> Result<(), RecordError> {
@@ -452,7 +495,9 @@ impl Recorder {
                 writeln!(file, "\n[[run.command]]\nhalf_second = {half_second}\nlink = {link}\nbytes = {bytes}")
             })?;
         }
-        run.write(|file| file.flush())
+        run.write(|file| file.flush())?;
+        // Last: of a long run it takes its time.
+        self.end_fault_column()
     }
 
     /// `run.toml` of the run so far.
@@ -497,6 +542,7 @@ impl Recorder {
         ] {
             output.write(|file| file.flush())?;
         }
+        self.late.as_mut().map_or(Ok(()), |late| late.output.write(|file| file.flush()))?;
         self.faults.flush()?;
         self.received.as_mut().map_or(Ok(()), |received| received.output.write(|file| file.flush()))
     }
@@ -544,6 +590,17 @@ fn without_links(configuration: &Configuration) -> Vec<Carrier> {
         (kind, _) => Carrier::serial(kind),
     };
     kinds.into_iter().map(carrier).collect()
+}
+
+/// Why a fault of a run without open links would be seen on none of the links that its recording tells; nothing where
+/// all are.
+pub fn misses(configuration: &Configuration, wire: WireForm) -> Option<String> {
+    let links = without_links(configuration);
+    let mut told: Vec<LinkKind> = links.iter().map(|carrier| carrier.kind).collect();
+    told.push(recorded(wire, &links).kind);
+    told.sort_unstable();
+    told.dedup();
+    configuration.faults.iter().find_map(|fault| fault.misses(&told))
 }
 
 /// The rate of a serial port among the links, where it is not the default.

@@ -11,6 +11,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use geu_model::fault::acting::{Acting, Faults};
+use geu_model::fault::catalogue::LinkKind;
 use geu_model::{Configuration, Truth};
 use geu_protocol::HalfSecond;
 use tokio::signal::unix::{SignalKind, signal};
@@ -151,6 +152,7 @@ pub fn run(
     if settings.wait_for_client && !settings.links.iter().any(has_clients) {
         return Err(RunError::NobodyToWaitFor);
     }
+    let recorded = recorder.as_ref().map(Recorder::link);
     let (recording, writer) = recorder.map(Writer::start).unzip();
     let (mut bench, mut teller, mut shower) = (None, None, None);
     if let Some(door) = door {
@@ -159,7 +161,7 @@ pub fn run(
     }
     let desk = Arc::new(Desk::new(configuration, truth, settings.speed, recording, teller));
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    let ended = runtime.block_on(keep(&desk, settings, bench, shutdown));
+    let ended = runtime.block_on(keep(&desk, settings, bench, recorded, shutdown));
     // Ends the tasks; with the last of them the symlink of a pty goes.
     drop(runtime);
     desk.close();
@@ -175,6 +177,7 @@ async fn keep(
     desk: &Arc<Desk>,
     settings: &Settings,
     bench: Option<(Door, LiveBench)>,
+    recorded: Option<LinkKind>,
     shutdown: impl Future<Output = io::Result<()>>,
 ) -> Result<Summary, RunError> {
     let mut shutdown = std::pin::pin!(shutdown);
@@ -197,7 +200,8 @@ async fn keep(
     let timing = Arc::new(Timing::default());
     let mut server = None;
     if let Some((door, bench)) = bench {
-        bench.know(desk, links.iter().map(|link| (link.carrier().clone(), link.tally())).collect(), &timing);
+        let carried: Vec<_> = links.iter().map(|link| (link.carrier().clone(), link.tally())).collect();
+        bench.know(desk, &carried, recorded, &timing);
         console::say(format_args!("bench page and control: http://{}/", door.address()));
         server = Some(door.serve(Arc::new(bench))?);
     }

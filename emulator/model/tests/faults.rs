@@ -3,9 +3,9 @@
 use std::sync::Arc;
 
 use geu_model::attitude::{Basis, Knot, Stepped};
-use geu_model::configuration::fault::{fault_text, plan_text, read_fault_text};
+use geu_model::configuration::fault::{MOST_EVER, fault_text, plan_text, read_fault_text};
 use geu_model::fault::acting::Happening;
-use geu_model::fault::catalogue::{CATALOGUE, Scope};
+use geu_model::fault::catalogue::{CATALOGUE, LinkKind, Scope};
 use geu_model::fault::expectation::Verdict;
 use geu_model::fault::shape::KINDS;
 use geu_model::fault::{Target, expression};
@@ -232,7 +232,7 @@ fn what_is_cleared_or_started_before_its_time_is_the_run_of_a_plan_too() {
                 [[fault]]\nid = \"hand\"\ngyro = \"GYRY\"\nfault = \"dead\"\nat_s = 10.0\nby_hand = true\nfor_s = 1.0\n\
                 [[fault]]\nid = \"past\"\ngyro = \"GYRZA\"\nfault = \"dead\"\nuntil_s = 1.0\nby_hand = true";
     let mut unit = Unit::new(&with_plan(plan));
-    let live = read_fault_text("live", "id = \"at-once\"\nfault = \"reset\"", &[]).expect("valid");
+    let live = read_fault_text("live", "id = \"at-once\"\nfault = \"reset\"", &[], &LinkKind::ALL).expect("valid");
     let mut rows = Vec::new();
     for index in 0..60 {
         if index == 4 {
@@ -411,14 +411,16 @@ fn what_a_plan_refuses_is_refused_live() {
     for key in ["when", "end_when"] {
         let asking = |id: &str| format!("{one}id = \"own\"\n{key} = 'active(\"{id}\")'");
         for id in ["there", "own"] {
-            read_fault_text("fault", &asking(id), &others).expect("both are there");
+            read_fault_text("fault", &asking(id), &others, &LinkKind::ALL).expect("both are there");
         }
-        let error = read_fault_text("fault", &asking("nobody"), &others).expect_err("there is none").to_string();
+        let error = read_fault_text("fault", &asking("nobody"), &others, &LinkKind::ALL)
+            .expect_err("there is none")
+            .to_string();
         assert!(error.contains("nobody") && error.contains("there, own"), "{error}");
     }
-    let many = vec![others[0].clone(); 1000];
-    let error = read_fault_text("fault", one, &many).expect_err("one too many").to_string();
-    assert!(error.contains("at most 1000"), "{error}");
+    let many = vec![others[0].clone(); MOST_EVER];
+    let error = read_fault_text("fault", one, &many, &LinkKind::ALL).expect_err("one too many").to_string();
+    assert!(error.contains("at most 10000 faults"), "{error}");
 }
 
 #[test]
@@ -463,4 +465,26 @@ fn the_rate_of_a_recorded_serial_port_is_kept() {
     assert_eq!(configuration.run.serial_baud, Some(9600));
     let again = Configuration::parse("run.toml", &configuration.to_toml(false), &[]).expect("as it was written");
     assert_eq!(again.run, configuration.run);
+}
+
+#[test]
+fn a_number_is_held_to_what_the_links_can_that_a_fault_is_on() {
+    let read = |text: &str, links: &[LinkKind]| read_fault_text("fault", text, &[], links).map(|_| ());
+    for (number, most, is_of_can) in [
+        ("wrong-length\"\nlength", 8, true),
+        ("truncate\"\nbytes", 8, true),
+        ("split\"\nbyte", 2, true),
+        ("wrong-identifier\"\nidentifier", 255, false),
+    ] {
+        let (narrow, wide) = if is_of_can { (LinkKind::Can, LinkKind::Pty) } else { (LinkKind::Tcp, LinkKind::Can) };
+        let text = |value: u32, link: &str| format!("fault = \"{number} = {value}\n{link}");
+        let link = |kind: LinkKind| format!("link = {:?}", kind.name());
+        read(&text(most, ""), &LinkKind::ALL).expect("what every link can");
+        read(&text(most + 1, ""), &[wide]).expect("what the one that is open can");
+        read(&text(most + 1, &link(wide)), &LinkKind::ALL).expect("what the one that is named can");
+        for refused in [read(&text(most + 1, ""), &LinkKind::ALL), read(&text(most + 1, &link(narrow)), &[wide])] {
+            let error = refused.expect_err("too much").to_string();
+            assert!(error.contains(&format!("at most {most} ")) && error.contains("another `link`"), "{error}");
+        }
+    }
 }

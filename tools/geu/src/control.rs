@@ -64,7 +64,7 @@ impl Emulator {
         Err(Failure::input(message))
     }
 
-    /// Follows what happens, until the emulator ends.
+    /// Follows what happens, until the emulator ends, or lets a client go that fell behind.
     ///
     /// # Errors
     /// No emulator, or one that refuses.

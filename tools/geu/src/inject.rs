@@ -1,9 +1,8 @@
 //! `geu inject`: moves a fault into a running emulator, takes it out again, lists what is there.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
-use geu_model::Configuration;
 use geu_model::fault::catalogue::LinkKind;
 use geu_model::fault::shape;
 use geu_protocol::Gyro;
@@ -110,33 +109,12 @@ fn read(text: &str) -> Value {
     }
 }
 
-fn plan(emulator: &Emulator, path: &std::path::Path) -> Result<(), Failure> {
+fn plan(emulator: &Emulator, path: &Path) -> Result<(), Failure> {
     let name = path.display().to_string();
-    let text = geu_recording::read_text(path)
+    let plan = geu_recording::read_text(path)
         .map_err(|error| Failure::input(format!("{name}: cannot be read: {error}; expected a plan with [[fault]]")))?;
-    // Read here first, so that what is wrong is told with its line.
-    let mut configuration = Configuration::reference();
-    configuration.add_plan(&name, &text).map_err(Failure::input)?;
-    if let Some(expectation) = configuration.expectations.first() {
-        return Err(Failure::input(format!(
-            "{name}: expected faults alone, got the expectation {}: expectations stand in the plan of `geu run --faults`",
-            expectation.id
-        )));
-    }
-    let mut taken: Vec<Value> = Vec::new();
-    for fault in &configuration.faults {
-        match emulator.ask(Method::POST, "/api/faults", Some(&geu_daemon::fault_keys(fault))) {
-            Ok(answer) => taken.push(answer),
-            Err(refusal) => {
-                for answer in &taken {
-                    let id = answer["id"].as_str().unwrap_or_default();
-                    emulator.ask(Method::DELETE, &format!("/api/faults/{id}"), None)?;
-                }
-                return Err(refusal);
-            }
-        }
-    }
-    taken.iter().try_for_each(tell)
+    let added = emulator.ask(Method::POST, "/api/faults", Some(&json!({ "plan": plan, "name": name })))?;
+    added.as_array().into_iter().flatten().try_for_each(tell)
 }
 
 fn list(emulator: &Emulator) -> Result<(), Failure> {
@@ -156,8 +134,8 @@ pub fn line(fault: &Value) -> String {
             line += &format!(" on {whom}");
         }
     }
-    match (fault["since_s"].as_f64(), fault["until_s"].as_f64()) {
-        (Some(since_s), Some(until_s)) => line += &format!(", {since_s} s to {until_s} s"),
+    match (fault["since_s"].as_f64(), fault["ends_s"].as_f64()) {
+        (Some(since_s), Some(ends_s)) => line += &format!(", {since_s} s to {ends_s} s"),
         (Some(since_s), None) => line += &format!(", since {since_s} s"),
         (None, _) if text("state") == "armed" => line += &format!(", waits for {}", text("trigger")),
         (None, _) => {}

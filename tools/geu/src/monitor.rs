@@ -8,6 +8,7 @@ use clap::Args;
 use geu_protocol::Gyro;
 use geu_protocol::field::UNIT_FLAGS;
 use serde_json::Value;
+use ureq::http::Method;
 
 use crate::control::Emulator;
 use crate::failure::{Failure, print};
@@ -26,7 +27,7 @@ pub struct Arguments {
     #[command(flatten)]
     emulator: Emulator,
     /// Ends after so many half seconds
-    #[arg(long, value_name = "COUNT")]
+    #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u64).range(1..))]
     count: Option<u64>,
     /// Lines, on a terminal too
     #[arg(long)]
@@ -41,40 +42,40 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let stands_still = stdout().is_terminal() && !arguments.lines;
     let mut happened: VecDeque<String> = VecDeque::new();
     let mut left = arguments.count.unwrap_or(u64::MAX);
-    // Accumulated difference of counts and truth since the monitor began.
-    let mut departures = [0.0; 4];
-    for told in arguments.emulator.follow()? {
-        if told.name == "timeline" {
-            let line = format!(
-                "{:>10.1} s  {:<12} {}",
-                told.data["t_s"].as_f64().unwrap_or_default(),
-                told.data["kind"].as_str().unwrap_or_default(),
-                told.data["text"].as_str().unwrap_or_default()
-            );
-            if stands_still {
-                happened.truncate(HAPPENINGS - 1);
-                happened.push_front(line);
-            } else {
-                print(format_args!("{line}\n"))?;
+    loop {
+        for told in arguments.emulator.follow()? {
+            if told.name == "timeline" {
+                let line = format!(
+                    "{:>10.1} s  {:<12} {}",
+                    told.data["t_s"].as_f64().unwrap_or_default(),
+                    told.data["kind"].as_str().unwrap_or_default(),
+                    told.data["text"].as_str().unwrap_or_default()
+                );
+                if stands_still {
+                    happened.truncate(HAPPENINGS - 1);
+                    happened.push_front(line);
+                } else {
+                    print(format_args!("{line}\n"))?;
+                }
+                continue;
             }
-            continue;
+            if stands_still {
+                let figures = figures(&told.data);
+                let happened: String = happened.iter().map(|line| format!("{line}\n")).collect();
+                print(format_args!("{HOME}{figures}\n{happened}"))?;
+            } else {
+                print(format_args!("{}\n", line(&told.data)))?;
+            }
+            left -= 1;
+            if left == 0 {
+                return Ok(());
+            }
         }
-        for (index, departure) in departures.iter_mut().enumerate() {
-            *departure += number(&told.data["increments"][index]) - number(&told.data["true_arcsec"][index]);
-        }
-        if stands_still {
-            let figures = figures(&told.data, &departures);
-            let happened: String = happened.iter().map(|line| format!("{line}\n")).collect();
-            print(format_args!("{HOME}{figures}\n{happened}"))?;
-        } else {
-            print(format_args!("{}\n", line(&told.data)))?;
-        }
-        left -= 1;
-        if left == 0 {
-            return Ok(());
+        // Whoever falls behind is let go, and comes again for the present.
+        if arguments.emulator.ask(Method::GET, "/api/status", None).is_err() {
+            return Err(Failure::failed("the emulator has ended"));
         }
     }
-    Err(Failure::failed("the emulator has ended"))
 }
 
 fn number(value: &Value) -> f64 {
@@ -106,7 +107,7 @@ fn line(half_second: &Value) -> String {
 }
 
 /// A half second on a screen.
-fn figures(half_second: &Value, departures: &[f64; 4]) -> String {
+fn figures(half_second: &Value) -> String {
     let value = |key: &str| number(&half_second[key]);
     let mut text = String::new();
     let mode = if half_second["cyclic"] == false { "not sent by itself" } else { "cyclic" };
@@ -135,7 +136,7 @@ fn figures(half_second: &Value, departures: &[f64; 4]) -> String {
             "{:<6} {count:+7}  {truth:+12.3}  {:+11.3}  {:+12.3}   {valid}{saturated}",
             gyro.name(),
             count - truth,
-            departures[index]
+            number(&half_second["departure_arcsec"][index])
         );
     }
     let rates: Vec<f64> = (0..3).map(|axis| number(&half_second["rate_arcsec_s"][axis])).collect();

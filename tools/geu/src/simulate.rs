@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use geu_daemon::record::Recorder;
+use geu_daemon::record::{self, Recorder};
 use geu_daemon::simulate::simulate;
 use geu_model::Truth;
 use geu_model::attitude::Plan;
@@ -62,6 +62,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         .half_seconds(duration_s.map(half_seconds).transpose()?)?
         .ok_or_else(|| Failure::input("the scenario has no end of its own: expected --duration SECONDS"))?;
     let wire = Wire::form(arguments.wire, configuration);
+    if let Some(reason) = record::misses(configuration, wire) {
+        return Err(Failure::input(format!("{reason}; name its `link`, or record another --wire")));
+    }
     let mut recorder = Recorder::create(out, configuration, &ready.truth, wire, &[]).map_err(Failure::input)?;
     let bar = indicatif::ProgressBar::new(count);
     let faults = simulate(configuration, &ready.truth, count, &mut recorder, |done| bar.set_position(done))

@@ -11,6 +11,7 @@ mod routes;
 mod server;
 #[cfg(test)]
 mod tests;
+mod unique;
 mod words;
 
 use std::future::Future;
@@ -20,7 +21,7 @@ use serde_json::{Map, Value};
 use tokio::sync::broadcast;
 
 pub use server::{Door, DoorError, Server};
-pub use words::{commands, reply};
+pub use words::{commands, reply, told};
 
 /// Where the control interface listens unless told otherwise.
 pub const DEFAULT_ADDRESS: &str = "127.0.0.1:8470";
@@ -42,11 +43,11 @@ pub trait Bench: Send + Sync + 'static {
     fn catalogue(&self) -> Value;
     /// Every fault that is known: armed, active, over.
     fn faults(&self) -> Value;
-    /// Takes a fault in, written as in a configuration's `[[fault]]`.
+    /// Takes a fault in, written as in a configuration's `[[fault]]`, or all of a `plan`, or starts one by hand.
     ///
     /// # Errors
-    /// What is wrong with it.
-    fn inject(&self, fault: &Map<String, Value>) -> Result<Value, String>;
+    /// What is wrong with it; nothing is taken in then.
+    fn inject(&self, injection: &Map<String, Value>) -> Result<Value, String>;
     /// Ends a fault now, or disarms it.
     ///
     /// # Errors

@@ -23,12 +23,13 @@ use tokio_stream::wrappers::BroadcastStream;
 
 use super::answer::{Answer, Refusal, json, text};
 use super::guard::Guard;
+use super::unique::Unique;
 use super::{Bench, openapi, page, words};
 
 /// Event streams at once; the other connections are for questions.
 pub(super) const STREAMS: usize = 16;
-/// Longest body, byte.
-pub(super) const BODY: usize = 64 * 1024;
+/// Longest body, byte: a plan of as many faults as there may be, with comments.
+pub(super) const BODY: usize = 1024 * 1024;
 /// A client has so long to send it.
 pub(super) const BODY_WITHIN: Duration = Duration::from_secs(5);
 /// A unit that has not answered a command by then (the link's replies take 20 ms) is not running.
@@ -78,11 +79,17 @@ pub(super) fn table<B: Bench>() -> Vec<Route<Arc<Room<B>>>> {
         get("/api/layout", "What stands where in the frames of a half second", Gives::Json(200, "Layout"), layout),
         get("/api/faults", "Every fault: armed, active, over", Gives::Json(200, "Faults"), faults::<B>),
         Route {
-            takes: Some("Fault"),
+            takes: Some("Injection"),
             refuses: &[400, 408, 413, 415],
-            ..route(Method::POST, "/api/faults", "Injects a fault", Gives::Json(201, "FaultState"), inject::<B>)
+            ..route(
+                Method::POST,
+                "/api/faults",
+                "Injects a fault, or all of a plan, or starts one",
+                Gives::Json(201, "Injected"),
+                inject::<B>,
+            )
         },
-        route(Method::DELETE, "/api/faults", "Ends every fault", Gives::Json(200, "Cleared"), clear_all::<B>),
+        route(Method::DELETE, "/api/faults", "Ends every fault", Gives::Json(200, "AllCleared"), clear_all::<B>),
         Route {
             refuses: &[404],
             ..route(Method::DELETE, "/api/faults/{id}", "Ends one fault", Gives::Json(200, "Cleared"), clear::<B>)
@@ -241,16 +248,16 @@ async fn events<B: Bench>(State(room): Here<B>) -> Answer {
 }
 
 async fn timeline<B: Bench>(State(room): Here<B>) -> Response {
-    let lines = room.bench.timeline();
-    let mut all = String::with_capacity(lines.iter().map(|line| line.len() + 1).sum());
-    for line in &lines {
-        all.push_str(line);
-        all.push('\n');
-    }
-    let mut response = text(StatusCode::OK, "application/x-ndjson", all);
+    let mut response = text(StatusCode::OK, "application/x-ndjson", lines(room.bench.timeline()));
     let saved_as = header::HeaderValue::from_static("attachment; filename=\"timeline.jsonl\"");
     response.headers_mut().insert(header::CONTENT_DISPOSITION, saved_as);
     response
+}
+
+/// A body of these lines, each copied when the client has taken those before: a client costs no memory of its own.
+pub(super) fn lines(lines: Vec<Arc<str>>) -> body::Body {
+    let lines = lines.into_iter().map(|line| Ok::<_, Infallible>(format!("{line}\n")));
+    body::Body::from_stream(tokio_stream::iter(lines))
 }
 
 async fn document<B: Bench>(State(room): Here<B>) -> Response {
@@ -277,8 +284,8 @@ async fn object(request: Request) -> Result<Map<String, Value>, Refusal> {
         Err(error) => bad(format!("body: {error}")),
     })?;
     match serde_json::from_slice(&bytes.to_bytes()) {
-        Ok(Value::Object(object)) => Ok(object),
-        Ok(other) => Err(bad(format!("body: expected a JSON object, got {}", kind(&other)))),
+        Ok(Unique(Value::Object(object))) => Ok(object),
+        Ok(Unique(other)) => Err(bad(format!("body: expected a JSON object, got {}", kind(&other)))),
         Err(error) => Err(bad(format!("body: expected a JSON object: {error}"))),
     }
 }

@@ -1,8 +1,9 @@
 //! Connections: a thread of its own, and bounds on what clients can take from it.
 
+use std::collections::HashMap;
 use std::convert::Infallible;
 use std::io;
-use std::net::{SocketAddr, TcpListener, ToSocketAddrs};
+use std::net::{IpAddr, Ipv6Addr, SocketAddr, TcpListener, ToSocketAddrs};
 use std::sync::Arc;
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
@@ -16,7 +17,7 @@ use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use nix::libc;
 use tokio::net::TcpStream;
-use tokio::sync::{Semaphore, oneshot};
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
 use tokio_io_timeout::TimeoutStream;
 
 use super::answer::Refusal;
@@ -27,6 +28,8 @@ use super::{Bench, routes};
 const PORTS: u16 = 100;
 /// Connections served at once.
 pub(super) const CONNECTIONS: usize = 32;
+/// Of these, what clients at one address of another machine may have: enough for a page and a monitor, and others find room.
+pub(super) const CONNECTIONS_EACH: usize = 12;
 /// Connections beyond these that are told so; the others are closed.
 const TURNED_AWAY: usize = 16;
 /// A client has so long to send a request's headers, and an idle connection to send the next request.
@@ -132,14 +135,53 @@ impl Drop for Server {
     }
 }
 
+/// The places for connections. Who reaches the port from elsewhere, with or without the token, may not have them all.
+pub(super) struct Places {
+    all: Arc<Semaphore>,
+    each: HashMap<IpAddr, Arc<Semaphore>>,
+}
+
+/// A place, held until it is dropped.
+pub(super) type Place = (OwnedSemaphorePermit, Option<OwnedSemaphorePermit>);
+
+impl Places {
+    /// All of them, free.
+    pub fn new() -> Places {
+        Places { all: Arc::new(Semaphore::new(CONNECTIONS)), each: HashMap::new() }
+    }
+
+    /// One for a client at this address; nothing where there is none.
+    pub fn take(&mut self, peer: IpAddr) -> Option<Place> {
+        let place = self.all.clone().try_acquire_owned().ok()?;
+        let peer = network(peer);
+        if peer.is_loopback() {
+            return Some((place, None));
+        }
+        self.each.retain(|_, own| own.available_permits() < CONNECTIONS_EACH);
+        let own = self.each.entry(peer).or_insert_with(|| Arc::new(Semaphore::new(CONNECTIONS_EACH)));
+        Some((place, Some(own.clone().try_acquire_owned().ok()?)))
+    }
+}
+
+/// What counts as one address: of IPv6 the network, in which a machine takes as many as it likes.
+fn network(peer: IpAddr) -> IpAddr {
+    match peer.to_canonical() {
+        IpAddr::V6(address) if !address.is_loopback() => {
+            let [a, b, c, d, ..] = address.segments();
+            Ipv6Addr::new(a, b, c, d, 0, 0, 0, 0).into()
+        }
+        own => own,
+    }
+}
+
 async fn accept(listener: tokio::net::TcpListener, router: Router) {
-    let (places, doorstep) = (Arc::new(Semaphore::new(CONNECTIONS)), Arc::new(Semaphore::new(TURNED_AWAY)));
+    let (mut places, doorstep) = (Places::new(), Arc::new(Semaphore::new(TURNED_AWAY)));
     loop {
-        let Ok((stream, _)) = listener.accept().await else {
+        let Ok((stream, peer)) = listener.accept().await else {
             tokio::time::sleep(PAUSE).await;
             continue;
         };
-        if let Ok(place) = places.clone().try_acquire_owned() {
+        if let Some(place) = places.take(peer.ip()) {
             let router = router.clone();
             tokio::spawn(async move {
                 converse(stream, Some(router)).await;
@@ -168,7 +210,9 @@ async fn converse(stream: TcpStream, router: Option<Router>) {
         Some(router) => builder.serve_connection(io, TowerToHyperService::new(router)).await,
         None => {
             let full = service_fn(|_| async {
-                let message = format!("expected at most {CONNECTIONS} connections at once, got more; try again later");
+                let message = format!(
+                    "expected at most {CONNECTIONS} connections at once, {CONNECTIONS_EACH} of one machine, got more; try again later"
+                );
                 Ok::<_, Infallible>(Refusal(StatusCode::SERVICE_UNAVAILABLE, message).into_response())
             });
             builder.keep_alive(false).serve_connection(io, full).await

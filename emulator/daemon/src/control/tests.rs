@@ -2,14 +2,15 @@
 
 use std::collections::BTreeSet;
 use std::io::{Read, Write};
-use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::net::{IpAddr, SocketAddr, TcpListener, TcpStream};
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
 use geu_protocol::{Outcome, Reply};
 use serde_json::json;
+use tokio_stream::StreamExt;
 
-use super::server::{CONNECTIONS, HEADERS_WITHIN, READS_WITHIN};
+use super::server::{CONNECTIONS, CONNECTIONS_EACH, HEADERS_WITHIN, Places, READS_WITHIN};
 use super::*;
 
 struct FakeBench {
@@ -169,7 +170,8 @@ fn every_question_is_answered() {
     assert_eq!(served.get("/api/parameters").json(), json!([{ "parameter": "drift.arcsec_per_h" }]));
     assert_eq!(served.get("/api/catalogue").json()["commands"][0]["name"], "PING");
     let timeline = served.get("/api/timeline");
-    assert_eq!(timeline.body, "{\"t_s\":1}\n{\"t_s\":2}\n");
+    let sent: String = timeline.body.lines().filter(|line| line.starts_with('{')).collect();
+    assert_eq!(sent, "{\"t_s\":1}{\"t_s\":2}");
     assert!(timeline.head.contains("content-disposition: attachment; filename=\"timeline.jsonl\""), "{timeline:?}");
     assert!(timeline.head.contains("content-type: application/x-ndjson"), "{timeline:?}");
     for file in page::FILES {
@@ -178,6 +180,15 @@ fn every_question_is_answered() {
         assert!(got.head.contains("content-security-policy: default-src 'none'; script-src 'self';"), "{got:?}");
     }
     assert_eq!(served.ask("HEAD", "/api/status", &[], "").status, 200);
+}
+
+#[tokio::test]
+async fn the_timeline_is_copied_line_by_line_as_it_is_taken() {
+    let line: Arc<str> = "{}".into();
+    let mut body = routes::lines(vec![line.clone(); 1000]).into_data_stream();
+    assert_eq!(Arc::strong_count(&line), 1001);
+    let first = body.next().await.expect("a line").expect("no error");
+    assert_eq!((&*first, Arc::strong_count(&line)), (&b"{}\n"[..], 1000));
 }
 
 #[test]
@@ -193,6 +204,24 @@ fn faults_are_injected_and_cleared() {
     assert_eq!(served.ask("DELETE", "/api/faults", &[], "").json(), json!({ "cleared": 1 }));
     let refused = served.post("/api/faults", "{}");
     assert_eq!((refused.refused(), refused.json()["error"].as_str()), (400, Some("id: expected a name, got none")));
+}
+
+#[test]
+fn a_key_that_comes_twice_is_refused() {
+    let served = served(None);
+    for body in [
+        r#"{"id": "a", "id": "b"}"#,
+        r#"{"id": "a", "course": {"step": 1, "step": 1}}"#,
+        r#"{"a": [{"b": 1, "b": 2}]}"#,
+    ] {
+        let refused = served.post("/api/faults", body);
+        assert_eq!(refused.refused(), 400, "{body}");
+        assert!(refused.body.contains("expected each key once, got"), "{refused:?}");
+    }
+    let all = r#"{"id": "a", "numbers": [1, -2, 0.5, 1e300], "flags": [true, false, null], "inner": {"id": ["id"]}}"#;
+    assert_eq!(served.post("/api/faults", all).status, 201);
+    assert_eq!(serde_json::from_str::<unique::Unique>(all).unwrap().0, serde_json::from_str::<Value>(all).unwrap());
+    assert_eq!(served.get("/api/faults").json(), json!(["a"]));
 }
 
 #[test]
@@ -255,7 +284,10 @@ fn a_body_has_a_greatest_length() {
     let promised = format!("{head}connection: close\r\ncontent-length: 99999999999\r\n\r\n");
     assert_eq!(served.raw(promised.as_bytes()).refused(), 413);
     let chunk = format!("1000\r\n{}\r\n", " ".repeat(4096));
-    let chunked = format!("{head}connection: close\r\ntransfer-encoding: chunked\r\n\r\n{}0\r\n\r\n", chunk.repeat(17));
+    let chunked = format!(
+        "{head}connection: close\r\ntransfer-encoding: chunked\r\n\r\n{}0\r\n\r\n",
+        chunk.repeat(routes::BODY / 4096 + 1)
+    );
     assert_eq!(served.raw(chunked.as_bytes()).refused(), 413);
     let start = Instant::now();
     let broken_off = format!("{head}connection: close\r\ncontent-length: 10\r\n\r\n{{");
@@ -390,6 +422,26 @@ fn streams_and_connections_have_a_greatest_number_and_places_become_free() {
         assert!(start.elapsed() < Duration::from_secs(5), "no place becomes free");
         std::thread::sleep(Duration::from_millis(20));
     }
+}
+
+#[test]
+fn one_machine_elsewhere_leaves_room_for_others_and_this_one_needs_to_leave_none() {
+    let address = |text: &str| text.parse::<IpAddr>().unwrap();
+    let take = |places: &mut Places, text: &str| {
+        (0..2 * CONNECTIONS).map_while(|_| places.take(address(text))).collect::<Vec<_>>()
+    };
+    for own in ["127.0.0.1", "::1", "::ffff:127.0.0.1"] {
+        assert_eq!(take(&mut Places::new(), own).len(), CONNECTIONS, "{own}");
+    }
+    let mut places = Places::new();
+    let held = take(&mut places, "192.0.2.1");
+    assert_eq!(held.len(), CONNECTIONS_EACH);
+    assert!(places.take(address("::ffff:192.0.2.1")).is_none(), "the same machine");
+    let network = take(&mut places, "2001:db8::1");
+    assert!(network.len() == CONNECTIONS_EACH && places.take(address("2001:db8::2")).is_none());
+    assert_eq!(take(&mut places, "192.0.2.2").len(), CONNECTIONS - 2 * CONNECTIONS_EACH);
+    drop(held);
+    assert_eq!(take(&mut places, "192.0.2.1").len(), CONNECTIONS_EACH);
 }
 
 #[test]

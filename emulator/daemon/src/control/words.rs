@@ -1,6 +1,6 @@
 //! The protocol's tables as JSON: commands, replies, and what stands where in a frame.
 
-use geu_protocol::command::{COMMANDS, CommandSpec};
+use geu_protocol::command::{self, COMMANDS, CommandSpec};
 use geu_protocol::field::{CRC, FieldSpec, Wire};
 use geu_protocol::message::{Data, MESSAGES, Message, Place};
 use geu_protocol::{HalfSecond, Reply};
@@ -42,14 +42,17 @@ pub fn reply(reply: &Reply, polled: Option<&HalfSecond>) -> Value {
             rest = &rest[length..];
         }
     }
-    let polled = polled.map(|half_second| {
-        json!({ "sequence": half_second.sequence, "increments": half_second.increments,
-            "gyro_flags": half_second.gyro_flags, "unit_flags": half_second.unit_flags,
-            "electronics_c": f64::from(half_second.electronics_centi_c) / 100.0,
-            "sensor_c": f64::from(half_second.sensor_centi_c) / 100.0, "clock_count": half_second.clock_count })
-    });
     json!({ "name": spec.map(|spec| spec.name), "opcode": reply.opcode(), "result": reply.outcome() as u8,
-        "outcome": reply.outcome().text(), "values": values, "bytes": hex(reply.bytes()), "polled": polled })
+        "outcome": reply.outcome().text(), "values": values, "bytes": command::hex(reply.bytes()),
+        "polled": polled.map(told) })
+}
+
+/// What the unit tells in a half second.
+pub fn told(half_second: &HalfSecond) -> Value {
+    json!({ "sequence": half_second.sequence, "increments": half_second.increments,
+        "gyro_flags": half_second.gyro_flags, "unit_flags": half_second.unit_flags,
+        "electronics_c": f64::from(half_second.electronics_centi_c) / 100.0,
+        "sensor_c": f64::from(half_second.sensor_centi_c) / 100.0, "clock_count": half_second.clock_count })
 }
 
 /// What stands before the payload of a serial frame.
@@ -96,8 +99,4 @@ fn fields<'a>(specs: impl Iterator<Item = &'a FieldSpec>) -> Vec<Value> {
                 "unit": spec.unit, "scale": spec.scale, "bits": bits, "meaning": spec.meaning })
         })
         .collect()
-}
-
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02X}")).collect()
 }

@@ -123,6 +123,11 @@ impl Follower {
         self.curve.back().map_or(f64::NEG_INFINITY, |&(t_s, _)| t_s)
     }
 
+    /// Whether nothing came for so long that the unit is held at rest.
+    pub fn is_missing(&self) -> bool {
+        self.is_missing
+    }
+
     /// Whether samples cover `t_s`.
     pub fn covers(&self, t_s: f64) -> bool {
         self.told_s() >= t_s - GRAIN_S

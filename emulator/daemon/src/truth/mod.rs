@@ -216,6 +216,11 @@ impl Live {
         self.came.notify_all();
     }
 
+    /// Whether a source that told something once is missing.
+    fn is_missing(&self) -> bool {
+        self.state().follower.is_missing()
+    }
+
     fn is_wanted(&self, ahead_s: f64) -> bool {
         let state = self.state();
         state.is_early || !state.follower.covers(state.wanted_s + ahead_s)

@@ -8,6 +8,7 @@ use std::io;
 use std::sync::Arc;
 use std::time::Duration;
 
+use nix::sys::socket::{setsockopt, sockopt};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpStream, UdpSocket};
 
@@ -26,6 +27,13 @@ const CHUNK: usize = 16_384;
 const TRY_AGAIN: Duration = Duration::from_millis(250);
 /// A server that does not answer is not waited for any longer.
 const ANSWER: Duration = Duration::from_secs(2);
+/// A server is asked for a sign of life after so long, and again after so long, s.
+const KEEP_ALIVE: u32 = 10;
+/// One that acknowledges nothing for so long is gone, ms.
+const SILENCE_MS: u32 = 60_000;
+/// One that is there, but told nothing for so long while the truth is missing, is left and visited again. A simulator may
+/// take its time for a step, and a run that waits for it goes on without after [`super::PATIENCE`]; none takes this long.
+const MUTE: Duration = Duration::from_secs(300);
 /// What 42 waits for.
 const ACKNOWLEDGEMENT: &[u8] = b"Ack\n";
 
@@ -78,7 +86,7 @@ async fn visit(live: Arc<Live>, address: String) {
             Ok(stream) => {
                 was_there = true;
                 console::say(format_args!("truth {}: connected", live.address));
-                let ended = read(&live, stream).await;
+                let ended = read(&live, stream, MUTE).await;
                 let why = ended.err().map_or_else(|| "it closed the connection".to_owned(), |error| error.to_string());
                 console::say(format_args!("truth {}: {why}; tried again until it is back", live.address));
             }
@@ -91,16 +99,36 @@ async fn visit(live: Arc<Live>, address: String) {
     }
 }
 
-/// Reads a server to its end.
-async fn read(live: &Live, mut stream: TcpStream) -> io::Result<()> {
+/// Has the kernel notice a server that went away without a word.
+fn keep_alive(stream: &TcpStream) -> io::Result<()> {
+    setsockopt(stream, sockopt::KeepAlive, &true)?;
+    setsockopt(stream, sockopt::TcpKeepIdle, &KEEP_ALIVE)?;
+    setsockopt(stream, sockopt::TcpKeepInterval, &KEEP_ALIVE)?;
+    setsockopt(stream, sockopt::TcpUserTimeout, &SILENCE_MS)?;
+    Ok(())
+}
+
+/// Reads a server to its end, or until it was `mute` for too long. Not so 42: it takes one connection and no other, and
+/// stands still while somebody looks at it.
+async fn read(live: &Live, mut stream: TcpStream, mute: Duration) -> io::Result<()> {
     stream.set_nodelay(true)?;
+    keep_alive(&stream)?;
     let is_forty_two = matches!(live.address, LiveAddress::FortyTwo(_));
     let (mut lines, mut message, mut chunk) = (Lines::default(), Message::default(), vec![0; CHUNK]);
     loop {
         if !is_forty_two {
             live.until_wanted(AHEAD_S).await;
         }
-        let length = stream.read(&mut chunk).await?;
+        let length = loop {
+            match tokio::time::timeout(mute, stream.read(&mut chunk)).await {
+                Ok(length) => break length?,
+                Err(_) if live.is_missing() && !is_forty_two => {
+                    let why = format!("it told nothing for {} s", mute.as_secs());
+                    return Err(io::Error::new(io::ErrorKind::TimedOut, why));
+                }
+                Err(_) => {}
+            }
+        };
         if length == 0 {
             return Ok(());
         }
@@ -117,6 +145,45 @@ async fn read(live: &Live, mut stream: TcpStream) -> io::Result<()> {
         for _ in 0..messages {
             live.until_wanted(0.0).await;
             stream.write_all(ACKNOWLEDGEMENT).await?;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nix::sys::socket::getsockopt;
+    use tokio::net::TcpListener;
+
+    use super::*;
+
+    #[tokio::test]
+    async fn a_server_that_went_away_without_a_word_is_noticed() {
+        for (is_forty_two, line) in
+            [(false, "{\"t_s\": 1.0, \"rate_arcsec_s\": [0.0, 0.0, 0.0]}\n"), (true, "[ENDMSG]\n")]
+        {
+            let listener = TcpListener::bind("127.0.0.1:0").await.expect("a port");
+            let address = listener.local_addr().expect("an address").to_string();
+            let stream = TcpStream::connect(&address).await.expect("a server");
+            let (mut server, _) = listener.accept().await.expect("a client");
+            keep_alive(&stream).expect("options");
+            assert!(getsockopt(&stream, sockopt::KeepAlive).expect("an option"));
+            assert_eq!(getsockopt(&stream, sockopt::TcpUserTimeout).expect("an option"), SILENCE_MS);
+
+            let address = if is_forty_two { LiveAddress::FortyTwo(address) } else { LiveAddress::Tcp(address) };
+            let live = Live::new(address);
+            let reader = live.clone();
+            let mute = Duration::from_millis(50);
+            let reading = tokio::spawn(async move { read(&reader, stream, mute).await });
+            server.write_all(line.as_bytes()).await.expect("sent");
+            tokio::time::sleep(6 * mute).await;
+            assert!(!reading.is_finished(), "nothing is missing: the unit has not run yet");
+            live.finish(20.0, false, || false);
+            tokio::time::sleep(6 * mute).await;
+            assert_eq!(reading.is_finished(), !is_forty_two);
+            if !is_forty_two {
+                let error = reading.await.expect("no panic").expect_err("it told nothing");
+                assert_eq!(error.kind(), io::ErrorKind::TimedOut);
+            }
         }
     }
 }

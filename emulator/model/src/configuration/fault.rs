@@ -1,5 +1,6 @@
 //! `[[fault]]` and `[[expect]]`: in a configuration, in a plan of their own, in what is injected live.
 
+use std::collections::HashSet;
 use std::fmt::Write;
 
 use geu_protocol::Gyro;
@@ -12,8 +13,11 @@ use crate::fault::expression::Expression;
 use crate::fault::{Action, Fault, Target, shape};
 use crate::number::{Default, Form, Number, number};
 
-/// Most faults and most expectations of a plan.
-const MOST: usize = 1000;
+/// Most faults and most expectations of a plan, and most faults of a run that are not over.
+pub const MOST: usize = 1000;
+/// Most faults of a run, with those that came live and are over: all stand in its `run.toml`, and are looked at in every
+/// half second.
+pub const MOST_EVER: usize = 10_000;
 /// Longest identifier.
 const MOST_ID: usize = 64;
 const LATEST_S: f64 = 1e10;
@@ -74,45 +78,75 @@ impl Configuration {
         let source = Source::parse(name, text)?;
         let root = source.root();
         root.only(&[FAULT, EXPECT])?;
-        let faults = read_faults(&root, &self.faults)?;
-        self.expectations.extend(read_expectations(&root, &self.expectations, &[&self.faults[..], &faults].concat())?);
-        self.faults.extend(faults);
+        let faults = read_faults(&root, &self.faults, &LinkKind::ALL)?;
+        let all = [&self.faults[..], &faults].concat();
+        few_planned(&root, &all, &self.run.injected)?;
+        self.expectations.extend(read_expectations(&root, &self.expectations, &all)?);
+        self.faults = all;
         Ok(())
     }
 }
 
-/// Reads one fault from a text of its keys alone, for a run that has `others`.
+/// Reads one fault from a text of its keys alone, for a run that has `others` and these links.
 ///
 /// # Errors
 /// The first thing wrong, with its line.
-pub fn read_fault_text(name: &str, text: &str, others: &[Fault]) -> Read<Fault> {
+pub fn read_fault_text(name: &str, text: &str, others: &[Fault], links: &[LinkKind]) -> Read<Fault> {
     let source = Source::parse(name, text)?;
     let root = source.root();
-    let fault = read_fault(&root, others)?;
+    let fault = read_fault(&root, others, links)?;
     // What a plan refuses is refused here too: a recording of the run is read as a plan.
-    if others.len() >= MOST {
-        return Err(root.error(FAULT, format!("expected at most {MOST} faults in a run, which it has already")));
-    }
+    few_enough(&root, others.len() + 1)?;
     known_in(&root, &fault, others.iter().chain([&fault]))?;
     Ok(fault)
 }
 
-/// Reads `[[fault]]`; `before` are those that are there already.
-pub(super) fn read_faults(root: &Node, before: &[Fault]) -> Read<Vec<Fault>> {
+/// Reads the faults of a plan, a text with `[[fault]]` and nothing else, for a run that has `others` and these links.
+///
+/// # Errors
+/// The first thing wrong, with its line; expectations, which a run has from its start.
+pub fn read_plan_text(name: &str, text: &str, others: &[Fault], links: &[LinkKind]) -> Read<Vec<Fault>> {
+    let source = Source::parse(name, text)?;
+    let root = source.root();
+    root.only(&[FAULT, EXPECT])?;
+    if let Some(node) = root.tables(EXPECT)?.first() {
+        let message = "expected faults alone: expectations stand in the plan of `geu run --faults`".to_owned();
+        return Err(node.error("id", message));
+    }
+    read_faults(&root, others, links)
+}
+
+/// Reads `[[fault]]`; `before` are those that are there already, `links` those that one may be on that names none.
+pub(super) fn read_faults(root: &Node, before: &[Fault], links: &[LinkKind]) -> Read<Vec<Fault>> {
     let nodes = root.tables(FAULT)?;
     let mut all = before.to_vec();
     for node in &nodes {
-        let fault = read_fault(node, &all)?;
+        let fault = read_fault(node, &all, links)?;
         all.push(fault);
     }
-    if all.len() > MOST {
-        return Err(root.error(FAULT, format!("expected at most {MOST} faults, got {}", all.len())));
-    }
+    few_enough(root, all.len())?;
     let faults = all.split_off(before.len());
     for (node, fault) in nodes.iter().zip(&faults) {
         known_in(node, fault, before.iter().chain(&faults))?;
     }
     Ok(faults)
+}
+
+/// Refuses more faults than a run may have.
+fn few_enough(root: &Node, count: usize) -> Read<()> {
+    if count <= MOST_EVER {
+        return Ok(());
+    }
+    let message = format!("expected at most {MOST_EVER} faults in a run, over or not, got {count}; begin another run");
+    Err(root.error(FAULT, message))
+}
+
+/// Refuses more faults of a plan than may wait at once; those that came live into a recorded run came one after another.
+pub(super) fn few_planned(root: &Node, faults: &[Fault], injected: &[String]) -> Read<()> {
+    match faults.len().saturating_sub(injected.len()) {
+        ..=MOST => Ok(()),
+        count => Err(root.error(FAULT, format!("expected at most {MOST} faults, got {count}"))),
+    }
 }
 
 /// Refuses conditions of a fault that ask about one that is not there.
@@ -140,7 +174,7 @@ fn known<'a>(
     }
 }
 
-fn read_fault(node: &Node, others: &[Fault]) -> Read<Fault> {
+fn read_fault(node: &Node, others: &[Fault], links: &[LinkKind]) -> Read<Fault> {
     let keys = node.keys();
     let has = |key: &str| keys.contains(&key);
     let common: Vec<&str> = FAULT_TEXTS
@@ -171,7 +205,8 @@ fn read_fault(node: &Node, others: &[Fault]) -> Read<Fault> {
         let gyro = if spec.scope == Scope::Gyro { read_gyro(node, &Gyro::ALL, spec.code)? } else { None };
         let link = if spec.scope == Scope::Link { read_link(node, spec)? } else { None };
         // One that no link can have is refused with its link.
-        if let Some((number, expected)) = spec.neutral(&values, gyro).or_else(|| spec.misfit(&values, link)) {
+        let links = link.as_ref().map_or(links, std::slice::from_ref);
+        if let Some((number, expected)) = spec.neutral(&values, gyro).or_else(|| spec.misfit(&values, links)) {
             return Err(node.unexpected(number, &expected));
         }
         (Action::Named { spec, values }, gyro, link)
@@ -279,7 +314,8 @@ fn read_course(node: &Node, target: &Target) -> Read<(f64, shape::Law)> {
 fn read_id<'a>(node: &Node, prefix: &str, others: impl Iterator<Item = &'a str> + Clone) -> Read<String> {
     let is_taken = |id: &str| others.clone().any(|other| other == id);
     if !node.keys().contains(&"id") {
-        let free = (1..).map(|number| format!("{prefix}-{number}")).find(|id| !is_taken(id));
+        let taken: HashSet<&str> = others.collect();
+        let free = (1..).map(|number| format!("{prefix}-{number}")).find(|id| !taken.contains(id.as_str()));
         return Ok(free.expect("there are more numbers than faults"));
     }
     let id = node.text("id")?;

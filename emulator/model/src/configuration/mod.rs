@@ -102,6 +102,21 @@ pub struct RunRecord {
     pub commands: Vec<RecordedCommand>,
 }
 
+impl RunRecord {
+    /// Kinds of the links that a fault may be on which names none: those that were open, and the recorded one; any where
+    /// that is not known.
+    fn told_links(&self) -> Vec<LinkKind> {
+        let recorded = match self.wire {
+            Some(WireForm::Serial) => LinkKind::Pty,
+            Some(WireForm::Can) | None => LinkKind::Can,
+        };
+        match &self.links[..] {
+            [] => LinkKind::ALL.to_vec(),
+            links => [links, &[recorded]].concat(),
+        }
+    }
+}
+
 /// A configuration that can be run: every number within its limits, the scenario possible.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Configuration {
@@ -272,7 +287,9 @@ impl Configuration {
             }
         }
         let start_unix_s = root.number(&START)?;
-        let faults = fault::read_faults(root, &[])?;
+        let run = read_run(root)?;
+        let faults = fault::read_faults(root, &[], &run.told_links())?;
+        fault::few_planned(root, &faults, &run.injected)?;
         Ok(Configuration {
             seed: root.whole_number("seed")?.unwrap_or(1),
             start_unix_ns: unix_ns(start_unix_s),
@@ -283,7 +300,7 @@ impl Configuration {
             scenario: read_scenario(root)?,
             expectations: fault::read_expectations(root, &[], &faults)?,
             faults,
-            run: read_run(root)?,
+            run,
         })
     }
 }

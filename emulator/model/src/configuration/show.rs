@@ -115,7 +115,7 @@ impl Configuration {
             line(text, format_args!("injected = {:?}", self.run.injected));
         }
         for command in &self.run.commands {
-            let bytes: String = command.payload.iter().map(|byte| format!("{byte:02X}")).collect();
+            let bytes = geu_protocol::command::hex(&command.payload);
             line(
                 text,
                 format_args!(

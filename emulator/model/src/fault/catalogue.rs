@@ -157,7 +157,22 @@ pub struct Spec {
     pub for_s: Option<f64>,
     /// For a fault of a link: where it cannot be done, why, and what could.
     pub unable: &'static [(LinkKind, &'static str)],
+    /// For a fault of a link: what some links hold its numbers to.
+    pub bounds: &'static [Bound],
     law: fn(&[f64]) -> Law,
+}
+
+/// What some links hold a number to.
+#[derive(Debug)]
+pub struct Bound {
+    /// The number's name.
+    pub number: &'static str,
+    /// The links.
+    pub links: &'static [LinkKind],
+    /// The largest value there.
+    pub most: f64,
+    /// What it counts there.
+    what: &'static str,
 }
 
 impl PartialEq for Spec {
@@ -188,25 +203,6 @@ impl Spec {
         self.unable.iter().find(|(kind, _)| *kind == link).map(|(_, reason)| *reason)
     }
 
-    /// A number that cannot be on the links that the fault is on, and what was expected of it.
-    pub fn misfit(&self, numbers: &[f64], link: Option<LinkKind>) -> Option<(&'static str, String)> {
-        let (may_be_can, may_be_serial) = (link.is_none_or(|kind| kind == LinkKind::Can), link != Some(LinkKind::Can));
-        let at_most = |most: u64, what: &str| format!("at most {most} {what}, or another `link`,");
-        match self.law(numbers) {
-            Law::Link(LinkLaw::WrongLength { length }) if may_be_can && length > 8 => {
-                Some(("length", at_most(8, "on CAN")))
-            }
-            Law::Link(LinkLaw::WrongIdentifier { identifier }) if may_be_serial && identifier > 255 => {
-                Some(("identifier", at_most(255, "on a link of bytes")))
-            }
-            Law::Link(LinkLaw::Truncate { bytes }) if may_be_can && bytes > 8 => Some(("bytes", at_most(8, "on CAN"))),
-            Law::Link(LinkLaw::Split { byte, .. }) if may_be_can && byte > 2 => {
-                Some(("byte", at_most(2, "messages on CAN")))
-            }
-            _ => None,
-        }
-    }
-
     /// A number with which it would change nothing, and what was expected of it.
     pub fn neutral(&self, numbers: &[f64], gyro: Option<Gyro>) -> Option<(&'static str, String)> {
         let other = |value: &str, number| Some((number, format!("another than {value}, with which nothing changes,")));
@@ -225,6 +221,17 @@ impl Spec {
         }
     }
 
+    /// A number that cannot be on any of these links, which the fault is on, and what was expected of it.
+    pub fn misfit(&self, numbers: &[f64], links: &[LinkKind]) -> Option<(&'static str, String)> {
+        let is_beyond = |bound: &Bound| {
+            let mut values = self.numbers.iter().zip(numbers);
+            values.any(|(number, &value)| number.name == bound.number && value > bound.most)
+                && bound.links.iter().any(|link| links.contains(link))
+        };
+        let Bound { number, most, what, .. } = self.bounds.iter().find(|bound| is_beyond(bound))?;
+        Some((number, format!("at most {most} {what}, or another `link`,")))
+    }
+
     /// Links that can have it.
     pub fn links(&self) -> Vec<LinkKind> {
         LinkKind::ALL.into_iter().filter(|&kind| self.unable_on(kind).is_none()).collect()
@@ -239,7 +246,7 @@ const ONE: Default = Default::Value(1.0);
 const REQUIRED: Default = Default::Required;
 
 const fn head(code: &'static str, meaning: &'static str, numbers: &'static [Number], law: fn(&[f64]) -> Law) -> Spec {
-    Spec { code, scope: Scope::Gyro, meaning, numbers, for_s: None, unable: &[], law }
+    Spec { code, scope: Scope::Gyro, meaning, numbers, for_s: None, unable: &[], bounds: &[], law }
 }
 
 const fn unit(
@@ -249,7 +256,7 @@ const fn unit(
     for_s: Option<f64>,
     law: fn(&[f64]) -> Law,
 ) -> Spec {
-    Spec { code, scope: Scope::Unit, meaning, numbers, for_s, unable: &[], law }
+    Spec { code, scope: Scope::Unit, meaning, numbers, for_s, unable: &[], bounds: &[], law }
 }
 
 const fn link(
@@ -259,7 +266,14 @@ const fn link(
     unable: &'static [(LinkKind, &'static str)],
     law: fn(&[f64]) -> Law,
 ) -> Spec {
-    Spec { code, scope: Scope::Link, meaning, numbers, for_s: None, unable, law }
+    Spec { code, scope: Scope::Link, meaning, numbers, for_s: None, unable, bounds: &[], law }
+}
+
+const CAN: &[LinkKind] = &[LinkKind::Can];
+const OF_BYTES: &[LinkKind] = &[LinkKind::Pty, LinkKind::Serial, LinkKind::Tcp];
+
+const fn bound(number: &'static str, links: &'static [LinkKind], most: f64, what: &'static str) -> Bound {
+    Bound { number, links, most, what }
 }
 
 fn moved(parameter: &str, size: f64, course: shape::Law) -> Law {
@@ -413,23 +427,29 @@ pub static CATALOGUE: &[Spec] = &[
         &[],
         |n| Law::Link(LinkLaw::Jitter { jitter_s: n[0] }),
     ),
-    link(
-        "truncate",
-        "the last bytes are missing; on CAN every message is shorter, and one without bytes left is not sent",
-        &[number("bytes", WHOLE, ONE, 1.0, 27.0, "how many")],
-        &[],
-        |n| Law::Link(LinkLaw::Truncate { bytes: n[0] as u64 }),
-    ),
-    link(
-        "split",
-        "a gap within the half second: behind this byte of a frame, on CAN behind this message",
-        &[
-            number("byte", WHOLE, ONE, 1.0, 27.0, "bytes, on CAN messages, before the gap"),
-            number("gap_s", REAL, Default::Value(0.05), LEAST_DELAY_S, 10.0, "how long"),
-        ],
-        &[],
-        |n| Law::Link(LinkLaw::Split { byte: n[0] as u64, gap_s: n[1] }),
-    ),
+    Spec {
+        bounds: &[bound("bytes", CAN, 8.0, "on CAN")],
+        ..link(
+            "truncate",
+            "the last bytes are missing; on CAN every message is shorter, and one without bytes left is not sent",
+            &[number("bytes", WHOLE, ONE, 1.0, 27.0, "how many")],
+            &[],
+            |n| Law::Link(LinkLaw::Truncate { bytes: n[0] as u64 }),
+        )
+    },
+    Spec {
+        bounds: &[bound("byte", CAN, 2.0, "messages on CAN")],
+        ..link(
+            "split",
+            "a gap within the half second: behind this byte of a frame, on CAN behind this message",
+            &[
+                number("byte", WHOLE, ONE, 1.0, 27.0, "bytes, on CAN messages, before the gap"),
+                number("gap_s", REAL, Default::Value(0.05), LEAST_DELAY_S, 10.0, "how long"),
+            ],
+            &[],
+            |n| Law::Link(LinkLaw::Split { byte: n[0] as u64, gap_s: n[1] }),
+        )
+    },
     link(
         "merge",
         "half seconds are held and sent together",
@@ -467,20 +487,26 @@ pub static CATALOGUE: &[Spec] = &[
     link("stale-repeat", "the last good half second is sent again and again", &[], &[], |_| {
         Law::Link(LinkLaw::StaleRepeat)
     }),
-    link(
-        "wrong-length",
-        "the length told is not that of the data; on CAN every message has this length",
-        &[number("length", WHOLE, REQUIRED, 0.0, 255.0, "length told; on CAN 0…8")],
-        &[],
-        |n| Law::Link(LinkLaw::WrongLength { length: n[0] as u64 }),
-    ),
-    link(
-        "wrong-identifier",
-        "messages go out under another identifier: the frame's type, on CAN the identifier of INCREMENTS, the others behind it",
-        &[number("identifier", WHOLE, REQUIRED, 0.0, 2045.0, "type 0…255, on CAN 0…2045")],
-        &[],
-        |n| Law::Link(LinkLaw::WrongIdentifier { identifier: n[0] as u64 }),
-    ),
+    Spec {
+        bounds: &[bound("length", CAN, 8.0, "on CAN")],
+        ..link(
+            "wrong-length",
+            "the length told is not that of the data; on CAN every message has this length",
+            &[number("length", WHOLE, REQUIRED, 0.0, 255.0, "length told; on CAN 0…8")],
+            &[],
+            |n| Law::Link(LinkLaw::WrongLength { length: n[0] as u64 }),
+        )
+    },
+    Spec {
+        bounds: &[bound("identifier", OF_BYTES, 255.0, "on a link of bytes")],
+        ..link(
+            "wrong-identifier",
+            "messages go out under another identifier: the frame's type, on CAN the identifier of INCREMENTS, the others behind it",
+            &[number("identifier", WHOLE, REQUIRED, 0.0, 2045.0, "type 0…255, on CAN 0…2045")],
+            &[],
+            |n| Law::Link(LinkLaw::WrongIdentifier { identifier: n[0] as u64 }),
+        )
+    },
     link(
         "babble",
         "nonsense between the half seconds: bytes, on CAN frames of any identifier",

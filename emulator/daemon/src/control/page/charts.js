@@ -15,7 +15,7 @@ const colour = (name) => getComputedStyle(document.documentElement).getPropertyV
 export function charts(gyros) {
   const times = [];
   const columns = gyros.map(() => Object.fromEntries(VIEWS.map((view) => [view.name, []])));
-  const sums = gyros.map(() => 0);
+  const zeros = gyros.map(() => 0);
   const faults = new Map();
   let view = VIEWS[0],
     windowS = 60,
@@ -35,7 +35,7 @@ export function charts(gyros) {
     draw();
   });
   at("zero").addEventListener("click", () => {
-    sums.fill(0);
+    zeros.splice(0, zeros.length, ...(last?.departure_arcsec ?? zeros));
     columns.forEach((column) => {
       column.accumulated = column.accumulated.map(() => null);
     });
@@ -109,6 +109,16 @@ export function charts(gyros) {
     return plot;
   }
 
+  /** Takes in which faults act: told are those that are not over. */
+  function follow(half) {
+    const acting = new Map(
+      half.faults.filter(({ state }) => state === "active").map((fault) => [`${fault.id} ${fault.since_s}`, fault]),
+    );
+    for (const [key, fault] of faults) if (!acting.has(key)) fault.end_s ??= half.t_s - 0.5;
+    for (const [key, fault] of acting) if (!faults.has(key)) faults.set(key, { ...fault, end_s: null });
+    for (const [key, fault] of faults) if (fault.end_s !== null && fault.end_s < half.t_s - KEEP_S) faults.delete(key);
+  }
+
   /** Where a fault acts on the gyro, or on all. */
   function shade(plot, gyro) {
     const { ctx, bbox } = plot;
@@ -117,11 +127,10 @@ export function charts(gyros) {
     ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
     ctx.clip();
     for (const fault of faults.values()) {
-      if ((fault.gyro && fault.gyro !== gyro) || !Number.isFinite(fault.since_s)) continue;
-      const end = fault.state === "active" ? Infinity : (fault.until_s ?? Infinity);
+      if (fault.gyro && fault.gyro !== gyro) continue;
       const from = plot.valToPos(fault.since_s, "x", true);
       const to = Math.min(
-        end === Infinity ? bbox.left + bbox.width : plot.valToPos(end, "x", true),
+        fault.end_s === null ? bbox.left + bbox.width : plot.valToPos(fault.end_s, "x", true),
         bbox.left + bbox.width,
       );
       ctx.fillStyle = ctx.strokeStyle = colour("--second");
@@ -166,7 +175,7 @@ export function charts(gyros) {
     take(half) {
       if (last && half.half_second <= last.half_second) {
         times.length = 0;
-        sums.fill(0);
+        zeros.fill(0);
         faults.clear();
         columns.forEach((column) =>
           VIEWS.forEach(({ name }) => {
@@ -183,8 +192,9 @@ export function charts(gyros) {
         gyros.map((_, index) => {
           const counts = half.increments[index],
             truth = half.true_arcsec[index];
-          sums[index] += counts - truth;
-          return { counts, truth, difference: counts - truth, accumulated: sums[index] };
+          // Summed by the unit: a run faster than real does not tell every half second.
+          const accumulated = half.departure_arcsec[index] - zeros[index];
+          return { counts, truth, difference: counts - truth, accumulated };
         }),
       );
       const old = times.findIndex((t) => t >= half.t_s - KEEP_S);
@@ -192,8 +202,7 @@ export function charts(gyros) {
         times.splice(0, old);
         columns.forEach((column) => VIEWS.forEach(({ name }) => column[name].splice(0, old)));
       }
-      for (const fault of half.faults) faults.set(fault.id, fault);
-      for (const [id, fault] of faults) if (fault.until_s < half.t_s - KEEP_S) faults.delete(id);
+      follow(half);
       draw();
     },
   };

@@ -207,7 +207,7 @@ export function faultList(catalogue, changed) {
         });
         const times = [
           Number.isFinite(fault.since_s) ? `since ${clock(fault.since_s)}` : "",
-          Number.isFinite(fault.until_s) ? `until ${clock(fault.until_s)}` : "",
+          Number.isFinite(fault.ends_s) ? `until ${clock(fault.ends_s)}` : "",
         ]
           .filter(Boolean)
           .join(", ");
