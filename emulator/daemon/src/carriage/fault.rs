@@ -4,14 +4,14 @@
 use geu_model::fault::acting::Acting;
 use geu_model::fault::catalogue::LinkLaw;
 use geu_model::noise::Stream;
+use geu_protocol::can::{STATUS_COVERED, close_status};
 use geu_protocol::crc::crc16;
 use geu_protocol::serial::{OVERHEAD, SYNC};
 use geu_protocol::{CanFrame, HalfSecond};
 
 use super::{Carrier, Content, Form, Piece, baud, ns};
 
-/// Bytes of STATUS that its CRC covers, and of a CRC.
-const STATUS_COVERED: usize = 6;
+/// Bytes of a CRC.
 const CRC: usize = 2;
 /// Nonsense between half seconds comes in so many portions.
 const PORTIONS: u64 = 16;
@@ -72,7 +72,8 @@ fn change(carrier: &Carrier, contents: &mut Vec<Content>, acting: &Acting, law: 
         (LinkLaw::WrongIdentifier { identifier }, Form::Can(plan)) => {
             for content in contents {
                 if let Content::Frame(frame) = content {
-                    *frame = CanFrame::new(identifier as u16 + frame.id.saturating_sub(plan.base()), frame.data());
+                    let id = (identifier as u16).saturating_add(frame.id().saturating_sub(plan.base()));
+                    *frame = CanFrame::new(id, frame.data()).unwrap_or(*frame);
                 }
             }
         }
@@ -101,7 +102,7 @@ fn cut(content: &mut Content, length: usize) {
         Content::Frame(frame) => {
             let mut data = frame.data().to_vec();
             data.resize(length, 0);
-            *frame = CanFrame::new(frame.id, &data);
+            *frame = frame.with_data(&data).unwrap_or(*frame);
         }
     }
 }
@@ -144,7 +145,7 @@ fn flip(contents: &mut [Content], bits: u64, is_after_crc: bool, draw: &mut Stre
         data[byte] ^= 1 << bit;
         match &mut contents[index] {
             Content::Bytes(bytes) => *bytes = data,
-            Content::Frame(frame) => *frame = CanFrame::new(frame.id, &data),
+            Content::Frame(frame) => *frame = frame.with_data(&data).unwrap_or(*frame),
         }
     }
     if is_after_crc {
@@ -152,11 +153,11 @@ fn flip(contents: &mut [Content], bits: u64, is_after_crc: bool, draw: &mut Stre
     }
     match contents {
         [Content::Bytes(bytes)] if bytes.len() >= OVERHEAD => close_frame(bytes),
-        [Content::Frame(increments), Content::Frame(status), ..] if status.data().len() == STATUS_COVERED + CRC => {
-            let mut data = status.data().to_vec();
-            let crc = crc16(&[increments.data(), &data[..STATUS_COVERED]].concat());
-            data[STATUS_COVERED..].copy_from_slice(&crc.to_be_bytes());
-            *status = CanFrame::new(status.id, &data);
+        [Content::Frame(increments), Content::Frame(status), ..] => {
+            if let Ok(mut data) = <[u8; 8]>::try_from(status.data()) {
+                close_status(increments.data(), &mut data);
+                *status = status.with_data(&data).unwrap_or(*status);
+            }
         }
         _ => {}
     }
@@ -221,10 +222,10 @@ fn add(carrier: &Carrier, pieces: &mut Vec<Piece>, frame: u64, acting: &Acting, 
                 let contents = match form {
                     Form::Serial { .. } => vec![Content::Bytes(nonsense(count))],
                     Form::Can(_) => (0..count)
-                        .map(|_| {
+                        .filter_map(|_| {
                             let bytes = nonsense(11);
                             let id = u16::from_be_bytes([bytes[0], bytes[1]]) & 0x7FF;
-                            Content::Frame(CanFrame::new(id, &bytes[3..3 + usize::from(bytes[2] % 9)]))
+                            CanFrame::new(id, &bytes[3..3 + usize::from(bytes[2] % 9)]).map(Content::Frame)
                         })
                         .collect(),
                 };

@@ -41,7 +41,7 @@ impl std::fmt::Display for Content {
         let data = match self {
             Content::Bytes(bytes) => bytes,
             Content::Frame(frame) => {
-                write!(f, "{:03X}#", frame.id)?;
+                write!(f, "{:03X}#", frame.id())?;
                 frame.data()
             }
         };
@@ -123,7 +123,7 @@ impl Carrier {
     fn plain_reply(&self, reply: &Reply) -> Content {
         match self.form {
             Form::Serial { .. } => Content::Bytes(frame(Kind::Reply, reply.bytes())),
-            Form::Can(plan) => Content::Frame(CanFrame::new(plan.reply_id(), reply.bytes())),
+            Form::Can(plan) => Content::Frame(plan.reply(reply)),
         }
     }
 

@@ -142,7 +142,7 @@ fn is_up(interface: &str) -> bool {
 
 fn to_socket(content: &Content) -> Option<socketcan::CanFrame> {
     let Content::Frame(frame) = content else { return None };
-    socketcan::CanFrame::new(StandardId::new(frame.id)?, frame.data())
+    socketcan::CanFrame::new(StandardId::new(frame.id())?, frame.data())
 }
 
 impl Bus {

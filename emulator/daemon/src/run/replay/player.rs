@@ -303,8 +303,8 @@ fn is_silenced(carrier: &Carrier, acting: &[Acting]) -> bool {
 fn moved(content: &Content, whose: Whose, recorded: CanPlan, carrier: &Carrier) -> Content {
     match (content, carrier.form) {
         (Content::Frame(frame), Form::Can(plan)) if whose != Whose::Other => {
-            let offset = frame.id.saturating_sub(recorded.base());
-            Content::Frame(CanFrame::new(plan.base() + offset, frame.data()))
+            let id = frame.id().saturating_sub(recorded.base()).saturating_add(plan.base());
+            Content::Frame(CanFrame::new(id, frame.data()).unwrap_or(*frame))
         }
         _ => content.clone(),
     }

@@ -50,7 +50,7 @@ impl Link for Kept {
 /// A half second on CAN of base 300 with a frame of somebody else in it, at 20 ms.
 fn items(half_second: &HalfSecond) -> Vec<Item> {
     let frames = CanPlan::with_base(0x300).unwrap().frames(half_second);
-    let other = Content::Frame(CanFrame::new(0x123, &[7]));
+    let other = Content::Frame(CanFrame::new(0x123, &[7]).unwrap());
     let at = |played_ns, what| Item { recorded_ns: played_ns, played_ns, what };
     let own = |index: usize| What::Content(Content::Frame(frames[index]), Whose::HalfSecond);
     vec![
@@ -87,7 +87,7 @@ fn frames_go_out_as_they_were_at_their_time_with_the_identifiers_of_the_link() {
     let half_second = HalfSecond { sequence: 9, ..HalfSecond::default() };
     let [increments, status, clock] = CanPlan::default().frames(&half_second);
     let (bus, stream, counts, start_ns) = played(Speed::Times(2.0), Configuration::reference());
-    let expected = [increments, CanFrame::new(0x123, &[7]), status, clock].map(Content::Frame);
+    let expected = [increments, CanFrame::new(0x123, &[7]).unwrap(), status, clock].map(Content::Frame);
     assert_eq!(bus.iter().map(|(_, content)| content.clone()).collect::<Vec<_>>(), expected);
     for ((sent_ns, _), after_ns) in bus.iter().zip([10_000_000, 20_000_000, 30_000_000, 40_000_000]) {
         assert!(*sent_ns >= start_ns + after_ns, "never early");
@@ -104,7 +104,7 @@ fn a_fault_acts_on_the_half_second_and_not_on_other_traffic() {
     let (bus, stream, counts, _) = played(Speed::Max, plan);
     assert_eq!(
         bus.into_iter().map(|(_, content)| content).collect::<Vec<_>>(),
-        [Content::Frame(CanFrame::new(0x123, &[7]))]
+        [Content::Frame(CanFrame::new(0x123, &[7]).unwrap())]
     );
     assert!(stream.is_empty() && counts.faulted == 1);
 }
