@@ -5,14 +5,11 @@ use geu_model::fault::acting::Acting;
 use geu_model::fault::catalogue::LinkLaw;
 use geu_model::noise::Stream;
 use geu_protocol::can::{STATUS_COVERED, close_status};
-use geu_protocol::crc::crc16;
-use geu_protocol::serial::{OVERHEAD, SYNC};
+use geu_protocol::serial::{self, CRC, HEADER, LENGTH_AT, OVERHEAD, TYPE_AT};
 use geu_protocol::{CanFrame, HalfSecond};
 
 use super::{Carrier, Content, Form, Piece, baud, ns};
 
-/// Bytes of a CRC.
-const CRC: usize = 2;
 /// Nonsense between half seconds comes in so many portions.
 const PORTIONS: u64 = 16;
 const HALF_SECOND_NS: i64 = 500_000_000;
@@ -62,12 +59,14 @@ fn change(carrier: &Carrier, contents: &mut Vec<Content>, acting: &Acting, law: 
             cut(content, kept);
             kept > 0
         }),
-        (LinkLaw::WrongLength { length }, Form::Serial { .. }) => each_frame(contents, |bytes| bytes[3] = length as u8),
+        (LinkLaw::WrongLength { length }, Form::Serial { .. }) => {
+            each_frame(contents, |bytes| bytes[LENGTH_AT] = length as u8)
+        }
         (LinkLaw::WrongLength { length }, Form::Can(_)) => {
             contents.iter_mut().for_each(|content| cut(content, (length as usize).min(8)));
         }
         (LinkLaw::WrongIdentifier { identifier }, Form::Serial { .. }) => {
-            each_frame(contents, |bytes| bytes[2] = identifier as u8);
+            each_frame(contents, |bytes| bytes[TYPE_AT] = identifier as u8);
         }
         (LinkLaw::WrongIdentifier { identifier }, Form::Can(plan)) => {
             for content in contents {
@@ -114,15 +113,9 @@ fn each_frame(contents: &mut [Content], change: impl Fn(&mut [u8])) {
             && bytes.len() >= OVERHEAD
         {
             change(bytes);
-            close_frame(bytes);
+            serial::close(bytes);
         }
     }
-}
-
-fn close_frame(bytes: &mut [u8]) {
-    let end = bytes.len() - CRC;
-    let crc = crc16(&bytes[SYNC.len()..end]);
-    bytes[end..].copy_from_slice(&crc.to_be_bytes());
 }
 
 /// Flips bits anywhere in the data; before the CRC it is right again, after it the CRC may be hit too.
@@ -133,7 +126,7 @@ fn flip(contents: &mut [Content], bits: u64, is_after_crc: bool, draw: &mut Stre
     for (index, content) in contents.iter().enumerate() {
         let length = bytes_of(content).len();
         let covered = match (is_serial, index) {
-            (true, _) => OVERHEAD - CRC..length.saturating_sub(if is_after_crc { 0 } else { CRC }),
+            (true, _) => HEADER..length.saturating_sub(if is_after_crc { 0 } else { CRC }),
             (false, 1) if !is_after_crc => 0..STATUS_COVERED.min(length),
             (false, _) => 0..length,
         };
@@ -152,7 +145,7 @@ fn flip(contents: &mut [Content], bits: u64, is_after_crc: bool, draw: &mut Stre
         return;
     }
     match contents {
-        [Content::Bytes(bytes)] if bytes.len() >= OVERHEAD => close_frame(bytes),
+        [Content::Bytes(bytes)] => serial::close(bytes),
         [Content::Frame(increments), Content::Frame(status), ..] => {
             if let Ok(mut data) = <[u8; 8]>::try_from(status.data()) {
                 close_status(increments.data(), &mut data);
@@ -243,8 +236,9 @@ mod tests {
     use geu_model::fault::catalogue::{CATALOGUE, LinkKind, Scope, Spec};
     use geu_model::number::{Default, Form as NumberForm};
     use geu_model::{Configuration, Unit};
+    use geu_protocol::CanPlan;
+    use geu_protocol::crc::crc16;
     use geu_protocol::serial::{Deframer, Found};
-    use geu_protocol::{CanPlan, serial};
 
     use super::*;
 
