@@ -295,8 +295,7 @@ fn is_bus(carrier: &Carrier) -> bool {
 
 /// Whether a fault that acts lets nothing of the unit through.
 fn is_silenced(carrier: &Carrier, acting: &[Acting]) -> bool {
-    let silences = |acting: &&Acting| matches!(acting.on_link(), Some(LinkLaw::Silence | LinkLaw::Drop));
-    acting.iter().filter(silences).any(|acting| acting.fault.link.is_none_or(|kind| kind == carrier.kind))
+    carrier.own(acting).iter().any(|(_, law)| matches!(law, LinkLaw::Silence | LinkLaw::Drop))
 }
 
 /// A message of the unit with the identifier that it has on this link.
