@@ -16,7 +16,7 @@ use tokio::sync::Notify;
 
 use crate::bench::Teller;
 use crate::cadence::Speed;
-use crate::carriage::{Carrier, Content, Piece};
+use crate::carriage::{Carrier, Piece};
 use crate::console;
 use crate::record::Event;
 
@@ -31,32 +31,20 @@ pub(crate) struct Answered {
     pub polled: Option<HalfSecond>,
     /// The faults of the running half second.
     acting: Arc<Vec<Acting>>,
+    /// On-board time against the wall clock.
+    speed: Speed,
 }
 
 impl Answered {
-    /// What leaves over a link, each so long after the one before.
-    pub fn leaving(&self, carrier: &Carrier) -> Vec<(Duration, Content)> {
+    /// What leaves over a link, each so long after now, by the wall clock.
+    pub fn leaving(&self, carrier: &Carrier) -> Vec<Piece> {
         let Some(reply) = &self.reply else { return Vec::new() };
         let mut pieces: Vec<Piece> = carrier.reply(reply, &self.acting).into_iter().collect();
         pieces.extend(self.polled.iter().flat_map(|polled| carrier.polled(polled, reply, &self.acting)));
-        let mut before_ns = 0;
-        let gap = |piece: Piece| {
-            let gap_ns = piece.after_ns - std::mem::replace(&mut before_ns, piece.after_ns);
-            (Duration::from_nanos(gap_ns.max(0) as u64), piece.content)
-        };
-        pieces.into_iter().map(gap).collect()
-    }
-
-    /// The same, with what leaves at the same time in one.
-    pub fn leaving_together(&self, carrier: &Carrier) -> Vec<(Duration, Vec<Content>)> {
-        let mut together: Vec<(Duration, Vec<Content>)> = Vec::new();
-        for (gap, content) in self.leaving(carrier) {
-            match together.last_mut() {
-                Some((_, contents)) if gap.is_zero() => contents.push(content),
-                _ => together.push((gap, vec![content])),
-            }
+        for piece in &mut pieces {
+            piece.after_ns = self.speed.wall_ns(piece.after_ns).unwrap_or(0);
         }
-        together
+        pieces
     }
 }
 
@@ -166,13 +154,6 @@ impl Desk {
         (ended, injected)
     }
 
-    /// Waits for so much on-board time.
-    pub async fn wait(&self, on_board: Duration) {
-        if let Some(wall_ns) = self.speed.wall_ns(on_board.as_nanos() as i64) {
-            tokio::time::sleep(Duration::from_nanos(wall_ns as u64)).await;
-        }
-    }
-
     /// The deadline of the half second that was ended last has passed.
     pub fn complete(&self) {
         self.lock().complete();
@@ -200,7 +181,7 @@ impl Desk {
             if self.commands.fetch_add(1, Relaxed) == 0 {
                 console::say(format_args!("{link}: a command came; a recording answers none: they are counted"));
             }
-            return Answered { reply: None, polled: None, acting: Arc::default() };
+            return Answered { reply: None, polled: None, acting: Arc::default(), speed: self.speed };
         }
         let _waiting = Waiting::new(&self.waiting);
         loop {
@@ -220,7 +201,7 @@ impl Desk {
             return None;
         }
         self.commands.fetch_add(1, Relaxed);
-        Some(inner.command(link, payload))
+        Some(inner.command(link, payload, self.speed))
     }
 
     /// How faults and expectations stand.
@@ -294,7 +275,7 @@ impl Inner {
     fn repeat_recorded(&mut self) {
         while self.recorded.front().is_some_and(|command| command.half_second <= self.unit.ended()) {
             let command = self.recorded.pop_front().expect("the front is there");
-            self.command(&command.link, &command.payload);
+            self.command(&command.link, &command.payload, Speed::Max);
         }
     }
 
@@ -312,17 +293,17 @@ impl Inner {
         happened.into_iter().for_each(|happening| self.tell(Event::Happened(happening)));
     }
 
-    fn command(&mut self, link: &str, payload: &[u8]) -> Answered {
+    fn command(&mut self, link: &str, payload: &[u8], speed: Speed) -> Answered {
         let running_end_ns = self.unit.running_end_ns();
         let answer = self.unit.command(payload);
         self.tell(Event::Command { link: link.to_owned(), payload: payload.to_vec(), running_end_ns });
         let acting = self.unit.faults().acting().clone();
-        let Some(answer) = answer else { return Answered { reply: None, polled: None, acting } };
+        let Some(answer) = answer else { return Answered { reply: None, polled: None, acting, speed } };
         if let (Some(half_second), Some((_, end_ns))) = (answer.polled, self.completed) {
             let injected = self.unit.injected().cloned();
             self.tell(Event::Polled { half_second, reply: answer.reply, end_ns, injected, acting: acting.clone() });
         }
-        Answered { reply: Some(answer.reply), polled: answer.polled, acting }
+        Answered { reply: Some(answer.reply), polled: answer.polled, acting, speed }
     }
 }
 

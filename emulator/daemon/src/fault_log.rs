@@ -152,7 +152,11 @@ impl FaultLog {
             .iter()
             .map(|piece| {
                 let late_s = on_board_s(piece.frame - frame) + piece.after_ns as f64 * 1e-9;
-                json!({ "late_s": late_s, "bytes": piece.content.to_string() })
+                let mut told = json!({ "late_s": late_s, "bytes": piece.content.to_string() });
+                if piece.goes_on {
+                    told["goes_on"] = json!(true);
+                }
+                told
             })
             .collect();
         self.line(&json!({

@@ -263,7 +263,7 @@ impl Recorder {
         let frame = self.half_seconds;
         let half_second = Some(&ended.half_second).filter(|_| ended.cyclic);
         let pieces = self.carrier.carry(half_second, frame, injected.map_or(&[], |injected| &injected.acting));
-        self.outbox.put(pieces, frame, ended.end_ns);
+        self.outbox.put(&pieces, frame, ended.end_ns);
         while let Some((due_ns, contents)) = self.outbox.take(ended.end_ns) {
             self.write(&contents, due_ns)?;
         }

@@ -305,20 +305,23 @@ impl Outgoing {
         Outgoing { link, outbox: Outbox::default(), is_prepared: false }
     }
 
-    /// Takes a half second in, or nothing where none is sent, and prepares what is due with its end.
+    /// Takes a half second in, or nothing where none is sent.
     fn put(&mut self, half_second: Option<&HalfSecond>, frame: u64, end_ns: i64, acting: &[Acting]) {
         let pieces = self.link.carrier().carry(half_second, frame, acting);
-        self.outbox.put(pieces, frame, end_ns);
+        self.outbox.put(&pieces, frame, end_ns);
     }
 
     /// Sends what was due before, and prepares what is due at `end_ns`.
     fn prepare(&mut self, end_ns: i64, patience: Duration) {
         self.send_due(end_ns - 1, patience);
-        let due = self.outbox.take(end_ns);
-        self.is_prepared = due.is_some();
-        if let Some((_, contents)) = due {
-            self.link.prepare(&contents);
-        }
+        self.is_prepared = self.prepare_due(end_ns);
+    }
+
+    /// Prepares what is due next, where that is not after `until_ns`.
+    fn prepare_due(&mut self, until_ns: i64) -> bool {
+        let due = self.outbox.take(until_ns);
+        let goes_on = self.outbox.is_within_frame();
+        due.inspect(|(_, contents)| self.link.prepare(contents, goes_on)).is_some()
     }
 
     /// Sends what was prepared.
@@ -330,8 +333,7 @@ impl Outgoing {
 
     /// Sends what a fault has held back until now.
     fn send_due(&mut self, until_ns: i64, patience: Duration) {
-        while let Some((_, contents)) = self.outbox.take(until_ns) {
-            self.link.prepare(&contents);
+        while self.prepare_due(until_ns) {
             self.link.send(patience);
         }
     }

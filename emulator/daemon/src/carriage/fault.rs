@@ -192,13 +192,29 @@ fn split(carrier: &Carrier, pieces: &mut Vec<Piece>, place: usize, gap_ns: i64) 
         pieces.iter_mut().skip(place).for_each(|piece| piece.after_ns += gap_ns);
         return;
     }
-    let parts = pieces.drain(..).flat_map(|piece| match &piece.content {
-        Content::Bytes(bytes) if bytes.len() > place => {
-            let (head, tail) = bytes.split_at(place);
-            let part = |bytes: &[u8], after_ns| Piece { after_ns, content: Content::Bytes(bytes.to_vec()), ..piece };
-            vec![part(head, piece.after_ns), part(tail, piece.after_ns + gap_ns)]
+    // What is behind the gap, in a frame that has one already, comes that much later too.
+    let mut behind_ns = 0;
+    let parts = pieces.drain(..).flat_map(|piece| {
+        let piece = Piece { after_ns: piece.after_ns + behind_ns, ..piece };
+        let goes_on = piece.goes_on;
+        let parts = match &piece.content {
+            Content::Bytes(bytes) if bytes.len() > place => {
+                let (head, tail) = bytes.split_at(place);
+                behind_ns += gap_ns;
+                let part = |bytes: &[u8], after_ns, goes_on| Piece {
+                    after_ns,
+                    content: Content::Bytes(bytes.to_vec()),
+                    goes_on,
+                    ..piece
+                };
+                vec![part(head, piece.after_ns, true), part(tail, piece.after_ns + gap_ns, goes_on)]
+            }
+            _ => vec![piece],
+        };
+        if !goes_on {
+            behind_ns = 0;
         }
-        _ => vec![piece],
+        parts
     });
     *pieces = parts.collect();
 }
@@ -455,5 +471,15 @@ mod tests {
             assert_eq!(contents, carrier.plain(&half_second));
             assert!(carrier.carry(None, 0, acting).len() >= 16, "it is on the link all the same");
         }
+    }
+
+    #[test]
+    fn the_parts_of_a_frame_stay_together_in_order() {
+        let split =
+            |byte, gap_s| format!("[[fault]]\nlink = \"tcp\"\nfault = \"split\"\nbyte = {byte}\ngap_s = {gap_s:?}\n");
+        let all = planned(LinkKind::Tcp, &(split(10, 0.125) + &split(4, 0.25) + "[[fault]]\nfault = \"duplicate\"\n"));
+        let parts: Vec<_> = all[3].1.iter().map(|it| (bytes_of(&it.content).len(), it.after_ns, it.goes_on)).collect();
+        let once = [(4, 0, true), (6, 250_000_000, true), (4, 375_000_000, true), (14, 625_000_000, false)];
+        assert_eq!(parts, [once, once].concat());
     }
 }

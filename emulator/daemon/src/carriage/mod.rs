@@ -59,12 +59,14 @@ pub struct Piece {
     pub after_ns: i64,
     /// What.
     pub content: Content,
+    /// Whether the next piece is the rest of the same frame of a stream: nothing comes between.
+    pub goes_on: bool,
 }
 
 impl Piece {
     /// One that is sent with the end of half second `frame`.
     pub fn on_time(frame: u64, content: Content) -> Piece {
-        Piece { frame, after_ns: 0, content }
+        Piece { frame, after_ns: 0, content, goes_on: false }
     }
 }
 
@@ -130,7 +132,6 @@ impl Carrier {
         let Some(reply) = self.reply(reply, acting) else { return Vec::new() };
         let mut pieces = fault::half_second(self, Some(polled), 0, &self.own(acting));
         pieces.iter_mut().for_each(|piece| (piece.frame, piece.after_ns) = (0, piece.after_ns + reply.after_ns));
-        pieces.sort_by_key(|piece| piece.after_ns);
         pieces
     }
 

@@ -27,6 +27,9 @@ use crate::desk::Desk;
 pub use can::CanAddress;
 pub use serial::SerialAddress;
 
+/// Answers of a client that wait for their time, at most: beyond, no more commands are read until one has left.
+const LATE_ANSWERS: usize = 1000;
+
 /// A link to be opened.
 #[derive(Debug, Clone)]
 pub enum LinkAddress {
@@ -108,7 +111,7 @@ pub struct Tally {
     pub sent: AtomicU64,
     /// Half seconds dropped, whole: the client or the bus had no room, or the device was gone.
     pub dropped: AtomicU64,
-    /// Replies sent.
+    /// Commands answered over it, some of them late.
     pub replies: AtomicU64,
 }
 
@@ -152,8 +155,8 @@ enum Sending {
 pub(crate) trait Link: Send {
     /// How it writes, and whom a fault is on.
     fn carrier(&self) -> &Carrier;
-    /// Takes what is sent next, before its deadline.
-    fn prepare(&mut self, contents: &[Content]);
+    /// Takes what is sent next, before its deadline; whether it ends within a frame, whose rest comes with the next.
+    fn prepare(&mut self, contents: &[Content], goes_on: bool);
     /// Sends it, without blocking; a reader that has no room is given `patience` before it loses all of it.
     fn send(&mut self, patience: Duration);
     /// Whether it can be used at once; one that cannot tells by itself when it can.

@@ -14,7 +14,7 @@ use geu_protocol::{CanFrame, CanPlan, HalfSecond};
 
 use super::{Item, Settings, Steps, What, Whose};
 use crate::cadence::{Sleeper, Speed, doze_until, now_ns};
-use crate::carriage::{Carrier, Content, Form};
+use crate::carriage::{Carrier, Content, Form, Piece};
 use crate::console;
 use crate::lateness::Time;
 use crate::run::{LEAD_NS, LOOK_AGAIN, Outgoing, PATIENCE, Timing};
@@ -122,7 +122,7 @@ impl Player {
             }
         }
         // What a fault holds back for a half second that does not come.
-        self.links.iter_mut().for_each(|outgoing| outgoing.outbox.put(Vec::new(), u64::MAX, last_ns));
+        self.links.iter_mut().for_each(|outgoing| outgoing.outbox.put(&[], u64::MAX, last_ns));
         self.send_held(i64::MAX, &sleeper);
     }
 
@@ -182,7 +182,7 @@ impl Player {
                 }
                 self.begin(&half_second, is_can, &item);
             }
-            What::Content(content, whose) => self.send(&content, whose),
+            What::Content(content, whose) => self.send(&content, whose, item.played_ns),
         }
         true
     }
@@ -226,8 +226,9 @@ impl Player {
             let is_touched = !carrier.touching(&acting).is_empty();
             is_faulted |= is_touched;
             // What was held back for this half second comes before or behind all of it, never between its frames.
-            outgoing.outbox.put(Vec::new(), frame, item.played_ns);
-            let waits = outgoing.outbox.next_ns().is_some_and(|due_ns| due_ns <= item.played_ns + 1);
+            outgoing.outbox.put(&[], frame, item.played_ns);
+            let waits = outgoing.outbox.is_within_frame()
+                || outgoing.outbox.next_ns().is_some_and(|due_ns| due_ns <= item.played_ns + 1);
             *is_written_anew = is_touched || waits || is_can != is_bus(&carrier);
             if *is_written_anew {
                 outgoing.put(Some(half_second), frame, item.played_ns, &acting);
@@ -260,7 +261,7 @@ impl Player {
     }
 
     /// Sends a content as it was recorded, over links of its form.
-    fn send(&mut self, content: &Content, whose: Whose) {
+    fn send(&mut self, content: &Content, whose: Whose, played_ns: i64) {
         let is_can = matches!(content, Content::Frame(_));
         let (patience, acting) = (self.patience(), self.faults.acting().clone());
         let mut is_left_out = false;
@@ -274,8 +275,9 @@ impl Player {
                 continue;
             }
             let moved = moved(content, whose, self.recorded_plan, carrier);
-            outgoing.link.prepare(std::slice::from_ref(&moved));
-            outgoing.link.send(patience);
+            // Behind a frame that has begun, should there be one.
+            outgoing.outbox.put(&[Piece::on_time(0, moved)], self.frame.saturating_sub(1), played_ns);
+            outgoing.send_due(played_ns, patience);
         }
         if is_left_out {
             match (whose, content) {
