@@ -264,9 +264,7 @@ impl Recorder {
         let half_second = Some(&ended.half_second).filter(|_| ended.cyclic);
         let pieces = self.carrier.carry(half_second, frame, injected.map_or(&[], |injected| &injected.acting));
         self.outbox.put(&pieces, frame, ended.end_ns);
-        while let Some((due_ns, contents)) = self.outbox.take(ended.end_ns) {
-            self.write(&contents, due_ns)?;
-        }
+        self.write_due(ended.end_ns)?;
         if let Some(injected) = injected {
             self.faults.half_second(frame, ended, injected)?;
         }
@@ -316,6 +314,14 @@ impl Recorder {
 
     fn sent(&mut self, pieces: Vec<Piece>, end_ns: i64) -> Result<(), RecordError> {
         pieces.into_iter().try_for_each(|piece| self.write(&[piece.content], end_ns + piece.after_ns))
+    }
+
+    /// Writes what left by then.
+    fn write_due(&mut self, until_ns: i64) -> Result<(), RecordError> {
+        while let Some((due_ns, contents)) = self.outbox.take(until_ns) {
+            self.write(&contents, due_ns)?;
+        }
+        Ok(())
     }
 
     fn write(&mut self, contents: &[Content], due_ns: i64) -> Result<(), RecordError> {
@@ -431,6 +437,9 @@ impl Recorder {
     /// # Errors
     /// A file that cannot be written.
     pub fn finish(mut self) -> Result<(), RecordError> {
+        // What faults still hold back left with the end.
+        self.outbox.end(self.end_ns);
+        self.write_due(i64::MAX)?;
         if self.received.is_some() {
             self.received_rows()?;
             self.reference_rows_within(self.end_ns)?;

@@ -37,6 +37,11 @@ impl Outbox {
         }
     }
 
+    /// The run ends with the half second that ended at `end_ns`: what was held for one that does not come is due.
+    pub fn end(&mut self, end_ns: i64) {
+        self.put(&[], u64::MAX, end_ns);
+    }
+
     /// When the next can leave, on-board time.
     pub fn next_ns(&self) -> Option<i64> {
         let next = self.begun.front().map(|(due_ns, _)| *due_ns);
@@ -103,6 +108,14 @@ mod tests {
         outbox.put(&[piece(0, 0, 5)], 2, 1500);
         assert_eq!(outbox.take(1199), None);
         assert_eq!(all(&mut outbox), [(1200, bytes(&[2, 3])), (1900, bytes(&[4, 5]))]);
+    }
+
+    #[test]
+    fn what_is_held_for_a_half_second_that_never_comes_is_due_with_the_end() {
+        let mut outbox = Outbox::default();
+        outbox.put(&[piece(9, 0, 1), piece(8, 1, 2), piece(0, 60, 3)], 0, 500);
+        outbox.end(500);
+        assert_eq!(all(&mut outbox), [(500, bytes(&[1])), (501, bytes(&[2])), (560, bytes(&[3]))]);
     }
 
     #[test]

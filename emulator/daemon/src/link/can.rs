@@ -383,6 +383,20 @@ impl Link for Can {
         self.bus.tally.count(outcome);
     }
 
+    fn send_answers(&mut self) {
+        let Some(socket) = self.bus.socket() else { return };
+        let due = std::iter::from_fn(|| self.bus.answers().take(i64::MAX));
+        let frames: Vec<_> = due.flat_map(|(_, contents)| contents).filter_map(|content| to_socket(&content)).collect();
+        let turn = self.bus.turn.blocking_lock();
+        let give_up = Instant::now() + QUEUE_PATIENCE;
+        for frame in frames {
+            if !self.bus.write(&socket, &frame, give_up) {
+                break;
+            }
+        }
+        drop(turn);
+    }
+
     fn is_ready(&self) -> bool {
         self.is_up
     }

@@ -309,15 +309,15 @@ impl Line {
         state.answers.put(pieces, 0, now_ns());
         drop(state);
         self.tally.replies.fetch_add(1, Relaxed);
-        if self.send_answers().is_some() {
+        if self.send_answers(now_ns()).is_some() {
             self.later.notify_one();
         }
     }
 
-    /// Sends the answers whose time has come, behind what waits; when the next is due.
-    fn send_answers(&self) -> Option<i64> {
+    /// Sends the answers that are due until then, behind what waits; when the next is due.
+    pub fn send_answers(&self, until_ns: i64) -> Option<i64> {
         let mut state = self.lock();
-        while let Some((_, contents)) = state.answers.take(now_ns()) {
+        while let Some((_, contents)) = state.answers.take(until_ns) {
             let goes_on = state.answers.is_within_frame();
             state.take(Taken { bytes: stream(&contents), is_reply: true, goes_on });
         }
@@ -330,7 +330,7 @@ impl Line {
     /// Sends answers at their time.
     async fn answer_later(&self) -> Infallible {
         loop {
-            match self.send_answers() {
+            match self.send_answers(now_ns()) {
                 None => self.later.notified().await,
                 Some(due_ns) => {
                     let wait_ns = (due_ns - now_ns()).max(0) as u64;

@@ -159,6 +159,8 @@ pub(crate) trait Link: Send {
     fn prepare(&mut self, contents: &[Content], goes_on: bool);
     /// Sends it, without blocking; a reader that has no room is given `patience` before it loses all of it.
     fn send(&mut self, patience: Duration);
+    /// Sends at once, as the run ends, the answers that faults still hold back.
+    fn send_answers(&mut self);
     /// Whether it can be used at once; one that cannot tells by itself when it can.
     fn is_ready(&self) -> bool {
         true

@@ -4,7 +4,7 @@ use std::sync::atomic::Ordering::Relaxed;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError};
 use std::sync::{Arc, Mutex};
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use geu_model::fault::acting::{Acting, Faults, Happening};
 use geu_model::fault::catalogue::LinkLaw;
@@ -17,7 +17,7 @@ use crate::cadence::{Sleeper, Speed, doze_until, now_ns};
 use crate::carriage::{Carrier, Content, Form, Piece};
 use crate::console;
 use crate::lateness::Time;
-use crate::run::{LEAD_NS, LOOK_AGAIN, Outgoing, PATIENCE, Timing};
+use crate::run::{LAST_WORDS, LEAD_NS, LOOK_AGAIN, Outgoing, PATIENCE, Timing};
 
 /// Half of on-board time between two half seconds.
 const HALF_SECOND_NS: i64 = 500_000_000;
@@ -98,32 +98,37 @@ impl Player {
             thread::park_timeout(LOOK_AGAIN);
         }
         self.start_ns = now_ns();
+        let last_ns = self.play_items(&sleeper);
+        let patience = if self.is_stopped() { LAST_WORDS } else { self.patience().max(LAST_WORDS) };
+        let give_up = Instant::now() + patience;
+        self.links.iter_mut().for_each(|outgoing| outgoing.end(last_ns, give_up));
+    }
+
+    /// Plays the items; when the last one was due.
+    fn play_items(&mut self, sleeper: &Sleeper) -> i64 {
         let mut last_ns = 0;
         loop {
             let batch = match self.items.recv_timeout(WAIT) {
                 Ok(batch) => batch,
                 Err(RecvTimeoutError::Timeout) if !self.is_stopped() => continue,
-                Err(_) => break,
+                Err(_) => return last_ns,
             };
             for item in batch {
-                last_ns = item.played_ns;
-                self.send_held(item.played_ns - 1, &sleeper);
-                self.wait_until(item.played_ns, &sleeper);
+                self.send_held(item.played_ns - 1, sleeper);
+                self.wait_until(item.played_ns, sleeper);
                 if self.is_stopped() {
-                    return;
+                    return last_ns;
                 }
+                last_ns = item.played_ns;
                 let is_content = matches!(item.what, What::Content(..));
                 if !self.take(item) {
-                    return;
+                    return last_ns;
                 }
                 if is_content && let Some(deadline_ns) = self.wall_ns(last_ns) {
                     self.timing.record(now_ns() - deadline_ns);
                 }
             }
         }
-        // What a fault holds back for a half second that does not come.
-        self.links.iter_mut().for_each(|outgoing| outgoing.outbox.put(&[], u64::MAX, last_ns));
-        self.send_held(i64::MAX, &sleeper);
     }
 
     fn is_stopped(&self) -> bool {

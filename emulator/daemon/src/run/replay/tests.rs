@@ -37,6 +37,8 @@ impl Link for Kept {
         self.sent.lock().unwrap().extend(self.next.drain(..).map(|content| (now_ns, content)));
     }
 
+    fn send_answers(&mut self) {}
+
     fn is_drained(&self) -> bool {
         true
     }
@@ -126,6 +128,17 @@ fn bytes(timed: &Timed) -> Vec<u8> {
         Content::Frame(_) => Vec::new(),
     };
     timed.iter().flat_map(|(_, content)| of(content)).collect()
+}
+
+#[test]
+fn what_is_held_back_leaves_with_the_end() {
+    let mut plan = Configuration::reference();
+    plan.add_plan("plan", "[[fault]]\nfault = \"delay\"\ndelay_s = 60.0\n").unwrap();
+    let items = [recorded(0, 1), recorded(500_000_000, 2)].concat();
+    let start_ns = now_ns();
+    let (_, stream, ..) = played_items(Speed::Times(10.0), plan, items);
+    assert_eq!(bytes(&stream).len(), 2 * 28);
+    assert!(now_ns() - start_ns < 3_000_000_000, "not a minute later");
 }
 
 #[test]
