@@ -296,14 +296,20 @@ impl Inner {
     fn command(&mut self, link: &str, payload: &[u8], speed: Speed) -> Answered {
         let running_end_ns = self.unit.running_end_ns();
         let answer = self.unit.command(payload);
-        self.tell(Event::Command { link: link.to_owned(), payload: payload.to_vec(), running_end_ns });
         let acting = self.unit.faults().acting().clone();
-        let Some(answer) = answer else { return Answered { reply: None, polled: None, acting, speed } };
-        if let (Some(half_second), Some((_, end_ns))) = (answer.polled, self.completed) {
-            let injected = self.unit.injected().cloned();
-            self.tell(Event::Polled { half_second, reply: answer.reply, end_ns, injected, acting: acting.clone() });
+        let (reply, polled) = answer.map_or((None, None), |answer| (Some(answer.reply), answer.polled));
+        self.tell(Event::Command {
+            link: link.to_owned(),
+            payload: payload.to_vec(),
+            running_end_ns,
+            reply,
+            acting: acting.clone(),
+        });
+        if let (Some(reply), Some(half_second), Some((_, end_ns))) = (reply, polled, self.completed) {
+            let (link, injected) = (link.to_owned(), self.unit.injected().cloned());
+            self.tell(Event::Polled { link, half_second, reply, end_ns, injected, acting: acting.clone() });
         }
-        Answered { reply: Some(answer.reply), polled: answer.polled, acting, speed }
+        Answered { reply, polled, acting, speed }
     }
 }
 

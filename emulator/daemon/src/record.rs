@@ -21,7 +21,7 @@ use geu_model::{Configuration, Ended, Injected, Trace, Truth};
 use geu_protocol::serial::DEFAULT_BAUD;
 use geu_protocol::{CanPlan, Gyro, HalfSecond, Reply};
 
-use crate::carriage::{Carrier, Content, Form, Outbox, Piece};
+use crate::carriage::{Carrier, Content, Form, Outbox};
 use crate::fault_log::FaultLog;
 
 use crate::truth::received;
@@ -43,11 +43,13 @@ pub struct RecordError {
 pub(crate) enum Event {
     /// A half second ended, and what faults did to it.
     HalfSecond(Ended, Box<[Trace; 4]>, Option<Arc<Injected>>),
-    /// A command came within the half second that runs; its scheduled end.
-    Command { link: String, payload: Vec<u8>, running_end_ns: i64 },
-    /// A half second was sent because it was polled, stamped with its scheduled end: what faults did to it, and those
-    /// that act as it is sent.
+    /// A command came over a link within the half second that runs; its scheduled end, what the unit answers, and the
+    /// faults that act.
+    Command { link: String, payload: Vec<u8>, running_end_ns: i64, reply: Option<Reply>, acting: Arc<Vec<Acting>> },
+    /// The half second that ended last was sent because it was polled over a link, stamped with its scheduled end: what
+    /// faults did to it, and those that act as it is sent.
     Polled {
+        link: String,
         half_second: HalfSecond,
         reply: Reply,
         end_ns: i64,
@@ -226,11 +228,17 @@ impl Recorder {
     pub(crate) fn event(&mut self, event: &Event) -> Result<(), RecordError> {
         match event {
             Event::HalfSecond(ended, traces, injected) => self.half_second(ended, traces, injected.as_deref()),
-            Event::Command { link, payload, running_end_ns } => self.command(link, payload, *running_end_ns),
-            Event::Polled { half_second, reply, end_ns, injected, acting } => {
-                let pieces = self.carrier.polled(half_second, reply, acting);
-                self.faults.polled(self.half_seconds, half_second, reply, injected.as_deref(), acting)?;
-                self.sent(pieces, *end_ns)
+            Event::Command { link, payload, running_end_ns, reply, acting } => {
+                self.command(link, payload, *running_end_ns)?;
+                let Some(reply) = reply else { return Ok(()) };
+                self.faults.reply(self.half_seconds, link, payload, reply, acting)
+            }
+            Event::Polled { link, half_second, reply, end_ns, injected, acting } => {
+                let frame = self.half_seconds.saturating_sub(1);
+                self.faults.polled(frame, link, half_second, reply, injected.as_deref(), acting)?;
+                // The recording is of one form, whatever links are open: it has what was polled over any of them.
+                self.outbox.put(&self.carrier.polled(half_second, reply, acting), frame, *end_ns);
+                self.write_due(*end_ns)
             }
             Event::Missed { frame } => self.faults.missed(*frame),
             Event::Happened(happening) => self.faults.happened(self.half_seconds, happening),
@@ -243,7 +251,7 @@ impl Recorder {
             Event::StartedByHand { id, at_s } => {
                 let fault = self.configuration.faults.iter_mut().find(|fault| fault.id == *id);
                 fault.into_iter().for_each(|fault| (fault.by_hand, fault.at_s) = (false, *at_s));
-                Ok(())
+                self.faults.started_by_hand(self.half_seconds, id, *at_s)
             }
             Event::Cleared { id, until_s } => {
                 let fault = self.configuration.faults.iter_mut().find(|fault| fault.id == *id);
@@ -310,10 +318,6 @@ impl Recorder {
             return Ok(());
         }
         self.manoeuvres.write(|file| writeln!(file, "{},{start},{end}", leg.name))
-    }
-
-    fn sent(&mut self, pieces: Vec<Piece>, end_ns: i64) -> Result<(), RecordError> {
-        pieces.into_iter().try_for_each(|piece| self.write(&[piece.content], end_ns + piece.after_ns))
     }
 
     /// Writes what left by then.
