@@ -55,6 +55,8 @@ struct Underway {
     traces: Option<Box<[Trace; 4]>>,
     injected: Option<Arc<Injected>>,
     happened: Vec<Happening>,
+    /// What was driven meanwhile: told behind it.
+    driven: Vec<Event>,
 }
 
 struct Inner {
@@ -150,7 +152,7 @@ impl Desk {
             (inner.unit.end_half_second(), None)
         };
         let (injected, happened) = (inner.unit.injected().cloned(), inner.unit.take_happened());
-        inner.underway = Some(Underway { ended, traces, injected: injected.clone(), happened });
+        inner.underway = Some(Underway { ended, traces, injected: injected.clone(), happened, driven: Vec::new() });
         (ended, injected)
     }
 
@@ -216,7 +218,7 @@ impl Desk {
             return None;
         }
         let fault = inner.unit.inject(fault);
-        inner.tell(Event::Injected(fault.clone()));
+        inner.tell_driven(Event::Injected(fault.clone()));
         Some(fault)
     }
 
@@ -224,7 +226,7 @@ impl Desk {
     pub fn start(&self, id: &str) -> Option<f64> {
         let mut inner = self.lock();
         let at_s = inner.unit.start(id)?;
-        inner.tell(Event::StartedByHand { id: id.to_owned(), at_s });
+        inner.tell_driven(Event::StartedByHand { id: id.to_owned(), at_s });
         Some(at_s)
     }
 
@@ -232,7 +234,7 @@ impl Desk {
     pub fn clear(&self, id: &str) -> Option<f64> {
         let mut inner = self.lock();
         let until_s = inner.unit.clear(id)?;
-        inner.tell(Event::Cleared { id: id.to_owned(), until_s });
+        inner.tell_driven(Event::Cleared { id: id.to_owned(), until_s });
         Some(until_s)
     }
 
@@ -280,12 +282,21 @@ impl Inner {
     }
 
     fn complete(&mut self) {
-        if let Some(Underway { ended, traces, injected, happened }) = self.underway.take() {
+        if let Some(Underway { ended, traces, injected, happened, driven }) = self.underway.take() {
             self.completed = Some((ended.half_second, ended.end_ns));
             if let Some(traces) = traces {
                 self.tell(Event::HalfSecond(ended, traces, injected));
             }
             self.tell_happened(happened);
+            driven.into_iter().for_each(|event| self.tell(event));
+        }
+    }
+
+    /// Tells what somebody did to the faults: behind a half second that is underway, which has ended in the unit.
+    fn tell_driven(&mut self, event: Event) {
+        match &mut self.underway {
+            Some(underway) => underway.driven.push(event),
+            None => self.tell(event),
         }
     }
 
@@ -347,6 +358,28 @@ mod tests {
         desk.complete();
         assert_eq!(now(&desk, &[3]).polled, Some(second.half_second));
         assert_eq!(now(&desk, &[3]).polled, Some(second.half_second));
+    }
+
+    #[test]
+    fn what_is_driven_while_a_half_second_is_underway_is_told_behind_it() {
+        let (recording, events) = sync_channel(100);
+        let mut configuration = Configuration::reference();
+        let plan = "[[fault]]\nid = \"waits\"\nby_hand = true\nfault = \"drop\"\n[[fault]]\nid = \"dead\"\nfault = \"dead\"\ngyro = \"GYRX\"";
+        configuration.add_plan("plan", plan).expect("a plan");
+        let desk = Desk::new(&configuration, &Truth::Scenario, Speed::Max, Some(recording), None);
+        desk.end_half_second();
+        assert_eq!(desk.start("waits"), Some(1.0), "with the next half second that begins");
+        assert_eq!(desk.clear("dead"), Some(1.0));
+        desk.complete();
+        desk.close();
+        let told = events.into_iter().map(|event| match event {
+            Event::HalfSecond(..) => "half second",
+            Event::Happened(_) => "happened",
+            Event::StartedByHand { .. } => "started",
+            Event::Cleared { .. } => "cleared",
+            _ => "else",
+        });
+        assert_eq!(told.collect::<Vec<_>>(), ["happened", "half second", "started", "cleared"]);
     }
 
     #[test]
