@@ -217,7 +217,7 @@ impl Player {
     /// A half second begins: decides what faults do to it, and sends it over links that write it themselves.
     fn begin(&mut self, half_second: &HalfSecond, is_can: bool, item: &Item) {
         // Where the recording has a gap, the faults have it too; half seconds a little long or short make none.
-        let by_time = (item.recorded_ns.max(0) + HALF_SECOND_NS / 2) / HALF_SECOND_NS;
+        let by_time = item.recorded_ns.max(0).saturating_add(HALF_SECOND_NS / 2) / HALF_SECOND_NS;
         let frame = if by_time as u64 > self.frame + 1 { by_time as u64 } else { self.frame };
         self.frame = frame + 1;
         if !self.faults.is_empty() {

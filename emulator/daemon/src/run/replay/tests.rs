@@ -150,3 +150,11 @@ fn a_frame_that_has_begun_is_not_cut_by_what_was_recorded() {
     let frames = [1, 2, 3].map(|sequence| data_frame(&HalfSecond { sequence, ..HalfSecond::default() }));
     assert_eq!(bytes(&stream), frames.concat());
 }
+
+#[test]
+fn no_time_of_a_recording_is_too_late() {
+    let mut items = [recorded(0, 1), recorded(0, 2)].concat();
+    items[2].recorded_ns = i64::MAX;
+    let (_, stream, ..) = played_items(Speed::Max, Configuration::reference(), items);
+    assert_eq!(bytes(&stream).len(), 2 * 28);
+}
