@@ -107,9 +107,9 @@ pub struct Tally {
     pub name: String,
     /// Clients attached now; a bus or a port counts as none.
     pub clients: AtomicUsize,
-    /// Half seconds sent, one for each client.
+    /// Sendings, one for each client: all that leaves at one time, a half second where no fault makes it more or less.
     pub sent: AtomicU64,
-    /// Half seconds dropped, whole: the client or the bus had no room, or the device was gone.
+    /// Sendings dropped, whole: the client or the bus had no room, or the device was gone.
     pub dropped: AtomicU64,
     /// Commands answered over it, some of them late.
     pub replies: AtomicU64,
@@ -142,7 +142,7 @@ impl fmt::Display for Tally {
     }
 }
 
-/// What became of a half second.
+/// What became of what was to be sent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Sending {
     Sent,
