@@ -269,18 +269,26 @@ def claimed(events, link, first, half_seconds):
     whole frame is expected that no fault touched)."""
     touched = {}
     for event in events:
-        if event["what"] == "bytes" and event["link"] == link:
+        if event["what"] == "bytes" and event["link"] == link and not event.get("polled"):
             touched.setdefault(event["half_second"], []).append(event)
-    pieces = []
+    messages = []
     for index in range(first, half_seconds):
         end_ns = (index + 1) * HALF_SECOND_NS
         if index not in touched:
-            pieces.append((end_ns, index, None))
-        for event in touched.get(index, []):
-            pieces += [(end_ns + round(piece["late_s"] * 1e9), index, piece["bytes"]) for piece in event["after"]]
-    # What would be due after the end is not sent.
-    pieces = [piece for piece in pieces if piece[0] <= half_seconds * HALF_SECOND_NS]
-    return sorted(pieces, key=lambda piece: piece[:2])
+            messages.append([(end_ns, index, None)])
+        goes_on = False
+        for piece in (piece for event in touched.get(index, []) for piece in event["after"]):
+            if not goes_on:
+                messages.append([])
+            messages[-1].append((end_ns + round(piece["late_s"] * 1e9), index, piece["bytes"]))
+            goes_on = piece.get("goes_on", False)
+    # Messages may overtake each other, but the parts of one hold back all others; with the end the rest leaves.
+    pieces, free_ns, last_ns = [], 0, half_seconds * HALF_SECOND_NS
+    for message in sorted(messages, key=lambda message: message[0][:2]):
+        wait_ns = max(0, free_ns - message[0][0])
+        pieces += [(due_ns + wait_ns, index, told) for due_ns, index, told in message]
+        free_ns = max(free_ns, pieces[-1][0])
+    return [(min(due_ns, last_ns), index, told) for due_ns, index, told in pieces]
 
 
 def whole_frame(data, kind=DATA, lengths=range(22, 23)):
@@ -310,7 +318,7 @@ class Matched:
             while data[place:place + len(told or b"") or FRAME] != told:
                 if told is None and whole_frame(data[place:]):
                     break
-                if place == len(data) and index == half_seconds - 1 and link == "pty":
+                if place == len(data) and due_ns == half_seconds * HALF_SECOND_NS and link == "pty":
                     # A pty that is closed takes along what its client has not read a moment later.
                     self.is_short = True
                     return

@@ -1,6 +1,6 @@
 //! The unit's messages as classic CAN frames, and half seconds put together again from any traffic.
 
-use crate::command::{COMMAND_CAN, REPLY_CAN};
+use crate::command::{COMMAND_CAN, REPLY_CAN, Reply};
 use crate::continuity::ClockCheck;
 use crate::crc::crc16;
 use crate::field::HalfSecond;
@@ -8,30 +8,43 @@ use crate::message::{Clock, Increments, Message, Place, Status};
 
 /// The default base identifier.
 pub const DEFAULT_BASE: u16 = 0x1A0;
+/// The largest identifier of eleven bits.
+const MAX_ID: u16 = 0x7FF;
 /// Data bytes of INCREMENTS, STATUS and CLOCK.
 const LENGTH: usize = 8;
 /// Bytes of STATUS that its CRC covers.
-const STATUS_COVERED: usize = 6;
+pub const STATUS_COVERED: usize = 6;
 
 /// A classic CAN data frame with an 11-bit identifier.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct CanFrame {
-    /// Identifier, 0…7FF.
-    pub id: u16,
+    id: u16,
     length: u8,
-    data: [u8; 8],
+    data: [u8; LENGTH],
 }
 
 impl CanFrame {
-    /// A frame with these data.
-    ///
-    /// # Panics
-    /// With more than eight bytes.
+    /// A frame with these data; nothing with an identifier beyond eleven bits or more than eight bytes.
     #[inline]
-    pub fn new(id: u16, data: &[u8]) -> CanFrame {
-        let mut bytes = [0; 8];
-        bytes[..data.len()].copy_from_slice(data);
-        CanFrame { id, length: data.len() as u8, data: bytes }
+    pub fn new(id: u16, data: &[u8]) -> Option<CanFrame> {
+        if id > MAX_ID {
+            return None;
+        }
+        CanFrame { id, length: 0, data: [0; LENGTH] }.with_data(data)
+    }
+
+    /// The same identifier with other data; nothing with more than eight bytes.
+    #[inline]
+    pub fn with_data(self, data: &[u8]) -> Option<CanFrame> {
+        let mut bytes = [0; LENGTH];
+        bytes.get_mut(..data.len())?.copy_from_slice(data);
+        Some(CanFrame { length: data.len() as u8, data: bytes, ..self })
+    }
+
+    /// The identifier, 0…7FF.
+    #[inline]
+    pub fn id(&self) -> u16 {
+        self.id
     }
 
     /// The data bytes.
@@ -79,7 +92,7 @@ const fn offset(place: Place) -> u16 {
 
 impl CanPlan {
     /// Largest base: all identifiers must stay within eleven bits.
-    pub const MAX_BASE: u16 = 0x7FF - offset(REPLY_CAN);
+    pub const MAX_BASE: u16 = MAX_ID - offset(REPLY_CAN);
 
     /// The plan with this base; nothing where it is above [`CanPlan::MAX_BASE`].
     pub fn with_base(base: u16) -> Option<CanPlan> {
@@ -116,22 +129,38 @@ impl CanPlan {
 
     /// INCREMENTS, STATUS and CLOCK of one half second, in sending order.
     pub fn frames(self, half_second: &HalfSecond) -> [CanFrame; 3] {
-        let mut covered = [0; LENGTH + STATUS_COVERED];
-        Increments::write(half_second, &mut covered);
-        Status::write(half_second, &mut covered[LENGTH..]);
-        let crc = crc16(&covered).to_be_bytes();
-        let mut status = [0; LENGTH];
-        status[..STATUS_COVERED].copy_from_slice(&covered[LENGTH..]);
-        status[STATUS_COVERED..].copy_from_slice(&crc);
-        let mut clock = [0; LENGTH];
+        let [mut increments, mut status, mut clock] = [[0; LENGTH]; 3];
+        Increments::write(half_second, &mut increments);
+        Status::write(half_second, &mut status);
+        close_status(&increments, &mut status);
         Clock::write(half_second, &mut clock);
-        let id = |place| self.base + offset(place);
-        [
-            CanFrame::new(id(Increments::SPEC.place), &covered[..LENGTH]),
-            CanFrame::new(id(Status::SPEC.place), &status),
-            CanFrame::new(id(Clock::SPEC.place), &clock),
-        ]
+        let frame = |place, data| CanFrame { id: self.base + offset(place), length: LENGTH as u8, data };
+        [frame(Increments::SPEC.place, increments), frame(Status::SPEC.place, status), frame(Clock::SPEC.place, clock)]
     }
+
+    /// The reply to a command.
+    pub fn reply(self, reply: &Reply) -> CanFrame {
+        let mut data = [0; LENGTH];
+        data[..reply.bytes().len()].copy_from_slice(reply.bytes());
+        CanFrame { id: self.reply_id(), length: reply.bytes().len() as u8, data }
+    }
+}
+
+/// The CRC over the data of INCREMENTS and what STATUS tells.
+#[inline]
+fn status_crc(increments: &[u8], status: &[u8]) -> [u8; 2] {
+    let mut covered = [0; LENGTH + STATUS_COVERED];
+    let length = increments.len().min(LENGTH);
+    covered[..length].copy_from_slice(&increments[..length]);
+    covered[length..length + STATUS_COVERED].copy_from_slice(&status[..STATUS_COVERED]);
+    crc16(&covered[..length + STATUS_COVERED]).to_be_bytes()
+}
+
+/// Makes the CRC of STATUS right for what it tells and for the data of INCREMENTS before it.
+#[inline]
+pub fn close_status(increments: &[u8], status: &mut [u8; 8]) {
+    let crc = status_crc(increments, status);
+    status[STATUS_COVERED..].copy_from_slice(&crc);
 }
 
 /// What is wrong with a message of the unit.
@@ -283,10 +312,7 @@ impl<S: Copy> Assembler<S> {
             self.finish(sink);
             return defect(stamp, CanDefect::StatusWithoutIncrements, [bytes, &[]], sink);
         };
-        let mut covered = [0; LENGTH + STATUS_COVERED];
-        covered[..LENGTH].copy_from_slice(&increments);
-        covered[LENGTH..].copy_from_slice(&bytes[..STATUS_COVERED]);
-        if crc16(&covered).to_be_bytes() != bytes[STATUS_COVERED..] {
+        if status_crc(&increments, bytes) != bytes[STATUS_COVERED..] {
             return defect(first, CanDefect::CrcMismatch, [&increments, bytes], sink);
         }
         let mut half_second = HalfSecond::default();
@@ -323,6 +349,13 @@ mod tests {
     use super::*;
     use crate::field::CLOCK_PER_HALF_SECOND;
 
+    #[test]
+    fn no_frame_has_an_identifier_beyond_eleven_bits_or_more_than_eight_bytes() {
+        assert!(CanFrame::new(0x7FF, &[0; 8]).is_some());
+        assert_eq!(CanFrame::new(0x800, &[]), None);
+        assert_eq!(CanFrame::new(0x1A0, &[0; 9]), None);
+    }
+
     fn half_second(sequence: u16) -> HalfSecond {
         HalfSecond {
             sequence,
@@ -349,7 +382,7 @@ mod tests {
             })
         };
         for (index, frame) in frames.iter().enumerate() {
-            assembler.push(plan.role(frame.id.into()), index, frame.data(), &mut see);
+            assembler.push(plan.role(frame.id().into()), index, frame.data(), &mut see);
         }
         assembler.finish(&mut see);
         found
@@ -366,7 +399,7 @@ mod tests {
     #[test]
     fn half_seconds_come_back_with_other_traffic_between() {
         let mut traffic = frames(&[0, 1]);
-        traffic.insert(1, CanFrame::new(0x123, &[1, 2, 3]));
+        traffic.insert(1, CanFrame::new(0x123, &[1, 2, 3]).unwrap());
         assert_eq!(assemble(&traffic), [row(0, 0), row(4, 1)]);
     }
 
@@ -391,7 +424,7 @@ mod tests {
         );
 
         let mut traffic = frames(&[0, 1]);
-        traffic[0] = CanFrame::new(0x1A0, &[9; 8]);
+        traffic[0] = CanFrame::new(0x1A0, &[9; 8]).unwrap();
         assert_eq!(
             assemble(&traffic),
             [Seen::Defect(0, CanDefect::CrcMismatch), Seen::Defect(2, CanDefect::ClockWithoutStatus), row(3, 1)]
@@ -401,7 +434,7 @@ mod tests {
     #[test]
     fn increments_of_a_wrong_length_come_between_all_the_same() {
         let mut traffic = frames(&[0, 1]);
-        traffic.insert(1, CanFrame::new(0x1A0, &[1, 2, 3]));
+        traffic.insert(1, CanFrame::new(0x1A0, &[1, 2, 3]).unwrap());
         assert_eq!(
             assemble(&traffic),
             [

@@ -9,9 +9,9 @@
 //! let half_second = HalfSecond { increments: [-2, -2, 5, 5], gyro_flags: 0x0F, unit_flags: 0x07,
 //!     electronics_centi_c: 2064, clock_count: 500_000, sensor_centi_c: 7000, ..HalfSecond::default() };
 //! let [increments, status, clock] = CanPlan::default().frames(&half_second);
-//! assert_eq!((increments.id, increments.data()), (0x1A0, &[0xFF, 0xFE, 0xFF, 0xFE, 0, 5, 0, 5][..]));
+//! assert_eq!((increments.id(), increments.data()), (0x1A0, &[0xFF, 0xFE, 0xFF, 0xFE, 0, 5, 0, 5][..]));
 //! assert_eq!(status.data()[6..], [0xDD, 0x5E]);
-//! assert_eq!(clock.id, 0x1A2);
+//! assert_eq!(clock.id(), 0x1A2);
 //! ```
 
 pub mod can;

@@ -10,10 +10,16 @@ use crate::message::{Data, Message, Place};
 
 /// First two bytes of every frame.
 pub const SYNC: [u8; 2] = [0xEB, 0x90];
+/// Where the type stands in a frame.
+pub const TYPE_AT: usize = SYNC.len();
+/// Where the length stands in a frame.
+pub const LENGTH_AT: usize = TYPE_AT + 1;
 /// Bytes before the payload: sync, type, length.
-const HEADER: usize = 4;
+pub const HEADER: usize = LENGTH_AT + 1;
+/// Bytes of the CRC behind the payload.
+pub const CRC: usize = 2;
 /// Bytes around the payload of every frame.
-pub const OVERHEAD: usize = HEADER + 2;
+pub const OVERHEAD: usize = HEADER + CRC;
 /// Payload of DATA, byte.
 pub const DATA_LENGTH: usize = Data::SPEC.length();
 /// Longest frame, byte.
@@ -69,19 +75,25 @@ pub fn frame(kind: Kind, payload: &[u8]) -> Vec<u8> {
     bytes.extend_from_slice(&SYNC);
     bytes.extend_from_slice(&[kind.code(), payload.len() as u8]);
     bytes.extend_from_slice(payload);
-    let crc = crc16(&bytes[SYNC.len()..]);
-    bytes.extend_from_slice(&crc.to_be_bytes());
+    bytes.extend_from_slice(&[0; CRC]);
+    close(&mut bytes);
     bytes
+}
+
+/// Makes the CRC of a whole frame right for what it says; of fewer bytes than a frame has nothing.
+pub fn close(bytes: &mut [u8]) {
+    let Some(end) = bytes.len().checked_sub(CRC).filter(|&end| end >= HEADER) else { return };
+    let crc = crc16(&bytes[SYNC.len()..end]);
+    bytes[end..].copy_from_slice(&crc.to_be_bytes());
 }
 
 /// The DATA frame of one half second.
 pub fn data_frame(half_second: &HalfSecond) -> [u8; MAX_FRAME] {
     let mut bytes = [0; MAX_FRAME];
-    bytes[..2].copy_from_slice(&SYNC);
-    bytes[2..HEADER].copy_from_slice(&[Kind::Data.code(), DATA_LENGTH as u8]);
+    bytes[..TYPE_AT].copy_from_slice(&SYNC);
+    bytes[TYPE_AT..HEADER].copy_from_slice(&[Kind::Data.code(), DATA_LENGTH as u8]);
     Data::write(half_second, &mut bytes[HEADER..]);
-    let crc = crc16(&bytes[SYNC.len()..MAX_FRAME - 2]);
-    bytes[MAX_FRAME - 2..].copy_from_slice(&crc.to_be_bytes());
+    close(&mut bytes);
     bytes
 }
 
@@ -126,7 +138,7 @@ impl SerialDefect {
         match self {
             SerialDefect::UnknownType => 3,
             SerialDefect::WrongLength => HEADER,
-            SerialDefect::CrcMismatch => OVERHEAD + usize::from(bytes[3]),
+            SerialDefect::CrcMismatch => OVERHEAD + usize::from(bytes[LENGTH_AT]),
             SerialDefect::Cut => MAX_FRAME,
         }
     }
@@ -201,8 +213,8 @@ enum Candidate {
 
 #[inline]
 fn candidate(bytes: &[u8]) -> Candidate {
-    let (Some(&code), Some(&length)) = (bytes.get(2), bytes.get(3)) else {
-        return match bytes.get(2) {
+    let (Some(&code), Some(&length)) = (bytes.get(TYPE_AT), bytes.get(LENGTH_AT)) else {
+        return match bytes.get(TYPE_AT) {
             Some(&code) if Kind::of(code).is_none() => Candidate::Rejected(SerialDefect::UnknownType),
             _ => Candidate::Incomplete,
         };
@@ -217,7 +229,7 @@ fn candidate(bytes: &[u8]) -> Candidate {
     let Some(bytes) = bytes.get(..OVERHEAD + length) else {
         return Candidate::Incomplete;
     };
-    let (covered, crc) = bytes[SYNC.len()..].split_at(bytes.len() - SYNC.len() - 2);
+    let (covered, crc) = bytes[SYNC.len()..].split_at(bytes.len() - SYNC.len() - CRC);
     if crc16(covered).to_be_bytes() == crc {
         Candidate::Frame(kind, OVERHEAD + length)
     } else {
@@ -259,7 +271,7 @@ impl Deframer {
                 Candidate::Frame(kind, length) => {
                     self.offset = start + at as u64;
                     self.end_skipping(sink);
-                    sink(Found::Frame { at: self.offset, kind, payload: &rest[HEADER..length - 2] });
+                    sink(Found::Frame { at: self.offset, kind, payload: &rest[HEADER..length - CRC] });
                     at += length;
                     continue;
                 }

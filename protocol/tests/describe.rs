@@ -187,7 +187,7 @@ fn tshark_reads_can_frames_and_checks_status_with_the_increments_before_it() {
     let mut packets = Vec::new();
     for half_second in half_seconds() {
         for frame in plan.frames(&half_second) {
-            packets.push(socketcan(frame.id, frame.data()));
+            packets.push(socketcan(frame.id(), frame.data()));
             packets.push(socketcan(0x123, &[1, 2, 3]));
         }
     }

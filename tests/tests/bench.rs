@@ -206,11 +206,20 @@ fn a_fault_that_waits_for_a_hand_starts_with_it() {
     let directory = tempfile::tempdir().expect("a directory");
     let plan = directory.path().join("plan.toml");
     fs::write(&plan, "[[fault]]\nid = \"hold\"\nby_hand = true\nfault = \"dead\"\ngyro = \"GYRZB\"").expect("written");
-    let (_emulator, mut client, address) = start(&["--faults", plan.to_str().expect("text"), "--speed", "10"]);
+    let live = directory.path().join("live");
+    let arguments =
+        ["--faults", plan.to_str().expect("text"), "--record", live.to_str().expect("text"), "--speed", "10"];
+    let (mut emulator, mut client, address) = start(&arguments);
     assert!(client.read_until(|client| client.half_seconds.len() > 10));
     assert!(client.half_seconds.iter().all(|row| row.gyro_flags & 8 != 0));
     out(&inject(&address, &["--start", "hold"]));
     assert!(client.read_until(|client| client.half_seconds.last().is_some_and(|last| last.gyro_flags & 8 == 0)));
+    emulator.ask_to_end();
+    assert!(emulator.child.wait().expect("its end").success());
+    let events = lines(&live.join("faults.jsonl"));
+    let of = |what: &str| events.iter().find(|event| event["what"] == what).expect("told");
+    let (by_hand, start) = (of("started-by-hand"), of("start"));
+    assert_eq!((&by_hand["id"], &by_hand["t_s"]), (&start["id"], &start["t_s"]));
 }
 
 #[test]

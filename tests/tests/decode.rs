@@ -65,7 +65,7 @@ fn encoded_log() -> String {
         for (later_us, frame) in [0, 250, 500].into_iter().zip(CanPlan::default().frames(&half_second(index))) {
             let t_us = t_us(index) + later_us;
             let data: String = frame.data().iter().map(|byte| format!("{byte:02X}")).collect();
-            log += &format!("({}.{:06}) can0 {:03X}#{data}\n", t_us / 1_000_000, t_us % 1_000_000, frame.id);
+            log += &format!("({}.{:06}) can0 {:03X}#{data}\n", t_us / 1_000_000, t_us % 1_000_000, frame.id());
         }
     }
     log
@@ -311,7 +311,7 @@ fn a_cut_container_gives_the_rows_so_far_and_exit_2() {
         for word in [1_795_020_000u32, 0, 16, 16] {
             pcap.extend_from_slice(&word.to_le_bytes());
         }
-        pcap.extend_from_slice(&u32::from(frame.id).to_be_bytes());
+        pcap.extend_from_slice(&u32::from(frame.id()).to_be_bytes());
         pcap.extend_from_slice(&[8, 0, 0, 0]);
         pcap.extend_from_slice(frame.data());
     }

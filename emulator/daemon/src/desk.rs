@@ -17,7 +17,7 @@ use tokio::sync::Notify;
 
 use crate::bench::Teller;
 use crate::cadence::Speed;
-use crate::carriage::{Carrier, Content, Piece};
+use crate::carriage::{Carrier, Piece};
 use crate::console;
 use crate::record::Event;
 
@@ -32,32 +32,20 @@ pub(crate) struct Answered {
     pub polled: Option<HalfSecond>,
     /// The faults of the running half second.
     acting: Arc<Vec<Acting>>,
+    /// On-board time against the wall clock.
+    speed: Speed,
 }
 
 impl Answered {
-    /// What leaves over a link, each so long after the one before.
-    pub fn leaving(&self, carrier: &Carrier) -> Vec<(Duration, Content)> {
+    /// What leaves over a link, each so long after now, by the wall clock.
+    pub fn leaving(&self, carrier: &Carrier) -> Vec<Piece> {
         let Some(reply) = &self.reply else { return Vec::new() };
         let mut pieces: Vec<Piece> = carrier.reply(reply, &self.acting).into_iter().collect();
         pieces.extend(self.polled.iter().flat_map(|polled| carrier.polled(polled, reply, &self.acting)));
-        let mut before_ns = 0;
-        let gap = |piece: Piece| {
-            let gap_ns = piece.after_ns - std::mem::replace(&mut before_ns, piece.after_ns);
-            (Duration::from_nanos(gap_ns.max(0) as u64), piece.content)
-        };
-        pieces.into_iter().map(gap).collect()
-    }
-
-    /// The same, with what leaves at the same time in one.
-    pub fn leaving_together(&self, carrier: &Carrier) -> Vec<(Duration, Vec<Content>)> {
-        let mut together: Vec<(Duration, Vec<Content>)> = Vec::new();
-        for (gap, content) in self.leaving(carrier) {
-            match together.last_mut() {
-                Some((_, contents)) if gap.is_zero() => contents.push(content),
-                _ => together.push((gap, vec![content])),
-            }
+        for piece in &mut pieces {
+            piece.after_ns = self.speed.wall_ns(piece.after_ns).unwrap_or(0);
         }
-        together
+        pieces
     }
 }
 
@@ -68,6 +56,8 @@ struct Underway {
     traces: Option<Box<[Trace; 4]>>,
     injected: Option<Arc<Injected>>,
     happened: Vec<Happening>,
+    /// What was driven meanwhile: told behind it.
+    driven: Vec<Event>,
 }
 
 struct Inner {
@@ -163,15 +153,8 @@ impl Desk {
             (inner.unit.end_half_second(), None)
         };
         let (injected, happened) = (inner.unit.injected().cloned(), inner.unit.take_happened());
-        inner.underway = Some(Underway { ended, traces, injected: injected.clone(), happened });
+        inner.underway = Some(Underway { ended, traces, injected: injected.clone(), happened, driven: Vec::new() });
         (ended, injected)
-    }
-
-    /// Waits for so much on-board time.
-    pub async fn wait(&self, on_board: Duration) {
-        if let Some(wall_ns) = self.speed.wall_ns(on_board.as_nanos() as i64) {
-            tokio::time::sleep(Duration::from_nanos(wall_ns as u64)).await;
-        }
     }
 
     /// The deadline of the half second that was ended last has passed.
@@ -201,7 +184,7 @@ impl Desk {
             if self.commands.fetch_add(1, Relaxed) == 0 {
                 console::say(format_args!("{link}: a command came; a recording answers none: they are counted"));
             }
-            return Answered { reply: None, polled: None, acting: Arc::default() };
+            return Answered { reply: None, polled: None, acting: Arc::default(), speed: self.speed };
         }
         let _waiting = Waiting::new(&self.waiting);
         loop {
@@ -221,7 +204,7 @@ impl Desk {
             return None;
         }
         self.commands.fetch_add(1, Relaxed);
-        Some(inner.command(link, payload))
+        Some(inner.command(link, payload, self.speed))
     }
 
     /// How faults and expectations stand.
@@ -246,7 +229,7 @@ impl Desk {
             return None;
         }
         let added: Vec<Fault> = faults.iter().map(|fault| inner.unit.inject(fault.clone())).collect();
-        added.iter().for_each(|fault| inner.tell(Event::Injected(fault.clone())));
+        added.iter().for_each(|fault| inner.tell_driven(Event::Injected(fault.clone())));
         Some(added)
     }
 
@@ -254,7 +237,7 @@ impl Desk {
     pub fn start(&self, id: &str) -> Option<f64> {
         let mut inner = self.lock();
         let at_s = inner.unit.start(id)?;
-        inner.tell(Event::StartedByHand { id: id.to_owned(), at_s });
+        inner.tell_driven(Event::StartedByHand { id: id.to_owned(), at_s });
         Some(at_s)
     }
 
@@ -262,7 +245,7 @@ impl Desk {
     pub fn clear(&self, id: &str) -> Option<f64> {
         let mut inner = self.lock();
         let until_s = inner.unit.clear(id)?;
-        inner.tell(Event::Cleared { id: id.to_owned(), until_s });
+        inner.tell_driven(Event::Cleared { id: id.to_owned(), until_s });
         Some(until_s)
     }
 
@@ -310,17 +293,26 @@ impl Inner {
     fn repeat_recorded(&mut self) {
         while self.recorded.front().is_some_and(|command| command.half_second <= self.unit.ended()) {
             let command = self.recorded.pop_front().expect("the front is there");
-            self.command(&command.link, &command.payload);
+            self.command(&command.link, &command.payload, Speed::Max);
         }
     }
 
     fn complete(&mut self) {
-        if let Some(Underway { ended, traces, injected, happened }) = self.underway.take() {
+        if let Some(Underway { ended, traces, injected, happened, driven }) = self.underway.take() {
             self.completed = Some((ended.half_second, ended.end_ns));
             if let Some(traces) = traces {
                 self.tell(Event::HalfSecond(ended, traces, injected));
             }
             self.tell_happened(happened);
+            driven.into_iter().for_each(|event| self.tell(event));
+        }
+    }
+
+    /// Tells what somebody did to the faults: behind a half second that is underway, which has ended in the unit.
+    fn tell_driven(&mut self, event: Event) {
+        match &mut self.underway {
+            Some(underway) => underway.driven.push(event),
+            None => self.tell(event),
         }
     }
 
@@ -328,17 +320,23 @@ impl Inner {
         happened.into_iter().for_each(|happening| self.tell(Event::Happened(happening)));
     }
 
-    fn command(&mut self, link: &str, payload: &[u8]) -> Answered {
+    fn command(&mut self, link: &str, payload: &[u8], speed: Speed) -> Answered {
         let running_end_ns = self.unit.running_end_ns();
         let answer = self.unit.command(payload);
-        self.tell(Event::Command { link: link.to_owned(), payload: payload.to_vec(), running_end_ns });
         let acting = self.unit.faults().acting().clone();
-        let Some(answer) = answer else { return Answered { reply: None, polled: None, acting } };
-        if let (Some(half_second), Some((_, end_ns))) = (answer.polled, self.completed) {
-            let injected = self.unit.injected().cloned();
-            self.tell(Event::Polled { half_second, reply: answer.reply, end_ns, injected, acting: acting.clone() });
+        let (reply, polled) = answer.map_or((None, None), |answer| (Some(answer.reply), answer.polled));
+        self.tell(Event::Command {
+            link: link.to_owned(),
+            payload: payload.to_vec(),
+            running_end_ns,
+            reply,
+            acting: acting.clone(),
+        });
+        if let (Some(reply), Some(half_second), Some((_, end_ns))) = (reply, polled, self.completed) {
+            let (link, injected) = (link.to_owned(), self.unit.injected().cloned());
+            self.tell(Event::Polled { link, half_second, reply, end_ns, injected, acting: acting.clone() });
         }
-        Answered { reply: Some(answer.reply), polled: answer.polled, acting }
+        Answered { reply, polled, acting, speed }
     }
 }
 
@@ -376,6 +374,28 @@ mod tests {
         desk.complete();
         assert_eq!(now(&desk, &[3]).polled, Some(second.half_second));
         assert_eq!(now(&desk, &[3]).polled, Some(second.half_second));
+    }
+
+    #[test]
+    fn what_is_driven_while_a_half_second_is_underway_is_told_behind_it() {
+        let (recording, events) = sync_channel(100);
+        let mut configuration = Configuration::reference();
+        let plan = "[[fault]]\nid = \"waits\"\nby_hand = true\nfault = \"drop\"\n[[fault]]\nid = \"dead\"\nfault = \"dead\"\ngyro = \"GYRX\"";
+        configuration.add_plan("plan", plan).expect("a plan");
+        let desk = Desk::new(&configuration, &Truth::Scenario, Speed::Max, Some(recording), None);
+        desk.end_half_second();
+        assert_eq!(desk.start("waits"), Some(1.0), "with the next half second that begins");
+        assert_eq!(desk.clear("dead"), Some(1.0));
+        desk.complete();
+        desk.close();
+        let told = events.into_iter().map(|event| match event {
+            Event::HalfSecond(..) => "half second",
+            Event::Happened(_) => "happened",
+            Event::StartedByHand { .. } => "started",
+            Event::Cleared { .. } => "cleared",
+            _ => "else",
+        });
+        assert_eq!(told.collect::<Vec<_>>(), ["happened", "half second", "started", "cleared"]);
     }
 
     #[test]

@@ -5,17 +5,20 @@
 //! | `injected` | a fault came live, with its keys |
 //! | `start`, `end` | a fault began to act, and why; it is over, with the half seconds it touched |
 //! | `bytes` | a half second that a link carried otherwise than without the faults that acted: before, after, identifiers |
+//! | `reply` | a reply that faults of a link made late or kept back |
 //! | `missed` | a half second that was not sent live, whatever `bytes` claims: the process was held up |
+//! | `started-by-hand` | a fault that waited for a hand was started, and from when on it acts |
 //! | `cleared` | a fault was taken away |
 //! | `expectation` | one was decided |
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::Write;
 use std::path::Path;
 
 use geu_model::configuration::fault::fault_text;
 use geu_model::fault::Fault;
 use geu_model::fault::acting::{Acting, Happening};
+use geu_model::fault::catalogue::{LinkKind, LinkLaw};
 use geu_model::fault::expectation::Verdict;
 use geu_model::{Ended, Injected};
 use geu_protocol::{HalfSecond, Reply};
@@ -33,8 +36,22 @@ pub(crate) struct FaultLog {
     touched: BTreeMap<String, u64>,
 }
 
+/// A half second on one link, as a line tells it.
+struct Sent<'a> {
+    carrier: &'a Carrier,
+    /// Its index, and its sequence as told.
+    frame: u64,
+    sequence: u16,
+    is_polled: bool,
+}
+
 fn on_board_s(frame: u64) -> f64 {
     frame as f64 * 0.5
+}
+
+/// A time in ns as s.
+fn seconds(time_ns: i64) -> f64 {
+    time_ns as f64 * 1e-9
 }
 
 fn texts(contents: &[Content]) -> Vec<String> {
@@ -99,67 +116,115 @@ impl FaultLog {
     pub fn half_second(&mut self, frame: u64, ended: &Ended, injected: &Injected) -> Result<(), RecordError> {
         let told = Some(&ended.half_second).filter(|_| ended.cyclic);
         let clean = Some(&injected.clean).filter(|_| injected.is_clean_cyclic);
-        let mut touched = Vec::new();
+        let mut touched = BTreeSet::new();
         for carrier in self.carriers.clone() {
             let after = carrier.carry(told, frame, &injected.acting);
-            let ids = self.compare(&carrier, frame, clean, after, &injected.acting, ended.half_second.sequence)?;
-            touched.extend(ids);
+            let ids = carrier.touching(&injected.acting);
+            let sent = Sent { carrier: &carrier, frame, sequence: ended.half_second.sequence, is_polled: false };
+            if self.compare(&sent, clean, &after, &ids)? {
+                touched.extend(ids);
+            }
         }
-        touched.sort_unstable();
-        touched.dedup();
-        touched.into_iter().for_each(|id| *self.touched.entry(id).or_default() += 1);
+        self.touch(touched);
         Ok(())
     }
 
-    /// A half second that was polled while faults act.
+    /// Half second `frame`, which was polled over a link: faults acted on it, and others act on its way.
     pub fn polled(
         &mut self,
         frame: u64,
+        link: &str,
         half_second: &HalfSecond,
         reply: &Reply,
         injected: Option<&Injected>,
         acting: &[Acting],
     ) -> Result<(), RecordError> {
-        if acting.is_empty() && injected.is_none() {
-            return Ok(());
-        }
+        let Some(carrier) = self.carrier(link) else { return Ok(()) };
         let clean = injected.map_or(half_second, |injected| &injected.clean);
-        for carrier in self.carriers.clone() {
-            let mut after = carrier.polled(half_second, reply, acting);
-            after.iter_mut().for_each(|piece| piece.frame = frame);
-            self.compare(&carrier, frame, Some(clean), after, acting, half_second.sequence)?;
+        let mut after = carrier.polled(half_second, reply, acting);
+        after.iter_mut().for_each(|piece| piece.frame = frame);
+        // Those of links act on its way alone.
+        let on_data = injected.map_or(&[][..], |injected| &injected.acting).iter();
+        let on_data = on_data.filter(|acting| acting.on_link().is_none()).map(|acting| acting.fault.id.as_str());
+        let on_way = carrier.own(acting).into_iter().map(|(acting, _)| acting.fault.id.as_str());
+        let ids: Vec<&str> = on_data.chain(on_way).collect();
+        let sent = Sent { carrier: &carrier, frame, sequence: half_second.sequence, is_polled: true };
+        if self.compare(&sent, Some(clean), &after, &ids)? {
+            self.touch(ids.into_iter().collect());
         }
         Ok(())
     }
 
-    /// Writes a line where what goes out is not what would; the identifiers of the faults that act on this link then.
+    /// The link of a command, by the kind with which its name begins; nothing for the control interface.
+    fn carrier(&self, link: &str) -> Option<Carrier> {
+        let kind = LinkKind::named(link.split(' ').next()?)?;
+        self.carriers.iter().find(|carrier| carrier.kind == kind).cloned()
+    }
+
+    /// Counts a half second for each of these faults.
+    fn touch(&mut self, ids: BTreeSet<&str>) {
+        ids.into_iter().for_each(|id| *self.touched.entry(id.to_owned()).or_default() += 1);
+    }
+
+    /// Writes a line where what goes out is not what would; whether it is not.
     fn compare(
         &mut self,
-        carrier: &Carrier,
-        frame: u64,
+        sent: &Sent,
         clean: Option<&HalfSecond>,
-        after: Vec<Piece>,
-        acting: &[Acting],
-        sequence: u16,
-    ) -> Result<Vec<String>, RecordError> {
+        after: &[Piece],
+        ids: &[&str],
+    ) -> Result<bool, RecordError> {
+        let Sent { carrier, frame, sequence, is_polled } = *sent;
         let before: Vec<Content> = clean.into_iter().flat_map(|clean| carrier.plain(clean)).collect();
         let is_on_time = after.iter().all(|piece| (piece.frame, piece.after_ns) == (frame, 0));
         if is_on_time && after.iter().map(|piece| &piece.content).eq(&before) {
-            return Ok(Vec::new());
+            return Ok(false);
         }
-        let ids: Vec<String> = carrier.touching(acting).into_iter().map(str::to_owned).collect();
-        let after: Vec<Value> = after
-            .iter()
-            .map(|piece| {
-                let late_s = on_board_s(piece.frame - frame) + piece.after_ns as f64 * 1e-9;
-                json!({ "late_s": late_s, "bytes": piece.content.to_string() })
-            })
-            .collect();
-        self.line(&json!({
+        let piece = |piece: &Piece| {
+            let late_s = on_board_s(piece.frame - frame) + seconds(piece.after_ns);
+            let mut told = json!({ "late_s": late_s, "bytes": piece.content.to_string() });
+            if piece.goes_on {
+                told["goes_on"] = json!(true);
+            }
+            told
+        };
+        let mut line = json!({
             "what": "bytes", "t_s": on_board_s(frame + 1), "half_second": frame, "sequence": sequence,
-            "link": carrier.kind.name(), "ids": ids, "before": texts(&before), "after": after,
-        }))?;
-        Ok(ids)
+            "link": carrier.kind.name(), "ids": ids, "before": texts(&before),
+            "after": after.iter().map(piece).collect::<Vec<Value>>(),
+        });
+        if is_polled {
+            line["polled"] = json!(true);
+        }
+        self.line(&line)?;
+        Ok(true)
+    }
+
+    /// The reply to a command within half second `frame`: a line where faults make it late or keep it back.
+    pub fn reply(
+        &mut self,
+        frame: u64,
+        link: &str,
+        command: &[u8],
+        reply: &Reply,
+        acting: &[Acting],
+    ) -> Result<(), RecordError> {
+        let Some(carrier) = self.carrier(link) else { return Ok(()) };
+        let after = carrier.reply(reply, acting);
+        if after.as_ref().is_some_and(|piece| piece.after_ns == 0) {
+            return Ok(());
+        }
+        let of_replies =
+            |law: &LinkLaw| matches!(law, LinkLaw::Silence | LinkLaw::ReplyMissing | LinkLaw::ReplyLate { .. });
+        let own = carrier.own(acting).into_iter().filter(|(_, law)| of_replies(law));
+        let ids: Vec<&str> = own.map(|(acting, _)| acting.fault.id.as_str()).collect();
+        let command: String = command.iter().map(|byte| format!("{byte:02X}")).collect();
+        self.line(&json!({
+            "what": "reply", "t_s": on_board_s(frame), "half_second": frame, "link": carrier.kind.name(), "ids": ids,
+            "command": command, "before": carrier.plain_reply(reply).to_string(),
+            "after": after.as_ref().map(|piece| piece.content.to_string()),
+            "late_s": after.as_ref().map(|piece| seconds(piece.after_ns)),
+        }))
     }
 
     /// Something became of a fault; `frame` is the half second that begins.
@@ -179,6 +244,11 @@ impl FaultLog {
     /// A fault came live.
     pub fn injected(&mut self, frame: u64, fault: &Fault) -> Result<(), RecordError> {
         self.line(&json!({ "what": "injected", "t_s": on_board_s(frame), "half_second": frame, "id": fault.id, "keys": keys(fault) }))
+    }
+
+    /// A fault that waited for a hand was started.
+    pub fn started_by_hand(&mut self, frame: u64, id: &str, at_s: f64) -> Result<(), RecordError> {
+        self.line(&json!({ "what": "started-by-hand", "t_s": at_s, "half_second": frame, "id": id }))
     }
 
     /// A fault was taken away.

@@ -21,7 +21,7 @@ use geu_model::{Configuration, Ended, Injected, Trace, Truth};
 use geu_protocol::serial::DEFAULT_BAUD;
 use geu_protocol::{CanPlan, Gyro, HalfSecond, Reply};
 
-use crate::carriage::{Carrier, Content, Form, Outbox, Piece};
+use crate::carriage::{Carrier, Content, Form, Outbox};
 use crate::fault_log::FaultLog;
 
 use crate::truth::received;
@@ -48,11 +48,13 @@ pub struct RecordError {
 pub(crate) enum Event {
     /// A half second ended, and what faults did to it.
     HalfSecond(Ended, Box<[Trace; 4]>, Option<Arc<Injected>>),
-    /// A command came within the half second that runs; its scheduled end.
-    Command { link: String, payload: Vec<u8>, running_end_ns: i64 },
-    /// A half second was sent because it was polled, stamped with its scheduled end: what faults did to it, and those
-    /// that act as it is sent.
+    /// A command came over a link within the half second that runs; its scheduled end, what the unit answers, and the
+    /// faults that act.
+    Command { link: String, payload: Vec<u8>, running_end_ns: i64, reply: Option<Reply>, acting: Arc<Vec<Acting>> },
+    /// The half second that ended last was sent because it was polled over a link, stamped with its scheduled end: what
+    /// faults did to it, and those that act as it is sent.
     Polled {
+        link: String,
         half_second: HalfSecond,
         reply: Reply,
         end_ns: i64,
@@ -251,11 +253,17 @@ impl Recorder {
     pub(crate) fn event(&mut self, event: &Event) -> Result<(), RecordError> {
         match event {
             Event::HalfSecond(ended, traces, injected) => self.half_second(ended, traces, injected.as_deref()),
-            Event::Command { link, payload, running_end_ns } => self.command(link, payload, *running_end_ns),
-            Event::Polled { half_second, reply, end_ns, injected, acting } => {
-                let pieces = self.carrier.polled(half_second, reply, acting);
-                self.faults.polled(self.half_seconds, half_second, reply, injected.as_deref(), acting)?;
-                self.sent(pieces, *end_ns)
+            Event::Command { link, payload, running_end_ns, reply, acting } => {
+                self.command(link, payload, *running_end_ns)?;
+                let Some(reply) = reply else { return Ok(()) };
+                self.faults.reply(self.half_seconds, link, payload, reply, acting)
+            }
+            Event::Polled { link, half_second, reply, end_ns, injected, acting } => {
+                let frame = self.half_seconds.saturating_sub(1);
+                self.faults.polled(frame, link, half_second, reply, injected.as_deref(), acting)?;
+                // The recording is of one form, whatever links are open: it has what was polled over any of them.
+                self.outbox.put(&self.carrier.polled(half_second, reply, acting), frame, *end_ns);
+                self.write_due(*end_ns)
             }
             Event::Missed { frame } => self.faults.missed(*frame),
             Event::Happened(happening) => self.faults.happened(self.half_seconds, happening),
@@ -270,7 +278,7 @@ impl Recorder {
                 fault.into_iter().for_each(|fault| {
                     fault.start_at(*at_s);
                 });
-                Ok(())
+                self.faults.started_by_hand(self.half_seconds, id, *at_s)
             }
             Event::Cleared { id, until_s } => {
                 let fault = self.configuration.faults.iter_mut().find(|fault| fault.id == *id);
@@ -290,10 +298,8 @@ impl Recorder {
         let frame = self.half_seconds;
         let half_second = Some(&ended.half_second).filter(|_| ended.cyclic);
         let pieces = self.carrier.carry(half_second, frame, injected.map_or(&[], |injected| &injected.acting));
-        self.outbox.put(pieces, frame, ended.end_ns);
-        while let Some((due_ns, contents)) = self.outbox.take(ended.end_ns) {
-            self.write(&contents, due_ns)?;
-        }
+        self.outbox.put(&pieces, frame, ended.end_ns);
+        self.write_due(ended.end_ns)?;
         if let Some(injected) = injected {
             self.faults.half_second(frame, ended, injected)?;
         }
@@ -341,8 +347,12 @@ impl Recorder {
         self.manoeuvres.write(|file| writeln!(file, "{},{start},{end}", leg.name))
     }
 
-    fn sent(&mut self, pieces: Vec<Piece>, end_ns: i64) -> Result<(), RecordError> {
-        pieces.into_iter().try_for_each(|piece| self.write(&[piece.content], end_ns + piece.after_ns))
+    /// Writes what left by then.
+    fn write_due(&mut self, until_ns: i64) -> Result<(), RecordError> {
+        while let Some((due_ns, contents)) = self.outbox.take(until_ns) {
+            self.write(&contents, due_ns)?;
+        }
+        Ok(())
     }
 
     fn write(&mut self, contents: &[Content], due_ns: i64) -> Result<(), RecordError> {
@@ -476,6 +486,9 @@ impl Recorder {
     /// # Errors
     /// A file that cannot be written.
     pub fn finish(mut self) -> Result<(), RecordError> {
+        // What faults still hold back left with the end.
+        self.outbox.end(self.end_ns);
+        self.write_due(i64::MAX)?;
         if self.received.is_some() {
             self.received_rows()?;
             self.reference_rows_within(self.end_ns)?;

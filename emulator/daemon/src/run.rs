@@ -34,7 +34,7 @@ const LEAD_NS: i64 = 800_000;
 const LATE_NS: i64 = 5_000_000;
 /// A reader at more than real speed is given so long to make room before it loses a half second.
 const PATIENCE: Duration = Duration::from_secs(2);
-/// At the end, what readers have not taken is waited for so long.
+/// At the end, readers are given so long to take what is still sent, and again to take what they were sent.
 const LAST_WORDS: Duration = Duration::from_millis(300);
 /// Between two status lines.
 const STATUS: Duration = Duration::from_millis(500);
@@ -309,20 +309,23 @@ impl Outgoing {
         Outgoing { link, outbox: Outbox::default(), is_prepared: false }
     }
 
-    /// Takes a half second in, or nothing where none is sent, and prepares what is due with its end.
+    /// Takes a half second in, or nothing where none is sent.
     fn put(&mut self, half_second: Option<&HalfSecond>, frame: u64, end_ns: i64, acting: &[Acting]) {
         let pieces = self.link.carrier().carry(half_second, frame, acting);
-        self.outbox.put(pieces, frame, end_ns);
+        self.outbox.put(&pieces, frame, end_ns);
     }
 
     /// Sends what was due before, and prepares what is due at `end_ns`.
     fn prepare(&mut self, end_ns: i64, patience: Duration) {
         self.send_due(end_ns - 1, patience);
-        let due = self.outbox.take(end_ns);
-        self.is_prepared = due.is_some();
-        if let Some((_, contents)) = due {
-            self.link.prepare(&contents);
-        }
+        self.is_prepared = self.prepare_due(end_ns);
+    }
+
+    /// Prepares what is due next, where that is not after `until_ns`.
+    fn prepare_due(&mut self, until_ns: i64) -> bool {
+        let due = self.outbox.take(until_ns);
+        let goes_on = self.outbox.is_within_frame();
+        due.inspect(|(_, contents)| self.link.prepare(contents, goes_on)).is_some()
     }
 
     /// Sends what was prepared.
@@ -334,10 +337,19 @@ impl Outgoing {
 
     /// Sends what a fault has held back until now.
     fn send_due(&mut self, until_ns: i64, patience: Duration) {
-        while let Some((_, contents)) = self.outbox.take(until_ns) {
-            self.link.prepare(&contents);
+        while self.prepare_due(until_ns) {
             self.link.send(patience);
         }
+    }
+
+    /// Sends at once, in its order, what faults still hold back when the run ends; its last half second ended at `end_ns`.
+    /// Readers are given until then to make room.
+    fn end(&mut self, end_ns: i64, give_up: Instant) {
+        self.outbox.end(end_ns);
+        while self.prepare_due(i64::MAX) {
+            self.link.send(give_up.saturating_duration_since(Instant::now()));
+        }
+        self.link.send_answers();
     }
 }
 
@@ -361,7 +373,7 @@ impl Keeper {
             live.await_first(self.settings.speed == Speed::Max, || self.is_stopped());
         }
         let start_ns = now_ns();
-        let mut missed = 0;
+        let (mut missed, mut last_end_ns) = (0, 0);
         while !self.is_stopped() {
             self.desk.step_aside();
             let (ended, running_end_ns) = self.desk.running();
@@ -380,6 +392,7 @@ impl Keeper {
             }
             let frame = ended;
             let (ended, injected) = self.desk.end_half_second();
+            last_end_ns = ended.end_ns;
             let acting: &[Acting] = injected.as_ref().map_or(&[], |injected| &injected.acting);
             if self.is_past_next_deadline(start_ns) {
                 missed += 1;
@@ -408,6 +421,8 @@ impl Keeper {
             }
         }
         self.tell_missed(missed);
+        let give_up = Instant::now() + if self.is_stopped() { LAST_WORDS } else { patience.max(LAST_WORDS) };
+        self.links.iter_mut().for_each(|outgoing| outgoing.end(last_end_ns, give_up));
     }
 
     /// Waits until `wake_ns`, and sends what becomes due meanwhile because a fault held it back.

@@ -54,13 +54,18 @@ fn fly(configuration: &Configuration, truth: &Truth, half_seconds: u64, sender: 
     // The half second that runs at the end never ends, but its commands are answered.
     for index in 0..=half_seconds {
         while let Some(command) = commands.next_if(|command| command.half_second <= index) {
-            let (link, payload) = (command.link.clone(), command.payload.clone());
-            batch.push(Event::Command { link, payload, running_end_ns: unit.running_end_ns() });
-            let injected = unit.injected().cloned();
-            let Some(answer) = unit.command(&command.payload) else { continue };
-            let acting = unit.faults().acting().clone();
-            let (reply, end_ns) = (answer.reply, last_end_ns);
-            let polled = |half_second| Event::Polled { half_second, reply, end_ns, injected, acting };
+            let (link, payload, running_end_ns) = (&command.link, &command.payload, unit.running_end_ns());
+            let (answer, acting) = (unit.command(payload), unit.faults().acting().clone());
+            batch.push(Event::Command {
+                link: link.clone(),
+                payload: payload.clone(),
+                running_end_ns,
+                reply: answer.as_ref().map(|answer| answer.reply),
+                acting: acting.clone(),
+            });
+            let Some(answer) = answer else { continue };
+            let (link, reply, end_ns, injected) = (link.clone(), answer.reply, last_end_ns, unit.injected().cloned());
+            let polled = |half_second| Event::Polled { link, half_second, reply, end_ns, injected, acting };
             batch.extend(answer.polled.map(polled));
         }
         if index < half_seconds {

@@ -190,7 +190,7 @@ fn vectors() -> Text {
     );
     let plan = CanPlan::default();
     let frames: Vec<String> =
-        plan.frames(&h).iter().map(|frame| format!("{:03X}#{}", frame.id, hex(frame.data(), ""))).collect();
+        plan.frames(&h).iter().map(|frame| format!("{:03X}#{}", frame.id(), hex(frame.data(), ""))).collect();
     writeln!(text, "    CAN     {}\n    serial  {}\n", frames.join("   "), hex(&data_frame(&h), " "))?;
     text.push_str("Commands, and the unit's answers when all is well:\n\n");
     text.push_str("| command | CAN | serial | CAN reply | serial reply |\n|---|---|---|---|---|\n");

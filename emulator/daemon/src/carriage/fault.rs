@@ -4,53 +4,54 @@
 use geu_model::fault::acting::Acting;
 use geu_model::fault::catalogue::LinkLaw;
 use geu_model::noise::Stream;
-use geu_protocol::crc::crc16;
-use geu_protocol::serial::{OVERHEAD, SYNC};
+use geu_protocol::can::{STATUS_COVERED, close_status};
+use geu_protocol::serial::{self, CRC, HEADER, LENGTH_AT, OVERHEAD, TYPE_AT};
 use geu_protocol::{CanFrame, HalfSecond};
 
 use super::{Carrier, Content, Form, Piece, baud, ns};
 
-/// Bytes of STATUS that its CRC covers, and of a CRC.
-const STATUS_COVERED: usize = 6;
-const CRC: usize = 2;
 /// Nonsense between half seconds comes in so many portions.
 const PORTIONS: u64 = 16;
 const HALF_SECOND_NS: i64 = 500_000_000;
+/// Pieces of a half second: about as many as the fastest bus has room for, frames without data at 1 Mbit/s. What many
+/// faults together would send beyond is not sent.
+const MOST_PIECES: usize = 10_000;
 
 fn draw(acting: &Acting) -> Stream {
     acting.draw().at("link", acting.frame)
 }
 
-pub(super) fn carry(
+/// The half second itself, with what belongs to it; nothing where none is sent.
+pub(super) fn half_second(
     carrier: &Carrier,
     half_second: Option<&HalfSecond>,
     frame: u64,
     own: &[(&Acting, LinkLaw)],
 ) -> Vec<Piece> {
-    let mut contents = Vec::new();
-    if let Some(half_second) = half_second {
-        let mut said = *half_second;
-        own.iter().for_each(|(acting, law)| say(&mut said, acting, *law));
-        contents = carrier.plain(&said);
-        own.iter().for_each(|(acting, law)| change(carrier, &mut contents, acting, *law));
-    }
-    let mut pieces: Vec<Piece> = contents.into_iter().map(|content| Piece { frame, after_ns: 0, content }).collect();
-    own.iter().for_each(|(acting, law)| send(carrier, &mut pieces, acting, *law));
-    own.iter().for_each(|(acting, law)| add(carrier, &mut pieces, frame, acting, *law));
-    if own.iter().any(|(_, law)| *law == LinkLaw::Silence) {
-        pieces.clear();
-    }
+    let said = half_second.and_then(|it| own.iter().try_fold(*it, |said, (acting, law)| say(said, acting, *law)));
+    let Some(said) = said else { return Vec::new() };
+    let mut contents = carrier.plain(&said);
+    // Each would name the messages anew: the last one counts.
+    let names = |law: &LinkLaw| matches!(law, LinkLaw::WrongIdentifier { .. });
+    let name = own.iter().rposition(|(_, law)| names(law));
+    let changing = own.iter().enumerate().filter(|(index, (_, law))| !names(law) || Some(*index) == name);
+    changing.for_each(|(_, (acting, law))| change(carrier, &mut contents, acting, *law));
+    let mut pieces: Vec<Piece> = contents.into_iter().map(|content| Piece::on_time(frame, content)).collect();
+    let mut times = 1;
+    own.iter().for_each(|(acting, law)| send(carrier, &mut pieces, &mut times, acting, *law));
+    own.iter().for_each(|(acting, law)| lead(&mut pieces, acting, *law));
     pieces
 }
 
-/// What the half second says.
-fn say(said: &mut HalfSecond, acting: &Acting, law: LinkLaw) {
+/// What the half second says; nothing where it repeats one that there never was.
+fn say(mut said: HalfSecond, acting: &Acting, law: LinkLaw) -> Option<HalfSecond> {
     match law {
         LinkLaw::SequenceStuck => said.sequence = acting.before.map_or(0, |before| before.sequence),
         LinkLaw::SequenceJump { by } => said.sequence = said.sequence.wrapping_add(by as u16),
-        LinkLaw::StaleRepeat => *said = acting.before.unwrap_or_default(),
+        LinkLaw::StaleRepeat => return acting.before,
         _ => {}
     }
+    Some(said)
 }
 
 /// Its bytes.
@@ -62,17 +63,20 @@ fn change(carrier: &Carrier, contents: &mut Vec<Content>, acting: &Acting, law: 
             cut(content, kept);
             kept > 0
         }),
-        (LinkLaw::WrongLength { length }, Form::Serial { .. }) => each_frame(contents, |bytes| bytes[3] = length as u8),
+        (LinkLaw::WrongLength { length }, Form::Serial { .. }) => {
+            each_frame(contents, |bytes| bytes[LENGTH_AT] = length as u8);
+        }
         (LinkLaw::WrongLength { length }, Form::Can(_)) => {
             contents.iter_mut().for_each(|content| cut(content, (length as usize).min(8)));
         }
         (LinkLaw::WrongIdentifier { identifier }, Form::Serial { .. }) => {
-            each_frame(contents, |bytes| bytes[2] = identifier as u8);
+            each_frame(contents, |bytes| bytes[TYPE_AT] = identifier as u8);
         }
         (LinkLaw::WrongIdentifier { identifier }, Form::Can(plan)) => {
             for content in contents {
                 if let Content::Frame(frame) = content {
-                    *frame = CanFrame::new(identifier as u16 + frame.id.saturating_sub(plan.base()), frame.data());
+                    let id = (identifier as u16).saturating_add(frame.id().saturating_sub(plan.base()));
+                    *frame = CanFrame::new(id, frame.data()).unwrap_or(*frame);
                 }
             }
         }
@@ -101,7 +105,7 @@ fn cut(content: &mut Content, length: usize) {
         Content::Frame(frame) => {
             let mut data = frame.data().to_vec();
             data.resize(length, 0);
-            *frame = CanFrame::new(frame.id, &data);
+            *frame = frame.with_data(&data).unwrap_or(*frame);
         }
     }
 }
@@ -113,15 +117,9 @@ fn each_frame(contents: &mut [Content], change: impl Fn(&mut [u8])) {
             && bytes.len() >= OVERHEAD
         {
             change(bytes);
-            close_frame(bytes);
+            serial::close(bytes);
         }
     }
-}
-
-fn close_frame(bytes: &mut [u8]) {
-    let end = bytes.len() - CRC;
-    let crc = crc16(&bytes[SYNC.len()..end]);
-    bytes[end..].copy_from_slice(&crc.to_be_bytes());
 }
 
 /// Flips bits anywhere in the data; before the CRC it is right again, after it the CRC may be hit too.
@@ -132,7 +130,7 @@ fn flip(contents: &mut [Content], bits: u64, is_after_crc: bool, draw: &mut Stre
     for (index, content) in contents.iter().enumerate() {
         let length = bytes_of(content).len();
         let covered = match (is_serial, index) {
-            (true, _) => OVERHEAD - CRC..length.saturating_sub(if is_after_crc { 0 } else { CRC }),
+            (true, _) => HEADER..length.saturating_sub(if is_after_crc { 0 } else { CRC }),
             (false, 1) if !is_after_crc => 0..STATUS_COVERED.min(length),
             (false, _) => 0..length,
         };
@@ -144,32 +142,35 @@ fn flip(contents: &mut [Content], bits: u64, is_after_crc: bool, draw: &mut Stre
         data[byte] ^= 1 << bit;
         match &mut contents[index] {
             Content::Bytes(bytes) => *bytes = data,
-            Content::Frame(frame) => *frame = CanFrame::new(frame.id, &data),
+            Content::Frame(frame) => *frame = frame.with_data(&data).unwrap_or(*frame),
         }
     }
     if is_after_crc {
         return;
     }
     match contents {
-        [Content::Bytes(bytes)] if bytes.len() >= OVERHEAD => close_frame(bytes),
-        [Content::Frame(increments), Content::Frame(status), ..] if status.data().len() == STATUS_COVERED + CRC => {
-            let mut data = status.data().to_vec();
-            let crc = crc16(&[increments.data(), &data[..STATUS_COVERED]].concat());
-            data[STATUS_COVERED..].copy_from_slice(&crc.to_be_bytes());
-            *status = CanFrame::new(status.id, &data);
+        [Content::Bytes(bytes)] => serial::close(bytes),
+        [Content::Frame(increments), Content::Frame(status), ..] => {
+            if let Ok(mut data) = <[u8; 8]>::try_from(status.data()) {
+                close_status(increments.data(), &mut data);
+                *status = status.with_data(&data).unwrap_or(*status);
+            }
         }
         _ => {}
     }
 }
 
-/// How often and when.
-fn send(carrier: &Carrier, pieces: &mut Vec<Piece>, acting: &Acting, law: LinkLaw) {
+/// How often and when. `times` is how often the half second is in `pieces`.
+fn send(carrier: &Carrier, pieces: &mut Vec<Piece>, times: &mut usize, acting: &Acting, law: LinkLaw) {
     let late = |pieces: &mut Vec<Piece>, by_ns: i64| pieces.iter_mut().for_each(|piece| piece.after_ns += by_ns);
     match law {
         LinkLaw::Drop => pieces.clear(),
         LinkLaw::Duplicate { copies } => {
-            let once = pieces.clone();
+            let once = pieces[..pieces.len() / *times].to_vec();
+            let room = (MOST_PIECES / once.len().max(1)).saturating_sub(*times);
+            let copies = room.min(copies as usize);
             (0..copies).for_each(|_| pieces.extend(once.iter().cloned()));
+            *times += copies;
         }
         LinkLaw::Delay { delay_s } => late(pieces, ns(delay_s)),
         LinkLaw::Jitter { jitter_s } => late(pieces, ns(jitter_s * draw(acting).uniform())),
@@ -191,47 +192,70 @@ fn split(carrier: &Carrier, pieces: &mut Vec<Piece>, place: usize, gap_ns: i64) 
         pieces.iter_mut().skip(place).for_each(|piece| piece.after_ns += gap_ns);
         return;
     }
-    let parts = pieces.drain(..).flat_map(|piece| match &piece.content {
-        Content::Bytes(bytes) if bytes.len() > place => {
-            let (head, tail) = bytes.split_at(place);
-            let part = |bytes: &[u8], after_ns| Piece { after_ns, content: Content::Bytes(bytes.to_vec()), ..piece };
-            vec![part(head, piece.after_ns), part(tail, piece.after_ns + gap_ns)]
+    // What is behind the gap, in a frame that has one already, comes that much later too.
+    let mut behind_ns = 0;
+    let parts = pieces.drain(..).flat_map(|piece| {
+        let piece = Piece { after_ns: piece.after_ns + behind_ns, ..piece };
+        let goes_on = piece.goes_on;
+        let parts = match &piece.content {
+            Content::Bytes(bytes) if bytes.len() > place => {
+                let (head, tail) = bytes.split_at(place);
+                behind_ns += gap_ns;
+                let part = |bytes: &[u8], after_ns, goes_on| Piece {
+                    after_ns,
+                    content: Content::Bytes(bytes.to_vec()),
+                    goes_on,
+                    ..piece
+                };
+                vec![part(head, piece.after_ns, true), part(tail, piece.after_ns + gap_ns, goes_on)]
+            }
+            _ => vec![piece],
+        };
+        if !goes_on {
+            behind_ns = 0;
         }
-        _ => vec![piece],
+        parts
     });
     *pieces = parts.collect();
 }
 
-/// What else is on the link.
-fn add(carrier: &Carrier, pieces: &mut Vec<Piece>, frame: u64, acting: &Acting, law: LinkLaw) {
-    let mut draw = draw(acting);
+/// What stands before the half second, in the same go; before none where none is sent.
+fn lead(pieces: &mut [Piece], acting: &Acting, law: LinkLaw) {
+    if let (LinkLaw::ExtraBytes { bytes }, Some(Piece { content: Content::Bytes(own), .. })) = (law, pieces.first_mut())
+    {
+        let mut draw = draw(acting);
+        let extra: Vec<u8> = (0..bytes).map(|_| draw.bits() as u8).collect();
+        *own = [extra, std::mem::take(own)].concat();
+    }
+}
+
+/// What else is on the link, whether a half second is sent or not.
+pub(super) fn add_noise(carrier: &Carrier, pieces: &mut Vec<Piece>, frame: u64, own: &[(&Acting, LinkLaw)]) {
+    for (acting, law) in own {
+        if let LinkLaw::Babble { amount } = *law {
+            babble(carrier, pieces, frame, &mut draw(acting), amount);
+        }
+    }
+}
+
+fn babble(carrier: &Carrier, pieces: &mut Vec<Piece>, frame: u64, draw: &mut Stream, amount: u64) {
     let mut nonsense = |count: u64| -> Vec<u8> { (0..count).map(|_| draw.bits() as u8).collect() };
-    match (law, carrier.form) {
-        (LinkLaw::ExtraBytes { bytes }, _) => {
-            let extra = nonsense(bytes);
-            match pieces.first_mut() {
-                Some(Piece { content: Content::Bytes(own), .. }) => *own = [extra, std::mem::take(own)].concat(),
-                _ => pieces.push(Piece { frame, after_ns: 0, content: Content::Bytes(extra) }),
-            }
-        }
-        (LinkLaw::Babble { amount }, form) => {
-            for portion in 0..amount.min(PORTIONS) {
-                let count = (portion + 1) * amount / PORTIONS.min(amount) - portion * amount / PORTIONS.min(amount);
-                let after_ns = (2 * portion as i64 + 1) * HALF_SECOND_NS / (2 * amount.min(PORTIONS) as i64);
-                let contents = match form {
-                    Form::Serial { .. } => vec![Content::Bytes(nonsense(count))],
-                    Form::Can(_) => (0..count)
-                        .map(|_| {
-                            let bytes = nonsense(11);
-                            let id = u16::from_be_bytes([bytes[0], bytes[1]]) & 0x7FF;
-                            Content::Frame(CanFrame::new(id, &bytes[3..3 + usize::from(bytes[2] % 9)]))
-                        })
-                        .collect(),
-                };
-                pieces.extend(contents.into_iter().map(|content| Piece { frame, after_ns, content }));
-            }
-        }
-        _ => {}
+    for portion in 0..amount.min(PORTIONS) {
+        let count = (portion + 1) * amount / PORTIONS.min(amount) - portion * amount / PORTIONS.min(amount);
+        let after_ns = (2 * portion as i64 + 1) * HALF_SECOND_NS / (2 * amount.min(PORTIONS) as i64);
+        let contents = match carrier.form {
+            Form::Serial { .. } => vec![Content::Bytes(nonsense(count))],
+            Form::Can(_) => (0..count)
+                .filter_map(|_| {
+                    let bytes = nonsense(11);
+                    let id = u16::from_be_bytes([bytes[0], bytes[1]]) & 0x7FF;
+                    CanFrame::new(id, &bytes[3..3 + usize::from(bytes[2] % 9)]).map(Content::Frame)
+                })
+                .collect(),
+        };
+        let room = MOST_PIECES.saturating_sub(pieces.len());
+        let noise = contents.into_iter().take(room);
+        pieces.extend(noise.map(|content| Piece { after_ns, ..Piece::on_time(frame, content) }));
     }
 }
 
@@ -242,8 +266,9 @@ mod tests {
     use geu_model::fault::catalogue::{CATALOGUE, LinkKind, Scope, Spec};
     use geu_model::number::{Default, Form as NumberForm};
     use geu_model::{Configuration, Unit};
+    use geu_protocol::CanPlan;
+    use geu_protocol::crc::crc16;
     use geu_protocol::serial::{Deframer, Found};
-    use geu_protocol::{CanPlan, serial};
 
     use super::*;
 
@@ -256,14 +281,19 @@ mod tests {
 
     /// What a link carries in each of 20 half seconds with a fault of it in 8 to 15, and what it would carry.
     fn carried(kind: LinkKind, keys: &str) -> Vec<(Vec<Content>, Vec<Piece>)> {
+        planned(kind, &format!("[[fault]]\nlink = \"{}\"\nat_s = 4.0\nfor_s = 4.0\n{keys}", kind.name()))
+    }
+
+    /// The same with any plan.
+    fn planned(kind: LinkKind, plan: &str) -> Vec<(Vec<Content>, Vec<Piece>)> {
         let mut configuration = Configuration::reference();
-        let plan = format!("[[fault]]\nlink = \"{}\"\nat_s = 4.0\nfor_s = 4.0\n{keys}", kind.name());
-        configuration.add_plan("plan", &plan).unwrap_or_else(|error| panic!("{error}"));
+        configuration.add_plan("plan", plan).unwrap_or_else(|error| panic!("{error}"));
         let (mut unit, carrier) = (Unit::new(&configuration), carrier(kind));
         let half_seconds = (0..20).map(|frame| {
             let ended = unit.end_half_second();
             let acting = unit.injected().map(|injected| injected.acting.clone()).unwrap_or_default();
-            (carrier.plain(&ended.half_second), carrier.carry(Some(&ended.half_second), frame, &acting))
+            let sent = Some(&ended.half_second).filter(|_| ended.cyclic);
+            (carrier.plain(&ended.half_second), carrier.carry(sent, frame, &acting))
         });
         half_seconds.collect()
     }
@@ -368,5 +398,88 @@ mod tests {
                 assert_eq!(status.data()[6..] == crc, is_believed);
             }
         }
+    }
+
+    #[test]
+    fn a_fault_on_every_link_is_on_none_that_cannot_have_it() {
+        let on_links = CATALOGUE.iter().filter(|spec| spec.scope == Scope::Link && !spec.links().is_empty());
+        let pairs = on_links.flat_map(|spec| spec.unable.iter().map(move |(kind, _)| (spec, *kind)));
+        assert!(pairs.clone().count() >= 3);
+        for (spec, kind) in pairs {
+            for (before, after) in planned(kind, &format!("[[fault]]\n{}", keys(spec))) {
+                let plain: Vec<Content> = after.into_iter().map(|piece| piece.content).collect();
+                assert_eq!(plain, before, "{} on {}", spec.code, kind.name());
+            }
+        }
+        let mut configuration = Configuration::reference();
+        configuration.add_plan("plan", "[[fault]]\nfault = \"baud-mismatch\"\nbaud = 9600.0").expect("a plan");
+        let unit = Unit::new(&configuration);
+        let touching = |kind| carrier(kind).touching(unit.faults().acting()).len();
+        assert_eq!(LinkKind::ALL.map(touching), [1, 1, 0, 0]);
+    }
+
+    #[test]
+    fn copies_add_up_and_many_faults_together_stay_within_bounds() {
+        let sent = |kind, fault: &str, count| planned(kind, &fault.repeat(count))[3].1.len();
+        let duplicate = "[[fault]]\nfault = \"duplicate\"\ncopies = 16\n";
+        assert_eq!(sent(LinkKind::Tcp, duplicate, 5), 81);
+        assert_eq!(sent(LinkKind::Can, duplicate, 5), 3 * 81);
+        assert_eq!(sent(LinkKind::Can, duplicate, 1000), 3 * (MOST_PIECES / 3));
+        assert_eq!(sent(LinkKind::Can, "[[fault]]\nfault = \"babble\"\namount = 1000\n", 20), MOST_PIECES);
+    }
+
+    #[test]
+    fn of_several_identifiers_the_last_counts() {
+        let fault = |identifier: u32| {
+            format!("[[fault]]\nlink = \"can\"\nfault = \"wrong-identifier\"\nidentifier = {identifier}\n")
+        };
+        let all = planned(LinkKind::Can, &(fault(2045) + &fault(2045) + &fault(0x700)));
+        let ids = all[3].1.iter().map(|piece| match &piece.content {
+            Content::Frame(frame) => frame.id(),
+            Content::Bytes(_) => panic!("a frame"),
+        });
+        assert_eq!(ids.collect::<Vec<_>>(), [0x700, 0x701, 0x702]);
+    }
+
+    #[test]
+    fn what_stands_before_a_half_second_is_sent_with_one_alone() {
+        let extra = "[[fault]]\nfault = \"extra-bytes\"\nbytes = 5\n";
+        let drop = "[[fault]]\nfault = \"drop\"\n";
+        assert_eq!(bytes_of(&planned(LinkKind::Pty, extra)[3].1[0].content).len(), 33);
+        assert_eq!(planned(LinkKind::Pty, &(extra.to_owned() + drop))[3].1, []);
+        assert_eq!(planned(LinkKind::Pty, &(extra.to_owned() + "[[fault]]\nfault = \"reset\"\nfor_s = 5"))[3].1, []);
+    }
+
+    #[test]
+    fn nothing_is_repeated_before_there_was_a_half_second() {
+        let all = planned(LinkKind::Pty, "[[fault]]\nfault = \"stale-repeat\"\nfor_s = 2.0");
+        assert!(all[..4].iter().all(|(_, after)| after.is_empty()));
+        assert_eq!(all[4].1.len(), 1);
+    }
+
+    #[test]
+    fn noise_is_no_part_of_an_answer() {
+        let mut configuration = Configuration::reference();
+        configuration.add_plan("plan", "[[fault]]\nfault = \"babble\"").expect("a plan");
+        let unit = Unit::new(&configuration);
+        let (half_second, acting) = (HalfSecond::default(), unit.faults().acting());
+        for kind in LinkKind::ALL {
+            let carrier = carrier(kind);
+            let reply = geu_protocol::Reply::new(3, geu_protocol::Outcome::Done, &[]);
+            let polled = carrier.polled(&half_second, &reply, acting);
+            let contents: Vec<Content> = polled.into_iter().map(|piece| piece.content).collect();
+            assert_eq!(contents, carrier.plain(&half_second));
+            assert!(carrier.carry(None, 0, acting).len() >= 16, "it is on the link all the same");
+        }
+    }
+
+    #[test]
+    fn the_parts_of_a_frame_stay_together_in_order() {
+        let split =
+            |byte, gap_s| format!("[[fault]]\nlink = \"tcp\"\nfault = \"split\"\nbyte = {byte}\ngap_s = {gap_s:?}\n");
+        let all = planned(LinkKind::Tcp, &(split(10, 0.125) + &split(4, 0.25) + "[[fault]]\nfault = \"duplicate\"\n"));
+        let parts: Vec<_> = all[3].1.iter().map(|it| (bytes_of(&it.content).len(), it.after_ns, it.goes_on)).collect();
+        let once = [(4, 0, true), (6, 250_000_000, true), (4, 375_000_000, true), (14, 625_000_000, false)];
+        assert_eq!(parts, [once, once].concat());
     }
 }

@@ -7,6 +7,7 @@ mod baud;
 mod fault;
 mod outbox;
 
+use geu_model::fault::Action;
 use geu_model::fault::acting::Acting;
 use geu_model::fault::catalogue::{LinkKind, LinkLaw};
 use geu_protocol::serial::{DEFAULT_BAUD, Kind, data_frame, frame};
@@ -41,7 +42,7 @@ impl std::fmt::Display for Content {
         let data = match self {
             Content::Bytes(bytes) => bytes,
             Content::Frame(frame) => {
-                write!(f, "{:03X}#", frame.id)?;
+                write!(f, "{:03X}#", frame.id())?;
                 frame.data()
             }
         };
@@ -58,6 +59,15 @@ pub struct Piece {
     pub after_ns: i64,
     /// What.
     pub content: Content,
+    /// Whether the next piece is the rest of the same frame of a stream: nothing comes between.
+    pub goes_on: bool,
+}
+
+impl Piece {
+    /// One that is sent with the end of half second `frame`.
+    pub fn on_time(frame: u64, content: Content) -> Piece {
+        Piece { frame, after_ns: 0, content, goes_on: false }
+    }
 }
 
 /// A link without a device.
@@ -88,19 +98,24 @@ impl Carrier {
         }
     }
 
-    /// A half second, or nothing where none is sent by itself, with the faults that act on this link.
+    /// A half second, or nothing where none is sent by itself, and noise, with the faults that act on this link.
     pub fn carry(&self, half_second: Option<&HalfSecond>, frame: u64, acting: &[Acting]) -> Vec<Piece> {
         let own = self.own(acting);
         if own.is_empty() {
-            let at_once = |content| Piece { frame, after_ns: 0, content };
-            return half_second.into_iter().flat_map(|it| self.plain(it)).map(at_once).collect();
+            let plain = half_second.into_iter().flat_map(|it| self.plain(it));
+            return plain.map(|content| Piece::on_time(frame, content)).collect();
         }
-        fault::carry(self, half_second, frame, &own)
+        if own.iter().any(|(_, law)| *law == LinkLaw::Silence) {
+            return Vec::new();
+        }
+        let mut pieces = fault::half_second(self, half_second, frame, &own);
+        fault::add_noise(self, &mut pieces, frame, &own);
+        pieces
     }
 
     /// The reply to a command, and how late; nothing where a fault keeps it back.
     pub fn reply(&self, reply: &Reply, acting: &[Acting]) -> Option<Piece> {
-        let mut piece = Piece { frame: 0, after_ns: 0, content: self.plain_reply(reply) };
+        let mut piece = Piece::on_time(0, self.plain_reply(reply));
         for (_, law) in self.own(acting) {
             match law {
                 LinkLaw::Silence | LinkLaw::ReplyMissing => return None,
@@ -111,36 +126,42 @@ impl Carrier {
         Some(piece)
     }
 
-    /// The half second that follows the reply to a POLL; nothing without one. It cannot be held back for another.
+    /// The half second that follows the reply to a POLL; nothing without one. It cannot be held back for another, and
+    /// noise is no part of it.
     pub fn polled(&self, polled: &HalfSecond, reply: &Reply, acting: &[Acting]) -> Vec<Piece> {
         let Some(reply) = self.reply(reply, acting) else { return Vec::new() };
-        let mut pieces = self.carry(Some(polled), 0, acting);
+        let mut pieces = fault::half_second(self, Some(polled), 0, &self.own(acting));
         pieces.iter_mut().for_each(|piece| (piece.frame, piece.after_ns) = (0, piece.after_ns + reply.after_ns));
-        pieces.sort_by_key(|piece| piece.after_ns);
         pieces
     }
 
-    fn plain_reply(&self, reply: &Reply) -> Content {
+    /// The reply to a command as it goes out without faults.
+    pub fn plain_reply(&self, reply: &Reply) -> Content {
         match self.form {
             Form::Serial { .. } => Content::Bytes(frame(Kind::Reply, reply.bytes())),
-            Form::Can(plan) => Content::Frame(CanFrame::new(plan.reply_id(), reply.bytes())),
+            Form::Can(plan) => Content::Frame(plan.reply(reply)),
         }
     }
 
     /// The faults of links that act on this one.
-    fn own<'a>(&self, acting: &'a [Acting]) -> Vec<(&'a Acting, LinkLaw)> {
-        let on_this = |acting: &&Acting| {
-            let is_able = |law: LinkLaw| !matches!((law, self.form), (LinkLaw::ExtraBytes { .. }, Form::Can(_)));
-            acting.fault.link.is_none_or(|kind| kind == self.kind) && acting.on_link().is_some_and(is_able)
-        };
-        acting.iter().filter(on_this).filter_map(|acting| Some((acting, acting.on_link()?))).collect()
+    pub fn own<'a>(&self, acting: &'a [Acting]) -> Vec<(&'a Acting, LinkLaw)> {
+        let on_this = acting.iter().filter(|acting| self.has(acting));
+        on_this.filter_map(|acting| Some((acting, acting.on_link()?))).collect()
     }
 
     /// Identifiers of all faults that act and can change what this link carries.
     pub fn touching<'a>(&self, acting: &'a [Acting]) -> Vec<&'a str> {
-        let on_this =
-            |acting: &&Acting| acting.on_link().is_none() || acting.fault.link.is_none_or(|kind| kind == self.kind);
-        acting.iter().filter(on_this).map(|acting| acting.fault.id.as_str()).collect()
+        let on_this = acting.iter().filter(|acting| acting.on_link().is_none() || self.has(acting));
+        on_this.map(|acting| acting.fault.id.as_str()).collect()
+    }
+
+    /// Whether a fault of links is on this one: it names its kind or none, and such a link can have it.
+    fn has(&self, acting: &Acting) -> bool {
+        let can_be = match &acting.fault.action {
+            Action::Named { spec, .. } => spec.unable_on(self.kind).is_none(),
+            Action::Parameter { .. } => false,
+        };
+        can_be && acting.fault.link.is_none_or(|kind| kind == self.kind)
     }
 }
 

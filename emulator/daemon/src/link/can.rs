@@ -1,8 +1,9 @@
 //! A CAN interface. One that goes down or vanishes is used again when it is back.
 
+use std::convert::Infallible;
 use std::io;
 use std::sync::atomic::Ordering::Relaxed;
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
 use geu_protocol::CanPlan;
@@ -12,9 +13,11 @@ use nix::net::if_::InterfaceFlags;
 use socketcan::{CanFilter, CanSocket, EmbeddedFrame, Frame, Id, Socket, SocketOptions, StandardId};
 use tokio::sync::Notify;
 use tokio::task::yield_now;
+use tokio::time::timeout;
 
-use super::{Link, LinkError, Sending, Tally, Watched};
-use crate::carriage::{Carrier, Content};
+use super::{LATE_ANSWERS, Link, LinkError, Sending, Tally, Watched};
+use crate::cadence::now_ns;
+use crate::carriage::{Carrier, Content, Outbox};
 use crate::console;
 use crate::desk::Desk;
 
@@ -73,6 +76,12 @@ struct Bus {
     lost: Notify,
     /// Held for the frames of one half second, so that no other comes between.
     turn: tokio::sync::Mutex<()>,
+    /// Answers to commands, by the wall clock.
+    answers: Mutex<Outbox>,
+    /// Answers wait for their time.
+    later: Notify,
+    /// Answers have left.
+    answered: Notify,
     carrier: Carrier,
     tally: Arc<Tally>,
 }
@@ -102,6 +111,9 @@ pub(super) fn open(address: &CanAddress, carrier: Carrier, desk: &Arc<Desk>) -> 
         failure: Mutex::new(None),
         lost: Notify::new(),
         turn: tokio::sync::Mutex::new(()),
+        answers: Mutex::default(),
+        later: Notify::new(),
+        answered: Notify::new(),
         carrier,
         tally: Tally::new(format!("can {} {:X}", address.interface, address.plan.base())),
     });
@@ -142,7 +154,7 @@ fn is_up(interface: &str) -> bool {
 
 fn to_socket(content: &Content) -> Option<socketcan::CanFrame> {
     let Content::Frame(frame) = content else { return None };
-    socketcan::CanFrame::new(StandardId::new(frame.id)?, frame.data())
+    socketcan::CanFrame::new(StandardId::new(frame.id())?, frame.data())
 }
 
 impl Bus {
@@ -199,6 +211,44 @@ impl Bus {
     }
 }
 
+impl Bus {
+    fn answers(&self) -> MutexGuard<'_, Outbox> {
+        self.answers.lock().expect("nothing panics with the answers")
+    }
+
+    /// Sends the answers whose time has come.
+    async fn send_answers(&self, socket: &CanSocket) {
+        loop {
+            let Some((_, contents)) = self.answers().take(now_ns()) else { break };
+            let turn = self.turn.lock().await;
+            let give_up = Instant::now() + QUEUE_PATIENCE;
+            for frame in contents.iter().filter_map(to_socket) {
+                if !self.write_later(socket, &frame, give_up).await {
+                    break;
+                }
+            }
+            drop(turn);
+        }
+        self.answered.notify_one();
+    }
+
+    /// Sends answers at their time.
+    async fn answer_later(&self, socket: &CanSocket) -> Infallible {
+        loop {
+            self.send_answers(socket).await;
+            let next_ns = self.answers().next_ns();
+            match next_ns {
+                None => self.later.notified().await,
+                Some(due_ns) => {
+                    let wait_ns = (due_ns - now_ns()).max(0) as u64;
+                    // Either it is time, or another may be due earlier.
+                    let _ = timeout(Duration::from_nanos(wait_ns), self.later.notified()).await;
+                }
+            }
+        }
+    }
+}
+
 async fn attend(socket: CanSocket, mut was_up: bool, bus: Arc<Bus>, desk: Arc<Desk>) {
     let name = &bus.tally.name;
     let mut next = Some(socket);
@@ -228,9 +278,12 @@ async fn attend(socket: CanSocket, mut was_up: bool, bus: Arc<Bus>, desk: Arc<De
         bus.failure.lock().expect("nothing panics with the reason").take();
         *bus.socket.lock().expect("nothing panics with the socket") = Some(socket.clone());
         let reason = tokio::select! {
-            error = serve(socket, &bus, &desk) => error.to_string(),
+            error = serve(socket.clone(), &bus, &desk) => error.to_string(),
             errno = bus.failed() => errno.desc().to_owned(),
+            never = bus.answer_later(&socket) => match never {},
         };
+        // What was not answered by now is history.
+        *bus.answers() = Outbox::default();
         *bus.socket.lock().expect("nothing panics with the socket") = None;
         console::say(format_args!("{name}: gone ({reason}); the unit keeps time and waits for it to come back"));
         loop {
@@ -275,25 +328,19 @@ async fn answer(frame: &socketcan::CanFrame, socket: &CanSocket, bus: &Bus, desk
         desk.rejected.fetch_add(1, Relaxed);
         return;
     }
-    let answered = desk.command(&bus.tally.name, frame.data()).await;
-    let (mut give_up, mut turn) = (Instant::now() + QUEUE_PATIENCE, None);
-    for (index, (gap, content)) in answered.leaving(&bus.carrier).into_iter().enumerate() {
-        if !gap.is_zero() {
-            turn = None;
-            desk.wait(gap).await;
-            give_up = Instant::now() + QUEUE_PATIENCE;
-        }
-        if turn.is_none() {
-            turn = Some(bus.turn.lock().await);
-        }
-        let Some(frame) = to_socket(&content) else { continue };
-        if !bus.write_later(socket, &frame, give_up).await {
-            break;
-        }
-        if index == 0 {
-            bus.tally.replies.fetch_add(1, Relaxed);
-        }
+    // Without room nothing more is read: commands wait in the socket, or are lost as on any bus.
+    while bus.answers().len() >= LATE_ANSWERS {
+        bus.answered.notified().await;
     }
+    let answered = desk.command(&bus.tally.name, frame.data()).await;
+    let pieces = answered.leaving(&bus.carrier);
+    if pieces.is_empty() {
+        return;
+    }
+    bus.answers().put(&pieces, 0, now_ns());
+    bus.tally.replies.fetch_add(1, Relaxed);
+    bus.send_answers(socket).await;
+    bus.later.notify_one();
 }
 
 impl Can {
@@ -315,7 +362,7 @@ impl Link for Can {
         &self.bus.carrier
     }
 
-    fn prepare(&mut self, contents: &[Content]) {
+    fn prepare(&mut self, contents: &[Content], _goes_on: bool) {
         self.frames = contents.iter().filter_map(to_socket).collect();
     }
 
@@ -334,6 +381,20 @@ impl Link for Can {
             None => Sending::Dropped,
         };
         self.bus.tally.count(outcome);
+    }
+
+    fn send_answers(&mut self) {
+        let Some(socket) = self.bus.socket() else { return };
+        let due = std::iter::from_fn(|| self.bus.answers().take(i64::MAX));
+        let frames: Vec<_> = due.flat_map(|(_, contents)| contents).filter_map(|content| to_socket(&content)).collect();
+        let turn = self.bus.turn.blocking_lock();
+        let give_up = Instant::now() + QUEUE_PATIENCE;
+        for frame in frames {
+            if !self.bus.write(&socket, &frame, give_up) {
+                break;
+            }
+        }
+        drop(turn);
     }
 
     fn is_ready(&self) -> bool {

@@ -1,9 +1,11 @@
 //! The sending side of one byte stream: whole frames or nothing, never blocking, paced where there is no real line.
 //!
-//! Two threads write: the one that keeps time sends data, the runtime sends replies and finishes what did not fit.
-//! Bytes leave in the order in which frames were taken, so no frame is ever cut by another.
+//! Two threads write: the one that keeps time sends data, the runtime sends answers and finishes what did not fit.
+//! Bytes leave in the order in which frames were taken; where a fault has a frame come in parts, what comes from the other
+//! thread waits for its end. So no frame is ever cut by another.
 
 use std::collections::VecDeque;
+use std::convert::Infallible;
 use std::io;
 use std::os::fd::OwnedFd;
 use std::sync::atomic::Ordering::Relaxed;
@@ -16,9 +18,11 @@ use nix::errno::Errno;
 use nix::unistd;
 use tokio::io::unix::AsyncFd;
 use tokio::sync::Notify;
+use tokio::time::timeout;
 
-use super::{Sending, Tally, Watched};
+use super::{LATE_ANSWERS, Sending, Tally, Watched, stream};
 use crate::cadence::now_ns;
+use crate::carriage::{Outbox, Piece};
 
 /// Bytes of half seconds that may wait when another is offered: less than two.
 const DATA_ROOM: usize = 2 * MAX_FRAME;
@@ -39,8 +43,10 @@ pub(super) struct Line {
     state: Mutex<State>,
     /// Bytes wait for the pump, or the port was closed.
     wake: Notify,
-    /// Replies have left, or the port was closed.
+    /// Answers have left, or the port was closed.
     left: Notify,
+    /// Answers wait for their time.
+    later: Notify,
     tally: Arc<Tally>,
 }
 
@@ -52,6 +58,14 @@ struct State {
     frames: VecDeque<(usize, bool)>,
     /// Bytes of replies in `pending`.
     replies: usize,
+    /// A frame that was taken goes on, and whether it is of an answer: nothing is taken before its rest.
+    begun: Option<bool>,
+    /// What waits for the end of that frame.
+    waiting: Vec<Taken>,
+    /// The beginning of a half second was dropped, so its rest is too.
+    is_dropping: bool,
+    /// Answers whose time has not come, by the wall clock.
+    answers: Outbox,
     /// Bytes written so far.
     written: u64,
     /// Time of a byte on the line, ns; 0 where the device or the network paces.
@@ -60,6 +74,15 @@ struct State {
     free_ns: i64,
     /// Patience with this client has run out: it gets what it has room for, and is not waited for again.
     is_stalled: bool,
+}
+
+/// Bytes to be sent.
+struct Taken {
+    bytes: Vec<u8>,
+    /// Whether they are of an answer, not of a half second that is sent by itself.
+    is_reply: bool,
+    /// Whether they end within a frame.
+    goes_on: bool,
 }
 
 /// What the pump has to wait for.
@@ -115,23 +138,42 @@ impl State {
         }
     }
 
-    fn take(&mut self, bytes: &[u8], is_reply: bool) -> Next {
-        if self.pending.is_empty() {
-            self.free_ns = self.free_ns.max(now_ns());
+    /// Takes bytes in, behind what waits, and writes what is due.
+    fn take(&mut self, taken: Taken) -> Next {
+        self.waiting.push(taken);
+        while let Some(place) = self.waiting.iter().position(|it| self.begun.is_none_or(|begun| begun == it.is_reply)) {
+            let Taken { bytes, is_reply, goes_on } = self.waiting.remove(place);
+            if self.pending.is_empty() {
+                self.free_ns = self.free_ns.max(now_ns());
+            }
+            self.pending.extend_from_slice(&bytes);
+            self.frames.push_back((bytes.len(), is_reply));
+            self.replies += if is_reply { bytes.len() } else { 0 };
+            self.begun = goes_on.then_some(is_reply);
         }
-        self.pending.extend_from_slice(bytes);
-        self.frames.push_back((bytes.len(), is_reply));
-        self.replies += if is_reply { bytes.len() } else { 0 };
         self.write()
     }
 
-    /// What is longer than a frame, because a fault made it so, has room where a frame has.
+    /// Bytes that wait for the end of a frame of the other thread.
+    fn waiting(&self, is_reply: bool) -> usize {
+        self.waiting.iter().filter(|taken| taken.is_reply == is_reply).map(|taken| taken.bytes.len()).sum()
+    }
+
+    /// What is longer than a frame, because a fault made it so, has room where a frame has; the rest of a frame always.
     fn has_data_room(&self, length: usize) -> bool {
-        self.pending.len() - self.replies + length.min(MAX_FRAME) <= DATA_ROOM
+        let data = self.pending.len() - self.replies + self.waiting(false);
+        self.begun == Some(false) || data + length.min(MAX_FRAME) <= DATA_ROOM
     }
 
     fn has_reply_room(&self) -> bool {
-        self.port.is_none() || self.replies + LONGEST_ANSWER <= REPLY_ROOM
+        let replies = self.replies + self.waiting(true);
+        self.port.is_none() || (replies + LONGEST_ANSWER <= REPLY_ROOM && self.answers.len() < LATE_ANSWERS)
+    }
+
+    /// Drops bytes of a half second; the rest of the frame with which they end must not come alone.
+    fn drop_data(&mut self, goes_on: bool) -> Sending {
+        self.is_dropping = goes_on;
+        Sending::Dropped
     }
 
     fn close(&mut self) {
@@ -139,6 +181,10 @@ impl State {
         self.pending.clear();
         self.frames.clear();
         self.replies = 0;
+        self.begun = None;
+        self.waiting.clear();
+        self.is_dropping = false;
+        self.answers = Outbox::default();
     }
 }
 
@@ -153,8 +199,12 @@ impl Line {
             byte_ns,
             free_ns: 0,
             is_stalled: false,
+            begun: None,
+            waiting: Vec::new(),
+            is_dropping: false,
+            answers: Outbox::default(),
         };
-        Line { state: Mutex::new(state), wake: Notify::new(), left: Notify::new(), tally }
+        Line { state: Mutex::new(state), wake: Notify::new(), left: Notify::new(), later: Notify::new(), tally }
     }
 
     fn lock(&self) -> MutexGuard<'_, State> {
@@ -184,19 +234,33 @@ impl Line {
         self.lock().pending.is_empty()
     }
 
+    /// Whether a frame of the half second that was sent last goes on, or was dropped and its rest is too.
+    pub fn is_within_frame(&self) -> bool {
+        let state = self.lock();
+        state.is_dropping || state.begun == Some(false)
+    }
+
+    /// Drops bytes of a half second that have no room elsewhere.
+    pub fn drop_data(&self, goes_on: bool) -> Sending {
+        self.lock().drop_data(goes_on)
+    }
+
     /// Sends a half second, whole or not at all.
-    pub fn send(&self, frame: &[u8], patience: Duration) -> Sending {
+    pub fn send(&self, bytes: &[u8], goes_on: bool, patience: Duration) -> Sending {
         let mut asked = None;
         loop {
             let mut state = self.lock();
-            if !state.has_data_room(frame.len()) {
+            if !state.has_data_room(bytes.len()) {
                 state.write();
             }
             if state.port.is_none() {
                 return Sending::Unread;
             }
-            if state.has_data_room(frame.len()) {
-                let next = state.take(frame, false);
+            if state.is_dropping {
+                return state.drop_data(goes_on);
+            }
+            if state.has_data_room(bytes.len()) {
+                let next = state.take(Taken { bytes: bytes.to_vec(), is_reply: false, goes_on });
                 self.tell_room(state);
                 return match next {
                     Next::Closed => {
@@ -212,7 +276,7 @@ impl Line {
             }
             if state.is_stalled || asked.get_or_insert_with(Instant::now).elapsed() >= patience {
                 state.is_stalled = !patience.is_zero();
-                return Sending::Dropped;
+                return state.drop_data(goes_on);
             }
             drop(state);
             thread::sleep(LOOK_AGAIN);
@@ -235,16 +299,46 @@ impl Line {
         }
     }
 
-    /// Sends the reply to a command, behind what waits; [`Line::reply_room`] comes first.
-    pub fn reply(&self, bytes: &[u8]) {
+    /// Takes the answer to a command in, each piece so long, on the wall clock, after now; [`Line::reply_room`] comes
+    /// first.
+    pub fn answer(&self, pieces: &[Piece]) {
         let mut state = self.lock();
-        if state.port.is_none() || bytes.is_empty() {
+        if state.port.is_none() || pieces.is_empty() {
             return;
         }
-        state.take(bytes, true);
+        state.answers.put(pieces, 0, now_ns());
         drop(state);
-        self.wake.notify_one();
         self.tally.replies.fetch_add(1, Relaxed);
+        if self.send_answers(now_ns()).is_some() {
+            self.later.notify_one();
+        }
+    }
+
+    /// Sends the answers that are due until then, behind what waits; when the next is due.
+    pub fn send_answers(&self, until_ns: i64) -> Option<i64> {
+        let mut state = self.lock();
+        while let Some((_, contents)) = state.answers.take(until_ns) {
+            let goes_on = state.answers.is_within_frame();
+            state.take(Taken { bytes: stream(&contents), is_reply: true, goes_on });
+        }
+        let next_ns = state.answers.next_ns();
+        self.tell_room(state);
+        self.wake.notify_one();
+        next_ns
+    }
+
+    /// Sends answers at their time.
+    async fn answer_later(&self) -> Infallible {
+        loop {
+            match self.send_answers(now_ns()) {
+                None => self.later.notified().await,
+                Some(due_ns) => {
+                    let wait_ns = (due_ns - now_ns()).max(0) as u64;
+                    // Either it is time, or another may be due earlier.
+                    let _ = timeout(Duration::from_nanos(wait_ns), self.later.notified()).await;
+                }
+            }
+        }
     }
 
     /// Bytes written so far.
@@ -259,8 +353,15 @@ impl Line {
         next
     }
 
-    /// Writes whatever waits as the line and the reader permit, until the port is closed.
+    /// Writes whatever waits as the line and the reader permit, and answers at their time, until the port is closed.
     pub async fn pump(&self, port: &AsyncFd<Watched<Port>>) -> io::Result<()> {
+        tokio::select! {
+            end = self.write_on(port) => end,
+            never = self.answer_later() => match never {},
+        }
+    }
+
+    async fn write_on(&self, port: &AsyncFd<Watched<Port>>) -> io::Result<()> {
         loop {
             let next = self.write();
             match next {

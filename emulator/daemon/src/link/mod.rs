@@ -27,6 +27,9 @@ use crate::desk::Desk;
 pub use can::CanAddress;
 pub use serial::SerialAddress;
 
+/// Answers of a client that wait for their time, at most: beyond, no more commands are read until one has left.
+const LATE_ANSWERS: usize = 1000;
+
 /// A link to be opened.
 #[derive(Debug, Clone)]
 pub enum LinkAddress {
@@ -104,11 +107,11 @@ pub struct Tally {
     pub name: String,
     /// Clients attached now; a bus or a port counts as none.
     pub clients: AtomicUsize,
-    /// Half seconds sent, one for each client.
+    /// Sendings, one for each client: all that leaves at one time, a half second where no fault makes it more or less.
     pub sent: AtomicU64,
-    /// Half seconds dropped, whole: the client or the bus had no room, or the device was gone.
+    /// Sendings dropped, whole: the client or the bus had no room, or the device was gone.
     pub dropped: AtomicU64,
-    /// Replies sent.
+    /// Commands answered over it, some of them late.
     pub replies: AtomicU64,
 }
 
@@ -139,7 +142,7 @@ impl fmt::Display for Tally {
     }
 }
 
-/// What became of a half second.
+/// What became of what was to be sent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Sending {
     Sent,
@@ -152,10 +155,12 @@ enum Sending {
 pub(crate) trait Link: Send {
     /// How it writes, and whom a fault is on.
     fn carrier(&self) -> &Carrier;
-    /// Takes what is sent next, before its deadline.
-    fn prepare(&mut self, contents: &[Content]);
+    /// Takes what is sent next, before its deadline; whether it ends within a frame, whose rest comes with the next.
+    fn prepare(&mut self, contents: &[Content], goes_on: bool);
     /// Sends it, without blocking; a reader that has no room is given `patience` before it loses all of it.
     fn send(&mut self, patience: Duration);
+    /// Sends at once, as the run ends, the answers that faults still hold back.
+    fn send_answers(&mut self);
     /// Whether it can be used at once; one that cannot tells by itself when it can.
     fn is_ready(&self) -> bool {
         true

@@ -31,7 +31,7 @@ use tokio::io::unix::AsyncFd;
 
 use super::line::{Line, Port};
 use super::receive::serve;
-use super::{Link, LinkError, Sending, Tally, Watched, stream};
+use super::{Link, LinkError, Tally, Watched, stream};
 use crate::carriage::{Carrier, Content};
 use crate::console;
 use crate::desk::Desk;
@@ -54,6 +54,8 @@ struct Pty {
     symlink: Arc<Symlink>,
     carrier: Carrier,
     bytes: Vec<u8>,
+    /// Whether they end within a frame.
+    goes_on: bool,
     is_stalled: bool,
     tally: Arc<Tally>,
 }
@@ -141,7 +143,7 @@ pub(super) fn open(
             }
         }
     });
-    Ok(Pty { line, symlink, carrier, bytes: Vec::new(), is_stalled: false, tally })
+    Ok(Pty { line, symlink, carrier, bytes: Vec::new(), goes_on: false, is_stalled: false, tally })
 }
 
 /// Serves one client after the other.
@@ -190,21 +192,27 @@ impl Link for Pty {
         &self.carrier
     }
 
-    fn prepare(&mut self, contents: &[Content]) {
-        self.bytes = stream(contents);
+    fn prepare(&mut self, contents: &[Content], goes_on: bool) {
+        (self.bytes, self.goes_on) = (stream(contents), goes_on);
     }
 
     fn send(&mut self, patience: Duration) {
         let asked = Instant::now();
         self.is_stalled &= self.line.is_open();
-        while self.line.is_open() && self.symlink.slave().backlog() > BACKLOG {
+        // The rest of a frame follows its beginning.
+        let is_within_frame = self.line.is_within_frame();
+        while self.line.is_open() && !is_within_frame && self.symlink.slave().backlog() > BACKLOG {
             if self.is_stalled || asked.elapsed() >= patience {
                 self.is_stalled = !patience.is_zero();
-                return self.tally.count(Sending::Dropped);
+                return self.tally.count(self.line.drop_data(self.goes_on));
             }
             thread::sleep(LOOK_AGAIN);
         }
-        self.tally.count(self.line.send(&self.bytes, patience));
+        self.tally.count(self.line.send(&self.bytes, self.goes_on, patience));
+    }
+
+    fn send_answers(&mut self) {
+        self.line.send_answers(i64::MAX);
     }
 
     fn is_drained(&self) -> bool {

@@ -11,8 +11,8 @@ use tokio::io::unix::AsyncFd;
 use tokio::task::yield_now;
 use tokio::time::timeout;
 
+use super::Watched;
 use super::line::{Line, Port};
-use super::{Watched, stream};
 use crate::carriage::Carrier;
 use crate::desk::Desk;
 
@@ -96,12 +96,7 @@ pub(super) async fn serve(
             // Without room for the reply nothing more is read: a client that does not read is not served on.
             line.reply_room().await;
             let answered = desk.command(link, &payload).await;
-            for (gap, contents) in answered.leaving_together(carrier) {
-                if !gap.is_zero() {
-                    desk.wait(gap).await;
-                }
-                line.reply(&stream(&contents));
-            }
+            line.answer(&answered.leaving(carrier));
         }
         yield_now().await;
     };

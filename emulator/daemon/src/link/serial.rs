@@ -64,6 +64,8 @@ struct Serial {
     line: Arc<Line>,
     carrier: Carrier,
     bytes: Vec<u8>,
+    /// Whether they end within a frame.
+    goes_on: bool,
     tally: Arc<Tally>,
 }
 
@@ -77,7 +79,7 @@ pub(super) fn open(
     let tally = Tally::new(format!("serial {} {}", address.device, address.baud));
     let line = Arc::new(Line::new(None, 0.0, tally.clone()));
     tokio::spawn(attend(opened, address.clone(), line.clone(), desk.clone(), carrier.clone(), tally.clone()));
-    Ok(Serial { line, carrier, bytes: Vec::new(), tally })
+    Ok(Serial { line, carrier, bytes: Vec::new(), goes_on: false, tally })
 }
 
 async fn attend(
@@ -121,15 +123,19 @@ impl Link for Serial {
         &self.carrier
     }
 
-    fn prepare(&mut self, contents: &[Content]) {
-        self.bytes = stream(contents);
+    fn prepare(&mut self, contents: &[Content], goes_on: bool) {
+        (self.bytes, self.goes_on) = (stream(contents), goes_on);
     }
 
     fn send(&mut self, patience: Duration) {
-        self.tally.count(match self.line.send(&self.bytes, patience) {
+        self.tally.count(match self.line.send(&self.bytes, self.goes_on, patience) {
             Sending::Unread => Sending::Dropped,
             outcome => outcome,
         });
+    }
+
+    fn send_answers(&mut self) {
+        self.line.send_answers(i64::MAX);
     }
 
     fn is_drained(&self) -> bool {

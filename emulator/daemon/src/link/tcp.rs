@@ -37,6 +37,8 @@ struct Tcp {
     clients: Clients,
     carrier: Carrier,
     bytes: Vec<u8>,
+    /// Whether they end within a frame.
+    goes_on: bool,
     tally: Arc<Tally>,
 }
 
@@ -63,7 +65,7 @@ pub(super) fn open(
     let tally = Tally::new(format!("tcp {}", listener.local_addr().map_err(fail)?));
     let clients = Clients::default();
     tokio::spawn(accept(listener, is_faster, clients.clone(), desk.clone(), carrier.clone(), tally.clone()));
-    Ok(Tcp { clients, carrier, bytes: Vec::new(), tally })
+    Ok(Tcp { clients, carrier, bytes: Vec::new(), goes_on: false, tally })
 }
 
 async fn accept(
@@ -168,14 +170,20 @@ impl Link for Tcp {
         &self.carrier
     }
 
-    fn prepare(&mut self, contents: &[Content]) {
-        self.bytes = stream(contents);
+    fn prepare(&mut self, contents: &[Content], goes_on: bool) {
+        (self.bytes, self.goes_on) = (stream(contents), goes_on);
     }
 
     fn send(&mut self, patience: Duration) {
         let clients = self.clients.lock().expect("nothing panics with the list").clone();
         for client in &clients {
-            self.tally.count(client.line.send(&self.bytes, patience));
+            self.tally.count(client.line.send(&self.bytes, self.goes_on, patience));
+        }
+    }
+
+    fn send_answers(&mut self) {
+        for client in self.clients.lock().expect("nothing panics with the list").iter() {
+            client.line.send_answers(i64::MAX);
         }
     }
 

@@ -74,7 +74,7 @@ impl Flight {
         for row in &self.rows {
             let stamp = stamp(row.time.map_or(0, |time| time.t_ns));
             for frame in plan.frames(&row.half_second) {
-                let _ = write!(text, "({stamp}) can0 {:03X}#", frame.id);
+                let _ = write!(text, "({stamp}) can0 {:03X}#", frame.id());
                 frame.data().iter().for_each(|byte| {
                     let _ = write!(text, "{byte:02X}");
                 });

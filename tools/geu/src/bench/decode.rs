@@ -101,7 +101,7 @@ fn write_inputs(log: &Path, bin: &Path, lines: u64) -> io::Result<()> {
                 return bin.flush();
             }
             let t_us = 1_795_020_000_500_000 + index * 500_000 + offset_us;
-            write!(log, "({}.{:06}) can0 {:03X}#", t_us / 1_000_000, t_us % 1_000_000, frame.id)?;
+            write!(log, "({}.{:06}) can0 {:03X}#", t_us / 1_000_000, t_us % 1_000_000, frame.id())?;
             for byte in frame.data() {
                 write!(log, "{byte:02X}")?;
             }

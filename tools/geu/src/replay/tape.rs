@@ -331,26 +331,24 @@ impl Tape {
 
 impl Sink for Tape {
     fn record(&mut self, event: &Event) {
-        let frame = match event {
-            Event::Frame(frame) if !frame.extended && frame.id <= 0x7FF && frame.data.len() <= 8 => frame,
-            Event::Frame(_) | Event::Remote | Event::Fd | Event::Error => {
-                self.told.other_frames += 1;
-                return;
+        let whole = match event {
+            Event::Frame(frame) if !frame.extended => {
+                u16::try_from(frame.id).ok().and_then(|id| CanFrame::new(id, frame.data)).map(|whole| (frame, whole))
             }
+            Event::Frame(_) | Event::Remote | Event::Fd | Event::Error => None,
             Event::Broken { .. } => {
                 self.told.broken += 1;
                 return;
             }
             Event::Remark | Event::Dropped(_) => return,
         };
-        let role = self.choice.plan.role(frame.id);
-        let waiting = Waiting {
-            frame: CanFrame::new(frame.id as u16, frame.data),
-            role,
-            time_ns: frame.time.map(|time| time.t_ns),
-            is_whole: false,
-            begins: None,
+        let Some((frame, whole)) = whole else {
+            self.told.other_frames += 1;
+            return;
         };
+        let role = self.choice.plan.role(frame.id);
+        let waiting =
+            Waiting { frame: whole, role, time_ns: frame.time.map(|time| time.t_ns), is_whole: false, begins: None };
         match &self.interface {
             Some(interface) if interface == frame.interface => self.push(waiting),
             Some(_) => self.told.elsewhere += 1,

@@ -38,7 +38,7 @@ fn choice() -> Choice {
 fn shown(items: &[Item]) -> Vec<String> {
     let what = |what: &What| match what {
         What::HalfSecond { half_second, .. } => format!("half second {}", half_second.sequence),
-        What::Content(Content::Frame(frame), whose) => format!("{:03X} {whose:?}", frame.id),
+        What::Content(Content::Frame(frame), whose) => format!("{:03X} {whose:?}", frame.id()),
         What::Content(Content::Bytes(bytes), whose) => format!("{} bytes {whose:?}", bytes.len()),
         What::Note(note) => note.clone(),
     };

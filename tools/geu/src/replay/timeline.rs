@@ -7,6 +7,8 @@ use geu_protocol::field::CLOCK_PER_HALF_SECOND;
 pub const HALF_SECOND_NS: i64 = 500_000_000;
 /// Time stamps out of order by less than this are those of neighbours that were written in another order.
 const DISORDER_NS: i64 = 1_000_000_000;
+/// No time of a recording is beyond, so that whoever reckons with it has room: a century and a half.
+const LATEST_NS: i64 = i64::MAX / 2;
 /// So many jumps and gaps are told one by one.
 const MOST_TOLD: u64 = 20;
 
@@ -100,11 +102,11 @@ impl Timeline {
     /// Goes on by so much; what there is to be told of it.
     pub fn step(&mut self, step_ns: i64) -> Option<String> {
         let before_s = self.recorded_ns as f64 * 1e-9;
-        self.recorded_ns = self.recorded_ns.saturating_add(step_ns);
+        self.recorded_ns = self.recorded_ns.saturating_add(step_ns).min(LATEST_NS);
         if !self.is_playing {
             return None;
         }
-        self.played_ns = self.played_ns.saturating_add(step_ns.min(self.longest_gap_ns));
+        self.played_ns = self.played_ns.saturating_add(step_ns.min(self.longest_gap_ns)).min(LATEST_NS);
         if step_ns <= self.longest_gap_ns {
             return None;
         }
@@ -140,6 +142,16 @@ mod tests {
         assert_eq!(played(9e9), (24.0, true), "the end of time");
         assert_eq!(timeline.irregular.gaps, 2);
         assert_eq!(timeline.irregular.jumps, 1);
+    }
+
+    #[test]
+    fn no_stamps_lead_beyond_what_can_be_reckoned_with() {
+        let mut timeline = Timeline::new(i64::MAX);
+        timeline.is_playing = true;
+        for t_s in [0.0, 9.2e9, 0.0, 23_372_036.8, 9.2e9] {
+            timeline.stamp((t_s * 1e9) as i64);
+        }
+        assert_eq!((timeline.recorded_ns, timeline.played_ns), (LATEST_NS, LATEST_NS));
     }
 
     #[test]

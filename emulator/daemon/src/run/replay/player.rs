@@ -4,7 +4,7 @@ use std::sync::atomic::Ordering::Relaxed;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError};
 use std::sync::{Arc, Mutex};
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use geu_model::fault::acting::{Acting, Faults, Happening};
 use geu_model::fault::catalogue::LinkLaw;
@@ -14,10 +14,10 @@ use geu_protocol::{CanFrame, CanPlan, HalfSecond};
 
 use super::{Item, Settings, Steps, What, Whose};
 use crate::cadence::{Sleeper, Speed, doze_until, now_ns};
-use crate::carriage::{Carrier, Content, Form};
+use crate::carriage::{Carrier, Content, Form, Piece};
 use crate::console;
 use crate::lateness::Time;
-use crate::run::{LEAD_NS, LOOK_AGAIN, Outgoing, PATIENCE, Timing};
+use crate::run::{LAST_WORDS, LEAD_NS, LOOK_AGAIN, Outgoing, PATIENCE, Timing};
 
 /// Half of on-board time between two half seconds.
 const HALF_SECOND_NS: i64 = 500_000_000;
@@ -98,32 +98,37 @@ impl Player {
             thread::park_timeout(LOOK_AGAIN);
         }
         self.start_ns = now_ns();
+        let last_ns = self.play_items(&sleeper);
+        let patience = if self.is_stopped() { LAST_WORDS } else { self.patience().max(LAST_WORDS) };
+        let give_up = Instant::now() + patience;
+        self.links.iter_mut().for_each(|outgoing| outgoing.end(last_ns, give_up));
+    }
+
+    /// Plays the items; when the last one was due.
+    fn play_items(&mut self, sleeper: &Sleeper) -> i64 {
         let mut last_ns = 0;
         loop {
             let batch = match self.items.recv_timeout(WAIT) {
                 Ok(batch) => batch,
                 Err(RecvTimeoutError::Timeout) if !self.is_stopped() => continue,
-                Err(_) => break,
+                Err(_) => return last_ns,
             };
             for item in batch {
-                last_ns = item.played_ns;
-                self.send_held(item.played_ns - 1, &sleeper);
-                self.wait_until(item.played_ns, &sleeper);
+                self.send_held(item.played_ns - 1, sleeper);
+                self.wait_until(item.played_ns, sleeper);
                 if self.is_stopped() {
-                    return;
+                    return last_ns;
                 }
+                last_ns = item.played_ns;
                 let is_content = matches!(item.what, What::Content(..));
                 if !self.take(item) {
-                    return;
+                    return last_ns;
                 }
                 if is_content && let Some(deadline_ns) = self.wall_ns(last_ns) {
                     self.timing.record(now_ns() - deadline_ns);
                 }
             }
         }
-        // What a fault holds back for a half second that does not come.
-        self.links.iter_mut().for_each(|outgoing| outgoing.outbox.put(Vec::new(), u64::MAX, last_ns));
-        self.send_held(i64::MAX, &sleeper);
     }
 
     fn is_stopped(&self) -> bool {
@@ -182,7 +187,7 @@ impl Player {
                 }
                 self.begin(&half_second, is_can, &item);
             }
-            What::Content(content, whose) => self.send(&content, whose),
+            What::Content(content, whose) => self.send(&content, whose, item.played_ns),
         }
         true
     }
@@ -212,7 +217,7 @@ impl Player {
     /// A half second begins: decides what faults do to it, and sends it over links that write it themselves.
     fn begin(&mut self, half_second: &HalfSecond, is_can: bool, item: &Item) {
         // Where the recording has a gap, the faults have it too; half seconds a little long or short make none.
-        let by_time = (item.recorded_ns.max(0) + HALF_SECOND_NS / 2) / HALF_SECOND_NS;
+        let by_time = item.recorded_ns.max(0).saturating_add(HALF_SECOND_NS / 2) / HALF_SECOND_NS;
         let frame = if by_time as u64 > self.frame + 1 { by_time as u64 } else { self.frame };
         self.frame = frame + 1;
         if !self.faults.is_empty() {
@@ -226,8 +231,9 @@ impl Player {
             let is_touched = !carrier.touching(&acting).is_empty();
             is_faulted |= is_touched;
             // What was held back for this half second comes before or behind all of it, never between its frames.
-            outgoing.outbox.put(Vec::new(), frame, item.played_ns);
-            let waits = outgoing.outbox.next_ns().is_some_and(|due_ns| due_ns <= item.played_ns + 1);
+            outgoing.outbox.put(&[], frame, item.played_ns);
+            let waits = outgoing.outbox.is_within_frame()
+                || outgoing.outbox.next_ns().is_some_and(|due_ns| due_ns <= item.played_ns + 1);
             *is_written_anew = is_touched || waits || is_can != is_bus(&carrier);
             if *is_written_anew {
                 outgoing.put(Some(half_second), frame, item.played_ns, &acting);
@@ -260,7 +266,7 @@ impl Player {
     }
 
     /// Sends a content as it was recorded, over links of its form.
-    fn send(&mut self, content: &Content, whose: Whose) {
+    fn send(&mut self, content: &Content, whose: Whose, played_ns: i64) {
         let is_can = matches!(content, Content::Frame(_));
         let (patience, acting) = (self.patience(), self.faults.acting().clone());
         let mut is_left_out = false;
@@ -274,8 +280,9 @@ impl Player {
                 continue;
             }
             let moved = moved(content, whose, self.recorded_plan, carrier);
-            outgoing.link.prepare(std::slice::from_ref(&moved));
-            outgoing.link.send(patience);
+            // Behind a frame that has begun, should there be one.
+            outgoing.outbox.put(&[Piece::on_time(0, moved)], self.frame.saturating_sub(1), played_ns);
+            outgoing.send_due(played_ns, patience);
         }
         if is_left_out {
             match (whose, content) {
@@ -295,16 +302,15 @@ fn is_bus(carrier: &Carrier) -> bool {
 
 /// Whether a fault that acts lets nothing of the unit through.
 fn is_silenced(carrier: &Carrier, acting: &[Acting]) -> bool {
-    let silences = |acting: &&Acting| matches!(acting.on_link(), Some(LinkLaw::Silence | LinkLaw::Drop));
-    acting.iter().filter(silences).any(|acting| acting.fault.link.is_none_or(|kind| kind == carrier.kind))
+    carrier.own(acting).iter().any(|(_, law)| matches!(law, LinkLaw::Silence | LinkLaw::Drop))
 }
 
 /// A message of the unit with the identifier that it has on this link.
 fn moved(content: &Content, whose: Whose, recorded: CanPlan, carrier: &Carrier) -> Content {
     match (content, carrier.form) {
         (Content::Frame(frame), Form::Can(plan)) if whose != Whose::Other => {
-            let offset = frame.id.saturating_sub(recorded.base());
-            Content::Frame(CanFrame::new(plan.base() + offset, frame.data()))
+            let id = frame.id().saturating_sub(recorded.base()).saturating_add(plan.base());
+            Content::Frame(CanFrame::new(id, frame.data()).unwrap_or(*frame))
         }
         _ => content.clone(),
     }

@@ -13,7 +13,6 @@ use crate::carriage::Carrier;
 use crate::link::Link;
 
 /// What was sent, and when, ns.
-/// What was sent, and when, ns.
 type Timed = Vec<(i64, Content)>;
 type Sent = Arc<Mutex<Timed>>;
 
@@ -29,7 +28,7 @@ impl Link for Kept {
         &self.carrier
     }
 
-    fn prepare(&mut self, contents: &[Content]) {
+    fn prepare(&mut self, contents: &[Content], _goes_on: bool) {
         self.next = contents.to_vec();
     }
 
@@ -37,6 +36,8 @@ impl Link for Kept {
         let now_ns = now_ns();
         self.sent.lock().unwrap().extend(self.next.drain(..).map(|content| (now_ns, content)));
     }
+
+    fn send_answers(&mut self) {}
 
     fn is_drained(&self) -> bool {
         true
@@ -50,7 +51,7 @@ impl Link for Kept {
 /// A half second on CAN of base 300 with a frame of somebody else in it, at 20 ms.
 fn items(half_second: &HalfSecond) -> Vec<Item> {
     let frames = CanPlan::with_base(0x300).unwrap().frames(half_second);
-    let other = Content::Frame(CanFrame::new(0x123, &[7]));
+    let other = Content::Frame(CanFrame::new(0x123, &[7]).unwrap());
     let at = |played_ns, what| Item { recorded_ns: played_ns, played_ns, what };
     let own = |index: usize| What::Content(Content::Frame(frames[index]), Whose::HalfSecond);
     vec![
@@ -62,9 +63,13 @@ fn items(half_second: &HalfSecond) -> Vec<Item> {
     ]
 }
 
-/// What a bus and a stream are sent, and when the replay began at the earliest.
+/// What a bus and a stream are sent of one half second, and when the replay began at the earliest.
 fn played(speed: Speed, plan: Configuration) -> (Timed, Timed, Counts, i64) {
-    let half_second = HalfSecond { sequence: 9, ..HalfSecond::default() };
+    played_items(speed, plan, items(&HalfSecond { sequence: 9, ..HalfSecond::default() }))
+}
+
+/// The same of any items.
+fn played_items(speed: Speed, plan: Configuration, items: Vec<Item>) -> (Timed, Timed, Counts, i64) {
     let (bus, stream) = (Sent::default(), Sent::default());
     let link = |carrier, sent: &Sent| {
         Outgoing::new(Box::new(Kept { carrier, next: Vec::new(), sent: sent.clone() }) as Box<dyn Link>)
@@ -73,7 +78,7 @@ fn played(speed: Speed, plan: Configuration) -> (Timed, Timed, Counts, i64) {
     let recorded_plan = CanPlan::with_base(0x300).unwrap();
     let settings = Settings { links: Vec::new(), speed, wait_for_client: false, recorded_plan, plan };
     let (sender, received) = sync_channel(1);
-    sender.send(items(&half_second)).unwrap();
+    sender.send(items).unwrap();
     drop(sender);
     let mut player = Player::new(&settings, links, received, None, Arc::default());
     let start_ns = now_ns();
@@ -87,7 +92,7 @@ fn frames_go_out_as_they_were_at_their_time_with_the_identifiers_of_the_link() {
     let half_second = HalfSecond { sequence: 9, ..HalfSecond::default() };
     let [increments, status, clock] = CanPlan::default().frames(&half_second);
     let (bus, stream, counts, start_ns) = played(Speed::Times(2.0), Configuration::reference());
-    let expected = [increments, CanFrame::new(0x123, &[7]), status, clock].map(Content::Frame);
+    let expected = [increments, CanFrame::new(0x123, &[7]).unwrap(), status, clock].map(Content::Frame);
     assert_eq!(bus.iter().map(|(_, content)| content.clone()).collect::<Vec<_>>(), expected);
     for ((sent_ns, _), after_ns) in bus.iter().zip([10_000_000, 20_000_000, 30_000_000, 40_000_000]) {
         assert!(*sent_ns >= start_ns + after_ns, "never early");
@@ -104,7 +109,52 @@ fn a_fault_acts_on_the_half_second_and_not_on_other_traffic() {
     let (bus, stream, counts, _) = played(Speed::Max, plan);
     assert_eq!(
         bus.into_iter().map(|(_, content)| content).collect::<Vec<_>>(),
-        [Content::Frame(CanFrame::new(0x123, &[7]))]
+        [Content::Frame(CanFrame::new(0x123, &[7]).unwrap())]
     );
     assert!(stream.is_empty() && counts.faulted == 1);
+}
+
+/// A half second recorded as bytes, at this time.
+fn recorded(t_ns: i64, sequence: u16) -> [Item; 2] {
+    let half_second = HalfSecond { sequence, ..HalfSecond::default() };
+    let at = |what| Item { recorded_ns: t_ns, played_ns: t_ns, what };
+    let content = Content::Bytes(data_frame(&half_second).to_vec());
+    [at(What::HalfSecond { half_second, is_can: false }), at(What::Content(content, Whose::HalfSecond))]
+}
+
+fn bytes(timed: &Timed) -> Vec<u8> {
+    let of = |content: &Content| match content {
+        Content::Bytes(bytes) => bytes.clone(),
+        Content::Frame(_) => Vec::new(),
+    };
+    timed.iter().flat_map(|(_, content)| of(content)).collect()
+}
+
+#[test]
+fn what_is_held_back_leaves_with_the_end() {
+    let mut plan = Configuration::reference();
+    plan.add_plan("plan", "[[fault]]\nfault = \"delay\"\ndelay_s = 60.0\n").unwrap();
+    let items = [recorded(0, 1), recorded(500_000_000, 2)].concat();
+    let start_ns = now_ns();
+    let (_, stream, ..) = played_items(Speed::Times(10.0), plan, items);
+    assert_eq!(bytes(&stream).len(), 2 * 28);
+    assert!(now_ns() - start_ns < 3_000_000_000, "not a minute later");
+}
+
+#[test]
+fn a_frame_that_has_begun_is_not_cut_by_what_was_recorded() {
+    let mut plan = Configuration::reference();
+    plan.add_plan("plan", "[[fault]]\nfault = \"split\"\ngap_s = 0.8\nfor_s = 0.5\n").unwrap();
+    let items = [recorded(0, 1), recorded(500_000_000, 2), recorded(1_000_000_000, 3)].concat();
+    let (_, stream, ..) = played_items(Speed::Times(10.0), plan, items);
+    let frames = [1, 2, 3].map(|sequence| data_frame(&HalfSecond { sequence, ..HalfSecond::default() }));
+    assert_eq!(bytes(&stream), frames.concat());
+}
+
+#[test]
+fn no_time_of_a_recording_is_too_late() {
+    let mut items = [recorded(0, 1), recorded(0, 2)].concat();
+    items[2].recorded_ns = i64::MAX;
+    let (_, stream, ..) = played_items(Speed::Max, Configuration::reference(), items);
+    assert_eq!(bytes(&stream).len(), 2 * 28);
 }
