@@ -17,8 +17,8 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
 use std::thread::{self, JoinHandle};
 
 use geu_model::configuration::fault::{MOST, read_fault_text, read_plan_text};
-use geu_model::fault::Fault;
 use geu_model::fault::catalogue::LinkKind;
+use geu_model::fault::{Fault, asks_in_vain};
 use geu_model::units::HALF_SECOND_S;
 use serde_json::{Map, Value, json};
 use tokio::sync::broadcast;
@@ -130,7 +130,8 @@ impl LiveBench {
                     "expected at most {MOST} faults that are armed or active, got {count}; clear some, as `geu inject --clear ID` does"
                 ));
             }
-            if let Some(reason) = faults.iter().find_map(|fault| fault.misses(&open)) {
+            let in_vain = || asks_in_vain(&faults, &[], "the truth of this run", desk.untold());
+            if let Some(reason) = faults.iter().find_map(|fault| fault.misses(&open)).or_else(in_vain) {
                 return Err(reason);
             }
             let start_s = (desk.running().0 + 1) as f64 * HALF_SECOND_S;

@@ -142,6 +142,11 @@ impl Desk {
         self.lock().unit.needs_truth_s()
     }
 
+    /// Variables of a fault's condition that the truth does not tell.
+    pub fn untold(&self) -> &'static [&'static str] {
+        self.lock().unit.motion().untold()
+    }
+
     /// Ends the running half second, and tells what faults did to it. Until [`Desk::complete`] commands wait.
     pub fn end_half_second(&self) -> (Ended, Option<Arc<Injected>>) {
         let mut inner = self.lock();

@@ -54,9 +54,6 @@ pub struct Ended {
     pub end_ns: i64,
 }
 
-/// What a truth of rates or quaternions alone does not tell.
-const OF_THE_SUN: [&str; 2] = ["theta_deg", "psi_deg"];
-
 /// What moves the unit.
 #[derive(Debug, Clone, Default)]
 pub enum Truth {
@@ -70,11 +67,6 @@ pub enum Truth {
 }
 
 impl Truth {
-    /// Variables of conditions that it does not tell.
-    pub fn untold(&self, configuration: &Configuration) -> &'static [&'static str] {
-        if self.motion(configuration, 0.0).knows_sun() { &[] } else { &OF_THE_SUN }
-    }
-
     /// The motion from `t_s` on, true time since the start of the first half second; a scenario is at rest before that,
     /// and begins there.
     pub fn motion(&self, configuration: &Configuration, t_s: f64) -> Motion {

@@ -225,7 +225,8 @@ impl RunSettings {
             Some(name) => (truth_of_file(&name)?, None),
         };
         let (faults, expectations) = (&configuration.faults, &configuration.expectations);
-        match asks_in_vain(faults, expectations, "the truth of this run", truth.untold(&configuration)) {
+        let untold = truth.motion(&configuration, 0.0).untold();
+        match asks_in_vain(faults, expectations, "the truth of this run", untold) {
             Some(why) => Err(Failure::input(why)),
             None => Ok(ReadyRun { configuration, truth, live }),
         }

@@ -16,8 +16,12 @@ struct Room {
 }
 
 fn room() -> Room {
+    room_on(&Truth::Scenario)
+}
+
+fn room_on(truth: &Truth) -> Room {
     let (bench, teller, shower) = LiveBench::start().expect("a thread");
-    let desk = Desk::new(&Configuration::reference(), &Truth::Scenario, Speed::Max, None, Some(teller));
+    let desk = Desk::new(&Configuration::reference(), truth, Speed::Max, None, Some(teller));
     let desk = Arc::new(desk);
     bench.know(&desk, &[], None, &Arc::default());
     Room { bench, desk, _shower: shower }
@@ -48,6 +52,19 @@ impl Room {
             thread::sleep(Duration::from_millis(10));
         }
     }
+}
+
+#[test]
+fn a_condition_on_what_the_truth_does_not_tell_is_refused() {
+    let fault = json!({ "fault": "dead", "gyro": "GYRX", "when": "theta_deg > 90" });
+    assert!(room().inject(fault.clone()).is_ok());
+    let room = room_on(&Truth::Stepped(Arc::default()));
+    let refused = room.inject(fault).expect_err("no sun");
+    assert!(refused.contains("when: theta_deg is not told by the truth of this run"), "{refused}");
+    let refused = room
+        .inject(json!({ "plan": "[[fault]]\nfault = \"reset\"\nend_when = \"psi_deg < 3\"\n" }))
+        .expect_err("no sun");
+    assert!(refused.contains("end_when: psi_deg"), "{refused}");
 }
 
 #[test]

@@ -173,6 +173,11 @@ impl Motion {
         }
     }
 
+    /// Variables of a fault's condition that it does not tell.
+    pub fn untold(&self) -> &'static [&'static str] {
+        if self.knows_sun() { &[] } else { &["theta_deg", "psi_deg"] }
+    }
+
     /// Turns about X and Y of the attitude out of the one that θ and ψ tell, now.
     ///
     /// The limit cycle is in the rates, never in θ and ψ: in a scenario this is its integral; in a recorded truth what the
