@@ -84,7 +84,7 @@ impl Recording {
         let (mut residuals, mut regressors): ([Vec<f64>; 4], Vec<f64>) = Default::default();
         for (index, row) in self.rows.iter().enumerate() {
             if index as f64 * 0.5 == command_s {
-                unit.command(command);
+                let _ = unit.command(command);
             }
             let (ended, traces) = unit.end_half_second_traced();
             let step = motion.advance(ended.end_ns as f64 * 1e-9);

@@ -156,3 +156,50 @@ fn a_polled_half_second_that_is_late_is_recorded_when_it_leaves() {
     let stamps: Vec<&str> = log.lines().map(|line| line.split(' ').next().expect("a stamp")).collect();
     assert!(stamps.is_sorted() && stamps[0] == "(2.200000)", "{log}");
 }
+
+#[test]
+fn a_command_that_a_silent_unit_does_not_hear_is_told_with_the_reply_that_it_lacks() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let text = "[run]\nduration_s = 5.0\nwire = \"serial\"\nlinks = [\"tcp\"]\n\
+                [[fault]]\nid = \"r\"\nfault = \"reset\"\nat_s = 1.0\n\
+                [[run.command]]\nhalf_second = 0\nlink = \"tcp 127.0.0.1:1\"\nbytes = \"01\"\n\
+                [[run.command]]\nhalf_second = 3\nlink = \"tcp 127.0.0.1:1\"\nbytes = \"01\"\n";
+    let (run, out) = (file(directory.path(), "run.toml", text), directory.path().join("out"));
+    simulate(&run, &out, &[]);
+    let told = events(&out);
+    let replies = of(&told, "reply");
+    assert_eq!(replies.len(), 1, "{replies:?}");
+    assert_eq!((&replies[0]["half_second"], &replies[0]["ids"]), (&json!(3), &json!(["r"])));
+    assert!(
+        replies[0]["before"].as_str().is_some_and(|text| text.starts_with("EB90")) && replies[0]["after"].is_null()
+    );
+}
+
+#[test]
+fn what_is_held_for_a_half_second_that_never_comes_has_the_time_at_which_it_would_have_ended() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let text = "[run]\nduration_s = 5.0\nwire = \"can\"\nlinks = [\"can\"]\n\
+                [[fault]]\nfault = \"reorder\"\nat_s = 4.5\n[[fault]]\nfault = \"babble\"\namount = 2\nat_s = 4.5\n";
+    let (run, out) = (file(directory.path(), "run.toml", text), directory.path().join("out"));
+    simulate(&run, &out, &[]);
+    let log = fs::read_to_string(out.join("link.log")).expect("a recording");
+    let stamps: Vec<f64> = log
+        .lines()
+        .filter_map(|line| line.split(['(', ')']).nth(1)?.parse().ok())
+        .filter(|&stamp_s: &f64| stamp_s > 4.6)
+        .collect();
+    let told = events(&out);
+    let late: Vec<f64> = of(&told, "bytes")[0]["after"]
+        .as_array()
+        .expect("pieces")
+        .iter()
+        .filter_map(|piece| piece["late_s"].as_f64())
+        .collect();
+    let mut claimed: Vec<f64> = late.iter().map(|late_s| 5.0 + late_s).collect();
+    claimed.sort_by(f64::total_cmp);
+    assert_eq!(stamps.len(), 5, "{log}");
+    assert!(
+        stamps.iter().zip(&claimed).all(|(stamp_s, due_s)| (stamp_s - due_s).abs() < 1e-5),
+        "{stamps:?} {claimed:?}"
+    );
+}

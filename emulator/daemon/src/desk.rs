@@ -329,14 +329,19 @@ impl Inner {
         let running_end_ns = self.unit.running_end_ns();
         let answer = self.unit.command(payload);
         let acting = self.unit.faults().acting().clone();
-        let (reply, polled) = answer.map_or((None, None), |answer| (Some(answer.reply), answer.polled));
+        let (is_heard, told, polled) = match answer {
+            Ok(answer) => (true, answer.reply, answer.polled),
+            Err(unheard) => (false, unheard, None),
+        };
         self.tell(Event::Command {
             link: link.to_owned(),
             payload: payload.to_vec(),
             running_end_ns,
-            reply,
+            reply: told,
+            is_heard,
             acting: acting.clone(),
         });
+        let reply = is_heard.then_some(told);
         if let (Some(reply), Some(half_second), Some((_, end_ns))) = (reply, polled, self.completed) {
             let (link, injected) = (link.to_owned(), self.unit.injected().cloned());
             self.tell(Event::Polled { link, half_second, reply, end_ns, injected, acting: acting.clone() });

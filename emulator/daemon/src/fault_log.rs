@@ -207,17 +207,19 @@ impl FaultLog {
         link: &str,
         command: &[u8],
         reply: &Reply,
+        is_heard: bool,
         acting: &[Acting],
     ) -> Result<(), RecordError> {
         let Some(carrier) = self.carrier(link) else { return Ok(()) };
-        let after = carrier.reply(reply, acting);
+        let after = if is_heard { carrier.reply(reply, acting) } else { None };
         if after.as_ref().is_some_and(|piece| piece.after_ns == 0) {
             return Ok(());
         }
         let of_replies =
             |law: &LinkLaw| matches!(law, LinkLaw::Silence | LinkLaw::ReplyMissing | LinkLaw::ReplyLate { .. });
         let own = carrier.own(acting).into_iter().filter(|(_, law)| of_replies(law));
-        let ids: Vec<&str> = own.map(|(acting, _)| acting.fault.id.as_str()).collect();
+        let silent = acting.iter().filter(|acting| acting.silences_unit());
+        let ids: Vec<&str> = silent.chain(own.map(|(acting, _)| acting)).map(|it| it.fault.id.as_str()).collect();
         let command: String = command.iter().map(|byte| format!("{byte:02X}")).collect();
         self.line(&json!({
             "what": "reply", "t_s": on_board_s(frame), "half_second": frame, "link": carrier.kind.name(), "ids": ids,

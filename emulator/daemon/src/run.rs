@@ -36,6 +36,8 @@ const LATE_NS: i64 = 5_000_000;
 const PATIENCE: Duration = Duration::from_secs(2);
 /// At the end, readers are given so long to take what is still sent, and again to take what they were sent.
 const LAST_WORDS: Duration = Duration::from_millis(300);
+/// What has looked empty for so long is.
+const SURELY_EMPTY: Duration = Duration::from_millis(25);
 /// Between two status lines.
 const STATUS: Duration = Duration::from_millis(500);
 /// Between two looks at something that nobody tells of.
@@ -95,7 +97,7 @@ pub struct Summary {
     pub late: u64,
     /// Lateness of the sends that have a deadline.
     pub lateness: Histogram,
-    /// Commands answered.
+    /// Commands received.
     pub commands: u64,
     /// Frames to the unit dropped without an answer.
     pub rejected: u64,
@@ -113,7 +115,7 @@ impl fmt::Display for Summary {
         if self.lateness.count() > 0 {
             writeln!(f, "lateness     {}", self.lateness)?;
         }
-        writeln!(f, "commands     {} answered, {} frames dropped (CRC, length, kind)", self.commands, self.rejected)?;
+        writeln!(f, "commands     {} received, {} frames dropped (CRC, length, kind)", self.commands, self.rejected)?;
         self.truth.iter().try_for_each(|counts| writeln!(f, "truth        {counts}"))?;
         self.links.iter().try_for_each(|link| writeln!(f, "link         {link}"))
     }
@@ -237,10 +239,7 @@ async fn keep(
     }
     // The time keeper is done; it still holds the links.
     let keeper = thread.join().expect("the time keeper does not panic");
-    let give_up = Instant::now() + LAST_WORDS;
-    while Instant::now() < give_up && !keeper.links.iter().all(|outgoing| outgoing.link.is_drained()) {
-        tokio::time::sleep(LOOK_AGAIN).await;
-    }
+    await_readers(&keeper.links).await;
     drop(keeper);
     drop(server);
     console::clear_status();
@@ -255,6 +254,18 @@ async fn keep(
         links: tallies,
         faults: desk.faults(),
     })
+}
+
+/// Waits for what readers have not taken, for a while. What a pty hands on to its reader is for moments seen by nobody, so
+/// it must look empty for some time.
+async fn await_readers(links: &[Outgoing]) {
+    let (give_up, mut empty_since) = (Instant::now() + LAST_WORDS, Instant::now());
+    while Instant::now() < give_up && empty_since.elapsed() < SURELY_EMPTY {
+        tokio::time::sleep(LOOK_AGAIN).await;
+        if !links.iter().all(|outgoing| outgoing.link.is_drained()) {
+            empty_since = Instant::now();
+        }
+    }
 }
 
 /// How well time is kept, as both threads see it.

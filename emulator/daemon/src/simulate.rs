@@ -60,10 +60,11 @@ fn fly(configuration: &Configuration, truth: &Truth, half_seconds: u64, sender: 
                 link: link.clone(),
                 payload: payload.clone(),
                 running_end_ns,
-                reply: answer.as_ref().map(|answer| answer.reply),
+                reply: answer.map_or_else(|unheard| unheard, |answer| answer.reply),
+                is_heard: answer.is_ok(),
                 acting: acting.clone(),
             });
-            let Some(answer) = answer else { continue };
+            let Ok(answer) = answer else { continue };
             let (link, reply, end_ns, injected) = (link.clone(), answer.reply, last_end_ns, unit.injected().cloned());
             let polled = |half_second| Event::Polled { link, half_second, reply, end_ns, injected, acting };
             batch.extend(answer.polled.map(polled));

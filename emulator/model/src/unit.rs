@@ -225,7 +225,7 @@ impl Unit {
             count += 1;
             if is_flown {
                 while let Some(command) = commands.next_if(|command| command.half_second < count) {
-                    unit.command(&command.payload);
+                    let _ = unit.command(&command.payload);
                 }
                 unit.end_half_second();
             } else {
@@ -281,16 +281,19 @@ impl Unit {
         &self.motion
     }
 
-    /// Carries out the payload of a COMMAND within the running half second; nothing where a fault keeps the unit from
-    /// hearing it.
-    pub fn command(&mut self, payload: &[u8]) -> Option<Answer> {
-        if let Some(clean) = &mut self.clean {
-            clean.command(payload);
-        }
+    /// Carries out the payload of a COMMAND within the running half second.
+    ///
+    /// # Errors
+    /// The reply that would have come, where a fault keeps the unit from hearing the command.
+    pub fn command(&mut self, payload: &[u8]) -> Result<Answer, Reply> {
+        let unfaulted = self.clean.as_mut().map(|clean| clean.answer(payload));
         // Each once: a client may send as many as it likes.
         let opcode = payload.first().copied().filter(|opcode| !self.heard.contains(opcode));
         self.heard.extend(opcode);
-        (!self.faults.is_silent()).then(|| self.answer(payload))
+        match unfaulted {
+            Some(answer) if self.faults.is_silent() => Err(answer.reply),
+            _ => Ok(self.answer(payload)),
+        }
     }
 
     fn answer(&mut self, payload: &[u8]) -> Answer {
@@ -605,8 +608,8 @@ mod tests {
     #[test]
     fn what_commands_do_to_counts_stands_in_the_trace() {
         let mut unit = unit(&[]);
-        unit.command(&[4, 1, 0, 100, 2]);
-        unit.command(&[6, 0b1101]);
+        let _ = unit.command(&[4, 1, 0, 100, 2]);
+        let _ = unit.command(&[6, 0b1101]);
         for _ in 0..4 {
             let (ended, traces) = unit.end_half_second_traced();
             for (trace, count) in traces.iter().zip(ended.half_second.increments) {
@@ -622,12 +625,12 @@ mod tests {
         let largest = command::payload(&command::COMMANDS[3], &[1, 32_767, 1]);
         // A drift of 10″ per half second takes counts away, one of −10″ adds them.
         let mut below = unit(&["gyro.GYRX.calibration.drift_arcsec_per_half_s=10"]);
-        below.command(&largest);
+        let _ = below.command(&largest);
         let half_second = run(&mut below, 1)[0];
         assert!((32_750..32_767).contains(&half_second.increments[0]));
         assert_eq!((half_second.gyro_flags, below.lost_counts()[0]), (0x0F, 0.0));
         let mut above = unit(&["gyro.GYRX.calibration.drift_arcsec_per_half_s=-10"]);
-        above.command(&largest);
+        let _ = above.command(&largest);
         let half_second = run(&mut above, 1)[0];
         assert_eq!((half_second.increments[0], half_second.gyro_flags), (i16::MAX, 0x1F));
         assert!((8.0..13.0).contains(&above.lost_counts()[0]), "{:?}", above.lost_counts());
@@ -637,7 +640,7 @@ mod tests {
     fn reset_restarts_sequence_and_clock_with_the_running_half_second() {
         let mut unit = unit(&[]);
         run(&mut unit, 10);
-        unit.command(&[5]);
+        let _ = unit.command(&[5]);
         let after = run(&mut unit, 2);
         assert_eq!((after[0].sequence, after[0].clock_count), (0, 500_000));
         assert_eq!((after[1].sequence, after[1].clock_count), (1, 1_000_000));
@@ -646,11 +649,11 @@ mod tests {
     #[test]
     fn a_stopped_gyro_reads_nothing_and_takes_a_minute_to_spin_up() {
         let mut unit = unit(&[]);
-        unit.command(&[6, 0b1110]);
+        let _ = unit.command(&[6, 0b1110]);
         let stopped = run(&mut unit, 4);
         assert!(stopped.iter().all(|h| h.increments[0] == 0 && h.gyro_flags == 0x0E && h.unit_flags & 2 == 2));
-        unit.command(&[6, 0x0F]);
-        unit.command(&[6, 0x0F]);
+        let _ = unit.command(&[6, 0x0F]);
+        let _ = unit.command(&[6, 0x0F]);
         let spinning = run(&mut unit, 121);
         assert!(spinning[..120].iter().all(|h| h.gyro_flags == 0x0E && h.unit_flags & 2 == 0));
         assert_eq!((spinning[120].gyro_flags, spinning[120].unit_flags & 2), (0x0F, 2));
@@ -659,10 +662,10 @@ mod tests {
     #[test]
     fn a_cold_sensor_leaves_its_band_and_comes_back() {
         let mut unit = unit(&[]);
-        unit.command(&[7, 0]);
+        let _ = unit.command(&[7, 0]);
         let cooling = run(&mut unit, 240);
         assert_eq!((cooling[0].unit_flags & 1, cooling[239].unit_flags & 1), (1, 0));
-        unit.command(&[7, 1]);
+        let _ = unit.command(&[7, 1]);
         assert_eq!(run(&mut unit, 12_000)[11_999].unit_flags & 1, 1);
     }
 
@@ -678,7 +681,7 @@ mod tests {
         for _ in 0..2 {
             assert_eq!(unit.command(&[3]).expect("heard").polled, Some(ended.half_second));
         }
-        unit.command(&[2, 0]);
+        let _ = unit.command(&[2, 0]);
         assert!(unit.end_half_second().cyclic);
     }
 

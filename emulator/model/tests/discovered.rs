@@ -23,7 +23,7 @@ fn with_terms(terms: &str) -> Configuration {
 
 fn flown(configuration: &Configuration, truth: &Truth, half_seconds: usize) -> Vec<[Trace; 4]> {
     let mut unit = Unit::on(configuration, truth);
-    unit.command(&[7, 0]);
+    let _ = unit.command(&[7, 0]);
     (0..half_seconds).map(|_| unit.end_half_second_traced().1).collect()
 }
 

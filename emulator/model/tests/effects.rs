@@ -31,7 +31,7 @@ fn moving() -> Configuration {
 
 fn flown(configuration: &Configuration) -> impl Iterator<Item = [Trace; 4]> {
     let mut unit = Unit::new(configuration);
-    unit.command(&[7, 0]);
+    let _ = unit.command(&[7, 0]);
     (0..HALF_SECONDS).map(move |_| unit.end_half_second_traced().1)
 }
 

@@ -146,7 +146,7 @@ fn a_reset_silences_the_unit_and_restarts_sequence_and_clock() {
     let mut unit = Unit::new(&with_plan("[[fault]]\nat_s = 5.0\nfault = \"reset\"\nfor_s = 1.5"));
     unit.command(&[2, 1]).expect("heard");
     for index in 0..20 {
-        assert_eq!(unit.command(&[1]).is_some(), !(10..13).contains(&index), "{index}");
+        assert_eq!(unit.command(&[1]).is_ok(), !(10..13).contains(&index), "{index}");
         let ended = unit.end_half_second();
         assert_eq!(ended.cyclic, index >= 13, "{index}");
         if index >= 13 {
@@ -184,7 +184,7 @@ fn triggers_start_a_fault_when_all_of_them_hold() {
 fn a_command_triggers_with_the_next_half_second() {
     let mut unit = Unit::new(&with_plan("[[fault]]\ngyro = \"GYRX\"\nfault = \"dead\"\nwhen = \"command(SELF_TEST)\""));
     unit.end_half_second();
-    unit.command(&[4, 1, 0, 5, 3]);
+    let _ = unit.command(&[4, 1, 0, 5, 3]);
     assert!(unit.end_half_second().half_second.gyro_flags & 1 == 1);
     assert!(unit.end_half_second().half_second.gyro_flags & 1 == 0);
 }
@@ -275,7 +275,7 @@ fn a_unit_without_power_cools_and_a_gyro_that_is_off_does_not_coast() {
     let last = (0..1200).map(|_| unit.end_half_second().half_second).last().expect("some");
     assert!(last.sensor_centi_c < 6_900, "{}", last.sensor_centi_c);
     let mut unit = Unit::new(&with_plan("[[fault]]\nfault = \"spin-down\"\ngyro = \"GYRX\"\nat_s = 1.0"));
-    unit.command(&[6, 0b1110]);
+    let _ = unit.command(&[6, 0b1110]);
     let flags: Vec<u8> = (0..4).map(|_| unit.end_half_second().half_second.unit_flags & 2).collect();
     assert_eq!(flags, [2; 4], "GYRX is not powered");
 }
@@ -320,7 +320,7 @@ fn expectations_are_decided_by_what_the_computer_does() {
         let mut unit = Unit::new(&with_plan(&plan));
         for index in 0..20 {
             if is_good && index == 6 {
-                unit.command(&[6, 0b1110]);
+                let _ = unit.command(&[6, 0b1110]);
             }
             unit.end_half_second();
         }
@@ -395,6 +395,14 @@ fn what_is_wrong_in_a_plan_is_told_with_its_place_and_the_valid_names() {
         assert!(error.contains(expected), "{plan}\n{error}");
     }
     assert!(expression::vocabulary().len() > 10 && Gyro::ALL.len() == 4);
+}
+
+#[test]
+fn an_identifier_that_is_made_up_is_none_that_the_plan_gives() {
+    let drop = "[[fault]]\nfault = \"drop\"\n";
+    let configuration = with_plan(&format!("{drop}{drop}id = \"fault-1\"\n{drop}"));
+    let ids: Vec<&str> = configuration.faults.iter().map(|fault| fault.id.as_str()).collect();
+    assert_eq!(ids, ["fault-2", "fault-1", "fault-3"]);
 }
 
 #[test]

@@ -8,11 +8,10 @@ use geu_protocol::can::{STATUS_COVERED, close_status};
 use geu_protocol::serial::{self, CRC, HEADER, LENGTH_AT, OVERHEAD, TYPE_AT};
 use geu_protocol::{CanFrame, HalfSecond};
 
-use super::{Carrier, Content, Form, Piece, baud, ns};
+use super::{Carrier, Content, Form, HALF_SECOND_NS, Piece, baud, ns};
 
 /// Nonsense between half seconds comes in so many portions.
 const PORTIONS: u64 = 16;
-const HALF_SECOND_NS: i64 = 500_000_000;
 /// Pieces of a half second: about as many as the fastest bus has room for, frames without data at 1 Mbit/s. What many
 /// faults together would send beyond is not sent.
 const MOST_PIECES: usize = 10_000;

@@ -15,6 +15,9 @@ use geu_protocol::{CanFrame, CanPlan, HalfSecond, Reply};
 
 pub(crate) use outbox::Outbox;
 
+/// On-board time from one half second to the next, ns.
+pub(crate) const HALF_SECOND_NS: i64 = 500_000_000;
+
 /// How a link writes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Form {

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use super::{Content, Piece};
+use super::{Content, HALF_SECOND_NS, Piece};
 
 /// Pieces that wait. Messages may leave in another order than they came in; a frame that has begun is finished before
 /// anything else leaves, for a line cannot overtake itself.
@@ -16,30 +16,43 @@ pub(crate) struct Outbox {
     begun: VecDeque<(i64, Content)>,
     /// When something left last, ns.
     left_ns: i64,
+    /// Index of the half second that comes next.
+    next_frame: u64,
     count: u64,
 }
 
 impl Outbox {
     /// Takes the pieces of half second `frame`, which ends at `end_ns`, in.
     pub fn put(&mut self, pieces: &[Piece], frame: u64, end_ns: i64) {
+        self.next_frame = frame.saturating_add(1);
         for message in pieces.chunk_by(|piece, _| piece.goes_on) {
             self.held.entry(message[0].frame.max(frame)).or_default().push(message.to_vec());
         }
         while let Some(entry) = self.held.first_entry()
             && *entry.key() <= frame
         {
-            for message in entry.remove() {
-                self.count += 1;
-                let due_ns = end_ns + message[0].after_ns;
-                let parts = message.into_iter().map(|piece| (end_ns + piece.after_ns, piece.content));
-                self.due.insert((due_ns, self.count), parts.collect());
-            }
+            let messages = entry.remove();
+            self.schedule(messages, end_ns);
         }
     }
 
-    /// The run ends with the half second that ended at `end_ns`: what was held for one that does not come is due.
+    /// The run ends with the half second that ended at `end_ns`: what was held for one that does not come is due when that
+    /// would have ended.
     pub fn end(&mut self, end_ns: i64) {
-        self.put(&[], u64::MAX, end_ns);
+        for (frame, messages) in std::mem::take(&mut self.held) {
+            let more = frame.saturating_add(1).saturating_sub(self.next_frame) as i64;
+            self.schedule(messages, end_ns.saturating_add(more.saturating_mul(HALF_SECOND_NS)));
+        }
+    }
+
+    /// Gives messages of a half second that ended at `end_ns` their times.
+    fn schedule(&mut self, messages: Vec<Vec<Piece>>, end_ns: i64) {
+        for message in messages {
+            self.count += 1;
+            let due_ns = end_ns + message[0].after_ns;
+            let parts = message.into_iter().map(|piece| (end_ns + piece.after_ns, piece.content));
+            self.due.insert((due_ns, self.count), parts.collect());
+        }
     }
 
     /// When the next can leave, on-board time.
@@ -111,11 +124,12 @@ mod tests {
     }
 
     #[test]
-    fn what_is_held_for_a_half_second_that_never_comes_is_due_with_the_end() {
+    fn what_is_held_for_a_half_second_that_never_comes_is_due_when_it_would_have_ended() {
         let mut outbox = Outbox::default();
         outbox.put(&[piece(9, 0, 1), piece(8, 1, 2), piece(0, 60, 3)], 0, 500);
         outbox.end(500);
-        assert_eq!(all(&mut outbox), [(500, bytes(&[1])), (501, bytes(&[2])), (560, bytes(&[3]))]);
+        let (eighth, ninth) = (500 + 8 * HALF_SECOND_NS + 1, 500 + 9 * HALF_SECOND_NS);
+        assert_eq!(all(&mut outbox), [(560, bytes(&[3])), (eighth, bytes(&[2])), (ninth, bytes(&[1]))]);
     }
 
     #[test]

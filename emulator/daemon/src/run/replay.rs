@@ -15,7 +15,6 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 use std::sync::mpsc::Receiver;
 use std::thread;
-use std::time::Instant;
 
 use geu_model::Configuration;
 use geu_model::fault::acting::Faults;
@@ -24,7 +23,7 @@ use geu_model::fault::expectation::Expectation;
 use geu_model::fault::{Action, Fault, asks_in_vain};
 use geu_protocol::{CanPlan, HalfSecond};
 
-use super::{LAST_WORDS, LOOK_AGAIN, Outgoing, RunError, STATUS, Timing};
+use super::{Outgoing, RunError, STATUS, Timing, await_readers};
 use crate::cadence::Speed;
 use crate::carriage::Content;
 use crate::console;
@@ -233,10 +232,7 @@ async fn keep(
         }
     }
     let player = thread.join().expect("the player does not panic");
-    let give_up = Instant::now() + LAST_WORDS;
-    while Instant::now() < give_up && !player.links.iter().all(|outgoing| outgoing.link.is_drained()) {
-        tokio::time::sleep(LOOK_AGAIN).await;
-    }
+    await_readers(&player.links).await;
     console::clear_status();
     Ok(Summary {
         counts: player.counts,

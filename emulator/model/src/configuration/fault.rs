@@ -32,7 +32,7 @@ const PROBABILITY: Number = number(
     "probability",
     Form::Real,
     Default::Value(1.0),
-    0.0,
+    1e-9,
     1.0,
     "chance to start in a half second in which the rest would let it",
 );
@@ -94,7 +94,7 @@ impl Configuration {
 pub fn read_fault_text(name: &str, text: &str, others: &[Fault], links: &[LinkKind]) -> Read<Fault> {
     let source = Source::parse(name, text)?;
     let root = source.root();
-    let fault = read_fault(&root, others, links)?;
+    let fault = read_fault(&root, others, links, &[])?;
     // What a plan refuses is refused here too: a recording of the run is read as a plan.
     few_enough(&root, others.len() + 1)?;
     known_in(&root, &fault, others.iter().chain([&fault]))?;
@@ -119,9 +119,10 @@ pub fn read_plan_text(name: &str, text: &str, others: &[Fault], links: &[LinkKin
 /// Reads `[[fault]]`; `before` are those that are there already, `links` those that one may be on that names none.
 pub(super) fn read_faults(root: &Node, before: &[Fault], links: &[LinkKind]) -> Read<Vec<Fault>> {
     let nodes = root.tables(FAULT)?;
+    let named = named_ids(&nodes);
     let mut all = before.to_vec();
     for node in &nodes {
-        let fault = read_fault(node, &all, links)?;
+        let fault = read_fault(node, &all, links, &named)?;
         all.push(fault);
     }
     few_enough(root, all.len())?;
@@ -174,7 +175,12 @@ fn known<'a>(
     }
 }
 
-fn read_fault(node: &Node, others: &[Fault], links: &[LinkKind]) -> Read<Fault> {
+/// Identifiers that these tables give themselves, which none of them is given.
+fn named_ids<'a>(nodes: &'a [Node]) -> Vec<&'a str> {
+    nodes.iter().filter(|node| node.keys().contains(&"id")).filter_map(|node| node.text("id").ok()).collect()
+}
+
+fn read_fault(node: &Node, others: &[Fault], links: &[LinkKind], named: &[&str]) -> Read<Fault> {
     let keys = node.keys();
     let has = |key: &str| keys.contains(&key);
     let common: Vec<&str> = FAULT_TEXTS
@@ -230,7 +236,7 @@ fn read_fault(node: &Node, others: &[Fault], links: &[LinkKind]) -> Read<Fault> 
         );
     }
     Ok(Fault {
-        id: read_id(node, FAULT, others.iter().map(|fault| fault.id.as_str()))?,
+        id: read_id(node, FAULT, others.iter().map(|fault| fault.id.as_str()), named)?,
         action,
         gyro,
         link,
@@ -311,10 +317,16 @@ fn read_course(node: &Node, target: &Target) -> Read<(f64, shape::Law)> {
     Ok((size, kind.law(&numbers)))
 }
 
-fn read_id<'a>(node: &Node, prefix: &str, others: impl Iterator<Item = &'a str> + Clone) -> Read<String> {
+/// `named` are identifiers that others beside it give themselves.
+fn read_id<'a>(
+    node: &Node,
+    prefix: &str,
+    others: impl Iterator<Item = &'a str> + Clone,
+    named: &[&'a str],
+) -> Read<String> {
     let is_taken = |id: &str| others.clone().any(|other| other == id);
     if !node.keys().contains(&"id") {
-        let taken: HashSet<&str> = others.collect();
+        let taken: HashSet<&str> = others.chain(named.iter().copied()).collect();
         let free = (1..).map(|number| format!("{prefix}-{number}")).find(|id| !taken.contains(id.as_str()));
         return Ok(free.expect("there are more numbers than faults"));
     }
@@ -335,14 +347,16 @@ fn read_id<'a>(node: &Node, prefix: &str, others: impl Iterator<Item = &'a str> 
 /// Reads `[[expect]]` of a run with these faults.
 pub(super) fn read_expectations(root: &Node, before: &[Expectation], faults: &[Fault]) -> Read<Vec<Expectation>> {
     let mut all = before.to_vec();
-    for node in root.tables(EXPECT)? {
+    let nodes = root.tables(EXPECT)?;
+    let named = named_ids(&nodes);
+    for node in &nodes {
         let numbers: Vec<&str> = EXPECT_NUMBERS.iter().map(|number| number.name).collect();
         node.only(&[&["id", "after", "condition"][..], &numbers].concat())?;
         let condition: Expression =
             node.text("condition")?.parse().map_err(|expected: String| node.unexpected("condition", &expected))?;
-        known(&node, "condition", condition.faults(), faults.iter())?;
+        known(node, "condition", condition.faults(), faults.iter())?;
         let after = if node.keys().contains(&"after") { Some(node.text("after")?) } else { None };
-        known(&node, "after", after, faults.iter())?;
+        known(node, "after", after, faults.iter())?;
         let window = match (node.number(&WITHIN)?, node.number(&THROUGHOUT)?) {
             (within_s, throughout_s) if throughout_s.is_nan() && !within_s.is_nan() => Window::Within(within_s),
             (within_s, throughout_s) if within_s.is_nan() && !throughout_s.is_nan() => Window::Throughout(throughout_s),
@@ -352,7 +366,7 @@ pub(super) fn read_expectations(root: &Node, before: &[Expectation], faults: &[F
                 return Err(node.error("condition", message.to_owned()));
             }
         };
-        let id = read_id(&node, EXPECT, all.iter().map(|expectation| expectation.id.as_str()))?;
+        let id = read_id(node, EXPECT, all.iter().map(|expectation| expectation.id.as_str()), &named)?;
         all.push(Expectation { id, after: after.map(str::to_owned), at_s: node.number(&AT)?, condition, window });
     }
     if all.len() > MOST {

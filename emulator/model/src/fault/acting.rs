@@ -38,6 +38,11 @@ impl Acting {
         Draw::new(self.seed, &self.fault.id)
     }
 
+    /// Whether the unit neither tells nor hears anything for it.
+    pub fn silences_unit(&self) -> bool {
+        matches!(self.law, Law::Unit(UnitLaw::Reset | UnitLaw::BrownOut | UnitLaw::BootDelay))
+    }
+
     /// What it does on links.
     pub fn on_link(&self) -> Option<LinkLaw> {
         match self.law {
@@ -263,7 +268,7 @@ impl Faults {
 
     /// Whether the unit neither tells nor hears anything.
     pub fn is_silent(&self) -> bool {
-        self.on_unit().any(|(law, _)| matches!(law, UnitLaw::Reset | UnitLaw::BrownOut | UnitLaw::BootDelay))
+        self.acting.iter().any(Acting::silences_unit)
     }
 
     /// Lets the faults of heads act on the counts of the half second that ends.

@@ -80,7 +80,7 @@ impl Receiver {
         COMMANDS
             .iter()
             .find(|spec| spec.name == name)
-            .and_then(|spec| self.unit.command(&command::payload(spec, values)))
+            .and_then(|spec| self.unit.command(&command::payload(spec, values)).ok())
             .is_some_and(|answer| answer.reply.outcome() == Outcome::Done)
     }
 }

@@ -14,13 +14,11 @@ use geu_protocol::{CanFrame, CanPlan, HalfSecond};
 
 use super::{Item, Settings, Steps, What, Whose};
 use crate::cadence::{Sleeper, Speed, doze_until, now_ns};
-use crate::carriage::{Carrier, Content, Form, Piece};
+use crate::carriage::{Carrier, Content, Form, HALF_SECOND_NS, Piece};
 use crate::console;
 use crate::lateness::Time;
 use crate::run::{LAST_WORDS, LEAD_NS, LOOK_AGAIN, Outgoing, PATIENCE, Timing};
 
-/// Half of on-board time between two half seconds.
-const HALF_SECOND_NS: i64 = 500_000_000;
 /// A process held up for so long goes on from where it stood: what it did not send then is not sent in a burst.
 const HELD_UP_NS: i64 = 1_000_000_000;
 /// Between two looks whether to stop, where a recording or a step is waited for.
