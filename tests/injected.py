@@ -311,17 +311,13 @@ class Matched:
         for event in events:
             if event["what"] == "bytes" and event["link"] == link and event["before"]:
                 self.clean[event["half_second"]] = bytes.fromhex(event["before"][0])
-        self.is_short, place = False, 0
+        place = 0
         for due_ns, index, told in claimed(events, link, first, half_seconds):
             if told is not None:
                 told = bytes.fromhex(told)
             while data[place:place + len(told or b"") or FRAME] != told:
                 if told is None and whole_frame(data[place:]):
                     break
-                if place == len(data) and due_ns == half_seconds * HALF_SECOND_NS and link == "pty":
-                    # A pty that is closed takes along what its client has not read a moment later.
-                    self.is_short = True
-                    return
                 length = whole_frame(data[place:], REPLY, range(2, 9))
                 if not length:
                     self.wrong = (f"half second {index}: expected {told.hex().upper() if told else 'a whole frame'}, got "
