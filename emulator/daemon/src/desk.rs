@@ -222,7 +222,7 @@ impl Desk {
         let inner = self.lock();
         let now_s = inner.unit.ended() as f64 * HALF_SECOND_S;
         let planned = inner.unit.faults().planned.iter();
-        (now_s, planned.filter(|planned| !is_over(planned, now_s)).cloned().collect())
+        (now_s, planned.filter(|planned| !planned.is_over_by(now_s)).cloned().collect())
     }
 
     /// Adds faults, all from the next half second on; none where there are others by now than the `known` ones, which they
@@ -260,11 +260,6 @@ impl Desk {
         inner.repeat_recorded();
         (inner.recording, inner.bench) = (None, None);
     }
-}
-
-/// Whether a fault never acts again, at this on-board time.
-pub(crate) fn is_over(planned: &Planned, now_s: f64) -> bool {
-    planned.is_over() || planned.since().is_none() && planned.fault.until_s <= now_s
 }
 
 /// A command that waits, for as long as this lives.
@@ -329,19 +324,15 @@ impl Inner {
         let running_end_ns = self.unit.running_end_ns();
         let answer = self.unit.command(payload);
         let acting = self.unit.faults().acting().clone();
-        let (is_heard, told, polled) = match answer {
-            Ok(answer) => (true, answer.reply, answer.polled),
-            Err(unheard) => (false, unheard, None),
-        };
+        let (reply, polled) = (answer.map(|answer| answer.reply), answer.ok().and_then(|answer| answer.polled));
         self.tell(Event::Command {
             link: link.to_owned(),
             payload: payload.to_vec(),
             running_end_ns,
-            reply: told,
-            is_heard,
+            reply,
             acting: acting.clone(),
         });
-        let reply = is_heard.then_some(told);
+        let reply = reply.ok();
         if let (Some(reply), Some(half_second), Some((_, end_ns))) = (reply, polled, self.completed) {
             let (link, injected) = (link.to_owned(), self.unit.injected().cloned());
             self.tell(Event::Polled { link, half_second, reply, end_ns, injected, acting: acting.clone() });

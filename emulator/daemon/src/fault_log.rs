@@ -200,18 +200,19 @@ impl FaultLog {
         Ok(true)
     }
 
-    /// The reply to a command within half second `frame`: a line where faults make it late or keep it back.
+    /// The reply to a command within half second `frame`: a line where faults make it late or keep it back, or keep the unit
+    /// from hearing the command.
     pub fn reply(
         &mut self,
         frame: u64,
         link: &str,
         command: &[u8],
-        reply: &Reply,
-        is_heard: bool,
+        reply: Result<Reply, Reply>,
         acting: &[Acting],
     ) -> Result<(), RecordError> {
         let Some(carrier) = self.carrier(link) else { return Ok(()) };
-        let after = if is_heard { carrier.reply(reply, acting) } else { None };
+        let after = reply.ok().and_then(|reply| carrier.reply(&reply, acting));
+        let before = carrier.plain_reply(&reply.unwrap_or_else(|unheard| unheard));
         if after.as_ref().is_some_and(|piece| piece.after_ns == 0) {
             return Ok(());
         }
@@ -223,7 +224,7 @@ impl FaultLog {
         let command: String = command.iter().map(|byte| format!("{byte:02X}")).collect();
         self.line(&json!({
             "what": "reply", "t_s": on_board_s(frame), "half_second": frame, "link": carrier.kind.name(), "ids": ids,
-            "command": command, "before": carrier.plain_reply(reply).to_string(),
+            "command": command, "before": before.to_string(),
             "after": after.as_ref().map(|piece| piece.content.to_string()),
             "late_s": after.as_ref().map(|piece| seconds(piece.after_ns)),
         }))

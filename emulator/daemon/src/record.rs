@@ -48,14 +48,13 @@ pub struct RecordError {
 pub(crate) enum Event {
     /// A half second ended, and what faults did to it.
     HalfSecond(Ended, Box<[Trace; 4]>, Option<Arc<Injected>>),
-    /// A command came over a link within the half second that runs; its scheduled end, what the unit answers, or
-    /// would where a fault keeps it from hearing, and the faults that act.
+    /// A command came over a link within the half second that runs; its scheduled end, what the unit answers (an
+    /// error: what it would, did a fault not keep it from hearing), and the faults that act.
     Command {
         link: String,
         payload: Vec<u8>,
         running_end_ns: i64,
-        reply: Reply,
-        is_heard: bool,
+        reply: Result<Reply, Reply>,
         acting: Arc<Vec<Acting>>,
     },
     /// The half second that ended last was sent because it was polled over a link, stamped with its scheduled end: what
@@ -260,9 +259,9 @@ impl Recorder {
     pub(crate) fn event(&mut self, event: &Event) -> Result<(), RecordError> {
         match event {
             Event::HalfSecond(ended, traces, injected) => self.half_second(ended, traces, injected.as_deref()),
-            Event::Command { link, payload, running_end_ns, reply, is_heard, acting } => {
+            Event::Command { link, payload, running_end_ns, reply, acting } => {
                 self.command(link, payload, *running_end_ns)?;
-                self.faults.reply(self.half_seconds, link, payload, reply, *is_heard, acting)
+                self.faults.reply(self.half_seconds, link, payload, *reply, acting)
             }
             Event::Polled { link, half_second, reply, end_ns, injected, acting } => {
                 let frame = self.half_seconds.saturating_sub(1);

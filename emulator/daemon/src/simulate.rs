@@ -60,8 +60,7 @@ fn fly(configuration: &Configuration, truth: &Truth, half_seconds: u64, sender: 
                 link: link.clone(),
                 payload: payload.clone(),
                 running_end_ns,
-                reply: answer.map_or_else(|unheard| unheard, |answer| answer.reply),
-                is_heard: answer.is_ok(),
+                reply: answer.map(|answer| answer.reply),
                 acting: acting.clone(),
             });
             let Ok(answer) = answer else { continue };

@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 use super::told::HalfSecond;
 use crate::carriage::{Carrier, Content, Form};
 use crate::control;
-use crate::desk::{Desk, is_over};
+use crate::desk::Desk;
 use crate::link::Tally;
 use crate::run::Timing;
 
@@ -136,7 +136,7 @@ fn stands(planned: &Planned, now_s: f64) -> Value {
     let (fault, on_board_s) = (&planned.fault, |frame: u64| frame as f64 * 0.5);
     let state = match planned.since() {
         Some(_) => "active",
-        None if is_over(planned, now_s) => "over",
+        None if planned.is_over_by(now_s) => "over",
         None => "armed",
     };
     json!({

@@ -111,7 +111,12 @@ impl Planned {
         self.fault.by_hand && !self.is_over()
     }
 
-    /// Whether it never acts again.
+    /// Whether it never acts again from this on-board time on.
+    pub fn is_over_by(&self, now_s: f64) -> bool {
+        self.is_over() || self.running.is_none() && self.fault.until_s <= now_s
+    }
+
+    /// Whether it never acts again, whenever that is asked.
     pub fn is_over(&self) -> bool {
         self.running.is_none() && (self.is_cleared || self.started >= self.fault.times)
     }

@@ -5,16 +5,16 @@ use std::sync::Arc;
 use geu_protocol::field::CLOCK_MODULUS;
 use geu_protocol::{Gyro, HalfSecond};
 
-use super::{Channel, Ended, Power, SPIN_UP_HALF_SECONDS, Unit};
+use super::{Channel, Ended, HALF_SECOND_FS, Power, SPIN_UP_HALF_SECONDS, SUB_STEPS, Unit};
 use crate::fault::Fault;
 use crate::fault::acting::{Acting, Faults, Happening};
 use crate::fault::catalogue::{HeadLaw, Law, UnitLaw};
 use crate::fault::expression::Moment;
 use crate::units::{HALF_SECOND_S, RAD_PER_DEG};
 
-/// The unit without faults ends a half second so much later in true time at most, fs. A truth from outside must be known
-/// until then, whatever a fault does to the clock: a sub-step is less than a half second that such a truth is told ahead.
-const CLEAN_BEHIND_FS: i128 = 100_000_000_000_000;
+/// The unit without faults ends a half second so much later in true time at most, fs: a sub-step. A truth from outside must
+/// be known until then, so it is less than the half second by which one that follows the unit's frames is ahead.
+const CLEAN_BEHIND_FS: i128 = HALF_SECOND_FS as i128 / SUB_STEPS as i128;
 
 /// What faults did to a half second.
 #[derive(Debug, Clone, PartialEq)]
