@@ -20,7 +20,9 @@ use geu_model::fault::Fault;
 use geu_model::fault::acting::{Acting, Happening};
 use geu_model::fault::catalogue::{LinkKind, LinkLaw};
 use geu_model::fault::expectation::Verdict;
+use geu_model::units::on_board_s;
 use geu_model::{Ended, Injected};
+use geu_protocol::command::hex;
 use geu_protocol::{HalfSecond, Reply};
 use serde_json::{Value, json};
 
@@ -43,10 +45,6 @@ struct Sent<'a> {
     frame: u64,
     sequence: u16,
     is_polled: bool,
-}
-
-fn on_board_s(frame: u64) -> f64 {
-    frame as f64 * 0.5
 }
 
 /// A time in ns as s.
@@ -221,10 +219,9 @@ impl FaultLog {
         let own = carrier.own(acting).into_iter().filter(|(_, law)| of_replies(law));
         let silent = acting.iter().filter(|acting| acting.silences_unit());
         let ids: Vec<&str> = silent.chain(own.map(|(acting, _)| acting)).map(|it| it.fault.id.as_str()).collect();
-        let command: String = command.iter().map(|byte| format!("{byte:02X}")).collect();
         self.line(&json!({
             "what": "reply", "t_s": on_board_s(frame), "half_second": frame, "link": carrier.kind.name(), "ids": ids,
-            "command": command, "before": before.to_string(),
+            "command": hex(command), "before": before.to_string(),
             "after": after.as_ref().map(|piece| piece.content.to_string()),
             "late_s": after.as_ref().map(|piece| seconds(piece.after_ns)),
         }))

@@ -16,8 +16,9 @@ use geu_model::fault::Fault;
 use geu_model::fault::acting::{Acting, Happening};
 use geu_model::fault::catalogue::LinkKind;
 use geu_model::sensor::{StarSensor, SunSensor};
-use geu_model::units::RAD_PER_DEG;
+use geu_model::units::{HALF_SECOND_NS, RAD_PER_DEG, on_board_s};
 use geu_model::{Configuration, Ended, Injected, Trace, Truth};
+use geu_protocol::command::hex;
 use geu_protocol::serial::DEFAULT_BAUD;
 use geu_protocol::{CanPlan, Gyro, HalfSecond, Reply};
 
@@ -33,7 +34,7 @@ const FAULT_VALUES: &str = "truth.csv.faults";
 /// The truth on its way to have that column.
 const WIDER_TRUTH: &str = "truth.csv.wider";
 /// Spacing of `reference.csv`, true time, ns.
-const REFERENCE_NS: i64 = 500_000_000;
+const REFERENCE_NS: i64 = HALF_SECOND_NS;
 
 /// A file of the recording that cannot be written.
 #[derive(Debug, thiserror::Error)]
@@ -478,10 +479,10 @@ impl Recorder {
             RecordedCommand { half_second: self.half_seconds, link: link.to_owned(), payload: payload.to_vec() };
         let line = serde_json::json!({
             "half_second": command.half_second,
-            "on_board_s": command.half_second as f64 * 0.5,
+            "on_board_s": on_board_s(command.half_second),
             "half_second_end_s": running_end_ns as f64 * 1e-9,
             "link": command.link,
-            "bytes": payload.iter().map(|byte| format!("{byte:02X}")).collect::<String>(),
+            "bytes": hex(payload),
         });
         self.commands.write(|file| writeln!(file, "{line}"))
     }
@@ -523,7 +524,7 @@ impl Recorder {
         let mut configuration = self.configuration.clone();
         let has_faults = !configuration.faults.is_empty();
         configuration.run = RunRecord {
-            duration_s: self.half_seconds as f64 * 0.5,
+            duration_s: on_board_s(self.half_seconds),
             wire: Some(self.wire),
             // Without faults it does not matter.
             links: if has_faults { self.links.clone() } else { Vec::new() },

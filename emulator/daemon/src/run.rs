@@ -12,6 +12,7 @@ use std::time::{Duration, Instant};
 
 use geu_model::fault::acting::{Acting, Faults};
 use geu_model::fault::catalogue::LinkKind;
+use geu_model::units::HALF_SECOND_NS;
 use geu_model::{Configuration, Truth};
 use geu_protocol::HalfSecond;
 use tokio::signal::unix::{SignalKind, signal};
@@ -480,7 +481,7 @@ impl Keeper {
     fn tell_missed(&self, missed: u64) {
         if missed > 0 {
             self.timing.counts.lock().expect("nothing panics with the counts").missed += missed;
-            let held_up = Time(missed * 500_000_000);
+            let held_up = Time(missed * HALF_SECOND_NS as u64);
             console::say(format_args!(
                 "{missed} half seconds not sent: the process was held up for about {held_up}; the sequence goes on behind them"
             ));

@@ -4,6 +4,7 @@
 //! Half seconds are placed by the unit's own sequence and clock; when they ended is told by the receive times, averaged
 //! over five minutes, so that jitter goes and a clock that is fast, or warms, stays.
 
+use geu_model::units::HALF_SECOND_NS;
 use geu_protocol::continuity::{Continuity, Step};
 use geu_protocol::field::{GYRO_FLAGS, unit_flag};
 use geu_protocol::{Gyro, HalfSecond};
@@ -12,8 +13,6 @@ use nalgebra::Matrix4;
 
 /// Half seconds over which receive times are averaged.
 const TIMING_BLOCK: usize = 600;
-/// On-board half second, ns.
-const HALF_SECOND_NS: i64 = 500_000_000;
 /// Half seconds that may be missing in all, a week's: more are a wrong word, not a gap.
 const MOST_MISSING: u64 = 1_209_600;
 /// A receive time this far from the averaged course is a jump of somebody's clock.

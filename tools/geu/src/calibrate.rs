@@ -10,7 +10,7 @@ use geu_calibration::solve::{Parameter, Solution, values};
 use geu_calibration::{Attitude, Calibrated, Counts, CountsReader, calibrate, report, window};
 use geu_model::Configuration;
 use geu_model::configuration::unix_ns;
-use geu_model::units::HALF_SECOND_S;
+use geu_model::units::{HALF_SECOND_NS, HALF_SECOND_S};
 use geu_protocol::{CanPlan, Gyro};
 use geu_recording::{InputReader, Options, Reference, Stop};
 
@@ -20,8 +20,6 @@ use crate::failure::{Failure, note, say};
 use crate::overwriting::refuse_overwriting;
 use crate::settings::{NamedSettings, Settings};
 use crate::update::{self, Results, Update};
-
-const HALF_SECOND_NS: i64 = 500_000_000;
 
 /// Solves the sixteen in-orbit parameters from a recording and what tells its attitude; or, between checkouts, updates the Z gyros.
 ///

@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use geu_model::fault::acting::Faults;
 use geu_model::fault::expectation::{Verdict, Watch, Window};
+use geu_model::units::on_board_s;
 
 use crate::failure::{Failure, note};
 
@@ -79,7 +80,7 @@ fn verdict(watch: &Watch) -> String {
         Verdict::NotMet(t_s) => format!("not met at {t_s} s: expected {condition} {window}"),
         Verdict::Open(since) => format!(
             "not decided: the run ended before, its window began at {} s; expected {condition} {window}",
-            since as f64 * 0.5
+            on_board_s(since)
         ),
         Verdict::Waiting => match &watch.expectation.after {
             Some(fault) => format!("not decided: fault {fault} never started; expected {condition} {window}"),

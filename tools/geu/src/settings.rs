@@ -7,6 +7,7 @@ use clap::{Args, ValueEnum};
 use geu_daemon::truth::{Live, LiveAddress, received};
 use geu_model::configuration::{WireForm, unix_ns};
 use geu_model::fault::asks_in_vain;
+use geu_model::units::on_board_s;
 use geu_model::{Configuration, Truth, Unit};
 use geu_protocol::CanPlan;
 use geu_recording::{Reference, ReferenceError, read_text};
@@ -117,9 +118,9 @@ impl ReadyRun {
             Some(asked) if covered < asked => Err(Failure::input(format!(
                 "{}: expected a truth that covers the run of {} s, got one of {} s, enough for {} s",
                 self.configuration.run.truth.as_deref().unwrap_or_default(),
-                asked as f64 * 0.5,
+                on_board_s(asked),
                 end_s,
-                covered as f64 * 0.5,
+                on_board_s(covered),
             ))),
             _ => Ok(Some(covered)),
         }

@@ -6,7 +6,7 @@ use std::sync::atomic::Ordering::Relaxed;
 use geu_model::Ended;
 use geu_model::fault::acting::Planned;
 use geu_model::fault::catalogue::LinkKind;
-use geu_model::units::RAD_PER_DEG;
+use geu_model::units::{RAD_PER_DEG, on_board_s};
 use serde_json::{Value, json};
 
 use super::told::HalfSecond;
@@ -115,7 +115,7 @@ impl Known {
 
     /// Every fault.
     pub fn faults(&self) -> Value {
-        let now_s = self.desk.running().0 as f64 * 0.5;
+        let now_s = on_board_s(self.desk.running().0);
         self.desk.faults().planned.iter().map(|planned| stands(planned, now_s)).collect()
     }
 
@@ -133,7 +133,7 @@ fn is_polled(ended: &Ended) -> bool {
 
 /// How a fault stands.
 fn stands(planned: &Planned, now_s: f64) -> Value {
-    let (fault, on_board_s) = (&planned.fault, |frame: u64| frame as f64 * 0.5);
+    let fault = &planned.fault;
     let state = match planned.since() {
         Some(_) => "active",
         None if planned.is_over_by(now_s) => "over",

@@ -6,6 +6,7 @@ use std::sync::mpsc::SyncSender;
 use std::time::{Duration, Instant};
 
 use geu_model::attitude::{Moment, Motion};
+use geu_model::units::on_board_s;
 use geu_model::{Ended, Injected};
 use geu_protocol::command::{self, COMMANDS};
 use serde_json::{Value, json};
@@ -105,13 +106,13 @@ impl Teller {
 
 /// Commands that were not told one by one, as a line of the timeline.
 pub(super) fn more_commands(frame: u64, count: u64) -> Value {
-    json!({ "t_s": frame as f64 * 0.5, "kind": COMMAND, "text": format!("{count} more commands") })
+    json!({ "t_s": on_board_s(frame), "kind": COMMAND, "text": format!("{count} more commands") })
 }
 
 /// An event as a line of the timeline; nothing for what is shown otherwise. `frame` is the half second that runs.
 pub(super) fn line(frame: u64, event: &Event) -> Option<Value> {
     let line = |t_s: f64, kind: &str, text: String| Some(json!({ "t_s": t_s, "kind": kind, "text": text }));
-    let now_s = frame as f64 * 0.5;
+    let now_s = on_board_s(frame);
     match event {
         Event::HalfSecond(..) | Event::Polled { .. } => None,
         Event::Command { link, payload, .. } => {

@@ -4,11 +4,12 @@
 use geu_model::fault::acting::Acting;
 use geu_model::fault::catalogue::LinkLaw;
 use geu_model::noise::Stream;
+use geu_model::units::HALF_SECOND_NS;
 use geu_protocol::can::{STATUS_COVERED, close_status};
 use geu_protocol::serial::{self, CRC, HEADER, LENGTH_AT, OVERHEAD, TYPE_AT};
 use geu_protocol::{CanFrame, HalfSecond};
 
-use super::{Carrier, Content, Form, HALF_SECOND_NS, Piece, baud, ns};
+use super::{Carrier, Content, Form, Piece, baud, ns};
 
 /// Nonsense between half seconds comes in so many portions.
 const PORTIONS: u64 = 16;

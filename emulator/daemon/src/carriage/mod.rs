@@ -10,13 +10,11 @@ mod outbox;
 use geu_model::fault::Action;
 use geu_model::fault::acting::Acting;
 use geu_model::fault::catalogue::{LinkKind, LinkLaw};
+use geu_protocol::command::hex;
 use geu_protocol::serial::{DEFAULT_BAUD, Kind, data_frame, frame};
 use geu_protocol::{CanFrame, CanPlan, HalfSecond, Reply};
 
 pub(crate) use outbox::Outbox;
-
-/// On-board time from one half second to the next, ns.
-pub(crate) const HALF_SECOND_NS: i64 = 500_000_000;
 
 /// How a link writes.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -49,7 +47,7 @@ impl std::fmt::Display for Content {
                 frame.data()
             }
         };
-        data.iter().try_for_each(|byte| write!(f, "{byte:02X}"))
+        f.write_str(&hex(data))
     }
 }
 

@@ -2,7 +2,9 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use super::{Content, HALF_SECOND_NS, Piece};
+use geu_model::units::HALF_SECOND_NS;
+
+use super::{Content, Piece};
 
 /// Pieces that wait. Messages may leave in another order than they came in; a frame that has begun is finished before
 /// anything else leaves, for a line cannot overtake itself.

@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use geu_model::attitude::Recorded;
 use geu_model::configuration::GyroConfiguration;
-use geu_model::units::HALF_SECOND_S;
+use geu_model::units::{HALF_SECOND_NS, HALF_SECOND_S};
 use geu_model::{Configuration, Truth, Unit};
 
 use crate::later::begin_later;
@@ -128,7 +128,7 @@ impl Measured {
             for (channel, counts) in series.iter_mut().zip(unit.accumulated_counts()) {
                 channel.push(counts);
             }
-            let late_ns = ended.end_ns - node as i64 * 500_000_000;
+            let late_ns = ended.end_ns - node as i64 * HALF_SECOND_NS;
             series[TIMING].push(late_ns as f64 * 1e-9 / TIMING_UNIT_S);
         }
         series

@@ -5,13 +5,14 @@ use std::sync::mpsc::SyncSender;
 
 use geu_daemon::carriage::Content;
 use geu_daemon::replay::{Item, What, Whose};
+use geu_model::units::HALF_SECOND_NS;
 use geu_protocol::can::{Assembled, Assembler, Role};
 use geu_protocol::capture::Event;
 use geu_protocol::serial::{BITS_PER_BYTE, DEFAULT_BAUD, Deframer, Found, Kind, MAX_FRAME, OVERHEAD, read_data};
 use geu_protocol::{CanFrame, CanPlan, HalfSecond};
 use geu_recording::{Defect, Row, Sink};
 
-use super::timeline::{HALF_SECOND_NS, Timeline};
+use super::timeline::Timeline;
 use super::told::Told;
 
 /// Items handed over at once.

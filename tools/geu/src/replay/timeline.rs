@@ -1,10 +1,9 @@
 //! When things of a recording are sent: by time stamps, or by the unit's clock where there are none.
 
+use geu_model::units::HALF_SECOND_NS;
 use geu_protocol::HalfSecond;
 use geu_protocol::field::CLOCK_PER_HALF_SECOND;
 
-/// Between two half seconds.
-pub const HALF_SECOND_NS: i64 = 500_000_000;
 /// Time stamps out of order by less than this are those of neighbours that were written in another order.
 const DISORDER_NS: i64 = 1_000_000_000;
 /// No time of a recording is beyond, so that whoever reckons with it has room: a century and a half.

@@ -9,12 +9,13 @@ use std::time::{Duration, Instant};
 use geu_model::fault::acting::{Acting, Faults, Happening};
 use geu_model::fault::catalogue::LinkLaw;
 use geu_model::fault::expression::Moment;
+use geu_model::units::{HALF_SECOND_NS, on_board_s};
 use geu_protocol::field::unit_flag;
 use geu_protocol::{CanFrame, CanPlan, HalfSecond};
 
 use super::{Item, Settings, Steps, What, Whose};
 use crate::cadence::{Sleeper, Speed, doze_until, now_ns};
-use crate::carriage::{Carrier, Content, Form, HALF_SECOND_NS, Piece};
+use crate::carriage::{Carrier, Content, Form, Piece};
 use crate::console;
 use crate::lateness::Time;
 use crate::run::{LAST_WORDS, LEAD_NS, LOOK_AGAIN, Outgoing, PATIENCE, Timing};
@@ -248,7 +249,7 @@ impl Player {
     fn moment(&self, half_second: &HalfSecond, frame: u64) -> Moment {
         let last = self.last.unwrap_or_default();
         Moment {
-            t_s: frame as f64 * 0.5,
+            t_s: on_board_s(frame),
             frame,
             sequence: half_second.sequence,
             rate_arcsec_s: [f64::NAN; 3],
@@ -318,7 +319,7 @@ fn tell(happening: &Happening) {
     match happening {
         Happening::Started(fault) => console::say(format_args!("{} acts: {}", fault.id, fault.action.name())),
         Happening::Ended(fault, count) => {
-            console::say(format_args!("{} is over after {} s", fault.id, *count as f64 * 0.5));
+            console::say(format_args!("{} is over after {} s", fault.id, on_board_s(*count)));
         }
         // Told at the end.
         Happening::Decided(_) => {}
