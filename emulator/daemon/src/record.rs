@@ -3,9 +3,12 @@
 //! `geu simulate` writes it as fast as the model runs; `geu run --record` writes the same files beside the live links.
 //! Times are scheduled ends, never the wall clock.
 
+mod late_column;
+mod output;
+
 use std::collections::VecDeque;
 use std::fs::{self, File};
-use std::io::{self, BufRead, BufReader, BufWriter, Write};
+use std::io::{self, BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -24,25 +27,16 @@ use geu_protocol::{CanPlan, Gyro, HalfSecond, Reply};
 
 use crate::carriage::{Carrier, Content, Form, Outbox};
 use crate::fault_log::FaultLog;
-
 use crate::truth::received;
+use late_column::LateColumn;
+
+pub(crate) use output::Output;
+pub use output::RecordError;
 
 /// Interface name in `link.log`.
 const INTERFACE: &str = "can0";
-/// What live faults changed, until it is a column of `truth.csv`.
-const FAULT_VALUES: &str = "truth.csv.faults";
-/// The truth on its way to have that column.
-const WIDER_TRUTH: &str = "truth.csv.wider";
 /// Spacing of `reference.csv`, true time, ns.
 const REFERENCE_NS: i64 = HALF_SECOND_NS;
-
-/// A file of the recording that cannot be written.
-#[derive(Debug, thiserror::Error)]
-#[error("cannot write {}: {source}; expected a directory with room that may be written, and that nobody else records into", .path.display())]
-pub struct RecordError {
-    path: PathBuf,
-    source: io::Error,
-}
 
 /// What happened in the unit, told in the order in which it happened on board.
 #[derive(Clone)]
@@ -80,42 +74,12 @@ pub(crate) enum Event {
     Cleared { id: String, until_s: f64 },
 }
 
-/// One file, written through a buffer, that tells its path when it fails.
-pub(crate) struct Output {
-    path: PathBuf,
-    file: BufWriter<File>,
-}
-
-impl Output {
-    pub fn create(directory: &Path, name: &str) -> Result<Output, RecordError> {
-        let path = directory.join(name);
-        match File::create(&path) {
-            Ok(file) => Ok(Output { path, file: BufWriter::with_capacity(1 << 16, file) }),
-            Err(source) => Err(RecordError { path, source }),
-        }
-    }
-
-    pub fn write(&mut self, content: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>) -> Result<(), RecordError> {
-        content(&mut self.file).map_err(|source| RecordError { path: self.path.clone(), source })
-    }
-}
-
 /// Keeps a truth that becomes known as time goes on.
 struct Received {
     output: Output,
     truth: Arc<Stepped>,
     /// Knots written; the start is not.
     written: u64,
-}
-
-/// A column of the truth that began while the unit ran.
-struct Late {
-    /// A value for each row since.
-    output: Output,
-    /// Its place among the columns of a trace.
-    place: usize,
-    /// Rows before, which have 0 there.
-    rows_before: u64,
 }
 
 /// Writes a run.
@@ -153,7 +117,7 @@ pub struct Recorder {
     /// Columns of a trace that `truth.csv` has.
     truth_columns: Vec<usize>,
     /// One of them that stands beside it until the end.
-    late: Option<Late>,
+    late: Option<LateColumn>,
 }
 
 impl Recorder {
@@ -178,7 +142,7 @@ impl Recorder {
             WireForm::Serial => ("link.bin", "link.log"),
         };
         // What an earlier run left, as a link in the other form, would not belong to this one.
-        for left in [other, FAULT_VALUES, WIDER_TRUTH] {
+        for left in [other].into_iter().chain(late_column::LEFT) {
             match fs::remove_file(directory.join(left)) {
                 Err(source) if source.kind() != io::ErrorKind::NotFound => {
                     return Err(RecordError { path: directory.join(left), source });
@@ -276,7 +240,7 @@ impl Recorder {
             Event::Injected(fault) => {
                 self.configuration.faults.push(fault.clone());
                 self.configuration.run.injected.push(fault.id.clone());
-                self.begin_fault_column()?;
+                self.begin_late_column()?;
                 self.faults.injected(self.half_seconds, fault)
             }
             Event::StartedByHand { id, at_s } => {
@@ -397,45 +361,17 @@ impl Recorder {
             }
             Ok(())
         })?;
-        self.late.as_mut().map_or(Ok(()), |late| {
-            let mut traces = traces.iter();
-            late.output.write(|file| traces.try_for_each(|trace| writeln!(file, "{}", digits.format(by_faults(trace)))))
-        })
+        let Some(late) = &mut self.late else { return Ok(()) };
+        traces.iter().try_for_each(|trace| late.add(by_faults(trace)))
     }
 
-    /// Begins the column of what live faults change. It is not there from the start, so that a run into which nobody injects
-    /// has the files of a simulated one; and it stands beside `truth.csv` until the end, because rows that are written
-    /// cannot grow. A process that is killed leaves both: a truth that can be read, whose rows lack what live faults did.
-    fn begin_fault_column(&mut self) -> Result<(), RecordError> {
+    /// Begins the column of what live faults change, where there is none yet.
+    fn begin_late_column(&mut self) -> Result<(), RecordError> {
         let Err(place) = self.truth_columns.binary_search(&FAULT_COLUMN) else { return Ok(()) };
         self.truth_columns.insert(place, FAULT_COLUMN);
-        let output = Output::create(&self.directory, FAULT_VALUES)?;
-        self.late = Some(Late { output, place, rows_before: self.half_seconds * Gyro::ALL.len() as u64 });
+        let rows = self.half_seconds * Gyro::ALL.len() as u64;
+        self.late = Some(LateColumn::begin(&self.directory, place, rows)?);
         Ok(())
-    }
-
-    /// Puts the column of what live faults changed into the truth, from its first row on.
-    fn end_fault_column(&mut self) -> Result<(), RecordError> {
-        let Some(Late { output, place, rows_before }) = self.late.take() else { return Ok(()) };
-        let mut wider = Output::create(&self.directory, WIDER_TRUTH)?;
-        let fail = |source| RecordError { path: self.truth.path.clone(), source };
-        let mut values = BufReader::new(File::open(&output.path).map_err(fail)?).lines();
-        let rows = BufReader::new(File::open(&self.truth.path).map_err(fail)?);
-        let header = format!("{}_counts", columns()[FAULT_COLUMN]);
-        for (index, line) in rows.lines().enumerate() {
-            let line = line.map_err(fail)?;
-            // Behind time, sequence, gyro, true angle and the columns before it.
-            let comma = line.match_indices(',').nth(3 + place).map_or(line.len(), |(at, _)| at);
-            let value = match index as u64 {
-                0 => header.clone(),
-                row if row <= rows_before => "0.0".to_owned(),
-                _ => values.next().transpose().map_err(fail)?.unwrap_or_default(),
-            };
-            wider.write(|file| writeln!(file, "{},{value}{}", &line[..comma], &line[comma..]))?;
-        }
-        wider.write(|file| file.flush())?;
-        fs::rename(&wider.path, &self.truth.path).map_err(fail)?;
-        fs::remove_file(&output.path).map_err(fail)
     }
 
     fn reference_row(&mut self) -> Result<(), RecordError> {
@@ -516,7 +452,8 @@ impl Recorder {
         }
         run.write(|file| file.flush())?;
         // Last: of a long run it takes its time.
-        self.end_fault_column()
+        let Some(late) = self.late else { return Ok(()) };
+        late.put_into(&self.directory, &self.truth.path, &format!("{}_counts", columns()[FAULT_COLUMN]))
     }
 
     /// `run.toml` of the run so far.
@@ -561,7 +498,7 @@ impl Recorder {
         ] {
             output.write(|file| file.flush())?;
         }
-        self.late.as_mut().map_or(Ok(()), |late| late.output.write(|file| file.flush()))?;
+        self.late.as_mut().map_or(Ok(()), LateColumn::flush)?;
         self.faults.flush()?;
         self.received.as_mut().map_or(Ok(()), |received| received.output.write(|file| file.flush()))
     }
