@@ -5,7 +5,7 @@ pub mod replay;
 use std::fmt;
 use std::future::Future;
 use std::io;
-use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::sync::atomic::Ordering::Relaxed;
 use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -22,9 +22,11 @@ use crate::cadence::{Sleeper, Speed, ask_for_realtime, doze_until, now_ns};
 use crate::carriage::Outbox;
 use crate::console;
 use crate::control::{Door, DoorError};
+use crate::descriptors::{self, TooFew};
 use crate::desk::Desk;
 use crate::lateness::{Histogram, Time};
 use crate::link::{self, Link, LinkAddress, LinkError, Tally};
+use crate::patience::{LAST_WORDS, Patience, Stop};
 use crate::record::{RecordError, Recorder};
 use crate::recording::Writer;
 use crate::truth::{Counts as TruthCounts, Live, TruthError};
@@ -35,8 +37,6 @@ const LEAD_NS: i64 = 800_000;
 const LATE_NS: i64 = 5_000_000;
 /// A reader at more than real speed is given so long to make room before it loses a half second.
 const PATIENCE: Duration = Duration::from_secs(2);
-/// At the end, readers are given so long to take what is still sent, and again to take what they were sent.
-const LAST_WORDS: Duration = Duration::from_millis(300);
 /// What has looked empty for so long is.
 const SURELY_EMPTY: Duration = Duration::from_millis(25);
 /// Between two status lines.
@@ -69,6 +69,9 @@ pub enum RunError {
     /// A link cannot be opened.
     #[error(transparent)]
     Link(#[from] LinkError),
+    /// Too few descriptors.
+    #[error(transparent)]
+    Descriptors(#[from] TooFew),
     /// Nobody can attach to any of the links.
     #[error(
         "--wait: nobody attaches to a CAN interface or a serial port; expected a link with clients too: --pty or --tcp"
@@ -155,6 +158,7 @@ pub fn run(
     if settings.wait_for_client && !settings.links.iter().any(has_clients) {
         return Err(RunError::NobodyToWaitFor);
     }
+    descriptors::take_all()?;
     let recorded = recorder.as_ref().map(Recorder::link);
     let (recording, writer) = recorder.map(Writer::start).unzip();
     let (mut bench, mut teller, mut shower) = (None, None, None);
@@ -222,14 +226,14 @@ async fn keep(
     let wants_status = console::wants_status();
     if let Some(asked) = asked {
         asked?;
-        timing.stop.store(true, Relaxed);
+        timing.stop.ask();
     }
     loop {
         tokio::select! {
             _ = &mut is_done => break,
-            asked = &mut shutdown, if !timing.stop.load(Relaxed) => {
+            asked = &mut shutdown, if !timing.stop.is_asked() => {
                 asked?;
-                timing.stop.store(true, Relaxed);
+                timing.stop.ask();
                 thread.thread().unpark();
             }
             _ = status.tick(), if wants_status => {
@@ -272,7 +276,7 @@ async fn await_readers(links: &[Outgoing]) {
 /// How well time is kept, as both threads see it.
 #[derive(Default)]
 pub(crate) struct Timing {
-    stop: AtomicBool,
+    pub stop: Arc<Stop>,
     counts: Mutex<Counts>,
 }
 
@@ -328,7 +332,7 @@ impl Outgoing {
     }
 
     /// Sends what was due before, and prepares what is due at `end_ns`.
-    fn prepare(&mut self, end_ns: i64, patience: Duration) {
+    fn prepare(&mut self, end_ns: i64, patience: &Patience) {
         self.send_due(end_ns - 1, patience);
         self.is_prepared = self.prepare_due(end_ns);
     }
@@ -341,25 +345,24 @@ impl Outgoing {
     }
 
     /// Sends what was prepared.
-    fn send(&mut self, patience: Duration) {
+    fn send(&mut self, patience: &Patience) {
         if std::mem::take(&mut self.is_prepared) {
             self.link.send(patience);
         }
     }
 
     /// Sends what a fault has held back until now.
-    fn send_due(&mut self, until_ns: i64, patience: Duration) {
+    fn send_due(&mut self, until_ns: i64, patience: &Patience) {
         while self.prepare_due(until_ns) {
             self.link.send(patience);
         }
     }
 
     /// Sends at once, in its order, what faults still hold back when the run ends; its last half second ended at `end_ns`.
-    /// Readers are given until then to make room.
-    fn end(&mut self, end_ns: i64, give_up: Instant) {
+    fn end(&mut self, end_ns: i64, patience: &Patience) {
         self.outbox.end(end_ns);
         while self.prepare_due(i64::MAX) {
-            self.link.send(give_up.saturating_duration_since(Instant::now()));
+            self.link.send(patience);
         }
         self.link.send_answers();
     }
@@ -380,7 +383,8 @@ impl Keeper {
         while self.settings.wait_for_client && !self.is_stopped() && !self.has_client() {
             thread::park_timeout(LOOK_AGAIN);
         }
-        let patience = if self.settings.speed.is_faster_than_real() { PATIENCE } else { Duration::ZERO };
+        let limit = if self.settings.speed.is_faster_than_real() { PATIENCE } else { Duration::ZERO };
+        let patience = Patience::new(limit, &self.timing.stop);
         if let Some(live) = &self.settings.live {
             live.await_first(self.settings.speed == Speed::Max, || self.is_stopped());
         }
@@ -394,7 +398,7 @@ impl Keeper {
             }
             let deadline_ns = self.settings.speed.wall_ns(running_end_ns).map(|wall_ns| start_ns + wall_ns);
             if let Some(deadline_ns) = deadline_ns {
-                self.doze_and_send_late(start_ns, deadline_ns - LEAD_NS, patience);
+                self.doze_and_send_late(start_ns, deadline_ns - LEAD_NS, &patience);
                 if self.is_stopped() {
                     break;
                 }
@@ -416,29 +420,29 @@ impl Keeper {
             let half_second = Some(&ended.half_second).filter(|_| ended.cyclic);
             for outgoing in &mut self.links {
                 outgoing.put(half_second, frame, ended.end_ns, acting);
-                outgoing.prepare(ended.end_ns, patience);
+                outgoing.prepare(ended.end_ns, &patience);
             }
             if let Some(deadline_ns) = deadline_ns {
                 sleeper.until(deadline_ns);
             }
             let now_ns = now_ns();
             // Commands wait for the completion: not for readers, whom a faster run waits for.
-            if !patience.is_zero() {
+            if !patience.is_none() {
                 self.desk.complete();
             }
-            self.links.iter_mut().for_each(|outgoing| outgoing.send(patience));
+            self.links.iter_mut().for_each(|outgoing| outgoing.send(&patience));
             self.desk.complete();
             if let Some(deadline_ns) = deadline_ns {
                 self.timing.record(now_ns - deadline_ns);
             }
         }
         self.tell_missed(missed);
-        let give_up = Instant::now() + if self.is_stopped() { LAST_WORDS } else { patience.max(LAST_WORDS) };
-        self.links.iter_mut().for_each(|outgoing| outgoing.end(last_end_ns, give_up));
+        let patience = Patience::new(limit.max(LAST_WORDS), &self.timing.stop);
+        self.links.iter_mut().for_each(|outgoing| outgoing.end(last_end_ns, &patience));
     }
 
     /// Waits until `wake_ns`, and sends what becomes due meanwhile because a fault held it back.
-    fn doze_and_send_late(&mut self, start_ns: i64, wake_ns: i64, patience: Duration) {
+    fn doze_and_send_late(&mut self, start_ns: i64, wake_ns: i64, patience: &Patience) {
         let speed = self.settings.speed;
         while !self.is_stopped() && now_ns() < wake_ns {
             let next_ns = self.links.iter().filter_map(|outgoing| outgoing.outbox.next_ns()).min();
@@ -461,7 +465,7 @@ impl Keeper {
     }
 
     fn is_stopped(&self) -> bool {
-        self.timing.stop.load(Relaxed)
+        self.timing.stop.is_asked()
     }
 
     fn has_client(&self) -> bool {

@@ -20,6 +20,7 @@ use crate::cadence::now_ns;
 use crate::carriage::{Carrier, Content, Outbox};
 use crate::console;
 use crate::desk::Desk;
+use crate::patience::Patience;
 
 /// Between two attempts at an interface that is gone.
 const AGAIN: Duration = Duration::from_millis(250);
@@ -80,8 +81,6 @@ struct Bus {
     answers: Mutex<Outbox>,
     /// Answers wait for their time.
     later: Notify,
-    /// Answers have left.
-    answered: Notify,
     carrier: Carrier,
     tally: Arc<Tally>,
 }
@@ -113,7 +112,6 @@ pub(super) fn open(address: &CanAddress, carrier: Carrier, desk: &Arc<Desk>) -> 
         turn: tokio::sync::Mutex::new(()),
         answers: Mutex::default(),
         later: Notify::new(),
-        answered: Notify::new(),
         carrier,
         tally: Tally::new(format!("can {} {:X}", address.interface, address.plan.base())),
     });
@@ -190,11 +188,18 @@ impl Bus {
         }
     }
 
-    /// Writes a frame, giving a full queue until `give_up`.
-    fn write(&self, socket: &CanSocket, frame: &socketcan::CanFrame, give_up: Instant) -> bool {
+    /// Writes a frame, giving a full queue its time since `asked`, or more where there is `patience`.
+    fn write(
+        &self,
+        socket: &CanSocket,
+        frame: &socketcan::CanFrame,
+        asked: Instant,
+        patience: Option<&Patience>,
+    ) -> bool {
+        let is_over = || asked.elapsed() >= QUEUE_PATIENCE && patience.is_none_or(|patience| patience.is_over(asked));
         loop {
             match self.try_write(socket, frame) {
-                Written::Full if Instant::now() < give_up => std::thread::sleep(LOOK_AGAIN),
+                Written::Full if !is_over() => std::thread::sleep(LOOK_AGAIN),
                 written => return matches!(written, Written::Sent),
             }
         }
@@ -229,7 +234,6 @@ impl Bus {
             }
             drop(turn);
         }
-        self.answered.notify_one();
     }
 
     /// Sends answers at their time.
@@ -328,13 +332,13 @@ async fn answer(frame: &socketcan::CanFrame, socket: &CanSocket, bus: &Bus, desk
         desk.rejected.fetch_add(1, Relaxed);
         return;
     }
-    // Without room nothing more is read: commands wait in the socket, or are lost as on any bus.
-    while bus.answers().len() >= LATE_ANSWERS {
-        bus.answered.notified().await;
-    }
     let answered = desk.command(&bus.tally.name, frame.data()).await;
     let pieces = answered.leaving(&bus.carrier);
     if pieces.is_empty() {
+        return;
+    }
+    if bus.answers().len() >= LATE_ANSWERS {
+        bus.tally.unread_replies.fetch_add(1, Relaxed);
         return;
     }
     bus.answers().put(&pieces, 0, now_ns());
@@ -366,14 +370,14 @@ impl Link for Can {
         self.frames = contents.iter().filter_map(to_socket).collect();
     }
 
-    fn send(&mut self, patience: Duration) {
+    fn send(&mut self, patience: &Patience) {
         let outcome = match self.bus.socket() {
             Some(socket) => {
                 let turn = self.bus.turn.blocking_lock();
                 // A queue that stayed full once is not waited for like that again until it has room.
-                let patience = if self.is_full { Duration::ZERO } else { patience };
-                let give_up = Instant::now() + patience.max(QUEUE_PATIENCE);
-                let all_sent = self.frames.iter().all(|frame| self.bus.write(&socket, frame, give_up));
+                let patience = Some(patience).filter(|_| !self.is_full);
+                let asked = Instant::now();
+                let all_sent = self.frames.iter().all(|frame| self.bus.write(&socket, frame, asked, patience));
                 drop(turn);
                 self.tell_queue(!all_sent && !self.bus.has_failed());
                 if all_sent { Sending::Sent } else { Sending::Dropped }
@@ -388,9 +392,9 @@ impl Link for Can {
         let due = std::iter::from_fn(|| self.bus.answers().take(i64::MAX));
         let frames: Vec<_> = due.flat_map(|(_, contents)| contents).filter_map(|content| to_socket(&content)).collect();
         let turn = self.bus.turn.blocking_lock();
-        let give_up = Instant::now() + QUEUE_PATIENCE;
+        let asked = Instant::now();
         for frame in frames {
-            if !self.bus.write(&socket, &frame, give_up) {
+            if !self.bus.write(&socket, &frame, asked, None) {
                 break;
             }
         }

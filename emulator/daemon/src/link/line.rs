@@ -23,11 +23,15 @@ use tokio::time::timeout;
 use super::{LATE_ANSWERS, Sending, Tally, Watched, stream};
 use crate::cadence::now_ns;
 use crate::carriage::{Outbox, Piece};
+use crate::patience::Patience;
 
 /// Bytes of half seconds that may wait when another is offered: less than two.
 const DATA_ROOM: usize = 2 * MAX_FRAME;
-/// Bytes of replies that may wait: beyond, no more commands are read until the client has read replies.
+/// Bytes of replies that may wait: beyond, no more commands are read for [`UNREAD`], then replies are dropped.
 const REPLY_ROOM: usize = 512;
+/// A client that takes no byte for so long, while replies have no room, does not read: further replies are dropped until it
+/// does. Ten times what the interface control document gives a reply.
+const UNREAD: Duration = Duration::from_millis(200);
 /// The longest answer: a reply, and the half second that was polled.
 const LONGEST_ANSWER: usize = 2 * MAX_FRAME;
 /// A paced line takes so much of its time in one write, ns.
@@ -74,6 +78,8 @@ struct State {
     free_ns: i64,
     /// Patience with this client has run out: it gets what it has room for, and is not waited for again.
     is_stalled: bool,
+    /// The client does not read its replies.
+    drops_replies: bool,
 }
 
 /// Bytes to be sent.
@@ -166,8 +172,7 @@ impl State {
     }
 
     fn has_reply_room(&self) -> bool {
-        let replies = self.replies + self.waiting(true);
-        self.port.is_none() || (replies + LONGEST_ANSWER <= REPLY_ROOM && self.answers.len() < LATE_ANSWERS)
+        self.port.is_none() || self.replies + self.waiting(true) + LONGEST_ANSWER <= REPLY_ROOM
     }
 
     /// Drops bytes of a half second; the rest of the frame with which they end must not come alone.
@@ -178,13 +183,23 @@ impl State {
 
     fn close(&mut self) {
         self.port = None;
+        self.discard();
+    }
+
+    /// Forgets what waits; how many replies.
+    fn discard(&mut self) -> u64 {
+        let replies = self.frames.iter().filter(|(_, is_reply)| *is_reply).count()
+            + self.waiting.iter().filter(|taken| taken.is_reply).count()
+            + self.answers.len();
         self.pending.clear();
         self.frames.clear();
         self.replies = 0;
         self.begun = None;
         self.waiting.clear();
         self.is_dropping = false;
+        self.drops_replies = false;
         self.answers = Outbox::default();
+        replies as u64
     }
 }
 
@@ -199,6 +214,7 @@ impl Line {
             byte_ns,
             free_ns: 0,
             is_stalled: false,
+            drops_replies: false,
             begun: None,
             waiting: Vec::new(),
             is_dropping: false,
@@ -246,8 +262,8 @@ impl Line {
     }
 
     /// Sends a half second, whole or not at all.
-    pub fn send(&self, bytes: &[u8], goes_on: bool, patience: Duration) -> Sending {
-        let mut asked = None;
+    pub fn send(&self, bytes: &[u8], goes_on: bool, patience: &Patience) -> Sending {
+        let asked = Instant::now();
         loop {
             let mut state = self.lock();
             if !state.has_data_room(bytes.len()) {
@@ -274,8 +290,8 @@ impl Line {
                     }
                 };
             }
-            if state.is_stalled || asked.get_or_insert_with(Instant::now).elapsed() >= patience {
-                state.is_stalled = !patience.is_zero();
+            if state.is_stalled || patience.is_over(asked) {
+                state.is_stalled = !patience.is_none();
                 return state.drop_data(goes_on);
             }
             drop(state);
@@ -292,18 +308,32 @@ impl Line {
         }
     }
 
-    /// Waits until there is room for an answer; there always is where nobody is there.
+    /// Waits until there is room for an answer, but only as long as the client reads; there always is where nobody is there.
     pub async fn reply_room(&self) {
-        while !self.lock().has_reply_room() {
-            self.left.notified().await;
+        loop {
+            let written = {
+                let mut state = self.lock();
+                state.drops_replies &= !state.has_reply_room();
+                if state.drops_replies || state.has_reply_room() {
+                    return;
+                }
+                state.written
+            };
+            let is_over = timeout(UNREAD, self.left.notified()).await.is_err();
+            let mut state = self.lock();
+            state.drops_replies = is_over && state.written == written;
         }
     }
 
-    /// Takes the answer to a command in, each piece so long, on the wall clock, after now; [`Line::reply_room`] comes
-    /// first.
+    /// Takes the answer to a command in, each piece so long, on the wall clock, after now, or drops it where there is no
+    /// room; [`Line::reply_room`] comes first.
     pub fn answer(&self, pieces: &[Piece]) {
         let mut state = self.lock();
         if state.port.is_none() || pieces.is_empty() {
+            return;
+        }
+        if state.drops_replies || state.answers.len() >= LATE_ANSWERS {
+            self.tally.unread_replies.fetch_add(1, Relaxed);
             return;
         }
         state.answers.put(pieces, 0, now_ns());
@@ -371,10 +401,19 @@ impl Line {
                     tokio::time::sleep(Duration::from_nanos(wait_ns)).await;
                 }
                 Next::Room => {
+                    let mut guard = port.writable().await?;
                     // Readiness may be old news: forgotten first, a port that has room now tells so again.
-                    port.writable().await?.clear_ready();
+                    let is_hung_up = guard.ready().is_write_closed();
+                    guard.clear_ready();
                     if matches!(self.write(), Next::Room) {
-                        port.writable().await?.retain_ready();
+                        // The readiness of a port that is hung up stays, and room never comes. What its client had
+                        // sent may still be read.
+                        if is_hung_up {
+                            let replies = self.lock().discard();
+                            self.tally.unread_replies.fetch_add(replies, Relaxed);
+                        } else {
+                            port.writable().await?.retain_ready();
+                        }
                     }
                 }
                 Next::Closed => return Ok(()),

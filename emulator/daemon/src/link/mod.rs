@@ -16,18 +16,19 @@ use std::ops::Deref;
 use std::os::fd::{AsFd, AsRawFd, RawFd};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering::Relaxed};
-use std::time::Duration;
 
 use geu_model::fault::catalogue::LinkKind;
 use tokio::io::unix::AsyncFd;
 
 use crate::carriage::{Carrier, Content, Form};
 use crate::desk::Desk;
+use crate::patience::Patience;
 
 pub use can::CanAddress;
 pub use serial::SerialAddress;
+pub use tcp::TcpAddress;
 
-/// Answers of a client that wait for their time, at most: beyond, no more commands are read until one has left.
+/// Answers of a client that wait for their time, at most: beyond, they are dropped.
 const LATE_ANSWERS: usize = 1000;
 
 /// A link to be opened.
@@ -39,8 +40,8 @@ pub enum LinkAddress {
     Serial(SerialAddress),
     /// A CAN interface.
     Can(CanAddress),
-    /// Serial bytes to every client of this address.
-    Tcp(String),
+    /// Serial bytes to every client of an address.
+    Tcp(TcpAddress),
 }
 
 impl LinkAddress {
@@ -79,6 +80,11 @@ pub enum LinkError {
     /// The address cannot be listened at.
     #[error("--tcp {0}: {1}; expected HOST:PORT of this machine, free, for example 127.0.0.1:5000")]
     Tcp(String, io::Error),
+    /// Other machines could drive the unit.
+    #[error(
+        "--tcp {0}: other machines can reach this address, and whoever connects drives the unit; expected --tcp-allow with the addresses that may, for example --tcp-allow 192.168.7.0/24, or a loopback address"
+    )]
+    TcpOpenToAll(String),
     /// No such CAN interface.
     #[error(
         "--can {0}: no such interface; expected one of `ip link`, for example: ip link add dev vcan0 type vcan; ip link set vcan0 up"
@@ -113,6 +119,10 @@ pub struct Tally {
     pub dropped: AtomicU64,
     /// Commands answered over it, some of them late.
     pub replies: AtomicU64,
+    /// Replies dropped: the client did not read those before.
+    pub unread_replies: AtomicU64,
+    /// Connections closed at once: of addresses that are not allowed, or of another protocol.
+    pub refused: AtomicU64,
 }
 
 impl Tally {
@@ -123,6 +133,8 @@ impl Tally {
             sent: AtomicU64::new(0),
             dropped: AtomicU64::new(0),
             replies: AtomicU64::new(0),
+            unread_replies: AtomicU64::new(0),
+            refused: AtomicU64::new(0),
         })
     }
 
@@ -138,7 +150,14 @@ impl Tally {
 impl fmt::Display for Tally {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (sent, dropped) = (self.sent.load(Relaxed), self.dropped.load(Relaxed));
-        write!(f, "{}: {sent} sent, {dropped} dropped, {} replies", self.name, self.replies.load(Relaxed))
+        write!(f, "{}: {sent} sent, {dropped} dropped, {} replies", self.name, self.replies.load(Relaxed))?;
+        for (count, what) in [(&self.unread_replies, "replies dropped"), (&self.refused, "connections refused")] {
+            let count = count.load(Relaxed);
+            if count > 0 {
+                write!(f, ", {count} {what}")?;
+            }
+        }
+        Ok(())
     }
 }
 
@@ -158,7 +177,7 @@ pub(crate) trait Link: Send {
     /// Takes what is sent next, before its deadline; whether it ends within a frame, whose rest comes with the next.
     fn prepare(&mut self, contents: &[Content], goes_on: bool);
     /// Sends it, without blocking; a reader that has no room is given `patience` before it loses all of it.
-    fn send(&mut self, patience: Duration);
+    fn send(&mut self, patience: &Patience);
     /// Sends at once, as the run ends, the answers that faults still hold back.
     fn send_answers(&mut self);
     /// Whether it can be used at once; one that cannot tells by itself when it can.

@@ -7,14 +7,14 @@
 //!
 //! A client may leave the slave locked (TIOCEXCL), which outlives it: then a new pty takes its place under the symlink.
 
-use std::fs;
+mod symlink;
+
+use std::convert::Infallible;
 use std::io;
 use std::os::fd::{AsFd, OwnedFd};
-use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
-use std::process;
+use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
-use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -28,18 +28,23 @@ use nix::sys::stat::Mode;
 use nix::sys::termios::{FlushArg, SetArg, cfmakeraw, tcflush, tcgetattr, tcsetattr};
 use nix::unistd::ttyname;
 use tokio::io::unix::AsyncFd;
+use tokio::task::yield_now;
 
 use super::line::{Line, Port};
-use super::receive::serve;
+use super::receive::{Receiver, serve};
 use super::{Link, LinkError, Tally, Watched, stream};
 use crate::carriage::{Carrier, Content};
 use crate::console;
 use crate::desk::Desk;
+use crate::patience::Patience;
+use symlink::Symlink;
 
 /// Unread bytes beyond which no more are written: what the line discipline of a real port keeps, less a frame.
 const BACKLOG: usize = 4095 - MAX_FRAME;
 /// Between two looks for room.
 const LOOK_AGAIN: Duration = Duration::from_micros(100);
+/// Between two attempts at what failed, for lack of descriptors for example.
+const AGAIN: Duration = Duration::from_millis(250);
 
 nix::ioctl_read_bad!(
     /// Bytes that can be read.
@@ -111,11 +116,17 @@ fn make_raw(slave: &OwnedFd) -> nix::Result<()> {
     tcsetattr(slave, SetArg::TCSANOW, &termios)
 }
 
-/// Whether no client has the slave open.
+/// What the kernel says of the master: hung up while no client has the slave open, with input where one has written.
+fn state(master: impl AsFd) -> PollFlags {
+    let mut polled = [PollFd::new(master.as_fd(), PollFlags::POLLIN)];
+    match poll(&mut polled, PollTimeout::ZERO) {
+        Ok(_) => polled[0].revents().unwrap_or(PollFlags::empty()),
+        Err(_) => PollFlags::empty(),
+    }
+}
+
 fn is_hung_up(master: impl AsFd) -> bool {
-    let mut polled = [PollFd::new(master.as_fd(), PollFlags::empty())];
-    poll(&mut polled, PollTimeout::ZERO).is_ok()
-        && polled[0].revents().is_some_and(|events| events.contains(PollFlags::POLLHUP))
+    state(master).contains(PollFlags::POLLHUP)
 }
 
 /// Opens a pty, puts a symlink to it at `path`, and serves it.
@@ -137,11 +148,7 @@ pub(super) fn open(
     tokio::spawn({
         let (line, symlink, desk, tally) = (line.clone(), symlink.clone(), desk.clone(), tally.clone());
         let carrier = carrier.clone();
-        async move {
-            if let Err(error) = attend(terminal, &inotify, &line, &symlink, &desk, &carrier, &tally).await {
-                console::say(format_args!("{}: {error}; the unit goes on without it", tally.name));
-            }
-        }
+        async move { attend(terminal, &inotify, &line, &symlink, &desk, &carrier, &tally).await }
     });
     Ok(Pty { line, symlink, carrier, bytes: Vec::new(), goes_on: false, is_stalled: false, tally })
 }
@@ -155,35 +162,67 @@ async fn attend(
     desk: &Desk,
     carrier: &Carrier,
     tally: &Tally,
-) -> io::Result<()> {
+) -> Infallible {
+    let mut is_failing = false;
     loop {
-        match terminal.slave.reset() {
-            Err(Errno::EBUSY) => {
-                terminal = Terminal::new()?;
-                symlink.lead_to(&terminal.slave.0)?;
-            }
-            result => result?,
-        }
-        let Terminal { master, slave } = &terminal;
-        let watch = inotify.get_ref().add_watch(&slave.0, AddWatchFlags::IN_OPEN)?;
-        while is_hung_up(master) {
-            let mut guard = inotify.readable().await?;
-            // What is told does not matter, only that something is: the master knows the truth.
-            let _ = guard.try_io(|inotify| Ok(inotify.get_ref().read_events()?));
-        }
-        inotify.get_ref().rm_watch(watch)?;
-        line.open(master.clone());
-        tally.clients.store(1, Relaxed);
-        while !is_hung_up(master) {
-            let port = Watched::new(master.clone())?;
-            tokio::select! {
-                // The end of one client; another may be there already.
-                _ = serve(&port, line, desk, carrier, &tally.name) => {}
-                _ = line.pump(&port) => {}
-            }
-        }
+        let end = attend_one(&mut terminal, inotify, line, symlink, desk, carrier, tally).await;
         line.close();
         tally.clients.store(0, Relaxed);
+        let was_failing = std::mem::replace(&mut is_failing, end.is_err());
+        if let Err(error) = end {
+            if !was_failing {
+                console::say(format_args!("{}: {error}; the unit keeps time and tries again", tally.name));
+            }
+            tokio::time::sleep(AGAIN).await;
+        }
+    }
+}
+
+/// Waits for a client and serves it until it is gone.
+async fn attend_one(
+    terminal: &mut Terminal,
+    inotify: &AsyncFd<Watched<Inotify>>,
+    line: &Line,
+    symlink: &Symlink,
+    desk: &Desk,
+    carrier: &Carrier,
+    tally: &Tally,
+) -> io::Result<()> {
+    match terminal.slave.reset() {
+        Err(Errno::EBUSY) => {
+            *terminal = Terminal::new()?;
+            symlink.lead_to(&terminal.slave.0)?;
+        }
+        result => result?,
+    }
+    let Terminal { master, slave } = terminal;
+    let watch = inotify.get_ref().add_watch(&slave.0, AddWatchFlags::IN_OPEN)?;
+    // A client that came and went has left its commands.
+    while state(&*master) == PollFlags::POLLHUP {
+        let mut guard = inotify.readable().await?;
+        // What is told does not matter, only that something is: the master knows the truth.
+        let _ = guard.try_io(|inotify| Ok(inotify.get_ref().read_events()?));
+    }
+    inotify.get_ref().rm_watch(watch)?;
+    line.open(master.clone());
+    tally.clients.store(1, Relaxed);
+    loop {
+        let port = Watched::new(master.clone())?;
+        tokio::select! {
+            // The end of one client; another may be there already.
+            _ = serve(&port, line, Receiver::default(), desk, carrier, &tally.name) => {}
+            _ = line.pump(&port) => {}
+        }
+        if is_hung_up(&*master) {
+            return Ok(());
+        }
+        yield_now().await;
+    }
+}
+
+impl Pty {
+    fn slave(&self) -> Slave {
+        Slave(self.symlink.target())
     }
 }
 
@@ -196,14 +235,14 @@ impl Link for Pty {
         (self.bytes, self.goes_on) = (stream(contents), goes_on);
     }
 
-    fn send(&mut self, patience: Duration) {
+    fn send(&mut self, patience: &Patience) {
         let asked = Instant::now();
         self.is_stalled &= self.line.is_open();
         // The rest of a frame follows its beginning.
         let is_within_frame = self.line.is_within_frame();
-        while self.line.is_open() && !is_within_frame && self.symlink.slave().backlog() > BACKLOG {
-            if self.is_stalled || asked.elapsed() >= patience {
-                self.is_stalled = !patience.is_zero();
+        while self.line.is_open() && !is_within_frame && self.slave().backlog() > BACKLOG {
+            if self.is_stalled || patience.is_over(asked) {
+                self.is_stalled = !patience.is_none();
                 return self.tally.count(self.line.drop_data(self.goes_on));
             }
             thread::sleep(LOOK_AGAIN);
@@ -216,74 +255,10 @@ impl Link for Pty {
     }
 
     fn is_drained(&self) -> bool {
-        !self.line.is_open() || (self.line.is_drained() && self.symlink.slave().backlog() == 0)
+        !self.line.is_open() || (self.line.is_drained() && self.slave().backlog() == 0)
     }
 
     fn tally(&self) -> Arc<Tally> {
         self.tally.clone()
-    }
-}
-
-/// The symlink; removed when it goes, if it is still this one.
-struct Symlink {
-    path: PathBuf,
-    target: Mutex<PathBuf>,
-}
-
-impl Symlink {
-    /// Makes it in one step, in place of an old one that leads nowhere, or to a pty that is ours now.
-    fn create(path: &Path, target: &Path) -> Result<Symlink, LinkError> {
-        let name = || path.display().to_string();
-        if let Ok(metadata) = path.symlink_metadata() {
-            let kind = metadata.file_type();
-            if kind.is_dir() {
-                return Err(LinkError::PathTaken(name(), "a directory"));
-            }
-            if !kind.is_symlink() {
-                return Err(LinkError::PathTaken(name(), if kind.is_file() { "a file" } else { "a device or socket" }));
-            }
-            match fs::read_link(path) {
-                Ok(old) if old != target && path.exists() => {
-                    return Err(LinkError::PathBusy(name(), old.display().to_string()));
-                }
-                _ => {}
-            }
-        }
-        let symlink = Symlink { path: path.to_owned(), target: Mutex::new(target.to_owned()) };
-        symlink.make(target).map_err(|error| LinkError::Pty(name(), error))?;
-        Ok(symlink)
-    }
-
-    fn make(&self, target: &Path) -> io::Result<()> {
-        let mut temporary = self.path.as_os_str().to_owned();
-        temporary.push(format!(".{}", process::id()));
-        symlink(target, &temporary)
-            .and_then(|()| fs::rename(&temporary, &self.path))
-            .inspect_err(|_| drop(fs::remove_file(&temporary)))
-    }
-
-    fn is_ours(&self) -> bool {
-        fs::read_link(&self.path).is_ok_and(|target| target == self.slave().0)
-    }
-
-    /// Puts another pty in place of the one before; not if somebody else's link stands there by now.
-    fn lead_to(&self, target: &Path) -> io::Result<()> {
-        if self.is_ours() {
-            self.make(target)?;
-        }
-        *self.target.lock().expect("nothing panics with the path") = target.to_owned();
-        Ok(())
-    }
-
-    fn slave(&self) -> Slave {
-        Slave(self.target.lock().expect("nothing panics with the path").clone())
-    }
-}
-
-impl Drop for Symlink {
-    fn drop(&mut self) {
-        if self.is_ours() {
-            let _ = fs::remove_file(&self.path);
-        }
     }
 }

@@ -1,5 +1,6 @@
 //! Commands out of a byte stream, whatever else is in it.
 
+use std::borrow::Cow;
 use std::io;
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
@@ -21,10 +22,27 @@ const PAUSE: Duration = Duration::from_millis(4);
 
 /// After so many commands of one client the others have their turn.
 const TURN: usize = 16;
+/// What other protocols of a network begin with: requests of HTTP, which any page in a browser can send with whatever bytes
+/// it likes behind them, and TLS.
+const FOREIGN: [(&[u8], &str); 11] = [
+    (b"GET ", "HTTP"),
+    (b"HEAD ", "HTTP"),
+    (b"POST ", "HTTP"),
+    (b"PUT ", "HTTP"),
+    (b"DELETE ", "HTTP"),
+    (b"OPTIONS ", "HTTP"),
+    (b"PATCH ", "HTTP"),
+    (b"CONNECT ", "HTTP"),
+    (b"TRACE ", "HTTP"),
+    (b"PRI * HTTP", "HTTP"),
+    (&[0x16, 0x03], "TLS"),
+];
 
 /// Puts commands together from pieces.
 #[derive(Default)]
-struct Receiver {
+pub(super) struct Receiver {
+    /// The first bytes, as long as they may be the beginning of another protocol.
+    first: Option<Vec<u8>>,
     deframer: Deframer,
     /// The start of a frame, perhaps.
     partial: BytesMut,
@@ -32,6 +50,27 @@ struct Receiver {
 }
 
 impl Receiver {
+    /// One that hears no client that begins with another protocol.
+    pub fn of_network() -> Receiver {
+        Receiver { first: Some(Vec::new()), ..Receiver::default() }
+    }
+
+    /// Bytes that came, with those that were kept back before; none while they may be the beginning of another protocol.
+    ///
+    /// # Errors
+    /// They are.
+    fn admit<'a>(&mut self, bytes: &'a [u8]) -> io::Result<Cow<'a, [u8]>> {
+        let Some(first) = &mut self.first else { return Ok(bytes.into()) };
+        first.extend_from_slice(bytes);
+        if let Some((_, protocol)) = FOREIGN.iter().find(|(start, _)| first.starts_with(start)) {
+            return Err(io::Error::new(io::ErrorKind::InvalidData, format!("speaks {protocol}, not the unit's link")));
+        }
+        if FOREIGN.iter().any(|(start, _)| start.starts_with(first)) {
+            return Ok(Cow::default());
+        }
+        Ok(self.first.take().unwrap_or_default().into())
+    }
+
     fn take(&mut self, bytes: &[u8], mut sink: impl FnMut(&[u8])) {
         self.partial.extend_from_slice(bytes);
         let rejected = &mut self.rejected;
@@ -67,15 +106,16 @@ impl Receiver {
 /// Reads commands and answers them, until the stream ends.
 ///
 /// # Errors
-/// What reading says when the device is gone.
+/// What reading says when the device is gone; [`io::ErrorKind::InvalidData`] from a client that speaks another protocol.
 pub(super) async fn serve(
     port: &AsyncFd<Watched<Port>>,
     line: &Line,
+    mut receiver: Receiver,
     desk: &Desk,
     carrier: &Carrier,
     link: &str,
 ) -> io::Result<()> {
-    let (mut receiver, mut bytes, mut can_pause) = (Receiver::default(), [0; 512], false);
+    let (mut bytes, mut can_pause) = ([0; 512], false);
     let mut commands: Vec<Vec<u8>> = Vec::new();
     let end = loop {
         let read =
@@ -83,7 +123,10 @@ pub(super) async fn serve(
         let mut found = |payload: &[u8]| commands.push(payload.to_vec());
         match read {
             Ok(Ok(0)) => break Ok(()),
-            Ok(Ok(length)) => receiver.take(&bytes[..length], &mut found),
+            Ok(Ok(length)) => match receiver.admit(&bytes[..length]) {
+                Ok(admitted) => receiver.take(&admitted, &mut found),
+                Err(error) => break Err(error),
+            },
             Ok(Err(error)) => break Err(error),
             Err(_) => receiver.pause(&mut found),
         }
@@ -143,6 +186,33 @@ mod tests {
             }
             let both = [truncated, &good, truncated].concat();
             assert_eq!(commands(&[&both, &good]).0, [vec![1], vec![1]], "cut after {cut}");
+        }
+    }
+
+    #[test]
+    fn a_client_of_another_protocol_is_known_by_its_first_bytes_however_they_come() {
+        let ping = frame(Kind::Command, &[1]);
+        for foreign in [&b"POST / HTTP/1.1\r\n\r\n"[..], b"GET /", b"OPTIONS * ", b"PRI * HTTP/2.0", &[0x16, 3, 1, 2]] {
+            for size in [1, 2, 3, foreign.len() + ping.len()] {
+                let (mut receiver, bytes) = (Receiver::of_network(), [foreign, &ping].concat());
+                let mut admitted = Vec::new();
+                let end = bytes.chunks(size).try_for_each(|piece| {
+                    admitted.extend_from_slice(&receiver.admit(piece)?);
+                    io::Result::Ok(())
+                });
+                assert_eq!(end.map_err(|error| error.kind()), Err(io::ErrorKind::InvalidData), "{foreign:?} by {size}");
+                assert!(admitted.is_empty(), "{foreign:?} by {size}");
+            }
+        }
+        for good in [&ping[..], b"GEt", b"P\xEB\x90", &[0x16, 4]] {
+            for size in [1, 2, good.len()] {
+                let mut receiver = Receiver::of_network();
+                let admitted: Vec<u8> = good
+                    .chunks(size)
+                    .flat_map(|piece| receiver.admit(piece).expect("no protocol").into_owned())
+                    .collect();
+                assert_eq!(admitted, good, "by {size}");
+            }
         }
     }
 

@@ -9,11 +9,12 @@ use geu_protocol::serial::DEFAULT_BAUD;
 use tokio_serial::{DataBits, Parity, SerialStream, StopBits};
 
 use super::line::{Line, Port};
-use super::receive::serve;
+use super::receive::{Receiver, serve};
 use super::{Link, LinkError, Sending, Tally, Watched, stream};
 use crate::carriage::{Carrier, Content};
 use crate::console;
 use crate::desk::Desk;
+use crate::patience::Patience;
 
 /// Between two attempts at a port that is gone.
 const AGAIN: Duration = Duration::from_millis(250);
@@ -113,7 +114,7 @@ async fn attend(
 async fn session(port: &Port, line: &Line, desk: &Desk, carrier: &Carrier, tally: &Tally) -> io::Result<()> {
     let port = Watched::new(port.clone())?;
     tokio::select! {
-        end = serve(&port, line, desk, carrier, &tally.name) => end,
+        end = serve(&port, line, Receiver::default(), desk, carrier, &tally.name) => end,
         end = line.pump(&port) => end,
     }
 }
@@ -127,7 +128,7 @@ impl Link for Serial {
         (self.bytes, self.goes_on) = (stream(contents), goes_on);
     }
 
-    fn send(&mut self, patience: Duration) {
+    fn send(&mut self, patience: &Patience) {
         self.tally.count(match self.line.send(&self.bytes, self.goes_on, patience) {
             Sending::Unread => Sending::Dropped,
             outcome => outcome,

@@ -1,21 +1,25 @@
 //! Serial bytes to every client of a TCP address.
 
-use std::net::SocketAddr;
-use std::os::fd::{AsFd, OwnedFd};
+use std::io;
+use std::net::{IpAddr, SocketAddr, ToSocketAddrs};
+use std::os::fd::{AsFd, AsRawFd, OwnedFd};
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
+use ipnet::IpNet;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::socket::{setsockopt, sockopt};
 use tokio::net::{TcpListener, TcpStream};
 
 use super::line::{Line, Port};
-use super::receive::serve;
+use super::receive::{Receiver, serve};
 use super::{Link, LinkError, Tally, Watched, stream};
 use crate::carriage::{Carrier, Content};
 use crate::console;
+use crate::descriptors;
 use crate::desk::Desk;
+use crate::patience::Patience;
 
 /// Clients at once; more are turned away.
 const CLIENTS: usize = 64;
@@ -32,6 +36,35 @@ const KEEP_ALIVE: u32 = 10;
 const SILENCE_MS: u32 = 60_000;
 /// After an accept that failed: for lack of descriptors, for example.
 const ACCEPT_AGAIN: Duration = Duration::from_millis(200);
+
+/// Where clients connect, and from where.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct TcpAddress {
+    /// `HOST:PORT`; port 0 takes a free one.
+    pub address: String,
+    /// Networks whose machines may connect; this machine always may.
+    pub allowed: Vec<IpNet>,
+}
+
+impl TcpAddress {
+    /// Who may connect to it.
+    ///
+    /// # Errors
+    /// An address that other machines reach, where none of them is named.
+    fn check(&self) -> Result<(), LinkError> {
+        let fail = |error| LinkError::Tcp(self.address.clone(), error);
+        let mut reached = self.address.to_socket_addrs().map_err(fail)?;
+        match self.allowed.is_empty() && reached.any(|address| !address.ip().to_canonical().is_loopback()) {
+            true => Err(LinkError::TcpOpenToAll(self.address.clone())),
+            false => Ok(()),
+        }
+    }
+
+    fn allows(&self, peer: IpAddr) -> bool {
+        let peer = peer.to_canonical();
+        peer.is_loopback() || self.allowed.iter().any(|network| network.contains(&peer))
+    }
+}
 
 struct Tcp {
     clients: Clients,
@@ -53,70 +86,126 @@ struct Client {
 
 /// Listens, and serves whoever comes.
 pub(super) fn open(
-    address: &str,
+    address: &TcpAddress,
     carrier: Carrier,
     desk: &Arc<Desk>,
     is_faster: bool,
 ) -> Result<impl Link + use<>, LinkError> {
-    let fail = |error| LinkError::Tcp(address.to_owned(), error);
-    let listener = std::net::TcpListener::bind(address).map_err(fail)?;
+    address.check()?;
+    let fail = |error| LinkError::Tcp(address.address.clone(), error);
+    let listener = std::net::TcpListener::bind(&address.address).map_err(fail)?;
     listener.set_nonblocking(true).map_err(fail)?;
     let listener = TcpListener::from_std(listener).map_err(fail)?;
     let tally = Tally::new(format!("tcp {}", listener.local_addr().map_err(fail)?));
     let clients = Clients::default();
-    tokio::spawn(accept(listener, is_faster, clients.clone(), desk.clone(), carrier.clone(), tally.clone()));
+    let server = Server {
+        address: address.clone(),
+        is_faster,
+        clients: clients.clone(),
+        desk: desk.clone(),
+        carrier: carrier.clone(),
+        tally: tally.clone(),
+    };
+    tokio::spawn(server.accept(listener));
     Ok(Tcp { clients, carrier, bytes: Vec::new(), goes_on: false, tally })
 }
 
-async fn accept(
-    listener: TcpListener,
+/// What the clients of an address are served with.
+struct Server {
+    address: TcpAddress,
     is_faster: bool,
     clients: Clients,
     desk: Arc<Desk>,
     carrier: Carrier,
     tally: Arc<Tally>,
-) {
-    let mut has_told = false;
-    loop {
-        let Ok((stream, peer)) = listener.accept().await else {
-            tokio::time::sleep(ACCEPT_AGAIN).await;
-            continue;
-        };
-        let mut served = clients.lock().expect("nothing panics with the list").clone();
-        served.retain(|client| client.line.is_open());
-        if served.len() >= CLIENTS
-            && let Some(client) = served.iter().find(|client| client.has_ended.load(Relaxed))
-        {
-            // It most likely is gone; somebody who is there needs its place.
-            client.line.close();
-        } else if served.len() >= CLIENTS {
-            if !std::mem::replace(&mut has_told, true) {
-                console::say(format_args!(
-                    "{}: {CLIENTS} clients are served, {peer} and more are turned away",
-                    tally.name
-                ));
+}
+
+impl Server {
+    async fn accept(self, listener: TcpListener) {
+        let server = Arc::new(self);
+        let (mut is_failing, mut has_told) = (false, false);
+        loop {
+            let accepted = listener.accept().await;
+            let was_failing = std::mem::replace(&mut is_failing, accepted.is_err());
+            let name = &server.tally.name;
+            let (stream, peer) = match accepted {
+                Ok(accepted) => accepted,
+                Err(error) => {
+                    if !was_failing {
+                        console::say(format_args!("{name}: no client can be taken in: {error}; tries again"));
+                    }
+                    tokio::time::sleep(ACCEPT_AGAIN).await;
+                    continue;
+                }
+            };
+            if let Err(reason) = server.take_in(stream, peer) {
+                server.tally.refused.fetch_add(1, Relaxed);
+                if !std::mem::replace(&mut has_told, true) {
+                    console::say(format_args!("{name}: {peer} is turned away, and more may be: {reason}"));
+                }
             }
-            continue;
         }
-        let Ok(port) = prepare(stream, is_faster) else { continue };
-        let line = Line::new(Some(port.clone()), 0.0, tally.clone());
+    }
+
+    /// Serves a client in a task of its own, or says why not.
+    fn take_in(self: &Arc<Server>, stream: TcpStream, peer: SocketAddr) -> Result<(), String> {
+        if !self.address.allows(peer.ip()) {
+            return Err("its address is not among those of --tcp-allow".to_owned());
+        }
+        if descriptors::is_scarce_beside(stream.as_raw_fd()) {
+            return Err("the descriptors that are left are for others; ulimit -n raises the limit".to_owned());
+        }
+        let mut served = self.clients().clone();
+        served.retain(|client| client.line.is_open());
+        if served.len() >= CLIENTS {
+            // One that has ended its side most likely is gone; somebody who is there needs its place.
+            let gone = served.iter().find(|client| client.has_ended.load(Relaxed));
+            gone.ok_or_else(|| format!("{CLIENTS} clients are served"))?.line.close();
+        }
+        let port = prepare(stream, self.is_faster).map_err(|error| error.to_string())?;
+        let line = Line::new(Some(port.clone()), 0.0, self.tally.clone());
         let client = Arc::new(Client { line, has_ended: AtomicBool::new(false) });
-        clients.lock().expect("nothing panics with the list").push(client.clone());
-        tally.clients.fetch_add(1, Relaxed);
-        tokio::spawn({
-            let (clients, desk, tally) = (clients.clone(), desk.clone(), tally.clone());
-            let carrier = carrier.clone();
-            async move {
-                attend(port, &client, &desk, &carrier, peer).await;
-                client.line.close();
-                clients.lock().expect("nothing panics with the list").retain(|other| !Arc::ptr_eq(other, &client));
-                tally.clients.fetch_sub(1, Relaxed);
-            }
+        self.clients().push(client.clone());
+        self.tally.clients.fetch_add(1, Relaxed);
+        let server = self.clone();
+        tokio::spawn(async move {
+            server.attend(port, &client, peer).await;
+            client.line.close();
+            server.clients().retain(|other| !Arc::ptr_eq(other, &client));
+            server.tally.clients.fetch_sub(1, Relaxed);
         });
+        Ok(())
+    }
+
+    fn clients(&self) -> MutexGuard<'_, Vec<Arc<Client>>> {
+        self.clients.lock().expect("nothing panics with the list")
+    }
+
+    async fn attend(&self, port: Port, client: &Client, peer: SocketAddr) {
+        let Ok(port) = Watched::new(port) else { return };
+        let link = format!("tcp {peer}");
+        let commands = async {
+            match serve(&port, &client.line, Receiver::of_network(), &self.desk, &self.carrier, &link).await {
+                // It has said all it had to say, but may go on listening: `socat -u`, `nc` at the end of its input.
+                Ok(()) => {
+                    client.has_ended.store(true, Relaxed);
+                    until_gone(port.get_ref(), &client.line).await;
+                }
+                Err(error) if error.kind() == io::ErrorKind::InvalidData => {
+                    self.tally.refused.fetch_add(1, Relaxed);
+                    console::say(format_args!("{}: {peer} {error}; closed", self.tally.name));
+                }
+                Err(_) => {}
+            }
+        };
+        tokio::select! {
+            () = commands => {}
+            _ = client.line.pump(&port) => {}
+        }
     }
 }
 
-fn prepare(stream: TcpStream, is_faster: bool) -> std::io::Result<Port> {
+fn prepare(stream: TcpStream, is_faster: bool) -> io::Result<Port> {
     stream.set_nodelay(true)?;
     let stream = OwnedFd::from(stream.into_std()?);
     setsockopt(&stream, sockopt::KeepAlive, &true)?;
@@ -127,22 +216,6 @@ fn prepare(stream: TcpStream, is_faster: bool) -> std::io::Result<Port> {
         setsockopt(&stream, sockopt::SndBuf, &SEND_BUFFER)?;
     }
     Ok(Arc::new(stream))
-}
-
-async fn attend(port: Port, client: &Client, desk: &Desk, carrier: &Carrier, peer: SocketAddr) {
-    let Ok(port) = Watched::new(port) else { return };
-    let link = format!("tcp {peer}");
-    let commands = async {
-        if serve(&port, &client.line, desk, carrier, &link).await.is_ok() {
-            // It has said all it had to say, but may go on listening: `socat -u`, `nc` at the end of its input.
-            client.has_ended.store(true, Relaxed);
-            until_gone(port.get_ref(), &client.line).await;
-        }
-    };
-    tokio::select! {
-        () = commands => {}
-        _ = client.line.pump(&port) => {}
-    }
 }
 
 /// Returns when a client that has ended its side has ended the other too, or was sent nothing for a while: only what
@@ -174,7 +247,7 @@ impl Link for Tcp {
         (self.bytes, self.goes_on) = (stream(contents), goes_on);
     }
 
-    fn send(&mut self, patience: Duration) {
+    fn send(&mut self, patience: &Patience) {
         let clients = self.clients.lock().expect("nothing panics with the list").clone();
         for client in &clients {
             self.tally.count(client.line.send(&self.bytes, self.goes_on, patience));
@@ -193,5 +266,35 @@ impl Link for Tcp {
 
     fn tally(&self) -> Arc<Tally> {
         self.tally.clone()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn address(address: &str, allowed: &[&str]) -> TcpAddress {
+        let allowed = allowed.iter().map(|network| network.parse().expect("a network")).collect();
+        TcpAddress { address: address.to_owned(), allowed }
+    }
+
+    #[test]
+    fn other_machines_are_let_in_only_where_they_are_named() {
+        assert!(address("127.0.0.1:0", &[]).check().is_ok() && address("[::1]:0", &[]).check().is_ok());
+        for open in ["0.0.0.0:0", "[::]:0", "192.0.2.1:0"] {
+            assert!(matches!(address(open, &[]).check(), Err(LinkError::TcpOpenToAll(_))), "{open}");
+            assert!(address(open, &["192.0.2.0/24"]).check().is_ok(), "{open}");
+        }
+        let some = address("0.0.0.0:0", &["192.0.2.0/24", "2001:db8::/32"]);
+        for (peer, is_allowed) in [
+            ("192.0.2.7", true),
+            ("::ffff:192.0.2.7", true),
+            ("192.0.3.7", false),
+            ("127.0.0.1", true),
+            ("2001:db8::1", true),
+            ("2001:db9::1", false),
+        ] {
+            assert_eq!(some.allows(peer.parse().expect("an address")), is_allowed, "{peer}");
+        }
     }
 }

@@ -27,6 +27,7 @@ use super::{Outgoing, RunError, STATUS, Timing, await_readers};
 use crate::cadence::Speed;
 use crate::carriage::Content;
 use crate::console;
+use crate::descriptors;
 use crate::desk::Desk;
 use crate::lateness::Histogram;
 use crate::link::{self, LinkAddress, Tally};
@@ -170,6 +171,7 @@ pub fn replay(
     if settings.wait_for_client && !settings.links.iter().any(has_clients) {
         return Err(RunError::NobodyToWaitFor);
     }
+    descriptors::take_all()?;
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let ended = runtime.block_on(keep(settings, items, steps, shutdown));
     // Ends the tasks; with the last of them the symlink of a pty goes.
@@ -214,14 +216,14 @@ async fn keep(
     let wants_status = console::wants_status();
     if let Some(asked) = asked {
         asked?;
-        timing.stop.store(true, Relaxed);
+        timing.stop.ask();
     }
     loop {
         tokio::select! {
             _ = &mut is_done => break,
-            asked = &mut shutdown, if !timing.stop.load(Relaxed) => {
+            asked = &mut shutdown, if !timing.stop.is_asked() => {
                 asked?;
-                timing.stop.store(true, Relaxed);
+                timing.stop.ask();
                 thread.thread().unpark();
             }
             _ = status.tick(), if wants_status => {

@@ -4,7 +4,7 @@ use std::sync::atomic::Ordering::Relaxed;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError};
 use std::sync::{Arc, Mutex};
 use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use geu_model::fault::acting::{Acting, Faults, Happening};
 use geu_model::fault::catalogue::LinkLaw;
@@ -18,7 +18,8 @@ use crate::cadence::{Sleeper, Speed, doze_until, now_ns};
 use crate::carriage::{Carrier, Content, Form, Piece};
 use crate::console;
 use crate::lateness::Time;
-use crate::run::{LAST_WORDS, LEAD_NS, LOOK_AGAIN, Outgoing, PATIENCE, Timing};
+use crate::patience::{LAST_WORDS, Patience};
+use crate::run::{LEAD_NS, LOOK_AGAIN, Outgoing, PATIENCE, Timing};
 
 /// A process held up for so long goes on from where it stood: what it did not send then is not sent in a burst.
 const HELD_UP_NS: i64 = 1_000_000_000;
@@ -98,9 +99,8 @@ impl Player {
         }
         self.start_ns = now_ns();
         let last_ns = self.play_items(&sleeper);
-        let patience = if self.is_stopped() { LAST_WORDS } else { self.patience().max(LAST_WORDS) };
-        let give_up = Instant::now() + patience;
-        self.links.iter_mut().for_each(|outgoing| outgoing.end(last_ns, give_up));
+        let patience = Patience::new(self.limit().max(LAST_WORDS), &self.timing.stop);
+        self.links.iter_mut().for_each(|outgoing| outgoing.end(last_ns, &patience));
     }
 
     /// Plays the items; when the last one was due.
@@ -131,15 +131,19 @@ impl Player {
     }
 
     fn is_stopped(&self) -> bool {
-        self.timing.stop.load(Relaxed)
+        self.timing.stop.is_asked()
     }
 
     fn has_client(&self) -> bool {
         self.links.iter().any(|outgoing| outgoing.link.tally().clients.load(Relaxed) > 0)
     }
 
-    fn patience(&self) -> Duration {
+    fn limit(&self) -> Duration {
         if self.speed.is_faster_than_real() { PATIENCE } else { Duration::ZERO }
+    }
+
+    fn patience(&self) -> Patience {
+        Patience::new(self.limit(), &self.timing.stop)
     }
 
     fn wall_ns(&self, played_ns: i64) -> Option<i64> {
@@ -172,7 +176,7 @@ impl Player {
                 return;
             }
             let patience = self.patience();
-            self.links.iter_mut().for_each(|outgoing| outgoing.send_due(due_ns, patience));
+            self.links.iter_mut().for_each(|outgoing| outgoing.send_due(due_ns, &patience));
         }
     }
 
@@ -204,7 +208,7 @@ impl Player {
             while self.allowed == 0 {
                 match steps.recv_timeout(WAIT) {
                     Ok(step) => self.allowed += step,
-                    Err(RecvTimeoutError::Timeout) if !self.timing.stop.load(Relaxed) => {}
+                    Err(RecvTimeoutError::Timeout) if !self.timing.stop.is_asked() => {}
                     Err(_) => return false,
                 }
             }
@@ -236,7 +240,7 @@ impl Player {
             *is_written_anew = is_touched || waits || is_can != is_bus(&carrier);
             if *is_written_anew {
                 outgoing.put(Some(half_second), frame, item.played_ns, &acting);
-                outgoing.send_due(item.played_ns, patience);
+                outgoing.send_due(item.played_ns, &patience);
             }
         }
         self.counts.half_seconds += 1;
@@ -281,7 +285,7 @@ impl Player {
             let moved = moved(content, whose, self.recorded_plan, carrier);
             // Behind a frame that has begun, should there be one.
             outgoing.outbox.put(&[Piece::on_time(0, moved)], self.frame.saturating_sub(1), played_ns);
-            outgoing.send_due(played_ns, patience);
+            outgoing.send_due(played_ns, &patience);
         }
         if is_left_out {
             match (whose, content) {

@@ -11,6 +11,7 @@ use super::*;
 use crate::cadence::now_ns;
 use crate::carriage::Carrier;
 use crate::link::Link;
+use crate::patience::Patience;
 
 /// What was sent, and when, ns.
 type Timed = Vec<(i64, Content)>;
@@ -32,7 +33,7 @@ impl Link for Kept {
         self.next = contents.to_vec();
     }
 
-    fn send(&mut self, _patience: Duration) {
+    fn send(&mut self, _patience: &Patience) {
         let now_ns = now_ns();
         self.sent.lock().unwrap().extend(self.next.drain(..).map(|content| (now_ns, content)));
     }

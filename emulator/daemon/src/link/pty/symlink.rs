@@ -1,0 +1,150 @@
+//! The symlink at which clients find the pty, and the lock that says whose it is.
+//!
+//! Beside `PATH` stands `PATH.lock`: the emulator that made the symlink holds it locked for as long as it lives, and writes
+//! into it where the symlink leads. So of two emulators that start together one has the path, and a symlink that a killed
+//! emulator left is known for what it is, even where the number of its pty is in use again.
+
+use std::fs::{self, File, OpenOptions, TryLockError};
+use std::io::{self, Read, Seek, Write};
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt, symlink};
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+
+use nix::libc::O_NOFOLLOW;
+
+use super::super::LinkError;
+
+/// What a lock begins with; a file that begins otherwise is somebody else's.
+const MARK: &str = "geu pty ";
+/// Longer than any name of a pty.
+const LONGEST_LOCK: u64 = 4096;
+
+/// The symlink; removed when it goes, if it is still this one.
+pub(super) struct Symlink {
+    path: PathBuf,
+    target: Mutex<PathBuf>,
+    lock: Lock,
+}
+
+impl Symlink {
+    /// Makes it in one step, in place of an old one that leads nowhere, that leads to a pty which is ours now, or that an
+    /// emulator which is gone left.
+    pub fn create(path: &Path, target: &Path) -> Result<Symlink, LinkError> {
+        let name = || path.display().to_string();
+        let fail = |error| LinkError::Pty(name(), error);
+        if let Ok(metadata) = path.symlink_metadata() {
+            let kind = metadata.file_type();
+            if kind.is_dir() {
+                return Err(LinkError::PathTaken(name(), "a directory"));
+            }
+            if !kind.is_symlink() {
+                return Err(LinkError::PathTaken(name(), if kind.is_file() { "a file" } else { "a device or socket" }));
+            }
+        }
+        let lock = Lock::acquire(path)?;
+        match fs::read_link(path) {
+            Ok(old) if old != target && Some(&old) != lock.led_to.as_ref() && path.exists() => {
+                return Err(LinkError::PathBusy(name(), old.display().to_string()));
+            }
+            _ => {}
+        }
+        let mut made = Symlink { path: path.to_owned(), target: Mutex::new(PathBuf::new()), lock };
+        made.lock.write(target).and_then(|()| made.make(target)).map_err(fail)?;
+        made.target = Mutex::new(target.to_owned());
+        Ok(made)
+    }
+
+    /// Under a name that is nobody's, then renamed: the path is never without a symlink.
+    fn make(&self, target: &Path) -> io::Result<()> {
+        let (directory, name) = parts(&self.path)?;
+        let made = tempfile::Builder::new().prefix(&name).make_in(directory, |path| symlink(target, path))?;
+        made.persist(&self.path).map(drop).map_err(|error| error.error)
+    }
+
+    fn is_ours(&self) -> bool {
+        fs::read_link(&self.path).is_ok_and(|target| target == self.target())
+    }
+
+    /// Puts another pty in place of the one before; not if somebody else's link stands there by now.
+    pub fn lead_to(&self, target: &Path) -> io::Result<()> {
+        if self.is_ours() {
+            self.lock.write(target)?;
+            self.make(target)?;
+        }
+        *self.target.lock().expect("nothing panics with the path") = target.to_owned();
+        Ok(())
+    }
+
+    /// Where it leads.
+    pub fn target(&self) -> PathBuf {
+        self.target.lock().expect("nothing panics with the path").clone()
+    }
+}
+
+impl Drop for Symlink {
+    fn drop(&mut self) {
+        if self.is_ours() {
+            let _ = fs::remove_file(&self.path);
+        }
+        // While it is locked, so that nobody else has it yet.
+        let _ = fs::remove_file(&self.lock.path);
+    }
+}
+
+/// The directory of a path, and the beginning of names beside it.
+fn parts(path: &Path) -> io::Result<(&Path, std::ffi::OsString)> {
+    let mut name = path.file_name().ok_or(io::ErrorKind::InvalidInput)?.to_owned();
+    name.push(".");
+    let directory = path.parent().filter(|directory| !directory.as_os_str().is_empty());
+    Ok((directory.unwrap_or(Path::new(".")), name))
+}
+
+/// A file that is locked while an emulator has the path.
+struct Lock {
+    path: PathBuf,
+    file: File,
+    /// Where the symlink of an emulator that is gone led.
+    led_to: Option<PathBuf>,
+}
+
+impl Lock {
+    fn acquire(link: &Path) -> Result<Lock, LinkError> {
+        let name = link.display().to_string();
+        let fail = |error| LinkError::Pty(name.clone(), error);
+        let (directory, mut file_name) = parts(link).map_err(fail)?;
+        file_name.push("lock");
+        let path = directory.join(file_name);
+        loop {
+            let mut options = OpenOptions::new();
+            options.read(true).write(true).create(true).truncate(false).mode(0o644).custom_flags(O_NOFOLLOW);
+            let mut file = options.open(&path).map_err(fail)?;
+            match file.try_lock() {
+                Ok(()) => {}
+                Err(TryLockError::WouldBlock) => {
+                    return Err(LinkError::PathBusy(name, "a pty of another emulator".to_owned()));
+                }
+                Err(TryLockError::Error(error)) => return Err(fail(error)),
+            }
+            // Whoever held it may have removed it meanwhile: what is locked then is no file that others see.
+            let (own, seen) = (file.metadata().map_err(fail)?, path.symlink_metadata());
+            if !seen.is_ok_and(|seen| (seen.dev(), seen.ino()) == (own.dev(), own.ino())) {
+                continue;
+            }
+            let mut content = String::new();
+            let read = Read::by_ref(&mut file).take(LONGEST_LOCK).read_to_string(&mut content);
+            let led_to = content.strip_prefix(MARK).map(|target| PathBuf::from(target.trim_end()));
+            if read.is_err() || (led_to.is_none() && !content.is_empty()) {
+                return Err(LinkError::PathTaken(path.display().to_string(), "a file that is no lock of an emulator"));
+            }
+            return Ok(Lock { path, file, led_to });
+        }
+    }
+
+    /// Says where the symlink leads.
+    fn write(&self, target: &Path) -> io::Result<()> {
+        let mut file = &self.file;
+        file.set_len(0)?;
+        file.rewind()?;
+        writeln!(file, "{MARK}{}", target.display())
+    }
+}
