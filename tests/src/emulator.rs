@@ -5,7 +5,7 @@ use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
 use std::net::TcpStream;
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
-use std::process::{Child, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
@@ -35,7 +35,16 @@ impl Emulator {
     /// Where it does not come up.
     pub fn start(links: usize, arguments: &[&str]) -> Emulator {
         let mut command = geu();
-        command.arg("run").args(arguments).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        command.arg("run").args(arguments);
+        Emulator::of(command, links)
+    }
+
+    /// Starts it by a command, and waits for so many links.
+    ///
+    /// # Panics
+    /// Where it does not come up.
+    pub fn of(mut command: Command, links: usize) -> Emulator {
+        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut child = command.spawn().expect("geu starts");
         let mut lines = BufReader::new(child.stdout.take().expect("a pipe")).lines();
         let ready = (0..links)

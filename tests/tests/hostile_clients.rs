@@ -1,0 +1,297 @@
+//! Clients that do what they should not, and processes that want what another has: nobody else is any worse for it.
+
+use std::fs::{self, OpenOptions};
+use std::io::{ErrorKind, Read, Write};
+use std::net::TcpStream;
+use std::os::unix::fs::{OpenOptionsExt, symlink};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use geu_protocol::Outcome;
+use geu_protocol::serial::{Kind, frame};
+use geu_tests::emulator::{Client, Emulator};
+use geu_tests::geu;
+use nix::libc::O_NOCTTY;
+use nix::pty::openpty;
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::{Pid, ttyname};
+
+/// What a test waits for at most.
+const PATIENCE: Duration = Duration::from_secs(8);
+
+fn directory() -> tempfile::TempDir {
+    tempfile::tempdir().expect("a directory")
+}
+
+fn ping() -> Vec<u8> {
+    frame(Kind::Command, &[1])
+}
+
+/// Asks it to end, and expects that within a second; what it said.
+fn end_within_a_second(emulator: Emulator) -> String {
+    let start = Instant::now();
+    emulator.ask_to_end();
+    let (code, said) = emulator.end();
+    assert!(start.elapsed() < Duration::from_secs(1), "{:?}: {said}", start.elapsed());
+    assert_eq!(code, Some(0), "{said}");
+    said
+}
+
+/// Writes commands to a pty, reads nothing, and closes it.
+fn command_and_leave(path: &Path, commands: usize, pause: Duration) {
+    let mut client = OpenOptions::new().write(true).custom_flags(O_NOCTTY).open(path).expect("a pty");
+    for _ in 0..commands {
+        client.write_all(&ping()).expect("the unit reads");
+        sleep(pause);
+    }
+}
+
+/// Reads until no reply comes for longer than a command of any client before can be waiting.
+fn read_all_replies(client: &mut Client) {
+    let mut before = usize::MAX;
+    while std::mem::replace(&mut before, client.replies.len()) != client.replies.len() {
+        client.read_for(Duration::from_millis(700), |_| false);
+    }
+}
+
+#[test]
+fn a_pty_client_that_reads_no_reply_and_closes_wedges_nothing() {
+    let directory = directory();
+    let path = directory.path().join("geu0");
+    let emulator = Emulator::start(2, &["--pty", path.to_str().unwrap(), "--tcp", "127.0.0.1:0"]);
+    let mut other = emulator.tcp();
+    // Replies of a byte less than four thousand fill the pty; two thousand commands fill it four times.
+    for (commands, pause) in [(2500, Duration::from_micros(500)), (2500, Duration::ZERO), (1, Duration::ZERO)] {
+        command_and_leave(&path, commands, pause);
+        assert_eq!(other.ask(&ping()).0.outcome(), Outcome::Done);
+    }
+    // As `printf … > /tmp/geu0` does: a client that came and went is heard.
+    for _ in 0..20 {
+        command_and_leave(&path, 1, Duration::ZERO);
+    }
+    let mut again = Client::open(&path);
+    read_all_replies(&mut again);
+    assert_eq!(again.ask(&ping()).0.outcome(), Outcome::Done);
+    assert!(other.read_until(|client| client.half_seconds.len() >= 2) && other.is_without_gap());
+    let said = end_within_a_second(emulator);
+    assert!(said.contains("commands     5025 received, 0 frames dropped"), "each is carried out: {said}");
+    assert!(said.contains("replies dropped"), "what nobody read is counted: {said}");
+    assert!(path.symlink_metadata().is_err(), "the link is removed");
+    assert_eq!(fs::read_dir(directory.path()).unwrap().count(), 0, "nothing else is left");
+}
+
+#[test]
+fn a_pty_client_that_stalls_with_the_pty_open_is_served_again_when_it_reads() {
+    let directory = directory();
+    let path = directory.path().join("geu0");
+    let emulator = Emulator::start(1, &["--pty", path.to_str().unwrap()]);
+    let mut client = Client::open(&path);
+    let (mut sent, start) = (0, Instant::now());
+    // Commands are read on though their replies are not, so that there is room for all of them.
+    while sent < 2500 && start.elapsed() < PATIENCE {
+        match client.stream.write(&ping()) {
+            Ok(_) => sent += 1,
+            Err(error) if error.kind() == ErrorKind::WouldBlock => sleep(Duration::from_millis(1)),
+            Err(error) => panic!("{error}"),
+        }
+    }
+    assert_eq!(sent, 2500);
+    // The line takes 0.7 ms for a reply.
+    sleep(Duration::from_millis(2500));
+    read_all_replies(&mut client);
+    assert!(client.replies.len() < 2500, "the pty has no room for all replies");
+    assert_eq!(client.defects, 0, "what comes is whole");
+    assert_eq!(client.ask(&ping()).0.outcome(), Outcome::Done);
+    drop(client);
+    let said = end_within_a_second(emulator);
+    assert!(said.contains("commands     2501 received") && said.contains("replies dropped"), "{said}");
+}
+
+#[test]
+fn a_replay_outlives_the_same_client() {
+    let directory = directory();
+    let (path, recording) = (directory.path().join("geu0"), directory.path().join("day"));
+    let mut simulate = geu();
+    simulate.args(["simulate", "--duration", "60", "--wire", "serial", "--out"]).arg(&recording);
+    assert!(simulate.output().expect("geu starts").status.success());
+    let mut replay = geu();
+    replay.arg("replay").arg(recording.join("link.bin")).arg("--pty").arg(&path);
+    let mut replay = replay.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().expect("geu starts");
+    let mut ready = [0; 6];
+    replay.stdout.take().expect("a pipe").read_exact(&mut ready).expect("a line");
+    for _ in 0..2 {
+        command_and_leave(&path, 2500, Duration::ZERO);
+    }
+    assert!(Client::open(&path).read_until(|client| client.half_seconds.len() >= 2));
+    kill(Pid::from_raw(replay.id() as i32), Signal::SIGTERM).expect("it runs");
+    assert!(ends_within(&mut replay, Duration::from_secs(1)), "it ends when asked");
+}
+
+fn ends_within(child: &mut Child, limit: Duration) -> bool {
+    let start = Instant::now();
+    while start.elapsed() < limit {
+        if child.try_wait().expect("a child").is_some() {
+            return true;
+        }
+        sleep(Duration::from_millis(2));
+    }
+    child.kill().expect("it runs");
+    child.wait().expect("its end");
+    false
+}
+
+#[test]
+fn readers_that_a_faster_run_waits_for_do_not_delay_its_end() {
+    for speed in ["50", "max"] {
+        let emulator = Emulator::start(1, &["--tcp", "127.0.0.1:0", "--speed", speed, "--wait"]);
+        let never_read: Vec<_> = (0..20).map(|_| emulator.tcp()).collect();
+        sleep(Duration::from_millis(700));
+        end_within_a_second(emulator);
+        drop(never_read);
+    }
+}
+
+#[test]
+fn a_client_that_speaks_http_is_closed_and_none_of_its_bytes_are_a_command() {
+    let (emulator, mut good) = Emulator::on_tcp(&[]);
+    let address = emulator.ready[0].strip_prefix("tcp ").unwrap();
+    let power_off = frame(Kind::Command, &[6, 0]);
+    let post = [
+        format!("POST / HTTP/1.1\r\nHost: {address}\r\nContent-Length: {}\r\n\r\n", power_off.len()).as_bytes(),
+        &power_off,
+    ]
+    .concat();
+    for piece in [1, 3, post.len()] {
+        let mut page = TcpStream::connect(address).expect("the unit listens");
+        page.set_nodelay(true).expect("a socket");
+        page.set_read_timeout(Some(PATIENCE)).expect("a socket");
+        // It may be closed before all is sent.
+        let _ = post.chunks(piece).try_for_each(|piece| page.write_all(piece));
+        let mut received = Vec::new();
+        let end = page.read_to_end(&mut received);
+        let is_closed = end.as_ref().map_or_else(|error| error.kind() == ErrorKind::ConnectionReset, |_| true);
+        assert!(is_closed, "{end:?}");
+    }
+    assert_eq!(good.ask(&ping()).0.outcome(), Outcome::Done);
+    let said = end_within_a_second(emulator);
+    assert!(said.contains("commands     1 received") && said.contains("3 connections refused"), "{said}");
+    assert!(said.contains("speaks HTTP"), "{said}");
+}
+
+#[test]
+fn a_tcp_link_that_other_machines_reach_asks_whom_to_let_in() {
+    let run = |arguments: &[&str]| {
+        let mut run = geu();
+        run.args(["run", "--duration", "0.5", "--speed", "max", "--control", "off"]).args(arguments);
+        let output = run.output().expect("geu starts");
+        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    let (code, said) = run(&["--tcp", "0.0.0.0:0"]);
+    assert!(code == Some(2) && said.contains("--tcp-allow"), "{said}");
+    let (code, said) = run(&["--tcp", "0.0.0.0:0", "--tcp-allow", "192.168.7.0/33"]);
+    assert!(code == Some(2) && said.contains("192.168.7.0/24"), "an example is shown: {said}");
+    let (code, said) = run(&["--tcp", "0.0.0.0:0", "--tcp-allow", "192.168.7.0/24", "--tcp-allow", "10.0.0.1"]);
+    assert_eq!(code, Some(0), "{said}");
+}
+
+#[test]
+fn of_emulators_that_start_together_on_one_path_one_has_it() {
+    let directory = directory();
+    for round in 0..6 {
+        let path = directory.path().join(format!("geu{round}"));
+        let start = || {
+            let mut run = geu();
+            run.args(["run", "--control", "off", "--duration", "1", "--pty"]).arg(&path);
+            run.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().expect("geu starts")
+        };
+        let started: Vec<Child> = (0..4).map(|_| start()).collect();
+        let ends: Vec<_> = started.into_iter().map(|child| child.wait_with_output().expect("its end")).collect();
+        let codes: Vec<_> = ends.iter().map(|end| end.status.code()).collect();
+        assert_eq!(codes.iter().filter(|code| **code == Some(0)).count(), 1, "{codes:?}");
+        for end in ends.iter().filter(|end| end.status.code() != Some(0)) {
+            let said = String::from_utf8_lossy(&end.stderr);
+            assert!(end.status.code() == Some(2) && said.contains("in use"), "{said}");
+        }
+    }
+    assert_eq!(fs::read_dir(directory.path()).unwrap().count(), 0, "links and locks are removed");
+}
+
+#[test]
+fn a_link_that_a_killed_emulator_left_is_taken_over_even_where_its_pty_is_somebody_elses_by_now() {
+    let directory = directory();
+    let path = directory.path().join("geu0");
+    let mut killed = Emulator::start(1, &["--pty", path.to_str().unwrap()]);
+    killed.child.kill().unwrap();
+    killed.child.wait().unwrap();
+    drop(killed);
+    assert!(path.symlink_metadata().is_ok(), "it could not remove it");
+    // The number of its pty is in use again, as after some hours on a bench.
+    let terminal = openpty(None, None).expect("a pty");
+    let name = ttyname(&terminal.slave).expect("its name");
+    fs::remove_file(&path).unwrap();
+    symlink(&name, &path).unwrap();
+    fs::write(directory.path().join("geu0.lock"), format!("geu pty {}\n", name.display())).unwrap();
+    end_within_a_second(Emulator::start(1, &["--pty", path.to_str().unwrap()]));
+
+    // One that no emulator made is somebody's.
+    symlink(&name, &path).unwrap();
+    let refused = geu().args(["run", "--duration", "1", "--pty"]).arg(&path).output().expect("geu starts");
+    assert_eq!(refused.status.code(), Some(2));
+    assert_eq!(fs::read_link(&path).unwrap(), name);
+}
+
+#[test]
+fn no_file_beside_the_link_is_touched_that_is_somebody_elses() {
+    let directory = directory();
+    let path = directory.path().join("geu0");
+    // The shell and the emulator that takes its place have one process identifier.
+    let mut run = Command::new("sh");
+    run.args(["-c", "echo mine > \"$1.$$\"; exec \"$0\" run --control off --speed max --duration 1 --pty \"$1\""]);
+    let output = run.arg(geu().get_program()).arg(&path).output().expect("a shell");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let left: Vec<_> = fs::read_dir(directory.path()).unwrap().map(|entry| entry.unwrap().path()).collect();
+    assert_eq!(left.len(), 1, "{left:?}");
+    assert_eq!(fs::read(&left[0]).unwrap(), b"mine\n");
+
+    let lock = directory.path().join("geu0.lock");
+    fs::write(&lock, "my own notes").unwrap();
+    let refused = geu().args(["run", "--duration", "1", "--pty"]).arg(&path).output().expect("geu starts");
+    assert_eq!(refused.status.code(), Some(2));
+    assert_eq!(fs::read(&lock).unwrap(), b"my own notes");
+}
+
+#[test]
+fn a_process_out_of_descriptors_says_so_and_its_links_recover() {
+    let directory = directory();
+    let path = directory.path().join("geu0");
+    let limited = |limit: u32, arguments: &[&str]| {
+        let mut run = Command::new("sh");
+        run.args(["-c", &format!("ulimit -n {limit}; exec \"$0\" \"$@\"")]).arg(geu().get_program()).arg("run");
+        run.arg("--pty").arg(&path).args(["--tcp", "127.0.0.1:0"]).args(arguments);
+        run.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        run
+    };
+    for limit in [10, 16, 18, 24, 32, 64] {
+        let output = limited(limit, &["--duration", "1"]).output().expect("a shell");
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(matches!(output.status.code(), Some(1 | 2)), "{limit}: {said}");
+        assert!(said.lines().count() == 1 && !said.contains("panicked"), "{limit}: {said}");
+    }
+
+    let emulator = Emulator::of(limited(128, &["--control", "127.0.0.1:0"]), 2);
+    let mut clients: Vec<_> = (0..120).map(|_| emulator.tcp()).collect();
+    let mut first = Client::open(&path);
+    assert_eq!(first.ask(&ping()).0.outcome(), Outcome::Done, "a pty needs none that clients took");
+    drop(first);
+    assert_eq!(clients[0].ask(&ping()).0.outcome(), Outcome::Done);
+    clients.clear();
+    assert_eq!(Client::open(&path).ask(&ping()).0.outcome(), Outcome::Done);
+    let start = Instant::now();
+    while !emulator.tcp().read_for(Duration::from_secs(1), |client| !client.half_seconds.is_empty()) {
+        assert!(start.elapsed() < PATIENCE, "places are free again");
+    }
+    let said = end_within_a_second(emulator);
+    assert!(said.contains("is turned away") && said.contains("connections refused"), "{said}");
+}
