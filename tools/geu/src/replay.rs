@@ -26,7 +26,7 @@ use crate::decode::input_format;
 use crate::expectations;
 use crate::failure::{Failure, note};
 use crate::links::Links;
-use crate::settings::{can_base, seed};
+use crate::settings::{can_base, duration, seed};
 use tape::{Choice, Tape};
 use told::Told;
 
@@ -51,16 +51,16 @@ pub struct Arguments {
     #[arg(long, conflicts_with = "speed")]
     step: bool,
     /// Begins so long after the first time stamp of the recording
-    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = seconds)]
+    #[arg(long, value_name = "DURATION", allow_negative_numbers = true, value_parser = duration(0.0, 4e9))]
     from: Option<f64>,
     /// Ends before this, of the same time
-    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = seconds)]
+    #[arg(long, value_name = "DURATION", allow_negative_numbers = true, value_parser = duration(0.0, 4e9))]
     to: Option<f64>,
     /// Over and over; sequence and clock as they were recorded
     #[arg(long = "loop")]
     is_loop: bool,
     /// Shortens longer gaps between time stamps to this
-    #[arg(long, value_name = "SECONDS", default_value = "10", allow_negative_numbers = true, value_parser = seconds)]
+    #[arg(long, value_name = "DURATION", default_value = "10", allow_negative_numbers = true, value_parser = duration(0.0, 4e9))]
     longest_gap: f64,
     /// Leaves other traffic and commands to the unit out
     #[arg(long)]
@@ -85,11 +85,6 @@ pub struct Arguments {
     wait: bool,
     #[command(flatten)]
     expectations: expectations::Report,
-}
-
-fn seconds(text: &str) -> Result<f64, String> {
-    let seconds = text.parse().ok().filter(|seconds| (0.0..=4e9).contains(seconds));
-    seconds.ok_or_else(|| format!("expected 0…4e9 seconds, got {text}"))
 }
 
 fn ns(seconds: f64) -> i64 {
