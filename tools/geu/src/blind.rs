@@ -44,7 +44,7 @@ struct Hide {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     count: Option<u16>,
     /// On-board time of each
-    #[arg(long, value_name = "DURATION", default_value_t = SURVEY_S, value_parser = duration(900.0, 1e6))]
+    #[arg(long, value_name = "DURATION", default_value_t = SURVEY_S, allow_negative_numbers = true, value_parser = duration(900.0, 1e6))]
     duration: f64,
 }
 
@@ -85,7 +85,7 @@ struct CampaignArguments {
     #[arg(long)]
     markdown: bool,
     /// On-board time of each recording
-    #[arg(long, value_name = "DURATION", default_value_t = SURVEY_S, value_parser = duration(900.0, 1e6))]
+    #[arg(long, value_name = "DURATION", default_value_t = SURVEY_S, allow_negative_numbers = true, value_parser = duration(900.0, 1e6))]
     duration: f64,
     /// Threads [default: one for each core]; the result is the same
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]

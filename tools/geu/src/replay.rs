@@ -7,7 +7,7 @@ mod timeline;
 mod told;
 
 use std::fs::{self, File};
-use std::io::{self, BufRead};
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -20,7 +20,8 @@ use geu_daemon::{RunError, asked_to_end};
 use geu_model::Configuration;
 use geu_protocol::CanPlan;
 use geu_protocol::capture::Format;
-use geu_recording::{InputError, InputReader, Options, Stop};
+use geu_protocol::excerpt::excerpt;
+use geu_recording::{InputError, InputReader, Options, RowReader, Stop};
 
 use crate::decode::input_format;
 use crate::expectations;
@@ -238,8 +239,11 @@ fn steps() -> Steps {
     let (sender, steps): (SyncSender<u64>, Receiver<u64>) = sync_channel(QUEUE);
     // Waits for a line to the end of the process.
     thread::spawn(move || {
-        for line in io::stdin().lock().lines() {
-            let Ok(line) = line else { return };
+        for line in RowReader::new(io::stdin()).lines() {
+            let line = match line {
+                Ok(line) => line,
+                Err(error) => return note(format_args!("geu: --step: standard input: {error}\n")),
+            };
             let count = match line.trim() {
                 "" => Ok(1),
                 text => text.parse::<u64>(),
@@ -248,7 +252,8 @@ fn steps() -> Steps {
                 Some(count) if sender.send(count).is_err() => return,
                 Some(_) => {}
                 None => note(format_args!(
-                    "geu: --step: expected an empty line or a number of half seconds from 1 to 1000000000, got {line:?}\n"
+                    "geu: --step: expected an empty line or a number of half seconds from 1 to 1000000000, got {:?}\n",
+                    excerpt(&line)
                 )),
             }
         }

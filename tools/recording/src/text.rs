@@ -10,7 +10,7 @@ use std::path::Path;
 use crate::input::{Source, container};
 
 /// Bytes of a document (configuration, plan, description, result as JSON): the `run.toml` of a run with 200 000 commands. Parsed, a
-/// document takes some fifty times its length.
+/// document takes up to a hundred times its length.
 pub const MAX_DOCUMENT_BYTES: usize = 16 << 20;
 /// Lines of a document; a command of a `run.toml` takes five.
 pub const MAX_DOCUMENT_LINES: usize = 1 << 20;
