@@ -245,7 +245,7 @@ fn a_message_quotes_no_more_than_two_hundred_bytes_of_a_line() {
     for (name, text) in [
         ("key.toml", format!("{long} = 1\n")),
         ("value.toml", format!("seed = \"{long}\"\n")),
-        ("broken.toml", format!("{long}")),
+        ("broken.toml", long.clone()),
         ("behind.toml", format!("unit = {{ clock-frequency = {{ ppm = 1.0, {long} = 2 }} }}\n")),
     ] {
         check(&["config", "check", &write(name, text)]);

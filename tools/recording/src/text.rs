@@ -190,3 +190,43 @@ impl<R: Read> Table<R> {
         Ok(is_row)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_document_is_read_without_its_mark_and_its_bad_byte_is_placed() {
+        let directory = tempfile::tempdir().expect("a directory");
+        let path = directory.path().join("text.toml");
+        std::fs::write(&path, "\u{feff}seed = 1\n").expect("a file");
+        assert_eq!(read_text(&path).expect("text"), "seed = 1\n");
+        std::fs::write(&path, b"seed = 1\nname = \"\xFF\"\n").expect("a file");
+        let message = read_text(&path).expect_err("no UTF-8").to_string();
+        assert_eq!(message, "line 2: expected UTF-8, got the byte FF");
+    }
+
+    #[test]
+    fn what_is_looked_at_first_is_read_again() {
+        let text = format!("\u{feff}t_s\r\n{}", "1\n".repeat(5000));
+        let mut rows = RowReader::new(text.as_bytes());
+        assert_eq!(rows.first_lines().expect("lines")[0], "t_s");
+        let lines: Vec<String> = rows.lines().collect::<io::Result<_>>().expect("lines");
+        assert_eq!((lines.len(), lines[0].as_str(), lines[5000].as_str()), (5001, "t_s", "1"));
+    }
+
+    #[test]
+    fn a_row_that_does_not_end_and_rows_without_end_are_errors() {
+        let long = "x".repeat(MAX_ROW_BYTES + (1 << 17));
+        let text = format!("a\nb\n{long}");
+        let error = RowReader::new(text.as_bytes()).lines().find_map(Result::err).expect("too long").to_string();
+        assert!(error.starts_with("after row 2: expected a row within"), "{error}");
+        // Rows, each within its bound, are more than a row's bound together.
+        let rows = "0,0\n".repeat(MAX_ROW_BYTES);
+        assert_eq!(RowReader::new(rows.as_bytes()).lines().filter_map(Result::ok).count(), MAX_ROW_BYTES);
+        let mut endless = RowReader::new(io::repeat(b'\n'));
+        endless.rows = MAX_ROWS;
+        let error = endless.lines().find_map(Result::err).expect("too many").to_string();
+        assert!(error.contains("rows, got more"), "{error}");
+    }
+}
