@@ -20,6 +20,7 @@ pub mod command;
 pub mod continuity;
 pub mod crc;
 pub mod describe;
+pub mod excerpt;
 pub mod field;
 pub mod message;
 pub mod serial;

@@ -12,6 +12,7 @@ mod checkout;
 mod config;
 mod control;
 mod decode;
+mod defects;
 mod describe;
 mod diagnose;
 mod diagnose_charts;

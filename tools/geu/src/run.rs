@@ -15,7 +15,7 @@ use geu_model::fault::catalogue::LinkKind;
 use crate::expectations;
 use crate::failure::{Failure, note};
 use crate::links::Links;
-use crate::settings::{RunSettings, Wire, half_seconds};
+use crate::settings::{LONGEST_S, RunSettings, Wire, half_seconds};
 
 /// Runs the emulator: the unit on a pty, a serial port, a CAN interface or TCP, or several of them at once.
 ///
@@ -36,7 +36,7 @@ pub struct Arguments {
     #[arg(long, value_name = "X|max", allow_negative_numbers = true)]
     speed: Option<Speed>,
     /// Ends after so much on-board time; on a truth from a file it ends with the truth
-    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
+    #[arg(long, value_name = "DURATION", allow_negative_numbers = true, value_parser = crate::settings::duration(0.0, LONGEST_S))]
     duration: Option<f64>,
     /// Holds the first half second back until a client is attached to a pty or over TCP
     #[arg(long)]

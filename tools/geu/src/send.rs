@@ -37,7 +37,7 @@ pub struct Arguments {
     #[arg(long, value_name = "HEX", conflicts_with = "command")]
     raw: Option<String>,
     /// Waits so long for the reply
-    #[arg(long, value_name = "SECONDS", default_value_t = 1.0)]
+    #[arg(long, value_name = "DURATION", default_value = "1", allow_negative_numbers = true, value_parser = crate::settings::duration(0.0, 3600.0))]
     timeout: f64,
     /// Prints the table of commands
     #[arg(long)]
@@ -56,9 +56,6 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         (Some(hex), _) => raw_payload(hex)?,
         (None, command) => named_payload(command.as_deref().unwrap_or_default(), &arguments.arguments)?,
     };
-    if !(0.0..=3600.0).contains(&arguments.timeout) {
-        return Err(Failure::input(format!("--timeout: expected 0 to 3600 seconds, got {}", arguments.timeout)));
-    }
     let link = arguments.link.as_deref().unwrap_or_default();
     let give_up = Instant::now() + Duration::from_secs_f64(arguments.timeout);
     let (reply, polled) = open(link)?
