@@ -23,6 +23,7 @@ pub mod describe;
 pub mod field;
 pub mod message;
 pub mod serial;
+pub mod suggestion;
 
 pub use can::{Assembler, CanFrame, CanPlan};
 pub use command::{Command, Outcome, Reply};

@@ -4,6 +4,7 @@ use std::fmt;
 use std::ops::Range;
 
 use geu_protocol::Gyro;
+use geu_protocol::suggestion::did_you_mean;
 use toml_edit::{Array, ArrayOfTables, Document, DocumentMut, Item, TableLike};
 
 use crate::number::{Default, Form, Number, Numbers};
@@ -128,14 +129,17 @@ impl<'a> Node<'a> {
     /// The error for an unknown key: the likeliest meant, and all valid ones.
     pub fn unknown<S: AsRef<str>>(&self, key: &str, valid: &[S]) -> ConfigurationError {
         let names: Vec<&str> = valid.iter().map(AsRef::as_ref).collect();
-        let likeliest = names
-            .iter()
-            .map(|name| (strsim::jaro_winkler(name, key), name))
-            .filter(|(likeness, _)| *likeness > 0.8)
-            .max_by(|a, b| a.0.total_cmp(&b.0));
-        let hint = likeliest.map(|(_, name)| format!("did you mean `{name}`? ")).unwrap_or_default();
+        let hint = did_you_mean(key, &names);
         let place = if self.path.is_empty() { "at the top level".to_owned() } else { format!("in {}", self.path) };
         self.error(key, format!("unknown key `{key}` {place}; {hint}expected one of: {}", names.join(", ")))
+    }
+
+    /// What is expected in place of the key's text: the likeliest meant, and all valid ones.
+    pub fn one_of(&self, key: &str, valid: &[&str]) -> String {
+        let hint = self.table.get(key).and_then(Item::as_str).map(|text| did_you_mean(text, valid)).unwrap_or_default();
+        let hint = hint.trim_end();
+        let hint = if hint.is_empty() { String::new() } else { format!(" ({hint})") };
+        format!("one of {}{hint}", valid.join(", "))
     }
 
     fn got(&self, key: &str) -> String {
@@ -203,7 +207,7 @@ impl<'a> Node<'a> {
     pub fn choice(&self, key: &str, valid: &[&str]) -> Read<&'a str> {
         match self.table.get(key).and_then(Item::as_str) {
             Some(text) if valid.contains(&text) => Ok(text),
-            _ => Err(self.unexpected(key, &format!("one of {}", valid.join(", ")))),
+            _ => Err(self.unexpected(key, &self.one_of(key, valid))),
         }
     }
 
