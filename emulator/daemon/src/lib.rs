@@ -17,6 +17,7 @@ pub mod link;
 pub mod record;
 mod recording;
 mod run;
+pub mod running;
 pub mod simulate;
 pub mod truth;
 
