@@ -49,8 +49,8 @@ impl Choice {
             Some(address) => address.trim_start_matches("http://").trim_end_matches('/').to_owned(),
             None => running::control(self.at.as_deref())?,
         };
-        running::say_which(&control);
-        Ok(Emulator { control, token })
+        let which = running::say_which(&control);
+        Ok(Emulator { control, token, which })
     }
 }
 
@@ -59,6 +59,8 @@ impl Choice {
 pub struct Emulator {
     control: String,
     token: Option<String>,
+    /// Which one, for people.
+    pub which: String,
 }
 
 /// Something that the emulator tells of itself.
@@ -72,7 +74,7 @@ pub struct Told {
 impl Emulator {
     /// The one whose interface is at `address`.
     pub fn at(address: &str) -> Emulator {
-        Emulator { control: address.to_owned(), token: None }
+        Emulator { control: address.to_owned(), token: None, which: address.to_owned() }
     }
 
     /// Asks, and gives the answer.

@@ -64,7 +64,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             if stands_still {
                 let figures = figures(&told.data);
                 let happened: String = happened.iter().map(|line| format!("{line}\n")).collect();
-                print(format_args!("{HOME}{figures}\n{happened}"))?;
+                print(format_args!("{HOME}{}\n{figures}\n{happened}", emulator.which))?;
             } else {
                 print(format_args!("{}\n", line(&told.data)))?;
             }

@@ -20,7 +20,8 @@ use crate::token::Token;
 
 /// Runs the emulator: the unit on a pty, a serial port, a CAN interface or TCP, or several of them at once.
 ///
-/// Without a link it stands on a pty at $XDG_RUNTIME_DIR/geu0, else /tmp/geu0. `ready LINK` is printed for each.
+/// Without a link it stands on a pty at $XDG_RUNTIME_DIR/geu0, else /tmp/geu0. `ready LINK` is printed for each,
+/// and `ready control http://…` for the control interface.
 #[derive(Args, Debug, Default)]
 pub struct Arguments {
     #[command(flatten)]

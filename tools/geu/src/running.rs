@@ -31,13 +31,13 @@ pub fn link() -> Result<String, Failure> {
     Ok(address.replace(' ', ":"))
 }
 
-/// Says which emulator is spoken to.
-pub fn say_which(control: &str) {
+/// Says which emulator is spoken to, and gives what it said.
+pub fn say_which(control: &str) -> String {
     let own = |running: &Running| running.control.as_deref() == Some(control);
-    match running::all().unwrap_or_default().into_iter().find(own) {
-        Some(running) => note(format_args!("geu: {running}\n")),
-        None => note(format_args!("geu: control http://{control}/\n")),
-    }
+    let found = running::all().unwrap_or_default().into_iter().find(own);
+    let which = found.map_or_else(|| format!("control http://{control}/"), |running| running.to_string());
+    note(format_args!("geu: {which}\n"));
+    which
 }
 
 /// Says over which link.
