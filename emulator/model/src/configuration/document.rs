@@ -108,7 +108,17 @@ impl<'a> Node<'a> {
 
     /// An error that points at the value of the key: what was expected of it, and what was got.
     pub fn unexpected(&self, key: &str, expected: &str) -> ConfigurationError {
-        let message = format!("expected {expected} for `{}`, got {}", self.path_of(key), self.got(key));
+        self.refused(key, "", expected)
+    }
+
+    /// The same for a text that is none of `valid`, with the likeliest meant.
+    pub fn none_of(&self, key: &str, valid: &[&str]) -> ConfigurationError {
+        let text = self.table.get(key).and_then(Item::as_str).unwrap_or_default();
+        self.refused(key, &did_you_mean(text, valid), &format!("one of {}", valid.join(", ")))
+    }
+
+    fn refused(&self, key: &str, hint: &str, expected: &str) -> ConfigurationError {
+        let message = format!("{hint}expected {expected} for `{}`, got {}", self.path_of(key), self.got(key));
         match self.table.get(key).and_then(Item::span) {
             Some(span) => locate(&self.source.name, self.source.document.raw(), Some(span), message),
             None => self.error(key, message),
@@ -132,14 +142,6 @@ impl<'a> Node<'a> {
         let hint = did_you_mean(key, &names);
         let place = if self.path.is_empty() { "at the top level".to_owned() } else { format!("in {}", self.path) };
         self.error(key, format!("unknown key `{key}` {place}; {hint}expected one of: {}", names.join(", ")))
-    }
-
-    /// What is expected in place of the key's text: the likeliest meant, and all valid ones.
-    pub fn one_of(&self, key: &str, valid: &[&str]) -> String {
-        let hint = self.table.get(key).and_then(Item::as_str).map(|text| did_you_mean(text, valid)).unwrap_or_default();
-        let hint = hint.trim_end();
-        let hint = if hint.is_empty() { String::new() } else { format!(" ({hint})") };
-        format!("one of {}{hint}", valid.join(", "))
     }
 
     fn got(&self, key: &str) -> String {
@@ -207,7 +209,7 @@ impl<'a> Node<'a> {
     pub fn choice(&self, key: &str, valid: &[&str]) -> Read<&'a str> {
         match self.table.get(key).and_then(Item::as_str) {
             Some(text) if valid.contains(&text) => Ok(text),
-            _ => Err(self.unexpected(key, &self.one_of(key, valid))),
+            _ => Err(self.none_of(key, valid)),
         }
     }
 

@@ -228,7 +228,7 @@ fn read_target(node: &Node) -> Read<Target> {
     Target::named(name).ok_or_else(|| {
         let names: Vec<String> = Target::all().iter().map(Target::name).collect();
         let names: Vec<&str> = names.iter().map(String::as_str).collect();
-        node.unexpected("parameter", &node.one_of("parameter", &names))
+        node.none_of("parameter", &names)
     })
 }
 
