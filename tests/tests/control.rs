@@ -164,7 +164,11 @@ fn the_token_comes_from_a_file_or_the_environment_and_no_message_shows_it() {
     }
     // The file is the more particular.
     assert!(list(&["--control-token-file", &file], "another").status.success());
-    assert!(failed(&list(&[], "secret-word"), 2).contains("Authorization: Bearer TOKEN"));
+    let said = failed(&list(&[], "secret-word"), 2);
+    assert!(
+        said.contains("got another; give it with --control-token-file FILE") && !said.contains("secret-word"),
+        "{said}"
+    );
     for (arguments, environment, expected) in [
         (&["--control-token-file", &*wrong][..], "", "visible ASCII"),
         (&["--control-token-file", &*blank], "", "visible ASCII"),

@@ -7,7 +7,7 @@ use std::time::Duration;
 use clap::Args;
 use geu_daemon::control::DEFAULT_ADDRESS;
 use serde_json::Value;
-use ureq::http::{Method, Request};
+use ureq::http::{Method, Request, StatusCode};
 use ureq::{Agent, AsSendBody};
 
 use crate::failure::Failure;
@@ -92,8 +92,7 @@ impl Emulator {
         if response.status().is_success() {
             return Ok(answer);
         }
-        let message = answer["error"].as_str().map_or_else(|| response.status().to_string(), str::to_owned);
-        Err(Failure::input(message))
+        Err(refusal(response.status(), &answer))
     }
 
     /// Follows what happens, until the emulator ends, or lets a client go that fell behind.
@@ -104,8 +103,7 @@ impl Emulator {
         let mut response = self.send(self.request(Method::GET, "/api/events", false).body(()), None)?;
         if !response.status().is_success() {
             let answer: Value = response.body_mut().read_json().unwrap_or_default();
-            let message = answer["error"].as_str().map_or_else(|| response.status().to_string(), str::to_owned);
-            return Err(Failure::input(message));
+            return Err(refusal(response.status(), &answer));
         }
         let mut stream = BufReader::new(response.into_body().into_reader());
         let (mut name, control) = (String::new(), self.control.clone());
@@ -163,6 +161,17 @@ impl Emulator {
 
     fn strange(&self, error: ureq::Error) -> Failure {
         Failure::failed(format!("--control {}: {error}; expected the answer of an emulator", self.control))
+    }
+}
+
+/// What an emulator that refuses says.
+fn refusal(status: StatusCode, answer: &Value) -> Failure {
+    let message = answer["error"].as_str().map_or_else(|| status.to_string(), str::to_owned);
+    match status {
+        StatusCode::UNAUTHORIZED => {
+            Failure::input(format!("{message}; give it with --control-token-file FILE or GEU_CONTROL_TOKEN"))
+        }
+        _ => Failure::input(message),
     }
 }
 
