@@ -24,6 +24,7 @@ pub mod excerpt;
 pub mod field;
 pub mod message;
 pub mod serial;
+pub mod suggestion;
 
 pub use can::{Assembler, CanFrame, CanPlan};
 pub use command::{Command, Outcome, Reply};

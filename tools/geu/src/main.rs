@@ -32,10 +32,12 @@ mod reconstruct;
 mod replay;
 mod rows;
 mod run;
+mod running;
 mod selftest;
 mod send;
 mod settings;
 mod simulate;
+mod token;
 mod track;
 mod update;
 

@@ -5,6 +5,7 @@ use std::ops::Range;
 
 use geu_protocol::Gyro;
 use geu_protocol::excerpt::{MAX_QUOTED, excerpt};
+use geu_protocol::suggestion::did_you_mean;
 use toml_edit::{Array, ArrayOfTables, Document, DocumentMut, Item, TableLike};
 
 use crate::number::{Default, Form, Number, Numbers};
@@ -126,7 +127,17 @@ impl<'a> Node<'a> {
 
     /// An error that points at the value of the key: what was expected of it, and what was got.
     pub fn unexpected(&self, key: &str, expected: &str) -> ConfigurationError {
-        let message = format!("expected {expected} for `{}`, got {}", self.path_of(key), self.got(key));
+        self.refused(key, "", expected)
+    }
+
+    /// The same for a text that is none of `valid`, with the likeliest meant.
+    pub fn none_of(&self, key: &str, valid: &[&str]) -> ConfigurationError {
+        let text = self.table.get(key).and_then(Item::as_str).unwrap_or_default();
+        self.refused(key, &did_you_mean(text, valid), &format!("one of {}", valid.join(", ")))
+    }
+
+    fn refused(&self, key: &str, hint: &str, expected: &str) -> ConfigurationError {
+        let message = format!("{hint}expected {expected} for `{}`, got {}", self.path_of(key), self.got(key));
         match self.table.get(key).and_then(Item::span) {
             Some(span) => locate(&self.source.name, self.source.document.raw(), Some(span), message),
             None => self.error(key, message),
@@ -147,12 +158,7 @@ impl<'a> Node<'a> {
     /// The error for an unknown key: the likeliest meant, and all valid ones.
     pub fn unknown<S: AsRef<str>>(&self, key: &str, valid: &[S]) -> ConfigurationError {
         let names: Vec<&str> = valid.iter().map(AsRef::as_ref).collect();
-        let likeliest = names
-            .iter()
-            .map(|name| (strsim::jaro_winkler(name, key), name))
-            .filter(|(likeness, _)| *likeness > 0.8)
-            .max_by(|a, b| a.0.total_cmp(&b.0));
-        let hint = likeliest.map(|(_, name)| format!("did you mean `{name}`? ")).unwrap_or_default();
+        let hint = did_you_mean(key, &names);
         let place = if self.path.is_empty() { "at the top level".to_owned() } else { format!("in {}", self.path) };
         let quoted = excerpt(key);
         self.error(key, format!("unknown key `{quoted}` {place}; {hint}expected one of: {}", names.join(", ")))
@@ -223,7 +229,7 @@ impl<'a> Node<'a> {
     pub fn choice(&self, key: &str, valid: &[&str]) -> Read<&'a str> {
         match self.table.get(key).and_then(Item::as_str) {
             Some(text) if valid.contains(&text) => Ok(text),
-            _ => Err(self.unexpected(key, &format!("one of {}", valid.join(", ")))),
+            _ => Err(self.none_of(key, valid)),
         }
     }
 
