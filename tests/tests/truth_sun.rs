@@ -37,7 +37,8 @@ fn the_sun_is_seen_turns_the_package_and_meets_conditions_live_and_again() {
     let (code, said, _) = simulated.end();
     assert_eq!(code, Some(0), "{said}");
     // 0.5°/s about Y from θ = 90°: 95° is passed after 10 s.
-    assert!(said.contains("hot"), "the condition held: {said}");
+    let faults = fs::read_to_string(run.join("faults.jsonl")).expect("a file");
+    assert!(faults.contains("\"hot\"") && !said.contains("never started"), "the condition held: {said}");
 
     let header = fs::read_to_string(run.join("reference.csv")).expect("a file");
     assert!(header.starts_with("t_s,rate_x_arcsec_s,rate_y_arcsec_s,rate_z_arcsec_s,theta_deg,psi_deg\n"), "{header}");

@@ -329,9 +329,10 @@ impl Follower {
         }
     }
 
-    /// The points before `t_s`, and at it or after it.
+    /// The points before `t_s`, and at it or after it. One that is earlier by rounding alone is at it: a half second that it
+    /// covers must come out the same whether or not a later one is there.
     fn around(&self, t_s: f64) -> (Option<&Point>, Option<&Point>) {
-        let after = self.curve.partition_point(|point| point.t_s < t_s);
+        let after = self.curve.partition_point(|point| point.t_s < t_s - GRAIN_S);
         (after.checked_sub(1).and_then(|index| self.curve.get(index)), self.curve.get(after))
     }
 

@@ -46,6 +46,24 @@ fn samples_on_time_are_used_as_they_are_from_the_first_on() {
 }
 
 #[test]
+fn what_is_used_does_not_depend_on_what_came_early() {
+    // The unit's half seconds end a rounding after the samples.
+    let ends: Vec<f64> = (1..=40).map(|half| f64::from(half) * 0.5 * (1.0 + 3e-16)).collect();
+    let samples: Vec<Sample> =
+        (0..=40).map(|half| about_x(f64::from(half) * 0.5, (f64::from(half) * 0.7).sin() * 3e4)).collect();
+    let (mut ahead, mut just_in_time) = (follower(), follower());
+    take(&mut ahead, &samples);
+    just_in_time.take(samples[0]);
+    for (end_s, sample) in ends.iter().zip(&samples[1..]) {
+        just_in_time.take(*sample);
+        assert!(just_in_time.covers(*end_s));
+        just_in_time.finish(*end_s);
+        ahead.finish(*end_s);
+    }
+    assert_eq!(ahead.truth.knots_from(0), just_in_time.truth.knots_from(0));
+}
+
+#[test]
 fn a_late_sample_is_made_up_over_the_next_half_second_and_no_angle_is_lost() {
     let mut follower = follower();
     take(&mut follower, &[rate(0.0, 0.0), rate(0.5, 100.0)]);
