@@ -192,7 +192,7 @@ fn a_server_that_restarts_is_found_again_and_its_rates_go_on() {
         sleep(Duration::from_millis(300));
     }
     let said = emulator.end_with(1);
-    assert!(said.contains("and 1 jumps: the unit moved otherwise than was told there"), "{said}");
+    assert!(said.contains("0 missing, 1 jumps: the unit moved otherwise than was reported"), "{said}");
     assert!(said.contains("its time jumped by -10.000 s") && said.contains("it closed the connection"), "{said}");
     assert!(said.contains("jumps 1,"), "{said}");
     let turned = turned_arcsec(&run, "GYRZA");

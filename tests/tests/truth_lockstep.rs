@@ -113,7 +113,7 @@ fn a_run_in_real_time_whose_truth_came_late_says_so_and_fails_at_its_end() {
     simulated.tell(&about_x(0.0, 0.0));
     let (code, said, _) = simulated.end();
     assert_eq!(code, Some(1), "{said}");
-    assert!(said.contains("got none in time for 4 (4 late, 0 missing), and 0 jumps"), "{said}");
+    assert!(said.contains("got 4 late half seconds, 0 missing, 0 jumps: the unit moved otherwise"), "{said}");
     assert!(said.contains("truth        received 1, late half seconds 4, missing 0"), "the statistics: {said}");
 }
 

@@ -170,9 +170,8 @@ impl Live {
         let Counts { late, missing, jumps, .. } = state.follower.counts;
         let counted = (late + missing + jumps > 0).then(|| {
             format!(
-                "truth {}: expected a sample at or after the end of each half second, got none in time for {} ({late} late, {missing} missing), and {jumps} jumps: the unit moved otherwise than was told there; report earlier, or run with --speed max, where unit and simulator wait for each other",
-                self.address,
-                late + missing
+                "truth {}: expected a sample at or after the end of each half second, and no jumps, got {late} late half seconds, {missing} missing, {jumps} jumps: the unit moved otherwise than was reported; report ahead of time, or run with --speed max, where unit and simulator wait for each other",
+                self.address
             )
         });
         state.gave_up.clone().or(counted)
