@@ -3,6 +3,7 @@
 pub mod comparison;
 pub mod emulator;
 pub mod page;
+pub mod simulator;
 pub mod whitening;
 
 use std::io::Write;

@@ -200,21 +200,29 @@ impl Recorder {
     }
 
     fn headers(&mut self) -> Result<(), RecordError> {
-        let rates = "rate_x_arcsec_s,rate_y_arcsec_s,rate_z_arcsec_s";
-        let angles = if self.motion.knows_sun() { ",theta_deg,psi_deg" } else { "" };
-        self.reference.write(|file| writeln!(file, "t_s,{rates}{angles}"))?;
+        // Whether a simulator tells the sun is known with its first sample.
+        if self.received.is_none() {
+            self.truth_headers()?;
+        }
         self.manoeuvres.write(|file| writeln!(file, "manoeuvre,start_s,end_s"))?;
         self.fss.write(|file| writeln!(file, "t_s,theta_arcsec,roll_arcsec"))?;
         self.sse.write(|file| writeln!(file, "t_s,star,slit,theta_deg,psi_deg,sigma_arcsec"))?;
-        if let Some(received) = &mut self.received {
-            received.output.write(|file| writeln!(file, "{}", received::HEADER))?;
-        }
         let (codes, truth_columns) = (columns(), &self.truth_columns);
         self.truth.write(|file| {
             write!(file, "t_s,sequence,gyro,true_arcsec")?;
             truth_columns.iter().try_for_each(|&column| write!(file, ",{}_counts", codes[column]))?;
             writeln!(file, ",unquantised,count")
         })
+    }
+
+    /// Those of the files that have the sun where it is known.
+    fn truth_headers(&mut self) -> Result<(), RecordError> {
+        let rates = "rate_x_arcsec_s,rate_y_arcsec_s,rate_z_arcsec_s";
+        let tells_sun = self.motion.untold().is_empty();
+        let angles = if tells_sun { ",theta_deg,psi_deg" } else { "" };
+        self.reference.write(|file| writeln!(file, "t_s,{rates}{angles}"))?;
+        let Some(received) = &mut self.received else { return Ok(()) };
+        received.output.write(|file| received::write_header(file, tells_sun))
     }
 
     /// Writes what happened.
@@ -276,6 +284,9 @@ impl Recorder {
         self.half_seconds += 1;
         self.truth_rows(ended, traces)?;
         if self.received.is_some() {
+            if self.half_seconds == 1 {
+                self.truth_headers()?;
+            }
             self.received_rows()?;
             // One half second behind: what is beyond the end of this one may not be known yet.
             self.reference_rows_within(self.end_ns)?;
@@ -432,6 +443,9 @@ impl Recorder {
         self.outbox.end(self.end_ns);
         self.write_due(i64::MAX)?;
         if self.received.is_some() {
+            if self.half_seconds == 0 {
+                self.truth_headers()?;
+            }
             self.received_rows()?;
             self.reference_rows_within(self.end_ns)?;
         }

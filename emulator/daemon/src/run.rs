@@ -13,14 +13,15 @@ use std::time::{Duration, Instant};
 
 use geu_model::fault::acting::{Acting, Faults};
 use geu_model::fault::catalogue::LinkKind;
+use geu_model::fault::{Fault, asks_in_vain};
 use geu_model::units::HALF_SECOND_NS;
-use geu_model::{Configuration, Truth};
+use geu_model::{Configuration, Ended, Truth};
 use geu_protocol::HalfSecond;
 use tokio::signal::unix::{SignalKind, signal};
 
 use crate::bench::{LiveBench, Shower};
 use crate::cadence::{Sleeper, Speed, ask_for_realtime, doze_until, now_ns};
-use crate::carriage::Outbox;
+use crate::carriage::{Content, Outbox};
 use crate::console;
 use crate::control::{Door, DoorError};
 use crate::descriptors::{self, TooFew};
@@ -31,7 +32,7 @@ use crate::patience::{LAST_WORDS, Patience, Stop};
 use crate::record::{RecordError, Recorder};
 use crate::recording::Writer;
 use crate::running::{self, Registration, Running};
-use crate::truth::{Counts as TruthCounts, Live, TruthError};
+use crate::truth::{Counts as TruthCounts, Handed, Live, SampleReport, TruthError};
 
 /// So long before its deadline a half second is ended and encoded: longer than the model and a wake-up take.
 const LEAD_NS: i64 = 800_000;
@@ -63,6 +64,9 @@ pub struct Settings {
     pub wait_for_client: bool,
     /// The source of the truth, where that comes from outside.
     pub live: Option<Arc<Live>>,
+    /// Such a source is waited for so long at most, wall clock, wherever the run waits for it; without end where nothing
+    /// is said.
+    pub truth_wait: Option<Duration>,
 }
 
 /// A run that could not begin, or whose recording is not complete.
@@ -85,6 +89,9 @@ pub enum RunError {
     /// The truth from outside cannot be listened for.
     #[error(transparent)]
     Truth(#[from] TruthError),
+    /// A condition asks about what the truth from outside does not tell.
+    #[error("{0}; a simulator tells them by the direction to the sun in its first sample, \"sun\": [x, y, z]")]
+    Untold(String),
     /// The recording cannot be written.
     #[error(transparent)]
     Record(#[from] RecordError),
@@ -109,6 +116,8 @@ pub struct Summary {
     pub rejected: u64,
     /// What became of the samples of a truth from outside.
     pub truth: Option<TruthCounts>,
+    /// Why the unit did not move as that truth was told, in words; nothing where it did.
+    pub truth_failure: Option<String>,
     /// Each link.
     pub links: Vec<Arc<Tally>>,
     /// How the faults and expectations of the plan stand.
@@ -222,9 +231,9 @@ async fn keep(
     let mut keeper = Keeper { desk: desk.clone(), settings: settings.clone(), links, timing: timing.clone() };
     let (done, mut is_done) = tokio::sync::oneshot::channel();
     let thread = thread::Builder::new().name("geu-cadence".to_owned()).spawn(move || {
-        keeper.keep_time();
+        let kept = keeper.keep_time();
         let _ = done.send(());
-        keeper
+        (keeper, kept)
     })?;
 
     let mut status = tokio::time::interval(STATUS);
@@ -249,11 +258,12 @@ async fn keep(
         }
     }
     // The time keeper is done; it still holds the links.
-    let keeper = thread.join().expect("the time keeper does not panic");
+    let (keeper, kept) = thread.join().expect("the time keeper does not panic");
     await_readers(&keeper.links).await;
     drop(keeper);
     drop(server);
     console::clear_status();
+    kept?;
     Ok(Summary {
         half_seconds: desk.running().0,
         missed: timing.counts().missed,
@@ -262,6 +272,7 @@ async fn keep(
         commands: desk.commands.load(Relaxed),
         rejected: desk.rejected.load(Relaxed),
         truth: settings.live.as_ref().map(|live| live.counts()),
+        truth_failure: settings.live.as_ref().and_then(|live| live.failure()),
         links: tallies,
         faults: desk.faults(),
     })
@@ -338,11 +349,15 @@ struct Outgoing {
     outbox: Outbox,
     /// Whether something is prepared for the deadline.
     is_prepared: bool,
+    /// What is prepared, and what was sent since that was asked last.
+    prepared: Handed,
+    handed: Handed,
 }
 
 impl Outgoing {
     fn new(link: Box<dyn Link>) -> Outgoing {
-        Outgoing { link, outbox: Outbox::default(), is_prepared: false }
+        let handed = Handed::default();
+        Outgoing { link, outbox: Outbox::default(), is_prepared: false, prepared: handed.clone(), handed }
     }
 
     /// Takes a half second in, or nothing where none is sent.
@@ -361,20 +376,46 @@ impl Outgoing {
     fn prepare_due(&mut self, until_ns: i64) -> bool {
         let due = self.outbox.take(until_ns);
         let goes_on = self.outbox.is_within_frame();
-        due.inspect(|(_, contents)| self.link.prepare(contents, goes_on)).is_some()
+        let Some((_, contents)) = due else { return false };
+        self.link.prepare(&contents, goes_on);
+        self.prepared = Handed::default();
+        for content in &contents {
+            match content {
+                Content::Bytes(bytes) => self.prepared.bytes += bytes.len() as u64,
+                Content::Frame(_) => self.prepared.frames += 1,
+            }
+        }
+        true
     }
 
     /// Sends what was prepared.
     fn send(&mut self, patience: &Patience) {
         if std::mem::take(&mut self.is_prepared) {
-            self.link.send(patience);
+            self.send_prepared(patience);
         }
+    }
+
+    fn send_prepared(&mut self, patience: &Patience) {
+        let tally = self.link.tally();
+        let (sent, dropped) = (tally.sent.load(Relaxed), tally.dropped.load(Relaxed));
+        self.link.send(patience);
+        if tally.sent.load(Relaxed) > sent {
+            self.handed.bytes += self.prepared.bytes;
+            self.handed.frames += self.prepared.frames;
+        }
+        self.handed.dropped += tally.dropped.load(Relaxed) - dropped;
+    }
+
+    /// What the link was handed since this was asked last.
+    fn take_handed(&mut self) -> (String, bool, Handed) {
+        let is_can = self.link.carrier().kind == LinkKind::Can;
+        (self.link.tally().name.clone(), is_can, std::mem::take(&mut self.handed))
     }
 
     /// Sends what a fault has held back until now.
     fn send_due(&mut self, until_ns: i64, patience: &Patience) {
         while self.prepare_due(until_ns) {
-            self.link.send(patience);
+            self.send_prepared(patience);
         }
     }
 
@@ -389,7 +430,7 @@ impl Outgoing {
 }
 
 impl Keeper {
-    fn keep_time(&mut self) {
+    fn keep_time(&mut self) -> Result<(), RunError> {
         let sleeper = Sleeper::new(self.settings.spin);
         // Without deadlines there is nothing to be on time for, and a thread that never sleeps must not have priority.
         if self.settings.realtime && self.settings.speed != Speed::Max {
@@ -405,9 +446,10 @@ impl Keeper {
         }
         let limit = if self.settings.speed.is_faster_than_real() { PATIENCE } else { Duration::ZERO };
         let patience = Patience::new(limit, &self.timing.stop);
-        if let Some(live) = &self.settings.live {
-            live.await_first(self.settings.speed == Speed::Max, || self.is_stopped());
+        if !self.has_first_sample() {
+            return Ok(());
         }
+        self.refuse_untold()?;
         let start_ns = now_ns();
         let (mut missed, mut last_end_ns) = (0, 0);
         while !self.is_stopped() {
@@ -434,6 +476,7 @@ impl Keeper {
                 missed += 1;
                 self.links.iter_mut().for_each(|outgoing| outgoing.put(None, frame, ended.end_ns, &[]));
                 self.desk.complete_unsent();
+                self.report(frame, &ended);
                 continue;
             }
             self.tell_missed(std::mem::take(&mut missed));
@@ -452,6 +495,7 @@ impl Keeper {
             }
             self.links.iter_mut().for_each(|outgoing| outgoing.send(&patience));
             self.desk.complete();
+            self.report(frame, &ended);
             if let Some(deadline_ns) = deadline_ns {
                 self.timing.record(now_ns - deadline_ns);
             }
@@ -459,6 +503,43 @@ impl Keeper {
         self.tell_missed(missed);
         let patience = Patience::new(limit.max(LAST_WORDS), &self.timing.stop);
         self.links.iter_mut().for_each(|outgoing| outgoing.end(last_end_ns, &patience));
+        Ok(())
+    }
+
+    /// Has a truth from outside begin; not where the run was stopped meanwhile, or the source did not come.
+    fn has_first_sample(&self) -> bool {
+        let Settings { live, truth_wait, speed, .. } = &self.settings;
+        let begin = |live: &Arc<Live>| live.await_first(*speed == Speed::Max, *truth_wait, || self.is_stopped());
+        live.as_ref().is_none_or(begin)
+    }
+
+    /// Conditions on what a truth from outside turns out not to tell.
+    fn refuse_untold(&self) -> Result<(), RunError> {
+        if self.settings.live.as_ref().is_none_or(|live| live.tells_sun()) {
+            return Ok(());
+        }
+        let faults = self.desk.faults();
+        let planned: Vec<Fault> = faults.planned.iter().map(|planned| (*planned.fault).clone()).collect();
+        let expectations: Vec<_> = faults.watches.iter().map(|watch| watch.expectation.clone()).collect();
+        match asks_in_vain(&planned, &expectations, "the truth of this run", self.desk.untold()) {
+            Some(why) => Err(RunError::Untold(why)),
+            None => Ok(()),
+        }
+    }
+
+    /// Reports the end of a half second to a source of the truth that asked for it: the links have their bytes.
+    fn report(&mut self, half_second: u64, ended: &Ended) {
+        let Some(live) = self.settings.live.as_ref().filter(|live| live.wants_reports()) else {
+            self.links.iter_mut().for_each(|outgoing| outgoing.handed = Handed::default());
+            return;
+        };
+        live.report(&SampleReport {
+            half_second,
+            end_s: ended.end_ns as f64 * 1e-9,
+            sequence: ended.half_second.sequence,
+            clock_count: ended.half_second.clock_count,
+            links: self.links.iter_mut().map(Outgoing::take_handed).collect(),
+        });
     }
 
     /// Waits until `wake_ns`, and sends what becomes due meanwhile because a fault held it back.
@@ -479,9 +560,9 @@ impl Keeper {
 
     /// Has the truth of the running half second, where it comes from outside; not where the run was stopped meanwhile.
     fn has_truth(&self) -> bool {
-        let waits_for_source = self.settings.speed == Speed::Max;
-        let finish = |live: &Arc<Live>| live.finish(self.desk.needs_truth_s(), waits_for_source, || self.is_stopped());
-        self.settings.live.as_ref().is_none_or(finish)
+        let Settings { live, truth_wait, speed, .. } = &self.settings;
+        let (needed_s, waits) = (self.desk.needs_truth_s(), *speed == Speed::Max);
+        live.as_ref().is_none_or(|live| live.finish(needed_s, waits, *truth_wait, || self.is_stopped()))
     }
 
     fn is_stopped(&self) -> bool {

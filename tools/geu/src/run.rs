@@ -11,6 +11,7 @@ use geu_daemon::record::Recorder;
 use geu_daemon::{RunError, Settings, asked_to_end};
 use geu_model::configuration::unix_ns;
 use geu_model::fault::catalogue::LinkKind;
+use geu_model::units::duration_s;
 
 use crate::expectations;
 use crate::failure::{Failure, note};
@@ -43,6 +44,10 @@ pub struct Arguments {
     /// Holds the first half second back until a client is attached to a pty or over TCP
     #[arg(long)]
     wait: bool,
+    /// How long a simulator of --truth is waited for, wall clock: for its first sample, and with --speed max for each
+    /// half second. Then the run ends with exit code 1 [default: forever]
+    #[arg(long, value_name = "SECONDS|forever", allow_negative_numbers = true, value_parser = truth_wait)]
+    truth_wait: Option<TruthWait>,
     /// Spins before each deadline instead of sleeping: less late, for CPU time
     #[arg(long, value_name = "MICROSECONDS", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=10_000))]
     spin: u32,
@@ -70,6 +75,12 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         let now = SystemTime::now().duration_since(UNIX_EPOCH).map_err(Failure::failed)?;
         ready.configuration.start_unix_ns = unix_ns(now.as_secs_f64());
     }
+    if arguments.truth_wait.is_some() && ready.live.is_none() {
+        let got = ready.configuration.run.truth.as_deref().unwrap_or("scenario");
+        return Err(Failure::input(format!(
+            "--truth-wait: expected a simulator to wait for, --truth udp://HOST:PORT, tcp://HOST:PORT or 42://HOST:PORT, got {got}"
+        )));
+    }
     let settings = Settings {
         links: arguments.links.addresses(),
         speed: arguments.speed.unwrap_or(Speed::Times(1.0)),
@@ -78,6 +89,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         realtime: arguments.realtime,
         wait_for_client: arguments.wait,
         live: ready.live.as_ref().map(|live| live.source.clone()),
+        truth_wait: arguments.truth_wait.and_then(|TruthWait(most)| most),
     };
     let open: Vec<LinkKind> = settings.links.iter().map(|link| link.carrier().kind).collect();
     if let Some(reason) = ready.configuration.faults.iter().find_map(|fault| fault.misses(&open)) {
@@ -102,9 +114,26 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let summary = geu_daemon::run(&ready.configuration, &ready.truth, &settings, recorder, door, asked_to_end())
         .map_err(|error| match error {
             RunError::Link(error) => Failure::input(error),
-            error @ (RunError::NobodyToWaitFor | RunError::Truth(_)) => Failure::input(error),
+            error @ (RunError::NobodyToWaitFor | RunError::Truth(_) | RunError::Untold(_)) => Failure::input(error),
             error => Failure::failed(error),
         })?;
     note(format_args!("{summary}"));
-    arguments.expectations.tell(&summary.faults)
+    let plan = arguments.expectations.tell(&summary.faults);
+    match (plan, summary.truth_failure) {
+        (plan, None) => plan,
+        (Ok(()), Some(truth)) => Err(Failure::failed(truth)),
+        (Err(plan), Some(truth)) => Err(plan.and(truth)),
+    }
+}
+
+/// How long a simulator is waited for; nothing for ever.
+#[derive(Debug, Clone, Copy)]
+struct TruthWait(Option<Duration>);
+
+fn truth_wait(text: &str) -> Result<TruthWait, String> {
+    if text == "forever" {
+        return Ok(TruthWait(None));
+    }
+    let seconds = duration_s(text, 0.001, 1e6).map_err(|error| format!("{error}, or forever"))?;
+    Ok(TruthWait(Some(Duration::from_secs_f64(seconds))))
 }

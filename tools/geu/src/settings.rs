@@ -228,13 +228,14 @@ impl RunSettings {
             None => (Truth::Scenario, None),
             Some(name) if LiveAddress::is_meant(&name) => {
                 let address: LiveAddress = name.parse().map_err(Failure::input)?;
-                let source = Live::new(address.clone());
+                let source = Live::new(address.clone(), configuration.truth);
                 (source.truth(), Some(LiveTruth { address, source }))
             }
             Some(name) => (truth_of_file(&name)?, None),
         };
         let (faults, expectations) = (&configuration.faults, &configuration.expectations);
-        let untold = truth.motion(&configuration, 0.0).untold();
+        // Of a simulator its first sample says what it tells.
+        let untold = if live.is_some() { &[] } else { truth.motion(&configuration, 0.0).untold() };
         match asks_in_vain(faults, expectations, "the truth of this run", untold) {
             Some(why) => Err(Failure::input(why)),
             None => Ok(ReadyRun { configuration, truth, live }),

@@ -133,11 +133,11 @@ fn main() -> ExitCode {
 /// Flies, and tells whether pointing was held.
 fn flown(arguments: &Arguments) -> Result<bool, String> {
     let believed = arguments.believed()?;
-    let emulator = match (&arguments.link, &arguments.truth) {
+    let mut emulator = match (&arguments.link, &arguments.truth) {
         (Some(link), Some(truth)) => Emulator::attach(link, truth)?,
         _ => Emulator::start(&emulator::program(arguments.geu.as_deref())?, &arguments.for_geu())?,
     };
-    let flown = flight::fly(&emulator, &believed, arguments.gyros.into(), arguments.duration, arguments.seed);
+    let flown = flight::fly(&mut emulator, &believed, arguments.gyros.into(), arguments.duration, arguments.seed);
     let flown = match flown {
         Ok(flown) => flown,
         Err(message) => {

@@ -14,7 +14,7 @@ use std::collections::HashSet;
 pub use document::{ConfigurationError, Node, Source};
 use geu_protocol::Gyro;
 
-use crate::attitude::{LimitCycle, Manoeuvre, Plan, Scenario};
+use crate::attitude::{LimitCycle, Manoeuvre, Plan, Scenario, TruthNumbers};
 use crate::course::{Course, KINDS, Kind};
 use crate::effect::discovered::{self, Formula, Term};
 use crate::effect::{
@@ -137,6 +137,8 @@ pub struct Configuration {
     pub sensors: SensorNumbers,
     /// What is flown.
     pub scenario: Scenario,
+    /// How a truth from a simulator is followed in its place.
+    pub truth: TruthNumbers,
     /// What goes wrong.
     pub faults: Vec<Fault>,
     /// What must be done about it.
@@ -186,7 +188,9 @@ const SERIAL_BAUD: Number = number(
     "rate of the serial port that was open; the default one where not named",
 );
 
-const TOP: [&str; 11] = [
+/// Table of [`TruthNumbers`].
+const TRUTH: &str = "truth";
+const TOP: [&str; 12] = [
     "seed",
     "start_unix_s",
     "unit",
@@ -195,6 +199,7 @@ const TOP: [&str; 11] = [
     "sensors",
     "scenario",
     "manoeuvre",
+    TRUTH,
     fault::FAULT,
     fault::EXPECT,
     "run",
@@ -302,6 +307,7 @@ impl Configuration {
             gyros,
             sensors: read_sensors(root)?,
             scenario: read_scenario(root)?,
+            truth: read_truth(root)?,
             expectations: fault::read_expectations(root, &[], &faults)?,
             faults,
             run,
@@ -486,6 +492,14 @@ fn read_scenario(root: &Node) -> Result<Scenario, ConfigurationError> {
         nodes[impossible.index].error(impossible.field, message)
     })?;
     Ok(scenario)
+}
+
+fn read_truth(root: &Node) -> Result<TruthNumbers, ConfigurationError> {
+    let mut truth = TruthNumbers::default();
+    if let Some(node) = root.table(TRUTH)? {
+        node.fill(&mut truth, |_| true, &[])?;
+    }
+    Ok(truth)
 }
 
 fn read_run(root: &Node) -> Result<RunRecord, ConfigurationError> {

@@ -4,8 +4,8 @@ use geu_protocol::Gyro;
 use serde_json::{Map, Value, json};
 
 use super::fault::{EXPECT_NUMBERS, FAULT_NUMBERS, FAULT_TEXTS};
-use super::{Configuration, DURATION, PSI, SERIAL_BAUD, START, THETA, WireForm};
-use crate::attitude::{LimitCycle, Manoeuvre};
+use super::{Configuration, DURATION, PSI, SERIAL_BAUD, START, THETA, TRUTH, WireForm};
+use crate::attitude::{LimitCycle, Manoeuvre, TruthNumbers};
 use crate::course::{KINDS, Size};
 use crate::effect::discovered::{self, Regressor};
 use crate::effect::{Effects, HeadEffects, UnitEffects, WiringEffects};
@@ -50,6 +50,7 @@ impl Configuration {
                 "limit_cycle": table(&LimitCycle::default(), &|_| true),
             })), &[]),
             "manoeuvre": { "type": "array", "items": { "oneOf": manoeuvres() } },
+            TRUTH: table(&TruthNumbers::default(), &|_| true),
             "temperature": object(map(json!({
                 "electronics": table(&Electronics::default(), &|_| true),
                 "electronics_table": { "type": "array", "items": { "type": "array", "prefixItems": [{ "type": "number" }, { "type": "number" }], "items": false } },

@@ -4,8 +4,8 @@ use std::fmt::Write;
 
 use geu_protocol::Gyro;
 
-use super::{Configuration, DURATION, PSI, RunRecord, SERIAL_BAUD, START, THETA, fault};
-use crate::attitude::Manoeuvre;
+use super::{Configuration, DURATION, PSI, RunRecord, SERIAL_BAUD, START, THETA, TRUTH, fault};
+use crate::attitude::{Manoeuvre, TruthNumbers};
 use crate::course::Kind;
 use crate::effect::discovered::{self, Regressor, Term};
 use crate::effect::{Configured, Effects};
@@ -45,6 +45,19 @@ impl Configuration {
             line(&mut text, format_args!("\n[[manoeuvre]]\nkind = {:?}", manoeuvre.kind()));
             for (number, value) in named(manoeuvre.numbers()) {
                 line(&mut text, format_args!("{} = {value:?}", number.name));
+            }
+        }
+        if complete || self.truth != TruthNumbers::default() {
+            line(&mut text, format_args!("\n[{TRUTH}]"));
+            if complete {
+                line(
+                    &mut text,
+                    format_args!("# a truth that a simulator reports while the unit runs (geu run --truth)"),
+                );
+                describe(&mut text, &self.truth, |_| true);
+            }
+            for (number, value) in named(&self.truth) {
+                line(&mut text, format_args!("{} = {}", number.name, number.written(value)));
             }
         }
 

@@ -44,7 +44,7 @@ impl Link for Kept {
     }
 
     fn tally(&self) -> Arc<Tally> {
-        unreachable!("nobody waits for a client")
+        Tally::new("kept")
     }
 }
 
