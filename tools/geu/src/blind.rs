@@ -8,8 +8,9 @@ use geu_diagnosis::blind::{Hidden, Key, Plan, SURVEY_S, Survey, Told, campaign, 
 use geu_recording::read_text;
 use indicatif::ProgressBar;
 
-use crate::calibrate::write;
 use crate::failure::{Failure, say};
+use crate::outputs::{OutputDirectory, OutputFile, write};
+use crate::overwriting::Force;
 use crate::settings::{NamedSettings, Settings, seed};
 
 /// Hides effects at random, scores what a diagnosis says of them, and does both many times.
@@ -39,7 +40,9 @@ struct Hide {
     seed: u64,
     /// Directory to write into; made if it is not there
     #[arg(long, value_name = "DIR")]
-    out: PathBuf,
+    out: OutputDirectory,
+    #[command(flatten)]
+    force: Force,
     /// Recordings to make
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     count: Option<u16>,
@@ -80,7 +83,7 @@ struct CampaignArguments {
     sizes: Vec<f64>,
     /// Write every run as JSON
     #[arg(long, value_name = "FILE")]
-    json: Option<PathBuf>,
+    json: Option<OutputFile>,
     /// Print the tables alone
     #[arg(long)]
     markdown: bool,
@@ -119,14 +122,15 @@ fn survey(unit: &NamedSettings, duration_s: f64) -> Result<Survey, Failure> {
 }
 
 fn hidden(arguments: &Hide) -> Result<(), Failure> {
+    let out = arguments.out.prepare(arguments.force)?;
     let survey = survey(&arguments.unit, arguments.duration)?;
     let count = arguments.count.unwrap_or(1);
     let bar = ProgressBar::new(count.into());
     for number in 0..count {
         let (key, flight) = hide(&survey, arguments.seed.wrapping_add(number.into()) & i64::MAX as u64);
         let own = match arguments.count {
-            Some(_) => arguments.out.join((number + 1).to_string()),
-            None => arguments.out.clone(),
+            Some(_) => out.join((number + 1).to_string()),
+            None => out.to_owned(),
         };
         let [recording, apart] = ["recording", "key"].map(|name| own.join(name));
         for directory in [&recording, &apart] {
@@ -186,7 +190,7 @@ fn many(arguments: &CampaignArguments) -> Result<(), Failure> {
     let campaign = campaign(&survey, &plan, &|| bar.inc(1)).map_err(Failure::failed)?;
     bar.finish_and_clear();
     if let Some(path) = &arguments.json {
-        write(path, format!("{:#}\n", campaign.json()))?;
+        path.write(format!("{:#}\n", campaign.json()))?;
     }
     say!("{}", campaign.tables().trim_end())?;
     if arguments.markdown {

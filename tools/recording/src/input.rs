@@ -122,6 +122,7 @@ pub(crate) fn open(name: &str, baud: Option<u32>) -> Result<Source, InputError> 
     if name == "-" {
         // Not the buffered standard input: what waits in a buffer cannot be waited for.
         let stdin = File::from(io::stdin().as_fd().try_clone_to_owned().map_err(failed)?);
+        claim(name, &stdin).map_err(failed)?;
         let wait_on = (!stdin.metadata().is_ok_and(|metadata| metadata.is_file())).then(|| stdin.as_raw_fd());
         return container(Box::new(stdin), wait_on).map_err(failed);
     }
@@ -140,6 +141,7 @@ pub(crate) fn open(name: &str, baud: Option<u32>) -> Result<Source, InputError> 
         return Ok(Source::Serial(port));
     }
     let file = File::open(path).map_err(failed)?;
+    claim(name, &file).map_err(failed)?;
     let wait_on = (!metadata.is_file()).then(|| file.as_raw_fd());
     container(Box::new(file), wait_on).map_err(failed)
 }
@@ -147,16 +149,23 @@ pub(crate) fn open(name: &str, baud: Option<u32>) -> Result<Source, InputError> 
 /// The text of a file, which may be compressed, without its byte order mark.
 ///
 /// # Errors
-/// A file that cannot be opened or read to its end, or is no UTF-8.
+/// A file that cannot be opened or read to its end, that is an output too, or is no UTF-8.
 pub fn read_text(path: &Path) -> io::Result<String> {
     let mut text = String::new();
-    if let Source::Bytes { mut reader, .. } = container(Box::new(File::open(path)?), None)? {
+    let file = File::open(path)?;
+    claim(&path.display().to_string(), &file)?;
+    if let Source::Bytes { mut reader, .. } = container(Box::new(file), None)? {
         reader.read_to_string(&mut text)?;
     }
     if text.starts_with(BYTE_ORDER_MARK) {
         text.drain(..BYTE_ORDER_MARK.len_utf8());
     }
     Ok(text)
+}
+
+/// Says that this is read, so that no output is written over it.
+fn claim(name: &str, file: &File) -> io::Result<()> {
+    geu_files::claim_input(name, &file.metadata()?).map_err(io::Error::other)
 }
 
 fn interface(name: &str) -> Result<Source, InputError> {

@@ -21,9 +21,9 @@ use nix::sys::resource::{Usage, UsageWho, getrusage};
 use nix::sys::time::TimeValLike;
 use serde_json::Value;
 
-use crate::calibrate::write;
 use crate::diagnose::Recording;
 use crate::failure::{Failure, say};
+use crate::outputs::write;
 
 /// Sequential selection with statsmodels, sparse regression with pysindy: what a Python user would write.
 const PYTHON: &str = include_str!("diagnose.py");
