@@ -1,5 +1,8 @@
 //! SIGINT, SIGTERM and SIGHUP while files are written: what is not whole is removed, and the process ends with 128 + the
-//! signal's number, 130 or 143; or, where a command asked for it, the first signal asks it to end by itself.
+//! signal's number, 130 or 143.
+//!
+//! Where a command asked for it, the first signal asks it to end by itself, as one that follows a link does. Should it not,
+//! the second ends the process, and what is not whole stays: those are rows that nobody can receive again.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -17,8 +20,7 @@ static ENDS_ITSELF: AtomicBool = AtomicBool::new(false);
 /// Set by that signal.
 static STOP: AtomicBool = AtomicBool::new(false);
 
-/// Set by the first SIGINT, SIGTERM or SIGHUP from now on, for a command that then ends by itself; the second ends the
-/// process.
+/// Set by the first SIGINT, SIGTERM or SIGHUP from now on, for a command that then ends by itself.
 ///
 /// # Errors
 /// When signals cannot be watched.
@@ -58,16 +60,20 @@ pub(crate) fn watch() -> io::Result<()> {
     }
     let mut signals = Signals::new([SIGINT, SIGTERM])?;
     if !is_ignored(Signal::SIGHUP)? {
-        signals.handle().add_signal(SIGHUP)?;
+        signals.add_signal(SIGHUP)?;
+    }
+    for signal in [Signal::SIGINT, Signal::SIGTERM] {
+        interrupts_reading(signal)?;
     }
     thread::Builder::new().name("signals".to_owned()).spawn(move || {
         for signal in signals.forever() {
-            if ENDS_ITSELF.load(Ordering::Relaxed) && !STOP.swap(true, Ordering::Relaxed) {
+            let ends_itself = ENDS_ITSELF.load(Ordering::Relaxed);
+            if ends_itself && !STOP.swap(true, Ordering::Relaxed) {
                 continue;
             }
             // Held to the end, so that no other file begins.
             let unfinished = self::unfinished();
-            for path in &unfinished.paths {
+            for path in unfinished.paths.iter().filter(|_| !ends_itself) {
                 let _ = std::fs::remove_file(path);
             }
             exit(128 + signal);
@@ -88,6 +94,19 @@ fn is_ignored(signal: Signal) -> io::Result<bool> {
     // SAFETY: as above.
     unsafe { sigaction(signal, &before) }?;
     Ok(false)
+}
+
+/// Lets a read that waits return at this signal, whose handler is there: a command that waits for a link would not look at
+/// its flag otherwise.
+fn interrupts_reading(signal: Signal) -> io::Result<()> {
+    let ignore = SigAction::new(SigHandler::SigIgn, SaFlags::empty(), SigSet::empty());
+    // SAFETY: the handler that was there is put back as it was, but for the flag.
+    unsafe {
+        let before = sigaction(signal, &ignore)?;
+        let flags = before.flags().difference(SaFlags::SA_RESTART);
+        sigaction(signal, &SigAction::new(before.handler(), flags, before.mask()))?;
+    }
+    Ok(())
 }
 
 /// Makes a write beyond the limit on the size of files (`ulimit -f`) an error, as a full disk is, in place of a signal that
