@@ -3,15 +3,12 @@
 //! Every input claims its file when it is opened, every output when its option is read; whichever comes second is refused.
 //! So a command that opens its inputs as all do cannot forget the check.
 
-use std::fs::{self, Metadata};
+use std::fs::Metadata;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use crate::place::{FileId, Place, duplicate, file_id};
-
-/// Folders below an output directory in which a command writes: `N/recording` of `geu blind hide --count`.
-const DEPTH: usize = 2;
 
 /// Why an output is refused.
 #[derive(Debug, thiserror::Error)]
@@ -111,34 +108,6 @@ pub fn claim_output(option: &str, path: &Path) -> Result<(), ClaimError> {
         Place::Regular { before: Some(metadata), .. } => claims().output(output, Claimed::There(file_id(&metadata))),
         Place::Regular { path, before: None } => claims().output(output, Claimed::NotYet(path)),
     }
-}
-
-/// Claims the files that are in a directory which this option names for writing.
-///
-/// # Errors
-/// A file in it that is an input or another output.
-pub fn claim_directory(option: &str, directory: &Path) -> Result<(), ClaimError> {
-    within(option, directory, DEPTH)
-}
-
-fn within(option: &str, directory: &Path, depth: usize) -> Result<(), ClaimError> {
-    // What cannot be looked into is told when it is written.
-    for entry in fs::read_dir(directory).into_iter().flatten().flatten() {
-        let path = entry.path();
-        match fs::metadata(&path) {
-            Ok(metadata) if metadata.is_file() => {
-                let output = format!("{option} {}", path.display());
-                // Two names of one file in a directory are nobody's mistake on the command line.
-                match claims().output(output, Claimed::There(file_id(&metadata))) {
-                    Err(ClaimError::Output { other, .. }) if other.starts_with(option) => {}
-                    claimed => claimed?,
-                }
-            }
-            Ok(metadata) if metadata.is_dir() && depth > 0 => within(option, &path, depth - 1)?,
-            _ => {}
-        }
-    }
-    Ok(())
 }
 
 /// Claims the file into which standard output goes, where it is one: `geu decode x.log >> x.log` would never end.

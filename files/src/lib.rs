@@ -23,5 +23,5 @@ pub mod interruption;
 mod output;
 mod place;
 
-pub use claims::{ClaimError, claim_directory, claim_input, claim_output, claim_standard_output};
+pub use claims::{ClaimError, claim_input, claim_output, claim_standard_output};
 pub use output::{Output, persist_all, write_whole};

@@ -61,6 +61,20 @@ enum Sensors {
     Reference,
 }
 
+/// The files of a recording.
+const RECORDED: [&str; 10] = [
+    "link.log",
+    "link.bin",
+    "reference.csv",
+    "truth.csv",
+    "manoeuvres.csv",
+    "commands.jsonl",
+    "fss.csv",
+    "sse.csv",
+    "faults.jsonl",
+    "run.toml",
+];
+
 /// What the precautions are for, at the paper's values (model.md, Effects).
 const GUARDED_AGAINST: [&str; 5] = [
     "unit.misalignment-thermal={ arcsec_per_deg = 0.5, time_constant_s = 300.0 }",
@@ -75,7 +89,7 @@ const GUARDED_AGAINST: [&str; 5] = [
 /// # Errors
 /// A configuration that cannot be read, a checkout that cannot be calibrated, files that cannot be written.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let out = arguments.out.as_ref().map(|out| out.prepare(arguments.force)).transpose()?;
+    let out = arguments.out.as_ref().map(|out| out.prepare(arguments.force, RECORDED)).transpose()?;
     let settings = Settings::from(&arguments.unit);
     let mut unit = if arguments.precautions && settings.config.is_none() {
         let overrides = GUARDED_AGAINST.into_iter().map(str::to_owned).chain(settings.overrides.clone());

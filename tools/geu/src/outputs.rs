@@ -11,7 +11,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::{ArgMatches, Command};
-use geu_files::{Output, claim_directory, claim_input, claim_output, claim_standard_output, persist_all};
+use geu_files::{Output, claim_input, claim_output, claim_standard_output, persist_all};
 
 use crate::failure::Failure;
 use crate::overwriting::Force;
@@ -61,12 +61,15 @@ impl From<OsString> for OutputDirectory {
 }
 
 impl OutputDirectory {
-    /// Its path, where it may be written into.
+    /// Its path, where these files may be written into it.
     ///
     /// # Errors
-    /// One that holds anything, unless it was forced.
-    pub fn prepare(&self, force: Force) -> Result<&Path, Failure> {
+    /// One that holds anything, unless it was forced; a file that is an input.
+    pub fn prepare<F: AsRef<Path>>(&self, force: Force, files: impl IntoIterator<Item = F>) -> Result<&Path, Failure> {
         force.refuse_filled(&self.0)?;
+        for path in files.into_iter().map(|file| self.0.join(file)).filter(|path| path.exists()) {
+            claim_output("output", &path).map_err(Failure::input)?;
+        }
         Ok(&self.0)
     }
 }
@@ -118,8 +121,6 @@ pub fn claim(command: &Command, matches: &ArgMatches) -> Result<(), Failure> {
             let path = Path::new(value);
             if kind == TypeId::of::<OutputFile>() {
                 claim_output(&option, path).map_err(Failure::input)?;
-            } else if kind == TypeId::of::<OutputDirectory>() {
-                claim_directory(&option, path).map_err(Failure::input)?;
             } else if (kind == TypeId::of::<PathBuf>() || kind == TypeId::of::<String>())
                 && let Ok(metadata) = fs::metadata(path)
             {
@@ -128,4 +129,97 @@ pub fn claim(command: &Command, matches: &ArgMatches) -> Result<(), Failure> {
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use clap::CommandFactory;
+
+    use super::*;
+
+    /// Options that name a path which is read, or is no file of results. Whoever adds one says here that it is none.
+    const NO_OUTPUTS: [&str; 37] = [
+        "bench decode --dbc",
+        "blind campaign --config",
+        "blind hide --config",
+        "blind score --config",
+        "blind score --json",
+        "blind score --key",
+        "calibrate --compare",
+        "calibrate --config",
+        "calibrate --fss",
+        "calibrate --known",
+        "calibrate --link",
+        "calibrate --manoeuvres",
+        "calibrate --reference",
+        "calibrate --sse",
+        "checkout --config",
+        "config check config",
+        "config show config",
+        "decode --gyro-csv",
+        "diagnose --config",
+        "diagnose --gyro-csv",
+        "diagnose --link",
+        "diagnose --manoeuvres",
+        "diagnose --reference",
+        "reconstruct --config",
+        "reconstruct --fss",
+        "reconstruct --link",
+        "reconstruct --sse",
+        "replay --faults",
+        "replay --pty",
+        "run --faults",
+        "run --pty",
+        "run config",
+        "simulate --faults",
+        "simulate config",
+        "track --config",
+        // The directory of a recording, whose files stand in the daemon.
+        "run --record",
+        "simulate --out",
+    ];
+
+    /// Options of which [`tests/outputs.rs`] shows what becomes of their files, and `tests/directories.rs` of directories.
+    const SHOWN: &str = include_str!("../tests/outputs.txt");
+
+    fn options(command: &Command, name: &str, is: &dyn Fn(&clap::Arg) -> bool, found: &mut BTreeSet<String>) {
+        for argument in command.get_arguments().filter(|argument| is(argument)) {
+            let own = argument.get_long().map_or_else(|| argument.get_id().to_string(), |long| format!("--{long}"));
+            found.insert(format!("{name} {own}").trim_start().to_owned());
+        }
+        for within in command.get_subcommands() {
+            options(within, format!("{name} {}", within.get_name()).trim_start(), is, found);
+        }
+    }
+
+    fn found(is: &dyn Fn(&clap::Arg) -> bool) -> BTreeSet<String> {
+        let mut found = BTreeSet::new();
+        options(&crate::Arguments::command(), "", is, &mut found);
+        found
+    }
+
+    #[test]
+    fn every_option_that_names_an_output_is_shown_to_be_written_whole() {
+        let is_output = |argument: &clap::Arg| {
+            let kind = argument.get_value_parser().type_id();
+            kind == TypeId::of::<OutputFile>() || kind == TypeId::of::<OutputDirectory>()
+        };
+        let shown: BTreeSet<String> = SHOWN.lines().map(str::to_owned).collect();
+        assert_eq!(found(&is_output), shown);
+    }
+
+    #[test]
+    fn every_other_option_that_names_a_path_is_none_of_an_output() {
+        let names_path = |argument: &clap::Arg| {
+            let kind = argument.get_value_parser().type_id();
+            let names = argument.get_value_names().unwrap_or_default();
+            let is_named =
+                names.iter().any(|name| ["FILE", "CSV", "CONFIG", "DIR", "DIRECTORY"].contains(&name.as_str()));
+            kind == TypeId::of::<PathBuf>() || (kind == TypeId::of::<String>() && is_named)
+        };
+        let known: BTreeSet<String> = NO_OUTPUTS.iter().map(|option| (*option).to_owned()).collect();
+        assert_eq!(found(&names_path), known);
+    }
 }

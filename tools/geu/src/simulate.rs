@@ -44,7 +44,7 @@ pub struct Arguments {
 /// A configuration that cannot be run, a truth that does not cover the run, a scenario without end and no duration, files that cannot be written,
 /// an expectation that was not met.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let svg = arguments.svg.as_ref().map(|svg| svg.prepare(arguments.force)).transpose()?;
+    let svg = arguments.svg.as_ref().map(|svg| svg.prepare(arguments.force, draw::names())).transpose()?;
     let ready = arguments.run.read()?;
     if let Some(LiveTruth { address, .. }) = &ready.live {
         return Err(Failure::input(format!(

@@ -56,6 +56,11 @@ pub struct Panel {
     pub levels: Vec<(f64, String)>,
 }
 
+/// The files that [`draw`] writes.
+pub fn names() -> impl Iterator<Item = &'static str> {
+    figures::FIGURES.iter().map(|(name, _)| *name)
+}
+
 /// Draws every figure of the unit into a directory, which is made if it is not there.
 ///
 /// # Errors
