@@ -1,6 +1,6 @@
 //! `geu decode`: recordings and live links to rows.
 
-use std::io::{self, Write};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -140,7 +140,7 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
     if arguments.format == Format::Summary && writer.is_open {
         let mut out = Output::open(arguments.out.as_ref())?;
         out.buffer = summary.to_string().into_bytes();
-        out.flush().map_err(Failure::writing)?;
+        out.flush()?;
         writer.rows = Some(out);
     }
     if gives_rows(&result) {
@@ -190,6 +190,8 @@ pub const BUFFER: usize = 1 << 18;
 
 /// A file or standard output behind a large buffer.
 pub struct Output {
+    /// None is standard output.
+    file: Option<OutputFile>,
     writer: geu_files::Output,
     /// What is to be written.
     pub buffer: Vec<u8>,
@@ -206,7 +208,7 @@ impl Output {
             Some(file) => file.create()?,
             None => geu_files::Output::create(Path::new("-")).map_err(Failure::writing)?,
         };
-        Ok(Output { writer, buffer: Vec::with_capacity(BUFFER + 1024), form: Form::Csv })
+        Ok(Output { file: file.cloned(), writer, buffer: Vec::with_capacity(BUFFER + 1024), form: Form::Csv })
     }
 
     fn in_form(mut self, form: Form) -> Output {
@@ -219,10 +221,13 @@ impl Output {
     ///
     /// # Errors
     /// When it cannot be written.
-    pub fn flush(&mut self) -> io::Result<()> {
-        self.writer.write_all(&self.buffer)?;
+    pub fn flush(&mut self) -> Result<(), Failure> {
+        let written = self.writer.write_all(&self.buffer).and_then(|()| self.writer.flush());
         self.buffer.clear();
-        self.writer.flush()
+        written.map_err(|error| match &self.file {
+            Some(file) => file.unwritten(error),
+            None => Failure::writing(error),
+        })
     }
 
     /// Writes all and puts each in its place; whoever read and went away has seen enough.
@@ -231,8 +236,8 @@ impl Output {
     /// When one cannot be written; then each leaves what was there.
     pub fn finish(outputs: impl IntoIterator<Item = Output>) -> Result<(), Failure> {
         let flush = |mut output: Output| output.flush().map(|()| output.writer);
-        let written = outputs.into_iter().map(flush).collect::<io::Result<Vec<_>>>();
-        written.and_then(geu_files::persist_all).map_err(Failure::writing)
+        let written = outputs.into_iter().map(flush).collect::<Result<Vec<_>, Failure>>()?;
+        geu_files::persist_all(written).map_err(Failure::writing)
     }
 }
 
@@ -269,9 +274,8 @@ impl Writer<'_> {
     #[cold]
     fn write_out(&mut self) {
         for output in [&mut self.rows, &mut self.defects].into_iter().flatten() {
-            if let Err(error) = output.flush() {
-                output.buffer.clear();
-                self.broken.get_or_insert_with(|| Failure::writing(error));
+            if let Err(failure) = output.flush() {
+                self.broken.get_or_insert(failure);
             }
         }
     }

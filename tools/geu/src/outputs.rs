@@ -7,7 +7,7 @@ use std::any::TypeId;
 use std::ffi::OsString;
 use std::fmt::{self, Display, Formatter};
 use std::fs;
-use std::io::Write;
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use clap::{ArgMatches, Command};
@@ -38,7 +38,12 @@ impl OutputFile {
     /// # Errors
     /// When it cannot be made.
     pub fn create(&self) -> Result<Output, Failure> {
-        Output::create(&self.0).map_err(|error| unwritten(&self.0, &error))
+        Output::create(&self.0).map_err(|error| self.unwritten(error))
+    }
+
+    /// Says that it cannot be written; but whoever closed a pipe has seen enough.
+    pub fn unwritten(&self, error: io::Error) -> Failure {
+        unwritten(&self.0, error)
     }
 
     /// Writes it as a whole.
@@ -82,7 +87,7 @@ pub fn write_all<'a>(outputs: impl IntoIterator<Item = (&'a OutputFile, String)>
     let complete = |(file, text): (&OutputFile, String)| {
         let mut output = file.create()?;
         let written = output.write_all(text.as_bytes()).and_then(|()| output.complete());
-        written.map(|()| output).map_err(|error| unwritten(&file.0, &error))
+        written.map(|()| output).map_err(|error| file.unwritten(error))
     };
     let outputs = outputs.into_iter().map(complete).collect::<Result<Vec<_>, Failure>>()?;
     persist_all(outputs).map_err(Failure::writing)
@@ -93,11 +98,14 @@ pub fn write_all<'a>(outputs: impl IntoIterator<Item = (&'a OutputFile, String)>
 /// # Errors
 /// When it cannot be written; then what was there is there still.
 pub fn write(path: &Path, content: impl AsRef<[u8]>) -> Result<(), Failure> {
-    geu_files::write_whole(path, content).map_err(|error| unwritten(path, &error))
+    geu_files::write_whole(path, content).map_err(|error| unwritten(path, error))
 }
 
-fn unwritten(path: &Path, error: &std::io::Error) -> Failure {
-    Failure::failed(format!("{}: cannot be written: {error}", path.display()))
+fn unwritten(path: &Path, error: io::Error) -> Failure {
+    match error.kind() {
+        io::ErrorKind::BrokenPipe => Failure::writing(error),
+        _ => Failure::failed(format!("{}: cannot be written: {error}", path.display())),
+    }
 }
 
 /// Claims what the options of a command line name, before the command begins: outputs by the type of their values, and
@@ -140,7 +148,7 @@ mod tests {
     use super::*;
 
     /// Options that name a path which is read, or is no file of results. Whoever adds one says here that it is none.
-    const NO_OUTPUTS: [&str; 37] = [
+    const NO_OUTPUTS: [&str; 38] = [
         "bench decode --dbc",
         "blind campaign --config",
         "blind hide --config",
@@ -164,6 +172,7 @@ mod tests {
         "diagnose --link",
         "diagnose --manoeuvres",
         "diagnose --reference",
+        "inject --plan",
         "reconstruct --config",
         "reconstruct --fss",
         "reconstruct --link",

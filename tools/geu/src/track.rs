@@ -431,10 +431,9 @@ impl Sink for Writer<'_> {
 
     fn flush(&mut self) {
         if let Some(output) = &mut self.output
-            && let Err(error) = output.flush()
+            && let Err(failure) = output.flush()
         {
-            output.buffer.clear();
-            self.broken.get_or_insert_with(|| Failure::writing(error));
+            self.broken.get_or_insert(failure);
         }
     }
 

@@ -33,6 +33,16 @@ fn a_directory_that_holds_anything_is_written_into_only_with_force() {
         assert!(forced.status.success() && directory.join(file).exists(), "{command:?}: {forced:?}");
         assert_eq!(fs::read_to_string(&foreign).expect("still there"), "mine");
 
+        // What would be written over is read.
+        let input = directory.join(file);
+        fs::write(&input, "seed = 4\n").expect("written");
+        let config = if command[0] == "simulate" { vec!["--force"] } else { vec!["--force", "--config"] };
+        let refused = geu(command, &directory, &[&config[..], &[input.to_str().expect("text")]].concat());
+        let message = String::from_utf8_lossy(&refused.stderr);
+        assert_eq!(refused.status.code(), Some(2), "{command:?}: {message}");
+        assert!(message.contains("none of the inputs"), "{message}");
+        assert_eq!(fs::read_to_string(&input).expect("still there"), "seed = 4\n");
+
         // No directory at all.
         let refused = geu(command, &foreign, &["--force"]);
         assert_eq!(refused.status.code(), Some(2), "{refused:?}");

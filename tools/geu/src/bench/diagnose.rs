@@ -122,7 +122,7 @@ fn case(arguments: &Arguments, directory: &Path, hours: f64, hidden: &[Hidden]) 
         return Ok(());
     }
     let (script, residual) = (directory.join("bench.py"), directory.join("residual.csv"));
-    write(&script, PYTHON.to_owned())?;
+    write(&script, PYTHON)?;
     write(&residual, residual_csv(directory)?)?;
     for tool in ["statsmodels", "pysindy"] {
         let took = measure(Command::new("python3").arg(&script).arg(tool).arg(&residual));
