@@ -1,7 +1,7 @@
 //! `geu checkout`: the in-orbit checkout flown in simulation, calibrated, compared with the truth.
 
 use std::fmt::Write;
-use std::path::PathBuf;
+use std::path::Path;
 
 use clap::{Args, ValueEnum};
 use geu_calibration::checkout::{
@@ -17,6 +17,8 @@ use geu_model::{Configuration, Truth};
 use geu_protocol::Gyro;
 
 use crate::failure::{Failure, note, say};
+use crate::outputs::OutputDirectory;
+use crate::overwriting::Force;
 use crate::settings::{NamedSettings, Settings, seed};
 
 /// Flies the in-orbit checkout in simulation, calibrates it and compares with the truth.
@@ -40,7 +42,9 @@ pub struct Arguments {
     precautions: bool,
     /// Directory to write the recording of the first flight into, as `geu simulate` does
     #[arg(long, value_name = "DIRECTORY")]
-    out: Option<PathBuf>,
+    out: Option<OutputDirectory>,
+    #[command(flatten)]
+    force: Force,
     /// Seed, in place of the configuration's
     #[arg(long, allow_negative_numbers = true, value_parser = seed)]
     seed: Option<u64>,
@@ -57,6 +61,20 @@ enum Sensors {
     Reference,
 }
 
+/// The files of a recording.
+const RECORDED: [&str; 10] = [
+    "link.log",
+    "link.bin",
+    "reference.csv",
+    "truth.csv",
+    "manoeuvres.csv",
+    "commands.jsonl",
+    "fss.csv",
+    "sse.csv",
+    "faults.jsonl",
+    "run.toml",
+];
+
 /// What the precautions are for, at the paper's values (model.md, Effects).
 const GUARDED_AGAINST: [&str; 5] = [
     "unit.misalignment-thermal={ arcsec_per_deg = 0.5, time_constant_s = 300.0 }",
@@ -71,6 +89,7 @@ const GUARDED_AGAINST: [&str; 5] = [
 /// # Errors
 /// A configuration that cannot be read, a checkout that cannot be calibrated, files that cannot be written.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let out = arguments.out.as_ref().map(|out| out.prepare(arguments.force, RECORDED)).transpose()?;
     let settings = Settings::from(&arguments.unit);
     let mut unit = if arguments.precautions && settings.config.is_none() {
         let overrides = GUARDED_AGAINST.into_iter().map(str::to_owned).chain(settings.overrides.clone());
@@ -100,12 +119,12 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         None if arguments.precautions => {
             say!("{}", what_they_buy(&checkout::precautions(&unit).map_err(Failure::failed)?))
         }
-        None => twice(&unit, by, arguments.out.as_deref()),
+        None => twice(&unit, by, out),
     }
 }
 
 /// Flies the sequence twice, compares and combines.
-fn twice(unit: &Configuration, by: By, out: Option<&std::path::Path>) -> Result<(), Failure> {
+fn twice(unit: &Configuration, by: By, out: Option<&Path>) -> Result<(), Failure> {
     let first = sequence(unit, Precautions::ALL);
     // Flown at once by the same unit, with other noise, at another ψ₀ and with other phases of the limit cycle.
     let mut second = sequence(&checkout::drawn(unit, unit.seed, 0), Precautions::ALL);

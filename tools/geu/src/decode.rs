@@ -1,12 +1,11 @@
 //! `geu decode`: recordings and live links to rows.
 
-use std::fs::File;
-use std::io::{self, Write};
+use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use clap::{Args, ValueEnum};
+use geu_files::interruption::stop_flag;
 use geu_protocol::CanPlan;
 use geu_protocol::capture::Format as InputFormat;
 use geu_recording::{Defect, InputError, InputReader, Options, Row, Sink, Stop, Summary};
@@ -14,7 +13,7 @@ use geu_recording::{Defect, InputError, InputReader, Options, Row, Sink, Stop, S
 use crate::defects::DefectLines;
 use crate::failure::{Failure, note};
 use crate::gyro_csv;
-use crate::overwriting::refuse_overwriting;
+use crate::outputs::OutputFile;
 use crate::rows::{Flags, Form, write_row};
 use crate::settings::{LONGEST_S, can_base, duration};
 
@@ -30,12 +29,14 @@ pub struct Arguments {
     /// How to write the flags.
     #[arg(long, value_enum, default_value_t, conflicts_with = "gyro_csv")]
     flags: Flags,
-    /// Where to write it, instead of standard output.
+    /// Where to write it, instead of standard output. Until the end, which Ctrl-C is too, rows stand beside it in
+    /// FILE.….partial; FILE is what was there before or whole. A process that is killed leaves the rows so far there.
     #[arg(long, value_name = "FILE")]
-    out: Option<PathBuf>,
+    out: Option<OutputFile>,
     /// Where to write the defects, one JSON object a line: place, kind, bytes; with a count where the same comes again.
+    /// As --out, whole or not at all.
     #[arg(long, value_name = "FILE")]
-    defects: Option<PathBuf>,
+    defects: Option<OutputFile>,
     /// Exit with 1 when there were defects.
     #[arg(long)]
     strict: bool,
@@ -70,9 +71,12 @@ pub struct Reading {
 }
 
 impl Reading {
-    /// A reader with these options, which the first SIGINT or SIGTERM ends.
-    pub fn reader(&self) -> InputReader<'static> {
-        stop_on_signals();
+    /// A reader with these options, which the first SIGINT, SIGTERM or SIGHUP ends.
+    ///
+    /// # Errors
+    /// When signals cannot be watched.
+    pub fn reader(&self) -> Result<InputReader<'static>, Failure> {
+        let stop = stop_flag().map_err(|error| Failure::failed(format!("signals cannot be watched: {error}")))?;
         let options = Options {
             plan: self.base.unwrap_or_default(),
             interface: self.interface.clone(),
@@ -80,7 +84,7 @@ impl Reading {
             baud: self.baud,
         };
         let deadline = self.duration.map(|duration_s| Instant::now() + Duration::from_secs_f64(duration_s));
-        InputReader::new(options, Stop { flag: Some(&STOP), deadline })
+        Ok(InputReader::new(options, Stop { flag: Some(stop), deadline }))
     }
 }
 
@@ -111,35 +115,17 @@ pub fn input_format(text: &str) -> Result<InputFormat, String> {
     })
 }
 
-/// Set by the first SIGINT or SIGTERM; the second ends the process.
-static STOP: AtomicBool = AtomicBool::new(false);
-
-extern "C" fn stop(_signal: i32) {
-    STOP.store(true, Ordering::Relaxed);
-}
-
-fn stop_on_signals() {
-    use nix::sys::signal::{SaFlags, SigAction, SigHandler, SigSet, Signal, sigaction};
-    let action = SigAction::new(SigHandler::Handler(stop), SaFlags::SA_RESETHAND, SigSet::empty());
-    for signal in [Signal::SIGINT, Signal::SIGTERM] {
-        // SAFETY: the handler only stores to an atomic.
-        let _ = unsafe { sigaction(signal, &action) };
-    }
-}
-
 /// Decodes.
 pub fn run(arguments: Arguments) -> Result<(), Failure> {
-    let outputs = [("--out", arguments.out.as_ref()), ("--defects", arguments.defects.as_ref())];
-    refuse_overwriting(&outputs, &arguments.inputs.iter().map(String::as_str).collect::<Vec<_>>())?;
     if let Some(description) = &arguments.gyro_csv {
         return decode_gyro_csv(&arguments, description);
     }
     let mut writer = Writer::new(&arguments);
-    let mut reader = arguments.reading.reader();
+    let mut reader = arguments.reading.reader()?;
     let mut result: Result<(), InputError> = Ok(());
     for input in &arguments.inputs {
         result = reader.read(input, &mut writer);
-        if result.is_err() || writer.is_closed() {
+        if result.is_err() || writer.is_closed() || reader.is_stopped() {
             break;
         }
     }
@@ -148,17 +134,21 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
     if let Some(failure) = writer.broken.take() {
         return Err(failure);
     }
-    if arguments.format == Format::Summary {
-        if writer.is_open {
-            let mut out = Output::open(arguments.out.as_ref())?;
-            out.buffer = summary.to_string().into_bytes();
-            out.finish()?;
-        }
-    } else if !arguments.quiet && summary.account.records + summary.account.bytes > 0 {
+    let result = result.and(ending);
+    if arguments.format == Format::Summary && writer.is_open {
+        let mut out = Output::open(arguments.out.as_ref())?;
+        out.buffer = summary.to_string().into_bytes();
+        out.flush()?;
+        writer.rows = Some(out);
+    }
+    if gives_rows(&result) {
+        Output::finish([writer.rows.take(), writer.defects.take()].into_iter().flatten())?;
+    }
+    if arguments.format != Format::Summary && !arguments.quiet && summary.account.records + summary.account.bytes > 0 {
         note(format_args!("{summary}"));
     }
     note_elsewhere(&summary);
-    result.and(ending).map_err(Failure::input)?;
+    result.map_err(Failure::input)?;
     let defects = summary.account.defect_count();
     match arguments.strict && defects > 0 {
         true => Err(Failure::failed(format!("--strict: {defects} defects"))),
@@ -173,10 +163,9 @@ fn decode_gyro_csv(arguments: &Arguments, description: &Path) -> Result<(), Fail
     };
     let read = gyro_csv::read(input, description)?;
     let account = read.account();
-    if let Some(path) = &arguments.defects {
-        let mut defects = Output::open(Some(path))?;
+    let mut defects = arguments.defects.as_ref().map(|file| Output::open(Some(file))).transpose()?;
+    if let Some(defects) = &mut defects {
         gyro_csv::write_defects(input, &read, &mut defects.buffer);
-        defects.finish()?;
     }
     let mut out = Output::open(arguments.out.as_ref())?;
     match arguments.format {
@@ -184,7 +173,7 @@ fn decode_gyro_csv(arguments: &Arguments, description: &Path) -> Result<(), Fail
         Format::Jsonl => gyro_csv::write_jsonl(&read, &mut out.buffer),
         Format::Summary => out.buffer.extend_from_slice(format!("input        {input}\n{account}").as_bytes()),
     }
-    out.finish()?;
+    Output::finish(defects.into_iter().chain([out]))?;
     if arguments.format != Format::Summary && !arguments.quiet {
         note(format_args!("{account}"));
     }
@@ -199,7 +188,9 @@ pub const BUFFER: usize = 1 << 18;
 
 /// A file or standard output behind a large buffer.
 pub struct Output {
-    writer: Box<dyn Write>,
+    /// None is standard output.
+    file: Option<OutputFile>,
+    writer: geu_files::Output,
     /// What is to be written.
     pub buffer: Vec<u8>,
     form: Form,
@@ -210,15 +201,12 @@ impl Output {
     ///
     /// # Errors
     /// A file that cannot be written.
-    pub fn open(path: Option<&PathBuf>) -> Result<Output, Failure> {
-        let writer: Box<dyn Write> = match path {
-            Some(path) => Box::new(
-                File::create(path)
-                    .map_err(|error| Failure::input(format!("{}: cannot be written: {error}", path.display())))?,
-            ),
-            None => Box::new(io::stdout().lock()),
+    pub fn open(file: Option<&OutputFile>) -> Result<Output, Failure> {
+        let writer = match file {
+            Some(file) => file.create()?,
+            None => geu_files::Output::create(Path::new("-")).map_err(Failure::writing)?,
         };
-        Ok(Output { writer, buffer: Vec::with_capacity(BUFFER + 1024), form: Form::Csv })
+        Ok(Output { file: file.cloned(), writer, buffer: Vec::with_capacity(BUFFER + 1024), form: Form::Csv })
     }
 
     fn in_form(mut self, form: Form, flags: Flags) -> Output {
@@ -227,20 +215,34 @@ impl Output {
         self
     }
 
-    /// Writes all; whoever read and went away has seen enough.
-    fn finish(mut self) -> Result<(), Failure> {
-        self.flush().map_err(Failure::writing)
-    }
-
     /// Writes what is in the buffer.
     ///
     /// # Errors
     /// When it cannot be written.
-    pub fn flush(&mut self) -> io::Result<()> {
-        self.writer.write_all(&self.buffer)?;
+    pub fn flush(&mut self) -> Result<(), Failure> {
+        let written = self.writer.write_all(&self.buffer).and_then(|()| self.writer.flush());
         self.buffer.clear();
-        self.writer.flush()
+        written.map_err(|error| match &self.file {
+            Some(file) => file.unwritten(error),
+            None => Failure::writing(error),
+        })
     }
+
+    /// Writes all and puts each in its place; whoever read and went away has seen enough.
+    ///
+    /// # Errors
+    /// When one cannot be written; then each leaves what was there.
+    pub fn finish(outputs: impl IntoIterator<Item = Output>) -> Result<(), Failure> {
+        let flush = |mut output: Output| output.flush().map(|()| output.writer);
+        let written = outputs.into_iter().map(flush).collect::<Result<Vec<_>, Failure>>()?;
+        geu_files::persist_all(written).map_err(Failure::writing)
+    }
+}
+
+/// Whether what was read until then is a result: a broken recording or a link that went away gives its rows.
+pub fn gives_rows(read: &Result<(), InputError>) -> bool {
+    use InputError::{Container, Cut, Read};
+    matches!(read, Ok(()) | Err(Read { .. } | Container { .. } | Cut { .. }))
 }
 
 /// Writes rows and defects as they come.
@@ -275,9 +277,8 @@ impl<'a> Writer<'a> {
     #[cold]
     fn write_out(&mut self) {
         for output in [&mut self.rows, &mut self.defects].into_iter().flatten() {
-            if let Err(error) = output.flush() {
-                output.buffer.clear();
-                self.broken.get_or_insert_with(|| Failure::writing(error));
+            if let Err(failure) = output.flush() {
+                self.broken.get_or_insert(failure);
             }
         }
     }

@@ -11,6 +11,8 @@ use geu_model::attitude::Plan;
 use crate::draw;
 use crate::expectations;
 use crate::failure::Failure;
+use crate::outputs::OutputDirectory;
+use crate::overwriting::Force;
 use crate::settings::{LONGEST_S, LiveTruth, RunSettings, Wire, half_seconds};
 
 /// Runs the model without links, as fast as possible, and writes what a run records.
@@ -23,7 +25,9 @@ pub struct Arguments {
     out: Option<PathBuf>,
     /// Directory to draw the unit's figures into: transfer function, pivot transit, limit cycle, two weeks
     #[arg(long, value_name = "DIRECTORY")]
-    svg: Option<PathBuf>,
+    svg: Option<OutputDirectory>,
+    #[command(flatten)]
+    force: Force,
     /// On-board time to run; without it the recorded duration, or the length of scenario or truth
     #[arg(long, value_name = "DURATION", allow_negative_numbers = true, value_parser = crate::settings::duration(0.0, LONGEST_S))]
     duration: Option<f64>,
@@ -40,7 +44,7 @@ pub struct Arguments {
 /// A configuration that cannot be run, a truth that does not cover the run, a scenario without end and no duration, files that cannot be written,
 /// an expectation that was not met.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    arguments.expectations.check()?;
+    let svg = arguments.svg.as_ref().map(|svg| svg.prepare(arguments.force, draw::names())).transpose()?;
     let ready = arguments.run.read()?;
     if let Some(LiveTruth { address, .. }) = &ready.live {
         return Err(Failure::input(format!(
@@ -48,7 +52,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         )));
     }
     let configuration = &ready.configuration;
-    if let Some(directory) = &arguments.svg {
+    if let Some(directory) = svg {
         draw::draw(directory, configuration)?;
     }
     let Some(out) = &arguments.out else { return Ok(()) };

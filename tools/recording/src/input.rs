@@ -131,6 +131,7 @@ pub(crate) fn open(name: &str, baud: Option<u32>) -> Result<Source, InputError> 
     if name == "-" {
         // Not the buffered standard input: what waits in a buffer cannot be waited for.
         let stdin = File::from(io::stdin().as_fd().try_clone_to_owned().map_err(failed)?);
+        claim(name, &stdin).map_err(failed)?;
         let wait_on = (!stdin.metadata().is_ok_and(|metadata| metadata.is_file())).then(|| stdin.as_raw_fd());
         return container(Box::new(stdin), wait_on).map_err(failed);
     }
@@ -149,8 +150,14 @@ pub(crate) fn open(name: &str, baud: Option<u32>) -> Result<Source, InputError> 
         return Ok(Source::Serial(port));
     }
     let file = File::open(path).map_err(failed)?;
+    claim(name, &file).map_err(failed)?;
     let wait_on = (!metadata.is_file()).then(|| file.as_raw_fd());
     container(Box::new(file), wait_on).map_err(failed)
+}
+
+/// Says that this is read, so that no output is written over it.
+pub(crate) fn claim(name: &str, file: &File) -> io::Result<()> {
+    geu_files::claim_input(name, &file.metadata()?).map_err(io::Error::other)
 }
 
 fn interface(name: &str) -> Result<Source, InputError> {

@@ -89,6 +89,11 @@ impl<'a> InputReader<'a> {
         (summary, result)
     }
 
+    /// Whether it was asked to stop, or its time is over.
+    pub fn is_stopped(&self) -> bool {
+        self.stop.is_due()
+    }
+
     fn is_done(&self, sink: &impl Sink) -> bool {
         self.stop.is_due() || sink.is_closed()
     }

@@ -21,9 +21,9 @@ use nix::sys::resource::{Usage, UsageWho, getrusage};
 use nix::sys::time::TimeValLike;
 use serde_json::Value;
 
-use crate::calibrate::write;
 use crate::diagnose::Recording;
 use crate::failure::{Failure, say};
+use crate::outputs::write;
 
 /// Sequential selection with statsmodels, sparse regression with pysindy: what a Python user would write.
 const PYTHON: &str = include_str!("diagnose.py");
@@ -122,7 +122,7 @@ fn case(arguments: &Arguments, directory: &Path, hours: f64, hidden: &[Hidden]) 
         return Ok(());
     }
     let (script, residual) = (directory.join("bench.py"), directory.join("residual.csv"));
-    write(&script, PYTHON.to_owned())?;
+    write(&script, PYTHON)?;
     write(&residual, residual_csv(directory)?)?;
     for tool in ["statsmodels", "pysindy"] {
         let took = measure(Command::new("python3").arg(&script).arg(tool).arg(&residual));
