@@ -26,7 +26,7 @@ const HEAD: u64 = 4096;
 /// The text of a document, which may be compressed, without its byte order mark.
 ///
 /// # Errors
-/// A file that cannot be opened or read to its end, is longer than [`MAX_DOCUMENT_BYTES`] or [`MAX_DOCUMENT_LINES`], or is no UTF-8.
+/// A file that cannot be opened or read to its end, is longer than a document may be, or is no UTF-8.
 pub fn read_text(path: &Path) -> io::Result<String> {
     let mut bytes = Vec::new();
     open_bytes(path)?.take(MAX_DOCUMENT_BYTES as u64 + 1).read_to_end(&mut bytes)?;
