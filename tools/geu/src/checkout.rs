@@ -10,7 +10,7 @@ use geu_calibration::checkout::{
 use geu_calibration::combine;
 use geu_calibration::compare::LEAST_PROBABILITY;
 use geu_calibration::solve::{Parameter, Solution, UNKNOWNS, values};
-use geu_daemon::record::Recorder;
+use geu_daemon::record::{Destination, Recorder};
 use geu_daemon::simulate::simulate;
 use geu_model::configuration::WireForm;
 use geu_model::{Configuration, Truth};
@@ -41,6 +41,9 @@ pub struct Arguments {
     /// Directory to write the recording of the first flight into, as `geu simulate` does
     #[arg(long, value_name = "DIRECTORY")]
     out: Option<PathBuf>,
+    /// Replaces a recording in that directory
+    #[arg(long, requires = "out")]
+    force: bool,
     /// Seed, in place of the configuration's
     #[arg(long, allow_negative_numbers = true, value_parser = seed)]
     seed: Option<u64>,
@@ -100,21 +103,22 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         None if arguments.precautions => {
             say!("{}", what_they_buy(&checkout::precautions(&unit).map_err(Failure::failed)?))
         }
-        None => twice(&unit, by, arguments.out.as_deref()),
+        None => twice(&unit, by, arguments.out.as_deref(), arguments.force),
     }
 }
 
 /// Flies the sequence twice, compares and combines.
-fn twice(unit: &Configuration, by: By, out: Option<&std::path::Path>) -> Result<(), Failure> {
+fn twice(unit: &Configuration, by: By, out: Option<&std::path::Path>, force: bool) -> Result<(), Failure> {
     let first = sequence(unit, Precautions::ALL);
     // Flown at once by the same unit, with other noise, at another ψ₀ and with other phases of the limit cycle.
     let mut second = sequence(&checkout::drawn(unit, unit.seed, 0), Precautions::ALL);
     second.gyros = first.gyros.clone();
     if let Some(directory) = out {
         let mut recorder =
-            Recorder::create(directory, &first, &Truth::Scenario, WireForm::Can, &[]).map_err(Failure::input)?;
+            Recorder::create(&Destination::new(directory, force), &first, &Truth::Scenario, WireForm::Can, &[])
+                .map_err(Failure::input)?;
         let half_seconds = fly_length(&first);
-        simulate(&first, &Truth::Scenario, half_seconds, &mut recorder, |_| {}).map_err(Failure::failed)?;
+        simulate(&first, &Truth::Scenario, half_seconds, &mut recorder, |_| true).map_err(Failure::failed)?;
         recorder.finish().map_err(Failure::failed)?;
     }
     let solve = |configuration: &Configuration| -> Result<Solution, Failure> {

@@ -115,13 +115,14 @@ fn seconds(text: &str) -> Result<Duration, String> {
 }
 
 /// Set by the first SIGINT or SIGTERM; the second ends the process.
-static STOP: AtomicBool = AtomicBool::new(false);
+pub static STOP: AtomicBool = AtomicBool::new(false);
 
 extern "C" fn stop(_signal: i32) {
     STOP.store(true, Ordering::Relaxed);
 }
 
-fn stop_on_signals() {
+/// From now on the first SIGINT or SIGTERM sets [`STOP`].
+pub fn stop_on_signals() {
     use nix::sys::signal::{SaFlags, SigAction, SigHandler, SigSet, Signal, sigaction};
     let action = SigAction::new(SigHandler::Handler(stop), SaFlags::SA_RESETHAND, SigSet::empty());
     for signal in [Signal::SIGINT, Signal::SIGTERM] {

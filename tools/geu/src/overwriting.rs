@@ -7,6 +7,8 @@ use std::os::fd::AsFd;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
+use geu_daemon::record::FILES;
+
 use crate::failure::Failure;
 
 /// Refuses outputs, each with its option, of which one is an input or another output.
@@ -31,6 +33,14 @@ pub fn refuse_overwriting(outputs: &[(&str, Option<&PathBuf>)], inputs: &[&str])
         }
     }
     Ok(())
+}
+
+/// Refuses a recording in whose directory one of its files is an input: replacing it would destroy that.
+///
+/// # Errors
+/// The option and the file.
+pub fn refuse_recording_over(option: &str, directory: &Path, inputs: &[&str]) -> Result<(), Failure> {
+    FILES.iter().try_for_each(|name| refuse_overwriting(&[(option, Some(&directory.join(name)))], inputs))
 }
 
 /// A regular file, by device and inode.

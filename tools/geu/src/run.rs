@@ -6,15 +6,15 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use clap::Args;
 use geu_daemon::cadence::Speed;
 use geu_daemon::control::{DEFAULT_ADDRESS, Door};
-use geu_daemon::link::LinkAddress;
-use geu_daemon::record::Recorder;
-use geu_daemon::{RunError, Settings, asked_to_end};
-use geu_model::configuration::unix_ns;
+use geu_daemon::record::Destination;
+use geu_daemon::{Recording, RunError, Settings, asked_to_end};
+use geu_model::configuration::{WireForm, unix_ns};
 use geu_model::fault::catalogue::LinkKind;
 
 use crate::expectations;
 use crate::failure::{Failure, note};
 use crate::links::Links;
+use crate::overwriting::refuse_recording_over;
 use crate::settings::{RunSettings, Wire, half_seconds};
 
 /// Runs the emulator: the unit on a pty, a serial port, a CAN interface or TCP, or several of them at once.
@@ -26,10 +26,13 @@ pub struct Arguments {
     run: RunSettings,
     #[command(flatten)]
     links: Links,
-    /// Writes there what `geu simulate` writes, for this run
+    /// Writes there what `geu simulate` writes, for this run; a directory that is new or empty
     #[arg(long, value_name = "DIRECTORY")]
     record: Option<PathBuf>,
-    /// Form of the link in the recording [default: the configuration's, else can]
+    /// Replaces a recording in that directory; files that no recording has stay
+    #[arg(long, requires = "record")]
+    force: bool,
+    /// Form of the link in the recording [default: that of the link given first]
     #[arg(long, requires = "record")]
     wire: Option<Wire>,
     /// On-board time against the wall clock: a factor, or max for as fast as model and readers go [default: 1]
@@ -60,10 +63,14 @@ pub struct Arguments {
 /// Carries it out.
 ///
 /// # Errors
-/// A configuration that cannot be run, a link that cannot be opened, a recording that cannot be written.
+/// A configuration that cannot be run, a link that cannot be opened, a recording that cannot begin or is not complete.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.expectations.check()?;
     let mut ready = arguments.run.read()?;
+    if let Some(directory) = &arguments.record {
+        let inputs: Vec<&str> = ready.inputs.iter().map(String::as_str).collect();
+        refuse_recording_over("--record", directory, &inputs)?;
+    }
     if arguments.run.start.is_none() && ready.configuration.start_unix_ns == 0 {
         let now = SystemTime::now().duration_since(UNIX_EPOCH).map_err(Failure::failed)?;
         ready.configuration.start_unix_ns = unix_ns(now.as_secs_f64());
@@ -89,21 +96,19 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             Some(door.map_err(Failure::input)?)
         }
     };
-    let wire = Wire::form(arguments.wire, &ready.configuration);
-    let recorder = match &arguments.record {
-        Some(directory) => {
-            let carriers: Vec<_> = settings.links.iter().map(LinkAddress::carrier).collect();
-            let recorder = Recorder::create(directory, &ready.configuration, &ready.truth, wire, &carriers);
-            Some(recorder.map_err(Failure::input)?)
-        }
-        None => None,
-    };
-    let summary = geu_daemon::run(&ready.configuration, &ready.truth, &settings, recorder, door, asked_to_end())
-        .map_err(|error| match error {
-            RunError::Link(error) => Failure::input(error),
-            error @ (RunError::NobodyToWaitFor | RunError::Truth(_)) => Failure::input(error),
-            error => Failure::failed(error),
-        })?;
+    let recording = arguments.record.as_ref().map(|directory| Recording {
+        destination: Destination::new(directory, arguments.force),
+        wire: arguments.wire.map(WireForm::from),
+    });
+    let summary =
+        geu_daemon::run(&ready.configuration, &ready.truth, &settings, recording.as_ref(), door, asked_to_end())
+            .map_err(|error| match error {
+                RunError::Link(error) => Failure::input(error),
+                error @ (RunError::NobodyToWaitFor | RunError::Truth(_) | RunError::Record(_)) => Failure::input(error),
+                error => Failure::failed(error),
+            })?;
     note(format_args!("{summary}"));
-    arguments.expectations.tell(&summary.faults)
+    let told = arguments.expectations.tell(&summary.faults);
+    summary.recording.map_err(Failure::failed)?;
+    told
 }

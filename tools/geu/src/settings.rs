@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
+use geu_daemon::record;
 use geu_daemon::truth::{Live, LiveAddress, received};
 use geu_model::configuration::{WireForm, unix_ns};
 use geu_model::fault::asks_in_vain;
@@ -91,6 +92,8 @@ pub struct ReadyRun {
     pub truth: Truth,
     /// Who tells it, where that is a simulator.
     pub live: Option<LiveTruth>,
+    /// Files that were read.
+    pub inputs: Vec<String>,
 }
 
 /// A truth from outside, before anything of it was told.
@@ -146,7 +149,7 @@ impl From<Wire> for WireForm {
 }
 
 impl Wire {
-    /// The form asked for, else the form recorded, else `link.log`.
+    /// The form that a simulated run has: the one asked for, else the form recorded, else `link.log`.
     pub fn form(asked: Option<Wire>, configuration: &Configuration) -> WireForm {
         asked.map(WireForm::from).or(configuration.run.wire).unwrap_or_default()
     }
@@ -193,6 +196,11 @@ impl RunSettings {
     /// As [`Settings::read`], a start that is no time, a truth that cannot be read.
     pub fn read(&self) -> Result<ReadyRun, Failure> {
         let mut configuration = self.settings.read()?;
+        let is_unfinished = configuration.run.is_unfinished;
+        if let (true, Some(path)) = (is_unfinished, &self.settings.config) {
+            let directory = path.parent().unwrap_or(Path::new(""));
+            record::complete(&mut configuration, directory).map_err(Failure::input)?;
+        }
         if let Some(seed) = self.seed {
             configuration.seed = seed;
         }
@@ -216,6 +224,8 @@ impl RunSettings {
             (name, ..) => name.clone(),
         };
         configuration.run.truth.clone_from(&name);
+        let paths = self.settings.config.iter().chain(&self.faults).map(|path| path.display().to_string());
+        let inputs = paths.chain(name.clone()).collect();
         let (truth, live) = match name {
             None => (Truth::Scenario, None),
             Some(name) if LiveAddress::is_meant(&name) => {
@@ -223,13 +233,13 @@ impl RunSettings {
                 let source = Live::new(address.clone());
                 (source.truth(), Some(LiveTruth { address, source }))
             }
-            Some(name) => (truth_of_file(&name)?, None),
+            Some(name) => (truth_of_file(&name, is_unfinished)?, None),
         };
         let (faults, expectations) = (&configuration.faults, &configuration.expectations);
         let untold = truth.motion(&configuration, 0.0).untold();
         match asks_in_vain(faults, expectations, "the truth of this run", untold) {
             Some(why) => Err(Failure::input(why)),
-            None => Ok(ReadyRun { configuration, truth, live }),
+            None => Ok(ReadyRun { configuration, truth, live, inputs }),
         }
     }
 }
@@ -240,12 +250,13 @@ fn beside(config: &Path, name: &str) -> String {
     path.to_str().filter(|_| path.exists()).unwrap_or(name).to_owned()
 }
 
-/// A truth from a file, whichever kind it is.
-fn truth_of_file(name: &str) -> Result<Truth, Failure> {
+/// A truth from a file, whichever kind it is; that of an unfinished run may end within a row.
+fn truth_of_file(name: &str, is_unfinished: bool) -> Result<Truth, Failure> {
     let failed = |source| ReferenceError::Read { name: name.to_owned(), source };
     let text = read_text(Path::new(name)).map_err(failed).map_err(Failure::input)?;
     if received::is_received(&text) {
-        return Ok(Truth::Stepped(Arc::new(received::parse(name, &text).map_err(Failure::input)?)));
+        let text = if is_unfinished { record::whole_lines(&text) } else { &text };
+        return Ok(Truth::Stepped(Arc::new(received::parse(name, text).map_err(Failure::input)?)));
     }
     Ok(Truth::Recorded(Reference::parse(name, &text).map_err(Failure::input)?.truth))
 }

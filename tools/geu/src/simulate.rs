@@ -1,16 +1,21 @@
 //! `geu simulate`: the model without links, as fast as possible.
 
 use std::path::PathBuf;
+use std::sync::atomic::Ordering::Relaxed;
 
 use clap::Args;
-use geu_daemon::record::{self, Recorder};
+use geu_daemon::record::{self, Destination, Recorder};
 use geu_daemon::simulate::simulate;
 use geu_model::Truth;
 use geu_model::attitude::Plan;
+use geu_model::units::on_board_s;
+use indicatif::{ProgressBar, ProgressStyle};
 
+use crate::decode::{STOP, stop_on_signals};
 use crate::draw;
 use crate::expectations;
-use crate::failure::Failure;
+use crate::failure::{Failure, note};
+use crate::overwriting::refuse_recording_over;
 use crate::settings::{LiveTruth, RunSettings, Wire, half_seconds};
 
 /// Runs the model without links, as fast as possible, and writes what a run records.
@@ -18,9 +23,12 @@ use crate::settings::{LiveTruth, RunSettings, Wire, half_seconds};
 pub struct Arguments {
     #[command(flatten)]
     run: RunSettings,
-    /// Directory to write into; made if it is not there
+    /// Directory to write into, new or empty; made if it is not there
     #[arg(long, value_name = "DIRECTORY", required_unless_present = "svg")]
     out: Option<PathBuf>,
+    /// Replaces a recording in that directory; files that no recording has stay
+    #[arg(long, requires = "out")]
+    force: bool,
     /// Directory to draw the unit's figures into: transfer function, pivot transit, limit cycle, two weeks
     #[arg(long, value_name = "DIRECTORY")]
     svg: Option<PathBuf>,
@@ -38,7 +46,7 @@ pub struct Arguments {
 ///
 /// # Errors
 /// A configuration that cannot be run, a truth that does not cover the run, a scenario without end and no duration, files that cannot be written,
-/// an expectation that was not met.
+/// an expectation that was not met, SIGINT or SIGTERM before the end.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.expectations.check()?;
     let ready = arguments.run.read()?;
@@ -65,11 +73,28 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(reason) = record::misses(configuration, wire) {
         return Err(Failure::input(format!("{reason}; name its `link`, or record another --wire")));
     }
-    let mut recorder = Recorder::create(out, configuration, &ready.truth, wire, &[]).map_err(Failure::input)?;
-    let bar = indicatif::ProgressBar::new(count);
-    let faults = simulate(configuration, &ready.truth, count, &mut recorder, |done| bar.set_position(done))
-        .map_err(Failure::failed)?;
+    let inputs: Vec<&str> = ready.inputs.iter().map(String::as_str).collect();
+    refuse_recording_over("--out", out, &inputs)?;
+    let destination = Destination::new(out, arguments.force);
+    let mut recorder =
+        Recorder::create(&destination, configuration, &ready.truth, wire, &[]).map_err(Failure::input)?;
+    stop_on_signals();
+    let style = ProgressStyle::with_template("{bar:40} {percent:>3} %  {elapsed} so far, {eta} left");
+    let bar = ProgressBar::new(count).with_style(style.expect("a template"));
+    let faults = simulate(configuration, &ready.truth, count, &mut recorder, |done| {
+        bar.set_position(done);
+        !STOP.load(Relaxed)
+    })
+    .map_err(Failure::failed)?;
     bar.finish_and_clear();
+    let half_seconds = recorder.half_seconds();
     recorder.finish().map_err(Failure::failed)?;
+    let (recorded_s, asked_s, out) = (on_board_s(half_seconds), on_board_s(count), out.display());
+    if half_seconds < count {
+        return Err(Failure::failed(format!(
+            "interrupted after {recorded_s} s of {asked_s} s: {out} is a whole recording of these"
+        )));
+    }
+    note(format_args!("geu: wrote {recorded_s} s into {out}\n"));
     arguments.expectations.tell(&faults)
 }
