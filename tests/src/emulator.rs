@@ -5,7 +5,7 @@ use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
 use std::net::TcpStream;
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
-use std::process::{Child, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
@@ -35,7 +35,16 @@ impl Emulator {
     /// Where it does not come up.
     pub fn start(links: usize, arguments: &[&str]) -> Emulator {
         let mut command = geu();
-        command.arg("run").args(arguments).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        command.arg("run").args(arguments);
+        Emulator::start_as(links, command)
+    }
+
+    /// Starts it by a command of its own, and waits for so many links.
+    ///
+    /// # Panics
+    /// Where it does not come up.
+    pub fn start_as(links: usize, mut command: Command) -> Emulator {
+        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut child = command.spawn().expect("geu starts");
         let mut lines = BufReader::new(child.stdout.take().expect("a pipe")).lines();
         let ready = (0..links)

@@ -3,6 +3,7 @@
 pub mod comparison;
 pub mod emulator;
 pub mod page;
+pub mod stalled_disk;
 pub mod whitening;
 
 use std::io::Write;
