@@ -83,7 +83,7 @@ fn a_run_on_the_reference_of_another_counts_the_same_and_is_made_again_from_its_
     assert_same_bytes(&file, &again);
     let socket = room.path().join("pty");
     let arguments = ["run", "--truth", path(&reference), "--speed", "max", "--start", "0", "--pty", path(&socket)];
-    let output = geu().args(arguments).arg("--record").arg(&live).output().expect("geu starts");
+    let output = geu().args(arguments).args(["--wire", "can", "--record"]).arg(&live).output().expect("geu starts");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     assert_same_bytes(&file, &live);
 }

@@ -302,3 +302,64 @@ fn take(recorder: &mut Recorder, events: &Receiver<Event>, status: &Status) -> R
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use geu_model::configuration::WireForm;
+    use geu_model::{Configuration, Truth, Unit};
+
+    use super::*;
+    use crate::record::Destination;
+
+    #[test]
+    fn a_recording_that_cannot_keep_up_ends_and_says_where_and_why() {
+        let room = tempfile::tempdir().expect("a directory");
+        let (directory, configuration) = (room.path().join("run"), Configuration::reference());
+        let (mut feed, mut writer) = Writer::new(&directory);
+        let mut unit = Unit::new(&configuration);
+        // Nobody writes yet.
+        let mut told = 0;
+        loop {
+            let (ended, traces) = unit.end_half_second_traced();
+            if !feed.tell(Event::HalfSecond(ended, Box::new(traces), None)) {
+                break;
+            }
+            told += 1;
+        }
+        assert!((10_000..100_000).contains(&told), "an hour at least, and bounded: {told} half seconds");
+        let status = feed.status().told();
+        assert_eq!((&status["state"], &status["half_second"]), (&json!("ended"), &json!(told)));
+        assert!(status["reason"].as_str().expect("a reason").contains("does not keep up"), "{status}");
+        assert!(feed.status().has_ample_room(), "nobody waits for a recording that has ended");
+        drop(feed);
+        // What was told until then is recorded when the disk comes back.
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
+        let destination = Destination::new(&directory, false);
+        let create = move || Recorder::create(&destination, &configuration, &Truth::Scenario, WireForm::Serial, &[]);
+        runtime.block_on(writer.open(create)).expect("it can begin");
+        runtime.block_on(writer.done());
+        let error = writer.result(true).expect_err("not complete").to_string();
+        assert!(error.contains(&format!("ended at half second {told}")), "{error}");
+        let text = std::fs::read_to_string(directory.join("run.toml")).expect("a run");
+        let run = Configuration::parse("run.toml", &text, &[]).expect("a configuration").run;
+        assert_eq!((run.duration_s, run.is_unfinished), (on_board_s(told), false));
+        assert_eq!(run.ended_early.map(|early| early.half_second), Some(told));
+        assert_eq!(std::fs::read(directory.join("link.bin")).expect("a link").len() as u64, told * 28);
+    }
+
+    #[test]
+    fn an_answer_waits_for_the_disk_once_and_not_for_long() {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
+        let status = Status::new(Path::new("nowhere"));
+        let start = Instant::now();
+        runtime.block_on(status.await_written(1));
+        assert!(start.elapsed() >= ANSWER_WITHIN);
+        // Now it is known to stall: a thousand answers more would be 10 s.
+        (0..1000).for_each(|_| runtime.block_on(status.await_written(1)));
+        status.await_written_blocking(|| Some(1));
+        assert!(start.elapsed() < Duration::from_secs(5), "{:?}", start.elapsed());
+        status.wrote(1);
+        runtime.block_on(status.await_written(1));
+        assert!(!status.is_stalled.load(Relaxed), "it writes again, and is waited for again");
+    }
+}
