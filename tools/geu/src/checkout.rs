@@ -17,6 +17,7 @@ use geu_model::{Configuration, Truth};
 use geu_protocol::Gyro;
 
 use crate::failure::{Failure, note, say};
+use crate::overwriting::refuse_recording_over;
 use crate::settings::{NamedSettings, Settings, seed};
 
 /// Flies the in-orbit checkout in simulation, calibrates it and compares with the truth.
@@ -84,6 +85,10 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     unit.seed = arguments.seed.unwrap_or(unit.seed);
     if let Some(threads) = arguments.threads {
         rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global().map_err(Failure::failed)?;
+    }
+    if let Some(out) = &arguments.out {
+        let config = settings.config.iter().map(|config| config.display().to_string()).collect::<Vec<_>>();
+        refuse_recording_over("--out", out, &config.iter().map(String::as_str).collect::<Vec<_>>())?;
     }
     let by = match arguments.attitude {
         Sensors::Absolute => By::Sensors,
