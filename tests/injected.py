@@ -171,6 +171,9 @@ class Running:
         if faults is not None:
             (directory / "plan.toml").write_text(faults)
             words += ["--faults", directory / "plan.toml"]
+        # The link that is given first is the one that is recorded.
+        if "can" in links:
+            words += ["--can", "vcan0"]
         if "serial" in links:
             ours, theirs = directory / "ours", directory / "theirs"
             self.socat = Process("socat", f"pty,rawer,link={ours}", f"pty,rawer,link={theirs}")
@@ -183,8 +186,6 @@ class Running:
             words += ["--pty", directory / "pty"]
         if "tcp" in links:
             words += ["--tcp", "127.0.0.1:0"]
-        if "can" in links:
-            words += ["--can", "vcan0"]
         has_clients = "tcp" in links or "pty" in links
         self.process = Process(*words, *(["--wait"] if has_clients else []))
         if "can" in links:

@@ -47,7 +47,7 @@ impl Emulator {
         Emulator::of(command, links)
     }
 
-    /// Starts it by a command, and waits for so many links.
+    /// Starts it by a command of its own, and waits for so many links.
     ///
     /// # Panics
     /// Where it does not come up.

@@ -4,6 +4,7 @@ pub mod comparison;
 pub mod emulator;
 pub mod page;
 pub mod simulator;
+pub mod stalled_disk;
 pub mod whitening;
 
 use std::io::Write;

@@ -36,7 +36,7 @@ fn pointing_is_held_on_the_emulators_own_data_and_the_same_flight_is_flown_again
     let mut simulate = geu();
     simulate.arg("simulate").arg(run.join("run.toml")).arg("--out").arg(&again);
     assert!(simulate.status().expect("geu starts").success());
-    let link = |directory: &std::path::Path| std::fs::read(directory.join("link.log")).expect("a link");
+    let link = |directory: &std::path::Path| std::fs::read(directory.join("link.bin")).expect("a link");
     assert!(link(&run) == link(&again) && !link(&run).is_empty());
 }
 

@@ -89,7 +89,7 @@ fn assert_made_again(run: &Path, room: &Path) {
     command.arg("simulate").arg(run.join("run.toml")).arg("--out").arg(&again);
     let output = command.output().expect("geu starts");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    for name in ["link.log", "truth.csv", "reference.csv", "received.csv", "commands.jsonl", "run.toml"] {
+    for name in ["link.bin", "truth.csv", "reference.csv", "received.csv", "commands.jsonl", "run.toml"] {
         let read = |directory: &Path| fs::read(directory.join(name)).expect(name);
         assert!(read(run) == read(&again), "{name} differs");
         assert!(!read(run).is_empty() || name == "commands.jsonl");

@@ -30,6 +30,7 @@ use crate::control::{self, Bench, Event as Shown};
 use crate::desk::Desk;
 use crate::fault_log;
 use crate::link::Tally;
+use crate::recording::Status;
 use crate::run::Timing;
 use state::Known;
 use told::Told;
@@ -209,6 +210,7 @@ impl Bench for LiveBench {
         status["version"] = json!(env!("CARGO_PKG_VERSION"));
         status["lost"] = json!(self.0.lost.load(Relaxed));
         let (commands, rejected) = (&self.known().desk.commands, &self.known().desk.rejected);
+        status["recording"] = json!(self.known().desk.recording().map(Status::told));
         status["commands"] = json!({ "answered": commands.load(Relaxed), "rejected": rejected.load(Relaxed) });
         status
     }
@@ -252,10 +254,7 @@ impl Bench for LiveBench {
     }
 
     fn clear_all(&self) -> Value {
-        let planned = self.known().desk.faults().planned;
-        let ids = planned.iter().filter(|planned| !planned.is_over()).map(|planned| planned.fault.id.clone());
-        let cleared: Vec<String> = ids.filter(|id| self.known().desk.clear(id).is_some()).collect();
-        json!({ "cleared": cleared })
+        json!({ "cleared": self.known().desk.clear_all() })
     }
 
     fn command(&self, payload: Vec<u8>) -> impl Future<Output = Value> + Send {

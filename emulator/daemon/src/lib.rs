@@ -24,4 +24,5 @@ pub mod simulate;
 pub mod truth;
 
 pub use catalogue::catalogue;
-pub use run::{RunError, Settings, Summary, asked_to_end, replay, run};
+pub use recording::RecordingError;
+pub use run::{Recording, RunError, Settings, Summary, asked_to_end, replay, run};

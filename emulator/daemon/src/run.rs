@@ -6,11 +6,13 @@ use std::fmt;
 use std::future::Future;
 use std::io;
 use std::net::SocketAddr;
+use std::pin::Pin;
 use std::sync::atomic::Ordering::Relaxed;
 use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use geu_model::configuration::WireForm;
 use geu_model::fault::acting::{Acting, Faults};
 use geu_model::fault::catalogue::LinkKind;
 use geu_model::fault::{Fault, asks_in_vain};
@@ -21,7 +23,7 @@ use tokio::signal::unix::{SignalKind, signal};
 
 use crate::bench::{LiveBench, Shower};
 use crate::cadence::{Sleeper, Speed, ask_for_realtime, doze_until, now_ns};
-use crate::carriage::{Content, Outbox};
+use crate::carriage::{Carrier, Content, Outbox};
 use crate::console;
 use crate::control::{Door, DoorError};
 use crate::descriptors::{self, TooFew};
@@ -29,8 +31,8 @@ use crate::desk::Desk;
 use crate::lateness::{Histogram, Time};
 use crate::link::{self, Link, LinkAddress, LinkError, Tally};
 use crate::patience::{LAST_WORDS, Patience, Stop};
-use crate::record::{RecordError, Recorder};
-use crate::recording::Writer;
+use crate::record::{self, Destination, RecordError, Recorder};
+use crate::recording::{Feed, RecordingError, Status, Writer};
 use crate::running::{self, Registration, Running};
 use crate::truth::{Counts as TruthCounts, Handed, Live, SampleReport, TruthError};
 
@@ -42,6 +44,11 @@ const LATE_NS: i64 = 5_000_000;
 const PATIENCE: Duration = Duration::from_secs(2);
 /// What has looked empty for so long is.
 const SURELY_EMPTY: Duration = Duration::from_millis(25);
+/// The recording is written to its end until so long after the process was asked to end: with the last words on the
+/// terminal that is less than a second.
+const RECORD_AFTER_ASKED: Duration = Duration::from_millis(700);
+/// And it is given so long at least.
+const RECORD_AT_LEAST: Duration = Duration::from_millis(100);
 /// Between two status lines.
 const STATUS: Duration = Duration::from_millis(500);
 /// Between two looks at something that nobody tells of.
@@ -69,7 +76,16 @@ pub struct Settings {
     pub truth_wait: Option<Duration>,
 }
 
-/// A run that could not begin, or whose recording is not complete.
+/// A recording beside the links.
+#[derive(Debug, Clone)]
+pub struct Recording {
+    /// Where it goes.
+    pub destination: Destination,
+    /// Form of the link in it; without one that of the first link.
+    pub wire: Option<WireForm>,
+}
+
+/// A run that could not begin.
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
     /// A link cannot be opened.
@@ -92,7 +108,7 @@ pub enum RunError {
     /// A condition asks about what the truth from outside does not tell.
     #[error("{0}; a simulator tells them by the direction to the sun in its first sample, \"sun\": [x, y, z]")]
     Untold(String),
-    /// The recording cannot be written.
+    /// The recording cannot begin.
     #[error(transparent)]
     Record(#[from] RecordError),
     /// No runtime, no thread.
@@ -122,6 +138,8 @@ pub struct Summary {
     pub links: Vec<Arc<Tally>>,
     /// How the faults and expectations of the plan stand.
     pub faults: Faults,
+    /// What became of the recording.
+    pub recording: Result<(), RecordingError>,
 }
 
 impl fmt::Display for Summary {
@@ -153,15 +171,16 @@ pub async fn asked_to_end() -> io::Result<()> {
 }
 
 /// Runs the unit on `truth` until its half seconds are over or `shutdown` resolves; links are removed when it returns.
-/// Behind `door` it can be watched and driven.
+/// Behind `door` it can be watched and driven. Nothing of a recording that is replaced is touched before the links are
+/// open, and the truth and the control interface are listened for.
 ///
 /// # Errors
-/// A link that cannot be opened, a recording that cannot be written.
+/// A link that cannot be opened, a recording that cannot begin.
 pub fn run(
     configuration: &Configuration,
     truth: &Truth,
     settings: &Settings,
-    recorder: Option<Recorder>,
+    recording: Option<&Recording>,
     door: Option<Door>,
     shutdown: impl Future<Output = io::Result<()>>,
 ) -> Result<Summary, RunError> {
@@ -170,14 +189,18 @@ pub fn run(
         return Err(RunError::NobodyToWaitFor);
     }
     descriptors::take_all()?;
-    let recorded = recorder.as_ref().map(Recorder::link);
-    let (recording, writer) = recorder.map(Writer::start).unzip();
+    let (mut feed, mut recorded) = (None, None);
+    if let Some(recording) = recording {
+        recording.destination.check()?;
+        let (told, planned) = PlannedRecording::new(recording, configuration, truth, &settings.links);
+        (feed, recorded) = (Some(told), Some(planned));
+    }
     let (mut bench, mut teller, mut shower) = (None, None, None);
     if let Some(door) = door {
         let (live, tells, shows) = LiveBench::start()?;
         (bench, teller, shower) = (Some((door, live)), Some(tells), Some(shows));
     }
-    let desk = Arc::new(Desk::new(configuration, truth, settings.speed, recording, teller));
+    let desk = Arc::new(Desk::new(configuration, truth, settings.speed, feed, teller));
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let ended = runtime.block_on(keep(&desk, settings, bench, recorded, shutdown));
     // Ends the tasks; with the last of them the symlink of a pty goes.
@@ -185,22 +208,69 @@ pub fn run(
     desk.close();
     shower.into_iter().for_each(Shower::finish);
     console::finish();
-    let written = writer.map_or(Ok(()), Writer::finish);
-    let summary = ended?;
-    written?;
-    Ok(summary)
+    ended
+}
+
+/// A recording that begins once the links are open.
+struct PlannedRecording {
+    writer: Writer,
+    /// The link that is recorded.
+    carrier: Carrier,
+    create: Box<dyn FnOnce() -> Result<Recorder, RecordError> + Send>,
+}
+
+impl PlannedRecording {
+    fn new(
+        recording: &Recording,
+        configuration: &Configuration,
+        truth: &Truth,
+        links: &[LinkAddress],
+    ) -> (Feed, PlannedRecording) {
+        let links: Vec<Carrier> = links.iter().map(LinkAddress::carrier).collect();
+        let wire = record::form_beside(recording.wire, &links);
+        let (feed, writer) = Writer::new(recording.destination.directory());
+        let carrier = record::recorded(wire, configuration, &links);
+        let (destination, configuration, truth) = (recording.destination.clone(), configuration.clone(), truth.clone());
+        let create = Box::new(move || Recorder::create(&destination, &configuration, &truth, wire, &links));
+        (feed, PlannedRecording { writer, carrier, create })
+    }
+}
+
+/// Waits until the recording is written, for a bounded time once the process was asked to end at `asked`.
+async fn await_recording(
+    writer: &mut Writer,
+    mut asked: Option<Instant>,
+    mut shutdown: Pin<&mut impl Future<Output = io::Result<()>>>,
+) -> Result<(), RecordingError> {
+    let start = Instant::now();
+    loop {
+        let give_up = asked.map(|asked| (asked + RECORD_AFTER_ASKED).max(start + RECORD_AT_LEAST));
+        let too_late = async {
+            match give_up {
+                Some(give_up) => tokio::time::sleep_until(give_up.into()).await,
+                None => std::future::pending().await,
+            }
+        };
+        tokio::select! {
+            biased;
+            () = writer.done() => return writer.result(true),
+            () = too_late => return writer.result(false),
+            _ = &mut shutdown, if asked.is_none() => asked = Some(Instant::now()),
+        }
+    }
 }
 
 async fn keep(
     desk: &Arc<Desk>,
     settings: &Settings,
     bench: Option<(Door, LiveBench)>,
-    recorded: Option<LinkKind>,
+    recording: Option<PlannedRecording>,
     shutdown: impl Future<Output = io::Result<()>>,
 ) -> Result<Summary, RunError> {
     let mut shutdown = std::pin::pin!(shutdown);
     // Polled once now, so that a signal during the opening of links is not the default end of the process.
-    let asked = tokio::select! { biased; asked = &mut shutdown => Some(asked), () = std::future::ready(()) => None };
+    let mut asked =
+        tokio::select! { biased; asked = &mut shutdown => Some(asked), () = std::future::ready(()) => None };
     let speedup = match settings.speed {
         Speed::Times(factor) => factor,
         Speed::Max => f64::INFINITY,
@@ -215,7 +285,17 @@ async fn keep(
     let tallies: Vec<_> = links.iter().map(|link| link.tally()).collect();
     let control = bench.as_ref().map(|(door, _)| door.address());
     let _registration = register(&tallies, control);
-    // Only now: who waits for one line may count on all links.
+    let recorded = recording.as_ref().map(|recording| recording.carrier.kind);
+    let mut writer = None;
+    if let Some(PlannedRecording { writer: mut opening, create, .. }) = recording {
+        // A disk that hangs is no reason not to end.
+        tokio::select! {
+            opened = opening.open(create) => opened?,
+            again = &mut shutdown, if asked.is_none() => asked = Some(again),
+        }
+        writer = Some(opening);
+    }
+    // Only now: who waits for one line may count on all links, and on the recording.
     links.iter().filter(|link| link.is_ready()).for_each(|link| console::ready(&link.tally().name));
     let timing = Arc::new(Timing::default());
     let mut server = None;
@@ -239,8 +319,10 @@ async fn keep(
     let mut status = tokio::time::interval(STATUS);
     status.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Skip);
     let wants_status = console::wants_status();
+    let mut asked_at = None;
     if let Some(asked) = asked {
         asked?;
+        asked_at = Some(Instant::now());
         timing.stop.ask();
     }
     loop {
@@ -248,6 +330,7 @@ async fn keep(
             _ = &mut is_done => break,
             asked = &mut shutdown, if !timing.stop.is_asked() => {
                 asked?;
+                asked_at = Some(Instant::now());
                 timing.stop.ask();
                 thread.thread().unpark();
             }
@@ -263,6 +346,11 @@ async fn keep(
     drop(keeper);
     drop(server);
     console::clear_status();
+    desk.close();
+    let recording = match &mut writer {
+        Some(writer) => await_recording(writer, asked_at, shutdown).await,
+        None => Ok(()),
+    };
     kept?;
     Ok(Summary {
         half_seconds: desk.running().0,
@@ -275,6 +363,7 @@ async fn keep(
         truth_failure: settings.live.as_ref().and_then(|live| live.failure()),
         links: tallies,
         faults: desk.faults(),
+        recording,
     })
 }
 
@@ -468,6 +557,10 @@ impl Keeper {
             if !self.has_truth() {
                 break;
             }
+            // Without deadlines the unit waits for its recording as it does for readers.
+            while !patience.is_none() && !self.is_stopped() && !self.has_room_in_recording() {
+                thread::park_timeout(LOOK_AGAIN);
+            }
             let frame = ended;
             let (ended, injected) = self.desk.end_half_second();
             last_end_ns = ended.end_ns;
@@ -567,6 +660,10 @@ impl Keeper {
 
     fn is_stopped(&self) -> bool {
         self.timing.stop.is_asked()
+    }
+
+    fn has_room_in_recording(&self) -> bool {
+        self.desk.recording().is_none_or(Status::has_ample_room)
     }
 
     fn has_client(&self) -> bool {

@@ -10,7 +10,7 @@ use geu_calibration::checkout::{
 use geu_calibration::combine;
 use geu_calibration::compare::LEAST_PROBABILITY;
 use geu_calibration::solve::{Parameter, Solution, UNKNOWNS, values};
-use geu_daemon::record::Recorder;
+use geu_daemon::record::{Destination, FILES, Recorder};
 use geu_daemon::simulate::simulate;
 use geu_model::configuration::WireForm;
 use geu_model::{Configuration, Truth};
@@ -61,20 +61,6 @@ enum Sensors {
     Reference,
 }
 
-/// The files of a recording.
-const RECORDED: [&str; 10] = [
-    "link.log",
-    "link.bin",
-    "reference.csv",
-    "truth.csv",
-    "manoeuvres.csv",
-    "commands.jsonl",
-    "fss.csv",
-    "sse.csv",
-    "faults.jsonl",
-    "run.toml",
-];
-
 /// What the precautions are for, at the paper's values (model.md, Effects).
 const GUARDED_AGAINST: [&str; 5] = [
     "unit.misalignment-thermal={ arcsec_per_deg = 0.5, time_constant_s = 300.0 }",
@@ -89,7 +75,7 @@ const GUARDED_AGAINST: [&str; 5] = [
 /// # Errors
 /// A configuration that cannot be read, a checkout that cannot be calibrated, files that cannot be written.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let out = arguments.out.as_ref().map(|out| out.prepare(arguments.force, RECORDED)).transpose()?;
+    let out = arguments.out.as_ref().map(|out| out.prepare(arguments.force, FILES)).transpose()?;
     let settings = Settings::from(&arguments.unit);
     let mut unit = if arguments.precautions && settings.config.is_none() {
         let overrides = GUARDED_AGAINST.into_iter().map(str::to_owned).chain(settings.overrides.clone());
@@ -119,21 +105,22 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         None if arguments.precautions => {
             say!("{}", what_they_buy(&checkout::precautions(&unit).map_err(Failure::failed)?))
         }
-        None => twice(&unit, by, out),
+        None => twice(&unit, by, out, arguments.force),
     }
 }
 
 /// Flies the sequence twice, compares and combines.
-fn twice(unit: &Configuration, by: By, out: Option<&Path>) -> Result<(), Failure> {
+fn twice(unit: &Configuration, by: By, out: Option<&Path>, force: Force) -> Result<(), Failure> {
     let first = sequence(unit, Precautions::ALL);
     // Flown at once by the same unit, with other noise, at another ψ₀ and with other phases of the limit cycle.
     let mut second = sequence(&checkout::drawn(unit, unit.seed, 0), Precautions::ALL);
     second.gyros = first.gyros.clone();
     if let Some(directory) = out {
         let mut recorder =
-            Recorder::create(directory, &first, &Truth::Scenario, WireForm::Can, &[]).map_err(Failure::input)?;
+            Recorder::create(&Destination::new(directory, force.force), &first, &Truth::Scenario, WireForm::Can, &[])
+                .map_err(Failure::input)?;
         let half_seconds = fly_length(&first);
-        simulate(&first, &Truth::Scenario, half_seconds, &mut recorder, |_| {}).map_err(Failure::failed)?;
+        simulate(&first, &Truth::Scenario, half_seconds, &mut recorder, |_| true).map_err(Failure::failed)?;
         recorder.finish().map_err(Failure::failed)?;
     }
     let solve = |configuration: &Configuration| -> Result<Solution, Failure> {

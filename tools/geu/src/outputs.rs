@@ -148,7 +148,7 @@ mod tests {
     use super::*;
 
     /// Options that name a path which is read, or is no file of results. Whoever adds one says here that it is none.
-    const NO_OUTPUTS: [&str; 38] = [
+    const NO_OUTPUTS: [&str; 36] = [
         "bench decode --dbc",
         "blind campaign --config",
         "blind hide --config",
@@ -185,9 +185,6 @@ mod tests {
         "simulate --faults",
         "simulate config",
         "track --config",
-        // The directory of a recording, whose files stand in the daemon.
-        "run --record",
-        "simulate --out",
     ];
 
     /// Options of which [`tests/outputs.rs`] shows what becomes of their files, and `tests/directories.rs` of directories.

@@ -1,21 +1,21 @@
 //! `geu run`: the emulator.
 
-use std::path::PathBuf;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use clap::Args;
 use geu_daemon::cadence::Speed;
 use geu_daemon::control::{DEFAULT_ADDRESS, Door};
-use geu_daemon::link::LinkAddress;
-use geu_daemon::record::Recorder;
-use geu_daemon::{RunError, Settings, asked_to_end};
-use geu_model::configuration::unix_ns;
+use geu_daemon::record::{Destination, FILES};
+use geu_daemon::{Recording, RunError, Settings, asked_to_end};
+use geu_model::configuration::{WireForm, unix_ns};
 use geu_model::fault::catalogue::LinkKind;
 use geu_model::units::duration_s;
 
 use crate::expectations;
 use crate::failure::{Failure, note};
 use crate::links::Links;
+use crate::outputs::OutputDirectory;
+use crate::overwriting::Force;
 use crate::settings::{LONGEST_S, RunSettings, Wire, half_seconds};
 use crate::token::Token;
 
@@ -29,10 +29,12 @@ pub struct Arguments {
     run: RunSettings,
     #[command(flatten)]
     links: Links,
-    /// Writes there what `geu simulate` writes, for this run
+    /// Writes there what `geu simulate` writes, for this run; a directory that is new or empty
     #[arg(long, value_name = "DIRECTORY")]
-    record: Option<PathBuf>,
-    /// Form of the link in the recording [default: the configuration's, else can]
+    record: Option<OutputDirectory>,
+    #[command(flatten)]
+    force: Force,
+    /// Form of the link in the recording [default: that of the link given first]
     #[arg(long, requires = "record")]
     wire: Option<Wire>,
     /// On-board time against the wall clock: a factor, or max for as fast as model and readers go [default: 1]
@@ -67,9 +69,10 @@ pub struct Arguments {
 /// Carries it out.
 ///
 /// # Errors
-/// A configuration that cannot be run, a link that cannot be opened, a recording that cannot be written.
+/// A configuration that cannot be run, a link that cannot be opened, a recording that cannot begin or is not complete.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let mut ready = arguments.run.read()?;
+    let record = arguments.record.as_ref().map(|directory| directory.prepare(arguments.force, FILES)).transpose()?;
     if arguments.run.start.is_none() && ready.configuration.start_unix_ns == 0 {
         let now = SystemTime::now().duration_since(UNIX_EPOCH).map_err(Failure::failed)?;
         ready.configuration.start_unix_ns = unix_ns(now.as_secs_f64());
@@ -101,28 +104,29 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             Some(door.map_err(Failure::input)?)
         }
     };
-    let wire = Wire::form(arguments.wire, &ready.configuration);
-    let recorder = match &arguments.record {
-        Some(directory) => {
-            let carriers: Vec<_> = settings.links.iter().map(LinkAddress::carrier).collect();
-            let recorder = Recorder::create(directory, &ready.configuration, &ready.truth, wire, &carriers);
-            Some(recorder.map_err(Failure::input)?)
-        }
-        None => None,
-    };
-    let summary = geu_daemon::run(&ready.configuration, &ready.truth, &settings, recorder, door, asked_to_end())
-        .map_err(|error| match error {
-            RunError::Link(error) => Failure::input(error),
-            error @ (RunError::NobodyToWaitFor | RunError::Truth(_) | RunError::Untold(_)) => Failure::input(error),
-            error => Failure::failed(error),
-        })?;
+    let recording = record.map(|directory| Recording {
+        destination: Destination::new(directory, arguments.force.force),
+        wire: arguments.wire.map(WireForm::from),
+    });
+    let summary =
+        geu_daemon::run(&ready.configuration, &ready.truth, &settings, recording.as_ref(), door, asked_to_end())
+            .map_err(|error| match error {
+                RunError::Link(error) => Failure::input(error),
+                error
+                @ (RunError::NobodyToWaitFor | RunError::Truth(_) | RunError::Untold(_) | RunError::Record(_)) => {
+                    Failure::input(error)
+                }
+                error => Failure::failed(error),
+            })?;
     note(format_args!("{summary}"));
-    let plan = arguments.expectations.tell(&summary.faults);
-    match (plan, summary.truth_failure) {
-        (plan, None) => plan,
-        (Ok(()), Some(truth)) => Err(Failure::failed(truth)),
-        (Err(plan), Some(truth)) => Err(plan.and(truth)),
-    }
+    let truth = summary.truth_failure.map(|failure| failure.to_string());
+    let recording = summary.recording.err().map(|error| error.to_string());
+    truth.into_iter().chain(recording).fold(arguments.expectations.tell(&summary.faults), |end, problem| {
+        Err(match end {
+            Ok(()) => Failure::failed(problem),
+            Err(failure) => failure.and(problem),
+        })
+    })
 }
 
 /// How long a simulator is waited for; nothing for ever.

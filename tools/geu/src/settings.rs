@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
+use geu_daemon::record;
 use geu_daemon::truth::{Live, LiveAddress, received};
 use geu_model::configuration::{WireForm, unix_ns};
 use geu_model::fault::asks_in_vain;
@@ -154,7 +155,7 @@ impl From<Wire> for WireForm {
 }
 
 impl Wire {
-    /// The form asked for, else the form recorded, else `link.log`.
+    /// The form that a simulated run has: the one asked for, else the form recorded, else `link.log`.
     pub fn form(asked: Option<Wire>, configuration: &Configuration) -> WireForm {
         asked.map(WireForm::from).or(configuration.run.wire).unwrap_or_default()
     }
@@ -201,6 +202,11 @@ impl RunSettings {
     /// As [`Settings::read`], a start that is no time, a truth that cannot be read.
     pub fn read(&self) -> Result<ReadyRun, Failure> {
         let mut configuration = self.settings.read()?;
+        let is_unfinished = configuration.run.is_unfinished;
+        if let (true, Some(path)) = (is_unfinished, &self.settings.config) {
+            let directory = path.parent().unwrap_or(Path::new(""));
+            record::complete(&mut configuration, directory).map_err(Failure::input)?;
+        }
         if let Some(seed) = self.seed {
             configuration.seed = seed;
         }
@@ -231,7 +237,7 @@ impl RunSettings {
                 let source = Live::new(address.clone(), configuration.truth);
                 (source.truth(), Some(LiveTruth { address, source }))
             }
-            Some(name) => (truth_of_file(&name)?, None),
+            Some(name) => (truth_of_file(&name, is_unfinished)?, None),
         };
         let (faults, expectations) = (&configuration.faults, &configuration.expectations);
         // Of a simulator its first sample says what it tells.
@@ -249,13 +255,14 @@ fn beside(config: &Path, name: &str) -> String {
     path.to_str().filter(|_| path.exists()).unwrap_or(name).to_owned()
 }
 
-/// A truth from a file, whichever kind it is.
-fn truth_of_file(name: &str) -> Result<Truth, Failure> {
+/// A truth from a file, whichever kind it is; that of an unfinished run may end within a row.
+fn truth_of_file(name: &str, is_unfinished: bool) -> Result<Truth, Failure> {
     let failed = |source| ReferenceError::Read { name: name.to_owned(), source };
     let mut rows = open_rows(Path::new(name)).map_err(failed).map_err(Failure::input)?;
     let head = rows.first_lines().map_err(failed).map_err(Failure::input)?;
     if head.first().is_some_and(|line| received::is_received(line)) {
-        return Ok(Truth::Stepped(Arc::new(received::parse(name, rows.lines()).map_err(Failure::input)?)));
+        let lines = if is_unfinished { rows.lines().of_unfinished() } else { rows.lines() };
+        return Ok(Truth::Stepped(Arc::new(received::parse(name, lines).map_err(Failure::input)?)));
     }
     Ok(Truth::Recorded(Reference::of_rows(name, rows).map_err(Failure::input)?.truth))
 }

@@ -1,16 +1,19 @@
 //! `geu simulate`: the model without links, as fast as possible.
 
-use std::path::PathBuf;
+use std::sync::atomic::Ordering::Relaxed;
 
 use clap::Args;
-use geu_daemon::record::{self, Recorder};
+use geu_daemon::record::{self, Destination, FILES, Recorder};
 use geu_daemon::simulate::simulate;
+use geu_files::interruption::stop_flag;
 use geu_model::Truth;
 use geu_model::attitude::Plan;
+use geu_model::units::on_board_s;
+use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::draw;
 use crate::expectations;
-use crate::failure::Failure;
+use crate::failure::{Failure, note};
 use crate::outputs::OutputDirectory;
 use crate::overwriting::Force;
 use crate::settings::{LONGEST_S, LiveTruth, RunSettings, Wire, half_seconds};
@@ -20,9 +23,9 @@ use crate::settings::{LONGEST_S, LiveTruth, RunSettings, Wire, half_seconds};
 pub struct Arguments {
     #[command(flatten)]
     run: RunSettings,
-    /// Directory to write into; made if it is not there
+    /// Directory to write into, new or empty; made if it is not there
     #[arg(long, value_name = "DIRECTORY", required_unless_present = "svg")]
-    out: Option<PathBuf>,
+    out: Option<OutputDirectory>,
     /// Directory to draw the unit's figures into: transfer function, pivot transit, limit cycle, two weeks
     #[arg(long, value_name = "DIRECTORY")]
     svg: Option<OutputDirectory>,
@@ -42,7 +45,7 @@ pub struct Arguments {
 ///
 /// # Errors
 /// A configuration that cannot be run, a truth that does not cover the run, a scenario without end and no duration, files that cannot be written,
-/// an expectation that was not met.
+/// an expectation that was not met, SIGINT or SIGTERM before the end.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let svg = arguments.svg.as_ref().map(|svg| svg.prepare(arguments.force, draw::names())).transpose()?;
     let ready = arguments.run.read()?;
@@ -69,11 +72,27 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(reason) = record::misses(configuration, wire) {
         return Err(Failure::input(format!("{reason}; name its `link`, or record another --wire")));
     }
-    let mut recorder = Recorder::create(out, configuration, &ready.truth, wire, &[]).map_err(Failure::input)?;
-    let bar = indicatif::ProgressBar::new(count);
-    let faults = simulate(configuration, &ready.truth, count, &mut recorder, |done| bar.set_position(done))
-        .map_err(Failure::failed)?;
+    let out = out.prepare(arguments.force, FILES)?;
+    let destination = Destination::new(out, arguments.force.force);
+    let mut recorder =
+        Recorder::create(&destination, configuration, &ready.truth, wire, &[]).map_err(Failure::input)?;
+    let stop = stop_flag().map_err(|error| Failure::failed(format!("signals cannot be watched: {error}")))?;
+    let style = ProgressStyle::with_template("{bar:40} {percent:>3} %  {elapsed} so far, {eta} left");
+    let bar = ProgressBar::new(count).with_style(style.expect("a template"));
+    let faults = simulate(configuration, &ready.truth, count, &mut recorder, |done| {
+        bar.set_position(done);
+        !stop.load(Relaxed)
+    })
+    .map_err(Failure::failed)?;
     bar.finish_and_clear();
+    let half_seconds = recorder.half_seconds();
     recorder.finish().map_err(Failure::failed)?;
+    let (recorded_s, asked_s, out) = (on_board_s(half_seconds), on_board_s(count), out.display());
+    if half_seconds < count {
+        return Err(Failure::failed(format!(
+            "interrupted after {recorded_s} s of {asked_s} s: {out} is a whole recording of these"
+        )));
+    }
+    note(format_args!("geu: wrote {recorded_s} s into {out}\n"));
     arguments.expectations.tell(&faults)
 }

@@ -9,7 +9,9 @@ fn geu(arguments: &[&str], directory: &Path, more: &[&str]) -> Output {
 }
 
 /// What writes into a directory, and a file that it writes there.
-const COMMANDS: [(&[&str], &str); 3] = [
+const COMMANDS: [(&[&str], &str); 5] = [
+    (&["run", "--control", "off", "--speed", "max", "--duration", "5", "--tcp", "127.0.0.1:0", "--record"], "run.toml"),
+    (&["simulate", "--duration", "5", "--out"], "run.toml"),
     (&["checkout", "--out"], "run.toml"),
     (&["blind", "hide", "--seed", "4", "--duration", "900", "--out"], "key/key.toml"),
     (&["simulate", "--svg"], "limit-cycle.svg"),
@@ -36,7 +38,10 @@ fn a_directory_that_holds_anything_is_written_into_only_with_force() {
         // What would be written over is read.
         let input = directory.join(file);
         fs::write(&input, "seed = 4\n").expect("written");
-        let config = if command[0] == "simulate" { vec!["--force"] } else { vec!["--force", "--config"] };
+        let config = match command[0] {
+            "run" | "simulate" => vec!["--force"],
+            _ => vec!["--force", "--config"],
+        };
         let refused = geu(command, &directory, &[&config[..], &[input.to_str().expect("text")]].concat());
         let message = String::from_utf8_lossy(&refused.stderr);
         assert_eq!(refused.status.code(), Some(2), "{command:?}: {message}");

@@ -40,7 +40,8 @@ const CALIBRATE: &str =
     "--config @unit.toml --link @long/link.log --manoeuvres @long/manoeuvres.csv --reference @long/reference.csv";
 const DIAGNOSE: &str = "--config @unit.toml --link @quarter/link.log --reference @quarter/reference.csv";
 /// Options that name directories; `directories.rs` has them.
-const DIRECTORIES: [&str; 3] = ["blind hide --out", "checkout --out", "simulate --svg"];
+const DIRECTORIES: [&str; 5] =
+    ["blind hide --out", "checkout --out", "run --record", "simulate --out", "simulate --svg"];
 
 struct Room(tempfile::TempDir);
 

@@ -47,6 +47,9 @@ struct Arguments {
     /// Writes what geu run records
     #[arg(long, value_name = "DIRECTORY", conflicts_with = "link")]
     record: Option<PathBuf>,
+    /// Replaces a recording in that directory
+    #[arg(long, requires = "record")]
+    force: bool,
     /// Gyros in use
     #[arg(long, value_enum, default_value_t = Gyros::Za)]
     gyros: Gyros,
@@ -107,6 +110,7 @@ impl Arguments {
         self.record.iter().for_each(|directory| add("--record", directory.display().to_string()));
         // Should this program go without ending it.
         add("--duration", (self.duration + 30).to_string());
+        all.extend(self.force.then(|| "--force".to_owned()));
         all.extend(self.config.iter().map(|config| config.display().to_string()));
         all
     }

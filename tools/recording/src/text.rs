@@ -101,7 +101,7 @@ impl<R: Read> RowReader<R> {
 
     /// Its lines.
     pub fn lines(self) -> RowLines<R> {
-        RowLines { reader: BufReader::new(self), number: 0 }
+        RowLines { reader: BufReader::new(self), number: 0, is_whole: true }
     }
 
     /// Its rows, as fields.
@@ -140,6 +140,14 @@ impl<R: Read> Read for RowReader<R> {
 pub struct RowLines<R> {
     reader: BufReader<RowReader<R>>,
     number: u64,
+    is_whole: bool,
+}
+
+impl<R> RowLines<R> {
+    /// The same without a last line that has no end: whoever wrote it was cut off.
+    pub fn of_unfinished(self) -> RowLines<R> {
+        RowLines { is_whole: false, ..self }
+    }
 }
 
 impl<R: Read> Iterator for RowLines<R> {
@@ -149,6 +157,7 @@ impl<R: Read> Iterator for RowLines<R> {
         let mut line = Vec::new();
         match self.reader.read_until(b'\n', &mut line) {
             Ok(0) => return None,
+            Ok(_) if !self.is_whole && !line.ends_with(b"\n") => return None,
             Ok(_) => {}
             Err(error) => return Some(Err(error)),
         }

@@ -4,7 +4,9 @@ use geu_protocol::Gyro;
 use serde_json::{Map, Value, json};
 
 use super::fault::{EXPECT_NUMBERS, FAULT_NUMBERS, FAULT_TEXTS};
-use super::{Configuration, DURATION, PSI, SERIAL_BAUD, START, THETA, TRUTH, WireForm};
+use super::{
+    CAN_BASE, Configuration, DURATION, ENDED_EARLY, PSI, SERIAL_BAUD, START, THETA, TRUTH, UNFINISHED, WireForm,
+};
 use crate::attitude::{LimitCycle, Manoeuvre, TruthNumbers};
 use crate::course::{KINDS, Size};
 use crate::effect::discovered::{self, Regressor};
@@ -64,8 +66,10 @@ impl Configuration {
                 DURATION.name: number(&DURATION),
                 "wire": { "enum": WireForm::NAMES },
                 "links": { "type": "array", "items": { "enum": LinkKind::NAMES } },
+                UNFINISHED: { "type": "boolean", "description": "the recording has no end yet: duration and commands stand in the files beside it" },
+                ENDED_EARLY: object(map(json!({ "half_second": { "type": "integer", "minimum": 0 }, "reason": { "type": "string" } })), &["half_second", "reason"]),
                 SERIAL_BAUD.name: number(&SERIAL_BAUD),
-                SERIAL_BAUD.name: number(&SERIAL_BAUD),
+                CAN_BASE.name: number(&CAN_BASE),
                 "injected": { "type": "array", "items": { "type": "string" }, "description": "faults injected while it ran" },
                 "truth": { "type": "string", "description": "truth: a file (reference.csv, CCSDS AEM, received.csv) or, for geu run, udp://, tcp:// or 42://HOST:PORT" },
                 "command": { "type": "array", "items": object(map(command), &["half_second", "link", "bytes"]) },

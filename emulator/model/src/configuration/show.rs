@@ -4,7 +4,10 @@ use std::fmt::Write;
 
 use geu_protocol::Gyro;
 
-use super::{Configuration, DURATION, PSI, RunRecord, SERIAL_BAUD, START, THETA, TRUTH, fault};
+use super::{
+    CAN_BASE, Configuration, DURATION, ENDED_EARLY, EndedEarly, PSI, RunRecord, SERIAL_BAUD, START, THETA, TRUTH,
+    UNFINISHED, fault,
+};
 use crate::attitude::{Manoeuvre, TruthNumbers};
 use crate::course::Kind;
 use crate::effect::discovered::{self, Regressor, Term};
@@ -111,6 +114,13 @@ impl Configuration {
             return;
         }
         line(text, format_args!("\n[run]\n{} = {:?}", DURATION.name, self.run.duration_s));
+        if self.run.is_unfinished {
+            line(text, format_args!("{UNFINISHED} = true"));
+        }
+        if let Some(EndedEarly { half_second, reason }) = &self.run.ended_early {
+            let reason = quoted(reason);
+            line(text, format_args!("{ENDED_EARLY} = {{ half_second = {half_second}, reason = {reason} }}"));
+        }
         if let Some(wire) = self.run.wire {
             line(text, format_args!("wire = {:?}", wire.name()));
         }
@@ -120,6 +130,9 @@ impl Configuration {
         }
         if let Some(baud) = self.run.serial_baud {
             line(text, format_args!("{} = {baud}", SERIAL_BAUD.name));
+        }
+        if let Some(base) = self.run.can_base {
+            line(text, format_args!("{} = {base:#X}", CAN_BASE.name));
         }
         if let Some(truth) = &self.run.truth {
             line(text, format_args!("truth = {}", quoted(truth)));
