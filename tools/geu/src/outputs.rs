@@ -72,7 +72,8 @@ impl OutputDirectory {
     /// One that holds anything, unless it was forced; a file that is an input.
     pub fn prepare<F: AsRef<Path>>(&self, force: Force, files: impl IntoIterator<Item = F>) -> Result<&Path, Failure> {
         force.refuse_filled(&self.0)?;
-        for path in files.into_iter().map(|file| self.0.join(file)).filter(|path| path.exists()) {
+        // In a directory that is not there nothing else is.
+        for path in files.into_iter().map(|file| self.0.join(file)).filter(|_| self.0.is_dir()) {
             claim_output("output", &path).map_err(Failure::input)?;
         }
         Ok(&self.0)

@@ -7,7 +7,7 @@ use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
-use std::thread;
+use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use geu_protocol::HalfSecond;
@@ -31,7 +31,7 @@ const QUEUE: usize = 64;
 /// A running emulator.
 pub struct Emulator {
     /// None for one that somebody else runs.
-    child: Option<Child>,
+    child: Option<Running>,
     /// As it was asked for, and the other end of a TCP link.
     link: (String, Option<SocketAddr>),
     read: Receiver<Read>,
@@ -83,12 +83,12 @@ impl Emulator {
         let mut child = command.spawn().map_err(failed)?;
         let (out, said) = (child.stdout.take(), child.stderr.take());
         // What it says goes on, without its status line, which it keeps to a terminal.
-        thread::spawn(move || {
+        let speaker = thread::spawn(move || {
             for line in said.into_iter().flat_map(|said| BufReader::new(said).lines()).map_while(Result::ok) {
                 let _ = writeln!(io::stderr(), "{line}");
             }
         });
-        let mut running = Running(Some(child));
+        let running = Running { child, speaker: Some(speaker) };
         let (mut link, mut truth) = (None, None);
         let mut lines = BufReader::new(out.ok_or("geu: no standard output")?).lines().map_while(Result::ok);
         while let (None, _) | (_, None) = (&link, &truth) {
@@ -99,7 +99,7 @@ impl Emulator {
             truth = truth.or(line.strip_prefix("ready truth udp://").map(str::to_owned));
         }
         let mut emulator = Emulator::attach(&link.unwrap_or_default(), &truth.unwrap_or_default())?;
-        emulator.child = running.0.take();
+        emulator.child = Some(running);
         // It waits for this computer: nothing left before.
         emulator.reported = Some(0);
         Ok(emulator)
@@ -190,9 +190,8 @@ impl Emulator {
     /// # Errors
     /// A child that could not run, or did not end.
     pub fn end(mut self) -> Result<bool, String> {
-        let Some(child) = self.child.take() else { return Ok(true) };
-        let mut running = Running(Some(child));
-        let Some(child) = &mut running.0 else { return Ok(true) };
+        let Some(mut running) = self.child.take() else { return Ok(true) };
+        let child = &mut running.child;
         let _ = kill(Pid::from_raw(child.id() as i32), Signal::SIGTERM);
         let asked = Instant::now();
         while asked.elapsed() < END {
@@ -206,21 +205,17 @@ impl Emulator {
     }
 }
 
-impl Drop for Emulator {
-    fn drop(&mut self) {
-        drop(Running(self.child.take()));
-    }
+/// A child that does not outlive this program's interest in it, and whose last words are passed on before that ends.
+struct Running {
+    child: Child,
+    speaker: Option<JoinHandle<()>>,
 }
-
-/// A child that does not outlive this program's interest in it.
-struct Running(Option<Child>);
 
 impl Drop for Running {
     fn drop(&mut self) {
-        if let Some(child) = &mut self.0 {
-            let _ = child.kill();
-            let _ = child.wait();
-        }
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+        self.speaker.take().map(JoinHandle::join);
     }
 }
 
