@@ -149,7 +149,7 @@ mod tests {
     use super::*;
 
     /// Options that name a path which is read, or is no file of results. Whoever adds one says here that it is none.
-    const NO_OUTPUTS: [&str; 36] = [
+    const NO_OUTPUTS: [&str; 39] = [
         "bench decode --dbc",
         "blind campaign --config",
         "blind hide --config",
@@ -173,13 +173,16 @@ mod tests {
         "diagnose --link",
         "diagnose --manoeuvres",
         "diagnose --reference",
+        "inject --control-token-file",
         "inject --plan",
+        "monitor --control-token-file",
         "reconstruct --config",
         "reconstruct --fss",
         "reconstruct --link",
         "reconstruct --sse",
         "replay --faults",
         "replay --pty",
+        "run --control-token-file",
         "run --faults",
         "run --pty",
         "run config",
