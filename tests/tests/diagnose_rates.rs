@@ -3,7 +3,7 @@
 use std::fs;
 use std::process::Output;
 
-use geu_tests::{geu, root, skipped};
+use geu_tests::{geu, recordings, root};
 use serde_json::Value;
 
 fn diagnose(arguments: &[&str]) -> Output {
@@ -17,13 +17,9 @@ fn told(output: &Output) -> String {
 
 #[test]
 fn real_gyros_have_a_bias_and_a_scale_error() {
-    let directory = root().join("../shared/recordings/suchai3");
+    let Some(directory) = recordings("suchai3") else { return };
     let file = |name: &str| directory.join(name).to_string_lossy().into_owned();
     let reference = file("suchai3_gyro_vs_magphase_300s.csv");
-    if !fs::exists(&reference).unwrap_or(false) {
-        skipped(&format!("{} is not there: no telemetry of a real gyro to diagnose", directory.display()));
-        return;
-    }
     let room = tempfile::tempdir().expect("a directory");
     let json = room.path().join("diagnosis.json").to_string_lossy().into_owned();
     let links = ["20230824", "20230904", "20231113", "20231211"].map(|day| file(&format!("suchai3_{day}.csv")));
