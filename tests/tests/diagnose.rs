@@ -153,12 +153,30 @@ fn assert_each_named(seed: u64, all: &[Hidden]) {
     all.iter().for_each(|hidden| assert_named(seed, std::slice::from_ref(hidden)));
 }
 
+/// Says nothing of how often chance is given a name; that takes the recordings of the next test.
 #[test]
-fn nothing_is_named_where_nothing_is_hidden() {
-    for seed in 20..22 {
-        let diagnosis = diagnosis(seed, &[]);
-        assert_eq!((diagnosis.verdict, missing(&diagnosis).count()), (Verdict::Consistent, 0), "seed {seed}");
-    }
+fn nothing_is_named_in_two_recordings_where_nothing_is_hidden() {
+    assert_eq!(false_alarms(20..22, 10_800.0), Vec::<u64>::new());
+}
+
+/// The seeds whose recording, with nothing hidden, is not told to be consistent without a name.
+fn false_alarms(seeds: std::ops::Range<u64>, duration_s: f64) -> Vec<u64> {
+    let is_false = |seed: &u64| {
+        let recording = recorded(&Plant { duration_s, ..Plant::new(*seed, Vec::new()) });
+        let diagnosis = diagnosed(&recording, &recording.reference, &Configuration::reference());
+        println!("== seed {seed}: {}", diagnosis.verdict.name());
+        missing(&diagnosis).for_each(|entry| println!("   {}", report::sentence(entry)));
+        diagnosis.verdict != Verdict::Consistent || missing(&diagnosis).count() > 0
+    };
+    seeds.filter(is_false).collect()
+}
+
+#[test]
+#[ignore = "minutes; .ci/run has it"]
+fn in_a_hundred_recordings_where_nothing_is_hidden_chance_is_given_no_name() {
+    let alarms = false_alarms(1000..1100, 3600.0);
+    println!("{alarms:?}");
+    assert_eq!(alarms, Vec::<u64>::new());
 }
 
 #[test]
@@ -454,12 +472,14 @@ fn the_shared_recordings_are_named_with_their_sizes_and_foretold() {
         let [link, reference] = ["link.log.gz", "reference.csv.gz"].map(|file| shared.join(&name).join(file));
         let recording = Recording::read(&link, &reference);
         let diagnosis = diagnosed(&recording, &recording.reference, &Configuration::reference());
-        println!("== {name}: {}", diagnosis.verdict.name());
+        let [before, after] = [&diagnosis.before, &diagnosis.after];
+        let [before, after, held_out] = [before.fitted, after.fitted, after.held_out].map(|gap| gap.rms_arcsec);
+        println!("== {name}: {}; gap {before:.2}, after {after:.2}, held out {held_out:.2}", diagnosis.verdict.name());
         missing(&diagnosis).for_each(|entry| println!("   {}", report::sentence(entry)));
         let hidden = answers(&text, &name);
         assert_eq!(missing(&diagnosis).count(), hidden.len(), "{name}");
         assert_eq!(diagnosis.verdict == Verdict::Consistent, hidden.is_empty(), "{name}");
-        assert!(diagnosis.after.held_out.rms_arcsec < HELD_OUT_ARCSEC, "{name}: {:?}", diagnosis.after.held_out);
+        assert!(held_out < HELD_OUT_ARCSEC, "{name}: {held_out}");
         for hidden in &hidden {
             if hidden.code == "rate-squared-coupling" {
                 let formula = missing(&diagnosis).find_map(|entry| entry.formula.as_ref());
