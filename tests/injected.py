@@ -171,6 +171,9 @@ class Running:
         if faults is not None:
             (directory / "plan.toml").write_text(faults)
             words += ["--faults", directory / "plan.toml"]
+        # The link that is given first is the one that is recorded.
+        if "can" in links:
+            words += ["--can", "vcan0"]
         if "serial" in links:
             ours, theirs = directory / "ours", directory / "theirs"
             self.socat = Process("socat", f"pty,rawer,link={ours}", f"pty,rawer,link={theirs}")
@@ -183,8 +186,6 @@ class Running:
             words += ["--pty", directory / "pty"]
         if "tcp" in links:
             words += ["--tcp", "127.0.0.1:0"]
-        if "can" in links:
-            words += ["--can", "vcan0"]
         has_clients = "tcp" in links or "pty" in links
         self.process = Process(*words, *(["--wait"] if has_clients else []))
         if "can" in links:
@@ -192,11 +193,7 @@ class Running:
         ready = self.process.wait_for("ready tcp") if "tcp" in links else ""
         if "pty" in links:
             self.process.wait_for("ready pty")
-        end = time.monotonic() + 5
-        while not self.port and time.monotonic() < end:
-            found = [re.search(r"bench page and control: http://127\.0\.0\.1:(\d+)/", line) for line in self.process.errors]
-            self.port = next((int(match[1]) for match in found if match), None)
-            time.sleep(0.01)
+        self.port = int(self.process.wait_for("ready control http://127.0.0.1:").strip("/").rsplit(":", 1)[1])
         # Both within the first half second: one that is there lets it begin.
         if "tcp" in links:
             self.tapes["tcp"] = Tape("socket://" + ready.split()[-1])

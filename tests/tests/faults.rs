@@ -78,7 +78,7 @@ fn what_is_held_back_leaves_with_the_end_and_stands_in_the_recording() {
     let plan = file(directory.path(), "plan.toml", text);
     let plan = plan.to_str().expect("text");
     for is_asked_to_end in [false, true] {
-        let (live, again) = (directory.path().join(format!("live-{is_asked_to_end}")), directory.path().join("again"));
+        let [live, again] = ["live", "again"].map(|name| directory.path().join(format!("{name}-{is_asked_to_end}")));
         let recorded = ["--record", live.to_str().expect("text"), "--wire", "serial", "--control", "off", "--wait"];
         let (emulator, mut client) =
             Emulator::on_tcp(&[&recorded[..], &["--faults", plan, "--speed", "4", "--duration", "6"]].concat());

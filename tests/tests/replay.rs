@@ -249,7 +249,10 @@ fn what_cannot_be_played_is_refused_with_one_message() {
         (&[&nonsense], "expected"),
         (&[&path, "--faults", &rate], "fault-1, when: rate_y is not told by a recording"),
         (&[&path, "--faults", &command], "expect-1, condition: command is not told by a recording"),
-        (&[&path, "--junit", "/no/such/verdicts.xml"], "--junit /no/such/verdicts.xml: expected a file in a directory"),
+        (
+            &[&path, "--junit", "/no/such/verdicts.xml"],
+            "--junit /no/such/verdicts.xml: expected a file that may be written",
+        ),
         (&[&path, "--faults", &parameter], "expected faults of links alone"),
         (&[&path, "--faults", &gyro], "expected faults of links alone"),
         (&[&path, "--faults", &unit], "expected faults of links alone"),

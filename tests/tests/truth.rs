@@ -83,7 +83,7 @@ fn a_run_on_the_reference_of_another_counts_the_same_and_is_made_again_from_its_
     assert_same_bytes(&file, &again);
     let socket = room.path().join("pty");
     let arguments = ["run", "--truth", path(&reference), "--speed", "max", "--start", "0", "--pty", path(&socket)];
-    let output = geu().args(arguments).arg("--record").arg(&live).output().expect("geu starts");
+    let output = geu().args(arguments).args(["--wire", "can", "--record"]).arg(&live).output().expect("geu starts");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     assert_same_bytes(&file, &live);
 }
@@ -116,14 +116,18 @@ fn manoeuvres_are_written_as_far_as_they_were_flown() {
     // Legs of the default scenario end at 600, 770, 1090 s; the end of a run with a slow clock, 0.1 % later, cuts one.
     let exact = "unit.clock-frequency.ppm=0";
     let slow = "unit.clock-frequency.ppm=-1000";
-    for (duration, set, ends) in [
+    for (index, (duration, set, ends)) in [
         ("100", exact, &[100.0][..]),
         ("600", exact, &[600.0]),
         ("1000", exact, &[600.0, 770.0, 1000.0]),
         ("1000", slow, &[600.0, 770.0, 1001.001001]),
-    ] {
-        simulate(&["--duration", duration, "--set", set, "--start", "1700000000"], room.path());
-        let rows = rows(&room.path().join("manoeuvres.csv"));
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let out = room.path().join(index.to_string());
+        simulate(&["--duration", duration, "--set", set, "--start", "1700000000"], &out);
+        let rows = rows(&out.join("manoeuvres.csv"));
         let mut start = "1700000000.000000".to_owned();
         assert_eq!(rows.len(), ends.len(), "{rows:?}");
         for (row, end_s) in rows.iter().zip(ends) {
@@ -134,9 +138,10 @@ fn manoeuvres_are_written_as_far_as_they_were_flown() {
     // A scenario that is over is held, and the hold ends with the run too.
     let short = room.path().join("short.toml");
     fs::write(&short, "[[manoeuvre]]\nkind = \"pointing\"\nduration_s = 5\n").expect("written");
-    simulate(&[path(&short), "--duration", "8"], room.path());
+    let held = room.path().join("held");
+    simulate(&[path(&short), "--duration", "8"], &held);
     let fields = [["pointing", "0.000000", "5.000000"], ["hold", "5.000000", "8.000000"]];
-    assert_eq!(rows(&room.path().join("manoeuvres.csv")), fields);
+    assert_eq!(rows(&held.join("manoeuvres.csv")), fields);
 }
 
 #[test]

@@ -1,8 +1,7 @@
 //! The unit on the desk: one unit, shared by the thread that keeps its time and whoever commands it.
 
 use std::collections::VecDeque;
-use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering::Relaxed};
-use std::sync::mpsc::SyncSender;
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -20,6 +19,7 @@ use crate::cadence::Speed;
 use crate::carriage::{Carrier, Piece};
 use crate::console;
 use crate::record::Event;
+use crate::recording::{self, Feed};
 
 /// The time keeper steps aside for commands so long at most.
 const ASIDE: Duration = Duration::from_millis(2);
@@ -67,7 +67,7 @@ struct Inner {
     underway: Option<Underway>,
     /// Commands of a recorded run, still to be carried out again.
     recorded: VecDeque<RecordedCommand>,
-    recording: Option<SyncSender<Event>>,
+    recording: Option<Feed>,
     bench: Option<Teller>,
 }
 
@@ -81,6 +81,10 @@ pub(crate) struct Desk {
     waiting: AtomicUsize,
     /// A recording lies there in place of a unit: commands are counted, and nobody answers.
     is_recording: bool,
+    /// How the recording of the unit stands.
+    recording: Option<Arc<recording::Status>>,
+    /// The run is over: commands are neither carried out nor recorded.
+    is_closed: AtomicBool,
     /// Commands carried out or refused.
     pub commands: AtomicU64,
     /// Frames dropped without an answer: wrong CRC or length, cut, remote or extended.
@@ -92,11 +96,12 @@ impl Desk {
         configuration: &Configuration,
         truth: &Truth,
         speed: Speed,
-        recording: Option<SyncSender<Event>>,
+        recording: Option<Feed>,
         bench: Option<Teller>,
     ) -> Desk {
         let unit = Unit::on(configuration, truth);
         let recorded = configuration.run.commands.iter().cloned().collect();
+        let status = recording.as_ref().map(|feed| feed.status().clone());
         let mut inner = Inner { unit, completed: None, underway: None, recorded, recording, bench };
         let happened = inner.unit.take_happened();
         inner.tell_happened(happened);
@@ -106,6 +111,8 @@ impl Desk {
             passed: Notify::new(),
             waiting: AtomicUsize::new(0),
             is_recording: false,
+            recording: status,
+            is_closed: AtomicBool::new(false),
             commands: AtomicU64::new(0),
             rejected: AtomicU64::new(0),
         }
@@ -183,7 +190,13 @@ impl Desk {
         self.lock().completed.map(|(half_second, _)| half_second)
     }
 
-    /// Carries out the payload of a COMMAND that came over `link`; shortly before a deadline it waits for that.
+    /// How the recording of the unit stands; `None` without one.
+    pub fn recording(&self) -> Option<&recording::Status> {
+        self.recording.as_deref()
+    }
+
+    /// Carries out the payload of a COMMAND that came over `link`; shortly before a deadline it waits for that. Its answer
+    /// waits until it is recorded, but not for long.
     pub async fn command(&self, link: &str, payload: &[u8]) -> Answered {
         if self.is_recording {
             if self.commands.fetch_add(1, Relaxed) == 0 {
@@ -191,25 +204,46 @@ impl Desk {
             }
             return Answered { reply: None, polled: None, acting: Arc::default(), speed: self.speed };
         }
-        let _waiting = Waiting::new(&self.waiting);
-        loop {
+        let waiting = Waiting::new(&self.waiting);
+        let (answered, told) = loop {
             // Made before the look at the unit, so that a deadline that passes in between is not slept through.
             let passed = self.passed.notified();
             if let Some(answered) = self.try_command(link, payload) {
-                return answered;
+                break answered;
             }
             passed.await;
+        };
+        drop(waiting);
+        if let (Some(recording), Some(told)) = (&self.recording, told) {
+            recording.await_written(told).await;
         }
+        answered
     }
 
-    /// Carries it out unless a half second is underway.
-    fn try_command(&self, link: &str, payload: &[u8]) -> Option<Answered> {
+    /// Carries it out unless a half second is underway, or the run is over; how much the recording was told by then.
+    fn try_command(&self, link: &str, payload: &[u8]) -> Option<(Answered, Option<u64>)> {
         let mut inner = self.lock();
-        if inner.underway.is_some() {
+        if inner.underway.is_some() || self.is_closed.load(Relaxed) {
             return None;
         }
         self.commands.fetch_add(1, Relaxed);
-        Some(inner.command(link, payload, self.speed))
+        let answered = inner.command(link, payload, self.speed);
+        Some((answered, inner.told()))
+    }
+
+    /// Waits until the recording has what was driven, but not for long.
+    fn await_recorded(&self) {
+        let Some(recording) = &self.recording else { return };
+        // What is driven while a half second is underway is told behind it.
+        let told = || {
+            let inner = self.lock();
+            if inner.underway.is_none() { Some(inner.told().unwrap_or(0)) } else { None }
+        };
+        let last = std::cell::Cell::new(None);
+        recording.await_written_blocking(|| {
+            last.set(last.get().or_else(told));
+            last.get()
+        });
     }
 
     /// How faults and expectations stand.
@@ -235,6 +269,8 @@ impl Desk {
         }
         let added: Vec<Fault> = faults.iter().map(|fault| inner.unit.inject(fault.clone())).collect();
         added.iter().for_each(|fault| inner.tell_driven(Event::Injected(fault.clone())));
+        drop(inner);
+        self.await_recorded();
         Some(added)
     }
 
@@ -243,19 +279,33 @@ impl Desk {
         let mut inner = self.lock();
         let at_s = inner.unit.start(id)?;
         inner.tell_driven(Event::StartedByHand { id: id.to_owned(), at_s });
+        drop(inner);
+        self.await_recorded();
         Some(at_s)
     }
 
     /// Takes a fault away from the next half second on; its end, on-board time, or nothing where there is none.
     pub fn clear(&self, id: &str) -> Option<f64> {
-        let mut inner = self.lock();
-        let until_s = inner.unit.clear(id)?;
-        inner.tell_driven(Event::Cleared { id: id.to_owned(), until_s });
+        let until_s = self.lock().clear(id)?;
+        self.await_recorded();
         Some(until_s)
     }
 
-    /// Tells the recording that no more follows.
+    /// Takes all faults away that are not over; their identifiers.
+    pub fn clear_all(&self) -> Vec<String> {
+        let mut inner = self.lock();
+        let planned = inner.unit.faults().planned.iter();
+        let ids: Vec<String> =
+            planned.filter(|planned| !planned.is_over()).map(|planned| planned.fault.id.clone()).collect();
+        let cleared = ids.into_iter().filter(|id| inner.clear(id).is_some()).collect();
+        drop(inner);
+        self.await_recorded();
+        cleared
+    }
+
+    /// Tells the recording that no more follows; from now on no command is answered.
     pub fn close(&self) {
+        self.is_closed.store(true, Relaxed);
         let mut inner = self.lock();
         inner.repeat_recorded();
         (inner.recording, inner.bench) = (None, None);
@@ -283,10 +333,21 @@ impl Inner {
         if let Some(bench) = &mut self.bench {
             bench.tell(&event, self.unit.motion());
         }
-        // The other end hangs up only after a failed write, which it has told.
-        if self.recording.as_ref().is_some_and(|recording| recording.send(event).is_err()) {
+        // A recording that has ended has said so.
+        if self.recording.as_mut().is_some_and(|recording| !recording.tell(event)) {
             self.recording = None;
         }
+    }
+
+    /// How much the recording was told.
+    fn told(&self) -> Option<u64> {
+        self.recording.as_ref().map(Feed::told)
+    }
+
+    fn clear(&mut self, id: &str) -> Option<f64> {
+        let until_s = self.unit.clear(id)?;
+        self.tell_driven(Event::Cleared { id: id.to_owned(), until_s });
+        Some(until_s)
     }
 
     /// Carries out again what a recorded run had received by now.
@@ -344,7 +405,6 @@ impl Inner {
 #[cfg(test)]
 mod tests {
     use std::future::Future;
-    use std::sync::mpsc::sync_channel;
     use std::task::{Context, Poll, Waker};
 
     use geu_protocol::Outcome;
@@ -352,7 +412,7 @@ mod tests {
     use super::*;
 
     fn now(desk: &Desk, payload: &[u8]) -> Answered {
-        desk.try_command("test", payload).expect("nothing is underway")
+        desk.try_command("test", payload).expect("nothing is underway").0
     }
 
     #[test]
@@ -379,7 +439,7 @@ mod tests {
 
     #[test]
     fn what_is_driven_while_a_half_second_is_underway_is_told_behind_it() {
-        let (recording, events) = sync_channel(100);
+        let (recording, events) = recording::unwritten_feed();
         let mut configuration = Configuration::reference();
         let plan = "[[fault]]\nid = \"waits\"\nby_hand = true\nfault = \"drop\"\n[[fault]]\nid = \"dead\"\nfault = \"dead\"\ngyro = \"GYRX\"";
         configuration.add_plan("plan", plan).expect("a plan");
@@ -402,7 +462,7 @@ mod tests {
     #[test]
     fn what_is_told_to_the_recording_happens_again_in_a_unit_of_its_own() {
         let configuration = Configuration::reference();
-        let (recording, events) = sync_channel(10_000);
+        let (recording, events) = recording::unwritten_feed();
         let desk = Desk::new(&configuration, &Truth::Scenario, Speed::Max, Some(recording), None);
         let payloads: [&[u8]; 8] = [&[1], &[2, 1], &[3], &[5], &[3], &[2, 0], &[4, 1, 0, 5, 3], &[3]];
         let mut context = Context::from_waker(Waker::noop());

@@ -258,6 +258,11 @@ impl FaultLog {
 
     /// Hands what is buffered to the system.
     pub fn flush(&mut self) -> Result<(), RecordError> {
-        self.file.write(|file| file.flush())
+        self.file.flush()
+    }
+
+    /// Bytes that the system does not have yet.
+    pub fn buffered(&self) -> usize {
+        self.file.buffered()
     }
 }

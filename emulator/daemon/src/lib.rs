@@ -19,8 +19,10 @@ mod patience;
 pub mod record;
 mod recording;
 mod run;
+pub mod running;
 pub mod simulate;
 pub mod truth;
 
 pub use catalogue::catalogue;
-pub use run::{RunError, Settings, Summary, asked_to_end, replay, run};
+pub use recording::RecordingError;
+pub use run::{Recording, RunError, Settings, Summary, asked_to_end, replay, run};

@@ -3,76 +3,46 @@
 //! `geu simulate` writes it as fast as the model runs; `geu run --record` writes the same files beside the live links.
 //! Times are scheduled ends, never the wall clock.
 
-mod late_column;
+mod destination;
+mod event;
+mod links;
 mod output;
+mod run_toml;
+mod truth_csv;
 
 use std::collections::VecDeque;
-use std::fs::{self, File};
-use std::io::{self, BufRead, BufReader, Write};
-use std::path::{Path, PathBuf};
+use std::fs::File;
+use std::io::Write;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use geu_model::attitude::{Leg, Motion, Stepped};
-use geu_model::configuration::{RecordedCommand, RunRecord, WireForm};
-use geu_model::effect::{FAULT_COLUMN, columns};
-use geu_model::fault::Fault;
-use geu_model::fault::acting::{Acting, Happening};
-use geu_model::fault::catalogue::LinkKind;
+use geu_model::configuration::{EndedEarly, RecordedCommand, RunRecord, WireForm};
 use geu_model::sensor::{StarSensor, SunSensor};
 use geu_model::units::{HALF_SECOND_NS, RAD_PER_DEG, on_board_s};
 use geu_model::{Configuration, Ended, Injected, Trace, Truth};
 use geu_protocol::command::hex;
-use geu_protocol::serial::DEFAULT_BAUD;
-use geu_protocol::{CanPlan, Gyro, HalfSecond, Reply};
 
-use crate::carriage::{Carrier, Content, Form, Outbox};
+use crate::carriage::{Carrier, Content, Outbox};
 use crate::fault_log::FaultLog;
 use crate::truth::received;
-use late_column::LateColumn;
+use truth_csv::TruthCsv;
 
+pub use destination::{Destination, FILES};
+pub(crate) use event::Event;
+pub use links::misses;
+pub(crate) use links::{form_beside, recorded};
 pub(crate) use output::Output;
 pub use output::RecordError;
+pub use run_toml::{UnfinishedError, complete, whole_lines};
 
 /// Interface name in `link.log`.
 const INTERFACE: &str = "can0";
 /// Spacing of `reference.csv`, true time, ns.
 const REFERENCE_NS: i64 = HALF_SECOND_NS;
 
-/// What happened in the unit, told in the order in which it happened on board.
-#[derive(Clone)]
-pub(crate) enum Event {
-    /// A half second ended, and what faults did to it.
-    HalfSecond(Ended, Box<[Trace; 4]>, Option<Arc<Injected>>),
-    /// A command came over a link within the half second that runs; its scheduled end, what the unit answers (an
-    /// error: what it would, did a fault not keep it from hearing), and the faults that act.
-    Command {
-        link: String,
-        payload: Vec<u8>,
-        running_end_ns: i64,
-        reply: Result<Reply, Reply>,
-        acting: Arc<Vec<Acting>>,
-    },
-    /// The half second that ended last was sent because it was polled over a link, stamped with its scheduled end: what
-    /// faults did to it, and those that act as it is sent.
-    Polled {
-        link: String,
-        half_second: HalfSecond,
-        reply: Reply,
-        end_ns: i64,
-        injected: Option<Arc<Injected>>,
-        acting: Arc<Vec<Acting>>,
-    },
-    /// A half second came too late to be sent live: the process was held up.
-    Missed { frame: u64 },
-    /// Something became of a fault or an expectation, with the end of the last half second.
-    Happened(Happening),
-    /// A fault was injected while the unit ran.
-    Injected(Fault),
-    /// A fault that waited for a hand was started, with this on-board time.
-    StartedByHand { id: String, at_s: f64 },
-    /// A fault was taken away, from this on-board time on.
-    Cleared { id: String, until_s: f64 },
-}
+/// What is buffered is handed to the system when a file has so many bytes of it.
+const BUFFER: usize = 1 << 16;
 
 /// Keeps a truth that becomes known as time goes on.
 struct Received {
@@ -91,13 +61,12 @@ pub struct Recorder {
     wire: WireForm,
     /// The link that is recorded, and what waits on it.
     carrier: Carrier,
-    links: Vec<LinkKind>,
-    serial_baud: Option<u32>,
+    links: Vec<Carrier>,
     outbox: Outbox,
     link: Output,
     faults: FaultLog,
     reference: Output,
-    truth: Output,
+    truth: TruthCsv,
     manoeuvres: Output,
     commands: Output,
     fss: Output,
@@ -114,42 +83,37 @@ pub struct Recorder {
     half_seconds: u64,
     /// Scheduled end of the last half second.
     end_ns: i64,
-    /// Columns of a trace that `truth.csv` has.
-    truth_columns: Vec<usize>,
-    /// One of them that stands beside it until the end.
-    late: Option<LateColumn>,
+    /// Somebody drove the faults since `run.toml` was written.
+    is_run_outdated: bool,
+}
+
+/// Why a recording ends.
+pub(crate) enum End {
+    /// The run does.
+    Run,
+    /// It cannot go on, for this reason; all that was told until then is written.
+    Early(String),
+    /// It cannot be written, for this reason.
+    Failed(String),
 }
 
 impl Recorder {
-    /// Opens the files of a run on `truth` in `directory`, which is made if it is not there. `links` are those that are
-    /// open beside the recording; the recorded link is the first of its form, else one of the default kind.
+    /// Opens the files of a run on `truth`; what is replaced is removed. `links` are those that are open beside the
+    /// recording; the recorded link is the first of its form, else one of the default kind.
     ///
     /// # Errors
-    /// A directory or file that cannot be written.
+    /// A directory that holds something, a directory or file that cannot be written.
     pub fn create(
-        directory: &Path,
+        destination: &Destination,
         configuration: &Configuration,
         truth: &Truth,
         wire: WireForm,
         links: &[Carrier],
     ) -> Result<Recorder, RecordError> {
-        let links = if links.is_empty() { without_links(configuration) } else { links.to_vec() };
-        let carrier = recorded(wire, &links);
-        fs::create_dir_all(directory).map_err(|source| RecordError { path: directory.to_owned(), source })?;
-        let held = hold(directory)?;
-        let (link_name, other) = match wire {
-            WireForm::Can => ("link.log", "link.bin"),
-            WireForm::Serial => ("link.bin", "link.log"),
-        };
-        // What an earlier run left, as a link in the other form, would not belong to this one.
-        for left in [other].into_iter().chain(late_column::LEFT) {
-            match fs::remove_file(directory.join(left)) {
-                Err(source) if source.kind() != io::ErrorKind::NotFound => {
-                    return Err(RecordError { path: directory.join(left), source });
-                }
-                _ => {}
-            }
-        }
+        let links = if links.is_empty() { links::without_links(configuration) } else { links.to_vec() };
+        let carrier = recorded(wire, configuration, &links);
+        let held = destination.claim()?;
+        let directory = destination.directory();
         let received = match truth {
             Truth::Stepped(truth) => {
                 let output = Output::create(directory, received::NAME)?;
@@ -157,13 +121,17 @@ impl Recorder {
             }
             Truth::Scenario | Truth::Recorded(_) => None,
         };
+        let link_name = match wire {
+            WireForm::Can => "link.log",
+            WireForm::Serial => "link.bin",
+        };
         let scenario = &configuration.scenario;
         let mut recorder = Recorder {
             link: Output::create(directory, link_name)?,
             reference: Output::create(directory, "reference.csv")?,
-            truth: Output::create(directory, "truth.csv")?,
+            truth: TruthCsv::create(directory, configuration.columns())?,
             manoeuvres: Output::create(directory, "manoeuvres.csv")?,
-            commands: Output::create(directory, "commands.jsonl")?,
+            commands: Output::create(directory, run_toml::COMMANDS)?,
             fss: Output::create(directory, "fss.csv")?,
             sse: Output::create(directory, "sse.csv")?,
             received,
@@ -173,8 +141,7 @@ impl Recorder {
             wire,
             faults: FaultLog::create(directory, &carrier, &links)?,
             carrier,
-            links: links.iter().map(|carrier| carrier.kind).collect(),
-            serial_baud: serial_baud(&links),
+            links,
             outbox: Outbox::default(),
             motion: truth.motion(configuration, 0.0),
             sun_sensor: SunSensor::new(configuration.sensors.fss, configuration.seed),
@@ -183,38 +150,37 @@ impl Recorder {
             legs: VecDeque::new(),
             half_seconds: 0,
             end_ns: 0,
-            truth_columns: configuration.columns(),
-            late: None,
+            is_run_outdated: true,
         };
         recorder.headers()?;
-        // A process that is killed leaves a run all the same.
-        let mut run = recorder.run_file()?;
-        run.write(|file| file.flush())?;
         recorder.flush()?;
         Ok(recorder)
     }
 
-    /// Kind of the link that is recorded.
-    pub(crate) fn link(&self) -> LinkKind {
-        self.carrier.kind
+    /// Half seconds recorded.
+    pub fn half_seconds(&self) -> u64 {
+        self.half_seconds
     }
 
     fn headers(&mut self) -> Result<(), RecordError> {
-        let rates = "rate_x_arcsec_s,rate_y_arcsec_s,rate_z_arcsec_s";
-        let angles = if self.motion.knows_sun() { ",theta_deg,psi_deg" } else { "" };
-        self.reference.write(|file| writeln!(file, "t_s,{rates}{angles}"))?;
+        // Whether a simulator tells the sun is known with its first sample.
+        if self.received.is_none() {
+            self.truth_headers()?;
+        }
         self.manoeuvres.write(|file| writeln!(file, "manoeuvre,start_s,end_s"))?;
         self.fss.write(|file| writeln!(file, "t_s,theta_arcsec,roll_arcsec"))?;
         self.sse.write(|file| writeln!(file, "t_s,star,slit,theta_deg,psi_deg,sigma_arcsec"))?;
-        if let Some(received) = &mut self.received {
-            received.output.write(|file| writeln!(file, "{}", received::HEADER))?;
-        }
-        let (codes, truth_columns) = (columns(), &self.truth_columns);
-        self.truth.write(|file| {
-            write!(file, "t_s,sequence,gyro,true_arcsec")?;
-            truth_columns.iter().try_for_each(|&column| write!(file, ",{}_counts", codes[column]))?;
-            writeln!(file, ",unquantised,count")
-        })
+        Ok(())
+    }
+
+    /// Those of the files that have the sun where it is known.
+    fn truth_headers(&mut self) -> Result<(), RecordError> {
+        let rates = "rate_x_arcsec_s,rate_y_arcsec_s,rate_z_arcsec_s";
+        let tells_sun = self.motion.untold().is_empty();
+        let angles = if tells_sun { ",theta_deg,psi_deg" } else { "" };
+        self.reference.write(|file| writeln!(file, "t_s,{rates}{angles}"))?;
+        let Some(received) = &mut self.received else { return Ok(()) };
+        received.output.write(|file| received::write_header(file, tells_sun))
     }
 
     /// Writes what happened.
@@ -222,6 +188,14 @@ impl Recorder {
     /// # Errors
     /// A file that cannot be written.
     pub(crate) fn event(&mut self, event: &Event) -> Result<(), RecordError> {
+        if matches!(event, Event::HalfSecond(..) | Event::Polled { .. }) {
+            self.flush_causes()?;
+        }
+        self.take(event)?;
+        if self.buffered() > BUFFER { self.flush() } else { Ok(()) }
+    }
+
+    fn take(&mut self, event: &Event) -> Result<(), RecordError> {
         match event {
             Event::HalfSecond(ended, traces, injected) => self.half_second(ended, traces, injected.as_deref()),
             Event::Command { link, payload, running_end_ns, reply, acting } => {
@@ -240,7 +214,7 @@ impl Recorder {
             Event::Injected(fault) => {
                 self.configuration.faults.push(fault.clone());
                 self.configuration.run.injected.push(fault.id.clone());
-                self.begin_late_column()?;
+                self.is_run_outdated = true;
                 self.faults.injected(self.half_seconds, fault)
             }
             Event::StartedByHand { id, at_s } => {
@@ -248,11 +222,13 @@ impl Recorder {
                 fault.into_iter().for_each(|fault| {
                     fault.start_at(*at_s);
                 });
+                self.is_run_outdated = true;
                 self.faults.started_by_hand(self.half_seconds, id, *at_s)
             }
             Event::Cleared { id, until_s } => {
                 let fault = self.configuration.faults.iter_mut().find(|fault| fault.id == *id);
                 fault.into_iter().for_each(|fault| fault.end_at(*until_s));
+                self.is_run_outdated = true;
                 self.faults.cleared(id, *until_s)
             }
         }
@@ -265,6 +241,10 @@ impl Recorder {
         traces: &[Trace; 4],
         injected: Option<&Injected>,
     ) -> Result<(), RecordError> {
+        if !self.configuration.run.injected.is_empty() && !self.truth.has_fault_column() {
+            self.flush()?;
+            self.truth.add_fault_column(&self.directory)?;
+        }
         let frame = self.half_seconds;
         let half_second = Some(&ended.half_second).filter(|_| ended.cyclic);
         let pieces = self.carrier.carry(half_second, frame, injected.map_or(&[], |injected| &injected.acting));
@@ -274,8 +254,11 @@ impl Recorder {
             self.faults.half_second(frame, ended, injected)?;
         }
         self.half_seconds += 1;
-        self.truth_rows(ended, traces)?;
+        self.truth.rows(&stamp(self.configuration.start_unix_ns + ended.end_ns), ended, traces)?;
         if self.received.is_some() {
+            if self.half_seconds == 1 {
+                self.truth_headers()?;
+            }
             self.received_rows()?;
             // One half second behind: what is beyond the end of this one may not be known yet.
             self.reference_rows_within(self.end_ns)?;
@@ -335,45 +318,6 @@ impl Recorder {
         })
     }
 
-    fn truth_rows(&mut self, ended: &Ended, traces: &[Trace; 4]) -> Result<(), RecordError> {
-        let half_second = &ended.half_second;
-        let row_start = format!("{},{},", stamp(self.configuration.start_unix_ns + ended.end_ns), half_second.sequence);
-        let (truth_columns, is_beside) = (&self.truth_columns, self.late.is_some());
-        let by_faults = |trace: &Trace| trace.changes[FAULT_COLUMN] + unforeseen(trace, truth_columns);
-        // The shortest digits that read back the same, so that the columns add up; many times a row, so not by `write!`.
-        let (mut digits, mut whole) = (zmij::Buffer::new(), itoa::Buffer::new());
-        self.truth.write(|file| {
-            for (gyro, trace) in Gyro::ALL.into_iter().zip(traces) {
-                file.write_all(row_start.as_bytes())?;
-                file.write_all(gyro.name().as_bytes())?;
-                let here = truth_columns.iter().filter(|&&column| column != FAULT_COLUMN || !is_beside);
-                let changes = here.map(|&column| match column {
-                    FAULT_COLUMN => by_faults(trace),
-                    column => trace.changes[column],
-                });
-                for number in std::iter::once(trace.true_arcsec).chain(changes).chain([trace.unquantised]) {
-                    file.write_all(b",")?;
-                    file.write_all(digits.format(number).as_bytes())?;
-                }
-                file.write_all(b",")?;
-                file.write_all(whole.format(half_second.increments[gyro as usize]).as_bytes())?;
-                file.write_all(b"\n")?;
-            }
-            Ok(())
-        })?;
-        let Some(late) = &mut self.late else { return Ok(()) };
-        traces.iter().try_for_each(|trace| late.add(by_faults(trace)))
-    }
-
-    /// Begins the column of what live faults change, where there is none yet.
-    fn begin_late_column(&mut self) -> Result<(), RecordError> {
-        let Err(place) = self.truth_columns.binary_search(&FAULT_COLUMN) else { return Ok(()) };
-        self.truth_columns.insert(place, FAULT_COLUMN);
-        let rows = self.half_seconds * Gyro::ALL.len() as u64;
-        self.late = Some(LateColumn::begin(&self.directory, place, rows)?);
-        Ok(())
-    }
-
     fn reference_row(&mut self) -> Result<(), RecordError> {
         self.reference_rows += 1;
         let end_ns = self.reference_rows * REFERENCE_NS;
@@ -427,11 +371,28 @@ impl Recorder {
     ///
     /// # Errors
     /// A file that cannot be written.
-    pub fn finish(mut self) -> Result<(), RecordError> {
+    pub fn finish(self) -> Result<(), RecordError> {
+        self.end(End::Run)
+    }
+
+    /// The same, for whatever reason.
+    pub(crate) fn end(mut self, end: End) -> Result<(), RecordError> {
+        let half_second = self.half_seconds;
+        let ended_early = match end {
+            End::Run => None,
+            End::Early(reason) => Some(EndedEarly { half_second, reason }),
+            // The files tell how far it came.
+            End::Failed(reason) => {
+                return self.write_run(true, Some(EndedEarly { half_second, reason }));
+            }
+        };
         // What faults still hold back left with the end.
         self.outbox.end(self.end_ns);
         self.write_due(i64::MAX)?;
         if self.received.is_some() {
+            if self.half_seconds == 0 {
+                self.truth_headers()?;
+            }
             self.received_rows()?;
             self.reference_rows_within(self.end_ns)?;
         }
@@ -439,33 +400,22 @@ impl Recorder {
             self.manoeuvre(&leg)?;
         }
         self.flush()?;
-        let mut run = self.run_file()?;
-        // From the file, so that a run of any length needs no memory for its commands.
-        let commands = File::open(&self.commands.path)
-            .map_err(|source| RecordError { path: self.commands.path.clone(), source })?;
-        for line in BufReader::new(commands).lines() {
-            run.write(|file| {
-                let command: serde_json::Value = serde_json::from_str(&line?)?;
-                let (half_second, link, bytes) = (&command["half_second"], &command["link"], &command["bytes"]);
-                writeln!(file, "\n[[run.command]]\nhalf_second = {half_second}\nlink = {link}\nbytes = {bytes}")
-            })?;
-        }
-        run.write(|file| file.flush())?;
-        // Last: of a long run it takes its time.
-        let Some(late) = self.late else { return Ok(()) };
-        late.put_into(&self.directory, &self.truth.path, &format!("{}_counts", columns()[FAULT_COLUMN]))
+        self.write_run(false, ended_early)
     }
 
-    /// `run.toml` of the run so far.
-    fn run_file(&self) -> Result<Output, RecordError> {
+    /// Puts `run.toml` of the run so far in place.
+    fn write_run(&self, is_unfinished: bool, ended_early: Option<EndedEarly>) -> Result<(), RecordError> {
         let mut configuration = self.configuration.clone();
-        let has_faults = !configuration.faults.is_empty();
+        // Without faults it does not matter which links were open.
+        let links = if configuration.faults.is_empty() { &[][..] } else { &self.links };
         configuration.run = RunRecord {
             duration_s: on_board_s(self.half_seconds),
             wire: Some(self.wire),
-            // Without faults it does not matter.
-            links: if has_faults { self.links.clone() } else { Vec::new() },
-            serial_baud: self.serial_baud.filter(|_| has_faults),
+            links: links.iter().map(|carrier| carrier.kind).collect(),
+            serial_baud: links::serial_baud(links),
+            can_base: links::can_base(&self.carrier, links),
+            is_unfinished,
+            ended_early,
             injected: std::mem::take(&mut configuration.run.injected),
             // Beside this file, wherever the directory goes.
             truth: configuration.run.truth.take().map(|name| match self.received {
@@ -474,97 +424,44 @@ impl Recorder {
             }),
             commands: Vec::new(),
         };
-        let mut run = Output::create(&self.directory, "run.toml")?;
-        run.write(|file| {
-            writeln!(file, "# A recorded run: `geu simulate run.toml --out DIRECTORY` writes the same bytes again.")?;
-            file.write_all(configuration.to_toml(false).as_bytes())
-        })?;
-        Ok(run)
+        let commands = Some(&*self.commands.path).filter(|_| !is_unfinished);
+        run_toml::write(&self.directory, &configuration, commands)
     }
 
-    /// Hands what is buffered to the system.
+    /// Hands to the system what was done to the unit: before what it caused, so that a recording which is cut has both or
+    /// neither.
+    fn flush_causes(&mut self) -> Result<(), RecordError> {
+        if std::mem::take(&mut self.is_run_outdated) {
+            self.write_run(true, None)?;
+        }
+        if self.commands.buffered() > 0 {
+            self.commands.flush()?;
+        }
+        Ok(())
+    }
+
+    /// Bytes of the file that has most that the system does not have yet.
+    fn buffered(&self) -> usize {
+        [self.truth.buffered(), self.link.buffered(), self.faults.buffered(), self.commands.buffered()]
+            .into_iter()
+            .fold(0, usize::max)
+    }
+
+    /// Hands what is buffered to the system, `truth.csv` before what the link carried: its rows tell how far a recording
+    /// that is cut has come.
     ///
     /// # Errors
     /// A file that cannot be written.
     pub fn flush(&mut self) -> Result<(), RecordError> {
-        for output in [
-            &mut self.link,
-            &mut self.reference,
-            &mut self.truth,
-            &mut self.manoeuvres,
-            &mut self.commands,
-            &mut self.fss,
-            &mut self.sse,
-        ] {
-            output.write(|file| file.flush())?;
-        }
-        self.late.as_mut().map_or(Ok(()), LateColumn::flush)?;
+        self.flush_causes()?;
+        self.received.as_mut().map_or(Ok(()), |received| received.output.flush())?;
+        self.truth.flush()?;
         self.faults.flush()?;
-        self.received.as_mut().map_or(Ok(()), |received| received.output.write(|file| file.flush()))
-    }
-}
-
-/// What columns changed that the file does not have: those of effects that are there by a fault alone.
-fn unforeseen(trace: &Trace, columns: &[usize]) -> f64 {
-    let others = trace.changes.iter().enumerate().filter(|(column, _)| columns.binary_search(column).is_err());
-    others.map(|(_, change)| change).sum()
-}
-
-/// Holds the directory of a recording, by its `run.toml`, for as long as the file lives.
-fn hold(directory: &Path) -> Result<File, RecordError> {
-    let path = directory.join("run.toml");
-    let file = File::options().create(true).truncate(false).write(true).open(&path);
-    let held = file.and_then(|file| file.try_lock().map(|()| file).map_err(io::Error::from));
-    held.map_err(|source| RecordError { path, source })
-}
-
-/// The link that a recording of this form is of: the first such one that is open, else one of the default kind.
-fn recorded(wire: WireForm, links: &[Carrier]) -> Carrier {
-    let is_can = |carrier: &&Carrier| matches!(carrier.form, Form::Can(_));
-    match wire {
-        WireForm::Can => Carrier::can(CanPlan::default()),
-        WireForm::Serial => {
-            let open = links.iter().find(|carrier| !is_can(carrier));
-            open.cloned().unwrap_or(Carrier::serial(LinkKind::Pty))
+        for output in [&mut self.link, &mut self.reference, &mut self.manoeuvres, &mut self.fss, &mut self.sse] {
+            output.flush()?;
         }
+        Ok(())
     }
-}
-
-/// The links of a run that has none: those of the run that is made again, else those that its faults name, each as its
-/// kind has them by default; a serial port at its rate.
-fn without_links(configuration: &Configuration) -> Vec<Carrier> {
-    let run = &configuration.run;
-    let mut kinds = run.links.clone();
-    if kinds.is_empty() {
-        kinds.extend(configuration.faults.iter().filter_map(|fault| fault.link));
-        kinds.sort_unstable();
-        kinds.dedup();
-    }
-    let carrier = |kind| match (kind, run.serial_baud) {
-        (LinkKind::Can, _) => Carrier::can(CanPlan::default()),
-        (LinkKind::Serial, Some(baud)) => Carrier { kind, form: Form::Serial { baud } },
-        (kind, _) => Carrier::serial(kind),
-    };
-    kinds.into_iter().map(carrier).collect()
-}
-
-/// Why a fault of a run without open links would be seen on none of the links that its recording tells; nothing where
-/// all are.
-pub fn misses(configuration: &Configuration, wire: WireForm) -> Option<String> {
-    let links = without_links(configuration);
-    let mut told: Vec<LinkKind> = links.iter().map(|carrier| carrier.kind).collect();
-    told.push(recorded(wire, &links).kind);
-    told.sort_unstable();
-    told.dedup();
-    configuration.faults.iter().find_map(|fault| fault.misses(&told))
-}
-
-/// The rate of a serial port among the links, where it is not the default.
-fn serial_baud(links: &[Carrier]) -> Option<u32> {
-    links.iter().find_map(|carrier| match carrier.form {
-        Form::Serial { baud } if carrier.kind == LinkKind::Serial && baud != DEFAULT_BAUD => Some(baud),
-        _ => None,
-    })
 }
 
 /// A time in s as ns; one without end is the last there is.

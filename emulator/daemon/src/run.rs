@@ -5,21 +5,25 @@ pub mod replay;
 use std::fmt;
 use std::future::Future;
 use std::io;
+use std::net::SocketAddr;
+use std::pin::Pin;
 use std::sync::atomic::Ordering::Relaxed;
 use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use geu_model::configuration::WireForm;
 use geu_model::fault::acting::{Acting, Faults};
 use geu_model::fault::catalogue::LinkKind;
+use geu_model::fault::{Fault, asks_in_vain};
 use geu_model::units::HALF_SECOND_NS;
-use geu_model::{Configuration, Truth};
+use geu_model::{Configuration, Ended, Truth};
 use geu_protocol::HalfSecond;
 use tokio::signal::unix::{SignalKind, signal};
 
 use crate::bench::{LiveBench, Shower};
 use crate::cadence::{Sleeper, Speed, ask_for_realtime, doze_until, now_ns};
-use crate::carriage::Outbox;
+use crate::carriage::{Carrier, Content, Outbox};
 use crate::console;
 use crate::control::{Door, DoorError};
 use crate::descriptors::{self, TooFew};
@@ -27,9 +31,10 @@ use crate::desk::Desk;
 use crate::lateness::{Histogram, Time};
 use crate::link::{self, Link, LinkAddress, LinkError, Tally};
 use crate::patience::{LAST_WORDS, Patience, Stop};
-use crate::record::{RecordError, Recorder};
-use crate::recording::Writer;
-use crate::truth::{Counts as TruthCounts, Live, TruthError};
+use crate::record::{self, Destination, RecordError, Recorder};
+use crate::recording::{Feed, RecordingError, Status, Writer};
+use crate::running::{self, Registration, Running};
+use crate::truth::{Counts as TruthCounts, Handed, Live, SampleReport, TruthError};
 
 /// So long before its deadline a half second is ended and encoded: longer than the model and a wake-up take.
 const LEAD_NS: i64 = 800_000;
@@ -39,6 +44,11 @@ const LATE_NS: i64 = 5_000_000;
 const PATIENCE: Duration = Duration::from_secs(2);
 /// What has looked empty for so long is.
 const SURELY_EMPTY: Duration = Duration::from_millis(25);
+/// The recording is written to its end until so long after the process was asked to end: with the last words on the
+/// terminal that is less than a second.
+const RECORD_AFTER_ASKED: Duration = Duration::from_millis(700);
+/// And it is given so long at least.
+const RECORD_AT_LEAST: Duration = Duration::from_millis(100);
 /// Between two status lines.
 const STATUS: Duration = Duration::from_millis(500);
 /// Between two looks at something that nobody tells of.
@@ -61,9 +71,21 @@ pub struct Settings {
     pub wait_for_client: bool,
     /// The source of the truth, where that comes from outside.
     pub live: Option<Arc<Live>>,
+    /// Such a source is waited for so long at most, wall clock, wherever the run waits for it; without end where nothing
+    /// is said.
+    pub truth_wait: Option<Duration>,
 }
 
-/// A run that could not begin, or whose recording is not complete.
+/// A recording beside the links.
+#[derive(Debug, Clone)]
+pub struct Recording {
+    /// Where it goes.
+    pub destination: Destination,
+    /// Form of the link in it; without one that of the first link.
+    pub wire: Option<WireForm>,
+}
+
+/// A run that could not begin.
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
     /// A link cannot be opened.
@@ -83,7 +105,10 @@ pub enum RunError {
     /// The truth from outside cannot be listened for.
     #[error(transparent)]
     Truth(#[from] TruthError),
-    /// The recording cannot be written.
+    /// A condition asks about what the truth from outside does not tell.
+    #[error("{0}; a simulator tells them by the direction to the sun in its first sample, \"sun\": [x, y, z]")]
+    Untold(String),
+    /// The recording cannot begin.
     #[error(transparent)]
     Record(#[from] RecordError),
     /// No runtime, no thread.
@@ -107,10 +132,14 @@ pub struct Summary {
     pub rejected: u64,
     /// What became of the samples of a truth from outside.
     pub truth: Option<TruthCounts>,
+    /// Why the unit did not move as that truth was told, in words; nothing where it did.
+    pub truth_failure: Option<String>,
     /// Each link.
     pub links: Vec<Arc<Tally>>,
     /// How the faults and expectations of the plan stand.
     pub faults: Faults,
+    /// What became of the recording.
+    pub recording: Result<(), RecordingError>,
 }
 
 impl fmt::Display for Summary {
@@ -142,15 +171,16 @@ pub async fn asked_to_end() -> io::Result<()> {
 }
 
 /// Runs the unit on `truth` until its half seconds are over or `shutdown` resolves; links are removed when it returns.
-/// Behind `door` it can be watched and driven.
+/// Behind `door` it can be watched and driven. Nothing of a recording that is replaced is touched before the links are
+/// open, and the truth and the control interface are listened for.
 ///
 /// # Errors
-/// A link that cannot be opened, a recording that cannot be written.
+/// A link that cannot be opened, a recording that cannot begin.
 pub fn run(
     configuration: &Configuration,
     truth: &Truth,
     settings: &Settings,
-    recorder: Option<Recorder>,
+    recording: Option<&Recording>,
     door: Option<Door>,
     shutdown: impl Future<Output = io::Result<()>>,
 ) -> Result<Summary, RunError> {
@@ -159,14 +189,18 @@ pub fn run(
         return Err(RunError::NobodyToWaitFor);
     }
     descriptors::take_all()?;
-    let recorded = recorder.as_ref().map(Recorder::link);
-    let (recording, writer) = recorder.map(Writer::start).unzip();
+    let (mut feed, mut recorded) = (None, None);
+    if let Some(recording) = recording {
+        recording.destination.check()?;
+        let (told, planned) = PlannedRecording::new(recording, configuration, truth, &settings.links);
+        (feed, recorded) = (Some(told), Some(planned));
+    }
     let (mut bench, mut teller, mut shower) = (None, None, None);
     if let Some(door) = door {
         let (live, tells, shows) = LiveBench::start()?;
         (bench, teller, shower) = (Some((door, live)), Some(tells), Some(shows));
     }
-    let desk = Arc::new(Desk::new(configuration, truth, settings.speed, recording, teller));
+    let desk = Arc::new(Desk::new(configuration, truth, settings.speed, feed, teller));
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let ended = runtime.block_on(keep(&desk, settings, bench, recorded, shutdown));
     // Ends the tasks; with the last of them the symlink of a pty goes.
@@ -174,22 +208,69 @@ pub fn run(
     desk.close();
     shower.into_iter().for_each(Shower::finish);
     console::finish();
-    let written = writer.map_or(Ok(()), Writer::finish);
-    let summary = ended?;
-    written?;
-    Ok(summary)
+    ended
+}
+
+/// A recording that begins once the links are open.
+struct PlannedRecording {
+    writer: Writer,
+    /// The link that is recorded.
+    carrier: Carrier,
+    create: Box<dyn FnOnce() -> Result<Recorder, RecordError> + Send>,
+}
+
+impl PlannedRecording {
+    fn new(
+        recording: &Recording,
+        configuration: &Configuration,
+        truth: &Truth,
+        links: &[LinkAddress],
+    ) -> (Feed, PlannedRecording) {
+        let links: Vec<Carrier> = links.iter().map(LinkAddress::carrier).collect();
+        let wire = record::form_beside(recording.wire, &links);
+        let (feed, writer) = Writer::new(recording.destination.directory());
+        let carrier = record::recorded(wire, configuration, &links);
+        let (destination, configuration, truth) = (recording.destination.clone(), configuration.clone(), truth.clone());
+        let create = Box::new(move || Recorder::create(&destination, &configuration, &truth, wire, &links));
+        (feed, PlannedRecording { writer, carrier, create })
+    }
+}
+
+/// Waits until the recording is written, for a bounded time once the process was asked to end at `asked`.
+async fn await_recording(
+    writer: &mut Writer,
+    mut asked: Option<Instant>,
+    mut shutdown: Pin<&mut impl Future<Output = io::Result<()>>>,
+) -> Result<(), RecordingError> {
+    let start = Instant::now();
+    loop {
+        let give_up = asked.map(|asked| (asked + RECORD_AFTER_ASKED).max(start + RECORD_AT_LEAST));
+        let too_late = async {
+            match give_up {
+                Some(give_up) => tokio::time::sleep_until(give_up.into()).await,
+                None => std::future::pending().await,
+            }
+        };
+        tokio::select! {
+            biased;
+            () = writer.done() => return writer.result(true),
+            () = too_late => return writer.result(false),
+            _ = &mut shutdown, if asked.is_none() => asked = Some(Instant::now()),
+        }
+    }
 }
 
 async fn keep(
     desk: &Arc<Desk>,
     settings: &Settings,
     bench: Option<(Door, LiveBench)>,
-    recorded: Option<LinkKind>,
+    recording: Option<PlannedRecording>,
     shutdown: impl Future<Output = io::Result<()>>,
 ) -> Result<Summary, RunError> {
     let mut shutdown = std::pin::pin!(shutdown);
     // Polled once now, so that a signal during the opening of links is not the default end of the process.
-    let asked = tokio::select! { biased; asked = &mut shutdown => Some(asked), () = std::future::ready(()) => None };
+    let mut asked =
+        tokio::select! { biased; asked = &mut shutdown => Some(asked), () = std::future::ready(()) => None };
     let speedup = match settings.speed {
         Speed::Times(factor) => factor,
         Speed::Max => f64::INFINITY,
@@ -201,31 +282,47 @@ async fn keep(
     if let Some(live) = &settings.live {
         live.open(settings.wait_for_client && settings.speed != Speed::Max)?;
     }
-    // Only now: who waits for one line may count on all links.
-    links.iter().filter(|link| link.is_ready()).for_each(|link| console::ready(&link.tally().name));
     let tallies: Vec<_> = links.iter().map(|link| link.tally()).collect();
+    let control = bench.as_ref().map(|(door, _)| door.address());
+    let _registration = register(&tallies, control);
+    let recorded = recording.as_ref().map(|recording| recording.carrier.kind);
+    let mut writer = None;
+    if let Some(PlannedRecording { writer: mut opening, create, .. }) = recording {
+        // A disk that hangs is no reason not to end.
+        tokio::select! {
+            opened = opening.open(create) => opened?,
+            again = &mut shutdown, if asked.is_none() => asked = Some(again),
+        }
+        writer = Some(opening);
+    }
+    // Only now: who waits for one line may count on all links, and on the recording.
+    links.iter().filter(|link| link.is_ready()).for_each(|link| console::ready(&link.tally().name));
     let timing = Arc::new(Timing::default());
     let mut server = None;
     if let Some((door, bench)) = bench {
         let carried: Vec<_> = links.iter().map(|link| (link.carrier().clone(), link.tally())).collect();
         bench.know(desk, &carried, recorded, &timing);
-        console::say(format_args!("bench page and control: http://{}/", door.address()));
         server = Some(door.serve(Arc::new(bench))?);
+    }
+    if let Some(address) = control {
+        console::ready(&format!("control http://{address}/"));
     }
     let links = links.into_iter().map(Outgoing::new).collect();
     let mut keeper = Keeper { desk: desk.clone(), settings: settings.clone(), links, timing: timing.clone() };
     let (done, mut is_done) = tokio::sync::oneshot::channel();
     let thread = thread::Builder::new().name("geu-cadence".to_owned()).spawn(move || {
-        keeper.keep_time();
+        let kept = keeper.keep_time();
         let _ = done.send(());
-        keeper
+        (keeper, kept)
     })?;
 
     let mut status = tokio::time::interval(STATUS);
     status.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Skip);
     let wants_status = console::wants_status();
+    let mut asked_at = None;
     if let Some(asked) = asked {
         asked?;
+        asked_at = Some(Instant::now());
         timing.stop.ask();
     }
     loop {
@@ -233,6 +330,7 @@ async fn keep(
             _ = &mut is_done => break,
             asked = &mut shutdown, if !timing.stop.is_asked() => {
                 asked?;
+                asked_at = Some(Instant::now());
                 timing.stop.ask();
                 thread.thread().unpark();
             }
@@ -243,11 +341,17 @@ async fn keep(
         }
     }
     // The time keeper is done; it still holds the links.
-    let keeper = thread.join().expect("the time keeper does not panic");
+    let (keeper, kept) = thread.join().expect("the time keeper does not panic");
     await_readers(&keeper.links).await;
     drop(keeper);
     drop(server);
     console::clear_status();
+    desk.close();
+    let recording = match &mut writer {
+        Some(writer) => await_recording(writer, asked_at, shutdown).await,
+        None => Ok(()),
+    };
+    kept?;
     Ok(Summary {
         half_seconds: desk.running().0,
         missed: timing.counts().missed,
@@ -256,9 +360,25 @@ async fn keep(
         commands: desk.commands.load(Relaxed),
         rejected: desk.rejected.load(Relaxed),
         truth: settings.live.as_ref().map(|live| live.counts()),
+        truth_failure: settings.live.as_ref().and_then(|live| live.failure()),
         links: tallies,
         faults: desk.faults(),
+        recording,
     })
+}
+
+/// Lets clients find this emulator; one that cannot be found runs all the same.
+fn register(links: &[Arc<Tally>], control: Option<SocketAddr>) -> Option<Registration> {
+    let link = |tally: &Arc<Tally>| {
+        let (kind, address) = tally.name.split_once(' ').unwrap_or((&tally.name, ""));
+        // Whoever looks for it may stand elsewhere.
+        let absolute = Some(kind).filter(|kind| *kind == "pty").and_then(|_| std::path::absolute(address).ok());
+        let address = absolute.map_or_else(|| address.to_owned(), |path| path.display().to_string());
+        (kind.to_owned(), address)
+    };
+    let links = links.iter().map(link).collect();
+    let running = Running { pid: std::process::id(), links, control: control.map(|address| address.to_string()) };
+    running::register(&running).inspect_err(|error| console::say(error)).ok()
 }
 
 /// Waits for what readers have not taken, for a while. What a pty hands on to its reader is for moments seen by nobody, so
@@ -318,11 +438,15 @@ struct Outgoing {
     outbox: Outbox,
     /// Whether something is prepared for the deadline.
     is_prepared: bool,
+    /// What is prepared, and what was sent since that was asked last.
+    prepared: Handed,
+    handed: Handed,
 }
 
 impl Outgoing {
     fn new(link: Box<dyn Link>) -> Outgoing {
-        Outgoing { link, outbox: Outbox::default(), is_prepared: false }
+        let handed = Handed::default();
+        Outgoing { link, outbox: Outbox::default(), is_prepared: false, prepared: handed.clone(), handed }
     }
 
     /// Takes a half second in, or nothing where none is sent.
@@ -341,20 +465,46 @@ impl Outgoing {
     fn prepare_due(&mut self, until_ns: i64) -> bool {
         let due = self.outbox.take(until_ns);
         let goes_on = self.outbox.is_within_frame();
-        due.inspect(|(_, contents)| self.link.prepare(contents, goes_on)).is_some()
+        let Some((_, contents)) = due else { return false };
+        self.link.prepare(&contents, goes_on);
+        self.prepared = Handed::default();
+        for content in &contents {
+            match content {
+                Content::Bytes(bytes) => self.prepared.bytes += bytes.len() as u64,
+                Content::Frame(_) => self.prepared.frames += 1,
+            }
+        }
+        true
     }
 
     /// Sends what was prepared.
     fn send(&mut self, patience: &Patience) {
         if std::mem::take(&mut self.is_prepared) {
-            self.link.send(patience);
+            self.send_prepared(patience);
         }
+    }
+
+    fn send_prepared(&mut self, patience: &Patience) {
+        let tally = self.link.tally();
+        let (sent, dropped) = (tally.sent.load(Relaxed), tally.dropped.load(Relaxed));
+        self.link.send(patience);
+        if tally.sent.load(Relaxed) > sent {
+            self.handed.bytes += self.prepared.bytes;
+            self.handed.frames += self.prepared.frames;
+        }
+        self.handed.dropped += tally.dropped.load(Relaxed) - dropped;
+    }
+
+    /// What the link was handed since this was asked last.
+    fn take_handed(&mut self) -> (String, bool, Handed) {
+        let is_can = self.link.carrier().kind == LinkKind::Can;
+        (self.link.tally().name.clone(), is_can, std::mem::take(&mut self.handed))
     }
 
     /// Sends what a fault has held back until now.
     fn send_due(&mut self, until_ns: i64, patience: &Patience) {
         while self.prepare_due(until_ns) {
-            self.link.send(patience);
+            self.send_prepared(patience);
         }
     }
 
@@ -369,7 +519,7 @@ impl Outgoing {
 }
 
 impl Keeper {
-    fn keep_time(&mut self) {
+    fn keep_time(&mut self) -> Result<(), RunError> {
         let sleeper = Sleeper::new(self.settings.spin);
         // Without deadlines there is nothing to be on time for, and a thread that never sleeps must not have priority.
         if self.settings.realtime && self.settings.speed != Speed::Max {
@@ -385,9 +535,10 @@ impl Keeper {
         }
         let limit = if self.settings.speed.is_faster_than_real() { PATIENCE } else { Duration::ZERO };
         let patience = Patience::new(limit, &self.timing.stop);
-        if let Some(live) = &self.settings.live {
-            live.await_first(self.settings.speed == Speed::Max, || self.is_stopped());
+        if !self.has_first_sample() {
+            return Ok(());
         }
+        self.refuse_untold()?;
         let start_ns = now_ns();
         let (mut missed, mut last_end_ns) = (0, 0);
         while !self.is_stopped() {
@@ -406,6 +557,10 @@ impl Keeper {
             if !self.has_truth() {
                 break;
             }
+            // Without deadlines the unit waits for its recording as it does for readers.
+            while !patience.is_none() && !self.is_stopped() && !self.has_room_in_recording() {
+                thread::park_timeout(LOOK_AGAIN);
+            }
             let frame = ended;
             let (ended, injected) = self.desk.end_half_second();
             last_end_ns = ended.end_ns;
@@ -414,6 +569,7 @@ impl Keeper {
                 missed += 1;
                 self.links.iter_mut().for_each(|outgoing| outgoing.put(None, frame, ended.end_ns, &[]));
                 self.desk.complete_unsent();
+                self.report(frame, &ended);
                 continue;
             }
             self.tell_missed(std::mem::take(&mut missed));
@@ -432,6 +588,7 @@ impl Keeper {
             }
             self.links.iter_mut().for_each(|outgoing| outgoing.send(&patience));
             self.desk.complete();
+            self.report(frame, &ended);
             if let Some(deadline_ns) = deadline_ns {
                 self.timing.record(now_ns - deadline_ns);
             }
@@ -439,6 +596,43 @@ impl Keeper {
         self.tell_missed(missed);
         let patience = Patience::new(limit.max(LAST_WORDS), &self.timing.stop);
         self.links.iter_mut().for_each(|outgoing| outgoing.end(last_end_ns, &patience));
+        Ok(())
+    }
+
+    /// Has a truth from outside begin; not where the run was stopped meanwhile, or the source did not come.
+    fn has_first_sample(&self) -> bool {
+        let Settings { live, truth_wait, speed, .. } = &self.settings;
+        let begin = |live: &Arc<Live>| live.await_first(*speed == Speed::Max, *truth_wait, || self.is_stopped());
+        live.as_ref().is_none_or(begin)
+    }
+
+    /// Conditions on what a truth from outside turns out not to tell.
+    fn refuse_untold(&self) -> Result<(), RunError> {
+        if self.settings.live.as_ref().is_none_or(|live| live.tells_sun()) {
+            return Ok(());
+        }
+        let faults = self.desk.faults();
+        let planned: Vec<Fault> = faults.planned.iter().map(|planned| (*planned.fault).clone()).collect();
+        let expectations: Vec<_> = faults.watches.iter().map(|watch| watch.expectation.clone()).collect();
+        match asks_in_vain(&planned, &expectations, "the truth of this run", self.desk.untold()) {
+            Some(why) => Err(RunError::Untold(why)),
+            None => Ok(()),
+        }
+    }
+
+    /// Reports the end of a half second to a source of the truth that asked for it: the links have their bytes.
+    fn report(&mut self, half_second: u64, ended: &Ended) {
+        let Some(live) = self.settings.live.as_ref().filter(|live| live.wants_reports()) else {
+            self.links.iter_mut().for_each(|outgoing| outgoing.handed = Handed::default());
+            return;
+        };
+        live.report(&SampleReport {
+            half_second,
+            end_s: ended.end_ns as f64 * 1e-9,
+            sequence: ended.half_second.sequence,
+            clock_count: ended.half_second.clock_count,
+            links: self.links.iter_mut().map(Outgoing::take_handed).collect(),
+        });
     }
 
     /// Waits until `wake_ns`, and sends what becomes due meanwhile because a fault held it back.
@@ -459,13 +653,17 @@ impl Keeper {
 
     /// Has the truth of the running half second, where it comes from outside; not where the run was stopped meanwhile.
     fn has_truth(&self) -> bool {
-        let waits_for_source = self.settings.speed == Speed::Max;
-        let finish = |live: &Arc<Live>| live.finish(self.desk.needs_truth_s(), waits_for_source, || self.is_stopped());
-        self.settings.live.as_ref().is_none_or(finish)
+        let Settings { live, truth_wait, speed, .. } = &self.settings;
+        let (needed_s, waits) = (self.desk.needs_truth_s(), *speed == Speed::Max);
+        live.as_ref().is_none_or(|live| live.finish(needed_s, waits, *truth_wait, || self.is_stopped()))
     }
 
     fn is_stopped(&self) -> bool {
         self.timing.stop.is_asked()
+    }
+
+    fn has_room_in_recording(&self) -> bool {
+        self.desk.recording().is_none_or(Status::has_ample_room)
     }
 
     fn has_client(&self) -> bool {

@@ -17,7 +17,7 @@ const QUEUE: usize = 4;
 /// faults and expectations stand then.
 ///
 /// The model runs on a thread of its own; this one writes what it tells, in its order. `progress` is told how many half
-/// seconds are written, now and then.
+/// seconds are written, now and then, and says whether to go on: where not, the run ends with those.
 ///
 /// # Errors
 /// A file that cannot be written.
@@ -26,19 +26,21 @@ pub fn simulate(
     truth: &Truth,
     half_seconds: u64,
     recorder: &mut Recorder,
-    mut progress: impl FnMut(u64),
+    mut progress: impl FnMut(u64) -> bool,
 ) -> Result<Faults, RecordError> {
     thread::scope(|scope| {
         let (sender, batches) = sync_channel(QUEUE);
         let flight = scope.spawn(move || fly(configuration, truth, half_seconds, &sender));
         let mut written = 0;
-        // A failure drops the receiver, which ends the model.
+        // Who leaves the loop drops the receiver, which ends the model.
         for batch in batches {
             for event in batch {
                 recorder.event(&event)?;
             }
             written = half_seconds.min(written + BATCH);
-            progress(written);
+            if !progress(written) {
+                break;
+            }
         }
         Ok(flight.join().expect("the model does not panic"))
     })

@@ -287,7 +287,7 @@ fn a_fault_of_the_clock_on_a_truth_from_outside_needs_what_it_is_told_and_no_mor
         for index in 0..=(end_s * 10.0).round() as u32 {
             let t_s = f64::from(index) / 10.0;
             let angle = 40.0 * t_s + 30.0 * (0.3 * t_s).sin();
-            pieces.append(Knot { t_s, angle_control_arcsec: [angle; 3], basis: Basis::Told });
+            pieces.append(Knot { t_s, angle_control_arcsec: [angle; 3], basis: Basis::Told, sun: None });
         }
         Truth::Stepped(Arc::new(pieces))
     };

@@ -8,9 +8,10 @@ use geu_diagnosis::blind::{Hidden, Key, Plan, SURVEY_S, Survey, Told, campaign, 
 use geu_recording::read_text;
 use indicatif::ProgressBar;
 
-use crate::calibrate::write;
 use crate::failure::{Failure, say};
-use crate::settings::{NamedSettings, Settings, seed};
+use crate::outputs::{OutputDirectory, OutputFile, write};
+use crate::overwriting::Force;
+use crate::settings::{NamedSettings, Settings, duration, seed};
 
 /// Hides effects at random, scores what a diagnosis says of them, and does both many times.
 #[derive(Args, Debug)]
@@ -39,12 +40,14 @@ struct Hide {
     seed: u64,
     /// Directory to write into; made if it is not there
     #[arg(long, value_name = "DIR")]
-    out: PathBuf,
+    out: OutputDirectory,
+    #[command(flatten)]
+    force: Force,
     /// Recordings to make
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     count: Option<u16>,
     /// On-board time of each
-    #[arg(long, value_name = "SECONDS", default_value_t = SURVEY_S, value_parser = duration)]
+    #[arg(long, value_name = "DURATION", default_value_t = SURVEY_S, allow_negative_numbers = true, value_parser = duration(900.0, 1e6))]
     duration: f64,
 }
 
@@ -80,21 +83,16 @@ struct CampaignArguments {
     sizes: Vec<f64>,
     /// Write every run as JSON
     #[arg(long, value_name = "FILE")]
-    json: Option<PathBuf>,
+    json: Option<OutputFile>,
     /// Print the tables alone
     #[arg(long)]
     markdown: bool,
     /// On-board time of each recording
-    #[arg(long, value_name = "SECONDS", default_value_t = SURVEY_S, value_parser = duration)]
+    #[arg(long, value_name = "DURATION", default_value_t = SURVEY_S, allow_negative_numbers = true, value_parser = duration(900.0, 1e6))]
     duration: f64,
     /// Threads [default: one for each core]; the result is the same
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
-}
-
-fn duration(text: &str) -> Result<f64, String> {
-    let seconds = text.parse().ok().filter(|seconds| (900.0..=1e6).contains(seconds));
-    seconds.ok_or_else(|| format!("expected 900…1e6 seconds, got {text}"))
 }
 
 fn strength(text: &str) -> Result<f64, String> {
@@ -118,25 +116,28 @@ fn survey(unit: &NamedSettings, duration_s: f64) -> Result<Survey, Failure> {
     Survey::new(Settings::from(unit).read()?, duration_s).map_err(Failure::input)
 }
 
+/// The files that a trial has.
+const FILES: [&str; 4] = ["recording/link.log", "recording/reference.csv", "recording/believed.toml", "key/key.toml"];
+
 fn hidden(arguments: &Hide) -> Result<(), Failure> {
+    // Of one trial, or of each by its number.
+    let trials: Vec<PathBuf> = match arguments.count {
+        Some(count) => (1..=count).map(|number| number.to_string().into()).collect(),
+        None => vec![PathBuf::new()],
+    };
+    let files = trials.iter().flat_map(|trial| FILES.map(|file| trial.join(file)));
+    let out = arguments.out.prepare(arguments.force, files)?;
     let survey = survey(&arguments.unit, arguments.duration)?;
-    let count = arguments.count.unwrap_or(1);
-    let bar = ProgressBar::new(count.into());
-    for number in 0..count {
-        let (key, flight) = hide(&survey, arguments.seed.wrapping_add(number.into()) & i64::MAX as u64);
-        let own = match arguments.count {
-            Some(_) => arguments.out.join((number + 1).to_string()),
-            None => arguments.out.clone(),
-        };
-        let [recording, apart] = ["recording", "key"].map(|name| own.join(name));
-        for directory in [&recording, &apart] {
-            fs::create_dir_all(directory)
+    let bar = ProgressBar::new(trials.len() as u64);
+    for (seed, trial) in (arguments.seed..).zip(&trials) {
+        let (key, flight) = hide(&survey, seed & i64::MAX as u64);
+        let own = out.join(trial);
+        for directory in ["recording", "key"].map(|name| own.join(name)) {
+            fs::create_dir_all(&directory)
                 .map_err(|error| Failure::failed(format!("{}: cannot be made: {error}", directory.display())))?;
         }
-        write(&recording.join("link.log"), flight.link_log())?;
-        write(&recording.join("reference.csv"), flight.reference_csv())?;
-        write(&recording.join("believed.toml"), survey.believed.to_toml(false))?;
-        write(&apart.join("key.toml"), key.to_toml())?;
+        let contents = [flight.link_log(), flight.reference_csv(), survey.believed.to_toml(false), key.to_toml()];
+        FILES.iter().zip(contents).try_for_each(|(file, content)| write(&own.join(file), content))?;
         bar.inc(1);
     }
     bar.finish_and_clear();
@@ -186,7 +187,7 @@ fn many(arguments: &CampaignArguments) -> Result<(), Failure> {
     let campaign = campaign(&survey, &plan, &|| bar.inc(1)).map_err(Failure::failed)?;
     bar.finish_and_clear();
     if let Some(path) = &arguments.json {
-        write(path, format!("{:#}\n", campaign.json()))?;
+        path.write(format!("{:#}\n", campaign.json()))?;
     }
     say!("{}", campaign.tables().trim_end())?;
     if arguments.markdown {

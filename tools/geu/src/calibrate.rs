@@ -1,7 +1,6 @@
 //! `geu calibrate`: from a recording to the sixteen parameters.
 
 use std::fmt::Write;
-use std::path::{Path, PathBuf};
 
 use clap::Args;
 use geu_calibration::absolute::Sensors;
@@ -17,7 +16,7 @@ use geu_recording::{InputReader, Options, Reference, Stop};
 use crate::calibrate_compare;
 use crate::calibrate_page::Page;
 use crate::failure::{Failure, note, say};
-use crate::overwriting::refuse_overwriting;
+use crate::outputs::{OutputFile, write_all};
 use crate::settings::{NamedSettings, Settings};
 use crate::update::{self, Results, Update};
 
@@ -55,16 +54,16 @@ pub struct Arguments {
     base: Option<CanPlan>,
     /// Write the result as JSON
     #[arg(long, value_name = "FILE")]
-    json: Option<PathBuf>,
+    json: Option<OutputFile>,
     /// Write the configuration with the solved values, comments kept; with --compare the merged ones, if all are compatible
     #[arg(long, value_name = "CONFIG")]
-    out: Option<PathBuf>,
+    out: Option<OutputFile>,
     /// Write --out even though the parameters do not explain the data
     #[arg(long, requires = "out", conflicts_with = "update")]
     anyway: bool,
     /// Write the result as a page with plots, which needs no other file
     #[arg(long, value_name = "FILE")]
-    html: Option<PathBuf>,
+    html: Option<OutputFile>,
     /// Earlier calibrations of this unit, as `--json` wrote them from other recordings: compare, and merge if compatible
     #[arg(long, num_args = 1.., value_name = "FILE")]
     compare: Vec<String>,
@@ -82,14 +81,6 @@ fn sigma(text: &str) -> Result<f64, String> {
 /// # Errors
 /// Input that cannot be read, manoeuvres that do not determine the parameters, files that cannot be written.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let inputs = arguments.inputs();
-    let read: Vec<&str> = inputs.iter().map(|(_, name)| name).chain(&arguments.compare).map(String::as_str).collect();
-    let [out, json, html] = [("--out", &arguments.out), ("--json", &arguments.json), ("--html", &arguments.html)]
-        .map(|(option, file)| (option, file.as_ref()));
-    refuse_overwriting(&[out, json, html], &read)?;
-    // A configuration may be written back onto itself.
-    let config = arguments.unit.config.as_ref().and_then(|path| path.to_str());
-    refuse_overwriting(&[json, html], &config.into_iter().collect::<Vec<_>>())?;
     let settings = Settings::from(&arguments.unit);
     let configuration = settings.read()?;
     let earlier = calibrate_compare::read(&arguments.compare)?;
@@ -122,20 +113,21 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         note(format_args!("geu: left out: {left_out}\n"));
     }
     let comparison = calibrate_compare::compare(&earlier, &calibrated)?;
-    if let Some(path) = &arguments.json {
+    let mut outputs = Vec::new();
+    if let Some(file) = &arguments.json {
         let mut json = report::json(&calibrated);
         if let Some(comparison) = &comparison {
             json["comparison"] = report::comparison(&earlier, comparison);
         }
-        write(path, format!("{json:#}\n"))?;
+        outputs.push((file, format!("{json:#}\n")));
     }
     let is_explained = calibrated.solution.probability() >= LEAST_PROBABILITY;
-    if let Some(path) = arguments.out.as_ref().filter(|_| is_explained || arguments.anyway) {
+    if let Some(file) = arguments.out.as_ref().filter(|_| is_explained || arguments.anyway) {
         let merged = comparison.as_ref().filter(|comparison| comparison.is_compatible());
         let solution = merged.map_or(&calibrated.solution, |comparison| &comparison.combined);
-        write(path, with_solution(&settings, solution)?)?;
+        outputs.push((file, with_solution(&settings, solution)?));
     }
-    if let Some(path) = &arguments.html {
+    if let Some(file) = &arguments.html {
         let (name, text) = settings.text()?;
         let page = Page {
             believed: &configuration,
@@ -145,8 +137,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             inputs: arguments.inputs(),
             configuration: (name, text, &settings.overrides),
         };
-        write(path, page.html())?;
+        outputs.push((file, page.html()));
     }
+    write_all(outputs)?;
     say!("{}", table(&configuration, &calibrated))?;
     if let Some(comparison) = &comparison {
         say!("\n{}", calibrate_compare::table(&earlier, comparison))?;
@@ -159,11 +152,11 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         calibrated.solution.probability()
     );
     match &arguments.out {
-        Some(path) if arguments.anyway => {
-            note(format_args!("geu: {why}; {} is written all the same\n", path.display()));
+        Some(file) if arguments.anyway => {
+            note(format_args!("geu: {why}; {file} is written all the same\n"));
             Ok(())
         }
-        Some(path) => Err(Failure::failed(format!("{why}; {} is not written without --anyway", path.display()))),
+        Some(file) => Err(Failure::failed(format!("{why}; {file} is not written without --anyway"))),
         None => {
             note(format_args!("geu: {why}\n"));
             Ok(())
@@ -195,15 +188,6 @@ impl Arguments {
         ];
         links.chain(others.into_iter().filter_map(|(what, name)| Some((what, name.clone()?)))).collect()
     }
-}
-
-/// Writes a result.
-///
-/// # Errors
-/// A file that cannot be written.
-pub fn write(path: &Path, text: String) -> Result<(), Failure> {
-    std::fs::write(path, text)
-        .map_err(|error| Failure::failed(format!("{}: cannot be written: {error}", path.display())))
 }
 
 /// Start of what the sun sensor saw: its first sample ends the first half second. Nothing without a sample.

@@ -1,7 +1,7 @@
 //! `geu checkout`: the in-orbit checkout flown in simulation, calibrated, compared with the truth.
 
 use std::fmt::Write;
-use std::path::PathBuf;
+use std::path::Path;
 
 use clap::{Args, ValueEnum};
 use geu_calibration::checkout::{
@@ -10,13 +10,15 @@ use geu_calibration::checkout::{
 use geu_calibration::combine;
 use geu_calibration::compare::LEAST_PROBABILITY;
 use geu_calibration::solve::{Parameter, Solution, UNKNOWNS, values};
-use geu_daemon::record::Recorder;
+use geu_daemon::record::{Destination, FILES, Recorder};
 use geu_daemon::simulate::simulate;
 use geu_model::configuration::WireForm;
 use geu_model::{Configuration, Truth};
 use geu_protocol::Gyro;
 
 use crate::failure::{Failure, note, say};
+use crate::outputs::OutputDirectory;
+use crate::overwriting::Force;
 use crate::settings::{NamedSettings, Settings, seed};
 
 /// Flies the in-orbit checkout in simulation, calibrates it and compares with the truth.
@@ -40,7 +42,9 @@ pub struct Arguments {
     precautions: bool,
     /// Directory to write the recording of the first flight into, as `geu simulate` does
     #[arg(long, value_name = "DIRECTORY")]
-    out: Option<PathBuf>,
+    out: Option<OutputDirectory>,
+    #[command(flatten)]
+    force: Force,
     /// Seed, in place of the configuration's
     #[arg(long, allow_negative_numbers = true, value_parser = seed)]
     seed: Option<u64>,
@@ -71,6 +75,7 @@ const GUARDED_AGAINST: [&str; 5] = [
 /// # Errors
 /// A configuration that cannot be read, a checkout that cannot be calibrated, files that cannot be written.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let out = arguments.out.as_ref().map(|out| out.prepare(arguments.force, FILES)).transpose()?;
     let settings = Settings::from(&arguments.unit);
     let mut unit = if arguments.precautions && settings.config.is_none() {
         let overrides = GUARDED_AGAINST.into_iter().map(str::to_owned).chain(settings.overrides.clone());
@@ -100,21 +105,22 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         None if arguments.precautions => {
             say!("{}", what_they_buy(&checkout::precautions(&unit).map_err(Failure::failed)?))
         }
-        None => twice(&unit, by, arguments.out.as_deref()),
+        None => twice(&unit, by, out, arguments.force),
     }
 }
 
 /// Flies the sequence twice, compares and combines.
-fn twice(unit: &Configuration, by: By, out: Option<&std::path::Path>) -> Result<(), Failure> {
+fn twice(unit: &Configuration, by: By, out: Option<&Path>, force: Force) -> Result<(), Failure> {
     let first = sequence(unit, Precautions::ALL);
     // Flown at once by the same unit, with other noise, at another ψ₀ and with other phases of the limit cycle.
     let mut second = sequence(&checkout::drawn(unit, unit.seed, 0), Precautions::ALL);
     second.gyros = first.gyros.clone();
     if let Some(directory) = out {
         let mut recorder =
-            Recorder::create(directory, &first, &Truth::Scenario, WireForm::Can, &[]).map_err(Failure::input)?;
+            Recorder::create(&Destination::new(directory, force.force), &first, &Truth::Scenario, WireForm::Can, &[])
+                .map_err(Failure::input)?;
         let half_seconds = fly_length(&first);
-        simulate(&first, &Truth::Scenario, half_seconds, &mut recorder, |_| {}).map_err(Failure::failed)?;
+        simulate(&first, &Truth::Scenario, half_seconds, &mut recorder, |_| true).map_err(Failure::failed)?;
         recorder.finish().map_err(Failure::failed)?;
     }
     let solve = |configuration: &Configuration| -> Result<Solution, Failure> {

@@ -1,21 +1,21 @@
 //! `geu decode`: recordings and live links to rows.
 
-use std::fs::File;
-use std::io::{self, Write};
+use std::io::Write;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use clap::{Args, ValueEnum};
+use geu_files::interruption::stop_flag;
 use geu_protocol::CanPlan;
 use geu_protocol::capture::Format as InputFormat;
 use geu_recording::{Defect, InputError, InputReader, Options, Row, Sink, Stop, Summary};
 
+use crate::defects::DefectLines;
 use crate::failure::{Failure, note};
 use crate::gyro_csv;
-use crate::overwriting::refuse_overwriting;
-use crate::rows::{Form, write_defect, write_row};
-use crate::settings::can_base;
+use crate::outputs::OutputFile;
+use crate::rows::{Flags, Form, write_row};
+use crate::settings::{LONGEST_S, can_base, duration};
 
 /// Arguments of `geu decode`.
 #[derive(Args)]
@@ -26,12 +26,17 @@ pub struct Arguments {
     /// What to write.
     #[arg(long, value_enum, default_value_t = Format::Csv)]
     format: Format,
-    /// Where to write it, instead of standard output.
+    /// How to write the flags.
+    #[arg(long, value_enum, default_value_t, conflicts_with = "gyro_csv")]
+    flags: Flags,
+    /// Where to write it, instead of standard output. Until the end, which Ctrl-C is too, rows stand beside it in
+    /// FILE.….partial; FILE is what was there before or whole. A process that is killed leaves the rows so far there.
     #[arg(long, value_name = "FILE")]
-    out: Option<PathBuf>,
-    /// Where to write the defects, one JSON object a line: place, kind, bytes.
+    out: Option<OutputFile>,
+    /// Where to write the defects, one JSON object a line: place, kind, bytes; with a count where the same comes again.
+    /// As --out, whole or not at all.
     #[arg(long, value_name = "FILE")]
-    defects: Option<PathBuf>,
+    defects: Option<OutputFile>,
     /// Exit with 1 when there were defects.
     #[arg(long)]
     strict: bool,
@@ -61,22 +66,25 @@ pub struct Reading {
     #[arg(long, value_name = "BAUD")]
     baud: Option<u32>,
     /// Stop after so long.
-    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = seconds)]
-    duration: Option<Duration>,
+    #[arg(long, value_name = "DURATION", allow_negative_numbers = true, value_parser = duration(0.0, LONGEST_S))]
+    duration: Option<f64>,
 }
 
 impl Reading {
-    /// A reader with these options, which the first SIGINT or SIGTERM ends.
-    pub fn reader(&self) -> InputReader<'static> {
-        stop_on_signals();
+    /// A reader with these options, which the first SIGINT, SIGTERM or SIGHUP ends.
+    ///
+    /// # Errors
+    /// When signals cannot be watched.
+    pub fn reader(&self) -> Result<InputReader<'static>, Failure> {
+        let stop = stop_flag().map_err(|error| Failure::failed(format!("signals cannot be watched: {error}")))?;
         let options = Options {
             plan: self.base.unwrap_or_default(),
             interface: self.interface.clone(),
             format: self.input_format,
             baud: self.baud,
         };
-        let deadline = self.duration.map(|duration| Instant::now() + duration);
-        InputReader::new(options, Stop { flag: Some(&STOP), deadline })
+        let deadline = self.duration.map(|duration_s| Instant::now() + Duration::from_secs_f64(duration_s));
+        Ok(InputReader::new(options, Stop { flag: Some(stop), deadline }))
     }
 }
 
@@ -107,42 +115,17 @@ pub fn input_format(text: &str) -> Result<InputFormat, String> {
     })
 }
 
-fn seconds(text: &str) -> Result<Duration, String> {
-    text.parse()
-        .ok()
-        .and_then(|seconds| Duration::try_from_secs_f64(seconds).ok())
-        .ok_or_else(|| format!("expected seconds, got {text}"))
-}
-
-/// Set by the first SIGINT or SIGTERM; the second ends the process.
-static STOP: AtomicBool = AtomicBool::new(false);
-
-extern "C" fn stop(_signal: i32) {
-    STOP.store(true, Ordering::Relaxed);
-}
-
-fn stop_on_signals() {
-    use nix::sys::signal::{SaFlags, SigAction, SigHandler, SigSet, Signal, sigaction};
-    let action = SigAction::new(SigHandler::Handler(stop), SaFlags::SA_RESETHAND, SigSet::empty());
-    for signal in [Signal::SIGINT, Signal::SIGTERM] {
-        // SAFETY: the handler only stores to an atomic.
-        let _ = unsafe { sigaction(signal, &action) };
-    }
-}
-
 /// Decodes.
 pub fn run(arguments: Arguments) -> Result<(), Failure> {
-    let outputs = [("--out", arguments.out.as_ref()), ("--defects", arguments.defects.as_ref())];
-    refuse_overwriting(&outputs, &arguments.inputs.iter().map(String::as_str).collect::<Vec<_>>())?;
     if let Some(description) = &arguments.gyro_csv {
         return decode_gyro_csv(&arguments, description);
     }
-    let mut writer = Writer { arguments: &arguments, is_open: false, rows: None, defects: None, broken: None };
-    let mut reader = arguments.reading.reader();
+    let mut writer = Writer::new(&arguments);
+    let mut reader = arguments.reading.reader()?;
     let mut result: Result<(), InputError> = Ok(());
     for input in &arguments.inputs {
         result = reader.read(input, &mut writer);
-        if result.is_err() || writer.is_closed() {
+        if result.is_err() || writer.is_closed() || reader.is_stopped() {
             break;
         }
     }
@@ -151,17 +134,21 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
     if let Some(failure) = writer.broken.take() {
         return Err(failure);
     }
-    if arguments.format == Format::Summary {
-        if writer.is_open {
-            let mut out = Output::open(arguments.out.as_ref())?;
-            out.buffer = summary.to_string().into_bytes();
-            out.finish()?;
-        }
-    } else if !arguments.quiet && summary.account.records + summary.account.bytes > 0 {
+    let result = result.and(ending);
+    if arguments.format == Format::Summary && writer.is_open {
+        let mut out = Output::open(arguments.out.as_ref())?;
+        out.buffer = summary.to_string().into_bytes();
+        out.flush()?;
+        writer.rows = Some(out);
+    }
+    if gives_rows(&result) {
+        Output::finish([writer.rows.take(), writer.defects.take()].into_iter().flatten())?;
+    }
+    if arguments.format != Format::Summary && !arguments.quiet && summary.account.records + summary.account.bytes > 0 {
         note(format_args!("{summary}"));
     }
     note_elsewhere(&summary);
-    result.and(ending).map_err(Failure::input)?;
+    result.map_err(Failure::input)?;
     let defects = summary.account.defect_count();
     match arguments.strict && defects > 0 {
         true => Err(Failure::failed(format!("--strict: {defects} defects"))),
@@ -176,10 +163,9 @@ fn decode_gyro_csv(arguments: &Arguments, description: &Path) -> Result<(), Fail
     };
     let read = gyro_csv::read(input, description)?;
     let account = read.account();
-    if let Some(path) = &arguments.defects {
-        let mut defects = Output::open(Some(path))?;
+    let mut defects = arguments.defects.as_ref().map(|file| Output::open(Some(file))).transpose()?;
+    if let Some(defects) = &mut defects {
         gyro_csv::write_defects(input, &read, &mut defects.buffer);
-        defects.finish()?;
     }
     let mut out = Output::open(arguments.out.as_ref())?;
     match arguments.format {
@@ -187,7 +173,7 @@ fn decode_gyro_csv(arguments: &Arguments, description: &Path) -> Result<(), Fail
         Format::Jsonl => gyro_csv::write_jsonl(&read, &mut out.buffer),
         Format::Summary => out.buffer.extend_from_slice(format!("input        {input}\n{account}").as_bytes()),
     }
-    out.finish()?;
+    Output::finish(defects.into_iter().chain([out]))?;
     if arguments.format != Format::Summary && !arguments.quiet {
         note(format_args!("{account}"));
     }
@@ -202,7 +188,9 @@ pub const BUFFER: usize = 1 << 18;
 
 /// A file or standard output behind a large buffer.
 pub struct Output {
-    writer: Box<dyn Write>,
+    /// None is standard output.
+    file: Option<OutputFile>,
+    writer: geu_files::Output,
     /// What is to be written.
     pub buffer: Vec<u8>,
     form: Form,
@@ -213,37 +201,48 @@ impl Output {
     ///
     /// # Errors
     /// A file that cannot be written.
-    pub fn open(path: Option<&PathBuf>) -> Result<Output, Failure> {
-        let writer: Box<dyn Write> = match path {
-            Some(path) => Box::new(
-                File::create(path)
-                    .map_err(|error| Failure::input(format!("{}: cannot be written: {error}", path.display())))?,
-            ),
-            None => Box::new(io::stdout().lock()),
+    pub fn open(file: Option<&OutputFile>) -> Result<Output, Failure> {
+        let writer = match file {
+            Some(file) => file.create()?,
+            None => geu_files::Output::create(Path::new("-")).map_err(Failure::writing)?,
         };
-        Ok(Output { writer, buffer: Vec::with_capacity(BUFFER + 1024), form: Form::Csv })
+        Ok(Output { file: file.cloned(), writer, buffer: Vec::with_capacity(BUFFER + 1024), form: Form::Csv })
     }
 
-    fn in_form(mut self, form: Form) -> Output {
+    fn in_form(mut self, form: Form, flags: Flags) -> Output {
         self.form = form;
-        self.buffer.extend_from_slice(form.header());
+        self.buffer.extend_from_slice(form.header(flags).as_bytes());
         self
-    }
-
-    /// Writes all; whoever read and went away has seen enough.
-    fn finish(mut self) -> Result<(), Failure> {
-        self.flush().map_err(Failure::writing)
     }
 
     /// Writes what is in the buffer.
     ///
     /// # Errors
     /// When it cannot be written.
-    pub fn flush(&mut self) -> io::Result<()> {
-        self.writer.write_all(&self.buffer)?;
+    pub fn flush(&mut self) -> Result<(), Failure> {
+        let written = self.writer.write_all(&self.buffer).and_then(|()| self.writer.flush());
         self.buffer.clear();
-        self.writer.flush()
+        written.map_err(|error| match &self.file {
+            Some(file) => file.unwritten(error),
+            None => Failure::writing(error),
+        })
     }
+
+    /// Writes all and puts each in its place; whoever read and went away has seen enough.
+    ///
+    /// # Errors
+    /// When one cannot be written; then each leaves what was there.
+    pub fn finish(outputs: impl IntoIterator<Item = Output>) -> Result<(), Failure> {
+        let flush = |mut output: Output| output.flush().map(|()| output.writer);
+        let written = outputs.into_iter().map(flush).collect::<Result<Vec<_>, Failure>>()?;
+        geu_files::persist_all(written).map_err(Failure::writing)
+    }
+}
+
+/// Whether what was read until then is a result: a broken recording or a link that went away gives its rows.
+pub fn gives_rows(read: &Result<(), InputError>) -> bool {
+    use InputError::{Container, Cut, Read};
+    matches!(read, Ok(()) | Err(Read { .. } | Container { .. } | Cut { .. }))
 }
 
 /// Writes rows and defects as they come.
@@ -253,18 +252,23 @@ struct Writer<'a> {
     is_open: bool,
     rows: Option<Output>,
     defects: Option<Output>,
+    lines: DefectLines,
     /// Why nothing can be written any more.
     broken: Option<Failure>,
 }
 
-impl Writer<'_> {
+impl<'a> Writer<'a> {
+    fn new(arguments: &'a Arguments) -> Writer<'a> {
+        Writer { arguments, is_open: false, rows: None, defects: None, lines: DefectLines::default(), broken: None }
+    }
+
     fn open(&mut self) -> Result<(), Failure> {
         self.rows = match self.arguments.format {
             Format::Summary => None,
-            format => Some(Output::open(self.arguments.out.as_ref())?.in_form(match format {
-                Format::Jsonl => Form::Jsonl,
-                _ => Form::Csv,
-            })),
+            format => {
+                let form = if format == Format::Jsonl { Form::Jsonl } else { Form::Csv };
+                Some(Output::open(self.arguments.out.as_ref())?.in_form(form, self.arguments.flags))
+            }
         };
         self.defects = self.arguments.defects.as_ref().map(|path| Output::open(Some(path))).transpose()?;
         Ok(())
@@ -273,9 +277,8 @@ impl Writer<'_> {
     #[cold]
     fn write_out(&mut self) {
         for output in [&mut self.rows, &mut self.defects].into_iter().flatten() {
-            if let Err(error) = output.flush() {
-                output.buffer.clear();
-                self.broken.get_or_insert_with(|| Failure::writing(error));
+            if let Err(failure) = output.flush() {
+                self.broken.get_or_insert(failure);
             }
         }
     }
@@ -291,8 +294,11 @@ impl Sink for Writer<'_> {
 
     #[inline]
     fn row(&mut self, row: &Row) {
+        if let Some(output) = &mut self.defects {
+            self.lines.end(&mut output.buffer);
+        }
         if let Some(output) = &mut self.rows {
-            write_row(output.form, row, &mut output.buffer);
+            write_row(output.form, self.arguments.flags, row, &mut output.buffer);
             if output.buffer.len() >= BUFFER {
                 self.write_out();
             }
@@ -301,7 +307,7 @@ impl Sink for Writer<'_> {
 
     fn defect(&mut self, defect: &Defect) {
         if let Some(output) = &mut self.defects {
-            write_defect(defect, &mut output.buffer);
+            self.lines.push(defect, &mut output.buffer);
             if output.buffer.len() >= BUFFER {
                 self.write_out();
             }
@@ -309,6 +315,9 @@ impl Sink for Writer<'_> {
     }
 
     fn flush(&mut self) {
+        if let Some(output) = &mut self.defects {
+            self.lines.end(&mut output.buffer);
+        }
         self.write_out();
     }
 

@@ -1,11 +1,10 @@
 //! `geu describe`: the link as other tools read it.
 
-use std::path::PathBuf;
-
 use clap::{Args, ValueEnum};
 use geu_protocol::{CanPlan, describe};
 
 use crate::failure::{Failure, print};
+use crate::outputs::OutputFile;
 
 /// What `geu describe` can write.
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -26,8 +25,8 @@ pub struct Arguments {
     /// In which form.
     form: Form,
     /// File to write instead of standard output.
-    #[arg(long)]
-    out: Option<PathBuf>,
+    #[arg(long, value_name = "FILE")]
+    out: Option<OutputFile>,
     /// Base of the CAN identifiers in the database, hexadecimal.
     #[arg(long, value_parser = base, default_value = "1A0")]
     base: CanPlan,
@@ -51,8 +50,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Form::Icd => describe::icd(),
     };
     match &arguments.out {
-        Some(path) => std::fs::write(path, text)
-            .map_err(|error| Failure::failed(format_args!("{}: cannot be written: {error}", path.display()))),
+        Some(out) => out.write(text),
         None => print(format_args!("{text}")),
     }
 }

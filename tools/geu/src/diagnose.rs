@@ -1,7 +1,7 @@
 //! `geu diagnose`: where model and measurement part, which effect is missing, how large it is.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
@@ -12,14 +12,13 @@ use geu_model::Configuration;
 use geu_model::configuration::unix_ns;
 use geu_protocol::CanPlan;
 use geu_protocol::capture::{Place, Time};
-use geu_recording::{Defect, DefectKind, InputReader, Options, Reference, Row, Sink, Stop};
+use geu_recording::{Defect, DefectKind, InputReader, Options, Reference, Row, Sink, Stop, read_text};
 use indicatif::ProgressBar;
 
-use crate::calibrate::write;
 use crate::diagnose_page::Page;
 use crate::diagnose_rates::{self, RatesArguments};
 use crate::failure::{Failure, note, say};
-use crate::overwriting::refuse_overwriting;
+use crate::outputs::OutputFile;
 use crate::settings::{NamedSettings, Settings};
 
 /// Defects of a recording that are listed; a broken one has millions, and how many more there are is told.
@@ -53,13 +52,13 @@ pub struct Arguments {
     base: Option<CanPlan>,
     /// Write the result as JSON
     #[arg(long, value_name = "FILE")]
-    json: Option<PathBuf>,
+    json: Option<OutputFile>,
     /// Write the result as a page with plots, which needs no other file
     #[arg(long, value_name = "FILE")]
-    html: Option<PathBuf>,
+    html: Option<OutputFile>,
     /// Write the configuration with what was found, its comments kept
     #[arg(long, value_name = "CONFIG")]
-    out: Option<PathBuf>,
+    out: Option<OutputFile>,
     /// Seed of the recordings with nothing hidden that set the thresholds
     #[arg(long, default_value_t = 1, value_parser = crate::settings::seed)]
     seed: u64,
@@ -82,14 +81,6 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             json: arguments.json.as_ref(),
         });
     }
-    let inputs = arguments.inputs();
-    let read: Vec<&str> = inputs.iter().map(|(_, name)| name.as_str()).collect();
-    let [out, json, html] = [("--out", &arguments.out), ("--json", &arguments.json), ("--html", &arguments.html)]
-        .map(|(option, file)| (option, file.as_ref()));
-    refuse_overwriting(&[out, json, html], &read)?;
-    // A configuration may be written back onto itself.
-    let config = arguments.unit.config.as_ref().and_then(|path| path.to_str());
-    refuse_overwriting(&[json, html], &config.into_iter().collect::<Vec<_>>())?;
     let settings = Settings::from(&arguments.unit);
     let believed = settings.read()?;
     let reference = Reference::read(&arguments.reference).map_err(Failure::input)?;
@@ -112,17 +103,17 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     // What was found is told whatever becomes of the files, and each of these whatever becomes of the others.
     let said = say!("{}", report::text(&diagnosis).trim_end());
     let json =
-        || arguments.json.as_ref().map_or(Ok(()), |path| write(path, format!("{:#}\n", report::json(&diagnosis))));
+        || arguments.json.as_ref().map_or(Ok(()), |file| file.write(format!("{:#}\n", report::json(&diagnosis))));
     let html = || {
-        let Some(path) = &arguments.html else { return Ok(()) };
+        let Some(file) = &arguments.html else { return Ok(()) };
         let (name, text) = settings.text()?;
         let inputs = arguments.inputs();
         let page = Page { diagnosis: &diagnosis, inputs, configuration: (name, text, &settings.overrides) };
-        write(path, page.html())
+        file.write(page.html())
     };
     let out = || {
-        let Some(path) = &arguments.out else { return Ok(()) };
-        write(path, written(path, &settings, &diagnosis, &arguments.link)?)
+        let Some(file) = &arguments.out else { return Ok(()) };
+        file.write(written(file, &settings, &diagnosis, &arguments.link)?)
     };
     let mut failures = [json(), html(), out(), said].into_iter().filter_map(Result::err);
     if let Some(first) = failures.next() {
@@ -145,7 +136,7 @@ impl Arguments {
 }
 
 /// The configuration with all that was found, each with a comment that says where and how well.
-fn written(path: &Path, settings: &Settings, diagnosis: &Diagnosis, link: &[String]) -> Result<String, Failure> {
+fn written(file: &OutputFile, settings: &Settings, diagnosis: &Diagnosis, link: &[String]) -> Result<String, Failure> {
     let (name, text) = settings.text()?;
     let mut values = settings.overrides.clone();
     values.extend(diagnosis.entries.iter().flat_map(|entry| entry.assignments.iter().cloned()));
@@ -159,7 +150,7 @@ fn written(path: &Path, settings: &Settings, diagnosis: &Diagnosis, link: &[Stri
     };
     let comments: Vec<_> = diagnosis.entries.iter().flat_map(commented).collect();
     // What was found may lie beyond what the model is good for.
-    let refused = |error| Failure::failed(format!("{}: not written: with what was found, {error}", path.display()));
+    let refused = |error| Failure::failed(format!("{file}: not written: with what was found, {error}"));
     let text = Configuration::edited(&name, &text, &values).map_err(refused)?;
     let text = Configuration::commented(&text, &comments);
     // What is written is what others read.
@@ -240,17 +231,15 @@ impl Cache {
     }
 
     fn get(&self, key: u64) -> Option<Thresholds> {
-        let text = fs::read_to_string(self.directory.as_ref()?.join(format!("{key:016x}.json"))).ok()?;
+        let text = read_text(&self.directory.as_ref()?.join(format!("{key:016x}.json"))).ok()?;
         Thresholds::from_json(&serde_json::from_str(&text).ok()?)
     }
 
     fn put(&self, key: u64, thresholds: &Thresholds) {
         let Some(directory) = &self.directory else { return };
-        // Written aside and moved into place, so that another run never reads half of it.
-        let (path, aside) = (format!("{key:016x}.json"), format!("{key:016x}.{}", std::process::id()));
+        let path = directory.join(format!("{key:016x}.json"));
         let kept = fs::create_dir_all(directory)
-            .and_then(|()| fs::write(directory.join(&aside), thresholds.to_json().to_string()))
-            .and_then(|()| fs::rename(directory.join(&aside), directory.join(path)));
+            .and_then(|()| geu_files::write_whole(&path, thresholds.to_json().to_string()));
         if let Err(error) = kept {
             note(format_args!("geu: {}: thresholds cannot be kept: {error}\n", directory.display()));
         }

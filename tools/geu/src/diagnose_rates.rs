@@ -3,15 +3,14 @@
 mod report;
 mod windows;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use geu_diagnosis::Finding;
 use geu_diagnosis::rates::{Verdict, diagnose};
 use geu_recording::{Description, GyroCsv, RateTable, read_text};
 
-use crate::calibrate::write;
 use crate::failure::{Failure, say};
-use crate::overwriting::refuse_overwriting;
+use crate::outputs::OutputFile;
 
 /// What it takes.
 #[derive(Debug, Clone, Copy)]
@@ -25,7 +24,7 @@ pub struct RatesArguments<'a> {
     /// Seed of the noise from which thresholds are made.
     pub seed: u64,
     /// Where the result goes as JSON.
-    pub json: Option<&'a PathBuf>,
+    pub json: Option<&'a OutputFile>,
 }
 
 /// Carries it out.
@@ -34,8 +33,6 @@ pub struct RatesArguments<'a> {
 /// Input that cannot be read or does not suffice, a file that cannot be written, an end unexplained.
 pub fn run(arguments: &RatesArguments) -> Result<(), Failure> {
     let name = arguments.gyro_csv.display().to_string();
-    let inputs: Vec<&str> = arguments.link.iter().chain([arguments.reference, &name]).map(String::as_str).collect();
-    refuse_overwriting(&[("--json", arguments.json)], &inputs)?;
     let text = read_text(arguments.gyro_csv).map_err(|error| {
         Failure::input(format!("{name}: cannot be read: {error}; expected a description, such as configs/suchai3.toml"))
     })?;
@@ -48,8 +45,8 @@ pub fn run(arguments: &RatesArguments) -> Result<(), Failure> {
     let windows = windows::windows(arguments, &description, &links, &table)?;
     let failed = |error| Failure::input(format!("{}: {error}", arguments.reference));
     let diagnosis = diagnose(&windows, arguments.seed).map_err(failed)?;
-    if let Some(path) = &arguments.json {
-        write(path, format!("{:#}\n", report::json(&diagnosis, &findings)))?;
+    if let Some(file) = arguments.json {
+        file.write(format!("{:#}\n", report::json(&diagnosis, &findings)))?;
     }
     // Said of the table described; rows with times are another reference.
     let is_described = table.rows.iter().all(|row| row.t_s.is_none());

@@ -2,8 +2,6 @@
 //! XML, and the exit code.
 
 use std::fmt::Write;
-use std::fs::{self, OpenOptions};
-use std::path::{Path, PathBuf};
 
 use clap::Args;
 use geu_model::fault::acting::Faults;
@@ -11,34 +9,17 @@ use geu_model::fault::expectation::{Verdict, Watch, Window};
 use geu_model::units::on_board_s;
 
 use crate::failure::{Failure, note};
+use crate::outputs::OutputFile;
 
 /// Where the verdicts go.
 #[derive(Args, Debug, Clone, Default)]
 pub struct Report {
     /// Writes what became of the plan's expectations as JUnit XML
     #[arg(long, value_name = "FILE")]
-    junit: Option<PathBuf>,
+    junit: Option<OutputFile>,
 }
 
 impl Report {
-    /// Looks, before a run, whether its end can be written.
-    ///
-    /// # Errors
-    /// A file that cannot be written.
-    pub fn check(&self) -> Result<(), Failure> {
-        let Some(path) = &self.junit else { return Ok(()) };
-        let above = path.parent().filter(|above| !above.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        let (got, is_there) = (path.display(), path.exists());
-        let expected = match fs::metadata(above) {
-            _ if path.is_dir() => "a file, got a directory",
-            Ok(above) if !above.is_dir() => "a file in a directory; what stands above is none",
-            Err(_) => "a file in a directory that is there",
-            Ok(_) if is_there && OpenOptions::new().append(true).open(path).is_err() => "a file that may be written",
-            Ok(_) => return Ok(()),
-        };
-        Err(Failure::input(format!("--junit {got}: expected {expected}")))
-    }
-
     /// Tells the faults that never started, and the verdicts.
     ///
     /// # Errors
@@ -52,7 +33,7 @@ impl Report {
             note(format_args!("expectation  {}: {}\n", watch.expectation.id, verdict(watch)));
         }
         if let Some(path) = &self.junit {
-            write(path, watches)?;
+            path.write(junit(watches))?;
         }
         let failed = watches.iter().filter(|watch| !matches!(watch.verdict, Verdict::Met(_))).count();
         if failed > 0 {
@@ -60,12 +41,6 @@ impl Report {
         }
         Ok(())
     }
-}
-
-fn write(path: &Path, watches: &[Watch]) -> Result<(), Failure> {
-    fs::write(path, junit(watches)).map_err(|error| {
-        Failure::failed(format!("--junit {}: {error}; expected a file that may be written", path.display()))
-    })
 }
 
 /// A verdict in words.

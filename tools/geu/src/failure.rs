@@ -35,6 +35,13 @@ impl Failure {
         }
     }
 
+    /// The same with another reason behind it.
+    #[must_use]
+    pub fn and(mut self, message: impl Display) -> Failure {
+        self.message += &format!("; {message}");
+        self
+    }
+
     /// Prints the message and gives the exit code.
     pub fn report(&self) -> ExitCode {
         if !self.message.is_empty() {

@@ -3,7 +3,7 @@
 use std::net::IpAddr;
 use std::path::PathBuf;
 
-use clap::Args;
+use clap::{ArgMatches, Args, Command, Error, FromArgMatches};
 use geu_daemon::link::{CanAddress, LinkAddress, SerialAddress, TcpAddress};
 use ipnet::IpNet;
 
@@ -12,7 +12,7 @@ const DEFAULT_PTY: &str = "geu0";
 
 /// Links, as they are named on the command line.
 #[derive(Args, Debug, Default)]
-pub struct Links {
+struct Named {
     /// Pty under a stable symlink
     #[arg(long, value_name = "PATH")]
     pty: Vec<PathBuf>,
@@ -37,23 +37,51 @@ fn network(text: &str) -> Result<IpNet, String> {
         .map_err(|_| "expected an address or a network, for example 192.168.7.4 or 192.168.7.0/24".to_owned())
 }
 
+/// Links in the order in which they are given.
+#[derive(Debug, Default)]
+pub struct Links(Vec<LinkAddress>);
+
 impl Links {
     /// Their addresses; the default pty where none is named.
     pub fn addresses(&self) -> Vec<LinkAddress> {
-        let mut links: Vec<LinkAddress> = Vec::new();
-        links.extend(self.can.iter().cloned().map(LinkAddress::Can));
-        links.extend(self.serial.iter().cloned().map(LinkAddress::Serial));
-        links.extend(self.pty.iter().cloned().map(LinkAddress::Pty));
-        links.extend(
-            self.tcp
-                .iter()
-                .cloned()
-                .map(|address| LinkAddress::Tcp(TcpAddress { address, allowed: self.tcp_allow.clone() })),
-        );
-        if links.is_empty() {
+        if self.0.is_empty() {
             let directory = std::env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from).filter(|path| path.is_dir());
-            links.push(LinkAddress::Pty(directory.unwrap_or_else(|| "/tmp".into()).join(DEFAULT_PTY)));
+            return vec![LinkAddress::Pty(directory.unwrap_or_else(|| "/tmp".into()).join(DEFAULT_PTY))];
         }
-        links
+        self.0.clone()
+    }
+}
+
+impl Args for Links {
+    fn augment_args(command: Command) -> Command {
+        Named::augment_args(command)
+    }
+
+    fn augment_args_for_update(command: Command) -> Command {
+        Named::augment_args_for_update(command)
+    }
+}
+
+impl FromArgMatches for Links {
+    fn from_arg_matches(matches: &ArgMatches) -> Result<Links, Error> {
+        let Named { pty, serial, can, tcp, tcp_allow } = Named::from_arg_matches(matches)?;
+        let tcp = tcp.into_iter().map(|address| TcpAddress { address, allowed: tcp_allow.clone() });
+        let places = |option: &str| matches.indices_of(option).into_iter().flatten();
+        let mut links: Vec<(usize, LinkAddress)> = Vec::new();
+        links.extend(places("pty").zip(pty.into_iter().map(LinkAddress::Pty)));
+        links.extend(places("serial").zip(serial.into_iter().map(LinkAddress::Serial)));
+        links.extend(places("can").zip(can.into_iter().map(LinkAddress::Can)));
+        links.extend(places("tcp").zip(tcp.map(LinkAddress::Tcp)));
+        links.sort_by_key(|(place, _)| *place);
+        Ok(Links(links.into_iter().map(|(_, link)| link).collect()))
+    }
+
+    fn from_arg_matches_mut(matches: &mut ArgMatches) -> Result<Links, Error> {
+        Links::from_arg_matches(matches)
+    }
+
+    fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), Error> {
+        *self = Links::from_arg_matches(matches)?;
+        Ok(())
     }
 }

@@ -12,6 +12,7 @@ mod checkout;
 mod config;
 mod control;
 mod decode;
+mod defects;
 mod describe;
 mod diagnose;
 mod diagnose_charts;
@@ -25,23 +26,26 @@ mod gyro_csv;
 mod inject;
 mod links;
 mod monitor;
+mod outputs;
 mod overwriting;
 mod page;
 mod reconstruct;
 mod replay;
 mod rows;
 mod run;
+mod running;
 mod selftest;
 mod send;
 mod settings;
 mod simulate;
+mod token;
 mod track;
 mod update;
 
 use std::process::ExitCode;
 use std::sync::LazyLock;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use failure::Failure;
 
 /// Emulator, decoder and evaluation of a spacecraft gyro electronics unit.
@@ -84,7 +88,18 @@ static VERSION: LazyLock<String> = LazyLock::new(|| {
 });
 
 fn main() -> ExitCode {
-    let done: Result<(), Failure> = match Arguments::parse().command {
+    geu_files::interruption::ignore_file_size_signal();
+    let mut command = Arguments::command();
+    let matches = command.get_matches_mut();
+    let arguments = Arguments::from_arg_matches(&matches).unwrap_or_else(|error| error.format(&mut command).exit());
+    match outputs::claim(&command, &matches).and_then(|()| carried_out(arguments)) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => failure.report(),
+    }
+}
+
+fn carried_out(arguments: Arguments) -> Result<(), Failure> {
+    match arguments.command {
         Some(Command::Simulate(arguments)) => simulate::run(&arguments),
         Some(Command::Calibrate(arguments)) => calibrate::run(&arguments),
         Some(Command::Checkout(arguments)) => checkout::run(&arguments),
@@ -104,9 +119,5 @@ fn main() -> ExitCode {
         Some(Command::Send(arguments)) => send::run(&arguments),
         Some(Command::Selftest(arguments)) => selftest::run(&arguments),
         None => run::run(&run::Arguments::default()),
-    };
-    match done {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(failure) => failure.report(),
     }
 }

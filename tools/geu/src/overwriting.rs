@@ -1,62 +1,38 @@
-//! Outputs that are one of the inputs, or one another: writing them would destroy what is to be read, or what was written.
+//! Directories to write into that hold something already.
 
-use std::ffi::OsStr;
-use std::fs::{self, File, Metadata};
+use std::fmt::Display;
+use std::fs;
 use std::io;
-use std::os::fd::AsFd;
-use std::os::unix::fs::MetadataExt;
-use std::path::{Path, PathBuf};
+use std::path::Path;
+
+use clap::Args;
 
 use crate::failure::Failure;
 
-/// Refuses outputs, each with its option, of which one is an input or another output.
-///
-/// # Errors
-/// The option and the file.
-pub fn refuse_overwriting(outputs: &[(&str, Option<&PathBuf>)], inputs: &[&str]) -> Result<(), Failure> {
-    let given = || outputs.iter().filter_map(|(option, path)| Some((option, (*path)?)));
-    for (index, (option, path)) in given().enumerate() {
-        let id = file_id(fs::metadata(path));
-        if let Some(input) = inputs.iter().find(|input| id.is_some() && of_input(input) == id) {
-            return Err(Failure::input(format!(
-                "{option}: expected a file that is none of the inputs, got {}, the same file as the input {input}",
-                path.display()
-            )));
+/// Of every command that writes into a directory.
+#[derive(Args, Debug, Clone, Copy, Default)]
+pub struct Force {
+    /// Writes into a directory that holds something already, over files of the same names
+    #[arg(long)]
+    pub force: bool,
+}
+
+impl Force {
+    /// Refuses a directory that holds anything, unless it was forced. One that is not there is free.
+    ///
+    /// # Errors
+    /// The directory; something that is no directory, or cannot be looked into.
+    pub fn refuse_filled(self, directory: &Path) -> Result<(), Failure> {
+        let refused = |got: &dyn Display| {
+            let path = directory.display();
+            Failure::input(format!("{path}: expected a directory that is empty or not there, got {got}"))
+        };
+        match fs::read_dir(directory).map(|mut entries| entries.next().is_none()) {
+            Ok(is_empty) if self.force || is_empty => Ok(()),
+            Ok(_) => Err(refused(&"one that holds files; --force writes into it all the same")),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+            Err(error) if error.kind() == io::ErrorKind::NotADirectory => Err(refused(&"a file")),
+            Err(error) => Err(refused(&error)),
         }
-        if let Some((other, _)) = given().take(index).find(|(_, other)| are_same(other, path)) {
-            return Err(Failure::input(format!(
-                "{option}: expected another file than {other}, got {}, the same file",
-                path.display()
-            )));
-        }
     }
-    Ok(())
-}
-
-/// A regular file, by device and inode.
-type FileId = (u64, u64);
-
-fn file_id(metadata: io::Result<Metadata>) -> Option<FileId> {
-    let metadata = metadata.ok().filter(Metadata::is_file)?;
-    Some((metadata.dev(), metadata.ino()))
-}
-
-fn of_input(name: &str) -> Option<FileId> {
-    match name {
-        "-" => file_id(io::stdin().as_fd().try_clone_to_owned().and_then(|stdin| File::from(stdin).metadata())),
-        name => file_id(fs::metadata(name)),
-    }
-}
-
-fn are_same(one: &Path, other: &Path) -> bool {
-    match (fs::metadata(one), fs::metadata(other)) {
-        (Err(_), Err(_)) => place(one) == place(other),
-        (one, other) => file_id(one).is_some_and(|id| file_id(other) == Some(id)),
-    }
-}
-
-/// Where a file that is not there yet will be.
-fn place(path: &Path) -> (PathBuf, Option<&OsStr>) {
-    let parent = path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    (fs::canonicalize(parent).unwrap_or_else(|_| parent.to_owned()), path.file_name())
 }

@@ -1,8 +1,6 @@
 //! `geu reconstruct`: attitude and transfer functions between fixes, of a recording or of a simulated survey day.
 
 use std::fmt::Write as _;
-use std::io::Write as _;
-use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use geu_calibration::InUse;
@@ -17,7 +15,8 @@ use geu_protocol::{CanPlan, Gyro};
 
 use crate::calibrate::{read_counts, start_of_sensors_ns};
 use crate::failure::{Failure, note, say};
-use crate::settings::{NamedSettings, Settings, half_seconds};
+use crate::outputs::OutputFile;
+use crate::settings::{LONGEST_S, NamedSettings, Settings, half_seconds};
 
 /// Reconstructs the attitude between star fixes by a Kalman filter and a smoother.
 ///
@@ -33,9 +32,10 @@ pub struct Arguments {
     /// On-board time of the survey day
     #[arg(
         long,
-        value_name = "SECONDS",
-        default_value_t = 86_400.0,
+        value_name = "DURATION",
+        default_value = "1d",
         allow_negative_numbers = true,
+        value_parser = crate::settings::duration(0.0, LONGEST_S),
         conflicts_with = "link"
     )]
     duration: f64,
@@ -60,7 +60,7 @@ pub struct Arguments {
     base: Option<CanPlan>,
     /// Write the smoothed attitude of each half second, with sigmas, as CSV
     #[arg(long, value_name = "CSV", requires = "link")]
-    out: Option<PathBuf>,
+    out: Option<OutputFile>,
 }
 
 /// The gyro used about Z.
@@ -175,23 +175,22 @@ fn recording(arguments: &Arguments, configuration: &Configuration, in_use: InUse
     say!("boresight, largest sigma: {filtered:.1} arcsec filtered, {smoothed:.1} smoothed")?;
     say!("{}", told(&told_of.whiteness))?;
     match &arguments.out {
-        Some(path) => write_csv(path, &counts, &told_of)
-            .map_err(|error| Failure::failed(format!("{}: cannot be written: {error}", path.display()))),
+        Some(out) => out.write(csv(&counts, &told_of)),
         None => Ok(()),
     }
 }
 
 /// A row per half second: the attitude at its end (control frame to inertial, the sun-referenced frame at the start of the
 /// counts), sigmas about the control axes.
-fn write_csv(path: &Path, counts: &geu_calibration::Counts, told_of: &Reconstruction) -> std::io::Result<()> {
-    let mut file = std::io::BufWriter::new(std::fs::File::create(path)?);
-    writeln!(file, "t_s,q_w,q_x,q_y,q_z,sigma_x_arcsec,sigma_y_arcsec,sigma_z_arcsec")?;
+fn csv(counts: &geu_calibration::Counts, told_of: &Reconstruction) -> String {
+    let mut text = "t_s,q_w,q_x,q_y,q_z,sigma_x_arcsec,sigma_y_arcsec,sigma_z_arcsec\n".to_owned();
     for (node_s, estimate) in counts.node_s.iter().zip(&told_of.smoothed).skip(1) {
         let t_us = counts.start_ns / 1000 + (node_s * 1e6).round() as i64;
         let q = estimate.attitude.quaternion();
         let [x, y, z] = estimate.sigma_control_arcsec();
         let (seconds, part) = (t_us.div_euclid(1_000_000), t_us.rem_euclid(1_000_000));
-        writeln!(file, "{seconds}.{part:06},{:.12},{:.12},{:.12},{:.12},{x:.3},{y:.3},{z:.3}", q.w, q.i, q.j, q.k)?;
+        let _ =
+            writeln!(text, "{seconds}.{part:06},{:.12},{:.12},{:.12},{:.12},{x:.3},{y:.3},{z:.3}", q.w, q.i, q.j, q.k);
     }
-    file.flush()
+    text
 }

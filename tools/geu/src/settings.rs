@@ -4,13 +4,14 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
+use geu_daemon::record;
 use geu_daemon::truth::{Live, LiveAddress, received};
 use geu_model::configuration::{WireForm, unix_ns};
 use geu_model::fault::asks_in_vain;
-use geu_model::units::on_board_s;
+use geu_model::units::{duration_s, on_board_s};
 use geu_model::{Configuration, Truth, Unit};
 use geu_protocol::CanPlan;
-use geu_recording::{Reference, ReferenceError, read_text};
+use geu_recording::{Reference, ReferenceError, open_rows};
 
 use crate::failure::Failure;
 
@@ -45,6 +46,14 @@ impl From<&NamedSettings> for Settings {
 pub fn seed(text: &str) -> Result<u64, String> {
     let seed = text.parse().ok().filter(|&seed| seed <= i64::MAX as u64);
     seed.ok_or_else(|| format!("expected an integer 0…{}, got {text}", i64::MAX))
+}
+
+/// The longest run, s.
+pub const LONGEST_S: f64 = 1e10;
+
+/// Reads a duration within limits: the value parser of every option that is one.
+pub fn duration(least_s: f64, greatest_s: f64) -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync {
+    move |text| duration_s(text, least_s, greatest_s)
 }
 
 pub fn can_base(text: &str) -> Result<CanPlan, String> {
@@ -146,7 +155,7 @@ impl From<Wire> for WireForm {
 }
 
 impl Wire {
-    /// The form asked for, else the form recorded, else `link.log`.
+    /// The form that a simulated run has: the one asked for, else the form recorded, else `link.log`.
     pub fn form(asked: Option<Wire>, configuration: &Configuration) -> WireForm {
         asked.map(WireForm::from).or(configuration.run.wire).unwrap_or_default()
     }
@@ -193,6 +202,11 @@ impl RunSettings {
     /// As [`Settings::read`], a start that is no time, a truth that cannot be read.
     pub fn read(&self) -> Result<ReadyRun, Failure> {
         let mut configuration = self.settings.read()?;
+        let is_unfinished = configuration.run.is_unfinished;
+        if let (true, Some(path)) = (is_unfinished, &self.settings.config) {
+            let directory = path.parent().unwrap_or(Path::new(""));
+            record::complete(&mut configuration, directory).map_err(Failure::input)?;
+        }
         if let Some(seed) = self.seed {
             configuration.seed = seed;
         }
@@ -220,13 +234,14 @@ impl RunSettings {
             None => (Truth::Scenario, None),
             Some(name) if LiveAddress::is_meant(&name) => {
                 let address: LiveAddress = name.parse().map_err(Failure::input)?;
-                let source = Live::new(address.clone());
+                let source = Live::new(address.clone(), configuration.truth);
                 (source.truth(), Some(LiveTruth { address, source }))
             }
-            Some(name) => (truth_of_file(&name)?, None),
+            Some(name) => (truth_of_file(&name, is_unfinished)?, None),
         };
         let (faults, expectations) = (&configuration.faults, &configuration.expectations);
-        let untold = truth.motion(&configuration, 0.0).untold();
+        // Of a simulator its first sample says what it tells.
+        let untold = if live.is_some() { &[] } else { truth.motion(&configuration, 0.0).untold() };
         match asks_in_vain(faults, expectations, "the truth of this run", untold) {
             Some(why) => Err(Failure::input(why)),
             None => Ok(ReadyRun { configuration, truth, live }),
@@ -240,14 +255,16 @@ fn beside(config: &Path, name: &str) -> String {
     path.to_str().filter(|_| path.exists()).unwrap_or(name).to_owned()
 }
 
-/// A truth from a file, whichever kind it is.
-fn truth_of_file(name: &str) -> Result<Truth, Failure> {
+/// A truth from a file, whichever kind it is; that of an unfinished run may end within a row.
+fn truth_of_file(name: &str, is_unfinished: bool) -> Result<Truth, Failure> {
     let failed = |source| ReferenceError::Read { name: name.to_owned(), source };
-    let text = read_text(Path::new(name)).map_err(failed).map_err(Failure::input)?;
-    if received::is_received(&text) {
-        return Ok(Truth::Stepped(Arc::new(received::parse(name, &text).map_err(Failure::input)?)));
+    let mut rows = open_rows(Path::new(name)).map_err(failed).map_err(Failure::input)?;
+    let head = rows.first_lines().map_err(failed).map_err(Failure::input)?;
+    if head.first().is_some_and(|line| received::is_received(line)) {
+        let lines = if is_unfinished { rows.lines().of_unfinished() } else { rows.lines() };
+        return Ok(Truth::Stepped(Arc::new(received::parse(name, lines).map_err(Failure::input)?)));
     }
-    Ok(Truth::Recorded(Reference::parse(name, &text).map_err(Failure::input)?.truth))
+    Ok(Truth::Recorded(Reference::of_rows(name, rows).map_err(Failure::input)?.truth))
 }
 
 /// Half seconds of on-board time in `duration_s`.
@@ -255,7 +272,7 @@ fn truth_of_file(name: &str) -> Result<Truth, Failure> {
 /// # Errors
 /// A duration that is none.
 pub fn half_seconds(duration_s: f64) -> Result<u64, Failure> {
-    if duration_s > 0.0 && duration_s <= 1e10 {
+    if duration_s > 0.0 && duration_s <= LONGEST_S {
         Ok((duration_s * 2.0).ceil() as u64)
     } else {
         Err(Failure::input(format!("--duration: expected more than 0 seconds and at most 1e10, got {duration_s}")))

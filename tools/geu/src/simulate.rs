@@ -1,31 +1,38 @@
 //! `geu simulate`: the model without links, as fast as possible.
 
-use std::path::PathBuf;
+use std::sync::atomic::Ordering::Relaxed;
 
 use clap::Args;
-use geu_daemon::record::{self, Recorder};
+use geu_daemon::record::{self, Destination, FILES, Recorder};
 use geu_daemon::simulate::simulate;
+use geu_files::interruption::stop_flag;
 use geu_model::Truth;
 use geu_model::attitude::Plan;
+use geu_model::units::on_board_s;
+use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::draw;
 use crate::expectations;
-use crate::failure::Failure;
-use crate::settings::{LiveTruth, RunSettings, Wire, half_seconds};
+use crate::failure::{Failure, note};
+use crate::outputs::OutputDirectory;
+use crate::overwriting::Force;
+use crate::settings::{LONGEST_S, LiveTruth, RunSettings, Wire, half_seconds};
 
 /// Runs the model without links, as fast as possible, and writes what a run records.
 #[derive(Args, Debug)]
 pub struct Arguments {
     #[command(flatten)]
     run: RunSettings,
-    /// Directory to write into; made if it is not there
+    /// Directory to write into, new or empty; made if it is not there
     #[arg(long, value_name = "DIRECTORY", required_unless_present = "svg")]
-    out: Option<PathBuf>,
+    out: Option<OutputDirectory>,
     /// Directory to draw the unit's figures into: transfer function, pivot transit, limit cycle, two weeks
     #[arg(long, value_name = "DIRECTORY")]
-    svg: Option<PathBuf>,
+    svg: Option<OutputDirectory>,
+    #[command(flatten)]
+    force: Force,
     /// On-board time to run; without it the recorded duration, or the length of scenario or truth
-    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
+    #[arg(long, value_name = "DURATION", allow_negative_numbers = true, value_parser = crate::settings::duration(0.0, LONGEST_S))]
     duration: Option<f64>,
     /// Form of the link [default: the recorded form, else can]
     #[arg(long)]
@@ -38,9 +45,9 @@ pub struct Arguments {
 ///
 /// # Errors
 /// A configuration that cannot be run, a truth that does not cover the run, a scenario without end and no duration, files that cannot be written,
-/// an expectation that was not met.
+/// an expectation that was not met, SIGINT or SIGTERM before the end.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    arguments.expectations.check()?;
+    let svg = arguments.svg.as_ref().map(|svg| svg.prepare(arguments.force, draw::names())).transpose()?;
     let ready = arguments.run.read()?;
     if let Some(LiveTruth { address, .. }) = &ready.live {
         return Err(Failure::input(format!(
@@ -48,7 +55,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         )));
     }
     let configuration = &ready.configuration;
-    if let Some(directory) = &arguments.svg {
+    if let Some(directory) = svg {
         draw::draw(directory, configuration)?;
     }
     let Some(out) = &arguments.out else { return Ok(()) };
@@ -58,18 +65,34 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Truth::Recorded(_) | Truth::Stepped(_) => None,
     };
     let duration_s = arguments.duration.or(recorded_s).or_else(scenario_s);
-    let count = ready
-        .half_seconds(duration_s.map(half_seconds).transpose()?)?
-        .ok_or_else(|| Failure::input("the scenario has no end of its own: expected --duration SECONDS"))?;
+    let count = ready.half_seconds(duration_s.map(half_seconds).transpose()?)?.ok_or_else(|| {
+        Failure::input("the scenario has no end of its own: expected --duration DURATION, such as 90, 10m or 2h")
+    })?;
     let wire = Wire::form(arguments.wire, configuration);
     if let Some(reason) = record::misses(configuration, wire) {
         return Err(Failure::input(format!("{reason}; name its `link`, or record another --wire")));
     }
-    let mut recorder = Recorder::create(out, configuration, &ready.truth, wire, &[]).map_err(Failure::input)?;
-    let bar = indicatif::ProgressBar::new(count);
-    let faults = simulate(configuration, &ready.truth, count, &mut recorder, |done| bar.set_position(done))
-        .map_err(Failure::failed)?;
+    let out = out.prepare(arguments.force, FILES)?;
+    let destination = Destination::new(out, arguments.force.force);
+    let mut recorder =
+        Recorder::create(&destination, configuration, &ready.truth, wire, &[]).map_err(Failure::input)?;
+    let stop = stop_flag().map_err(|error| Failure::failed(format!("signals cannot be watched: {error}")))?;
+    let style = ProgressStyle::with_template("{bar:40} {percent:>3} %  {elapsed} so far, {eta} left");
+    let bar = ProgressBar::new(count).with_style(style.expect("a template"));
+    let faults = simulate(configuration, &ready.truth, count, &mut recorder, |done| {
+        bar.set_position(done);
+        !stop.load(Relaxed)
+    })
+    .map_err(Failure::failed)?;
     bar.finish_and_clear();
+    let half_seconds = recorder.half_seconds();
     recorder.finish().map_err(Failure::failed)?;
+    let (recorded_s, asked_s, out) = (on_board_s(half_seconds), on_board_s(count), out.display());
+    if half_seconds < count {
+        return Err(Failure::failed(format!(
+            "interrupted after {recorded_s} s of {asked_s} s: {out} is a whole recording of these"
+        )));
+    }
+    note(format_args!("geu: wrote {recorded_s} s into {out}\n"));
     arguments.expectations.tell(&faults)
 }

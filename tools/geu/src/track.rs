@@ -13,9 +13,9 @@ use geu_model::units::{ARCSEC_PER_DEG, ARCSEC_PER_RAD};
 use geu_recording::{Defect, Row, Sink, read_text};
 use nalgebra::{Quaternion, UnitQuaternion};
 
-use crate::decode::{BUFFER, Output, Reading, note_elsewhere};
+use crate::decode::{BUFFER, Output, Reading, gives_rows, note_elsewhere};
 use crate::failure::{Failure, note};
-use crate::overwriting::refuse_overwriting;
+use crate::outputs::OutputFile;
 use crate::rows::{quote, write_seconds};
 
 /// Applies a calibration to a link (eq 3): increments about the control axes and attitude, every half second.
@@ -45,9 +45,10 @@ pub struct Arguments {
     /// What to write [default: text on a terminal, else csv]
     #[arg(long, value_enum)]
     format: Option<Format>,
-    /// Where to write it, instead of standard output.
+    /// Where to write it, instead of standard output. Until the end, which Ctrl-C is too, rows stand beside it in
+    /// FILE.….partial; FILE is what was there before or whole.
     #[arg(long, value_name = "FILE")]
-    out: Option<PathBuf>,
+    out: Option<OutputFile>,
     #[command(flatten)]
     reading: Reading,
     /// Exit with 1 when the attitude lacks half seconds, the redundant gyros differed, or there were defects.
@@ -127,9 +128,6 @@ fn believed(arguments: &Arguments) -> Result<Believed, Failure> {
 /// Tracks.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let believed = believed(arguments)?;
-    let config = arguments.config.as_ref().and_then(|path| path.to_str());
-    let inputs: Vec<&str> = [Some(arguments.link.as_str()), config].into_iter().flatten().collect();
-    refuse_overwriting(&[("--out", arguments.out.as_ref())], &inputs)?;
     let is_watched = arguments.out.is_none() && stdout().is_terminal();
     let format = arguments.format.unwrap_or(if is_watched { Format::Text } else { Format::Csv });
     let start = arguments.attitude.unwrap_or_default();
@@ -141,22 +139,26 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         broken: None,
         statistics: Statistics::default(),
     };
-    let mut reader = arguments.reading.reader();
+    let mut reader = arguments.reading.reader()?;
     let result = reader.read(&arguments.link, &mut writer);
     let (summary, ending) = reader.finish(&mut writer);
     writer.flush();
     if let Some(failure) = writer.broken.take() {
         return Err(failure);
     }
+    let result = result.and(ending);
+    if gives_rows(&result) {
+        Output::finish(writer.output.take())?;
+    }
     let (statistics, defects) = (&writer.statistics, summary.account.defect_count());
-    if !arguments.quiet && result.is_ok() && ending.is_ok() {
+    if !arguments.quiet && result.is_ok() {
         note(format_args!("{}", statistics.text(&start)));
         if defects > 0 {
             note(format_args!("defects        {defects}; geu decode tells them\n"));
         }
     }
     note_elsewhere(&summary);
-    result.and(ending).map_err(Failure::input)?;
+    result.map_err(Failure::input)?;
     let is_complete = statistics.last.as_ref().is_some_and(|last| last.is_complete);
     match arguments.strict && (!is_complete || statistics.alarms > 0 || defects > 0) {
         true => Err(Failure::failed(format!(
@@ -359,7 +361,7 @@ fn write_track(format: Format, track: &Track, out: &mut Vec<u8>) {
 
 /// Tracks rows as they come, and writes.
 struct Writer<'a> {
-    out: Option<&'a PathBuf>,
+    out: Option<&'a OutputFile>,
     format: Format,
     tracker: Tracker,
     /// There once the link could be opened.
@@ -429,10 +431,9 @@ impl Sink for Writer<'_> {
 
     fn flush(&mut self) {
         if let Some(output) = &mut self.output
-            && let Err(error) = output.flush()
+            && let Err(failure) = output.flush()
         {
-            output.buffer.clear();
-            self.broken.get_or_insert_with(|| Failure::writing(error));
+            self.broken.get_or_insert(failure);
         }
     }
 

@@ -15,8 +15,8 @@ use geu_calibration::{Attitude, Believed, Counts, Known, Upkeep, report, update}
 use geu_model::Configuration;
 use geu_model::units::S_PER_DAY;
 
-use crate::calibrate::write;
 use crate::failure::{Failure, note, say};
+use crate::outputs::{OutputFile, write_all};
 use crate::settings::Settings;
 
 /// What an update takes beside a calibration.
@@ -36,9 +36,9 @@ pub struct Update {
 /// Where results go.
 pub struct Results<'a> {
     /// JSON.
-    pub json: Option<&'a PathBuf>,
+    pub json: Option<&'a OutputFile>,
     /// Configuration.
-    pub out: Option<&'a PathBuf>,
+    pub out: Option<&'a OutputFile>,
 }
 
 /// Carries it out.
@@ -58,15 +58,14 @@ pub fn run(
     for line in summary(&upkeep.left_out) {
         note(format_args!("geu: left out: {line}\n"));
     }
-    if let Some(path) = results.json {
-        write(path, format!("{:#}\n", upkeep.json()))?;
-    }
-    if let Some(path) = results.out {
+    let mut outputs: Vec<_> = results.json.map(|file| (file, format!("{:#}\n", upkeep.json()))).into_iter().collect();
+    if let Some(file) = results.out {
         let (name, text) = settings.text()?;
         let mut values = settings.overrides.clone();
         values.extend(report::overrides_of(PARAMETERS, &upkeep.calibrations));
-        write(path, Configuration::edited(&name, &text, &values).map_err(Failure::input)?)?;
+        outputs.push((file, Configuration::edited(&name, &text, &values).map_err(Failure::input)?));
     }
+    write_all(outputs)?;
     say!("{}", table(&upkeep))
 }
 

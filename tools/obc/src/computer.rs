@@ -37,19 +37,20 @@ impl Computer {
         }
     }
 
-    /// Takes a half second, and tells the torque that answers it and what is worth telling.
-    pub fn take(&mut self, half_second: HalfSecond) -> (Vector3<f64>, Vec<String>) {
+    /// Takes a half second, and tells what is worth telling.
+    pub fn take(&mut self, half_second: HalfSecond) -> Vec<String> {
         let row = Row { time: None, is_received: false, half_second, has_clock: true };
-        let Some(track) = self.tracker.take(&row) else { return (self.torque_n_m(), vec![]) };
+        let Some(track) = self.tracker.take(&row) else { return vec![] };
         self.error_rad = track.attitude.scaled_axis();
         if let Some(increment) = track.increment_control_arcsec {
             let rate = Vector3::from(increment) / (ARCSEC_PER_RAD * HALF_SECOND_S);
             self.rate_rad_s += (rate - self.rate_rad_s) * RATE_SHARE;
         }
-        (self.torque_n_m(), track.events.iter().map(ToString::to_string).collect())
+        track.events.iter().map(ToString::to_string).collect()
     }
 
-    fn torque_n_m(&self) -> Vector3<f64> {
+    /// The torque that answers what it knows.
+    pub fn torque_n_m(&self) -> Vector3<f64> {
         let acceleration = self.error_rad * BANDWIDTH_RAD_S + self.rate_rad_s * (2.0 * DAMPING);
         -acceleration.component_mul(&Vector3::from(INERTIA_KG_M2)) * BANDWIDTH_RAD_S
     }

@@ -1,8 +1,8 @@
 //! The emulator beside the on-board computer: started as a child, or one that runs already; its link, and the way back.
 
 use std::fs::OpenOptions;
-use std::io::{self, BufRead, BufReader, Read, Write};
-use std::net::{TcpStream, UdpSocket};
+use std::io::{self, BufRead, BufReader, Write};
+use std::net::{SocketAddr, TcpStream, UdpSocket};
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -15,20 +15,44 @@ use geu_protocol::serial::{Deframer, Found, Kind, read_data};
 use nix::sys::prctl::set_pdeathsig;
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
+use serde_json::Value;
 
-/// A link that is silent for so long is dead; longer than a unit waits for its truth.
+/// An emulator that reports no half second for so long is dead, and a link that does not bring what was reported.
 const SILENCE: Duration = Duration::from_secs(10);
+/// Has the emulator report each half second; with everything that is told, for a datagram may be lost.
+const SUBSCRIBE: &str = "{\"subscribe\": \"samples\"}\n";
+/// Longest report, byte.
+const REPORT: usize = 65_536;
 /// A child that was asked to end has so long.
 const END: Duration = Duration::from_secs(5);
-/// Half seconds that may wait to be taken.
+/// Reads of the link that may wait to be taken.
 const QUEUE: usize = 64;
 
 /// A running emulator.
 pub struct Emulator {
     /// None for one that somebody else runs.
     child: Option<Child>,
-    half_seconds: Receiver<HalfSecond>,
+    /// As it was asked for, and the other end of a TCP link.
+    link: (String, Option<SocketAddr>),
+    read: Receiver<Read>,
+    /// Bytes of the link that were taken, and that were reported; nothing reported before the first report.
+    taken: u64,
+    reported: Option<u64>,
     truth: UdpSocket,
+}
+
+/// What one read of the link brought.
+struct Read {
+    bytes: u64,
+    half_seconds: Vec<HalfSecond>,
+}
+
+/// A half second that ended in the unit.
+pub struct Ended {
+    /// Its index since the emulator's start.
+    pub index: u64,
+    /// What the link brought of it: nothing where a fault kept it silent.
+    pub half_seconds: Vec<HalfSecond>,
 }
 
 /// The program `geu` that was named, else the one beside this program.
@@ -76,6 +100,8 @@ impl Emulator {
         }
         let mut emulator = Emulator::attach(&link.unwrap_or_default(), &truth.unwrap_or_default())?;
         emulator.child = running.0.take();
+        // It waits for this computer: nothing left before.
+        emulator.reported = Some(0);
         Ok(emulator)
     }
 
@@ -86,31 +112,76 @@ impl Emulator {
     pub fn attach(link: &str, truth: &str) -> Result<Emulator, String> {
         let failed =
             |error: io::Error| format!("--link {link}: cannot be opened: {error}; expected HOST:PORT or a pty");
-        let stream: Box<dyn Read + Send> = match Path::new(link).exists() {
-            true => Box::new(OpenOptions::new().read(true).open(link).map_err(failed)?),
-            false => Box::new(TcpStream::connect(link).map_err(failed)?),
+        let (stream, peer): (Box<dyn io::Read + Send>, _) = match Path::new(link).exists() {
+            true => (Box::new(OpenOptions::new().read(true).open(link).map_err(failed)?), None),
+            false => {
+                let stream = TcpStream::connect(link).map_err(failed)?;
+                let peer = stream.peer_addr().map_err(failed)?;
+                (Box::new(stream), Some(peer))
+            }
         };
         let refused = |error: io::Error| format!("--truth {truth}: cannot be told: {error}; expected HOST:PORT");
         let socket = UdpSocket::bind("0.0.0.0:0").map_err(refused)?;
         socket.connect(truth).map_err(refused)?;
-        Ok(Emulator { child: None, half_seconds: listen(stream), truth: socket })
+        socket.set_read_timeout(Some(SILENCE)).map_err(refused)?;
+        let link = (link.to_owned(), peer);
+        Ok(Emulator { child: None, link, read: listen(stream), taken: 0, reported: None, truth: socket })
     }
 
     /// Tells the truth, a line for an instant. One that cannot be sent is late, which the unit counts.
     pub fn tell(&self, lines: &str) {
-        let _ = self.truth.send(lines.as_bytes());
+        let _ = self.truth.send(format!("{SUBSCRIBE}{lines}").as_bytes());
     }
 
-    /// The next half second.
+    /// The next half second that ended in the unit, with all that the link was handed by then.
     ///
     /// # Errors
-    /// A link that is silent or closed.
-    pub fn next(&self) -> Result<HalfSecond, String> {
-        self.half_seconds.recv_timeout(SILENCE).map_err(|error| match error {
-            RecvTimeoutError::Timeout => {
-                format!("the link is silent for {} s: expected a half second", SILENCE.as_secs())
+    /// An emulator that reports none, a link that does not bring what was reported, or is closed.
+    pub fn next(&mut self) -> Result<Ended, String> {
+        let mut datagram = vec![0; REPORT];
+        let length = self.truth.recv(&mut datagram).map_err(|error| {
+            format!("no half second was reported for {} s: {error}; expected an emulator that runs", SILENCE.as_secs())
+        })?;
+        let unreadable = |what: &str| format!("a report of the emulator cannot be read: expected {what}");
+        let report: Value = serde_json::from_slice(&datagram[..length]).map_err(|_| unreadable("JSON"))?;
+        let whole = |key: &str| report[key].as_u64().ok_or_else(|| unreadable(key));
+        let (index, sequence, bytes) = (whole("half_second")?, whole("sequence")?, self.bytes_of(&report["sent"])?);
+        let mut half_seconds: Vec<HalfSecond> = Vec::new();
+        let is_there = |half_seconds: &[HalfSecond]| {
+            bytes == 0 || half_seconds.iter().any(|half_second| u64::from(half_second.sequence) == sequence)
+        };
+        // What a link brought before the first report was of half seconds before: they are known by their sequence.
+        while match self.reported {
+            Some(reported) => self.taken < reported + bytes,
+            None => !is_there(&half_seconds),
+        } {
+            let read = self.read.recv_timeout(SILENCE).map_err(|error| match error {
+                RecvTimeoutError::Timeout => {
+                    format!("the link is silent for {} s: expected {bytes} bytes of a half second", SILENCE.as_secs())
+                }
+                RecvTimeoutError::Disconnected => "the link was closed: expected another half second".to_owned(),
+            })?;
+            self.taken += read.bytes;
+            half_seconds.extend(read.half_seconds);
+        }
+        self.reported = Some(self.reported.map_or(self.taken, |reported| reported + bytes));
+        Ok(Ended { index, half_seconds })
+    }
+
+    /// Bytes that a report says of this computer's link.
+    fn bytes_of(&self, sent: &Value) -> Result<u64, String> {
+        let (link, peer) = &self.link;
+        let is_ours = |name: &str| match (name.split_once(' '), peer) {
+            // One that listens at every address of its machine is known by its port.
+            (Some(("tcp", address)), Some(peer)) => {
+                address.parse().is_ok_and(|own: SocketAddr| own.port() == peer.port())
             }
-            RecvTimeoutError::Disconnected => "the link was closed: expected another half second".to_owned(),
+            (Some(("pty" | "serial", path)), None) => path == link,
+            _ => false,
+        };
+        let bytes = sent.as_object().and_then(|sent| sent.iter().find(|(name, _)| is_ours(name)));
+        bytes.and_then(|(_, handed)| handed["bytes"].as_u64()).ok_or_else(|| {
+            format!("--link {link}: expected a link of the emulator at --truth, got one that it does not have: {sent}")
         })
     }
 
@@ -154,23 +225,23 @@ impl Drop for Running {
 }
 
 /// Reads a link on a thread of its own.
-fn listen(mut stream: Box<dyn Read + Send>) -> Receiver<HalfSecond> {
-    let (sender, half_seconds) = sync_channel(QUEUE);
+fn listen(mut stream: Box<dyn io::Read + Send>) -> Receiver<Read> {
+    let (sender, reads) = sync_channel(QUEUE);
     thread::spawn(move || {
         let (mut deframer, mut rest, mut chunk) = (Deframer::default(), Vec::new(), [0; 4096]);
         while let Ok(length @ 1..) = stream.read(&mut chunk) {
             rest.extend_from_slice(&chunk[..length]);
-            let mut is_over = false;
+            let mut read = Read { bytes: length as u64, half_seconds: Vec::new() };
             let consumed = deframer.consume(&rest, &mut |found| {
                 if let Found::Frame { kind: Kind::Data, payload, .. } = found {
-                    is_over |= sender.send(read_data(payload)).is_err();
+                    read.half_seconds.push(read_data(payload));
                 }
             });
             rest.drain(..consumed);
-            if is_over {
+            if sender.send(read).is_err() {
                 return;
             }
         }
     });
-    half_seconds
+    reads
 }

@@ -45,7 +45,7 @@ pub fn bound_arcsec(believed: &Believed, seconds: u32) -> f64 {
 }
 
 struct Flight<'a> {
-    emulator: &'a Emulator,
+    emulator: &'a mut Emulator,
     spacecraft: Spacecraft,
     /// How far it has flown.
     flown_us: u64,
@@ -64,7 +64,13 @@ struct State {
 ///
 /// # Errors
 /// A link that fails.
-pub fn fly(emulator: &Emulator, believed: &Believed, gyros: Choice, seconds: u32, seed: u64) -> Result<Flown, String> {
+pub fn fly(
+    emulator: &mut Emulator,
+    believed: &Believed,
+    gyros: Choice,
+    seconds: u32,
+    seed: u64,
+) -> Result<Flown, String> {
     let spacecraft = Spacecraft::new(Vector3::from(START_RATE_ARCSEC_S) / ARCSEC_PER_RAD, seed);
     let mut flight = Flight { emulator, spacecraft, flown_us: 0, states: VecDeque::new() };
     let mut computer = Computer::new(believed, gyros);
@@ -72,13 +78,15 @@ pub fn fly(emulator: &Emulator, believed: &Believed, gyros: Choice, seconds: u32
     flight.tell_start();
     flight.fly_to(3 * QUARTER_US, Vector3::zeros());
     let end_us = u64::from(seconds) * 1_000_000;
-    let mut first_us = None;
+    let mut first = None;
     loop {
-        let half_second = emulator.next()?;
-        // A unit that runs since before has counted on; a half second that was lost is flown all the same.
-        let zero_us = *first_us.get_or_insert(half_second.clock_count.saturating_sub(2 * QUARTER_US));
-        let now_us = half_second.clock_count.saturating_sub(zero_us);
-        let (torque, events) = computer.take(half_second);
+        let ended = flight.emulator.next()?;
+        // A unit that runs since before has counted on. A half second of which the link brought nothing is flown all the
+        // same, under the torque of what is known.
+        let now_us = (ended.index.saturating_sub(*first.get_or_insert(ended.index)) + 1) * 2 * QUARTER_US;
+        let events: Vec<String> =
+            ended.half_seconds.into_iter().flat_map(|half_second| computer.take(half_second)).collect();
+        let torque = computer.torque_n_m();
         let state = flight.state_at(now_us);
         if now_us > u64::from(SETTLED_S) * 1_000_000 && state.error_arcsec > flown.worst_arcsec {
             (flown.worst_arcsec, flown.worst_s) = (state.error_arcsec, now_us as f64 * 1e-6);

@@ -126,7 +126,7 @@ pub struct Tally {
 }
 
 impl Tally {
-    fn new(name: impl Into<String>) -> Arc<Tally> {
+    pub(crate) fn new(name: impl Into<String>) -> Arc<Tally> {
         Arc::new(Tally {
             name: name.into(),
             clients: AtomicUsize::new(0),

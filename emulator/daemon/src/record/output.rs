@@ -1,33 +1,73 @@
 //! A file of a recording.
 
 use std::fs::File;
-use std::io::{self, BufWriter};
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-/// A file of the recording that cannot be written.
+/// A recording that cannot be written.
 #[derive(Debug, thiserror::Error)]
-#[error("cannot write {}: {source}; expected a directory with room that may be written, and that nobody else records into", .path.display())]
-pub struct RecordError {
-    pub(super) path: PathBuf,
-    pub(super) source: io::Error,
+pub enum RecordError {
+    /// A file or directory of it.
+    #[error(
+        "cannot write {}: {source}; expected a directory with room that may be written, and that nobody else records into",
+        .path.display()
+    )]
+    Write {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// The directory holds something.
+    #[error(
+        "{}: expected a new or an empty directory, got one that holds {entries}; name another, or give --force, which replaces the files of a recording and leaves all others",
+        .directory.display()
+    )]
+    Occupied {
+        /// Which.
+        directory: PathBuf,
+        /// What.
+        entries: String,
+    },
+    /// A directory has the name of a file of the recording.
+    #[error("{}: expected a file of a recording or a free name, got a directory; move it, or name another directory", .0.display())]
+    NotAFile(PathBuf),
 }
 
-/// One file, written through a buffer, that tells its path when it fails.
+/// One file that tells its path when it fails. What is written reaches the system with [`Output::flush`] and never
+/// before: the recorder decides which file is ahead of which.
 pub(crate) struct Output {
     pub(super) path: PathBuf,
-    file: BufWriter<File>,
+    file: File,
+    buffer: Vec<u8>,
 }
 
 impl Output {
     pub fn create(directory: &Path, name: &str) -> Result<Output, RecordError> {
         let path = directory.join(name);
-        match File::create(&path) {
-            Ok(file) => Ok(Output { path, file: BufWriter::with_capacity(1 << 16, file) }),
-            Err(source) => Err(RecordError { path, source }),
+        match File::create_new(&path) {
+            Ok(file) => Ok(Output { path, file, buffer: Vec::new() }),
+            Err(source) => Err(RecordError::Write { path, source }),
         }
     }
 
-    pub fn write(&mut self, content: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>) -> Result<(), RecordError> {
-        content(&mut self.file).map_err(|source| RecordError { path: self.path.clone(), source })
+    /// Writes into the buffer.
+    pub fn write(&mut self, content: impl FnOnce(&mut Vec<u8>) -> io::Result<()>) -> Result<(), RecordError> {
+        content(&mut self.buffer).map_err(|source| RecordError::Write { path: self.path.clone(), source })
+    }
+
+    /// Bytes that the system does not have yet.
+    pub fn buffered(&self) -> usize {
+        self.buffer.len()
+    }
+
+    /// Hands what is buffered to the system.
+    pub fn flush(&mut self) -> Result<(), RecordError> {
+        if self.buffer.is_empty() {
+            return Ok(());
+        }
+        let written = self.file.write_all(&self.buffer);
+        self.buffer.clear();
+        written.map_err(|source| RecordError::Write { path: self.path.clone(), source })
     }
 }

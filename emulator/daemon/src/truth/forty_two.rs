@@ -6,7 +6,7 @@
 //! its rates are not used: those of a gyro are a step older than the attitude beside them.
 
 use super::follow::{Sample, Told};
-use super::json::unit_quaternion;
+use super::json::unit;
 
 /// Where the attitude may stand, the best first.
 const ATTITUDES: [&str; 3] = ["SC[0].B[0].qn", "SC[0].qn", "SC[0].AC.qbn"];
@@ -53,7 +53,7 @@ impl Message {
     fn end(self) -> Result<Sample, String> {
         match (self.wrong, self.t_s, self.attitudes.into_iter().flatten().next()) {
             (Some(wrong), ..) => Err(wrong),
-            (None, Some(t_s), Some(attitude)) => Ok(Sample { t_s, motion: Told::Attitude(attitude) }),
+            (None, Some(t_s), Some(attitude)) => Ok(Sample { t_s, motion: Told::Attitude(attitude), sun: None }),
             (None, None, _) => Err("expected a message that begins with TIME, got one without".to_owned()),
             (None, _, None) => {
                 Err(format!("expected a message with one of {}, got none of them", ATTITUDES.join(", ")))
@@ -67,7 +67,7 @@ fn quaternion(text: &str) -> Option<[f64; 4]> {
     let numbers = text.split(|c: char| c.is_whitespace() || "[],".contains(c)).filter(|part| !part.is_empty());
     let numbers: Vec<f64> = numbers.map(|part| part.parse().ok()).collect::<Option<_>>()?;
     let [x, y, z, w] = numbers.try_into().ok()?;
-    unit_quaternion([w, x, y, z])
+    unit([w, x, y, z])
 }
 
 /// Seconds since the year 2000 of `2026-130-12:00:00.000000000`: year, day of the year, time of day.
@@ -99,7 +99,7 @@ mod tests {
         let plain = "TIME 2026-130-12:00:00.000000000\nOrb[0].PosN =  6.7e+06 0 0\nSC[0].AC.qbn = 1 0 0 0\nSC[0].B[0].wn =  1.0e-03 2.0e-03 3.0e-03\nSC[0].B[0].qn =  0.000000000000e+00  6.000000000000e-01  0.000000000000e+00  8.000000000000e-01\nSC[0].B[1].qn = 1 0 0 0\n[ENDMSG]\n";
         let bracketed = "TIME 2026-130-12:00:00.000000000\r\nSC[0].svb = [1 0 0]\r\nSC[0].qn = [ 0.0e+00  6.0e-01  0.0e+00  8.0e-01]\r\nSC[1].qn = [1 0 0 0]\r\n[ENDMSG]\r\n";
         let flight_software = "TIME 2026-130-12:00:00.0\nSC[0].AC.wbn = 0 0 0\nSC[0].AC.qbn = 0 0.6 0 0.8\n[EOF]\n\n";
-        let expected = Some(Ok(Sample { t_s: 831_729_600.0, motion: Told::Attitude([0.8, 0.0, 0.6, 0.0]) }));
+        let expected = Some(Ok(Sample { t_s: 831_729_600.0, motion: Told::Attitude([0.8, 0.0, 0.6, 0.0]), sun: None }));
         for text in [plain, bracketed, flight_software] {
             assert_eq!(last(text), expected, "{text}");
         }

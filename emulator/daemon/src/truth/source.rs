@@ -1,16 +1,21 @@
-//! Reading a source: tasks of the runtime that take what comes and hand it to the follower.
+//! Reading a source: tasks of the runtime that take what comes and hand it to the follower, and report to the source what
+//! left where it asks.
 //!
 //! A source that runs ahead of the unit is read no further than [`AHEAD_S`]; what it sends meanwhile waits in the kernel. 42
 //! waits for its answer after every message: it is given when the running half second needs more, so 42 keeps the unit's
 //! pace.
 
+use std::fmt;
 use std::io;
+use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
 use nix::sys::socket::{setsockopt, sockopt};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::tcp::{ReadHalf, WriteHalf};
 use tokio::net::{TcpStream, UdpSocket};
+use tokio::sync::mpsc::Receiver;
 
 use super::forty_two::Message;
 use super::lines::Lines;
@@ -32,7 +37,7 @@ const KEEP_ALIVE: u32 = 10;
 /// One that acknowledges nothing for so long is gone, ms.
 const SILENCE_MS: u32 = 60_000;
 /// One that is there, but told nothing for so long while the truth is missing, is left and visited again. A simulator may
-/// take its time for a step, and a run that waits for it goes on without after [`super::PATIENCE`]; none takes this long.
+/// take its time for a step; in a run that waits for it nothing is missing.
 const MUTE: Duration = Duration::from_secs(300);
 /// What 42 waits for.
 const ACKNOWLEDGEMENT: &[u8] = b"Ack\n";
@@ -44,8 +49,9 @@ pub(super) fn open(live: &Arc<Live>) -> io::Result<()> {
         LiveAddress::Udp(address) => {
             let socket = std::net::UdpSocket::bind(address)?;
             socket.set_nonblocking(true)?;
-            let socket = UdpSocket::from_std(socket)?;
+            let socket = Arc::new(UdpSocket::from_std(socket)?);
             console::ready(&format!("truth udp://{}", socket.local_addr()?));
+            tokio::spawn(report_over_udp(live.clone(), socket.clone()));
             tokio::spawn(listen(reader, socket));
         }
         LiveAddress::Tcp(address) | LiveAddress::FortyTwo(address) => {
@@ -56,7 +62,7 @@ pub(super) fn open(live: &Arc<Live>) -> io::Result<()> {
 }
 
 /// Takes datagrams, each of one or more lines.
-async fn listen(live: Arc<Live>, socket: UdpSocket) {
+async fn listen(live: Arc<Live>, socket: Arc<UdpSocket>) {
     let (mut lines, mut datagram) = (Lines::default(), vec![0; DATAGRAM]);
     loop {
         live.until_wanted(AHEAD_S).await;
@@ -65,7 +71,7 @@ async fn listen(live: Arc<Live>, socket: UdpSocket) {
             continue;
         };
         let mut take = |number: u64, line: Result<&str, String>| {
-            live.take(format_args!("line {number}, from {peer}"), line.and_then(json::sample));
+            take_line(&live, format_args!("line {number}, from {peer}"), line, Some(peer));
         };
         lines.take(&datagram[..length], &mut take);
         if !datagram[..length].ends_with(b"\n") {
@@ -74,8 +80,45 @@ async fn listen(live: Arc<Live>, socket: UdpSocket) {
     }
 }
 
+/// Takes a JSON line of a peer.
+fn take_line(live: &Live, place: fmt::Arguments<'_>, line: Result<&str, String>, peer: Option<SocketAddr>) {
+    match line.and_then(json::line) {
+        Ok(line) => {
+            if line.subscribes {
+                live.reports.subscribe(peer);
+            }
+            line.sample.into_iter().for_each(|sample| live.take(place, Ok(sample)));
+        }
+        Err(wrong) => live.take(place, Err(wrong)),
+    }
+}
+
+/// Sends reports to whoever asked for them last.
+async fn report_over_udp(live: Arc<Live>, socket: Arc<UdpSocket>) {
+    let Some(mut reports) = live.reports.receiver() else { return };
+    while let Some(line) = reports.recv().await {
+        let peer = *live.reports.peer();
+        let sent = match peer {
+            Some(peer) => socket.send_to(line.as_bytes(), peer).await.is_ok(),
+            None => false,
+        };
+        if !sent {
+            live.reports.lost();
+        }
+    }
+}
+
+/// Writes reports to a server. Where it does not read, this waits, and what has no room to wait is dropped.
+async fn report_over_tcp(stream: &mut WriteHalf<'_>, reports: &mut Receiver<String>) -> io::Result<()> {
+    while let Some(line) = reports.recv().await {
+        stream.write_all(line.as_bytes()).await?;
+    }
+    std::future::pending().await
+}
+
 /// Connects to a server, reads it, and connects again when it is gone.
 async fn visit(live: Arc<Live>, address: String) {
+    let Some(mut reports) = live.reports.receiver() else { return };
     let mut was_there = true;
     loop {
         let stream = match tokio::time::timeout(ANSWER, TcpStream::connect(&address)).await {
@@ -86,7 +129,11 @@ async fn visit(live: Arc<Live>, address: String) {
             Ok(stream) => {
                 was_there = true;
                 console::say(format_args!("truth {}: connected", live.address));
-                let ended = read(&live, stream, MUTE).await;
+                let ended = read(&live, stream, &mut reports, MUTE).await;
+                live.reports.unsubscribe();
+                while reports.try_recv().is_ok() {
+                    live.reports.lost();
+                }
                 let why = ended.err().map_or_else(|| "it closed the connection".to_owned(), |error| error.to_string());
                 console::say(format_args!("truth {}: {why}; tried again until it is back", live.address));
             }
@@ -110,17 +157,34 @@ fn keep_alive(stream: &TcpStream) -> io::Result<()> {
 
 /// Reads a server to its end, or until it was `mute` for too long. Not so 42: it takes one connection and no other, and
 /// stands still while somebody looks at it.
-async fn read(live: &Live, mut stream: TcpStream, mute: Duration) -> io::Result<()> {
+async fn read(live: &Live, mut stream: TcpStream, reports: &mut Receiver<String>, mute: Duration) -> io::Result<()> {
     stream.set_nodelay(true)?;
     keep_alive(&stream)?;
-    let is_forty_two = matches!(live.address, LiveAddress::FortyTwo(_));
+    let (mut reader, mut writer) = stream.split();
+    match live.address {
+        LiveAddress::FortyTwo(_) => read_lines(live, &mut reader, Some(&mut writer), mute).await,
+        _ => tokio::select! {
+            ended = read_lines(live, &mut reader, None, mute) => ended,
+            failed = report_over_tcp(&mut writer, reports) => failed,
+        },
+    }
+}
+
+/// Reads the lines of a server; of 42 where there is something to acknowledge its messages on.
+async fn read_lines(
+    live: &Live,
+    reader: &mut ReadHalf<'_>,
+    mut forty_two: Option<&mut WriteHalf<'_>>,
+    mute: Duration,
+) -> io::Result<()> {
+    let is_forty_two = forty_two.is_some();
     let (mut lines, mut message, mut chunk) = (Lines::default(), Message::default(), vec![0; CHUNK]);
     loop {
         if !is_forty_two {
             live.until_wanted(AHEAD_S).await;
         }
         let length = loop {
-            match tokio::time::timeout(mute, stream.read(&mut chunk)).await {
+            match tokio::time::timeout(mute, reader.read(&mut chunk)).await {
                 Ok(length) => break length?,
                 Err(_) if live.is_missing() && !is_forty_two => {
                     let why = format!("it told nothing for {} s", mute.as_secs());
@@ -134,23 +198,30 @@ async fn read(live: &Live, mut stream: TcpStream, mute: Duration) -> io::Result<
         }
         let mut messages = 0;
         lines.take(&chunk[..length], |number, line| {
+            let place = format_args!("line {number}");
+            if !is_forty_two {
+                take_line(live, place, line, None);
+                return;
+            }
             let read = match line {
-                Ok(line) if is_forty_two => message.line(line),
-                line => Some(line.and_then(json::sample)),
+                Ok(line) => message.line(line),
+                Err(wrong) => Some(Err(wrong)),
             };
             let Some(read) = read else { return };
-            messages += u64::from(is_forty_two);
-            live.take(format_args!("line {number}"), read);
+            messages += 1;
+            live.take(place, read);
         });
+        let Some(answers) = &mut forty_two else { continue };
         for _ in 0..messages {
             live.until_wanted(0.0).await;
-            stream.write_all(ACKNOWLEDGEMENT).await?;
+            answers.write_all(ACKNOWLEDGEMENT).await?;
         }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use geu_model::attitude::TruthNumbers;
     use nix::sys::socket::getsockopt;
     use tokio::net::TcpListener;
 
@@ -170,14 +241,15 @@ mod tests {
             assert_eq!(getsockopt(&stream, sockopt::TcpUserTimeout).expect("an option"), SILENCE_MS);
 
             let address = if is_forty_two { LiveAddress::FortyTwo(address) } else { LiveAddress::Tcp(address) };
-            let live = Live::new(address);
+            let live = Live::new(address, TruthNumbers::default());
             let reader = live.clone();
             let mute = Duration::from_millis(50);
-            let reading = tokio::spawn(async move { read(&reader, stream, mute).await });
+            let mut reports = live.reports.receiver().expect("the first");
+            let reading = tokio::spawn(async move { read(&reader, stream, &mut reports, mute).await });
             server.write_all(line.as_bytes()).await.expect("sent");
             tokio::time::sleep(6 * mute).await;
             assert!(!reading.is_finished(), "nothing is missing: the unit has not run yet");
-            live.finish(20.0, false, || false);
+            live.finish(20.0, false, None, || false);
             tokio::time::sleep(6 * mute).await;
             assert_eq!(reading.is_finished(), !is_forty_two);
             if !is_forty_two {

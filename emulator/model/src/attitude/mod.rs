@@ -9,12 +9,16 @@ mod motion;
 mod plan;
 mod recorded;
 mod stepped;
+mod sun;
+mod truth_numbers;
 
 pub use manoeuvre::{Manoeuvre, Scenario};
 pub use motion::{LimitCycle, Moment, Motion, Step};
 pub use plan::{Impossible, Leg, Plan};
 pub use recorded::{BadRows, Recorded, Row, median_spacing_s};
 pub use stepped::{Basis, Knot, Stepped, turn_between_arcsec};
+pub use sun::Sun;
+pub use truth_numbers::TruthNumbers;
 
 /// A stretch of time over which θ and ψ have constant accelerations. Radians; times from the segment's start.
 #[derive(Debug, Clone, Copy, PartialEq)]

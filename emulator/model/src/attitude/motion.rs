@@ -11,7 +11,8 @@ use std::sync::Arc;
 use super::Segment;
 use super::plan::{Leg, Plan};
 use super::recorded::Recorded;
-use super::stepped::Stepped;
+use super::stepped::{self, Stepped};
+use super::sun::Sun;
 use crate::number::numbers;
 use crate::units::{ARCSEC_PER_RAD, SUN_RATE_RAD_S};
 
@@ -80,6 +81,8 @@ enum Source {
     Stepped {
         truth: Arc<Stepped>,
         angle_control_arcsec: Option<[f64; 3]>,
+        /// The sun at the end of the last stretch.
+        sun: Option<Sun>,
     },
 }
 
@@ -121,8 +124,8 @@ impl Motion {
 
     /// At `t_s` of a truth that becomes known as time goes on.
     pub fn stepped(truth: Arc<Stepped>, t_s: f64) -> Motion {
-        let now = Moment { t_s, theta_rad: std::f64::consts::FRAC_PI_2, ..Moment::default() };
-        Motion { source: Source::Stepped { truth, angle_control_arcsec: None }, now }
+        let source = Source::Stepped { truth, angle_control_arcsec: None, sun: None };
+        Motion { source, now: stepped::moment(t_s, None) }
     }
 
     /// Moves on to `end_s` (true time since the start) and tells the motion since the last call; no motion where `end_s`
@@ -145,15 +148,16 @@ impl Motion {
                 step.angle_control_arcsec = std::array::from_fn(|axis| angle[axis] - angle_control_arcsec[axis]);
                 (*angle_control_arcsec, self.now, step.end) = (angle, moment, moment);
             }
-            Source::Stepped { truth, angle_control_arcsec } => {
+            Source::Stepped { truth, angle_control_arcsec, sun } => {
                 let before = angle_control_arcsec.unwrap_or_else(|| {
-                    let (angle, moment) = truth.at(start.t_s);
+                    let (angle, moment, _) = truth.at(start.t_s);
                     step.start = moment;
                     angle
                 });
-                let (angle, moment) = truth.at(end_s);
+                let (angle, moment, sun_now) = truth.at(end_s);
                 step.angle_control_arcsec = std::array::from_fn(|axis| angle[axis] - before[axis]);
-                (*angle_control_arcsec, self.now, step.end) = (Some(angle), moment, moment);
+                (*angle_control_arcsec, *sun) = (Some(angle), sun_now);
+                (self.now, step.end) = (moment, moment);
             }
         }
         step
@@ -164,18 +168,23 @@ impl Motion {
         &self.now
     }
 
-    /// Whether θ and ψ are known; a truth from a file may not tell them.
+    /// Whether θ and ψ of [`Motion::now`] are known; a truth from outside may not tell them, and tells nothing before the
+    /// first stretch.
     pub fn knows_sun(&self) -> bool {
         match &self.source {
             Source::Scenario(_) => true,
             Source::Recorded { rows, .. } => rows.knows_sun(),
-            Source::Stepped { .. } => false,
+            Source::Stepped { sun, .. } => sun.is_some(),
         }
     }
 
-    /// Variables of a fault's condition that it does not tell.
+    /// Variables of a fault's condition that it does not tell, as far as it is known.
     pub fn untold(&self) -> &'static [&'static str] {
-        if self.knows_sun() { &[] } else { &["theta_deg", "psi_deg"] }
+        let tells_sun = match &self.source {
+            Source::Stepped { truth, .. } => truth.tells_sun(),
+            Source::Scenario(_) | Source::Recorded { .. } => self.knows_sun(),
+        };
+        if tells_sun { &[] } else { &["theta_deg", "psi_deg"] }
     }
 
     /// Turns about X and Y of the attitude out of the one that θ and ψ tell, now.
@@ -186,7 +195,7 @@ impl Motion {
         match &self.source {
             Source::Scenario(flight) => flight.limit_cycle.departure_control_arcsec(self.now.t_s),
             Source::Recorded { rows, near, .. } => rows.departure_control_arcsec(self.now.t_s, *near),
-            Source::Stepped { .. } => [0.0; 2],
+            Source::Stepped { sun, .. } => sun.map_or([0.0; 2], |sun| sun.departure_control_arcsec),
         }
     }
 

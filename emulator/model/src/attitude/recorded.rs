@@ -247,7 +247,7 @@ fn departure(t_s: &[f64], angle_control_arcsec: &[Vec<f64>; 3], theta_psi_rad: &
 }
 
 /// An angle reduced to −π…π.
-fn shorter_way(rad: f64) -> f64 {
+pub(super) fn shorter_way(rad: f64) -> f64 {
     rad - std::f64::consts::TAU * (rad / std::f64::consts::TAU).round()
 }
 

@@ -6,7 +6,7 @@
 use std::collections::VecDeque;
 use std::sync::{Mutex, MutexGuard};
 
-use super::Moment;
+use super::{Moment, Sun};
 use crate::units::ARCSEC_PER_RAD;
 
 /// What a piece rests on.
@@ -35,10 +35,12 @@ pub struct Knot {
     pub angle_control_arcsec: [f64; 3],
     /// What the piece that ends here rests on.
     pub basis: Basis,
+    /// The sun at the end, where the source tells it: of all knots but the start, or of none.
+    pub sun: Option<Sun>,
 }
 
 /// The start of every such truth.
-const START: Knot = Knot { t_s: 0.0, angle_control_arcsec: [0.0; 3], basis: Basis::Told };
+const START: Knot = Knot { t_s: 0.0, angle_control_arcsec: [0.0; 3], basis: Basis::Told, sun: None };
 
 /// The truth as far as it is known; at rest before its start and after its end.
 #[derive(Debug)]
@@ -93,25 +95,37 @@ impl Stepped {
         known.knots.iter().skip(first.saturating_sub(known.forgotten) as usize).copied().collect()
     }
 
-    /// Rotation since the start and rates at `t_s`. Where a piece ends its own rates hold, not those of the next.
-    pub fn at(&self, t_s: f64) -> ([f64; 3], Moment) {
-        // θ and ψ are not known: the package is taken at rest at 90°, where nothing turns it.
-        let mut moment = Moment { t_s, theta_rad: std::f64::consts::FRAC_PI_2, ..Moment::default() };
+    /// Whether it tells the sun, as far as it is known.
+    pub fn tells_sun(&self) -> bool {
+        self.known().knots.back().is_some_and(|last| last.sun.is_some())
+    }
+
+    /// Rotation since the start, rates and sun at `t_s`. Where a piece ends its own rates hold, not those of the next.
+    pub fn at(&self, t_s: f64) -> ([f64; 3], Moment, Option<Sun>) {
         let known = self.known();
         let after = known.knots.partition_point(|knot| knot.t_s < t_s);
         let (Some(from), Some(to)) =
             (after.checked_sub(1).and_then(|index| known.knots.get(index)), known.knots.get(after))
         else {
-            let nearest = if after == 0 { known.knots.front() } else { known.knots.back() };
-            return (nearest.unwrap_or(&START).angle_control_arcsec, moment);
+            let nearest = if after == 0 { known.knots.front() } else { known.knots.back() }.unwrap_or(&START);
+            // The start itself has no sun: that of the first piece's end holds.
+            let sun = nearest.sun.or_else(|| known.knots.get(1)?.sun);
+            return (nearest.angle_control_arcsec, moment(t_s, sun), sun);
         };
         let (length_s, since_s) = (to.t_s - from.t_s, t_s - from.t_s);
         let turn: [f64; 3] =
             std::array::from_fn(|axis| to.angle_control_arcsec[axis] - from.angle_control_arcsec[axis]);
-        moment.rate_control_arcsec_s = turn.map(|turn| turn / length_s);
         let share = since_s / length_s;
-        (std::array::from_fn(|axis| from.angle_control_arcsec[axis] + turn[axis] * share), moment)
+        let sun = to.sun.map(|to| from.sun.map_or(to, |from| from.towards(&to, share)));
+        let moment = Moment { rate_control_arcsec_s: turn.map(|turn| turn / length_s), ..moment(t_s, sun) };
+        (std::array::from_fn(|axis| from.angle_control_arcsec[axis] + turn[axis] * share), moment, sun)
     }
+}
+
+/// At rest; where θ and ψ are not known the package is taken at rest at 90°, where nothing turns it.
+pub(super) fn moment(t_s: f64, sun: Option<Sun>) -> Moment {
+    let sun = sun.unwrap_or(Sun { theta_rad: std::f64::consts::FRAC_PI_2, ..Sun::default() });
+    Moment { t_s, theta_rad: sun.theta_rad, psi_rad: sun.psi_rad, ..Moment::default() }
 }
 
 /// The turn about the control axes, by the shorter way, from one attitude to the next; quaternions of unit length, control
@@ -132,7 +146,7 @@ mod tests {
     use super::*;
 
     fn knot(t_s: f64, x: f64) -> Knot {
-        Knot { t_s, angle_control_arcsec: [x, 0.0, -x], basis: Basis::Told }
+        Knot { t_s, angle_control_arcsec: [x, 0.0, -x], basis: Basis::Told, sun: None }
     }
 
     #[test]
@@ -144,8 +158,23 @@ mod tests {
         for (t_s, angle, rate) in
             [(-1.0, 0.0, 0.0), (0.25, 5.0, 20.0), (0.5, 10.0, 20.0), (0.75, 25.0, 60.0), (2.0, 40.0, 0.0)]
         {
-            let (got, moment) = truth.at(t_s);
+            let (got, moment, _) = truth.at(t_s);
             assert_eq!((got, moment.rate_control_arcsec_s), ([angle, 0.0, -angle], [rate, 0.0, -rate]), "{t_s}");
+        }
+    }
+
+    #[test]
+    fn theta_and_psi_are_those_of_the_sun_told_and_90_degrees_where_none_is() {
+        let truth = Stepped::default();
+        assert_eq!((truth.tells_sun(), truth.at(0.0).1.theta_rad), (false, std::f64::consts::FRAC_PI_2));
+        let sun = |theta_rad: f64| Some(Sun { theta_rad, psi_rad: -theta_rad, departure_control_arcsec: [3.0, 0.0] });
+        truth.append(Knot { sun: sun(1.0), ..knot(0.5, 10.0) });
+        truth.append(Knot { sun: sun(2.0), ..knot(1.0, 20.0) });
+        assert!(truth.tells_sun());
+        for (t_s, theta_rad) in [(-1.0, 1.0), (0.0, 1.0), (0.25, 1.0), (0.75, 1.5), (1.0, 2.0), (9.0, 2.0)] {
+            let (_, moment, seen) = truth.at(t_s);
+            assert_eq!((moment.theta_rad, moment.psi_rad), (theta_rad, -theta_rad), "{t_s}");
+            assert_eq!(seen.map(|sun| sun.departure_control_arcsec), Some([3.0, 0.0]));
         }
     }
 

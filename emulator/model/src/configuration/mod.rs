@@ -5,13 +5,16 @@
 
 mod document;
 pub mod fault;
+mod identifiers;
 mod schema;
 mod show;
 
-pub use document::{ConfigurationError, Node, Source};
-use geu_protocol::Gyro;
+use std::collections::HashSet;
 
-use crate::attitude::{LimitCycle, Manoeuvre, Plan, Scenario};
+pub use document::{ConfigurationError, Node, Source};
+use geu_protocol::{CanPlan, Gyro};
+
+use crate::attitude::{LimitCycle, Manoeuvre, Plan, Scenario, TruthNumbers};
 use crate::course::{Course, KINDS, Kind};
 use crate::effect::discovered::{self, Formula, Term};
 use crate::effect::{
@@ -82,6 +85,15 @@ impl WireForm {
     }
 }
 
+/// Where a recording ended before its run, and why.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EndedEarly {
+    /// Half seconds recorded.
+    pub half_second: u64,
+    /// Why.
+    pub reason: String,
+}
+
 /// What a recorded run had beside its configuration, so that it can be made again.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct RunRecord {
@@ -93,6 +105,12 @@ pub struct RunRecord {
     pub links: Vec<LinkKind>,
     /// Rate of the serial port that was open, where it was not the default: a fault can be of another.
     pub serial_baud: Option<u32>,
+    /// Base identifier of CAN, where it was not the default.
+    pub can_base: Option<u16>,
+    /// The recording has no end yet: duration and commands stand in the files beside it.
+    pub is_unfinished: bool,
+    /// The recording ended before the run.
+    pub ended_early: Option<EndedEarly>,
     /// The truth, a file or a simulator's address, as it was given; without one the scenario is flown.
     pub truth: Option<String>,
     /// Faults that were injected while it ran: its truth has one column for what effects add that are there by these
@@ -134,6 +152,8 @@ pub struct Configuration {
     pub sensors: SensorNumbers,
     /// What is flown.
     pub scenario: Scenario,
+    /// How a truth from a simulator is followed in its place.
+    pub truth: TruthNumbers,
     /// What goes wrong.
     pub faults: Vec<Fault>,
     /// What must be done about it.
@@ -182,8 +202,20 @@ const SERIAL_BAUD: Number = number(
     1e8,
     "rate of the serial port that was open; the default one where not named",
 );
+const CAN_BASE: Number = number(
+    "can_base",
+    Form::Whole,
+    DefaultValue::Absent,
+    0.0,
+    CanPlan::MAX_BASE as f64,
+    "base identifier of CAN; the default one where not named",
+);
+const UNFINISHED: &str = "unfinished";
+const ENDED_EARLY: &str = "ended_early";
 
-const TOP: [&str; 11] = [
+/// Table of [`TruthNumbers`].
+const TRUTH: &str = "truth";
+const TOP: [&str; 12] = [
     "seed",
     "start_unix_s",
     "unit",
@@ -192,6 +224,7 @@ const TOP: [&str; 11] = [
     "sensors",
     "scenario",
     "manoeuvre",
+    TRUTH,
     fault::FAULT,
     fault::EXPECT,
     "run",
@@ -248,7 +281,9 @@ impl Configuration {
     pub fn columns(&self) -> Vec<usize> {
         let gyros = &self.gyros;
         let injected = &self.run.injected;
-        let planned = self.faults.iter().filter(|fault| !injected.contains(&fault.id));
+        // Both may be long.
+        let live: HashSet<&String> = injected.iter().collect();
+        let planned = self.faults.iter().filter(|fault| !live.contains(&fault.id));
         let mut moved: Vec<usize> = planned.filter_map(fault_column).collect();
         moved.extend((!injected.is_empty()).then_some(FAULT_COLUMN));
         let unit = (0..UnitEffects::SPECS.len()).filter(|&index| self.unit.has(index));
@@ -288,8 +323,7 @@ impl Configuration {
         }
         let start_unix_s = root.number(&START)?;
         let run = read_run(root)?;
-        let faults = fault::read_faults(root, &[], &run.told_links())?;
-        fault::few_planned(root, &faults, &run.injected)?;
+        let faults = fault::read_faults(root, &[], &run.told_links(), run.injected.len())?;
         Ok(Configuration {
             seed: root.whole_number("seed")?.unwrap_or(1),
             start_unix_ns: unix_ns(start_unix_s),
@@ -298,6 +332,7 @@ impl Configuration {
             gyros,
             sensors: read_sensors(root)?,
             scenario: read_scenario(root)?,
+            truth: read_truth(root)?,
             expectations: fault::read_expectations(root, &[], &faults)?,
             faults,
             run,
@@ -484,25 +519,49 @@ fn read_scenario(root: &Node) -> Result<Scenario, ConfigurationError> {
     Ok(scenario)
 }
 
+fn read_truth(root: &Node) -> Result<TruthNumbers, ConfigurationError> {
+    let mut truth = TruthNumbers::default();
+    if let Some(node) = root.table(TRUTH)? {
+        node.fill(&mut truth, |_| true, &[])?;
+    }
+    Ok(truth)
+}
+
 fn read_run(root: &Node) -> Result<RunRecord, ConfigurationError> {
     let mut run = RunRecord::default();
     let Some(node) = root.table("run")? else { return Ok(run) };
-    node.only(&[DURATION.name, "wire", "links", SERIAL_BAUD.name, "truth", "injected", "command"])?;
+    node.only(&[
+        DURATION.name,
+        UNFINISHED,
+        ENDED_EARLY,
+        "wire",
+        "links",
+        SERIAL_BAUD.name,
+        CAN_BASE.name,
+        "truth",
+        "injected",
+        "command",
+    ])?;
     run.duration_s = node.number(&DURATION)?;
     if node.keys().contains(&"wire") {
         run.wire = WireForm::named(node.choice("wire", &WireForm::NAMES)?);
     }
     run.links = node.choices("links", &LinkKind::NAMES)?.into_iter().filter_map(LinkKind::named).collect();
     run.serial_baud = Some(node.number(&SERIAL_BAUD)?).filter(|baud| !baud.is_nan()).map(|baud| baud as u32);
+    run.can_base = Some(node.number(&CAN_BASE)?).filter(|base| !base.is_nan()).map(|base| base as u16);
+    run.is_unfinished = node.value(UNFINISHED, Form::Flag, 0.0, 1.0)?.is_some_and(|flag| flag != 0.0);
+    if let Some(node) = node.table(ENDED_EARLY)? {
+        node.only(&["half_second", "reason"])?;
+        run.ended_early =
+            Some(EndedEarly { half_second: read_half_second(&node)?, reason: node.text("reason")?.to_owned() });
+    }
     if node.keys().contains(&"truth") {
         run.truth = Some(node.text("truth")?.to_owned());
     }
     run.injected = node.texts("injected")?.into_iter().map(str::to_owned).collect();
     for node in node.tables("command")? {
         node.only(&["half_second", "link", "bytes"])?;
-        let half_second = node
-            .whole_number("half_second")?
-            .ok_or_else(|| node.error("half_second", "expected `half_second`, got none".to_owned()))?;
+        let half_second = read_half_second(&node)?;
         let payload = read_hex(node.text("bytes")?)
             .ok_or_else(|| node.error("bytes", "expected pairs of hexadecimal digits for `bytes`".to_owned()))?;
         run.commands.push(RecordedCommand { half_second, link: node.text("link")?.to_owned(), payload });
@@ -510,7 +569,13 @@ fn read_run(root: &Node) -> Result<RunRecord, ConfigurationError> {
     Ok(run)
 }
 
-fn read_hex(text: &str) -> Option<Vec<u8>> {
+fn read_half_second(node: &Node) -> Result<u64, ConfigurationError> {
+    node.whole_number("half_second")?
+        .ok_or_else(|| node.error("half_second", "expected `half_second`, got none".to_owned()))
+}
+
+/// Bytes from pairs of hexadecimal digits; `None` for anything else.
+pub fn read_hex(text: &str) -> Option<Vec<u8>> {
     let digits: Vec<u8> =
         text.chars().filter(|c| !c.is_whitespace()).map(|c| c.to_digit(16).map(|d| d as u8)).collect::<Option<_>>()?;
     digits.len().is_multiple_of(2).then(|| digits.chunks(2).map(|pair| pair[0] << 4 | pair[1]).collect())

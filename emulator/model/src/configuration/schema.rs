@@ -4,8 +4,10 @@ use geu_protocol::Gyro;
 use serde_json::{Map, Value, json};
 
 use super::fault::{EXPECT_NUMBERS, FAULT_NUMBERS, FAULT_TEXTS};
-use super::{Configuration, DURATION, PSI, SERIAL_BAUD, START, THETA, WireForm};
-use crate::attitude::{LimitCycle, Manoeuvre};
+use super::{
+    CAN_BASE, Configuration, DURATION, ENDED_EARLY, PSI, SERIAL_BAUD, START, THETA, TRUTH, UNFINISHED, WireForm,
+};
+use crate::attitude::{LimitCycle, Manoeuvre, TruthNumbers};
 use crate::course::{KINDS, Size};
 use crate::effect::discovered::{self, Regressor};
 use crate::effect::{Effects, HeadEffects, UnitEffects, WiringEffects};
@@ -50,6 +52,7 @@ impl Configuration {
                 "limit_cycle": table(&LimitCycle::default(), &|_| true),
             })), &[]),
             "manoeuvre": { "type": "array", "items": { "oneOf": manoeuvres() } },
+            TRUTH: table(&TruthNumbers::default(), &|_| true),
             "temperature": object(map(json!({
                 "electronics": table(&Electronics::default(), &|_| true),
                 "electronics_table": { "type": "array", "items": { "type": "array", "prefixItems": [{ "type": "number" }, { "type": "number" }], "items": false } },
@@ -63,8 +66,10 @@ impl Configuration {
                 DURATION.name: number(&DURATION),
                 "wire": { "enum": WireForm::NAMES },
                 "links": { "type": "array", "items": { "enum": LinkKind::NAMES } },
+                UNFINISHED: { "type": "boolean", "description": "the recording has no end yet: duration and commands stand in the files beside it" },
+                ENDED_EARLY: object(map(json!({ "half_second": { "type": "integer", "minimum": 0 }, "reason": { "type": "string" } })), &["half_second", "reason"]),
                 SERIAL_BAUD.name: number(&SERIAL_BAUD),
-                SERIAL_BAUD.name: number(&SERIAL_BAUD),
+                CAN_BASE.name: number(&CAN_BASE),
                 "injected": { "type": "array", "items": { "type": "string" }, "description": "faults injected while it ran" },
                 "truth": { "type": "string", "description": "truth: a file (reference.csv, CCSDS AEM, received.csv) or, for geu run, udp://, tcp:// or 42://HOST:PORT" },
                 "command": { "type": "array", "items": object(map(command), &["half_second", "link", "bytes"]) },

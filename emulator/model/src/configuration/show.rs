@@ -4,8 +4,11 @@ use std::fmt::Write;
 
 use geu_protocol::Gyro;
 
-use super::{Configuration, DURATION, PSI, RunRecord, SERIAL_BAUD, START, THETA, fault};
-use crate::attitude::Manoeuvre;
+use super::{
+    CAN_BASE, Configuration, DURATION, ENDED_EARLY, EndedEarly, PSI, RunRecord, SERIAL_BAUD, START, THETA, TRUTH,
+    UNFINISHED, fault,
+};
+use crate::attitude::{Manoeuvre, TruthNumbers};
 use crate::course::Kind;
 use crate::effect::discovered::{self, Regressor, Term};
 use crate::effect::{Configured, Effects};
@@ -45,6 +48,19 @@ impl Configuration {
             line(&mut text, format_args!("\n[[manoeuvre]]\nkind = {:?}", manoeuvre.kind()));
             for (number, value) in named(manoeuvre.numbers()) {
                 line(&mut text, format_args!("{} = {value:?}", number.name));
+            }
+        }
+        if complete || self.truth != TruthNumbers::default() {
+            line(&mut text, format_args!("\n[{TRUTH}]"));
+            if complete {
+                line(
+                    &mut text,
+                    format_args!("# a truth that a simulator reports while the unit runs (geu run --truth)"),
+                );
+                describe(&mut text, &self.truth, |_| true);
+            }
+            for (number, value) in named(&self.truth) {
+                line(&mut text, format_args!("{} = {}", number.name, number.written(value)));
             }
         }
 
@@ -98,6 +114,13 @@ impl Configuration {
             return;
         }
         line(text, format_args!("\n[run]\n{} = {:?}", DURATION.name, self.run.duration_s));
+        if self.run.is_unfinished {
+            line(text, format_args!("{UNFINISHED} = true"));
+        }
+        if let Some(EndedEarly { half_second, reason }) = &self.run.ended_early {
+            let reason = quoted(reason);
+            line(text, format_args!("{ENDED_EARLY} = {{ half_second = {half_second}, reason = {reason} }}"));
+        }
         if let Some(wire) = self.run.wire {
             line(text, format_args!("wire = {:?}", wire.name()));
         }
@@ -107,6 +130,9 @@ impl Configuration {
         }
         if let Some(baud) = self.run.serial_baud {
             line(text, format_args!("{} = {baud}", SERIAL_BAUD.name));
+        }
+        if let Some(base) = self.run.can_base {
+            line(text, format_args!("{} = {base:#X}", CAN_BASE.name));
         }
         if let Some(truth) = &self.run.truth {
             line(text, format_args!("truth = {}", quoted(truth)));

@@ -38,7 +38,7 @@ fn a_truth_covers_what_its_clock_needs() {
     };
     let stepped = |t_s: f64| {
         let pieces = Stepped::default();
-        pieces.append(Knot { t_s, angle_control_arcsec: [0.0; 3], basis: Basis::Told });
+        pieces.append(Knot { t_s, angle_control_arcsec: [0.0; 3], basis: Basis::Told, sun: None });
         Truth::Stepped(Arc::new(pieces))
     };
     assert_eq!(within(&[], &recorded(1000), 1000), 200);

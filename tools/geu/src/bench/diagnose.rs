@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 use geu_calibration::CountsReader;
-use geu_daemon::record::Recorder;
+use geu_daemon::record::{Destination, Recorder};
 use geu_daemon::simulate::simulate;
 use geu_diagnosis::Measured;
 use geu_diagnosis::measured::{Shifts, TIMING};
@@ -21,9 +21,9 @@ use nix::sys::resource::{Usage, UsageWho, getrusage};
 use nix::sys::time::TimeValLike;
 use serde_json::Value;
 
-use crate::calibrate::write;
 use crate::diagnose::Recording;
 use crate::failure::{Failure, say};
+use crate::outputs::write;
 
 /// Sequential selection with statsmodels, sparse regression with pysindy: what a Python user would write.
 const PYTHON: &str = include_str!("diagnose.py");
@@ -122,7 +122,7 @@ fn case(arguments: &Arguments, directory: &Path, hours: f64, hidden: &[Hidden]) 
         return Ok(());
     }
     let (script, residual) = (directory.join("bench.py"), directory.join("residual.csv"));
-    write(&script, PYTHON.to_owned())?;
+    write(&script, PYTHON)?;
     write(&residual, residual_csv(directory)?)?;
     for tool in ["statsmodels", "pysindy"] {
         let took = measure(Command::new("python3").arg(&script).arg(tool).arg(&residual));
@@ -144,8 +144,9 @@ fn record(directory: &Path, hours: f64, hidden: &[Hidden]) -> Result<(), Failure
     let unit = Configuration::reference_with(&overrides).map_err(Failure::failed)?;
     let half_seconds = (hours * 3600.0 / HALF_SECOND_S) as u64;
     let mut recorder =
-        Recorder::create(directory, &unit, &Truth::Scenario, WireForm::Can, &[]).map_err(Failure::failed)?;
-    simulate(&unit, &Truth::Scenario, half_seconds, &mut recorder, |_| {}).map_err(Failure::failed)?;
+        Recorder::create(&Destination::new(directory, true), &unit, &Truth::Scenario, WireForm::Can, &[])
+            .map_err(Failure::failed)?;
+    simulate(&unit, &Truth::Scenario, half_seconds, &mut recorder, |_| true).map_err(Failure::failed)?;
     recorder.finish().map_err(Failure::failed)?;
     write(&directory.join("believed.toml"), Configuration::reference().to_toml(false))
 }

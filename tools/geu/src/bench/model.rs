@@ -6,7 +6,7 @@ use std::process::Command;
 use std::time::Instant;
 
 use clap::Args;
-use geu_daemon::record::Recorder;
+use geu_daemon::record::{Destination, Recorder};
 use geu_daemon::simulate::simulate;
 use geu_model::configuration::WireForm;
 use geu_model::effect::{Effects, HeadEffects, UnitEffects};
@@ -71,8 +71,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let directory = tempfile::tempdir().map_err(Failure::failed)?;
     let written = fastest(&mut || {
         let mut recorder =
-            Recorder::create(directory.path(), &all, &Truth::Scenario, WireForm::Can, &[]).map_err(Failure::failed)?;
-        simulate(&all, &Truth::Scenario, half_seconds, &mut recorder, |_| {}).map_err(Failure::failed)?;
+            Recorder::create(&Destination::new(directory.path(), true), &all, &Truth::Scenario, WireForm::Can, &[])
+                .map_err(Failure::failed)?;
+        simulate(&all, &Truth::Scenario, half_seconds, &mut recorder, |_| true).map_err(Failure::failed)?;
         recorder.finish().map_err(Failure::failed)
     })?;
     show("every effect, all files, two threads", written, "target 150 000")?;

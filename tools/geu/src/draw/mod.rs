@@ -9,6 +9,7 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 
 use crate::failure::Failure;
+use crate::outputs::write;
 
 /// Width and height of a figure, pixels.
 const SIZE: (u32, u32) = (1000, 720);
@@ -55,6 +56,11 @@ pub struct Panel {
     pub levels: Vec<(f64, String)>,
 }
 
+/// The files that [`draw`] writes.
+pub fn names() -> impl Iterator<Item = &'static str> {
+    figures::FIGURES.iter().map(|(name, _)| *name)
+}
+
 /// Draws every figure of the unit into a directory, which is made if it is not there.
 ///
 /// # Errors
@@ -68,7 +74,7 @@ pub fn draw(directory: &Path, configuration: &Configuration) -> Result<(), Failu
         let path = directory.join(name);
         let mut text = String::new();
         svg(&mut text, &figure(configuration)).map_err(|error| failed(&path, &error))?;
-        std::fs::write(&path, text).map_err(|error| failed(&path, &error))?;
+        write(&path, text)?;
         crate::failure::note(format_args!("{}\n", path.display()));
     }
     Ok(())

@@ -5,11 +5,11 @@ use super::*;
 /// A source that turns about X at a rate of its own, told as an attitude.
 fn about_x(t_s: f64, arcsec: f64) -> Sample {
     let half = (arcsec / 3600.0 / 2.0_f64).to_radians();
-    Sample { t_s, motion: Told::Attitude([half.cos(), half.sin(), 0.0, 0.0]) }
+    Sample { t_s, motion: Told::Attitude([half.cos(), half.sin(), 0.0, 0.0]), sun: None }
 }
 
 fn rate(t_s: f64, x: f64) -> Sample {
-    Sample { t_s, motion: Told::Rate([x, 0.0, 0.0]) }
+    Sample { t_s, motion: Told::Rate([x, 0.0, 0.0]), sun: None }
 }
 
 fn take(follower: &mut Follower, samples: &[Sample]) {
@@ -17,7 +17,7 @@ fn take(follower: &mut Follower, samples: &[Sample]) {
 }
 
 fn follower() -> Follower {
-    Follower::new(Arc::default())
+    Follower::new(Arc::default(), TruthNumbers::default())
 }
 
 /// The rotation about X that was used in each half second.
@@ -43,6 +43,24 @@ fn samples_on_time_are_used_as_they_are_from_the_first_on() {
     assert_eq!((follower.finish(0.5), follower.finish(1.0)), (None, None));
     assert_near(&used(&follower), &[12.5, 37.5]);
     assert_eq!(follower.counts, Counts { received: 11, ..Counts::default() });
+}
+
+#[test]
+fn what_is_used_does_not_depend_on_what_came_early() {
+    // The unit's half seconds end a rounding after the samples.
+    let ends: Vec<f64> = (1..=40).map(|half| f64::from(half) * 0.5 * (1.0 + 3e-16)).collect();
+    let samples: Vec<Sample> =
+        (0..=40).map(|half| about_x(f64::from(half) * 0.5, (f64::from(half) * 0.7).sin() * 3e4)).collect();
+    let (mut ahead, mut just_in_time) = (follower(), follower());
+    take(&mut ahead, &samples);
+    just_in_time.take(samples[0]);
+    for (end_s, sample) in ends.iter().zip(&samples[1..]) {
+        just_in_time.take(*sample);
+        assert!(just_in_time.covers(*end_s));
+        just_in_time.finish(*end_s);
+        ahead.finish(*end_s);
+    }
+    assert_eq!(ahead.truth.knots_from(0), just_in_time.truth.knots_from(0));
 }
 
 #[test]
@@ -134,11 +152,54 @@ fn an_attitude_that_jumps_is_not_turned_to() {
     let mut follower = follower();
     follower.take(about_x(0.0, 0.0));
     follower.take(about_x(0.5, 50.0));
-    assert!(follower.take(about_x(1.0, 100_000.0)).is_some_and(|note| note.contains("attitude jumped")));
-    follower.take(about_x(1.5, 100_020.0));
+    // 111° in half a second.
+    assert!(follower.take(about_x(1.0, 400_000.0)).is_some_and(|note| note.contains("attitude jumped")));
+    follower.take(about_x(1.5, 400_020.0));
     (1..=3).for_each(|half| drop(follower.finish(f64::from(half) * 0.5)));
     assert_near(&used(&follower), &[50.0, 50.0, 20.0]);
     assert_eq!((follower.counts.jumps, follower.counts.late), (1, 0));
+}
+
+#[test]
+fn a_rate_beyond_the_units_range_is_followed_up_to_the_limit_that_is_configured() {
+    let mut follower = follower();
+    // 30°/s, while the unit's range is 18.2°/s.
+    (0..=4).for_each(|half| drop(follower.take(about_x(f64::from(half) * 0.5, 54_000.0 * f64::from(half)))));
+    (1..=4).for_each(|half| drop(follower.finish(f64::from(half) * 0.5)));
+    assert!(used(&follower).iter().all(|used| (used - 54_000.0).abs() < 1e-3), "{:?}", used(&follower));
+    assert_eq!(follower.counts.jumps, 0);
+    let numbers = TruthNumbers { max_rate_deg_s: 20.0, ..TruthNumbers::default() };
+    let mut limited = Follower::new(Arc::default(), numbers);
+    limited.take(about_x(0.0, 0.0));
+    let note = limited.take(about_x(0.5, 54_000.0)).expect("a note");
+    assert!(note.contains("by 30.0°/s") && note.contains("expected 20°/s at most (truth.max_rate_deg_s)"), "{note}");
+    assert_eq!(limited.counts.jumps, 1);
+}
+
+#[test]
+fn the_sun_is_followed_where_the_first_sample_tells_it_and_held_where_a_later_one_does_not() {
+    let sun_on_z = |sample: Sample| Sample { sun: Some([0.0, 0.0, 1.0]), ..sample };
+    let mut follower = follower();
+    // It turns about Y by 10° in a second: θ, between the sun and X, grows from 90° by as much.
+    let about_y = |t_s: f64, deg: f64| {
+        let half = (deg / 2.0).to_radians();
+        Sample { t_s, motion: Told::Attitude([half.cos(), 0.0, half.sin(), 0.0]), sun: None }
+    };
+    follower.take(sun_on_z(about_y(0.0, 0.0)));
+    follower.take(about_y(1.0, 10.0));
+    assert!(follower.tells_sun());
+    (1..=3).for_each(|half| drop(follower.finish(f64::from(half) * 0.5)));
+    let theta_deg: Vec<f64> =
+        follower.truth.knots_from(1).iter().map(|knot| knot.sun.expect("a sun").theta_rad.to_degrees()).collect();
+    let expected: Vec<f64> = (1..=15).map(|tenth| 90.0 + f64::from(tenth.min(10))).collect();
+    assert_near(&theta_deg, &expected);
+
+    let mut late = self::follower();
+    late.take(about_y(0.0, 0.0));
+    assert!(late.take(sun_on_z(about_y(0.5, 1.0))).is_some_and(|note| note.contains("its first sample did not")));
+    assert_eq!(late.take(sun_on_z(about_y(1.0, 2.0))), None);
+    late.finish(0.5);
+    assert!(!late.tells_sun() && late.truth.knots_from(1).iter().all(|knot| knot.sun.is_none()));
 }
 
 #[test]
@@ -188,7 +249,7 @@ fn whatever_a_source_tells_what_is_used_is_finite_and_its_time_rises() {
             3 => Told::Attitude([1.0, 5e-324, 0.0, 0.0]),
             _ => Told::Attitude([-1.0, 0.0, 0.0, 0.0]),
         };
-        follower.take(Sample { t_s, motion });
+        follower.take(Sample { t_s, motion, sun: None });
         if draw(3) == 0 {
             end_s += 0.5;
             follower.finish(end_s);
@@ -196,7 +257,7 @@ fn whatever_a_source_tells_what_is_used_is_finite_and_its_time_rises() {
     }
     let knots = follower.truth.knots_from(0);
     assert!(knots.windows(2).all(|pair| pair[0].t_s < pair[1].t_s), "time rises");
-    assert!(knots.iter().all(|knot| knot.angle_control_arcsec.iter().all(|angle| angle.abs() < 1e9)));
+    assert!(knots.iter().all(|knot| knot.angle_control_arcsec.iter().all(|angle| angle.abs() < 1e12)));
 }
 
 #[test]

@@ -1,0 +1,231 @@
+//! Files and directories that a command writes: what options name them, and how they are written.
+//!
+//! An option that names an output has the type [`OutputFile`] or [`OutputDirectory`]; by it [`claim`] finds them all, and
+//! without it nothing can be written.
+
+use std::any::TypeId;
+use std::ffi::OsString;
+use std::fmt::{self, Display, Formatter};
+use std::fs;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use clap::{ArgMatches, Command};
+use geu_files::{Output, claim_input, claim_output, claim_standard_output, persist_all};
+
+use crate::failure::Failure;
+use crate::overwriting::Force;
+
+/// A file to write; `-` is standard output.
+#[derive(Debug, Clone)]
+pub struct OutputFile(PathBuf);
+
+impl From<OsString> for OutputFile {
+    fn from(path: OsString) -> OutputFile {
+        OutputFile(path.into())
+    }
+}
+
+impl Display for OutputFile {
+    fn fmt(&self, f: &mut Formatter) -> fmt::Result {
+        self.0.display().fmt(f)
+    }
+}
+
+impl OutputFile {
+    /// Begins it, beside its place.
+    ///
+    /// # Errors
+    /// When it cannot be made.
+    pub fn create(&self) -> Result<Output, Failure> {
+        Output::create(&self.0).map_err(|error| self.unwritten(error))
+    }
+
+    /// Says that it cannot be written; but whoever closed a pipe has seen enough.
+    pub fn unwritten(&self, error: io::Error) -> Failure {
+        unwritten(&self.0, error)
+    }
+
+    /// Writes it as a whole.
+    ///
+    /// # Errors
+    /// When it cannot be written; then what was there is there still.
+    pub fn write(&self, content: impl AsRef<[u8]>) -> Result<(), Failure> {
+        write(&self.0, content)
+    }
+}
+
+/// A directory to write into.
+#[derive(Debug, Clone)]
+pub struct OutputDirectory(PathBuf);
+
+impl From<OsString> for OutputDirectory {
+    fn from(path: OsString) -> OutputDirectory {
+        OutputDirectory(path.into())
+    }
+}
+
+impl OutputDirectory {
+    /// Its path, where these files may be written into it.
+    ///
+    /// # Errors
+    /// One that holds anything, unless it was forced; a file that is an input.
+    pub fn prepare<F: AsRef<Path>>(&self, force: Force, files: impl IntoIterator<Item = F>) -> Result<&Path, Failure> {
+        force.refuse_filled(&self.0)?;
+        for path in files.into_iter().map(|file| self.0.join(file)).filter(|path| path.exists()) {
+            claim_output("output", &path).map_err(Failure::input)?;
+        }
+        Ok(&self.0)
+    }
+}
+
+/// Writes several, each as a whole, and none before all could be written.
+///
+/// # Errors
+/// When one cannot be written; then what was there is there still.
+pub fn write_all<'a>(outputs: impl IntoIterator<Item = (&'a OutputFile, String)>) -> Result<(), Failure> {
+    let complete = |(file, text): (&OutputFile, String)| {
+        let mut output = file.create()?;
+        let written = output.write_all(text.as_bytes()).and_then(|()| output.complete());
+        written.map(|()| output).map_err(|error| file.unwritten(error))
+    };
+    let outputs = outputs.into_iter().map(complete).collect::<Result<Vec<_>, Failure>>()?;
+    persist_all(outputs).map_err(Failure::writing)
+}
+
+/// Writes a file of an output directory as a whole.
+///
+/// # Errors
+/// When it cannot be written; then what was there is there still.
+pub fn write(path: &Path, content: impl AsRef<[u8]>) -> Result<(), Failure> {
+    geu_files::write_whole(path, content).map_err(|error| unwritten(path, error))
+}
+
+fn unwritten(path: &Path, error: io::Error) -> Failure {
+    match error.kind() {
+        io::ErrorKind::BrokenPipe => Failure::writing(error),
+        _ => Failure::failed(format!("{}: cannot be written: {error}", path.display())),
+    }
+}
+
+/// Claims what the options of a command line name, before the command begins: outputs by the type of their values, and
+/// every other value that is the path of a file as an input. Inputs that no option names claim themselves when they are
+/// opened.
+///
+/// # Errors
+/// An output that cannot be written, that is an input, or another output.
+pub fn claim(command: &Command, matches: &ArgMatches) -> Result<(), Failure> {
+    let (mut command, mut matches) = (command, matches);
+    while let Some((name, within)) = matches.subcommand() {
+        let Some(found) = command.find_subcommand(name) else { break };
+        (command, matches) = (found, within);
+    }
+    claim_standard_output().map_err(Failure::input)?;
+    for argument in command.get_arguments() {
+        let Ok(Some(values)) = matches.try_get_raw(argument.get_id().as_str()) else { continue };
+        let option = argument.get_long().map_or_else(|| argument.get_id().to_string(), |long| format!("--{long}"));
+        let kind = argument.get_value_parser().type_id();
+        for value in values {
+            let path = Path::new(value);
+            if kind == TypeId::of::<OutputFile>() {
+                claim_output(&option, path).map_err(Failure::input)?;
+            } else if (kind == TypeId::of::<PathBuf>() || kind == TypeId::of::<String>())
+                && let Ok(metadata) = fs::metadata(path)
+            {
+                claim_input(&path.display().to_string(), &metadata).map_err(Failure::input)?;
+            }
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use clap::CommandFactory;
+
+    use super::*;
+
+    /// Options that name a path which is read, or is no file of results. Whoever adds one says here that it is none.
+    const NO_OUTPUTS: [&str; 36] = [
+        "bench decode --dbc",
+        "blind campaign --config",
+        "blind hide --config",
+        "blind score --config",
+        "blind score --json",
+        "blind score --key",
+        "calibrate --compare",
+        "calibrate --config",
+        "calibrate --fss",
+        "calibrate --known",
+        "calibrate --link",
+        "calibrate --manoeuvres",
+        "calibrate --reference",
+        "calibrate --sse",
+        "checkout --config",
+        "config check config",
+        "config show config",
+        "decode --gyro-csv",
+        "diagnose --config",
+        "diagnose --gyro-csv",
+        "diagnose --link",
+        "diagnose --manoeuvres",
+        "diagnose --reference",
+        "inject --plan",
+        "reconstruct --config",
+        "reconstruct --fss",
+        "reconstruct --link",
+        "reconstruct --sse",
+        "replay --faults",
+        "replay --pty",
+        "run --faults",
+        "run --pty",
+        "run config",
+        "simulate --faults",
+        "simulate config",
+        "track --config",
+    ];
+
+    /// Options of which [`tests/outputs.rs`] shows what becomes of their files, and `tests/directories.rs` of directories.
+    const SHOWN: &str = include_str!("../tests/outputs.txt");
+
+    fn options(command: &Command, name: &str, is: &dyn Fn(&clap::Arg) -> bool, found: &mut BTreeSet<String>) {
+        for argument in command.get_arguments().filter(|argument| is(argument)) {
+            let own = argument.get_long().map_or_else(|| argument.get_id().to_string(), |long| format!("--{long}"));
+            found.insert(format!("{name} {own}").trim_start().to_owned());
+        }
+        for within in command.get_subcommands() {
+            options(within, format!("{name} {}", within.get_name()).trim_start(), is, found);
+        }
+    }
+
+    fn found(is: &dyn Fn(&clap::Arg) -> bool) -> BTreeSet<String> {
+        let mut found = BTreeSet::new();
+        options(&crate::Arguments::command(), "", is, &mut found);
+        found
+    }
+
+    #[test]
+    fn every_option_that_names_an_output_is_shown_to_be_written_whole() {
+        let is_output = |argument: &clap::Arg| {
+            let kind = argument.get_value_parser().type_id();
+            kind == TypeId::of::<OutputFile>() || kind == TypeId::of::<OutputDirectory>()
+        };
+        let shown: BTreeSet<String> = SHOWN.lines().map(str::to_owned).collect();
+        assert_eq!(found(&is_output), shown);
+    }
+
+    #[test]
+    fn every_other_option_that_names_a_path_is_none_of_an_output() {
+        let names_path = |argument: &clap::Arg| {
+            let kind = argument.get_value_parser().type_id();
+            let names = argument.get_value_names().unwrap_or_default();
+            let is_named =
+                names.iter().any(|name| ["FILE", "CSV", "CONFIG", "DIR", "DIRECTORY"].contains(&name.as_str()));
+            kind == TypeId::of::<PathBuf>() || (kind == TypeId::of::<String>() && is_named)
+        };
+        let known: BTreeSet<String> = NO_OUTPUTS.iter().map(|option| (*option).to_owned()).collect();
+        assert_eq!(found(&names_path), known);
+    }
+}
