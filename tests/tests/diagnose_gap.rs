@@ -30,19 +30,22 @@ fn recorded(hidden: Vec<Hidden>, reference_late_s: f64) -> Recording {
     Recording::read(&link, &reference)
 }
 
-/// One flight's; the gap before does not depend on them.
-static THRESHOLDS: Mutex<Option<Thresholds>> = Mutex::new(None);
-
+/// Diagnoses one recording after another, with the thresholds of the first: it is one flight, and the gap before does not depend on
+/// them.
 fn diagnosed(recording: &Recording, given: &Configuration) -> Diagnosis {
+    static THRESHOLDS: Mutex<Option<Thresholds>> = Mutex::new(None);
+    let mut thresholds = THRESHOLDS.lock().expect("no panic");
     let settings = Settings {
         seed: 1,
         clock_start_ns: recording.reference.start_ns,
         manoeuvres: None,
-        known: &|_| THRESHOLDS.lock().expect("no panic").clone(),
-        keep: &|_, thresholds| *THRESHOLDS.lock().expect("no panic") = Some(thresholds.clone()),
+        known: &|_| thresholds.clone(),
+        keep: &|_, _| (),
         progress: &|_| (),
     };
-    diagnose_rows(&recording.rows, &[], given, &recording.reference, &settings).expect("a recording")
+    let diagnosis = diagnose_rows(&recording.rows, &[], given, &recording.reference, &settings).expect("a recording");
+    *thresholds = Some(diagnosis.thresholds.clone());
+    diagnosis
 }
 
 /// The rms gap of a residual that another program computed, windowed as cli.md says.
