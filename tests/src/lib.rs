@@ -72,8 +72,23 @@ fn program(name: &str) -> PathBuf {
     program
 }
 
-/// Says on standard error that a test could not run, and why.
+/// Says that the test of this thread could not run, and why: one line `skipped: TEST: REASON` that `.ci/count` counts.
+///
+/// The harness of cargo calls such a test `ok`: it knows no test that finds out while it runs that it cannot.
 pub fn skipped(reason: &str) {
-    // Not eprintln!, which the test harness keeps to itself when a test passes.
-    let _ = writeln!(std::io::stderr(), "skipped: {reason}");
+    let test = std::thread::current().name().unwrap_or("a test").to_owned();
+    // Not eprintln!, which the test harness keeps to itself when a test passes; in one piece, so that no other line comes between.
+    let _ = std::io::stderr().write_all(format!("skipped: {test}: {reason}\n").as_bytes());
+}
+
+/// A directory of the recordings that others made, `..` of the workspace's `shared/recordings` or what `GEU_RECORDINGS` names; where it
+/// is not there, this says that the test is skipped.
+pub fn recordings(part: &str) -> Option<PathBuf> {
+    let all = std::env::var_os("GEU_RECORDINGS").map_or_else(|| root().join("../shared/recordings"), PathBuf::from);
+    let directory = all.join(part);
+    if directory.exists() {
+        return Some(directory);
+    }
+    skipped(&format!("{} is not there; GEU_RECORDINGS names another directory of recordings", directory.display()));
+    None
 }

@@ -10,7 +10,7 @@ use geu_calibration::{Believed, CountsReader};
 use geu_model::Configuration;
 use geu_model::package::Calibration;
 use geu_recording::{InputReader, Options, Reference, Stop};
-use geu_tests::{geu, root, skipped};
+use geu_tests::{geu, recordings, root};
 use nalgebra::Vector3;
 use tempfile::TempDir;
 
@@ -112,10 +112,7 @@ fn can_and_serial_reference_and_sensors_give_the_unit_back_and_a_configuration_t
 
 #[test]
 fn a_recording_made_by_something_else_is_followed_to_the_end() {
-    let directory = root().join("../shared/recordings/01");
-    if !directory.exists() {
-        return skipped(&format!("{} is not there: no recording made by something else", directory.display()));
-    }
+    let Some(directory) = recordings("01") else { return };
     let room = tempfile::tempdir().expect("a directory");
     let (link, reference) = (directory.join("link.log.gz"), directory.join("reference.csv.gz"));
     let json = room.path().join("result.json");

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 
 use geu_protocol::{CLOCK_PER_HALF_SECOND, CanPlan, HalfSecond};
-use geu_tests::{geu, root, skipped};
+use geu_tests::{geu, recordings, root, skipped};
 
 const HEADER: &str = "t_s,sequence,clock_count,gyrx,gyry,gyrza,gyrzb,gyro_flags,unit_flags,electronics_c,sensor_c";
 const ROWS: u16 = 120;
@@ -397,10 +397,7 @@ fn a_file_without_permission_is_refused() {
 
 #[test]
 fn recording_01_equals_ten_lines_of_python() {
-    let recording = root().join("../shared/recordings/01/link.log.gz");
-    if !recording.exists() {
-        return skipped("../shared/recordings/01/link.log.gz is not here");
-    }
+    let Some(recording) = recordings("01/link.log.gz") else { return };
     let script = root().join("tests/independent_decode.py");
     let Ok(python) = Command::new("python3").arg(script).arg(&recording).output() else {
         return skipped("python3 is not installed");

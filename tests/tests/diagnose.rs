@@ -13,6 +13,7 @@ use geu_model::units::HALF_SECOND_S;
 use geu_plant::{GYROS, Gyro, Hidden, Plant};
 use geu_recording::Reference;
 use geu_tests::comparison::Recording;
+use geu_tests::recordings;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -131,6 +132,7 @@ fn names(entry: &Entry, hidden: &Hidden) -> bool {
 
 /// Each is named, and nothing else; what is named by its own code has its size within so many sigmas.
 fn assert_named(seed: u64, hidden: &[Hidden]) {
+    // Of the sixty sizes told here a normal error makes one that is farther off in one of 250 sets of seeds.
     const SIGMAS: f64 = 4.0;
     let diagnosis = diagnosis(seed, hidden);
     assert_eq!(diagnosis.verdict, Verdict::Explained, "{hidden:?}");
@@ -152,12 +154,31 @@ fn assert_each_named(seed: u64, all: &[Hidden]) {
     all.iter().for_each(|hidden| assert_named(seed, std::slice::from_ref(hidden)));
 }
 
+/// In three hours as everywhere in this file. How seldom chance is given a name it does not say; the next test does.
 #[test]
-fn nothing_is_named_where_nothing_is_hidden() {
-    for seed in 20..22 {
-        let diagnosis = diagnosis(seed, &[]);
-        assert_eq!((diagnosis.verdict, missing(&diagnosis).count()), (Verdict::Consistent, 0), "seed {seed}");
-    }
+fn nothing_is_named_in_two_recordings_where_nothing_is_hidden() {
+    assert_eq!(false_alarms(20..22, 10_800.0), Vec::<u64>::new());
+}
+
+/// The seeds whose recording, with nothing hidden, is not told to be consistent without a name.
+fn false_alarms(seeds: std::ops::Range<u64>, duration_s: f64) -> Vec<u64> {
+    let is_false = |seed: &u64| {
+        let recording = recorded(&Plant { duration_s, ..Plant::new(*seed, Vec::new()) });
+        let diagnosis = diagnosed(&recording, &recording.reference, &Configuration::reference());
+        println!("== seed {seed}: {}", diagnosis.verdict.name());
+        missing(&diagnosis).for_each(|entry| println!("   {}", report::sentence(entry)));
+        diagnosis.verdict != Verdict::Consistent || missing(&diagnosis).count() > 0
+    };
+    seeds.filter(is_false).collect()
+}
+
+/// None of a hundred: with 95 % confidence a name is given to chance in less than 3 of 100 recordings (0.97¹⁰⁰ is 4.8 %). That it is one of
+/// a hundred, as thresholds are set for, would take three hundred. Each is another flight with thresholds of its own; an hour, so that
+/// a hundred are minutes.
+#[test]
+#[ignore = "minutes; .ci/run has it"]
+fn in_a_hundred_recordings_where_nothing_is_hidden_chance_is_given_no_name() {
+    assert_eq!(false_alarms(1000..1100, 3600.0), Vec::<u64>::new());
 }
 
 #[test]
@@ -444,24 +465,26 @@ fn answers(text: &str, recording: &str) -> Vec<Hidden> {
 #[test]
 #[ignore = "minutes; .ci/run has it"]
 fn the_shared_recordings_are_named_with_their_sizes_and_foretold() {
-    /// Largest rms of the gap held out, arcsec.
-    const HELD_OUT_ARCSEC: f64 = 1.8;
-    let shared = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/recordings");
-    let Ok(text) = fs::read_to_string(shared.join("answers.toml")) else {
-        println!("skipped: no recordings at {}", shared.display());
-        return;
-    };
+    /// Largest rms of the gap held out, arcsec: 0.41 are rounding at both ends, 0.30 the angle's walk in half an hour, 0.52 the rate's
+    /// walk since the other thirds (0.0005 arcsec/s, in half an hour 0.9), together 0.73. The last comes in a dozen draws, gyros by
+    /// thirds, so that it is 0.93 at three sigma; what is hidden on one gyro, told by one third to 2.5 arcsec/h, adds 1.1 at three
+    /// sigma: 1.42. 0.58 to 1.15 were measured.
+    const HELD_OUT_ARCSEC: f64 = 1.5;
+    let Some(shared) = recordings("") else { return };
+    let text = fs::read_to_string(shared.join("answers.toml")).expect("answers");
     for number in 1..=10 {
         let name = format!("{number:02}");
         let [link, reference] = ["link.log.gz", "reference.csv.gz"].map(|file| shared.join(&name).join(file));
         let recording = Recording::read(&link, &reference);
         let diagnosis = diagnosed(&recording, &recording.reference, &Configuration::reference());
-        println!("== {name}: {}", diagnosis.verdict.name());
+        let [before, after] = [&diagnosis.before, &diagnosis.after];
+        let [before, after, held_out] = [before.fitted, after.fitted, after.held_out].map(|gap| gap.rms_arcsec);
+        println!("== {name}: {}; gap {before:.2}, after {after:.2}, held out {held_out:.2}", diagnosis.verdict.name());
         missing(&diagnosis).for_each(|entry| println!("   {}", report::sentence(entry)));
         let hidden = answers(&text, &name);
         assert_eq!(missing(&diagnosis).count(), hidden.len(), "{name}");
         assert_eq!(diagnosis.verdict == Verdict::Consistent, hidden.is_empty(), "{name}");
-        assert!(diagnosis.after.held_out.rms_arcsec < HELD_OUT_ARCSEC, "{name}: {:?}", diagnosis.after.held_out);
+        assert!(held_out < HELD_OUT_ARCSEC, "{name}: {held_out}");
         for hidden in &hidden {
             if hidden.code == "rate-squared-coupling" {
                 let formula = missing(&diagnosis).find_map(|entry| entry.formula.as_ref());
@@ -473,8 +496,8 @@ fn the_shared_recordings_are_named_with_their_sizes_and_foretold() {
             for (number, value) in &hidden.parameters {
                 let found = entry.parameters.iter().find(|found| found.name == *number).expect("a number");
                 let (off, sigma) = ((found.value - value).abs(), found.sigma.expect("a sigma"));
+                // Of a dozen numbers one is farther off in one of thirty sets of recordings; these are always the same.
                 assert!(off < 3.0 * sigma, "{name} {number}: {} ± {sigma}, not {value}", found.value);
-                assert!(sigma > 0.05 * value.abs() || off < 0.15 * value.abs(), "{name} {number}: {}", found.value);
             }
         }
     }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fs;
 
 use geu_recording::{Description, GyroCsv, GyroCsvDefectKind as Kind};
-use geu_tests::{geu, root, skipped};
+use geu_tests::{geu, recordings, root};
 
 fn description() -> Description {
     let path = root().join("configs/suchai3.toml");
@@ -14,11 +14,7 @@ fn description() -> Description {
 
 #[test]
 fn real_telemetry_is_taken_in_with_its_faults() {
-    let directory = root().join("../shared/recordings/suchai3");
-    if !directory.join("suchai3_20230904.csv").exists() {
-        skipped(&format!("{} is not there: no telemetry of a real gyro to read", directory.display()));
-        return;
-    }
+    let Some(directory) = recordings("suchai3") else { return };
     // Rows as the telemetry's README tells them; steps of time counted by another program (Python's csv module).
     for (day, rows, faults) in [
         ("20230824", 5586, &[("gap", 5)][..]),

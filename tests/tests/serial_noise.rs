@@ -124,6 +124,7 @@ fn a_million_good_frames_come_out_of_noise_and_nothing_else_does() {
     // Each candidate (a sync with a good header) matches by accident with a chance of 1 in 65 536.
     let accidental = summary.serial_frames - check.came;
     let expected = (check.mismatched + accidental) as f64 / 65_536.0;
+    // 99 % of Poisson's numbers, nearly normal from ten on; one more since they are whole.
     let bound = expected + 2.33 * expected.sqrt() + 1.0;
     println!(
         "seed {SEED}: {} of {FRAMES} good frames out of {fed} bytes; {} candidates rejected; {accidental} accidental \

@@ -127,7 +127,8 @@ pub fn diagnose(
     let bank: &Bank =
         if !explained.state.held.is_empty() || !is_noise(&explained, &thresholds) { &all } else { &catalogue };
     let (raw, manoeuvres) = (options.raw, options.manoeuvres);
-    Report { case: &case, bank, thresholds: &thresholds, faults, raw, manoeuvres }.finish(explained, findings)
+    let report = Report { case: &case, start: &start, bank, thresholds: &thresholds, faults, raw, manoeuvres };
+    report.finish(explained, findings)
 }
 
 /// What explains the recording best, of the catalogue, or with formulas where that leaves doubt. A second effect of one gyro is seldom:
@@ -216,6 +217,7 @@ fn merge_gyros(case: &Case, explained: &mut Explained) {
 
 struct Report<'a> {
     case: &'a Case<'a>,
+    start: &'a State,
     bank: &'a Bank,
     thresholds: &'a Thresholds,
     faults: &'a [WiringFault],
@@ -245,14 +247,18 @@ impl Report<'_> {
         let unexplained = unlike.contains(&true).then(|| unexplained(case, self.bank, &explained, &left, unlike));
         let configuration = self.written(&entries, &explained);
         let shifts = explained.state.shifts;
-        let raw = self.raw.unwrap_or(measured);
-        let [given, found] = [case.believed, &configuration].map(|configuration| measured.run(configuration, shifts));
+        // The configuration as given meets the recording as it was, and knows nothing of what was found afterwards.
+        let as_given = case.of_calibration(self.raw.unwrap_or(measured));
+        let raw = as_given.measured;
+        let given = raw.run(case.believed, Shifts::default());
         let before = gap::windowed(raw, &gap::residual(raw, &given));
+        let before_gaps =
+            Gaps { fitted: fitted(&as_given, &before, &given, self.start), held_out: held_out(&as_given, self.start) };
+        let [lagged, found] = [case.believed, &configuration].map(|configuration| measured.run(configuration, shifts));
         let after = gap::windowed(measured, &gap::residual(measured, &found));
-        let before_gap = fitted(case, raw, &before, &given, &explained.state);
-        let after_gap = fitted(case, measured, &after, &found, &explained.state);
-        let held_out = held_out(case, &explained.state);
-        self.shares(&mut entries, before_gap.squares, shifts);
+        let after_gaps =
+            Gaps { fitted: fitted(case, &after, &found, &explained.state), held_out: held_out(case, &explained.state) };
+        self.shares(&mut entries, before_gaps.fitted.squares, shifts);
         let stretches = match self.manoeuvres {
             Some(windows) => stretches::listed(measured, windows),
             None => stretches::cut(measured),
@@ -261,8 +267,8 @@ impl Report<'_> {
             verdict,
             entries,
             findings,
-            before: Gaps { fitted: before_gap, held_out: before_gap },
-            after: Gaps { fitted: after_gap, held_out },
+            before: before_gaps,
+            after: after_gaps,
             unexplained,
             configuration,
             rounds: explained.rounds,
@@ -272,7 +278,7 @@ impl Report<'_> {
                 stretches::rms_arcsec(raw, &given, &stretches),
                 stretches::rms_arcsec(measured, &found, &stretches),
             ],
-            whereabouts: whereabouts(case, &explained.state.noise, [&given, &found], &stretches),
+            whereabouts: whereabouts(case, &explained.state.noise, [&lagged, &found], &stretches),
             stretches,
             left,
             lag_s: (shifts.lag_s, explained.state.lag_sigma_s),
@@ -316,27 +322,29 @@ impl Report<'_> {
             .unwrap_or_else(|_| explained.state.configuration(self.case.believed))
     }
 
-    /// The fall of the squares as each entry is added, in order.
+    /// The fall of the squares as each entry is added, in order, over those of the whole gap; the lag that was found is no entry and
+    /// holds all through.
     fn shares(&self, entries: &mut [Entry], whole: f64, shifts: Shifts) {
-        let measured = self.case.measured;
-        let squares = |configuration: &Configuration| {
+        let squares = |measured: &Measured, configuration: &Configuration| {
             let model = measured.run(configuration, shifts);
             gap::of(&gap::windowed(measured, &gap::residual(measured, &model))).squares
         };
+        let measured = self.case.measured;
         let text = self.case.believed.to_toml(false);
-        let (mut assignments, mut before) = (Vec::new(), squares(self.case.believed));
+        let (mut assignments, mut before) = (Vec::new(), squares(measured, self.case.believed));
         // What mending the rows took away, among the faults by what each did.
         let did = |fault: &WiringFault| {
             (fault.without_rms_counts.powi(2) - fault.with_rms_counts.powi(2)) * fault.half_seconds as f64
         };
         let all: f64 = self.faults.iter().map(did).sum();
+        let mended = self.raw.map_or(0.0, |raw| squares(raw, self.case.believed) - before);
         for (entry, fault) in entries.iter_mut().zip(self.faults) {
-            entry.gap_share = if all > 0.0 { (whole - before) / whole * did(fault) / all } else { 0.0 };
+            entry.gap_share = if all > 0.0 { mended / whole * did(fault) / all } else { 0.0 };
         }
         for entry in entries.iter_mut().filter(|entry| entry.chi2.is_some()) {
             assignments.extend(entry.assignments.iter().cloned());
             let Ok(with) = Configuration::parse("the configuration found", &text, &assignments) else { continue };
-            let now = squares(&with);
+            let now = squares(measured, &with);
             entry.gap_share = if whole > 0.0 { (before - now) / whole } else { 0.0 };
             before = now;
         }

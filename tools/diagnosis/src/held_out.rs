@@ -6,7 +6,7 @@ use geu_protocol::Gyro;
 use crate::change::sixteen;
 use crate::entries::LAG_S;
 use crate::gap::{self, Gap};
-use crate::measured::{BLOCK, CHANNELS, Measured, Series, TIMING};
+use crate::measured::{BLOCK, CHANNELS, Series, TIMING};
 use crate::normal::{Normal, THIRDS};
 use crate::state::{Case, State};
 
@@ -15,8 +15,8 @@ use crate::state::{Case, State};
 const HOLDS: [f64; Calibration::NUMBERS.len()] = [20e-6, 6.0 / 7200.0, 3.0, 3.0, 3.0];
 
 /// The gap of a model that was run, with χ² by a state's noise.
-pub fn fitted(case: &Case, measured: &Measured, windowed: &[Vec<f64>; TIMING], model: &Series, state: &State) -> Gap {
-    let residual = measured.residual(model);
+pub fn fitted(case: &Case, windowed: &[Vec<f64>; TIMING], model: &Series, state: &State) -> Gap {
+    let residual = case.measured.residual(model);
     let white = Normal::new(case.whitenings(&state.noise), &residual, &[]);
     let squares: f64 = white.residual()[..TIMING].iter().flatten().map(|value| value * value).sum();
     let count: usize = white.residual()[..TIMING].iter().flatten().filter(|value| **value != 0.0).count();
@@ -32,7 +32,7 @@ pub fn held_out(case: &Case, state: &State) -> Gap {
     let blocks = measured.block_count();
     let mut corrections: Series = std::array::from_fn(|_| vec![0.0; blocks]);
     let mut squares = 0.0;
-    for (third, size) in normal.without_thirds(&known(state)).into_iter().enumerate() {
+    for (third, size) in normal.without_thirds(&known(state, case.nuisances.len())).into_iter().enumerate() {
         let range = blocks * third / THIRDS..blocks * (third + 1) / THIRDS;
         let mut own: Series = std::array::from_fn(|channel| residual[channel].clone());
         for (column, size) in columns.iter().zip(&size) {
@@ -74,10 +74,11 @@ pub fn held_out(case: &Case, state: &State) -> Gap {
     Gap { reduced_chi2: squares / count.max(1) as f64, ..gap::of(&windowed) }
 }
 
-/// What is known of the sixteen and the lag before a recording, as departures from a state: a calibration holds for as long as
-/// [`HOLDS`] says, and where it has plainly not held, as much as it was off.
-fn known(state: &State) -> Vec<(f64, f64)> {
+/// What is known of the sixteen, and of the lag where it is fitted, before a recording, as departures from a state: a calibration holds
+/// for as long as [`HOLDS`] says, and where it has plainly not held, as much as it was off.
+fn known(state: &State, nuisances: usize) -> Vec<(f64, f64)> {
     let of_number = |((_, number), moved): ((Gyro, usize), &f64)| (-moved, HOLDS[number].max(moved.abs()));
     let sixteen = sixteen().into_iter().zip(&state.sixteen).map(of_number);
-    sixteen.chain(std::iter::once((-state.shifts.lag_s, LAG_S.max(state.shifts.lag_s.abs())))).collect()
+    let lag = (-state.shifts.lag_s, LAG_S.max(state.shifts.lag_s.abs()));
+    sixteen.chain(std::iter::once(lag)).take(nuisances).collect()
 }

@@ -126,6 +126,19 @@ impl<'a> Case<'a> {
         Case { measured, believed, nuisances }
     }
 
+    /// This configuration beside a recording of the same motion, with the calibration alone to be fitted.
+    pub fn of_calibration<'b>(&self, measured: &'b Measured) -> Case<'b>
+    where
+        'a: 'b,
+    {
+        let mut nuisances = match std::ptr::eq(measured, self.measured) {
+            true => self.nuisances.clone(),
+            false => Case::new(measured, self.believed).nuisances,
+        };
+        nuisances.truncate(sixteen().len());
+        Case { measured, believed: self.believed, nuisances }
+    }
+
     /// The state before anything is known.
     pub fn start(&self, noise: [Noise; CHANNELS]) -> State {
         let count = self.nuisances.len() - 1;

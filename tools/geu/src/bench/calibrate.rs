@@ -8,14 +8,14 @@ use geu_calibration::checkout::{By, Precautions, believed_before, fly, sequence}
 use geu_calibration::filter::{Day, Noise, checkout_calibration, reconstruct};
 use geu_model::Configuration;
 
+use super::rounds::{Contender, Rounds, Spread};
 use crate::failure::{Failure, say};
 
 /// Arguments of `geu bench calibrate`.
 #[derive(Args)]
 pub struct Arguments {
-    /// Runs of each measurement; the fastest counts
-    #[arg(long, value_name = "N", default_value_t = 3)]
-    runs: u32,
+    #[command(flatten)]
+    rounds: Rounds,
 }
 
 /// Half seconds of a day.
@@ -29,28 +29,31 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let configuration = Configuration::reference();
     let unit = sequence(&configuration, Precautions::ALL);
     let (flight, believed) = (fly(&unit), believed_before(&unit));
-    say!("one core, fastest of {} runs", arguments.runs.max(1))?;
-    for (by, name) in [(By::Reference, "reference"), (By::Sensors, "star and sun sensor")] {
-        let took_s = fastest(arguments.runs, || flight.calibrate(&believed, by).map_err(Failure::failed))?;
-        let name = format!("a checkout of {} half seconds, by {name}", flight.counts.len());
-        say!("{name:<58} {:>7.1} ms   target 50 ms", took_s * 1e3)?;
-    }
     let day = Day::simulate(&configuration, DAY);
     let (calibrations, noise) = (checkout_calibration(&configuration), Noise::of(&configuration, InUse::WithZa));
-    let took_s = fastest(arguments.runs, || {
-        reconstruct(&day.counts, &calibrations, InUse::WithZa, &noise, &day.fixes).map_err(Failure::failed)
-    })?;
-    let name = format!("filter and smoother, {DAY} half seconds, {} fixes", day.fixes.len());
-    say!("{name:<58} {:>7.1} ms   target 1000 ms", took_s * 1e3)
+    let half_seconds = flight.counts.len();
+    let by = |by: By, name: &str| {
+        let (flight, believed) = (&flight, &believed);
+        Contender::ours(format!("a checkout of {half_seconds} half seconds, by {name}"), move || {
+            timed(|| flight.calibrate(believed, by))
+        })
+    };
+    let filter = format!("filter and smoother, {DAY} half seconds, {} fixes", day.fixes.len());
+    let filter = Contender::ours(filter, || {
+        timed(|| reconstruct(&day.counts, &calibrations, InUse::WithZa, &noise, &day.fixes))
+    });
+    let contenders = vec![by(By::Reference, "reference"), by(By::Sensors, "star and sun sensor"), filter];
+    say!("one core; ms; {}", arguments.rounds)?;
+    for (result, target_ms) in arguments.rounds.measure(contenders)?.iter().zip([50, 50, 1000]) {
+        let took_ms = Spread::of(result.runs.iter().flatten().copied());
+        say!("{:<58} {took_ms:>26.1}   target {target_ms}", result.name)?;
+    }
+    Ok(())
 }
 
-/// Time of the fastest run.
-fn fastest<T>(runs: u32, mut work: impl FnMut() -> Result<T, Failure>) -> Result<f64, Failure> {
-    let mut best_s = f64::INFINITY;
-    for _ in 0..runs.max(1) {
-        let start = Instant::now();
-        std::hint::black_box(work()?);
-        best_s = best_s.min(start.elapsed().as_secs_f64());
-    }
-    Ok(best_s)
+/// How long this takes, ms.
+fn timed<T, E: std::fmt::Display>(work: impl FnOnce() -> Result<T, E>) -> Result<f64, String> {
+    let start = Instant::now();
+    std::hint::black_box(work().map_err(|error| error.to_string())?);
+    Ok(start.elapsed().as_secs_f64() * 1e3)
 }

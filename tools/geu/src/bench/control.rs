@@ -1,6 +1,6 @@
 //! `geu bench control`: what watching and asking cost the cadence.
 //!
-//! Two emulators run side by side, one with its control interface open and one without; first alone, then while a page,
+//! Two emulators run side by side, one with its control interface open and one without; in turn alone, and while a page,
 //! eight event clients and a client that asks a thousand times a second are at the open one. Both meet the same machine and
 //! the same load, so that what the interface itself costs is seen apart from what the clients take of the processor.
 
@@ -17,6 +17,7 @@ use nix::unistd::Pid;
 use serde_json::Value;
 use ureq::http::Method;
 
+use super::rounds::{Rounds, Spread};
 use crate::control::Emulator as Client;
 use crate::failure::{Failure, say};
 
@@ -28,9 +29,11 @@ const REQUESTS_PER_S: u64 = 1000;
 /// Arguments of `geu bench control`.
 #[derive(Args)]
 pub struct Arguments {
-    /// Length of each of the two parts
-    #[arg(long, default_value_t = 120)]
+    /// Length of each run, alone or with clients
+    #[arg(long, default_value_t = 40)]
     seconds: u64,
+    #[command(flatten)]
+    rounds: Rounds,
     /// Browser that opens the page without a window; without one, a ninth event client stands for it
     #[arg(long, value_name = "PROGRAM")]
     browser: Option<String>,
@@ -42,28 +45,37 @@ pub struct Arguments {
 /// An emulator that does not start, a browser that is not there.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let part = Duration::from_secs(arguments.seconds.max(2));
-    let mut medians = Vec::new();
-    for is_loaded in [false, true] {
-        let (mut open, mut closed) = (Emulator::start(true)?, Emulator::start(false)?);
-        let load = if is_loaded { Some(Load::start(&open.address, arguments.browser.as_deref())?) } else { None };
-        let start = Instant::now();
-        let mut last = Value::Null;
-        while start.elapsed() < part {
-            thread::sleep(part.saturating_sub(start.elapsed()).min(Duration::from_secs(1)));
-            last = open.client().ask(Method::GET, "/api/status", None)?["lateness"].clone();
-        }
-        say!("{}", if is_loaded { "with clients" } else { "without clients" })?;
-        if let Some(load) = load {
-            let (asked, told) = load.end();
-            let per_s = asked as f64 / part.as_secs_f64();
-            say!("  {asked} requests ({per_s:.0}/s), {told} events to {EVENT_CLIENTS} clients and a page")?;
-        }
-        medians.push(last["p50_us"].as_f64().unwrap_or_default());
-        for (name, emulator) in [("control interface open", &mut open), ("--control off", &mut closed)] {
-            say!("  {name:<24} {}", emulator.end())?;
-        }
+    say!("alone and with clients, {} s in turn; {}", part.as_secs(), arguments.rounds)?;
+    let mut later_us = Vec::new();
+    for round in 1..=arguments.rounds.count() {
+        say!("round {round}")?;
+        let alone_us = run_once(part, None)?;
+        let loaded_us = run_once(part, Some(arguments.browser.as_deref()))?;
+        later_us.push(loaded_us - alone_us);
     }
-    say!("median with clients against without: {:+.1} µs", medians[1] - medians[0])
+    say!("median lateness with clients less alone, µs: {:+.1}", Spread::of(later_us))
+}
+
+/// Runs both emulators, the open one with clients and perhaps a browser, and tells their lateness; the median of the open one, µs.
+fn run_once(part: Duration, clients: Option<Option<&str>>) -> Result<f64, Failure> {
+    let (mut open, mut closed) = (Emulator::start(true)?, Emulator::start(false)?);
+    let load = clients.map(|browser| Load::start(&open.address, browser)).transpose()?;
+    let start = Instant::now();
+    let mut last = Value::Null;
+    while start.elapsed() < part {
+        thread::sleep(part.saturating_sub(start.elapsed()).min(Duration::from_secs(1)));
+        last = open.client().ask(Method::GET, "/api/status", None)?["lateness"].clone();
+    }
+    say!("  {}", if clients.is_some() { "with clients" } else { "alone" })?;
+    if let Some(load) = load {
+        let (asked, told) = load.end();
+        let per_s = asked as f64 / part.as_secs_f64();
+        say!("    {asked} requests ({per_s:.0}/s), {told} events to {EVENT_CLIENTS} clients and a page")?;
+    }
+    for (name, emulator) in [("control interface open", &mut open), ("--control off", &mut closed)] {
+        say!("    {name:<24} {}", emulator.end())?;
+    }
+    Ok(last["p50_us"].as_f64().unwrap_or(f64::NAN))
 }
 
 /// An emulator as a process of its own.

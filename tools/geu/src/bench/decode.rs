@@ -11,6 +11,7 @@ use geu_protocol::serial::data_frame;
 use geu_protocol::{CLOCK_PER_HALF_SECOND, CanPlan, HalfSecond};
 use geu_recording::{Defect, InputReader, Options, Row, Sink, Stop};
 
+use super::rounds::{Contender, Results, Rounds, Spread};
 use crate::failure::{Failure, say};
 use crate::rows::{Flags, Form, write_row};
 
@@ -20,9 +21,8 @@ pub struct Arguments {
     /// Lines of the candump log.
     #[arg(long, value_name = "N", default_value_t = 1_000_000)]
     lines: u64,
-    /// Runs of each of our own measurements; the fastest counts.
-    #[arg(long, value_name = "N", default_value_t = 5)]
-    runs: u32,
+    #[command(flatten)]
+    rounds: Rounds,
     /// CAN database for cantools.
     #[arg(long, value_name = "FILE", default_value = "protocol/geu.dbc")]
     dbc: PathBuf,
@@ -44,38 +44,48 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
         .map_err(|error| Failure::failed(format!("{}: {error}", directory.path().display())))?;
     let bytes = |path: &Path| fs::metadata(path).map_or(0, |metadata| metadata.len()) as f64;
     let lines = arguments.lines as f64;
-    say!(
-        "{} lines of candump log, {:.0} MB; one core, fastest of {} runs",
-        lines,
-        bytes(&log) / MEGABYTE,
-        arguments.runs
-    )?;
-    say!("{:<36} {:>9} {:>16} {:>12}", "", "time_s", "throughput", "target")?;
-
-    let fastest = |path: &Path, write: bool| -> Result<(f64, u64), Failure> {
-        let mut best = (f64::INFINITY, 0);
-        for _ in 0..arguments.runs.max(1) {
-            let (time_s, rows) = decode(path, write)?;
-            best = (best.0.min(time_s), rows);
-        }
-        Ok(best)
-    };
-    let (reading_s, _) = fastest(&log, false)?;
-    report("candump log, no output", reading_s, lines / reading_s / 1e6, "M lines/s", 8.0)?;
-    let (csv_s, rows) = fastest(&log, true)?;
-    report("candump log to CSV", csv_s, rows as f64 / csv_s / 1e6, "M rows/s", 2.0)?;
-    let (serial_s, _) = fastest(&bin, false)?;
-    report("raw serial, no output", serial_s, bytes(&bin) / serial_s / MEGABYTE, "MB/s", 500.0)?;
+    say!("{lines} lines of candump log, {:.0} MB; time in s; {}", bytes(&log) / MEGABYTE, arguments.rounds)?;
+    // Of our own the decoder alone, in this process: what it does in a second, and what is asked of it.
+    let rows = decode(&log, false).map_err(Failure::failed)?.1 as f64;
+    let own = [
+        ("candump log, no output", &log, false, (lines / 1e6, "M lines/s", 8.0)),
+        ("candump log to CSV", &log, true, (rows / 1e6, "M rows/s", 2.0)),
+        ("raw serial, no output", &bin, false, (bytes(&bin) / MEGABYTE, "MB/s", 500.0)),
+    ];
+    let mut contenders: Vec<Contender<f64>> = own
+        .iter()
+        .map(|&(name, path, write, _)| {
+            let run = move || decode(path, write).map(|(time_s, _)| time_s);
+            Contender::ours(name, run)
+        })
+        .collect();
     if !arguments.alone {
-        say!()?;
-        others(&log, &arguments.dbc, lines, reading_s, csv_s)?;
+        contenders.extend(processes(&log, &arguments.dbc)?);
+    }
+    let results = arguments.rounds.measure(contenders)?;
+    for (Results { name, runs }, (.., (work, unit, target))) in results.iter().zip(own) {
+        let throughput = Spread::of(runs.iter().flatten().map(|time_s| work / time_s));
+        let verdict = if throughput.median >= target { "met" } else { "MISSED" };
+        say!("{name:<32} {throughput:>24.1} {unit:<9} target {target}: {verdict}")?;
+    }
+    if results.len() > own.len() {
+        say!("as processes, their own start included")?;
+    }
+    let of =
+        |name: &str| results.iter().find(|result| result.name == name).and_then(|result| result.runs.as_ref().ok());
+    for Results { name, runs } in &results[own.len()..] {
+        // Who only reads is beside our summary, who writes or decodes beside our CSV.
+        let beside = if name == "python-can" { GEU_SUMMARY } else { GEU_CSV };
+        match (runs, of(beside)) {
+            (Ok(runs), Some(ours)) if ![GEU_SUMMARY, GEU_CSV].contains(&name.as_str()) => {
+                let (time_s, ratio) = (Spread::of(runs.iter().copied()), Spread::of_ratios(runs, ours));
+                say!("{name:<32} {time_s:>24.3} s         {beside} is {ratio:.1} times as fast")?;
+            }
+            (Ok(runs), _) => say!("{name:<32} {:>24.3} s", Spread::of(runs.iter().copied()))?,
+            (Err(reason), _) => say!("{name:<32} skipped: {reason}")?,
+        }
     }
     Ok(())
-}
-
-fn report(name: &str, time_s: f64, throughput: f64, unit: &str, target: f64) -> Result<(), Failure> {
-    let verdict = if throughput >= target { "met" } else { "MISSED" };
-    say!("{name:<36} {time_s:>9.4} {throughput:>7.1} {unit:<9} {target:>5} {verdict}")
 }
 
 /// A log of half seconds as the unit sends them, and the same half seconds as serial frames.
@@ -134,8 +144,9 @@ impl Sink for Counter {
     fn defect(&mut self, _defect: &Defect) {}
 }
 
-fn decode(path: &Path, write: bool) -> Result<(f64, u64), Failure> {
-    let failed = |error: io::Error| Failure::failed(format!("/dev/null: {error}"));
+/// How long decoding takes in this process, s, and its rows.
+fn decode(path: &Path, write: bool) -> Result<(f64, u64), String> {
+    let failed = |error: io::Error| format!("/dev/null: {error}");
     let out = write.then(|| File::create("/dev/null")).transpose().map_err(failed)?;
     let mut counter = Counter { rows: 0, out: out.map(|file| (file, Vec::new())) };
     let start = Instant::now();
@@ -143,10 +154,12 @@ fn decode(path: &Path, write: bool) -> Result<(f64, u64), Failure> {
     let result = reader.read(&path.to_string_lossy(), &mut counter);
     let (_summary, ending) = reader.finish(&mut counter);
     let time_s = start.elapsed().as_secs_f64();
-    result.and(ending).map_err(Failure::failed)?;
+    result.and(ending).map_err(|error| error.to_string())?;
     Ok((time_s, counter.rows))
 }
 
+const GEU_SUMMARY: &str = "geu decode --format summary";
+const GEU_CSV: &str = "geu decode --format csv";
 const PYTHON_CAN: &str = "
 import can, sys
 for message in can.CanutilsLogReader(sys.argv[1]):
@@ -159,47 +172,32 @@ for message in can.CanutilsLogReader(sys.argv[1]):
     database.decode_message(message.arbitration_id, message.data)
 ";
 
-fn others(log: &Path, dbc: &Path, lines: f64, reading_s: f64, csv_s: f64) -> Result<(), Failure> {
-    say!("other tools, started once each, their own start included")?;
-    let file = log.as_os_str();
-    if python_has("can") {
-        compare(
-            "python-can",
-            Command::new("python3").arg("-c").arg(PYTHON_CAN).arg(file),
-            lines,
-            reading_s,
-            "reading",
-        )?;
-    } else {
-        say!("{:<36} skipped: python3 with python-can is not installed", "python-can")?;
-    }
-    let name = "python-can + cantools";
-    if !(python_has("can") && python_has("cantools")) {
-        say!("{name:<36} skipped: python3 with python-can and cantools is not installed")?;
-    } else if !dbc.exists() {
-        say!("{name:<36} skipped: {} does not exist here (--dbc names it)", dbc.display())?;
-    } else {
-        compare(name, Command::new("python3").arg("-c").arg(CANTOOLS).arg(file).arg(dbc), lines, csv_s, "to CSV")?;
-    }
-    compare("log2asc", Command::new("log2asc").arg("-I").arg(file).arg("can0"), lines, csv_s, "to CSV")
+/// Ours and other tools, each as a process from its start to its end, its output thrown away.
+fn processes<'a>(log: &'a Path, dbc: &'a Path) -> Result<Vec<Contender<'a, f64>>, Failure> {
+    let geu = std::env::current_exe().map_err(Failure::failed)?;
+    let of_geu = |format: &'static str| {
+        let geu = geu.clone();
+        move || process(Command::new(&geu).args(["decode", "--format", format]).arg(log))
+    };
+    Ok(vec![
+        Contender::ours(GEU_SUMMARY, of_geu("summary")),
+        Contender::ours(GEU_CSV, of_geu("csv")),
+        Contender::other("python-can", move || process(Command::new("python3").args(["-c", PYTHON_CAN]).arg(log))),
+        Contender::other("python-can + cantools", move || {
+            process(Command::new("python3").args(["-c", CANTOOLS]).arg(log).arg(dbc))
+        }),
+        Contender::other("log2asc", move || process(Command::new("log2asc").arg("-I").arg(log).arg("can0"))),
+    ])
 }
 
-fn python_has(module: &str) -> bool {
-    let mut command = Command::new("python3");
-    command.args(["-c", &format!("import {module}")]).stderr(Stdio::null());
-    command.status().is_ok_and(|status| status.success())
-}
-
-/// Runs another tool and says how many times longer it takes than ours.
-fn compare(name: &str, command: &mut Command, lines: f64, our_time_s: f64, what: &str) -> Result<(), Failure> {
+/// How long a command takes, s; or why it does not work here.
+fn process(command: &mut Command) -> Result<f64, String> {
     let start = Instant::now();
-    match command.stdout(Stdio::null()).stderr(Stdio::null()).status() {
-        Ok(status) if status.success() => {
-            let time_s = start.elapsed().as_secs_f64();
-            let (rate, ratio) = (lines / time_s / 1e6, time_s / our_time_s);
-            say!("{name:<36} {time_s:>9.3} {rate:>7.3} M lines/s; geu {what} is {ratio:.0} times as fast")
-        }
-        Ok(status) => say!("{name:<36} skipped: it ended with {status}"),
-        Err(error) => say!("{name:<36} skipped: it cannot be started: {error}"),
+    let output = command.stdin(Stdio::null()).stdout(Stdio::null()).output();
+    let time_s = start.elapsed().as_secs_f64();
+    let output = output.map_err(|error| format!("it cannot be started: {error}"))?;
+    match output.status.success() {
+        true => Ok(time_s),
+        false => Err(String::from_utf8_lossy(&output.stderr).lines().last().unwrap_or("it failed").to_owned()),
     }
 }

@@ -21,6 +21,7 @@ use nix::sys::resource::{Usage, UsageWho, getrusage};
 use nix::sys::time::TimeValLike;
 use serde_json::Value;
 
+use super::rounds::{Contender, Rounds, Spread};
 use crate::diagnose::Recording;
 use crate::failure::{Failure, say};
 use crate::outputs::write;
@@ -36,9 +37,8 @@ const SHOWN: usize = 4;
 /// Arguments of `geu bench diagnose`.
 #[derive(Args)]
 pub struct Arguments {
-    /// Runs of each of our own measurements with thresholds known; the fastest counts
-    #[arg(long, value_name = "N", default_value_t = 3)]
-    runs: u32,
+    #[command(flatten)]
+    rounds: Rounds,
     /// Lengths of the recordings: of the first one with one effect hidden, one with nothing and one with two, of the others one
     /// with one effect
     #[arg(long, value_name = "H,…", value_delimiter = ',', default_value = "3,24", value_parser = hours)]
@@ -91,9 +91,9 @@ struct Took {
 /// A temporary directory that cannot be written, a diagnosis that fails.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    say!("{cores} cores; cold: thresholds set anew, warm: known, fastest of {} runs", arguments.runs.max(1))?;
+    say!("{cores} cores; cold: thresholds set anew, warm: known; {}", arguments.rounds)?;
     say!("targets, warm: 3 h under 5 s, 24 h under 40 s; under 500 MB")?;
-    say!("{:<24} {:>9} {:>9} {:>9}   found", "", "time_s", "CPU_s", "peak_MB")?;
+    say!("{:<14} {:>22} {:>22} {:>9}   found", "", "time_s", "CPU_s", "peak_MB")?;
     for (index, &hours) in arguments.hours.iter().enumerate() {
         for (name, hidden) in &CASES[..if index == 0 { CASES.len() } else { 1 }] {
             let assignments: Vec<&str> = hidden.iter().map(|hidden| hidden.assignment).collect();
@@ -108,34 +108,46 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 /// Makes a recording, and measures everyone on it.
 fn case(arguments: &Arguments, directory: &Path, hours: f64, hidden: &[Hidden]) -> Result<(), Failure> {
     record(directory, hours, hidden)?;
-    let cold = diagnose(directory)?;
-    show("geu, cold", &cold, &found(directory, hidden)?)?;
-    let mut warm = diagnose(directory)?;
-    for _ in 1..arguments.runs {
-        let again = diagnose(directory)?;
-        if again.time_s < warm.time_s {
-            warm = again;
+    // Thresholds for those that know them.
+    let warm = directory.join("cache");
+    diagnose(directory, &warm, hidden).map_err(Failure::failed)?;
+    let mut contenders = vec![
+        Contender::ours("geu, cold", || {
+            let cold = tempfile::tempdir().map_err(|error| error.to_string())?;
+            diagnose(directory, cold.path(), hidden)
+        }),
+        Contender::ours("geu, warm", || diagnose(directory, &warm, hidden)),
+    ];
+    if !arguments.alone {
+        let (script, residual) = (directory.join("bench.py"), directory.join("residual.csv"));
+        write(&script, PYTHON)?;
+        write(&residual, residual_csv(directory)?)?;
+        for tool in ["statsmodels", "pysindy"] {
+            let mut command = Command::new("python3");
+            command.arg(&script).arg(tool).arg(&residual);
+            contenders.push(Contender::other(tool, move || {
+                let took = measure(&mut command).map_err(|error| format!("python3: {error}"))?;
+                let terms = terms(&took)?;
+                Ok((took, judged(&terms, hidden)))
+            }));
         }
     }
-    show("geu, warm", &warm, &found(directory, hidden)?)?;
-    if arguments.alone {
-        return Ok(());
-    }
-    let (script, residual) = (directory.join("bench.py"), directory.join("residual.csv"));
-    write(&script, PYTHON)?;
-    write(&residual, residual_csv(directory)?)?;
-    for tool in ["statsmodels", "pysindy"] {
-        let took = measure(Command::new("python3").arg(&script).arg(tool).arg(&residual));
-        match took.map_err(|error| format!("python3: {error}")).and_then(terms) {
-            Ok((took, terms)) => show(tool, &took, &judged(&terms, hidden))?,
-            Err(reason) => say!("  {tool:<22} skipped: {reason}")?,
+    for result in arguments.rounds.measure(contenders)? {
+        match &result.runs {
+            Ok(runs) => show(&result.name, runs)?,
+            Err(reason) => say!("  {:<12} skipped: {reason}", result.name)?,
         }
     }
     Ok(())
 }
 
-fn show(name: &str, took: &Took, found: &str) -> Result<(), Failure> {
-    say!("  {name:<22} {:>9.2} {:>9.2} {:>9.0}   {found}", took.time_s, took.cpu_s, took.peak_mb)
+/// A contender's runs: times, the most memory of any, and what it found; every run finds the same.
+fn show(name: &str, runs: &[(Took, String)]) -> Result<(), Failure> {
+    let of = |value: fn(&Took) -> f64| Spread::of(runs.iter().map(|(took, _)| value(took)));
+    let (time_s, cpu_s, peak_mb) = (of(|took| took.time_s), of(|took| took.cpu_s), of(|took| took.peak_mb));
+    let mut found: Vec<&str> = runs.iter().map(|(_, found)| found.as_str()).collect();
+    found.dedup();
+    say!("  {name:<12} {time_s:>22.2} {cpu_s:>22.2} {:>9.0}   {}", peak_mb.largest, found.join("; in another run: "))
 }
 
 /// Flies the reference unit with that hidden, and writes what it is believed to be.
@@ -151,10 +163,10 @@ fn record(directory: &Path, hours: f64, hidden: &[Hidden]) -> Result<(), Failure
     write(&directory.join("believed.toml"), Configuration::reference().to_toml(false))
 }
 
-/// A diagnosis as a process of its own.
-fn diagnose(directory: &Path) -> Result<Took, Failure> {
-    let mut command = Command::new(std::env::current_exe().map_err(Failure::failed)?);
-    command.arg("diagnose").env("XDG_CACHE_HOME", directory.join("cache"));
+/// A diagnosis as a process of its own, with its thresholds in this cache; and whether it names what is hidden.
+fn diagnose(directory: &Path, cache: &Path, hidden: &[Hidden]) -> Result<(Took, String), String> {
+    let mut command = Command::new(std::env::current_exe().map_err(|error| error.to_string())?);
+    command.arg("diagnose").env("XDG_CACHE_HOME", cache);
     for (option, file) in [
         ("--config", "believed.toml"),
         ("--link", "link.log"),
@@ -163,11 +175,14 @@ fn diagnose(directory: &Path) -> Result<Took, Failure> {
     ] {
         command.arg(option).arg(directory.join(file));
     }
-    let took = measure(&mut command).map_err(Failure::failed)?;
+    let took = measure(&mut command).map_err(|error| error.to_string())?;
     match took.output.status.code() {
         // 3: something is left unexplained, which the result tells.
-        Some(0 | 3) => Ok(took),
-        _ => Err(Failure::failed(String::from_utf8_lossy(&took.output.stderr))),
+        Some(0 | 3) => {
+            let found = found(directory, hidden)?;
+            Ok((took, found))
+        }
+        _ => Err(String::from_utf8_lossy(&took.output.stderr).into_owned()),
     }
 }
 
@@ -196,9 +211,9 @@ fn children_cpu_s() -> std::io::Result<f64> {
 }
 
 /// What a diagnosis wrote, and whether it is what was hidden.
-fn found(directory: &Path, hidden: &[Hidden]) -> Result<String, Failure> {
-    let text = std::fs::read_to_string(directory.join("found.json")).map_err(Failure::failed)?;
-    let result: Value = serde_json::from_str(&text).map_err(Failure::failed)?;
+fn found(directory: &Path, hidden: &[Hidden]) -> Result<String, String> {
+    let text = std::fs::read_to_string(directory.join("found.json")).map_err(|error| error.to_string())?;
+    let result: Value = serde_json::from_str(&text).map_err(|error| error.to_string())?;
     let effects = result["effects"].as_array().into_iter().flatten();
     let (mut names, mut told) = (Vec::new(), vec![result["verdict"].as_str().unwrap_or_default().to_owned()]);
     for effect in effects.filter(|effect| effect["class"] == "missing-effect") {
@@ -222,11 +237,11 @@ fn told_size(name: &str, value: f64, sigma: f64) -> String {
 }
 
 /// The terms that a script printed, one a line: gyro, term, coefficient.
-fn terms(took: Took) -> Result<(Took, Vec<String>), String> {
+fn terms(took: &Took) -> Result<Vec<String>, String> {
     let [said, wrong] =
         [&took.output.stdout, &took.output.stderr].map(|bytes| String::from_utf8_lossy(bytes).into_owned());
     match took.output.status.success() {
-        true => Ok((took, said.lines().map(str::to_owned).collect())),
+        true => Ok(said.lines().map(str::to_owned).collect()),
         false => Err(wrong.lines().last().unwrap_or("no output").to_owned()),
     }
 }

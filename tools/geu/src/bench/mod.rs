@@ -6,6 +6,7 @@ mod control;
 mod decode;
 mod diagnose;
 mod model;
+mod rounds;
 
 use clap::{Args, Subcommand};
 

@@ -13,6 +13,7 @@ use geu_model::effect::{Effects, HeadEffects, UnitEffects};
 use geu_model::{Configuration, Truth, Unit};
 use geu_protocol::Gyro;
 
+use super::rounds::{Contender, Results, Rounds, Spread};
 use crate::failure::{Failure, say};
 
 /// The same gyros, vectorised over time: what a Python user would write.
@@ -22,15 +23,17 @@ const GNSS_INS_SIM: &str = include_str!("model_gnss.py");
 /// It keeps all samples and would take minutes for a million half seconds; its speed does not depend on their number.
 const GNSS_INS_SIM_HALF_SECONDS: u64 = 20_000;
 
+/// What others are compared with.
+const EVERY: &str = "every effect, no output, one thread";
+
 /// Arguments of `geu bench model`.
 #[derive(Args)]
 pub struct Arguments {
     /// Half seconds of each measurement
     #[arg(long, value_name = "N", default_value_t = 1_000_000)]
     half_seconds: u64,
-    /// Runs of each of our own measurements; the fastest counts
-    #[arg(long, value_name = "N", default_value_t = 3)]
-    runs: u32,
+    #[command(flatten)]
+    rounds: Rounds,
     /// Leave out numpy and gnss-ins-sim
     #[arg(long)]
     alone: bool,
@@ -44,19 +47,15 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let half_seconds = arguments.half_seconds.max(1);
     let reference = Configuration::reference();
     let all = every_effect()?;
-    say!("{half_seconds} half seconds at the 0.1 s step, four gyros; fastest of {} runs", arguments.runs)?;
-    let fastest = |measure: &mut dyn FnMut() -> Result<(), Failure>| -> Result<f64, Failure> {
-        let mut best_s = f64::INFINITY;
-        for _ in 0..arguments.runs.max(1) {
-            let start = Instant::now();
-            measure()?;
-            best_s = best_s.min(start.elapsed().as_secs_f64());
-        }
-        Ok(half_seconds as f64 / best_s)
+    let directory = tempfile::tempdir().map_err(Failure::failed)?;
+    // Each run gives a speed, half seconds/s, for each of its rows.
+    let timed = |work: &dyn Fn() -> Result<(), String>| -> Result<Vec<f64>, String> {
+        let start = Instant::now();
+        work()?;
+        Ok(vec![half_seconds as f64 / start.elapsed().as_secs_f64()])
     };
-    let show = |name: &str, per_s: f64, target: &str| say!("{name:<44} {per_s:>12.0} half seconds/s   {target}");
     let model = |configuration: &Configuration| {
-        fastest(&mut || {
+        timed(&|| {
             let mut unit = Unit::new(configuration);
             let counted: i64 =
                 (0..half_seconds).map(|_| i64::from(unit.end_half_second().half_second.increments[0])).sum();
@@ -64,37 +63,54 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             Ok(())
         })
     };
-    let plain = model(&reference)?;
-    let every = model(&all)?;
-    show("reference unit, no output, one thread", plain, "")?;
-    show("every effect, no output, one thread", every, "target 500 000, goal 1 000 000")?;
-    let directory = tempfile::tempdir().map_err(Failure::failed)?;
-    let written = fastest(&mut || {
-        let mut recorder =
-            Recorder::create(&Destination::new(directory.path(), true), &all, &Truth::Scenario, WireForm::Can, &[])
-                .map_err(Failure::failed)?;
-        simulate(&all, &Truth::Scenario, half_seconds, &mut recorder, |_| true).map_err(Failure::failed)?;
-        recorder.finish().map_err(Failure::failed)
-    })?;
-    show("every effect, all files, two threads", written, "target 150 000")?;
-    say!("memory at the end: {:.1} MB", memory_mb())?;
+    let written = || {
+        timed(&|| {
+            let place = Destination::new(directory.path(), true);
+            let mut recorder = Recorder::create(&place, &all, &Truth::Scenario, WireForm::Can, &[])
+                .map_err(|error| error.to_string())?;
+            simulate(&all, &Truth::Scenario, half_seconds, &mut recorder, |_| true)
+                .map_err(|error| error.to_string())?;
+            recorder.finish().map_err(|error| error.to_string())
+        })
+    };
+    let mut contenders = vec![
+        Contender::ours("reference unit, no output, one thread", || model(&reference)),
+        Contender::ours(EVERY, || model(&all)),
+        Contender::ours("every effect, all files, two threads", written),
+    ];
+    let scripts = directory.path();
     if !arguments.alone {
         let counted = half_seconds.min(GNSS_INS_SIM_HALF_SECONDS);
-        for (name, script, half_seconds, rows) in [
-            ("numpy", NUMPY, half_seconds, &["every effect, no output"][..]),
-            ("gnss-ins-sim", GNSS_INS_SIM, counted, &["trajectory and sensors", "three gyros alone"]),
-        ] {
-            match python(script, half_seconds, directory.path()) {
-                Ok(speeds) => {
-                    for (row, per_s) in rows.iter().zip(speeds) {
-                        show(&format!("{name}, {row}"), per_s, &format!("ours {:.1} times", every / per_s))?;
-                    }
+        contenders.push(Contender::other("numpy", move || python(NUMPY, 1, half_seconds, scripts)));
+        contenders.push(Contender::other("gnss-ins-sim", move || python(GNSS_INS_SIM, 2, counted, scripts)));
+    }
+    say!("half seconds/s at the 0.1 s step, four gyros, {half_seconds} half seconds; {}", arguments.rounds)?;
+    say!("targets: every effect 500 000 without output, goal 1 000 000; 150 000 with all files")?;
+    let results = arguments.rounds.measure(contenders)?;
+    let speeds = |runs: &[Vec<f64>], row: usize| -> Vec<f64> { runs.iter().map(|speeds| speeds[row]).collect() };
+    let every = results.iter().find(|result| result.name == EVERY).and_then(|result| result.runs.as_ref().ok());
+    let every = every.map(|runs| speeds(runs, 0)).unwrap_or_default();
+    for Results { name, runs } in &results {
+        let rows: &[&str] = match name.as_str() {
+            "numpy" => &[", every effect, no output"],
+            "gnss-ins-sim" => &[", trajectory and sensors", ", three gyros alone"],
+            _ => &[""],
+        };
+        match runs {
+            Ok(runs) => {
+                for (row, told) in rows.iter().enumerate() {
+                    let per_s = speeds(runs, row);
+                    let ratio = match told.is_empty() {
+                        true => String::new(),
+                        false => format!("ours is {:.1} times as fast", Spread::of_ratios(&every, &per_s)),
+                    };
+                    say!("{:<40} {:>30.0}   {ratio}", format!("{name}{told}"), Spread::of(per_s))?;
                 }
-                Err(reason) => say!("{name} skipped: {reason}")?,
             }
+            Err(reason) => say!("{name} skipped: {reason}")?,
         }
     }
-    Ok(())
+    say!("memory at the end: {:.1} MB", memory_mb())
 }
 
 /// The reference unit with every amplitude of every effect that moves counts at a tenth of its largest value at most.
@@ -130,8 +146,8 @@ fn memory_mb() -> f64 {
     peak.and_then(|line| line.trim().trim_end_matches(" kB").parse::<f64>().ok()).unwrap_or(f64::NAN) / 1024.0
 }
 
-/// The numbers that a script prints.
-fn python(script: &str, half_seconds: u64, directory: &Path) -> Result<Vec<f64>, String> {
+/// The numbers that a script prints, one for each row.
+fn python(script: &str, rows: usize, half_seconds: u64, directory: &Path) -> Result<Vec<f64>, String> {
     let file = directory.join("bench.py");
     std::fs::write(&file, script).map_err(|error| error.to_string())?;
     let output = Command::new("python3").arg(&file).arg(half_seconds.to_string()).output();
@@ -139,6 +155,6 @@ fn python(script: &str, half_seconds: u64, directory: &Path) -> Result<Vec<f64>,
     let speeds: Option<Vec<f64>> =
         String::from_utf8_lossy(&output.stdout).split_whitespace().map(|speed| speed.parse().ok()).collect();
     speeds
-        .filter(|speeds| output.status.success() && !speeds.is_empty())
+        .filter(|speeds| output.status.success() && speeds.len() == rows)
         .ok_or_else(|| String::from_utf8_lossy(&output.stderr).lines().last().unwrap_or("no output").to_owned())
 }

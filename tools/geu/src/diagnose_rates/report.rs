@@ -45,6 +45,7 @@ pub fn json(diagnosis: &Diagnosis, findings: &[Finding]) -> Value {
         "verdict": diagnosis.verdict.name(),
         "effects": effects.collect::<Vec<_>>(),
         "findings": findings.collect::<Vec<_>>(),
+        // As measured nothing is fitted, so that no window is foretold from others.
         "gap": { "before": { "fitted": before, "held_out": before },
                  "after": { "fitted": after, "held_out": gap(diagnosis.held_out.as_ref()) } },
         "unexplained": unexplained,

@@ -1,0 +1,103 @@
+//! The gap before a diagnosis is that of the configuration as given: nothing that was found afterwards lowers it.
+
+use std::fs;
+use std::sync::Mutex;
+
+use geu_diagnosis::{Diagnosis, Settings, Thresholds, diagnose_rows};
+use geu_model::Configuration;
+use geu_plant::{Gyro, Hidden, Plant};
+use geu_tests::comparison::Recording;
+
+/// Half seconds of a window of the gap (cli.md).
+const WINDOW: usize = 3600;
+/// Three thirds of half an hour.
+const DURATION_S: f64 = 5400.0;
+
+/// A recording of the plant, its reference told so much later than it was.
+fn recorded(hidden: Vec<Hidden>, reference_late_s: f64) -> Recording {
+    let room = tempfile::tempdir().expect("a directory");
+    let recording = Plant { duration_s: DURATION_S, ..Plant::new(5, hidden) }.record();
+    let told = recording.reference.lines().enumerate().map(|(line, text)| match text.split_once(',') {
+        Some((t_s, rest)) if line > 0 => {
+            format!("{:.6},{rest}", t_s.parse::<f64>().expect("a time") + reference_late_s)
+        }
+        _ => text.to_owned(),
+    });
+    let told = told.collect::<Vec<_>>().join("\n");
+    let [link, reference] = ["link.log", "reference.csv"].map(|name| room.path().join(name));
+    fs::write(&link, recording.link).expect("written");
+    fs::write(&reference, told).expect("written");
+    Recording::read(&link, &reference)
+}
+
+/// Diagnoses one recording after another, with the thresholds of the first: it is one flight, and the gap before does not depend on
+/// them.
+fn diagnosed(recording: &Recording, given: &Configuration) -> Diagnosis {
+    static THRESHOLDS: Mutex<Option<Thresholds>> = Mutex::new(None);
+    let mut thresholds = THRESHOLDS.lock().expect("no panic");
+    let settings = Settings {
+        seed: 1,
+        clock_start_ns: recording.reference.start_ns,
+        manoeuvres: None,
+        known: &|_| thresholds.clone(),
+        keep: &|_, _| (),
+        progress: &|_| (),
+    };
+    let diagnosis = diagnose_rows(&recording.rows, &[], given, &recording.reference, &settings).expect("a recording");
+    *thresholds = Some(diagnosis.thresholds.clone());
+    diagnosis
+}
+
+/// The rms gap of a residual that another program computed, windowed as cli.md says.
+fn rms_arcsec(residuals: &[Vec<f64>; 4]) -> f64 {
+    let values = residuals.iter().flat_map(|gyro| gyro.chunks(WINDOW));
+    let values: Vec<f64> = values.flat_map(|window| window.iter().map(|value| value - window[0])).collect();
+    (values.iter().map(|value| value * value).sum::<f64>() / values.len() as f64).sqrt()
+}
+
+#[test]
+fn a_calibration_that_is_off_is_foretold_from_two_thirds_and_not_copied() {
+    let recording = recorded(vec![], 0.0);
+    // By 36 arcsec/h: 18 arcsec at the end of a window.
+    let off = ["gyro.GYRX.calibration.drift_arcsec_per_half_s=0.215".to_owned()];
+    let before = diagnosed(&recording, &Configuration::reference_with(&off).expect("valid")).before;
+    // The other program goes by the number of a half second, this one by the time of receipt, 0.9 ms late: 0.1 % here.
+    let expected = rms_arcsec(&recording.against(&off).residuals);
+    let [fitted, held_out] = [before.fitted.rms_arcsec, before.held_out.rms_arcsec];
+    assert!((fitted / expected - 1.0).abs() < 0.01, "{fitted}, computed otherwise {expected}");
+    // Two thirds tell the drift to an arcsecond in half an hour.
+    assert!(held_out < 0.5 * fitted, "{before:?}");
+    assert!(before.held_out.reduced_chi2 < before.fitted.reduced_chi2, "{before:?}");
+}
+
+#[test]
+fn a_lag_found_afterwards_is_no_part_of_the_gap_before() {
+    // Less than is told as a time offset: the diagnosis takes it off without a word.
+    let [on_time, late] = [0.0, 0.008].map(|late_s| diagnosed(&recorded(vec![], late_s), &Configuration::reference()));
+    assert!((on_time.lag_s.0 - late.lag_s.0 - 0.008).abs() < 1e-3, "{:?} {:?}", on_time.lag_s, late.lag_s);
+    let [on_time, late] = [on_time, late].map(|diagnosis| diagnosis.before.fitted.reduced_chi2);
+    // 5.8 arcsec in each turn at 720 arcsec/s makes seven times; with the lag taken off the two would be equal.
+    assert!(late > 3.0 * on_time, "{late}, on time {on_time}");
+}
+
+#[test]
+fn noise_found_afterwards_is_no_part_of_the_gap_before() {
+    // Twenty times the configured walk: the noise found gives a chi2 of 1, that of the configuration one of 20.
+    let walk = Hidden::new("angle-random-walk", &geu_plant::GYROS, &[("arcsec_per_sqrt_s", 0.2)]);
+    let diagnosis = diagnosed(&recorded(vec![walk], 0.0), &Configuration::reference());
+    let [before, after] = [diagnosis.before, diagnosis.after].map(|gaps| gaps.fitted.reduced_chi2);
+    assert!(before > 5.0 && after < 1.2, "{before}, after {after}");
+}
+
+#[test]
+fn what_exact_checks_mended_is_part_of_the_gap_before_held_out_too() {
+    let inverted = Hidden::new("sign-inversion-step", &[Gyro::Y], &[("on", 1.0), ("time_s", 3000.0)]);
+    let diagnosis = diagnosed(&recorded(vec![inverted], 0.0), &Configuration::reference());
+    // GYRY turns by degrees in each window.
+    let before = diagnosis.before;
+    assert!(before.fitted.rms_arcsec > 3600.0 && before.held_out.rms_arcsec > 3600.0, "{before:?}");
+    let [first, rest @ ..] = &diagnosis.entries[..] else { panic!("nothing is told") };
+    assert_eq!(first.code, "sign-inversion-step");
+    let shares: f64 = rest.iter().map(|entry| entry.gap_share).sum();
+    assert!(first.gap_share > 0.999 && first.gap_share + shares <= 1.0, "{} {shares}", first.gap_share);
+}
