@@ -72,8 +72,17 @@ impl OutputDirectory {
     /// One that holds anything, unless it was forced; a file that is an input.
     pub fn prepare<F: AsRef<Path>>(&self, force: Force, files: impl IntoIterator<Item = F>) -> Result<&Path, Failure> {
         force.refuse_filled(&self.0)?;
+        self.claim(files)
+    }
+
+    /// Its path, where none of these files in it is an input. Whoever writes them looks what else it holds.
+    ///
+    /// # Errors
+    /// A file that is an input, or another output.
+    pub fn claim<F: AsRef<Path>>(&self, files: impl IntoIterator<Item = F>) -> Result<&Path, Failure> {
         // In a directory that is not there nothing else is.
-        for path in files.into_iter().map(|file| self.0.join(file)).filter(|_| self.0.is_dir()) {
+        let is_there = |path: &PathBuf| path.parent().is_some_and(Path::is_dir);
+        for path in files.into_iter().map(|file| self.0.join(file)).filter(is_there) {
             claim_output("output", &path).map_err(Failure::input)?;
         }
         Ok(&self.0)

@@ -48,7 +48,7 @@ pub struct Arguments {
     wait: bool,
     /// How long a simulator of --truth is waited for, wall clock: for its first sample, and with --speed max for each
     /// half second. Then the run ends with exit code 1 [default: forever]
-    #[arg(long, value_name = "SECONDS|forever", allow_negative_numbers = true, value_parser = truth_wait)]
+    #[arg(long, value_name = "DURATION|forever", allow_negative_numbers = true, value_parser = truth_wait)]
     truth_wait: Option<TruthWait>,
     /// Spins before each deadline instead of sleeping: less late, for CPU time
     #[arg(long, value_name = "MICROSECONDS", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=10_000))]
@@ -72,7 +72,7 @@ pub struct Arguments {
 /// A configuration that cannot be run, a link that cannot be opened, a recording that cannot begin or is not complete.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let mut ready = arguments.run.read()?;
-    let record = arguments.record.as_ref().map(|directory| directory.prepare(arguments.force, FILES)).transpose()?;
+    let record = arguments.record.as_ref().map(|directory| directory.claim(FILES)).transpose()?;
     if arguments.run.start.is_none() && ready.configuration.start_unix_ns == 0 {
         let now = SystemTime::now().duration_since(UNIX_EPOCH).map_err(Failure::failed)?;
         ready.configuration.start_unix_ns = unix_ns(now.as_secs_f64());
@@ -137,6 +137,7 @@ fn truth_wait(text: &str) -> Result<TruthWait, String> {
     if text == "forever" {
         return Ok(TruthWait(None));
     }
-    let seconds = duration_s(text, 0.001, 1e6).map_err(|error| format!("{error}, or forever"))?;
+    let seconds =
+        duration_s(text, 0.001, 1e6).map_err(|error| error.replacen("expected ", "expected forever, or ", 1))?;
     Ok(TruthWait(Some(Duration::from_secs_f64(seconds))))
 }

@@ -55,10 +55,19 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         )));
     }
     let configuration = &ready.configuration;
+    let out = match &arguments.out {
+        Some(out) => {
+            let out = out.claim(FILES)?;
+            let destination = Destination::new(out, arguments.force.force);
+            destination.check().map_err(Failure::input)?;
+            Some((out, destination))
+        }
+        None => None,
+    };
     if let Some(directory) = svg {
         draw::draw(directory, configuration)?;
     }
-    let Some(out) = &arguments.out else { return Ok(()) };
+    let Some((out, destination)) = out else { return Ok(()) };
     let recorded_s = Some(configuration.run.duration_s).filter(|&duration_s| duration_s > 0.0);
     let scenario_s = || match ready.truth {
         Truth::Scenario => Plan::length_s(&configuration.scenario),
@@ -72,8 +81,6 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(reason) = record::misses(configuration, wire) {
         return Err(Failure::input(format!("{reason}; name its `link`, or record another --wire")));
     }
-    let out = out.prepare(arguments.force, FILES)?;
-    let destination = Destination::new(out, arguments.force.force);
     let mut recorder =
         Recorder::create(&destination, configuration, &ready.truth, wire, &[]).map_err(Failure::input)?;
     let stop = stop_flag().map_err(|error| Failure::failed(format!("signals cannot be watched: {error}")))?;
