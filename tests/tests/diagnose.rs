@@ -103,7 +103,8 @@ fn diagnosis_of(seed: u64, hidden: &[Hidden], bench: Option<&Bench>) -> Diagnosi
     let diagnosis = diagnosed(&recording, &recording.reference, &Configuration::reference());
     let names: Vec<String> = hidden.iter().map(|hidden| format!("{} {:?}", hidden.code, hidden.gyros)).collect();
     println!("== seed {seed}: {}: {}", names.join(" + "), diagnosis.verdict.name());
-    missing(&diagnosis).for_each(|entry| println!("   {}", report::sentence(entry)));
+    missing(&diagnosis)
+        .for_each(|entry| println!("   {}\n{}", report::heading(entry), report::labelled(6, &report::facts(entry))));
     if let Some(left) = &diagnosis.unexplained {
         println!("   left: {:?} {:?} {} {:?}", left.gyros, left.interval_s, left.shape, left.follows);
     }
@@ -457,7 +458,9 @@ fn the_shared_recordings_are_named_with_their_sizes_and_foretold() {
         let recording = Recording::read(&link, &reference);
         let diagnosis = diagnosed(&recording, &recording.reference, &Configuration::reference());
         println!("== {name}: {}", diagnosis.verdict.name());
-        missing(&diagnosis).for_each(|entry| println!("   {}", report::sentence(entry)));
+        missing(&diagnosis).for_each(|entry| {
+            println!("   {}\n{}", report::heading(entry), report::labelled(6, &report::facts(entry)))
+        });
         let hidden = answers(&text, &name);
         assert_eq!(missing(&diagnosis).count(), hidden.len(), "{name}");
         assert_eq!(diagnosis.verdict == Verdict::Consistent, hidden.is_empty(), "{name}");
