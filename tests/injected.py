@@ -192,11 +192,7 @@ class Running:
         ready = self.process.wait_for("ready tcp") if "tcp" in links else ""
         if "pty" in links:
             self.process.wait_for("ready pty")
-        end = time.monotonic() + 5
-        while not self.port and time.monotonic() < end:
-            found = [re.search(r"bench page and control: http://127\.0\.0\.1:(\d+)/", line) for line in self.process.errors]
-            self.port = next((int(match[1]) for match in found if match), None)
-            time.sleep(0.01)
+        self.port = int(self.process.wait_for("ready control http://127.0.0.1:").strip("/").rsplit(":", 1)[1])
         # Both within the first half second: one that is there lets it begin.
         if "tcp" in links:
             self.tapes["tcp"] = Tape("socket://" + ready.split()[-1])

@@ -1,7 +1,12 @@
 //! The commands: one table of opcodes, arguments and their ranges; parsing, replies, help texts and documents read it.
 
+mod argument;
+
+pub use argument::written;
+
 use crate::field::Wire;
 use crate::message::Place;
+use crate::suggestion::did_you_mean;
 
 /// CAN identifier, relative to the base, of a COMMAND to the unit.
 pub const COMMAND_CAN: Place = Place::Can(8);
@@ -51,17 +56,6 @@ pub struct ArgumentSpec {
     pub range: (i64, i64),
     /// Meaning, a phrase; for a choice the values and their names: `0 off, 1 on`.
     pub meaning: &'static str,
-}
-
-impl ArgumentSpec {
-    /// Values and their names, where `meaning` lists them; nothing for a number or a mask.
-    pub fn choices(&self) -> Vec<(i64, &'static str)> {
-        let choice = |part: &'static str| {
-            let (value, name) = part.split_once(' ')?;
-            Some((value.parse().ok()?, name))
-        };
-        self.meaning.split(", ").map(choice).collect::<Option<_>>().unwrap_or_default()
-    }
 }
 
 /// One command.
@@ -228,22 +222,43 @@ pub fn payload(spec: &CommandSpec, values: &[i64]) -> Vec<u8> {
 /// # Errors
 /// No command of that name, too few or too many arguments, or one that the wire cannot hold.
 pub fn named(name: &str, values: &[i64]) -> Result<Vec<u8>, String> {
+    let spec = spec(name)?;
+    expect_count(spec, values.len())?;
+    payload_of(spec, values)
+}
+
+/// The command of this name.
+fn spec(name: &str) -> Result<&'static CommandSpec, String> {
     let wanted = name.to_uppercase().replace('-', "_");
-    let spec = COMMANDS.iter().find(|spec| spec.name == wanted).ok_or_else(|| {
+    COMMANDS.iter().find(|spec| spec.name == wanted).ok_or_else(|| {
         let names: Vec<_> = COMMANDS.iter().map(|spec| spec.name).collect();
-        format!("{name:?} is no command; expected one of {}", names.join(", "))
-    })?;
-    if values.len() != spec.arguments.len() {
-        let usage: Vec<_> =
-            spec.arguments.iter().map(|argument| format!("{} ({})", argument.name, argument.meaning)).collect();
-        return Err(format!(
-            "{}: expected {}, got {} argument{}",
-            spec.name,
-            if usage.is_empty() { "no arguments".to_owned() } else { usage.join(", ") },
-            values.len(),
-            if values.len() == 1 { "" } else { "s" }
-        ));
+        let (hint, shown) = (did_you_mean(&wanted, &names), name.chars().take(100).collect::<String>());
+        format!("{shown:?} is no command; {hint}expected one of {}", names.join(", "))
+    })
+}
+
+/// Whether a command has this name, upper or lower case, - or _.
+pub fn is_name(name: &str) -> bool {
+    spec(name).is_ok()
+}
+
+/// Refuses more or fewer arguments than the command has.
+fn expect_count(spec: &CommandSpec, count: usize) -> Result<(), String> {
+    if count == spec.arguments.len() {
+        return Ok(());
     }
+    let usage: Vec<_> =
+        spec.arguments.iter().map(|argument| format!("{} ({})", argument.name, argument.meaning)).collect();
+    Err(format!(
+        "{}: expected {}, got {count} argument{}",
+        spec.name,
+        if usage.is_empty() { "no arguments".to_owned() } else { usage.join(", ") },
+        if count == 1 { "" } else { "s" }
+    ))
+}
+
+/// The payload with these values, one for each argument, unless the wire cannot hold one.
+fn payload_of(spec: &CommandSpec, values: &[i64]) -> Result<Vec<u8>, String> {
     for (argument, &value) in spec.arguments.iter().zip(values) {
         let (least, greatest) = argument.wire.limits();
         if value < least || value > greatest {

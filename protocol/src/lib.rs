@@ -20,9 +20,11 @@ pub mod command;
 pub mod continuity;
 pub mod crc;
 pub mod describe;
+pub mod excerpt;
 pub mod field;
 pub mod message;
 pub mod serial;
+pub mod suggestion;
 
 pub use can::{Assembler, CanFrame, CanPlan};
 pub use command::{Command, Outcome, Reply};

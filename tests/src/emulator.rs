@@ -1,11 +1,11 @@
 //! A running emulator and a client of it, for tests.
 
 use std::fs::OpenOptions;
-use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
+use std::io::{BufRead, BufReader, ErrorKind, Lines, Read, Write};
 use std::net::TcpStream;
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, ChildStdout, Command, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
@@ -26,6 +26,7 @@ pub struct Emulator {
     pub child: Child,
     /// What stood after `ready`, a line per link.
     pub ready: Vec<String>,
+    lines: Lines<BufReader<ChildStdout>>,
 }
 
 impl Emulator {
@@ -34,7 +35,14 @@ impl Emulator {
     /// # Panics
     /// Where it does not come up.
     pub fn start(links: usize, arguments: &[&str]) -> Emulator {
-        let mut command = geu();
+        Emulator::start_as(geu(), links, arguments)
+    }
+
+    /// The same with a program in an environment of its own.
+    ///
+    /// # Panics
+    /// Where it does not come up.
+    pub fn start_as(mut command: Command, links: usize, arguments: &[&str]) -> Emulator {
         command.arg("run").args(arguments);
         Emulator::of(command, links)
     }
@@ -53,7 +61,17 @@ impl Emulator {
                 line.strip_prefix("ready ").unwrap_or_else(|| panic!("unexpected {line:?}")).to_owned()
             })
             .collect();
-        Emulator { child, ready }
+        Emulator { child, ready, lines }
+    }
+
+    /// HOST:PORT of its control interface, which becomes ready after all links.
+    ///
+    /// # Panics
+    /// Without one.
+    pub fn control(&mut self) -> String {
+        let line = self.lines.next().expect("a line for the control interface").expect("text");
+        let address = line.strip_prefix("ready control http://").and_then(|address| address.strip_suffix('/'));
+        address.unwrap_or_else(|| panic!("unexpected {line:?}")).to_owned()
     }
 
     /// On TCP alone, and a client of it.

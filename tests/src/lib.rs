@@ -21,7 +21,22 @@ pub fn root() -> &'static Path {
 /// Where it cannot be built.
 pub fn geu() -> Command {
     static PROGRAM: OnceLock<PathBuf> = OnceLock::new();
-    Command::new(PROGRAM.get_or_init(|| program("geu")))
+    apart(Command::new(PROGRAM.get_or_init(|| program("geu"))))
+}
+
+/// The same, with a runtime directory of its own: emulators of the user and those of tests do not find each other.
+fn apart(mut command: Command) -> Command {
+    static RUNTIME: OnceLock<PathBuf> = OnceLock::new();
+    command.env(
+        "XDG_RUNTIME_DIR",
+        RUNTIME.get_or_init(|| {
+            let test = std::env::current_exe().expect("the path of this test");
+            let runtime = test.with_file_name("runtime");
+            std::fs::create_dir_all(&runtime).expect("a directory beside the tests");
+            runtime
+        }),
+    );
+    command
 }
 
 /// The on-board computer of this build, with the `geu` beside it.
@@ -30,10 +45,10 @@ pub fn geu() -> Command {
 /// Where one of them cannot be built.
 pub fn geu_obc() -> Command {
     static PROGRAM: OnceLock<PathBuf> = OnceLock::new();
-    Command::new(PROGRAM.get_or_init(|| {
+    apart(Command::new(PROGRAM.get_or_init(|| {
         program("geu");
         program("geu-obc")
-    }))
+    })))
 }
 
 /// The program of a package of the same name.

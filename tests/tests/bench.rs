@@ -16,11 +16,9 @@ fn start(arguments: &[&str]) -> (Emulator, Client, String) {
     let arguments = [&["--tcp", "127.0.0.1:0", "--control", "127.0.0.1:0"], arguments].concat();
     let mut emulator = Emulator::start(1, &arguments);
     let client = emulator.tcp();
-    let mut said = BufReader::new(emulator.child.stderr.take().expect("a pipe"));
-    let mut line = String::new();
-    said.read_line(&mut line).expect("text");
-    let address = line.trim().trim_end_matches('/').rsplit('/').next().expect("an address").to_owned();
-    // Read on, so that the emulator can say on.
+    let said = BufReader::new(emulator.child.stderr.take().expect("a pipe"));
+    let address = emulator.control();
+    // Read, so that the emulator can say on.
     std::thread::spawn(move || said.lines().for_each(drop));
     (emulator, client, address)
 }
@@ -276,9 +274,7 @@ fn a_monitor_that_fell_behind_comes_again_and_one_of_an_emulator_that_ended_says
 #[test]
 fn a_second_emulator_takes_the_next_free_port_and_says_so() {
     let port = |emulator: &mut Emulator| {
-        let mut line = String::new();
-        BufReader::new(emulator.child.stderr.as_mut().expect("a pipe")).read_line(&mut line).expect("text");
-        line.trim().trim_end_matches('/').rsplit(':').next().and_then(|port| port.parse::<u16>().ok()).expect("a port")
+        emulator.control().rsplit(':').next().and_then(|port| port.parse::<u16>().ok()).expect("a port")
     };
     let mut one = Emulator::start(1, &["--tcp", "127.0.0.1:0"]);
     let mut other = Emulator::start(1, &["--tcp", "127.0.0.1:0"]);

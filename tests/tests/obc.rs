@@ -23,7 +23,7 @@ fn pointing_is_held_on_the_emulators_own_data_and_the_same_flight_is_flown_again
     let room = tempfile::tempdir().expect("a directory");
     let (run, again) = (room.path().join("run"), room.path().join("again"));
     let record = run.to_str().expect("UTF-8");
-    let first = fly(&["--seconds", "300", "--speed", "max", "--record", record]);
+    let first = fly(&["--duration", "300", "--speed", "max", "--record", record]);
     let said = String::from_utf8_lossy(&first.stderr);
     assert_eq!(first.status.code(), Some(0), "{said}");
     assert!(said.contains("late half seconds 0, missing 0, jumps 0, out of order 0, bad lines 0"), "{said}");
@@ -32,7 +32,7 @@ fn pointing_is_held_on_the_emulators_own_data_and_the_same_flight_is_flown_again
     // It starts with 12″/s, and comes back.
     assert!(rows[4][1] > 30.0 && rows[40..].iter().all(|row| row[1] < 5.0), "{rows:?}");
     assert!(rows.iter().all(|[_, truth, believed]| (truth - believed).abs() < 2.0), "{rows:?}");
-    assert_eq!(fly(&["--seconds", "300", "--speed", "max"]).stdout, first.stdout);
+    assert_eq!(fly(&["--duration", "300", "--speed", "max"]).stdout, first.stdout);
     let mut simulate = geu();
     simulate.arg("simulate").arg(run.join("run.toml")).arg("--out").arg(&again);
     assert!(simulate.status().expect("geu starts").success());
@@ -43,7 +43,7 @@ fn pointing_is_held_on_the_emulators_own_data_and_the_same_flight_is_flown_again
 #[test]
 fn a_drift_that_is_not_known_on_board_takes_the_true_pointing_away_and_nobody_on_board_sees_it() {
     let sets = ["--set", "gyro.GYRX.drift-step.arcsec_per_h=1800", "--set", "gyro.GYRX.drift-step.time_s=60"];
-    let flown = fly(&[&["--seconds", "180", "--speed", "max"], &sets[..]].concat());
+    let flown = fly(&[&["--duration", "180", "--speed", "max"], &sets[..]].concat());
     assert_eq!(flown.status.code(), Some(1), "{}", String::from_utf8_lossy(&flown.stderr));
     let rows = lines(&flown);
     let [t_s, truth, believed] = rows[rows.len() - 1];
@@ -59,7 +59,7 @@ fn what_a_plan_expects_of_the_computer_is_told_by_code_and_file() {
     let (plan, verdicts) = (file("plan.toml"), file("verdicts.xml"));
     let text = "[[fault]]\nid = \"late\"\nfault = \"dead\"\ngyro = \"GYRZB\"\nat_s = 9e9\n\n[[expect]]\ncondition = \"command(PING)\"\nwithin_s = 20\n";
     std::fs::write(&plan, text).expect("written");
-    let flown = fly(&["--seconds", "60", "--speed", "max", "--faults", &plan, "--junit", &verdicts]);
+    let flown = fly(&["--duration", "60", "--speed", "max", "--faults", &plan, "--junit", &verdicts]);
     let said = String::from_utf8_lossy(&flown.stderr);
     assert_eq!(flown.status.code(), Some(1), "{said}");
     assert!(said.contains("late: never started (t_s >= 9000000000.0)"), "{said}");
@@ -74,7 +74,7 @@ fn what_cannot_be_flown_says_why() {
     for (arguments, code, part) in [
         (&["--geu", "/nowhere/geu"][..], 2, "--geu: expected the program geu, got /nowhere/geu"),
         (&["--set", "gyro.GYRQ.drift=1"], 2, "geu ended before its link was ready"),
-        (&["--seconds", "3"], 2, "41..=604800"),
+        (&["--duration", "3"], 2, "expected a duration of 41 to 604800 seconds"),
         (&["--link", "127.0.0.1:1", "--truth", "127.0.0.1:1"], 2, "--link 127.0.0.1:1: cannot be opened"),
     ] {
         let output = fly(arguments);

@@ -20,6 +20,7 @@ use geu_model::configuration::fault::{MOST, read_fault_text, read_plan_text};
 use geu_model::fault::catalogue::LinkKind;
 use geu_model::fault::{Fault, asks_in_vain};
 use geu_model::units::HALF_SECOND_S;
+use geu_protocol::suggestion::{did_you_mean, listed};
 use serde_json::{Map, Value, json};
 use tokio::sync::broadcast;
 
@@ -151,9 +152,10 @@ impl LiveBench {
         }
         let planned = desk.faults().planned;
         let waiting = planned.iter().filter(|planned| planned.waits_for_hand());
-        let there = listed(waiting.map(|planned| planned.fault.id.as_str()));
+        let there: Vec<&str> = waiting.map(|planned| planned.fault.id.as_str()).collect();
+        let (hint, there) = (did_you_mean(id, &there), listed(&there));
         Err(format!(
-            "expected the identifier of a fault with by_hand = true that still waits ({there}) for `start`, got {id:?}"
+            "expected the identifier of a fault with by_hand = true that still waits ({hint}{there}) for `start`, got {id:?}"
         ))
     }
 }
@@ -192,12 +194,6 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 /// A fault that was added, as whoever asked is told.
 fn added_as(fault: &Fault) -> Value {
     json!({ "id": fault.id, "state": "armed", "at_s": fault.at_s, "keys": fault_log::keys(fault) })
-}
-
-/// Identifiers in a message.
-fn listed<'a>(ids: impl Iterator<Item = &'a str>) -> String {
-    let ids: Vec<&str> = ids.collect();
-    if ids.is_empty() { "there is none".to_owned() } else { ids.join(", ") }
 }
 
 impl Bench for LiveBench {
@@ -248,9 +244,10 @@ impl Bench for LiveBench {
         let until_s = self.known().desk.clear(id);
         until_s.map(|until_s| json!({ "id": id, "until_s": until_s })).ok_or_else(|| {
             let planned = self.known().desk.faults().planned;
-            let there =
-                listed(planned.iter().filter(|planned| !planned.is_over()).map(|planned| planned.fault.id.as_str()));
-            format!("expected the identifier of a fault that is armed or active ({there}), got {id:?}")
+            let lasting = planned.iter().filter(|planned| !planned.is_over());
+            let there: Vec<&str> = lasting.map(|planned| planned.fault.id.as_str()).collect();
+            let (hint, there) = (did_you_mean(id, &there), listed(&there));
+            format!("expected the identifier of a fault that is armed or active ({hint}{there}), got {id:?}")
         })
     }
 

@@ -19,6 +19,7 @@ mod patience;
 pub mod record;
 mod recording;
 mod run;
+pub mod running;
 pub mod simulate;
 pub mod truth;
 

@@ -5,6 +5,7 @@ pub mod replay;
 use std::fmt;
 use std::future::Future;
 use std::io;
+use std::net::SocketAddr;
 use std::sync::atomic::Ordering::Relaxed;
 use std::sync::{Arc, Mutex};
 use std::thread;
@@ -29,6 +30,7 @@ use crate::link::{self, Link, LinkAddress, LinkError, Tally};
 use crate::patience::{LAST_WORDS, Patience, Stop};
 use crate::record::{RecordError, Recorder};
 use crate::recording::Writer;
+use crate::running::{self, Registration, Running};
 use crate::truth::{Counts as TruthCounts, Live, TruthError};
 
 /// So long before its deadline a half second is ended and encoded: longer than the model and a wake-up take.
@@ -201,16 +203,20 @@ async fn keep(
     if let Some(live) = &settings.live {
         live.open(settings.wait_for_client && settings.speed != Speed::Max)?;
     }
+    let tallies: Vec<_> = links.iter().map(|link| link.tally()).collect();
+    let control = bench.as_ref().map(|(door, _)| door.address());
+    let _registration = register(&tallies, control);
     // Only now: who waits for one line may count on all links.
     links.iter().filter(|link| link.is_ready()).for_each(|link| console::ready(&link.tally().name));
-    let tallies: Vec<_> = links.iter().map(|link| link.tally()).collect();
     let timing = Arc::new(Timing::default());
     let mut server = None;
     if let Some((door, bench)) = bench {
         let carried: Vec<_> = links.iter().map(|link| (link.carrier().clone(), link.tally())).collect();
         bench.know(desk, &carried, recorded, &timing);
-        console::say(format_args!("bench page and control: http://{}/", door.address()));
         server = Some(door.serve(Arc::new(bench))?);
+    }
+    if let Some(address) = control {
+        console::ready(&format!("control http://{address}/"));
     }
     let links = links.into_iter().map(Outgoing::new).collect();
     let mut keeper = Keeper { desk: desk.clone(), settings: settings.clone(), links, timing: timing.clone() };
@@ -259,6 +265,20 @@ async fn keep(
         links: tallies,
         faults: desk.faults(),
     })
+}
+
+/// Lets clients find this emulator; one that cannot be found runs all the same.
+fn register(links: &[Arc<Tally>], control: Option<SocketAddr>) -> Option<Registration> {
+    let link = |tally: &Arc<Tally>| {
+        let (kind, address) = tally.name.split_once(' ').unwrap_or((&tally.name, ""));
+        // Whoever looks for it may stand elsewhere.
+        let absolute = Some(kind).filter(|kind| *kind == "pty").and_then(|_| std::path::absolute(address).ok());
+        let address = absolute.map_or_else(|| address.to_owned(), |path| path.display().to_string());
+        (kind.to_owned(), address)
+    };
+    let links = links.iter().map(link).collect();
+    let running = Running { pid: std::process::id(), links, control: control.map(|address| address.to_string()) };
+    running::register(&running).inspect_err(|error| console::say(error)).ok()
 }
 
 /// Waits for what readers have not taken, for a while. What a pty hands on to its reader is for moments seen by nobody, so

@@ -25,3 +25,52 @@ pub const ORBIT_S: f64 = 6180.0;
 pub fn on_board_s(half_second: u64) -> f64 {
     half_second as f64 * HALF_SECOND_S
 }
+
+/// Suffixes of a duration, with their length in s; a number without one is seconds.
+const DURATION_UNITS: [(char, f64); 4] = [('s', 1.0), ('m', 60.0), ('h', 3600.0), ('d', S_PER_DAY)];
+
+/// A duration as a person writes it, s: `90`, `90s`, `10m`, `2h`, `1.5d`.
+///
+/// # Errors
+/// What is none, or lies outside `least`…`greatest` seconds.
+///
+/// ```
+/// use geu_model::units::duration_s;
+/// assert_eq!(duration_s("10m", 0.0, 1e10), Ok(600.0));
+/// assert_eq!(duration_s("90", 0.0, 60.0), Err("expected a duration of 0 to 60 seconds (90, 90s, 10m, 2h, 1d), got 90".to_owned()));
+/// ```
+pub fn duration_s(text: &str, least: f64, greatest: f64) -> Result<f64, String> {
+    let unit = DURATION_UNITS.into_iter().find(|(suffix, _)| text.ends_with(*suffix));
+    let (digits, unit_s) = unit.map_or((text, 1.0), |(suffix, unit_s)| (text.trim_end_matches(suffix), unit_s));
+    // Not `inf`, not `nan`, and not `1ss`.
+    let is_number =
+        text.len() - digits.len() <= 1 && digits.ends_with(|last: char| last.is_ascii_digit() || last == '.');
+    let seconds = digits.parse::<f64>().ok().filter(|_| is_number).map(|number| number * unit_s);
+    seconds.filter(|seconds| (least..=greatest).contains(seconds)).ok_or_else(|| {
+        format!("expected a duration of {least} to {greatest} seconds (90, 90s, 10m, 2h, 1d), got {text}")
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_duration_is_seconds_or_has_its_unit() {
+        for (text, seconds) in [
+            ("90", 90.0),
+            ("90s", 90.0),
+            ("10m", 600.0),
+            ("2h", 7200.0),
+            ("1d", 86_400.0),
+            ("0.5", 0.5),
+            ("1e3s", 1e3),
+            ("1.5h", 5400.0),
+        ] {
+            assert_eq!(duration_s(text, 0.0, 1e10), Ok(seconds), "{text}");
+        }
+        for wrong in ["", "s", "m10", "10 m", "1ss", "1hm", "inf", "nan", "-1", "1e11", "1e9d", "ten", "1e400", "h"] {
+            assert!(duration_s(wrong, 0.0, 1e10).is_err(), "{wrong}");
+        }
+    }
+}

@@ -1,7 +1,7 @@
 //! The format of a capture, from its content.
 
 use super::text::Lines;
-use super::{Event, Format, Place, Reader, console, pcap, pcapng};
+use super::{Event, Foreign, Format, Place, Reader, console, pcap, pcapng};
 use crate::serial::{Deframer, Found};
 
 /// What the beginning of a capture tells.
@@ -11,6 +11,8 @@ pub enum Detected {
     Format(Format),
     /// More bytes are needed, or the end.
     Undecided,
+    /// It is in one that is not read.
+    Foreign(&'static Foreign),
     /// Text in no format that is known.
     UnknownText,
 }
@@ -27,6 +29,9 @@ pub fn detect(head: &[u8], complete: bool) -> Detected {
     }
     if pcapng::magic(head) {
         return Detected::Format(Format::Pcapng);
+    }
+    if let Some(foreign) = Foreign::of(head) {
+        return Detected::Foreign(foreign);
     }
     // Formats of text: the one that reads most lines as frames.
     let scores = [Format::Candump, Format::Asc, Format::Console { delta: false }]

@@ -20,12 +20,14 @@ mod asc;
 mod candump;
 mod console;
 mod detect;
+mod foreign;
 mod packet;
 mod pcap;
 mod pcapng;
 mod text;
 
 pub use detect::{Detected, detect};
+pub use foreign::{FOREIGN, Foreign};
 pub use packet::frame_of_socketcan;
 
 /// An instant, and how finely its source tells it.

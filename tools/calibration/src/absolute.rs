@@ -6,12 +6,14 @@
 //! arcseconds, because it enters by the cosine of θ and by the sun's slow motion.
 
 use std::collections::BTreeMap;
+use std::io::Read;
 use std::path::Path;
 
 use geu_model::sensor::{Fss, SensorNumbers};
 use geu_model::units::{ARCSEC_PER_RAD, RAD_PER_DEG};
 use geu_protocol::Gyro;
-use geu_recording::read_text;
+use geu_protocol::excerpt::excerpt;
+use geu_recording::{RowReader, open_rows};
 
 use crate::counts::{Counts, Reading};
 use crate::noise::{Disturbance, ROUNDING_VARIANCE, Source, Walks, named};
@@ -52,10 +54,7 @@ impl Sensors {
     /// # Errors
     /// The first line that is no row.
     pub fn read(fss: &str, sse: &str, numbers: SensorNumbers) -> Result<Sensors, WindowError> {
-        let text = |name: &str| {
-            read_text(Path::new(name)).map_err(|source| WindowError::Read { name: name.to_owned(), source })
-        };
-        Sensors::parse((fss, &text(fss)?), (sse, &text(sse)?), numbers)
+        Sensors::of_rows((fss, open(fss)?), (sse, open(sse)?), numbers)
     }
 
     /// Reads `sse.csv` alone.
@@ -63,8 +62,8 @@ impl Sensors {
     /// # Errors
     /// The first line that is no row.
     pub fn read_fixes(sse: &str, numbers: SensorNumbers) -> Result<Sensors, WindowError> {
-        let text = read_text(Path::new(sse)).map_err(|source| WindowError::Read { name: sse.to_owned(), source })?;
-        Sensors::parse(("no sun sensor", "t_s,theta_arcsec,roll_arcsec\n"), (sse, &text), numbers)
+        let no_sun = RowReader::new(&b"t_s,theta_arcsec,roll_arcsec\n"[..]);
+        Sensors::of_rows(("no sun sensor", no_sun), (sse, open(sse)?), numbers)
     }
 
     /// Reads texts, each with the name that errors call it by.
@@ -72,6 +71,15 @@ impl Sensors {
     /// # Errors
     /// As [`Sensors::read`].
     pub fn parse(fss: (&str, &str), sse: (&str, &str), numbers: SensorNumbers) -> Result<Sensors, WindowError> {
+        let (sun, stars) = (RowReader::new(fss.1.as_bytes()), RowReader::new(sse.1.as_bytes()));
+        Sensors::of_rows((fss.0, sun), (sse.0, stars), numbers)
+    }
+
+    fn of_rows(
+        fss: (&str, RowReader<impl Read>),
+        sse: (&str, RowReader<impl Read>),
+        numbers: SensorNumbers,
+    ) -> Result<Sensors, WindowError> {
         let mut sun: Vec<(i64, [f64; 2])> = Vec::new();
         rows(fss.0, fss.1, &["t_s", "theta_arcsec", "roll_arcsec"], &[], |line, numbers, _| {
             let t_ns = nanoseconds(numbers[0]);
@@ -100,22 +108,27 @@ fn nanoseconds(t_s: f64) -> i64 {
     (t_s * 1e9).round() as i64
 }
 
+fn open(name: &str) -> Result<RowReader<Box<dyn Read>>, WindowError> {
+    open_rows(Path::new(name)).map_err(|source| WindowError::Read { name: name.to_owned(), source })
+}
+
 fn wrong(name: &str, line: u64, field: &'static str, expected: &str, got: &str) -> WindowError {
-    WindowError::Line { name: name.to_owned(), line, field, expected: expected.to_owned(), got: got.to_owned() }
+    let (name, got) = (name.to_owned(), excerpt(got).into_owned());
+    WindowError::Line { name, line, field, expected: expected.to_owned(), got }
 }
 
 /// Hands the rows of a CSV on: line, the numbers of `fields`, the texts of `texts`.
 fn rows(
     name: &str,
-    text: &str,
+    rows: RowReader<impl Read>,
     fields: &[&'static str],
     texts: &[&'static str],
     mut take: impl FnMut(u64, &[f64], &[String]) -> Result<(), WindowError>,
 ) -> Result<(), WindowError> {
-    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).comment(Some(b'#')).from_reader(text.as_bytes());
+    let mut table = rows.table(csv::ReaderBuilder::new().trim(csv::Trim::All).comment(Some(b'#')));
     let all = fields.iter().chain(texts).copied().collect::<Vec<_>>().join(", ");
     let expected = format!("the columns {all}");
-    let header = reader.headers().map_err(|error| wrong(name, 1, "header", &expected, &error.to_string()))?.clone();
+    let header = table.header().map_err(|error| wrong(name, 1, "header", &expected, &error.to_string()))?;
     let mut columns = Vec::new();
     for field in fields.iter().chain(texts) {
         let column = header.iter().position(|found| found == *field);
@@ -125,7 +138,7 @@ fn rows(
     let mut record = csv::StringRecord::new();
     let (mut numbers, mut words) = (Vec::new(), Vec::new());
     loop {
-        match reader.read_record(&mut record) {
+        match table.read(&mut record) {
             Ok(true) => {}
             Ok(false) => return Ok(()),
             Err(error) => {

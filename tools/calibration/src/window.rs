@@ -1,7 +1,11 @@
 //! Which stretches of a recording are evaluated: the manoeuvres of a list, or everything, cut where the unit rests.
 
+use std::io::Read;
+use std::path::Path;
+
 use geu_model::units::HALF_SECOND_S;
-use geu_recording::read_text;
+use geu_protocol::excerpt::excerpt;
+use geu_recording::{RowReader, open_rows};
 
 use crate::counts::Counts;
 use crate::transfer::Transfer;
@@ -59,9 +63,8 @@ pub enum WindowError {
 /// # Errors
 /// The first line that is no manoeuvre, or overlaps the one before.
 pub fn read(name: &str) -> Result<Vec<Window>, WindowError> {
-    let text =
-        read_text(std::path::Path::new(name)).map_err(|source| WindowError::Read { name: name.to_owned(), source })?;
-    parse(name, &text)
+    let rows = open_rows(Path::new(name)).map_err(|source| WindowError::Read { name: name.to_owned(), source })?;
+    of_rows(name, rows)
 }
 
 /// Reads a text; `name` is what errors call it.
@@ -69,16 +72,19 @@ pub fn read(name: &str) -> Result<Vec<Window>, WindowError> {
 /// # Errors
 /// As [`read`].
 pub fn parse(name: &str, text: &str) -> Result<Vec<Window>, WindowError> {
+    of_rows(name, RowReader::new(text.as_bytes()))
+}
+
+fn of_rows(name: &str, rows: RowReader<impl Read>) -> Result<Vec<Window>, WindowError> {
     let wrong = |line: u64, field: &'static str, expected: &str, got: &str| WindowError::Line {
         name: name.to_owned(),
         line,
         field,
         expected: expected.to_owned(),
-        got: got.to_owned(),
+        got: excerpt(got).into_owned(),
     };
-    let mut reader =
-        csv::ReaderBuilder::new().trim(csv::Trim::All).comment(Some(b'#')).flexible(true).from_reader(text.as_bytes());
-    let header = reader.headers().map_err(|error| wrong(1, "header", "manoeuvre,start_s,end_s", &error.to_string()))?;
+    let mut table = rows.table(csv::ReaderBuilder::new().trim(csv::Trim::All).comment(Some(b'#')).flexible(true));
+    let header = table.header().map_err(|error| wrong(1, "header", "manoeuvre,start_s,end_s", &error.to_string()))?;
     let mut columns = [0; 3];
     for (column, field) in columns.iter_mut().zip(["manoeuvre", "start_s", "end_s"]) {
         *column = header.iter().position(|found| found == field).ok_or_else(|| {
@@ -88,7 +94,7 @@ pub fn parse(name: &str, text: &str) -> Result<Vec<Window>, WindowError> {
     let mut windows: Vec<Window> = Vec::new();
     let mut record = csv::StringRecord::new();
     loop {
-        match reader.read_record(&mut record) {
+        match table.read(&mut record) {
             Ok(true) => {}
             Ok(false) => break,
             Err(error) => {

@@ -11,7 +11,7 @@ use indicatif::ProgressBar;
 
 use crate::calibrate::write;
 use crate::failure::{Failure, say};
-use crate::settings::{NamedSettings, Settings, seed};
+use crate::settings::{NamedSettings, Settings, duration, seed};
 
 /// Hides effects at random, scores what a diagnosis says of them, and does both many times.
 #[derive(Args, Debug)]
@@ -45,7 +45,7 @@ struct Hide {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     count: Option<u16>,
     /// On-board time of each
-    #[arg(long, value_name = "SECONDS", default_value_t = SURVEY_S, value_parser = duration)]
+    #[arg(long, value_name = "DURATION", default_value_t = SURVEY_S, allow_negative_numbers = true, value_parser = duration(900.0, 1e6))]
     duration: f64,
 }
 
@@ -86,16 +86,11 @@ struct CampaignArguments {
     #[arg(long)]
     markdown: bool,
     /// On-board time of each recording
-    #[arg(long, value_name = "SECONDS", default_value_t = SURVEY_S, value_parser = duration)]
+    #[arg(long, value_name = "DURATION", default_value_t = SURVEY_S, allow_negative_numbers = true, value_parser = duration(900.0, 1e6))]
     duration: f64,
     /// Threads [default: one for each core]; the result is the same
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
-}
-
-fn duration(text: &str) -> Result<f64, String> {
-    let seconds = text.parse().ok().filter(|seconds| (900.0..=1e6).contains(seconds));
-    seconds.ok_or_else(|| format!("expected 900…1e6 seconds, got {text}"))
 }
 
 fn strength(text: &str) -> Result<f64, String> {

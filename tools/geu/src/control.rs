@@ -1,19 +1,24 @@
 //! The control interface of a running emulator, as a client sees it.
 
-use std::io::{BufRead, BufReader};
+use std::io::{self, BufRead, BufReader, Read};
 use std::sync::LazyLock;
 use std::time::Duration;
 
 use clap::Args;
 use geu_daemon::control::DEFAULT_ADDRESS;
 use serde_json::Value;
-use ureq::http::{Method, Request};
+use ureq::http::{Method, Request, StatusCode};
 use ureq::{Agent, AsSendBody};
 
 use crate::failure::Failure;
+use crate::running;
+use crate::token::Token;
 
 /// An emulator that does not answer by then is not there.
 const ANSWER_WITHIN: Duration = Duration::from_secs(5);
+
+/// Longest line of an event stream, byte: a half second with as many faults as may be active takes a tenth of it.
+const LONGEST_LINE: u64 = 8 * 1024 * 1024;
 
 /// Keeps its connections from one question to the next.
 static AGENT: LazyLock<Agent> = LazyLock::new(|| {
@@ -22,13 +27,40 @@ static AGENT: LazyLock<Agent> = LazyLock::new(|| {
 
 /// Which emulator.
 #[derive(Args, Debug, Clone)]
+pub struct Choice {
+    /// Control interface of the emulator, as it says when it starts [default: of the only emulator that runs]
+    #[arg(long, value_name = "ADDRESS")]
+    control: Option<String>,
+    /// The emulator that has this link: /tmp/geu0, vcan0, 127.0.0.1:4700
+    #[arg(long, value_name = "LINK", conflicts_with = "control")]
+    at: Option<String>,
+    #[command(flatten)]
+    token: Token,
+}
+
+impl Choice {
+    /// The emulator that is meant; says on standard error which one that is.
+    ///
+    /// # Errors
+    /// None or several that run, no control interface, a token that cannot be read.
+    pub fn find(&self) -> Result<Emulator, Failure> {
+        let token = self.token.read()?;
+        let control = match &self.control {
+            Some(address) => address.trim_start_matches("http://").trim_end_matches('/').to_owned(),
+            None => running::control(self.at.as_deref())?,
+        };
+        let which = running::say_which(&control);
+        Ok(Emulator { control, token, which })
+    }
+}
+
+/// A running emulator.
+#[derive(Debug, Clone)]
 pub struct Emulator {
-    /// Control interface of the emulator, as it says when it starts
-    #[arg(long, value_name = "ADDRESS", default_value = DEFAULT_ADDRESS)]
     control: String,
-    /// Its token, where it has one
-    #[arg(long, value_name = "TOKEN", env = "GEU_CONTROL_TOKEN", hide_env_values = true)]
-    control_token: Option<String>,
+    token: Option<String>,
+    /// Which one, for people.
+    pub which: String,
 }
 
 /// Something that the emulator tells of itself.
@@ -42,7 +74,7 @@ pub struct Told {
 impl Emulator {
     /// The one whose interface is at `address`.
     pub fn at(address: &str) -> Emulator {
-        Emulator { control: address.to_owned(), control_token: None }
+        Emulator { control: address.to_owned(), token: None, which: address.to_owned() }
     }
 
     /// Asks, and gives the answer.
@@ -60,44 +92,49 @@ impl Emulator {
         if response.status().is_success() {
             return Ok(answer);
         }
-        let message = answer["error"].as_str().map_or_else(|| response.status().to_string(), str::to_owned);
-        Err(Failure::input(message))
+        Err(refusal(response.status(), &answer))
     }
 
     /// Follows what happens, until the emulator ends, or lets a client go that fell behind.
     ///
     /// # Errors
     /// No emulator, or one that refuses.
-    pub fn follow(&self) -> Result<impl Iterator<Item = Told> + use<>, Failure> {
+    pub fn follow(&self) -> Result<impl Iterator<Item = Result<Told, Failure>> + use<>, Failure> {
         let mut response = self.send(self.request(Method::GET, "/api/events", false).body(()), None)?;
         if !response.status().is_success() {
             let answer: Value = response.body_mut().read_json().unwrap_or_default();
-            let message = answer["error"].as_str().map_or_else(|| response.status().to_string(), str::to_owned);
-            return Err(Failure::input(message));
+            return Err(refusal(response.status(), &answer));
         }
-        let mut lines = BufReader::new(response.into_body().into_reader()).lines();
-        let mut name = String::new();
+        let mut stream = BufReader::new(response.into_body().into_reader());
+        let (mut name, control) = (String::new(), self.control.clone());
         Ok(std::iter::from_fn(move || {
             loop {
-                let line = lines.next()?.ok()?;
+                let line = match read_line(&mut stream) {
+                    Ok(line) => line?,
+                    Err(_) => {
+                        let message = format!(
+                            "--control {control}: expected events in lines of at most {LONGEST_LINE} bytes, got a longer one; is it an emulator?"
+                        );
+                        return Some(Err(Failure::failed(message)));
+                    }
+                };
                 if let Some(told) = line.strip_prefix("event:") {
                     told.trim().clone_into(&mut name);
                 } else if let Some(data) = line.strip_prefix("data:")
                     && let Ok(data) = serde_json::from_str(data)
                 {
-                    return Some(Told { name: name.clone(), data });
+                    return Some(Ok(Told { name: name.clone(), data }));
                 }
             }
         }))
     }
 
     fn request(&self, method: Method, path: &str, has_body: bool) -> ureq::http::request::Builder {
-        let address = self.control.trim_start_matches("http://").trim_end_matches('/');
-        let mut request = Request::builder().method(method).uri(format!("http://{address}{path}"));
+        let mut request = Request::builder().method(method).uri(format!("http://{}{path}", self.control));
         if has_body {
             request = request.header("content-type", "application/json");
         }
-        match &self.control_token {
+        match &self.token {
             Some(token) => request.header("authorization", format!("Bearer {token}")),
             None => request,
         }
@@ -124,5 +161,30 @@ impl Emulator {
 
     fn strange(&self, error: ureq::Error) -> Failure {
         Failure::failed(format!("--control {}: {error}; expected the answer of an emulator", self.control))
+    }
+}
+
+/// What an emulator that refuses says.
+fn refusal(status: StatusCode, answer: &Value) -> Failure {
+    let message = answer["error"].as_str().map_or_else(|| status.to_string(), str::to_owned);
+    match status {
+        StatusCode::UNAUTHORIZED => {
+            Failure::input(format!("{message}; give it with --control-token-file FILE or GEU_CONTROL_TOKEN"))
+        }
+        _ => Failure::input(message),
+    }
+}
+
+/// A line that is too long.
+struct TooLong;
+
+/// The next line of a stream; nothing where it ends or breaks off.
+fn read_line(stream: &mut impl BufRead) -> Result<Option<String>, TooLong> {
+    let mut line = Vec::new();
+    let read: io::Result<usize> = stream.take(LONGEST_LINE + 1).read_until(b'\n', &mut line);
+    match read {
+        Ok(_) if line.len() as u64 > LONGEST_LINE => Err(TooLong),
+        Ok(1..) => Ok(Some(String::from_utf8_lossy(line.trim_ascii_end()).into_owned())),
+        Ok(0) | Err(_) => Ok(None),
     }
 }

@@ -11,11 +11,12 @@ use geu_protocol::CanPlan;
 use geu_protocol::capture::Format as InputFormat;
 use geu_recording::{Defect, InputError, InputReader, Options, Row, Sink, Stop, Summary};
 
+use crate::defects::DefectLines;
 use crate::failure::{Failure, note};
 use crate::gyro_csv;
 use crate::overwriting::refuse_overwriting;
-use crate::rows::{Form, write_defect, write_row};
-use crate::settings::can_base;
+use crate::rows::{Flags, Form, write_row};
+use crate::settings::{LONGEST_S, can_base, duration};
 
 /// Arguments of `geu decode`.
 #[derive(Args)]
@@ -26,10 +27,13 @@ pub struct Arguments {
     /// What to write.
     #[arg(long, value_enum, default_value_t = Format::Csv)]
     format: Format,
+    /// How to write the flags.
+    #[arg(long, value_enum, default_value_t, conflicts_with = "gyro_csv")]
+    flags: Flags,
     /// Where to write it, instead of standard output.
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// Where to write the defects, one JSON object a line: place, kind, bytes.
+    /// Where to write the defects, one JSON object a line: place, kind, bytes; with a count where the same comes again.
     #[arg(long, value_name = "FILE")]
     defects: Option<PathBuf>,
     /// Exit with 1 when there were defects.
@@ -61,8 +65,8 @@ pub struct Reading {
     #[arg(long, value_name = "BAUD")]
     baud: Option<u32>,
     /// Stop after so long.
-    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = seconds)]
-    duration: Option<Duration>,
+    #[arg(long, value_name = "DURATION", allow_negative_numbers = true, value_parser = duration(0.0, LONGEST_S))]
+    duration: Option<f64>,
 }
 
 impl Reading {
@@ -75,7 +79,7 @@ impl Reading {
             format: self.input_format,
             baud: self.baud,
         };
-        let deadline = self.duration.map(|duration| Instant::now() + duration);
+        let deadline = self.duration.map(|duration_s| Instant::now() + Duration::from_secs_f64(duration_s));
         InputReader::new(options, Stop { flag: Some(&STOP), deadline })
     }
 }
@@ -107,13 +111,6 @@ pub fn input_format(text: &str) -> Result<InputFormat, String> {
     })
 }
 
-fn seconds(text: &str) -> Result<Duration, String> {
-    text.parse()
-        .ok()
-        .and_then(|seconds| Duration::try_from_secs_f64(seconds).ok())
-        .ok_or_else(|| format!("expected seconds, got {text}"))
-}
-
 /// Set by the first SIGINT or SIGTERM; the second ends the process.
 static STOP: AtomicBool = AtomicBool::new(false);
 
@@ -137,7 +134,7 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
     if let Some(description) = &arguments.gyro_csv {
         return decode_gyro_csv(&arguments, description);
     }
-    let mut writer = Writer { arguments: &arguments, is_open: false, rows: None, defects: None, broken: None };
+    let mut writer = Writer::new(&arguments);
     let mut reader = arguments.reading.reader();
     let mut result: Result<(), InputError> = Ok(());
     for input in &arguments.inputs {
@@ -224,9 +221,9 @@ impl Output {
         Ok(Output { writer, buffer: Vec::with_capacity(BUFFER + 1024), form: Form::Csv })
     }
 
-    fn in_form(mut self, form: Form) -> Output {
+    fn in_form(mut self, form: Form, flags: Flags) -> Output {
         self.form = form;
-        self.buffer.extend_from_slice(form.header());
+        self.buffer.extend_from_slice(form.header(flags).as_bytes());
         self
     }
 
@@ -253,18 +250,23 @@ struct Writer<'a> {
     is_open: bool,
     rows: Option<Output>,
     defects: Option<Output>,
+    lines: DefectLines,
     /// Why nothing can be written any more.
     broken: Option<Failure>,
 }
 
-impl Writer<'_> {
+impl<'a> Writer<'a> {
+    fn new(arguments: &'a Arguments) -> Writer<'a> {
+        Writer { arguments, is_open: false, rows: None, defects: None, lines: DefectLines::default(), broken: None }
+    }
+
     fn open(&mut self) -> Result<(), Failure> {
         self.rows = match self.arguments.format {
             Format::Summary => None,
-            format => Some(Output::open(self.arguments.out.as_ref())?.in_form(match format {
-                Format::Jsonl => Form::Jsonl,
-                _ => Form::Csv,
-            })),
+            format => {
+                let form = if format == Format::Jsonl { Form::Jsonl } else { Form::Csv };
+                Some(Output::open(self.arguments.out.as_ref())?.in_form(form, self.arguments.flags))
+            }
         };
         self.defects = self.arguments.defects.as_ref().map(|path| Output::open(Some(path))).transpose()?;
         Ok(())
@@ -291,8 +293,11 @@ impl Sink for Writer<'_> {
 
     #[inline]
     fn row(&mut self, row: &Row) {
+        if let Some(output) = &mut self.defects {
+            self.lines.end(&mut output.buffer);
+        }
         if let Some(output) = &mut self.rows {
-            write_row(output.form, row, &mut output.buffer);
+            write_row(output.form, self.arguments.flags, row, &mut output.buffer);
             if output.buffer.len() >= BUFFER {
                 self.write_out();
             }
@@ -301,7 +306,7 @@ impl Sink for Writer<'_> {
 
     fn defect(&mut self, defect: &Defect) {
         if let Some(output) = &mut self.defects {
-            write_defect(defect, &mut output.buffer);
+            self.lines.push(defect, &mut output.buffer);
             if output.buffer.len() >= BUFFER {
                 self.write_out();
             }
@@ -309,6 +314,9 @@ impl Sink for Writer<'_> {
     }
 
     fn flush(&mut self) {
+        if let Some(output) = &mut self.defects {
+            self.lines.end(&mut output.buffer);
+        }
         self.write_out();
     }
 

@@ -12,7 +12,7 @@ use geu_model::Configuration;
 use geu_model::configuration::unix_ns;
 use geu_protocol::CanPlan;
 use geu_protocol::capture::{Place, Time};
-use geu_recording::{Defect, DefectKind, InputReader, Options, Reference, Row, Sink, Stop};
+use geu_recording::{Defect, DefectKind, InputReader, Options, Reference, Row, Sink, Stop, read_text};
 use indicatif::ProgressBar;
 
 use crate::calibrate::write;
@@ -240,7 +240,7 @@ impl Cache {
     }
 
     fn get(&self, key: u64) -> Option<Thresholds> {
-        let text = fs::read_to_string(self.directory.as_ref()?.join(format!("{key:016x}.json"))).ok()?;
+        let text = read_text(&self.directory.as_ref()?.join(format!("{key:016x}.json"))).ok()?;
         Thresholds::from_json(&serde_json::from_str(&text).ok()?)
     }
 

@@ -7,6 +7,7 @@ use geu_model::configuration::fault::{EXPECT_NUMBERS, FAULT_NUMBERS, FAULT_TEXTS
 use geu_model::fault::catalogue::{CATALOGUE, LinkKind, Scope, Spec};
 use geu_model::fault::{Target, expression, shape};
 use geu_model::number::{Default, Number};
+use geu_protocol::suggestion::did_you_mean;
 
 use crate::failure::Failure;
 
@@ -34,7 +35,10 @@ struct List {
 }
 
 fn link_kind(text: &str) -> Result<LinkKind, String> {
-    LinkKind::named(text).ok_or_else(|| format!("expected one of {}, got {text}", LinkKind::NAMES.join(", ")))
+    LinkKind::named(text).ok_or_else(|| {
+        let hint = did_you_mean(text, LinkKind::NAMES);
+        format!("{hint}expected one of {}, got {text}", LinkKind::NAMES.join(", "))
+    })
 }
 
 /// Carries it out.

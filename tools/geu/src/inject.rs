@@ -6,10 +6,11 @@ use clap::Args;
 use geu_model::fault::catalogue::LinkKind;
 use geu_model::fault::shape;
 use geu_protocol::Gyro;
+use geu_protocol::suggestion::did_you_mean;
 use serde_json::{Map, Value, json};
 use ureq::http::Method;
 
-use crate::control::Emulator;
+use crate::control::{Choice, Emulator};
 use crate::failure::{Failure, say};
 
 /// Moves a fault into a running emulator.
@@ -39,7 +40,7 @@ pub struct Arguments {
     #[arg(long)]
     list: bool,
     #[command(flatten)]
-    emulator: Emulator,
+    emulator: Choice,
 }
 
 /// Carries it out.
@@ -47,7 +48,7 @@ pub struct Arguments {
 /// # Errors
 /// No emulator, or what it refuses and why.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let emulator = &arguments.emulator;
+    let emulator = &arguments.emulator.find()?;
     if let Some(id) = &arguments.clear {
         let path = if id == "all" { "/api/faults".to_owned() } else { format!("/api/faults/{id}") };
         let answer = emulator.ask(Method::DELETE, &path, None)?;
@@ -85,8 +86,9 @@ fn fault(what: &str, keys: &[String]) -> Result<Value, Failure> {
             None if Gyro::named(given).is_some() => ("gyro", json!(given)),
             None => {
                 let (gyros, links) = (Gyro::ALL.map(Gyro::name).join(", "), LinkKind::NAMES.join(", "));
+                let hint = did_you_mean(given, Gyro::ALL.map(Gyro::name).into_iter().chain(LinkKind::NAMES));
                 return Err(Failure::input(format!(
-                    "{given}: expected a gyro ({gyros}), a kind of link ({links}), or KEY=VALUE"
+                    "{given}: {hint}expected a gyro ({gyros}), a kind of link ({links}), or KEY=VALUE"
                 )));
             }
         };

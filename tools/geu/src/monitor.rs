@@ -10,7 +10,7 @@ use geu_protocol::field::UNIT_FLAGS;
 use serde_json::Value;
 use ureq::http::Method;
 
-use crate::control::Emulator;
+use crate::control::Choice;
 use crate::failure::{Failure, print};
 use crate::inject;
 
@@ -25,7 +25,7 @@ const HOME: &str = "\x1b[H\x1b[J";
 #[derive(Args, Debug)]
 pub struct Arguments {
     #[command(flatten)]
-    emulator: Emulator,
+    emulator: Choice,
     /// Ends after so many half seconds
     #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u64).range(1..))]
     count: Option<u64>,
@@ -39,11 +39,13 @@ pub struct Arguments {
 /// # Errors
 /// No emulator; standard output that cannot be written.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let emulator = arguments.emulator.find()?;
     let stands_still = stdout().is_terminal() && !arguments.lines;
     let mut happened: VecDeque<String> = VecDeque::new();
     let mut left = arguments.count.unwrap_or(u64::MAX);
     loop {
-        for told in arguments.emulator.follow()? {
+        for told in emulator.follow()? {
+            let told = told?;
             if told.name == "timeline" {
                 let line = format!(
                     "{:>10.1} s  {:<12} {}",
@@ -62,7 +64,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             if stands_still {
                 let figures = figures(&told.data);
                 let happened: String = happened.iter().map(|line| format!("{line}\n")).collect();
-                print(format_args!("{HOME}{figures}\n{happened}"))?;
+                print(format_args!("{HOME}{}\n{figures}\n{happened}", emulator.which))?;
             } else {
                 print(format_args!("{}\n", line(&told.data)))?;
             }
@@ -72,7 +74,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             }
         }
         // Whoever falls behind is let go, and comes again for the present.
-        if arguments.emulator.ask(Method::GET, "/api/status", None).is_err() {
+        if emulator.ask(Method::GET, "/api/status", None).is_err() {
             return Err(Failure::failed("the emulator has ended"));
         }
     }

@@ -17,7 +17,7 @@ use geu_protocol::{CanPlan, Gyro};
 
 use crate::calibrate::{read_counts, start_of_sensors_ns};
 use crate::failure::{Failure, note, say};
-use crate::settings::{NamedSettings, Settings, half_seconds};
+use crate::settings::{LONGEST_S, NamedSettings, Settings, half_seconds};
 
 /// Reconstructs the attitude between star fixes by a Kalman filter and a smoother.
 ///
@@ -33,9 +33,10 @@ pub struct Arguments {
     /// On-board time of the survey day
     #[arg(
         long,
-        value_name = "SECONDS",
-        default_value_t = 86_400.0,
+        value_name = "DURATION",
+        default_value = "1d",
         allow_negative_numbers = true,
+        value_parser = crate::settings::duration(0.0, LONGEST_S),
         conflicts_with = "link"
     )]
     duration: f64,

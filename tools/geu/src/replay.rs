@@ -7,7 +7,7 @@ mod timeline;
 mod told;
 
 use std::fs::{self, File};
-use std::io::{self, BufRead};
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -20,13 +20,14 @@ use geu_daemon::{RunError, asked_to_end};
 use geu_model::Configuration;
 use geu_protocol::CanPlan;
 use geu_protocol::capture::Format;
-use geu_recording::{InputError, InputReader, Options, Stop};
+use geu_protocol::excerpt::excerpt;
+use geu_recording::{InputError, InputReader, Options, RowReader, Stop};
 
 use crate::decode::input_format;
 use crate::expectations;
 use crate::failure::{Failure, note};
 use crate::links::Links;
-use crate::settings::{can_base, seed};
+use crate::settings::{can_base, duration, seed};
 use tape::{Choice, Tape};
 use told::Told;
 
@@ -51,16 +52,16 @@ pub struct Arguments {
     #[arg(long, conflicts_with = "speed")]
     step: bool,
     /// Begins so long after the first time stamp of the recording
-    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = seconds)]
+    #[arg(long, value_name = "DURATION", allow_negative_numbers = true, value_parser = duration(0.0, 4e9))]
     from: Option<f64>,
     /// Ends before this, of the same time
-    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = seconds)]
+    #[arg(long, value_name = "DURATION", allow_negative_numbers = true, value_parser = duration(0.0, 4e9))]
     to: Option<f64>,
     /// Over and over; sequence and clock as they were recorded
     #[arg(long = "loop")]
     is_loop: bool,
     /// Shortens longer gaps between time stamps to this
-    #[arg(long, value_name = "SECONDS", default_value = "10", allow_negative_numbers = true, value_parser = seconds)]
+    #[arg(long, value_name = "DURATION", default_value = "10", allow_negative_numbers = true, value_parser = duration(0.0, 4e9))]
     longest_gap: f64,
     /// Leaves other traffic and commands to the unit out
     #[arg(long)]
@@ -85,11 +86,6 @@ pub struct Arguments {
     wait: bool,
     #[command(flatten)]
     expectations: expectations::Report,
-}
-
-fn seconds(text: &str) -> Result<f64, String> {
-    let seconds = text.parse().ok().filter(|seconds| (0.0..=4e9).contains(seconds));
-    seconds.ok_or_else(|| format!("expected 0…4e9 seconds, got {text}"))
 }
 
 fn ns(seconds: f64) -> i64 {
@@ -243,8 +239,11 @@ fn steps() -> Steps {
     let (sender, steps): (SyncSender<u64>, Receiver<u64>) = sync_channel(QUEUE);
     // Waits for a line to the end of the process.
     thread::spawn(move || {
-        for line in io::stdin().lock().lines() {
-            let Ok(line) = line else { return };
+        for line in RowReader::new(io::stdin()).lines() {
+            let line = match line {
+                Ok(line) => line,
+                Err(error) => return note(format_args!("geu: --step: standard input: {error}\n")),
+            };
             let count = match line.trim() {
                 "" => Ok(1),
                 text => text.parse::<u64>(),
@@ -253,7 +252,8 @@ fn steps() -> Steps {
                 Some(count) if sender.send(count).is_err() => return,
                 Some(_) => {}
                 None => note(format_args!(
-                    "geu: --step: expected an empty line or a number of half seconds from 1 to 1000000000, got {line:?}\n"
+                    "geu: --step: expected an empty line or a number of half seconds from 1 to 1000000000, got {:?}\n",
+                    excerpt(&line)
                 )),
             }
         }

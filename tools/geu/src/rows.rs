@@ -1,7 +1,18 @@
-//! Rows and defects as text, fast: CSV and JSON lines.
+//! Rows as text, fast: CSV and JSON lines.
 
 use geu_protocol::capture::Time;
-use geu_recording::{Defect, Row};
+use geu_protocol::field::{Bit, GYRO_FLAGS, UNIT_FLAGS};
+use geu_recording::Row;
+
+/// How flags are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
+pub enum Flags {
+    /// As two integers
+    #[default]
+    Integers,
+    /// And after all else each bit by its name: 0 or 1 in CSV, false or true in JSON
+    Bits,
+}
 
 /// A form of text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -28,19 +39,21 @@ const NAMES: [&str; 11] = [
 
 impl Form {
     /// What stands before the first row.
-    pub fn header(self) -> &'static [u8] {
+    pub fn header(self, flags: Flags) -> String {
         match self {
             Form::Csv => {
-                b"t_s,sequence,clock_count,gyrx,gyry,gyrza,gyrzb,gyro_flags,unit_flags,electronics_c,sensor_c\n"
+                let bits = [GYRO_FLAGS, UNIT_FLAGS].concat();
+                let bits = bits.iter().map(|bit| bit.name).take(if flags == Flags::Bits { bits.len() } else { 0 });
+                NAMES.into_iter().chain(bits).collect::<Vec<_>>().join(",") + "\n"
             }
-            Form::Jsonl => b"",
+            Form::Jsonl => String::new(),
         }
     }
 }
 
 /// Appends a row with its line end.
 #[inline]
-pub fn write_row(form: Form, row: &Row, out: &mut Vec<u8>) {
+pub fn write_row(form: Form, flags: Flags, row: &Row, out: &mut Vec<u8>) {
     let mut line = Line { form, field: 0, bytes: [0; LINE], length: 0 };
     let half_second = &row.half_second;
     line.field(row.time, |line, time| line.seconds(time));
@@ -53,11 +66,22 @@ pub fn write_row(form: Form, row: &Row, out: &mut Vec<u8>) {
     line.field(Some(half_second.unit_flags), |line, value| line.unsigned(value.into()));
     line.field(Some(half_second.electronics_centi_c), |line, value| line.hundredths(value));
     line.field(row.has_clock.then_some(half_second.sensor_centi_c), |line, value| line.hundredths(value));
-    if form == Form::Jsonl {
-        line.push(b"}");
-    }
-    line.push(b"\n");
     out.extend_from_slice(&line.bytes[..line.length]);
+    if flags == Flags::Bits {
+        write_bits(form, half_second.gyro_flags, GYRO_FLAGS, out);
+        write_bits(form, half_second.unit_flags, UNIT_FLAGS, out);
+    }
+    out.extend_from_slice(if form == Form::Jsonl { b"}\n" } else { b"\n" });
+}
+
+fn write_bits(form: Form, flags: u8, bits: &[Bit], out: &mut Vec<u8>) {
+    for bit in bits {
+        let is_set = flags & 1 << bit.bit != 0;
+        match form {
+            Form::Csv => out.extend_from_slice(if is_set { b",1" } else { b",0" }),
+            Form::Jsonl => out.extend_from_slice(format!(",\"{}\":{is_set}", bit.name).as_bytes()),
+        }
+    }
 }
 
 /// Longer than any line: names and eleven numbers.
@@ -165,38 +189,6 @@ pub fn write_seconds(time: Time, out: &mut Vec<u8>) {
     out.extend_from_slice(&line.bytes[..line.length]);
 }
 
-/// Appends a defect as a JSON object with its line end: place, kind, bytes in hexadecimal; time and what was lost where
-/// they are known.
-pub fn write_defect(defect: &Defect, out: &mut Vec<u8>) {
-    out.extend_from_slice(b"{\"place\":");
-    quote(&defect.place_text(), out);
-    out.extend_from_slice(b",\"kind\":");
-    quote(defect.kind.name(), out);
-    out.extend_from_slice(b",\"bytes\":\"");
-    for byte in defect.bytes {
-        out.extend_from_slice(format!("{byte:02X}").as_bytes());
-    }
-    out.extend_from_slice(b"\"");
-    if let Some(text) = readable(defect.bytes) {
-        out.extend_from_slice(b",\"text\":");
-        quote(text, out);
-    }
-    if let Some(time) = defect.time {
-        out.extend_from_slice(b",\"t_s\":");
-        write_seconds(time, out);
-    }
-    if defect.lost > 0 {
-        out.extend_from_slice(format!(",\"lost\":{}", defect.lost).as_bytes());
-    }
-    out.extend_from_slice(b"}\n");
-}
-
-/// A broken line, where a person can read it.
-fn readable(bytes: &[u8]) -> Option<&str> {
-    let text = std::str::from_utf8(bytes).ok()?;
-    (text.len() > 2 && text.chars().all(|letter| letter == '\t' || !letter.is_control())).then_some(text)
-}
-
 /// Appends a text as JSON has it.
 pub fn quote(text: &str, out: &mut Vec<u8>) {
     out.push(b'"');
@@ -234,7 +226,7 @@ mod tests {
 
     fn text(form: Form, row: &Row) -> String {
         let mut out = Vec::new();
-        write_row(form, row, &mut out);
+        write_row(form, Flags::Integers, row, &mut out);
         String::from_utf8(out).unwrap()
     }
 
@@ -251,7 +243,10 @@ mod tests {
         );
         let time = Some(Time { t_ns: 100_000_000, digits: 1 });
         assert!(text(Form::Csv, &Row { time, ..ROW }).starts_with("0.100000,"));
-        assert!(Form::Csv.header().trim_ascii_end() == NAMES.join(",").as_bytes());
+        assert_eq!(
+            Form::Csv.header(Flags::Integers),
+            "t_s,sequence,clock_count,gyrx,gyry,gyrza,gyrzb,gyro_flags,unit_flags,electronics_c,sensor_c\n"
+        );
     }
 
     #[test]

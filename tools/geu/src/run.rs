@@ -15,11 +15,13 @@ use geu_model::fault::catalogue::LinkKind;
 use crate::expectations;
 use crate::failure::{Failure, note};
 use crate::links::Links;
-use crate::settings::{RunSettings, Wire, half_seconds};
+use crate::settings::{LONGEST_S, RunSettings, Wire, half_seconds};
+use crate::token::Token;
 
 /// Runs the emulator: the unit on a pty, a serial port, a CAN interface or TCP, or several of them at once.
 ///
-/// Without a link it stands on a pty at $XDG_RUNTIME_DIR/geu0, else /tmp/geu0. `ready LINK` is printed for each.
+/// Without a link it stands on a pty at $XDG_RUNTIME_DIR/geu0, else /tmp/geu0. `ready LINK` is printed for each,
+/// and `ready control http://…` for the control interface.
 #[derive(Args, Debug, Default)]
 pub struct Arguments {
     #[command(flatten)]
@@ -36,7 +38,7 @@ pub struct Arguments {
     #[arg(long, value_name = "X|max", allow_negative_numbers = true)]
     speed: Option<Speed>,
     /// Ends after so much on-board time; on a truth from a file it ends with the truth
-    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
+    #[arg(long, value_name = "DURATION", allow_negative_numbers = true, value_parser = crate::settings::duration(0.0, LONGEST_S))]
     duration: Option<f64>,
     /// Holds the first half second back until a client is attached to a pty or over TCP
     #[arg(long)]
@@ -49,12 +51,12 @@ pub struct Arguments {
     realtime: bool,
     #[command(flatten)]
     expectations: expectations::Report,
-    /// Control interface and bench page [default: 127.0.0.1:8470, or the next port that is free]
+    /// Control interface and bench page [default: 127.0.0.1:8470, or the next port that is free]; beyond loopback it lets in
+    /// who shows a token: `Authorization: Bearer TOKEN`, or `?token=TOKEN`
     #[arg(long, value_name = "ADDRESS|off")]
     control: Option<String>,
-    /// Whom the control interface lets in beyond loopback: `Authorization: Bearer TOKEN`, or `?token=TOKEN`
-    #[arg(long, value_name = "TOKEN", env = "GEU_CONTROL_TOKEN", hide_env_values = true)]
-    control_token: Option<String>,
+    #[command(flatten)]
+    token: Token,
 }
 
 /// Carries it out.
@@ -81,11 +83,10 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(reason) = ready.configuration.faults.iter().find_map(|fault| fault.misses(&open)) {
         return Err(Failure::input(reason));
     }
-    let (control, token) = (arguments.control.as_deref(), arguments.control_token.clone());
-    let door = match control {
+    let door = match arguments.control.as_deref() {
         Some("off") => None,
         address => {
-            let door = Door::open(address.unwrap_or(DEFAULT_ADDRESS), address.is_none(), token);
+            let door = Door::open(address.unwrap_or(DEFAULT_ADDRESS), address.is_none(), arguments.token.read()?);
             Some(door.map_err(Failure::input)?)
         }
     };

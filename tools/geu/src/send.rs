@@ -12,6 +12,7 @@ use geu_daemon::link::{CanAddress, SerialAddress};
 use geu_protocol::can::Role;
 use geu_protocol::command::{self, COMMANDS, Outcome};
 use geu_protocol::serial::{Deframer, Found, Kind, frame, read_data};
+use geu_protocol::suggestion::did_you_mean;
 use geu_protocol::{Assembler, CanPlan, HalfSecond, Reply, can::Assembled};
 use nix::libc;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
@@ -19,25 +20,24 @@ use nix::sys::termios::{BaudRate, SetArg, cfmakeraw, cfsetspeed, tcgetattr, tcse
 use socketcan::{CanFilter, CanSocket, EmbeddedFrame, Id, Socket, SocketOptions, StandardId};
 
 use crate::failure::{Failure, print};
+use crate::running;
 
-/// Sends a command to the unit by name and prints the decoded reply: geu send /tmp/geu0 SET_MODE 1
+/// Sends a command to the unit by name and prints the decoded reply: geu send /tmp/geu0 SET_MODE polled
 #[derive(Args, Debug)]
 #[command(after_help = table())]
 pub struct Arguments {
-    /// Pty or serial device (`DEVICE` or `DEVICE:BAUD`), `HOST:PORT` or `tcp:HOST:PORT`, or CAN interface (`INTERFACE` or `INTERFACE:BASE`, hexadecimal)
-    #[arg(required_unless_present = "list")]
+    /// Pty or serial device (`DEVICE` or `DEVICE:BAUD`), `HOST:PORT` or `tcp:HOST:PORT`, or CAN interface (`INTERFACE` or `INTERFACE:BASE`, hexadecimal) [default: a link of the only emulator that runs]
     link: Option<String>,
     /// Name of the command; upper or lower case, - or _
-    #[arg(required_unless_present_any = ["list", "raw"])]
     command: Option<String>,
-    /// Arguments, decimal or 0x…
+    /// Arguments: numbers, decimal or 0x…, or the names listed below: on, polled, GYRX,GYRY
     #[arg(allow_hyphen_values = true)]
     arguments: Vec<String>,
     /// Sends these bytes as the payload instead, to see how a wrong command is answered: 0909FF
     #[arg(long, value_name = "HEX", conflicts_with = "command")]
     raw: Option<String>,
     /// Waits so long for the reply
-    #[arg(long, value_name = "SECONDS", default_value_t = 1.0)]
+    #[arg(long, value_name = "DURATION", default_value = "1", allow_negative_numbers = true, value_parser = crate::settings::duration(0.0, 3600.0))]
     timeout: f64,
     /// Prints the table of commands
     #[arg(long)]
@@ -52,14 +52,12 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     if arguments.list {
         return print(format_args!("{}", table()));
     }
-    let payload = match (&arguments.raw, &arguments.command) {
-        (Some(hex), _) => raw_payload(hex)?,
-        (None, command) => named_payload(command.as_deref().unwrap_or_default(), &arguments.arguments)?,
+    let (link, payload) = arguments.split()?;
+    let link = &match link {
+        Some(link) => link.to_owned(),
+        None => running::link()?,
     };
-    if !(0.0..=3600.0).contains(&arguments.timeout) {
-        return Err(Failure::input(format!("--timeout: expected 0 to 3600 seconds, got {}", arguments.timeout)));
-    }
-    let link = arguments.link.as_deref().unwrap_or_default();
+    running::say_link(link);
     let give_up = Instant::now() + Duration::from_secs_f64(arguments.timeout);
     let (reply, polled) = open(link)?
         .ask(&payload, give_up)
@@ -82,6 +80,32 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     printed
 }
 
+impl Arguments {
+    /// The link, where one is named, and the payload.
+    fn split(&self) -> Result<(Option<&str>, Vec<u8>), Failure> {
+        if let Some(hex) = &self.raw {
+            return Ok((self.link.as_deref(), raw_payload(hex)?));
+        }
+        let is_command = |word: &Option<String>| word.as_deref().is_some_and(command::is_name);
+        let (link, name, values) = match (&self.link, &self.command) {
+            // A command in the place of the link: the link is not named.
+            (Some(name), first) if is_command(&self.link) && !is_command(first) => {
+                (None, name, first.iter().chain(&self.arguments).cloned().collect())
+            }
+            (Some(link), Some(name)) => (Some(link.as_str()), name, self.arguments.clone()),
+            (word, _) => {
+                let got = word.as_deref().unwrap_or("nothing");
+                let names = COMMANDS.iter().map(|spec| spec.name);
+                let hint = word.as_ref().map(|word| did_you_mean(word, names)).unwrap_or_default();
+                return Err(Failure::input(format!(
+                    "{hint}expected [LINK] COMMAND [ARGUMENTS], such as geu send /tmp/geu0 PING, got {got}; geu send --list shows the commands"
+                )));
+            }
+        };
+        Ok((link, command::written(name, &values).map_err(Failure::input)?))
+    }
+}
+
 /// The opcode whose reply data follow.
 const POLL: u8 = 0x03;
 
@@ -92,32 +116,10 @@ fn table() -> String {
         text +=
             &format!("  {:02X} {:<34} {}\n", spec.opcode, format!("{} {}", spec.name, names.join(" ")), spec.meaning);
         for argument in spec.arguments {
-            let (name, (low, high)) = (argument.name.to_uppercase(), argument.range);
-            text += &format!("       {name:<32} {low}…{high}: {}\n", argument.meaning);
+            text += &format!("       {:<32} {}\n", argument.name.to_uppercase(), argument.usage());
         }
     }
     text
-}
-
-fn named_payload(name: &str, values: &[String]) -> Result<Vec<u8>, Failure> {
-    let numbers: Result<Vec<i64>, Failure> = values
-        .iter()
-        .map(|text| {
-            number(text).ok_or_else(|| {
-                Failure::input(format!("{name}: expected numbers, decimal or 0x…, of at most 32 bits, got {text}"))
-            })
-        })
-        .collect();
-    command::named(name, &numbers?).map_err(Failure::input)
-}
-
-fn number(text: &str) -> Option<i64> {
-    let (sign, digits) = text.strip_prefix('-').map_or((1, text), |digits| (-1, digits));
-    let magnitude = match digits.strip_prefix("0x").or_else(|| digits.strip_prefix("0X")) {
-        Some(hex) => u32::from_str_radix(hex, 16).ok()?,
-        None => digits.parse().ok()?,
-    };
-    Some(sign * i64::from(magnitude))
 }
 
 fn raw_payload(hex: &str) -> Result<Vec<u8>, Failure> {
@@ -297,15 +299,4 @@ fn wait(source: &(impl std::os::fd::AsFd + ?Sized), give_up: Instant) -> io::Res
     let left = give_up.saturating_duration_since(Instant::now());
     let milliseconds = PollTimeout::try_from(left + Duration::from_micros(999)).unwrap_or(PollTimeout::MAX);
     Ok(!left.is_zero() && poll(&mut [PollFd::new(source.as_fd(), PollFlags::POLLIN)], milliseconds)? > 0)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn numbers_are_taken_as_people_write_them() {
-        assert_eq!(["0x0F", "-100", "-0X1", "7"].map(number), [Some(15), Some(-100), Some(-1), Some(7)]);
-        assert_eq!(["", "x", "--1", "0x", "5000000000"].map(number), [None; 5]);
-    }
 }

@@ -7,10 +7,10 @@ use clap::{Args, ValueEnum};
 use geu_daemon::truth::{Live, LiveAddress, received};
 use geu_model::configuration::{WireForm, unix_ns};
 use geu_model::fault::asks_in_vain;
-use geu_model::units::on_board_s;
+use geu_model::units::{duration_s, on_board_s};
 use geu_model::{Configuration, Truth, Unit};
 use geu_protocol::CanPlan;
-use geu_recording::{Reference, ReferenceError, read_text};
+use geu_recording::{Reference, ReferenceError, open_rows};
 
 use crate::failure::Failure;
 
@@ -45,6 +45,14 @@ impl From<&NamedSettings> for Settings {
 pub fn seed(text: &str) -> Result<u64, String> {
     let seed = text.parse().ok().filter(|&seed| seed <= i64::MAX as u64);
     seed.ok_or_else(|| format!("expected an integer 0…{}, got {text}", i64::MAX))
+}
+
+/// The longest run, s.
+pub const LONGEST_S: f64 = 1e10;
+
+/// Reads a duration within limits: the value parser of every option that is one.
+pub fn duration(least_s: f64, greatest_s: f64) -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync {
+    move |text| duration_s(text, least_s, greatest_s)
 }
 
 pub fn can_base(text: &str) -> Result<CanPlan, String> {
@@ -243,11 +251,12 @@ fn beside(config: &Path, name: &str) -> String {
 /// A truth from a file, whichever kind it is.
 fn truth_of_file(name: &str) -> Result<Truth, Failure> {
     let failed = |source| ReferenceError::Read { name: name.to_owned(), source };
-    let text = read_text(Path::new(name)).map_err(failed).map_err(Failure::input)?;
-    if received::is_received(&text) {
-        return Ok(Truth::Stepped(Arc::new(received::parse(name, &text).map_err(Failure::input)?)));
+    let mut rows = open_rows(Path::new(name)).map_err(failed).map_err(Failure::input)?;
+    let head = rows.first_lines().map_err(failed).map_err(Failure::input)?;
+    if head.first().is_some_and(|line| received::is_received(line)) {
+        return Ok(Truth::Stepped(Arc::new(received::parse(name, rows.lines()).map_err(Failure::input)?)));
     }
-    Ok(Truth::Recorded(Reference::parse(name, &text).map_err(Failure::input)?.truth))
+    Ok(Truth::Recorded(Reference::of_rows(name, rows).map_err(Failure::input)?.truth))
 }
 
 /// Half seconds of on-board time in `duration_s`.
@@ -255,7 +264,7 @@ fn truth_of_file(name: &str) -> Result<Truth, Failure> {
 /// # Errors
 /// A duration that is none.
 pub fn half_seconds(duration_s: f64) -> Result<u64, Failure> {
-    if duration_s > 0.0 && duration_s <= 1e10 {
+    if duration_s > 0.0 && duration_s <= LONGEST_S {
         Ok((duration_s * 2.0).ceil() as u64)
     } else {
         Err(Failure::input(format!("--duration: expected more than 0 seconds and at most 1e10, got {duration_s}")))

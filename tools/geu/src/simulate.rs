@@ -11,7 +11,7 @@ use geu_model::attitude::Plan;
 use crate::draw;
 use crate::expectations;
 use crate::failure::Failure;
-use crate::settings::{LiveTruth, RunSettings, Wire, half_seconds};
+use crate::settings::{LONGEST_S, LiveTruth, RunSettings, Wire, half_seconds};
 
 /// Runs the model without links, as fast as possible, and writes what a run records.
 #[derive(Args, Debug)]
@@ -25,7 +25,7 @@ pub struct Arguments {
     #[arg(long, value_name = "DIRECTORY")]
     svg: Option<PathBuf>,
     /// On-board time to run; without it the recorded duration, or the length of scenario or truth
-    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
+    #[arg(long, value_name = "DURATION", allow_negative_numbers = true, value_parser = crate::settings::duration(0.0, LONGEST_S))]
     duration: Option<f64>,
     /// Form of the link [default: the recorded form, else can]
     #[arg(long)]
@@ -58,9 +58,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Truth::Recorded(_) | Truth::Stepped(_) => None,
     };
     let duration_s = arguments.duration.or(recorded_s).or_else(scenario_s);
-    let count = ready
-        .half_seconds(duration_s.map(half_seconds).transpose()?)?
-        .ok_or_else(|| Failure::input("the scenario has no end of its own: expected --duration SECONDS"))?;
+    let count = ready.half_seconds(duration_s.map(half_seconds).transpose()?)?.ok_or_else(|| {
+        Failure::input("the scenario has no end of its own: expected --duration DURATION, such as 90, 10m or 2h")
+    })?;
     let wire = Wire::form(arguments.wire, configuration);
     if let Some(reason) = record::misses(configuration, wire) {
         return Err(Failure::input(format!("{reason}; name its `link`, or record another --wire")));

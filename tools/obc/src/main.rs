@@ -18,6 +18,7 @@ use emulator::Emulator;
 use flight::{SETTLED_S, say};
 use geu_calibration::{Believed, Choice};
 use geu_model::Configuration;
+use geu_model::units::duration_s;
 
 /// Holds a simulated spacecraft still by the gyros of an emulated unit, and prints a line a second.
 ///
@@ -29,8 +30,8 @@ struct Arguments {
     /// Configuration of the unit, believed on board [default: the reference unit]
     config: Option<PathBuf>,
     /// Length of the flight, on-board time
-    #[arg(long, default_value_t = 60, value_parser = clap::value_parser!(u32).range(i64::from(SETTLED_S) + 1..=604_800))]
-    seconds: u32,
+    #[arg(long, value_name = "DURATION", default_value = "60", allow_negative_numbers = true, value_parser = duration)]
+    duration: u32,
     /// On-board time against the wall clock: a factor, or max, where unit and computer wait for each other [default: 1]
     #[arg(long, value_name = "X|max", conflicts_with = "link")]
     speed: Option<String>,
@@ -86,6 +87,14 @@ impl From<Gyros> for Choice {
     }
 }
 
+/// The longest flight: a week.
+const LONGEST_S: f64 = 604_800.0;
+
+/// A flight long enough to settle, in whole seconds.
+fn duration(text: &str) -> Result<u32, String> {
+    Ok(duration_s(text, f64::from(SETTLED_S + 1), LONGEST_S)?.ceil() as u32)
+}
+
 impl Arguments {
     /// What the child is started with.
     fn for_geu(&self) -> Vec<String> {
@@ -97,7 +106,7 @@ impl Arguments {
         self.junit.iter().for_each(|file| add("--junit", file.display().to_string()));
         self.record.iter().for_each(|directory| add("--record", directory.display().to_string()));
         // Should this program go without ending it.
-        add("--duration", (self.seconds + 30).to_string());
+        add("--duration", (self.duration + 30).to_string());
         all.extend(self.config.iter().map(|config| config.display().to_string()));
         all
     }
@@ -128,7 +137,7 @@ fn flown(arguments: &Arguments) -> Result<bool, String> {
         (Some(link), Some(truth)) => Emulator::attach(link, truth)?,
         _ => Emulator::start(&emulator::program(arguments.geu.as_deref())?, &arguments.for_geu())?,
     };
-    let flown = flight::fly(&emulator, &believed, arguments.gyros.into(), arguments.seconds, arguments.seed);
+    let flown = flight::fly(&emulator, &believed, arguments.gyros.into(), arguments.duration, arguments.seed);
     let flown = match flown {
         Ok(flown) => flown,
         Err(message) => {
@@ -137,7 +146,7 @@ fn flown(arguments: &Arguments) -> Result<bool, String> {
         }
     };
     let is_content = emulator.end()?;
-    let bound_arcsec = flight::bound_arcsec(&believed, arguments.seconds);
+    let bound_arcsec = flight::bound_arcsec(&believed, arguments.duration);
     let is_held = flown.worst_arcsec <= bound_arcsec;
     say(&format!(
         "pointing {}: after {SETTLED_S} s the true error was {:.2}″ at most, at {:.1} s; the bound is {bound_arcsec:.2}″",

@@ -14,7 +14,10 @@
 //! into those of B. With A inertial and B the spacecraft, those are the axis and angle of the quaternion control frame to
 //! inertial that this project uses everywhere.
 
+use std::io;
+
 use geu_model::attitude::Row;
+use geu_protocol::excerpt::excerpt;
 use nalgebra::{Quaternion, UnitQuaternion};
 
 use crate::reference::{Reference, ReferenceError, turn_arcsec};
@@ -42,7 +45,7 @@ impl Place<'_> {
             line: self.line,
             field: field.to_owned(),
             expected: expected.into(),
-            got: got.to_owned(),
+            got: excerpt(got).into_owned(),
         }
     }
 
@@ -183,15 +186,16 @@ impl Layout {
     }
 }
 
-/// Reads a message; `name` is what errors call it.
-pub(crate) fn parse(name: &str, text: &str) -> Result<Reference, ReferenceError> {
+/// Reads the lines of a message; `name` is what errors call it.
+pub(crate) fn parse(name: &str, all: impl Iterator<Item = io::Result<String>>) -> Result<Reference, ReferenceError> {
     let (mut part, mut first_issue, mut meta, mut layout) = (Part::Header, true, Meta::default(), None);
     let (mut rows, mut lines, mut before) = (Vec::new(), Vec::new(), None);
     let mut start_ns = None;
     let mut place = Place { name, line: 0 };
-    for text in text.lines() {
+    for line in all {
+        let line = line.map_err(|source| ReferenceError::Read { name: name.to_owned(), source })?;
         place.line += 1;
-        let text = text.trim();
+        let text = line.trim();
         if text.is_empty() || text == "COMMENT" || text.starts_with("COMMENT ") {
             continue;
         }

@@ -1,9 +1,12 @@
 //! From events and serial bytes to rows and defects.
 
+use std::collections::HashMap;
+
 use geu_protocol::can::{Assembled, Assembler, CanDefect, Concerned, Received, Role};
 use geu_protocol::capture::{Event, Format, Frame, Place, Time};
 use geu_protocol::command::{COMMAND_LENGTHS, REPLY_LENGTHS};
 use geu_protocol::continuity::ClockCheck;
+use geu_protocol::excerpt::excerpt;
 use geu_protocol::serial::{Deframer, Found, Kind, MAX_FRAME, read_data};
 use geu_protocol::{CanPlan, HalfSecond};
 
@@ -37,6 +40,10 @@ struct Stamp {
 pub struct Decoder {
     plan: CanPlan,
     buses: Vec<Bus>,
+    /// The buses by name.
+    places: HashMap<Vec<u8>, usize>,
+    /// Frames of the unit on interfaces beyond [`MAX_INTERFACES`].
+    beyond: u64,
     /// The bus of the frame before; frames of one bus mostly follow each other.
     last_bus: usize,
     choice: Choice,
@@ -64,6 +71,9 @@ const ROWS_TO_TAKE_OVER: usize = 3;
 
 /// Defects told of a bus before it is chosen are kept; no more than so many.
 const MAX_EARLY: usize = 1000;
+
+/// Interfaces that are told apart; a bench has a handful. Frames on more are counted together.
+const MAX_INTERFACES: usize = 256;
 
 /// An interface that carries the unit's identifiers.
 #[derive(Debug)]
@@ -107,6 +117,8 @@ impl Decoder {
         Decoder {
             plan: options.plan,
             buses: Vec::new(),
+            places: HashMap::new(),
+            beyond: 0,
             last_bus: 0,
             is_named: options.interface.is_some(),
             choice: options.interface.as_ref().map_or(Choice::First, |name| Choice::Named(name.clone().into_bytes())),
@@ -177,7 +189,10 @@ impl Decoder {
 
     #[inline]
     fn unit_frame(&mut self, role: Role, place: Place, frame: &Frame, sink: &mut impl Sink) {
-        let index = self.bus(frame.interface);
+        let Some(index) = self.bus(frame.interface) else {
+            self.beyond += 1;
+            return;
+        };
         let stamp = Stamp { time: frame.time, place, input: self.flow.input() };
         if let Choice::Before(before) = self.choice {
             self.follow(before, index, role, sink);
@@ -263,6 +278,7 @@ impl Decoder {
         for (index, Bus { name, assembler, tally, is_proven }) in buses.iter_mut().enumerate() {
             let tally = std::mem::take(tally);
             let (account, name) = (&mut flow.summary.account, String::from_utf8_lossy(name));
+            let name = excerpt(&name);
             let is_before = matches!(choice, Choice::Before(before) if *before == index);
             if choice.is(index) || is_before {
                 account.decoded += tally.decoded;
@@ -280,28 +296,38 @@ impl Decoder {
                 flow.summary.leave_out(&name, tally.frames);
             }
         }
+        let beyond = std::mem::take(&mut self.beyond);
+        flow.summary.account.elsewhere += beyond;
+        flow.summary.leave_out("further interfaces:", beyond);
         self.known = self.buses.len();
         self.choice = next;
     }
 
     #[inline]
-    fn bus(&mut self, name: &[u8]) -> usize {
+    fn bus(&mut self, name: &[u8]) -> Option<usize> {
         if self.buses.get(self.last_bus).is_none_or(|bus| bus.name != name) {
-            self.last_bus = self.find_bus(name);
+            self.last_bus = self.find_bus(name)?;
         }
-        self.last_bus
+        Some(self.last_bus)
     }
 
+    /// The bus of that name, a new one where there is none yet; nothing where there are too many.
     #[cold]
-    fn find_bus(&mut self, name: &[u8]) -> usize {
-        self.buses.iter().position(|bus| bus.name == name).unwrap_or_else(|| {
-            if matches!(&self.choice, Choice::Named(wanted) if wanted == name) {
-                self.choice = Choice::Made(self.buses.len());
-            }
-            let (assembler, tally) = Default::default();
-            self.buses.push(Bus { name: name.to_vec(), assembler, tally, is_proven: false });
-            self.buses.len() - 1
-        })
+    fn find_bus(&mut self, name: &[u8]) -> Option<usize> {
+        if let Some(&index) = self.places.get(name) {
+            return Some(index);
+        }
+        let (index, is_wanted) = (self.buses.len(), matches!(&self.choice, Choice::Named(wanted) if wanted == name));
+        if index >= MAX_INTERFACES && !is_wanted {
+            return None;
+        }
+        if is_wanted {
+            self.choice = Choice::Made(index);
+        }
+        let (assembler, tally) = Default::default();
+        self.places.insert(name.to_vec(), index);
+        self.buses.push(Bus { name: name.to_vec(), assembler, tally, is_proven: false });
+        Some(index)
     }
 
     /// Takes serial bytes, with their receive time where it is known.

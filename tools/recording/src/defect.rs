@@ -81,7 +81,7 @@ impl Defect<'_> {
 }
 
 /// `input:line` or `input:offset`.
-pub(crate) fn place_text(input: &str, place: Place) -> String {
+pub fn place_text(input: &str, place: Place) -> String {
     match place {
         Place::Line(at) | Place::Offset(at) => format!("{input}:{at}"),
     }

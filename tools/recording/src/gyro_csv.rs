@@ -29,13 +29,15 @@
 
 use std::collections::BTreeMap;
 use std::fmt;
+use std::io::Read;
 use std::path::Path;
 
 use geu_model::configuration::{ConfigurationError, Node, Source};
 use geu_model::number::{Default, Form, Number};
 use geu_model::units::{ARCSEC_PER_DEG, ARCSEC_PER_RAD};
+use geu_protocol::excerpt::excerpt;
 
-use crate::input::read_text;
+use crate::text::{RowReader, open_rows};
 
 /// Units of time, with their length in s.
 const TIME_UNITS: [(&str, f64); 4] = [("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)];
@@ -355,7 +357,7 @@ impl GyroCsv {
     /// A file that cannot be read, or does not have the columns described.
     pub fn read(name: &str, description: Description) -> Result<GyroCsv, GyroCsvError> {
         let failed = |source| GyroCsvError::Read { name: name.to_owned(), source };
-        GyroCsv::parse(name, &read_text(Path::new(name)).map_err(failed)?, description)
+        GyroCsv::of_rows(name, open_rows(Path::new(name)).map_err(failed)?, description)
     }
 
     /// Reads a text; `name` is what errors call it.
@@ -363,13 +365,15 @@ impl GyroCsv {
     /// # Errors
     /// Text that does not have the columns described.
     pub fn parse(name: &str, text: &str, description: Description) -> Result<GyroCsv, GyroCsvError> {
+        GyroCsv::of_rows(name, RowReader::new(text.as_bytes()), description)
+    }
+
+    fn of_rows(name: &str, rows: RowReader<impl Read>, description: Description) -> Result<GyroCsv, GyroCsvError> {
         let failed = |source| GyroCsvError::Csv { name: name.to_owned(), source };
-        let mut reader = csv::ReaderBuilder::new()
-            .delimiter(description.delimiter)
-            .flexible(true)
-            .trim(csv::Trim::All)
-            .from_reader(text.as_bytes());
-        let header = reader.headers().map_err(failed)?.clone();
+        let mut builder = csv::ReaderBuilder::new();
+        builder.delimiter(description.delimiter).flexible(true).trim(csv::Trim::All);
+        let mut table = rows.table(&builder);
+        let header = table.header().map_err(failed)?;
         let wanted: Vec<&str> = std::iter::once(description.time_column.as_str())
             .chain(description.gyros.iter().map(|gyro| gyro.column.as_str()))
             .collect();
@@ -378,11 +382,11 @@ impl GyroCsv {
         let places = places.ok_or_else(|| GyroCsvError::Columns {
             name: name.to_owned(),
             expected: wanted.join(", "),
-            got: header.iter().collect::<Vec<_>>().join(", "),
+            got: excerpt(&header.iter().collect::<Vec<_>>().join(", ")).into_owned(),
         })?;
         let (mut samples, mut defects, mut rows, mut row) = (Vec::new(), Vec::new(), Vec::new(), 0);
         let mut record = csv::StringRecord::new();
-        while reader.read_record(&mut record).map_err(failed)? {
+        while table.read(&mut record).map_err(failed)? {
             let line = record.position().map_or(0, csv::Position::line);
             row += 1;
             if record.len() != header.len() {
@@ -394,7 +398,7 @@ impl GyroCsv {
             let numbers: Result<Vec<f64>, usize> = places.iter().map(|&place| number(place).ok_or(place)).collect();
             match numbers {
                 Err(place) => {
-                    let (column, got) = (header[place].to_owned(), record[place].to_owned());
+                    let (column, got) = (header[place].to_owned(), excerpt(&record[place]).into_owned());
                     defects.push(Defect { line, kind: DefectKind::NotANumber { column, got } });
                 }
                 Ok(numbers) => {

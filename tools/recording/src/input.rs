@@ -6,6 +6,7 @@ use std::os::fd::{AsFd, AsRawFd, RawFd};
 use std::os::unix::fs::FileTypeExt;
 use std::path::Path;
 
+use geu_protocol::capture::Foreign;
 use thiserror::Error;
 
 use crate::live::{CanSocket, SerialPort};
@@ -77,6 +78,14 @@ pub enum InputError {
         /// What there is instead.
         got: String,
     },
+    /// A format that is known, and not read.
+    #[error("{name}: {foreign}")]
+    Foreign {
+        /// Its name.
+        name: String,
+        /// What it is, and what makes a capture of it.
+        foreign: &'static Foreign,
+    },
     /// Text in no known format.
     #[error(
         "{name}: line 1: expected a candump log, candump output or Vector ASC, got {got}; --input-format names a format"
@@ -113,8 +122,8 @@ pub(crate) enum Source {
 
 const GZIP: [u8; 2] = [0x1F, 0x8B];
 const ZSTD: [u8; 4] = [0x28, 0xB5, 0x2F, 0xFD];
-/// What editors and spreadsheets on Windows write before a text.
-const BYTE_ORDER_MARK: char = '\u{feff}';
+/// Window that a zstd file may ask for, as a power of two: the largest that `zstd` writes without being told so.
+const ZSTD_WINDOW_LOG: u32 = 27;
 
 /// Opens what `name` names; an existing path beats an interface of the same name.
 pub(crate) fn open(name: &str, baud: Option<u32>) -> Result<Source, InputError> {
@@ -144,21 +153,6 @@ pub(crate) fn open(name: &str, baud: Option<u32>) -> Result<Source, InputError> 
     container(Box::new(file), wait_on).map_err(failed)
 }
 
-/// The text of a file, which may be compressed, without its byte order mark.
-///
-/// # Errors
-/// A file that cannot be opened or read to its end, or is no UTF-8.
-pub fn read_text(path: &Path) -> io::Result<String> {
-    let mut text = String::new();
-    if let Source::Bytes { mut reader, .. } = container(Box::new(File::open(path)?), None)? {
-        reader.read_to_string(&mut text)?;
-    }
-    if text.starts_with(BYTE_ORDER_MARK) {
-        text.drain(..BYTE_ORDER_MARK.len_utf8());
-    }
-    Ok(text)
-}
-
 fn interface(name: &str) -> Result<Source, InputError> {
     if nix::net::if_::if_nametoindex(name).is_err() {
         return Err(InputError::Missing { name: name.to_owned() });
@@ -168,7 +162,7 @@ fn interface(name: &str) -> Result<Source, InputError> {
 }
 
 /// Looks through gzip and zstd, told by their first bytes.
-fn container(mut reader: Box<dyn Read>, wait_on: Option<RawFd>) -> io::Result<Source> {
+pub(crate) fn container(mut reader: Box<dyn Read>, wait_on: Option<RawFd>) -> io::Result<Source> {
     let mut head = Vec::new();
     // The first bytes tell; a live stream may begin with fewer, and may end with them.
     while head.len() < ZSTD.len() && (ZSTD.starts_with(&head) || GZIP.starts_with(&head)) {
@@ -186,7 +180,8 @@ fn container(mut reader: Box<dyn Read>, wait_on: Option<RawFd>) -> io::Result<So
         let reader = Box::new(flate2::read::MultiGzDecoder::new(reader));
         Source::Bytes { reader, container: Some("gzip"), wait_on: None }
     } else if zstd {
-        let reader = Box::new(zstd::Decoder::new(reader)?);
+        let mut reader = Box::new(zstd::Decoder::new(reader)?);
+        reader.window_log_max(ZSTD_WINDOW_LOG)?;
         Source::Bytes { reader, container: Some("zstd"), wait_on: None }
     } else {
         Source::Bytes { reader: Box::new(reader), container: None, wait_on }

@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use geu_protocol::capture::{Detected, Event, Format, Place, Reader, detect};
+use geu_protocol::excerpt::excerpt;
 
 use crate::decoder::{Decoder, Options};
 use crate::input::{InputError, Source, open};
@@ -129,6 +130,7 @@ impl<'a> InputReader<'a> {
                 match detect(head, filled >= HEAD) {
                     Detected::Format(format) => target = Some(self.target(format)),
                     Detected::Undecided => continue,
+                    Detected::Foreign(foreign) => return Err(InputError::Foreign { name: name.to_owned(), foreign }),
                     Detected::UnknownText => return Err(unknown_text(name, head)),
                 }
             }
@@ -145,6 +147,7 @@ impl<'a> InputReader<'a> {
         if target.is_none() && filled > 0 {
             match detect(rest, true) {
                 Detected::Format(format) => target = Some(self.target(format)),
+                Detected::Foreign(foreign) => return Err(InputError::Foreign { name: name.to_owned(), foreign }),
                 _ if failure.is_none() => return Err(unknown_text(name, rest)),
                 _ => {}
             }
@@ -302,8 +305,8 @@ impl Target {
 
 fn unknown_text(name: &str, head: &[u8]) -> InputError {
     let line = head.split(|&byte| byte == b'\n').next().unwrap_or_default();
-    let line = &line[..line.len().min(80)];
-    InputError::UnknownText { name: name.to_owned(), got: format!("{:?}", String::from_utf8_lossy(line)) }
+    let got = format!("{:?}", excerpt(&String::from_utf8_lossy(line)));
+    InputError::UnknownText { name: name.to_owned(), got }
 }
 
 fn hex(bytes: &[u8]) -> String {

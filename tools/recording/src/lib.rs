@@ -43,19 +43,21 @@ mod rate_table;
 mod reference;
 mod row;
 mod summary;
+mod text;
 
 pub use account::Account;
 pub use cadence::Cadence;
 pub use clock_fit::{ClockFit, ClockRate};
 pub use decoder::{Decoder, Options};
-pub use defect::{Defect, DefectKind};
+pub use defect::{Defect, DefectKind, place_text};
 pub use gyro_csv::{
     Account as GyroCsvAccount, Defect as GyroCsvDefect, DefectKind as GyroCsvDefectKind, Description, GyroColumn,
     GyroCsv, GyroCsvError, RateColumn, ReferenceTable, Sample,
 };
-pub use input::{InputError, read_text};
+pub use input::InputError;
 pub use input_reader::{InputReader, Stop};
 pub use rate_table::{RateRow, RateTable, RateTableError};
 pub use reference::{Reference, ReferenceError};
 pub use row::{Row, Sink};
 pub use summary::Summary;
+pub use text::{RowLines, RowReader, Table, open_rows, read_text};

@@ -4,10 +4,13 @@
 //! `rate_z_arcsec_s`; each stands for the stretch of the median spacing that ends at its time. A table of windows
 //! ([`ReferenceTable`]) has the gyros' mean rates beside the independent one, and needs no time.
 
+use std::io::Read;
 use std::path::Path;
 
+use geu_protocol::excerpt::excerpt;
+
 use crate::gyro_csv::{RateColumn, ReferenceTable};
-use crate::input::read_text;
+use crate::text::{RowReader, open_rows};
 
 const TIME: &str = "t_s";
 const MAGNITUDE: &str = "rate_arcsec_s";
@@ -120,7 +123,7 @@ impl RateTable {
     /// [`RateTableError`], with the line.
     pub fn read(name: &str, described: Option<&ReferenceTable>) -> Result<RateTable, RateTableError> {
         let failed = |source| RateTableError::Read { name: name.to_owned(), source };
-        RateTable::parse(name, &read_text(Path::new(name)).map_err(failed)?, described)
+        RateTable::of_rows(name, open_rows(Path::new(name)).map_err(failed)?, described)
     }
 
     /// Reads a text; `name` is what errors call it.
@@ -128,17 +131,24 @@ impl RateTable {
     /// # Errors
     /// [`RateTableError`], with the line.
     pub fn parse(name: &str, text: &str, described: Option<&ReferenceTable>) -> Result<RateTable, RateTableError> {
+        RateTable::of_rows(name, RowReader::new(text.as_bytes()), described)
+    }
+
+    fn of_rows(
+        name: &str,
+        rows: RowReader<impl Read>,
+        described: Option<&ReferenceTable>,
+    ) -> Result<RateTable, RateTableError> {
         let failed = |source| RateTableError::Row { name: name.to_owned(), source };
-        let mut reader =
-            csv::ReaderBuilder::new().trim(csv::Trim::All).comment(Some(b'#')).from_reader(text.as_bytes());
-        let header = reader.headers().map_err(failed)?.clone();
+        let mut table = rows.table(csv::ReaderBuilder::new().trim(csv::Trim::All).comment(Some(b'#')));
+        let header = table.header().map_err(failed)?;
         let columns = Columns::find(&header, described).map_err(|expected| RateTableError::Columns {
             name: name.to_owned(),
             expected,
-            got: header.iter().collect::<Vec<_>>().join(", "),
+            got: excerpt(&header.iter().collect::<Vec<_>>().join(", ")).into_owned(),
         })?;
         let (mut rows, mut record) = (Vec::new(), csv::StringRecord::new());
-        while reader.read_record(&mut record).map_err(failed)? {
+        while table.read(&mut record).map_err(failed)? {
             let line = record.position().map_or(0, csv::Position::line);
             let text = |place: usize| record.get(place).unwrap_or_default();
             let number = |place: usize| {
@@ -147,7 +157,7 @@ impl RateTable {
                         name: name.to_owned(),
                         line,
                         column: header.get(place).unwrap_or_default().to_owned(),
-                        got: text(place).to_owned(),
+                        got: excerpt(text(place)).into_owned(),
                     }
                 })
             };

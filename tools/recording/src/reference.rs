@@ -3,15 +3,17 @@
 //!
 //! Between the rows a cubic spline of the accumulated rotation holds ([`Recorded`]).
 
+use std::io::Read;
 use std::path::Path;
 use std::sync::Arc;
 
 use geu_model::attitude::{BadRows, Recorded, Row, median_spacing_s};
 use geu_model::units::{ARCSEC_PER_RAD, RAD_PER_DEG};
+use geu_protocol::excerpt::excerpt;
 use nalgebra::{Quaternion, UnitQuaternion};
 
 use crate::aem;
-use crate::input::read_text;
+use crate::text::{RowReader, open_rows};
 
 /// Why a file is no reference.
 #[derive(Debug, thiserror::Error)]
@@ -125,7 +127,7 @@ impl Reference {
     /// [`ReferenceError`], with the line.
     pub fn read(name: &str) -> Result<Reference, ReferenceError> {
         let failed = |source| ReferenceError::Read { name: name.to_owned(), source };
-        Reference::parse(name, &read_text(Path::new(name)).map_err(failed)?)
+        Reference::of_rows(name, open_rows(Path::new(name)).map_err(failed)?)
     }
 
     /// Reads a text; `name` is what errors call it.
@@ -133,28 +135,37 @@ impl Reference {
     /// # Errors
     /// [`ReferenceError`], with the line.
     pub fn parse(name: &str, text: &str) -> Result<Reference, ReferenceError> {
-        let first = text.lines().map(str::trim).find(|line| !line.is_empty() && !line.starts_with("COMMENT"));
+        Reference::of_rows(name, RowReader::new(text.as_bytes()))
+    }
+
+    /// Reads rows; `name` is what errors call them.
+    ///
+    /// # Errors
+    /// [`ReferenceError`], with the line.
+    pub fn of_rows(name: &str, mut rows: RowReader<impl Read>) -> Result<Reference, ReferenceError> {
+        let unreadable = |source| ReferenceError::Read { name: name.to_owned(), source };
+        let head = rows.first_lines().map_err(unreadable)?;
+        let first = head.iter().map(|line| line.trim()).find(|line| !line.is_empty() && !line.starts_with("COMMENT"));
         if first.is_some_and(|line| line.starts_with(aem::FIRST_KEYWORD)) {
-            return aem::parse(name, text);
+            return aem::parse(name, rows.lines());
         }
         let failed = |source| ReferenceError::Row { name: name.to_owned(), source };
-        let mut reader =
-            csv::ReaderBuilder::new().trim(csv::Trim::All).comment(Some(b'#')).from_reader(text.as_bytes());
-        let header = reader.headers().map_err(failed)?.clone();
+        let mut table = rows.table(csv::ReaderBuilder::new().trim(csv::Trim::All).comment(Some(b'#')));
+        let header = table.header().map_err(failed)?;
         let columns = Columns::find(&header).ok_or_else(|| ReferenceError::Columns {
             name: name.to_owned(),
-            got: header.iter().collect::<Vec<_>>().join(","),
+            got: excerpt(&header.iter().collect::<Vec<_>>().join(",")).into_owned(),
         })?;
         let (mut rows, mut lines, mut base_ns) = (Vec::new(), Vec::new(), None);
         let mut attitude: Option<UnitQuaternion<f64>> = None;
         let mut record = csv::StringRecord::new();
-        while reader.read_record(&mut record).map_err(failed)? {
+        while table.read(&mut record).map_err(failed)? {
             let line = record.position().map_or(0, csv::Position::line);
             let bad = |column: usize| ReferenceError::Number {
                 name: name.to_owned(),
                 line,
                 column: header.get(column).unwrap_or_default().to_owned(),
-                got: record.get(column).unwrap_or_default().to_owned(),
+                got: excerpt(record.get(column).unwrap_or_default()).into_owned(),
             };
             let number =
                 |column: usize| record.get(column).and_then(|text| text.parse::<f64>().ok()).ok_or_else(|| bad(column));

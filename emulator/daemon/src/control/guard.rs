@@ -100,7 +100,7 @@ fn is_shown(token: &str, headers: &HeaderMap, uri: &Uri) -> Result<(), Refusal> 
     if [bearer, asked].into_iter().flatten().any(|shown| constant_time_eq(shown, token.as_bytes())) {
         return Ok(());
     }
-    let message = "expected the token of --control-token, as Authorization: Bearer TOKEN or ?token=TOKEN";
+    let message = "expected the token of the emulator, as Authorization: Bearer TOKEN or ?token=TOKEN";
     let got = if bearer.or(asked).is_some() { "another" } else { "none" };
     Err(Refusal(StatusCode::UNAUTHORIZED, format!("{message}, got {got}")))
 }

@@ -4,7 +4,7 @@ use std::convert::Infallible;
 use std::sync::Arc;
 use std::time::Duration;
 
-use axum::body::HttpBody;
+use axum::body::{Bytes, HttpBody};
 use axum::extract::rejection::PathRejection;
 use axum::extract::{Path, Request, State};
 use axum::handler::Handler;
@@ -34,6 +34,8 @@ pub(super) const BODY: usize = 1024 * 1024;
 pub(super) const BODY_WITHIN: Duration = Duration::from_secs(5);
 /// A unit that has not answered a command by then (the link's replies take 20 ms) is not running.
 const REPLY_WITHIN: Duration = Duration::from_secs(2);
+/// Questions worked on at once, each on a thread of its own: what takes long holds up neither other clients nor the end.
+const WORKERS: usize = 2;
 /// An event stream says so often that it lives; a client that is gone is noticed by it.
 const SIGN_OF_LIFE: Duration = Duration::from_secs(5);
 
@@ -41,7 +43,26 @@ const SIGN_OF_LIFE: Duration = Duration::from_secs(5);
 pub(super) struct Room<B> {
     bench: Arc<B>,
     streams: Arc<Semaphore>,
+    workers: Arc<Semaphore>,
     openapi: String,
+}
+
+impl<B: Bench> Room<B> {
+    /// What `job` gives, done by a worker.
+    async fn work<T: Send + 'static>(
+        &self,
+        job: impl FnOnce(&B) -> Result<T, Refusal> + Send + 'static,
+    ) -> Result<T, Refusal> {
+        let (bench, workers) = (self.bench.clone(), self.workers.clone());
+        let ended = |_| Refusal(StatusCode::SERVICE_UNAVAILABLE, "the emulator ends; start it again".to_owned());
+        let place = workers.acquire_owned().await.map_err(|_| ended(()))?;
+        let done = tokio::task::spawn_blocking(move || {
+            // Held until it is done, whether the client still waits or not.
+            let _place = place;
+            job(&bench)
+        });
+        done.await.map_err(|_| ended(()))?
+    }
 }
 
 type Here<B> = State<Arc<Room<B>>>;
@@ -142,8 +163,8 @@ where
 /// The router of the table, behind the guard.
 pub(super) fn router<B: Bench>(bench: Arc<B>, guard: Guard) -> Router {
     let table = table::<B>();
-    let streams = Arc::new(Semaphore::new(STREAMS));
-    let room = Arc::new(Room { bench, streams, openapi: openapi::document(&table).to_string() });
+    let (streams, workers) = (Arc::new(Semaphore::new(STREAMS)), Arc::new(Semaphore::new(WORKERS)));
+    let room = Arc::new(Room { bench, streams, workers, openapi: openapi::document(&table).to_string() });
     let mut router = Router::new();
     for route in table {
         router = router.route(route.path, route.handler);
@@ -205,28 +226,35 @@ async fn layout() -> Response {
     json(StatusCode::OK, &words::layout())
 }
 
-async fn faults<B: Bench>(State(room): Here<B>) -> Response {
-    json(StatusCode::OK, &room.bench.faults())
+async fn faults<B: Bench>(State(room): Here<B>) -> Answer {
+    room.work(|bench| Ok(json(StatusCode::OK, &bench.faults()))).await
 }
 
 async fn inject<B: Bench>(State(room): Here<B>, request: Request) -> Answer {
-    let fault = object(request).await?;
-    let injected = room.bench.inject(&fault).map_err(bad)?;
-    Ok(json(StatusCode::CREATED, &injected))
+    let body = whole_body(request).await?;
+    room.work(move |bench| {
+        let injected = bench.inject(&object(&body)?).map_err(bad)?;
+        Ok(json(StatusCode::CREATED, &injected))
+    })
+    .await
 }
 
 async fn clear<B: Bench>(State(room): Here<B>, id: Result<Path<String>, PathRejection>) -> Answer {
     let Path(id) = id.map_err(|rejection| bad(rejection.body_text()))?;
-    let cleared = room.bench.clear(&id).map_err(|message| Refusal(StatusCode::NOT_FOUND, message))?;
-    Ok(json(StatusCode::OK, &cleared))
+    room.work(move |bench| {
+        let cleared = bench.clear(&id).map_err(|message| Refusal(StatusCode::NOT_FOUND, message))?;
+        Ok(json(StatusCode::OK, &cleared))
+    })
+    .await
 }
 
-async fn clear_all<B: Bench>(State(room): Here<B>) -> Response {
-    json(StatusCode::OK, &room.bench.clear_all())
+async fn clear_all<B: Bench>(State(room): Here<B>) -> Answer {
+    room.work(|bench| Ok(json(StatusCode::OK, &bench.clear_all()))).await
 }
 
 async fn command<B: Bench>(State(room): Here<B>, request: Request) -> Answer {
-    let payload = payload(&object(request).await?).map_err(bad)?;
+    let body = whole_body(request).await?;
+    let payload = room.work(move |_| payload(&object(&body)?).map_err(bad)).await?;
     let reply = tokio::time::timeout(REPLY_WITHIN, room.bench.command(payload)).await.map_err(|_| {
         let message = format!("the unit has not answered within {} s; is it running?", REPLY_WITHIN.as_secs());
         Refusal(StatusCode::SERVICE_UNAVAILABLE, message)
@@ -268,8 +296,8 @@ fn bad(message: String) -> Refusal {
     Refusal(StatusCode::BAD_REQUEST, message)
 }
 
-/// The JSON object of a body.
-async fn object(request: Request) -> Result<Map<String, Value>, Refusal> {
+/// The bytes of a body.
+async fn whole_body(request: Request) -> Result<Bytes, Refusal> {
     let too_long = || Refusal(StatusCode::PAYLOAD_TOO_LARGE, format!("body: expected at most {BODY} bytes, got more"));
     let body: body::Body = request.into_body();
     if body.size_hint().lower() > BODY as u64 {
@@ -283,7 +311,12 @@ async fn object(request: Request) -> Result<Map<String, Value>, Refusal> {
         Ok(_) => too_long(),
         Err(error) => bad(format!("body: {error}")),
     })?;
-    match serde_json::from_slice(&bytes.to_bytes()) {
+    Ok(bytes.to_bytes())
+}
+
+/// The JSON object of a body.
+fn object(body: &[u8]) -> Result<Map<String, Value>, Refusal> {
+    match serde_json::from_slice(body) {
         Ok(Unique(Value::Object(object))) => Ok(object),
         Ok(Unique(other)) => Err(bad(format!("body: expected a JSON object, got {}", kind(&other)))),
         Err(error) => Err(bad(format!("body: expected a JSON object: {error}"))),

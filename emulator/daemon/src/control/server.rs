@@ -53,7 +53,7 @@ pub enum DoorError {
     Address(String, io::Error),
     /// Other machines could drive the unit.
     #[error(
-        "--control {0}: other machines can reach this address; expected a token (--control-token) that keeps them out, or a loopback address"
+        "--control {0}: other machines can reach this address; expected a token (--control-token-file, or GEU_CONTROL_TOKEN in the environment) that keeps them out, or a loopback address"
     )]
     NoToken(String),
     /// No thread, no runtime.
@@ -114,6 +114,8 @@ impl Door {
                 let Ok(listener) = tokio::net::TcpListener::from_std(self.listener) else { return };
                 tokio::select! { _ = stopped => {} () = accept(listener, router) => {} }
             });
+            // Whatever a worker still does is for nobody: the end does not wait for it.
+            runtime.shutdown_background();
         })?;
         Ok(Server { stop: Some(stop), thread: Some(thread) })
     }

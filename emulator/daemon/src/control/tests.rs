@@ -207,6 +207,29 @@ fn faults_are_injected_and_cleared() {
 }
 
 #[test]
+fn a_question_that_takes_long_holds_up_neither_others_nor_the_end() {
+    let served = served(None);
+    let bench = served.bench.clone();
+    // Whoever injects waits until the test is over.
+    let held = bench.faults.lock().unwrap();
+    let head = format!("POST /api/faults HTTP/1.1\r\nhost: {}\r\ncontent-type: application/json\r\n", served.address);
+    let waiting: Vec<TcpStream> = (0..5)
+        .map(|_| {
+            let mut stream = served.connect();
+            stream.write_all(format!("{head}content-length: 10\r\n\r\n{{\"id\":\"a\"}}").as_bytes()).unwrap();
+            stream
+        })
+        .collect();
+    std::thread::sleep(Duration::from_millis(100));
+    assert_eq!(served.get("/api/status").status, 200);
+    let start = Instant::now();
+    drop(served);
+    // It does not wait for them at all; the rest is a loaded machine's.
+    assert!(start.elapsed() < Duration::from_secs(2), "{:?}", start.elapsed());
+    drop((held, waiting));
+}
+
+#[test]
 fn a_key_that_comes_twice_is_refused() {
     let served = served(None);
     for body in [

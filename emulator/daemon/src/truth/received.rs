@@ -6,6 +6,7 @@
 use std::io::{self, Write};
 
 use geu_model::attitude::{Basis, Knot, Stepped};
+use geu_protocol::excerpt::excerpt;
 
 /// Its name beside `run.toml`.
 pub const NAME: &str = "received.csv";
@@ -14,15 +15,29 @@ pub const HEADER: &str = "t_s,angle_x_arcsec,angle_y_arcsec,angle_z_arcsec,basis
 /// A number of it that is beyond this is none.
 const MOST: f64 = 1e15;
 
-/// A line that is no row.
+/// Why a file is no such truth.
 #[derive(Debug, thiserror::Error)]
-#[error(
-    "{name}: line {line}: expected {HEADER} with times that rise, got {got:?}; the file is as a run wrote it, or not usable"
-)]
-pub struct ReceivedError {
-    name: String,
-    line: usize,
-    got: String,
+pub enum ReceivedError {
+    /// It cannot be read to its end.
+    #[error("{name}: cannot be read: {source}; expected the received.csv of a run")]
+    Read {
+        /// The file.
+        name: String,
+        /// The reason.
+        source: io::Error,
+    },
+    /// A line that is no row.
+    #[error(
+        "{name}: line {line}: expected {HEADER} with times that rise, got {got:?}; the file is as a run wrote it, or not usable"
+    )]
+    Line {
+        /// The file.
+        name: String,
+        /// Line, from 1.
+        line: usize,
+        /// What stands there.
+        got: String,
+    },
 }
 
 /// Writes a row.
@@ -40,22 +55,23 @@ pub fn write_row(file: &mut impl Write, knot: &Knot) -> io::Result<()> {
     writeln!(file, ",{word}")
 }
 
-/// Whether a text begins as such a file does.
-pub fn is_received(text: &str) -> bool {
-    text.lines().next().is_some_and(|line| line.trim() == HEADER)
+/// Whether a file with this first line is such a file.
+pub fn is_received(first_line: &str) -> bool {
+    first_line.trim() == HEADER
 }
 
-/// Reads a file's text; errors call it `name`.
+/// Reads a file's lines; errors call it `name`.
 ///
 /// # Errors
-/// The first line that is no row.
-pub fn parse(name: &str, text: &str) -> Result<Stepped, ReceivedError> {
+/// The first line that is no row, or cannot be read.
+pub fn parse(name: &str, lines: impl Iterator<Item = io::Result<String>>) -> Result<Stepped, ReceivedError> {
     let truth = Stepped::default();
-    for (index, line) in text.lines().enumerate() {
-        let is_good = if index == 0 { line.trim() == HEADER } else { append(&truth, line).is_some() };
+    for (index, line) in lines.enumerate() {
+        let line = line.map_err(|source| ReceivedError::Read { name: name.to_owned(), source })?;
+        let is_good = if index == 0 { is_received(&line) } else { append(&truth, &line).is_some() };
         if !is_good {
-            let got = line.chars().take(80).collect();
-            return Err(ReceivedError { name: name.to_owned(), line: index + 1, got });
+            let got = excerpt(&line).into_owned();
+            return Err(ReceivedError::Line { name: name.to_owned(), line: index + 1, got });
         }
     }
     Ok(truth)
@@ -77,6 +93,10 @@ fn append(truth: &Stepped, line: &str) -> Option<()> {
 mod tests {
     use super::*;
 
+    fn parse_text(text: &str) -> Result<Stepped, ReceivedError> {
+        parse("received.csv", text.lines().map(|line| Ok(line.to_owned())))
+    }
+
     #[test]
     fn what_was_written_reads_back_to_the_last_bit() {
         let knots: Vec<Knot> = (1..=100)
@@ -88,7 +108,7 @@ mod tests {
             .collect();
         let mut file = format!("{HEADER}\n").into_bytes();
         knots.iter().for_each(|knot| write_row(&mut file, knot).expect("memory"));
-        let truth = parse("received.csv", str::from_utf8(&file).expect("text")).expect("good rows");
+        let truth = parse_text(str::from_utf8(&file).expect("text")).expect("good rows");
         assert_eq!(truth.knots_from(1), knots);
     }
 
@@ -97,7 +117,7 @@ mod tests {
         for (row, line) in [("0.5,1,2,3", 3), ("0.1,1,2,3,told", 3), ("0.5,1,nan,3,told", 3), ("0.5,1,2,3,guessed", 3)]
         {
             let text = format!("{HEADER}\n0.1,0,0,0,told\n{row}\n");
-            let message = parse("received.csv", &text).expect_err(row).to_string();
+            let message = parse_text(&text).expect_err(row).to_string();
             assert!(message.starts_with(&format!("received.csv: line {line}: expected t_s,")), "{message}");
         }
     }

@@ -4,6 +4,8 @@ use std::fmt;
 use std::ops::Range;
 
 use geu_protocol::Gyro;
+use geu_protocol::excerpt::{MAX_QUOTED, excerpt};
+use geu_protocol::suggestion::did_you_mean;
 use toml_edit::{Array, ArrayOfTables, Document, DocumentMut, Item, TableLike};
 
 use crate::number::{Default, Form, Number, Numbers};
@@ -17,8 +19,10 @@ pub struct ConfigurationError {
     pub line: usize,
     /// Column, from 1.
     pub column: usize,
-    /// The line itself.
+    /// The line itself; of a long one what stands around the place.
     pub text: String,
+    /// How many characters of it stand before what is meant.
+    pub indent: usize,
     /// How many characters of it are meant.
     pub width: usize,
     /// What was expected and what was got.
@@ -29,12 +33,12 @@ impl std::error::Error for ConfigurationError {}
 
 impl fmt::Display for ConfigurationError {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        let Self { name, line, column, text, width, message } = self;
+        let Self { name, line, column, text, indent, width, message } = self;
         writeln!(f, "{name}:{line}:{column}: {message}")?;
         let number = line.to_string();
         let margin = " ".repeat(number.len());
         writeln!(f, "{margin} |\n{number} | {text}")?;
-        write!(f, "{margin} | {}{}", " ".repeat(column - 1), "^".repeat((*width).max(1)))
+        write!(f, "{margin} | {}{}", " ".repeat(*indent), "^".repeat((*width).max(1)))
     }
 }
 
@@ -70,11 +74,27 @@ fn locate(name: &str, text: &str, span: Option<Range<usize>>, message: String) -
     let line_start = text[..start].rfind('\n').map_or(0, |end| end + 1);
     let line_text = text[line_start..].lines().next().unwrap_or_default();
     let line = text[..line_start].matches('\n').count() + 1;
-    let before = text[line_start..start].chars().count();
+    let column = text[line_start..start].chars().count() + 1;
+    let (text_around, indent) = around(line_text, start - line_start);
     let meant =
         span.map_or(1, |span| text.get(span).unwrap_or_default().lines().next().unwrap_or_default().chars().count());
-    let width = meant.min(line_text.chars().count().saturating_sub(before));
-    ConfigurationError { name: name.to_owned(), line, column: before + 1, text: line_text.to_owned(), width, message }
+    let width = meant.min(text_around.chars().count().saturating_sub(indent));
+    ConfigurationError { name: name.to_owned(), line, column, text: text_around, indent, width, message }
+}
+
+/// A line, of a long one the [`MAX_QUOTED`] bytes around a place in it; and how many characters of that stand before the place.
+fn around(line: &str, place: usize) -> (String, usize) {
+    let place = place.min(line.len());
+    if line.len() <= MAX_QUOTED {
+        return (line.to_owned(), line[..place].chars().count());
+    }
+    let boundary = |at: usize| (0..=at.min(line.len())).rev().find(|&at| line.is_char_boundary(at)).unwrap_or(0);
+    let from = boundary(place.saturating_sub(MAX_QUOTED / 2));
+    let to = boundary(from + MAX_QUOTED).max(place);
+    let before = if from > 0 { "…" } else { "" };
+    let after = if to < line.len() { "…" } else { "" };
+    let indent = before.chars().count() + line[from..place].chars().count();
+    (format!("{before}{}{after}", &line[from..to]), indent)
 }
 
 /// A table of the document.
@@ -107,7 +127,17 @@ impl<'a> Node<'a> {
 
     /// An error that points at the value of the key: what was expected of it, and what was got.
     pub fn unexpected(&self, key: &str, expected: &str) -> ConfigurationError {
-        let message = format!("expected {expected} for `{}`, got {}", self.path_of(key), self.got(key));
+        self.refused(key, "", expected)
+    }
+
+    /// The same for a text that is none of `valid`, with the likeliest meant.
+    pub fn none_of(&self, key: &str, valid: &[&str]) -> ConfigurationError {
+        let text = self.table.get(key).and_then(Item::as_str).unwrap_or_default();
+        self.refused(key, &did_you_mean(text, valid), &format!("one of {}", valid.join(", ")))
+    }
+
+    fn refused(&self, key: &str, hint: &str, expected: &str) -> ConfigurationError {
+        let message = format!("{hint}expected {expected} for `{}`, got {}", self.path_of(key), self.got(key));
         match self.table.get(key).and_then(Item::span) {
             Some(span) => locate(&self.source.name, self.source.document.raw(), Some(span), message),
             None => self.error(key, message),
@@ -128,18 +158,14 @@ impl<'a> Node<'a> {
     /// The error for an unknown key: the likeliest meant, and all valid ones.
     pub fn unknown<S: AsRef<str>>(&self, key: &str, valid: &[S]) -> ConfigurationError {
         let names: Vec<&str> = valid.iter().map(AsRef::as_ref).collect();
-        let likeliest = names
-            .iter()
-            .map(|name| (strsim::jaro_winkler(name, key), name))
-            .filter(|(likeness, _)| *likeness > 0.8)
-            .max_by(|a, b| a.0.total_cmp(&b.0));
-        let hint = likeliest.map(|(_, name)| format!("did you mean `{name}`? ")).unwrap_or_default();
+        let hint = did_you_mean(key, &names);
         let place = if self.path.is_empty() { "at the top level".to_owned() } else { format!("in {}", self.path) };
-        self.error(key, format!("unknown key `{key}` {place}; {hint}expected one of: {}", names.join(", ")))
+        let quoted = excerpt(key);
+        self.error(key, format!("unknown key `{quoted}` {place}; {hint}expected one of: {}", names.join(", ")))
     }
 
     fn got(&self, key: &str) -> String {
-        self.table.get(key).map_or_else(|| "nothing".to_owned(), |item| item.to_string().trim().to_owned())
+        self.table.get(key).map_or_else(|| "nothing".to_owned(), |item| excerpt(item.to_string().trim()).into_owned())
     }
 
     /// A number within its limits; its default where the key is not there.
@@ -203,7 +229,7 @@ impl<'a> Node<'a> {
     pub fn choice(&self, key: &str, valid: &[&str]) -> Read<&'a str> {
         match self.table.get(key).and_then(Item::as_str) {
             Some(text) if valid.contains(&text) => Ok(text),
-            _ => Err(self.unexpected(key, &format!("one of {}", valid.join(", ")))),
+            _ => Err(self.none_of(key, valid)),
         }
     }
 
@@ -330,7 +356,8 @@ pub fn with_overrides(name: &str, text: &str, overrides: &[String]) -> Result<St
         // TOML would take what stands after a line break as another override, or as a table for it.
         if given.contains(['\n', '\r']) {
             return Err(refused(format!(
-                "expected PATH=VALUE without a line break, got {given:?}; give --set once for each"
+                "expected PATH=VALUE without a line break, got {:?}; give --set once for each",
+                excerpt(given)
             )));
         }
         let quoted = given.split_once('=').map(|(path, value)| format!("{path} = {:?}", value.trim()));
@@ -340,7 +367,7 @@ pub fn with_overrides(name: &str, text: &str, overrides: &[String]) -> Result<St
             Ok(parsed) if given.contains('=') && !parsed.is_empty() => {
                 merge(document.as_table_mut(), parsed.as_table(), "").map_err(refused)?;
             }
-            _ => return Err(refused(format!("expected PATH=VALUE, got {given}"))),
+            _ => return Err(refused(format!("expected PATH=VALUE, got {}", excerpt(given)))),
         }
     }
     Ok(document.to_string())

@@ -1,11 +1,11 @@
 //! `[[fault]]` and `[[expect]]`: in a configuration, in a plan of their own, in what is injected live.
 
-use std::collections::HashSet;
 use std::fmt::Write;
 
 use geu_protocol::Gyro;
 
 use super::document::{ConfigurationError, Node, Source};
+use super::identifiers::{Identifiers, Known};
 use super::{Configuration, show};
 use crate::fault::catalogue::{CATALOGUE, LinkKind, Scope, Spec};
 use crate::fault::expectation::{Expectation, Window};
@@ -18,8 +18,6 @@ pub const MOST: usize = 1000;
 /// Most faults of a run, with those that came live and are over: all stand in its `run.toml`, and are looked at in every
 /// half second.
 pub const MOST_EVER: usize = 10_000;
-/// Longest identifier.
-const MOST_ID: usize = 64;
 const LATEST_S: f64 = 1e10;
 
 /// Key of a list of faults.
@@ -78,9 +76,8 @@ impl Configuration {
         let source = Source::parse(name, text)?;
         let root = source.root();
         root.only(&[FAULT, EXPECT])?;
-        let faults = read_faults(&root, &self.faults, &LinkKind::ALL)?;
+        let faults = read_faults(&root, &self.faults, &LinkKind::ALL, self.run.injected.len())?;
         let all = [&self.faults[..], &faults].concat();
-        few_planned(&root, &all, &self.run.injected)?;
         self.expectations.extend(read_expectations(&root, &self.expectations, &all)?);
         self.faults = all;
         Ok(())
@@ -94,10 +91,10 @@ impl Configuration {
 pub fn read_fault_text(name: &str, text: &str, others: &[Fault], links: &[LinkKind]) -> Read<Fault> {
     let source = Source::parse(name, text)?;
     let root = source.root();
-    let fault = read_fault(&root, others, links, &[])?;
     // What a plan refuses is refused here too: a recording of the run is read as a plan.
-    few_enough(&root, others.len() + 1)?;
-    known_in(&root, &fault, others.iter().chain([&fault]))?;
+    few_enough(&root, others.len() + 1, others.len())?;
+    let fault = read_fault(&root, &mut Identifiers::new(FAULT, ids(others), &[]), links)?;
+    known_in(&root, &fault, &Known::new(ids(others).chain([fault.id.as_str()])))?;
     Ok(fault)
 }
 
@@ -113,28 +110,27 @@ pub fn read_plan_text(name: &str, text: &str, others: &[Fault], links: &[LinkKin
         let message = "expected faults alone: expectations stand in the plan of `geu run --faults`".to_owned();
         return Err(node.error("id", message));
     }
-    read_faults(&root, others, links)
+    read_faults(&root, others, links, others.len())
 }
 
-/// Reads `[[fault]]`; `before` are those that are there already, `links` those that one may be on that names none.
-pub(super) fn read_faults(root: &Node, before: &[Fault], links: &[LinkKind]) -> Read<Vec<Fault>> {
+/// Reads `[[fault]]`; `before` are those that are there already, `links` those that one may be on that names none. Of all of
+/// them `injected` came live, one after another; the others may wait at once.
+pub(super) fn read_faults(root: &Node, before: &[Fault], links: &[LinkKind], injected: usize) -> Read<Vec<Fault>> {
     let nodes = root.tables(FAULT)?;
-    let named = named_ids(&nodes);
-    let mut all = before.to_vec();
-    for node in &nodes {
-        let fault = read_fault(node, &all, links, &named)?;
-        all.push(fault);
-    }
-    few_enough(root, all.len())?;
-    let faults = all.split_off(before.len());
-    for (node, fault) in nodes.iter().zip(&faults) {
-        known_in(node, fault, before.iter().chain(&faults))?;
-    }
+    few_enough(root, before.len() + nodes.len(), injected)?;
+    let mut identifiers = Identifiers::new(FAULT, ids(before), &nodes);
+    let faults = nodes.iter().map(|node| read_fault(node, &mut identifiers, links)).collect::<Read<Vec<Fault>>>()?;
+    let known = Known::new(ids(before).chain(ids(&faults)));
+    nodes.iter().zip(&faults).try_for_each(|(node, fault)| known_in(node, fault, &known))?;
     Ok(faults)
 }
 
-/// Refuses more faults than a run may have.
-fn few_enough(root: &Node, count: usize) -> Read<()> {
+/// Refuses more faults than a run may have, or than may wait at once; before they are read, which takes a while.
+fn few_enough(root: &Node, count: usize, injected: usize) -> Read<()> {
+    let planned = count.saturating_sub(injected);
+    if planned > MOST {
+        return Err(root.error(FAULT, format!("expected at most {MOST} faults, got {planned}")));
+    }
     if count <= MOST_EVER {
         return Ok(());
     }
@@ -142,45 +138,19 @@ fn few_enough(root: &Node, count: usize) -> Read<()> {
     Err(root.error(FAULT, message))
 }
 
-/// Refuses more faults of a plan than may wait at once; those that came live into a recorded run came one after another.
-pub(super) fn few_planned(root: &Node, faults: &[Fault], injected: &[String]) -> Read<()> {
-    match faults.len().saturating_sub(injected.len()) {
-        ..=MOST => Ok(()),
-        count => Err(root.error(FAULT, format!("expected at most {MOST} faults, got {count}"))),
-    }
+fn ids(faults: &[Fault]) -> impl Iterator<Item = &str> {
+    faults.iter().map(|fault| fault.id.as_str())
 }
 
 /// Refuses conditions of a fault that ask about one that is not there.
-fn known_in<'a>(node: &Node, fault: &'a Fault, faults: impl Iterator<Item = &'a Fault> + Clone) -> Read<()> {
+fn known_in(node: &Node, fault: &Fault, known: &Known) -> Read<()> {
     for (key, condition) in [("when", &fault.when), ("end_when", &fault.end_when)] {
-        known(node, key, condition.iter().flat_map(Expression::faults), faults.clone())?;
+        known.check(node, key, condition.iter().flat_map(Expression::faults))?;
     }
     Ok(())
 }
 
-/// Refuses to ask about a fault that is not there.
-fn known<'a>(
-    node: &Node,
-    key: &str,
-    asked: impl IntoIterator<Item = &'a str>,
-    faults: impl Iterator<Item = &'a Fault> + Clone,
-) -> Read<()> {
-    match asked.into_iter().find(|id| !faults.clone().any(|fault| fault.id == *id)) {
-        None => Ok(()),
-        Some(id) => {
-            let ids: Vec<&str> = faults.map(|fault| fault.id.as_str()).collect();
-            let ids = if ids.is_empty() { "there is none".to_owned() } else { ids.join(", ") };
-            Err(node.unexpected(key, &format!("the identifier of a fault ({ids}) in place of {id:?}")))
-        }
-    }
-}
-
-/// Identifiers that these tables give themselves, which none of them is given.
-fn named_ids<'a>(nodes: &'a [Node]) -> Vec<&'a str> {
-    nodes.iter().filter(|node| node.keys().contains(&"id")).filter_map(|node| node.text("id").ok()).collect()
-}
-
-fn read_fault(node: &Node, others: &[Fault], links: &[LinkKind], named: &[&str]) -> Read<Fault> {
+fn read_fault(node: &Node, identifiers: &mut Identifiers, links: &[LinkKind]) -> Read<Fault> {
     let keys = node.keys();
     let has = |key: &str| keys.contains(&key);
     let common: Vec<&str> = FAULT_TEXTS
@@ -236,7 +206,7 @@ fn read_fault(node: &Node, others: &[Fault], links: &[LinkKind], named: &[&str])
         );
     }
     Ok(Fault {
-        id: read_id(node, FAULT, others.iter().map(|fault| fault.id.as_str()), named)?,
+        id: identifiers.read(node)?,
         action,
         gyro,
         link,
@@ -257,7 +227,8 @@ fn read_target(node: &Node) -> Read<Target> {
     let name = node.text("parameter")?;
     Target::named(name).ok_or_else(|| {
         let names: Vec<String> = Target::all().iter().map(Target::name).collect();
-        node.unexpected("parameter", &format!("one of {}", names.join(", ")))
+        let names: Vec<&str> = names.iter().map(String::as_str).collect();
+        node.none_of("parameter", &names)
     })
 }
 
@@ -317,46 +288,24 @@ fn read_course(node: &Node, target: &Target) -> Read<(f64, shape::Law)> {
     Ok((size, kind.law(&numbers)))
 }
 
-/// `named` are identifiers that others beside it give themselves.
-fn read_id<'a>(
-    node: &Node,
-    prefix: &str,
-    others: impl Iterator<Item = &'a str> + Clone,
-    named: &[&'a str],
-) -> Read<String> {
-    let is_taken = |id: &str| others.clone().any(|other| other == id);
-    if !node.keys().contains(&"id") {
-        let taken: HashSet<&str> = others.chain(named.iter().copied()).collect();
-        let free = (1..).map(|number| format!("{prefix}-{number}")).find(|id| !taken.contains(id.as_str()));
-        return Ok(free.expect("there are more numbers than faults"));
-    }
-    let id = node.text("id")?;
-    let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
-    // `all` means every fault where one is cleared, and dots alone mean directories in an address.
-    let is_taken_otherwise = id == "all" || id.chars().all(|c| c == '.');
-    if id.is_empty() || id.len() > MOST_ID || !id.chars().all(is_plain) || is_taken_otherwise {
-        let expected = format!("1 to {MOST_ID} letters, digits, `-`, `_` or `.`, not `all` and not dots alone,");
-        return Err(node.unexpected("id", &expected));
-    }
-    if is_taken(id) {
-        return Err(node.unexpected("id", "an identifier of its own, not taken by another,"));
-    }
-    Ok(id.to_owned())
-}
-
 /// Reads `[[expect]]` of a run with these faults.
 pub(super) fn read_expectations(root: &Node, before: &[Expectation], faults: &[Fault]) -> Read<Vec<Expectation>> {
-    let mut all = before.to_vec();
     let nodes = root.tables(EXPECT)?;
-    let named = named_ids(&nodes);
+    let count = before.len() + nodes.len();
+    if count > MOST {
+        return Err(root.error(EXPECT, format!("expected at most {MOST} expectations, got {count}")));
+    }
+    let known = Known::new(ids(faults));
+    let mut identifiers = Identifiers::new(EXPECT, before.iter().map(|expectation| expectation.id.as_str()), &nodes);
+    let mut read = Vec::new();
     for node in &nodes {
         let numbers: Vec<&str> = EXPECT_NUMBERS.iter().map(|number| number.name).collect();
         node.only(&[&["id", "after", "condition"][..], &numbers].concat())?;
         let condition: Expression =
             node.text("condition")?.parse().map_err(|expected: String| node.unexpected("condition", &expected))?;
-        known(node, "condition", condition.faults(), faults.iter())?;
+        known.check(node, "condition", condition.faults())?;
         let after = if node.keys().contains(&"after") { Some(node.text("after")?) } else { None };
-        known(node, "after", after, faults.iter())?;
+        known.check(node, "after", after)?;
         let window = match (node.number(&WITHIN)?, node.number(&THROUGHOUT)?) {
             (within_s, throughout_s) if throughout_s.is_nan() && !within_s.is_nan() => Window::Within(within_s),
             (within_s, throughout_s) if within_s.is_nan() && !throughout_s.is_nan() => Window::Throughout(throughout_s),
@@ -366,13 +315,10 @@ pub(super) fn read_expectations(root: &Node, before: &[Expectation], faults: &[F
                 return Err(node.error("condition", message.to_owned()));
             }
         };
-        let id = read_id(node, EXPECT, all.iter().map(|expectation| expectation.id.as_str()), &named)?;
-        all.push(Expectation { id, after: after.map(str::to_owned), at_s: node.number(&AT)?, condition, window });
+        let (id, at_s) = (identifiers.read(node)?, node.number(&AT)?);
+        read.push(Expectation { id, after: after.map(str::to_owned), at_s, condition, window });
     }
-    if all.len() > MOST {
-        return Err(root.error(EXPECT, format!("expected at most {MOST} expectations, got {}", all.len())));
-    }
-    Ok(all.split_off(before.len()))
+    Ok(read)
 }
 
 /// One fault as TOML, its keys alone.

@@ -5,8 +5,11 @@
 
 mod document;
 pub mod fault;
+mod identifiers;
 mod schema;
 mod show;
+
+use std::collections::HashSet;
 
 pub use document::{ConfigurationError, Node, Source};
 use geu_protocol::Gyro;
@@ -248,7 +251,9 @@ impl Configuration {
     pub fn columns(&self) -> Vec<usize> {
         let gyros = &self.gyros;
         let injected = &self.run.injected;
-        let planned = self.faults.iter().filter(|fault| !injected.contains(&fault.id));
+        // Both may be long.
+        let live: HashSet<&String> = injected.iter().collect();
+        let planned = self.faults.iter().filter(|fault| !live.contains(&fault.id));
         let mut moved: Vec<usize> = planned.filter_map(fault_column).collect();
         moved.extend((!injected.is_empty()).then_some(FAULT_COLUMN));
         let unit = (0..UnitEffects::SPECS.len()).filter(|&index| self.unit.has(index));
@@ -288,8 +293,7 @@ impl Configuration {
         }
         let start_unix_s = root.number(&START)?;
         let run = read_run(root)?;
-        let faults = fault::read_faults(root, &[], &run.told_links())?;
-        fault::few_planned(root, &faults, &run.injected)?;
+        let faults = fault::read_faults(root, &[], &run.told_links(), run.injected.len())?;
         Ok(Configuration {
             seed: root.whole_number("seed")?.unwrap_or(1),
             start_unix_ns: unix_ns(start_unix_s),

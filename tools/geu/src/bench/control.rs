@@ -69,7 +69,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 /// An emulator as a process of its own.
 struct Emulator {
     child: Child,
-    said: BufReader<std::process::ChildStderr>,
+    said: std::process::ChildStderr,
     address: String,
     /// Of the symlink.
     _directory: tempfile::TempDir,
@@ -83,16 +83,14 @@ impl Emulator {
         command.args(["--control", if is_open { "127.0.0.1:0" } else { "off" }]);
         let mut child = command
             .stdin(Stdio::null())
-            .stdout(Stdio::null())
+            .stdout(Stdio::piped())
             .stderr(Stdio::piped())
             .spawn()
             .map_err(Failure::failed)?;
-        let mut said = BufReader::new(child.stderr.take().expect("piped"));
-        let mut address = String::new();
-        if is_open {
-            said.read_line(&mut address).map_err(Failure::failed)?;
-            address = address.trim().rsplit(' ').next().unwrap_or_default().to_owned();
-        }
+        let said = child.stderr.take().expect("piped");
+        let mut ready = BufReader::new(child.stdout.take().expect("piped")).lines().map_while(Result::ok);
+        let address = if is_open { ready.find_map(|line| control_address(&line)) } else { Some(String::new()) };
+        let address = address.ok_or_else(|| Failure::failed("geu run: no control interface became ready"))?;
         Ok(Emulator { child, said, address, _directory: directory })
     }
 
@@ -116,6 +114,11 @@ impl Drop for Emulator {
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
+}
+
+/// HOST:PORT of a ready line of a control interface.
+fn control_address(line: &str) -> Option<String> {
+    line.strip_prefix("ready control http://").map(|address| address.trim_end_matches('/').to_owned())
 }
 
 /// The clients.
@@ -142,7 +145,13 @@ impl Load {
         }
         let browser = browser.map(|program| {
             Command::new(program)
-                .args(["--headless=new", "--no-sandbox", "--disable-gpu", "--remote-debugging-port=0", address])
+                .args([
+                    "--headless=new",
+                    "--no-sandbox",
+                    "--disable-gpu",
+                    "--remote-debugging-port=0",
+                    &format!("http://{address}/"),
+                ])
                 .stdin(Stdio::null())
                 .stdout(Stdio::null())
                 .stderr(Stdio::null())

@@ -12,7 +12,7 @@ use geu_protocol::{CLOCK_PER_HALF_SECOND, CanPlan, HalfSecond};
 use geu_recording::{Defect, InputReader, Options, Row, Sink, Stop};
 
 use crate::failure::{Failure, say};
-use crate::rows::{Form, write_row};
+use crate::rows::{Flags, Form, write_row};
 
 /// Arguments of `geu bench decode`.
 #[derive(Args)]
@@ -123,7 +123,7 @@ impl Sink for Counter {
     fn row(&mut self, row: &Row) {
         self.rows += 1;
         if let Some((file, buffer)) = &mut self.out {
-            write_row(Form::Csv, row, buffer);
+            write_row(Form::Csv, Flags::Integers, row, buffer);
             if buffer.len() > 1 << 18 {
                 let _ = file.write_all(buffer);
                 buffer.clear();

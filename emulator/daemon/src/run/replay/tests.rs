@@ -1,6 +1,5 @@
 use std::sync::Mutex;
 use std::sync::mpsc::sync_channel;
-use std::time::Duration;
 
 use geu_model::Configuration;
 use geu_model::fault::catalogue::LinkKind;

@@ -1,0 +1,78 @@
+//! Formats that are told by their first bytes and not read: each by its name, with what makes a capture of it.
+
+use std::fmt;
+
+/// A format that is not read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Foreign {
+    /// What it begins with.
+    begins: &'static [u8],
+    /// Its name, with its article.
+    name: &'static str,
+    /// What makes something of it that is read.
+    remedy: &'static str,
+}
+
+/// python-can's converter reads it by the ending of its name, and writes a candump log.
+const LOGCONVERT: &str = "convert it with python-can: `can_logconvert INPUT OUTPUT.log`";
+const UNPACK: &str = "unpack it; compressed by gzip or zstd it is read as it is";
+const TABLE: &str =
+    "a table of gyros is read as CSV with --gyro-csv DESCRIPTION, a capture as candump, ASC, pcap or pcapng";
+
+const fn foreign(begins: &'static [u8], name: &'static str, remedy: &'static str) -> Foreign {
+    Foreign { begins, name, remedy }
+}
+
+/// All that are told.
+pub const FOREIGN: &[Foreign] = &[
+    foreign(b"LOGG", "a Vector BLF capture", LOGCONVERT),
+    foreign(b";$FILEVERSION=", "a PEAK TRC trace", LOGCONVERT),
+    foreign(
+        b"MDF     ",
+        "an ASAM MDF measurement",
+        "convert it with python-can and asammdf: `can_logconvert INPUT.mf4 OUTPUT.log`",
+    ),
+    foreign(
+        b"UnFinMF ",
+        "an unfinished ASAM MDF measurement",
+        "finalise it with asammdf, then `can_logconvert INPUT.mf4 OUTPUT.log`",
+    ),
+    foreign(
+        b"SQLite format 3\0",
+        "an SQLite database",
+        "python-can's is converted: `can_logconvert INPUT.db OUTPUT.log`",
+    ),
+    foreign(b"timestamp,arbitration_id,", "python-can's CSV", LOGCONVERT),
+    foreign(b"PAR1", "a Parquet table", TABLE),
+    foreign(b"\x89HDF\r\n\x1a\n", "an HDF5 file", TABLE),
+    foreign(b"t_s,sequence,clock_count,", "the rows of `geu decode`, no capture", "give the capture they came from"),
+    foreign(b"PK\x03\x04", "a ZIP archive", UNPACK),
+    foreign(b"BZh", "a file compressed by bzip2", UNPACK),
+    foreign(b"\xFD7zXZ\0", "a file compressed by xz", UNPACK),
+    foreign(b"\x04\x22\x4D\x18", "a file compressed by lz4", UNPACK),
+    foreign(b"7z\xBC\xAF\x27\x1C", "a 7z archive", UNPACK),
+];
+
+impl Foreign {
+    /// The format that begins so.
+    pub(super) fn of(head: &[u8]) -> Option<&'static Foreign> {
+        let head = head.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(head);
+        FOREIGN.iter().find(|foreign| head.starts_with(foreign.begins))
+    }
+
+    /// What it begins with.
+    pub fn begins(&self) -> &'static [u8] {
+        self.begins
+    }
+
+    /// Its name, with its article.
+    pub fn name(&self) -> &'static str {
+        self.name
+    }
+}
+
+impl fmt::Display for Foreign {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        write!(f, "is {}, which geu does not read; {}", self.name, self.remedy)
+    }
+}

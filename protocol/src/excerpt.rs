@@ -1,0 +1,21 @@
+//! How much of an input a message quotes.
+
+use std::borrow::Cow;
+
+/// A message quotes so many bytes of a line or field at most: enough to recognise it, and one line of a log.
+pub const MAX_QUOTED: usize = 200;
+
+/// The text as a message quotes it: whole, or its first [`MAX_QUOTED`] bytes and its length.
+///
+/// ```
+/// use geu_protocol::excerpt::excerpt;
+/// assert_eq!(excerpt("0.5,x"), "0.5,x");
+/// assert_eq!(excerpt(&"9".repeat(1000)), format!("{}… (1000 bytes)", "9".repeat(200)));
+/// ```
+pub fn excerpt(text: &str) -> Cow<'_, str> {
+    if text.len() <= MAX_QUOTED {
+        return Cow::Borrowed(text);
+    }
+    let end = (0..=MAX_QUOTED).rev().find(|&end| text.is_char_boundary(end)).unwrap_or(0);
+    Cow::Owned(format!("{}… ({} bytes)", &text[..end], text.len()))
+}

@@ -1,0 +1,101 @@
+//! Defects as JSON lines; one that comes again and again with nothing between is a line with a count.
+
+use geu_protocol::capture::{Place, Time};
+use geu_recording::{Defect, DefectKind, place_text};
+
+use crate::rows::{quote, write_seconds};
+
+/// Writes defects; the last waits for those that are like it. Two hundred megabytes of `EB 90` are one line, not a hundred million.
+#[derive(Default)]
+pub struct DefectLines {
+    waiting: Option<Waiting>,
+}
+
+struct Waiting {
+    input: String,
+    first: Place,
+    last: Place,
+    kind: DefectKind,
+    bytes: Vec<u8>,
+    time: Option<Time>,
+    lost: u64,
+    count: u64,
+}
+
+impl Waiting {
+    fn is_like(&self, defect: &Defect) -> bool {
+        self.kind == defect.kind
+            && self.bytes == defect.bytes
+            && self.time == defect.time
+            && self.lost == defect.lost
+            && self.input == defect.input
+    }
+}
+
+impl DefectLines {
+    /// Takes a defect: place, kind, bytes in hexadecimal; time and what was lost where they are known.
+    pub fn push(&mut self, defect: &Defect, out: &mut Vec<u8>) {
+        match &mut self.waiting {
+            Some(waiting) if waiting.is_like(defect) => {
+                waiting.count += 1;
+                waiting.last = defect.place;
+            }
+            _ => {
+                self.end(out);
+                self.waiting = Some(Waiting {
+                    input: defect.input.to_owned(),
+                    first: defect.place,
+                    last: defect.place,
+                    kind: defect.kind,
+                    bytes: defect.bytes.to_vec(),
+                    time: defect.time,
+                    lost: defect.lost,
+                    count: 1,
+                });
+            }
+        }
+    }
+
+    /// Writes what waits: something else came between, or nothing more comes for now.
+    pub fn end(&mut self, out: &mut Vec<u8>) {
+        if let Some(waiting) = self.waiting.take() {
+            waiting.write(out);
+        }
+    }
+}
+
+impl Waiting {
+    fn write(&self, out: &mut Vec<u8>) {
+        out.extend_from_slice(b"{\"place\":");
+        quote(&place_text(&self.input, self.first), out);
+        out.extend_from_slice(b",\"kind\":");
+        quote(self.kind.name(), out);
+        out.extend_from_slice(b",\"bytes\":\"");
+        for byte in &self.bytes {
+            out.extend_from_slice(format!("{byte:02X}").as_bytes());
+        }
+        out.extend_from_slice(b"\"");
+        if let Some(text) = readable(&self.bytes) {
+            out.extend_from_slice(b",\"text\":");
+            quote(text, out);
+        }
+        if let Some(time) = self.time {
+            out.extend_from_slice(b",\"t_s\":");
+            write_seconds(time, out);
+        }
+        if self.lost > 0 {
+            out.extend_from_slice(format!(",\"lost\":{}", self.lost).as_bytes());
+        }
+        if self.count > 1 {
+            out.extend_from_slice(format!(",\"count\":{},\"last_place\":", self.count).as_bytes());
+            quote(&place_text(&self.input, self.last), out);
+        }
+        out.extend_from_slice(b"}\n");
+    }
+}
+
+/// A broken line, where a person can read it.
+fn readable(bytes: &[u8]) -> Option<&str> {
+    let text = std::str::from_utf8(bytes).ok()?;
+    (text.len() > 2 && text.chars().all(|letter| letter == '\t' || !letter.is_control())).then_some(text)
+}

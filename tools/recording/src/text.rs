@@ -1,0 +1,232 @@
+//! Texts of any origin, compressed or not, within bounds: a document is read whole, a series row by row.
+//!
+//! A megabyte of gzip can hold a gigabyte of text, and a kilobyte of zstd as much again. So every bound counts bytes as they leave the
+//! decompressor, and what is beyond it is never read.
+
+use std::fs::File;
+use std::io::{self, BufRead, BufReader, Cursor, Read};
+use std::path::Path;
+
+use crate::input::{Source, container};
+
+/// Bytes of a document (configuration, plan, description, result as JSON): the `run.toml` of a run with 200 000 commands. Parsed, a
+/// document takes up to a hundred times its length.
+pub const MAX_DOCUMENT_BYTES: usize = 16 << 20;
+/// Lines of a document; a command of a `run.toml` takes five.
+pub const MAX_DOCUMENT_LINES: usize = 1 << 20;
+/// Bytes of one row of a series, comments and blank lines before it included.
+pub const MAX_ROW_BYTES: usize = 1 << 20;
+/// Rows of a series, which are kept in memory, some 64 bytes each: half a year of half seconds, nine hours at 1 kHz.
+pub const MAX_ROWS: u64 = 1 << 25;
+/// What editors and spreadsheets on Windows write before a text.
+const BYTE_ORDER_MARK: &[u8] = "\u{feff}".as_bytes();
+/// Bytes from which the kind of a series is told.
+const HEAD: u64 = 4096;
+
+/// The text of a document, which may be compressed, without its byte order mark.
+///
+/// # Errors
+/// A file that cannot be opened or read to its end, is longer than [`MAX_DOCUMENT_BYTES`] or [`MAX_DOCUMENT_LINES`], or is no UTF-8.
+pub fn read_text(path: &Path) -> io::Result<String> {
+    let mut bytes = Vec::new();
+    open_bytes(path)?.take(MAX_DOCUMENT_BYTES as u64 + 1).read_to_end(&mut bytes)?;
+    if bytes.len() > MAX_DOCUMENT_BYTES {
+        return Err(beyond(format!(
+            "expected at most {MAX_DOCUMENT_BYTES} bytes of text, got more; check that this is the file meant"
+        )));
+    }
+    let lines = memchr::memchr_iter(b'\n', &bytes).count();
+    if lines > MAX_DOCUMENT_LINES {
+        return Err(beyond(format!(
+            "expected at most {MAX_DOCUMENT_LINES} lines, got {lines}; check that this is the file meant"
+        )));
+    }
+    if bytes.starts_with(BYTE_ORDER_MARK) {
+        bytes.drain(..BYTE_ORDER_MARK.len());
+    }
+    String::from_utf8(bytes).map_err(|error| {
+        let (valid, bytes) = (error.utf8_error().valid_up_to(), error.as_bytes());
+        let line = memchr::memchr_iter(b'\n', &bytes[..valid]).count() + 1;
+        beyond(format!("line {line}: expected UTF-8, got the byte {:02X}", bytes[valid]))
+    })
+}
+
+/// Opens a series, which may be compressed.
+///
+/// # Errors
+/// A file that cannot be opened.
+pub fn open_rows(path: &Path) -> io::Result<RowReader<Box<dyn Read>>> {
+    Ok(RowReader::new(open_bytes(path)?))
+}
+
+fn open_bytes(path: &Path) -> io::Result<Box<dyn Read>> {
+    match container(Box::new(File::open(path)?), None)? {
+        Source::Bytes { reader, .. } => Ok(reader),
+        Source::Serial(_) | Source::Can(_) => Err(beyond("expected a file, got a live link".to_owned())),
+    }
+}
+
+fn beyond(message: String) -> io::Error {
+    io::Error::new(io::ErrorKind::InvalidData, message)
+}
+
+/// The bytes of a series. Whoever reads them says where a row ends; too much between two ends, or too many, is an error.
+pub struct RowReader<R> {
+    head: Cursor<Vec<u8>>,
+    reader: R,
+    bytes: usize,
+    rows: u64,
+}
+
+impl<R: Read> RowReader<R> {
+    /// A series from its beginning.
+    pub fn new(reader: R) -> RowReader<R> {
+        RowReader { head: Cursor::default(), reader, bytes: 0, rows: 0 }
+    }
+
+    /// The first lines, as far as they stand in the first few kilobytes, before anything is read.
+    ///
+    /// # Errors
+    /// Those of the file.
+    pub fn first_lines(&mut self) -> io::Result<Vec<String>> {
+        if self.head.get_ref().is_empty() {
+            self.reader.by_ref().take(HEAD).read_to_end(self.head.get_mut())?;
+        }
+        let head = self.head.get_ref();
+        let head = head.strip_prefix(BYTE_ORDER_MARK).unwrap_or(head);
+        Ok(String::from_utf8_lossy(head).lines().map(str::to_owned).collect())
+    }
+
+    /// Its lines.
+    pub fn lines(self) -> RowLines<R> {
+        RowLines { reader: BufReader::new(self), number: 0 }
+    }
+
+    /// Its rows, as fields.
+    pub fn table(self, builder: &csv::ReaderBuilder) -> Table<R> {
+        Table { reader: builder.from_reader(self) }
+    }
+
+    fn end_row(&mut self) {
+        (self.bytes, self.rows) = (0, self.rows + 1);
+    }
+}
+
+impl<R: Read> Read for RowReader<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let rows = self.rows;
+        if self.bytes > MAX_ROW_BYTES {
+            return Err(beyond(format!(
+                "after row {rows}: expected a row within {MAX_ROW_BYTES} bytes, comments and blank lines before it included, got none; check that this is the file meant"
+            )));
+        }
+        if rows > MAX_ROWS {
+            return Err(beyond(format!(
+                "expected at most {MAX_ROWS} rows, got more; cut the series into shorter ones"
+            )));
+        }
+        let length = match self.head.read(buffer)? {
+            0 => self.reader.read(buffer)?,
+            length => length,
+        };
+        self.bytes += length;
+        Ok(length)
+    }
+}
+
+/// The lines of a series, without their ends.
+pub struct RowLines<R> {
+    reader: BufReader<RowReader<R>>,
+    number: u64,
+}
+
+impl<R: Read> Iterator for RowLines<R> {
+    type Item = io::Result<String>;
+
+    fn next(&mut self) -> Option<io::Result<String>> {
+        let mut line = Vec::new();
+        match self.reader.read_until(b'\n', &mut line) {
+            Ok(0) => return None,
+            Ok(_) => {}
+            Err(error) => return Some(Err(error)),
+        }
+        self.reader.get_mut().end_row();
+        self.number += 1;
+        let text = line.strip_suffix(b"\n").unwrap_or(&line);
+        let text = text.strip_suffix(b"\r").unwrap_or(text);
+        let text = if self.number == 1 { text.strip_prefix(BYTE_ORDER_MARK).unwrap_or(text) } else { text };
+        let number = self.number;
+        Some(
+            str::from_utf8(text)
+                .map(str::to_owned)
+                .map_err(|_| beyond(format!("line {number}: expected UTF-8, got other bytes"))),
+        )
+    }
+}
+
+/// The rows of a series as fields.
+pub struct Table<R> {
+    reader: csv::Reader<RowReader<R>>,
+}
+
+impl<R: Read> Table<R> {
+    /// The header.
+    ///
+    /// # Errors
+    /// Those of the file, or a header that is too long.
+    pub fn header(&mut self) -> csv::Result<csv::StringRecord> {
+        let header = self.reader.headers()?.clone();
+        self.reader.get_mut().end_row();
+        Ok(header)
+    }
+
+    /// Reads the next row; false at the end.
+    ///
+    /// # Errors
+    /// Those of the file, a row that is too long or has another number of fields, too many rows.
+    pub fn read(&mut self, record: &mut csv::StringRecord) -> csv::Result<bool> {
+        let is_row = self.reader.read_record(record)?;
+        self.reader.get_mut().end_row();
+        Ok(is_row)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_document_is_read_without_its_mark_and_its_bad_byte_is_placed() {
+        let directory = tempfile::tempdir().expect("a directory");
+        let path = directory.path().join("text.toml");
+        std::fs::write(&path, "\u{feff}seed = 1\n").expect("a file");
+        assert_eq!(read_text(&path).expect("text"), "seed = 1\n");
+        std::fs::write(&path, b"seed = 1\nname = \"\xFF\"\n").expect("a file");
+        let message = read_text(&path).expect_err("no UTF-8").to_string();
+        assert_eq!(message, "line 2: expected UTF-8, got the byte FF");
+    }
+
+    #[test]
+    fn what_is_looked_at_first_is_read_again() {
+        let text = format!("\u{feff}t_s\r\n{}", "1\n".repeat(5000));
+        let mut rows = RowReader::new(text.as_bytes());
+        assert_eq!(rows.first_lines().expect("lines")[0], "t_s");
+        let lines: Vec<String> = rows.lines().collect::<io::Result<_>>().expect("lines");
+        assert_eq!((lines.len(), lines[0].as_str(), lines[5000].as_str()), (5001, "t_s", "1"));
+    }
+
+    #[test]
+    fn a_row_that_does_not_end_and_rows_without_end_are_errors() {
+        let long = "x".repeat(MAX_ROW_BYTES + (1 << 17));
+        let text = format!("a\nb\n{long}");
+        let error = RowReader::new(text.as_bytes()).lines().find_map(Result::err).expect("too long").to_string();
+        assert!(error.starts_with("after row 2: expected a row within"), "{error}");
+        // Rows, each within its bound, are more than a row's bound together.
+        let rows = "0,0\n".repeat(MAX_ROW_BYTES);
+        assert_eq!(RowReader::new(rows.as_bytes()).lines().filter_map(Result::ok).count(), MAX_ROW_BYTES);
+        let mut endless = RowReader::new(io::repeat(b'\n'));
+        endless.rows = MAX_ROWS;
+        let error = endless.lines().find_map(Result::err).expect("too many").to_string();
+        assert!(error.contains("rows, got more"), "{error}");
+    }
+}
