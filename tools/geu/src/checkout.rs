@@ -111,8 +111,7 @@ fn twice(unit: &Configuration, by: By, out: Option<&std::path::Path>) -> Result<
     let mut second = sequence(&checkout::drawn(unit, unit.seed, 0), Precautions::ALL);
     second.gyros = first.gyros.clone();
     if let Some(directory) = out {
-        let mut recorder =
-            Recorder::create(directory, &first, &Truth::Scenario, WireForm::Can, &[]).map_err(Failure::input)?;
+        let mut recorder = Recorder::create(directory, &first, &Truth::Scenario, WireForm::Can, &[])?;
         let half_seconds = fly_length(&first);
         simulate(&first, &Truth::Scenario, half_seconds, &mut recorder, |_| {}).map_err(Failure::failed)?;
         recorder.finish().map_err(Failure::failed)?;

@@ -214,7 +214,7 @@ impl Output {
         let writer: Box<dyn Write> = match path {
             Some(path) => Box::new(
                 File::create(path)
-                    .map_err(|error| Failure::input(format!("{}: cannot be written: {error}", path.display())))?,
+                    .map_err(|error| Failure::failed(format!("{}: cannot be written: {error}", path.display())))?,
             ),
             None => Box::new(io::stdout().lock()),
         };

@@ -36,7 +36,7 @@ impl Report {
             Ok(_) if is_there && OpenOptions::new().append(true).open(path).is_err() => "a file that may be written",
             Ok(_) => return Ok(()),
         };
-        Err(Failure::input(format!("--junit {got}: expected {expected}")))
+        Err(Failure::failed(format!("--junit {got}: expected {expected}")))
     }
 
     /// Tells the faults that never started, and the verdicts.

@@ -1,7 +1,6 @@
 //! The command `geu`: one thin file per subcommand, nothing but arguments and printing.
 //!
-//! Results go to standard output or the file named, everything else to standard error. Exit 0 done, 1 failed or
-//! `--strict` found defects, 2 bad usage or bad input, 3 a diagnosis ended unexplained.
+//! Results go to standard output or the file named, everything else to standard error.
 
 mod bench;
 mod blind;
@@ -44,8 +43,8 @@ mod update;
 use std::process::ExitCode;
 use std::sync::LazyLock;
 
-use clap::{Parser, Subcommand};
-use failure::Failure;
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
+use failure::{EXIT_CODES, Failure};
 
 /// Emulator, decoder and evaluation of a spacecraft gyro electronics unit.
 ///
@@ -86,8 +85,19 @@ static VERSION: LazyLock<String> = LazyLock::new(|| {
     format!("{} (link version {major}.{minor})", env!("CARGO_PKG_VERSION"))
 });
 
+/// The command and all below it, each with the exit codes at the end of its help.
+fn with_exit_codes(command: clap::Command) -> clap::Command {
+    let own = command.get_after_help().map(|text| format!("{text}\n\n")).unwrap_or_default();
+    command.after_help(own + EXIT_CODES).mut_subcommands(with_exit_codes)
+}
+
+fn parse() -> Result<Arguments, clap::Error> {
+    Arguments::from_arg_matches(&with_exit_codes(Arguments::command()).try_get_matches()?)
+}
+
 fn main() -> ExitCode {
-    let done: Result<(), Failure> = match Arguments::parse().command {
+    let arguments = parse().unwrap_or_else(|error| error.exit());
+    let done: Result<(), Failure> = match arguments.command {
         Some(Command::Simulate(arguments)) => simulate::run(&arguments),
         Some(Command::Calibrate(arguments)) => calibrate::run(&arguments),
         Some(Command::Checkout(arguments)) => checkout::run(&arguments),

@@ -95,7 +95,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Some(directory) => {
             let carriers: Vec<_> = settings.links.iter().map(LinkAddress::carrier).collect();
             let recorder = Recorder::create(directory, &ready.configuration, &ready.truth, wire, &carriers);
-            Some(recorder.map_err(Failure::input)?)
+            Some(recorder?)
         }
         None => None,
     };

@@ -65,7 +65,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(reason) = record::misses(configuration, wire) {
         return Err(Failure::input(format!("{reason}; name its `link`, or record another --wire")));
     }
-    let mut recorder = Recorder::create(out, configuration, &ready.truth, wire, &[]).map_err(Failure::input)?;
+    let mut recorder = Recorder::create(out, configuration, &ready.truth, wire, &[])?;
     let bar = indicatif::ProgressBar::new(count);
     let faults = simulate(configuration, &ready.truth, count, &mut recorder, |done| bar.set_position(done))
         .map_err(Failure::failed)?;
