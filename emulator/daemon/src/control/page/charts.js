@@ -156,6 +156,7 @@ export function charts(gyros, validBits) {
     ctx.fillStyle = colour("--bad");
     ctx.font = `600 ${12 * devicePixelRatio}px system-ui, "DejaVu Sans", sans-serif`;
     ctx.textBaseline = "top";
+    ctx.textAlign = "left";
     for (let first = valid.indexOf(false); first >= 0; ) {
       const after = valid.indexOf(true, first);
       const last = after < 0 ? times.length - 1 : after - 1;

@@ -141,14 +141,22 @@ function start([catalogue, layout, status]) {
   at("document").href = path("/api/openapi.json");
 
   // Half seconds that come while the history is asked for; nothing once it is drawn.
-  let waiting = [];
+  let waiting = [],
+    latest = 0,
+    refill = 0;
   async function fill() {
-    waiting = [];
+    waiting ??= [];
     const history = await ask("GET", "/api/history").catch(() => []);
-    gyros.fill(history);
+    if (history.length) gyros.fill(history);
     const end_s = history.at(-1)?.t_s ?? -1;
-    waiting.filter((half) => half.t_s > end_s).forEach(gyros.take);
+    waiting?.filter((half) => half.t_s > end_s).forEach(gyros.take);
     waiting = null;
+    refill = 0;
+  }
+  /** A run faster than real does not tell every half second: the others are fetched, once a second. */
+  function fetchSkipped(half) {
+    if (half.half_second > latest + 1 && !waiting) refill ||= setTimeout(fill, AGAIN_MS);
+    latest = half.half_second;
   }
 
   function follow() {
@@ -170,6 +178,7 @@ function start([catalogue, layout, status]) {
     source.addEventListener("half-second", (event) => {
       const half = JSON.parse(event.data);
       heard = performance.now();
+      fetchSkipped(half);
       if (waiting) waiting.push(half);
       else gyros.take(half);
       frames.take(half);
