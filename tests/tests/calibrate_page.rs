@@ -118,6 +118,10 @@ fn two_checkouts_of_one_unit_are_compatible_and_the_page_tells_all() {
             assert!(page.contains(&format!("<th scope=\"row\">{name}</th>")), "{name}");
         }
         assert!(page.contains("The sixteen parameters explain these data."));
+        // A drift, its sigma and its change are in one unit.
+        let drift = page.split("<th scope=\"row\">GYRX drift</th>").nth(1).and_then(|rest| rest.split("</tr>").next());
+        let drift = drift.expect("a row");
+        assert!(drift.matches("arcsec/h<").count() == 3 && !page.contains("arcsec/half s"), "{drift}");
     }
     assert!(page.contains("2026-09-21 14:13:20 UTC") && page.contains("Compatible with the earlier calibrations"));
     assert_eq!(page.matches(" over time\"").count(), 16);

@@ -104,7 +104,8 @@ fn diagnosis_of(seed: u64, hidden: &[Hidden], bench: Option<&Bench>) -> Diagnosi
     let diagnosis = diagnosed(&recording, &recording.reference, &Configuration::reference());
     let names: Vec<String> = hidden.iter().map(|hidden| format!("{} {:?}", hidden.code, hidden.gyros)).collect();
     println!("== seed {seed}: {}: {}", names.join(" + "), diagnosis.verdict.name());
-    missing(&diagnosis).for_each(|entry| println!("   {}", report::sentence(entry)));
+    missing(&diagnosis)
+        .for_each(|entry| println!("   {}\n{}", report::heading(entry), report::labelled(6, &report::facts(entry))));
     if let Some(left) = &diagnosis.unexplained {
         println!("   left: {:?} {:?} {} {:?}", left.gyros, left.interval_s, left.shape, left.follows);
     }
@@ -166,7 +167,7 @@ fn false_alarms(seeds: std::ops::Range<u64>, duration_s: f64) -> Vec<u64> {
         let recording = recorded(&Plant { duration_s, ..Plant::new(*seed, Vec::new()) });
         let diagnosis = diagnosed(&recording, &recording.reference, &Configuration::reference());
         println!("== seed {seed}: {}", diagnosis.verdict.name());
-        missing(&diagnosis).for_each(|entry| println!("   {}", report::sentence(entry)));
+        missing(&diagnosis).for_each(|entry| println!("   {}", report::heading(entry)));
         diagnosis.verdict != Verdict::Consistent || missing(&diagnosis).count() > 0
     };
     seeds.filter(is_false).collect()
@@ -480,7 +481,9 @@ fn the_shared_recordings_are_named_with_their_sizes_and_foretold() {
         let [before, after] = [&diagnosis.before, &diagnosis.after];
         let [before, after, held_out] = [before.fitted, after.fitted, after.held_out].map(|gap| gap.rms_arcsec);
         println!("== {name}: {}; gap {before:.2}, after {after:.2}, held out {held_out:.2}", diagnosis.verdict.name());
-        missing(&diagnosis).for_each(|entry| println!("   {}", report::sentence(entry)));
+        missing(&diagnosis).for_each(|entry| {
+            println!("   {}\n{}", report::heading(entry), report::labelled(6, &report::facts(entry)))
+        });
         let hidden = answers(&text, &name);
         assert_eq!(missing(&diagnosis).count(), hidden.len(), "{name}");
         assert_eq!(diagnosis.verdict == Verdict::Consistent, hidden.is_empty(), "{name}");

@@ -81,10 +81,12 @@ impl Diagnosed {
                 bars.contains("class=\"before\"") && bars.contains("class=\"after\"") && bars.contains("arcsec rms")
             );
         }
-        // Every sentence about a thing found is that of the report.
-        let found = self.report.lines().filter(|line| line.starts_with("  GYR") && line.contains("% of the gap"));
-        for sentence in found {
-            assert!(self.page.contains(&sentence.trim().replace('>', "&gt;")), "{sentence}");
+        // Every fact about a thing found is that of the report.
+        let facts = self.report.lines().filter(|line| line.starts_with("    "));
+        for fact in facts {
+            let (label, value) = fact.trim().split_once("  ").expect("a label and a value");
+            let item = format!("<li>{label}: {}</li>", value.trim().replace('>', "&gt;"));
+            assert!(self.page.contains(&item), "{item}");
         }
         assert!(!self.page.contains("NaN") && !self.page.contains("inf"), "a number that is none");
     }
@@ -111,7 +113,9 @@ fn a_pivot_clearance_is_told_with_both_residuals_its_search_and_where_it_shows()
     diagnosed.assert_whole();
     let page = &diagnosed.page;
     assert!(page.contains("<strong>explained</strong>: with what was missing the model explains the recording."));
-    assert!(page.contains("<li>GYRX: pivot-clearance, clearance_arcsec = 11."), "the sentence");
+    assert!(page.contains("<li>GYRX: pivot-clearance\n<ul>\n<li>clearance_arcsec: 11."), "the effect found");
+    assert!(diagnosed.report.contains("\n  GYRX: pivot-clearance\n    clearance_arcsec  "), "{}", diagnosed.report);
+    assert!(diagnosed.report.lines().all(|line| line.chars().count() < 200), "{}", diagnosed.report);
     let first = diagnosed.round(1);
     assert!(first.starts_with("<h3>Round 1: added pivot-clearance</h3>"), "{first}");
     assert!(first.contains("<b>pivot-clearance</b>") && first.contains("<td>added</td>"), "{first}");

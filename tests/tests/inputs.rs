@@ -7,6 +7,7 @@ use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
 use geu_protocol::capture::FOREIGN;
+use geu_protocol::serial::data_frame;
 use geu_tests::{geu, root};
 
 /// Virtual memory of a child, KiB: some 200 MB lie above what a command needs that reads a bounded input, and gigabytes below what

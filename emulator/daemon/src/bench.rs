@@ -3,6 +3,7 @@
 //! The thread that keeps time hands over what happened, without waiting (`told`); a thread of the bench makes JSON of
 //! it (`state`) and sends it to whoever listens. What is driven goes through the desk, as the commands of links do.
 
+mod history;
 mod state;
 #[cfg(test)]
 mod tests;
@@ -32,6 +33,7 @@ use crate::fault_log;
 use crate::link::Tally;
 use crate::recording::Status;
 use crate::run::Timing;
+use history::{Historian, History};
 use state::Known;
 use told::Told;
 
@@ -51,6 +53,7 @@ pub(crate) struct LiveBench(Arc<Shared>);
 struct Shared {
     events: broadcast::Sender<Shown>,
     timeline: Mutex<Timeline>,
+    history: History,
     last: Mutex<Value>,
     lost: Arc<AtomicU64>,
     known: OnceLock<Known>,
@@ -92,15 +95,17 @@ impl LiveBench {
         let shared = Arc::new(Shared {
             events: broadcast::Sender::new(BEHIND),
             timeline: Mutex::default(),
+            history: History::default(),
             last: Mutex::new(Value::Null),
             lost: lost.clone(),
             known: OnceLock::new(),
         });
+        let historian = Historian::new(shared.history.clone());
         let thread = thread::Builder::new().name("geu-bench".to_owned()).spawn({
             let shared = shared.clone();
             move || shared.show(&told)
         })?;
-        Ok((LiveBench(shared), Teller::new(sender, lost), Shower(thread)))
+        Ok((LiveBench(shared), Teller::new(sender, lost, historian), Shower(thread)))
     }
 
     /// Makes the rest known; `recorded` is the kind of link that a recording is of.
@@ -270,6 +275,10 @@ impl Bench for LiveBench {
 
     fn timeline(&self) -> Vec<Arc<str>> {
         lock(&self.0.timeline).0.iter().map(|(_, line)| line.clone()).collect()
+    }
+
+    fn history(&self) -> Value {
+        self.0.history.json()
     }
 
     fn subscribe(&self) -> broadcast::Receiver<Shown> {

@@ -195,5 +195,5 @@ fn the_shipped_plan_is_a_plan() {
     let mut configuration = Configuration::reference();
     let text = include_str!("../../../configs/faults.toml");
     configuration.add_plan("configs/faults.toml", text).unwrap_or_else(|error| panic!("{error}"));
-    assert!(configuration.faults.len() >= 5 && configuration.expectations.len() == 2);
+    assert!(configuration.faults.len() >= 5 && configuration.expectations.len() == 3);
 }

@@ -1,12 +1,15 @@
-//! A diagnosis as JSON (cli.md) and in plain sentences.
+//! A diagnosis as JSON (cli.md) and, in `text`, as labelled lines.
+
+mod text;
 
 use geu_protocol::Gyro;
 use serde_json::{Map, Value, json};
 
-use crate::change::{ALL_GYROS, Gyros};
+use crate::change::Gyros;
 use crate::gap::Gap;
-use crate::outcome::{Class, Diagnosis, Entry, Gaps, Number, RivalShown, Verdict};
-use crate::whereabouts::standing_out;
+use crate::outcome::{Class, Diagnosis, Entry, Gaps, Number, Verdict};
+
+pub use text::{facts, heading, labelled, text};
 
 /// Names of gyros.
 pub fn names(gyros: &Gyros) -> Vec<&'static str> {
@@ -135,58 +138,6 @@ pub fn called(entry: &Entry) -> String {
     }
 }
 
-/// Rivals of a group named in a sentence.
-const NAMED: usize = 5;
-
-fn on(gyros: &Gyros) -> String {
-    if gyros == &ALL_GYROS { "all gyros".to_owned() } else { names(gyros).join(", ") }
-}
-
-/// One sentence for one thing found.
-pub fn sentence(entry: &Entry) -> String {
-    let numbers: Vec<String> =
-        entry.parameters.iter().map(|number| format!("{} = {}", number.name, with_sigma(number))).collect();
-    let mut text = format!("{}: {}, {}", on(&entry.gyros), called(entry), numbers.join(", "));
-    if let Some((_, unit)) = &entry.formula {
-        text += &format!(" {unit}");
-    }
-    // Without the sign of a zero.
-    text += &format!("; {} % of the gap", (100.0 * entry.gap_share).round() as i64);
-    if let Some((fall, threshold)) = entry.chi2 {
-        text += &format!("; chi2 falls by {fall:.0} (chance: {threshold:.0})");
-    }
-    let (same, apart): (Vec<_>, Vec<_>) = entry
-        .rivals
-        .iter()
-        .partition(|rival| rival.behind_chi2.is_none_or(|behind| behind < crate::rivals::APART_CHI2));
-    let name = |rival: &RivalShown| {
-        let name = rival.formula.as_ref().unwrap_or(&rival.code);
-        if rival.gyros == entry.gyros { name.clone() } else { format!("{name} on {}", on(&rival.gyros)) }
-    };
-    if let (Some(next), Some((fall, _))) = (apart.first(), entry.chi2) {
-        let share = 100.0 * (1.0 - next.behind_chi2.unwrap_or(0.0) / fall).max(0.0);
-        // It can be told apart, if only just.
-        let share = if share < 99.5 { format!("{share:.0}") } else { "over 99".to_owned() };
-        text += &format!("; next best, {}, explains {share} % of what it does", name(next));
-    }
-    if !same.is_empty() {
-        let of = |rival: &&RivalShown| match rival.cosine {
-            0.0 => name(rival),
-            cosine => format!("{} (cosine {cosine:.3})", name(rival)),
-        };
-        let names: Vec<String> = same.iter().take(NAMED).map(of).collect();
-        text += &format!("; cannot be told apart from {}", names.join(", "));
-        if same.len() > NAMED {
-            text += &format!(" and {} more", same.len() - NAMED);
-        }
-        for rival in &same {
-            let Some(remedy) = &rival.remedy else { continue };
-            text += &format!("; against {}: {remedy}", name(rival));
-        }
-    }
-    text
-}
-
 /// A verdict in a sentence.
 pub fn verdict(verdict: Verdict) -> &'static str {
     match verdict {
@@ -194,59 +145,4 @@ pub fn verdict(verdict: Verdict) -> &'static str {
         Verdict::Explained => "explained: with what was missing the model explains the recording",
         Verdict::Unexplained => "unexplained: something is left that no effect of the model explains",
     }
-}
-
-/// The report for a terminal.
-pub fn text(diagnosis: &Diagnosis) -> String {
-    let mut text = String::new();
-    let mut line = |content: String| {
-        text += &content;
-        text.push('\n');
-    };
-    line(verdict(diagnosis.verdict).to_owned());
-    for (class, title) in [
-        (Class::MissingEffect, "missing in the model"),
-        (Class::Recalibration, "the calibration has moved; this is no missing effect"),
-    ] {
-        let own: Vec<&Entry> = diagnosis.entries.iter().filter(|entry| entry.class == class).collect();
-        if !own.is_empty() {
-            line(format!("\n{title}"));
-            own.into_iter().for_each(|entry| line(format!("  {}", sentence(entry))));
-        }
-    }
-    if let Some(left) = &diagnosis.unexplained {
-        let [from_s, to_s] = left.interval_s;
-        line(format!(
-            "\nleft unexplained\n  {}: {}, {from_s:.0}…{to_s:.0} s",
-            names(&left.gyros).join(", "),
-            left.shape
-        ));
-        let follows: Vec<String> = left.follows.iter().map(|(term, chi2)| format!("{term} ({chi2:.0})")).collect();
-        if !follows.is_empty() {
-            line(format!("  follows most (fall of chi2): {}", follows.join(", ")));
-        }
-    }
-    if !diagnosis.findings.is_empty() {
-        line("\nexact checks".to_owned());
-        for found in &diagnosis.findings {
-            line(format!("  {}: {}: {}", found.kind, found.place, found.text));
-        }
-    }
-    let places = standing_out(diagnosis);
-    if !places.is_empty() {
-        line("\nwhere the data leave the model, in sigmas before and after".to_owned());
-        places.into_iter().for_each(|place| line(format!("  {place}")));
-    }
-    line("\ngap, arcsec within 30 min       rms      max   at the end   chi2/dof".to_owned());
-    for (name, gap) in [
-        ("as configured", &diagnosis.before.fitted),
-        ("with what was found", &diagnosis.after.fitted),
-        ("the same held out", &diagnosis.after.held_out),
-    ] {
-        line(format!(
-            "{name:24} {:10.2} {:8.2} {:12.2} {:10.3}",
-            gap.rms_arcsec, gap.max_arcsec, gap.after_30min_arcsec, gap.reduced_chi2
-        ));
-    }
-    text
 }

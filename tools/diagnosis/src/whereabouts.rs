@@ -163,7 +163,8 @@ pub fn strongest(sigmas: &Sigmas) -> Option<(usize, f64)> {
     told.max_by(|one, other| one.1.abs().total_cmp(&other.1.abs()))
 }
 
-/// Lines for each gyro that leaves the model before anything was found: along which variables, and in which stretches.
+/// For each gyro that leaves the model before anything was found, a line for each variable along which, and for each stretch in
+/// which it does.
 pub fn standing_out(diagnosis: &Diagnosis) -> Vec<String> {
     let [before, after] = &diagnosis.whereabouts;
     let of_gyro = |gyro: Gyro| {
@@ -178,10 +179,10 @@ pub fn standing_out(diagnosis: &Diagnosis) -> Vec<String> {
             let place = format!("{}, {:.0} s ({})", stretch.name, stretch.from_s, VARIABLES[variable]);
             Some((place, sigmas, later[variable]))
         });
-        [("along", most(along.collect())), ("in", most(within.collect()))]
+        let lines = [("along", most(along.collect())), ("in", most(within.collect()))];
+        lines
             .into_iter()
-            .filter(|(_, told)| !told.is_empty())
-            .map(move |(how, told)| format!("{} {how} {}", gyro.name(), told.join("; ")))
+            .flat_map(move |(how, told)| told.into_iter().map(move |told| format!("{} {how} {told}", gyro.name())))
     };
     Gyro::ALL.into_iter().flat_map(of_gyro).collect()
 }

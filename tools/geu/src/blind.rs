@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
 use geu_diagnosis::blind::{Hidden, Key, Plan, SURVEY_S, Survey, Told, campaign, hide, score};
+use geu_diagnosis::report::labelled;
 use geu_recording::read_text;
 use indicatif::ProgressBar;
 
@@ -157,22 +158,19 @@ fn scored(arguments: &ScoreArguments) -> Result<(), Failure> {
     let survey = survey(&arguments.unit, key.duration_s)?;
     let score =
         score(&key.hidden, &told, &|hidden: &Hidden, found| survey.likeness(hidden, found, told.temperature_late_s));
+    let mut facts = Vec::new();
     for (hidden, outcome) in key.hidden.iter().zip(&score.outcomes) {
-        let size = outcome.size.map_or(String::new(), |size| {
-            format!(
-                "; size off by {:.2} of its sigma, {:.2} of the bound",
-                size.error / size.sigma,
-                size.error / size.bound
-            )
-        });
-        say!("{}: {hidden}{size}", outcome.naming.name())?;
+        facts.extend(hidden.facts());
+        facts.push(("outcome".to_owned(), outcome.naming.name().to_owned()));
+        facts.extend(outcome.size.map(|size| ("error".to_owned(), size.to_string())));
     }
     if key.hidden.is_empty() {
-        say!("nothing hidden; said {}", told.verdict)?;
+        facts.push(("injected".to_owned(), "nothing".to_owned()));
     }
-    for &index in &score.false_names {
-        say!("false name: {}", told.missing[index])?;
-    }
+    facts.push(("verdict".to_owned(), told.verdict.clone()));
+    let false_names = score.false_names.iter();
+    facts.extend(false_names.map(|&index| ("false alarm".to_owned(), told.missing[index].to_string())));
+    say!("{}", labelled(0, &facts).trim_end())?;
     match score.is_right(&key.hidden, &told) && (told.verdict == "consistent" || !key.hidden.is_empty()) {
         true => Ok(()),
         false => Err(Failure::failed("expected what the key tells, got something else")),
@@ -195,6 +193,6 @@ fn many(arguments: &CampaignArguments) -> Result<(), Failure> {
     }
     let misses = campaign.misses();
     say!("\nmissed or wrongly named: {}", misses.len())?;
-    misses.iter().try_for_each(|miss| say!("- {miss}"))?;
+    misses.iter().try_for_each(|(run, facts)| say!("- {run}\n{}", labelled(4, facts).trim_end()))?;
     say!("\nmedian time of a diagnosis, on one core, thresholds known: {:.1} s", campaign.median_s())
 }

@@ -24,7 +24,10 @@ use crate::update::{self, Results, Update};
 ///
 /// With the manoeuvres of a list; without one everything, cut where the unit rests. Pointings, scans and manoeuvres with
 /// names of your own are used; slews, stabilisations, surveys, rasters, eclipses and holds are not.
+///
+/// The attitude comes from a reference, or from the sun sensor and the star sensor together.
 #[derive(Args, Debug)]
+#[command(override_usage = "geu calibrate [OPTIONS] --link <FILE>... (--reference <FILE> | --fss <FILE> --sse <FILE>)")]
 pub struct Arguments {
     #[command(flatten)]
     unit: NamedSettings,
@@ -40,10 +43,10 @@ pub struct Arguments {
     /// Noise of the reference about each axis, 1 sigma [default: estimated from the data]
     #[arg(long, value_name = "ARCSEC", value_parser = sigma)]
     reference_sigma: Option<f64>,
-    /// History of the sun sensor
+    /// History of the sun sensor, with --sse in place of --reference
     #[arg(long, value_name = "FILE", requires = "sse")]
     fss: Option<String>,
-    /// Fixes of the star sensor
+    /// Fixes of the star sensor, with --fss in place of --reference
     #[arg(long, value_name = "FILE", requires = "fss")]
     sse: Option<String>,
     /// Time at which the unit's clock was 0, for recordings without receive times [default: start of the attitude data]

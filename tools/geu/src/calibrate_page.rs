@@ -126,13 +126,13 @@ impl Page<'_> {
         let (solved, sigmas) = (solution.values(), solution.sigmas());
         let (before, hand) = (self.believed_values(), self.hand_values());
         let rows = Parameter::all().enumerate().map(|(index, parameter)| {
-            let ((size, fine_unit), (unit, decimals)) = (fine(parameter), value_form(parameter));
+            let ((size, fine_unit), (value, unit)) = (fine(parameter), value_and_unit(parameter, solved[index]));
             let change = solved[index] - before[index];
             let hand =
                 hand.map_or_else(|| "–".to_owned(), |hand| in_sigmas((hand[index] - solved[index]) / sigmas[index]));
             vec![
                 escape(&parameter.words()),
-                format!("{:.decimals$}", solved[index]).replace('-', "−"),
+                value,
                 unit.to_owned(),
                 format!("{} {fine_unit}", significant(sigmas[index] * size, 3)),
                 format!("{} {fine_unit}", signed(change * size, 3)),
@@ -367,7 +367,7 @@ impl Page<'_> {
         let merged_sigmas = comparison.combined.sigmas();
         let days = self.earlier.last().map_or(0.0, |last| (self.calibrated.time_s - last.time_s).abs() / S_PER_DAY);
         let rows = Parameter::all().enumerate().map(|(index, parameter)| {
-            let ((size, unit), (whole, decimals)) = (fine(parameter), value_form(parameter));
+            let (size, unit) = fine(parameter);
             let probability = percent(comparison.probability(index));
             let allowed = stability_per_day(parameter)
                 .map_or_else(|| "–".to_owned(), |rate| format!("±{} {unit}", significant(rate * days * size, 2)));
@@ -380,7 +380,7 @@ impl Page<'_> {
                 if moved.contains(&parameter) { format!("<em>{probability}, moved</em>") } else { probability },
                 allowed,
                 if comparison.is_compatible() {
-                    let value = format!("{:.decimals$}", merged[index]).replace('-', "−");
+                    let (value, whole) = value_and_unit(parameter, merged[index]);
                     format!("{value} {whole} ± {} {unit}", significant(merged_sigmas[index] * size, 2))
                 } else {
                     "–".to_owned()
@@ -467,13 +467,15 @@ pub fn moved_words(comparison: &Comparison) -> String {
     }
 }
 
-/// Unit and decimals of a value.
-fn value_form(parameter: Parameter) -> (&'static str, usize) {
-    match parameter.index {
-        0 => ("", 7),
-        1 => ("arcsec/half s", 6),
-        _ => ("arcsec", 3),
-    }
+/// A value and its unit: that of its sigma, but for a scale factor, which is a ratio.
+fn value_and_unit(parameter: Parameter, value: f64) -> (String, &'static str) {
+    let (size, unit) = fine(parameter);
+    let (value, unit, decimals) = match parameter.index {
+        0 => (value, "", 7),
+        1 => (value * size, unit, 2),
+        _ => (value * size, unit, 3),
+    };
+    (format!("{value:.decimals$}").replace('-', "−"), unit)
 }
 
 /// Its place among the sixteen.

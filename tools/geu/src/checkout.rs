@@ -116,9 +116,8 @@ fn twice(unit: &Configuration, by: By, out: Option<&Path>, force: Force) -> Resu
     let mut second = sequence(&checkout::drawn(unit, unit.seed, 0), Precautions::ALL);
     second.gyros = first.gyros.clone();
     if let Some(directory) = out {
-        let mut recorder =
-            Recorder::create(&Destination::new(directory, force.force), &first, &Truth::Scenario, WireForm::Can, &[])
-                .map_err(Failure::input)?;
+        let destination = Destination::new(directory, force.force);
+        let mut recorder = Recorder::create(&destination, &first, &Truth::Scenario, WireForm::Can, &[])?;
         let half_seconds = fly_length(&first);
         simulate(&first, &Truth::Scenario, half_seconds, &mut recorder, |_| true).map_err(Failure::failed)?;
         recorder.finish().map_err(Failure::failed)?;

@@ -178,12 +178,18 @@ pub fn gap_bars(diagnosis: &Diagnosis, gyro: Gyro) -> String {
     format!("<figure>\n<figcaption><b>{name}</b></figcaption>\n{}</figure>\n", chart.finish())
 }
 
+/// Room for the names of the variables, pixels: a character takes up to 7.3 px in the letters of a narrow screen.
+fn names_px() -> f64 {
+    let longest = VARIABLES.iter().map(|name| name.chars().count()).max().unwrap_or(0);
+    7.3 * longest as f64 + 8.0
+}
+
 /// Where the data of a gyro leave a model: variables over time.
 pub fn heat_map(diagnosis: &Diagnosis, model: &Whereabouts, gyro: Gyro, when: &str) -> String {
     let (name, rows) = (gyro.name(), VARIABLES.len() as f64);
     let label = format!("Where the data of {name} leave the model {when}: variables over seconds");
     let end_s = end_s(diagnosis);
-    let mut chart = Chart::with_left(128.0, &label, (480.0, 340.0), (0.0, end_s), (0.0, rows), 2);
+    let mut chart = Chart::with_left(names_px(), &label, (480.0, 340.0), (0.0, end_s), (0.0, rows), 2);
     for (index, variable) in VARIABLES.iter().enumerate() {
         let bottom = rows - 1.0 - index as f64;
         chart.beside(bottom + 0.5, variable);

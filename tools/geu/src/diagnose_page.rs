@@ -67,10 +67,9 @@ impl Page<'_> {
             (Class::MissingEffect, "Missing in the model"),
             (Class::Recalibration, "The calibration has moved; this is no missing effect"),
         ] {
-            let sentences: Vec<String> =
-                self.of_class(class).map(|entry| format!("<li>{}</li>\n", escape(&report::sentence(entry)))).collect();
-            if !sentences.is_empty() {
-                let _ = write!(text, "<p>{title}:</p>\n<ul>\n{}</ul>\n", sentences.concat());
+            let found: String = self.of_class(class).map(listed).collect();
+            if !found.is_empty() {
+                let _ = write!(text, "<p>{title}:</p>\n<ul>\n{found}</ul>\n");
             }
         }
         if let Some(left) = &self.diagnosis.unexplained {
@@ -411,6 +410,14 @@ fn rival_row(entry: &Entry, rival: &RivalShown) -> Vec<String> {
 fn named(candidate: &Candidate) -> String {
     let amplitude: &Amplitude = &candidate.change.amplitude;
     escape(&amplitude.formula.map_or_else(|| amplitude.code(), |formula| format!("term {formula}")))
+}
+
+/// An effect found with all its facts, an item of a list each.
+fn listed(entry: &Entry) -> String {
+    let facts = report::facts(entry).into_iter();
+    let facts: String =
+        facts.map(|(label, value)| format!("<li>{}: {}</li>\n", escape(&label), escape(&value))).collect();
+    format!("<li>{}\n<ul>\n{facts}</ul>\n</li>\n", escape(&report::heading(entry)))
 }
 
 fn gyros(gyros: &geu_diagnosis::change::Gyros) -> String {

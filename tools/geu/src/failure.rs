@@ -4,6 +4,18 @@ use std::fmt::{Arguments, Display};
 use std::io::{self, ErrorKind, Write};
 use std::process::ExitCode;
 
+use geu_daemon::record::RecordError;
+use geu_files::ClaimError;
+
+/// What the help of every command says of them.
+pub const EXIT_CODES: &str = "\
+Exit codes:
+  0  done
+  1  failed: an output that cannot be written, a link that breaks, an expectation that was not met, defects under --strict
+  2  bad usage or bad input: an option, a configuration or a file that is missing or wrong
+  3  a diagnosis that ended unexplained
+  130, 143  SIGINT, SIGTERM; those that end well by them (run, replay, decode, track, monitor) end as otherwise";
+
 /// An unsuccessful end.
 #[derive(Debug)]
 pub struct Failure {
@@ -12,7 +24,7 @@ pub struct Failure {
 }
 
 impl Failure {
-    /// It was tried and did not work, or `--strict` found defects: exit 1.
+    /// It was tried and did not work, an output cannot be written, or `--strict` found defects: exit 1.
     pub fn failed(message: impl Display) -> Failure {
         Failure { code: 1, message: message.to_string() }
     }
@@ -48,6 +60,24 @@ impl Failure {
             note(format_args!("geu: {}\n", self.message.trim_end()));
         }
         ExitCode::from(self.code)
+    }
+}
+
+impl From<RecordError> for Failure {
+    fn from(error: RecordError) -> Failure {
+        match error {
+            RecordError::Occupied { .. } | RecordError::NotAFile(_) => Failure::input(error),
+            RecordError::Write { .. } => Failure::failed(error),
+        }
+    }
+}
+
+impl From<ClaimError> for Failure {
+    fn from(error: ClaimError) -> Failure {
+        match error {
+            ClaimError::Input { .. } | ClaimError::Output { .. } => Failure::input(error),
+            ClaimError::Unwritable { .. } => Failure::failed(error),
+        }
     }
 }
 

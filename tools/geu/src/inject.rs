@@ -48,6 +48,8 @@ pub struct Arguments {
 /// # Errors
 /// No emulator, or what it refuses and why.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+    // A plan that cannot be read is told whether or not an emulator runs.
+    let plan = arguments.plan.as_deref().map(plan).transpose()?;
     let emulator = &arguments.emulator.find()?;
     if let Some(id) = &arguments.clear {
         let path = if id == "all" { "/api/faults".to_owned() } else { format!("/api/faults/{id}") };
@@ -59,8 +61,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         say!("cleared {}", if cleared.is_empty() { "nothing: there is no fault" } else { &cleared })?;
     } else if let Some(id) = &arguments.start {
         tell(&emulator.ask(Method::POST, "/api/faults", Some(&json!({ "start": id })))?)?;
-    } else if let Some(path) = &arguments.plan {
-        plan(emulator, path)?;
+    } else if let Some(plan) = &plan {
+        let added = emulator.ask(Method::POST, "/api/faults", Some(plan))?;
+        added.as_array().into_iter().flatten().try_for_each(tell)?;
     } else if let Some(what) = &arguments.what {
         tell(&emulator.ask(Method::POST, "/api/faults", Some(&fault(what, &arguments.keys)?))?)?;
     }
@@ -111,12 +114,12 @@ fn read(text: &str) -> Value {
     }
 }
 
-fn plan(emulator: &Emulator, path: &Path) -> Result<(), Failure> {
+/// A plan as the control interface takes it.
+fn plan(path: &Path) -> Result<Value, Failure> {
     let name = path.display().to_string();
     let plan = geu_recording::read_text(path)
         .map_err(|error| Failure::input(format!("{name}: cannot be read: {error}; expected a plan with [[fault]]")))?;
-    let added = emulator.ask(Method::POST, "/api/faults", Some(&json!({ "plan": plan, "name": name })))?;
-    added.as_array().into_iter().flatten().try_for_each(tell)
+    Ok(json!({ "plan": plan, "name": name }))
 }
 
 fn list(emulator: &Emulator) -> Result<(), Failure> {

@@ -1,7 +1,6 @@
 //! The command `geu`: one thin file per subcommand, nothing but arguments and printing.
 //!
-//! Results go to standard output or the file named, everything else to standard error. Exit 0 done, 1 failed or
-//! `--strict` found defects, 2 bad usage or bad input, 3 a diagnosis ended unexplained.
+//! Results go to standard output or the file named, everything else to standard error.
 
 mod bench;
 mod blind;
@@ -46,7 +45,7 @@ use std::process::ExitCode;
 use std::sync::LazyLock;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
-use failure::Failure;
+use failure::{EXIT_CODES, Failure};
 
 /// Emulator, decoder and evaluation of a spacecraft gyro electronics unit.
 ///
@@ -87,9 +86,15 @@ static VERSION: LazyLock<String> = LazyLock::new(|| {
     format!("{} (link version {major}.{minor})", env!("CARGO_PKG_VERSION"))
 });
 
+/// The command and all below it, each with the exit codes at the end of its help.
+fn with_exit_codes(command: clap::Command) -> clap::Command {
+    let own = command.get_after_help().map(|text| format!("{text}\n\n")).unwrap_or_default();
+    command.after_help(own + EXIT_CODES).mut_subcommands(with_exit_codes)
+}
+
 fn main() -> ExitCode {
     geu_files::interruption::ignore_file_size_signal();
-    let mut command = Arguments::command();
+    let mut command = with_exit_codes(Arguments::command());
     let matches = command.get_matches_mut();
     let arguments = Arguments::from_arg_matches(&matches).unwrap_or_else(|error| error.format(&mut command).exit());
     match outputs::claim(&command, &matches).and_then(|()| carried_out(arguments)) {

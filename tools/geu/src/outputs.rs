@@ -83,7 +83,7 @@ impl OutputDirectory {
         // In a directory that is not there nothing else is.
         let is_there = |path: &PathBuf| path.parent().is_some_and(Path::is_dir);
         for path in files.into_iter().map(|file| self.0.join(file)).filter(is_there) {
-            claim_output("output", &path).map_err(Failure::input)?;
+            claim_output("output", &path)?;
         }
         Ok(&self.0)
     }
@@ -130,7 +130,7 @@ pub fn claim(command: &Command, matches: &ArgMatches) -> Result<(), Failure> {
         let Some(found) = command.find_subcommand(name) else { break };
         (command, matches) = (found, within);
     }
-    claim_standard_output().map_err(Failure::input)?;
+    claim_standard_output()?;
     for argument in command.get_arguments() {
         let Ok(Some(values)) = matches.try_get_raw(argument.get_id().as_str()) else { continue };
         let option = argument.get_long().map_or_else(|| argument.get_id().to_string(), |long| format!("--{long}"));
@@ -138,11 +138,11 @@ pub fn claim(command: &Command, matches: &ArgMatches) -> Result<(), Failure> {
         for value in values {
             let path = Path::new(value);
             if kind == TypeId::of::<OutputFile>() {
-                claim_output(&option, path).map_err(Failure::input)?;
+                claim_output(&option, path)?;
             } else if (kind == TypeId::of::<PathBuf>() || kind == TypeId::of::<String>())
                 && let Ok(metadata) = fs::metadata(path)
             {
-                claim_input(&path.display().to_string(), &metadata).map_err(Failure::input)?;
+                claim_input(&path.display().to_string(), &metadata)?;
             }
         }
     }

@@ -112,10 +112,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         geu_daemon::run(&ready.configuration, &ready.truth, &settings, recording.as_ref(), door, asked_to_end())
             .map_err(|error| match error {
                 RunError::Link(error) => Failure::input(error),
-                error
-                @ (RunError::NobodyToWaitFor | RunError::Truth(_) | RunError::Untold(_) | RunError::Record(_)) => {
-                    Failure::input(error)
-                }
+                RunError::Record(error) => Failure::from(error),
+                error @ (RunError::NobodyToWaitFor | RunError::Truth(_) | RunError::Untold(_)) => Failure::input(error),
                 error => Failure::failed(error),
             })?;
     note(format_args!("{summary}"));

@@ -59,7 +59,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Some(out) => {
             let out = out.claim(FILES)?;
             let destination = Destination::new(out, arguments.force.force);
-            destination.check().map_err(Failure::input)?;
+            destination.check()?;
             Some((out, destination))
         }
         None => None,
@@ -81,8 +81,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(reason) = record::misses(configuration, wire) {
         return Err(Failure::input(format!("{reason}; name its `link`, or record another --wire")));
     }
-    let mut recorder =
-        Recorder::create(&destination, configuration, &ready.truth, wire, &[]).map_err(Failure::input)?;
+    let mut recorder = Recorder::create(&destination, configuration, &ready.truth, wire, &[])?;
     let stop = stop_flag().map_err(|error| Failure::failed(format!("signals cannot be watched: {error}")))?;
     let style = ProgressStyle::with_template("{bar:40} {percent:>3} %  {elapsed} so far, {eta} left");
     let bar = ProgressBar::new(count).with_style(style.expect("a template"));

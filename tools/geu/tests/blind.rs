@@ -46,13 +46,13 @@ fn the_key_stands_apart_from_the_recording_and_a_score_needs_it() {
     let consistent = scored(r#"{"verdict": "consistent", "effects": []}"#);
     assert_eq!(
         (consistent.status.code(), &consistent.stdout[..]),
-        (Some(0), &b"nothing hidden; said consistent\n"[..])
+        (Some(0), &b"injected  nothing\nverdict   consistent\n"[..])
     );
     let misnamed =
         r#"{"code": "drift-step", "class": "missing-effect", "gyros": ["GYRX"], "parameters": {}, "rivals": []}"#;
     let misnamed = scored(&format!(r#"{{"verdict": "explained", "effects": [{misnamed}]}}"#));
     assert_eq!(misnamed.status.code(), Some(1));
-    assert!(String::from_utf8_lossy(&misnamed.stdout).contains("false name: GYRX drift-step"), "{misnamed:?}");
+    assert!(String::from_utf8_lossy(&misnamed.stdout).contains("\nfalse alarm  GYRX drift-step\n"), "{misnamed:?}");
     let broken = scored("{}");
     assert_eq!(broken.status.code(), Some(2));
     assert!(

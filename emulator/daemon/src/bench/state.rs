@@ -9,7 +9,7 @@ use geu_model::fault::catalogue::LinkKind;
 use geu_model::units::{RAD_PER_DEG, on_board_s};
 use serde_json::{Value, json};
 
-use super::told::HalfSecond;
+use super::told::{HalfSecond, end_s};
 use crate::carriage::{Carrier, Content, Form};
 use crate::control;
 use crate::desk::Desk;
@@ -74,7 +74,7 @@ impl Known {
         let counts = self.timing.counts();
         let us = |ns: u64| ns as f64 * 1e-3;
         let more = json!({
-            "t_s": (ended.end_ns as f64 * 1e-9 * 1e6).round() / 1e6,
+            "t_s": end_s(ended),
             "half_second": self.desk.running().0,
             "true_arcsec": true_arcsec,
             "departure_arcsec": departure_arcsec,
@@ -107,7 +107,7 @@ impl Known {
             json!({
                 "name": tally.name, "kind": kind.name(), "clients": tally.clients.load(Relaxed),
                 "sent": tally.sent.load(Relaxed), "dropped": tally.dropped.load(Relaxed),
-                "replies": tally.replies.load(Relaxed),
+                "replies": tally.replies.load(Relaxed), "unread": tally.unread.load(Relaxed),
             })
         };
         self.links.iter().map(link).collect()

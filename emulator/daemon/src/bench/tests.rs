@@ -68,6 +68,22 @@ fn a_condition_on_what_the_truth_does_not_tell_is_refused() {
 }
 
 #[test]
+fn the_last_ten_minutes_are_told_whole_though_events_are_paced() {
+    let room = room();
+    room.run(1500);
+    let history = room.bench.history();
+    let told = history.as_array().expect("a list");
+    assert_eq!(told.len(), 1200);
+    let times: Vec<f64> = told.iter().filter_map(|sample| sample["t_s"].as_f64()).collect();
+    assert_eq!((times[0], times[1199]), (150.5, 750.0));
+    assert!(times.windows(2).all(|pair| pair[1] - pair[0] == 0.5), "{times:?}");
+    let last = &told[1199];
+    assert_eq!(last["gyro_flags"], 0x0f);
+    // What counts and truth differ by, summed over the run, as the events tell it.
+    assert!(last["departure_arcsec"][0].as_f64().is_some_and(|departure| departure != 0.0), "{last}");
+}
+
+#[test]
 fn faults_that_are_over_make_room_and_are_told_on_demand_alone() {
     let room = room();
     let short = json!({ "fault": "dead", "gyro": "GYRX", "for_s": 0.5 });

@@ -11,6 +11,7 @@ use geu_model::{Ended, Injected};
 use geu_protocol::command::{self, COMMANDS};
 use serde_json::{Value, json};
 
+use super::history::{Historian, Sample};
 use crate::fault_log;
 use crate::record::Event;
 
@@ -46,6 +47,7 @@ pub(super) struct HalfSecond {
 pub(crate) struct Teller {
     sender: SyncSender<Told>,
     lost: Arc<AtomicU64>,
+    historian: Historian,
     half_seconds: u64,
     departure_arcsec: [f64; 4],
     /// Since the last half second.
@@ -55,8 +57,8 @@ pub(crate) struct Teller {
 
 impl Teller {
     /// Tells `sender`, and counts what finds no room there.
-    pub(super) fn new(sender: SyncSender<Told>, lost: Arc<AtomicU64>) -> Teller {
-        Teller { sender, lost, half_seconds: 0, departure_arcsec: [0.0; 4], commands: 0, shown: None }
+    pub(super) fn new(sender: SyncSender<Told>, lost: Arc<AtomicU64>, historian: Historian) -> Teller {
+        Teller { sender, lost, historian, half_seconds: 0, departure_arcsec: [0.0; 4], commands: 0, shown: None }
     }
 
     /// Tells what happened, and never waits.
@@ -71,6 +73,14 @@ impl Teller {
                 for (departure, (increment, trace)) in self.departure_arcsec.iter_mut().zip(told) {
                     *departure += f64::from(increment) - trace.true_arcsec;
                 }
+                self.historian.push(Sample {
+                    t_s: end_s(ended),
+                    half_second: self.half_seconds,
+                    increments: ended.half_second.increments,
+                    true_arcsec: traces.each_ref().map(|trace| trace.true_arcsec),
+                    departure_arcsec: self.departure_arcsec,
+                    gyro_flags: ended.half_second.gyro_flags,
+                });
                 if self.shown.is_some_and(|shown| shown.elapsed() < PACE) {
                     return;
                 }
@@ -102,6 +112,11 @@ impl Teller {
             self.lost.fetch_add(1, Relaxed);
         }
     }
+}
+
+/// On-board time at the end of a half second, s.
+pub(super) fn end_s(ended: &Ended) -> f64 {
+    (ended.end_ns as f64 * 1e-9 * 1e6).round() / 1e6
 }
 
 /// Commands that were not told one by one, as a line of the timeline.

@@ -59,6 +59,8 @@ pub trait Bench: Send + Sync + 'static {
     fn command(&self, payload: Vec<u8>) -> impl Future<Output = Value> + Send;
     /// What happened so far, one line of JSON each; bounded.
     fn timeline(&self) -> Vec<Arc<str>>;
+    /// The last ten minutes, a half second each, the oldest first.
+    fn history(&self) -> Value;
     /// What happens from now on. A client that falls behind the channel is dropped.
     fn subscribe(&self) -> broadcast::Receiver<Event>;
 }

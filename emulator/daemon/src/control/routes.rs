@@ -132,6 +132,12 @@ pub(super) fn table<B: Bench>() -> Vec<Route<Arc<Room<B>>>> {
             Gives::Text("application/x-ndjson"),
             timeline::<B>,
         ),
+        get(
+            "/api/history",
+            "The last ten minutes (1200 half seconds), the oldest first, whatever the speed",
+            Gives::Json(200, "History"),
+            history::<B>,
+        ),
         get("/api/openapi.json", "This document", Gives::Json(200, "Document"), document::<B>),
     ];
     for file in page::FILES {
@@ -280,6 +286,10 @@ async fn timeline<B: Bench>(State(room): Here<B>) -> Response {
     let saved_as = header::HeaderValue::from_static("attachment; filename=\"timeline.jsonl\"");
     response.headers_mut().insert(header::CONTENT_DISPOSITION, saved_as);
     response
+}
+
+async fn history<B: Bench>(State(room): Here<B>) -> Response {
+    json(StatusCode::OK, &room.bench.history())
 }
 
 /// A body of these lines, each copied when the client has taken those before: a client costs no memory of its own.

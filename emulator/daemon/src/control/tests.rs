@@ -58,6 +58,10 @@ impl Bench for FakeBench {
         vec!["{\"t_s\":1}".into(), "{\"t_s\":2}".into()]
     }
 
+    fn history(&self) -> Value {
+        json!([])
+    }
+
     fn subscribe(&self) -> broadcast::Receiver<Event> {
         self.events.subscribe()
     }

@@ -117,6 +117,8 @@ pub struct Tally {
     pub sent: AtomicU64,
     /// Sendings dropped, whole: the client or the bus had no room, or the device was gone.
     pub dropped: AtomicU64,
+    /// Sendings that were not sent: nobody was there to read.
+    pub unread: AtomicU64,
     /// Commands answered over it, some of them late.
     pub replies: AtomicU64,
     /// Replies dropped: the client did not read those before.
@@ -132,6 +134,7 @@ impl Tally {
             clients: AtomicUsize::new(0),
             sent: AtomicU64::new(0),
             dropped: AtomicU64::new(0),
+            unread: AtomicU64::new(0),
             replies: AtomicU64::new(0),
             unread_replies: AtomicU64::new(0),
             refused: AtomicU64::new(0),
@@ -142,7 +145,7 @@ impl Tally {
         match outcome {
             Sending::Sent => self.sent.fetch_add(1, Relaxed),
             Sending::Dropped => self.dropped.fetch_add(1, Relaxed),
-            Sending::Unread => return,
+            Sending::Unread => self.unread.fetch_add(1, Relaxed),
         };
     }
 }
@@ -151,7 +154,11 @@ impl fmt::Display for Tally {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (sent, dropped) = (self.sent.load(Relaxed), self.dropped.load(Relaxed));
         write!(f, "{}: {sent} sent, {dropped} dropped, {} replies", self.name, self.replies.load(Relaxed))?;
-        for (count, what) in [(&self.unread_replies, "replies dropped"), (&self.refused, "connections refused")] {
+        for (count, what) in [
+            (&self.unread, "not sent (no reader)"),
+            (&self.unread_replies, "replies dropped"),
+            (&self.refused, "connections refused"),
+        ] {
             let count = count.load(Relaxed);
             if count > 0 {
                 write!(f, ", {count} {what}")?;

@@ -14,7 +14,7 @@ use tokio::net::{TcpListener, TcpStream};
 
 use super::line::{Line, Port};
 use super::receive::{Receiver, serve};
-use super::{Link, LinkError, Tally, Watched, stream};
+use super::{Link, LinkError, Sending, Tally, Watched, stream};
 use crate::carriage::{Carrier, Content};
 use crate::console;
 use crate::descriptors;
@@ -249,6 +249,9 @@ impl Link for Tcp {
 
     fn send(&mut self, patience: &Patience) {
         let clients = self.clients.lock().expect("nothing panics with the list").clone();
+        if clients.is_empty() {
+            self.tally.count(Sending::Unread);
+        }
         for client in &clients {
             self.tally.count(client.line.send(&self.bytes, self.goes_on, patience));
         }

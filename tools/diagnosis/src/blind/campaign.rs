@@ -191,40 +191,27 @@ impl Run {
         is_named && self.score.false_names.is_empty()
     }
 
-    fn line(&self) -> String {
-        let hidden: Vec<String> = self.hidden.iter().map(Hidden::to_string).collect();
-        let said: Vec<String> = self
-            .told
-            .missing
-            .iter()
-            .map(|found| {
-                let rivals: Vec<String> = found
-                    .rivals
-                    .iter()
-                    .take(2)
-                    .map(|rival| {
-                        let name = rival.formula.as_ref().unwrap_or(&rival.code);
-                        let behind = rival.behind_chi2.map_or(String::new(), |behind| format!(", behind {behind:.1}"));
-                        format!("{name} {:.3}{behind}", rival.cosine)
-                    })
-                    .collect();
-                let rivals = if rivals.is_empty() { String::new() } else { format!(" [rivals {}]", rivals.join("; ")) };
-                format!("{found}{rivals}")
-            })
-            .collect();
-        let likeness: Vec<String> = self.likeness.iter().map(|cosine| format!("{cosine:.3}")).collect();
-        format!(
-            "{}: hidden {}; said {}, {}{}",
-            if self.hidden.is_empty() { "false name" } else { self.naming().name() },
-            if hidden.is_empty() { "nothing".to_owned() } else { hidden.join(", ") },
-            self.told.verdict,
-            if said.is_empty() { "no name".to_owned() } else { said.join(", ") },
-            if likeness.is_empty() {
-                String::new()
-            } else {
-                format!("; cosine to what was hidden {}", likeness.join(", "))
-            },
-        )
+    /// What was injected, what was reported, and how alike they are: label and value of each fact.
+    fn facts(&self) -> Vec<(String, String)> {
+        let fact = |label: &str, value: String| (label.to_owned(), value);
+        let mut facts: Vec<_> = self.hidden.iter().flat_map(Hidden::facts).collect();
+        if facts.is_empty() {
+            facts.push(fact("injected", "nothing".to_owned()));
+        }
+        let outcome = if self.hidden.is_empty() { "false alarm" } else { self.naming().name() };
+        facts.push(fact("outcome", outcome.to_owned()));
+        facts.push(fact("verdict", self.told.verdict.clone()));
+        for found in &self.told.missing {
+            facts.push(fact("reported", found.to_string()));
+            for rival in found.rivals.iter().take(2) {
+                let name = rival.formula.as_ref().unwrap_or(&rival.code);
+                let behind = rival.behind_chi2.map_or(String::new(), |behind| format!(", behind by chi2 {behind:.1}"));
+                facts.push(fact("alternative", format!("{name}, cosine {:.3}{behind}", rival.cosine)));
+            }
+        }
+        let likeness = self.likeness.iter();
+        facts.extend(likeness.map(|cosine| fact("cosine to injected", format!("{cosine:.3}"))));
+        facts
     }
 
     fn json(&self) -> Value {
@@ -326,11 +313,11 @@ impl Campaign {
         text
     }
 
-    /// Every run in which something was missed or wrongly named, a line each.
-    pub fn misses(&self) -> Vec<String> {
+    /// Every run in which something was missed or wrongly named, with its facts.
+    pub fn misses(&self) -> Vec<(String, Vec<(String, String)>)> {
         let of_group = |group: &Group| {
             let bad = group.runs.iter().enumerate().filter(|(_, run)| !run.is_good());
-            bad.map(|(index, run)| format!("{}, run {index}: {}", group.hiding.name(), run.line())).collect::<Vec<_>>()
+            bad.map(|(index, run)| (format!("{}, run {index}", group.hiding.name()), run.facts())).collect::<Vec<_>>()
         };
         self.groups.iter().flat_map(of_group).collect()
     }

@@ -1,7 +1,5 @@
 //! What is hidden, and the key that tells it: a file of its own.
 
-use std::fmt;
-
 use toml_edit::{Array, ArrayOfTables, DocumentMut, InlineTable, Item, Table, Value, value};
 
 use crate::change::Gyros;
@@ -76,22 +74,19 @@ pub struct BadKey {
     expected: &'static str,
 }
 
-impl fmt::Display for Hidden {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        write!(f, "{} {}", names(&self.gyros).join("+"), self.code)?;
+impl Hidden {
+    /// All that is known of it: label and value of each fact.
+    pub fn facts(&self) -> Vec<(String, String)> {
+        let mut what = format!("{} {}", names(&self.gyros).join("+"), self.code);
         if let Some(formula) = &self.formula {
-            write!(f, " {formula}")?;
+            what += &format!(" {formula}");
         }
-        for (name, value) in &self.parameters {
-            write!(f, " {name}={value:.4e}")?;
-        }
-        if let Some(strength) = self.strength {
-            write!(f, " ({strength:.1} sigma)")?;
-        }
-        match &self.nearest {
-            Some((code, cosine)) => write!(f, " (most like {code}, cosine {cosine:.3})"),
-            None => Ok(()),
-        }
+        let mut facts = vec![("injected".to_owned(), what)];
+        facts.extend(self.parameters.iter().map(|(name, value)| (name.clone(), format!("{value:.4e}"))));
+        facts.extend(self.strength.map(|strength| ("strength".to_owned(), format!("{strength:.1} sigma"))));
+        let nearest = self.nearest.as_ref();
+        facts.extend(nearest.map(|(code, cosine)| ("most like".to_owned(), format!("{code}, cosine {cosine:.3}"))));
+        facts
     }
 }
 

@@ -211,6 +211,13 @@ pub struct SizeError {
     pub bound: f64,
 }
 
+impl fmt::Display for SizeError {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let SizeError { error, sigma, bound } = self;
+        write!(f, "{:.2} of its sigma, {:.2} of its Cramér–Rao bound", error / sigma, error / bound)
+    }
+}
+
 /// What became of one thing hidden.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outcome {

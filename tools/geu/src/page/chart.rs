@@ -5,9 +5,11 @@ use std::fmt::Write;
 use super::escape;
 
 /// Room for numbers at the left, pixels.
-const LEFT: f64 = 46.0;
+const LEFT: f64 = 52.0;
 /// Room for other labels.
 const RIGHT: f64 = 8.0;
+/// Room that a character of a label takes at most, pixels: in the larger letters that a narrow screen has.
+const CHARACTER_PX: f64 = 8.5;
 const TOP: f64 = 19.0;
 const LINE: f64 = 15.0;
 
@@ -84,10 +86,11 @@ impl Chart {
         }
     }
 
-    /// A text below at `x`.
+    /// A text below at `x`; at an end of the axis it moves inwards, so that nothing of it is cut.
     pub fn below(&mut self, x: f64, text: &str) {
-        let (x, y) = (self.x_px(x), self.bottom + LINE - 1.0);
-        self.put(x, y, Anchor::Middle, text);
+        let half = 0.5 * CHARACTER_PX * text.chars().count() as f64;
+        let x = self.x_px(x).min(self.size.0 - half).max(half);
+        self.put(x, self.bottom + LINE - 1.0, Anchor::Middle, text);
     }
 
     /// What the axis below tells, in the second line.
@@ -229,6 +232,21 @@ fn ticks(range: (f64, f64), count: usize) -> Vec<(f64, String)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_label_at_an_end_of_the_axis_lies_within_the_diagram() {
+        let mut chart = Chart::new("times", (480.0, 200.0), (0.0, 10_800.0), (0.0, 1.0), 2);
+        chart.below(10_800.0, "10800");
+        chart.below(5400.0, "5400");
+        let text = chart.finish();
+        let x = |label: &str| -> f64 {
+            let line = text.lines().find(|line| line.contains(&format!(">{label}<"))).expect("a label");
+            line.split('"').nth(1).and_then(|x| x.parse().ok()).expect("a number")
+        };
+        // In letters of 14 px, which a narrow screen has, a digit takes up to 8.5 px of the diagram.
+        assert!(x("10800") + 2.5 * 8.5 < 480.1, "{}", x("10800"));
+        assert!((x("5400") - (LEFT + 0.5 * (480.0 - LEFT - RIGHT))).abs() < 0.1, "{}", x("5400"));
+    }
 
     #[test]
     fn ticks_are_round_and_within() {

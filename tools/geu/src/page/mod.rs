@@ -126,8 +126,14 @@ pub fn sigmas(value: f64) -> String {
     format!("{} σ", fixed(value, 1))
 }
 
-/// A Unix time in the calendar, to the second.
+/// 1980-01-01. Before it no recording was made: such a time is none of the calendar, but counts from a start of its own.
+const FIRST_DATE_S: f64 = 315_532_800.0;
+
+/// A Unix time in the calendar, to the second; a time that counts from a start of its own in seconds.
 pub fn date(unix_s: f64) -> String {
+    if unix_s < FIRST_DATE_S {
+        return format!("{} s, date unknown", format!("{unix_s:.1}").replace('-', "−"));
+    }
     let unix_s = unix_s.floor() as i64;
     let (days, second) = (unix_s.div_euclid(86_400) + 719_468, unix_s.rem_euclid(86_400));
     // Years begin in March, so that the leap day is the last.
@@ -150,11 +156,13 @@ mod tests {
     fn dates_are_those_of_date() {
         // `date -u -d @1795230720` and so on.
         for (unix_s, text) in [
-            (0.0, "1970-01-01 00:00:00 UTC"),
+            (0.0, "0.0 s, date unknown"),
+            (86_400.5, "86400.5 s, date unknown"),
+            (-1.0, "−1.0 s, date unknown"),
+            (315_532_800.0, "1980-01-01 00:00:00 UTC"),
             (951_782_399.5, "2000-02-28 23:59:59 UTC"),
             (951_782_400.0, "2000-02-29 00:00:00 UTC"),
             (1_795_230_720.0, "2026-11-21 03:12:00 UTC"),
-            (-1.0, "1969-12-31 23:59:59 UTC"),
         ] {
             assert_eq!(date(unix_s), text);
         }

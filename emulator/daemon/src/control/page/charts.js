@@ -11,10 +11,10 @@ const VIEWS = [
 ];
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
-/** Charts of these gyros; takes half seconds and faults in. */
-export function charts(gyros) {
+/** Charts of these gyros; takes half seconds and faults in. `validBits` are their bits in gyro_flags. */
+export function charts(gyros, validBits) {
   const times = [];
-  const columns = gyros.map(() => Object.fromEntries(VIEWS.map((view) => [view.name, []])));
+  const columns = gyros.map(() => ({ valid: [], ...Object.fromEntries(VIEWS.map((view) => [view.name, []])) }));
   const zeros = gyros.map(() => 0);
   const faults = new Map();
   let view = VIEWS[0],
@@ -100,7 +100,11 @@ export function charts(gyros) {
           },
         ],
         series: [{}, { stroke: () => colour("--first"), width: 1.5, points: { show: false }, spanGaps: false }],
-        hooks: { drawClear: [(plot) => shade(plot, gyros[index])], setCursor: [() => read()] },
+        hooks: {
+          drawClear: [(plot) => shade(plot, gyros[index])],
+          draw: [(plot) => markInvalid(plot, columns[index].valid)],
+          setCursor: [() => read()],
+        },
       },
       [[], []],
       canvas,
@@ -142,14 +146,45 @@ export function charts(gyros) {
     ctx.restore();
   }
 
+  /** Where the gyro was not valid: shaded, and said on the trace. */
+  function markInvalid(plot, valid) {
+    const { ctx, bbox } = plot;
+    ctx.save();
+    ctx.beginPath();
+    ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
+    ctx.clip();
+    ctx.fillStyle = colour("--bad");
+    ctx.font = `600 ${12 * devicePixelRatio}px system-ui, "DejaVu Sans", sans-serif`;
+    ctx.textBaseline = "top";
+    ctx.textAlign = "left";
+    for (let first = valid.indexOf(false); first >= 0; ) {
+      const after = valid.indexOf(true, first);
+      const last = after < 0 ? times.length - 1 : after - 1;
+      const from = Math.max(plot.valToPos(times[first] - 0.5, "x", true), bbox.left);
+      const to = plot.valToPos(times[last], "x", true);
+      if (to > bbox.left) {
+        ctx.globalAlpha = 0.16;
+        ctx.fillRect(from, bbox.top, to - from, bbox.height);
+        ctx.globalAlpha = 1;
+        const room = ctx.measureText("not valid").width + 8 * devicePixelRatio;
+        const at = Math.min(from + 4 * devicePixelRatio, bbox.left + bbox.width - room);
+        ctx.fillText("not valid", Math.max(at, bbox.left), bbox.top + 4 * devicePixelRatio);
+      }
+      first = after < 0 ? -1 : valid.indexOf(false, after);
+    }
+    ctx.restore();
+  }
+
   /** What stands beside each strip: the latest, or what the cursor points at. */
   function read() {
     strips.forEach(({ value, sub, plot }, index) => {
       const place = plot?.cursor.idx ?? times.length - 1;
       const column = columns[index][view.name];
       value.textContent = fixed(column[place] ?? NaN, view.decimals);
-      sub.textContent =
-        plot?.cursor.idx != null ? `at ${clock(times[place])}` : view.name === "counts" ? "count" : "arcsec";
+      const isValid = columns[index].valid[place] !== false;
+      sub.classList.toggle("warn", !isValid);
+      const unit = plot?.cursor.idx != null ? `at ${clock(times[place])}` : view.name === "counts" ? "count" : "arcsec";
+      sub.textContent = isValid ? unit : "not valid";
     });
   }
 
@@ -166,41 +201,57 @@ export function charts(gyros) {
 
   function row(t, values) {
     times.push(t);
-    columns.forEach((column, index) => VIEWS.forEach(({ name }) => column[name].push(values?.[index][name] ?? null)));
+    columns.forEach((column, index) =>
+      Object.keys(column).forEach((name) => column[name].push(values?.[index][name] ?? null)),
+    );
+  }
+
+  function clear() {
+    times.length = 0;
+    columns.forEach((column) =>
+      Object.values(column).forEach((values) => {
+        values.length = 0;
+      }),
+    );
+  }
+
+  function add(half) {
+    // What was not told is not drawn.
+    if (last && times.length && half.half_second > last.half_second + 1) row((last.t_s + half.t_s) / 2, null);
+    last = half;
+    row(
+      half.t_s,
+      gyros.map((_, index) => {
+        const counts = half.increments[index],
+          truth = half.true_arcsec[index];
+        // Summed by the unit: a run faster than real does not tell every half second.
+        const accumulated = half.departure_arcsec[index] - zeros[index];
+        const valid = ((half.gyro_flags >> validBits[index]) & 1) === 1;
+        return { counts, truth, difference: counts - truth, accumulated, valid };
+      }),
+    );
   }
 
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
   draw();
   return {
+    /** Draws what the unit did before the page was there. */
+    fill(history) {
+      clear();
+      history.forEach(add);
+      draw();
+    },
     take(half) {
       if (last && half.half_second <= last.half_second) {
-        times.length = 0;
+        clear();
         zeros.fill(0);
         faults.clear();
-        columns.forEach((column) =>
-          VIEWS.forEach(({ name }) => {
-            column[name].length = 0;
-          }),
-        );
-      } else if (last && half.half_second > last.half_second + 1) {
-        // What was not told is not drawn.
-        row((last.t_s + half.t_s) / 2, null);
       }
-      last = half;
-      row(
-        half.t_s,
-        gyros.map((_, index) => {
-          const counts = half.increments[index],
-            truth = half.true_arcsec[index];
-          // Summed by the unit: a run faster than real does not tell every half second.
-          const accumulated = half.departure_arcsec[index] - zeros[index];
-          return { counts, truth, difference: counts - truth, accumulated };
-        }),
-      );
+      add(half);
       const old = times.findIndex((t) => t >= half.t_s - KEEP_S);
       if (old > 0) {
         times.splice(0, old);
-        columns.forEach((column) => VIEWS.forEach(({ name }) => column[name].splice(0, old)));
+        columns.forEach((column) => Object.values(column).forEach((values) => values.splice(0, old)));
       }
       follow(half);
       draw();

@@ -10,6 +10,11 @@ const SILENCE_MS = 3000;
 const AGAIN_MS = 1000;
 const HAPPENINGS = 500;
 
+/** Flags that are no alarm and yet not the ordinary state. */
+const TONES = { self_test: "doubt", polled: "doubt" };
+/** Flags whose absence is an alarm. */
+const ALARM_WHEN_OFF = /_valid$|^heater_in_band$|^motors_synchronous$|^clock_locked$/;
+
 const show = readings(at("readings"));
 const showLateness = readings(at("lateness"));
 const happened = [];
@@ -32,14 +37,29 @@ function lamps(layout) {
     bits(name).map(({ bit, name: said, meaning }) => {
       const lamp = element("li", { title: meaning }, said.replaceAll("_", " "));
       at("lamps").append(lamp);
-      return { name, bit, lamp };
+      return { name, bit, said, lamp };
     }),
   );
-  return (half) => made.forEach(({ name, bit, lamp }) => lamp.classList.toggle("on", ((half[name] >> bit) & 1) === 1));
+  return (half) =>
+    made.forEach(({ name, bit, said, lamp }) => {
+      const isOn = ((half[name] >> bit) & 1) === 1;
+      const tone = isOn ? (TONES[said] ?? (said.endsWith("_saturated") ? "bad" : "good")) : ALARM_WHEN_OFF.test(said) ? "bad" : "";
+      const text = said.replaceAll("_", " ") + (!isOn && tone ? ": no" : "");
+      if (lamp.textContent !== text) lamp.textContent = text;
+      lamp.className = `${isOn ? "on " : ""}${tone}`;
+    });
 }
 
 function links(half) {
-  const rows = half.links.map((link) => [link.name, link.clients, link.sent, link.dropped, link.replies]);
+  const rows = half.links.map((link) => [
+    link.name,
+    link.clients,
+    link.sent,
+    link.unread,
+    link.dropped,
+    link.replies,
+    link.unread > 0 ? `${link.unread} half seconds were not sent, because nobody was there to read` : "",
+  ]);
   const said = JSON.stringify(rows);
   if (at("link-rows").dataset.said === said) return;
   at("link-rows").dataset.said = said;
@@ -47,10 +67,12 @@ function links(half) {
     ...rows.map((row) =>
       element(
         "tr",
-        {},
-        ...row.map((cell, index) =>
-          element(index ? "td" : "th", index === 3 && cell > 0 ? { className: "warn" } : {}, String(cell)),
-        ),
+        { title: row[6] },
+        ...row
+          .slice(0, 6)
+          .map((cell, index) =>
+            element(index ? "td" : "th", index === 4 && cell > 0 ? { className: "warn" } : {}, String(cell)),
+          ),
       ),
     ),
   );
@@ -67,7 +89,8 @@ function numbers(half) {
   const degrees = (value) => (value == null ? "–" : `${fixed(value, 2)}°`);
   const [x, y, z] = half.rate_arcsec_s ?? [];
   show("true rate x, y, z", `${fixed(x, 1)}  ${fixed(y, 1)}  ${fixed(z, 1)} ″/s`);
-  show("θ, ψ", `${degrees(half.theta_deg)}  ${degrees(half.psi_deg)}`);
+  show("solar aspect angle θ", degrees(half.theta_deg));
+  show("angle about the sun vector ψ", degrees(half.psi_deg));
   const { count, p50_us: p50, p99_us: p99, max_us: max } = half.lateness;
   const time = (us) => (us >= 1000 ? unit(us / 1000, 2, "ms") : unit(us, 0, "µs"));
   showLateness("lateness p50", count ? time(p50) : "–");
@@ -100,7 +123,11 @@ function take(lines) {
 }
 
 function start([catalogue, layout, status]) {
-  const gyros = charts(catalogue.gyros),
+  const flagBits = layout.serial.find((field) => field.name === "gyro_flags").bits;
+  const validBits = catalogue.gyros.map(
+    (gyro) => flagBits.find(({ name }) => name === `${gyro.toLowerCase()}_valid`).bit,
+  );
+  const gyros = charts(catalogue.gyros, validBits),
     frames = wire(layout),
     flags = lamps(layout);
   const showFaults = faultList(catalogue, refresh);
@@ -113,6 +140,25 @@ function start([catalogue, layout, status]) {
   at("download").href = path("/api/timeline");
   at("document").href = path("/api/openapi.json");
 
+  // Half seconds that come while the history is asked for; nothing once it is drawn.
+  let waiting = [],
+    latest = 0,
+    refill = 0;
+  async function fill() {
+    waiting ??= [];
+    const history = await ask("GET", "/api/history").catch(() => []);
+    if (history.length) gyros.fill(history);
+    const end_s = history.at(-1)?.t_s ?? -1;
+    waiting?.filter((half) => half.t_s > end_s).forEach(gyros.take);
+    waiting = null;
+    refill = 0;
+  }
+  /** A run faster than real does not tell every half second: the others are fetched, once a second. */
+  function fetchSkipped(half) {
+    if (half.half_second > latest + 1 && !waiting) refill ||= setTimeout(fill, AGAIN_MS);
+    latest = half.half_second;
+  }
+
   function follow() {
     const source = new EventSource(path("/api/events"));
     source.addEventListener("open", async () => {
@@ -120,6 +166,7 @@ function start([catalogue, layout, status]) {
       heard = performance.now();
       trouble("");
       refresh();
+      fill();
       take((await ask("GET", "/api/timeline").catch(() => "")).split("\n"));
     });
     source.addEventListener("error", () => {
@@ -131,7 +178,9 @@ function start([catalogue, layout, status]) {
     source.addEventListener("half-second", (event) => {
       const half = JSON.parse(event.data);
       heard = performance.now();
-      gyros.take(half);
+      fetchSkipped(half);
+      if (waiting) waiting.push(half);
+      else gyros.take(half);
       frames.take(half);
       flags(half);
       numbers(half);

@@ -1,0 +1,63 @@
+//! What the bench page is made of: the last ten minutes at any speed, and why a half second was not sent.
+
+use std::io::{Read, Write};
+use std::net::TcpStream;
+use std::time::{Duration, Instant};
+
+use geu_tests::emulator::Emulator;
+use serde_json::Value;
+
+fn get(address: &str, path: &str) -> String {
+    let mut stream = TcpStream::connect(address).expect("the unit listens");
+    stream.set_read_timeout(Some(Duration::from_secs(20))).expect("a socket");
+    write!(stream, "GET {path} HTTP/1.1\r\nhost: {address}\r\nconnection: close\r\n\r\n").expect("asked");
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).expect("an answer");
+    let (head, body) = answer.split_once("\r\n\r\n").expect("a head");
+    assert!(head.starts_with("HTTP/1.1 200"), "{head}");
+    body.to_owned()
+}
+
+fn json(address: &str, path: &str) -> Value {
+    serde_json::from_str(&get(address, path)).expect("JSON")
+}
+
+#[test]
+fn a_run_at_a_thousand_times_tells_its_last_ten_minutes_whole_and_what_had_no_reader() {
+    let room = tempfile::tempdir().expect("a directory");
+    let pty = room.path().join("geu0").display().to_string();
+    let arguments = ["--pty", &pty, "--tcp", "127.0.0.1:0", "--control", "127.0.0.1:0", "--speed", "1000"];
+    let mut emulator = Emulator::start(2, &arguments);
+    let address = emulator.control();
+    // 1200 half seconds take 0.6 s; the rest is for a loaded machine.
+    let start = Instant::now();
+    let mut history = json(&address, "/api/history");
+    while history.as_array().map(Vec::len) != Some(1200) && start.elapsed() < Duration::from_secs(30) {
+        history = json(&address, "/api/history");
+    }
+    let told = history.as_array().expect("a list");
+    let times: Vec<f64> = told.iter().filter_map(|sample| sample["t_s"].as_f64()).collect();
+    assert_eq!(times.len(), 1200);
+    assert!(times.windows(2).all(|pair| pair[1] - pair[0] == 0.5), "{times:?}");
+    let status = json(&address, "/api/status");
+    for link in status["links"].as_array().expect("links") {
+        assert_eq!((&link["sent"], &link["dropped"], &link["clients"]), (&0.into(), &0.into(), &0.into()), "{link}");
+        assert!(link["unread"].as_u64().is_some_and(|unread| unread >= 1200), "{link}");
+    }
+    emulator.ask_to_end();
+    let (_, said) = emulator.end();
+    assert!(said.contains("not sent (no reader)"), "{said}");
+}
+
+#[test]
+fn the_page_names_its_angles_tells_alarms_apart_and_asks_for_the_history() {
+    let mut emulator = Emulator::start(1, &["--tcp", "127.0.0.1:0", "--control", "127.0.0.1:0"]);
+    let address = emulator.control();
+    let script = get(&address, "/page.js");
+    for part in ["solar aspect angle θ", "angle about the sun vector ψ", "/api/history", "_saturated", "self_test"] {
+        assert!(script.contains(part), "{part}");
+    }
+    assert!(get(&address, "/charts.js").contains("not valid") && get(&address, "/").contains("no reader"));
+    let style = get(&address, "/page.css");
+    assert!(style.contains("--tone: var(--bad)") && style.contains("--tone: var(--doubt)"), "{style}");
+}

@@ -1,0 +1,168 @@
+//! The same failure ends every command with the same exit code, and the help of every command lists the codes.
+
+use std::fs;
+use std::path::Path;
+use std::process::{Output, Stdio};
+
+use geu_tests::geu;
+
+const BAD: Option<i32> = Some(2);
+const FAILED: Option<i32> = Some(1);
+
+/// Runs a command line; `{}` in it is the directory.
+fn run(room: &Path, line: &str) -> Output {
+    let line = line.replace("{}", &room.display().to_string());
+    let mut command = geu();
+    command.args(line.split_whitespace()).current_dir(room).stdin(Stdio::null());
+    command.output().expect("geu starts")
+}
+
+/// Every line ends with this code, and says something without a panic.
+fn assert_code(room: &Path, code: Option<i32>, lines: &[&str]) {
+    for line in lines {
+        let output = run(room, line);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), code, "geu {line}: {said}");
+        assert!(!said.trim().is_empty() && !said.contains("panicked"), "geu {line}: {said}");
+    }
+}
+
+/// A directory with a short recording, a file that is no directory, and a configuration with an unknown gyro.
+fn room() -> tempfile::TempDir {
+    let room = tempfile::tempdir().expect("a directory");
+    fs::write(room.path().join("bad.toml"), "[gyro.GYRQ]\ndrift = 1\n").expect("written");
+    fs::write(room.path().join("plain"), "").expect("written");
+    let made = run(room.path(), "simulate --duration 600 --out rec");
+    assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
+    room
+}
+
+/// The commands that this help lists.
+fn commands(help: &str) -> Vec<String> {
+    let listed = help.split("\nCommands:\n").nth(1).map_or("", |rest| rest.split("\n\n").next().unwrap_or(""));
+    let names = listed.lines().filter(|line| line.starts_with("  ") && !line.starts_with("   "));
+    names.filter_map(|line| line.split_whitespace().next()).filter(|name| *name != "help").map(str::to_owned).collect()
+}
+
+/// The help of a command and of all below it lists the codes; how many there were.
+fn assert_helps(room: &Path, command: &str) -> usize {
+    let output = run(room, &format!("{command} --help"));
+    let help = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert_eq!(output.status.code(), Some(0), "geu {command} --help");
+    for part in ["Exit codes:\n", "  0  done\n", "  1  failed", "  2  bad usage or bad input", "  3  a diagnosis"] {
+        assert!(help.contains(part), "{part:?} is not in geu {command} --help:\n{help}");
+    }
+    // The table of `geu send --help` is of the unit's commands.
+    let below = if command == "send" { Vec::new() } else { commands(&help) };
+    1 + below.iter().map(|name| assert_helps(room, format!("{command} {name}").trim())).sum::<usize>()
+}
+
+#[test]
+fn the_help_of_every_command_lists_the_exit_codes() {
+    let room = tempfile::tempdir().expect("a directory");
+    let count = assert_helps(room.path(), "");
+    // The top, 18 commands, and those of blind, faults, config and bench.
+    assert!(count >= 30, "{count} helps");
+}
+
+#[test]
+fn a_wrong_option_is_2_for_every_command() {
+    let room = tempfile::tempdir().expect("a directory");
+    let help = run(room.path(), "--help");
+    let commands = commands(&String::from_utf8_lossy(&help.stdout));
+    assert!(commands.len() >= 18, "{commands:?}");
+    let lines: Vec<String> = commands.iter().map(|command| format!("{command} --no-such-option")).collect();
+    assert_code(room.path(), BAD, &lines.iter().map(String::as_str).collect::<Vec<_>>());
+}
+
+#[test]
+fn an_input_that_is_not_there_is_2_for_every_command_that_reads_one() {
+    let room = room();
+    assert_code(
+        room.path(),
+        BAD,
+        &[
+            "run none.toml",
+            "run --faults none.toml",
+            "run --truth none.csv",
+            "simulate none.toml --out new",
+            "simulate --faults none.toml --out new",
+            "replay none.log --tcp 127.0.0.1:0",
+            "calibrate --link none.log --reference rec/reference.csv",
+            "calibrate --link rec/link.log --reference none.csv",
+            "calibrate --link rec/link.log --fss none.csv --sse none.csv",
+            "reconstruct --link none.log --fss rec/fss.csv --sse rec/sse.csv",
+            "diagnose --link none.log --reference rec/reference.csv",
+            "diagnose --link rec/link.log --reference none.csv",
+            "diagnose --gyro-csv none.toml --link none.csv --reference none.csv",
+            "blind score --key none.toml --json none.json",
+            "blind hide --config none.toml --seed 1 --out new",
+            "checkout --config none.toml",
+            "config check none.toml",
+            "config show none.toml",
+            "decode none.log",
+            "decode --gyro-csv none.toml rec/link.log",
+            "track none.log",
+            "track --config none.toml rec/link.log",
+            "inject --plan none.toml",
+            "send none0 PING",
+        ],
+    );
+}
+
+#[test]
+fn a_configuration_that_is_wrong_is_2_for_every_command_that_reads_one() {
+    let room = room();
+    assert_code(
+        room.path(),
+        BAD,
+        &[
+            "run bad.toml",
+            "simulate bad.toml --out new",
+            "calibrate --config bad.toml --link rec/link.log --reference rec/reference.csv",
+            "reconstruct --config bad.toml",
+            "diagnose --config bad.toml --link rec/link.log --reference rec/reference.csv",
+            "blind hide --config bad.toml --seed 1 --out new",
+            "blind campaign --config bad.toml",
+            "checkout --config bad.toml",
+            "config check bad.toml",
+            "config show bad.toml",
+            "track --config bad.toml rec/link.log",
+            "run --set gyro.GYRQ.drift.arcsec_per_h=1",
+            "simulate --set gyro.GYRQ.drift.arcsec_per_h=1 --out new",
+        ],
+    );
+    assert!(!room.path().join("new").exists());
+}
+
+#[test]
+fn an_output_that_cannot_be_written_is_1_for_every_command_that_writes_one() {
+    let room = room();
+    assert_code(
+        room.path(),
+        FAILED,
+        &[
+            "run --duration 1 --speed max --tcp 127.0.0.1:0 --control off --record plain/new",
+            "simulate --duration 5 --out plain/new",
+            "simulate --svg plain/new",
+            "simulate --duration 5 --out new --junit plain/new",
+            "blind hide --seed 1 --duration 900 --out plain/new",
+            "checkout --out plain/new",
+            "decode rec/link.log --out plain/new",
+            "decode rec/link.log --defects plain/new",
+            "describe dbc --out plain/new",
+            "diagnose --link rec/link.log --reference rec/reference.csv --json plain/new",
+            "track rec/link.log --out plain/new",
+        ],
+    );
+}
+
+#[test]
+fn the_usage_of_calibrate_names_both_ways_to_an_attitude() {
+    let room = tempfile::tempdir().expect("a directory");
+    for line in ["calibrate --help", "calibrate --link x.log"] {
+        let output = run(room.path(), line);
+        let said = String::from_utf8_lossy(if line.ends_with("help") { &output.stdout } else { &output.stderr });
+        assert!(said.contains("(--reference <FILE> | --fss <FILE> --sse <FILE>)"), "{said}");
+    }
+}

@@ -1,0 +1,170 @@
+//! The report for a terminal: one labelled line for each fact.
+
+use crate::change::{ALL_GYROS, Gyros};
+use crate::outcome::{Class, Diagnosis, Entry, RivalShown};
+use crate::whereabouts::standing_out;
+
+use super::{called, names, verdict, with_sigma};
+
+/// Alternatives of a group that are listed; the others are counted.
+const LISTED: usize = 5;
+
+fn on(gyros: &Gyros) -> String {
+    if gyros == &ALL_GYROS { "all gyros".to_owned() } else { names(gyros).join(", ") }
+}
+
+/// The gyros and the effect: `GYRX: pivot-clearance`.
+pub fn heading(entry: &Entry) -> String {
+    format!("{}: {}", on(&entry.gyros), called(entry))
+}
+
+/// All that is known of an effect found: label and value of each fact.
+pub fn facts(entry: &Entry) -> Vec<(String, String)> {
+    let mut facts: Vec<(String, String)> = Vec::new();
+    let mut fact = |label: &str, value: String| facts.push((label.to_owned(), value));
+    for number in &entry.parameters {
+        let unit = entry.formula.as_ref().map_or(String::new(), |(_, unit)| format!(" {unit}"));
+        fact(&number.name, with_sigma(number) + &unit);
+    }
+    // As a whole number, so that a zero has no sign.
+    fact("share of the gap", format!("{} %", (100.0 * entry.gap_share).round() as i64));
+    if let Some((fall, threshold)) = entry.chi2 {
+        fact("fall of chi2", format!("{fall:.0} (threshold {threshold:.0})"));
+    }
+    let (same, apart): (Vec<_>, Vec<_>) = entry
+        .rivals
+        .iter()
+        .partition(|rival| rival.behind_chi2.is_none_or(|behind| behind < crate::rivals::APART_CHI2));
+    let name = |rival: &RivalShown| {
+        let name = rival.formula.as_ref().unwrap_or(&rival.code);
+        if rival.gyros == entry.gyros { name.clone() } else { format!("{name} on {}", on(&rival.gyros)) }
+    };
+    if let (Some(next), Some((fall, _))) = (apart.first(), entry.chi2) {
+        let share = 100.0 * (1.0 - next.behind_chi2.unwrap_or(0.0) / fall).max(0.0);
+        // It can be told apart, if only just.
+        let share = if share < 99.5 { format!("{share:.0}") } else { "over 99".to_owned() };
+        fact("next best", format!("{}, explains {share} % of that fall", name(next)));
+    }
+    for rival in same.iter().take(LISTED) {
+        let cosine = if rival.cosine == 0.0 { String::new() } else { format!(" (cosine {:.3})", rival.cosine) };
+        fact("not distinguishable", format!("from {}{cosine}", name(rival)));
+    }
+    if same.len() > LISTED {
+        fact("not distinguishable", format!("from {} more, listed in the JSON", same.len() - LISTED));
+    }
+    for rival in same {
+        if let Some(remedy) = &rival.remedy {
+            fact("discriminating test", format!("against {}: {remedy}", name(rival)));
+        }
+    }
+    facts
+}
+
+/// Facts as lines, the values below each other.
+pub fn labelled(indent: usize, facts: &[(String, String)]) -> String {
+    let width = facts.iter().map(|(label, _)| label.chars().count()).max().unwrap_or(0);
+    facts.iter().map(|(label, value)| format!("{:indent$}{label:width$}  {value}\n", "")).collect()
+}
+
+/// The report for a terminal.
+pub fn text(diagnosis: &Diagnosis) -> String {
+    let mut text = verdict(diagnosis.verdict).to_owned() + "\n";
+    for (class, title) in [
+        (Class::MissingEffect, "missing in the model"),
+        (Class::Recalibration, "the calibration has moved; this is no missing effect"),
+    ] {
+        let own: Vec<&Entry> = diagnosis.entries.iter().filter(|entry| entry.class == class).collect();
+        if !own.is_empty() {
+            text += &format!("\n{title}\n");
+        }
+        for entry in own {
+            text += &format!("  {}\n{}", heading(entry), labelled(4, &facts(entry)));
+        }
+    }
+    if let Some(left) = &diagnosis.unexplained {
+        let [from_s, to_s] = left.interval_s;
+        let mut facts = vec![
+            ("gyros".to_owned(), on(&left.gyros)),
+            ("shape".to_owned(), left.shape.clone()),
+            ("interval".to_owned(), format!("{from_s:.0}…{to_s:.0} s")),
+        ];
+        let follows = left.follows.iter();
+        facts.extend(follows.map(|(term, fall)| ("follows".to_owned(), format!("{term} (fall of chi2 {fall:.0})"))));
+        text += &format!("\nleft unexplained\n{}", labelled(2, &facts));
+    }
+    if !diagnosis.findings.is_empty() {
+        text += "\nexact checks\n";
+        for found in &diagnosis.findings {
+            text += &format!("  {}: {}: {}\n", found.kind, found.place, found.text);
+        }
+    }
+    let places = standing_out(diagnosis);
+    if !places.is_empty() {
+        text += "\nwhere the data leave the model, in sigmas before and after\n";
+        places.into_iter().for_each(|place| text += &format!("  {place}\n"));
+    }
+    text += "\ngap, arcsec within 30 min       rms      max   at the end   chi2/dof\n";
+    for (name, gap) in [
+        ("as configured", &diagnosis.before.fitted),
+        ("with what was found", &diagnosis.after.fitted),
+        ("the same held out", &diagnosis.after.held_out),
+    ] {
+        text += &format!(
+            "{name:24} {:10.2} {:8.2} {:12.2} {:10.3}\n",
+            gap.rms_arcsec, gap.max_arcsec, gap.after_30min_arcsec, gap.reduced_chi2
+        );
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::outcome::Number;
+
+    fn alternative(code: &str, behind_chi2: Option<f64>) -> RivalShown {
+        RivalShown {
+            code: code.to_owned(),
+            formula: None,
+            gyros: [true, false, false, false],
+            cosine: 0.9994,
+            behind_chi2,
+            remedy: behind_chi2.is_none().then(|| format!("a scan about Y tells {code}")),
+        }
+    }
+
+    #[test]
+    fn every_fact_of_an_effect_has_a_line_and_a_label_of_its_own() {
+        let number = |name: &str, value, sigma| Number { name: name.to_owned(), value, sigma, written: None };
+        let codes: Vec<String> = (0..12).map(|index| format!("drift-course-number-{index}")).collect();
+        let entry = Entry {
+            code: "pivot-clearance".to_owned(),
+            formula: None,
+            class: Class::MissingEffect,
+            gyros: [true, false, false, false],
+            parameters: vec![number("clearance_arcsec", 11.523, Some(0.041)), number("preferred_arcsec", 0.0, None)],
+            gap_share: 0.7,
+            chi2: Some((69_651.0, 15.0)),
+            held_out: None,
+            rivals: std::iter::once(alternative("lost-counts", Some(60_000.0)))
+                .chain(codes.iter().map(|code| alternative(code, None)))
+                .collect(),
+            assignments: Vec::new(),
+        };
+        assert_eq!(heading(&entry), "GYRX: pivot-clearance");
+        let lines = labelled(4, &facts(&entry));
+        for line in [
+            "    clearance_arcsec     11.523 ± 0.041",
+            "    preferred_arcsec     0.0000",
+            "    share of the gap     70 %",
+            "    fall of chi2         69651 (threshold 15)",
+            "    next best            lost-counts, explains 14 % of that fall",
+            "    not distinguishable  from drift-course-number-0 (cosine 0.999)",
+            "    not distinguishable  from 7 more, listed in the JSON",
+            "    discriminating test  against drift-course-number-11: a scan about Y tells drift-course-number-11",
+        ] {
+            assert!(lines.lines().any(|own| own == line), "{line:?} not in\n{lines}");
+        }
+        assert!(lines.lines().all(|line| line.chars().count() < 120 && !line.contains(';')), "{lines}");
+    }
+}
