@@ -3,7 +3,7 @@
 
 use std::fs;
 use std::io::{Read, Write};
-use std::net::{TcpListener, TcpStream};
+use std::net::TcpStream;
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::thread::sleep;
@@ -23,11 +23,6 @@ const FILES: [&str; 7] =
 
 fn directory() -> tempfile::TempDir {
     tempfile::tempdir().expect("a directory")
-}
-
-/// An address of the loopback that nobody listens at.
-fn free_address() -> String {
-    TcpListener::bind("127.0.0.1:0").and_then(|listener| listener.local_addr()).expect("a port").to_string()
 }
 
 /// `geu run` on TCP, recorded into a directory, with its control interface at an address.
@@ -74,9 +69,10 @@ fn inject(control: &str, arguments: &[&str]) {
 
 #[test]
 fn a_killed_run_has_all_that_was_acknowledged_and_can_be_made_again() {
-    let (room, control) = (directory(), free_address());
+    let room = directory();
     let (live, again) = (room.path().join("live"), room.path().join("again"));
-    let mut emulator = Emulator::of(recorded(&live, &control, &["--speed", "4"]), 1);
+    let mut emulator = Emulator::of(recorded(&live, "127.0.0.1:0", &["--speed", "4"]), 1);
+    let control = emulator.control();
     let mut client = emulator.tcp();
     assert!(client.read_until(|client| client.half_seconds.len() >= 4));
     command(&mut client, &[4, 1, 0, 5, 20]);
@@ -122,12 +118,13 @@ fn a_killed_run_has_all_that_was_acknowledged_and_can_be_made_again() {
 
 #[test]
 fn a_disk_that_stalls_holds_up_neither_cadence_nor_replies_nor_the_end() {
-    let (room, control) = (directory(), free_address());
+    let room = directory();
     let (live, again) = (room.path().join("live"), room.path().join("again"));
     let Some(disk) = StalledDisk::new(&live, room.path()) else { return skipped("no C compiler") };
-    let mut run = recorded(&live, &control, &[]);
+    let mut run = recorded(&live, "127.0.0.1:0", &[]);
     disk.under(&mut run);
-    let emulator = Emulator::of(run, 1);
+    let mut emulator = Emulator::of(run, 1);
+    let control = emulator.control();
     let mut client = emulator.tcp();
     assert!(client.read_until(|client| client.half_seconds.len() >= 2));
     disk.stall();
@@ -147,7 +144,8 @@ fn a_disk_that_stalls_holds_up_neither_cadence_nor_replies_nor_the_end() {
     let start = Instant::now();
     emulator.ask_to_end();
     let (code, said) = emulator.end();
-    assert!(start.elapsed() < Duration::from_secs(1), "{:?}", start.elapsed());
+    // It gives the disk half a second; the rest is for a loaded machine.
+    assert!(start.elapsed() < Duration::from_millis(1500), "{:?}", start.elapsed());
     assert_eq!(code, Some(1), "{said}");
     assert!(said.contains("is cut") && said.contains("geu simulate") && said.contains("half seconds"), "{said}");
     assert_made_again(&live, &again);
@@ -155,10 +153,10 @@ fn a_disk_that_stalls_holds_up_neither_cadence_nor_replies_nor_the_end() {
 
 #[test]
 fn a_disk_that_stalls_for_a_while_costs_nothing() {
-    let (room, control) = (directory(), free_address());
+    let room = directory();
     let (live, again) = (room.path().join("live"), room.path().join("again"));
     let Some(disk) = StalledDisk::new(&live, room.path()) else { return skipped("no C compiler") };
-    let mut run = recorded(&live, &control, &["--speed", "max", "--duration", "20000", "--wait"]);
+    let mut run = recorded(&live, "127.0.0.1:0", &["--speed", "max", "--duration", "20000", "--wait"]);
     disk.under(&mut run);
     let emulator = Emulator::of(run, 1);
     disk.stall();
@@ -187,7 +185,8 @@ fn a_run_without_deadlines_that_waits_for_its_disk_ends_when_asked() {
     let start = Instant::now();
     emulator.ask_to_end();
     let (code, said) = emulator.end();
-    assert!(start.elapsed() < Duration::from_secs(1), "{:?}", start.elapsed());
+    // It gives the disk half a second; the rest is for a loaded machine.
+    assert!(start.elapsed() < Duration::from_millis(1500), "{:?}", start.elapsed());
     assert_eq!(code, Some(1), "{said}");
     assert!(said.contains("is cut"), "{said}");
 }
@@ -206,19 +205,21 @@ fn a_run_whose_disk_hangs_from_the_start_ends_when_asked() {
     let start = Instant::now();
     emulator.ask_to_end();
     let (code, said) = emulator.end();
-    assert!(start.elapsed() < Duration::from_secs(1), "{:?}", start.elapsed());
+    // It gives the disk half a second; the rest is for a loaded machine.
+    assert!(start.elapsed() < Duration::from_millis(1500), "{:?}", start.elapsed());
     assert_eq!(code, Some(1), "{said}");
 }
 
 #[test]
 fn a_full_disk_ends_the_recording_and_not_the_unit() {
-    let (room, control) = (directory(), free_address());
+    let room = directory();
     let (live, again) = (room.path().join("live"), room.path().join("again"));
-    let run = recorded(&live, &control, &["--speed", "10"]);
+    let run = recorded(&live, "127.0.0.1:0", &["--speed", "10"]);
     // A file of more than 20 kB finds no room.
     let mut full = Command::new("sh");
     full.args(["-c", "trap '' XFSZ; ulimit -f 40; exec \"$0\" \"$@\""]).arg(run.get_program()).args(run.get_args());
-    let emulator = Emulator::of(full, 1);
+    let mut emulator = Emulator::of(full, 1);
+    let control = emulator.control();
     let mut client = emulator.tcp();
     let start = Instant::now();
     while status(&control)["recording"]["state"] == "running" {

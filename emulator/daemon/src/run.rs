@@ -46,7 +46,7 @@ const PATIENCE: Duration = Duration::from_secs(2);
 const SURELY_EMPTY: Duration = Duration::from_millis(25);
 /// The recording is written to its end until so long after the process was asked to end: with the last words on the
 /// terminal that is less than a second.
-const RECORD_AFTER_ASKED: Duration = Duration::from_millis(700);
+const RECORD_AFTER_ASKED: Duration = Duration::from_millis(500);
 /// And it is given so long at least.
 const RECORD_AT_LEAST: Duration = Duration::from_millis(100);
 /// Between two status lines.
@@ -204,7 +204,8 @@ pub fn run(
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let ended = runtime.block_on(keep(&desk, settings, bench, recorded, shutdown));
     // Ends the tasks; with the last of them the symlink of a pty goes.
-    drop(runtime);
+    // Without waiting for what it looks up by name: a resolver may take half a minute.
+    runtime.shutdown_background();
     desk.close();
     shower.into_iter().for_each(Shower::finish);
     console::finish();

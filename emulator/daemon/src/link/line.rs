@@ -80,6 +80,7 @@ struct State {
     is_stalled: bool,
     /// The client does not read its replies.
     drops_replies: bool,
+    tally: Arc<Tally>,
 }
 
 /// Bytes to be sent.
@@ -186,11 +187,12 @@ impl State {
         self.discard();
     }
 
-    /// Forgets what waits; how many replies.
-    fn discard(&mut self) -> u64 {
+    /// Forgets what waits, and counts the replies.
+    fn discard(&mut self) {
         let replies = self.frames.iter().filter(|(_, is_reply)| *is_reply).count()
             + self.waiting.iter().filter(|taken| taken.is_reply).count()
             + self.answers.len();
+        self.tally.unread_replies.fetch_add(replies as u64, Relaxed);
         self.pending.clear();
         self.frames.clear();
         self.replies = 0;
@@ -199,7 +201,6 @@ impl State {
         self.is_dropping = false;
         self.drops_replies = false;
         self.answers = Outbox::default();
-        replies as u64
     }
 }
 
@@ -219,6 +220,7 @@ impl Line {
             waiting: Vec::new(),
             is_dropping: false,
             answers: Outbox::default(),
+            tally: tally.clone(),
         };
         Line { state: Mutex::new(state), wake: Notify::new(), left: Notify::new(), later: Notify::new(), tally }
     }
@@ -409,8 +411,7 @@ impl Line {
                         // The readiness of a port that is hung up stays, and room never comes. What its client had
                         // sent may still be read.
                         if is_hung_up {
-                            let replies = self.lock().discard();
-                            self.tally.unread_replies.fetch_add(replies, Relaxed);
+                            self.lock().discard();
                         } else {
                             port.writable().await?.retain_ready();
                         }

@@ -190,8 +190,10 @@ async fn attend_one(
 ) -> io::Result<()> {
     match terminal.slave.reset() {
         Err(Errno::EBUSY) => {
-            *terminal = Terminal::new()?;
-            symlink.lead_to(&terminal.slave.0)?;
+            // In this order: where the symlink cannot be changed, that is tried again.
+            let fresh = Terminal::new()?;
+            symlink.lead_to(&fresh.slave.0)?;
+            *terminal = fresh;
         }
         result => result?,
     }

@@ -175,7 +175,7 @@ pub fn replay(
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let ended = runtime.block_on(keep(settings, items, steps, shutdown));
     // Ends the tasks; with the last of them the symlink of a pty goes.
-    drop(runtime);
+    runtime.shutdown_background();
     console::finish();
     ended
 }

@@ -5,19 +5,19 @@
 //! emulator left is known for what it is, even where the number of its pty is in use again.
 
 use std::fs::{self, File, OpenOptions, TryLockError};
-use std::io::{self, Read, Seek, Write};
-use std::os::unix::fs::{MetadataExt, OpenOptionsExt, symlink};
+use std::io;
+use std::os::unix::fs::{FileExt, MetadataExt, OpenOptionsExt, symlink};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
-use nix::libc::O_NOFOLLOW;
+use nix::libc::{O_NOFOLLOW, O_NONBLOCK};
 
 use super::super::LinkError;
 
 /// What a lock begins with; a file that begins otherwise is somebody else's.
 const MARK: &str = "geu pty ";
 /// Longer than any name of a pty.
-const LONGEST_LOCK: u64 = 4096;
+const LONGEST_LOCK: usize = 4096;
 
 /// The symlink; removed when it goes, if it is still this one.
 pub(super) struct Symlink {
@@ -86,8 +86,6 @@ impl Drop for Symlink {
         if self.is_ours() {
             let _ = fs::remove_file(&self.path);
         }
-        // While it is locked, so that nobody else has it yet.
-        let _ = fs::remove_file(&self.lock.path);
     }
 }
 
@@ -115,36 +113,66 @@ impl Lock {
         file_name.push("lock");
         let path = directory.join(file_name);
         loop {
-            let mut options = OpenOptions::new();
-            options.read(true).write(true).create(true).truncate(false).mode(0o644).custom_flags(O_NOFOLLOW);
-            let mut file = options.open(&path).map_err(fail)?;
+            let (file, is_new) = match open_lock(&path, false) {
+                // Not asked of one that is there: in a directory with the sticky bit that is refused for a file of others.
+                Err(error) if error.kind() == io::ErrorKind::NotFound => match open_lock(&path, true) {
+                    Err(error) if error.kind() == io::ErrorKind::AlreadyExists => continue,
+                    opened => (opened.map_err(fail)?, true),
+                },
+                opened => (opened.map_err(fail)?, false),
+            };
+            let own = file.metadata().map_err(fail)?;
+            let is_lock = own.is_file() && (is_new || read_mark(&file).is_some());
             match file.try_lock() {
                 Ok(()) => {}
                 Err(TryLockError::WouldBlock) => {
-                    return Err(LinkError::PathBusy(name, "a pty of another emulator".to_owned()));
+                    return Err(LinkError::PathBusy(name, format!("somebody's who holds {}", path.display())));
                 }
                 Err(TryLockError::Error(error)) => return Err(fail(error)),
             }
             // Whoever held it may have removed it meanwhile: what is locked then is no file that others see.
-            let (own, seen) = (file.metadata().map_err(fail)?, path.symlink_metadata());
+            let seen = path.symlink_metadata();
             if !seen.is_ok_and(|seen| (seen.dev(), seen.ino()) == (own.dev(), own.ino())) {
                 continue;
             }
-            let mut content = String::new();
-            let read = Read::by_ref(&mut file).take(LONGEST_LOCK).read_to_string(&mut content);
-            let led_to = content.strip_prefix(MARK).map(|target| PathBuf::from(target.trim_end()));
-            if read.is_err() || (led_to.is_none() && !content.is_empty()) {
+            if !is_lock {
                 return Err(LinkError::PathTaken(path.display().to_string(), "a file that is no lock of an emulator"));
             }
-            return Ok(Lock { path, file, led_to });
+            let led_to = read_mark(&file).filter(|target| !target.as_os_str().is_empty());
+            let lock = Lock { path, file, led_to };
+            if is_new {
+                lock.write(Path::new("")).map_err(fail)?;
+            }
+            return Ok(lock);
         }
     }
 
     /// Says where the symlink leads.
     fn write(&self, target: &Path) -> io::Result<()> {
-        let mut file = &self.file;
-        file.set_len(0)?;
-        file.rewind()?;
-        writeln!(file, "{MARK}{}", target.display())
+        let text = format!("{MARK}{}\n", target.display());
+        // Over what is there: a full disk has room for that.
+        self.file.write_all_at(text.as_bytes(), 0)?;
+        self.file.set_len(text.len() as u64)
     }
+}
+
+impl Drop for Lock {
+    fn drop(&mut self) {
+        // While it is locked, so that nobody else has it yet.
+        let _ = fs::remove_file(&self.path);
+    }
+}
+
+/// Opens it without waiting for the other end of a FIFO.
+fn open_lock(path: &Path, is_new: bool) -> io::Result<File> {
+    let mut options = OpenOptions::new();
+    options.read(true).write(true).create_new(is_new).mode(0o644).custom_flags(O_NOFOLLOW | O_NONBLOCK).open(path)
+}
+
+/// Where the symlink of the emulator that wrote it led; nothing of a file that no emulator wrote.
+fn read_mark(file: &File) -> Option<PathBuf> {
+    let mut bytes = [0; LONGEST_LOCK];
+    let length = file.read_at(&mut bytes, 0).ok()?;
+    let text = str::from_utf8(&bytes[..length]).ok()?;
+    text.strip_prefix(MARK).map(|target| PathBuf::from(target.trim_end()))
 }
