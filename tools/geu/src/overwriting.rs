@@ -25,14 +25,14 @@ impl Force {
     pub fn refuse_filled(self, directory: &Path) -> Result<(), Failure> {
         let refused = |got: &dyn Display| {
             let path = directory.display();
-            Failure::input(format!("{path}: expected a directory that is empty or not there, got {got}"))
+            format!("{path}: expected a directory that is empty or not there, got {got}")
         };
         match fs::read_dir(directory).map(|mut entries| entries.next().is_none()) {
             Ok(is_empty) if self.force || is_empty => Ok(()),
-            Ok(_) => Err(refused(&"one that holds files; --force writes into it all the same")),
+            Ok(_) => Err(Failure::input(refused(&"one that holds files; --force writes into it all the same"))),
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
-            Err(error) if error.kind() == io::ErrorKind::NotADirectory => Err(refused(&"a file")),
-            Err(error) => Err(refused(&error)),
+            Err(error) if error.kind() == io::ErrorKind::NotADirectory => Err(Failure::failed(refused(&"a file"))),
+            Err(error) => Err(Failure::failed(refused(&error))),
         }
     }
 }
