@@ -1,0 +1,72 @@
+//! What a recording does to files of others and to those of a recording before it, when something goes wrong.
+
+use std::fs;
+use std::os::unix::fs::symlink;
+use std::path::Path;
+use std::process::{Command, Output};
+
+use geu_tests::geu;
+
+fn directory() -> tempfile::TempDir {
+    tempfile::tempdir().expect("a directory")
+}
+
+/// `geu simulate` of 5 s into a directory, with more arguments.
+fn simulation(place: &Path, arguments: &[&str]) -> Command {
+    let mut command = geu();
+    command.args(["simulate", "--duration", "5", "--wire", "serial", "--out"]).arg(place).args(arguments);
+    command
+}
+
+fn end_of(mut command: Command) -> Output {
+    command.output().expect("it starts")
+}
+
+fn said(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// Every file of a directory with its bytes.
+fn contents(directory: &Path) -> Vec<(String, Vec<u8>)> {
+    let entries = fs::read_dir(directory).expect("a directory").map(|entry| entry.expect("an entry"));
+    let mut all: Vec<_> = entries
+        .map(|entry| (entry.file_name().to_string_lossy().into_owned(), fs::read(entry.path()).expect("bytes")))
+        .collect();
+    all.sort();
+    all
+}
+
+#[test]
+fn force_writes_through_no_link() {
+    let room = directory();
+    let (place, notes) = (room.path().join("run"), room.path().join("notes"));
+    fs::create_dir(&place).expect("made");
+    fs::write(&notes, "mine").expect("written");
+    for linked in [|from: &Path, to: &Path| symlink(from, to), |from: &Path, to: &Path| fs::hard_link(from, to)] {
+        for name in ["run.toml", "run.toml.new", "truth.csv", "truth.csv.wider", "link.bin"] {
+            let _ = fs::remove_file(place.join(name));
+            linked(&notes, &place.join(name)).expect("linked");
+            let forced = end_of(simulation(&place, &["--force"]));
+            assert!(forced.status.success(), "{name}: {}", said(&forced));
+            assert_eq!(fs::read(&notes).expect("it stays"), b"mine", "{name}");
+        }
+    }
+    assert!(!place.join("run.toml.new").exists());
+}
+
+#[test]
+fn force_removes_nothing_where_no_byte_can_be_written() {
+    let room = directory();
+    let place = room.path().join("run");
+    assert!(end_of(simulation(&place, &[])).status.success());
+    let before = contents(&place);
+    // The signal is ignored, so that writing fails as on a full disk.
+    let mut shell = Command::new("sh");
+    let forced = simulation(&place, &["--force"]);
+    shell.args(["-c", "trap '' XFSZ; ulimit -f 0; exec \"$0\" \"$@\""]).arg(forced.get_program());
+    shell.args(forced.get_args());
+    let refused = end_of(shell);
+    assert_eq!(refused.status.code(), Some(2), "{}", said(&refused));
+    assert!(said(&refused).contains("run.toml.new: File too large"), "{}", said(&refused));
+    assert_eq!(contents(&place), before);
+}
