@@ -70,3 +70,19 @@ fn force_removes_nothing_where_no_byte_can_be_written() {
     assert!(said(&refused).contains("run.toml.new: File too large"), "{}", said(&refused));
     assert_eq!(contents(&place), before);
 }
+
+#[test]
+fn no_thread_to_record_or_to_read_with_is_an_error() {
+    let room = directory();
+    let place = room.path().join("run");
+    let run = ["run", "--tcp", "127.0.0.1:0", "--control", "off", "--duration", "1", "--record"];
+    for (arguments, path) in [(&run[..], &place), (&["replay", "--tcp", "127.0.0.1:0"], &room.path().join("x.log"))] {
+        fs::write(room.path().join("x.log"), "(1.0) can0 1A0#00\n").expect("written");
+        let mut command = geu();
+        // A stack larger than any address space: as where no thread more is allowed.
+        command.args(arguments).arg(path).env("RUST_MIN_STACK", (1u64 << 47).to_string());
+        let refused = end_of(command);
+        assert!(matches!(refused.status.code(), Some(1 | 2)), "{arguments:?}: {}", said(&refused));
+        assert!(said(&refused).contains("expected a thread more"), "{arguments:?}: {}", said(&refused));
+    }
+}

@@ -238,7 +238,7 @@ impl Writer {
         let Some(events) = self.events.take() else { return Ok(()) };
         let ((opened, is_open), (done, is_done)) = (oneshot::channel(), oneshot::channel());
         let status = self.status.clone();
-        thread::spawn(move || {
+        let thread = thread::Builder::new().name("geu-recording".to_owned()).spawn(move || {
             match create() {
                 Err(error) => drop(opened.send(Err(error))),
                 Ok(recorder) => {
@@ -248,6 +248,7 @@ impl Writer {
             }
             let _ = done.send(());
         });
+        thread.map_err(|source| RecordError::Thread { directory: self.status.directory.clone(), source })?;
         self.is_done = Some(is_done);
         is_open.await.expect("the writer does not panic")
     }
