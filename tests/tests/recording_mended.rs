@@ -86,3 +86,31 @@ fn no_thread_to_record_or_to_read_with_is_an_error() {
         assert!(said(&refused).contains("expected a thread more"), "{arguments:?}: {}", said(&refused));
     }
 }
+
+#[test]
+fn what_completes_an_unfinished_run_is_an_input() {
+    let room = directory();
+    let (killed, again) = (room.path().join("killed"), room.path().join("again"));
+    assert!(end_of(simulation(&killed, &[])).status.success());
+    let run = killed.join("run.toml");
+    let text = fs::read_to_string(&run).expect("a run");
+    // As a killed run leaves it.
+    assert!(text.contains("[run]\n"), "{text}");
+    fs::write(&run, text.replacen("[run]\n", "[run]\nunfinished = true\n", 1)).expect("written");
+    let before = contents(&killed);
+    for name in ["truth.csv", "commands.jsonl"] {
+        let mut simulation = geu();
+        simulation.arg("simulate").arg(&run).arg("--out").arg(&again).arg("--junit").arg(killed.join(name));
+        let refused = end_of(simulation);
+        assert_eq!(refused.status.code(), Some(2), "{name}: {}", said(&refused));
+        assert!(said(&refused).contains("same file as the input"), "{name}: {}", said(&refused));
+        assert_eq!(contents(&killed), before, "{name}");
+    }
+    // A command that was cut within a character was not acknowledged.
+    fs::write(killed.join("commands.jsonl"), b"{\"link\": \"\xC3").expect("written");
+    let mut simulation = geu();
+    simulation.arg("simulate").arg(&run).arg("--out").arg(&again);
+    let made = end_of(simulation);
+    assert!(made.status.success(), "{}", said(&made));
+    assert_eq!(fs::read(again.join("link.bin")).ok(), fs::read(killed.join("link.bin")).ok());
+}

@@ -34,7 +34,7 @@ pub use links::misses;
 pub(crate) use links::{form_beside, recorded};
 pub(crate) use output::Output;
 pub use output::RecordError;
-pub use run_toml::{UnfinishedError, complete, whole_lines};
+pub use run_toml::{UnfinishedError, complete};
 
 /// Interface name in `link.log`.
 const INTERFACE: &str = "can0";
