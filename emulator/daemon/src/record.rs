@@ -34,7 +34,7 @@ pub use links::misses;
 pub(crate) use links::{form_beside, recorded};
 pub(crate) use output::Output;
 pub use output::RecordError;
-pub use run_toml::{UnfinishedError, complete, whole_lines};
+pub use run_toml::{UnfinishedError, complete};
 
 /// Interface name in `link.log`.
 const INTERFACE: &str = "can0";
@@ -112,7 +112,8 @@ impl Recorder {
     ) -> Result<Recorder, RecordError> {
         let links = if links.is_empty() { links::without_links(configuration) } else { links.to_vec() };
         let carrier = recorded(wire, configuration, &links);
-        let held = destination.claim()?;
+        let is_received = matches!(truth, Truth::Stepped(_));
+        let held = destination.claim(&run_at_start(configuration, wire, &carrier, &links, is_received))?;
         let directory = destination.directory();
         let received = match truth {
             Truth::Stepped(truth) => {
@@ -150,8 +151,9 @@ impl Recorder {
             legs: VecDeque::new(),
             half_seconds: 0,
             end_ns: 0,
-            is_run_outdated: true,
+            is_run_outdated: false,
         };
+        run_toml::put_in_place(directory)?;
         recorder.headers()?;
         recorder.flush()?;
         Ok(recorder)
@@ -405,25 +407,11 @@ impl Recorder {
 
     /// Puts `run.toml` of the run so far in place.
     fn write_run(&self, is_unfinished: bool, ended_early: Option<EndedEarly>) -> Result<(), RecordError> {
-        let mut configuration = self.configuration.clone();
-        // Without faults it does not matter which links were open.
-        let links = if configuration.faults.is_empty() { &[][..] } else { &self.links };
-        configuration.run = RunRecord {
-            duration_s: on_board_s(self.half_seconds),
-            wire: Some(self.wire),
-            links: links.iter().map(|carrier| carrier.kind).collect(),
-            serial_baud: links::serial_baud(links),
-            can_base: links::can_base(&self.carrier, links),
-            is_unfinished,
-            ended_early,
-            injected: std::mem::take(&mut configuration.run.injected),
-            // Beside this file, wherever the directory goes.
-            truth: configuration.run.truth.take().map(|name| match self.received {
-                Some(_) => received::NAME.to_owned(),
-                None => name,
-            }),
-            commands: Vec::new(),
-        };
+        let is_received = self.received.is_some();
+        let mut configuration = run_at_start(&self.configuration, self.wire, &self.carrier, &self.links, is_received);
+        let run = &mut configuration.run;
+        run.duration_s = on_board_s(self.half_seconds);
+        (run.is_unfinished, run.ended_early) = (is_unfinished, ended_early);
         let commands = Some(&*self.commands.path).filter(|_| !is_unfinished);
         run_toml::write(&self.directory, &configuration, commands)
     }
@@ -462,6 +450,33 @@ impl Recorder {
         }
         Ok(())
     }
+}
+
+/// What makes a run again, as long as nothing of it is recorded.
+fn run_at_start(
+    configuration: &Configuration,
+    wire: WireForm,
+    carrier: &Carrier,
+    links: &[Carrier],
+    is_received: bool,
+) -> Configuration {
+    let mut configuration = configuration.clone();
+    // Without faults it does not matter which links were open.
+    let links = if configuration.faults.is_empty() { &[][..] } else { links };
+    configuration.run = RunRecord {
+        duration_s: on_board_s(0),
+        wire: Some(wire),
+        links: links.iter().map(|carrier| carrier.kind).collect(),
+        serial_baud: links::serial_baud(links),
+        can_base: links::can_base(carrier, links),
+        is_unfinished: true,
+        ended_early: None,
+        injected: std::mem::take(&mut configuration.run.injected),
+        // Beside this file, wherever the directory goes.
+        truth: configuration.run.truth.take().map(|name| if is_received { received::NAME.to_owned() } else { name }),
+        commands: Vec::new(),
+    };
+    configuration
 }
 
 /// A time in s as ns; one without end is the last there is.

@@ -104,18 +104,35 @@ impl Status {
         }
         let mut written = self.written.subscribe();
         if timeout(ANSWER_WITHIN, written.wait_for(|written| *written >= count)).await.is_err() {
-            self.is_stalled.store(true, Relaxed);
+            self.stall(|| !self.has_written(count));
         }
     }
 
     /// The same for whoever cannot wait otherwise. `count` gives nothing as long as it is not known.
     pub fn await_written_blocking(&self, count: impl Fn() -> Option<u64>) {
         let start = Instant::now();
-        while !self.is_stalled.load(Relaxed) && count().is_none_or(|count| *self.written.borrow() < count) {
+        let is_waited_for = || count().is_none_or(|count| !self.has_written(count));
+        while !self.is_stalled.load(Relaxed) && is_waited_for() {
             if start.elapsed() > ANSWER_WITHIN {
-                return self.is_stalled.store(true, Relaxed);
+                return self.stall(is_waited_for);
             }
             thread::sleep(LOOK_AGAIN);
+        }
+    }
+
+    fn has_written(&self, count: u64) -> bool {
+        *self.written.borrow() >= count
+    }
+
+    /// The time of an answer is over: nobody waits again until something is written, unless it has been by now.
+    fn stall(&self, is_waited_for: impl Fn() -> bool) {
+        if !is_waited_for() {
+            return;
+        }
+        self.is_stalled.store(true, Relaxed);
+        // The writer may have written between the look and the store; then nobody else would take the mark away.
+        if !is_waited_for() {
+            self.is_stalled.store(false, Relaxed);
         }
     }
 
@@ -221,7 +238,7 @@ impl Writer {
         let Some(events) = self.events.take() else { return Ok(()) };
         let ((opened, is_open), (done, is_done)) = (oneshot::channel(), oneshot::channel());
         let status = self.status.clone();
-        thread::spawn(move || {
+        let thread = thread::Builder::new().name("geu-recording".to_owned()).spawn(move || {
             match create() {
                 Err(error) => drop(opened.send(Err(error))),
                 Ok(recorder) => {
@@ -231,6 +248,7 @@ impl Writer {
             }
             let _ = done.send(());
         });
+        thread.map_err(|source| RecordError::Thread { directory: self.status.directory.clone(), source })?;
         self.is_done = Some(is_done);
         is_open.await.expect("the writer does not panic")
     }
@@ -345,6 +363,18 @@ mod tests {
         assert_eq!((run.duration_s, run.is_unfinished), (on_board_s(told), false));
         assert_eq!(run.ended_early.map(|early| early.half_second), Some(told));
         assert_eq!(std::fs::read(directory.join("link.bin")).expect("a link").len() as u64, told * 28);
+    }
+
+    #[test]
+    fn what_was_written_as_the_time_was_over_is_no_stall() {
+        let status = Status::new(Path::new("nowhere"));
+        // Written before the first look, between it and the mark, and not at all.
+        for (looks, is_stalled) in [(0, false), (1, false), (2, true)] {
+            status.is_stalled.store(false, Relaxed);
+            let looked = std::cell::Cell::new(0);
+            status.stall(|| looked.replace(looked.get() + 1) < looks);
+            assert_eq!(status.is_stalled.load(Relaxed), is_stalled, "{looks} looks in vain");
+        }
     }
 
     #[test]

@@ -182,7 +182,11 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
     let tape = Tape::new(arguments.choice(), sender, begins);
     let (names, format, is_loop) = (arguments.recordings.clone(), arguments.input_format, arguments.is_loop);
     let plan = settings.recorded_plan;
-    let reader = thread::spawn(move || read(tape, &names, Options { plan, format, ..Options::default() }, is_loop));
+    let options = Options { plan, format, ..Options::default() };
+    let reader = thread::Builder::new()
+        .name("geu-reading".to_owned())
+        .spawn(move || read(tape, &names, options, is_loop))
+        .map_err(no_thread)?;
     let join = |reader: thread::JoinHandle<_>| reader.join().expect("reading does not panic");
     if began.recv().is_err() {
         let (told, read): (Told, Result<(), InputError>) = join(reader);
@@ -194,7 +198,7 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
             told.length_ns as f64 * 1e-9,
         )));
     }
-    let steps = arguments.step.then(steps);
+    let steps = arguments.step.then(steps).transpose()?;
     let replayed = replay::replay(&settings, items, steps, asked_to_end());
     STOP.store(true, Ordering::Relaxed);
     let (told, read) = join(reader);
@@ -232,12 +236,18 @@ fn read(mut tape: Tape, names: &[String], options: Options, is_loop: bool) -> (T
     }
 }
 
+fn no_thread(error: io::Error) -> Failure {
+    Failure::failed(format!(
+        "cannot start: expected a thread more, got: {error}; raise the limit of processes and threads (`ulimit -u`)"
+    ))
+}
+
 /// Steps from standard input.
-fn steps() -> Steps {
+fn steps() -> Result<Steps, Failure> {
     note(format_args!("geu: each line on standard input sends a half second, a number on it so many\n"));
     let (sender, steps): (SyncSender<u64>, Receiver<u64>) = sync_channel(QUEUE);
     // Waits for a line to the end of the process.
-    thread::spawn(move || {
+    let thread = thread::Builder::new().name("geu-steps".to_owned()).spawn(move || {
         for line in RowReader::new(io::stdin()).lines() {
             let line = match line {
                 Ok(line) => line,
@@ -257,5 +267,6 @@ fn steps() -> Steps {
             }
         }
     });
-    steps
+    thread.map_err(no_thread)?;
+    Ok(steps)
 }

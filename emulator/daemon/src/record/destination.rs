@@ -4,6 +4,8 @@ use std::fs::{self, File, TryLockError};
 use std::io;
 use std::path::{Path, PathBuf};
 
+use geu_model::Configuration;
+
 use super::output::RecordError;
 use super::{run_toml, truth_csv};
 use crate::truth::received;
@@ -73,8 +75,9 @@ impl Destination {
         Err(RecordError::Occupied { directory: self.directory.clone(), entries: names.join(", ") + &more })
     }
 
-    /// Makes the directory, holds it for as long as the file lives, and removes what a recording has that is replaced.
-    pub(super) fn claim(&self) -> Result<File, RecordError> {
+    /// Makes the directory, holds it for as long as the file lives, writes `run` beside its place, and removes what a
+    /// recording has that is replaced.
+    pub(super) fn claim(&self, run: &Configuration) -> Result<File, RecordError> {
         self.check()?;
         fs::create_dir_all(&self.directory).map_err(|source| self.failed(source))?;
         let held = File::open(&self.directory).map_err(|source| self.failed(source))?;
@@ -84,10 +87,9 @@ impl Destination {
         }
         // Again: somebody may have recorded into it before it was held.
         self.check()?;
-        // A directory that cannot be written is found out before anything is removed.
-        let probe = self.directory.join(run_toml::NEW);
-        File::create(&probe).map_err(|source| RecordError::Write { path: probe, source })?;
-        for path in FILES.map(|name| self.directory.join(name)) {
+        // A directory that cannot be written, or takes no bytes, is found out before anything is removed.
+        run_toml::write_beside(&self.directory, run, None)?;
+        for path in FILES.iter().filter(|name| **name != run_toml::NEW).map(|name| self.directory.join(name)) {
             match fs::remove_file(&path) {
                 Err(source) if source.kind() != io::ErrorKind::NotFound => {
                     return Err(RecordError::Write { path, source });

@@ -48,20 +48,47 @@ pub(crate) enum Event {
 }
 
 impl Event {
-    /// Memory that it takes while it waits, about.
+    /// Memory that it takes while it waits, about. What acts in a half second is one list, which its commands and polls
+    /// share: it counts once, with the half second.
     pub fn bytes(&self) -> usize {
-        let of_acting = |acting: &Arc<Vec<Acting>>| size_of_val(&acting[..]);
         let of_injected = |injected: &Option<Arc<Injected>>| {
-            injected.as_ref().map_or(0, |injected| size_of::<Injected>() + of_acting(&injected.acting))
+            injected.as_ref().map_or(0, |injected| size_of::<Injected>() + size_of_val(&injected.acting[..]))
         };
         let more = match self {
             Event::HalfSecond(_, traces, injected) => size_of_val(&**traces) + of_injected(injected),
-            Event::Command { link, payload, acting, .. } => link.len() + payload.len() + of_acting(acting),
-            Event::Polled { link, injected, acting, .. } => link.len() + of_injected(injected) + of_acting(acting),
+            Event::Command { link, payload, .. } => link.len() + payload.len(),
+            Event::Polled { link, .. } => link.len(),
             Event::Happened(_) | Event::Injected(_) => FAULT_BYTES,
             Event::StartedByHand { id, .. } | Event::Cleared { id, .. } => id.len(),
             Event::Missed { .. } => 0,
         };
         size_of::<Event>() + more
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use geu_model::{Configuration, Unit};
+
+    use super::*;
+
+    #[test]
+    fn a_thousand_faults_that_act_count_with_the_half_second_and_not_with_each_command() {
+        let fault = |index| {
+            format!("[[fault]]\nid = \"f{index}\"\nfault = \"stuck-count\"\ngyro = \"GYRX\"\ncounts = 1\nat_s = 0.0\n")
+        };
+        let mut configuration = Configuration::reference();
+        let plan: String = (0..1000).map(fault).collect();
+        configuration.add_plan("plan", &plan).expect("a plan");
+        let mut unit = Unit::new(&configuration);
+        let (ended, traces) = unit.end_half_second_traced();
+        let acting = unit.faults().acting().clone();
+        let injected = unit.injected().cloned();
+        assert_eq!(acting.len(), 1000);
+        let half_second = Event::HalfSecond(ended, Box::new(traces), injected);
+        assert!(half_second.bytes() > 1000 * size_of::<Acting>(), "{}", half_second.bytes());
+        let (link, payload, reply) = ("tcp".to_owned(), vec![1], unit.command(&[1]).map(|answer| answer.reply));
+        let command = Event::Command { link, payload, running_end_ns: 0, reply, acting };
+        assert!(command.bytes() < 1000, "64 MB must hold some hundred thousand of them: {}", command.bytes());
     }
 }

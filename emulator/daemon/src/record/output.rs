@@ -32,6 +32,17 @@ pub enum RecordError {
     /// A directory has the name of a file of the recording.
     #[error("{}: expected a file of a recording or a free name, got a directory; move it, or name another directory", .0.display())]
     NotAFile(PathBuf),
+    /// No thread to write it.
+    #[error(
+        "cannot record into {}: expected a thread more, got: {source}; raise the limit of processes and threads (`ulimit -u`)",
+        .directory.display()
+    )]
+    Thread {
+        /// Of the recording.
+        directory: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
 }
 
 /// One file that tells its path when it fails. What is written reaches the system with [`Output::flush`] and never

@@ -113,8 +113,8 @@ impl TruthCsv {
 }
 
 /// Half seconds of which a file has a row or the beginning of one.
-pub(super) fn half_seconds(path: &Path) -> io::Result<u64> {
-    let (mut file, mut rows, mut is_within_row) = (BufReader::with_capacity(CHUNK, File::open(path)?), 0, false);
+pub(super) fn half_seconds(file: File) -> io::Result<u64> {
+    let (mut file, mut rows, mut is_within_row) = (BufReader::with_capacity(CHUNK, file), 0, false);
     loop {
         let bytes = file.fill_buf()?;
         let (Some(last), length) = (bytes.last(), bytes.len()) else { break };
