@@ -67,7 +67,7 @@ impl From<RecordError> for Failure {
     fn from(error: RecordError) -> Failure {
         match error {
             RecordError::Occupied { .. } | RecordError::NotAFile(_) => Failure::input(error),
-            RecordError::Write { .. } => Failure::failed(error),
+            RecordError::Write { .. } | RecordError::Thread { .. } => Failure::failed(error),
         }
     }
 }
