@@ -21,6 +21,7 @@ use nix::unistd::Pid;
 use socketcan::{CanFilter, CanSocket, EmbeddedFrame, Id, Socket, SocketOptions};
 
 use crate::failure::{Failure, say};
+use crate::settings::duration;
 
 /// Final spin of the second arm unless told.
 const SPIN_US: u32 = 200;
@@ -30,9 +31,9 @@ const CANGEN_ID: u16 = 0x123;
 /// Arguments of `geu bench cadence`.
 #[derive(Args)]
 pub struct Arguments {
-    /// Duration
-    #[arg(long, default_value_t = 600)]
-    seconds: u32,
+    /// How long it is measured
+    #[arg(long, value_name = "DURATION", default_value = "10m", value_parser = duration(2.0, 86_400.0))]
+    duration: f64,
     /// Final spin of the arm that spins, µs
     #[arg(long, value_name = "MICROSECONDS", default_value_t = SPIN_US)]
     spin: u32,
@@ -46,9 +47,9 @@ pub struct Arguments {
 /// # Errors
 /// An emulator that does not start, an interface that cannot be opened.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let sends = (f64::from(arguments.seconds.max(2)) * 1e9 / HALF_SECOND_NS as f64) as i64;
-    let on_bus = arguments.can.as_ref().map(|interface| Bus::start(interface, arguments.seconds)).transpose()?;
-    let mut emulator = Emulator::start(arguments.can.as_deref(), arguments.seconds)?;
+    let sends = (arguments.duration * 1e9 / HALF_SECOND_NS as f64) as i64;
+    let on_bus = arguments.can.as_ref().map(|interface| Bus::start(interface, arguments.duration)).transpose()?;
+    let mut emulator = Emulator::start(arguments.can.as_deref(), arguments.duration)?;
 
     let start_ns = now_ns() + HALF_SECOND_NS;
     let spin = Duration::from_micros(arguments.spin.into());
@@ -152,9 +153,9 @@ struct Emulator {
 }
 
 impl Emulator {
-    fn start(can: Option<&str>, seconds: u32) -> Result<Emulator, Failure> {
+    fn start(can: Option<&str>, duration_s: f64) -> Result<Emulator, Failure> {
         let mut command = Command::new(std::env::current_exe().map_err(Failure::failed)?);
-        command.arg("run").args(["--duration", &(seconds + 60).to_string()]);
+        command.arg("run").args(["--duration", &(duration_s + 60.0).to_string()]);
         let directory = tempfile::tempdir().map_err(Failure::failed)?;
         match can {
             Some(interface) => command.args(["--can", interface]),
@@ -208,7 +209,7 @@ impl Drop for Emulator {
 struct Bus(thread::JoinHandle<[Vec<f64>; 2]>);
 
 impl Bus {
-    fn start(interface: &str, seconds: u32) -> Result<Bus, Failure> {
+    fn start(interface: &str, duration_s: f64) -> Result<Bus, Failure> {
         let fail = |error| Failure::input(format!("--can {interface}: {error}"));
         let socket = CanSocket::open(interface).map_err(fail)?;
         let ids = [CanPlan::default().base(), CANGEN_ID];
@@ -220,7 +221,7 @@ impl Bus {
             .stdin(Stdio::null())
             .spawn()
             .map_err(|error| Failure::failed(format!("cangen: {error}; expected Debian's can-utils")))?;
-        let until = Instant::now() + Duration::from_secs(seconds.into());
+        let until = Instant::now() + Duration::from_secs_f64(duration_s);
         Ok(Bus(thread::spawn(move || {
             let mut stamps_ns = [Vec::new(), Vec::new()];
             while Instant::now() < until {

@@ -20,6 +20,7 @@ use ureq::http::Method;
 use super::rounds::{Rounds, Spread};
 use crate::control::Emulator as Client;
 use crate::failure::{Failure, say};
+use crate::settings::duration;
 
 /// Event clients, beside the page.
 const EVENT_CLIENTS: usize = 8;
@@ -30,8 +31,8 @@ const REQUESTS_PER_S: u64 = 1000;
 #[derive(Args)]
 pub struct Arguments {
     /// Length of each run, alone or with clients
-    #[arg(long, default_value_t = 40)]
-    seconds: u64,
+    #[arg(long, value_name = "DURATION", default_value = "40s", value_parser = duration(2.0, 86_400.0))]
+    duration: f64,
     #[command(flatten)]
     rounds: Rounds,
     /// Browser that opens the page without a window; without one, a ninth event client stands for it
@@ -44,8 +45,8 @@ pub struct Arguments {
 /// # Errors
 /// An emulator that does not start, a browser that is not there.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let part = Duration::from_secs(arguments.seconds.max(2));
-    say!("alone and with clients, {} s in turn; {}", part.as_secs(), arguments.rounds)?;
+    let part = Duration::from_secs_f64(arguments.duration);
+    say!("alone and with clients, {} s in turn; {}", part.as_secs_f64(), arguments.rounds)?;
     let mut later_us = Vec::new();
     for round in 1..=arguments.rounds.count() {
         say!("round {round}")?;
