@@ -110,17 +110,23 @@ pub fn claim_output(option: &str, path: &Path) -> Result<(), ClaimError> {
     }
 }
 
-/// Claims the file into which standard output goes, where it is one: `geu decode x.log >> x.log` would never end.
+/// Claims the files into which standard output and standard error go, where they are some: `geu decode x.log >> x.log` would
+/// never end. Both may go into one.
 ///
 /// # Errors
 /// A file that is an input.
 pub fn claim_standard_output() -> Result<(), ClaimError> {
     use std::os::fd::AsFd;
-    let metadata = duplicate(io::stdout().as_fd()).and_then(|stdout| stdout.metadata());
-    match metadata {
-        Ok(metadata) if metadata.is_file() => {
-            claims().output("standard output".to_owned(), Claimed::There(file_id(&metadata)))
+    let streams =
+        [("standard output", duplicate(io::stdout().as_fd())), ("standard error", duplicate(io::stderr().as_fd()))];
+    let mut claimed = Vec::new();
+    for (name, stream) in streams {
+        let metadata = stream.and_then(|stream| stream.metadata());
+        let id = metadata.ok().filter(Metadata::is_file).map(|metadata| file_id(&metadata));
+        if let Some(id) = id.filter(|id| !claimed.contains(id)) {
+            claims().output(name.to_owned(), Claimed::There(id))?;
+            claimed.push(id);
         }
-        _ => Ok(()),
     }
+    Ok(())
 }

@@ -155,7 +155,8 @@ pub fn write_whole(path: &Path, content: impl AsRef<[u8]>) -> io::Result<()> {
 /// Puts several in their places when all are whole.
 ///
 /// # Errors
-/// When one cannot be written; then none is there.
+/// When one cannot be written; then none is there. A rename that fails behind others (the directory is gone by then) leaves
+/// those before it, each whole.
 pub fn persist_all(outputs: impl IntoIterator<Item = Output>) -> io::Result<()> {
     let mut outputs: Vec<Output> = outputs.into_iter().collect();
     outputs.iter_mut().try_for_each(Output::complete)?;

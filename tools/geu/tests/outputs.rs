@@ -152,7 +152,14 @@ fn standard_output_is_an_output_too() {
     let before = text(&path);
     let stdout = fs::OpenOptions::new().append(true).open(&path).expect("room");
     let output = room.geu("decode", &["--quiet"]).arg(&path).stdout(stdout).output().expect("geu runs");
-    assert_eq!((output.status.code(), text(&path)), (Some(2), before), "{}", said(&output));
+    assert_eq!((output.status.code(), text(&path)), (Some(2), before.clone()), "{}", said(&output));
+    // So is standard error, and what is refused says so there; rows may not be written over the input through it.
+    let stderr = fs::OpenOptions::new().append(true).open(&path).expect("room");
+    let output = room.geu("decode", &["--quiet", "--out", "/dev/stderr"]).arg(&path).stderr(stderr).output();
+    assert_eq!(output.expect("geu runs").status.code(), Some(2));
+    let after = text(&path);
+    let (start, message) = after.split_at(before.len());
+    assert!(start == before && message.lines().count() == 1 && message.contains("none of the inputs"), "{message}");
     // What is not read may be standard output and --out at once.
     let (path, short) = (room.path("rows.csv"), room.path("short.log"));
     let stdout = fs::File::create(&path).expect("room");

@@ -276,7 +276,7 @@ impl Live {
     fn give_up(&self, what: &str, most: Option<Duration>) {
         let most_s = most.unwrap_or_default().as_secs_f64();
         self.state().gave_up = Some(format!(
-            "truth {}: expected {what} within {most_s} s (--truth-wait), got none; the run ended there. Start the simulator, or give it longer: --truth-wait SECONDS or forever",
+            "truth {}: expected {what} within {most_s} s (--truth-wait), got none; the run ended there. Start the simulator, or give it longer: --truth-wait DURATION or forever",
             self.address
         ));
     }
