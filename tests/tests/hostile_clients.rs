@@ -312,3 +312,27 @@ fn a_process_out_of_descriptors_says_so_and_its_links_recover() {
     let said = end_within_a_second(emulator);
     assert!(said.contains("is turned away") && said.contains("connections refused"), "{said}");
 }
+
+#[test]
+fn a_replay_whose_input_stands_still_ends_when_asked() {
+    let directory = directory();
+    let recording = directory.path().join("day");
+    let mut simulate = geu();
+    simulate.args(["simulate", "--duration", "60", "--out"]).arg(&recording);
+    assert!(simulate.output().expect("geu starts").status.success());
+    let packed = Command::new("gzip").arg("-c").arg(recording.join("link.log")).output().expect("gzip");
+    let mut replay = geu();
+    replay.args(["replay", "-", "--tcp", "127.0.0.1:0", "--speed", "max"]);
+    let mut replay = replay.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null()).spawn().expect("geu");
+    // All of it, and no end: another member may follow. Smaller than a pipe, so that nothing blocks here.
+    assert!(packed.stdout.len() < 65_536, "{} bytes", packed.stdout.len());
+    let mut input = replay.stdin.take().expect("a pipe");
+    input.write_all(&packed.stdout).expect("room");
+    let mut ready = [0; 6];
+    replay.stdout.take().expect("a pipe").read_exact(&mut ready).expect("a line");
+    sleep(Duration::from_millis(300));
+    kill(Pid::from_raw(replay.id() as i32), Signal::SIGTERM).expect("it runs");
+    // Readers have 0.3 s, and whoever reads the recording as long.
+    assert!(ends_within(&mut replay, Duration::from_millis(1500)), "it ends when asked");
+    drop(input);
+}

@@ -12,6 +12,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread;
+use std::time::{Duration, Instant};
 
 use clap::Args;
 use geu_daemon::cadence::Speed;
@@ -33,6 +34,8 @@ use told::Told;
 
 /// Batches of items that may wait to be sent: with those of [`tape`], some minutes of a recording.
 const QUEUE: usize = 16;
+/// Whoever reads the recording has so long to see that the replay is over.
+const READ_AT_END: Duration = Duration::from_millis(300);
 
 /// Sends a recording over links, as `geu run` sends the unit's half seconds, at its own pace.
 ///
@@ -201,13 +204,23 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
     let steps = arguments.step.then(steps).transpose()?;
     let replayed = replay::replay(&settings, items, steps, asked_to_end());
     STOP.store(true, Ordering::Relaxed);
-    let (told, read) = join(reader);
+    // An input that stands still, as a pipe, is not waited for: the thread ends with the process.
+    let asked = Instant::now();
+    while !reader.is_finished() && asked.elapsed() < READ_AT_END {
+        thread::sleep(Duration::from_millis(2));
+    }
+    let read = reader.is_finished().then(|| join(reader));
     let summary = replayed.map_err(|error| match error {
         error @ (RunError::Link(_) | RunError::NobodyToWaitFor) => Failure::input(error),
         error => Failure::failed(error),
     })?;
-    note(format_args!("{summary}{told}"));
-    read.map_err(Failure::input)?;
+    match read {
+        Some((told, read)) => {
+            note(format_args!("{summary}{told}"));
+            read.map_err(Failure::input)?;
+        }
+        None => note(format_args!("{summary}geu: the recording was not read to its end: its input stands still\n")),
+    }
     arguments.expectations.tell(&summary.faults)
 }
 
