@@ -125,10 +125,6 @@ fn state(master: impl AsFd) -> PollFlags {
     }
 }
 
-fn is_hung_up(master: impl AsFd) -> bool {
-    state(master).contains(PollFlags::POLLHUP)
-}
-
 /// Opens a pty, puts a symlink to it at `path`, and serves it.
 pub(super) fn open(
     path: &Path,
@@ -208,14 +204,16 @@ async fn attend_one(
     inotify.get_ref().rm_watch(watch)?;
     line.open(master.clone());
     tally.clients.store(1, Relaxed);
+    let mut receiver = Receiver::default();
     loop {
         let port = Watched::new(master.clone())?;
         tokio::select! {
-            // The end of one client; another may be there already.
-            _ = serve(&port, line, Receiver::default(), desk, carrier, &tally.name) => {}
+            // The end of one client, perhaps with bytes that it left; another may be there already.
+            _ = serve(&port, line, &mut receiver, desk, carrier, &tally.name) => {}
             _ = line.pump(&port) => {}
         }
-        if is_hung_up(&*master) {
+        if state(&*master) == PollFlags::POLLHUP {
+            desk.rejected.fetch_add(receiver.end(), Relaxed);
             return Ok(());
         }
         yield_now().await;

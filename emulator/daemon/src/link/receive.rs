@@ -71,6 +71,12 @@ impl Receiver {
         Ok(self.first.take().unwrap_or_default().into())
     }
 
+    /// The client is gone: frames that it began and did not end.
+    pub fn end(&mut self) -> u64 {
+        let Receiver { partial, .. } = std::mem::take(self);
+        u64::from(!partial.is_empty())
+    }
+
     fn take(&mut self, bytes: &[u8], mut sink: impl FnMut(&[u8])) {
         self.partial.extend_from_slice(bytes);
         let rejected = &mut self.rejected;
@@ -103,31 +109,31 @@ impl Receiver {
     }
 }
 
-/// Reads commands and answers them, until the stream ends.
+/// Reads commands and answers them, until the stream ends; the beginning of one stays in the receiver.
 ///
 /// # Errors
 /// What reading says when the device is gone; [`io::ErrorKind::InvalidData`] from a client that speaks another protocol.
 pub(super) async fn serve(
     port: &AsyncFd<Watched<Port>>,
     line: &Line,
-    mut receiver: Receiver,
+    receiver: &mut Receiver,
     desk: &Desk,
     carrier: &Carrier,
     link: &str,
 ) -> io::Result<()> {
     let (mut bytes, mut can_pause) = ([0; 512], false);
     let mut commands: Vec<Vec<u8>> = Vec::new();
-    let end = loop {
+    loop {
         let read =
             if can_pause { timeout(PAUSE, read(port, &mut bytes)).await } else { Ok(read(port, &mut bytes).await) };
         let mut found = |payload: &[u8]| commands.push(payload.to_vec());
         match read {
-            Ok(Ok(0)) => break Ok(()),
+            Ok(Ok(0)) => return Ok(()),
             Ok(Ok(length)) => match receiver.admit(&bytes[..length]) {
                 Ok(admitted) => receiver.take(&admitted, &mut found),
-                Err(error) => break Err(error),
+                Err(error) => return Err(error),
             },
-            Ok(Err(error)) => break Err(error),
+            Ok(Err(error)) => return Err(error),
             Err(_) => receiver.pause(&mut found),
         }
         can_pause = read.is_ok() && !receiver.partial.is_empty();
@@ -136,15 +142,13 @@ pub(super) async fn serve(
             if index % TURN == TURN - 1 {
                 yield_now().await;
             }
-            // Without room for the reply nothing more is read: a client that does not read is not served on.
+            // Nothing more is read until the reply has room, but only while the client reads.
             line.reply_room().await;
             let answered = desk.command(link, &payload).await;
             line.answer(&answered.leaving(carrier));
         }
         yield_now().await;
-    };
-    desk.rejected.fetch_add(u64::from(!receiver.partial.is_empty()), Relaxed);
-    end
+    }
 }
 
 /// Reads what is there, waiting for it; 0 at the end of the stream, or after a hang-up.

@@ -3,6 +3,7 @@
 use std::io;
 use std::os::fd::AsFd;
 use std::sync::Arc;
+use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
 
 use geu_protocol::serial::DEFAULT_BAUD;
@@ -113,10 +114,13 @@ async fn attend(
 
 async fn session(port: &Port, line: &Line, desk: &Desk, carrier: &Carrier, tally: &Tally) -> io::Result<()> {
     let port = Watched::new(port.clone())?;
-    tokio::select! {
-        end = serve(&port, line, Receiver::default(), desk, carrier, &tally.name) => end,
+    let mut receiver = Receiver::default();
+    let end = tokio::select! {
+        end = serve(&port, line, &mut receiver, desk, carrier, &tally.name) => end,
         end = line.pump(&port) => end,
-    }
+    };
+    desk.rejected.fetch_add(receiver.end(), Relaxed);
+    end
 }
 
 impl Link for Serial {

@@ -185,7 +185,10 @@ impl Server {
         let Ok(port) = Watched::new(port) else { return };
         let link = format!("tcp {peer}");
         let commands = async {
-            match serve(&port, &client.line, Receiver::of_network(), &self.desk, &self.carrier, &link).await {
+            let mut receiver = Receiver::of_network();
+            let end = serve(&port, &client.line, &mut receiver, &self.desk, &self.carrier, &link).await;
+            self.desk.rejected.fetch_add(receiver.end(), Relaxed);
+            match end {
                 // It has said all it had to say, but may go on listening: `socat -u`, `nc` at the end of its input.
                 Ok(()) => {
                     client.has_ended.store(true, Relaxed);
