@@ -62,6 +62,9 @@ struct Pty {
     /// Whether they end within a frame.
     goes_on: bool,
     is_stalled: bool,
+    /// Bytes that its client had not read when that was asked last, and bytes that were written by then.
+    unread: usize,
+    written: u64,
     tally: Arc<Tally>,
 }
 
@@ -146,7 +149,17 @@ pub(super) fn open(
         let carrier = carrier.clone();
         async move { attend(terminal, &inotify, &line, &symlink, &desk, &carrier, &tally).await }
     });
-    Ok(Pty { line, symlink, carrier, bytes: Vec::new(), goes_on: false, is_stalled: false, tally })
+    Ok(Pty {
+        line,
+        symlink,
+        carrier,
+        bytes: Vec::new(),
+        goes_on: false,
+        is_stalled: false,
+        unread: 0,
+        written: 0,
+        tally,
+    })
 }
 
 /// Serves one client after the other.
@@ -224,6 +237,16 @@ impl Pty {
     fn slave(&self) -> Slave {
         Slave(self.symlink.target())
     }
+
+    /// Whether its client has read enough. The kernel is asked only where all that was written since may be unread: to open
+    /// the slave takes a lock that every terminal of the machine shares, which another process may hold for milliseconds.
+    fn has_room(&mut self) -> bool {
+        let written = self.line.written();
+        if self.unread as u64 + (written - self.written) > BACKLOG as u64 {
+            (self.unread, self.written) = (self.slave().backlog(), written);
+        }
+        self.unread <= BACKLOG
+    }
 }
 
 impl Link for Pty {
@@ -240,7 +263,7 @@ impl Link for Pty {
         self.is_stalled &= self.line.is_open();
         // The rest of a frame follows its beginning.
         let is_within_frame = self.line.is_within_frame();
-        while self.line.is_open() && !is_within_frame && self.slave().backlog() > BACKLOG {
+        while self.line.is_open() && !is_within_frame && !self.has_room() {
             if self.is_stalled || patience.is_over(asked) {
                 self.is_stalled = !patience.is_none();
                 return self.tally.count(self.line.drop_data(self.goes_on));
