@@ -62,9 +62,6 @@ pub(crate) fn watch() -> io::Result<()> {
     if !is_ignored(Signal::SIGHUP)? {
         signals.add_signal(SIGHUP)?;
     }
-    for signal in [Signal::SIGINT, Signal::SIGTERM] {
-        interrupts_reading(signal)?;
-    }
     thread::Builder::new().name("signals".to_owned()).spawn(move || {
         for signal in signals.forever() {
             let ends_itself = ENDS_ITSELF.load(Ordering::Relaxed);
@@ -94,19 +91,6 @@ fn is_ignored(signal: Signal) -> io::Result<bool> {
     // SAFETY: as above.
     unsafe { sigaction(signal, &before) }?;
     Ok(false)
-}
-
-/// Lets a read that waits return at this signal, whose handler is there: a command that waits for a link would not look at
-/// its flag otherwise.
-fn interrupts_reading(signal: Signal) -> io::Result<()> {
-    let ignore = SigAction::new(SigHandler::SigIgn, SaFlags::empty(), SigSet::empty());
-    // SAFETY: the handler that was there is put back as it was, but for the flag.
-    unsafe {
-        let before = sigaction(signal, &ignore)?;
-        let flags = before.flags().difference(SaFlags::SA_RESTART);
-        sigaction(signal, &SigAction::new(before.handler(), flags, before.mask()))?;
-    }
-    Ok(())
 }
 
 /// Makes a write beyond the limit on the size of files (`ulimit -f`) an error, as a full disk is, in place of a signal that

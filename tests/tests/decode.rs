@@ -291,9 +291,14 @@ fn bad_input_gives_one_clear_message_and_what_was_read_so_far() {
         assert_eq!(output.status.code(), Some(2), "{input}: {errors}");
         assert_eq!(errors.lines().count(), 1, "{errors}");
         assert!(words.iter().all(|word| errors.contains(word)), "{words:?} in {errors}");
-        // Rows only of what could be opened.
-        let is_file = Path::new(input).is_file();
-        assert_eq!(text(&output.stdout).starts_with(HEADER), is_file, "{input}");
+        // Rows only of what could be read.
+        assert_eq!(text(&output.stdout).starts_with(HEADER), [&cut, &cut_zst].contains(&&input.to_owned()), "{input}");
+        let kept = write(directory.path(), "kept.csv", b"old");
+        let outputs = [decode(&[input, "--format", "summary"]), decode(&[input, "--out", &kept])];
+        if output.stdout.is_empty() {
+            assert!(outputs.iter().all(|output| output.stdout.is_empty()), "{input}");
+            assert_eq!(fs::read(&kept).unwrap(), b"old", "{input}");
+        }
     }
     let rows = text(&decode(&[&cut, "--quiet"]).stdout);
     let found: Vec<&str> = rows.lines().skip(1).collect();
@@ -408,4 +413,32 @@ fn recording_01_equals_ten_lines_of_python() {
     let independent: Vec<&str> = python.lines().collect();
     assert_eq!(rows.len(), 22_699);
     assert_eq!(rows, independent);
+}
+
+#[test]
+fn a_note_says_why_there_are_no_rows() {
+    let directory = tempfile::tempdir().unwrap();
+    let pcap = capture("encoded.pcap").to_str().unwrap().to_owned();
+    let other =
+        write(directory.path(), "other.log", b"(1.0) can0 123#0102030405060708\n(1.1) can0 124#0102030405060708\n");
+    let frames: Vec<u8> = (0..20).flat_map(|index| geu_protocol::serial::data_frame(&half_second(index))).collect();
+    let serial = write(directory.path(), "raw.bin", &frames);
+    // A STATUS that does not match its INCREMENTS.
+    let cut = write(directory.path(), "cut.log", b"(1.0) can0 1A0#0000000000000000\n(1.0) can0 1A1#0000000000000000\n");
+    let found = "1A0 to 1A2 are as the unit sends them: --base 1A0";
+    for (arguments, words) in [
+        (&[&pcap[..], "--base", "300"][..], &["identifiers 300, 301, 302 (base 300), got 1A0, 1A1, 1A2; ", found][..]),
+        (&[&pcap, "--base", "1A1"], &["identifiers 1A1, 1A2, 1A3 (base 1A1), got 1A0, 1A1, 1A2; ", found]),
+        (&[&other], &["expected identifiers 1A0, 1A1, 1A2 (base 1A0), got 123, 124; --base is another"]),
+        (&[&cut], &["(base 1A0), which are there, but no INCREMENTS", "defects crc-mismatch 1"]),
+        (&[&serial, "--input-format", "candump"], &["--input-format candump found no record", "without it"]),
+    ] {
+        for more in [&["decode", "--format", "summary"][..], &["decode", "--quiet"], &["track", "--quiet"]] {
+            let output = geu().args(more).args(arguments).output().expect("geu starts");
+            let errors = text(&output.stderr);
+            assert!(output.status.success() && errors.lines().count() == 1, "{more:?} {arguments:?}: {errors}");
+            assert!(words.iter().all(|word| errors.contains(word)), "{words:?} in {errors}");
+        }
+    }
+    assert!(decode(&[&pcap, "--quiet"]).stderr.is_empty());
 }

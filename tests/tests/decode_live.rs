@@ -1,11 +1,14 @@
-//! `geu decode` on a live serial link: a pty whose other side this test holds.
+//! `geu decode` on a live link: a pty, a pipe or a FIFO whose other side this test holds.
 
-use std::fs::File;
+use std::fs::{self, File, OpenOptions};
 use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpListener;
 use std::os::fd::OwnedFd;
-use std::process::Stdio;
+use std::os::unix::process::ExitStatusExt;
+use std::path::Path;
+use std::process::{Child, Stdio};
 use std::sync::{Mutex, MutexGuard, PoisonError};
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use geu_protocol::serial::data_frame;
 use geu_protocol::{CLOCK_PER_HALF_SECOND, HalfSecond};
@@ -13,7 +16,8 @@ use geu_tests::geu;
 use nix::fcntl::{FcntlArg, FdFlag, fcntl};
 use nix::pty::openpty;
 use nix::sys::signal::{Signal, kill};
-use nix::unistd::{Pid, ttyname};
+use nix::sys::stat::Mode;
+use nix::unistd::{Pid, mkfifo, ttyname};
 
 fn half_second(index: u16) -> HalfSecond {
     HalfSecond {
@@ -98,4 +102,216 @@ fn a_duration_ends_a_silent_link() {
     let (_master, _slave, path) = open();
     let output = geu().args(["decode", &path, "--duration", "0.3", "--strict"]).output().expect("geu starts");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+}
+
+/// Asks for the end, which is well and comes within a second; what it said on standard error, and the rest of its output.
+fn stopped(mut child: Child, signal: Signal) -> (String, String) {
+    kill(Pid::from_raw(child.id() as i32), signal).expect("it runs");
+    let asked = Instant::now();
+    while child.try_wait().expect("its end").is_none() {
+        if asked.elapsed() > Duration::from_secs(1) {
+            child.kill().expect("it runs");
+            panic!("{signal} did not end it");
+        }
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    let (mut said, mut rest) = (String::new(), String::new());
+    child.stderr.take().expect("a pipe").read_to_string(&mut said).expect("text");
+    if let Some(mut output) = child.stdout.take() {
+        output.read_to_string(&mut rest).expect("text");
+    }
+    assert!(child.wait().expect("its end").success(), "{said}");
+    (said, rest)
+}
+
+#[test]
+fn a_frame_that_is_under_way_when_it_is_stopped_is_no_defect() {
+    let _turn = turn();
+    let (mut master, _slave, path) = open();
+    let mut child = geu()
+        .args(["decode", &path, "--strict"])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("geu starts");
+    std::thread::sleep(Duration::from_millis(500));
+    master.write_all(&[&data_frame(&half_second(0))[..], &data_frame(&half_second(1))[..11]].concat()).expect("room");
+    let mut lines = BufReader::new(child.stdout.take().expect("its output")).lines();
+    assert!(lines.nth(1).expect("a row").expect("text").contains(",0,500000,"));
+    let (said, _) = stopped(child, Signal::SIGINT);
+    for expected in
+        ["bytes-decoded            28", "bytes-unfinished         11", "accounts for all", "defects                  0"]
+    {
+        assert!(said.contains(expected), "{expected} not in {said}");
+    }
+}
+
+#[test]
+fn a_line_that_is_under_way_when_it_is_stopped_is_no_defect() {
+    let mut child = geu()
+        .args(["decode", "-", "--strict"])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("geu starts");
+    let mut input = child.stdin.take().expect("a pipe");
+    let log = "(0.5) can0 1A0#FFFEFFFE00050005\n(0.5) can0 1A1#00000F070810DD5E\n(0.5) can0 1A2#00000007A1201B58\n";
+    write!(input, "{log}(1.0) can0 1A0#FFFEFFFE00050005\n(1.0) can0 1A1#0000").expect("room");
+    let mut lines = BufReader::new(child.stdout.take().expect("its output")).lines();
+    assert!(lines.nth(1).expect("a row").expect("text").starts_with("0.500000,0,"));
+    let (said, _) = stopped(child, Signal::SIGTERM);
+    for expected in
+        ["records                  4", "records-unfinished       1", "accounts for all", "defects                  0"]
+    {
+        assert!(said.contains(expected), "{expected} not in {said}");
+    }
+}
+
+#[test]
+fn a_fifo_is_waited_for_until_its_writer_comes_or_a_signal() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let path = directory.path().join("fifo");
+    mkfifo(&path, Mode::S_IRWXU).expect("a FIFO");
+    let configuration = geu_tests::root().join("configs/paper.toml");
+    for arguments in [&["decode"][..], &["track", "--config", configuration.to_str().expect("text")]] {
+        for signal in [Signal::SIGTERM, Signal::SIGINT] {
+            let mut command = geu();
+            command.args(arguments).arg(&path).stdout(Stdio::piped()).stderr(Stdio::piped());
+            let child = command.spawn().expect("geu starts");
+            std::thread::sleep(Duration::from_millis(500));
+            stopped(child, signal);
+        }
+    }
+    let mut command = geu();
+    let child = command.arg("decode").arg(&path).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn();
+    std::thread::sleep(Duration::from_millis(300));
+    let mut writer = OpenOptions::new().write(true).open(&path).expect("a reader");
+    writer.write_all(&data_frame(&half_second(0))).expect("room");
+    std::thread::sleep(Duration::from_millis(300));
+    writer.write_all(&data_frame(&half_second(1))).expect("room");
+    drop(writer);
+    let output = child.expect("geu starts").wait_with_output().expect("its end");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert_eq!(String::from_utf8_lossy(&output.stdout).lines().count(), 3);
+}
+
+#[test]
+fn a_compressed_stream_that_stands_still_ends_at_a_signal_with_its_rows() {
+    let frames = [data_frame(&half_second(0)), data_frame(&half_second(1))].concat();
+    let mut gzip = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+    gzip.write_all(&frames).and_then(|()| gzip.flush()).expect("room");
+    let mut zstd = zstd::Encoder::new(Vec::new(), 1).expect("zstd");
+    zstd.write_all(&frames).and_then(|()| zstd.flush()).expect("room");
+    let directory = tempfile::tempdir().expect("a directory");
+    let path = directory.path().join("fifo");
+    mkfifo(&path, Mode::S_IRWXU).expect("a FIFO");
+    let (gzip, zstd) = (&gzip.get_ref()[..], &zstd.get_ref()[..]);
+    for bytes in [gzip, zstd, &gzip[..5], &gzip[..1], &frames[..11]] {
+        let is_cut = bytes.len() < 12;
+        for name in ["-", path.to_str().expect("text")] {
+            let mut command = geu();
+            command.args(["decode", name]).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+            let mut child = command.spawn().expect("geu starts");
+            let mut input: Box<dyn Write> = match name {
+                "-" => Box::new(child.stdin.take().expect("a pipe")),
+                _ => Box::new(OpenOptions::new().write(true).open(&path).expect("a reader")),
+            };
+            input.write_all(bytes).expect("room");
+            let mut lines = BufReader::new(child.stdout.take().expect("its output")).lines();
+            // What is there of it comes at once.
+            let rows: Vec<_> = lines.by_ref().take(if is_cut { 0 } else { 3 }).map(|row| row.expect("text")).collect();
+            std::thread::sleep(Duration::from_millis(300));
+            let (said, _) = stopped(child, Signal::SIGTERM);
+            assert!(is_cut || rows[2].contains(",1,1000000,") && said.contains("defects                  0"), "{said}");
+            assert!(lines.next().is_none_or(|line| line.expect("text").starts_with("t_s,")));
+        }
+    }
+}
+
+/// Waits until a file is being written in the directory.
+fn await_partial(directory: &Path) {
+    let is_partial = |name: &str| name.ends_with(".partial");
+    let begun = || {
+        fs::read_dir(directory)
+            .expect("a directory")
+            .flatten()
+            .any(|entry| is_partial(&entry.file_name().to_string_lossy()))
+    };
+    let start = Instant::now();
+    while !begun() {
+        assert!(start.elapsed() < Duration::from_secs(10), "nothing is written");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+}
+
+#[test]
+fn a_signal_ends_the_reading_of_recorded_files_without_a_result() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let name = |name: &str| directory.path().join(name).to_str().expect("text").to_owned();
+    // Some seconds of work.
+    let (day, old) = (name("day.bin.zst"), name("old.csv"));
+    let mut long = zstd::Encoder::new(File::create(&day).expect("a file"), 1).expect("zstd").auto_finish();
+    let frames = data_frame(&half_second(0)).repeat(1 << 16);
+    (0..400).for_each(|_| long.write_all(&frames).expect("written"));
+    drop(long);
+    for (command, input, signal) in
+        [("decode", &day[..], Signal::SIGINT), ("decode", "-", Signal::SIGTERM), ("track", &day, Signal::SIGTERM)]
+    {
+        fs::write(&old, "old\n").expect("written");
+        let mut child = geu();
+        child.args([command, input, "--out", &old]).stdin(File::open(&day).expect("there")).stderr(Stdio::piped());
+        let mut child = child.spawn().expect("geu starts");
+        await_partial(directory.path());
+        kill(Pid::from_raw(child.id() as i32), signal).expect("it runs");
+        assert_eq!(child.wait().expect("its end").code(), Some(128 + signal as i32), "{command} {input}");
+        assert_eq!(fs::read_to_string(&old).expect("there"), "old\n");
+        assert_eq!(fs::read_dir(directory.path()).expect("a directory").count(), 2, "{command} {input}");
+
+        // Rows that nobody takes from standard output.
+        let mut child =
+            geu().args([command, &day]).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("geu starts");
+        std::thread::sleep(Duration::from_millis(300));
+        // Not SIGINT, which a shell lets its background jobs ignore.
+        kill(Pid::from_raw(child.id() as i32), Signal::SIGTERM).expect("it runs");
+        assert_eq!(child.wait().expect("its end").signal(), Some(Signal::SIGTERM as i32), "{command}");
+    }
+    // With a live one among them all rows are given.
+    let mut child = geu();
+    child.args(["decode", &day, "-", "--out", &old]).stdin(Stdio::piped()).stderr(Stdio::piped());
+    let child = child.spawn().expect("geu starts");
+    await_partial(directory.path());
+    let (said, _) = stopped(child, Signal::SIGINT);
+    assert!(said.contains("defects                  0"), "{said}");
+    assert!(fs::read_to_string(&old).expect("there").starts_with("t_s,"));
+}
+
+#[test]
+fn an_address_is_connected_to_and_read_as_a_stream() {
+    let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
+    let address = listener.local_addr().expect("bound").to_string();
+    for command in ["decode", "track"] {
+        for (name, ends) in [(address.clone(), true), (format!("tcp:{address}"), false)] {
+            let mut child = geu();
+            let child = child.args([command, &name]).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn();
+            let mut child = child.expect("geu starts");
+            let (mut stream, _) = listener.accept().expect("a client");
+            let mut lines = BufReader::new(child.stdout.take().expect("its output")).lines();
+            stream.write_all(&[data_frame(&half_second(0)), data_frame(&half_second(1))].concat()).expect("room");
+            let rows: Vec<_> = lines.by_ref().take(3).map(|row| row.expect("text")).collect();
+            assert!(rows[2].starts_with("1.000000,1,"), "{rows:?}");
+            if ends {
+                drop(stream);
+                assert!(child.wait().expect("its end").success());
+            } else {
+                stopped(child, Signal::SIGINT);
+            }
+            assert!(lines.next().is_none());
+        }
+    }
+    drop(listener);
+    let output = geu().args(["decode", &address]).output().expect("geu starts");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.contains(&format!("{address}: cannot be opened: Connection refused")), "{said}");
 }

@@ -7,6 +7,7 @@ use geu_diagnosis::{Diagnosis, Settings, Thresholds, diagnose_rows};
 use geu_model::Configuration;
 use geu_plant::{Gyro, Hidden, Plant};
 use geu_tests::comparison::Recording;
+use geu_tests::geu;
 
 /// Half seconds of a window of the gap (cli.md).
 const WINDOW: usize = 3600;
@@ -78,6 +79,31 @@ fn a_lag_found_afterwards_is_no_part_of_the_gap_before() {
     let [on_time, late] = [on_time, late].map(|diagnosis| diagnosis.before.fitted.reduced_chi2);
     // 5.8 arcsec in each turn at 720 arcsec/s makes seven times; with the lag taken off the two would be equal.
     assert!(late > 3.0 * on_time, "{late}, on time {on_time}");
+}
+
+#[test]
+fn a_rest_that_tells_no_lag_has_the_same_gap_with_what_was_found() {
+    let room = tempfile::tempdir().expect("a directory");
+    for seed in ["4", "5"] {
+        let run = room.path().join(seed);
+        let arguments = ["simulate", "--duration", "600", "--seed", seed, "--out"];
+        assert!(geu().args(arguments).arg(&run).status().expect("geu starts").success());
+        let recording = Recording::read(&run.join("link.log"), &run.join("reference.csv"));
+        let settings = Settings {
+            seed: 1,
+            clock_start_ns: recording.reference.start_ns,
+            manoeuvres: None,
+            known: &|_| None,
+            keep: &|_, _| (),
+            progress: &|_| (),
+        };
+        let given = Configuration::reference();
+        let diagnosis =
+            diagnose_rows(&recording.rows, &[], &given, &recording.reference, &settings).expect("a recording");
+        assert!(diagnosis.entries.is_empty() && diagnosis.lag_s.1 > 1.0, "{:?}", diagnosis.lag_s);
+        let [before, after] = [diagnosis.before, diagnosis.after].map(|gaps| gaps.fitted.rms_arcsec);
+        assert!((after / before - 1.0).abs() < 0.01, "{before}, after {after}");
+    }
 }
 
 #[test]

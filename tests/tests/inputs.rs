@@ -133,7 +133,11 @@ fn what_is_not_read_is_refused_by_its_name_with_what_converts_it() {
         assert_eq!(output.status.code(), Some(2), "{message}");
         let expected = format!("geu: {file}: is {}, which geu does not read; ", foreign.name());
         assert!(message.starts_with(&expected) && message.lines().count() == 1, "{message}");
-        assert!(output.stdout.is_empty() || output.stdout.starts_with(b"t_s,"), "{message}");
+        assert!(output.stdout.is_empty(), "{message}");
+        for arguments in [&["decode", &file, "--format", "summary"][..], &["track", &file]] {
+            let output = geu().args(arguments).output().expect("geu starts");
+            assert!(output.status.code() == Some(2) && output.stdout.is_empty(), "{arguments:?}");
+        }
     }
     for (name, text, converter) in [
         ("x.trc", ";$FILEVERSION=2.1\n;$STARTTIME=43474.0\n", "can_logconvert"),
@@ -147,6 +151,60 @@ fn what_is_not_read_is_refused_by_its_name_with_what_converts_it() {
         fs::write(&file, text).expect("a file");
         let output = geu().args(["decode", &file]).output().expect("geu starts");
         assert!(output.status.code() == Some(2) && said(&output).contains(converter), "{}", said(&output));
+    }
+}
+
+#[test]
+fn bytes_without_a_frame_are_refused_however_many_there_are() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let directory = directory.path();
+    let mut random = 1u64;
+    let noise: Vec<u8> = (0..4_000_000)
+        .map(|_| {
+            random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (random >> 56) as u8
+        })
+        .collect();
+    let configuration = root().join("configs/paper.toml");
+    let configuration = configuration.to_str().expect("UTF-8");
+    let files = [
+        (path(directory, "noise.bin"), 4_000_000),
+        (repeated(directory, "bomb.gz", b"", &[0], 1_000_000_000), 1 << 26),
+        (repeated(directory, "bomb.zst", b"", &[0], 1_000_000_000), 1 << 26),
+        ("/dev/zero".to_owned(), 1 << 26),
+    ];
+    fs::write(&files[0].0, &noise).expect("a file");
+    for (file, at_least) in &files {
+        let mut refused = Vec::new();
+        for arguments in
+            [&["decode", "--quiet"][..], &["replay", "--tcp", "127.0.0.1:0"], &["track", "--config", configuration]]
+        {
+            let output = bounded(CHILD_KIB, &[arguments, &[file]].concat());
+            assert_eq!(output.status.code(), Some(2), "{arguments:?} {file}: {}", said(&output));
+            refused.push(said(&output));
+        }
+        let message = &refused[0];
+        assert!(refused.iter().all(|other| other == message), "{refused:?}");
+        let expected = format!("geu: {file}: offset 0 to ");
+        let length = message.strip_prefix(&expected).and_then(|rest| rest.split(':').next()?.parse::<u64>().ok());
+        // A piece that was read at once may lead beyond.
+        assert!(length.is_some_and(|length| (*at_least..at_least + (2 << 20)).contains(&length)), "{message}");
+        assert!(
+            message.contains("expected pcap, pcapng or serial frames EB 90 … with a matching CRC, got none; it begins")
+        );
+    }
+}
+
+#[test]
+fn a_recording_behind_noise_is_read() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let frame = data_frame(&Default::default());
+    for name in ["noise.bin", "noise.gz"] {
+        let head = [&vec![0; 20_000_000][..], &frame].concat();
+        let file = repeated(directory.path(), name, &head, &[0], 100_000_000);
+        let output = bounded(DECODE_KIB, &["decode", &file]);
+        assert!(output.status.success(), "{}", said(&output));
+        assert_eq!(String::from_utf8_lossy(&output.stdout).lines().count(), 2, "{}", said(&output));
     }
 }
 

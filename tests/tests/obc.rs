@@ -1,8 +1,11 @@
 //! The small on-board computer around the emulator: closed loops, as fast as both go.
 
-use std::process::Output;
+use std::io::{BufRead, BufReader};
+use std::process::{Output, Stdio};
 
 use geu_tests::{geu, geu_obc};
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
 
 fn fly(arguments: &[&str]) -> Output {
     geu_obc().args(arguments).output().expect("geu-obc starts")
@@ -67,6 +70,33 @@ fn what_a_plan_expects_of_the_computer_is_told_by_code_and_file() {
     let told = String::from_utf8_lossy(&flown.stdout);
     assert!(told.contains("pointing held") && told.contains("the emulator is not content"), "{told}");
     assert!(std::fs::read_to_string(&verdicts).expect("verdicts").contains("failures=\"1\""));
+}
+
+#[test]
+fn a_flight_that_is_interrupted_says_so_and_its_recording_is_whole() {
+    let room = tempfile::tempdir().expect("a directory");
+    let run = room.path().join("run");
+    let mut flight = geu_obc();
+    flight.args(["--duration", "3600", "--record"]).arg(&run).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut flight = flight.spawn().expect("geu-obc starts");
+    let mut line = String::new();
+    BufReader::new(flight.stdout.take().expect("a pipe")).read_line(&mut line).expect("a line a second");
+    kill(Pid::from_raw(flight.id() as i32), Signal::SIGTERM).expect("it runs");
+    let ended = flight.wait_with_output().expect("it ends");
+    let said = String::from_utf8_lossy(&ended.stderr);
+    assert_eq!(ended.status.code(), Some(1), "{said}");
+    assert!(said.contains("interrupted before 3600 s") && said.contains("the pointing is not judged"), "{said}");
+    let run = std::fs::read_to_string(run.join("run.toml")).expect("a file");
+    assert!(!run.contains("unfinished"), "{run}");
+}
+
+#[test]
+fn the_help_lists_the_exit_codes() {
+    let said = fly(&["--help"]).stdout;
+    let said = String::from_utf8_lossy(&said);
+    for part in ["Exit codes:", "  0  pointing was held", "  1  it was not", "  2  it could not begin"] {
+        assert!(said.contains(part), "{part} not in {said}");
+    }
 }
 
 #[test]

@@ -112,7 +112,11 @@ fn a_run_that_cannot_start_touches_nothing() {
     let _running = Emulator::start(1, &["--tcp", "127.0.0.1:0", "--record", other.to_str().unwrap()]);
     let refused = geu_with(&["simulate", "--duration", "1", "--force", "--out", other.to_str().unwrap()]);
     assert_eq!(refused.status.code(), Some(1));
-    assert!(said(&refused).contains("nobody else records"), "{}", said(&refused));
+    assert!(
+        said(&refused).contains("another process records into it; expected a directory of its own"),
+        "{}",
+        said(&refused)
+    );
 }
 
 #[test]

@@ -97,6 +97,11 @@ fn serial_bytes_come_as_they_were_with_all_that_is_wrong_in_them() {
     assert_eq!(received, bytes);
     let (twice, said) = Replay::start(&[&path, &path, "--speed", "1000"]).end();
     assert_eq!(twice, [&bytes[..], &bytes].concat(), "{said}");
+
+    bytes.splice(0..0, vec![0; 3_000_000]);
+    fs::write(&path, &bytes).expect("written");
+    let (received, _) = Replay::start(&[&path, "--speed", "max"]).end();
+    assert!(received == bytes, "noise before the first frame");
 }
 
 #[test]
@@ -271,4 +276,32 @@ fn what_cannot_be_played_is_refused_with_one_message() {
         assert_eq!(output.status.code(), Some(code), "{arguments:?}: {said}");
         assert!(said.contains(expected) && output.stdout.is_empty(), "{arguments:?}: {said}");
     }
+}
+
+#[test]
+fn a_recording_without_a_half_second_for_its_links_is_refused_with_the_reason() {
+    let directory = tempfile::tempdir().expect("a directory");
+    // Of the longer one batches go out before its end is read.
+    let recordings = [60, 3600].map(|duration_s| {
+        let path = record(directory.path(), "can", duration_s).0;
+        let kept = format!("{}/{duration_s}.log", directory.path().display());
+        fs::rename(path, &kept).and_then(|()| fs::remove_dir_all(directory.path().join("can"))).expect("moved");
+        kept
+    });
+    let pty = directory.path().join("pty").to_str().expect("text").to_owned();
+    for (duration_s, path) in [60, 3600].into_iter().zip(&recordings) {
+        for links in [&["--tcp", "127.0.0.1:0", "--only"][..], &["--tcp", "127.0.0.1:0"], &["--pty", &pty]] {
+            let mut command = geu();
+            command.args(["replay", path, "--base", "300", "--speed", "max"]).args(links).stdin(Stdio::null());
+            let output = command.output().expect("geu starts");
+            let said = String::from_utf8_lossy(&output.stderr);
+            assert_eq!(output.status.code(), Some(2), "{duration_s} {links:?}: {said}");
+            let found = "(base 300), got 1A0, 1A1, 1A2; 1A0 to 1A2 are as the unit sends them: --base 1A0";
+            assert!(said.contains(found) && !said.contains("--from"), "{said}");
+        }
+    }
+    let output = geu().args(["replay", &recordings[0], "--interface", "vcan7", "--tcp", "127.0.0.1:0"]).output();
+    let output = output.expect("geu starts");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(2) && said.contains("another --interface, which 360 frames"), "{said}");
 }

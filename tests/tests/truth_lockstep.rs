@@ -121,6 +121,21 @@ fn a_run_in_real_time_whose_truth_came_late_says_so_and_fails_at_its_end() {
 }
 
 #[test]
+fn a_run_whose_truth_had_a_line_that_could_not_be_read_fails_and_names_the_port_that_was_taken() {
+    let simulated = start(&["--duration", "2"]);
+    for half in 0..=4 {
+        simulated.tell(&about_x(f64::from(half) * 0.5, 0.0));
+        if half == 2 {
+            simulated.tell("{\"t_s\": 1.2, \"q\": [1, 0, 0]}\n");
+        }
+    }
+    let (code, said, _) = simulated.end();
+    assert_eq!(code, Some(1), "{said}");
+    assert!(said.contains("expected lines that can be read, got 1 that cannot"), "{said}");
+    assert!(said.contains("truth udp://127.0.0.1:") && !said.contains("udp://127.0.0.1:0"), "{said}");
+}
+
+#[test]
 fn a_silent_half_second_ends_too_and_the_loop_goes_on() {
     let room = tempfile::tempdir().expect("a directory");
     let plan = room.path().join("plan.toml");

@@ -358,6 +358,10 @@ fn what_is_wrong_in_a_plan_is_told_with_its_place_and_the_valid_names() {
             "one of step for",
         ),
         ("[[fault]]\nfault = \"explode\"", "dead, stuck-count"),
+        (
+            "[[fault]]\nfault = \"drift\"\ngyro = \"GYRX\"",
+            "drift is an effect: expected one of its numbers as parameter, drift.arcsec_per_h",
+        ),
         ("[[fault]]\nfault = \"stuck-count\"\ngyro = \"GYRX\"", "counts"),
         ("[[fault]]\nfault = \"stuck-count\"\ngyro = \"GYRX\"\ncounts = 40000", "-32768…32767"),
         ("[[fault]]\nfault = \"stuck-count\"\ngyro = \"GYRX\"\ncounts = 1.5", "a whole number"),

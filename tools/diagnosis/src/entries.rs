@@ -224,6 +224,10 @@ impl Entries<'_> {
         let (lag_s, lag_sigma_s) = (state.shifts.lag_s, state.lag_sigma_s);
         let sigma = lag_sigma_s;
         if lag_s.abs() <= LAG_S + SAME_SIGMAS * sigma {
+            // At rest nothing tells a lag, and one that is not told would only move the limit cycle.
+            if sigma > LAG_S {
+                state.shifts.lag_s = 0.0;
+            }
             return None;
         }
         let own = self.case.nuisances.last()?;

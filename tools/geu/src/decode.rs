@@ -8,11 +8,12 @@ use clap::{Args, ValueEnum};
 use geu_files::interruption::stop_flag;
 use geu_protocol::CanPlan;
 use geu_protocol::capture::Format as InputFormat;
-use geu_recording::{Defect, InputError, InputReader, Options, Row, Sink, Stop, Summary};
+use geu_recording::{Defect, InputError, InputReader, Options, Row, Sink, Stop, Summary, is_live};
 
 use crate::defects::DefectLines;
 use crate::failure::{Failure, note};
 use crate::gyro_csv;
+use crate::no_rows;
 use crate::outputs::OutputFile;
 use crate::rows::{Flags, Form, write_row};
 use crate::settings::{LONGEST_S, can_base, duration};
@@ -20,7 +21,7 @@ use crate::settings::{LONGEST_S, can_base, duration};
 /// Arguments of `geu decode`.
 #[derive(Args)]
 pub struct Arguments {
-    /// Recording, `-`, serial device, pty, or CAN interface (live); several are one stream, in order.
+    /// Recording, `-`, serial device, pty, CAN interface or HOST:PORT of `--tcp` (live); several are one stream, in order.
     #[arg(required = true, value_name = "INPUT")]
     inputs: Vec<String>,
     /// What to write.
@@ -29,8 +30,8 @@ pub struct Arguments {
     /// How to write the flags.
     #[arg(long, value_enum, default_value_t, conflicts_with = "gyro_csv")]
     flags: Flags,
-    /// Where to write it, instead of standard output. Until the end, which Ctrl-C is too, rows stand beside it in
-    /// FILE.….partial; FILE is what was there before or whole. A process that is killed leaves the rows so far there.
+    /// Where to write it, instead of standard output. Until the end, which Ctrl-C is too of a live input, rows stand beside
+    /// it in FILE.….partial; FILE is what was there before or whole. A process that is killed leaves the rows so far there.
     #[arg(long, value_name = "FILE")]
     out: Option<OutputFile>,
     /// Where to write the defects, one JSON object a line: place, kind, bytes; with a count where the same comes again.
@@ -71,12 +72,14 @@ pub struct Reading {
 }
 
 impl Reading {
-    /// A reader with these options, which the first SIGINT, SIGTERM or SIGHUP ends.
+    /// A reader with these options. The first SIGINT, SIGTERM or SIGHUP ends it well where one of the inputs is live, of
+    /// which the rest cannot be read again; of recorded files it ends the process.
     ///
     /// # Errors
     /// When signals cannot be watched.
-    pub fn reader(&self) -> Result<InputReader<'static>, Failure> {
-        let stop = stop_flag().map_err(|error| Failure::failed(format!("signals cannot be watched: {error}")))?;
+    pub fn reader(&self, inputs: &[String]) -> Result<InputReader<'static>, Failure> {
+        let stop = inputs.iter().any(|input| is_live(input)).then(stop_flag).transpose();
+        let stop = stop.map_err(|error| Failure::failed(format!("signals cannot be watched: {error}")))?;
         let options = Options {
             plan: self.base.unwrap_or_default(),
             interface: self.interface.clone(),
@@ -84,7 +87,14 @@ impl Reading {
             baud: self.baud,
         };
         let deadline = self.duration.map(|duration_s| Instant::now() + Duration::from_secs_f64(duration_s));
-        Ok(InputReader::new(options, Stop { flag: Some(stop), deadline }))
+        Ok(InputReader::new(options, Stop { flag: stop, deadline }))
+    }
+
+    /// Says why no row came.
+    pub fn note_no_rows(&self, summary: &Summary) {
+        if let Some(reason) = no_rows::reason(summary, self.base.unwrap_or_default(), self.input_format) {
+            note(format_args!("geu: {reason}\n"));
+        }
     }
 }
 
@@ -121,21 +131,25 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
         return decode_gyro_csv(&arguments, description);
     }
     let mut writer = Writer::new(&arguments);
-    let mut reader = arguments.reading.reader()?;
-    let mut result: Result<(), InputError> = Ok(());
+    let mut reader = arguments.reading.reader(&arguments.inputs)?;
+    let (mut result, mut read): (Result<(), InputError>, _) = (Ok(()), 0);
     for input in &arguments.inputs {
         result = reader.read(input, &mut writer);
         if result.is_err() || writer.is_closed() || reader.is_stopped() {
             break;
         }
+        read += 1;
     }
     let (summary, ending) = reader.finish(&mut writer);
-    writer.flush();
+    let result = result.and(ending);
+    let is_refused = is_refused(&result, &summary, read);
+    if !is_refused {
+        writer.flush();
+    }
     if let Some(failure) = writer.broken.take() {
         return Err(failure);
     }
-    let result = result.and(ending);
-    if arguments.format == Format::Summary && writer.is_open {
+    if arguments.format == Format::Summary && writer.is_open && !is_refused {
         let mut out = Output::open(arguments.out.as_ref())?;
         out.buffer = summary.to_string().into_bytes();
         out.flush()?;
@@ -148,7 +162,8 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
         note(format_args!("{summary}"));
     }
     note_elsewhere(&summary);
-    result.map_err(Failure::input)?;
+    result?;
+    arguments.reading.note_no_rows(&summary);
     let defects = summary.account.defect_count();
     match arguments.strict && defects > 0 {
         true => Err(Failure::failed(format!("--strict: {defects} defects"))),
@@ -243,6 +258,13 @@ impl Output {
 pub fn gives_rows(read: &Result<(), InputError>) -> bool {
     use InputError::{Container, Cut, Read};
     matches!(read, Ok(()) | Err(Read { .. } | Container { .. } | Cut { .. }))
+}
+
+/// Whether the first input was refused, so that there is nothing to be written, no header either. `read` were read to their end;
+/// serial bytes are refused after that where none of them is of a frame.
+pub fn is_refused(result: &Result<(), InputError>, summary: &Summary, read: usize) -> bool {
+    let is_first = read == 0 || matches!(result, Err(InputError::NoFrame { .. }));
+    !gives_rows(result) && is_first && summary.rows == 0
 }
 
 /// Writes rows and defects as they come.

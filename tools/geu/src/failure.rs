@@ -6,6 +6,7 @@ use std::process::ExitCode;
 
 use geu_daemon::record::RecordError;
 use geu_files::ClaimError;
+use geu_recording::InputError;
 
 /// What the help of every command says of them.
 pub const EXIT_CODES: &str = "\
@@ -14,7 +15,7 @@ Exit codes:
   1  failed: an output that cannot be written, a link that breaks, an expectation that was not met, defects under --strict
   2  bad usage or bad input: an option, a configuration or a file that is missing or wrong
   3  a diagnosis that ended unexplained
-  130, 143  SIGINT, SIGTERM; those that end well by them (run, replay, decode, track, monitor) end as otherwise";
+  130, 143  SIGINT, SIGTERM; run, replay, monitor, and decode and track of a live input end well by them";
 
 /// An unsuccessful end.
 #[derive(Debug)]
@@ -67,7 +68,17 @@ impl From<RecordError> for Failure {
     fn from(error: RecordError) -> Failure {
         match error {
             RecordError::Occupied { .. } | RecordError::NotAFile(_) => Failure::input(error),
-            RecordError::Write { .. } | RecordError::Thread { .. } => Failure::failed(error),
+            RecordError::Write { .. } | RecordError::InUse(_) | RecordError::Thread { .. } => Failure::failed(error),
+        }
+    }
+}
+
+/// A link that breaks is no bad input.
+impl From<InputError> for Failure {
+    fn from(error: InputError) -> Failure {
+        match error {
+            InputError::Read { .. } => Failure::failed(error),
+            error => Failure::input(error),
         }
     }
 }

@@ -25,6 +25,7 @@ mod gyro_csv;
 mod inject;
 mod links;
 mod monitor;
+mod no_rows;
 mod outputs;
 mod overwriting;
 mod page;

@@ -158,8 +158,7 @@ mod tests {
     use super::*;
 
     /// Options that name a path which is read, or is no file of results. Whoever adds one says here that it is none.
-    const NO_OUTPUTS: [&str; 39] = [
-        "bench decode --dbc",
+    const NO_OUTPUTS: [&str; 38] = [
         "blind campaign --config",
         "blind hide --config",
         "blind score --config",

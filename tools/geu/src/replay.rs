@@ -12,30 +12,29 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread;
-use std::time::{Duration, Instant};
 
 use clap::Args;
 use geu_daemon::cadence::Speed;
+use geu_daemon::link::LinkAddress;
 use geu_daemon::replay::{self, Steps, refused};
 use geu_daemon::{RunError, asked_to_end};
 use geu_model::Configuration;
 use geu_protocol::CanPlan;
 use geu_protocol::capture::Format;
 use geu_protocol::excerpt::excerpt;
-use geu_recording::{InputError, InputReader, Options, RowReader, Stop};
+use geu_recording::{InputError, InputReader, Options, RowReader, Stop, Summary};
 
 use crate::decode::input_format;
 use crate::expectations;
 use crate::failure::{Failure, note};
 use crate::links::Links;
-use crate::settings::{can_base, duration, seed};
+use crate::no_rows;
+use crate::settings::{add_plan, can_base, duration, seed};
 use tape::{Choice, Tape};
 use told::Told;
 
 /// Batches of items that may wait to be sent: with those of [`tape`], some minutes of a recording.
 const QUEUE: usize = 16;
-/// Whoever reads the recording has so long to see that the replay is over.
-const READ_AT_END: Duration = Duration::from_millis(300);
 
 /// Sends a recording over links, as `geu run` sends the unit's half seconds, at its own pace.
 ///
@@ -125,21 +124,16 @@ impl Arguments {
         let mut plan = Configuration::reference();
         plan.seed = self.seed.unwrap_or(plan.seed);
         for path in &self.faults {
-            let name = path.display().to_string();
-            let text = geu_recording::read_text(path).map_err(|error| {
-                Failure::input(format!(
-                    "{name}: cannot be read: {error}; expected a plan with [[fault]] and [[expect]], as in configs/faults.toml"
-                ))
-            })?;
-            plan.add_plan(&name, &text).map_err(Failure::input)?;
+            add_plan(&mut plan, path)?;
             if let Some(why) = refused(&plan.faults, &plan.expectations) {
-                return Err(Failure::input(format!("--faults {name}: {why}")));
+                return Err(Failure::input(format!("--faults {}: {why}", path.display())));
             }
         }
         Ok(plan)
     }
 
-    fn choice(&self) -> Choice {
+    fn choice(&self, links: &[LinkAddress]) -> Choice {
+        let is_can = |link: &LinkAddress| matches!(link, LinkAddress::Can(_));
         Choice {
             plan: self.base.unwrap_or_default(),
             interface: self.interface.clone().map(String::into_bytes),
@@ -147,7 +141,25 @@ impl Arguments {
             from_ns: ns(self.from.unwrap_or(0.0)),
             to_ns: self.to.map_or(i64::MAX, ns),
             longest_gap_ns: ns(self.longest_gap),
+            carries: (links.iter().any(is_can), !links.iter().all(is_can)),
         }
+    }
+
+    /// Why there is nothing to be sent.
+    fn nothing(&self, told: &Told, summary: &Summary) -> Failure {
+        let reason = no_rows::reason(summary, self.base.unwrap_or_default(), self.input_format).unwrap_or_else(|| {
+            let expected = match (self.from, self.to, told.elsewhere) {
+                (_, _, elsewhere) if elsewhere > 0 => {
+                    format!("another --interface, which {elsewhere} frames are of")
+                }
+                (Some(_), ..) => "an earlier --from".to_owned(),
+                (None, Some(_), _) => "a later --to".to_owned(),
+                (None, None, _) => "half seconds in it".to_owned(),
+            };
+            let (from_s, length_s) = (self.from.unwrap_or(0.0), told.length_ns as f64 * 1e-9);
+            format!("nothing to be sent from {from_s} s on: the recording has {length_s:.1} s; expected {expected}")
+        });
+        Failure::input(format!("{}: {reason}", self.recordings.join(", ")))
     }
 }
 
@@ -182,7 +194,7 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
     };
     let (sender, items) = sync_channel(QUEUE);
     let (begins, began) = sync_channel(1);
-    let tape = Tape::new(arguments.choice(), sender, begins);
+    let tape = Tape::new(arguments.choice(&settings.links), sender, begins);
     let (names, format, is_loop) = (arguments.recordings.clone(), arguments.input_format, arguments.is_loop);
     let plan = settings.recorded_plan;
     let options = Options { plan, format, ..Options::default() };
@@ -192,40 +204,31 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
         .map_err(no_thread)?;
     let join = |reader: thread::JoinHandle<_>| reader.join().expect("reading does not panic");
     if began.recv().is_err() {
-        let (told, read): (Told, Result<(), InputError>) = join(reader);
+        let (told, summary, read): Read = join(reader);
         read.map_err(Failure::input)?;
-        return Err(Failure::input(format!(
-            "{}: nothing to be sent from {} s on: the recording has {:.1} s; expected an earlier --from",
-            arguments.recordings.join(", "),
-            arguments.from.unwrap_or(0.0),
-            told.length_ns as f64 * 1e-9,
-        )));
+        return Err(arguments.nothing(&told, &summary));
     }
     let steps = arguments.step.then(steps).transpose()?;
     let replayed = replay::replay(&settings, items, steps, asked_to_end());
     STOP.store(true, Ordering::Relaxed);
-    // An input that stands still, as a pipe, is not waited for: the thread ends with the process.
-    let asked = Instant::now();
-    while !reader.is_finished() && asked.elapsed() < READ_AT_END {
-        thread::sleep(Duration::from_millis(2));
-    }
-    let read = reader.is_finished().then(|| join(reader));
+    let (told, recorded, read) = join(reader);
     let summary = replayed.map_err(|error| match error {
         error @ (RunError::Link(_) | RunError::NobodyToWaitFor) => Failure::input(error),
         error => Failure::failed(error),
     })?;
-    match read {
-        Some((told, read)) => {
-            note(format_args!("{summary}{told}"));
-            read.map_err(Failure::input)?;
-        }
-        None => note(format_args!("{summary}geu: the recording was not read to its end: its input stands still\n")),
+    note(format_args!("{summary}{told}"));
+    read.map_err(Failure::input)?;
+    if told.nothing_carried {
+        return Err(arguments.nothing(&told, &recorded));
     }
     arguments.expectations.tell(&summary.faults)
 }
 
+/// What came of the reading: to be told, of the last pass, and how it ended.
+type Read = (Told, Summary, Result<(), InputError>);
+
 /// Reads the recordings to their end, or over and over, until nobody wants more.
-fn read(mut tape: Tape, names: &[String], options: Options, is_loop: bool) -> (Told, Result<(), InputError>) {
+fn read(mut tape: Tape, names: &[String], options: Options, is_loop: bool) -> Read {
     loop {
         let mut reader = InputReader::new(options.clone(), Stop { flag: Some(&STOP), deadline: None });
         let mut result = Ok(());
@@ -235,8 +238,8 @@ fn read(mut tape: Tape, names: &[String], options: Options, is_loop: bool) -> (T
                 break;
             }
         }
-        let is_cut = tape.is_over();
-        let (_, ending) = reader.finish(&mut tape);
+        let (is_cut, is_stopped) = (tape.is_over(), STOP.load(Ordering::Relaxed));
+        let (summary, ending) = reader.finish(&mut tape);
         let has_sent = tape.end_pass();
         // Cut before its first frame, a serial recording is not one without any.
         let result = if is_cut { result } else { result.and(ending) };
@@ -244,7 +247,7 @@ fn read(mut tape: Tape, names: &[String], options: Options, is_loop: bool) -> (T
             tape.begin();
         }
         if result.is_err() || !is_loop || !has_sent || tape.is_unwanted() || STOP.load(Ordering::Relaxed) {
-            return (tape.finish(), result);
+            return (tape.finish(is_stopped), summary, result);
         }
     }
 }

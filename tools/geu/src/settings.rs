@@ -128,7 +128,8 @@ impl ReadyRun {
                 "{}: expected a truth that covers the run of {} s, got one of {} s, enough for {} s",
                 self.configuration.run.truth.as_deref().unwrap_or_default(),
                 on_board_s(asked),
-                end_s,
+                // Of sums that are rounded.
+                (end_s * 1e6).round() / 1e6,
                 on_board_s(covered),
             ))),
             _ => Ok(Some(covered)),
@@ -217,13 +218,7 @@ impl RunSettings {
             configuration.run.truth = Some(source.clone()).filter(|source| source != "scenario");
         }
         for path in &self.faults {
-            let (name, text) = (path.display().to_string(), geu_recording::read_text(path));
-            let text = text.map_err(|error| {
-                Failure::input(format!(
-                    "{name}: cannot be read: {error}; expected a plan with [[fault]] and [[expect]], as in configs/faults.toml"
-                ))
-            })?;
-            configuration.add_plan(&name, &text).map_err(Failure::input)?;
+            add_plan(&mut configuration, path)?;
         }
         let name = match (&configuration.run.truth, &self.truth, &self.settings.config) {
             (Some(name), None, Some(config)) => Some(beside(config, name)),
@@ -246,6 +241,24 @@ impl RunSettings {
             Some(why) => Err(Failure::input(why)),
             None => Ok(ReadyRun { configuration, truth, live }),
         }
+    }
+}
+
+/// Adds the faults and expectations of a plan.
+///
+/// # Errors
+/// A file that cannot be read, that is no plan, or has neither.
+pub fn add_plan(configuration: &mut Configuration, path: &Path) -> Result<(), Failure> {
+    let name = path.display().to_string();
+    let expected = "expected a plan with [[fault]] or [[expect]], as in configs/faults.toml";
+    let text = geu_recording::read_text(path)
+        .map_err(|error| Failure::input(format!("{name}: cannot be read: {error}; {expected}")))?;
+    let count = |all: &Configuration| all.faults.len() + all.expectations.len();
+    let before = count(configuration);
+    configuration.add_plan(&name, &text).map_err(Failure::input)?;
+    match count(configuration) > before {
+        true => Ok(()),
+        false => Err(Failure::input(format!("{name}: {expected}, got neither"))),
     }
 }
 

@@ -64,10 +64,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         }
         None => None,
     };
-    if let Some(directory) = svg {
-        draw::draw(directory, configuration)?;
-    }
-    let Some((out, destination)) = out else { return Ok(()) };
+    // After the recording, so that both may go into one directory.
+    let draw_figures = || svg.map_or(Ok(()), |directory| draw::draw(directory, configuration));
+    let Some((out, destination)) = out else { return draw_figures() };
     let recorded_s = Some(configuration.run.duration_s).filter(|&duration_s| duration_s > 0.0);
     let scenario_s = || match ready.truth {
         Truth::Scenario => Plan::length_s(&configuration.scenario),
@@ -100,5 +99,6 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         )));
     }
     note(format_args!("geu: wrote {recorded_s} s into {out}\n"));
+    draw_figures()?;
     arguments.expectations.tell(&faults)
 }

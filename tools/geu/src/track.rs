@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 use std::io::{IsTerminal, stdout};
 use std::path::PathBuf;
+use std::slice;
 
 use clap::{Args, ValueEnum};
 use geu_calibration::redundancy::{Difference, Test, WINDOW_S};
@@ -13,7 +14,7 @@ use geu_model::units::{ARCSEC_PER_DEG, ARCSEC_PER_RAD};
 use geu_recording::{Defect, Row, Sink, read_text};
 use nalgebra::{Quaternion, UnitQuaternion};
 
-use crate::decode::{BUFFER, Output, Reading, gives_rows, note_elsewhere};
+use crate::decode::{BUFFER, Output, Reading, gives_rows, is_refused, note_elsewhere};
 use crate::failure::{Failure, note};
 use crate::outputs::OutputFile;
 use crate::rows::{quote, write_seconds};
@@ -26,7 +27,7 @@ use crate::rows::{quote, write_seconds};
 /// standard error when it begins and when it is below 3 sigma again.
 #[derive(Args)]
 pub struct Arguments {
-    /// CAN interface, pty, serial device (live), recording, or `-`, as `geu decode` reads them.
+    /// CAN interface, pty, serial device, HOST:PORT (live), recording, or `-`, as `geu decode` reads them.
     #[arg(value_name = "LINK")]
     link: String,
     /// Calibration: a configuration, or what `geu calibrate --json` wrote, which adds its sigmas (noise is then that of the
@@ -45,8 +46,8 @@ pub struct Arguments {
     /// What to write [default: text on a terminal, else csv]
     #[arg(long, value_enum)]
     format: Option<Format>,
-    /// Where to write it, instead of standard output. Until the end, which Ctrl-C is too, rows stand beside it in
-    /// FILE.….partial; FILE is what was there before or whole.
+    /// Where to write it, instead of standard output. Until the end, which Ctrl-C is too of a live link, rows stand beside
+    /// it in FILE.….partial; FILE is what was there before or whole.
     #[arg(long, value_name = "FILE")]
     out: Option<OutputFile>,
     #[command(flatten)]
@@ -139,14 +140,17 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         broken: None,
         statistics: Statistics::default(),
     };
-    let mut reader = arguments.reading.reader()?;
+    let mut reader = arguments.reading.reader(slice::from_ref(&arguments.link))?;
     let result = reader.read(&arguments.link, &mut writer);
+    let read = usize::from(result.is_ok());
     let (summary, ending) = reader.finish(&mut writer);
-    writer.flush();
+    let result = result.and(ending);
+    if !is_refused(&result, &summary, read) {
+        writer.flush();
+    }
     if let Some(failure) = writer.broken.take() {
         return Err(failure);
     }
-    let result = result.and(ending);
     if gives_rows(&result) {
         Output::finish(writer.output.take())?;
     }
@@ -158,7 +162,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         }
     }
     note_elsewhere(&summary);
-    result.map_err(Failure::input)?;
+    result?;
+    arguments.reading.note_no_rows(&summary);
     let is_complete = statistics.last.as_ref().is_some_and(|last| last.is_complete);
     match arguments.strict && (!is_complete || statistics.alarms > 0 || defects > 0) {
         true => Err(Failure::failed(format!(

@@ -18,6 +18,15 @@ const COMMANDS: [(&[&str], &str); 5] = [
 ];
 
 #[test]
+fn a_recording_and_the_figures_of_its_unit_may_go_into_one_new_directory() {
+    let room = tempfile::tempdir().expect("a directory");
+    let both = room.path().join("both");
+    let simulated = geu(&["simulate", "--duration", "5", "--out"], &both, &["--svg", both.to_str().expect("text")]);
+    assert!(simulated.status.success(), "{simulated:?}");
+    assert!(both.join("run.toml").exists() && both.join("limit-cycle.svg").exists());
+}
+
+#[test]
 fn a_directory_that_holds_anything_is_written_into_only_with_force() {
     let room = tempfile::tempdir().expect("a directory");
     for (index, (command, file)) in COMMANDS.into_iter().enumerate() {

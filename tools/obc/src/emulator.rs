@@ -1,11 +1,14 @@
 //! The emulator beside the on-board computer: started as a child, or one that runs already; its link, and the way back.
 
 use std::fs::OpenOptions;
+use std::io::ErrorKind::{Interrupted, TimedOut, WouldBlock};
 use std::io::{self, BufRead, BufReader, Write};
 use std::net::{SocketAddr, TcpStream, UdpSocket};
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::sync::atomic::AtomicBool;
+use std::sync::atomic::Ordering::Relaxed;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
@@ -19,6 +22,8 @@ use serde_json::Value;
 
 /// An emulator that reports no half second for so long is dead, and a link that does not bring what was reported.
 const SILENCE: Duration = Duration::from_secs(10);
+/// Whether it is to stop is looked at so often meanwhile.
+const LOOK_AGAIN: Duration = Duration::from_millis(100);
 /// Has the emulator report each half second; with everything that is told, for a datagram may be lost.
 const SUBSCRIBE: &str = "{\"subscribe\": \"samples\"}\n";
 /// Longest report, byte.
@@ -123,7 +128,7 @@ impl Emulator {
         let refused = |error: io::Error| format!("--truth {truth}: cannot be told: {error}; expected HOST:PORT");
         let socket = UdpSocket::bind("0.0.0.0:0").map_err(refused)?;
         socket.connect(truth).map_err(refused)?;
-        socket.set_read_timeout(Some(SILENCE)).map_err(refused)?;
+        socket.set_read_timeout(Some(LOOK_AGAIN)).map_err(refused)?;
         let link = (link.to_owned(), peer);
         Ok(Emulator { child: None, link, read: listen(stream), taken: 0, reported: None, truth: socket })
     }
@@ -137,10 +142,16 @@ impl Emulator {
     ///
     /// # Errors
     /// An emulator that reports none, a link that does not bring what was reported, or is closed.
-    pub fn next(&mut self) -> Result<Ended, String> {
+    pub fn next(&mut self, stop: &AtomicBool) -> Result<Ended, String> {
         let mut datagram = vec![0; REPORT];
-        let length = self.truth.recv(&mut datagram).map_err(|error| {
-            format!("no half second was reported for {} s: {error}; expected an emulator that runs", SILENCE.as_secs())
+        let length = patiently(stop, || match self.truth.recv(&mut datagram) {
+            Ok(length) => Some(Ok(length)),
+            Err(error) if matches!(error.kind(), WouldBlock | TimedOut | Interrupted) => None,
+            Err(error) => Some(Err(format!("the emulator cannot be reached: {error}"))),
+        });
+        let length = length.unwrap_or_else(|| {
+            let silence_s = SILENCE.as_secs();
+            Err(format!("no half second was reported for {silence_s} s; expected an emulator that runs"))
         })?;
         let unreadable = |what: &str| format!("a report of the emulator cannot be read: expected {what}");
         let report: Value = serde_json::from_slice(&datagram[..length]).map_err(|_| unreadable("JSON"))?;
@@ -155,11 +166,16 @@ impl Emulator {
             Some(reported) => self.taken < reported + bytes,
             None => !is_there(&half_seconds),
         } {
-            let read = self.read.recv_timeout(SILENCE).map_err(|error| match error {
-                RecvTimeoutError::Timeout => {
-                    format!("the link is silent for {} s: expected {bytes} bytes of a half second", SILENCE.as_secs())
+            let read = patiently(stop, || match self.read.recv_timeout(LOOK_AGAIN) {
+                Ok(read) => Some(Ok(read)),
+                Err(RecvTimeoutError::Timeout) => None,
+                Err(RecvTimeoutError::Disconnected) => {
+                    Some(Err("the link was closed: expected another half second".to_owned()))
                 }
-                RecvTimeoutError::Disconnected => "the link was closed: expected another half second".to_owned(),
+            });
+            let read = read.unwrap_or_else(|| {
+                let silence_s = SILENCE.as_secs();
+                Err(format!("the link is silent for {silence_s} s: expected {bytes} bytes of a half second"))
             })?;
             self.taken += read.bytes;
             half_seconds.extend(read.half_seconds);
@@ -216,6 +232,19 @@ impl Drop for Running {
         let _ = self.child.kill();
         let _ = self.child.wait();
         self.speaker.take().map(JoinHandle::join);
+    }
+}
+
+/// Asks until there is an answer; none after [`SILENCE`], or when it is to stop.
+fn patiently<T>(stop: &AtomicBool, mut ask: impl FnMut() -> Option<T>) -> Option<T> {
+    let asked = Instant::now();
+    loop {
+        if let Some(answer) = ask() {
+            return Some(answer);
+        }
+        if stop.load(Relaxed) || asked.elapsed() > SILENCE {
+            return None;
+        }
     }
 }
 

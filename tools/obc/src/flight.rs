@@ -6,9 +6,11 @@
 use std::collections::VecDeque;
 use std::fmt::Write;
 use std::io::{self, Write as _};
+use std::sync::atomic::Ordering::Relaxed;
 
 use geu_calibration::noise::Walks;
 use geu_calibration::{Believed, Choice};
+use geu_files::interruption::stop_flag;
 use geu_model::units::ARCSEC_PER_RAD;
 use nalgebra::Vector3;
 
@@ -63,7 +65,7 @@ struct State {
 /// Flies for so many seconds of on-board time, and prints a line for each.
 ///
 /// # Errors
-/// A link that fails.
+/// A link that fails, SIGINT or SIGTERM before the end.
 pub fn fly(
     emulator: &mut Emulator,
     believed: &Believed,
@@ -79,8 +81,13 @@ pub fn fly(
     flight.fly_to(3 * QUARTER_US, Vector3::zeros());
     let end_us = u64::from(seconds) * 1_000_000;
     let mut first = None;
+    let stop = stop_flag().map_err(|error| format!("signals cannot be watched: {error}"))?;
     loop {
-        let ended = flight.emulator.next()?;
+        let ended = flight.emulator.next(stop);
+        if stop.load(Relaxed) {
+            return Err(format!("interrupted before {seconds} s: the pointing is not judged"));
+        }
+        let ended = ended?;
         // A unit that runs since before has counted on. A half second of which the link brought nothing is flown all the
         // same, under the torque of what is known.
         let now_us = (ended.index.saturating_sub(*first.get_or_insert(ended.index)) + 1) * 2 * QUARTER_US;

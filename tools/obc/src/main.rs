@@ -1,8 +1,7 @@
 //! `geu-obc`: a small on-board computer that closes the loop around the emulator, without any other software.
 //!
 //! It starts `geu run`, reads the link as on-board software does ([`computer`]), moves a simulated spacecraft
-//! ([`spacecraft`]), and tells the emulator where that points (`--truth udp://…`). Exit 0: pointing was held, 1: it was not,
-//! or a plan expected something else, 2: it could not be tried.
+//! ([`spacecraft`]), and tells the emulator where that points (`--truth udp://…`).
 
 mod computer;
 mod emulator;
@@ -20,12 +19,18 @@ use geu_calibration::{Believed, Choice};
 use geu_model::Configuration;
 use geu_model::units::duration_s;
 
+const EXIT_CODES: &str = "\
+Exit codes:
+  0  pointing was held
+  1  it was not, a plan's expectation was not met, or the flight broke off
+  2  it could not begin: bad usage, or a configuration, a plan or a link that is missing or wrong";
+
 /// Holds a simulated spacecraft still by the gyros of an emulated unit, and prints a line a second.
 ///
 /// The spacecraft starts with the rest of a slew and must come back and stay. What the computer believes of the unit is the
 /// configuration; what --set and --faults change is in the unit alone, so that one sees what it does to a pointing.
 #[derive(Parser)]
-#[command(name = "geu-obc", version)]
+#[command(name = "geu-obc", version, after_help = EXIT_CODES)]
 struct Arguments {
     /// Configuration of the unit, believed on board [default: the reference unit]
     config: Option<PathBuf>,
@@ -124,24 +129,31 @@ impl Arguments {
 }
 
 fn main() -> ExitCode {
-    match flown(&Arguments::parse()) {
+    let arguments = Arguments::parse();
+    let begun = begin(&arguments).map_err(|message| (2, message));
+    match begun.and_then(|(believed, emulator)| fly(&arguments, &believed, emulator).map_err(|message| (1, message))) {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::from(1),
-        Err(message) => {
+        Err((code, message)) => {
             let _ = writeln!(std::io::stderr(), "geu-obc: {message}");
-            ExitCode::from(2)
+            ExitCode::from(code)
         }
     }
 }
 
-/// Flies, and tells whether pointing was held.
-fn flown(arguments: &Arguments) -> Result<bool, String> {
+/// What is believed of the unit, and the unit.
+fn begin(arguments: &Arguments) -> Result<(Believed, Emulator), String> {
     let believed = arguments.believed()?;
-    let mut emulator = match (&arguments.link, &arguments.truth) {
+    let emulator = match (&arguments.link, &arguments.truth) {
         (Some(link), Some(truth)) => Emulator::attach(link, truth)?,
         _ => Emulator::start(&emulator::program(arguments.geu.as_deref())?, &arguments.for_geu())?,
     };
-    let flown = flight::fly(&mut emulator, &believed, arguments.gyros.into(), arguments.duration, arguments.seed);
+    Ok((believed, emulator))
+}
+
+/// Flies, and tells whether pointing was held.
+fn fly(arguments: &Arguments, believed: &Believed, mut emulator: Emulator) -> Result<bool, String> {
+    let flown = flight::fly(&mut emulator, believed, arguments.gyros.into(), arguments.duration, arguments.seed);
     let flown = match flown {
         Ok(flown) => flown,
         Err(message) => {
@@ -150,7 +162,7 @@ fn flown(arguments: &Arguments) -> Result<bool, String> {
         }
     };
     let is_content = emulator.end()?;
-    let bound_arcsec = flight::bound_arcsec(&believed, arguments.duration);
+    let bound_arcsec = flight::bound_arcsec(believed, arguments.duration);
     let is_held = flown.worst_arcsec <= bound_arcsec;
     say(&format!(
         "pointing {}: after {SETTLED_S} s the true error was {:.2}″ at most, at {:.1} s; the bound is {bound_arcsec:.2}″",

@@ -27,6 +27,8 @@ pub struct Account {
     pub remarks: u64,
     /// Frames of the unit on interfaces that were not chosen.
     pub elsewhere: u64,
+    /// INCREMENTS whose STATUS was under way when reading was left off.
+    pub unfinished: u64,
 
     /// Serial bytes, counted where they are read.
     pub bytes: u64,
@@ -38,6 +40,8 @@ pub struct Account {
     pub reply_bytes: u64,
     /// Bytes that belong to no frame, skipped in hunting for the next sync.
     pub resynchronised_bytes: u64,
+    /// Bytes of a frame that was under way when reading was left off.
+    pub unfinished_bytes: u64,
 
     /// Defects of each kind.
     pub defects: BTreeMap<DefectKind, u64>,
@@ -56,8 +60,13 @@ impl Account {
             + self.error
             + self.remarks
             + self.elsewhere
+            + self.unfinished
             + defective;
-        let bytes = self.decoded_bytes + self.command_bytes + self.reply_bytes + self.resynchronised_bytes;
+        let bytes = self.decoded_bytes
+            + self.command_bytes
+            + self.reply_bytes
+            + self.resynchronised_bytes
+            + self.unfinished_bytes;
         (self.records as i64 - records as i64, self.bytes as i64 - bytes as i64)
     }
 

@@ -43,7 +43,7 @@ impl Place<'_> {
         ReferenceError::Aem {
             name: self.name.to_owned(),
             line: self.line,
-            field: field.to_owned(),
+            field: excerpt(field).into_owned(),
             expected: expected.into(),
             got: excerpt(got).into_owned(),
         }

@@ -52,6 +52,8 @@ pub struct Decoder {
     /// How many of the buses the inputs before had.
     known: usize,
     serial: Serial,
+    /// Whether the inputs were not read to their end.
+    is_stopped: bool,
     flow: Flow,
 }
 
@@ -124,6 +126,7 @@ impl Decoder {
             choice: options.interface.as_ref().map_or(Choice::First, |name| Choice::Named(name.clone().into_bytes())),
             known: 0,
             serial: Serial::default(),
+            is_stopped: false,
             flow: Flow::default(),
         }
     }
@@ -161,9 +164,12 @@ impl Decoder {
     /// Takes a record of a capture, or a live CAN frame.
     #[inline]
     pub fn event(&mut self, place: Place, event: Event, sink: &mut impl Sink) {
-        let account = &mut self.flow.summary.account;
+        let Summary { account, others, rows, .. } = &mut self.flow.summary;
         match event {
             Event::Frame(frame) => {
+                if *rows == 0 && !frame.extended {
+                    others.push(frame.id, frame.data);
+                }
                 let role = if frame.extended { Role::Other } else { self.plan.role(frame.id) };
                 if role == Role::Other { account.other += 1 } else { self.unit_frame(role, place, &frame, sink) }
             }
@@ -360,20 +366,30 @@ impl Decoder {
         carry.extend_from_slice(&bytes[used..]);
     }
 
+    /// Says that the inputs were not read to their end: a frame that was under way then is unfinished, no defect.
+    pub fn stop(&mut self) {
+        self.is_stopped = true;
+    }
+
     /// Ends the inputs: what waits is given out or told as cut.
     pub fn finish(&mut self, sink: &mut impl Sink) -> &Summary {
-        let Decoder { buses, choice, flow, serial, .. } = self;
+        let Decoder { buses, choice, is_stopped, flow, serial, .. } = self;
         let Serial { deframer, carry, clock, starts, rejected, .. } = serial;
+        if *is_stopped {
+            flow.summary.account.unfinished_bytes += carry.len() as u64;
+            carry.clear();
+        }
         deframer.finish(carry, &mut |found| serial_found(found, None, clock, starts, rejected, flow, sink));
         carry.clear();
         for (index, Bus { assembler, tally, .. }) in buses.iter_mut().enumerate() {
             // Where the interface of the inputs before is not in the last one, what waits of it is still its own.
-            if matches!(choice, Choice::Before(before) if *before == index) {
-                let mut own = Choice::Made(index);
-                assembler.finish(&mut |assembled| tally.assembled(assembled, index, &mut own, flow, sink));
-            } else {
-                assembler.finish(&mut |assembled| tally.assembled(assembled, index, choice, flow, sink));
-            }
+            let mut own = Choice::Made(index);
+            let is_before = matches!(choice, Choice::Before(before) if *before == index);
+            let choice = if is_before { &mut own } else { &mut *choice };
+            assembler.finish(&mut |assembled| match assembled {
+                Assembled::Defect(..) if *is_stopped && choice.is(index) => flow.summary.account.unfinished += 1,
+                assembled => tally.assembled(assembled, index, choice, flow, sink),
+            });
         }
         self.settle(sink);
         self.flow.finish();

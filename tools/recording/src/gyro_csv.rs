@@ -35,7 +35,7 @@ use std::path::Path;
 use geu_model::configuration::{ConfigurationError, Node, Source};
 use geu_model::number::{Default, Form, Number};
 use geu_model::units::{ARCSEC_PER_DEG, ARCSEC_PER_RAD};
-use geu_protocol::excerpt::excerpt;
+use geu_protocol::excerpt::{MAX_QUOTED, excerpt};
 
 use crate::text::{RowReader, open_rows};
 
@@ -155,13 +155,16 @@ impl Description {
         let unit = time.choice("unit", &units)?;
         let interval_s = time.number(&INTERVAL)?;
         let gyro = root.table("gyro")?.ok_or_else(|| missing("gyro.NAME"))?;
+        if let Some(name) = gyro.keys().into_iter().find(|name| name.len() > MAX_QUOTED) {
+            return Err(gyro.error(name, format!("expected a name of at most {MAX_QUOTED} bytes, got {}", name.len())));
+        }
         let gyros = gyro.keys().into_iter().map(|name| read_gyro(&gyro, name, interval_s));
         let gyros = gyros.collect::<Result<Vec<_>, _>>()?;
         if gyros.is_empty() {
             return Err(missing("gyro.NAME"));
         }
         Ok(Description {
-            time_column: time.text("column")?.to_owned(),
+            time_column: column(&time, "column")?,
             time_scale_s: TIME_UNITS.into_iter().find(|(name, _)| *name == unit).map_or(1.0, |(_, scale)| scale),
             interval_s,
             delimiter,
@@ -176,9 +179,7 @@ impl Description {
 
 fn read_reference(node: &Node, gyros: &[GyroColumn]) -> Result<ReferenceTable, ConfigurationError> {
     node.only(&["group", "caveat", "rate", "rate_x", "rate_y", "rate_z", "gyro"])?;
-    let text = |key: &str| {
-        if node.keys().contains(&key) { node.text(key).map(|text| Some(text.to_owned())) } else { Ok(None) }
-    };
+    let has = |key: &str| node.keys().contains(&key);
     let has_vector = node.keys().iter().any(|key| key.starts_with("rate_"));
     if has_vector && node.keys().contains(&"rate") {
         return Err(node.error("rate", "expected `rate`, or `rate_x`, `rate_y` and `rate_z`, got both".to_owned()));
@@ -188,11 +189,19 @@ fn read_reference(node: &Node, gyros: &[GyroColumn]) -> Result<ReferenceTable, C
     let of_gyro = of_gyro.ok_or_else(|| node.error("gyro", "expected tables gyro.NAME, got none".to_owned()))?;
     of_gyro.only(&gyros.iter().map(|gyro| gyro.name.as_str()).collect::<Vec<_>>())?;
     Ok(ReferenceTable {
-        group: text("group")?,
-        caveat: text("caveat")?,
+        group: has("group").then(|| column(node, "group")).transpose()?,
+        caveat: has("caveat").then(|| node.text("caveat").map(str::to_owned)).transpose()?,
         rates: names.iter().map(|name| read_rate(node, name)).collect::<Result<_, _>>()?,
         gyros: gyros.iter().map(|gyro| read_rate(&of_gyro, &gyro.name)).collect::<Result<_, _>>()?,
     })
+}
+
+/// The name of a column, short enough that messages quote it.
+fn column(node: &Node, key: &str) -> Result<String, ConfigurationError> {
+    match node.text(key)? {
+        name if name.len() <= MAX_QUOTED => Ok(name.to_owned()),
+        _ => Err(node.unexpected(key, &format!("a name of at most {MAX_QUOTED} bytes"))),
+    }
 }
 
 fn read_rate(parent: &Node, key: &str) -> Result<RateColumn, ConfigurationError> {
@@ -203,7 +212,7 @@ fn read_rate(parent: &Node, key: &str) -> Result<RateColumn, ConfigurationError>
     let rates = GYRO_UNITS.iter().filter(|(.., is_angle)| !is_angle);
     let unit = node.choice("unit", &rates.clone().map(|(unit, ..)| *unit).collect::<Vec<_>>())?;
     let scale_arcsec_s = rates.clone().find(|(name, ..)| *name == unit).map_or(1.0, |(_, size, _)| *size);
-    Ok(RateColumn { column: node.text("column")?.to_owned(), scale_arcsec_s })
+    Ok(RateColumn { column: column(&node, "column")?, scale_arcsec_s })
 }
 
 fn read_gyro(all: &Node, name: &str, interval_s: f64) -> Result<GyroColumn, ConfigurationError> {
@@ -216,7 +225,7 @@ fn read_gyro(all: &Node, name: &str, interval_s: f64) -> Result<GyroColumn, Conf
     let (_, axis, sign) = *AXES.iter().find(|(name, ..)| *name == axis).unwrap_or(&AXES[0]);
     let per_second = if is_angle { 1.0 / interval_s } else { 1.0 };
     let scale_arcsec_s = sign * size * per_second / node.number(&COUNTS)?;
-    Ok(GyroColumn { name: name.to_owned(), column: node.text("column")?.to_owned(), axis, scale_arcsec_s })
+    Ok(GyroColumn { name: name.to_owned(), column: column(&node, "column")?, axis, scale_arcsec_s })
 }
 
 /// A row with its time and all its gyros.
@@ -563,6 +572,7 @@ mod tests {
             ("column = \"wx\"", "colum = \"wx\"", "did you mean `column`?"),
             ("[time]", "[tim]", "unknown key `tim`"),
             ("counts_per_unit = 1000", "counts_per_unit = 0", "a number within"),
+            ("column = \"wx\"", &format!("column = \"{}\"", "x".repeat(300)), "a name of at most 200 bytes"),
         ] {
             let error = Description::parse("d.toml", &DESCRIPTION.replace(from, to)).expect_err(to).to_string();
             assert!(error.contains(part) && error.contains("d.toml:"), "{part} not in {error}");

@@ -2,28 +2,32 @@
 
 use std::fs::{self, File};
 use std::io::{self, Cursor, Read};
-use std::os::fd::{AsFd, AsRawFd, RawFd};
+use std::net::{TcpStream, ToSocketAddrs};
+use std::os::fd::{AsFd, OwnedFd};
 use std::os::unix::fs::FileTypeExt;
 use std::path::Path;
+use std::sync::mpsc;
+use std::thread;
 
 use geu_protocol::capture::Foreign;
 use thiserror::Error;
 
-use crate::live::{CanSocket, SerialPort};
+use crate::input_reader::Stop;
+use crate::live::{CanSocket, SerialPort, Stream};
 
 /// Why an input cannot be read, or not to its end.
 #[derive(Debug, Error)]
 pub enum InputError {
     /// Neither a path nor an interface has this name.
     #[error(
-        "{name}: no such file, and no CAN interface of that name; expected a recording, -, a serial device or a CAN interface"
+        "{name}: no such file, and no CAN interface of that name; expected a recording, -, a serial device, a CAN interface or HOST:PORT"
     )]
     Missing {
         /// As it was given.
         name: String,
     },
     /// A directory.
-    #[error("{name}: is a directory; expected a recording, -, a serial device or a CAN interface")]
+    #[error("{name}: is a directory; expected a recording, -, a serial device, a CAN interface or HOST:PORT")]
     Directory {
         /// Its path.
         name: String,
@@ -111,13 +115,20 @@ pub enum InputError {
 }
 
 /// An opened input.
-pub(crate) enum Source {
-    /// Bytes of a recording. With a descriptor to wait on where they may come late.
-    Bytes { reader: Box<dyn Read>, container: Option<&'static str>, wait_on: Option<RawFd> },
+pub(crate) enum Source<'a> {
+    /// Bytes of a recording, which may come late where it is live.
+    Bytes { bytes: Unpacked<'a>, is_live: bool },
     /// A live serial link.
     Serial(SerialPort),
     /// A live CAN link.
     Can(CanSocket),
+}
+
+/// Bytes without their container.
+pub(crate) struct Unpacked<'a> {
+    pub reader: Box<dyn Read + 'a>,
+    /// `gzip` or `zstd`.
+    pub container: Option<&'static str>,
 }
 
 const GZIP: [u8; 2] = [0x1F, 0x8B];
@@ -125,20 +136,53 @@ const ZSTD: [u8; 4] = [0x28, 0xB5, 0x2F, 0xFD];
 /// Window that a zstd file may ask for, as a power of two: the largest that `zstd` writes without being told so.
 const ZSTD_WINDOW_LOG: u32 = 27;
 
+/// Whether what `name` names is no regular file: what is lost of it cannot be read again.
+pub fn is_live(name: &str) -> bool {
+    let metadata = match name {
+        "-" => io::stdin().as_fd().try_clone_to_owned().and_then(|stdin| File::from(stdin).metadata()),
+        path => fs::metadata(path),
+    };
+    match metadata {
+        Ok(metadata) => !metadata.is_file(),
+        // What is not there at all is neither.
+        Err(_) => nix::net::if_::if_nametoindex(name).is_ok() || is_address(name),
+    }
+}
+
 /// Opens what `name` names; an existing path beats an interface of the same name.
-pub(crate) fn open(name: &str, baud: Option<u32>) -> Result<Source, InputError> {
+pub(crate) fn open<'a>(name: &str, baud: Option<u32>, stop: Stop<'a>) -> Result<Source<'a>, InputError> {
     let failed = |source| InputError::Open { name: name.to_owned(), source };
+    let recording = |file: File| {
+        claim(name, &file)?;
+        Ok(Source::Bytes { bytes: unpack(file)?, is_live: false })
+    };
+    let live = |stream: Stream<'a>| {
+        claim(name, stream.file())?;
+        Ok(Source::Bytes { bytes: unpack(stream)?, is_live: true })
+    };
     if name == "-" {
         // Not the buffered standard input: what waits in a buffer cannot be waited for.
         let stdin = File::from(io::stdin().as_fd().try_clone_to_owned().map_err(failed)?);
-        claim(name, &stdin).map_err(failed)?;
-        let wait_on = (!stdin.metadata().is_ok_and(|metadata| metadata.is_file())).then(|| stdin.as_raw_fd());
-        return container(Box::new(stdin), wait_on).map_err(failed);
+        let is_file = stdin.metadata().is_ok_and(|metadata| metadata.is_file());
+        return if is_file { recording(stdin) } else { live(Stream::new(stdin, stop)) }.map_err(failed);
     }
     let path = Path::new(name);
     let metadata = match fs::metadata(path) {
         Ok(metadata) => metadata,
-        Err(error) if error.kind() == io::ErrorKind::NotFound => return interface(name),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => {
+            return match interface(name) {
+                Err(InputError::Missing { .. }) if is_address(name) => match connect(name, stop) {
+                    Ok(Some(socket)) => live(Stream::new(socket, stop)).map_err(failed),
+                    // Asked to end before it was connected: of a link that is nothing at all.
+                    Ok(None) => Ok(Source::Bytes { bytes: unpack(io::empty()).map_err(failed)?, is_live: true }),
+                    Err(error) if error.kind() == io::ErrorKind::NotFound => {
+                        Err(InputError::Missing { name: name.to_owned() })
+                    }
+                    Err(error) => Err(failed(error)),
+                },
+                opened => opened,
+            };
+        }
         Err(error) => return Err(failed(error)),
     };
     if metadata.is_dir() {
@@ -149,10 +193,8 @@ pub(crate) fn open(name: &str, baud: Option<u32>) -> Result<Source, InputError> 
     {
         return Ok(Source::Serial(port));
     }
-    let file = File::open(path).map_err(failed)?;
-    claim(name, &file).map_err(failed)?;
-    let wait_on = (!metadata.is_file()).then(|| file.as_raw_fd());
-    container(Box::new(file), wait_on).map_err(failed)
+    if metadata.is_file() { File::open(path).and_then(recording) } else { Stream::open(path, stop).and_then(live) }
+        .map_err(failed)
 }
 
 /// Says that this is read, so that no output is written over it.
@@ -160,7 +202,33 @@ pub(crate) fn claim(name: &str, file: &File) -> io::Result<()> {
     geu_files::claim_input(name, &file.metadata()?).map_err(io::Error::other)
 }
 
-fn interface(name: &str) -> Result<Source, InputError> {
+/// Whether it looks like HOST:PORT.
+fn is_address(name: &str) -> bool {
+    name.rsplit_once(':')
+        .is_some_and(|(host, port)| !host.is_empty() && !host.contains('/') && port.parse::<u16>().is_ok())
+}
+
+/// Connects, no longer than until it is to stop; nothing where somebody asked for that. Neither a resolver nor a machine that does not
+/// answer can be asked to.
+fn connect(address: &str, stop: Stop) -> io::Result<Option<File>> {
+    let address = address.strip_prefix("tcp:").unwrap_or(address).to_owned();
+    let (sender, connected) = mpsc::channel();
+    let connect = move || {
+        let resolved = address.to_socket_addrs().map_err(|_| io::Error::from(io::ErrorKind::NotFound));
+        sender.send(resolved.and_then(|addresses| TcpStream::connect(&*addresses.collect::<Vec<_>>())))
+    };
+    thread::Builder::new().name("connecting".to_owned()).spawn(connect)?;
+    loop {
+        match connected.recv_timeout(stop.wait()) {
+            Ok(stream) => return stream.map(|stream| Some(File::from(OwnedFd::from(stream)))),
+            Err(_) if stop.is_asked() => return Ok(None),
+            Err(_) if !stop.is_due() => {}
+            Err(_) => return Err(io::Error::new(io::ErrorKind::TimedOut, "no connection within --duration")),
+        }
+    }
+}
+
+fn interface(name: &str) -> Result<Source<'static>, InputError> {
     if nix::net::if_::if_nametoindex(name).is_err() {
         return Err(InputError::Missing { name: name.to_owned() });
     }
@@ -169,7 +237,7 @@ fn interface(name: &str) -> Result<Source, InputError> {
 }
 
 /// Looks through gzip and zstd, told by their first bytes.
-pub(crate) fn container(mut reader: Box<dyn Read>, wait_on: Option<RawFd>) -> io::Result<Source> {
+pub(crate) fn unpack<'a>(mut reader: impl Read + 'a) -> io::Result<Unpacked<'a>> {
     let mut head = Vec::new();
     // The first bytes tell; a live stream may begin with fewer, and may end with them.
     while head.len() < ZSTD.len() && (ZSTD.starts_with(&head) || GZIP.starts_with(&head)) {
@@ -177,20 +245,22 @@ pub(crate) fn container(mut reader: Box<dyn Read>, wait_on: Option<RawFd>) -> io
         match reader.read(&mut byte) {
             Ok(0) => break,
             Ok(_) => head.push(byte[0]),
-            Err(error) if error.kind() == io::ErrorKind::Interrupted => break,
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+            // It is to stop; whoever reads on is told so again.
+            Err(error) if error.kind() == io::ErrorKind::WouldBlock => break,
             Err(error) => return Err(error),
         }
     }
     let (gzip, zstd) = (head.starts_with(&GZIP), head == ZSTD);
     let reader = Cursor::new(head).chain(reader);
-    Ok(if gzip {
-        let reader = Box::new(flate2::read::MultiGzDecoder::new(reader));
-        Source::Bytes { reader, container: Some("gzip"), wait_on: None }
+    let (reader, container): (Box<dyn Read + 'a>, _) = if gzip {
+        (Box::new(flate2::read::MultiGzDecoder::new(reader)), Some("gzip"))
     } else if zstd {
-        let mut reader = Box::new(zstd::Decoder::new(reader)?);
+        let mut reader = zstd::Decoder::new(reader)?;
         reader.window_log_max(ZSTD_WINDOW_LOG)?;
-        Source::Bytes { reader, container: Some("zstd"), wait_on: None }
+        (Box::new(reader), Some("zstd"))
     } else {
-        Source::Bytes { reader: Box::new(reader), container: None, wait_on }
-    })
+        (Box::new(reader), None)
+    };
+    Ok(Unpacked { reader, container })
 }

@@ -1,7 +1,6 @@
 //! Reads inputs to their end, or until it is stopped.
 
-use std::io::Read;
-use std::os::fd::RawFd;
+use std::io::ErrorKind;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
@@ -9,7 +8,7 @@ use geu_protocol::capture::{Detected, Event, Format, Place, Reader, detect};
 use geu_protocol::excerpt::excerpt;
 
 use crate::decoder::{Decoder, Options};
-use crate::input::{InputError, Source, open};
+use crate::input::{InputError, Source, Unpacked, open};
 use crate::live::{CanSocket, Received, SerialPort, wait_readable};
 use crate::row::Sink;
 use crate::summary::Summary;
@@ -20,6 +19,9 @@ const CHUNK: usize = 1 << 20;
 const HEAD: usize = 1 << 16;
 /// A live read sees a request to stop after so long at most.
 const WAIT: Duration = Duration::from_millis(100);
+/// Serial bytes from the start of an input after which it is no recording where they hold no frame: noise for an hour and a half at the
+/// default rate. What has no end, a device or a kilobyte of gzip that holds gigabytes, is refused too.
+const MAX_WITHOUT_FRAME: u64 = 64 << 20;
 /// Bytes of an unknown input that its error tells.
 const TOLD: usize = 16;
 
@@ -33,12 +35,15 @@ pub struct Stop<'a> {
 }
 
 impl Stop<'_> {
-    fn is_due(&self) -> bool {
+    pub(crate) fn is_asked(&self) -> bool {
         self.flag.is_some_and(|flag| flag.load(Ordering::Relaxed))
-            || self.deadline.is_some_and(|deadline| Instant::now() >= deadline)
     }
 
-    fn wait(&self) -> Duration {
+    pub(crate) fn is_due(&self) -> bool {
+        self.is_asked() || self.deadline.is_some_and(|deadline| Instant::now() >= deadline)
+    }
+
+    pub(crate) fn wait(&self) -> Duration {
         self.deadline.map_or(WAIT, |deadline| deadline.saturating_duration_since(Instant::now()).min(WAIT))
     }
 }
@@ -63,11 +68,11 @@ impl<'a> InputReader<'a> {
     /// # Errors
     /// [`InputError`].
     pub fn read(&mut self, name: &str, sink: &mut impl Sink) -> Result<(), InputError> {
-        let source = open(name, self.options.baud)?;
+        let source = open(name, self.options.baud, self.stop)?;
         sink.opened();
         self.decoder.begin(name, sink);
         match source {
-            Source::Bytes { reader, container, wait_on } => self.bytes(name, reader, container, wait_on, sink),
+            Source::Bytes { bytes, is_live } => self.bytes(name, bytes, is_live, sink),
             Source::Serial(port) => self.port(name, port, sink),
             Source::Can(socket) => self.socket(name, socket, sink),
         }
@@ -76,13 +81,17 @@ impl<'a> InputReader<'a> {
     /// Ends the stream: gives out what waits, and the summary.
     ///
     /// # Errors
-    /// A serial recording in which no frame was found.
+    /// A serial recording that was read to its end and in which no frame was found.
     pub fn finish(mut self, sink: &mut impl Sink) -> (Summary, Result<(), InputError>) {
+        let is_stopped = self.stop.is_due();
+        if is_stopped {
+            self.decoder.stop();
+        }
         self.decoder.finish(sink);
         let summary = self.decoder.into_summary();
         let result = match self.serial {
-            Some((name, length, head)) if summary.serial_frames == 0 => {
-                Err(InputError::NoFrame { name, length, got: hex(&head) })
+            Some((name, length, head)) if summary.serial_frames == 0 && !is_stopped => {
+                Err(no_frame(&name, length, &head))
             }
             _ => Ok(()),
         };
@@ -101,9 +110,8 @@ impl<'a> InputReader<'a> {
     fn bytes(
         &mut self,
         name: &str,
-        mut reader: Box<dyn Read>,
-        container: Option<&'static str>,
-        wait_on: Option<RawFd>,
+        Unpacked { mut reader, container }: Unpacked,
+        is_live: bool,
         sink: &mut impl Sink,
     ) -> Result<(), InputError> {
         let (mut buffer, mut filled, mut offset) = (vec![0; CHUNK], 0, 0u64);
@@ -113,13 +121,11 @@ impl<'a> InputReader<'a> {
             if self.is_done(sink) {
                 break;
             }
-            if wait_on.is_some_and(|descriptor| !wait_readable(descriptor, self.stop.wait())) {
-                continue;
-            }
             let length = match reader.read(&mut buffer[filled..]) {
                 Ok(0) => break,
                 Ok(length) => length,
-                Err(error) if error.kind() == std::io::ErrorKind::Interrupted => continue,
+                Err(error) if error.kind() == ErrorKind::Interrupted => continue,
+                Err(error) if error.kind() == ErrorKind::WouldBlock => break,
                 Err(source) => {
                     let name = name.to_owned();
                     failure = Some(match container {
@@ -143,29 +149,38 @@ impl<'a> InputReader<'a> {
                 let used = target.consume(&buffer[..filled], &mut self.decoder, sink);
                 buffer.copy_within(used..filled, 0);
                 filled -= used;
+                if let Target::Serial { head, length } = target
+                    && *length >= MAX_WITHOUT_FRAME
+                    && self.decoder.summary().serial_frames == 0
+                {
+                    return Err(no_frame(name, *length, head));
+                }
             }
-            if wait_on.is_some() {
+            // Nothing before the first row: an input that is refused leaves no header.
+            if is_live && self.decoder.summary().rows > 0 {
                 sink.flush();
             }
         }
+        // What was under way then is no record, and no defect either.
+        let is_stopped = self.is_done(sink);
         let rest = &buffer[..filled];
         if target.is_none() && filled > 0 {
             match detect(rest, true) {
                 Detected::Format(format) => target = Some(self.target(format)),
                 Detected::Foreign(foreign) => return Err(InputError::Foreign { name: name.to_owned(), foreign }),
-                _ if failure.is_none() => return Err(unknown_text(name, rest)),
+                _ if failure.is_none() && !is_stopped => return Err(unknown_text(name, rest)),
                 _ => {}
             }
         }
         let is_empty = match &mut target {
             Some(target) => {
-                let is_empty = target.finish(rest, &mut self.decoder, sink);
+                let is_empty = target.finish(rest, is_stopped, &mut self.decoder, sink);
                 match target {
                     Target::Serial { head, length } => {
                         self.serial.get_or_insert_with(|| (name.to_owned(), *length, std::mem::take(head)));
                     }
                     Target::Capture { container: Some(container), cut: Some(at), .. }
-                        if failure.is_none() && !self.stop.is_due() && !sink.is_closed() =>
+                        if failure.is_none() && !is_stopped =>
                     {
                         let (name, got) = (name.to_owned(), offset.saturating_sub(*at));
                         failure = Some(InputError::Cut { name, container, offset: *at, got });
@@ -178,7 +193,7 @@ impl<'a> InputReader<'a> {
         };
         match (failure, is_empty) {
             (Some(failure), _) => Err(failure),
-            (None, Some(got)) if !self.is_done(sink) => Err(InputError::Empty { name: name.to_owned(), got }),
+            (None, Some(got)) if !is_stopped => Err(InputError::Empty { name: name.to_owned(), got }),
             _ => Ok(()),
         }
     }
@@ -282,18 +297,29 @@ impl Target {
         }
     }
 
-    /// Takes the last bytes; tells what there is instead where the input holds no record at all.
-    fn finish(&mut self, bytes: &[u8], decoder: &mut Decoder, sink: &mut impl Sink) -> Option<String> {
+    /// Takes the last bytes, which may end inside a record where it was stopped; tells what there is instead
+    /// where it holds no record at all.
+    fn finish(
+        &mut self,
+        bytes: &[u8],
+        is_stopped: bool,
+        decoder: &mut Decoder,
+        sink: &mut impl Sink,
+    ) -> Option<String> {
         match self {
             Target::Capture { reader, frames, cut, .. } => {
-                reader.finish(bytes, &mut |place, event| {
+                let mut tell = |place, event: Event| {
                     if let (Place::Offset(at), Event::Broken { cut: true, .. }) = (place, event) {
                         *cut = Some(at);
                     }
                     *frames += u64::from(!matches!(event, Event::Remark));
                     sink.record(&event);
                     decoder.event(place, event, sink);
-                });
+                };
+                match is_stopped {
+                    true => _ = reader.consume(bytes, &mut tell),
+                    false => reader.finish(bytes, &mut tell),
+                }
                 decoder.count_records(reader.records());
                 (*frames == 0).then(|| format!("{} records, none of them a CAN frame", reader.records()))
             }
@@ -312,6 +338,10 @@ fn unknown_text(name: &str, head: &[u8]) -> InputError {
     let line = head.split(|&byte| byte == b'\n').next().unwrap_or_default();
     let got = format!("{:?}", excerpt(&String::from_utf8_lossy(line)));
     InputError::UnknownText { name: name.to_owned(), got }
+}
+
+fn no_frame(name: &str, length: u64, head: &[u8]) -> InputError {
+    InputError::NoFrame { name: name.to_owned(), length, got: hex(head) }
 }
 
 fn hex(bytes: &[u8]) -> String {

@@ -39,6 +39,7 @@ mod gyro_csv;
 mod input;
 mod input_reader;
 mod live;
+mod others;
 mod rate_table;
 mod reference;
 mod row;
@@ -54,8 +55,9 @@ pub use gyro_csv::{
     Account as GyroCsvAccount, Defect as GyroCsvDefect, DefectKind as GyroCsvDefectKind, Description, GyroColumn,
     GyroCsv, GyroCsvError, RateColumn, ReferenceTable, Sample,
 };
-pub use input::InputError;
+pub use input::{InputError, is_live};
 pub use input_reader::{InputReader, Stop};
+pub use others::Others;
 pub use rate_table::{RateRow, RateTable, RateTableError};
 pub use reference::{Reference, ReferenceError};
 pub use row::{Row, Sink};

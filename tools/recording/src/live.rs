@@ -1,4 +1,4 @@
-//! Live links: a CAN socket with the kernel's receive times, and a serial port.
+//! Live links: a CAN socket with the kernel's receive times, a serial port, and streams of bytes that come when they come.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, IoSliceMut, IsTerminal, Read};
@@ -14,6 +14,8 @@ use nix::sys::socket::{ControlMessageOwned, MsgFlags, recvmsg, setsockopt, socko
 use nix::sys::termios::{BaudRate, FlushArg, SetArg, Termios, cfmakeraw, cfsetspeed, tcflush, tcgetattr, tcsetattr};
 use socketcan::{Socket, SocketOptions};
 
+use crate::input_reader::Stop;
+
 /// Waits until bytes can be read, or `timeout` is over; a signal ends it too.
 pub(crate) fn wait_readable(descriptor: RawFd, timeout: Duration) -> bool {
     // SAFETY: the descriptor belongs to a source that outlives the call.
@@ -21,6 +23,45 @@ pub(crate) fn wait_readable(descriptor: RawFd, timeout: Duration) -> bool {
     let timeout = PollTimeout::try_from(timeout).unwrap_or(PollTimeout::MAX);
     let mut descriptors = [PollFd::new(descriptor, PollFlags::POLLIN)];
     poll(&mut descriptors, timeout).is_ok_and(|ready| ready > 0)
+}
+
+/// A pipe, a FIFO or a device. Its bytes are waited for, and the first writer of a FIFO, no longer than until it is to stop; what reads
+/// through a decompressor then gets the error [`io::ErrorKind::WouldBlock`] in place of an end.
+pub(crate) struct Stream<'a> {
+    file: File,
+    stop: Stop<'a>,
+}
+
+impl<'a> Stream<'a> {
+    pub fn new(file: File, stop: Stop<'a>) -> Stream<'a> {
+        Stream { file, stop }
+    }
+
+    /// Opens a path without waiting for a writer. Until the first has come a FIFO is not readable; it is not at its end either.
+    pub fn open(path: &Path, stop: Stop<'a>) -> io::Result<Stream<'a>> {
+        let file = OpenOptions::new().read(true).custom_flags(nix::libc::O_NONBLOCK).open(path)?;
+        Ok(Stream::new(file, stop))
+    }
+
+    pub fn file(&self) -> &File {
+        &self.file
+    }
+}
+
+impl Read for Stream<'_> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        while !self.stop.is_due() {
+            if !wait_readable(self.file.as_raw_fd(), self.stop.wait()) {
+                continue;
+            }
+            match self.file.read(buffer) {
+                // Another reader of it was faster, or a signal came.
+                Err(error) if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted) => {}
+                read => return read,
+            }
+        }
+        Err(io::ErrorKind::WouldBlock.into())
+    }
 }
 
 /// A time cut to microseconds, as candump tells it.

@@ -282,7 +282,7 @@ mod tests {
             (format!("{header}{good}3.0,0,1e300,0\n"), "line 6: expected finite numbers, turns within 1e9 arcsec"),
             (format!("{header}{good}2.5,0,0,0\n"), "line 6: expected time to rise"),
             (format!("{header}{good}9.5,0,0,0\n"), "line 6: expected rows every 0.5 s or so, got a gap of 7 s"),
-            (header.to_owned(), "expected motion over at least 3 rows, got 0"),
+            (header.to_owned(), "expected at least 3 rows after the first, got 0"),
         ] {
             let message = Reference::parse("f.csv", &text).expect_err(&text).to_string();
             assert!(message.contains(part), "{part} not in {message}");

@@ -11,6 +11,7 @@ use crate::account::Account;
 use crate::cadence::Cadence;
 use crate::clock_fit::ClockFit;
 use crate::defect::{Defect, DefectKind, place_text};
+use crate::others::Others;
 use crate::row::{Row, Sink};
 
 /// How many gaps are told one by one.
@@ -28,6 +29,8 @@ pub struct Summary {
     pub elsewhere: Vec<(String, u64)>,
     /// Where everything went.
     pub account: Account,
+    /// Identifiers, until the first row.
+    pub others: Others,
     /// Half seconds.
     pub rows: u64,
     /// Frames found in serial bytes.
@@ -264,6 +267,7 @@ impl Summary {
                 ("records-fd", account.fd),
                 ("records-error", account.error),
                 ("records-remark", account.remarks),
+                ("records-unfinished", account.unfinished),
             ] {
                 line(out, name, count)?;
             }
@@ -277,6 +281,7 @@ impl Summary {
                 ("bytes-command", account.command_bytes),
                 ("bytes-reply", account.reply_bytes),
                 ("bytes-resynchronised", account.resynchronised_bytes),
+                ("bytes-unfinished", account.unfinished_bytes),
             ] {
                 line(out, name, count)?;
             }

@@ -7,7 +7,7 @@ use std::fs::File;
 use std::io::{self, BufRead, BufReader, Cursor, Read};
 use std::path::Path;
 
-use crate::input::{Source, claim, container};
+use crate::input::{claim, unpack};
 
 /// Bytes of a document (configuration, plan, description, result as JSON): the `run.toml` of a run with 200 000 commands. Parsed, a
 /// document takes up to a hundred times its length.
@@ -62,10 +62,7 @@ pub fn open_rows(path: &Path) -> io::Result<RowReader<Box<dyn Read>>> {
 fn open_bytes(path: &Path) -> io::Result<Box<dyn Read>> {
     let file = File::open(path)?;
     claim(&path.display().to_string(), &file)?;
-    match container(Box::new(file), None)? {
-        Source::Bytes { reader, .. } => Ok(reader),
-        Source::Serial(_) | Source::Can(_) => Err(beyond("expected a file, got a live link".to_owned())),
-    }
+    Ok(unpack(file)?.reader)
 }
 
 fn beyond(message: String) -> io::Error {

@@ -82,8 +82,8 @@ impl Destination {
         fs::create_dir_all(&self.directory).map_err(|source| self.failed(source))?;
         let held = File::open(&self.directory).map_err(|source| self.failed(source))?;
         // A file system that cannot lock a directory is recorded to all the same.
-        if let Err(error @ TryLockError::WouldBlock) = held.try_lock() {
-            return Err(self.failed(error.into()));
+        if let Err(TryLockError::WouldBlock) = held.try_lock() {
+            return Err(RecordError::InUse(self.directory.clone()));
         }
         // Again: somebody may have recorded into it before it was held.
         self.check()?;

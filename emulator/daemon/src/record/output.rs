@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 pub enum RecordError {
     /// A file or directory of it.
     #[error(
-        "cannot write {}: {source}; expected a directory with room that may be written, and that nobody else records into",
+        "cannot write {}: {source}; expected a directory with room that may be written",
         .path.display()
     )]
     Write {
@@ -29,6 +29,9 @@ pub enum RecordError {
         /// What.
         entries: String,
     },
+    /// Somebody records into the directory.
+    #[error("{}: another process records into it; expected a directory of its own", .0.display())]
+    InUse(PathBuf),
     /// A directory has the name of a file of the recording.
     #[error("{}: expected a file of a recording or a free name, got a directory; move it, or name another directory", .0.display())]
     NotAFile(PathBuf),

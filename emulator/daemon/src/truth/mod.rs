@@ -15,7 +15,7 @@ mod source;
 use std::fmt;
 use std::io;
 use std::str::FromStr;
-use std::sync::{Arc, Condvar, Mutex, MutexGuard};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock};
 use std::time::{Duration, Instant};
 
 use geu_model::Truth;
@@ -97,7 +97,8 @@ pub struct TruthError {
 /// A truth that is being told.
 #[derive(Debug)]
 pub struct Live {
-    address: LiveAddress,
+    asked: LiveAddress,
+    bound: OnceLock<LiveAddress>,
     truth: Arc<Stepped>,
     /// At a pace of its own the run begins so long after the first sample.
     start_delay: Duration,
@@ -143,7 +144,8 @@ impl Live {
             waits_said: 0,
         };
         Arc::new(Live {
-            address,
+            asked: address,
+            bound: OnceLock::new(),
             truth,
             start_delay: Duration::from_secs_f64(numbers.start_delay_s),
             state: Mutex::new(state),
@@ -151,6 +153,11 @@ impl Live {
             wanted: Notify::new(),
             reports: Reports::default(),
         })
+    }
+
+    /// Where the source is: of port 0 the one that was taken.
+    fn address(&self) -> &LiveAddress {
+        self.bound.get().unwrap_or(&self.asked)
     }
 
     /// What moves the unit.
@@ -167,14 +174,16 @@ impl Live {
     /// Why the run was not on the motion that the source told, in words; nothing where it was.
     pub fn failure(&self) -> Option<String> {
         let state = self.state();
-        let Counts { late, missing, jumps, .. } = state.follower.counts;
+        let Counts { late, missing, jumps, bad_lines, .. } = state.follower.counts;
+        let bad = (bad_lines > 0)
+            .then(|| format!("truth {}: expected lines that can be read, got {bad_lines} that cannot", self.address()));
         let counted = (late + missing + jumps > 0).then(|| {
             format!(
                 "truth {}: expected a sample at or after the end of each half second, and no jumps, got {late} late half seconds, {missing} missing, {jumps} jumps: the unit moved otherwise than was reported; report ahead of time, or run with --speed max, where unit and simulator wait for each other",
-                self.address
+                self.address()
             )
         });
-        state.gave_up.clone().or(counted)
+        state.gave_up.clone().or(counted).or(bad)
     }
 
     /// Whether the source tells the sun, as its first sample says.
@@ -197,7 +206,7 @@ impl Live {
     /// samples until then are the past.
     pub(crate) fn open(self: &Arc<Live>, is_held_back: bool) -> Result<(), TruthError> {
         self.state().is_early = is_held_back;
-        source::open(self).map_err(|source| TruthError { address: self.address.clone(), source })
+        source::open(self).map_err(|source| TruthError { address: self.address().clone(), source })
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
@@ -209,7 +218,7 @@ impl Live {
     pub(crate) fn await_first(&self, waits: bool, most: Option<Duration>, is_stopped: impl Fn() -> bool) -> bool {
         self.state().is_early = false;
         if !self.state().follower.has_begun() {
-            console::say(format_args!("waits for the first sample of {}", self.address));
+            console::say(format_args!("waits for the first sample of {}", self.address()));
         }
         let waited = self.wait(most, &is_stopped, Follower::has_begun);
         if waited == Waited::TooLong {
@@ -245,7 +254,7 @@ impl Live {
         let note = self.state().follower.finish(needed_s);
         self.want(needed_s + HALF_SECOND_S);
         if let Some(note) = note {
-            console::say(format_args!("truth {}: {note}", self.address));
+            console::say(format_args!("truth {}: {note}", self.address()));
         }
         true
     }
@@ -266,7 +275,7 @@ impl Live {
             let more = if said == MOST_TOLD { "; more waits are not said" } else { "" };
             console::say(format_args!(
                 "truth {}: waits for a sample at or after its time {source_s} s{more}",
-                self.address
+                self.address()
             ));
         }
         self.wait(most.map(|most| most - silent), is_stopped, covers)
@@ -277,7 +286,7 @@ impl Live {
         let most_s = most.unwrap_or_default().as_secs_f64();
         self.state().gave_up = Some(format!(
             "truth {}: expected {what} within {most_s} s (--truth-wait), got none; the run ended there. Start the simulator, or give it longer: --truth-wait DURATION or forever",
-            self.address
+            self.address()
         ));
     }
 
@@ -325,7 +334,7 @@ impl Live {
         };
         if let Some(note) = note.filter(|_| so_far <= MOST_TOLD) {
             let more = if so_far == MOST_TOLD { "; more of the kind are only counted" } else { "" };
-            console::say(format_args!("truth {}: {note}{more}", self.address));
+            console::say(format_args!("truth {}: {note}{more}", self.address()));
         }
         if state.is_early {
             state.follower.forget_the_past();

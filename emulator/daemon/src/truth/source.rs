@@ -45,12 +45,14 @@ const ACKNOWLEDGEMENT: &[u8] = b"Ack\n";
 /// Begins to read.
 pub(super) fn open(live: &Arc<Live>) -> io::Result<()> {
     let reader = live.clone();
-    match &live.address {
+    match live.address() {
         LiveAddress::Udp(address) => {
             let socket = std::net::UdpSocket::bind(address)?;
+            let at = socket.local_addr()?;
             socket.set_nonblocking(true)?;
             let socket = Arc::new(UdpSocket::from_std(socket)?);
-            console::ready(&format!("truth udp://{}", socket.local_addr()?));
+            let bound = live.bound.get_or_init(|| LiveAddress::Udp(at.to_string()));
+            console::ready(&format!("truth {bound}"));
             tokio::spawn(report_over_udp(live.clone(), socket.clone()));
             tokio::spawn(listen(reader, socket));
         }
@@ -128,17 +130,17 @@ async fn visit(live: Arc<Live>, address: String) {
         match stream {
             Ok(stream) => {
                 was_there = true;
-                console::say(format_args!("truth {}: connected", live.address));
+                console::say(format_args!("truth {}: connected", live.address()));
                 let ended = read(&live, stream, &mut reports, MUTE).await;
                 live.reports.unsubscribe();
                 while reports.try_recv().is_ok() {
                     live.reports.lost();
                 }
                 let why = ended.err().map_or_else(|| "it closed the connection".to_owned(), |error| error.to_string());
-                console::say(format_args!("truth {}: {why}; tried again until it is back", live.address));
+                console::say(format_args!("truth {}: {why}; tried again until it is back", live.address()));
             }
             Err(error) if std::mem::take(&mut was_there) => {
-                console::say(format_args!("truth {}: {error}; tried again until it is there", live.address));
+                console::say(format_args!("truth {}: {error}; tried again until it is there", live.address()));
             }
             Err(_) => {}
         }
@@ -161,7 +163,7 @@ async fn read(live: &Live, mut stream: TcpStream, reports: &mut Receiver<String>
     stream.set_nodelay(true)?;
     keep_alive(&stream)?;
     let (mut reader, mut writer) = stream.split();
-    match live.address {
+    match live.address() {
         LiveAddress::FortyTwo(_) => read_lines(live, &mut reader, Some(&mut writer), mute).await,
         _ => tokio::select! {
             ended = read_lines(live, &mut reader, None, mute) => ended,

@@ -22,7 +22,7 @@ pub struct Row {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum BadRows {
     /// Fewer than three after the start.
-    #[error("expected motion over at least 3 rows, got {0}")]
+    #[error("expected at least 3 rows after the first, got {0}")]
     TooFew(usize),
     /// Time that does not rise.
     #[error("expected time to rise, got {t_s} s after {before_s} s")]

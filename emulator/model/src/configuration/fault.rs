@@ -234,6 +234,14 @@ fn read_target(node: &Node) -> Read<Target> {
 
 fn read_spec(node: &Node) -> Read<&'static Spec> {
     let codes: Vec<&str> = CATALOGUE.iter().map(|spec| spec.code).collect();
+    // The name of an effect: what can be moved are its numbers.
+    let given = node.text("fault")?;
+    let of_effect = |name: &String| name.split_once('.').is_some_and(|(effect, _)| effect == given);
+    let numbers: Vec<String> = Target::all().iter().map(Target::name).filter(of_effect).collect();
+    if !codes.contains(&given) && !numbers.is_empty() {
+        let message = format!("{given} is an effect: expected one of its numbers as parameter, {}", numbers.join(", "));
+        return Err(node.error("fault", message));
+    }
     Ok(Spec::named(node.choice("fault", &codes)?).expect("one of the codes"))
 }
 
@@ -270,7 +278,10 @@ fn read_course(node: &Node, target: &Target) -> Read<(f64, shape::Law)> {
     let course = node.table("course")?.ok_or_else(|| {
         node.error(
             "parameter",
-            format!("expected `course`, such as {{ step = 1.0 }}, with one of {}; got none", kinds.join(", ")),
+            format!(
+                "expected `course` with one of {}, such as {{ step = 1.0 }} in a plan, step=1.0 for geu inject; got none",
+                kinds.join(", ")
+            ),
         )
     })?;
     let kind = shape::KINDS.iter().find(|kind| kinds.contains(&kind.name) && course.keys().contains(&kind.name));

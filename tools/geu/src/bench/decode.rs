@@ -2,13 +2,13 @@
 
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Instant;
 
 use clap::Args;
 use geu_protocol::serial::data_frame;
-use geu_protocol::{CLOCK_PER_HALF_SECOND, CanPlan, HalfSecond};
+use geu_protocol::{CLOCK_PER_HALF_SECOND, CanPlan, HalfSecond, describe};
 use geu_recording::{Defect, InputReader, Options, Row, Sink, Stop};
 
 use super::rounds::{Contender, Results, Rounds, Spread};
@@ -23,9 +23,6 @@ pub struct Arguments {
     lines: u64,
     #[command(flatten)]
     rounds: Rounds,
-    /// CAN database for cantools.
-    #[arg(long, value_name = "FILE", default_value = "protocol/geu.dbc")]
-    dbc: PathBuf,
     /// Leave out the other tools.
     #[arg(long)]
     alone: bool,
@@ -39,7 +36,7 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
         return Err(Failure::input(format!("--lines: expected at least 3, got {}", arguments.lines)));
     }
     let directory = tempfile::tempdir().map_err(|error| Failure::failed(format!("temporary directory: {error}")))?;
-    let (log, bin) = (directory.path().join("bench.log"), directory.path().join("bench.bin"));
+    let [log, bin, dbc] = ["bench.log", "bench.bin", "bench.dbc"].map(|name| directory.path().join(name));
     write_inputs(&log, &bin, arguments.lines)
         .map_err(|error| Failure::failed(format!("{}: {error}", directory.path().display())))?;
     let bytes = |path: &Path| fs::metadata(path).map_or(0, |metadata| metadata.len()) as f64;
@@ -60,7 +57,8 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
         })
         .collect();
     if !arguments.alone {
-        contenders.extend(processes(&log, &arguments.dbc)?);
+        fs::write(&dbc, describe::dbc(CanPlan::default())).map_err(Failure::failed)?;
+        contenders.extend(processes(&log, &dbc)?);
     }
     let results = arguments.rounds.measure(contenders)?;
     for (Results { name, runs }, (.., (work, unit, target))) in results.iter().zip(own) {

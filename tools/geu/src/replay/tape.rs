@@ -33,6 +33,8 @@ pub struct Choice {
     pub from_ns: i64,
     pub to_ns: i64,
     pub longest_gap_ns: i64,
+    /// Whether links carry frames, and bytes, as they were recorded.
+    pub carries: (bool, bool),
 }
 
 /// A frame that waits.
@@ -62,7 +64,11 @@ pub struct Tape {
     last_half_second_ns: i64,
     is_after: bool,
     is_unwanted: bool,
+    /// Whether anything was found that makes a recording of it: a record of a capture, or a serial frame.
+    has_frame: bool,
     has_half_second: bool,
+    /// Whether anything was sent that a link carries.
+    is_carried: bool,
     handed_over: usize,
     /// Before an interface is chosen.
     early: Vec<(Vec<u8>, Waiting)>,
@@ -93,7 +99,9 @@ impl Tape {
             last_half_second_ns: 0,
             is_after: false,
             is_unwanted: false,
+            has_frame: false,
             has_half_second: false,
+            is_carried: false,
             handed_over: 0,
             early: Vec::new(),
             assembler: Assembler::default(),
@@ -116,7 +124,7 @@ impl Tape {
         self.is_unwanted
     }
 
-    /// Ends a pass; whether anything of it was sent. Another begins half a second behind its last half second.
+    /// Ends a pass; whether anything of it was sent that a link carries. Another begins half a second behind its last half second.
     pub fn end_pass(&mut self) -> bool {
         if self.interface.is_none()
             && let Some((interface, _)) = self.early.first()
@@ -136,13 +144,16 @@ impl Tape {
             let next_ns = self.last_half_second_ns.saturating_add(HALF_SECOND_NS);
             self.timeline.played_ns = self.timeline.played_ns.max(next_ns);
         }
+        // What is no recording at all is refused by its reader.
+        self.has_frame = true;
         self.hand_over();
-        span_ns.is_some()
+        span_ns.is_some() && self.is_carried
     }
 
-    /// What there is to be told.
-    pub fn finish(mut self) -> Told {
+    /// What there is to be told, where reading was stopped before its end or not.
+    pub fn finish(mut self, is_stopped: bool) -> Told {
         self.told.irregular = self.timeline.irregular;
+        self.told.nothing_carried = !self.is_carried && !self.is_unwanted && !is_stopped;
         self.told
     }
 
@@ -154,10 +165,10 @@ impl Tape {
     }
 
     fn hand_over(&mut self) {
-        if self.batch.is_empty() || self.is_unwanted {
+        // Bytes alone may turn out to be no recording: they wait for the first frame.
+        if self.batch.is_empty() || self.is_unwanted || !self.has_frame {
             return;
         }
-        // Bytes alone may turn out to be no recording; a few of them wait for the first half second.
         self.handed_over += 1;
         if self.has_half_second || self.handed_over >= MOST_UNTOLD {
             self.begin();
@@ -177,10 +188,17 @@ impl Tape {
         }
         self.timeline.is_playing = true;
         self.span_ns.get_or_insert((recorded_ns, recorded_ns)).1 = recorded_ns;
-        if matches!(what, What::HalfSecond { .. }) {
-            self.last_half_second_ns = self.timeline.played_ns;
-            self.has_half_second = true;
-        }
+        let (carries_frames, carries_bytes) = self.choice.carries;
+        self.is_carried |= match &what {
+            What::HalfSecond { .. } => {
+                self.last_half_second_ns = self.timeline.played_ns;
+                self.has_half_second = true;
+                true
+            }
+            What::Content(Content::Frame(_), _) => carries_frames,
+            What::Content(Content::Bytes(_), _) => carries_bytes,
+            What::Note(_) => false,
+        };
         let played_ns = self.timeline.played_ns;
         self.batch.push(Item { recorded_ns: self.passed_ns.saturating_add(recorded_ns), played_ns, what });
         if self.batch.len() >= BATCH {
@@ -332,6 +350,7 @@ impl Tape {
 
 impl Sink for Tape {
     fn record(&mut self, event: &Event) {
+        self.has_frame = true;
         let whole = match event {
             Event::Frame(frame) if !frame.extended => {
                 u16::try_from(frame.id).ok().and_then(|id| CanFrame::new(id, frame.data)).map(|whole| (frame, whole))
@@ -373,6 +392,7 @@ impl Sink for Tape {
                 frames.push((at, kind, OVERHEAD + payload.len(), half_second));
             }
         });
+        self.has_frame |= !frames.is_empty();
         self.send_frames(frames);
         // Bytes that no frame tells the time of take that of the line.
         let end = |tape: &Tape| (tape.deframer.offset() - tape.offset) as usize;

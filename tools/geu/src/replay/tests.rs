@@ -26,13 +26,21 @@ fn items(choice: Choice) -> (Vec<Item>, String) {
     let mut tape = Tape::new(choice, sender, begins);
     Reader::new(Format::Candump).finish(LOG.as_bytes(), &mut |_, event| tape.record(&event));
     tape.end_pass();
-    let told = tape.finish().to_string();
+    let told = tape.finish(false).to_string();
     (items.into_iter().flatten().collect(), told)
 }
 
 fn choice() -> Choice {
     let plan = CanPlan::default();
-    Choice { plan, interface: None, is_only: false, from_ns: 0, to_ns: i64::MAX, longest_gap_ns: 10_000_000_000 }
+    Choice {
+        plan,
+        interface: None,
+        is_only: false,
+        from_ns: 0,
+        to_ns: i64::MAX,
+        longest_gap_ns: 10_000_000_000,
+        carries: (true, true),
+    }
 }
 
 fn shown(items: &[Item]) -> Vec<String> {

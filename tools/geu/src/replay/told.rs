@@ -17,6 +17,8 @@ pub struct Told {
     pub elsewhere: u64,
     /// Records that are none.
     pub broken: u64,
+    /// Whether all was read, and no link carries anything of it.
+    pub nothing_carried: bool,
 }
 
 impl fmt::Display for Told {

@@ -8,6 +8,7 @@ import { wire } from "./wire.js";
 /** Without a half second for so long the unit is said to be silent. */
 const SILENCE_MS = 3000;
 const AGAIN_MS = 1000;
+const STATUS_MS = 2000;
 const HAPPENINGS = 500;
 
 /** Flags that are no alarm and yet not the ordinary state. */
@@ -100,6 +101,18 @@ function numbers(half) {
   showLateness("missed", String(half.missed));
 }
 
+/** A recording that ended before the run does. */
+function recorded({ recording }) {
+  const hasEnded = recording?.state === "ended";
+  at("recording").hidden = !hasEnded;
+  if (hasEnded) {
+    const { directory, half_second: count, reason } = recording;
+    const text = `The recording in ${directory} ended at half second ${count}: ${reason}. The unit goes on.`;
+    // Once, for who has it read aloud.
+    if (at("recording").textContent !== text) at("recording").textContent = text;
+  }
+}
+
 /** Adds lines to the timeline, those that are known left out. */
 function take(lines) {
   const known = new Set(happened);
@@ -137,6 +150,7 @@ function start([catalogue, layout, status]) {
   injector(catalogue, [...new Set((status.links ?? []).map(({ kind }) => kind))], refresh);
   commander(catalogue.commands);
   if (status.links) links(status);
+  recorded(status);
   at("download").href = path("/api/timeline");
   at("document").href = path("/api/openapi.json");
 
@@ -196,6 +210,7 @@ function start([catalogue, layout, status]) {
     else if (silence > SILENCE_MS) state("silent", `silent for ${Math.round(silence / 1000)} s`);
     else state("live", "live");
   }, 250);
+  setInterval(() => ask("GET", "/api/status").then(recorded, () => {}), STATUS_MS);
 }
 
 /** Until the unit answers once, there is nothing to show. */

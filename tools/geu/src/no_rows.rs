@@ -1,0 +1,59 @@
+//! Why inputs gave no half second, and what to do.
+
+use geu_protocol::CanPlan;
+use geu_protocol::capture::Format;
+use geu_recording::{DefectKind, Summary};
+
+/// Identifiers told at most.
+const MOST_TOLD: usize = 8;
+
+/// The reason, where all that was read is other traffic or defects.
+pub fn reason(summary: &Summary, plan: CanPlan, format: Option<Format>) -> Option<String> {
+    let account = &summary.account;
+    if summary.rows > 0 || account.elsewhere > 0 || account.records + account.bytes == 0 {
+        return None;
+    }
+    let defects =
+        match account.defects.iter().map(|(kind, count)| format!("{} {count}", kind.name())).collect::<Vec<_>>() {
+            kinds if kinds.is_empty() => "no defect".to_owned(),
+            kinds => format!("defects {}", kinds.join(", ")),
+        };
+    if account.records == 0 {
+        let bytes = account.bytes;
+        return Some(format!(
+            "no half second: expected serial frames EB 90 01 16 …, got {bytes} bytes with {} of commands, {} of replies, {defects}",
+            account.command_bytes, account.reply_bytes
+        ));
+    }
+    let broken = [DefectKind::BrokenRecord, DefectKind::CutRecord].iter().filter_map(|kind| account.defects.get(kind));
+    let unread = account.remarks + broken.sum::<u64>();
+    if account.records == unread {
+        let records = account.records;
+        return Some(match format {
+            Some(format) => {
+                let name = format.name();
+                format!("--input-format {name} found no record, {defects}; without it the content tells the format")
+            }
+            None => format!("no half second: expected CAN frames, got {records} records without any, {defects}"),
+        });
+    }
+    let (base, ids) = (plan.base(), summary.others.ids());
+    let expected = format!("expected identifiers {base:03X}, {:03X}, {:03X} (base {base:X})", base + 1, base + 2);
+    let likely = summary.others.likely().map(CanPlan::base).filter(|likely| *likely != base);
+    if likely.is_none() && ids.contains(&base) {
+        return Some(format!(
+            "no half second: {expected}, which are there, but no INCREMENTS with a STATUS that matches it: {defects}"
+        ));
+    }
+    let mut got = ids.iter().take(MOST_TOLD).map(|id| format!("{id:03X}")).collect::<Vec<_>>().join(", ");
+    match ids.len() {
+        0 => got = "none of eleven bits".to_owned(),
+        count if count > MOST_TOLD => got += &format!(" and {} more", count - MOST_TOLD),
+        _ => {}
+    }
+    let todo = match likely {
+        Some(likely) => format!("{likely:03X} to {:03X} are as the unit sends them: --base {likely:X}", likely + 2),
+        None => "--base is another, if the unit has another".to_owned(),
+    };
+    Some(format!("no half second: {expected}, got {got}; {todo}"))
+}
