@@ -4,9 +4,10 @@
 //! into it where the symlink leads. So of two emulators that start together one has the path, and a symlink that a killed
 //! emulator left is known for what it is, even where the number of its pty is in use again.
 
-use std::fs::{self, File, OpenOptions, TryLockError};
-use std::io;
-use std::os::unix::fs::{FileExt, MetadataExt, OpenOptionsExt, symlink};
+use std::ffi::{OsStr, OsString};
+use std::fs::{self, File, OpenOptions, Permissions, TryLockError};
+use std::io::{self, Write};
+use std::os::unix::fs::{FileExt, MetadataExt, OpenOptionsExt, PermissionsExt, symlink};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
@@ -90,7 +91,7 @@ impl Drop for Symlink {
 }
 
 /// The directory of a path, and the beginning of names beside it.
-fn parts(path: &Path) -> io::Result<(&Path, std::ffi::OsString)> {
+fn parts(path: &Path) -> io::Result<(&Path, OsString)> {
     let mut name = path.file_name().ok_or(io::ErrorKind::InvalidInput)?.to_owned();
     name.push(".");
     let directory = path.parent().filter(|directory| !directory.as_os_str().is_empty());
@@ -111,18 +112,19 @@ impl Lock {
         let fail = |error| LinkError::Pty(name.clone(), error);
         let (directory, mut file_name) = parts(link).map_err(fail)?;
         file_name.push("lock");
-        let path = directory.join(file_name);
+        let path = directory.join(&file_name);
         loop {
-            let (file, is_new) = match open_lock(&path, false) {
-                // Not asked of one that is there: in a directory with the sticky bit that is refused for a file of others.
-                Err(error) if error.kind() == io::ErrorKind::NotFound => match open_lock(&path, true) {
+            let file = match open_lock(&path) {
+                // Not created by name: in a directory with the sticky bit that is refused for a file of others, and another
+                // emulator could lock the file before its mark is written.
+                Err(error) if error.kind() == io::ErrorKind::NotFound => match create_lock(directory, &file_name, &path) {
                     Err(error) if error.kind() == io::ErrorKind::AlreadyExists => continue,
-                    opened => (opened.map_err(fail)?, true),
+                    created => return Ok(Lock { file: created.map_err(fail)?, path, led_to: None }),
                 },
-                opened => (opened.map_err(fail)?, false),
+                opened => opened.map_err(fail)?,
             };
             let own = file.metadata().map_err(fail)?;
-            let is_lock = own.is_file() && (is_new || read_mark(&file).is_some());
+            let is_lock = own.is_file() && read_mark(&file).is_some();
             match file.try_lock() {
                 Ok(()) => {}
                 Err(TryLockError::WouldBlock) => {
@@ -139,11 +141,7 @@ impl Lock {
                 return Err(LinkError::PathTaken(path.display().to_string(), "a file that is no lock of an emulator"));
             }
             let led_to = read_mark(&file).filter(|target| !target.as_os_str().is_empty());
-            let lock = Lock { path, file, led_to };
-            if is_new {
-                lock.write(Path::new("")).map_err(fail)?;
-            }
-            return Ok(lock);
+            return Ok(Lock { path, file, led_to });
         }
     }
 
@@ -164,9 +162,16 @@ impl Drop for Lock {
 }
 
 /// Opens it without waiting for the other end of a FIFO.
-fn open_lock(path: &Path, is_new: bool) -> io::Result<File> {
-    let mut options = OpenOptions::new();
-    options.read(true).write(true).create_new(is_new).mode(0o644).custom_flags(O_NOFOLLOW | O_NONBLOCK).open(path)
+fn open_lock(path: &Path) -> io::Result<File> {
+    OpenOptions::new().read(true).write(true).custom_flags(O_NOFOLLOW | O_NONBLOCK).open(path)
+}
+
+/// Makes a lock that is held and marked before it has its name, so that nobody finds it without either.
+fn create_lock(directory: &Path, prefix: &OsStr, path: &Path) -> io::Result<File> {
+    let mut created = tempfile::Builder::new().prefix(prefix).permissions(Permissions::from_mode(0o644)).tempfile_in(directory)?;
+    created.write_all(MARK.as_bytes())?;
+    created.as_file().try_lock()?;
+    Ok(created.persist_noclobber(path)?)
 }
 
 /// Where the symlink of the emulator that wrote it led; nothing of a file that no emulator wrote.
@@ -175,4 +180,38 @@ fn read_mark(file: &File) -> Option<PathBuf> {
     let length = file.read_at(&mut bytes, 0).ok()?;
     let text = str::from_utf8(&bytes[..length]).ok()?;
     text.strip_prefix(MARK).map(|target| PathBuf::from(target.trim_end()))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::{AtomicUsize, Ordering};
+    use std::thread;
+
+    use super::*;
+
+    #[test]
+    fn a_lock_is_held_by_one_and_seen_as_a_lock_by_all_others() {
+        let directory = tempfile::tempdir().unwrap();
+        let link = directory.path().join("geu0");
+        let (holders, times_held) = (AtomicUsize::new(0), AtomicUsize::new(0));
+        thread::scope(|scope| {
+            for _ in 0..8 {
+                scope.spawn(|| {
+                    for _ in 0..500 {
+                        match Lock::acquire(&link) {
+                            Ok(lock) => {
+                                assert_eq!(holders.fetch_add(1, Ordering::SeqCst), 0, "one holds it");
+                                times_held.fetch_add(1, Ordering::SeqCst);
+                                holders.fetch_sub(1, Ordering::SeqCst);
+                                drop(lock);
+                            }
+                            Err(error) => assert!(matches!(error, LinkError::PathBusy(..)), "{error}"),
+                        }
+                    }
+                });
+            }
+        });
+        assert!(times_held.into_inner() > 0);
+        assert_eq!(fs::read_dir(directory.path()).unwrap().count(), 0, "locks are removed");
+    }
 }
