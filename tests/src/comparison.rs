@@ -65,7 +65,7 @@ impl Recording {
     /// # Panics
     /// Where an override is not valid.
     pub fn against_commanded(&self, overrides: &[String], command_s: f64, command: &[u8]) -> Comparison {
-        let mut configuration = Configuration::reference_with(overrides).expect("valid");
+        let mut configuration = Configuration::reference_with(overrides).expect("valid").without_noise();
         configuration.electronics = Default::default();
         configuration.electronics.table = self
             .rows
@@ -73,10 +73,6 @@ impl Recording {
             .enumerate()
             .map(|(index, row)| ((index + 1) as f64 * 0.5, f64::from(row.half_second.electronics_centi_c) * 0.01))
             .collect();
-        for gyro in &mut configuration.gyros {
-            gyro.effects.constant.angle_random_walk = Default::default();
-            gyro.effects.constant.drift_random_walk = Default::default();
-        }
         let truth = Truth::Recorded(self.reference.truth.clone());
         let mut unit = Unit::on(&configuration, &truth);
         let mut motion = Motion::recorded(self.reference.truth.clone(), 0.0);

@@ -16,9 +16,9 @@ use std::io::Write;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use geu_model::attitude::{Leg, Motion, Stepped};
+use geu_model::attitude::{Leg, Stepped};
 use geu_model::configuration::{EndedEarly, RecordedCommand, RunRecord, WireForm};
-use geu_model::sensor::{StarSensor, SunSensor};
+use geu_model::simulation::ReferenceSource;
 use geu_model::units::{HALF_SECOND_NS, RAD_PER_DEG, on_board_s};
 use geu_model::{Configuration, Ended, Injected, Trace, Truth};
 use geu_protocol::command::hex;
@@ -73,10 +73,8 @@ pub struct Recorder {
     sse: Output,
     /// Of a truth that became known as time went on.
     received: Option<Received>,
-    /// Walks the truth in true half seconds, beside the unit's own.
-    motion: Motion,
-    sun_sensor: SunSensor,
-    star_sensor: StarSensor,
+    /// At true half seconds, beside the unit's own samples.
+    reference_source: ReferenceSource,
     reference_rows: i64,
     /// Legs that began and are not written yet, in order.
     legs: VecDeque<Leg>,
@@ -126,7 +124,6 @@ impl Recorder {
             WireForm::Can => "link.log",
             WireForm::Serial => "link.bin",
         };
-        let scenario = &configuration.scenario;
         let mut recorder = Recorder {
             link: Output::create(directory, link_name)?,
             reference: Output::create(directory, "reference.csv")?,
@@ -144,9 +141,7 @@ impl Recorder {
             carrier,
             links,
             outbox: Outbox::default(),
-            motion: truth.motion(configuration, 0.0),
-            sun_sensor: SunSensor::new(configuration.sensors.fss, configuration.seed),
-            star_sensor: StarSensor::new(configuration.sensors.sse, configuration.seed, scenario.limit_cycle),
+            reference_source: ReferenceSource::new(configuration, truth),
             reference_rows: 0,
             legs: VecDeque::new(),
             half_seconds: 0,
@@ -178,7 +173,7 @@ impl Recorder {
     /// Those of the files that have the sun where it is known.
     fn truth_headers(&mut self) -> Result<(), RecordError> {
         let rates = "rate_x_arcsec_s,rate_y_arcsec_s,rate_z_arcsec_s";
-        let tells_sun = self.motion.untold().is_empty();
+        let tells_sun = self.reference_source.motion().untold().is_empty();
         let angles = if tells_sun { ",theta_deg,psi_deg" } else { "" };
         self.reference.write(|file| writeln!(file, "t_s,{rates}{angles}"))?;
         let Some(received) = &mut self.received else { return Ok(()) };
@@ -323,35 +318,28 @@ impl Recorder {
     fn reference_row(&mut self) -> Result<(), RecordError> {
         self.reference_rows += 1;
         let end_ns = self.reference_rows * REFERENCE_NS;
-        let step = self.motion.advance(end_ns as f64 * 1e-9);
+        let sample = self.reference_source.advance(end_ns as f64 * 1e-9);
         let start_unix_ns = self.configuration.start_unix_ns;
-        let knows_sun = self.motion.knows_sun();
         let end = stamp(start_unix_ns + end_ns);
         self.reference.write(|file| {
-            let [x, y, z] = step.angle_control_arcsec.map(|angle| angle / step.length_s);
+            let [x, y, z] = sample.step.angle_control_arcsec.map(|angle| angle / sample.step.length_s);
             write!(file, "{end},{x:.9},{y:.9},{z:.9}")?;
-            if knows_sun {
-                let [theta_deg, psi_deg] = [step.end.theta_rad, step.end.psi_rad].map(|rad| rad / RAD_PER_DEG);
+            if let Some((theta_rad, psi_rad)) = sample.theta_psi_rad {
+                let [theta_deg, psi_deg] = [theta_rad, psi_rad].map(|rad| rad / RAD_PER_DEG);
                 write!(file, ",{theta_deg:.9},{:.9}", psi_deg.rem_euclid(360.0))?;
             }
             writeln!(file)
         })?;
-        for leg in self.motion.take_legs() {
-            self.sun_sensor.flown(&leg);
-            self.star_sensor.flown(&leg);
-            self.legs.push_back(leg);
-        }
-        if let Some(sun) = self.sun_sensor.see(&self.motion) {
+        self.legs.extend(sample.legs);
+        if let Some(sun) = sample.sun {
             self.fss.write(|file| writeln!(file, "{end},{:.3},{:.3}", sun.theta_arcsec, sun.roll_arcsec))?;
         }
-        while let Some(fixes) = self.star_sensor.fixes_until(end_ns as f64 * 1e-9) {
-            for fix in fixes {
-                let stamp = stamp(start_unix_ns + ns(fix.t_s));
-                self.sse.write(|file| {
-                    write!(file, "{stamp},{},{},", fix.star, fix.slit)?;
-                    writeln!(file, "{:.9},{:.9},{}", fix.theta_deg, fix.psi_deg, fix.sigma_arcsec)
-                })?;
-            }
+        for fix in sample.fixes.into_iter().flatten() {
+            let stamp = stamp(start_unix_ns + ns(fix.t_s));
+            self.sse.write(|file| {
+                write!(file, "{stamp},{},{},", fix.star, fix.slit)?;
+                writeln!(file, "{:.9},{:.9},{}", fix.theta_deg, fix.psi_deg, fix.sigma_arcsec)
+            })?;
         }
         Ok(())
     }

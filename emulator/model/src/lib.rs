@@ -22,10 +22,12 @@ pub mod number;
 pub mod package;
 pub mod selftest;
 pub mod sensor;
+pub mod simulation;
 pub mod temperature;
 mod unit;
 pub mod units;
 
 pub use configuration::Configuration;
 pub use package::Trace;
+pub use simulation::Simulation;
 pub use unit::{Answer, Ended, Injected, Truth, Unit};

@@ -7,12 +7,11 @@ use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
-use geu_model::attitude::{Manoeuvre, Plan, Recorded, Row};
+use geu_model::attitude::{Manoeuvre, Plan, Recorded};
 use geu_model::effect::Configured;
 use geu_model::package::{Axes, Calibration};
-use geu_model::sensor::{StarSensor, SunSensor};
 use geu_model::units::{HALF_SECOND_S, PPM};
-use geu_model::{Configuration, Truth, Unit};
+use geu_model::{Configuration, Simulation};
 use geu_protocol::Gyro;
 use geu_recording::Reference;
 use rand::{RngExt, SeedableRng};
@@ -30,7 +29,7 @@ use crate::window::Window;
 /// The sequence of the checkout.
 const SEQUENCE: &str = include_str!("../../../configs/checkout.toml");
 /// The hold after the last manoeuvre, half seconds: half of what the limit cycle's overlay looks at.
-const HOLD: u64 = 120;
+const HOLD: usize = 120;
 
 /// What is taken to keep floats and misalignments where they do no harm (Casteren §5).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -117,49 +116,29 @@ pub struct Flight {
 /// Flies a finite scenario.
 pub fn fly(configuration: &Configuration) -> Flight {
     let length_s = Plan::length_s(&configuration.scenario).unwrap_or(0.0);
-    let half_seconds = (length_s * 2.0).ceil() as u64 + HOLD;
+    let half_seconds = (length_s * 2.0).ceil() as usize + HOLD;
     let start_s = configuration.start_unix_ns as f64 * 1e-9;
-    let mut unit = Unit::new(configuration);
+    let simulation = Simulation::new(configuration);
     let mut counts = Counts::starting_at(configuration.start_unix_ns);
-    // On true time, as a receiver tells it.
+    // On true time, as a receiver stamps it.
     counts.is_received = true;
-    let mut motion = Truth::Scenario.motion(configuration, 0.0);
-    let mut sun_sensor = SunSensor::new(configuration.sensors.fss, configuration.seed);
-    let limit_cycle = configuration.scenario.limit_cycle;
-    let mut star_sensor = StarSensor::new(configuration.sensors.sse, configuration.seed, limit_cycle);
-    let now = motion.now();
-    let mut rows =
-        vec![Row { t_s: 0.0, angle_control_arcsec: [0.0; 3], theta_psi_rad: Some((now.theta_rad, now.psi_rad)) }];
+    let mut rows = vec![simulation.start()];
     let mut sensors = Sensors { numbers: configuration.sensors, ..Sensors::default() };
     let mut fixes: BTreeMap<i64, Fix> = BTreeMap::new();
     let mut windows = Vec::new();
-    for index in 1..=half_seconds {
-        let ended = unit.end_half_second();
+    let t_ns = |t_s: f64| configuration.start_unix_ns + (t_s * 1e9).round() as i64;
+    for (ended, reference) in simulation.take(half_seconds) {
         let electronics_c = f64::from(ended.half_second.electronics_centi_c) * 0.01;
         counts.push(ended.end_ns as f64 * 1e-9, increments(&ended.half_second), electronics_c);
-        // Reference and sensors keep true time, whatever the unit's clock does.
-        let t_s = index as f64 * 0.5;
-        let step = motion.advance(t_s);
-        rows.push(Row {
-            t_s,
-            angle_control_arcsec: step.angle_control_arcsec,
-            theta_psi_rad: Some((step.end.theta_rad, step.end.psi_rad)),
-        });
-        for leg in motion.take_legs() {
-            sun_sensor.flown(&leg);
-            star_sensor.flown(&leg);
-            windows.push(Window {
+        for sample in reference {
+            rows.push(sample.row());
+            windows.extend(sample.legs.iter().map(|leg| Window {
                 name: leg.name.to_owned(),
                 start_s: start_s + leg.start_s,
                 end_s: start_s + leg.end_s,
-            });
-        }
-        let t_ns = |t_s: f64| configuration.start_unix_ns + (t_s * 1e9).round() as i64;
-        if let Some(sun) = sun_sensor.see(&motion) {
-            sensors.sun.push((t_ns(t_s), [sun.theta_arcsec, sun.roll_arcsec]));
-        }
-        while let Some(found) = star_sensor.fixes_until(t_s) {
-            for fix in found {
+            }));
+            sensors.sun.extend(sample.sun.map(|sun| (t_ns(sample.t_s), [sun.theta_arcsec, sun.roll_arcsec])));
+            for fix in sample.fixes.into_iter().flatten() {
                 let new = Fix { t_ns: t_ns(fix.t_s), star: fix.star.to_string(), slits: Vec::new() };
                 let slit = (fix.slit.to_owned(), [fix.theta_deg, fix.psi_deg], fix.sigma_arcsec);
                 fixes.entry(new.t_ns).or_insert(new).slits.push(slit);
@@ -347,11 +326,7 @@ pub struct Outcome {
 /// # Errors
 /// As [`calibrate`].
 pub fn precautions(unit: &Configuration) -> Result<Vec<Outcome>, CalibrateError> {
-    let mut pivots = unit.clone();
-    for gyro in &mut pivots.gyros {
-        gyro.effects.constant.angle_random_walk = Default::default();
-        gyro.effects.constant.drift_random_walk = Default::default();
-    }
+    let mut pivots = unit.without_noise();
     let mut thermal = pivots.clone();
     pivots.unit.constant.misalignment_thermal = Default::default();
     for gyro in &mut thermal.gyros {

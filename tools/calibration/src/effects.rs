@@ -33,19 +33,13 @@ pub type Steps = Vec<([f64; 3], Option<(f64, f64)>)>;
 impl EffectCounts {
     /// Runs the model of `configuration`, without its noise, along the motion; nothing where it has no other effect.
     pub fn of(configuration: &Configuration, counts: &Counts, steps: impl FnOnce() -> Steps) -> Option<EffectCounts> {
-        let mut quiet = configuration.clone();
-        for gyro in &mut quiet.gyros {
-            gyro.effects.constant.angle_random_walk = Default::default();
-            gyro.effects.constant.drift_random_walk = Default::default();
-        }
+        let mut quiet = configuration.without_noise();
         if !quiet.columns().iter().any(|column| (UNIT_COLUMNS..WIRING_COLUMNS).contains(column)) {
             return None;
         }
         let steps = steps();
         let times_s = ends_s(&quiet, counts.len());
-        // The temperature that was measured takes the place of the configured course, but for its reference.
-        (quiet.electronics.numbers.amplitude_k, quiet.electronics.numbers.trend_k_per_day) = (0.0, 0.0);
-        quiet.electronics.table = times_s.iter().copied().zip(counts.electronics_c.iter().copied()).collect();
+        quiet.electronics.follow(times_s.iter().copied().zip(counts.electronics_c.iter().copied()).collect());
         let truth = moved(&times_s, &steps)?;
         let accumulated = run(&quiet, &truth, steps.len());
         let mut wider = quiet;

@@ -20,18 +20,9 @@ fn with_pivots_and_bending() -> Configuration {
     reference(&overrides)
 }
 
-/// The unit without its random walks.
-fn quiet(mut unit: Configuration) -> Configuration {
-    for gyro in &mut unit.gyros {
-        gyro.effects.constant.angle_random_walk = Default::default();
-        gyro.effects.constant.drift_random_walk = Default::default();
-    }
-    unit
-}
-
 #[test]
 fn exact_increments_give_the_parameters_back() {
-    let unit = sequence(&quiet(reference(&[])), Precautions { stabilisation: false, ..Precautions::ALL });
+    let unit = sequence(&reference(&[]).without_noise(), Precautions { stabilisation: false, ..Precautions::ALL });
     let flight = fly(&unit);
     // The same flight before rounding.
     let mut exact = Counts::starting_at(flight.counts.start_ns);

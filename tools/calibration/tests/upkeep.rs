@@ -33,14 +33,6 @@ fn moved(mut unit: Configuration, parameter: Parameter, by: f64) -> Configuratio
     unit
 }
 
-fn quiet(mut unit: Configuration) -> Configuration {
-    for gyro in &mut unit.gyros {
-        gyro.effects.constant.angle_random_walk = Default::default();
-        gyro.effects.constant.drift_random_walk = Default::default();
-    }
-    unit
-}
-
 /// The same flight before rounding.
 fn exact(unit: &Configuration, half_seconds: usize) -> Counts {
     let mut exact = Counts::starting_at(unit.start_unix_ns);
@@ -111,7 +103,7 @@ fn a_day_of_survey_gives_a_moved_scale_factor_and_drift_back() {
 
 #[test]
 fn exact_increments_give_the_four_back_whatever_was_believed() {
-    let believed = quiet(surveying(12.0));
+    let believed = surveying(12.0).without_noise();
     let mut unit = believed.clone();
     for (parameter, by) in PARAMETERS.into_iter().zip([40e-6, 4e-4, -300e-6, -2e-3]) {
         unit = moved(unit, parameter, by);
@@ -131,7 +123,7 @@ fn exact_increments_give_the_four_back_whatever_was_believed() {
 
 #[test]
 fn without_a_rest_the_drift_stays_near_what_was_known_and_the_scale_factor_takes_its_doubt() {
-    let mut believed = quiet(surveying(20.0));
+    let mut believed = surveying(20.0).without_noise();
     believed.scenario.manoeuvres = vec![manoeuvre("survey", &[("scans", 20.0)])];
     let unit = moved(believed.clone(), PARAMETERS[1], 6.0 / 7200.0);
     let flight = fly(&unit);

@@ -276,6 +276,16 @@ impl Configuration {
         REFERENCE
     }
 
+    /// The same unit without the effects that draw random numbers.
+    pub fn without_noise(&self) -> Configuration {
+        let mut configuration = self.clone();
+        configuration.unit = configuration.unit.without_noise();
+        for gyro in &mut configuration.gyros {
+            gyro.effects = std::mem::take(&mut gyro.effects).without_noise();
+        }
+        configuration
+    }
+
     /// Columns of a trace that it can fill, in order: the calibration, the effects that are present, self-test, power,
     /// saturation.
     pub fn columns(&self) -> Vec<usize> {

@@ -1,10 +1,10 @@
 //! A survey day: 24 h simulated with the model, reconstructed, and held against the exact attitude (Casteren §1, §3).
 
-use geu_model::attitude::{Manoeuvre, Plan};
+use geu_model::attitude::{Manoeuvre, Motion, Plan};
 use geu_model::effect::{Effects, UNIT_COLUMNS, WIRING_COLUMNS, columns, discovered};
 use geu_model::noise::Stream;
 use geu_model::package::Calibration;
-use geu_model::sensor::{StarSensor, SunSensor};
+use geu_model::simulation::ReferenceSource;
 use geu_model::units::{ARCSEC_PER_RAD, HALF_SECOND_S, ORBIT_S};
 use geu_model::{Configuration, Truth, Unit};
 use geu_protocol::Gyro;
@@ -40,46 +40,41 @@ impl Day {
     /// Simulates a configuration on its scenario.
     pub fn simulate(configuration: &Configuration, half_seconds: usize) -> Day {
         let mut unit = Unit::new(configuration);
-        let mut motion = Truth::Scenario.motion(configuration, 0.0);
+        // At the ends of the unit's own samples, which the estimates are for.
+        let mut reference = ReferenceSource::new(configuration, &Truth::Scenario);
         let sensors = &configuration.sensors;
-        let mut stars = StarSensor::new(sensors.sse, configuration.seed, configuration.scenario.limit_cycle);
-        let mut sun = SunSensor::new(sensors.fss, configuration.seed);
         let mut day = Day {
             counts: Counts::starting_at(0),
             fixes: vec![],
             sun: vec![],
             attitude: Vec::with_capacity(half_seconds + 1),
         };
-        let now = |motion: &geu_model::attitude::Motion| {
+        let now = |motion: &Motion| {
             let [about_x, about_y] = motion.departure_control_arcsec();
             let moment = motion.now();
             attitude_of(moment.theta_rad, moment.psi_rad, moment.t_s)
                 * UnitQuaternion::from_scaled_axis(Vector3::new(about_x, about_y, 0.0) / ARCSEC_PER_RAD)
         };
-        day.attitude.push(now(&motion));
+        day.attitude.push(now(reference.motion()));
         let mut next_sun_s = 0.0;
         for _ in 0..half_seconds {
             let half_second = unit.end_half_second();
             let end_s = half_second.end_ns as f64 * 1e-9;
             let told = half_second.half_second;
             day.counts.push(end_s, told.increments.map(f64::from), f64::from(told.electronics_centi_c) * 0.01);
-            motion.advance(end_s);
-            for leg in motion.take_legs() {
-                stars.flown(&leg);
-                sun.flown(&leg);
-            }
-            while let Some(slits) = stars.fixes_until(end_s) {
+            let sample = reference.advance(end_s);
+            for slits in sample.fixes {
                 let t_s = slits[0].t_s;
                 if day.fixes.last().is_none_or(|last| t_s - last.t_s >= FIX_SPACING_S) {
                     let seen = slits.map(|fix| ([fix.theta_deg, fix.psi_deg], fix.sigma_arcsec));
                     day.fixes.push(Fix::star_through_slits(t_s, &seen, sensors.sse.star_arcsec));
                 }
             }
-            if let Some(seen) = sun.see(&motion).filter(|_| end_s >= next_sun_s) {
+            if let Some(seen) = sample.sun.filter(|_| end_s >= next_sun_s) {
                 next_sun_s = end_s + SUN_EVERY_S;
                 day.sun.push(Fix::sun(end_s, seen.theta_arcsec, seen.roll_arcsec, &sensors.fss));
             }
-            day.attitude.push(now(&motion));
+            day.attitude.push(now(reference.motion()));
         }
         day
     }

@@ -5,8 +5,9 @@ use std::sync::Arc;
 
 use geu_model::attitude::{self, Recorded};
 use geu_model::noise::Stream;
+use geu_model::simulation::ReferenceSample;
 use geu_model::units::{HALF_SECOND_S, RAD_PER_DEG};
-use geu_model::{Configuration, Truth, Unit};
+use geu_model::{Configuration, Simulation};
 use geu_protocol::CanPlan;
 use geu_protocol::capture::Time;
 use geu_recording::{Reference, Row};
@@ -32,36 +33,24 @@ pub struct Flight {
 /// Flies a unit on its scenario for so long on-board time; receive times are late and jitter by the configuration's seed.
 pub fn fly(configuration: &Configuration, duration_s: f64) -> Flight {
     let start_ns = configuration.start_unix_ns;
-    let mut unit = Unit::new(configuration);
-    let mut motion = Truth::Scenario.motion(configuration, 0.0);
+    let simulation = Simulation::new(configuration);
     let mut late = Stream::of_sensor(configuration.seed, "receiver");
-    let now = motion.now();
-    let theta_psi_rad = Some((now.theta_rad, now.psi_rad));
-    let mut truth = vec![attitude::Row { t_s: 0.0, angle_control_arcsec: [0.0; 3], theta_psi_rad }];
+    let mut truth = vec![simulation.start()];
     let mut rows = Vec::new();
-    let mut end_ns = 0;
-    for _ in 0..(duration_s / HALF_SECOND_S).round() as u64 {
-        let ended = unit.end_half_second();
-        end_ns = ended.end_ns;
+    for (ended, reference) in simulation.take((duration_s / HALF_SECOND_S).round() as usize) {
         let late_ns = (LATE_S + JITTER_S * late.standard_normal()).max(0.0) * 1e9;
-        let t_us = (start_ns + end_ns + late_ns as i64 + 500) / 1000;
+        let t_us = (start_ns + ended.end_ns + late_ns as i64 + 500) / 1000;
         rows.push(Row {
             time: Some(Time { t_ns: t_us * 1000, digits: DIGITS }),
             is_received: true,
             half_second: ended.half_second,
             has_clock: true,
         });
-    }
-    // The reference keeps true time, whatever the unit's clock does.
-    for index in 1..=(end_ns as f64 * 1e-9 / HALF_SECOND_S).ceil() as u64 {
-        let t_s = index as f64 * HALF_SECOND_S;
-        let step = motion.advance(t_s);
-        let theta_psi_rad = Some((step.end.theta_rad, step.end.psi_rad));
-        truth.push(attitude::Row { t_s, angle_control_arcsec: step.angle_control_arcsec, theta_psi_rad });
+        truth.extend(reference.iter().map(ReferenceSample::row));
     }
     // A shorter flight has no truth of its own: three rows, at rest.
     for index in truth.len()..4 {
-        truth.push(attitude::Row { t_s: index as f64 * HALF_SECOND_S, angle_control_arcsec: [0.0; 3], theta_psi_rad });
+        truth.push(attitude::Row { t_s: index as f64 * HALF_SECOND_S, angle_control_arcsec: [0.0; 3], ..truth[0] });
     }
     let recorded = Recorded::new(&truth).expect("rows of half a second each");
     Flight { rows, reference: Reference { start_ns, truth: Arc::new(recorded), time_system: None }, motion: truth }

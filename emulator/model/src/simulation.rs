@@ -1,0 +1,125 @@
+//! The unit and what is measured beside it, stepped together: reference attitude, manoeuvre legs, sun sensor, star sensor.
+//!
+//! [`Simulation`] steps both for what runs at no pace of its own (checkouts, survey days, blind trials). What steps the unit
+//! itself, such as a recorder beside a live run, takes [`ReferenceSource`] alone.
+
+use crate::attitude::{Leg, Motion, Row, Step};
+use crate::configuration::Configuration;
+use crate::sensor::{Fix, SLITS, StarSensor, SunAngles, SunSensor};
+use crate::unit::{Ended, Truth, Unit};
+use crate::units::{HALF_SECOND_NS, HALF_SECOND_S};
+
+/// True attitude and absolute sensors along a truth.
+#[derive(Debug, Clone)]
+pub struct ReferenceSource {
+    motion: Motion,
+    sun_sensor: SunSensor,
+    star_sensor: StarSensor,
+}
+
+/// What is measured of the motion over one step.
+#[derive(Debug, Clone)]
+pub struct ReferenceSample {
+    /// True time since the start, s: the end of the step.
+    pub t_s: f64,
+    /// The motion since the sample before.
+    pub step: Step,
+    /// θ and ψ at the end, where the truth has them.
+    pub theta_psi_rad: Option<(f64, f64)>,
+    /// Legs of manoeuvres that began.
+    pub legs: Vec<Leg>,
+    /// The sun, except in an eclipse.
+    pub sun: Option<SunAngles>,
+    /// Star fixes, a set of slits each.
+    pub fixes: Vec<[Fix; SLITS.len()]>,
+}
+
+impl ReferenceSource {
+    /// At the start of a run on `truth`.
+    pub fn new(configuration: &Configuration, truth: &Truth) -> ReferenceSource {
+        let sensors = &configuration.sensors;
+        ReferenceSource {
+            motion: truth.motion(configuration, 0.0),
+            sun_sensor: SunSensor::new(sensors.fss, configuration.seed),
+            star_sensor: StarSensor::new(sensors.sse, configuration.seed, configuration.scenario.limit_cycle),
+        }
+    }
+
+    /// The motion up to now.
+    pub fn motion(&self) -> &Motion {
+        &self.motion
+    }
+
+    /// Attitude of the start, as a row before the first sample.
+    pub fn start(&self) -> Row {
+        Row { t_s: self.motion.now().t_s, angle_control_arcsec: [0.0; 3], theta_psi_rad: self.theta_psi_rad() }
+    }
+
+    fn theta_psi_rad(&self) -> Option<(f64, f64)> {
+        let now = self.motion.now();
+        self.motion.knows_sun().then_some((now.theta_rad, now.psi_rad))
+    }
+
+    /// Moves on to `t_s`, true time since the start.
+    pub fn advance(&mut self, t_s: f64) -> ReferenceSample {
+        let step = self.motion.advance(t_s);
+        let legs = self.motion.take_legs();
+        for leg in &legs {
+            self.sun_sensor.flown(leg);
+            self.star_sensor.flown(leg);
+        }
+        let sun = self.sun_sensor.see(&self.motion);
+        let fixes = std::iter::from_fn(|| self.star_sensor.fixes_until(t_s)).collect();
+        ReferenceSample { t_s, step, theta_psi_rad: self.theta_psi_rad(), legs, sun, fixes }
+    }
+}
+
+impl ReferenceSample {
+    /// As a row of a reference attitude.
+    pub fn row(&self) -> Row {
+        let angle_control_arcsec = self.step.angle_control_arcsec;
+        Row { t_s: self.t_s, angle_control_arcsec, theta_psi_rad: self.theta_psi_rad }
+    }
+}
+
+/// A unit on a truth with its reference; yields samples without end.
+#[derive(Debug, Clone)]
+pub struct Simulation {
+    /// The unit, to send commands to.
+    pub unit: Unit,
+    reference: ReferenceSource,
+    reference_samples: i64,
+}
+
+impl Simulation {
+    /// At the start of a run on the configuration's scenario.
+    pub fn new(configuration: &Configuration) -> Simulation {
+        let truth = Truth::Scenario;
+        Simulation {
+            unit: Unit::on(configuration, &truth),
+            reference: ReferenceSource::new(configuration, &truth),
+            reference_samples: 0,
+        }
+    }
+
+    /// Attitude of the start.
+    pub fn start(&self) -> Row {
+        self.reference.start()
+    }
+}
+
+impl Iterator for Simulation {
+    /// A sample, and those of the reference that start before its end. The reference has one every 0.5 s of true time,
+    /// whatever the unit's clock does.
+    type Item = (Ended, Vec<ReferenceSample>);
+
+    fn next(&mut self) -> Option<Self::Item> {
+        let ended = self.unit.end_half_second();
+        let mut samples = Vec::with_capacity(1);
+        while self.reference_samples * HALF_SECOND_NS < ended.end_ns {
+            self.reference_samples += 1;
+            samples.push(self.reference.advance(self.reference_samples as f64 * HALF_SECOND_S));
+        }
+        Some((ended, samples))
+    }
+}
