@@ -33,7 +33,7 @@ const SKIPPED: [(&str, &str); 16] = [
     ("geu diagnose --link hidden", "takes too long; tests/diagnose_page.rs does it"),
     ("geu diagnose --config trial", "takes too long; tests/diagnose_page.rs does it"),
     ("geu blind score", "needs the diagnosis that takes too long; tools/geu/tests/blind.rs does it"),
-    ("geu selftest", "takes too long; emulator/model/tests/selftest.rs does it"),
+    ("geu selftest", "takes too long; tools/selftest/tests/selftest.rs does it"),
 ];
 /// What is said otherwise here, so that it is quick and meets no other program of this machine.
 const INSTEAD: [(&str, &str); 6] = [

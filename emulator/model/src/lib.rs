@@ -20,7 +20,6 @@ pub mod fault;
 pub mod noise;
 pub mod number;
 pub mod package;
-pub mod selftest;
 pub mod sensor;
 pub mod simulation;
 pub mod temperature;

@@ -1,7 +1,7 @@
 //! `geu selftest`: the paper's numbers, measured again.
 
 use clap::Args;
-use geu_model::selftest::{Claim, Expected, LIMIT_SIGMA, Result, experiments, measure};
+use geu_selftest::{Claim, Expected, LIMIT_SIGMA, Result, experiments, measure};
 
 use crate::failure::{Failure, say};
 

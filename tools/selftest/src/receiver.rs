@@ -3,8 +3,8 @@
 use geu_protocol::command::{self, COMMANDS};
 use geu_protocol::{Gyro, HalfSecond, Outcome};
 
-use crate::attitude::{Motion, Plan};
-use crate::{Configuration, Unit};
+use geu_model::attitude::{Motion, Plan};
+use geu_model::{Configuration, Unit};
 
 /// What is known at the end of a half second.
 #[derive(Debug, Clone, Copy)]

@@ -1,6 +1,6 @@
 //! The paper's numbers hold, and a unit that departs from them is found out.
 
-use geu_model::selftest::{Result, experiments, measure};
+use geu_selftest::{Result, experiments, measure};
 
 fn measured(name: &str, overrides: &[&str]) -> Vec<Result> {
     let experiment = experiments().find(|experiment| experiment.name == name).expect("an experiment");

@@ -5,7 +5,7 @@ use geu_protocol::Gyro;
 use super::estimate::{Fit, Line};
 use super::receiver::{Row, between};
 use super::{Claim, Estimate, Expected, Experiment};
-use crate::units::{ARCSEC_PER_DEG, S_PER_DAY};
+use geu_model::units::{ARCSEC_PER_DEG, S_PER_DAY};
 
 /// Arcsec in a turn.
 const ARCSEC_PER_TURN: f64 = 360.0 * ARCSEC_PER_DEG;

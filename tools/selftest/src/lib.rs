@@ -5,7 +5,7 @@
 //! A [`Claim`] is one printed number with its source. It is off when the measurement lies more than [`LIMIT_SIGMA`] away.
 //!
 //! ```
-//! use geu_model::selftest::{experiments, measure};
+//! use geu_selftest::{experiments, measure};
 //! let timing = experiments().find(|experiment| experiment.name == "timing").expect("in the list");
 //! for result in measure(timing, 1, &[]).expect("a valid configuration") {
 //!     assert!(result.holds(), "{}", result.claim.what);
@@ -25,8 +25,8 @@ pub use estimate::Estimate;
 pub use receiver::{Receiver, Row};
 pub use scale_factor::{BestLine, transfer_function};
 
-use crate::Configuration;
-use crate::configuration::ConfigurationError;
+use geu_model::Configuration;
+use geu_model::configuration::ConfigurationError;
 
 /// A measurement further off than this is wrong.
 pub const LIMIT_SIGMA: f64 = 5.0;

@@ -5,7 +5,7 @@ use geu_protocol::Gyro;
 use super::estimate::{Fit, Line, ROUNDING_VARIANCE, allan_variance, freedom_of_walking_rate, freedom_of_white_rate};
 use super::receiver::Row;
 use super::{Claim, Estimate, Expected, Experiment};
-use crate::units::{ARCSEC_PER_DEG, S_PER_DAY};
+use geu_model::units::{ARCSEC_PER_DEG, S_PER_DAY};
 
 /// Seconds in an hour.
 const S_PER_H: f64 = 3600.0;

@@ -5,8 +5,8 @@ use geu_protocol::Gyro;
 use super::estimate::{Fit, Line};
 use super::receiver::{Row, between, reference_rates};
 use super::{Claim, Estimate, Expected, Experiment};
-use crate::Configuration;
-use crate::units::{PPM, S_PER_DAY};
+use geu_model::Configuration;
+use geu_model::units::{PPM, S_PER_DAY};
 
 /// Days in a month, a twelfth of 365.25.
 const DAYS_PER_MONTH: f64 = 30.4375;

@@ -5,7 +5,7 @@ use geu_protocol::Gyro;
 use super::estimate::{Line, level, settling};
 use super::receiver::between;
 use super::{Claim, Estimate, Expected, Experiment, Receiver};
-use crate::units::ARCSEC_PER_RAD;
+use geu_model::units::ARCSEC_PER_RAD;
 
 pub const EXPERIMENTS: &[Experiment] = &[
     Experiment {
