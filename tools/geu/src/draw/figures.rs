@@ -5,10 +5,10 @@ use geu_model::attitude::{LimitCycle, Manoeuvre, Motion, Plan, Scenario};
 use geu_model::course::{Course, Interval, Law};
 use geu_model::effect::{Effects, columns};
 use geu_model::number::Numbers;
-use geu_selftest::{BestLine, Receiver, transfer_function};
 use geu_model::units::{HALF_SECOND_S, ORBIT_S, S_PER_DAY};
 use geu_model::{Configuration, Unit};
 use geu_protocol::Gyro;
+use geu_selftest::{BestLine, Receiver, transfer_function};
 
 use super::{Mark, Panel, Series};
 
