@@ -216,8 +216,8 @@ fn lists_and_references_that_do_not_fit_are_refused_or_left_out() {
     let header = "manoeuvre,start_s,end_s\n";
     let at = 1_800_000_000;
     for (bad, part) in [
-        (String::new(), "line 1: manoeuvre: expected the columns manoeuvre,start_s,end_s"),
-        (format!("{header}pointing,x,{at}\n"), "line 2: start_s: expected seconds, got \"x\""),
+        (String::new(), "line 1: header: expected the columns manoeuvre, start_s, end_s"),
+        (format!("{header}pointing,x,{at}\n"), "line 2: start_s: expected a number, got \"x\""),
         (format!("{header}pointing,{at},{at}\n"), "line 2: end_s: expected an end after the start"),
         (
             format!("{header}pointing,{at},{}\nz-scan,{},{}\n", at + 600, at + 500, at + 700),
@@ -251,7 +251,7 @@ fn lists_and_references_that_do_not_fit_are_refused_or_left_out() {
     assert!(message.contains("expected the columns t_s and either"), "{message}");
     let sse = in_can("sse.csv");
     let message = refused(&["calibrate", "--link", &link, "--fss", &sse, "--sse", &sse]);
-    assert!(message.contains("line 1: theta_arcsec: expected the columns"), "{message}");
+    assert!(message.contains("line 1: header: expected the columns"), "{message}");
     let missing = refused(&arguments("nowhere.log", &manoeuvres, &reference));
     assert!(missing.contains("nowhere.log"), "{missing}");
 }

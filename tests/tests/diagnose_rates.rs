@@ -93,7 +93,7 @@ fn samples_beside_rates_with_times_are_taken_by_stretch() {
     let output = diagnose(&["--reference", &link, "--link", &link]);
     assert_eq!(output.status.code(), Some(2));
     assert!(
-        told(&output).contains("line 1: expected the columns day, wx, wy, wz, magrate; or t_s and"),
+        told(&output).contains("line 1: header: expected the columns day, wx, wy, wz, magrate; or t_s and"),
         "{}",
         told(&output)
     );

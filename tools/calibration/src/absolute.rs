@@ -12,8 +12,7 @@ use std::path::Path;
 use geu_model::sensor::{Fss, SensorNumbers};
 use geu_model::units::{ARCSEC_PER_RAD, RAD_PER_DEG};
 use geu_protocol::Gyro;
-use geu_protocol::excerpt::excerpt;
-use geu_recording::{RowReader, open_rows};
+use geu_recording::{CsvTable, RowReader, TableError, open_rows};
 
 use crate::counts::{Counts, Reading};
 use crate::noise::{Disturbance, ROUNDING_VARIANCE, Source, Walks, named};
@@ -21,7 +20,7 @@ use crate::observe::{LeftOut, Measured, micros, outside};
 use crate::solve::Observation;
 use crate::sun::{Point, follow, step_control_arcsec};
 use crate::transfer::{InUse, Transfer};
-use crate::window::{Window, WindowError};
+use crate::window::Window;
 
 /// A star through a slit: the slit, θ and ψ in degrees, random error of each angle in arcsec.
 pub type Slit = (String, [f64; 2], f64);
@@ -53,7 +52,7 @@ impl Sensors {
     ///
     /// # Errors
     /// The first line that is no row.
-    pub fn read(fss: &str, sse: &str, numbers: SensorNumbers) -> Result<Sensors, WindowError> {
+    pub fn read(fss: &str, sse: &str, numbers: SensorNumbers) -> Result<Sensors, TableError> {
         Sensors::of_rows((fss, open(fss)?), (sse, open(sse)?), numbers)
     }
 
@@ -61,7 +60,7 @@ impl Sensors {
     ///
     /// # Errors
     /// The first line that is no row.
-    pub fn read_fixes(sse: &str, numbers: SensorNumbers) -> Result<Sensors, WindowError> {
+    pub fn read_fixes(sse: &str, numbers: SensorNumbers) -> Result<Sensors, TableError> {
         let no_sun = RowReader::new(&b"t_s,theta_arcsec,roll_arcsec\n"[..]);
         Sensors::of_rows(("no sun sensor", no_sun), (sse, open(sse)?), numbers)
     }
@@ -70,7 +69,7 @@ impl Sensors {
     ///
     /// # Errors
     /// As [`Sensors::read`].
-    pub fn parse(fss: (&str, &str), sse: (&str, &str), numbers: SensorNumbers) -> Result<Sensors, WindowError> {
+    pub fn parse(fss: (&str, &str), sse: (&str, &str), numbers: SensorNumbers) -> Result<Sensors, TableError> {
         let (sun, stars) = (RowReader::new(fss.1.as_bytes()), RowReader::new(sse.1.as_bytes()));
         Sensors::of_rows((fss.0, sun), (sse.0, stars), numbers)
     }
@@ -79,27 +78,29 @@ impl Sensors {
         fss: (&str, RowReader<impl Read>),
         sse: (&str, RowReader<impl Read>),
         numbers: SensorNumbers,
-    ) -> Result<Sensors, WindowError> {
-        let mut sun: Vec<(i64, [f64; 2])> = Vec::new();
-        rows(fss.0, fss.1, &["t_s", "theta_arcsec", "roll_arcsec"], &[], |line, numbers, _| {
-            let t_ns = nanoseconds(numbers[0]);
+    ) -> Result<Sensors, TableError> {
+        let (mut sun, mut table) = (Vec::<(i64, [f64; 2])>::new(), CsvTable::new(fss.0, fss.1)?);
+        let [time, theta, roll] = table.columns(["t_s", "theta_arcsec", "roll_arcsec"])?;
+        while table.read()? {
+            let t_ns = nanoseconds(table.number(time)?);
             if sun.last().is_some_and(|last| last.0 >= t_ns) {
-                return Err(wrong(fss.0, line, "t_s", "time to rise", &numbers[0].to_string()));
+                return Err(table.unexpected(time, "time to rise"));
             }
-            sun.push((t_ns, [numbers[1], numbers[2]]));
-            Ok(())
-        })?;
-        let mut fixes: BTreeMap<i64, Fix> = BTreeMap::new();
-        let fields = ["t_s", "theta_deg", "psi_deg", "sigma_arcsec"];
-        rows(sse.0, sse.1, &fields, &["star", "slit"], |line, numbers, texts| {
-            if numbers[3] <= 0.0 {
-                return Err(wrong(sse.0, line, "sigma_arcsec", "more than 0", &numbers[3].to_string()));
+            sun.push((t_ns, [table.number(theta)?, table.number(roll)?]));
+        }
+        let (mut fixes, mut table) = (BTreeMap::<i64, Fix>::new(), CsvTable::new(sse.0, sse.1)?);
+        let [time, theta, psi, sigma, star, slit] =
+            table.columns(["t_s", "theta_deg", "psi_deg", "sigma_arcsec", "star", "slit"])?;
+        while table.read()? {
+            let sigma_arcsec = table.number(sigma)?;
+            if sigma_arcsec <= 0.0 {
+                return Err(table.unexpected(sigma, "more than 0"));
             }
-            let t_ns = nanoseconds(numbers[0]);
-            let new = Fix { t_ns, star: texts[0].clone(), slits: Vec::new() };
-            fixes.entry(t_ns).or_insert(new).slits.push((texts[1].clone(), [numbers[1], numbers[2]], numbers[3]));
-            Ok(())
-        })?;
+            let t_ns = nanoseconds(table.number(time)?);
+            let new = Fix { t_ns, star: table.text(star).to_owned(), slits: Vec::new() };
+            let angles_deg = [table.number(theta)?, table.number(psi)?];
+            fixes.entry(t_ns).or_insert(new).slits.push((table.text(slit).to_owned(), angles_deg, sigma_arcsec));
+        }
         Ok(Sensors { sun, fixes: fixes.into_values().collect(), numbers })
     }
 }
@@ -108,55 +109,8 @@ fn nanoseconds(t_s: f64) -> i64 {
     (t_s * 1e9).round() as i64
 }
 
-fn open(name: &str) -> Result<RowReader<Box<dyn Read>>, WindowError> {
-    open_rows(Path::new(name)).map_err(|source| WindowError::Read { name: name.to_owned(), source })
-}
-
-fn wrong(name: &str, line: u64, field: &'static str, expected: &str, got: &str) -> WindowError {
-    let (name, got) = (name.to_owned(), excerpt(got).into_owned());
-    WindowError::Line { name, line, field, expected: expected.to_owned(), got }
-}
-
-/// Hands the rows of a CSV on: line, the numbers of `fields`, the texts of `texts`.
-fn rows(
-    name: &str,
-    rows: RowReader<impl Read>,
-    fields: &[&'static str],
-    texts: &[&'static str],
-    mut take: impl FnMut(u64, &[f64], &[String]) -> Result<(), WindowError>,
-) -> Result<(), WindowError> {
-    let mut table = rows.table(csv::ReaderBuilder::new().trim(csv::Trim::All).comment(Some(b'#')));
-    let all = fields.iter().chain(texts).copied().collect::<Vec<_>>().join(", ");
-    let expected = format!("the columns {all}");
-    let header = table.header().map_err(|error| wrong(name, 1, "header", &expected, &error.to_string()))?;
-    let mut columns = Vec::new();
-    for field in fields.iter().chain(texts) {
-        let column = header.iter().position(|found| found == *field);
-        let got = header.iter().collect::<Vec<_>>().join(",");
-        columns.push(column.ok_or_else(|| wrong(name, 1, field, &expected, &got))?);
-    }
-    let mut record = csv::StringRecord::new();
-    let (mut numbers, mut words) = (Vec::new(), Vec::new());
-    loop {
-        match table.read(&mut record) {
-            Ok(true) => {}
-            Ok(false) => return Ok(()),
-            Err(error) => {
-                let line = error.position().map_or(0, csv::Position::line);
-                return Err(wrong(name, line, "line", &expected, &error.to_string()));
-            }
-        }
-        let line = record.position().map_or(0, csv::Position::line);
-        numbers.clear();
-        words.clear();
-        for (field, &column) in fields.iter().zip(&columns) {
-            let text = record.get(column).unwrap_or_default();
-            let number = text.parse::<f64>().ok().filter(|number| number.is_finite());
-            numbers.push(number.ok_or_else(|| wrong(name, line, field, "a number", &format!("{text:?}")))?);
-        }
-        words.extend(columns[fields.len()..].iter().map(|&column| record.get(column).unwrap_or_default().to_owned()));
-        take(line, &numbers, &words)?;
-    }
+fn open(name: &str) -> Result<RowReader<Box<dyn Read>>, TableError> {
+    open_rows(Path::new(name)).map_err(TableError::read(name, "CSV of an absolute sensor"))
 }
 
 /// A fix on the path: its time since the start of the counts, its reading of them, its attitude.

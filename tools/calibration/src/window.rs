@@ -4,8 +4,7 @@ use std::io::Read;
 use std::path::Path;
 
 use geu_model::units::HALF_SECOND_S;
-use geu_protocol::excerpt::excerpt;
-use geu_recording::{RowReader, open_rows};
+use geu_recording::{CsvTable, RowReader, TableError, open_rows};
 
 use crate::counts::Counts;
 use crate::transfer::Transfer;
@@ -31,95 +30,40 @@ impl Window {
     }
 }
 
-/// Why a list of manoeuvres is none.
-#[derive(Debug, thiserror::Error)]
-pub enum WindowError {
-    /// It cannot be read.
-    #[error("{name}: cannot be read: {source}; expected manoeuvres, CSV with the columns manoeuvre,start_s,end_s")]
-    Read {
-        /// The file.
-        name: String,
-        /// The reason.
-        source: std::io::Error,
-    },
-    /// A line that is no manoeuvre.
-    #[error("{name}: line {line}: {field}: expected {expected}, got {got}")]
-    Line {
-        /// The file.
-        name: String,
-        /// Line, from 1.
-        line: u64,
-        /// The column.
-        field: &'static str,
-        /// What should stand there.
-        expected: String,
-        /// What stands there.
-        got: String,
-    },
-}
-
 /// Reads `manoeuvres.csv`, which may be compressed; in order of time, whatever that of the lines. An empty end is that of the recording (infinite).
 ///
 /// # Errors
 /// The first line that is no manoeuvre, or overlaps the one before.
-pub fn read(name: &str) -> Result<Vec<Window>, WindowError> {
-    let rows = open_rows(Path::new(name)).map_err(|source| WindowError::Read { name: name.to_owned(), source })?;
-    of_rows(name, rows)
+pub fn read(name: &str) -> Result<Vec<Window>, TableError> {
+    let expected = "manoeuvres, CSV with the columns manoeuvre,start_s,end_s";
+    of_rows(name, open_rows(Path::new(name)).map_err(TableError::read(name, expected))?)
 }
 
 /// Reads a text; `name` is what errors call it.
 ///
 /// # Errors
 /// As [`read`].
-pub fn parse(name: &str, text: &str) -> Result<Vec<Window>, WindowError> {
+pub fn parse(name: &str, text: &str) -> Result<Vec<Window>, TableError> {
     of_rows(name, RowReader::new(text.as_bytes()))
 }
 
-fn of_rows(name: &str, rows: RowReader<impl Read>) -> Result<Vec<Window>, WindowError> {
-    let wrong = |line: u64, field: &'static str, expected: &str, got: &str| WindowError::Line {
-        name: name.to_owned(),
-        line,
-        field,
-        expected: expected.to_owned(),
-        got: excerpt(got).into_owned(),
-    };
-    let mut table = rows.table(csv::ReaderBuilder::new().trim(csv::Trim::All).comment(Some(b'#')).flexible(true));
-    let header = table.header().map_err(|error| wrong(1, "header", "manoeuvre,start_s,end_s", &error.to_string()))?;
-    let mut columns = [0; 3];
-    for (column, field) in columns.iter_mut().zip(["manoeuvre", "start_s", "end_s"]) {
-        *column = header.iter().position(|found| found == field).ok_or_else(|| {
-            wrong(1, field, "the columns manoeuvre,start_s,end_s", &header.iter().collect::<Vec<_>>().join(","))
-        })?;
-    }
+fn of_rows(name: &str, rows: RowReader<impl Read>) -> Result<Vec<Window>, TableError> {
+    let mut table = CsvTable::with_short_rows(name, rows)?;
+    let [title, start, end] = table.columns(["manoeuvre", "start_s", "end_s"])?;
     let mut windows: Vec<Window> = Vec::new();
-    let mut record = csv::StringRecord::new();
-    loop {
-        match table.read(&mut record) {
-            Ok(true) => {}
-            Ok(false) => break,
-            Err(error) => {
-                let line = error.position().map_or(0, csv::Position::line);
-                return Err(wrong(line, "line", "manoeuvre,start_s,end_s", &error.to_string()));
-            }
-        }
-        let line = record.position().map_or(0, csv::Position::line);
-        let text = |index: usize| record.get(columns[index]).unwrap_or_default();
-        let seconds = |index: usize, field: &'static str| {
-            let number = text(index).parse::<f64>().ok().filter(|number| number.is_finite());
-            number.ok_or_else(|| wrong(line, field, "seconds", &format!("{:?}", text(index))))
-        };
-        let start_s = seconds(1, "start_s")?;
-        let end_s = if text(2).is_empty() { f64::INFINITY } else { seconds(2, "end_s")? };
+    while table.read()? {
+        let start_s = table.number(start)?;
+        let end_s = if table.text(end).is_empty() { f64::INFINITY } else { table.number(end)? };
         if end_s <= start_s {
-            return Err(wrong(line, "end_s", &format!("an end after the start, {start_s}"), &end_s.to_string()));
+            return Err(table.unexpected(end, &format!("an end after the start, {start_s}")));
         }
         if let Some(before) = windows.iter().find(|other| start_s < other.end_s - 1e-6 && end_s > other.start_s + 1e-6)
         {
-            let expected =
-                format!("a manoeuvre beside the {} of {}…{} s, not over it", before.name, before.start_s, before.end_s);
-            return Err(wrong(line, "start_s", &expected, &format!("{start_s}…{end_s}")));
+            let (before, from_s, to_s) = (&before.name, before.start_s, before.end_s);
+            let expected = format!("a manoeuvre beside the {before} of {from_s}…{to_s} s, not over it");
+            return Err(table.unexpected(start, &expected));
         }
-        windows.push(Window { name: text(0).to_owned(), start_s, end_s });
+        windows.push(Window { name: table.text(title).to_owned(), start_s, end_s });
     }
     windows.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
     Ok(windows)

@@ -11,7 +11,7 @@ use geu_model::fault::asks_in_vain;
 use geu_model::units::{duration_s, on_board_s};
 use geu_model::{Configuration, Truth, Unit};
 use geu_protocol::CanPlan;
-use geu_recording::{Reference, ReferenceError, open_rows};
+use geu_recording::{REFERENCE, Reference, TableError, open_rows};
 
 use crate::failure::Failure;
 
@@ -270,9 +270,9 @@ fn beside(config: &Path, name: &str) -> String {
 
 /// A truth from a file, whichever kind it is; that of an unfinished run may end within a row.
 fn truth_of_file(name: &str, is_unfinished: bool) -> Result<Truth, Failure> {
-    let failed = |source| ReferenceError::Read { name: name.to_owned(), source };
-    let mut rows = open_rows(Path::new(name)).map_err(failed).map_err(Failure::input)?;
-    let head = rows.first_lines().map_err(failed).map_err(Failure::input)?;
+    let failed = |error| Failure::input(TableError::read(name, REFERENCE)(error));
+    let mut rows = open_rows(Path::new(name)).map_err(failed)?;
+    let head = rows.first_lines().map_err(failed)?;
     if head.first().is_some_and(|line| received::is_received(line)) {
         let lines = if is_unfinished { rows.lines().of_unfinished() } else { rows.lines() };
         return Ok(Truth::Stepped(Arc::new(received::parse(name, lines).map_err(Failure::input)?)));

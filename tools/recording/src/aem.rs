@@ -20,7 +20,8 @@ use geu_model::attitude::Row;
 use geu_protocol::excerpt::excerpt;
 use nalgebra::{Quaternion, UnitQuaternion};
 
-use crate::reference::{Reference, ReferenceError, turn_arcsec};
+use crate::csv_table::TableError;
+use crate::reference::{REFERENCE, Reference, turn_arcsec};
 
 /// First keyword of every such message.
 pub(crate) const FIRST_KEYWORD: &str = "CCSDS_AEM_VERS";
@@ -39,8 +40,8 @@ struct Place<'a> {
 }
 
 impl Place<'_> {
-    fn wrong(&self, field: &str, expected: impl Into<String>, got: &str) -> ReferenceError {
-        ReferenceError::Aem {
+    fn wrong(&self, field: &str, expected: impl Into<String>, got: &str) -> TableError {
+        TableError::Field {
             name: self.name.to_owned(),
             line: self.line,
             field: excerpt(field).into_owned(),
@@ -49,12 +50,12 @@ impl Place<'_> {
         }
     }
 
-    fn choice<'c>(&self, field: &str, value: &str, valid: &[&'c str]) -> Result<&'c str, ReferenceError> {
+    fn choice<'c>(&self, field: &str, value: &str, valid: &[&'c str]) -> Result<&'c str, TableError> {
         let found = valid.iter().find(|valid| valid.eq_ignore_ascii_case(value));
         found.copied().ok_or_else(|| self.wrong(field, format!("one of {}", valid.join(", ")), value))
     }
 
-    fn epoch(&self, field: &str, text: &str) -> Result<i64, ReferenceError> {
+    fn epoch(&self, field: &str, text: &str) -> Result<i64, TableError> {
         epoch_ns(text).ok_or_else(|| self.wrong(field, "an epoch, 2026-03-31T05:00:00.5 or 2026-090T05:00:00.5", text))
     }
 }
@@ -97,7 +98,7 @@ struct Layout {
 }
 
 impl Meta {
-    fn set(&mut self, place: &Place, key: &str, value: &str) -> Result<(), ReferenceError> {
+    fn set(&mut self, place: &Place, key: &str, value: &str) -> Result<(), TableError> {
         match key {
             "REF_FRAME_A" => self.frame_a = Some(value.to_ascii_uppercase()),
             "REF_FRAME_B" => self.frame_b = Some(value.to_ascii_uppercase()),
@@ -119,7 +120,7 @@ impl Meta {
     }
 
     /// `first_issue`: direction and place of the scalar must be named.
-    fn layout(self, place: &Place, first_issue: bool) -> Result<Layout, ReferenceError> {
+    fn layout(self, place: &Place, first_issue: bool) -> Result<Layout, TableError> {
         let missing = |field: &str| place.wrong(field, format!("{field} in the metadata"), "none");
         let (a, b) =
             (self.frame_a.ok_or_else(|| missing("REF_FRAME_A"))?, self.frame_b.ok_or_else(|| missing("REF_FRAME_B"))?);
@@ -156,7 +157,7 @@ impl Meta {
 
 impl Layout {
     /// Epoch and quaternion control frame to inertial of a line of data.
-    fn read(&self, place: &Place, text: &str) -> Result<(i64, UnitQuaternion<f64>), ReferenceError> {
+    fn read(&self, place: &Place, text: &str) -> Result<(i64, UnitQuaternion<f64>), TableError> {
         let mut fields = text.split_ascii_whitespace();
         let epoch = fields.next().unwrap_or_default();
         let t_ns = place.epoch("epoch", epoch)?;
@@ -187,13 +188,13 @@ impl Layout {
 }
 
 /// Reads the lines of a message; `name` is what errors call it.
-pub(crate) fn parse(name: &str, all: impl Iterator<Item = io::Result<String>>) -> Result<Reference, ReferenceError> {
+pub(crate) fn parse(name: &str, all: impl Iterator<Item = io::Result<String>>) -> Result<Reference, TableError> {
     let (mut part, mut first_issue, mut meta, mut layout) = (Part::Header, true, Meta::default(), None);
     let (mut rows, mut lines, mut before) = (Vec::new(), Vec::new(), None);
     let mut start_ns = None;
     let mut place = Place { name, line: 0 };
     for line in all {
-        let line = line.map_err(|source| ReferenceError::Read { name: name.to_owned(), source })?;
+        let line = line.map_err(TableError::read(name, REFERENCE))?;
         place.line += 1;
         let text = line.trim();
         if text.is_empty() || text == "COMMENT" || text.starts_with("COMMENT ") {

@@ -33,6 +33,7 @@ mod account;
 mod aem;
 mod cadence;
 mod clock_fit;
+mod csv_table;
 mod decoder;
 mod defect;
 mod gyro_csv;
@@ -49,6 +50,7 @@ mod text;
 pub use account::Account;
 pub use cadence::Cadence;
 pub use clock_fit::{ClockFit, ClockRate};
+pub use csv_table::{CsvTable, TableError};
 pub use decoder::{Decoder, Options};
 pub use defect::{Defect, DefectKind, place_text};
 pub use gyro_csv::{
@@ -58,8 +60,8 @@ pub use gyro_csv::{
 pub use input::{InputError, is_live};
 pub use input_reader::{InputReader, Stop};
 pub use others::Others;
-pub use rate_table::{RateRow, RateTable, RateTableError};
-pub use reference::{Reference, ReferenceError};
+pub use rate_table::{RateRow, RateTable};
+pub use reference::{REFERENCE, Reference};
 pub use row::{Row, Sink};
 pub use summary::Summary;
 pub use text::{RowLines, RowReader, Table, open_rows, read_text};

@@ -7,8 +7,7 @@
 use std::io::Read;
 use std::path::Path;
 
-use geu_protocol::excerpt::excerpt;
-
+use crate::csv_table::{CsvTable, TableError};
 use crate::gyro_csv::{RateColumn, ReferenceTable};
 use crate::text::{RowReader, open_rows};
 
@@ -38,49 +37,6 @@ pub struct RateTable {
     pub rows: Vec<RateRow>,
 }
 
-/// Why a file holds no rates.
-#[derive(Debug, thiserror::Error)]
-pub enum RateTableError {
-    /// It cannot be read.
-    #[error("{name}: cannot be read: {source}; expected a CSV of rates")]
-    Read {
-        /// The file.
-        name: String,
-        /// The reason.
-        source: std::io::Error,
-    },
-    /// Columns that it does not have.
-    #[error("{name}: line 1: expected the columns {expected}; got {got}")]
-    Columns {
-        /// The file.
-        name: String,
-        /// Those described.
-        expected: String,
-        /// Its header.
-        got: String,
-    },
-    /// A field that is no number.
-    #[error("{name}: line {line}: {column}: expected a number, got {got:?}")]
-    Number {
-        /// The file.
-        name: String,
-        /// Line, from 1.
-        line: u64,
-        /// The column.
-        column: String,
-        /// What stands there.
-        got: String,
-    },
-    /// A line that is no row.
-    #[error("{name}: {source}")]
-    Row {
-        /// The file.
-        name: String,
-        /// What is wrong with it, and where.
-        source: csv::Error,
-    },
-}
-
 /// Where what stands.
 struct Columns {
     time: Option<usize>,
@@ -91,8 +47,8 @@ struct Columns {
 
 impl Columns {
     /// What is expected where they are not there.
-    fn find(header: &csv::StringRecord, described: Option<&ReferenceTable>) -> Result<Columns, String> {
-        let place = |name: &str| header.iter().position(|column| column == name);
+    fn find(table: &CsvTable<impl Read>, described: Option<&ReferenceTable>) -> Result<Columns, String> {
+        let place = |name: &str| table.column(name);
         let known = |names: &[&str]| names.iter().map(|name| Some((place(name)?, 1.0))).collect::<Option<Vec<_>>>();
         let of = |columns: &[RateColumn]| {
             columns.iter().map(|own| Some((place(&own.column)?, own.scale_arcsec_s))).collect::<Option<Vec<_>>>()
@@ -120,17 +76,20 @@ impl RateTable {
     /// Reads a file, which may be compressed.
     ///
     /// # Errors
-    /// [`RateTableError`], with the line.
-    pub fn read(name: &str, described: Option<&ReferenceTable>) -> Result<RateTable, RateTableError> {
-        let failed = |source| RateTableError::Read { name: name.to_owned(), source };
-        RateTable::of_rows(name, open_rows(Path::new(name)).map_err(failed)?, described)
+    /// [`TableError`], with the line.
+    pub fn read(name: &str, described: Option<&ReferenceTable>) -> Result<RateTable, TableError> {
+        RateTable::of_rows(
+            name,
+            open_rows(Path::new(name)).map_err(TableError::read(name, "a CSV of rates"))?,
+            described,
+        )
     }
 
     /// Reads a text; `name` is what errors call it.
     ///
     /// # Errors
-    /// [`RateTableError`], with the line.
-    pub fn parse(name: &str, text: &str, described: Option<&ReferenceTable>) -> Result<RateTable, RateTableError> {
+    /// [`TableError`], with the line.
+    pub fn parse(name: &str, text: &str, described: Option<&ReferenceTable>) -> Result<RateTable, TableError> {
         RateTable::of_rows(name, RowReader::new(text.as_bytes()), described)
     }
 
@@ -138,36 +97,19 @@ impl RateTable {
         name: &str,
         rows: RowReader<impl Read>,
         described: Option<&ReferenceTable>,
-    ) -> Result<RateTable, RateTableError> {
-        let failed = |source| RateTableError::Row { name: name.to_owned(), source };
-        let mut table = rows.table(csv::ReaderBuilder::new().trim(csv::Trim::All).comment(Some(b'#')));
-        let header = table.header().map_err(failed)?;
-        let columns = Columns::find(&header, described).map_err(|expected| RateTableError::Columns {
-            name: name.to_owned(),
-            expected,
-            got: excerpt(&header.iter().collect::<Vec<_>>().join(", ")).into_owned(),
-        })?;
-        let (mut rows, mut record) = (Vec::new(), csv::StringRecord::new());
-        while table.read(&mut record).map_err(failed)? {
-            let line = record.position().map_or(0, csv::Position::line);
-            let text = |place: usize| record.get(place).unwrap_or_default();
-            let number = |place: usize| {
-                text(place).parse::<f64>().ok().filter(|number| number.is_finite()).ok_or_else(|| {
-                    RateTableError::Number {
-                        name: name.to_owned(),
-                        line,
-                        column: header.get(place).unwrap_or_default().to_owned(),
-                        got: excerpt(text(place)).into_owned(),
-                    }
-                })
-            };
-            let rates = |columns: &[(usize, f64)]| -> Result<Vec<f64>, RateTableError> {
+    ) -> Result<RateTable, TableError> {
+        let mut table = CsvTable::new(name, rows)?;
+        let columns = Columns::find(&table, described).map_err(|expected| table.without_columns(&expected))?;
+        let mut rows = Vec::new();
+        while table.read()? {
+            let number = |place: usize| table.number(place);
+            let rates = |columns: &[(usize, f64)]| -> Result<Vec<f64>, TableError> {
                 columns.iter().map(|(place, scale)| Ok(number(*place)? * scale)).collect()
             };
             rows.push(RateRow {
-                line,
+                line: table.line(),
                 t_s: columns.time.map(number).transpose()?,
-                group: columns.group.map(|place| text(place).to_owned()),
+                group: columns.group.map(|place| table.text(place).to_owned()),
                 gyros_arcsec_s: rates(&columns.gyros)?,
                 rates_arcsec_s: rates(&columns.rates)?,
             });
@@ -216,7 +158,7 @@ mod tests {
         let parse =
             |text: &str| RateTable::parse("r.csv", text, description.reference.as_ref()).expect_err(text).to_string();
         assert!(
-            parse("day,wx\n").starts_with("r.csv: line 1: expected the columns day, wx, m; or t_s and"),
+            parse("day,wx\n").starts_with("r.csv: line 1: header: expected the columns day, wx, m; or t_s and"),
             "{}",
             parse("day,wx\n")
         );

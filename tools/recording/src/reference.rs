@@ -7,80 +7,19 @@ use std::io::Read;
 use std::path::Path;
 use std::sync::Arc;
 
-use geu_model::attitude::{BadRows, Recorded, Row, median_spacing_s};
+use geu_model::attitude::{Recorded, Row, median_spacing_s};
 use geu_model::units::{ARCSEC_PER_RAD, RAD_PER_DEG};
-use geu_protocol::excerpt::excerpt;
 use nalgebra::{Quaternion, UnitQuaternion};
 
 use crate::aem;
+use crate::csv_table::{CsvTable, TableError};
 use crate::text::{RowReader, open_rows};
 
-/// Why a file is no reference.
-#[derive(Debug, thiserror::Error)]
-pub enum ReferenceError {
-    /// It cannot be read.
-    #[error("{name}: cannot be read: {source}; expected a reference attitude, CSV or CCSDS AEM")]
-    Read {
-        /// The file.
-        name: String,
-        /// The reason.
-        source: std::io::Error,
-    },
-    /// Not the columns of a reference.
-    #[error(
-        "{name}: line 1: expected the columns t_s and either rate_x_arcsec_s, rate_y_arcsec_s, rate_z_arcsec_s or q_w, q_x, q_y, q_z; got {got}"
-    )]
-    Columns {
-        /// The file.
-        name: String,
-        /// Its header.
-        got: String,
-    },
-    /// A field that is no number.
-    #[error("{name}: line {line}: {column}: expected a number, got {got:?}")]
-    Number {
-        /// The file.
-        name: String,
-        /// Line, from 1.
-        line: u64,
-        /// The column.
-        column: String,
-        /// What stands there.
-        got: String,
-    },
-    /// A line that is no row.
-    #[error("{name}: {source}")]
-    Row {
-        /// The file.
-        name: String,
-        /// What is wrong with it, and where.
-        source: csv::Error,
-    },
-    /// An attitude ephemeris that is none, or one that this program does not take.
-    #[error("{name}: line {line}: {field}: expected {expected}, got {got}")]
-    Aem {
-        /// The file.
-        name: String,
-        /// Line, from 1.
-        line: u64,
-        /// Keyword or part of a line of data.
-        field: String,
-        /// What should stand there.
-        expected: String,
-        /// What stands there.
-        got: String,
-    },
-    /// Rows that are no truth.
-    #[error("{name}: line {line}: {source}")]
-    Rows {
-        /// The file.
-        name: String,
-        /// Line, from 1.
-        line: u64,
-        /// What is wrong with them.
-        source: BadRows,
-    },
-}
+/// Columns of a reference attitude.
+const COLUMNS: &str = "t_s and either rate_x_arcsec_s, rate_y_arcsec_s, rate_z_arcsec_s or q_w, q_x, q_y, q_z";
+
+/// What a reference attitude is expected to be, in errors.
+pub const REFERENCE: &str = "a reference attitude, CSV or CCSDS AEM";
 
 /// A reference attitude.
 #[derive(Debug, Clone)]
@@ -106,8 +45,8 @@ enum Kind {
 }
 
 impl Columns {
-    fn find(header: &csv::StringRecord) -> Option<Columns> {
-        let at = |name: &str| header.iter().position(|column| column.trim() == name);
+    fn find(table: &CsvTable<impl Read>) -> Option<Columns> {
+        let at = |title: &str| table.column(title);
         let rates = ["rate_x_arcsec_s", "rate_y_arcsec_s", "rate_z_arcsec_s"].map(at);
         let quaternions = ["q_w", "q_x", "q_y", "q_z"].map(at);
         let motion = match (rates, quaternions) {
@@ -124,59 +63,44 @@ impl Reference {
     /// Reads a file, which may be compressed.
     ///
     /// # Errors
-    /// [`ReferenceError`], with the line.
-    pub fn read(name: &str) -> Result<Reference, ReferenceError> {
-        let failed = |source| ReferenceError::Read { name: name.to_owned(), source };
-        Reference::of_rows(name, open_rows(Path::new(name)).map_err(failed)?)
+    /// [`TableError`], with the line.
+    pub fn read(name: &str) -> Result<Reference, TableError> {
+        Reference::of_rows(name, open_rows(Path::new(name)).map_err(TableError::read(name, REFERENCE))?)
     }
 
     /// Reads a text; `name` is what errors call it.
     ///
     /// # Errors
-    /// [`ReferenceError`], with the line.
-    pub fn parse(name: &str, text: &str) -> Result<Reference, ReferenceError> {
+    /// [`TableError`], with the line.
+    pub fn parse(name: &str, text: &str) -> Result<Reference, TableError> {
         Reference::of_rows(name, RowReader::new(text.as_bytes()))
     }
 
     /// Reads rows; `name` is what errors call them.
     ///
     /// # Errors
-    /// [`ReferenceError`], with the line.
-    pub fn of_rows(name: &str, mut rows: RowReader<impl Read>) -> Result<Reference, ReferenceError> {
-        let unreadable = |source| ReferenceError::Read { name: name.to_owned(), source };
-        let head = rows.first_lines().map_err(unreadable)?;
+    /// [`TableError`], with the line.
+    pub fn of_rows(name: &str, mut rows: RowReader<impl Read>) -> Result<Reference, TableError> {
+        let head = rows.first_lines().map_err(TableError::read(name, REFERENCE))?;
         let first = head.iter().map(|line| line.trim()).find(|line| !line.is_empty() && !line.starts_with("COMMENT"));
         if first.is_some_and(|line| line.starts_with(aem::FIRST_KEYWORD)) {
             return aem::parse(name, rows.lines());
         }
-        let failed = |source| ReferenceError::Row { name: name.to_owned(), source };
-        let mut table = rows.table(csv::ReaderBuilder::new().trim(csv::Trim::All).comment(Some(b'#')));
-        let header = table.header().map_err(failed)?;
-        let columns = Columns::find(&header).ok_or_else(|| ReferenceError::Columns {
-            name: name.to_owned(),
-            got: excerpt(&header.iter().collect::<Vec<_>>().join(",")).into_owned(),
-        })?;
+        let mut table = CsvTable::new(name, rows)?;
+        let columns = Columns::find(&table).ok_or_else(|| table.without_columns(COLUMNS))?;
         let (mut rows, mut lines, mut base_ns) = (Vec::new(), Vec::new(), None);
         let mut attitude: Option<UnitQuaternion<f64>> = None;
-        let mut record = csv::StringRecord::new();
-        while table.read(&mut record).map_err(failed)? {
-            let line = record.position().map_or(0, csv::Position::line);
-            let bad = |column: usize| ReferenceError::Number {
-                name: name.to_owned(),
-                line,
-                column: header.get(column).unwrap_or_default().to_owned(),
-                got: excerpt(record.get(column).unwrap_or_default()).into_owned(),
-            };
-            let number =
-                |column: usize| record.get(column).and_then(|text| text.parse::<f64>().ok()).ok_or_else(|| bad(column));
-            let t_ns = record.get(columns.t).and_then(nanoseconds).ok_or_else(|| bad(columns.t))?;
+        while table.read()? {
+            let number = |column: usize| table.number(column);
+            let t_ns = nanoseconds(table.text(columns.t)).ok_or_else(|| table.unexpected(columns.t, "a number"))?;
             // Seconds since the first row, so that no digit of a Unix time is lost.
             let t_s = (t_ns - *base_ns.get_or_insert(t_ns)) as f64 * 1e-9;
             let angle_control_arcsec = match columns.motion {
                 Kind::Rates(at) => [number(at[0])?, number(at[1])?, number(at[2])?],
                 Kind::Quaternions(at) => {
                     let parts = Quaternion::new(number(at[0])?, number(at[1])?, number(at[2])?, number(at[3])?);
-                    let now = UnitQuaternion::try_new(parts, 1e-6).ok_or_else(|| bad(at[0]))?;
+                    let now = UnitQuaternion::try_new(parts, 1e-6);
+                    let now = now.ok_or_else(|| table.unexpected(at[0], "a unit quaternion"))?;
                     let before = attitude.replace(now).unwrap_or(now);
                     turn_arcsec(&before, &now)
                 }
@@ -186,7 +110,7 @@ impl Reference {
                 None => None,
             };
             rows.push(Row { t_s, angle_control_arcsec, theta_psi_rad });
-            lines.push(line);
+            lines.push(table.line());
         }
         if let Kind::Rates(_) = columns.motion
             && let Some(spacing_s) = median_spacing_s(&rows)
@@ -209,10 +133,10 @@ impl Reference {
         rows: &[Row],
         lines: &[u64],
         time_system: Option<String>,
-    ) -> Result<Reference, ReferenceError> {
+    ) -> Result<Reference, TableError> {
         let truth = Recorded::new(rows).map_err(|source| {
             let line = source.index().and_then(|index| lines.get(index).copied()).unwrap_or(1);
-            ReferenceError::Rows { name: name.to_owned(), line, source }
+            TableError::Rows { name: name.to_owned(), line, source }
         })?;
         let start_ns = base_ns + (truth.start_s() * 1e9).round() as i64;
         Ok(Reference { start_ns, truth: Arc::new(truth.starting_at_zero()), time_system })
@@ -274,11 +198,11 @@ mod tests {
         let header = "t_s,rate_x_arcsec_s,rate_y_arcsec_s,rate_z_arcsec_s\n";
         let good = "1.0,0,0,0\n1.5,0,0,0\n2.0,0,0,0\n2.5,0,0,0\n";
         for (text, part) in [
-            ("a,b\n1,2\n".to_owned(), "line 1: expected the columns t_s"),
+            ("a,b\n1,2\n".to_owned(), "line 1: header: expected the columns t_s"),
             (format!("{header}{good}x,0,0,0\n"), "line 6: t_s: expected a number, got \"x\""),
             (format!("{header}{good}3.0,0,,0\n"), "line 6: rate_y_arcsec_s: expected a number"),
             (format!("{header}{good}3.0,0\n"), "line: 6"),
-            (format!("{header}{good}3.0,nan,0,0\n"), "line 6: expected finite numbers"),
+            (format!("{header}{good}3.0,nan,0,0\n"), "line 6: rate_x_arcsec_s: expected a number, got \"nan\""),
             (format!("{header}{good}3.0,0,1e300,0\n"), "line 6: expected finite numbers, turns within 1e9 arcsec"),
             (format!("{header}{good}2.5,0,0,0\n"), "line 6: expected time to rise"),
             (format!("{header}{good}9.5,0,0,0\n"), "line 6: expected rows every 0.5 s or so, got a gap of 7 s"),
