@@ -10,37 +10,21 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use crate::place::{FileId, Place, duplicate, file_id};
 
-/// Why an output is refused.
 #[derive(Debug, thiserror::Error)]
 pub enum ClaimError {
     /// An input is the same file.
     #[error(
         "{output}: expected a file that is none of the inputs, got the same file as the input {input}; name another"
     )]
-    Input {
-        /// Option and path.
-        output: String,
-        /// Its name.
-        input: String,
-    },
+    Input { output: String, input: String },
     /// Another output is the same file.
     #[error("{output}: expected another file than {other}, got the same; name another")]
-    Output {
-        /// Option and path.
-        output: String,
-        /// Option and path.
-        other: String,
-    },
+    Output { output: String, other: String },
     /// It cannot be written.
     #[error(
         "{output}: expected a file that may be written, in a directory that is there and may be written, got: {source}"
     )]
-    Unwritable {
-        /// Option and path.
-        output: String,
-        /// The reason.
-        source: io::Error,
-    },
+    Unwritable { output: String, source: io::Error },
 }
 
 /// Files by what tells them apart: those that are there, and the places of those that are not.

@@ -17,7 +17,6 @@ use signal_hook::iterator::Signals;
 
 /// Whether a command ends by itself at the first signal.
 static ENDS_ITSELF: AtomicBool = AtomicBool::new(false);
-/// Set by that signal.
 static STOP: AtomicBool = AtomicBool::new(false);
 
 /// Set by the first SIGINT, SIGTERM or SIGHUP from now on, for a command that then ends by itself.
@@ -52,7 +51,6 @@ impl Unfinished {
     }
 }
 
-/// Watches signals from now on.
 pub(crate) fn watch() -> io::Result<()> {
     let mut unfinished = unfinished();
     if unfinished.is_watched {

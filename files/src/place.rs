@@ -19,7 +19,6 @@ pub(crate) fn file_id(metadata: &Metadata) -> FileId {
     (metadata.dev(), metadata.ino())
 }
 
-/// Where an output goes.
 #[derive(Debug)]
 pub(crate) enum Place {
     /// Standard output or standard error: `-`, or a path to where one of them goes.
@@ -31,7 +30,6 @@ pub(crate) enum Place {
 }
 
 impl Place {
-    /// Where `path` leads.
     pub fn of(path: &Path) -> io::Result<Place> {
         Place::within(path, MAX_SYMLINKS)
     }
@@ -83,7 +81,6 @@ impl Place {
     }
 }
 
-/// The directory of a path.
 pub(crate) fn parent(path: &Path) -> &Path {
     path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }

@@ -6,7 +6,6 @@ use crate::crc::crc16;
 use crate::field::HalfSecond;
 use crate::message::{Clock, Increments, Message, Place, Status};
 
-/// The default base identifier.
 pub const DEFAULT_BASE: u16 = 0x1A0;
 /// The largest identifier of eleven bits.
 const MAX_ID: u16 = 0x7FF;
@@ -47,7 +46,6 @@ impl CanFrame {
         self.id
     }
 
-    /// The data bytes.
     #[inline]
     pub fn data(&self) -> &[u8] {
         &self.data[..usize::from(self.length)]
@@ -99,17 +97,14 @@ impl CanPlan {
         (base <= CanPlan::MAX_BASE).then_some(CanPlan { base })
     }
 
-    /// The base identifier.
     pub fn base(self) -> u16 {
         self.base
     }
 
-    /// The identifier of COMMAND.
     pub fn command_id(self) -> u16 {
         self.base + offset(COMMAND_CAN)
     }
 
-    /// The identifier of REPLY.
     pub fn reply_id(self) -> u16 {
         self.base + offset(REPLY_CAN)
     }
@@ -138,7 +133,6 @@ impl CanPlan {
         [frame(Increments::SPEC.place, increments), frame(Status::SPEC.place, status), frame(Clock::SPEC.place, clock)]
     }
 
-    /// The reply to a command.
     pub fn reply(self, reply: &Reply) -> CanFrame {
         let mut data = [0; LENGTH];
         data[..reply.bytes().len()].copy_from_slice(reply.bytes());
@@ -181,7 +175,6 @@ pub enum CanDefect {
 }
 
 impl CanDefect {
-    /// All kinds.
     pub const ALL: [CanDefect; 6] = [
         CanDefect::WrongLength,
         CanDefect::IncrementsWithoutStatus,
@@ -191,7 +184,6 @@ impl CanDefect {
         CanDefect::ClockInconsistent,
     ];
 
-    /// Stable name in reports.
     pub const fn name(self) -> &'static str {
         match self {
             CanDefect::WrongLength => "wrong-length",
@@ -212,11 +204,9 @@ impl CanDefect {
 /// A half second put together again, with the stamp of its INCREMENTS.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Received<S> {
-    /// Stamp of INCREMENTS.
     pub stamp: S,
     /// The fields; clock count and sensor temperature only where `has_clock`.
     pub half_second: HalfSecond,
-    /// Whether a consistent CLOCK followed.
     pub has_clock: bool,
 }
 
@@ -248,7 +238,6 @@ impl Concerned {
         Concerned { bytes, length: length as u8 }
     }
 
-    /// The bytes.
     pub fn bytes(&self) -> &[u8] {
         &self.bytes[..usize::from(self.length)]
     }

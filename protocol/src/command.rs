@@ -16,9 +16,7 @@ pub const REPLY_CAN: Place = Place::Can(9);
 pub const COMMAND_SERIAL: Place = Place::Serial(0x10);
 /// Serial frame type of a REPLY.
 pub const REPLY_SERIAL: Place = Place::Serial(0x11);
-/// Lengths of a COMMAND, byte.
 pub const COMMAND_LENGTHS: std::ops::RangeInclusive<usize> = 1..=8;
-/// Lengths of a REPLY, byte.
 pub const REPLY_LENGTHS: std::ops::RangeInclusive<usize> = 2..=8;
 
 /// How the unit answers a command.
@@ -45,23 +43,17 @@ impl Outcome {
     }
 }
 
-/// One argument or reply value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ArgumentSpec {
-    /// Name, lower case.
     pub name: &'static str,
-    /// Wire type.
     pub wire: Wire,
-    /// Smallest and largest value accepted.
     pub range: (i64, i64),
     /// Meaning, a phrase; for a choice the values and their names: `0 off, 1 on`.
     pub meaning: &'static str,
 }
 
-/// One command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct CommandSpec {
-    /// First byte of the COMMAND.
     pub opcode: u8,
     /// Name, upper case.
     pub name: &'static str,
@@ -69,7 +61,6 @@ pub struct CommandSpec {
     pub arguments: &'static [ArgumentSpec],
     /// Values after opcode and result in a REPLY that says done.
     pub values: &'static [ArgumentSpec],
-    /// What it does.
     pub meaning: &'static str,
 }
 
@@ -77,7 +68,6 @@ const fn argument(name: &'static str, wire: Wire, range: (i64, i64), meaning: &'
     ArgumentSpec { name, wire, range, meaning }
 }
 
-/// Every command, by opcode.
 pub const COMMANDS: &[CommandSpec] = &[
     CommandSpec {
         opcode: 0x01,
@@ -140,34 +130,24 @@ pub const COMMANDS: &[CommandSpec] = &[
 /// A command the unit can carry out: every value lies in the range of its [`ArgumentSpec`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Command {
-    /// Link version.
     Ping,
-    /// Cyclic or polled sending.
     SetMode {
-        /// Send only when polled.
         polled: bool,
     },
     /// The last completed half second, once more.
     Poll,
-    /// Torquers add counts.
     SelfTest {
         /// Mask, bit 0 GYRX.
         gyros: u8,
-        /// Counts added each half second.
         counts: i16,
-        /// Duration, half second.
         half_seconds: u8,
     },
-    /// Sequence and clock count restart.
     ResetSequence,
-    /// Which gyros run.
     GyroPower {
         /// Mask, bit 0 GYRX.
         gyros: u8,
     },
-    /// Sensor heater.
     Heater {
-        /// On or off.
         on: bool,
     },
 }
@@ -227,7 +207,6 @@ pub fn named(name: &str, values: &[i64]) -> Result<Vec<u8>, String> {
     payload_of(spec, values)
 }
 
-/// The command of this name.
 fn spec(name: &str) -> Result<&'static CommandSpec, String> {
     let wanted = name.to_uppercase().replace('-', "_");
     COMMANDS.iter().find(|spec| spec.name == wanted).ok_or_else(|| {
@@ -314,12 +293,10 @@ impl Reply {
         Some(Reply::new(payload[0], outcome, &payload[2..]))
     }
 
-    /// Opcode of the command answered.
     pub fn opcode(&self) -> u8 {
         self.bytes[0]
     }
 
-    /// The result.
     pub fn outcome(&self) -> Outcome {
         Outcome::ALL[usize::from(self.bytes[1])]
     }
@@ -329,7 +306,6 @@ impl Reply {
         &self.bytes[2..usize::from(self.length)]
     }
 
-    /// The whole payload.
     pub fn bytes(&self) -> &[u8] {
         &self.bytes[..usize::from(self.length)]
     }

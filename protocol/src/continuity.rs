@@ -47,13 +47,9 @@ impl ClockCheck {
 pub enum Step {
     /// Nothing stood before it.
     First,
-    /// The next.
     Next,
-    /// The same again.
     Repeat,
-    /// So many are missing between.
     Gap(u64),
-    /// Sequence and clock restarted.
     Reset,
     /// It stands in no relation to the one before.
     Jump,

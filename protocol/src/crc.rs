@@ -4,7 +4,6 @@ use ::crc::{CRC_16_IBM_3740, Crc, Table};
 
 const ENGINE: Crc<u16, Table<16>> = Crc::<u16, Table<16>>::new(&CRC_16_IBM_3740);
 
-/// The check value over `bytes`.
 #[inline]
 pub fn crc16(bytes: &[u8]) -> u16 {
     ENGINE.checksum(bytes)

@@ -11,13 +11,9 @@ pub const CLOCK_MODULUS: u64 = 1 << 48;
 /// The four gyros, in wire order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Gyro {
-    /// Input axis +X.
     X,
-    /// Input axis +Y.
     Y,
-    /// Input axis +Z, main.
     Za,
-    /// Input axis +Z, redundant.
     Zb,
 }
 
@@ -25,12 +21,10 @@ impl Gyro {
     /// All four, in wire order.
     pub const ALL: [Gyro; 4] = [Gyro::X, Gyro::Y, Gyro::Za, Gyro::Zb];
 
-    /// `GYRX` … `GYRZB`.
     pub const fn name(self) -> &'static str {
         ["GYRX", "GYRY", "GYRZA", "GYRZB"][self as usize]
     }
 
-    /// The gyro of that name.
     pub fn named(name: &str) -> Option<Gyro> {
         Gyro::ALL.into_iter().find(|gyro| gyro.name() == name)
     }
@@ -74,7 +68,6 @@ pub enum Wire {
 }
 
 impl Wire {
-    /// Bytes on the wire.
     pub const fn length(self) -> usize {
         match self {
             Wire::U8 => 1,
@@ -128,7 +121,6 @@ impl Wire {
 pub struct FieldSpec {
     /// Name, lower case, as in the CSV header where it stands there.
     pub name: &'static str,
-    /// Wire type.
     pub wire: Wire,
     /// Unit of `scale`, empty where there is none.
     pub unit: &'static str,
@@ -136,7 +128,6 @@ pub struct FieldSpec {
     pub scale: f64,
     /// Bits by name, for a field of flags.
     pub bits: &'static [Bit],
-    /// Meaning, one sentence.
     pub meaning: &'static str,
 }
 
@@ -145,17 +136,13 @@ pub struct FieldSpec {
 pub struct Bit {
     /// Bit number, 0 is the least significant.
     pub bit: u8,
-    /// Name, lower case.
     pub name: &'static str,
-    /// What it says when set.
     pub meaning: &'static str,
 }
 
 /// A field as a type: where it lives and how it is said.
 pub trait Field {
-    /// What is said of it.
     const SPEC: FieldSpec;
-    /// Its number in `half_second`.
     fn get(half_second: &HalfSecond) -> i64;
     /// Puts the number `value` into `half_second`.
     fn set(half_second: &mut HalfSecond, value: i64);
@@ -223,7 +210,6 @@ macro_rules! bits {
     };
 }
 
-/// Bits of `gyro_flags`.
 pub const GYRO_FLAGS: &[Bit] = bits! {
     0 "gyrx_valid" "GYRX runs, is spun up and its increment is a measurement";
     1 "gyry_valid" "GYRY runs, is spun up and its increment is a measurement";

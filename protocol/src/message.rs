@@ -2,7 +2,6 @@
 
 use crate::field::*;
 
-/// Where a message travels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Place {
     /// CAN identifier: the base plus this.
@@ -16,16 +15,13 @@ pub enum Place {
 pub struct MessageSpec {
     /// Name, upper case.
     pub name: &'static str,
-    /// Identifier or type.
     pub place: Place,
     /// Fields in wire order, without gaps.
     pub fields: &'static [FieldSpec],
-    /// Meaning, one sentence.
     pub meaning: &'static str,
 }
 
 impl MessageSpec {
-    /// Bytes of all fields together.
     pub const fn length(&self) -> usize {
         let (mut length, mut index) = (0, 0);
         while index < self.fields.len() {
@@ -48,7 +44,6 @@ impl MessageSpec {
 
 /// A message as a type: its bytes from a half second, and back.
 pub trait Message {
-    /// What is said of it.
     const SPEC: MessageSpec;
     /// Writes the fields of `half_second`; a check value is left to the caller.
     fn write(half_second: &HalfSecond, bytes: &mut [u8]);

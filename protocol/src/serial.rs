@@ -20,7 +20,6 @@ pub const HEADER: usize = LENGTH_AT + 1;
 pub const CRC: usize = 2;
 /// Bytes around the payload of every frame.
 pub const OVERHEAD: usize = HEADER + CRC;
-/// Payload of DATA, byte.
 pub const DATA_LENGTH: usize = Data::SPEC.length();
 /// Longest frame, byte.
 pub const MAX_FRAME: usize = OVERHEAD + DATA_LENGTH;
@@ -32,16 +31,12 @@ pub const BITS_PER_BYTE: u32 = 10;
 /// What a frame carries.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
-    /// One half second.
     Data,
-    /// To the unit.
     Command,
-    /// From the unit.
     Reply,
 }
 
 impl Kind {
-    /// The type byte.
     pub const fn code(self) -> u8 {
         let place = match self {
             Kind::Data => Data::SPEC.place,
@@ -119,11 +114,9 @@ pub enum SerialDefect {
 }
 
 impl SerialDefect {
-    /// All kinds.
     pub const ALL: [SerialDefect; 4] =
         [SerialDefect::UnknownType, SerialDefect::WrongLength, SerialDefect::CrcMismatch, SerialDefect::Cut];
 
-    /// Stable name in reports.
     pub const fn name(self) -> &'static str {
         match self {
             SerialDefect::UnknownType => "unknown-type",
@@ -151,16 +144,13 @@ pub enum Found<'a> {
     Frame {
         /// Offset of its sync in the stream.
         at: u64,
-        /// What it carries.
         kind: Kind,
-        /// Its payload.
         payload: &'a [u8],
     },
     /// A sync that no frame followed; its bytes are in a skipped run.
     Rejected {
         /// Offset of the sync in the stream.
         at: u64,
-        /// Why.
         defect: SerialDefect,
         /// The bytes tried, from the sync on, at most as long as the longest frame.
         bytes: &'a [u8],
@@ -169,7 +159,6 @@ pub enum Found<'a> {
     Skipped {
         /// Offset of the first in the stream.
         at: u64,
-        /// How many.
         length: u64,
         /// The first of them, at most [`SKIPPED_TOLD`].
         first: &'a [u8],

@@ -7,10 +7,8 @@ use crate::effect::{Amplitude, EffectSpec};
 use crate::number::{Default, Form, Number};
 use crate::units::S_PER_DAY;
 
-/// How the amplitude moves.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Law {
-    /// Holds from this time on.
     Step {
         /// Since the start of the first half second.
         time_s: f64,
@@ -19,11 +17,8 @@ pub enum Law {
     Ramp,
     /// Follows the electronics temperature above its reference; the size is per K.
     Temperature,
-    /// A sine.
     Periodic {
-        /// Period.
         period_s: f64,
-        /// Phase at the start.
         phase_rad: f64,
     },
 }
@@ -37,7 +32,6 @@ pub struct Course {
     pub amplitude: usize,
     /// Size, in the amplitude's unit, per day or per K as the law says.
     pub size: f64,
-    /// How it moves.
     pub law: Law,
 }
 
@@ -45,11 +39,9 @@ pub struct Course {
 pub struct Kind {
     /// What it adds to the effect's code.
     pub suffix: &'static str,
-    /// What it means.
     pub meaning: &'static str,
     key: fn(&str) -> String,
     limit: fn(&Number, &Amplitude) -> (f64, f64),
-    /// Numbers beside the sizes.
     pub shapes: &'static [Number],
     law: fn(&[f64]) -> Law,
 }
@@ -84,15 +76,11 @@ const PHASE: Number = Number {
 pub struct Size {
     /// Key, made from the amplitude's.
     pub name: String,
-    /// How it is written.
     pub form: Form,
-    /// Smallest value accepted.
     pub least: f64,
-    /// Largest value accepted.
     pub greatest: f64,
 }
 
-/// All kinds.
 pub const KINDS: &[Kind] = &[
     Kind {
         suffix: "-step",
@@ -167,9 +155,7 @@ impl Kind {
 pub struct Interval {
     /// Start, true time since the start of the first half second.
     pub start_s: f64,
-    /// End.
     pub end_s: f64,
-    /// Electronics temperature above its reference.
     pub electronics_excess_k: f64,
 }
 

@@ -8,7 +8,6 @@ use std::sync::LazyLock;
 
 /// Stands in the key where a gyro would.
 const NO_GYRO: u8 = u8::MAX;
-/// Stands there for a fault.
 const FAULT: u8 = u8::MAX - 1;
 
 /// A stream of independent standard normal numbers.
@@ -57,7 +56,6 @@ impl Stream {
         Stream(ChaCha8Rng::from_seed(key))
     }
 
-    /// The next number.
     #[inline]
     pub fn standard_normal(&mut self) -> f64 {
         let layers = &*ZIGGURAT;

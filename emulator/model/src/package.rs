@@ -14,11 +14,8 @@ use crate::units::{ARCSEC_PER_RAD, HALF_SECOND_S};
 /// Axes of one gyro: unit vectors in the control frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Axes {
-    /// Input axis.
     pub input_control: [f64; 3],
-    /// Output axis.
     pub output_control: [f64; 3],
-    /// Spin axis: input × output.
     pub spin_control: [f64; 3],
 }
 
@@ -116,11 +113,8 @@ impl Tap for Trace {
 pub struct Standing<'a> {
     /// Whether it is counted at all.
     pub is_counted: bool,
-    /// Its own parameters.
     pub calibration: &'a Calibration,
-    /// Its effects.
     pub effects: &'a HeadEffects,
-    /// Those whose terms are data.
     pub discovered: &'a [Term],
 }
 
@@ -131,10 +125,8 @@ pub struct Package {
     unit: UnitStates,
 }
 
-/// A sub-step.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct SubStep {
-    /// The motion that is counted.
     pub counted: Step,
     /// True time since the start of the run at its end.
     pub end_s: f64,

@@ -26,7 +26,6 @@ pub struct ReferenceSample {
     pub step: Step,
     /// θ and ψ at the end, where the truth has them.
     pub theta_psi_rad: Option<(f64, f64)>,
-    /// Legs of manoeuvres that began.
     pub legs: Vec<Leg>,
     /// The sun, except in an eclipse.
     pub sun: Option<SunAngles>,
@@ -45,7 +44,6 @@ impl ReferenceSource {
         }
     }
 
-    /// The motion up to now.
     pub fn motion(&self) -> &Motion {
         &self.motion
     }
@@ -102,7 +100,6 @@ impl Simulation {
         }
     }
 
-    /// Attitude of the start.
     pub fn start(&self) -> Row {
         self.reference.start()
     }

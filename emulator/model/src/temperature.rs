@@ -31,7 +31,6 @@ numbers! {
 /// The electronics' course with its table.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ElectronicsCourse {
-    /// Numbers.
     pub numbers: Electronics,
     /// Points (time since the start in s, °C) in order of time, joined by straight lines and held beyond the ends;
     /// where there are any they take the place of the mean.
@@ -45,7 +44,6 @@ impl ElectronicsCourse {
         self.table = measured;
     }
 
-    /// The temperature.
     #[inline]
     pub fn at_c(&self, t_s: f64) -> f64 {
         let Electronics { mean_c, amplitude_k, period_s, phase_rad, trend_k_per_day, .. } = self.numbers;
@@ -81,17 +79,13 @@ pub(crate) fn interpolate(table: &[(f64, f64)], t_s: f64) -> f64 {
     }
 }
 
-/// The sensor with its heater.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sensor {
-    /// Temperature.
     pub temperature_c: f64,
-    /// Whether the heater is on.
     pub heater_on: bool,
 }
 
 impl Sensor {
-    /// Warm, as the unit starts.
     pub const WARM: Sensor = Sensor { temperature_c: SENSOR_NOMINAL_C, heater_on: true };
 
     /// After `length_s` beside electronics at `electronics_c`: first-order towards 70 °C, or towards the electronics

@@ -36,7 +36,6 @@ const GRAIN: f64 = 1e-6;
 /// Spin-up of a gyro: 60 s.
 const SPIN_UP_HALF_SECONDS: u32 = 120;
 
-/// The answer to one COMMAND.
 #[derive(Debug, Clone, Copy)]
 pub struct Answer {
     /// Goes to the link (TCP: the client) that asked.
@@ -56,7 +55,6 @@ pub struct Ended {
     pub end_ns: i64,
 }
 
-/// What moves the unit.
 #[derive(Debug, Clone, Default)]
 pub enum Truth {
     /// The configuration's scenario.
@@ -98,7 +96,6 @@ struct SelfTest {
     half_seconds_left: u8,
 }
 
-/// The counter of one gyro.
 #[derive(Debug, Clone)]
 struct Channel {
     power: Power,
@@ -117,7 +114,6 @@ impl Channel {
     }
 }
 
-/// The unit.
 #[derive(Debug, Clone)]
 pub struct Unit {
     configuration: Arc<Configuration>,
@@ -144,7 +140,6 @@ pub struct Unit {
     /// Effects of the unit over the running half second, and the time they make.
     unit: UnitEffects,
     timing: Timing,
-    /// Half seconds ended.
     ended: u64,
     /// Counts lost to saturation, per gyro.
     lost_counts: [f64; 4],
@@ -161,7 +156,6 @@ impl Unit {
         Unit::on(configuration, &Truth::Scenario)
     }
 
-    /// The unit on another truth.
     pub fn on(configuration: &Configuration, truth: &Truth) -> Unit {
         let at = |t_s: f64| truth.motion(configuration, t_s);
         let truth = at(0.0);

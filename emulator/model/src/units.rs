@@ -2,13 +2,9 @@
 
 use std::f64::consts::PI;
 
-/// Arcsec in a radian.
 pub const ARCSEC_PER_RAD: f64 = 648_000.0 / PI;
-/// Arcsec in a degree.
 pub const ARCSEC_PER_DEG: f64 = 3600.0;
-/// Radian in a degree.
 pub const RAD_PER_DEG: f64 = PI / 180.0;
-/// Seconds in a day.
 pub const S_PER_DAY: f64 = 86_400.0;
 /// Nominal length of a sample, on-board time.
 pub const HALF_SECOND_S: f64 = 0.5;

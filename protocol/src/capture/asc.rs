@@ -14,7 +14,6 @@ const REMOTE: u32 = 0x10;
 /// Words at the beginning of lines that are no events.
 const HEADERS: [&[u8]; 8] = [b"date", b"base", b"internal", b"no", b"begin", b"end", b"previous", b"start"];
 
-/// Reads Vector ASC.
 #[derive(Debug, Clone, Default)]
 pub struct Asc {
     pub(super) lines: Lines,

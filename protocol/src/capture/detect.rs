@@ -7,7 +7,6 @@ use crate::serial::{Deframer, Found};
 /// What the beginning of a capture tells.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Detected {
-    /// It is in this format.
     Format(Format),
     /// More bytes are needed, or the end.
     Undecided,

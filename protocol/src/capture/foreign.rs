@@ -5,9 +5,7 @@ use std::fmt;
 /// A format that is not read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Foreign {
-    /// What it begins with.
     begins: &'static [u8],
-    /// Its name, with its article.
     name: &'static str,
     /// What makes something of it that is read.
     remedy: &'static str,
@@ -23,7 +21,6 @@ const fn foreign(begins: &'static [u8], name: &'static str, remedy: &'static str
     Foreign { begins, name, remedy }
 }
 
-/// All that are told.
 pub const FOREIGN: &[Foreign] = &[
     foreign(b"LOGG", "a Vector BLF capture", LOGCONVERT),
     foreign(b";$FILEVERSION=", "a PEAK TRC trace", LOGCONVERT),
@@ -54,18 +51,15 @@ pub const FOREIGN: &[Foreign] = &[
 ];
 
 impl Foreign {
-    /// The format that begins so.
     pub(super) fn of(head: &[u8]) -> Option<&'static Foreign> {
         let head = head.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(head);
         FOREIGN.iter().find(|foreign| head.starts_with(foreign.begins))
     }
 
-    /// What it begins with.
     pub fn begins(&self) -> &'static [u8] {
         self.begins
     }
 
-    /// Its name, with its article.
     pub fn name(&self) -> &'static str {
         self.name
     }

@@ -50,11 +50,9 @@ pub struct Frame<'a> {
     pub id: u32,
     /// Whether the identifier has 29 bits.
     pub extended: bool,
-    /// Up to eight bytes.
     pub data: &'a [u8],
 }
 
-/// One record of a capture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Event<'a> {
     /// A classic data frame.
@@ -88,16 +86,13 @@ fn told(bytes: &[u8]) -> &[u8] {
     &bytes[..bytes.len().min(MAX_TOLD)]
 }
 
-/// Where a record stands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Place {
     /// Line of a text, from 1.
     Line(u64),
-    /// Offset of its first byte.
     Offset(u64),
 }
 
-/// A capture format.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Format {
     /// `candump -l` and `-L`.
@@ -107,11 +102,9 @@ pub enum Format {
         /// Whether the times are differences to the line before (`-t d`).
         delta: bool,
     },
-    /// Vector ASC.
     Asc,
     /// pcap, with a SocketCAN or Linux cooked link.
     Pcap,
-    /// pcapng, likewise.
     Pcapng,
     /// Raw serial bytes; read by [`crate::serial::Deframer`].
     Serial,
@@ -134,13 +127,11 @@ impl Format {
         Format::NAMED.iter().find(|(_, format)| *format == self).map_or("", |(name, _)| name)
     }
 
-    /// The format of that name.
     pub fn named(name: &str) -> Option<Format> {
         Format::NAMED.iter().find(|(known, _)| *known == name).map(|(_, format)| *format)
     }
 }
 
-/// Reads one capture.
 #[derive(Debug, Clone)]
 #[allow(clippy::large_enum_variant)]
 pub enum Reader {

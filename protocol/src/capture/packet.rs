@@ -18,7 +18,6 @@ const PROTOCOL_CAN: u16 = 0x000C;
 const PROTOCOL_CAN_FD: u16 = 0x000D;
 const PROTOCOL_CAN_XL: u16 = 0x000E;
 
-/// Flags above the identifier.
 const EXTENDED: u32 = 0x8000_0000;
 const REMOTE: u32 = 0x4000_0000;
 const ERROR: u32 = 0x2000_0000;
@@ -30,10 +29,8 @@ const HEADER: usize = 8;
 /// Byte order of the machine that wrote a capture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Order {
-    /// Lowest byte first.
     #[default]
     Little,
-    /// Highest byte first.
     Big,
 }
 
@@ -125,7 +122,6 @@ pub fn frame_of_socketcan<'a>(id: u32, time: Option<Time>, interface: &'a [u8], 
 pub struct Stream {
     /// Offset of the first byte not yet consumed.
     pub offset: u64,
-    /// Records told so far.
     pub records: u64,
     /// Bytes of a record too long to keep that are still to come.
     pub skip: u64,

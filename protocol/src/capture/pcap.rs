@@ -8,7 +8,6 @@ const PACKET_HEADER: usize = 16;
 /// A length beyond this is no length.
 const MAX_LENGTH: u32 = 1 << 26;
 
-/// Reads pcap.
 #[derive(Debug, Clone, Default)]
 pub struct Pcap {
     pub(super) stream: Stream,

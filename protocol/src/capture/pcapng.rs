@@ -19,12 +19,10 @@ const MAX_LENGTH: u32 = 1 << 26;
 /// Interfaces of one section that are kept; a capture has a handful.
 const MAX_INTERFACES: usize = 4096;
 
-/// Options of an interface.
 const NAME: u16 = 2;
 const RESOLUTION: u16 = 9;
 const OFFSET: u16 = 14;
 
-/// Reads pcapng.
 #[derive(Debug, Clone, Default)]
 pub struct Pcapng {
     pub(super) stream: Stream,
@@ -36,7 +34,6 @@ pub struct Pcapng {
 struct Interface {
     link: u32,
     name: Vec<u8>,
-    /// Time units in a second.
     per_second: u64,
     digits: u8,
     offset_s: i64,

@@ -4,7 +4,6 @@ use proptest::prelude::*;
 
 use super::*;
 
-/// One event, owned.
 #[derive(Debug, Clone, PartialEq, Eq)]
 enum Seen {
     Frame(Option<i64>, String, u32, bool, Vec<u8>),

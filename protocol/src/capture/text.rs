@@ -14,7 +14,6 @@ pub struct Lines {
 }
 
 impl Lines {
-    /// Lines told so far.
     pub fn number(&self) -> u64 {
         self.number
     }
@@ -176,7 +175,6 @@ pub fn seconds(text: &[u8]) -> Option<Time> {
     Some(Time { t_ns: if negative { -t_ns } else { t_ns }, digits: fraction.len().min(9) as u8 })
 }
 
-/// Words between blanks.
 pub fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> + Clone {
     line.split(|byte| matches!(byte, b' ' | b'\t')).filter(|word| !word.is_empty())
 }

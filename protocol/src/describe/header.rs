@@ -11,7 +11,6 @@ use crate::field::{CLOCK_PER_HALF_SECOND, FIELDS, GYRO_FLAGS, Gyro, UNIT_FLAGS, 
 use crate::message::{MESSAGES, Place};
 use crate::serial::{DATA_LENGTH, DEFAULT_BAUD, MAX_FRAME, SYNC};
 
-/// The C header.
 pub fn header() -> String {
     filled(include_str!("header.template.h"), "//@", |part| {
         let text = match part {

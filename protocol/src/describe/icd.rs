@@ -75,7 +75,6 @@ fn flags() -> Text {
     Ok(text)
 }
 
-/// The cyclic message at `place`.
 fn cyclic(place: Place) -> Option<&'static MessageSpec> {
     MESSAGES.iter().find(|message| message.place == place)
 }

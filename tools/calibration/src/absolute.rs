@@ -30,20 +30,16 @@ pub type Slit = (String, [f64; 2], f64);
 pub struct Fix {
     /// The instant, ns on the time scale of the file.
     pub t_ns: i64,
-    /// The star.
     pub star: String,
-    /// Through each slit.
     pub slits: Vec<Slit>,
 }
 
-/// What the absolute sensors told.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Sensors {
     /// Time, ns; sun angle in the XZ plane and out of it, arcsec.
     pub sun: Vec<(i64, [f64; 2])>,
     /// Fixes in order of time.
     pub fixes: Vec<Fix>,
-    /// Their figures.
     pub numbers: SensorNumbers,
 }
 

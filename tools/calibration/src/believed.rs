@@ -12,11 +12,9 @@ use crate::report::{self, FieldError, NO_SIGMA};
 /// A calibration with all that a monitor of it must know. In the order of [`geu_protocol::Gyro::ALL`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Believed {
-    /// The sixteen.
     pub calibrations: [Calibration; 4],
     /// Standard deviation of each of them; 0 where none is told.
     pub sigmas: [Calibration; 4],
-    /// Random walks of the gyros.
     pub walks: [Walks; 4],
 }
 
@@ -28,26 +26,13 @@ pub enum BelievedError {
     Configuration(#[from] ConfigurationError),
     /// It is no JSON.
     #[error("{name}: {source}; expected JSON as `geu calibrate --json` writes it")]
-    Json {
-        /// The file.
-        name: String,
-        /// What is wrong, and where.
-        source: serde_json::Error,
-    },
+    Json { name: String, source: serde_json::Error },
     /// A number is not there, or out of its limits.
     #[error("{name}: {source}")]
-    Field {
-        /// The file.
-        name: String,
-        /// Which, and what is wrong.
-        source: FieldError,
-    },
+    Field { name: String, source: FieldError },
     /// Overrides are paths of a configuration.
     #[error("{name}: --set: expected a configuration, got the JSON of a calibration, which has nothing to override")]
-    Overrides {
-        /// The file.
-        name: String,
-    },
+    Overrides { name: String },
 }
 
 impl From<&Configuration> for Believed {

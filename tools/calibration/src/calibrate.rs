@@ -26,20 +26,16 @@ use crate::window::{self, Window};
 pub enum Attitude<'a> {
     /// A reference attitude; its noise where it is known, else it is estimated.
     Reference(&'a Reference, Option<f64>),
-    /// The absolute sensors.
     Sensors(&'a Sensors),
 }
 
 /// A calibration with all that it rests on.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Calibrated {
-    /// The sixteen parameters.
     pub solution: Solution,
     /// Those of the hand method, or why it has none.
     pub hand: Result<[Calibration; 4], String>,
-    /// The equations.
     pub observations: Vec<Observation>,
-    /// What was not used.
     pub left_out: Vec<LeftOut>,
     /// Noise of the reference about each axis, arcsec.
     pub reference_sigma_arcsec: [f64; 3],
@@ -63,7 +59,6 @@ pub enum CalibrateError {
     NoFixes {
         /// Its start on the time scale of the capture.
         from_s: f64,
-        /// Its end.
         to_s: f64,
     },
     /// Faults of the wiring are believed.
@@ -75,7 +70,6 @@ pub enum CalibrateError {
     /// The manoeuvres do not determine the parameters.
     #[error("the manoeuvres do not determine the parameters:\n{source}{}", notes(.left_out))]
     Unsolvable {
-        /// What, in words.
         source: Unsolvable,
         /// What was not used, which may be why.
         left_out: Vec<LeftOut>,
@@ -99,9 +93,7 @@ const SETTLED_SIGMA: f64 = 0.1;
     "gyro.{gyro}: expected a unit without faults of its wiring, got {code}; mend the recording, or leave the fault out of the configuration"
 )]
 pub struct BelievedFault {
-    /// The gyro.
     pub gyro: &'static str,
-    /// The fault.
     pub code: &'static str,
 }
 

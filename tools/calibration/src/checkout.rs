@@ -26,7 +26,6 @@ use crate::solve::{BEFORE_LAUNCH, Parameter, UNKNOWNS, values};
 use crate::transfer::misalignment_matrix;
 use crate::window::Window;
 
-/// The sequence of the checkout.
 const SEQUENCE: &str = include_str!("../../../configs/checkout.toml");
 /// The hold after the last manoeuvre, half seconds: half of what the limit cycle's overlay looks at.
 const HOLD: usize = 120;
@@ -43,7 +42,6 @@ pub struct Precautions {
 }
 
 impl Precautions {
-    /// All of them.
     pub const ALL: Precautions = Precautions { stabilisation: true, pre_slew: true, sun_slews: true };
 
     /// All that do anything for a unit: one without pivots and without thermal misalignment has nothing that an orbit's
@@ -103,17 +101,13 @@ pub fn sequence(unit: &Configuration, precautions: Precautions) -> Configuration
 /// A checkout as it was flown.
 #[derive(Debug, Clone)]
 pub struct Flight {
-    /// What the gyros counted.
     pub counts: Counts,
     /// What was flown, leg by leg.
     pub windows: Vec<Window>,
-    /// The true attitude.
     pub reference: Reference,
-    /// What the absolute sensors saw.
     pub sensors: Sensors,
 }
 
-/// Flies a finite scenario.
 pub fn fly(configuration: &Configuration) -> Flight {
     let length_s = Plan::length_s(&configuration.scenario).unwrap_or(0.0);
     let half_seconds = (length_s * 2.0).ceil() as usize + HOLD;
@@ -151,12 +145,9 @@ pub fn fly(configuration: &Configuration) -> Flight {
     Flight { counts, windows, reference, sensors }
 }
 
-/// What tells the rotations.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum By {
-    /// The true attitude.
     Reference,
-    /// FSS and SSE.
     Sensors,
 }
 
@@ -201,14 +192,11 @@ pub fn believed_before(unit: &Configuration) -> Configuration {
     believed
 }
 
-/// One parameter over many runs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scatter {
-    /// Which.
     pub parameter: Parameter,
     /// Root mean square of the errors.
     pub rms_error: f64,
-    /// Mean of the errors.
     pub mean_error: f64,
     /// Root mean square of the predicted sigmas.
     pub sigma: f64,
@@ -216,14 +204,11 @@ pub struct Scatter {
     pub coverage: f64,
 }
 
-/// Many checkouts.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Campaign {
-    /// Runs that gave a calibration.
     pub runs: usize,
     /// Runs that did not, with the reason.
     pub failed: Vec<(usize, String)>,
-    /// Every parameter.
     pub scatter: Vec<Scatter>,
     /// Mean of χ² over its degrees of freedom.
     pub mean_reduced_chi2: f64,
@@ -305,13 +290,11 @@ pub fn campaign(unit: &Configuration, seed: u64, runs: usize, by: By, done: impl
 /// What a set of precautions leaves.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outcome {
-    /// In words.
     pub what: &'static str,
     /// How long the sequence takes, s.
     pub length_s: f64,
     /// Largest error of an equation of each gyro with the true parameters, and the manoeuvre that has it, arcsec.
     pub equation_arcsec: [(f64, String); 4],
-    /// Error of each parameter.
     pub errors: [f64; UNKNOWNS],
     /// Predicted sigma of each parameter.
     pub sigmas: [f64; UNKNOWNS],

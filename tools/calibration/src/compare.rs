@@ -12,10 +12,8 @@ use crate::solve::{Parameter, Solution, UNKNOWNS, Unsolvable, probability};
 pub const LEAST_PROBABILITY: f64 = 1e-3;
 const DAYS_PER_MONTH: f64 = 30.4375;
 
-/// A calibration made earlier.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Earlier {
-    /// Where it was read.
     pub name: String,
     /// Unix time of its recording's start, s.
     pub time_s: f64,
@@ -28,13 +26,11 @@ pub struct Earlier {
 pub struct Comparison {
     /// The last less the mean of those before it, in the order of [`Parameter::all`].
     pub change: [f64; UNKNOWNS],
-    /// Standard deviation of the change.
     pub sigmas: [f64; UNKNOWNS],
     /// χ² of each parameter's differences, as many degrees of freedom as `pairs`.
     pub chi2: [f64; UNKNOWNS],
     /// χ² of all differences together, sixteen times as many.
     pub together: f64,
-    /// Calibrations less one.
     pub pairs: usize,
     /// The weighted mean, with its covariance.
     pub combined: Solution,

@@ -25,7 +25,6 @@ pub enum BreakKind {
     Gap(u64),
     /// Sequence and clock stand in no relation to those before.
     Jump,
-    /// Sequence and clock restarted.
     Reset,
     /// Receive times jumped against the unit's clock.
     TimeJump,
@@ -55,13 +54,10 @@ impl std::fmt::Display for BreakKind {
 /// A stretch over which sums are worth nothing.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Break {
-    /// Nodes between which it lies.
     pub from: usize,
-    /// Nodes between which it lies.
     pub to: usize,
     /// The gyros concerned, in wire order.
     pub gyros: [bool; 4],
-    /// Why.
     pub kind: BreakKind,
 }
 
@@ -92,7 +88,6 @@ pub struct Counts {
 /// Where an instant lies between nodes: weights of four neighbouring nodes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Reading {
-    /// The first node.
     pub first: usize,
     /// Its weight and those of the next three.
     pub weights: [f64; 4],
@@ -139,12 +134,10 @@ impl Counts {
         }
     }
 
-    /// Half seconds.
     pub fn len(&self) -> usize {
         self.node_s.len().saturating_sub(1)
     }
 
-    /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -166,7 +159,6 @@ impl Counts {
         ((self.node_s[nearest] - t_s).abs() <= 0.26).then_some(nearest)
     }
 
-    /// A node itself.
     pub fn at_node(&self, node: usize) -> Reading {
         let first = node.min(self.node_s.len().saturating_sub(4));
         let mut weights = [0.0; 4];
@@ -305,7 +297,6 @@ impl Sink for CountsReader {
 }
 
 impl CountsReader {
-    /// Defects that the decoder told.
     pub fn defects(&self) -> u64 {
         self.defects
     }

@@ -21,7 +21,6 @@ pub const CLEARANCE_SIGMA_ARCSEC: f64 = CLEARANCE_KNOWN_ARCSEC / 1.732_050_807_5
 /// Counts that effects added, accumulated at nodes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EffectCounts {
-    /// Of each gyro.
     accumulated: [Vec<f64>; 4],
     /// What an arcsecond more of clearance would add.
     per_clearance: [Vec<f64>; 4],

@@ -20,7 +20,6 @@ pub struct Walks {
 }
 
 impl Walks {
-    /// The walks of each gyro.
     pub fn configured(configuration: &Configuration) -> [Walks; 4] {
         std::array::from_fn(|gyro| {
             let effects = &configuration.gyros[gyro].effects.constant;
@@ -70,45 +69,26 @@ impl Walks {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Source {
     /// Rounding of a gyro's accumulated angle at a node.
-    Rounding {
-        /// The gyro.
-        gyro: usize,
-        /// The node.
-        node: usize,
-    },
+    Rounding { gyro: usize, node: usize },
     /// The reference attitude about an axis at an instant, in µs.
-    Reference {
-        /// The control axis.
-        axis: usize,
-        /// The instant.
-        at_us: i64,
-    },
+    Reference { axis: usize, at_us: i64 },
     /// A star crossing a slit at an instant, in µs: its random error of ψ (0) or θ (1).
     Sight {
-        /// The instant.
         at_us: i64,
         /// The slit, as [`named`] tells it.
         slit: u64,
-        /// Of which angle.
         angle: usize,
     },
     /// What is systematic of a slit or a star.
     Systematic {
         /// The slit or star, as [`named`] tells it.
         name: u64,
-        /// Of which angle.
         angle: usize,
     },
     /// The level of θ over a manoeuvre that starts at an instant, in µs.
-    Level {
-        /// The instant.
-        at_us: i64,
-    },
+    Level { at_us: i64 },
     /// How well the clearance of a gyro's pivots is known.
-    Clearance {
-        /// The gyro.
-        gyro: usize,
-    },
+    Clearance { gyro: usize },
 }
 
 /// A name as a number by which sources are told apart; the same in every run.
@@ -121,9 +101,7 @@ pub fn named(kind: &str, name: &str) -> u64 {
 /// A disturbance of one manoeuvre's sums.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Disturbance {
-    /// Where it comes from.
     pub source: Source,
-    /// Variance of the source.
     pub variance: f64,
     /// What a unit of it adds to each gyro's counts.
     pub counts: [f64; 4],

@@ -12,13 +12,11 @@ use crate::window::Window;
 /// A manoeuvre, or one gyro of it, that is not used.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LeftOut {
-    /// What it is called.
     pub name: String,
     /// Start on the time scale of the list, s.
     pub start_s: f64,
     /// The gyro, where only that one is left out.
     pub gyro: Option<Gyro>,
-    /// Why, with the time.
     pub why: String,
 }
 
@@ -32,7 +30,6 @@ impl std::fmt::Display for LeftOut {
 /// Counts with everything that configured effects add taken off.
 #[derive(Debug, Clone, Copy)]
 pub struct Measured<'a> {
-    /// What was counted.
     pub counts: &'a Counts,
     /// What effects of the configuration added up to each node, counts.
     pub effects: Option<&'a crate::effects::EffectCounts>,
@@ -107,7 +104,6 @@ pub(crate) fn micros(t_s: f64) -> i64 {
 /// A reference attitude on the time scale of the counts.
 #[derive(Debug, Clone, Copy)]
 pub struct Known<'a> {
-    /// What it tells.
     pub truth: &'a Recorded,
     /// Its time 0, ns on the time scale of the capture.
     pub start_ns: i64,

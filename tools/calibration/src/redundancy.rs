@@ -19,7 +19,6 @@ use crate::transfer::{InUse, Transfer};
 
 /// Length of the short test, s.
 pub const WINDOW_S: f64 = 60.0;
-/// Half seconds in it.
 const WINDOW: usize = (WINDOW_S / HALF_SECOND_S) as usize;
 /// Sigmas beyond which a difference is told. A walk of the angles crosses u sigma 2uφ(u) times per window (Slepian's
 /// process): at 5 once in 47 days of 60 s windows, at 4 three times in two days. Rounding, most of the sigma of a gyro as good as the
@@ -45,7 +44,6 @@ impl Difference {
     }
 }
 
-/// Which of the two tests.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Test {
     /// Over the last [`WINDOW_S`].
@@ -68,7 +66,6 @@ impl std::fmt::Display for Test {
 struct Sums {
     half_seconds: f64,
     counts: [f64; 4],
-    /// Time, with what was skipped.
     elapsed_s: f64,
 }
 
@@ -82,7 +79,6 @@ pub struct Redundancy {
     now: Sums,
     /// The sums at the ends of half seconds without a break, oldest first, a window's worth at most.
     history: VecDeque<Sums>,
-    /// Stretches without a break.
     stretches: f64,
     is_alarmed: [bool; 2],
 }

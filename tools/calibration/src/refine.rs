@@ -14,7 +14,6 @@ use crate::solve::{
 /// What was known of a parameter before the data: its believed value, so well.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Prior {
-    /// Which.
     pub parameter: Parameter,
     /// How well, 1 sigma.
     pub sigma: f64,
@@ -31,7 +30,6 @@ pub struct Refined {
     pub chi2: f64,
     /// As many as there are equations.
     pub degrees_of_freedom: usize,
-    /// Every equation.
     pub residuals: Vec<Residual>,
     /// Covariance of the residuals: scans close in time share their drift's walk.
     pub residual_covariance: DMatrix<f64>,

@@ -9,7 +9,6 @@ use crate::calibrate::Calibrated;
 use crate::compare::{Comparison, Earlier};
 use crate::solve::{PER_GYRO, Parameter, Solution, UNKNOWNS, off_axes};
 
-/// Keys of the misalignments.
 const AXES: [&str; 3] = ["x", "y", "z"];
 
 /// The JSON that `geu calibrate --json` writes.
@@ -158,7 +157,6 @@ pub fn overrides_of(parameters: impl IntoIterator<Item = Parameter>, calibration
         .collect()
 }
 
-/// No standard deviation.
 pub const NO_SIGMA: Calibration =
     Calibration { scale_factor: 0.0, drift_arcsec_per_half_s: 0.0, x_arcsec: 0.0, y_arcsec: 0.0, z_arcsec: 0.0 };
 
@@ -166,11 +164,8 @@ pub const NO_SIGMA: Calibration =
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{field}: expected {expected}, got {got}")]
 pub struct FieldError {
-    /// Path of the number.
     pub field: String,
-    /// What should stand there.
     pub expected: String,
-    /// What stands there.
     pub got: String,
 }
 

@@ -24,7 +24,6 @@ use crate::transfer::misalignment_matrix;
 
 /// Unknowns of a gyro: scale factor, drift, two misalignments in the order of [`off_axes`].
 pub const PER_GYRO: usize = 4;
-/// Unknowns in all.
 pub const UNKNOWNS: usize = 4 * PER_GYRO;
 
 /// What a launch leaves unknown of scale factor (relative), drift (arcsec per half second) and misalignment (arcsec): 2000 ppm,
@@ -34,26 +33,21 @@ pub const BEFORE_LAUNCH: [f64; 3] = [2000e-6, 1.5 * 3600.0 / 7200.0, 60.0];
 /// What was measured over one manoeuvre.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Observation {
-    /// What it is called.
     pub name: String,
     /// Start, s since the start of the recording.
     pub start_s: f64,
-    /// End.
     pub end_s: f64,
-    /// On-board half seconds.
     pub half_seconds: f64,
     /// Counts of each gyro; nothing where they cannot be trusted.
     pub counts: [Option<f64>; 4],
     /// Inertial rotation: the integrals of the rates about the control axes, arcsec.
     pub rotation_control_arcsec: [f64; 3],
-    /// Errors of both.
     pub disturbances: Vec<Disturbance>,
 }
 
 /// One parameter: gyro and index of [`PER_GYRO`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Parameter {
-    /// The gyro.
     pub gyro: Gyro,
     /// 0 scale factor, 1 drift, 2 and 3 misalignments.
     pub index: usize,
@@ -65,7 +59,6 @@ impl Parameter {
         Gyro::ALL.into_iter().flat_map(|gyro| (0..PER_GYRO).map(move |index| Parameter { gyro, index }))
     }
 
-    /// Its number in a calibration.
     pub fn of(self, calibration: &Calibration) -> f64 {
         match self.index {
             0 => calibration.scale_factor,
@@ -77,7 +70,6 @@ impl Parameter {
         }
     }
 
-    /// Its place in a calibration.
     pub fn of_mut(self, calibration: &mut Calibration) -> &mut f64 {
         match self.index {
             0 => &mut calibration.scale_factor,
@@ -90,7 +82,6 @@ impl Parameter {
         }
     }
 
-    /// Key in the configuration.
     pub fn key(self) -> &'static str {
         match self.index {
             0 => "scale_factor",
@@ -99,7 +90,6 @@ impl Parameter {
         }
     }
 
-    /// In words.
     pub fn words(self) -> String {
         let what = match self.index {
             0 => "scale factor".to_owned(),
@@ -126,7 +116,6 @@ pub fn own_axis(gyro: Gyro) -> usize {
     Axes::of(gyro).input_control.iter().position(|&part| part != 0.0).unwrap_or(0)
 }
 
-/// Why there is no solution.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Unsolvable {
     /// What the manoeuvres do not determine, in words.
@@ -140,9 +129,7 @@ pub enum Unsolvable {
 /// One equation after the fit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Residual {
-    /// Index of the manoeuvre.
     pub manoeuvre: usize,
-    /// The gyro.
     pub gyro: Gyro,
     /// What is left: measured less fitted, arcsec.
     pub arcsec: f64,
@@ -150,28 +137,22 @@ pub struct Residual {
     pub sigma_arcsec: f64,
 }
 
-/// Sixteen parameters.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Solution {
-    /// The values.
     pub calibrations: [Calibration; 4],
     /// Their covariance, in the order of [`Parameter::all`], with the drift taken as that at the start of the recording.
     pub covariance: DMatrix<f64>,
-    /// χ² of the spare equations.
     pub chi2: f64,
-    /// How many are spare.
     pub degrees_of_freedom: usize,
     /// Condition number of the whitened equations with columns scaled to one length.
     pub condition: f64,
     /// How much of its own equations each manoeuvre determines: the trace of its block of the projection, of as many as it
     /// has equations.
     pub leverage: Vec<f64>,
-    /// Every equation.
     pub residuals: Vec<Residual>,
 }
 
 impl Solution {
-    /// Standard deviation of each parameter.
     pub fn sigmas(&self) -> [f64; UNKNOWNS] {
         std::array::from_fn(|index| self.covariance[(index, index)].max(0.0).sqrt())
     }
@@ -214,7 +195,6 @@ pub fn solve(
     equations.solve(believed)
 }
 
-/// The equations laid out.
 pub(crate) struct Equations<'a> {
     observations: &'a [Observation],
     /// Manoeuvre and gyro of each row.
@@ -376,7 +356,6 @@ pub(crate) fn root(covariance: &DMatrix<f64>) -> Result<Cholesky<f64, Dyn>, Unso
     Cholesky::new(covariance.clone()).ok_or_else(noise_not_finite)
 }
 
-/// Weighted least squares.
 pub(crate) struct Fitted {
     pub(crate) solved: DVector<f64>,
     /// What maps a row to an unknown.

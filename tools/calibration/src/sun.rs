@@ -27,12 +27,10 @@ pub fn star_pointing_rate_control_arcsec_s(theta_rad: f64, psi_rad: f64) -> [f64
     [SUN_RATE_ARCSEC_S * about_x, -SUN_RATE_ARCSEC_S * sin(psi_rad), 0.0]
 }
 
-/// A point of a path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Point {
     /// Time, s.
     pub t_s: f64,
-    /// Solar aspect angle.
     pub theta_rad: f64,
     /// Angle about the sun vector, not reduced to one turn.
     pub psi_rad: f64,

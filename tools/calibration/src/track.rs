@@ -34,15 +34,11 @@ const NEXT_NS: i64 = 750_000_000;
 /// A gap longer than a week is a wrong word, not a gap.
 const LONGEST_GAP: u64 = 1_209_600;
 
-/// Which gyros the user chose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Choice {
-    /// GYRX, GYRY and GYRZA.
     #[default]
     Za,
-    /// GYRX, GYRY and GYRZB.
     Zb,
-    /// All four, by least squares.
     All,
     /// As `Za`; half seconds without GYRZA by GYRZB.
     Auto,
@@ -60,12 +56,10 @@ impl Choice {
     }
 }
 
-/// Something worth telling once.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Event {
     /// Increments ceased: the attitude lacks what the unit turned meanwhile.
     Lost {
-        /// Why.
         kind: BreakKind,
         /// The gyros concerned, in wire order.
         gyros: [bool; 4],
@@ -74,14 +68,12 @@ pub enum Event {
     },
     /// Increments are there again, after so many half seconds without.
     Again {
-        /// Half seconds without increments.
         half_seconds: u64,
     },
     /// Other gyros are used from now on.
     Switched(InUse),
     /// The redundant difference began to exceed.
     Exceeds(Test, Difference),
-    /// It ceased to.
     Recovered(Test, Difference),
 }
 
@@ -132,7 +124,6 @@ pub fn in_use_name(in_use: InUse) -> &'static str {
 /// Why there are no increments, with the gyros where it is not all.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Reason {
-    /// Why.
     pub kind: BreakKind,
     /// The gyros concerned, in wire order.
     pub gyros: [bool; 4],
@@ -148,16 +139,12 @@ impl std::fmt::Display for Reason {
     }
 }
 
-/// One half second, tracked.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Track {
-    /// As received.
     pub time: Option<Time>,
-    /// As received.
     pub half_second: HalfSecond,
     /// Rotation about the control axes over the half second (eq 3), where the gyros in use measured it.
     pub increment_control_arcsec: Option<[f64; 3]>,
-    /// Their sums.
     pub angle_control_arcsec: [f64; 3],
     /// Control frame to inertial.
     pub attitude: UnitQuaternion<f64>,
@@ -165,13 +152,11 @@ pub struct Track {
     pub is_complete: bool,
     /// Half seconds it lacks, as far as sequence and clock tell.
     pub lost_half_seconds: u64,
-    /// Gyros used.
     pub in_use: Option<InUse>,
     /// The redundant pair, where both measured.
     pub redundancy: Option<Checked>,
     /// Why the increments before or of this half second are not there, or not to be relied on.
     pub reasons: Vec<Reason>,
-    /// What is worth telling once.
     pub events: Vec<Event>,
 }
 

@@ -5,15 +5,12 @@ use geu_model::units::ARCSEC_PER_RAD;
 use geu_protocol::Gyro;
 use nalgebra::{Matrix3x4, Matrix4x3, Vector3, Vector4};
 
-/// Which gyros are used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum InUse {
     /// X, Y and ZA: M is inverted.
     #[default]
     WithZa,
-    /// X, Y and ZB.
     WithZb,
-    /// All four, by least squares.
     All,
 }
 

@@ -78,12 +78,10 @@ impl Known {
     }
 }
 
-/// One of the four values.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Change {
     /// Which; a scale factor or a drift in arcsec per half second.
     pub parameter: Parameter,
-    /// As believed.
     pub old: f64,
     /// Its sigma: that of the calibration, grown by the stability figures up to the recording and by the configured walk
     /// over it.
@@ -100,7 +98,6 @@ pub struct Change {
 }
 
 impl Change {
-    /// New less old.
     pub fn change(&self) -> f64 {
         self.new - self.old
     }
@@ -127,16 +124,12 @@ impl Change {
     }
 }
 
-/// A stretch that was used.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Used {
-    /// What it is called.
     pub name: String,
     /// Start, s since the start of the recording.
     pub start_s: f64,
-    /// End.
     pub end_s: f64,
-    /// Mean rate about Z.
     pub rate_z_arcsec_s: f64,
     /// Of each Z gyro, what it counted more than fitted, and its standard deviation, arcsec; nothing where its counts
     /// cannot be trusted.
@@ -159,14 +152,11 @@ impl Used {
 pub struct ShortTerm {
     /// Pairs of successive scans that begin within an hour.
     pub pairs: usize,
-    /// Rms of the differences, relative.
     pub rms: f64,
-    /// That which noise explains.
     pub expected_rms: f64,
 }
 
 impl ShortTerm {
-    /// What noise does not explain.
     pub fn excess(&self) -> f64 {
         (self.rms.powi(2) - self.expected_rms.powi(2)).max(0.0).sqrt()
     }
@@ -183,7 +173,6 @@ impl ShortTerm {
 pub struct Upkeep {
     /// In the order of [`PARAMETERS`].
     pub changes: [Change; 4],
-    /// Correlations of the four.
     pub correlation: DMatrix<f64>,
     /// All sixteen, of which the four are new.
     pub calibrations: [Calibration; 4],
@@ -191,24 +180,18 @@ pub struct Upkeep {
     pub sigmas: [f64; UNKNOWNS],
     /// χ² of the equations and of the departures from what was known.
     pub chi2: f64,
-    /// Its degrees of freedom.
     pub degrees_of_freedom: usize,
-    /// The stretches.
     pub used: Vec<Used>,
-    /// Those that were not.
     pub left_out: Vec<LeftOut>,
     /// When the believed values were determined, and the end of the last stretch, for which the new ones hold; s on the
     /// time scale of the capture.
     pub known_at_s: f64,
-    /// See there.
     pub at_s: f64,
     /// Electronics over the scans above the calibration's reference, K.
     pub electronics_above_k: f64,
-    /// Of each Z gyro.
     pub short_term: [ShortTerm; 2],
 }
 
-/// Why nothing could be refined.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum UpkeepError {
     /// Faults of the wiring are believed.
@@ -219,12 +202,7 @@ pub enum UpkeepError {
     TooShort(usize),
     /// The calibration is later than the recording.
     #[error("expected a calibration before the recording, which starts at {start_s:.1} s, got one at {at_s:.1} s")]
-    Later {
-        /// Start of the recording.
-        start_s: f64,
-        /// The calibration.
-        at_s: f64,
-    },
+    Later { start_s: f64, at_s: f64 },
     /// No fix of the star sensor lies in the recording.
     #[error("expected fixes of the star sensor within the recording, got none")]
     NoFixes,

@@ -12,14 +12,11 @@ use crate::transfer::Transfer;
 /// Legs that serve others and are no calibration manoeuvres (Casteren §5).
 const PRECAUTIONS: [&str; 6] = ["stabilise", "slew", "survey", "raster", "eclipse", "hold"];
 
-/// A manoeuvre of a list.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Window {
-    /// What it is called.
     pub name: String,
     /// Start, s on the time scale of its list.
     pub start_s: f64,
-    /// End.
     pub end_s: f64,
 }
 

@@ -15,7 +15,6 @@ pub struct Account {
     pub commands: u64,
     /// REPLY frames.
     pub replies: u64,
-    /// Frames with other identifiers.
     pub other: u64,
     /// Remote frames.
     pub remote: u64,
@@ -43,7 +42,6 @@ pub struct Account {
     /// Bytes of a frame that was under way when reading was left off.
     pub unfinished_bytes: u64,
 
-    /// Defects of each kind.
     pub defects: BTreeMap<DefectKind, u64>,
 }
 
@@ -75,7 +73,6 @@ impl Account {
         self.missing() == (0, 0)
     }
 
-    /// Defects of all kinds.
     pub fn defect_count(&self) -> u64 {
         self.defects.values().sum()
     }

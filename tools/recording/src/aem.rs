@@ -33,7 +33,6 @@ const SPACECRAFT: [&str; 7] = ["SC_BODY", "SC BODY", "INSTRUMENT", "STARTRACKER"
 /// A unit quaternion with the digits of a file.
 const NORM_TOLERANCE: f64 = 1e-3;
 
-/// Where a message is wrong.
 struct Place<'a> {
     name: &'a str,
     line: u64,
@@ -64,7 +63,6 @@ impl Place<'_> {
 enum Part {
     Header,
     Meta,
-    /// Between metadata and data.
     Ready,
     Data,
     Done,
@@ -82,7 +80,6 @@ struct Meta {
     stop_ns: Option<i64>,
     useable_start_ns: Option<i64>,
     useable_stop_ns: Option<i64>,
-    /// Numbers behind an epoch.
     numbers: Option<usize>,
 }
 

@@ -2,7 +2,6 @@
 
 /// Width of a bin of the histogram, ns.
 const BIN_NS: i64 = 1_000;
-/// Bins: up to one second.
 const BINS: usize = 1_000_000;
 
 /// Statistics of intervals, in flat memory: the median is exact to a microsecond below one second.
@@ -19,7 +18,6 @@ pub struct Cadence {
 }
 
 impl Cadence {
-    /// Takes an interval.
     #[inline]
     pub fn add(&mut self, interval_ns: i64) {
         if self.count == 0 {
@@ -39,7 +37,6 @@ impl Cadence {
         }
     }
 
-    /// Intervals taken.
     pub fn count(&self) -> u64 {
         self.count
     }

@@ -13,13 +13,9 @@ const MAX_CORRELATION: f64 = 0.99;
 pub struct ClockRate {
     /// Parts per million by which it is fast: half seconds last 0.5/(1+ε) s.
     pub clock_ppm: f64,
-    /// Standard deviation of that.
     pub sigma_ppm: f64,
-    /// Standard deviation of the residuals.
     pub residual_s: f64,
-    /// Correlation of neighbouring residuals.
     pub correlation: f64,
-    /// Points in the fit.
     pub points: u64,
     /// Stretches with an intercept of their own.
     pub segments: u64,

@@ -105,7 +105,6 @@ impl<R: Read> CsvTable<R> {
         self.record.position().map_or(0, csv::Position::line)
     }
 
-    /// A field of the row.
     pub fn text(&self, column: usize) -> &str {
         self.record.get(column).unwrap_or_default()
     }

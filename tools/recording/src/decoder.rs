@@ -14,16 +14,13 @@ use crate::defect::DefectKind;
 use crate::row::{Row, Sink};
 use crate::summary::{Flow, Summary};
 
-/// What the user may choose.
 #[derive(Debug, Clone, Default)]
 pub struct Options {
-    /// Identifiers of the unit.
     pub plan: CanPlan,
     /// The interface whose rows are wanted, where several carry the unit; otherwise the first that does.
     pub interface: Option<String>,
     /// Format of the inputs; otherwise told from their content.
     pub format: Option<Format>,
-    /// Rate of serial devices, baud.
     pub baud: Option<u32>,
 }
 
@@ -40,7 +37,6 @@ struct Stamp {
 pub struct Decoder {
     plan: CanPlan,
     buses: Vec<Bus>,
-    /// The buses by name.
     places: HashMap<Vec<u8>, usize>,
     /// Frames of the unit on interfaces beyond [`MAX_INTERFACES`].
     beyond: u64,
@@ -151,7 +147,6 @@ impl Decoder {
         }
     }
 
-    /// The summary, at the end.
     pub fn into_summary(self) -> Summary {
         self.flow.summary
     }

@@ -4,7 +4,6 @@ use geu_protocol::can::CanDefect;
 use geu_protocol::capture::{Place, Time};
 use geu_protocol::serial::SerialDefect;
 
-/// What is wrong.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum DefectKind {
     /// With a CAN message of the unit.
@@ -19,7 +18,6 @@ pub enum DefectKind {
     BrokenRecord,
     /// The input ends inside a line or packet.
     CutRecord,
-    /// Half seconds are missing.
     SequenceGap,
     /// A sequence that stands in no relation to the one before.
     SequenceJump,
@@ -30,7 +28,6 @@ pub enum DefectKind {
 }
 
 impl DefectKind {
-    /// Stable name in reports.
     pub const fn name(self) -> &'static str {
         match self {
             DefectKind::Can(defect) => defect.name(),
@@ -56,31 +53,24 @@ impl DefectKind {
     }
 }
 
-/// One defect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Defect<'a> {
-    /// Name of the input.
     pub input: &'a str,
-    /// Where in it.
     pub place: Place,
-    /// What.
     pub kind: DefectKind,
     /// The bytes concerned: a line, a packet, the data of frames, serial bytes; at most a few hundred.
     pub bytes: &'a [u8],
-    /// When, where that is known.
     pub time: Option<Time>,
     /// Half seconds (a gap) or frames (dropped) that are missing.
     pub lost: u64,
 }
 
 impl Defect<'_> {
-    /// `input:line` or `input:offset`.
     pub fn place_text(&self) -> String {
         place_text(self.input, self.place)
     }
 }
 
-/// `input:line` or `input:offset`.
 pub fn place_text(input: &str, place: Place) -> String {
     match place {
         Place::Line(at) | Place::Offset(at) => format!("{input}:{at}"),

@@ -86,9 +86,7 @@ const COUNTS: Number = Number {
 /// One gyro's column.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GyroColumn {
-    /// Its name.
     pub name: String,
-    /// Its column.
     pub column: String,
     /// Axis it stands for: 0 X, 1 Y, 2 Z. Its sign is in the rates already.
     pub axis: usize,
@@ -96,16 +94,12 @@ pub struct GyroColumn {
     pub scale_arcsec_s: f64,
 }
 
-/// What a CSV holds.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Description {
-    /// The column of time.
     pub time_column: String,
     /// Its unit, s.
     pub time_scale_s: f64,
-    /// Nominal interval of the rows.
     pub interval_s: f64,
-    /// The field delimiter.
     pub delimiter: u8,
     /// Gyros, in the order in which they are described.
     pub gyros: Vec<GyroColumn>,
@@ -113,10 +107,8 @@ pub struct Description {
     pub reference: Option<ReferenceTable>,
 }
 
-/// A column of rates.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RateColumn {
-    /// Its name.
     pub column: String,
     /// What one in it is, arcsec/s.
     pub scale_arcsec_s: f64,
@@ -233,18 +225,15 @@ fn read_gyro(all: &Node, name: &str, interval_s: f64) -> Result<GyroColumn, Conf
 pub struct Sample {
     /// Line, from 1.
     pub line: u64,
-    /// As it is stamped.
     pub t_s: f64,
     /// Rates about the axes described, in the order of [`Description::gyros`].
     pub rates_arcsec_s: Vec<f64>,
 }
 
-/// Something wrong with the file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Defect {
     /// Line, from 1.
     pub line: u64,
-    /// What it is.
     pub kind: DefectKind,
 }
 
@@ -253,41 +242,31 @@ pub struct Defect {
 pub enum DefectKind {
     /// A field that is no number; the row is no sample.
     NotANumber {
-        /// Its column.
         column: String,
-        /// What stands there.
         got: String,
     },
     /// A row with more or fewer fields than the header; no sample.
     Fields {
-        /// As in the header.
         expected: usize,
-        /// In the row.
         got: usize,
     },
-    /// No rows for this long.
     Gap {
         /// Since the row before.
         length_s: f64,
     },
     /// The stamp of the row before, again.
     Repeat,
-    /// Time goes back.
     Backwards {
-        /// By so much.
         by_s: f64,
     },
     /// This row and those after it are stamped beside the time.
     Glitch {
-        /// How many rows.
         rows: usize,
-        /// By so much.
         offset_s: f64,
     },
 }
 
 impl DefectKind {
-    /// Its name.
     pub fn name(&self) -> &'static str {
         match self {
             DefectKind::NotANumber { .. } => "not-a-number",
@@ -322,36 +301,17 @@ impl fmt::Display for DefectKind {
 pub enum GyroCsvError {
     /// It cannot be opened or read.
     #[error("{name}: cannot be read: {source}; expected a CSV of gyros")]
-    Read {
-        /// The file.
-        name: String,
-        /// The reason.
-        source: std::io::Error,
-    },
+    Read { name: String, source: std::io::Error },
     /// Columns described that it does not have.
     #[error("{name}: line 1: expected the columns {expected}, got {got}")]
-    Columns {
-        /// The file.
-        name: String,
-        /// Those described.
-        expected: String,
-        /// Its header.
-        got: String,
-    },
+    Columns { name: String, expected: String, got: String },
     /// Text that is no CSV.
     #[error("{name}: {source}")]
-    Csv {
-        /// The file.
-        name: String,
-        /// What is wrong, and where.
-        source: csv::Error,
-    },
+    Csv { name: String, source: csv::Error },
 }
 
-/// A file read.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GyroCsv {
-    /// What it holds.
     pub description: Description,
     /// Its rows, in their order.
     pub samples: Vec<Sample>,
@@ -507,7 +467,6 @@ mod tests {
         GyroCsv::parse("f.csv", &format!("t,wx,other,nz\n{rows}"), description).expect("a file")
     }
 
-    /// Stamps as rows.
     fn stamped(stamps: &[f64]) -> String {
         stamps.iter().map(|t_s| format!("{t_s},1,text,2\n")).collect()
     }

@@ -22,70 +22,45 @@ pub enum InputError {
     #[error(
         "{name}: no such file, and no CAN interface of that name; expected a recording, -, a serial device, a CAN interface or HOST:PORT"
     )]
-    Missing {
-        /// As it was given.
-        name: String,
-    },
+    Missing { name: String },
     /// A directory.
     #[error("{name}: is a directory; expected a recording, -, a serial device, a CAN interface or HOST:PORT")]
-    Directory {
-        /// Its path.
-        name: String,
-    },
+    Directory { name: String },
     /// The operating system refuses to open it.
     #[error("{name}: cannot be opened: {source}")]
-    Open {
-        /// Path or interface.
-        name: String,
-        /// The reason it gives.
-        source: io::Error,
-    },
+    Open { name: String, source: io::Error },
     /// Reading failed.
     #[error("{name}: reading failed after {offset} bytes: {source}")]
     Read {
-        /// Path or interface.
         name: String,
         /// Bytes read until then.
         offset: u64,
-        /// The reason.
         source: io::Error,
     },
     /// A compressed file that is damaged or cut.
     #[error("{name}: {container} is damaged or cut: expected more after {offset} bytes of content, got: {source}")]
     Container {
-        /// Its path.
         name: String,
-        /// `gzip` or `zstd`.
         container: &'static str,
         /// Bytes of content until then.
         offset: u64,
-        /// What the decompressor says.
         source: io::Error,
     },
     /// A binary capture that ends inside its header, a packet or a block.
     #[error("{name}: offset {offset}: {container} is cut: expected a whole header, packet or block, got {got} bytes")]
     Cut {
-        /// Its path.
         name: String,
-        /// `pcap` or `pcapng`.
         container: &'static str,
-        /// Where what is cut begins.
         offset: u64,
         /// Bytes of it that are there.
         got: u64,
     },
     /// Nothing in it.
     #[error("{name}: is empty: expected a capture, got {got}")]
-    Empty {
-        /// Its name.
-        name: String,
-        /// What there is instead.
-        got: String,
-    },
+    Empty { name: String, got: String },
     /// A format that is known, and not read.
     #[error("{name}: {foreign}")]
     Foreign {
-        /// Its name.
         name: String,
         /// What it is, and what makes a capture of it.
         foreign: &'static Foreign,
@@ -94,40 +69,26 @@ pub enum InputError {
     #[error(
         "{name}: line 1: expected a candump log, candump output or Vector ASC, got {got}; --input-format names a format"
     )]
-    UnknownText {
-        /// Its name.
-        name: String,
-        /// Its first line.
-        got: String,
-    },
+    UnknownText { name: String, got: String },
     /// Binary without a frame.
     #[error(
         "{name}: offset 0 to {length}: expected pcap, pcapng or serial frames EB 90 … with a matching CRC, got none; it begins {got}"
     )]
-    NoFrame {
-        /// Its name.
-        name: String,
-        /// Its length, byte.
-        length: u64,
-        /// Its first bytes.
-        got: String,
-    },
+    NoFrame { name: String, length: u64, got: String },
 }
 
-/// An opened input.
 pub(crate) enum Source<'a> {
     /// Bytes of a recording, which may come late where it is live.
-    Bytes { bytes: Unpacked<'a>, is_live: bool },
-    /// A live serial link.
+    Bytes {
+        bytes: Unpacked<'a>,
+        is_live: bool,
+    },
     Serial(SerialPort),
-    /// A live CAN link.
     Can(CanSocket),
 }
 
-/// Bytes without their container.
 pub(crate) struct Unpacked<'a> {
     pub reader: Box<dyn Read + 'a>,
-    /// `gzip` or `zstd`.
     pub container: Option<&'static str>,
 }
 
@@ -202,7 +163,6 @@ pub(crate) fn claim(name: &str, file: &File) -> io::Result<()> {
     geu_files::claim_input(name, &file.metadata()?).map_err(io::Error::other)
 }
 
-/// Whether it looks like HOST:PORT.
 fn is_address(name: &str) -> bool {
     name.rsplit_once(':')
         .is_some_and(|(host, port)| !host.is_empty() && !host.contains('/') && port.parse::<u16>().is_ok())

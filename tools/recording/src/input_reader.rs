@@ -13,7 +13,6 @@ use crate::live::{CanSocket, Received, SerialPort, wait_readable};
 use crate::row::Sink;
 use crate::summary::Summary;
 
-/// Bytes read at once.
 const CHUNK: usize = 1 << 20;
 /// Bytes at most from which a format is told.
 const HEAD: usize = 1 << 16;
@@ -30,7 +29,6 @@ const TOLD: usize = 16;
 pub struct Stop<'a> {
     /// Set from outside, by a signal.
     pub flag: Option<&'a AtomicBool>,
-    /// After this instant.
     pub deadline: Option<Instant>,
 }
 

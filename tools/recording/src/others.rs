@@ -5,7 +5,6 @@ use std::collections::BTreeSet;
 use geu_protocol::CanPlan;
 use geu_protocol::can::close_status;
 
-/// Identifiers of eleven bits.
 const IDS: usize = 1 << 11;
 
 /// Data frames of eleven bits, until the first row.
@@ -37,7 +36,6 @@ impl Others {
         }));
     }
 
-    /// The identifiers.
     pub fn ids(&self) -> BTreeSet<u16> {
         (0..).zip(&self.0).filter(|(_, seen)| seen.frames > 0).map(|(id, _)| id).collect()
     }

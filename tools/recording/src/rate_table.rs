@@ -15,7 +15,6 @@ const TIME: &str = "t_s";
 const MAGNITUDE: &str = "rate_arcsec_s";
 const VECTOR: [&str; 3] = ["rate_x_arcsec_s", "rate_y_arcsec_s", "rate_z_arcsec_s"];
 
-/// One row.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RateRow {
     /// Line, from 1.
@@ -30,14 +29,12 @@ pub struct RateRow {
     pub rates_arcsec_s: Vec<f64>,
 }
 
-/// A file read.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RateTable {
     /// Its rows, in their order.
     pub rows: Vec<RateRow>,
 }
 
-/// Where what stands.
 struct Columns {
     time: Option<usize>,
     group: Option<usize>,

@@ -15,13 +15,11 @@ use crate::aem;
 use crate::csv_table::{CsvTable, TableError};
 use crate::text::{RowReader, open_rows};
 
-/// Columns of a reference attitude.
 const COLUMNS: &str = "t_s and either rate_x_arcsec_s, rate_y_arcsec_s, rate_z_arcsec_s or q_w, q_x, q_y, q_z";
 
 /// What a reference attitude is expected to be, in errors.
 pub const REFERENCE: &str = "a reference attitude, CSV or CCSDS AEM";
 
-/// A reference attitude.
 #[derive(Debug, Clone)]
 pub struct Reference {
     /// Start of the first row's interval on the file's time scale, ns.

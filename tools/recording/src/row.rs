@@ -28,13 +28,10 @@ pub trait Sink {
     fn record(&mut self, _event: &Event) {}
     /// Called with the bytes of a serial recording, before what is made of them.
     fn bytes(&mut self, _bytes: &[u8]) {}
-    /// Takes a half second.
     fn row(&mut self, row: &Row);
-    /// Takes a defect.
     fn defect(&mut self, defect: &Defect);
     /// Called when a live input has nothing more for now.
     fn flush(&mut self) {}
-    /// Whether more is wanted.
     fn is_closed(&self) -> bool {
         false
     }

@@ -27,23 +27,17 @@ pub struct Summary {
     pub interface: Option<String>,
     /// Frames of the unit on other interfaces.
     pub elsewhere: Vec<(String, u64)>,
-    /// Where everything went.
     pub account: Account,
     /// Identifiers, until the first row.
     pub others: Others,
-    /// Half seconds.
     pub rows: u64,
-    /// Frames found in serial bytes.
     pub serial_frames: u64,
     /// Time of the first and the last row.
     pub span: Option<(Time, Time)>,
-    /// Half seconds missing.
     pub lost: u64,
     /// The first gaps: place, time, half seconds missing.
     pub gaps: Vec<(String, Option<Time>, u64)>,
-    /// Half seconds that came again.
     pub repeats: u64,
-    /// Restarts of sequence and clock.
     pub resets: u64,
     /// Rows without clock count and sensor temperature.
     pub without_clock: u64,
@@ -51,21 +45,17 @@ pub struct Summary {
     pub invalid: [u64; 4],
     /// Rows in which each gyro is saturated.
     pub saturated: [u64; 4],
-    /// Rows sent on request.
     pub polled: u64,
     /// Frames that recorder or socket lost.
     pub dropped: u64,
-    /// Intervals between neighbouring rows.
     pub cadence: Cadence,
     /// The longest interval between rows, gaps included, ns, and where it ends.
     pub largest: Option<(i64, String)>,
     /// The unit's clock.
     pub clock: ClockFit,
-    /// Whether rows had receive times.
     pub is_timed: bool,
 }
 
-/// Where and when something is.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct At {
     pub place: Place,
@@ -91,7 +81,6 @@ impl Flow {
         self.summary.inputs.push((name.to_owned(), String::new()));
     }
 
-    /// Index of the present input.
     #[inline]
     pub fn input(&self) -> u32 {
         self.summary.inputs.len().saturating_sub(1) as u32

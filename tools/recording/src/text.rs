@@ -78,7 +78,6 @@ pub struct RowReader<R> {
 }
 
 impl<R: Read> RowReader<R> {
-    /// A series from its beginning.
     pub fn new(reader: R) -> RowReader<R> {
         RowReader { head: Cursor::default(), reader, bytes: 0, rows: 0 }
     }
@@ -96,12 +95,10 @@ impl<R: Read> RowReader<R> {
         Ok(String::from_utf8_lossy(head).lines().map(str::to_owned).collect())
     }
 
-    /// Its lines.
     pub fn lines(self) -> RowLines<R> {
         RowLines { reader: BufReader::new(self), number: 0, is_whole: true }
     }
 
-    /// Its rows, as fields.
     pub fn table(self, builder: &csv::ReaderBuilder) -> Table<R> {
         Table { reader: builder.from_reader(self) }
     }

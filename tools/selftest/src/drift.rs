@@ -7,7 +7,6 @@ use super::receiver::Row;
 use super::{Claim, Estimate, Expected, Experiment};
 use geu_model::units::{ARCSEC_PER_DEG, S_PER_DAY};
 
-/// Seconds in an hour.
 const S_PER_H: f64 = 3600.0;
 /// Table 1's half hour.
 const HALF_HOUR_S: f64 = 1800.0;

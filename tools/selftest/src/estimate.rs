@@ -12,31 +12,25 @@ const STRETCHES: usize = 24;
 /// A number with its standard deviation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Estimate {
-    /// The number.
     pub value: f64,
-    /// One standard deviation.
     pub sigma: f64,
 }
 
 impl Estimate {
-    /// A number read, not fitted.
     pub fn new(value: f64, sigma: f64) -> Estimate {
         Estimate { value, sigma }
     }
 
-    /// In another unit.
     #[must_use]
     pub fn times(self, factor: f64) -> Estimate {
         Estimate { value: self.value * factor, sigma: self.sigma * factor.abs() }
     }
 
-    /// Less an independent one.
     #[must_use]
     pub fn minus(self, other: Estimate) -> Estimate {
         Estimate { value: self.value - other.value, sigma: self.sigma.hypot(other.sigma) }
     }
 
-    /// Over an independent one.
     #[must_use]
     pub fn over(self, other: Estimate) -> Estimate {
         let value = self.value / other.value;
@@ -102,7 +96,6 @@ impl<const P: usize> Fit<P> {
         }
     }
 
-    /// The coefficient of regressor `index`.
     pub fn estimate(&self, index: usize) -> Estimate {
         Estimate { value: self.values[index], sigma: self.variances[index].sqrt() }
     }
@@ -131,13 +124,10 @@ fn inverse<const P: usize>(mut a: [[f64; P]; P]) -> [[f64; P]; P] {
     inverse
 }
 
-/// A straight line through points.
 pub struct Line {
     /// Where its level is told: the middle of the points.
     pub centre: f64,
-    /// y there.
     pub level: Estimate,
-    /// Slope.
     pub slope: Estimate,
 }
 
@@ -151,14 +141,12 @@ impl Line {
         Line { centre, level: fit.estimate(0), slope: fit.estimate(1) }
     }
 
-    /// Where it reaches a level.
     pub fn reaches(&self, level: Estimate) -> Estimate {
         let from_centre = level.minus(self.level).over(self.slope);
         Estimate { value: self.centre + from_centre.value, ..from_centre }
     }
 }
 
-/// The mean of levels.
 pub fn level(levels: impl Iterator<Item = f64>) -> Estimate {
     Fit::of(&levels.map(|y| ([1.0], y)).collect::<Vec<_>>()).estimate(0)
 }

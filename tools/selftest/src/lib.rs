@@ -38,12 +38,10 @@ pub enum Expected {
     Value(f64, f64),
     /// It is no more than this.
     AtMost(f64),
-    /// It lies between these.
     Between(f64, f64),
 }
 
 impl Expected {
-    /// How far `value` lies outside.
     pub fn excess(self, value: f64) -> f64 {
         let (least, greatest) = match self {
             Expected::Value(expected, rounding) => (expected - rounding, expected + rounding),
@@ -55,22 +53,17 @@ impl Expected {
     }
 }
 
-/// A printed number.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Claim {
-    /// What it is.
     pub what: &'static str,
     /// Section, table, figure or equation of the paper; `model` where the model's page decides.
     pub source: &'static str,
-    /// The number.
     pub expected: Expected,
-    /// Its unit.
     pub unit: &'static str,
 }
 
 /// A unit, and what is to be measured of it.
 pub struct Experiment {
-    /// A word or two.
     pub name: &'static str,
     /// Whether its output depends on the seed.
     pub noise: bool,
@@ -82,12 +75,9 @@ pub struct Experiment {
     pub measure: fn(&mut Receiver) -> Vec<Estimate>,
 }
 
-/// A claim with its measurement.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Result {
-    /// The claim.
     pub claim: &'static Claim,
-    /// What was measured.
     pub measured: Estimate,
 }
 
@@ -105,7 +95,6 @@ impl Result {
     }
 }
 
-/// All experiments.
 pub fn experiments() -> impl Iterator<Item = &'static Experiment> {
     [
         unit::EXPERIMENTS,

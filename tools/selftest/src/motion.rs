@@ -7,7 +7,6 @@ use super::receiver::{Row, between};
 use super::{Claim, Estimate, Expected, Experiment};
 use geu_model::units::{ARCSEC_PER_DEG, S_PER_DAY};
 
-/// Arcsec in a turn.
 const ARCSEC_PER_TURN: f64 = 360.0 * ARCSEC_PER_DEG;
 
 pub const EXPERIMENTS: &[Experiment] = &[

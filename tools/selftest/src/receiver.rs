@@ -15,7 +15,6 @@ pub struct Row {
     pub counts: [f64; 4],
     /// Rotation about the control axes so far, of the reference attitude.
     pub reference_arcsec: [f64; 3],
-    /// What the unit told.
     pub half_second: HalfSecond,
 }
 

@@ -294,11 +294,9 @@ pub fn transfer_function(rows: &[Row], gyro: Gyro, axis: usize) -> Vec<(f64, Est
 /// A straight line that departs least from points, at the worst of them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BestLine {
-    /// Slope.
     pub slope: f64,
     /// y at x = 0.
     pub level: f64,
-    /// The largest departure.
     pub departure: f64,
 }
 
@@ -323,7 +321,6 @@ impl BestLine {
         best
     }
 
-    /// y of the line.
     pub fn at(&self, x: f64) -> f64 {
         self.level + self.slope * x
     }

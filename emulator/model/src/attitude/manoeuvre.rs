@@ -161,14 +161,12 @@ manoeuvres! {
     "stabilise" Stabilise(Stabilise), "one orbit's scan at the present theta";
 }
 
-/// What is flown.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scenario {
     /// θ at the start.
     pub theta_deg: f64,
     /// ψ at the start.
     pub psi_deg: f64,
-    /// Limit cycle, throughout.
     pub limit_cycle: LimitCycle,
     /// One after the other; a hold without end follows the last.
     pub manoeuvres: Vec<Manoeuvre>,

@@ -31,24 +31,20 @@ pub struct Segment {
     pub psi: Quadratic,
 }
 
-/// An angle of constant acceleration.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Quadratic {
     /// At the segment's start.
     pub start_rad: f64,
     /// At the segment's start.
     pub rate_rad_s: f64,
-    /// Throughout.
     pub acceleration_rad_s2: f64,
 }
 
 impl Quadratic {
-    /// An angle at rest.
     pub const fn at(start_rad: f64) -> Quadratic {
         Quadratic { start_rad, rate_rad_s: 0.0, acceleration_rad_s2: 0.0 }
     }
 
-    /// Whether it does not move.
     #[inline]
     pub fn is_at_rest(&self) -> bool {
         self.rate_rad_s == 0.0 && self.acceleration_rad_s2 == 0.0
@@ -60,13 +56,11 @@ impl Quadratic {
         (self.rate_rad_s + 0.5 * self.acceleration_rad_s2 * t_s) * t_s
     }
 
-    /// The angle.
     #[inline]
     pub fn angle_rad(&self, t_s: f64) -> f64 {
         self.start_rad + self.change_rad(t_s)
     }
 
-    /// Its rate.
     #[inline]
     pub fn rate_rad_s(&self, t_s: f64) -> f64 {
         self.rate_rad_s + self.acceleration_rad_s2 * t_s

@@ -37,7 +37,6 @@ pub struct Moment {
     pub t_s: f64,
     /// Inertial rates about the control axes.
     pub rate_control_arcsec_s: [f64; 3],
-    /// Solar aspect angle.
     pub theta_rad: f64,
     /// Angle about the sun vector, not reduced to one turn.
     pub psi_rad: f64,
@@ -46,9 +45,7 @@ pub struct Moment {
 /// Motion over one stretch of time.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Step {
-    /// Its start.
     pub start: Moment,
-    /// Its end.
     pub end: Moment,
     /// Length, true time.
     pub length_s: f64,
@@ -86,14 +83,12 @@ enum Source {
     },
 }
 
-/// A scenario being flown.
 #[derive(Debug, Clone)]
 struct Flight {
     plan: Plan,
     limit_cycle: LimitCycle,
     segment: Segment,
     segment_start_s: f64,
-    /// Where it has come to.
     phases: Phases,
 }
 

@@ -17,9 +17,7 @@ pub const THETA_LIMITS_DEG: (f64, f64) = (60.0, 120.0);
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{reason}")]
 pub struct Impossible {
-    /// Index in the scenario.
     pub index: usize,
-    /// The number to change.
     pub field: &'static str,
     /// What was expected and what was got.
     pub reason: String,
@@ -138,7 +136,6 @@ impl Plan {
         self.legs.retain(|leg| leg.end_s >= t_s);
     }
 
-    /// Lays out the next leg.
     fn lay_out(&mut self) -> Result<(), (&'static str, String)> {
         let (index, part) = self.next;
         self.next = (index + 1, 0);
@@ -375,7 +372,6 @@ impl Plan {
     }
 }
 
-/// Whether it never ends.
 fn is_endless(manoeuvre: &Manoeuvre) -> bool {
     matches!(manoeuvre, Manoeuvre::Survey(survey) if survey.scans == 0.0)
 }

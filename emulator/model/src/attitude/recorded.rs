@@ -18,7 +18,6 @@ pub struct Row {
     pub theta_psi_rad: Option<(f64, f64)>,
 }
 
-/// Why rows are no truth.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum BadRows {
     /// Fewer than three after the start.
@@ -27,9 +26,7 @@ pub enum BadRows {
     /// Time that does not rise.
     #[error("expected time to rise, got {t_s} s after {before_s} s")]
     NotRising {
-        /// Index of the row.
         index: usize,
-        /// Its time.
         t_s: f64,
         /// The time before.
         before_s: f64,
@@ -39,27 +36,18 @@ pub enum BadRows {
     Gap {
         /// Index of the row after it.
         index: usize,
-        /// Time of that row.
         t_s: f64,
-        /// Length of the hole.
         gap_s: f64,
-        /// Median spacing of the rows.
         spacing_s: f64,
     },
     /// Not a number, or one that no motion has.
     #[error(
         "expected finite numbers, turns within {MOST_ARCSEC:e} arcsec from row to row, the sun within {MOST_RAD} rad; got {value:e}"
     )]
-    NotFinite {
-        /// Index of the row.
-        index: usize,
-        /// What stands there.
-        value: f64,
-    },
+    NotFinite { index: usize, value: f64 },
 }
 
 impl BadRows {
-    /// Index of the row concerned.
     pub fn index(&self) -> Option<usize> {
         match *self {
             BadRows::TooFew(_) => None,
@@ -87,7 +75,6 @@ pub fn median_spacing_s(rows: &[Row]) -> Option<f64> {
 /// A truth read from a file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Recorded {
-    /// Instants.
     t_s: Vec<f64>,
     /// Accumulated rotation at each, with its second derivatives.
     angle_control_arcsec: [Vec<f64>; 3],
@@ -246,7 +233,6 @@ fn departure(t_s: &[f64], angle_control_arcsec: &[Vec<f64>; 3], theta_psi_rad: &
     all
 }
 
-/// An angle reduced to −π…π.
 pub(super) fn shorter_way(rad: f64) -> f64 {
     rad - std::f64::consts::TAU * (rad / std::f64::consts::TAU).round()
 }

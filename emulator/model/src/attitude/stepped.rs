@@ -9,10 +9,8 @@ use std::sync::{Mutex, MutexGuard};
 use super::{Moment, Sun};
 use crate::units::ARCSEC_PER_RAD;
 
-/// What a piece rests on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Basis {
-    /// The source told it.
     Told,
     /// The source was late: the last rate was held.
     Held,
@@ -26,7 +24,6 @@ impl Basis {
         [(Basis::Told, "told"), (Basis::Held, "held"), (Basis::Missing, "missing")];
 }
 
-/// End of a piece.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Knot {
     /// True time since the start of the run.
@@ -84,7 +81,6 @@ impl Stepped {
         }
     }
 
-    /// How far it is known.
     pub fn end_s(&self) -> f64 {
         self.known().knots.back().unwrap_or(&START).t_s
     }

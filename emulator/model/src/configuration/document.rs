@@ -42,7 +42,6 @@ impl fmt::Display for ConfigurationError {
     }
 }
 
-/// A text with a name.
 pub struct Source {
     name: String,
     document: Document<String>,
@@ -63,7 +62,6 @@ impl Source {
         }
     }
 
-    /// The root table.
     pub fn root(&self) -> Node<'_> {
         Node { source: self, table: self.document.as_table(), path: String::new(), span: None }
     }
@@ -97,7 +95,6 @@ fn around(line: &str, place: usize) -> (String, usize) {
     (format!("{before}{}{after}", &line[from..to]), indent)
 }
 
-/// A table of the document.
 #[derive(Clone)]
 pub struct Node<'a> {
     source: &'a Source,

@@ -8,7 +8,6 @@ use geu_protocol::suggestion::{did_you_mean, listed};
 
 use super::document::{ConfigurationError, Node};
 
-/// Longest identifier.
 const MOST_ID: usize = 64;
 
 /// What gives each table of a list its identifier.
@@ -74,7 +73,6 @@ pub(super) struct Known<'a> {
 }
 
 impl<'a> Known<'a> {
-    /// These.
     pub fn new(ids: impl Iterator<Item = &'a str>) -> Known<'a> {
         let listed: Vec<&str> = ids.collect();
         Known { ids: listed.iter().copied().collect(), listed }

@@ -35,13 +35,10 @@ const REFERENCE: &str = include_str!("../../../../configs/reference.toml");
 /// One gyro's part of a configuration.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct GyroConfiguration {
-    /// Its own parameters.
     pub calibration: Calibration,
-    /// Its effects.
     pub effects: Configured<HeadEffects>,
     /// The effect whose terms are data.
     pub discovered: Vec<Term>,
-    /// Faults of its wiring.
     pub wiring: Configured<WiringEffects>,
 }
 
@@ -50,9 +47,7 @@ pub struct GyroConfiguration {
 pub struct RecordedCommand {
     /// Index, from 0, of the half second in which it acted.
     pub half_second: u64,
-    /// Link that it came by.
     pub link: String,
-    /// Payload of the COMMAND.
     pub payload: Vec<u8>,
 }
 
@@ -62,7 +57,6 @@ pub enum WireForm {
     /// `link.log`, as `candump -l` writes.
     #[default]
     Can,
-    /// `link.bin`, the serial bytes.
     Serial,
 }
 
@@ -70,7 +64,6 @@ impl WireForm {
     /// Names in configuration and command line, in order.
     pub const NAMES: [&str; 2] = ["can", "serial"];
 
-    /// The form of that name.
     pub fn named(name: &str) -> Option<WireForm> {
         [WireForm::Can, WireForm::Serial]
             .into_iter()
@@ -79,7 +72,6 @@ impl WireForm {
             .map(|(form, _)| form)
     }
 
-    /// Its name.
     pub fn name(self) -> &'static str {
         WireForm::NAMES[self as usize]
     }
@@ -88,9 +80,7 @@ impl WireForm {
 /// Where a recording ended before its run, and why.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EndedEarly {
-    /// Half seconds recorded.
     pub half_second: u64,
-    /// Why.
     pub reason: String,
 }
 
@@ -99,7 +89,6 @@ pub struct EndedEarly {
 pub struct RunRecord {
     /// How long it ran; 0 where it is not said.
     pub duration_s: f64,
-    /// Form of the link recorded.
     pub wire: Option<WireForm>,
     /// Kinds of the links that were open: whom a fault was on.
     pub links: Vec<LinkKind>,
@@ -116,7 +105,6 @@ pub struct RunRecord {
     /// Faults that were injected while it ran: its truth has one column for what effects add that are there by these
     /// alone.
     pub injected: Vec<String>,
-    /// Commands received.
     pub commands: Vec<RecordedCommand>,
 }
 
@@ -138,27 +126,20 @@ impl RunRecord {
 /// A configuration that can be run: every number within its limits, the scenario possible.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Configuration {
-    /// Seed of every random stream.
     pub seed: u64,
     /// Time at the start of the first half second, Unix time, ns.
     pub start_unix_ns: i64,
-    /// Effects of the whole unit.
     pub unit: Configured<UnitEffects>,
-    /// Course of the electronics temperature.
     pub electronics: ElectronicsCourse,
     /// The gyros in wire order.
     pub gyros: [GyroConfiguration; 4],
-    /// The absolute sensors.
     pub sensors: SensorNumbers,
-    /// What is flown.
     pub scenario: Scenario,
     /// How a truth from a simulator is followed in its place.
     pub truth: TruthNumbers,
-    /// What goes wrong.
     pub faults: Vec<Fault>,
     /// What must be done about it.
     pub expectations: Vec<Expectation>,
-    /// Of a recorded run.
     pub run: RunRecord,
 }
 

@@ -16,19 +16,15 @@ use crate::units::HALF_SECOND_S;
 /// A fault over one half second.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Acting {
-    /// The fault.
     pub fault: Arc<Fault>,
-    /// What it does.
     pub law: Law,
     /// Half seconds since it started.
     pub elapsed: u64,
-    /// Index of this half second.
     pub frame: u64,
     /// 1; less while a parameter returns.
     pub share: f64,
     /// The last half second before it started.
     pub before: Option<HalfSecond>,
-    /// Seed of what it draws.
     pub seed: u64,
 }
 
@@ -43,7 +39,6 @@ impl Acting {
         matches!(self.law, Law::Unit(UnitLaw::Reset | UnitLaw::BrownOut | UnitLaw::BootDelay))
     }
 
-    /// What it does on links.
     pub fn on_link(&self) -> Option<LinkLaw> {
         match self.law {
             Law::Link(law) => Some(law),
@@ -60,33 +55,25 @@ fn middle_s(elapsed: u64) -> f64 {
 /// What happened to a fault or an expectation.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Happening {
-    /// A fault began to act.
     Started(Arc<Fault>),
     /// It is over, after so many half seconds.
     Ended(Arc<Fault>, u64),
-    /// An expectation was decided.
     Decided(Watch),
 }
 
 /// A fault of the plan, and how it stands.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Planned {
-    /// The fault.
     pub fault: Arc<Fault>,
-    /// What it does.
     pub law: Law,
-    /// How often it has started.
     pub started: u64,
-    /// While it acts.
     running: Option<Running>,
-    /// Nothing of it any more.
     pub is_cleared: bool,
 }
 
 #[derive(Debug, Clone, PartialEq)]
 struct Running {
     start: u64,
-    /// Where its end is known.
     end: Option<u64>,
     /// While a parameter returns: since when.
     releasing: Option<u64>,
@@ -106,7 +93,6 @@ impl Planned {
         self.running.as_ref().and_then(|running| running.end)
     }
 
-    /// Whether somebody can start it.
     pub fn waits_for_hand(&self) -> bool {
         self.fault.by_hand && !self.is_over()
     }
@@ -122,13 +108,11 @@ impl Planned {
     }
 }
 
-/// All faults of a run.
 #[derive(Debug, Clone, Default)]
 pub struct Faults {
     seed: u64,
     /// In the order of the plan, then as they were injected.
     pub planned: Vec<Planned>,
-    /// What is expected.
     pub watches: Vec<Watch>,
     acting: Arc<Vec<Acting>>,
     happened: Vec<Happening>,
@@ -139,12 +123,10 @@ pub struct Faults {
 pub struct Marks {
     /// Gyros that are not valid, as bits.
     pub invalid: u8,
-    /// Gyros whose spin motor coasts.
     pub coasting: u8,
 }
 
 impl Faults {
-    /// Those of a configuration.
     pub fn new(configuration: &Configuration) -> Faults {
         let mut faults = Faults { seed: configuration.seed, ..Faults::default() };
         configuration.faults.iter().for_each(|fault| faults.add(fault.clone()));
@@ -152,7 +134,6 @@ impl Faults {
         faults
     }
 
-    /// Adds one.
     pub fn add(&mut self, fault: Fault) {
         let law = fault.law();
         self.planned.push(Planned { fault: Arc::new(fault), law, started: 0, running: None, is_cleared: false });
@@ -229,7 +210,6 @@ impl Faults {
         over
     }
 
-    /// How the expectations stand.
     pub fn verdicts(&self) -> impl Iterator<Item = (&str, Verdict)> {
         self.watches.iter().map(|watch| (watch.expectation.id.as_str(), watch.verdict))
     }

@@ -3,7 +3,6 @@
 use super::expression::{Expression, Moment};
 use crate::units::HALF_SECOND_S;
 
-/// How a condition must hold.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Window {
     /// At least once within so long.
@@ -12,45 +11,34 @@ pub enum Window {
     Throughout(f64),
 }
 
-/// What a plan expects.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Expectation {
-    /// Its own, in the plan.
     pub id: String,
     /// From the first start of this fault on.
     pub after: Option<String>,
     /// Not before this on-board time.
     pub at_s: f64,
-    /// What must hold.
     pub condition: Expression,
-    /// For how long.
     pub window: Window,
 }
 
-/// How an expectation stands.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Verdict {
-    /// Its window has not begun.
     Waiting,
     /// Its window began at this half second.
     Open(u64),
     /// It was met; on-board time at which that was certain.
     Met(f64),
-    /// It was not.
     NotMet(f64),
 }
 
-/// An expectation being watched.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Watch {
-    /// What is expected.
     pub expectation: Expectation,
-    /// How it stands.
     pub verdict: Verdict,
 }
 
 impl Watch {
-    /// Begins to watch.
     pub fn new(expectation: Expectation) -> Watch {
         Watch { expectation, verdict: Verdict::Waiting }
     }

@@ -8,7 +8,6 @@ use std::fmt;
 use geu_protocol::Gyro;
 use geu_protocol::command::COMMANDS;
 
-/// Longest text of an expression.
 const MOST_LENGTH: usize = 500;
 /// Most brackets and signs within each other.
 const MOST_DEPTH: usize = 40;
@@ -28,15 +27,11 @@ pub struct Moment {
     pub theta_deg: f64,
     /// Angle about the sun vector; NaN where the truth does not tell it.
     pub psi_deg: f64,
-    /// Temperature of the electronics.
     pub electronics_c: f64,
-    /// Temperature of the sensor.
     pub sensor_c: f64,
-    /// Whether the unit is polled.
     pub is_polled: bool,
     /// Increments of the half second that ended last.
     pub increments: [i16; 4],
-    /// Its gyro flags.
     pub gyro_flags: u8,
     /// Opcodes of the commands that it brought.
     pub commands: Vec<u8>,
@@ -54,7 +49,6 @@ enum Sort {
 /// Names, what they mean, and their values.
 type Variable = (&'static str, &'static str, fn(&Moment) -> f64);
 
-/// Every variable.
 const VARIABLES: &[Variable] = &[
     ("t_s", "on-board time since the start", |now| now.t_s),
     ("frame", "index of the half second that begins, from 0", |now| now.frame as f64),
@@ -69,7 +63,6 @@ const VARIABLES: &[Variable] = &[
     ("polled", "1 in polled mode, else 0", |now| f64::from(u8::from(now.is_polled))),
 ];
 
-/// What a function takes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Takes {
     Number,
@@ -150,7 +143,6 @@ const OPERATORS: &[Operator] = &[
     (4, "/", Sort::Number, Sort::Number, |a, b| a / b),
     (4, "%", Sort::Number, Sort::Number, |a, b| a % b),
 ];
-/// One more than the tightest.
 const LEVELS: usize = 5;
 
 fn truth(value: bool) -> f64 {

@@ -26,7 +26,6 @@ use expression::Expression;
 /// Stands for a limit that is none: what is added must be finite.
 const UNLIMITED: f64 = 1e10;
 
-/// Which list of effects.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum List {
     /// [`UnitEffects`].
@@ -40,7 +39,6 @@ pub enum List {
 /// A number of an effect, which a fault can move.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Target {
-    /// List of the effect.
     pub list: List,
     /// Index of the effect in its list.
     pub effect: usize,
@@ -49,7 +47,6 @@ pub struct Target {
 }
 
 impl Target {
-    /// Every number of every effect.
     pub fn all() -> Vec<Target> {
         fn of<E: Effects>(list: List) -> impl Iterator<Item = Target> {
             let effects = E::default();
@@ -69,12 +66,10 @@ impl Target {
         Target::all().into_iter().find(|target| target.name() == name)
     }
 
-    /// `effect.number`.
     pub fn name(&self) -> String {
         format!("{}.{}", self.effect().code, self.number().name)
     }
 
-    /// Its effect.
     pub fn effect(&self) -> &'static EffectSpec {
         match self.list {
             List::Unit => &UnitEffects::SPECS[self.effect],
@@ -83,7 +78,6 @@ impl Target {
         }
     }
 
-    /// What is said of it.
     pub fn number(&self) -> &'static Number {
         let specs = match self.list {
             List::Unit => UnitEffects::default().numbers(self.effect).specs(),
@@ -114,29 +108,13 @@ impl Target {
     }
 }
 
-/// What a fault does.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Action {
-    /// Adds to a parameter.
-    Parameter {
-        /// Which.
-        target: Target,
-        /// How much.
-        size: f64,
-        /// How it moves.
-        course: shape::Law,
-    },
-    /// One that has a name.
-    Named {
-        /// Which.
-        spec: &'static Spec,
-        /// Its numbers.
-        values: Vec<f64>,
-    },
+    Parameter { target: Target, size: f64, course: shape::Law },
+    Named { spec: &'static Spec, values: Vec<f64> },
 }
 
 impl Action {
-    /// The parameter or the name.
     pub fn name(&self) -> String {
         match self {
             Action::Parameter { target, .. } => target.name(),
@@ -145,12 +123,9 @@ impl Action {
     }
 }
 
-/// A fault of a plan.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fault {
-    /// Its own, in the plan.
     pub id: String,
-    /// What it does.
     pub action: Action,
     /// The gyro that it is on.
     pub gyro: Option<Gyro>,
@@ -172,7 +147,6 @@ pub struct Fault {
     pub until_s: f64,
     /// A parameter returns over so long.
     pub release_s: f64,
-    /// How often it may start.
     pub times: u64,
     /// Of what it draws; the run's where nothing is said.
     pub seed: Option<u64>,
@@ -231,7 +205,6 @@ impl Fault {
         }
     }
 
-    /// What starts it, in words.
     pub fn trigger(&self) -> String {
         let mut parts = Vec::new();
         if self.by_hand {
@@ -276,7 +249,6 @@ pub struct Draw<'a> {
 }
 
 impl<'a> Draw<'a> {
-    /// Those of a fault.
     pub fn new(seed: u64, id: &'a str) -> Draw<'a> {
         Draw { seed, id }
     }

@@ -7,25 +7,20 @@ use crate::units::HALF_SECOND_S;
 /// The course of what is added.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Law {
-    /// At once, and held.
     Step,
     /// Grows evenly, and holds when it is there.
     Ramp {
-        /// How long it grows.
         over_s: f64,
     },
     /// There for a while, again and again.
     Pulse {
-        /// How long it is there.
         width_s: f64,
         /// From one to the next; infinite for a single one.
         period_s: f64,
     },
     /// A sine, from 0 at the start.
     Sine {
-        /// Period.
         period_s: f64,
-        /// Phase at the start.
         phase_rad: f64,
     },
     /// Normally distributed, drawn anew now and then; the size is the deviation.
@@ -35,18 +30,13 @@ pub enum Law {
     },
 }
 
-/// A kind of course.
 pub struct Kind {
-    /// Key of its size.
     pub name: &'static str,
-    /// What it means.
     pub meaning: &'static str,
-    /// Numbers beside the size.
     pub numbers: &'static [Number],
     law: fn(&[f64]) -> Law,
 }
 
-/// Every kind of course.
 pub const KINDS: &[Kind] = &[
     Kind { name: "step", meaning: "at once, and held", numbers: &[], law: |_| Law::Step },
     Kind {

@@ -18,7 +18,6 @@ numbers! {
 /// Instants closer than this are the same: ends of legs are sums of ramps, and rounded.
 const GRAIN_S: f64 = 1e-6;
 
-/// One sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SunAngles {
     /// Sun angle in the XZ plane, from X towards Z: the solar aspect angle.
@@ -27,7 +26,6 @@ pub struct SunAngles {
     pub roll_arcsec: f64,
 }
 
-/// The sensor at work.
 #[derive(Debug, Clone)]
 pub struct SunSensor {
     numbers: Fss,

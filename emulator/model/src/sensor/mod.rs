@@ -28,12 +28,9 @@ pub use sse::{Fix, SLITS, Sse, Star, StarSensor};
 
 use crate::number::Numbers;
 
-/// Numbers of the sensors.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct SensorNumbers {
-    /// Of the Fine Sun Sensor.
     pub fss: Fss,
-    /// Of the slit star sensor.
     pub sse: Sse,
 }
 

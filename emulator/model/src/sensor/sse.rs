@@ -28,7 +28,6 @@ numbers! {
     }
 }
 
-/// The slits.
 pub const SLITS: [&str; 2] = ["A", "B"];
 /// A star is in the field within this angle of the boresight: in 100 minutes the sun takes it 0.07° away.
 const FIELD_RAD: f64 = 1.0 * RAD_PER_DEG;
@@ -38,7 +37,6 @@ const FIELD_RAD: f64 = 1.0 * RAD_PER_DEG;
 pub struct Star {
     /// Ring of ecliptic latitude, from the south pole.
     ring: u32,
-    /// Patch along the ring.
     patch: u32,
 }
 
@@ -61,7 +59,6 @@ impl Star {
         (360.0 * libm::sin((f64::from(ring) + 0.5) * RAD_PER_DEG)).ceil()
     }
 
-    /// Unit vector to it.
     fn direction(self) -> [f64; 3] {
         let (sin_latitude, cos_latitude) = libm::sincos((f64::from(self.ring) - 89.5) * RAD_PER_DEG);
         let longitude_deg = (f64::from(self.patch) + 0.5) * 360.0 / Star::patches(self.ring);
@@ -84,16 +81,13 @@ fn boresight([theta_rad, psi_rad]: [f64; 2], t_s: f64) -> [f64; 3] {
     [x * cos - y * sin, x * sin + y * cos, z]
 }
 
-/// One fix.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Fix {
     /// True time since the start.
     pub t_s: f64,
-    /// The star.
     pub star: Star,
     /// The slit, of [`SLITS`].
     pub slit: &'static str,
-    /// Solar aspect angle.
     pub theta_deg: f64,
     /// Angle about the sun vector, 0…360.
     pub psi_deg: f64,
@@ -101,7 +95,6 @@ pub struct Fix {
     pub sigma_arcsec: f64,
 }
 
-/// The sensor at work.
 #[derive(Debug, Clone)]
 pub struct StarSensor {
     numbers: Sse,

@@ -23,7 +23,6 @@ pub struct Injected {
     pub clean: HalfSecond,
     /// Whether that would have been sent cyclically.
     pub is_clean_cyclic: bool,
-    /// Those that act.
     pub acting: Arc<Vec<Acting>>,
 }
 
@@ -116,7 +115,6 @@ impl Unit {
         }
     }
 
-    /// After a fault is over.
     fn recover(&mut self, law: Law, gyro: Option<Gyro>) {
         let spin_up = |channel: &mut Channel| channel.power = Power::On(SPIN_UP_HALF_SECONDS);
         match law {

@@ -9,7 +9,6 @@ use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, UnitQuaternion, Vector3};
 
 use super::noise::Noise;
 
-/// Gyros in use.
 pub(super) const GYROS: usize = 3;
 /// Drifts, scale factors and misalignments: what adds to the attitude error in time.
 const PARAMETERS: usize = 4 * GYROS;
@@ -72,11 +71,9 @@ pub(super) struct Gain {
     row: Vector,
     pub gain: Vector,
     residual: f64,
-    /// Of the residual, predicted.
     pub variance: f64,
 }
 
-/// Covariance of the errors.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Covariance(Matrix);
 

@@ -26,7 +26,6 @@ const NONLINEARITY_ARCSEC_S: f64 = 720.0;
 /// A recording with its exact attitude.
 #[derive(Debug, Clone)]
 pub struct Day {
-    /// What the gyros counted.
     pub counts: Counts,
     /// Fixes of the star sensor, the mean of its slits, 30 min apart or more.
     pub fixes: Vec<Fix>,
@@ -132,11 +131,9 @@ pub fn with_errors(calibrations: &[Calibration; 4], noise: &Noise, seed: u64) ->
 /// Errors of the boresight over a run, arcsec.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Share {
-    /// Root of the mean square.
     pub rms_arcsec: f64,
     /// Which 95 % of the nodes stay below.
     pub p95_arcsec: f64,
-    /// The largest.
     pub max_arcsec: f64,
 }
 
@@ -164,15 +161,10 @@ impl Share {
 /// A survey day against its truth.
 #[derive(Debug, Clone)]
 pub struct DayReport {
-    /// Boresight, filtered.
     pub filtered: Share,
-    /// Boresight, smoothed.
     pub smoothed: Share,
-    /// Fixes used.
     pub fixes: usize,
-    /// The reconstruction.
     pub reconstruction: Reconstruction,
-    /// What was flown.
     pub day: Day,
 }
 
@@ -236,10 +228,8 @@ pub fn survey_day(
     })
 }
 
-/// What one effect costs.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EffectCost {
-    /// Its code.
     pub code: &'static str,
     /// Smoothed boresight with this effect and no other.
     pub alone: Share,

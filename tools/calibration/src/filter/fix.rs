@@ -23,16 +23,13 @@ pub fn attitude_of(theta_rad: f64, psi_rad: f64, t_s: f64) -> UnitQuaternion<f64
     UnitQuaternion::from_scaled_axis(Vector3::z() * (SUN_RATE_RAD_S * t_s)) * to_sun_referenced
 }
 
-/// What a fix is of.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Seen {
     /// The attitude, control frame to inertial. What no sight looks at need only be near.
     Attitude(UnitQuaternion<f64>),
-    /// One direction, unit vectors.
     Direction {
         /// As the sensor tells it, in the control frame.
         control: Vector3<f64>,
-        /// As it is.
         inertial: Vector3<f64>,
     },
 }
@@ -53,7 +50,6 @@ pub struct Sight {
 pub struct Fix {
     /// Time, s since the start of the counts.
     pub t_s: f64,
-    /// What was seen.
     pub seen: Seen,
     /// About which axes, with errors independent of each other.
     pub sights: Vec<Sight>,

@@ -109,7 +109,6 @@ impl State {
 
 /// What happened to the estimate at a node, in order.
 enum Event {
-    /// The attitude was started anew.
     Restart,
     Update(Box<Gain>),
 }

@@ -58,7 +58,6 @@ use crate::counts::Counts;
 use crate::effects::{self, Steps};
 use crate::transfer::{InUse, Transfer};
 
-/// Why nothing can be reconstructed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum FilterError {
     /// More gyros than three axes take.
@@ -69,28 +68,13 @@ pub enum FilterError {
     NoCounts,
     /// Nothing to start from.
     #[error("fixes: expected one of the whole attitude within 0…{end_s} s, got {got} fixes, none of them such")]
-    NoAttitude {
-        /// End of the counts.
-        end_s: f64,
-        /// How many fixes there are.
-        got: usize,
-    },
+    NoAttitude { end_s: f64, got: usize },
     /// A fix that is none.
     #[error("fix {index} at {t_s} s: expected finite numbers and sigmas above 0")]
-    Fix {
-        /// Its place among the fixes.
-        index: usize,
-        /// Its time.
-        t_s: f64,
-    },
+    Fix { index: usize, t_s: f64 },
     /// A figure of the noise that is none.
     #[error("noise: {field}: expected a finite number, 0 or more, got {got}")]
-    Noise {
-        /// Its name.
-        field: &'static str,
-        /// What stands there.
-        got: f64,
-    },
+    Noise { field: &'static str, got: f64 },
 }
 
 /// What is known at a node.
@@ -129,13 +113,11 @@ pub struct Innovation {
     pub t_s: f64,
     /// Which component of the fix, in the order of its sights.
     pub component: usize,
-    /// Seen less predicted.
     pub arcsec: f64,
     /// The same over its predicted sigma: standard normal and independent where the model holds.
     pub normalised: f64,
 }
 
-/// A reconstruction.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Reconstruction {
     /// At each node of the counts, from the fixes until then.
@@ -144,7 +126,6 @@ pub struct Reconstruction {
     pub smoothed: Vec<Estimate>,
     /// Every component of every fix used, in order of time.
     pub innovations: Vec<Innovation>,
-    /// Whether the innovations are white.
     pub whiteness: Whiteness,
     /// Fixes outside the counts, which were not used.
     pub fixes_outside: usize,

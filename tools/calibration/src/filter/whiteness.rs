@@ -2,7 +2,6 @@
 
 use super::Innovation;
 
-/// Largest lag of the autocorrelation.
 const LAGS: usize = 10;
 /// A verdict of "not white" is wrong once in a hundred, both tests together.
 const LEVEL: f64 = 0.01;
@@ -18,7 +17,6 @@ pub struct Whiteness {
     pub nis_p: f64,
     /// Ljung and Box's Q, each component of the fixes a series of its own, added up.
     pub ljung_box: f64,
-    /// Its degrees of freedom: lags.
     pub ljung_box_dof: usize,
     /// Chance of one as large; 1 where there are too few innovations for a lag.
     pub ljung_box_p: f64,
