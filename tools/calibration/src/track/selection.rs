@@ -1,0 +1,112 @@
+//! Which gyros are used, and what a tracker reports beside attitude.
+
+use geu_protocol::Gyro;
+
+use crate::counts::BreakKind;
+use crate::redundancy::{Difference, THRESHOLD_SIGMA, Test};
+use crate::transfer::InUse;
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Choice {
+    #[default]
+    Za,
+    Zb,
+    All,
+    /// As `Za`; half seconds without GYRZA by GYRZB.
+    Auto,
+}
+
+impl Choice {
+    /// Those to use in turn: the first of which all gyros measured.
+    pub(super) fn candidates(self) -> &'static [InUse] {
+        match self {
+            Choice::Za => &[InUse::WithZa],
+            Choice::Zb => &[InUse::WithZb],
+            Choice::All => &[InUse::All],
+            Choice::Auto => &[InUse::WithZa, InUse::WithZb],
+        }
+    }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Event {
+    /// Increments ceased: the attitude lacks what the unit turned meanwhile.
+    Lost {
+        kind: BreakKind,
+        /// The gyros concerned, in wire order.
+        gyros: [bool; 4],
+        /// Another choice that has all its gyros.
+        other: Option<Choice>,
+    },
+    /// Increments are there again, after so many half seconds without.
+    Again {
+        half_seconds: u64,
+    },
+    /// Other gyros are used from now on.
+    Switched(InUse),
+    /// The redundant difference began to exceed.
+    Exceeds(Test, Difference),
+    Recovered(Test, Difference),
+}
+
+impl std::fmt::Display for Event {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        match *self {
+            Event::Lost { kind, gyros, other } => {
+                write!(f, "{}; the attitude lacks what the unit turned meanwhile", Reason { kind, gyros })?;
+                match other {
+                    Some(other) => write!(f, "; --gyros {other} would go on"),
+                    None => Ok(()),
+                }
+            }
+            Event::Again { half_seconds: 1 } => write!(f, "increments again, after 1 half second without"),
+            Event::Again { half_seconds } => write!(f, "increments again, after {half_seconds} half seconds without"),
+            Event::Switched(in_use) => write!(f, "goes on with {}", in_use_name(in_use)),
+            Event::Exceeds(test, Difference { arcsec, sigma_arcsec }) => write!(
+                f,
+                "GYRZA and GYRZB differ by {arcsec:+.2}″ {test}, more than {THRESHOLD_SIGMA} sigma of {sigma_arcsec:.2}″"
+            ),
+            Event::Recovered(test, Difference { arcsec, sigma_arcsec }) => {
+                write!(f, "GYRZA and GYRZB agree again: {arcsec:+.2}″ {test}, sigma {sigma_arcsec:.2}″")
+            }
+        }
+    }
+}
+
+impl std::fmt::Display for Choice {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        f.write_str(match self {
+            Choice::Za => "za",
+            Choice::Zb => "zb",
+            Choice::All => "all",
+            Choice::Auto => "auto",
+        })
+    }
+}
+
+/// What the gyros in use are called in output.
+pub fn in_use_name(in_use: InUse) -> &'static str {
+    match in_use {
+        InUse::WithZa => "za",
+        InUse::WithZb => "zb",
+        InUse::All => "all",
+    }
+}
+
+/// Why there are no increments, with the gyros where it is not all.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Reason {
+    pub kind: BreakKind,
+    /// The gyros concerned, in wire order.
+    pub gyros: [bool; 4],
+}
+
+impl std::fmt::Display for Reason {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        if self.gyros != [true; 4] {
+            let names = Gyro::ALL.into_iter().filter(|&gyro| self.gyros[gyro as usize]).map(Gyro::name);
+            write!(f, "{}: ", names.collect::<Vec<_>>().join(" and "))?;
+        }
+        self.kind.fmt(f)
+    }
+}
