@@ -9,12 +9,12 @@ use geu_calibration::solve::{Parameter, Solution, values};
 use geu_calibration::{Attitude, Calibrated, Counts, CountsReader, calibrate, report, window};
 use geu_model::Configuration;
 use geu_model::configuration::unix_ns;
-use geu_model::units::{HALF_SECOND_NS, HALF_SECOND_S};
+use geu_model::units::HALF_SECOND_NS;
 use geu_protocol::{CanPlan, Gyro};
 use geu_recording::{InputReader, Options, Reference, Stop};
+use geu_report::calibration::CalibrationPage;
 
 use crate::calibrate_compare;
-use crate::calibrate_page::Page;
 use crate::failure::{Failure, note, say};
 use crate::outputs::{OutputFile, write_all};
 use crate::settings::{NamedSettings, Settings};
@@ -131,14 +131,12 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         outputs.push((file, with_solution(&settings, solution)?));
     }
     if let Some(file) = &arguments.html {
-        let (name, text) = settings.text()?;
-        let page = Page {
+        let page = CalibrationPage {
             believed: &configuration,
             calibrated: &calibrated,
             earlier: &earlier,
             comparison: comparison.as_ref(),
-            inputs: arguments.inputs(),
-            configuration: (name, text, &settings.overrides),
+            provenance: settings.provenance(arguments.inputs())?,
         };
         outputs.push((file, page.html()));
     }
@@ -223,15 +221,6 @@ fn with_solution(settings: &Settings, solution: &Solution) -> Result<String, Fai
     let mut values = settings.overrides.clone();
     values.extend(report::overrides(&solution.calibrations));
     Configuration::edited(&name, &text, &values).map_err(Failure::input)
-}
-
-/// The factor and unit in which sigmas and changes of a parameter are told.
-pub fn fine(parameter: Parameter) -> (f64, &'static str) {
-    match parameter.index {
-        0 => (1e6, "ppm"),
-        1 => (3600.0 / HALF_SECOND_S, "arcsec/h"),
-        _ => (1.0, "arcsec"),
-    }
 }
 
 /// The result for a terminal.

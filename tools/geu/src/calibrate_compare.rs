@@ -5,9 +5,8 @@ use std::fmt::Write;
 use geu_calibration::compare::{LEAST_PROBABILITY, stability_per_day};
 use geu_calibration::solve::{Parameter, Solution, UNKNOWNS};
 use geu_calibration::{Calibrated, Comparison, Earlier, compare as compare_solutions, report};
+use geu_report::calibration::{moved_words, sigma_unit};
 
-use crate::calibrate::fine;
-use crate::calibrate_page::moved_words;
 use crate::failure::Failure;
 
 /// JSON gives numbers back to the last bit or the one before; two recordings never agree so well.
@@ -64,7 +63,7 @@ pub fn table(earlier: &[Earlier], comparison: &Comparison) -> String {
         "parameter", "change", "sigma", "", "change/σ", "χ²", "probability", "stability a fortnight"
     );
     for (index, parameter) in Parameter::all().enumerate() {
-        let (size, unit) = fine(parameter);
+        let (size, unit) = sigma_unit(parameter);
         let allowed = stability_per_day(parameter)
             .map_or_else(|| "–".to_owned(), |rate| format!("{:.1} {unit}", rate * 14.0 * size));
         let _ = writeln!(

@@ -1,5 +1,7 @@
 //! The page of `geu diagnose --html`: what was found, how it was found, why it may be believed, what is left. Its diagrams are in
-//! `diagnose_charts.rs`.
+//! `charts.rs`.
+
+mod charts;
 
 use std::fmt::Write;
 
@@ -12,8 +14,8 @@ use geu_diagnosis::whereabouts::{STANDS_OUT, VARIABLES, strongest};
 use geu_diagnosis::{Verdict, report};
 use geu_protocol::Gyro;
 
-use crate::diagnose_charts::{axes_key, gap_bars, heat_map, residuals, strength};
-use crate::page::{escape, fixed, html, prose, provenance, significant, table};
+use crate::page::{CHART_HINT, Provenance, escape, fixed, html, prose, significant, table};
+use charts::{axes_key, gap_bars, heat_map, residuals, strength};
 
 /// Candidates shown of a round.
 const CANDIDATES: usize = 8;
@@ -23,16 +25,13 @@ const PLACES: usize = 12;
 const FINDINGS: usize = 200;
 
 /// What the page tells of.
-pub struct Page<'a> {
+pub struct DiagnosisPage<'a> {
     /// What came out.
     pub diagnosis: &'a Diagnosis,
-    /// What was read, what it is and its name.
-    pub inputs: Vec<(&'static str, String)>,
-    /// The configuration's name, text and overrides.
-    pub configuration: (String, String, &'a [String]),
+    pub provenance: Provenance<'a>,
 }
 
-impl Page<'_> {
+impl DiagnosisPage<'_> {
     /// The page.
     pub fn html(&self) -> String {
         let mut body = String::from("<h1>Diagnosis of a recording</h1>\n");
@@ -45,8 +44,7 @@ impl Page<'_> {
         body += &self.rivals();
         body += &self.proof();
         body += &self.findings();
-        let (name, text, overrides) = &self.configuration;
-        body += &provenance(&self.inputs, name, text, overrides);
+        body += &self.provenance.html(std::iter::empty());
         html("Diagnosis of a recording", &body)
     }
 
@@ -129,7 +127,7 @@ impl Page<'_> {
             "<h2>Residuals before and after</h2>\n<p>Measured less model, the accumulated angle in arcsec: with the \
              configuration as given, and with what was found. Windows of 30 min, from line to line, start at zero \
              each, and so does what follows a break; where the sum cannot be trusted nothing is drawn. The strip below tells \
-             what the unit did, with the numbers of the manoeuvres.</p>\n{}",
+             what the unit did, with the numbers of the manoeuvres.</p>\n{CHART_HINT}{}",
             self.key()
         );
         for gyro in Gyro::ALL {

@@ -7,18 +7,22 @@ use geu_calibration::compare::{Comparison, Earlier, LEAST_PROBABILITY, stability
 use geu_calibration::solve::{Parameter, Solution, UNKNOWNS, values};
 use geu_calibration::{Calibrated, solve};
 use geu_model::Configuration;
+use geu_model::units::HALF_SECOND_S;
 use geu_protocol::Gyro;
 
-use crate::calibrate::fine;
-use crate::page::chart::{CROSS, Chart, DIAMOND};
-use crate::page::{date, escape, fixed, html, prose, provenance, sigmas as in_sigmas, signed, significant, table};
+use geu_chart::{ARROW, CROSS, Chart, DIAMOND};
+
+use crate::extent;
+use crate::page::{
+    CHART_HINT, Provenance, date, escape, fixed, html, prose, sigmas as in_sigmas, signed, significant, table,
+};
 
 const S_PER_DAY: f64 = 86_400.0;
 /// Beyond so many sigmas a residual is marked: among a hundred equations one is by chance once in four.
 const MARKED_SIGMA: f64 = 3.0;
 
 /// What the page tells of.
-pub struct Page<'a> {
+pub struct CalibrationPage<'a> {
     /// What was believed before.
     pub believed: &'a Configuration,
     /// What came out.
@@ -27,13 +31,10 @@ pub struct Page<'a> {
     pub earlier: &'a [Earlier],
     /// Nothing where there are none.
     pub comparison: Option<&'a Comparison>,
-    /// What was read, what it is and its name.
-    pub inputs: Vec<(&'static str, String)>,
-    /// The configuration's name, text and overrides.
-    pub configuration: (String, String, &'a [String]),
+    pub provenance: Provenance<'a>,
 }
 
-impl Page<'_> {
+impl CalibrationPage<'_> {
     /// The page.
     pub fn html(&self) -> String {
         let mut body = String::from("<h1>Calibration of the gyro unit</h1>\n");
@@ -51,7 +52,8 @@ impl Page<'_> {
         body += &self.manoeuvres();
         body += &self.ellipses();
         body += &self.history();
-        body += &self.provenance();
+        let earlier = self.earlier.iter().map(|one| ("earlier calibration", one.name.clone()));
+        body += &self.provenance.html(earlier);
         html("Calibration of the gyro unit", &body)
     }
 
@@ -126,7 +128,8 @@ impl Page<'_> {
         let (solved, sigmas) = (solution.values(), solution.sigmas());
         let (before, hand) = (self.believed_values(), self.hand_values());
         let rows = Parameter::all().enumerate().map(|(index, parameter)| {
-            let ((size, fine_unit), (value, unit)) = (fine(parameter), value_and_unit(parameter, solved[index]));
+            let ((size, unit_of_sigma), (value, unit)) =
+                (sigma_unit(parameter), value_and_unit(parameter, solved[index]));
             let change = solved[index] - before[index];
             let hand =
                 hand.map_or_else(|| "–".to_owned(), |hand| in_sigmas((hand[index] - solved[index]) / sigmas[index]));
@@ -134,8 +137,8 @@ impl Page<'_> {
                 escape(&parameter.words()),
                 value,
                 unit.to_owned(),
-                format!("{} {fine_unit}", significant(sigmas[index] * size, 3)),
-                format!("{} {fine_unit}", signed(change * size, 3)),
+                format!("{} {unit_of_sigma}", significant(sigmas[index] * size, 3)),
+                format!("{} {unit_of_sigma}", signed(change * size, 3)),
                 in_sigmas(change / sigmas[index]),
                 hand,
             ]
@@ -149,8 +152,10 @@ impl Page<'_> {
         let mut text = String::from(
             "<h2>Residuals</h2>\n<p>What each equation leaves, measured less fitted: above in arcsec with the scatter that \
              the noise lets it have, 1 sigma; below the same in sigmas, with 1 and 2 shaded. Numbers are those of the \
-             manoeuvres in the table that follows.</p>\n<div class=\"figures\">\n",
+             manoeuvres in the table that follows.</p>\n",
         );
+        text += CHART_HINT;
+        text += "<div class=\"figures\">\n";
         for gyro in Gyro::ALL {
             text += &self.residuals_of(gyro);
         }
@@ -181,9 +186,9 @@ impl Page<'_> {
         };
         let most = own.iter().map(|one| one.arcsec.abs() + one.sigma_arcsec).fold(1e-9, f64::max) * 1.15;
         let label = format!("Residuals of {name} in arcsec, manoeuvre by manoeuvre");
-        let mut above = Chart::new(&label, (420.0, 200.0), x, (-most, most), 1);
+        let mut above = Chart::new(&label, (420.0, 200.0), x, (-most, most), 1).counting_x();
         above.y_ticks(6);
-        above.y_name("arcsec");
+        above.y_title("arcsec");
         for one in &own {
             let at = number(one);
             above.line("first", (at, one.arcsec - one.sigma_arcsec), (at, one.arcsec + one.sigma_arcsec));
@@ -192,12 +197,12 @@ impl Page<'_> {
         names(&mut above);
         let most = own.iter().map(|one| sigmas(one).abs()).fold(2.3, f64::max) * 1.12;
         let label = format!("Residuals of {name} in sigmas, manoeuvre by manoeuvre");
-        let mut below = Chart::new(&label, (420.0, 140.0), x, (-most, most), 1);
+        let mut below = Chart::new(&label, (420.0, 140.0), x, (-most, most), 1).counting_x();
         for level in [2.0, 1.0] {
             below.polygon("band", [(x.0, -level), (x.1, -level), (x.1, level), (x.0, level)]);
         }
         below.y_ticks(4);
-        below.y_name("σ");
+        below.y_title("σ");
         for one in &own {
             let (at, value) = (number(one), sigmas(one));
             below.line("first", (at, 0.0), (at, value));
@@ -285,11 +290,11 @@ impl Page<'_> {
         }
         let _ = writeln!(
             text,
-            "<div class=\"key\">\n<span><svg viewBox=\"-11 -7 22 14\"><path class=\"second\" d=\"{DIAMOND}\"/></svg>believed \
-             before</span>\n<span><svg viewBox=\"-11 -7 22 14\"><path class=\"third\" d=\"{CROSS}\"/></svg>hand \
-             method</span>\n<span><svg viewBox=\"-16 -7 22 14\"><path class=\"second\" d=\"{}\"/></svg>beyond the \
+            "<div class=\"key\">\n<span><svg viewBox=\"-11 -7 22 14\"><path class=\"diamond\" d=\"{DIAMOND}\"/></svg>believed \
+             before</span>\n<span><svg viewBox=\"-11 -7 22 14\"><path class=\"cross\" d=\"{CROSS}\"/></svg>hand \
+             method</span>\n<span><svg viewBox=\"-16 -7 22 14\"><path class=\"diamond\" d=\"{}\"/></svg>beyond the \
              frame, in that direction</span>\n</div>\n<div class=\"figures small\">",
-            crate::page::chart::ARROW
+            ARROW
         );
         for gyro in Gyro::ALL {
             for (first, second) in [(0, 1), (2, 3)] {
@@ -303,7 +308,7 @@ impl Page<'_> {
     fn ellipse(&self, pair: [Parameter; 2], correlation: &dyn Fn(usize, usize) -> f64) -> String {
         let [a, b] = pair.map(position);
         let (sigmas, solved) = (self.solution().sigmas(), self.solution().values());
-        let forms = pair.map(fine);
+        let forms = pair.map(sigma_unit);
         let scales = [sigmas[a] * forms[0].0, sigmas[b] * forms[1].0];
         let rho = correlation(a, b).clamp(-1.0, 1.0);
         let across = (1.0 - rho * rho).sqrt();
@@ -322,14 +327,14 @@ impl Page<'_> {
         let mut chart = Chart::new(&label, (250.0, 246.0), x, y, 2);
         chart.x_ticks(5);
         chart.y_ticks(6);
-        chart.x_name(&format!("{}, {}", names[0], forms[0].1));
-        chart.y_name(&format!("{}, {}", names[1], forms[1].1));
+        chart.x_title(&format!("{}, {}", names[0], forms[0].1));
+        chart.y_title(&format!("{}, {}", names[1], forms[1].1));
         chart.polygon("band", contour(1.0));
         chart.polygon("first", contour(1.0));
         chart.polygon("faint", contour(2.0));
         let mut caption = format!("<b>{}</b> correlation {}", pair[0].gyro.name(), fixed(rho, 2));
-        let believed = ("believed", DIAMOND, "second", "second", Some(self.believed_values()));
-        let hand = ("hand method", CROSS, "third", "thirdly", self.hand_values());
+        let believed = ("believed", DIAMOND, "diamond", "diamond", Some(self.believed_values()));
+        let hand = ("hand method", CROSS, "cross", "cross-arrow", self.hand_values());
         for (what, path, class, arrow, values) in [believed, hand] {
             let Some(values) = values else { continue };
             let away = [a, b].map(|index| (values[index] - solved[index]) / sigmas[index]);
@@ -367,7 +372,7 @@ impl Page<'_> {
         let merged_sigmas = comparison.combined.sigmas();
         let days = self.earlier.last().map_or(0.0, |last| (self.calibrated.time_s - last.time_s).abs() / S_PER_DAY);
         let rows = Parameter::all().enumerate().map(|(index, parameter)| {
-            let (size, unit) = fine(parameter);
+            let (size, unit) = sigma_unit(parameter);
             let probability = percent(comparison.probability(index));
             let allowed = stability_per_day(parameter)
                 .map_or_else(|| "–".to_owned(), |rate| format!("±{} {unit}", significant(rate * days * size, 2)));
@@ -406,7 +411,7 @@ impl Page<'_> {
     }
 
     fn history_of(&self, parameter: Parameter, comparison: &Comparison) -> String {
-        let (index, (size, unit)) = (position(parameter), fine(parameter));
+        let (index, (size, unit)) = (position(parameter), sigma_unit(parameter));
         let solved = self.solution().values()[index];
         let mut points: Vec<(f64, f64, f64)> = self
             .earlier
@@ -428,8 +433,8 @@ impl Page<'_> {
         }
         chart.x_ticks(4);
         chart.y_ticks(5);
-        chart.x_name("days from this one");
-        chart.y_name(unit);
+        chart.x_title("days from this one");
+        chart.y_title(unit);
         if comparison.is_compatible() {
             let mean = (comparison.combined.values()[index] - solved) * size;
             chart.line("mean", (x.0, mean), (x.1, mean));
@@ -441,20 +446,15 @@ impl Page<'_> {
         }
         format!("<figure>\n<figcaption><b>{words}</b></figcaption>\n{}</figure>\n", chart.finish())
     }
-
-    fn provenance(&self) -> String {
-        let earlier = self.earlier.iter().map(|one| ("earlier calibration", one.name.clone()));
-        let inputs: Vec<_> = self.inputs.iter().cloned().chain(earlier).collect();
-        let (name, text, overrides) = &self.configuration;
-        provenance(&inputs, name, text, overrides)
-    }
 }
 
-/// Least and greatest, and a share of room beyond them.
-fn extent(ends: impl Iterator<Item = f64>, room: f64) -> (f64, f64) {
-    let (least, most) = ends.fold((f64::MAX, f64::MIN), |extent, end| (extent.0.min(end), extent.1.max(end)));
-    let room = if most > least { room * (most - least) } else { 0.5 };
-    (least - room, most + room)
+/// The factor and unit in which sigmas and changes of a parameter are given.
+pub fn sigma_unit(parameter: Parameter) -> (f64, &'static str) {
+    match parameter.index {
+        0 => (1e6, "ppm"),
+        1 => (3600.0 / HALF_SECOND_S, "arcsec/h"),
+        _ => (1.0, "arcsec"),
+    }
 }
 
 /// What moved, in words.
@@ -469,7 +469,7 @@ pub fn moved_words(comparison: &Comparison) -> String {
 
 /// A value and its unit: that of its sigma, but for a scale factor, which is a ratio.
 fn value_and_unit(parameter: Parameter, value: f64) -> (String, &'static str) {
-    let (size, unit) = fine(parameter);
+    let (size, unit) = sigma_unit(parameter);
     let (value, unit, decimals) = match parameter.index {
         0 => (value, "", 7),
         1 => (value * size, unit, 2),

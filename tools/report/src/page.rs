@@ -1,12 +1,12 @@
-//! A page of results that stands by itself: one file, no script, nothing fetched, light or dark as the reader has it.
-//! It is well-formed XML as well, so that anything can read it.
+//! A page of results in one file: nothing is fetched, light or dark as the reader has it. Without its script the charts are
+//! there as well, and stand still. It is well-formed XML, so that anything can read it.
 
-pub mod chart;
+pub(crate) use geu_chart::escape;
 
 const STYLE: &str = include_str!("style.css");
 
 /// The page with a title, from what stands in it.
-pub fn html(title: &str, body: &str) -> String {
+pub(crate) fn html(title: &str, body: &str) -> String {
     format!(
         r#"<!DOCTYPE html>
 <html lang="en">
@@ -15,38 +15,30 @@ pub fn html(title: &str, body: &str) -> String {
 <meta name="viewport" content="width=device-width, initial-scale=1"/>
 <title>{title}</title>
 <style>
-{STYLE}</style>
+{STYLE}{chart_style}</style>
 </head>
 <body>
 <main>
 {body}</main>
+<script>
+//<![CDATA[
+{script}//]]>
+</script>
 </body>
 </html>
 "#,
-        title = escape(title)
+        title = escape(title),
+        chart_style = geu_chart::STYLE,
+        script = geu_chart::SCRIPT
     )
 }
 
-/// Text as it stands between tags or in an attribute.
-pub fn escape(text: &str) -> String {
-    let mut escaped = String::with_capacity(text.len());
-    for character in text.chars() {
-        match character {
-            '&' => escaped += "&amp;",
-            '<' => escaped += "&lt;",
-            '>' => escaped += "&gt;",
-            '"' => escaped += "&quot;",
-            '\n' | '\t' => escaped.push(character),
-            // No other control character may stand in XML.
-            character if character.is_control() => escaped.push('\u{fffd}'),
-            character => escaped.push(character),
-        }
-    }
-    escaped
-}
+/// How the charts are used.
+pub(crate) const CHART_HINT: &str = "<p class=\"soft hint\">In a chart: drag to zoom, double-click for the whole, Shift and drag to \
+    move, Ctrl and wheel to zoom about the pointer; values stand under the pointer. With the keyboard: +, −, arrows, 0.</p>\n";
 
 /// A table that scrolls by itself where the screen is narrow. The first cell of a row is its header.
-pub fn table(caption: &str, header: &[&str], rows: impl IntoIterator<Item = Vec<String>>) -> String {
+pub(crate) fn table(caption: &str, header: &[&str], rows: impl IntoIterator<Item = Vec<String>>) -> String {
     let mut text = format!(
         "<div class=\"wide\" role=\"region\" tabindex=\"0\" aria-label=\"{caption}\">\n<table>\n<caption><span>{caption}</span></caption>\n<thead><tr>",
         caption = escape(caption)
@@ -69,60 +61,62 @@ pub fn table(caption: &str, header: &[&str], rows: impl IntoIterator<Item = Vec<
 }
 
 /// A cell that is read, not compared.
-pub fn prose(text: &str) -> String {
+pub(crate) fn prose(text: &str) -> String {
     format!("<span class=\"prose\">{}</span>", escape(text))
 }
 
-/// What a page rests on: the command, the version, what was read by what it is and its name, the configuration.
-pub fn provenance(inputs: &[(&str, String)], name: &str, configuration: &str, overrides: &[String]) -> String {
-    let mut text = String::from("<h2>Provenance</h2>\n<dl>\n");
-    let mut item = |name: &str, what: &str| {
-        text += &format!("<dt>{}</dt><dd><code>{}</code></dd>\n", escape(name), escape(what));
-    };
-    item("command", &command());
-    item("geu", crate::VERSION.as_str());
-    inputs.iter().for_each(|(what, name)| item(what, name));
-    item("configuration", name);
-    overrides.iter().for_each(|value| item("override", value));
-    let configuration = escape(configuration);
-    text + &format!(
-        "</dl>\n<details>\n<summary>The configuration as it was read</summary>\n<pre>{configuration}</pre>\n</details>\n"
-    )
+/// What a page rests on.
+pub struct Provenance<'a> {
+    /// The command line, so that a shell takes it again.
+    pub command: String,
+    pub version: &'a str,
+    /// What was read, what it is and its name.
+    pub inputs: Vec<(&'static str, String)>,
+    /// The configuration's name, text and overrides.
+    pub configuration: (String, String, &'a [String]),
 }
 
-/// The command line, so that a shell takes it again.
-fn command() -> String {
-    let quoted = std::env::args().map(|argument| {
-        let is_plain = |character: char| character.is_ascii_alphanumeric() || "-_./=,:+@%".contains(character);
-        match !argument.is_empty() && argument.chars().all(is_plain) {
-            true => argument,
-            false => format!("'{}'", argument.replace('\'', r"'\''")),
-        }
-    });
-    quoted.collect::<Vec<_>>().join(" ")
+impl Provenance<'_> {
+    pub(crate) fn html(&self, further: impl Iterator<Item = (&'static str, String)>) -> String {
+        let mut text = String::from("<h2>Provenance</h2>\n<dl>\n");
+        let mut item = |name: &str, what: &str| {
+            text += &format!("<dt>{}</dt><dd><code>{}</code></dd>\n", escape(name), escape(what));
+        };
+        let (name, configuration, overrides) = &self.configuration;
+        item("command", &self.command);
+        item("geu", self.version);
+        self.inputs.iter().for_each(|(what, name)| item(what, name));
+        further.for_each(|(what, name)| item(what, &name));
+        item("configuration", name);
+        overrides.iter().for_each(|value| item("override", value));
+        let configuration = escape(configuration);
+        text + &format!(
+            "</dl>\n<details>\n<summary>The configuration as it was read</summary>\n<pre>{configuration}</pre>\n</details>\n"
+        )
+    }
 }
 
 /// A number with so many significant digits and without an exponent.
-pub fn significant(value: f64, digits: i32) -> String {
+pub(crate) fn significant(value: f64, digits: i32) -> String {
     let decimals = if value == 0.0 { 0 } else { (digits - 1 - value.abs().log10().floor() as i32).clamp(0, 12) };
     format!("{value:.*}", decimals as usize).replace('-', "−")
 }
 
 /// A number with its sign.
-pub fn signed(value: f64, digits: i32) -> String {
+pub(crate) fn signed(value: f64, digits: i32) -> String {
     let text = significant(value, digits);
     if value > 0.0 { format!("+{text}") } else { text }
 }
 
 /// A number with its sign and so many decimals.
-pub fn fixed(value: f64, decimals: usize) -> String {
+pub(crate) fn fixed(value: f64, decimals: usize) -> String {
     let text = format!("{value:+.decimals$}");
     let is_zero = text.bytes().all(|byte| !(b'1'..=b'9').contains(&byte));
     if is_zero { text.replace(['+', '-'], "") } else { text.replace('-', "−") }
 }
 
 /// So many sigmas.
-pub fn sigmas(value: f64) -> String {
+pub(crate) fn sigmas(value: f64) -> String {
     format!("{} σ", fixed(value, 1))
 }
 
@@ -130,7 +124,7 @@ pub fn sigmas(value: f64) -> String {
 const FIRST_DATE_S: f64 = 315_532_800.0;
 
 /// A Unix time in the calendar, to the second; a time that counts from a start of its own in seconds.
-pub fn date(unix_s: f64) -> String {
+pub(crate) fn date(unix_s: f64) -> String {
     if unix_s < FIRST_DATE_S {
         return format!("{} s, date unknown", format!("{unix_s:.1}").replace('-', "−"));
     }
