@@ -13,7 +13,7 @@ use geu_recording::{Defect, InputError, InputReader, Options, Row, Sink, Stop, S
 use crate::defects::DefectLines;
 use crate::failure::{Failure, note};
 use crate::gyro_csv;
-use crate::no_rows;
+
 use crate::outputs::OutputFile;
 use crate::rows::{Flags, Form, write_row};
 use crate::settings::{LONGEST_S, can_base, duration};
@@ -92,7 +92,7 @@ impl Reading {
 
     /// Says why no row came.
     pub fn note_no_rows(&self, summary: &Summary) {
-        if let Some(reason) = no_rows::reason(summary, self.base.unwrap_or_default(), self.input_format) {
+        if let Some(reason) = geu_recording::no_rows_reason(summary, self.base.unwrap_or_default(), self.input_format) {
             note(format_args!("geu: {reason}\n"));
         }
     }

@@ -21,7 +21,6 @@ mod gyro_csv;
 mod inject;
 mod links;
 mod monitor;
-mod no_rows;
 mod outputs;
 mod overwriting;
 mod reconstruct;

@@ -1,9 +1,14 @@
-//! Results as pages and figures: what `calibrate` and `diagnose` write as HTML, and the figures of a unit as SVG.
+//! Results as pages, figures and tables: what `calibrate` and `diagnose` write as HTML, the figures of a unit as SVG, and what
+//! evaluations print.
 
+mod calendar;
 pub mod calibration;
+pub mod checkout;
 pub mod diagnosis;
 pub mod figures;
 mod page;
+pub mod rates;
+pub mod update;
 
 pub use page::Provenance;
 

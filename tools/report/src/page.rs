@@ -3,6 +3,8 @@
 
 pub(crate) use geu_chart::escape;
 
+pub(crate) use crate::calendar::date;
+
 const STYLE: &str = include_str!("style.css");
 
 /// The page with a title, from what stands in it.
@@ -120,47 +122,9 @@ pub(crate) fn sigmas(value: f64) -> String {
     format!("{} σ", fixed(value, 1))
 }
 
-/// 1980-01-01. Before it no recording was made: such a time is none of the calendar, but counts from a start of its own.
-const FIRST_DATE_S: f64 = 315_532_800.0;
-
-/// A Unix time in the calendar, to the second; a time that counts from a start of its own in seconds.
-pub(crate) fn date(unix_s: f64) -> String {
-    if unix_s < FIRST_DATE_S {
-        return format!("{} s, date unknown", format!("{unix_s:.1}").replace('-', "−"));
-    }
-    let unix_s = unix_s.floor() as i64;
-    let (days, second) = (unix_s.div_euclid(86_400) + 719_468, unix_s.rem_euclid(86_400));
-    // Years begin in March, so that the leap day is the last.
-    let (era, day_of_era) = (days.div_euclid(146_097), days.rem_euclid(146_097));
-    let year_of_era = (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
-    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
-    let month_from_march = (5 * day_of_year + 2) / 153;
-    let day = day_of_year - (153 * month_from_march + 2) / 5 + 1;
-    let month = (month_from_march + 2) % 12 + 1;
-    let year = era * 400 + year_of_era + i64::from(month <= 2);
-    let (hour, minute, second) = (second / 3600, second / 60 % 60, second % 60);
-    format!("{year:04}-{month:02}-{day:02} {hour:02}:{minute:02}:{second:02} UTC")
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn dates_are_those_of_date() {
-        // `date -u -d @1795230720` and so on.
-        for (unix_s, text) in [
-            (0.0, "0.0 s, date unknown"),
-            (86_400.5, "86400.5 s, date unknown"),
-            (-1.0, "−1.0 s, date unknown"),
-            (315_532_800.0, "1980-01-01 00:00:00 UTC"),
-            (951_782_399.5, "2000-02-28 23:59:59 UTC"),
-            (951_782_400.0, "2000-02-29 00:00:00 UTC"),
-            (1_795_230_720.0, "2026-11-21 03:12:00 UTC"),
-        ] {
-            assert_eq!(date(unix_s), text);
-        }
-    }
 
     #[test]
     fn numbers_keep_their_significant_digits() {
