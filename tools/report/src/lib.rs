@@ -1,5 +1,5 @@
-//! Results as pages, figures and tables: what `calibrate` and `diagnose` write as HTML, the figures of a unit as SVG, and what
-//! evaluations print.
+//! Results as pages, figures and tables: what `calibrate` and `diagnose` write as HTML, the figures of a unit as SVG, and rows
+//! as CSV and JSON lines, and what evaluations print.
 
 mod calendar;
 pub mod calibration;
@@ -8,6 +8,7 @@ pub mod diagnosis;
 pub mod figures;
 mod page;
 pub mod rates;
+pub mod rows;
 pub mod update;
 
 pub use page::Provenance;

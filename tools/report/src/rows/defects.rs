@@ -3,7 +3,7 @@
 use geu_protocol::capture::{Place, Time};
 use geu_recording::{Defect, DefectKind, place_text};
 
-use crate::rows::{quote, write_seconds};
+use super::{quote, write_seconds};
 
 /// Writes defects; the last waits for those that are like it. Two hundred megabytes of `EB 90` are one line, not a hundred million.
 #[derive(Default)]
