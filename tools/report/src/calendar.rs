@@ -5,15 +5,8 @@ const FIRST_DATE_S: f64 = 315_532_800.0;
 
 /// Date, hour, minute and second of a Unix time in whole seconds, UTC.
 fn civil(unix_s: i64) -> (String, i64, i64, i64) {
-    let (days, second) = (unix_s.div_euclid(86_400) + 719_468, unix_s.rem_euclid(86_400));
-    // Years begin in March, so that the leap day is the last.
-    let (era, day_of_era) = (days.div_euclid(146_097), days.rem_euclid(146_097));
-    let year_of_era = (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
-    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
-    let month_from_march = (5 * day_of_year + 2) / 153;
-    let day = day_of_year - (153 * month_from_march + 2) / 5 + 1;
-    let month = (month_from_march + 2) % 12 + 1;
-    let year = era * 400 + year_of_era + i64::from(month <= 2);
+    let (days, second) = (unix_s.div_euclid(86_400), unix_s.rem_euclid(86_400));
+    let (year, month, day) = geu_protocol::calendar::date(days);
     (format!("{year:04}-{month:02}-{day:02}"), second / 3600, second / 60 % 60, second % 60)
 }
 
