@@ -8,13 +8,27 @@ mod tests;
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use geu_protocol::CanPlan;
 use geu_recording::{InputError, InputReader, Options, Stop, Summary};
 
 pub use report::ReplayReport;
-pub use source::{ReplaySelection, ReplaySource};
+pub use source::ReplaySource;
 
 /// Batches of items that may wait to be sent: with those of the source, some minutes of a recording.
 pub const QUEUE: usize = 16;
+
+/// What of a recording is sent.
+#[derive(Debug, Clone)]
+pub struct ReplaySelection {
+    pub plan: CanPlan,
+    pub interface: Option<Vec<u8>>,
+    pub is_only: bool,
+    pub from_ns: i64,
+    pub to_ns: i64,
+    pub longest_gap_ns: i64,
+    /// Whether links carry frames, and bytes, as they were recorded.
+    pub carries: (bool, bool),
+}
 
 /// The report on the last pass, and how reading ended.
 pub type ReadResult = (ReplayReport, Summary, Result<(), InputError>);

@@ -9,9 +9,10 @@ use geu_model::units::HALF_SECOND_NS;
 use geu_protocol::can::{Assembled, Assembler, Role};
 use geu_protocol::capture::Event;
 use geu_protocol::serial::{BITS_PER_BYTE, DEFAULT_BAUD, Deframer, Found, Kind, MAX_FRAME, OVERHEAD, read_data};
-use geu_protocol::{CanFrame, CanPlan, HalfSecond};
+use geu_protocol::{CanFrame, HalfSecond};
 use geu_recording::{Defect, Row, Sink};
 
+use crate::ReplaySelection;
 use crate::clock::ReplayClock;
 use crate::report::ReplayReport;
 
@@ -24,20 +25,6 @@ const MAX_WAITING: usize = 4096;
 /// Bytes without a frame that are kept for the next frame to tell their time.
 const MAX_STRAY: usize = 4096;
 
-/// What of a recording is sent.
-#[derive(Debug, Clone)]
-pub struct ReplaySelection {
-    pub plan: CanPlan,
-    pub interface: Option<Vec<u8>>,
-    pub is_only: bool,
-    pub from_ns: i64,
-    pub to_ns: i64,
-    pub longest_gap_ns: i64,
-    /// Whether links carry frames, and bytes, as they were recorded.
-    pub carries: (bool, bool),
-}
-
-/// A frame that waits.
 #[derive(Debug, Clone)]
 struct Waiting {
     frame: CanFrame,
@@ -212,8 +199,6 @@ impl ReplaySource {
         }
     }
 
-    // CAN
-
     /// Takes the frames of this interface; those of others that waited go.
     fn choose(&mut self, interface: Vec<u8>) {
         for (own, waiting) in std::mem::take(&mut self.early) {
@@ -275,8 +260,6 @@ impl ReplaySource {
             self.send(What::Content(Content::Frame(waiting.frame), whose));
         }
     }
-
-    // Serial
 
     /// Sends bytes that belong to no frame, before a half second that follows by so much, and says how much is left of that.
     ///
