@@ -5,6 +5,8 @@ mod argument;
 pub use argument::written;
 
 use crate::field::Wire;
+pub use crate::hex::hex;
+use crate::hex::read_hex;
 use crate::message::Place;
 use crate::suggestion::did_you_mean;
 
@@ -250,18 +252,7 @@ fn payload_of(spec: &CommandSpec, values: &[i64]) -> Result<Vec<u8>, String> {
 
 /// The payload that these hexadecimal digits say, with or without blanks: any bytes that a COMMAND can carry.
 pub fn from_hex(hex: &str) -> Option<Vec<u8>> {
-    let digits: Vec<u8> = hex
-        .chars()
-        .filter(|c| !c.is_whitespace())
-        .map(|c| c.to_digit(16).map(|digit| digit as u8))
-        .collect::<Option<_>>()?;
-    let bytes: Vec<u8> = digits.chunks(2).map(|pair| pair.iter().fold(0, |byte, digit| byte << 4 | digit)).collect();
-    (digits.len().is_multiple_of(2) && COMMAND_LENGTHS.contains(&bytes.len())).then_some(bytes)
-}
-
-/// Bytes as hexadecimal digits, two each.
-pub fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02X}")).collect()
+    read_hex(hex).filter(|bytes| COMMAND_LENGTHS.contains(&bytes.len()))
 }
 
 /// The payload of a REPLY: 2 to 8 bytes.

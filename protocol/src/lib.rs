@@ -14,6 +14,7 @@
 //! assert_eq!(clock.id(), 0x1A2);
 //! ```
 
+pub mod calendar;
 pub mod can;
 pub mod capture;
 pub mod command;
@@ -22,6 +23,7 @@ pub mod crc;
 pub mod describe;
 pub mod excerpt;
 pub mod field;
+pub mod hex;
 pub mod message;
 pub mod serial;
 pub mod suggestion;

@@ -1,19 +1,19 @@
 //! A running emulator and a client of it, for tests.
 
 use std::fs::OpenOptions;
-use std::io::{BufRead, BufReader, ErrorKind, Lines, Read, Write};
+use std::io::{ErrorKind, Read, Write};
 use std::net::TcpStream;
+use std::ops::{Deref, DerefMut};
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
-use std::process::{Child, ChildStdout, Command, Stdio};
+use std::process::Command;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
+use geu_process::EmulatorProcess;
 use geu_protocol::serial::{Deframer, Found, Kind, read_data};
 use geu_protocol::{HalfSecond, Reply};
 use nix::libc::{O_NOCTTY, O_NONBLOCK};
-use nix::sys::signal::{Signal, kill};
-use nix::unistd::Pid;
 
 use crate::geu;
 
@@ -22,11 +22,22 @@ const PATIENCE: Duration = Duration::from_secs(8);
 
 /// A running `geu run`; ended when it goes.
 pub struct Emulator {
-    /// Its process.
-    pub child: Child,
+    process: EmulatorProcess,
     /// What stood after `ready`, a line per link.
     pub ready: Vec<String>,
-    lines: Lines<BufReader<ChildStdout>>,
+}
+
+impl Deref for Emulator {
+    type Target = EmulatorProcess;
+    fn deref(&self) -> &EmulatorProcess {
+        &self.process
+    }
+}
+
+impl DerefMut for Emulator {
+    fn deref_mut(&mut self) -> &mut EmulatorProcess {
+        &mut self.process
+    }
 }
 
 impl Emulator {
@@ -51,17 +62,10 @@ impl Emulator {
     ///
     /// # Panics
     /// Where it does not come up.
-    pub fn of(mut command: Command, links: usize) -> Emulator {
-        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
-        let mut child = command.spawn().expect("geu starts");
-        let mut lines = BufReader::new(child.stdout.take().expect("a pipe")).lines();
-        let ready = (0..links)
-            .map(|_| {
-                let line = lines.next().expect("a line for each link").expect("text");
-                line.strip_prefix("ready ").unwrap_or_else(|| panic!("unexpected {line:?}")).to_owned()
-            })
-            .collect();
-        Emulator { child, ready, lines }
+    pub fn of(command: Command, links: usize) -> Emulator {
+        let mut process = EmulatorProcess::start(command).expect("geu starts");
+        let ready = (0..links).map(|_| process.next_ready().expect("a line for each link")).collect();
+        Emulator { process, ready }
     }
 
     /// HOST:PORT of its control interface, which becomes ready after all links.
@@ -69,9 +73,7 @@ impl Emulator {
     /// # Panics
     /// Without one.
     pub fn control(&mut self) -> String {
-        let line = self.lines.next().expect("a line for the control interface").expect("text");
-        let address = line.strip_prefix("ready control http://").and_then(|address| address.strip_suffix('/'));
-        address.unwrap_or_else(|| panic!("unexpected {line:?}")).to_owned()
+        self.process.control_address().expect("a control interface")
     }
 
     /// On TCP alone, and a client of it.
@@ -101,24 +103,16 @@ impl Emulator {
     /// # Panics
     /// Where it does not run any more.
     pub fn ask_to_end(&self) {
-        kill(Pid::from_raw(self.child.id() as i32), Signal::SIGTERM).expect("it runs");
+        self.process.terminate().expect("it runs");
     }
 
     /// Waits for its end and gives what it said on standard error.
     ///
     /// # Panics
     /// Where it was ended before.
-    pub fn end(mut self) -> (Option<i32>, String) {
-        let mut said = String::new();
-        self.child.stderr.take().expect("a pipe").read_to_string(&mut said).expect("text");
-        (self.child.wait().expect("its end").code(), said)
-    }
-}
-
-impl Drop for Emulator {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
+    pub fn end(self) -> (Option<i32>, String) {
+        let (status, text) = self.process.wait().expect("its end");
+        (status.code(), text)
     }
 }
 

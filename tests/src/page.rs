@@ -1,10 +1,14 @@
 //! Pages of results, read as anything that reads XML would.
 
-/// Every tag opened is closed in its turn, every attribute quoted, every `&` an entity; gives the names of the tags.
+/// Every tag opened is closed in its turn, every attribute quoted, every `&` an entity; gives the names of the tags, but for that
+/// of the page's own script, which stands in the page.
 ///
 /// # Panics
 /// Where the page is not well-formed.
 pub fn well_formed(page: &str) -> Vec<String> {
+    let (before, rest) = page.split_once("<script>\n//<![CDATA[\n").expect("a script");
+    let (_, after) = rest.split_once("]]>").expect("an end of the script");
+    let page = before.to_owned() + after.strip_prefix("\n</script>").expect("an end of the script");
     let rest = page.strip_prefix("<!DOCTYPE html>").expect("a doctype");
     let (mut open, mut all): (Vec<String>, Vec<String>) = (Vec::new(), Vec::new());
     let mut pieces = rest.split('<');

@@ -143,14 +143,31 @@ fn a_page_is_drawn_by_a_browser() {
     let room = tempfile::tempdir().expect("a directory");
     let [page, image] = ["page.html", "page.png"].map(|name| room.path().join(name));
     fs::write(&page, &PIVOT_CLEARANCE.page).expect("written");
-    let shown = Command::new(browser)
-        .args(["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--window-size=1280,4000"])
-        .arg(format!("--user-data-dir={}", room.path().join("browser").display()))
-        .arg(format!("--screenshot={}", image.display()))
-        .arg(page)
-        .output()
-        .expect("the browser starts");
-    assert!(shown.status.success(), "{}", String::from_utf8_lossy(&shown.stderr));
+    let show = |option: &str| {
+        let shown = Command::new(browser)
+            .args([
+                "--headless",
+                "--no-sandbox",
+                "--disable-gpu",
+                "--hide-scrollbars",
+                "--window-size=1280,4000",
+                option,
+            ])
+            .arg(format!("--user-data-dir={}", room.path().join("browser").display()))
+            .arg(&page)
+            .output()
+            .expect("the browser starts");
+        assert!(shown.status.success(), "{}", String::from_utf8_lossy(&shown.stderr));
+        String::from_utf8_lossy(&shown.stdout).into_owned()
+    };
+    // The script makes every chart one that keys reach.
+    let document = show("--dump-dom");
+    let charts = document.split("<svg class=\"chart\"").skip(1);
+    assert!(charts.clone().count() >= 8, "{document}");
+    assert!(
+        charts.map(|chart| chart.split('>').next()).all(|tag| tag.is_some_and(|tag| tag.contains("tabindex=\"0\"")))
+    );
+    show(&format!("--screenshot={}", image.display()));
     let bytes = fs::read(image).expect("an image");
     assert!(bytes.starts_with(b"\x89PNG") && bytes.len() > 50_000, "{} bytes", bytes.len());
 }

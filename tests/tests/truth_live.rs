@@ -4,13 +4,13 @@
 use std::f64::consts::PI;
 use std::fmt::Write as _;
 use std::fs;
-use std::io::{BufRead, BufReader, Read, Write};
+use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream, UdpSocket};
 use std::path::Path;
-use std::process::{Child, Stdio};
 use std::thread::{self, sleep};
 use std::time::{Duration, Instant};
 
+use geu_process::EmulatorProcess;
 use geu_tests::geu;
 
 /// What a test waits for at most.
@@ -18,7 +18,7 @@ const PATIENCE: Duration = Duration::from_secs(20);
 
 /// A running `geu run` on TCP.
 struct Emulator {
-    child: Child,
+    process: EmulatorProcess,
     /// Where it listens for datagrams.
     truth: Option<String>,
 }
@@ -28,18 +28,13 @@ impl Emulator {
         let mut command = geu();
         command.args(["run", "--tcp", "127.0.0.1:0", "--start", "0", "--truth", truth]).args(arguments);
         command.arg("--record").arg(record);
-        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
-        let mut child = command.spawn().expect("geu starts");
-        let mut lines = BufReader::new(child.stdout.take().expect("a pipe")).lines();
-        let mut listening = None;
-        loop {
-            let line = lines.next().expect("a line for each link").expect("text");
-            match line.strip_prefix("ready truth udp://") {
-                Some(address) => listening = Some(address.to_owned()),
-                None => break,
-            }
+        let mut process = EmulatorProcess::start(command).expect("geu starts");
+        let ready = process.next_ready().expect("a line");
+        let truth = ready.strip_prefix("truth udp://").map(str::to_owned);
+        if truth.is_some() {
+            process.next_ready().expect("a line for the link");
         }
-        Emulator { child, truth: listening }
+        Emulator { process, truth }
     }
 
     /// A socket that sends to it.
@@ -55,19 +50,10 @@ impl Emulator {
     }
 
     /// The same where it ends with another exit code.
-    fn end_with(mut self, code: i32) -> String {
-        let mut said = String::new();
-        self.child.stderr.take().expect("a pipe").read_to_string(&mut said).expect("text");
-        let got = self.child.wait().expect("its end").code();
-        assert_eq!(got, Some(code), "{said}");
-        said
-    }
-}
-
-impl Drop for Emulator {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
+    fn end_with(self, code: i32) -> String {
+        let (status, text) = self.process.wait().expect("its end");
+        assert_eq!(status.code(), Some(code), "{text}");
+        text
     }
 }
 

@@ -4,6 +4,7 @@
 use super::candump::{identifier, remark};
 use super::text::{Lines, hex_byte, number, seconds, words};
 use super::{Event, Frame, Place, Time};
+use crate::calendar::days_since_1970;
 
 /// Reads `candump` console output.
 #[derive(Debug, Clone, Default)]
@@ -110,14 +111,6 @@ fn date_and_time(date: &[u8], time: &[u8]) -> Option<Time> {
     }
     let t_s = ((days_since_1970(year, month, day) * 24 + hour) * 60 + minute) * 60;
     Some(Time { t_ns: t_s.checked_mul(1_000_000_000)?.checked_add(second.t_ns)?, ..second })
-}
-
-/// Days from 1970-01-01 in the Gregorian calendar (years begin in March, so that the leap day is the last).
-fn days_since_1970(year: i64, month: i64, day: i64) -> i64 {
-    let year = if month <= 2 { year - 1 } else { year };
-    let (era, year_of_era) = (year.div_euclid(400), year.rem_euclid(400));
-    let day_of_year = (153 * ((month + 9) % 12) + 2) / 5 + day - 1;
-    era * 146_097 + year_of_era * 365 + year_of_era / 4 - year_of_era / 100 + day_of_year - 719_468
 }
 
 #[cfg(test)]

@@ -7,6 +7,7 @@ use super::{can_messages, serial_messages};
 use crate::can::{CanPlan, DEFAULT_BASE};
 use crate::command::{ArgumentSpec, COMMAND_LENGTHS, COMMANDS, Outcome, REPLY_LENGTHS, Reply, payload};
 use crate::field::{CRC, FIELDS, FieldSpec, GYRO_FLAGS, HalfSecond, UNIT_FLAGS};
+use crate::hex::{hex, spaced_hex};
 use crate::message::{MESSAGES, MessageSpec, Place};
 use crate::serial::{BITS_PER_BYTE, DEFAULT_BAUD, Kind, SYNC, data_frame, frame};
 
@@ -170,10 +171,6 @@ fn vector_arguments(name: &str) -> &'static [i64] {
     }
 }
 
-fn hex(bytes: &[u8], between: &str) -> String {
-    bytes.iter().map(|byte| format!("{byte:02X}")).collect::<Vec<_>>().join(between)
-}
-
 fn vectors() -> Text {
     let h = VECTOR;
     let [x, y, za, zb] = h.increments;
@@ -189,8 +186,8 @@ fn vectors() -> Text {
     );
     let plan = CanPlan::default();
     let frames: Vec<String> =
-        plan.frames(&h).iter().map(|frame| format!("{:03X}#{}", frame.id(), hex(frame.data(), ""))).collect();
-    writeln!(text, "    CAN     {}\n    serial  {}\n", frames.join("   "), hex(&data_frame(&h), " "))?;
+        plan.frames(&h).iter().map(|frame| format!("{:03X}#{}", frame.id(), hex(frame.data()))).collect();
+    writeln!(text, "    CAN     {}\n    serial  {}\n", frames.join("   "), spaced_hex(&data_frame(&h)))?;
     text.push_str("Commands, and the unit's answers when all is well:\n\n");
     text.push_str("| command | CAN | serial | CAN reply | serial reply |\n|---|---|---|---|---|\n");
     let (major, minor) = crate::LINK_VERSION;
@@ -205,11 +202,11 @@ fn vectors() -> Text {
             "| {} | `{:03X}#{}` | `{}` | `{:03X}#{}` | `{}` |",
             [command.name.to_string(), words.join(" ")].join(" ").trim_end(),
             plan.command_id(),
-            hex(&sent, ""),
-            hex(&frame(Kind::Command, &sent), " "),
+            hex(&sent),
+            spaced_hex(&frame(Kind::Command, &sent)),
             plan.reply_id(),
-            hex(reply.bytes(), ""),
-            hex(&frame(Kind::Reply, reply.bytes()), " ")
+            hex(reply.bytes()),
+            spaced_hex(&frame(Kind::Reply, reply.bytes()))
         )?;
     }
     Ok(text)

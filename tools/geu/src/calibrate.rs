@@ -1,20 +1,18 @@
 //! `geu calibrate`: from a recording to the sixteen parameters.
 
-use std::fmt::Write;
-
 use clap::Args;
 use geu_calibration::absolute::Sensors;
 use geu_calibration::compare::LEAST_PROBABILITY;
-use geu_calibration::solve::{Parameter, Solution, values};
-use geu_calibration::{Attitude, Calibrated, Counts, CountsReader, calibrate, report, window};
+use geu_calibration::solve::Solution;
+use geu_calibration::{Attitude, Counts, CountsReader, calibrate, report, window};
 use geu_model::Configuration;
 use geu_model::configuration::unix_ns;
-use geu_model::units::{HALF_SECOND_NS, HALF_SECOND_S};
-use geu_protocol::{CanPlan, Gyro};
+use geu_model::units::HALF_SECOND_NS;
+use geu_protocol::CanPlan;
 use geu_recording::{InputReader, Options, Reference, Stop};
+use geu_report::calibration::{CalibrationPage, comparison_table, terminal_table};
 
 use crate::calibrate_compare;
-use crate::calibrate_page::Page;
 use crate::failure::{Failure, note, say};
 use crate::outputs::{OutputFile, write_all};
 use crate::settings::{NamedSettings, Settings};
@@ -131,21 +129,19 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         outputs.push((file, with_solution(&settings, solution)?));
     }
     if let Some(file) = &arguments.html {
-        let (name, text) = settings.text()?;
-        let page = Page {
+        let page = CalibrationPage {
             believed: &configuration,
             calibrated: &calibrated,
             earlier: &earlier,
             comparison: comparison.as_ref(),
-            inputs: arguments.inputs(),
-            configuration: (name, text, &settings.overrides),
+            provenance: settings.provenance(arguments.inputs())?,
         };
         outputs.push((file, page.html()));
     }
     write_all(outputs)?;
-    say!("{}", table(&configuration, &calibrated))?;
+    say!("{}", terminal_table(&configuration, &calibrated))?;
     if let Some(comparison) = &comparison {
-        say!("\n{}", calibrate_compare::table(&earlier, comparison))?;
+        say!("\n{}", comparison_table(&earlier, comparison))?;
     }
     if is_explained {
         return Ok(());
@@ -223,100 +219,4 @@ fn with_solution(settings: &Settings, solution: &Solution) -> Result<String, Fai
     let mut values = settings.overrides.clone();
     values.extend(report::overrides(&solution.calibrations));
     Configuration::edited(&name, &text, &values).map_err(Failure::input)
-}
-
-/// The factor and unit in which sigmas and changes of a parameter are told.
-pub fn fine(parameter: Parameter) -> (f64, &'static str) {
-    match parameter.index {
-        0 => (1e6, "ppm"),
-        1 => (3600.0 / HALF_SECOND_S, "arcsec/h"),
-        _ => (1.0, "arcsec"),
-    }
-}
-
-/// The result for a terminal.
-fn table(believed: &Configuration, calibrated: &Calibrated) -> String {
-    let solution = &calibrated.solution;
-    let (solved, sigmas) = (solution.values(), solution.sigmas());
-    let before = values(&believed.gyros.each_ref().map(|gyro| gyro.calibration));
-    let hand = calibrated.hand.as_ref().map(values);
-    let mut text = String::new();
-    let _ = writeln!(
-        text,
-        "{:<26} {:>14} {:>11}  {:<14} {:>10}  {:>14}",
-        "parameter", "value", "sigma", "unit", "change/σ", "hand method/σ"
-    );
-    for (index, parameter) in Parameter::all().enumerate() {
-        let (unit, digits, size, sigma_unit) = match parameter.index {
-            0 => ("", 7, 1e6, "ppm"),
-            1 => ("arcsec/half s", 6, 1.0, ""),
-            _ => ("arcsec", 3, 1.0, ""),
-        };
-        let hand = hand
-            .as_ref()
-            .map_or_else(|_| "–".to_owned(), |hand| format!("{:+.1}", (hand[index] - solved[index]) / sigmas[index]));
-        let _ = writeln!(
-            text,
-            "{:<26} {:>14.digits$} {:>11}  {unit:<14} {:>+10.1}  {hand:>14}",
-            parameter.words(),
-            solved[index],
-            if sigma_unit.is_empty() {
-                format!("{:.digits$}", sigmas[index])
-            } else {
-                format!("{:.3} {sigma_unit}", sigmas[index] * size)
-            },
-            (solved[index] - before[index]) / sigmas[index],
-        );
-    }
-    let _ = writeln!(
-        text,
-        "\n{:<14} {:>10} {:>10} {:>9}   residual/σ of {}",
-        "manoeuvre",
-        "start s",
-        "length s",
-        "leverage",
-        Gyro::ALL.map(Gyro::name).join(" ")
-    );
-    for (index, observation) in calibrated.observations.iter().enumerate() {
-        let of = |gyro: Gyro| {
-            let residual = solution.residuals.iter().find(|found| found.manoeuvre == index && found.gyro == gyro);
-            residual.map_or_else(|| "–".to_owned(), |found| format!("{:+.1}", found.arcsec / found.sigma_arcsec))
-        };
-        let _ = writeln!(
-            text,
-            "{:<14} {:>10.1} {:>10.1} {:>9.2}   {}",
-            observation.name,
-            observation.start_s,
-            observation.end_s - observation.start_s,
-            solution.leverage[index],
-            Gyro::ALL.map(|gyro| format!("{:>6}", of(gyro))).join(" ")
-        );
-    }
-    let _ = writeln!(
-        text,
-        "\nχ² {:.1} of {} spare equations, probability {:.2}; condition {:.0}",
-        solution.chi2,
-        solution.degrees_of_freedom,
-        solution.probability(),
-        solution.condition
-    );
-    if let Err(why) = &calibrated.hand {
-        let _ = writeln!(text, "no hand method: {why}");
-    }
-    let sigma = calibrated.reference_sigma_arcsec;
-    if sigma.iter().any(|sigma| *sigma > 0.0) {
-        let _ = writeln!(
-            text,
-            "noise of the reference: {:.2}, {:.2}, {:.2} arcsec about X, Y, Z",
-            sigma[0], sigma[1], sigma[2]
-        );
-    }
-    if solution.probability() < LEAST_PROBABILITY {
-        let _ = writeln!(
-            text,
-            "the sixteen parameters do not explain these data: the unit has an effect that the configuration has not, or counts or fixes are wrong"
-        );
-    }
-    text.truncate(text.trim_end().len());
-    text
 }

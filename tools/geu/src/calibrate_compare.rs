@@ -1,13 +1,8 @@
 //! `geu calibrate --compare`: this calibration beside earlier ones of the unit.
 
-use std::fmt::Write;
-
-use geu_calibration::compare::{LEAST_PROBABILITY, stability_per_day};
-use geu_calibration::solve::{Parameter, Solution, UNKNOWNS};
+use geu_calibration::solve::Solution;
 use geu_calibration::{Calibrated, Comparison, Earlier, compare as compare_solutions, report};
 
-use crate::calibrate::fine;
-use crate::calibrate_page::moved_words;
 use crate::failure::Failure;
 
 /// JSON gives numbers back to the last bit or the one before; two recordings never agree so well.
@@ -52,43 +47,4 @@ pub fn compare(earlier: &[Earlier], calibrated: &Calibrated) -> Result<Option<Co
 
 fn is_same(one: &Solution, other: &Solution) -> bool {
     one.values().into_iter().zip(other.values()).all(|(a, b)| (a - b).abs() <= SAME * b.abs())
-}
-
-/// The comparison for a terminal.
-pub fn table(earlier: &[Earlier], comparison: &Comparison) -> String {
-    let names: Vec<&str> = earlier.iter().map(|one| one.name.as_str()).collect();
-    let mut text = format!("less the mean of {}\n", names.join(", "));
-    let _ = writeln!(
-        text,
-        "{:<26} {:>12} {:>12} {:<9} {:>9} {:>8} {:>12}  {:>22}",
-        "parameter", "change", "sigma", "", "change/σ", "χ²", "probability", "stability a fortnight"
-    );
-    for (index, parameter) in Parameter::all().enumerate() {
-        let (size, unit) = fine(parameter);
-        let allowed = stability_per_day(parameter)
-            .map_or_else(|| "–".to_owned(), |rate| format!("{:.1} {unit}", rate * 14.0 * size));
-        let _ = writeln!(
-            text,
-            "{:<26} {:>+12.3} {:>12.3} {unit:<9} {:>+9.1} {:>8.1} {:>12.4}  {allowed:>22}",
-            parameter.words(),
-            comparison.change[index] * size,
-            comparison.sigmas[index] * size,
-            comparison.change[index] / comparison.sigmas[index],
-            comparison.chi2[index],
-            comparison.probability(index),
-        );
-    }
-    let verdict = if comparison.is_compatible() {
-        "compatible, merged".to_owned()
-    } else {
-        format!("not compatible, not merged: {}", moved_words(comparison))
-    };
-    let _ = write!(
-        text,
-        "\nχ² {:.1} of {}, probability {:.2} (least {LEAST_PROBABILITY}): {verdict}",
-        comparison.together,
-        UNKNOWNS * comparison.pairs,
-        comparison.together_probability()
-    );
-    text
 }

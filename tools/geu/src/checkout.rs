@@ -1,20 +1,17 @@
 //! `geu checkout`: the in-orbit checkout flown in simulation, calibrated, compared with the truth.
 
-use std::fmt::Write;
 use std::path::Path;
 
 use clap::{Args, ValueEnum};
-use geu_calibration::checkout::{
-    self, By, Campaign, Outcome, Precautions, believed_before, fly, sequence, true_calibrations,
-};
+use geu_calibration::checkout::{self, By, Precautions, believed_before, fly, sequence, true_calibrations};
 use geu_calibration::combine;
 use geu_calibration::compare::LEAST_PROBABILITY;
-use geu_calibration::solve::{Parameter, Solution, UNKNOWNS, values};
+use geu_calibration::solve::{Solution, values};
 use geu_daemon::record::{Destination, FILES, Recorder};
 use geu_daemon::simulate::simulate;
 use geu_model::configuration::WireForm;
 use geu_model::{Configuration, Truth};
-use geu_protocol::Gyro;
+use geu_report::checkout::{campaign_table, precautions_table, twice_table};
 
 use crate::failure::{Failure, note, say};
 use crate::outputs::OutputDirectory;
@@ -96,14 +93,14 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             let bar = indicatif::ProgressBar::new(runs.into());
             let campaign = checkout::campaign(&unit, unit.seed, runs as usize, by, || bar.inc(1));
             bar.finish_and_clear();
-            say!("{}", scatter(&campaign))?;
+            say!("{}", campaign_table(&campaign))?;
             match campaign.failed.first() {
                 Some((run, why)) => Err(Failure::failed(format!("run {run}: {why}"))),
                 None => Ok(()),
             }
         }
         None if arguments.precautions => {
-            say!("{}", what_they_buy(&checkout::precautions(&unit).map_err(Failure::failed)?))
+            say!("{}", precautions_table(&checkout::precautions(&unit).map_err(Failure::failed)?))
         }
         None => twice(&unit, by, out, arguments.force),
     }
@@ -128,45 +125,7 @@ fn twice(unit: &Configuration, by: By, out: Option<&Path>, force: Force) -> Resu
     };
     let (one, two) = (solve(&first)?, solve(&second)?);
     let comparison = combine(&one, &two).map_err(Failure::failed)?;
-    let truth = values(&true_calibrations(&first));
-    let mut text = String::new();
-    let _ = writeln!(
-        text,
-        "{:<22} {:>12}  {:>16} {:>16} {:>7}  {:>16} {:>8}",
-        "parameter", "truth", "first − truth", "second − truth", "χ²", "both − truth", "in sigma"
-    );
-    let (firsts, seconds, both) = (one.values(), two.values(), comparison.combined.values());
-    let sigmas = [one.sigmas(), two.sigmas(), comparison.combined.sigmas()];
-    for (index, parameter) in Parameter::all().enumerate() {
-        let error = |value: f64, sigma: f64| {
-            let (size, digits, unit) = scale(parameter);
-            format!("{:+.digits$} ± {:.digits$}{unit}", (value - truth[index]) * size, sigma * size)
-        };
-        let _ = writeln!(
-            text,
-            "{:<22} {:>12.6}  {:>16} {:>16} {:>7.2}  {:>16} {:>+8.1}",
-            parameter.words(),
-            truth[index],
-            error(firsts[index], sigmas[0][index]),
-            error(seconds[index], sigmas[1][index]),
-            comparison.chi2[index],
-            error(both[index], sigmas[2][index]),
-            (both[index] - truth[index]) / sigmas[2][index],
-        );
-    }
-    let _ = write!(
-        text,
-        "scale factors in ppm, drifts in arcsec/h, misalignments in arcsec\n\
-         spare equations: χ² {:.1} of {} and {:.1} of {}; the two differ by χ² {:.1} of {UNKNOWNS}, probability {:.2}: {}",
-        one.chi2,
-        one.degrees_of_freedom,
-        two.chi2,
-        two.degrees_of_freedom,
-        comparison.together,
-        comparison.together_probability(),
-        if comparison.is_compatible() { "compatible" } else { "not compatible" },
-    );
-    say!("{text}")?;
+    say!("{}", twice_table(&values(&true_calibrations(&first)), [&one, &two], &comparison))?;
     for (which, solution) in [("first", &one), ("second", &two)] {
         if solution.probability() < LEAST_PROBABILITY {
             note(format_args!(
@@ -180,94 +139,4 @@ fn twice(unit: &Configuration, by: By, out: Option<&Path>, force: Force) -> Resu
 
 fn fly_length(configuration: &Configuration) -> u64 {
     geu_model::attitude::Plan::length_s(&configuration.scenario).map_or(0, |length_s| (length_s * 2.0).ceil() as u64)
-}
-
-/// Factor, digits and unit in which errors of a parameter are told.
-fn scale(parameter: Parameter) -> (f64, usize, &'static str) {
-    match parameter.index {
-        0 => (1e6, 2, ""),
-        1 => (7200.0, 2, ""),
-        _ => (1.0, 2, ""),
-    }
-}
-
-/// A campaign for a terminal.
-fn scatter(campaign: &Campaign) -> String {
-    let mut text = String::new();
-    let _ = writeln!(
-        text,
-        "{:<22} {:>8} {:>10} {:>10} {:>8} {:>10} {:>10}   {:>14}",
-        "parameter", "unit", "rms error", "predicted", "ratio", "mean/σ√N", "coverage", "hand rms error"
-    );
-    for (index, found) in campaign.scatter.iter().enumerate() {
-        let (size, digits, _) = scale(found.parameter);
-        let hand =
-            campaign.hand_rms_error.map_or_else(|| "–".to_owned(), |hand| format!("{:.digits$}", hand[index] * size));
-        let _ = writeln!(
-            text,
-            "{:<22} {:>8} {:>10.digits$} {:>10.digits$} {:>8.3} {:>+10.1} {:>9.1}%   {hand:>14}",
-            found.parameter.words(),
-            ["ppm", "arcsec/h", "arcsec"][found.parameter.index.min(2)],
-            found.rms_error * size,
-            found.sigma * size,
-            found.rms_error / found.sigma,
-            found.mean_error / found.sigma * (campaign.runs as f64).sqrt(),
-            found.coverage * 100.0,
-        );
-    }
-    let least = campaign.scatter.iter().map(|found| found.coverage).fold(1.0, f64::min);
-    let most = campaign.scatter.iter().map(|found| found.coverage).fold(0.0, f64::max);
-    let _ = write!(
-        text,
-        "{} runs; one sigma holds {:.1}…{:.1} % of the errors (68.3 expected); mean of the reduced χ² {:.3}",
-        campaign.runs,
-        least * 100.0,
-        most * 100.0,
-        campaign.mean_reduced_chi2
-    );
-    text
-}
-
-/// The precautions for a terminal.
-fn what_they_buy(outcomes: &[Outcome]) -> String {
-    let mut text = String::from("largest error of an equation with the true parameters, arcsec, and its manoeuvre\n");
-    let names = Gyro::ALL.map(|gyro| format!("{:>16}", gyro.name())).join("");
-    let _ = writeln!(text, "{:<46} {:>6} {names}", "", "hours");
-    for outcome in outcomes {
-        let errors =
-            outcome.equation_arcsec.each_ref().map(|(arcsec, name)| format!("{arcsec:>+8.1} {name:<7}")).join("");
-        let _ = writeln!(text, "{:<46} {:>6.1} {errors}", outcome.what, outcome.length_s / 3600.0);
-    }
-    let _ = write!(
-        text,
-        "\nerror of the parameters: scale factors in ppm, drifts in arcsec/h, misalignments in arcsec\n{:<22}",
-        ""
-    );
-    for index in 0..outcomes.len() {
-        let _ = write!(text, " {:>9}", format!("({})", index + 1));
-    }
-    let _ = writeln!(text, " {:>9}", "sigma");
-    for (index, parameter) in Parameter::all().enumerate() {
-        let (size, digits, _) = scale(parameter);
-        let _ = write!(text, "{:<22}", parameter.words());
-        for outcome in outcomes {
-            let _ = write!(text, " {:>+9.digits$}", outcome.errors[index] * size);
-        }
-        let sigma = outcomes.first().map_or(f64::NAN, |outcome| outcome.sigmas[index]);
-        let _ = writeln!(text, " {:>9.digits$}", sigma * size);
-    }
-    let _ = write!(text, "{:<22}", "χ²");
-    for outcome in outcomes {
-        let _ = write!(text, " {:>9.1}", outcome.chi2.0);
-    }
-    let _ = write!(text, "\n{:<22}", "spare equations");
-    for outcome in outcomes {
-        let _ = write!(text, " {:>9}", outcome.chi2.1);
-    }
-    let _ = writeln!(text);
-    for (index, outcome) in outcomes.iter().enumerate() {
-        let _ = writeln!(text, "({}) {}", index + 1, outcome.what);
-    }
-    text.truncate(text.trim_end().len());
-    text
 }

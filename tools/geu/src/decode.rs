@@ -9,13 +9,11 @@ use geu_files::interruption::stop_flag;
 use geu_protocol::CanPlan;
 use geu_protocol::capture::Format as InputFormat;
 use geu_recording::{Defect, InputError, InputReader, Options, Row, Sink, Stop, Summary, is_live};
+use geu_report::rows::{DefectLines, TextFormat, write_row};
 
-use crate::defects::DefectLines;
 use crate::failure::{Failure, note};
 use crate::gyro_csv;
-use crate::no_rows;
 use crate::outputs::OutputFile;
-use crate::rows::{Flags, Form, write_row};
 use crate::settings::{LONGEST_S, can_base, duration};
 
 /// Arguments of `geu decode`.
@@ -92,7 +90,7 @@ impl Reading {
 
     /// Says why no row came.
     pub fn note_no_rows(&self, summary: &Summary) {
-        if let Some(reason) = no_rows::reason(summary, self.base.unwrap_or_default(), self.input_format) {
+        if let Some(reason) = geu_recording::no_rows_reason(summary, self.base.unwrap_or_default(), self.input_format) {
             note(format_args!("geu: {reason}\n"));
         }
     }
@@ -106,6 +104,16 @@ pub fn note_elsewhere(summary: &Summary) {
         let used = summary.interface.as_deref().unwrap_or("none");
         note(format_args!("geu: frames of the unit left out: {left_out} (used: {used}; --interface chooses)\n"));
     }
+}
+
+/// How flags are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+enum Flags {
+    /// As two integers
+    #[default]
+    Integers,
+    /// And after all else each bit by its name: 0 or 1 in CSV, false or true in JSON
+    Bits,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -208,7 +216,7 @@ pub struct Output {
     writer: geu_files::Output,
     /// What is to be written.
     pub buffer: Vec<u8>,
-    form: Form,
+    form: TextFormat,
 }
 
 impl Output {
@@ -221,12 +229,12 @@ impl Output {
             Some(file) => file.create()?,
             None => geu_files::Output::create(Path::new("-")).map_err(Failure::writing)?,
         };
-        Ok(Output { file: file.cloned(), writer, buffer: Vec::with_capacity(BUFFER + 1024), form: Form::Csv })
+        Ok(Output { file: file.cloned(), writer, buffer: Vec::with_capacity(BUFFER + 1024), form: TextFormat::Csv })
     }
 
-    fn in_form(mut self, form: Form, flags: Flags) -> Output {
+    fn in_form(mut self, form: TextFormat, with_bits: bool) -> Output {
         self.form = form;
-        self.buffer.extend_from_slice(form.header(flags).as_bytes());
+        self.buffer.extend_from_slice(form.header(with_bits).as_bytes());
         self
     }
 
@@ -288,8 +296,8 @@ impl<'a> Writer<'a> {
         self.rows = match self.arguments.format {
             Format::Summary => None,
             format => {
-                let form = if format == Format::Jsonl { Form::Jsonl } else { Form::Csv };
-                Some(Output::open(self.arguments.out.as_ref())?.in_form(form, self.arguments.flags))
+                let form = if format == Format::Jsonl { TextFormat::Jsonl } else { TextFormat::Csv };
+                Some(Output::open(self.arguments.out.as_ref())?.in_form(form, self.arguments.flags == Flags::Bits))
             }
         };
         self.defects = self.arguments.defects.as_ref().map(|path| Output::open(Some(path))).transpose()?;
@@ -320,7 +328,7 @@ impl Sink for Writer<'_> {
             self.lines.end(&mut output.buffer);
         }
         if let Some(output) = &mut self.rows {
-            write_row(output.form, self.arguments.flags, row, &mut output.buffer);
+            write_row(output.form, self.arguments.flags == Flags::Bits, row, &mut output.buffer);
             if output.buffer.len() >= BUFFER {
                 self.write_out();
             }

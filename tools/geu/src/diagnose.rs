@@ -13,9 +13,9 @@ use geu_model::configuration::unix_ns;
 use geu_protocol::CanPlan;
 use geu_protocol::capture::{Place, Time};
 use geu_recording::{Defect, DefectKind, InputReader, Options, Reference, Row, Sink, Stop, read_text};
+use geu_report::diagnosis::DiagnosisPage;
 use indicatif::ProgressBar;
 
-use crate::diagnose_page::Page;
 use crate::diagnose_rates::{self, RatesArguments};
 use crate::failure::{Failure, note, say};
 use crate::outputs::OutputFile;
@@ -106,9 +106,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         || arguments.json.as_ref().map_or(Ok(()), |file| file.write(format!("{:#}\n", report::json(&diagnosis))));
     let html = || {
         let Some(file) = &arguments.html else { return Ok(()) };
-        let (name, text) = settings.text()?;
-        let inputs = arguments.inputs();
-        let page = Page { diagnosis: &diagnosis, inputs, configuration: (name, text, &settings.overrides) };
+        let page = DiagnosisPage { diagnosis: &diagnosis, provenance: settings.provenance(arguments.inputs())? };
         file.write(page.html())
     };
     let out = || {

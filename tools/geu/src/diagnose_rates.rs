@@ -1,6 +1,5 @@
 //! `geu diagnose --gyro-csv`: rates of any gyros against an independent rate.
 
-mod report;
 mod windows;
 
 use std::path::Path;
@@ -8,6 +7,7 @@ use std::path::Path;
 use geu_diagnosis::Finding;
 use geu_diagnosis::rates::{Verdict, diagnose};
 use geu_recording::{Description, GyroCsv, RateTable, read_text};
+use geu_report::rates;
 
 use crate::failure::{Failure, say};
 use crate::outputs::OutputFile;
@@ -46,13 +46,13 @@ pub fn run(arguments: &RatesArguments) -> Result<(), Failure> {
     let failed = |error| Failure::input(format!("{}: {error}", arguments.reference));
     let diagnosis = diagnose(&windows, arguments.seed).map_err(failed)?;
     if let Some(file) = arguments.json {
-        file.write(format!("{:#}\n", report::json(&diagnosis, &findings)))?;
+        file.write(format!("{:#}\n", rates::json(&diagnosis, &findings)))?;
     }
     // Said of the table described; rows with times are another reference.
     let is_described = table.rows.iter().all(|row| row.t_s.is_none());
     let described = description.reference.as_ref().filter(|_| is_described);
     let caveat = described.and_then(|reference| reference.caveat.as_deref());
-    say!("{}", report::text(&diagnosis, &findings, caveat))?;
+    say!("{}", rates::text(&diagnosis, &findings, caveat))?;
     match diagnosis.verdict {
         Verdict::Unexplained => Err(Failure::unexplained()),
         _ => Ok(()),

@@ -1,11 +1,5 @@
 //! `geu replay`: a recording in place of the unit.
 
-mod tape;
-#[cfg(test)]
-mod tests;
-mod timeline;
-mod told;
-
 use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
@@ -22,19 +16,14 @@ use geu_model::Configuration;
 use geu_protocol::CanPlan;
 use geu_protocol::capture::Format;
 use geu_protocol::excerpt::excerpt;
-use geu_recording::{InputError, InputReader, Options, RowReader, Stop, Summary};
+use geu_recording::{InputError, Options, RowReader, Summary, no_rows_reason};
+use geu_replay::{QUEUE, ReadResult, ReplayReport, ReplaySelection, ReplaySource};
 
 use crate::decode::input_format;
 use crate::expectations;
 use crate::failure::{Failure, note};
 use crate::links::Links;
-use crate::no_rows;
 use crate::settings::{add_plan, can_base, duration, seed};
-use tape::{Choice, Tape};
-use told::Told;
-
-/// Batches of items that may wait to be sent: with those of [`tape`], some minutes of a recording.
-const QUEUE: usize = 16;
 
 /// Sends a recording over links, as `geu run` sends the unit's half seconds, at its own pace.
 ///
@@ -132,9 +121,9 @@ impl Arguments {
         Ok(plan)
     }
 
-    fn choice(&self, links: &[LinkAddress]) -> Choice {
+    fn selection(&self, links: &[LinkAddress]) -> ReplaySelection {
         let is_can = |link: &LinkAddress| matches!(link, LinkAddress::Can(_));
-        Choice {
+        ReplaySelection {
             plan: self.base.unwrap_or_default(),
             interface: self.interface.clone().map(String::into_bytes),
             is_only: self.only,
@@ -146,9 +135,9 @@ impl Arguments {
     }
 
     /// Why there is nothing to be sent.
-    fn nothing(&self, told: &Told, summary: &Summary) -> Failure {
-        let reason = no_rows::reason(summary, self.base.unwrap_or_default(), self.input_format).unwrap_or_else(|| {
-            let expected = match (self.from, self.to, told.elsewhere) {
+    fn nothing(&self, report: &ReplayReport, summary: &Summary) -> Failure {
+        let reason = no_rows_reason(summary, self.base.unwrap_or_default(), self.input_format).unwrap_or_else(|| {
+            let expected = match (self.from, self.to, report.elsewhere) {
                 (_, _, elsewhere) if elsewhere > 0 => {
                     format!("another --interface, which {elsewhere} frames are of")
                 }
@@ -156,7 +145,7 @@ impl Arguments {
                 (None, Some(_), _) => "a later --to".to_owned(),
                 (None, None, _) => "half seconds in it".to_owned(),
             };
-            let (from_s, length_s) = (self.from.unwrap_or(0.0), told.length_ns as f64 * 1e-9);
+            let (from_s, length_s) = (self.from.unwrap_or(0.0), report.length_ns as f64 * 1e-9);
             format!("nothing to be sent from {from_s} s on: the recording has {length_s:.1} s; expected {expected}")
         });
         Failure::input(format!("{}: {reason}", self.recordings.join(", ")))
@@ -194,62 +183,34 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
     };
     let (sender, items) = sync_channel(QUEUE);
     let (begins, began) = sync_channel(1);
-    let tape = Tape::new(arguments.choice(&settings.links), sender, begins);
+    let source = ReplaySource::new(arguments.selection(&settings.links), sender, begins);
     let (names, format, is_loop) = (arguments.recordings.clone(), arguments.input_format, arguments.is_loop);
     let plan = settings.recorded_plan;
     let options = Options { plan, format, ..Options::default() };
     let reader = thread::Builder::new()
         .name("geu-reading".to_owned())
-        .spawn(move || read(tape, &names, options, is_loop))
+        .spawn(move || geu_replay::read(source, &names, &options, is_loop, &STOP))
         .map_err(no_thread)?;
     let join = |reader: thread::JoinHandle<_>| reader.join().expect("reading does not panic");
     if began.recv().is_err() {
-        let (told, summary, read): Read = join(reader);
+        let (report, summary, read): ReadResult = join(reader);
         read.map_err(Failure::input)?;
-        return Err(arguments.nothing(&told, &summary));
+        return Err(arguments.nothing(&report, &summary));
     }
     let steps = arguments.step.then(steps).transpose()?;
     let replayed = replay::replay(&settings, items, steps, asked_to_end());
     STOP.store(true, Ordering::Relaxed);
-    let (told, recorded, read) = join(reader);
+    let (report, recorded, read) = join(reader);
     let summary = replayed.map_err(|error| match error {
         error @ (RunError::Link(_) | RunError::NobodyToWaitFor) => Failure::input(error),
         error => Failure::failed(error),
     })?;
-    note(format_args!("{summary}{told}"));
+    note(format_args!("{summary}{report}"));
     read.map_err(Failure::input)?;
-    if told.nothing_carried {
-        return Err(arguments.nothing(&told, &recorded));
+    if report.nothing_carried {
+        return Err(arguments.nothing(&report, &recorded));
     }
     arguments.expectations.tell(&summary.faults)
-}
-
-/// What came of the reading: to be told, of the last pass, and how it ended.
-type Read = (Told, Summary, Result<(), InputError>);
-
-/// Reads the recordings to their end, or over and over, until nobody wants more.
-fn read(mut tape: Tape, names: &[String], options: Options, is_loop: bool) -> Read {
-    loop {
-        let mut reader = InputReader::new(options.clone(), Stop { flag: Some(&STOP), deadline: None });
-        let mut result = Ok(());
-        for name in names {
-            result = reader.read(name, &mut tape);
-            if result.is_err() || tape.is_over() {
-                break;
-            }
-        }
-        let (is_cut, is_stopped) = (tape.is_over(), STOP.load(Ordering::Relaxed));
-        let (summary, ending) = reader.finish(&mut tape);
-        let has_sent = tape.end_pass();
-        // Cut before its first frame, a serial recording is not one without any.
-        let result = if is_cut { result } else { result.and(ending) };
-        if result.is_ok() && has_sent {
-            tape.begin();
-        }
-        if result.is_err() || !is_loop || !has_sent || tape.is_unwanted() || STOP.load(Ordering::Relaxed) {
-            return (tape.finish(is_stopped), summary, result);
-        }
-    }
 }
 
 fn no_thread(error: io::Error) -> Failure {

@@ -1,23 +1,16 @@
 //! `geu send`: one command to the unit, by name, and its reply in words.
 
-use std::fs::OpenOptions;
-use std::io::{self, Read, Write};
-use std::net::{TcpStream, ToSocketAddrs};
-use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
+use std::io;
+use std::net::ToSocketAddrs;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
 use clap::Args;
 use geu_daemon::link::{CanAddress, SerialAddress};
-use geu_protocol::can::Role;
 use geu_protocol::command::{self, COMMANDS, Outcome};
-use geu_protocol::serial::{Deframer, Found, Kind, frame, read_data};
 use geu_protocol::suggestion::did_you_mean;
-use geu_protocol::{Assembler, CanPlan, HalfSecond, Reply, can::Assembled};
-use nix::libc;
-use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
-use nix::sys::termios::{BaudRate, SetArg, cfmakeraw, cfsetspeed, tcgetattr, tcsetattr};
-use socketcan::{CanFilter, CanSocket, EmbeddedFrame, Id, Socket, SocketOptions, StandardId};
+use geu_protocol::{HalfSecond, Reply};
+use geu_recording::{CommandLink, POLL};
 
 use crate::failure::{Failure, print};
 use crate::running;
@@ -106,9 +99,6 @@ impl Arguments {
     }
 }
 
-/// The opcode whose reply data follow.
-const POLL: u8 = 0x03;
-
 fn table() -> String {
     let mut text = String::from("Commands:\n");
     for spec in COMMANDS {
@@ -159,42 +149,28 @@ fn describe(reply: &Reply, polled: Option<&HalfSecond>) -> String {
     text
 }
 
-/// A link to a unit, from the other side.
-enum Link {
-    Bytes(Box<dyn Bytes>),
-    Can(CanSocket, CanPlan),
-}
-
-trait Bytes: Read + Write + std::os::fd::AsFd {}
-impl<T: Read + Write + std::os::fd::AsFd> Bytes for T {}
-
-fn open(link: &str) -> Result<Link, Failure> {
+/// The link of this name, opened for commands.
+fn open(link: &str) -> Result<CommandLink, Failure> {
     let fail = |error: io::Error, expected: &str| Failure::input(format!("{link}: {error}; expected {expected}"));
     let serial: Option<SerialAddress> = link.parse().ok();
     if let Some(serial) = serial.filter(|serial| Path::new(&serial.device).exists()) {
-        return open_serial(&serial).map(Link::Bytes).map_err(|error| fail(error, "a pty or serial device"));
+        let opened = CommandLink::serial(Path::new(&serial.device), serial.baud);
+        return opened.map_err(|error| fail(error, "a pty or serial device"));
     }
     let address = link.strip_prefix("tcp:");
     if let Some(address) = address.or(Some(link).filter(|link| is_host_and_port(link))) {
         let address = address.to_socket_addrs().ok().and_then(|mut all| all.next());
         let address =
             address.ok_or_else(|| Failure::input(format!("{link}: expected HOST:PORT that can be resolved")))?;
-        let stream = TcpStream::connect_timeout(&address, Duration::from_secs(5))
-            .and_then(|stream| stream.set_nodelay(true).map(|()| stream))
-            .map_err(|error| fail(error, "a unit that listens there: geu run --tcp HOST:PORT"))?;
-        return Ok(Link::Bytes(Box::new(stream)));
+        return CommandLink::tcp(&address)
+            .map_err(|error| fail(error, "a unit that listens there: geu run --tcp HOST:PORT"));
     }
     if link.contains('/') {
         return Err(Failure::input(format!("{link}: no such device; expected the path that `geu run` tells as ready")));
     }
     let address: CanAddress = link.parse().map_err(|error| Failure::input(format!("{link}: {error}")))?;
-    let expected = "a path, HOST:PORT, or a CAN interface that `ip link` shows";
-    let socket = CanSocket::open(&address.interface).map_err(|error| fail(error, expected))?;
-    let filters: Vec<_> = (address.plan.base()..=address.plan.reply_id())
-        .map(|id| CanFilter::new(id.into(), libc::CAN_SFF_MASK | libc::CAN_EFF_FLAG | libc::CAN_RTR_FLAG))
-        .collect();
-    socket.set_filters(&filters).map_err(|error| fail(error, expected))?;
-    Ok(Link::Can(socket, address.plan))
+    CommandLink::can(&address.interface, address.plan)
+        .map_err(|error| fail(error, "a path, HOST:PORT, or a CAN interface that `ip link` shows"))
 }
 
 /// `localhost:5000`, but not `vcan0:1A0`: an interface of that name beats a host.
@@ -202,101 +178,4 @@ fn is_host_and_port(link: &str) -> bool {
     link.rsplit_once(':').is_some_and(|(host, port)| {
         port.parse::<u16>().is_ok() && !host.is_empty() && nix::net::if_::if_nametoindex(host).is_err()
     })
-}
-
-fn open_serial(serial: &SerialAddress) -> io::Result<Box<dyn Bytes>> {
-    let mut options = OpenOptions::new();
-    let file = options.read(true).write(true).custom_flags(libc::O_NOCTTY | libc::O_NONBLOCK).open(&serial.device)?;
-    if !file.metadata()?.file_type().is_char_device() {
-        return Err(io::Error::new(io::ErrorKind::InvalidInput, "is not a device"));
-    }
-    let mut termios = tcgetattr(&file)?;
-    cfmakeraw(&mut termios);
-    cfsetspeed(&mut termios, baud_rate(serial.baud)?)?;
-    tcsetattr(&file, SetArg::TCSANOW, &termios)?;
-    Ok(Box::new(file))
-}
-
-fn baud_rate(baud: u32) -> io::Result<BaudRate> {
-    Ok(match baud {
-        1200 => BaudRate::B1200,
-        2400 => BaudRate::B2400,
-        4800 => BaudRate::B4800,
-        9600 => BaudRate::B9600,
-        19_200 => BaudRate::B19200,
-        38_400 => BaudRate::B38400,
-        57_600 => BaudRate::B57600,
-        115_200 => BaudRate::B115200,
-        230_400 => BaudRate::B230400,
-        460_800 => BaudRate::B460800,
-        921_600 => BaudRate::B921600,
-        1_000_000 => BaudRate::B1000000,
-        2_000_000 => BaudRate::B2000000,
-        _ => return Err(io::Error::new(io::ErrorKind::InvalidInput, format!("{baud} is not a standard rate"))),
-    })
-}
-
-impl Link {
-    /// Sends a payload and waits for its reply, and for the data where they follow.
-    fn ask(&mut self, payload: &[u8], give_up: Instant) -> io::Result<(Option<Reply>, Option<HalfSecond>)> {
-        let (mut reply, mut polled) = (None, None);
-        match self {
-            Link::Bytes(bytes) => {
-                bytes.write_all(&frame(Kind::Command, payload))?;
-                let (mut deframer, mut buffer, mut piece) = (Deframer::default(), Vec::new(), [0; 256]);
-                while !is_complete(reply.as_ref(), polled.as_ref()) && wait(bytes.as_ref(), give_up)? {
-                    let length = match bytes.read(&mut piece) {
-                        Ok(0) => return Err(io::ErrorKind::UnexpectedEof.into()),
-                        Ok(length) => length,
-                        Err(error) if error.kind() == io::ErrorKind::WouldBlock => continue,
-                        Err(error) => return Err(error),
-                    };
-                    buffer.extend_from_slice(&piece[..length]);
-                    let used = deframer.consume(&buffer, &mut |found| match found {
-                        Found::Frame { kind: Kind::Reply, payload: bytes, .. } if reply.is_none() => {
-                            reply = Reply::read(bytes).filter(|reply| reply.opcode() == payload[0]);
-                        }
-                        Found::Frame { kind: Kind::Data, payload, .. } if reply.is_some() && polled.is_none() => {
-                            polled = Some(read_data(payload));
-                        }
-                        _ => {}
-                    });
-                    buffer.drain(..used);
-                }
-            }
-            Link::Can(socket, plan) => {
-                let id = StandardId::new(plan.command_id()).expect("a plan has 11-bit identifiers only");
-                let frame = socketcan::CanFrame::new(id, payload).expect("a payload has at most eight bytes");
-                socket.write_frame(&frame)?;
-                let mut assembler = Assembler::default();
-                while !is_complete(reply.as_ref(), polled.as_ref()) && wait(socket, give_up)? {
-                    let frame = socket.read_frame()?;
-                    let Id::Standard(id) = frame.id() else { continue };
-                    match plan.role(id.as_raw().into()) {
-                        Role::Reply if reply.is_none() => {
-                            reply = Reply::read(frame.data()).filter(|reply| reply.opcode() == payload[0]);
-                        }
-                        role if reply.is_some() => assembler.push(role, (), frame.data(), &mut |event| {
-                            if let Assembled::Row(row) = event {
-                                polled.get_or_insert(row.half_second);
-                            }
-                        }),
-                        _ => {}
-                    }
-                }
-            }
-        }
-        Ok((reply, polled.filter(|_| reply.is_some_and(|reply: Reply| reply.opcode() == POLL))))
-    }
-}
-
-fn is_complete(reply: Option<&Reply>, polled: Option<&HalfSecond>) -> bool {
-    reply.is_some_and(|reply| reply.opcode() != POLL || reply.outcome() != Outcome::Done || polled.is_some())
-}
-
-/// Waits until there is something to read; not so when time is over.
-fn wait(source: &(impl std::os::fd::AsFd + ?Sized), give_up: Instant) -> io::Result<bool> {
-    let left = give_up.saturating_duration_since(Instant::now());
-    let milliseconds = PollTimeout::try_from(left + Duration::from_micros(999)).unwrap_or(PollTimeout::MAX);
-    Ok(!left.is_zero() && poll(&mut [PollFd::new(source.as_fd(), PollFlags::POLLIN)], milliseconds)? > 0)
 }

@@ -12,6 +12,7 @@ use geu_model::units::{duration_s, on_board_s};
 use geu_model::{Configuration, Truth, Unit};
 use geu_protocol::CanPlan;
 use geu_recording::{REFERENCE, Reference, TableError, open_rows};
+use geu_report::Provenance;
 
 use crate::failure::Failure;
 
@@ -194,6 +195,28 @@ impl Settings {
             ))),
         }
     }
+
+    /// What a page of results rests on.
+    ///
+    /// # Errors
+    /// A configuration that cannot be read.
+    pub fn provenance(&self, inputs: Vec<(&'static str, String)>) -> Result<Provenance<'_>, Failure> {
+        let (name, text) = self.text()?;
+        let configuration = (name, text, &self.overrides[..]);
+        Ok(Provenance { command: command_line(), version: crate::VERSION.as_str(), inputs, configuration })
+    }
+}
+
+/// The command line, so that a shell takes it again.
+fn command_line() -> String {
+    let quoted = std::env::args().map(|argument| {
+        let is_plain = |character: char| character.is_ascii_alphanumeric() || "-_./=,:+@%".contains(character);
+        match !argument.is_empty() && argument.chars().all(is_plain) {
+            true => argument,
+            false => format!("'{}'", argument.replace('\'', r"'\''")),
+        }
+    });
+    quoted.collect::<Vec<_>>().join(" ")
 }
 
 impl RunSettings {

@@ -1,20 +1,21 @@
 //! `geu simulate`: the model without links, as fast as possible.
 
+use std::path::Path;
 use std::sync::atomic::Ordering::Relaxed;
 
 use clap::Args;
 use geu_daemon::record::{self, Destination, FILES, Recorder};
 use geu_daemon::simulate::simulate;
 use geu_files::interruption::stop_flag;
-use geu_model::Truth;
 use geu_model::attitude::Plan;
 use geu_model::units::on_board_s;
+use geu_model::{Configuration, Truth};
+use geu_report::figures;
 use indicatif::{ProgressBar, ProgressStyle};
 
-use crate::draw;
 use crate::expectations;
 use crate::failure::{Failure, note};
-use crate::outputs::OutputDirectory;
+use crate::outputs::{OutputDirectory, write};
 use crate::overwriting::Force;
 use crate::settings::{LONGEST_S, LiveTruth, RunSettings, Wire, half_seconds};
 
@@ -47,7 +48,7 @@ pub struct Arguments {
 /// A configuration that cannot be run, a truth that does not cover the run, a scenario without end and no duration, files that cannot be written,
 /// an expectation that was not met, SIGINT or SIGTERM before the end.
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let svg = arguments.svg.as_ref().map(|svg| svg.prepare(arguments.force, draw::names())).transpose()?;
+    let svg = arguments.svg.as_ref().map(|svg| svg.prepare(arguments.force, figures::names())).transpose()?;
     let ready = arguments.run.read()?;
     if let Some(LiveTruth { address, .. }) = &ready.live {
         return Err(Failure::input(format!(
@@ -65,7 +66,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         None => None,
     };
     // After the recording, so that both may go into one directory.
-    let draw_figures = || svg.map_or(Ok(()), |directory| draw::draw(directory, configuration));
+    let draw_figures = || svg.map_or(Ok(()), |directory| draw(directory, configuration));
     let Some((out, destination)) = out else { return draw_figures() };
     let recorded_s = Some(configuration.run.duration_s).filter(|&duration_s| duration_s > 0.0);
     let scenario_s = || match ready.truth {
@@ -101,4 +102,16 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     note(format_args!("geu: wrote {recorded_s} s into {out}\n"));
     draw_figures()?;
     arguments.expectations.tell(&faults)
+}
+
+/// Writes every figure of the unit into a directory, which is made if it is not there.
+fn draw(directory: &Path, configuration: &Configuration) -> Result<(), Failure> {
+    let failed = |error| Failure::failed(format!("cannot write {}: {error}", directory.display()));
+    std::fs::create_dir_all(directory).map_err(failed)?;
+    for (name, text) in figures::figures(configuration) {
+        let path = directory.join(name);
+        write(&path, text)?;
+        note(format_args!("{}\n", path.display()));
+    }
+    Ok(())
 }

@@ -1,23 +1,21 @@
 //! `geu track`: equation 3 on a live link, as on board (Casteren §4).
 
-use std::fmt::Write as _;
 use std::io::{IsTerminal, stdout};
 use std::path::PathBuf;
 use std::slice;
 
 use clap::{Args, ValueEnum};
-use geu_calibration::redundancy::{Difference, Test, WINDOW_S};
-use geu_calibration::track::in_use_name;
+use geu_calibration::redundancy::Difference;
 use geu_calibration::{Believed, Choice, Event, Track, Tracker};
 use geu_model::Configuration;
 use geu_model::units::{ARCSEC_PER_DEG, ARCSEC_PER_RAD};
 use geu_recording::{Defect, Row, Sink, read_text};
+use geu_report::rows::{TRACK_COLUMNS, TrackFormat, instant, track_difference, write_track};
 use nalgebra::{Quaternion, UnitQuaternion};
 
 use crate::decode::{BUFFER, Output, Reading, gives_rows, is_refused, note_elsewhere};
 use crate::failure::{Failure, note};
 use crate::outputs::OutputFile;
-use crate::rows::{quote, write_seconds};
 
 /// Applies a calibration to a link (eq 3): increments about the control axes and attitude, every half second.
 ///
@@ -130,7 +128,13 @@ fn believed(arguments: &Arguments) -> Result<Believed, Failure> {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let believed = believed(arguments)?;
     let is_watched = arguments.out.is_none() && stdout().is_terminal();
-    let format = arguments.format.unwrap_or(if is_watched { Format::Text } else { Format::Csv });
+    let format = match arguments.format {
+        Some(Format::Csv) => TrackFormat::Csv,
+        Some(Format::Jsonl) => TrackFormat::Jsonl,
+        Some(Format::Text) => TrackFormat::Text,
+        None if is_watched => TrackFormat::Text,
+        None => TrackFormat::Csv,
+    };
     let start = arguments.attitude.unwrap_or_default();
     let mut writer = Writer {
         out: arguments.out.as_ref(),
@@ -207,11 +211,12 @@ impl Statistics {
         text += &format!("\nangles         x {x:+.3}″  y {y:+.3}″  z {z:+.3}″, summed\n");
         match (&self.largest, &last.redundancy) {
             (Some((largest, at)), latest) => {
-                let latest = latest.map_or_else(|| "none at the end".to_owned(), |checked| told(checked.accumulated));
+                let latest = latest
+                    .map_or_else(|| "none at the end".to_owned(), |checked| track_difference(checked.accumulated));
                 let alarms = self.alarms;
                 text += &format!(
                     "GYRZA − GYRZB  {latest}; largest {} at {at}; {alarms} alarm{}\n",
-                    told(*largest),
+                    track_difference(*largest),
                     if alarms == 1 { "" } else { "s" }
                 );
             }
@@ -221,153 +226,10 @@ impl Statistics {
     }
 }
 
-fn told(difference: Difference) -> String {
-    format!("{:+.2}″ ± {:.2}″", difference.arcsec, difference.sigma_arcsec)
-}
-
-/// The time of a half second, else its sequence.
-fn instant(track: &Track) -> String {
-    match track.time {
-        Some(time) => {
-            let mut bytes = Vec::new();
-            write_seconds(time, &mut bytes);
-            format!("{} s", String::from_utf8_lossy(&bytes))
-        }
-        None => format!("sequence {}", track.half_second.sequence),
-    }
-}
-
-/// Columns, in order.
-const NAMES: [&str; 22] = [
-    "t_s",
-    "sequence",
-    "increment_x_arcsec",
-    "increment_y_arcsec",
-    "increment_z_arcsec",
-    "angle_x_arcsec",
-    "angle_y_arcsec",
-    "angle_z_arcsec",
-    "q_w",
-    "q_x",
-    "q_y",
-    "q_z",
-    "valid",
-    "lost_half_seconds",
-    "redundancy_arcsec",
-    "redundancy_sigma_arcsec",
-    "redundancy_rate_arcsec_per_h",
-    "redundancy_rate_sigma_arcsec_per_h",
-    "gyros",
-    "gyro_flags",
-    "unit_flags",
-    "notes",
-];
-/// Columns that hold words.
-const WORDS: [&str; 2] = ["gyros", "notes"];
-
-/// What stands in the columns of a row; nothing where it is not known.
-fn cells(track: &Track) -> [Option<String>; NAMES.len()] {
-    let mut t_s = Vec::new();
-    if let Some(time) = track.time {
-        write_seconds(time, &mut t_s);
-    }
-    let angle = |arcsec: f64| format!("{arcsec:.6}");
-    let [ix, iy, iz] = match track.increment_control_arcsec {
-        Some(increment) => increment.map(|arcsec| Some(angle(arcsec))),
-        None => [None, None, None],
-    };
-    let [ax, ay, az] = track.angle_control_arcsec.map(|arcsec| Some(angle(arcsec)));
-    let [qx, qy, qz, qw] = <[f64; 4]>::from(track.attitude.coords).map(|part| Some(format!("{part:.12}")));
-    let accumulated = track.redundancy.map(|checked| checked.accumulated);
-    let window = track.redundancy.and_then(|checked| checked.window);
-    let per_h = |arcsec: f64| format!("{:.3}", arcsec * (3600.0 / WINDOW_S));
-    let half_second = &track.half_second;
-    [
-        track.time.map(|_| String::from_utf8_lossy(&t_s).into_owned()),
-        Some(half_second.sequence.to_string()),
-        ix,
-        iy,
-        iz,
-        ax,
-        ay,
-        az,
-        qw,
-        qx,
-        qy,
-        qz,
-        Some(u8::from(track.is_complete).to_string()),
-        Some(track.lost_half_seconds.to_string()),
-        accumulated.map(|difference| angle(difference.arcsec)),
-        accumulated.map(|difference| angle(difference.sigma_arcsec)),
-        window.map(|difference| per_h(difference.arcsec)),
-        window.map(|difference| per_h(difference.sigma_arcsec)),
-        track.in_use.map(|in_use| in_use_name(in_use).to_owned()),
-        Some(half_second.gyro_flags.to_string()),
-        Some(half_second.unit_flags.to_string()),
-        Some(notes(track)).filter(|notes| !notes.is_empty()),
-    ]
-}
-
-/// What is to be known of a half second, in words without a comma.
-fn notes(track: &Track) -> String {
-    let mut notes: Vec<String> = track.reasons.iter().map(ToString::to_string).collect();
-    if let Some(checked) = &track.redundancy {
-        for (test, is_alarmed) in [Test::Window, Test::Start].into_iter().zip(checked.is_alarmed) {
-            notes.extend(is_alarmed.then(|| format!("GYRZA and GYRZB differ {test}")));
-        }
-    }
-    notes.join("; ")
-}
-
-fn text_line(track: &Track) -> String {
-    let q = track.attitude;
-    let mut line = instant(track);
-    match track.increment_control_arcsec {
-        Some([x, y, z]) => _ = write!(line, "  Δ {x:+9.3} {y:+9.3} {z:+9.3}"),
-        None => line += "  Δ         –         –         –",
-    }
-    let _ = write!(line, "  q {:+.7} {:+.7} {:+.7} {:+.7}", q.w, q.i, q.j, q.k);
-    if let Some(checked) = &track.redundancy {
-        let _ = write!(line, "  ZA−ZB {}", told(checked.accumulated));
-    }
-    let notes = notes(track);
-    if !track.is_complete {
-        let _ = write!(line, "  {} lost", track.lost_half_seconds);
-    }
-    if !notes.is_empty() {
-        let _ = write!(line, "  {notes}");
-    }
-    line
-}
-
-fn write_track(format: Format, track: &Track, out: &mut Vec<u8>) {
-    match format {
-        Format::Text => out.extend_from_slice(text_line(track).as_bytes()),
-        Format::Csv => {
-            let cells = cells(track).map(Option::unwrap_or_default);
-            out.extend_from_slice(cells.join(",").as_bytes());
-        }
-        Format::Jsonl => {
-            for (index, (name, cell)) in NAMES.iter().zip(cells(track)).enumerate() {
-                out.push(if index == 0 { b'{' } else { b',' });
-                quote(name, out);
-                out.push(b':');
-                match cell {
-                    Some(words) if WORDS.contains(name) => quote(&words, out),
-                    Some(number) => out.extend_from_slice(number.as_bytes()),
-                    None => out.extend_from_slice(b"null"),
-                }
-            }
-            out.push(b'}');
-        }
-    }
-    out.push(b'\n');
-}
-
 /// Tracks rows as they come, and writes.
 struct Writer<'a> {
     out: Option<&'a OutputFile>,
-    format: Format,
+    format: TrackFormat,
     tracker: Tracker,
     /// There once the link could be opened.
     output: Option<Output>,
@@ -401,8 +263,8 @@ impl Sink for Writer<'_> {
     fn opened(&mut self) {
         match Output::open(self.out) {
             Ok(mut output) => {
-                if self.format == Format::Csv {
-                    output.buffer.extend_from_slice(NAMES.join(",").as_bytes());
+                if self.format == TrackFormat::Csv {
+                    output.buffer.extend_from_slice(TRACK_COLUMNS.join(",").as_bytes());
                     output.buffer.push(b'\n');
                 }
                 self.output = Some(output);

@@ -6,18 +6,18 @@ use std::io::{self, BufRead, BufReader, Write};
 use std::net::{SocketAddr, TcpStream, UdpSocket};
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::Command;
 use std::sync::atomic::AtomicBool;
 use std::sync::atomic::Ordering::Relaxed;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
+use geu_process::EmulatorProcess;
 use geu_protocol::HalfSecond;
 use geu_protocol::serial::{Deframer, Found, Kind, read_data};
 use nix::sys::prctl::set_pdeathsig;
-use nix::sys::signal::{Signal, kill};
-use nix::unistd::Pid;
+use nix::sys::signal::Signal;
 use serde_json::Value;
 
 /// An emulator that reports no half second for so long is dead, and a link that does not bring what was reported.
@@ -81,27 +81,25 @@ impl Emulator {
     pub fn start(program: &Path, arguments: &[String]) -> Result<Emulator, String> {
         let mut command = Command::new(program);
         command.args(["run", "--wait", "--tcp", "127.0.0.1:0", "--truth", "udp://127.0.0.1:0"]).args(arguments);
-        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
         // SAFETY: between fork and exec this makes one system call and touches no memory.
         unsafe { command.pre_exec(|| set_pdeathsig(Signal::SIGTERM).map_err(io::Error::from)) };
         let failed = |error: io::Error| format!("{}: cannot be started: {error}", program.display());
-        let mut child = command.spawn().map_err(failed)?;
-        let (out, said) = (child.stdout.take(), child.stderr.take());
+        let mut process = EmulatorProcess::start(command).map_err(failed)?;
+        let said = process.child.stderr.take();
         // What it says goes on, without its status line, which it keeps to a terminal.
         let speaker = thread::spawn(move || {
             for line in said.into_iter().flat_map(|said| BufReader::new(said).lines()).map_while(Result::ok) {
                 let _ = writeln!(io::stderr(), "{line}");
             }
         });
-        let running = Running { child, speaker: Some(speaker) };
+        let mut running = Running { process, speaker: Some(speaker) };
         let (mut link, mut truth) = (None, None);
-        let mut lines = BufReader::new(out.ok_or("geu: no standard output")?).lines().map_while(Result::ok);
         while let (None, _) | (_, None) = (&link, &truth) {
-            let Some(line) = lines.next() else {
-                return Err("geu ended before its link was ready; what it said stands above".to_owned());
-            };
-            link = link.or(line.strip_prefix("ready tcp ").map(str::to_owned));
-            truth = truth.or(line.strip_prefix("ready truth udp://").map(str::to_owned));
+            let ready = running.process.next_ready();
+            let ready =
+                ready.map_err(|_| "geu ended before its link was ready; what it said stands above".to_owned())?;
+            link = link.or(ready.strip_prefix("tcp ").map(str::to_owned));
+            truth = truth.or(ready.strip_prefix("truth udp://").map(str::to_owned));
         }
         let mut emulator = Emulator::attach(&link.unwrap_or_default(), &truth.unwrap_or_default())?;
         emulator.child = Some(running);
@@ -207,8 +205,8 @@ impl Emulator {
     /// A child that could not run, or did not end.
     pub fn end(mut self) -> Result<bool, String> {
         let Some(mut running) = self.child.take() else { return Ok(true) };
-        let child = &mut running.child;
-        let _ = kill(Pid::from_raw(child.id() as i32), Signal::SIGTERM);
+        let _ = running.process.terminate();
+        let child = &mut running.process.child;
         let asked = Instant::now();
         while asked.elapsed() < END {
             match child.try_wait() {
@@ -223,14 +221,14 @@ impl Emulator {
 
 /// A child that does not outlive this program's interest in it, and whose last words are passed on before that ends.
 struct Running {
-    child: Child,
+    process: EmulatorProcess,
     speaker: Option<JoinHandle<()>>,
 }
 
 impl Drop for Running {
     fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
+        let _ = self.process.child.kill();
+        let _ = self.process.child.wait();
         self.speaker.take().map(JoinHandle::join);
     }
 }

@@ -17,6 +17,7 @@
 use std::io;
 
 use geu_model::attitude::Row;
+use geu_protocol::calendar::days_since_1970;
 use geu_protocol::excerpt::excerpt;
 use nalgebra::{Quaternion, UnitQuaternion};
 
@@ -269,9 +270,7 @@ fn epoch_ns(text: &str) -> Option<i64> {
         return None;
     }
     let fraction: String = fraction.chars().chain(std::iter::repeat('0')).take(9).collect();
-    // Days from 1970 to the first of January.
-    let before = year - 1;
-    let days = before * 365 + before / 4 - before / 100 + before / 400 - 719_162 + day_of_year - 1;
+    let days = days_since_1970(year, 1, 1) + day_of_year - 1;
     let seconds = days * 86_400 + hour * 3600 + minute * 60 + number(second, 2, 0, 59)?;
     seconds.checked_mul(1_000_000_000)?.checked_add(fraction.parse().ok()?)
 }

@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 
 use geu_protocol::capture::{Detected, Event, Format, Place, Reader, detect};
 use geu_protocol::excerpt::excerpt;
+use geu_protocol::hex::spaced_hex;
 
 use crate::decoder::{Decoder, Options};
 use crate::input::{InputError, Source, Unpacked, open};
@@ -339,9 +340,5 @@ fn unknown_text(name: &str, head: &[u8]) -> InputError {
 }
 
 fn no_frame(name: &str, length: u64, head: &[u8]) -> InputError {
-    InputError::NoFrame { name: name.to_owned(), length, got: hex(head) }
-}
-
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02X}")).collect::<Vec<_>>().join(" ")
+    InputError::NoFrame { name: name.to_owned(), length, got: spaced_hex(head) }
 }

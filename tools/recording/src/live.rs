@@ -189,7 +189,7 @@ impl Drop for SerialPort {
     }
 }
 
-fn baud_rate(baud: u32) -> io::Result<BaudRate> {
+pub(crate) fn baud_rate(baud: u32) -> io::Result<BaudRate> {
     Ok(match baud {
         1_200 => BaudRate::B1200,
         2_400 => BaudRate::B2400,
@@ -202,8 +202,10 @@ fn baud_rate(baud: u32) -> io::Result<BaudRate> {
         230_400 => BaudRate::B230400,
         460_800 => BaudRate::B460800,
         921_600 => BaudRate::B921600,
+        1_000_000 => BaudRate::B1000000,
+        2_000_000 => BaudRate::B2000000,
         _ => {
-            let text = format!("baud: expected a standard rate from 1200 to 921600, got {baud}");
+            let text = format!("baud: expected a standard rate from 1200 to 2000000, got {baud}");
             return Err(io::Error::new(io::ErrorKind::InvalidInput, text));
         }
     })

@@ -19,7 +19,6 @@ macro_rules! files {
     };
 }
 
-/// All of them; those of uPlot are empty in a build without charts, and the page says so.
 pub(super) const FILES: &[File] = files! {
     "/" "The bench page" "text/html; charset=utf-8" include_str!("page/index.html");
     "/page.css" "Its style" "text/css; charset=utf-8" include_str!("page/page.css");
@@ -29,10 +28,7 @@ pub(super) const FILES: &[File] = files! {
     "/panels.js" "Faults and commands" "text/javascript; charset=utf-8" include_str!("page/panels.js");
     "/wire.js" "Frames taken apart" "text/javascript; charset=utf-8" include_str!("page/wire.js");
     "/icon.svg" "Its icon" "image/svg+xml" include_str!("page/icon.svg");
-    "/uPlot.js" "The charts' library" "text/javascript; charset=utf-8"
-        include_str!(concat!(env!("OUT_DIR"), "/uPlot.iife.min.js"));
-    "/uPlot.css" "Its style" "text/css; charset=utf-8" include_str!(concat!(env!("OUT_DIR"), "/uPlot.min.css"));
-    "/licences" "Licences of what the page is made of" "text/plain; charset=utf-8"
-        concat!("GEU\n\n", include_str!("../../../../LICENSE"),
-            "\n\nuPlot, where this build has charts\n\n", include_str!(concat!(env!("OUT_DIR"), "/LICENSE")));
+    "/chart.js" "Zoom, pan and values of charts" "text/javascript; charset=utf-8" geu_chart::SCRIPT;
+    "/chart.css" "Style of charts" "text/css; charset=utf-8" geu_chart::STYLE;
+    "/licences" "Its licence" "text/plain; charset=utf-8" include_str!("../../../../LICENSE");
 };

@@ -10,9 +10,10 @@ use std::io::{self, BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
 
 use geu_model::Configuration;
-use geu_model::configuration::{RecordedCommand, read_hex};
+use geu_model::configuration::RecordedCommand;
 use geu_model::units::on_board_s;
 use geu_protocol::excerpt::excerpt;
+use geu_protocol::hex::read_hex;
 use serde_json::Value;
 
 use super::output::{Output, RecordError};

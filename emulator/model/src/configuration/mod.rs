@@ -12,6 +12,7 @@ mod show;
 use std::collections::HashSet;
 
 pub use document::{ConfigurationError, Node, Source};
+use geu_protocol::hex::read_hex;
 use geu_protocol::{CanPlan, Gyro};
 
 use crate::attitude::{LimitCycle, Manoeuvre, Plan, Scenario, TruthNumbers};
@@ -563,11 +564,4 @@ fn read_run(root: &Node) -> Result<RunRecord, ConfigurationError> {
 fn read_half_second(node: &Node) -> Result<u64, ConfigurationError> {
     node.whole_number("half_second")?
         .ok_or_else(|| node.error("half_second", "expected `half_second`, got none".to_owned()))
-}
-
-/// Bytes from pairs of hexadecimal digits; `None` for anything else.
-pub fn read_hex(text: &str) -> Option<Vec<u8>> {
-    let digits: Vec<u8> =
-        text.chars().filter(|c| !c.is_whitespace()).map(|c| c.to_digit(16).map(|d| d as u8)).collect::<Option<_>>()?;
-    digits.len().is_multiple_of(2).then(|| digits.chunks(2).map(|pair| pair[0] << 4 | pair[1]).collect())
 }

@@ -6,8 +6,7 @@
 //! measured by the time stamps of reception.
 
 use std::fs;
-use std::io::Read;
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -15,9 +14,8 @@ use clap::Args;
 use geu_daemon::cadence::{Sleeper, now_ns};
 use geu_daemon::lateness::{Histogram, Time};
 use geu_model::units::HALF_SECOND_NS;
+use geu_process::EmulatorProcess;
 use geu_protocol::CanPlan;
-use nix::sys::signal::{Signal, kill};
-use nix::unistd::Pid;
 use socketcan::{CanFilter, CanSocket, EmbeddedFrame, Id, Socket, SocketOptions};
 
 use crate::failure::{Failure, say};
@@ -49,7 +47,7 @@ pub struct Arguments {
 pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let sends = (arguments.duration * 1e9 / HALF_SECOND_NS as f64) as i64;
     let on_bus = arguments.can.as_ref().map(|interface| Bus::start(interface, arguments.duration)).transpose()?;
-    let mut emulator = Emulator::start(arguments.can.as_deref(), arguments.duration)?;
+    let emulator = Emulator::start(arguments.can.as_deref(), arguments.duration)?;
 
     let start_ns = now_ns() + HALF_SECOND_NS;
     let spin = Duration::from_micros(arguments.spin.into());
@@ -146,7 +144,7 @@ fn slope_ppm(residual_ns: &[f64]) -> (f64, f64) {
 
 /// The emulator as a process of its own.
 struct Emulator {
-    child: Child,
+    process: EmulatorProcess,
     started: Instant,
     /// Of the symlink.
     _directory: tempfile::TempDir,
@@ -161,13 +159,12 @@ impl Emulator {
             Some(interface) => command.args(["--can", interface]),
             None => command.arg("--pty").arg(directory.path().join("geu0")),
         };
-        command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped());
-        let child = command.spawn().map_err(Failure::failed)?;
-        Ok(Emulator { child, started: Instant::now(), _directory: directory })
+        let process = EmulatorProcess::start(command).map_err(Failure::failed)?;
+        Ok(Emulator { process, started: Instant::now(), _directory: directory })
     }
 
     fn of_proc(&self, file: &str) -> String {
-        fs::read_to_string(format!("/proc/{}/{file}", self.child.id())).unwrap_or_default()
+        fs::read_to_string(format!("/proc/{}/{file}", self.process.child.id())).unwrap_or_default()
     }
 
     fn memory_kb(&self) -> u32 {
@@ -178,7 +175,7 @@ impl Emulator {
 
     /// CPU time of all its threads against the wall clock.
     fn cpu_share(&self) -> f64 {
-        let threads = fs::read_dir(format!("/proc/{}/task", self.child.id())).into_iter().flatten().flatten();
+        let threads = fs::read_dir(format!("/proc/{}/task", self.process.child.id())).into_iter().flatten().flatten();
         let on_cpu_ns: f64 = threads
             .filter_map(|thread| fs::read_to_string(thread.path().join("schedstat")).ok())
             .filter_map(|stat| stat.split_whitespace().next()?.parse::<f64>().ok())
@@ -186,22 +183,10 @@ impl Emulator {
         on_cpu_ns * 1e-9 / self.started.elapsed().as_secs_f64()
     }
 
-    /// Asks it to end and gives what it said.
-    fn end(&mut self) -> String {
-        let mut said = String::new();
-        let _ = kill(Pid::from_raw(self.child.id() as i32), Signal::SIGTERM);
-        if let Some(stderr) = &mut self.child.stderr {
-            let _ = stderr.read_to_string(&mut said);
-        }
-        let _ = self.child.wait();
-        said
-    }
-}
-
-impl Drop for Emulator {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
+    /// Asks it to end and gives what it wrote on standard error.
+    fn end(self) -> String {
+        let _ = self.process.terminate();
+        self.process.wait().map(|(_, text)| text).unwrap_or_default()
     }
 }
 

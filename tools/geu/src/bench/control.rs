@@ -4,7 +4,6 @@
 //! eight event clients and a client that asks a thousand times a second are at the open one. Both meet the same machine and
 //! the same load, so that what the interface itself costs is seen apart from what the clients take of the processor.
 
-use std::io::{BufRead, BufReader, Read};
 use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
@@ -12,8 +11,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use clap::Args;
-use nix::sys::signal::{Signal, kill};
-use nix::unistd::Pid;
+use geu_process::EmulatorProcess;
 use serde_json::Value;
 use ureq::http::Method;
 
@@ -59,7 +57,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 
 /// Runs both emulators, the open one with clients and perhaps a browser, and tells their lateness; the median of the open one, µs.
 fn run_once(part: Duration, clients: Option<Option<&str>>) -> Result<f64, Failure> {
-    let (mut open, mut closed) = (Emulator::start(true)?, Emulator::start(false)?);
+    let (open, closed) = (Emulator::start(true)?, Emulator::start(false)?);
     let load = clients.map(|browser| Load::start(&open.address, browser)).transpose()?;
     let start = Instant::now();
     let mut last = Value::Null;
@@ -73,7 +71,7 @@ fn run_once(part: Duration, clients: Option<Option<&str>>) -> Result<f64, Failur
         let per_s = asked as f64 / part.as_secs_f64();
         say!("    {asked} requests ({per_s:.0}/s), {told} events to {EVENT_CLIENTS} clients and a page")?;
     }
-    for (name, emulator) in [("control interface open", &mut open), ("--control off", &mut closed)] {
+    for (name, emulator) in [("control interface open", open), ("--control off", closed)] {
         say!("    {name:<24} {}", emulator.end())?;
     }
     Ok(last["p50_us"].as_f64().unwrap_or(f64::NAN))
@@ -81,8 +79,7 @@ fn run_once(part: Duration, clients: Option<Option<&str>>) -> Result<f64, Failur
 
 /// An emulator as a process of its own.
 struct Emulator {
-    child: Child,
-    said: std::process::ChildStderr,
+    process: EmulatorProcess,
     address: String,
     /// Of the symlink.
     _directory: tempfile::TempDir,
@@ -94,17 +91,10 @@ impl Emulator {
         let mut command = Command::new(std::env::current_exe().map_err(Failure::failed)?);
         command.arg("run").arg("--pty").arg(directory.path().join("geu0"));
         command.args(["--control", if is_open { "127.0.0.1:0" } else { "off" }]);
-        let mut child = command
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn()
-            .map_err(Failure::failed)?;
-        let said = child.stderr.take().expect("piped");
-        let mut ready = BufReader::new(child.stdout.take().expect("piped")).lines().map_while(Result::ok);
-        let address = if is_open { ready.find_map(|line| control_address(&line)) } else { Some(String::new()) };
-        let address = address.ok_or_else(|| Failure::failed("geu run: no control interface became ready"))?;
-        Ok(Emulator { child, said, address, _directory: directory })
+        let mut process = EmulatorProcess::start(command).map_err(Failure::failed)?;
+        let address = if is_open { process.control_address() } else { Ok(String::new()) };
+        let address = address.map_err(|_| Failure::failed("geu run: no control interface became ready"))?;
+        Ok(Emulator { process, address, _directory: directory })
     }
 
     fn client(&self) -> Client {
@@ -112,26 +102,12 @@ impl Emulator {
     }
 
     /// Asks it to end; its line on lateness.
-    fn end(&mut self) -> String {
-        let _ = kill(Pid::from_raw(self.child.id() as i32), Signal::SIGTERM);
-        let mut said = String::new();
-        let _ = self.said.read_to_string(&mut said);
-        let _ = self.child.wait();
-        let lateness = said.lines().find_map(|line| line.strip_prefix("lateness"));
+    fn end(self) -> String {
+        let _ = self.process.terminate();
+        let text = self.process.wait().map(|(_, text)| text).unwrap_or_default();
+        let lateness = text.lines().find_map(|line| line.strip_prefix("lateness"));
         lateness.unwrap_or("no lateness told").trim().to_owned()
     }
-}
-
-impl Drop for Emulator {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
-
-/// HOST:PORT of a ready line of a control interface.
-fn control_address(line: &str) -> Option<String> {
-    line.strip_prefix("ready control http://").map(|address| address.trim_end_matches('/').to_owned())
 }
 
 /// The clients.

@@ -10,10 +10,10 @@ use clap::Args;
 use geu_protocol::serial::data_frame;
 use geu_protocol::{CLOCK_PER_HALF_SECOND, CanPlan, HalfSecond, describe};
 use geu_recording::{Defect, InputReader, Options, Row, Sink, Stop};
+use geu_report::rows::{TextFormat, write_row};
 
 use super::rounds::{Contender, Results, Rounds, Spread};
 use crate::failure::{Failure, say};
-use crate::rows::{Flags, Form, write_row};
 
 /// Arguments of `geu bench decode`.
 #[derive(Args)]
@@ -131,7 +131,7 @@ impl Sink for Counter {
     fn row(&mut self, row: &Row) {
         self.rows += 1;
         if let Some((file, buffer)) = &mut self.out {
-            write_row(Form::Csv, Flags::Integers, row, buffer);
+            write_row(TextFormat::Csv, false, row, buffer);
             if buffer.len() > 1 << 18 {
                 let _ = file.write_all(buffer);
                 buffer.clear();

@@ -9,7 +9,13 @@ const VIEWS = [
   { name: "counts", title: "counts", decimals: 0, least: 4 },
   { name: "truth", title: "truth", decimals: 2, least: 4 },
 ];
-const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+/** Margins around a strip, and its height, pixels. */
+const LEFT = 58;
+const RIGHT = 12;
+const HEIGHT = 116;
+const TITLES = 22;
+/** Times are drawn from a whole number of days on: an SVG has 24 bits for a number. */
+const DAY_S = 86400;
 
 /** Charts of these gyros; takes half seconds and faults in. `validBits` are their bits in gyro_flags. */
 export function charts(gyros, validBits) {
@@ -20,18 +26,22 @@ export function charts(gyros, validBits) {
   let view = VIEWS[0],
     windowS = 60,
     last = null,
+    baseS = 0,
+    cursorS = null,
     isDrawing = false;
 
   for (const known of VIEWS) {
     const choice = element("input", { type: "radio", name: "view", value: known.name, checked: known === view });
     choice.addEventListener("change", () => {
       view = known;
+      strips.forEach(({ chart }) => chart.reset());
       draw();
     });
     at("views").append(element("label", {}, choice, element("span", {}, known.title)));
   }
   at("window").addEventListener("change", (event) => {
     windowS = Number(event.target.value);
+    strips.forEach(({ chart }) => chart.reset());
     draw();
   });
   at("zero").addEventListener("click", () => {
@@ -42,12 +52,10 @@ export function charts(gyros, validBits) {
     draw();
   });
 
-  const hasCharts = typeof uPlot === "function";
-  at("no-charts").hidden = hasCharts;
   const strips = gyros.map((gyro, index) => {
     const value = element("output", { className: "value" }),
       sub = element("span", { className: "sub" });
-    const canvas = element("div", { className: "canvas", role: "img", ariaLabel: `Strip chart of ${gyro}` });
+    const canvas = element("div", { className: "canvas" });
     at("strips").append(
       element(
         "div",
@@ -56,61 +64,31 @@ export function charts(gyros, validBits) {
         canvas,
       ),
     );
-    const plot = hasCharts ? plotted(canvas, index) : null;
-    return { value, sub, plot };
+    return { value, sub, ...made(canvas, index) };
   });
 
-  function plotted(canvas, index) {
+  function made(canvas, index) {
     const isLast = index === gyros.length - 1;
-    const font = "11px ui-monospace, 'DejaVu Sans Mono', monospace";
-    const axis = {
-      stroke: () => colour("--soft"),
-      font,
-      ticks: { show: false },
-      grid: { stroke: () => colour("--rule"), width: 1 },
-    };
-    const plot = new uPlot(
-      {
-        width: Math.max(canvas.clientWidth, 100),
-        height: isLast ? 138 : 116,
-        legend: { show: false },
-        padding: [8, 12, isLast ? 0 : 8, 0],
-        cursor: { sync: { key: "gyros" }, y: false, drag: { x: false, y: false }, points: { size: 5 } },
-        scales: {
-          x: {
-            time: false,
-            range: () => {
-              const end = times.at(-1) ?? windowS;
-              return [end - windowS, end];
-            },
-          },
-          y: { range: (_, low, high) => around(low, high, view.least) },
-        },
-        axes: [
-          {
-            ...axis,
-            size: isLast ? 22 : 0,
-            values: (_, splits) => splits.map((t) => (t < 0 || !isLast ? "" : clock(t, 0))),
-          },
-          {
-            ...axis,
-            size: 58,
-            space: 24,
-            values: (_, splits) => splits.map((value) => String(+value.toPrecision(6)).replace("-", "−")),
-          },
-        ],
-        series: [{}, { stroke: () => colour("--first"), width: 1.5, points: { show: false }, spanGaps: false }],
-        hooks: {
-          drawClear: [(plot) => shade(plot, gyros[index])],
-          draw: [(plot) => markInvalid(plot, columns[index].valid)],
-          setCursor: [() => read()],
-        },
+    const [width, height, bottom] = [600, HEIGHT + (isLast ? TITLES : 0), HEIGHT - 8];
+    const frame = `x="${LEFT}" y="8" width="${width - LEFT - RIGHT}" height="${bottom - 8}"`;
+    canvas.innerHTML = `<svg class="chart" width="100%" height="${height}" viewBox="0 0 ${width} ${height}"
+      data-frame="${LEFT} 8 ${width - RIGHT} ${bottom}" data-x="0 ${windowS}" data-y="-1 1" data-step="1" data-zoom="xy"
+      data-group="gyros" role="img"><g class="y axis"></g><g class="x axis"></g>
+      <svg class="inside" ${frame} viewBox="${LEFT} 8 ${width - LEFT - RIGHT} ${bottom - 8}">
+      <g class="data"><g class="shades"></g><path class="first"/></g><g class="marks"></g></svg><rect class="frame" ${frame}/></svg>`;
+    const svg = canvas.firstChild;
+    svg.setAttribute("aria-label", `Strip chart of ${gyros[index]}`);
+    const chart = geuChart(svg, {
+      isLive: true,
+      formatX: (x) => (isLast && x + baseS >= 0 ? clock(x + baseS, 0) : ""),
+      onCursor: (x) => {
+        cursorS = x === null ? null : x + baseS;
+        read();
       },
-      [[], []],
-      canvas,
-    );
-    new ResizeObserver(() => plot.setSize({ width: canvas.clientWidth, height: plot.height })).observe(canvas);
-    return plot;
+    });
+    new ResizeObserver(() => chart.resize(Math.max(canvas.clientWidth, 100))).observe(canvas);
+    const part = (name) => svg.querySelector(name);
+    return { chart, path: part("path"), shades: part(".shades"), marks: part(".marks") };
   }
 
   /** Takes in which faults act: told are those that are not over. */
@@ -123,67 +101,49 @@ export function charts(gyros, validBits) {
     for (const [key, fault] of faults) if (fault.end_s !== null && fault.end_s < half.t_s - KEEP_S) faults.delete(key);
   }
 
-  /** Where a fault acts on the gyro, or on all. */
-  function shade(plot, gyro) {
-    const { ctx, bbox } = plot;
-    ctx.save();
-    ctx.beginPath();
-    ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
-    ctx.clip();
+  /** Where a fault acts on the gyro, or on all, and where the gyro was not valid, which is said on the trace as well. */
+  function shade({ chart, shades, marks }, index, end, [low, high]) {
+    shades.replaceChildren();
+    marks.replaceChildren();
+    const start = end - windowS;
+    const box = (name, from, to) => {
+      const [x, y, width, height] = [Math.max(from, start), low, to - Math.max(from, start), high - low];
+      if (width > 0) chart.make("rect", { class: name, x: x - baseS, y, width, height }, shades);
+    };
     for (const fault of faults.values()) {
-      if (fault.gyro && fault.gyro !== gyro) continue;
-      const from = plot.valToPos(fault.since_s, "x", true);
-      const to = Math.min(
-        fault.end_s === null ? bbox.left + bbox.width : plot.valToPos(fault.end_s, "x", true),
-        bbox.left + bbox.width,
-      );
-      ctx.fillStyle = ctx.strokeStyle = colour("--second");
-      ctx.globalAlpha = 0.13;
-      ctx.fillRect(from, bbox.top, to - from, bbox.height);
-      ctx.globalAlpha = 0.8;
-      ctx.fillRect(from, bbox.top, devicePixelRatio, bbox.height);
+      if (fault.gyro && fault.gyro !== gyros[index]) continue;
+      box("fault", fault.since_s, Math.min(fault.end_s ?? end, end));
+      const x = fault.since_s - baseS;
+      if (fault.since_s > start) chart.make("line", { class: "fault-start", x1: x, x2: x, y1: low, y2: high }, shades);
     }
-    ctx.restore();
-  }
-
-  /** Where the gyro was not valid: shaded, and said on the trace. */
-  function markInvalid(plot, valid) {
-    const { ctx, bbox } = plot;
-    ctx.save();
-    ctx.beginPath();
-    ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
-    ctx.clip();
-    ctx.fillStyle = colour("--bad");
-    ctx.font = `600 ${12 * devicePixelRatio}px system-ui, "DejaVu Sans", sans-serif`;
-    ctx.textBaseline = "top";
-    ctx.textAlign = "left";
+    const { valid } = columns[index];
     for (let first = valid.indexOf(false); first >= 0; ) {
       const after = valid.indexOf(true, first);
       const last = after < 0 ? times.length - 1 : after - 1;
-      const from = Math.max(plot.valToPos(times[first] - 0.5, "x", true), bbox.left);
-      const to = plot.valToPos(times[last], "x", true);
-      if (to > bbox.left) {
-        ctx.globalAlpha = 0.16;
-        ctx.fillRect(from, bbox.top, to - from, bbox.height);
-        ctx.globalAlpha = 1;
-        const room = ctx.measureText("not valid").width + 8 * devicePixelRatio;
-        const at = Math.min(from + 4 * devicePixelRatio, bbox.left + bbox.width - room);
-        ctx.fillText("not valid", Math.max(at, bbox.left), bbox.top + 4 * devicePixelRatio);
+      box("invalid", times[first] - 0.5, times[last]);
+      if (times[last] > start) {
+        const from = Math.max(times[first] - 0.5, start);
+        const isLate = end - from < windowS * 0.12;
+        const at = `${(isLate ? end : from) - baseS} ${high}`;
+        const place = { class: "invalid", x: isLate ? -4 : 4, y: 14, "text-anchor": isLate ? "end" : "start" };
+        chart.make("text", place, chart.make("g", { "data-at": at }, marks)).textContent = "not valid";
       }
       first = after < 0 ? -1 : valid.indexOf(false, after);
     }
-    ctx.restore();
   }
 
   /** What stands beside each strip: the latest, or what the cursor points at. */
   function read() {
-    strips.forEach(({ value, sub, plot }, index) => {
-      const place = plot?.cursor.idx ?? times.length - 1;
+    const isPointed = cursorS !== null && times.length > 0;
+    const distance = (index) => Math.abs(times[index] - cursorS);
+    let place = times.length - 1;
+    if (isPointed) while (place > 0 && distance(place - 1) <= distance(place)) place -= 1;
+    strips.forEach(({ value, sub }, index) => {
       const column = columns[index][view.name];
       value.textContent = fixed(column[place] ?? NaN, view.decimals);
       const isValid = columns[index].valid[place] !== false;
       sub.classList.toggle("warn", !isValid);
-      const unit = plot?.cursor.idx != null ? `at ${clock(times[place])}` : view.name === "counts" ? "count" : "arcsec";
+      const unit = isPointed ? `at ${clock(times[place])}` : view.name === "counts" ? "count" : "arcsec";
       sub.textContent = isValid ? unit : "not valid";
     });
   }
@@ -194,7 +154,20 @@ export function charts(gyros, validBits) {
     requestAnimationFrame(() => {
       isDrawing = false;
       at("zero").hidden = view.name !== "accumulated";
-      strips.forEach(({ plot }, index) => plot?.setData([times, columns[index][view.name]]));
+      const end = times.at(-1) ?? windowS,
+        begin = Math.max(times.findIndex((t) => t >= end - windowS) - 1, 0);
+      baseS = Math.floor((times[0] ?? 0) / DAY_S) * DAY_S;
+      strips.forEach((strip, index) => {
+        const values = columns[index][view.name].slice(begin);
+        const known = values.filter((value) => value !== null);
+        const range = around(Math.min(...known), Math.max(...known), view.least);
+        shade(strip, index, end, range);
+        const points = values.map((value, place) =>
+          value === null ? "" : `${(values[place - 1] ?? null) === null ? "M" : "L"}${times[begin + place] - baseS} ${value}`,
+        );
+        strip.path.setAttribute("d", points.join(""));
+        strip.chart.show([end - windowS - baseS, end - baseS], range);
+      });
       read();
     });
   }
@@ -232,7 +205,6 @@ export function charts(gyros, validBits) {
     );
   }
 
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
   draw();
   return {
     /** Draws what the unit did before the page was there. */

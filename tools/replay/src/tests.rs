@@ -6,7 +6,7 @@ use geu_protocol::CanPlan;
 use geu_protocol::capture::{Format, Reader};
 use geu_recording::Sink;
 
-use super::tape::{Choice, Tape};
+use crate::{ReplaySelection, ReplaySource};
 
 const LOG: &str = "\
     (5.000000) can0 123#01\n\
@@ -20,19 +20,19 @@ const LOG: &str = "\
     (5.600200) can1 1A1#0000000000000000\n\
     (7205.6000) can0 1A8#02\n";
 
-/// What a tape makes of the log, and what there is to be told.
-fn items(choice: Choice) -> (Vec<Item>, String) {
+/// The items of the log, and the report on it.
+fn items(choice: ReplaySelection) -> (Vec<Item>, String) {
     let ((sender, items), (begins, _began)) = (sync_channel(100), sync_channel(1));
-    let mut tape = Tape::new(choice, sender, begins);
-    Reader::new(Format::Candump).finish(LOG.as_bytes(), &mut |_, event| tape.record(&event));
-    tape.end_pass();
-    let told = tape.finish(false).to_string();
-    (items.into_iter().flatten().collect(), told)
+    let mut source = ReplaySource::new(choice, sender, begins);
+    Reader::new(Format::Candump).finish(LOG.as_bytes(), &mut |_, event| source.record(&event));
+    source.end_pass();
+    let report = source.finish(false).to_string();
+    (items.into_iter().flatten().collect(), report)
 }
 
-fn choice() -> Choice {
+fn choice() -> ReplaySelection {
     let plan = CanPlan::default();
-    Choice {
+    ReplaySelection {
         plan,
         interface: None,
         is_only: false,
@@ -55,7 +55,7 @@ fn shown(items: &[Item]) -> Vec<String> {
 
 #[test]
 fn frames_keep_order_and_time_and_a_half_second_is_known_when_it_begins() {
-    let (items, told) = items(choice());
+    let (items, report) = items(choice());
     assert_eq!(
         shown(&items),
         [
@@ -73,7 +73,7 @@ fn frames_keep_order_and_time_and_a_half_second_is_known_when_it_begins() {
         ]
     );
     assert_eq!(items[10].recorded_ns, 7_200_600_000_000);
-    assert!(told.contains("1 gaps shortened") && told.contains("1 frames of other interfaces"), "{told}");
+    assert!(report.contains("1 gaps shortened") && report.contains("1 frames of other interfaces"), "{report}");
     assert!(
         matches!(items[1].what, What::HalfSecond { half_second, is_can: true } if half_second.clock_count == 500_000)
     );
@@ -82,11 +82,11 @@ fn frames_keep_order_and_time_and_a_half_second_is_known_when_it_begins() {
 
 #[test]
 fn a_part_of_it_and_the_unit_alone_can_be_chosen() {
-    let only = Choice { is_only: true, to_ns: 300_000_000, ..choice() };
+    let only = ReplaySelection { is_only: true, to_ns: 300_000_000, ..choice() };
     let (all, _) = items(only);
     let expected =
         ["0 half second 0", "0 1A0 HalfSecond", "400 1A1 HalfSecond", "600 1A2 HalfSecond", "100100 1A9 Unit"];
     assert_eq!(shown(&all), expected);
-    let (late, _) = items(Choice { from_ns: 190_000_000, to_ns: 500_000_000, ..choice() });
+    let (late, _) = items(ReplaySelection { from_ns: 190_000_000, to_ns: 500_000_000, ..choice() });
     assert_eq!(shown(&late), ["0 1A8 Command", "100 1A9 Unit"]);
 }

@@ -1,6 +1,7 @@
-//! What the figures show. Each flies the unit through a scenario of its own; where the unit lacks the effect that a
+//! Figures of a unit as SVG files: one or two panels, one above the other. Each flies the unit through a scenario of its own; where the unit lacks the effect that a
 //! figure is about, the paper's value stands in, and the title says so.
 
+use geu_chart::{Chart, MAX_COLUMNS, min_max, svg_file};
 use geu_model::attitude::{LimitCycle, Manoeuvre, Motion, Plan, Scenario};
 use geu_model::course::{Course, Interval, Law};
 use geu_model::effect::{Effects, columns};
@@ -10,13 +11,88 @@ use geu_model::{Configuration, Unit};
 use geu_protocol::Gyro;
 use geu_selftest::{BestLine, Receiver, transfer_function};
 
-use super::{Mark, Panel, Series};
+use crate::extent;
 
-/// A figure: panels from a unit.
-pub type Figure = fn(&Configuration) -> Vec<Panel>;
+/// How points are shown.
+#[derive(Clone, Copy, PartialEq)]
+enum Mark {
+    /// Joined by lines.
+    Line,
+    /// Each by itself.
+    Points,
+    /// Held from point to point.
+    Steps,
+}
+
+struct Series {
+    name: String,
+    mark: Mark,
+    points: Vec<(f64, f64)>,
+}
+
+struct Panel {
+    title: String,
+    x: &'static str,
+    y: &'static str,
+    series: Vec<Series>,
+    /// Levels to compare with, dashed, with a name.
+    levels: Vec<(f64, String)>,
+}
+
+/// Panels from a unit.
+type Figure = fn(&Configuration) -> Vec<Panel>;
+
+/// Width and height of a panel, pixels.
+const SIZE: (f64, f64) = (1000.0, 320.0);
+/// Classes of the series in their order.
+const CLASSES: [&str; 4] = ["first", "second", "third", "fourth"];
+
+/// The names of the files.
+pub fn names() -> impl Iterator<Item = &'static str> {
+    FIGURES.iter().map(|(name, _)| *name)
+}
+
+/// Every figure of the unit: the file's name and its text.
+pub fn figures(configuration: &Configuration) -> impl Iterator<Item = (&'static str, String)> {
+    FIGURES.iter().map(|(name, figure)| {
+        let panels = figure(configuration);
+        (*name, svg_file(panels.iter().map(drawn).collect()))
+    })
+}
+
+fn drawn(panel: &Panel) -> geu_chart::Panel {
+    let points = || panel.series.iter().flat_map(|series| &series.points);
+    let x = extent(points().map(|point| point.0), 0.01);
+    let y = extent(points().map(|point| point.1).chain(panel.levels.iter().map(|level| level.0)), 0.08);
+    let mut chart = Chart::new(&panel.title, SIZE, x, y, 2).with_left(76.0);
+    chart.x_ticks(12);
+    chart.y_ticks(8);
+    chart.x_title(panel.x);
+    chart.y_title(panel.y);
+    let mut legend = Vec::new();
+    for (level, name) in &panel.levels {
+        chart.line("level", (x.0, *level), (x.1, *level));
+        // Levels of one name are in the legend once.
+        if legend.iter().all(|(_, before)| before != name) {
+            legend.push(("level", name.clone()));
+        }
+    }
+    for (Series { name, mark, points }, class) in panel.series.iter().zip(CLASSES) {
+        match mark {
+            Mark::Points => points.iter().for_each(|point| chart.dot(class, *point, name)),
+            Mark::Line => chart.series(class, name, &[min_max(points, x, MAX_COLUMNS)]),
+            Mark::Steps => {
+                let held = points.windows(2).flat_map(|pair| [pair[0], (pair[1].0, pair[0].1)]);
+                chart.series(class, name, &[held.collect()]);
+            }
+        }
+        legend.push((class, name.clone()));
+    }
+    geu_chart::Panel { title: panel.title.clone(), chart, legend }
+}
 
 /// File names and figures.
-pub const FIGURES: [(&str, Figure); 4] = [
+const FIGURES: [(&str, Figure); 4] = [
     ("transfer-function.svg", transfer),
     ("pivot-transit.svg", pivot_transit),
     ("limit-cycle.svg", limit_cycle),

@@ -1,22 +1,18 @@
-//! Rows as text, fast: CSV and JSON lines.
+//! Rows, defects and tracks as text, fast: CSV and JSON lines.
+
+mod defects;
+mod track;
 
 use geu_protocol::capture::Time;
 use geu_protocol::field::{Bit, GYRO_FLAGS, UNIT_FLAGS};
 use geu_recording::Row;
 
-/// How flags are written.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
-pub enum Flags {
-    /// As two integers
-    #[default]
-    Integers,
-    /// And after all else each bit by its name: 0 or 1 in CSV, false or true in JSON
-    Bits,
-}
+pub use defects::DefectLines;
+pub use track::{TRACK_COLUMNS, TrackFormat, instant, track_difference, write_track};
 
-/// A form of text.
+/// A format of text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Form {
+pub enum TextFormat {
     /// Comma-separated values.
     Csv,
     /// One JSON object a line.
@@ -37,24 +33,24 @@ const NAMES: [&str; 11] = [
     "sensor_c",
 ];
 
-impl Form {
-    /// What stands before the first row.
-    pub fn header(self, flags: Flags) -> String {
+impl TextFormat {
+    /// What stands before the first row; `with_bits` adds a column for each flag, behind all else.
+    pub fn header(self, with_bits: bool) -> String {
         match self {
-            Form::Csv => {
+            TextFormat::Csv => {
                 let bits = [GYRO_FLAGS, UNIT_FLAGS].concat();
-                let bits = bits.iter().map(|bit| bit.name).take(if flags == Flags::Bits { bits.len() } else { 0 });
+                let bits = bits.iter().map(|bit| bit.name).take(if with_bits { bits.len() } else { 0 });
                 NAMES.into_iter().chain(bits).collect::<Vec<_>>().join(",") + "\n"
             }
-            Form::Jsonl => String::new(),
+            TextFormat::Jsonl => String::new(),
         }
     }
 }
 
 /// Appends a row with its line end.
 #[inline]
-pub fn write_row(form: Form, flags: Flags, row: &Row, out: &mut Vec<u8>) {
-    let mut line = Line { form, field: 0, bytes: [0; LINE], length: 0 };
+pub fn write_row(format: TextFormat, with_bits: bool, row: &Row, out: &mut Vec<u8>) {
+    let mut line = Line { format, field: 0, bytes: [0; LINE], length: 0 };
     let half_second = &row.half_second;
     line.field(row.time, |line, time| line.seconds(time));
     line.field(Some(half_second.sequence), |line, value| line.unsigned(value.into()));
@@ -67,19 +63,19 @@ pub fn write_row(form: Form, flags: Flags, row: &Row, out: &mut Vec<u8>) {
     line.field(Some(half_second.electronics_centi_c), |line, value| line.hundredths(value));
     line.field(row.has_clock.then_some(half_second.sensor_centi_c), |line, value| line.hundredths(value));
     out.extend_from_slice(&line.bytes[..line.length]);
-    if flags == Flags::Bits {
-        write_bits(form, half_second.gyro_flags, GYRO_FLAGS, out);
-        write_bits(form, half_second.unit_flags, UNIT_FLAGS, out);
+    if with_bits {
+        write_bits(format, half_second.gyro_flags, GYRO_FLAGS, out);
+        write_bits(format, half_second.unit_flags, UNIT_FLAGS, out);
     }
-    out.extend_from_slice(if form == Form::Jsonl { b"}\n" } else { b"\n" });
+    out.extend_from_slice(if format == TextFormat::Jsonl { b"}\n" } else { b"\n" });
 }
 
-fn write_bits(form: Form, flags: u8, bits: &[Bit], out: &mut Vec<u8>) {
+fn write_bits(format: TextFormat, flags: u8, bits: &[Bit], out: &mut Vec<u8>) {
     for bit in bits {
         let is_set = flags & 1 << bit.bit != 0;
-        match form {
-            Form::Csv => out.extend_from_slice(if is_set { b",1" } else { b",0" }),
-            Form::Jsonl => out.extend_from_slice(format!(",\"{}\":{is_set}", bit.name).as_bytes()),
+        match format {
+            TextFormat::Csv => out.extend_from_slice(if is_set { b",1" } else { b",0" }),
+            TextFormat::Jsonl => out.extend_from_slice(format!(",\"{}\":{is_set}", bit.name).as_bytes()),
         }
     }
 }
@@ -88,7 +84,7 @@ fn write_bits(form: Form, flags: u8, bits: &[Bit], out: &mut Vec<u8>) {
 const LINE: usize = 384;
 
 struct Line {
-    form: Form,
+    format: TextFormat,
     field: usize,
     bytes: [u8; LINE],
     length: usize,
@@ -114,10 +110,10 @@ impl Line {
 
     #[inline]
     fn field<T>(&mut self, value: Option<T>, write: impl FnOnce(&mut Line, T)) {
-        match self.form {
-            Form::Csv if self.field > 0 => self.push(b","),
-            Form::Csv => {}
-            Form::Jsonl => {
+        match self.format {
+            TextFormat::Csv if self.field > 0 => self.push(b","),
+            TextFormat::Csv => {}
+            TextFormat::Jsonl => {
                 self.push(if self.field == 0 { b"{\"" } else { b",\"" });
                 self.push(NAMES[self.field].as_bytes());
                 self.push(b"\":");
@@ -126,7 +122,7 @@ impl Line {
         self.field += 1;
         match value {
             Some(value) => write(self, value),
-            None if self.form == Form::Jsonl => self.push(b"null"),
+            None if self.format == TextFormat::Jsonl => self.push(b"null"),
             None => {}
         }
     }
@@ -184,7 +180,7 @@ impl Line {
 
 /// Appends a time, as many digits as the source has, at least six.
 pub fn write_seconds(time: Time, out: &mut Vec<u8>) {
-    let mut line = Line { form: Form::Csv, field: 0, bytes: [0; LINE], length: 0 };
+    let mut line = Line { format: TextFormat::Csv, field: 0, bytes: [0; LINE], length: 0 };
     line.seconds(time);
     out.extend_from_slice(&line.bytes[..line.length]);
 }
@@ -224,27 +220,27 @@ mod tests {
         has_clock: true,
     };
 
-    fn text(form: Form, row: &Row) -> String {
+    fn text(format: TextFormat, row: &Row) -> String {
         let mut out = Vec::new();
-        write_row(form, Flags::Integers, row, &mut out);
+        write_row(format, false, row, &mut out);
         String::from_utf8(out).unwrap()
     }
 
     #[test]
     fn csv_is_as_the_contract_says() {
         assert_eq!(
-            text(Form::Csv, &ROW),
+            text(TextFormat::Csv, &ROW),
             "1795020000.500932,65535,281474976710655,-32768,32767,0,-1,15,7,-0.05,70.00\n"
         );
         let time = Some(Time { t_ns: -1_500_000_001, digits: 9 });
         assert_eq!(
-            text(Form::Csv, &Row { time, has_clock: false, ..ROW }),
+            text(TextFormat::Csv, &Row { time, has_clock: false, ..ROW }),
             "-1.500000001,65535,,-32768,32767,0,-1,15,7,-0.05,\n"
         );
         let time = Some(Time { t_ns: 100_000_000, digits: 1 });
-        assert!(text(Form::Csv, &Row { time, ..ROW }).starts_with("0.100000,"));
+        assert!(text(TextFormat::Csv, &Row { time, ..ROW }).starts_with("0.100000,"));
         assert_eq!(
-            Form::Csv.header(Flags::Integers),
+            TextFormat::Csv.header(false),
             "t_s,sequence,clock_count,gyrx,gyry,gyrza,gyrzb,gyro_flags,unit_flags,electronics_c,sensor_c\n"
         );
     }
@@ -252,7 +248,7 @@ mod tests {
     #[test]
     fn json_has_the_same_names_and_null_for_what_is_absent() {
         assert_eq!(
-            text(Form::Jsonl, &Row { time: None, has_clock: false, ..ROW }),
+            text(TextFormat::Jsonl, &Row { time: None, has_clock: false, ..ROW }),
             "{\"t_s\":null,\"sequence\":65535,\"clock_count\":null,\"gyrx\":-32768,\"gyry\":32767,\"gyrza\":0,\
              \"gyrzb\":-1,\"gyro_flags\":15,\"unit_flags\":7,\"electronics_c\":-0.05,\"sensor_c\":null}\n"
         );

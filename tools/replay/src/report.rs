@@ -1,16 +1,14 @@
-//! What there is to be told of a recording when it has been read.
-
 use std::fmt;
 
-use super::timeline::Irregular;
+use crate::clock::TimestampAnomalies;
 
-/// What there is to be told of a recording at the end.
+/// What a recording held, and what of it was not sent.
 #[derive(Debug, Clone, Default)]
-pub struct Told {
+pub struct ReplayReport {
     /// Of one pass.
     pub length_ns: i64,
     /// Of its time stamps.
-    pub irregular: Irregular,
+    pub anomalies: TimestampAnomalies,
     /// Extended, remote, FD and error frames, which no link here carries.
     pub other_frames: u64,
     /// Frames on other interfaces.
@@ -21,9 +19,9 @@ pub struct Told {
     pub nothing_carried: bool,
 }
 
-impl fmt::Display for Told {
+impl fmt::Display for ReplayReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Irregular { gaps, longest_ns, jumps } = self.irregular;
+        let TimestampAnomalies { gaps, longest_ns, jumps } = self.anomalies;
         if gaps + jumps > 0 {
             let longest_s = longest_ns as f64 * 1e-9;
             writeln!(f, "time stamps  {gaps} gaps shortened, the longest of {longest_s:.3} s; {jumps} jumps back")?;

@@ -9,35 +9,22 @@ use geu_model::units::HALF_SECOND_NS;
 use geu_protocol::can::{Assembled, Assembler, Role};
 use geu_protocol::capture::Event;
 use geu_protocol::serial::{BITS_PER_BYTE, DEFAULT_BAUD, Deframer, Found, Kind, MAX_FRAME, OVERHEAD, read_data};
-use geu_protocol::{CanFrame, CanPlan, HalfSecond};
+use geu_protocol::{CanFrame, HalfSecond};
 use geu_recording::{Defect, Row, Sink};
 
-use super::timeline::Timeline;
-use super::told::Told;
+use crate::ReplaySelection;
+use crate::clock::ReplayClock;
+use crate::report::ReplayReport;
 
 /// Items handed over at once.
 const BATCH: usize = 64;
 /// Batches handed over before it is told that there is something to send: less than may wait.
-const MOST_UNTOLD: usize = super::QUEUE / 2;
+const MAX_SILENT_BATCHES: usize = crate::QUEUE / 2;
 /// Frames that wait for their half second to be whole, or for the unit to show up on an interface.
-const MOST_WAITING: usize = 4096;
+const MAX_WAITING: usize = 4096;
 /// Bytes without a frame that are kept for the next frame to tell their time.
-const MOST_STRAY: usize = 4096;
+const MAX_STRAY: usize = 4096;
 
-/// What of a recording is sent.
-#[derive(Debug, Clone)]
-pub struct Choice {
-    pub plan: CanPlan,
-    pub interface: Option<Vec<u8>>,
-    pub is_only: bool,
-    pub from_ns: i64,
-    pub to_ns: i64,
-    pub longest_gap_ns: i64,
-    /// Whether links carry frames, and bytes, as they were recorded.
-    pub carries: (bool, bool),
-}
-
-/// A frame that waits.
 #[derive(Debug, Clone)]
 struct Waiting {
     frame: CanFrame,
@@ -49,21 +36,21 @@ struct Waiting {
 }
 
 /// Takes what is read, and hands it over to be sent.
-pub struct Tape {
-    choice: Choice,
+pub struct ReplaySource {
+    choice: ReplaySelection,
     sender: SyncSender<Vec<Item>>,
-    /// Told once that there is something to send.
+    /// ReplayReport once that there is something to send.
     begins: Option<SyncSender<()>>,
     batch: Vec<Item>,
-    timeline: Timeline,
-    told: Told,
+    clock: ReplayClock,
+    report: ReplayReport,
     /// What the time stamps of passes before add up to, ns.
     passed_ns: i64,
     /// First and last in this pass that was sent, and the last half second, ns.
     span_ns: Option<(i64, i64)>,
     last_half_second_ns: i64,
     is_after: bool,
-    is_unwanted: bool,
+    is_disconnected: bool,
     /// Whether anything was found that makes a recording of it: a record of a capture, or a serial frame.
     has_frame: bool,
     has_half_second: bool,
@@ -84,21 +71,21 @@ pub struct Tape {
     offset: u64,
 }
 
-impl Tape {
-    pub fn new(choice: Choice, sender: SyncSender<Vec<Item>>, begins: SyncSender<()>) -> Tape {
-        Tape {
-            timeline: Timeline::new(choice.longest_gap_ns),
+impl ReplaySource {
+    pub fn new(choice: ReplaySelection, sender: SyncSender<Vec<Item>>, begins: SyncSender<()>) -> ReplaySource {
+        ReplaySource {
+            clock: ReplayClock::new(choice.longest_gap_ns),
             interface: choice.interface.clone(),
             choice,
             sender,
             begins: Some(begins),
             batch: Vec::new(),
-            told: Told::default(),
+            report: ReplayReport::default(),
             passed_ns: 0,
             span_ns: None,
             last_half_second_ns: 0,
             is_after: false,
-            is_unwanted: false,
+            is_disconnected: false,
             has_frame: false,
             has_half_second: false,
             is_carried: false,
@@ -116,12 +103,12 @@ impl Tape {
 
     /// Whether nothing more of this pass is sent.
     pub fn is_over(&self) -> bool {
-        self.is_after || self.is_unwanted
+        self.is_after || self.is_disconnected
     }
 
     /// Whether nobody takes any more.
-    pub fn is_unwanted(&self) -> bool {
-        self.is_unwanted
+    pub fn is_disconnected(&self) -> bool {
+        self.is_disconnected
     }
 
     /// Ends a pass; whether anything of it was sent that a link carries. Another begins half a second behind its last half second.
@@ -134,15 +121,15 @@ impl Tape {
         self.assembler = Assembler::default();
         self.send_waiting(0);
         self.end_bytes();
-        self.told.length_ns = self.told.length_ns.max(self.timeline.recorded_ns);
+        self.report.length_ns = self.report.length_ns.max(self.clock.recorded_ns);
         let span_ns = self.span_ns.take();
-        self.timeline.rewind();
+        self.clock.rewind();
         self.interface = self.choice.interface.clone();
         self.is_after = false;
         if let Some((first_ns, last_ns)) = span_ns {
             self.passed_ns = self.passed_ns.saturating_add(last_ns - first_ns).saturating_add(HALF_SECOND_NS);
             let next_ns = self.last_half_second_ns.saturating_add(HALF_SECOND_NS);
-            self.timeline.played_ns = self.timeline.played_ns.max(next_ns);
+            self.clock.played_ns = self.clock.played_ns.max(next_ns);
         }
         // What is no recording at all is refused by its reader.
         self.has_frame = true;
@@ -150,11 +137,11 @@ impl Tape {
         span_ns.is_some() && self.is_carried
     }
 
-    /// What there is to be told, where reading was stopped before its end or not.
-    pub fn finish(mut self, is_stopped: bool) -> Told {
-        self.told.irregular = self.timeline.irregular;
-        self.told.nothing_carried = !self.is_carried && !self.is_unwanted && !is_stopped;
-        self.told
+    /// The report; `is_stopped` where reading ended before the recording did.
+    pub fn finish(mut self, is_stopped: bool) -> ReplayReport {
+        self.report.anomalies = self.clock.anomalies;
+        self.report.nothing_carried = !self.is_carried && !self.is_disconnected && !is_stopped;
+        self.report
     }
 
     /// Tells that there is something to send.
@@ -166,19 +153,19 @@ impl Tape {
 
     fn hand_over(&mut self) {
         // Bytes alone may turn out to be no recording: they wait for the first frame.
-        if self.batch.is_empty() || self.is_unwanted || !self.has_frame {
+        if self.batch.is_empty() || self.is_disconnected || !self.has_frame {
             return;
         }
         self.handed_over += 1;
-        if self.has_half_second || self.handed_over >= MOST_UNTOLD {
+        if self.has_half_second || self.handed_over >= MAX_SILENT_BATCHES {
             self.begin();
         }
-        self.is_unwanted = self.sender.send(std::mem::take(&mut self.batch)).is_err();
+        self.is_disconnected = self.sender.send(std::mem::take(&mut self.batch)).is_err();
     }
 
     /// Sends something at the present time, unless that is not chosen.
     fn send(&mut self, what: What) {
-        let recorded_ns = self.timeline.recorded_ns;
+        let recorded_ns = self.clock.recorded_ns;
         self.is_after |= recorded_ns >= self.choice.to_ns;
         if recorded_ns < self.choice.from_ns || self.is_over() {
             return;
@@ -186,12 +173,12 @@ impl Tape {
         if self.choice.is_only && matches!(what, What::Content(_, Whose::Command | Whose::Other)) {
             return;
         }
-        self.timeline.is_playing = true;
+        self.clock.is_playing = true;
         self.span_ns.get_or_insert((recorded_ns, recorded_ns)).1 = recorded_ns;
         let (carries_frames, carries_bytes) = self.choice.carries;
         self.is_carried |= match &what {
             What::HalfSecond { .. } => {
-                self.last_half_second_ns = self.timeline.played_ns;
+                self.last_half_second_ns = self.clock.played_ns;
                 self.has_half_second = true;
                 true
             }
@@ -199,7 +186,7 @@ impl Tape {
             What::Content(Content::Bytes(_), _) => carries_bytes,
             What::Note(_) => false,
         };
-        let played_ns = self.timeline.played_ns;
+        let played_ns = self.clock.played_ns;
         self.batch.push(Item { recorded_ns: self.passed_ns.saturating_add(recorded_ns), played_ns, what });
         if self.batch.len() >= BATCH {
             self.hand_over();
@@ -212,12 +199,10 @@ impl Tape {
         }
     }
 
-    // CAN
-
     /// Takes the frames of this interface; those of others that waited go.
     fn choose(&mut self, interface: Vec<u8>) {
         for (own, waiting) in std::mem::take(&mut self.early) {
-            if own == interface { self.push(waiting) } else { self.told.elsewhere += 1 }
+            if own == interface { self.push(waiting) } else { self.report.elsewhere += 1 }
         }
         self.interface = Some(interface);
     }
@@ -247,7 +232,7 @@ impl Tape {
             self.waiting[begin].begins = Some(row.half_second);
         }
         let kept = if self.assembler.is_waiting() { number + 1 - self.increments } else { 0 };
-        self.send_waiting(if kept as usize > MOST_WAITING { 0 } else { kept as usize });
+        self.send_waiting(if kept as usize > MAX_WAITING { 0 } else { kept as usize });
     }
 
     /// Sends what waits, but for the last so many.
@@ -257,13 +242,13 @@ impl Tape {
         {
             self.first += 1;
             let note = match (waiting.time_ns, &waiting.begins) {
-                (Some(time_ns), _) => self.timeline.stamp(time_ns),
-                (None, Some(half_second)) => self.timeline.step(self.timeline.by_clock(half_second)),
+                (Some(time_ns), _) => self.clock.stamp(time_ns),
+                (None, Some(half_second)) => self.clock.step(self.clock.by_clock(half_second)),
                 (None, None) => None,
             };
             self.note(note);
             if let Some(half_second) = waiting.begins {
-                self.timeline.told(&half_second);
+                self.clock.read(&half_second);
                 self.send(What::HalfSecond { half_second, is_can: true });
             }
             let whose = match waiting.role {
@@ -276,8 +261,6 @@ impl Tape {
         }
     }
 
-    // Serial
-
     /// Sends bytes that belong to no frame, before a half second that follows by so much, and says how much is left of that.
     ///
     /// Where half seconds are missing these most likely are theirs: a frame's length for each, at its time.
@@ -289,12 +272,12 @@ impl Tape {
             let length = if index + 1 == missing { rest.len() } else { MAX_FRAME.min(rest.len()) };
             let (now, later) = rest.split_at(length);
             (rest, left_ns) = (later, left_ns - HALF_SECOND_NS);
-            let note = self.timeline.step(HALF_SECOND_NS);
+            let note = self.clock.step(HALF_SECOND_NS);
             self.note(note);
             self.send(What::Content(Content::Bytes(now.to_vec()), Whose::Unit));
         }
         if missing == 0 && !stray.is_empty() {
-            let note = self.timeline.step(left_ns);
+            let note = self.clock.step(left_ns);
             self.note(note);
             left_ns = 0;
             self.send(What::Content(Content::Bytes(stray), Whose::Unit));
@@ -315,13 +298,13 @@ impl Tape {
         for (at, kind, length, half_second) in frames {
             let begin = (at - start) as usize;
             self.bytes = all[used..begin].to_vec();
-            let step_ns = half_second.as_ref().map_or(0, |half_second| self.timeline.by_clock(half_second));
+            let step_ns = half_second.as_ref().map_or(0, |half_second| self.clock.by_clock(half_second));
             let left_ns = self.send_stray(begin - used, step_ns);
-            let note = self.timeline.step(left_ns);
+            let note = self.clock.step(left_ns);
             self.note(note);
             let whose = match (kind, half_second) {
                 (_, Some(half_second)) => {
-                    self.timeline.told(&half_second);
+                    self.clock.read(&half_second);
                     self.send(What::HalfSecond { half_second, is_can: false });
                     Whose::HalfSecond
                 }
@@ -348,7 +331,7 @@ impl Tape {
     }
 }
 
-impl Sink for Tape {
+impl Sink for ReplaySource {
     fn record(&mut self, event: &Event) {
         self.has_frame = true;
         let whole = match event {
@@ -357,13 +340,13 @@ impl Sink for Tape {
             }
             Event::Frame(_) | Event::Remote | Event::Fd | Event::Error => None,
             Event::Broken { .. } => {
-                self.told.broken += 1;
+                self.report.broken += 1;
                 return;
             }
             Event::Remark | Event::Dropped(_) => return,
         };
         let Some((frame, whole)) = whole else {
-            self.told.other_frames += 1;
+            self.report.other_frames += 1;
             return;
         };
         let role = self.choice.plan.role(frame.id);
@@ -371,12 +354,12 @@ impl Sink for Tape {
             Waiting { frame: whole, role, time_ns: frame.time.map(|time| time.t_ns), is_whole: false, begins: None };
         match &self.interface {
             Some(interface) if interface == frame.interface => self.push(waiting),
-            Some(_) => self.told.elsewhere += 1,
+            Some(_) => self.report.elsewhere += 1,
             None => {
                 self.early.push((frame.interface.to_vec(), waiting));
                 if matches!(role, Role::Increments | Role::Status | Role::Clock) {
                     self.choose(frame.interface.to_vec());
-                } else if self.early.len() > MOST_WAITING {
+                } else if self.early.len() > MAX_WAITING {
                     self.choose(self.early[0].0.clone());
                 }
             }
@@ -395,10 +378,10 @@ impl Sink for Tape {
         self.has_frame |= !frames.is_empty();
         self.send_frames(frames);
         // Bytes that no frame tells the time of take that of the line.
-        let end = |tape: &Tape| (tape.deframer.offset() - tape.offset) as usize;
-        while !self.is_over() && end(self) > MOST_STRAY {
-            let line_ns = MOST_STRAY as i64 * i64::from(BITS_PER_BYTE) * 1_000_000_000 / i64::from(DEFAULT_BAUD);
-            self.send_stray(MOST_STRAY, line_ns);
+        let end = |source: &ReplaySource| (source.deframer.offset() - source.offset) as usize;
+        while !self.is_over() && end(self) > MAX_STRAY {
+            let line_ns = MAX_STRAY as i64 * i64::from(BITS_PER_BYTE) * 1_000_000_000 / i64::from(DEFAULT_BAUD);
+            self.send_stray(MAX_STRAY, line_ns);
         }
     }
 

@@ -8,12 +8,12 @@ use geu_protocol::field::CLOCK_PER_HALF_SECOND;
 const DISORDER_NS: i64 = 1_000_000_000;
 /// No time of a recording is beyond, so that whoever reckons with it has room: a century and a half.
 const LATEST_NS: i64 = i64::MAX / 2;
-/// So many jumps and gaps are told one by one.
-const MOST_TOLD: u64 = 20;
+/// So many jumps and gaps are reported one by one.
+const MAX_REPORTED: u64 = 20;
 
 /// What was found in the times of a recording.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Irregular {
+pub struct TimestampAnomalies {
     /// Gaps that were shortened.
     pub gaps: u64,
     /// The longest of them, ns.
@@ -24,28 +24,28 @@ pub struct Irregular {
 
 /// Times of a recording.
 #[derive(Debug)]
-pub struct Timeline {
+pub struct ReplayClock {
     /// Since the start of the recording, ns.
     pub recorded_ns: i64,
     /// The same with gaps shortened, from the first thing on that is sent, ns.
     pub played_ns: i64,
     /// What was found.
-    pub irregular: Irregular,
+    pub anomalies: TimestampAnomalies,
     /// Whether `played_ns` goes on.
     pub is_playing: bool,
     longest_gap_ns: i64,
     /// The latest time stamp.
     stamp_ns: Option<i64>,
-    /// Sequence and clock count told last.
+    /// Sequence and clock count reported last.
     clock: Option<(u16, u64)>,
 }
 
-impl Timeline {
-    pub fn new(longest_gap_ns: i64) -> Timeline {
-        Timeline {
+impl ReplayClock {
+    pub fn new(longest_gap_ns: i64) -> ReplayClock {
+        ReplayClock {
             recorded_ns: 0,
             played_ns: 0,
-            irregular: Irregular::default(),
+            anomalies: TimestampAnomalies::default(),
             is_playing: false,
             longest_gap_ns,
             stamp_ns: None,
@@ -58,7 +58,7 @@ impl Timeline {
         (self.recorded_ns, self.is_playing, self.stamp_ns, self.clock) = (0, false, None, None);
     }
 
-    /// Goes on to a time stamp; what there is to be told of it.
+    /// Goes on to a time stamp; what there is to be reported of it.
     pub fn stamp(&mut self, t_ns: i64) -> Option<String> {
         let before_ns = *self.stamp_ns.get_or_insert(t_ns);
         let step_ns = t_ns.saturating_sub(before_ns);
@@ -67,9 +67,9 @@ impl Timeline {
         }
         self.stamp_ns = Some(t_ns);
         if step_ns < 0 {
-            self.irregular.jumps += 1;
+            self.anomalies.jumps += 1;
             let (at_s, by_s) = (self.recorded_ns as f64 * 1e-9, -step_ns as f64 * 1e-9);
-            let is_told = self.is_playing && self.irregular.jumps <= MOST_TOLD;
+            let is_told = self.is_playing && self.anomalies.jumps <= MAX_REPORTED;
             return is_told.then(|| {
                 format!("time stamps jump back by {by_s:.3} s, {at_s:.3} s into the recording: sent without a pause")
             });
@@ -94,11 +94,11 @@ impl Timeline {
     }
 
     /// Takes notice of what a half second tells.
-    pub fn told(&mut self, half_second: &HalfSecond) {
+    pub fn read(&mut self, half_second: &HalfSecond) {
         self.clock = Some((half_second.sequence, half_second.clock_count));
     }
 
-    /// Goes on by so much; what there is to be told of it.
+    /// Goes on by so much; what there is to be reported of it.
     pub fn step(&mut self, step_ns: i64) -> Option<String> {
         let before_s = self.recorded_ns as f64 * 1e-9;
         self.recorded_ns = self.recorded_ns.saturating_add(step_ns).min(LATEST_NS);
@@ -109,11 +109,11 @@ impl Timeline {
         if step_ns <= self.longest_gap_ns {
             return None;
         }
-        let irregular = &mut self.irregular;
-        irregular.gaps += 1;
-        irregular.longest_ns = irregular.longest_ns.max(step_ns);
+        let anomalies = &mut self.anomalies;
+        anomalies.gaps += 1;
+        anomalies.longest_ns = anomalies.longest_ns.max(step_ns);
         let (gap_s, longest_s) = (step_ns as f64 * 1e-9, self.longest_gap_ns as f64 * 1e-9);
-        (irregular.gaps <= MOST_TOLD).then(|| {
+        (anomalies.gaps <= MAX_REPORTED).then(|| {
             format!("a gap of {gap_s:.3} s, {before_s:.3} s into the recording, is shortened to {longest_s} s")
         })
     }
@@ -125,11 +125,11 @@ mod tests {
 
     #[test]
     fn time_goes_on_by_stamps_whatever_they_do() {
-        let mut timeline = Timeline::new(10_000_000_000);
-        timeline.is_playing = true;
+        let mut clock = ReplayClock::new(10_000_000_000);
+        clock.is_playing = true;
         let mut played = |t_s: f64| {
-            let told = timeline.stamp((t_s * 1e9) as i64).is_some();
-            ((timeline.played_ns as f64 * 1e-9).round(), told)
+            let reported = clock.stamp((t_s * 1e9) as i64).is_some();
+            ((clock.played_ns as f64 * 1e-9).round(), reported)
         };
         assert_eq!(played(1000.0), (0.0, false));
         assert_eq!(played(1002.0), (2.0, false));
@@ -139,18 +139,18 @@ mod tests {
         assert_eq!(played(5.0), (13.0, true), "back");
         assert_eq!(played(6.0), (14.0, false));
         assert_eq!(played(9e9), (24.0, true), "the end of time");
-        assert_eq!(timeline.irregular.gaps, 2);
-        assert_eq!(timeline.irregular.jumps, 1);
+        assert_eq!(clock.anomalies.gaps, 2);
+        assert_eq!(clock.anomalies.jumps, 1);
     }
 
     #[test]
     fn no_stamps_lead_beyond_what_can_be_reckoned_with() {
-        let mut timeline = Timeline::new(i64::MAX);
-        timeline.is_playing = true;
+        let mut clock = ReplayClock::new(i64::MAX);
+        clock.is_playing = true;
         for t_s in [0.0, 9.2e9, 0.0, 23_372_036.8, 9.2e9] {
-            timeline.stamp((t_s * 1e9) as i64);
+            clock.stamp((t_s * 1e9) as i64);
         }
-        assert_eq!((timeline.recorded_ns, timeline.played_ns), (LATEST_NS, LATEST_NS));
+        assert_eq!((clock.recorded_ns, clock.played_ns), (LATEST_NS, LATEST_NS));
     }
 
     #[test]
@@ -160,11 +160,11 @@ mod tests {
             clock_count: half_seconds * CLOCK_PER_HALF_SECOND,
             ..HalfSecond::default()
         };
-        let mut timeline = Timeline::new(i64::MAX);
+        let mut clock = ReplayClock::new(i64::MAX);
         let mut step = |sequence, half_seconds| {
             let half_second = half_second(sequence, half_seconds);
-            let step_ns = timeline.by_clock(&half_second);
-            timeline.told(&half_second);
+            let step_ns = clock.by_clock(&half_second);
+            clock.read(&half_second);
             step_ns / HALF_SECOND_NS
         };
         assert_eq!(step(65_534, 10), 0);

@@ -1,14 +1,13 @@
-//! Why inputs gave no half second, and what to do.
-
 use geu_protocol::CanPlan;
 use geu_protocol::capture::Format;
-use geu_recording::{DefectKind, Summary};
 
-/// Identifiers told at most.
-const MOST_TOLD: usize = 8;
+use crate::{DefectKind, Summary};
 
-/// The reason, where all that was read is other traffic or defects.
-pub fn reason(summary: &Summary, plan: CanPlan, format: Option<Format>) -> Option<String> {
+/// Identifiers listed at most.
+const MAX_IDS: usize = 8;
+
+/// Why inputs gave no sample, and what to do, where all that was read is other traffic or defects.
+pub fn no_rows_reason(summary: &Summary, plan: CanPlan, format: Option<Format>) -> Option<String> {
     let account = &summary.account;
     if summary.rows > 0 || account.elsewhere > 0 || account.records + account.bytes == 0 {
         return None;
@@ -45,10 +44,10 @@ pub fn reason(summary: &Summary, plan: CanPlan, format: Option<Format>) -> Optio
             "no half second: {expected}, which are there, but no INCREMENTS with a STATUS that matches it: {defects}"
         ));
     }
-    let mut got = ids.iter().take(MOST_TOLD).map(|id| format!("{id:03X}")).collect::<Vec<_>>().join(", ");
+    let mut got = ids.iter().take(MAX_IDS).map(|id| format!("{id:03X}")).collect::<Vec<_>>().join(", ");
     match ids.len() {
         0 => got = "none of eleven bits".to_owned(),
-        count if count > MOST_TOLD => got += &format!(" and {} more", count - MOST_TOLD),
+        count if count > MAX_IDS => got += &format!(" and {} more", count - MAX_IDS),
         _ => {}
     }
     let todo = match likely {

@@ -1,24 +1,31 @@
 //! The page of `geu calibrate --html`: what was solved, how good it is, what it rests on, how it changed.
 
-use std::f64::consts::TAU;
+mod covariance;
+mod history;
+mod text;
+
 use std::fmt::Write;
 
-use geu_calibration::compare::{Comparison, Earlier, LEAST_PROBABILITY, stability_per_day};
+use geu_calibration::compare::{Comparison, Earlier, LEAST_PROBABILITY};
 use geu_calibration::solve::{Parameter, Solution, UNKNOWNS, values};
 use geu_calibration::{Calibrated, solve};
 use geu_model::Configuration;
+use geu_model::units::HALF_SECOND_S;
 use geu_protocol::Gyro;
 
-use crate::calibrate::fine;
-use crate::page::chart::{CROSS, Chart, DIAMOND};
-use crate::page::{date, escape, fixed, html, prose, provenance, sigmas as in_sigmas, signed, significant, table};
+use geu_chart::Chart;
 
-const S_PER_DAY: f64 = 86_400.0;
+pub use text::{comparison_table, table as terminal_table};
+
+use crate::page::{
+    CHART_HINT, Provenance, date, escape, fixed, html, prose, sigmas as in_sigmas, signed, significant, table,
+};
+
 /// Beyond so many sigmas a residual is marked: among a hundred equations one is by chance once in four.
 const MARKED_SIGMA: f64 = 3.0;
 
 /// What the page tells of.
-pub struct Page<'a> {
+pub struct CalibrationPage<'a> {
     /// What was believed before.
     pub believed: &'a Configuration,
     /// What came out.
@@ -27,13 +34,10 @@ pub struct Page<'a> {
     pub earlier: &'a [Earlier],
     /// Nothing where there are none.
     pub comparison: Option<&'a Comparison>,
-    /// What was read, what it is and its name.
-    pub inputs: Vec<(&'static str, String)>,
-    /// The configuration's name, text and overrides.
-    pub configuration: (String, String, &'a [String]),
+    pub provenance: Provenance<'a>,
 }
 
-impl Page<'_> {
+impl CalibrationPage<'_> {
     /// The page.
     pub fn html(&self) -> String {
         let mut body = String::from("<h1>Calibration of the gyro unit</h1>\n");
@@ -51,7 +55,8 @@ impl Page<'_> {
         body += &self.manoeuvres();
         body += &self.ellipses();
         body += &self.history();
-        body += &self.provenance();
+        let earlier = self.earlier.iter().map(|one| ("earlier calibration", one.name.clone()));
+        body += &self.provenance.html(earlier);
         html("Calibration of the gyro unit", &body)
     }
 
@@ -126,7 +131,8 @@ impl Page<'_> {
         let (solved, sigmas) = (solution.values(), solution.sigmas());
         let (before, hand) = (self.believed_values(), self.hand_values());
         let rows = Parameter::all().enumerate().map(|(index, parameter)| {
-            let ((size, fine_unit), (value, unit)) = (fine(parameter), value_and_unit(parameter, solved[index]));
+            let ((size, unit_of_sigma), (value, unit)) =
+                (sigma_unit(parameter), value_and_unit(parameter, solved[index]));
             let change = solved[index] - before[index];
             let hand =
                 hand.map_or_else(|| "–".to_owned(), |hand| in_sigmas((hand[index] - solved[index]) / sigmas[index]));
@@ -134,8 +140,8 @@ impl Page<'_> {
                 escape(&parameter.words()),
                 value,
                 unit.to_owned(),
-                format!("{} {fine_unit}", significant(sigmas[index] * size, 3)),
-                format!("{} {fine_unit}", signed(change * size, 3)),
+                format!("{} {unit_of_sigma}", significant(sigmas[index] * size, 3)),
+                format!("{} {unit_of_sigma}", signed(change * size, 3)),
                 in_sigmas(change / sigmas[index]),
                 hand,
             ]
@@ -149,8 +155,10 @@ impl Page<'_> {
         let mut text = String::from(
             "<h2>Residuals</h2>\n<p>What each equation leaves, measured less fitted: above in arcsec with the scatter that \
              the noise lets it have, 1 sigma; below the same in sigmas, with 1 and 2 shaded. Numbers are those of the \
-             manoeuvres in the table that follows.</p>\n<div class=\"figures\">\n",
+             manoeuvres in the table that follows.</p>\n",
         );
+        text += CHART_HINT;
+        text += "<div class=\"figures\">\n";
         for gyro in Gyro::ALL {
             text += &self.residuals_of(gyro);
         }
@@ -181,9 +189,9 @@ impl Page<'_> {
         };
         let most = own.iter().map(|one| one.arcsec.abs() + one.sigma_arcsec).fold(1e-9, f64::max) * 1.15;
         let label = format!("Residuals of {name} in arcsec, manoeuvre by manoeuvre");
-        let mut above = Chart::new(&label, (420.0, 200.0), x, (-most, most), 1);
+        let mut above = Chart::new(&label, (420.0, 200.0), x, (-most, most), 1).counting_x();
         above.y_ticks(6);
-        above.y_name("arcsec");
+        above.y_title("arcsec");
         for one in &own {
             let at = number(one);
             above.line("first", (at, one.arcsec - one.sigma_arcsec), (at, one.arcsec + one.sigma_arcsec));
@@ -192,12 +200,12 @@ impl Page<'_> {
         names(&mut above);
         let most = own.iter().map(|one| sigmas(one).abs()).fold(2.3, f64::max) * 1.12;
         let label = format!("Residuals of {name} in sigmas, manoeuvre by manoeuvre");
-        let mut below = Chart::new(&label, (420.0, 140.0), x, (-most, most), 1);
+        let mut below = Chart::new(&label, (420.0, 140.0), x, (-most, most), 1).counting_x();
         for level in [2.0, 1.0] {
             below.polygon("band", [(x.0, -level), (x.1, -level), (x.1, level), (x.0, level)]);
         }
         below.y_ticks(4);
-        below.y_name("σ");
+        below.y_title("σ");
         for one in &own {
             let (at, value) = (number(one), sigmas(one));
             below.line("first", (at, 0.0), (at, value));
@@ -262,199 +270,15 @@ impl Page<'_> {
         }
         text
     }
-
-    fn ellipses(&self) -> String {
-        let covariance = &self.solution().covariance;
-        let correlation = |a: usize, b: usize| {
-            covariance[(a, b)] / (covariance[(a, a)] * covariance[(b, b)]).sqrt().max(f64::MIN_POSITIVE)
-        };
-        let mut text = String::from("<h2>Covariance</h2>\n");
-        let pairs = (0..UNKNOWNS).flat_map(|a| (a + 1..UNKNOWNS).map(move |b| (a, b)));
-        let strongest = pairs.max_by(|&(a, b), &(c, d)| correlation(a, b).abs().total_cmp(&correlation(c, d).abs()));
-        let words: Vec<String> = Parameter::all().map(Parameter::words).collect();
-        if let Some((a, b)) = strongest {
-            let _ = writeln!(
-                text,
-                "<p>Of each gyro the pair that long manoeuvres mix, scale factor and drift, and its two misalignments, as \
-                 departures from the solution: 1 sigma (39 % of chance) and 2 sigma (86 %). The strongest correlation of \
-                 all is that of {} with {}, {}.</p>",
-                words[a],
-                words[b],
-                fixed(correlation(a, b), 2)
-            );
-        }
-        let _ = writeln!(
-            text,
-            "<div class=\"key\">\n<span><svg viewBox=\"-11 -7 22 14\"><path class=\"second\" d=\"{DIAMOND}\"/></svg>believed \
-             before</span>\n<span><svg viewBox=\"-11 -7 22 14\"><path class=\"third\" d=\"{CROSS}\"/></svg>hand \
-             method</span>\n<span><svg viewBox=\"-16 -7 22 14\"><path class=\"second\" d=\"{}\"/></svg>beyond the \
-             frame, in that direction</span>\n</div>\n<div class=\"figures small\">",
-            crate::page::chart::ARROW
-        );
-        for gyro in Gyro::ALL {
-            for (first, second) in [(0, 1), (2, 3)] {
-                text +=
-                    &self.ellipse([Parameter { gyro, index: first }, Parameter { gyro, index: second }], &correlation);
-            }
-        }
-        text + "</div>\n"
-    }
-
-    fn ellipse(&self, pair: [Parameter; 2], correlation: &dyn Fn(usize, usize) -> f64) -> String {
-        let [a, b] = pair.map(position);
-        let (sigmas, solved) = (self.solution().sigmas(), self.solution().values());
-        let forms = pair.map(fine);
-        let scales = [sigmas[a] * forms[0].0, sigmas[b] * forms[1].0];
-        let rho = correlation(a, b).clamp(-1.0, 1.0);
-        let across = (1.0 - rho * rho).sqrt();
-        let contour = |size: f64| {
-            (0..72).map(move |step| {
-                let (sin, cos) = (TAU * f64::from(step) / 72.0).sin_cos();
-                (size * scales[0] * cos, size * scales[1] * (rho * cos + across * sin))
-            })
-        };
-        let [x, y] = scales.map(|scale| (-2.7 * scale, 2.7 * scale));
-        let names = pair.map(|parameter| {
-            let words = parameter.words();
-            words.split_once(' ').map_or(words.clone(), |(_, what)| what.to_owned())
-        });
-        let label = format!("{} of {} against {}, 1 and 2 sigma", names[1], pair[0].gyro.name(), names[0]);
-        let mut chart = Chart::new(&label, (250.0, 246.0), x, y, 2);
-        chart.x_ticks(5);
-        chart.y_ticks(6);
-        chart.x_name(&format!("{}, {}", names[0], forms[0].1));
-        chart.y_name(&format!("{}, {}", names[1], forms[1].1));
-        chart.polygon("band", contour(1.0));
-        chart.polygon("first", contour(1.0));
-        chart.polygon("faint", contour(2.0));
-        let mut caption = format!("<b>{}</b> correlation {}", pair[0].gyro.name(), fixed(rho, 2));
-        let believed = ("believed", DIAMOND, "second", "second", Some(self.believed_values()));
-        let hand = ("hand method", CROSS, "third", "thirdly", self.hand_values());
-        for (what, path, class, arrow, values) in [believed, hand] {
-            let Some(values) = values else { continue };
-            let away = [a, b].map(|index| (values[index] - solved[index]) / sigmas[index]);
-            let at = (away[0] * scales[0], away[1] * scales[1]);
-            let title = format!("{what} {}, {}", in_sigmas(away[0]), in_sigmas(away[1]));
-            chart.mark(path, class, arrow, at, &title);
-            let _ = write!(caption, "; {title}");
-        }
-        format!("<figure>\n{}<figcaption>{caption}</figcaption>\n</figure>\n", chart.finish())
-    }
-
-    fn history(&self) -> String {
-        let mut text = String::from("<h2>History</h2>\n");
-        let Some(comparison) = self.comparison else {
-            return text + "<p>No earlier calibration was given to compare with (<code>--compare</code>).</p>\n";
-        };
-        let (tone, words) = if comparison.is_compatible() {
-            ("good", "Compatible with the earlier calibrations: the unit did not move, and all are merged.".to_owned())
-        } else {
-            (
-                "bad",
-                format!("Not compatible with the earlier calibrations, and not merged: {}.", moved_words(comparison)),
-            )
-        };
-        let _ = writeln!(
-            text,
-            "<div class=\"verdict {tone}\">\n<p><strong>{words}</strong></p>\n<p>χ² of all differences is {:.1} of {}; chance \
-             alone would make it as large or larger in {} of comparisons of a unit that stays what it is.</p>\n</div>",
-            comparison.together,
-            UNKNOWNS * comparison.pairs,
-            percent(comparison.together_probability())
-        );
-        let moved = comparison.moved();
-        let merged = comparison.combined.values();
-        let merged_sigmas = comparison.combined.sigmas();
-        let days = self.earlier.last().map_or(0.0, |last| (self.calibrated.time_s - last.time_s).abs() / S_PER_DAY);
-        let rows = Parameter::all().enumerate().map(|(index, parameter)| {
-            let (size, unit) = fine(parameter);
-            let probability = percent(comparison.probability(index));
-            let allowed = stability_per_day(parameter)
-                .map_or_else(|| "–".to_owned(), |rate| format!("±{} {unit}", significant(rate * days * size, 2)));
-            vec![
-                escape(&parameter.words()),
-                format!("{} {unit}", signed(comparison.change[index] * size, 3)),
-                format!("{} {unit}", significant(comparison.sigmas[index] * size, 3)),
-                in_sigmas(comparison.change[index] / comparison.sigmas[index]),
-                significant(comparison.chi2[index], 2),
-                if moved.contains(&parameter) { format!("<em>{probability}, moved</em>") } else { probability },
-                allowed,
-                if comparison.is_compatible() {
-                    let (value, whole) = value_and_unit(parameter, merged[index]);
-                    format!("{value} {whole} ± {} {unit}", significant(merged_sigmas[index] * size, 2))
-                } else {
-                    "–".to_owned()
-                },
-            ]
-        });
-        let chi2 = format!("χ² of {}", comparison.pairs);
-        let header = ["parameter", "change", "sigma", "change", &chi2, "probability", "stability", "merged"];
-        let caption =
-            "This calibration less the mean of the earlier ones; what the paper lets a unit move since the last";
-        text += &table(caption, &header, rows);
-        let mut dates: Vec<Vec<String>> =
-            self.earlier.iter().map(|one| vec![date(one.time_s), prose(&one.name)]).collect();
-        dates.push(vec![date(self.calibrated.time_s), prose("this one")]);
-        text += &table("Calibrations", &["start of the recording", "result"], dates);
-        text += "<p>Departures from this calibration, with 1 sigma. Shaded is what the paper lets a unit move: the drift \
-                 6 arcsec/h in two weeks, the scale factor 0.004 % in a month (table 1); it has no figure for \
-                 misalignments. Dashed is the mean of all where they are compatible.</p>\n<div class=\"figures small\">\n";
-        for parameter in Parameter::all() {
-            text += &self.history_of(parameter, comparison);
-        }
-        text + "</div>\n"
-    }
-
-    fn history_of(&self, parameter: Parameter, comparison: &Comparison) -> String {
-        let (index, (size, unit)) = (position(parameter), fine(parameter));
-        let solved = self.solution().values()[index];
-        let mut points: Vec<(f64, f64, f64)> = self
-            .earlier
-            .iter()
-            .map(|one| {
-                let day = (one.time_s - self.calibrated.time_s) / S_PER_DAY;
-                (day, (one.solution.values()[index] - solved) * size, one.solution.sigmas()[index] * size)
-            })
-            .collect();
-        points.push((0.0, 0.0, self.solution().sigmas()[index] * size));
-        let x = extent(points.iter().map(|point| point.0), 0.08);
-        let y = extent(points.iter().flat_map(|point| [point.1 - point.2, point.1 + point.2]), 0.2);
-        let words = parameter.words();
-        let mut chart = Chart::new(&format!("{words} over time"), (250.0, 176.0), x, y, 2);
-        if let Some(rate) = stability_per_day(parameter) {
-            let (before, after) = (x.0 * rate * size, x.1 * rate * size);
-            chart.polygon("band", [(0.0, 0.0), (x.0, before), (x.0, -before)]);
-            chart.polygon("band", [(0.0, 0.0), (x.1, after), (x.1, -after)]);
-        }
-        chart.x_ticks(4);
-        chart.y_ticks(5);
-        chart.x_name("days from this one");
-        chart.y_name(unit);
-        if comparison.is_compatible() {
-            let mean = (comparison.combined.values()[index] - solved) * size;
-            chart.line("mean", (x.0, mean), (x.1, mean));
-        }
-        for &(day, value, sigma) in &points {
-            chart.line("first", (day, value - sigma), (day, value + sigma));
-            let title = format!("{} ± {} {unit}", signed(value, 3), significant(sigma, 3));
-            chart.dot("dot", (day, value), &title);
-        }
-        format!("<figure>\n<figcaption><b>{words}</b></figcaption>\n{}</figure>\n", chart.finish())
-    }
-
-    fn provenance(&self) -> String {
-        let earlier = self.earlier.iter().map(|one| ("earlier calibration", one.name.clone()));
-        let inputs: Vec<_> = self.inputs.iter().cloned().chain(earlier).collect();
-        let (name, text, overrides) = &self.configuration;
-        provenance(&inputs, name, text, overrides)
-    }
 }
 
-/// Least and greatest, and a share of room beyond them.
-fn extent(ends: impl Iterator<Item = f64>, room: f64) -> (f64, f64) {
-    let (least, most) = ends.fold((f64::MAX, f64::MIN), |extent, end| (extent.0.min(end), extent.1.max(end)));
-    let room = if most > least { room * (most - least) } else { 0.5 };
-    (least - room, most + room)
+/// The factor and unit in which sigmas and changes of a parameter are given.
+pub fn sigma_unit(parameter: Parameter) -> (f64, &'static str) {
+    match parameter.index {
+        0 => (1e6, "ppm"),
+        1 => (3600.0 / HALF_SECOND_S, "arcsec/h"),
+        _ => (1.0, "arcsec"),
+    }
 }
 
 /// What moved, in words.
@@ -469,7 +293,7 @@ pub fn moved_words(comparison: &Comparison) -> String {
 
 /// A value and its unit: that of its sigma, but for a scale factor, which is a ratio.
 fn value_and_unit(parameter: Parameter, value: f64) -> (String, &'static str) {
-    let (size, unit) = fine(parameter);
+    let (size, unit) = sigma_unit(parameter);
     let (value, unit, decimals) = match parameter.index {
         0 => (value, "", 7),
         1 => (value * size, unit, 2),

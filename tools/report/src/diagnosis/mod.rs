@@ -1,5 +1,8 @@
 //! The page of `geu diagnose --html`: what was found, how it was found, why it may be believed, what is left. Its diagrams are in
-//! `diagnose_charts.rs`.
+//! `charts.rs`.
+
+mod charts;
+mod whereabouts;
 
 use std::fmt::Write;
 
@@ -8,31 +11,25 @@ use geu_diagnosis::explain::Round;
 use geu_diagnosis::gap::Gap;
 use geu_diagnosis::outcome::{Class, Diagnosis, Entry, RivalShown};
 use geu_diagnosis::search::{Candidate, set_penalty};
-use geu_diagnosis::whereabouts::{STANDS_OUT, VARIABLES, strongest};
 use geu_diagnosis::{Verdict, report};
 use geu_protocol::Gyro;
 
-use crate::diagnose_charts::{axes_key, gap_bars, heat_map, residuals, strength};
-use crate::page::{escape, fixed, html, prose, provenance, significant, table};
+use crate::page::{CHART_HINT, Provenance, escape, fixed, html, prose, significant, table};
+use charts::{axes_key, gap_bars, residuals, strength};
 
 /// Candidates shown of a round.
 const CANDIDATES: usize = 8;
-/// Places shown of those where the data leave the model.
-const PLACES: usize = 12;
 /// Findings shown; a broken recording has thousands.
 const FINDINGS: usize = 200;
 
 /// What the page tells of.
-pub struct Page<'a> {
+pub struct DiagnosisPage<'a> {
     /// What came out.
     pub diagnosis: &'a Diagnosis,
-    /// What was read, what it is and its name.
-    pub inputs: Vec<(&'static str, String)>,
-    /// The configuration's name, text and overrides.
-    pub configuration: (String, String, &'a [String]),
+    pub provenance: Provenance<'a>,
 }
 
-impl Page<'_> {
+impl DiagnosisPage<'_> {
     /// The page.
     pub fn html(&self) -> String {
         let mut body = String::from("<h1>Diagnosis of a recording</h1>\n");
@@ -45,8 +42,7 @@ impl Page<'_> {
         body += &self.rivals();
         body += &self.proof();
         body += &self.findings();
-        let (name, text, overrides) = &self.configuration;
-        body += &provenance(&self.inputs, name, text, overrides);
+        body += &self.provenance.html(std::iter::empty());
         html("Diagnosis of a recording", &body)
     }
 
@@ -129,7 +125,7 @@ impl Page<'_> {
             "<h2>Residuals before and after</h2>\n<p>Measured less model, the accumulated angle in arcsec: with the \
              configuration as given, and with what was found. Windows of 30 min, from line to line, start at zero \
              each, and so does what follows a break; where the sum cannot be trusted nothing is drawn. The strip below tells \
-             what the unit did, with the numbers of the manoeuvres.</p>\n{}",
+             what the unit did, with the numbers of the manoeuvres.</p>\n{CHART_HINT}{}",
             self.key()
         );
         for gyro in Gyro::ALL {
@@ -182,86 +178,6 @@ impl Page<'_> {
             table(caption, &header, rows)
         );
         text
-    }
-
-    fn whereabouts(&self) -> String {
-        let [before, after] = &self.diagnosis.whereabouts;
-        let rows = (1..VARIABLES.len()).map(|variable| {
-            let of_gyro = |gyro: Gyro| {
-                let [before, after] = [before, after].map(|model| model.whole[gyro as usize][variable]);
-                match (before, after) {
-                    (None, None) => "–".to_owned(),
-                    _ => format!("{} → {}", in_sigmas(before), in_sigmas(after)),
-                }
-            };
-            std::iter::once(escape(VARIABLES[variable])).chain(Gyro::ALL.map(of_gyro)).collect()
-        });
-        let header = ["variable", "GYRX", "GYRY", "GYRZA", "GYRZB"];
-        let caption = "An error of rate in proportion to each variable, before → after, in sigmas, over the whole recording, beside \
-                       the sixteen calibration parameters, with the lag found; – where these leave nothing of it";
-        let mut text = format!(
-            "<h2>Where the data leave the model</h2>\n<p>Along which variable: how large an error of rate in proportion to it is, in \
-             its sigmas. Beyond 3 it is coloured, more beyond {STANDS_OUT:.0} and 10; one colour for each sign. Variables that go \
-             together on this motion stand out together. What exact checks mended is taken as mended.</p>\n{}",
-            table(caption, &header, rows)
-        );
-        text += &self.places();
-        let stands_out = |gyro: &Gyro| {
-            let all = [before, after].into_iter().flat_map(|model| &model.stretches[*gyro as usize]);
-            all.filter_map(strongest).any(|(_, sigmas)| sigmas.abs() > STANDS_OUT)
-        };
-        let (shown, others): (Vec<Gyro>, Vec<Gyro>) = Gyro::ALL.into_iter().partition(stands_out);
-        if !shown.is_empty() {
-            text += "<p>The same in each manoeuvre, over time. Among so many places chance reaches 3 sigma now and then, 5 hardly \
-                     ever. Empty is below 3, or where a manoeuvre tells nothing of a variable.</p>\n<div class=\"figures heats\">\n";
-            for gyro in shown {
-                for (model, when) in self.diagnosis.whereabouts.iter().zip(["before", "after"]) {
-                    text += &heat_map(self.diagnosis, model, gyro, when);
-                }
-            }
-            text += "</div>\n";
-        }
-        if !others.is_empty() {
-            let names: Vec<&str> = others.into_iter().map(Gyro::name).collect();
-            let _ =
-                writeln!(text, "<p>{}: nothing beyond {STANDS_OUT:.0} sigma in any manoeuvre.</p>", names.join(", "));
-        }
-        text
-    }
-
-    /// The manoeuvres in which the data leave the model most.
-    fn places(&self) -> String {
-        let [before, after] = &self.diagnosis.whereabouts;
-        let mut places: Vec<(Gyro, usize, usize, f64)> = Gyro::ALL
-            .into_iter()
-            .flat_map(|gyro| {
-                before.stretches[gyro as usize].iter().enumerate().map(move |(number, own)| (gyro, number, own))
-            })
-            .filter_map(|(gyro, number, own)| strongest(own).map(|(variable, sigmas)| (gyro, number, variable, sigmas)))
-            .filter(|(.., sigmas)| sigmas.abs() > STANDS_OUT)
-            .collect();
-        if places.is_empty() {
-            return String::new();
-        }
-        places.sort_by(|one, other| other.3.abs().total_cmp(&one.3.abs()));
-        let count = places.len();
-        let rows = places.into_iter().take(PLACES).map(|(gyro, number, variable, sigmas)| {
-            let later = after.stretches[gyro as usize].get(number).and_then(|own| own[variable]);
-            let stretch = &self.diagnosis.stretches[number];
-            vec![
-                format!("{} {}", number + 1, escape(&stretch.name)),
-                format!("{:.0}", stretch.from_s),
-                gyro.name().to_owned(),
-                escape(VARIABLES[variable]),
-                in_sigmas(Some(sigmas)),
-                in_sigmas(later),
-            ]
-        });
-        let caption = format!(
-            "The manoeuvres in which the data leave the model most, each with the variable that shows it best: {} of {count}",
-            count.min(PLACES)
-        );
-        table(&caption, &["manoeuvre", "start, s", "gyro", "variable", "before, σ", "after, σ"], rows)
     }
 
     fn search(&self) -> String {

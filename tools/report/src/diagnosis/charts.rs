@@ -1,5 +1,6 @@
 //! The diagrams of a diagnosis: residuals over time, gaps by manoeuvre, where the data leave the model.
 
+use geu_chart::{Chart, MAX_COLUMNS, min_max};
 use geu_diagnosis::gap::WINDOW;
 use geu_diagnosis::outcome::Diagnosis;
 use geu_diagnosis::stretches::Stretch;
@@ -7,11 +8,8 @@ use geu_diagnosis::whereabouts::{STANDS_OUT, VARIABLES, Whereabouts};
 use geu_model::units::HALF_SECOND_S;
 use geu_protocol::Gyro;
 
-use crate::page::chart::Chart;
 use crate::page::{escape, fixed, significant};
 
-/// Columns of pixels into which a residual is gathered.
-const COLUMNS: usize = 800;
 /// Room that a digit takes, pixels.
 const DIGIT_PX: f64 = 7.5;
 /// Most lines at the ends of windows, and most numbers below a diagram.
@@ -20,7 +18,7 @@ const MOST_LABELS: usize = 14;
 const AXES: [(&str, &str); 3] = [("turn-x", "X"), ("turn-y", "Y"), ("turn-z", "Z")];
 
 /// Class of a number of sigmas; nothing where it does not stand out.
-pub fn strength(sigmas: f64) -> Option<&'static str> {
+pub(super) fn strength(sigmas: f64) -> Option<&'static str> {
     let level = [10.0, STANDS_OUT, 3.0].iter().position(|least| sigmas.abs() > *least)?;
     let classes = if sigmas > 0.0 {
         ["plus strong", "plus middling", "plus weak"]
@@ -31,7 +29,7 @@ pub fn strength(sigmas: f64) -> Option<&'static str> {
 }
 
 /// What the colours of the strip of manoeuvres mean.
-pub fn axes_key() -> String {
+pub(super) fn axes_key() -> String {
     AXES.iter()
         .map(|(class, axis)| {
             format!("<span><svg viewBox=\"0 0 22 14\"><rect class=\"{class}\" width=\"22\" height=\"14\"/></svg>turns about {axis}</span>\n")
@@ -46,7 +44,7 @@ fn end_s(diagnosis: &Diagnosis) -> f64 {
 }
 
 /// The residual of a gyro before and after, over time.
-pub fn residuals(diagnosis: &Diagnosis, gyro: Gyro) -> String {
+pub(super) fn residuals(diagnosis: &Diagnosis, gyro: Gyro) -> String {
     let name = gyro.name();
     let [before, after] = &diagnosis.windowed;
     let series = [("before", &before[gyro as usize]), ("after", &after[gyro as usize])];
@@ -57,9 +55,11 @@ pub fn residuals(diagnosis: &Diagnosis, gyro: Gyro) -> String {
     // The strip of manoeuvres lies below the residual, inside the frame.
     let strip = (least - 0.24 * span, least - 0.1 * span);
     let label = format!("Residual of {name} before and after, arcsec over seconds");
-    let mut chart = Chart::new(&label, (860.0, 220.0), (0.0, end_s), (strip.0, most + 0.06 * span), 2);
+    let mut chart = Chart::new(&label, (860.0, 220.0), (0.0, end_s), (strip.0, most + 0.06 * span), 2)
+        .in_group("time")
+        .units("s", "arcsec");
     chart.y_ticks_from(least, 6);
-    chart.y_name("arcsec");
+    chart.y_title("arcsec");
     let left = diagnosis.unexplained.as_ref().filter(|left| left.gyros[gyro as usize]);
     if let Some(left) = left {
         let [from_s, to_s] = left.interval_s.map(|at_s| at_s.clamp(0.0, end_s));
@@ -67,11 +67,8 @@ pub fn residuals(diagnosis: &Diagnosis, gyro: Gyro) -> String {
         chart.rectangle("left", (from_s, strip.1), (to_s, most + 0.06 * span), &title);
     }
     windows(&mut chart, end_s, (strip.0, most + 0.06 * span));
-    for (class, values) in series {
-        for run in envelope(values, end_s) {
-            let above = run.iter().map(|&(at, _, most)| (at, most));
-            chart.polygon(class, above.chain(run.iter().rev().map(|&(at, least, _)| (at, least))));
-        }
+    for (name, values) in series {
+        chart.series(name, name, &runs(values, end_s));
     }
     for (index, stretch) in diagnosis.stretches.iter().enumerate() {
         let class = stretch.axis.map_or("rest", |axis| AXES[axis.min(2)].0);
@@ -82,7 +79,7 @@ pub fn residuals(diagnosis: &Diagnosis, gyro: Gyro) -> String {
             chart.within((0.5 * (from_s + to_s), 0.5 * (strip.0 + strip.1)), &number);
         }
     }
-    chart.x_name("s since the start; lines at the ends of windows of 30 min");
+    chart.x_title("s since the start; lines at the ends of windows of 30 min");
     let rms = |values: &[f64]| {
         let (sum, count) = values
             .iter()
@@ -120,34 +117,22 @@ fn windows(chart: &mut Chart, end_s: f64, y: (f64, f64)) {
     }
 }
 
-/// Least and greatest value in each column of pixels, in runs that neither a gap nor the end of a window interrupts.
-fn envelope(values: &[f64], end_s: f64) -> Vec<Vec<(f64, f64, f64)>> {
-    let mut runs: Vec<Vec<(f64, f64, f64)>> = Vec::new();
-    let mut place = None;
-    for (node, value) in values.iter().enumerate() {
-        if !value.is_finite() {
-            place = None;
-            continue;
-        }
-        let at_s = node as f64 * HALF_SECOND_S;
-        let column = ((at_s / end_s * COLUMNS as f64) as usize).min(COLUMNS - 1);
-        let now = (node.saturating_sub(1) / WINDOW, column);
-        match (place, runs.last_mut().and_then(|run| run.last_mut())) {
-            (Some(before), Some((_, least, most))) if before == now => {
-                (*least, *most) = (least.min(*value), most.max(*value))
-            }
-            (Some((window, _)), Some(_)) if window == now.0 => {
-                runs.last_mut().into_iter().for_each(|run| run.push((at_s, *value, *value)));
-            }
-            _ => runs.push(vec![(at_s, *value, *value)]),
-        }
-        place = Some(now);
-    }
-    runs
+/// The points of a residual in runs that neither a gap nor the end of a window interrupts, decimated.
+fn runs(values: &[f64], end_s: f64) -> Vec<Vec<(f64, f64)>> {
+    let nodes: Vec<(usize, f64)> = values.iter().copied().enumerate().filter(|(_, value)| value.is_finite()).collect();
+    let window = |node: usize| node.saturating_sub(1) / WINDOW;
+    let runs = nodes.chunk_by(|one, next| next.0 == one.0 + 1 && window(one.0) == window(next.0));
+    let of_run = |run: &[(usize, f64)]| {
+        let points: Vec<_> = run.iter().map(|&(node, value)| (node as f64 * HALF_SECOND_S, value)).collect();
+        let (from_s, to_s) = (points[0].0, points[points.len() - 1].0 + HALF_SECOND_S);
+        let columns = (MAX_COLUMNS as f64 * (to_s - from_s) / end_s).ceil() as usize;
+        min_max(&points, (from_s, to_s), columns.max(1))
+    };
+    runs.map(of_run).collect()
 }
 
 /// The gap of a gyro in each manoeuvre, before and after.
-pub fn gap_bars(diagnosis: &Diagnosis, gyro: Gyro) -> String {
+pub(super) fn gap_bars(diagnosis: &Diagnosis, gyro: Gyro) -> String {
     let (name, stretches) = (gyro.name(), &diagnosis.stretches);
     let [before, after] = diagnosis
         .stretch_rms_arcsec
@@ -155,9 +140,11 @@ pub fn gap_bars(diagnosis: &Diagnosis, gyro: Gyro) -> String {
         .map(|all| -> Vec<f64> { all.iter().map(|rms| rms[gyro as usize]).collect() });
     let most = before.iter().chain(&after).copied().filter(|rms| rms.is_finite()).fold(1.0, f64::max) * 1.06;
     let label = format!("Gap of {name} in each manoeuvre before and after, arcsec");
-    let mut chart = Chart::new(&label, (480.0, 190.0), (0.4, stretches.len() as f64 + 0.6), (0.0, most), 2);
+    let mut chart = Chart::new(&label, (480.0, 190.0), (0.4, stretches.len() as f64 + 0.6), (0.0, most), 2)
+        .counting_x()
+        .in_group("manoeuvre");
     chart.y_ticks(5);
-    chart.y_name("arcsec rms");
+    chart.y_title("arcsec rms");
     for (index, stretch) in stretches.iter().enumerate() {
         let at = (index + 1) as f64;
         for (class, rms, left, right) in [("before", &before, at - 0.42, at), ("after", &after, at, at + 0.42)] {
@@ -174,7 +161,7 @@ pub fn gap_bars(diagnosis: &Diagnosis, gyro: Gyro) -> String {
     (1..=stretches.len())
         .filter(|number| (number - 1) % every == 0)
         .for_each(|number| chart.below(number as f64, &number.to_string()));
-    chart.x_name("number of the manoeuvre");
+    chart.x_title("number of the manoeuvre");
     format!("<figure>\n<figcaption><b>{name}</b></figcaption>\n{}</figure>\n", chart.finish())
 }
 
@@ -185,11 +172,14 @@ fn names_px() -> f64 {
 }
 
 /// Where the data of a gyro leave a model: variables over time.
-pub fn heat_map(diagnosis: &Diagnosis, model: &Whereabouts, gyro: Gyro, when: &str) -> String {
+pub(super) fn heat_map(diagnosis: &Diagnosis, model: &Whereabouts, gyro: Gyro, when: &str) -> String {
     let (name, rows) = (gyro.name(), VARIABLES.len() as f64);
     let label = format!("Where the data of {name} leave the model {when}: variables over seconds");
     let end_s = end_s(diagnosis);
-    let mut chart = Chart::with_left(names_px(), &label, (480.0, 340.0), (0.0, end_s), (0.0, rows), 2);
+    let mut chart = Chart::new(&label, (480.0, 340.0), (0.0, end_s), (0.0, rows), 2)
+        .with_left(names_px())
+        .zooming_x()
+        .in_group("time");
     for (index, variable) in VARIABLES.iter().enumerate() {
         let bottom = rows - 1.0 - index as f64;
         chart.beside(bottom + 0.5, variable);
@@ -204,7 +194,7 @@ pub fn heat_map(diagnosis: &Diagnosis, model: &Whereabouts, gyro: Gyro, when: &s
         }
     }
     windows(&mut chart, end_s, (0.0, rows));
-    chart.x_name("s since the start");
+    chart.x_title("s since the start");
     format!("<figure>\n<figcaption><b>{name}</b> {when}</figcaption>\n{}</figure>\n", chart.finish())
 }
 
@@ -218,14 +208,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_envelope_is_interrupted_by_gaps_and_windows() {
-        let mut values: Vec<f64> = (0..=2 * WINDOW).map(|node| if node % 2 == 0 { 1.0 } else { -1.0 }).collect();
+    fn residuals_are_interrupted_by_gaps_and_windows() {
+        let mut values: Vec<f64> = (0..=4 * WINDOW).map(|node| if node % 2 == 0 { 1.0 } else { -1.0 }).collect();
         values[0] = f64::NAN;
         values[100] = f64::NAN;
-        let runs = envelope(&values, WINDOW as f64);
-        assert_eq!(runs.len(), 3);
-        assert!(runs[2].iter().all(|&(_, least, most)| (least, most) == (-1.0, 1.0)) && runs[2].len() == COLUMNS / 2);
-        assert!(envelope(&[f64::NAN; 4], 1.0).is_empty());
+        let runs = runs(&values, 2.0 * WINDOW as f64);
+        assert_eq!(runs.iter().map(Vec::len).collect::<Vec<_>>(), [42, 1460, 1500, 1500, 1500]);
+        assert!(super::runs(&[f64::NAN; 4], 1.0).is_empty());
     }
 
     #[test]

@@ -1,9 +1,10 @@
 //! Defects as JSON lines; one that comes again and again with nothing between is a line with a count.
 
 use geu_protocol::capture::{Place, Time};
+use geu_protocol::hex::hex;
 use geu_recording::{Defect, DefectKind, place_text};
 
-use crate::rows::{quote, write_seconds};
+use super::{quote, write_seconds};
 
 /// Writes defects; the last waits for those that are like it. Two hundred megabytes of `EB 90` are one line, not a hundred million.
 #[derive(Default)]
@@ -71,9 +72,7 @@ impl Waiting {
         out.extend_from_slice(b",\"kind\":");
         quote(self.kind.name(), out);
         out.extend_from_slice(b",\"bytes\":\"");
-        for byte in &self.bytes {
-            out.extend_from_slice(format!("{byte:02X}").as_bytes());
-        }
+        out.extend_from_slice(hex(&self.bytes).as_bytes());
         out.extend_from_slice(b"\"");
         if let Some(text) = readable(&self.bytes) {
             out.extend_from_slice(b",\"text\":");

@@ -1,0 +1,91 @@
+//! Pairs of parameters with their one and two sigma ellipses.
+
+use std::f64::consts::TAU;
+use std::fmt::Write;
+
+use geu_calibration::solve::{Parameter, UNKNOWNS};
+use geu_chart::{ARROW, CROSS, Chart, DIAMOND};
+use geu_protocol::Gyro;
+
+use super::{CalibrationPage, position, sigma_unit};
+use crate::page::{fixed, sigmas as in_sigmas};
+
+impl CalibrationPage<'_> {
+    pub(super) fn ellipses(&self) -> String {
+        let covariance = &self.solution().covariance;
+        let correlation = |a: usize, b: usize| {
+            covariance[(a, b)] / (covariance[(a, a)] * covariance[(b, b)]).sqrt().max(f64::MIN_POSITIVE)
+        };
+        let mut text = String::from("<h2>Covariance</h2>\n");
+        let pairs = (0..UNKNOWNS).flat_map(|a| (a + 1..UNKNOWNS).map(move |b| (a, b)));
+        let strongest = pairs.max_by(|&(a, b), &(c, d)| correlation(a, b).abs().total_cmp(&correlation(c, d).abs()));
+        let words: Vec<String> = Parameter::all().map(Parameter::words).collect();
+        if let Some((a, b)) = strongest {
+            let _ = writeln!(
+                text,
+                "<p>Of each gyro the pair that long manoeuvres mix, scale factor and drift, and its two misalignments, as \
+                 departures from the solution: 1 sigma (39 % of chance) and 2 sigma (86 %). The strongest correlation of \
+                 all is that of {} with {}, {}.</p>",
+                words[a],
+                words[b],
+                fixed(correlation(a, b), 2)
+            );
+        }
+        let _ = writeln!(
+            text,
+            "<div class=\"key\">\n<span><svg viewBox=\"-11 -7 22 14\"><path class=\"diamond\" d=\"{DIAMOND}\"/></svg>believed \
+             before</span>\n<span><svg viewBox=\"-11 -7 22 14\"><path class=\"cross\" d=\"{CROSS}\"/></svg>hand \
+             method</span>\n<span><svg viewBox=\"-16 -7 22 14\"><path class=\"diamond\" d=\"{}\"/></svg>beyond the \
+             frame, in that direction</span>\n</div>\n<div class=\"figures small\">",
+            ARROW
+        );
+        for gyro in Gyro::ALL {
+            for (first, second) in [(0, 1), (2, 3)] {
+                text +=
+                    &self.ellipse([Parameter { gyro, index: first }, Parameter { gyro, index: second }], &correlation);
+            }
+        }
+        text + "</div>\n"
+    }
+
+    fn ellipse(&self, pair: [Parameter; 2], correlation: &dyn Fn(usize, usize) -> f64) -> String {
+        let [a, b] = pair.map(position);
+        let (sigmas, solved) = (self.solution().sigmas(), self.solution().values());
+        let forms = pair.map(sigma_unit);
+        let scales = [sigmas[a] * forms[0].0, sigmas[b] * forms[1].0];
+        let rho = correlation(a, b).clamp(-1.0, 1.0);
+        let across = (1.0 - rho * rho).sqrt();
+        let contour = |size: f64| {
+            (0..72).map(move |step| {
+                let (sin, cos) = (TAU * f64::from(step) / 72.0).sin_cos();
+                (size * scales[0] * cos, size * scales[1] * (rho * cos + across * sin))
+            })
+        };
+        let [x, y] = scales.map(|scale| (-2.7 * scale, 2.7 * scale));
+        let names = pair.map(|parameter| {
+            let words = parameter.words();
+            words.split_once(' ').map_or(words.clone(), |(_, what)| what.to_owned())
+        });
+        let label = format!("{} of {} against {}, 1 and 2 sigma", names[1], pair[0].gyro.name(), names[0]);
+        let mut chart = Chart::new(&label, (250.0, 246.0), x, y, 2);
+        chart.x_ticks(5);
+        chart.y_ticks(6);
+        chart.x_title(&format!("{}, {}", names[0], forms[0].1));
+        chart.y_title(&format!("{}, {}", names[1], forms[1].1));
+        chart.polygon("band", contour(1.0));
+        chart.polygon("first", contour(1.0));
+        chart.polygon("faint", contour(2.0));
+        let mut caption = format!("<b>{}</b> correlation {}", pair[0].gyro.name(), fixed(rho, 2));
+        let believed = ("believed", DIAMOND, "diamond", "diamond", Some(self.believed_values()));
+        let hand = ("hand method", CROSS, "cross", "cross-arrow", self.hand_values());
+        for (what, path, class, arrow, values) in [believed, hand] {
+            let Some(values) = values else { continue };
+            let away = [a, b].map(|index| (values[index] - solved[index]) / sigmas[index]);
+            let at = (away[0] * scales[0], away[1] * scales[1]);
+            let title = format!("{what} {}, {}", in_sigmas(away[0]), in_sigmas(away[1]));
+            chart.mark(path, class, arrow, at, &title);
+            let _ = write!(caption, "; {title}");
+        }
+        format!("<figure>\n{}<figcaption>{caption}</figcaption>\n</figure>\n", chart.finish())
+    }
+}

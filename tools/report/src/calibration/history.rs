@@ -1,0 +1,117 @@
+//! Earlier calibrations beside this one.
+
+use std::fmt::Write;
+
+use geu_calibration::Comparison;
+use geu_calibration::compare::stability_per_day;
+use geu_calibration::solve::{Parameter, UNKNOWNS};
+use geu_chart::Chart;
+
+use super::{CalibrationPage, moved_words, percent, position, sigma_unit, value_and_unit};
+use crate::extent;
+use crate::page::{date, escape, prose, sigmas as in_sigmas, signed, significant, table};
+
+const S_PER_DAY: f64 = 86_400.0;
+
+impl CalibrationPage<'_> {
+    pub(super) fn history(&self) -> String {
+        let mut text = String::from("<h2>History</h2>\n");
+        let Some(comparison) = self.comparison else {
+            return text + "<p>No earlier calibration was given to compare with (<code>--compare</code>).</p>\n";
+        };
+        let (tone, words) = if comparison.is_compatible() {
+            ("good", "Compatible with the earlier calibrations: the unit did not move, and all are merged.".to_owned())
+        } else {
+            (
+                "bad",
+                format!("Not compatible with the earlier calibrations, and not merged: {}.", moved_words(comparison)),
+            )
+        };
+        let _ = writeln!(
+            text,
+            "<div class=\"verdict {tone}\">\n<p><strong>{words}</strong></p>\n<p>χ² of all differences is {:.1} of {}; chance \
+             alone would make it as large or larger in {} of comparisons of a unit that stays what it is.</p>\n</div>",
+            comparison.together,
+            UNKNOWNS * comparison.pairs,
+            percent(comparison.together_probability())
+        );
+        let moved = comparison.moved();
+        let merged = comparison.combined.values();
+        let merged_sigmas = comparison.combined.sigmas();
+        let days = self.earlier.last().map_or(0.0, |last| (self.calibrated.time_s - last.time_s).abs() / S_PER_DAY);
+        let rows = Parameter::all().enumerate().map(|(index, parameter)| {
+            let (size, unit) = sigma_unit(parameter);
+            let probability = percent(comparison.probability(index));
+            let allowed = stability_per_day(parameter)
+                .map_or_else(|| "–".to_owned(), |rate| format!("±{} {unit}", significant(rate * days * size, 2)));
+            vec![
+                escape(&parameter.words()),
+                format!("{} {unit}", signed(comparison.change[index] * size, 3)),
+                format!("{} {unit}", significant(comparison.sigmas[index] * size, 3)),
+                in_sigmas(comparison.change[index] / comparison.sigmas[index]),
+                significant(comparison.chi2[index], 2),
+                if moved.contains(&parameter) { format!("<em>{probability}, moved</em>") } else { probability },
+                allowed,
+                if comparison.is_compatible() {
+                    let (value, whole) = value_and_unit(parameter, merged[index]);
+                    format!("{value} {whole} ± {} {unit}", significant(merged_sigmas[index] * size, 2))
+                } else {
+                    "–".to_owned()
+                },
+            ]
+        });
+        let chi2 = format!("χ² of {}", comparison.pairs);
+        let header = ["parameter", "change", "sigma", "change", &chi2, "probability", "stability", "merged"];
+        let caption =
+            "This calibration less the mean of the earlier ones; what the paper lets a unit move since the last";
+        text += &table(caption, &header, rows);
+        let mut dates: Vec<Vec<String>> =
+            self.earlier.iter().map(|one| vec![date(one.time_s), prose(&one.name)]).collect();
+        dates.push(vec![date(self.calibrated.time_s), prose("this one")]);
+        text += &table("Calibrations", &["start of the recording", "result"], dates);
+        text += "<p>Departures from this calibration, with 1 sigma. Shaded is what the paper lets a unit move: the drift \
+                 6 arcsec/h in two weeks, the scale factor 0.004 % in a month (table 1); it has no figure for \
+                 misalignments. Dashed is the mean of all where they are compatible.</p>\n<div class=\"figures small\">\n";
+        for parameter in Parameter::all() {
+            text += &self.history_of(parameter, comparison);
+        }
+        text + "</div>\n"
+    }
+
+    fn history_of(&self, parameter: Parameter, comparison: &Comparison) -> String {
+        let (index, (size, unit)) = (position(parameter), sigma_unit(parameter));
+        let solved = self.solution().values()[index];
+        let mut points: Vec<(f64, f64, f64)> = self
+            .earlier
+            .iter()
+            .map(|one| {
+                let day = (one.time_s - self.calibrated.time_s) / S_PER_DAY;
+                (day, (one.solution.values()[index] - solved) * size, one.solution.sigmas()[index] * size)
+            })
+            .collect();
+        points.push((0.0, 0.0, self.solution().sigmas()[index] * size));
+        let x = extent(points.iter().map(|point| point.0), 0.08);
+        let y = extent(points.iter().flat_map(|point| [point.1 - point.2, point.1 + point.2]), 0.2);
+        let words = parameter.words();
+        let mut chart = Chart::new(&format!("{words} over time"), (250.0, 176.0), x, y, 2);
+        if let Some(rate) = stability_per_day(parameter) {
+            let (before, after) = (x.0 * rate * size, x.1 * rate * size);
+            chart.polygon("band", [(0.0, 0.0), (x.0, before), (x.0, -before)]);
+            chart.polygon("band", [(0.0, 0.0), (x.1, after), (x.1, -after)]);
+        }
+        chart.x_ticks(4);
+        chart.y_ticks(5);
+        chart.x_title("days from this one");
+        chart.y_title(unit);
+        if comparison.is_compatible() {
+            let mean = (comparison.combined.values()[index] - solved) * size;
+            chart.line("mean", (x.0, mean), (x.1, mean));
+        }
+        for &(day, value, sigma) in &points {
+            chart.line("first", (day, value - sigma), (day, value + sigma));
+            let title = format!("{} ± {} {unit}", signed(value, 3), significant(sigma, 3));
+            chart.dot("dot", (day, value), &title);
+        }
+        format!("<figure>\n<figcaption><b>{words}</b></figcaption>\n{}</figure>\n", chart.finish())
+    }
+}
