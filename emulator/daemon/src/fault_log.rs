@@ -26,21 +26,21 @@ use geu_protocol::command::hex;
 use geu_protocol::{HalfSecond, Reply};
 use serde_json::{Value, json};
 
-use crate::carriage::{Carrier, Content, Piece};
-use crate::record::{Output, RecordError};
+use crate::link_model::{LinkModel, Transmission, WireData};
+use crate::recorder::{Output, RecordError};
 
 /// Writes it.
 pub(crate) struct FaultLog {
     file: Output,
     /// The links whose bytes are told.
-    carriers: Vec<Carrier>,
+    models: Vec<LinkModel>,
     /// Half seconds that each fault touched since it started.
     touched: BTreeMap<String, u64>,
 }
 
 /// A half second on one link, as a line tells it.
 struct Sent<'a> {
-    carrier: &'a Carrier,
+    model: &'a LinkModel,
     /// Its index, and its sequence as told.
     frame: u64,
     sequence: u16,
@@ -52,8 +52,8 @@ fn seconds(time_ns: i64) -> f64 {
     time_ns as f64 * 1e-9
 }
 
-fn texts(contents: &[Content]) -> Vec<String> {
-    contents.iter().map(Content::to_string).collect()
+fn texts(contents: &[WireData]) -> Vec<String> {
+    contents.iter().map(WireData::to_string).collect()
 }
 
 /// The keys of a fault as JSON, as the control interface takes them.
@@ -98,12 +98,12 @@ pub(crate) fn told(frame: u64, happening: &Happening) -> Value {
 
 impl FaultLog {
     /// Opens it: the recorded link is told, and those that are open beside it.
-    pub fn create(directory: &Path, recorded: &Carrier, links: &[Carrier]) -> Result<FaultLog, RecordError> {
-        let mut carriers = links.to_vec();
-        if !carriers.iter().any(|carrier| carrier.kind == recorded.kind) {
-            carriers.push(recorded.clone());
+    pub fn create(directory: &Path, recorded: &LinkModel, links: &[LinkModel]) -> Result<FaultLog, RecordError> {
+        let mut models = links.to_vec();
+        if !models.iter().any(|model| model.kind == recorded.kind) {
+            models.push(recorded.clone());
         }
-        Ok(FaultLog { file: Output::create(directory, "faults.jsonl")?, carriers, touched: BTreeMap::new() })
+        Ok(FaultLog { file: Output::create(directory, "faults.jsonl")?, models, touched: BTreeMap::new() })
     }
 
     fn line(&mut self, line: &Value) -> Result<(), RecordError> {
@@ -115,10 +115,10 @@ impl FaultLog {
         let told = Some(&ended.half_second).filter(|_| ended.cyclic);
         let clean = Some(&injected.clean).filter(|_| injected.is_clean_cyclic);
         let mut touched = BTreeSet::new();
-        for carrier in self.carriers.clone() {
-            let after = carrier.carry(told, frame, &injected.acting);
-            let ids = carrier.touching(&injected.acting);
-            let sent = Sent { carrier: &carrier, frame, sequence: ended.half_second.sequence, is_polled: false };
+        for model in self.models.clone() {
+            let after = model.carry(told, frame, &injected.acting);
+            let ids = model.touching(&injected.acting);
+            let sent = Sent { model: &model, frame, sequence: ended.half_second.sequence, is_polled: false };
             if self.compare(&sent, clean, &after, &ids)? {
                 touched.extend(ids);
             }
@@ -137,16 +137,16 @@ impl FaultLog {
         injected: Option<&Injected>,
         acting: &[Acting],
     ) -> Result<(), RecordError> {
-        let Some(carrier) = self.carrier(link) else { return Ok(()) };
+        let Some(model) = self.model(link) else { return Ok(()) };
         let clean = injected.map_or(half_second, |injected| &injected.clean);
-        let mut after = carrier.polled(half_second, reply, acting);
-        after.iter_mut().for_each(|piece| piece.frame = frame);
+        let mut after = model.polled(half_second, reply, acting);
+        after.iter_mut().for_each(|transmission| transmission.frame = frame);
         // Those of links act on its way alone.
         let on_data = injected.map_or(&[][..], |injected| &injected.acting).iter();
         let on_data = on_data.filter(|acting| acting.on_link().is_none()).map(|acting| acting.fault.id.as_str());
-        let on_way = carrier.own(acting).into_iter().map(|(acting, _)| acting.fault.id.as_str());
+        let on_way = model.own(acting).into_iter().map(|(acting, _)| acting.fault.id.as_str());
         let ids: Vec<&str> = on_data.chain(on_way).collect();
-        let sent = Sent { carrier: &carrier, frame, sequence: half_second.sequence, is_polled: true };
+        let sent = Sent { model: &model, frame, sequence: half_second.sequence, is_polled: true };
         if self.compare(&sent, Some(clean), &after, &ids)? {
             self.touch(ids.into_iter().collect());
         }
@@ -154,9 +154,9 @@ impl FaultLog {
     }
 
     /// The link of a command, by the kind with which its name begins; nothing for the control interface.
-    fn carrier(&self, link: &str) -> Option<Carrier> {
+    fn model(&self, link: &str) -> Option<LinkModel> {
         let kind = LinkKind::named(link.split(' ').next()?)?;
-        self.carriers.iter().find(|carrier| carrier.kind == kind).cloned()
+        self.models.iter().find(|model| model.kind == kind).cloned()
     }
 
     /// Counts a half second for each of these faults.
@@ -169,27 +169,27 @@ impl FaultLog {
         &mut self,
         sent: &Sent,
         clean: Option<&HalfSecond>,
-        after: &[Piece],
+        after: &[Transmission],
         ids: &[&str],
     ) -> Result<bool, RecordError> {
-        let Sent { carrier, frame, sequence, is_polled } = *sent;
-        let before: Vec<Content> = clean.into_iter().flat_map(|clean| carrier.plain(clean)).collect();
-        let is_on_time = after.iter().all(|piece| (piece.frame, piece.after_ns) == (frame, 0));
-        if is_on_time && after.iter().map(|piece| &piece.content).eq(&before) {
+        let Sent { model, frame, sequence, is_polled } = *sent;
+        let before: Vec<WireData> = clean.into_iter().flat_map(|clean| model.plain(clean)).collect();
+        let is_on_time = after.iter().all(|transmission| (transmission.frame, transmission.after_ns) == (frame, 0));
+        if is_on_time && after.iter().map(|transmission| &transmission.content).eq(&before) {
             return Ok(false);
         }
-        let piece = |piece: &Piece| {
-            let late_s = on_board_s(piece.frame - frame) + seconds(piece.after_ns);
-            let mut told = json!({ "late_s": late_s, "bytes": piece.content.to_string() });
-            if piece.goes_on {
+        let transmission = |transmission: &Transmission| {
+            let late_s = on_board_s(transmission.frame - frame) + seconds(transmission.after_ns);
+            let mut told = json!({ "late_s": late_s, "bytes": transmission.content.to_string() });
+            if transmission.more_fragments {
                 told["goes_on"] = json!(true);
             }
             told
         };
         let mut line = json!({
             "what": "bytes", "t_s": on_board_s(frame + 1), "half_second": frame, "sequence": sequence,
-            "link": carrier.kind.name(), "ids": ids, "before": texts(&before),
-            "after": after.iter().map(piece).collect::<Vec<Value>>(),
+            "link": model.kind.name(), "ids": ids, "before": texts(&before),
+            "after": after.iter().map(transmission).collect::<Vec<Value>>(),
         });
         if is_polled {
             line["polled"] = json!(true);
@@ -208,22 +208,22 @@ impl FaultLog {
         reply: Result<Reply, Reply>,
         acting: &[Acting],
     ) -> Result<(), RecordError> {
-        let Some(carrier) = self.carrier(link) else { return Ok(()) };
-        let after = reply.ok().and_then(|reply| carrier.reply(&reply, acting));
-        let before = carrier.plain_reply(&reply.unwrap_or_else(|unheard| unheard));
-        if after.as_ref().is_some_and(|piece| piece.after_ns == 0) {
+        let Some(model) = self.model(link) else { return Ok(()) };
+        let after = reply.ok().and_then(|reply| model.reply(&reply, acting));
+        let before = model.plain_reply(&reply.unwrap_or_else(|unheard| unheard));
+        if after.as_ref().is_some_and(|transmission| transmission.after_ns == 0) {
             return Ok(());
         }
         let of_replies =
             |law: &LinkLaw| matches!(law, LinkLaw::Silence | LinkLaw::ReplyMissing | LinkLaw::ReplyLate { .. });
-        let own = carrier.own(acting).into_iter().filter(|(_, law)| of_replies(law));
+        let own = model.own(acting).into_iter().filter(|(_, law)| of_replies(law));
         let silent = acting.iter().filter(|acting| acting.silences_unit());
         let ids: Vec<&str> = silent.chain(own.map(|(acting, _)| acting)).map(|it| it.fault.id.as_str()).collect();
         self.line(&json!({
-            "what": "reply", "t_s": on_board_s(frame), "half_second": frame, "link": carrier.kind.name(), "ids": ids,
+            "what": "reply", "t_s": on_board_s(frame), "half_second": frame, "link": model.kind.name(), "ids": ids,
             "command": hex(command), "before": before.to_string(),
-            "after": after.as_ref().map(|piece| piece.content.to_string()),
-            "late_s": after.as_ref().map(|piece| seconds(piece.after_ns)),
+            "after": after.as_ref().map(|transmission| transmission.content.to_string()),
+            "late_s": after.as_ref().map(|transmission| seconds(transmission.after_ns)),
         }))
     }
 

@@ -6,7 +6,7 @@ use std::thread;
 use geu_model::fault::acting::Faults;
 use geu_model::{Configuration, Truth, Unit};
 
-use crate::record::{Event, RecordError, Recorder};
+use crate::recorder::{RecordError, Recorder, UnitEvent};
 
 /// Half seconds handed over at a time: enough that handing over costs nothing, few enough that they stay in the cache.
 const BATCH: u64 = 128;
@@ -47,18 +47,18 @@ pub fn simulate(
 }
 
 /// Flies the unit and tells all that happens, until the end or until nobody listens.
-fn fly(configuration: &Configuration, truth: &Truth, half_seconds: u64, sender: &SyncSender<Vec<Event>>) -> Faults {
+fn fly(configuration: &Configuration, truth: &Truth, half_seconds: u64, sender: &SyncSender<Vec<UnitEvent>>) -> Faults {
     let mut unit = Unit::on(configuration, truth);
     let mut commands = configuration.run.commands.iter().peekable();
     let mut last_end_ns = 0;
-    let happened = |unit: &mut Unit| unit.take_happened().into_iter().map(Event::Happened).collect::<Vec<_>>();
+    let happened = |unit: &mut Unit| unit.take_happened().into_iter().map(UnitEvent::Happened).collect::<Vec<_>>();
     let mut batch = happened(&mut unit);
     // The half second that runs at the end never ends, but its commands are answered.
     for index in 0..=half_seconds {
         while let Some(command) = commands.next_if(|command| command.half_second <= index) {
             let (link, payload, running_end_ns) = (&command.link, &command.payload, unit.running_end_ns());
             let (answer, acting) = (unit.command(payload), unit.faults().acting().clone());
-            batch.push(Event::Command {
+            batch.push(UnitEvent::Command {
                 link: link.clone(),
                 payload: payload.clone(),
                 running_end_ns,
@@ -67,13 +67,13 @@ fn fly(configuration: &Configuration, truth: &Truth, half_seconds: u64, sender: 
             });
             let Ok(answer) = answer else { continue };
             let (link, reply, end_ns, injected) = (link.clone(), answer.reply, last_end_ns, unit.injected().cloned());
-            let polled = |half_second| Event::Polled { link, half_second, reply, end_ns, injected, acting };
+            let polled = |half_second| UnitEvent::Polled { link, half_second, reply, end_ns, injected, acting };
             batch.extend(answer.polled.map(polled));
         }
         if index < half_seconds {
             let (ended, traces) = unit.end_half_second_traced();
             last_end_ns = ended.end_ns;
-            batch.push(Event::HalfSecond(ended, Box::new(traces), unit.injected().cloned()));
+            batch.push(UnitEvent::HalfSecond(ended, Box::new(traces), unit.injected().cloned()));
             batch.extend(happened(&mut unit));
         }
         let is_full = (index + 1).is_multiple_of(BATCH) || index == half_seconds;

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
-use geu_daemon::record;
+use geu_daemon::recorder;
 use geu_daemon::truth::{Live, LiveAddress, received};
 use geu_model::configuration::{WireForm, unix_ns};
 use geu_model::fault::asks_in_vain;
@@ -206,7 +206,7 @@ impl RunSettings {
         let is_unfinished = configuration.run.is_unfinished;
         if let (true, Some(path)) = (is_unfinished, &self.settings.config) {
             let directory = path.parent().unwrap_or(Path::new(""));
-            record::complete(&mut configuration, directory).map_err(Failure::input)?;
+            recorder::complete(&mut configuration, directory).map_err(Failure::input)?;
         }
         if let Some(seed) = self.seed {
             configuration.seed = seed;

@@ -1,18 +1,18 @@
 //! The control interface: what the unit does, and a way to interfere, over HTTP; for the bench page and for programs.
 //!
-//! It has a thread and a runtime of its own at lowered priority, and meets the unit at nothing but a [`Bench`]: no
+//! It has a thread and a runtime of its own at lowered priority, and meets the unit at nothing but a [`ControlBackend`]: no
 //! client, however many and however slow, delays the cadence or a reply on a link.
 
 mod answer;
 mod guard;
 mod openapi;
 mod page;
+mod protocol_json;
 mod routes;
 mod server;
 #[cfg(test)]
 mod tests;
 mod unique;
-mod words;
 
 use std::future::Future;
 use std::sync::Arc;
@@ -20,15 +20,15 @@ use std::sync::Arc;
 use serde_json::{Map, Value};
 use tokio::sync::broadcast;
 
-pub use server::{Door, DoorError, Server};
-pub use words::{commands, reply, told};
+pub use protocol_json::{commands, reply, told};
+pub use server::{ControlError, ControlListener, Server};
 
 /// Where the control interface listens unless told otherwise.
 pub const DEFAULT_ADDRESS: &str = "127.0.0.1:8470";
 
 /// Something that happened, as clients of `/api/events` get it.
 #[derive(Debug, Clone)]
-pub struct Event {
+pub struct SseEvent {
     /// `half-second` or `timeline`.
     pub name: &'static str,
     /// One line of JSON.
@@ -36,7 +36,7 @@ pub struct Event {
 }
 
 /// What the control interface shows and drives. No method may block longer than a lock is held.
-pub trait Bench: Send + Sync + 'static {
+pub trait ControlBackend: Send + Sync + 'static {
     /// The state of the run; has `lateness` and `truth` at least.
     fn status(&self) -> Value;
     /// What can be set, injected and commanded; has `parameters` at least, and never changes in a run.
@@ -62,5 +62,5 @@ pub trait Bench: Send + Sync + 'static {
     /// The last ten minutes, a half second each, the oldest first.
     fn history(&self) -> Value;
     /// What happens from now on. A client that falls behind the channel is dropped.
-    fn subscribe(&self) -> broadcast::Receiver<Event>;
+    fn subscribe(&self) -> broadcast::Receiver<SseEvent>;
 }

@@ -15,12 +15,12 @@ use tokio::sync::Notify;
 use tokio::task::yield_now;
 use tokio::time::timeout;
 
-use super::{LATE_ANSWERS, Link, LinkError, Sending, Tally, Watched};
+use super::{LATE_ANSWERS, Link, LinkError, LinkStatistics, Sending, Watched};
 use crate::cadence::now_ns;
-use crate::carriage::{Carrier, Content, Outbox};
 use crate::console;
-use crate::desk::Desk;
+use crate::link_model::{LinkModel, TransmitQueue, WireData};
 use crate::patience::Patience;
+use crate::shared_unit::SharedUnit;
 
 /// Between two attempts at an interface that is gone.
 const AGAIN: Duration = Duration::from_millis(250);
@@ -78,11 +78,11 @@ struct Bus {
     /// Held for the frames of one half second, so that no other comes between.
     turn: tokio::sync::Mutex<()>,
     /// Answers to commands, by the wall clock.
-    answers: Mutex<Outbox>,
+    answers: Mutex<TransmitQueue>,
     /// Answers wait for their time.
     later: Notify,
-    carrier: Carrier,
-    tally: Arc<Tally>,
+    model: LinkModel,
+    statistics: Arc<LinkStatistics>,
 }
 
 /// What became of a frame.
@@ -102,7 +102,11 @@ struct Can {
 }
 
 /// Opens the interface and serves it.
-pub(super) fn open(address: &CanAddress, carrier: Carrier, desk: &Arc<Desk>) -> Result<impl Link + use<>, LinkError> {
+pub(super) fn open(
+    address: &CanAddress,
+    model: LinkModel,
+    unit: &Arc<SharedUnit>,
+) -> Result<impl Link + use<>, LinkError> {
     let socket = connect(address)?;
     let bus = Arc::new(Bus {
         address: address.clone(),
@@ -112,11 +116,11 @@ pub(super) fn open(address: &CanAddress, carrier: Carrier, desk: &Arc<Desk>) -> 
         turn: tokio::sync::Mutex::new(()),
         answers: Mutex::default(),
         later: Notify::new(),
-        carrier,
-        tally: Tally::new(format!("can {} {:X}", address.interface, address.plan.base())),
+        model,
+        statistics: LinkStatistics::new(format!("can {} {:X}", address.interface, address.plan.base())),
     });
     let is_up = is_up(&address.interface);
-    tokio::spawn(attend(socket, is_up, bus.clone(), desk.clone()));
+    tokio::spawn(attend(socket, is_up, bus.clone(), unit.clone()));
     Ok(Can { bus, frames: Vec::new(), is_up, is_full: false })
 }
 
@@ -150,8 +154,8 @@ fn is_up(interface: &str) -> bool {
     })
 }
 
-fn to_socket(content: &Content) -> Option<socketcan::CanFrame> {
-    let Content::Frame(frame) = content else { return None };
+fn to_socket(content: &WireData) -> Option<socketcan::CanFrame> {
+    let WireData::Frame(frame) = content else { return None };
     socketcan::CanFrame::new(StandardId::new(frame.id())?, frame.data())
 }
 
@@ -217,7 +221,7 @@ impl Bus {
 }
 
 impl Bus {
-    fn answers(&self) -> MutexGuard<'_, Outbox> {
+    fn answers(&self) -> MutexGuard<'_, TransmitQueue> {
         self.answers.lock().expect("nothing panics with the answers")
     }
 
@@ -253,8 +257,8 @@ impl Bus {
     }
 }
 
-async fn attend(socket: CanSocket, mut was_up: bool, bus: Arc<Bus>, desk: Arc<Desk>) {
-    let name = &bus.tally.name;
+async fn attend(socket: CanSocket, mut was_up: bool, bus: Arc<Bus>, unit: Arc<SharedUnit>) {
+    let name = &bus.statistics.name;
     let mut next = Some(socket);
     if !was_up {
         console::say(format_args!(
@@ -282,12 +286,12 @@ async fn attend(socket: CanSocket, mut was_up: bool, bus: Arc<Bus>, desk: Arc<De
         bus.failure.lock().expect("nothing panics with the reason").take();
         *bus.socket.lock().expect("nothing panics with the socket") = Some(socket.clone());
         let reason = tokio::select! {
-            error = serve(socket.clone(), &bus, &desk) => error.to_string(),
+            error = serve(socket.clone(), &bus, &unit) => error.to_string(),
             errno = bus.failed() => errno.desc().to_owned(),
             never = bus.answer_later(&socket) => match never {},
         };
         // What was not answered by now is history.
-        *bus.answers() = Outbox::default();
+        *bus.answers() = TransmitQueue::default();
         *bus.socket.lock().expect("nothing panics with the socket") = None;
         console::say(format_args!("{name}: gone ({reason}); the unit keeps time and waits for it to come back"));
         loop {
@@ -304,7 +308,7 @@ async fn attend(socket: CanSocket, mut was_up: bool, bus: Arc<Bus>, desk: Arc<De
 }
 
 /// Answers commands until the socket is of no use.
-async fn serve(socket: Arc<CanSocket>, bus: &Bus, desk: &Desk) -> io::Error {
+async fn serve(socket: Arc<CanSocket>, bus: &Bus, unit: &SharedUnit) -> io::Error {
     let socket = match Watched::new(socket) {
         Ok(socket) => socket,
         Err(error) => return error,
@@ -320,29 +324,29 @@ async fn serve(socket: Arc<CanSocket>, bus: &Bus, desk: &Desk) -> io::Error {
         match received {
             Err(_) => {}
             Ok(Err(error)) => return error,
-            Ok(Ok(frame)) => answer(&frame, socket.get_ref(), bus, desk).await,
+            Ok(Ok(frame)) => answer(&frame, socket.get_ref(), bus, unit).await,
         }
     }
     unreachable!("nobody counts so far")
 }
 
-async fn answer(frame: &socketcan::CanFrame, socket: &CanSocket, bus: &Bus, desk: &Desk) {
+async fn answer(frame: &socketcan::CanFrame, socket: &CanSocket, bus: &Bus, unit: &SharedUnit) {
     let is_command = matches!(frame.id(), Id::Standard(_)) && !frame.is_remote_frame() && !frame.is_error_frame();
     if !is_command || frame.data().is_empty() {
-        desk.rejected.fetch_add(1, Relaxed);
+        unit.rejected.fetch_add(1, Relaxed);
         return;
     }
-    let answered = desk.command(&bus.tally.name, frame.data()).await;
-    let pieces = answered.leaving(&bus.carrier);
-    if pieces.is_empty() {
+    let answered = unit.command(&bus.statistics.name, frame.data()).await;
+    let transmissions = answered.leaving(&bus.model);
+    if transmissions.is_empty() {
         return;
     }
     if bus.answers().len() >= LATE_ANSWERS {
-        bus.tally.unread_replies.fetch_add(1, Relaxed);
+        bus.statistics.unread_replies.fetch_add(1, Relaxed);
         return;
     }
-    bus.answers().put(&pieces, 0, now_ns());
-    bus.tally.replies.fetch_add(1, Relaxed);
+    bus.answers().put(&transmissions, 0, now_ns());
+    bus.statistics.replies.fetch_add(1, Relaxed);
     bus.send_answers(socket).await;
     bus.later.notify_one();
 }
@@ -350,7 +354,7 @@ async fn answer(frame: &socketcan::CanFrame, socket: &CanSocket, bus: &Bus, desk
 impl Can {
     fn tell_queue(&mut self, is_full: bool) {
         let was_full = std::mem::replace(&mut self.is_full, is_full);
-        let name = &self.bus.tally.name;
+        let name = &self.bus.statistics.name;
         match (was_full, is_full) {
             (false, true) => console::say(format_args!(
                 "{name}: the transmit queue is full; the unit keeps time and drops what does not fit: is the bus connected, does anybody acknowledge?"
@@ -362,11 +366,11 @@ impl Can {
 }
 
 impl Link for Can {
-    fn carrier(&self) -> &Carrier {
-        &self.bus.carrier
+    fn model(&self) -> &LinkModel {
+        &self.bus.model
     }
 
-    fn prepare(&mut self, contents: &[Content], _goes_on: bool) {
+    fn prepare(&mut self, contents: &[WireData], _goes_on: bool) {
         self.frames = contents.iter().filter_map(to_socket).collect();
     }
 
@@ -384,7 +388,7 @@ impl Link for Can {
             }
             None => Sending::Dropped,
         };
-        self.bus.tally.count(outcome);
+        self.bus.statistics.count(outcome);
     }
 
     fn send_answers(&mut self) {
@@ -409,8 +413,8 @@ impl Link for Can {
         true
     }
 
-    fn tally(&self) -> Arc<Tally> {
-        self.bus.tally.clone()
+    fn statistics(&self) -> Arc<LinkStatistics> {
+        self.bus.statistics.clone()
     }
 }
 

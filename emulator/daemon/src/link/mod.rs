@@ -4,10 +4,10 @@
 //! recovered from, by a task of the runtime on the other thread.
 
 pub mod can;
-mod line;
 pub mod pty;
 mod receive;
 pub mod serial;
+mod stream_sender;
 pub mod tcp;
 
 use std::fmt;
@@ -20,9 +20,9 @@ use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering::Relaxed};
 use geu_model::fault::catalogue::LinkKind;
 use tokio::io::unix::AsyncFd;
 
-use crate::carriage::{Carrier, Content, Form};
-use crate::desk::Desk;
+use crate::link_model::{Encoding, LinkModel, WireData};
 use crate::patience::Patience;
+use crate::shared_unit::SharedUnit;
 
 pub use can::CanAddress;
 pub use serial::SerialAddress;
@@ -46,14 +46,14 @@ pub enum LinkAddress {
 
 impl LinkAddress {
     /// What it carries, as a recording beside it tells it.
-    pub fn carrier(&self) -> Carrier {
+    pub fn model(&self) -> LinkModel {
         match self {
-            LinkAddress::Pty(_) => Carrier::serial(LinkKind::Pty),
+            LinkAddress::Pty(_) => LinkModel::serial(LinkKind::Pty),
             LinkAddress::Serial(address) => {
-                Carrier { kind: LinkKind::Serial, form: Form::Serial { baud: address.baud } }
+                LinkModel { kind: LinkKind::Serial, encoding: Encoding::Serial { baud: address.baud } }
             }
-            LinkAddress::Can(address) => Carrier::can(address.plan),
-            LinkAddress::Tcp(_) => Carrier::serial(LinkKind::Tcp),
+            LinkAddress::Can(address) => LinkModel::can(address.plan),
+            LinkAddress::Tcp(_) => LinkModel::serial(LinkKind::Tcp),
         }
     }
 }
@@ -108,7 +108,7 @@ pub enum LinkError {
 
 /// What a link has done, for the status line and the end.
 #[derive(Debug)]
-pub struct Tally {
+pub struct LinkStatistics {
     /// Kind and address, as in its ready line.
     pub name: String,
     /// Clients attached now; a bus or a port counts as none.
@@ -127,9 +127,9 @@ pub struct Tally {
     pub refused: AtomicU64,
 }
 
-impl Tally {
-    pub(crate) fn new(name: impl Into<String>) -> Arc<Tally> {
-        Arc::new(Tally {
+impl LinkStatistics {
+    pub(crate) fn new(name: impl Into<String>) -> Arc<LinkStatistics> {
+        Arc::new(LinkStatistics {
             name: name.into(),
             clients: AtomicUsize::new(0),
             sent: AtomicU64::new(0),
@@ -150,7 +150,7 @@ impl Tally {
     }
 }
 
-impl fmt::Display for Tally {
+impl fmt::Display for LinkStatistics {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (sent, dropped) = (self.sent.load(Relaxed), self.dropped.load(Relaxed));
         write!(f, "{}: {sent} sent, {dropped} dropped, {} replies", self.name, self.replies.load(Relaxed))?;
@@ -180,9 +180,9 @@ enum Sending {
 /// A link, as the thread that keeps time sees it.
 pub(crate) trait Link: Send {
     /// How it writes, and whom a fault is on.
-    fn carrier(&self) -> &Carrier;
+    fn model(&self) -> &LinkModel;
     /// Takes what is sent next, before its deadline; whether it ends within a frame, whose rest comes with the next.
-    fn prepare(&mut self, contents: &[Content], goes_on: bool);
+    fn prepare(&mut self, contents: &[WireData], more_fragments: bool);
     /// Sends it, without blocking; a reader that has no room is given `patience` before it loses all of it.
     fn send(&mut self, patience: &Patience);
     /// Sends at once, as the run ends, the answers that faults still hold back.
@@ -194,14 +194,14 @@ pub(crate) trait Link: Send {
     /// Whether all that was taken has reached those who read.
     fn is_drained(&self) -> bool;
     /// What it has done.
-    fn tally(&self) -> Arc<Tally>;
+    fn statistics(&self) -> Arc<LinkStatistics>;
 }
 
 /// The bytes of contents that go over a stream.
-fn stream(contents: &[Content]) -> Vec<u8> {
-    let bytes = |content: &Content| match content {
-        Content::Bytes(bytes) => bytes.clone(),
-        Content::Frame(_) => Vec::new(),
+fn stream(contents: &[WireData]) -> Vec<u8> {
+    let bytes = |content: &WireData| match content {
+        WireData::Bytes(bytes) => bytes.clone(),
+        WireData::Frame(_) => Vec::new(),
     };
     contents.iter().flat_map(bytes).collect()
 }
@@ -210,13 +210,13 @@ fn stream(contents: &[Content]) -> Vec<u8> {
 ///
 /// # Errors
 /// What stands in the way, and what to do about it.
-pub(crate) fn open(address: &LinkAddress, desk: &Arc<Desk>, speedup: f64) -> Result<Box<dyn Link>, LinkError> {
-    let carrier = address.carrier();
+pub(crate) fn open(address: &LinkAddress, unit: &Arc<SharedUnit>, speedup: f64) -> Result<Box<dyn Link>, LinkError> {
+    let model = address.model();
     Ok(match address {
-        LinkAddress::Pty(path) => Box::new(pty::open(path, carrier, desk, speedup)?),
-        LinkAddress::Serial(address) => Box::new(serial::open(address, carrier, desk)?),
-        LinkAddress::Can(address) => Box::new(can::open(address, carrier, desk)?),
-        LinkAddress::Tcp(address) => Box::new(tcp::open(address, carrier, desk, speedup > 1.0)?),
+        LinkAddress::Pty(path) => Box::new(pty::open(path, model, unit, speedup)?),
+        LinkAddress::Serial(address) => Box::new(serial::open(address, model, unit)?),
+        LinkAddress::Can(address) => Box::new(can::open(address, model, unit)?),
+        LinkAddress::Tcp(address) => Box::new(tcp::open(address, model, unit, speedup > 1.0)?),
     })
 }
 

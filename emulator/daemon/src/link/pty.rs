@@ -30,13 +30,13 @@ use nix::unistd::ttyname;
 use tokio::io::unix::AsyncFd;
 use tokio::task::yield_now;
 
-use super::line::{Line, Port};
 use super::receive::{Receiver, serve};
-use super::{Link, LinkError, Tally, Watched, stream};
-use crate::carriage::{Carrier, Content};
+use super::stream_sender::{Port, StreamSender};
+use super::{Link, LinkError, LinkStatistics, Watched, stream};
 use crate::console;
-use crate::desk::Desk;
+use crate::link_model::{LinkModel, WireData};
 use crate::patience::Patience;
+use crate::shared_unit::SharedUnit;
 use symlink::Symlink;
 
 /// Unread bytes beyond which no more are written: what the line discipline of a real port keeps, less a frame.
@@ -55,17 +55,17 @@ nix::ioctl_read_bad!(
 
 /// The pty, as the thread that keeps time sees it.
 struct Pty {
-    line: Arc<Line>,
+    line: Arc<StreamSender>,
     symlink: Arc<Symlink>,
-    carrier: Carrier,
+    model: LinkModel,
     bytes: Vec<u8>,
     /// Whether they end within a frame.
-    goes_on: bool,
+    more_fragments: bool,
     is_stalled: bool,
     /// Bytes that its client had not read when that was asked last, and bytes that were written by then.
     unread: usize,
     written: u64,
-    tally: Arc<Tally>,
+    statistics: Arc<LinkStatistics>,
 }
 
 /// Our end, and where clients open theirs.
@@ -131,34 +131,34 @@ fn state(master: impl AsFd) -> PollFlags {
 /// Opens a pty, puts a symlink to it at `path`, and serves it.
 pub(super) fn open(
     path: &Path,
-    carrier: Carrier,
-    desk: &Arc<Desk>,
+    model: LinkModel,
+    unit: &Arc<SharedUnit>,
     speedup: f64,
 ) -> Result<impl Link + use<>, LinkError> {
     let fail = |error: nix::Error| LinkError::Pty(path.display().to_string(), error.into());
     let terminal = Terminal::new().map_err(fail)?;
     let symlink = Arc::new(Symlink::create(path, &terminal.slave.0)?);
 
-    let tally = Tally::new(format!("pty {}", path.display()));
+    let statistics = LinkStatistics::new(format!("pty {}", path.display()));
     let byte_ns = f64::from(BITS_PER_BYTE) * 1e9 / f64::from(DEFAULT_BAUD) / speedup;
-    let line = Arc::new(Line::new(None, byte_ns, tally.clone()));
+    let line = Arc::new(StreamSender::new(None, byte_ns, statistics.clone()));
     let inotify = Inotify::init(InitFlags::IN_NONBLOCK | InitFlags::IN_CLOEXEC).map_err(fail)?;
     let inotify = Watched::new(inotify).map_err(|error| LinkError::Pty(path.display().to_string(), error))?;
     tokio::spawn({
-        let (line, symlink, desk, tally) = (line.clone(), symlink.clone(), desk.clone(), tally.clone());
-        let carrier = carrier.clone();
-        async move { attend(terminal, &inotify, &line, &symlink, &desk, &carrier, &tally).await }
+        let (line, symlink, unit, statistics) = (line.clone(), symlink.clone(), unit.clone(), statistics.clone());
+        let model = model.clone();
+        async move { attend(terminal, &inotify, &line, &symlink, &unit, &model, &statistics).await }
     });
     Ok(Pty {
         line,
         symlink,
-        carrier,
+        model,
         bytes: Vec::new(),
-        goes_on: false,
+        more_fragments: false,
         is_stalled: false,
         unread: 0,
         written: 0,
-        tally,
+        statistics,
     })
 }
 
@@ -166,21 +166,21 @@ pub(super) fn open(
 async fn attend(
     mut terminal: Terminal,
     inotify: &AsyncFd<Watched<Inotify>>,
-    line: &Line,
+    line: &StreamSender,
     symlink: &Symlink,
-    desk: &Desk,
-    carrier: &Carrier,
-    tally: &Tally,
+    unit: &SharedUnit,
+    model: &LinkModel,
+    statistics: &LinkStatistics,
 ) -> Infallible {
     let mut is_failing = false;
     loop {
-        let end = attend_one(&mut terminal, inotify, line, symlink, desk, carrier, tally).await;
+        let end = attend_one(&mut terminal, inotify, line, symlink, unit, model, statistics).await;
         line.close();
-        tally.clients.store(0, Relaxed);
+        statistics.clients.store(0, Relaxed);
         let was_failing = std::mem::replace(&mut is_failing, end.is_err());
         if let Err(error) = end {
             if !was_failing {
-                console::say(format_args!("{}: {error}; the unit keeps time and tries again", tally.name));
+                console::say(format_args!("{}: {error}; the unit keeps time and tries again", statistics.name));
             }
             tokio::time::sleep(AGAIN).await;
         }
@@ -191,11 +191,11 @@ async fn attend(
 async fn attend_one(
     terminal: &mut Terminal,
     inotify: &AsyncFd<Watched<Inotify>>,
-    line: &Line,
+    line: &StreamSender,
     symlink: &Symlink,
-    desk: &Desk,
-    carrier: &Carrier,
-    tally: &Tally,
+    unit: &SharedUnit,
+    model: &LinkModel,
+    statistics: &LinkStatistics,
 ) -> io::Result<()> {
     match terminal.slave.reset() {
         Err(Errno::EBUSY) => {
@@ -216,17 +216,17 @@ async fn attend_one(
     }
     inotify.get_ref().rm_watch(watch)?;
     line.open(master.clone());
-    tally.clients.store(1, Relaxed);
+    statistics.clients.store(1, Relaxed);
     let mut receiver = Receiver::default();
     loop {
         let port = Watched::new(master.clone())?;
         tokio::select! {
             // The end of one client, perhaps with bytes that it left; another may be there already.
-            _ = serve(&port, line, &mut receiver, desk, carrier, &tally.name) => {}
+            _ = serve(&port, line, &mut receiver, unit, model, &statistics.name) => {}
             _ = line.pump(&port) => {}
         }
         if state(&*master) == PollFlags::POLLHUP {
-            desk.rejected.fetch_add(receiver.end(), Relaxed);
+            unit.rejected.fetch_add(receiver.end(), Relaxed);
             return Ok(());
         }
         yield_now().await;
@@ -250,12 +250,12 @@ impl Pty {
 }
 
 impl Link for Pty {
-    fn carrier(&self) -> &Carrier {
-        &self.carrier
+    fn model(&self) -> &LinkModel {
+        &self.model
     }
 
-    fn prepare(&mut self, contents: &[Content], goes_on: bool) {
-        (self.bytes, self.goes_on) = (stream(contents), goes_on);
+    fn prepare(&mut self, contents: &[WireData], more_fragments: bool) {
+        (self.bytes, self.more_fragments) = (stream(contents), more_fragments);
     }
 
     fn send(&mut self, patience: &Patience) {
@@ -266,11 +266,11 @@ impl Link for Pty {
         while self.line.is_open() && !is_within_frame && !self.has_room() {
             if self.is_stalled || patience.is_over(asked) {
                 self.is_stalled = !patience.is_none();
-                return self.tally.count(self.line.drop_data(self.goes_on));
+                return self.statistics.count(self.line.drop_data(self.more_fragments));
             }
             thread::sleep(LOOK_AGAIN);
         }
-        self.tally.count(self.line.send(&self.bytes, self.goes_on, patience));
+        self.statistics.count(self.line.send(&self.bytes, self.more_fragments, patience));
     }
 
     fn send_answers(&mut self) {
@@ -281,7 +281,7 @@ impl Link for Pty {
         !self.line.is_open() || (self.line.is_drained() && self.slave().backlog() == 0)
     }
 
-    fn tally(&self) -> Arc<Tally> {
-        self.tally.clone()
+    fn statistics(&self) -> Arc<LinkStatistics> {
+        self.statistics.clone()
     }
 }

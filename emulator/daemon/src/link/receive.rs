@@ -13,9 +13,9 @@ use tokio::task::yield_now;
 use tokio::time::timeout;
 
 use super::Watched;
-use super::line::{Line, Port};
-use crate::carriage::Carrier;
-use crate::desk::Desk;
+use super::stream_sender::{Port, StreamSender};
+use crate::link_model::LinkModel;
+use crate::shared_unit::SharedUnit;
 
 /// After so long without a byte, a good frame inside what looks like the start of another is no longer kept waiting.
 const PAUSE: Duration = Duration::from_millis(4);
@@ -38,7 +38,7 @@ const FOREIGN: [(&[u8], &str); 11] = [
     (&[0x16, 0x03], "TLS"),
 ];
 
-/// Puts commands together from pieces.
+/// Puts commands together from chunks.
 #[derive(Default)]
 pub(super) struct Receiver {
     /// The first bytes, as long as they may be the beginning of another protocol.
@@ -115,10 +115,10 @@ impl Receiver {
 /// What reading says when the device is gone; [`io::ErrorKind::InvalidData`] from a client that speaks another protocol.
 pub(super) async fn serve(
     port: &AsyncFd<Watched<Port>>,
-    line: &Line,
+    line: &StreamSender,
     receiver: &mut Receiver,
-    desk: &Desk,
-    carrier: &Carrier,
+    unit: &SharedUnit,
+    model: &LinkModel,
     link: &str,
 ) -> io::Result<()> {
     let (mut bytes, mut can_pause) = ([0; 512], false);
@@ -137,15 +137,15 @@ pub(super) async fn serve(
             Err(_) => receiver.pause(&mut found),
         }
         can_pause = read.is_ok() && !receiver.partial.is_empty();
-        desk.rejected.fetch_add(std::mem::take(&mut receiver.rejected), Relaxed);
+        unit.rejected.fetch_add(std::mem::take(&mut receiver.rejected), Relaxed);
         for (index, payload) in commands.drain(..).enumerate() {
             if index % TURN == TURN - 1 {
                 yield_now().await;
             }
             // Nothing more is read until the reply has room, but only while the client reads.
             line.reply_room().await;
-            let answered = desk.command(link, &payload).await;
-            line.answer(&answered.leaving(carrier));
+            let answered = unit.command(link, &payload).await;
+            line.answer(&answered.leaving(model));
         }
         yield_now().await;
     }
@@ -171,10 +171,10 @@ mod tests {
 
     use super::*;
 
-    fn commands(pieces: &[&[u8]]) -> (Vec<Vec<u8>>, u64) {
+    fn commands(chunks: &[&[u8]]) -> (Vec<Vec<u8>>, u64) {
         let (mut receiver, mut found) = (Receiver::default(), Vec::new());
-        for piece in pieces {
-            receiver.take(piece, |payload| found.push(payload.to_vec()));
+        for chunk in chunks {
+            receiver.take(chunk, |payload| found.push(payload.to_vec()));
             receiver.pause(|payload| found.push(payload.to_vec()));
         }
         (found, receiver.rejected)
@@ -185,8 +185,8 @@ mod tests {
         let (long, good) = (frame(Kind::Command, &[4, 1, 0, 5, 9]), frame(Kind::Command, &[1]));
         for cut in 1..long.len() {
             let truncated = &long[..cut];
-            for pieces in [&[truncated, &good][..], &[&[truncated, &good].concat()]] {
-                assert_eq!(commands(pieces).0, [vec![1]], "cut after {cut}");
+            for chunks in [&[truncated, &good][..], &[&[truncated, &good].concat()]] {
+                assert_eq!(commands(chunks).0, [vec![1]], "cut after {cut}");
             }
             let both = [truncated, &good, truncated].concat();
             assert_eq!(commands(&[&both, &good]).0, [vec![1], vec![1]], "cut after {cut}");
@@ -200,8 +200,8 @@ mod tests {
             for size in [1, 2, 3, foreign.len() + ping.len()] {
                 let (mut receiver, bytes) = (Receiver::of_network(), [foreign, &ping].concat());
                 let mut admitted = Vec::new();
-                let end = bytes.chunks(size).try_for_each(|piece| {
-                    admitted.extend_from_slice(&receiver.admit(piece)?);
+                let end = bytes.chunks(size).try_for_each(|chunk| {
+                    admitted.extend_from_slice(&receiver.admit(chunk)?);
                     io::Result::Ok(())
                 });
                 assert_eq!(end.map_err(|error| error.kind()), Err(io::ErrorKind::InvalidData), "{foreign:?} by {size}");
@@ -213,7 +213,7 @@ mod tests {
                 let mut receiver = Receiver::of_network();
                 let admitted: Vec<u8> = good
                     .chunks(size)
-                    .flat_map(|piece| receiver.admit(piece).expect("no protocol").into_owned())
+                    .flat_map(|chunk| receiver.admit(chunk).expect("no protocol").into_owned())
                     .collect();
                 assert_eq!(admitted, good, "by {size}");
             }

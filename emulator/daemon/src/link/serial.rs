@@ -9,13 +9,13 @@ use std::time::Duration;
 use geu_protocol::serial::DEFAULT_BAUD;
 use tokio_serial::{DataBits, Parity, SerialStream, StopBits};
 
-use super::line::{Line, Port};
 use super::receive::{Receiver, serve};
-use super::{Link, LinkError, Sending, Tally, Watched, stream};
-use crate::carriage::{Carrier, Content};
+use super::stream_sender::{Port, StreamSender};
+use super::{Link, LinkError, LinkStatistics, Sending, Watched, stream};
 use crate::console;
-use crate::desk::Desk;
+use crate::link_model::{LinkModel, WireData};
 use crate::patience::Patience;
+use crate::shared_unit::SharedUnit;
 
 /// Between two attempts at a port that is gone.
 const AGAIN: Duration = Duration::from_millis(250);
@@ -63,44 +63,44 @@ impl SerialAddress {
 }
 
 struct Serial {
-    line: Arc<Line>,
-    carrier: Carrier,
+    line: Arc<StreamSender>,
+    model: LinkModel,
     bytes: Vec<u8>,
     /// Whether they end within a frame.
-    goes_on: bool,
-    tally: Arc<Tally>,
+    more_fragments: bool,
+    statistics: Arc<LinkStatistics>,
 }
 
 /// Opens the port and serves it.
 pub(super) fn open(
     address: &SerialAddress,
-    carrier: Carrier,
-    desk: &Arc<Desk>,
+    model: LinkModel,
+    unit: &Arc<SharedUnit>,
 ) -> Result<impl Link + use<>, LinkError> {
     let opened = address.open().map_err(|error| LinkError::Serial(address.device.clone(), error))?;
-    let tally = Tally::new(format!("serial {} {}", address.device, address.baud));
-    let line = Arc::new(Line::new(None, 0.0, tally.clone()));
-    tokio::spawn(attend(opened, address.clone(), line.clone(), desk.clone(), carrier.clone(), tally.clone()));
-    Ok(Serial { line, carrier, bytes: Vec::new(), goes_on: false, tally })
+    let statistics = LinkStatistics::new(format!("serial {} {}", address.device, address.baud));
+    let line = Arc::new(StreamSender::new(None, 0.0, statistics.clone()));
+    tokio::spawn(attend(opened, address.clone(), line.clone(), unit.clone(), model.clone(), statistics.clone()));
+    Ok(Serial { line, model, bytes: Vec::new(), more_fragments: false, statistics })
 }
 
 async fn attend(
     mut opened: (SerialStream, Port),
     address: SerialAddress,
-    line: Arc<Line>,
-    desk: Arc<Desk>,
-    carrier: Carrier,
-    tally: Arc<Tally>,
+    line: Arc<StreamSender>,
+    unit: Arc<SharedUnit>,
+    model: LinkModel,
+    statistics: Arc<LinkStatistics>,
 ) {
     loop {
         line.open(opened.1.clone());
-        let end = session(&opened.1, &line, &desk, &carrier, &tally).await;
+        let end = session(&opened.1, &line, &unit, &model, &statistics).await;
         line.close();
         drop(opened);
         let reason = end.err().map_or_else(|| "hung up".to_owned(), |error| error.to_string());
         console::say(format_args!(
             "{}: gone ({reason}); the unit keeps time and waits for it to come back",
-            tally.name
+            statistics.name
         ));
         opened = loop {
             tokio::time::sleep(AGAIN).await;
@@ -108,32 +108,38 @@ async fn attend(
                 break opened;
             }
         };
-        console::say(format_args!("{}: is back", tally.name));
+        console::say(format_args!("{}: is back", statistics.name));
     }
 }
 
-async fn session(port: &Port, line: &Line, desk: &Desk, carrier: &Carrier, tally: &Tally) -> io::Result<()> {
+async fn session(
+    port: &Port,
+    line: &StreamSender,
+    unit: &SharedUnit,
+    model: &LinkModel,
+    statistics: &LinkStatistics,
+) -> io::Result<()> {
     let port = Watched::new(port.clone())?;
     let mut receiver = Receiver::default();
     let end = tokio::select! {
-        end = serve(&port, line, &mut receiver, desk, carrier, &tally.name) => end,
+        end = serve(&port, line, &mut receiver, unit, model, &statistics.name) => end,
         end = line.pump(&port) => end,
     };
-    desk.rejected.fetch_add(receiver.end(), Relaxed);
+    unit.rejected.fetch_add(receiver.end(), Relaxed);
     end
 }
 
 impl Link for Serial {
-    fn carrier(&self) -> &Carrier {
-        &self.carrier
+    fn model(&self) -> &LinkModel {
+        &self.model
     }
 
-    fn prepare(&mut self, contents: &[Content], goes_on: bool) {
-        (self.bytes, self.goes_on) = (stream(contents), goes_on);
+    fn prepare(&mut self, contents: &[WireData], more_fragments: bool) {
+        (self.bytes, self.more_fragments) = (stream(contents), more_fragments);
     }
 
     fn send(&mut self, patience: &Patience) {
-        self.tally.count(match self.line.send(&self.bytes, self.goes_on, patience) {
+        self.statistics.count(match self.line.send(&self.bytes, self.more_fragments, patience) {
             Sending::Unread => Sending::Dropped,
             outcome => outcome,
         });
@@ -147,8 +153,8 @@ impl Link for Serial {
         self.line.is_drained()
     }
 
-    fn tally(&self) -> Arc<Tally> {
-        self.tally.clone()
+    fn statistics(&self) -> Arc<LinkStatistics> {
+        self.statistics.clone()
     }
 }
 

@@ -12,14 +12,14 @@ use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::socket::{setsockopt, sockopt};
 use tokio::net::{TcpListener, TcpStream};
 
-use super::line::{Line, Port};
 use super::receive::{Receiver, serve};
-use super::{Link, LinkError, Sending, Tally, Watched, stream};
-use crate::carriage::{Carrier, Content};
+use super::stream_sender::{Port, StreamSender};
+use super::{Link, LinkError, LinkStatistics, Sending, Watched, stream};
 use crate::console;
 use crate::descriptors;
-use crate::desk::Desk;
+use crate::link_model::{LinkModel, WireData};
 use crate::patience::Patience;
+use crate::shared_unit::SharedUnit;
 
 /// Clients at once; more are turned away.
 const CLIENTS: usize = 64;
@@ -68,18 +68,18 @@ impl TcpAddress {
 
 struct Tcp {
     clients: Clients,
-    carrier: Carrier,
+    model: LinkModel,
     bytes: Vec<u8>,
     /// Whether they end within a frame.
-    goes_on: bool,
-    tally: Arc<Tally>,
+    more_fragments: bool,
+    statistics: Arc<LinkStatistics>,
 }
 
 type Clients = Arc<Mutex<Vec<Arc<Client>>>>;
 
 /// One client.
 struct Client {
-    line: Line,
+    line: StreamSender,
     /// It has ended its side, and perhaps is gone.
     has_ended: AtomicBool,
 }
@@ -87,8 +87,8 @@ struct Client {
 /// Listens, and serves whoever comes.
 pub(super) fn open(
     address: &TcpAddress,
-    carrier: Carrier,
-    desk: &Arc<Desk>,
+    model: LinkModel,
+    unit: &Arc<SharedUnit>,
     is_faster: bool,
 ) -> Result<impl Link + use<>, LinkError> {
     address.check()?;
@@ -96,18 +96,18 @@ pub(super) fn open(
     let listener = std::net::TcpListener::bind(&address.address).map_err(fail)?;
     listener.set_nonblocking(true).map_err(fail)?;
     let listener = TcpListener::from_std(listener).map_err(fail)?;
-    let tally = Tally::new(format!("tcp {}", listener.local_addr().map_err(fail)?));
+    let statistics = LinkStatistics::new(format!("tcp {}", listener.local_addr().map_err(fail)?));
     let clients = Clients::default();
     let server = Server {
         address: address.clone(),
         is_faster,
         clients: clients.clone(),
-        desk: desk.clone(),
-        carrier: carrier.clone(),
-        tally: tally.clone(),
+        unit: unit.clone(),
+        model: model.clone(),
+        statistics: statistics.clone(),
     };
     tokio::spawn(server.accept(listener));
-    Ok(Tcp { clients, carrier, bytes: Vec::new(), goes_on: false, tally })
+    Ok(Tcp { clients, model, bytes: Vec::new(), more_fragments: false, statistics })
 }
 
 /// What the clients of an address are served with.
@@ -115,9 +115,9 @@ struct Server {
     address: TcpAddress,
     is_faster: bool,
     clients: Clients,
-    desk: Arc<Desk>,
-    carrier: Carrier,
-    tally: Arc<Tally>,
+    unit: Arc<SharedUnit>,
+    model: LinkModel,
+    statistics: Arc<LinkStatistics>,
 }
 
 impl Server {
@@ -127,7 +127,7 @@ impl Server {
         loop {
             let accepted = listener.accept().await;
             let was_failing = std::mem::replace(&mut is_failing, accepted.is_err());
-            let name = &server.tally.name;
+            let name = &server.statistics.name;
             let (stream, peer) = match accepted {
                 Ok(accepted) => accepted,
                 Err(error) => {
@@ -139,7 +139,7 @@ impl Server {
                 }
             };
             if let Err(reason) = server.take_in(stream, peer) {
-                server.tally.refused.fetch_add(1, Relaxed);
+                server.statistics.refused.fetch_add(1, Relaxed);
                 if !std::mem::replace(&mut has_told, true) {
                     console::say(format_args!("{name}: {peer} is turned away, and more may be: {reason}"));
                 }
@@ -163,16 +163,16 @@ impl Server {
             gone.ok_or_else(|| format!("{CLIENTS} clients are served"))?.line.close();
         }
         let port = prepare(stream, self.is_faster).map_err(|error| error.to_string())?;
-        let line = Line::new(Some(port.clone()), 0.0, self.tally.clone());
+        let line = StreamSender::new(Some(port.clone()), 0.0, self.statistics.clone());
         let client = Arc::new(Client { line, has_ended: AtomicBool::new(false) });
         self.clients().push(client.clone());
-        self.tally.clients.fetch_add(1, Relaxed);
+        self.statistics.clients.fetch_add(1, Relaxed);
         let server = self.clone();
         tokio::spawn(async move {
             server.attend(port, &client, peer).await;
             client.line.close();
             server.clients().retain(|other| !Arc::ptr_eq(other, &client));
-            server.tally.clients.fetch_sub(1, Relaxed);
+            server.statistics.clients.fetch_sub(1, Relaxed);
         });
         Ok(())
     }
@@ -186,8 +186,8 @@ impl Server {
         let link = format!("tcp {peer}");
         let commands = async {
             let mut receiver = Receiver::of_network();
-            let end = serve(&port, &client.line, &mut receiver, &self.desk, &self.carrier, &link).await;
-            self.desk.rejected.fetch_add(receiver.end(), Relaxed);
+            let end = serve(&port, &client.line, &mut receiver, &self.unit, &self.model, &link).await;
+            self.unit.rejected.fetch_add(receiver.end(), Relaxed);
             match end {
                 // It has said all it had to say, but may go on listening: `socat -u`, `nc` at the end of its input.
                 Ok(()) => {
@@ -195,8 +195,8 @@ impl Server {
                     until_gone(port.get_ref(), &client.line).await;
                 }
                 Err(error) if error.kind() == io::ErrorKind::InvalidData => {
-                    self.tally.refused.fetch_add(1, Relaxed);
-                    console::say(format_args!("{}: {peer} {error}; closed", self.tally.name));
+                    self.statistics.refused.fetch_add(1, Relaxed);
+                    console::say(format_args!("{}: {peer} {error}; closed", self.statistics.name));
                 }
                 Err(_) => {}
             }
@@ -223,7 +223,7 @@ fn prepare(stream: TcpStream, is_faster: bool) -> io::Result<Port> {
 
 /// Returns when a client that has ended its side has ended the other too, or was sent nothing for a while: only what
 /// is sent shows whether it still listens.
-async fn until_gone(port: &Watched<Port>, line: &Line) {
+async fn until_gone(port: &Watched<Port>, line: &StreamSender) {
     let (mut written, mut since) = (line.written(), Instant::now());
     while since.elapsed() < DEAF {
         tokio::time::sleep(LOOK_AGAIN).await;
@@ -242,21 +242,21 @@ async fn until_gone(port: &Watched<Port>, line: &Line) {
 }
 
 impl Link for Tcp {
-    fn carrier(&self) -> &Carrier {
-        &self.carrier
+    fn model(&self) -> &LinkModel {
+        &self.model
     }
 
-    fn prepare(&mut self, contents: &[Content], goes_on: bool) {
-        (self.bytes, self.goes_on) = (stream(contents), goes_on);
+    fn prepare(&mut self, contents: &[WireData], more_fragments: bool) {
+        (self.bytes, self.more_fragments) = (stream(contents), more_fragments);
     }
 
     fn send(&mut self, patience: &Patience) {
         let clients = self.clients.lock().expect("nothing panics with the list").clone();
         if clients.is_empty() {
-            self.tally.count(Sending::Unread);
+            self.statistics.count(Sending::Unread);
         }
         for client in &clients {
-            self.tally.count(client.line.send(&self.bytes, self.goes_on, patience));
+            self.statistics.count(client.line.send(&self.bytes, self.more_fragments, patience));
         }
     }
 
@@ -270,8 +270,8 @@ impl Link for Tcp {
         self.clients.lock().expect("nothing panics with the list").iter().all(|client| client.line.is_drained())
     }
 
-    fn tally(&self) -> Arc<Tally> {
-        self.tally.clone()
+    fn statistics(&self) -> Arc<LinkStatistics> {
+        self.statistics.clone()
     }
 }
 

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::sync::mpsc::SyncSender;
 
-use geu_daemon::carriage::Content;
+use geu_daemon::link_model::WireData;
 use geu_daemon::replay::{Item, What, Whose};
 use geu_model::units::HALF_SECOND_NS;
 use geu_protocol::can::{Assembled, Assembler, Role};
@@ -183,7 +183,7 @@ impl Tape {
         if recorded_ns < self.choice.from_ns || self.is_over() {
             return;
         }
-        if self.choice.is_only && matches!(what, What::Content(_, Whose::Command | Whose::Other)) {
+        if self.choice.is_only && matches!(what, What::WireData(_, Whose::Command | Whose::Other)) {
             return;
         }
         self.timeline.is_playing = true;
@@ -195,8 +195,8 @@ impl Tape {
                 self.has_half_second = true;
                 true
             }
-            What::Content(Content::Frame(_), _) => carries_frames,
-            What::Content(Content::Bytes(_), _) => carries_bytes,
+            What::WireData(WireData::Frame(_), _) => carries_frames,
+            What::WireData(WireData::Bytes(_), _) => carries_bytes,
             What::Note(_) => false,
         };
         let played_ns = self.timeline.played_ns;
@@ -272,7 +272,7 @@ impl Tape {
                 Role::Command => Whose::Command,
                 _ => Whose::Unit,
             };
-            self.send(What::Content(Content::Frame(waiting.frame), whose));
+            self.send(What::WireData(WireData::Frame(waiting.frame), whose));
         }
     }
 
@@ -291,13 +291,13 @@ impl Tape {
             (rest, left_ns) = (later, left_ns - HALF_SECOND_NS);
             let note = self.timeline.step(HALF_SECOND_NS);
             self.note(note);
-            self.send(What::Content(Content::Bytes(now.to_vec()), Whose::Unit));
+            self.send(What::WireData(WireData::Bytes(now.to_vec()), Whose::Unit));
         }
         if missing == 0 && !stray.is_empty() {
             let note = self.timeline.step(left_ns);
             self.note(note);
             left_ns = 0;
-            self.send(What::Content(Content::Bytes(stray), Whose::Unit));
+            self.send(What::WireData(WireData::Bytes(stray), Whose::Unit));
         }
         self.drop_bytes(end);
         left_ns
@@ -329,7 +329,7 @@ impl Tape {
                 _ => Whose::Unit,
             };
             used = begin + length;
-            self.send(What::Content(Content::Bytes(all[begin..used].to_vec()), whose));
+            self.send(What::WireData(WireData::Bytes(all[begin..used].to_vec()), whose));
             self.offset = start + used as u64;
             if self.is_over() {
                 break;

@@ -15,11 +15,11 @@ use geu_protocol::{CanFrame, CanPlan, HalfSecond};
 
 use super::{Item, Settings, Steps, What, Whose};
 use crate::cadence::{Sleeper, Speed, doze_until, now_ns};
-use crate::carriage::{Carrier, Content, Form, Piece};
 use crate::console;
 use crate::lateness::Time;
+use crate::link_model::{Encoding, LinkModel, Transmission, WireData};
 use crate::patience::{LAST_WORDS, Patience};
-use crate::run::{LEAD_NS, LOOK_AGAIN, Outgoing, PATIENCE, Timing};
+use crate::run::{CadenceMonitor, LEAD_NS, LOOK_AGAIN, Outgoing, PATIENCE};
 
 /// A process held up for so long goes on from where it stood: what it did not send then is not sent in a burst.
 const HELD_UP_NS: i64 = 1_000_000_000;
@@ -55,7 +55,7 @@ pub(super) struct Player {
     speed: Speed,
     recorded_plan: CanPlan,
     wait_for_client: bool,
-    timing: Arc<Timing>,
+    monitor: Arc<CadenceMonitor>,
     /// Index of the half second that comes next.
     frame: u64,
     last: Option<HalfSecond>,
@@ -70,7 +70,7 @@ impl Player {
         links: Vec<Outgoing>,
         items: Receiver<Vec<Item>>,
         steps: Option<Steps>,
-        timing: Arc<Timing>,
+        monitor: Arc<CadenceMonitor>,
     ) -> Player {
         Player {
             is_written_anew: vec![false; links.len()],
@@ -84,7 +84,7 @@ impl Player {
             allowed: 0,
             recorded_plan: settings.recorded_plan,
             wait_for_client: settings.wait_for_client,
-            timing,
+            monitor,
             frame: 0,
             last: None,
             start_ns: 0,
@@ -99,7 +99,7 @@ impl Player {
         }
         self.start_ns = now_ns();
         let last_ns = self.play_items(&sleeper);
-        let patience = Patience::new(self.limit().max(LAST_WORDS), &self.timing.stop);
+        let patience = Patience::new(self.limit().max(LAST_WORDS), &self.monitor.stop);
         self.links.iter_mut().for_each(|outgoing| outgoing.end(last_ns, &patience));
     }
 
@@ -119,23 +119,23 @@ impl Player {
                     return last_ns;
                 }
                 last_ns = item.played_ns;
-                let is_content = matches!(item.what, What::Content(..));
+                let is_content = matches!(item.what, What::WireData(..));
                 if !self.take(item) {
                     return last_ns;
                 }
                 if is_content && let Some(deadline_ns) = self.wall_ns(last_ns) {
-                    self.timing.record(now_ns() - deadline_ns);
+                    self.monitor.record(now_ns() - deadline_ns);
                 }
             }
         }
     }
 
     fn is_stopped(&self) -> bool {
-        self.timing.stop.is_asked()
+        self.monitor.stop.is_asked()
     }
 
     fn has_client(&self) -> bool {
-        self.links.iter().any(|outgoing| outgoing.link.tally().clients.load(Relaxed) > 0)
+        self.links.iter().any(|outgoing| outgoing.link.statistics().clients.load(Relaxed) > 0)
     }
 
     fn limit(&self) -> Duration {
@@ -143,7 +143,7 @@ impl Player {
     }
 
     fn patience(&self) -> Patience {
-        Patience::new(self.limit(), &self.timing.stop)
+        Patience::new(self.limit(), &self.monitor.stop)
     }
 
     fn wall_ns(&self, played_ns: i64) -> Option<i64> {
@@ -169,7 +169,7 @@ impl Player {
 
     /// Sends, each at its time, what a fault holds back until then.
     fn send_held(&mut self, until_ns: i64, sleeper: &Sleeper) {
-        let next = |links: &[Outgoing]| links.iter().filter_map(|outgoing| outgoing.outbox.next_ns()).min();
+        let next = |links: &[Outgoing]| links.iter().filter_map(|outgoing| outgoing.queue.next_ns()).min();
         while let Some(due_ns) = next(&self.links).filter(|&due_ns| due_ns <= until_ns) {
             self.wait_until(due_ns, sleeper);
             if self.is_stopped() {
@@ -190,7 +190,7 @@ impl Player {
                 }
                 self.begin(&half_second, is_can, &item);
             }
-            What::Content(content, whose) => self.send(&content, whose, item.played_ns),
+            What::WireData(content, whose) => self.send(&content, whose, item.played_ns),
         }
         true
     }
@@ -208,7 +208,7 @@ impl Player {
             while self.allowed == 0 {
                 match steps.recv_timeout(WAIT) {
                     Ok(step) => self.allowed += step,
-                    Err(RecvTimeoutError::Timeout) if !self.timing.stop.is_asked() => {}
+                    Err(RecvTimeoutError::Timeout) if !self.monitor.stop.is_asked() => {}
                     Err(_) => return false,
                 }
             }
@@ -230,14 +230,14 @@ impl Player {
         let acting = self.faults.acting().clone();
         let (patience, mut is_faulted) = (self.patience(), false);
         for (outgoing, is_written_anew) in self.links.iter_mut().zip(&mut self.is_written_anew) {
-            let carrier = outgoing.link.carrier().clone();
-            let is_touched = !carrier.touching(&acting).is_empty();
+            let model = outgoing.link.model().clone();
+            let is_touched = !model.touching(&acting).is_empty();
             is_faulted |= is_touched;
             // What was held back for this half second comes before or behind all of it, never between its frames.
-            outgoing.outbox.put(&[], frame, item.played_ns);
-            let waits = outgoing.outbox.is_within_frame()
-                || outgoing.outbox.next_ns().is_some_and(|due_ns| due_ns <= item.played_ns + 1);
-            *is_written_anew = is_touched || waits || is_can != is_bus(&carrier);
+            outgoing.queue.put(&[], frame, item.played_ns);
+            let waits = outgoing.queue.is_within_frame()
+                || outgoing.queue.next_ns().is_some_and(|due_ns| due_ns <= item.played_ns + 1);
+            *is_written_anew = is_touched || waits || is_can != is_bus(&model);
             if *is_written_anew {
                 outgoing.put(Some(half_second), frame, item.played_ns, &acting);
                 outgoing.send_due(item.played_ns, &patience);
@@ -269,28 +269,28 @@ impl Player {
     }
 
     /// Sends a content as it was recorded, over links of its form.
-    fn send(&mut self, content: &Content, whose: Whose, played_ns: i64) {
-        let is_can = matches!(content, Content::Frame(_));
+    fn send(&mut self, content: &WireData, whose: Whose, played_ns: i64) {
+        let is_can = matches!(content, WireData::Frame(_));
         let (patience, acting) = (self.patience(), self.faults.acting().clone());
         let mut is_left_out = false;
         for (outgoing, is_written_anew) in self.links.iter_mut().zip(&self.is_written_anew) {
-            let carrier = outgoing.link.carrier();
-            if whose == Whose::HalfSecond && *is_written_anew || whose == Whose::Unit && is_silenced(carrier, &acting) {
+            let model = outgoing.link.model();
+            if whose == Whose::HalfSecond && *is_written_anew || whose == Whose::Unit && is_silenced(model, &acting) {
                 continue;
             }
-            if is_can != is_bus(carrier) {
+            if is_can != is_bus(model) {
                 is_left_out = true;
                 continue;
             }
-            let moved = moved(content, whose, self.recorded_plan, carrier);
+            let moved = moved(content, whose, self.recorded_plan, model);
             // Behind a frame that has begun, should there be one.
-            outgoing.outbox.put(&[Piece::on_time(0, moved)], self.frame.saturating_sub(1), played_ns);
+            outgoing.queue.put(&[Transmission::on_time(0, moved)], self.frame.saturating_sub(1), played_ns);
             outgoing.send_due(played_ns, &patience);
         }
         if is_left_out {
             match (whose, content) {
-                (Whose::Unit | Whose::HalfSecond, Content::Frame(_)) => self.counts.unit_frames += 1,
-                (Whose::Unit | Whose::HalfSecond, Content::Bytes(bytes)) => {
+                (Whose::Unit | Whose::HalfSecond, WireData::Frame(_)) => self.counts.unit_frames += 1,
+                (Whose::Unit | Whose::HalfSecond, WireData::Bytes(bytes)) => {
                     self.counts.unit_bytes += bytes.len() as u64
                 }
                 _ => self.counts.other += 1,
@@ -299,21 +299,21 @@ impl Player {
     }
 }
 
-fn is_bus(carrier: &Carrier) -> bool {
-    matches!(carrier.form, Form::Can(_))
+fn is_bus(model: &LinkModel) -> bool {
+    matches!(model.encoding, Encoding::Can(_))
 }
 
 /// Whether a fault that acts lets nothing of the unit through.
-fn is_silenced(carrier: &Carrier, acting: &[Acting]) -> bool {
-    carrier.own(acting).iter().any(|(_, law)| matches!(law, LinkLaw::Silence | LinkLaw::Drop))
+fn is_silenced(model: &LinkModel, acting: &[Acting]) -> bool {
+    model.own(acting).iter().any(|(_, law)| matches!(law, LinkLaw::Silence | LinkLaw::Drop))
 }
 
 /// A message of the unit with the identifier that it has on this link.
-fn moved(content: &Content, whose: Whose, recorded: CanPlan, carrier: &Carrier) -> Content {
-    match (content, carrier.form) {
-        (Content::Frame(frame), Form::Can(plan)) if whose != Whose::Other => {
+fn moved(content: &WireData, whose: Whose, recorded: CanPlan, model: &LinkModel) -> WireData {
+    match (content, model.encoding) {
+        (WireData::Frame(frame), Encoding::Can(plan)) if whose != Whose::Other => {
             let id = frame.id().saturating_sub(recorded.base()).saturating_add(plan.base());
-            Content::Frame(CanFrame::new(id, frame.data()).unwrap_or(*frame))
+            WireData::Frame(CanFrame::new(id, frame.data()).unwrap_or(*frame))
         }
         _ => content.clone(),
     }

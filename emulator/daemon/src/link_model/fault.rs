@@ -9,7 +9,7 @@ use geu_protocol::can::{STATUS_COVERED, close_status};
 use geu_protocol::serial::{self, CRC, HEADER, LENGTH_AT, OVERHEAD, TYPE_AT};
 use geu_protocol::{CanFrame, HalfSecond};
 
-use super::{Carrier, Content, Form, Piece, baud, ns};
+use super::{Encoding, LinkModel, Transmission, WireData, baud, ns};
 
 /// Nonsense between half seconds comes in so many portions.
 const PORTIONS: u64 = 16;
@@ -23,24 +23,25 @@ fn draw(acting: &Acting) -> Stream {
 
 /// The half second itself, with what belongs to it; nothing where none is sent.
 pub(super) fn half_second(
-    carrier: &Carrier,
+    model: &LinkModel,
     half_second: Option<&HalfSecond>,
     frame: u64,
     own: &[(&Acting, LinkLaw)],
-) -> Vec<Piece> {
+) -> Vec<Transmission> {
     let said = half_second.and_then(|it| own.iter().try_fold(*it, |said, (acting, law)| say(said, acting, *law)));
     let Some(said) = said else { return Vec::new() };
-    let mut contents = carrier.plain(&said);
+    let mut contents = model.plain(&said);
     // Each would name the messages anew: the last one counts.
     let names = |law: &LinkLaw| matches!(law, LinkLaw::WrongIdentifier { .. });
     let name = own.iter().rposition(|(_, law)| names(law));
     let changing = own.iter().enumerate().filter(|(index, (_, law))| !names(law) || Some(*index) == name);
-    changing.for_each(|(_, (acting, law))| change(carrier, &mut contents, acting, *law));
-    let mut pieces: Vec<Piece> = contents.into_iter().map(|content| Piece::on_time(frame, content)).collect();
+    changing.for_each(|(_, (acting, law))| change(model, &mut contents, acting, *law));
+    let mut transmissions: Vec<Transmission> =
+        contents.into_iter().map(|content| Transmission::on_time(frame, content)).collect();
     let mut times = 1;
-    own.iter().for_each(|(acting, law)| send(carrier, &mut pieces, &mut times, acting, *law));
-    own.iter().for_each(|(acting, law)| lead(&mut pieces, acting, *law));
-    pieces
+    own.iter().for_each(|(acting, law)| send(model, &mut transmissions, &mut times, acting, *law));
+    own.iter().for_each(|(acting, law)| lead(&mut transmissions, acting, *law));
+    transmissions
 }
 
 /// What the half second says; nothing where it repeats one that there never was.
@@ -55,34 +56,34 @@ fn say(mut said: HalfSecond, acting: &Acting, law: LinkLaw) -> Option<HalfSecond
 }
 
 /// Its bytes.
-fn change(carrier: &Carrier, contents: &mut Vec<Content>, acting: &Acting, law: LinkLaw) {
-    match (law, carrier.form) {
+fn change(model: &LinkModel, contents: &mut Vec<WireData>, acting: &Acting, law: LinkLaw) {
+    match (law, model.encoding) {
         (LinkLaw::BitFlip { bits, is_after_crc }, _) => flip(contents, bits, is_after_crc, &mut draw(acting)),
         (LinkLaw::Truncate { bytes }, _) => contents.retain_mut(|content| {
             let kept = bytes_of(content).len().saturating_sub(bytes as usize);
             cut(content, kept);
             kept > 0
         }),
-        (LinkLaw::WrongLength { length }, Form::Serial { .. }) => {
+        (LinkLaw::WrongLength { length }, Encoding::Serial { .. }) => {
             each_frame(contents, |bytes| bytes[LENGTH_AT] = length as u8);
         }
-        (LinkLaw::WrongLength { length }, Form::Can(_)) => {
+        (LinkLaw::WrongLength { length }, Encoding::Can(_)) => {
             contents.iter_mut().for_each(|content| cut(content, (length as usize).min(8)));
         }
-        (LinkLaw::WrongIdentifier { identifier }, Form::Serial { .. }) => {
+        (LinkLaw::WrongIdentifier { identifier }, Encoding::Serial { .. }) => {
             each_frame(contents, |bytes| bytes[TYPE_AT] = identifier as u8);
         }
-        (LinkLaw::WrongIdentifier { identifier }, Form::Can(plan)) => {
+        (LinkLaw::WrongIdentifier { identifier }, Encoding::Can(plan)) => {
             for content in contents {
-                if let Content::Frame(frame) = content {
+                if let WireData::Frame(frame) = content {
                     let id = (identifier as u16).saturating_add(frame.id().saturating_sub(plan.base()));
                     *frame = CanFrame::new(id, frame.data()).unwrap_or(*frame);
                 }
             }
         }
-        (LinkLaw::BaudMismatch { baud }, Form::Serial { baud: own }) => {
+        (LinkLaw::BaudMismatch { baud }, Encoding::Serial { baud: own }) => {
             for content in contents {
-                if let Content::Bytes(bytes) = content {
+                if let WireData::Bytes(bytes) = content {
                     *bytes = baud::read_at(bytes, baud, f64::from(own));
                 }
             }
@@ -91,18 +92,18 @@ fn change(carrier: &Carrier, contents: &mut Vec<Content>, acting: &Acting, law: 
     }
 }
 
-fn bytes_of(content: &Content) -> &[u8] {
+fn bytes_of(content: &WireData) -> &[u8] {
     match content {
-        Content::Bytes(bytes) => bytes,
-        Content::Frame(frame) => frame.data(),
+        WireData::Bytes(bytes) => bytes,
+        WireData::Frame(frame) => frame.data(),
     }
 }
 
 /// Makes it so long, with zeros behind where it was shorter.
-fn cut(content: &mut Content, length: usize) {
+fn cut(content: &mut WireData, length: usize) {
     match content {
-        Content::Bytes(bytes) => bytes.truncate(length),
-        Content::Frame(frame) => {
+        WireData::Bytes(bytes) => bytes.truncate(length),
+        WireData::Frame(frame) => {
             let mut data = frame.data().to_vec();
             data.resize(length, 0);
             *frame = frame.with_data(&data).unwrap_or(*frame);
@@ -111,9 +112,9 @@ fn cut(content: &mut Content, length: usize) {
 }
 
 /// Changes the header of whole frames; their CRC is right again.
-fn each_frame(contents: &mut [Content], change: impl Fn(&mut [u8])) {
+fn each_frame(contents: &mut [WireData], change: impl Fn(&mut [u8])) {
     for content in contents {
-        if let Content::Bytes(bytes) = content
+        if let WireData::Bytes(bytes) = content
             && bytes.len() >= OVERHEAD
         {
             change(bytes);
@@ -123,8 +124,8 @@ fn each_frame(contents: &mut [Content], change: impl Fn(&mut [u8])) {
 }
 
 /// Flips bits anywhere in the data; before the CRC it is right again, after it the CRC may be hit too.
-fn flip(contents: &mut [Content], bits: u64, is_after_crc: bool, draw: &mut Stream) {
-    let is_serial = matches!(contents.first(), Some(Content::Bytes(_)));
+fn flip(contents: &mut [WireData], bits: u64, is_after_crc: bool, draw: &mut Stream) {
+    let is_serial = matches!(contents.first(), Some(WireData::Bytes(_)));
     // Places that may be hit: message and byte.
     let mut places = Vec::new();
     for (index, content) in contents.iter().enumerate() {
@@ -141,16 +142,16 @@ fn flip(contents: &mut [Content], bits: u64, is_after_crc: bool, draw: &mut Stre
         let mut data = bytes_of(&contents[index]).to_vec();
         data[byte] ^= 1 << bit;
         match &mut contents[index] {
-            Content::Bytes(bytes) => *bytes = data,
-            Content::Frame(frame) => *frame = frame.with_data(&data).unwrap_or(*frame),
+            WireData::Bytes(bytes) => *bytes = data,
+            WireData::Frame(frame) => *frame = frame.with_data(&data).unwrap_or(*frame),
         }
     }
     if is_after_crc {
         return;
     }
     match contents {
-        [Content::Bytes(bytes)] => serial::close(bytes),
-        [Content::Frame(increments), Content::Frame(status), ..] => {
+        [WireData::Bytes(bytes)] => serial::close(bytes),
+        [WireData::Frame(increments), WireData::Frame(status), ..] => {
             if let Ok(mut data) = <[u8; 8]>::try_from(status.data()) {
                 close_status(increments.data(), &mut data);
                 *status = status.with_data(&data).unwrap_or(*status);
@@ -160,68 +161,76 @@ fn flip(contents: &mut [Content], bits: u64, is_after_crc: bool, draw: &mut Stre
     }
 }
 
-/// How often and when. `times` is how often the half second is in `pieces`.
-fn send(carrier: &Carrier, pieces: &mut Vec<Piece>, times: &mut usize, acting: &Acting, law: LinkLaw) {
-    let late = |pieces: &mut Vec<Piece>, by_ns: i64| pieces.iter_mut().for_each(|piece| piece.after_ns += by_ns);
+/// How often and when. `times` is how often the half second is in `transmissions`.
+fn send(model: &LinkModel, transmissions: &mut Vec<Transmission>, times: &mut usize, acting: &Acting, law: LinkLaw) {
+    let late = |transmissions: &mut Vec<Transmission>, by_ns: i64| {
+        transmissions.iter_mut().for_each(|transmission| transmission.after_ns += by_ns)
+    };
     match law {
-        LinkLaw::Drop => pieces.clear(),
+        LinkLaw::Drop => transmissions.clear(),
         LinkLaw::Duplicate { copies } => {
-            let once = pieces[..pieces.len() / *times].to_vec();
+            let once = transmissions[..transmissions.len() / *times].to_vec();
             let room = (MOST_PIECES / once.len().max(1)).saturating_sub(*times);
             let copies = room.min(copies as usize);
-            (0..copies).for_each(|_| pieces.extend(once.iter().cloned()));
+            (0..copies).for_each(|_| transmissions.extend(once.iter().cloned()));
             *times += copies;
         }
-        LinkLaw::Delay { delay_s } => late(pieces, ns(delay_s)),
-        LinkLaw::Jitter { jitter_s } => late(pieces, ns(jitter_s * draw(acting).uniform())),
+        LinkLaw::Delay { delay_s } => late(transmissions, ns(delay_s)),
+        LinkLaw::Jitter { jitter_s } => late(transmissions, ns(jitter_s * draw(acting).uniform())),
         // Just behind the next.
         LinkLaw::Reorder if acting.elapsed.is_multiple_of(2) => {
-            pieces.iter_mut().for_each(|piece| (piece.frame, piece.after_ns) = (piece.frame + 1, piece.after_ns + 1));
+            transmissions.iter_mut().for_each(|transmission| {
+                (transmission.frame, transmission.after_ns) = (transmission.frame + 1, transmission.after_ns + 1)
+            });
         }
         LinkLaw::Merge { frames } => {
             let held = frames - 1 - acting.elapsed % frames;
-            pieces.iter_mut().for_each(|piece| piece.frame += held);
+            transmissions.iter_mut().for_each(|transmission| transmission.frame += held);
         }
-        LinkLaw::Split { byte, gap_s } => split(carrier, pieces, byte as usize, ns(gap_s)),
+        LinkLaw::Split { byte, gap_s } => split(model, transmissions, byte as usize, ns(gap_s)),
         _ => {}
     }
 }
 
-fn split(carrier: &Carrier, pieces: &mut Vec<Piece>, place: usize, gap_ns: i64) {
-    if matches!(carrier.form, Form::Can(_)) {
-        pieces.iter_mut().skip(place).for_each(|piece| piece.after_ns += gap_ns);
+fn split(model: &LinkModel, transmissions: &mut Vec<Transmission>, place: usize, gap_ns: i64) {
+    if matches!(model.encoding, Encoding::Can(_)) {
+        transmissions.iter_mut().skip(place).for_each(|transmission| transmission.after_ns += gap_ns);
         return;
     }
     // What is behind the gap, in a frame that has one already, comes that much later too.
     let mut behind_ns = 0;
-    let parts = pieces.drain(..).flat_map(|piece| {
-        let piece = Piece { after_ns: piece.after_ns + behind_ns, ..piece };
-        let goes_on = piece.goes_on;
-        let parts = match &piece.content {
-            Content::Bytes(bytes) if bytes.len() > place => {
+    let parts = transmissions.drain(..).flat_map(|transmission| {
+        let transmission = Transmission { after_ns: transmission.after_ns + behind_ns, ..transmission };
+        let more_fragments = transmission.more_fragments;
+        let parts = match &transmission.content {
+            WireData::Bytes(bytes) if bytes.len() > place => {
                 let (head, tail) = bytes.split_at(place);
                 behind_ns += gap_ns;
-                let part = |bytes: &[u8], after_ns, goes_on| Piece {
+                let part = |bytes: &[u8], after_ns, more_fragments| Transmission {
                     after_ns,
-                    content: Content::Bytes(bytes.to_vec()),
-                    goes_on,
-                    ..piece
+                    content: WireData::Bytes(bytes.to_vec()),
+                    more_fragments,
+                    ..transmission
                 };
-                vec![part(head, piece.after_ns, true), part(tail, piece.after_ns + gap_ns, goes_on)]
+                vec![
+                    part(head, transmission.after_ns, true),
+                    part(tail, transmission.after_ns + gap_ns, more_fragments),
+                ]
             }
-            _ => vec![piece],
+            _ => vec![transmission],
         };
-        if !goes_on {
+        if !more_fragments {
             behind_ns = 0;
         }
         parts
     });
-    *pieces = parts.collect();
+    *transmissions = parts.collect();
 }
 
 /// What stands before the half second, in the same go; before none where none is sent.
-fn lead(pieces: &mut [Piece], acting: &Acting, law: LinkLaw) {
-    if let (LinkLaw::ExtraBytes { bytes }, Some(Piece { content: Content::Bytes(own), .. })) = (law, pieces.first_mut())
+fn lead(transmissions: &mut [Transmission], acting: &Acting, law: LinkLaw) {
+    if let (LinkLaw::ExtraBytes { bytes }, Some(Transmission { content: WireData::Bytes(own), .. })) =
+        (law, transmissions.first_mut())
     {
         let mut draw = draw(acting);
         let extra: Vec<u8> = (0..bytes).map(|_| draw.bits() as u8).collect();
@@ -230,32 +239,37 @@ fn lead(pieces: &mut [Piece], acting: &Acting, law: LinkLaw) {
 }
 
 /// What else is on the link, whether a half second is sent or not.
-pub(super) fn add_noise(carrier: &Carrier, pieces: &mut Vec<Piece>, frame: u64, own: &[(&Acting, LinkLaw)]) {
+pub(super) fn add_noise(
+    model: &LinkModel,
+    transmissions: &mut Vec<Transmission>,
+    frame: u64,
+    own: &[(&Acting, LinkLaw)],
+) {
     for (acting, law) in own {
         if let LinkLaw::Babble { amount } = *law {
-            babble(carrier, pieces, frame, &mut draw(acting), amount);
+            babble(model, transmissions, frame, &mut draw(acting), amount);
         }
     }
 }
 
-fn babble(carrier: &Carrier, pieces: &mut Vec<Piece>, frame: u64, draw: &mut Stream, amount: u64) {
+fn babble(model: &LinkModel, transmissions: &mut Vec<Transmission>, frame: u64, draw: &mut Stream, amount: u64) {
     let mut nonsense = |count: u64| -> Vec<u8> { (0..count).map(|_| draw.bits() as u8).collect() };
     for portion in 0..amount.min(PORTIONS) {
         let count = (portion + 1) * amount / PORTIONS.min(amount) - portion * amount / PORTIONS.min(amount);
         let after_ns = (2 * portion as i64 + 1) * HALF_SECOND_NS / (2 * amount.min(PORTIONS) as i64);
-        let contents = match carrier.form {
-            Form::Serial { .. } => vec![Content::Bytes(nonsense(count))],
-            Form::Can(_) => (0..count)
+        let contents = match model.encoding {
+            Encoding::Serial { .. } => vec![WireData::Bytes(nonsense(count))],
+            Encoding::Can(_) => (0..count)
                 .filter_map(|_| {
                     let bytes = nonsense(11);
                     let id = u16::from_be_bytes([bytes[0], bytes[1]]) & 0x7FF;
-                    CanFrame::new(id, &bytes[3..3 + usize::from(bytes[2] % 9)]).map(Content::Frame)
+                    CanFrame::new(id, &bytes[3..3 + usize::from(bytes[2] % 9)]).map(WireData::Frame)
                 })
                 .collect(),
         };
-        let room = MOST_PIECES.saturating_sub(pieces.len());
+        let room = MOST_PIECES.saturating_sub(transmissions.len());
         let noise = contents.into_iter().take(room);
-        pieces.extend(noise.map(|content| Piece { after_ns, ..Piece::on_time(frame, content) }));
+        transmissions.extend(noise.map(|content| Transmission { after_ns, ..Transmission::on_time(frame, content) }));
     }
 }
 
@@ -272,28 +286,28 @@ mod tests {
 
     use super::*;
 
-    fn carrier(kind: LinkKind) -> Carrier {
+    fn model(kind: LinkKind) -> LinkModel {
         match kind {
-            LinkKind::Can => Carrier::can(CanPlan::default()),
-            kind => Carrier::serial(kind),
+            LinkKind::Can => LinkModel::can(CanPlan::default()),
+            kind => LinkModel::serial(kind),
         }
     }
 
     /// What a link carries in each of 20 half seconds with a fault of it in 8 to 15, and what it would carry.
-    fn carried(kind: LinkKind, keys: &str) -> Vec<(Vec<Content>, Vec<Piece>)> {
+    fn carried(kind: LinkKind, keys: &str) -> Vec<(Vec<WireData>, Vec<Transmission>)> {
         planned(kind, &format!("[[fault]]\nlink = \"{}\"\nat_s = 4.0\nfor_s = 4.0\n{keys}", kind.name()))
     }
 
     /// The same with any plan.
-    fn planned(kind: LinkKind, plan: &str) -> Vec<(Vec<Content>, Vec<Piece>)> {
+    fn planned(kind: LinkKind, plan: &str) -> Vec<(Vec<WireData>, Vec<Transmission>)> {
         let mut configuration = Configuration::reference();
         configuration.add_plan("plan", plan).unwrap_or_else(|error| panic!("{error}"));
-        let (mut unit, carrier) = (Unit::new(&configuration), carrier(kind));
+        let (mut unit, model) = (Unit::new(&configuration), model(kind));
         let half_seconds = (0..20).map(|frame| {
             let ended = unit.end_half_second();
             let acting = unit.injected().map(|injected| injected.acting.clone()).unwrap_or_default();
             let sent = Some(&ended.half_second).filter(|_| ended.cyclic);
-            (carrier.plain(&ended.half_second), carrier.carry(sent, frame, &acting))
+            (model.plain(&ended.half_second), model.carry(sent, frame, &acting))
         });
         half_seconds.collect()
     }
@@ -318,8 +332,10 @@ mod tests {
                 assert_eq!(all, again, "{} on {}", spec.code, kind.name());
                 let mut touched = 0;
                 for (frame, (before, after)) in all.iter().enumerate() {
-                    let on_time = after.iter().all(|piece| (piece.frame, piece.after_ns) == (frame as u64, 0));
-                    let same = on_time && after.iter().map(|piece| &piece.content).eq(before);
+                    let on_time = after
+                        .iter()
+                        .all(|transmission| (transmission.frame, transmission.after_ns) == (frame as u64, 0));
+                    let same = on_time && after.iter().map(|transmission| &transmission.content).eq(before);
                     assert!(same || (8..16).contains(&frame), "{} on {} at {frame}", spec.code, kind.name());
                     touched += usize::from(!same);
                 }
@@ -332,7 +348,7 @@ mod tests {
     fn found(keys: &str) -> BTreeMap<&'static str, usize> {
         let bytes: Vec<u8> = carried(LinkKind::Pty, keys)[8..16]
             .iter()
-            .flat_map(|(_, after)| after.iter().flat_map(|piece| bytes_of(&piece.content).to_vec()))
+            .flat_map(|(_, after)| after.iter().flat_map(|transmission| bytes_of(&transmission.content).to_vec()))
             .collect();
         let mut counts = BTreeMap::new();
         let mut deframer = Deframer::default();
@@ -370,13 +386,15 @@ mod tests {
     fn reordered_and_merged_half_seconds_leave_in_the_order_that_is_meant() {
         let released = |keys: &str| {
             let all = carried(LinkKind::Tcp, keys);
-            let mut pieces: Vec<(u64, i64, usize)> = all[8..16]
+            let mut transmissions: Vec<(u64, i64, usize)> = all[8..16]
                 .iter()
                 .enumerate()
-                .flat_map(|(index, (_, after))| after.iter().map(move |piece| (piece.frame, piece.after_ns, index)))
+                .flat_map(|(index, (_, after))| {
+                    after.iter().map(move |transmission| (transmission.frame, transmission.after_ns, index))
+                })
                 .collect();
-            pieces.sort_unstable();
-            pieces.into_iter().map(|(frame, _, index)| (frame, index)).collect::<Vec<_>>()
+            transmissions.sort_unstable();
+            transmissions.into_iter().map(|(frame, _, index)| (frame, index)).collect::<Vec<_>>()
         };
         let swapped = [(9, 1), (9, 0), (11, 3), (11, 2), (13, 5), (13, 4), (15, 7), (15, 6)];
         assert_eq!(released("fault = \"reorder\""), swapped);
@@ -389,7 +407,7 @@ mod tests {
         for (place, is_believed) in [("before", true), ("after", false)] {
             let all = carried(LinkKind::Can, &format!("fault = \"bit-flip\"\nbits = 40\ncrc = \"{place}\""));
             for (_, after) in &all[8..16] {
-                let [Content::Frame(increments), Content::Frame(status), _] =
+                let [WireData::Frame(increments), WireData::Frame(status), _] =
                     [0, 1, 2].map(|index| after[index].content.clone())
                 else {
                     panic!("three frames")
@@ -407,14 +425,14 @@ mod tests {
         assert!(pairs.clone().count() >= 3);
         for (spec, kind) in pairs {
             for (before, after) in planned(kind, &format!("[[fault]]\n{}", keys(spec))) {
-                let plain: Vec<Content> = after.into_iter().map(|piece| piece.content).collect();
+                let plain: Vec<WireData> = after.into_iter().map(|transmission| transmission.content).collect();
                 assert_eq!(plain, before, "{} on {}", spec.code, kind.name());
             }
         }
         let mut configuration = Configuration::reference();
         configuration.add_plan("plan", "[[fault]]\nfault = \"baud-mismatch\"\nbaud = 9600.0").expect("a plan");
         let unit = Unit::new(&configuration);
-        let touching = |kind| carrier(kind).touching(unit.faults().acting()).len();
+        let touching = |kind| model(kind).touching(unit.faults().acting()).len();
         assert_eq!(LinkKind::ALL.map(touching), [1, 1, 0, 0]);
     }
 
@@ -434,9 +452,9 @@ mod tests {
             format!("[[fault]]\nlink = \"can\"\nfault = \"wrong-identifier\"\nidentifier = {identifier}\n")
         };
         let all = planned(LinkKind::Can, &(fault(2045) + &fault(2045) + &fault(0x700)));
-        let ids = all[3].1.iter().map(|piece| match &piece.content {
-            Content::Frame(frame) => frame.id(),
-            Content::Bytes(_) => panic!("a frame"),
+        let ids = all[3].1.iter().map(|transmission| match &transmission.content {
+            WireData::Frame(frame) => frame.id(),
+            WireData::Bytes(_) => panic!("a frame"),
         });
         assert_eq!(ids.collect::<Vec<_>>(), [0x700, 0x701, 0x702]);
     }
@@ -464,12 +482,12 @@ mod tests {
         let unit = Unit::new(&configuration);
         let (half_second, acting) = (HalfSecond::default(), unit.faults().acting());
         for kind in LinkKind::ALL {
-            let carrier = carrier(kind);
+            let model = model(kind);
             let reply = geu_protocol::Reply::new(3, geu_protocol::Outcome::Done, &[]);
-            let polled = carrier.polled(&half_second, &reply, acting);
-            let contents: Vec<Content> = polled.into_iter().map(|piece| piece.content).collect();
-            assert_eq!(contents, carrier.plain(&half_second));
-            assert!(carrier.carry(None, 0, acting).len() >= 16, "it is on the link all the same");
+            let polled = model.polled(&half_second, &reply, acting);
+            let contents: Vec<WireData> = polled.into_iter().map(|transmission| transmission.content).collect();
+            assert_eq!(contents, model.plain(&half_second));
+            assert!(model.carry(None, 0, acting).len() >= 16, "it is on the link all the same");
         }
     }
 
@@ -478,7 +496,8 @@ mod tests {
         let split =
             |byte, gap_s| format!("[[fault]]\nlink = \"tcp\"\nfault = \"split\"\nbyte = {byte}\ngap_s = {gap_s:?}\n");
         let all = planned(LinkKind::Tcp, &(split(10, 0.125) + &split(4, 0.25) + "[[fault]]\nfault = \"duplicate\"\n"));
-        let parts: Vec<_> = all[3].1.iter().map(|it| (bytes_of(&it.content).len(), it.after_ns, it.goes_on)).collect();
+        let parts: Vec<_> =
+            all[3].1.iter().map(|it| (bytes_of(&it.content).len(), it.after_ns, it.more_fragments)).collect();
         let once = [(4, 0, true), (6, 250_000_000, true), (4, 375_000_000, true), (14, 625_000_000, false)];
         assert_eq!(parts, [once, once].concat());
     }

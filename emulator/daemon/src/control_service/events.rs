@@ -1,4 +1,4 @@
-//! What the desk tells the bench: handed over without waiting, made into JSON by whoever shows it.
+//! Events for the control interface: handed over without waiting, made into JSON on the publisher thread.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 
 use super::history::{Historian, Sample};
 use crate::fault_log;
-use crate::record::Event;
+use crate::recorder::UnitEvent;
 
 /// A run faster than real shows a half second so often at most.
 const PACE: Duration = Duration::from_millis(50);
@@ -24,16 +24,16 @@ pub(super) const COMMAND: &str = "command";
 const FEW: u64 = 4;
 
 /// Something to be shown.
-pub(super) enum Told {
-    HalfSecond(HalfSecond),
+pub(super) enum ServiceEvent {
+    HalfSecond(SampleEvent),
     /// An event of the half second that runs.
-    Event(u64, Event),
+    Event(u64, UnitEvent),
     /// How many more commands came in that half second.
     Commands(u64, u64),
 }
 
 /// A half second that ended, with the truth behind it.
-pub(super) struct HalfSecond {
+pub(super) struct SampleEvent {
     pub ended: Ended,
     pub true_arcsec: [f64; 4],
     /// Increments less true rotation, of every half second until the end of this one.
@@ -43,9 +43,9 @@ pub(super) struct HalfSecond {
     pub injected: Option<Arc<Injected>>,
 }
 
-/// The end that the desk tells.
-pub(crate) struct Teller {
-    sender: SyncSender<Told>,
+/// The end that the unit tells.
+pub(crate) struct EventPublisher {
+    sender: SyncSender<ServiceEvent>,
     lost: Arc<AtomicU64>,
     historian: Historian,
     half_seconds: u64,
@@ -55,18 +55,26 @@ pub(crate) struct Teller {
     shown: Option<Instant>,
 }
 
-impl Teller {
+impl EventPublisher {
     /// Tells `sender`, and counts what finds no room there.
-    pub(super) fn new(sender: SyncSender<Told>, lost: Arc<AtomicU64>, historian: Historian) -> Teller {
-        Teller { sender, lost, historian, half_seconds: 0, departure_arcsec: [0.0; 4], commands: 0, shown: None }
+    pub(super) fn new(sender: SyncSender<ServiceEvent>, lost: Arc<AtomicU64>, historian: Historian) -> EventPublisher {
+        EventPublisher {
+            sender,
+            lost,
+            historian,
+            half_seconds: 0,
+            departure_arcsec: [0.0; 4],
+            commands: 0,
+            shown: None,
+        }
     }
 
     /// Tells what happened, and never waits.
-    pub fn tell(&mut self, event: &Event, motion: &Motion) {
+    pub fn tell(&mut self, event: &UnitEvent, motion: &Motion) {
         let told = match event {
-            Event::HalfSecond(ended, traces, injected) => {
+            UnitEvent::HalfSecond(ended, traces, injected) => {
                 if let Some(more @ 1..) = std::mem::take(&mut self.commands).checked_sub(FEW) {
-                    self.send(Told::Commands(self.half_seconds, more));
+                    self.send(ServiceEvent::Commands(self.half_seconds, more));
                 }
                 self.half_seconds += 1;
                 let told = ended.half_second.increments.into_iter().zip(traces.iter());
@@ -85,7 +93,7 @@ impl Teller {
                     return;
                 }
                 self.shown = Some(Instant::now());
-                Told::HalfSecond(HalfSecond {
+                ServiceEvent::HalfSecond(SampleEvent {
                     ended: *ended,
                     true_arcsec: traces.each_ref().map(|trace| trace.true_arcsec),
                     departure_arcsec: self.departure_arcsec,
@@ -94,20 +102,20 @@ impl Teller {
                     injected: injected.clone(),
                 })
             }
-            Event::Polled { .. } => return,
-            Event::Command { .. } if self.commands >= FEW => {
+            UnitEvent::Polled { .. } => return,
+            UnitEvent::Command { .. } if self.commands >= FEW => {
                 self.commands += 1;
                 return;
             }
             event => {
-                self.commands += u64::from(matches!(event, Event::Command { .. }));
-                Told::Event(self.half_seconds, event.clone())
+                self.commands += u64::from(matches!(event, UnitEvent::Command { .. }));
+                ServiceEvent::Event(self.half_seconds, event.clone())
             }
         };
         self.send(told);
     }
 
-    fn send(&self, told: Told) {
+    fn send(&self, told: ServiceEvent) {
         if self.sender.try_send(told).is_err() {
             self.lost.fetch_add(1, Relaxed);
         }
@@ -125,18 +133,20 @@ pub(super) fn more_commands(frame: u64, count: u64) -> Value {
 }
 
 /// An event as a line of the timeline; nothing for what is shown otherwise. `frame` is the half second that runs.
-pub(super) fn line(frame: u64, event: &Event) -> Option<Value> {
+pub(super) fn line(frame: u64, event: &UnitEvent) -> Option<Value> {
     let line = |t_s: f64, kind: &str, text: String| Some(json!({ "t_s": t_s, "kind": kind, "text": text }));
     let now_s = on_board_s(frame);
     match event {
-        Event::HalfSecond(..) | Event::Polled { .. } => None,
-        Event::Command { link, payload, .. } => {
+        UnitEvent::HalfSecond(..) | UnitEvent::Polled { .. } => None,
+        UnitEvent::Command { link, payload, .. } => {
             let name = payload.first().and_then(|opcode| COMMANDS.iter().find(|spec| spec.opcode == *opcode));
             let (name, bytes) = (name.map_or("unknown command", |spec| spec.name), command::hex(payload));
             line(now_s, COMMAND, format!("{name} ({bytes}) over {link}"))
         }
-        Event::Missed { .. } => line(now_s, "missed", "a half second was not sent: the process was held up".to_owned()),
-        Event::Happened(happening) => {
+        UnitEvent::Missed { .. } => {
+            line(now_s, "missed", "a half second was not sent: the process was held up".to_owned())
+        }
+        UnitEvent::Happened(happening) => {
             let mut told = fault_log::told(frame, happening);
             let (kind, text) = match told["what"].as_str() {
                 Some("start") => ("fault-start", format!("{} acts: {}", text(&told, "id"), text(&told, "fault"))),
@@ -152,12 +162,12 @@ pub(super) fn line(frame: u64, event: &Event) -> Option<Value> {
             (told["kind"], told["text"]) = (json!(kind), json!(text));
             Some(told)
         }
-        Event::Injected(fault) => Some(json!({
+        UnitEvent::Injected(fault) => Some(json!({
             "t_s": now_s, "kind": "injected", "id": fault.id, "keys": fault_log::keys(fault),
             "text": format!("{} injected: {}", fault.id, fault.action.name()),
         })),
-        Event::StartedByHand { id, at_s } => line(*at_s, "injected", format!("{id} started by hand")),
-        Event::Cleared { id, until_s } => line(*until_s, "cleared", format!("{id} cleared")),
+        UnitEvent::StartedByHand { id, at_s } => line(*at_s, "injected", format!("{id} started by hand")),
+        UnitEvent::Cleared { id, until_s } => line(*until_s, "cleared", format!("{id} cleared")),
     }
 }
 

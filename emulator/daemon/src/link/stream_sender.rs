@@ -20,9 +20,9 @@ use tokio::io::unix::AsyncFd;
 use tokio::sync::Notify;
 use tokio::time::timeout;
 
-use super::{LATE_ANSWERS, Sending, Tally, Watched, stream};
+use super::{LATE_ANSWERS, LinkStatistics, Sending, Watched, stream};
 use crate::cadence::now_ns;
-use crate::carriage::{Outbox, Piece};
+use crate::link_model::{Transmission, TransmitQueue};
 use crate::patience::Patience;
 
 /// Bytes of half seconds that may wait when another is offered: less than two.
@@ -43,7 +43,7 @@ const LOOK_AGAIN: Duration = Duration::from_micros(100);
 pub(super) type Port = Arc<OwnedFd>;
 
 /// The sending side of a byte stream.
-pub(super) struct Line {
+pub(super) struct StreamSender {
     state: Mutex<State>,
     /// Bytes wait for the pump, or the port was closed.
     wake: Notify,
@@ -51,7 +51,7 @@ pub(super) struct Line {
     left: Notify,
     /// Answers wait for their time.
     later: Notify,
-    tally: Arc<Tally>,
+    statistics: Arc<LinkStatistics>,
 }
 
 struct State {
@@ -69,7 +69,7 @@ struct State {
     /// The beginning of a half second was dropped, so its rest is too.
     is_dropping: bool,
     /// Answers whose time has not come, by the wall clock.
-    answers: Outbox,
+    answers: TransmitQueue,
     /// Bytes written so far.
     written: u64,
     /// Time of a byte on the line, ns; 0 where the device or the network paces.
@@ -80,7 +80,7 @@ struct State {
     is_stalled: bool,
     /// The client does not read its replies.
     drops_replies: bool,
-    tally: Arc<Tally>,
+    statistics: Arc<LinkStatistics>,
 }
 
 /// Bytes to be sent.
@@ -89,7 +89,7 @@ struct Taken {
     /// Whether they are of an answer, not of a half second that is sent by itself.
     is_reply: bool,
     /// Whether they end within a frame.
-    goes_on: bool,
+    more_fragments: bool,
 }
 
 /// What the pump has to wait for.
@@ -149,14 +149,14 @@ impl State {
     fn take(&mut self, taken: Taken) -> Next {
         self.waiting.push(taken);
         while let Some(place) = self.waiting.iter().position(|it| self.begun.is_none_or(|begun| begun == it.is_reply)) {
-            let Taken { bytes, is_reply, goes_on } = self.waiting.remove(place);
+            let Taken { bytes, is_reply, more_fragments } = self.waiting.remove(place);
             if self.pending.is_empty() {
                 self.free_ns = self.free_ns.max(now_ns());
             }
             self.pending.extend_from_slice(&bytes);
             self.frames.push_back((bytes.len(), is_reply));
             self.replies += if is_reply { bytes.len() } else { 0 };
-            self.begun = goes_on.then_some(is_reply);
+            self.begun = more_fragments.then_some(is_reply);
         }
         self.write()
     }
@@ -177,8 +177,8 @@ impl State {
     }
 
     /// Drops bytes of a half second; the rest of the frame with which they end must not come alone.
-    fn drop_data(&mut self, goes_on: bool) -> Sending {
-        self.is_dropping = goes_on;
+    fn drop_data(&mut self, more_fragments: bool) -> Sending {
+        self.is_dropping = more_fragments;
         Sending::Dropped
     }
 
@@ -192,7 +192,7 @@ impl State {
         let replies = self.frames.iter().filter(|(_, is_reply)| *is_reply).count()
             + self.waiting.iter().filter(|taken| taken.is_reply).count()
             + self.answers.len();
-        self.tally.unread_replies.fetch_add(replies as u64, Relaxed);
+        self.statistics.unread_replies.fetch_add(replies as u64, Relaxed);
         self.pending.clear();
         self.frames.clear();
         self.replies = 0;
@@ -200,12 +200,12 @@ impl State {
         self.waiting.clear();
         self.is_dropping = false;
         self.drops_replies = false;
-        self.answers = Outbox::default();
+        self.answers = TransmitQueue::default();
     }
 }
 
-impl Line {
-    pub fn new(port: Option<Port>, byte_ns: f64, tally: Arc<Tally>) -> Line {
+impl StreamSender {
+    pub fn new(port: Option<Port>, byte_ns: f64, statistics: Arc<LinkStatistics>) -> StreamSender {
         let state = State {
             port,
             pending: Vec::new(),
@@ -219,10 +219,16 @@ impl Line {
             begun: None,
             waiting: Vec::new(),
             is_dropping: false,
-            answers: Outbox::default(),
-            tally: tally.clone(),
+            answers: TransmitQueue::default(),
+            statistics: statistics.clone(),
         };
-        Line { state: Mutex::new(state), wake: Notify::new(), left: Notify::new(), later: Notify::new(), tally }
+        StreamSender {
+            state: Mutex::new(state),
+            wake: Notify::new(),
+            left: Notify::new(),
+            later: Notify::new(),
+            statistics,
+        }
     }
 
     fn lock(&self) -> MutexGuard<'_, State> {
@@ -259,12 +265,12 @@ impl Line {
     }
 
     /// Drops bytes of a half second that have no room elsewhere.
-    pub fn drop_data(&self, goes_on: bool) -> Sending {
-        self.lock().drop_data(goes_on)
+    pub fn drop_data(&self, more_fragments: bool) -> Sending {
+        self.lock().drop_data(more_fragments)
     }
 
     /// Sends a half second, whole or not at all.
-    pub fn send(&self, bytes: &[u8], goes_on: bool, patience: &Patience) -> Sending {
+    pub fn send(&self, bytes: &[u8], more_fragments: bool, patience: &Patience) -> Sending {
         let asked = Instant::now();
         loop {
             let mut state = self.lock();
@@ -275,10 +281,10 @@ impl Line {
                 return Sending::Unread;
             }
             if state.is_dropping {
-                return state.drop_data(goes_on);
+                return state.drop_data(more_fragments);
             }
             if state.has_data_room(bytes.len()) {
-                let next = state.take(Taken { bytes: bytes.to_vec(), is_reply: false, goes_on });
+                let next = state.take(Taken { bytes: bytes.to_vec(), is_reply: false, more_fragments });
                 self.tell_room(state);
                 return match next {
                     Next::Closed => {
@@ -294,7 +300,7 @@ impl Line {
             }
             if state.is_stalled || patience.is_over(asked) {
                 state.is_stalled = !patience.is_none();
-                return state.drop_data(goes_on);
+                return state.drop_data(more_fragments);
             }
             drop(state);
             thread::sleep(LOOK_AGAIN);
@@ -327,20 +333,20 @@ impl Line {
         }
     }
 
-    /// Takes the answer to a command in, each piece so long, on the wall clock, after now, or drops it where there is no
-    /// room; [`Line::reply_room`] comes first.
-    pub fn answer(&self, pieces: &[Piece]) {
+    /// Takes the answer to a command in, each transmission so long, on the wall clock, after now, or drops it where there is no
+    /// room; [`StreamSender::reply_room`] comes first.
+    pub fn answer(&self, transmissions: &[Transmission]) {
         let mut state = self.lock();
-        if state.port.is_none() || pieces.is_empty() {
+        if state.port.is_none() || transmissions.is_empty() {
             return;
         }
         if state.drops_replies || state.answers.len() >= LATE_ANSWERS {
-            self.tally.unread_replies.fetch_add(1, Relaxed);
+            self.statistics.unread_replies.fetch_add(1, Relaxed);
             return;
         }
-        state.answers.put(pieces, 0, now_ns());
+        state.answers.put(transmissions, 0, now_ns());
         drop(state);
-        self.tally.replies.fetch_add(1, Relaxed);
+        self.statistics.replies.fetch_add(1, Relaxed);
         if self.send_answers(now_ns()).is_some() {
             self.later.notify_one();
         }
@@ -350,8 +356,8 @@ impl Line {
     pub fn send_answers(&self, until_ns: i64) -> Option<i64> {
         let mut state = self.lock();
         while let Some((_, contents)) = state.answers.take(until_ns) {
-            let goes_on = state.answers.is_within_frame();
-            state.take(Taken { bytes: stream(&contents), is_reply: true, goes_on });
+            let more_fragments = state.answers.is_within_frame();
+            state.take(Taken { bytes: stream(&contents), is_reply: true, more_fragments });
         }
         let next_ns = state.answers.next_ns();
         self.tell_room(state);

@@ -9,42 +9,42 @@ use geu_model::fault::catalogue::LinkKind;
 use geu_model::units::{RAD_PER_DEG, on_board_s};
 use serde_json::{Value, json};
 
-use super::told::{HalfSecond, end_s};
-use crate::carriage::{Carrier, Content, Form};
+use super::events::{SampleEvent, end_s};
 use crate::control;
-use crate::desk::Desk;
-use crate::link::Tally;
-use crate::run::Timing;
+use crate::link::LinkStatistics;
+use crate::link_model::{Encoding, LinkModel, WireData};
+use crate::run::CadenceMonitor;
+use crate::shared_unit::SharedUnit;
 
 /// What is known once the links are open.
-pub(super) struct Known {
-    pub desk: Arc<Desk>,
-    links: Vec<(LinkKind, Arc<Tally>)>,
+pub(super) struct StatusSource {
+    pub unit: Arc<SharedUnit>,
+    links: Vec<(LinkKind, Arc<LinkStatistics>)>,
     /// Kind of link that a recording is of.
     recorded: Option<LinkKind>,
-    timing: Arc<Timing>,
-    serial: Carrier,
-    can: Carrier,
+    monitor: Arc<CadenceMonitor>,
+    serial: LinkModel,
+    can: LinkModel,
 }
 
-impl Known {
+impl StatusSource {
     pub fn new(
-        desk: &Arc<Desk>,
-        links: &[(Carrier, Arc<Tally>)],
+        unit: &Arc<SharedUnit>,
+        links: &[(LinkModel, Arc<LinkStatistics>)],
         recorded: Option<LinkKind>,
-        timing: &Arc<Timing>,
-    ) -> Known {
+        monitor: &Arc<CadenceMonitor>,
+    ) -> StatusSource {
         let of = |is_can: bool| {
-            let mut carriers = links.iter().map(|(carrier, _)| carrier);
-            carriers.find(|carrier| matches!(carrier.form, Form::Can(_)) == is_can).cloned()
+            let mut models = links.iter().map(|(model, _)| model);
+            models.find(|model| matches!(model.encoding, Encoding::Can(_)) == is_can).cloned()
         };
-        Known {
-            desk: desk.clone(),
-            serial: of(false).unwrap_or(Carrier::serial(LinkKind::Pty)),
-            can: of(true).unwrap_or(Carrier::can(geu_protocol::CanPlan::default())),
-            links: links.iter().map(|(carrier, tally)| (carrier.kind, tally.clone())).collect(),
+        StatusSource {
+            unit: unit.clone(),
+            serial: of(false).unwrap_or(LinkModel::serial(LinkKind::Pty)),
+            can: of(true).unwrap_or(LinkModel::can(geu_protocol::CanPlan::default())),
+            links: links.iter().map(|(model, statistics)| (model.kind, statistics.clone())).collect(),
             recorded,
-            timing: timing.clone(),
+            monitor: monitor.clone(),
         }
     }
 
@@ -58,24 +58,24 @@ impl Known {
         [self.open(), self.recorded.into_iter().collect()].concat()
     }
 
-    pub fn half_second(&self, told: &HalfSecond) -> Value {
-        let HalfSecond { ended, true_arcsec, departure_arcsec, now, knows_sun, injected } = told;
+    pub fn half_second(&self, told: &SampleEvent) -> Value {
+        let SampleEvent { ended, true_arcsec, departure_arcsec, now, knows_sun, injected } = told;
         let half_second = &ended.half_second;
         let acting = injected.as_ref().map_or(&[][..], |injected| &injected.acting);
-        let carried = |carrier: &Carrier| -> Vec<Content> {
-            let pieces = carrier.carry(Some(half_second).filter(|_| ended.cyclic || is_polled(ended)), 0, acting);
-            pieces
+        let carried = |model: &LinkModel| -> Vec<WireData> {
+            let transmissions = model.carry(Some(half_second).filter(|_| ended.cyclic || is_polled(ended)), 0, acting);
+            transmissions
                 .into_iter()
-                .filter(|piece| (piece.frame, piece.after_ns) == (0, 0))
-                .map(|piece| piece.content)
+                .filter(|transmission| (transmission.frame, transmission.after_ns) == (0, 0))
+                .map(|transmission| transmission.content)
                 .collect()
         };
         let angle = |rad: f64| if *knows_sun { json!(rad / RAD_PER_DEG) } else { Value::Null };
-        let counts = self.timing.counts();
+        let counts = self.monitor.counts();
         let us = |ns: u64| ns as f64 * 1e-3;
         let more = json!({
             "t_s": end_s(ended),
-            "half_second": self.desk.running().0,
+            "half_second": self.unit.running().0,
             "true_arcsec": true_arcsec,
             "departure_arcsec": departure_arcsec,
             "rate_arcsec_s": now.rate_control_arcsec_s,
@@ -83,8 +83,8 @@ impl Known {
             "psi_deg": angle(now.psi_rad),
             "cyclic": ended.cyclic,
             "wire": {
-                "serial": carried(&self.serial).iter().map(Content::to_string).collect::<String>(),
-                "can": carried(&self.can).iter().map(Content::to_string).collect::<Vec<_>>(),
+                "serial": carried(&self.serial).iter().map(WireData::to_string).collect::<String>(),
+                "can": carried(&self.can).iter().map(WireData::to_string).collect::<Vec<_>>(),
             },
             "links": self.links(),
             "lateness": {
@@ -103,11 +103,11 @@ impl Known {
     }
 
     pub fn links(&self) -> Value {
-        let link = |(kind, tally): &(LinkKind, Arc<Tally>)| {
+        let link = |(kind, statistics): &(LinkKind, Arc<LinkStatistics>)| {
             json!({
-                "name": tally.name, "kind": kind.name(), "clients": tally.clients.load(Relaxed),
-                "sent": tally.sent.load(Relaxed), "dropped": tally.dropped.load(Relaxed),
-                "replies": tally.replies.load(Relaxed), "unread": tally.unread.load(Relaxed),
+                "name": statistics.name, "kind": kind.name(), "clients": statistics.clients.load(Relaxed),
+                "sent": statistics.sent.load(Relaxed), "dropped": statistics.dropped.load(Relaxed),
+                "replies": statistics.replies.load(Relaxed), "unread": statistics.unread.load(Relaxed),
             })
         };
         self.links.iter().map(link).collect()
@@ -115,13 +115,13 @@ impl Known {
 
     /// Every fault.
     pub fn faults(&self) -> Value {
-        let now_s = on_board_s(self.desk.running().0);
-        self.desk.faults().planned.iter().map(|planned| stands(planned, now_s)).collect()
+        let now_s = on_board_s(self.unit.running().0);
+        self.unit.faults().planned.iter().map(|planned| stands(planned, now_s)).collect()
     }
 
     /// Those that act, or still may.
     pub fn faults_now(&self) -> Value {
-        let (now_s, planned) = self.desk.faults_now();
+        let (now_s, planned) = self.unit.faults_now();
         planned.iter().map(|planned| stands(planned, now_s)).collect()
     }
 }

@@ -1,4 +1,4 @@
-//! The bench without the control interface: a desk whose half seconds end when a test says so.
+//! The bench without the control interface: a unit whose half seconds end when a test says so.
 
 use std::time::{Duration, Instant};
 
@@ -8,11 +8,11 @@ use geu_model::{Configuration, Truth};
 use super::*;
 use crate::cadence::Speed;
 
-/// A bench, its desk, and the thread that shows.
+/// A bench, its unit, and the thread that shows.
 struct Room {
-    bench: LiveBench,
-    desk: Arc<Desk>,
-    _shower: Shower,
+    bench: ControlService,
+    unit: Arc<SharedUnit>,
+    _shower: PublisherThread,
 }
 
 fn room() -> Room {
@@ -20,18 +20,18 @@ fn room() -> Room {
 }
 
 fn room_on(truth: &Truth) -> Room {
-    let (bench, teller, shower) = LiveBench::start().expect("a thread");
-    let desk = Desk::new(&Configuration::reference(), truth, Speed::Max, None, Some(teller));
-    let desk = Arc::new(desk);
-    bench.know(&desk, &[], None, &Arc::default());
-    Room { bench, desk, _shower: shower }
+    let (bench, event_publisher, publisher) = ControlService::start().expect("a thread");
+    let unit = SharedUnit::new(&Configuration::reference(), truth, Speed::Max, None, Some(event_publisher));
+    let unit = Arc::new(unit);
+    bench.know(&unit, &[], None, &Arc::default());
+    Room { bench, unit, _shower: publisher }
 }
 
 impl Room {
     fn run(&self, half_seconds: u64) {
         for _ in 0..half_seconds {
-            self.desk.end_half_second();
-            self.desk.complete();
+            self.unit.end_half_second();
+            self.unit.complete();
         }
     }
 
@@ -99,7 +99,7 @@ fn faults_that_are_over_make_room_and_are_told_on_demand_alone() {
     let shown = room.shown(|status| status["faults"].as_array().is_some_and(Vec::is_empty));
     assert!(shown.to_string().len() < 5000, "{shown}");
     assert_eq!(room.inject(json!({ "plan": "" })), Ok(json!([])));
-    room.desk.close();
+    room.unit.close();
 }
 
 #[test]
@@ -136,7 +136,7 @@ fn what_is_accumulated_holds_half_seconds_that_were_not_shown() {
         }
     }
     assert_eq!(shown["departure_arcsec"], json!(departure));
-    room.desk.close();
+    room.unit.close();
 }
 
 #[tokio::test]
@@ -162,5 +162,5 @@ async fn commands_push_nothing_out_of_the_timeline() {
     (0..2 * TIMELINE).for_each(|_| timeline.push(true, "command".into()));
     assert_eq!((timeline.0.len(), &*timeline.0[0].1), (TIMELINE, "fault"));
     assert_eq!(room.bench.status()["lost"], 0);
-    room.desk.close();
+    room.unit.close();
 }

@@ -17,7 +17,7 @@ use tokio::sync::{oneshot, watch};
 use tokio::time::timeout;
 
 use crate::console;
-use crate::record::{End, Event, RecordError, Recorder};
+use crate::recorder::{End, RecordError, Recorder, UnitEvent};
 
 /// Memory that may wait for the disk: at rest four hours, at a thousand commands a second some minutes.
 const MOST_WAITING: usize = 64 << 20;
@@ -168,7 +168,7 @@ impl Status {
 
 /// The end that tells what happens, without ever waiting.
 pub(crate) struct Feed {
-    events: Sender<Event>,
+    events: Sender<UnitEvent>,
     told: u64,
     half_seconds: u64,
     status: Arc<Status>,
@@ -176,14 +176,14 @@ pub(crate) struct Feed {
 
 impl Feed {
     /// Tells what happened; `false` where the recording has ended.
-    pub fn tell(&mut self, event: Event) -> bool {
+    pub fn tell(&mut self, event: UnitEvent) -> bool {
         let bytes = event.bytes();
         let waiting = self.status.waiting_bytes.fetch_add(bytes, Relaxed);
         if waiting + bytes > MOST_WAITING {
             self.status.end(self.half_seconds, format!("the disk does not keep up: {waiting} bytes wait for it"));
         }
         self.told += 1;
-        self.half_seconds += u64::from(matches!(event, Event::HalfSecond(..)));
+        self.half_seconds += u64::from(matches!(event, UnitEvent::HalfSecond(..)));
         self.status.ended.get().is_none() && self.events.send(event).is_ok()
     }
 
@@ -200,31 +200,31 @@ impl Feed {
 
 /// A feed that nobody writes to a disk and no answer waits for.
 #[cfg(test)]
-pub(crate) fn unwritten_feed() -> (Feed, Receiver<Event>) {
+pub(crate) fn unwritten_feed() -> (Feed, Receiver<UnitEvent>) {
     let (feed, events) = feed(Path::new("nowhere"));
     feed.status.is_stalled.store(true, Relaxed);
     (feed, events)
 }
 
 /// A feed and what comes out of it.
-fn feed(directory: &Path) -> (Feed, Receiver<Event>) {
+fn feed(directory: &Path) -> (Feed, Receiver<UnitEvent>) {
     let (sender, events) = channel();
     (Feed { events: sender, told: 0, half_seconds: 0, status: Status::new(directory) }, events)
 }
 
 /// The thread that writes, before and after it begins.
-pub(crate) struct Writer {
-    events: Option<Receiver<Event>>,
+pub(crate) struct RecorderThread {
+    events: Option<Receiver<UnitEvent>>,
     is_done: Option<oneshot::Receiver<()>>,
     status: Arc<Status>,
 }
 
-impl Writer {
-    /// What is told from now on waits until [`Writer::open`].
-    pub fn new(directory: &Path) -> (Feed, Writer) {
+impl RecorderThread {
+    /// What is told from now on waits until [`RecorderThread::open`].
+    pub fn new(directory: &Path) -> (Feed, RecorderThread) {
         let (feed, events) = feed(directory);
         let status = feed.status.clone();
-        (feed, Writer { events: Some(events), is_done: None, status })
+        (feed, RecorderThread { events: Some(events), is_done: None, status })
     }
 
     /// Opens the recording on the thread that writes: a disk may hang.
@@ -276,7 +276,7 @@ impl Writer {
 }
 
 /// Writes what is told until no more can come, and what makes the run again.
-fn write(mut recorder: Recorder, events: &Receiver<Event>, status: &Status) {
+fn write(mut recorder: Recorder, events: &Receiver<UnitEvent>, status: &Status) {
     let end = match take(&mut recorder, events, status) {
         Ok(()) => match status.ended.get() {
             None => End::Run,
@@ -294,7 +294,7 @@ fn write(mut recorder: Recorder, events: &Receiver<Event>, status: &Status) {
     }
 }
 
-fn take(recorder: &mut Recorder, events: &Receiver<Event>, status: &Status) -> Result<(), RecordError> {
+fn take(recorder: &mut Recorder, events: &Receiver<UnitEvent>, status: &Status) -> Result<(), RecordError> {
     let (mut written, mut flushed) = (0, Instant::now());
     loop {
         let event = match events.try_recv() {
@@ -327,19 +327,19 @@ mod tests {
     use geu_model::{Configuration, Truth, Unit};
 
     use super::*;
-    use crate::record::Destination;
+    use crate::recorder::Destination;
 
     #[test]
     fn a_recording_that_cannot_keep_up_ends_and_says_where_and_why() {
         let room = tempfile::tempdir().expect("a directory");
         let (directory, configuration) = (room.path().join("run"), Configuration::reference());
-        let (mut feed, mut writer) = Writer::new(&directory);
+        let (mut feed, mut writer) = RecorderThread::new(&directory);
         let mut unit = Unit::new(&configuration);
         // Nobody writes yet.
         let mut told = 0;
         loop {
             let (ended, traces) = unit.end_half_second_traced();
-            if !feed.tell(Event::HalfSecond(ended, Box::new(traces), None)) {
+            if !feed.tell(UnitEvent::HalfSecond(ended, Box::new(traces), None)) {
                 break;
             }
             told += 1;

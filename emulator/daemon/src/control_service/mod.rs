@@ -1,13 +1,13 @@
 //! What the control interface shows of a running unit, and how it drives it.
 //!
-//! The thread that keeps time hands over what happened, without waiting (`told`); a thread of the bench makes JSON of
-//! it (`state`) and sends it to whoever listens. What is driven goes through the desk, as the commands of links do.
+//! The thread that keeps time hands over what happened, without waiting (`events`); the publisher thread makes JSON of
+//! it (`status`) and sends it to whoever listens. What is driven goes through the shared unit, as the commands of links do.
 
+mod events;
 mod history;
-mod state;
+mod status;
 #[cfg(test)]
 mod tests;
-mod told;
 mod toml;
 
 use std::collections::VecDeque;
@@ -25,19 +25,19 @@ use geu_protocol::suggestion::{did_you_mean, listed};
 use serde_json::{Map, Value, json};
 use tokio::sync::broadcast;
 
-use crate::carriage::Carrier;
 use crate::catalogue;
-use crate::control::{self, Bench, Event as Shown};
-use crate::desk::Desk;
+use crate::control::{self, ControlBackend, SseEvent};
 use crate::fault_log;
-use crate::link::Tally;
-use crate::recording::Status;
-use crate::run::Timing;
+use crate::link::LinkStatistics;
+use crate::link_model::LinkModel;
+use crate::recorder_thread::Status;
+use crate::run::CadenceMonitor;
+use crate::shared_unit::SharedUnit;
+use events::ServiceEvent;
 use history::{Historian, History};
-use state::Known;
-use told::Told;
+use status::StatusSource;
 
-pub(crate) use told::Teller;
+pub(crate) use events::EventPublisher;
 
 /// What may wait to be shown; more is lost, and counted.
 const QUEUE: usize = 4096;
@@ -47,16 +47,16 @@ const BEHIND: usize = 256;
 const TIMELINE: usize = 20_000;
 
 /// A running unit, as the control interface sees it.
-pub(crate) struct LiveBench(Arc<Shared>);
+pub(crate) struct ControlService(Arc<Shared>);
 
-/// What the threads of the bench share.
+/// What the threads share.
 struct Shared {
-    events: broadcast::Sender<Shown>,
+    events: broadcast::Sender<SseEvent>,
     timeline: Mutex<Timeline>,
     history: History,
     last: Mutex<Value>,
     lost: Arc<AtomicU64>,
-    known: OnceLock<Known>,
+    known: OnceLock<StatusSource>,
 }
 
 /// The latest lines of the timeline, and which of them are of commands.
@@ -75,21 +75,21 @@ impl Timeline {
 }
 
 /// The thread that shows.
-pub(crate) struct Shower(JoinHandle<()>);
+pub(crate) struct PublisherThread(JoinHandle<()>);
 
-impl Shower {
-    /// Waits for its end, which comes with that of the desk's recording.
+impl PublisherThread {
+    /// Waits for its end, which comes with that of the unit's recording.
     pub fn finish(self) {
         let _ = self.0.join();
     }
 }
 
-impl LiveBench {
-    /// The bench, the end that the desk tells, and the thread between them.
+impl ControlService {
+    /// The bench, the end that the unit tells, and the thread between them.
     ///
     /// # Errors
     /// No thread.
-    pub fn start() -> std::io::Result<(LiveBench, Teller, Shower)> {
+    pub fn start() -> std::io::Result<(ControlService, EventPublisher, PublisherThread)> {
         let (sender, told) = sync_channel(QUEUE);
         let lost = Arc::new(AtomicU64::new(0));
         let shared = Arc::new(Shared {
@@ -105,58 +105,58 @@ impl LiveBench {
             let shared = shared.clone();
             move || shared.show(&told)
         })?;
-        Ok((LiveBench(shared), Teller::new(sender, lost, historian), Shower(thread)))
+        Ok((ControlService(shared), EventPublisher::new(sender, lost, historian), PublisherThread(thread)))
     }
 
     /// Makes the rest known; `recorded` is the kind of link that a recording is of.
     pub fn know(
         &self,
-        desk: &Arc<Desk>,
-        links: &[(Carrier, Arc<Tally>)],
+        unit: &Arc<SharedUnit>,
+        links: &[(LinkModel, Arc<LinkStatistics>)],
         recorded: Option<LinkKind>,
-        timing: &Arc<Timing>,
+        monitor: &Arc<CadenceMonitor>,
     ) {
-        assert!(self.0.known.set(Known::new(desk, links, recorded, timing)).is_ok(), "made known once");
+        assert!(self.0.known.set(StatusSource::new(unit, links, recorded, monitor)).is_ok(), "made known once");
     }
 
-    fn known(&self) -> &Known {
+    fn known(&self) -> &StatusSource {
         self.0.known.get().expect("served only when all is known")
     }
 
     /// Adds what `read` makes of the faults that are there: all with the same half second, or none.
     fn add(&self, read: impl Fn(&[Fault]) -> Result<Vec<Fault>, String>) -> Result<Vec<Fault>, String> {
-        let (desk, open) = (&self.known().desk, self.known().open());
-        // Read without the desk, which the thread that keeps time may want meanwhile; again where an identifier was taken
+        let (unit, open) = (&self.known().unit, self.known().open());
+        // Read without the unit, which the thread that keeps time may want meanwhile; again where an identifier was taken
         // or a time passed until then.
         loop {
-            let there: Vec<Fault> = desk.faults().planned.iter().map(|planned| Fault::clone(&planned.fault)).collect();
+            let there: Vec<Fault> = unit.faults().planned.iter().map(|planned| Fault::clone(&planned.fault)).collect();
             let faults = read(&there)?;
-            let count = desk.faults_now().1.len() + faults.len();
+            let count = unit.faults_now().1.len() + faults.len();
             if count > MOST {
                 return Err(format!(
                     "expected at most {MOST} faults that are armed or active, got {count}; clear some, as `geu inject --clear ID` does"
                 ));
             }
-            let in_vain = || asks_in_vain(&faults, &[], "the truth of this run", desk.untold());
+            let in_vain = || asks_in_vain(&faults, &[], "the truth of this run", unit.untold());
             if let Some(reason) = faults.iter().find_map(|fault| fault.misses(&open)).or_else(in_vain) {
                 return Err(reason);
             }
-            let start_s = (desk.running().0 + 1) as f64 * HALF_SECOND_S;
+            let start_s = (unit.running().0 + 1) as f64 * HALF_SECOND_S;
             if let Some(Fault { id, until_s, .. }) = faults.iter().find(|fault| fault.until_s <= start_s) {
                 return Err(format!("{id}: expected a time to come for `until_s`, after {start_s} s, got {until_s}"));
             }
-            if let Some(added) = desk.inject(there.len(), &faults) {
+            if let Some(added) = unit.inject(there.len(), &faults) {
                 return Ok(added);
             }
         }
     }
 
     fn start_by_hand(&self, id: &str) -> Result<Value, String> {
-        let desk = &self.known().desk;
-        if let Some(at_s) = desk.start(id) {
+        let unit = &self.known().unit;
+        if let Some(at_s) = unit.start(id) {
             return Ok(json!({ "id": id, "state": "armed", "at_s": at_s }));
         }
-        let planned = desk.faults().planned;
+        let planned = unit.faults().planned;
         let waiting = planned.iter().filter(|planned| planned.waits_for_hand());
         let there: Vec<&str> = waiting.map(|planned| planned.fault.id.as_str()).collect();
         let (hint, there) = (did_you_mean(id, &there), listed(&there));
@@ -167,28 +167,28 @@ impl LiveBench {
 }
 
 impl Shared {
-    fn show(&self, told: &Receiver<Told>) {
+    fn show(&self, told: &Receiver<ServiceEvent>) {
         for told in told {
             let (name, data) = match told {
-                Told::HalfSecond(half_second) => {
+                ServiceEvent::HalfSecond(half_second) => {
                     let Some(known) = self.known.get() else { continue };
                     let shown = known.half_second(&half_second);
                     *lock(&self.last) = shown.clone();
                     ("half-second", shown)
                 }
-                Told::Commands(frame, count) => ("timeline", told::more_commands(frame, count)),
-                Told::Event(frame, event) => {
-                    let Some(line) = told::line(frame, &event) else { continue };
+                ServiceEvent::Commands(frame, count) => ("timeline", events::more_commands(frame, count)),
+                ServiceEvent::Event(frame, event) => {
+                    let Some(line) = events::line(frame, &event) else { continue };
                     ("timeline", line)
                 }
             };
-            let is_command = data["kind"] == told::COMMAND;
+            let is_command = data["kind"] == events::COMMAND;
             let data: Arc<str> = data.to_string().into();
             if name == "timeline" {
                 lock(&self.timeline).push(is_command, data.clone());
             }
             // Without anybody who listens.
-            let _ = self.events.send(Shown { name, data });
+            let _ = self.events.send(SseEvent { name, data });
         }
     }
 }
@@ -202,7 +202,7 @@ fn added_as(fault: &Fault) -> Value {
     json!({ "id": fault.id, "state": "armed", "at_s": fault.at_s, "keys": fault_log::keys(fault) })
 }
 
-impl Bench for LiveBench {
+impl ControlBackend for ControlService {
     fn status(&self) -> Value {
         let mut status = lock(&self.0.last).clone();
         if !status.is_object() {
@@ -214,8 +214,8 @@ impl Bench for LiveBench {
             truth.into_iter().map(|key| (key.to_owned(), status[key].clone())).collect::<Map<_, _>>().into();
         status["version"] = json!(env!("CARGO_PKG_VERSION"));
         status["lost"] = json!(self.0.lost.load(Relaxed));
-        let (commands, rejected) = (&self.known().desk.commands, &self.known().desk.rejected);
-        status["recording"] = json!(self.known().desk.recording().map(Status::told));
+        let (commands, rejected) = (&self.known().unit.commands, &self.known().unit.rejected);
+        status["recording"] = json!(self.known().unit.recording().map(Status::told));
         status["commands"] = json!({ "answered": commands.load(Relaxed), "rejected": rejected.load(Relaxed) });
         status
     }
@@ -248,9 +248,9 @@ impl Bench for LiveBench {
     }
 
     fn clear(&self, id: &str) -> Result<Value, String> {
-        let until_s = self.known().desk.clear(id);
+        let until_s = self.known().unit.clear(id);
         until_s.map(|until_s| json!({ "id": id, "until_s": until_s })).ok_or_else(|| {
-            let planned = self.known().desk.faults().planned;
+            let planned = self.known().unit.faults().planned;
             let lasting = planned.iter().filter(|planned| !planned.is_over());
             let there: Vec<&str> = lasting.map(|planned| planned.fault.id.as_str()).collect();
             let (hint, there) = (did_you_mean(id, &there), listed(&there));
@@ -259,13 +259,13 @@ impl Bench for LiveBench {
     }
 
     fn clear_all(&self) -> Value {
-        json!({ "cleared": self.known().desk.clear_all() })
+        json!({ "cleared": self.known().unit.clear_all() })
     }
 
     fn command(&self, payload: Vec<u8>) -> impl Future<Output = Value> + Send {
-        let desk = self.known().desk.clone();
+        let unit = self.known().unit.clone();
         async move {
-            let answered = desk.command("control", &payload).await;
+            let answered = unit.command("control", &payload).await;
             match &answered.reply {
                 Some(reply) => control::reply(reply, answered.polled.as_ref()),
                 None => json!({ "outcome": "no reply: a fault keeps the unit silent" }),
@@ -281,7 +281,7 @@ impl Bench for LiveBench {
         self.0.history.json()
     }
 
-    fn subscribe(&self) -> broadcast::Receiver<Shown> {
+    fn subscribe(&self) -> broadcast::Receiver<SseEvent> {
         self.0.events.subscribe()
     }
 }

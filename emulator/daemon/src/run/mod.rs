@@ -21,19 +21,19 @@ use geu_model::{Configuration, Ended, Truth};
 use geu_protocol::HalfSecond;
 use tokio::signal::unix::{SignalKind, signal};
 
-use crate::bench::{LiveBench, Shower};
 use crate::cadence::{Sleeper, Speed, ask_for_realtime, doze_until, now_ns};
-use crate::carriage::{Carrier, Content, Outbox};
 use crate::console;
-use crate::control::{Door, DoorError};
+use crate::control::{ControlError, ControlListener};
+use crate::control_service::{ControlService, PublisherThread};
 use crate::descriptors::{self, TooFew};
-use crate::desk::Desk;
 use crate::lateness::{Histogram, Time};
-use crate::link::{self, Link, LinkAddress, LinkError, Tally};
+use crate::link::{self, Link, LinkAddress, LinkError, LinkStatistics};
+use crate::link_model::{LinkModel, TransmitQueue, WireData};
 use crate::patience::{LAST_WORDS, Patience, Stop};
-use crate::record::{self, Destination, RecordError, Recorder};
-use crate::recording::{Feed, RecordingError, Status, Writer};
+use crate::recorder::{self, Destination, RecordError, Recorder};
+use crate::recorder_thread::{Feed, RecorderThread, RecordingError, Status};
 use crate::running::{self, Registration, Running};
+use crate::shared_unit::SharedUnit;
 use crate::truth::{Counts as TruthCounts, Handed, Live, SampleReport, TruthError};
 
 /// So long before its deadline a half second is ended and encoded: longer than the model and a wake-up take.
@@ -56,7 +56,7 @@ const LOOK_AGAIN: Duration = Duration::from_millis(5);
 
 /// How to run the unit.
 #[derive(Debug, Clone)]
-pub struct Settings {
+pub struct RunOptions {
     /// Links to open; all carry the same.
     pub links: Vec<LinkAddress>,
     /// On-board time against the wall clock.
@@ -81,7 +81,7 @@ pub struct Settings {
 pub struct Recording {
     /// Where it goes.
     pub destination: Destination,
-    /// Form of the link in it; without one that of the first link.
+    /// Encoding of the link in it; without one that of the first link.
     pub wire: Option<WireForm>,
 }
 
@@ -101,7 +101,7 @@ pub enum RunError {
     NobodyToWaitFor,
     /// The control interface cannot be served.
     #[error(transparent)]
-    Control(#[from] DoorError),
+    Control(#[from] ControlError),
     /// The truth from outside cannot be listened for.
     #[error(transparent)]
     Truth(#[from] TruthError),
@@ -117,7 +117,7 @@ pub enum RunError {
 }
 
 /// What a run has done.
-pub struct Summary {
+pub struct RunSummary {
     /// Half seconds that ended on board.
     pub half_seconds: u64,
     /// Of these, not sent because the process was held up beyond the next deadline.
@@ -135,14 +135,14 @@ pub struct Summary {
     /// Why the unit did not move as that truth was told, in words; nothing where it did.
     pub truth_failure: Option<String>,
     /// Each link.
-    pub links: Vec<Arc<Tally>>,
+    pub links: Vec<Arc<LinkStatistics>>,
     /// How the faults and expectations of the plan stand.
     pub faults: Faults,
     /// What became of the recording.
     pub recording: Result<(), RecordingError>,
 }
 
-impl fmt::Display for Summary {
+impl fmt::Display for RunSummary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "half seconds {}, late {}, missed {}", self.half_seconds, self.late, self.missed)?;
         if self.lateness.count() > 0 {
@@ -171,7 +171,7 @@ pub async fn asked_to_end() -> io::Result<()> {
 }
 
 /// Runs the unit on `truth` until its half seconds are over or `shutdown` resolves; links are removed when it returns.
-/// Behind `door` it can be watched and driven. Nothing of a recording that is replaced is touched before the links are
+/// Behind `listener` it can be watched and driven. Nothing of a recording that is replaced is touched before the links are
 /// open, and the truth and the control interface are listened for.
 ///
 /// # Errors
@@ -179,11 +179,11 @@ pub async fn asked_to_end() -> io::Result<()> {
 pub fn run(
     configuration: &Configuration,
     truth: &Truth,
-    settings: &Settings,
+    settings: &RunOptions,
     recording: Option<&Recording>,
-    door: Option<Door>,
+    listener: Option<ControlListener>,
     shutdown: impl Future<Output = io::Result<()>>,
-) -> Result<Summary, RunError> {
+) -> Result<RunSummary, RunError> {
     let has_clients = |link: &LinkAddress| matches!(link, LinkAddress::Pty(_) | LinkAddress::Tcp(_));
     if settings.wait_for_client && !settings.links.iter().any(has_clients) {
         return Err(RunError::NobodyToWaitFor);
@@ -195,28 +195,28 @@ pub fn run(
         let (told, planned) = PlannedRecording::new(recording, configuration, truth, &settings.links);
         (feed, recorded) = (Some(told), Some(planned));
     }
-    let (mut bench, mut teller, mut shower) = (None, None, None);
-    if let Some(door) = door {
-        let (live, tells, shows) = LiveBench::start()?;
-        (bench, teller, shower) = (Some((door, live)), Some(tells), Some(shows));
+    let (mut bench, mut event_publisher, mut publisher) = (None, None, None);
+    if let Some(listener) = listener {
+        let (live, tells, shows) = ControlService::start()?;
+        (bench, event_publisher, publisher) = (Some((listener, live)), Some(tells), Some(shows));
     }
-    let desk = Arc::new(Desk::new(configuration, truth, settings.speed, feed, teller));
+    let unit = Arc::new(SharedUnit::new(configuration, truth, settings.speed, feed, event_publisher));
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    let ended = runtime.block_on(keep(&desk, settings, bench, recorded, shutdown));
+    let ended = runtime.block_on(keep(&unit, settings, bench, recorded, shutdown));
     // Ends the tasks; with the last of them the symlink of a pty goes.
     // Without waiting for what it looks up by name: a resolver may take half a minute.
     runtime.shutdown_background();
-    desk.close();
-    shower.into_iter().for_each(Shower::finish);
+    unit.close();
+    publisher.into_iter().for_each(PublisherThread::finish);
     console::finish();
     ended
 }
 
 /// A recording that begins once the links are open.
 struct PlannedRecording {
-    writer: Writer,
+    writer: RecorderThread,
     /// The link that is recorded.
-    carrier: Carrier,
+    model: LinkModel,
     create: Box<dyn FnOnce() -> Result<Recorder, RecordError> + Send>,
 }
 
@@ -227,19 +227,19 @@ impl PlannedRecording {
         truth: &Truth,
         links: &[LinkAddress],
     ) -> (Feed, PlannedRecording) {
-        let links: Vec<Carrier> = links.iter().map(LinkAddress::carrier).collect();
-        let wire = record::form_beside(recording.wire, &links);
-        let (feed, writer) = Writer::new(recording.destination.directory());
-        let carrier = record::recorded(wire, configuration, &links);
+        let links: Vec<LinkModel> = links.iter().map(LinkAddress::model).collect();
+        let wire = recorder::form_beside(recording.wire, &links);
+        let (feed, writer) = RecorderThread::new(recording.destination.directory());
+        let model = recorder::recorded(wire, configuration, &links);
         let (destination, configuration, truth) = (recording.destination.clone(), configuration.clone(), truth.clone());
         let create = Box::new(move || Recorder::create(&destination, &configuration, &truth, wire, &links));
-        (feed, PlannedRecording { writer, carrier, create })
+        (feed, PlannedRecording { writer, model, create })
     }
 }
 
 /// Waits until the recording is written, for a bounded time once the process was asked to end at `asked`.
 async fn await_recording(
-    writer: &mut Writer,
+    writer: &mut RecorderThread,
     mut asked: Option<Instant>,
     mut shutdown: Pin<&mut impl Future<Output = io::Result<()>>>,
 ) -> Result<(), RecordingError> {
@@ -262,12 +262,12 @@ async fn await_recording(
 }
 
 async fn keep(
-    desk: &Arc<Desk>,
-    settings: &Settings,
-    bench: Option<(Door, LiveBench)>,
+    unit: &Arc<SharedUnit>,
+    settings: &RunOptions,
+    bench: Option<(ControlListener, ControlService)>,
     recording: Option<PlannedRecording>,
     shutdown: impl Future<Output = io::Result<()>>,
-) -> Result<Summary, RunError> {
+) -> Result<RunSummary, RunError> {
     let mut shutdown = std::pin::pin!(shutdown);
     // Polled once now, so that a signal during the opening of links is not the default end of the process.
     let mut asked =
@@ -278,15 +278,15 @@ async fn keep(
     };
     let mut links = Vec::new();
     for address in &settings.links {
-        links.push(link::open(address, desk, speedup)?);
+        links.push(link::open(address, unit, speedup)?);
     }
     if let Some(live) = &settings.live {
         live.open(settings.wait_for_client && settings.speed != Speed::Max)?;
     }
-    let tallies: Vec<_> = links.iter().map(|link| link.tally()).collect();
-    let control = bench.as_ref().map(|(door, _)| door.address());
-    let _registration = register(&tallies, control);
-    let recorded = recording.as_ref().map(|recording| recording.carrier.kind);
+    let statistics: Vec<_> = links.iter().map(|link| link.statistics()).collect();
+    let control = bench.as_ref().map(|(listener, _)| listener.address());
+    let _registration = register(&statistics, control);
+    let recorded = recording.as_ref().map(|recording| recording.model.kind);
     let mut writer = None;
     if let Some(PlannedRecording { writer: mut opening, create, .. }) = recording {
         // A disk that hangs is no reason not to end.
@@ -297,19 +297,19 @@ async fn keep(
         writer = Some(opening);
     }
     // Only now: who waits for one line may count on all links, and on the recording.
-    links.iter().filter(|link| link.is_ready()).for_each(|link| console::ready(&link.tally().name));
-    let timing = Arc::new(Timing::default());
+    links.iter().filter(|link| link.is_ready()).for_each(|link| console::ready(&link.statistics().name));
+    let monitor = Arc::new(CadenceMonitor::default());
     let mut server = None;
-    if let Some((door, bench)) = bench {
-        let carried: Vec<_> = links.iter().map(|link| (link.carrier().clone(), link.tally())).collect();
-        bench.know(desk, &carried, recorded, &timing);
-        server = Some(door.serve(Arc::new(bench))?);
+    if let Some((listener, bench)) = bench {
+        let carried: Vec<_> = links.iter().map(|link| (link.model().clone(), link.statistics())).collect();
+        bench.know(unit, &carried, recorded, &monitor);
+        server = Some(listener.serve(Arc::new(bench))?);
     }
     if let Some(address) = control {
         console::ready(&format!("control http://{address}/"));
     }
     let links = links.into_iter().map(Outgoing::new).collect();
-    let mut keeper = Keeper { desk: desk.clone(), settings: settings.clone(), links, timing: timing.clone() };
+    let mut keeper = CadenceLoop { unit: unit.clone(), settings: settings.clone(), links, monitor: monitor.clone() };
     let (done, mut is_done) = tokio::sync::oneshot::channel();
     let thread = thread::Builder::new().name("geu-cadence".to_owned()).spawn(move || {
         let kept = keeper.keep_time();
@@ -324,20 +324,20 @@ async fn keep(
     if let Some(asked) = asked {
         asked?;
         asked_at = Some(Instant::now());
-        timing.stop.ask();
+        monitor.stop.ask();
     }
     loop {
         tokio::select! {
             _ = &mut is_done => break,
-            asked = &mut shutdown, if !timing.stop.is_asked() => {
+            asked = &mut shutdown, if !monitor.stop.is_asked() => {
                 asked?;
                 asked_at = Some(Instant::now());
-                timing.stop.ask();
+                monitor.stop.ask();
                 thread.thread().unpark();
             }
             _ = status.tick(), if wants_status => {
-                let clients = tallies.iter().map(|tally| tally.clients.load(Relaxed)).sum();
-                console::show_status(desk.completed().as_ref(), clients, &timing.lateness());
+                let clients = statistics.iter().map(|statistics| statistics.clients.load(Relaxed)).sum();
+                console::show_status(unit.completed().as_ref(), clients, &monitor.lateness());
             }
         }
     }
@@ -347,31 +347,31 @@ async fn keep(
     drop(keeper);
     drop(server);
     console::clear_status();
-    desk.close();
+    unit.close();
     let recording = match &mut writer {
         Some(writer) => await_recording(writer, asked_at, shutdown).await,
         None => Ok(()),
     };
     kept?;
-    Ok(Summary {
-        half_seconds: desk.running().0,
-        missed: timing.counts().missed,
-        late: timing.counts().late,
-        lateness: timing.lateness(),
-        commands: desk.commands.load(Relaxed),
-        rejected: desk.rejected.load(Relaxed),
+    Ok(RunSummary {
+        half_seconds: unit.running().0,
+        missed: monitor.counts().missed,
+        late: monitor.counts().late,
+        lateness: monitor.lateness(),
+        commands: unit.commands.load(Relaxed),
+        rejected: unit.rejected.load(Relaxed),
         truth: settings.live.as_ref().map(|live| live.counts()),
         truth_failure: settings.live.as_ref().and_then(|live| live.failure()),
-        links: tallies,
-        faults: desk.faults(),
+        links: statistics,
+        faults: unit.faults(),
         recording,
     })
 }
 
 /// Lets clients find this emulator; one that cannot be found runs all the same.
-fn register(links: &[Arc<Tally>], control: Option<SocketAddr>) -> Option<Registration> {
-    let link = |tally: &Arc<Tally>| {
-        let (kind, address) = tally.name.split_once(' ').unwrap_or((&tally.name, ""));
+fn register(links: &[Arc<LinkStatistics>], control: Option<SocketAddr>) -> Option<Registration> {
+    let link = |statistics: &Arc<LinkStatistics>| {
+        let (kind, address) = statistics.name.split_once(' ').unwrap_or((&statistics.name, ""));
         // Whoever looks for it may stand elsewhere.
         let absolute = Some(kind).filter(|kind| *kind == "pty").and_then(|_| std::path::absolute(address).ok());
         let address = absolute.map_or_else(|| address.to_owned(), |path| path.display().to_string());
@@ -396,20 +396,20 @@ async fn await_readers(links: &[Outgoing]) {
 
 /// How well time is kept, as both threads see it.
 #[derive(Default)]
-pub(crate) struct Timing {
+pub(crate) struct CadenceMonitor {
     pub stop: Arc<Stop>,
-    counts: Mutex<Counts>,
+    counts: Mutex<CadenceCounts>,
 }
 
 #[derive(Default, Clone)]
-pub(crate) struct Counts {
+pub(crate) struct CadenceCounts {
     pub late: u64,
     pub missed: u64,
     pub lateness: Histogram,
 }
 
-impl Timing {
-    pub fn counts(&self) -> Counts {
+impl CadenceMonitor {
+    pub fn counts(&self) -> CadenceCounts {
         self.counts.lock().expect("nothing panics with the counts").clone()
     }
 
@@ -426,17 +426,17 @@ impl Timing {
 }
 
 /// The thread that keeps time.
-struct Keeper {
-    desk: Arc<Desk>,
-    settings: Settings,
+struct CadenceLoop {
+    unit: Arc<SharedUnit>,
+    settings: RunOptions,
     links: Vec<Outgoing>,
-    timing: Arc<Timing>,
+    monitor: Arc<CadenceMonitor>,
 }
 
 /// A link, and what waits for its time.
 struct Outgoing {
     link: Box<dyn Link>,
-    outbox: Outbox,
+    queue: TransmitQueue,
     /// Whether something is prepared for the deadline.
     is_prepared: bool,
     /// What is prepared, and what was sent since that was asked last.
@@ -447,13 +447,13 @@ struct Outgoing {
 impl Outgoing {
     fn new(link: Box<dyn Link>) -> Outgoing {
         let handed = Handed::default();
-        Outgoing { link, outbox: Outbox::default(), is_prepared: false, prepared: handed.clone(), handed }
+        Outgoing { link, queue: TransmitQueue::default(), is_prepared: false, prepared: handed.clone(), handed }
     }
 
     /// Takes a half second in, or nothing where none is sent.
     fn put(&mut self, half_second: Option<&HalfSecond>, frame: u64, end_ns: i64, acting: &[Acting]) {
-        let pieces = self.link.carrier().carry(half_second, frame, acting);
-        self.outbox.put(&pieces, frame, end_ns);
+        let transmissions = self.link.model().carry(half_second, frame, acting);
+        self.queue.put(&transmissions, frame, end_ns);
     }
 
     /// Sends what was due before, and prepares what is due at `end_ns`.
@@ -464,15 +464,15 @@ impl Outgoing {
 
     /// Prepares what is due next, where that is not after `until_ns`.
     fn prepare_due(&mut self, until_ns: i64) -> bool {
-        let due = self.outbox.take(until_ns);
-        let goes_on = self.outbox.is_within_frame();
+        let due = self.queue.take(until_ns);
+        let more_fragments = self.queue.is_within_frame();
         let Some((_, contents)) = due else { return false };
-        self.link.prepare(&contents, goes_on);
+        self.link.prepare(&contents, more_fragments);
         self.prepared = Handed::default();
         for content in &contents {
             match content {
-                Content::Bytes(bytes) => self.prepared.bytes += bytes.len() as u64,
-                Content::Frame(_) => self.prepared.frames += 1,
+                WireData::Bytes(bytes) => self.prepared.bytes += bytes.len() as u64,
+                WireData::Frame(_) => self.prepared.frames += 1,
             }
         }
         true
@@ -486,20 +486,20 @@ impl Outgoing {
     }
 
     fn send_prepared(&mut self, patience: &Patience) {
-        let tally = self.link.tally();
-        let (sent, dropped) = (tally.sent.load(Relaxed), tally.dropped.load(Relaxed));
+        let statistics = self.link.statistics();
+        let (sent, dropped) = (statistics.sent.load(Relaxed), statistics.dropped.load(Relaxed));
         self.link.send(patience);
-        if tally.sent.load(Relaxed) > sent {
+        if statistics.sent.load(Relaxed) > sent {
             self.handed.bytes += self.prepared.bytes;
             self.handed.frames += self.prepared.frames;
         }
-        self.handed.dropped += tally.dropped.load(Relaxed) - dropped;
+        self.handed.dropped += statistics.dropped.load(Relaxed) - dropped;
     }
 
     /// What the link was handed since this was asked last.
     fn take_handed(&mut self) -> (String, bool, Handed) {
-        let is_can = self.link.carrier().kind == LinkKind::Can;
-        (self.link.tally().name.clone(), is_can, std::mem::take(&mut self.handed))
+        let is_can = self.link.model().kind == LinkKind::Can;
+        (self.link.statistics().name.clone(), is_can, std::mem::take(&mut self.handed))
     }
 
     /// Sends what a fault has held back until now.
@@ -511,7 +511,7 @@ impl Outgoing {
 
     /// Sends at once, in its order, what faults still hold back when the run ends; its last half second ended at `end_ns`.
     fn end(&mut self, end_ns: i64, patience: &Patience) {
-        self.outbox.end(end_ns);
+        self.queue.end(end_ns);
         while self.prepare_due(i64::MAX) {
             self.link.send(patience);
         }
@@ -519,7 +519,7 @@ impl Outgoing {
     }
 }
 
-impl Keeper {
+impl CadenceLoop {
     fn keep_time(&mut self) -> Result<(), RunError> {
         let sleeper = Sleeper::new(self.settings.spin);
         // Without deadlines there is nothing to be on time for, and a thread that never sleeps must not have priority.
@@ -535,7 +535,7 @@ impl Keeper {
             thread::park_timeout(LOOK_AGAIN);
         }
         let limit = if self.settings.speed.is_faster_than_real() { PATIENCE } else { Duration::ZERO };
-        let patience = Patience::new(limit, &self.timing.stop);
+        let patience = Patience::new(limit, &self.monitor.stop);
         if !self.has_first_sample() {
             return Ok(());
         }
@@ -543,8 +543,8 @@ impl Keeper {
         let start_ns = now_ns();
         let (mut missed, mut last_end_ns) = (0, 0);
         while !self.is_stopped() {
-            self.desk.step_aside();
-            let (ended, running_end_ns) = self.desk.running();
+            self.unit.step_aside();
+            let (ended, running_end_ns) = self.unit.running();
             if self.settings.half_seconds.is_some_and(|half_seconds| ended >= half_seconds) {
                 break;
             }
@@ -563,13 +563,13 @@ impl Keeper {
                 thread::park_timeout(LOOK_AGAIN);
             }
             let frame = ended;
-            let (ended, injected) = self.desk.end_half_second();
+            let (ended, injected) = self.unit.end_half_second();
             last_end_ns = ended.end_ns;
             let acting: &[Acting] = injected.as_ref().map_or(&[], |injected| &injected.acting);
             if self.is_past_next_deadline(start_ns) {
                 missed += 1;
                 self.links.iter_mut().for_each(|outgoing| outgoing.put(None, frame, ended.end_ns, &[]));
-                self.desk.complete_unsent();
+                self.unit.complete_unsent();
                 self.report(frame, &ended);
                 continue;
             }
@@ -585,24 +585,24 @@ impl Keeper {
             let now_ns = now_ns();
             // Commands wait for the completion: not for readers, whom a faster run waits for.
             if !patience.is_none() {
-                self.desk.complete();
+                self.unit.complete();
             }
             self.links.iter_mut().for_each(|outgoing| outgoing.send(&patience));
-            self.desk.complete();
+            self.unit.complete();
             self.report(frame, &ended);
             if let Some(deadline_ns) = deadline_ns {
-                self.timing.record(now_ns - deadline_ns);
+                self.monitor.record(now_ns - deadline_ns);
             }
         }
         self.tell_missed(missed);
-        let patience = Patience::new(limit.max(LAST_WORDS), &self.timing.stop);
+        let patience = Patience::new(limit.max(LAST_WORDS), &self.monitor.stop);
         self.links.iter_mut().for_each(|outgoing| outgoing.end(last_end_ns, &patience));
         Ok(())
     }
 
     /// Has a truth from outside begin; not where the run was stopped meanwhile, or the source did not come.
     fn has_first_sample(&self) -> bool {
-        let Settings { live, truth_wait, speed, .. } = &self.settings;
+        let RunOptions { live, truth_wait, speed, .. } = &self.settings;
         let begin = |live: &Arc<Live>| live.await_first(*speed == Speed::Max, *truth_wait, || self.is_stopped());
         live.as_ref().is_none_or(begin)
     }
@@ -612,10 +612,10 @@ impl Keeper {
         if self.settings.live.as_ref().is_none_or(|live| live.tells_sun()) {
             return Ok(());
         }
-        let faults = self.desk.faults();
+        let faults = self.unit.faults();
         let planned: Vec<Fault> = faults.planned.iter().map(|planned| (*planned.fault).clone()).collect();
         let expectations: Vec<_> = faults.watches.iter().map(|watch| watch.expectation.clone()).collect();
-        match asks_in_vain(&planned, &expectations, "the truth of this run", self.desk.untold()) {
+        match asks_in_vain(&planned, &expectations, "the truth of this run", self.unit.untold()) {
             Some(why) => Err(RunError::Untold(why)),
             None => Ok(()),
         }
@@ -640,7 +640,7 @@ impl Keeper {
     fn doze_and_send_late(&mut self, start_ns: i64, wake_ns: i64, patience: &Patience) {
         let speed = self.settings.speed;
         while !self.is_stopped() && now_ns() < wake_ns {
-            let next_ns = self.links.iter().filter_map(|outgoing| outgoing.outbox.next_ns()).min();
+            let next_ns = self.links.iter().filter_map(|outgoing| outgoing.queue.next_ns()).min();
             let next = next_ns.and_then(|due_ns| Some((due_ns, start_ns + speed.wall_ns(due_ns)?)));
             match next.filter(|(_, wall_ns)| *wall_ns < wake_ns) {
                 Some((due_ns, wall_ns)) if wall_ns <= now_ns() => {
@@ -654,21 +654,21 @@ impl Keeper {
 
     /// Has the truth of the running half second, where it comes from outside; not where the run was stopped meanwhile.
     fn has_truth(&self) -> bool {
-        let Settings { live, truth_wait, speed, .. } = &self.settings;
-        let (needed_s, waits) = (self.desk.needs_truth_s(), *speed == Speed::Max);
+        let RunOptions { live, truth_wait, speed, .. } = &self.settings;
+        let (needed_s, waits) = (self.unit.needs_truth_s(), *speed == Speed::Max);
         live.as_ref().is_none_or(|live| live.finish(needed_s, waits, *truth_wait, || self.is_stopped()))
     }
 
     fn is_stopped(&self) -> bool {
-        self.timing.stop.is_asked()
+        self.monitor.stop.is_asked()
     }
 
     fn has_room_in_recording(&self) -> bool {
-        self.desk.recording().is_none_or(Status::has_ample_room)
+        self.unit.recording().is_none_or(Status::has_ample_room)
     }
 
     fn has_client(&self) -> bool {
-        self.links.iter().any(|outgoing| outgoing.link.tally().clients.load(Relaxed) > 0)
+        self.links.iter().any(|outgoing| outgoing.link.statistics().clients.load(Relaxed) > 0)
     }
 
     /// Whether the half second that just ended on board comes so late that the next is due already. In real time it
@@ -677,13 +677,13 @@ impl Keeper {
         if self.settings.speed.is_faster_than_real() {
             return false;
         }
-        let (_, next_end_ns) = self.desk.running();
+        let (_, next_end_ns) = self.unit.running();
         self.settings.speed.wall_ns(next_end_ns).is_some_and(|wall_ns| now_ns() > start_ns + wall_ns)
     }
 
     fn tell_missed(&self, missed: u64) {
         if missed > 0 {
-            self.timing.counts.lock().expect("nothing panics with the counts").missed += missed;
+            self.monitor.counts.lock().expect("nothing panics with the counts").missed += missed;
             let held_up = Time(missed * HALF_SECOND_NS as u64);
             console::say(format_args!(
                 "{missed} half seconds not sent: the process was held up for about {held_up}; the sequence goes on behind them"

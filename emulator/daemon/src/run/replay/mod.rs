@@ -23,14 +23,14 @@ use geu_model::fault::expectation::Expectation;
 use geu_model::fault::{Action, Fault, asks_in_vain};
 use geu_protocol::{CanPlan, HalfSecond};
 
-use super::{Outgoing, RunError, STATUS, Timing, await_readers};
+use super::{CadenceMonitor, Outgoing, RunError, STATUS, await_readers};
 use crate::cadence::Speed;
-use crate::carriage::Content;
 use crate::console;
 use crate::descriptors;
-use crate::desk::Desk;
 use crate::lateness::Histogram;
-use crate::link::{self, LinkAddress, Tally};
+use crate::link::{self, LinkAddress, LinkStatistics};
+use crate::link_model::WireData;
+use crate::shared_unit::SharedUnit;
 use player::{Counts, Player};
 
 /// Something of a recording, and when.
@@ -55,7 +55,7 @@ pub enum What {
         is_can: bool,
     },
     /// Bytes or a frame, as they were recorded.
-    Content(Content, Whose),
+    WireData(WireData, Whose),
     /// Something to be told when its time comes.
     Note(String),
 }
@@ -124,7 +124,7 @@ pub struct Summary {
     late: u64,
     commands: u64,
     rejected: u64,
-    links: Vec<Arc<Tally>>,
+    links: Vec<Arc<LinkStatistics>>,
     /// How the faults and expectations of the plan stand.
     pub faults: Faults,
 }
@@ -189,20 +189,20 @@ async fn keep(
     let mut shutdown = std::pin::pin!(shutdown);
     // Polled once now, so that a signal during the opening of links is not the default end of the process.
     let asked = tokio::select! { biased; asked = &mut shutdown => Some(asked), () = std::future::ready(()) => None };
-    let desk = Arc::new(Desk::of_recording(settings.speed));
+    let unit = Arc::new(SharedUnit::of_recording(settings.speed));
     let speedup = match settings.speed {
         Speed::Times(factor) if steps.is_none() => factor,
         _ => f64::INFINITY,
     };
     let mut links = Vec::new();
     for address in &settings.links {
-        links.push(link::open(address, &desk, speedup)?);
+        links.push(link::open(address, &unit, speedup)?);
     }
-    links.iter().filter(|link| link.is_ready()).for_each(|link| console::ready(&link.tally().name));
-    let tallies: Vec<_> = links.iter().map(|link| link.tally()).collect();
-    let timing = Arc::new(Timing::default());
+    links.iter().filter(|link| link.is_ready()).for_each(|link| console::ready(&link.statistics().name));
+    let statistics: Vec<_> = links.iter().map(|link| link.statistics()).collect();
+    let monitor = Arc::new(CadenceMonitor::default());
     let links = links.into_iter().map(Outgoing::new).collect();
-    let mut player = Player::new(settings, links, items, steps, timing.clone());
+    let mut player = Player::new(settings, links, items, steps, monitor.clone());
     let shown = player.shown.clone();
     let (done, mut is_done) = tokio::sync::oneshot::channel();
     let thread = thread::Builder::new().name("geu-cadence".to_owned()).spawn(move || {
@@ -216,20 +216,20 @@ async fn keep(
     let wants_status = console::wants_status();
     if let Some(asked) = asked {
         asked?;
-        timing.stop.ask();
+        monitor.stop.ask();
     }
     loop {
         tokio::select! {
             _ = &mut is_done => break,
-            asked = &mut shutdown, if !timing.stop.is_asked() => {
+            asked = &mut shutdown, if !monitor.stop.is_asked() => {
                 asked?;
-                timing.stop.ask();
+                monitor.stop.ask();
                 thread.thread().unpark();
             }
             _ = status.tick(), if wants_status => {
-                let clients = tallies.iter().map(|tally| tally.clients.load(Relaxed)).sum();
+                let clients = statistics.iter().map(|statistics| statistics.clients.load(Relaxed)).sum();
                 let half_second = *shown.lock().expect("nothing panics with it");
-                console::show_status(half_second.as_ref(), clients, &timing.lateness());
+                console::show_status(half_second.as_ref(), clients, &monitor.lateness());
             }
         }
     }
@@ -238,11 +238,11 @@ async fn keep(
     console::clear_status();
     Ok(Summary {
         counts: player.counts,
-        lateness: timing.lateness(),
-        late: timing.counts().late,
-        commands: desk.commands.load(Relaxed),
-        rejected: desk.rejected.load(Relaxed),
-        links: tallies,
+        lateness: monitor.lateness(),
+        late: monitor.counts().late,
+        commands: unit.commands.load(Relaxed),
+        rejected: unit.rejected.load(Relaxed),
+        links: statistics,
         faults: player.faults,
     })
 }

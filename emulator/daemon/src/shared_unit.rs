@@ -1,4 +1,4 @@
-//! The unit on the desk: one unit, shared by the thread that keeps its time and whoever commands it.
+//! The unit behind one lock, shared by the cadence thread and the clients that command it.
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering::Relaxed};
@@ -14,18 +14,18 @@ use geu_model::{Configuration, Ended, Injected, Trace, Truth, Unit};
 use geu_protocol::{HalfSecond, Reply};
 use tokio::sync::Notify;
 
-use crate::bench::Teller;
 use crate::cadence::Speed;
-use crate::carriage::{Carrier, Piece};
 use crate::console;
-use crate::record::Event;
-use crate::recording::{self, Feed};
+use crate::control_service::EventPublisher;
+use crate::link_model::{LinkModel, Transmission};
+use crate::recorder::UnitEvent;
+use crate::recorder_thread::{self, Feed};
 
 /// The time keeper steps aside for commands so long at most.
 const ASIDE: Duration = Duration::from_millis(2);
 
 /// The answer to a command, as it goes back to whoever asked.
-pub(crate) struct Answered {
+pub(crate) struct LinkResponse {
     /// Nothing from a unit that a fault keeps silent.
     pub reply: Option<Reply>,
     /// The messages that follow the reply.
@@ -36,43 +36,43 @@ pub(crate) struct Answered {
     speed: Speed,
 }
 
-impl Answered {
+impl LinkResponse {
     /// What leaves over a link, each so long after now, by the wall clock.
-    pub fn leaving(&self, carrier: &Carrier) -> Vec<Piece> {
+    pub fn leaving(&self, model: &LinkModel) -> Vec<Transmission> {
         let Some(reply) = &self.reply else { return Vec::new() };
-        let mut pieces: Vec<Piece> = carrier.reply(reply, &self.acting).into_iter().collect();
-        pieces.extend(self.polled.iter().flat_map(|polled| carrier.polled(polled, reply, &self.acting)));
-        for piece in &mut pieces {
-            piece.after_ns = self.speed.wall_ns(piece.after_ns).unwrap_or(0);
+        let mut transmissions: Vec<Transmission> = model.reply(reply, &self.acting).into_iter().collect();
+        transmissions.extend(self.polled.iter().flat_map(|polled| model.polled(polled, reply, &self.acting)));
+        for transmission in &mut transmissions {
+            transmission.after_ns = self.speed.wall_ns(transmission.after_ns).unwrap_or(0);
         }
-        pieces
+        transmissions
     }
 }
 
 /// A half second on its way: ended in the unit a moment early, so that it can be encoded before its deadline. Until
 /// that has passed no command is carried out, so that the unit, the recording and a POLL agree on what came when.
-struct Underway {
+struct PendingSample {
     ended: Ended,
     traces: Option<Box<[Trace; 4]>>,
     injected: Option<Arc<Injected>>,
     happened: Vec<Happening>,
     /// What was driven meanwhile: told behind it.
-    driven: Vec<Event>,
+    driven: Vec<UnitEvent>,
 }
 
 struct Inner {
     unit: Unit,
     /// The last half second whose deadline has passed, and its scheduled end: what a POLL gives.
     completed: Option<(HalfSecond, i64)>,
-    underway: Option<Underway>,
+    underway: Option<PendingSample>,
     /// Commands of a recorded run, still to be carried out again.
     recorded: VecDeque<RecordedCommand>,
     recording: Option<Feed>,
-    bench: Option<Teller>,
+    bench: Option<EventPublisher>,
 }
 
 /// The unit, and what is known of its commands.
-pub(crate) struct Desk {
+pub(crate) struct SharedUnit {
     inner: Mutex<Inner>,
     speed: Speed,
     /// A deadline has passed: commands that came shortly before it are carried out.
@@ -82,7 +82,7 @@ pub(crate) struct Desk {
     /// A recording lies there in place of a unit: commands are counted, and nobody answers.
     is_recording: bool,
     /// How the recording of the unit stands.
-    recording: Option<Arc<recording::Status>>,
+    recording: Option<Arc<recorder_thread::Status>>,
     /// The run is over: commands are neither carried out nor recorded.
     is_closed: AtomicBool,
     /// Commands carried out or refused.
@@ -91,21 +91,21 @@ pub(crate) struct Desk {
     pub rejected: AtomicU64,
 }
 
-impl Desk {
+impl SharedUnit {
     pub fn new(
         configuration: &Configuration,
         truth: &Truth,
         speed: Speed,
         recording: Option<Feed>,
-        bench: Option<Teller>,
-    ) -> Desk {
+        bench: Option<EventPublisher>,
+    ) -> SharedUnit {
         let unit = Unit::on(configuration, truth);
         let recorded = configuration.run.commands.iter().cloned().collect();
         let status = recording.as_ref().map(|feed| feed.status().clone());
         let mut inner = Inner { unit, completed: None, underway: None, recorded, recording, bench };
         let happened = inner.unit.take_happened();
         inner.tell_happened(happened);
-        Desk {
+        SharedUnit {
             inner: Mutex::new(inner),
             speed,
             passed: Notify::new(),
@@ -118,10 +118,10 @@ impl Desk {
         }
     }
 
-    /// A desk with a recording on it.
-    pub fn of_recording(speed: Speed) -> Desk {
-        let desk = Desk::new(&Configuration::reference(), &Truth::Scenario, speed, None, None);
-        Desk { is_recording: true, ..desk }
+    /// A recording in place of a unit.
+    pub fn of_recording(speed: Speed) -> SharedUnit {
+        let shared = SharedUnit::new(&Configuration::reference(), &Truth::Scenario, speed, None, None);
+        SharedUnit { is_recording: true, ..shared }
     }
 
     fn lock(&self) -> MutexGuard<'_, Inner> {
@@ -154,7 +154,7 @@ impl Desk {
         self.lock().unit.motion().untold()
     }
 
-    /// Ends the running half second, and tells what faults did to it. Until [`Desk::complete`] commands wait.
+    /// Ends the running half second, and tells what faults did to it. Until [`SharedUnit::complete`] commands wait.
     pub fn end_half_second(&self) -> (Ended, Option<Arc<Injected>>) {
         let mut inner = self.lock();
         inner.repeat_recorded();
@@ -165,7 +165,8 @@ impl Desk {
             (inner.unit.end_half_second(), None)
         };
         let (injected, happened) = (inner.unit.injected().cloned(), inner.unit.take_happened());
-        inner.underway = Some(Underway { ended, traces, injected: injected.clone(), happened, driven: Vec::new() });
+        inner.underway =
+            Some(PendingSample { ended, traces, injected: injected.clone(), happened, driven: Vec::new() });
         (ended, injected)
     }
 
@@ -180,7 +181,7 @@ impl Desk {
         let mut inner = self.lock();
         inner.complete();
         let frame = inner.unit.ended() - 1;
-        inner.tell(Event::Missed { frame });
+        inner.tell(UnitEvent::Missed { frame });
         drop(inner);
         self.passed.notify_waiters();
     }
@@ -191,18 +192,18 @@ impl Desk {
     }
 
     /// How the recording of the unit stands; `None` without one.
-    pub fn recording(&self) -> Option<&recording::Status> {
+    pub fn recording(&self) -> Option<&recorder_thread::Status> {
         self.recording.as_deref()
     }
 
     /// Carries out the payload of a COMMAND that came over `link`; shortly before a deadline it waits for that. Its answer
     /// waits until it is recorded, but not for long.
-    pub async fn command(&self, link: &str, payload: &[u8]) -> Answered {
+    pub async fn command(&self, link: &str, payload: &[u8]) -> LinkResponse {
         if self.is_recording {
             if self.commands.fetch_add(1, Relaxed) == 0 {
                 console::say(format_args!("{link}: a command came; a recording answers none: they are counted"));
             }
-            return Answered { reply: None, polled: None, acting: Arc::default(), speed: self.speed };
+            return LinkResponse { reply: None, polled: None, acting: Arc::default(), speed: self.speed };
         }
         let waiting = Waiting::new(&self.waiting);
         let (answered, told) = loop {
@@ -221,7 +222,7 @@ impl Desk {
     }
 
     /// Carries it out unless a half second is underway, or the run is over; how much the recording was told by then.
-    fn try_command(&self, link: &str, payload: &[u8]) -> Option<(Answered, Option<u64>)> {
+    fn try_command(&self, link: &str, payload: &[u8]) -> Option<(LinkResponse, Option<u64>)> {
         let mut inner = self.lock();
         if inner.underway.is_some() || self.is_closed.load(Relaxed) {
             return None;
@@ -268,7 +269,7 @@ impl Desk {
             return None;
         }
         let added: Vec<Fault> = faults.iter().map(|fault| inner.unit.inject(fault.clone())).collect();
-        added.iter().for_each(|fault| inner.tell_driven(Event::Injected(fault.clone())));
+        added.iter().for_each(|fault| inner.tell_driven(UnitEvent::Injected(fault.clone())));
         drop(inner);
         self.await_recorded();
         Some(added)
@@ -278,7 +279,7 @@ impl Desk {
     pub fn start(&self, id: &str) -> Option<f64> {
         let mut inner = self.lock();
         let at_s = inner.unit.start(id)?;
-        inner.tell_driven(Event::StartedByHand { id: id.to_owned(), at_s });
+        inner.tell_driven(UnitEvent::StartedByHand { id: id.to_owned(), at_s });
         drop(inner);
         self.await_recorded();
         Some(at_s)
@@ -329,7 +330,7 @@ impl Drop for Waiting<'_> {
 }
 
 impl Inner {
-    fn tell(&mut self, event: Event) {
+    fn tell(&mut self, event: UnitEvent) {
         if let Some(bench) = &mut self.bench {
             bench.tell(&event, self.unit.motion());
         }
@@ -346,7 +347,7 @@ impl Inner {
 
     fn clear(&mut self, id: &str) -> Option<f64> {
         let until_s = self.unit.clear(id)?;
-        self.tell_driven(Event::Cleared { id: id.to_owned(), until_s });
+        self.tell_driven(UnitEvent::Cleared { id: id.to_owned(), until_s });
         Some(until_s)
     }
 
@@ -359,10 +360,10 @@ impl Inner {
     }
 
     fn complete(&mut self) {
-        if let Some(Underway { ended, traces, injected, happened, driven }) = self.underway.take() {
+        if let Some(PendingSample { ended, traces, injected, happened, driven }) = self.underway.take() {
             self.completed = Some((ended.half_second, ended.end_ns));
             if let Some(traces) = traces {
-                self.tell(Event::HalfSecond(ended, traces, injected));
+                self.tell(UnitEvent::HalfSecond(ended, traces, injected));
             }
             self.tell_happened(happened);
             driven.into_iter().for_each(|event| self.tell(event));
@@ -370,7 +371,7 @@ impl Inner {
     }
 
     /// Tells what somebody did to the faults: behind a half second that is underway, which has ended in the unit.
-    fn tell_driven(&mut self, event: Event) {
+    fn tell_driven(&mut self, event: UnitEvent) {
         match &mut self.underway {
             Some(underway) => underway.driven.push(event),
             None => self.tell(event),
@@ -378,15 +379,15 @@ impl Inner {
     }
 
     fn tell_happened(&mut self, happened: Vec<Happening>) {
-        happened.into_iter().for_each(|happening| self.tell(Event::Happened(happening)));
+        happened.into_iter().for_each(|happening| self.tell(UnitEvent::Happened(happening)));
     }
 
-    fn command(&mut self, link: &str, payload: &[u8], speed: Speed) -> Answered {
+    fn command(&mut self, link: &str, payload: &[u8], speed: Speed) -> LinkResponse {
         let running_end_ns = self.unit.running_end_ns();
         let answer = self.unit.command(payload);
         let acting = self.unit.faults().acting().clone();
         let (reply, polled) = (answer.map(|answer| answer.reply), answer.ok().and_then(|answer| answer.polled));
-        self.tell(Event::Command {
+        self.tell(UnitEvent::Command {
             link: link.to_owned(),
             payload: payload.to_vec(),
             running_end_ns,
@@ -396,9 +397,9 @@ impl Inner {
         let reply = reply.ok();
         if let (Some(reply), Some(half_second), Some((_, end_ns))) = (reply, polled, self.completed) {
             let (link, injected) = (link.to_owned(), self.unit.injected().cloned());
-            self.tell(Event::Polled { link, half_second, reply, end_ns, injected, acting: acting.clone() });
+            self.tell(UnitEvent::Polled { link, half_second, reply, end_ns, injected, acting: acting.clone() });
         }
-        Answered { reply, polled, acting, speed }
+        LinkResponse { reply, polled, acting, speed }
     }
 }
 
@@ -411,49 +412,49 @@ mod tests {
 
     use super::*;
 
-    fn now(desk: &Desk, payload: &[u8]) -> Answered {
-        desk.try_command("test", payload).expect("nothing is underway").0
+    fn now(shared: &SharedUnit, payload: &[u8]) -> LinkResponse {
+        shared.try_command("test", payload).expect("nothing is underway").0
     }
 
     #[test]
     fn a_command_just_before_the_deadline_is_carried_out_just_after_it() {
-        let desk = Desk::new(&Configuration::reference(), &Truth::Scenario, Speed::Max, None, None);
-        assert_eq!(now(&desk, &[2, 1]).reply.expect("heard").outcome(), Outcome::Done);
-        assert_eq!(now(&desk, &[3]).reply.expect("heard").outcome(), Outcome::NotPossibleNow);
-        let (first, _) = desk.end_half_second();
+        let shared = SharedUnit::new(&Configuration::reference(), &Truth::Scenario, Speed::Max, None, None);
+        assert_eq!(now(&shared, &[2, 1]).reply.expect("heard").outcome(), Outcome::Done);
+        assert_eq!(now(&shared, &[3]).reply.expect("heard").outcome(), Outcome::NotPossibleNow);
+        let (first, _) = shared.end_half_second();
         assert!(!first.cyclic);
-        let mut poll = std::pin::pin!(desk.command("test", &[3]));
+        let mut poll = std::pin::pin!(shared.command("test", &[3]));
         let mut context = Context::from_waker(Waker::noop());
         assert!(poll.as_mut().poll(&mut context).is_pending());
-        assert_eq!(desk.waiting.load(Relaxed), 1);
-        desk.complete();
+        assert_eq!(shared.waiting.load(Relaxed), 1);
+        shared.complete();
         let Poll::Ready(answered) = poll.as_mut().poll(&mut context) else { panic!("nothing to wait for") };
         assert_eq!(answered.polled, Some(first.half_second));
-        assert_eq!(desk.waiting.load(Relaxed), 0);
-        let (second, _) = desk.end_half_second();
-        assert!(desk.try_command("test", &[3]).is_none());
-        desk.complete();
-        assert_eq!(now(&desk, &[3]).polled, Some(second.half_second));
-        assert_eq!(now(&desk, &[3]).polled, Some(second.half_second));
+        assert_eq!(shared.waiting.load(Relaxed), 0);
+        let (second, _) = shared.end_half_second();
+        assert!(shared.try_command("test", &[3]).is_none());
+        shared.complete();
+        assert_eq!(now(&shared, &[3]).polled, Some(second.half_second));
+        assert_eq!(now(&shared, &[3]).polled, Some(second.half_second));
     }
 
     #[test]
     fn what_is_driven_while_a_half_second_is_underway_is_told_behind_it() {
-        let (recording, events) = recording::unwritten_feed();
+        let (recording, events) = recorder_thread::unwritten_feed();
         let mut configuration = Configuration::reference();
         let plan = "[[fault]]\nid = \"waits\"\nby_hand = true\nfault = \"drop\"\n[[fault]]\nid = \"dead\"\nfault = \"dead\"\ngyro = \"GYRX\"";
         configuration.add_plan("plan", plan).expect("a plan");
-        let desk = Desk::new(&configuration, &Truth::Scenario, Speed::Max, Some(recording), None);
-        desk.end_half_second();
-        assert_eq!(desk.start("waits"), Some(1.0), "with the next half second that begins");
-        assert_eq!(desk.clear("dead"), Some(1.0));
-        desk.complete();
-        desk.close();
+        let shared = SharedUnit::new(&configuration, &Truth::Scenario, Speed::Max, Some(recording), None);
+        shared.end_half_second();
+        assert_eq!(shared.start("waits"), Some(1.0), "with the next half second that begins");
+        assert_eq!(shared.clear("dead"), Some(1.0));
+        shared.complete();
+        shared.close();
         let told = events.into_iter().map(|event| match event {
-            Event::HalfSecond(..) => "half second",
-            Event::Happened(_) => "happened",
-            Event::StartedByHand { .. } => "started",
-            Event::Cleared { .. } => "cleared",
+            UnitEvent::HalfSecond(..) => "half second",
+            UnitEvent::Happened(_) => "happened",
+            UnitEvent::StartedByHand { .. } => "started",
+            UnitEvent::Cleared { .. } => "cleared",
             _ => "else",
         });
         assert_eq!(told.collect::<Vec<_>>(), ["happened", "half second", "started", "cleared"]);
@@ -462,41 +463,41 @@ mod tests {
     #[test]
     fn what_is_told_to_the_recording_happens_again_in_a_unit_of_its_own() {
         let configuration = Configuration::reference();
-        let (recording, events) = recording::unwritten_feed();
-        let desk = Desk::new(&configuration, &Truth::Scenario, Speed::Max, Some(recording), None);
+        let (recording, events) = recorder_thread::unwritten_feed();
+        let shared = SharedUnit::new(&configuration, &Truth::Scenario, Speed::Max, Some(recording), None);
         let payloads: [&[u8]; 8] = [&[1], &[2, 1], &[3], &[5], &[3], &[2, 0], &[4, 1, 0, 5, 3], &[3]];
         let mut context = Context::from_waker(Waker::noop());
         for index in 0..400 {
             let payload = payloads[((index * 5) ^ (index / 8)) % 8];
-            let mut command = std::pin::pin!(desk.command("test", payload));
+            let mut command = std::pin::pin!(shared.command("test", payload));
             let is_early = index % 3 == 0;
             if is_early {
                 assert!(command.as_mut().poll(&mut context).is_ready());
             }
-            desk.end_half_second();
+            shared.end_half_second();
             if !is_early {
                 assert!(command.as_mut().poll(&mut context).is_pending());
             }
-            desk.complete();
+            shared.complete();
             if !is_early {
                 assert!(command.as_mut().poll(&mut context).is_ready());
             }
         }
-        desk.close();
+        shared.close();
         let mut unit = Unit::new(&configuration);
         let (mut polled, mut end_ns, mut polls) = (None, 0, 0);
         for event in events {
             match event {
-                Event::HalfSecond(ended, traces, _) => {
+                UnitEvent::HalfSecond(ended, traces, _) => {
                     assert_eq!((ended, *traces), unit.end_half_second_traced());
                     end_ns = ended.end_ns;
                 }
-                Event::Command { payload, running_end_ns, .. } => {
+                UnitEvent::Command { payload, running_end_ns, .. } => {
                     assert_eq!(running_end_ns, unit.running_end_ns());
                     assert_eq!(polled, None, "a recorded POLL has its data");
                     polled = unit.command(&payload).expect("heard").polled;
                 }
-                Event::Polled { half_second, end_ns: stamp_ns, .. } => {
+                UnitEvent::Polled { half_second, end_ns: stamp_ns, .. } => {
                     polls += 1;
                     assert_eq!((Some(half_second), stamp_ns), (polled.take(), end_ns));
                 }

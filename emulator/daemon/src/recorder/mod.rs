@@ -23,13 +23,13 @@ use geu_model::units::{HALF_SECOND_NS, RAD_PER_DEG, on_board_s};
 use geu_model::{Configuration, Ended, Injected, Trace, Truth};
 use geu_protocol::command::hex;
 
-use crate::carriage::{Carrier, Content, Outbox};
 use crate::fault_log::FaultLog;
+use crate::link_model::{LinkModel, TransmitQueue, WireData};
 use crate::truth::received;
 use truth_csv::TruthCsv;
 
 pub use destination::{Destination, FILES};
-pub(crate) use event::Event;
+pub(crate) use event::UnitEvent;
 pub use links::misses;
 pub(crate) use links::{form_beside, recorded};
 pub(crate) use output::Output;
@@ -60,9 +60,9 @@ pub struct Recorder {
     configuration: Configuration,
     wire: WireForm,
     /// The link that is recorded, and what waits on it.
-    carrier: Carrier,
-    links: Vec<Carrier>,
-    outbox: Outbox,
+    model: LinkModel,
+    links: Vec<LinkModel>,
+    queue: TransmitQueue,
     link: Output,
     faults: FaultLog,
     reference: Output,
@@ -108,12 +108,12 @@ impl Recorder {
         configuration: &Configuration,
         truth: &Truth,
         wire: WireForm,
-        links: &[Carrier],
+        links: &[LinkModel],
     ) -> Result<Recorder, RecordError> {
         let links = if links.is_empty() { links::without_links(configuration) } else { links.to_vec() };
-        let carrier = recorded(wire, configuration, &links);
+        let model = recorded(wire, configuration, &links);
         let is_received = matches!(truth, Truth::Stepped(_));
-        let held = destination.claim(&run_at_start(configuration, wire, &carrier, &links, is_received))?;
+        let held = destination.claim(&run_at_start(configuration, wire, &model, &links, is_received))?;
         let directory = destination.directory();
         let received = match truth {
             Truth::Stepped(truth) => {
@@ -140,10 +140,10 @@ impl Recorder {
             _held: held,
             configuration: configuration.clone(),
             wire,
-            faults: FaultLog::create(directory, &carrier, &links)?,
-            carrier,
+            faults: FaultLog::create(directory, &model, &links)?,
+            model,
             links,
-            outbox: Outbox::default(),
+            queue: TransmitQueue::default(),
             motion: truth.motion(configuration, 0.0),
             sun_sensor: SunSensor::new(configuration.sensors.fss, configuration.seed),
             star_sensor: StarSensor::new(configuration.sensors.sse, configuration.seed, scenario.limit_cycle),
@@ -189,37 +189,37 @@ impl Recorder {
     ///
     /// # Errors
     /// A file that cannot be written.
-    pub(crate) fn event(&mut self, event: &Event) -> Result<(), RecordError> {
-        if matches!(event, Event::HalfSecond(..) | Event::Polled { .. }) {
+    pub(crate) fn event(&mut self, event: &UnitEvent) -> Result<(), RecordError> {
+        if matches!(event, UnitEvent::HalfSecond(..) | UnitEvent::Polled { .. }) {
             self.flush_causes()?;
         }
         self.take(event)?;
         if self.buffered() > BUFFER { self.flush() } else { Ok(()) }
     }
 
-    fn take(&mut self, event: &Event) -> Result<(), RecordError> {
+    fn take(&mut self, event: &UnitEvent) -> Result<(), RecordError> {
         match event {
-            Event::HalfSecond(ended, traces, injected) => self.half_second(ended, traces, injected.as_deref()),
-            Event::Command { link, payload, running_end_ns, reply, acting } => {
+            UnitEvent::HalfSecond(ended, traces, injected) => self.half_second(ended, traces, injected.as_deref()),
+            UnitEvent::Command { link, payload, running_end_ns, reply, acting } => {
                 self.command(link, payload, *running_end_ns)?;
                 self.faults.reply(self.half_seconds, link, payload, *reply, acting)
             }
-            Event::Polled { link, half_second, reply, end_ns, injected, acting } => {
+            UnitEvent::Polled { link, half_second, reply, end_ns, injected, acting } => {
                 let frame = self.half_seconds.saturating_sub(1);
                 self.faults.polled(frame, link, half_second, reply, injected.as_deref(), acting)?;
                 // The recording is of one form, whatever links are open: it has what was polled over any of them.
-                self.outbox.put(&self.carrier.polled(half_second, reply, acting), frame, *end_ns);
+                self.queue.put(&self.model.polled(half_second, reply, acting), frame, *end_ns);
                 self.write_due(*end_ns)
             }
-            Event::Missed { frame } => self.faults.missed(*frame),
-            Event::Happened(happening) => self.faults.happened(self.half_seconds, happening),
-            Event::Injected(fault) => {
+            UnitEvent::Missed { frame } => self.faults.missed(*frame),
+            UnitEvent::Happened(happening) => self.faults.happened(self.half_seconds, happening),
+            UnitEvent::Injected(fault) => {
                 self.configuration.faults.push(fault.clone());
                 self.configuration.run.injected.push(fault.id.clone());
                 self.is_run_outdated = true;
                 self.faults.injected(self.half_seconds, fault)
             }
-            Event::StartedByHand { id, at_s } => {
+            UnitEvent::StartedByHand { id, at_s } => {
                 let fault = self.configuration.faults.iter_mut().find(|fault| fault.id == *id);
                 fault.into_iter().for_each(|fault| {
                     fault.start_at(*at_s);
@@ -227,7 +227,7 @@ impl Recorder {
                 self.is_run_outdated = true;
                 self.faults.started_by_hand(self.half_seconds, id, *at_s)
             }
-            Event::Cleared { id, until_s } => {
+            UnitEvent::Cleared { id, until_s } => {
                 let fault = self.configuration.faults.iter_mut().find(|fault| fault.id == *id);
                 fault.into_iter().for_each(|fault| fault.end_at(*until_s));
                 self.is_run_outdated = true;
@@ -249,8 +249,8 @@ impl Recorder {
         }
         let frame = self.half_seconds;
         let half_second = Some(&ended.half_second).filter(|_| ended.cyclic);
-        let pieces = self.carrier.carry(half_second, frame, injected.map_or(&[], |injected| &injected.acting));
-        self.outbox.put(&pieces, frame, ended.end_ns);
+        let transmissions = self.model.carry(half_second, frame, injected.map_or(&[], |injected| &injected.acting));
+        self.queue.put(&transmissions, frame, ended.end_ns);
         self.write_due(ended.end_ns)?;
         if let Some(injected) = injected {
             self.faults.half_second(frame, ended, injected)?;
@@ -304,18 +304,18 @@ impl Recorder {
 
     /// Writes what left by then.
     fn write_due(&mut self, until_ns: i64) -> Result<(), RecordError> {
-        while let Some((due_ns, contents)) = self.outbox.take(until_ns) {
+        while let Some((due_ns, contents)) = self.queue.take(until_ns) {
             self.write(&contents, due_ns)?;
         }
         Ok(())
     }
 
-    fn write(&mut self, contents: &[Content], due_ns: i64) -> Result<(), RecordError> {
+    fn write(&mut self, contents: &[WireData], due_ns: i64) -> Result<(), RecordError> {
         let stamp = stamp(self.configuration.start_unix_ns + due_ns);
         self.link.write(|file| {
             contents.iter().try_for_each(|content| match content {
-                Content::Bytes(bytes) => file.write_all(bytes),
-                Content::Frame(_) => writeln!(file, "({stamp}) {INTERFACE} {content}"),
+                WireData::Bytes(bytes) => file.write_all(bytes),
+                WireData::Frame(_) => writeln!(file, "({stamp}) {INTERFACE} {content}"),
             })
         })
     }
@@ -389,7 +389,7 @@ impl Recorder {
             }
         };
         // What faults still hold back left with the end.
-        self.outbox.end(self.end_ns);
+        self.queue.end(self.end_ns);
         self.write_due(i64::MAX)?;
         if self.received.is_some() {
             if self.half_seconds == 0 {
@@ -408,7 +408,7 @@ impl Recorder {
     /// Puts `run.toml` of the run so far in place.
     fn write_run(&self, is_unfinished: bool, ended_early: Option<EndedEarly>) -> Result<(), RecordError> {
         let is_received = self.received.is_some();
-        let mut configuration = run_at_start(&self.configuration, self.wire, &self.carrier, &self.links, is_received);
+        let mut configuration = run_at_start(&self.configuration, self.wire, &self.model, &self.links, is_received);
         let run = &mut configuration.run;
         run.duration_s = on_board_s(self.half_seconds);
         (run.is_unfinished, run.ended_early) = (is_unfinished, ended_early);
@@ -456,8 +456,8 @@ impl Recorder {
 fn run_at_start(
     configuration: &Configuration,
     wire: WireForm,
-    carrier: &Carrier,
-    links: &[Carrier],
+    model: &LinkModel,
+    links: &[LinkModel],
     is_received: bool,
 ) -> Configuration {
     let mut configuration = configuration.clone();
@@ -466,9 +466,9 @@ fn run_at_start(
     configuration.run = RunRecord {
         duration_s: on_board_s(0),
         wire: Some(wire),
-        links: links.iter().map(|carrier| carrier.kind).collect(),
+        links: links.iter().map(|model| model.kind).collect(),
         serial_baud: links::serial_baud(links),
-        can_base: links::can_base(carrier, links),
+        can_base: links::can_base(model, links),
         is_unfinished: true,
         ended_early: None,
         injected: std::mem::take(&mut configuration.run.injected),

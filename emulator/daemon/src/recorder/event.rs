@@ -13,7 +13,7 @@ const FAULT_BYTES: usize = 2048;
 
 /// What happened in the unit, told in the order in which it happened on board.
 #[derive(Clone)]
-pub(crate) enum Event {
+pub(crate) enum UnitEvent {
     /// A half second ended, and what faults did to it.
     HalfSecond(Ended, Box<[Trace; 4]>, Option<Arc<Injected>>),
     /// A command came over a link within the half second that runs; its scheduled end, what the unit answers (an
@@ -47,7 +47,7 @@ pub(crate) enum Event {
     Cleared { id: String, until_s: f64 },
 }
 
-impl Event {
+impl UnitEvent {
     /// Memory that it takes while it waits, about. What acts in a half second is one list, which its commands and polls
     /// share: it counts once, with the half second.
     pub fn bytes(&self) -> usize {
@@ -55,14 +55,14 @@ impl Event {
             injected.as_ref().map_or(0, |injected| size_of::<Injected>() + size_of_val(&injected.acting[..]))
         };
         let more = match self {
-            Event::HalfSecond(_, traces, injected) => size_of_val(&**traces) + of_injected(injected),
-            Event::Command { link, payload, .. } => link.len() + payload.len(),
-            Event::Polled { link, .. } => link.len(),
-            Event::Happened(_) | Event::Injected(_) => FAULT_BYTES,
-            Event::StartedByHand { id, .. } | Event::Cleared { id, .. } => id.len(),
-            Event::Missed { .. } => 0,
+            UnitEvent::HalfSecond(_, traces, injected) => size_of_val(&**traces) + of_injected(injected),
+            UnitEvent::Command { link, payload, .. } => link.len() + payload.len(),
+            UnitEvent::Polled { link, .. } => link.len(),
+            UnitEvent::Happened(_) | UnitEvent::Injected(_) => FAULT_BYTES,
+            UnitEvent::StartedByHand { id, .. } | UnitEvent::Cleared { id, .. } => id.len(),
+            UnitEvent::Missed { .. } => 0,
         };
-        size_of::<Event>() + more
+        size_of::<UnitEvent>() + more
     }
 }
 
@@ -85,10 +85,10 @@ mod tests {
         let acting = unit.faults().acting().clone();
         let injected = unit.injected().cloned();
         assert_eq!(acting.len(), 1000);
-        let half_second = Event::HalfSecond(ended, Box::new(traces), injected);
+        let half_second = UnitEvent::HalfSecond(ended, Box::new(traces), injected);
         assert!(half_second.bytes() > 1000 * size_of::<Acting>(), "{}", half_second.bytes());
         let (link, payload, reply) = ("tcp".to_owned(), vec![1], unit.command(&[1]).map(|answer| answer.reply));
-        let command = Event::Command { link, payload, running_end_ns: 0, reply, acting };
+        let command = UnitEvent::Command { link, payload, running_end_ns: 0, reply, acting };
         assert!(command.bytes() < 1000, "64 MB must hold some hundred thousand of them: {}", command.bytes());
     }
 }
