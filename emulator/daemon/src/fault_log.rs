@@ -18,7 +18,7 @@ use std::path::Path;
 use geu_model::configuration::fault::fault_text;
 use geu_model::fault::Fault;
 use geu_model::fault::acting::{Acting, Happening};
-use geu_model::fault::catalogue::{LinkKind, LinkLaw};
+use geu_model::fault::catalogue::LinkKind;
 use geu_model::fault::expectation::Verdict;
 use geu_model::units::on_board_s;
 use geu_model::{Ended, Injected};
@@ -26,7 +26,7 @@ use geu_protocol::command::hex;
 use geu_protocol::{HalfSecond, Reply};
 use serde_json::{Value, json};
 
-use crate::link_model::{LinkModel, Transmission, WireData};
+use crate::link_model::{ActiveLinkFault, LinkModel, Transmission, WireData};
 use crate::recorder::{Output, RecordError};
 
 /// Writes it.
@@ -144,7 +144,7 @@ impl FaultLog {
         // Those of links act on its way alone.
         let on_data = injected.map_or(&[][..], |injected| &injected.acting).iter();
         let on_data = on_data.filter(|acting| acting.on_link().is_none()).map(|acting| acting.fault.id.as_str());
-        let on_way = model.own(acting).into_iter().map(|(acting, _)| acting.fault.id.as_str());
+        let on_way = model.faults(acting).into_iter().map(|it| it.acting.fault.id.as_str());
         let ids: Vec<&str> = on_data.chain(on_way).collect();
         let sent = Sent { model: &model, frame, sequence: half_second.sequence, is_polled: true };
         if self.compare(&sent, Some(clean), &after, &ids)? {
@@ -214,11 +214,9 @@ impl FaultLog {
         if after.as_ref().is_some_and(|transmission| transmission.after_ns == 0) {
             return Ok(());
         }
-        let of_replies =
-            |law: &LinkLaw| matches!(law, LinkLaw::Silence | LinkLaw::ReplyMissing | LinkLaw::ReplyLate { .. });
-        let own = model.own(acting).into_iter().filter(|(_, law)| of_replies(law));
+        let own = model.faults(acting).into_iter().filter(ActiveLinkFault::changes_replies);
         let silent = acting.iter().filter(|acting| acting.silences_unit());
-        let ids: Vec<&str> = silent.chain(own.map(|(acting, _)| acting)).map(|it| it.fault.id.as_str()).collect();
+        let ids: Vec<&str> = silent.chain(own.map(|it| it.acting)).map(|it| it.fault.id.as_str()).collect();
         self.line(&json!({
             "what": "reply", "t_s": on_board_s(frame), "half_second": frame, "link": model.kind.name(), "ids": ids,
             "command": hex(command), "before": before.to_string(),

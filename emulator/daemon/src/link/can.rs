@@ -15,7 +15,9 @@ use tokio::sync::Notify;
 use tokio::task::yield_now;
 use tokio::time::timeout;
 
-use super::{LATE_ANSWERS, Link, LinkError, LinkStatistics, Sending, Watched};
+use super::error::LinkError;
+use super::interface::{LATE_ANSWERS, Link, Watched};
+use super::statistics::{LinkStatistics, Sending};
 use crate::cadence::now_ns;
 use crate::console;
 use crate::link_model::{LinkModel, TransmitQueue, WireData};
@@ -94,7 +96,6 @@ enum Written {
 
 struct Can {
     bus: Arc<Bus>,
-    frames: Vec<socketcan::CanFrame>,
     /// Whether the interface was up when it was opened.
     is_up: bool,
     /// Whether the queue was full at the last half second; told once, and once when it is over.
@@ -121,7 +122,7 @@ pub(super) fn open(
     });
     let is_up = is_up(&address.interface);
     tokio::spawn(attend(socket, is_up, bus.clone(), unit.clone()));
-    Ok(Can { bus, frames: Vec::new(), is_up, is_full: false })
+    Ok(Can { bus, is_up, is_full: false })
 }
 
 /// A socket that does not block and hears nothing but COMMAND.
@@ -345,7 +346,7 @@ async fn answer(frame: &socketcan::CanFrame, socket: &CanSocket, bus: &Bus, unit
         bus.statistics.unread_replies.fetch_add(1, Relaxed);
         return;
     }
-    bus.answers().put(&transmissions, 0, now_ns());
+    bus.answers().put(transmissions, 0, now_ns());
     bus.statistics.replies.fetch_add(1, Relaxed);
     bus.send_answers(socket).await;
     bus.later.notify_one();
@@ -370,18 +371,15 @@ impl Link for Can {
         &self.bus.model
     }
 
-    fn prepare(&mut self, contents: &[WireData], _goes_on: bool) {
-        self.frames = contents.iter().filter_map(to_socket).collect();
-    }
-
-    fn send(&mut self, patience: &Patience) {
+    fn send(&mut self, data: &[WireData], _more_fragments: bool, patience: &Patience) {
         let outcome = match self.bus.socket() {
             Some(socket) => {
                 let turn = self.bus.turn.blocking_lock();
                 // A queue that stayed full once is not waited for like that again until it has room.
                 let patience = Some(patience).filter(|_| !self.is_full);
                 let asked = Instant::now();
-                let all_sent = self.frames.iter().all(|frame| self.bus.write(&socket, frame, asked, patience));
+                let all_sent =
+                    data.iter().filter_map(to_socket).all(|frame| self.bus.write(&socket, &frame, asked, patience));
                 drop(turn);
                 self.tell_queue(!all_sent && !self.bus.has_failed());
                 if all_sent { Sending::Sent } else { Sending::Dropped }

@@ -30,9 +30,11 @@ use nix::unistd::ttyname;
 use tokio::io::unix::AsyncFd;
 use tokio::task::yield_now;
 
+use super::error::LinkError;
+use super::interface::{Link, Watched};
 use super::receive::{Receiver, serve};
+use super::statistics::LinkStatistics;
 use super::stream_sender::{Port, StreamSender};
-use super::{Link, LinkError, LinkStatistics, Watched, stream};
 use crate::console;
 use crate::link_model::{LinkModel, WireData};
 use crate::patience::Patience;
@@ -58,9 +60,6 @@ struct Pty {
     line: Arc<StreamSender>,
     symlink: Arc<Symlink>,
     model: LinkModel,
-    bytes: Vec<u8>,
-    /// Whether they end within a frame.
-    more_fragments: bool,
     is_stalled: bool,
     /// Bytes that its client had not read when that was asked last, and bytes that were written by then.
     unread: usize,
@@ -149,17 +148,7 @@ pub(super) fn open(
         let model = model.clone();
         async move { attend(terminal, &inotify, &line, &symlink, &unit, &model, &statistics).await }
     });
-    Ok(Pty {
-        line,
-        symlink,
-        model,
-        bytes: Vec::new(),
-        more_fragments: false,
-        is_stalled: false,
-        unread: 0,
-        written: 0,
-        statistics,
-    })
+    Ok(Pty { line, symlink, model, is_stalled: false, unread: 0, written: 0, statistics })
 }
 
 /// Serves one client after the other.
@@ -254,11 +243,7 @@ impl Link for Pty {
         &self.model
     }
 
-    fn prepare(&mut self, contents: &[WireData], more_fragments: bool) {
-        (self.bytes, self.more_fragments) = (stream(contents), more_fragments);
-    }
-
-    fn send(&mut self, patience: &Patience) {
+    fn send(&mut self, data: &[WireData], more_fragments: bool, patience: &Patience) {
         let asked = Instant::now();
         self.is_stalled &= self.line.is_open();
         // The rest of a frame follows its beginning.
@@ -266,11 +251,11 @@ impl Link for Pty {
         while self.line.is_open() && !is_within_frame && !self.has_room() {
             if self.is_stalled || patience.is_over(asked) {
                 self.is_stalled = !patience.is_none();
-                return self.statistics.count(self.line.drop_data(self.more_fragments));
+                return self.statistics.count(self.line.drop_data(more_fragments));
             }
             thread::sleep(LOOK_AGAIN);
         }
-        self.statistics.count(self.line.send(&self.bytes, self.more_fragments, patience));
+        self.statistics.count(self.line.send(data, more_fragments, patience));
     }
 
     fn send_answers(&mut self) {

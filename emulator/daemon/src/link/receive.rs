@@ -12,7 +12,7 @@ use tokio::io::unix::AsyncFd;
 use tokio::task::yield_now;
 use tokio::time::timeout;
 
-use super::Watched;
+use super::interface::Watched;
 use super::stream_sender::{Port, StreamSender};
 use crate::link_model::LinkModel;
 use crate::shared_unit::SharedUnit;
@@ -145,7 +145,7 @@ pub(super) async fn serve(
             // Nothing more is read until the reply has room, but only while the client reads.
             line.reply_room().await;
             let answered = unit.command(link, &payload).await;
-            line.answer(&answered.leaving(model));
+            line.answer(answered.leaving(model));
         }
         yield_now().await;
     }

@@ -9,9 +9,11 @@ use std::time::Duration;
 use geu_protocol::serial::DEFAULT_BAUD;
 use tokio_serial::{DataBits, Parity, SerialStream, StopBits};
 
+use super::error::LinkError;
+use super::interface::{Link, Watched};
 use super::receive::{Receiver, serve};
+use super::statistics::{LinkStatistics, Sending};
 use super::stream_sender::{Port, StreamSender};
-use super::{Link, LinkError, LinkStatistics, Sending, Watched, stream};
 use crate::console;
 use crate::link_model::{LinkModel, WireData};
 use crate::patience::Patience;
@@ -65,9 +67,6 @@ impl SerialAddress {
 struct Serial {
     line: Arc<StreamSender>,
     model: LinkModel,
-    bytes: Vec<u8>,
-    /// Whether they end within a frame.
-    more_fragments: bool,
     statistics: Arc<LinkStatistics>,
 }
 
@@ -81,7 +80,7 @@ pub(super) fn open(
     let statistics = LinkStatistics::new(format!("serial {} {}", address.device, address.baud));
     let line = Arc::new(StreamSender::new(None, 0.0, statistics.clone()));
     tokio::spawn(attend(opened, address.clone(), line.clone(), unit.clone(), model.clone(), statistics.clone()));
-    Ok(Serial { line, model, bytes: Vec::new(), more_fragments: false, statistics })
+    Ok(Serial { line, model, statistics })
 }
 
 async fn attend(
@@ -134,12 +133,8 @@ impl Link for Serial {
         &self.model
     }
 
-    fn prepare(&mut self, contents: &[WireData], more_fragments: bool) {
-        (self.bytes, self.more_fragments) = (stream(contents), more_fragments);
-    }
-
-    fn send(&mut self, patience: &Patience) {
-        self.statistics.count(match self.line.send(&self.bytes, self.more_fragments, patience) {
+    fn send(&mut self, data: &[WireData], more_fragments: bool, patience: &Patience) {
+        self.statistics.count(match self.line.send(data, more_fragments, patience) {
             Sending::Unread => Sending::Dropped,
             outcome => outcome,
         });

@@ -20,9 +20,10 @@ use tokio::io::unix::AsyncFd;
 use tokio::sync::Notify;
 use tokio::time::timeout;
 
-use super::{LATE_ANSWERS, LinkStatistics, Sending, Watched, stream};
+use super::interface::{LATE_ANSWERS, Watched};
+use super::statistics::{LinkStatistics, Sending};
 use crate::cadence::now_ns;
-use crate::link_model::{Transmission, TransmitQueue};
+use crate::link_model::{Transmission, TransmitQueue, WireData};
 use crate::patience::Patience;
 
 /// Bytes of half seconds that may wait when another is offered: less than two.
@@ -65,7 +66,7 @@ struct State {
     /// A frame that was taken goes on, and whether it is of an answer: nothing is taken before its rest.
     begun: Option<bool>,
     /// What waits for the end of that frame.
-    waiting: Vec<Taken>,
+    waiting: Vec<Waiting>,
     /// The beginning of a half second was dropped, so its rest is too.
     is_dropping: bool,
     /// Answers whose time has not come, by the wall clock.
@@ -83,8 +84,8 @@ struct State {
     statistics: Arc<LinkStatistics>,
 }
 
-/// Bytes to be sent.
-struct Taken {
+/// Bytes that wait for the end of a frame of the other thread.
+struct Waiting {
     bytes: Vec<u8>,
     /// Whether they are of an answer, not of a half second that is sent by itself.
     is_reply: bool,
@@ -145,25 +146,36 @@ impl State {
         }
     }
 
-    /// Takes bytes in, behind what waits, and writes what is due.
-    fn take(&mut self, taken: Taken) -> Next {
-        self.waiting.push(taken);
+    /// Adds data behind what waits, and writes what is due.
+    fn push(&mut self, data: &[WireData], is_reply: bool, more_fragments: bool) -> Next {
+        if self.begun.is_some_and(|begun| begun != is_reply) {
+            let bytes = data.iter().flat_map(WireData::bytes).copied().collect();
+            self.waiting.push(Waiting { bytes, is_reply, more_fragments });
+            return self.write();
+        }
+        self.append(data.iter().map(WireData::bytes), is_reply, more_fragments);
         while let Some(place) = self.waiting.iter().position(|it| self.begun.is_none_or(|begun| begun == it.is_reply)) {
-            let Taken { bytes, is_reply, more_fragments } = self.waiting.remove(place);
-            if self.pending.is_empty() {
-                self.free_ns = self.free_ns.max(now_ns());
-            }
-            self.pending.extend_from_slice(&bytes);
-            self.frames.push_back((bytes.len(), is_reply));
-            self.replies += if is_reply { bytes.len() } else { 0 };
-            self.begun = more_fragments.then_some(is_reply);
+            let Waiting { bytes, is_reply, more_fragments } = self.waiting.remove(place);
+            self.append(std::iter::once(&bytes[..]), is_reply, more_fragments);
         }
         self.write()
     }
 
+    fn append<'a>(&mut self, data: impl Iterator<Item = &'a [u8]>, is_reply: bool, more_fragments: bool) {
+        if self.pending.is_empty() {
+            self.free_ns = self.free_ns.max(now_ns());
+        }
+        let before = self.pending.len();
+        data.for_each(|bytes| self.pending.extend_from_slice(bytes));
+        let length = self.pending.len() - before;
+        self.frames.push_back((length, is_reply));
+        self.replies += if is_reply { length } else { 0 };
+        self.begun = more_fragments.then_some(is_reply);
+    }
+
     /// Bytes that wait for the end of a frame of the other thread.
     fn waiting(&self, is_reply: bool) -> usize {
-        self.waiting.iter().filter(|taken| taken.is_reply == is_reply).map(|taken| taken.bytes.len()).sum()
+        self.waiting.iter().filter(|it| it.is_reply == is_reply).map(|it| it.bytes.len()).sum()
     }
 
     /// What is longer than a frame, because a fault made it so, has room where a frame has; the rest of a frame always.
@@ -190,7 +202,7 @@ impl State {
     /// Forgets what waits, and counts the replies.
     fn discard(&mut self) {
         let replies = self.frames.iter().filter(|(_, is_reply)| *is_reply).count()
-            + self.waiting.iter().filter(|taken| taken.is_reply).count()
+            + self.waiting.iter().filter(|it| it.is_reply).count()
             + self.answers.len();
         self.statistics.unread_replies.fetch_add(replies as u64, Relaxed);
         self.pending.clear();
@@ -270,11 +282,12 @@ impl StreamSender {
     }
 
     /// Sends a half second, whole or not at all.
-    pub fn send(&self, bytes: &[u8], more_fragments: bool, patience: &Patience) -> Sending {
+    pub fn send(&self, data: &[WireData], more_fragments: bool, patience: &Patience) -> Sending {
+        let length = data.iter().map(|data| data.bytes().len()).sum();
         let asked = Instant::now();
         loop {
             let mut state = self.lock();
-            if !state.has_data_room(bytes.len()) {
+            if !state.has_data_room(length) {
                 state.write();
             }
             if state.port.is_none() {
@@ -283,8 +296,8 @@ impl StreamSender {
             if state.is_dropping {
                 return state.drop_data(more_fragments);
             }
-            if state.has_data_room(bytes.len()) {
-                let next = state.take(Taken { bytes: bytes.to_vec(), is_reply: false, more_fragments });
+            if state.has_data_room(length) {
+                let next = state.push(data, false, more_fragments);
                 self.tell_room(state);
                 return match next {
                     Next::Closed => {
@@ -335,7 +348,7 @@ impl StreamSender {
 
     /// Takes the answer to a command in, each transmission so long, on the wall clock, after now, or drops it where there is no
     /// room; [`StreamSender::reply_room`] comes first.
-    pub fn answer(&self, transmissions: &[Transmission]) {
+    pub fn answer(&self, transmissions: Vec<Transmission>) {
         let mut state = self.lock();
         if state.port.is_none() || transmissions.is_empty() {
             return;
@@ -357,7 +370,7 @@ impl StreamSender {
         let mut state = self.lock();
         while let Some((_, contents)) = state.answers.take(until_ns) {
             let more_fragments = state.answers.is_within_frame();
-            state.take(Taken { bytes: stream(&contents), is_reply: true, more_fragments });
+            state.push(&contents, true, more_fragments);
         }
         let next_ns = state.answers.next_ns();
         self.tell_room(state);

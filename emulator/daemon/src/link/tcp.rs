@@ -12,9 +12,11 @@ use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::socket::{setsockopt, sockopt};
 use tokio::net::{TcpListener, TcpStream};
 
+use super::error::LinkError;
+use super::interface::{Link, Watched};
 use super::receive::{Receiver, serve};
+use super::statistics::{LinkStatistics, Sending};
 use super::stream_sender::{Port, StreamSender};
-use super::{Link, LinkError, LinkStatistics, Sending, Watched, stream};
 use crate::console;
 use crate::descriptors;
 use crate::link_model::{LinkModel, WireData};
@@ -69,9 +71,6 @@ impl TcpAddress {
 struct Tcp {
     clients: Clients,
     model: LinkModel,
-    bytes: Vec<u8>,
-    /// Whether they end within a frame.
-    more_fragments: bool,
     statistics: Arc<LinkStatistics>,
 }
 
@@ -107,7 +106,7 @@ pub(super) fn open(
         statistics: statistics.clone(),
     };
     tokio::spawn(server.accept(listener));
-    Ok(Tcp { clients, model, bytes: Vec::new(), more_fragments: false, statistics })
+    Ok(Tcp { clients, model, statistics })
 }
 
 /// What the clients of an address are served with.
@@ -246,17 +245,13 @@ impl Link for Tcp {
         &self.model
     }
 
-    fn prepare(&mut self, contents: &[WireData], more_fragments: bool) {
-        (self.bytes, self.more_fragments) = (stream(contents), more_fragments);
-    }
-
-    fn send(&mut self, patience: &Patience) {
+    fn send(&mut self, data: &[WireData], more_fragments: bool, patience: &Patience) {
         let clients = self.clients.lock().expect("nothing panics with the list").clone();
         if clients.is_empty() {
             self.statistics.count(Sending::Unread);
         }
         for client in &clients {
-            self.statistics.count(client.line.send(&self.bytes, self.more_fragments, patience));
+            self.statistics.count(client.line.send(data, more_fragments, patience));
         }
     }
 

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, VecDeque};
 
 use geu_model::units::HALF_SECOND_NS;
 
-use super::{Transmission, WireData};
+use super::transmission::{Transmission, WireData};
 
 /// Pieces that wait. Messages may leave in another order than they came in; a frame that has begun is finished before
 /// anything else leaves, for a line cannot overtake itself.
@@ -24,18 +24,25 @@ pub(crate) struct TransmitQueue {
 }
 
 impl TransmitQueue {
-    /// Takes the transmissions of half second `frame`, which ends at `end_ns`, in.
-    pub fn put(&mut self, transmissions: &[Transmission], frame: u64, end_ns: i64) {
+    /// Adds the transmissions of sample `frame`, which ends at `end_ns`.
+    pub fn put(&mut self, transmissions: Vec<Transmission>, frame: u64, end_ns: i64) {
         self.next_frame = frame.saturating_add(1);
-        for message in transmissions.chunk_by(|transmission, _| transmission.more_fragments) {
-            self.held.entry(message[0].frame.max(frame)).or_default().push(message.to_vec());
-        }
         while let Some(entry) = self.held.first_entry()
             && *entry.key() <= frame
         {
             let messages = entry.remove();
             self.schedule(messages, end_ns);
         }
+        let mut messages: Vec<Vec<Transmission>> = Vec::new();
+        for transmission in transmissions {
+            match messages.last_mut() {
+                Some(message) if message.last().is_some_and(|it| it.more_fragments) => message.push(transmission),
+                _ => messages.push(vec![transmission]),
+            }
+        }
+        let (later, now): (Vec<_>, Vec<_>) = messages.into_iter().partition(|message| message[0].frame > frame);
+        self.schedule(now, end_ns);
+        later.into_iter().for_each(|message| self.held.entry(message[0].frame).or_default().push(message));
     }
 
     /// The run ends with the half second that ended at `end_ns`: what was held for one that does not come is due when that
@@ -104,14 +111,14 @@ mod tests {
     fn pieces_come_out_when_they_are_due_in_order() {
         let mut queue = TransmitQueue::default();
         queue.put(
-            &[transmission(0, 0, 1), transmission(0, 600, 2), transmission(1, 1, 3), transmission(1, 0, 4)],
+            vec![transmission(0, 0, 1), transmission(0, 600, 2), transmission(1, 1, 3), transmission(1, 0, 4)],
             0,
             500,
         );
         assert_eq!(queue.take(499), None);
         assert_eq!(queue.take(500), Some((500, vec![WireData::Bytes(vec![1])])));
         assert_eq!(queue.next_ns(), Some(1100));
-        queue.put(&[transmission(1, 0, 5)], 1, 1000);
+        queue.put(vec![transmission(1, 0, 5)], 1, 1000);
         assert_eq!(all(&mut queue), [(1000, bytes(&[4, 5])), (1001, bytes(&[3])), (1100, bytes(&[2]))]);
     }
 
@@ -119,12 +126,12 @@ mod tests {
     fn a_frame_that_has_begun_is_finished_before_anything_else_leaves() {
         let head = |after_ns, byte| Transmission { more_fragments: true, ..transmission(0, after_ns, byte) };
         let mut queue = TransmitQueue::default();
-        queue.put(&[head(0, 1), transmission(0, 700, 2)], 0, 500);
+        queue.put(vec![head(0, 1), transmission(0, 700, 2)], 0, 500);
         assert_eq!(queue.take(500), Some((500, bytes(&[1]))));
         assert!(queue.is_within_frame());
         // Another that has a gap too, and one that has none, while the first is not through.
-        queue.put(&[head(0, 3), transmission(0, 700, 4)], 1, 1000);
-        queue.put(&[transmission(0, 0, 5)], 2, 1500);
+        queue.put(vec![head(0, 3), transmission(0, 700, 4)], 1, 1000);
+        queue.put(vec![transmission(0, 0, 5)], 2, 1500);
         assert_eq!(queue.take(1199), None);
         assert_eq!(all(&mut queue), [(1200, bytes(&[2, 3])), (1900, bytes(&[4, 5]))]);
     }
@@ -132,7 +139,7 @@ mod tests {
     #[test]
     fn what_is_held_for_a_half_second_that_never_comes_is_due_when_it_would_have_ended() {
         let mut queue = TransmitQueue::default();
-        queue.put(&[transmission(9, 0, 1), transmission(8, 1, 2), transmission(0, 60, 3)], 0, 500);
+        queue.put(vec![transmission(9, 0, 1), transmission(8, 1, 2), transmission(0, 60, 3)], 0, 500);
         queue.end(500);
         let (eighth, ninth) = (500 + 8 * HALF_SECOND_NS + 1, 500 + 9 * HALF_SECOND_NS);
         assert_eq!(all(&mut queue), [(560, bytes(&[3])), (eighth, bytes(&[2])), (ninth, bytes(&[1]))]);
@@ -141,9 +148,9 @@ mod tests {
     #[test]
     fn times_never_go_back_whatever_comes_late() {
         let mut queue = TransmitQueue::default();
-        queue.put(&[transmission(0, 10, 1)], 0, 500);
+        queue.put(vec![transmission(0, 10, 1)], 0, 500);
         assert_eq!(queue.take(510), Some((510, bytes(&[1]))));
-        queue.put(&[transmission(0, 0, 2)], 0, 500);
+        queue.put(vec![transmission(0, 0, 2)], 0, 500);
         assert_eq!(all(&mut queue), [(510, bytes(&[2]))]);
     }
 

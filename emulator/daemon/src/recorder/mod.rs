@@ -208,7 +208,7 @@ impl Recorder {
                 let frame = self.half_seconds.saturating_sub(1);
                 self.faults.polled(frame, link, half_second, reply, injected.as_deref(), acting)?;
                 // The recording is of one form, whatever links are open: it has what was polled over any of them.
-                self.queue.put(&self.model.polled(half_second, reply, acting), frame, *end_ns);
+                self.queue.put(self.model.polled(half_second, reply, acting), frame, *end_ns);
                 self.write_due(*end_ns)
             }
             UnitEvent::Missed { frame } => self.faults.missed(*frame),
@@ -250,7 +250,7 @@ impl Recorder {
         let frame = self.half_seconds;
         let half_second = Some(&ended.half_second).filter(|_| ended.cyclic);
         let transmissions = self.model.carry(half_second, frame, injected.map_or(&[], |injected| &injected.acting));
-        self.queue.put(&transmissions, frame, ended.end_ns);
+        self.queue.put(transmissions, frame, ended.end_ns);
         self.write_due(ended.end_ns)?;
         if let Some(injected) = injected {
             self.faults.half_second(frame, ended, injected)?;

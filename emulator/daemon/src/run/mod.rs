@@ -1,5 +1,6 @@
 //! The emulator: one thread keeps time and sends, the calling thread runs everything that waits for somebody else.
 
+mod output;
 pub mod replay;
 
 use std::fmt;
@@ -14,11 +15,9 @@ use std::time::{Duration, Instant};
 
 use geu_model::configuration::WireForm;
 use geu_model::fault::acting::{Acting, Faults};
-use geu_model::fault::catalogue::LinkKind;
 use geu_model::fault::{Fault, asks_in_vain};
 use geu_model::units::HALF_SECOND_NS;
 use geu_model::{Configuration, Ended, Truth};
-use geu_protocol::HalfSecond;
 use tokio::signal::unix::{SignalKind, signal};
 
 use crate::cadence::{Sleeper, Speed, ask_for_realtime, doze_until, now_ns};
@@ -27,14 +26,15 @@ use crate::control::{ControlError, ControlListener};
 use crate::control_service::{ControlService, PublisherThread};
 use crate::descriptors::{self, TooFew};
 use crate::lateness::{Histogram, Time};
-use crate::link::{self, Link, LinkAddress, LinkError, LinkStatistics};
-use crate::link_model::{LinkModel, TransmitQueue, WireData};
+use crate::link::{self, LinkAddress, LinkError, LinkStatistics};
+use crate::link_model::LinkModel;
 use crate::patience::{LAST_WORDS, Patience, Stop};
 use crate::recorder::{self, Destination, RecordError, Recorder};
 use crate::recorder_thread::{Feed, RecorderThread, RecordingError, Status};
 use crate::running::{self, Registration, Running};
 use crate::shared_unit::SharedUnit;
-use crate::truth::{Counts as TruthCounts, Handed, Live, SampleReport, TruthError};
+use crate::truth::{Counts as TruthCounts, Live, SampleReport, TruthError};
+use output::LinkOutput;
 
 /// So long before its deadline a half second is ended and encoded: longer than the model and a wake-up take.
 const LEAD_NS: i64 = 800_000;
@@ -308,7 +308,7 @@ async fn keep(
     if let Some(address) = control {
         console::ready(&format!("control http://{address}/"));
     }
-    let links = links.into_iter().map(Outgoing::new).collect();
+    let links = links.into_iter().map(LinkOutput::new).collect();
     let mut keeper = CadenceLoop { unit: unit.clone(), settings: settings.clone(), links, monitor: monitor.clone() };
     let (done, mut is_done) = tokio::sync::oneshot::channel();
     let thread = thread::Builder::new().name("geu-cadence".to_owned()).spawn(move || {
@@ -384,11 +384,11 @@ fn register(links: &[Arc<LinkStatistics>], control: Option<SocketAddr>) -> Optio
 
 /// Waits for what readers have not taken, for a while. What a pty hands on to its reader is for moments seen by nobody, so
 /// it must look empty for some time.
-async fn await_readers(links: &[Outgoing]) {
+async fn await_readers(links: &[LinkOutput]) {
     let (give_up, mut empty_since) = (Instant::now() + LAST_WORDS, Instant::now());
     while Instant::now() < give_up && empty_since.elapsed() < SURELY_EMPTY {
         tokio::time::sleep(LOOK_AGAIN).await;
-        if !links.iter().all(|outgoing| outgoing.link.is_drained()) {
+        if !links.iter().all(|output| output.link.is_drained()) {
             empty_since = Instant::now();
         }
     }
@@ -429,94 +429,8 @@ impl CadenceMonitor {
 struct CadenceLoop {
     unit: Arc<SharedUnit>,
     settings: RunOptions,
-    links: Vec<Outgoing>,
+    links: Vec<LinkOutput>,
     monitor: Arc<CadenceMonitor>,
-}
-
-/// A link, and what waits for its time.
-struct Outgoing {
-    link: Box<dyn Link>,
-    queue: TransmitQueue,
-    /// Whether something is prepared for the deadline.
-    is_prepared: bool,
-    /// What is prepared, and what was sent since that was asked last.
-    prepared: Handed,
-    handed: Handed,
-}
-
-impl Outgoing {
-    fn new(link: Box<dyn Link>) -> Outgoing {
-        let handed = Handed::default();
-        Outgoing { link, queue: TransmitQueue::default(), is_prepared: false, prepared: handed.clone(), handed }
-    }
-
-    /// Takes a half second in, or nothing where none is sent.
-    fn put(&mut self, half_second: Option<&HalfSecond>, frame: u64, end_ns: i64, acting: &[Acting]) {
-        let transmissions = self.link.model().carry(half_second, frame, acting);
-        self.queue.put(&transmissions, frame, end_ns);
-    }
-
-    /// Sends what was due before, and prepares what is due at `end_ns`.
-    fn prepare(&mut self, end_ns: i64, patience: &Patience) {
-        self.send_due(end_ns - 1, patience);
-        self.is_prepared = self.prepare_due(end_ns);
-    }
-
-    /// Prepares what is due next, where that is not after `until_ns`.
-    fn prepare_due(&mut self, until_ns: i64) -> bool {
-        let due = self.queue.take(until_ns);
-        let more_fragments = self.queue.is_within_frame();
-        let Some((_, contents)) = due else { return false };
-        self.link.prepare(&contents, more_fragments);
-        self.prepared = Handed::default();
-        for content in &contents {
-            match content {
-                WireData::Bytes(bytes) => self.prepared.bytes += bytes.len() as u64,
-                WireData::Frame(_) => self.prepared.frames += 1,
-            }
-        }
-        true
-    }
-
-    /// Sends what was prepared.
-    fn send(&mut self, patience: &Patience) {
-        if std::mem::take(&mut self.is_prepared) {
-            self.send_prepared(patience);
-        }
-    }
-
-    fn send_prepared(&mut self, patience: &Patience) {
-        let statistics = self.link.statistics();
-        let (sent, dropped) = (statistics.sent.load(Relaxed), statistics.dropped.load(Relaxed));
-        self.link.send(patience);
-        if statistics.sent.load(Relaxed) > sent {
-            self.handed.bytes += self.prepared.bytes;
-            self.handed.frames += self.prepared.frames;
-        }
-        self.handed.dropped += statistics.dropped.load(Relaxed) - dropped;
-    }
-
-    /// What the link was handed since this was asked last.
-    fn take_handed(&mut self) -> (String, bool, Handed) {
-        let is_can = self.link.model().kind == LinkKind::Can;
-        (self.link.statistics().name.clone(), is_can, std::mem::take(&mut self.handed))
-    }
-
-    /// Sends what a fault has held back until now.
-    fn send_due(&mut self, until_ns: i64, patience: &Patience) {
-        while self.prepare_due(until_ns) {
-            self.send_prepared(patience);
-        }
-    }
-
-    /// Sends at once, in its order, what faults still hold back when the run ends; its last half second ended at `end_ns`.
-    fn end(&mut self, end_ns: i64, patience: &Patience) {
-        self.queue.end(end_ns);
-        while self.prepare_due(i64::MAX) {
-            self.link.send(patience);
-        }
-        self.link.send_answers();
-    }
 }
 
 impl CadenceLoop {
@@ -568,16 +482,16 @@ impl CadenceLoop {
             let acting: &[Acting] = injected.as_ref().map_or(&[], |injected| &injected.acting);
             if self.is_past_next_deadline(start_ns) {
                 missed += 1;
-                self.links.iter_mut().for_each(|outgoing| outgoing.put(None, frame, ended.end_ns, &[]));
+                self.links.iter_mut().for_each(|output| output.put(None, frame, ended.end_ns, &[]));
                 self.unit.complete_unsent();
                 self.report(frame, &ended);
                 continue;
             }
             self.tell_missed(std::mem::take(&mut missed));
             let half_second = Some(&ended.half_second).filter(|_| ended.cyclic);
-            for outgoing in &mut self.links {
-                outgoing.put(half_second, frame, ended.end_ns, acting);
-                outgoing.prepare(ended.end_ns, &patience);
+            for output in &mut self.links {
+                output.put(half_second, frame, ended.end_ns, acting);
+                output.prepare(ended.end_ns, &patience);
             }
             if let Some(deadline_ns) = deadline_ns {
                 sleeper.until(deadline_ns);
@@ -587,7 +501,7 @@ impl CadenceLoop {
             if !patience.is_none() {
                 self.unit.complete();
             }
-            self.links.iter_mut().for_each(|outgoing| outgoing.send(&patience));
+            self.links.iter_mut().for_each(|output| output.send_prepared(&patience));
             self.unit.complete();
             self.report(frame, &ended);
             if let Some(deadline_ns) = deadline_ns {
@@ -596,7 +510,7 @@ impl CadenceLoop {
         }
         self.tell_missed(missed);
         let patience = Patience::new(limit.max(LAST_WORDS), &self.monitor.stop);
-        self.links.iter_mut().for_each(|outgoing| outgoing.end(last_end_ns, &patience));
+        self.links.iter_mut().for_each(|output| output.end(last_end_ns, &patience));
         Ok(())
     }
 
@@ -624,7 +538,7 @@ impl CadenceLoop {
     /// Reports the end of a half second to a source of the truth that asked for it: the links have their bytes.
     fn report(&mut self, half_second: u64, ended: &Ended) {
         let Some(live) = self.settings.live.as_ref().filter(|live| live.wants_reports()) else {
-            self.links.iter_mut().for_each(|outgoing| outgoing.handed = Handed::default());
+            self.links.iter_mut().for_each(LinkOutput::forget_handed);
             return;
         };
         live.report(&SampleReport {
@@ -632,7 +546,7 @@ impl CadenceLoop {
             end_s: ended.end_ns as f64 * 1e-9,
             sequence: ended.half_second.sequence,
             clock_count: ended.half_second.clock_count,
-            links: self.links.iter_mut().map(Outgoing::take_handed).collect(),
+            links: self.links.iter_mut().map(LinkOutput::take_handed).collect(),
         });
     }
 
@@ -640,11 +554,11 @@ impl CadenceLoop {
     fn doze_and_send_late(&mut self, start_ns: i64, wake_ns: i64, patience: &Patience) {
         let speed = self.settings.speed;
         while !self.is_stopped() && now_ns() < wake_ns {
-            let next_ns = self.links.iter().filter_map(|outgoing| outgoing.queue.next_ns()).min();
+            let next_ns = self.links.iter().filter_map(|output| output.queue.next_ns()).min();
             let next = next_ns.and_then(|due_ns| Some((due_ns, start_ns + speed.wall_ns(due_ns)?)));
             match next.filter(|(_, wall_ns)| *wall_ns < wake_ns) {
                 Some((due_ns, wall_ns)) if wall_ns <= now_ns() => {
-                    self.links.iter_mut().for_each(|outgoing| outgoing.send_due(due_ns, patience));
+                    self.links.iter_mut().for_each(|output| output.send_due(due_ns, patience));
                 }
                 Some((_, wall_ns)) => doze_until(wall_ns),
                 None => doze_until(wake_ns),
@@ -668,7 +582,7 @@ impl CadenceLoop {
     }
 
     fn has_client(&self) -> bool {
-        self.links.iter().any(|outgoing| outgoing.link.statistics().clients.load(Relaxed) > 0)
+        self.links.iter().any(LinkOutput::has_client)
     }
 
     /// Whether the half second that just ended on board comes so late that the next is due already. In real time it

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use geu_protocol::{Gyro, HalfSecond};
 
-use super::catalogue::{HeadLaw, Law, LinkLaw, SpikeLaw, UnitLaw};
+use super::catalogue::{HeadLaw, Law, LinkFault, SpikeLaw, UnitLaw};
 use super::expectation::{Verdict, Watch};
 use super::expression::Moment;
 use super::{Draw, Fault, List, Target};
@@ -44,7 +44,7 @@ impl Acting {
     }
 
     /// What it does on links.
-    pub fn on_link(&self) -> Option<LinkLaw> {
+    pub fn on_link(&self) -> Option<LinkFault> {
         match self.law {
             Law::Link(law) => Some(law),
             _ => None,

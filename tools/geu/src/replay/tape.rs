@@ -183,7 +183,7 @@ impl Tape {
         if recorded_ns < self.choice.from_ns || self.is_over() {
             return;
         }
-        if self.choice.is_only && matches!(what, What::WireData(_, Whose::Command | Whose::Other)) {
+        if self.choice.is_only && matches!(what, What::Content(_, Whose::Command | Whose::Other)) {
             return;
         }
         self.timeline.is_playing = true;
@@ -195,8 +195,8 @@ impl Tape {
                 self.has_half_second = true;
                 true
             }
-            What::WireData(WireData::Frame(_), _) => carries_frames,
-            What::WireData(WireData::Bytes(_), _) => carries_bytes,
+            What::Content(WireData::Frame(_), _) => carries_frames,
+            What::Content(WireData::Bytes(_), _) => carries_bytes,
             What::Note(_) => false,
         };
         let played_ns = self.timeline.played_ns;
@@ -272,7 +272,7 @@ impl Tape {
                 Role::Command => Whose::Command,
                 _ => Whose::Unit,
             };
-            self.send(What::WireData(WireData::Frame(waiting.frame), whose));
+            self.send(What::Content(WireData::Frame(waiting.frame), whose));
         }
     }
 
@@ -291,13 +291,13 @@ impl Tape {
             (rest, left_ns) = (later, left_ns - HALF_SECOND_NS);
             let note = self.timeline.step(HALF_SECOND_NS);
             self.note(note);
-            self.send(What::WireData(WireData::Bytes(now.to_vec()), Whose::Unit));
+            self.send(What::Content(WireData::Bytes(now.to_vec()), Whose::Unit));
         }
         if missing == 0 && !stray.is_empty() {
             let note = self.timeline.step(left_ns);
             self.note(note);
             left_ns = 0;
-            self.send(What::WireData(WireData::Bytes(stray), Whose::Unit));
+            self.send(What::Content(WireData::Bytes(stray), Whose::Unit));
         }
         self.drop_bytes(end);
         left_ns
@@ -329,7 +329,7 @@ impl Tape {
                 _ => Whose::Unit,
             };
             used = begin + length;
-            self.send(What::WireData(WireData::Bytes(all[begin..used].to_vec()), whose));
+            self.send(What::Content(WireData::Bytes(all[begin..used].to_vec()), whose));
             self.offset = start + used as u64;
             if self.is_over() {
                 break;

@@ -46,8 +46,8 @@ fn choice() -> Choice {
 fn shown(items: &[Item]) -> Vec<String> {
     let what = |what: &What| match what {
         What::HalfSecond { half_second, .. } => format!("half second {}", half_second.sequence),
-        What::WireData(WireData::Frame(frame), whose) => format!("{:03X} {whose:?}", frame.id()),
-        What::WireData(WireData::Bytes(bytes), whose) => format!("{} bytes {whose:?}", bytes.len()),
+        What::Content(WireData::Frame(frame), whose) => format!("{:03X} {whose:?}", frame.id()),
+        What::Content(WireData::Bytes(bytes), whose) => format!("{} bytes {whose:?}", bytes.len()),
         What::Note(note) => note.clone(),
     };
     items.iter().map(|item| format!("{} {}", item.played_ns / 1000, what(&item.what))).collect()
@@ -77,7 +77,7 @@ fn frames_keep_order_and_time_and_a_half_second_is_known_when_it_begins() {
     assert!(
         matches!(items[1].what, What::HalfSecond { half_second, is_can: true } if half_second.clock_count == 500_000)
     );
-    assert!(!matches!(items[1].what, What::WireData(_, Whose::Unit)));
+    assert!(!matches!(items[1].what, What::Content(_, Whose::Unit)));
 }
 
 #[test]

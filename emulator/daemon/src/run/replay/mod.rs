@@ -18,18 +18,18 @@ use std::thread;
 
 use geu_model::Configuration;
 use geu_model::fault::acting::Faults;
-use geu_model::fault::catalogue::{Law, LinkLaw};
+use geu_model::fault::catalogue::Law;
 use geu_model::fault::expectation::Expectation;
 use geu_model::fault::{Action, Fault, asks_in_vain};
 use geu_protocol::{CanPlan, HalfSecond};
 
-use super::{CadenceMonitor, Outgoing, RunError, STATUS, await_readers};
+use super::{CadenceMonitor, LinkOutput, RunError, STATUS, await_readers};
 use crate::cadence::Speed;
 use crate::console;
 use crate::descriptors;
 use crate::lateness::Histogram;
 use crate::link::{self, LinkAddress, LinkStatistics};
-use crate::link_model::WireData;
+use crate::link_model::{WireData, acts_on_replies_alone};
 use crate::shared_unit::SharedUnit;
 use player::{Counts, Player};
 
@@ -55,7 +55,7 @@ pub enum What {
         is_can: bool,
     },
     /// Bytes or a frame, as they were recorded.
-    WireData(WireData, Whose),
+    Content(WireData, Whose),
     /// Something to be told when its time comes.
     Note(String),
 }
@@ -103,9 +103,7 @@ pub fn refused(faults: &[Fault], expectations: &[Expectation]) -> Option<String>
 /// Why a fault cannot act on a recording.
 fn misplaced(fault: &Fault) -> Option<String> {
     let on = match (&fault.action, fault.law()) {
-        (_, Law::Link(LinkLaw::ReplyLate { .. } | LinkLaw::ReplyMissing)) => {
-            "replies, and a recording gives none".to_owned()
-        }
+        (_, Law::Link(law)) if acts_on_replies_alone(&law) => "replies, and a recording gives none".to_owned(),
         (_, Law::Link(_)) => return None,
         (Action::Parameter { .. }, _) => "a parameter of the model, which a recording has passed".to_owned(),
         (Action::Named { spec, .. }, _) => format!("the {}, whose counts are recorded already", spec.scope.name()),
@@ -201,7 +199,7 @@ async fn keep(
     links.iter().filter(|link| link.is_ready()).for_each(|link| console::ready(&link.statistics().name));
     let statistics: Vec<_> = links.iter().map(|link| link.statistics()).collect();
     let monitor = Arc::new(CadenceMonitor::default());
-    let links = links.into_iter().map(Outgoing::new).collect();
+    let links = links.into_iter().map(LinkOutput::new).collect();
     let mut player = Player::new(settings, links, items, steps, monitor.clone());
     let shown = player.shown.clone();
     let (done, mut is_done) = tokio::sync::oneshot::channel();

@@ -1,13 +1,11 @@
 //! The thread that keeps the time of a recording.
 
-use std::sync::atomic::Ordering::Relaxed;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError};
 use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::Duration;
 
-use geu_model::fault::acting::{Acting, Faults, Happening};
-use geu_model::fault::catalogue::LinkLaw;
+use geu_model::fault::acting::{Faults, Happening};
 use geu_model::fault::expression::Moment;
 use geu_model::units::{HALF_SECOND_NS, on_board_s};
 use geu_protocol::field::unit_flag;
@@ -19,7 +17,7 @@ use crate::console;
 use crate::lateness::Time;
 use crate::link_model::{Encoding, LinkModel, Transmission, WireData};
 use crate::patience::{LAST_WORDS, Patience};
-use crate::run::{CadenceMonitor, LEAD_NS, LOOK_AGAIN, Outgoing, PATIENCE};
+use crate::run::{CadenceMonitor, LEAD_NS, LOOK_AGAIN, LinkOutput, PATIENCE};
 
 /// A process held up for so long goes on from where it stood: what it did not send then is not sent in a burst.
 const HELD_UP_NS: i64 = 1_000_000_000;
@@ -43,7 +41,7 @@ pub(super) struct Counts {
 }
 
 pub(super) struct Player {
-    pub links: Vec<Outgoing>,
+    pub links: Vec<LinkOutput>,
     pub faults: Faults,
     pub counts: Counts,
     /// The half second sent last, for the status line.
@@ -67,7 +65,7 @@ pub(super) struct Player {
 impl Player {
     pub fn new(
         settings: &Settings,
-        links: Vec<Outgoing>,
+        links: Vec<LinkOutput>,
         items: Receiver<Vec<Item>>,
         steps: Option<Steps>,
         monitor: Arc<CadenceMonitor>,
@@ -100,7 +98,7 @@ impl Player {
         self.start_ns = now_ns();
         let last_ns = self.play_items(&sleeper);
         let patience = Patience::new(self.limit().max(LAST_WORDS), &self.monitor.stop);
-        self.links.iter_mut().for_each(|outgoing| outgoing.end(last_ns, &patience));
+        self.links.iter_mut().for_each(|output| output.end(last_ns, &patience));
     }
 
     /// Plays the items; when the last one was due.
@@ -119,7 +117,7 @@ impl Player {
                     return last_ns;
                 }
                 last_ns = item.played_ns;
-                let is_content = matches!(item.what, What::WireData(..));
+                let is_content = matches!(item.what, What::Content(..));
                 if !self.take(item) {
                     return last_ns;
                 }
@@ -135,7 +133,7 @@ impl Player {
     }
 
     fn has_client(&self) -> bool {
-        self.links.iter().any(|outgoing| outgoing.link.statistics().clients.load(Relaxed) > 0)
+        self.links.iter().any(LinkOutput::has_client)
     }
 
     fn limit(&self) -> Duration {
@@ -169,14 +167,14 @@ impl Player {
 
     /// Sends, each at its time, what a fault holds back until then.
     fn send_held(&mut self, until_ns: i64, sleeper: &Sleeper) {
-        let next = |links: &[Outgoing]| links.iter().filter_map(|outgoing| outgoing.queue.next_ns()).min();
+        let next = |links: &[LinkOutput]| links.iter().filter_map(|output| output.queue.next_ns()).min();
         while let Some(due_ns) = next(&self.links).filter(|&due_ns| due_ns <= until_ns) {
             self.wait_until(due_ns, sleeper);
             if self.is_stopped() {
                 return;
             }
             let patience = self.patience();
-            self.links.iter_mut().for_each(|outgoing| outgoing.send_due(due_ns, &patience));
+            self.links.iter_mut().for_each(|output| output.send_due(due_ns, &patience));
         }
     }
 
@@ -190,7 +188,7 @@ impl Player {
                 }
                 self.begin(&half_second, is_can, &item);
             }
-            What::WireData(content, whose) => self.send(&content, whose, item.played_ns),
+            What::Content(content, whose) => self.send(&content, whose, item.played_ns),
         }
         true
     }
@@ -229,18 +227,18 @@ impl Player {
         }
         let acting = self.faults.acting().clone();
         let (patience, mut is_faulted) = (self.patience(), false);
-        for (outgoing, is_written_anew) in self.links.iter_mut().zip(&mut self.is_written_anew) {
-            let model = outgoing.link.model().clone();
+        for (output, is_written_anew) in self.links.iter_mut().zip(&mut self.is_written_anew) {
+            let model = output.link.model().clone();
             let is_touched = !model.touching(&acting).is_empty();
             is_faulted |= is_touched;
             // What was held back for this half second comes before or behind all of it, never between its frames.
-            outgoing.queue.put(&[], frame, item.played_ns);
-            let waits = outgoing.queue.is_within_frame()
-                || outgoing.queue.next_ns().is_some_and(|due_ns| due_ns <= item.played_ns + 1);
+            output.queue.put(Vec::new(), frame, item.played_ns);
+            let waits = output.queue.is_within_frame()
+                || output.queue.next_ns().is_some_and(|due_ns| due_ns <= item.played_ns + 1);
             *is_written_anew = is_touched || waits || is_can != is_bus(&model);
             if *is_written_anew {
-                outgoing.put(Some(half_second), frame, item.played_ns, &acting);
-                outgoing.send_due(item.played_ns, &patience);
+                output.put(Some(half_second), frame, item.played_ns, &acting);
+                output.send_due(item.played_ns, &patience);
             }
         }
         self.counts.half_seconds += 1;
@@ -273,9 +271,9 @@ impl Player {
         let is_can = matches!(content, WireData::Frame(_));
         let (patience, acting) = (self.patience(), self.faults.acting().clone());
         let mut is_left_out = false;
-        for (outgoing, is_written_anew) in self.links.iter_mut().zip(&self.is_written_anew) {
-            let model = outgoing.link.model();
-            if whose == Whose::HalfSecond && *is_written_anew || whose == Whose::Unit && is_silenced(model, &acting) {
+        for (output, is_written_anew) in self.links.iter_mut().zip(&self.is_written_anew) {
+            let model = output.link.model();
+            if whose == Whose::HalfSecond && *is_written_anew || whose == Whose::Unit && model.blocks_samples(&acting) {
                 continue;
             }
             if is_can != is_bus(model) {
@@ -284,8 +282,8 @@ impl Player {
             }
             let moved = moved(content, whose, self.recorded_plan, model);
             // Behind a frame that has begun, should there be one.
-            outgoing.queue.put(&[Transmission::on_time(0, moved)], self.frame.saturating_sub(1), played_ns);
-            outgoing.send_due(played_ns, &patience);
+            output.queue.put(vec![Transmission::on_time(0, moved)], self.frame.saturating_sub(1), played_ns);
+            output.send_due(played_ns, &patience);
         }
         if is_left_out {
             match (whose, content) {
@@ -301,11 +299,6 @@ impl Player {
 
 fn is_bus(model: &LinkModel) -> bool {
     matches!(model.encoding, Encoding::Can(_))
-}
-
-/// Whether a fault that acts lets nothing of the unit through.
-fn is_silenced(model: &LinkModel, acting: &[Acting]) -> bool {
-    model.own(acting).iter().any(|(_, law)| matches!(law, LinkLaw::Silence | LinkLaw::Drop))
 }
 
 /// A message of the unit with the identifier that it has on this link.

@@ -19,7 +19,6 @@ type Sent = Arc<Mutex<Timed>>;
 /// A link that keeps what it is given.
 struct Kept {
     model: LinkModel,
-    next: Vec<WireData>,
     sent: Sent,
 }
 
@@ -28,13 +27,9 @@ impl Link for Kept {
         &self.model
     }
 
-    fn prepare(&mut self, contents: &[WireData], _goes_on: bool) {
-        self.next = contents.to_vec();
-    }
-
-    fn send(&mut self, _patience: &Patience) {
+    fn send(&mut self, data: &[WireData], _more_fragments: bool, _patience: &Patience) {
         let now_ns = now_ns();
-        self.sent.lock().unwrap().extend(self.next.drain(..).map(|content| (now_ns, content)));
+        self.sent.lock().unwrap().extend(data.iter().map(|data| (now_ns, data.clone())));
     }
 
     fn send_answers(&mut self) {}
@@ -53,11 +48,11 @@ fn items(half_second: &HalfSecond) -> Vec<Item> {
     let frames = CanPlan::with_base(0x300).unwrap().frames(half_second);
     let other = WireData::Frame(CanFrame::new(0x123, &[7]).unwrap());
     let at = |played_ns, what| Item { recorded_ns: played_ns, played_ns, what };
-    let own = |index: usize| What::WireData(WireData::Frame(frames[index]), Whose::HalfSecond);
+    let own = |index: usize| What::Content(WireData::Frame(frames[index]), Whose::HalfSecond);
     vec![
         at(20_000_000, What::HalfSecond { half_second: *half_second, is_can: true }),
         at(20_000_000, own(0)),
-        at(40_000_000, What::WireData(other, Whose::Other)),
+        at(40_000_000, What::Content(other, Whose::Other)),
         at(60_000_000, own(1)),
         at(80_000_000, own(2)),
     ]
@@ -71,9 +66,7 @@ fn played(speed: Speed, plan: Configuration) -> (Timed, Timed, Counts, i64) {
 /// The same of any items.
 fn played_items(speed: Speed, plan: Configuration, items: Vec<Item>) -> (Timed, Timed, Counts, i64) {
     let (bus, stream) = (Sent::default(), Sent::default());
-    let link = |model, sent: &Sent| {
-        Outgoing::new(Box::new(Kept { model, next: Vec::new(), sent: sent.clone() }) as Box<dyn Link>)
-    };
+    let link = |model, sent: &Sent| LinkOutput::new(Box::new(Kept { model, sent: sent.clone() }) as Box<dyn Link>);
     let links = vec![link(LinkModel::can(CanPlan::default()), &bus), link(LinkModel::serial(LinkKind::Tcp), &stream)];
     let recorded_plan = CanPlan::with_base(0x300).unwrap();
     let settings = Settings { links: Vec::new(), speed, wait_for_client: false, recorded_plan, plan };
@@ -119,7 +112,7 @@ fn recorded(t_ns: i64, sequence: u16) -> [Item; 2] {
     let half_second = HalfSecond { sequence, ..HalfSecond::default() };
     let at = |what| Item { recorded_ns: t_ns, played_ns: t_ns, what };
     let content = WireData::Bytes(data_frame(&half_second).to_vec());
-    [at(What::HalfSecond { half_second, is_can: false }), at(What::WireData(content, Whose::HalfSecond))]
+    [at(What::HalfSecond { half_second, is_can: false }), at(What::Content(content, Whose::HalfSecond))]
 }
 
 fn bytes(timed: &Timed) -> Vec<u8> {

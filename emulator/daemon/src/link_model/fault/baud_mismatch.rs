@@ -1,14 +1,28 @@
-//! What a receiver at one baud rate reads of bytes that are sent at another: 8N1, each bit sampled in its middle.
+//! The bytes that a receiver at the link's rate reads when they are sent at another: 8N1, each bit sampled in its middle.
 
+use geu_model::fault::catalogue::link_fault::BaudMismatch;
 use geu_protocol::serial::BITS_PER_BYTE;
+
+use super::{Context, Encoding, LinkBehaviour, WireData};
 
 /// Bits of a byte on the line.
 const BITS: usize = BITS_PER_BYTE as usize;
 
+impl LinkBehaviour for BaudMismatch {
+    fn encoded(&self, data: &mut Vec<WireData>, context: &Context) {
+        let Encoding::Serial { baud: own } = context.encoding else { return };
+        for data in data {
+            if let WireData::Bytes(bytes) = data {
+                *bytes = read_at(bytes, self.baud, f64::from(own));
+            }
+        }
+    }
+}
+
 /// The bytes that are read at `own` baud when `bytes` are sent back to back at `baud`, the line idle before and after.
 ///
 /// A byte without a stop bit is told as it was sampled; the next start is looked for when the line is idle again.
-pub(super) fn read_at(bytes: &[u8], baud: f64, own: f64) -> Vec<u8> {
+fn read_at(bytes: &[u8], baud: f64, own: f64) -> Vec<u8> {
     let level = |time_bits: f64| {
         let bit = time_bits.floor();
         if bit < 0.0 || bit >= (bytes.len() * BITS) as f64 {
