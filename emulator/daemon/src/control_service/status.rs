@@ -11,9 +11,9 @@ use serde_json::{Value, json};
 
 use super::events::{SampleEvent, end_s};
 use crate::control;
+use crate::lateness::CadenceMonitor;
 use crate::link::LinkStatistics;
 use crate::link_model::{Encoding, LinkModel, WireData};
-use crate::run::CadenceMonitor;
 use crate::shared_unit::SharedUnit;
 
 /// What is known once the links are open.

@@ -14,7 +14,6 @@ use std::io;
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 use std::sync::mpsc::Receiver;
-use std::thread;
 
 use geu_model::Configuration;
 use geu_model::fault::acting::Faults;
@@ -23,12 +22,13 @@ use geu_model::fault::expectation::Expectation;
 use geu_model::fault::{Action, Fault, asks_in_vain};
 use geu_protocol::{CanPlan, HalfSecond};
 
-use super::{CadenceMonitor, LinkOutput, RunError, STATUS, await_readers};
+use super::error::RunError;
+use super::output::LinkOutput;
+use super::session::{Session, await_readers};
 use crate::cadence::Speed;
 use crate::console;
-use crate::descriptors;
 use crate::lateness::Histogram;
-use crate::link::{self, LinkAddress, LinkStatistics};
+use crate::link::{LinkAddress, LinkStatistics};
 use crate::link_model::{WireData, acts_on_replies_alone};
 use crate::shared_unit::SharedUnit;
 use player::{Counts, Player};
@@ -165,79 +165,39 @@ pub fn replay(
     steps: Option<Steps>,
     shutdown: impl Future<Output = io::Result<()>>,
 ) -> Result<Summary, RunError> {
-    let has_clients = |link: &LinkAddress| matches!(link, LinkAddress::Pty(_) | LinkAddress::Tcp(_));
-    if settings.wait_for_client && !settings.links.iter().any(has_clients) {
-        return Err(RunError::NobodyToWaitFor);
-    }
-    descriptors::take_all()?;
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    let ended = runtime.block_on(keep(settings, items, steps, shutdown));
-    // Ends the tasks; with the last of them the symlink of a pty goes.
-    runtime.shutdown_background();
+    let speed = if steps.is_some() { Speed::Max } else { settings.speed };
+    let session = Session::new(&settings.links, speed, settings.wait_for_client)?;
+    let ended = session.block_on(shutdown, replay_items(&session, settings, items, steps));
     console::finish();
     ended
 }
 
-async fn keep(
+async fn replay_items(
+    session: &Session,
     settings: &Settings,
     items: Receiver<Vec<Item>>,
     steps: Option<Steps>,
-    shutdown: impl Future<Output = io::Result<()>>,
 ) -> Result<Summary, RunError> {
-    let mut shutdown = std::pin::pin!(shutdown);
-    // Polled once now, so that a signal during the opening of links is not the default end of the process.
-    let asked = tokio::select! { biased; asked = &mut shutdown => Some(asked), () = std::future::ready(()) => None };
-    let unit = Arc::new(SharedUnit::of_recording(settings.speed));
-    let speedup = match settings.speed {
-        Speed::Times(factor) if steps.is_none() => factor,
-        _ => f64::INFINITY,
-    };
-    let mut links = Vec::new();
-    for address in &settings.links {
-        links.push(link::open(address, &unit, speedup)?);
-    }
+    let unit = Arc::new(SharedUnit::of_recording(session.speed));
+    let links = session.open_links(&settings.links, &unit)?;
     links.iter().filter(|link| link.is_ready()).for_each(|link| console::ready(&link.statistics().name));
     let statistics: Vec<_> = links.iter().map(|link| link.statistics()).collect();
-    let monitor = Arc::new(CadenceMonitor::default());
     let links = links.into_iter().map(LinkOutput::new).collect();
-    let mut player = Player::new(settings, links, items, steps, monitor.clone());
+    let mut player = Player::new(settings, links, items, steps, session.clone());
     let shown = player.shown.clone();
-    let (done, mut is_done) = tokio::sync::oneshot::channel();
-    let thread = thread::Builder::new().name("geu-cadence".to_owned()).spawn(move || {
+    let last_sample = || *shown.lock().expect("nothing panics with it");
+    let work = move || {
         player.play();
-        let _ = done.send(());
         player
-    })?;
-
-    let mut status = tokio::time::interval(STATUS);
-    status.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Skip);
-    let wants_status = console::wants_status();
-    if let Some(asked) = asked {
-        asked?;
-        monitor.stop.ask();
-    }
-    loop {
-        tokio::select! {
-            _ = &mut is_done => break,
-            asked = &mut shutdown, if !monitor.stop.is_asked() => {
-                asked?;
-                monitor.stop.ask();
-                thread.thread().unpark();
-            }
-            _ = status.tick(), if wants_status => {
-                let clients = statistics.iter().map(|statistics| statistics.clients.load(Relaxed)).sum();
-                let half_second = *shown.lock().expect("nothing panics with it");
-                console::show_status(half_second.as_ref(), clients, &monitor.lateness());
-            }
-        }
-    }
-    let player = thread.join().expect("the player does not panic");
+    };
+    let player = session.keep_cadence(&statistics, last_sample, work).await?;
     await_readers(&player.links).await;
     console::clear_status();
+    let cadence = session.monitor.counts();
     Ok(Summary {
         counts: player.counts,
-        lateness: monitor.lateness(),
-        late: monitor.counts().late,
+        lateness: cadence.lateness,
+        late: cadence.late,
         commands: unit.commands.load(Relaxed),
         rejected: unit.rejected.load(Relaxed),
         links: statistics,

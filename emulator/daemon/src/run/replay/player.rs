@@ -2,7 +2,6 @@
 
 use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError};
 use std::sync::{Arc, Mutex};
-use std::thread;
 use std::time::Duration;
 
 use geu_model::fault::acting::{Faults, Happening};
@@ -12,12 +11,12 @@ use geu_protocol::field::unit_flag;
 use geu_protocol::{CanFrame, CanPlan, HalfSecond};
 
 use super::{Item, Settings, Steps, What, Whose};
-use crate::cadence::{Sleeper, Speed, doze_until, now_ns};
+use crate::cadence::{Sleeper, doze_until, now_ns};
 use crate::console;
 use crate::lateness::Time;
 use crate::link_model::{Encoding, LinkModel, Transmission, WireData};
-use crate::patience::{LAST_WORDS, Patience};
-use crate::run::{CadenceMonitor, LEAD_NS, LOOK_AGAIN, LinkOutput, PATIENCE};
+use crate::run::output::LinkOutput;
+use crate::run::session::{LEAD_NS, Session};
 
 /// A process held up for so long goes on from where it stood: what it did not send then is not sent in a burst.
 const HELD_UP_NS: i64 = 1_000_000_000;
@@ -50,10 +49,8 @@ pub(super) struct Player {
     steps: Option<Steps>,
     /// Half seconds that may go out before another step.
     allowed: u64,
-    speed: Speed,
     recorded_plan: CanPlan,
-    wait_for_client: bool,
-    monitor: Arc<CadenceMonitor>,
+    session: Session,
     /// Index of the half second that comes next.
     frame: u64,
     last: Option<HalfSecond>,
@@ -68,7 +65,7 @@ impl Player {
         links: Vec<LinkOutput>,
         items: Receiver<Vec<Item>>,
         steps: Option<Steps>,
-        monitor: Arc<CadenceMonitor>,
+        session: Session,
     ) -> Player {
         Player {
             is_written_anew: vec![false; links.len()],
@@ -77,12 +74,10 @@ impl Player {
             counts: Counts::default(),
             shown: Arc::default(),
             items,
-            speed: if steps.is_some() { Speed::Max } else { settings.speed },
             steps,
             allowed: 0,
             recorded_plan: settings.recorded_plan,
-            wait_for_client: settings.wait_for_client,
-            monitor,
+            session,
             frame: 0,
             last: None,
             start_ns: 0,
@@ -92,13 +87,10 @@ impl Player {
     /// Plays until the items are over, or it is stopped.
     pub fn play(&mut self) {
         let sleeper = Sleeper::new(Duration::ZERO);
-        while self.wait_for_client && !self.is_stopped() && !self.has_client() {
-            thread::park_timeout(LOOK_AGAIN);
-        }
+        self.session.await_client(&self.links);
         self.start_ns = now_ns();
         let last_ns = self.play_items(&sleeper);
-        let patience = Patience::new(self.limit().max(LAST_WORDS), &self.monitor.stop);
-        self.links.iter_mut().for_each(|output| output.end(last_ns, &patience));
+        self.session.end_links(&mut self.links, last_ns);
     }
 
     /// Plays the items; when the last one was due.
@@ -122,30 +114,18 @@ impl Player {
                     return last_ns;
                 }
                 if is_content && let Some(deadline_ns) = self.wall_ns(last_ns) {
-                    self.monitor.record(now_ns() - deadline_ns);
+                    self.session.monitor.record(now_ns() - deadline_ns);
                 }
             }
         }
     }
 
     fn is_stopped(&self) -> bool {
-        self.monitor.stop.is_asked()
-    }
-
-    fn has_client(&self) -> bool {
-        self.links.iter().any(LinkOutput::has_client)
-    }
-
-    fn limit(&self) -> Duration {
-        if self.speed.is_faster_than_real() { PATIENCE } else { Duration::ZERO }
-    }
-
-    fn patience(&self) -> Patience {
-        Patience::new(self.limit(), &self.monitor.stop)
+        self.session.is_stopped()
     }
 
     fn wall_ns(&self, played_ns: i64) -> Option<i64> {
-        self.speed.wall_ns(played_ns).map(|wall_ns| self.start_ns.saturating_add(wall_ns))
+        self.session.speed.wall_ns(played_ns).map(|wall_ns| self.start_ns.saturating_add(wall_ns))
     }
 
     fn wait_until(&mut self, played_ns: i64, sleeper: &Sleeper) {
@@ -157,7 +137,7 @@ impl Player {
             sleeper.until(deadline_ns);
         }
         let late_ns = now_ns() - deadline_ns;
-        if late_ns > HELD_UP_NS && !self.speed.is_faster_than_real() {
+        if late_ns > HELD_UP_NS && !self.session.speed.is_faster_than_real() {
             self.counts.held_up += 1;
             self.start_ns += late_ns;
             let late = Time(late_ns as u64);
@@ -173,7 +153,7 @@ impl Player {
             if self.is_stopped() {
                 return;
             }
-            let patience = self.patience();
+            let patience = self.session.patience();
             self.links.iter_mut().for_each(|output| output.send_due(due_ns, &patience));
         }
     }
@@ -206,7 +186,7 @@ impl Player {
             while self.allowed == 0 {
                 match steps.recv_timeout(WAIT) {
                     Ok(step) => self.allowed += step,
-                    Err(RecvTimeoutError::Timeout) if !self.monitor.stop.is_asked() => {}
+                    Err(RecvTimeoutError::Timeout) if !self.session.is_stopped() => {}
                     Err(_) => return false,
                 }
             }
@@ -226,7 +206,7 @@ impl Player {
             self.faults.take_happened().iter().for_each(tell);
         }
         let acting = self.faults.acting().clone();
-        let (patience, mut is_faulted) = (self.patience(), false);
+        let (patience, mut is_faulted) = (self.session.patience(), false);
         for (output, is_written_anew) in self.links.iter_mut().zip(&mut self.is_written_anew) {
             let model = output.link.model().clone();
             let is_touched = !model.touching(&acting).is_empty();
@@ -269,7 +249,7 @@ impl Player {
     /// Sends a content as it was recorded, over links of its form.
     fn send(&mut self, content: &WireData, whose: Whose, played_ns: i64) {
         let is_can = matches!(content, WireData::Frame(_));
-        let (patience, acting) = (self.patience(), self.faults.acting().clone());
+        let (patience, acting) = (self.session.patience(), self.faults.acting().clone());
         let mut is_left_out = false;
         for (output, is_written_anew) in self.links.iter_mut().zip(&self.is_written_anew) {
             let model = output.link.model();

@@ -73,7 +73,7 @@ fn played_items(speed: Speed, plan: Configuration, items: Vec<Item>) -> (Timed, 
     let (sender, received) = sync_channel(1);
     sender.send(items).unwrap();
     drop(sender);
-    let mut player = Player::new(&settings, links, received, None, Arc::default());
+    let mut player = Player::new(&settings, links, received, None, Session::new(&[], speed, false).unwrap());
     let start_ns = now_ns();
     player.play();
     let taken = |sent: Sent| std::mem::take(&mut *sent.lock().unwrap());
