@@ -12,8 +12,9 @@ use geu_protocol::command::{self, COMMANDS};
 use serde_json::{Value, json};
 
 use super::history::{Historian, Sample};
-use crate::fault_log;
+use crate::fault_json;
 use crate::recorder::UnitEvent;
+use crate::shared_unit::Observer;
 
 /// A run faster than real shows a half second so often at most.
 const PACE: Duration = Duration::from_millis(50);
@@ -69,8 +70,15 @@ impl EventPublisher {
         }
     }
 
-    /// Tells what happened, and never waits.
-    pub fn tell(&mut self, event: &UnitEvent, motion: &Motion) {
+    fn send(&self, told: ServiceEvent) {
+        if self.sender.try_send(told).is_err() {
+            self.lost.fetch_add(1, Relaxed);
+        }
+    }
+}
+
+impl Observer for EventPublisher {
+    fn observe(&mut self, event: &UnitEvent, motion: &Motion) {
         let told = match event {
             UnitEvent::HalfSecond(ended, traces, injected) => {
                 if let Some(more @ 1..) = std::mem::take(&mut self.commands).checked_sub(FEW) {
@@ -114,12 +122,6 @@ impl EventPublisher {
         };
         self.send(told);
     }
-
-    fn send(&self, told: ServiceEvent) {
-        if self.sender.try_send(told).is_err() {
-            self.lost.fetch_add(1, Relaxed);
-        }
-    }
 }
 
 /// On-board time at the end of a half second, s.
@@ -147,7 +149,7 @@ pub(super) fn line(frame: u64, event: &UnitEvent) -> Option<Value> {
             line(now_s, "missed", "a half second was not sent: the process was held up".to_owned())
         }
         UnitEvent::Happened(happening) => {
-            let mut told = fault_log::told(frame, happening);
+            let mut told = fault_json::happening(frame, happening);
             let (kind, text) = match told["what"].as_str() {
                 Some("start") => ("fault-start", format!("{} acts: {}", text(&told, "id"), text(&told, "fault"))),
                 Some("end") => {
@@ -163,7 +165,7 @@ pub(super) fn line(frame: u64, event: &UnitEvent) -> Option<Value> {
             Some(told)
         }
         UnitEvent::Injected(fault) => Some(json!({
-            "t_s": now_s, "kind": "injected", "id": fault.id, "keys": fault_log::keys(fault),
+            "t_s": now_s, "kind": "injected", "id": fault.id, "keys": fault_json::keys(fault),
             "text": format!("{} injected: {}", fault.id, fault.action.name()),
         })),
         UnitEvent::StartedByHand { id, at_s } => line(*at_s, "injected", format!("{id} started by hand")),

@@ -27,17 +27,15 @@ use tokio::sync::broadcast;
 
 use crate::catalogue;
 use crate::control::{self, ControlBackend, SseEvent};
-use crate::fault_log;
+use crate::fault_json;
 use crate::lateness::CadenceMonitor;
 use crate::link::LinkStatistics;
 use crate::link_model::LinkModel;
 use crate::recorder_thread::Status;
-use crate::shared_unit::SharedUnit;
-use events::ServiceEvent;
+use crate::shared_unit::{Observer, SharedUnit};
+use events::{EventPublisher, ServiceEvent};
 use history::{Historian, History};
 use status::StatusSource;
-
-pub(crate) use events::EventPublisher;
 
 /// What may wait to be shown; more is lost, and counted.
 const QUEUE: usize = 4096;
@@ -89,7 +87,7 @@ impl ControlService {
     ///
     /// # Errors
     /// No thread.
-    pub fn start() -> std::io::Result<(ControlService, EventPublisher, PublisherThread)> {
+    pub fn start() -> std::io::Result<(ControlService, Box<dyn Observer>, PublisherThread)> {
         let (sender, told) = sync_channel(QUEUE);
         let lost = Arc::new(AtomicU64::new(0));
         let shared = Arc::new(Shared {
@@ -105,7 +103,7 @@ impl ControlService {
             let shared = shared.clone();
             move || shared.show(&told)
         })?;
-        Ok((ControlService(shared), EventPublisher::new(sender, lost, historian), PublisherThread(thread)))
+        Ok((ControlService(shared), Box::new(EventPublisher::new(sender, lost, historian)), PublisherThread(thread)))
     }
 
     /// Makes the rest known; `recorded` is the kind of link that a recording is of.
@@ -199,7 +197,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 /// A fault that was added, as whoever asked is told.
 fn added_as(fault: &Fault) -> Value {
-    json!({ "id": fault.id, "state": "armed", "at_s": fault.at_s, "keys": fault_log::keys(fault) })
+    json!({ "id": fault.id, "state": "armed", "at_s": fault.at_s, "keys": fault_json::keys(fault) })
 }
 
 impl ControlBackend for ControlService {

@@ -13,10 +13,9 @@ use nix::net::if_::InterfaceFlags;
 use socketcan::{CanFilter, CanSocket, EmbeddedFrame, Frame, Id, Socket, SocketOptions, StandardId};
 use tokio::sync::Notify;
 use tokio::task::yield_now;
-use tokio::time::timeout;
 
 use super::error::LinkError;
-use super::interface::{LATE_ANSWERS, Link, Watched};
+use super::interface::{LATE_ANSWERS, Link, Watched, until_due};
 use super::statistics::{LinkStatistics, Sending};
 use crate::cadence::now_ns;
 use crate::console;
@@ -226,10 +225,10 @@ impl Bus {
         self.answers.lock().expect("nothing panics with the answers")
     }
 
-    /// Sends the answers whose time has come.
-    async fn send_answers(&self, socket: &CanSocket) {
+    /// Sends the answers whose time has come; when the next is due.
+    async fn send_answers(&self, socket: &CanSocket) -> Option<i64> {
         loop {
-            let Some((_, contents)) = self.answers().take(now_ns()) else { break };
+            let Some((_, contents)) = self.answers().take(now_ns()) else { return self.answers().next_ns() };
             let turn = self.turn.lock().await;
             let give_up = Instant::now() + QUEUE_PATIENCE;
             for frame in contents.iter().filter_map(to_socket) {
@@ -244,16 +243,8 @@ impl Bus {
     /// Sends answers at their time.
     async fn answer_later(&self, socket: &CanSocket) -> Infallible {
         loop {
-            self.send_answers(socket).await;
-            let next_ns = self.answers().next_ns();
-            match next_ns {
-                None => self.later.notified().await,
-                Some(due_ns) => {
-                    let wait_ns = (due_ns - now_ns()).max(0) as u64;
-                    // Either it is time, or another may be due earlier.
-                    let _ = timeout(Duration::from_nanos(wait_ns), self.later.notified()).await;
-                }
-            }
+            let next_ns = self.send_answers(socket).await;
+            until_due(&self.later, next_ns).await;
         }
     }
 }
@@ -338,7 +329,7 @@ async fn answer(frame: &socketcan::CanFrame, socket: &CanSocket, bus: &Bus, unit
         return;
     }
     let answered = unit.command(&bus.statistics.name, frame.data()).await;
-    let transmissions = answered.leaving(&bus.model);
+    let transmissions = unit.transmissions(&answered, &bus.model);
     if transmissions.is_empty() {
         return;
     }

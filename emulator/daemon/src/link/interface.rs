@@ -4,10 +4,14 @@ use std::io;
 use std::ops::Deref;
 use std::os::fd::{AsFd, AsRawFd, RawFd};
 use std::sync::Arc;
+use std::time::Duration;
 
 use tokio::io::unix::AsyncFd;
+use tokio::sync::Notify;
+use tokio::time::timeout;
 
 use super::statistics::LinkStatistics;
+use crate::cadence::now_ns;
 use crate::link_model::{LinkModel, WireData};
 use crate::patience::Patience;
 
@@ -31,6 +35,17 @@ pub(crate) trait Link: Send {
     fn is_drained(&self) -> bool;
     /// What it has done.
     fn statistics(&self) -> Arc<LinkStatistics>;
+}
+
+/// Waits until the next is due, `next_ns` on the monotonic clock, or `later` reports that something may be due earlier.
+pub(super) async fn until_due(later: &Notify, next_ns: Option<i64>) {
+    match next_ns {
+        None => later.notified().await,
+        Some(due_ns) => {
+            let wait_ns = (due_ns - now_ns()).max(0) as u64;
+            let _ = timeout(Duration::from_nanos(wait_ns), later.notified()).await;
+        }
+    }
 }
 
 /// A descriptor whose readiness the runtime tells.

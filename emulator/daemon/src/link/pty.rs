@@ -32,7 +32,7 @@ use tokio::task::yield_now;
 
 use super::error::LinkError;
 use super::interface::{Link, Watched};
-use super::receive::{Receiver, serve};
+use super::receive::{CommandServer, Receiver};
 use super::statistics::LinkStatistics;
 use super::stream_sender::{Port, StreamSender};
 use crate::console;
@@ -143,82 +143,75 @@ pub(super) fn open(
     let line = Arc::new(StreamSender::new(None, byte_ns, statistics.clone()));
     let inotify = Inotify::init(InitFlags::IN_NONBLOCK | InitFlags::IN_CLOEXEC).map_err(fail)?;
     let inotify = Watched::new(inotify).map_err(|error| LinkError::Pty(path.display().to_string(), error))?;
-    tokio::spawn({
-        let (line, symlink, unit, statistics) = (line.clone(), symlink.clone(), unit.clone(), statistics.clone());
-        let model = model.clone();
-        async move { attend(terminal, &inotify, &line, &symlink, &unit, &model, &statistics).await }
-    });
+    let commands = CommandServer { unit: unit.clone(), model: model.clone(), statistics: statistics.clone() };
+    let server = Server { inotify, line: line.clone(), symlink: symlink.clone(), commands };
+    tokio::spawn(async move { server.attend(terminal).await });
     Ok(Pty { line, symlink, model, is_stalled: false, unread: 0, written: 0, statistics })
 }
 
-/// Serves one client after the other.
-async fn attend(
-    mut terminal: Terminal,
-    inotify: &AsyncFd<Watched<Inotify>>,
-    line: &StreamSender,
-    symlink: &Symlink,
-    unit: &SharedUnit,
-    model: &LinkModel,
-    statistics: &LinkStatistics,
-) -> Infallible {
-    let mut is_failing = false;
-    loop {
-        let end = attend_one(&mut terminal, inotify, line, symlink, unit, model, statistics).await;
-        line.close();
-        statistics.clients.store(0, Relaxed);
-        let was_failing = std::mem::replace(&mut is_failing, end.is_err());
-        if let Err(error) = end {
-            if !was_failing {
-                console::say(format_args!("{}: {error}; the unit keeps time and tries again", statistics.name));
-            }
-            tokio::time::sleep(AGAIN).await;
-        }
-    }
+/// What clients are served with.
+struct Server {
+    inotify: AsyncFd<Watched<Inotify>>,
+    line: Arc<StreamSender>,
+    symlink: Arc<Symlink>,
+    commands: CommandServer,
 }
 
-/// Waits for a client and serves it until it is gone.
-async fn attend_one(
-    terminal: &mut Terminal,
-    inotify: &AsyncFd<Watched<Inotify>>,
-    line: &StreamSender,
-    symlink: &Symlink,
-    unit: &SharedUnit,
-    model: &LinkModel,
-    statistics: &LinkStatistics,
-) -> io::Result<()> {
-    match terminal.slave.reset() {
-        Err(Errno::EBUSY) => {
-            // In this order: where the symlink cannot be changed, that is tried again.
-            let fresh = Terminal::new()?;
-            symlink.lead_to(&fresh.slave.0)?;
-            *terminal = fresh;
+impl Server {
+    /// Serves one client after the other.
+    async fn attend(&self, mut terminal: Terminal) -> Infallible {
+        let statistics = &self.commands.statistics;
+        let mut is_failing = false;
+        loop {
+            let end = self.attend_one(&mut terminal).await;
+            self.line.close();
+            statistics.clients.store(0, Relaxed);
+            let was_failing = std::mem::replace(&mut is_failing, end.is_err());
+            if let Err(error) = end {
+                if !was_failing {
+                    console::say(format_args!("{}: {error}; the unit keeps time and tries again", statistics.name));
+                }
+                tokio::time::sleep(AGAIN).await;
+            }
         }
-        result => result?,
     }
-    let Terminal { master, slave } = terminal;
-    let watch = inotify.get_ref().add_watch(&slave.0, AddWatchFlags::IN_OPEN)?;
-    // A client that came and went has left its commands.
-    while state(&*master) == PollFlags::POLLHUP {
-        let mut guard = inotify.readable().await?;
-        // What is told does not matter, only that something is: the master knows the truth.
-        let _ = guard.try_io(|inotify| Ok(inotify.get_ref().read_events()?));
-    }
-    inotify.get_ref().rm_watch(watch)?;
-    line.open(master.clone());
-    statistics.clients.store(1, Relaxed);
-    let mut receiver = Receiver::default();
-    loop {
-        let port = Watched::new(master.clone())?;
-        tokio::select! {
-            // The end of one client, perhaps with bytes that it left; another may be there already.
-            _ = serve(&port, line, &mut receiver, unit, model, &statistics.name) => {}
-            _ = line.pump(&port) => {}
+
+    /// Waits for a client and serves it until it is gone.
+    async fn attend_one(&self, terminal: &mut Terminal) -> io::Result<()> {
+        match terminal.slave.reset() {
+            Err(Errno::EBUSY) => {
+                // In this order: where the symlink cannot be changed, that is tried again.
+                let fresh = Terminal::new()?;
+                self.symlink.lead_to(&fresh.slave.0)?;
+                *terminal = fresh;
+            }
+            result => result?,
         }
-        if state(&*master) == PollFlags::POLLHUP {
-            unit.rejected.fetch_add(receiver.end(), Relaxed);
-            return Ok(());
+        let Terminal { master, slave } = terminal;
+        let watch = self.inotify.get_ref().add_watch(&slave.0, AddWatchFlags::IN_OPEN)?;
+        // A client that came and went has left its commands.
+        while state(&*master) == PollFlags::POLLHUP {
+            let mut guard = self.inotify.readable().await?;
+            // What is reported does not matter, only that something is: the master knows the truth.
+            let _ = guard.try_io(|inotify| Ok(inotify.get_ref().read_events()?));
         }
-        yield_now().await;
+        self.inotify.get_ref().rm_watch(watch)?;
+        self.line.open(master.clone());
+        self.commands.statistics.clients.store(1, Relaxed);
+        let mut receiver = Receiver::default();
+        loop {
+            let port = Watched::new(master.clone())?;
+            tokio::select! {
+                // The end of one client, perhaps with bytes that it left; another may be there already.
+                _ = self.commands.serve(&port, &self.line, &mut receiver, &self.commands.statistics.name) => {}
+                _ = self.line.pump(&port) => {}
+            }
+            if state(&*master) == PollFlags::POLLHUP {
+                self.commands.end(&mut receiver);
+                return Ok(());
+            }
+            yield_now().await;
+        }
     }
 }
 

@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 use std::io;
+use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
 
@@ -13,6 +14,7 @@ use tokio::task::yield_now;
 use tokio::time::timeout;
 
 use super::interface::Watched;
+use super::statistics::LinkStatistics;
 use super::stream_sender::{Port, StreamSender};
 use crate::link_model::LinkModel;
 use crate::shared_unit::SharedUnit;
@@ -72,7 +74,7 @@ impl Receiver {
     }
 
     /// The client is gone: frames that it began and did not end.
-    pub fn end(&mut self) -> u64 {
+    fn end(&mut self) -> u64 {
         let Receiver { partial, .. } = std::mem::take(self);
         u64::from(!partial.is_empty())
     }
@@ -109,45 +111,65 @@ impl Receiver {
     }
 }
 
-/// Reads commands and answers them, until the stream ends; the beginning of one stays in the receiver.
-///
-/// # Errors
-/// What reading says when the device is gone; [`io::ErrorKind::InvalidData`] from a client that speaks another protocol.
-pub(super) async fn serve(
-    port: &AsyncFd<Watched<Port>>,
-    line: &StreamSender,
-    receiver: &mut Receiver,
-    unit: &SharedUnit,
-    model: &LinkModel,
-    link: &str,
-) -> io::Result<()> {
-    let (mut bytes, mut can_pause) = ([0; 512], false);
-    let mut commands: Vec<Vec<u8>> = Vec::new();
-    loop {
-        let read =
-            if can_pause { timeout(PAUSE, read(port, &mut bytes)).await } else { Ok(read(port, &mut bytes).await) };
-        let mut found = |payload: &[u8]| commands.push(payload.to_vec());
-        match read {
-            Ok(Ok(0)) => return Ok(()),
-            Ok(Ok(length)) => match receiver.admit(&bytes[..length]) {
-                Ok(admitted) => receiver.take(&admitted, &mut found),
-                Err(error) => return Err(error),
-            },
-            Ok(Err(error)) => return Err(error),
-            Err(_) => receiver.pause(&mut found),
-        }
-        can_pause = read.is_ok() && !receiver.partial.is_empty();
-        unit.rejected.fetch_add(std::mem::take(&mut receiver.rejected), Relaxed);
-        for (index, payload) in commands.drain(..).enumerate() {
-            if index % TURN == TURN - 1 {
-                yield_now().await;
+/// Answers the commands that come over a link.
+#[derive(Clone)]
+pub(super) struct CommandServer {
+    pub unit: Arc<SharedUnit>,
+    pub model: LinkModel,
+    pub statistics: Arc<LinkStatistics>,
+}
+
+impl CommandServer {
+    /// Reads commands and answers them, until the stream ends; the beginning of one stays in the receiver. `link`: as
+    /// recordings name it.
+    ///
+    /// # Errors
+    /// What reading reports when the device is gone; [`io::ErrorKind::InvalidData`] from a client that speaks another
+    /// protocol.
+    pub async fn serve(
+        &self,
+        port: &AsyncFd<Watched<Port>>,
+        sender: &StreamSender,
+        receiver: &mut Receiver,
+        link: &str,
+    ) -> io::Result<()> {
+        let (mut bytes, mut can_pause) = ([0; 512], false);
+        let mut commands: Vec<Vec<u8>> = Vec::new();
+        loop {
+            let read =
+                if can_pause { timeout(PAUSE, read(port, &mut bytes)).await } else { Ok(read(port, &mut bytes).await) };
+            let mut found = |payload: &[u8]| commands.push(payload.to_vec());
+            match read {
+                Ok(Ok(0)) => return Ok(()),
+                Ok(Ok(length)) => {
+                    let admitted = receiver.admit(&bytes[..length])?;
+                    receiver.take(&admitted, &mut found);
+                }
+                Ok(Err(error)) => return Err(error),
+                Err(_) => receiver.pause(&mut found),
             }
-            // Nothing more is read until the reply has room, but only while the client reads.
-            line.reply_room().await;
-            let answered = unit.command(link, &payload).await;
-            line.answer(answered.leaving(model));
+            can_pause = read.is_ok() && !receiver.partial.is_empty();
+            self.reject(std::mem::take(&mut receiver.rejected));
+            for (index, payload) in commands.drain(..).enumerate() {
+                if index % TURN == TURN - 1 {
+                    yield_now().await;
+                }
+                // Nothing more is read until the reply has room, but only while the client reads.
+                sender.reply_room().await;
+                let response = self.unit.command(link, &payload).await;
+                sender.answer(self.unit.transmissions(&response, &self.model));
+            }
+            yield_now().await;
         }
-        yield_now().await;
+    }
+
+    /// The client is gone: counts the frame that it began and did not end.
+    pub fn end(&self, receiver: &mut Receiver) {
+        self.reject(receiver.end());
+    }
+
+    fn reject(&self, frames: u64) {
+        self.unit.rejected.fetch_add(frames, Relaxed);
     }
 }
 

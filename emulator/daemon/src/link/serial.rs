@@ -3,7 +3,6 @@
 use std::io;
 use std::os::fd::AsFd;
 use std::sync::Arc;
-use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
 
 use geu_protocol::serial::DEFAULT_BAUD;
@@ -11,7 +10,7 @@ use tokio_serial::{DataBits, Parity, SerialStream, StopBits};
 
 use super::error::LinkError;
 use super::interface::{Link, Watched};
-use super::receive::{Receiver, serve};
+use super::receive::{CommandServer, Receiver};
 use super::statistics::{LinkStatistics, Sending};
 use super::stream_sender::{Port, StreamSender};
 use crate::console;
@@ -79,7 +78,8 @@ pub(super) fn open(
     let opened = address.open().map_err(|error| LinkError::Serial(address.device.clone(), error))?;
     let statistics = LinkStatistics::new(format!("serial {} {}", address.device, address.baud));
     let line = Arc::new(StreamSender::new(None, 0.0, statistics.clone()));
-    tokio::spawn(attend(opened, address.clone(), line.clone(), unit.clone(), model.clone(), statistics.clone()));
+    let commands = CommandServer { unit: unit.clone(), model: model.clone(), statistics: statistics.clone() };
+    tokio::spawn(attend(opened, address.clone(), line.clone(), commands));
     Ok(Serial { line, model, statistics })
 }
 
@@ -87,44 +87,34 @@ async fn attend(
     mut opened: (SerialStream, Port),
     address: SerialAddress,
     line: Arc<StreamSender>,
-    unit: Arc<SharedUnit>,
-    model: LinkModel,
-    statistics: Arc<LinkStatistics>,
+    commands: CommandServer,
 ) {
+    let name = &commands.statistics.name;
     loop {
         line.open(opened.1.clone());
-        let end = session(&opened.1, &line, &unit, &model, &statistics).await;
+        let end = session(&opened.1, &line, &commands).await;
         line.close();
         drop(opened);
         let reason = end.err().map_or_else(|| "hung up".to_owned(), |error| error.to_string());
-        console::say(format_args!(
-            "{}: gone ({reason}); the unit keeps time and waits for it to come back",
-            statistics.name
-        ));
+        console::say(format_args!("{name}: gone ({reason}); the unit keeps time and waits for it to come back"));
         opened = loop {
             tokio::time::sleep(AGAIN).await;
             if let Ok(opened) = address.open() {
                 break opened;
             }
         };
-        console::say(format_args!("{}: is back", statistics.name));
+        console::say(format_args!("{name}: is back"));
     }
 }
 
-async fn session(
-    port: &Port,
-    line: &StreamSender,
-    unit: &SharedUnit,
-    model: &LinkModel,
-    statistics: &LinkStatistics,
-) -> io::Result<()> {
+async fn session(port: &Port, line: &StreamSender, commands: &CommandServer) -> io::Result<()> {
     let port = Watched::new(port.clone())?;
     let mut receiver = Receiver::default();
     let end = tokio::select! {
-        end = serve(&port, line, &mut receiver, unit, model, &statistics.name) => end,
+        end = commands.serve(&port, line, &mut receiver, &commands.statistics.name) => end,
         end = line.pump(&port) => end,
     };
-    unit.rejected.fetch_add(receiver.end(), Relaxed);
+    commands.end(&mut receiver);
     end
 }
 

@@ -20,7 +20,7 @@ use tokio::io::unix::AsyncFd;
 use tokio::sync::Notify;
 use tokio::time::timeout;
 
-use super::interface::{LATE_ANSWERS, Watched};
+use super::interface::{LATE_ANSWERS, Watched, until_due};
 use super::statistics::{LinkStatistics, Sending};
 use crate::cadence::now_ns;
 use crate::link_model::{Transmission, TransmitQueue, WireData};
@@ -381,14 +381,7 @@ impl StreamSender {
     /// Sends answers at their time.
     async fn answer_later(&self) -> Infallible {
         loop {
-            match self.send_answers(now_ns()) {
-                None => self.later.notified().await,
-                Some(due_ns) => {
-                    let wait_ns = (due_ns - now_ns()).max(0) as u64;
-                    // Either it is time, or another may be due earlier.
-                    let _ = timeout(Duration::from_nanos(wait_ns), self.later.notified()).await;
-                }
-            }
+            until_due(&self.later, self.send_answers(now_ns())).await;
         }
     }
 

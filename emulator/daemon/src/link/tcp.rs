@@ -14,7 +14,7 @@ use tokio::net::{TcpListener, TcpStream};
 
 use super::error::LinkError;
 use super::interface::{Link, Watched};
-use super::receive::{Receiver, serve};
+use super::receive::{CommandServer, Receiver};
 use super::statistics::{LinkStatistics, Sending};
 use super::stream_sender::{Port, StreamSender};
 use crate::console;
@@ -101,9 +101,7 @@ pub(super) fn open(
         address: address.clone(),
         is_faster,
         clients: clients.clone(),
-        unit: unit.clone(),
-        model: model.clone(),
-        statistics: statistics.clone(),
+        commands: CommandServer { unit: unit.clone(), model: model.clone(), statistics: statistics.clone() },
     };
     tokio::spawn(server.accept(listener));
     Ok(Tcp { clients, model, statistics })
@@ -114,9 +112,7 @@ struct Server {
     address: TcpAddress,
     is_faster: bool,
     clients: Clients,
-    unit: Arc<SharedUnit>,
-    model: LinkModel,
-    statistics: Arc<LinkStatistics>,
+    commands: CommandServer,
 }
 
 impl Server {
@@ -126,7 +122,7 @@ impl Server {
         loop {
             let accepted = listener.accept().await;
             let was_failing = std::mem::replace(&mut is_failing, accepted.is_err());
-            let name = &server.statistics.name;
+            let name = &server.commands.statistics.name;
             let (stream, peer) = match accepted {
                 Ok(accepted) => accepted,
                 Err(error) => {
@@ -138,7 +134,7 @@ impl Server {
                 }
             };
             if let Err(reason) = server.take_in(stream, peer) {
-                server.statistics.refused.fetch_add(1, Relaxed);
+                server.commands.statistics.refused.fetch_add(1, Relaxed);
                 if !std::mem::replace(&mut has_told, true) {
                     console::say(format_args!("{name}: {peer} is turned away, and more may be: {reason}"));
                 }
@@ -162,16 +158,16 @@ impl Server {
             gone.ok_or_else(|| format!("{CLIENTS} clients are served"))?.line.close();
         }
         let port = prepare(stream, self.is_faster).map_err(|error| error.to_string())?;
-        let line = StreamSender::new(Some(port.clone()), 0.0, self.statistics.clone());
+        let line = StreamSender::new(Some(port.clone()), 0.0, self.commands.statistics.clone());
         let client = Arc::new(Client { line, has_ended: AtomicBool::new(false) });
         self.clients().push(client.clone());
-        self.statistics.clients.fetch_add(1, Relaxed);
+        self.commands.statistics.clients.fetch_add(1, Relaxed);
         let server = self.clone();
         tokio::spawn(async move {
             server.attend(port, &client, peer).await;
             client.line.close();
             server.clients().retain(|other| !Arc::ptr_eq(other, &client));
-            server.statistics.clients.fetch_sub(1, Relaxed);
+            server.commands.statistics.clients.fetch_sub(1, Relaxed);
         });
         Ok(())
     }
@@ -185,8 +181,8 @@ impl Server {
         let link = format!("tcp {peer}");
         let commands = async {
             let mut receiver = Receiver::of_network();
-            let end = serve(&port, &client.line, &mut receiver, &self.unit, &self.model, &link).await;
-            self.unit.rejected.fetch_add(receiver.end(), Relaxed);
+            let end = self.commands.serve(&port, &client.line, &mut receiver, &link).await;
+            self.commands.end(&mut receiver);
             match end {
                 // It has said all it had to say, but may go on listening: `socat -u`, `nc` at the end of its input.
                 Ok(()) => {
@@ -194,8 +190,8 @@ impl Server {
                     until_gone(port.get_ref(), &client.line).await;
                 }
                 Err(error) if error.kind() == io::ErrorKind::InvalidData => {
-                    self.statistics.refused.fetch_add(1, Relaxed);
-                    console::say(format_args!("{}: {peer} {error}; closed", self.statistics.name));
+                    self.commands.statistics.refused.fetch_add(1, Relaxed);
+                    console::say(format_args!("{}: {peer} {error}; closed", self.commands.statistics.name));
                 }
                 Err(_) => {}
             }

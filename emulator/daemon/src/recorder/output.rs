@@ -85,3 +85,9 @@ impl Output {
         written.map_err(|source| RecordError::Write { path: self.path.clone(), source })
     }
 }
+
+/// A time in ns as seconds with six decimals, the grain of a capture.
+pub(super) fn stamp(ns: i64) -> String {
+    let micros = (ns + 500) / 1000;
+    format!("{}.{:06}", micros / 1_000_000, micros % 1_000_000)
+}

@@ -127,12 +127,12 @@ pub fn run(
         let (told, planned) = PlannedRecording::new(recording, configuration, truth, &settings.links);
         (feed, recorded) = (Some(told), Some(planned));
     }
-    let (mut control, mut event_publisher, mut publisher) = (None, None, None);
+    let (mut control, mut observer, mut publisher) = (None, None, None);
     if let Some(listener) = listener {
         let (service, tells, thread) = ControlService::start()?;
-        (control, event_publisher, publisher) = (Some((listener, service)), Some(tells), Some(thread));
+        (control, observer, publisher) = (Some((listener, service)), Some(tells), Some(thread));
     }
-    let unit = Arc::new(SharedUnit::new(configuration, truth, settings.speed, feed, event_publisher));
+    let unit = Arc::new(SharedUnit::new(configuration, truth, settings.speed, feed, observer));
     let ended = session.block_on(shutdown, run_unit(&session, &unit, settings, control, recorded));
     unit.close();
     publisher.into_iter().for_each(PublisherThread::finish);

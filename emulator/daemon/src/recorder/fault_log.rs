@@ -15,19 +15,18 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::io::Write;
 use std::path::Path;
 
-use geu_model::configuration::fault::fault_text;
 use geu_model::fault::Fault;
 use geu_model::fault::acting::{Acting, Happening};
 use geu_model::fault::catalogue::LinkKind;
-use geu_model::fault::expectation::Verdict;
 use geu_model::units::on_board_s;
 use geu_model::{Ended, Injected};
 use geu_protocol::command::hex;
 use geu_protocol::{HalfSecond, Reply};
 use serde_json::{Value, json};
 
+use super::output::{Output, RecordError};
+use crate::fault_json;
 use crate::link_model::{ActiveLinkFault, LinkModel, Transmission, WireData};
-use crate::recorder::{Output, RecordError};
 
 /// Writes it.
 pub(crate) struct FaultLog {
@@ -54,46 +53,6 @@ fn seconds(time_ns: i64) -> f64 {
 
 fn texts(contents: &[WireData]) -> Vec<String> {
     contents.iter().map(WireData::to_string).collect()
-}
-
-/// The keys of a fault as JSON, as the control interface takes them.
-pub fn keys(fault: &Fault) -> Value {
-    let text = fault_text(fault);
-    let document: toml_edit::DocumentMut = text.parse().expect("written as TOML");
-    let keys = document.iter().map(|(key, item)| (key.to_owned(), json_of(item.as_value().expect("keys of a fault"))));
-    Value::Object(keys.collect())
-}
-
-fn json_of(value: &toml_edit::Value) -> Value {
-    match value {
-        toml_edit::Value::String(text) => json!(text.value()),
-        toml_edit::Value::Integer(number) => json!(number.value()),
-        toml_edit::Value::Float(number) => json!(number.value()),
-        toml_edit::Value::Boolean(flag) => json!(flag.value()),
-        toml_edit::Value::InlineTable(table) => {
-            Value::Object(table.iter().map(|(key, value)| (key.to_owned(), json_of(value))).collect())
-        }
-        other => json!(other.to_string()),
-    }
-}
-
-/// What happened, as the log and the timeline of a bench tell it; `frame` is the half second that begins.
-pub(crate) fn told(frame: u64, happening: &Happening) -> Value {
-    let t_s = on_board_s(frame);
-    match happening {
-        Happening::Started(fault) => json!({
-            "what": "start", "t_s": t_s, "half_second": frame, "id": fault.id, "trigger": fault.trigger(),
-            "fault": fault.action.name(), "gyro": fault.gyro.map(|gyro| gyro.name()), "link": fault.link.map(|link| link.name()),
-        }),
-        Happening::Ended(fault, half_seconds) => json!({
-            "what": "end", "t_s": t_s, "half_second": frame, "id": fault.id, "half_seconds": half_seconds,
-        }),
-        Happening::Decided(watch) => json!({
-            "what": "expectation", "t_s": t_s, "half_second": frame, "id": watch.expectation.id,
-            "condition": watch.expectation.condition.to_string(),
-            "verdict": if matches!(watch.verdict, Verdict::Met(_)) { "met" } else { "not met" },
-        }),
-    }
 }
 
 impl FaultLog {
@@ -227,7 +186,7 @@ impl FaultLog {
 
     /// Something became of a fault; `frame` is the half second that begins.
     pub fn happened(&mut self, frame: u64, happening: &Happening) -> Result<(), RecordError> {
-        let mut line = told(frame, happening);
+        let mut line = fault_json::happening(frame, happening);
         if let Happening::Ended(fault, _) = happening {
             line["touched"] = json!(self.touched.remove(&fault.id).unwrap_or(0));
         }
@@ -241,7 +200,7 @@ impl FaultLog {
 
     /// A fault came live.
     pub fn injected(&mut self, frame: u64, fault: &Fault) -> Result<(), RecordError> {
-        self.line(&json!({ "what": "injected", "t_s": on_board_s(frame), "half_second": frame, "id": fault.id, "keys": keys(fault) }))
+        self.line(&json!({ "what": "injected", "t_s": on_board_s(frame), "half_second": frame, "id": fault.id, "keys": fault_json::keys(fault) }))
     }
 
     /// A fault that waited for a hand was started.
