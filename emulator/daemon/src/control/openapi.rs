@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::routes::{ResponseSpec, Route};
+use super::route::{ResponseSpec, Route};
 
 /// Bodies of requests and answers.
 const SCHEMAS: &str = include_str!("schemas.json");

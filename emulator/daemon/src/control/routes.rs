@@ -12,7 +12,7 @@ use axum::http::{Method, StatusCode, header};
 use axum::middleware::{self, Next};
 use axum::response::sse::{KeepAlive, Sse};
 use axum::response::{IntoResponse, Response, sse};
-use axum::routing::{MethodFilter, MethodRouter, on};
+use axum::routing::{MethodFilter, on};
 use axum::{Router, body};
 use geu_protocol::command;
 use http_body_util::{BodyExt, LengthLimitError, Limited};
@@ -22,9 +22,12 @@ use tokio_stream::StreamExt;
 use tokio_stream::wrappers::BroadcastStream;
 
 use super::answer::{ApiError, ApiResult, json, text};
+use super::backend::ControlBackend;
 use super::guard::Guard;
+use super::route::ResponseSpec::{Json, Text};
+use super::route::{ResponseSpec, Route};
 use super::unique::Unique;
-use super::{ControlBackend, openapi, page, protocol_json};
+use super::{openapi, page, protocol_json};
 
 /// Event streams at once; the other connections are for questions.
 pub(super) const STREAMS: usize = 16;
@@ -67,58 +70,16 @@ impl<B: ControlBackend> AppState<B> {
 
 type Here<B> = State<Arc<AppState<B>>>;
 
-/// One route: what it is called, takes, gives and refuses, and what answers it.
-pub(super) struct Route<S> {
-    pub method: Method,
-    pub path: &'static str,
-    pub what: &'static str,
-    /// Schema of the body.
-    pub takes: Option<&'static str>,
-    pub gives: ResponseSpec,
-    /// Beside those that any route may give.
-    pub refuses: &'static [u16],
-    handler: MethodRouter<S>,
-}
-
-/// What a route answers when all is well.
-#[derive(Debug, Clone, Copy)]
-pub(super) enum ResponseSpec {
-    /// JSON of this schema.
-    Json(u16, &'static str),
-    /// Text of this type.
-    Text(&'static str),
-}
-
 /// Every route.
 pub(super) fn table<B: ControlBackend>() -> Vec<Route<Arc<AppState<B>>>> {
     let mut table = vec![
-        get("/api/status", "State of the run", ResponseSpec::Json(200, "Status"), status::<B>),
-        get("/api/lateness", "How late half seconds were sent", ResponseSpec::Json(200, "Lateness"), lateness::<B>),
-        get(
-            "/api/truth",
-            "What really happened, beside what the unit tells",
-            ResponseSpec::Json(200, "Truth"),
-            truth::<B>,
-        ),
-        get(
-            "/api/catalogue",
-            "What can be set, injected and commanded",
-            ResponseSpec::Json(200, "Catalogue"),
-            catalogue::<B>,
-        ),
-        get(
-            "/api/parameters",
-            "Parameters that a fault can change",
-            ResponseSpec::Json(200, "Parameters"),
-            parameters::<B>,
-        ),
-        get(
-            "/api/layout",
-            "What stands where in the frames of a half second",
-            ResponseSpec::Json(200, "Layout"),
-            layout,
-        ),
-        get("/api/faults", "Every fault: armed, active, over", ResponseSpec::Json(200, "Faults"), faults::<B>),
+        get("/api/status", "State of the run", Json(200, "Status"), status::<B>),
+        get("/api/lateness", "How late half seconds were sent", Json(200, "Lateness"), lateness::<B>),
+        get("/api/truth", "What really happened, beside what the unit tells", Json(200, "Truth"), truth::<B>),
+        get("/api/catalogue", "What can be set, injected and commanded", Json(200, "Catalogue"), catalogue::<B>),
+        get("/api/parameters", "Parameters that a fault can change", Json(200, "Parameters"), parameters::<B>),
+        get("/api/layout", "What stands where in the frames of a half second", Json(200, "Layout"), layout),
+        get("/api/faults", "Every fault: armed, active, over", Json(200, "Faults"), faults::<B>),
         Route {
             takes: Some("Injection"),
             refuses: &[400, 408, 413, 415],
@@ -126,55 +87,38 @@ pub(super) fn table<B: ControlBackend>() -> Vec<Route<Arc<AppState<B>>>> {
                 Method::POST,
                 "/api/faults",
                 "Injects a fault, or all of a plan, or starts one",
-                ResponseSpec::Json(201, "Injected"),
+                Json(201, "Injected"),
                 inject::<B>,
             )
         },
-        route(Method::DELETE, "/api/faults", "Ends every fault", ResponseSpec::Json(200, "AllCleared"), clear_all::<B>),
+        route(Method::DELETE, "/api/faults", "Ends every fault", Json(200, "AllCleared"), clear_all::<B>),
         Route {
             refuses: &[404],
-            ..route(
-                Method::DELETE,
-                "/api/faults/{id}",
-                "Ends one fault",
-                ResponseSpec::Json(200, "Cleared"),
-                clear::<B>,
-            )
+            ..route(Method::DELETE, "/api/faults/{id}", "Ends one fault", Json(200, "Cleared"), clear::<B>)
         },
         Route {
             takes: Some("Command"),
             refuses: &[400, 408, 413, 415],
-            ..route(
-                Method::POST,
-                "/api/commands",
-                "Sends the unit a command",
-                ResponseSpec::Json(200, "Reply"),
-                command::<B>,
-            )
+            ..route(Method::POST, "/api/commands", "Sends the unit a command", Json(200, "Reply"), command::<B>)
         },
         get(
             "/api/events",
             "Server-sent events: half-second (schema HalfSecond) and timeline (schema Happening)",
-            ResponseSpec::Text("text/event-stream"),
+            Text("text/event-stream"),
             events::<B>,
         ),
-        get(
-            "/api/timeline",
-            "What happened so far, one Happening a line",
-            ResponseSpec::Text("application/x-ndjson"),
-            timeline::<B>,
-        ),
+        get("/api/timeline", "What happened so far, one Happening a line", Text("application/x-ndjson"), timeline::<B>),
         get(
             "/api/history",
             "The last ten minutes (1200 half seconds), the oldest first, whatever the speed",
-            ResponseSpec::Json(200, "History"),
+            Json(200, "History"),
             history::<B>,
         ),
-        get("/api/openapi.json", "This document", ResponseSpec::Json(200, "Document"), document::<B>),
+        get("/api/openapi.json", "This document", Json(200, "Document"), document::<B>),
     ];
     for file in page::FILES {
         let content = move || async move { text(StatusCode::OK, file.content_type, file.text) };
-        table.push(get(file.path, file.what, ResponseSpec::Text(file.content_type), content));
+        table.push(get(file.path, file.what, Text(file.content_type), content));
     }
     table
 }

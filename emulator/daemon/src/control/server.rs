@@ -21,8 +21,9 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
 use tokio_io_timeout::TimeoutStream;
 
 use super::answer::ApiError;
+use super::backend::ControlBackend;
 use super::guard::Guard;
-use super::{ControlBackend, routes};
+use super::routes;
 
 /// Ports that are tried from the default one on.
 const PORTS: u16 = 100;

@@ -3,11 +3,12 @@
 use std::collections::BTreeSet;
 use std::io::{Read, Write};
 use std::net::{IpAddr, SocketAddr, TcpListener, TcpStream};
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use geu_protocol::{Outcome, Reply};
-use serde_json::json;
+use serde_json::{Map, Value, json};
+use tokio::sync::broadcast;
 use tokio_stream::StreamExt;
 
 use super::server::{CONNECTIONS, CONNECTIONS_EACH, ConnectionLimiter, HEADERS_WITHIN, READS_WITHIN};

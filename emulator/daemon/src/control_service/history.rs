@@ -4,11 +4,9 @@
 //! wait on its side.
 
 use std::collections::VecDeque;
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, MutexGuard};
 
 use serde_json::{Value, json};
-
-use super::lock;
 
 /// Half seconds kept: ten minutes of on-board time, about 150 kB.
 const KEPT: usize = 1200;
@@ -72,6 +70,10 @@ fn keep(samples: &mut VecDeque<Sample>, sample: Sample) {
         samples.pop_front();
     }
     samples.push_back(sample);
+}
+
+pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().expect("nothing panics with it")
 }
 
 #[cfg(test)]

@@ -14,7 +14,7 @@ use std::collections::VecDeque;
 use std::future::Future;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::mpsc::{Receiver, sync_channel};
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock};
+use std::sync::{Arc, Mutex, OnceLock};
 use std::thread::{self, JoinHandle};
 
 use geu_model::configuration::fault::{MOST, read_fault_text, read_plan_text};
@@ -34,7 +34,7 @@ use crate::link_model::LinkModel;
 use crate::recorder_thread::Status;
 use crate::shared_unit::{Observer, SharedUnit};
 use events::{EventPublisher, ServiceEvent};
-use history::{Historian, History};
+use history::{Historian, History, lock};
 use status::StatusSource;
 
 /// What may wait to be shown; more is lost, and counted.
@@ -189,10 +189,6 @@ impl Shared {
             let _ = self.events.send(SseEvent { name, data });
         }
     }
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().expect("nothing panics with it")
 }
 
 /// A fault that was added, as whoever asked is told.

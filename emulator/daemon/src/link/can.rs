@@ -6,7 +6,6 @@ use std::sync::atomic::Ordering::Relaxed;
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
-use geu_protocol::CanPlan;
 use nix::errno::Errno;
 use nix::ifaddrs::getifaddrs;
 use nix::net::if_::InterfaceFlags;
@@ -14,6 +13,7 @@ use socketcan::{CanFilter, CanSocket, EmbeddedFrame, Frame, Id, Socket, SocketOp
 use tokio::sync::Notify;
 use tokio::task::yield_now;
 
+use super::address::CanAddress;
 use super::error::LinkError;
 use super::interface::{LATE_ANSWERS, Link, Watched, until_due};
 use super::statistics::{LinkStatistics, Sending};
@@ -33,41 +33,6 @@ const LOOK_AGAIN: Duration = Duration::from_micros(200);
 const TURN: usize = 16;
 /// All 29 bits of an identifier: extended frames with the number of COMMAND are seen too, to be counted.
 const ID_MASK: u32 = 0x1FFF_FFFF;
-
-/// `INTERFACE[:BASE]`, the base in hexadecimal.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct CanAddress {
-    /// Name of the interface.
-    pub interface: String,
-    /// Identifiers.
-    pub plan: CanPlan,
-}
-
-impl std::str::FromStr for CanAddress {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<CanAddress, String> {
-        let (interface, plan) = match text.split_once(':') {
-            None => (text, CanPlan::default()),
-            Some((interface, base)) => {
-                let plan = u16::from_str_radix(base, 16).ok().and_then(CanPlan::with_base);
-                (
-                    interface,
-                    plan.ok_or_else(|| {
-                        format!(
-                            "expected a base from 0 to {:X} in hexadecimal after the colon, got {base}",
-                            CanPlan::MAX_BASE
-                        )
-                    })?,
-                )
-            }
-        };
-        if interface.is_empty() || interface.len() > 15 {
-            return Err(format!("expected INTERFACE or INTERFACE:BASE with a name of 1 to 15 bytes, got {text:?}"));
-        }
-        Ok(CanAddress { interface: interface.to_owned(), plan })
-    }
-}
 
 /// What both threads share: the socket, while there is one that works.
 struct Bus {
@@ -404,21 +369,5 @@ impl Link for Can {
 
     fn statistics(&self) -> Arc<LinkStatistics> {
         self.bus.statistics.clone()
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn an_address_is_an_interface_and_perhaps_a_base_in_hexadecimal() {
-        let base = |text: &str| text.parse::<CanAddress>().map(|address| address.plan.base()).ok();
-        assert_eq!(base("vcan0"), Some(0x1A0));
-        assert_eq!(base("vcan0:300"), Some(0x300));
-        assert_eq!(base("vcan0:7F6"), Some(0x7F6));
-        for text in ["vcan0:7F7", "vcan0:xyz", "vcan0:", "", ":1A0", "a-name-too-long-for-linux"] {
-            assert_eq!(base(text), None, "{text}");
-        }
     }
 }

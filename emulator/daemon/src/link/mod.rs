@@ -4,9 +4,10 @@
 //! from, by a task of the runtime on the other thread.
 //!
 //! Dependencies run one way: this file opens `pty`, `serial`, `tcp` and `can`; the streams among these use `receive` (commands
-//! from a client) and `stream_sender` (bytes to it); all use `interface`, `statistics` and `error`. Physics, faults and the
+//! from a client) and `stream_sender` (bytes to it); all use `interface`, `address`, `statistics` and `error`. Physics, faults and the
 //! recording are not here: commands go to the shared unit, bytes come from the link model.
 
+mod address;
 pub mod can;
 mod error;
 mod interface;
@@ -19,44 +20,13 @@ pub mod tcp;
 
 use std::sync::Arc;
 
-use geu_model::fault::catalogue::LinkKind;
-
-use crate::link_model::{Encoding, LinkModel};
 use crate::shared_unit::SharedUnit;
 
-pub use can::CanAddress;
+pub use address::{CanAddress, LinkAddress, SerialAddress};
 pub use error::LinkError;
 pub(crate) use interface::Link;
-pub use serial::SerialAddress;
 pub use statistics::LinkStatistics;
 pub use tcp::TcpAddress;
-
-/// A link to be opened.
-#[derive(Debug, Clone)]
-pub enum LinkAddress {
-    /// A pty with a symlink at this path.
-    Pty(std::path::PathBuf),
-    /// A serial port.
-    Serial(SerialAddress),
-    /// A CAN interface.
-    Can(CanAddress),
-    /// Serial bytes to every client of an address.
-    Tcp(TcpAddress),
-}
-
-impl LinkAddress {
-    /// What it carries, as a recording beside it tells it.
-    pub fn model(&self) -> LinkModel {
-        match self {
-            LinkAddress::Pty(_) => LinkModel::serial(LinkKind::Pty),
-            LinkAddress::Serial(address) => {
-                LinkModel { kind: LinkKind::Serial, encoding: Encoding::Serial { baud: address.baud } }
-            }
-            LinkAddress::Can(address) => LinkModel::can(address.plan),
-            LinkAddress::Tcp(_) => LinkModel::serial(LinkKind::Tcp),
-        }
-    }
-}
 
 /// Opens a link and starts its tasks on the runtime.
 ///

@@ -5,9 +5,9 @@ use std::os::fd::AsFd;
 use std::sync::Arc;
 use std::time::Duration;
 
-use geu_protocol::serial::DEFAULT_BAUD;
 use tokio_serial::{DataBits, Parity, SerialStream, StopBits};
 
+use super::address::SerialAddress;
 use super::error::LinkError;
 use super::interface::{Link, Watched};
 use super::receive::{CommandServer, Receiver};
@@ -20,34 +20,6 @@ use crate::shared_unit::SharedUnit;
 
 /// Between two attempts at a port that is gone.
 const AGAIN: Duration = Duration::from_millis(250);
-
-/// `DEVICE[:BAUD]`.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct SerialAddress {
-    /// Path of the device.
-    pub device: String,
-    /// Rate, 8N1.
-    pub baud: u32,
-}
-
-impl std::str::FromStr for SerialAddress {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<SerialAddress, String> {
-        let (device, baud) = match text.rsplit_once(':') {
-            // Names under /dev/serial/by-path have colons of their own.
-            Some((device, baud)) if !baud.is_empty() && baud.bytes().all(|byte| byte.is_ascii_digit()) => {
-                let baud = baud.parse().ok().filter(|&baud| baud > 0);
-                (device, baud.ok_or_else(|| format!("expected DEVICE:BAUD with a rate above 0, got {text}"))?)
-            }
-            _ => (text, DEFAULT_BAUD),
-        };
-        if device.is_empty() {
-            return Err(format!("expected DEVICE or DEVICE:BAUD, got {text:?}"));
-        }
-        Ok(SerialAddress { device: device.to_owned(), baud })
-    }
-}
 
 impl SerialAddress {
     fn open(&self) -> io::Result<(SerialStream, Port)> {
@@ -140,20 +112,5 @@ impl Link for Serial {
 
     fn statistics(&self) -> Arc<LinkStatistics> {
         self.statistics.clone()
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn an_address_is_a_device_and_perhaps_a_rate() {
-        let parse = |text: &str| text.parse::<SerialAddress>().map(|address| (address.device, address.baud));
-        assert_eq!(parse("/dev/ttyUSB0"), Ok(("/dev/ttyUSB0".to_owned(), 115_200)));
-        assert_eq!(parse("/dev/ttyUSB0:9600"), Ok(("/dev/ttyUSB0".to_owned(), 9600)));
-        let by_path = "/dev/serial/by-path/pci-0:14.0-usb-0:2:1.0-port0";
-        assert_eq!(parse(by_path), Ok((by_path.to_owned(), 115_200)));
-        assert!(parse("/dev/ttyUSB0:0").is_err() && parse(":9600").is_err() && parse("").is_err());
     }
 }

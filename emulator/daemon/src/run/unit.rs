@@ -29,7 +29,7 @@ use crate::recorder::{self, Destination, RecordError, Recorder};
 use crate::recorder_thread::{Feed, RecorderThread, RecordingError};
 use crate::running::{self, Registration, Running};
 use crate::shared_unit::SharedUnit;
-use crate::truth::{Counts as TruthCounts, Live};
+use crate::truth::{self, Counts as TruthCounts, Live};
 
 /// The recording is written to its end until so long after the process was asked to end: with the last words on the
 /// terminal that is less than a second.
@@ -149,7 +149,7 @@ async fn run_unit(
 ) -> Result<RunSummary, RunError> {
     let links = session.open_links(&settings.links, unit)?;
     if let Some(live) = &settings.live {
-        live.open(settings.wait_for_client && settings.speed != Speed::Max)?;
+        truth::open(live, settings.wait_for_client && settings.speed != Speed::Max)?;
     }
     let statistics: Vec<_> = links.iter().map(|link| link.statistics()).collect();
     let address = control.as_ref().map(|(listener, _)| listener.address());

@@ -17,9 +17,11 @@ use tokio::net::tcp::{ReadHalf, WriteHalf};
 use tokio::net::{TcpStream, UdpSocket};
 use tokio::sync::mpsc::Receiver;
 
+use super::address::LiveAddress;
 use super::forty_two::Message;
+use super::json;
 use super::lines::Lines;
-use super::{Live, LiveAddress, json};
+use super::live::Live;
 use crate::console;
 
 /// Further than this ahead of what the unit needs nothing is read, on-board s.

@@ -10,7 +10,7 @@ use geu_model::units::{HALF_SECOND_NS, on_board_s};
 use geu_protocol::field::unit_flag;
 use geu_protocol::{CanFrame, CanPlan, HalfSecond};
 
-use super::{Item, Settings, Steps, What, Whose};
+use super::item::{Item, Settings, Steps, What, Whose};
 use crate::cadence::{Sleeper, doze_until, now_ns};
 use crate::console;
 use crate::lateness::Time;

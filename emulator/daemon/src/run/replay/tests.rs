@@ -3,13 +3,13 @@ use std::sync::mpsc::sync_channel;
 
 use geu_model::Configuration;
 use geu_model::fault::catalogue::LinkKind;
-use geu_protocol::CanFrame;
 use geu_protocol::serial::data_frame;
+use geu_protocol::{CanFrame, CanPlan, HalfSecond};
 
 use super::*;
 use crate::cadence::now_ns;
 use crate::link::Link;
-use crate::link_model::LinkModel;
+use crate::link_model::{LinkModel, WireData};
 use crate::patience::Patience;
 
 /// What was sent, and when, ns.
