@@ -70,17 +70,17 @@ impl Histogram {
 impl fmt::Display for Histogram {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for (name, share) in [("p50", 0.5), ("p90", 0.9), ("p99", 0.99), ("p99.9", 0.999)] {
-            write!(f, "{name} {}  ", Time(self.percentile_ns(share)))?;
+            write!(f, "{name} {}  ", DurationNs(self.percentile_ns(share)))?;
         }
-        write!(f, "max {}", Time(self.max_ns))
+        write!(f, "max {}", DurationNs(self.max_ns))
     }
 }
 
 /// A short time, ns, with the unit that suits it.
 #[derive(Debug, Clone, Copy)]
-pub struct Time(pub u64);
+pub struct DurationNs(pub u64);
 
-impl fmt::Display for Time {
+impl fmt::Display for DurationNs {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let ns = self.0 as f64;
         match self.0 {

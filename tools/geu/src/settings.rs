@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
 use geu_daemon::recorder;
-use geu_daemon::truth::{Live, LiveAddress, received};
+use geu_daemon::truth::{ExternalTruth, TruthAddress, received};
 use geu_model::configuration::{WireForm, unix_ns};
 use geu_model::fault::asks_in_vain;
 use geu_model::units::{duration_s, on_board_s};
@@ -105,9 +105,9 @@ pub struct ReadyRun {
 /// A truth from outside, before anything of it was told.
 pub struct LiveTruth {
     /// As it was asked for.
-    pub address: LiveAddress,
+    pub address: TruthAddress,
     /// To run on.
-    pub source: Arc<Live>,
+    pub source: Arc<ExternalTruth>,
 }
 
 impl ReadyRun {
@@ -227,9 +227,9 @@ impl RunSettings {
         configuration.run.truth.clone_from(&name);
         let (truth, live) = match name {
             None => (Truth::Scenario, None),
-            Some(name) if LiveAddress::is_meant(&name) => {
-                let address: LiveAddress = name.parse().map_err(Failure::input)?;
-                let source = Live::new(address.clone(), configuration.truth);
+            Some(name) if TruthAddress::is_meant(&name) => {
+                let address: TruthAddress = name.parse().map_err(Failure::input)?;
+                let source = ExternalTruth::new(address.clone(), configuration.truth);
                 (source.truth(), Some(LiveTruth { address, source }))
             }
             Some(name) => (truth_of_file(&name, is_unfinished)?, None),

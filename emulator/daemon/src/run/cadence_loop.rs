@@ -12,13 +12,13 @@ use super::error::RunError;
 use super::output::LinkOutput;
 use super::session::{LEAD_NS, POLL_INTERVAL, Session};
 use super::unit::RunOptions;
-use crate::cadence::{Sleeper, Speed, ask_for_realtime, doze_until, now_ns};
+use crate::cadence::{DeadlineTimer, Speed, ask_for_realtime, doze_until, now_ns};
 use crate::console;
-use crate::lateness::Time;
+use crate::lateness::DurationNs;
 use crate::patience::Patience;
 use crate::recorder_thread::Status;
 use crate::shared_unit::SharedUnit;
-use crate::truth::{Live, SampleReport};
+use crate::truth::{ExternalTruth, SampleReport};
 
 pub(super) struct CadenceLoop {
     session: Session,
@@ -43,7 +43,7 @@ impl CadenceLoop {
     /// # Errors
     /// A condition on what a truth from outside turns out not to report.
     pub fn run(&mut self) -> Result<(), RunError> {
-        let sleeper = Sleeper::new(self.settings.spin);
+        let timer = DeadlineTimer::new(self.settings.spin);
         self.ask_for_realtime();
         self.session.await_client(&self.links);
         if !self.has_first_sample() {
@@ -52,7 +52,7 @@ impl CadenceLoop {
         self.refuse_unavailable()?;
         let patience = self.session.patience();
         self.start_ns = now_ns();
-        while !self.is_stopped() && self.step(&sleeper, &patience) {}
+        while !self.is_stopped() && self.step(&timer, &patience) {}
         self.report_missed();
         self.session.end_links(&mut self.links, self.last_end_ns);
         Ok(())
@@ -72,7 +72,7 @@ impl CadenceLoop {
     }
 
     /// Runs the unit to the end of one sample; false where the run ends before it.
-    fn step(&mut self, sleeper: &Sleeper, patience: &Patience) -> bool {
+    fn step(&mut self, timer: &DeadlineTimer, patience: &Patience) -> bool {
         self.unit.step_aside();
         let (frame, running_end_ns) = self.unit.running();
         if self.settings.half_seconds.is_some_and(|half_seconds| frame >= half_seconds) {
@@ -109,7 +109,7 @@ impl CadenceLoop {
             output.prepare(ended.end_ns, patience);
         }
         if let Some(deadline_ns) = deadline_ns {
-            sleeper.until(deadline_ns);
+            timer.sleep_until(deadline_ns);
         }
         let now_ns = now_ns();
         // Commands wait for the completion: not for readers, whom a faster run waits for.
@@ -133,7 +133,8 @@ impl CadenceLoop {
     /// Whether a truth from outside has begun; not where the run was stopped meanwhile, or the source did not come.
     fn has_first_sample(&self) -> bool {
         let RunOptions { live, truth_wait, speed, .. } = &self.settings;
-        let begin = |live: &Arc<Live>| live.await_first(*speed == Speed::Max, *truth_wait, || self.is_stopped());
+        let begin =
+            |live: &Arc<ExternalTruth>| live.await_first(*speed == Speed::Max, *truth_wait, || self.is_stopped());
         live.as_ref().is_none_or(begin)
     }
 
@@ -204,7 +205,7 @@ impl CadenceLoop {
         let missed = std::mem::take(&mut self.missed);
         if missed > 0 {
             self.session.monitor.record_missed(missed);
-            let held_up = Time(missed * HALF_SECOND_NS as u64);
+            let held_up = DurationNs(missed * HALF_SECOND_NS as u64);
             console::say(format_args!(
                 "{missed} half seconds not sent: the process was held up for about {held_up}; the sequence goes on behind them"
             ));

@@ -29,7 +29,7 @@ use crate::recorder::{self, Destination, RecordError, Recorder};
 use crate::recorder_thread::{Feed, RecorderThread, RecordingError};
 use crate::running::{self, Registration, Running};
 use crate::shared_unit::SharedUnit;
-use crate::truth::{self, Counts as TruthCounts, Live};
+use crate::truth::{self, ExternalTruth, TruthStatistics};
 
 /// The recording is written to its end until so long after the process was asked to end: with the last words on the
 /// terminal that is less than a second.
@@ -53,7 +53,7 @@ pub struct RunOptions {
     /// Begin only when a client is attached to a pty or over TCP.
     pub wait_for_client: bool,
     /// The source of the truth, where that comes from outside.
-    pub live: Option<Arc<Live>>,
+    pub live: Option<Arc<ExternalTruth>>,
     /// Such a source is waited for so long at most, wall clock, wherever the run waits for it; without end where nothing
     /// is said.
     pub truth_wait: Option<Duration>,
@@ -83,7 +83,7 @@ pub struct RunSummary {
     /// Frames to the unit dropped without an answer.
     pub rejected: u64,
     /// What became of the samples of a truth from outside.
-    pub truth: Option<TruthCounts>,
+    pub truth: Option<TruthStatistics>,
     /// Why the unit did not move as that truth was told, in words; nothing where it did.
     pub truth_failure: Option<String>,
     /// Each link.

@@ -6,7 +6,7 @@ use std::str::FromStr;
 
 /// Where the truth comes from, and how it is spoken.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum LiveAddress {
+pub enum TruthAddress {
     /// JSON lines in datagrams to this address.
     Udp(String),
     /// JSON lines from a server.
@@ -15,17 +15,17 @@ pub enum LiveAddress {
     FortyTwo(String),
 }
 
-impl LiveAddress {
+impl TruthAddress {
     /// Whether a truth of that name comes from a socket, well spelt or not.
     pub fn is_meant(name: &str) -> bool {
         name.contains("://")
     }
 }
 
-impl FromStr for LiveAddress {
+impl FromStr for TruthAddress {
     type Err = String;
 
-    fn from_str(text: &str) -> Result<LiveAddress, String> {
+    fn from_str(text: &str) -> Result<TruthAddress, String> {
         let wrong = || format!("--truth: expected udp://HOST:PORT, tcp://HOST:PORT or 42://HOST:PORT, got {text}");
         let (scheme, address) = text.split_once("://").ok_or_else(wrong)?;
         let (host, port) = address.rsplit_once(':').ok_or_else(wrong)?;
@@ -33,20 +33,20 @@ impl FromStr for LiveAddress {
             return Err(wrong());
         }
         match scheme {
-            "udp" => Ok(LiveAddress::Udp(address.to_owned())),
-            "tcp" => Ok(LiveAddress::Tcp(address.to_owned())),
-            "42" => Ok(LiveAddress::FortyTwo(address.to_owned())),
+            "udp" => Ok(TruthAddress::Udp(address.to_owned())),
+            "tcp" => Ok(TruthAddress::Tcp(address.to_owned())),
+            "42" => Ok(TruthAddress::FortyTwo(address.to_owned())),
             _ => Err(wrong()),
         }
     }
 }
 
-impl fmt::Display for LiveAddress {
+impl fmt::Display for TruthAddress {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            LiveAddress::Udp(address) => write!(f, "udp://{address}"),
-            LiveAddress::Tcp(address) => write!(f, "tcp://{address}"),
-            LiveAddress::FortyTwo(address) => write!(f, "42://{address}"),
+            TruthAddress::Udp(address) => write!(f, "udp://{address}"),
+            TruthAddress::Tcp(address) => write!(f, "tcp://{address}"),
+            TruthAddress::FortyTwo(address) => write!(f, "42://{address}"),
         }
     }
 }
@@ -55,7 +55,7 @@ impl fmt::Display for LiveAddress {
 #[derive(Debug, thiserror::Error)]
 #[error("--truth {address}: cannot be listened at: {source}; expected a free port of this machine")]
 pub struct TruthError {
-    pub(super) address: LiveAddress,
+    pub(super) address: TruthAddress,
     pub(super) source: io::Error,
 }
 
@@ -66,12 +66,12 @@ mod tests {
     #[test]
     fn an_address_names_its_scheme_host_and_port() {
         for text in ["udp://127.0.0.1:4701", "tcp://simulator:10001", "42://[::1]:10001"] {
-            assert_eq!(text.parse::<LiveAddress>().expect(text).to_string(), text);
+            assert_eq!(text.parse::<TruthAddress>().expect(text).to_string(), text);
         }
         for text in
             ["udp://", "udp://:1", "udp://host", "udp://host:99999", "http://host:80", "://host:1", "tcp:host:1"]
         {
-            let message = text.parse::<LiveAddress>().expect_err(text);
+            let message = text.parse::<TruthAddress>().expect_err(text);
             assert!(message.contains("expected udp://HOST:PORT") && message.contains(text), "{message}");
         }
     }

@@ -11,9 +11,9 @@ use geu_protocol::field::unit_flag;
 use geu_protocol::{CanFrame, CanPlan, HalfSecond};
 
 use super::item::{Item, Settings, Steps, What, Whose};
-use crate::cadence::{Sleeper, doze_until, now_ns};
+use crate::cadence::{DeadlineTimer, doze_until, now_ns};
 use crate::console;
-use crate::lateness::Time;
+use crate::lateness::DurationNs;
 use crate::link_model::{Encoding, LinkModel, Transmission, WireData};
 use crate::run::output::LinkOutput;
 use crate::run::session::{LEAD_NS, Session};
@@ -86,15 +86,15 @@ impl Player {
 
     /// Plays until the items are over, or it is stopped.
     pub fn play(&mut self) {
-        let sleeper = Sleeper::new(Duration::ZERO);
+        let timer = DeadlineTimer::new(Duration::ZERO);
         self.session.await_client(&self.links);
         self.start_ns = now_ns();
-        let last_ns = self.play_items(&sleeper);
+        let last_ns = self.play_items(&timer);
         self.session.end_links(&mut self.links, last_ns);
     }
 
     /// Plays the items; when the last one was due.
-    fn play_items(&mut self, sleeper: &Sleeper) -> i64 {
+    fn play_items(&mut self, timer: &DeadlineTimer) -> i64 {
         let mut last_ns = 0;
         loop {
             let batch = match self.items.recv_timeout(WAIT) {
@@ -103,8 +103,8 @@ impl Player {
                 Err(_) => return last_ns,
             };
             for item in batch {
-                self.send_held(item.played_ns - 1, sleeper);
-                self.wait_until(item.played_ns, sleeper);
+                self.send_held(item.played_ns - 1, timer);
+                self.wait_until(item.played_ns, timer);
                 if self.is_stopped() {
                     return last_ns;
                 }
@@ -128,28 +128,28 @@ impl Player {
         self.session.speed.wall_ns(played_ns).map(|wall_ns| self.start_ns.saturating_add(wall_ns))
     }
 
-    fn wait_until(&mut self, played_ns: i64, sleeper: &Sleeper) {
+    fn wait_until(&mut self, played_ns: i64, timer: &DeadlineTimer) {
         let Some(deadline_ns) = self.wall_ns(played_ns) else { return };
         while !self.is_stopped() && now_ns() < deadline_ns - LEAD_NS {
             doze_until(deadline_ns - LEAD_NS);
         }
         if !self.is_stopped() {
-            sleeper.until(deadline_ns);
+            timer.sleep_until(deadline_ns);
         }
         let late_ns = now_ns() - deadline_ns;
         if late_ns > HELD_UP_NS && !self.session.speed.is_faster_than_real() {
             self.counts.held_up += 1;
             self.start_ns += late_ns;
-            let late = Time(late_ns as u64);
+            let late = DurationNs(late_ns as u64);
             console::say(format_args!("held up for about {late}; the recording goes on where it stood"));
         }
     }
 
     /// Sends, each at its time, what a fault holds back until then.
-    fn send_held(&mut self, until_ns: i64, sleeper: &Sleeper) {
+    fn send_held(&mut self, until_ns: i64, timer: &DeadlineTimer) {
         let next = |links: &[LinkOutput]| links.iter().filter_map(|output| output.queue.next_ns()).min();
         while let Some(due_ns) = next(&self.links).filter(|&due_ns| due_ns <= until_ns) {
-            self.wait_until(due_ns, sleeper);
+            self.wait_until(due_ns, timer);
             if self.is_stopped() {
                 return;
             }

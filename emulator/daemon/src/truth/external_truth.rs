@@ -9,9 +9,9 @@ use geu_model::attitude::{Stepped, TruthNumbers};
 use geu_model::units::HALF_SECOND_S;
 use tokio::sync::Notify;
 
-use super::address::LiveAddress;
-use super::follow::{Counts, Follower, Sample};
+use super::address::TruthAddress;
 use super::reports::{Reports, SampleReport};
+use super::synchroniser::{TruthSample, TruthStatistics, TruthSynchroniser};
 
 use crate::console;
 
@@ -26,9 +26,9 @@ const MOST_TOLD: u64 = 3;
 
 /// A truth that is being told.
 #[derive(Debug)]
-pub struct Live {
-    asked: LiveAddress,
-    pub(super) bound: OnceLock<LiveAddress>,
+pub struct ExternalTruth {
+    asked: TruthAddress,
+    pub(super) bound: OnceLock<TruthAddress>,
     truth: Arc<Stepped>,
     /// At a pace of its own the run begins so long after the first sample.
     start_delay: Duration,
@@ -51,7 +51,7 @@ enum Waited {
 
 #[derive(Debug)]
 struct State {
-    follower: Follower,
+    synchroniser: TruthSynchroniser,
     /// On-board time up to which the truth is needed next.
     wanted_s: f64,
     /// The run waits for clients, and the source does not wait for the run.
@@ -62,18 +62,18 @@ struct State {
     waits_said: u64,
 }
 
-impl Live {
+impl ExternalTruth {
     /// A truth from `address`, before its first sample.
-    pub fn new(address: LiveAddress, numbers: TruthNumbers) -> Arc<Live> {
+    pub fn new(address: TruthAddress, numbers: TruthNumbers) -> Arc<ExternalTruth> {
         let truth = Arc::new(Stepped::remembering(PIECES));
         let state = State {
-            follower: Follower::new(truth.clone(), numbers),
+            synchroniser: TruthSynchroniser::new(truth.clone(), numbers),
             wanted_s: HALF_SECOND_S,
             is_early: false,
             gave_up: None,
             waits_said: 0,
         };
-        Arc::new(Live {
+        Arc::new(ExternalTruth {
             asked: address,
             bound: OnceLock::new(),
             truth,
@@ -86,7 +86,7 @@ impl Live {
     }
 
     /// Where the source is: of port 0 the one that was taken.
-    pub(super) fn address(&self) -> &LiveAddress {
+    pub(super) fn address(&self) -> &TruthAddress {
         self.bound.get().unwrap_or(&self.asked)
     }
 
@@ -96,15 +96,15 @@ impl Live {
     }
 
     /// What became of the samples.
-    pub fn counts(&self) -> Counts {
+    pub fn counts(&self) -> TruthStatistics {
         let (reports, reports_dropped) = self.reports.counts();
-        Counts { reports, reports_dropped, ..self.state().follower.counts }
+        TruthStatistics { reports, reports_dropped, ..self.state().synchroniser.counts }
     }
 
     /// Why the run was not on the motion that the source told, in words; nothing where it was.
     pub fn failure(&self) -> Option<String> {
         let state = self.state();
-        let Counts { late, missing, jumps, bad_lines, .. } = state.follower.counts;
+        let TruthStatistics { late, missing, jumps, bad_lines, .. } = state.synchroniser.counts;
         let bad = (bad_lines > 0)
             .then(|| format!("truth {}: expected lines that can be read, got {bad_lines} that cannot", self.address()));
         let counted = (late + missing + jumps > 0).then(|| {
@@ -118,7 +118,7 @@ impl Live {
 
     /// Whether the source tells the sun, as its first sample says.
     pub(crate) fn tells_sun(&self) -> bool {
-        self.state().follower.tells_sun()
+        self.state().synchroniser.tells_sun()
     }
 
     /// Whether the source asked for reports.
@@ -128,7 +128,7 @@ impl Live {
 
     /// Reports the end of a sample interval to the source, without waiting for it.
     pub(crate) fn report(&self, report: &SampleReport) {
-        let source_s = self.state().follower.source_s(report.end_s);
+        let source_s = self.state().synchroniser.source_s(report.end_s);
         self.reports.put(report, source_s.unwrap_or(report.end_s));
     }
 
@@ -145,10 +145,10 @@ impl Live {
     /// later. Says whether the run begins.
     pub(crate) fn await_first(&self, waits: bool, most: Option<Duration>, is_stopped: impl Fn() -> bool) -> bool {
         self.state().is_early = false;
-        if !self.state().follower.has_begun() {
+        if !self.state().synchroniser.has_begun() {
             console::say(format_args!("waits for the first sample of {}", self.address()));
         }
-        let waited = self.wait(most, &is_stopped, Follower::has_begun);
+        let waited = self.wait(most, &is_stopped, TruthSynchroniser::has_begun);
         if waited == Waited::TooLong {
             self.give_up("the first sample", most);
         }
@@ -172,14 +172,14 @@ impl Live {
             match self.await_covering(needed_s, most, &is_stopped) {
                 Waited::Enough => {}
                 Waited::TooLong => {
-                    let source_s = self.state().follower.source_s(needed_s).unwrap_or(needed_s);
+                    let source_s = self.state().synchroniser.source_s(needed_s).unwrap_or(needed_s);
                     self.give_up(&format!("a sample at or after its time {source_s} s"), most);
                     return false;
                 }
                 Waited::Stopped => return false,
             }
         }
-        let note = self.state().follower.finish(needed_s);
+        let note = self.state().synchroniser.finish(needed_s);
         self.want(needed_s + HALF_SECOND_S);
         if let Some(note) = note {
             console::say(format_args!("truth {}: {note}", self.address()));
@@ -189,7 +189,7 @@ impl Live {
 
     /// Waits for samples up to `needed_s`, and says so where it takes long: who looks at a run that stands shall know why.
     fn await_covering(&self, needed_s: f64, most: Option<Duration>, is_stopped: &impl Fn() -> bool) -> Waited {
-        let covers = |follower: &Follower| follower.covers(needed_s);
+        let covers = |synchroniser: &TruthSynchroniser| synchroniser.covers(needed_s);
         let silent = most.map_or(SAY_WAITING, |most| most.min(SAY_WAITING));
         let waited = self.wait(Some(silent), is_stopped, covers);
         if waited != Waited::TooLong || most.is_some_and(|most| most <= silent) {
@@ -197,7 +197,7 @@ impl Live {
         }
         let mut state = self.state();
         state.waits_said += 1;
-        let (said, source_s) = (state.waits_said, state.follower.source_s(needed_s).unwrap_or(needed_s));
+        let (said, source_s) = (state.waits_said, state.synchroniser.source_s(needed_s).unwrap_or(needed_s));
         drop(state);
         if said <= MOST_TOLD {
             let more = if said == MOST_TOLD { "; more waits are not said" } else { "" };
@@ -228,7 +228,7 @@ impl Live {
         &self,
         most: Option<Duration>,
         is_stopped: &impl Fn() -> bool,
-        is_enough: impl Fn(&Follower) -> bool,
+        is_enough: impl Fn(&TruthSynchroniser) -> bool,
     ) -> Waited {
         let start = Instant::now();
         let mut state = self.state();
@@ -236,7 +236,7 @@ impl Live {
             if is_stopped() {
                 return Waited::Stopped;
             }
-            if is_enough(&state.follower) {
+            if is_enough(&state.synchroniser) {
                 return Waited::Enough;
             }
             let left = most.map_or(LOOK_AGAIN, |most| most.saturating_sub(start.elapsed()));
@@ -248,16 +248,16 @@ impl Live {
     }
 
     /// Takes a sample, or counts a line of `place` that is none.
-    pub(super) fn take(&self, place: fmt::Arguments<'_>, read: Result<Sample, String>) {
+    pub(super) fn take(&self, place: fmt::Arguments<'_>, read: Result<TruthSample, String>) {
         let mut state = self.state();
         let (note, so_far) = match read {
             Ok(sample) => {
-                let note = state.follower.take(sample);
-                (note, state.follower.counts.jumps)
+                let note = state.synchroniser.take(sample);
+                (note, state.synchroniser.counts.jumps)
             }
             Err(wrong) => {
-                state.follower.counts.bad_lines += 1;
-                (Some(format!("{place}: {wrong}")), state.follower.counts.bad_lines)
+                state.synchroniser.counts.bad_lines += 1;
+                (Some(format!("{place}: {wrong}")), state.synchroniser.counts.bad_lines)
             }
         };
         if let Some(note) = note.filter(|_| so_far <= MOST_TOLD) {
@@ -265,7 +265,7 @@ impl Live {
             console::say(format_args!("truth {}: {note}{more}", self.address()));
         }
         if state.is_early {
-            state.follower.forget_the_past();
+            state.synchroniser.reset_origin();
         }
         drop(state);
         self.came.notify_all();
@@ -273,12 +273,12 @@ impl Live {
 
     /// Whether a source that told something once is missing.
     pub(super) fn is_missing(&self) -> bool {
-        self.state().follower.is_missing()
+        self.state().synchroniser.is_missing()
     }
 
     fn is_wanted(&self, ahead_s: f64) -> bool {
         let state = self.state();
-        state.is_early || !state.follower.covers(state.wanted_s + ahead_s)
+        state.is_early || !state.synchroniser.covers(state.wanted_s + ahead_s)
     }
 
     /// Waits until samples are wanted further than `ahead_s` before those that came.

@@ -31,17 +31,17 @@ const PIECES: usize = 5;
 
 /// What a source tells of an instant.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Sample {
+pub(crate) struct TruthSample {
     /// On the source's time scale.
     pub t_s: f64,
-    pub motion: Told,
+    pub motion: MotionValue,
     /// Direction to the sun, in the frame that an attitude is against, of unit length.
     pub sun: Option<[f64; 3]>,
 }
 
 /// How the unit moves, as it was told.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum Told {
+pub(crate) enum MotionValue {
     /// The attitude, control frame to inertial, real part first, of unit length.
     Attitude([f64; 4]),
     /// The mean rates about the control axes since the sample before.
@@ -50,7 +50,7 @@ pub(crate) enum Told {
 
 /// What became of a source's samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Counts {
+pub struct TruthStatistics {
     /// Samples that came.
     pub received: u64,
     /// Half seconds that ended before the samples of their end were there.
@@ -69,9 +69,10 @@ pub struct Counts {
     pub reports_dropped: u64,
 }
 
-impl fmt::Display for Counts {
+impl fmt::Display for TruthStatistics {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Counts { received, late, missing, jumps, out_of_order, bad_lines, reports, reports_dropped } = self;
+        let TruthStatistics { received, late, missing, jumps, out_of_order, bad_lines, reports, reports_dropped } =
+            self;
         write!(
             f,
             "received {received}, late half seconds {late}, missing {missing}, jumps {jumps}, out of order {out_of_order}, bad lines {bad_lines}"
@@ -96,7 +97,7 @@ struct Point {
 
 /// Follows one source.
 #[derive(Debug)]
-pub(crate) struct Follower {
+pub(crate) struct TruthSynchroniser {
     truth: Arc<Stepped>,
     numbers: TruthNumbers,
     /// Source time of on-board time 0; none before the first sample.
@@ -117,13 +118,13 @@ pub(crate) struct Follower {
     /// Half seconds on end in which the source was missing though it went on, and how far it had come by the last.
     behind: u32,
     told_before_s: f64,
-    pub counts: Counts,
+    pub counts: TruthStatistics,
 }
 
-impl Follower {
+impl TruthSynchroniser {
     /// One that has heard nothing yet, and appends to `truth`.
-    pub fn new(truth: Arc<Stepped>, numbers: TruthNumbers) -> Follower {
-        Follower {
+    pub fn new(truth: Arc<Stepped>, numbers: TruthNumbers) -> TruthSynchroniser {
+        TruthSynchroniser {
             truth,
             numbers,
             zero_s: None,
@@ -137,7 +138,7 @@ impl Follower {
             is_missing: false,
             behind: 0,
             told_before_s: 0.0,
-            counts: Counts::default(),
+            counts: TruthStatistics::default(),
         }
     }
 
@@ -172,7 +173,7 @@ impl Follower {
     }
 
     /// Takes a sample as it comes, and tells what is worth telling.
-    pub fn take(&mut self, sample: Sample) -> Option<String> {
+    pub fn take(&mut self, sample: TruthSample) -> Option<String> {
         self.counts.received += 1;
         let (Some(zero_s), Some(&Point { t_s: last_s, angle, .. })) = (self.zero_s, self.curve.back()) else {
             self.zero_s = Some(sample.t_s - self.used_s);
@@ -200,8 +201,8 @@ impl Follower {
             return Some(format!("its time jumped by {passed_s:+.3} s; what it turned in that is not counted"));
         }
         let turn = match sample.motion {
-            Told::Rate(rate_arcsec_s) => Some(rate_arcsec_s.map(|rate| rate * passed_s)),
-            Told::Attitude(attitude) => before.map(|before| turn_between_arcsec(before, attitude)),
+            MotionValue::Rate(rate_arcsec_s) => Some(rate_arcsec_s.map(|rate| rate * passed_s)),
+            MotionValue::Attitude(attitude) => before.map(|before| turn_between_arcsec(before, attitude)),
         };
         let rate = turn.map(|turn| turn.map(|turn| turn / passed_s));
         let fastest_arcsec_s = rate.map_or(0.0, |rate| rate.iter().map(|rate| rate * rate).sum::<f64>().sqrt());
@@ -226,17 +227,17 @@ impl Follower {
     }
 
     /// The sun at a sample; where that tells no attitude, as it was.
-    fn sun_seen(&mut self, sample: &Sample) -> Option<Sun> {
+    fn sun_seen(&mut self, sample: &TruthSample) -> Option<Sun> {
         self.sun_inertial = sample.sun.filter(|_| self.tells_sun()).or(self.sun_inertial);
         let (sun, obliquity_rad) = (self.sun_inertial?, self.numbers.obliquity_deg * RAD_PER_DEG);
         match sample.motion {
-            Told::Attitude(attitude) => Some(Sun::seen(attitude, sun, obliquity_rad)),
-            Told::Rate(_) => self.curve.back()?.sun,
+            MotionValue::Attitude(attitude) => Some(Sun::seen(attitude, sun, obliquity_rad)),
+            MotionValue::Rate(_) => self.curve.back()?.sun,
         }
     }
 
     /// Before the first half second: has time 0 follow the source, a moment before its last sample.
-    pub fn forget_the_past(&mut self) {
+    pub fn reset_origin(&mut self) {
         let start_s = self.told_s() - KEPT_S;
         if let Some(zero_s) = self.zero_s.as_mut().filter(|_| start_s > 0.0 && self.used_s == 0.0) {
             *zero_s += start_s;
@@ -345,10 +346,10 @@ impl Follower {
     }
 }
 
-fn attitude_of(motion: Told) -> Option<[f64; 4]> {
+fn attitude_of(motion: MotionValue) -> Option<[f64; 4]> {
     match motion {
-        Told::Attitude(attitude) => Some(attitude),
-        Told::Rate(_) => None,
+        MotionValue::Attitude(attitude) => Some(attitude),
+        MotionValue::Rate(_) => None,
     }
 }
 
