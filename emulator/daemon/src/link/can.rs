@@ -15,8 +15,8 @@ use tokio::task::yield_now;
 
 use super::address::CanAddress;
 use super::error::LinkError;
-use super::interface::{LATE_ANSWERS, Link, Watched, until_due};
-use super::statistics::{LinkStatistics, Sending};
+use super::interface::{LATE_ANSWERS, Link, LinkInfo, Watched, until_due};
+use super::statistics::Sending;
 use crate::cadence::now_ns;
 use crate::console;
 use crate::link_model::{LinkModel, TransmitQueue, WireData};
@@ -47,8 +47,7 @@ struct Bus {
     answers: Mutex<TransmitQueue>,
     /// Answers wait for their time.
     later: Notify,
-    model: LinkModel,
-    statistics: Arc<LinkStatistics>,
+    info: LinkInfo,
 }
 
 /// What became of a frame.
@@ -81,8 +80,7 @@ pub(super) fn open(
         turn: tokio::sync::Mutex::new(()),
         answers: Mutex::default(),
         later: Notify::new(),
-        model,
-        statistics: LinkStatistics::new(format!("can {} {:X}", address.interface, address.plan.base())),
+        info: LinkInfo::new(model, format!("can {} {:X}", address.interface, address.plan.base())),
     });
     let is_up = is_up(&address.interface);
     tokio::spawn(attend(socket, is_up, bus.clone(), unit.clone()));
@@ -215,7 +213,7 @@ impl Bus {
 }
 
 async fn attend(socket: CanSocket, mut was_up: bool, bus: Arc<Bus>, unit: Arc<SharedUnit>) {
-    let name = &bus.statistics.name;
+    let name = &bus.info.statistics.name;
     let mut next = Some(socket);
     if !was_up {
         console::say(format_args!(
@@ -293,17 +291,17 @@ async fn answer(frame: &socketcan::CanFrame, socket: &CanSocket, bus: &Bus, unit
         unit.rejected.fetch_add(1, Relaxed);
         return;
     }
-    let answered = unit.command(&bus.statistics.name, frame.data()).await;
-    let transmissions = unit.transmissions(&answered, &bus.model);
+    let answered = unit.command(&bus.info.statistics.name, frame.data()).await;
+    let transmissions = unit.transmissions(&answered, &bus.info.model);
     if transmissions.is_empty() {
         return;
     }
     if bus.answers().len() >= LATE_ANSWERS {
-        bus.statistics.unread_replies.fetch_add(1, Relaxed);
+        bus.info.statistics.unread_replies.fetch_add(1, Relaxed);
         return;
     }
     bus.answers().put(transmissions, 0, now_ns());
-    bus.statistics.replies.fetch_add(1, Relaxed);
+    bus.info.statistics.replies.fetch_add(1, Relaxed);
     bus.send_answers(socket).await;
     bus.later.notify_one();
 }
@@ -311,7 +309,7 @@ async fn answer(frame: &socketcan::CanFrame, socket: &CanSocket, bus: &Bus, unit
 impl Can {
     fn tell_queue(&mut self, is_full: bool) {
         let was_full = std::mem::replace(&mut self.is_full, is_full);
-        let name = &self.bus.statistics.name;
+        let name = &self.bus.info.statistics.name;
         match (was_full, is_full) {
             (false, true) => console::say(format_args!(
                 "{name}: the transmit queue is full; the unit keeps time and drops what does not fit: is the bus connected, does anybody acknowledge?"
@@ -323,8 +321,8 @@ impl Can {
 }
 
 impl Link for Can {
-    fn model(&self) -> &LinkModel {
-        &self.bus.model
+    fn info(&self) -> &LinkInfo {
+        &self.bus.info
     }
 
     fn send(&mut self, data: &[WireData], _more_fragments: bool, patience: &Patience) {
@@ -342,7 +340,7 @@ impl Link for Can {
             }
             None => Sending::Dropped,
         };
-        self.bus.statistics.count(outcome);
+        self.bus.info.statistics.count(outcome);
     }
 
     fn send_answers(&mut self) {
@@ -365,9 +363,5 @@ impl Link for Can {
 
     fn is_drained(&self) -> bool {
         true
-    }
-
-    fn statistics(&self) -> Arc<LinkStatistics> {
-        self.bus.statistics.clone()
     }
 }

@@ -18,10 +18,23 @@ use crate::patience::Patience;
 /// Answers of a client that wait for their time, at most: beyond, they are dropped.
 pub(super) const LATE_ANSWERS: usize = 1000;
 
+/// What a link is, and what it has done.
+#[derive(Clone)]
+pub(crate) struct LinkInfo {
+    pub model: LinkModel,
+    pub statistics: Arc<LinkStatistics>,
+}
+
+impl LinkInfo {
+    pub fn new(model: LinkModel, name: impl Into<String>) -> LinkInfo {
+        LinkInfo { model, statistics: LinkStatistics::new(name) }
+    }
+}
+
 /// A link, as the thread that keeps time sees it.
 pub(crate) trait Link: Send {
-    /// How it writes, and whom a fault is on.
-    fn model(&self) -> &LinkModel;
+    /// Its model and statistics.
+    fn info(&self) -> &LinkInfo;
     /// Sends data without blocking; a reader that has no room is given `patience` before it loses all of it. Where the data
     /// end within a frame, its rest comes with the next.
     fn send(&mut self, data: &[WireData], more_fragments: bool, patience: &Patience);
@@ -33,8 +46,6 @@ pub(crate) trait Link: Send {
     }
     /// Whether all that was taken has reached those who read.
     fn is_drained(&self) -> bool;
-    /// What it has done.
-    fn statistics(&self) -> Arc<LinkStatistics>;
 }
 
 /// Waits until the next is due, `next_ns` on the monotonic clock, or `later` reports that something may be due earlier.

@@ -25,6 +25,8 @@ use crate::shared_unit::SharedUnit;
 pub use address::{CanAddress, LinkAddress, SerialAddress};
 pub use error::LinkError;
 pub(crate) use interface::Link;
+#[cfg(test)]
+pub(crate) use interface::LinkInfo;
 pub use statistics::LinkStatistics;
 pub use tcp::TcpAddress;
 

@@ -31,9 +31,8 @@ use tokio::io::unix::AsyncFd;
 use tokio::task::yield_now;
 
 use super::error::LinkError;
-use super::interface::{Link, Watched};
+use super::interface::{Link, LinkInfo, Watched};
 use super::receive::{CommandServer, Receiver};
-use super::statistics::LinkStatistics;
 use super::stream_sender::{Port, StreamSender};
 use crate::console;
 use crate::link_model::{LinkModel, WireData};
@@ -59,12 +58,11 @@ nix::ioctl_read_bad!(
 struct Pty {
     line: Arc<StreamSender>,
     symlink: Arc<Symlink>,
-    model: LinkModel,
+    info: LinkInfo,
     is_stalled: bool,
     /// Bytes that its client had not read when that was asked last, and bytes that were written by then.
     unread: usize,
     written: u64,
-    statistics: Arc<LinkStatistics>,
 }
 
 /// Our end, and where clients open theirs.
@@ -138,15 +136,15 @@ pub(super) fn open(
     let terminal = Terminal::new().map_err(fail)?;
     let symlink = Arc::new(Symlink::create(path, &terminal.slave.0)?);
 
-    let statistics = LinkStatistics::new(format!("pty {}", path.display()));
+    let info = LinkInfo::new(model, format!("pty {}", path.display()));
     let byte_ns = f64::from(BITS_PER_BYTE) * 1e9 / f64::from(DEFAULT_BAUD) / speedup;
-    let line = Arc::new(StreamSender::new(None, byte_ns, statistics.clone()));
+    let line = Arc::new(StreamSender::new(None, byte_ns, info.statistics.clone()));
     let inotify = Inotify::init(InitFlags::IN_NONBLOCK | InitFlags::IN_CLOEXEC).map_err(fail)?;
     let inotify = Watched::new(inotify).map_err(|error| LinkError::Pty(path.display().to_string(), error))?;
-    let commands = CommandServer { unit: unit.clone(), model: model.clone(), statistics: statistics.clone() };
+    let commands = CommandServer { unit: unit.clone(), info: info.clone() };
     let server = Server { inotify, line: line.clone(), symlink: symlink.clone(), commands };
     tokio::spawn(async move { server.attend(terminal).await });
-    Ok(Pty { line, symlink, model, is_stalled: false, unread: 0, written: 0, statistics })
+    Ok(Pty { line, symlink, info, is_stalled: false, unread: 0, written: 0 })
 }
 
 /// What clients are served with.
@@ -160,7 +158,7 @@ struct Server {
 impl Server {
     /// Serves one client after the other.
     async fn attend(&self, mut terminal: Terminal) -> Infallible {
-        let statistics = &self.commands.statistics;
+        let statistics = &self.commands.info.statistics;
         let mut is_failing = false;
         loop {
             let end = self.attend_one(&mut terminal).await;
@@ -197,13 +195,13 @@ impl Server {
         }
         self.inotify.get_ref().rm_watch(watch)?;
         self.line.open(master.clone());
-        self.commands.statistics.clients.store(1, Relaxed);
+        self.commands.info.statistics.clients.store(1, Relaxed);
         let mut receiver = Receiver::default();
         loop {
             let port = Watched::new(master.clone())?;
             tokio::select! {
                 // The end of one client, perhaps with bytes that it left; another may be there already.
-                _ = self.commands.serve(&port, &self.line, &mut receiver, &self.commands.statistics.name) => {}
+                _ = self.commands.serve(&port, &self.line, &mut receiver, &self.commands.info.statistics.name) => {}
                 _ = self.line.pump(&port) => {}
             }
             if state(&*master) == PollFlags::POLLHUP {
@@ -232,8 +230,8 @@ impl Pty {
 }
 
 impl Link for Pty {
-    fn model(&self) -> &LinkModel {
-        &self.model
+    fn info(&self) -> &LinkInfo {
+        &self.info
     }
 
     fn send(&mut self, data: &[WireData], more_fragments: bool, patience: &Patience) {
@@ -244,11 +242,11 @@ impl Link for Pty {
         while self.line.is_open() && !is_within_frame && !self.has_room() {
             if self.is_stalled || patience.is_over(asked) {
                 self.is_stalled = !patience.is_none();
-                return self.statistics.count(self.line.drop_data(more_fragments));
+                return self.info.statistics.count(self.line.drop_data(more_fragments));
             }
             thread::sleep(LOOK_AGAIN);
         }
-        self.statistics.count(self.line.send(data, more_fragments, patience));
+        self.info.statistics.count(self.line.send(data, more_fragments, patience));
     }
 
     fn send_answers(&mut self) {
@@ -257,9 +255,5 @@ impl Link for Pty {
 
     fn is_drained(&self) -> bool {
         !self.line.is_open() || (self.line.is_drained() && self.slave().backlog() == 0)
-    }
-
-    fn statistics(&self) -> Arc<LinkStatistics> {
-        self.statistics.clone()
     }
 }

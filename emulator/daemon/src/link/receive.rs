@@ -13,10 +13,8 @@ use tokio::io::unix::AsyncFd;
 use tokio::task::yield_now;
 use tokio::time::timeout;
 
-use super::interface::Watched;
-use super::statistics::LinkStatistics;
+use super::interface::{LinkInfo, Watched};
 use super::stream_sender::{Port, StreamSender};
-use crate::link_model::LinkModel;
 use crate::shared_unit::SharedUnit;
 
 /// After so long without a byte, a good frame inside what looks like the start of another is no longer kept waiting.
@@ -115,8 +113,7 @@ impl Receiver {
 #[derive(Clone)]
 pub(super) struct CommandServer {
     pub unit: Arc<SharedUnit>,
-    pub model: LinkModel,
-    pub statistics: Arc<LinkStatistics>,
+    pub info: LinkInfo,
 }
 
 impl CommandServer {
@@ -157,7 +154,7 @@ impl CommandServer {
                 // Nothing more is read until the reply has room, but only while the client reads.
                 sender.reply_room().await;
                 let response = self.unit.command(link, &payload).await;
-                sender.answer(self.unit.transmissions(&response, &self.model));
+                sender.answer(self.unit.transmissions(&response, &self.info.model));
             }
             yield_now().await;
         }

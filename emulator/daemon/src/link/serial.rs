@@ -9,9 +9,9 @@ use tokio_serial::{DataBits, Parity, SerialStream, StopBits};
 
 use super::address::SerialAddress;
 use super::error::LinkError;
-use super::interface::{Link, Watched};
+use super::interface::{Link, LinkInfo, Watched};
 use super::receive::{CommandServer, Receiver};
-use super::statistics::{LinkStatistics, Sending};
+use super::statistics::Sending;
 use super::stream_sender::{Port, StreamSender};
 use crate::console;
 use crate::link_model::{LinkModel, WireData};
@@ -37,8 +37,7 @@ impl SerialAddress {
 
 struct Serial {
     line: Arc<StreamSender>,
-    model: LinkModel,
-    statistics: Arc<LinkStatistics>,
+    info: LinkInfo,
 }
 
 /// Opens the port and serves it.
@@ -48,11 +47,11 @@ pub(super) fn open(
     unit: &Arc<SharedUnit>,
 ) -> Result<impl Link + use<>, LinkError> {
     let opened = address.open().map_err(|error| LinkError::Serial(address.device.clone(), error))?;
-    let statistics = LinkStatistics::new(format!("serial {} {}", address.device, address.baud));
-    let line = Arc::new(StreamSender::new(None, 0.0, statistics.clone()));
-    let commands = CommandServer { unit: unit.clone(), model: model.clone(), statistics: statistics.clone() };
+    let info = LinkInfo::new(model, format!("serial {} {}", address.device, address.baud));
+    let line = Arc::new(StreamSender::new(None, 0.0, info.statistics.clone()));
+    let commands = CommandServer { unit: unit.clone(), info: info.clone() };
     tokio::spawn(attend(opened, address.clone(), line.clone(), commands));
-    Ok(Serial { line, model, statistics })
+    Ok(Serial { line, info })
 }
 
 async fn attend(
@@ -61,7 +60,7 @@ async fn attend(
     line: Arc<StreamSender>,
     commands: CommandServer,
 ) {
-    let name = &commands.statistics.name;
+    let name = &commands.info.statistics.name;
     loop {
         line.open(opened.1.clone());
         let end = session(&opened.1, &line, &commands).await;
@@ -83,7 +82,7 @@ async fn session(port: &Port, line: &StreamSender, commands: &CommandServer) -> 
     let port = Watched::new(port.clone())?;
     let mut receiver = Receiver::default();
     let end = tokio::select! {
-        end = commands.serve(&port, line, &mut receiver, &commands.statistics.name) => end,
+        end = commands.serve(&port, line, &mut receiver, &commands.info.statistics.name) => end,
         end = line.pump(&port) => end,
     };
     commands.end(&mut receiver);
@@ -91,12 +90,12 @@ async fn session(port: &Port, line: &StreamSender, commands: &CommandServer) -> 
 }
 
 impl Link for Serial {
-    fn model(&self) -> &LinkModel {
-        &self.model
+    fn info(&self) -> &LinkInfo {
+        &self.info
     }
 
     fn send(&mut self, data: &[WireData], more_fragments: bool, patience: &Patience) {
-        self.statistics.count(match self.line.send(data, more_fragments, patience) {
+        self.info.statistics.count(match self.line.send(data, more_fragments, patience) {
             Sending::Unread => Sending::Dropped,
             outcome => outcome,
         });
@@ -108,9 +107,5 @@ impl Link for Serial {
 
     fn is_drained(&self) -> bool {
         self.line.is_drained()
-    }
-
-    fn statistics(&self) -> Arc<LinkStatistics> {
-        self.statistics.clone()
     }
 }

@@ -13,9 +13,9 @@ use nix::sys::socket::{setsockopt, sockopt};
 use tokio::net::{TcpListener, TcpStream};
 
 use super::error::LinkError;
-use super::interface::{Link, Watched};
+use super::interface::{Link, LinkInfo, Watched};
 use super::receive::{CommandServer, Receiver};
-use super::statistics::{LinkStatistics, Sending};
+use super::statistics::Sending;
 use super::stream_sender::{Port, StreamSender};
 use crate::console;
 use crate::descriptors;
@@ -70,8 +70,7 @@ impl TcpAddress {
 
 struct Tcp {
     clients: Clients,
-    model: LinkModel,
-    statistics: Arc<LinkStatistics>,
+    info: LinkInfo,
 }
 
 type Clients = Arc<Mutex<Vec<Arc<Client>>>>;
@@ -95,16 +94,16 @@ pub(super) fn open(
     let listener = std::net::TcpListener::bind(&address.address).map_err(fail)?;
     listener.set_nonblocking(true).map_err(fail)?;
     let listener = TcpListener::from_std(listener).map_err(fail)?;
-    let statistics = LinkStatistics::new(format!("tcp {}", listener.local_addr().map_err(fail)?));
+    let info = LinkInfo::new(model, format!("tcp {}", listener.local_addr().map_err(fail)?));
     let clients = Clients::default();
     let server = Server {
         address: address.clone(),
         is_faster,
         clients: clients.clone(),
-        commands: CommandServer { unit: unit.clone(), model: model.clone(), statistics: statistics.clone() },
+        commands: CommandServer { unit: unit.clone(), info: info.clone() },
     };
     tokio::spawn(server.accept(listener));
-    Ok(Tcp { clients, model, statistics })
+    Ok(Tcp { clients, info })
 }
 
 /// What the clients of an address are served with.
@@ -122,7 +121,7 @@ impl Server {
         loop {
             let accepted = listener.accept().await;
             let was_failing = std::mem::replace(&mut is_failing, accepted.is_err());
-            let name = &server.commands.statistics.name;
+            let name = &server.commands.info.statistics.name;
             let (stream, peer) = match accepted {
                 Ok(accepted) => accepted,
                 Err(error) => {
@@ -134,7 +133,7 @@ impl Server {
                 }
             };
             if let Err(reason) = server.take_in(stream, peer) {
-                server.commands.statistics.refused.fetch_add(1, Relaxed);
+                server.commands.info.statistics.refused.fetch_add(1, Relaxed);
                 if !std::mem::replace(&mut has_told, true) {
                     console::say(format_args!("{name}: {peer} is turned away, and more may be: {reason}"));
                 }
@@ -158,16 +157,16 @@ impl Server {
             gone.ok_or_else(|| format!("{CLIENTS} clients are served"))?.line.close();
         }
         let port = prepare(stream, self.is_faster).map_err(|error| error.to_string())?;
-        let line = StreamSender::new(Some(port.clone()), 0.0, self.commands.statistics.clone());
+        let line = StreamSender::new(Some(port.clone()), 0.0, self.commands.info.statistics.clone());
         let client = Arc::new(Client { line, has_ended: AtomicBool::new(false) });
         self.clients().push(client.clone());
-        self.commands.statistics.clients.fetch_add(1, Relaxed);
+        self.commands.info.statistics.clients.fetch_add(1, Relaxed);
         let server = self.clone();
         tokio::spawn(async move {
             server.attend(port, &client, peer).await;
             client.line.close();
             server.clients().retain(|other| !Arc::ptr_eq(other, &client));
-            server.commands.statistics.clients.fetch_sub(1, Relaxed);
+            server.commands.info.statistics.clients.fetch_sub(1, Relaxed);
         });
         Ok(())
     }
@@ -190,8 +189,8 @@ impl Server {
                     until_gone(port.get_ref(), &client.line).await;
                 }
                 Err(error) if error.kind() == io::ErrorKind::InvalidData => {
-                    self.commands.statistics.refused.fetch_add(1, Relaxed);
-                    console::say(format_args!("{}: {peer} {error}; closed", self.commands.statistics.name));
+                    self.commands.info.statistics.refused.fetch_add(1, Relaxed);
+                    console::say(format_args!("{}: {peer} {error}; closed", self.commands.info.statistics.name));
                 }
                 Err(_) => {}
             }
@@ -237,17 +236,17 @@ async fn until_gone(port: &Watched<Port>, line: &StreamSender) {
 }
 
 impl Link for Tcp {
-    fn model(&self) -> &LinkModel {
-        &self.model
+    fn info(&self) -> &LinkInfo {
+        &self.info
     }
 
     fn send(&mut self, data: &[WireData], more_fragments: bool, patience: &Patience) {
         let clients = self.clients.lock().expect("nothing panics with the list").clone();
         if clients.is_empty() {
-            self.statistics.count(Sending::Unread);
+            self.info.statistics.count(Sending::Unread);
         }
         for client in &clients {
-            self.statistics.count(client.line.send(data, more_fragments, patience));
+            self.info.statistics.count(client.line.send(data, more_fragments, patience));
         }
     }
 
@@ -259,10 +258,6 @@ impl Link for Tcp {
 
     fn is_drained(&self) -> bool {
         self.clients.lock().expect("nothing panics with the list").iter().all(|client| client.line.is_drained())
-    }
-
-    fn statistics(&self) -> Arc<LinkStatistics> {
-        self.statistics.clone()
     }
 }
 

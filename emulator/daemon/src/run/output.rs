@@ -27,12 +27,12 @@ impl LinkOutput {
     }
 
     pub fn has_client(&self) -> bool {
-        self.link.statistics().clients.load(Relaxed) > 0
+        self.link.info().statistics.clients.load(Relaxed) > 0
     }
 
     /// Adds a sample, `None` where none is sent.
     pub fn put(&mut self, sample: Option<&HalfSecond>, frame: u64, end_ns: i64, acting: &[Acting]) {
-        let transmissions = self.link.model().carry(sample, frame, acting);
+        let transmissions = self.link.info().model.carry(sample, frame, acting);
         self.queue.put(transmissions, frame, end_ns);
     }
 
@@ -56,7 +56,7 @@ impl LinkOutput {
     }
 
     fn send(&mut self, data: &[WireData], more_fragments: bool, patience: &Patience) {
-        let statistics = self.link.statistics();
+        let statistics = self.link.info().statistics.clone();
         let (sent, dropped) = (statistics.sent.load(Relaxed), statistics.dropped.load(Relaxed));
         self.link.send(data, more_fragments, patience);
         if statistics.sent.load(Relaxed) > sent {
@@ -72,8 +72,8 @@ impl LinkOutput {
 
     /// What the link was handed since this was asked last: its name, whether it is a CAN bus, and how much.
     pub fn take_handed(&mut self) -> (String, bool, Handed) {
-        let is_can = self.link.model().kind == LinkKind::Can;
-        (self.link.statistics().name.clone(), is_can, std::mem::take(&mut self.handed))
+        let is_can = self.link.info().model.kind == LinkKind::Can;
+        (self.link.info().statistics.name.clone(), is_can, std::mem::take(&mut self.handed))
     }
 
     pub fn forget_handed(&mut self) {

@@ -151,7 +151,7 @@ async fn run_unit(
     if let Some(live) = &settings.live {
         truth::open(live, settings.wait_for_client && settings.speed != Speed::Max)?;
     }
-    let statistics: Vec<_> = links.iter().map(|link| link.statistics()).collect();
+    let statistics: Vec<_> = links.iter().map(|link| link.info().statistics.clone()).collect();
     let address = control.as_ref().map(|(listener, _)| listener.address());
     let _registration = register(&statistics, address);
     let recorded = recording.as_ref().map(|recording| recording.model.kind);
@@ -160,7 +160,7 @@ async fn run_unit(
         None => None,
     };
     // Only now: who waits for one line may count on all links, and on the recording.
-    links.iter().filter(|link| link.is_ready()).for_each(|link| console::ready(&link.statistics().name));
+    links.iter().filter(|link| link.is_ready()).for_each(|link| console::ready(&link.info().statistics.name));
     let server = control.map(|control| serve(control, session, unit, &links, recorded)).transpose()?;
     if let Some(address) = address {
         console::ready(&format!("control http://{address}/"));
@@ -203,7 +203,8 @@ fn serve(
     links: &[Box<dyn Link>],
     recorded: Option<LinkKind>,
 ) -> Result<Server, RunError> {
-    let carried: Vec<_> = links.iter().map(|link| (link.model().clone(), link.statistics())).collect();
+    let carried: Vec<_> =
+        links.iter().map(|link| (link.info().model.clone(), link.info().statistics.clone())).collect();
     service.know(unit, &carried, recorded, &session.monitor);
     Ok(listener.serve(Arc::new(service))?)
 }

@@ -122,8 +122,8 @@ async fn replay_items(
 ) -> Result<Summary, RunError> {
     let unit = Arc::new(SharedUnit::of_recording(session.speed));
     let links = session.open_links(&settings.links, &unit)?;
-    links.iter().filter(|link| link.is_ready()).for_each(|link| console::ready(&link.statistics().name));
-    let statistics: Vec<_> = links.iter().map(|link| link.statistics()).collect();
+    links.iter().filter(|link| link.is_ready()).for_each(|link| console::ready(&link.info().statistics.name));
+    let statistics: Vec<_> = links.iter().map(|link| link.info().statistics.clone()).collect();
     let links = links.into_iter().map(LinkOutput::new).collect();
     let mut player = Player::new(settings, links, items, steps, session.clone());
     let shown = player.shown.clone();

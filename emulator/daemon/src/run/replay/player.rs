@@ -208,7 +208,7 @@ impl Player {
         let acting = self.faults.acting().clone();
         let (patience, mut is_faulted) = (self.session.patience(), false);
         for (output, is_written_anew) in self.links.iter_mut().zip(&mut self.is_written_anew) {
-            let model = output.link.model().clone();
+            let model = output.link.info().model.clone();
             let is_touched = !model.touching(&acting).is_empty();
             is_faulted |= is_touched;
             // What was held back for this half second comes before or behind all of it, never between its frames.
@@ -252,7 +252,7 @@ impl Player {
         let (patience, acting) = (self.session.patience(), self.faults.acting().clone());
         let mut is_left_out = false;
         for (output, is_written_anew) in self.links.iter_mut().zip(&self.is_written_anew) {
-            let model = output.link.model();
+            let model = &output.link.info().model;
             if whose == Whose::HalfSecond && *is_written_anew || whose == Whose::Unit && model.blocks_samples(&acting) {
                 continue;
             }

@@ -8,7 +8,7 @@ use geu_protocol::{CanFrame, CanPlan, HalfSecond};
 
 use super::*;
 use crate::cadence::now_ns;
-use crate::link::Link;
+use crate::link::{Link, LinkInfo};
 use crate::link_model::{LinkModel, WireData};
 use crate::patience::Patience;
 
@@ -18,13 +18,13 @@ type Sent = Arc<Mutex<Timed>>;
 
 /// A link that keeps what it is given.
 struct Kept {
-    model: LinkModel,
+    info: LinkInfo,
     sent: Sent,
 }
 
 impl Link for Kept {
-    fn model(&self) -> &LinkModel {
-        &self.model
+    fn info(&self) -> &LinkInfo {
+        &self.info
     }
 
     fn send(&mut self, data: &[WireData], _more_fragments: bool, _patience: &Patience) {
@@ -36,10 +36,6 @@ impl Link for Kept {
 
     fn is_drained(&self) -> bool {
         true
-    }
-
-    fn statistics(&self) -> Arc<LinkStatistics> {
-        LinkStatistics::new("kept")
     }
 }
 
@@ -66,7 +62,9 @@ fn played(speed: Speed, plan: Configuration) -> (Timed, Timed, Counts, i64) {
 /// The same of any items.
 fn played_items(speed: Speed, plan: Configuration, items: Vec<Item>) -> (Timed, Timed, Counts, i64) {
     let (bus, stream) = (Sent::default(), Sent::default());
-    let link = |model, sent: &Sent| LinkOutput::new(Box::new(Kept { model, sent: sent.clone() }) as Box<dyn Link>);
+    let link = |model, sent: &Sent| {
+        LinkOutput::new(Box::new(Kept { info: LinkInfo::new(model, "kept"), sent: sent.clone() }) as Box<dyn Link>)
+    };
     let links = vec![link(LinkModel::can(CanPlan::default()), &bus), link(LinkModel::serial(LinkKind::Tcp), &stream)];
     let recorded_plan = CanPlan::with_base(0x300).unwrap();
     let settings = Settings { links: Vec::new(), speed, wait_for_client: false, recorded_plan, plan };
