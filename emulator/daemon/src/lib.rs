@@ -2,7 +2,10 @@
 //!
 //! [`run()`] is the emulator. One ordinary thread keeps time ([`cadence`]) and writes every half second to all links
 //! ([`link`]) itself; a runtime on the calling thread does whatever waits for somebody else: clients, commands,
-//! signals, devices that come back. They share the unit behind one lock ([`shared_unit`]).
+//! signals, devices that come back. They share the unit behind one lock (`shared_unit`).
+//!
+//! Dependencies run one way: `run` uses `control_service` and `link`; both use `shared_unit`, which uses `recorder_thread`
+//! and `event_source`; these and [`simulate`](mod@simulate) use `recorder`; that uses [`link_model`] and [`truth`].
 
 pub mod cadence;
 mod catalogue;

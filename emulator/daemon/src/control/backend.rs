@@ -35,7 +35,7 @@ pub trait ControlBackend: Send + Sync + 'static {
     fn clear(&self, id: &str) -> Result<Value, String>;
     /// Ends all of them.
     fn clear_all(&self) -> Value;
-    /// Carries out the payload of a COMMAND; the reply, as [`reply`] writes it.
+    /// Carries out the payload of a COMMAND; the reply, as [`reply`](super::reply) writes it.
     fn command(&self, payload: Vec<u8>) -> impl Future<Output = Value> + Send;
     /// What happened so far, one line of JSON each; bounded.
     fn timeline(&self) -> Vec<Arc<str>>;

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use geu_model::Configuration;
 
-use super::output::RecordError;
+use super::output::{Output, RecordError};
 use super::{run_toml, truth_csv};
 use crate::truth::received;
 
@@ -76,8 +76,8 @@ impl Destination {
     }
 
     /// Makes the directory, holds it for as long as the file lives, writes `run` beside its place, and removes what a
-    /// recording has that is replaced.
-    pub(super) fn claim(&self, run: &Configuration) -> Result<File, RecordError> {
+    /// recording has that is replaced. Returns the lock, and `run` to be put in place.
+    pub(super) fn claim(&self, run: &Configuration) -> Result<(File, Output), RecordError> {
         self.check()?;
         fs::create_dir_all(&self.directory).map_err(|source| self.failed(source))?;
         let held = File::open(&self.directory).map_err(|source| self.failed(source))?;
@@ -88,7 +88,7 @@ impl Destination {
         // Again: somebody may have recorded into it before it was held.
         self.check()?;
         // A directory that cannot be written, or takes no bytes, is found out before anything is removed.
-        run_toml::write_beside(&self.directory, run, None)?;
+        let run = run_toml::write_beside(&self.directory, run, None)?;
         for path in FILES.iter().filter(|name| **name != run_toml::NEW).map(|name| self.directory.join(name)) {
             match fs::remove_file(&path) {
                 Err(source) if source.kind() != io::ErrorKind::NotFound => {
@@ -97,7 +97,7 @@ impl Destination {
                 _ => {}
             }
         }
-        Ok(held)
+        Ok((held, run))
     }
 
     fn failed(&self, source: io::Error) -> RecordError {

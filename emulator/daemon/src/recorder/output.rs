@@ -1,6 +1,6 @@
 //! A file of a recording.
 
-use std::fs::File;
+use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
@@ -68,6 +68,15 @@ impl Output {
     /// Writes into the buffer.
     pub fn write(&mut self, content: impl FnOnce(&mut Vec<u8>) -> io::Result<()>) -> Result<(), RecordError> {
         content(&mut self.buffer).map_err(|source| RecordError::Write { path: self.path.clone(), source })
+    }
+
+    /// Renames the file, which is whole, to `name`: what was there is replaced in one step.
+    pub fn put_in_place(&mut self, name: &str) -> Result<(), RecordError> {
+        self.flush()?;
+        let place = self.path.with_file_name(name);
+        fs::rename(&self.path, &place).map_err(|source| RecordError::Write { path: place.clone(), source })?;
+        self.path = place;
+        Ok(())
     }
 
     /// Bytes that the system does not have yet.

@@ -44,14 +44,7 @@ pub(super) fn write(
     configuration: &Configuration,
     commands: Option<&Path>,
 ) -> Result<(), RecordError> {
-    write_beside(directory, configuration, commands)?;
-    put_in_place(directory)
-}
-
-/// Puts in place what was written beside it.
-pub(super) fn put_in_place(directory: &Path) -> Result<(), RecordError> {
-    let path = directory.join(NEW);
-    fs::rename(&path, directory.join(NAME)).map_err(|source| RecordError::Write { path, source })
+    write_beside(directory, configuration, commands)?.put_in_place(NAME)
 }
 
 /// Writes the same beside its place; what was written half is removed.
@@ -59,15 +52,16 @@ pub(super) fn write_beside(
     directory: &Path,
     configuration: &Configuration,
     commands: Option<&Path>,
-) -> Result<(), RecordError> {
+) -> Result<Output, RecordError> {
     let path = directory.join(NEW);
     // A process that was killed left one, or it is a link to another file, which stays as it is.
     let _ = fs::remove_file(&path);
-    let run = Output::create(directory, NEW)?;
-    fill(run, configuration, commands).inspect_err(|_| drop(fs::remove_file(&path)))
+    let mut run = Output::create(directory, NEW)?;
+    fill(&mut run, configuration, commands).inspect_err(|_| drop(fs::remove_file(&path)))?;
+    Ok(run)
 }
 
-fn fill(mut run: Output, configuration: &Configuration, commands: Option<&Path>) -> Result<(), RecordError> {
+fn fill(run: &mut Output, configuration: &Configuration, commands: Option<&Path>) -> Result<(), RecordError> {
     run.write(|file| {
         writeln!(file, "# A recorded run: `geu simulate run.toml --out DIRECTORY` writes the same bytes again.")?;
         file.write_all(configuration.to_toml(false).as_bytes())

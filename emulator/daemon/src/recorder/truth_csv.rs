@@ -4,7 +4,7 @@
 //! files of a simulated one. With the first live fault the rows so far are written anew, with 0 in that column, and take
 //! the place of the file: at any time it has the rows that the same run has when it is simulated.
 
-use std::fs::{self, File};
+use std::fs::File;
 use std::io::{self, BufRead, BufReader, Write};
 use std::path::Path;
 
@@ -94,9 +94,7 @@ impl TruthCsv {
                 wider.flush()?;
             }
         }
-        wider.flush()?;
-        fs::rename(&wider.path, &path).map_err(failed)?;
-        wider.path = path;
+        wider.put_in_place(NAME)?;
         self.output = wider;
         Ok(())
     }

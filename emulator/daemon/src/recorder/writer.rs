@@ -75,7 +75,7 @@ impl Recorder {
         let links = if links.is_empty() { links::without_links(configuration) } else { links.to_vec() };
         let model = links::recorded(wire, configuration, &links);
         let is_received = matches!(truth, Truth::Stepped(_));
-        let held = destination.claim(&run_at_start(configuration, wire, &model, &links, is_received))?;
+        let (held, mut run) = destination.claim(&run_at_start(configuration, wire, &model, &links, is_received))?;
         let directory = destination.directory();
         let link_name = match wire {
             WireForm::Can => "link.log",
@@ -99,7 +99,7 @@ impl Recorder {
             end_ns: 0,
             is_run_outdated: false,
         };
-        run_toml::put_in_place(directory)?;
+        run.put_in_place(run_toml::NAME)?;
         recorder.flush()?;
         Ok(recorder)
     }
