@@ -9,7 +9,7 @@ use geu_model::fault::acting::Acting;
 use geu_model::{Configuration, Ended, Trace, Truth, Unit};
 use geu_protocol::{HalfSecond, Reply};
 
-use crate::recorder::UnitEvent;
+use crate::recorder::{PolledSample, UnitEvent};
 
 pub(crate) struct EventSource {
     pub unit: Unit,
@@ -49,13 +49,15 @@ impl EventSource {
         });
         let Ok(answer) = answer else { return CommandResponse { reply: None, polled: None, acting } };
         let (reply, polled) = (answer.reply, answer.polled);
-        events.extend(polled.map(|half_second| UnitEvent::Polled {
-            link: link.to_owned(),
-            half_second,
-            reply,
-            end_ns: self.last_end_ns,
-            injected: self.unit.injected().cloned(),
-            acting: acting.clone(),
+        events.extend(polled.map(|half_second| {
+            UnitEvent::Polled(PolledSample {
+                link: link.to_owned(),
+                half_second,
+                reply,
+                end_ns: self.last_end_ns,
+                injected: self.unit.injected().cloned(),
+                acting: acting.clone(),
+            })
         }));
         CommandResponse { reply: Some(reply), polled, acting }
     }

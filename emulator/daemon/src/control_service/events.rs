@@ -110,7 +110,7 @@ impl Observer for EventPublisher {
                     injected: injected.clone(),
                 })
             }
-            UnitEvent::Polled { .. } => return,
+            UnitEvent::Polled(_) => return,
             UnitEvent::Command { .. } if self.commands >= FEW => {
                 self.commands += 1;
                 return;
@@ -139,7 +139,7 @@ pub(super) fn line(frame: u64, event: &UnitEvent) -> Option<Value> {
     let line = |t_s: f64, kind: &str, text: String| Some(json!({ "t_s": t_s, "kind": kind, "text": text }));
     let now_s = on_board_s(frame);
     match event {
-        UnitEvent::HalfSecond(..) | UnitEvent::Polled { .. } => None,
+        UnitEvent::HalfSecond(..) | UnitEvent::Polled(_) => None,
         UnitEvent::Command { link, payload, .. } => {
             let name = payload.first().and_then(|opcode| COMMANDS.iter().find(|spec| spec.opcode == *opcode));
             let (name, bytes) = (name.map_or("unknown command", |spec| spec.name), command::hex(payload));

@@ -4,7 +4,7 @@
 //! from, by a task of the runtime on the other thread.
 //!
 //! Dependencies run one way: this file opens `pty`, `serial`, `tcp` and `can`; the streams among these use `receive` (commands
-//! from a client) and `stream_sender` (bytes to it); all use `interface`, `address`, `statistics` and `error`. Physics, faults and the
+//! from a client) and `stream_sender` (bytes to it, with `send_buffer`); all use `interface`, `address`, `statistics` and `error`. Physics, faults and the
 //! recording are not here: commands go to the shared unit, bytes come from the link model.
 
 mod address;
@@ -13,6 +13,7 @@ mod error;
 mod interface;
 pub mod pty;
 mod receive;
+mod send_buffer;
 pub mod serial;
 mod statistics;
 mod stream_sender;

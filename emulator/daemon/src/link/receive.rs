@@ -14,7 +14,8 @@ use tokio::task::yield_now;
 use tokio::time::timeout;
 
 use super::interface::{LinkInfo, Watched};
-use super::stream_sender::{Port, StreamSender};
+use super::send_buffer::Port;
+use super::stream_sender::StreamSender;
 use crate::shared_unit::SharedUnit;
 
 /// After so long without a byte, a good frame inside what looks like the start of another is no longer kept waiting.

@@ -27,14 +27,7 @@ pub(crate) enum UnitEvent {
     },
     /// The half second that ended last was sent because it was polled over a link, stamped with its scheduled end: what
     /// faults did to it, and those that act as it is sent.
-    Polled {
-        link: String,
-        half_second: HalfSecond,
-        reply: Reply,
-        end_ns: i64,
-        injected: Option<Arc<Injected>>,
-        acting: Arc<Vec<Acting>>,
-    },
+    Polled(PolledSample),
     /// A half second came too late to be sent live: the process was held up.
     Missed { frame: u64 },
     /// Something became of a fault or an expectation, with the end of the last half second.
@@ -47,6 +40,18 @@ pub(crate) enum UnitEvent {
     Cleared { id: String, until_s: f64 },
 }
 
+/// A sample that was polled over a link, stamped with its scheduled end: what faults did to it, and those that act as it is
+/// sent.
+#[derive(Clone)]
+pub(crate) struct PolledSample {
+    pub link: String,
+    pub half_second: HalfSecond,
+    pub reply: Reply,
+    pub end_ns: i64,
+    pub injected: Option<Arc<Injected>>,
+    pub acting: Arc<Vec<Acting>>,
+}
+
 impl UnitEvent {
     /// Memory that it takes while it waits, about. What acts in a half second is one list, which its commands and polls
     /// share: it counts once, with the half second.
@@ -57,7 +62,7 @@ impl UnitEvent {
         let more = match self {
             UnitEvent::HalfSecond(_, traces, injected) => size_of_val(&**traces) + of_injected(injected),
             UnitEvent::Command { link, payload, .. } => link.len() + payload.len(),
-            UnitEvent::Polled { link, .. } => link.len(),
+            UnitEvent::Polled(polled) => polled.link.len(),
             UnitEvent::Happened(_) | UnitEvent::Injected(_) => FAULT_BYTES,
             UnitEvent::StartedByHand { id, .. } | UnitEvent::Cleared { id, .. } => id.len(),
             UnitEvent::Missed { .. } => 0,

@@ -24,6 +24,7 @@ use geu_protocol::command::hex;
 use geu_protocol::{HalfSecond, Reply};
 use serde_json::{Value, json};
 
+use super::event::PolledSample;
 use super::output::{Output, RecordError};
 use crate::fault_json;
 use crate::link_model::{ActiveLinkFault, LinkModel, Transmission, WireData};
@@ -87,15 +88,9 @@ impl FaultLog {
     }
 
     /// Half second `frame`, which was polled over a link: faults acted on it, and others act on its way.
-    pub fn polled(
-        &mut self,
-        frame: u64,
-        link: &str,
-        half_second: &HalfSecond,
-        reply: &Reply,
-        injected: Option<&Injected>,
-        acting: &[Acting],
-    ) -> Result<(), RecordError> {
+    pub fn polled(&mut self, frame: u64, polled: &PolledSample) -> Result<(), RecordError> {
+        let PolledSample { link, half_second, reply, injected, acting, .. } = polled;
+        let injected = injected.as_deref();
         let Some(model) = self.model(link) else { return Ok(()) };
         let clean = injected.map_or(half_second, |injected| &injected.clean);
         let mut after = model.polled(half_second, reply, acting);

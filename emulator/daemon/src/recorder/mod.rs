@@ -17,7 +17,7 @@ mod truth_csv;
 mod writer;
 
 pub use destination::{Destination, FILES};
-pub(crate) use event::UnitEvent;
+pub(crate) use event::{PolledSample, UnitEvent};
 pub use links::misses;
 pub(crate) use links::{form_beside, recorded};
 pub use output::RecordError;

@@ -10,7 +10,7 @@ use geu_model::{Configuration, Ended, Injected, Trace, Truth};
 use geu_protocol::command::hex;
 
 use super::destination::Destination;
-use super::event::UnitEvent;
+use super::event::{PolledSample, UnitEvent};
 use super::fault_log::FaultLog;
 use super::output::{Output, RecordError, stamp};
 use super::reference::ReferenceFiles;
@@ -114,7 +114,7 @@ impl Recorder {
     /// # Errors
     /// A file that cannot be written.
     pub(crate) fn event(&mut self, event: &UnitEvent) -> Result<(), RecordError> {
-        if matches!(event, UnitEvent::HalfSecond(..) | UnitEvent::Polled { .. }) {
+        if matches!(event, UnitEvent::HalfSecond(..) | UnitEvent::Polled(_)) {
             self.flush_causes()?;
         }
         self.take(event)?;
@@ -128,9 +128,10 @@ impl Recorder {
                 self.command(link, payload, *running_end_ns)?;
                 self.faults.reply(self.half_seconds, link, payload, *reply, acting)
             }
-            UnitEvent::Polled { link, half_second, reply, end_ns, injected, acting } => {
+            UnitEvent::Polled(polled) => {
                 let frame = self.half_seconds.saturating_sub(1);
-                self.faults.polled(frame, link, half_second, reply, injected.as_deref(), acting)?;
+                self.faults.polled(frame, polled)?;
+                let PolledSample { half_second, reply, end_ns, acting, .. } = polled;
                 // The recording is of one form, whatever links are open: it has what was polled over any of them.
                 self.queue.put(self.model.polled(half_second, reply, acting), frame, *end_ns);
                 self.write_due(*end_ns)

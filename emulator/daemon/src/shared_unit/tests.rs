@@ -5,6 +5,7 @@ use geu_model::Unit;
 use geu_protocol::Outcome;
 
 use super::*;
+use crate::recorder::PolledSample;
 
 fn now(shared: &SharedUnit, payload: &[u8]) -> CommandResponse {
     shared.try_command("test", payload).expect("nothing is underway").0
@@ -91,7 +92,7 @@ fn what_is_told_to_the_recording_happens_again_in_a_unit_of_its_own() {
                 assert_eq!(polled, None, "a recorded POLL has its data");
                 polled = unit.command(&payload).expect("heard").polled;
             }
-            UnitEvent::Polled { half_second, end_ns: stamp_ns, .. } => {
+            UnitEvent::Polled(PolledSample { half_second, end_ns: stamp_ns, .. }) => {
                 polls += 1;
                 assert_eq!((Some(half_second), stamp_ns), (polled.take(), end_ns));
             }
