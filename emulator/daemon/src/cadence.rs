@@ -23,20 +23,20 @@ pub fn now_ns() -> i64 {
 
 /// Sleeps until absolute deadlines, on the thread that made it.
 #[derive(Debug)]
-pub struct Sleeper {
+pub struct DeadlineTimer {
     spin_ns: i64,
 }
 
-impl Sleeper {
+impl DeadlineTimer {
     /// Sets this thread's timer slack to 1 ns. The last `spin` before each deadline is spent spinning, not sleeping.
-    pub fn new(spin: Duration) -> Sleeper {
+    pub fn new(spin: Duration) -> DeadlineTimer {
         // Refused only by kernels without timer slack, which have none to take away.
         let _ = prctl::set_timerslack(1);
-        Sleeper { spin_ns: spin.as_nanos() as i64 }
+        DeadlineTimer { spin_ns: spin.as_nanos() as i64 }
     }
 
     /// Returns at the deadline or as soon after it as the machine allows.
-    pub fn until(&self, deadline_ns: i64) {
+    pub fn sleep_until(&self, deadline_ns: i64) {
         let wake_ns = deadline_ns - self.spin_ns;
         let wake = TimeSpec::new(wake_ns.div_euclid(NS_PER_S), wake_ns.rem_euclid(NS_PER_S));
         while clock_nanosleep(ClockId::CLOCK_MONOTONIC, ClockNanosleepFlags::TIMER_ABSTIME, &wake) == Err(Errno::EINTR)
@@ -117,10 +117,10 @@ mod tests {
     #[test]
     fn a_deadline_is_never_met_early() {
         for spin_us in [0, 200] {
-            let sleeper = Sleeper::new(Duration::from_micros(spin_us));
+            let timer = DeadlineTimer::new(Duration::from_micros(spin_us));
             for _ in 0..20 {
                 let deadline_ns = now_ns() + 1_000_000;
-                sleeper.until(deadline_ns);
+                timer.sleep_until(deadline_ns);
                 assert!(now_ns() >= deadline_ns);
             }
         }

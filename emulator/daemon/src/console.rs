@@ -10,7 +10,7 @@ use std::time::Duration;
 use geu_protocol::HalfSecond;
 use geu_protocol::field::unit_flag;
 
-use crate::lateness::{Histogram, Time};
+use crate::lateness::{DurationNs, Histogram};
 
 /// What may wait for a terminal that stands still; more is lost.
 const QUEUE: usize = 256;
@@ -59,7 +59,7 @@ pub(crate) fn show_status(half_second: Option<&HalfSecond>, clients: usize, late
     let [x, y, za, zb] = half_second.increments;
     let mode = if half_second.unit_flags & unit_flag("polled") == 0 { "cyclic" } else { "polled" };
     let late = if lateness.count() > 0 {
-        format!("late {} (max {})", Time(lateness.percentile_ns(0.5)), Time(lateness.max_ns()))
+        format!("late {} (max {})", DurationNs(lateness.percentile_ns(0.5)), DurationNs(lateness.max_ns()))
     } else {
         String::new()
     };

@@ -1,6 +1,7 @@
 //! Lateness as a histogram of log-spaced buckets: eight to the octave, so that a percentile is good to 9 %.
 
 use std::fmt;
+use std::sync::{Mutex, MutexGuard};
 
 /// Buckets to an octave, as a power of two.
 const SUB_BITS: u32 = 3;
@@ -69,17 +70,17 @@ impl Histogram {
 impl fmt::Display for Histogram {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for (name, share) in [("p50", 0.5), ("p90", 0.9), ("p99", 0.99), ("p99.9", 0.999)] {
-            write!(f, "{name} {}  ", Time(self.percentile_ns(share)))?;
+            write!(f, "{name} {}  ", DurationNs(self.percentile_ns(share)))?;
         }
-        write!(f, "max {}", Time(self.max_ns))
+        write!(f, "max {}", DurationNs(self.max_ns))
     }
 }
 
 /// A short time, ns, with the unit that suits it.
 #[derive(Debug, Clone, Copy)]
-pub struct Time(pub u64);
+pub struct DurationNs(pub u64);
 
-impl fmt::Display for Time {
+impl fmt::Display for DurationNs {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let ns = self.0 as f64;
         match self.0 {
@@ -88,6 +89,43 @@ impl fmt::Display for Time {
             1_000_000..1_000_000_000 => write!(f, "{:.2} ms", ns / 1e6),
             _ => write!(f, "{:.2} s", ns / 1e9),
         }
+    }
+}
+
+/// A tick later than this is counted as late: what the interface control document allows as constant delay.
+const LATE_NS: i64 = 5_000_000;
+
+/// How well a run keeps time, as all its threads see it.
+#[derive(Default)]
+pub(crate) struct CadenceMonitor(Mutex<CadenceCounts>);
+
+/// Samples that were late or not sent, and the lateness of those with a deadline.
+#[derive(Default, Clone)]
+pub(crate) struct CadenceCounts {
+    pub late: u64,
+    pub missed: u64,
+    pub lateness: Histogram,
+}
+
+impl CadenceMonitor {
+    pub fn counts(&self) -> CadenceCounts {
+        self.lock().clone()
+    }
+
+    /// Counts a sample that was sent.
+    pub fn record(&self, late_ns: i64) {
+        let mut counts = self.lock();
+        counts.lateness.record(late_ns);
+        counts.late += u64::from(late_ns > LATE_NS);
+    }
+
+    /// Counts samples that were not sent.
+    pub fn record_missed(&self, missed: u64) {
+        self.lock().missed += missed;
+    }
+
+    fn lock(&self) -> MutexGuard<'_, CadenceCounts> {
+        self.0.lock().expect("nothing panics with the counts")
     }
 }
 

@@ -2,27 +2,31 @@
 //!
 //! [`run()`] is the emulator. One ordinary thread keeps time ([`cadence`]) and writes every half second to all links
 //! ([`link`]) itself; a runtime on the calling thread does whatever waits for somebody else: clients, commands,
-//! signals, devices that come back. Both meet at the desk, where the unit stands behind one lock.
+//! signals, devices that come back. They share the unit behind one lock (`shared_unit`).
+//!
+//! Dependencies run one way: `run` uses `control_service` and `link`; both use `shared_unit`, which uses `recorder_thread`
+//! and `event_source`; these and [`simulate`](mod@simulate) use `recorder`; that uses [`link_model`] and [`truth`].
 
-mod bench;
 pub mod cadence;
-pub mod carriage;
 mod catalogue;
 mod console;
 pub mod control;
+mod control_service;
 pub mod descriptors;
-mod desk;
-mod fault_log;
+mod event_source;
+mod fault_json;
 pub mod lateness;
 pub mod link;
+pub mod link_model;
 mod patience;
-pub mod record;
-mod recording;
+pub mod recorder;
+mod recorder_thread;
 mod run;
 pub mod running;
+mod shared_unit;
 pub mod simulate;
 pub mod truth;
 
 pub use catalogue::catalogue;
-pub use recording::RecordingError;
-pub use run::{Recording, RunError, Settings, Summary, asked_to_end, replay, run};
+pub use recorder_thread::RecordingError;
+pub use run::{Recording, RunError, RunOptions, RunSummary, asked_to_end, replay, run};

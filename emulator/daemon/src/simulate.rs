@@ -4,9 +4,10 @@ use std::sync::mpsc::{SyncSender, sync_channel};
 use std::thread;
 
 use geu_model::fault::acting::Faults;
-use geu_model::{Configuration, Truth, Unit};
+use geu_model::{Configuration, Truth};
 
-use crate::record::{Event, RecordError, Recorder};
+use crate::event_source::EventSource;
+use crate::recorder::{RecordError, Recorder, UnitEvent};
 
 /// Half seconds handed over at a time: enough that handing over costs nothing, few enough that they stay in the cache.
 const BATCH: u64 = 128;
@@ -30,7 +31,7 @@ pub fn simulate(
 ) -> Result<Faults, RecordError> {
     thread::scope(|scope| {
         let (sender, batches) = sync_channel(QUEUE);
-        let flight = scope.spawn(move || fly(configuration, truth, half_seconds, &sender));
+        let model = scope.spawn(move || run(configuration, truth, half_seconds, &sender));
         let mut written = 0;
         // Who leaves the loop drops the receiver, which ends the model.
         for batch in batches {
@@ -42,44 +43,27 @@ pub fn simulate(
                 break;
             }
         }
-        Ok(flight.join().expect("the model does not panic"))
+        Ok(model.join().expect("the model does not panic"))
     })
 }
 
-/// Flies the unit and tells all that happens, until the end or until nobody listens.
-fn fly(configuration: &Configuration, truth: &Truth, half_seconds: u64, sender: &SyncSender<Vec<Event>>) -> Faults {
-    let mut unit = Unit::on(configuration, truth);
-    let mut commands = configuration.run.commands.iter().peekable();
-    let mut last_end_ns = 0;
-    let happened = |unit: &mut Unit| unit.take_happened().into_iter().map(Event::Happened).collect::<Vec<_>>();
-    let mut batch = happened(&mut unit);
-    // The half second that runs at the end never ends, but its commands are answered.
+/// Runs the unit and sends all that happens, until the end or until the receiver is gone.
+fn run(configuration: &Configuration, truth: &Truth, half_seconds: u64, sender: &SyncSender<Vec<UnitEvent>>) -> Faults {
+    let mut source = EventSource::new(configuration, truth);
+    let mut batch = Vec::new();
+    source.take_happened(&mut batch);
+    // The sample that runs at the end never ends, but its commands are answered.
     for index in 0..=half_seconds {
-        while let Some(command) = commands.next_if(|command| command.half_second <= index) {
-            let (link, payload, running_end_ns) = (&command.link, &command.payload, unit.running_end_ns());
-            let (answer, acting) = (unit.command(payload), unit.faults().acting().clone());
-            batch.push(Event::Command {
-                link: link.clone(),
-                payload: payload.clone(),
-                running_end_ns,
-                reply: answer.map(|answer| answer.reply),
-                acting: acting.clone(),
-            });
-            let Ok(answer) = answer else { continue };
-            let (link, reply, end_ns, injected) = (link.clone(), answer.reply, last_end_ns, unit.injected().cloned());
-            let polled = |half_second| Event::Polled { link, half_second, reply, end_ns, injected, acting };
-            batch.extend(answer.polled.map(polled));
-        }
+        source.repeat_recorded(&mut batch);
         if index < half_seconds {
-            let (ended, traces) = unit.end_half_second_traced();
-            last_end_ns = ended.end_ns;
-            batch.push(Event::HalfSecond(ended, Box::new(traces), unit.injected().cloned()));
-            batch.extend(happened(&mut unit));
+            let (ended, traces) = source.end_traced();
+            batch.push(UnitEvent::HalfSecond(ended, traces, source.unit.injected().cloned()));
+            source.take_happened(&mut batch);
         }
         let is_full = (index + 1).is_multiple_of(BATCH) || index == half_seconds;
         if is_full && sender.send(std::mem::take(&mut batch)).is_err() {
             break;
         }
     }
-    unit.faults().clone()
+    source.unit.faults().clone()
 }

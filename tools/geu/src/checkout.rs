@@ -7,7 +7,7 @@ use geu_calibration::checkout::{self, By, Precautions, believed_before, fly, seq
 use geu_calibration::combine;
 use geu_calibration::compare::LEAST_PROBABILITY;
 use geu_calibration::solve::{Solution, values};
-use geu_daemon::record::{Destination, FILES, Recorder};
+use geu_daemon::recorder::{Destination, FILES, Recorder};
 use geu_daemon::simulate::simulate;
 use geu_model::configuration::WireForm;
 use geu_model::{Configuration, Truth};

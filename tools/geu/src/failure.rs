@@ -4,7 +4,7 @@ use std::fmt::{Arguments, Display};
 use std::io::{self, ErrorKind, Write};
 use std::process::ExitCode;
 
-use geu_daemon::record::RecordError;
+use geu_daemon::recorder::RecordError;
 use geu_files::ClaimError;
 use geu_recording::InputError;
 

@@ -4,9 +4,9 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use clap::Args;
 use geu_daemon::cadence::Speed;
-use geu_daemon::control::{DEFAULT_ADDRESS, Door};
-use geu_daemon::record::{Destination, FILES};
-use geu_daemon::{Recording, RunError, Settings, asked_to_end};
+use geu_daemon::control::{ControlListener, DEFAULT_ADDRESS};
+use geu_daemon::recorder::{Destination, FILES};
+use geu_daemon::{Recording, RunError, RunOptions, asked_to_end};
 use geu_model::configuration::{WireForm, unix_ns};
 use geu_model::fault::catalogue::LinkKind;
 use geu_model::units::duration_s;
@@ -83,7 +83,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             "--truth-wait: expected a simulator to wait for, --truth udp://HOST:PORT, tcp://HOST:PORT or 42://HOST:PORT, got {got}"
         )));
     }
-    let settings = Settings {
+    let settings = RunOptions {
         links: arguments.links.addresses(),
         speed: arguments.speed.unwrap_or(Speed::Times(1.0)),
         half_seconds: ready.half_seconds(arguments.duration.map(half_seconds).transpose()?)?,
@@ -93,14 +93,15 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         live: ready.live.as_ref().map(|live| live.source.clone()),
         truth_wait: arguments.truth_wait.and_then(|TruthWait(most)| most),
     };
-    let open: Vec<LinkKind> = settings.links.iter().map(|link| link.carrier().kind).collect();
+    let open: Vec<LinkKind> = settings.links.iter().map(|link| link.model().kind).collect();
     if let Some(reason) = ready.configuration.faults.iter().find_map(|fault| fault.misses(&open)) {
         return Err(Failure::input(reason));
     }
     let door = match arguments.control.as_deref() {
         Some("off") => None,
         address => {
-            let door = Door::open(address.unwrap_or(DEFAULT_ADDRESS), address.is_none(), arguments.token.read()?);
+            let door =
+                ControlListener::open(address.unwrap_or(DEFAULT_ADDRESS), address.is_none(), arguments.token.read()?);
             Some(door.map_err(Failure::input)?)
         }
     };

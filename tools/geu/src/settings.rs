@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
-use geu_daemon::record;
-use geu_daemon::truth::{Live, LiveAddress, received};
+use geu_daemon::recorder;
+use geu_daemon::truth::{ExternalTruth, TruthAddress, received};
 use geu_model::configuration::{WireForm, unix_ns};
 use geu_model::fault::asks_in_vain;
 use geu_model::units::{duration_s, on_board_s};
@@ -106,9 +106,9 @@ pub struct ReadyRun {
 /// A truth from outside, before anything of it was told.
 pub struct LiveTruth {
     /// As it was asked for.
-    pub address: LiveAddress,
+    pub address: TruthAddress,
     /// To run on.
-    pub source: Arc<Live>,
+    pub source: Arc<ExternalTruth>,
 }
 
 impl ReadyRun {
@@ -229,7 +229,7 @@ impl RunSettings {
         let is_unfinished = configuration.run.is_unfinished;
         if let (true, Some(path)) = (is_unfinished, &self.settings.config) {
             let directory = path.parent().unwrap_or(Path::new(""));
-            record::complete(&mut configuration, directory).map_err(Failure::input)?;
+            recorder::complete(&mut configuration, directory).map_err(Failure::input)?;
         }
         if let Some(seed) = self.seed {
             configuration.seed = seed;
@@ -250,9 +250,9 @@ impl RunSettings {
         configuration.run.truth.clone_from(&name);
         let (truth, live) = match name {
             None => (Truth::Scenario, None),
-            Some(name) if LiveAddress::is_meant(&name) => {
-                let address: LiveAddress = name.parse().map_err(Failure::input)?;
-                let source = Live::new(address.clone(), configuration.truth);
+            Some(name) if TruthAddress::is_meant(&name) => {
+                let address: TruthAddress = name.parse().map_err(Failure::input)?;
+                let source = ExternalTruth::new(address.clone(), configuration.truth);
                 (source.truth(), Some(LiveTruth { address, source }))
             }
             Some(name) => (truth_of_file(&name, is_unfinished)?, None),

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::atomic::Ordering::Relaxed;
 
 use clap::Args;
-use geu_daemon::record::{self, Destination, FILES, Recorder};
+use geu_daemon::recorder::{self, Destination, FILES, Recorder};
 use geu_daemon::simulate::simulate;
 use geu_files::interruption::stop_flag;
 use geu_model::attitude::Plan;
@@ -78,7 +78,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         Failure::input("the scenario has no end of its own: expected --duration DURATION, such as 90, 10m or 2h")
     })?;
     let wire = Wire::form(arguments.wire, configuration);
-    if let Some(reason) = record::misses(configuration, wire) {
+    if let Some(reason) = recorder::misses(configuration, wire) {
         return Err(Failure::input(format!("{reason}; name its `link`, or record another --wire")));
     }
     let mut recorder = Recorder::create(&destination, configuration, &ready.truth, wire, &[])?;

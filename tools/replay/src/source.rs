@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::sync::mpsc::SyncSender;
 
-use geu_daemon::carriage::Content;
+use geu_daemon::link_model::WireData;
 use geu_daemon::replay::{Item, What, Whose};
 use geu_model::units::HALF_SECOND_NS;
 use geu_protocol::can::{Assembled, Assembler, Role};
@@ -182,8 +182,8 @@ impl ReplaySource {
                 self.has_half_second = true;
                 true
             }
-            What::Content(Content::Frame(_), _) => carries_frames,
-            What::Content(Content::Bytes(_), _) => carries_bytes,
+            What::Content(WireData::Frame(_), _) => carries_frames,
+            What::Content(WireData::Bytes(_), _) => carries_bytes,
             What::Note(_) => false,
         };
         let played_ns = self.clock.played_ns;
@@ -257,7 +257,7 @@ impl ReplaySource {
                 Role::Command => Whose::Command,
                 _ => Whose::Unit,
             };
-            self.send(What::Content(Content::Frame(waiting.frame), whose));
+            self.send(What::Content(WireData::Frame(waiting.frame), whose));
         }
     }
 
@@ -274,13 +274,13 @@ impl ReplaySource {
             (rest, left_ns) = (later, left_ns - HALF_SECOND_NS);
             let note = self.clock.step(HALF_SECOND_NS);
             self.note(note);
-            self.send(What::Content(Content::Bytes(now.to_vec()), Whose::Unit));
+            self.send(What::Content(WireData::Bytes(now.to_vec()), Whose::Unit));
         }
         if missing == 0 && !stray.is_empty() {
             let note = self.clock.step(left_ns);
             self.note(note);
             left_ns = 0;
-            self.send(What::Content(Content::Bytes(stray), Whose::Unit));
+            self.send(What::Content(WireData::Bytes(stray), Whose::Unit));
         }
         self.drop_bytes(end);
         left_ns
@@ -312,7 +312,7 @@ impl ReplaySource {
                 _ => Whose::Unit,
             };
             used = begin + length;
-            self.send(What::Content(Content::Bytes(all[begin..used].to_vec()), whose));
+            self.send(What::Content(WireData::Bytes(all[begin..used].to_vec()), whose));
             self.offset = start + used as u64;
             if self.is_over() {
                 break;

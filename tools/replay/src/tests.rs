@@ -1,6 +1,6 @@
 use std::sync::mpsc::sync_channel;
 
-use geu_daemon::carriage::Content;
+use geu_daemon::link_model::WireData;
 use geu_daemon::replay::{Item, What, Whose};
 use geu_protocol::CanPlan;
 use geu_protocol::capture::{Format, Reader};
@@ -46,8 +46,8 @@ fn choice() -> ReplaySelection {
 fn shown(items: &[Item]) -> Vec<String> {
     let what = |what: &What| match what {
         What::HalfSecond { half_second, .. } => format!("half second {}", half_second.sequence),
-        What::Content(Content::Frame(frame), whose) => format!("{:03X} {whose:?}", frame.id()),
-        What::Content(Content::Bytes(bytes), whose) => format!("{} bytes {whose:?}", bytes.len()),
+        What::Content(WireData::Frame(frame), whose) => format!("{:03X} {whose:?}", frame.id()),
+        What::Content(WireData::Bytes(bytes), whose) => format!("{} bytes {whose:?}", bytes.len()),
         What::Note(note) => note.clone(),
     };
     items.iter().map(|item| format!("{} {}", item.played_ns / 1000, what(&item.what))).collect()

@@ -6,12 +6,12 @@ use serde_json::{Value, json};
 
 /// Why a request is refused.
 #[derive(Debug)]
-pub(super) struct Refusal(pub StatusCode, pub String);
+pub(super) struct ApiError(pub StatusCode, pub String);
 
 /// An answer or why there is none.
-pub(super) type Answer = Result<Response, Refusal>;
+pub(super) type ApiResult = Result<Response, ApiError>;
 
-impl IntoResponse for Refusal {
+impl IntoResponse for ApiError {
     fn into_response(self) -> Response {
         json(self.0, &json!({ "error": self.1 }))
     }

@@ -8,7 +8,7 @@ use axum::extract::{Query, Request};
 use axum::http::{HeaderMap, Method, StatusCode, Uri, header, uri::Authority};
 use constant_time_eq::constant_time_eq;
 
-use super::answer::Refusal;
+use super::answer::ApiError;
 use super::page;
 
 /// What is asked of every request before anything else.
@@ -22,7 +22,7 @@ pub(super) struct Guard {
 
 impl Guard {
     /// Whether the request may be answered.
-    pub fn check(&self, request: &Request) -> Result<(), Refusal> {
+    pub fn check(&self, request: &Request) -> Result<(), ApiError> {
         let headers = request.headers();
         // The page itself holds no secret and does nothing.
         let is_open = page::FILES.iter().any(|file| file.path == request.uri().path());
@@ -50,10 +50,10 @@ impl Guard {
 
     /// The host that the client believes to speak to, with its port. A name could have been made to lead here by
     /// somebody whose page then counts as ours; an address that is ours, or this machine's own name for itself, cannot.
-    fn host<'a>(&self, headers: &'a HeaderMap, uri: &Uri) -> Result<&'a str, Refusal> {
+    fn host<'a>(&self, headers: &'a HeaderMap, uri: &Uri) -> Result<&'a str, ApiError> {
         let mut hosts = headers.get_all(header::HOST).iter();
         let (Some(host), None) = (hosts.next(), hosts.next()) else {
-            return Err(Refusal(
+            return Err(ApiError(
                 StatusCode::BAD_REQUEST,
                 "Host: expected one such header, got none or several".to_owned(),
             ));
@@ -77,23 +77,23 @@ impl Guard {
     }
 }
 
-fn forbidden(message: String) -> Refusal {
-    Refusal(StatusCode::FORBIDDEN, message)
+fn forbidden(message: String) -> ApiError {
+    ApiError(StatusCode::FORBIDDEN, message)
 }
 
 /// Another site's form cannot send this type unasked.
-fn is_json(headers: &HeaderMap) -> Result<(), Refusal> {
+fn is_json(headers: &HeaderMap) -> Result<(), ApiError> {
     let given = headers.get(header::CONTENT_TYPE).and_then(|value| value.to_str().ok()).unwrap_or_default();
     let essence = given.split(';').next().unwrap_or_default().trim();
     if essence.eq_ignore_ascii_case("application/json") {
         return Ok(());
     }
-    let message = format!("Content-Type: expected application/json, got {given:?}");
-    Err(Refusal(StatusCode::UNSUPPORTED_MEDIA_TYPE, message))
+    let message = format!("WireData-Type: expected application/json, got {given:?}");
+    Err(ApiError(StatusCode::UNSUPPORTED_MEDIA_TYPE, message))
 }
 
 /// A page's event stream has no headers of its own, so the token may stand in the query.
-fn is_shown(token: &str, headers: &HeaderMap, uri: &Uri) -> Result<(), Refusal> {
+fn is_shown(token: &str, headers: &HeaderMap, uri: &Uri) -> Result<(), ApiError> {
     let bearer = headers.get(header::AUTHORIZATION).and_then(|value| value.as_bytes().strip_prefix(b"Bearer "));
     let query = Query::<HashMap<String, String>>::try_from_uri(uri).ok();
     let asked = query.as_ref().and_then(|query| query.get("token")).map(|token| token.as_bytes());
@@ -102,5 +102,5 @@ fn is_shown(token: &str, headers: &HeaderMap, uri: &Uri) -> Result<(), Refusal> 
     }
     let message = "expected the token of the emulator, as Authorization: Bearer TOKEN or ?token=TOKEN";
     let got = if bearer.or(asked).is_some() { "another" } else { "none" };
-    Err(Refusal(StatusCode::UNAUTHORIZED, format!("{message}, got {got}")))
+    Err(ApiError(StatusCode::UNAUTHORIZED, format!("{message}, got {got}")))
 }

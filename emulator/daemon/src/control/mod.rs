@@ -1,66 +1,27 @@
 //! The control interface: what the unit does, and a way to interfere, over HTTP; for the bench page and for programs.
 //!
-//! It has a thread and a runtime of its own at lowered priority, and meets the unit at nothing but a [`Bench`]: no
+//! It has a thread and a runtime of its own at lowered priority, and knows of the unit nothing but a [`ControlBackend`]: no
 //! client, however many and however slow, delays the cadence or a reply on a link.
+//!
+//! Dependencies run one way: `server` (connections) uses `routes` (the table and what answers), which uses `guard`, `openapi`,
+//! `page`, `protocol_json`, `unique` and `backend`; `answer` and `route` are types of all of these. Nothing of the daemon.
 
 mod answer;
+mod backend;
 mod guard;
 mod openapi;
 mod page;
+mod protocol_json;
+mod route;
 mod routes;
 mod server;
 #[cfg(test)]
 mod tests;
 mod unique;
-mod words;
 
-use std::future::Future;
-use std::sync::Arc;
-
-use serde_json::{Map, Value};
-use tokio::sync::broadcast;
-
-pub use server::{Door, DoorError, Server};
-pub use words::{commands, reply, told};
+pub use backend::{ControlBackend, SseEvent};
+pub use protocol_json::{commands, reply, told};
+pub use server::{ControlError, ControlListener, Server};
 
 /// Where the control interface listens unless told otherwise.
 pub const DEFAULT_ADDRESS: &str = "127.0.0.1:8470";
-
-/// Something that happened, as clients of `/api/events` get it.
-#[derive(Debug, Clone)]
-pub struct Event {
-    /// `half-second` or `timeline`.
-    pub name: &'static str,
-    /// One line of JSON.
-    pub data: Arc<str>,
-}
-
-/// What the control interface shows and drives. No method may block longer than a lock is held.
-pub trait Bench: Send + Sync + 'static {
-    /// The state of the run; has `lateness` and `truth` at least.
-    fn status(&self) -> Value;
-    /// What can be set, injected and commanded; has `parameters` at least, and never changes in a run.
-    fn catalogue(&self) -> Value;
-    /// Every fault that is known: armed, active, over.
-    fn faults(&self) -> Value;
-    /// Takes a fault in, written as in a configuration's `[[fault]]`, or all of a `plan`, or starts one by hand.
-    ///
-    /// # Errors
-    /// What is wrong with it; nothing is taken in then.
-    fn inject(&self, injection: &Map<String, Value>) -> Result<Value, String>;
-    /// Ends a fault now, or disarms it.
-    ///
-    /// # Errors
-    /// No fault of that name.
-    fn clear(&self, id: &str) -> Result<Value, String>;
-    /// Ends all of them.
-    fn clear_all(&self) -> Value;
-    /// Carries out the payload of a COMMAND; the reply, as [`reply`] writes it.
-    fn command(&self, payload: Vec<u8>) -> impl Future<Output = Value> + Send;
-    /// What happened so far, one line of JSON each; bounded.
-    fn timeline(&self) -> Vec<Arc<str>>;
-    /// The last ten minutes, a half second each, the oldest first.
-    fn history(&self) -> Value;
-    /// What happens from now on. A client that falls behind the channel is dropped.
-    fn subscribe(&self) -> broadcast::Receiver<Event>;
-}

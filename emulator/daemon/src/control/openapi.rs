@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::routes::{Gives, Route};
+use super::route::{ResponseSpec, Route};
 
 /// Bodies of requests and answers.
 const SCHEMAS: &str = include_str!("schemas.json");
@@ -40,8 +40,8 @@ pub(super) fn document<S>(table: &[Route<S>]) -> Value {
 
 fn operation<S>(route: &Route<S>) -> Value {
     let (status, content) = match route.gives {
-        Gives::Json(status, schema) => (status, json!({ "application/json": { "schema": reference(schema) } })),
-        Gives::Text(content_type) => (200, json!({ content_type: { "schema": { "type": "string" } } })),
+        ResponseSpec::Json(status, schema) => (status, json!({ "application/json": { "schema": reference(schema) } })),
+        ResponseSpec::Text(content_type) => (200, json!({ content_type: { "schema": { "type": "string" } } })),
     };
     let mut answers = json!({ status.to_string(): { "description": route.what, "content": content } });
     for refused in ANY.iter().chain(route.refuses) {

@@ -12,7 +12,7 @@ use axum::http::{Method, StatusCode, header};
 use axum::middleware::{self, Next};
 use axum::response::sse::{KeepAlive, Sse};
 use axum::response::{IntoResponse, Response, sse};
-use axum::routing::{MethodFilter, MethodRouter, on};
+use axum::routing::{MethodFilter, on};
 use axum::{Router, body};
 use geu_protocol::command;
 use http_body_util::{BodyExt, LengthLimitError, Limited};
@@ -21,10 +21,13 @@ use tokio::sync::Semaphore;
 use tokio_stream::StreamExt;
 use tokio_stream::wrappers::BroadcastStream;
 
-use super::answer::{Answer, Refusal, json, text};
+use super::answer::{ApiError, ApiResult, json, text};
+use super::backend::ControlBackend;
 use super::guard::Guard;
+use super::route::ResponseSpec::{Json, Text};
+use super::route::{ResponseSpec, Route};
 use super::unique::Unique;
-use super::{Bench, openapi, page, words};
+use super::{openapi, page, protocol_json};
 
 /// Event streams at once; the other connections are for questions.
 pub(super) const STREAMS: usize = 16;
@@ -40,21 +43,21 @@ const WORKERS: usize = 2;
 const SIGN_OF_LIFE: Duration = Duration::from_secs(5);
 
 /// What every handler sees.
-pub(super) struct Room<B> {
+pub(super) struct AppState<B> {
     bench: Arc<B>,
     streams: Arc<Semaphore>,
     workers: Arc<Semaphore>,
     openapi: String,
 }
 
-impl<B: Bench> Room<B> {
+impl<B: ControlBackend> AppState<B> {
     /// What `job` gives, done by a worker.
     async fn work<T: Send + 'static>(
         &self,
-        job: impl FnOnce(&B) -> Result<T, Refusal> + Send + 'static,
-    ) -> Result<T, Refusal> {
+        job: impl FnOnce(&B) -> Result<T, ApiError> + Send + 'static,
+    ) -> Result<T, ApiError> {
         let (bench, workers) = (self.bench.clone(), self.workers.clone());
-        let ended = |_| Refusal(StatusCode::SERVICE_UNAVAILABLE, "the emulator ends; start it again".to_owned());
+        let ended = |_| ApiError(StatusCode::SERVICE_UNAVAILABLE, "the emulator ends; start it again".to_owned());
         let place = workers.acquire_owned().await.map_err(|_| ended(()))?;
         let done = tokio::task::spawn_blocking(move || {
             // Held until it is done, whether the client still waits or not.
@@ -65,40 +68,18 @@ impl<B: Bench> Room<B> {
     }
 }
 
-type Here<B> = State<Arc<Room<B>>>;
-
-/// One route: what it is called, takes, gives and refuses, and what answers it.
-pub(super) struct Route<S> {
-    pub method: Method,
-    pub path: &'static str,
-    pub what: &'static str,
-    /// Schema of the body.
-    pub takes: Option<&'static str>,
-    pub gives: Gives,
-    /// Beside those that any route may give.
-    pub refuses: &'static [u16],
-    handler: MethodRouter<S>,
-}
-
-/// What a route answers when all is well.
-#[derive(Debug, Clone, Copy)]
-pub(super) enum Gives {
-    /// JSON of this schema.
-    Json(u16, &'static str),
-    /// Text of this type.
-    Text(&'static str),
-}
+type Here<B> = State<Arc<AppState<B>>>;
 
 /// Every route.
-pub(super) fn table<B: Bench>() -> Vec<Route<Arc<Room<B>>>> {
+pub(super) fn table<B: ControlBackend>() -> Vec<Route<Arc<AppState<B>>>> {
     let mut table = vec![
-        get("/api/status", "State of the run", Gives::Json(200, "Status"), status::<B>),
-        get("/api/lateness", "How late half seconds were sent", Gives::Json(200, "Lateness"), lateness::<B>),
-        get("/api/truth", "What really happened, beside what the unit tells", Gives::Json(200, "Truth"), truth::<B>),
-        get("/api/catalogue", "What can be set, injected and commanded", Gives::Json(200, "Catalogue"), catalogue::<B>),
-        get("/api/parameters", "Parameters that a fault can change", Gives::Json(200, "Parameters"), parameters::<B>),
-        get("/api/layout", "What stands where in the frames of a half second", Gives::Json(200, "Layout"), layout),
-        get("/api/faults", "Every fault: armed, active, over", Gives::Json(200, "Faults"), faults::<B>),
+        get("/api/status", "State of the run", Json(200, "Status"), status::<B>),
+        get("/api/lateness", "How late half seconds were sent", Json(200, "Lateness"), lateness::<B>),
+        get("/api/truth", "What really happened, beside what the unit tells", Json(200, "Truth"), truth::<B>),
+        get("/api/catalogue", "What can be set, injected and commanded", Json(200, "Catalogue"), catalogue::<B>),
+        get("/api/parameters", "Parameters that a fault can change", Json(200, "Parameters"), parameters::<B>),
+        get("/api/layout", "What stands where in the frames of a half second", Json(200, "Layout"), layout),
+        get("/api/faults", "Every fault: armed, active, over", Json(200, "Faults"), faults::<B>),
         Route {
             takes: Some("Injection"),
             refuses: &[400, 408, 413, 415],
@@ -106,48 +87,43 @@ pub(super) fn table<B: Bench>() -> Vec<Route<Arc<Room<B>>>> {
                 Method::POST,
                 "/api/faults",
                 "Injects a fault, or all of a plan, or starts one",
-                Gives::Json(201, "Injected"),
+                Json(201, "Injected"),
                 inject::<B>,
             )
         },
-        route(Method::DELETE, "/api/faults", "Ends every fault", Gives::Json(200, "AllCleared"), clear_all::<B>),
+        route(Method::DELETE, "/api/faults", "Ends every fault", Json(200, "AllCleared"), clear_all::<B>),
         Route {
             refuses: &[404],
-            ..route(Method::DELETE, "/api/faults/{id}", "Ends one fault", Gives::Json(200, "Cleared"), clear::<B>)
+            ..route(Method::DELETE, "/api/faults/{id}", "Ends one fault", Json(200, "Cleared"), clear::<B>)
         },
         Route {
             takes: Some("Command"),
             refuses: &[400, 408, 413, 415],
-            ..route(Method::POST, "/api/commands", "Sends the unit a command", Gives::Json(200, "Reply"), command::<B>)
+            ..route(Method::POST, "/api/commands", "Sends the unit a command", Json(200, "Reply"), command::<B>)
         },
         get(
             "/api/events",
             "Server-sent events: half-second (schema HalfSecond) and timeline (schema Happening)",
-            Gives::Text("text/event-stream"),
+            Text("text/event-stream"),
             events::<B>,
         ),
-        get(
-            "/api/timeline",
-            "What happened so far, one Happening a line",
-            Gives::Text("application/x-ndjson"),
-            timeline::<B>,
-        ),
+        get("/api/timeline", "What happened so far, one Happening a line", Text("application/x-ndjson"), timeline::<B>),
         get(
             "/api/history",
             "The last ten minutes (1200 half seconds), the oldest first, whatever the speed",
-            Gives::Json(200, "History"),
+            Json(200, "History"),
             history::<B>,
         ),
-        get("/api/openapi.json", "This document", Gives::Json(200, "Document"), document::<B>),
+        get("/api/openapi.json", "This document", Json(200, "Document"), document::<B>),
     ];
     for file in page::FILES {
         let content = move || async move { text(StatusCode::OK, file.content_type, file.text) };
-        table.push(get(file.path, file.what, Gives::Text(file.content_type), content));
+        table.push(get(file.path, file.what, Text(file.content_type), content));
     }
     table
 }
 
-fn get<S, T, H>(path: &'static str, what: &'static str, gives: Gives, handler: H) -> Route<S>
+fn get<S, T, H>(path: &'static str, what: &'static str, gives: ResponseSpec, handler: H) -> Route<S>
 where
     S: Clone + Send + Sync + 'static,
     T: 'static,
@@ -156,7 +132,7 @@ where
     route(Method::GET, path, what, gives, handler)
 }
 
-fn route<S, T, H>(method: Method, path: &'static str, what: &'static str, gives: Gives, handler: H) -> Route<S>
+fn route<S, T, H>(method: Method, path: &'static str, what: &'static str, gives: ResponseSpec, handler: H) -> Route<S>
 where
     S: Clone + Send + Sync + 'static,
     T: 'static,
@@ -167,10 +143,10 @@ where
 }
 
 /// The router of the table, behind the guard.
-pub(super) fn router<B: Bench>(bench: Arc<B>, guard: Guard) -> Router {
+pub(super) fn router<B: ControlBackend>(bench: Arc<B>, guard: Guard) -> Router {
     let table = table::<B>();
     let (streams, workers) = (Arc::new(Semaphore::new(STREAMS)), Arc::new(Semaphore::new(WORKERS)));
-    let room = Arc::new(Room { bench, streams, workers, openapi: openapi::document(&table).to_string() });
+    let room = Arc::new(AppState { bench, streams, workers, openapi: openapi::document(&table).to_string() });
     let mut router = Router::new();
     for route in table {
         router = router.route(route.path, route.handler);
@@ -197,46 +173,46 @@ async fn watch(guard: Guard, request: Request, next: Next) -> Response {
     response
 }
 
-async fn no_such_path(request: Request) -> Refusal {
+async fn no_such_path(request: Request) -> ApiError {
     let path = request.uri().path();
-    Refusal(StatusCode::NOT_FOUND, format!("{path}: no such path; expected one of those in /api/openapi.json"))
+    ApiError(StatusCode::NOT_FOUND, format!("{path}: no such path; expected one of those in /api/openapi.json"))
 }
 
-async fn no_such_method(request: Request) -> Refusal {
+async fn no_such_method(request: Request) -> ApiError {
     let (method, path) = (request.method(), request.uri().path());
     let message = format!("{path}: expected a method that /api/openapi.json tells for it, got {method}");
-    Refusal(StatusCode::METHOD_NOT_ALLOWED, message)
+    ApiError(StatusCode::METHOD_NOT_ALLOWED, message)
 }
 
-async fn status<B: Bench>(State(room): Here<B>) -> Response {
+async fn status<B: ControlBackend>(State(room): Here<B>) -> Response {
     json(StatusCode::OK, &room.bench.status())
 }
 
-async fn lateness<B: Bench>(State(room): Here<B>) -> Response {
+async fn lateness<B: ControlBackend>(State(room): Here<B>) -> Response {
     json(StatusCode::OK, &room.bench.status()["lateness"])
 }
 
-async fn truth<B: Bench>(State(room): Here<B>) -> Response {
+async fn truth<B: ControlBackend>(State(room): Here<B>) -> Response {
     json(StatusCode::OK, &room.bench.status()["truth"])
 }
 
-async fn catalogue<B: Bench>(State(room): Here<B>) -> Response {
+async fn catalogue<B: ControlBackend>(State(room): Here<B>) -> Response {
     json(StatusCode::OK, &room.bench.catalogue())
 }
 
-async fn parameters<B: Bench>(State(room): Here<B>) -> Response {
+async fn parameters<B: ControlBackend>(State(room): Here<B>) -> Response {
     json(StatusCode::OK, &room.bench.catalogue()["parameters"])
 }
 
 async fn layout() -> Response {
-    json(StatusCode::OK, &words::layout())
+    json(StatusCode::OK, &protocol_json::layout())
 }
 
-async fn faults<B: Bench>(State(room): Here<B>) -> Answer {
+async fn faults<B: ControlBackend>(State(room): Here<B>) -> ApiResult {
     room.work(|bench| Ok(json(StatusCode::OK, &bench.faults()))).await
 }
 
-async fn inject<B: Bench>(State(room): Here<B>, request: Request) -> Answer {
+async fn inject<B: ControlBackend>(State(room): Here<B>, request: Request) -> ApiResult {
     let body = whole_body(request).await?;
     room.work(move |bench| {
         let injected = bench.inject(&object(&body)?).map_err(bad)?;
@@ -245,33 +221,33 @@ async fn inject<B: Bench>(State(room): Here<B>, request: Request) -> Answer {
     .await
 }
 
-async fn clear<B: Bench>(State(room): Here<B>, id: Result<Path<String>, PathRejection>) -> Answer {
+async fn clear<B: ControlBackend>(State(room): Here<B>, id: Result<Path<String>, PathRejection>) -> ApiResult {
     let Path(id) = id.map_err(|rejection| bad(rejection.body_text()))?;
     room.work(move |bench| {
-        let cleared = bench.clear(&id).map_err(|message| Refusal(StatusCode::NOT_FOUND, message))?;
+        let cleared = bench.clear(&id).map_err(|message| ApiError(StatusCode::NOT_FOUND, message))?;
         Ok(json(StatusCode::OK, &cleared))
     })
     .await
 }
 
-async fn clear_all<B: Bench>(State(room): Here<B>) -> Answer {
+async fn clear_all<B: ControlBackend>(State(room): Here<B>) -> ApiResult {
     room.work(|bench| Ok(json(StatusCode::OK, &bench.clear_all()))).await
 }
 
-async fn command<B: Bench>(State(room): Here<B>, request: Request) -> Answer {
+async fn command<B: ControlBackend>(State(room): Here<B>, request: Request) -> ApiResult {
     let body = whole_body(request).await?;
     let payload = room.work(move |_| payload(&object(&body)?).map_err(bad)).await?;
     let reply = tokio::time::timeout(REPLY_WITHIN, room.bench.command(payload)).await.map_err(|_| {
         let message = format!("the unit has not answered within {} s; is it running?", REPLY_WITHIN.as_secs());
-        Refusal(StatusCode::SERVICE_UNAVAILABLE, message)
+        ApiError(StatusCode::SERVICE_UNAVAILABLE, message)
     })?;
     Ok(json(StatusCode::OK, &reply))
 }
 
-async fn events<B: Bench>(State(room): Here<B>) -> Answer {
+async fn events<B: ControlBackend>(State(room): Here<B>) -> ApiResult {
     let place = room.streams.clone().try_acquire_owned().map_err(|_| {
         let message = format!("expected at most {STREAMS} event streams at once, got more; try again later");
-        Refusal(StatusCode::SERVICE_UNAVAILABLE, message)
+        ApiError(StatusCode::SERVICE_UNAVAILABLE, message)
     })?;
     // Who falls behind is let go, and comes again for the present.
     let events = BroadcastStream::new(room.bench.subscribe()).map_while(Result::ok).map(move |event| {
@@ -281,14 +257,14 @@ async fn events<B: Bench>(State(room): Here<B>) -> Answer {
     Ok(Sse::new(events).keep_alive(KeepAlive::new().interval(SIGN_OF_LIFE)).into_response())
 }
 
-async fn timeline<B: Bench>(State(room): Here<B>) -> Response {
+async fn timeline<B: ControlBackend>(State(room): Here<B>) -> Response {
     let mut response = text(StatusCode::OK, "application/x-ndjson", lines(room.bench.timeline()));
     let saved_as = header::HeaderValue::from_static("attachment; filename=\"timeline.jsonl\"");
     response.headers_mut().insert(header::CONTENT_DISPOSITION, saved_as);
     response
 }
 
-async fn history<B: Bench>(State(room): Here<B>) -> Response {
+async fn history<B: ControlBackend>(State(room): Here<B>) -> Response {
     json(StatusCode::OK, &room.bench.history())
 }
 
@@ -298,24 +274,24 @@ pub(super) fn lines(lines: Vec<Arc<str>>) -> body::Body {
     body::Body::from_stream(tokio_stream::iter(lines))
 }
 
-async fn document<B: Bench>(State(room): Here<B>) -> Response {
+async fn document<B: ControlBackend>(State(room): Here<B>) -> Response {
     text(StatusCode::OK, "application/json", room.openapi.clone())
 }
 
-fn bad(message: String) -> Refusal {
-    Refusal(StatusCode::BAD_REQUEST, message)
+fn bad(message: String) -> ApiError {
+    ApiError(StatusCode::BAD_REQUEST, message)
 }
 
 /// The bytes of a body.
-async fn whole_body(request: Request) -> Result<Bytes, Refusal> {
-    let too_long = || Refusal(StatusCode::PAYLOAD_TOO_LARGE, format!("body: expected at most {BODY} bytes, got more"));
+async fn whole_body(request: Request) -> Result<Bytes, ApiError> {
+    let too_long = || ApiError(StatusCode::PAYLOAD_TOO_LARGE, format!("body: expected at most {BODY} bytes, got more"));
     let body: body::Body = request.into_body();
     if body.size_hint().lower() > BODY as u64 {
         return Err(too_long());
     }
     let read = tokio::time::timeout(BODY_WITHIN, Limited::new(body, BODY).collect()).await.map_err(|_| {
         let message = format!("body: expected all of it within {} s, got a part", BODY_WITHIN.as_secs());
-        Refusal(StatusCode::REQUEST_TIMEOUT, message)
+        ApiError(StatusCode::REQUEST_TIMEOUT, message)
     })?;
     let bytes = read.map_err(|error| match error.downcast::<LengthLimitError>() {
         Ok(_) => too_long(),
@@ -325,7 +301,7 @@ async fn whole_body(request: Request) -> Result<Bytes, Refusal> {
 }
 
 /// The JSON object of a body.
-fn object(body: &[u8]) -> Result<Map<String, Value>, Refusal> {
+fn object(body: &[u8]) -> Result<Map<String, Value>, ApiError> {
     match serde_json::from_slice(body) {
         Ok(Unique(Value::Object(object))) => Ok(object),
         Ok(Unique(other)) => Err(bad(format!("body: expected a JSON object, got {}", kind(&other)))),

@@ -20,9 +20,10 @@ use tokio::net::TcpStream;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
 use tokio_io_timeout::TimeoutStream;
 
-use super::answer::Refusal;
+use super::answer::ApiError;
+use super::backend::ControlBackend;
 use super::guard::Guard;
-use super::{Bench, routes};
+use super::routes;
 
 /// Ports that are tried from the default one on.
 const PORTS: u16 = 100;
@@ -47,7 +48,7 @@ const NICE: libc::c_int = 5;
 
 /// A control interface that cannot be opened.
 #[derive(Debug, thiserror::Error)]
-pub enum DoorError {
+pub enum ControlError {
     /// The address cannot be listened at.
     #[error("--control {0}: {1}; expected HOST:PORT of this machine, free, for example 127.0.0.1:8470, or off")]
     Address(String, io::Error),
@@ -63,23 +64,23 @@ pub enum DoorError {
 
 /// The control interface, bound and not yet served: clients that come wait.
 #[derive(Debug)]
-pub struct Door {
+pub struct ControlListener {
     listener: TcpListener,
     guard: Guard,
 }
 
-impl Door {
+impl ControlListener {
     /// Listens at `address`; where that is the default and taken, at the next free port.
     ///
     /// # Errors
     /// An address that is not free or not this machine's, or that others reach without a token.
-    pub fn open(address: &str, is_default: bool, token: Option<String>) -> Result<Door, DoorError> {
-        let fail = |error| DoorError::Address(address.to_owned(), error);
+    pub fn open(address: &str, is_default: bool, token: Option<String>) -> Result<ControlListener, ControlError> {
+        let fail = |error| ControlError::Address(address.to_owned(), error);
         let token = token.filter(|token| !token.is_empty());
         let mut wanted = address.to_socket_addrs().map_err(fail)?;
         let wanted = wanted.next().ok_or_else(|| fail(io::ErrorKind::AddrNotAvailable.into()))?;
         if !wanted.ip().is_loopback() && token.is_none() {
-            return Err(DoorError::NoToken(address.to_owned()));
+            return Err(ControlError::NoToken(address.to_owned()));
         }
         let last = if is_default { wanted.port().saturating_add(PORTS - 1) } else { wanted.port() };
         let mut port = wanted.port();
@@ -90,7 +91,7 @@ impl Door {
             }
         };
         let address = listener.local_addr().map_err(fail)?;
-        Ok(Door { listener, guard: Guard { address, token } })
+        Ok(ControlListener { listener, guard: Guard { address, token } })
     }
 
     /// Where it listens, which need not be where it was asked to.
@@ -102,7 +103,7 @@ impl Door {
     ///
     /// # Errors
     /// No thread or no runtime.
-    pub fn serve(self, bench: Arc<impl Bench>) -> Result<Server, DoorError> {
+    pub fn serve(self, bench: Arc<impl ControlBackend>) -> Result<Server, ControlError> {
         self.listener.set_nonblocking(true)?;
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
         let router = routes::router(bench, self.guard);
@@ -138,22 +139,22 @@ impl Drop for Server {
 }
 
 /// The places for connections. Who reaches the port from elsewhere, with or without the token, may not have them all.
-pub(super) struct Places {
+pub(super) struct ConnectionLimiter {
     all: Arc<Semaphore>,
     each: HashMap<IpAddr, Arc<Semaphore>>,
 }
 
 /// A place, held until it is dropped.
-pub(super) type Place = (OwnedSemaphorePermit, Option<OwnedSemaphorePermit>);
+pub(super) type ConnectionPermit = (OwnedSemaphorePermit, Option<OwnedSemaphorePermit>);
 
-impl Places {
+impl ConnectionLimiter {
     /// All of them, free.
-    pub fn new() -> Places {
-        Places { all: Arc::new(Semaphore::new(CONNECTIONS)), each: HashMap::new() }
+    pub fn new() -> ConnectionLimiter {
+        ConnectionLimiter { all: Arc::new(Semaphore::new(CONNECTIONS)), each: HashMap::new() }
     }
 
     /// One for a client at this address; nothing where there is none.
-    pub fn take(&mut self, peer: IpAddr) -> Option<Place> {
+    pub fn take(&mut self, peer: IpAddr) -> Option<ConnectionPermit> {
         let place = self.all.clone().try_acquire_owned().ok()?;
         let peer = network(peer);
         if peer.is_loopback() {
@@ -177,7 +178,7 @@ fn network(peer: IpAddr) -> IpAddr {
 }
 
 async fn accept(listener: tokio::net::TcpListener, router: Router) {
-    let (mut places, doorstep) = (Places::new(), Arc::new(Semaphore::new(TURNED_AWAY)));
+    let (mut places, doorstep) = (ConnectionLimiter::new(), Arc::new(Semaphore::new(TURNED_AWAY)));
     loop {
         let Ok((stream, peer)) = listener.accept().await else {
             tokio::time::sleep(PAUSE).await;
@@ -215,7 +216,7 @@ async fn converse(stream: TcpStream, router: Option<Router>) {
                 let message = format!(
                     "expected at most {CONNECTIONS} connections at once, {CONNECTIONS_EACH} of one machine, got more; try again later"
                 );
-                Ok::<_, Infallible>(Refusal(StatusCode::SERVICE_UNAVAILABLE, message).into_response())
+                Ok::<_, Infallible>(ApiError(StatusCode::SERVICE_UNAVAILABLE, message).into_response())
             });
             builder.keep_alive(false).serve_connection(io, full).await
         }

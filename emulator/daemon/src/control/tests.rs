@@ -3,22 +3,23 @@
 use std::collections::BTreeSet;
 use std::io::{Read, Write};
 use std::net::{IpAddr, SocketAddr, TcpListener, TcpStream};
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use geu_protocol::{Outcome, Reply};
-use serde_json::json;
+use serde_json::{Map, Value, json};
+use tokio::sync::broadcast;
 use tokio_stream::StreamExt;
 
-use super::server::{CONNECTIONS, CONNECTIONS_EACH, HEADERS_WITHIN, Places, READS_WITHIN};
+use super::server::{CONNECTIONS, CONNECTIONS_EACH, ConnectionLimiter, HEADERS_WITHIN, READS_WITHIN};
 use super::*;
 
 struct FakeBench {
     faults: Mutex<Vec<String>>,
-    events: broadcast::Sender<Event>,
+    events: broadcast::Sender<SseEvent>,
 }
 
-impl Bench for FakeBench {
+impl ControlBackend for FakeBench {
     fn status(&self) -> Value {
         json!({ "t_s": 1.5, "lateness": { "count": 3 }, "truth": { "theta_deg": 90.0 } })
     }
@@ -62,7 +63,7 @@ impl Bench for FakeBench {
         json!([])
     }
 
-    fn subscribe(&self) -> broadcast::Receiver<Event> {
+    fn subscribe(&self) -> broadcast::Receiver<SseEvent> {
         self.events.subscribe()
     }
 }
@@ -75,7 +76,7 @@ struct Served {
 }
 
 fn served(token: Option<&str>) -> Served {
-    let door = Door::open("127.0.0.1:0", false, token.map(str::to_owned)).unwrap();
+    let door = ControlListener::open("127.0.0.1:0", false, token.map(str::to_owned)).unwrap();
     let bench = Arc::new(FakeBench { faults: Mutex::default(), events: broadcast::channel(64).0 });
     let address = door.address();
     Served { _server: door.serve(bench.clone()).unwrap(), bench, address }
@@ -152,7 +153,7 @@ impl Served {
     }
 
     fn tell(&self, data: &str) {
-        let _ = self.bench.events.send(Event { name: "half-second", data: data.into() });
+        let _ = self.bench.events.send(SseEvent { name: "half-second", data: data.into() });
     }
 }
 
@@ -396,22 +397,22 @@ fn without_the_token_nothing_is_told_or_done() {
 fn other_machines_need_a_token_to_reach_and_a_taken_port_is_stepped_over_only_where_none_was_asked_for() {
     for address in ["0.0.0.0:0", "[::]:0"] {
         for token in [None, Some(String::new())] {
-            let error = Door::open(address, false, token).unwrap_err().to_string();
+            let error = ControlListener::open(address, false, token).unwrap_err().to_string();
             assert!(error.contains("expected a token"), "{error}");
         }
     }
-    let door = Door::open("0.0.0.0:0", false, Some("s3cret".to_owned())).unwrap();
+    let door = ControlListener::open("0.0.0.0:0", false, Some("s3cret".to_owned())).unwrap();
     assert!(door.address().ip().is_unspecified());
     for address in ["nonsense", "127.0.0.1", "127.0.0.1:70000", "192.0.2.1:0"] {
-        let error = Door::open(address, true, Some("s3cret".to_owned())).unwrap_err().to_string();
+        let error = ControlListener::open(address, true, Some("s3cret".to_owned())).unwrap_err().to_string();
         assert!(error.starts_with(&format!("--control {address}: ")), "{error}");
     }
     // Somewhere a port is taken, and one of the next hundred is not.
     let taken = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = taken.local_addr().unwrap();
-    assert!(Door::open(&address.to_string(), false, None).unwrap_err().to_string().contains("free"));
+    assert!(ControlListener::open(&address.to_string(), false, None).unwrap_err().to_string().contains("free"));
     if address.port() < u16::MAX - 100 {
-        let next = Door::open(&address.to_string(), true, None).unwrap().address();
+        let next = ControlListener::open(&address.to_string(), true, None).unwrap().address();
         assert!(next.port() > address.port() && next.port() < address.port() + 100, "{next}");
     }
 }
@@ -426,10 +427,10 @@ fn events_reach_all_who_listen() {
         assert!(head.contains("200 OK") && head.contains("text/event-stream"), "{head}");
         let mut seen = Vec::new();
         while !seen.windows(told.len()).any(|window| window == told) {
-            let mut piece = [0; 256];
-            let length = stream.read(&mut piece).unwrap();
+            let mut transmission = [0; 256];
+            let length = stream.read(&mut transmission).unwrap();
             assert!(length > 0, "{}", String::from_utf8_lossy(&seen));
-            seen.extend_from_slice(&piece[..length]);
+            seen.extend_from_slice(&transmission[..length]);
         }
     }
 }
@@ -454,13 +455,13 @@ fn streams_and_connections_have_a_greatest_number_and_places_become_free() {
 #[test]
 fn one_machine_elsewhere_leaves_room_for_others_and_this_one_needs_to_leave_none() {
     let address = |text: &str| text.parse::<IpAddr>().unwrap();
-    let take = |places: &mut Places, text: &str| {
+    let take = |places: &mut ConnectionLimiter, text: &str| {
         (0..2 * CONNECTIONS).map_while(|_| places.take(address(text))).collect::<Vec<_>>()
     };
     for own in ["127.0.0.1", "::1", "::ffff:127.0.0.1"] {
-        assert_eq!(take(&mut Places::new(), own).len(), CONNECTIONS, "{own}");
+        assert_eq!(take(&mut ConnectionLimiter::new(), own).len(), CONNECTIONS, "{own}");
     }
-    let mut places = Places::new();
+    let mut places = ConnectionLimiter::new();
     let held = take(&mut places, "192.0.2.1");
     assert_eq!(held.len(), CONNECTIONS_EACH);
     assert!(places.take(address("::ffff:192.0.2.1")).is_none(), "the same machine");
@@ -512,7 +513,7 @@ fn garbage_does_no_harm() {
     let long = format!("GET /{} HTTP/1.1\r\nhost: localhost\r\n\r\n", "x".repeat(70_000));
     let many: String = (0..2000).map(|n| format!("h{n}: x\r\n")).collect();
     let many = format!("GET / HTTP/1.1\r\nhost: localhost\r\n{many}\r\n");
-    let pieces: [&[u8]; 8] = [
+    let transmissions: [&[u8]; 8] = [
         b"\r\n\r\n\r\n",
         b"nonsense\r\n\r\n",
         b"\xEB\x90\x01\x16\x00\x00\xFF\xFE\r\n\r\n",
@@ -522,9 +523,9 @@ fn garbage_does_no_harm() {
         long.as_bytes(),
         many.as_bytes(),
     ];
-    for piece in pieces {
+    for transmission in transmissions {
         let mut stream = served.connect();
-        let _ = stream.write_all(piece);
+        let _ = stream.write_all(transmission);
         let _ = stream.shutdown(std::net::Shutdown::Write);
         let got = rest(&mut stream);
         assert_ne!(got.status, 200, "{got:?}");

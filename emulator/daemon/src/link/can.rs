@@ -6,21 +6,22 @@ use std::sync::atomic::Ordering::Relaxed;
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::{Duration, Instant};
 
-use geu_protocol::CanPlan;
 use nix::errno::Errno;
 use nix::ifaddrs::getifaddrs;
 use nix::net::if_::InterfaceFlags;
 use socketcan::{CanFilter, CanSocket, EmbeddedFrame, Frame, Id, Socket, SocketOptions, StandardId};
 use tokio::sync::Notify;
 use tokio::task::yield_now;
-use tokio::time::timeout;
 
-use super::{LATE_ANSWERS, Link, LinkError, Sending, Tally, Watched};
+use super::address::CanAddress;
+use super::error::LinkError;
+use super::interface::{LATE_ANSWERS, Link, LinkInfo, Watched, until_due};
+use super::statistics::Sending;
 use crate::cadence::now_ns;
-use crate::carriage::{Carrier, Content, Outbox};
 use crate::console;
-use crate::desk::Desk;
+use crate::link_model::{LinkModel, TransmitQueue, WireData};
 use crate::patience::Patience;
+use crate::shared_unit::SharedUnit;
 
 /// Between two attempts at an interface that is gone.
 const AGAIN: Duration = Duration::from_millis(250);
@@ -33,41 +34,6 @@ const TURN: usize = 16;
 /// All 29 bits of an identifier: extended frames with the number of COMMAND are seen too, to be counted.
 const ID_MASK: u32 = 0x1FFF_FFFF;
 
-/// `INTERFACE[:BASE]`, the base in hexadecimal.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct CanAddress {
-    /// Name of the interface.
-    pub interface: String,
-    /// Identifiers.
-    pub plan: CanPlan,
-}
-
-impl std::str::FromStr for CanAddress {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<CanAddress, String> {
-        let (interface, plan) = match text.split_once(':') {
-            None => (text, CanPlan::default()),
-            Some((interface, base)) => {
-                let plan = u16::from_str_radix(base, 16).ok().and_then(CanPlan::with_base);
-                (
-                    interface,
-                    plan.ok_or_else(|| {
-                        format!(
-                            "expected a base from 0 to {:X} in hexadecimal after the colon, got {base}",
-                            CanPlan::MAX_BASE
-                        )
-                    })?,
-                )
-            }
-        };
-        if interface.is_empty() || interface.len() > 15 {
-            return Err(format!("expected INTERFACE or INTERFACE:BASE with a name of 1 to 15 bytes, got {text:?}"));
-        }
-        Ok(CanAddress { interface: interface.to_owned(), plan })
-    }
-}
-
 /// What both threads share: the socket, while there is one that works.
 struct Bus {
     address: CanAddress,
@@ -78,11 +44,10 @@ struct Bus {
     /// Held for the frames of one half second, so that no other comes between.
     turn: tokio::sync::Mutex<()>,
     /// Answers to commands, by the wall clock.
-    answers: Mutex<Outbox>,
+    answers: Mutex<TransmitQueue>,
     /// Answers wait for their time.
     later: Notify,
-    carrier: Carrier,
-    tally: Arc<Tally>,
+    info: LinkInfo,
 }
 
 /// What became of a frame.
@@ -94,7 +59,6 @@ enum Written {
 
 struct Can {
     bus: Arc<Bus>,
-    frames: Vec<socketcan::CanFrame>,
     /// Whether the interface was up when it was opened.
     is_up: bool,
     /// Whether the queue was full at the last half second; told once, and once when it is over.
@@ -102,7 +66,11 @@ struct Can {
 }
 
 /// Opens the interface and serves it.
-pub(super) fn open(address: &CanAddress, carrier: Carrier, desk: &Arc<Desk>) -> Result<impl Link + use<>, LinkError> {
+pub(super) fn open(
+    address: &CanAddress,
+    model: LinkModel,
+    unit: &Arc<SharedUnit>,
+) -> Result<impl Link + use<>, LinkError> {
     let socket = connect(address)?;
     let bus = Arc::new(Bus {
         address: address.clone(),
@@ -112,12 +80,11 @@ pub(super) fn open(address: &CanAddress, carrier: Carrier, desk: &Arc<Desk>) -> 
         turn: tokio::sync::Mutex::new(()),
         answers: Mutex::default(),
         later: Notify::new(),
-        carrier,
-        tally: Tally::new(format!("can {} {:X}", address.interface, address.plan.base())),
+        info: LinkInfo::new(model, format!("can {} {:X}", address.interface, address.plan.base())),
     });
     let is_up = is_up(&address.interface);
-    tokio::spawn(attend(socket, is_up, bus.clone(), desk.clone()));
-    Ok(Can { bus, frames: Vec::new(), is_up, is_full: false })
+    tokio::spawn(attend(socket, is_up, bus.clone(), unit.clone()));
+    Ok(Can { bus, is_up, is_full: false })
 }
 
 /// A socket that does not block and hears nothing but COMMAND.
@@ -150,8 +117,8 @@ fn is_up(interface: &str) -> bool {
     })
 }
 
-fn to_socket(content: &Content) -> Option<socketcan::CanFrame> {
-    let Content::Frame(frame) = content else { return None };
+fn to_socket(content: &WireData) -> Option<socketcan::CanFrame> {
+    let WireData::Frame(frame) = content else { return None };
     socketcan::CanFrame::new(StandardId::new(frame.id())?, frame.data())
 }
 
@@ -217,14 +184,14 @@ impl Bus {
 }
 
 impl Bus {
-    fn answers(&self) -> MutexGuard<'_, Outbox> {
+    fn answers(&self) -> MutexGuard<'_, TransmitQueue> {
         self.answers.lock().expect("nothing panics with the answers")
     }
 
-    /// Sends the answers whose time has come.
-    async fn send_answers(&self, socket: &CanSocket) {
+    /// Sends the answers whose time has come; when the next is due.
+    async fn send_answers(&self, socket: &CanSocket) -> Option<i64> {
         loop {
-            let Some((_, contents)) = self.answers().take(now_ns()) else { break };
+            let Some((_, contents)) = self.answers().take(now_ns()) else { return self.answers().next_ns() };
             let turn = self.turn.lock().await;
             let give_up = Instant::now() + QUEUE_PATIENCE;
             for frame in contents.iter().filter_map(to_socket) {
@@ -239,22 +206,14 @@ impl Bus {
     /// Sends answers at their time.
     async fn answer_later(&self, socket: &CanSocket) -> Infallible {
         loop {
-            self.send_answers(socket).await;
-            let next_ns = self.answers().next_ns();
-            match next_ns {
-                None => self.later.notified().await,
-                Some(due_ns) => {
-                    let wait_ns = (due_ns - now_ns()).max(0) as u64;
-                    // Either it is time, or another may be due earlier.
-                    let _ = timeout(Duration::from_nanos(wait_ns), self.later.notified()).await;
-                }
-            }
+            let next_ns = self.send_answers(socket).await;
+            until_due(&self.later, next_ns).await;
         }
     }
 }
 
-async fn attend(socket: CanSocket, mut was_up: bool, bus: Arc<Bus>, desk: Arc<Desk>) {
-    let name = &bus.tally.name;
+async fn attend(socket: CanSocket, mut was_up: bool, bus: Arc<Bus>, unit: Arc<SharedUnit>) {
+    let name = &bus.info.statistics.name;
     let mut next = Some(socket);
     if !was_up {
         console::say(format_args!(
@@ -282,12 +241,12 @@ async fn attend(socket: CanSocket, mut was_up: bool, bus: Arc<Bus>, desk: Arc<De
         bus.failure.lock().expect("nothing panics with the reason").take();
         *bus.socket.lock().expect("nothing panics with the socket") = Some(socket.clone());
         let reason = tokio::select! {
-            error = serve(socket.clone(), &bus, &desk) => error.to_string(),
+            error = serve(socket.clone(), &bus, &unit) => error.to_string(),
             errno = bus.failed() => errno.desc().to_owned(),
             never = bus.answer_later(&socket) => match never {},
         };
         // What was not answered by now is history.
-        *bus.answers() = Outbox::default();
+        *bus.answers() = TransmitQueue::default();
         *bus.socket.lock().expect("nothing panics with the socket") = None;
         console::say(format_args!("{name}: gone ({reason}); the unit keeps time and waits for it to come back"));
         loop {
@@ -304,7 +263,7 @@ async fn attend(socket: CanSocket, mut was_up: bool, bus: Arc<Bus>, desk: Arc<De
 }
 
 /// Answers commands until the socket is of no use.
-async fn serve(socket: Arc<CanSocket>, bus: &Bus, desk: &Desk) -> io::Error {
+async fn serve(socket: Arc<CanSocket>, bus: &Bus, unit: &SharedUnit) -> io::Error {
     let socket = match Watched::new(socket) {
         Ok(socket) => socket,
         Err(error) => return error,
@@ -320,29 +279,29 @@ async fn serve(socket: Arc<CanSocket>, bus: &Bus, desk: &Desk) -> io::Error {
         match received {
             Err(_) => {}
             Ok(Err(error)) => return error,
-            Ok(Ok(frame)) => answer(&frame, socket.get_ref(), bus, desk).await,
+            Ok(Ok(frame)) => answer(&frame, socket.get_ref(), bus, unit).await,
         }
     }
     unreachable!("nobody counts so far")
 }
 
-async fn answer(frame: &socketcan::CanFrame, socket: &CanSocket, bus: &Bus, desk: &Desk) {
+async fn answer(frame: &socketcan::CanFrame, socket: &CanSocket, bus: &Bus, unit: &SharedUnit) {
     let is_command = matches!(frame.id(), Id::Standard(_)) && !frame.is_remote_frame() && !frame.is_error_frame();
     if !is_command || frame.data().is_empty() {
-        desk.rejected.fetch_add(1, Relaxed);
+        unit.rejected.fetch_add(1, Relaxed);
         return;
     }
-    let answered = desk.command(&bus.tally.name, frame.data()).await;
-    let pieces = answered.leaving(&bus.carrier);
-    if pieces.is_empty() {
+    let answered = unit.command(&bus.info.statistics.name, frame.data()).await;
+    let transmissions = unit.transmissions(&answered, &bus.info.model);
+    if transmissions.is_empty() {
         return;
     }
     if bus.answers().len() >= LATE_ANSWERS {
-        bus.tally.unread_replies.fetch_add(1, Relaxed);
+        bus.info.statistics.unread_replies.fetch_add(1, Relaxed);
         return;
     }
-    bus.answers().put(&pieces, 0, now_ns());
-    bus.tally.replies.fetch_add(1, Relaxed);
+    bus.answers().put(transmissions, 0, now_ns());
+    bus.info.statistics.replies.fetch_add(1, Relaxed);
     bus.send_answers(socket).await;
     bus.later.notify_one();
 }
@@ -350,7 +309,7 @@ async fn answer(frame: &socketcan::CanFrame, socket: &CanSocket, bus: &Bus, desk
 impl Can {
     fn tell_queue(&mut self, is_full: bool) {
         let was_full = std::mem::replace(&mut self.is_full, is_full);
-        let name = &self.bus.tally.name;
+        let name = &self.bus.info.statistics.name;
         match (was_full, is_full) {
             (false, true) => console::say(format_args!(
                 "{name}: the transmit queue is full; the unit keeps time and drops what does not fit: is the bus connected, does anybody acknowledge?"
@@ -362,29 +321,26 @@ impl Can {
 }
 
 impl Link for Can {
-    fn carrier(&self) -> &Carrier {
-        &self.bus.carrier
+    fn info(&self) -> &LinkInfo {
+        &self.bus.info
     }
 
-    fn prepare(&mut self, contents: &[Content], _goes_on: bool) {
-        self.frames = contents.iter().filter_map(to_socket).collect();
-    }
-
-    fn send(&mut self, patience: &Patience) {
+    fn send(&mut self, data: &[WireData], _more_fragments: bool, patience: &Patience) {
         let outcome = match self.bus.socket() {
             Some(socket) => {
                 let turn = self.bus.turn.blocking_lock();
                 // A queue that stayed full once is not waited for like that again until it has room.
                 let patience = Some(patience).filter(|_| !self.is_full);
                 let asked = Instant::now();
-                let all_sent = self.frames.iter().all(|frame| self.bus.write(&socket, frame, asked, patience));
+                let all_sent =
+                    data.iter().filter_map(to_socket).all(|frame| self.bus.write(&socket, &frame, asked, patience));
                 drop(turn);
                 self.tell_queue(!all_sent && !self.bus.has_failed());
                 if all_sent { Sending::Sent } else { Sending::Dropped }
             }
             None => Sending::Dropped,
         };
-        self.bus.tally.count(outcome);
+        self.bus.info.statistics.count(outcome);
     }
 
     fn send_answers(&mut self) {
@@ -407,25 +363,5 @@ impl Link for Can {
 
     fn is_drained(&self) -> bool {
         true
-    }
-
-    fn tally(&self) -> Arc<Tally> {
-        self.bus.tally.clone()
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn an_address_is_an_interface_and_perhaps_a_base_in_hexadecimal() {
-        let base = |text: &str| text.parse::<CanAddress>().map(|address| address.plan.base()).ok();
-        assert_eq!(base("vcan0"), Some(0x1A0));
-        assert_eq!(base("vcan0:300"), Some(0x300));
-        assert_eq!(base("vcan0:7F6"), Some(0x7F6));
-        for text in ["vcan0:7F7", "vcan0:xyz", "vcan0:", "", ":1A0", "a-name-too-long-for-linux"] {
-            assert_eq!(base(text), None, "{text}");
-        }
     }
 }

@@ -30,13 +30,15 @@ use nix::unistd::ttyname;
 use tokio::io::unix::AsyncFd;
 use tokio::task::yield_now;
 
-use super::line::{Line, Port};
-use super::receive::{Receiver, serve};
-use super::{Link, LinkError, Tally, Watched, stream};
-use crate::carriage::{Carrier, Content};
+use super::error::LinkError;
+use super::interface::{Link, LinkInfo, Watched};
+use super::receive::{CommandServer, Receiver};
+use super::send_buffer::Port;
+use super::stream_sender::StreamSender;
 use crate::console;
-use crate::desk::Desk;
+use crate::link_model::{LinkModel, WireData};
 use crate::patience::Patience;
+use crate::shared_unit::SharedUnit;
 use symlink::Symlink;
 
 /// Unread bytes beyond which no more are written: what the line discipline of a real port keeps, less a frame.
@@ -55,17 +57,13 @@ nix::ioctl_read_bad!(
 
 /// The pty, as the thread that keeps time sees it.
 struct Pty {
-    line: Arc<Line>,
+    line: Arc<StreamSender>,
     symlink: Arc<Symlink>,
-    carrier: Carrier,
-    bytes: Vec<u8>,
-    /// Whether they end within a frame.
-    goes_on: bool,
+    info: LinkInfo,
     is_stalled: bool,
     /// Bytes that its client had not read when that was asked last, and bytes that were written by then.
     unread: usize,
     written: u64,
-    tally: Arc<Tally>,
 }
 
 /// Our end, and where clients open theirs.
@@ -131,105 +129,88 @@ fn state(master: impl AsFd) -> PollFlags {
 /// Opens a pty, puts a symlink to it at `path`, and serves it.
 pub(super) fn open(
     path: &Path,
-    carrier: Carrier,
-    desk: &Arc<Desk>,
+    model: LinkModel,
+    unit: &Arc<SharedUnit>,
     speedup: f64,
 ) -> Result<impl Link + use<>, LinkError> {
     let fail = |error: nix::Error| LinkError::Pty(path.display().to_string(), error.into());
     let terminal = Terminal::new().map_err(fail)?;
     let symlink = Arc::new(Symlink::create(path, &terminal.slave.0)?);
 
-    let tally = Tally::new(format!("pty {}", path.display()));
+    let info = LinkInfo::new(model, format!("pty {}", path.display()));
     let byte_ns = f64::from(BITS_PER_BYTE) * 1e9 / f64::from(DEFAULT_BAUD) / speedup;
-    let line = Arc::new(Line::new(None, byte_ns, tally.clone()));
+    let line = Arc::new(StreamSender::new(None, byte_ns, info.statistics.clone()));
     let inotify = Inotify::init(InitFlags::IN_NONBLOCK | InitFlags::IN_CLOEXEC).map_err(fail)?;
     let inotify = Watched::new(inotify).map_err(|error| LinkError::Pty(path.display().to_string(), error))?;
-    tokio::spawn({
-        let (line, symlink, desk, tally) = (line.clone(), symlink.clone(), desk.clone(), tally.clone());
-        let carrier = carrier.clone();
-        async move { attend(terminal, &inotify, &line, &symlink, &desk, &carrier, &tally).await }
-    });
-    Ok(Pty {
-        line,
-        symlink,
-        carrier,
-        bytes: Vec::new(),
-        goes_on: false,
-        is_stalled: false,
-        unread: 0,
-        written: 0,
-        tally,
-    })
+    let commands = CommandServer { unit: unit.clone(), info: info.clone() };
+    let server = Server { inotify, line: line.clone(), symlink: symlink.clone(), commands };
+    tokio::spawn(async move { server.attend(terminal).await });
+    Ok(Pty { line, symlink, info, is_stalled: false, unread: 0, written: 0 })
 }
 
-/// Serves one client after the other.
-async fn attend(
-    mut terminal: Terminal,
-    inotify: &AsyncFd<Watched<Inotify>>,
-    line: &Line,
-    symlink: &Symlink,
-    desk: &Desk,
-    carrier: &Carrier,
-    tally: &Tally,
-) -> Infallible {
-    let mut is_failing = false;
-    loop {
-        let end = attend_one(&mut terminal, inotify, line, symlink, desk, carrier, tally).await;
-        line.close();
-        tally.clients.store(0, Relaxed);
-        let was_failing = std::mem::replace(&mut is_failing, end.is_err());
-        if let Err(error) = end {
-            if !was_failing {
-                console::say(format_args!("{}: {error}; the unit keeps time and tries again", tally.name));
+/// What clients are served with.
+struct Server {
+    inotify: AsyncFd<Watched<Inotify>>,
+    line: Arc<StreamSender>,
+    symlink: Arc<Symlink>,
+    commands: CommandServer,
+}
+
+impl Server {
+    /// Serves one client after the other.
+    async fn attend(&self, mut terminal: Terminal) -> Infallible {
+        let statistics = &self.commands.info.statistics;
+        let mut is_failing = false;
+        loop {
+            let end = self.attend_one(&mut terminal).await;
+            self.line.close();
+            statistics.clients.store(0, Relaxed);
+            let was_failing = std::mem::replace(&mut is_failing, end.is_err());
+            if let Err(error) = end {
+                if !was_failing {
+                    console::say(format_args!("{}: {error}; the unit keeps time and tries again", statistics.name));
+                }
+                tokio::time::sleep(AGAIN).await;
             }
-            tokio::time::sleep(AGAIN).await;
         }
     }
-}
 
-/// Waits for a client and serves it until it is gone.
-async fn attend_one(
-    terminal: &mut Terminal,
-    inotify: &AsyncFd<Watched<Inotify>>,
-    line: &Line,
-    symlink: &Symlink,
-    desk: &Desk,
-    carrier: &Carrier,
-    tally: &Tally,
-) -> io::Result<()> {
-    match terminal.slave.reset() {
-        Err(Errno::EBUSY) => {
-            // In this order: where the symlink cannot be changed, that is tried again.
-            let fresh = Terminal::new()?;
-            symlink.lead_to(&fresh.slave.0)?;
-            *terminal = fresh;
+    /// Waits for a client and serves it until it is gone.
+    async fn attend_one(&self, terminal: &mut Terminal) -> io::Result<()> {
+        match terminal.slave.reset() {
+            Err(Errno::EBUSY) => {
+                // In this order: where the symlink cannot be changed, that is tried again.
+                let fresh = Terminal::new()?;
+                self.symlink.lead_to(&fresh.slave.0)?;
+                *terminal = fresh;
+            }
+            result => result?,
         }
-        result => result?,
-    }
-    let Terminal { master, slave } = terminal;
-    let watch = inotify.get_ref().add_watch(&slave.0, AddWatchFlags::IN_OPEN)?;
-    // A client that came and went has left its commands.
-    while state(&*master) == PollFlags::POLLHUP {
-        let mut guard = inotify.readable().await?;
-        // What is told does not matter, only that something is: the master knows the truth.
-        let _ = guard.try_io(|inotify| Ok(inotify.get_ref().read_events()?));
-    }
-    inotify.get_ref().rm_watch(watch)?;
-    line.open(master.clone());
-    tally.clients.store(1, Relaxed);
-    let mut receiver = Receiver::default();
-    loop {
-        let port = Watched::new(master.clone())?;
-        tokio::select! {
-            // The end of one client, perhaps with bytes that it left; another may be there already.
-            _ = serve(&port, line, &mut receiver, desk, carrier, &tally.name) => {}
-            _ = line.pump(&port) => {}
+        let Terminal { master, slave } = terminal;
+        let watch = self.inotify.get_ref().add_watch(&slave.0, AddWatchFlags::IN_OPEN)?;
+        // A client that came and went has left its commands.
+        while state(&*master) == PollFlags::POLLHUP {
+            let mut guard = self.inotify.readable().await?;
+            // What is reported does not matter, only that something is: the master knows the truth.
+            let _ = guard.try_io(|inotify| Ok(inotify.get_ref().read_events()?));
         }
-        if state(&*master) == PollFlags::POLLHUP {
-            desk.rejected.fetch_add(receiver.end(), Relaxed);
-            return Ok(());
+        self.inotify.get_ref().rm_watch(watch)?;
+        self.line.open(master.clone());
+        self.commands.info.statistics.clients.store(1, Relaxed);
+        let mut receiver = Receiver::default();
+        loop {
+            let port = Watched::new(master.clone())?;
+            tokio::select! {
+                // The end of one client, perhaps with bytes that it left; another may be there already.
+                _ = self.commands.serve(&port, &self.line, &mut receiver, &self.commands.info.statistics.name) => {}
+                _ = self.line.pump(&port) => {}
+            }
+            if state(&*master) == PollFlags::POLLHUP {
+                self.commands.end(&mut receiver);
+                return Ok(());
+            }
+            yield_now().await;
         }
-        yield_now().await;
     }
 }
 
@@ -250,15 +231,11 @@ impl Pty {
 }
 
 impl Link for Pty {
-    fn carrier(&self) -> &Carrier {
-        &self.carrier
+    fn info(&self) -> &LinkInfo {
+        &self.info
     }
 
-    fn prepare(&mut self, contents: &[Content], goes_on: bool) {
-        (self.bytes, self.goes_on) = (stream(contents), goes_on);
-    }
-
-    fn send(&mut self, patience: &Patience) {
+    fn send(&mut self, data: &[WireData], more_fragments: bool, patience: &Patience) {
         let asked = Instant::now();
         self.is_stalled &= self.line.is_open();
         // The rest of a frame follows its beginning.
@@ -266,11 +243,11 @@ impl Link for Pty {
         while self.line.is_open() && !is_within_frame && !self.has_room() {
             if self.is_stalled || patience.is_over(asked) {
                 self.is_stalled = !patience.is_none();
-                return self.tally.count(self.line.drop_data(self.goes_on));
+                return self.info.statistics.count(self.line.drop_data(more_fragments));
             }
             thread::sleep(LOOK_AGAIN);
         }
-        self.tally.count(self.line.send(&self.bytes, self.goes_on, patience));
+        self.info.statistics.count(self.line.send(data, more_fragments, patience));
     }
 
     fn send_answers(&mut self) {
@@ -279,9 +256,5 @@ impl Link for Pty {
 
     fn is_drained(&self) -> bool {
         !self.line.is_open() || (self.line.is_drained() && self.slave().backlog() == 0)
-    }
-
-    fn tally(&self) -> Arc<Tally> {
-        self.tally.clone()
     }
 }

@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 use std::io;
+use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
 
@@ -12,10 +13,10 @@ use tokio::io::unix::AsyncFd;
 use tokio::task::yield_now;
 use tokio::time::timeout;
 
-use super::Watched;
-use super::line::{Line, Port};
-use crate::carriage::Carrier;
-use crate::desk::Desk;
+use super::interface::{LinkInfo, Watched};
+use super::send_buffer::Port;
+use super::stream_sender::StreamSender;
+use crate::shared_unit::SharedUnit;
 
 /// After so long without a byte, a good frame inside what looks like the start of another is no longer kept waiting.
 const PAUSE: Duration = Duration::from_millis(4);
@@ -38,7 +39,7 @@ const FOREIGN: [(&[u8], &str); 11] = [
     (&[0x16, 0x03], "TLS"),
 ];
 
-/// Puts commands together from pieces.
+/// Puts commands together from chunks.
 #[derive(Default)]
 pub(super) struct Receiver {
     /// The first bytes, as long as they may be the beginning of another protocol.
@@ -72,7 +73,7 @@ impl Receiver {
     }
 
     /// The client is gone: frames that it began and did not end.
-    pub fn end(&mut self) -> u64 {
+    fn end(&mut self) -> u64 {
         let Receiver { partial, .. } = std::mem::take(self);
         u64::from(!partial.is_empty())
     }
@@ -109,45 +110,64 @@ impl Receiver {
     }
 }
 
-/// Reads commands and answers them, until the stream ends; the beginning of one stays in the receiver.
-///
-/// # Errors
-/// What reading says when the device is gone; [`io::ErrorKind::InvalidData`] from a client that speaks another protocol.
-pub(super) async fn serve(
-    port: &AsyncFd<Watched<Port>>,
-    line: &Line,
-    receiver: &mut Receiver,
-    desk: &Desk,
-    carrier: &Carrier,
-    link: &str,
-) -> io::Result<()> {
-    let (mut bytes, mut can_pause) = ([0; 512], false);
-    let mut commands: Vec<Vec<u8>> = Vec::new();
-    loop {
-        let read =
-            if can_pause { timeout(PAUSE, read(port, &mut bytes)).await } else { Ok(read(port, &mut bytes).await) };
-        let mut found = |payload: &[u8]| commands.push(payload.to_vec());
-        match read {
-            Ok(Ok(0)) => return Ok(()),
-            Ok(Ok(length)) => match receiver.admit(&bytes[..length]) {
-                Ok(admitted) => receiver.take(&admitted, &mut found),
-                Err(error) => return Err(error),
-            },
-            Ok(Err(error)) => return Err(error),
-            Err(_) => receiver.pause(&mut found),
-        }
-        can_pause = read.is_ok() && !receiver.partial.is_empty();
-        desk.rejected.fetch_add(std::mem::take(&mut receiver.rejected), Relaxed);
-        for (index, payload) in commands.drain(..).enumerate() {
-            if index % TURN == TURN - 1 {
-                yield_now().await;
+/// Answers the commands that come over a link.
+#[derive(Clone)]
+pub(super) struct CommandServer {
+    pub unit: Arc<SharedUnit>,
+    pub info: LinkInfo,
+}
+
+impl CommandServer {
+    /// Reads commands and answers them, until the stream ends; the beginning of one stays in the receiver. `link`: as
+    /// recordings name it.
+    ///
+    /// # Errors
+    /// What reading reports when the device is gone; [`io::ErrorKind::InvalidData`] from a client that speaks another
+    /// protocol.
+    pub async fn serve(
+        &self,
+        port: &AsyncFd<Watched<Port>>,
+        sender: &StreamSender,
+        receiver: &mut Receiver,
+        link: &str,
+    ) -> io::Result<()> {
+        let (mut bytes, mut can_pause) = ([0; 512], false);
+        let mut commands: Vec<Vec<u8>> = Vec::new();
+        loop {
+            let read =
+                if can_pause { timeout(PAUSE, read(port, &mut bytes)).await } else { Ok(read(port, &mut bytes).await) };
+            let mut found = |payload: &[u8]| commands.push(payload.to_vec());
+            match read {
+                Ok(Ok(0)) => return Ok(()),
+                Ok(Ok(length)) => {
+                    let admitted = receiver.admit(&bytes[..length])?;
+                    receiver.take(&admitted, &mut found);
+                }
+                Ok(Err(error)) => return Err(error),
+                Err(_) => receiver.pause(&mut found),
             }
-            // Nothing more is read until the reply has room, but only while the client reads.
-            line.reply_room().await;
-            let answered = desk.command(link, &payload).await;
-            line.answer(&answered.leaving(carrier));
+            can_pause = read.is_ok() && !receiver.partial.is_empty();
+            self.reject(std::mem::take(&mut receiver.rejected));
+            for (index, payload) in commands.drain(..).enumerate() {
+                if index % TURN == TURN - 1 {
+                    yield_now().await;
+                }
+                // Nothing more is read until the reply has room, but only while the client reads.
+                sender.reply_room().await;
+                let response = self.unit.command(link, &payload).await;
+                sender.answer(self.unit.transmissions(&response, &self.info.model));
+            }
+            yield_now().await;
         }
-        yield_now().await;
+    }
+
+    /// The client is gone: counts the frame that it began and did not end.
+    pub fn end(&self, receiver: &mut Receiver) {
+        self.reject(receiver.end());
+    }
+
+    fn reject(&self, frames: u64) {
+        self.unit.rejected.fetch_add(frames, Relaxed);
     }
 }
 
@@ -171,10 +191,10 @@ mod tests {
 
     use super::*;
 
-    fn commands(pieces: &[&[u8]]) -> (Vec<Vec<u8>>, u64) {
+    fn commands(chunks: &[&[u8]]) -> (Vec<Vec<u8>>, u64) {
         let (mut receiver, mut found) = (Receiver::default(), Vec::new());
-        for piece in pieces {
-            receiver.take(piece, |payload| found.push(payload.to_vec()));
+        for chunk in chunks {
+            receiver.take(chunk, |payload| found.push(payload.to_vec()));
             receiver.pause(|payload| found.push(payload.to_vec()));
         }
         (found, receiver.rejected)
@@ -185,8 +205,8 @@ mod tests {
         let (long, good) = (frame(Kind::Command, &[4, 1, 0, 5, 9]), frame(Kind::Command, &[1]));
         for cut in 1..long.len() {
             let truncated = &long[..cut];
-            for pieces in [&[truncated, &good][..], &[&[truncated, &good].concat()]] {
-                assert_eq!(commands(pieces).0, [vec![1]], "cut after {cut}");
+            for chunks in [&[truncated, &good][..], &[&[truncated, &good].concat()]] {
+                assert_eq!(commands(chunks).0, [vec![1]], "cut after {cut}");
             }
             let both = [truncated, &good, truncated].concat();
             assert_eq!(commands(&[&both, &good]).0, [vec![1], vec![1]], "cut after {cut}");
@@ -200,8 +220,8 @@ mod tests {
             for size in [1, 2, 3, foreign.len() + ping.len()] {
                 let (mut receiver, bytes) = (Receiver::of_network(), [foreign, &ping].concat());
                 let mut admitted = Vec::new();
-                let end = bytes.chunks(size).try_for_each(|piece| {
-                    admitted.extend_from_slice(&receiver.admit(piece)?);
+                let end = bytes.chunks(size).try_for_each(|chunk| {
+                    admitted.extend_from_slice(&receiver.admit(chunk)?);
                     io::Result::Ok(())
                 });
                 assert_eq!(end.map_err(|error| error.kind()), Err(io::ErrorKind::InvalidData), "{foreign:?} by {size}");
@@ -213,7 +233,7 @@ mod tests {
                 let mut receiver = Receiver::of_network();
                 let admitted: Vec<u8> = good
                     .chunks(size)
-                    .flat_map(|piece| receiver.admit(piece).expect("no protocol").into_owned())
+                    .flat_map(|chunk| receiver.admit(chunk).expect("no protocol").into_owned())
                     .collect();
                 assert_eq!(admitted, good, "by {size}");
             }

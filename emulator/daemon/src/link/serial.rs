@@ -3,50 +3,24 @@
 use std::io;
 use std::os::fd::AsFd;
 use std::sync::Arc;
-use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
 
-use geu_protocol::serial::DEFAULT_BAUD;
 use tokio_serial::{DataBits, Parity, SerialStream, StopBits};
 
-use super::line::{Line, Port};
-use super::receive::{Receiver, serve};
-use super::{Link, LinkError, Sending, Tally, Watched, stream};
-use crate::carriage::{Carrier, Content};
+use super::address::SerialAddress;
+use super::error::LinkError;
+use super::interface::{Link, LinkInfo, Watched};
+use super::receive::{CommandServer, Receiver};
+use super::send_buffer::Port;
+use super::statistics::Sending;
+use super::stream_sender::StreamSender;
 use crate::console;
-use crate::desk::Desk;
+use crate::link_model::{LinkModel, WireData};
 use crate::patience::Patience;
+use crate::shared_unit::SharedUnit;
 
 /// Between two attempts at a port that is gone.
 const AGAIN: Duration = Duration::from_millis(250);
-
-/// `DEVICE[:BAUD]`.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct SerialAddress {
-    /// Path of the device.
-    pub device: String,
-    /// Rate, 8N1.
-    pub baud: u32,
-}
-
-impl std::str::FromStr for SerialAddress {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<SerialAddress, String> {
-        let (device, baud) = match text.rsplit_once(':') {
-            // Names under /dev/serial/by-path have colons of their own.
-            Some((device, baud)) if !baud.is_empty() && baud.bytes().all(|byte| byte.is_ascii_digit()) => {
-                let baud = baud.parse().ok().filter(|&baud| baud > 0);
-                (device, baud.ok_or_else(|| format!("expected DEVICE:BAUD with a rate above 0, got {text}"))?)
-            }
-            _ => (text, DEFAULT_BAUD),
-        };
-        if device.is_empty() {
-            return Err(format!("expected DEVICE or DEVICE:BAUD, got {text:?}"));
-        }
-        Ok(SerialAddress { device: device.to_owned(), baud })
-    }
-}
 
 impl SerialAddress {
     fn open(&self) -> io::Result<(SerialStream, Port)> {
@@ -63,77 +37,66 @@ impl SerialAddress {
 }
 
 struct Serial {
-    line: Arc<Line>,
-    carrier: Carrier,
-    bytes: Vec<u8>,
-    /// Whether they end within a frame.
-    goes_on: bool,
-    tally: Arc<Tally>,
+    line: Arc<StreamSender>,
+    info: LinkInfo,
 }
 
 /// Opens the port and serves it.
 pub(super) fn open(
     address: &SerialAddress,
-    carrier: Carrier,
-    desk: &Arc<Desk>,
+    model: LinkModel,
+    unit: &Arc<SharedUnit>,
 ) -> Result<impl Link + use<>, LinkError> {
     let opened = address.open().map_err(|error| LinkError::Serial(address.device.clone(), error))?;
-    let tally = Tally::new(format!("serial {} {}", address.device, address.baud));
-    let line = Arc::new(Line::new(None, 0.0, tally.clone()));
-    tokio::spawn(attend(opened, address.clone(), line.clone(), desk.clone(), carrier.clone(), tally.clone()));
-    Ok(Serial { line, carrier, bytes: Vec::new(), goes_on: false, tally })
+    let info = LinkInfo::new(model, format!("serial {} {}", address.device, address.baud));
+    let line = Arc::new(StreamSender::new(None, 0.0, info.statistics.clone()));
+    let commands = CommandServer { unit: unit.clone(), info: info.clone() };
+    tokio::spawn(attend(opened, address.clone(), line.clone(), commands));
+    Ok(Serial { line, info })
 }
 
 async fn attend(
     mut opened: (SerialStream, Port),
     address: SerialAddress,
-    line: Arc<Line>,
-    desk: Arc<Desk>,
-    carrier: Carrier,
-    tally: Arc<Tally>,
+    line: Arc<StreamSender>,
+    commands: CommandServer,
 ) {
+    let name = &commands.info.statistics.name;
     loop {
         line.open(opened.1.clone());
-        let end = session(&opened.1, &line, &desk, &carrier, &tally).await;
+        let end = session(&opened.1, &line, &commands).await;
         line.close();
         drop(opened);
         let reason = end.err().map_or_else(|| "hung up".to_owned(), |error| error.to_string());
-        console::say(format_args!(
-            "{}: gone ({reason}); the unit keeps time and waits for it to come back",
-            tally.name
-        ));
+        console::say(format_args!("{name}: gone ({reason}); the unit keeps time and waits for it to come back"));
         opened = loop {
             tokio::time::sleep(AGAIN).await;
             if let Ok(opened) = address.open() {
                 break opened;
             }
         };
-        console::say(format_args!("{}: is back", tally.name));
+        console::say(format_args!("{name}: is back"));
     }
 }
 
-async fn session(port: &Port, line: &Line, desk: &Desk, carrier: &Carrier, tally: &Tally) -> io::Result<()> {
+async fn session(port: &Port, line: &StreamSender, commands: &CommandServer) -> io::Result<()> {
     let port = Watched::new(port.clone())?;
     let mut receiver = Receiver::default();
     let end = tokio::select! {
-        end = serve(&port, line, &mut receiver, desk, carrier, &tally.name) => end,
+        end = commands.serve(&port, line, &mut receiver, &commands.info.statistics.name) => end,
         end = line.pump(&port) => end,
     };
-    desk.rejected.fetch_add(receiver.end(), Relaxed);
+    commands.end(&mut receiver);
     end
 }
 
 impl Link for Serial {
-    fn carrier(&self) -> &Carrier {
-        &self.carrier
+    fn info(&self) -> &LinkInfo {
+        &self.info
     }
 
-    fn prepare(&mut self, contents: &[Content], goes_on: bool) {
-        (self.bytes, self.goes_on) = (stream(contents), goes_on);
-    }
-
-    fn send(&mut self, patience: &Patience) {
-        self.tally.count(match self.line.send(&self.bytes, self.goes_on, patience) {
+    fn send(&mut self, data: &[WireData], more_fragments: bool, patience: &Patience) {
+        self.info.statistics.count(match self.line.send(data, more_fragments, patience) {
             Sending::Unread => Sending::Dropped,
             outcome => outcome,
         });
@@ -145,24 +108,5 @@ impl Link for Serial {
 
     fn is_drained(&self) -> bool {
         self.line.is_drained()
-    }
-
-    fn tally(&self) -> Arc<Tally> {
-        self.tally.clone()
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn an_address_is_a_device_and_perhaps_a_rate() {
-        let parse = |text: &str| text.parse::<SerialAddress>().map(|address| (address.device, address.baud));
-        assert_eq!(parse("/dev/ttyUSB0"), Ok(("/dev/ttyUSB0".to_owned(), 115_200)));
-        assert_eq!(parse("/dev/ttyUSB0:9600"), Ok(("/dev/ttyUSB0".to_owned(), 9600)));
-        let by_path = "/dev/serial/by-path/pci-0:14.0-usb-0:2:1.0-port0";
-        assert_eq!(parse(by_path), Ok((by_path.to_owned(), 115_200)));
-        assert!(parse("/dev/ttyUSB0:0").is_err() && parse(":9600").is_err() && parse("").is_err());
     }
 }

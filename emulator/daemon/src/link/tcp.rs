@@ -12,14 +12,17 @@ use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::socket::{setsockopt, sockopt};
 use tokio::net::{TcpListener, TcpStream};
 
-use super::line::{Line, Port};
-use super::receive::{Receiver, serve};
-use super::{Link, LinkError, Sending, Tally, Watched, stream};
-use crate::carriage::{Carrier, Content};
+use super::error::LinkError;
+use super::interface::{Link, LinkInfo, Watched};
+use super::receive::{CommandServer, Receiver};
+use super::send_buffer::Port;
+use super::statistics::Sending;
+use super::stream_sender::StreamSender;
 use crate::console;
 use crate::descriptors;
-use crate::desk::Desk;
+use crate::link_model::{LinkModel, WireData};
 use crate::patience::Patience;
+use crate::shared_unit::SharedUnit;
 
 /// Clients at once; more are turned away.
 const CLIENTS: usize = 64;
@@ -68,18 +71,14 @@ impl TcpAddress {
 
 struct Tcp {
     clients: Clients,
-    carrier: Carrier,
-    bytes: Vec<u8>,
-    /// Whether they end within a frame.
-    goes_on: bool,
-    tally: Arc<Tally>,
+    info: LinkInfo,
 }
 
 type Clients = Arc<Mutex<Vec<Arc<Client>>>>;
 
 /// One client.
 struct Client {
-    line: Line,
+    line: StreamSender,
     /// It has ended its side, and perhaps is gone.
     has_ended: AtomicBool,
 }
@@ -87,8 +86,8 @@ struct Client {
 /// Listens, and serves whoever comes.
 pub(super) fn open(
     address: &TcpAddress,
-    carrier: Carrier,
-    desk: &Arc<Desk>,
+    model: LinkModel,
+    unit: &Arc<SharedUnit>,
     is_faster: bool,
 ) -> Result<impl Link + use<>, LinkError> {
     address.check()?;
@@ -96,18 +95,16 @@ pub(super) fn open(
     let listener = std::net::TcpListener::bind(&address.address).map_err(fail)?;
     listener.set_nonblocking(true).map_err(fail)?;
     let listener = TcpListener::from_std(listener).map_err(fail)?;
-    let tally = Tally::new(format!("tcp {}", listener.local_addr().map_err(fail)?));
+    let info = LinkInfo::new(model, format!("tcp {}", listener.local_addr().map_err(fail)?));
     let clients = Clients::default();
     let server = Server {
         address: address.clone(),
         is_faster,
         clients: clients.clone(),
-        desk: desk.clone(),
-        carrier: carrier.clone(),
-        tally: tally.clone(),
+        commands: CommandServer { unit: unit.clone(), info: info.clone() },
     };
     tokio::spawn(server.accept(listener));
-    Ok(Tcp { clients, carrier, bytes: Vec::new(), goes_on: false, tally })
+    Ok(Tcp { clients, info })
 }
 
 /// What the clients of an address are served with.
@@ -115,9 +112,7 @@ struct Server {
     address: TcpAddress,
     is_faster: bool,
     clients: Clients,
-    desk: Arc<Desk>,
-    carrier: Carrier,
-    tally: Arc<Tally>,
+    commands: CommandServer,
 }
 
 impl Server {
@@ -127,7 +122,7 @@ impl Server {
         loop {
             let accepted = listener.accept().await;
             let was_failing = std::mem::replace(&mut is_failing, accepted.is_err());
-            let name = &server.tally.name;
+            let name = &server.commands.info.statistics.name;
             let (stream, peer) = match accepted {
                 Ok(accepted) => accepted,
                 Err(error) => {
@@ -139,7 +134,7 @@ impl Server {
                 }
             };
             if let Err(reason) = server.take_in(stream, peer) {
-                server.tally.refused.fetch_add(1, Relaxed);
+                server.commands.info.statistics.refused.fetch_add(1, Relaxed);
                 if !std::mem::replace(&mut has_told, true) {
                     console::say(format_args!("{name}: {peer} is turned away, and more may be: {reason}"));
                 }
@@ -163,16 +158,16 @@ impl Server {
             gone.ok_or_else(|| format!("{CLIENTS} clients are served"))?.line.close();
         }
         let port = prepare(stream, self.is_faster).map_err(|error| error.to_string())?;
-        let line = Line::new(Some(port.clone()), 0.0, self.tally.clone());
+        let line = StreamSender::new(Some(port.clone()), 0.0, self.commands.info.statistics.clone());
         let client = Arc::new(Client { line, has_ended: AtomicBool::new(false) });
         self.clients().push(client.clone());
-        self.tally.clients.fetch_add(1, Relaxed);
+        self.commands.info.statistics.clients.fetch_add(1, Relaxed);
         let server = self.clone();
         tokio::spawn(async move {
             server.attend(port, &client, peer).await;
             client.line.close();
             server.clients().retain(|other| !Arc::ptr_eq(other, &client));
-            server.tally.clients.fetch_sub(1, Relaxed);
+            server.commands.info.statistics.clients.fetch_sub(1, Relaxed);
         });
         Ok(())
     }
@@ -186,8 +181,8 @@ impl Server {
         let link = format!("tcp {peer}");
         let commands = async {
             let mut receiver = Receiver::of_network();
-            let end = serve(&port, &client.line, &mut receiver, &self.desk, &self.carrier, &link).await;
-            self.desk.rejected.fetch_add(receiver.end(), Relaxed);
+            let end = self.commands.serve(&port, &client.line, &mut receiver, &link).await;
+            self.commands.end(&mut receiver);
             match end {
                 // It has said all it had to say, but may go on listening: `socat -u`, `nc` at the end of its input.
                 Ok(()) => {
@@ -195,8 +190,8 @@ impl Server {
                     until_gone(port.get_ref(), &client.line).await;
                 }
                 Err(error) if error.kind() == io::ErrorKind::InvalidData => {
-                    self.tally.refused.fetch_add(1, Relaxed);
-                    console::say(format_args!("{}: {peer} {error}; closed", self.tally.name));
+                    self.commands.info.statistics.refused.fetch_add(1, Relaxed);
+                    console::say(format_args!("{}: {peer} {error}; closed", self.commands.info.statistics.name));
                 }
                 Err(_) => {}
             }
@@ -223,7 +218,7 @@ fn prepare(stream: TcpStream, is_faster: bool) -> io::Result<Port> {
 
 /// Returns when a client that has ended its side has ended the other too, or was sent nothing for a while: only what
 /// is sent shows whether it still listens.
-async fn until_gone(port: &Watched<Port>, line: &Line) {
+async fn until_gone(port: &Watched<Port>, line: &StreamSender) {
     let (mut written, mut since) = (line.written(), Instant::now());
     while since.elapsed() < DEAF {
         tokio::time::sleep(LOOK_AGAIN).await;
@@ -242,21 +237,17 @@ async fn until_gone(port: &Watched<Port>, line: &Line) {
 }
 
 impl Link for Tcp {
-    fn carrier(&self) -> &Carrier {
-        &self.carrier
+    fn info(&self) -> &LinkInfo {
+        &self.info
     }
 
-    fn prepare(&mut self, contents: &[Content], goes_on: bool) {
-        (self.bytes, self.goes_on) = (stream(contents), goes_on);
-    }
-
-    fn send(&mut self, patience: &Patience) {
+    fn send(&mut self, data: &[WireData], more_fragments: bool, patience: &Patience) {
         let clients = self.clients.lock().expect("nothing panics with the list").clone();
         if clients.is_empty() {
-            self.tally.count(Sending::Unread);
+            self.info.statistics.count(Sending::Unread);
         }
         for client in &clients {
-            self.tally.count(client.line.send(&self.bytes, self.goes_on, patience));
+            self.info.statistics.count(client.line.send(data, more_fragments, patience));
         }
     }
 
@@ -268,10 +259,6 @@ impl Link for Tcp {
 
     fn is_drained(&self) -> bool {
         self.clients.lock().expect("nothing panics with the list").iter().all(|client| client.line.is_drained())
-    }
-
-    fn tally(&self) -> Arc<Tally> {
-        self.tally.clone()
     }
 }
 

@@ -5,8 +5,8 @@
 //! used, everything else is passed over. 42's quaternions have their real part last and turn like ours, body to inertial;
 //! its rates are not used: those of a gyro are a step older than the attitude beside them.
 
-use super::follow::{Sample, Told};
 use super::json::unit;
+use super::synchroniser::{MotionValue, TruthSample};
 
 /// Where the attitude may stand, the best first.
 const ATTITUDES: [&str; 3] = ["SC[0].B[0].qn", "SC[0].qn", "SC[0].AC.qbn"];
@@ -25,7 +25,7 @@ pub(super) struct Message {
 
 impl Message {
     /// Takes a line; at the end of a message, what that told.
-    pub fn line(&mut self, line: &str) -> Option<Result<Sample, String>> {
+    pub fn line(&mut self, line: &str) -> Option<Result<TruthSample, String>> {
         let line = line.trim();
         if ENDS.contains(&line) {
             return Some(std::mem::take(self).end());
@@ -50,10 +50,12 @@ impl Message {
         self.wrong.get_or_insert(wrong);
     }
 
-    fn end(self) -> Result<Sample, String> {
+    fn end(self) -> Result<TruthSample, String> {
         match (self.wrong, self.t_s, self.attitudes.into_iter().flatten().next()) {
             (Some(wrong), ..) => Err(wrong),
-            (None, Some(t_s), Some(attitude)) => Ok(Sample { t_s, motion: Told::Attitude(attitude), sun: None }),
+            (None, Some(t_s), Some(attitude)) => {
+                Ok(TruthSample { t_s, motion: MotionValue::Attitude(attitude), sun: None })
+            }
             (None, None, _) => Err("expected a message that begins with TIME, got one without".to_owned()),
             (None, _, None) => {
                 Err(format!("expected a message with one of {}, got none of them", ATTITUDES.join(", ")))
@@ -89,7 +91,7 @@ fn seconds(stamp: &str) -> Option<f64> {
 mod tests {
     use super::*;
 
-    fn last(text: &str) -> Option<Result<Sample, String>> {
+    fn last(text: &str) -> Option<Result<TruthSample, String>> {
         let mut message = Message::default();
         text.lines().filter_map(|line| message.line(line)).last()
     }
@@ -99,7 +101,11 @@ mod tests {
         let plain = "TIME 2026-130-12:00:00.000000000\nOrb[0].PosN =  6.7e+06 0 0\nSC[0].AC.qbn = 1 0 0 0\nSC[0].B[0].wn =  1.0e-03 2.0e-03 3.0e-03\nSC[0].B[0].qn =  0.000000000000e+00  6.000000000000e-01  0.000000000000e+00  8.000000000000e-01\nSC[0].B[1].qn = 1 0 0 0\n[ENDMSG]\n";
         let bracketed = "TIME 2026-130-12:00:00.000000000\r\nSC[0].svb = [1 0 0]\r\nSC[0].qn = [ 0.0e+00  6.0e-01  0.0e+00  8.0e-01]\r\nSC[1].qn = [1 0 0 0]\r\n[ENDMSG]\r\n";
         let flight_software = "TIME 2026-130-12:00:00.0\nSC[0].AC.wbn = 0 0 0\nSC[0].AC.qbn = 0 0.6 0 0.8\n[EOF]\n\n";
-        let expected = Some(Ok(Sample { t_s: 831_729_600.0, motion: Told::Attitude([0.8, 0.0, 0.6, 0.0]), sun: None }));
+        let expected = Some(Ok(TruthSample {
+            t_s: 831_729_600.0,
+            motion: MotionValue::Attitude([0.8, 0.0, 0.6, 0.0]),
+            sun: None,
+        }));
         for text in [plain, bracketed, flight_software] {
             assert_eq!(last(text), expected, "{text}");
         }

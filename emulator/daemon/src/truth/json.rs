@@ -5,7 +5,7 @@
 
 use serde_json::Value;
 
-use super::follow::{Sample, Told};
+use super::synchroniser::{MotionValue, TruthSample};
 
 /// A quaternion or a direction whose length is 1 by less than this was meant to be one; it is made so.
 const LENGTH_TOLERANCE: f64 = 1e-3;
@@ -18,7 +18,7 @@ const MOST_S: f64 = 1e12;
 #[derive(Debug)]
 pub(super) struct Line {
     /// Nothing of a line that only asks.
-    pub sample: Option<Sample>,
+    pub sample: Option<TruthSample>,
     /// It asks for reports of what left in each half second: `"subscribe": "samples"`.
     pub subscribes: bool,
 }
@@ -38,29 +38,29 @@ pub(super) fn line(text: &str) -> Result<Line, String> {
     Ok(Line { sample, subscribes })
 }
 
-fn sample(json: &Value) -> Result<Sample, String> {
+fn sample(json: &Value) -> Result<TruthSample, String> {
     let t_s = json["t_s"].as_f64().filter(|t_s| t_s.abs() <= MOST_S);
     let t_s = t_s.ok_or_else(|| format!("t_s: expected seconds within ±{MOST_S:e}, got {}", json["t_s"]))?;
     let motion = match (&json["q"], &json["rate_arcsec_s"]) {
         (Value::Null, Value::Null) => return Err("expected q or rate_arcsec_s, got neither".to_owned()),
         (Value::Null, rate) => {
             let rate = numbers(rate).ok_or_else(|| format!("rate_arcsec_s: expected [x, y, z], got {rate}"))?;
-            Told::Rate(rate)
+            MotionValue::Rate(rate)
         }
         (q, _) => {
             let unit = numbers(q).and_then(unit);
-            Told::Attitude(unit.ok_or_else(|| format!("q: expected [w, x, y, z] of length 1, got {q}"))?)
+            MotionValue::Attitude(unit.ok_or_else(|| format!("q: expected [w, x, y, z] of length 1, got {q}"))?)
         }
     };
     let sun = match (&json["sun"], motion) {
         (Value::Null, _) => None,
-        (sun, Told::Rate(_)) => return Err(format!("sun: expected q beside it, got sun {sun} without")),
-        (sun, Told::Attitude(_)) => {
+        (sun, MotionValue::Rate(_)) => return Err(format!("sun: expected q beside it, got sun {sun} without")),
+        (sun, MotionValue::Attitude(_)) => {
             let direction = numbers(sun).and_then(unit);
             Some(direction.ok_or_else(|| format!("sun: expected [x, y, z] of length 1, got {sun}"))?)
         }
     };
-    Ok(Sample { t_s, motion, sun })
+    Ok(TruthSample { t_s, motion, sun })
 }
 
 fn numbers<const COUNT: usize>(json: &Value) -> Option<[f64; COUNT]> {
@@ -82,11 +82,11 @@ mod tests {
     fn attitudes_and_rates_are_read_and_other_keys_ignored() {
         let read = |text: &str| line(text).expect(text).sample.expect(text);
         let q = read(r#"{"t_s": 12.5, "q": [0.6, 0, 0.8, 0], "torque": {"x": 1}}"#);
-        assert_eq!(q, Sample { t_s: 12.5, motion: Told::Attitude([0.6, 0.0, 0.8, 0.0]), sun: None });
+        assert_eq!(q, TruthSample { t_s: 12.5, motion: MotionValue::Attitude([0.6, 0.0, 0.8, 0.0]), sun: None });
         let sun = read(r#"{"t_s": 12.5, "q": [1, 0, 0, 0], "sun": [0, 0.6, 0.8001]}"#).sun.expect("a sun");
         assert!((sun[1] - 0.6).abs() < 1e-4 && (sun[1] * sun[1] + sun[2] * sun[2] - 1.0).abs() < 1e-12, "{sun:?}");
         let rate = read(r#" {"rate_arcsec_s":[1,-2.5,3e1],"t_s":-1} "#);
-        assert_eq!(rate, Sample { t_s: -1.0, motion: Told::Rate([1.0, -2.5, 30.0]), sun: None });
+        assert_eq!(rate, TruthSample { t_s: -1.0, motion: MotionValue::Rate([1.0, -2.5, 30.0]), sun: None });
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! Reading a source: tasks of the runtime that take what comes and hand it to the follower, and report to the source what
+//! Reading a source: tasks of the runtime that take what comes and hand it to the synchroniser, and report to the source what
 //! left where it asks.
 //!
 //! A source that runs ahead of the unit is read no further than [`AHEAD_S`]; what it sends meanwhile waits in the kernel. 42
@@ -17,9 +17,11 @@ use tokio::net::tcp::{ReadHalf, WriteHalf};
 use tokio::net::{TcpStream, UdpSocket};
 use tokio::sync::mpsc::Receiver;
 
+use super::address::TruthAddress;
+use super::external_truth::ExternalTruth;
 use super::forty_two::Message;
+use super::json;
 use super::lines::Lines;
-use super::{Live, LiveAddress, json};
 use crate::console;
 
 /// Further than this ahead of what the unit needs nothing is read, on-board s.
@@ -43,20 +45,20 @@ const MUTE: Duration = Duration::from_secs(300);
 const ACKNOWLEDGEMENT: &[u8] = b"Ack\n";
 
 /// Begins to read.
-pub(super) fn open(live: &Arc<Live>) -> io::Result<()> {
+pub(super) fn open(live: &Arc<ExternalTruth>) -> io::Result<()> {
     let reader = live.clone();
     match live.address() {
-        LiveAddress::Udp(address) => {
+        TruthAddress::Udp(address) => {
             let socket = std::net::UdpSocket::bind(address)?;
             let at = socket.local_addr()?;
             socket.set_nonblocking(true)?;
             let socket = Arc::new(UdpSocket::from_std(socket)?);
-            let bound = live.bound.get_or_init(|| LiveAddress::Udp(at.to_string()));
+            let bound = live.bound.get_or_init(|| TruthAddress::Udp(at.to_string()));
             console::ready(&format!("truth {bound}"));
             tokio::spawn(report_over_udp(live.clone(), socket.clone()));
             tokio::spawn(listen(reader, socket));
         }
-        LiveAddress::Tcp(address) | LiveAddress::FortyTwo(address) => {
+        TruthAddress::Tcp(address) | TruthAddress::FortyTwo(address) => {
             tokio::spawn(visit(reader, address.clone()));
         }
     }
@@ -64,7 +66,7 @@ pub(super) fn open(live: &Arc<Live>) -> io::Result<()> {
 }
 
 /// Takes datagrams, each of one or more lines.
-async fn listen(live: Arc<Live>, socket: Arc<UdpSocket>) {
+async fn listen(live: Arc<ExternalTruth>, socket: Arc<UdpSocket>) {
     let (mut lines, mut datagram) = (Lines::default(), vec![0; DATAGRAM]);
     loop {
         live.until_wanted(AHEAD_S).await;
@@ -83,7 +85,7 @@ async fn listen(live: Arc<Live>, socket: Arc<UdpSocket>) {
 }
 
 /// Takes a JSON line of a peer.
-fn take_line(live: &Live, place: fmt::Arguments<'_>, line: Result<&str, String>, peer: Option<SocketAddr>) {
+fn take_line(live: &ExternalTruth, place: fmt::Arguments<'_>, line: Result<&str, String>, peer: Option<SocketAddr>) {
     match line.and_then(json::line) {
         Ok(line) => {
             if line.subscribes {
@@ -96,7 +98,7 @@ fn take_line(live: &Live, place: fmt::Arguments<'_>, line: Result<&str, String>,
 }
 
 /// Sends reports to whoever asked for them last.
-async fn report_over_udp(live: Arc<Live>, socket: Arc<UdpSocket>) {
+async fn report_over_udp(live: Arc<ExternalTruth>, socket: Arc<UdpSocket>) {
     let Some(mut reports) = live.reports.receiver() else { return };
     while let Some(line) = reports.recv().await {
         let peer = *live.reports.peer();
@@ -119,7 +121,7 @@ async fn report_over_tcp(stream: &mut WriteHalf<'_>, reports: &mut Receiver<Stri
 }
 
 /// Connects to a server, reads it, and connects again when it is gone.
-async fn visit(live: Arc<Live>, address: String) {
+async fn visit(live: Arc<ExternalTruth>, address: String) {
     let Some(mut reports) = live.reports.receiver() else { return };
     let mut was_there = true;
     loop {
@@ -159,12 +161,17 @@ fn keep_alive(stream: &TcpStream) -> io::Result<()> {
 
 /// Reads a server to its end, or until it was `mute` for too long. Not so 42: it takes one connection and no other, and
 /// stands still while somebody looks at it.
-async fn read(live: &Live, mut stream: TcpStream, reports: &mut Receiver<String>, mute: Duration) -> io::Result<()> {
+async fn read(
+    live: &ExternalTruth,
+    mut stream: TcpStream,
+    reports: &mut Receiver<String>,
+    mute: Duration,
+) -> io::Result<()> {
     stream.set_nodelay(true)?;
     keep_alive(&stream)?;
     let (mut reader, mut writer) = stream.split();
     match live.address() {
-        LiveAddress::FortyTwo(_) => read_lines(live, &mut reader, Some(&mut writer), mute).await,
+        TruthAddress::FortyTwo(_) => read_lines(live, &mut reader, Some(&mut writer), mute).await,
         _ => tokio::select! {
             ended = read_lines(live, &mut reader, None, mute) => ended,
             failed = report_over_tcp(&mut writer, reports) => failed,
@@ -174,7 +181,7 @@ async fn read(live: &Live, mut stream: TcpStream, reports: &mut Receiver<String>
 
 /// Reads the lines of a server; of 42 where there is something to acknowledge its messages on.
 async fn read_lines(
-    live: &Live,
+    live: &ExternalTruth,
     reader: &mut ReadHalf<'_>,
     mut forty_two: Option<&mut WriteHalf<'_>>,
     mute: Duration,
@@ -242,8 +249,8 @@ mod tests {
             assert!(getsockopt(&stream, sockopt::KeepAlive).expect("an option"));
             assert_eq!(getsockopt(&stream, sockopt::TcpUserTimeout).expect("an option"), SILENCE_MS);
 
-            let address = if is_forty_two { LiveAddress::FortyTwo(address) } else { LiveAddress::Tcp(address) };
-            let live = Live::new(address, TruthNumbers::default());
+            let address = if is_forty_two { TruthAddress::FortyTwo(address) } else { TruthAddress::Tcp(address) };
+            let live = ExternalTruth::new(address, TruthNumbers::default());
             let reader = live.clone();
             let mute = Duration::from_millis(50);
             let mut reports = live.reports.receiver().expect("the first");

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use geu_protocol::{Gyro, HalfSecond};
 
-use super::catalogue::{HeadLaw, Law, LinkLaw, SpikeLaw, UnitLaw};
+use super::catalogue::{HeadLaw, Law, LinkFault, SpikeLaw, UnitLaw};
 use super::expectation::{Verdict, Watch};
 use super::expression::Moment;
 use super::{Draw, Fault, List, Target};
@@ -39,7 +39,8 @@ impl Acting {
         matches!(self.law, Law::Unit(UnitLaw::Reset | UnitLaw::BrownOut | UnitLaw::BootDelay))
     }
 
-    pub fn on_link(&self) -> Option<LinkLaw> {
+    /// What it does on links.
+    pub fn on_link(&self) -> Option<LinkFault> {
         match self.law {
             Law::Link(law) => Some(law),
             _ => None,

@@ -97,31 +97,59 @@ pub enum UnitLaw {
     HeaterLost,
 }
 
-/// What a fault of a link does to what it carries.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[allow(missing_docs)]
-pub enum LinkLaw {
-    Drop,
-    Duplicate { copies: u64 },
-    Reorder,
-    Delay { delay_s: f64 },
-    Jitter { jitter_s: f64 },
-    Truncate { bytes: u64 },
-    Split { byte: u64, gap_s: f64 },
-    Merge { frames: u64 },
-    ExtraBytes { bytes: u64 },
-    BitFlip { bits: u64, is_after_crc: bool },
-    SequenceStuck,
-    SequenceJump { by: i64 },
-    StaleRepeat,
-    WrongLength { length: u64 },
-    WrongIdentifier { identifier: u64 },
-    Babble { amount: u64 },
-    Silence,
-    BaudMismatch { baud: f64 },
-    ReplyLate { delay_s: f64 },
-    ReplyMissing,
+/// The list of the faults of links: hands each to the macro `$with`, with its numbers and the module of the daemon that says
+/// what it does to the bytes of a link.
+#[macro_export]
+macro_rules! link_faults {
+    ($with:ident) => {
+        $with! {
+            drop: Drop {},
+            duplicate: Duplicate { copies: u64 },
+            reorder: Reorder {},
+            delay: Delay { delay_s: f64 },
+            jitter: Jitter { jitter_s: f64 },
+            truncate: Truncate { bytes: u64 },
+            split: Split { byte: u64, gap_s: f64 },
+            merge: Merge { frames: u64 },
+            extra_bytes: ExtraBytes { bytes: u64 },
+            bit_flip: BitFlip { bits: u64, is_after_crc: bool },
+            sequence_stuck: SequenceStuck {},
+            sequence_jump: SequenceJump { by: i64 },
+            stale_repeat: StaleRepeat {},
+            wrong_length: WrongLength { length: u64 },
+            wrong_identifier: WrongIdentifier { identifier: u64 },
+            babble: Babble { amount: u64 },
+            silence: Silence {},
+            baud_mismatch: BaudMismatch { baud: f64 },
+            reply_late: ReplyLate { delay_s: f64 },
+            reply_missing: ReplyMissing {},
+        }
+    };
 }
+
+macro_rules! declare {
+    ($($module:ident: $fault:ident { $($number:ident: $type:ty),* }),* $(,)?) => {
+        /// The faults of links.
+        #[allow(missing_docs)]
+        pub mod link_fault {
+            $(
+                #[derive(Debug, Clone, Copy, PartialEq)]
+                pub struct $fault { $(pub $number: $type),* }
+
+                impl From<$fault> for super::Law {
+                    fn from(fault: $fault) -> super::Law { super::Law::Link(super::LinkFault::$fault(fault)) }
+                }
+            )*
+        }
+
+        /// A fault of a link.
+        #[derive(Debug, Clone, Copy, PartialEq)]
+        #[allow(missing_docs)]
+        pub enum LinkFault { $($fault(link_fault::$fault)),* }
+    };
+}
+
+link_faults!(declare);
 
 /// What a named fault does.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -140,7 +168,7 @@ pub enum Law {
     /// On the unit.
     Unit(UnitLaw),
     /// On links.
-    Link(LinkLaw),
+    Link(LinkFault),
 }
 
 /// What is said of a named fault.
@@ -210,7 +238,7 @@ impl Spec {
             Law::Head(HeadLaw::Spike { counts: 0.0, .. }) => other("0", "counts"),
             Law::Head(HeadLaw::WrongLsb { factor: 1.0 }) => other("1", "factor"),
             Law::Unit(UnitLaw::ClockJump { cycles: 0 }) => other("0", "cycles"),
-            Law::Link(LinkLaw::SequenceJump { by: 0 }) => other("0", "by"),
+            Law::Link(LinkFault::SequenceJump(link_fault::SequenceJump { by: 0 })) => other("0", "by"),
             Law::Unit(UnitLaw::FlipFlags { gyro_flags: 0, unit_flags: 0 }) => {
                 Some(("gyro_flags", "a mask with at least one bit, here or in `unit_flags`,".to_owned()))
             }
@@ -402,30 +430,30 @@ pub static CATALOGUE: &[Spec] = &[
         Some(0.5),
         |n| Law::Unit(UnitLaw::ClockJump { cycles: n[0] as i64 }),
     ),
-    link("drop", "half seconds are not sent", &[], &[], |_| Law::Link(LinkLaw::Drop)),
+    link("drop", "half seconds are not sent", &[], &[], |_| link_fault::Drop {}.into()),
     link(
         "duplicate",
         "half seconds are sent more than once",
         &[number("copies", WHOLE, ONE, 1.0, 16.0, "how often more")],
         &[],
-        |n| Law::Link(LinkLaw::Duplicate { copies: n[0] as u64 }),
+        |n| link_fault::Duplicate { copies: n[0] as u64 }.into(),
     ),
     link("reorder", "of each two half seconds the second is sent before the first", &[], &[], |_| {
-        Law::Link(LinkLaw::Reorder)
+        link_fault::Reorder {}.into()
     }),
     link(
         "delay",
         "half seconds are sent late",
         &[number("delay_s", REAL, REQUIRED, LEAST_DELAY_S, 60.0, "how late")],
         &[],
-        |n| Law::Link(LinkLaw::Delay { delay_s: n[0] }),
+        |n| link_fault::Delay { delay_s: n[0] }.into(),
     ),
     link(
         "jitter",
         "half seconds are sent late, each by a delay drawn evenly",
         &[number("jitter_s", REAL, REQUIRED, LEAST_DELAY_S, 60.0, "the longest")],
         &[],
-        |n| Law::Link(LinkLaw::Jitter { jitter_s: n[0] }),
+        |n| link_fault::Jitter { jitter_s: n[0] }.into(),
     ),
     Spec {
         bounds: &[bound("bytes", CAN, 8.0, "on CAN")],
@@ -434,7 +462,7 @@ pub static CATALOGUE: &[Spec] = &[
             "the last bytes are missing; on CAN every message is shorter, and one without bytes left is not sent",
             &[number("bytes", WHOLE, ONE, 1.0, 27.0, "how many")],
             &[],
-            |n| Law::Link(LinkLaw::Truncate { bytes: n[0] as u64 }),
+            |n| link_fault::Truncate { bytes: n[0] as u64 }.into(),
         )
     },
     Spec {
@@ -447,7 +475,7 @@ pub static CATALOGUE: &[Spec] = &[
                 number("gap_s", REAL, Default::Value(0.05), LEAST_DELAY_S, 10.0, "how long"),
             ],
             &[],
-            |n| Law::Link(LinkLaw::Split { byte: n[0] as u64, gap_s: n[1] }),
+            |n| link_fault::Split { byte: n[0] as u64, gap_s: n[1] }.into(),
         )
     },
     link(
@@ -455,14 +483,14 @@ pub static CATALOGUE: &[Spec] = &[
         "half seconds are held and sent together",
         &[number("frames", WHOLE, Default::Value(2.0), 2.0, 64.0, "how many at once")],
         &[],
-        |n| Law::Link(LinkLaw::Merge { frames: n[0] as u64 }),
+        |n| link_fault::Merge { frames: n[0] as u64 }.into(),
     ),
     link(
         "extra-bytes",
         "bytes that mean nothing stand before each half second",
         &[number("bytes", WHOLE, ONE, 1.0, 64.0, "how many")],
         &[(LinkKind::Can, NO_FRAMES)],
-        |n| Law::Link(LinkLaw::ExtraBytes { bytes: n[0] as u64 }),
+        |n| link_fault::ExtraBytes { bytes: n[0] as u64 }.into(),
     ),
     link(
         "bit-flip",
@@ -472,20 +500,20 @@ pub static CATALOGUE: &[Spec] = &[
             number("crc", Form::Choice(&["after", "before"]), Default::Value(0.0), 0.0, 1.0, "after or before the CRC"),
         ],
         &[],
-        |n| Law::Link(LinkLaw::BitFlip { bits: n[0] as u64, is_after_crc: n[1] == 0.0 }),
+        |n| link_fault::BitFlip { bits: n[0] as u64, is_after_crc: n[1] == 0.0 }.into(),
     ),
     link("sequence-stuck", "the sequence stands still, the CRC is right", &[], &[], |_| {
-        Law::Link(LinkLaw::SequenceStuck)
+        link_fault::SequenceStuck {}.into()
     }),
     link(
         "sequence-jump",
         "the sequence is off by so much, the CRC is right",
         &[number("by", WHOLE, REQUIRED, -32768.0, 32767.0, "how much")],
         &[],
-        |n| Law::Link(LinkLaw::SequenceJump { by: n[0] as i64 }),
+        |n| link_fault::SequenceJump { by: n[0] as i64 }.into(),
     ),
     link("stale-repeat", "the last good half second is sent again and again", &[], &[], |_| {
-        Law::Link(LinkLaw::StaleRepeat)
+        link_fault::StaleRepeat {}.into()
     }),
     Spec {
         bounds: &[bound("length", CAN, 8.0, "on CAN")],
@@ -494,7 +522,7 @@ pub static CATALOGUE: &[Spec] = &[
             "the length told is not that of the data; on CAN every message has this length",
             &[number("length", WHOLE, REQUIRED, 0.0, 255.0, "length told; on CAN 0…8")],
             &[],
-            |n| Law::Link(LinkLaw::WrongLength { length: n[0] as u64 }),
+            |n| link_fault::WrongLength { length: n[0] as u64 }.into(),
         )
     },
     Spec {
@@ -504,7 +532,7 @@ pub static CATALOGUE: &[Spec] = &[
             "messages go out under another identifier: the frame's type, on CAN the identifier of INCREMENTS, the others behind it",
             &[number("identifier", WHOLE, REQUIRED, 0.0, 2045.0, "type 0…255, on CAN 0…2045")],
             &[],
-            |n| Law::Link(LinkLaw::WrongIdentifier { identifier: n[0] as u64 }),
+            |n| link_fault::WrongIdentifier { identifier: n[0] as u64 }.into(),
         )
     },
     link(
@@ -512,24 +540,24 @@ pub static CATALOGUE: &[Spec] = &[
         "nonsense between the half seconds: bytes, on CAN frames of any identifier",
         &[number("amount", WHOLE, Default::Value(16.0), 1.0, 1000.0, "bytes or frames in each half second")],
         &[],
-        |n| Law::Link(LinkLaw::Babble { amount: n[0] as u64 }),
+        |n| link_fault::Babble { amount: n[0] as u64 }.into(),
     ),
-    link("silence", "neither data nor replies", &[], &[], |_| Law::Link(LinkLaw::Silence)),
+    link("silence", "neither data nor replies", &[], &[], |_| link_fault::Silence {}.into()),
     link(
         "baud-mismatch",
         "the bytes that a receiver at the link's rate reads when they are sent at another",
         &[number("baud", REAL, REQUIRED, 50.0, 4e6, "rate of the sender")],
         &[(LinkKind::Can, NO_BAUD_CAN), (LinkKind::Tcp, NO_BAUD_TCP)],
-        |n| Law::Link(LinkLaw::BaudMismatch { baud: n[0] }),
+        |n| link_fault::BaudMismatch { baud: n[0] }.into(),
     ),
     link(
         "reply-late",
         "replies, and what was polled, are late",
         &[number("delay_s", REAL, REQUIRED, LEAST_DELAY_S, 60.0, "how late")],
         &[],
-        |n| Law::Link(LinkLaw::ReplyLate { delay_s: n[0] }),
+        |n| link_fault::ReplyLate { delay_s: n[0] }.into(),
     ),
-    link("reply-missing", "commands act, and get no reply", &[], &[], |_| Law::Link(LinkLaw::ReplyMissing)),
+    link("reply-missing", "commands act, and get no reply", &[], &[], |_| link_fault::ReplyMissing {}.into()),
     impossible("parity-error", "bytes with wrong parity", &NO_LINE_LINKS),
     impossible("framing-error", "bytes without a stop bit", &NO_LINE_LINKS),
     impossible("bus-off", "the controller leaves the bus", &NO_BUS_LINKS),

@@ -11,8 +11,8 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use clap::Args;
-use geu_daemon::cadence::{Sleeper, now_ns};
-use geu_daemon::lateness::{Histogram, Time};
+use geu_daemon::cadence::{DeadlineTimer, now_ns};
+use geu_daemon::lateness::{DurationNs, Histogram};
 use geu_model::units::HALF_SECOND_NS;
 use geu_process::EmulatorProcess;
 use geu_protocol::CanPlan;
@@ -54,9 +54,11 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let arm = |third: i64, spin: Duration| {
         let first_ns = start_ns + third * HALF_SECOND_NS / 3;
         thread::spawn(move || {
-            let sleeper = Sleeper::new(spin);
+            let sleeper = DeadlineTimer::new(spin);
             let deadlines = (0..sends).map(|index| first_ns + index * HALF_SECOND_NS);
-            deadlines.map(|deadline_ns| (sleeper.until(deadline_ns), now_ns() - deadline_ns).1).collect::<Vec<_>>()
+            deadlines
+                .map(|deadline_ns| (sleeper.sleep_until(deadline_ns), now_ns() - deadline_ns).1)
+                .collect::<Vec<_>>()
         })
     };
     let (plain, spinning) = (arm(0, Duration::ZERO), arm(1, spin));
@@ -246,7 +248,7 @@ impl Bus {
             say!("  {name:<22} interval off by {histogram}")?;
             say!("  {:<22} period {ppm:+.4} ± {sigma:.4} ppm, behind by {} at the end", "", {
                 let behind_ns = residual_ns[residual_ns.len() - 1] - least(&residual_ns);
-                Time(behind_ns.max(0.0) as u64)
+                DurationNs(behind_ns.max(0.0) as u64)
             })?;
         }
         Ok(())

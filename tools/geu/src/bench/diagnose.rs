@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 use geu_calibration::CountsReader;
-use geu_daemon::record::{Destination, Recorder};
+use geu_daemon::recorder::{Destination, Recorder};
 use geu_daemon::simulate::simulate;
 use geu_diagnosis::Measured;
 use geu_diagnosis::measured::{Shifts, TIMING};

@@ -6,7 +6,7 @@ use std::process::Command;
 use std::time::Instant;
 
 use clap::Args;
-use geu_daemon::record::{Destination, Recorder};
+use geu_daemon::recorder::{Destination, Recorder};
 use geu_daemon::simulate::simulate;
 use geu_model::configuration::WireForm;
 use geu_model::effect::{Effects, HeadEffects, UnitEffects};

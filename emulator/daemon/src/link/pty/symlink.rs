@@ -13,7 +13,7 @@ use std::sync::Mutex;
 
 use nix::libc::{O_NOFOLLOW, O_NONBLOCK};
 
-use super::super::LinkError;
+use super::super::error::LinkError;
 
 /// What a lock begins with; a file that begins otherwise is somebody else's.
 const MARK: &str = "geu pty ";

@@ -1,25 +1,22 @@
 //! The thread that keeps the time of a recording.
 
-use std::sync::atomic::Ordering::Relaxed;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError};
 use std::sync::{Arc, Mutex};
-use std::thread;
 use std::time::Duration;
 
-use geu_model::fault::acting::{Acting, Faults, Happening};
-use geu_model::fault::catalogue::LinkLaw;
+use geu_model::fault::acting::{Faults, Happening};
 use geu_model::fault::expression::Moment;
 use geu_model::units::{HALF_SECOND_NS, on_board_s};
 use geu_protocol::field::unit_flag;
 use geu_protocol::{CanFrame, CanPlan, HalfSecond};
 
-use super::{Item, Settings, Steps, What, Whose};
-use crate::cadence::{Sleeper, Speed, doze_until, now_ns};
-use crate::carriage::{Carrier, Content, Form, Piece};
+use super::item::{Item, Settings, Steps, What, Whose};
+use crate::cadence::{DeadlineTimer, doze_until, now_ns};
 use crate::console;
-use crate::lateness::Time;
-use crate::patience::{LAST_WORDS, Patience};
-use crate::run::{LEAD_NS, LOOK_AGAIN, Outgoing, PATIENCE, Timing};
+use crate::lateness::DurationNs;
+use crate::link_model::{Encoding, LinkModel, Transmission, WireData};
+use crate::run::output::LinkOutput;
+use crate::run::session::{LEAD_NS, Session};
 
 /// A process held up for so long goes on from where it stood: what it did not send then is not sent in a burst.
 const HELD_UP_NS: i64 = 1_000_000_000;
@@ -43,7 +40,7 @@ pub(super) struct Counts {
 }
 
 pub(super) struct Player {
-    pub links: Vec<Outgoing>,
+    pub links: Vec<LinkOutput>,
     pub faults: Faults,
     pub counts: Counts,
     /// The half second sent last, for the status line.
@@ -52,10 +49,8 @@ pub(super) struct Player {
     steps: Option<Steps>,
     /// Half seconds that may go out before another step.
     allowed: u64,
-    speed: Speed,
     recorded_plan: CanPlan,
-    wait_for_client: bool,
-    timing: Arc<Timing>,
+    session: Session,
     /// Index of the half second that comes next.
     frame: u64,
     last: Option<HalfSecond>,
@@ -67,10 +62,10 @@ pub(super) struct Player {
 impl Player {
     pub fn new(
         settings: &Settings,
-        links: Vec<Outgoing>,
+        links: Vec<LinkOutput>,
         items: Receiver<Vec<Item>>,
         steps: Option<Steps>,
-        timing: Arc<Timing>,
+        session: Session,
     ) -> Player {
         Player {
             is_written_anew: vec![false; links.len()],
@@ -79,12 +74,10 @@ impl Player {
             counts: Counts::default(),
             shown: Arc::default(),
             items,
-            speed: if steps.is_some() { Speed::Max } else { settings.speed },
             steps,
             allowed: 0,
             recorded_plan: settings.recorded_plan,
-            wait_for_client: settings.wait_for_client,
-            timing,
+            session,
             frame: 0,
             last: None,
             start_ns: 0,
@@ -93,18 +86,15 @@ impl Player {
 
     /// Plays until the items are over, or it is stopped.
     pub fn play(&mut self) {
-        let sleeper = Sleeper::new(Duration::ZERO);
-        while self.wait_for_client && !self.is_stopped() && !self.has_client() {
-            thread::park_timeout(LOOK_AGAIN);
-        }
+        let timer = DeadlineTimer::new(Duration::ZERO);
+        self.session.await_client(&self.links);
         self.start_ns = now_ns();
-        let last_ns = self.play_items(&sleeper);
-        let patience = Patience::new(self.limit().max(LAST_WORDS), &self.timing.stop);
-        self.links.iter_mut().for_each(|outgoing| outgoing.end(last_ns, &patience));
+        let last_ns = self.play_items(&timer);
+        self.session.end_links(&mut self.links, last_ns);
     }
 
     /// Plays the items; when the last one was due.
-    fn play_items(&mut self, sleeper: &Sleeper) -> i64 {
+    fn play_items(&mut self, timer: &DeadlineTimer) -> i64 {
         let mut last_ns = 0;
         loop {
             let batch = match self.items.recv_timeout(WAIT) {
@@ -113,8 +103,8 @@ impl Player {
                 Err(_) => return last_ns,
             };
             for item in batch {
-                self.send_held(item.played_ns - 1, sleeper);
-                self.wait_until(item.played_ns, sleeper);
+                self.send_held(item.played_ns - 1, timer);
+                self.wait_until(item.played_ns, timer);
                 if self.is_stopped() {
                     return last_ns;
                 }
@@ -124,59 +114,47 @@ impl Player {
                     return last_ns;
                 }
                 if is_content && let Some(deadline_ns) = self.wall_ns(last_ns) {
-                    self.timing.record(now_ns() - deadline_ns);
+                    self.session.monitor.record(now_ns() - deadline_ns);
                 }
             }
         }
     }
 
     fn is_stopped(&self) -> bool {
-        self.timing.stop.is_asked()
-    }
-
-    fn has_client(&self) -> bool {
-        self.links.iter().any(|outgoing| outgoing.link.tally().clients.load(Relaxed) > 0)
-    }
-
-    fn limit(&self) -> Duration {
-        if self.speed.is_faster_than_real() { PATIENCE } else { Duration::ZERO }
-    }
-
-    fn patience(&self) -> Patience {
-        Patience::new(self.limit(), &self.timing.stop)
+        self.session.is_stopped()
     }
 
     fn wall_ns(&self, played_ns: i64) -> Option<i64> {
-        self.speed.wall_ns(played_ns).map(|wall_ns| self.start_ns.saturating_add(wall_ns))
+        self.session.speed.wall_ns(played_ns).map(|wall_ns| self.start_ns.saturating_add(wall_ns))
     }
 
-    fn wait_until(&mut self, played_ns: i64, sleeper: &Sleeper) {
+    fn wait_until(&mut self, played_ns: i64, timer: &DeadlineTimer) {
         let Some(deadline_ns) = self.wall_ns(played_ns) else { return };
         while !self.is_stopped() && now_ns() < deadline_ns - LEAD_NS {
             doze_until(deadline_ns - LEAD_NS);
         }
         if !self.is_stopped() {
-            sleeper.until(deadline_ns);
+            timer.sleep_until(deadline_ns);
         }
         let late_ns = now_ns() - deadline_ns;
-        if late_ns > HELD_UP_NS && !self.speed.is_faster_than_real() {
+        if late_ns > HELD_UP_NS && !self.session.speed.is_faster_than_real() {
             self.counts.held_up += 1;
             self.start_ns += late_ns;
-            let late = Time(late_ns as u64);
+            let late = DurationNs(late_ns as u64);
             console::say(format_args!("held up for about {late}; the recording goes on where it stood"));
         }
     }
 
     /// Sends, each at its time, what a fault holds back until then.
-    fn send_held(&mut self, until_ns: i64, sleeper: &Sleeper) {
-        let next = |links: &[Outgoing]| links.iter().filter_map(|outgoing| outgoing.outbox.next_ns()).min();
+    fn send_held(&mut self, until_ns: i64, timer: &DeadlineTimer) {
+        let next = |links: &[LinkOutput]| links.iter().filter_map(|output| output.queue.next_ns()).min();
         while let Some(due_ns) = next(&self.links).filter(|&due_ns| due_ns <= until_ns) {
-            self.wait_until(due_ns, sleeper);
+            self.wait_until(due_ns, timer);
             if self.is_stopped() {
                 return;
             }
-            let patience = self.patience();
-            self.links.iter_mut().for_each(|outgoing| outgoing.send_due(due_ns, &patience));
+            let patience = self.session.patience();
+            self.links.iter_mut().for_each(|output| output.send_due(due_ns, &patience));
         }
     }
 
@@ -208,7 +186,7 @@ impl Player {
             while self.allowed == 0 {
                 match steps.recv_timeout(WAIT) {
                     Ok(step) => self.allowed += step,
-                    Err(RecvTimeoutError::Timeout) if !self.timing.stop.is_asked() => {}
+                    Err(RecvTimeoutError::Timeout) if !self.session.is_stopped() => {}
                     Err(_) => return false,
                 }
             }
@@ -228,19 +206,19 @@ impl Player {
             self.faults.take_happened().iter().for_each(tell);
         }
         let acting = self.faults.acting().clone();
-        let (patience, mut is_faulted) = (self.patience(), false);
-        for (outgoing, is_written_anew) in self.links.iter_mut().zip(&mut self.is_written_anew) {
-            let carrier = outgoing.link.carrier().clone();
-            let is_touched = !carrier.touching(&acting).is_empty();
+        let (patience, mut is_faulted) = (self.session.patience(), false);
+        for (output, is_written_anew) in self.links.iter_mut().zip(&mut self.is_written_anew) {
+            let model = output.link.info().model.clone();
+            let is_touched = !model.touching(&acting).is_empty();
             is_faulted |= is_touched;
             // What was held back for this half second comes before or behind all of it, never between its frames.
-            outgoing.outbox.put(&[], frame, item.played_ns);
-            let waits = outgoing.outbox.is_within_frame()
-                || outgoing.outbox.next_ns().is_some_and(|due_ns| due_ns <= item.played_ns + 1);
-            *is_written_anew = is_touched || waits || is_can != is_bus(&carrier);
+            output.queue.put(Vec::new(), frame, item.played_ns);
+            let waits = output.queue.is_within_frame()
+                || output.queue.next_ns().is_some_and(|due_ns| due_ns <= item.played_ns + 1);
+            *is_written_anew = is_touched || waits || is_can != is_bus(&model);
             if *is_written_anew {
-                outgoing.put(Some(half_second), frame, item.played_ns, &acting);
-                outgoing.send_due(item.played_ns, &patience);
+                output.put(Some(half_second), frame, item.played_ns, &acting);
+                output.send_due(item.played_ns, &patience);
             }
         }
         self.counts.half_seconds += 1;
@@ -269,28 +247,28 @@ impl Player {
     }
 
     /// Sends a content as it was recorded, over links of its form.
-    fn send(&mut self, content: &Content, whose: Whose, played_ns: i64) {
-        let is_can = matches!(content, Content::Frame(_));
-        let (patience, acting) = (self.patience(), self.faults.acting().clone());
+    fn send(&mut self, content: &WireData, whose: Whose, played_ns: i64) {
+        let is_can = matches!(content, WireData::Frame(_));
+        let (patience, acting) = (self.session.patience(), self.faults.acting().clone());
         let mut is_left_out = false;
-        for (outgoing, is_written_anew) in self.links.iter_mut().zip(&self.is_written_anew) {
-            let carrier = outgoing.link.carrier();
-            if whose == Whose::HalfSecond && *is_written_anew || whose == Whose::Unit && is_silenced(carrier, &acting) {
+        for (output, is_written_anew) in self.links.iter_mut().zip(&self.is_written_anew) {
+            let model = &output.link.info().model;
+            if whose == Whose::HalfSecond && *is_written_anew || whose == Whose::Unit && model.blocks_samples(&acting) {
                 continue;
             }
-            if is_can != is_bus(carrier) {
+            if is_can != is_bus(model) {
                 is_left_out = true;
                 continue;
             }
-            let moved = moved(content, whose, self.recorded_plan, carrier);
+            let moved = moved(content, whose, self.recorded_plan, model);
             // Behind a frame that has begun, should there be one.
-            outgoing.outbox.put(&[Piece::on_time(0, moved)], self.frame.saturating_sub(1), played_ns);
-            outgoing.send_due(played_ns, &patience);
+            output.queue.put(vec![Transmission::on_time(0, moved)], self.frame.saturating_sub(1), played_ns);
+            output.send_due(played_ns, &patience);
         }
         if is_left_out {
             match (whose, content) {
-                (Whose::Unit | Whose::HalfSecond, Content::Frame(_)) => self.counts.unit_frames += 1,
-                (Whose::Unit | Whose::HalfSecond, Content::Bytes(bytes)) => {
+                (Whose::Unit | Whose::HalfSecond, WireData::Frame(_)) => self.counts.unit_frames += 1,
+                (Whose::Unit | Whose::HalfSecond, WireData::Bytes(bytes)) => {
                     self.counts.unit_bytes += bytes.len() as u64
                 }
                 _ => self.counts.other += 1,
@@ -299,21 +277,16 @@ impl Player {
     }
 }
 
-fn is_bus(carrier: &Carrier) -> bool {
-    matches!(carrier.form, Form::Can(_))
-}
-
-/// Whether a fault that acts lets nothing of the unit through.
-fn is_silenced(carrier: &Carrier, acting: &[Acting]) -> bool {
-    carrier.own(acting).iter().any(|(_, law)| matches!(law, LinkLaw::Silence | LinkLaw::Drop))
+fn is_bus(model: &LinkModel) -> bool {
+    matches!(model.encoding, Encoding::Can(_))
 }
 
 /// A message of the unit with the identifier that it has on this link.
-fn moved(content: &Content, whose: Whose, recorded: CanPlan, carrier: &Carrier) -> Content {
-    match (content, carrier.form) {
-        (Content::Frame(frame), Form::Can(plan)) if whose != Whose::Other => {
+fn moved(content: &WireData, whose: Whose, recorded: CanPlan, model: &LinkModel) -> WireData {
+    match (content, model.encoding) {
+        (WireData::Frame(frame), Encoding::Can(plan)) if whose != Whose::Other => {
             let id = frame.id().saturating_sub(recorded.base()).saturating_add(plan.base());
-            Content::Frame(CanFrame::new(id, frame.data()).unwrap_or(*frame))
+            WireData::Frame(CanFrame::new(id, frame.data()).unwrap_or(*frame))
         }
         _ => content.clone(),
     }

@@ -3,38 +3,33 @@ use std::sync::mpsc::sync_channel;
 
 use geu_model::Configuration;
 use geu_model::fault::catalogue::LinkKind;
-use geu_protocol::CanFrame;
 use geu_protocol::serial::data_frame;
+use geu_protocol::{CanFrame, CanPlan, HalfSecond};
 
 use super::*;
 use crate::cadence::now_ns;
-use crate::carriage::Carrier;
-use crate::link::Link;
+use crate::link::{Link, LinkInfo};
+use crate::link_model::{LinkModel, WireData};
 use crate::patience::Patience;
 
 /// What was sent, and when, ns.
-type Timed = Vec<(i64, Content)>;
+type Timed = Vec<(i64, WireData)>;
 type Sent = Arc<Mutex<Timed>>;
 
 /// A link that keeps what it is given.
 struct Kept {
-    carrier: Carrier,
-    next: Vec<Content>,
+    info: LinkInfo,
     sent: Sent,
 }
 
 impl Link for Kept {
-    fn carrier(&self) -> &Carrier {
-        &self.carrier
+    fn info(&self) -> &LinkInfo {
+        &self.info
     }
 
-    fn prepare(&mut self, contents: &[Content], _goes_on: bool) {
-        self.next = contents.to_vec();
-    }
-
-    fn send(&mut self, _patience: &Patience) {
+    fn send(&mut self, data: &[WireData], _more_fragments: bool, _patience: &Patience) {
         let now_ns = now_ns();
-        self.sent.lock().unwrap().extend(self.next.drain(..).map(|content| (now_ns, content)));
+        self.sent.lock().unwrap().extend(data.iter().map(|data| (now_ns, data.clone())));
     }
 
     fn send_answers(&mut self) {}
@@ -42,18 +37,14 @@ impl Link for Kept {
     fn is_drained(&self) -> bool {
         true
     }
-
-    fn tally(&self) -> Arc<Tally> {
-        Tally::new("kept")
-    }
 }
 
 /// A half second on CAN of base 300 with a frame of somebody else in it, at 20 ms.
 fn items(half_second: &HalfSecond) -> Vec<Item> {
     let frames = CanPlan::with_base(0x300).unwrap().frames(half_second);
-    let other = Content::Frame(CanFrame::new(0x123, &[7]).unwrap());
+    let other = WireData::Frame(CanFrame::new(0x123, &[7]).unwrap());
     let at = |played_ns, what| Item { recorded_ns: played_ns, played_ns, what };
-    let own = |index: usize| What::Content(Content::Frame(frames[index]), Whose::HalfSecond);
+    let own = |index: usize| What::Content(WireData::Frame(frames[index]), Whose::HalfSecond);
     vec![
         at(20_000_000, What::HalfSecond { half_second: *half_second, is_can: true }),
         at(20_000_000, own(0)),
@@ -71,16 +62,16 @@ fn played(speed: Speed, plan: Configuration) -> (Timed, Timed, Counts, i64) {
 /// The same of any items.
 fn played_items(speed: Speed, plan: Configuration, items: Vec<Item>) -> (Timed, Timed, Counts, i64) {
     let (bus, stream) = (Sent::default(), Sent::default());
-    let link = |carrier, sent: &Sent| {
-        Outgoing::new(Box::new(Kept { carrier, next: Vec::new(), sent: sent.clone() }) as Box<dyn Link>)
+    let link = |model, sent: &Sent| {
+        LinkOutput::new(Box::new(Kept { info: LinkInfo::new(model, "kept"), sent: sent.clone() }) as Box<dyn Link>)
     };
-    let links = vec![link(Carrier::can(CanPlan::default()), &bus), link(Carrier::serial(LinkKind::Tcp), &stream)];
+    let links = vec![link(LinkModel::can(CanPlan::default()), &bus), link(LinkModel::serial(LinkKind::Tcp), &stream)];
     let recorded_plan = CanPlan::with_base(0x300).unwrap();
     let settings = Settings { links: Vec::new(), speed, wait_for_client: false, recorded_plan, plan };
     let (sender, received) = sync_channel(1);
     sender.send(items).unwrap();
     drop(sender);
-    let mut player = Player::new(&settings, links, received, None, Arc::default());
+    let mut player = Player::new(&settings, links, received, None, Session::new(&[], speed, false).unwrap());
     let start_ns = now_ns();
     player.play();
     let taken = |sent: Sent| std::mem::take(&mut *sent.lock().unwrap());
@@ -92,13 +83,13 @@ fn frames_go_out_as_they_were_at_their_time_with_the_identifiers_of_the_link() {
     let half_second = HalfSecond { sequence: 9, ..HalfSecond::default() };
     let [increments, status, clock] = CanPlan::default().frames(&half_second);
     let (bus, stream, counts, start_ns) = played(Speed::Times(2.0), Configuration::reference());
-    let expected = [increments, CanFrame::new(0x123, &[7]).unwrap(), status, clock].map(Content::Frame);
+    let expected = [increments, CanFrame::new(0x123, &[7]).unwrap(), status, clock].map(WireData::Frame);
     assert_eq!(bus.iter().map(|(_, content)| content.clone()).collect::<Vec<_>>(), expected);
     for ((sent_ns, _), after_ns) in bus.iter().zip([10_000_000, 20_000_000, 30_000_000, 40_000_000]) {
         assert!(*sent_ns >= start_ns + after_ns, "never early");
     }
     assert_eq!(stream.len(), 1);
-    assert_eq!(stream[0].1, Content::Bytes(data_frame(&half_second).to_vec()));
+    assert_eq!(stream[0].1, WireData::Bytes(data_frame(&half_second).to_vec()));
     assert_eq!(counts, Counts { half_seconds: 1, other: 1, ..Counts::default() });
 }
 
@@ -109,7 +100,7 @@ fn a_fault_acts_on_the_half_second_and_not_on_other_traffic() {
     let (bus, stream, counts, _) = played(Speed::Max, plan);
     assert_eq!(
         bus.into_iter().map(|(_, content)| content).collect::<Vec<_>>(),
-        [Content::Frame(CanFrame::new(0x123, &[7]).unwrap())]
+        [WireData::Frame(CanFrame::new(0x123, &[7]).unwrap())]
     );
     assert!(stream.is_empty() && counts.faulted == 1);
 }
@@ -118,14 +109,14 @@ fn a_fault_acts_on_the_half_second_and_not_on_other_traffic() {
 fn recorded(t_ns: i64, sequence: u16) -> [Item; 2] {
     let half_second = HalfSecond { sequence, ..HalfSecond::default() };
     let at = |what| Item { recorded_ns: t_ns, played_ns: t_ns, what };
-    let content = Content::Bytes(data_frame(&half_second).to_vec());
+    let content = WireData::Bytes(data_frame(&half_second).to_vec());
     [at(What::HalfSecond { half_second, is_can: false }), at(What::Content(content, Whose::HalfSecond))]
 }
 
 fn bytes(timed: &Timed) -> Vec<u8> {
-    let of = |content: &Content| match content {
-        Content::Bytes(bytes) => bytes.clone(),
-        Content::Frame(_) => Vec::new(),
+    let of = |content: &WireData| match content {
+        WireData::Bytes(bytes) => bytes.clone(),
+        WireData::Frame(_) => Vec::new(),
     };
     timed.iter().flat_map(|(_, content)| of(content)).collect()
 }

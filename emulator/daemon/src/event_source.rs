@@ -1,0 +1,90 @@
+//! A unit that reports what happens in it, and repeats the commands of a recorded run.
+
+use std::iter::Peekable;
+use std::sync::Arc;
+use std::vec;
+
+use geu_model::configuration::RecordedCommand;
+use geu_model::fault::acting::Acting;
+use geu_model::{Configuration, Ended, Trace, Truth, Unit};
+use geu_protocol::{HalfSecond, Reply};
+
+use crate::recorder::{PolledSample, UnitEvent};
+
+pub(crate) struct EventSource {
+    pub unit: Unit,
+    /// Commands of a recorded run, still to be repeated.
+    recorded: Peekable<vec::IntoIter<RecordedCommand>>,
+    /// Scheduled end of the last sample, ns.
+    last_end_ns: i64,
+}
+
+/// What a unit answers to a command.
+pub(crate) struct CommandResponse {
+    /// `None` from a unit that a fault keeps silent.
+    pub reply: Option<Reply>,
+    /// The sample that follows the reply.
+    pub polled: Option<HalfSecond>,
+    /// The faults of the running sample interval.
+    pub acting: Arc<Vec<Acting>>,
+}
+
+impl EventSource {
+    pub fn new(configuration: &Configuration, truth: &Truth) -> EventSource {
+        let recorded = configuration.run.commands.clone().into_iter().peekable();
+        EventSource { unit: Unit::on(configuration, truth), recorded, last_end_ns: 0 }
+    }
+
+    /// Carries out the payload of a COMMAND that came over `link`; adds its events to `events`.
+    pub fn command(&mut self, link: &str, payload: &[u8], events: &mut Vec<UnitEvent>) -> CommandResponse {
+        let running_end_ns = self.unit.running_end_ns();
+        let answer = self.unit.command(payload);
+        let acting = self.unit.faults().acting().clone();
+        events.push(UnitEvent::Command {
+            link: link.to_owned(),
+            payload: payload.to_vec(),
+            running_end_ns,
+            reply: answer.map(|answer| answer.reply),
+            acting: acting.clone(),
+        });
+        let Ok(answer) = answer else { return CommandResponse { reply: None, polled: None, acting } };
+        let (reply, polled) = (answer.reply, answer.polled);
+        events.extend(polled.map(|half_second| {
+            UnitEvent::Polled(PolledSample {
+                link: link.to_owned(),
+                half_second,
+                reply,
+                end_ns: self.last_end_ns,
+                injected: self.unit.injected().cloned(),
+                acting: acting.clone(),
+            })
+        }));
+        CommandResponse { reply: Some(reply), polled, acting }
+    }
+
+    /// Repeats the commands that a recorded run had received by now; adds their events to `events`.
+    pub fn repeat_recorded(&mut self, events: &mut Vec<UnitEvent>) {
+        while let Some(command) = self.recorded.next_if(|command| command.half_second <= self.unit.ended()) {
+            self.command(&command.link, &command.payload, events);
+        }
+    }
+
+    /// Ends the running sample.
+    pub fn end(&mut self) -> Ended {
+        let ended = self.unit.end_half_second();
+        self.last_end_ns = ended.end_ns;
+        ended
+    }
+
+    /// The same with what each effect changed.
+    pub fn end_traced(&mut self) -> (Ended, Box<[Trace; 4]>) {
+        let (ended, traces) = self.unit.end_half_second_traced();
+        self.last_end_ns = ended.end_ns;
+        (ended, Box::new(traces))
+    }
+
+    /// Adds what became of faults and expectations since the last call to `events`.
+    pub fn take_happened(&mut self, events: &mut Vec<UnitEvent>) {
+        events.extend(self.unit.take_happened().into_iter().map(UnitEvent::Happened));
+    }
+}

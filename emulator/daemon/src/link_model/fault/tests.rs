@@ -1,0 +1,227 @@
+//! Every fault of links on every link that can have it.
+
+use std::collections::BTreeMap;
+
+use geu_model::fault::catalogue::{CATALOGUE, LinkKind, Scope, Spec};
+use geu_model::number::{Default, Form as NumberForm};
+use geu_model::{Configuration, Unit};
+use geu_protocol::crc::crc16;
+use geu_protocol::serial::{self, Deframer, Found};
+use geu_protocol::{CanPlan, HalfSecond};
+
+use super::super::{LinkModel, Transmission, WireData};
+use super::MAX_TRANSMISSIONS;
+
+fn model(kind: LinkKind) -> LinkModel {
+    match kind {
+        LinkKind::Can => LinkModel::can(CanPlan::default()),
+        kind => LinkModel::serial(kind),
+    }
+}
+
+/// What a link carries in each of 20 half seconds with a fault of it in 8 to 15, and what it would carry.
+fn carried(kind: LinkKind, keys: &str) -> Vec<(Vec<WireData>, Vec<Transmission>)> {
+    planned(kind, &format!("[[fault]]\nlink = \"{}\"\nat_s = 4.0\nfor_s = 4.0\n{keys}", kind.name()))
+}
+
+/// The same with any plan.
+fn planned(kind: LinkKind, plan: &str) -> Vec<(Vec<WireData>, Vec<Transmission>)> {
+    let mut configuration = Configuration::reference();
+    configuration.add_plan("plan", plan).unwrap_or_else(|error| panic!("{error}"));
+    let (mut unit, model) = (Unit::new(&configuration), model(kind));
+    let half_seconds = (0..20).map(|frame| {
+        let ended = unit.end_half_second();
+        let acting = unit.injected().map(|injected| injected.acting.clone()).unwrap_or_default();
+        let sent = Some(&ended.half_second).filter(|_| ended.cyclic);
+        (model.plain(&ended.half_second), model.carry(sent, frame, &acting))
+    });
+    half_seconds.collect()
+}
+
+fn keys(spec: &Spec) -> String {
+    let value = |default: Default, form: NumberForm, least: f64| match (default, form) {
+        (Default::Value(value), _) => value,
+        (_, NumberForm::Whole) => least.max(3.0),
+        _ => least.max(0.3),
+    };
+    let numbers = spec.numbers.iter().map(|n| (n, value(n.default, n.form, n.least)));
+    numbers.fold(format!("fault = \"{}\"\n", spec.code), |text, (number, value)| {
+        text + &format!("{} = {}\n", number.name, number.written(value))
+    })
+}
+
+#[test]
+fn every_fault_changes_what_every_link_that_has_it_carries_while_it_acts_and_no_longer() {
+    for spec in CATALOGUE.iter().filter(|spec| spec.scope == Scope::Link && !spec.code.starts_with("reply")) {
+        for kind in spec.links() {
+            let (all, again) = (carried(kind, &keys(spec)), carried(kind, &keys(spec)));
+            assert_eq!(all, again, "{} on {}", spec.code, kind.name());
+            let mut touched = 0;
+            for (frame, (before, after)) in all.iter().enumerate() {
+                let on_time =
+                    after.iter().all(|transmission| (transmission.frame, transmission.after_ns) == (frame as u64, 0));
+                let same = on_time && after.iter().map(|transmission| &transmission.content).eq(before);
+                assert!(same || (8..16).contains(&frame), "{} on {} at {frame}", spec.code, kind.name());
+                touched += usize::from(!same);
+            }
+            assert!(touched >= 4, "{} on {}: {touched}", spec.code, kind.name());
+        }
+    }
+}
+
+/// The kinds of what a deframer finds in the bytes of the half seconds in which the fault acts.
+fn found(keys: &str) -> BTreeMap<&'static str, usize> {
+    let bytes: Vec<u8> = carried(LinkKind::Pty, keys)[8..16]
+        .iter()
+        .flat_map(|(_, after)| after.iter().flat_map(|transmission| transmission.content.bytes().to_vec()))
+        .collect();
+    let mut counts = BTreeMap::new();
+    let mut deframer = Deframer::default();
+    deframer.consume(&bytes, &mut |found| {
+        let name = match found {
+            Found::Frame { kind: serial::Kind::Data, .. } => "data",
+            Found::Frame { .. } => "other",
+            Found::Rejected { .. } => "rejected",
+            _ => "else",
+        };
+        *counts.entry(name).or_default() += 1;
+    });
+    counts
+}
+
+#[test]
+fn a_receiver_sees_good_frames_where_the_crc_is_right_and_none_where_it_is_not() {
+    for (keys, good, is_rejected) in [
+        ("fault = \"bit-flip\"\ncrc = \"before\"\nbits = 5", 8, false),
+        ("fault = \"bit-flip\"\ncrc = \"after\"\nbits = 1", 0, true),
+        ("fault = \"sequence-jump\"\nby = 100", 8, false),
+        ("fault = \"duplicate\"\ncopies = 2", 24, false),
+        ("fault = \"split\"", 8, false),
+        ("fault = \"drop\"", 0, false),
+        ("fault = \"wrong-length\"\nlength = 4", 0, true),
+        ("fault = \"wrong-identifier\"\nidentifier = 2", 0, true),
+    ] {
+        let found = found(keys);
+        assert_eq!(found.get("data").copied().unwrap_or(0), good, "{keys}: {found:?}");
+        assert_eq!(found.get("rejected").is_some_and(|&count| count > 0), is_rejected, "{keys}: {found:?}");
+    }
+}
+
+#[test]
+fn reordered_and_merged_half_seconds_leave_in_the_order_that_is_meant() {
+    let released = |keys: &str| {
+        let all = carried(LinkKind::Tcp, keys);
+        let mut transmissions: Vec<(u64, i64, usize)> = all[8..16]
+            .iter()
+            .enumerate()
+            .flat_map(|(index, (_, after))| {
+                after.iter().map(move |transmission| (transmission.frame, transmission.after_ns, index))
+            })
+            .collect();
+        transmissions.sort_unstable();
+        transmissions.into_iter().map(|(frame, _, index)| (frame, index)).collect::<Vec<_>>()
+    };
+    let swapped = [(9, 1), (9, 0), (11, 3), (11, 2), (13, 5), (13, 4), (15, 7), (15, 6)];
+    assert_eq!(released("fault = \"reorder\""), swapped);
+    let merged: Vec<(u64, usize)> = (0..8).map(|index| (if index < 4 { 11 } else { 15 }, index)).collect();
+    assert_eq!(released("fault = \"merge\"\nframes = 4"), merged);
+}
+
+#[test]
+fn on_can_a_flip_before_the_crc_is_believed_and_one_after_it_is_not() {
+    for (place, is_believed) in [("before", true), ("after", false)] {
+        let all = carried(LinkKind::Can, &format!("fault = \"bit-flip\"\nbits = 40\ncrc = \"{place}\""));
+        for (_, after) in &all[8..16] {
+            let [WireData::Frame(increments), WireData::Frame(status), _] =
+                [0, 1, 2].map(|index| after[index].content.clone())
+            else {
+                panic!("three frames")
+            };
+            let crc = crc16(&[increments.data(), &status.data()[..6]].concat()).to_be_bytes();
+            assert_eq!(status.data()[6..] == crc, is_believed);
+        }
+    }
+}
+
+#[test]
+fn a_fault_on_every_link_is_on_none_that_cannot_have_it() {
+    let on_links = CATALOGUE.iter().filter(|spec| spec.scope == Scope::Link && !spec.links().is_empty());
+    let pairs = on_links.flat_map(|spec| spec.unable.iter().map(move |(kind, _)| (spec, *kind)));
+    assert!(pairs.clone().count() >= 3);
+    for (spec, kind) in pairs {
+        for (before, after) in planned(kind, &format!("[[fault]]\n{}", keys(spec))) {
+            let plain: Vec<WireData> = after.into_iter().map(|transmission| transmission.content).collect();
+            assert_eq!(plain, before, "{} on {}", spec.code, kind.name());
+        }
+    }
+    let mut configuration = Configuration::reference();
+    configuration.add_plan("plan", "[[fault]]\nfault = \"baud-mismatch\"\nbaud = 9600.0").expect("a plan");
+    let unit = Unit::new(&configuration);
+    let touching = |kind| model(kind).touching(unit.faults().acting()).len();
+    assert_eq!(LinkKind::ALL.map(touching), [1, 1, 0, 0]);
+}
+
+#[test]
+fn copies_add_up_and_many_faults_together_stay_within_bounds() {
+    let sent = |kind, fault: &str, count| planned(kind, &fault.repeat(count))[3].1.len();
+    let duplicate = "[[fault]]\nfault = \"duplicate\"\ncopies = 16\n";
+    assert_eq!(sent(LinkKind::Tcp, duplicate, 5), 81);
+    assert_eq!(sent(LinkKind::Can, duplicate, 5), 3 * 81);
+    assert_eq!(sent(LinkKind::Can, duplicate, 1000), 3 * (MAX_TRANSMISSIONS / 3));
+    assert_eq!(sent(LinkKind::Can, "[[fault]]\nfault = \"babble\"\namount = 1000\n", 20), MAX_TRANSMISSIONS);
+}
+
+#[test]
+fn of_several_identifiers_the_last_counts() {
+    let fault = |identifier: u32| {
+        format!("[[fault]]\nlink = \"can\"\nfault = \"wrong-identifier\"\nidentifier = {identifier}\n")
+    };
+    let all = planned(LinkKind::Can, &(fault(2045) + &fault(2045) + &fault(0x700)));
+    let ids = all[3].1.iter().map(|transmission| match &transmission.content {
+        WireData::Frame(frame) => frame.id(),
+        WireData::Bytes(_) => panic!("a frame"),
+    });
+    assert_eq!(ids.collect::<Vec<_>>(), [0x700, 0x701, 0x702]);
+}
+
+#[test]
+fn what_stands_before_a_half_second_is_sent_with_one_alone() {
+    let extra = "[[fault]]\nfault = \"extra-bytes\"\nbytes = 5\n";
+    let drop = "[[fault]]\nfault = \"drop\"\n";
+    assert_eq!(planned(LinkKind::Pty, extra)[3].1[0].content.bytes().len(), 33);
+    assert_eq!(planned(LinkKind::Pty, &(extra.to_owned() + drop))[3].1, []);
+    assert_eq!(planned(LinkKind::Pty, &(extra.to_owned() + "[[fault]]\nfault = \"reset\"\nfor_s = 5"))[3].1, []);
+}
+
+#[test]
+fn nothing_is_repeated_before_there_was_a_half_second() {
+    let all = planned(LinkKind::Pty, "[[fault]]\nfault = \"stale-repeat\"\nfor_s = 2.0");
+    assert!(all[..4].iter().all(|(_, after)| after.is_empty()));
+    assert_eq!(all[4].1.len(), 1);
+}
+
+#[test]
+fn noise_is_no_part_of_an_answer() {
+    let mut configuration = Configuration::reference();
+    configuration.add_plan("plan", "[[fault]]\nfault = \"babble\"").expect("a plan");
+    let unit = Unit::new(&configuration);
+    let (half_second, acting) = (HalfSecond::default(), unit.faults().acting());
+    for kind in LinkKind::ALL {
+        let model = model(kind);
+        let reply = geu_protocol::Reply::new(3, geu_protocol::Outcome::Done, &[]);
+        let polled = model.polled(&half_second, &reply, acting);
+        let contents: Vec<WireData> = polled.into_iter().map(|transmission| transmission.content).collect();
+        assert_eq!(contents, model.plain(&half_second));
+        assert!(model.carry(None, 0, acting).len() >= 16, "it is on the link all the same");
+    }
+}
+
+#[test]
+fn the_parts_of_a_frame_stay_together_in_order() {
+    let split =
+        |byte, gap_s| format!("[[fault]]\nlink = \"tcp\"\nfault = \"split\"\nbyte = {byte}\ngap_s = {gap_s:?}\n");
+    let all = planned(LinkKind::Tcp, &(split(10, 0.125) + &split(4, 0.25) + "[[fault]]\nfault = \"duplicate\"\n"));
+    let parts: Vec<_> = all[3].1.iter().map(|it| (it.content.bytes().len(), it.after_ns, it.more_fragments)).collect();
+    let once = [(4, 0, true), (6, 250_000_000, true), (4, 375_000_000, true), (14, 625_000_000, false)];
+    assert_eq!(parts, [once, once].concat());
+}

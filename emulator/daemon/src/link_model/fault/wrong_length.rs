@@ -1,0 +1,15 @@
+//! The length field is wrong; on CAN every message has this length.
+
+use geu_model::fault::catalogue::link_fault::WrongLength;
+use geu_protocol::serial::LENGTH_AT;
+
+use super::{Context, Encoding, LinkBehaviour, WireData, change_headers};
+
+impl LinkBehaviour for WrongLength {
+    fn encoded(&self, data: &mut Vec<WireData>, context: &Context) {
+        match context.encoding {
+            Encoding::Serial { .. } => change_headers(data, |bytes| bytes[LENGTH_AT] = self.length as u8),
+            Encoding::Can(_) => data.iter_mut().for_each(|data| data.set_length((self.length as usize).min(8))),
+        }
+    }
+}

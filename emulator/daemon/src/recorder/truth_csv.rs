@@ -1,0 +1,131 @@
+//! `truth.csv`: true angle, what each effect changed, and the count, a row per gyro and half second.
+//!
+//! The column of what live faults changed is not there from the start, so that a run into which nobody injects has the
+//! files of a simulated one. With the first live fault the rows so far are written anew, with 0 in that column, and take
+//! the place of the file: at any time it has the rows that the same run has when it is simulated.
+
+use std::fs::File;
+use std::io::{self, BufRead, BufReader, Write};
+use std::path::Path;
+
+use geu_model::effect::{FAULT_COLUMN, columns};
+use geu_model::{Ended, Trace};
+use geu_protocol::Gyro;
+
+use super::output::{Output, RecordError};
+
+/// Its name.
+pub(super) const NAME: &str = "truth.csv";
+/// The file on its way to have one more column.
+pub(super) const WIDER: &str = "truth.csv.wider";
+/// Columns of a row before those of the changes: time, sequence, gyro, true angle.
+const LEADING: usize = 4;
+/// Bytes that are copied at once.
+const CHUNK: usize = 1 << 18;
+
+/// The file, and which columns of a trace it has.
+pub(super) struct TruthCsv {
+    output: Output,
+    columns: Vec<usize>,
+}
+
+impl TruthCsv {
+    /// Opens it and writes its header.
+    pub fn create(directory: &Path, columns: Vec<usize>) -> Result<TruthCsv, RecordError> {
+        let mut truth = TruthCsv { output: Output::create(directory, NAME)?, columns };
+        let header = truth.header();
+        truth.output.write(|file| writeln!(file, "{header}"))?;
+        Ok(truth)
+    }
+
+    fn header(&self) -> String {
+        let codes = columns();
+        let changes: String = self.columns.iter().map(|&column| format!(",{}_counts", codes[column])).collect();
+        format!("t_s,sequence,gyro,true_arcsec{changes},unquantised,count")
+    }
+
+    /// Writes the rows of a half second, with its time.
+    pub fn rows(&mut self, stamp: &str, ended: &Ended, traces: &[Trace; 4]) -> Result<(), RecordError> {
+        let half_second = &ended.half_second;
+        let row_start = format!("{stamp},{},", half_second.sequence);
+        let columns = &self.columns;
+        // The shortest digits that read back the same, so that the columns add up; many times a row, so not by `write!`.
+        let (mut digits, mut whole) = (zmij::Buffer::new(), itoa::Buffer::new());
+        self.output.write(|file| {
+            for (gyro, trace) in Gyro::ALL.into_iter().zip(traces) {
+                file.write_all(row_start.as_bytes())?;
+                file.write_all(gyro.name().as_bytes())?;
+                let changes = columns.iter().map(|&column| match column {
+                    FAULT_COLUMN => trace.changes[FAULT_COLUMN] + unforeseen(trace, columns),
+                    column => trace.changes[column],
+                });
+                for number in std::iter::once(trace.true_arcsec).chain(changes).chain([trace.unquantised]) {
+                    file.write_all(b",")?;
+                    file.write_all(digits.format(number).as_bytes())?;
+                }
+                file.write_all(b",")?;
+                file.write_all(whole.format(half_second.increments[gyro as usize]).as_bytes())?;
+                file.write_all(b"\n")?;
+            }
+            Ok(())
+        })
+    }
+
+    /// Whether it has the column of what live faults changed.
+    pub fn has_fault_column(&self) -> bool {
+        self.columns.binary_search(&FAULT_COLUMN).is_ok()
+    }
+
+    /// Gives it that column, with 0 in the rows so far.
+    pub fn add_fault_column(&mut self, directory: &Path) -> Result<(), RecordError> {
+        let Err(place) = self.columns.binary_search(&FAULT_COLUMN) else { return Ok(()) };
+        self.columns.insert(place, FAULT_COLUMN);
+        self.output.flush()?;
+        let path = self.output.path.clone();
+        let failed = |source| RecordError::Write { path: path.clone(), source };
+        let mut wider = Output::create(directory, WIDER)?;
+        let header = self.header();
+        wider.write(|file| writeln!(file, "{header}"))?;
+        for line in BufReader::with_capacity(CHUNK, File::open(&path).map_err(failed)?).lines().skip(1) {
+            let line = line.map_err(failed)?;
+            let comma = line.match_indices(',').nth(LEADING - 1 + place).map_or(line.len(), |(at, _)| at);
+            wider.write(|file| writeln!(file, "{},0.0{}", &line[..comma], &line[comma..]))?;
+            if wider.buffered() > CHUNK {
+                wider.flush()?;
+            }
+        }
+        wider.put_in_place(NAME)?;
+        self.output = wider;
+        Ok(())
+    }
+
+    /// Bytes that the system does not have yet.
+    pub fn buffered(&self) -> usize {
+        self.output.buffered()
+    }
+
+    /// Hands what is buffered to the system.
+    pub fn flush(&mut self) -> Result<(), RecordError> {
+        self.output.flush()
+    }
+}
+
+/// Half seconds of which a file has a row or the beginning of one.
+pub(super) fn half_seconds(file: File) -> io::Result<u64> {
+    let (mut file, mut rows, mut is_within_row) = (BufReader::with_capacity(CHUNK, file), 0, false);
+    loop {
+        let bytes = file.fill_buf()?;
+        let (Some(last), length) = (bytes.last(), bytes.len()) else { break };
+        rows += bytes.iter().filter(|&&byte| byte == b'\n').count() as u64;
+        is_within_row = *last != b'\n';
+        file.consume(length);
+    }
+    // Without the header.
+    Ok((rows + u64::from(is_within_row)).saturating_sub(1).div_ceil(Gyro::ALL.len() as u64))
+}
+
+/// What columns changed that the file does not have: those of effects that are there by a fault alone.
+fn unforeseen(trace: &Trace, columns: &[usize]) -> f64 {
+    let others = trace.changes.iter().enumerate().filter(|(column, _)| columns.binary_search(column).is_err());
+    others.map(|(_, change)| change).sum()
+}

@@ -1,0 +1,16 @@
+//! Runs: one thread keeps time and sends, the calling thread runs everything that waits for others.
+//!
+//! Dependencies run one way: `unit` (the emulator) uses `cadence_loop` (its thread), `replay` (a recording in its place) has a
+//! thread of its own; all of these use `session` (what every run has), `output` (a link and what waits for it) and `error`.
+//! No physics, no bytes of messages, no argument parsing.
+
+mod cadence_loop;
+mod error;
+mod output;
+pub mod replay;
+mod session;
+mod unit;
+
+pub use error::RunError;
+pub use session::asked_to_end;
+pub use unit::{Recording, RunOptions, RunSummary, run};

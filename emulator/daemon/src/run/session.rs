@@ -1,0 +1,175 @@
+//! What every run has, of a unit or of a recording: a runtime beside the cadence thread, links, and an end when asked.
+
+use std::future::Future;
+use std::io;
+use std::pin::pin;
+use std::sync::Arc;
+use std::sync::atomic::Ordering::Relaxed;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use geu_protocol::HalfSecond;
+use tokio::signal::unix::{SignalKind, signal};
+use tokio::sync::oneshot;
+use tokio::time::MissedTickBehavior;
+
+use super::error::RunError;
+use super::output::LinkOutput;
+use crate::cadence::Speed;
+use crate::lateness::CadenceMonitor;
+use crate::link::{self, Link, LinkAddress, LinkStatistics};
+use crate::patience::{LAST_WORDS, Patience, Stop};
+use crate::shared_unit::SharedUnit;
+use crate::{console, descriptors};
+
+/// The cadence thread wakes up this long before a deadline: longer than the model and a wake-up take.
+pub(super) const LEAD_NS: i64 = 800_000;
+/// A reader at more than real speed is given so long to make room before it loses a sample.
+const READER_TIMEOUT: Duration = Duration::from_secs(2);
+/// A link that has looked empty for so long is empty.
+const SURELY_EMPTY: Duration = Duration::from_millis(25);
+/// Between two status lines.
+const STATUS_INTERVAL: Duration = Duration::from_millis(500);
+/// Between two looks at a state whose changes are not reported.
+pub(super) const POLL_INTERVAL: Duration = Duration::from_millis(5);
+
+/// Resolves when the process is asked to end: SIGINT, SIGTERM, SIGHUP or SIGQUIT.
+///
+/// # Errors
+/// Signals that cannot be waited for.
+pub async fn asked_to_end() -> io::Result<()> {
+    let (mut interrupt, mut terminate) = (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?);
+    let (mut hangup, mut quit) = (signal(SignalKind::hangup())?, signal(SignalKind::quit())?);
+    tokio::select! {
+        _ = interrupt.recv() => {}
+        _ = terminate.recv() => {}
+        _ = hangup.recv() => {}
+        _ = quit.recv() => {}
+    }
+    Ok(())
+}
+
+/// A run: its end, and how well it keeps time.
+#[derive(Clone)]
+pub(super) struct Session {
+    pub stop: Arc<Stop>,
+    pub monitor: Arc<CadenceMonitor>,
+    pub speed: Speed,
+    waits_for_client: bool,
+}
+
+impl Session {
+    /// # Errors
+    /// A run that waits for a client on links to which none attaches, or too few descriptors.
+    pub fn new(links: &[LinkAddress], speed: Speed, waits_for_client: bool) -> Result<Session, RunError> {
+        let has_clients = |link: &LinkAddress| matches!(link, LinkAddress::Pty(_) | LinkAddress::Tcp(_));
+        if waits_for_client && !links.iter().any(has_clients) {
+            return Err(RunError::NobodyToWaitFor);
+        }
+        descriptors::take_all()?;
+        Ok(Session { stop: Arc::default(), monitor: Arc::default(), speed, waits_for_client })
+    }
+
+    /// Runs `body`, and asks the run to end when `shutdown` resolves. The tasks of the links end with it.
+    pub fn block_on<T>(
+        &self,
+        shutdown: impl Future<Output = io::Result<()>>,
+        body: impl Future<Output = Result<T, RunError>>,
+    ) -> Result<T, RunError> {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+        let ended = runtime.block_on(async {
+            let (mut shutdown, mut body) = (pin!(shutdown), pin!(body));
+            loop {
+                // `shutdown` first, so that a signal during the opening of links is not the default end of the process.
+                tokio::select! {
+                    biased;
+                    asked = &mut shutdown, if !self.stop.is_asked() => {
+                        asked?;
+                        self.stop.ask();
+                    }
+                    ended = &mut body => return ended,
+                }
+            }
+        });
+        // With the last task the symlink of a pty goes. Not waiting for names that are looked up: a resolver may take half a
+        // minute.
+        runtime.shutdown_background();
+        ended
+    }
+
+    /// Opens the links.
+    pub fn open_links(&self, links: &[LinkAddress], unit: &Arc<SharedUnit>) -> Result<Vec<Box<dyn Link>>, RunError> {
+        let speedup = match self.speed {
+            Speed::Times(factor) => factor,
+            Speed::Max => f64::INFINITY,
+        };
+        links.iter().map(|address| Ok(link::open(address, unit, speedup)?)).collect()
+    }
+
+    /// Runs `work` on the cadence thread to its end; meanwhile shows the sample of `last_sample` in the status line.
+    pub async fn keep_cadence<T: Send + 'static>(
+        &self,
+        links: &[Arc<LinkStatistics>],
+        last_sample: impl Fn() -> Option<HalfSecond>,
+        work: impl FnOnce() -> T + Send + 'static,
+    ) -> Result<T, RunError> {
+        let (done, mut is_done) = oneshot::channel();
+        let thread = thread::Builder::new().name("geu-cadence".to_owned()).spawn(move || {
+            let worked = work();
+            let _ = done.send(());
+            worked
+        })?;
+        let mut status = tokio::time::interval(STATUS_INTERVAL);
+        status.set_missed_tick_behavior(MissedTickBehavior::Skip);
+        let (wants_status, mut is_woken) = (console::wants_status(), false);
+        loop {
+            tokio::select! {
+                _ = &mut is_done => break,
+                _ = self.stop.asked(), if !is_woken => {
+                    is_woken = true;
+                    thread.thread().unpark();
+                }
+                _ = status.tick(), if wants_status => {
+                    let clients = links.iter().map(|link| link.clients.load(Relaxed)).sum();
+                    console::show_status(last_sample().as_ref(), clients, &self.monitor.counts().lateness);
+                }
+            }
+        }
+        Ok(thread.join().expect("the cadence thread does not panic"))
+    }
+
+    pub fn is_stopped(&self) -> bool {
+        self.stop.is_asked()
+    }
+
+    /// Waits on the cadence thread until a client is attached, where the run waits for one.
+    pub fn await_client(&self, links: &[LinkOutput]) {
+        while self.waits_for_client && !self.is_stopped() && !links.iter().any(LinkOutput::has_client) {
+            thread::park_timeout(POLL_INTERVAL);
+        }
+    }
+
+    /// How long a reader is waited for: in real time not at all.
+    pub fn patience(&self) -> Patience {
+        let is_faster = self.speed.is_faster_than_real();
+        Patience::new(if is_faster { READER_TIMEOUT } else { Duration::ZERO }, &self.stop)
+    }
+
+    /// Sends what faults still hold back; the last sample ended at `end_ns`.
+    pub fn end_links(&self, links: &mut [LinkOutput], end_ns: i64) {
+        let patience = self.patience().at_least(LAST_WORDS);
+        links.iter_mut().for_each(|output| output.end(end_ns, &patience));
+    }
+}
+
+/// Waits for what readers have not taken, for a while. What a pty hands on to its reader is for moments seen by no one, so it
+/// must look empty for some time.
+pub(super) async fn await_readers(links: &[LinkOutput]) {
+    let (give_up, mut empty_since) = (Instant::now() + LAST_WORDS, Instant::now());
+    while Instant::now() < give_up && empty_since.elapsed() < SURELY_EMPTY {
+        tokio::time::sleep(POLL_INTERVAL).await;
+        if !links.iter().all(|output| output.link.is_drained()) {
+            empty_since = Instant::now();
+        }
+    }
+}
