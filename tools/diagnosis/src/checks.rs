@@ -25,11 +25,11 @@ mod told;
 mod wiring;
 
 use geu_model::Configuration;
-use geu_model::effect::{Effects, WiringEffects};
 use geu_protocol::Gyro;
 use geu_recording::{Defect, Reference, Row};
 
 use crate::Finding;
+use crate::hypothesis::Hypothesis;
 use compared::Compared;
 use law::Law;
 use timeline::Timeline;
@@ -50,14 +50,8 @@ pub struct Checked {
 /// A fault of [`geu_model::effect::WiringEffects`] that the counts show against the motion.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WiringFault {
-    /// `axis-swap`; `axis-swap-step` where it begins after the start.
-    pub code: String,
-    /// The gyro at which a configuration names it.
-    pub bearer: Gyro,
-    /// Key of its number in a configuration, without the code: `on`.
-    pub parameter: &'static str,
-    /// Value of that number, as [`geu_model::number::Number`] has it.
-    pub value: f64,
+    /// What puts it into a configuration: of the gyro at which that names it.
+    pub hypothesis: Hypothesis,
     /// The gyros whose counts it changes, in wire order.
     pub gyros: Vec<Gyro>,
     /// Where it begins, s since the start of the first half second; nothing where it was there from the start.
@@ -75,15 +69,9 @@ pub struct WiringFault {
 }
 
 impl WiringFault {
-    /// The value of its number as a configuration writes it.
-    pub fn written(&self) -> String {
-        let list = WiringEffects::default();
-        let numbers = (0..list.specs().len()).flat_map(|effect| {
-            let is_own = self.code.starts_with(list.specs()[effect].code);
-            list.numbers(effect).specs().iter().filter(move |_| is_own)
-        });
-        let number = numbers.into_iter().find(|number| number.name == self.parameter);
-        number.map_or_else(|| format!("{:?}", self.value), |number| number.written(self.value))
+    /// `axis-swap`; `axis-swap-step` where it begins after the start.
+    pub fn code(&self) -> String {
+        self.hypothesis.amplitude.code()
     }
 }
 

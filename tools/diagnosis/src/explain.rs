@@ -10,13 +10,13 @@ mod walks;
 use rayon::prelude::*;
 
 use crate::bank::Bank;
-use crate::change::{Amplitude, Change, Place};
+use crate::hypothesis::Hypothesis;
 use crate::late::lag_chi2;
 use crate::measured::{CHANNELS, TIMING};
-use crate::normal::{Normal, THIRDS};
+use crate::normal::Normal;
 use crate::null::Thresholds;
 use crate::search::{Candidate, search};
-use crate::state::{Case, Held, State};
+use crate::state::{Case, FittedHypothesis, State};
 use crate::whitening::Noise;
 
 use doubt::{REFUSED_CHI2, Refused};
@@ -61,10 +61,6 @@ pub struct Explained {
     pub rounds: Vec<Round>,
     /// Walks that are not as configured.
     pub noise: Vec<NoiseFound>,
-    /// By how much better each third is foretold by the other two with each change ([`Normal::held_out`]); in the order of the state.
-    pub held_out: Vec<[Option<f64>; THIRDS]>,
-    /// What was paid for each change.
-    costs: Vec<f64>,
     /// Whether more was to be found where there are as many as may be: on one gyro, or in all.
     pub is_cut: bool,
     /// What is left to find in the end and is not explained.
@@ -83,7 +79,7 @@ impl Explained {
             + TOGETHER_CHI2 * self.noise.len().saturating_sub(1) as f64;
         let residual = case.residual(&self.state);
         let normal = Normal::departed(case.whitenings(noise), &residual, &case.nuisances, &self.state.sixteen);
-        normal.deviance() + self.costs.iter().sum::<f64>() + lag_chi2(&self.state) + own
+        normal.deviance() + self.state.held.iter().map(|held| held.penalty).sum::<f64>() + lag_chi2(&self.state) + own
     }
 }
 
@@ -117,7 +113,7 @@ pub fn explain(case: &Case, bank: &Bank, thresholds: &Thresholds, start: &State,
 
 /// Adds the best effect as long as one qualifies and no gyro has more than `most`.
 fn grow(case: &Case, bank: &Bank, thresholds: &Thresholds, mut now: Explained, most: usize) -> Explained {
-    let cost = |candidate: &Candidate| thresholds.price(candidate.family, &candidate.change);
+    let cost = |candidate: &Candidate| thresholds.price(candidate.family, &candidate.hypothesis);
     loop {
         let late_s = now.state.shifts.temperature_s;
         let late = (late_s != 0.0).then(|| bank.late(late_s));
@@ -132,7 +128,8 @@ fn grow(case: &Case, bank: &Bank, thresholds: &Thresholds, mut now: Explained, m
         let least = (NEAR * spare).min(spare - NEAR_CHI2);
         let fitted = |candidate: &Candidate| -> Option<(f64, Candidate, State, Normal)> {
             let mut state = now.state.clone();
-            state.held.push(Held::new(candidate.change.clone()));
+            let held = FittedHypothesis::new(candidate.hypothesis.clone());
+            state.held.push(held.accepted(cost(candidate), candidate.held_out));
             let normal = case.fit(&mut state);
             let fall = now.normal.squares() - normal.squares() - cost(candidate);
             is_possible(state.held.last().expect("just put")).then(|| (fall, candidate.clone(), state, normal))
@@ -159,12 +156,10 @@ fn grow(case: &Case, bank: &Bank, thresholds: &Thresholds, mut now: Explained, m
         };
         round.kept = Some(state.held.len() - 1);
         round.added = candidates.iter().position(|other| {
-            (other.base, &other.variation, other.change.gyros)
-                == (candidate.base, &candidate.variation, candidate.change.gyros)
+            (other.base, &other.variation, other.hypothesis.gyros)
+                == (candidate.base, &candidate.variation, candidate.hypothesis.gyros)
         });
         now.rounds.push(round);
-        now.costs.push(cost(&candidate));
-        now.held_out.push(candidate.held_out);
         (now.state, now.normal) = (state, normal);
         now.shift_temperature(case, bank, thresholds);
         now.free_shapes(case);
@@ -175,10 +170,10 @@ fn grow(case: &Case, bank: &Bank, thresholds: &Thresholds, mut now: Explained, m
 
 /// Without courses of what explains nearly as much with another course, or none, that is likelier: the others have nothing to tell.
 fn without_needless_courses(candidates: Vec<&Candidate>) -> Vec<&Candidate> {
-    let key = |candidate: &Candidate| (Amplitude { kind: None, ..candidate.change.amplitude }, candidate.change.gyros);
+    let key = |candidate: &Candidate| (candidate.hypothesis.amplitude.constant(), candidate.hypothesis.gyros);
     let is_needless = |place: usize| {
         let mut before = candidates[..place].iter();
-        let has_course = candidates[place].change.amplitude.kind.is_some();
+        let has_course = candidates[place].hypothesis.amplitude.kind.is_some();
         has_course
             && before.any(|other| {
                 key(other) == key(candidates[place]) && candidates[place].gain.chi2 < (1.0 + NEEDLESS) * other.gain.chi2
@@ -189,9 +184,9 @@ fn without_needless_courses(candidates: Vec<&Candidate>) -> Vec<&Candidate> {
 
 impl Explained {
     /// The changes of a gyro, those of the whole unit left out.
-    fn on(&self, gyro: usize) -> impl Iterator<Item = (usize, &Held)> {
-        let is_own = move |change: &Change| change.amplitude.place != Place::Unit && change.gyros[gyro];
-        self.state.held.iter().enumerate().filter(move |(_, held)| is_own(&held.change))
+    fn on(&self, gyro: usize) -> impl Iterator<Item = (usize, &FittedHypothesis)> {
+        let is_own = move |change: &Hypothesis| !change.amplitude.is_of_unit() && change.gyros[gyro];
+        self.state.held.iter().enumerate().filter(move |(_, held)| is_own(&held.hypothesis))
     }
 
     /// By how much χ² falls with a change, beside all the others, and what was paid for it.
@@ -202,13 +197,11 @@ impl Explained {
 
     /// What was paid for a change, and for the lag that goes with it.
     fn cost(&self, index: usize, without: &State) -> f64 {
-        self.costs[index] + lag_chi2(&self.state) - lag_chi2(without)
+        self.state.held[index].penalty + lag_chi2(&self.state) - lag_chi2(without)
     }
 
     /// Takes a change back, wherever it is told.
-    fn forget(&mut self, index: usize) -> Held {
-        self.costs.remove(index);
-        self.held_out.remove(index);
+    fn forget(&mut self, index: usize) -> FittedHypothesis {
         for round in &mut self.rounds {
             round.kept = match round.kept {
                 Some(kept) if kept == index => None,
@@ -229,28 +222,25 @@ impl Explained {
 
     /// Makes one change of two that differ in their gyros alone.
     pub fn join(&mut self, case: &Case, one: usize, other: usize) {
-        let (cost, held_out) = (self.costs[other], self.held_out[other]);
         let second = self.forget(other);
         let first = &mut self.state.held[one];
-        let mut change = first.change.clone();
-        change.gyros.iter_mut().zip(second.change.gyros).for_each(|(own, other)| *own |= other);
-        let is_free = first.is_free.clone();
-        *first = Held::new(change);
-        first.is_free = is_free;
-        self.costs[one] = self.costs[one].max(cost);
+        first.hypothesis.gyros.iter_mut().zip(second.hypothesis.gyros).for_each(|(own, other)| *own |= other);
+        first.run_anew();
+        first.sigmas.fill(f64::NAN);
+        first.penalty = first.penalty.max(second.penalty);
         let sum = |own: Option<f64>, other: Option<f64>| match (own, other) {
             (Some(own), Some(other)) => Some(own + other),
             (own, other) => own.or(other),
         };
-        self.held_out[one] = std::array::from_fn(|third| sum(self.held_out[one][third], held_out[third]));
+        first.held_out = std::array::from_fn(|third| sum(first.held_out[third], second.held_out[third]));
         self.normal = case.fit(&mut self.state);
     }
 
     /// Drops what acts on no other gyros than these.
     pub fn drop_on(&mut self, case: &Case, gyros: &[bool; 4]) {
-        let is_kept = |held: &Held| {
-            held.change.amplitude.place == Place::Unit
-                || held.change.gyros.iter().zip(gyros).any(|(own, other)| *own && !other)
+        let is_kept = |held: &FittedHypothesis| {
+            held.hypothesis.amplitude.is_of_unit()
+                || held.hypothesis.gyros.iter().zip(gyros).any(|(own, other)| *own && !other)
         };
         for index in (0..self.state.held.len()).rev() {
             if !is_kept(&self.state.held[index]) {
@@ -262,16 +252,7 @@ impl Explained {
 
     fn start(case: &Case, mut state: State) -> Explained {
         let normal = case.fit(&mut state);
-        Explained {
-            state,
-            normal,
-            rounds: Vec::new(),
-            noise: Vec::new(),
-            held_out: Vec::new(),
-            costs: Vec::new(),
-            is_cut: false,
-            refused: None,
-        }
+        Explained { state, normal, rounds: Vec::new(), noise: Vec::new(), is_cut: false, refused: None }
     }
 
     /// Drops each change that, beside all the others, is not worth what was paid for it. Where walks are larger than believed, what was
@@ -281,7 +262,7 @@ impl Explained {
         loop {
             let without = |index: usize| {
                 let (mut state, normal) = self.without(case, index);
-                let walked = if is_noisy { walked(case, &mut state, &self.state.held[index].change) } else { 0.0 };
+                let walked = if is_noisy { walked(case, &mut state, &self.state.held[index].hypothesis) } else { 0.0 };
                 let spare = normal.squares() - self.normal.squares() - self.cost(index, &state);
                 (spare - walked, index, state, normal)
             };

@@ -1,8 +1,8 @@
 //! Model against measurement: where the two part, which effect is missing, on which gyro, how large it is.
 
+pub mod amplitude;
 pub mod bank;
 pub mod blind;
-pub mod change;
 pub mod checks;
 mod climb;
 mod courses;
@@ -11,7 +11,9 @@ mod entries;
 pub mod explain;
 mod finding;
 pub mod gap;
+pub mod gyros;
 mod held_out;
+pub mod hypothesis;
 mod late;
 mod later;
 pub mod measured;

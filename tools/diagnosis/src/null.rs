@@ -11,12 +11,12 @@ use rayon::prelude::*;
 use serde_json::{Value, json};
 
 use crate::bank::{Bank, Column, Family, Variation};
-use crate::change::{Change, Place};
+use crate::hypothesis::Hypothesis;
 use crate::measured::{BLOCK, CHANNELS, Series, Shifts, TIMING, nodes};
 use crate::noise::Walk;
 use crate::normal::{Beside, Normal};
 use crate::remainder::{kurtosis, unlikeness};
-use crate::search::{set_penalty, sets};
+use crate::search::{reaches, set_penalty, sets};
 use crate::state::Case;
 use crate::sweep::{Part, sweep};
 use crate::whitening::{Noise, ROUNDING};
@@ -75,8 +75,8 @@ impl Thresholds {
     }
 
     /// What is paid for a change: what chance does in its family, and for the choice of its gyros.
-    pub fn price(&self, family: Family, change: &Change) -> f64 {
-        self.of(family) + set_penalty(&change.gyros, change.amplitude.place)
+    pub fn price(&self, family: Family, change: &Hypothesis) -> f64 {
+        self.of(family) + set_penalty(&change.gyros, &change.amplitude)
     }
 
     /// Of a family.
@@ -164,14 +164,9 @@ fn of_base(bank: &Bank, base: usize, normal: &Normal, beside: &[Vec<f32>; CHANNE
                 *largest = largest.max(f64::from(sum).powi(2) * scale - penalty);
             }
         };
-        match base.amplitude.place {
-            Place::Unit => take(&[true; CHANNELS], 0.0),
-            Place::Head | Place::Discovered => {
-                for gyros in sets(Gyro::ALL.map(|gyro| parts[gyro as usize].is_some())) {
-                    let chosen = std::array::from_fn(|channel| channel != TIMING && gyros[channel.min(3)]);
-                    take(&chosen, set_penalty(&gyros, Place::Head));
-                }
-            }
+        for gyros in sets(&base.amplitude, parts.each_ref().map(Option::is_some)) {
+            let chosen = std::array::from_fn(|channel| reaches(&base.amplitude, &gyros, channel));
+            take(&chosen, set_penalty(&gyros, &base.amplitude));
         }
     };
     sweep(bank, normal, base, tell, take);

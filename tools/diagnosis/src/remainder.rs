@@ -1,10 +1,12 @@
 //! What is left when everything found is taken off: whether it is noise, and if not, what it looks like.
 
+use std::collections::BTreeSet;
+
 use crate::bank::Bank;
-use crate::change::{Gyros, Place};
 use crate::explain::Explained;
+use crate::gyros::Gyros;
 use crate::measured::{BLOCK_S, CHANNELS, Series, TIMING};
-use crate::outcome::Unexplained;
+use crate::outcome::{FollowedTerm, Unexplained};
 use crate::search::search;
 use crate::state::Case;
 
@@ -79,25 +81,17 @@ pub fn unexplained(case: &Case, bank: &Bank, explained: &Explained, left: &Serie
         _ => "departures through most of it",
     };
     let formulas = search(bank, &explained.normal, &explained.state, &|_| 0.0);
-    let mut follows: Vec<(String, f64)> = formulas
+    let mut follows: Vec<FollowedTerm> = formulas
         .iter()
-        .filter(|candidate| {
-            candidate.change.amplitude.place == Place::Discovered
-                && candidate.change.gyros.iter().zip(gyros).all(|(one, other)| !one || other)
-        })
-        .map(|candidate| {
-            let name = candidate.change.amplitude.formula.map_or(String::new(), |formula| formula.to_string());
-            (name, candidate.gain.chi2)
+        .filter(|candidate| candidate.hypothesis.gyros.iter().zip(gyros).all(|(one, other)| !one || other))
+        .filter_map(|candidate| {
+            let term = candidate.hypothesis.amplitude.formula()?.to_string();
+            Some(FollowedTerm { term, score: candidate.gain.chi2 })
         })
         .collect();
-    follows.sort_by(|one, other| other.1.total_cmp(&one.1));
-    let mut seen: Vec<String> = Vec::new();
-    follows.retain(|(name, _)| {
-        !seen.contains(name) && {
-            seen.push(name.clone());
-            true
-        }
-    });
+    follows.sort_by(|one, other| other.score.total_cmp(&one.score));
+    let mut seen = BTreeSet::new();
+    follows.retain(|followed| seen.insert(followed.term.clone()));
     follows.truncate(FOLLOWED);
     let shape = format!("{shape}: {share:.0} % of the two-minute averages stand out");
     Unexplained { gyros, interval_s: [at_s(from), at_s((to + 1).min(excess.len()))], shape, follows }

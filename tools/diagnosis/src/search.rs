@@ -1,11 +1,12 @@
 //! The search: every hypothesis of the bank, on every set of gyros, against what the state leaves.
 
-use geu_protocol::Gyro;
 use rayon::prelude::*;
 
+use crate::amplitude::AmplitudeRef;
 use crate::bank::{Bank, Base, Family, Variation};
-use crate::change::{ALL_GYROS, Amplitude, Change, Gyros, Place};
 use crate::climb::climb;
+use crate::gyros::{ALL_GYROS, Gyros};
+use crate::hypothesis::Hypothesis;
 use crate::measured::{BLOCK_S, CHANNELS, TIMING};
 use crate::normal::{Beside, Gain, Normal, Products, THIRDS};
 use crate::state::State;
@@ -20,7 +21,7 @@ const CLIMBED: usize = 16;
 #[derive(Debug, Clone)]
 pub struct Candidate {
     /// What it is, at the size that fits.
-    pub change: Change,
+    pub hypothesis: Hypothesis,
     /// Its family.
     pub family: Family,
     /// What it explains.
@@ -48,24 +49,24 @@ pub fn pays(held_out: &[Option<f64>; THIRDS]) -> bool {
     sum > if all { 0.0 } else { -HARM_CHI2 }
 }
 
-/// Sets of gyros that an amplitude may act on together with one size.
-pub fn sets(available: Gyros) -> Vec<Gyros> {
-    let all: Vec<Gyros> = (1u8..16)
-        .map(|mask| std::array::from_fn(|gyro| mask & (1 << gyro) != 0))
-        .filter(|set: &Gyros| (0..4).all(|gyro| available[gyro] || !set[gyro]))
-        .collect();
-    all
+/// Sets of gyros that an amplitude may act on together with one value, of the channels that it reaches.
+pub fn sets(amplitude: &AmplitudeRef, reached: [bool; CHANNELS]) -> Vec<Gyros> {
+    if amplitude.is_of_unit() {
+        return vec![ALL_GYROS];
+    }
+    let all = (1u8..16).map(|mask| std::array::from_fn(|gyro| mask & (1 << gyro) != 0));
+    all.filter(|set: &Gyros| (0..TIMING).all(|gyro| reached[gyro] || !set[gyro])).collect()
 }
 
 /// What a set of gyros costs beside one gyro or all of them: there are ten ways to choose two or three of four.
-pub fn set_penalty(gyros: &Gyros, place: Place) -> f64 {
+pub fn set_penalty(gyros: &Gyros, amplitude: &AmplitudeRef) -> f64 {
     let count = gyros.iter().filter(|has| **has).count();
-    if place != Place::Unit && (count == 2 || count == 3) { 2.0 * 10f64.ln() } else { 0.0 }
+    if !amplitude.is_of_unit() && (count == 2 || count == 3) { 2.0 * 10f64.ln() } else { 0.0 }
 }
 
 /// Whether what an amplitude adds on these gyros is on a channel.
-pub fn reaches(amplitude: &Amplitude, gyros: &Gyros, channel: usize) -> bool {
-    amplitude.place == Place::Unit || channel != TIMING && gyros[channel]
+pub fn reaches(amplitude: &AmplitudeRef, gyros: &Gyros, channel: usize) -> bool {
+    amplitude.is_of_unit() || channel != TIMING && gyros[channel]
 }
 
 /// Products of a hypothesis, over its gyros.
@@ -89,25 +90,26 @@ pub fn search(bank: &Bank, normal: &Normal, state: &State, penalty: &(dyn Fn(Fam
             let mut try_set = |gyros: Gyros, parts: &[&Beside]| {
                 let Some(gain) = Beside::gain(parts) else { return };
                 let held = state.held.iter().any(|held| {
-                    let own = &held.change.amplitude;
-                    *own == Amplitude { kind, ..base.amplitude }
-                        && held.change.gyros.iter().zip(gyros).any(|(one, other)| *one && other)
+                    let own = &held.hypothesis.amplitude;
+                    *own == AmplitudeRef { kind, ..base.amplitude }
+                        && held.hypothesis.gyros.iter().zip(gyros).any(|(one, other)| *one && other)
                 });
                 if held {
                     return;
                 }
-                let place =
-                    best.iter().position(|other| other.change.gyros == gyros && other.change.amplitude.kind == kind);
+                let place = best
+                    .iter()
+                    .position(|other| other.hypothesis.gyros == gyros && other.hypothesis.amplitude.kind == kind);
                 if place.is_some_and(|place| best[place].gain.chi2 >= gain.chi2) {
                     return;
                 }
                 let size = if base.is_linear { gain.size } else { base.size };
-                let change = bank.change(base, variation, size, gyros);
-                if !change.is_within_limits() || !base.stands_for(gain.size) {
+                let hypothesis = bank.hypothesis(base, variation, size, gyros);
+                if !hypothesis.is_within_limits() || !base.stands_for(gain.size) {
                     return;
                 }
                 let candidate = Candidate {
-                    change,
+                    hypothesis,
                     family: base.family(variation),
                     gain,
                     held_out: [None; THIRDS],
@@ -119,17 +121,10 @@ pub fn search(bank: &Bank, normal: &Normal, state: &State, penalty: &(dyn Fn(Fam
                     None => best.push(candidate),
                 }
             };
-            match base.amplitude.place {
-                Place::Unit => {
-                    try_set(ALL_GYROS, &parts.iter().flatten().map(|(part, ())| part).collect::<Vec<_>>());
-                }
-                Place::Head | Place::Discovered => {
-                    for gyros in sets(Gyro::ALL.map(|gyro| parts[gyro as usize].is_some())) {
-                        let chosen = parts[..TIMING].iter().zip(gyros).filter(|(_, has)| *has);
-                        let parts = chosen.filter_map(|(part, _)| part.as_ref().map(|(part, ())| part));
-                        try_set(gyros, &parts.collect::<Vec<_>>());
-                    }
-                }
+            for gyros in sets(&base.amplitude, parts.each_ref().map(Option::is_some)) {
+                let chosen = (0..CHANNELS).filter(|&channel| reaches(&base.amplitude, &gyros, channel));
+                let parts = chosen.filter_map(|channel| parts[channel].as_ref().map(|(part, ())| part));
+                try_set(gyros, &parts.collect::<Vec<_>>());
             }
         };
         sweep(bank, normal, base, |_, _| (), take);
@@ -140,12 +135,13 @@ pub fn search(bank: &Bank, normal: &Normal, state: &State, penalty: &(dyn Fn(Fam
     let score = |candidate: &Candidate| {
         candidate.gain.chi2
             - penalty(candidate.family)
-            - set_penalty(&candidate.change.gyros, candidate.change.amplitude.place)
+            - set_penalty(&candidate.hypothesis.gyros, &candidate.hypothesis.amplitude)
     };
     for candidate in found.into_iter().flatten() {
         // One for each code and set of gyros, whatever its shapes.
         let same = best.iter().position(|other| {
-            other.change.amplitude == candidate.change.amplitude && other.change.gyros == candidate.change.gyros
+            other.hypothesis.amplitude == candidate.hypothesis.amplitude
+                && other.hypothesis.gyros == candidate.hypothesis.gyros
         });
         match same {
             Some(place) if score(&best[place]) < score(&candidate) => best[place] = candidate,
@@ -159,14 +155,14 @@ pub fn search(bank: &Bank, normal: &Normal, state: &State, penalty: &(dyn Fn(Fam
         let base = &bank.bases[candidate.base];
         let duration_s = normal.residual()[0].len() as f64 * BLOCK_S;
         let gain =
-            |variation: &Variation| normal.gain(&products(bank, normal, base, variation, &candidate.change.gyros));
+            |variation: &Variation| normal.gain(&products(bank, normal, base, variation, &candidate.hypothesis.gyros));
         let of = |variation: &Variation| gain(variation).map_or(0.0, |gain| gain.chi2);
         let (variation, _) = climb(candidate.variation.clone(), duration_s, &of);
         if let Some(found) = gain(&variation) {
             let size = if base.is_linear { found.size } else { base.size };
-            let change = bank.change(base, &variation, size, candidate.change.gyros);
-            if change.is_within_limits() {
-                *candidate = Candidate { change, gain: found, variation, ..candidate.clone() };
+            let hypothesis = bank.hypothesis(base, &variation, size, candidate.hypothesis.gyros);
+            if hypothesis.is_within_limits() {
+                *candidate = Candidate { hypothesis, gain: found, variation, ..candidate.clone() };
             }
         }
     };
@@ -174,7 +170,8 @@ pub fn search(bank: &Bank, normal: &Normal, state: &State, penalty: &(dyn Fn(Fam
     best.par_iter_mut().for_each(climbed);
     best.sort_by(|a, b| score(b).total_cmp(&score(a)));
     for candidate in &mut best {
-        let own = products(bank, normal, &bank.bases[candidate.base], &candidate.variation, &candidate.change.gyros);
+        let own =
+            products(bank, normal, &bank.bases[candidate.base], &candidate.variation, &candidate.hypothesis.gyros);
         candidate.held_out = normal.held_out(&own);
     }
     best

@@ -1,8 +1,12 @@
 //! The wiring faults that the model has, each as one number set at one gyro; no fault is known here by name.
 
-use geu_model::effect::{EffectSpec, Effects, WiringEffects, WiringStates};
+use geu_model::effect::{Effects, WiringEffects, WiringStates};
+use geu_model::fault::{List, Target};
 use geu_model::number::Form;
 use geu_protocol::Gyro;
+
+use crate::amplitude::{AmplitudeRef, STEP};
+use crate::hypothesis::Hypothesis;
 
 /// Wiring of the four gyros.
 pub type Wiring = [WiringEffects; 4];
@@ -16,11 +20,10 @@ pub fn apply(wiring: &Wiring, states: &mut WiringStates, counts: &mut [f64; 4]) 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Law {
     /// The gyro.
-    pub bearer: Gyro,
+    bearer: Gyro,
     effect: usize,
     amplitude: usize,
-    /// Its value.
-    pub value: f64,
+    value: f64,
 }
 
 impl Law {
@@ -44,14 +47,14 @@ impl Law {
         laws
     }
 
-    /// What is said of the fault.
-    pub fn spec(&self) -> &'static EffectSpec {
-        &WiringEffects::SPECS[self.effect]
-    }
-
-    /// Key of the number.
-    pub fn parameter(&self) -> &'static str {
-        WiringEffects::default().numbers(self.effect).specs()[self.amplitude].name
+    /// As a hypothesis, from its onset on or all through.
+    pub fn hypothesis(&self, onset_s: Option<f64>) -> Hypothesis {
+        let target = Target { list: List::Wiring, effect: self.effect, number: self.amplitude };
+        let gyros = Gyro::ALL.map(|gyro| gyro == self.bearer);
+        Hypothesis {
+            course_shapes: onset_s.into_iter().collect(),
+            ..Hypothesis::constant(AmplitudeRef::of(target, onset_s.map(|_| STEP)), self.value, gyros)
+        }
     }
 
     /// Place of the fault in the physical order.

@@ -3,7 +3,7 @@
 use geu_model::Configuration;
 
 use crate::bank::Bank;
-use crate::change::{Gyros, Place};
+use crate::gyros::Gyros;
 use crate::measured::TIMING;
 use crate::normal::Normal;
 use crate::null::Thresholds;
@@ -30,7 +30,7 @@ pub(super) struct Refused {
 impl Explained {
     /// Whether a formula might do better: as well in the place of one of the changes, or instead of a pile of them, or of noise.
     pub fn is_doubtful(&self, case: &Case, formulas: &Bank, thresholds: &Thresholds) -> bool {
-        let is_pile = |gyro: usize| self.state.held.iter().filter(|held| held.change.gyros[gyro]).count() > 1;
+        let is_pile = |gyro: usize| self.state.held.iter().filter(|held| held.hypothesis.gyros[gyro]).count() > 1;
         let is_noisy = self.noise.iter().any(|found| found.is_told(case.believed, &self.state));
         if is_noisy || (0..TIMING).any(is_pile) {
             return true;
@@ -57,7 +57,7 @@ impl Explained {
 
     /// Whether a formula is what explains, and no small mend of other things that do.
     pub fn stands_on_a_formula(&self, case: &Case) -> bool {
-        let is_formula = |index: &usize| self.state.held[*index].change.amplitude.place == Place::Discovered;
+        let is_formula = |index: &usize| self.state.held[*index].hypothesis.amplitude.formula().is_some();
         (0..self.state.held.len()).filter(is_formula).any(|index| self.worth(case, index).0 > self.negligible(case))
     }
 
@@ -66,13 +66,13 @@ impl Explained {
     /// foretell beside another one, or more than anything should have, which explains everything, and so nothing.
     pub fn piled(&self, believed: &Configuration) -> [bool; 4] {
         std::array::from_fn(|gyro| {
-            let own = || self.on(gyro).map(|(index, held)| (held, &self.held_out[index]));
-            let has_formula = own().any(|(held, _)| held.change.amplitude.place == Place::Discovered);
+            let own = || self.on(gyro).map(|(_, held)| held);
+            let has_formula = own().any(|held| held.hypothesis.amplitude.formula().is_some());
             let is_noisy = self.noise.iter().any(|found| found.channel == gyro && found.is_told(believed, &self.state));
             if self.refused.is_some_and(|refused| refused.gyros[gyro]) {
                 return true;
             }
-            let is_told_once = own().any(|(_, held_out)| held_out.iter().flatten().sum::<f64>() < FORETOLD_CHI2);
+            let is_told_once = own().any(|held| held.held_out.iter().flatten().sum::<f64>() < FORETOLD_CHI2);
             own().count() > if has_formula || is_noisy || is_told_once { 1 } else { MOST_OF_ONE }
         })
     }
@@ -89,10 +89,10 @@ impl Explained {
         let (residual, columns) = case.linearised(&mut self.state);
         let normal = Normal::departed(case.whitenings(&noise), &residual, &columns, &self.state.sixteen);
         let base = &bank.bases[candidate.base];
-        let own = products(bank, &normal, base, &candidate.variation, &candidate.change.gyros);
+        let own = products(bank, &normal, base, &candidate.variation, &candidate.hypothesis.gyros);
         let gain = normal.gain(&own).map_or(0.0, |gain| gain.chi2);
-        let worth = gain - thresholds.price(candidate.family, &candidate.change);
-        Refused { gyros: candidate.change.gyros, score: self.score_with(case, thresholds, &noise) - worth }
+        let worth = gain - thresholds.price(candidate.family, &candidate.hypothesis);
+        Refused { gyros: candidate.hypothesis.gyros, score: self.score_with(case, thresholds, &noise) - worth }
     }
 
     /// The score, and what was refused only where that would have a better one: walks may explain what it does.

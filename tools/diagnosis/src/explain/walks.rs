@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use geu_model::Configuration;
 
 use crate::bank::Family;
-use crate::change::{Change, Place};
+use crate::hypothesis::Hypothesis;
 use crate::measured::{CHANNELS, TIMING};
 use crate::noise::{self, Fitted, Walk};
 use crate::null::Thresholds;
@@ -141,8 +141,8 @@ impl Explained {
 }
 
 /// What a larger walk of the rate does in the place of a change, on its gyros.
-pub(super) fn walked(case: &Case, state: &mut State, change: &Change) -> f64 {
-    if change.amplitude.place == Place::Unit {
+pub(super) fn walked(case: &Case, state: &mut State, change: &Hypothesis) -> f64 {
+    if change.amplitude.is_of_unit() {
         return 0.0;
     }
     let (residual, nuisances) = case.linearised(state);

@@ -1,7 +1,7 @@
 //! The report for a terminal: one labelled line for each fact.
 
-use crate::change::{ALL_GYROS, Gyros};
-use crate::outcome::{Class, Diagnosis, Entry, RivalShown};
+use crate::gyros::{ALL_GYROS, Gyros};
+use crate::outcome::{Chi2Fall, Class, DiagnosedEffect, Diagnosis, FollowedTerm, ReportedAlternative};
 use crate::whereabouts::standing_out;
 
 use super::{called, names, verdict, with_sigma};
@@ -14,32 +14,32 @@ fn on(gyros: &Gyros) -> String {
 }
 
 /// The gyros and the effect: `GYRX: pivot-clearance`.
-pub fn heading(entry: &Entry) -> String {
+pub fn heading(entry: &DiagnosedEffect) -> String {
     format!("{}: {}", on(&entry.gyros), called(entry))
 }
 
 /// All that is known of an effect found: label and value of each fact.
-pub fn facts(entry: &Entry) -> Vec<(String, String)> {
+pub fn facts(entry: &DiagnosedEffect) -> Vec<(String, String)> {
     let mut facts: Vec<(String, String)> = Vec::new();
     let mut fact = |label: &str, value: String| facts.push((label.to_owned(), value));
     for number in &entry.parameters {
-        let unit = entry.formula.as_ref().map_or(String::new(), |(_, unit)| format!(" {unit}"));
+        let unit = entry.coefficient_unit.as_ref().map_or(String::new(), |unit| format!(" {unit}"));
         fact(&number.name, with_sigma(number) + &unit);
     }
     // As a whole number, so that a zero has no sign.
     fact("share of the gap", format!("{} %", (100.0 * entry.gap_share).round() as i64));
-    if let Some((fall, threshold)) = entry.chi2 {
+    if let Some(Chi2Fall { fall, threshold }) = entry.chi2 {
         fact("fall of chi2", format!("{fall:.0} (threshold {threshold:.0})"));
     }
     let (same, apart): (Vec<_>, Vec<_>) = entry
         .rivals
         .iter()
         .partition(|rival| rival.behind_chi2.is_none_or(|behind| behind < crate::rivals::APART_CHI2));
-    let name = |rival: &RivalShown| {
+    let name = |rival: &ReportedAlternative| {
         let name = rival.formula.as_ref().unwrap_or(&rival.code);
         if rival.gyros == entry.gyros { name.clone() } else { format!("{name} on {}", on(&rival.gyros)) }
     };
-    if let (Some(next), Some((fall, _))) = (apart.first(), entry.chi2) {
+    if let (Some(next), Some(Chi2Fall { fall, .. })) = (apart.first(), entry.chi2) {
         let share = 100.0 * (1.0 - next.behind_chi2.unwrap_or(0.0) / fall).max(0.0);
         // It can be told apart, if only just.
         let share = if share < 99.5 { format!("{share:.0}") } else { "over 99".to_owned() };
@@ -73,7 +73,7 @@ pub fn text(diagnosis: &Diagnosis) -> String {
         (Class::MissingEffect, "missing in the model"),
         (Class::Recalibration, "the calibration has moved; this is no missing effect"),
     ] {
-        let own: Vec<&Entry> = diagnosis.entries.iter().filter(|entry| entry.class == class).collect();
+        let own: Vec<&DiagnosedEffect> = diagnosis.entries.iter().filter(|entry| entry.class == class).collect();
         if !own.is_empty() {
             text += &format!("\n{title}\n");
         }
@@ -89,7 +89,11 @@ pub fn text(diagnosis: &Diagnosis) -> String {
             ("interval".to_owned(), format!("{from_s:.0}…{to_s:.0} s")),
         ];
         let follows = left.follows.iter();
-        facts.extend(follows.map(|(term, fall)| ("follows".to_owned(), format!("{term} (fall of chi2 {fall:.0})"))));
+        facts.extend(
+            follows.map(|FollowedTerm { term, score }| {
+                ("follows".to_owned(), format!("{term} (fall of chi2 {score:.0})"))
+            }),
+        );
         text += &format!("\nleft unexplained\n{}", labelled(2, &facts));
     }
     if !diagnosis.findings.is_empty() {
@@ -120,10 +124,10 @@ pub fn text(diagnosis: &Diagnosis) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::outcome::Number;
+    use crate::outcome::EstimatedValue;
 
-    fn alternative(code: &str, behind_chi2: Option<f64>) -> RivalShown {
-        RivalShown {
+    fn alternative(code: &str, behind_chi2: Option<f64>) -> ReportedAlternative {
+        ReportedAlternative {
             code: code.to_owned(),
             formula: None,
             gyros: [true, false, false, false],
@@ -135,22 +139,16 @@ mod tests {
 
     #[test]
     fn every_fact_of_an_effect_has_a_line_and_a_label_of_its_own() {
-        let number = |name: &str, value, sigma| Number { name: name.to_owned(), value, sigma, written: None };
+        let number = |name: &str, value, sigma| EstimatedValue { name: name.to_owned(), value, sigma, written: None };
         let codes: Vec<String> = (0..12).map(|index| format!("drift-course-number-{index}")).collect();
-        let entry = Entry {
-            code: "pivot-clearance".to_owned(),
-            formula: None,
-            class: Class::MissingEffect,
-            gyros: [true, false, false, false],
-            parameters: vec![number("clearance_arcsec", 11.523, Some(0.041)), number("preferred_arcsec", 0.0, None)],
-            gap_share: 0.7,
-            chi2: Some((69_651.0, 15.0)),
-            held_out: None,
-            rivals: std::iter::once(alternative("lost-counts", Some(60_000.0)))
-                .chain(codes.iter().map(|code| alternative(code, None)))
-                .collect(),
-            assignments: Vec::new(),
-        };
+        let mut entry =
+            DiagnosedEffect::new("pivot-clearance".to_owned(), Class::MissingEffect, [true, false, false, false]);
+        entry.parameters = vec![number("clearance_arcsec", 11.523, Some(0.041)), number("preferred_arcsec", 0.0, None)];
+        entry.gap_share = 0.7;
+        entry.chi2 = Some(Chi2Fall { fall: 69_651.0, threshold: 15.0 });
+        entry.rivals = std::iter::once(alternative("lost-counts", Some(60_000.0)))
+            .chain(codes.iter().map(|code| alternative(code, None)))
+            .collect();
         assert_eq!(heading(&entry), "GYRX: pivot-clearance");
         let lines = labelled(4, &facts(&entry));
         for line in [
