@@ -20,10 +20,11 @@ use crate::measured::{BLOCK, CHANNELS, Measured, MeasuredError, Series, Shifts};
 use crate::noise;
 use crate::null::{Thresholds, thresholds};
 use crate::outcome::{Correction, DiagnosedEffect, Diagnosis, Gaps, Verdict};
-use crate::remainder::{kurtosis, unexplained, unlikeness};
+use crate::remainder::unexplained;
 use crate::state::{Case, State};
 use crate::stretches;
 use crate::whereabouts::whereabouts;
+use crate::whiteness::{kurtosis, unlikeness};
 
 /// A formula must be better than the catalogue by so much: odds of e⁵, 150 to one.
 const FORMULA_MARGIN: f64 = 10.0;

@@ -53,11 +53,13 @@ fn effect(hypothesis: &Hypothesis, sigmas: &[f64]) -> DiagnosedEffect {
     let formula = hypothesis.amplitude.formula();
     let numbers = hypothesis.parameters().into_iter().zip(sigmas.iter().copied().chain(std::iter::repeat(f64::NAN)));
     DiagnosedEffect {
+        code: hypothesis.amplitude.code(),
+        gyros: hypothesis.gyros,
         formula: formula.map(|formula| formula.to_string()),
         coefficient_unit: formula.map(|formula| formula.unit()),
         parameters: numbers.map(|(number, sigma)| EstimatedValue::new(number.name, number.value, sigma)).collect(),
         corrections: vec![Correction::Hypothesis(hypothesis.clone())],
-        ..DiagnosedEffect::new(hypothesis.amplitude.code(), Class::MissingEffect, hypothesis.gyros)
+        ..DiagnosedEffect::default()
     }
 }
 
@@ -254,7 +256,10 @@ impl Entries<'_> {
                     parameters: vec![found],
                     chi2: Some(Chi2Fall { fall, threshold: RECALIBRATED_SIGMAS.powi(2) }),
                     corrections: vec![correction],
-                    ..DiagnosedEffect::new(code, Class::Recalibration, gyros)
+                    code,
+                    gyros,
+                    class: Class::Recalibration,
+                    ..DiagnosedEffect::default()
                 }),
             }
         }

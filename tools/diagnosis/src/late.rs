@@ -10,7 +10,7 @@ use crate::bank::{Bank, Base, Family, Variation};
 use crate::gyros::Gyros;
 use crate::hypothesis::Hypothesis;
 use crate::normal::{Gain, Normal, Products};
-use crate::search::products;
+use crate::signature::Signature;
 use crate::state::{Case, FittedHypothesis, State};
 
 /// How late a temperature may be told, s; early where a part of the electronics is warm only after the sensor.
@@ -117,7 +117,7 @@ struct Spot<'a> {
 impl Spot<'_> {
     /// Its products where the temperature is told so much later than it was.
     fn products(&self, bank: &Bank, normal: &Normal, late_s: f64, gyros: &Gyros) -> Products {
-        products(&bank.late(late_s), normal, self.base, &self.variation, gyros)
+        Signature::of(&bank.late(late_s), normal, self.base, &self.variation, gyros).products
     }
 }
 
@@ -129,7 +129,7 @@ fn spot<'a>(bank: &'a Bank, normal: &Normal, found: &Hypothesis) -> Option<Spot<
     let at = |late_s: f64| {
         let late = bank.late(late_s);
         let spots = bases.iter().filter_map(|&base| {
-            let gain = normal.gain(&products(&late, normal, base, &variation, &found.gyros))?;
+            let gain = normal.gain(&Signature::of(&late, normal, base, &variation, &found.gyros).products)?;
             base.stands_for(gain.size).then(|| Spot { base, variation: variation.clone(), late_s, gain })
         });
         spots.max_by(|one, other| one.gain.chi2.total_cmp(&other.gain.chi2))

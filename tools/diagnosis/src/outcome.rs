@@ -100,10 +100,11 @@ mod by_name {
 }
 
 /// Whether something is missing in the model or only its calibration out of date.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Class {
     /// An effect that the configuration does not have.
+    #[default]
     MissingEffect,
     /// Calibration parameters moved.
     Recalibration,
@@ -160,7 +161,7 @@ pub struct Chi2Fall {
 }
 
 /// An effect found.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct DiagnosedEffect {
     /// Code of the model.
     pub code: String,
@@ -196,25 +197,6 @@ pub struct DiagnosedEffect {
 }
 
 impl DiagnosedEffect {
-    /// One without numbers.
-    pub fn new(code: String, class: Class, gyros: Gyros) -> DiagnosedEffect {
-        let (formula, coefficient_unit, chi2, held_out) = Default::default();
-        let (parameters, rivals, corrections) = Default::default();
-        DiagnosedEffect {
-            code,
-            formula,
-            coefficient_unit,
-            class,
-            gyros,
-            parameters,
-            gap_share: 0.0,
-            chi2,
-            held_out,
-            rivals,
-            corrections,
-        }
-    }
-
     /// What [`Configuration::edited`] takes to have it in the text of `configuration`, which has it already.
     pub fn assignments(&self, configuration: &Configuration) -> Vec<String> {
         self.corrections.iter().flat_map(|correction| correction.assignments(configuration)).collect()

@@ -6,17 +6,15 @@
 use geu_model::course::Law;
 use rayon::prelude::*;
 
-use crate::amplitude::AmplitudeRef;
-use crate::bank::{Bank, Base, Column, Family, Variation};
-use crate::climb::climb;
-use crate::gyros::{ALL_GYROS, Gyros};
+use crate::bank::{Bank, Base, Family};
+use crate::gyros::{ALL_GYROS, Gyros, is_within, only};
 use crate::hypothesis::Hypothesis;
 use crate::late::{self, LAG_CHI2, Late, following_temperature};
-use crate::measured::{BLOCK_S, CHANNELS, Series};
-use crate::normal::{Beside, Gain, Normal, Nuisance, Products, dot};
-use crate::search::reaches;
+use crate::measured::{Series, TIMING};
+use crate::normal::Normal;
+use crate::signature::Signature;
+use crate::spots::{Spot, spots};
 use crate::state::{Case, FittedHypothesis, State};
-use crate::sweep::{Part, sweep};
 
 /// Those that explain a smaller share of what was found explains are none: the square of a cosine of 0.3.
 const LEAST_SHARE: f64 = 0.09;
@@ -45,14 +43,6 @@ pub struct Rival {
     reach_chi2: f64,
     /// By how much more χ² falls with the one that was found, less what that is dearer; 0 where it falls no more.
     pub behind_chi2: f64,
-}
-
-/// A rival on the grid.
-struct Spot {
-    base: usize,
-    variation: Variation,
-    gyros: Gyros,
-    gain: Gain,
 }
 
 /// What is paid for a name: what chance does in its family. A rival that is cheaper may be so much farther behind.
@@ -174,35 +164,25 @@ fn in_place_of(
 ) -> Vec<Rival> {
     let own = Signature::new(normal, &case.signature(state, index));
     let held = &state.held[index].hypothesis;
-    let mut spots: Vec<Spot> =
-        (0..bank.bases.len()).into_par_iter().flat_map_iter(|base| spots(bank, normal, base, held)).collect();
+    let of_base = |index: usize| {
+        let sets = sets(&bank.bases[index], &held.gyros);
+        let is_another = |spot: &Spot| spot.amplitude(bank) != held.amplitude || spot.gyros != held.gyros;
+        spots(bank, normal, index, |_| sets.clone(), |spot| is_another(spot) && spot.stands(bank))
+    };
+    let mut spots: Vec<Spot> = (0..bank.bases.len()).into_par_iter().flat_map_iter(of_base).collect();
     spots.retain(|spot| spot.gain.chi2 >= LEAST_SHARE * fall);
     spots.sort_by(|one, other| other.gain.chi2.total_cmp(&one.gain.chi2));
     let in_group = spots.iter().take_while(|spot| fall - spot.gain.chi2 < APART_CHI2).count();
     spots.truncate(in_group.clamp(CLIMBED, MOST));
-    let duration_s = case.measured.block_count() as f64 * BLOCK_S;
     let told = |(place, spot): (usize, &Spot)| -> Option<Rival> {
-        let base = &bank.bases[spot.base];
-        let gain = |variation: &Variation| {
-            let products = Signature::of(bank, normal, base, variation, &spot.gyros).products;
-            normal.gain(&products).filter(|gain| base.stands_for(gain.size))
-        };
-        let made = |variation: &Variation, gain: Gain| {
-            bank.hypothesis(base, variation, if base.is_linear { gain.size } else { base.size }, spot.gyros)
-        };
-        let mut best = (spot.variation.clone(), gain(&spot.variation)?);
+        let mut best = spot.with(bank, normal, &spot.variation).filter(|spot| spot.stands(bank))?;
         if place < CLIMBED {
-            let (variation, _) =
-                climb(spot.variation.clone(), duration_s, &|at| gain(at).map_or(0.0, |gain| gain.chi2));
-            let climbed = gain(&variation).filter(|gain| made(&variation, *gain).is_within_limits());
-            best = climbed.map_or(best, |gain| (variation, gain));
+            best = spot.climbed(bank, normal, |spot| spot.stands(bank)).unwrap_or(best);
         }
-        let (variation, gain) = best;
-        let signature = Signature::of(bank, normal, base, &variation, &spot.gyros);
-        let cosine = own.cosine(normal, &signature);
-        let (hypothesis, family) = (made(&variation, gain), base.family(&variation));
-        let behind_chi2 = (fall - gain.chi2 - dearer(prices, family, &hypothesis)).max(0.0);
-        let reach_chi2 = match base.is_linear {
+        let cosine = own.cosine(normal, &best.signature(bank, normal));
+        let (hypothesis, family) = (best.hypothesis(bank), best.family(bank));
+        let behind_chi2 = (fall - best.gain.chi2 - dearer(prices, family, &hypothesis)).max(0.0);
+        let reach_chi2 = match bank.bases[best.base].is_linear {
             true if hypothesis.parameters().len() > 1 => NEAR_CHI2,
             true => 0.0,
             false => f64::INFINITY,
@@ -230,88 +210,14 @@ fn best_of_each(all: Vec<Rival>) -> Vec<Rival> {
     rivals
 }
 
-/// The best course of each kind of one base on each set of gyros.
-fn spots(bank: &Bank, normal: &Normal, index: usize, held: &Hypothesis) -> Vec<Spot> {
-    let base = &bank.bases[index];
-    let mut best: Vec<Spot> = Vec::new();
-    let sets = sets(base, &held.gyros);
-    let take = |variation: &Variation, parts: &[Part<()>; CHANNELS]| {
-        let own = AmplitudeRef { kind: variation.kind(), ..base.amplitude };
-        for gyros in sets.iter().copied().filter(|gyros| own != held.amplitude || *gyros != held.gyros) {
-            let reached = parts.iter().enumerate().filter(|(channel, _)| reaches(&base.amplitude, &gyros, *channel));
-            let gain = Beside::gain(&reached.filter_map(|(_, part)| Some(&part.as_ref()?.0)).collect::<Vec<_>>());
-            let Some(gain) = gain.filter(|gain| base.stands_for(gain.size)) else { continue };
-            let same = best.iter_mut().find(|other| other.variation.kind() == variation.kind() && other.gyros == gyros);
-            let spot = Spot { base: index, variation: variation.clone(), gyros, gain };
-            match same {
-                Some(other) if other.gain.chi2 >= gain.chi2 => {}
-                Some(other) => *other = spot,
-                None => best.push(spot),
-            }
-        }
-    };
-    sweep(bank, normal, base, |_, _| (), take);
-    best
-}
-
 /// Sets of gyros on which a rival is looked for: each alone, all, and those of what was found.
 fn sets(base: &Base, found: &Gyros) -> Vec<Gyros> {
     if base.amplitude.is_of_unit() {
         return vec![ALL_GYROS];
     }
-    let singles = (0..4).map(|gyro| std::array::from_fn(|other| other == gyro));
-    let mut sets: Vec<Gyros> = singles.chain([ALL_GYROS, *found]).collect();
-    sets.retain(|set| set.iter().zip(base.amplitude.gyros()).all(|(own, can)| !own || can));
+    let mut sets: Vec<Gyros> = (0..TIMING).map(only).chain([ALL_GYROS, *found]).collect();
+    sets.retain(|set| is_within(set, &base.amplitude.gyros()));
     sets.sort_unstable();
     sets.dedup();
     sets
-}
-
-/// A signature, whitened.
-struct Signature {
-    /// Of the channels that are reached.
-    white: [Option<Column>; CHANNELS],
-    products: Products,
-}
-
-impl Signature {
-    fn new(normal: &Normal, nuisance: &Nuisance) -> Signature {
-        let column = |values: &Option<Vec<f64>>| Some(Column { from: 0, values: values.clone()? });
-        Signature::whitened(normal, nuisance.each_ref().map(column))
-    }
-
-    fn of(bank: &Bank, normal: &Normal, base: &Base, variation: &Variation, gyros: &Gyros) -> Signature {
-        let mut columns = bank.columns(base, variation);
-        for (channel, column) in columns.iter_mut().enumerate() {
-            if !reaches(&base.amplitude, gyros, channel) {
-                *column = None;
-            }
-        }
-        Signature::whitened(normal, columns)
-    }
-
-    fn whitened(normal: &Normal, columns: [Option<Column>; CHANNELS]) -> Signature {
-        let white: [Option<Column>; CHANNELS] =
-            std::array::from_fn(|channel| columns[channel].as_ref().map(|column| normal.white(channel, column)));
-        let parts = white.iter().enumerate().filter_map(|(channel, own)| Some(normal.products(channel, own.as_ref()?)));
-        let products = parts.fold(Products::none(normal.nuisances()), |sum, part| sum.plus(&part));
-        Signature { white, products }
-    }
-
-    /// Cosine with another, beside the nuisances; without sign.
-    fn cosine(&self, normal: &Normal, other: &Signature) -> f64 {
-        normal.cosine(&self.products, &other.products, self.dot(other)).abs().min(1.0)
-    }
-
-    /// The product with another.
-    fn dot(&self, other: &Signature) -> f64 {
-        let of_channel = |(one, other): (&Option<Column>, &Option<Column>)| {
-            let (one, other) = (one.as_ref()?, other.as_ref()?);
-            let [end, other_end] = [one, other].map(|column| column.from + column.values.len());
-            let (from, to) = (one.from.max(other.from), end.min(other_end));
-            let part = |column: &Column| from - column.from..to - column.from;
-            (from < to).then(|| dot(&one.values[part(one)], &other.values[part(other)]))
-        };
-        self.white.iter().zip(&other.white).filter_map(of_channel).sum()
-    }
 }

@@ -233,14 +233,14 @@ impl Cache {
 
     fn get(&self, key: u64) -> Option<Thresholds> {
         let text = read_text(&self.directory.as_ref()?.join(format!("{key:016x}.json"))).ok()?;
-        Thresholds::from_json(&serde_json::from_str(&text).ok()?)
+        serde_json::from_str(&text).ok()
     }
 
     fn put(&self, key: u64, thresholds: &Thresholds) {
         let Some(directory) = &self.directory else { return };
         let path = directory.join(format!("{key:016x}.json"));
         let kept = fs::create_dir_all(directory)
-            .and_then(|()| geu_files::write_whole(&path, thresholds.to_json().to_string()));
+            .and_then(|()| geu_files::write_whole(&path, serde_json::json!(thresholds).to_string()));
         if let Err(error) = kept {
             note(format_args!("geu: {}: thresholds cannot be kept: {error}\n", directory.display()));
         }

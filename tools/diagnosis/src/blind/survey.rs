@@ -11,15 +11,16 @@ use geu_recording::Sink;
 
 use super::fly::{Flight, fly};
 use super::hidden::{Hidden, Origin};
-use crate::bank::{Bank, Column};
+use crate::bank::Bank;
 use crate::diagnosis::{Settings, diagnose_rows};
 use crate::hypothesis::Hypothesis;
 use crate::measured::{CHANNELS, Measured, MeasuredError, Series, Shifts};
 use crate::noise;
-use crate::normal::{Normal, Nuisance, Products, dot};
+use crate::normal::{Normal, Nuisance};
 use crate::null::Thresholds;
 use crate::outcome::{DiagnosedEffect, Diagnosis};
 use crate::rivals::{Rival, look_alikes};
+use crate::signature::Signature;
 use crate::state::{Case, FittedHypothesis};
 use crate::whitening::Noise;
 
@@ -48,12 +49,6 @@ pub struct Survey {
     normal: Normal,
     bank: OnceLock<Bank>,
     thresholds: OnceLock<Thresholds>,
-}
-
-/// What a change adds, whitened.
-pub struct Signature {
-    white: Series,
-    products: Products,
 }
 
 /// A change of the size asked for.
@@ -89,15 +84,7 @@ impl Survey {
 
     /// What the difference of two configurations adds; the first has more.
     fn signature(&self, moved: &Series, from: &Series) -> Signature {
-        let difference = self.measured.difference(moved, from);
-        let mut products = Products::none(self.normal.nuisances());
-        let white = std::array::from_fn(|channel| {
-            let white = self.normal.white(channel, &Column { from: 0, values: difference[channel].clone() });
-            let own = std::mem::replace(&mut products, Products::none(0));
-            products = own.plus(&self.normal.products(channel, &white));
-            white.values
-        });
-        Signature { white, products }
+        Signature::new(&self.normal, &self.measured.difference(moved, from).map(Some))
     }
 
     fn run(&self, configuration: &Configuration) -> Series {
@@ -129,8 +116,7 @@ impl Survey {
         let (one, other) =
             (self.signature_of(&hidden.hypothesis, 0.0), self.signature_of(&hypothesis, temperature_late_s));
         let (Some(one), Some(other)) = (one, other) else { return 0.0 };
-        let both: f64 = one.white.iter().zip(&other.white).map(|(one, other)| dot(one, other)).sum();
-        let as_found = self.normal.cosine(&one.products, &other.products, both).abs().min(1.0);
+        let as_found = one.cosine(&self.normal, &other);
         let rivals = self.rivals(&hidden.hypothesis, temperature_late_s);
         let is_found =
             |rival: &&Rival| rival.hypothesis.amplitude.code() == found.code && rival.hypothesis.gyros == found.gyros;

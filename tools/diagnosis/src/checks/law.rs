@@ -89,6 +89,34 @@ impl Law {
     }
 }
 
+/// A fault of [`geu_model::effect::WiringEffects`] that the counts show against the motion.
+#[derive(Debug, Clone, PartialEq)]
+pub struct WiringFault {
+    /// What puts it into a configuration: of the gyro at which that names it.
+    pub hypothesis: Hypothesis,
+    /// The gyros whose counts it changes, in wire order.
+    pub gyros: Vec<Gyro>,
+    /// Where it begins, s since the start of the first half second; nothing where it was there from the start.
+    pub onset_s: Option<f64>,
+    /// Between which times it may as well have begun, s.
+    pub onset_between_s: [f64; 2],
+    /// Where it ends, s; nothing where it lasts to the end.
+    pub end_s: Option<f64>,
+    /// Half seconds of the recording over which it holds.
+    pub half_seconds: usize,
+    /// Rms of measured less predicted counts over them, without the fault, over the gyros concerned.
+    pub without_rms_counts: f64,
+    /// The same with the fault.
+    pub with_rms_counts: f64,
+}
+
+impl WiringFault {
+    /// `axis-swap`; `axis-swap-step` where it begins after the start.
+    pub fn code(&self) -> String {
+        self.hypothesis.amplitude.code()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

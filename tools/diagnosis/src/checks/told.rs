@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use geu_protocol::Gyro;
 use geu_recording::{Defect, DefectKind, Row};
 
-use super::WiringFault;
+use super::law::WiringFault;
 use super::timeline::Timeline;
 use crate::Finding;
 

@@ -11,8 +11,8 @@ use geu_model::effect::WiringStates;
 use geu_protocol::Gyro;
 use geu_recording::Row;
 
-use super::WiringFault;
 use super::compared::Compared;
+use super::law::WiringFault;
 use super::law::{Law, Wiring, apply};
 use super::timeline::Timeline;
 

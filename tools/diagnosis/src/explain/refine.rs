@@ -13,7 +13,7 @@ use crate::null::Thresholds;
 use crate::search::pays;
 use crate::state::{Case, FittedHypothesis};
 
-use super::Explained;
+use super::selected::Explained;
 
 /// A shape that has a default is told where χ² falls by this, two sigma, or where it is known to a fifth.
 const SHAPE_CHI2: f64 = 4.0;

@@ -1,16 +1,58 @@
 //! The report for a terminal: one labelled line for each fact.
 
-use crate::gyros::{ALL_GYROS, Gyros};
-use crate::outcome::{Chi2Fall, Class, DiagnosedEffect, Diagnosis, FollowedTerm, ReportedAlternative};
-use crate::whereabouts::standing_out;
+use geu_protocol::Gyro;
 
-use super::{called, names, verdict, with_sigma};
+use crate::gyros::{ALL_GYROS, Gyros, names};
+use crate::outcome::{
+    Chi2Fall, Class, DiagnosedEffect, Diagnosis, EstimatedValue, FollowedTerm, ReportedAlternative, Verdict,
+};
+use crate::whereabouts::{STANDS_OUT, VARIABLES, strongest};
 
+/// What is told of each gyro in a text: variables, and stretches.
+const TOLD: usize = 3;
 /// Alternatives of a group that are listed; the others are counted.
 const LISTED: usize = 5;
 
 fn on(gyros: &Gyros) -> String {
     if gyros == &ALL_GYROS { "all gyros".to_owned() } else { names(gyros).join(", ") }
+}
+
+/// A value with its sigma: as many digits as that has.
+pub fn with_sigma(number: &EstimatedValue) -> String {
+    if let Some(written) = &number.written {
+        return written.clone();
+    }
+    let Some(sigma) = number.sigma.filter(|sigma| *sigma > 0.0) else { return plain(number.value) };
+    let decimals = (1.0 - sigma.log10().floor()).max(0.0) as usize;
+    if decimals > 8 {
+        return format!("{:.3e} ± {:.1e}", number.value, sigma);
+    }
+    format!("{:.decimals$} ± {:.decimals$}", number.value, sigma)
+}
+
+fn plain(value: f64) -> String {
+    if value != 0.0 && (value.abs() < 1e-3 || value.abs() >= 1e6) {
+        format!("{value:.3e}")
+    } else {
+        format!("{value:.4}")
+    }
+}
+
+/// What something is, in words: its code, or its formula.
+pub fn called(entry: &DiagnosedEffect) -> String {
+    match &entry.formula {
+        Some(formula) => format!("{} term {formula}", entry.code),
+        None => entry.code.clone(),
+    }
+}
+
+/// A verdict in a sentence.
+pub fn verdict(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Consistent => "consistent: the model explains the recording",
+        Verdict::Explained => "explained: with what was missing the model explains the recording",
+        Verdict::Unexplained => "unexplained: something is left that no effect of the model explains",
+    }
 }
 
 /// The gyros and the effect: `GYRX: pivot-clearance`.
@@ -121,10 +163,46 @@ pub fn text(diagnosis: &Diagnosis) -> String {
     text
 }
 
+/// For each gyro that leaves the model before anything was found, a line for each variable along which, and for each stretch in
+/// which it does.
+fn standing_out(diagnosis: &Diagnosis) -> Vec<String> {
+    let [before, after] = &diagnosis.whereabouts;
+    let of_gyro = |gyro: Gyro| {
+        let index = gyro as usize;
+        let later = &after.whole[index];
+        let whole = before.whole[index].iter().enumerate();
+        let along =
+            whole.filter_map(|(variable, sigmas)| Some((VARIABLES[variable].to_owned(), (*sigmas)?, later[variable])));
+        let stretches = diagnosis.stretches.iter().zip(&before.stretches[index]).zip(&after.stretches[index]);
+        let within = stretches.filter_map(|((stretch, own), later)| {
+            let (variable, sigmas) = strongest(own)?;
+            let place = format!("{}, {:.0} s ({})", stretch.name, stretch.from_s, VARIABLES[variable]);
+            Some((place, sigmas, later[variable]))
+        });
+        let lines = [("along", most(along.collect())), ("in", most(within.collect()))];
+        lines
+            .into_iter()
+            .flat_map(move |(how, told)| told.into_iter().map(move |told| format!("{} {how} {told}", gyro.name())))
+    };
+    Gyro::ALL.into_iter().flat_map(of_gyro).collect()
+}
+
+/// Those of places, with their sigmas before and after, that stand out most.
+fn most(mut places: Vec<(String, f64, Option<f64>)>) -> Vec<String> {
+    places.retain(|(_, before, _)| before.abs() > STANDS_OUT);
+    places.sort_by(|one, other| other.1.abs().total_cmp(&one.1.abs()));
+    // No minus before a zero.
+    let whole = |sigmas: f64| format!("{:+}", sigmas.round() as i64);
+    let told = |(place, before, after): (String, f64, Option<f64>)| match after {
+        Some(after) => format!("{place} {} → {}", whole(before), whole(after)),
+        None => format!("{place} {}", whole(before)),
+    };
+    places.into_iter().take(TOLD).map(told).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::outcome::EstimatedValue;
 
     fn alternative(code: &str, behind_chi2: Option<f64>) -> ReportedAlternative {
         ReportedAlternative {
@@ -141,14 +219,17 @@ mod tests {
     fn every_fact_of_an_effect_has_a_line_and_a_label_of_its_own() {
         let number = |name: &str, value, sigma| EstimatedValue { name: name.to_owned(), value, sigma, written: None };
         let codes: Vec<String> = (0..12).map(|index| format!("drift-course-number-{index}")).collect();
-        let mut entry =
-            DiagnosedEffect::new("pivot-clearance".to_owned(), Class::MissingEffect, [true, false, false, false]);
-        entry.parameters = vec![number("clearance_arcsec", 11.523, Some(0.041)), number("preferred_arcsec", 0.0, None)];
-        entry.gap_share = 0.7;
-        entry.chi2 = Some(Chi2Fall { fall: 69_651.0, threshold: 15.0 });
-        entry.rivals = std::iter::once(alternative("lost-counts", Some(60_000.0)))
-            .chain(codes.iter().map(|code| alternative(code, None)))
-            .collect();
+        let entry = DiagnosedEffect {
+            code: "pivot-clearance".to_owned(),
+            gyros: [true, false, false, false],
+            parameters: vec![number("clearance_arcsec", 11.523, Some(0.041)), number("preferred_arcsec", 0.0, None)],
+            gap_share: 0.7,
+            chi2: Some(Chi2Fall { fall: 69_651.0, threshold: 15.0 }),
+            rivals: std::iter::once(alternative("lost-counts", Some(60_000.0)))
+                .chain(codes.iter().map(|code| alternative(code, None)))
+                .collect(),
+            ..DiagnosedEffect::default()
+        };
         assert_eq!(heading(&entry), "GYRX: pivot-clearance");
         let lines = labelled(4, &facts(&entry));
         for line in [

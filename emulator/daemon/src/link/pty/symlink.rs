@@ -117,12 +117,10 @@ impl Lock {
             let file = match open_lock(&path) {
                 // Not created by name: in a directory with the sticky bit that is refused for a file of others, and another
                 // emulator could lock the file before its mark is written.
-                Err(error) if error.kind() == io::ErrorKind::NotFound => {
-                    match create_lock(directory, &file_name, &path) {
-                        Err(error) if error.kind() == io::ErrorKind::AlreadyExists => continue,
-                        created => return Ok(Lock { file: created.map_err(fail)?, path, led_to: None }),
-                    }
-                }
+                Err(error) if error.kind() == io::ErrorKind::NotFound => match create_lock(directory, &file_name, &path) {
+                    Err(error) if error.kind() == io::ErrorKind::AlreadyExists => continue,
+                    created => return Ok(Lock { file: created.map_err(fail)?, path, led_to: None }),
+                },
                 opened => opened.map_err(fail)?,
             };
             let own = file.metadata().map_err(fail)?;
@@ -170,8 +168,7 @@ fn open_lock(path: &Path) -> io::Result<File> {
 
 /// Makes a lock that is held and marked before it has its name, so that nobody finds it without either.
 fn create_lock(directory: &Path, prefix: &OsStr, path: &Path) -> io::Result<File> {
-    let mut created =
-        tempfile::Builder::new().prefix(prefix).permissions(Permissions::from_mode(0o644)).tempfile_in(directory)?;
+    let mut created = tempfile::Builder::new().prefix(prefix).permissions(Permissions::from_mode(0o644)).tempfile_in(directory)?;
     created.write_all(MARK.as_bytes())?;
     created.as_file().try_lock()?;
     Ok(created.persist_noclobber(path)?)
