@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use std::fs;
 use std::sync::Mutex;
 
-use geu_diagnosis::outcome::{Class, Entry};
+use geu_diagnosis::outcome::{Class, DiagnosedEffect};
 use geu_diagnosis::rivals::APART_CHI2;
 use geu_diagnosis::{Diagnosis, Settings, Thresholds, Verdict, diagnose_rows, report};
 use geu_model::Configuration;
@@ -112,7 +112,7 @@ fn diagnosis_of(seed: u64, hidden: &[Hidden], bench: Option<&Bench>) -> Diagnosi
     diagnosis
 }
 
-fn missing(diagnosis: &Diagnosis) -> impl Iterator<Item = &Entry> {
+fn missing(diagnosis: &Diagnosis) -> impl Iterator<Item = &DiagnosedEffect> {
     diagnosis.entries.iter().filter(|entry| entry.class == Class::MissingEffect)
 }
 
@@ -122,7 +122,7 @@ fn gyros(hidden: &Hidden) -> [bool; 4] {
 }
 
 /// Whether an entry names what is hidden, itself or as one of a group that cannot be told apart.
-fn names(entry: &Entry, hidden: &Hidden) -> bool {
+fn names(entry: &DiagnosedEffect, hidden: &Hidden) -> bool {
     let is_rival = entry.rivals.iter().any(|rival| {
         rival.code == hidden.code
             && rival.gyros == gyros(hidden)
@@ -392,7 +392,7 @@ fn a_reference_that_errs_misleads_nobody() {
 fn a_reference_that_is_late_is_a_time_offset_or_its_rival_and_nothing_else() {
     let bench = Bench { late_s: 0.03, ..Bench::default() };
     let diagnosis = diagnosis_of(18, &[], Some(&bench));
-    let told: Vec<&Entry> = missing(&diagnosis).collect();
+    let told: Vec<&DiagnosedEffect> = missing(&diagnosis).collect();
     let [entry] = told[..] else { panic!("{} things told", told.len()) };
     assert_eq!((entry.code.as_str(), entry.rivals[0].code.as_str()), ("time-offset", "reference-late"));
     assert_not_misnamed(
@@ -424,8 +424,7 @@ fn assert_in_no_catalogue(cases: &[(Hidden, Option<&str>)]) {
         assert!(missing(&diagnosis).all(|entry| entry.code == "discovered"), "{hidden:?}");
         match formula {
             Some(formula) => {
-                let told: Vec<&str> =
-                    missing(&diagnosis).filter_map(|entry| Some(entry.formula.as_ref()?.0.as_str())).collect();
+                let told: Vec<&str> = missing(&diagnosis).filter_map(|entry| entry.formula.as_deref()).collect();
                 assert_eq!(told, [*formula]);
             }
             None => assert_eq!(diagnosis.verdict, Verdict::Unexplained),
@@ -491,7 +490,7 @@ fn the_shared_recordings_are_named_with_their_sizes_and_foretold() {
         for hidden in &hidden {
             if hidden.code == "rate-squared-coupling" {
                 let formula = missing(&diagnosis).find_map(|entry| entry.formula.as_ref());
-                assert_eq!(formula.map(|formula| formula.0.as_str()), Some("rate_y^2"), "{name}");
+                assert_eq!(formula.map(String::as_str), Some("rate_y^2"), "{name}");
                 continue;
             }
             let entry = missing(&diagnosis).find(|entry| entry.code == hidden.code && entry.gyros == gyros(hidden));

@@ -4,7 +4,7 @@
 //! held over a half second; a step within it counts with the part of it that it holds.
 
 use crate::effect::{Amplitude, EffectSpec};
-use crate::number::{Default, Form, Number};
+use crate::number::{Default, Form, Number, Role};
 use crate::units::S_PER_DAY;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -49,6 +49,7 @@ pub struct Kind {
 const TIME: Number = Number {
     name: "time_s",
     form: Form::Real,
+    role: Role::Onset,
     default: Default::Required,
     least: 0.0,
     greatest: 1e10,
@@ -57,6 +58,7 @@ const TIME: Number = Number {
 const PERIOD: Number = Number {
     name: "period_s",
     form: Form::Real,
+    role: Role::Period,
     default: Default::Required,
     least: 0.1,
     greatest: 1e10,
@@ -65,6 +67,7 @@ const PERIOD: Number = Number {
 const PHASE: Number = Number {
     name: "phase_rad",
     form: Form::Real,
+    role: Role::Phase,
     default: Default::Value(0.0),
     least: -100.0,
     greatest: 100.0,

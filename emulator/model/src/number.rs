@@ -40,6 +40,25 @@ pub enum Form {
     Choice(&'static [&'static str]),
 }
 
+/// What a number is for in an effect, a time course or a fault.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Role {
+    /// An amplitude, or a number without another role.
+    Amplitude,
+    /// An amplitude in counts: a whole number.
+    Count,
+    /// The time from which something holds.
+    Onset,
+    /// A period.
+    Period,
+    /// A phase: a wave of any phase is a sum of two.
+    Phase,
+    /// A time constant.
+    TimeConstant,
+    /// The value that something returns to.
+    PreferredValue,
+}
+
 /// What is said of one number.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Number {
@@ -47,6 +66,8 @@ pub struct Number {
     pub name: &'static str,
     /// How it is written.
     pub form: Form,
+    /// What it is for.
+    pub role: Role,
     /// Value where none is named.
     pub default: Default,
     /// Smallest value accepted.
@@ -106,7 +127,7 @@ pub const fn number(
     greatest: f64,
     meaning: &'static str,
 ) -> Number {
-    Number { name, form, default, least, greatest, meaning }
+    Number { name, form, role: Role::Amplitude, default, least, greatest, meaning }
 }
 
 /// The gyro that a number of form [`Form::Gyro`] means.
@@ -124,15 +145,23 @@ pub trait Numbers {
     fn value_mut(&mut self, index: usize) -> &mut f64;
 }
 
-/// Declares a struct of numbers: `field: default, least..=greatest;`, the default `required`, `absent` or a value.
+/// Declares a struct of numbers: `field: default, least..=greatest;`, the default `required`, `absent` or a value, and after the
+/// limits a form that is not `Real` or a role that is not `Amplitude`.
 macro_rules! numbers {
-    (@form) => { $crate::number::Form::Real };
-    (@form $form:ident) => { $crate::number::Form::$form };
+    (@form Flag) => { $crate::number::Form::Flag };
+    (@form Gyro) => { $crate::number::Form::Gyro };
+    (@form Whole) => { $crate::number::Form::Whole };
+    (@form $($role:ident)?) => { $crate::number::Form::Real };
+    (@role Flag) => { $crate::number::Role::Amplitude };
+    (@role Gyro) => { $crate::number::Role::Amplitude };
+    (@role Whole) => { $crate::number::Role::Amplitude };
+    (@role) => { $crate::number::Role::Amplitude };
+    (@role $role:ident) => { $crate::number::Role::$role };
     (@default required) => { $crate::number::Default::Required };
     (@default absent) => { $crate::number::Default::Absent };
     (@default $value:expr) => { $crate::number::Default::Value($value) };
     ($(#[doc = $doc:literal])* pub struct $type:ident {
-        $($(#[doc = $meaning:literal])* $field:ident: $default:tt, $least:literal ..= $greatest:expr $(, $form:ident)?;)*
+        $($(#[doc = $meaning:literal])* $field:ident: $default:tt, $least:literal ..= $greatest:expr $(, $form_or_role:ident)?;)*
     }) => {
         $(#[doc = $doc])*
         #[derive(Debug, Clone, Copy, PartialEq)]
@@ -142,7 +171,8 @@ macro_rules! numbers {
             /// What is said of each number, in order.
             pub const NUMBERS: &[$crate::number::Number] = &[$($crate::number::Number {
                 name: stringify!($field),
-                form: $crate::number::numbers!(@form $($form)?),
+                form: $crate::number::numbers!(@form $($form_or_role)?),
+                role: $crate::number::numbers!(@role $($form_or_role)?),
                 default: $crate::number::numbers!(@default $default),
                 least: $least,
                 greatest: $greatest,

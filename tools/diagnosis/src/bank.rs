@@ -10,12 +10,14 @@ use std::sync::Arc;
 
 use geu_model::Configuration;
 use geu_model::course::KINDS;
-use geu_model::number::Default as DefaultValue;
+use geu_model::number::{Default as DefaultValue, Role};
 use rayon::prelude::*;
 
-use crate::change::{ALL_GYROS, Amplitude, Change, Place, is_real};
+use crate::amplitude::{AmplitudeRef, STEP, is_real};
 pub use crate::courses::Variation;
 use crate::courses::{Courses, Mode, SHORTEST_BLOCKS, is_onset};
+use crate::gyros::ALL_GYROS;
+use crate::hypothesis::Hypothesis;
 use crate::measured::{BLOCK_S, CHANNELS, Measured, Series, Shifts, TIMING};
 
 /// A signature is run with this share of the largest value accepted.
@@ -43,7 +45,7 @@ const SUDDEN_BLOCKS: usize = 2;
 #[derive(Debug, Clone)]
 pub struct Base {
     /// Which.
-    pub amplitude: Amplitude,
+    pub amplitude: AmplitudeRef,
     /// Values of its own shapes.
     pub own_shapes: Vec<f64>,
     /// The size with which it was run.
@@ -69,15 +71,13 @@ impl Base {
     /// The family of a course of it.
     pub fn family(&self, variation: &Variation) -> Family {
         let begins = variation.kind().is_some_and(|kind| KINDS[kind].shapes.iter().any(is_onset));
-        match self.amplitude.place {
-            Place::Discovered => Family::FORMULA,
+        match variation {
+            _ if self.amplitude.formula().is_some() => Family::FORMULA,
             // What shows at once stands in the noise of jumps.
             _ if begins && self.mode == Mode::Level => Family::SUDDEN,
-            _ => match variation {
-                Variation::Constant => Family::CONSTANT,
-                Variation::Course { kind, .. } => Family::of_kind(*kind),
-                Variation::Onset { .. } => Family::SUDDEN,
-            },
+            Variation::Constant => Family::CONSTANT,
+            Variation::Course { kind, .. } => Family::of_kind(*kind),
+            Variation::Onset { .. } => Family::SUDDEN,
         }
     }
 }
@@ -126,7 +126,7 @@ impl Bank {
         let reference_c = configuration.electronics.numbers.reference_c;
         let excess_k = measured.electronics_c().iter().map(|electronics_c| electronics_c - reference_c).collect();
         let mut bank = Bank { bases: Vec::new(), courses: Courses::new(excess_k) };
-        let runs: Vec<Base> = Amplitude::all()
+        let runs: Vec<Base> = AmplitudeRef::all()
             .into_par_iter()
             .filter(is_real)
             .flat_map_iter(|amplitude| {
@@ -157,22 +157,14 @@ impl Bank {
     /// gyro: what a term adds is the same on all of them, but for the scale factor.
     pub fn formulas(&self, measured: &Measured, configuration: &Configuration) -> Bank {
         let from = measured.run(configuration, Shifts::default());
-        let run = |four: &[Amplitude]| -> Vec<Base> {
+        let run = |four: &[AmplitudeRef]| -> Vec<Base> {
             let mut moved = configuration.clone();
-            let changes: Vec<Change> = four
-                .iter()
-                .enumerate()
-                .map(|(gyro, &amplitude)| Change {
-                    amplitude,
-                    size: COEFFICIENT,
-                    own_shapes: Vec::new(),
-                    course_shapes: Vec::new(),
-                    gyros: std::array::from_fn(|other| other == gyro),
-                })
-                .collect();
-            changes.iter().for_each(|change| change.apply(&mut moved));
+            for (gyro, &amplitude) in four.iter().enumerate() {
+                let gyros = std::array::from_fn(|other| other == gyro);
+                Hypothesis::constant(amplitude, COEFFICIENT, gyros).apply(&mut moved);
+            }
             let mut series = measured.difference(&measured.run(&moved, Shifts::default()), &from);
-            let base = |(gyro, &amplitude): (usize, &Amplitude)| {
+            let base = |(gyro, &amplitude): (usize, &AmplitudeRef)| {
                 let mut own = std::mem::take(&mut series[gyro]);
                 own.iter_mut().for_each(|value| *value /= COEFFICIENT);
                 let none: Arc<[f64]> = vec![0.0; own.len()].into();
@@ -189,7 +181,7 @@ impl Bank {
             };
             four.iter().enumerate().map(base).collect()
         };
-        let bases = Amplitude::formulas().par_chunks(TIMING).flat_map_iter(run).collect();
+        let bases = AmplitudeRef::formulas().par_chunks(TIMING).flat_map_iter(run).collect();
         Bank { bases, courses: self.courses.clone() }
     }
 
@@ -199,23 +191,20 @@ impl Bank {
         measured: &Measured,
         configuration: &Configuration,
         from: &Series,
-        amplitude: Amplitude,
+        amplitude: AmplitudeRef,
         own_shapes: Vec<f64>,
     ) -> Vec<Base> {
         let limits = amplitude.size();
-        let of = |change: &Change| {
+        let of = |change: &Hypothesis| {
             let mut moved = configuration.clone();
             change.apply(&mut moved);
             let mut series = measured.difference(&measured.run(&moved, Shifts::default()), from);
-            series.iter_mut().flatten().for_each(|value| *value /= change.size);
+            series.iter_mut().flatten().for_each(|value| *value /= change.value);
             series
         };
-        let change = |size: f64| Change {
-            amplitude,
-            size,
+        let change = |size: f64| Hypothesis {
             own_shapes: own_shapes.clone(),
-            course_shapes: Vec::new(),
-            gyros: amplitude.gyros(),
+            ..Hypothesis::constant(amplitude, size, amplitude.gyros())
         };
         let base = |size: f64, series: Series, is_linear: bool| Base {
             amplitude,
@@ -233,12 +222,12 @@ impl Bank {
         match onset {
             Some(index) => tried.own_shapes[index] = middle_s,
             None => {
-                let Some(stepped) = amplitude.with(0) else { return vec![small] };
+                let Some(stepped) = amplitude.with(STEP) else { return vec![small] };
                 (tried.amplitude, tried.course_shapes) = (stepped, vec![middle_s]);
             }
         }
         let ran = of(&tried);
-        let step = Variation::Course { kind: 0, shapes: vec![middle_s] };
+        let step = Variation::Course { kind: STEP, shapes: vec![middle_s] };
         let alike = |small: &Base| {
             let values = self.courses.values(small.mode, &step, 0..self.courses.blocks());
             let course: Series = small
@@ -254,7 +243,7 @@ impl Bank {
             small.mode = Mode::Rate;
         }
         let is_silent = cosine(&ran, &ran) == 0.0;
-        if is_silent || by_rate.max(by_level) >= ALIKE || cosine(&small.series, &of(&change(tried.size))) >= ALIKE {
+        if is_silent || by_rate.max(by_level) >= ALIKE || cosine(&small.series, &of(&change(tried.value))) >= ALIKE {
             return vec![small];
         }
         let mode = small.mode;
@@ -273,7 +262,7 @@ impl Bank {
 
     /// Every course of a base that is looked for, waves at the phase 0.
     pub fn variations(&self, base: &Base) -> Vec<Variation> {
-        if base.amplitude.place == Place::Discovered {
+        if base.amplitude.formula().is_some() {
             return vec![Variation::Constant];
         }
         let has_onset = base.amplitude.own_shapes().iter().any(is_onset);
@@ -313,15 +302,11 @@ impl Bank {
         })
     }
 
-    /// The change that a hypothesis of that size is.
-    pub fn change(&self, base: &Base, variation: &Variation, size: f64, gyros: [bool; 4]) -> Change {
-        let mut change = Change {
-            amplitude: base.amplitude,
-            size,
-            own_shapes: base.own_shapes.clone(),
-            course_shapes: Vec::new(),
-            gyros: if base.amplitude.place == Place::Unit { ALL_GYROS } else { gyros },
-        };
+    /// The hypothesis of that size.
+    pub fn hypothesis(&self, base: &Base, variation: &Variation, size: f64, gyros: [bool; 4]) -> Hypothesis {
+        let gyros = if base.amplitude.is_of_unit() { ALL_GYROS } else { gyros };
+        let mut change =
+            Hypothesis { own_shapes: base.own_shapes.clone(), ..Hypothesis::constant(base.amplitude, size, gyros) };
         match variation {
             Variation::Constant => {}
             Variation::Course { kind, shapes } => {
@@ -342,7 +327,7 @@ impl Bank {
 
 /// Values of an effect's own shapes that are looked for, the defaults first: times by their limits; what else has a default is
 /// taken there, and fitted where the effect is found. An effect that the configuration has keeps its own.
-fn own_shapes(amplitude: &Amplitude, configuration: &Configuration) -> Vec<Vec<f64>> {
+fn own_shapes(amplitude: &AmplitudeRef, configuration: &Configuration) -> Vec<Vec<f64>> {
     if let Some(configured) = amplitude.configured_shapes(configuration) {
         return vec![configured];
     }
@@ -356,7 +341,7 @@ fn own_shapes(amplitude: &Amplitude, configuration: &Configuration) -> Vec<Vec<f
         .collect();
     let mut all = vec![defaults.clone()];
     for (index, number) in amplitude.own_shapes().iter().enumerate() {
-        let is_time = number.name.ends_with("_s") && !is_onset(number) && number.least > 0.0;
+        let is_time = number.role == Role::TimeConstant && number.least > 0.0;
         if !is_time || !defaults[index].is_finite() {
             continue;
         }

@@ -25,13 +25,12 @@ mod told;
 mod wiring;
 
 use geu_model::Configuration;
-use geu_model::effect::{Effects, WiringEffects};
-use geu_protocol::Gyro;
 use geu_recording::{Defect, Reference, Row};
 
 use crate::Finding;
 use compared::Compared;
 use law::Law;
+pub use law::WiringFault;
 use timeline::Timeline;
 use told::Told;
 
@@ -45,46 +44,6 @@ pub struct Checked {
     /// As many as were given: wiring faults undone; where that cannot be, or a count stands at an end of its range without
     /// the flag, marked as no measurement.
     pub rows: Vec<Row>,
-}
-
-/// A fault of [`geu_model::effect::WiringEffects`] that the counts show against the motion.
-#[derive(Debug, Clone, PartialEq)]
-pub struct WiringFault {
-    /// `axis-swap`; `axis-swap-step` where it begins after the start.
-    pub code: String,
-    /// The gyro at which a configuration names it.
-    pub bearer: Gyro,
-    /// Key of its number in a configuration, without the code: `on`.
-    pub parameter: &'static str,
-    /// Value of that number, as [`geu_model::number::Number`] has it.
-    pub value: f64,
-    /// The gyros whose counts it changes, in wire order.
-    pub gyros: Vec<Gyro>,
-    /// Where it begins, s since the start of the first half second; nothing where it was there from the start.
-    pub onset_s: Option<f64>,
-    /// Between which times it may as well have begun, s.
-    pub onset_between_s: [f64; 2],
-    /// Where it ends, s; nothing where it lasts to the end.
-    pub end_s: Option<f64>,
-    /// Half seconds of the recording over which it holds.
-    pub half_seconds: usize,
-    /// Rms of measured less predicted counts over them, without the fault, over the gyros concerned.
-    pub without_rms_counts: f64,
-    /// The same with the fault.
-    pub with_rms_counts: f64,
-}
-
-impl WiringFault {
-    /// The value of its number as a configuration writes it.
-    pub fn written(&self) -> String {
-        let list = WiringEffects::default();
-        let numbers = (0..list.specs().len()).flat_map(|effect| {
-            let is_own = self.code.starts_with(list.specs()[effect].code);
-            list.numbers(effect).specs().iter().filter(move |_| is_own)
-        });
-        let number = numbers.into_iter().find(|number| number.name == self.parameter);
-        number.map_or_else(|| format!("{:?}", self.value), |number| number.written(self.value))
-    }
 }
 
 /// Checks a recording: `rows` and `defects` as the decoder gave them, in order; `configuration` is what is believed.

@@ -1,9 +1,9 @@
 //! From the grid on which shapes are looked for to the shape that suits best, by steps up along each in turn.
 
 use geu_model::course::KINDS;
+use geu_model::number::Role;
 
 use crate::bank::Variation;
-use crate::change::{ONSET, PHASE};
 
 /// Times that steps are halved.
 const HALVINGS: usize = 5;
@@ -23,9 +23,9 @@ pub fn climb(start: Variation, duration_s: f64, of: &dyn Fn(&Variation) -> f64) 
         .shapes
         .iter()
         .zip(&shapes)
-        .map(|(number, value)| match number.name {
-            ONSET => duration_s * ONSET_SHARE,
-            PHASE => PHASE_RAD,
+        .map(|(number, value)| match number.role {
+            Role::Onset => duration_s * ONSET_SHARE,
+            Role::Phase => PHASE_RAD,
             _ => PERIOD_SHARE * value,
         })
         .collect();
@@ -38,7 +38,7 @@ pub fn climb(start: Variation, duration_s: f64, of: &dyn Fn(&Variation) -> f64) 
                 tried[index] += step;
                 let number = &KINDS[kind].shapes[index];
                 let is_inside = (number.least..=number.greatest).contains(&tried[index])
-                    && tried[index] < most(number.name, duration_s);
+                    && tried[index] < most(number.role, duration_s);
                 let value = if is_inside { of(&Variation::Course { kind, shapes: tried.clone() }) } else { f64::NAN };
                 if value > best {
                     (best, shapes, is_higher) = (value, tried, true);
@@ -56,10 +56,10 @@ pub fn climb(start: Variation, duration_s: f64, of: &dyn Fn(&Variation) -> f64) 
 
 /// The greatest that is looked for: an onset within the recording; a period of which half a turn is, since less of it cannot be told
 /// from a ramp.
-fn most(name: &str, duration_s: f64) -> f64 {
-    match name {
-        ONSET => duration_s,
-        PHASE => f64::INFINITY,
+fn most(role: Role, duration_s: f64) -> f64 {
+    match role {
+        Role::Onset => duration_s,
+        Role::Phase => f64::INFINITY,
         _ => 2.01 * duration_s,
     }
 }

@@ -7,9 +7,9 @@ use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
 use geu_model::course::{Course, Interval, KINDS};
-use geu_model::number::Number;
+use geu_model::number::{Number, Role};
 
-use crate::change::{ONSET, PHASE};
+use crate::amplitude::STEP;
 use crate::measured::{BLOCK_S, Measured};
 
 /// Shortest time constant or period that is looked for, in blocks: what is shorter averages out.
@@ -62,7 +62,7 @@ impl Variation {
     /// one a quarter of a turn on times the sine.
     pub fn at_phase(&self, phase_rad: f64) -> Option<Variation> {
         let Variation::Course { kind, shapes } = self else { return None };
-        let index = KINDS[*kind].shapes.iter().position(|number| number.name == PHASE)?;
+        let index = KINDS[*kind].shapes.iter().position(|number| number.role == Role::Phase)?;
         let mut shapes = shapes.clone();
         shapes[index] = phase_rad;
         Some(Variation::Course { kind: *kind, shapes })
@@ -71,7 +71,7 @@ impl Variation {
 
 /// Whether a shape is the time from which something holds.
 pub fn is_onset(number: &Number) -> bool {
-    number.name == ONSET
+    number.role == Role::Onset
 }
 
 /// Courses on one recording.
@@ -132,9 +132,9 @@ impl Courses {
     fn shape_values(&self, number: &Number, mode: Mode) -> Vec<f64> {
         let onsets = if mode == Mode::Level { SUDDEN_ONSETS } else { ONSETS };
         let duration_s = self.blocks() as f64 * BLOCK_S;
-        match number.name {
-            _ if is_onset(number) => (1..onsets).map(|onset| duration_s * onset as f64 / onsets as f64).collect(),
-            PHASE => vec![0.0],
+        match number.role {
+            Role::Onset => (1..onsets).map(|onset| duration_s * onset as f64 / onsets as f64).collect(),
+            Role::Phase => vec![0.0],
             // A period.
             _ => (2..=QUARTER_TURNS)
                 .map(|quarter_turns| 4.0 * duration_s / quarter_turns as f64)
@@ -148,7 +148,7 @@ impl Courses {
         let law = match variation {
             Variation::Constant => return None,
             Variation::Course { kind, shapes } => KINDS[*kind].law(shapes),
-            Variation::Onset { block } => KINDS[0].law(&[*block as f64 * BLOCK_S]),
+            Variation::Onset { block } => KINDS[STEP].law(&[*block as f64 * BLOCK_S]),
         };
         let course = Course { effect: 0, amplitude: 0, size: 1.0, law };
         // An increment lies between the middles of two blocks, a value in its own.

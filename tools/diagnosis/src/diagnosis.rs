@@ -7,22 +7,24 @@ use geu_calibration::window::Window;
 use geu_model::Configuration;
 use geu_recording::{Defect, Reference, Row, Sink};
 
+use crate::amplitude::AmplitudeRef;
 use crate::bank::Bank;
-use crate::change::{Amplitude, Gyros, Place};
 use crate::checks::{WiringFault, check};
 use crate::entries::{Entries, SAME_SIGMAS};
 use crate::explain::{Explained, MOST_OF_ONE, explain};
 use crate::finding::Finding;
 use crate::gap;
+use crate::gyros::Gyros;
 use crate::held_out::{fitted, held_out};
 use crate::measured::{BLOCK, CHANNELS, Measured, MeasuredError, Series, Shifts};
 use crate::noise;
 use crate::null::{Thresholds, thresholds};
-use crate::outcome::{Diagnosis, Entry, Gaps, Verdict};
-use crate::remainder::{kurtosis, unexplained, unlikeness};
+use crate::outcome::{Correction, DiagnosedEffect, Diagnosis, Gaps, Verdict};
+use crate::remainder::unexplained;
 use crate::state::{Case, State};
 use crate::stretches;
 use crate::whereabouts::whereabouts;
+use crate::whiteness::{kurtosis, unlikeness};
 
 /// A formula must be better than the catalogue by so much: odds of e⁵, 150 to one.
 const FORMULA_MARGIN: f64 = 10.0;
@@ -175,7 +177,7 @@ pub fn key(measured: &Measured, believed: &Configuration, seed: u64) -> u64 {
     };
     take(SEARCH.as_bytes());
     take(&seed.to_le_bytes());
-    for amplitude in Amplitude::all() {
+    for amplitude in AmplitudeRef::all() {
         take(amplitude.code().as_bytes());
     }
     for celsius in measured.electronics_c() {
@@ -203,12 +205,13 @@ fn merge_gyros(case: &Case, explained: &mut Explained) {
         let held = &explained.state.held;
         let pair = (0..held.len()).flat_map(|one| (one + 1..held.len()).map(move |other| (one, other))).find(|pair| {
             let (one, other) = (&held[pair.0], &held[pair.1]);
-            let agree =
-                one.change.parameters().iter().zip(other.change.parameters()).enumerate().all(|(index, (a, b))| {
+            let agree = one.hypothesis.parameters().iter().zip(other.hypothesis.parameters()).enumerate().all(
+                |(index, (a, b))| {
                     let sigma = one.sigmas[index].hypot(other.sigmas[index]);
                     a.value == b.value || (a.value - b.value).abs() < SAME_SIGMAS * sigma
-                });
-            one.change.amplitude == other.change.amplitude && one.change.amplitude.place != Place::Unit && agree
+                },
+            );
+            one.hypothesis.amplitude == other.hypothesis.amplitude && !one.hypothesis.amplitude.is_of_unit() && agree
         });
         let Some((one, other)) = pair else { return };
         explained.join(case, one, other);
@@ -245,7 +248,7 @@ impl Report<'_> {
             (false, false) => Verdict::Consistent,
         };
         let unexplained = unlike.contains(&true).then(|| unexplained(case, self.bank, &explained, &left, unlike));
-        let configuration = self.written(&entries, &explained);
+        let configuration = self.corrected(entries.iter().flat_map(|entry| &entry.corrections));
         let shifts = explained.state.shifts;
         // The configuration as given meets the recording as it was, and knows nothing of what was found afterwards.
         let as_given = case.of_calibration(self.raw.unwrap_or(measured));
@@ -314,24 +317,22 @@ impl Report<'_> {
         (unlike, explained.normal.left())
     }
 
-    /// The configuration as the entries write it; what moved by less than is told stays as believed.
-    fn written(&self, entries: &[Entry], explained: &Explained) -> Configuration {
-        let assignments: Vec<String> = entries.iter().flat_map(|entry| entry.assignments.iter().cloned()).collect();
-        let text = self.case.believed.to_toml(false);
-        Configuration::parse("the configuration found", &text, &assignments)
-            .unwrap_or_else(|_| explained.state.configuration(self.case.believed))
+    /// The configuration as the entries correct it; what moved by less than is reported stays as given.
+    fn corrected<'a>(&self, corrections: impl Iterator<Item = &'a Correction>) -> Configuration {
+        let mut configuration = self.case.believed.clone();
+        corrections.for_each(|correction| correction.apply(&mut configuration));
+        configuration
     }
 
     /// The fall of the squares as each entry is added, in order, over those of the whole gap; the lag that was found is no entry and
     /// holds all through.
-    fn shares(&self, entries: &mut [Entry], whole: f64, shifts: Shifts) {
+    fn shares(&self, entries: &mut [DiagnosedEffect], whole: f64, shifts: Shifts) {
         let squares = |measured: &Measured, configuration: &Configuration| {
             let model = measured.run(configuration, shifts);
             gap::of(&gap::windowed(measured, &gap::residual(measured, &model))).squares
         };
         let measured = self.case.measured;
-        let text = self.case.believed.to_toml(false);
-        let (mut assignments, mut before) = (Vec::new(), squares(measured, self.case.believed));
+        let (mut with, mut before) = (self.case.believed.clone(), squares(measured, self.case.believed));
         // What mending the rows took away, among the faults by what each did.
         let did = |fault: &WiringFault| {
             (fault.without_rms_counts.powi(2) - fault.with_rms_counts.powi(2)) * fault.half_seconds as f64
@@ -342,8 +343,7 @@ impl Report<'_> {
             entry.gap_share = if all > 0.0 { mended / whole * did(fault) / all } else { 0.0 };
         }
         for entry in entries.iter_mut().filter(|entry| entry.chi2.is_some()) {
-            assignments.extend(entry.assignments.iter().cloned());
-            let Ok(with) = Configuration::parse("the configuration found", &text, &assignments) else { continue };
+            entry.corrections.iter().for_each(|correction| correction.apply(&mut with));
             let now = squares(measured, &with);
             entry.gap_share = if whole > 0.0 { (before - now) / whole } else { 0.0 };
             before = now;

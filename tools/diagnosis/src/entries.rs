@@ -1,23 +1,25 @@
-//! What was found, as it is told: each change, walk, lag and fault with its numbers, its rivals and what writes it.
+//! The effects found, as they are reported: hypotheses, noises, lag, calibration parameters and wiring faults, each with its numbers,
+//! its alternatives and what puts it into a configuration.
 
-use geu_model::effect::{AngleRandomWalk, DriftRandomWalk, Effect};
+use geu_model::effect::{AngleRandomWalk, DriftRandomWalk, Effect, HeadEffects};
+use geu_model::fault::{List, Target};
 use geu_model::number::Numbers;
-use geu_model::package::Calibration;
-use geu_protocol::Gyro;
 
+use crate::amplitude::{AmplitudeRef, calibration_parameters};
 use crate::bank::{Bank, Base, Family};
-use crate::change::{ALL_GYROS, Amplitude, Change, Gyros, ONSET, Place, sixteen};
 use crate::checks::WiringFault;
 use crate::explain::Explained;
+use crate::gyros::{ALL_GYROS, is_within, only};
+use crate::hypothesis::Hypothesis;
 use crate::measured::{CHANNELS, TIMING};
 use crate::noise::Walk;
 use crate::normal::dot;
 use crate::null::Thresholds;
-use crate::outcome::{Class, Entry, Number, RivalShown};
+use crate::outcome::{Chi2Fall, Class, Correction, DiagnosedEffect, EstimatedValue, ReportedAlternative};
 use crate::remedy::Remedies;
 use crate::rivals::{APART_CHI2, Prices, Rival, rivals};
-use crate::search::{Candidate, search};
-use crate::state::{Case, Held, State};
+use crate::search::search;
+use crate::state::{Case, FittedHypothesis, State};
 
 /// A calibration number is told as moved from so many sigmas on: once in 1000 recordings of sixteen.
 const RECALIBRATED_SIGMAS: f64 = 4.0;
@@ -34,159 +36,119 @@ const SAME_SIGNATURE: f64 = 0.999;
 /// Rivals told at least, and at most with what would tell them apart.
 const TOLD: usize = 8;
 
-/// What entries are made from.
+/// What effects are reported from.
 pub struct Entries<'a> {
     /// Recording and configuration.
     pub case: &'a Case<'a>,
-    /// What was searched.
+    /// Signatures searched.
     pub bank: &'a Bank,
-    /// What chance does.
+    /// Required falls of χ².
     pub thresholds: &'a Thresholds,
-    /// What exact checks found wrong in the wiring.
+    /// Wiring faults of the exact checks.
     pub faults: &'a [WiringFault],
 }
 
+/// What a hypothesis is, with its numbers and these sigmas.
+fn effect(hypothesis: &Hypothesis, sigmas: &[f64]) -> DiagnosedEffect {
+    let formula = hypothesis.amplitude.formula();
+    let numbers = hypothesis.parameters().into_iter().zip(sigmas.iter().copied().chain(std::iter::repeat(f64::NAN)));
+    DiagnosedEffect {
+        code: hypothesis.amplitude.code(),
+        gyros: hypothesis.gyros,
+        formula: formula.map(|formula| formula.to_string()),
+        coefficient_unit: formula.map(|formula| formula.unit()),
+        parameters: numbers.map(|(number, sigma)| EstimatedValue::new(number.name, number.value, sigma)).collect(),
+        corrections: vec![Correction::Hypothesis(hypothesis.clone())],
+        ..DiagnosedEffect::default()
+    }
+}
+
 impl Entries<'_> {
-    /// What exact checks name by a code of the model.
-    pub fn faults(&self) -> Vec<Entry> {
+    /// Wiring faults of the exact checks.
+    pub fn faults(&self) -> Vec<DiagnosedEffect> {
         let of = |fault: &WiringFault| {
-            let mut gyros = [false; 4];
-            fault.gyros.iter().for_each(|gyro| gyros[*gyro as usize] = true);
-            let onset = fault.onset_s.map(|onset_s| Number {
-                name: ONSET.to_owned(),
-                value: onset_s,
-                sigma: None,
-                written: None,
-            });
-            let written = fault.written();
-            let path = format!("gyro.{}.{}", fault.bearer.name(), fault.code);
-            let assignments = std::iter::once(format!("{path}.{} = {written}", fault.parameter))
-                .chain(fault.onset_s.map(|onset_s| format!("{path}.time_s = {onset_s:?}")));
-            Entry {
-                code: fault.code.clone(),
-                formula: None,
-                class: Class::MissingEffect,
-                gyros,
-                parameters: std::iter::once(Number {
-                    name: fault.parameter.to_owned(),
-                    value: fault.value,
-                    sigma: None,
-                    written: Some(written.clone()),
-                })
-                .chain(onset)
-                .collect(),
-                gap_share: 0.0,
-                chi2: None,
-                held_out: None,
-                rivals: Vec::new(),
-                assignments: assignments.collect(),
-            }
+            let mut entry = effect(&fault.hypothesis, &[]);
+            entry.parameters[0].written = Some(fault.hypothesis.amplitude.number().written(fault.hypothesis.value));
+            entry.gyros = Default::default();
+            fault.gyros.iter().for_each(|gyro| entry.gyros[*gyro as usize] = true);
+            entry
         };
         self.faults.iter().map(of).collect()
     }
 
-    /// The changes held.
-    pub fn effects(&self, explained: &Explained) -> Vec<Entry> {
-        let configuration = explained.state.configuration(self.case.believed);
+    /// The hypotheses held.
+    pub fn effects(&self, explained: &Explained) -> Vec<DiagnosedEffect> {
         let remedies = Remedies::new(self.case);
-        let of = |(index, held): (usize, &Held)| {
-            let amplitude = &held.change.amplitude;
-            let worth = explained.worth(self.case, index);
-            let prices = Prices { found: worth.1, of: &|family, change| self.thresholds.price(family, change) };
+        let of = |(index, held): (usize, &FittedHypothesis)| {
+            let (fall, threshold) = explained.worth(self.case, index);
+            let prices = Prices { found: threshold, of: &|family, change| self.thresholds.price(family, change) };
             let rivals = rivals(self.case, self.bank, &explained.state, index, &prices).into_iter();
-            let mut rivals: Vec<Rival> = rivals.filter(|rival| !is_the_same(amplitude, rival)).collect();
+            let mut rivals: Vec<Rival> =
+                rivals.filter(|rival| !is_the_same(&held.hypothesis.amplitude, rival)).collect();
             // The whole group, and what comes next.
             let in_group = rivals.iter().take_while(|rival| rival.behind_chi2 < APART_CHI2).count();
             rivals.truncate((in_group + 1).max(TOLD));
-            let remedied = in_group.min(TOLD);
-            let mut told = remedies.of(&explained.state, index, &rivals[..remedied]);
+            let mut told = remedies.of(&explained.state, index, &rivals[..in_group.min(TOLD)]);
             told.resize(rivals.len(), None);
-            let numbers = held.change.parameters().into_iter().zip(&held.sigmas).map(|(parameter, sigma)| Number {
-                name: parameter.name,
-                value: parameter.value,
-                sigma: sigma.is_finite().then_some(*sigma),
-                written: None,
-            });
-            Entry {
-                code: amplitude.code(),
-                formula: amplitude.formula.map(|formula| (formula.to_string(), formula.unit())),
-                class: Class::MissingEffect,
-                gyros: held.change.gyros,
-                parameters: numbers.collect(),
-                gap_share: 0.0,
-                chi2: Some(worth),
-                held_out: explained.held_out.get(index).copied(),
-                rivals: rivals
-                    .into_iter()
-                    .zip(told)
-                    .map(|(rival, remedy)| RivalShown { remedy, ..shown(rival) })
-                    .collect(),
-                assignments: held.change.assignments(&configuration),
+            let shown = |(rival, remedy): (&Rival, Option<String>)| {
+                ReportedAlternative::new(&rival.hypothesis, rival.cosine, rival.behind_chi2, remedy)
+            };
+            DiagnosedEffect {
+                chi2: Some(Chi2Fall { fall, threshold }),
+                held_out: Some(held.held_out),
+                rivals: rivals.iter().zip(told).map(shown).collect(),
+                ..effect(&held.hypothesis, &held.sigmas)
             }
         };
         explained.state.held.iter().enumerate().map(of).collect()
     }
 
-    /// Walks that are larger than configured; gyros of one walk whose sizes agree are one entry.
-    pub fn noises(&self, explained: &Explained) -> Vec<Entry> {
-        let mut entries: Vec<(Entry, f64)> = Vec::new();
+    /// Walks that are larger than configured; gyros of one walk whose values agree are one entry.
+    pub fn noises(&self, explained: &Explained) -> Vec<DiagnosedEffect> {
+        struct Merged {
+            walk: Walk,
+            hypothesis: Hypothesis,
+            sigma: f64,
+            fall: f64,
+        }
+        let mut all: Vec<Merged> = Vec::new();
         for found in &explained.noise {
-            let (spec, number) = match found.walk {
-                Walk::Angle => (AngleRandomWalk::SPEC, AngleRandomWalk::default().specs()[0]),
-                Walk::Rate => (DriftRandomWalk::SPEC, DriftRandomWalk::default().specs()[0]),
-            };
             let value = explained.state.noise[found.channel].walk(found.walk);
             let sigma = found.fitted.log_sigma;
-            let same = entries.iter_mut().find(|(entry, other)| {
-                let apart = (entry.parameters[0].value / value).ln().abs();
-                entry.code == spec.code && apart < SAME_SIGMAS * sigma.hypot(*other)
+            let same = all.iter_mut().find(|other| {
+                let apart = (other.hypothesis.value / value).ln().abs();
+                other.walk == found.walk && apart < SAME_SIGMAS * sigma.hypot(other.sigma)
             });
             match same {
-                Some((entry, other)) => {
+                Some(Merged { hypothesis, sigma: other, fall, .. }) => {
                     // The weighted mean of the logarithms.
                     let (one, two) = (other.powi(-2), sigma.powi(-2));
-                    let mean = (entry.parameters[0].value.ln() * one + value.ln() * two) / (one + two);
+                    let mean = (hypothesis.value.ln() * one + value.ln() * two) / (one + two);
                     *other = (one + two).powf(-0.5);
-                    entry.parameters[0].value = mean.exp();
-                    entry.parameters[0].sigma = Some(mean.exp() * *other);
-                    entry.gyros[found.channel] = true;
-                    entry.chi2 = entry.chi2.map(|(fall, least)| (fall + found.fitted.fall, least));
+                    hypothesis.value = mean.exp();
+                    hypothesis.gyros[found.channel] = true;
+                    *fall += found.fitted.fall;
                 }
-                None => entries.push((
-                    Entry {
-                        code: spec.code.to_owned(),
-                        formula: None,
-                        class: Class::MissingEffect,
-                        gyros: std::array::from_fn(|gyro| gyro == found.channel),
-                        parameters: vec![Number {
-                            name: number.name.to_owned(),
-                            value,
-                            sigma: Some(value * sigma),
-                            written: None,
-                        }],
-                        gap_share: 0.0,
-                        chi2: Some((found.fitted.fall, self.thresholds.of(Family::NOISE))),
-                        held_out: None,
-                        rivals: Vec::new(),
-                        assignments: Vec::new(),
-                    },
+                None => all.push(Merged {
+                    walk: found.walk,
+                    hypothesis: Hypothesis::constant(amplitude_of(found.walk), value, only(found.channel)),
                     sigma,
-                )),
+                    fall: found.fitted.fall,
+                }),
             }
         }
-        let mut entries: Vec<Entry> = entries.into_iter().map(|(entry, _)| entry).collect();
-        for entry in &mut entries {
-            let (code, number) = (&entry.code, &entry.parameters[0]);
-            let gyros = Gyro::ALL.into_iter().filter(|gyro| entry.gyros[*gyro as usize]);
-            let assignment = |gyro: Gyro| format!("gyro.{}.{code}.{} = {:?}", gyro.name(), number.name, number.value);
-            entry.assignments = gyros.map(assignment).collect();
-        }
+        let threshold = self.thresholds.of(Family::NOISE);
+        let of = |Merged { hypothesis, sigma, fall, .. }: &Merged| DiagnosedEffect {
+            chi2: Some(Chi2Fall { fall: *fall, threshold }),
+            ..effect(hypothesis, &[hypothesis.value * sigma])
+        };
+        let mut entries: Vec<DiagnosedEffect> = all.iter().map(of).collect();
         self.rival_noises(explained, &mut entries);
         entries
     }
 
-    /// What of the bank explains nearly as much as larger noise does, were that as configured.
-    fn rival_noises(&self, explained: &Explained, entries: &mut [Entry]) {
+    /// Hypotheses that explain nearly as much as larger noise does, were that as configured.
+    fn rival_noises(&self, explained: &Explained, entries: &mut [DiagnosedEffect]) {
         if entries.is_empty() {
             return;
         }
@@ -198,54 +160,39 @@ impl Entries<'_> {
         let normal = self.case.normal(&mut state);
         let candidates = search(self.bank, &normal, &state, &|_| 0.0);
         for entry in entries {
-            let fall = entry.chi2.map_or(0.0, |(fall, _)| fall);
-            let is_within = |gyros: &Gyros| gyros.iter().zip(entry.gyros).all(|(own, noisy)| !own || noisy);
+            let fall = entry.chi2.map_or(0.0, |chi2| chi2.fall);
             let near = candidates.iter().filter(|candidate| {
-                candidate.change.amplitude.place != Place::Unit
-                    && is_within(&candidate.change.gyros)
+                !candidate.hypothesis.amplitude.is_of_unit()
+                    && is_within(&candidate.hypothesis.gyros, &entry.gyros)
                     && fall - candidate.gain.chi2 < APART_CHI2
             });
-            let shown = |candidate: &Candidate| RivalShown {
-                code: candidate.change.amplitude.code(),
-                formula: candidate.change.amplitude.formula.map(|formula| formula.to_string()),
-                gyros: candidate.change.gyros,
-                // Noise has no signature.
-                cosine: 0.0,
-                behind_chi2: Some((fall - candidate.gain.chi2).max(0.0)),
-                remedy: None,
-            };
-            entry.rivals = near.map(shown).collect();
+            // Noise has no signature, and so no cosine.
+            let shown = near.map(|candidate| {
+                let behind_chi2 = (fall - candidate.gain.chi2).max(0.0);
+                ReportedAlternative::new(&candidate.hypothesis, 0.0, behind_chi2, None)
+            });
+            entry.rivals = shown.collect();
         }
     }
 
     /// A common lag that is more than a link's, as the effect that has its signature: a reference that is early looks the same.
-    pub fn lag(&self, explained: &mut Explained) -> Option<Entry> {
+    pub fn lag(&self, explained: &mut Explained) -> Option<DiagnosedEffect> {
         let state = &mut explained.state;
-        let (lag_s, lag_sigma_s) = (state.shifts.lag_s, state.lag_sigma_s);
-        let sigma = lag_sigma_s;
+        let (lag_s, sigma) = (state.shifts.lag_s, state.lag_sigma_s);
         if lag_s.abs() <= LAG_S + SAME_SIGMAS * sigma {
-            // At rest nothing tells a lag, and one that is not told would only move the limit cycle.
+            // At rest nothing shows a lag, and one that is not shown would only move the limit cycle.
             if sigma > LAG_S {
                 state.shifts.lag_s = 0.0;
             }
             return None;
         }
-        let own = self.case.nuisances.last()?;
-        let (amplitude, ratio) = self.alike(own, Place::Unit)?;
+        let (amplitude, ratio) = self.alike(self.case.nuisances.last()?, true)?;
         // Some of it is the link's.
         let link_s = if self.case.measured.counts.is_received { LINK_LAG_S } else { (0.0, 0.0) };
-        let change = Change {
-            amplitude,
-            size: (lag_s - link_s.0) * ratio,
-            own_shapes: Vec::new(),
-            course_shapes: Vec::new(),
-            gyros: ALL_GYROS,
-        };
-        let sigma = sigma.hypot(link_s.1);
+        let hypothesis = Hypothesis::constant(amplitude, (lag_s - link_s.0) * ratio, ALL_GYROS);
         state.shifts.lag_s = link_s.0;
-        state.held.push(Held::fixed(change.clone()));
-        let configuration = state.configuration(self.case.believed);
-        let late = RivalShown {
+        state.held.push(FittedHypothesis::fixed(hypothesis.clone()));
+        let late = ReportedAlternative {
             code: if lag_s > 0.0 { "reference-early" } else { "reference-late" }.to_owned(),
             formula: None,
             gyros: ALL_GYROS,
@@ -253,29 +200,16 @@ impl Entries<'_> {
             behind_chi2: None,
             remedy: Some("a time stamp of unit and reference by one clock".to_owned()),
         };
-        let limits = amplitude.size();
-        Some(Entry {
-            code: amplitude.code(),
-            formula: None,
-            class: Class::MissingEffect,
-            gyros: ALL_GYROS,
-            parameters: vec![Number {
-                name: limits.name,
-                value: change.size,
-                sigma: Some(sigma * ratio.abs()),
-                written: None,
-            }],
-            gap_share: 0.0,
-            chi2: Some(((lag_s / lag_sigma_s).powi(2), (LAG_S / lag_sigma_s).powi(2))),
-            held_out: None,
+        Some(DiagnosedEffect {
+            chi2: Some(Chi2Fall { fall: (lag_s / sigma).powi(2), threshold: (LAG_S / sigma).powi(2) }),
             rivals: vec![late],
-            assignments: change.assignments(&configuration),
+            ..effect(&hypothesis, &[sigma.hypot(link_s.1) * ratio.abs()])
         })
     }
 
-    /// The constant amplitude that has the signature of a nuisance, and how much of it one unit of the nuisance is. On a short motion
-    /// others look much like it: the most alike is meant.
-    fn alike(&self, nuisance: &[Option<Vec<f64>>; CHANNELS], place: Place) -> Option<(Amplitude, f64)> {
+    /// The constant amplitude, of the unit or of a gyro, that has the signature of a nuisance, and how much of it one unit of the
+    /// nuisance is. On a short motion others look much like it: the most alike is meant.
+    fn alike(&self, nuisance: &[Option<Vec<f64>>; CHANNELS], is_of_unit: bool) -> Option<(AmplitudeRef, f64)> {
         let steps = |values: &[f64]| -> Vec<f64> { values.windows(2).map(|pair| pair[1] - pair[0]).collect() };
         let of_base = |base: &Base| {
             let (mut both, mut ones, mut others) = (0.0, 0.0, 0.0);
@@ -289,49 +223,43 @@ impl Entries<'_> {
             let cosine = if others > 0.0 { both.abs() / (ones * others).sqrt() } else { 0.0 };
             (cosine, base.amplitude, both / others)
         };
-        let all = self.bank.bases.iter().filter(|base| base.amplitude.place == place).map(of_base);
+        let is_meant = |base: &&Base| base.amplitude.is_of_unit() == is_of_unit && base.amplitude.formula().is_none();
+        let all = self.bank.bases.iter().filter(is_meant).map(of_base);
         let (cosine, amplitude, ratio) = all.max_by(|one, other| one.0.total_cmp(&other.0))?;
         (cosine > SAME).then_some((amplitude, ratio))
     }
 
-    /// Calibration numbers that moved.
-    pub fn recalibrations(&self, state: &State) -> Vec<Entry> {
-        let mut entries: Vec<Entry> = Vec::new();
-        for (index, (gyro, number)) in sixteen().into_iter().enumerate() {
-            let (value, sigma) = (state.sixteen[index], state.sixteen_sigmas[index]);
-            if value.abs() <= RECALIBRATED_SIGMAS * sigma || sigma.is_nan() {
+    /// Calibration parameters that moved.
+    pub fn recalibrations(&self, state: &State) -> Vec<DiagnosedEffect> {
+        let mut entries: Vec<DiagnosedEffect> = Vec::new();
+        for (index, (gyro, number)) in calibration_parameters().into_iter().enumerate() {
+            let (moved, sigma) = (state.sixteen[index], state.sixteen_sigmas[index]);
+            if moved.abs() <= RECALIBRATED_SIGMAS * sigma || sigma.is_nan() {
                 continue;
             }
-            let Some((amplitude, ratio)) = self.alike(&self.case.nuisances[index], Place::Head) else { continue };
-            let found = Number {
-                name: amplitude.size().name,
-                value: value * ratio,
-                sigma: Some(sigma * ratio.abs()),
-                written: None,
-            };
-            let key = Calibration::NUMBERS[number].name;
-            let total = self.case.believed.gyros[gyro as usize].calibration.value(number) + value;
+            let Some((amplitude, ratio)) = self.alike(&self.case.nuisances[index], false) else { continue };
+            let found = EstimatedValue::new(amplitude.size().name, moved * ratio, sigma * ratio.abs());
+            let total = self.case.believed.gyros[gyro as usize].calibration.value(number) + moved;
             // Digits beyond a hundredth of a sigma say nothing.
             let decimals = (2.0 - sigma.log10().floor()).clamp(0.0, 15.0) as usize;
-            let assignment = format!("gyro.{}.calibration.{key} = {total:.decimals$}", gyro.name());
-            let gyros: Gyros = std::array::from_fn(|other| other == gyro as usize);
-            match entries.iter_mut().find(|entry| entry.code == amplitude.code() && entry.gyros == gyros) {
+            let value = format!("{total:.decimals$}").parse().expect("a number as it is written");
+            let correction = Correction::Calibration { gyro, number, value, decimals };
+            let fall = (moved / sigma).powi(2);
+            let (code, gyros) = (amplitude.code(), only(gyro as usize));
+            match entries.iter_mut().find(|entry| entry.code == code && entry.gyros == gyros) {
                 Some(entry) => {
                     entry.parameters.push(found);
-                    entry.assignments.push(assignment);
-                    entry.chi2 = entry.chi2.map(|(fall, least)| (fall.max((value / sigma).powi(2)), least));
+                    entry.corrections.push(correction);
+                    entry.chi2 = entry.chi2.map(|chi2| Chi2Fall { fall: chi2.fall.max(fall), ..chi2 });
                 }
-                None => entries.push(Entry {
-                    code: amplitude.code(),
-                    formula: None,
-                    class: Class::Recalibration,
-                    gyros,
+                None => entries.push(DiagnosedEffect {
                     parameters: vec![found],
-                    gap_share: 0.0,
-                    chi2: Some(((value / sigma).powi(2), RECALIBRATED_SIGMAS.powi(2))),
-                    held_out: None,
-                    rivals: Vec::new(),
-                    assignments: vec![assignment],
+                    chi2: Some(Chi2Fall { fall, threshold: RECALIBRATED_SIGMAS.powi(2) }),
+                    corrections: vec![correction],
+                    code,
+                    gyros,
+                    class: Class::Recalibration,
+                    ..DiagnosedEffect::default()
                 }),
             }
         }
@@ -339,22 +267,20 @@ impl Entries<'_> {
     }
 }
 
-/// Whether a rival is what was found in other words: a course of it that is constant all through, or its law as a formula.
-fn is_the_same(found: &Amplitude, rival: &Rival) -> bool {
-    let other = &rival.change.amplitude;
-    let is_course =
-        found.kind.is_none() && other.kind.is_some() && (other.place, other.effect) == (found.place, found.effect);
-    let is_law = found.formula.is_none() && other.formula.is_some();
-    rival.cosine > SAME_SIGNATURE && (is_course || is_law)
+/// The amplitude of a random walk.
+fn amplitude_of(walk: Walk) -> AmplitudeRef {
+    let spec = match walk {
+        Walk::Angle => AngleRandomWalk::SPEC,
+        Walk::Rate => DriftRandomWalk::SPEC,
+    };
+    let effect = HeadEffects::SPECS.iter().position(|other| *other == spec).expect("an effect of the list");
+    AmplitudeRef::of(Target { list: List::Head, effect, number: 0 }, None)
 }
 
-fn shown(rival: Rival) -> RivalShown {
-    RivalShown {
-        code: rival.change.amplitude.code(),
-        formula: rival.change.amplitude.formula.map(|formula| formula.to_string()),
-        gyros: rival.change.gyros,
-        cosine: rival.cosine,
-        behind_chi2: Some(rival.behind_chi2),
-        remedy: None,
-    }
+/// Whether a rival is what was found in other words: a course of it that is constant all through, or its law as a formula.
+fn is_the_same(found: &AmplitudeRef, rival: &Rival) -> bool {
+    let other = &rival.hypothesis.amplitude;
+    let is_course = found.kind.is_none() && other.kind.is_some() && other.is_of_same_effect(found);
+    let is_law = found.formula().is_none() && other.formula().is_some();
+    rival.cosine > SAME_SIGNATURE && (is_course || is_law)
 }

@@ -1,7 +1,9 @@
 //! What exact checks find: a thing that is certain without any statistics of the motion, and its place.
 
+use serde::Serialize;
+
 /// One finding.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Finding {
     /// A stable name: `gap`, `repeat`, `saturated`, `stuck-output`.
     pub kind: String,

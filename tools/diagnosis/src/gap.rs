@@ -1,13 +1,15 @@
 //! The gap between model and measurement as it is told to others (cli.md): the accumulated-angle residual inside consecutive windows
 //! of half an hour, each window's first value set to zero, pooled over the gyros.
 
+use serde::Serialize;
+
 use crate::measured::{BLOCK, Measured, Series, TIMING, nodes};
 
 /// Half seconds of a window, 30 min.
 pub const WINDOW: usize = 3600;
 
 /// The gap in numbers.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct Gap {
     /// Root of the mean square.
     pub rms_arcsec: f64,
@@ -18,6 +20,7 @@ pub struct Gap {
     /// χ² of the whitened residual over its degrees of freedom.
     pub reduced_chi2: f64,
     /// Sum of the squares, arcsec².
+    #[serde(skip)]
     pub squares: f64,
 }
 

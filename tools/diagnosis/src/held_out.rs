@@ -3,7 +3,7 @@
 use geu_model::package::Calibration;
 use geu_protocol::Gyro;
 
-use crate::change::sixteen;
+use crate::amplitude::calibration_parameters;
 use crate::entries::LAG_S;
 use crate::gap::{self, Gap};
 use crate::measured::{BLOCK, CHANNELS, Series, TIMING};
@@ -78,7 +78,7 @@ pub fn held_out(case: &Case, state: &State) -> Gap {
 /// for as long as [`HOLDS`] says, and where it has plainly not held, as much as it was off.
 fn known(state: &State, nuisances: usize) -> Vec<(f64, f64)> {
     let of_number = |((_, number), moved): ((Gyro, usize), &f64)| (-moved, HOLDS[number].max(moved.abs()));
-    let sixteen = sixteen().into_iter().zip(&state.sixteen).map(of_number);
+    let sixteen = calibration_parameters().into_iter().zip(&state.sixteen).map(of_number);
     let lag = (-state.shifts.lag_s, LAG_S.max(state.shifts.lag_s.abs()));
     sixteen.chain(std::iter::once(lag)).take(nuisances).collect()
 }

@@ -5,11 +5,13 @@
 use geu_model::course::{KINDS, Law};
 use rayon::prelude::*;
 
+use crate::amplitude::AmplitudeRef;
 use crate::bank::{Bank, Base, Family, Variation};
-use crate::change::{Amplitude, Change, Gyros};
-use crate::normal::{Gain, Normal, Products, THIRDS};
-use crate::search::products;
-use crate::state::{Case, Held, State};
+use crate::gyros::Gyros;
+use crate::hypothesis::Hypothesis;
+use crate::normal::{Gain, Normal, Products};
+use crate::signature::Signature;
+use crate::state::{Case, FittedHypothesis, State};
 
 /// How late a temperature may be told, s; early where a part of the electronics is warm only after the sensor.
 const LATE_S: [f64; 9] = [-300.0, 0.0, 150.0, 300.0, 450.0, 600.0, 900.0, 1200.0, 1800.0];
@@ -26,23 +28,26 @@ pub struct Late {
     pub state: State,
     /// The equations of that.
     pub normal: Normal,
-    /// What is paid for its family and gyros.
-    pub price_chi2: f64,
-    /// And for the lag, where there was none.
+    /// What is paid for the lag, where there was none.
     pub lag_chi2: f64,
-    /// By how much better each third is foretold by the others ([`Normal::held_out`]), by its signature.
-    pub held_out: [Option<f64>; THIRDS],
+    /// Index of it.
+    index: usize,
 }
 
 impl Late {
+    /// It, with what is paid for its family and gyros.
+    pub fn held(&self) -> &FittedHypothesis {
+        &self.state.held[self.index]
+    }
+
     /// What is left, and what is paid.
     pub fn score(&self) -> f64 {
-        self.normal.squares() + self.price_chi2 + self.lag_chi2
+        self.normal.squares() + self.held().penalty + self.lag_chi2
     }
 }
 
 /// The family of what follows the temperature, and the amplitude with that course.
-pub fn following_temperature(amplitude: Amplitude) -> Option<(Family, Amplitude)> {
+pub fn following_temperature(amplitude: AmplitudeRef) -> Option<(Family, AmplitudeRef)> {
     let kind = kind()?;
     Some((Family::of_kind(kind), amplitude.with(kind)?))
 }
@@ -65,14 +70,14 @@ pub fn likeliest(
     bank: &Bank,
     state: &State,
     index: usize,
-    price: &(dyn Fn(Family, &Change) -> f64 + Sync),
+    price: &(dyn Fn(Family, &Hypothesis) -> f64 + Sync),
     is_accepted: &(dyn Fn(&Late) -> bool + Sync),
 ) -> Option<Late> {
-    let found = &state.held[index].change;
+    let found = &state.held[index].hypothesis;
     let (family, amplitude) = following_temperature(found.amplitude)?;
-    let is_held = |(other, held): (usize, &Held)| {
-        let shares = held.change.gyros.iter().zip(found.gyros).any(|(one, other)| *one && other);
-        other != index && held.change.amplitude == amplitude && shares
+    let is_held = |(other, held): (usize, &FittedHypothesis)| {
+        let shares = held.hypothesis.gyros.iter().zip(found.gyros).any(|(one, other)| *one && other);
+        other != index && held.hypothesis.amplitude == amplitude && shares
     };
     if state.held.iter().enumerate().any(is_held) {
         return None;
@@ -83,15 +88,16 @@ pub fn likeliest(
         return None;
     }
     let size = if spot.base.is_linear { spot.gain.size } else { spot.base.size };
-    let change = Change { amplitude, size, course_shapes: Vec::new(), ..found.clone() };
+    let change = Hypothesis { amplitude, value: size, course_shapes: Vec::new(), ..found.clone() };
     let fitted = |late_s: f64| {
         let mut own = state.clone();
-        own.held[index] = Held::new(change.clone());
+        let held_out = others.held_out(&spot.products(bank, &others, late_s, &change.gyros));
+        let penalty = price(family, &change);
+        own.held[index] = FittedHypothesis::new(change.clone()).accepted(penalty, held_out);
         own.tell_late(late_s);
         let normal = case.fit(&mut own);
-        let held_out = others.held_out(&spot.products(bank, &others, late_s, &change.gyros));
         let lag_chi2 = lag_chi2(&own) - lag_chi2(state);
-        let late = Late { state: own, normal, price_chi2: price(family, &change), lag_chi2, held_out };
+        let late = Late { state: own, normal, lag_chi2, index };
         is_accepted(&late).then_some(late)
     };
     let mut all_s = vec![spot.late_s, state.shifts.temperature_s, 0.0];
@@ -111,19 +117,19 @@ struct Spot<'a> {
 impl Spot<'_> {
     /// Its products where the temperature is told so much later than it was.
     fn products(&self, bank: &Bank, normal: &Normal, late_s: f64, gyros: &Gyros) -> Products {
-        products(&bank.late(late_s), normal, self.base, &self.variation, gyros)
+        Signature::of(&bank.late(late_s), normal, self.base, &self.variation, gyros).products
     }
 }
 
 /// Where signatures explain most.
-fn spot<'a>(bank: &'a Bank, normal: &Normal, found: &Change) -> Option<Spot<'a>> {
+fn spot<'a>(bank: &'a Bank, normal: &Normal, found: &Hypothesis) -> Option<Spot<'a>> {
     let variation = Variation::Course { kind: kind()?, shapes: Vec::new() };
-    let constant = Amplitude { kind: None, ..found.amplitude };
+    let constant = found.amplitude.constant();
     let bases: Vec<&Base> = bank.bases.iter().filter(|base| base.amplitude == constant).collect();
     let at = |late_s: f64| {
         let late = bank.late(late_s);
         let spots = bases.iter().filter_map(|&base| {
-            let gain = normal.gain(&products(&late, normal, base, &variation, &found.gyros))?;
+            let gain = normal.gain(&Signature::of(&late, normal, base, &variation, &found.gyros).products)?;
             base.stands_for(gain.size).then(|| Spot { base, variation: variation.clone(), late_s, gain })
         });
         spots.max_by(|one, other| one.gain.chi2.total_cmp(&other.gain.chi2))

@@ -3,6 +3,7 @@
 use geu_model::Configuration;
 use geu_model::course::Law;
 use geu_model::effect::{Configured, Effects};
+use geu_model::number::Role;
 use geu_model::units::S_PER_DAY;
 
 /// Moves every course so that what the configuration does from `by_s` on is done from 0 on. The temperatures are not moved.
@@ -18,7 +19,7 @@ fn move_courses<E: Effects>(configured: &mut Configured<E>, by_s: f64) {
         let amplitudes = configured.constant.specs()[effect].amplitudes.len();
         let numbers = configured.constant.numbers_mut(effect);
         for index in (amplitudes..numbers.specs().len())
-            .filter(|&index| numbers.specs()[index].name == crate::change::ONSET)
+            .filter(|&index| numbers.specs()[index].role == Role::Onset)
             .collect::<Vec<_>>()
         {
             *numbers.value_mut(index) -= by_s;

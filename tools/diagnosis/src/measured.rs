@@ -1,7 +1,9 @@
 //! What was measured: counts at nodes, when they were received, temperatures, and the motion that a better sensor saw; on
 //! one time scale, whose 0 is the start of the first half second.
 
+mod model;
 mod runs;
+mod series;
 
 use std::sync::Arc;
 
@@ -10,14 +12,11 @@ use geu_model::attitude::Recorded;
 use geu_model::units::{HALF_SECOND_S, ORBIT_S};
 use geu_recording::Reference;
 
-use runs::Runs;
+pub use series::{CHANNELS, Series, Shifts, TIMING};
 
-/// Series that a model is compared with: the four gyros' accumulated angles, and when their half seconds ended.
-pub const CHANNELS: usize = 5;
-/// The channel of the times of receipt, after those of the gyros.
-pub const TIMING: usize = 4;
-/// Unit of the channel of the times: 0.1 ms, so that its numbers are of the size of the angles'.
-const TIMING_UNIT_S: f64 = 1e-4;
+use runs::Runs;
+use series::TIMING_UNIT_S;
+
 /// Half seconds averaged into one block, 5 s. Rounding and whatever swings with the limit cycle's period averages out; a missing
 /// effect moves an angle over minutes.
 pub const BLOCK: usize = 10;
@@ -96,18 +95,6 @@ pub struct Flight {
     /// Half seconds of it.
     pub half_seconds: usize,
 }
-
-/// How a recording and what is told beside it lie in time.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Shifts {
-    /// How much later than the reference's the recording's times are.
-    pub lag_s: f64,
-    /// How much later than the electronics' own course the temperature is told.
-    pub temperature_s: f64,
-}
-
-/// The model beside a recording: each channel at every node, or averaged over blocks.
-pub type Series = [Vec<f64>; CHANNELS];
 
 impl Measured {
     /// Sets counts beside their reference.

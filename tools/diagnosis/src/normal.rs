@@ -5,8 +5,8 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use geu_model::package::Calibration;
 
+use crate::amplitude::calibration_parameters;
 use crate::bank::Column;
-use crate::change::sixteen;
 use crate::measured::{CHANNELS, Series};
 use crate::whitening::Whitening;
 
@@ -168,7 +168,7 @@ impl Normal {
         let right: DVector<f64> = normal.right.iter().sum();
         normal.scale = DVector::from_fn(count, |i, _| if gram[(i, i)] > 0.0 { 1.0 / gram[(i, i)].sqrt() } else { 0.0 });
         let (mut known, mut right) = (gram, right);
-        for (index, (_, number)) in sixteen().into_iter().enumerate().take(count) {
+        for (index, (_, number)) in calibration_parameters().into_iter().enumerate().take(count) {
             let (moved, weight) = (moved.get(index).copied().unwrap_or(0.0), LOOSE[number].powi(-2));
             known[(index, index)] += weight;
             right[index] -= weight * moved;

@@ -8,17 +8,18 @@ use geu_model::noise::Stream;
 use geu_model::units::HALF_SECOND_S;
 use geu_protocol::Gyro;
 use rayon::prelude::*;
-use serde_json::{Value, json};
+use serde::{Deserialize, Serialize};
 
 use crate::bank::{Bank, Column, Family, Variation};
-use crate::change::{Change, Place};
+use crate::hypothesis::Hypothesis;
 use crate::measured::{BLOCK, CHANNELS, Series, Shifts, TIMING, nodes};
 use crate::noise::Walk;
 use crate::normal::{Beside, Normal};
-use crate::remainder::{kurtosis, unlikeness};
 use crate::search::{set_penalty, sets};
+use crate::signature::reaches;
 use crate::state::Case;
 use crate::sweep::{Part, sweep};
+use crate::whiteness::{kurtosis, unlikeness};
 use crate::whitening::{Noise, ROUNDING};
 
 /// Recordings drawn.
@@ -41,7 +42,7 @@ const LEAST_NOISE_CHI2: f64 = 16.0;
 const NEVER: f64 = 1e9;
 
 /// By how much χ² must fall in each family.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Thresholds {
     /// For each family.
     pub chi2: [f64; Family::COUNT],
@@ -52,21 +53,6 @@ pub struct Thresholds {
 }
 
 impl Thresholds {
-    /// As it is kept in a file.
-    pub fn to_json(&self) -> Value {
-        json!({ "chi2": self.chi2.to_vec(), "unlikeness": self.unlikeness, "kurtosis": self.kurtosis.to_vec() })
-    }
-
-    /// Of a file; nothing where that holds something else.
-    pub fn from_json(value: &Value) -> Option<Thresholds> {
-        let numbers = |key: &str| Some(value[key].as_array()?.iter().filter_map(Value::as_f64).collect::<Vec<f64>>());
-        Some(Thresholds {
-            chi2: numbers("chi2")?.try_into().ok()?,
-            unlikeness: value["unlikeness"].as_f64()?,
-            kurtosis: numbers("kurtosis")?.try_into().ok()?,
-        })
-    }
-
     /// The largest of the courses, apart from what happens once.
     pub fn largest(&self) -> f64 {
         let families =
@@ -75,8 +61,8 @@ impl Thresholds {
     }
 
     /// What is paid for a change: what chance does in its family, and for the choice of its gyros.
-    pub fn price(&self, family: Family, change: &Change) -> f64 {
-        self.of(family) + set_penalty(&change.gyros, change.amplitude.place)
+    pub fn price(&self, family: Family, change: &Hypothesis) -> f64 {
+        self.of(family) + set_penalty(&change.gyros, &change.amplitude)
     }
 
     /// Of a family.
@@ -164,14 +150,9 @@ fn of_base(bank: &Bank, base: usize, normal: &Normal, beside: &[Vec<f32>; CHANNE
                 *largest = largest.max(f64::from(sum).powi(2) * scale - penalty);
             }
         };
-        match base.amplitude.place {
-            Place::Unit => take(&[true; CHANNELS], 0.0),
-            Place::Head | Place::Discovered => {
-                for gyros in sets(Gyro::ALL.map(|gyro| parts[gyro as usize].is_some())) {
-                    let chosen = std::array::from_fn(|channel| channel != TIMING && gyros[channel.min(3)]);
-                    take(&chosen, set_penalty(&gyros, Place::Head));
-                }
-            }
+        for gyros in sets(&base.amplitude, parts.each_ref().map(Option::is_some)) {
+            let chosen = std::array::from_fn(|channel| reaches(&base.amplitude, &gyros, channel));
+            take(&chosen, set_penalty(&gyros, &base.amplitude));
         }
     };
     sweep(bank, normal, base, tell, take);

@@ -23,8 +23,10 @@
 //! assert!((found.errors[0].value - 5.0).abs() < 4.0 * found.errors[0].sigma);
 //! ```
 
+// From the data up: `windows`, `model`, `noise`, `fit`, `estimator`, `null`, `apart`, `diagnosis`; each uses those before it alone.
 mod apart;
 mod diagnosis;
+mod estimator;
 mod fit;
 mod model;
 mod noise;

@@ -8,17 +8,17 @@ use std::sync::OnceLock;
 
 use geu_model::Configuration;
 use geu_model::attitude::{Manoeuvre, Motion, Plan, Recorded, Row, Scenario};
-use geu_model::course::{KINDS, Law};
+use geu_model::course::Law;
 use geu_model::number::Default as DefaultValue;
 use geu_model::units::{HALF_SECOND_S, ORBIT_S};
 use rayon::prelude::*;
 
 use crate::bank::Column;
-use crate::change::Change;
+use crate::hypothesis::Hypothesis;
 use crate::measured::{BLOCK, Block, CHANNELS, Flight, Measured, Series};
 use crate::normal::{Beside, Normal, Nuisance, Products};
 use crate::rivals::{APART_CHI2, Rival};
-use crate::state::{Case, Held, State};
+use crate::state::{Case, FittedHypothesis, State};
 use crate::whitening::Whitening;
 
 /// θ at which a flight begins and ends.
@@ -88,18 +88,18 @@ impl<'a> Remedies<'a> {
         if alike.is_empty() {
             return vec![None; rivals.len()];
         }
-        let found = &state.held[index].change;
-        let changes: Vec<&Change> = alike.iter().map(|rival| &rival.change).collect();
+        let found = &state.held[index].hypothesis;
+        let changes: Vec<&Hypothesis> = alike.iter().map(|rival| &rival.hypothesis).collect();
         let now = signatures(self.case, state, index, &changes);
         let swings = changes.iter().chain([&found]).any(|change| swings(change));
         let flights = self.flights.get_or_init(|| self.fly());
         let warmings = if swings { &self.warmings.get_or_init(|| self.warm())[..] } else { &[] };
         // What the state has at hand is of the recording.
         let mut anew = state.clone();
-        anew.held.iter_mut().for_each(Held::run_anew);
+        anew.held.iter_mut().for_each(FittedHypothesis::run_anew);
         let flown = |measured: &Measured, nuisances: &[Nuisance]| {
             let case = Case { measured, believed: self.case.believed, nuisances: nuisances.to_vec() };
-            now.followed_by(&signatures(&case, &anew, index, &changes)).apart(state, found.size)
+            now.followed_by(&signatures(&case, &anew, index, &changes)).apart(state, found.value)
         };
         let tried = flights.par_iter().chain(warmings).map(|Candidate { name, measured, nuisances }| Tried {
             name,
@@ -107,7 +107,7 @@ impl<'a> Remedies<'a> {
             apart: flown(measured, nuisances),
         });
         let tried: Vec<Tried> = tried.collect();
-        let before = now.apart(state, found.size);
+        let before = now.apart(state, found.value);
         let mut told = (0..alike.len()).map(|rival| {
             sentence(alike[rival].cosine, before[rival], tried.iter().map(|tried| (tried, tried.apart[rival])))
         });
@@ -152,9 +152,8 @@ impl<'a> Remedies<'a> {
 }
 
 /// Whether a change comes and goes with something that is no motion.
-fn swings(change: &Change) -> bool {
-    let law = change.amplitude.kind.map(|kind| KINDS[kind].law(&change.course_shapes));
-    matches!(law, Some(Law::Temperature | Law::Periodic { .. }))
+fn swings(change: &Hypothesis) -> bool {
+    matches!(change.law(), Some(Law::Temperature | Law::Periodic { .. }))
 }
 
 /// Of the flights that tell them apart beyond doubt the shortest, else the one that tells them apart best.
@@ -287,17 +286,16 @@ fn bare(name: &str) -> &str {
 }
 
 /// What each change adds to a recording or a flight, beside all else that is held.
-fn signatures(case: &Case, state: &State, index: usize, rivals: &[&Change]) -> Signatures {
+fn signatures(case: &Case, state: &State, index: usize, rivals: &[&Hypothesis]) -> Signatures {
     let mut state = state.clone();
     let own = case.signature(&state, index);
     state.held.remove(index);
     let (_, nuisances) = case.linearised(&mut state);
-    let run = |state: &State| case.measured.run(&state.configuration(case.believed), state.shifts);
-    let from = run(&state);
-    let of = |change: &&Change| -> Nuisance {
+    let from = case.run(&state);
+    let of = |change: &&Hypothesis| -> Nuisance {
         let mut with = state.clone();
-        with.held.push(Held::fixed((*change).clone()));
-        case.measured.difference(&run(&with), &from).map(Some)
+        with.held.push(FittedHypothesis::fixed((*change).clone()));
+        case.measured.difference(&case.run(&with), &from).map(Some)
     };
     let rivals = rivals.par_iter().map(of).collect();
     Signatures { blocks: case.measured.blocks.clone(), nuisances, own, rivals }

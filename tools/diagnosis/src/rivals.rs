@@ -6,15 +6,15 @@
 use geu_model::course::Law;
 use rayon::prelude::*;
 
-use crate::bank::{Bank, Base, Column, Family, Variation};
-use crate::change::{ALL_GYROS, Amplitude, Change, Gyros, Place};
-use crate::climb::climb;
+use crate::bank::{Bank, Base, Family};
+use crate::gyros::{ALL_GYROS, Gyros, is_within, only};
+use crate::hypothesis::Hypothesis;
 use crate::late::{self, LAG_CHI2, Late, following_temperature};
-use crate::measured::{BLOCK_S, CHANNELS, Series};
-use crate::normal::{Beside, Gain, Normal, Nuisance, Products, dot};
-use crate::search::reaches;
-use crate::state::{Case, Held, State};
-use crate::sweep::{Part, sweep};
+use crate::measured::{Series, TIMING};
+use crate::normal::Normal;
+use crate::signature::Signature;
+use crate::spots::{Spot, spots};
+use crate::state::{Case, FittedHypothesis, State};
 
 /// Those that explain a smaller share of what was found explains are none: the square of a cosine of 0.3.
 const LEAST_SHARE: f64 = 0.09;
@@ -34,7 +34,7 @@ const FITTED: usize = 3;
 #[derive(Debug, Clone, PartialEq)]
 pub struct Rival {
     /// What it is.
-    pub change: Change,
+    pub hypothesis: Hypothesis,
     /// Its family.
     pub family: Family,
     /// Cosine of the two signatures, whitened and beside the nuisances; without sign.
@@ -45,20 +45,12 @@ pub struct Rival {
     pub behind_chi2: f64,
 }
 
-/// A rival on the grid.
-struct Spot {
-    base: usize,
-    variation: Variation,
-    gyros: Gyros,
-    gain: Gain,
-}
-
 /// What is paid for a name: what chance does in its family. A rival that is cheaper may be so much farther behind.
 pub struct Prices<'a> {
     /// For the one that was found.
     pub found: f64,
     /// For a hypothesis.
-    pub of: &'a (dyn Fn(Family, &Change) -> f64 + Sync),
+    pub of: &'a (dyn Fn(Family, &Hypothesis) -> f64 + Sync),
 }
 
 /// The rivals of the change at `index` of a state on the data, the best first.
@@ -69,7 +61,7 @@ pub fn rivals(case: &Case, bank: &Bank, state: &State, index: usize, prices: &Pr
         && state.held.iter().filter(|held| held.follows_temperature()).count() == 1;
     let beside = |temperature_s: f64| -> Vec<Rival> {
         // The lag was paid for with what was found, and is by what follows the temperature in its place.
-        let price = |family, change: &Change| {
+        let price = |family, change: &Hypothesis| {
             let needs_lag = is_own && temperature_s != 0.0 && change.law() == Some(Law::Temperature);
             (prices.of)(family, change) + if needs_lag { LAG_CHI2 } else { 0.0 }
         };
@@ -84,19 +76,19 @@ pub fn rivals(case: &Case, bank: &Bank, state: &State, index: usize, prices: &Pr
         let mut rivals = in_place_of(case, late.as_ref().unwrap_or(bank), &normal, state, index, fall, prices);
         let (found, own) = (&state.held[index], Signature::new(&normal, &case.signature(state, index)));
         let near = |rival: &&mut Rival| {
-            let is_another_course = constant(rival.change.amplitude) == constant(found.change.amplitude);
+            let is_another_course = rival.hypothesis.amplitude.constant() == found.hypothesis.amplitude.constant();
             is_another_course && rival.behind_chi2 > APART_CHI2 && rival.behind_chi2 < rival.reach_chi2
         };
         let near: Vec<&mut Rival> = rivals.iter_mut().filter(near).take(FITTED).collect();
         near.into_par_iter().for_each(|rival| {
             let mut instead = others.clone();
-            instead.held.insert(index, in_the_form_of(found, &rival.change));
+            instead.held.insert(index, in_the_form_of(found, &rival.hypothesis));
             let behind = case.fit(&mut instead).squares() - achieved;
-            let change = instead.held[index].change.clone();
-            let behind_chi2 = (behind - dearer(prices, rival.family, &change)).max(0.0);
-            if behind.is_finite() && behind_chi2 < rival.behind_chi2 && change.is_within_limits() {
+            let hypothesis = instead.held[index].hypothesis.clone();
+            let behind_chi2 = (behind - dearer(prices, rival.family, &hypothesis)).max(0.0);
+            if behind.is_finite() && behind_chi2 < rival.behind_chi2 && hypothesis.is_within_limits() {
                 let signature = Signature::new(&normal, &case.signature(&instead, index));
-                *rival = Rival { change, behind_chi2, cosine: own.cosine(&normal, &signature), ..rival.clone() };
+                *rival = Rival { hypothesis, behind_chi2, cosine: own.cosine(&normal, &signature), ..rival.clone() };
             }
         });
         rivals
@@ -106,7 +98,7 @@ pub fn rivals(case: &Case, bank: &Bank, state: &State, index: usize, prices: &Pr
     if late_s != 0.0 && is_own {
         rivals.extend(beside(0.0));
     }
-    if matches!(state.held[index].change.law(), Some(Law::Periodic { .. })) {
+    if matches!(state.held[index].hypothesis.law(), Some(Law::Periodic { .. })) {
         rivals.extend(late_temperature(case, bank, state, index, achieved, prices));
     }
     best_of_each(rivals)
@@ -122,29 +114,25 @@ fn late_temperature(
     prices: &Prices,
 ) -> Option<Rival> {
     let is_accepted =
-        |late: &Late| late.state.held[index].change.is_within_limits() && late.normal.squares().is_finite();
+        |late: &Late| late.state.held[index].hypothesis.is_within_limits() && late.normal.squares().is_finite();
     let late = late::likeliest(case, bank, state, index, prices.of, &is_accepted)?;
-    let change = late.state.held[index].change.clone();
-    let (family, _) = following_temperature(change.amplitude)?;
+    let hypothesis = late.state.held[index].hypothesis.clone();
+    let (family, _) = following_temperature(hypothesis.amplitude)?;
     let normal = case.normal_without(state, index);
     let [own, other] = [state, &late.state].map(|state| Signature::new(&normal, &case.signature(state, index)));
-    let dearer = prices.found - late.price_chi2 - late.lag_chi2;
+    let dearer = prices.found - late.held().penalty - late.lag_chi2;
     let behind_chi2 = (late.normal.squares() - achieved - dearer.max(0.0)).max(0.0);
-    Some(Rival { change, family, cosine: own.cosine(&normal, &other), reach_chi2: 0.0, behind_chi2 })
-}
-
-fn constant(amplitude: Amplitude) -> Amplitude {
-    Amplitude { kind: None, ..amplitude }
+    Some(Rival { hypothesis, family, cosine: own.cosine(&normal, &other), reach_chi2: 0.0, behind_chi2 })
 }
 
 /// Another course of what was found, with those of its shapes free that are free there.
-fn in_the_form_of(found: &Held, change: &Change) -> Held {
-    let mut held = Held::new(change.clone());
+fn in_the_form_of(found: &FittedHypothesis, change: &Hypothesis) -> FittedHypothesis {
+    let mut held = FittedHypothesis::new(change.clone());
     (1..=change.own_shapes.len()).filter(|&shape| found.is_free[shape]).for_each(|shape| held.free(shape));
     held
 }
 
-fn dearer(prices: &Prices, family: Family, rival: &Change) -> f64 {
+fn dearer(prices: &Prices, family: Family, rival: &Hypothesis) -> f64 {
     (prices.found - (prices.of)(family, rival)).max(0.0)
 }
 
@@ -154,7 +142,7 @@ pub fn look_alikes(case: &Case, bank: &Bank, state: &State, index: usize) -> Vec
     let held = others.held.remove(index);
     let (_, columns) = case.linearised(&mut others);
     let whole: Series = case.signature(state, index).map(|own| match own {
-        Some(values) => values.iter().map(|value| value * held.change.size).collect(),
+        Some(values) => values.iter().map(|value| value * held.hypothesis.value).collect(),
         None => vec![0.0; case.measured.block_count()],
     });
     let normal = Normal::new(case.whitenings(&state.noise), &whole, &columns);
@@ -175,41 +163,31 @@ fn in_place_of(
     prices: &Prices,
 ) -> Vec<Rival> {
     let own = Signature::new(normal, &case.signature(state, index));
-    let held = &state.held[index].change;
-    let mut spots: Vec<Spot> =
-        (0..bank.bases.len()).into_par_iter().flat_map_iter(|base| spots(bank, normal, base, held)).collect();
+    let held = &state.held[index].hypothesis;
+    let of_base = |index: usize| {
+        let sets = sets(&bank.bases[index], &held.gyros);
+        let is_another = |spot: &Spot| spot.amplitude(bank) != held.amplitude || spot.gyros != held.gyros;
+        spots(bank, normal, index, |_| sets.clone(), |spot| is_another(spot) && spot.stands(bank))
+    };
+    let mut spots: Vec<Spot> = (0..bank.bases.len()).into_par_iter().flat_map_iter(of_base).collect();
     spots.retain(|spot| spot.gain.chi2 >= LEAST_SHARE * fall);
     spots.sort_by(|one, other| other.gain.chi2.total_cmp(&one.gain.chi2));
     let in_group = spots.iter().take_while(|spot| fall - spot.gain.chi2 < APART_CHI2).count();
     spots.truncate(in_group.clamp(CLIMBED, MOST));
-    let duration_s = case.measured.block_count() as f64 * BLOCK_S;
     let told = |(place, spot): (usize, &Spot)| -> Option<Rival> {
-        let base = &bank.bases[spot.base];
-        let gain = |variation: &Variation| {
-            let products = Signature::of(bank, normal, base, variation, &spot.gyros).products;
-            normal.gain(&products).filter(|gain| base.stands_for(gain.size))
-        };
-        let made = |variation: &Variation, gain: Gain| {
-            bank.change(base, variation, if base.is_linear { gain.size } else { base.size }, spot.gyros)
-        };
-        let mut best = (spot.variation.clone(), gain(&spot.variation)?);
+        let mut best = spot.with(bank, normal, &spot.variation).filter(|spot| spot.stands(bank))?;
         if place < CLIMBED {
-            let (variation, _) =
-                climb(spot.variation.clone(), duration_s, &|at| gain(at).map_or(0.0, |gain| gain.chi2));
-            let climbed = gain(&variation).filter(|gain| made(&variation, *gain).is_within_limits());
-            best = climbed.map_or(best, |gain| (variation, gain));
+            best = spot.climbed(bank, normal, |spot| spot.stands(bank)).unwrap_or(best);
         }
-        let (variation, gain) = best;
-        let signature = Signature::of(bank, normal, base, &variation, &spot.gyros);
-        let cosine = own.cosine(normal, &signature);
-        let (change, family) = (made(&variation, gain), base.family(&variation));
-        let behind_chi2 = (fall - gain.chi2 - dearer(prices, family, &change)).max(0.0);
-        let reach_chi2 = match base.is_linear {
-            true if change.parameters().len() > 1 => NEAR_CHI2,
+        let cosine = own.cosine(normal, &best.signature(bank, normal));
+        let (hypothesis, family) = (best.hypothesis(bank), best.family(bank));
+        let behind_chi2 = (fall - best.gain.chi2 - dearer(prices, family, &hypothesis)).max(0.0);
+        let reach_chi2 = match bank.bases[best.base].is_linear {
+            true if hypothesis.parameters().len() > 1 => NEAR_CHI2,
             true => 0.0,
             false => f64::INFINITY,
         };
-        change.is_within_limits().then_some(Rival { change, family, cosine, reach_chi2, behind_chi2 })
+        hypothesis.is_within_limits().then_some(Rival { hypothesis, family, cosine, reach_chi2, behind_chi2 })
     };
     best_of_each(spots.par_iter().enumerate().filter_map(told).collect())
 }
@@ -219,7 +197,7 @@ fn best_of_each(all: Vec<Rival>) -> Vec<Rival> {
     let mut rivals: Vec<Rival> = Vec::new();
     for rival in all {
         let is_same = |other: &Rival| {
-            other.change.amplitude == rival.change.amplitude && other.change.gyros == rival.change.gyros
+            other.hypothesis.amplitude == rival.hypothesis.amplitude && other.hypothesis.gyros == rival.hypothesis.gyros
         };
         match rivals.iter().position(is_same) {
             Some(place) if rivals[place].behind_chi2 > rival.behind_chi2 => rivals[place] = rival,
@@ -232,88 +210,14 @@ fn best_of_each(all: Vec<Rival>) -> Vec<Rival> {
     rivals
 }
 
-/// The best course of each kind of one base on each set of gyros.
-fn spots(bank: &Bank, normal: &Normal, index: usize, held: &Change) -> Vec<Spot> {
-    let base = &bank.bases[index];
-    let mut best: Vec<Spot> = Vec::new();
-    let sets = sets(base, &held.gyros);
-    let take = |variation: &Variation, parts: &[Part<()>; CHANNELS]| {
-        let own = Amplitude { kind: variation.kind(), ..base.amplitude };
-        for gyros in sets.iter().copied().filter(|gyros| own != held.amplitude || *gyros != held.gyros) {
-            let reached = parts.iter().enumerate().filter(|(channel, _)| reaches(&base.amplitude, &gyros, *channel));
-            let gain = Beside::gain(&reached.filter_map(|(_, part)| Some(&part.as_ref()?.0)).collect::<Vec<_>>());
-            let Some(gain) = gain.filter(|gain| base.stands_for(gain.size)) else { continue };
-            let same = best.iter_mut().find(|other| other.variation.kind() == variation.kind() && other.gyros == gyros);
-            let spot = Spot { base: index, variation: variation.clone(), gyros, gain };
-            match same {
-                Some(other) if other.gain.chi2 >= gain.chi2 => {}
-                Some(other) => *other = spot,
-                None => best.push(spot),
-            }
-        }
-    };
-    sweep(bank, normal, base, |_, _| (), take);
-    best
-}
-
 /// Sets of gyros on which a rival is looked for: each alone, all, and those of what was found.
 fn sets(base: &Base, found: &Gyros) -> Vec<Gyros> {
-    if base.amplitude.place == Place::Unit {
+    if base.amplitude.is_of_unit() {
         return vec![ALL_GYROS];
     }
-    let singles = (0..4).map(|gyro| std::array::from_fn(|other| other == gyro));
-    let mut sets: Vec<Gyros> = singles.chain([ALL_GYROS, *found]).collect();
-    sets.retain(|set| set.iter().zip(base.amplitude.gyros()).all(|(own, can)| !own || can));
+    let mut sets: Vec<Gyros> = (0..TIMING).map(only).chain([ALL_GYROS, *found]).collect();
+    sets.retain(|set| is_within(set, &base.amplitude.gyros()));
     sets.sort_unstable();
     sets.dedup();
     sets
-}
-
-/// A signature, whitened.
-struct Signature {
-    /// Of the channels that are reached.
-    white: [Option<Column>; CHANNELS],
-    products: Products,
-}
-
-impl Signature {
-    fn new(normal: &Normal, nuisance: &Nuisance) -> Signature {
-        let column = |values: &Option<Vec<f64>>| Some(Column { from: 0, values: values.clone()? });
-        Signature::whitened(normal, nuisance.each_ref().map(column))
-    }
-
-    fn of(bank: &Bank, normal: &Normal, base: &Base, variation: &Variation, gyros: &Gyros) -> Signature {
-        let mut columns = bank.columns(base, variation);
-        for (channel, column) in columns.iter_mut().enumerate() {
-            if !reaches(&base.amplitude, gyros, channel) {
-                *column = None;
-            }
-        }
-        Signature::whitened(normal, columns)
-    }
-
-    fn whitened(normal: &Normal, columns: [Option<Column>; CHANNELS]) -> Signature {
-        let white: [Option<Column>; CHANNELS] =
-            std::array::from_fn(|channel| columns[channel].as_ref().map(|column| normal.white(channel, column)));
-        let parts = white.iter().enumerate().filter_map(|(channel, own)| Some(normal.products(channel, own.as_ref()?)));
-        let products = parts.fold(Products::none(normal.nuisances()), |sum, part| sum.plus(&part));
-        Signature { white, products }
-    }
-
-    /// Cosine with another, beside the nuisances; without sign.
-    fn cosine(&self, normal: &Normal, other: &Signature) -> f64 {
-        normal.cosine(&self.products, &other.products, self.dot(other)).abs().min(1.0)
-    }
-
-    /// The product with another.
-    fn dot(&self, other: &Signature) -> f64 {
-        let of_channel = |(one, other): (&Option<Column>, &Option<Column>)| {
-            let (one, other) = (one.as_ref()?, other.as_ref()?);
-            let [end, other_end] = [one, other].map(|column| column.from + column.values.len());
-            let (from, to) = (one.from.max(other.from), end.min(other_end));
-            let part = |column: &Column| from - column.from..to - column.from;
-            (from < to).then(|| dot(&one.values[part(one)], &other.values[part(other)]))
-        };
-        self.white.iter().zip(&other.white).filter_map(of_channel).sum()
-    }
 }

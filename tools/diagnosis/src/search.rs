@@ -1,15 +1,15 @@
 //! The search: every hypothesis of the bank, on every set of gyros, against what the state leaves.
 
-use geu_protocol::Gyro;
 use rayon::prelude::*;
 
-use crate::bank::{Bank, Base, Family, Variation};
-use crate::change::{ALL_GYROS, Amplitude, Change, Gyros, Place};
-use crate::climb::climb;
-use crate::measured::{BLOCK_S, CHANNELS, TIMING};
-use crate::normal::{Beside, Gain, Normal, Products, THIRDS};
+use crate::amplitude::AmplitudeRef;
+use crate::bank::{Bank, Family};
+use crate::gyros::{ALL_GYROS, Gyros, overlap};
+use crate::hypothesis::Hypothesis;
+use crate::measured::{CHANNELS, TIMING};
+use crate::normal::{Gain, Normal, THIRDS};
+use crate::spots::{Spot, spots};
 use crate::state::State;
-use crate::sweep::{Part, sweep};
 
 /// What noise alone may take away from the thirds that have little of it: three sigma, however much the gain is.
 const HARM_CHI2: f64 = 9.0;
@@ -20,17 +20,15 @@ const CLIMBED: usize = 16;
 #[derive(Debug, Clone)]
 pub struct Candidate {
     /// What it is, at the size that fits.
-    pub change: Change,
+    pub hypothesis: Hypothesis,
     /// Its family.
     pub family: Family,
     /// What it explains.
     pub gain: Gain,
     /// By how much better each third is foretold by the others ([`Normal::held_out`]).
     pub held_out: [Option<f64>; THIRDS],
-    /// Index of its base, and its course.
-    pub base: usize,
-    /// Its course.
-    pub variation: Variation,
+    /// What it was found by.
+    pub spot: Spot,
 }
 
 impl Candidate {
@@ -48,134 +46,57 @@ pub fn pays(held_out: &[Option<f64>; THIRDS]) -> bool {
     sum > if all { 0.0 } else { -HARM_CHI2 }
 }
 
-/// Sets of gyros that an amplitude may act on together with one size.
-pub fn sets(available: Gyros) -> Vec<Gyros> {
-    let all: Vec<Gyros> = (1u8..16)
-        .map(|mask| std::array::from_fn(|gyro| mask & (1 << gyro) != 0))
-        .filter(|set: &Gyros| (0..4).all(|gyro| available[gyro] || !set[gyro]))
-        .collect();
-    all
+/// Sets of gyros that an amplitude may act on together with one value, of the channels that it reaches.
+pub fn sets(amplitude: &AmplitudeRef, reached: [bool; CHANNELS]) -> Vec<Gyros> {
+    if amplitude.is_of_unit() {
+        return vec![ALL_GYROS];
+    }
+    let all = (1u8..16).map(|mask| std::array::from_fn(|gyro| mask & (1 << gyro) != 0));
+    all.filter(|set: &Gyros| (0..TIMING).all(|gyro| reached[gyro] || !set[gyro])).collect()
 }
 
 /// What a set of gyros costs beside one gyro or all of them: there are ten ways to choose two or three of four.
-pub fn set_penalty(gyros: &Gyros, place: Place) -> f64 {
+pub fn set_penalty(gyros: &Gyros, amplitude: &AmplitudeRef) -> f64 {
     let count = gyros.iter().filter(|has| **has).count();
-    if place != Place::Unit && (count == 2 || count == 3) { 2.0 * 10f64.ln() } else { 0.0 }
-}
-
-/// Whether what an amplitude adds on these gyros is on a channel.
-pub fn reaches(amplitude: &Amplitude, gyros: &Gyros, channel: usize) -> bool {
-    amplitude.place == Place::Unit || channel != TIMING && gyros[channel]
-}
-
-/// Products of a hypothesis, over its gyros.
-pub fn products(bank: &Bank, normal: &Normal, base: &Base, variation: &Variation, gyros: &Gyros) -> Products {
-    let columns = bank.columns(base, variation);
-    let parts = columns.iter().enumerate().filter(|(channel, _)| reaches(&base.amplitude, gyros, *channel));
-    parts.fold(Products::none(normal.nuisances()), |sum, (channel, column)| match column {
-        Some(column) => sum.plus(&normal.products_of(channel, column)),
-        None => sum,
-    })
+    if !amplitude.is_of_unit() && (count == 2 || count == 3) { 2.0 * 10f64.ln() } else { 0.0 }
 }
 
 /// The best candidate of each code and set of gyros, the best first; those of `held` codes on their own gyros left out where a
 /// configuration holds only one.
 pub fn search(bank: &Bank, normal: &Normal, state: &State, penalty: &(dyn Fn(Family) -> f64 + Sync)) -> Vec<Candidate> {
-    let of_base = |index: usize| -> Vec<Candidate> {
-        let base = &bank.bases[index];
-        let mut best: Vec<Candidate> = Vec::new();
-        let take = |variation: &Variation, parts: &[Part<()>; CHANNELS]| {
-            let kind = variation.kind();
-            let mut try_set = |gyros: Gyros, parts: &[&Beside]| {
-                let Some(gain) = Beside::gain(parts) else { return };
-                let held = state.held.iter().any(|held| {
-                    let own = &held.change.amplitude;
-                    *own == Amplitude { kind, ..base.amplitude }
-                        && held.change.gyros.iter().zip(gyros).any(|(one, other)| *one && other)
-                });
-                if held {
-                    return;
-                }
-                let place =
-                    best.iter().position(|other| other.change.gyros == gyros && other.change.amplitude.kind == kind);
-                if place.is_some_and(|place| best[place].gain.chi2 >= gain.chi2) {
-                    return;
-                }
-                let size = if base.is_linear { gain.size } else { base.size };
-                let change = bank.change(base, variation, size, gyros);
-                if !change.is_within_limits() || !base.stands_for(gain.size) {
-                    return;
-                }
-                let candidate = Candidate {
-                    change,
-                    family: base.family(variation),
-                    gain,
-                    held_out: [None; THIRDS],
-                    base: index,
-                    variation: variation.clone(),
-                };
-                match place {
-                    Some(place) => best[place] = candidate,
-                    None => best.push(candidate),
-                }
-            };
-            match base.amplitude.place {
-                Place::Unit => {
-                    try_set(ALL_GYROS, &parts.iter().flatten().map(|(part, ())| part).collect::<Vec<_>>());
-                }
-                Place::Head | Place::Discovered => {
-                    for gyros in sets(Gyro::ALL.map(|gyro| parts[gyro as usize].is_some())) {
-                        let chosen = parts[..TIMING].iter().zip(gyros).filter(|(_, has)| *has);
-                        let parts = chosen.filter_map(|(part, _)| part.as_ref().map(|(part, ())| part));
-                        try_set(gyros, &parts.collect::<Vec<_>>());
-                    }
-                }
-            }
-        };
-        sweep(bank, normal, base, |_, _| (), take);
-        best
+    let is_held = |spot: &Spot| {
+        state.held.iter().any(|held| {
+            held.hypothesis.amplitude == spot.amplitude(bank) && overlap(&held.hypothesis.gyros, &spot.gyros)
+        })
     };
-    let found: Vec<Vec<Candidate>> = (0..bank.bases.len()).into_par_iter().map(of_base).collect();
-    let mut best: Vec<Candidate> = Vec::new();
-    let score = |candidate: &Candidate| {
-        candidate.gain.chi2
-            - penalty(candidate.family)
-            - set_penalty(&candidate.change.gyros, candidate.change.amplitude.place)
-    };
-    for candidate in found.into_iter().flatten() {
+    let is_possible = |spot: &Spot| !is_held(spot) && spot.hypothesis(bank).is_within_limits() && spot.stands(bank);
+    let of_base =
+        |index: usize| spots(bank, normal, index, |reached| sets(&bank.bases[index].amplitude, reached), is_possible);
+    let found: Vec<Vec<Spot>> = (0..bank.bases.len()).into_par_iter().map(of_base).collect();
+    let score =
+        |spot: &Spot| spot.gain.chi2 - penalty(spot.family(bank)) - set_penalty(&spot.gyros, &spot.amplitude(bank));
+    let mut best: Vec<Spot> = Vec::new();
+    for spot in found.into_iter().flatten() {
         // One for each code and set of gyros, whatever its shapes.
-        let same = best.iter().position(|other| {
-            other.change.amplitude == candidate.change.amplitude && other.change.gyros == candidate.change.gyros
-        });
-        match same {
-            Some(place) if score(&best[place]) < score(&candidate) => best[place] = candidate,
+        let is_same = |other: &Spot| other.gyros == spot.gyros && other.amplitude(bank) == spot.amplitude(bank);
+        match best.iter().position(is_same) {
+            Some(place) if score(&best[place]) < score(&spot) => best[place] = spot,
             Some(_) => {}
-            None => best.push(candidate),
+            None => best.push(spot),
         }
     }
     best.sort_by(|a, b| score(b).total_cmp(&score(a)));
     // Between the points of the grid.
-    let climbed = |candidate: &mut Candidate| {
-        let base = &bank.bases[candidate.base];
-        let duration_s = normal.residual()[0].len() as f64 * BLOCK_S;
-        let gain =
-            |variation: &Variation| normal.gain(&products(bank, normal, base, variation, &candidate.change.gyros));
-        let of = |variation: &Variation| gain(variation).map_or(0.0, |gain| gain.chi2);
-        let (variation, _) = climb(candidate.variation.clone(), duration_s, &of);
-        if let Some(found) = gain(&variation) {
-            let size = if base.is_linear { found.size } else { base.size };
-            let change = bank.change(base, &variation, size, candidate.change.gyros);
-            if change.is_within_limits() {
-                *candidate = Candidate { change, gain: found, variation, ..candidate.clone() };
-            }
-        }
-    };
     best.truncate(CLIMBED);
-    best.par_iter_mut().for_each(climbed);
+    let climbed = |spot: Spot| spot.climbed(bank, normal, |_| true).unwrap_or(spot);
+    let mut best: Vec<Spot> = best.into_par_iter().map(climbed).collect();
     best.sort_by(|a, b| score(b).total_cmp(&score(a)));
-    for candidate in &mut best {
-        let own = products(bank, normal, &bank.bases[candidate.base], &candidate.variation, &candidate.change.gyros);
-        candidate.held_out = normal.held_out(&own);
-    }
-    best
+    let candidate = |spot: Spot| Candidate {
+        hypothesis: spot.hypothesis(bank),
+        family: spot.family(bank),
+        gain: spot.gain,
+        held_out: normal.held_out(&spot.signature(bank, normal).products),
+        spot,
+    };
+    best.into_iter().map(candidate).collect()
 }

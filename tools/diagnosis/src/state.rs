@@ -5,13 +5,14 @@ use std::sync::Arc;
 
 use geu_model::Configuration;
 use geu_model::course::Law;
-use geu_model::number::Numbers;
+use geu_model::number::{Numbers, Role};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use crate::change::{Change, ONSET, PHASE, Parameter, Place, sixteen};
+use crate::amplitude::calibration_parameters;
+use crate::hypothesis::{Hypothesis, HypothesisParameter};
 use crate::measured::{CHANNELS, Measured, Series, Shifts, TIMING};
-use crate::normal::{Normal, Nuisance};
+use crate::normal::{Normal, Nuisance, THIRDS};
 use crate::whitening::{Noise, Whitening};
 
 /// Shift with which the signature of a common lag is run.
@@ -27,23 +28,27 @@ const HALVINGS: usize = 5;
 /// Share of a calibration number's range by which it is moved for its signature.
 const SHARE: f64 = 1e-4;
 
-/// A change and which of its parameters are fitted.
+/// A hypothesis that is held, and which of its parameters are fitted.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Held {
-    /// The change.
-    pub change: Change,
+pub struct FittedHypothesis {
+    /// The hypothesis.
+    pub hypothesis: Hypothesis,
     /// For each of its parameters, whether it is fitted; the others stay at their defaults.
     pub is_free: Vec<bool>,
     /// One sigma of each, from the last fit; NaN where it is not fitted.
     pub sigmas: Vec<f64>,
+    /// Fall of χ² that was required of it.
+    pub penalty: f64,
+    /// By how much better each third is predicted by the other two with it ([`Normal::held_out`]).
+    pub held_out: [Option<f64>; THIRDS],
     /// Signatures of the free ones, where they were run: nearly the same as long as the parameters are.
     columns: Option<Arc<Vec<Nuisance>>>,
 }
 
-impl Held {
+impl FittedHypothesis {
     /// Whether its course is that of the temperature.
     pub fn follows_temperature(&self) -> bool {
-        self.change.law() == Some(Law::Temperature)
+        self.hypothesis.law() == Some(Law::Temperature)
     }
 
     /// Forgets its signatures.
@@ -52,9 +57,14 @@ impl Held {
     }
 
     /// With nothing to be fitted.
-    pub fn fixed(change: Change) -> Held {
-        let count = change.parameters().len();
-        Held { sigmas: vec![f64::NAN; count], is_free: vec![false; count], change, columns: None }
+    pub fn fixed(hypothesis: Hypothesis) -> FittedHypothesis {
+        FittedHypothesis::with_free(hypothesis, |_| false)
+    }
+
+    fn with_free(hypothesis: Hypothesis, is_free: impl Fn(usize) -> bool) -> FittedHypothesis {
+        let is_free: Vec<bool> = (0..hypothesis.parameters().len()).map(is_free).collect();
+        let sigmas = vec![f64::NAN; is_free.len()];
+        FittedHypothesis { hypothesis, is_free, sigmas, penalty: 0.0, held_out: [None; THIRDS], columns: None }
     }
 
     /// Fits this parameter too.
@@ -64,12 +74,17 @@ impl Held {
     }
 
     /// With its size and the shapes that have no default free.
-    pub fn new(change: Change) -> Held {
-        let own = change.own_shapes.len();
-        let is_free: Vec<bool> = (0..change.parameters().len())
-            .map(|index| index == 0 || index > own || change.amplitude.own_shapes()[index - 1].name == ONSET)
-            .collect();
-        Held { sigmas: vec![f64::NAN; is_free.len()], is_free, change, columns: None }
+    pub fn new(hypothesis: Hypothesis) -> FittedHypothesis {
+        let (own, shapes) = (hypothesis.own_shapes.len(), hypothesis.amplitude.own_shapes());
+        FittedHypothesis::with_free(hypothesis, |index| {
+            index == 0 || index > own || shapes[index - 1].role == Role::Onset
+        })
+    }
+
+    /// The same, with what was required of it and how it predicts each third.
+    #[must_use]
+    pub fn accepted(self, penalty: f64, held_out: [Option<f64>; THIRDS]) -> FittedHypothesis {
+        FittedHypothesis { penalty, held_out, ..self }
     }
 }
 
@@ -85,7 +100,7 @@ pub struct State {
     /// One sigma of the lag.
     pub lag_sigma_s: f64,
     /// Changes found.
-    pub held: Vec<Held>,
+    pub held: Vec<FittedHypothesis>,
     /// Noise of each channel.
     pub noise: [Noise; CHANNELS],
 }
@@ -119,7 +134,7 @@ impl<'a> Case<'a> {
         let of_gyro = |(gyro, number): (geu_protocol::Gyro, usize)| -> Nuisance {
             std::array::from_fn(|channel| (channel == gyro as usize).then(|| series[number][channel].clone()))
         };
-        let mut nuisances: Vec<Nuisance> = sixteen().into_iter().map(of_gyro).collect();
+        let mut nuisances: Vec<Nuisance> = calibration_parameters().into_iter().map(of_gyro).collect();
         let mut lag = measured.difference(&measured.run(believed, Shifts { lag_s: LAG_S, ..Shifts::default() }), &from);
         lag.iter_mut().flatten().for_each(|value| *value /= LAG_S);
         nuisances.push(std::array::from_fn(|channel| (channel != TIMING).then(|| std::mem::take(&mut lag[channel]))));
@@ -135,7 +150,7 @@ impl<'a> Case<'a> {
             true => self.nuisances.clone(),
             false => Case::new(measured, self.believed).nuisances,
         };
-        nuisances.truncate(sixteen().len());
+        nuisances.truncate(calibration_parameters().len());
         Case { measured, believed: self.believed, nuisances }
     }
 
@@ -152,9 +167,14 @@ impl<'a> Case<'a> {
         }
     }
 
+    /// The model of a state at each node.
+    pub fn run(&self, state: &State) -> Series {
+        self.measured.run(&state.configuration(self.believed), state.shifts)
+    }
+
     /// Residual of a state, averaged over blocks.
     pub fn residual(&self, state: &State) -> Series {
-        self.measured.residual(&self.measured.run(&state.configuration(self.believed), state.shifts))
+        self.measured.residual(&self.run(state))
     }
 
     /// The filters of a state's noise.
@@ -165,7 +185,7 @@ impl<'a> Case<'a> {
     /// The residual, and the signatures of all that is fitted: nuisances, then the free parameters. Those that are not at hand are
     /// run, and kept.
     pub fn linearised(&self, state: &mut State) -> (Series, Vec<Nuisance>) {
-        let from = self.measured.run(&state.configuration(self.believed), state.shifts);
+        let from = self.run(state);
         let open: Vec<(usize, usize)> =
             state.free().into_iter().filter(|(held, _)| state.held[*held].columns.is_none()).collect();
         let columns: Vec<Nuisance> =
@@ -182,14 +202,14 @@ impl<'a> Case<'a> {
 
     /// The signature of one parameter of a change.
     fn column(&self, state: &State, from: &Series, held: usize, index: usize) -> Nuisance {
-        let parameter = &state.held[held].change.parameters()[index];
+        let parameter = &state.held[held].hypothesis.parameters()[index];
         let mut step = step(parameter);
         if parameter.value + step > parameter.greatest {
             step = -step;
         }
         let mut moved = state.clone();
-        moved.held[held].change.set(index, parameter.value + step);
-        let run = self.measured.run(&moved.configuration(self.believed), state.shifts);
+        moved.held[held].hypothesis.set(index, parameter.value + step);
+        let run = self.run(&moved);
         self.measured.difference(&run, from).map(|values| {
             let any = values.iter().any(|&value| value != 0.0);
             any.then(|| values.into_iter().map(|value| value / step).collect())
@@ -198,7 +218,7 @@ impl<'a> Case<'a> {
 
     /// The signature of one unit of the size of a change, as it stands.
     pub fn signature(&self, state: &State, held: usize) -> Nuisance {
-        let from = self.measured.run(&state.configuration(self.believed), state.shifts);
+        let from = self.run(state);
         self.column(state, &from, held, 0)
     }
 
@@ -256,19 +276,19 @@ impl State {
     /// The configuration with all that is held.
     pub fn configuration(&self, believed: &Configuration) -> Configuration {
         let mut configuration = believed.clone();
-        for ((gyro, number), added) in sixteen().into_iter().zip(&self.sixteen) {
+        for ((gyro, number), added) in calibration_parameters().into_iter().zip(&self.sixteen) {
             *configuration.gyros[gyro as usize].calibration.value_mut(number) += added;
         }
         for held in &self.held {
-            held.change.apply(&mut configuration);
+            held.hypothesis.apply(&mut configuration);
         }
         configuration
     }
 
     /// Takes a change back, and the lag of the temperature with the last that follows it.
-    pub fn remove(&mut self, index: usize) -> Held {
+    pub fn remove(&mut self, index: usize) -> FittedHypothesis {
         let gone = self.held.remove(index);
-        if !self.held.iter().any(Held::follows_temperature) {
+        if !self.held.iter().any(FittedHypothesis::follows_temperature) {
             self.tell_late(0.0);
         }
         gone
@@ -279,15 +299,16 @@ impl State {
         if self.shifts.temperature_s != temperature_s {
             self.shifts.temperature_s = temperature_s;
             // A formula may have the temperature among its factors.
-            let moves =
-                |held: &&mut Held| held.follows_temperature() || held.change.amplitude.place == Place::Discovered;
-            self.held.iter_mut().filter(moves).for_each(Held::run_anew);
+            let moves = |held: &&mut FittedHypothesis| {
+                held.follows_temperature() || held.hypothesis.amplitude.formula().is_some()
+            };
+            self.held.iter_mut().filter(moves).for_each(FittedHypothesis::run_anew);
         }
     }
 
     /// Free parameters: index of the change and of the parameter.
     pub fn free(&self) -> Vec<(usize, usize)> {
-        let of_change = |(held, own): (usize, &Held)| {
+        let of_change = |(held, own): (usize, &FittedHypothesis)| {
             let free: Vec<(usize, usize)> =
                 (0..own.is_free.len()).filter(|&index| own.is_free[index]).map(|index| (held, index)).collect();
             free
@@ -303,7 +324,7 @@ impl State {
         }
         moved.shifts.lag_s += by[count];
         for (place, (held, index)) in self.free().into_iter().enumerate() {
-            let change = &mut moved.held[held].change;
+            let change = &mut moved.held[held].hypothesis;
             let parameter = &change.parameters()[index];
             let most = reach(parameter);
             let value = parameter.value + by[count + 1 + place].clamp(-most, most);
@@ -324,23 +345,23 @@ impl State {
 }
 
 /// By how much a parameter is moved for its signature.
-fn step(parameter: &Parameter) -> f64 {
-    match parameter.name.as_str() {
+fn step(parameter: &HypothesisParameter) -> f64 {
+    match parameter.role {
         // Two blocks, so that what happens within one is averaged.
-        ONSET => 10.0,
-        PHASE => 0.02,
+        Role::Onset => 10.0,
+        Role::Phase => 0.02,
         _ if parameter.value != 0.0 => 0.02 * parameter.value.abs(),
         _ => 2e-3 * parameter.greatest.min(1e3),
     }
 }
 
 /// The farthest that one round may move it.
-fn reach(parameter: &Parameter) -> f64 {
-    match parameter.name.as_str() {
-        ONSET => 300.0,
-        PHASE => 0.5,
-        "period_s" => 0.1 * parameter.value.abs(),
-        name if name.ends_with("_s") => 0.5 * parameter.value.abs(),
+fn reach(parameter: &HypothesisParameter) -> f64 {
+    match parameter.role {
+        Role::Onset => 300.0,
+        Role::Phase => 0.5,
+        Role::Period => 0.1 * parameter.value.abs(),
+        Role::TimeConstant => 0.5 * parameter.value.abs(),
         _ => f64::INFINITY,
     }
 }

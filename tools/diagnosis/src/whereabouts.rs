@@ -7,13 +7,11 @@ use std::f64::consts::TAU;
 
 use geu_model::temperature::SENSOR_NOMINAL_C;
 use geu_model::units::{HALF_SECOND_S, ORBIT_S, RAD_PER_DEG, S_PER_DAY};
-use geu_protocol::Gyro;
 use rayon::prelude::*;
 
 use crate::bank::Column;
 use crate::measured::{BLOCK, CHANNELS, Measured, Series, TIMING};
 use crate::normal::Normal;
-use crate::outcome::Diagnosis;
 use crate::state::Case;
 use crate::stretches::Stretch;
 use crate::whitening::Noise;
@@ -47,8 +45,6 @@ pub const VARIABLES: [&str; 22] = [
     "cos(orbit)",
 ];
 
-/// What is told of each gyro in a text: variables, and stretches.
-const TOLD: usize = 3;
 /// Sigmas beyond which it is told: in a thousand places chance never gets there.
 pub const STANDS_OUT: f64 = 5.0;
 
@@ -161,41 +157,4 @@ fn variables(measured: &Measured) -> [Column; VARIABLES.len()] {
 pub fn strongest(sigmas: &Sigmas) -> Option<(usize, f64)> {
     let told = sigmas.iter().enumerate().filter_map(|(variable, sigmas)| Some((variable, (*sigmas)?)));
     told.max_by(|one, other| one.1.abs().total_cmp(&other.1.abs()))
-}
-
-/// For each gyro that leaves the model before anything was found, a line for each variable along which, and for each stretch in
-/// which it does.
-pub fn standing_out(diagnosis: &Diagnosis) -> Vec<String> {
-    let [before, after] = &diagnosis.whereabouts;
-    let of_gyro = |gyro: Gyro| {
-        let index = gyro as usize;
-        let later = &after.whole[index];
-        let whole = before.whole[index].iter().enumerate();
-        let along =
-            whole.filter_map(|(variable, sigmas)| Some((VARIABLES[variable].to_owned(), (*sigmas)?, later[variable])));
-        let stretches = diagnosis.stretches.iter().zip(&before.stretches[index]).zip(&after.stretches[index]);
-        let within = stretches.filter_map(|((stretch, own), later)| {
-            let (variable, sigmas) = strongest(own)?;
-            let place = format!("{}, {:.0} s ({})", stretch.name, stretch.from_s, VARIABLES[variable]);
-            Some((place, sigmas, later[variable]))
-        });
-        let lines = [("along", most(along.collect())), ("in", most(within.collect()))];
-        lines
-            .into_iter()
-            .flat_map(move |(how, told)| told.into_iter().map(move |told| format!("{} {how} {told}", gyro.name())))
-    };
-    Gyro::ALL.into_iter().flat_map(of_gyro).collect()
-}
-
-/// Those of places, with their sigmas before and after, that stand out most.
-fn most(mut places: Vec<(String, f64, Option<f64>)>) -> Vec<String> {
-    places.retain(|(_, before, _)| before.abs() > STANDS_OUT);
-    places.sort_by(|one, other| other.1.abs().total_cmp(&one.1.abs()));
-    // No minus before a zero.
-    let whole = |sigmas: f64| format!("{:+}", sigmas.round() as i64);
-    let told = |(place, before, after): (String, f64, Option<f64>)| match after {
-        Some(after) => format!("{place} {} → {}", whole(before), whole(after)),
-        None => format!("{place} {}", whole(before)),
-    };
-    places.into_iter().take(TOLD).map(told).collect()
 }

@@ -1,6 +1,8 @@
 //! The blind trial: what is hidden is told by its key alone, scored as it should be, and a campaign is the same on any threads.
 
-use geu_diagnosis::blind::{Hidden, Key, Naming, Origin, Plan, Survey, Told, campaign, hide, score};
+use geu_diagnosis::blind::{Hidden, Key, Naming, Origin, Plan, ReportedDiagnosis, Survey, campaign, hide, score};
+use geu_diagnosis::hypothesis::Hypothesis;
+use geu_diagnosis::outcome::EstimatedValue;
 use geu_model::Configuration;
 use geu_recording::{Defect, InputReader, Options, Reference, Row, Sink, Stop};
 use serde_json::{Value, json};
@@ -52,20 +54,20 @@ fn the_same_seed_hides_the_same_and_its_files_read_back() {
     assert!((reference.truth.end_s() - flight.reference.truth.end_s()).abs() < 1e-6);
 }
 
+fn hidden(code: &str, numbers: &[(&str, f64)]) -> Hypothesis {
+    let number = |name: &str| numbers.iter().find(|(own, _)| *own == name).map(|(_, value)| *value);
+    Hypothesis::from_numbers(code, None, [true, false, false, false], number).expect("a hypothesis")
+}
+
 fn step(size: f64) -> Hidden {
     Hidden {
-        code: "drift-step".to_owned(),
-        formula: None,
+        hypothesis: hidden("drift-step", &[("arcsec_per_h", size), ("time_s", 700.0)]),
         origin: Origin::Catalogue,
         gyros: [true, false, false, false],
-        parameters: vec![("arcsec_per_h".to_owned(), size), ("time_s".to_owned(), 700.0)],
         sigma: Some(2.0),
         strength: Some(0.5 * size),
         nearest: None,
-        assignments: vec![
-            format!("gyro.GYRX.drift-step.arcsec_per_h={size:?}"),
-            "gyro.GYRX.drift-step.time_s=700.0".to_owned(),
-        ],
+        assignments: Vec::new(),
     }
 }
 
@@ -74,8 +76,8 @@ fn entry(code: &str, gyro: &str, rivals: Value) -> Value {
     json!({ "code": code, "class": "missing-effect", "gyros": [gyro], "parameters": parameters, "rivals": rivals })
 }
 
-fn told(verdict: &str, effects: &[Value]) -> Told {
-    Told::from_json(&json!({ "verdict": verdict, "effects": effects })).expect("a result")
+fn told(verdict: &str, effects: &[Value]) -> ReportedDiagnosis {
+    ReportedDiagnosis::from_json(&json!({ "verdict": verdict, "effects": effects })).expect("a result")
 }
 
 #[test]
@@ -107,12 +109,12 @@ fn what_was_said_is_scored_against_what_was_hidden() {
     // One thing by its signature, whatever it is called.
     let other = told("explained", &[entry("drift-periodic", "GYRX", json!([]))]);
     assert_eq!(score(&[step(24.0)], &other, &|_, _| 0.9995).outcomes[0].naming, Naming::Group);
-    let broken = Told::from_json(&json!({ "verdict": "explained", "effects": 1 })).expect_err("no list");
+    let broken = ReportedDiagnosis::from_json(&json!({ "verdict": "explained", "effects": 1 })).expect_err("no list");
     assert_eq!(broken.to_string(), "effects: expected a list, as `geu diagnose --json` writes it");
-    let broken = Told::from_json(&json!({ "verdict": "sure", "effects": [] })).expect_err("no verdict");
+    let broken = ReportedDiagnosis::from_json(&json!({ "verdict": "sure", "effects": [] })).expect_err("no verdict");
     assert!(broken.to_string().starts_with("verdict: expected consistent, explained or unexplained"), "{broken}");
     let elsewhere = entry("drift-step", "GYRQ", json!([]));
-    assert!(Told::from_json(&json!({ "verdict": "explained", "effects": [elsewhere] })).is_err());
+    assert!(ReportedDiagnosis::from_json(&json!({ "verdict": "explained", "effects": [elsewhere] })).is_err());
     let key = Key { seed: 1, duration_s: 100.0, hidden: vec![step(24.0)] }.to_toml();
     let broken = Key::parse("key.toml", &key.replace("\"GYRX\"", "\"GYRQ\"")).expect_err("no gyro");
     assert!(broken.to_string().contains("expected one or more of GYRX, GYRY, GYRZA, GYRZB"), "{broken}");
@@ -124,7 +126,7 @@ fn an_effect_is_like_itself_and_unlike_another() {
     let survey = survey();
     let likeness = |code: &str, gyro: &str| {
         let mut found = told("explained", &[entry(code, gyro, json!([]))]).missing.remove(0);
-        found.parameters.push(("time_s".to_owned(), 700.0, None));
+        found.parameters.push(EstimatedValue::new("time_s".to_owned(), 700.0, f64::NAN));
         survey.likeness(&step(24.0), &found, 0.0)
     };
     assert!((likeness("drift-step", "GYRX") - 1.0).abs() < 1e-3, "{}", likeness("drift-step", "GYRX"));
@@ -138,11 +140,9 @@ fn what_follows_a_late_temperature_is_another_signature() {
     let follows = json!({ "code": "drift-temperature", "class": "missing-effect", "gyros": ["GYRX"],
         "parameters": { "arcsec_per_h_per_k": { "value": 5.0, "sigma": 0.1 } }, "rivals": [] });
     let result = json!({ "verdict": "explained", "effects": [follows], "temperature_late_s": 600.0 });
-    let told = Told::from_json(&result).expect("a result");
+    let told = ReportedDiagnosis::from_json(&result).expect("a result");
     let hidden = Hidden {
-        code: "drift-temperature".to_owned(),
-        parameters: vec![("arcsec_per_h_per_k".to_owned(), 5.0)],
-        assignments: vec!["gyro.GYRX.drift-temperature.arcsec_per_h_per_k=5.0".to_owned()],
+        hypothesis: self::hidden("drift-temperature", &[("arcsec_per_h_per_k", 5.0)]),
         origin: Origin::Unknown,
         ..step(0.0)
     };
@@ -152,13 +152,7 @@ fn what_follows_a_late_temperature_is_another_signature() {
     assert!(likeness(told.temperature_late_s) < likeness(0.0));
     // Another code that was hidden, as like as the lag lets it be.
     let numbers = [("amplitude_arcsec_per_h", 20.0), ("period_s", 6180.0), ("phase_rad", 0.0)];
-    let swings = Hidden {
-        code: "drift-periodic".to_owned(),
-        parameters: numbers.map(|(name, value)| (name.to_owned(), value)).to_vec(),
-        assignments: numbers.map(|(name, value)| format!("gyro.GYRX.drift-periodic.{name}={value:?}")).to_vec(),
-        origin: Origin::Unknown,
-        ..step(0.0)
-    };
+    let swings = Hidden { hypothesis: self::hidden("drift-periodic", &numbers), origin: Origin::Unknown, ..step(0.0) };
     let [now, quarter_turn_late] = [0.0, 1545.0].map(|late_s| survey.likeness(&swings, &told.missing[0], late_s));
     assert!((now - quarter_turn_late).abs() > 0.01, "{now} {quarter_turn_late}");
 }

@@ -74,19 +74,19 @@ fn wired(code: &str, gyros: &[Of], onset_s: Option<f64>) -> Hidden {
 
 /// One fault, of that code, on those gyros, whose onset may be where it was.
 fn assert_named(checked: &Checked, hidden: &Hidden, onset_s: Option<f64>) {
-    let [WiringFault { code, gyros, onset_s: found_s, onset_between_s: [from_s, to_s], end_s, .. }] =
+    let [fault @ WiringFault { gyros, onset_s: found_s, onset_between_s: [from_s, to_s], end_s, .. }] =
         &checked.faults[..]
     else {
         panic!("{hidden:?}: {:?}", checked.faults);
     };
     let hidden_gyros: Vec<&str> = hidden.gyros.iter().map(|gyro| gyro.name()).collect();
     let found_gyros: Vec<&str> = gyros.iter().map(|gyro| gyro.name()).collect();
-    assert_eq!((code.as_str(), found_gyros, *end_s), (hidden.code.as_str(), hidden_gyros, None));
+    assert_eq!((fault.code().as_str(), found_gyros, *end_s), (hidden.code.as_str(), hidden_gyros, None));
     assert_eq!(found_s.is_some(), onset_s.is_some(), "{hidden:?}");
     if let Some(onset_s) = onset_s {
         assert!((from_s - 2.0..=to_s + 2.0).contains(&onset_s), "{hidden:?}: {from_s} to {to_s} s");
     }
-    assert_eq!(kinds(checked), [code], "{hidden:?}");
+    assert_eq!(kinds(checked), [fault.code()], "{hidden:?}");
 }
 
 const PAIRS: [[Of; 2]; 6] =
@@ -143,10 +143,10 @@ fn faults_beside_large_ordinary_effects_and_beside_each_other_are_named() {
         (14, vec![wired("sign-inversion", &[Of::Y], None), wired("sign-inversion", &[Of::Za], Some(6000.0))]),
     ] {
         let checked = Recording::hiding(seed, &[&ordinary[..], &faults].concat()).checked();
-        let named: Vec<(&str, &str)> =
-            checked.faults.iter().map(|fault| (fault.code.as_str(), fault.gyros[0].name())).collect();
-        let hidden: Vec<(&str, &str)> =
-            faults.iter().map(|hidden| (hidden.code.as_str(), hidden.gyros[0].name())).collect();
+        let named: Vec<(String, &str)> =
+            checked.faults.iter().map(|fault| (fault.code(), fault.gyros[0].name())).collect();
+        let hidden: Vec<(String, &str)> =
+            faults.iter().map(|hidden| (hidden.code.clone(), hidden.gyros[0].name())).collect();
         assert_eq!(named, hidden, "{:?}", checked.faults);
     }
 }
@@ -158,10 +158,10 @@ fn a_fault_that_ends_is_told_with_its_end() {
         row.half_second.increments[0] = -row.half_second.increments[0];
     }
     let checked = recording.checked();
-    let [WiringFault { code, onset_s: Some(onset_s), end_s: Some(end_s), .. }] = &checked.faults[..] else {
+    let [fault @ WiringFault { onset_s: Some(onset_s), end_s: Some(end_s), .. }] = &checked.faults[..] else {
         panic!("{:?}", checked.faults)
     };
-    assert_eq!(code, "sign-inversion-step");
+    assert_eq!(fault.code(), "sign-inversion-step");
     assert!((onset_s - 3000.0).abs() < 2.0 && (end_s - 6000.0).abs() < 2.0, "{onset_s} to {end_s} s");
 }
 

@@ -2,13 +2,14 @@
 
 mod flown;
 
+use geu_diagnosis::amplitude::AmplitudeRef;
 use geu_diagnosis::bank::Column;
-use geu_diagnosis::change::{Amplitude, Change};
+use geu_diagnosis::hypothesis::Hypothesis;
 use geu_diagnosis::measured::CHANNELS;
 use geu_diagnosis::normal::{Normal, Products};
 use geu_diagnosis::remedy::Remedies;
 use geu_diagnosis::rivals::{APART_CHI2, look_alikes};
-use geu_diagnosis::state::{Held, State};
+use geu_diagnosis::state::{FittedHypothesis, State};
 use geu_diagnosis::whitening::Noise;
 use geu_diagnosis::{Bank, Case};
 use geu_model::Configuration;
@@ -17,25 +18,26 @@ use flown::{manoeuvre, recorded};
 
 const NOISE: Noise = Noise { white: 0.01, angle_walk: 0.02, rate_walk: 2e-5 };
 
-fn change(code: &str, gyro: usize, size: f64) -> Change {
-    let kinds = Amplitude::all().into_iter().flat_map(|one| [Some(one), one.with(1), one.with(2)]).flatten();
+fn change(code: &str, gyro: usize, value: f64) -> Hypothesis {
+    let kinds = AmplitudeRef::all().into_iter().flat_map(|one| [Some(one), one.with(1), one.with(2)]).flatten();
     let amplitude = kinds.into_iter().find(|amplitude| amplitude.code() == code).expect("a code");
     let own_shapes = amplitude.own_shapes().iter().map(|number| number.default.initial()).collect();
-    Change { amplitude, size, own_shapes, course_shapes: Vec::new(), gyros: std::array::from_fn(|other| other == gyro) }
+    let gyros = std::array::from_fn(|other| other == gyro);
+    Hypothesis { own_shapes, ..Hypothesis::constant(amplitude, value, gyros) }
 }
 
-fn holding(case: &Case, found: &Change) -> State {
+fn holding(case: &Case, found: &Hypothesis) -> State {
     let mut state = case.start([NOISE; CHANNELS]);
-    state.held.push(Held::fixed(found.clone()));
+    state.held.push(FittedHypothesis::fixed(found.clone()));
     state
 }
 
 /// Cosine of two changes beside the nuisances, both run over the whole recording.
-fn cosine(case: &Case, one: &Change, other: &Change) -> f64 {
+fn cosine(case: &Case, one: &Hypothesis, other: &Hypothesis) -> f64 {
     let state = case.start([NOISE; CHANNELS]);
     let (residual, nuisances) = case.linearised(&mut state.clone());
     let normal = Normal::new(case.whitenings(&state.noise), &residual, &nuisances);
-    let white = |change: &Change| {
+    let white = |change: &Hypothesis| {
         let signature = case.signature(&holding(case, change), 0);
         signature
             .into_iter()
@@ -70,10 +72,10 @@ fn what_is_alike_in_turns_one_way_at_one_speed_is_told_apart_as_foretold() {
     all.retain(|rival| rival.behind_chi2 < APART_CHI2);
     all.truncate(3);
     let told = Remedies::new(&case).of(&holding(&case, &found), 0, &all);
-    assert!(all.iter().any(|rival| rival.change.amplitude.code() == "scale-factor-ramp"));
+    assert!(all.iter().any(|rival| rival.hypothesis.amplitude.code() == "scale-factor-ramp"));
     for (rival, told) in all.iter().zip(told) {
         let told = told.expect("a remedy");
-        let code = rival.change.amplitude.code();
+        let code = rival.hypothesis.amplitude.code();
         assert!(rival.cosine > 0.99, "{code}: {}", rival.cosine);
         let (name, numbers) = told.split_once(" would bring the cosine from 1.00 to ").expect(&told);
         let foretold: f64 = numbers.split_once(',').and_then(|(cosine, _)| cosine.parse().ok()).expect(&told);
@@ -83,7 +85,7 @@ fn what_is_alike_in_turns_one_way_at_one_speed_is_told_apart_as_foretold() {
             _ => panic!("{told}"),
         };
         let longer = recorded(&believed, &[&flown[..], &[next]].concat(), after_s);
-        let cosine = cosine(&Case::new(&longer, &believed), &found, &rival.change);
+        let cosine = cosine(&Case::new(&longer, &believed), &found, &rival.hypothesis);
         assert!(foretold < 0.9 && (cosine - foretold).abs() < 0.1, "{code}: {told}: {cosine}");
     }
 }

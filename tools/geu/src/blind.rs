@@ -4,7 +4,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
-use geu_diagnosis::blind::{Hidden, Key, Plan, SURVEY_S, Survey, Told, campaign, hide, score};
+use geu_diagnosis::Verdict;
+use geu_diagnosis::blind::{Hidden, Key, Plan, ReportedDiagnosis, SURVEY_S, Survey, campaign, hide, score};
 use geu_diagnosis::report::labelled;
 use geu_recording::read_text;
 use indicatif::ProgressBar;
@@ -154,7 +155,7 @@ fn scored(arguments: &ScoreArguments) -> Result<(), Failure> {
     let at = |error: &dyn std::fmt::Display| Failure::input(format!("{}: {error}", arguments.json.display()));
     let expected = |error: serde_json::Error| at(&format!("expected JSON as `geu diagnose --json` writes it: {error}"));
     let result = serde_json::from_str(&text(&arguments.json)?).map_err(expected)?;
-    let told = Told::from_json(&result).map_err(|error| at(&error))?;
+    let told = ReportedDiagnosis::from_json(&result).map_err(|error| at(&error))?;
     let survey = survey(&arguments.unit, key.duration_s)?;
     let score =
         score(&key.hidden, &told, &|hidden: &Hidden, found| survey.likeness(hidden, found, told.temperature_late_s));
@@ -167,11 +168,11 @@ fn scored(arguments: &ScoreArguments) -> Result<(), Failure> {
     if key.hidden.is_empty() {
         facts.push(("injected".to_owned(), "nothing".to_owned()));
     }
-    facts.push(("verdict".to_owned(), told.verdict.clone()));
+    facts.push(("verdict".to_owned(), told.verdict.name().to_owned()));
     let false_names = score.false_names.iter();
     facts.extend(false_names.map(|&index| ("false alarm".to_owned(), told.missing[index].to_string())));
     say!("{}", labelled(0, &facts).trim_end())?;
-    match score.is_right(&key.hidden, &told) && (told.verdict == "consistent" || !key.hidden.is_empty()) {
+    match score.is_right(&key.hidden, &told) && (told.verdict == Verdict::Consistent || !key.hidden.is_empty()) {
         true => Ok(()),
         false => Err(Failure::failed("expected what the key tells, got something else")),
     }

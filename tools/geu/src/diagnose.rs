@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use clap::Args;
 use geu_calibration::window;
-use geu_diagnosis::outcome::{Class, Diagnosis, Entry};
+use geu_diagnosis::outcome::{Class, DiagnosedEffect, Diagnosis};
 use geu_diagnosis::{Settings as Diagnosing, Thresholds, Verdict, diagnose_rows, report};
 use geu_model::Configuration;
 use geu_model::configuration::unix_ns;
@@ -135,16 +135,17 @@ impl Arguments {
 
 /// The configuration with all that was found, each with a comment that says where and how well.
 fn written(file: &OutputFile, settings: &Settings, diagnosis: &Diagnosis, link: &[String]) -> Result<String, Failure> {
+    let assignments = |entry: &DiagnosedEffect| entry.assignments(&diagnosis.configuration);
     let (name, text) = settings.text()?;
     let mut values = settings.overrides.clone();
-    values.extend(diagnosis.entries.iter().flat_map(|entry| entry.assignments.iter().cloned()));
+    values.extend(diagnosis.entries.iter().flat_map(assignments));
     let link = link.join(" ");
-    let commented = |entry: &Entry| {
+    let commented = |entry: &DiagnosedEffect| {
         let told = entry.parameters.iter().map(|number| format!("{} {}", number.name, report::with_sigma(number)));
         let what = if entry.class == Class::Recalibration { "recalibrated" } else { "found" };
         let comment = format!("{what} on {link}: {}", told.collect::<Vec<_>>().join(", "));
-        let paths = entry.assignments.iter().filter_map(|assignment| assignment.split_once('='));
-        paths.map(|(path, _)| (path.trim().to_owned(), comment.clone())).collect::<Vec<_>>()
+        let paths = assignments(entry).into_iter().filter_map(|own| Some(own.split_once('=')?.0.trim().to_owned()));
+        paths.map(|path| (path, comment.clone())).collect::<Vec<_>>()
     };
     let comments: Vec<_> = diagnosis.entries.iter().flat_map(commented).collect();
     // What was found may lie beyond what the model is good for.
@@ -230,14 +231,14 @@ impl Cache {
 
     fn get(&self, key: u64) -> Option<Thresholds> {
         let text = read_text(&self.directory.as_ref()?.join(format!("{key:016x}.json"))).ok()?;
-        Thresholds::from_json(&serde_json::from_str(&text).ok()?)
+        serde_json::from_str(&text).ok()
     }
 
     fn put(&self, key: u64, thresholds: &Thresholds) {
         let Some(directory) = &self.directory else { return };
         let path = directory.join(format!("{key:016x}.json"));
         let kept = fs::create_dir_all(directory)
-            .and_then(|()| geu_files::write_whole(&path, thresholds.to_json().to_string()));
+            .and_then(|()| geu_files::write_whole(&path, serde_json::json!(thresholds).to_string()));
         if let Err(error) = kept {
             note(format_args!("geu: {}: thresholds cannot be kept: {error}\n", directory.display()));
         }

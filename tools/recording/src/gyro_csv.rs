@@ -33,7 +33,7 @@ use std::io::Read;
 use std::path::Path;
 
 use geu_model::configuration::{ConfigurationError, Node, Source};
-use geu_model::number::{Default, Form, Number};
+use geu_model::number::{Default, Form, Number, number};
 use geu_model::units::{ARCSEC_PER_DEG, ARCSEC_PER_RAD};
 use geu_protocol::excerpt::{MAX_QUOTED, excerpt};
 
@@ -66,22 +66,15 @@ const AXES: [(&str, usize, f64); 9] = [
 /// A step of time is looked for its mirror image over so many rows.
 pub const GLITCH_ROWS: usize = 600;
 
-const INTERVAL: Number = Number {
-    name: "interval_s",
-    form: Form::Real,
-    default: Default::Required,
-    least: 1e-6,
-    greatest: 1e6,
-    meaning: "nominal interval of the rows",
-};
-const COUNTS: Number = Number {
-    name: "counts_per_unit",
-    form: Form::Real,
-    default: Default::Value(1.0),
-    least: 1e-12,
-    greatest: 1e12,
-    meaning: "counts in one unit (LSB per unit) where the column holds counts",
-};
+const INTERVAL: Number = number("interval_s", Form::Real, Default::Required, 1e-6, 1e6, "nominal interval of the rows");
+const COUNTS: Number = number(
+    "counts_per_unit",
+    Form::Real,
+    Default::Value(1.0),
+    1e-12,
+    1e12,
+    "counts in one unit (LSB per unit) where the column holds counts",
+);
 
 /// One gyro's column.
 #[derive(Debug, Clone, PartialEq)]

@@ -144,38 +144,19 @@ pub struct Configuration {
     pub run: RunRecord,
 }
 
-const START: Number = Number {
-    name: "start_unix_s",
-    form: Form::Real,
-    default: DefaultValue::Value(0.0),
-    least: 0.0,
-    greatest: 4e9,
-    meaning: "time at the start of the first half second, Unix time",
-};
-const THETA: Number = Number {
-    name: "theta_deg",
-    form: Form::Real,
-    default: DefaultValue::Value(90.0),
-    least: 60.0,
-    greatest: 120.0,
-    meaning: "solar aspect angle at the start",
-};
-const PSI: Number = Number {
-    name: "psi_deg",
-    form: Form::Real,
-    default: DefaultValue::Value(0.0),
-    least: -360.0,
-    greatest: 360.0,
-    meaning: "angle about the sun vector at the start",
-};
-const DURATION: Number = Number {
-    name: "duration_s",
-    form: Form::Real,
-    default: DefaultValue::Value(0.0),
-    least: 0.0,
-    greatest: 1e10,
-    meaning: "how long it ran",
-};
+const START: Number = number(
+    "start_unix_s",
+    Form::Real,
+    DefaultValue::Value(0.0),
+    0.0,
+    4e9,
+    "time at the start of the first half second, Unix time",
+);
+const THETA: Number =
+    number("theta_deg", Form::Real, DefaultValue::Value(90.0), 60.0, 120.0, "solar aspect angle at the start");
+const PSI: Number =
+    number("psi_deg", Form::Real, DefaultValue::Value(0.0), -360.0, 360.0, "angle about the sun vector at the start");
+const DURATION: Number = number("duration_s", Form::Real, DefaultValue::Value(0.0), 0.0, 1e10, "how long it ran");
 const SERIAL_BAUD: Number = number(
     "serial_baud",
     Form::Whole,

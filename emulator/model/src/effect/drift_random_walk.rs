@@ -25,7 +25,7 @@ numbers! {
         /// Growth of the drift rate's deviation with the root of time.
         arcsec_per_s_per_sqrt_s: 0.0, 0.0..=1.0;
         /// Correlation time; inf is a pure walk, which is right for hours; 10 000 s keeps sigma at 2″/h.
-        correlation_time_s: (f64::INFINITY), 1.0..=f64::INFINITY;
+        correlation_time_s: (f64::INFINITY), 1.0..=f64::INFINITY, TimeConstant;
     }
 }
 

@@ -9,9 +9,9 @@ numbers! {
     /// An offset of the accumulated count.
     pub struct LostCounts {
         /// Added to the accumulated count.
-        counts: 0.0, -1e6..=1e6;
+        counts: 0.0, -1e6..=1e6, Count;
         /// When, since the start of the first half second.
-        time_s: 0.0, 0.0..=1e10;
+        time_s: 0.0, 0.0..=1e10, Onset;
     }
 }
 

@@ -17,7 +17,7 @@ numbers! {
         /// Settled turn for each degree of θ above 90°.
         arcsec_per_deg: 0.0, -60.0..=60.0;
         /// Time constant of the lag.
-        time_constant_s: 300.0, 1.0..=1e5;
+        time_constant_s: 300.0, 1.0..=1e5, TimeConstant;
     }
 }
 

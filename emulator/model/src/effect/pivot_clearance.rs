@@ -21,7 +21,7 @@ numbers! {
         /// From stop to stop.
         clearance_arcsec: 0.0, 0.0..=100.0;
         /// Where the float rests; within half the clearance.
-        preferred_arcsec: 0.0, -50.0..=50.0;
+        preferred_arcsec: 0.0, -50.0..=50.0, PreferredValue;
     }
 }
 

@@ -78,13 +78,27 @@ impl Target {
         }
     }
 
-    pub fn number(&self) -> &'static Number {
-        let specs = match self.list {
+    /// The numbers of its effect.
+    pub fn numbers(&self) -> &'static [Number] {
+        match self.list {
             List::Unit => UnitEffects::default().numbers(self.effect).specs(),
             List::Head => HeadEffects::default().numbers(self.effect).specs(),
             List::Wiring => WiringEffects::default().numbers(self.effect).specs(),
-        };
-        &specs[self.number]
+        }
+    }
+
+    /// What is said of it.
+    pub fn number(&self) -> &'static Number {
+        &self.numbers()[self.number]
+    }
+
+    /// Whether its effect draws random numbers.
+    pub fn is_noise(&self) -> bool {
+        match self.list {
+            List::Unit => UnitEffects::default().is_noise(self.effect),
+            List::Head => HeadEffects::default().is_noise(self.effect),
+            List::Wiring => WiringEffects::default().is_noise(self.effect),
+        }
     }
 
     /// Limits of what a fault may add: from any value to any other that the model is good for, as a step in the

@@ -8,10 +8,11 @@ use serde_json::{Value, json};
 
 use super::draw::Draw;
 use super::hidden::Hidden;
-use super::score::{Naming, Score, Told, score};
+use super::score::{Naming, ReportedDiagnosis, Score, score};
 use super::survey::Survey;
+use crate::gyros::names;
 use crate::measured::MeasuredError;
-use crate::report;
+use crate::outcome::Verdict;
 
 /// Of so many runs one is made with a term outside the catalogue.
 const RUNS_OF_UNKNOWN: usize = 4;
@@ -78,7 +79,7 @@ pub struct Run {
     /// What was hidden.
     pub hidden: Vec<Hidden>,
     /// What was said.
-    pub told: Told,
+    pub told: ReportedDiagnosis,
     /// The two compared.
     pub score: Score,
     /// For each false name the cosine of its signature with what was hidden.
@@ -120,7 +121,7 @@ pub fn campaign(survey: &Survey, plan: &Plan, done: &(dyn Fn() + Sync)) -> Resul
         let start = Instant::now();
         let diagnosis = survey.diagnose(&flight)?;
         let seconds = start.elapsed().as_secs_f64();
-        let told = Told::from_json(&report::json(&diagnosis)).expect("what a report writes");
+        let told = ReportedDiagnosis::from(&diagnosis);
         let score = score(&hidden, &told, &|hidden, found| survey.likeness(hidden, found, told.temperature_late_s));
         let like = |index: &usize| {
             let found = &told.missing[*index];
@@ -200,7 +201,7 @@ impl Run {
         }
         let outcome = if self.hidden.is_empty() { "false alarm" } else { self.naming().name() };
         facts.push(fact("outcome", outcome.to_owned()));
-        facts.push(fact("verdict", self.told.verdict.clone()));
+        facts.push(fact("verdict", self.told.verdict.name().to_owned()));
         for found in &self.told.missing {
             facts.push(fact("reported", found.to_string()));
             for rival in found.rivals.iter().take(2) {
@@ -219,8 +220,8 @@ impl Run {
             let size =
                 outcome.size.map(|size| json!({ "error": size.error, "sigma": size.sigma, "bound": size.bound }));
             json!({
-                "code": own.code, "formula": own.formula, "gyros": report::names(&own.gyros), "strength": own.strength,
-                "parameters": own.parameters.iter().map(|(name, value)| (name.clone(), json!(value)))
+                "code": own.code(), "formula": own.formula(), "gyros": names(&own.gyros), "strength": own.strength,
+                "parameters": own.hypothesis.parameters().into_iter().map(|number| (number.name, json!(number.value)))
                     .collect::<serde_json::Map<_, _>>(),
                 "naming": outcome.naming.name(), "size": size,
                 "assignments": own.assignments,
@@ -289,7 +290,7 @@ impl Campaign {
         line("|---|---|---|");
         for group in self.groups.iter().filter(|group| group.hiding == Hiding::Nothing) {
             let named = group.runs.iter().filter(|run| !run.told.missing.is_empty()).count();
-            let unexplained = group.runs.iter().filter(|run| run.told.verdict == "unexplained").count();
+            let unexplained = group.runs.iter().filter(|run| run.told.verdict == Verdict::Unexplained).count();
             let whole = group.runs.len();
             line(&format!("| nothing | {} | {} |", share(named, whole), share(unexplained, whole)));
         }

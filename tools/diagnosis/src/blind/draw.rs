@@ -2,11 +2,11 @@
 
 use std::f64::consts::TAU;
 
-use geu_model::Configuration;
 use geu_model::course::{KINDS, Law};
 use geu_model::effect::discovered::{Formula, Regressor};
 use geu_model::effect::{Effects, HeadEffects, WiringEffects};
-use geu_model::number::{Default as DefaultValue, Form, Number, Numbers, named_gyro};
+use geu_model::fault::{List, Target};
+use geu_model::number::{Default as DefaultValue, Form, Number, Numbers, Role};
 use geu_model::package::{Axes, Calibration};
 use geu_protocol::Gyro;
 use rand::{RngExt, SeedableRng};
@@ -15,7 +15,9 @@ use rand_chacha::ChaCha8Rng;
 use super::fly::{Flight, fly};
 use super::hidden::{Hidden, Key, Origin};
 use super::survey::{Sized, Survey};
-use crate::change::{ALL_GYROS, Amplitude, Change, Place, is_real};
+use crate::amplitude::{AmplitudeRef, STEP, is_real};
+use crate::gyros::{ALL_GYROS, only};
+use crate::hypothesis::Hypothesis;
 
 /// Strengths that [`hide`] chooses from, in sigmas.
 const STRENGTHS: [f64; 6] = [3.0, 4.5, 6.0, 9.0, 12.0, 24.0];
@@ -62,7 +64,7 @@ pub fn hide(survey: &Survey, seed: u64) -> (Key, Flight) {
         };
         // Courses of one effect share its shapes, and a swap moves what another fault did.
         let is_other = |next: &Hidden| {
-            let alike = |own: &Hidden| own.code.starts_with(&next.code) || next.code.starts_with(&own.code);
+            let alike = |own: &Hidden| own.code().starts_with(&next.code()) || next.code().starts_with(&own.code());
             !hidden.iter().any(|own| alike(own) || own.origin == Origin::Wiring && next.origin == Origin::Wiring)
         };
         hidden.extend(next.filter(is_other));
@@ -72,11 +74,10 @@ pub fn hide(survey: &Survey, seed: u64) -> (Key, Flight) {
 }
 
 /// Whether nothing that cannot be below zero, a clearance, swings through it.
-fn stays_possible(amplitude: &Amplitude) -> bool {
-    let constant = Amplitude { kind: None, ..*amplitude };
+fn stays_possible(amplitude: &AmplitudeRef) -> bool {
     let shapes: Vec<f64> = amplitude.course_shapes().iter().map(|number| number.least.max(1.0)).collect();
     let law = amplitude.kind.map(|kind| KINDS[kind].law(&shapes));
-    constant.size().least < 0.0 || !matches!(law, Some(Law::Temperature | Law::Periodic { .. }))
+    amplitude.number().least < 0.0 || !matches!(law, Some(Law::Temperature | Law::Periodic { .. }))
 }
 
 /// Draws for one recording.
@@ -120,11 +121,11 @@ impl<'a> Draw<'a> {
     fn shape(&mut self, number: &Number) -> f64 {
         let duration_s = self.survey.duration_s;
         let default = number.default.initial();
-        match (number.name, number.default) {
-            ("time_s", _) => self.between(WITHIN.map(|share| share * duration_s)),
-            ("period_s", _) => self.log_between([SHORTEST_PERIOD_S.min(duration_s), duration_s]),
-            ("phase_rad", _) => self.between([0.0, TAU]),
-            (name, DefaultValue::Value(value)) if name.ends_with("_s") && value > 0.0 => {
+        match (number.role, number.default) {
+            (Role::Onset, _) => self.between(WITHIN.map(|share| share * duration_s)),
+            (Role::Period, _) => self.log_between([SHORTEST_PERIOD_S.min(duration_s), duration_s]),
+            (Role::Phase, _) => self.between([0.0, TAU]),
+            (Role::TimeConstant, DefaultValue::Value(value)) => {
                 let limits = [value / TIME_FACTOR, value * TIME_FACTOR];
                 self.log_between(limits).clamp(number.least, number.greatest)
             }
@@ -135,26 +136,21 @@ impl<'a> Draw<'a> {
 
     /// An amplitude of the catalogue, constant or with a course, of that strength.
     pub fn amplitude(&mut self, strength: f64) -> Option<Hidden> {
-        let constants = Amplitude::all().into_iter().filter(is_real);
-        let all: Vec<Amplitude> = constants
-            .flat_map(|one| std::iter::once(one).chain((0..KINDS.len()).filter_map(move |kind| one.with(kind))))
-            .filter(stays_possible)
-            .collect();
+        let constants = AmplitudeRef::all().into_iter().filter(is_real);
+        let all: Vec<AmplitudeRef> = constants.flat_map(AmplitudeRef::with_courses).filter(stays_possible).collect();
         let one = |draw: &mut Self| {
             let amplitude = *all.get(draw.random.random_range(0..all.len()))?;
             let own_shapes = amplitude.own_shapes().iter().map(|number| draw.shape(number)).collect();
             let course_shapes = amplitude.course_shapes().iter().map(|number| draw.shape(number)).collect();
             let (gyro, on_all) = (draw.gyro(), draw.random.random_range(0..ON_ALL) == 0);
             let available = amplitude.gyros();
-            let gyros = match amplitude.place {
-                Place::Unit => ALL_GYROS,
-                _ if on_all && available == ALL_GYROS => ALL_GYROS,
-                _ if available[gyro as usize] => std::array::from_fn(|index| index == gyro as usize),
-                _ => return None,
+            let gyros = match amplitude.is_of_unit() || on_all && available == ALL_GYROS {
+                true => ALL_GYROS,
+                false if available[gyro as usize] => only(gyro as usize),
+                false => return None,
             };
-            let constant = Amplitude { kind: None, ..amplitude };
-            let is_negative = constant.size().least < 0.0 && draw.random.random::<bool>();
-            let change = Change { amplitude, size: 0.0, own_shapes, course_shapes, gyros };
+            let is_negative = amplitude.number().least < 0.0 && draw.random.random::<bool>();
+            let change = Hypothesis { amplitude, value: 0.0, own_shapes, course_shapes, gyros };
             draw.survey.sized(change, if is_negative { -1.0 } else { 1.0 }, strength)
         };
         let found = (0..TRIES).find_map(|_| one(self))?;
@@ -168,106 +164,74 @@ impl<'a> Draw<'a> {
             let factors = if draw.random.random::<bool>() { 3 } else { draw.random.random_range(1..=2) };
             let regressors: Vec<Regressor> =
                 (0..factors).map(|_| Regressor::ALL[draw.random.random_range(0..Regressor::COUNT)]).collect();
-            let amplitude = Amplitude {
-                place: Place::Discovered,
-                effect: 0,
-                amplitude: 0,
-                kind: None,
-                formula: Some(Formula::new(&regressors).ok()?),
-            };
+            let amplitude = AmplitudeRef::term(Formula::new(&regressors).ok()?);
             let (gyro, sign) = (draw.gyro(), if draw.random.random::<bool>() { 1.0 } else { -1.0 });
-            let gyros = std::array::from_fn(|index| index == gyro as usize);
-            let change = Change { amplitude, size: 0.0, own_shapes: Vec::new(), course_shapes: Vec::new(), gyros };
+            let change = Hypothesis::constant(amplitude, 0.0, only(gyro as usize));
             draw.survey.sized(change, sign, strength)
         };
         let found = (0..TRIES).find_map(|_| one(self))?;
-        let nearest = self.survey.nearest(&found.change);
+        let nearest = self.survey.nearest(&found.hypothesis);
         Some(Hidden { nearest, ..self.hidden(found, Origin::Unknown) })
     }
 
-    fn hidden(&self, Sized { change, sigma, strength }: Sized, origin: Origin) -> Hidden {
-        let mut configuration = self.survey.believed.clone();
-        change.apply(&mut configuration);
-        Hidden {
-            code: change.amplitude.code(),
-            formula: change.amplitude.formula.map(|formula| formula.to_string()),
-            origin,
-            gyros: change.gyros,
-            parameters: change.parameters().into_iter().map(|number| (number.name, number.value)).collect(),
-            sigma: Some(sigma),
-            strength: Some(strength),
-            nearest: None,
-            assignments: change.assignments(&configuration),
-        }
+    fn hidden(&self, Sized { hypothesis, sigma, strength }: Sized, origin: Origin) -> Hidden {
+        Hidden { sigma: Some(sigma), strength: Some(strength), ..self.without_bound(hypothesis, origin) }
     }
 
-    /// A noise of one gyro that is larger than believed; nothing where the unit has none.
+    /// What has no signature.
+    fn without_bound(&self, hypothesis: Hypothesis, origin: Origin) -> Hidden {
+        let mut configuration = self.survey.believed.clone();
+        hypothesis.apply(&mut configuration);
+        let (sigma, strength, nearest) = (None, None, None);
+        let (assignments, gyros) = (hypothesis.assignments(&configuration), hypothesis.gyros);
+        Hidden { hypothesis, origin, gyros, sigma, strength, nearest, assignments }
+    }
+
+    /// A noise of one gyro that is larger than configured; none where the unit has none.
     fn noise(&mut self) -> Option<Hidden> {
         let (gyro, louder) = (self.gyro(), self.log_between(LOUDER));
-        let believed = &self.survey.believed.gyros[gyro as usize].effects.constant;
-        let noises: Vec<usize> = (0..HeadEffects::SPECS.len()).filter(|&index| believed.is_noise(index)).collect();
+        let configured = &self.survey.believed.gyros[gyro as usize].effects.constant;
+        let noises: Vec<usize> = (0..HeadEffects::SPECS.len()).filter(|&index| configured.is_noise(index)).collect();
         let effect = *noises.get(self.random.random_range(0..noises.len().max(1)))?;
-        let (code, numbers) = (HeadEffects::SPECS[effect].code, believed.numbers(effect));
-        let (name, size) = (numbers.specs()[0].name, numbers.value(0) * louder);
-        (numbers.value(0) > 0.0).then(|| Hidden {
-            code: code.to_owned(),
-            formula: None,
-            origin: Origin::Noise,
-            gyros: std::array::from_fn(|index| index == gyro as usize),
-            parameters: vec![(name.to_owned(), size)],
-            sigma: None,
-            strength: None,
-            nearest: None,
-            assignments: vec![format!("gyro.{}.{code}.{name}={size:?}", gyro.name())],
-        })
+        let value = configured.numbers(effect).value(0);
+        let amplitude = AmplitudeRef::of(Target { list: List::Head, effect, number: 0 }, None);
+        let hypothesis = Hypothesis::constant(amplitude, value * louder, only(gyro as usize));
+        (value > 0.0).then(|| self.compact(hypothesis, Origin::Noise))
     }
 
     /// A wiring fault of one gyro, from the start or from some time on.
     fn wiring(&mut self) -> Option<Hidden> {
         let gyro = self.gyro();
-        let list = WiringEffects::default();
         let effect = self.random.random_range(0..WiringEffects::SPECS.len());
-        let spec = &WiringEffects::SPECS[effect];
-        let number = list.numbers(effect).specs().first()?;
+        let constant = AmplitudeRef::of(Target { list: List::Wiring, effect, number: 0 }, None);
         let other = Gyro::ALL[(gyro as usize + self.random.random_range(1..4)) % 4];
-        let value = match number.form {
+        let value = match constant.number().form {
             Form::Flag => 1.0,
             Form::Gyro => other as usize as f64 + 1.0,
             Form::Whole | Form::Choice(_) => 0.0,
             Form::Real => return None,
         };
-        let stepped = KINDS.iter().find(|kind| kind.size(spec, list.numbers(effect).specs(), 0).is_some());
-        let kind = stepped.filter(|_| self.random.random::<bool>());
-        let code = spec.code.to_owned() + kind.map_or("", |kind| kind.suffix);
-        let shapes: Vec<(String, f64)> = kind
-            .map_or(&[][..], |kind| kind.shapes)
-            .iter()
-            .map(|shape| (shape.name.to_owned(), self.shape(shape)))
-            .collect();
-        let path = format!("gyro.{}.{code}", gyro.name());
-        let own = format!("{path}.{}={}", number.name, number.written(value));
-        let exchanged = (number.form == Form::Gyro).then(|| named_gyro(value)).flatten();
-        Some(Hidden {
-            code,
-            formula: None,
-            origin: Origin::Wiring,
-            gyros: Gyro::ALL.map(|one| one == gyro || Some(one) == exchanged),
-            assignments: std::iter::once(own)
-                .chain(shapes.iter().map(|(name, value)| format!("{path}.{name}={value:?}")))
-                .collect(),
-            parameters: std::iter::once((number.name.to_owned(), value)).chain(shapes).collect(),
-            sigma: None,
-            strength: None,
-            nearest: None,
-        })
+        let amplitude = constant.with(STEP).filter(|_| self.random.random::<bool>()).unwrap_or(constant);
+        let course_shapes = amplitude.course_shapes().iter().map(|number| self.shape(number)).collect();
+        let hypothesis = Hypothesis { course_shapes, ..Hypothesis::constant(amplitude, value, only(gyro as usize)) };
+        let mut hidden = self.compact(hypothesis, Origin::Wiring);
+        if let Some(other) = amplitude.gyro_named(value) {
+            hidden.gyros[other as usize] = true;
+        }
+        Some(hidden)
+    }
+
+    /// Its assignments without blanks.
+    fn compact(&self, hypothesis: Hypothesis, origin: Origin) -> Hidden {
+        let mut hidden = self.without_bound(hypothesis, origin);
+        hidden.assignments.iter_mut().for_each(|own| *own = own.replace(" = ", "="));
+        hidden
     }
 
     /// Flies the unit with what is hidden, its sixteen a little off what is believed, its noise drawn anew.
     pub fn fly(&mut self, hidden: &[Hidden]) -> Flight {
-        let assignments: Vec<String> = hidden.iter().flat_map(|hidden| hidden.assignments.iter().cloned()).collect();
-        let text = self.survey.believed.to_toml(false);
-        let mut unit = Configuration::parse("the unit flown", &text, &assignments)
-            .expect("what was drawn is within the limits of a configuration");
+        let mut unit = self.survey.believed.clone();
+        hidden.iter().for_each(|hidden| hidden.hypothesis.apply(&mut unit));
         for gyro in Gyro::ALL {
             for (index, number) in Calibration::NUMBERS.iter().enumerate() {
                 if !Axes::of(gyro).has_number(number.name) {

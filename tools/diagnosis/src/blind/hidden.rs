@@ -2,8 +2,8 @@
 
 use toml_edit::{Array, ArrayOfTables, DocumentMut, InlineTable, Item, Table, Value, value};
 
-use crate::change::Gyros;
-use crate::report::{named, names};
+use crate::gyros::{Gyros, named, names};
+use crate::hypothesis::Hypothesis;
 
 /// Where something hidden comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -31,22 +31,18 @@ impl Origin {
     }
 }
 
-/// One thing hidden.
+/// An injected effect.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Hidden {
-    /// Code of the model, with the suffix of its course.
-    pub code: String,
-    /// What a term outside the catalogue follows.
-    pub formula: Option<String>,
+    /// What it is.
+    pub hypothesis: Hypothesis,
     /// Where it comes from.
     pub origin: Origin,
     /// The gyros that it acts on.
     pub gyros: Gyros,
-    /// Its numbers; the size first.
-    pub parameters: Vec<(String, f64)>,
-    /// Cramér–Rao bound of the size; nothing of what has no signature.
+    /// Cramér–Rao bound of the amplitude; none of what has no signature.
     pub sigma: Option<f64>,
-    /// Size of its signature in sigmas of the noise, beside the sixteen, the lag and the walks.
+    /// Its signature in sigmas of the noise, beside the calibration parameters, the lag and the walks.
     pub strength: Option<f64>,
     /// The amplitude of the catalogue that looks most like a term outside it, and the cosine of the two.
     pub nearest: Option<(String, f64)>,
@@ -75,14 +71,25 @@ pub struct BadKey {
 }
 
 impl Hidden {
+    /// Code of the model, with the suffix of its time course.
+    pub fn code(&self) -> String {
+        self.hypothesis.amplitude.code()
+    }
+
+    /// Formula of a term outside the catalogue.
+    pub fn formula(&self) -> Option<String> {
+        self.hypothesis.amplitude.formula().map(|formula| formula.to_string())
+    }
+
     /// All that is known of it: label and value of each fact.
     pub fn facts(&self) -> Vec<(String, String)> {
-        let mut what = format!("{} {}", names(&self.gyros).join("+"), self.code);
-        if let Some(formula) = &self.formula {
+        let mut what = format!("{} {}", names(&self.gyros).join("+"), self.code());
+        if let Some(formula) = self.formula() {
             what += &format!(" {formula}");
         }
         let mut facts = vec![("injected".to_owned(), what)];
-        facts.extend(self.parameters.iter().map(|(name, value)| (name.clone(), format!("{value:.4e}"))));
+        let parameters = self.hypothesis.parameters().into_iter();
+        facts.extend(parameters.map(|number| (number.name, format!("{:.4e}", number.value))));
         facts.extend(self.strength.map(|strength| ("strength".to_owned(), format!("{strength:.1} sigma"))));
         let nearest = self.nearest.as_ref();
         facts.extend(nearest.map(|(code, cosine)| ("most like".to_owned(), format!("{code}, cosine {cosine:.3}"))));
@@ -137,12 +144,13 @@ impl Hidden {
     fn table(&self) -> Table {
         let mut table = Table::new();
         table["origin"] = value(self.origin.name());
-        table["code"] = value(&self.code);
-        if let Some(formula) = &self.formula {
+        table["code"] = value(self.code());
+        if let Some(formula) = self.formula() {
             table["formula"] = value(formula);
         }
         table["gyros"] = value(names(&self.gyros).into_iter().collect::<Array>());
-        let parameters = self.parameters.iter().map(|(name, number)| (name.as_str(), Value::from(*number)));
+        let parameters =
+            self.hypothesis.parameters().into_iter().map(|number| (number.name, Value::from(number.value)));
         table["parameters"] = value(parameters.collect::<InlineTable>());
         for (name, number) in [("sigma", self.sigma), ("strength", self.strength)] {
             if let Some(number) = number {
@@ -174,12 +182,21 @@ impl Hidden {
             .get("nearest")
             .and_then(Item::as_inline_table)
             .and_then(|nearest| Some((nearest.get("code")?.as_str()?.to_owned(), nearest.get("cosine")?.as_float()?)));
+        let code = text("code").ok_or(("code", "a code of the model"))?;
+        let origin = origin.ok_or(("origin", "catalogue, noise, wiring or unknown"))?;
+        let gyros = gyros.ok_or(("gyros", "one or more of GYRX, GYRY, GYRZA, GYRZB"))?;
+        let numbers: Vec<(String, f64)> = numbers.flatten().ok_or(("parameters", "numbers by name"))?;
+        let number = |name: &str| numbers.iter().find(|(own, _)| own == name).map(|(_, value)| *value);
+        let hypothesis = Hypothesis::from_numbers(&code, text("formula").as_deref(), gyros, number);
+        let mut hypothesis = hypothesis.ok_or(("code", "a code and parameters of the model, within their limits"))?;
+        // A configuration names an exchange of two gyros at the one that is not its value.
+        if let Some(other) = hypothesis.amplitude.gyro_named(hypothesis.value) {
+            hypothesis.gyros[other as usize] = false;
+        }
         Ok(Hidden {
-            code: text("code").ok_or(("code", "a code of the model"))?,
-            formula: text("formula"),
-            origin: origin.ok_or(("origin", "catalogue, noise, wiring or unknown"))?,
-            gyros: gyros.ok_or(("gyros", "one or more of GYRX, GYRY, GYRZA, GYRZB"))?,
-            parameters: numbers.flatten().ok_or(("parameters", "numbers by name"))?,
+            hypothesis,
+            origin,
+            gyros,
             sigma: table.get("sigma").and_then(Item::as_float),
             strength: table.get("strength").and_then(Item::as_float),
             nearest,

@@ -20,5 +20,5 @@ pub use campaign::{Campaign, Group, Hiding, Plan, Run, campaign};
 pub use draw::hide;
 pub use fly::{Flight, fly};
 pub use hidden::{BadKey, Hidden, Key, Origin};
-pub use score::{BadResult, Found, Naming, Outcome, Score, SizeError, Told, score};
+pub use score::{BadResult, Naming, Outcome, ReportedDiagnosis, Score, SizeError, score};
 pub use survey::{SURVEY_S, Survey};

@@ -11,17 +11,17 @@ use geu_recording::Sink;
 
 use super::fly::{Flight, fly};
 use super::hidden::{Hidden, Origin};
-use super::score::Found;
-use crate::bank::{Bank, Column};
-use crate::change::{Change, Place};
+use crate::bank::Bank;
 use crate::diagnosis::{Settings, diagnose_rows};
+use crate::hypothesis::Hypothesis;
 use crate::measured::{CHANNELS, Measured, MeasuredError, Series, Shifts};
 use crate::noise;
-use crate::normal::{Normal, Nuisance, Products, dot};
+use crate::normal::{Normal, Nuisance};
 use crate::null::Thresholds;
-use crate::outcome::Diagnosis;
+use crate::outcome::{DiagnosedEffect, Diagnosis};
 use crate::rivals::{Rival, look_alikes};
-use crate::state::{Case, Held};
+use crate::signature::Signature;
+use crate::state::{Case, FittedHypothesis};
 use crate::whitening::Noise;
 
 /// Length of the standard survey motion: three hours of the default scenario.
@@ -51,16 +51,10 @@ pub struct Survey {
     thresholds: OnceLock<Thresholds>,
 }
 
-/// What a change adds, whitened.
-pub struct Signature {
-    white: Series,
-    products: Products,
-}
-
 /// A change of the size asked for.
 pub struct Sized {
     /// The change.
-    pub change: Change,
+    pub hypothesis: Hypothesis,
     /// Cramér–Rao bound of its size.
     pub sigma: f64,
     /// Size of its signature beside the nuisances, in sigmas of the noise.
@@ -90,15 +84,7 @@ impl Survey {
 
     /// What the difference of two configurations adds; the first has more.
     fn signature(&self, moved: &Series, from: &Series) -> Signature {
-        let difference = self.measured.difference(moved, from);
-        let mut products = Products::none(self.normal.nuisances());
-        let white = std::array::from_fn(|channel| {
-            let white = self.normal.white(channel, &Column { from: 0, values: difference[channel].clone() });
-            let own = std::mem::replace(&mut products, Products::none(0));
-            products = own.plus(&self.normal.products(channel, &white));
-            white.values
-        });
-        Signature { white, products }
+        Signature::new(&self.normal, &self.measured.difference(moved, from).map(Some))
     }
 
     fn run(&self, configuration: &Configuration) -> Series {
@@ -109,84 +95,78 @@ impl Survey {
         self.normal.gain(&signature.products).map(|gain| gain.sigma.recip())
     }
 
-    /// The signature of these assignments; nothing where they cannot be put in, or what they make cannot be told.
-    fn signature_of(&self, assignments: &[String]) -> Option<Signature> {
-        let text = self.believed.to_toml(false);
-        let moved = Configuration::parse("what is believed", &text, assignments).ok()?;
-        let signature = self.signature(&self.run(&moved), &self.from);
+    /// The signature of a hypothesis where the temperature is told so much late; none where it cannot be told from the nuisances.
+    fn signature_of(&self, hypothesis: &Hypothesis, temperature_s: f64) -> Option<Signature> {
+        let mut moved = self.believed.clone();
+        hypothesis.apply(&mut moved);
+        let shifts = Shifts { temperature_s, ..Shifts::default() };
+        let [with, without] = [&moved, &self.believed].map(|configuration| self.measured.run(configuration, shifts));
+        let signature = self.signature(&with, &without);
         self.strength(&signature).map(|_| signature)
     }
 
     /// Cosine of the signatures of what was hidden and what was found, whitened and beside the nuisances, without sign; 0 where one
     /// of them has none. What was found stands there with the numbers found, or with those with which it is most like what was
     /// hidden: noise moves a shape, and that makes it no other name. It is meant with a temperature that is told so much late.
-    pub fn likeness(&self, hidden: &Hidden, found: &Found, temperature_late_s: f64) -> f64 {
+    pub fn likeness(&self, hidden: &Hidden, found: &DiagnosedEffect, temperature_late_s: f64) -> f64 {
+        let Some(hypothesis) = found.hypothesis().filter(|own| own.amplitude.has_signature()) else { return 0.0 };
         if !matches!(hidden.origin, Origin::Catalogue | Origin::Unknown) {
             return 0.0;
         }
-        let of_found = || {
-            let change = found.change()?;
-            let mut configuration = self.believed.clone();
-            change.apply(&mut configuration);
-            let shifts = Shifts { temperature_s: temperature_late_s, ..Shifts::default() };
-            let [with, without] =
-                [&configuration, &self.believed].map(|configuration| self.measured.run(configuration, shifts));
-            let signature = self.signature(&with, &without);
-            self.strength(&signature).map(|_| signature)
-        };
-        let (Some(one), Some(other)) = (self.signature_of(&hidden.assignments), of_found()) else { return 0.0 };
-        let both: f64 = one.white.iter().zip(&other.white).map(|(one, other)| dot(one, other)).sum();
-        let as_found = self.normal.cosine(&one.products, &other.products, both).abs().min(1.0);
-        let rivals = hidden.change().map_or(Vec::new(), |change| self.rivals(&change, temperature_late_s));
+        let (one, other) =
+            (self.signature_of(&hidden.hypothesis, 0.0), self.signature_of(&hypothesis, temperature_late_s));
+        let (Some(one), Some(other)) = (one, other) else { return 0.0 };
+        let as_found = one.cosine(&self.normal, &other);
+        let rivals = self.rivals(&hidden.hypothesis, temperature_late_s);
         let is_found =
-            |rival: &&Rival| rival.change.amplitude.code() == found.code && rival.change.gyros == found.gyros;
+            |rival: &&Rival| rival.hypothesis.amplitude.code() == found.code && rival.hypothesis.gyros == found.gyros;
         rivals.iter().find(is_found).map_or(as_found, |rival| rival.cosine.max(as_found))
     }
 
     /// The change with a size whose signature is of that strength; nothing where none is within limits, or it cannot be told from the
     /// nuisances. Counts are whole ones, and so as strong or stronger.
-    pub fn sized(&self, mut change: Change, sign: f64, strength: f64) -> Option<Sized> {
+    pub fn sized(&self, mut change: Hypothesis, sign: f64, strength: f64) -> Option<Sized> {
         let limits = change.amplitude.size();
-        let is_formula = change.amplitude.place == Place::Discovered;
-        change.size = sign * if is_formula { COEFFICIENT } else { SHARE * limits.greatest };
-        let run = |change: &Change| {
+        let is_formula = change.amplitude.formula().is_some();
+        change.value = sign * if is_formula { COEFFICIENT } else { SHARE * limits.greatest };
+        let run = |change: &Hypothesis| {
             let mut moved = self.believed.clone();
             change.apply(&mut moved);
             change.is_within_limits().then(|| self.run(&moved))
         };
-        let of = |change: &Change| self.strength(&self.signature(&run(change)?, &self.from));
+        let of = |change: &Hypothesis| self.strength(&self.signature(&run(change)?, &self.from));
         let mut now = of(&change)?;
         for _ in 0..ROUNDS {
             if (now / strength - 1.0).abs() < NEAR {
                 break;
             }
-            change.size *= strength / now;
+            change.value *= strength / now;
             now = of(&change)?;
         }
-        if limits.name == "counts" {
-            change.size = sign * change.size.abs().ceil();
+        if change.amplitude.is_count() {
+            change.value = sign * change.value.abs().ceil();
             now = of(&change)?;
         } else if (now / strength - 1.0).abs() >= NEAR {
             return None;
         }
-        let aside = Change { size: change.size * (1.0 - STEP), ..change.clone() };
+        let aside = Hypothesis { value: change.value * (1.0 - STEP), ..change.clone() };
         let slope = self.strength(&self.signature(&run(&change)?, &run(&aside)?))?;
-        Some(Sized { sigma: STEP * change.size.abs() / slope, strength: now, change })
+        Some(Sized { sigma: STEP * change.value.abs() / slope, strength: now, hypothesis: change })
     }
 
     /// The amplitude of the catalogue that looks most like a change, and the cosine of the two.
-    pub fn nearest(&self, change: &Change) -> Option<(String, f64)> {
+    pub fn nearest(&self, change: &Hypothesis) -> Option<(String, f64)> {
         let nearest = self.rivals(change, 0.0).into_iter().next()?;
-        Some((nearest.change.amplitude.code(), nearest.cosine))
+        Some((nearest.hypothesis.amplitude.code(), nearest.cosine))
     }
 
     /// The amplitudes of the catalogue that look like a change where the temperature is told so much late, the most alike first.
-    fn rivals(&self, change: &Change, temperature_late_s: f64) -> Vec<Rival> {
+    fn rivals(&self, change: &Hypothesis, temperature_late_s: f64) -> Vec<Rival> {
         let bank = self.bank.get_or_init(|| Bank::new(&self.measured, &self.believed));
         let nuisances = self.nuisances.clone();
         let case = Case { measured: &self.measured, believed: &self.believed, nuisances };
         let mut state = case.start(self.noise);
-        state.held.push(Held::new(change.clone()));
+        state.held.push(FittedHypothesis::new(change.clone()));
         look_alikes(&case, &bank.late(temperature_late_s), &state, 0)
     }
 

@@ -1,8 +1,12 @@
 //! The wiring faults that the model has, each as one number set at one gyro; no fault is known here by name.
 
-use geu_model::effect::{EffectSpec, Effects, WiringEffects, WiringStates};
+use geu_model::effect::{Effects, WiringEffects, WiringStates};
+use geu_model::fault::{List, Target};
 use geu_model::number::Form;
 use geu_protocol::Gyro;
+
+use crate::amplitude::{AmplitudeRef, STEP};
+use crate::hypothesis::Hypothesis;
 
 /// Wiring of the four gyros.
 pub type Wiring = [WiringEffects; 4];
@@ -16,11 +20,10 @@ pub fn apply(wiring: &Wiring, states: &mut WiringStates, counts: &mut [f64; 4]) 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Law {
     /// The gyro.
-    pub bearer: Gyro,
+    bearer: Gyro,
     effect: usize,
     amplitude: usize,
-    /// Its value.
-    pub value: f64,
+    value: f64,
 }
 
 impl Law {
@@ -44,14 +47,14 @@ impl Law {
         laws
     }
 
-    /// What is said of the fault.
-    pub fn spec(&self) -> &'static EffectSpec {
-        &WiringEffects::SPECS[self.effect]
-    }
-
-    /// Key of the number.
-    pub fn parameter(&self) -> &'static str {
-        WiringEffects::default().numbers(self.effect).specs()[self.amplitude].name
+    /// As a hypothesis, from its onset on or all through.
+    pub fn hypothesis(&self, onset_s: Option<f64>) -> Hypothesis {
+        let target = Target { list: List::Wiring, effect: self.effect, number: self.amplitude };
+        let gyros = Gyro::ALL.map(|gyro| gyro == self.bearer);
+        Hypothesis {
+            course_shapes: onset_s.into_iter().collect(),
+            ..Hypothesis::constant(AmplitudeRef::of(target, onset_s.map(|_| STEP)), self.value, gyros)
+        }
     }
 
     /// Place of the fault in the physical order.
@@ -83,6 +86,34 @@ impl Law {
         let mut counts = self.sources();
         apply(&self.with(&Wiring::default()), &mut WiringStates::default(), &mut counts);
         counts == [1.0, 2.0, 3.0, 4.0]
+    }
+}
+
+/// A fault of [`geu_model::effect::WiringEffects`] that the counts show against the motion.
+#[derive(Debug, Clone, PartialEq)]
+pub struct WiringFault {
+    /// What puts it into a configuration: of the gyro at which that names it.
+    pub hypothesis: Hypothesis,
+    /// The gyros whose counts it changes, in wire order.
+    pub gyros: Vec<Gyro>,
+    /// Where it begins, s since the start of the first half second; nothing where it was there from the start.
+    pub onset_s: Option<f64>,
+    /// Between which times it may as well have begun, s.
+    pub onset_between_s: [f64; 2],
+    /// Where it ends, s; nothing where it lasts to the end.
+    pub end_s: Option<f64>,
+    /// Half seconds of the recording over which it holds.
+    pub half_seconds: usize,
+    /// Rms of measured less predicted counts over them, without the fault, over the gyros concerned.
+    pub without_rms_counts: f64,
+    /// The same with the fault.
+    pub with_rms_counts: f64,
+}
+
+impl WiringFault {
+    /// `axis-swap`; `axis-swap-step` where it begins after the start.
+    pub fn code(&self) -> String {
+        self.hypothesis.amplitude.code()
     }
 }
 

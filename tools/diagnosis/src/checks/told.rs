@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use geu_protocol::Gyro;
 use geu_recording::{Defect, DefectKind, Row};
 
-use super::WiringFault;
+use super::law::WiringFault;
 use super::timeline::Timeline;
 use crate::Finding;
 
@@ -136,13 +136,16 @@ impl<'a> Told<'a> {
         };
         let mut text = format!(
             "{} half seconds are {:.2} counts rms from the motion, and {:.2} with {}",
-            fault.half_seconds, fault.without_rms_counts, fault.with_rms_counts, fault.code
+            fault.half_seconds,
+            fault.without_rms_counts,
+            fault.with_rms_counts,
+            fault.code()
         );
         let [from_s, to_s] = fault.onset_between_s;
         if fault.onset_s.is_some() && to_s - from_s > CERTAIN_S {
             text += &format!("; it may have begun between {from_s:.1} and {to_s:.1} s");
         }
-        self.findings.push((fault.onset_s.unwrap_or(0.0), Finding { kind: fault.code.clone(), place, text }));
+        self.findings.push((fault.onset_s.unwrap_or(0.0), Finding { kind: fault.code(), place, text }));
     }
 
     /// All of them in order of time.

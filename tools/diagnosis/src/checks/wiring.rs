@@ -11,8 +11,8 @@ use geu_model::effect::WiringStates;
 use geu_protocol::Gyro;
 use geu_recording::Row;
 
-use super::WiringFault;
 use super::compared::Compared;
+use super::law::WiringFault;
 use super::law::{Law, Wiring, apply};
 use super::timeline::Timeline;
 
@@ -211,14 +211,11 @@ impl Search<'_> {
             let count: f64 = fits.iter().flatten().map(|fit| fit.count).sum();
             (fits.iter().flatten().map(squares).sum::<f64>() / count.max(1.0)).max(0.0).sqrt()
         };
-        let is_step = halves.start > 0;
+        let onset_s = (halves.start > 0).then(|| start_s(halves.start));
         let fault = WiringFault {
-            code: format!("{}{}", law.spec().code, if is_step { "-step" } else { "" }),
-            bearer: law.bearer,
-            parameter: law.parameter(),
-            value: law.value,
+            hypothesis: law.hypothesis(onset_s),
             gyros,
-            onset_s: is_step.then(|| start_s(halves.start)),
+            onset_s,
             onset_between_s: [start_s(onset.start), start_s(onset.end)],
             end_s: (halves.end < gains.len()).then(|| start_s(halves.end)),
             half_seconds: halves.len(),

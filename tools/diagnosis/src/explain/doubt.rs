@@ -1,16 +1,17 @@
 //! What of an explanation may be believed.
 
 use geu_model::Configuration;
+use rayon::prelude::*;
 
 use crate::bank::Bank;
-use crate::change::{Gyros, Place};
 use crate::measured::TIMING;
 use crate::normal::Normal;
 use crate::null::Thresholds;
-use crate::search::{Candidate, products, search};
+use crate::search::{Candidate, search};
 use crate::state::Case;
 
-use super::{Explained, MOST_OF_ONE};
+use super::selected::{Explained, MOST_OF_ONE, Refused};
+use super::walks::walked;
 
 /// What the search finds beyond chance by more than this, three sigma, is there, whether or not there is anything that explains it.
 pub(super) const REFUSED_CHI2: f64 = 9.0;
@@ -19,18 +20,11 @@ pub(super) const REFUSED_CHI2: f64 = 9.0;
 const NEGLIGIBLE: f64 = 0.01;
 /// What all thirds together must gain, each foretold by the others, for an effect to stand beside another one of its gyro: three sigma.
 const FORETOLD_CHI2: f64 = 9.0;
-/// A hypothesis of the search that explains much, and is none that there can be, or that the model, run, bears out.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Refused {
-    gyros: Gyros,
-    /// The score that it would have.
-    score: f64,
-}
 
 impl Explained {
     /// Whether a formula might do better: as well in the place of one of the changes, or instead of a pile of them, or of noise.
     pub fn is_doubtful(&self, case: &Case, formulas: &Bank, thresholds: &Thresholds) -> bool {
-        let is_pile = |gyro: usize| self.state.held.iter().filter(|held| held.change.gyros[gyro]).count() > 1;
+        let is_pile = |gyro: usize| self.state.held.iter().filter(|held| held.hypothesis.gyros[gyro]).count() > 1;
         let is_noisy = self.noise.iter().any(|found| found.is_told(case.believed, &self.state));
         if is_noisy || (0..TIMING).any(is_pile) {
             return true;
@@ -57,7 +51,7 @@ impl Explained {
 
     /// Whether a formula is what explains, and no small mend of other things that do.
     pub fn stands_on_a_formula(&self, case: &Case) -> bool {
-        let is_formula = |index: &usize| self.state.held[*index].change.amplitude.place == Place::Discovered;
+        let is_formula = |index: &usize| self.state.held[*index].hypothesis.amplitude.formula().is_some();
         (0..self.state.held.len()).filter(is_formula).any(|index| self.worth(case, index).0 > self.negligible(case))
     }
 
@@ -66,13 +60,13 @@ impl Explained {
     /// foretell beside another one, or more than anything should have, which explains everything, and so nothing.
     pub fn piled(&self, believed: &Configuration) -> [bool; 4] {
         std::array::from_fn(|gyro| {
-            let own = || self.on(gyro).map(|(index, held)| (held, &self.held_out[index]));
-            let has_formula = own().any(|(held, _)| held.change.amplitude.place == Place::Discovered);
+            let own = || self.on(gyro).map(|(_, held)| held);
+            let has_formula = own().any(|held| held.hypothesis.amplitude.formula().is_some());
             let is_noisy = self.noise.iter().any(|found| found.channel == gyro && found.is_told(believed, &self.state));
             if self.refused.is_some_and(|refused| refused.gyros[gyro]) {
                 return true;
             }
-            let is_told_once = own().any(|(_, held_out)| held_out.iter().flatten().sum::<f64>() < FORETOLD_CHI2);
+            let is_told_once = own().any(|held| held.held_out.iter().flatten().sum::<f64>() < FORETOLD_CHI2);
             own().count() > if has_formula || is_noisy || is_told_once { 1 } else { MOST_OF_ONE }
         })
     }
@@ -88,11 +82,10 @@ impl Explained {
         let noise = self.fitted_white(case);
         let (residual, columns) = case.linearised(&mut self.state);
         let normal = Normal::departed(case.whitenings(&noise), &residual, &columns, &self.state.sixteen);
-        let base = &bank.bases[candidate.base];
-        let own = products(bank, &normal, base, &candidate.variation, &candidate.change.gyros);
+        let own = candidate.spot.signature(bank, &normal).products;
         let gain = normal.gain(&own).map_or(0.0, |gain| gain.chi2);
-        let worth = gain - thresholds.price(candidate.family, &candidate.change);
-        Refused { gyros: candidate.change.gyros, score: self.score_with(case, thresholds, &noise) - worth }
+        let worth = gain - thresholds.price(candidate.family, &candidate.hypothesis);
+        Refused { gyros: candidate.hypothesis.gyros, score: self.score_with(case, thresholds, &noise) - worth }
     }
 
     /// The score, and what was refused only where that would have a better one: walks may explain what it does.
@@ -101,5 +94,27 @@ impl Explained {
         self.refused = self.refused.filter(|refused| refused.score + REFUSED_CHI2 < score);
         let best = self.refused.map_or(score, |refused| refused.score);
         (self, best)
+    }
+
+    /// Drops each change that, beside all the others, is not worth what was paid for it. Where walks are larger than believed, what was
+    /// paid is too little: then a change must also better a walk in its place.
+    pub fn prune(&mut self, case: &Case) {
+        let is_noisy = self.noise.iter().any(|found| found.is_told(case.believed, &self.state));
+        loop {
+            let without = |index: usize| {
+                let (mut state, normal) = self.without(case, index);
+                let walked = if is_noisy { walked(case, &mut state, &self.state.held[index].hypothesis) } else { 0.0 };
+                let spare = normal.squares() - self.normal.squares() - self.cost(index, &state);
+                (spare - walked, index, state, normal)
+            };
+            let all: Vec<_> = (0..self.state.held.len()).into_par_iter().map(without).collect();
+            match all.into_iter().min_by(|one, other| one.0.total_cmp(&other.0)) {
+                Some((worth, index, state, normal)) if worth <= 0.0 => {
+                    self.forget(index);
+                    (self.state, self.normal) = (state, normal);
+                }
+                _ => break,
+            }
+        }
     }
 }

@@ -3,16 +3,17 @@
 use rayon::prelude::*;
 
 use geu_model::course::Law;
+use geu_model::number::Role;
 
 use crate::bank::Bank;
-use crate::change::{Change, ONSET};
+use crate::hypothesis::Hypothesis;
 use crate::late::{self, Late};
 use crate::normal::THIRDS;
 use crate::null::Thresholds;
 use crate::search::pays;
-use crate::state::{Case, Held};
+use crate::state::{Case, FittedHypothesis};
 
-use super::Explained;
+use super::selected::Explained;
 
 /// A shape that has a default is told where χ² falls by this, two sigma, or where it is known to a fifth.
 const SHAPE_CHI2: f64 = 4.0;
@@ -26,8 +27,6 @@ const MOST_ONSET_S: f64 = 2000.0;
 const ONSET_CHI2: f64 = 4.0;
 /// Half the width of that, in sigmas, from which on χ² is no parabola there, whose half width would be 2.
 const FLAT_SIGMAS: f64 = 3.0;
-/// Name of a size that is a whole number.
-const WHOLE: &str = "counts";
 /// Sigmas from which on a size is one.
 const KNOWN_SIGMAS: f64 = 1.0;
 /// Sigmas within which a number of counts is a whole one.
@@ -35,39 +34,33 @@ const WHOLE_SIGMAS: f64 = 4.0;
 
 /// Whether what was found is a thing that there can be: within its limits, larger than its own sigma, and a whole number where it is
 /// one of counts.
-pub(super) fn is_possible(held: &Held) -> bool {
-    let size = &held.change.parameters()[0];
-    let is_whole = size.name != WHOLE || {
+pub(super) fn is_possible(held: &FittedHypothesis) -> bool {
+    let size = &held.hypothesis.parameters()[0];
+    let is_whole = size.role != Role::Count || {
         let off = (size.value - size.value.round()).abs();
         size.value.round() != 0.0 && off <= WHOLE_SIGMAS * held.sigmas[0].max(0.01)
     };
     // Of what is smaller nobody can say that it is there: another number of the same change undoes it.
     let is_known = size.value.abs() > KNOWN_SIGMAS * held.sigmas[0];
-    is_whole && is_known && held.change.is_within_limits() && held.sigmas[0].is_finite()
+    is_whole && is_known && held.hypothesis.is_within_limits() && held.sigmas[0].is_finite()
 }
 
 impl Explained {
     /// Where the last change follows the temperature, or swings as a temperature may, looks for how late the temperature is told.
     pub(super) fn shift_temperature(&mut self, case: &Case, bank: &Bank, thresholds: &Thresholds) {
         let Some(last) = self.state.held.last() else { return };
-        if !matches!(last.change.law(), Some(Law::Periodic { .. } | Law::Temperature)) {
+        if !matches!(last.hypothesis.law(), Some(Law::Periodic { .. } | Law::Temperature)) {
             return;
         }
-        let price = |family, change: &Change| thresholds.price(family, change);
-        let own = *self.held_out.last().expect("one for each change");
+        let price = |family, change: &Hypothesis| thresholds.price(family, change);
+        let own = last.held_out;
         let foretold = |held_out: &[Option<f64>; THIRDS]| held_out.iter().flatten().sum::<f64>();
         // What follows the temperature anyway must be foretold better with the lag than without.
-        let is_foretold = |late: &Late| !last.follows_temperature() || foretold(&late.held_out) > foretold(&own);
-        let is_accepted = |late: &Late| {
-            let last = late.state.held.last().expect("as many as before");
-            pays(&late.held_out) && is_foretold(late) && is_possible(last)
-        };
+        let is_foretold = |late: &Late| !last.follows_temperature() || foretold(&late.held().held_out) > foretold(&own);
+        let is_accepted = |late: &Late| pays(&late.held().held_out) && is_foretold(late) && is_possible(late.held());
         let index = self.state.held.len() - 1;
         let Some(late) = late::likeliest(case, bank, &self.state, index, &price, &is_accepted) else { return };
-        let paid = &mut self.costs[index];
-        if late.score() < self.normal.squares() + *paid {
-            *paid = late.price_chi2;
-            self.held_out[index] = late.held_out;
+        if late.score() < self.normal.squares() + last.penalty {
             (self.state, self.normal) = (late.state, late.normal);
         }
     }
@@ -75,9 +68,9 @@ impl Explained {
     /// Takes a number of counts as the whole one that it is.
     pub(super) fn take_whole(&mut self, case: &Case) {
         let last = self.state.held.last_mut().expect("just put");
-        if last.change.parameters()[0].name == WHOLE {
+        if last.hypothesis.amplitude.is_count() {
             let sigma = last.sigmas[0];
-            last.change.size = last.change.size.round();
+            last.hypothesis.value = last.hypothesis.value.round();
             last.is_free[0] = false;
             last.run_anew();
             self.normal = case.fit(&mut self.state);
@@ -96,7 +89,7 @@ impl Explained {
             tried.held[last].free(index);
             let normal = case.fit(&mut tried);
             let own = &tried.held[last];
-            let is_known = own.sigmas[index] < SHAPE_KNOWN * own.change.parameters()[index].value.abs();
+            let is_known = own.sigmas[index] < SHAPE_KNOWN * own.hypothesis.parameters()[index].value.abs();
             let fall = self.normal.squares() - normal.squares();
             if is_possible(own) && (fall > SHAPE_CHI2 || fall >= 0.0 && is_known) {
                 (self.state, self.normal) = (tried, normal);
@@ -108,8 +101,8 @@ impl Explained {
     /// motions an onset may lie anywhere.
     pub fn widen_onsets(&mut self, case: &Case) {
         for index in 0..self.state.held.len() {
-            let parameters = self.state.held[index].change.parameters();
-            let Some(place) = parameters.iter().position(|parameter| parameter.name == ONSET) else { continue };
+            let parameters = self.state.held[index].hypothesis.parameters();
+            let Some(place) = parameters.iter().position(|parameter| parameter.role == Role::Onset) else { continue };
             if !self.state.held[index].is_free[place] {
                 continue;
             }
@@ -118,7 +111,7 @@ impl Explained {
             let moved = |by_s: f64| {
                 let mut state = self.state.clone();
                 let value = (parameter.value + by_s).clamp(parameter.least, parameter.greatest);
-                state.held[index].change.set(place, value);
+                state.held[index].hypothesis.set(place, value);
                 state.held[index].is_free[place] = false;
                 state.held[index].run_anew();
                 let normal = case.normal(&mut state);

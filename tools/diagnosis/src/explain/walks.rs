@@ -2,49 +2,15 @@
 
 use rayon::prelude::*;
 
-use geu_model::Configuration;
-
 use crate::bank::Family;
-use crate::change::{Change, Place};
+use crate::hypothesis::Hypothesis;
 use crate::measured::{CHANNELS, TIMING};
-use crate::noise::{self, Fitted, Walk};
+use crate::noise::{self, Walk};
 use crate::null::Thresholds;
 use crate::state::{Case, State};
 use crate::whitening::Noise;
 
-use super::Explained;
-
-/// What each further walk that is larger costs, where one is: one number more, which chance betters by less in nine of ten.
-pub(super) const TOGETHER_CHI2: f64 = 2.7;
-/// A walk is told from this many times the configured one on: rounding, while a gyro hardly turns, can look like half as much again.
-const LEAST_WALK: f64 = 2.0;
-
-/// A walk that is not as configured.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct NoiseFound {
-    /// The channel.
-    pub channel: usize,
-    /// Which walk.
-    pub walk: Walk,
-    /// As fitted.
-    pub fitted: Fitted,
-}
-
-impl NoiseFound {
-    /// The walk as it was believed.
-    pub fn configured(&self, believed: &Configuration) -> f64 {
-        let effects = &believed.gyros[self.channel].effects.constant;
-        match self.walk {
-            Walk::Angle => effects.angle_random_walk.arcsec_per_sqrt_s,
-            Walk::Rate => effects.drift_random_walk.arcsec_per_s_per_sqrt_s,
-        }
-    }
-
-    /// Whether it is so much larger than believed that it is no trick of rounding.
-    pub fn is_told(&self, believed: &Configuration, state: &State) -> bool {
-        self.channel != TIMING && state.noise[self.channel].walk(self.walk) >= LEAST_WALK * self.configured(believed)
-    }
-}
+use super::selected::{Explained, NoiseFound, TOGETHER_CHI2};
 
 impl Explained {
     /// Lets walks be larger than configured where that pays, the one that pays most first.
@@ -141,8 +107,8 @@ impl Explained {
 }
 
 /// What a larger walk of the rate does in the place of a change, on its gyros.
-pub(super) fn walked(case: &Case, state: &mut State, change: &Change) -> f64 {
-    if change.amplitude.place == Place::Unit {
+pub(super) fn walked(case: &Case, state: &mut State, change: &Hypothesis) -> f64 {
+    if change.amplitude.is_of_unit() {
         return 0.0;
     }
     let (residual, nuisances) = case.linearised(state);

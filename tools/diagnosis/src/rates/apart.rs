@@ -2,9 +2,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::rates::diagnosis::cosine;
-use crate::rates::fit::{Fit, inverse};
-use crate::rates::model::{Parameter, residual};
+use crate::rates::fit::{Fit, cosine, inverse};
+use crate::rates::model::Parameter;
 use crate::rates::noise::Noise;
 use crate::rates::windows::{Reference, Windows};
 
@@ -50,8 +49,8 @@ struct Signatures {
     condition: f64,
 }
 
-fn signatures(windows: &Windows, noise: &Noise, parameters: &[Parameter], values: &[f64]) -> Signatures {
-    let (_, slope) = residual(windows, parameters, values);
+fn signatures(windows: &Windows, noise: &Noise, parameters: &[Parameter], fitted: &Fit) -> Signatures {
+    let (_, slope) = fitted.linearised(windows, parameters);
     let white = noise.whiten(windows, &slope);
     let products = white.tr_mul(&white);
     let lengths = products.diagonal().map(f64::sqrt);
@@ -77,10 +76,7 @@ impl Signatures {
 pub(crate) fn apart(windows: &Windows, noise: &Noise, fitted: &Fit) -> Option<Apart> {
     let own = |parameter: &Parameter| matches!(parameter, Parameter::Bias(_) | Parameter::Scale);
     let parameters: Vec<Parameter> = windows.parameters().into_iter().filter(own).collect();
-    let at = |parameter: &Parameter| fitted.set.iter().position(|other| other == parameter);
-    let values: Vec<f64> =
-        parameters.iter().map(|parameter| at(parameter).map_or(0.0, |place| fitted.values[place])).collect();
-    let told = signatures(windows, noise, &parameters, &values);
+    let told = signatures(windows, noise, &parameters, fitted);
     if told.lengths.iter().any(|length| *length <= 0.0) {
         return None;
     }
@@ -92,8 +88,8 @@ pub(crate) fn apart(windows: &Windows, noise: &Noise, fitted: &Fit) -> Option<Ap
         .into_iter()
         .map(|spin_arcsec_s| {
             let count = (windows.all().len() / windows.groups.len().max(1)).max(1);
-            let with = with_spin(windows, spin_arcsec_s, count, &parameters, &values);
-            let told = signatures(&with, noise, &parameters, &values);
+            let with = with_spin(windows, spin_arcsec_s, count, fitted);
+            let told = signatures(&with, noise, &parameters, fitted);
             let sigmas_free = told.sigmas_free();
             let Signatures { cosines, condition, .. } = told;
             Manoeuvre { spin_arcsec_s, windows: count, sigmas_free, cosines, condition }
@@ -130,16 +126,15 @@ fn spins(windows: &Windows) -> Vec<[f64; 3]> {
 }
 
 /// The windows and `count` of a spin, as gyros with these errors would read it.
-fn with_spin(windows: &Windows, spin: [f64; 3], count: usize, parameters: &[Parameter], values: &[f64]) -> Windows {
+fn with_spin(windows: &Windows, spin: [f64; 3], count: usize, fitted: &Fit) -> Windows {
     let mut with = windows.clone();
     with.groups.push("manoeuvre".to_owned());
-    let value = |wanted: Parameter| parameters.iter().position(|own| *own == wanted).map_or(0.0, |at| values[at]);
-    let scale = 1.0 + value(Parameter::Scale);
+    let scale = 1.0 + fitted.value(Parameter::Scale);
     let rates: Vec<f64> = windows
         .gyros
         .iter()
         .enumerate()
-        .map(|(gyro, own)| spin[own.axis.min(2)] * scale + value(Parameter::Bias(gyro)))
+        .map(|(gyro, own)| spin[own.axis.min(2)] * scale + fitted.value(Parameter::Bias(gyro)))
         .collect();
     let reference = match windows.is_magnitude() {
         true => Reference::Magnitude(spin.iter().map(|rate| rate * rate).sum::<f64>().sqrt()),

@@ -8,9 +8,10 @@ use nalgebra::DMatrix;
 
 use crate::outcome::Verdict;
 use crate::rates::apart::{Apart, apart};
-use crate::rates::fit::{Fit, fit, sets};
-use crate::rates::model::{Parameter, residual};
-use crate::rates::noise::{Estimator, Noise, greatest_correlation};
+use crate::rates::estimator::Estimator;
+use crate::rates::fit::{Fit, cosine, fit, joined, sets};
+use crate::rates::model::Parameter;
+use crate::rates::noise::{Noise, greatest_correlation};
 use crate::rates::null::{Products, Thresholds, thresholds};
 use crate::rates::windows::{RatesError, Windows};
 
@@ -119,10 +120,10 @@ pub struct Diagnosis {
 pub fn diagnose(windows: &Windows, seed: u64) -> Result<Diagnosis, RatesError> {
     let windows = windows.cut(PARTS);
     windows.check(LEAST_SPARE)?;
-    let mut accepted = Fit { set: Vec::new(), values: Vec::new(), chi2: 0.0 };
+    let mut accepted = Fit::none();
     let mut searched = Vec::new();
     let (noise, null) = loop {
-        let estimator = Estimator::new(&windows, &accepted.set, &accepted.values);
+        let estimator = Estimator::new(&windows, &accepted);
         let noise = estimator.estimate(&accepted.residual(&windows));
         accepted = fit(&windows, &noise, &accepted.set, Some(&accepted)).unwrap_or(accepted);
         let more = MORE.min(windows.parameters().len().min(MOST).saturating_sub(accepted.set.len()));
@@ -199,7 +200,7 @@ fn told(windows: Windows, within: Noise, null: &Thresholds, accepted: Fit, searc
     // What lies between groups and is no more than noise is not taken as more.
     let weight = if is_noise_like { &within } else { &noise };
     let fitted = fit(&windows, weight, &accepted.set, Some(&accepted)).unwrap_or(accepted);
-    let none = Fit { set: Vec::new(), values: Vec::new(), chi2: 0.0 };
+    let none = Fit::none();
     let before = none.chi2_of(&windows, &within);
     let held_out = HeldOut::of(&windows, weight, &fitted);
     let rms_of = |fit: &Fit, group: usize| {
@@ -286,10 +287,8 @@ fn rivals(windows: &Windows, noise: &Noise, fitted: &Fit, place: usize) -> Vec<R
     let others = parameters.iter().filter(|parameter| !fitted.set.contains(parameter));
     let mut rivals: Vec<Rival> = others
         .map(|parameter| {
-            let (mut set, mut values) = (fitted.set.clone(), fitted.values.clone());
-            set.push(*parameter);
-            values.push(0.0);
-            let (_, slope) = residual(windows, &set, &values);
+            let set = [&fitted.set[..], &[*parameter]].concat();
+            let (_, slope) = fitted.linearised(windows, &set);
             let white = noise.whiten(windows, &slope);
             let beside: Vec<usize> = (0..fitted.set.len()).filter(|index| *index != place).collect();
             let cosine = cosine(&white, place, fitted.set.len(), &beside);
@@ -304,27 +303,10 @@ fn rivals(windows: &Windows, noise: &Noise, fitted: &Fit, place: usize) -> Vec<R
     rivals
 }
 
-/// Cosine of two columns once others are projected out of both; 0 where nothing is left of one.
-pub(crate) fn cosine(white: &DMatrix<f64>, one: usize, other: usize, beside: &[usize]) -> f64 {
-    let others = DMatrix::from_fn(white.nrows(), beside.len(), |row, column| white[(row, beside[column])]);
-    let none = DMatrix::zeros(white.nrows(), 0);
-    let basis = if beside.is_empty() { none } else { others.svd(true, false).u.unwrap_or(none) };
-    let left = |column: usize| {
-        let column = white.column(column);
-        column - &basis * basis.tr_mul(&column)
-    };
-    let (one, other) = (left(one), left(other));
-    let norms = one.norm() * other.norm();
-    if norms > 0.0 { (one.dot(&other) / norms).clamp(-1.0, 1.0) } else { 0.0 }
-}
-
 /// Fall of χ² by an offset of every group beside the errors.
 fn offsets_gain(windows: &Windows, noise: &Noise, fitted: &Fit) -> f64 {
-    let (left, slope) = residual(windows, &fitted.set, &fitted.values);
-    let offsets = Noise::offsets(windows);
-    let columns = DMatrix::from_fn(left.len(), slope.ncols() + offsets.ncols(), |row, column| {
-        if column < slope.ncols() { slope[(row, column)] } else { offsets[(row, column - slope.ncols())] }
-    });
+    let (left, slope) = fitted.linearised(windows, &fitted.set);
+    let columns = joined(slope, &Noise::offsets(windows));
     let products = Products::new(windows, noise, &columns, &left);
     let all: Vec<usize> = (0..columns.ncols()).collect();
     products.gain(&all) - products.gain(&all[..fitted.set.len()])

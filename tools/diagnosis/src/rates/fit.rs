@@ -23,6 +23,22 @@ pub(crate) struct Fit {
 }
 
 impl Fit {
+    /// No errors at all.
+    pub(crate) fn none() -> Fit {
+        Fit { set: Vec::new(), values: Vec::new(), chi2: 0.0 }
+    }
+
+    /// The value of an error, 0 of one that is not in the set.
+    pub(crate) fn value(&self, parameter: Parameter) -> f64 {
+        self.set.iter().position(|other| *other == parameter).map_or(0.0, |place| self.values[place])
+    }
+
+    /// The residual and its derivative by each of these errors, without any other.
+    pub(crate) fn linearised(&self, windows: &Windows, parameters: &[Parameter]) -> (DVector<f64>, DMatrix<f64>) {
+        let values: Vec<f64> = parameters.iter().map(|parameter| self.value(*parameter)).collect();
+        residual(windows, parameters, &values)
+    }
+
     /// The residual that it leaves of these windows.
     pub(crate) fn residual(&self, windows: &Windows) -> DVector<f64> {
         residual(windows, &self.set, &self.values).0
@@ -30,7 +46,7 @@ impl Fit {
 
     /// The covariance of its values.
     pub(crate) fn covariance(&self, windows: &Windows, noise: &Noise) -> Option<DMatrix<f64>> {
-        let (_, slope) = residual(windows, &self.set, &self.values);
+        let (_, slope) = self.linearised(windows, &self.set);
         let white = noise.whiten(windows, &slope);
         inverse(&white.tr_mul(&white))
     }
@@ -58,10 +74,7 @@ pub(crate) fn inverse(products: &DMatrix<f64>) -> Option<DMatrix<f64>> {
 /// Fits a set, starting from the values of `start` (0 for others). Nothing where the data do not determine it within its
 /// limits.
 pub(crate) fn fit(windows: &Windows, noise: &Noise, set: &[Parameter], start: Option<&Fit>) -> Option<Fit> {
-    let begin = |parameter: &Parameter| {
-        let at = start.and_then(|start| Some(start.values[start.set.iter().position(|other| other == parameter)?]));
-        at.unwrap_or(0.0)
-    };
+    let begin = |parameter: &Parameter| start.map_or(0.0, |start| start.value(*parameter));
     let mut values: Vec<f64> = set.iter().map(begin).collect();
     let limits: Vec<f64> = set.iter().map(|parameter| parameter.limit(windows)).collect();
     let white = |values: &[f64]| {
@@ -111,9 +124,14 @@ pub(crate) fn fit(windows: &Windows, noise: &Noise, set: &[Parameter], start: Op
 
 /// The columns, and one more.
 pub(crate) fn beside(columns: DMatrix<f64>, last: &DVector<f64>) -> DMatrix<f64> {
+    joined(columns, &DMatrix::from_column_slice(last.len(), 1, last.as_slice()))
+}
+
+/// The columns of both.
+pub(crate) fn joined(columns: DMatrix<f64>, others: &DMatrix<f64>) -> DMatrix<f64> {
     let count = columns.ncols();
-    let mut columns = columns.insert_column(count, 0.0);
-    columns.set_column(count, last);
+    let mut columns = columns.insert_columns(count, others.ncols(), 0.0);
+    columns.columns_mut(count, others.ncols()).copy_from(others);
     columns
 }
 
@@ -127,4 +145,18 @@ pub(crate) fn sets(parameters: &[Parameter], size: usize) -> Vec<Vec<Parameter>>
             with.chain(sets(others, size)).collect()
         }
     }
+}
+
+/// Cosine of two columns once others are projected out of both; 0 where nothing is left of one.
+pub(crate) fn cosine(white: &DMatrix<f64>, one: usize, other: usize, beside: &[usize]) -> f64 {
+    let others = DMatrix::from_fn(white.nrows(), beside.len(), |row, column| white[(row, beside[column])]);
+    let none = DMatrix::zeros(white.nrows(), 0);
+    let basis = if beside.is_empty() { none } else { others.svd(true, false).u.unwrap_or(none) };
+    let left = |column: usize| {
+        let column = white.column(column);
+        column - &basis * basis.tr_mul(&column)
+    };
+    let (one, other) = (left(one), left(other));
+    let norms = one.norm() * other.norm();
+    if norms > 0.0 { (one.dot(&other) / norms).clamp(-1.0, 1.0) } else { 0.0 }
 }

@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::rates::windows::{Reference, Windows};
+use crate::rates::windows::{RatesError, Reference, Windows};
 
 /// An error of the gyros; its value is a rate in arcsec/s or a fraction.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -55,6 +55,35 @@ impl Parameter {
         match self {
             Parameter::Bias(_) => windows.greatest_arcsec_s(),
             Parameter::Scale | Parameter::OwnScale(_) => 0.5,
+        }
+    }
+}
+
+impl Windows {
+    /// The errors that are looked for.
+    pub fn parameters(&self) -> Vec<Parameter> {
+        let gyros = 0..self.gyros.len();
+        let own = gyros.clone().filter(|_| self.gyros.len() > 1).map(Parameter::OwnScale);
+        gyros.map(Parameter::Bias).chain([Parameter::Scale]).chain(own).collect()
+    }
+
+    /// Checks that gyros and windows suffice.
+    ///
+    /// # Errors
+    /// [`RatesError::Axes`], [`RatesError::TooFew`].
+    pub(crate) fn check(&self, spare: usize) -> Result<(), RatesError> {
+        let mut axes: Vec<usize> = self.gyros.iter().map(|gyro| gyro.axis).collect();
+        axes.sort_unstable();
+        if self.is_magnitude() && axes != [0, 1, 2] {
+            let got =
+                self.gyros.iter().map(|gyro| format!("{} about {}", gyro.name, ["X", "Y", "Z"][gyro.axis.min(2)]));
+            return Err(RatesError::Axes { got: got.collect::<Vec<_>>().join(", ") });
+        }
+        let used = self.groups.len() + if self.is_magnitude() { self.parameters().len() } else { 3 };
+        let expected = used + spare;
+        match self.all().len() {
+            got if got < expected => Err(RatesError::TooFew { expected, got }),
+            _ => Ok(()),
         }
     }
 }

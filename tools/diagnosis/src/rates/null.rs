@@ -4,9 +4,10 @@ use geu_model::noise::Stream;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use crate::rates::fit::{Fit, beside, sets};
-use crate::rates::model::{Parameter, residual};
-use crate::rates::noise::{Estimator, Noise};
+use crate::rates::estimator::Estimator;
+use crate::rates::fit::{Fit, beside, joined, sets};
+use crate::rates::model::Parameter;
+use crate::rates::noise::Noise;
 use crate::rates::windows::Windows;
 
 const RUNS: usize = 1000;
@@ -31,14 +32,8 @@ pub(crate) struct Thresholds {
 /// correlation open, and where that is believed too low, noise alone goes beyond the threshold too often.
 pub(crate) fn thresholds(windows: &Windows, base: &Fit, noise: &Noise, more: usize, seed: u64) -> Thresholds {
     let parameters = windows.parameters();
-    let at = |parameter: &Parameter| base.set.iter().position(|other| other == parameter);
-    let values: Vec<f64> =
-        parameters.iter().map(|parameter| at(parameter).map_or(0.0, |place| base.values[place])).collect();
-    let (_, slope) = residual(windows, &parameters, &values);
-    let offsets = Noise::offsets(windows);
-    let columns = DMatrix::from_fn(slope.nrows(), slope.ncols() + offsets.ncols(), |row, column| {
-        if column < slope.ncols() { slope[(row, column)] } else { offsets[(row, column - slope.ncols())] }
-    });
+    let (_, slope) = base.linearised(windows, &parameters);
+    let columns = joined(slope, &Noise::offsets(windows));
     let place = |set: &[Parameter]| -> Vec<usize> {
         (0..parameters.len()).filter(|index| set.contains(&parameters[*index])).collect()
     };
@@ -47,7 +42,7 @@ pub(crate) fn thresholds(windows: &Windows, base: &Fit, noise: &Noise, more: usi
         .collect();
     let base_places = place(&base.set);
     let with_offsets: Vec<usize> = base_places.iter().copied().chain(parameters.len()..columns.ncols()).collect();
-    let estimator = Estimator::new(windows, &base.set, &base.values);
+    let estimator = Estimator::new(windows, base);
     let noise = noise.slowest(windows);
     let gains: Vec<Vec<f64>> = (0..RUNS)
         .into_par_iter()

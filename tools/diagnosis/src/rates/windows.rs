@@ -1,7 +1,5 @@
 //! The data: windows with mean rates, a reference, a group.
 
-use crate::rates::model::Parameter;
-
 /// A gyro.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Gyro {
@@ -140,35 +138,8 @@ impl Windows {
         if self.is_magnitude() { 1 } else { self.gyros.len() }
     }
 
-    /// The errors that are looked for.
-    pub fn parameters(&self) -> Vec<Parameter> {
-        let gyros = 0..self.gyros.len();
-        let own = gyros.clone().filter(|_| self.gyros.len() > 1).map(Parameter::OwnScale);
-        gyros.map(Parameter::Bias).chain([Parameter::Scale]).chain(own).collect()
-    }
-
     /// Greatest rate that a gyro told, arcsec/s.
     pub(crate) fn greatest_arcsec_s(&self) -> f64 {
         self.windows.iter().flat_map(|window| &window.rates_arcsec_s).fold(0.0, |most, rate| rate.abs().max(most))
-    }
-
-    /// Checks that gyros and windows suffice.
-    ///
-    /// # Errors
-    /// [`RatesError::Axes`], [`RatesError::TooFew`].
-    pub(crate) fn check(&self, spare: usize) -> Result<(), RatesError> {
-        let mut axes: Vec<usize> = self.gyros.iter().map(|gyro| gyro.axis).collect();
-        axes.sort_unstable();
-        if self.is_magnitude() && axes != [0, 1, 2] {
-            let got =
-                self.gyros.iter().map(|gyro| format!("{} about {}", gyro.name, ["X", "Y", "Z"][gyro.axis.min(2)]));
-            return Err(RatesError::Axes { got: got.collect::<Vec<_>>().join(", ") });
-        }
-        let used = self.groups.len() + if self.is_magnitude() { self.parameters().len() } else { 3 };
-        let expected = used + spare;
-        match self.windows.len() {
-            got if got < expected => Err(RatesError::TooFew { expected, got }),
-            _ => Ok(()),
-        }
     }
 }

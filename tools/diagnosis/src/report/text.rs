@@ -1,11 +1,15 @@
 //! The report for a terminal: one labelled line for each fact.
 
-use crate::change::{ALL_GYROS, Gyros};
-use crate::outcome::{Class, Diagnosis, Entry, RivalShown};
-use crate::whereabouts::standing_out;
+use geu_protocol::Gyro;
 
-use super::{called, names, verdict, with_sigma};
+use crate::gyros::{ALL_GYROS, Gyros, names};
+use crate::outcome::{
+    Chi2Fall, Class, DiagnosedEffect, Diagnosis, EstimatedValue, FollowedTerm, ReportedAlternative, Verdict,
+};
+use crate::whereabouts::{STANDS_OUT, VARIABLES, strongest};
 
+/// What is told of each gyro in a text: variables, and stretches.
+const TOLD: usize = 3;
 /// Alternatives of a group that are listed; the others are counted.
 const LISTED: usize = 5;
 
@@ -13,33 +17,71 @@ fn on(gyros: &Gyros) -> String {
     if gyros == &ALL_GYROS { "all gyros".to_owned() } else { names(gyros).join(", ") }
 }
 
+/// A value with its sigma: as many digits as that has.
+pub fn with_sigma(number: &EstimatedValue) -> String {
+    if let Some(written) = &number.written {
+        return written.clone();
+    }
+    let Some(sigma) = number.sigma.filter(|sigma| *sigma > 0.0) else { return plain(number.value) };
+    let decimals = (1.0 - sigma.log10().floor()).max(0.0) as usize;
+    if decimals > 8 {
+        return format!("{:.3e} ± {:.1e}", number.value, sigma);
+    }
+    format!("{:.decimals$} ± {:.decimals$}", number.value, sigma)
+}
+
+fn plain(value: f64) -> String {
+    if value != 0.0 && (value.abs() < 1e-3 || value.abs() >= 1e6) {
+        format!("{value:.3e}")
+    } else {
+        format!("{value:.4}")
+    }
+}
+
+/// What something is, in words: its code, or its formula.
+pub fn called(entry: &DiagnosedEffect) -> String {
+    match &entry.formula {
+        Some(formula) => format!("{} term {formula}", entry.code),
+        None => entry.code.clone(),
+    }
+}
+
+/// A verdict in a sentence.
+pub fn verdict(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Consistent => "consistent: the model explains the recording",
+        Verdict::Explained => "explained: with what was missing the model explains the recording",
+        Verdict::Unexplained => "unexplained: something is left that no effect of the model explains",
+    }
+}
+
 /// The gyros and the effect: `GYRX: pivot-clearance`.
-pub fn heading(entry: &Entry) -> String {
+pub fn heading(entry: &DiagnosedEffect) -> String {
     format!("{}: {}", on(&entry.gyros), called(entry))
 }
 
 /// All that is known of an effect found: label and value of each fact.
-pub fn facts(entry: &Entry) -> Vec<(String, String)> {
+pub fn facts(entry: &DiagnosedEffect) -> Vec<(String, String)> {
     let mut facts: Vec<(String, String)> = Vec::new();
     let mut fact = |label: &str, value: String| facts.push((label.to_owned(), value));
     for number in &entry.parameters {
-        let unit = entry.formula.as_ref().map_or(String::new(), |(_, unit)| format!(" {unit}"));
+        let unit = entry.coefficient_unit.as_ref().map_or(String::new(), |unit| format!(" {unit}"));
         fact(&number.name, with_sigma(number) + &unit);
     }
     // As a whole number, so that a zero has no sign.
     fact("share of the gap", format!("{} %", (100.0 * entry.gap_share).round() as i64));
-    if let Some((fall, threshold)) = entry.chi2 {
+    if let Some(Chi2Fall { fall, threshold }) = entry.chi2 {
         fact("fall of chi2", format!("{fall:.0} (threshold {threshold:.0})"));
     }
     let (same, apart): (Vec<_>, Vec<_>) = entry
         .rivals
         .iter()
         .partition(|rival| rival.behind_chi2.is_none_or(|behind| behind < crate::rivals::APART_CHI2));
-    let name = |rival: &RivalShown| {
+    let name = |rival: &ReportedAlternative| {
         let name = rival.formula.as_ref().unwrap_or(&rival.code);
         if rival.gyros == entry.gyros { name.clone() } else { format!("{name} on {}", on(&rival.gyros)) }
     };
-    if let (Some(next), Some((fall, _))) = (apart.first(), entry.chi2) {
+    if let (Some(next), Some(Chi2Fall { fall, .. })) = (apart.first(), entry.chi2) {
         let share = 100.0 * (1.0 - next.behind_chi2.unwrap_or(0.0) / fall).max(0.0);
         // It can be told apart, if only just.
         let share = if share < 99.5 { format!("{share:.0}") } else { "over 99".to_owned() };
@@ -73,7 +115,7 @@ pub fn text(diagnosis: &Diagnosis) -> String {
         (Class::MissingEffect, "missing in the model"),
         (Class::Recalibration, "the calibration has moved; this is no missing effect"),
     ] {
-        let own: Vec<&Entry> = diagnosis.entries.iter().filter(|entry| entry.class == class).collect();
+        let own: Vec<&DiagnosedEffect> = diagnosis.entries.iter().filter(|entry| entry.class == class).collect();
         if !own.is_empty() {
             text += &format!("\n{title}\n");
         }
@@ -89,7 +131,11 @@ pub fn text(diagnosis: &Diagnosis) -> String {
             ("interval".to_owned(), format!("{from_s:.0}…{to_s:.0} s")),
         ];
         let follows = left.follows.iter();
-        facts.extend(follows.map(|(term, fall)| ("follows".to_owned(), format!("{term} (fall of chi2 {fall:.0})"))));
+        facts.extend(
+            follows.map(|FollowedTerm { term, score }| {
+                ("follows".to_owned(), format!("{term} (fall of chi2 {score:.0})"))
+            }),
+        );
         text += &format!("\nleft unexplained\n{}", labelled(2, &facts));
     }
     if !diagnosis.findings.is_empty() {
@@ -117,13 +163,49 @@ pub fn text(diagnosis: &Diagnosis) -> String {
     text
 }
 
+/// For each gyro that leaves the model before anything was found, a line for each variable along which, and for each stretch in
+/// which it does.
+fn standing_out(diagnosis: &Diagnosis) -> Vec<String> {
+    let [before, after] = &diagnosis.whereabouts;
+    let of_gyro = |gyro: Gyro| {
+        let index = gyro as usize;
+        let later = &after.whole[index];
+        let whole = before.whole[index].iter().enumerate();
+        let along =
+            whole.filter_map(|(variable, sigmas)| Some((VARIABLES[variable].to_owned(), (*sigmas)?, later[variable])));
+        let stretches = diagnosis.stretches.iter().zip(&before.stretches[index]).zip(&after.stretches[index]);
+        let within = stretches.filter_map(|((stretch, own), later)| {
+            let (variable, sigmas) = strongest(own)?;
+            let place = format!("{}, {:.0} s ({})", stretch.name, stretch.from_s, VARIABLES[variable]);
+            Some((place, sigmas, later[variable]))
+        });
+        let lines = [("along", most(along.collect())), ("in", most(within.collect()))];
+        lines
+            .into_iter()
+            .flat_map(move |(how, told)| told.into_iter().map(move |told| format!("{} {how} {told}", gyro.name())))
+    };
+    Gyro::ALL.into_iter().flat_map(of_gyro).collect()
+}
+
+/// Those of places, with their sigmas before and after, that stand out most.
+fn most(mut places: Vec<(String, f64, Option<f64>)>) -> Vec<String> {
+    places.retain(|(_, before, _)| before.abs() > STANDS_OUT);
+    places.sort_by(|one, other| other.1.abs().total_cmp(&one.1.abs()));
+    // No minus before a zero.
+    let whole = |sigmas: f64| format!("{:+}", sigmas.round() as i64);
+    let told = |(place, before, after): (String, f64, Option<f64>)| match after {
+        Some(after) => format!("{place} {} → {}", whole(before), whole(after)),
+        None => format!("{place} {}", whole(before)),
+    };
+    places.into_iter().take(TOLD).map(told).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::outcome::Number;
 
-    fn alternative(code: &str, behind_chi2: Option<f64>) -> RivalShown {
-        RivalShown {
+    fn alternative(code: &str, behind_chi2: Option<f64>) -> ReportedAlternative {
+        ReportedAlternative {
             code: code.to_owned(),
             formula: None,
             gyros: [true, false, false, false],
@@ -135,21 +217,18 @@ mod tests {
 
     #[test]
     fn every_fact_of_an_effect_has_a_line_and_a_label_of_its_own() {
-        let number = |name: &str, value, sigma| Number { name: name.to_owned(), value, sigma, written: None };
+        let number = |name: &str, value, sigma| EstimatedValue { name: name.to_owned(), value, sigma, written: None };
         let codes: Vec<String> = (0..12).map(|index| format!("drift-course-number-{index}")).collect();
-        let entry = Entry {
+        let entry = DiagnosedEffect {
             code: "pivot-clearance".to_owned(),
-            formula: None,
-            class: Class::MissingEffect,
             gyros: [true, false, false, false],
             parameters: vec![number("clearance_arcsec", 11.523, Some(0.041)), number("preferred_arcsec", 0.0, None)],
             gap_share: 0.7,
-            chi2: Some((69_651.0, 15.0)),
-            held_out: None,
+            chi2: Some(Chi2Fall { fall: 69_651.0, threshold: 15.0 }),
             rivals: std::iter::once(alternative("lost-counts", Some(60_000.0)))
                 .chain(codes.iter().map(|code| alternative(code, None)))
                 .collect(),
-            assignments: Vec::new(),
+            ..DiagnosedEffect::default()
         };
         assert_eq!(heading(&entry), "GYRX: pivot-clearance");
         let lines = labelled(4, &facts(&entry));

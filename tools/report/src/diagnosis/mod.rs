@@ -6,11 +6,10 @@ mod whereabouts;
 
 use std::fmt::Write;
 
-use geu_diagnosis::change::Amplitude;
 use geu_diagnosis::explain::Round;
 use geu_diagnosis::gap::Gap;
-use geu_diagnosis::outcome::{Class, Diagnosis, Entry, RivalShown};
-use geu_diagnosis::search::{Candidate, set_penalty};
+use geu_diagnosis::outcome::{Chi2Fall, Class, DiagnosedEffect, Diagnosis, ReportedAlternative};
+use geu_diagnosis::search::Candidate;
 use geu_diagnosis::{Verdict, report};
 use geu_protocol::Gyro;
 
@@ -46,7 +45,7 @@ impl DiagnosisPage<'_> {
         html("Diagnosis of a recording", &body)
     }
 
-    fn of_class(&self, class: Class) -> impl Iterator<Item = &Entry> {
+    fn of_class(&self, class: Class) -> impl Iterator<Item = &DiagnosedEffect> {
         self.diagnosis.entries.iter().filter(move |entry| entry.class == class)
     }
 
@@ -74,7 +73,7 @@ impl DiagnosisPage<'_> {
             let _ =
                 writeln!(text, "<p>Left unexplained: {gyros}: {}, {from_s:.0}…{to_s:.0} s.</p>", escape(&left.shape));
             let follows: Vec<String> =
-                left.follows.iter().map(|(term, fall)| format!("{} ({fall:.0})", escape(term))).collect();
+                left.follows.iter().map(|own| format!("{} ({:.0})", escape(&own.term), own.score)).collect();
             if !follows.is_empty() {
                 let _ = writeln!(text, "<p>It follows most, by the fall of χ²: {}.</p>", follows.join(", "));
             }
@@ -95,13 +94,15 @@ impl DiagnosisPage<'_> {
                 let is_first = index == 0;
                 let once = |text: String| if is_first { text } else { String::new() };
                 let class = if entry.class == Class::Recalibration { "moved" } else { "missing" };
-                let chi2 = entry.chi2.map_or("–".to_owned(), |(fall, chance)| format!("{fall:.0} ({chance:.0})"));
+                let chi2 = entry.chi2;
+                let chi2 =
+                    chi2.map_or("–".to_owned(), |Chi2Fall { fall, threshold }| format!("{fall:.0} ({threshold:.0})"));
                 vec![
                     escape(&report::called(entry)),
                     gyros(&entry.gyros),
                     once(class.to_owned()),
-                    escape(&match &entry.formula {
-                        Some((_, unit)) => format!("{}, {unit}", number.name),
+                    escape(&match &entry.coefficient_unit {
+                        Some(unit) => format!("{}, {unit}", number.name),
                         None => number.name.clone(),
                     }),
                     escape(&report::with_sigma(number)).replace('-', "−"),
@@ -205,9 +206,8 @@ impl DiagnosisPage<'_> {
         let shown =
             round.candidates.iter().enumerate().filter(|(index, _)| *index < CANDIDATES || Some(*index) == round.added);
         let rows = shown.map(|(index, candidate)| {
-            let change = &candidate.change;
-            let chance =
-                self.diagnosis.thresholds.of(candidate.family) + set_penalty(&change.gyros, change.amplitude.place);
+            let change = &candidate.hypothesis;
+            let chance = self.diagnosis.thresholds.price(candidate.family, change);
             let parameters: Vec<String> = change
                 .parameters()
                 .iter()
@@ -302,7 +302,7 @@ impl DiagnosisPage<'_> {
     }
 }
 
-fn rival_row(entry: &Entry, rival: &RivalShown) -> Vec<String> {
+fn rival_row(entry: &DiagnosedEffect, rival: &ReportedAlternative) -> Vec<String> {
     let name = rival.formula.as_ref().unwrap_or(&rival.code);
     let width = 100.0 * rival.cosine.abs().clamp(0.0, 1.0);
     vec![
@@ -324,19 +324,19 @@ fn rival_row(entry: &Entry, rival: &RivalShown) -> Vec<String> {
 
 /// What a candidate is: its code or its formula.
 fn named(candidate: &Candidate) -> String {
-    let amplitude: &Amplitude = &candidate.change.amplitude;
-    escape(&amplitude.formula.map_or_else(|| amplitude.code(), |formula| format!("term {formula}")))
+    let amplitude = &candidate.hypothesis.amplitude;
+    escape(&amplitude.formula().map_or_else(|| amplitude.code(), |formula| format!("term {formula}")))
 }
 
 /// An effect found with all its facts, an item of a list each.
-fn listed(entry: &Entry) -> String {
+fn listed(entry: &DiagnosedEffect) -> String {
     let facts = report::facts(entry).into_iter();
     let facts: String =
         facts.map(|(label, value)| format!("<li>{}: {}</li>\n", escape(&label), escape(&value))).collect();
     format!("<li>{}\n<ul>\n{facts}</ul>\n</li>\n", escape(&report::heading(entry)))
 }
 
-fn gyros(gyros: &geu_diagnosis::change::Gyros) -> String {
+fn gyros(gyros: &geu_diagnosis::gyros::Gyros) -> String {
     if *gyros == [true; 4] { "all".to_owned() } else { report::names(gyros).join(", ") }
 }
 

@@ -16,7 +16,7 @@ pub use formula::{Formula, MOST_FACTORS, MOST_POWER, NotAFormula};
 pub use regressor::Regressor;
 
 use super::{Head, Surroundings};
-use crate::number::{Default, Form, Number};
+use crate::number::{Default, Form, Number, number};
 
 /// Key in the configuration, and column of a trace.
 pub const CODE: &str = "discovered";
@@ -28,14 +28,8 @@ pub const FORMULA_MEANING: &str =
 /// Terms that a gyro can have.
 pub const MOST_TERMS: usize = 16;
 /// What is said of a term's coefficient.
-pub const COEFFICIENT: Number = Number {
-    name: "coefficient",
-    form: Form::Real,
-    default: Default::Required,
-    least: -1e6,
-    greatest: 1e6,
-    meaning: "arcsec/s of sensed rate per unit of the formula",
-};
+pub const COEFFICIENT: Number =
+    number("coefficient", Form::Real, Default::Required, -1e6, 1e6, "arcsec/s of sensed rate per unit of the formula");
 
 /// A term of the sensed rate.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,0 +1,217 @@
+//! A hypothesis: which amplitude of the model, with which time course, on which gyros, by how much.
+
+use geu_model::Configuration;
+use geu_model::course::{Course, KINDS, Kind, Law, Size};
+use geu_model::effect::discovered::{self, Term};
+use geu_model::effect::{Configured, Effects};
+use geu_model::fault::{List, Target};
+use geu_model::number::{Number, Numbers, Role};
+use geu_protocol::Gyro;
+
+use crate::amplitude::{AmplitudeRef, ParameterRef, configured};
+use crate::gyros::Gyros;
+
+/// An amplitude with its value.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Hypothesis {
+    /// Which.
+    pub amplitude: AmplitudeRef,
+    /// Added to what is configured; of a noise and of a wiring fault the value itself.
+    pub value: f64,
+    /// Values of the effect's own shape parameters.
+    pub own_shapes: Vec<f64>,
+    /// Values of the time course's shape parameters.
+    pub course_shapes: Vec<f64>,
+    /// On which gyros; all four for an effect of the unit.
+    pub gyros: Gyros,
+}
+
+impl Hypothesis {
+    /// A constant amplitude that has no shape parameters, or keeps those configured.
+    pub fn constant(amplitude: AmplitudeRef, value: f64, gyros: Gyros) -> Hypothesis {
+        Hypothesis { amplitude, value, own_shapes: Vec::new(), course_shapes: Vec::new(), gyros }
+    }
+
+    /// The one with this code, formula and numbers by name; none where the model has none such, or not within its limits.
+    pub fn from_numbers(
+        code: &str,
+        formula: Option<&str>,
+        gyros: Gyros,
+        value: impl Fn(&str) -> Option<f64>,
+    ) -> Option<Hypothesis> {
+        let is_own = |one: &AmplitudeRef| one.code() == code && value(&one.size().name).is_some();
+        let amplitude = match formula.and_then(|formula| formula.parse().ok()) {
+            Some(formula) => AmplitudeRef::term(formula),
+            None => AmplitudeRef::every().flat_map(AmplitudeRef::with_courses).find(is_own)?,
+        };
+        let shapes = |numbers: &[Number]| -> Vec<f64> {
+            numbers.iter().map(|number| value(number.name).unwrap_or(number.default.initial())).collect()
+        };
+        let hypothesis = Hypothesis {
+            amplitude,
+            value: value(&amplitude.size().name)?,
+            own_shapes: if amplitude.has_signature() { shapes(amplitude.own_shapes()) } else { Vec::new() },
+            course_shapes: shapes(amplitude.course_shapes()),
+            gyros,
+        };
+        hypothesis.is_within_limits().then_some(hypothesis)
+    }
+
+    /// The law of its time course; none of a constant.
+    pub fn law(&self) -> Option<Law> {
+        self.amplitude.kind.map(|kind| KINDS[kind].law(&self.course_shapes))
+    }
+
+    fn on(&self) -> impl Iterator<Item = Gyro> {
+        let gyros = self.gyros;
+        Gyro::ALL.into_iter().filter(move |gyro| gyros[*gyro as usize])
+    }
+
+    /// Adds it to a configuration.
+    pub fn apply(&self, configuration: &mut Configuration) {
+        self.put(configuration, |_| true);
+    }
+
+    /// Adds it to a configuration that is written as text, which holds one time course of each kind: its own takes the place of another.
+    pub fn replace(&self, configuration: &mut Configuration) {
+        let own = self.law().map(|law| Kind::of(&law).0.suffix);
+        self.put(configuration, |law| Some(law) == self.law() || Some(Kind::of(&law).0.suffix) != own);
+    }
+
+    fn put(&self, configuration: &mut Configuration, is_kept: impl Fn(Law) -> bool) {
+        let amplitudes = self.amplitude.spec().amplitudes.len();
+        let total = |before: f64| if self.amplitude.has_signature() { before + self.value } else { self.value };
+        match self.amplitude.parameter {
+            ParameterRef::Effect(target) => {
+                let Target { effect, number: amplitude, .. } = target;
+                for (numbers, courses) in self.configured_mut(target, configuration) {
+                    for (index, value) in self.own_shapes.iter().enumerate() {
+                        *numbers.value_mut(amplitudes + index) = *value;
+                    }
+                    let Some(law) = self.law() else {
+                        let value = numbers.value_mut(amplitude);
+                        *value = total(*value);
+                        continue;
+                    };
+                    courses.retain(|own| (own.effect, own.amplitude) != (effect, amplitude) || is_kept(own.law));
+                    match courses.iter_mut().find(|course| is_course(course, target, law)) {
+                        Some(course) => course.size = total(course.size),
+                        None => courses.push(Course { effect, amplitude, size: self.value, law }),
+                    }
+                }
+            }
+            ParameterRef::Term(formula) => self.on().for_each(|at| {
+                let terms = &mut configuration.gyros[at as usize].discovered;
+                match terms.iter_mut().find(|term| term.formula == formula) {
+                    Some(term) => term.coefficient += self.value,
+                    None => terms.push(Term { formula, coefficient: self.value }),
+                }
+            }),
+        }
+    }
+
+    /// Numbers and time courses of its effect in a configuration, on each of its gyros.
+    fn configured_mut<'a>(
+        &self,
+        target: Target,
+        configuration: &'a mut Configuration,
+    ) -> Vec<(&'a mut dyn Numbers, &'a mut Vec<Course>)> {
+        fn of<E: Effects>(own: &mut Configured<E>, effect: usize) -> (&mut dyn Numbers, &mut Vec<Course>) {
+            (own.constant.numbers_mut(effect), &mut own.courses)
+        }
+        let gyros = configuration.gyros.iter_mut().zip(self.gyros).filter_map(|(gyro, has)| has.then_some(gyro));
+        match target.list {
+            List::Unit => vec![of(&mut configuration.unit, target.effect)],
+            List::Head => gyros.map(|gyro| of(&mut gyro.effects, target.effect)).collect(),
+            List::Wiring => gyros.map(|gyro| of(&mut gyro.wiring, target.effect)).collect(),
+        }
+    }
+
+    /// Its numbers: name, value and limits; the amplitude first.
+    pub fn parameters(&self) -> Vec<HypothesisParameter> {
+        let of = |(number, value): (&Number, &f64)| HypothesisParameter {
+            name: number.name.to_owned(),
+            role: number.role,
+            value: *value,
+            least: number.least,
+            greatest: number.greatest,
+        };
+        let Size { name, least, greatest, .. } = self.amplitude.size();
+        let role = self.amplitude.number().role;
+        let amplitude = HypothesisParameter { name, role, value: self.value, least, greatest };
+        let own = self.amplitude.own_shapes().iter().zip(&self.own_shapes).map(of);
+        let course = self.amplitude.course_shapes().iter().zip(&self.course_shapes).map(of);
+        std::iter::once(amplitude).chain(own).chain(course).collect()
+    }
+
+    /// Sets the parameter at `index` of [`Hypothesis::parameters`].
+    pub fn set(&mut self, index: usize, value: f64) {
+        let own = self.own_shapes.len();
+        match index {
+            0 => self.value = value,
+            index if index <= own => self.own_shapes[index - 1] = value,
+            index => self.course_shapes[index - 1 - own] = value,
+        }
+    }
+
+    /// Whether a configuration accepts its numbers.
+    pub fn is_within_limits(&self) -> bool {
+        self.parameters().iter().all(|parameter| (parameter.least..=parameter.greatest).contains(&parameter.value))
+    }
+
+    /// What [`Configuration::edited`] takes to have it in the text of `configuration`, which has it already.
+    pub fn assignments(&self, configuration: &Configuration) -> Vec<String> {
+        let of_gyro = |gyro: Gyro| match self.amplitude.parameter {
+            ParameterRef::Effect(target) => {
+                let path = format!("gyro.{}", gyro.name());
+                let path = if target.list == List::Unit { "unit" } else { &path };
+                self.values(path, target, configured(target, gyro, configuration))
+            }
+            // A list is given whole.
+            ParameterRef::Term(_) => {
+                let terms = configuration.gyros[gyro as usize].discovered.iter();
+                let terms = terms.map(|Term { formula, coefficient }| {
+                    format!("{{ formula = \"{formula}\", coefficient = {coefficient:?} }}")
+                });
+                let terms = terms.collect::<Vec<_>>().join(", ");
+                vec![format!("gyro.{}.{} = [{terms}]", gyro.name(), discovered::CODE)]
+            }
+        };
+        let count = if self.amplitude.is_of_unit() { 1 } else { Gyro::ALL.len() };
+        self.on().take(count).flat_map(of_gyro).collect()
+    }
+
+    /// The assignments below one table.
+    fn values(&self, path: &str, target: Target, (numbers, courses): (&dyn Numbers, &[Course])) -> Vec<String> {
+        let (code, base, size) = (self.amplitude.code(), self.amplitude.spec().code, self.amplitude.size());
+        let total = match self.law() {
+            None => numbers.value(target.number),
+            Some(law) => courses.iter().find(|course| is_course(course, target, law)).map_or(0.0, |course| course.size),
+        };
+        let own = self.amplitude.own_shapes().iter().zip(&self.own_shapes);
+        let course = self.amplitude.course_shapes().iter().zip(&self.course_shapes);
+        std::iter::once(format!("{path}.{code}.{} = {}", size.name, size.form.written(total)))
+            .chain(own.map(|(number, value)| format!("{path}.{base}.{} = {value:?}", number.name)))
+            .chain(course.map(|(number, value)| format!("{path}.{code}.{} = {value:?}", number.name)))
+            .collect()
+    }
+}
+
+fn is_course(course: &Course, target: Target, law: Law) -> bool {
+    (course.effect, course.amplitude, course.law) == (target.effect, target.number, law)
+}
+
+/// A number of a hypothesis.
+#[derive(Debug, Clone, PartialEq)]
+pub struct HypothesisParameter {
+    /// Key in the configuration.
+    pub name: String,
+    /// What it is for.
+    pub role: Role,
+    /// Value.
+    pub value: f64,
+    /// Least accepted.
+    pub least: f64,
+    /// Greatest accepted.
+    pub greatest: f64,
+}

@@ -1,0 +1,40 @@
+//! Whether a whitened residual is noise.
+
+use crate::measured::{CHANNELS, Series, TIMING};
+
+/// How far a whitened residual is from noise.
+///
+/// For averages over half a minute up to half an hour, on each gyro: their χ² against their number, in sigmas; the largest. What no
+/// hypothesis matches is still slow.
+pub fn unlikeness(left: &Series) -> (f64, [f64; CHANNELS]) {
+    const SCALES: [usize; 4] = [6, 24, 96, 384];
+    let of_channel = |channel: usize| {
+        let of_scale = |scale: &usize| {
+            // Blocks that tell nothing are exactly 0; a window that is half of these is none.
+            let of_window = |window: &[f64]| {
+                let known = window.iter().filter(|value| **value != 0.0).count();
+                (2 * known >= *scale).then(|| window.iter().sum::<f64>().powi(2) / known as f64)
+            };
+            let windows: Vec<f64> = left[channel].chunks_exact(*scale).filter_map(of_window).collect();
+            let count = windows.len() as f64;
+            // With few windows the law leans: the cube root of χ² is closer to a normal variable (Wilson and Hilferty).
+            let mean = windows.iter().sum::<f64>() / count.max(1.0);
+            if windows.len() < 4 {
+                return 0.0;
+            }
+            let spread = 2.0 / (9.0 * count);
+            (mean.cbrt() - (1.0 - spread)) / spread.sqrt()
+        };
+        SCALES.iter().map(of_scale).fold(f64::NEG_INFINITY, f64::max)
+    };
+    let channels: [f64; CHANNELS] = std::array::from_fn(of_channel);
+    (channels[..TIMING].iter().copied().fold(f64::NEG_INFINITY, f64::max), channels)
+}
+
+/// Fourth moment over the square of the second; 3 of normal values. Blocks that tell nothing, exactly 0, are left out.
+pub fn kurtosis(values: &[f64]) -> f64 {
+    let known = || values.iter().filter(|value| **value != 0.0);
+    let count = known().count().max(1) as f64;
+    let moment = |power: i32| known().map(|value| value.powi(power)).sum::<f64>() / count;
+    if moment(2) > 0.0 { moment(4) / moment(2).powi(2) } else { 0.0 }
+}
