@@ -91,7 +91,7 @@ impl FittedHypothesis {
 /// All that is held.
 #[derive(Debug, Clone)]
 pub struct State {
-    /// Added to the sixteen, in the order of [`sixteen`].
+    /// Added to the calibration, in the order of the calibration parameters.
     pub sixteen: Vec<f64>,
     /// One sigma of each.
     pub sixteen_sigmas: Vec<f64>,
