@@ -3,8 +3,8 @@
 use crate::command::{COMMAND_CAN, REPLY_CAN, Reply};
 use crate::continuity::ClockCheck;
 use crate::crc::crc16;
-use crate::field::HalfSecond;
-use crate::message::{Clock, Increments, Message, Place, Status};
+use crate::field::Sample;
+use crate::message::{Clock, Increments, Message, MessageId, Status};
 
 pub const DEFAULT_BASE: u16 = 0x1A0;
 /// The largest identifier of eleven bits.
@@ -71,30 +71,30 @@ pub enum Role {
 
 /// The identifiers in use: a base and what stands at fixed distances from it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct CanPlan {
+pub struct CanIdMap {
     base: u16,
 }
 
-impl Default for CanPlan {
-    fn default() -> CanPlan {
-        CanPlan { base: DEFAULT_BASE }
+impl Default for CanIdMap {
+    fn default() -> CanIdMap {
+        CanIdMap { base: DEFAULT_BASE }
     }
 }
 
-const fn offset(place: Place) -> u16 {
+const fn offset(place: MessageId) -> u16 {
     match place {
-        Place::Can(offset) => offset,
-        Place::Serial(_) => panic!("not a CAN message"),
+        MessageId::Can(offset) => offset,
+        MessageId::Serial(_) => panic!("not a CAN message"),
     }
 }
 
-impl CanPlan {
+impl CanIdMap {
     /// Largest base: all identifiers must stay within eleven bits.
     pub const MAX_BASE: u16 = MAX_ID - offset(REPLY_CAN);
 
     /// The plan with this base; nothing where it is above [`CanPlan::MAX_BASE`].
-    pub fn with_base(base: u16) -> Option<CanPlan> {
-        (base <= CanPlan::MAX_BASE).then_some(CanPlan { base })
+    pub fn with_base(base: u16) -> Option<CanIdMap> {
+        (base <= CanIdMap::MAX_BASE).then_some(CanIdMap { base })
     }
 
     pub fn base(self) -> u16 {
@@ -123,7 +123,7 @@ impl CanPlan {
     }
 
     /// INCREMENTS, STATUS and CLOCK of one half second, in sending order.
-    pub fn frames(self, half_second: &HalfSecond) -> [CanFrame; 3] {
+    pub fn frames(self, half_second: &Sample) -> [CanFrame; 3] {
         let [mut increments, mut status, mut clock] = [[0; LENGTH]; 3];
         Increments::write(half_second, &mut increments);
         Status::write(half_second, &mut status);
@@ -203,39 +203,39 @@ impl CanDefect {
 
 /// A half second put together again, with the stamp of its INCREMENTS.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Received<S> {
+pub struct AssembledSample<S> {
     pub stamp: S,
     /// The fields; clock count and sensor temperature only where `has_clock`.
-    pub half_second: HalfSecond,
+    pub half_second: Sample,
     pub has_clock: bool,
 }
 
 /// What the assembler makes of the traffic.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Assembled<S> {
+pub enum AssemblerEvent<S> {
     /// A half second: two frames, three where it has a clock.
-    Row(Received<S>),
+    Row(AssembledSample<S>),
     /// A defect, at the stamp of the (first) frame concerned.
-    Defect(S, CanDefect, Concerned),
+    Defect(S, CanDefect, DefectBytes),
 }
 
 /// The data bytes that a defect concerns: of one frame, or of INCREMENTS and STATUS.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Concerned {
+pub struct DefectBytes {
     bytes: [u8; 2 * LENGTH],
     length: u8,
 }
 
-impl Concerned {
+impl DefectBytes {
     /// The first eight bytes of each part.
-    pub fn new(parts: [&[u8]; 2]) -> Concerned {
+    pub fn new(parts: [&[u8]; 2]) -> DefectBytes {
         let (mut bytes, mut length) = ([0; 2 * LENGTH], 0);
         for part in parts {
             let part = &part[..part.len().min(LENGTH)];
             bytes[length..length + part.len()].copy_from_slice(part);
             length += part.len();
         }
-        Concerned { bytes, length: length as u8 }
+        DefectBytes { bytes, length: length as u8 }
     }
 
     pub fn bytes(&self) -> &[u8] {
@@ -249,7 +249,7 @@ impl Concerned {
 #[derive(Debug, Clone)]
 pub struct Assembler<S> {
     increments: Option<(S, [u8; LENGTH])>,
-    row: Option<Received<S>>,
+    row: Option<AssembledSample<S>>,
     clock: ClockCheck,
 }
 
@@ -262,7 +262,7 @@ impl<S: Copy> Default for Assembler<S> {
 impl<S: Copy> Assembler<S> {
     /// Takes the next INCREMENTS, STATUS or CLOCK (any other role is ignored).
     #[inline]
-    pub fn push(&mut self, role: Role, stamp: S, data: &[u8], sink: &mut impl FnMut(Assembled<S>)) {
+    pub fn push(&mut self, role: Role, stamp: S, data: &[u8], sink: &mut impl FnMut(AssemblerEvent<S>)) {
         if !matches!(role, Role::Increments | Role::Status | Role::Clock) {
             return;
         }
@@ -286,9 +286,9 @@ impl<S: Copy> Assembler<S> {
 
     /// Gives out what still waits: at the end of the traffic.
     #[inline]
-    pub fn finish(&mut self, sink: &mut impl FnMut(Assembled<S>)) {
+    pub fn finish(&mut self, sink: &mut impl FnMut(AssemblerEvent<S>)) {
         if let Some(row) = self.row.take() {
-            sink(Assembled::Row(row));
+            sink(AssemblerEvent::Row(row));
         }
         if let Some((stamp, bytes)) = self.increments.take() {
             defect(stamp, CanDefect::IncrementsWithoutStatus, [&bytes, &[]], sink);
@@ -296,7 +296,7 @@ impl<S: Copy> Assembler<S> {
     }
 
     #[inline]
-    fn status(&mut self, stamp: S, bytes: &[u8; LENGTH], sink: &mut impl FnMut(Assembled<S>)) {
+    fn status(&mut self, stamp: S, bytes: &[u8; LENGTH], sink: &mut impl FnMut(AssemblerEvent<S>)) {
         let Some((first, increments)) = self.increments.take() else {
             self.finish(sink);
             return defect(stamp, CanDefect::StatusWithoutIncrements, [bytes, &[]], sink);
@@ -304,14 +304,14 @@ impl<S: Copy> Assembler<S> {
         if status_crc(&increments, bytes) != bytes[STATUS_COVERED..] {
             return defect(first, CanDefect::CrcMismatch, [&increments, bytes], sink);
         }
-        let mut half_second = HalfSecond::default();
+        let mut half_second = Sample::default();
         Increments::read(&increments, &mut half_second);
         Status::read(bytes, &mut half_second);
-        self.row = Some(Received { stamp: first, half_second, has_clock: false });
+        self.row = Some(AssembledSample { stamp: first, half_second, has_clock: false });
     }
 
     #[inline]
-    fn clock(&mut self, stamp: S, bytes: &[u8; LENGTH], sink: &mut impl FnMut(Assembled<S>)) {
+    fn clock(&mut self, stamp: S, bytes: &[u8; LENGTH], sink: &mut impl FnMut(AssemblerEvent<S>)) {
         let Some(mut row) = self.row.take() else {
             return defect(stamp, CanDefect::ClockWithoutStatus, [bytes, &[]], sink);
         };
@@ -320,17 +320,17 @@ impl<S: Copy> Assembler<S> {
         if self.clock.accepts(clocked.sequence, clocked.clock_count) {
             row.half_second = clocked;
             row.has_clock = true;
-            sink(Assembled::Row(row));
+            sink(AssemblerEvent::Row(row));
         } else {
-            sink(Assembled::Row(row));
+            sink(AssemblerEvent::Row(row));
             defect(stamp, CanDefect::ClockInconsistent, [bytes, &[]], sink);
         }
     }
 }
 
 #[cold]
-fn defect<S>(stamp: S, defect: CanDefect, parts: [&[u8]; 2], sink: &mut impl FnMut(Assembled<S>)) {
-    sink(Assembled::Defect(stamp, defect, Concerned::new(parts)));
+fn defect<S>(stamp: S, defect: CanDefect, parts: [&[u8]; 2], sink: &mut impl FnMut(AssemblerEvent<S>)) {
+    sink(AssemblerEvent::Defect(stamp, defect, DefectBytes::new(parts)));
 }
 
 #[cfg(test)]
@@ -345,29 +345,29 @@ mod tests {
         assert_eq!(CanFrame::new(0x1A0, &[0; 9]), None);
     }
 
-    fn half_second(sequence: u16) -> HalfSecond {
-        HalfSecond {
+    fn half_second(sequence: u16) -> Sample {
+        Sample {
             sequence,
             increments: [1, -2, 3, sequence as i16],
             clock_count: (u64::from(sequence) + 1) * CLOCK_PER_HALF_SECOND + 7_000_000,
             sensor_centi_c: 7000,
-            ..HalfSecond::default()
+            ..Sample::default()
         }
     }
 
     /// A row, or what is wrong at which frame.
     #[derive(Debug, PartialEq)]
     enum Seen {
-        Row(Received<usize>),
+        Row(AssembledSample<usize>),
         Defect(usize, CanDefect),
     }
 
     fn assemble(frames: &[CanFrame]) -> Vec<Seen> {
-        let (plan, mut assembler, mut found) = (CanPlan::default(), Assembler::default(), Vec::new());
+        let (plan, mut assembler, mut found) = (CanIdMap::default(), Assembler::default(), Vec::new());
         let mut see = |event| {
             found.push(match event {
-                Assembled::Row(row) => Seen::Row(row),
-                Assembled::Defect(stamp, defect, _) => Seen::Defect(stamp, defect),
+                AssemblerEvent::Row(row) => Seen::Row(row),
+                AssemblerEvent::Defect(stamp, defect, _) => Seen::Defect(stamp, defect),
             })
         };
         for (index, frame) in frames.iter().enumerate() {
@@ -378,11 +378,11 @@ mod tests {
     }
 
     fn row(stamp: usize, sequence: u16) -> Seen {
-        Seen::Row(Received { stamp, half_second: half_second(sequence), has_clock: true })
+        Seen::Row(AssembledSample { stamp, half_second: half_second(sequence), has_clock: true })
     }
 
     fn frames(sequences: &[u16]) -> Vec<CanFrame> {
-        sequences.iter().flat_map(|&s| CanPlan::default().frames(&half_second(s))).collect()
+        sequences.iter().flat_map(|&s| CanIdMap::default().frames(&half_second(s))).collect()
     }
 
     #[test]
@@ -439,7 +439,7 @@ mod tests {
     #[test]
     fn a_clock_that_jumps_is_doubted_once_and_a_new_course_is_believed() {
         let clock =
-            |sequence, clock_count| CanPlan::default().frames(&HalfSecond { clock_count, ..half_second(sequence) })[2];
+            |sequence, clock_count| CanIdMap::default().frames(&Sample { clock_count, ..half_second(sequence) })[2];
         let defects =
             |traffic: &[CanFrame]| assemble(traffic).iter().filter(|event| matches!(event, Seen::Defect(..))).count();
         let mut corrupt = frames(&[0, 1, 2, 3]);

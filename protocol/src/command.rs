@@ -4,26 +4,26 @@ mod argument;
 
 pub use argument::written;
 
-use crate::field::Wire;
+use crate::field::WireType;
 pub use crate::hex::hex;
 use crate::hex::read_hex;
-use crate::message::Place;
+use crate::message::MessageId;
 use crate::suggestion::did_you_mean;
 
 /// CAN identifier, relative to the base, of a COMMAND to the unit.
-pub const COMMAND_CAN: Place = Place::Can(8);
+pub const COMMAND_CAN: MessageId = MessageId::Can(8);
 /// CAN identifier, relative to the base, of a REPLY from the unit.
-pub const REPLY_CAN: Place = Place::Can(9);
+pub const REPLY_CAN: MessageId = MessageId::Can(9);
 /// Serial frame type of a COMMAND.
-pub const COMMAND_SERIAL: Place = Place::Serial(0x10);
+pub const COMMAND_SERIAL: MessageId = MessageId::Serial(0x10);
 /// Serial frame type of a REPLY.
-pub const REPLY_SERIAL: Place = Place::Serial(0x11);
+pub const REPLY_SERIAL: MessageId = MessageId::Serial(0x11);
 pub const COMMAND_LENGTHS: std::ops::RangeInclusive<usize> = 1..=8;
 pub const REPLY_LENGTHS: std::ops::RangeInclusive<usize> = 2..=8;
 
 /// How the unit answers a command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Outcome {
+pub enum CommandResult {
     /// 0: done.
     Done,
     /// 1: unknown opcode.
@@ -34,10 +34,10 @@ pub enum Outcome {
     NotPossibleNow,
 }
 
-impl Outcome {
+impl CommandResult {
     /// All four; the index is the code on the wire.
-    pub const ALL: [Outcome; 4] =
-        [Outcome::Done, Outcome::UnknownOpcode, Outcome::BadArgument, Outcome::NotPossibleNow];
+    pub const ALL: [CommandResult; 4] =
+        [CommandResult::Done, CommandResult::UnknownOpcode, CommandResult::BadArgument, CommandResult::NotPossibleNow];
 
     /// The words of the interface control document.
     pub const fn text(self) -> &'static str {
@@ -48,7 +48,7 @@ impl Outcome {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ArgumentSpec {
     pub name: &'static str,
-    pub wire: Wire,
+    pub wire: WireType,
     pub range: (i64, i64),
     /// Meaning, a phrase; for a choice the values and their names: `0 off, 1 on`.
     pub meaning: &'static str,
@@ -66,7 +66,7 @@ pub struct CommandSpec {
     pub meaning: &'static str,
 }
 
-const fn argument(name: &'static str, wire: Wire, range: (i64, i64), meaning: &'static str) -> ArgumentSpec {
+const fn argument(name: &'static str, wire: WireType, range: (i64, i64), meaning: &'static str) -> ArgumentSpec {
     ArgumentSpec { name, wire, range, meaning }
 }
 
@@ -76,15 +76,15 @@ pub const COMMANDS: &[CommandSpec] = &[
         name: "PING",
         arguments: &[],
         values: &[
-            argument("major", Wire::U8, (0, 255), "link version, major"),
-            argument("minor", Wire::U8, (0, 255), "link version, minor"),
+            argument("major", WireType::U8, (0, 255), "link version, major"),
+            argument("minor", WireType::U8, (0, 255), "link version, minor"),
         ],
         meaning: "asks for the link version",
     },
     CommandSpec {
         opcode: 0x02,
         name: "SET_MODE",
-        arguments: &[argument("mode", Wire::U8, (0, 1), "0 cyclic, 1 polled")],
+        arguments: &[argument("mode", WireType::U8, (0, 1), "0 cyclic, 1 polled")],
         values: &[],
         meaning: "chooses whether data are sent each half second or when polled",
     },
@@ -99,9 +99,9 @@ pub const COMMANDS: &[CommandSpec] = &[
         opcode: 0x04,
         name: "SELF_TEST",
         arguments: &[
-            argument("gyros", Wire::U8, (1, 15), "mask of gyros under test, bit 0 GYRX"),
-            argument("counts", Wire::I16, (-32768, 32767), "counts added each half second"),
-            argument("half_seconds", Wire::U8, (1, 255), "duration"),
+            argument("gyros", WireType::U8, (1, 15), "mask of gyros under test, bit 0 GYRX"),
+            argument("counts", WireType::I16, (-32768, 32767), "counts added each half second"),
+            argument("half_seconds", WireType::U8, (1, 255), "duration"),
         ],
         values: &[],
         meaning: "torquers add that many counts, unit flag 3 set meanwhile",
@@ -116,14 +116,14 @@ pub const COMMANDS: &[CommandSpec] = &[
     CommandSpec {
         opcode: 0x06,
         name: "GYRO_POWER",
-        arguments: &[argument("gyros", Wire::U8, (0, 15), "mask of gyros that run, bit 0 GYRX")],
+        arguments: &[argument("gyros", WireType::U8, (0, 15), "mask of gyros that run, bit 0 GYRX")],
         values: &[],
         meaning: "a stopped gyro reads 0 and not valid; spin-up takes 60 s",
     },
     CommandSpec {
         opcode: 0x07,
         name: "HEATER",
-        arguments: &[argument("on", Wire::U8, (0, 1), "0 off, 1 on")],
+        arguments: &[argument("on", WireType::U8, (0, 1), "0 off, 1 on")],
         values: &[],
         meaning: "off, the sensor cools towards the electronics temperature with a time constant of 20 min",
     },
@@ -159,20 +159,20 @@ pub enum Command {
 /// # Errors
 /// The outcome to reply with: [`Outcome::UnknownOpcode`], or [`Outcome::BadArgument`] for too few or too many bytes
 /// and for values out of range.
-pub fn parse(payload: &[u8]) -> Result<Command, Outcome> {
-    let (&opcode, mut rest) = payload.split_first().ok_or(Outcome::BadArgument)?;
-    let spec = COMMANDS.iter().find(|spec| spec.opcode == opcode).ok_or(Outcome::UnknownOpcode)?;
+pub fn parse(payload: &[u8]) -> Result<Command, CommandResult> {
+    let (&opcode, mut rest) = payload.split_first().ok_or(CommandResult::BadArgument)?;
+    let spec = COMMANDS.iter().find(|spec| spec.opcode == opcode).ok_or(CommandResult::UnknownOpcode)?;
     let mut values = [0; 3];
     for (value, argument) in values.iter_mut().zip(spec.arguments) {
         let length = argument.wire.length();
-        *value = argument.wire.read(rest.get(..length).ok_or(Outcome::BadArgument)?);
+        *value = argument.wire.read(rest.get(..length).ok_or(CommandResult::BadArgument)?);
         rest = &rest[length..];
         if *value < argument.range.0 || *value > argument.range.1 {
-            return Err(Outcome::BadArgument);
+            return Err(CommandResult::BadArgument);
         }
     }
     if !rest.is_empty() {
-        return Err(Outcome::BadArgument);
+        return Err(CommandResult::BadArgument);
     }
     let [a, b, c] = values;
     Ok(match spec.name {
@@ -267,7 +267,7 @@ impl Reply {
     ///
     /// # Panics
     /// With more than six bytes of values.
-    pub fn new(opcode: u8, outcome: Outcome, values: &[u8]) -> Reply {
+    pub fn new(opcode: u8, outcome: CommandResult, values: &[u8]) -> Reply {
         let mut bytes = [0; 8];
         bytes[0] = opcode;
         bytes[1] = outcome as u8;
@@ -280,7 +280,7 @@ impl Reply {
         if !REPLY_LENGTHS.contains(&payload.len()) {
             return None;
         }
-        let outcome = *Outcome::ALL.get(usize::from(payload[1]))?;
+        let outcome = *CommandResult::ALL.get(usize::from(payload[1]))?;
         Some(Reply::new(payload[0], outcome, &payload[2..]))
     }
 
@@ -288,8 +288,8 @@ impl Reply {
         self.bytes[0]
     }
 
-    pub fn outcome(&self) -> Outcome {
-        Outcome::ALL[usize::from(self.bytes[1])]
+    pub fn outcome(&self) -> CommandResult {
+        CommandResult::ALL[usize::from(self.bytes[1])]
     }
 
     /// The values after the result.
@@ -343,18 +343,18 @@ mod tests {
     #[test]
     fn wrong_opcodes_lengths_and_values_get_the_answer_of_the_icd() {
         for (bytes, outcome) in [
-            (&[0x00][..], Outcome::UnknownOpcode),
-            (&[0x08], Outcome::UnknownOpcode),
-            (&[0xFF, 1, 2], Outcome::UnknownOpcode),
-            (&[0x01, 0x00], Outcome::BadArgument),
-            (&[0x02], Outcome::BadArgument),
-            (&[0x02, 2], Outcome::BadArgument),
-            (&[0x04, 0, 0, 1, 1], Outcome::BadArgument),
-            (&[0x04, 16, 0, 1, 1], Outcome::BadArgument),
-            (&[0x04, 1, 0, 1, 0], Outcome::BadArgument),
-            (&[0x04, 1, 0, 1], Outcome::BadArgument),
-            (&[0x06, 16], Outcome::BadArgument),
-            (&[0x07, 2], Outcome::BadArgument),
+            (&[0x00][..], CommandResult::UnknownOpcode),
+            (&[0x08], CommandResult::UnknownOpcode),
+            (&[0xFF, 1, 2], CommandResult::UnknownOpcode),
+            (&[0x01, 0x00], CommandResult::BadArgument),
+            (&[0x02], CommandResult::BadArgument),
+            (&[0x02, 2], CommandResult::BadArgument),
+            (&[0x04, 0, 0, 1, 1], CommandResult::BadArgument),
+            (&[0x04, 16, 0, 1, 1], CommandResult::BadArgument),
+            (&[0x04, 1, 0, 1, 0], CommandResult::BadArgument),
+            (&[0x04, 1, 0, 1], CommandResult::BadArgument),
+            (&[0x06, 16], CommandResult::BadArgument),
+            (&[0x07, 2], CommandResult::BadArgument),
         ] {
             assert_eq!(parse(bytes), Err(outcome), "{bytes:02X?}");
         }

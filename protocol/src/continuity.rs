@@ -44,7 +44,7 @@ impl ClockCheck {
 
 /// How a half second stands to the one before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Step {
+pub enum SequenceStep {
     /// Nothing stood before it.
     First,
     Next,
@@ -64,26 +64,26 @@ pub struct Continuity {
 impl Continuity {
     /// How this half second stands to the one before.
     #[inline]
-    pub fn step(&mut self, sequence: u16, clock_count: Option<u64>) -> Step {
+    pub fn step(&mut self, sequence: u16, clock_count: Option<u64>) -> SequenceStep {
         let Some((last_sequence, last_clock)) = self.last.replace((sequence, clock_count)) else {
-            return Step::First;
+            return SequenceStep::First;
         };
         let steps = sequence.wrapping_sub(last_sequence);
         match (last_clock, clock_count) {
             (Some(before), Some(now)) if clock_follows((last_sequence, before), (sequence, now)) => {
                 match (now.wrapping_sub(before) & (CLOCK_MODULUS - 1)) / CLOCK_PER_HALF_SECOND {
-                    0 => Step::Repeat,
-                    1 => Step::Next,
-                    steps => Step::Gap(steps - 1),
+                    0 => SequenceStep::Repeat,
+                    1 => SequenceStep::Next,
+                    steps => SequenceStep::Gap(steps - 1),
                 }
             }
-            (Some(_), Some(now)) if restarted((sequence, now)) => Step::Reset,
-            (Some(_), Some(_)) if steps != 1 => Step::Jump,
+            (Some(_), Some(now)) if restarted((sequence, now)) => SequenceStep::Reset,
+            (Some(_), Some(_)) if steps != 1 => SequenceStep::Jump,
             _ => match steps {
-                0 => Step::Repeat,
-                1 => Step::Next,
-                0x8000.. => Step::Jump,
-                steps => Step::Gap(u64::from(steps) - 1),
+                0 => SequenceStep::Repeat,
+                1 => SequenceStep::Next,
+                0x8000.. => SequenceStep::Jump,
+                steps => SequenceStep::Gap(u64::from(steps) - 1),
             },
         }
     }
@@ -105,19 +105,19 @@ mod tests {
     fn steps_are_counted_by_the_clock_and_without_it_by_the_sequence() {
         let step = |before: (u16, Option<u64>), now: (u16, Option<u64>)| {
             let mut continuity = Continuity::default();
-            assert_eq!(continuity.step(before.0, before.1), Step::First);
+            assert_eq!(continuity.step(before.0, before.1), SequenceStep::First);
             continuity.step(now.0, now.1)
         };
         let at = |n: u64| (n as u16, Some(7 + n * CLOCK_PER_HALF_SECOND));
-        assert_eq!(step(at(5), at(6)), Step::Next);
-        assert_eq!(step(at(5), at(5)), Step::Repeat);
-        assert_eq!(step(at(5), at(8)), Step::Gap(2));
-        assert_eq!(step(at(5), at(5 + 65_536)), Step::Gap(65_535));
-        assert_eq!(step(at(65_535), at(65_536)), Step::Next);
-        assert_eq!(step(at(5), (0, Some(500_000))), Step::Reset);
-        assert_eq!(step(at(5), (9, Some(1))), Step::Jump);
-        assert_eq!(step((5, None), (8, None)), Step::Gap(2));
-        assert_eq!(step((5, None), at(5)), Step::Repeat);
-        assert_eq!(step((5, None), (4, None)), Step::Jump);
+        assert_eq!(step(at(5), at(6)), SequenceStep::Next);
+        assert_eq!(step(at(5), at(5)), SequenceStep::Repeat);
+        assert_eq!(step(at(5), at(8)), SequenceStep::Gap(2));
+        assert_eq!(step(at(5), at(5 + 65_536)), SequenceStep::Gap(65_535));
+        assert_eq!(step(at(65_535), at(65_536)), SequenceStep::Next);
+        assert_eq!(step(at(5), (0, Some(500_000))), SequenceStep::Reset);
+        assert_eq!(step(at(5), (9, Some(1))), SequenceStep::Jump);
+        assert_eq!(step((5, None), (8, None)), SequenceStep::Gap(2));
+        assert_eq!(step((5, None), at(5)), SequenceStep::Repeat);
+        assert_eq!(step((5, None), (4, None)), SequenceStep::Jump);
     }
 }

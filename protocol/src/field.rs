@@ -1,6 +1,6 @@
 //! The fields of a half second: name, wire type, unit, scale and meaning of each, once.
 //!
-//! A field is a type that knows where it lives in [`HalfSecond`] and how it is written; a message (see
+//! A field is a type that knows where it lives in [`Sample`] and how it is written; a message (see
 //! [`crate::message`]) is a list of such types.
 
 /// Cycles of the nominal 1 MHz unit clock in one half second.
@@ -37,7 +37,7 @@ impl Gyro {
 
 /// What the unit tells about one half second: the content of all cyclic messages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct HalfSecond {
+pub struct Sample {
     /// +1 each half second, wraps.
     pub sequence: u16,
     /// Angular increments over the half second just ended, count, in the order of [`Gyro::ALL`].
@@ -56,7 +56,7 @@ pub struct HalfSecond {
 
 /// How a number stands on the wire; all are big-endian, signed ones two's complement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Wire {
+pub enum WireType {
     /// Unsigned, 1 byte.
     U8,
     /// Unsigned, 2 bytes.
@@ -67,18 +67,18 @@ pub enum Wire {
     U48,
 }
 
-impl Wire {
+impl WireType {
     pub const fn length(self) -> usize {
         match self {
-            Wire::U8 => 1,
-            Wire::U16 | Wire::I16 => 2,
-            Wire::U48 => 6,
+            WireType::U8 => 1,
+            WireType::U16 | WireType::I16 => 2,
+            WireType::U48 => 6,
         }
     }
 
     /// Whether negative numbers can be sent.
     pub const fn signed(self) -> bool {
-        matches!(self, Wire::I16)
+        matches!(self, WireType::I16)
     }
 
     /// Smallest and largest number that can be sent.
@@ -90,10 +90,10 @@ impl Wire {
     /// `u8`, `u16`, `i16`, `u48`, as the interface control document writes it.
     pub const fn name(self) -> &'static str {
         match self {
-            Wire::U8 => "u8",
-            Wire::U16 => "u16",
-            Wire::I16 => "i16",
-            Wire::U48 => "u48",
+            WireType::U8 => "u8",
+            WireType::U16 => "u16",
+            WireType::I16 => "i16",
+            WireType::U48 => "u48",
         }
     }
 
@@ -101,10 +101,10 @@ impl Wire {
     #[inline]
     pub fn read(self, bytes: &[u8]) -> i64 {
         match self {
-            Wire::U8 => i64::from(bytes[0]),
-            Wire::U16 => i64::from(u16::from_be_bytes([bytes[0], bytes[1]])),
-            Wire::I16 => i64::from(i16::from_be_bytes([bytes[0], bytes[1]])),
-            Wire::U48 => i64::from_be_bytes([0, 0, bytes[0], bytes[1], bytes[2], bytes[3], bytes[4], bytes[5]]),
+            WireType::U8 => i64::from(bytes[0]),
+            WireType::U16 => i64::from(u16::from_be_bytes([bytes[0], bytes[1]])),
+            WireType::I16 => i64::from(i16::from_be_bytes([bytes[0], bytes[1]])),
+            WireType::U48 => i64::from_be_bytes([0, 0, bytes[0], bytes[1], bytes[2], bytes[3], bytes[4], bytes[5]]),
         }
     }
 
@@ -121,7 +121,7 @@ impl Wire {
 pub struct FieldSpec {
     /// Name, lower case, as in the CSV header where it stands there.
     pub name: &'static str,
-    pub wire: Wire,
+    pub wire: WireType,
     /// Unit of `scale`, empty where there is none.
     pub unit: &'static str,
     /// Physical value of one unit of the number on the wire.
@@ -143,9 +143,9 @@ pub struct Bit {
 /// A field as a type: where it lives and how it is said.
 pub trait Field {
     const SPEC: FieldSpec;
-    fn get(half_second: &HalfSecond) -> i64;
+    fn get(half_second: &Sample) -> i64;
     /// Puts the number `value` into `half_second`.
-    fn set(half_second: &mut HalfSecond, value: i64);
+    fn set(half_second: &mut Sample, value: i64);
 }
 
 macro_rules! fields {
@@ -155,13 +155,13 @@ macro_rules! fields {
             #[doc = $meaning]
             pub struct $type;
             impl Field for $type {
-                const SPEC: FieldSpec = FieldSpec { name: $name, wire: Wire::$wire, unit: $unit, scale: $scale,
+                const SPEC: FieldSpec = FieldSpec { name: $name, wire: WireType::$wire, unit: $unit, scale: $scale,
                     bits: { const NONE: &[Bit] = &[]; let _bits = NONE; $(let _bits: &[Bit] = $bits;)? _bits },
                     meaning: $meaning };
                 #[inline]
-                fn get($half_second: &HalfSecond) -> i64 { $place as i64 }
+                fn get($half_second: &Sample) -> i64 { $place as i64 }
                 #[inline]
-                fn set($half_second: &mut HalfSecond, value: i64) { $place = value as $as }
+                fn set($half_second: &mut Sample, value: i64) { $place = value as $as }
             }
         )*
         /// Every field, in the order of the interface control document.
@@ -197,7 +197,7 @@ fields! {
 /// CRC-16/IBM-3740 as it stands in STATUS and at the end of every serial frame.
 pub const CRC: FieldSpec = FieldSpec {
     name: "crc",
-    wire: Wire::U16,
+    wire: WireType::U16,
     unit: "",
     scale: 1.0,
     bits: &[],

@@ -5,9 +5,9 @@
 //! are generated from it or tested against it.
 //!
 //! ```
-//! use geu_protocol::{CanPlan, HalfSecond};
-//! let half_second = HalfSecond { increments: [-2, -2, 5, 5], gyro_flags: 0x0F, unit_flags: 0x07,
-//!     electronics_centi_c: 2064, clock_count: 500_000, sensor_centi_c: 7000, ..HalfSecond::default() };
+//! use geu_protocol::{CanPlan, Sample};
+//! let half_second = Sample { increments: [-2, -2, 5, 5], gyro_flags: 0x0F, unit_flags: 0x07,
+//!     electronics_centi_c: 2064, clock_count: 500_000, sensor_centi_c: 7000, ..Sample::default() };
 //! let [increments, status, clock] = CanPlan::default().frames(&half_second);
 //! assert_eq!((increments.id(), increments.data()), (0x1A0, &[0xFF, 0xFE, 0xFF, 0xFE, 0, 5, 0, 5][..]));
 //! assert_eq!(status.data()[6..], [0xDD, 0x5E]);
@@ -28,9 +28,9 @@ pub mod message;
 pub mod serial;
 pub mod suggestion;
 
-pub use can::{Assembler, CanFrame, CanPlan};
-pub use command::{Command, Outcome, Reply};
-pub use field::{CLOCK_PER_HALF_SECOND, Gyro, HalfSecond};
+pub use can::{Assembler, CanFrame, CanIdMap};
+pub use command::{Command, CommandResult, Reply};
+pub use field::{CLOCK_PER_HALF_SECOND, Gyro, Sample};
 
 /// Version of the link that this crate speaks: major, minor (answered to PING).
 pub const LINK_VERSION: (u8, u8) = (1, 0);

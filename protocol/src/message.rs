@@ -3,7 +3,7 @@
 use crate::field::*;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Place {
+pub enum MessageId {
     /// CAN identifier: the base plus this.
     Can(u16),
     /// Serial frame of this type.
@@ -15,7 +15,7 @@ pub enum Place {
 pub struct MessageSpec {
     /// Name, upper case.
     pub name: &'static str,
-    pub place: Place,
+    pub place: MessageId,
     /// Fields in wire order, without gaps.
     pub fields: &'static [FieldSpec],
     pub meaning: &'static str,
@@ -46,9 +46,9 @@ impl MessageSpec {
 pub trait Message {
     const SPEC: MessageSpec;
     /// Writes the fields of `half_second`; a check value is left to the caller.
-    fn write(half_second: &HalfSecond, bytes: &mut [u8]);
+    fn write(half_second: &Sample, bytes: &mut [u8]);
     /// Reads the fields into `half_second`, leaving the others as they are.
-    fn read(bytes: &[u8], half_second: &mut HalfSecond);
+    fn read(bytes: &[u8], half_second: &mut Sample);
 }
 
 macro_rules! messages {
@@ -60,13 +60,13 @@ macro_rules! messages {
                 const SPEC: MessageSpec = MessageSpec { name: $name, place: $place,
                     fields: &[$($field::SPEC,)* $($crc)?], meaning: $meaning };
                 #[inline]
-                fn write(half_second: &HalfSecond, bytes: &mut [u8]) {
+                fn write(half_second: &Sample, bytes: &mut [u8]) {
                     let mut at = 0;
                     $($field::SPEC.wire.write($field::get(half_second), &mut bytes[at..]); at += $field::SPEC.wire.length();)*
                     let _ = at;
                 }
                 #[inline]
-                fn read(bytes: &[u8], half_second: &mut HalfSecond) {
+                fn read(bytes: &[u8], half_second: &mut Sample) {
                     let mut at = 0;
                     $($field::set(half_second, $field::SPEC.wire.read(&bytes[at..])); at += $field::SPEC.wire.length();)*
                     let _ = at;
@@ -79,13 +79,13 @@ macro_rules! messages {
 }
 
 messages! {
-    Increments, "INCREMENTS", Place::Can(0), [IncrementX, IncrementY, IncrementZa, IncrementZb],
+    Increments, "INCREMENTS", MessageId::Can(0), [IncrementX, IncrementY, IncrementZa, IncrementZb],
         "increments of the half second just ended; used only with the STATUS that follows it";
-    Status, "STATUS", Place::Can(1), [Sequence, GyroFlags, UnitFlags, Electronics] + CRC,
+    Status, "STATUS", MessageId::Can(1), [Sequence, GyroFlags, UnitFlags, Electronics] + CRC,
         "state, and CRC over the 8 bytes of INCREMENTS then the first 6 of STATUS";
-    Clock, "CLOCK", Place::Can(2), [ClockCount, Sensor],
+    Clock, "CLOCK", MessageId::Can(2), [ClockCount, Sensor],
         "clock count and sensor temperature, of the STATUS before it";
-    Data, "DATA", Place::Serial(0x01),
+    Data, "DATA", MessageId::Serial(0x01),
         [Sequence, IncrementX, IncrementY, IncrementZa, IncrementZb, GyroFlags, UnitFlags, Electronics, ClockCount, Sensor],
         "everything the unit tells of one half second";
 }

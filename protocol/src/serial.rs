@@ -5,8 +5,8 @@
 
 use crate::command::{COMMAND_LENGTHS, COMMAND_SERIAL, REPLY_LENGTHS, REPLY_SERIAL};
 use crate::crc::crc16;
-use crate::field::HalfSecond;
-use crate::message::{Data, Message, Place};
+use crate::field::Sample;
+use crate::message::{Data, Message, MessageId};
 
 /// First two bytes of every frame.
 pub const SYNC: [u8; 2] = [0xEB, 0x90];
@@ -30,72 +30,72 @@ pub const BITS_PER_BYTE: u32 = 10;
 
 /// What a frame carries.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
+pub enum FrameType {
     Data,
     Command,
     Reply,
 }
 
-impl Kind {
+impl FrameType {
     pub const fn code(self) -> u8 {
         let place = match self {
-            Kind::Data => Data::SPEC.place,
-            Kind::Command => COMMAND_SERIAL,
-            Kind::Reply => REPLY_SERIAL,
+            FrameType::Data => Data::SPEC.place,
+            FrameType::Command => COMMAND_SERIAL,
+            FrameType::Reply => REPLY_SERIAL,
         };
         match place {
-            Place::Serial(code) => code,
-            Place::Can(_) => panic!("not a serial message"),
+            MessageId::Serial(code) => code,
+            MessageId::Can(_) => panic!("not a serial message"),
         }
     }
 
     #[inline]
-    fn of(code: u8) -> Option<Kind> {
-        [Kind::Data, Kind::Command, Kind::Reply].into_iter().find(|kind| kind.code() == code)
+    fn of(code: u8) -> Option<FrameType> {
+        [FrameType::Data, FrameType::Command, FrameType::Reply].into_iter().find(|kind| kind.code() == code)
     }
 
     #[inline]
     fn accepts(self, length: usize) -> bool {
         match self {
-            Kind::Data => length == DATA_LENGTH,
-            Kind::Command => COMMAND_LENGTHS.contains(&length),
-            Kind::Reply => REPLY_LENGTHS.contains(&length),
+            FrameType::Data => length == DATA_LENGTH,
+            FrameType::Command => COMMAND_LENGTHS.contains(&length),
+            FrameType::Reply => REPLY_LENGTHS.contains(&length),
         }
     }
 }
 
 /// A frame around `payload`.
-pub fn frame(kind: Kind, payload: &[u8]) -> Vec<u8> {
+pub fn frame(kind: FrameType, payload: &[u8]) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(OVERHEAD + payload.len());
     bytes.extend_from_slice(&SYNC);
     bytes.extend_from_slice(&[kind.code(), payload.len() as u8]);
     bytes.extend_from_slice(payload);
     bytes.extend_from_slice(&[0; CRC]);
-    close(&mut bytes);
+    update_crc(&mut bytes);
     bytes
 }
 
 /// Makes the CRC of a whole frame right for what it says; of fewer bytes than a frame has nothing.
-pub fn close(bytes: &mut [u8]) {
+pub fn update_crc(bytes: &mut [u8]) {
     let Some(end) = bytes.len().checked_sub(CRC).filter(|&end| end >= HEADER) else { return };
     let crc = crc16(&bytes[SYNC.len()..end]);
     bytes[end..].copy_from_slice(&crc.to_be_bytes());
 }
 
 /// The DATA frame of one half second.
-pub fn data_frame(half_second: &HalfSecond) -> [u8; MAX_FRAME] {
+pub fn data_frame(half_second: &Sample) -> [u8; MAX_FRAME] {
     let mut bytes = [0; MAX_FRAME];
     bytes[..TYPE_AT].copy_from_slice(&SYNC);
-    bytes[TYPE_AT..HEADER].copy_from_slice(&[Kind::Data.code(), DATA_LENGTH as u8]);
+    bytes[TYPE_AT..HEADER].copy_from_slice(&[FrameType::Data.code(), DATA_LENGTH as u8]);
     Data::write(half_second, &mut bytes[HEADER..]);
-    close(&mut bytes);
+    update_crc(&mut bytes);
     bytes
 }
 
 /// The half second in the payload of a DATA frame.
 #[inline]
-pub fn read_data(payload: &[u8]) -> HalfSecond {
-    let mut half_second = HalfSecond::default();
+pub fn read_data(payload: &[u8]) -> Sample {
+    let mut half_second = Sample::default();
     Data::read(payload, &mut half_second);
     half_second
 }
@@ -139,12 +139,12 @@ impl SerialDefect {
 
 /// What the deframer makes of the bytes. Frames and skipped runs together are all bytes, each once.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Found<'a> {
+pub enum DeframerEvent<'a> {
     /// A frame whose CRC matches.
     Frame {
         /// Offset of its sync in the stream.
         at: u64,
-        kind: Kind,
+        kind: FrameType,
         payload: &'a [u8],
     },
     /// A sync that no frame followed; its bytes are in a skipped run.
@@ -195,7 +195,7 @@ pub struct Deframer {
 }
 
 enum Candidate {
-    Frame(Kind, usize),
+    Frame(FrameType, usize),
     Rejected(SerialDefect),
     Incomplete,
 }
@@ -204,12 +204,12 @@ enum Candidate {
 fn candidate(bytes: &[u8]) -> Candidate {
     let (Some(&code), Some(&length)) = (bytes.get(TYPE_AT), bytes.get(LENGTH_AT)) else {
         return match bytes.get(TYPE_AT) {
-            Some(&code) if Kind::of(code).is_none() => Candidate::Rejected(SerialDefect::UnknownType),
+            Some(&code) if FrameType::of(code).is_none() => Candidate::Rejected(SerialDefect::UnknownType),
             _ => Candidate::Incomplete,
         };
     };
     let length = usize::from(length);
-    let Some(kind) = Kind::of(code) else {
+    let Some(kind) = FrameType::of(code) else {
         return Candidate::Rejected(SerialDefect::UnknownType);
     };
     if !kind.accepts(length) {
@@ -235,18 +235,18 @@ impl Deframer {
     /// Takes the stream on from where it stopped and tells what it finds; returns how many bytes are consumed. The
     /// rest, shorter than a frame, must stand at the beginning of the next call's `bytes`.
     #[inline]
-    pub fn consume(&mut self, bytes: &[u8], sink: &mut impl FnMut(Found)) -> usize {
+    pub fn consume(&mut self, bytes: &[u8], sink: &mut impl FnMut(DeframerEvent)) -> usize {
         self.run(bytes, false, sink)
     }
 
     /// Takes the last bytes: what is incomplete now is cut.
-    pub fn finish(&mut self, bytes: &[u8], sink: &mut impl FnMut(Found)) {
+    pub fn finish(&mut self, bytes: &[u8], sink: &mut impl FnMut(DeframerEvent)) {
         self.run(bytes, true, sink);
         self.end_skipping(sink);
     }
 
     #[inline]
-    fn run(&mut self, bytes: &[u8], last: bool, sink: &mut impl FnMut(Found)) -> usize {
+    fn run(&mut self, bytes: &[u8], last: bool, sink: &mut impl FnMut(DeframerEvent)) -> usize {
         let (start, mut at) = (self.offset, 0);
         while at < bytes.len() {
             let rest = &bytes[at..];
@@ -260,7 +260,7 @@ impl Deframer {
                 Candidate::Frame(kind, length) => {
                     self.offset = start + at as u64;
                     self.end_skipping(sink);
-                    sink(Found::Frame { at: self.offset, kind, payload: &rest[HEADER..length - CRC] });
+                    sink(DeframerEvent::Frame { at: self.offset, kind, payload: &rest[HEADER..length - CRC] });
                     at += length;
                     continue;
                 }
@@ -270,7 +270,7 @@ impl Deframer {
             };
             if rest.len() > 1 {
                 let bytes = &rest[..rest.len().min(defect.length(rest))];
-                sink(Found::Rejected { at: start + at as u64, defect, bytes });
+                sink(DeframerEvent::Rejected { at: start + at as u64, defect, bytes });
             }
             self.skip(start + at as u64, &rest[..1]);
             at += 1;
@@ -283,10 +283,10 @@ impl Deframer {
         self.skipping.get_or_insert(Run { at, first: [0; SKIPPED_TOLD], kept: 0 }).extend(bytes);
     }
 
-    fn end_skipping(&mut self, sink: &mut impl FnMut(Found)) {
+    fn end_skipping(&mut self, sink: &mut impl FnMut(DeframerEvent)) {
         if let Some(run) = self.skipping.take() {
             let first = &run.first[..usize::from(run.kept)];
-            sink(Found::Skipped { at: run.at, length: self.offset - run.at, first });
+            sink(DeframerEvent::Skipped { at: run.at, length: self.offset - run.at, first });
         }
     }
 }
@@ -297,14 +297,14 @@ mod tests {
     use proptest::prelude::*;
 
     /// Frames, defects, and how many bytes were skipped.
-    type Seen = (Vec<(u64, Kind, Vec<u8>)>, Vec<SerialDefect>, u64);
+    type Seen = (Vec<(u64, FrameType, Vec<u8>)>, Vec<SerialDefect>, u64);
 
     fn deframe(pieces: &[&[u8]]) -> Seen {
         let (mut frames, mut defects, mut skipped) = (Vec::new(), Vec::new(), 0);
-        let mut take = |found: Found| match found {
-            Found::Frame { at, kind, payload } => frames.push((at, kind, payload.to_vec())),
-            Found::Rejected { defect, .. } => defects.push(defect),
-            Found::Skipped { length, .. } => skipped += length,
+        let mut take = |found: DeframerEvent| match found {
+            DeframerEvent::Frame { at, kind, payload } => frames.push((at, kind, payload.to_vec())),
+            DeframerEvent::Rejected { defect, .. } => defects.push(defect),
+            DeframerEvent::Skipped { length, .. } => skipped += length,
         };
         let (mut deframer, mut buffer) = (Deframer::default(), Vec::new());
         for piece in pieces {
@@ -319,20 +319,20 @@ mod tests {
 
     #[test]
     fn a_good_frame_behind_a_false_sync_is_not_lost() {
-        let good = frame(Kind::Command, &[1]);
+        let good = frame(FrameType::Command, &[1]);
         for noise in
             [&[0xEB][..], &[0xEB, 0x90], &[0xEB, 0x90, 0x01], &[0xEB, 0x90, 0x10, 8], &[0xEB, 0x90, 1, 22, 0xEB]]
         {
             let bytes = [noise, &good].concat();
             let (frames, _, skipped) = deframe(&[&bytes]);
-            assert_eq!(frames, [(noise.len() as u64, Kind::Command, vec![1])], "{noise:02X?}");
+            assert_eq!(frames, [(noise.len() as u64, FrameType::Command, vec![1])], "{noise:02X?}");
             assert_eq!(skipped, noise.len() as u64);
         }
     }
 
     #[test]
     fn a_cut_frame_at_the_end_is_told_and_counted() {
-        let bytes = data_frame(&HalfSecond::default());
+        let bytes = data_frame(&Sample::default());
         let (frames, defects, skipped) = deframe(&[&bytes[..27]]);
         assert_eq!((frames.len(), defects, skipped), (0, vec![SerialDefect::Cut], 27));
     }
@@ -342,8 +342,8 @@ mod tests {
         fn pieces_do_not_matter_and_every_byte_is_accounted_for(
             parts in proptest::collection::vec(prop_oneof![
                 proptest::collection::vec(prop_oneof![Just(0xEBu8), Just(0x90), Just(1), Just(22), any::<u8>()], 0..40),
-                proptest::collection::vec(any::<u8>(), 1..=8).prop_map(|payload| frame(Kind::Command, &payload)),
-                any::<[i16; 4]>().prop_map(|increments| data_frame(&HalfSecond { increments, ..HalfSecond::default() }).to_vec()),
+                proptest::collection::vec(any::<u8>(), 1..=8).prop_map(|payload| frame(FrameType::Command, &payload)),
+                any::<[i16; 4]>().prop_map(|increments| data_frame(&Sample { increments, ..Sample::default() }).to_vec()),
             ], 0..20),
             piece in 1usize..50,
         ) {

@@ -5,8 +5,8 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use geu_protocol::serial::{Kind, data_frame, frame};
-use geu_protocol::{CanPlan, HalfSecond, describe};
+use geu_protocol::serial::{FrameType, data_frame, frame};
+use geu_protocol::{CanIdMap, Sample, describe};
 
 fn here(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(name)
@@ -32,7 +32,7 @@ fn text(output: &Output) -> String {
 #[test]
 fn files_are_those_the_generators_write() {
     for (form, name, generated) in [
-        ("dbc", "geu.dbc", describe::dbc(CanPlan::default())),
+        ("dbc", "geu.dbc", describe::dbc(CanIdMap::default())),
         ("header", "geu.h", describe::header()),
         ("dissector", "geu.lua", describe::dissector()),
         ("icd", "ICD.md", describe::icd()),
@@ -140,8 +140,8 @@ fn dissect(capture: &[u8], options: &[&str], fields: &[&str]) -> Option<Vec<Vec<
     Some(lines.lines().map(|line| line.split('\t').map(str::to_string).collect()).collect())
 }
 
-fn half_seconds() -> Vec<HalfSecond> {
-    let one = |sequence: u16| HalfSecond {
+fn half_seconds() -> Vec<Sample> {
+    let one = |sequence: u16| Sample {
         sequence,
         increments: [-2, i16::MIN, i16::MAX, sequence as i16 - 3],
         gyro_flags: 0x6F,
@@ -167,7 +167,7 @@ const FIELDS: [&str; 10] = [
 ];
 
 /// What tshark should print for `h`, in the order of `FIELDS`.
-fn row(h: &HalfSecond) -> Vec<String> {
+fn row(h: &Sample) -> Vec<String> {
     let celsius = |centi: i16| {
         let text = format!("{:.2}", f64::from(centi) / 100.0);
         text.trim_end_matches('0').trim_end_matches('.').to_string()
@@ -183,7 +183,7 @@ const NO_TSHARK: &str = "tshark is absent; the dissector was not tried";
 
 #[test]
 fn tshark_reads_can_frames_and_checks_status_with_the_increments_before_it() {
-    let plan = CanPlan::with_base(0x200).unwrap();
+    let plan = CanIdMap::with_base(0x200).unwrap();
     let mut packets = Vec::new();
     for half_second in half_seconds() {
         for frame in plan.frames(&half_second) {
@@ -226,8 +226,8 @@ fn tshark_reads_serial_frames_over_tcp_however_they_are_cut() {
     for half_second in half_seconds() {
         bytes.extend_from_slice(&data_frame(&half_second));
     }
-    bytes.extend_from_slice(&frame(Kind::Command, &[1]));
-    bytes.extend_from_slice(&frame(Kind::Reply, &[1, 0, 1, 0]));
+    bytes.extend_from_slice(&frame(FrameType::Command, &[1]));
+    bytes.extend_from_slice(&frame(FrameType::Reply, &[1, 0, 1, 0]));
     let mut fields = FIELDS.to_vec();
     fields.extend(["geu.opcode", "geu.ping_major", "geu.crc_good"]);
     // By the preference's port in pieces that cut every frame; found by the sync on another port.

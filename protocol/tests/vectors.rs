@@ -1,10 +1,10 @@
 //! The test vectors of the interface control document, byte for byte, both ways.
 
-use geu_protocol::can::{Assembled, Received};
-use geu_protocol::serial::{Deframer, Found, Kind, data_frame, read_data};
-use geu_protocol::{Assembler, CanPlan, HalfSecond};
+use geu_protocol::can::{AssemblerEvent, AssembledSample};
+use geu_protocol::serial::{Deframer, DeframerEvent, FrameType, data_frame, read_data};
+use geu_protocol::{Assembler, CanIdMap, Sample};
 
-const HALF_SECOND: HalfSecond = HalfSecond {
+const HALF_SECOND: Sample = Sample {
     sequence: 0,
     increments: [-2, -2, 5, 5],
     gyro_flags: 0x0F,
@@ -22,7 +22,7 @@ const SERIAL: [u8; 28] = [
 
 #[test]
 fn can_frames_are_those_of_the_document() {
-    let plan = CanPlan::default();
+    let plan = CanIdMap::default();
     for (frame, (id, data)) in plan.frames(&HALF_SECOND).iter().zip(CAN) {
         assert_eq!((frame.id(), frame.data()), (id, &data.to_be_bytes()[..]));
     }
@@ -30,7 +30,7 @@ fn can_frames_are_those_of_the_document() {
     for (stamp, (id, data)) in CAN.into_iter().enumerate() {
         assembler.push(plan.role(id.into()), stamp, &data.to_be_bytes(), &mut |event| found.push(event));
     }
-    assert_eq!(found, [Assembled::Row(Received { stamp: 0, half_second: HALF_SECOND, has_clock: true })]);
+    assert_eq!(found, [AssemblerEvent::Row(AssembledSample { stamp: 0, half_second: HALF_SECOND, has_clock: true })]);
 }
 
 #[test]
@@ -38,7 +38,7 @@ fn the_serial_frame_is_that_of_the_document() {
     assert_eq!(data_frame(&HALF_SECOND), SERIAL);
     let mut found = Vec::new();
     Deframer::default().consume(&SERIAL, &mut |event| {
-        if let Found::Frame { at: 0, kind: Kind::Data, payload } = event {
+        if let DeframerEvent::Frame { at: 0, kind: FrameType::Data, payload } = event {
             found.push(read_data(payload));
         }
     });

@@ -4,9 +4,9 @@
 use std::path::Path;
 
 use geu_model::attitude::Motion;
-use geu_model::{Configuration, Truth, Unit};
+use geu_model::{Configuration, Truth, GyroUnit};
 use geu_protocol::Gyro;
-use geu_recording::{Defect, InputReader, Options, Reference, Row, Sink, Stop};
+use geu_recording::{Defect, InputReader, DecoderOptions, ReferenceAttitude, ReceivedSample, Sink, Stop};
 use nalgebra::{DMatrix, DVector};
 
 use crate::whitening::Whitening;
@@ -20,10 +20,10 @@ pub const SIGNIFICANT: f64 = 25.0;
 pub const NOISE_LIKE: std::ops::Range<f64> = 0.97..1.03;
 
 #[derive(Default)]
-struct Rows(Vec<Row>);
+struct Rows(Vec<ReceivedSample>);
 
 impl Sink for Rows {
-    fn row(&mut self, row: &Row) {
+    fn row(&mut self, row: &ReceivedSample) {
         self.0.push(*row);
     }
     fn defect(&mut self, defect: &Defect) {
@@ -34,9 +34,9 @@ impl Sink for Rows {
 /// One recording: what was measured, and what moved.
 pub struct Recording {
     /// Each half second.
-    pub rows: Vec<Row>,
+    pub rows: Vec<ReceivedSample>,
     /// The motion.
-    pub reference: Reference,
+    pub reference: ReferenceAttitude,
 }
 
 impl Recording {
@@ -45,10 +45,10 @@ impl Recording {
     /// # Panics
     /// Where a file cannot be read, or has a defect.
     pub fn read(link: &Path, reference: &Path) -> Recording {
-        let (mut reader, mut rows) = (InputReader::new(Options::default(), Stop::default()), Rows::default());
+        let (mut reader, mut rows) = (InputReader::new(DecoderOptions::default(), Stop::default()), Rows::default());
         reader.read(&link.to_string_lossy(), &mut rows).expect("a recording");
         reader.finish(&mut rows).1.expect("a recording");
-        let reference = Reference::read(&reference.to_string_lossy()).expect("a reference");
+        let reference = ReferenceAttitude::read(&reference.to_string_lossy()).expect("a reference");
         Recording { rows: rows.0, reference }
     }
 
@@ -74,7 +74,7 @@ impl Recording {
             .map(|(index, row)| ((index + 1) as f64 * 0.5, f64::from(row.half_second.electronics_centi_c) * 0.01))
             .collect();
         let truth = Truth::Recorded(self.reference.truth.clone());
-        let mut unit = Unit::on(&configuration, &truth);
+        let mut unit = GyroUnit::on(&configuration, &truth);
         let mut motion = Motion::recorded(self.reference.truth.clone(), 0.0);
         let (mut difference, mut turned, mut end_s) = ([0.0; 4], [0.0; 3], 0.0);
         let (mut residuals, mut regressors): ([Vec<f64>; 4], Vec<f64>) = Default::default();

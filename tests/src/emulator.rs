@@ -11,8 +11,8 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use geu_process::EmulatorProcess;
-use geu_protocol::serial::{Deframer, Found, Kind, read_data};
-use geu_protocol::{HalfSecond, Reply};
+use geu_protocol::serial::{Deframer, DeframerEvent, FrameType, read_data};
+use geu_protocol::{Sample, Reply};
 use nix::libc::{O_NOCTTY, O_NONBLOCK};
 
 use crate::geu;
@@ -125,7 +125,7 @@ pub struct Client {
     /// Everything received.
     pub bytes: Vec<u8>,
     /// Half seconds received.
-    pub half_seconds: Vec<HalfSecond>,
+    pub half_seconds: Vec<Sample>,
     /// Replies received.
     pub replies: Vec<Reply>,
     /// What was neither.
@@ -188,8 +188,8 @@ impl Client {
         self.bytes.extend_from_slice(bytes);
         self.buffer.extend_from_slice(bytes);
         let used = self.deframer.consume(&self.buffer, &mut |found| match found {
-            Found::Frame { kind: Kind::Data, payload, .. } => self.half_seconds.push(read_data(payload)),
-            Found::Frame { kind: Kind::Reply, payload, .. } => {
+            DeframerEvent::Frame { kind: FrameType::Data, payload, .. } => self.half_seconds.push(read_data(payload)),
+            DeframerEvent::Frame { kind: FrameType::Reply, payload, .. } => {
                 self.replies.push(Reply::read(payload).expect("a reply"))
             }
             _ => self.defects += 1,

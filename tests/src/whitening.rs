@@ -5,7 +5,7 @@
 //! walks predicts each angle from those before it; the innovation over its own deviation is white. The filter is linear
 //! and knows no data, so it is the same for a residual and for everything that is fitted to it.
 
-use geu_model::effect::HeadEffects;
+use geu_model::effect::GyroEffects;
 
 /// Variance of a rounded number, even between two whole ones.
 const ROUNDING: f64 = 1.0 / 12.0;
@@ -16,7 +16,7 @@ pub struct Whitening(Vec<([f64; 2], f64)>);
 
 impl Whitening {
     /// The filter for `rows` half seconds of the noise that `effects` configure.
-    pub fn of(effects: &HeadEffects, rows: usize) -> Whitening {
+    pub fn of(effects: &GyroEffects, rows: usize) -> Whitening {
         let angle = effects.angle_random_walk.arcsec_per_sqrt_s.powi(2);
         let drift = effects.drift_random_walk.arcsec_per_s_per_sqrt_s.powi(2);
         let t = HALF_SECOND_S;

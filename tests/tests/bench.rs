@@ -292,7 +292,7 @@ fn a_plan_s_expectations_decide_the_exit_code() {
         let (emulator, mut client) = Emulator::on_tcp(&[&arguments[..], &more].concat());
         assert!(client.read_until(|client| client.half_seconds.len() > 8));
         if answers {
-            client.ask(&geu_protocol::serial::frame(geu_protocol::serial::Kind::Command, &[1]));
+            client.ask(&geu_protocol::serial::frame(geu_protocol::serial::FrameType::Command, &[1]));
         }
         let (code, said) = emulator.end();
         assert_eq!(code, Some(if answers { 0 } else { 1 }), "{said}");
@@ -318,7 +318,7 @@ fn a_client_that_floods_the_interface_delays_no_reply_on_the_link() {
         })
         .collect();
     sleep(Duration::from_millis(100));
-    let ping = geu_protocol::serial::frame(geu_protocol::serial::Kind::Command, &[1]);
+    let ping = geu_protocol::serial::frame(geu_protocol::serial::FrameType::Command, &[1]);
     let mut times: Vec<Duration> = (0..50).map(|_| client.ask(&ping).1).collect();
     times.sort_unstable();
     assert!(times[25] < Duration::from_millis(20), "{times:?}");

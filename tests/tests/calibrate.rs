@@ -6,10 +6,10 @@ use std::process::Output;
 use std::sync::OnceLock;
 
 use geu_calibration::transfer::misalignment_matrix;
-use geu_calibration::{Believed, CountsReader};
+use geu_calibration::{PriorCalibration, CountsReader};
 use geu_model::Configuration;
 use geu_model::package::Calibration;
-use geu_recording::{InputReader, Options, Reference, Stop};
+use geu_recording::{InputReader, DecoderOptions, ReferenceAttitude, Stop};
 use geu_tests::{geu, recordings, root};
 use nalgebra::Vector3;
 use tempfile::TempDir;
@@ -71,7 +71,7 @@ fn arguments<'a>(link: &'a str, manoeuvres: &'a str, reference: &'a str) -> Vec<
 
 fn solved(json: &Path) -> ([Calibration; 4], [f64; 16]) {
     let text = fs::read_to_string(json).expect("written");
-    let believed = Believed::parse("result.json", &text, &[]).expect("a calibration");
+    let believed = PriorCalibration::parse("result.json", &text, &[]).expect("a calibration");
     (believed.calibrations, geu_calibration::solve::values(&believed.sigmas))
 }
 
@@ -118,11 +118,11 @@ fn a_recording_made_by_something_else_is_followed_to_the_end() {
     let json = room.path().join("result.json");
     run(&["calibrate", "--link", text(&link), "--reference", text(&reference), "--json", text(&json)]);
     let (calibrations, _) = solved(&json);
-    let (mut reader, mut counts) = (InputReader::new(Options::default(), Stop::default()), CountsReader::default());
+    let (mut reader, mut counts) = (InputReader::new(DecoderOptions::default(), Stop::default()), CountsReader::default());
     reader.read(text(&link), &mut counts).expect("a recording");
     reader.finish(&mut counts).1.expect("a recording");
     let counts = counts.finish(0).expect("half seconds");
-    let reference = Reference::read(text(&reference)).expect("a reference");
+    let reference = ReferenceAttitude::read(text(&reference)).expect("a reference");
     let offset_s = (counts.start_ns - reference.start_ns) as f64 * 1e-9;
     let matrix = misalignment_matrix(&calibrations);
     let mut near = 0;

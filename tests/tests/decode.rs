@@ -6,7 +6,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 
-use geu_protocol::{CLOCK_PER_HALF_SECOND, CanPlan, HalfSecond};
+use geu_protocol::{CLOCK_PER_HALF_SECOND, CanIdMap, Sample};
 use geu_tests::{geu, recordings, root, skipped};
 
 const HEADER: &str = "t_s,sequence,clock_count,gyrx,gyry,gyrza,gyrzb,gyro_flags,unit_flags,electronics_c,sensor_c";
@@ -42,8 +42,8 @@ fn summary(text: &str, name: &str) -> String {
     line.map_or_else(|| panic!("no {name} in {text}"), |line| line[name.len()..].trim().to_owned())
 }
 
-fn half_second(index: u16) -> HalfSecond {
-    HalfSecond {
+fn half_second(index: u16) -> Sample {
+    Sample {
         sequence: index,
         increments: [-2 * index as i16, index as i16, 5, -32_768 + index as i16],
         gyro_flags: if index % 7 == 3 { 0x8F } else { 0x0F },
@@ -62,7 +62,7 @@ fn t_us(index: u16) -> u64 {
 fn encoded_log() -> String {
     let mut log = String::new();
     for index in 0..ROWS {
-        for (later_us, frame) in [0, 250, 500].into_iter().zip(CanPlan::default().frames(&half_second(index))) {
+        for (later_us, frame) in [0, 250, 500].into_iter().zip(CanIdMap::default().frames(&half_second(index))) {
             let t_us = t_us(index) + later_us;
             let data: String = frame.data().iter().map(|byte| format!("{byte:02X}")).collect();
             log += &format!("({}.{:06}) can0 {:03X}#{data}\n", t_us / 1_000_000, t_us % 1_000_000, frame.id());
@@ -312,7 +312,7 @@ fn a_cut_container_gives_the_rows_so_far_and_exit_2() {
     for word in [0xA1B2_C3D4u32, 0x0004_0002, 0, 0, 65_535, 227] {
         pcap.extend_from_slice(&word.to_le_bytes());
     }
-    for frame in (0..2).flat_map(|index| CanPlan::default().frames(&half_second(index))) {
+    for frame in (0..2).flat_map(|index| CanIdMap::default().frames(&half_second(index))) {
         for word in [1_795_020_000u32, 0, 16, 16] {
             pcap.extend_from_slice(&word.to_le_bytes());
         }

@@ -11,7 +11,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use geu_protocol::serial::data_frame;
-use geu_protocol::{CLOCK_PER_HALF_SECOND, HalfSecond};
+use geu_protocol::{CLOCK_PER_HALF_SECOND, Sample};
 use geu_tests::geu;
 use nix::fcntl::{FcntlArg, FdFlag, fcntl};
 use nix::pty::openpty;
@@ -19,13 +19,13 @@ use nix::sys::signal::{Signal, kill};
 use nix::sys::stat::Mode;
 use nix::unistd::{Pid, mkfifo, ttyname};
 
-fn half_second(index: u16) -> HalfSecond {
-    HalfSecond {
+fn half_second(index: u16) -> Sample {
+    Sample {
         sequence: index,
         // Bytes that a terminal in cooked mode would change or act on: carriage return, interrupt, end of file.
         increments: [0x0D0A, 0x0304, 0x1113, 0x7F0D],
         clock_count: (u64::from(index) + 1) * CLOCK_PER_HALF_SECOND,
-        ..HalfSecond::default()
+        ..Sample::default()
     }
 }
 

@@ -7,11 +7,11 @@ use std::sync::Mutex;
 
 use geu_diagnosis::outcome::{Class, DiagnosedEffect};
 use geu_diagnosis::rivals::APART_CHI2;
-use geu_diagnosis::{Diagnosis, Settings, Thresholds, Verdict, diagnose_rows, report};
+use geu_diagnosis::{Diagnosis, DiagnosisOptions, Thresholds, Verdict, diagnose_rows, report};
 use geu_model::Configuration;
 use geu_model::units::HALF_SECOND_S;
-use geu_plant::{GYROS, Gyro, Hidden, Plant};
-use geu_recording::Reference;
+use geu_plant::{GYROS, Gyro, PlantedEffect, IndependentModel};
+use geu_recording::ReferenceAttitude;
 use geu_tests::comparison::Recording;
 use geu_tests::recordings;
 use rand::{RngExt, SeedableRng};
@@ -27,7 +27,7 @@ const UNIT: &[Gyro] = &[];
 /// Recordings of one flight have their thresholds in common.
 static THRESHOLDS: Mutex<Option<HashMap<u64, Thresholds>>> = Mutex::new(None);
 
-fn recorded(plant: &Plant) -> Recording {
+fn recorded(plant: &IndependentModel) -> Recording {
     let room = tempfile::tempdir().expect("a directory");
     let recording = plant.record();
     let [link, reference] = ["link.log", "reference.csv"].map(|name| room.path().join(name));
@@ -36,8 +36,8 @@ fn recorded(plant: &Plant) -> Recording {
     Recording::read(&link, &reference)
 }
 
-fn diagnosed(recording: &Recording, reference: &Reference, believed: &Configuration) -> Diagnosis {
-    let settings = Settings {
+fn diagnosed(recording: &Recording, reference: &ReferenceAttitude, believed: &Configuration) -> Diagnosis {
+    let settings = DiagnosisOptions {
         seed: 1,
         clock_start_ns: reference.start_ns,
         manoeuvres: None,
@@ -85,18 +85,18 @@ impl Bench {
             fields.join(",")
         });
         let told = told.collect::<Vec<_>>().join("\n");
-        recording.reference = Reference::parse("reference.csv", &told).expect("a reference");
+        recording.reference = ReferenceAttitude::parse("reference.csv", &told).expect("a reference");
     }
 }
 
-fn diagnosis(seed: u64, hidden: &[Hidden]) -> Diagnosis {
+fn diagnosis(seed: u64, hidden: &[PlantedEffect]) -> Diagnosis {
     diagnosis_of(seed, hidden, None)
 }
 
-fn diagnosis_of(seed: u64, hidden: &[Hidden], bench: Option<&Bench>) -> Diagnosis {
+fn diagnosis_of(seed: u64, hidden: &[PlantedEffect], bench: Option<&Bench>) -> Diagnosis {
     let is_cooling = hidden.iter().any(|hidden| hidden.code.starts_with("drift-sensor-temperature"));
     let heater_off_s = is_cooling.then_some(4000.0);
-    let plant = Plant { heater_off_s, ..Plant::new(seed, hidden.to_vec()) };
+    let plant = IndependentModel { heater_off_s, ..IndependentModel::new(seed, hidden.to_vec()) };
     let mut recording = recorded(&plant);
     if let Some(bench) = bench {
         bench.tells(&mut recording, &plant.record().reference);
@@ -116,13 +116,13 @@ fn missing(diagnosis: &Diagnosis) -> impl Iterator<Item = &DiagnosedEffect> {
     diagnosis.entries.iter().filter(|entry| entry.class == Class::MissingEffect)
 }
 
-fn gyros(hidden: &Hidden) -> [bool; 4] {
+fn gyros(hidden: &PlantedEffect) -> [bool; 4] {
     let has = |gyro: &Gyro| hidden.gyros.is_empty() || hidden.gyros.contains(gyro);
     GYROS.each_ref().map(has)
 }
 
 /// Whether an entry names what is hidden, itself or as one of a group that cannot be told apart.
-fn names(entry: &DiagnosedEffect, hidden: &Hidden) -> bool {
+fn names(entry: &DiagnosedEffect, hidden: &PlantedEffect) -> bool {
     let is_rival = entry.rivals.iter().any(|rival| {
         rival.code == hidden.code
             && rival.gyros == gyros(hidden)
@@ -132,7 +132,7 @@ fn names(entry: &DiagnosedEffect, hidden: &Hidden) -> bool {
 }
 
 /// Each is named, and nothing else; what is named by its own code has its size within so many sigmas.
-fn assert_named(seed: u64, hidden: &[Hidden]) {
+fn assert_named(seed: u64, hidden: &[PlantedEffect]) {
     // Of the sixty sizes told here a normal error makes one that is farther off in one of 250 sets of seeds.
     const SIGMAS: f64 = 4.0;
     let diagnosis = diagnosis(seed, hidden);
@@ -151,7 +151,7 @@ fn assert_named(seed: u64, hidden: &[Hidden]) {
     }
 }
 
-fn assert_each_named(seed: u64, all: &[Hidden]) {
+fn assert_each_named(seed: u64, all: &[PlantedEffect]) {
     all.iter().for_each(|hidden| assert_named(seed, std::slice::from_ref(hidden)));
 }
 
@@ -164,7 +164,7 @@ fn nothing_is_named_in_two_recordings_where_nothing_is_hidden() {
 /// The seeds whose recording, with nothing hidden, is not told to be consistent without a name.
 fn false_alarms(seeds: std::ops::Range<u64>, duration_s: f64) -> Vec<u64> {
     let is_false = |seed: &u64| {
-        let recording = recorded(&Plant { duration_s, ..Plant::new(*seed, Vec::new()) });
+        let recording = recorded(&IndependentModel { duration_s, ..IndependentModel::new(*seed, Vec::new()) });
         let diagnosis = diagnosed(&recording, &recording.reference, &Configuration::reference());
         println!("== seed {seed}: {}", diagnosis.verdict.name());
         missing(&diagnosis).for_each(|entry| println!("   {}", report::heading(entry)));
@@ -188,15 +188,15 @@ fn drifts_are_named() {
     assert_each_named(
         2,
         &[
-            Hidden::new("drift-step", Y, &[("arcsec_per_h", 16.0), ONSET]),
-            Hidden::new("drift-ramp", X, &[("arcsec_per_h_per_day", 420.0)]),
-            Hidden::new("drift-temperature", ZA, &[("arcsec_per_h_per_k", 12.0)]),
-            Hidden::new(
+            PlantedEffect::new("drift-step", Y, &[("arcsec_per_h", 16.0), ONSET]),
+            PlantedEffect::new("drift-ramp", X, &[("arcsec_per_h_per_day", 420.0)]),
+            PlantedEffect::new("drift-temperature", ZA, &[("arcsec_per_h_per_k", 12.0)]),
+            PlantedEffect::new(
                 "drift-periodic",
                 ZB,
                 &[("amplitude_arcsec_per_h", 20.0), ("period_s", 5000.0), ("phase_rad", 1.0)],
             ),
-            Hidden::new("drift-sensor-temperature", X, &[("arcsec_per_h_per_k", 1.0)]),
+            PlantedEffect::new("drift-sensor-temperature", X, &[("arcsec_per_h_per_k", 1.0)]),
         ],
     );
 }
@@ -207,16 +207,16 @@ fn scale_factors_are_named() {
     assert_each_named(
         2,
         &[
-            Hidden::new("scale-factor-step", ZB, &[("ppm", 60.0), ONSET]),
-            Hidden::new("scale-factor-ramp", Y, &[("ppm_per_day", 1500.0)]),
-            Hidden::new("scale-factor-temperature", &GYROS, &[("ppm_per_k", 12.5)]),
-            Hidden::new(
+            PlantedEffect::new("scale-factor-step", ZB, &[("ppm", 60.0), ONSET]),
+            PlantedEffect::new("scale-factor-ramp", Y, &[("ppm_per_day", 1500.0)]),
+            PlantedEffect::new("scale-factor-temperature", &GYROS, &[("ppm_per_k", 12.5)]),
+            PlantedEffect::new(
                 "scale-factor-periodic",
                 Y,
                 &[("amplitude_ppm", 80.0), ("period_s", 5000.0), ("phase_rad", 1.0)],
             ),
-            Hidden::new("scale-factor-nonlinearity", Y, &[("cubic_ppm", 180.0)]),
-            Hidden::new("scale-factor-asymmetry", ZA, &[("ppm", 120.0)]),
+            PlantedEffect::new("scale-factor-nonlinearity", Y, &[("cubic_ppm", 180.0)]),
+            PlantedEffect::new("scale-factor-asymmetry", ZA, &[("ppm", 120.0)]),
         ],
     );
 }
@@ -227,11 +227,11 @@ fn clocks_and_links_are_named() {
     assert_each_named(
         2,
         &[
-            Hidden::new("clock-frequency", UNIT, &[("ppm", 14.0)]),
-            Hidden::new("clock-frequency-temperature", UNIT, &[("ppm_per_k", 3.0)]),
-            Hidden::new("time-offset", UNIT, &[("seconds", 0.03)]),
-            Hidden::new("time-offset", UNIT, &[("seconds", -0.03)]),
-            Hidden::new("lost-counts", X, &[("counts", -15.0), ("time_s", 6000.0)]),
+            PlantedEffect::new("clock-frequency", UNIT, &[("ppm", 14.0)]),
+            PlantedEffect::new("clock-frequency-temperature", UNIT, &[("ppm_per_k", 3.0)]),
+            PlantedEffect::new("time-offset", UNIT, &[("seconds", 0.03)]),
+            PlantedEffect::new("time-offset", UNIT, &[("seconds", -0.03)]),
+            PlantedEffect::new("lost-counts", X, &[("counts", -15.0), ("time_s", 6000.0)]),
         ],
     );
 }
@@ -243,9 +243,9 @@ fn pivots_are_named() {
     assert_each_named(
         3,
         &[
-            Hidden::new("pivot-clearance", X, &[clearance]),
-            Hidden::new("pivot-clearance", ZB, &[clearance, ("preferred_arcsec", 3.0)]),
-            Hidden::new("pivot-clearance-step", Y, &[clearance, ONSET]),
+            PlantedEffect::new("pivot-clearance", X, &[clearance]),
+            PlantedEffect::new("pivot-clearance", ZB, &[clearance, ("preferred_arcsec", 3.0)]),
+            PlantedEffect::new("pivot-clearance-step", Y, &[clearance, ONSET]),
         ],
     );
 }
@@ -256,10 +256,10 @@ fn misalignments_are_named() {
     assert_each_named(
         3,
         &[
-            Hidden::new("misalignment-step", X, &[("y_arcsec", 20.0), ONSET]),
-            Hidden::new("misalignment-ramp", ZA, &[("y_arcsec_per_day", 300.0)]),
-            Hidden::new("misalignment-temperature", ZB, &[("x_arcsec_per_k", 20.0)]),
-            Hidden::new("misalignment-thermal", UNIT, &[("arcsec_per_deg", 0.9), ("time_constant_s", 280.0)]),
+            PlantedEffect::new("misalignment-step", X, &[("y_arcsec", 20.0), ONSET]),
+            PlantedEffect::new("misalignment-ramp", ZA, &[("y_arcsec_per_day", 300.0)]),
+            PlantedEffect::new("misalignment-temperature", ZB, &[("x_arcsec_per_k", 20.0)]),
+            PlantedEffect::new("misalignment-thermal", UNIT, &[("arcsec_per_deg", 0.9), ("time_constant_s", 280.0)]),
         ],
     );
 }
@@ -270,8 +270,8 @@ fn products_and_accelerations_are_named() {
     assert_each_named(
         3,
         &[
-            Hidden::new("output-axis-acceleration", ZA, &[("seconds", 0.005)]),
-            Hidden::new("anisoinertia", X, &[("seconds", 0.02)]),
+            PlantedEffect::new("output-axis-acceleration", ZA, &[("seconds", 0.005)]),
+            PlantedEffect::new("anisoinertia", X, &[("seconds", 0.02)]),
         ],
     );
 }
@@ -281,16 +281,16 @@ fn products_and_accelerations_are_named() {
 fn pairs_are_named() {
     for pair in [
         [
-            Hidden::new("pivot-clearance", ZB, &[("clearance_arcsec", 9.0)]),
-            Hidden::new("drift-ramp", X, &[("arcsec_per_h_per_day", 420.0)]),
+            PlantedEffect::new("pivot-clearance", ZB, &[("clearance_arcsec", 9.0)]),
+            PlantedEffect::new("drift-ramp", X, &[("arcsec_per_h_per_day", 420.0)]),
         ],
         [
-            Hidden::new("pivot-clearance", X, &[("clearance_arcsec", 9.0)]),
-            Hidden::new("drift-step", X, &[("arcsec_per_h", 30.0), ONSET]),
+            PlantedEffect::new("pivot-clearance", X, &[("clearance_arcsec", 9.0)]),
+            PlantedEffect::new("drift-step", X, &[("arcsec_per_h", 30.0), ONSET]),
         ],
         [
-            Hidden::new("clock-frequency", UNIT, &[("ppm", 14.0)]),
-            Hidden::new("scale-factor-nonlinearity", Y, &[("cubic_ppm", 300.0)]),
+            PlantedEffect::new("clock-frequency", UNIT, &[("ppm", 14.0)]),
+            PlantedEffect::new("scale-factor-nonlinearity", Y, &[("cubic_ppm", 300.0)]),
         ],
     ] {
         assert_named(4, &pair);
@@ -301,9 +301,9 @@ fn pairs_are_named() {
 #[ignore = "minutes; .ci/run has it"]
 fn noises_are_named() {
     for hidden in [
-        Hidden::new("angle-random-walk", &GYROS, &[("arcsec_per_sqrt_s", 0.1)]),
-        Hidden::new("drift-random-walk", &GYROS, &[("arcsec_per_s_per_sqrt_s", 2e-4)]),
-        Hidden::new("drift-random-walk", Y, &[("arcsec_per_s_per_sqrt_s", 2e-4)]),
+        PlantedEffect::new("angle-random-walk", &GYROS, &[("arcsec_per_sqrt_s", 0.1)]),
+        PlantedEffect::new("drift-random-walk", &GYROS, &[("arcsec_per_s_per_sqrt_s", 2e-4)]),
+        PlantedEffect::new("drift-random-walk", Y, &[("arcsec_per_s_per_sqrt_s", 2e-4)]),
     ] {
         assert_named(4, &[hidden]);
     }
@@ -313,9 +313,9 @@ fn noises_are_named() {
 #[ignore = "minutes; .ci/run has it"]
 fn wiring_is_named() {
     for hidden in [
-        Hidden::new("sign-inversion-step", Y, &[("on", 1.0), ONSET]),
-        Hidden::new("axis-swap", &[Gyro::Y, Gyro::Za], &[("on", 1.0)]),
-        Hidden::new("stuck-output-step", X, &[("on", 1.0), ONSET]),
+        PlantedEffect::new("sign-inversion-step", Y, &[("on", 1.0), ONSET]),
+        PlantedEffect::new("axis-swap", &[Gyro::Y, Gyro::Za], &[("on", 1.0)]),
+        PlantedEffect::new("stuck-output-step", X, &[("on", 1.0), ONSET]),
     ] {
         let diagnosis = diagnosis(9, std::slice::from_ref(&hidden));
         let named: Vec<&str> = missing(&diagnosis).map(|entry| entry.code.as_str()).collect();
@@ -326,7 +326,7 @@ fn wiring_is_named() {
 }
 
 /// What is hidden is named, or nothing is beside what is wrong with the bench; never anything else.
-fn assert_not_misnamed(seed: u64, hidden: &[Hidden], bench: &Bench, beside: &[&str]) {
+fn assert_not_misnamed(seed: u64, hidden: &[PlantedEffect], bench: &Bench, beside: &[&str]) {
     let diagnosis = diagnosis_of(seed, hidden, Some(bench));
     for entry in missing(&diagnosis) {
         // Noise that is larger on all gyros may be told of some of them.
@@ -341,12 +341,12 @@ fn assert_not_misnamed(seed: u64, hidden: &[Hidden], bench: &Bench, beside: &[&s
 #[ignore = "minutes; .ci/run has it"]
 fn noise_five_times_as_large_misleads_nobody() {
     let walks = [
-        Hidden::new("angle-random-walk", &GYROS, &[("arcsec_per_sqrt_s", 0.05)]),
-        Hidden::new("drift-random-walk", &GYROS, &[("arcsec_per_s_per_sqrt_s", 4e-5)]),
+        PlantedEffect::new("angle-random-walk", &GYROS, &[("arcsec_per_sqrt_s", 0.05)]),
+        PlantedEffect::new("drift-random-walk", &GYROS, &[("arcsec_per_s_per_sqrt_s", 4e-5)]),
     ];
     for seed in 12..15 {
         assert_not_misnamed(seed, &walks, &Bench::default(), &[]);
-        let hidden = Hidden::new("pivot-clearance", X, &[("clearance_arcsec", 11.5)]);
+        let hidden = PlantedEffect::new("pivot-clearance", X, &[("clearance_arcsec", 11.5)]);
         assert_not_misnamed(seed, &[&walks[..], &[hidden]].concat(), &Bench::default(), &[]);
     }
 }
@@ -356,9 +356,9 @@ fn noise_five_times_as_large_misleads_nobody() {
 fn a_temperature_told_late_misleads_nobody() {
     let bench = Bench { temperature_late: 600, ..Bench::default() };
     for hidden in [
-        Hidden::new("scale-factor-temperature", &GYROS, &[("ppm_per_k", 12.5)]),
-        Hidden::new("drift-temperature", Y, &[("arcsec_per_h_per_k", 12.0)]),
-        Hidden::new("pivot-clearance", ZB, &[("clearance_arcsec", 9.0)]),
+        PlantedEffect::new("scale-factor-temperature", &GYROS, &[("ppm_per_k", 12.5)]),
+        PlantedEffect::new("drift-temperature", Y, &[("arcsec_per_h_per_k", 12.0)]),
+        PlantedEffect::new("pivot-clearance", ZB, &[("clearance_arcsec", 9.0)]),
     ] {
         assert_not_misnamed(15, &[hidden], &bench, &[]);
     }
@@ -368,7 +368,7 @@ fn a_temperature_told_late_misleads_nobody() {
 #[test]
 #[ignore = "minutes; .ci/run has it"]
 fn how_late_a_temperature_is_told_is_found() {
-    let hidden = [Hidden::new("scale-factor-temperature", &GYROS, &[("ppm_per_k", 25.0)])];
+    let hidden = [PlantedEffect::new("scale-factor-temperature", &GYROS, &[("ppm_per_k", 25.0)])];
     for half_seconds in [0, 440] {
         let bench = Bench { temperature_late: half_seconds, ..Bench::default() };
         let diagnosis = diagnosis_of(19, &hidden, Some(&bench));
@@ -384,7 +384,7 @@ fn a_reference_that_errs_misleads_nobody() {
     let bench = Bench { noise_arcsec: 1.0, ..Bench::default() };
     for seed in 16..18 {
         assert_not_misnamed(seed, &[], &bench, &[]);
-        assert_not_misnamed(seed, &[Hidden::new("pivot-clearance", X, &[("clearance_arcsec", 11.5)])], &bench, &[]);
+        assert_not_misnamed(seed, &[PlantedEffect::new("pivot-clearance", X, &[("clearance_arcsec", 11.5)])], &bench, &[]);
     }
 }
 
@@ -397,7 +397,7 @@ fn a_reference_that_is_late_is_a_time_offset_or_its_rival_and_nothing_else() {
     assert_eq!((entry.code.as_str(), entry.rivals[0].code.as_str()), ("time-offset", "reference-late"));
     assert_not_misnamed(
         18,
-        &[Hidden::new("drift-step", Y, &[("arcsec_per_h", 30.0), ONSET])],
+        &[PlantedEffect::new("drift-step", Y, &[("arcsec_per_h", 30.0), ONSET])],
         &bench,
         &["time-offset"],
     );
@@ -405,20 +405,20 @@ fn a_reference_that_is_late_is_a_time_offset_or_its_rival_and_nothing_else() {
 
 #[test]
 fn a_formula_that_is_in_no_catalogue_is_proposed() {
-    assert_in_no_catalogue(&[(Hidden::new("rate-squared-coupling", ZB, &[("per_arcsec_s", 4e-7)]), Some("rate_y^2"))]);
+    assert_in_no_catalogue(&[(PlantedEffect::new("rate-squared-coupling", ZB, &[("per_arcsec_s", 4e-7)]), Some("rate_y^2"))]);
 }
 
 #[test]
 #[ignore = "minutes; .ci/run has it"]
 fn what_is_in_no_catalogue_is_not_given_a_name_of_it() {
     assert_in_no_catalogue(&[
-        (Hidden::new("rate-product-coupling", Y, &[("per_arcsec_s", 3e-7)]), Some("rate_x*rate_z")),
-        (Hidden::new("rate-drift", X, &[("ppm", 100.0)]), Some("abs(rate_z)")),
-        (Hidden::new("count-backlash", ZA, &[("play_arcsec", 8.0)]), None),
+        (PlantedEffect::new("rate-product-coupling", Y, &[("per_arcsec_s", 3e-7)]), Some("rate_x*rate_z")),
+        (PlantedEffect::new("rate-drift", X, &[("ppm", 100.0)]), Some("abs(rate_z)")),
+        (PlantedEffect::new("count-backlash", ZA, &[("play_arcsec", 8.0)]), None),
     ]);
 }
 
-fn assert_in_no_catalogue(cases: &[(Hidden, Option<&str>)]) {
+fn assert_in_no_catalogue(cases: &[(PlantedEffect, Option<&str>)]) {
     for (hidden, formula) in cases {
         let diagnosis = diagnosis(11, std::slice::from_ref(hidden));
         assert!(missing(&diagnosis).all(|entry| entry.code == "discovered"), "{hidden:?}");
@@ -438,15 +438,15 @@ fn effects_of_every_kind_are_named() {
     assert_each_named(
         2,
         &[
-            Hidden::new("drift-step", Y, &[("arcsec_per_h", 16.0), ONSET]),
-            Hidden::new("scale-factor-temperature", &GYROS, &[("ppm_per_k", 12.5)]),
-            Hidden::new("pivot-clearance", X, &[("clearance_arcsec", 11.5)]),
+            PlantedEffect::new("drift-step", Y, &[("arcsec_per_h", 16.0), ONSET]),
+            PlantedEffect::new("scale-factor-temperature", &GYROS, &[("ppm_per_k", 12.5)]),
+            PlantedEffect::new("pivot-clearance", X, &[("clearance_arcsec", 11.5)]),
         ],
     );
 }
 
 /// The codes and gyros hidden in a recording, and its numbers, of answers.toml.
-fn answers(text: &str, recording: &str) -> Vec<Hidden> {
+fn answers(text: &str, recording: &str) -> Vec<PlantedEffect> {
     let document: toml_edit::DocumentMut = text.parse().expect("TOML");
     let all = document["hidden"].as_array_of_tables().expect("tables");
     let own = all.iter().filter(|table| table["recording"].as_str() == Some(recording));
@@ -457,7 +457,7 @@ fn answers(text: &str, recording: &str) -> Vec<Hidden> {
         let numbers = table.iter().filter_map(|(name, item)| {
             Some((name, item.as_float().or_else(|| item.as_integer().map(|value| value as f64))?))
         });
-        Hidden::new(table["effect"].as_str().expect("a code"), &gyros, &numbers.collect::<Vec<_>>())
+        PlantedEffect::new(table["effect"].as_str().expect("a code"), &gyros, &numbers.collect::<Vec<_>>())
     });
     hidden.collect()
 }

@@ -3,9 +3,9 @@
 use std::fs;
 use std::sync::Mutex;
 
-use geu_diagnosis::{Diagnosis, Settings, Thresholds, diagnose_rows};
+use geu_diagnosis::{Diagnosis, DiagnosisOptions, Thresholds, diagnose_rows};
 use geu_model::Configuration;
-use geu_plant::{Gyro, Hidden, Plant};
+use geu_plant::{Gyro, PlantedEffect, IndependentModel};
 use geu_tests::comparison::Recording;
 use geu_tests::geu;
 
@@ -15,9 +15,9 @@ const WINDOW: usize = 3600;
 const DURATION_S: f64 = 5400.0;
 
 /// A recording of the plant, its reference told so much later than it was.
-fn recorded(hidden: Vec<Hidden>, reference_late_s: f64) -> Recording {
+fn recorded(hidden: Vec<PlantedEffect>, reference_late_s: f64) -> Recording {
     let room = tempfile::tempdir().expect("a directory");
-    let recording = Plant { duration_s: DURATION_S, ..Plant::new(5, hidden) }.record();
+    let recording = IndependentModel { duration_s: DURATION_S, ..IndependentModel::new(5, hidden) }.record();
     let told = recording.reference.lines().enumerate().map(|(line, text)| match text.split_once(',') {
         Some((t_s, rest)) if line > 0 => {
             format!("{:.6},{rest}", t_s.parse::<f64>().expect("a time") + reference_late_s)
@@ -36,7 +36,7 @@ fn recorded(hidden: Vec<Hidden>, reference_late_s: f64) -> Recording {
 fn diagnosed(recording: &Recording, given: &Configuration) -> Diagnosis {
     static THRESHOLDS: Mutex<Option<Thresholds>> = Mutex::new(None);
     let mut thresholds = THRESHOLDS.lock().expect("no panic");
-    let settings = Settings {
+    let settings = DiagnosisOptions {
         seed: 1,
         clock_start_ns: recording.reference.start_ns,
         manoeuvres: None,
@@ -89,7 +89,7 @@ fn a_rest_that_tells_no_lag_has_the_same_gap_with_what_was_found() {
         let arguments = ["simulate", "--duration", "600", "--seed", seed, "--out"];
         assert!(geu().args(arguments).arg(&run).status().expect("geu starts").success());
         let recording = Recording::read(&run.join("link.log"), &run.join("reference.csv"));
-        let settings = Settings {
+        let settings = DiagnosisOptions {
             seed: 1,
             clock_start_ns: recording.reference.start_ns,
             manoeuvres: None,
@@ -109,7 +109,7 @@ fn a_rest_that_tells_no_lag_has_the_same_gap_with_what_was_found() {
 #[test]
 fn noise_found_afterwards_is_no_part_of_the_gap_before() {
     // Twenty times the configured walk: the noise found gives a chi2 of 1, that of the configuration one of 20.
-    let walk = Hidden::new("angle-random-walk", &geu_plant::GYROS, &[("arcsec_per_sqrt_s", 0.2)]);
+    let walk = PlantedEffect::new("angle-random-walk", &geu_plant::GYROS, &[("arcsec_per_sqrt_s", 0.2)]);
     let diagnosis = diagnosed(&recorded(vec![walk], 0.0), &Configuration::reference());
     let [before, after] = [diagnosis.before, diagnosis.after].map(|gaps| gaps.fitted.reduced_chi2);
     assert!(before > 5.0 && after < 1.2, "{before}, after {after}");
@@ -117,7 +117,7 @@ fn noise_found_afterwards_is_no_part_of_the_gap_before() {
 
 #[test]
 fn what_exact_checks_mended_is_part_of_the_gap_before_held_out_too() {
-    let inverted = Hidden::new("sign-inversion-step", &[Gyro::Y], &[("on", 1.0), ("time_s", 3000.0)]);
+    let inverted = PlantedEffect::new("sign-inversion-step", &[Gyro::Y], &[("on", 1.0), ("time_s", 3000.0)]);
     let diagnosis = diagnosed(&recorded(vec![inverted], 0.0), &Configuration::reference());
     // GYRY turns by degrees in each window.
     let before = diagnosis.before;

@@ -4,13 +4,13 @@ use std::fs;
 use std::process::Command;
 use std::sync::LazyLock;
 
-use geu_plant::{Gyro, Hidden, Plant};
+use geu_plant::{Gyro, PlantedEffect, IndependentModel};
 use geu_tests::page::well_formed;
 use geu_tests::{geu, skipped};
 
 /// What one test reads and another draws.
 static PIVOT_CLEARANCE: LazyLock<Diagnosed> = LazyLock::new(|| {
-    let hidden = Hidden::new("pivot-clearance", &[Gyro::X], &[("clearance_arcsec", 11.5)]);
+    let hidden = PlantedEffect::new("pivot-clearance", &[Gyro::X], &[("clearance_arcsec", 11.5)]);
     Diagnosed::of(7, hidden, &[])
 });
 
@@ -22,10 +22,10 @@ struct Diagnosed {
 }
 
 impl Diagnosed {
-    fn of(seed: u64, hidden: Hidden, further: &[&str]) -> Diagnosed {
+    fn of(seed: u64, hidden: PlantedEffect, further: &[&str]) -> Diagnosed {
         let room = tempfile::tempdir().expect("a directory");
         let at = |name: &str| room.path().join(name).display().to_string();
-        let recording = Plant { duration_s: 7200.0, ..Plant::new(seed, vec![hidden]) }.record();
+        let recording = IndependentModel { duration_s: 7200.0, ..IndependentModel::new(seed, vec![hidden]) }.record();
         for (name, text) in [("link.log", &recording.link), ("reference.csv", &recording.reference)] {
             fs::write(at(name), text).expect("written");
         }
@@ -174,7 +174,7 @@ fn a_page_is_drawn_by_a_browser() {
 
 #[test]
 fn a_backlash_ends_unexplained_with_its_interval_in_the_residual() {
-    let hidden = Hidden::new("count-backlash", &[Gyro::Y], &[("play_arcsec", 30.0)]);
+    let hidden = PlantedEffect::new("count-backlash", &[Gyro::Y], &[("play_arcsec", 30.0)]);
     let diagnosed = Diagnosed::of(8, hidden, &["--manoeuvres", "{}/manoeuvres.csv"]);
     assert_eq!(diagnosed.code, Some(3), "{}", diagnosed.report);
     diagnosed.assert_whole();

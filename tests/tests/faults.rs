@@ -5,7 +5,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use geu_protocol::serial::{Kind, frame};
+use geu_protocol::serial::{FrameType, frame};
 use geu_tests::emulator::Emulator;
 use geu_tests::geu;
 use serde_json::{Value, json};
@@ -43,7 +43,7 @@ fn a_command_acts_at_once_and_only_its_answer_is_late() {
     let start = Instant::now();
     // The first stops the half seconds at once.
     for payload in [&[2, 1][..], &[1], &[1]] {
-        client.stream.write_all(&frame(Kind::Command, payload)).expect("room");
+        client.stream.write_all(&frame(FrameType::Command, payload)).expect("room");
         std::thread::sleep(Duration::from_millis(20));
     }
     for count in 1..=3_u32 {
@@ -53,7 +53,7 @@ fn a_command_acts_at_once_and_only_its_answer_is_late() {
     }
     assert_eq!(client.half_seconds.len(), 1, "what was not sent had been stopped by then");
     // One that is still held back at the end leaves with it.
-    client.stream.write_all(&frame(Kind::Command, &[1])).expect("room");
+    client.stream.write_all(&frame(FrameType::Command, &[1])).expect("room");
     std::thread::sleep(Duration::from_millis(50));
     emulator.ask_to_end();
     client.read_until(|_| false);
@@ -104,7 +104,7 @@ fn a_frame_with_a_long_gap_is_cut_by_nothing() {
     let arguments = ["--faults", plan.to_str().expect("text"), "--speed", "4", "--duration", "8", "--control", "off"];
     let (emulator, mut client) = Emulator::on_tcp(&[&arguments[..], &["--wait"]].concat());
     for count in 1..30 {
-        if client.stream.write_all(&frame(Kind::Command, &[1])).is_err() {
+        if client.stream.write_all(&frame(FrameType::Command, &[1])).is_err() {
             break;
         }
         client.read_for(Duration::from_millis(60), |client| client.replies.len() >= count);

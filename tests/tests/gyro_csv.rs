@@ -3,13 +3,13 @@
 use std::collections::BTreeMap;
 use std::fs;
 
-use geu_recording::{Description, GyroCsv, GyroCsvDefectKind as Kind};
+use geu_recording::{GyroCsvSpec, GyroCsv, GyroCsvDefectKind as Kind};
 use geu_tests::{geu, recordings, root};
 
-fn description() -> Description {
+fn description() -> GyroCsvSpec {
     let path = root().join("configs/suchai3.toml");
     let text = fs::read_to_string(&path).expect("it ships");
-    Description::parse(&path.to_string_lossy(), &text).unwrap_or_else(|error| panic!("{error}"))
+    GyroCsvSpec::parse(&path.to_string_lossy(), &text).unwrap_or_else(|error| panic!("{error}"))
 }
 
 #[test]

@@ -9,8 +9,8 @@ use std::process::{Child, Command, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use geu_protocol::Outcome;
-use geu_protocol::serial::{Kind, frame};
+use geu_protocol::CommandResult;
+use geu_protocol::serial::{FrameType, frame};
 use geu_tests::emulator::{Client, Emulator};
 use geu_tests::geu;
 use nix::libc::O_NOCTTY;
@@ -27,7 +27,7 @@ fn directory() -> tempfile::TempDir {
 }
 
 fn ping() -> Vec<u8> {
-    frame(Kind::Command, &[1])
+    frame(FrameType::Command, &[1])
 }
 
 /// Asks it to end, and expects that within a second; what it said.
@@ -66,7 +66,7 @@ fn a_pty_client_that_reads_no_reply_and_closes_wedges_nothing() {
     // Replies of a byte less than four thousand fill the pty; two thousand commands fill it four times.
     for (commands, pause) in [(2500, Duration::from_micros(500)), (2500, Duration::ZERO), (1, Duration::ZERO)] {
         command_and_leave(&path, commands, pause);
-        assert_eq!(other.ask(&ping()).0.outcome(), Outcome::Done);
+        assert_eq!(other.ask(&ping()).0.outcome(), CommandResult::Done);
     }
     // As `printf … > /tmp/geu0` does: a client that came and went is heard.
     for _ in 0..20 {
@@ -74,7 +74,7 @@ fn a_pty_client_that_reads_no_reply_and_closes_wedges_nothing() {
     }
     let mut again = Client::open(&path);
     read_all_replies(&mut again);
-    assert_eq!(again.ask(&ping()).0.outcome(), Outcome::Done);
+    assert_eq!(again.ask(&ping()).0.outcome(), CommandResult::Done);
     assert!(other.read_until(|client| client.half_seconds.len() >= 2) && other.is_without_gap());
     let said = end_within_a_second(emulator);
     assert!(said.contains("commands     5025 received, 0 frames dropped"), "each is carried out: {said}");
@@ -104,7 +104,7 @@ fn a_pty_client_that_stalls_with_the_pty_open_is_served_again_when_it_reads() {
     read_all_replies(&mut client);
     assert!(client.replies.len() < 2500, "the pty has no room for all replies");
     assert_eq!(client.defects, 0, "what comes is whole");
-    assert_eq!(client.ask(&ping()).0.outcome(), Outcome::Done);
+    assert_eq!(client.ask(&ping()).0.outcome(), CommandResult::Done);
     drop(client);
     let said = end_within_a_second(emulator);
     assert!(said.contains("commands     2501 received") && said.contains("replies dropped"), "{said}");
@@ -158,7 +158,7 @@ fn readers_that_a_faster_run_waits_for_do_not_delay_its_end() {
 fn a_client_that_speaks_http_is_closed_and_none_of_its_bytes_are_a_command() {
     let (emulator, mut good) = Emulator::on_tcp(&[]);
     let address = emulator.ready[0].strip_prefix("tcp ").unwrap();
-    let power_off = frame(Kind::Command, &[6, 0]);
+    let power_off = frame(FrameType::Command, &[6, 0]);
     let post = [
         format!("POST / HTTP/1.1\r\nHost: {address}\r\nContent-Length: {}\r\n\r\n", power_off.len()).as_bytes(),
         &power_off,
@@ -175,7 +175,7 @@ fn a_client_that_speaks_http_is_closed_and_none_of_its_bytes_are_a_command() {
         let is_closed = end.as_ref().map_or_else(|error| error.kind() == ErrorKind::ConnectionReset, |_| true);
         assert!(is_closed, "{end:?}");
     }
-    assert_eq!(good.ask(&ping()).0.outcome(), Outcome::Done);
+    assert_eq!(good.ask(&ping()).0.outcome(), CommandResult::Done);
     let said = end_within_a_second(emulator);
     assert!(said.contains("commands     1 received") && said.contains("3 connections refused"), "{said}");
     assert!(said.contains("speaks HTTP"), "{said}");
@@ -300,11 +300,11 @@ fn a_process_out_of_descriptors_says_so_and_its_links_recover() {
     let emulator = Emulator::of(limited(128, &["--control", "127.0.0.1:0"]), 2);
     let mut clients: Vec<_> = (0..120).map(|_| emulator.tcp()).collect();
     let mut first = Client::open(&path);
-    assert_eq!(first.ask(&ping()).0.outcome(), Outcome::Done, "a pty needs none that clients took");
+    assert_eq!(first.ask(&ping()).0.outcome(), CommandResult::Done, "a pty needs none that clients took");
     drop(first);
-    assert_eq!(clients[0].ask(&ping()).0.outcome(), Outcome::Done);
+    assert_eq!(clients[0].ask(&ping()).0.outcome(), CommandResult::Done);
     clients.clear();
-    assert_eq!(Client::open(&path).ask(&ping()).0.outcome(), Outcome::Done);
+    assert_eq!(Client::open(&path).ask(&ping()).0.outcome(), CommandResult::Done);
     let start = Instant::now();
     while !emulator.tcp().read_for(Duration::from_secs(1), |client| !client.half_seconds.is_empty()) {
         assert!(start.elapsed() < PATIENCE, "places are free again");

@@ -4,10 +4,10 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use geu_calibration::{Believed, solve};
+use geu_calibration::{PriorCalibration, solve};
 use geu_model::package::Calibration;
-use geu_model::{Configuration, Truth, Unit};
-use geu_plant::{GYROS, Gyro, Hidden, Plant};
+use geu_model::{Configuration, Truth, GyroUnit};
+use geu_plant::{GYROS, Gyro, PlantedEffect, IndependentModel};
 use geu_tests::comparison::{Case, Comparison, RESIDUAL_ARCSEC, Recording, largest, left};
 use geu_tests::geu;
 use geu_tests::whitening::Whitening;
@@ -25,13 +25,13 @@ const HEATER_OFF_S: f64 = 4000.0;
 const HEATER_OFF: [u8; 2] = [7, 0];
 
 /// Flown, written and read again.
-fn recorded(plant: &Plant) -> Recording {
+fn recorded(plant: &IndependentModel) -> Recording {
     let room = tempfile::tempdir().expect("a directory");
     let [link, reference] = written(plant, room.path());
     Recording::read(&link, &reference)
 }
 
-fn written(plant: &Plant, directory: &Path) -> [PathBuf; 2] {
+fn written(plant: &IndependentModel, directory: &Path) -> [PathBuf; 2] {
     let recording = plant.record();
     [("link.log", recording.link), ("reference.csv", recording.reference)].map(|(name, text)| {
         let path = directory.join(name);
@@ -41,8 +41,8 @@ fn written(plant: &Plant, directory: &Path) -> [PathBuf; 2] {
 }
 
 /// What a configuration calls it.
-fn overrides(hidden: &Hidden) -> Vec<String> {
-    let Hidden { code, gyros, parameters } = hidden;
+fn overrides(hidden: &PlantedEffect) -> Vec<String> {
+    let PlantedEffect { code, gyros, parameters } = hidden;
     let swap = code.starts_with("axis-swap");
     let places: Vec<String> = match &gyros[..] {
         [] => vec!["unit".to_owned()],
@@ -60,35 +60,35 @@ fn overrides(hidden: &Hidden) -> Vec<String> {
 }
 
 /// On all gyros.
-fn head(code: &str, parameters: &[(&str, f64)]) -> Vec<Hidden> {
-    vec![Hidden::new(code, &GYROS, parameters)]
+fn head(code: &str, parameters: &[(&str, f64)]) -> Vec<PlantedEffect> {
+    vec![PlantedEffect::new(code, &GYROS, parameters)]
 }
 
-fn unit(code: &str, parameters: &[(&str, f64)]) -> Vec<Hidden> {
-    vec![Hidden::new(code, UNIT, parameters)]
+fn unit(code: &str, parameters: &[(&str, f64)]) -> Vec<PlantedEffect> {
+    vec![PlantedEffect::new(code, UNIT, parameters)]
 }
 
 /// Each gyro on both of its other axes, by amplitudes whose names have this before and behind them.
-fn misaligned(code: &str, [before, behind]: [&str; 2], arcsec: f64, shapes: &[(&str, f64)]) -> Vec<Hidden> {
+fn misaligned(code: &str, [before, behind]: [&str; 2], arcsec: f64, shapes: &[(&str, f64)]) -> Vec<PlantedEffect> {
     let rows: [(&[Gyro], _, _); 3] =
         [(&[Gyro::X], "y", "z"), (&[Gyro::Y], "x", "z"), (&[Gyro::Za, Gyro::Zb], "x", "y")];
     let of_row = |(gyros, one, other)| {
         let [one, other] = [one, other].map(|axis| format!("{before}{axis}_arcsec{behind}"));
         let amplitudes = [(one.as_str(), arcsec), (other.as_str(), -0.6 * arcsec)];
-        Hidden::new(code, gyros, &[&amplitudes, shapes].concat())
+        PlantedEffect::new(code, gyros, &[&amplitudes, shapes].concat())
     };
     rows.map(of_row).to_vec()
 }
 
 /// The plant that flies this; drifts with the sensor's temperature are seen by a sensor that cools.
-fn plant(seed: u64, hidden: &[Hidden]) -> Plant {
+fn plant(seed: u64, hidden: &[PlantedEffect]) -> IndependentModel {
     let cools = hidden.iter().any(|hidden| hidden.code == "drift-sensor-temperature");
-    Plant { heater_off_s: cools.then_some(HEATER_OFF_S), ..Plant::new(seed, hidden.to_vec()) }
+    IndependentModel { heater_off_s: cools.then_some(HEATER_OFF_S), ..IndependentModel::new(seed, hidden.to_vec()) }
 }
 
 /// Our model with what is hidden put in departs from the plant by no more than it does where nothing is hidden: on the same
 /// flight with the same noises the two differ by how counts are rounded.
-fn assert_alike(plant: &Plant, with: &Comparison, null: &Comparison) {
+fn assert_alike(plant: &IndependentModel, with: &Comparison, null: &Comparison) {
     for (gyro, (with, null)) in GYROS.iter().zip(with.residuals.iter().zip(&null.residuals)) {
         let apart: Vec<f64> = with.iter().zip(null).map(|(with, null)| with - null).collect();
         let apart = largest(&apart);
@@ -97,7 +97,7 @@ fn assert_alike(plant: &Plant, with: &Comparison, null: &Comparison) {
 }
 
 /// On one flight, each of these alone is seen by the gyros that have it, and explained.
-fn assert_explained(seed: u64, cases: &[Vec<Hidden>]) {
+fn assert_explained(seed: u64, cases: &[Vec<PlantedEffect>]) {
     println!("{}", Case::COLUMNS);
     let null = recorded(&plant(seed, &[])).against(&[]);
     for hidden in cases {
@@ -175,8 +175,8 @@ fn floats_on_their_pivots_are_explained() {
             head("pivot-clearance-step", &[clearance, ONSET]),
             head("pivot-clearance-temperature", &[("clearance_arcsec_per_k", 8.0)]),
             vec![
-                Hidden::new("pivot-clearance", &[Gyro::Zb], &[("clearance_arcsec", 9.0)]),
-                Hidden::new("drift-ramp", &[Gyro::X], &[("arcsec_per_h_per_day", 420.0)]),
+                PlantedEffect::new("pivot-clearance", &[Gyro::Zb], &[("clearance_arcsec", 9.0)]),
+                PlantedEffect::new("drift-ramp", &[Gyro::X], &[("arcsec_per_h_per_day", 420.0)]),
             ],
         ],
     );
@@ -226,7 +226,7 @@ fn constant_departures_of_the_calibration_are_alike() {
 /// Increments of our model on the motion of a recording.
 fn modelled(recording: &Recording, overrides: &[String]) -> Vec<[i16; 4]> {
     let configuration = Configuration::reference_with(overrides).expect("valid");
-    let mut unit = Unit::on(&configuration, &Truth::Recorded(recording.reference.truth.clone()));
+    let mut unit = GyroUnit::on(&configuration, &Truth::Recorded(recording.reference.truth.clone()));
     recording.rows.iter().map(|_| unit.end_half_second().half_second.increments).collect()
 }
 
@@ -243,7 +243,7 @@ fn wiring_does_to_the_counts_of_both_what_its_code_says() {
         ("stuck-output-step", &[Gyro::X], |before, [_, y, za, zb]| [before[0], y, za, zb]),
     ];
     for (code, gyros, wiring) in cases {
-        let hidden = Hidden::new(code, gyros, &[("on", 1.0), ONSET]);
+        let hidden = PlantedEffect::new(code, gyros, &[("on", 1.0), ONSET]);
         let wired = |mut counts: Vec<[i16; 4]>| {
             for index in (ONSET.1 / 0.5) as usize..counts.len() {
                 counts[index] = wiring(counts[index - 1], counts[index]);
@@ -261,8 +261,8 @@ fn noises_larger_than_configured_are_of_the_size_that_was_hidden() {
     // A twentieth of the variance: rounding is not quite white while a gyro rests.
     let noise_like = 0.95..1.05;
     for hidden in [
-        Hidden::new("angle-random-walk", &GYROS, &[("arcsec_per_sqrt_s", 0.3)]),
-        Hidden::new("drift-random-walk", &GYROS, &[("arcsec_per_s_per_sqrt_s", 2e-4)]),
+        PlantedEffect::new("angle-random-walk", &GYROS, &[("arcsec_per_sqrt_s", 0.3)]),
+        PlantedEffect::new("drift-random-walk", &GYROS, &[("arcsec_per_s_per_sqrt_s", 2e-4)]),
     ] {
         let comparison = recorded(&plant(10, std::slice::from_ref(&hidden))).against(&[]);
         let chi2_per_dof = |overrides: &[String], gyro: Gyro| {
@@ -283,10 +283,10 @@ fn noises_larger_than_configured_are_of_the_size_that_was_hidden() {
 #[test]
 fn what_is_outside_the_catalogue_is_seen_and_is_what_its_formula_says() {
     let hidden = [
-        Hidden::new("rate-drift", &[Gyro::X], &[("ppm", 100.0)]),
-        Hidden::new("rate-product-coupling", &[Gyro::Y], &[("per_arcsec_s", 3e-6)]),
-        Hidden::new("count-backlash", &[Gyro::Za], &[("play_arcsec", 8.0)]),
-        Hidden::new("rate-squared-coupling", &[Gyro::Zb], &[("per_arcsec_s", 4e-7)]),
+        PlantedEffect::new("rate-drift", &[Gyro::X], &[("ppm", 100.0)]),
+        PlantedEffect::new("rate-product-coupling", &[Gyro::Y], &[("per_arcsec_s", 3e-6)]),
+        PlantedEffect::new("count-backlash", &[Gyro::Za], &[("play_arcsec", 8.0)]),
+        PlantedEffect::new("rate-squared-coupling", &[Gyro::Zb], &[("per_arcsec_s", 4e-7)]),
     ];
     let recording = recorded(&plant(11, &hidden));
     let comparison = recording.against(&[]);
@@ -354,7 +354,7 @@ fn a_flight_is_decoded_without_a_defect_and_calibrated_to_the_unit_s_own_sixteen
     let output = output.expect("geu starts");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let json = fs::read_to_string(json).expect("written");
-    let believed = Believed::parse("result.json", &json, &[]).expect("a calibration");
+    let believed = PriorCalibration::parse("result.json", &json, &[]).expect("a calibration");
     let (calibrations, sigmas) = (believed.calibrations, solve::values(&believed.sigmas));
     for ((value, sigma), truth) in solve::values(&calibrations).iter().zip(sigmas).zip(solve::values(&truth)) {
         // Of sixteen one is farther off once in a hundred thousand recordings.

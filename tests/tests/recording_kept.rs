@@ -9,8 +9,8 @@ use std::process::{Command, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use geu_protocol::Outcome;
-use geu_protocol::serial::{Kind, frame};
+use geu_protocol::CommandResult;
+use geu_protocol::serial::{FrameType, frame};
 use geu_tests::emulator::{Client, Emulator};
 use geu_tests::stalled_disk::StalledDisk;
 use geu_tests::{geu, skipped};
@@ -48,8 +48,8 @@ fn assert_made_again(live: &Path, again: &Path) {
 }
 
 fn command(client: &mut Client, payload: &[u8]) -> Duration {
-    let (reply, took) = client.ask(&frame(Kind::Command, payload));
-    assert_eq!(reply.outcome(), Outcome::Done, "{payload:?}");
+    let (reply, took) = client.ask(&frame(FrameType::Command, payload));
+    assert_eq!(reply.outcome(), CommandResult::Done, "{payload:?}");
     took
 }
 

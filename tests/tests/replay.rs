@@ -7,8 +7,8 @@ use std::path::Path;
 use std::process::{Child, ChildStdin, Stdio};
 use std::time::{Duration, Instant};
 
-use geu_protocol::HalfSecond;
-use geu_protocol::serial::{Deframer, Found, Kind, MAX_FRAME, frame, read_data};
+use geu_protocol::Sample;
+use geu_protocol::serial::{Deframer, DeframerEvent, FrameType, MAX_FRAME, frame, read_data};
 use geu_tests::geu;
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
@@ -70,10 +70,10 @@ impl Drop for Replay {
     }
 }
 
-fn half_seconds(bytes: &[u8]) -> Vec<HalfSecond> {
+fn half_seconds(bytes: &[u8]) -> Vec<Sample> {
     let mut found = Vec::new();
     Deframer::default().finish(bytes, &mut |one| {
-        if let Found::Frame { kind: Kind::Data, payload, .. } = one {
+        if let DeframerEvent::Frame { kind: FrameType::Data, payload, .. } = one {
             found.push(read_data(payload));
         }
     });
@@ -90,7 +90,7 @@ fn serial_bytes_come_as_they_were_with_all_that_is_wrong_in_them() {
 
     bytes[40] ^= 1;
     bytes.drain(100..105);
-    bytes.splice(300..300, frame(Kind::Reply, &[1, 0, 1, 0]).into_iter().chain([0xEB; 9000]));
+    bytes.splice(300..300, frame(FrameType::Reply, &[1, 0, 1, 0]).into_iter().chain([0xEB; 9000]));
     bytes.extend([0xEB, 0x90, 1]);
     fs::write(&path, &bytes).expect("written");
     let (received, _) = Replay::start(&[&path, "--speed", "max"]).end();
@@ -133,7 +133,7 @@ fn it_goes_at_its_own_pace_answers_nothing_and_ends_when_asked() {
     let directory = tempfile::tempdir().expect("a directory");
     let (path, bytes) = record(directory.path(), "serial", 10);
     let mut replay = Replay::start(&[&path, "--loop"]);
-    replay.stream.write_all(&frame(Kind::Command, &[1])).expect("room");
+    replay.stream.write_all(&frame(FrameType::Command, &[1])).expect("room");
     let first = replay.read_exactly(MAX_FRAME);
     let start = Instant::now();
     let next = replay.read_exactly(4 * MAX_FRAME);

@@ -9,9 +9,9 @@ use std::process::{Child, Command};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use geu_protocol::Outcome;
+use geu_protocol::CommandResult;
 use geu_protocol::command::{COMMANDS, payload};
-use geu_protocol::serial::{Kind, frame};
+use geu_protocol::serial::{FrameType, frame};
 use geu_tests::emulator::{Client, Emulator};
 use geu_tests::{geu, skipped};
 use nix::sys::signal::{Signal, kill};
@@ -51,7 +51,7 @@ fn a_pty_gives_every_half_second_and_a_client_that_comes_late_or_again_gets_the_
     assert!(again.read_until(|client| client.half_seconds.len() >= 2));
     assert!(again.is_without_gap());
     assert!(f64::from(again.half_seconds[0].sequence) >= first + 4.0, "what nobody read is not kept");
-    assert_eq!(again.ask(&frame(Kind::Command, &[1])).0.values(), [1, 0]);
+    assert_eq!(again.ask(&frame(FrameType::Command, &[1])).0.values(), [1, 0]);
 }
 
 #[test]
@@ -62,7 +62,7 @@ fn a_pty_opened_and_closed_over_and_over_still_serves() {
     for round in 0..200 {
         let mut client = Client::open(&path);
         if round % 10 == 0 {
-            assert_eq!(client.ask(&frame(Kind::Command, &[1])).0.outcome(), Outcome::Done, "round {round}");
+            assert_eq!(client.ask(&frame(FrameType::Command, &[1])).0.outcome(), CommandResult::Done, "round {round}");
         }
     }
     let (mut one, other) = (Client::open(&path), Client::open(&path));
@@ -146,48 +146,48 @@ fn it_ends_within_a_second_of_sigterm_and_takes_its_link_away_but_not_somebody_e
 /// All commands, right and wrong, with garbage and truncated commands between.
 fn command_in_both_modes(client: &mut Client) {
     let mut took = Vec::new();
-    let mut ask = |client: &mut Client, bytes: &[u8], outcome: Outcome| {
+    let mut ask = |client: &mut Client, bytes: &[u8], outcome: CommandResult| {
         let (reply, time) = client.ask(bytes);
         assert_eq!(reply.outcome(), outcome, "{bytes:02X?}");
         took.push(time);
     };
-    let command = |bytes: &[u8]| frame(Kind::Command, bytes);
+    let command = |bytes: &[u8]| frame(FrameType::Command, bytes);
     for polled in [0, 1] {
-        ask(client, &command(&[2, polled]), Outcome::Done);
+        ask(client, &command(&[2, polled]), CommandResult::Done);
         for spec in COMMANDS.iter().filter(|spec| !["SET_MODE", "POLL", "SELF_TEST"].contains(&spec.name)) {
             let values: Vec<i64> = spec.arguments.iter().map(|argument| argument.range.1).collect();
-            ask(client, &command(&payload(spec, &values)), Outcome::Done);
+            ask(client, &command(&payload(spec, &values)), CommandResult::Done);
         }
-        let self_test = if polled == 0 { Outcome::Done } else { Outcome::NotPossibleNow };
+        let self_test = if polled == 0 { CommandResult::Done } else { CommandResult::NotPossibleNow };
         ask(client, &command(&[4, 15, 0, 5, 255]), self_test);
         sleep(Duration::from_millis(600));
         if polled == 0 {
-            ask(client, &command(&[3]), Outcome::NotPossibleNow);
+            ask(client, &command(&[3]), CommandResult::NotPossibleNow);
         } else {
             let before = client.half_seconds.len();
-            ask(client, &command(&[3]), Outcome::Done);
-            ask(client, &command(&[3]), Outcome::Done);
+            ask(client, &command(&[3]), CommandResult::Done);
+            ask(client, &command(&[3]), CommandResult::Done);
             assert!(client.read_until(|client| client.half_seconds.len() >= before + 2));
             sleep(Duration::from_millis(700));
             client.read_for(Duration::from_millis(100), |_| false);
             assert_eq!(client.half_seconds.len(), before + 2, "in polled mode data come when polled, and only then");
         }
         for wrong in [&[0xFF][..], &[0], &[8, 8, 8, 8, 8, 8, 8, 8]] {
-            ask(client, &command(wrong), Outcome::UnknownOpcode);
+            ask(client, &command(wrong), CommandResult::UnknownOpcode);
         }
         for wrong in [&[1, 1][..], &[2], &[2, 2], &[4, 1], &[6, 16], &[7, 2, 2]] {
-            ask(client, &command(wrong), Outcome::BadArgument);
+            ask(client, &command(wrong), CommandResult::BadArgument);
         }
         let ping = command(&[1]);
         let mut wrong_crc = ping.clone();
         wrong_crc[6] ^= 0x40;
         let truncated = &command(&[4, 1, 0, 1, 1])[..6];
         for noise in [&b"garbage"[..], &[0xEB], &[0xEB, 0x90, 1, 22], &[0xEB, 0x90, 0x10, 0], &wrong_crc, truncated] {
-            ask(client, &[noise, &ping].concat(), Outcome::Done);
+            ask(client, &[noise, &ping].concat(), CommandResult::Done);
         }
         client.stream.write_all(truncated).unwrap();
         sleep(Duration::from_millis(50));
-        ask(client, &ping, Outcome::Done);
+        ask(client, &ping, CommandResult::Done);
     }
     took.sort();
     let usual = took[took.len() * 9 / 10];
@@ -233,7 +233,7 @@ fn nothing_a_client_sends_stops_the_unit() {
         sleep(Duration::from_millis(2));
     }
     let before = client.half_seconds.len();
-    assert_eq!(client.ask(&frame(Kind::Command, &[1])).0.outcome(), Outcome::Done);
+    assert_eq!(client.ask(&frame(FrameType::Command, &[1])).0.outcome(), CommandResult::Done);
     assert!(client.read_until(|client| client.half_seconds.len() > before + 3));
 }
 
@@ -241,7 +241,7 @@ fn nothing_a_client_sends_stops_the_unit() {
 fn every_command_has_its_reply_however_many_come_at_once() {
     const COUNT: usize = 5000;
     let (_emulator, mut client) = Emulator::on_tcp(&[]);
-    let pings = frame(Kind::Command, &[1]).repeat(COUNT);
+    let pings = frame(FrameType::Command, &[1]).repeat(COUNT);
     let (mut sent, start) = (0, Instant::now());
     while sent < pings.len() {
         match client.stream.write(&pings[sent..]) {
@@ -269,15 +269,15 @@ fn a_client_that_floods_holds_nobody_else_up() {
         let mut stream = TcpStream::connect(address).expect("the unit listens");
         let mut reads = stream.try_clone().expect("a socket");
         let reader = std::thread::spawn(move || while reads.read(&mut [0; 65536]).is_ok_and(|length| length > 0) {});
-        let pings = frame(Kind::Command, &[1]).repeat(1000);
+        let pings = frame(FrameType::Command, &[1]).repeat(1000);
         while stopped.try_recv().is_err() && stream.write_all(&pings).is_ok() {}
         drop(stream.shutdown(std::net::Shutdown::Both));
         reader.join().expect("no panic");
     });
     // A second one, that never reads its replies.
-    let _ = floods.stream.write(&frame(Kind::Command, &[1]).repeat(100_000));
+    let _ = floods.stream.write(&frame(FrameType::Command, &[1]).repeat(100_000));
     sleep(Duration::from_millis(200));
-    let mut took: Vec<_> = (0..50).map(|_| client.ask(&frame(Kind::Command, &[1])).1).collect();
+    let mut took: Vec<_> = (0..50).map(|_| client.ask(&frame(FrameType::Command, &[1])).1).collect();
     took.sort();
     assert!(took[25] < REPLY_WITHIN, "{:?}", took[25]);
     let start = Instant::now();
@@ -291,13 +291,13 @@ fn a_client_that_floods_holds_nobody_else_up() {
 #[test]
 fn clients_that_come_ask_and_go_in_polled_mode_leave_no_place_taken() {
     let (emulator, mut first) = Emulator::on_tcp(&[]);
-    first.ask(&frame(Kind::Command, &[2, 1]));
+    first.ask(&frame(FrameType::Command, &[2, 1]));
     for round in 0..200 {
-        let (reply, _) = emulator.tcp().ask(&frame(Kind::Command, &[1]));
-        assert_eq!(reply.outcome(), Outcome::Done, "round {round}");
+        let (reply, _) = emulator.tcp().ask(&frame(FrameType::Command, &[1]));
+        assert_eq!(reply.outcome(), CommandResult::Done, "round {round}");
     }
-    assert_eq!(emulator.tcp().ask(&frame(Kind::Command, &[1])).0.outcome(), Outcome::Done);
-    assert_eq!(first.ask(&frame(Kind::Command, &[1])).0.outcome(), Outcome::Done);
+    assert_eq!(emulator.tcp().ask(&frame(FrameType::Command, &[1])).0.outcome(), CommandResult::Done);
+    assert_eq!(first.ask(&frame(FrameType::Command, &[1])).0.outcome(), CommandResult::Done);
 }
 
 #[test]
@@ -351,7 +351,7 @@ fn a_recorded_run_with_commands_is_simulated_again_byte_for_byte() {
         ["--record", live.to_str().unwrap(), "--wire", "serial", "--speed", "10", "--duration", "20", "--wait"];
     let (emulator, mut client) = Emulator::on_tcp(&arguments);
     for command in [&[4, 1, 0, 50, 5][..], &[5], &[6, 7], &[2, 1], &[3], &[3], &[9], &[2, 0], &[7, 0]] {
-        client.ask(&frame(Kind::Command, command));
+        client.ask(&frame(FrameType::Command, command));
         sleep(Duration::from_millis(90));
     }
     client.read_until(|_| false);
@@ -371,7 +371,7 @@ fn a_recorded_run_with_commands_at_any_moment_is_simulated_again_byte_for_byte()
     let mut state = 5u32;
     while !client.is_over {
         state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        let _ = client.stream.write_all(&frame(Kind::Command, payloads[(state >> 29) as usize]));
+        let _ = client.stream.write_all(&frame(FrameType::Command, payloads[(state >> 29) as usize]));
         let count = client.replies.len();
         client.read_for(Duration::from_millis(100), |client| client.replies.len() > count);
         sleep(Duration::from_micros(u64::from(state >> 8) % 3000));
@@ -387,10 +387,10 @@ fn commands_of_the_half_second_that_never_ended_are_simulated_again_too() {
     let directory = directory();
     let (live, again) = (directory.path().join("live"), directory.path().join("again"));
     let (emulator, mut client) = Emulator::on_tcp(&["--record", live.to_str().unwrap()]);
-    client.ask(&frame(Kind::Command, &[2, 1]));
+    client.ask(&frame(FrameType::Command, &[2, 1]));
     sleep(Duration::from_millis(1200));
     for _ in 0..2 {
-        assert_eq!(client.ask(&frame(Kind::Command, &[3])).0.outcome(), Outcome::Done);
+        assert_eq!(client.ask(&frame(FrameType::Command, &[3])).0.outcome(), CommandResult::Done);
     }
     emulator.ask_to_end();
     assert_eq!(emulator.end().0, Some(0));
@@ -443,7 +443,7 @@ fn a_serial_adapter_unplugged_and_back_is_served_again() {
     let emulator = Emulator::start(1, &["--serial", port.to_str().unwrap()]);
     assert_eq!(emulator.ready, [format!("serial {} 115200", port.display())]);
     let mut client = Client::open(&far);
-    assert_eq!(client.ask(&frame(Kind::Command, &[1])).0.outcome(), Outcome::Done);
+    assert_eq!(client.ask(&frame(FrameType::Command, &[1])).0.outcome(), CommandResult::Done);
     assert!(client.read_until(|client| client.half_seconds.len() >= 2));
     let before = client.half_seconds[1].sequence;
     drop((client, cable));
@@ -452,7 +452,7 @@ fn a_serial_adapter_unplugged_and_back_is_served_again() {
     let mut client = Client::open(&far);
     assert!(client.read_until(|client| client.half_seconds.len() >= 2), "it comes back by itself");
     assert!(client.half_seconds[0].sequence > before, "the unit kept time");
-    assert_eq!(client.ask(&frame(Kind::Command, &[1])).0.outcome(), Outcome::Done);
+    assert_eq!(client.ask(&frame(FrameType::Command, &[1])).0.outcome(), CommandResult::Done);
     emulator.ask_to_end();
     let (_, said) = emulator.end();
     assert_eq!((said.matches("gone").count(), said.matches("is back").count()), (1, 1), "told once each: {said}");

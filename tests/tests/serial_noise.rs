@@ -1,8 +1,8 @@
 //! A million good serial frames among random noise, truncated and bit-flipped frames.
 
 use geu_protocol::serial::{MAX_FRAME, SYNC, SerialDefect, data_frame};
-use geu_protocol::{CLOCK_PER_HALF_SECOND, HalfSecond};
-use geu_recording::{Decoder, Defect, DefectKind, Options, Row, Sink};
+use geu_protocol::{CLOCK_PER_HALF_SECOND, Sample};
+use geu_recording::{Decoder, Defect, DefectKind, DecoderOptions, ReceivedSample, Sink};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -12,9 +12,9 @@ const SEED: u64 = 0x6E75;
 const FIRST_SEQUENCE: u64 = 40_000;
 const FIRST_CLOCK: u64 = 1 << 40;
 
-fn good(index: u64) -> HalfSecond {
+fn good(index: u64) -> Sample {
     let mix = index.wrapping_mul(0x9E37_79B9_7F4A_7C15);
-    HalfSecond {
+    Sample {
         sequence: (FIRST_SEQUENCE + index) as u16,
         increments: [mix as i16, (mix >> 16) as i16, (mix >> 32) as i16, (mix >> 48) as i16],
         gyro_flags: 0x0F,
@@ -44,7 +44,7 @@ struct Check {
 }
 
 impl Sink for Check {
-    fn row(&mut self, row: &Row) {
+    fn row(&mut self, row: &ReceivedSample) {
         let index = row.half_second.clock_count.wrapping_sub(FIRST_CLOCK) / CLOCK_PER_HALF_SECOND;
         if (self.next..FRAMES).contains(&index) && row.half_second == good(index) {
             self.came += 1;
@@ -68,7 +68,7 @@ impl Sink for Check {
 #[test]
 fn a_million_good_frames_come_out_of_noise_and_nothing_else_does() {
     let mut random = ChaCha8Rng::seed_from_u64(SEED);
-    let (mut decoder, mut check) = (Decoder::new(&Options::default()), Check::default());
+    let (mut decoder, mut check) = (Decoder::new(&DecoderOptions::default()), Check::default());
     decoder.begin("noise.bin", &mut check);
     let (mut bytes, mut fed) = (Vec::new(), 0u64);
     for index in 0..FRAMES {

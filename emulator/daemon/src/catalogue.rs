@@ -1,8 +1,8 @@
 //! The catalogue of faults as JSON: what a page, or anybody who asks, can inject, with units and limits.
 
-use geu_model::fault::catalogue::{CATALOGUE, LinkKind, Spec};
-use geu_model::fault::{Target, expression, shape};
-use geu_model::number::{Default, Form, Number};
+use geu_model::fault::catalogue::{CATALOGUE, Transport, FaultSpec};
+use geu_model::fault::{ParameterRef, expression, shape};
+use geu_model::number::{DefaultValue, ValueFormat, ParameterSpec};
 use geu_protocol::Gyro;
 use serde_json::{Map, Value, json};
 
@@ -30,37 +30,37 @@ fn unit(name: &str) -> &'static str {
     UNITS.iter().find(|(ending, _)| name.ends_with(ending)).map_or("", |(_, unit)| unit)
 }
 
-fn form(form: Form) -> &'static str {
+fn form(form: ValueFormat) -> &'static str {
     match form {
-        Form::Real => "real",
-        Form::Flag => "flag",
-        Form::Gyro => "gyro",
-        Form::Whole => "whole",
-        Form::Choice(_) => "choice",
+        ValueFormat::Real => "real",
+        ValueFormat::Flag => "flag",
+        ValueFormat::Gyro => "gyro",
+        ValueFormat::Whole => "whole",
+        ValueFormat::Choice(_) => "choice",
     }
 }
 
-fn number(spec: &Number) -> Value {
+fn number(spec: &ParameterSpec) -> Value {
     let value = |value: f64| match spec.form {
-        Form::Choice(names) => json!(names.get(value as usize)),
-        Form::Flag => json!(value != 0.0),
+        ValueFormat::Choice(names) => json!(names.get(value as usize)),
+        ValueFormat::Flag => json!(value != 0.0),
         _ => json!(value),
     };
     json!({
         "name": spec.name,
         "form": form(spec.form),
-        "choices": if let Form::Choice(names) = spec.form { json!(names) } else { Value::Null },
+        "choices": if let ValueFormat::Choice(names) = spec.form { json!(names) } else { Value::Null },
         "least": spec.least,
         "greatest": spec.greatest,
-        "required": spec.default == Default::Required,
-        "default": if let Default::Value(default) = spec.default { value(default) } else { Value::Null },
+        "required": spec.default == DefaultValue::Required,
+        "default": if let DefaultValue::Value(default) = spec.default { value(default) } else { Value::Null },
         "unit": unit(spec.name),
         "meaning": spec.meaning.trim(),
     })
 }
 
 /// A number of a named fault, with what single links hold it to.
-fn bounded(own: &Number, spec: &Spec) -> Value {
+fn bounded(own: &ParameterSpec, spec: &FaultSpec) -> Value {
     let mut told = number(own);
     for bound in spec.bounds.iter().filter(|bound| bound.number == own.name) {
         let on: Map<String, Value> =
@@ -73,7 +73,7 @@ fn bounded(own: &Number, spec: &Spec) -> Value {
 /// Gyros, parameters with courses, faults that have a name, commands, the words of a condition.
 pub fn catalogue() -> Value {
     let names = |gyros: &[Gyro]| gyros.iter().map(|gyro| gyro.name()).collect::<Vec<_>>();
-    let parameters = Target::all().into_iter().map(|target| {
+    let parameters = ParameterRef::all().into_iter().map(|target| {
         let ((least, greatest), spec) = (target.limits(), target.number());
         json!({
             "parameter": target.name(),
@@ -95,7 +95,7 @@ pub fn catalogue() -> Value {
     });
     let faults = CATALOGUE.iter().map(|spec| {
         let links: Map<String, Value> =
-            LinkKind::ALL.into_iter().map(|kind| (kind.name().to_owned(), json!(spec.unable_on(kind)))).collect();
+            Transport::ALL.into_iter().map(|kind| (kind.name().to_owned(), json!(spec.unable_on(kind)))).collect();
         json!({
             "fault": spec.code,
             "scope": spec.scope.name(),
@@ -154,7 +154,7 @@ mod tests {
     fn every_number_has_its_unit_or_is_known_to_have_none() {
         let named = CATALOGUE.iter().flat_map(|spec| spec.numbers).chain(FAULT_NUMBERS);
         let of_courses = shape::KINDS.iter().flat_map(|kind| kind.numbers);
-        let names: BTreeSet<&str> = Target::all()
+        let names: BTreeSet<&str> = ParameterRef::all()
             .iter()
             .map(|target| target.number().name)
             .chain(named.chain(of_courses).map(|number| number.name))

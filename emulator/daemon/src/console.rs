@@ -7,7 +7,7 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread;
 use std::time::Duration;
 
-use geu_protocol::HalfSecond;
+use geu_protocol::Sample;
 use geu_protocol::field::unit_flag;
 
 use crate::lateness::{DurationNs, Histogram};
@@ -54,7 +54,7 @@ pub(crate) fn wants_status() -> bool {
 }
 
 /// Shows the state of the unit in place of the last status line.
-pub(crate) fn show_status(half_second: Option<&HalfSecond>, clients: usize, lateness: &Histogram) {
+pub(crate) fn show_status(half_second: Option<&Sample>, clients: usize, lateness: &Histogram) {
     let Some(half_second) = half_second else { return };
     let [x, y, za, zb] = half_second.increments;
     let mode = if half_second.unit_flags & unit_flag("polled") == 0 { "cyclic" } else { "polled" };

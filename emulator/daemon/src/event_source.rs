@@ -5,14 +5,14 @@ use std::sync::Arc;
 use std::vec;
 
 use geu_model::configuration::RecordedCommand;
-use geu_model::fault::acting::Acting;
-use geu_model::{Configuration, Ended, Trace, Truth, Unit};
-use geu_protocol::{HalfSecond, Reply};
+use geu_model::fault::acting::ActiveFault;
+use geu_model::{Configuration, CompletedSample, Trace, Truth, GyroUnit};
+use geu_protocol::{Sample, Reply};
 
 use crate::recorder::{PolledSample, UnitEvent};
 
 pub(crate) struct EventSource {
-    pub unit: Unit,
+    pub unit: GyroUnit,
     /// Commands of a recorded run, still to be repeated.
     recorded: Peekable<vec::IntoIter<RecordedCommand>>,
     /// Scheduled end of the last sample, ns.
@@ -24,15 +24,15 @@ pub(crate) struct CommandResponse {
     /// `None` from a unit that a fault keeps silent.
     pub reply: Option<Reply>,
     /// The sample that follows the reply.
-    pub polled: Option<HalfSecond>,
+    pub polled: Option<Sample>,
     /// The faults of the running sample interval.
-    pub acting: Arc<Vec<Acting>>,
+    pub acting: Arc<Vec<ActiveFault>>,
 }
 
 impl EventSource {
     pub fn new(configuration: &Configuration, truth: &Truth) -> EventSource {
         let recorded = configuration.run.commands.clone().into_iter().peekable();
-        EventSource { unit: Unit::on(configuration, truth), recorded, last_end_ns: 0 }
+        EventSource { unit: GyroUnit::on(configuration, truth), recorded, last_end_ns: 0 }
     }
 
     /// Carries out the payload of a COMMAND that came over `link`; adds its events to `events`.
@@ -70,14 +70,14 @@ impl EventSource {
     }
 
     /// Ends the running sample.
-    pub fn end(&mut self) -> Ended {
+    pub fn end(&mut self) -> CompletedSample {
         let ended = self.unit.end_half_second();
         self.last_end_ns = ended.end_ns;
         ended
     }
 
     /// The same with what each effect changed.
-    pub fn end_traced(&mut self) -> (Ended, Box<[Trace; 4]>) {
+    pub fn end_traced(&mut self) -> (CompletedSample, Box<[Trace; 4]>) {
         let (ended, traces) = self.unit.end_half_second_traced();
         self.last_end_ns = ended.end_ns;
         (ended, Box::new(traces))

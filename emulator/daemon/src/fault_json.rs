@@ -2,8 +2,8 @@
 
 use geu_model::configuration::fault::fault_text;
 use geu_model::fault::Fault;
-use geu_model::fault::acting::Happening;
-use geu_model::fault::expectation::Verdict;
+use geu_model::fault::acting::FaultEvent;
+use geu_model::fault::expectation::ExpectationResult;
 use geu_model::units::on_board_s;
 use serde_json::{Value, json};
 
@@ -29,20 +29,20 @@ fn json_of(value: &toml_edit::Value) -> Value {
 }
 
 /// What happened to a fault or an expectation; `frame` is the sample that begins.
-pub(crate) fn happening(frame: u64, happening: &Happening) -> Value {
+pub(crate) fn happening(frame: u64, happening: &FaultEvent) -> Value {
     let t_s = on_board_s(frame);
     match happening {
-        Happening::Started(fault) => json!({
+        FaultEvent::Started(fault) => json!({
             "what": "start", "t_s": t_s, "half_second": frame, "id": fault.id, "trigger": fault.trigger(),
             "fault": fault.action.name(), "gyro": fault.gyro.map(|gyro| gyro.name()), "link": fault.link.map(|link| link.name()),
         }),
-        Happening::Ended(fault, half_seconds) => json!({
+        FaultEvent::Ended(fault, half_seconds) => json!({
             "what": "end", "t_s": t_s, "half_second": frame, "id": fault.id, "half_seconds": half_seconds,
         }),
-        Happening::Decided(watch) => json!({
+        FaultEvent::Decided(watch) => json!({
             "what": "expectation", "t_s": t_s, "half_second": frame, "id": watch.expectation.id,
             "condition": watch.expectation.condition.to_string(),
-            "verdict": if matches!(watch.verdict, Verdict::Met(_)) { "met" } else { "not met" },
+            "verdict": if matches!(watch.verdict, ExpectationResult::Met(_)) { "met" } else { "not met" },
         }),
     }
 }

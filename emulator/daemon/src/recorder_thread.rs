@@ -323,8 +323,8 @@ fn take(recorder: &mut Recorder, events: &Receiver<UnitEvent>, status: &Status) 
 
 #[cfg(test)]
 mod tests {
-    use geu_model::configuration::WireForm;
-    use geu_model::{Configuration, Truth, Unit};
+    use geu_model::configuration::LinkLogFormat;
+    use geu_model::{Configuration, Truth, GyroUnit};
 
     use super::*;
     use crate::recorder::Destination;
@@ -334,7 +334,7 @@ mod tests {
         let room = tempfile::tempdir().expect("a directory");
         let (directory, configuration) = (room.path().join("run"), Configuration::reference());
         let (mut feed, mut writer) = RecorderThread::new(&directory);
-        let mut unit = Unit::new(&configuration);
+        let mut unit = GyroUnit::new(&configuration);
         // Nobody writes yet.
         let mut told = 0;
         loop {
@@ -353,7 +353,7 @@ mod tests {
         // What was told until then is recorded when the disk comes back.
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
         let destination = Destination::new(&directory, false);
-        let create = move || Recorder::create(&destination, &configuration, &Truth::Scenario, WireForm::Serial, &[]);
+        let create = move || Recorder::create(&destination, &configuration, &Truth::Scenario, LinkLogFormat::Serial, &[]);
         runtime.block_on(writer.open(create)).expect("it can begin");
         runtime.block_on(writer.done());
         let error = writer.result(true).expect_err("not complete").to_string();

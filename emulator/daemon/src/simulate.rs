@@ -3,7 +3,7 @@
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::thread;
 
-use geu_model::fault::acting::Faults;
+use geu_model::fault::acting::FaultEngine;
 use geu_model::{Configuration, Truth};
 
 use crate::event_source::EventSource;
@@ -28,7 +28,7 @@ pub fn simulate(
     half_seconds: u64,
     recorder: &mut Recorder,
     mut progress: impl FnMut(u64) -> bool,
-) -> Result<Faults, RecordError> {
+) -> Result<FaultEngine, RecordError> {
     thread::scope(|scope| {
         let (sender, batches) = sync_channel(QUEUE);
         let model = scope.spawn(move || run(configuration, truth, half_seconds, &sender));
@@ -48,7 +48,7 @@ pub fn simulate(
 }
 
 /// Runs the unit and sends all that happens, until the end or until the receiver is gone.
-fn run(configuration: &Configuration, truth: &Truth, half_seconds: u64, sender: &SyncSender<Vec<UnitEvent>>) -> Faults {
+fn run(configuration: &Configuration, truth: &Truth, half_seconds: u64, sender: &SyncSender<Vec<UnitEvent>>) -> FaultEngine {
     let mut source = EventSource::new(configuration, truth);
     let mut batch = Vec::new();
     source.take_happened(&mut batch);

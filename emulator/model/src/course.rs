@@ -4,11 +4,11 @@
 //! held over a half second; a step within it counts with the part of it that it holds.
 
 use crate::effect::{Amplitude, EffectSpec};
-use crate::number::{Default, Form, Number, Role};
+use crate::number::{DefaultValue, ValueFormat, ParameterSpec, Role};
 use crate::units::S_PER_DAY;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Law {
+pub enum TimeFunction {
     Step {
         /// Since the start of the first half second.
         time_s: f64,
@@ -25,50 +25,50 @@ pub enum Law {
 
 /// A course of one amplitude of one effect.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Course {
+pub struct TimeCourse {
     /// Index of the effect in its list.
     pub effect: usize,
     /// Index of the amplitude among the effect's numbers.
     pub amplitude: usize,
     /// Size, in the amplitude's unit, per day or per K as the law says.
     pub size: f64,
-    pub law: Law,
+    pub law: TimeFunction,
 }
 
 /// A kind of course: its suffix, and how its keys are made of the amplitude's.
-pub struct Kind {
+pub struct TimeFunctionSpec {
     /// What it adds to the effect's code.
     pub suffix: &'static str,
     pub meaning: &'static str,
     key: fn(&str) -> String,
-    limit: fn(&Number, &Amplitude) -> (f64, f64),
-    pub shapes: &'static [Number],
-    law: fn(&[f64]) -> Law,
+    limit: fn(&ParameterSpec, &Amplitude) -> (f64, f64),
+    pub shapes: &'static [ParameterSpec],
+    law: fn(&[f64]) -> TimeFunction,
 }
 
-const TIME: Number = Number {
+const TIME: ParameterSpec = ParameterSpec {
     name: "time_s",
-    form: Form::Real,
+    form: ValueFormat::Real,
     role: Role::Onset,
-    default: Default::Required,
+    default: DefaultValue::Required,
     least: 0.0,
     greatest: 1e10,
     meaning: "from which it holds, since the start of the first half second",
 };
-const PERIOD: Number = Number {
+const PERIOD: ParameterSpec = ParameterSpec {
     name: "period_s",
-    form: Form::Real,
+    form: ValueFormat::Real,
     role: Role::Period,
-    default: Default::Required,
+    default: DefaultValue::Required,
     least: 0.1,
     greatest: 1e10,
     meaning: "period",
 };
-const PHASE: Number = Number {
+const PHASE: ParameterSpec = ParameterSpec {
     name: "phase_rad",
-    form: Form::Real,
+    form: ValueFormat::Real,
     role: Role::Phase,
-    default: Default::Value(0.0),
+    default: DefaultValue::Value(0.0),
     least: -100.0,
     greatest: 100.0,
     meaning: "phase at the start of the first half second",
@@ -79,57 +79,57 @@ const PHASE: Number = Number {
 pub struct Size {
     /// Key, made from the amplitude's.
     pub name: String,
-    pub form: Form,
+    pub form: ValueFormat,
     pub least: f64,
     pub greatest: f64,
 }
 
-pub const KINDS: &[Kind] = &[
-    Kind {
+pub const KINDS: &[TimeFunctionSpec] = &[
+    TimeFunctionSpec {
         suffix: "-step",
         meaning: "holds from time_s on",
         key: str::to_owned,
         limit: |number, _| step_limits(number),
         shapes: &[TIME],
-        law: |shapes| Law::Step { time_s: shapes[0] },
+        law: |shapes| TimeFunction::Step { time_s: shapes[0] },
     },
-    Kind {
+    TimeFunctionSpec {
         suffix: "-ramp",
         meaning: "per day, from the start",
         key: |name| format!("{name}_per_day"),
         limit: |_, amplitude| (-amplitude.per_day, amplitude.per_day),
         shapes: &[],
-        law: |_| Law::Ramp,
+        law: |_| TimeFunction::Ramp,
     },
-    Kind {
+    TimeFunctionSpec {
         suffix: "-temperature",
         meaning: "per K of electronics temperature above its reference",
         key: |name| format!("{name}_per_k"),
         limit: |_, amplitude| (-amplitude.per_k, amplitude.per_k),
         shapes: &[],
-        law: |_| Law::Temperature,
+        law: |_| TimeFunction::Temperature,
     },
-    Kind {
+    TimeFunctionSpec {
         suffix: "-periodic",
         meaning: "amplitude times sin(2 pi t / period + phase)",
         key: |name| format!("amplitude_{name}"),
         limit: |number, _| step_limits(number),
         shapes: &[PERIOD, PHASE],
-        law: |shapes| Law::Periodic { period_s: shapes[0], phase_rad: shapes[1] },
+        law: |shapes| TimeFunction::Periodic { period_s: shapes[0], phase_rad: shapes[1] },
     },
 ];
 
 /// Limits of a step: from any value to any other that the model is good for.
-pub fn step_limits(number: &Number) -> (f64, f64) {
+pub fn step_limits(number: &ParameterSpec) -> (f64, f64) {
     (number.least.min(-number.greatest), number.greatest)
 }
 
-impl Kind {
+impl TimeFunctionSpec {
     /// What is said of the size of an amplitude's course; nothing where there can be none: what is on or off, or names
     /// a gyro, can only be stepped.
-    pub fn size(&self, effect: &EffectSpec, numbers: &[Number], amplitude: usize) -> Option<Size> {
+    pub fn size(&self, effect: &EffectSpec, numbers: &[ParameterSpec], amplitude: usize) -> Option<Size> {
         let number = &numbers[amplitude];
-        if number.form != Form::Real && self.suffix != "-step" {
+        if number.form != ValueFormat::Real && self.suffix != "-step" {
             return None;
         }
         let (least, greatest) = (self.limit)(number, &effect.amplitudes[amplitude]);
@@ -137,17 +137,17 @@ impl Kind {
     }
 
     /// The law with these values of [`Kind::shapes`].
-    pub fn law(&self, shapes: &[f64]) -> Law {
+    pub fn law(&self, shapes: &[f64]) -> TimeFunction {
         (self.law)(shapes)
     }
 
     /// The kind of a law, and its values of [`Kind::shapes`].
-    pub fn of(law: &Law) -> (&'static Kind, Vec<f64>) {
+    pub fn of(law: &TimeFunction) -> (&'static TimeFunctionSpec, Vec<f64>) {
         let (index, shapes) = match *law {
-            Law::Step { time_s } => (0, vec![time_s]),
-            Law::Ramp => (1, vec![]),
-            Law::Temperature => (2, vec![]),
-            Law::Periodic { period_s, phase_rad } => (3, vec![period_s, phase_rad]),
+            TimeFunction::Step { time_s } => (0, vec![time_s]),
+            TimeFunction::Ramp => (1, vec![]),
+            TimeFunction::Temperature => (2, vec![]),
+            TimeFunction::Periodic { period_s, phase_rad } => (3, vec![period_s, phase_rad]),
         };
         (&KINDS[index], shapes)
     }
@@ -162,7 +162,7 @@ pub struct Interval {
     pub electronics_excess_k: f64,
 }
 
-impl Course {
+impl TimeCourse {
     /// What it adds to the amplitude over the half second.
     #[inline]
     pub fn value(&self, interval: &Interval) -> f64 {
@@ -170,10 +170,10 @@ impl Course {
         let middle_s = 0.5 * (start_s + end_s);
         self.size
             * match self.law {
-                Law::Step { time_s } => ((end_s - time_s) / (end_s - start_s)).clamp(0.0, 1.0),
-                Law::Ramp => middle_s / S_PER_DAY,
-                Law::Temperature => electronics_excess_k,
-                Law::Periodic { period_s, phase_rad } => {
+                TimeFunction::Step { time_s } => ((end_s - time_s) / (end_s - start_s)).clamp(0.0, 1.0),
+                TimeFunction::Ramp => middle_s / S_PER_DAY,
+                TimeFunction::Temperature => electronics_excess_k,
+                TimeFunction::Periodic { period_s, phase_rad } => {
                     libm::sin(std::f64::consts::TAU * middle_s / period_s + phase_rad)
                 }
             }
@@ -182,10 +182,10 @@ impl Course {
     /// The largest that it ever adds.
     pub fn largest(&self) -> f64 {
         match self.law {
-            Law::Step { .. } => self.size.max(0.0),
-            Law::Ramp if self.size <= 0.0 => 0.0,
-            Law::Ramp | Law::Temperature => f64::INFINITY,
-            Law::Periodic { .. } => self.size.abs(),
+            TimeFunction::Step { .. } => self.size.max(0.0),
+            TimeFunction::Ramp if self.size <= 0.0 => 0.0,
+            TimeFunction::Ramp | TimeFunction::Temperature => f64::INFINITY,
+            TimeFunction::Periodic { .. } => self.size.abs(),
         }
     }
 }
@@ -196,7 +196,7 @@ mod tests {
 
     #[test]
     fn a_step_within_a_half_second_counts_with_its_part() {
-        let course = Course { effect: 0, amplitude: 0, size: 8.0, law: Law::Step { time_s: 10.125 } };
+        let course = TimeCourse { effect: 0, amplitude: 0, size: 8.0, law: TimeFunction::Step { time_s: 10.125 } };
         let value = |start_s: f64| course.value(&Interval { start_s, end_s: start_s + 0.5, electronics_excess_k: 0.0 });
         assert_eq!([value(9.5), value(10.0), value(10.5)], [0.0, 6.0, 8.0]);
     }
@@ -205,7 +205,7 @@ mod tests {
     fn kinds_and_laws_name_each_other() {
         for kind in KINDS {
             let shapes: Vec<f64> = (1..=kind.shapes.len()).map(|number| number as f64).collect();
-            let (back, values) = Kind::of(&kind.law(&shapes));
+            let (back, values) = TimeFunctionSpec::of(&kind.law(&shapes));
             assert_eq!((back.suffix, values), (kind.suffix, shapes));
         }
     }

@@ -29,4 +29,4 @@ pub mod units;
 pub use configuration::Configuration;
 pub use package::Trace;
 pub use simulation::Simulation;
-pub use unit::{Answer, Ended, Injected, Truth, Unit};
+pub use unit::{CommandResponse, CompletedSample, InjectionRecord, Truth, GyroUnit};

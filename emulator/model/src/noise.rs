@@ -12,30 +12,30 @@ const FAULT: u8 = u8::MAX - 1;
 
 /// A stream of independent standard normal numbers.
 #[derive(Debug, Clone)]
-pub struct Stream(ChaCha8Rng);
+pub struct NoiseStream(ChaCha8Rng);
 
-impl Stream {
+impl NoiseStream {
     /// The stream of one effect of one gyro. The algorithm is fixed: ChaCha8 keyed by seed, gyro and effect code, and a
     /// ziggurat on the libm crate, so every host draws the same numbers. (rand_distr's calls the host's libm wherever
     /// another crate of the program switches num-traits to std.)
-    pub fn new(seed: u64, gyro: Gyro, code: &str) -> Stream {
-        Stream::keyed(seed, gyro as u8, code)
+    pub fn new(seed: u64, gyro: Gyro, code: &str) -> NoiseStream {
+        NoiseStream::keyed(seed, gyro as u8, code)
     }
 
     /// The stream of an absolute sensor, or of a part of one, by name; no gyro's stream is the same.
-    pub fn of_sensor(seed: u64, name: &str) -> Stream {
-        Stream::keyed(seed, NO_GYRO, name)
+    pub fn of_sensor(seed: u64, name: &str) -> NoiseStream {
+        NoiseStream::keyed(seed, NO_GYRO, name)
     }
 
     /// The stream of one draw of a fault: by seed, the fault's identifier, what is drawn, and which time.
-    pub fn of_fault(seed: u64, id: &str, what: &str, time: u64) -> Stream {
+    pub fn of_fault(seed: u64, id: &str, what: &str, time: u64) -> NoiseStream {
         let mut key = [0; 32];
         key[..8].copy_from_slice(&seed.to_le_bytes());
         key[8] = FAULT;
         key[9..16].copy_from_slice(&fnv1a(what.as_bytes()).to_le_bytes()[..7]);
         key[16..24].copy_from_slice(&fnv1a(id.as_bytes()).to_le_bytes());
         key[24..].copy_from_slice(&time.to_le_bytes());
-        Stream(ChaCha8Rng::from_seed(key))
+        NoiseStream(ChaCha8Rng::from_seed(key))
     }
 
     /// The next number, evenly from 0 up to 1.
@@ -48,12 +48,12 @@ impl Stream {
         self.0.next_u64()
     }
 
-    fn keyed(seed: u64, whose: u8, name: &str) -> Stream {
+    fn keyed(seed: u64, whose: u8, name: &str) -> NoiseStream {
         let mut key = [0; 32];
         key[..8].copy_from_slice(&seed.to_le_bytes());
         key[8] = whose;
         key[16..24].copy_from_slice(&fnv1a(name.as_bytes()).to_le_bytes());
-        Stream(ChaCha8Rng::from_seed(key))
+        NoiseStream(ChaCha8Rng::from_seed(key))
     }
 
     #[inline]
@@ -146,7 +146,7 @@ mod tests {
     #[test]
     fn a_stream_is_a_function_of_seed_gyro_and_effect() {
         let draw = |seed, gyro, code| {
-            let mut stream = Stream::new(seed, gyro, code);
+            let mut stream = NoiseStream::new(seed, gyro, code);
             [stream.standard_normal(), stream.standard_normal()]
         };
         let first = draw(1, Gyro::X, "angle-random-walk");
@@ -160,25 +160,25 @@ mod tests {
 
     #[test]
     fn a_sensor_has_a_stream_of_its_own() {
-        let mut sensor = Stream::of_sensor(1, "angle-random-walk");
+        let mut sensor = NoiseStream::of_sensor(1, "angle-random-walk");
         let first = sensor.standard_normal();
-        assert_eq!(first, Stream::of_sensor(1, "angle-random-walk").standard_normal());
-        assert_ne!(first, Stream::of_sensor(2, "angle-random-walk").standard_normal());
+        assert_eq!(first, NoiseStream::of_sensor(1, "angle-random-walk").standard_normal());
+        assert_ne!(first, NoiseStream::of_sensor(2, "angle-random-walk").standard_normal());
         for gyro in Gyro::ALL {
-            assert_ne!(first, Stream::new(1, gyro, "angle-random-walk").standard_normal());
+            assert_ne!(first, NoiseStream::new(1, gyro, "angle-random-walk").standard_normal());
         }
     }
 
     #[test]
     fn gyros_streams_are_those_of_every_earlier_version() {
         // Drawn before sensors had streams; another number here changes every recorded run.
-        let drawn = Stream::new(1, Gyro::X, "angle-random-walk").standard_normal();
+        let drawn = NoiseStream::new(1, Gyro::X, "angle-random-walk").standard_normal();
         assert_eq!(drawn, -0.314_922_967_245_439_5);
     }
 
     #[test]
     fn the_numbers_are_standard_normal() {
-        let mut stream = Stream::new(1, Gyro::Zb, "test");
+        let mut stream = NoiseStream::new(1, Gyro::Zb, "test");
         let count = 1_000_000;
         let numbers: Vec<f64> = (0..count).map(|_| stream.standard_normal()).collect();
         let n = f64::from(count);

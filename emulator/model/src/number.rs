@@ -6,7 +6,7 @@ use geu_protocol::Gyro;
 
 /// What stands where a configuration does not name the number.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Default {
+pub enum DefaultValue {
     /// This value.
     Value(f64),
     /// Nothing: it must be named.
@@ -15,19 +15,19 @@ pub enum Default {
     Absent,
 }
 
-impl Default {
+impl DefaultValue {
     /// The field's value before anything is read.
     pub const fn initial(self) -> f64 {
         match self {
-            Default::Value(value) => value,
-            Default::Required | Default::Absent => f64::NAN,
+            DefaultValue::Value(value) => value,
+            DefaultValue::Required | DefaultValue::Absent => f64::NAN,
         }
     }
 }
 
 /// How a number is written in a configuration.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Form {
+pub enum ValueFormat {
     /// As a number.
     Real,
     /// As `true` (1) or `false` (0).
@@ -61,15 +61,15 @@ pub enum Role {
 
 /// What is said of one number.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Number {
+pub struct ParameterSpec {
     /// Key in the configuration, unit last.
     pub name: &'static str,
     /// How it is written.
-    pub form: Form,
+    pub form: ValueFormat,
     /// What it is for.
     pub role: Role,
     /// Value where none is named.
-    pub default: Default,
+    pub default: DefaultValue,
     /// Smallest value accepted.
     pub least: f64,
     /// Largest value accepted.
@@ -78,7 +78,7 @@ pub struct Number {
     pub meaning: &'static str,
 }
 
-impl Number {
+impl ParameterSpec {
     /// The limits in words.
     pub fn limits(&self) -> String {
         self.form.limits(self.least, self.greatest)
@@ -90,25 +90,25 @@ impl Number {
     }
 }
 
-impl Form {
+impl ValueFormat {
     /// `value` as a configuration writes it.
     pub fn written(self, value: f64) -> String {
         match self {
-            Form::Real => format!("{value:?}"),
-            Form::Flag => (value != 0.0).to_string(),
-            Form::Gyro => format!("{:?}", named_gyro(value).map_or("", Gyro::name)),
-            Form::Whole => format!("{value:.0}"),
-            Form::Choice(names) => format!("{:?}", names.get(value as usize).copied().unwrap_or_default()),
+            ValueFormat::Real => format!("{value:?}"),
+            ValueFormat::Flag => (value != 0.0).to_string(),
+            ValueFormat::Gyro => format!("{:?}", named_gyro(value).map_or("", Gyro::name)),
+            ValueFormat::Whole => format!("{value:.0}"),
+            ValueFormat::Choice(names) => format!("{:?}", names.get(value as usize).copied().unwrap_or_default()),
         }
     }
 
     /// Limits in words.
     pub fn limits(self, least: f64, greatest: f64) -> String {
         match (self, least.is_finite(), greatest.is_finite()) {
-            (Form::Flag, ..) => "true or false".to_owned(),
-            (Form::Gyro, ..) => format!("one of {}", Gyro::ALL.map(|gyro| format!("{:?}", gyro.name())).join(", ")),
-            (Form::Choice(names), ..) => format!("one of {}", names.join(", ")),
-            (Form::Whole, ..) => format!("a whole number within {least}…{greatest}"),
+            (ValueFormat::Flag, ..) => "true or false".to_owned(),
+            (ValueFormat::Gyro, ..) => format!("one of {}", Gyro::ALL.map(|gyro| format!("{:?}", gyro.name())).join(", ")),
+            (ValueFormat::Choice(names), ..) => format!("one of {}", names.join(", ")),
+            (ValueFormat::Whole, ..) => format!("a whole number within {least}…{greatest}"),
             (_, true, true) if least == -greatest => format!("a number within ±{greatest}"),
             (_, true, true) => format!("a number within {least}…{greatest}"),
             (_, true, false) => format!("{least} or more"),
@@ -121,13 +121,13 @@ impl Form {
 /// A number that belongs to no struct.
 pub const fn number(
     name: &'static str,
-    form: Form,
-    default: Default,
+    form: ValueFormat,
+    default: DefaultValue,
     least: f64,
     greatest: f64,
     meaning: &'static str,
-) -> Number {
-    Number { name, form, role: Role::Amplitude, default, least, greatest, meaning }
+) -> ParameterSpec {
+    ParameterSpec { name, form, role: Role::Amplitude, default, least, greatest, meaning }
 }
 
 /// The gyro that a number of form [`Form::Gyro`] means.
@@ -136,9 +136,9 @@ pub fn named_gyro(value: f64) -> Option<Gyro> {
 }
 
 /// A struct of numbers that knows what is said of each.
-pub trait Numbers {
+pub trait ParameterSet {
     /// One entry per number, in order.
-    fn specs(&self) -> &'static [Number];
+    fn specs(&self) -> &'static [ParameterSpec];
     /// The number at `index` of [`Numbers::specs`].
     fn value(&self, index: usize) -> f64;
     /// The place of the number at `index` of [`Numbers::specs`].
@@ -148,18 +148,18 @@ pub trait Numbers {
 /// Declares a struct of numbers: `field: default, least..=greatest;`, the default `required`, `absent` or a value, and after the
 /// limits a form that is not `Real` or a role that is not `Amplitude`.
 macro_rules! numbers {
-    (@form Flag) => { $crate::number::Form::Flag };
-    (@form Gyro) => { $crate::number::Form::Gyro };
-    (@form Whole) => { $crate::number::Form::Whole };
-    (@form $($role:ident)?) => { $crate::number::Form::Real };
+    (@form Flag) => { $crate::number::ValueFormat::Flag };
+    (@form Gyro) => { $crate::number::ValueFormat::Gyro };
+    (@form Whole) => { $crate::number::ValueFormat::Whole };
+    (@form $($role:ident)?) => { $crate::number::ValueFormat::Real };
     (@role Flag) => { $crate::number::Role::Amplitude };
     (@role Gyro) => { $crate::number::Role::Amplitude };
     (@role Whole) => { $crate::number::Role::Amplitude };
     (@role) => { $crate::number::Role::Amplitude };
     (@role $role:ident) => { $crate::number::Role::$role };
-    (@default required) => { $crate::number::Default::Required };
-    (@default absent) => { $crate::number::Default::Absent };
-    (@default $value:expr) => { $crate::number::Default::Value($value) };
+    (@default required) => { $crate::number::DefaultValue::Required };
+    (@default absent) => { $crate::number::DefaultValue::Absent };
+    (@default $value:expr) => { $crate::number::DefaultValue::Value($value) };
     ($(#[doc = $doc:literal])* pub struct $type:ident {
         $($(#[doc = $meaning:literal])* $field:ident: $default:tt, $least:literal ..= $greatest:expr $(, $form_or_role:ident)?;)*
     }) => {
@@ -169,7 +169,7 @@ macro_rules! numbers {
 
         impl $type {
             /// What is said of each number, in order.
-            pub const NUMBERS: &[$crate::number::Number] = &[$($crate::number::Number {
+            pub const NUMBERS: &[$crate::number::ParameterSpec] = &[$($crate::number::ParameterSpec {
                 name: stringify!($field),
                 form: $crate::number::numbers!(@form $($form_or_role)?),
                 role: $crate::number::numbers!(@role $($form_or_role)?),
@@ -186,8 +186,8 @@ macro_rules! numbers {
             }
         }
 
-        impl $crate::number::Numbers for $type {
-            fn specs(&self) -> &'static [$crate::number::Number] { Self::NUMBERS }
+        impl $crate::number::ParameterSet for $type {
+            fn specs(&self) -> &'static [$crate::number::ParameterSpec] { Self::NUMBERS }
             fn value(&self, index: usize) -> f64 { [$(self.$field),*][index] }
             fn value_mut(&mut self, index: usize) -> &mut f64 { [$(&mut self.$field),*].into_iter().nth(index).expect("index of NUMBERS") }
         }

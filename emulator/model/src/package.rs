@@ -2,11 +2,11 @@
 
 use geu_protocol::Gyro;
 
-use crate::attitude::Step;
+use crate::attitude::MotionStep;
 use crate::effect::discovered::{self, Term};
 use crate::effect::{
-    CALIBRATION_COLUMN, COLUMNS, DISCOVERED_COLUMN, Head, HeadEffects, HeadStates, Surroundings, Tap, Temperatures,
-    Timing, UNIT_COLUMNS, UnitEffects, UnitStates,
+    CALIBRATION_COLUMN, COLUMNS, DISCOVERED_COLUMN, GyroSubStep, GyroEffects, HeadStates, EffectInputs, Probe, Temperatures,
+    SampleTiming, UNIT_COLUMNS, UnitEffects, UnitStates,
 };
 use crate::number::numbers;
 use crate::units::{ARCSEC_PER_RAD, HALF_SECOND_S};
@@ -89,7 +89,7 @@ pub struct Trace {
     now: f64,
 }
 
-impl Tap for Trace {
+impl Probe for Trace {
     const LOOKS: bool = true;
 
     fn begin(&mut self, true_arcsec: f64) {
@@ -110,11 +110,11 @@ impl Tap for Trace {
 }
 
 /// One gyro of the package as it stands over a half second.
-pub struct Standing<'a> {
+pub struct ResolvedGyro<'a> {
     /// Whether it is counted at all.
     pub is_counted: bool,
     pub calibration: &'a Calibration,
-    pub effects: &'a HeadEffects,
+    pub effects: &'a GyroEffects,
     pub discovered: &'a [Term],
 }
 
@@ -127,7 +127,7 @@ pub struct Package {
 
 #[derive(Debug, Clone, Copy, Default)]
 pub struct SubStep {
-    pub counted: Step,
+    pub counted: MotionStep,
     /// True time since the start of the run at its end.
     pub end_s: f64,
 }
@@ -141,13 +141,13 @@ impl Package {
     /// Counts one half second: N = (M Δφ + … − D)/SF over its sub-steps, as real numbers; 0 for a gyro that is not counted.
     /// `truths` is the true motion of each sub-step, where it is not what is counted and a tap looks.
     #[inline]
-    pub fn count<T: Tap>(
+    pub fn count<T: Probe>(
         &mut self,
-        gyros: &[Standing; 4],
+        gyros: &[ResolvedGyro; 4],
         unit: &UnitEffects,
         temperatures: &Temperatures,
         steps: &[SubStep],
-        truths: &[Step],
+        truths: &[MotionStep],
         taps: &mut [T; 4],
     ) -> [f64; 4] {
         let length_s: f64 = steps.iter().map(|step| step.counted.length_s).sum();
@@ -158,19 +158,19 @@ impl Package {
         let timing = timings.last().copied().unwrap_or_default();
         let mut counts = [0.0; 4];
         for (index, SubStep { counted: step, end_s }) in steps.iter().enumerate() {
-            let mut heads: [Head; 4] =
+            let mut heads: [GyroSubStep; 4] =
                 std::array::from_fn(|index| calibrated(Axes::of(Gyro::ALL[index]), gyros[index].calibration, step));
             if T::LOOKS {
                 look_at_start(taps, &heads, &timings, [truths.get(index).unwrap_or(step), step]);
             }
             unit.apply(&mut self.unit, &mut heads, step, taps);
             for (index, head) in heads.iter_mut().enumerate().filter(|(index, _)| gyros[*index].is_counted) {
-                let surroundings = Surroundings { step, axes: Axes::of(Gyro::ALL[index]), temperatures, end_s: *end_s };
+                let surroundings = EffectInputs { step, axes: Axes::of(Gyro::ALL[index]), temperatures, end_s: *end_s };
                 let tap = &mut taps[index];
                 if !gyros[index].discovered.is_empty() {
                     discovered::apply(gyros[index].discovered, head, &surroundings);
                     if T::LOOKS {
-                        tap.after(DISCOVERED_COLUMN, head.counts(&Timing::default()));
+                        tap.after(DISCOVERED_COLUMN, head.counts(&SampleTiming::default()));
                     }
                 }
                 gyros[index].effects.apply(&mut self.heads[index], head, &surroundings, tap);
@@ -188,10 +188,10 @@ impl Package {
 
 /// The head with its calibration alone.
 #[inline]
-fn calibrated(axes: &Axes, calibration: &Calibration, step: &Step) -> Head {
+fn calibrated(axes: &Axes, calibration: &Calibration, step: &MotionStep) -> GyroSubStep {
     let angle = step.angle_control_arcsec;
     let offset = [calibration.x_arcsec, calibration.y_arcsec, calibration.z_arcsec];
-    Head {
+    GyroSubStep {
         input_arcsec: axes.about_input(angle) + dot(offset, angle) / ARCSEC_PER_RAD,
         added_arcsec: 0.0,
         drift_arcsec: calibration.drift_arcsec_per_half_s * (step.length_s / HALF_SECOND_S),
@@ -201,11 +201,11 @@ fn calibrated(axes: &Axes, calibration: &Calibration, step: &Step) -> Head {
 }
 
 /// The true angle, then the motion of another time where an effect shifted it, then the calibration.
-fn look_at_start<T: Tap>(
+fn look_at_start<T: Probe>(
     taps: &mut [T; 4],
-    heads: &[Head; 4],
-    timings: &[Timing; UnitEffects::SPECS.len()],
-    [truth, counted]: [&Step; 2],
+    heads: &[GyroSubStep; 4],
+    timings: &[SampleTiming; UnitEffects::SPECS.len()],
+    [truth, counted]: [&MotionStep; 2],
 ) {
     for ((tap, head), gyro) in taps.iter_mut().zip(heads).zip(Gyro::ALL) {
         let axes = Axes::of(gyro);
@@ -213,7 +213,7 @@ fn look_at_start<T: Tap>(
         if let Some(column) = timings.iter().position(|timing| timing.shift_s != 0.0) {
             tap.after(UNIT_COLUMNS + column, axes.about_input(counted.angle_control_arcsec));
         }
-        tap.after(CALIBRATION_COLUMN, head.counts(&Timing::default()));
+        tap.after(CALIBRATION_COLUMN, head.counts(&SampleTiming::default()));
     }
 }
 

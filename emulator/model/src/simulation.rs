@@ -3,10 +3,10 @@
 //! [`Simulation`] steps both for what runs at no pace of its own (checkouts, survey days, blind trials). What steps the unit
 //! itself, such as a recorder beside a live run, takes [`ReferenceSource`] alone.
 
-use crate::attitude::{Leg, Motion, Row, Step};
+use crate::attitude::{Leg, Motion, AttitudeRow, MotionStep};
 use crate::configuration::Configuration;
-use crate::sensor::{Fix, SLITS, StarSensor, SunAngles, SunSensor};
-use crate::unit::{Ended, Truth, Unit};
+use crate::sensor::{SlitFix, SLITS, StarSensor, SunAngles, SunSensor};
+use crate::unit::{CompletedSample, Truth, GyroUnit};
 use crate::units::{HALF_SECOND_NS, HALF_SECOND_S};
 
 /// True attitude and absolute sensors along a truth.
@@ -23,14 +23,14 @@ pub struct ReferenceSample {
     /// True time since the start, s: the end of the step.
     pub t_s: f64,
     /// The motion since the sample before.
-    pub step: Step,
+    pub step: MotionStep,
     /// θ and ψ at the end, where the truth has them.
     pub theta_psi_rad: Option<(f64, f64)>,
     pub legs: Vec<Leg>,
     /// The sun, except in an eclipse.
     pub sun: Option<SunAngles>,
     /// Star fixes, a set of slits each.
-    pub fixes: Vec<[Fix; SLITS.len()]>,
+    pub fixes: Vec<[SlitFix; SLITS.len()]>,
 }
 
 impl ReferenceSource {
@@ -49,8 +49,8 @@ impl ReferenceSource {
     }
 
     /// Attitude of the start, as a row before the first sample.
-    pub fn start(&self) -> Row {
-        Row { t_s: self.motion.now().t_s, angle_control_arcsec: [0.0; 3], theta_psi_rad: self.theta_psi_rad() }
+    pub fn start(&self) -> AttitudeRow {
+        AttitudeRow { t_s: self.motion.now().t_s, angle_control_arcsec: [0.0; 3], theta_psi_rad: self.theta_psi_rad() }
     }
 
     fn theta_psi_rad(&self) -> Option<(f64, f64)> {
@@ -74,9 +74,9 @@ impl ReferenceSource {
 
 impl ReferenceSample {
     /// As a row of a reference attitude.
-    pub fn row(&self) -> Row {
+    pub fn row(&self) -> AttitudeRow {
         let angle_control_arcsec = self.step.angle_control_arcsec;
-        Row { t_s: self.t_s, angle_control_arcsec, theta_psi_rad: self.theta_psi_rad }
+        AttitudeRow { t_s: self.t_s, angle_control_arcsec, theta_psi_rad: self.theta_psi_rad }
     }
 }
 
@@ -84,7 +84,7 @@ impl ReferenceSample {
 #[derive(Debug, Clone)]
 pub struct Simulation {
     /// The unit, to send commands to.
-    pub unit: Unit,
+    pub unit: GyroUnit,
     reference: ReferenceSource,
     reference_samples: i64,
 }
@@ -94,13 +94,13 @@ impl Simulation {
     pub fn new(configuration: &Configuration) -> Simulation {
         let truth = Truth::Scenario;
         Simulation {
-            unit: Unit::on(configuration, &truth),
+            unit: GyroUnit::on(configuration, &truth),
             reference: ReferenceSource::new(configuration, &truth),
             reference_samples: 0,
         }
     }
 
-    pub fn start(&self) -> Row {
+    pub fn start(&self) -> AttitudeRow {
         self.reference.start()
     }
 }
@@ -108,7 +108,7 @@ impl Simulation {
 impl Iterator for Simulation {
     /// A sample, and those of the reference that start before its end. The reference has one every 0.5 s of true time,
     /// whatever the unit's clock does.
-    type Item = (Ended, Vec<ReferenceSample>);
+    type Item = (CompletedSample, Vec<ReferenceSample>);
 
     fn next(&mut self) -> Option<Self::Item> {
         let ended = self.unit.end_half_second();

@@ -10,22 +10,22 @@ mod tests;
 use std::sync::Arc;
 
 use geu_protocol::field::{CLOCK_MODULUS, unit_flag};
-use geu_protocol::{CLOCK_PER_HALF_SECOND, Command, Gyro, HalfSecond, LINK_VERSION, Outcome, Reply, command};
+use geu_protocol::{CLOCK_PER_HALF_SECOND, Command, Gyro, Sample, LINK_VERSION, CommandResult, Reply, command};
 
-use crate::attitude::{Motion, Plan, Recorded, Stepped};
+use crate::attitude::{Motion, AttitudeProfile, RecordedAttitude, StreamedAttitude};
 use crate::configuration::Configuration;
 use crate::course::Interval;
 use crate::effect::{
-    FAULT_COLUMN, HeadEffects, POWER_COLUMN, SATURATION_COLUMN, SELF_TEST_COLUMN, Tap, Temperatures, Timing,
+    FAULT_COLUMN, GyroEffects, POWER_COLUMN, SATURATION_COLUMN, SELF_TEST_COLUMN, Probe, Temperatures, SampleTiming,
     UnitEffects, WiringEffects, WiringStates,
 };
-use crate::fault::acting::Faults;
-use crate::fault::catalogue::UnitLaw;
-use crate::fault::{Action, Fault, List};
-use crate::package::{Package, Standing, SubStep, Trace};
+use crate::fault::acting::FaultEngine;
+use crate::fault::catalogue::UnitFault;
+use crate::fault::{FaultKind, Fault, EffectList};
+use crate::package::{Package, ResolvedGyro, SubStep, Trace};
 use crate::temperature::{Sensor, interpolate};
 use crate::units::HALF_SECOND_S;
-pub use faulted::Injected;
+pub use faulted::InjectionRecord;
 
 /// Sub-steps of a half second, over which motion is resolved: 0.1 s each.
 const SUB_STEPS: usize = 5;
@@ -37,18 +37,18 @@ const GRAIN: f64 = 1e-6;
 const SPIN_UP_HALF_SECONDS: u32 = 120;
 
 #[derive(Debug, Clone, Copy)]
-pub struct Answer {
+pub struct CommandResponse {
     /// Goes to the link (TCP: the client) that asked.
     pub reply: Reply,
     /// For a POLL that was granted: the messages that follow the reply, to the same client.
-    pub polled: Option<HalfSecond>,
+    pub polled: Option<Sample>,
 }
 
 /// A half second that just ended.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Ended {
+pub struct CompletedSample {
     /// What the unit tells of it.
-    pub half_second: HalfSecond,
+    pub half_second: Sample,
     /// Whether it is sent on every link now (cyclic mode), or kept to be polled.
     pub cyclic: bool,
     /// Scheduled end, true time since the start of the first half second, ns.
@@ -61,9 +61,9 @@ pub enum Truth {
     #[default]
     Scenario,
     /// Rows of a file; their time 0 is the start of the first half second.
-    Recorded(Arc<Recorded>),
+    Recorded(Arc<RecordedAttitude>),
     /// Pieces that become known while the unit runs, or that did in a run before; their time 0 is the same.
-    Stepped(Arc<Stepped>),
+    Stepped(Arc<StreamedAttitude>),
 }
 
 impl Truth {
@@ -73,7 +73,7 @@ impl Truth {
         match self {
             Truth::Scenario => {
                 let scenario = &configuration.scenario;
-                let plan = Plan::new(scenario).expect("a configuration holds only scenarios that were tried");
+                let plan = AttitudeProfile::new(scenario).expect("a configuration holds only scenarios that were tried");
                 Motion::starting_before(plan, scenario.limit_cycle, (-t_s).max(0.0))
             }
             Truth::Recorded(rows) => Motion::recorded(rows.clone(), t_s),
@@ -115,12 +115,12 @@ impl Channel {
 }
 
 #[derive(Debug, Clone)]
-pub struct Unit {
+pub struct GyroUnit {
     configuration: Arc<Configuration>,
-    faults: Faults,
+    faults: FaultEngine,
     /// The unit without the faults that act, as it was when the first of them came.
-    clean: Option<Box<Unit>>,
-    injected: Option<Arc<Injected>>,
+    clean: Option<Box<GyroUnit>>,
+    injected: Option<Arc<InjectionRecord>>,
     /// Opcodes of the commands of the running half second.
     heard: Vec<u8>,
     /// The motion that is counted, which an effect may shift, and the motion of the moment.
@@ -139,7 +139,7 @@ pub struct Unit {
     end_fs: i128,
     /// Effects of the unit over the running half second, and the time they make.
     unit: UnitEffects,
-    timing: Timing,
+    timing: SampleTiming,
     ended: u64,
     /// Counts lost to saturation, per gyro.
     lost_counts: [f64; 4],
@@ -147,19 +147,19 @@ pub struct Unit {
     clock_count: u64,
     polled: bool,
     self_test: Option<SelfTest>,
-    last: Option<HalfSecond>,
+    last: Option<Sample>,
 }
 
-impl Unit {
+impl GyroUnit {
     /// The unit on its configuration's scenario, spun up and warm, at the start of its first half second.
-    pub fn new(configuration: &Configuration) -> Unit {
-        Unit::on(configuration, &Truth::Scenario)
+    pub fn new(configuration: &Configuration) -> GyroUnit {
+        GyroUnit::on(configuration, &Truth::Scenario)
     }
 
-    pub fn on(configuration: &Configuration, truth: &Truth) -> Unit {
+    pub fn on(configuration: &Configuration, truth: &Truth) -> GyroUnit {
         let at = |t_s: f64| truth.motion(configuration, t_s);
         let truth = at(0.0);
-        let mut unit = Unit {
+        let mut unit = GyroUnit {
             motion: truth.clone(),
             truth,
             package: Package::start(configuration.seed),
@@ -167,7 +167,7 @@ impl Unit {
             counted: [true; 4],
             wiring: WiringStates::default(),
             configuration: Arc::new(configuration.clone()),
-            faults: Faults::new(configuration),
+            faults: FaultEngine::new(configuration),
             clean: None,
             injected: None,
             heard: Vec::new(),
@@ -176,7 +176,7 @@ impl Unit {
             start_fs: 0,
             end_fs: 0,
             unit: UnitEffects::default(),
-            timing: Timing::default(),
+            timing: SampleTiming::default(),
             ended: 0,
             lost_counts: [0.0; 4],
             sequence: u16::MAX,
@@ -202,12 +202,12 @@ impl Unit {
             return most;
         }
         let moves_time =
-            |fault: &Fault| matches!(fault.action, Action::Parameter { target, .. } if target.list == List::Unit);
+            |fault: &Fault| matches!(fault.action, FaultKind::Parameter { target, .. } if target.list == EffectList::Unit);
         // A fault that moves the unit's time comes when its conditions hold: only the run itself tells.
         let is_flown = configuration.faults.iter().any(moves_time);
-        let mut unit = if is_flown { Unit::on(configuration, truth) } else { Unit::new(configuration) };
+        let mut unit = if is_flown { GyroUnit::on(configuration, truth) } else { GyroUnit::new(configuration) };
         let mut commands = configuration.run.commands.iter().peekable();
-        let covered = |unit: &Unit| match truth {
+        let covered = |unit: &GyroUnit| match truth {
             Truth::Scenario => true,
             Truth::Recorded(rows) => {
                 let end_s = unit.end_fs as f64 * 1e-15;
@@ -281,7 +281,7 @@ impl Unit {
     ///
     /// # Errors
     /// The reply that would have come, where a fault keeps the unit from hearing the command.
-    pub fn command(&mut self, payload: &[u8]) -> Result<Answer, Reply> {
+    pub fn command(&mut self, payload: &[u8]) -> Result<CommandResponse, Reply> {
         let unfaulted = self.clean.as_mut().map(|clean| clean.answer(payload));
         // Each once: a client may send as many as it likes.
         let opcode = payload.first().copied().filter(|opcode| !self.heard.contains(opcode));
@@ -292,9 +292,9 @@ impl Unit {
         }
     }
 
-    fn answer(&mut self, payload: &[u8]) -> Answer {
+    fn answer(&mut self, payload: &[u8]) -> CommandResponse {
         let opcode = payload.first().copied().unwrap_or(0);
-        let answer = |outcome| Answer { reply: Reply::new(opcode, outcome, &[]), polled: None };
+        let answer = |outcome| CommandResponse { reply: Reply::new(opcode, outcome, &[]), polled: None };
         let command = match command::parse(payload) {
             Ok(command) => command,
             Err(outcome) => return answer(outcome),
@@ -302,16 +302,16 @@ impl Unit {
         match command {
             Command::Ping => {
                 let values = [LINK_VERSION.0, LINK_VERSION.1];
-                return Answer { reply: Reply::new(opcode, Outcome::Done, &values), polled: None };
+                return CommandResponse { reply: Reply::new(opcode, CommandResult::Done, &values), polled: None };
             }
             Command::SetMode { polled } => self.polled = polled,
             Command::Poll => match self.last {
-                Some(last) if self.polled => return Answer { polled: Some(last), ..answer(Outcome::Done) },
-                _ => return answer(Outcome::NotPossibleNow),
+                Some(last) if self.polled => return CommandResponse { polled: Some(last), ..answer(CommandResult::Done) },
+                _ => return answer(CommandResult::NotPossibleNow),
             },
             Command::SelfTest { gyros, counts, half_seconds } => {
                 if self.self_test.is_some() {
-                    return answer(Outcome::NotPossibleNow);
+                    return answer(CommandResult::NotPossibleNow);
                 }
                 self.self_test = Some(SelfTest { gyros, counts, half_seconds_left: half_seconds });
             }
@@ -327,20 +327,20 @@ impl Unit {
             }
             Command::Heater { on } => self.sensor.heater_on = on,
         }
-        answer(Outcome::Done)
+        answer(CommandResult::Done)
     }
 
     /// Ends the running half second and begins the next.
-    pub fn end_half_second(&mut self) -> Ended {
+    pub fn end_half_second(&mut self) -> CompletedSample {
         self.end::<()>().0
     }
 
     /// As [`Unit::end_half_second`], and tells how the counts of each gyro came about.
-    pub fn end_half_second_traced(&mut self) -> (Ended, [Trace; 4]) {
+    pub fn end_half_second_traced(&mut self) -> (CompletedSample, [Trace; 4]) {
         self.end()
     }
 
-    fn end<T: Tap>(&mut self) -> (Ended, [T; 4]) {
+    fn end<T: Probe>(&mut self) -> (CompletedSample, [T; 4]) {
         let (start_s, end_s) = (self.start_fs as f64 * 1e-15, self.end_fs as f64 * 1e-15);
         let temperatures = self.temperatures(0.5 * (start_s + end_s));
         let interval = Interval {
@@ -366,29 +366,29 @@ impl Unit {
             }
         }
         let (gyros, faults) = (&self.configuration.gyros, &self.faults);
-        let mut rooms: [Option<HeadEffects>; 4] = [None; 4];
+        let mut rooms: [Option<GyroEffects>; 4] = [None; 4];
         let mut rooms = rooms.iter_mut();
         let standing = std::array::from_fn(|index| {
             let (room, gyro) = (rooms.next().expect("one for each"), Some(Gyro::ALL[index]));
-            Standing {
+            ResolvedGyro {
                 is_counted: self.counted[index],
                 calibration: &gyros[index].calibration,
-                effects: match faults.moves(List::Head, gyro) {
+                effects: match faults.moves(EffectList::Head, gyro) {
                     false => gyros[index].effects.standing(&interval, room),
-                    true => room.insert(faults.moved(gyros[index].effects.at(&interval), List::Head, gyro)),
+                    true => room.insert(faults.moved(gyros[index].effects.at(&interval), EffectList::Head, gyro)),
                 },
                 discovered: &gyros[index].discovered,
             }
         });
         let wiring: [WiringEffects; 4] = std::array::from_fn(|index| {
-            faults.moved(gyros[index].wiring.at(&interval), List::Wiring, Some(Gyro::ALL[index]))
+            faults.moved(gyros[index].wiring.at(&interval), EffectList::Wiring, Some(Gyro::ALL[index]))
         });
         let mut taps: [T; 4] = std::array::from_fn(|_| T::default());
         let unquantised = self.package.count(&standing, &self.unit, &temperatures, &steps, &truths, &mut taps);
         let mut counts: [f64; 4] = std::array::from_fn(|index| self.channels[index].accumulate(unquantised[index]));
         WiringEffects::apply(&wiring, &mut self.wiring, &mut counts, &mut taps);
 
-        let mut half_second = HalfSecond::default();
+        let mut half_second = Sample::default();
         let mut synchronous = true;
         for (index, gyro) in Gyro::ALL.into_iter().enumerate() {
             let counts = &mut counts[index];
@@ -438,7 +438,7 @@ impl Unit {
         let at_end = self.temperatures(end_s);
         let heater_on = self.sensor.heater_on;
         self.sensor.heater_on &=
-            !self.faults.on_unit().any(|(law, _)| matches!(law, UnitLaw::HeaterLost | UnitLaw::BrownOut));
+            !self.faults.on_unit().any(|(law, _)| matches!(law, UnitFault::HeaterLost | UnitFault::BrownOut));
         self.sensor.advance(end_s - start_s, at_end.electronics_c);
         self.sensor.heater_on = heater_on;
         half_second.electronics_centi_c = centi(at_end.electronics_c);
@@ -457,14 +457,14 @@ impl Unit {
             (half_seconds_left > 0).then_some(SelfTest { half_seconds_left, ..test })
         });
         for (law, _) in self.faults.on_unit() {
-            if let UnitLaw::FlipFlags { gyro_flags, unit_flags } = law {
+            if let UnitFault::FlipFlags { gyro_flags, unit_flags } = law {
                 half_second.gyro_flags ^= gyro_flags;
                 half_second.unit_flags ^= unit_flags;
             }
         }
         self.last = Some(half_second);
         let cyclic = !self.polled && !self.faults.is_silent();
-        let ended = Ended { half_second, cyclic, end_ns: self.running_end_ns() };
+        let ended = CompletedSample { half_second, cyclic, end_ns: self.running_end_ns() };
         self.injected = self.compare(&ended);
         self.ended += 1;
         self.start_fs = self.end_fs;
@@ -489,7 +489,7 @@ impl Unit {
             end_s: start_s + HALF_SECOND_S,
             electronics_excess_k: temperatures.electronics_c - temperatures.electronics_reference_c,
         };
-        self.unit = self.faults.moved(self.configuration.unit.at(&interval), List::Unit, None);
+        self.unit = self.faults.moved(self.configuration.unit.at(&interval), EffectList::Unit, None);
         self.timing = self.unit.timing().last().copied().unwrap_or_default();
         self.end_fs = self.start_fs + (HALF_SECOND_FS / (1.0 + self.timing.clock_error)).round() as i128;
     }

@@ -1,7 +1,7 @@
 //! Configurations: what is read comes back, and what is wrong is pointed at.
 
 use geu_model::Configuration;
-use geu_model::effect::{HeadEffects, UnitEffects};
+use geu_model::effect::{GyroEffects, UnitEffects};
 
 fn refused(text: &str) -> String {
     Configuration::parse("test.toml", text, &[]).expect_err("must be refused").to_string()
@@ -158,7 +158,7 @@ fn overrides_reach_into_a_list_however_it_is_written() {
 #[test]
 fn the_schema_knows_every_key_that_is_shown() {
     let schema = Configuration::schema().to_string();
-    for spec in HeadEffects::SPECS.iter().chain(UnitEffects::SPECS) {
+    for spec in GyroEffects::SPECS.iter().chain(UnitEffects::SPECS) {
         assert!(schema.contains(&format!("\"{}\"", spec.code)), "{}", spec.code);
     }
     assert!(schema.contains("\"drift-step\"") && schema.contains("\"arcsec_per_h_per_day\""));

@@ -2,10 +2,10 @@
 
 use std::sync::Arc;
 
-use geu_model::attitude::{Recorded, Row};
+use geu_model::attitude::{RecordedAttitude, AttitudeRow};
 use geu_model::effect::DISCOVERED_COLUMN;
 use geu_model::effect::discovered::{MOST_TERMS, Regressor};
-use geu_model::{Configuration, Trace, Truth, Unit};
+use geu_model::{Configuration, Trace, Truth, GyroUnit};
 
 fn parsed(text: &str) -> Configuration {
     Configuration::parse("test.toml", text, &[]).unwrap_or_else(|error| panic!("{error}"))
@@ -22,22 +22,22 @@ fn with_terms(terms: &str) -> Configuration {
 }
 
 fn flown(configuration: &Configuration, truth: &Truth, half_seconds: usize) -> Vec<[Trace; 4]> {
-    let mut unit = Unit::on(configuration, truth);
+    let mut unit = GyroUnit::on(configuration, truth);
     let _ = unit.command(&[7, 0]);
     (0..half_seconds).map(|_| unit.end_half_second_traced().1).collect()
 }
 
 /// At `t`: rates of 2t about X, −40 about Y and 50 about Z, arcsec/s; θ = 80°.
 fn turning() -> Truth {
-    let rows: Vec<Row> = (0..=12)
+    let rows: Vec<AttitudeRow> = (0..=12)
         .map(|index| {
             let (t_s, before_s) = (f64::from(index) * 0.5, (f64::from(index) - 1.0).max(0.0) * 0.5);
             let length_s = t_s - before_s;
             let angle_control_arcsec = [t_s * t_s - before_s * before_s, -40.0 * length_s, 50.0 * length_s];
-            Row { t_s, angle_control_arcsec, theta_psi_rad: Some((80f64.to_radians(), 0.0)) }
+            AttitudeRow { t_s, angle_control_arcsec, theta_psi_rad: Some((80f64.to_radians(), 0.0)) }
         })
         .collect();
-    Truth::Recorded(Arc::new(Recorded::new(&rows).expect("good rows")))
+    Truth::Recorded(Arc::new(RecordedAttitude::new(&rows).expect("good rows")))
 }
 
 #[test]

@@ -1,11 +1,11 @@
 //! What holds for every effect of the lists, each amplitude, every course and all gyros.
 
 use geu_model::configuration::Configuration;
-use geu_model::course::{Course, KINDS, Size};
-use geu_model::effect::{Configured, Effects, HEAD_COLUMNS, HeadEffects, UnitEffects, WiringEffects};
-use geu_model::number::{Form, Number};
+use geu_model::course::{TimeCourse, KINDS, Size};
+use geu_model::effect::{EffectConfiguration, Effects, HEAD_COLUMNS, GyroEffects, UnitEffects, WiringEffects};
+use geu_model::number::{ValueFormat, ParameterSpec};
 use geu_model::package::Axes;
-use geu_model::{Trace, Unit};
+use geu_model::{Trace, GyroUnit};
 use geu_protocol::Gyro;
 
 /// A unit that rests, turns about every axis and swings between; its heater is off, so that the sensor cools.
@@ -30,7 +30,7 @@ fn moving() -> Configuration {
 }
 
 fn flown(configuration: &Configuration) -> impl Iterator<Item = [Trace; 4]> {
-    let mut unit = Unit::new(configuration);
+    let mut unit = GyroUnit::new(configuration);
     let _ = unit.command(&[7, 0]);
     (0..HALF_SECONDS).map(move |_| unit.end_half_second_traced().1)
 }
@@ -66,24 +66,24 @@ impl Moved {
     }
 
     /// Adds this share of the largest value there is.
-    fn add<E: Effects>(self, configured: &mut Configured<E>, share: f64) {
+    fn add<E: Effects>(self, configured: &mut EffectConfiguration<E>, share: f64) {
         let Moved { effect, amplitude, kind } = self;
         let (spec, numbers) = (&configured.constant.specs()[effect], configured.constant.numbers(effect).specs());
-        let sized = |greatest: f64| if numbers[amplitude].form == Form::Real { greatest * share } else { share.ceil() };
+        let sized = |greatest: f64| if numbers[amplitude].form == ValueFormat::Real { greatest * share } else { share.ceil() };
         match kind.map(|kind| &KINDS[kind]) {
             None => *configured.constant.numbers_mut(effect).value_mut(amplitude) += sized(numbers[amplitude].greatest),
             Some(kind) => {
                 let size = sized(kind.size(spec, numbers, amplitude).expect("a course there is").greatest);
                 // Times off the ends of sub-steps: a clock that runs wrong by parts of a million moves none across.
                 let shapes: &[f64] = [&[][..], &[17.27], &[41.3, 0.2]][kind.shapes.len()];
-                configured.courses.push(Course { effect, amplitude, size, law: kind.law(shapes) });
+                configured.courses.push(TimeCourse { effect, amplitude, size, law: kind.law(shapes) });
             }
         }
     }
 
     /// As [`Moved::add`], at every gyro that has the amplitude.
     fn add_to_gyros(self, configuration: &mut Configuration, share: f64) {
-        let name = HeadEffects::default().numbers(self.effect).specs()[self.amplitude].name;
+        let name = GyroEffects::default().numbers(self.effect).specs()[self.amplitude].name;
         for gyro in Gyro::ALL.into_iter().filter(|gyro| Axes::of(*gyro).has_number(name)) {
             self.add(&mut configuration.gyros[gyro as usize].effects, share);
         }
@@ -92,7 +92,7 @@ impl Moved {
 
 /// Every amplitude and course of every list with this share of its largest value, shapes away from their defaults.
 fn with_everything(mut configuration: Configuration, share: f64) -> Configuration {
-    fn shapes<E: Effects>(configured: &mut Configured<E>) {
+    fn shapes<E: Effects>(configured: &mut EffectConfiguration<E>) {
         for effect in 0..configured.constant.specs().len() {
             let amplitudes = configured.constant.specs()[effect].amplitudes.len();
             let numbers = configured.constant.numbers_mut(effect);
@@ -103,7 +103,7 @@ fn with_everything(mut configuration: Configuration, share: f64) -> Configuratio
     }
     shapes(&mut configuration.unit);
     all::<UnitEffects>().iter().for_each(|moved| moved.add(&mut configuration.unit, share));
-    all::<HeadEffects>().iter().for_each(|moved| moved.add_to_gyros(&mut configuration, share));
+    all::<GyroEffects>().iter().for_each(|moved| moved.add_to_gyros(&mut configuration, share));
     for gyro in &mut configuration.gyros {
         shapes(&mut gyro.effects);
         all::<WiringEffects>().iter().for_each(|moved| moved.add(&mut gyro.wiring, share));
@@ -136,7 +136,7 @@ fn every_effect_with_every_course_reads_back() {
 /// The tables of a list that a configuration may have: each one's key, and its numbers with their limits.
 fn tables<E: Effects>(has: impl Fn(&str) -> bool) -> Vec<(String, Vec<Size>)> {
     let list = E::default();
-    let limits = |n: &Number| Size { name: n.name.to_owned(), form: n.form, least: n.least, greatest: n.greatest };
+    let limits = |n: &ParameterSpec| Size { name: n.name.to_owned(), form: n.form, least: n.least, greatest: n.greatest };
     let mut tables = Vec::new();
     for (effect, spec) in list.specs().iter().enumerate() {
         let numbers = list.numbers(effect).specs();
@@ -158,7 +158,7 @@ fn every_number_is_refused_beyond_its_limits_and_taken_at_them() {
     let mut places = vec![("unit".to_owned(), tables::<UnitEffects>(|_| true))];
     for gyro in Gyro::ALL {
         let place = format!("gyro.{}", gyro.name());
-        places.push((place.clone(), tables::<HeadEffects>(|name| Axes::of(gyro).has_number(name))));
+        places.push((place.clone(), tables::<GyroEffects>(|name| Axes::of(gyro).has_number(name))));
         places.push((place, tables::<WiringEffects>(|_| true)));
     }
     let parse = |text: &str| Configuration::parse("limits", text, &[]);
@@ -175,7 +175,7 @@ fn every_number_is_refused_beyond_its_limits_and_taken_at_them() {
                     format!("[{place}]\n{key} = {{ {} }}", numbers.join(", "))
                 };
                 let (good, bad) = match form {
-                    Form::Real => {
+                    ValueFormat::Real => {
                         let grain = |bound: f64| bound.abs().max(1.0) * 1e-9;
                         let beyond = [least - grain(*least), greatest + grain(*greatest)];
                         // Nothing is beyond a limit that is infinite.
@@ -185,9 +185,9 @@ fn every_number_is_refused_beyond_its_limits_and_taken_at_them() {
                             beyond.chain(["nan".to_owned()]).collect(),
                         )
                     }
-                    Form::Flag => (vec!["true".to_owned()], vec!["1".to_owned()]),
-                    Form::Gyro => (vec!["\"GYRY\"".to_owned()], vec!["\"GYRQ\"".to_owned(), "1".to_owned()]),
-                    Form::Whole | Form::Choice(_) => unreachable!("no effect has one"),
+                    ValueFormat::Flag => (vec!["true".to_owned()], vec!["1".to_owned()]),
+                    ValueFormat::Gyro => (vec!["\"GYRY\"".to_owned()], vec!["\"GYRQ\"".to_owned(), "1".to_owned()]),
+                    ValueFormat::Whole | ValueFormat::Choice(_) => unreachable!("no effect has one"),
                 };
                 for value in good {
                     assert!(parse(&table(&value)).is_ok(), "{}", parse(&table(&value)).expect_err("not good"));
@@ -207,7 +207,7 @@ const NOISES: [&str; 2] = ["angle-random-walk", "drift-random-walk"];
 #[test]
 fn switching_an_effect_on_moves_no_noise_of_another() {
     let noises: Vec<Moved> =
-        all::<HeadEffects>().into_iter().filter(|moved| NOISES.contains(&&*moved.code::<HeadEffects>())).collect();
+        all::<GyroEffects>().into_iter().filter(|moved| NOISES.contains(&&*moved.code::<GyroEffects>())).collect();
     assert_eq!(noises.len(), NOISES.len());
     let added = |mut configuration: Configuration, moved: &[Moved]| {
         moved.iter().for_each(|moved| moved.add_to_gyros(&mut configuration, 1e-3));
@@ -223,10 +223,10 @@ fn switching_an_effect_on_moves_no_noise_of_another() {
             }
         }
     };
-    for moved in all::<HeadEffects>() {
+    for moved in all::<GyroEffects>() {
         let others: Vec<Moved> = noises.iter().copied().filter(|noise| noise.effect != moved.effect).collect();
         let plain = added(moving(), &others);
-        assert_same(&plain, &added(plain.clone(), &[moved]), &others, &moved.code::<HeadEffects>());
+        assert_same(&plain, &added(plain.clone(), &[moved]), &others, &moved.code::<GyroEffects>());
     }
     for moved in all::<UnitEffects>() {
         let plain = added(moving(), &noises);
@@ -273,10 +273,10 @@ const PARTS: [f64; 2] = [1.0, 0.5];
 #[test]
 fn small_effects_add_up_to_second_order() {
     // Faults of the wiring have no size that could be small.
-    let heads = all::<HeadEffects>().into_iter().map(|moved| (false, moved));
+    let heads = all::<GyroEffects>().into_iter().map(|moved| (false, moved));
     let units = all::<UnitEffects>().into_iter().map(|moved| (true, moved));
     let code =
-        |(unit, moved): (bool, Moved)| if unit { moved.code::<UnitEffects>() } else { moved.code::<HeadEffects>() };
+        |(unit, moved): (bool, Moved)| if unit { moved.code::<UnitEffects>() } else { moved.code::<GyroEffects>() };
     let constant = |(unit, moved): (bool, Moved)| code((unit, Moved { kind: None, ..moved }));
     let linear: Vec<(bool, Moved)> = heads.chain(units).filter(|moved| constant(*moved) != NOT_LINEAR).collect();
     // A hundredth of what is accepted; of a ramp, which is per day, all in these four minutes.

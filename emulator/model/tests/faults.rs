@@ -2,16 +2,16 @@
 
 use std::sync::Arc;
 
-use geu_model::attitude::{Basis, Knot, Stepped};
+use geu_model::attitude::{SampleQuality, Knot, StreamedAttitude};
 use geu_model::configuration::fault::{MOST_EVER, fault_text, plan_text, read_fault_text};
-use geu_model::fault::acting::Happening;
-use geu_model::fault::catalogue::{CATALOGUE, LinkKind, Scope};
-use geu_model::fault::expectation::Verdict;
+use geu_model::fault::acting::FaultEvent;
+use geu_model::fault::catalogue::{CATALOGUE, Transport, Scope};
+use geu_model::fault::expectation::ExpectationResult;
 use geu_model::fault::shape::KINDS;
-use geu_model::fault::{Target, expression};
-use geu_model::number::{Default, Form};
-use geu_model::{Configuration, Truth, Unit};
-use geu_protocol::{Gyro, HalfSecond};
+use geu_model::fault::{ParameterRef, expression};
+use geu_model::number::{DefaultValue, ValueFormat};
+use geu_model::{Configuration, Truth, GyroUnit};
+use geu_protocol::{Gyro, Sample};
 
 fn with_plan(plan: &str) -> Configuration {
     let mut configuration = Configuration::reference();
@@ -19,8 +19,8 @@ fn with_plan(plan: &str) -> Configuration {
     configuration
 }
 
-fn run(configuration: &Configuration, half_seconds: usize) -> Vec<HalfSecond> {
-    let mut unit = Unit::new(configuration);
+fn run(configuration: &Configuration, half_seconds: usize) -> Vec<Sample> {
+    let mut unit = GyroUnit::new(configuration);
     (0..half_seconds).map(|_| unit.end_half_second().half_second).collect()
 }
 
@@ -36,7 +36,7 @@ fn a_drift_step_adds_its_drift_for_its_time_and_no_longer() {
     let plan = plan.replace("72000", "900");
     let (faulty, plain) = (run(&with_plan(&plan), 100), run(&Configuration::reference(), 100));
     assert_eq!(faulty[..20], plain[..20]);
-    let counted = |rows: &[HalfSecond]| rows.iter().map(|row| i64::from(row.increments[0])).sum::<i64>();
+    let counted = |rows: &[Sample]| rows.iter().map(|row| i64::from(row.increments[0])).sum::<i64>();
     // A drift is sensed and not counted: 900 arcsec/h for 5 s are 1.25 arcsec.
     let gained = counted(&faulty) - counted(&plain);
     assert!((1..=2).contains(&gained), "{gained}");
@@ -48,7 +48,7 @@ fn what_the_unit_would_have_told_stands_beside_what_it_told() {
     let configuration =
         with_plan("[[fault]]\nat_s = 3.0\ngyro = \"GYRY\"\nfault = \"stuck-count\"\ncounts = 77\nfor_s = 2.0");
     let plain = run(&Configuration::reference(), 20);
-    let mut unit = Unit::new(&configuration);
+    let mut unit = GyroUnit::new(&configuration);
     for (index, plain) in plain.iter().enumerate() {
         let ended = unit.end_half_second();
         let acts = (6..10).contains(&index);
@@ -62,9 +62,9 @@ fn what_the_unit_would_have_told_stands_beside_what_it_told() {
             .take_happened()
             .iter()
             .map(|what| match what {
-                Happening::Started(fault) => format!("start {}", fault.id),
-                Happening::Ended(fault, count) => format!("end {} {count}", fault.id),
-                Happening::Decided(_) => unreachable!("nothing is expected"),
+                FaultEvent::Started(fault) => format!("start {}", fault.id),
+                FaultEvent::Ended(fault, count) => format!("end {} {count}", fault.id),
+                FaultEvent::Decided(_) => unreachable!("nothing is expected"),
             })
             .collect();
         // Decided when the half second begins: right after the one before has ended.
@@ -79,15 +79,15 @@ fn what_the_unit_would_have_told_stands_beside_what_it_told() {
 
 #[test]
 fn every_parameter_and_every_course_can_be_injected_and_written_back() {
-    for target in Target::all() {
+    for target in ParameterRef::all() {
         for kind in KINDS.iter().filter(|kind| !target.is_switch() || kind.name == "step") {
             let (_, greatest) = target.limits();
             let gyro = target.gyros().last().map_or(String::new(), |gyro| format!("gyro = \"{}\"\n", gyro.name()));
             let numbers: String =
                 kind.numbers.iter().map(|number| format!(", {} = {:?}", number.name, number.least.max(1.0))).collect();
             let size = match target.number().form {
-                Form::Gyro => 2.0,
-                Form::Flag => 1.0,
+                ValueFormat::Gyro => 2.0,
+                ValueFormat::Flag => 1.0,
                 _ => greatest,
             };
             let release = if target.is_switch() { "" } else { "release_s = 1.5\n" };
@@ -116,9 +116,9 @@ fn every_fault_of_gyro_and_unit_changes_what_the_unit_tells_and_is_over_in_the_e
             .iter()
             .map(|number| {
                 let value = match (number.form, number.default) {
-                    (_, Default::Value(value)) if value != 0.0 => value,
-                    (Form::Gyro, _) => 3.0,
-                    (Form::Choice(_) | Form::Flag, _) => 0.0,
+                    (_, DefaultValue::Value(value)) if value != 0.0 => value,
+                    (ValueFormat::Gyro, _) => 3.0,
+                    (ValueFormat::Choice(_) | ValueFormat::Flag, _) => 0.0,
                     _ => number.greatest.min(100.0),
                 };
                 format!("{} = {}\n", number.name, number.written(value))
@@ -127,7 +127,7 @@ fn every_fault_of_gyro_and_unit_changes_what_the_unit_tells_and_is_over_in_the_e
         let gyro = if spec.scope == Scope::Gyro { "gyro = \"GYRY\"\n" } else { "" };
         let plan = format!("[[fault]]\nfault = \"{}\"\n{gyro}{numbers}at_s = 2.0\nfor_s = 100.0\n", spec.code);
         let configuration = with_plan(&plan);
-        let mut unit = Unit::new(&configuration);
+        let mut unit = GyroUnit::new(&configuration);
         let (mut differ, mut acted) = (0, 0);
         for _ in 0..1000 {
             let ended = unit.end_half_second();
@@ -143,7 +143,7 @@ fn every_fault_of_gyro_and_unit_changes_what_the_unit_tells_and_is_over_in_the_e
 
 #[test]
 fn a_reset_silences_the_unit_and_restarts_sequence_and_clock() {
-    let mut unit = Unit::new(&with_plan("[[fault]]\nat_s = 5.0\nfault = \"reset\"\nfor_s = 1.5"));
+    let mut unit = GyroUnit::new(&with_plan("[[fault]]\nat_s = 5.0\nfault = \"reset\"\nfor_s = 1.5"));
     unit.command(&[2, 1]).expect("heard");
     for index in 0..20 {
         assert_eq!(unit.command(&[1]).is_ok(), !(10..13).contains(&index), "{index}");
@@ -182,7 +182,7 @@ fn triggers_start_a_fault_when_all_of_them_hold() {
 
 #[test]
 fn a_command_triggers_with_the_next_half_second() {
-    let mut unit = Unit::new(&with_plan("[[fault]]\ngyro = \"GYRX\"\nfault = \"dead\"\nwhen = \"command(SELF_TEST)\""));
+    let mut unit = GyroUnit::new(&with_plan("[[fault]]\ngyro = \"GYRX\"\nfault = \"dead\"\nwhen = \"command(SELF_TEST)\""));
     unit.end_half_second();
     let _ = unit.command(&[4, 1, 0, 5, 3]);
     assert!(unit.end_half_second().half_second.gyro_flags & 1 == 1);
@@ -192,7 +192,7 @@ fn a_command_triggers_with_the_next_half_second() {
 #[test]
 fn a_parameter_returns_over_its_release() {
     let plan = "[[fault]]\nat_s = 0.0\ngyro = \"GYRX\"\nparameter = \"scale-factor.ppm\"\ncourse = { step = 10000.0 }\nfor_s = 1.0\nrelease_s = 2.0";
-    let mut unit = Unit::new(&with_plan(plan));
+    let mut unit = GyroUnit::new(&with_plan(plan));
     let shares: Vec<f64> = (0..8)
         .filter_map(|_| {
             unit.end_half_second();
@@ -204,7 +204,7 @@ fn a_parameter_returns_over_its_release() {
 
 #[test]
 fn a_run_with_live_injections_is_the_run_of_the_plan_that_they_make() {
-    let mut unit = Unit::new(&with_plan("[[fault]]\nat_s = 1.0\ngyro = \"GYRZA\"\nfault = \"garbage\"\nfor_s = 20.0"));
+    let mut unit = GyroUnit::new(&with_plan("[[fault]]\nat_s = 1.0\ngyro = \"GYRZA\"\nfault = \"garbage\"\nfor_s = 20.0"));
     let live = with_plan(
         "[[fault]]\nid = \"live\"\ngyro = \"GYRX\"\nfault = \"garbage\"\nwhen = \"frame % 4 == 0\"\nfor_s = 1.0\ntimes = 100",
     );
@@ -231,8 +231,8 @@ fn what_is_cleared_or_started_before_its_time_is_the_run_of_a_plan_too() {
     let plan = "[[fault]]\nid = \"later\"\ngyro = \"GYRX\"\nfault = \"dead\"\nat_s = 10.0\n\
                 [[fault]]\nid = \"hand\"\ngyro = \"GYRY\"\nfault = \"dead\"\nat_s = 10.0\nby_hand = true\nfor_s = 1.0\n\
                 [[fault]]\nid = \"past\"\ngyro = \"GYRZA\"\nfault = \"dead\"\nuntil_s = 1.0\nby_hand = true";
-    let mut unit = Unit::new(&with_plan(plan));
-    let live = read_fault_text("live", "id = \"at-once\"\nfault = \"reset\"", &[], &LinkKind::ALL).expect("valid");
+    let mut unit = GyroUnit::new(&with_plan(plan));
+    let live = read_fault_text("live", "id = \"at-once\"\nfault = \"reset\"", &[], &Transport::ALL).expect("valid");
     let mut rows = Vec::new();
     for index in 0..60 {
         if index == 4 {
@@ -271,10 +271,10 @@ fn what_names_a_gyro_or_is_on_or_off_is_set() {
 
 #[test]
 fn a_unit_without_power_cools_and_a_gyro_that_is_off_does_not_coast() {
-    let mut unit = Unit::new(&with_plan("[[fault]]\nfault = \"brown-out\"\nfor_s = 600.0"));
+    let mut unit = GyroUnit::new(&with_plan("[[fault]]\nfault = \"brown-out\"\nfor_s = 600.0"));
     let last = (0..1200).map(|_| unit.end_half_second().half_second).last().expect("some");
     assert!(last.sensor_centi_c < 6_900, "{}", last.sensor_centi_c);
-    let mut unit = Unit::new(&with_plan("[[fault]]\nfault = \"spin-down\"\ngyro = \"GYRX\"\nat_s = 1.0"));
+    let mut unit = GyroUnit::new(&with_plan("[[fault]]\nfault = \"spin-down\"\ngyro = \"GYRX\"\nat_s = 1.0"));
     let _ = unit.command(&[6, 0b1110]);
     let flags: Vec<u8> = (0..4).map(|_| unit.end_half_second().half_second.unit_flags & 2).collect();
     assert_eq!(flags, [2; 4], "GYRX is not powered");
@@ -283,11 +283,11 @@ fn a_unit_without_power_cools_and_a_gyro_that_is_off_does_not_coast() {
 #[test]
 fn a_fault_of_the_clock_on_a_truth_from_outside_needs_what_it_is_told_and_no_more() {
     let told = |end_s: f64| {
-        let pieces = Stepped::default();
+        let pieces = StreamedAttitude::default();
         for index in 0..=(end_s * 10.0).round() as u32 {
             let t_s = f64::from(index) / 10.0;
             let angle = 40.0 * t_s + 30.0 * (0.3 * t_s).sin();
-            pieces.append(Knot { t_s, angle_control_arcsec: [angle; 3], basis: Basis::Told, sun: None });
+            pieces.append(Knot { t_s, angle_control_arcsec: [angle; 3], basis: SampleQuality::Told, sun: None });
         }
         Truth::Stepped(Arc::new(pieces))
     };
@@ -298,9 +298,9 @@ fn a_fault_of_the_clock_on_a_truth_from_outside_needs_what_it_is_told_and_no_mor
     ] {
         let configuration = with_plan(&format!("[[fault]]\n{plan}"));
         let truth = told(120.0);
-        assert_eq!(Unit::half_seconds_within(&configuration, &truth, 240), count, "{plan}");
+        assert_eq!(GyroUnit::half_seconds_within(&configuration, &truth, 240), count, "{plan}");
         // Beside a truth that goes on, what the unit would have told is the same: none of it rests on what is not told.
-        let (mut unit, mut beside) = (Unit::on(&configuration, &truth), Unit::on(&configuration, &told(200.0)));
+        let (mut unit, mut beside) = (GyroUnit::on(&configuration, &truth), GyroUnit::on(&configuration, &told(200.0)));
         for index in 0..count {
             assert!(unit.needs_truth_s() <= 120.0 + 1e-6, "{plan} {index}");
             assert_eq!(unit.end_half_second(), beside.end_half_second());
@@ -316,8 +316,8 @@ fn expectations_are_decided_by_what_the_computer_does() {
                 [[expect]]\nid = \"leaves the rest alone\"\nafter = \"stop\"\ncondition = \"valid(GYRY)\"\nthroughout_s = 5.0";
     assert!(refused(plan).contains("letters, digits"));
     let plan = plan.replace("leaves the rest alone", "rest");
-    for (is_good, expected) in [(true, Verdict::Met(3.5)), (false, Verdict::NotMet(4.0))] {
-        let mut unit = Unit::new(&with_plan(&plan));
+    for (is_good, expected) in [(true, ExpectationResult::Met(3.5)), (false, ExpectationResult::NotMet(4.0))] {
+        let mut unit = GyroUnit::new(&with_plan(&plan));
         for index in 0..20 {
             if is_good && index == 6 {
                 let _ = unit.command(&[6, 0b1110]);
@@ -325,7 +325,7 @@ fn expectations_are_decided_by_what_the_computer_does() {
             unit.end_half_second();
         }
         let verdicts: Vec<_> = unit.faults().verdicts().collect();
-        assert_eq!(verdicts, [("reacts", expected), ("rest", Verdict::Met(7.0))]);
+        assert_eq!(verdicts, [("reacts", expected), ("rest", ExpectationResult::Met(7.0))]);
     }
 }
 
@@ -423,21 +423,21 @@ fn what_a_plan_refuses_is_refused_live() {
     for key in ["when", "end_when"] {
         let asking = |id: &str| format!("{one}id = \"own\"\n{key} = 'active(\"{id}\")'");
         for id in ["there", "own"] {
-            read_fault_text("fault", &asking(id), &others, &LinkKind::ALL).expect("both are there");
+            read_fault_text("fault", &asking(id), &others, &Transport::ALL).expect("both are there");
         }
-        let error = read_fault_text("fault", &asking("nobody"), &others, &LinkKind::ALL)
+        let error = read_fault_text("fault", &asking("nobody"), &others, &Transport::ALL)
             .expect_err("there is none")
             .to_string();
         assert!(error.contains("nobody") && error.contains("there, own"), "{error}");
     }
     let many = vec![others[0].clone(); MOST_EVER];
-    let error = read_fault_text("fault", one, &many, &LinkKind::ALL).expect_err("one too many").to_string();
+    let error = read_fault_text("fault", one, &many, &Transport::ALL).expect_err("one too many").to_string();
     assert!(error.contains("at most 10000 faults"), "{error}");
 }
 
 #[test]
 fn what_was_taken_away_cannot_be_started_by_hand() {
-    let mut unit = Unit::new(&with_plan(
+    let mut unit = GyroUnit::new(&with_plan(
         "[[fault]]\nid = \"one\"\nfault = \"drop\"\nby_hand = true\n[[fault]]\nid = \"other\"\nfault = \"drop\"\nby_hand = true",
     ));
     unit.end_half_second();
@@ -452,7 +452,7 @@ fn a_shift_of_time_that_comes_and_goes_leaves_the_truth_alone() {
     let mut shifted = plain.clone();
     let plan = "[[fault]]\nat_s = 5.0\nparameter = \"time-offset.seconds\"\ncourse = { step = 0.2 }\nfor_s = 5.0";
     shifted.add_plan("plan", plan).expect("valid");
-    let (mut plain, mut shifted) = (Unit::new(&plain), Unit::new(&shifted));
+    let (mut plain, mut shifted) = (GyroUnit::new(&plain), GyroUnit::new(&shifted));
     let mut differ = 0;
     for index in 0..60 {
         let ((_, truths), (_, traces)) = (plain.end_half_second_traced(), shifted.end_half_second_traced());
@@ -464,7 +464,7 @@ fn a_shift_of_time_that_comes_and_goes_leaves_the_truth_alone() {
         }
     }
     assert!(differ > 0);
-    let counted = |unit: &Unit| unit.accumulated_counts();
+    let counted = |unit: &GyroUnit| unit.accumulated_counts();
     for (plain, shifted) in counted(&plain).into_iter().zip(counted(&shifted)) {
         assert!((plain - shifted).abs() < 0.01, "{plain} {shifted}");
     }
@@ -481,20 +481,20 @@ fn the_rate_of_a_recorded_serial_port_is_kept() {
 
 #[test]
 fn a_number_is_held_to_what_the_links_can_that_a_fault_is_on() {
-    let read = |text: &str, links: &[LinkKind]| read_fault_text("fault", text, &[], links).map(|_| ());
+    let read = |text: &str, links: &[Transport]| read_fault_text("fault", text, &[], links).map(|_| ());
     for (number, most, is_of_can) in [
         ("wrong-length\"\nlength", 8, true),
         ("truncate\"\nbytes", 8, true),
         ("split\"\nbyte", 2, true),
         ("wrong-identifier\"\nidentifier", 255, false),
     ] {
-        let (narrow, wide) = if is_of_can { (LinkKind::Can, LinkKind::Pty) } else { (LinkKind::Tcp, LinkKind::Can) };
+        let (narrow, wide) = if is_of_can { (Transport::Can, Transport::Pty) } else { (Transport::Tcp, Transport::Can) };
         let text = |value: u32, link: &str| format!("fault = \"{number} = {value}\n{link}");
-        let link = |kind: LinkKind| format!("link = {:?}", kind.name());
-        read(&text(most, ""), &LinkKind::ALL).expect("what every link can");
+        let link = |kind: Transport| format!("link = {:?}", kind.name());
+        read(&text(most, ""), &Transport::ALL).expect("what every link can");
         read(&text(most + 1, ""), &[wide]).expect("what the one that is open can");
-        read(&text(most + 1, &link(wide)), &LinkKind::ALL).expect("what the one that is named can");
-        for refused in [read(&text(most + 1, ""), &LinkKind::ALL), read(&text(most + 1, &link(narrow)), &[wide])] {
+        read(&text(most + 1, &link(wide)), &Transport::ALL).expect("what the one that is named can");
+        for refused in [read(&text(most + 1, ""), &Transport::ALL), read(&text(most + 1, &link(narrow)), &[wide])] {
             let error = refused.expect_err("too much").to_string();
             assert!(error.contains(&format!("at most {most} ")) && error.contains("another `link`"), "{error}");
         }

@@ -1,9 +1,9 @@
 //! The configurations that ship: each can be run, and holds what it says.
 
-use geu_model::attitude::{Leg, Motion, Plan};
-use geu_model::effect::{EffectSpec, HeadEffects, UnitEffects, WiringEffects};
+use geu_model::attitude::{Leg, Motion, AttitudeProfile};
+use geu_model::effect::{EffectSpec, GyroEffects, UnitEffects, WiringEffects};
 use geu_model::units::{ORBIT_S, RAD_PER_DEG};
-use geu_model::{Configuration, Unit};
+use geu_model::{Configuration, GyroUnit};
 
 fn shipped(name: &str, text: &str) -> Configuration {
     Configuration::parse(name, text, &[]).unwrap_or_else(|error| panic!("{error}"))
@@ -29,7 +29,7 @@ fn paper_toml_has_every_effect_of_the_paper_and_no_other() {
         assert_eq!(configuration.unit.has(index), the_paper_has(spec), "{}", spec.code);
     }
     for gyro in &configuration.gyros {
-        for (index, spec) in HeadEffects::SPECS.iter().enumerate() {
+        for (index, spec) in GyroEffects::SPECS.iter().enumerate() {
             assert_eq!(gyro.effects.has(index), the_paper_has(spec), "{}", spec.code);
         }
         for (index, spec) in WiringEffects::SPECS.iter().enumerate() {
@@ -60,7 +60,7 @@ fn every_number_of_paper_toml_tells_its_source() {
 
 #[test]
 fn paper_toml_runs() {
-    let mut unit = Unit::new(&paper());
+    let mut unit = GyroUnit::new(&paper());
     let counts: i64 = (0..1540).map(|_| i64::from(unit.end_half_second().half_second.increments[1])).sum();
     // θ from 90° to 60° by 770 s, at GYRY's scale factor 0.9987·(1 − 0.002); drift, sun, Z rate and bending are a few 100″.
     assert!((counts as f64 + 108_000.0 / 0.9967).abs() < 500.0, "{counts}");
@@ -71,7 +71,7 @@ fn no_accumulated_count_of_a_day_is_further_from_its_angle_than_rounding() {
     // Beside half a count, what adding up a day of counts as f64 costs.
     let bound = 0.5 + 1e-6;
     for configuration in [Configuration::reference(), paper()] {
-        let mut unit = Unit::new(&configuration);
+        let mut unit = GyroUnit::new(&configuration);
         let (mut counts, mut angles) = ([0.0; 4], [0.0; 4]);
         for row in 1..=172_800 {
             let (ended, traces) = unit.end_half_second_traced();
@@ -96,8 +96,8 @@ fn turned(leg: &Leg) -> (&'static str, f64, f64, f64) {
 #[test]
 fn checkout_toml_flies_the_six_manoeuvres_each_with_its_precautions() {
     let scenario = checkout().scenario;
-    let end_s = Plan::length_s(&scenario).expect("an end");
-    let mut motion = Motion::new(Plan::new(&scenario).expect("possible"), scenario.limit_cycle);
+    let end_s = AttitudeProfile::length_s(&scenario).expect("an end");
+    let mut motion = Motion::new(AttitudeProfile::new(&scenario).expect("possible"), scenario.limit_cycle);
     let mut legs: Vec<Leg> = Vec::new();
     let mut t_s = 0.0;
     while t_s < end_s {
@@ -148,14 +148,14 @@ fn the_floats_stand_on_a_stop_where_the_checkout_says_so() {
         .collect();
     let text = include_str!("../../../configs/checkout.toml");
     let configuration = Configuration::parse("configs/checkout.toml", text, &overrides).expect("valid");
-    let pivot = HeadEffects::SPECS.iter().position(|spec| spec.code == "pivot-clearance").expect("an effect");
+    let pivot = GyroEffects::SPECS.iter().position(|spec| spec.code == "pivot-clearance").expect("an effect");
     let column = geu_model::effect::HEAD_COLUMNS + pivot;
     let scenario = &configuration.scenario;
-    let mut motion = Motion::new(Plan::new(scenario).expect("possible"), scenario.limit_cycle);
-    let mut unit = Unit::new(&configuration);
+    let mut motion = Motion::new(AttitudeProfile::new(scenario).expect("possible"), scenario.limit_cycle);
+    let mut unit = GyroUnit::new(&configuration);
     let (mut places, mut at_ends) = ([0.0; 4], Vec::new());
     let mut legs: Vec<Leg> = Vec::new();
-    let half_seconds = (Plan::length_s(scenario).expect("an end") * 2.0) as usize;
+    let half_seconds = (AttitudeProfile::length_s(scenario).expect("an end") * 2.0) as usize;
     for half_second in 1..=half_seconds {
         let (_, traces) = unit.end_half_second_traced();
         for (index, trace) in traces.iter().enumerate() {

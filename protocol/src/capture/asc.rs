@@ -5,7 +5,7 @@
 //! channel number.
 
 use super::text::{Lines, number, seconds, words};
-use super::{Event, Frame, Place, Time};
+use super::{CaptureRecord, Frame, RecordPosition, Timestamp};
 
 /// `CANFD` lines: this flag tells a frame in the FD format; without it the line holds a classic frame.
 const FD_FORMAT: u32 = 0x1000;
@@ -29,16 +29,16 @@ struct Settings {
 }
 
 impl Asc {
-    pub(super) fn run(&mut self, bytes: &[u8], last: bool, sink: &mut impl FnMut(Place, Event)) -> usize {
+    pub(super) fn run(&mut self, bytes: &[u8], last: bool, sink: &mut impl FnMut(RecordPosition, CaptureRecord)) -> usize {
         let settings = &mut self.settings;
         self.lines.run(bytes, last, sink, |line, tell| read(line, settings, tell))
     }
 }
 
-fn read(line: &[u8], settings: &mut Settings, tell: &mut dyn FnMut(Event)) -> Option<()> {
+fn read(line: &[u8], settings: &mut Settings, tell: &mut dyn FnMut(CaptureRecord)) -> Option<()> {
     let mut words = words(line);
     let Some(first) = words.next() else {
-        tell(Event::Remark);
+        tell(CaptureRecord::Remark);
         return Some(());
     };
     if first.eq_ignore_ascii_case(b"base") {
@@ -47,7 +47,7 @@ fn read(line: &[u8], settings: &mut Settings, tell: &mut dyn FnMut(Event)) -> Op
         settings.relative = memchr::memmem::find(&text, b"timestamps relative").is_some();
     }
     if first.starts_with(b"//") || HEADERS.iter().any(|header| first.eq_ignore_ascii_case(header)) {
-        tell(Event::Remark);
+        tell(CaptureRecord::Remark);
         return Some(());
     }
     let mut time = seconds(first)?;
@@ -59,10 +59,10 @@ fn read(line: &[u8], settings: &mut Settings, tell: &mut dyn FnMut(Event)) -> Op
 }
 
 fn event<'a>(
-    time: Time,
+    time: Timestamp,
     settings: &Settings,
     words: &mut (impl Iterator<Item = &'a [u8]> + Clone),
-    tell: &mut dyn FnMut(Event),
+    tell: &mut dyn FnMut(CaptureRecord),
 ) -> Option<()> {
     let base = if settings.decimal { 10 } else { 16 };
     let mut data = [0; 8];
@@ -73,26 +73,26 @@ fn event<'a>(
     }
     if number(interface, 10).is_none() {
         // `Start of measurement`, `CAN 1 Status:…`, `SV:`, `LIN`: events of other kinds.
-        tell(Event::Remark);
+        tell(CaptureRecord::Remark);
         return Some(());
     }
     let id = words.next()?;
     if id == b"ErrorFrame" {
-        tell(Event::Error);
+        tell(CaptureRecord::Error);
         return Some(());
     }
     let Some((id, extended)) = identifier(id, base) else {
         // `Statistic:` and other events of the channel are words; a number that is no identifier is a broken frame.
         let word = id.iter().all(|byte| byte.is_ascii_alphabetic() || *byte == b':') && id.ends_with(b":");
-        return word.then(|| tell(Event::Remark));
+        return word.then(|| tell(CaptureRecord::Remark));
     };
     let (_direction, kind) = (words.next()?, words.next()?);
     match kind {
-        b"r" => tell(Event::Remote),
+        b"r" => tell(CaptureRecord::Remote),
         b"d" => {
             let length = number(words.next()?, 16).filter(|&length| length <= 15)?.min(8) as usize;
             read_data(base, words, &mut data[..length])?;
-            tell(Event::Frame(Frame { time: Some(time), interface, id, extended, data: &data[..length] }));
+            tell(CaptureRecord::Frame(Frame { time: Some(time), interface, id, extended, data: &data[..length] }));
         }
         _ => return None,
     }
@@ -101,11 +101,11 @@ fn event<'a>(
 
 /// `channel direction id [name] brs esi dlc length data… duration bits flags …`
 fn fd<'a, 'b>(
-    time: Time,
+    time: Timestamp,
     base: u32,
     words: &mut (impl Iterator<Item = &'a [u8]> + Clone),
     data: &'b mut [u8; 8],
-) -> Option<Event<'b>>
+) -> Option<CaptureRecord<'b>>
 where
     'a: 'b,
 {
@@ -113,7 +113,7 @@ where
     number(interface, 10)?;
     let id = if matches!(direction, b"Rx" | b"Tx" | b"TxRq") { words.next()? } else { direction };
     if id == b"ErrorFrame" {
-        return Some(Event::Error);
+        return Some(CaptureRecord::Error);
     }
     let (id, extended) = identifier(id, base)?;
     let mut rate_switch = words.next()?;
@@ -123,13 +123,13 @@ where
     let (_state, _code, length) = (words.next()?, words.next()?, number(words.next()?, 10)? as usize);
     let flags = number(words.clone().nth(length + 2)?, 16)?;
     if flags & FD_FORMAT != 0 || rate_switch == b"1" || length > 8 {
-        return Some(Event::Fd);
+        return Some(CaptureRecord::Fd);
     }
     if flags & REMOTE != 0 {
-        return Some(Event::Remote);
+        return Some(CaptureRecord::Remote);
     }
     read_data(base, words, &mut data[..length])?;
-    Some(Event::Frame(Frame { time: Some(time), interface, id, extended, data: &data[..length] }))
+    Some(CaptureRecord::Frame(Frame { time: Some(time), interface, id, extended, data: &data[..length] }))
 }
 
 fn identifier(text: &[u8], base: u32) -> Option<(u32, bool)> {

@@ -5,7 +5,7 @@
 //! 2xxxxxxx an error frame, and `DROPCOUNT:` lines tell what the recorder lost.
 
 use super::text::{Lines, hex_byte, hex_digit, number, seconds, words};
-use super::{Event, Frame, Place, Time};
+use super::{CaptureRecord, Frame, RecordPosition, Timestamp};
 
 const EXTENDED_MAX: u32 = 0x1FFF_FFFF;
 const ERROR_FLAG: u32 = 0x2000_0000;
@@ -19,14 +19,14 @@ pub struct Candump {
 
 impl Candump {
     #[inline]
-    pub(super) fn run(&mut self, bytes: &[u8], last: bool, sink: &mut impl FnMut(Place, Event)) -> usize {
+    pub(super) fn run(&mut self, bytes: &[u8], last: bool, sink: &mut impl FnMut(RecordPosition, CaptureRecord)) -> usize {
         let mut at = 0;
         loop {
             while self.lines.at_beginning()
                 && let Some((frame, used)) = self.interface.usual_line(&bytes[at..])
             {
                 at += used;
-                sink(self.lines.count(), Event::Frame(frame.as_frame(&bytes[at - used..])));
+                sink(self.lines.count(), CaptureRecord::Frame(frame.as_frame(&bytes[at - used..])));
             }
             let Some(line) = self.lines.next(&bytes[at..], last) else {
                 return at;
@@ -39,7 +39,7 @@ impl Candump {
 
 /// A frame of the usual shape, its data and the length of its interface's name.
 struct Usual {
-    time: Time,
+    time: Timestamp,
     id: u32,
     data: [u8; 8],
     name_length: usize,
@@ -116,7 +116,7 @@ impl LastInterface {
         if wrong > 15 || id > 0x7FF {
             return None;
         }
-        let time = Time { t_ns, digits: 6 };
+        let time = Timestamp { t_ns, digits: 6 };
         Some((Usual { time, id, data, name_length: self.name_length }, NAME_AT + self.name_length + 1 + rest.len()))
     }
 }
@@ -140,7 +140,7 @@ fn eight_digits(digits: u64) -> Option<u64> {
 }
 
 /// Reads any line; nothing where it is broken.
-fn read(line: &[u8], last_interface: &mut LastInterface, tell: &mut dyn FnMut(Event)) -> Option<()> {
+fn read(line: &[u8], last_interface: &mut LastInterface, tell: &mut dyn FnMut(CaptureRecord)) -> Option<()> {
     if let Some(event) = remark(line) {
         tell(event);
         return Some(());
@@ -158,40 +158,40 @@ fn read(line: &[u8], last_interface: &mut LastInterface, tell: &mut dyn FnMut(Ev
     let mut data = [0; 8];
     let event = if id & ERROR_FLAG != 0 && extended {
         hex_bytes(content, &mut data)?;
-        Event::Error
+        CaptureRecord::Error
     } else if let Some(rest) = content.strip_prefix(b"#") {
         if rest.is_empty() || hex_digit(rest[0]) > 15 {
             return None;
         }
-        Event::Fd
+        CaptureRecord::Fd
     } else if content.get(2) == Some(&b':') {
-        Event::Fd
+        CaptureRecord::Fd
     } else if let Some(length) = content.strip_prefix(b"R") {
         if !length.is_empty() && (length.len() > 3 || hex_digit(length[0]) > 8) {
             return None;
         }
-        Event::Remote
+        CaptureRecord::Remote
     } else {
         if id > EXTENDED_MAX {
             return None;
         }
         let length = hex_bytes(content, &mut data)?;
         last_interface.set(interface);
-        Event::Frame(Frame { time: Some(time), interface, id, extended, data: &data[..length] })
+        CaptureRecord::Frame(Frame { time: Some(time), interface, id, extended, data: &data[..length] })
     };
     tell(event);
     Some(())
 }
 
 /// Blank lines, comments, and what the recorder says itself.
-pub(super) fn remark(line: &[u8]) -> Option<Event<'static>> {
+pub(super) fn remark(line: &[u8]) -> Option<CaptureRecord<'static>> {
     let line = line.trim_ascii();
     if let Some(rest) = line.strip_prefix(b"DROPCOUNT:") {
         let dropped = words(rest).find_map(|word| number(word, 10)).unwrap_or(0);
-        return Some(Event::Dropped(dropped.into()));
+        return Some(CaptureRecord::Dropped(dropped.into()));
     }
     let comment = line.is_empty() || line.starts_with(b"#") || line.starts_with(b"//") || line.starts_with(b";");
-    comment.then_some(Event::Remark)
+    comment.then_some(CaptureRecord::Remark)
 }
 
 /// An identifier of three digits (standard) or eight (extended, or an error frame).

@@ -3,7 +3,7 @@
 
 use super::candump::{identifier, remark};
 use super::text::{Lines, hex_byte, number, seconds, words};
-use super::{Event, Frame, Place, Time};
+use super::{CaptureRecord, Frame, RecordPosition, Timestamp};
 use crate::calendar::days_since_1970;
 
 /// Reads `candump` console output.
@@ -20,20 +20,20 @@ impl Console {
         Console { delta, ..Console::default() }
     }
 
-    pub(super) fn run(&mut self, bytes: &[u8], last: bool, sink: &mut impl FnMut(Place, Event)) -> usize {
+    pub(super) fn run(&mut self, bytes: &[u8], last: bool, sink: &mut impl FnMut(RecordPosition, CaptureRecord)) -> usize {
         let (delta, elapsed_ns) = (self.delta, &mut self.elapsed_ns);
         self.lines.run(bytes, last, sink, |line, tell| read(line, delta, elapsed_ns, tell))
     }
 }
 
-fn read(line: &[u8], delta: bool, elapsed_ns: &mut i64, tell: &mut dyn FnMut(Event)) -> Option<()> {
+fn read(line: &[u8], delta: bool, elapsed_ns: &mut i64, tell: &mut dyn FnMut(CaptureRecord)) -> Option<()> {
     if let Some(event) = remark(line) {
         tell(event);
         return Some(());
     }
     // With -e, the explanation of an error frame stands indented on the lines behind it.
     if line.starts_with(b"\t") {
-        tell(Event::Remark);
+        tell(CaptureRecord::Remark);
         return Some(());
     }
     let (mut time, rest) = time(line)?;
@@ -56,18 +56,18 @@ fn read(line: &[u8], delta: bool, elapsed_ns: &mut i64, tell: &mut dyn FnMut(Eve
     };
     if length.len() == 2 {
         number(length, 10)?;
-        tell(Event::Fd);
+        tell(CaptureRecord::Fd);
         return Some(());
     }
     let length = number(length, 16)? as usize;
     let mut data = [0; 8];
     let mut rest = words;
     if extended && id & 0x2000_0000 != 0 {
-        tell(Event::Error);
+        tell(CaptureRecord::Error);
         return Some(());
     }
     if rest.clone().next() == Some(b"remote") {
-        tell(Event::Remote);
+        tell(CaptureRecord::Remote);
         return Some(());
     }
     let length = length.min(8);
@@ -79,12 +79,12 @@ fn read(line: &[u8], delta: bool, elapsed_ns: &mut i64, tell: &mut dyn FnMut(Eve
     if rest.next().is_some_and(|word| !word.starts_with(b"'")) || id > 0x1FFF_FFFF {
         return None;
     }
-    tell(Event::Frame(Frame { time, interface, id, extended, data: &data[..length] }));
+    tell(CaptureRecord::Frame(Frame { time, interface, id, extended, data: &data[..length] }));
     Some(())
 }
 
 /// The time in brackets that a line may begin with, and what follows it.
-pub(super) fn time(line: &[u8]) -> Option<(Option<Time>, &[u8])> {
+pub(super) fn time(line: &[u8]) -> Option<(Option<Timestamp>, &[u8])> {
     let line = line.trim_ascii_start();
     let Some(text) = line.strip_prefix(b"(") else {
         return Some((None, line));
@@ -99,7 +99,7 @@ pub(super) fn time(line: &[u8]) -> Option<(Option<Time>, &[u8])> {
 }
 
 /// `2026-11-21 03:17:13.123456`; it names no time zone and is taken as UTC.
-fn date_and_time(date: &[u8], time: &[u8]) -> Option<Time> {
+fn date_and_time(date: &[u8], time: &[u8]) -> Option<Timestamp> {
     let mut parts = date.split(|&byte| byte == b'-').map(|part| number(part, 10).map(i64::from));
     let (year, month, day) = (parts.next()??, parts.next()??, parts.next()??);
     let mut parts = time.splitn(3, |&byte| byte == b':');
@@ -110,7 +110,7 @@ fn date_and_time(date: &[u8], time: &[u8]) -> Option<Time> {
         return None;
     }
     let t_s = ((days_since_1970(year, month, day) * 24 + hour) * 60 + minute) * 60;
-    Some(Time { t_ns: t_s.checked_mul(1_000_000_000)?.checked_add(second.t_ns)?, ..second })
+    Some(Timestamp { t_ns: t_s.checked_mul(1_000_000_000)?.checked_add(second.t_ns)?, ..second })
 }
 
 #[cfg(test)]
@@ -126,7 +126,7 @@ mod tests {
             ("(2000-02-29 12:00:00.5)", 951_825_600),
         ] {
             let (read, _) = time(text.as_bytes()).unwrap();
-            assert_eq!(read, Some(Time { t_ns: unix_s * 1_000_000_000 + 500_000_000, digits: 1 }), "{text}");
+            assert_eq!(read, Some(Timestamp { t_ns: unix_s * 1_000_000_000 + 500_000_000, digits: 1 }), "{text}");
         }
     }
 }

@@ -1,8 +1,8 @@
 //! The format of a capture, from its content.
 
 use super::text::Lines;
-use super::{Event, Foreign, Format, Place, Reader, console, pcap, pcapng};
-use crate::serial::{Deframer, Found};
+use super::{CaptureRecord, Foreign, Format, RecordPosition, Reader, console, pcap, pcapng};
+use crate::serial::{Deframer, DeframerEvent};
 
 /// What the beginning of a capture tells.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -43,7 +43,7 @@ pub fn detect(head: &[u8], complete: bool) -> Detected {
         };
     }
     let mut serial = false;
-    Deframer::default().consume(head, &mut |found| serial |= matches!(found, Found::Frame { .. }));
+    Deframer::default().consume(head, &mut |found| serial |= matches!(found, DeframerEvent::Frame { .. }));
     if serial {
         return Detected::Format(Format::Serial);
     }
@@ -57,8 +57,8 @@ pub fn detect(head: &[u8], complete: bool) -> Detected {
 /// How many lines of `head` are frames.
 fn frames(format: Format, head: &[u8], complete: bool) -> usize {
     let mut count = 0;
-    let mut sink = |_: Place, event: Event| {
-        count += usize::from(matches!(event, Event::Frame(_) | Event::Remote | Event::Fd | Event::Error));
+    let mut sink = |_: RecordPosition, event: CaptureRecord| {
+        count += usize::from(matches!(event, CaptureRecord::Frame(_) | CaptureRecord::Remote | CaptureRecord::Fd | CaptureRecord::Error));
     };
     let mut reader = Reader::new(format);
     let used = reader.consume(head, &mut sink);

@@ -32,7 +32,7 @@ pub use packet::frame_of_socketcan;
 
 /// An instant, and how finely its source tells it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Time {
+pub struct Timestamp {
     /// Nanoseconds since the source's epoch.
     pub t_ns: i64,
     /// Digits behind the point of the second in the source, 0…9.
@@ -43,7 +43,7 @@ pub struct Time {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Frame<'a> {
     /// Receive time, where the capture has one.
-    pub time: Option<Time>,
+    pub time: Option<Timestamp>,
     /// Name of the interface or channel; empty where the capture has none.
     pub interface: &'a [u8],
     /// Identifier, 11 or 29 bits.
@@ -54,7 +54,7 @@ pub struct Frame<'a> {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Event<'a> {
+pub enum CaptureRecord<'a> {
     /// A classic data frame.
     Frame(Frame<'a>),
     /// A remote frame.
@@ -87,7 +87,7 @@ fn told(bytes: &[u8]) -> &[u8] {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Place {
+pub enum RecordPosition {
     /// Line of a text, from 1.
     Line(u64),
     Offset(u64),
@@ -165,17 +165,17 @@ impl Reader {
 
     /// Takes the capture on from where it stopped; returns how many bytes are consumed. The rest, at most
     /// [`MAX_RECORD`], must stand at the beginning of the next call's `bytes`.
-    pub fn consume(&mut self, bytes: &[u8], sink: &mut impl FnMut(Place, Event)) -> usize {
+    pub fn consume(&mut self, bytes: &[u8], sink: &mut impl FnMut(RecordPosition, CaptureRecord)) -> usize {
         self.run(bytes, false, sink)
     }
 
     /// Takes the last bytes: what is incomplete now is cut.
-    pub fn finish(&mut self, bytes: &[u8], sink: &mut impl FnMut(Place, Event)) {
+    pub fn finish(&mut self, bytes: &[u8], sink: &mut impl FnMut(RecordPosition, CaptureRecord)) {
         self.run(bytes, true, sink);
     }
 
     #[inline]
-    fn run(&mut self, bytes: &[u8], last: bool, sink: &mut impl FnMut(Place, Event)) -> usize {
+    fn run(&mut self, bytes: &[u8], last: bool, sink: &mut impl FnMut(RecordPosition, CaptureRecord)) -> usize {
         match self {
             Reader::Candump(reader) => reader.run(bytes, last, sink),
             Reader::Console(reader) => reader.run(bytes, last, sink),

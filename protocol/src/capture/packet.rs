@@ -1,6 +1,6 @@
 //! CAN frames as packets of pcap and pcapng, and the walk over binary records.
 
-use super::{Event, Frame, Time};
+use super::{CaptureRecord, Frame, Timestamp};
 
 /// LINKTYPE_CAN_SOCKETCAN: the frame as the kernel gives it, its identifier big-endian.
 const SOCKETCAN: u32 = 227;
@@ -56,16 +56,16 @@ impl Order {
 pub fn event<'a>(
     link: u32,
     order: Order,
-    time: Option<Time>,
+    time: Option<Timestamp>,
     interface: &'a [u8],
     packet: &'a [u8],
-) -> Option<Event<'a>> {
+) -> Option<CaptureRecord<'a>> {
     let (protocol, frame) = match link {
         SOCKETCAN => return frame_of_socketcan(Order::Big.u32(packet, 0), time, interface, packet),
         UPPER_PDU => return upper(order, time, interface, packet),
         LINUX_SLL => (Order::Big.u16(packet.get(..SLL_HEADER)?, 14), &packet[SLL_HEADER..]),
         LINUX_SLL2 => (Order::Big.u16(packet.get(..SLL2_HEADER)?, 0), &packet[SLL2_HEADER..]),
-        _ => return Some(Event::Remark),
+        _ => return Some(CaptureRecord::Remark),
     };
     match protocol {
         // Behind a cooked header the identifier is in the order of the machine that wrote it; some tools turn it.
@@ -74,12 +74,12 @@ pub fn event<'a>(
             let id = if id[0] > 0x7FF && id[1] <= 0x7FF { id[1] } else { id[0] };
             frame_of_socketcan(id, time, interface, frame)
         }
-        PROTOCOL_CAN_FD | PROTOCOL_CAN_XL => Some(Event::Fd),
-        _ => Some(Event::Remark),
+        PROTOCOL_CAN_FD | PROTOCOL_CAN_XL => Some(CaptureRecord::Fd),
+        _ => Some(CaptureRecord::Remark),
     }
 }
 
-fn upper<'a>(order: Order, time: Option<Time>, interface: &'a [u8], mut packet: &'a [u8]) -> Option<Event<'a>> {
+fn upper<'a>(order: Order, time: Option<Timestamp>, interface: &'a [u8], mut packet: &'a [u8]) -> Option<CaptureRecord<'a>> {
     let mut protocol: &[u8] = b"";
     loop {
         let (tag, length) = (Order::Big.u16(packet.get(..4)?, 0), usize::from(Order::Big.u16(packet, 2)));
@@ -94,32 +94,32 @@ fn upper<'a>(order: Order, time: Option<Time>, interface: &'a [u8], mut packet: 
     match protocol {
         b"can-hostendian" => frame_of_socketcan(order.u32(packet, 0), time, interface, packet),
         b"can-bigendian" => frame_of_socketcan(Order::Big.u32(packet, 0), time, interface, packet),
-        b"canfd" | b"canxl" => Some(Event::Fd),
-        _ => Some(Event::Remark),
+        b"canfd" | b"canxl" => Some(CaptureRecord::Fd),
+        _ => Some(CaptureRecord::Remark),
     }
 }
 
 /// What a SocketCAN frame is: its identifier with flags, already in this machine's order, and all its bytes.
 /// Nothing where it is shorter than it says.
-pub fn frame_of_socketcan<'a>(id: u32, time: Option<Time>, interface: &'a [u8], frame: &'a [u8]) -> Option<Event<'a>> {
+pub fn frame_of_socketcan<'a>(id: u32, time: Option<Timestamp>, interface: &'a [u8], frame: &'a [u8]) -> Option<CaptureRecord<'a>> {
     let (header, data) = frame.split_at_checked(HEADER)?;
     let length = usize::from(header[4]);
     if id & ERROR != 0 {
-        return Some(Event::Error);
+        return Some(CaptureRecord::Error);
     }
     if length > 8 || header[5] & FD_FORMAT != 0 {
-        return Some(Event::Fd);
+        return Some(CaptureRecord::Fd);
     }
     if id & REMOTE != 0 {
-        return Some(Event::Remote);
+        return Some(CaptureRecord::Remote);
     }
     let (extended, id) = (id & EXTENDED != 0, id & 0x1FFF_FFFF);
-    Some(Event::Frame(Frame { time, interface, id, extended, data: data.get(..length)? }))
+    Some(CaptureRecord::Frame(Frame { time, interface, id, extended, data: data.get(..length)? }))
 }
 
 /// Where a walk over binary records stands.
 #[derive(Debug, Clone, Default)]
-pub struct Stream {
+pub struct RecordCursor {
     /// Offset of the first byte not yet consumed.
     pub offset: u64,
     pub records: u64,
@@ -129,7 +129,7 @@ pub struct Stream {
     pub lost: bool,
 }
 
-impl Stream {
+impl RecordCursor {
     /// Goes on by `length` bytes, of which `bytes` may hold only the first; returns how many those are.
     pub fn advance(&mut self, bytes: &[u8], length: u64) -> usize {
         let now = length.min(bytes.len() as u64);

@@ -1,7 +1,7 @@
 //! pcap: a header of 24 bytes, then packets, each behind 16 bytes of time and length.
 
-use super::packet::{Order, Stream, event};
-use super::{Event, MAX_RECORD, Place, Time, told};
+use super::packet::{Order, RecordCursor, event};
+use super::{CaptureRecord, MAX_RECORD, RecordPosition, Timestamp, told};
 
 const HEADER: usize = 24;
 const PACKET_HEADER: usize = 16;
@@ -10,7 +10,7 @@ const MAX_LENGTH: u32 = 1 << 26;
 
 #[derive(Debug, Clone, Default)]
 pub struct Pcap {
-    pub(super) stream: Stream,
+    pub(super) stream: RecordCursor,
     header: Option<Header>,
 }
 
@@ -33,7 +33,7 @@ pub(super) fn magic(bytes: &[u8]) -> Option<(Order, bool)> {
 }
 
 impl Pcap {
-    pub(super) fn run(&mut self, bytes: &[u8], last: bool, sink: &mut impl FnMut(Place, Event)) -> usize {
+    pub(super) fn run(&mut self, bytes: &[u8], last: bool, sink: &mut impl FnMut(RecordPosition, CaptureRecord)) -> usize {
         let mut at = 0;
         let stream = &mut self.stream;
         loop {
@@ -41,14 +41,14 @@ impl Pcap {
             if rest.is_empty() && stream.skip == 0 {
                 return at;
             }
-            let place = Place::Offset(stream.offset);
+            let place = RecordPosition::Offset(stream.offset);
             if stream.lost || stream.skip > 0 {
                 at += stream.advance(rest, if stream.lost { rest.len() as u64 } else { stream.skip });
                 if stream.skip > 0 {
                     if last {
                         stream.skip = 0;
                         stream.records += 1;
-                        sink(place, Event::Broken { bytes: &[], cut: true });
+                        sink(place, CaptureRecord::Broken { bytes: &[], cut: true });
                     }
                     return at;
                 }
@@ -65,7 +65,7 @@ impl Pcap {
                     (false, _) if !last => return at,
                     (complete, _) => {
                         stream.records += 1;
-                        sink(place, Event::Broken { bytes: told(rest), cut: !complete });
+                        sink(place, CaptureRecord::Broken { bytes: told(rest), cut: !complete });
                         (stream.lost, stream.offset) = (true, stream.offset + rest.len() as u64);
                         return bytes.len();
                     }
@@ -75,21 +75,21 @@ impl Pcap {
             let length = header.order.u32(rest, 8);
             if rest.len() >= PACKET_HEADER && length > MAX_LENGTH {
                 stream.records += 1;
-                sink(place, Event::Broken { bytes: told(rest), cut: false });
+                sink(place, CaptureRecord::Broken { bytes: told(rest), cut: false });
                 stream.lost = true;
                 continue;
             }
             let whole = PACKET_HEADER as u64 + u64::from(length);
             if rest.len() >= PACKET_HEADER && whole > MAX_RECORD as u64 {
                 stream.records += 1;
-                sink(place, Event::Remark);
+                sink(place, CaptureRecord::Remark);
                 at += stream.advance(rest, whole);
                 continue;
             }
             if rest.len() < PACKET_HEADER || (rest.len() as u64) < whole {
                 if last {
                     stream.records += 1;
-                    sink(place, Event::Broken { bytes: told(rest), cut: true });
+                    sink(place, CaptureRecord::Broken { bytes: told(rest), cut: true });
                     at += stream.advance(rest, rest.len() as u64);
                 }
                 return at;
@@ -97,16 +97,16 @@ impl Pcap {
             let packet = &rest[PACKET_HEADER..whole as usize];
             stream.records += 1;
             let event = event(header.link, header.order, Some(header.time(rest)), b"", packet);
-            sink(place, event.unwrap_or(Event::Broken { bytes: told(packet), cut: false }));
+            sink(place, event.unwrap_or(CaptureRecord::Broken { bytes: told(packet), cut: false }));
             at += stream.advance(rest, whole);
         }
     }
 }
 
 impl Header {
-    fn time(self, packet: &[u8]) -> Time {
+    fn time(self, packet: &[u8]) -> Timestamp {
         let (seconds, fraction) = (i64::from(self.order.u32(packet, 0)), i64::from(self.order.u32(packet, 4)));
         let (unit_ns, digits) = if self.nanoseconds { (1, 9) } else { (1_000, 6) };
-        Time { t_ns: seconds * 1_000_000_000 + fraction * unit_ns, digits }
+        Timestamp { t_ns: seconds * 1_000_000_000 + fraction * unit_ns, digits }
     }
 }

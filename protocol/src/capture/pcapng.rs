@@ -3,8 +3,8 @@
 //!
 //! Read here and not with a library: the one that exists allocates for each packet and knows no binary time units.
 
-use super::packet::{Order, Stream, event};
-use super::{Event, MAX_RECORD, Place, Time, told};
+use super::packet::{Order, RecordCursor, event};
+use super::{CaptureRecord, MAX_RECORD, RecordPosition, Timestamp, told};
 
 /// A section's header; the same in both byte orders.
 const SECTION: u32 = 0x0A0D_0D0A;
@@ -25,7 +25,7 @@ const OFFSET: u16 = 14;
 
 #[derive(Debug, Clone, Default)]
 pub struct Pcapng {
-    pub(super) stream: Stream,
+    pub(super) stream: RecordCursor,
     order: Order,
     interfaces: Vec<Interface>,
 }
@@ -53,26 +53,26 @@ fn byte_order(block: &[u8]) -> Option<Order> {
 }
 
 impl Pcapng {
-    pub(super) fn run(&mut self, bytes: &[u8], last: bool, sink: &mut impl FnMut(Place, Event)) -> usize {
+    pub(super) fn run(&mut self, bytes: &[u8], last: bool, sink: &mut impl FnMut(RecordPosition, CaptureRecord)) -> usize {
         let mut at = 0;
         loop {
             let rest = &bytes[at..];
             if rest.is_empty() && self.stream.skip == 0 {
                 return at;
             }
-            let place = Place::Offset(self.stream.offset);
+            let place = RecordPosition::Offset(self.stream.offset);
             if self.stream.lost || self.stream.skip > 0 {
                 at += self.stream.advance(rest, if self.stream.lost { rest.len() as u64 } else { self.stream.skip });
                 if self.stream.skip > 0 {
                     if last {
                         (self.stream.skip, self.stream.records) = (0, self.stream.records + 1);
-                        sink(place, Event::Broken { bytes: &[], cut: true });
+                        sink(place, CaptureRecord::Broken { bytes: &[], cut: true });
                     }
                     return at;
                 }
                 continue;
             }
-            let broken = |cut| Event::Broken { bytes: told(rest), cut };
+            let broken = |cut| CaptureRecord::Broken { bytes: told(rest), cut };
             if rest.len() >= FRAME && rest.starts_with(&SECTION.to_be_bytes()) {
                 match byte_order(rest) {
                     Some(order) => self.order = order,
@@ -89,7 +89,7 @@ impl Pcapng {
             }
             if rest.len() >= FRAME && length as usize > MAX_RECORD {
                 self.stream.records += 1;
-                sink(place, Event::Remark);
+                sink(place, CaptureRecord::Remark);
                 at += self.stream.advance(rest, length.into());
                 continue;
             }
@@ -108,31 +108,31 @@ impl Pcapng {
             }
             self.stream.records += 1;
             let event = self.block(block);
-            sink(place, event.unwrap_or(Event::Broken { bytes: told(block), cut: false }));
+            sink(place, event.unwrap_or(CaptureRecord::Broken { bytes: told(block), cut: false }));
             at += self.stream.advance(rest, length.into());
         }
     }
 
     /// Tells that the blocks cannot be told apart any more.
-    fn lose(&mut self, place: Place, event: Event, sink: &mut impl FnMut(Place, Event)) {
+    fn lose(&mut self, place: RecordPosition, event: CaptureRecord, sink: &mut impl FnMut(RecordPosition, CaptureRecord)) {
         self.stream.records += 1;
         sink(place, event);
         self.stream.lost = true;
     }
 
-    fn block<'a>(&'a mut self, block: &'a [u8]) -> Option<Event<'a>> {
+    fn block<'a>(&'a mut self, block: &'a [u8]) -> Option<CaptureRecord<'a>> {
         let order = self.order;
         let body = &block[8..block.len() - 4];
         let (index, ticks, length, data) = match order.u32(block, 0) {
             SECTION => {
                 self.interfaces.clear();
-                return Some(Event::Remark);
+                return Some(CaptureRecord::Remark);
             }
             INTERFACE => {
                 if self.interfaces.len() < MAX_INTERFACES {
                     self.interfaces.push(Interface::read(order, body.get(..8)?, &body[8..]));
                 }
-                return Some(Event::Remark);
+                return Some(CaptureRecord::Remark);
             }
             PACKET => {
                 let header = body.get(..20)?;
@@ -145,7 +145,7 @@ impl Pcapng {
                 (order.u16(header, 0).into(), Some(ticks), order.u32(header, 12), &body[20..])
             }
             SIMPLE_PACKET => (0, None, order.u32(body.get(..4)?, 0).min(body.len() as u32 - 4), &body[4..]),
-            _ => return Some(Event::Remark),
+            _ => return Some(CaptureRecord::Remark),
         };
         let interface = self.interfaces.get(index as usize)?;
         let time = ticks.and_then(|ticks| interface.time(ticks));
@@ -179,10 +179,10 @@ impl Interface {
         interface
     }
 
-    fn time(&self, ticks: u64) -> Option<Time> {
+    fn time(&self, ticks: u64) -> Option<Timestamp> {
         let whole = i64::try_from(ticks / self.per_second).ok()?.checked_add(self.offset_s)?;
         let fraction_ns = u128::from(ticks % self.per_second) * 1_000_000_000 / u128::from(self.per_second);
         let t_ns = whole.checked_mul(1_000_000_000)?.checked_add(fraction_ns as i64)?;
-        Some(Time { t_ns, digits: self.digits })
+        Some(Timestamp { t_ns, digits: self.digits })
     }
 }

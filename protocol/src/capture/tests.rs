@@ -15,28 +15,28 @@ enum Seen {
     Broken(bool),
 }
 
-fn see(event: Event) -> Seen {
+fn see(event: CaptureRecord) -> Seen {
     match event {
-        Event::Frame(frame) => Seen::Frame(
+        CaptureRecord::Frame(frame) => Seen::Frame(
             frame.time.map(|time| time.t_ns),
             String::from_utf8_lossy(frame.interface).into_owned(),
             frame.id,
             frame.extended,
             frame.data.to_vec(),
         ),
-        Event::Remote => Seen::Remote,
-        Event::Fd => Seen::Fd,
-        Event::Error => Seen::Error,
-        Event::Remark => Seen::Remark,
-        Event::Dropped(count) => Seen::Dropped(count),
-        Event::Broken { cut, .. } => Seen::Broken(cut),
+        CaptureRecord::Remote => Seen::Remote,
+        CaptureRecord::Fd => Seen::Fd,
+        CaptureRecord::Error => Seen::Error,
+        CaptureRecord::Remark => Seen::Remark,
+        CaptureRecord::Dropped(count) => Seen::Dropped(count),
+        CaptureRecord::Broken { cut, .. } => Seen::Broken(cut),
     }
 }
 
 /// All events of a capture that comes in pieces of this length; as many as records, and nothing is held back for ever.
-fn read(format: Format, bytes: &[u8], piece: usize) -> Vec<(Place, Seen)> {
+fn read(format: Format, bytes: &[u8], piece: usize) -> Vec<(RecordPosition, Seen)> {
     let (mut reader, mut seen, mut buffer) = (Reader::new(format), Vec::new(), Vec::new());
-    let mut sink = |place, event: Event<'_>| seen.push((place, see(event)));
+    let mut sink = |place, event: CaptureRecord<'_>| seen.push((place, see(event)));
     for piece in bytes.chunks(piece) {
         buffer.extend_from_slice(piece);
         let used = reader.consume(&buffer, &mut sink);
@@ -211,7 +211,7 @@ fn pcap_is_read_in_both_orders_and_units_and_all_three_links() {
             let expected = frame(T_NS, "", 0x1A0, &DATA);
             assert_eq!(
                 seen,
-                [(Place::Offset(24), expected.clone()), (Place::Offset(40 + packet.len() as u64), expected)]
+                [(RecordPosition::Offset(24), expected.clone()), (RecordPosition::Offset(40 + packet.len() as u64), expected)]
             );
             assert_eq!(read(Format::Pcap, &bytes[..bytes.len() - 1], 7)[1].1, Seen::Broken(true));
         }
@@ -282,7 +282,7 @@ fn the_format_is_told_from_the_content() {
     assert_eq!(detect(b"To be, or", false), Detected::Undecided);
     assert_eq!(detect(&[0, 1, 2, 3], true), Detected::Format(Format::Serial));
     assert_eq!(detect(&[0, 1, 2, 3], false), Detected::Undecided);
-    let serial = crate::serial::data_frame(&crate::HalfSecond::default());
+    let serial = crate::serial::data_frame(&crate::Sample::default());
     assert_eq!(detect(&serial, false), Detected::Format(Format::Serial));
 }
 
@@ -341,7 +341,7 @@ fn a_line_without_end_does_not_grow_for_ever() {
     let mut bytes = vec![b'x'; 3 * MAX_RECORD];
     bytes.extend(b"\n(0.5) can0 1A0#FF\n");
     let expected =
-        [(Place::Line(1), Seen::Broken(false)), (Place::Line(2), frame(500_000_000, "can0", 0x1A0, &[0xFF]))];
+        [(RecordPosition::Line(1), Seen::Broken(false)), (RecordPosition::Line(2), frame(500_000_000, "can0", 0x1A0, &[0xFF]))];
     for piece in [1_000, 100_000, usize::MAX] {
         assert_eq!(read(Format::Candump, &bytes, piece), expected, "{piece}");
     }

@@ -1,6 +1,6 @@
 //! What the text formats share: lines out of pieces, numbers out of digits.
 
-use super::{Event, MAX_RECORD, Place, Time, told};
+use super::{CaptureRecord, MAX_RECORD, RecordPosition, Timestamp, told};
 
 /// What editors and shells on Windows write before a text in UTF-8.
 const BYTE_ORDER_MARK: &[u8] = b"\xEF\xBB\xBF";
@@ -20,9 +20,9 @@ impl Lines {
 
     /// Counts a line that was read without [`Lines::next`], and gives its place.
     #[inline]
-    pub fn count(&mut self) -> Place {
+    pub fn count(&mut self) -> RecordPosition {
         self.number += 1;
-        Place::Line(self.number)
+        RecordPosition::Line(self.number)
     }
 
     /// Whether the next byte begins a line.
@@ -51,12 +51,12 @@ impl Lines {
         } else {
             self.number += 1;
             if text.len() > MAX_RECORD {
-                Content::Broken(Event::Broken { bytes: told(text), cut: false })
+                Content::Broken(CaptureRecord::Broken { bytes: told(text), cut: false })
             } else {
                 Content::Text(text.strip_suffix(b"\r").unwrap_or(text))
             }
         };
-        Some(Line { used, place: Place::Line(self.number), content, cut: end.is_none() })
+        Some(Line { used, place: RecordPosition::Line(self.number), content, cut: end.is_none() })
     }
 
     /// Runs through all lines of `bytes`, giving each to `read`; a line it does not understand is told as broken.
@@ -64,8 +64,8 @@ impl Lines {
         &mut self,
         bytes: &[u8],
         last: bool,
-        sink: &mut impl FnMut(Place, Event),
-        mut read: impl FnMut(&[u8], &mut dyn FnMut(Event)) -> Option<()>,
+        sink: &mut impl FnMut(RecordPosition, CaptureRecord),
+        mut read: impl FnMut(&[u8], &mut dyn FnMut(CaptureRecord)) -> Option<()>,
     ) -> usize {
         let mut at = 0;
         while let Some(line) = self.next(&bytes[at..], last) {
@@ -80,14 +80,14 @@ impl Lines {
 pub struct Line<'a> {
     /// Bytes it takes, with its end.
     pub used: usize,
-    place: Place,
+    place: RecordPosition,
     content: Content<'a>,
     cut: bool,
 }
 
 enum Content<'a> {
     Text(&'a [u8]),
-    Broken(Event<'a>),
+    Broken(CaptureRecord<'a>),
     Discarded,
 }
 
@@ -96,13 +96,13 @@ impl Line<'_> {
     #[inline]
     pub fn tell(
         self,
-        sink: &mut impl FnMut(Place, Event),
-        read: &mut impl FnMut(&[u8], &mut dyn FnMut(Event)) -> Option<()>,
+        sink: &mut impl FnMut(RecordPosition, CaptureRecord),
+        read: &mut impl FnMut(&[u8], &mut dyn FnMut(CaptureRecord)) -> Option<()>,
     ) {
         match self.content {
             Content::Text(text) => {
                 if read(text, &mut |event| sink(self.place, event)).is_none() {
-                    sink(self.place, Event::Broken { bytes: told(text), cut: self.cut });
+                    sink(self.place, CaptureRecord::Broken { bytes: told(text), cut: self.cut });
                 }
             }
             Content::Broken(event) => sink(self.place, event),
@@ -150,7 +150,7 @@ pub fn number(text: &[u8], base: u32) -> Option<u32> {
 }
 
 /// `seconds[.fraction]`, with any number of digits behind the point (more than nine are cut off).
-pub fn seconds(text: &[u8]) -> Option<Time> {
+pub fn seconds(text: &[u8]) -> Option<Timestamp> {
     let (negative, text) = match text.strip_prefix(b"-") {
         Some(rest) => (true, rest),
         None => (false, text),
@@ -172,7 +172,7 @@ pub fn seconds(text: &[u8]) -> Option<Time> {
         t_ns = t_ns.checked_add(i64::from(digit - b'0') * weight)?;
         weight /= 10;
     }
-    Some(Time { t_ns: if negative { -t_ns } else { t_ns }, digits: fraction.len().min(9) as u8 })
+    Some(Timestamp { t_ns: if negative { -t_ns } else { t_ns }, digits: fraction.len().min(9) as u8 })
 }
 
 pub fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> + Clone {

@@ -3,10 +3,10 @@
 use std::fmt::Write;
 
 use super::{CYCLE_MS, can_messages};
-use crate::can::CanPlan;
-use crate::command::{ArgumentSpec, COMMAND_LENGTHS, COMMANDS, CommandSpec, Outcome, REPLY_LENGTHS};
-use crate::field::{FieldSpec, Wire};
-use crate::message::{MESSAGES, Place};
+use crate::can::CanIdMap;
+use crate::command::{ArgumentSpec, COMMAND_LENGTHS, COMMANDS, CommandSpec, CommandResult, REPLY_LENGTHS};
+use crate::field::{FieldSpec, WireType};
+use crate::message::{MESSAGES, MessageId};
 
 /// One `SG_` line and what else is said of the signal.
 struct Signal {
@@ -27,7 +27,7 @@ struct Signal {
 
 impl Signal {
     /// A number at byte `at`; big-endian signals start at their most significant bit.
-    fn number(at: usize, name: String, wire: Wire) -> Signal {
+    fn number(at: usize, name: String, wire: WireType) -> Signal {
         Signal {
             name,
             multiplex: None,
@@ -56,11 +56,11 @@ struct Message {
 }
 
 /// The CAN database for identifiers at `plan`.
-pub fn dbc(plan: CanPlan) -> String {
+pub fn dbc(plan: CanIdMap) -> String {
     write(&messages(plan)).expect("writing to a String does not fail")
 }
 
-fn messages(plan: CanPlan) -> Vec<Message> {
+fn messages(plan: CanIdMap) -> Vec<Message> {
     can_messages()
         .into_iter()
         .map(|(offset, name)| {
@@ -75,7 +75,7 @@ fn messages(plan: CanPlan) -> Vec<Message> {
 }
 
 fn cyclic(id: u16, offset: u16) -> Message {
-    let spec = MESSAGES.iter().find(|message| message.place == Place::Can(offset)).expect("a cyclic message");
+    let spec = MESSAGES.iter().find(|message| message.place == MessageId::Can(offset)).expect("a cyclic message");
     Message {
         id,
         name: spec.name,
@@ -113,7 +113,7 @@ fn opcode_signal() -> Signal {
         multiplex: Some("M".to_string()),
         values: COMMANDS.iter().map(|command| (i64::from(command.opcode), command.name.to_string())).collect(),
         comment: "which command; chooses the signals after it".to_string(),
-        ..Signal::number(0, "opcode".to_string(), Wire::U8)
+        ..Signal::number(0, "opcode".to_string(), WireType::U8)
     }
 }
 
@@ -155,7 +155,7 @@ fn command(id: u16) -> Message {
         multiplex: Some("m0".to_string()),
         opcodes: Some(opcode_runs(|opcode| !takes_arguments(opcode))),
         comment: "a byte after an opcode that takes none; the unit answers bad argument".to_string(),
-        ..Signal::number(1, "unexpected_argument".to_string(), Wire::U8)
+        ..Signal::number(1, "unexpected_argument".to_string(), WireType::U8)
     });
     signals.extend(COMMANDS.iter().flat_map(|command| argument_signals(command, command.arguments, 1)));
     Message {
@@ -176,10 +176,10 @@ fn reply(id: u16) -> Message {
     let result = Signal {
         multiplex: Some("m0".to_string()),
         opcodes: Some(opcode_runs(|_| true)),
-        limits: (0, Outcome::ALL.len() as i64 - 1),
-        values: Outcome::ALL.iter().map(|&outcome| (outcome as i64, outcome.text().to_string())).collect(),
+        limits: (0, CommandResult::ALL.len() as i64 - 1),
+        values: CommandResult::ALL.iter().map(|&outcome| (outcome as i64, outcome.text().to_string())).collect(),
         comment: "how the command ended; there for every opcode".to_string(),
-        ..Signal::number(1, "result".to_string(), Wire::U8)
+        ..Signal::number(1, "result".to_string(), WireType::U8)
     };
     let mut signals = vec![opcode_signal(), result];
     signals.extend(COMMANDS.iter().flat_map(|command| argument_signals(command, command.values, 2)));

@@ -4,8 +4,8 @@ use std::fmt::Write;
 
 use super::{can_messages, filled, serial_messages};
 use crate::can::DEFAULT_BASE;
-use crate::command::{ArgumentSpec, COMMAND_LENGTHS, COMMANDS, CommandSpec, Outcome, REPLY_LENGTHS};
-use crate::field::{CRC, FIELDS, FieldSpec, Wire};
+use crate::command::{ArgumentSpec, COMMAND_LENGTHS, COMMANDS, CommandSpec, CommandResult, REPLY_LENGTHS};
+use crate::field::{CRC, FIELDS, FieldSpec, WireType};
 use crate::message::MESSAGES;
 use crate::serial::{DATA_LENGTH, SYNC};
 
@@ -19,12 +19,12 @@ pub fn dissector() -> String {
 type Text = Result<String, std::fmt::Error>;
 
 /// The constructor of a field that shows the number as it is.
-fn constructor(wire: Wire) -> &'static str {
+fn constructor(wire: WireType) -> &'static str {
     match wire {
-        Wire::U8 => "uint8",
-        Wire::U16 => "uint16",
-        Wire::I16 => "int16",
-        Wire::U48 => "uint64",
+        WireType::U8 => "uint8",
+        WireType::U16 => "uint16",
+        WireType::I16 => "int16",
+        WireType::U48 => "uint64",
     }
 }
 
@@ -34,7 +34,7 @@ fn tables() -> Text {
     names(&mut text, "can_names", can_messages())?;
     names(&mut text, "type_names", serial_messages())?;
     names(&mut text, "opcode_names", COMMANDS.iter().map(|command| (command.opcode, command.name)))?;
-    names(&mut text, "result_names", Outcome::ALL.iter().map(|&outcome| (outcome as u8, outcome.text())))?;
+    names(&mut text, "result_names", CommandResult::ALL.iter().map(|&outcome| (outcome as u8, outcome.text())))?;
     text.push_str("-- Shortest and longest payload of each type of serial frame.\nlocal lengths = {");
     for (code, name) in serial_messages() {
         let (low, high) = match name {

@@ -5,10 +5,10 @@ use std::fmt::Write;
 use super::{can_messages, filled, serial_messages};
 use crate::can::DEFAULT_BASE;
 use crate::command::{
-    ArgumentSpec, COMMAND_LENGTHS, COMMAND_SERIAL, COMMANDS, CommandSpec, Outcome, REPLY_LENGTHS, REPLY_SERIAL,
+    ArgumentSpec, COMMAND_LENGTHS, COMMAND_SERIAL, COMMANDS, CommandSpec, CommandResult, REPLY_LENGTHS, REPLY_SERIAL,
 };
-use crate::field::{CLOCK_PER_HALF_SECOND, FIELDS, GYRO_FLAGS, Gyro, UNIT_FLAGS, Wire};
-use crate::message::{MESSAGES, Place};
+use crate::field::{CLOCK_PER_HALF_SECOND, FIELDS, GYRO_FLAGS, Gyro, UNIT_FLAGS, WireType};
+use crate::message::{MESSAGES, MessageId};
 use crate::serial::{DATA_LENGTH, DEFAULT_BAUD, MAX_FRAME, SYNC};
 
 pub fn header() -> String {
@@ -33,12 +33,12 @@ pub fn header() -> String {
 type Text = Result<String, std::fmt::Error>;
 
 /// The C type that holds a number of that wire type.
-fn c_type(wire: Wire) -> &'static str {
+fn c_type(wire: WireType) -> &'static str {
     match wire {
-        Wire::U8 => "uint8_t",
-        Wire::U16 => "uint16_t",
-        Wire::I16 => "int16_t",
-        Wire::U48 => "uint64_t",
+        WireType::U8 => "uint8_t",
+        WireType::U16 => "uint16_t",
+        WireType::I16 => "int16_t",
+        WireType::U48 => "uint64_t",
     }
 }
 
@@ -88,14 +88,14 @@ fn opcodes_and_results() -> Text {
         writeln!(text, "    GEU_OPCODE_{} = 0x{:02X}, /* {} */", command.name, command.opcode, command.meaning)?;
     }
     text.push_str("    GEU_OPCODE_MAX = 0xFF\n} geu_opcode;\n\ntypedef enum {\n");
-    for outcome in Outcome::ALL {
+    for outcome in CommandResult::ALL {
         writeln!(text, "    {} = {},", result_name(outcome), outcome as u8)?;
     }
     text.push_str("    GEU_RESULT_MAX = 0xFF\n} geu_result;\n");
     Ok(text)
 }
 
-fn result_name(outcome: Outcome) -> String {
+fn result_name(outcome: CommandResult) -> String {
     format!("GEU_RESULT_{}", outcome.text().replace(' ', "_").to_uppercase())
 }
 
@@ -124,8 +124,8 @@ fn messages() -> Text {
         let (name, own) =
             (message.name.to_lowercase(), |at| if at == 0 { "data".into() } else { format!("data + {at}") });
         let what = match message.place {
-            Place::Can(_) => "data",
-            Place::Serial(_) => "payload",
+            MessageId::Can(_) => "data",
+            MessageId::Serial(_) => "payload",
         };
         let (mut pack, mut unpack) = (String::new(), String::new());
         for (at, field) in message.placed_fields().filter(|(_, field)| field.name != "crc") {
@@ -175,7 +175,7 @@ fn command_functions(command: &CommandSpec) -> Text {
     }
     let tests: Vec<String> = command.arguments.iter().filter_map(range_test).collect();
     if !tests.is_empty() {
-        writeln!(unpack, "    if ({})\n        return {};", tests.join(" || "), result_name(Outcome::BadArgument))?;
+        writeln!(unpack, "    if ({})\n        return {};", tests.join(" || "), result_name(CommandResult::BadArgument))?;
     }
     let mut text = format!("/* {}: {}.", command.name, command.meaning);
     for argument in command.arguments {
@@ -193,9 +193,9 @@ fn command_functions(command: &CommandSpec) -> Text {
          if (length != {length})\n        return {};\n{unpack}    return {};\n}}\n",
         command.name,
         command.name,
-        result_name(Outcome::UnknownOpcode),
-        result_name(Outcome::BadArgument),
-        result_name(Outcome::Done)
+        result_name(CommandResult::UnknownOpcode),
+        result_name(CommandResult::BadArgument),
+        result_name(CommandResult::Done)
     )?;
     Ok(text)
 }
@@ -217,14 +217,14 @@ fn reply_values(command: &CommandSpec) -> Text {
          return 0;\n{unpack}    return 1;\n}}\n",
         command.name,
         command.name.to_lowercase(),
-        result_name(Outcome::Done)
+        result_name(CommandResult::Done)
     ))
 }
 
 fn serial_lengths() -> Text {
     let mut text = String::new();
     for (code, name) in serial_messages() {
-        let test = match (Place::Serial(code) == COMMAND_SERIAL, Place::Serial(code) == REPLY_SERIAL) {
+        let test = match (MessageId::Serial(code) == COMMAND_SERIAL, MessageId::Serial(code) == REPLY_SERIAL) {
             (true, _) | (_, true) => format!("length >= GEU_{name}_MIN_LENGTH && length <= GEU_{name}_MAX_LENGTH"),
             _ => format!("length == GEU_{name}_LENGTH"),
         };

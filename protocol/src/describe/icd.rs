@@ -4,12 +4,12 @@
 use std::fmt::Write;
 
 use super::{can_messages, serial_messages};
-use crate::can::{CanPlan, DEFAULT_BASE};
-use crate::command::{ArgumentSpec, COMMAND_LENGTHS, COMMANDS, Outcome, REPLY_LENGTHS, Reply, payload};
-use crate::field::{CRC, FIELDS, FieldSpec, GYRO_FLAGS, HalfSecond, UNIT_FLAGS};
+use crate::can::{CanIdMap, DEFAULT_BASE};
+use crate::command::{ArgumentSpec, COMMAND_LENGTHS, COMMANDS, CommandResult, REPLY_LENGTHS, Reply, payload};
+use crate::field::{CRC, FIELDS, FieldSpec, GYRO_FLAGS, Sample, UNIT_FLAGS};
 use crate::hex::{hex, spaced_hex};
-use crate::message::{MESSAGES, MessageSpec, Place};
-use crate::serial::{BITS_PER_BYTE, DEFAULT_BAUD, Kind, SYNC, data_frame, frame};
+use crate::message::{MESSAGES, MessageSpec, MessageId};
+use crate::serial::{BITS_PER_BYTE, DEFAULT_BAUD, FrameType, SYNC, data_frame, frame};
 
 const BEGIN: &str = "<!-- generated: ";
 const END: &str = "<!-- end -->";
@@ -76,12 +76,12 @@ fn flags() -> Text {
     Ok(text)
 }
 
-fn cyclic(place: Place) -> Option<&'static MessageSpec> {
+fn cyclic(place: MessageId) -> Option<&'static MessageSpec> {
     MESSAGES.iter().find(|message| message.place == place)
 }
 
 /// Length, content and meaning of a message, as table cells.
-fn cells(place: Place, name: &str) -> String {
+fn cells(place: MessageId, name: &str) -> String {
     let Some(message) = cyclic(place) else {
         let (lengths, content, meaning) = match name {
             "COMMAND" => (COMMAND_LENGTHS, "opcode, arguments", "to the unit"),
@@ -99,7 +99,7 @@ fn can() -> Text {
         "Default base B = {DEFAULT_BASE:X}.\n\n| id | name | length | bytes | meaning |\n|---|---|---|---|---|\n"
     );
     for (offset, name) in can_messages() {
-        writeln!(text, "| B+{offset} | {name} | {} |", cells(Place::Can(offset), name))?;
+        writeln!(text, "| B+{offset} | {name} | {} |", cells(MessageId::Can(offset), name))?;
     }
     Ok(text)
 }
@@ -112,14 +112,14 @@ fn serial() -> Text {
         SYNC[0], SYNC[1]
     );
     for (code, name) in serial_messages() {
-        writeln!(text, "| {code:02X} | {name} | {} |", cells(Place::Serial(code), name))?;
+        writeln!(text, "| {code:02X} | {name} | {} |", cells(MessageId::Serial(code), name))?;
     }
     Ok(text)
 }
 
 fn outcomes() -> Text {
     let mut text = String::from("| result | meaning |\n|---|---|\n");
-    for outcome in Outcome::ALL {
+    for outcome in CommandResult::ALL {
         writeln!(text, "| {} | {} |", outcome as u8, outcome.text())?;
     }
     Ok(text)
@@ -150,7 +150,7 @@ fn commands() -> Text {
 }
 
 /// The half second of the test vectors.
-const VECTOR: HalfSecond = HalfSecond {
+const VECTOR: Sample = Sample {
     sequence: 0,
     increments: [-2, -2, 5, 5],
     gyro_flags: 0x0F,
@@ -184,7 +184,7 @@ fn vectors() -> Text {
         h.clock_count,
         f64::from(h.sensor_centi_c) / 100.0
     );
-    let plan = CanPlan::default();
+    let plan = CanIdMap::default();
     let frames: Vec<String> =
         plan.frames(&h).iter().map(|frame| format!("{:03X}#{}", frame.id(), hex(frame.data()))).collect();
     writeln!(text, "    CAN     {}\n    serial  {}\n", frames.join("   "), spaced_hex(&data_frame(&h)))?;
@@ -195,7 +195,7 @@ fn vectors() -> Text {
         let arguments = vector_arguments(command.name);
         let sent = payload(command, arguments);
         let values = if command.name == "PING" { vec![major, minor] } else { Vec::new() };
-        let reply = Reply::new(command.opcode, Outcome::Done, &values);
+        let reply = Reply::new(command.opcode, CommandResult::Done, &values);
         let words: Vec<String> = arguments.iter().map(i64::to_string).collect();
         writeln!(
             text,
@@ -203,10 +203,10 @@ fn vectors() -> Text {
             [command.name.to_string(), words.join(" ")].join(" ").trim_end(),
             plan.command_id(),
             hex(&sent),
-            spaced_hex(&frame(Kind::Command, &sent)),
+            spaced_hex(&frame(FrameType::Command, &sent)),
             plan.reply_id(),
             hex(reply.bytes()),
-            spaced_hex(&frame(Kind::Reply, reply.bytes()))
+            spaced_hex(&frame(FrameType::Reply, reply.bytes()))
         )?;
     }
     Ok(text)

@@ -20,7 +20,7 @@ pub use header::header;
 pub use icd::icd;
 
 use crate::command::{COMMAND_CAN, COMMAND_SERIAL, REPLY_CAN, REPLY_SERIAL};
-use crate::message::{MESSAGES, Place};
+use crate::message::{MESSAGES, MessageId};
 
 /// Milliseconds between cyclic messages of one kind.
 const CYCLE_MS: u32 = 500;
@@ -31,8 +31,8 @@ fn can_messages() -> Vec<(u16, &'static str)> {
     places
         .chain([(COMMAND_CAN, "COMMAND"), (REPLY_CAN, "REPLY")])
         .filter_map(|(place, name)| match place {
-            Place::Can(offset) => Some((offset, name)),
-            Place::Serial(_) => None,
+            MessageId::Can(offset) => Some((offset, name)),
+            MessageId::Serial(_) => None,
         })
         .collect()
 }
@@ -43,8 +43,8 @@ fn serial_messages() -> Vec<(u8, &'static str)> {
     places
         .chain([(COMMAND_SERIAL, "COMMAND"), (REPLY_SERIAL, "REPLY")])
         .filter_map(|(place, name)| match place {
-            Place::Serial(code) => Some((code, name)),
-            Place::Can(_) => None,
+            MessageId::Serial(code) => Some((code, name)),
+            MessageId::Can(_) => None,
         })
         .collect()
 }

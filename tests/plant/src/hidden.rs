@@ -8,7 +8,7 @@ use crate::{GYROS, Gyro};
 /// One effect: a code, with `-step`, `-ramp`, `-temperature` or `-periodic` where it has a course, and its numbers by the
 /// names that a configuration has for them.
 #[derive(Debug, Clone)]
-pub struct Hidden {
+pub struct PlantedEffect {
     /// `drift-ramp`.
     pub code: String,
     /// The gyros that have it; none for an effect of the unit; two for an `axis-swap`.
@@ -17,11 +17,11 @@ pub struct Hidden {
     pub parameters: Vec<(String, f64)>,
 }
 
-impl Hidden {
+impl PlantedEffect {
     /// The same, from slices.
-    pub fn new(code: &str, gyros: &[Gyro], parameters: &[(&str, f64)]) -> Hidden {
+    pub fn new(code: &str, gyros: &[Gyro], parameters: &[(&str, f64)]) -> PlantedEffect {
         let parameters = parameters.iter().map(|(name, value)| ((*name).to_owned(), *value)).collect();
-        Hidden { code: code.to_owned(), gyros: gyros.to_vec(), parameters }
+        PlantedEffect { code: code.to_owned(), gyros: gyros.to_vec(), parameters }
     }
 
     /// What each parameter does, on each of the gyros.

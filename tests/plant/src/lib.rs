@@ -10,7 +10,7 @@ mod noise;
 mod unit;
 mod wire;
 
-pub use hidden::Hidden;
+pub use hidden::PlantedEffect;
 
 use motion::Motion;
 use noise::Noise;
@@ -58,7 +58,7 @@ pub struct Calibration {
 
 /// What is recorded: a scenario and noises from a seed, and what is hidden.
 #[derive(Debug, Clone)]
-pub struct Plant {
+pub struct IndependentModel {
     /// Of the scenario, the calibration's errors and the noises; each draws from a stream of its own.
     pub seed: u64,
     /// Of on-board time.
@@ -68,7 +68,7 @@ pub struct Plant {
     /// When the sensor heater is switched off, if ever.
     pub heater_off_s: Option<f64>,
     /// Effects that the reference unit does not have.
-    pub hidden: Vec<Hidden>,
+    pub hidden: Vec<PlantedEffect>,
 }
 
 /// What a bench would have, and what it would not.
@@ -82,10 +82,10 @@ pub struct Recording {
     pub calibrations: [Calibration; 4],
 }
 
-impl Plant {
+impl IndependentModel {
     /// Three hours.
-    pub fn new(seed: u64, hidden: Vec<Hidden>) -> Plant {
-        Plant { seed, duration_s: 10_800.0, start_unix_s: 1_795_000_000, heater_off_s: None, hidden }
+    pub fn new(seed: u64, hidden: Vec<PlantedEffect>) -> IndependentModel {
+        IndependentModel { seed, duration_s: 10_800.0, start_unix_s: 1_795_000_000, heater_off_s: None, hidden }
     }
 
     /// Flies it.
@@ -114,8 +114,8 @@ impl Plant {
 mod tests {
     use super::*;
 
-    fn flown(seed: u64, hidden: &[Hidden]) -> Recording {
-        Plant { duration_s: 3000.0, ..Plant::new(seed, hidden.to_vec()) }.record()
+    fn flown(seed: u64, hidden: &[PlantedEffect]) -> Recording {
+        IndependentModel { duration_s: 3000.0, ..IndependentModel::new(seed, hidden.to_vec()) }.record()
     }
 
     /// The words of a gyro in INCREMENTS.
@@ -133,7 +133,7 @@ mod tests {
 
     #[test]
     fn what_is_hidden_on_a_gyro_touches_neither_the_others_nor_the_reference() {
-        let hidden = Hidden::new("drift", &[Gyro::Y], &[("arcsec_per_h", 100.0)]);
+        let hidden = PlantedEffect::new("drift", &[Gyro::Y], &[("arcsec_per_h", 100.0)]);
         let [null, hidden] = [flown(1, &[]), flown(1, &[hidden])];
         assert!(null.reference == hidden.reference);
         for gyro in GYROS {
@@ -143,9 +143,9 @@ mod tests {
 
     #[test]
     fn an_amplitude_of_0_changes_no_byte() {
-        let hidden = hidden::catalogue().map(|(code, parameter)| Hidden::new(code, &[], &[(parameter, 0.0)]));
+        let hidden = hidden::catalogue().map(|(code, parameter)| PlantedEffect::new(code, &[], &[(parameter, 0.0)]));
         // A hidden noise takes the place of the unit's own.
-        let hidden: Vec<Hidden> = hidden.filter(|hidden| !hidden.code.ends_with("-random-walk")).collect();
+        let hidden: Vec<PlantedEffect> = hidden.filter(|hidden| !hidden.code.ends_with("-random-walk")).collect();
         let [null, nothing] = [flown(1, &[]), flown(1, &hidden)];
         assert!(null.link == nothing.link && null.reference == nothing.reference);
     }
@@ -153,6 +153,6 @@ mod tests {
     #[test]
     #[should_panic(expected = "drift-step: no parameter ppm")]
     fn a_parameter_that_an_effect_does_not_have_is_refused() {
-        flown(1, &[Hidden::new("drift-step", &[Gyro::X], &[("ppm", 1.0), ("time_s", 5.0)])]);
+        flown(1, &[PlantedEffect::new("drift-step", &[Gyro::X], &[("ppm", 1.0), ("time_s", 5.0)])]);
     }
 }

@@ -2,10 +2,10 @@
 
 use Quantity::*;
 
-use crate::hidden::{Hidden, Quantities, Quantity, Term};
+use crate::hidden::{PlantedEffect, Quantities, Quantity, Term};
 use crate::motion::{Motion, State};
 use crate::noise::Noise;
-use crate::{Calibration, GYROS, Gyro, HALF_SECOND_S, Plant, STEPS};
+use crate::{Calibration, GYROS, Gyro, HALF_SECOND_S, IndependentModel, STEPS};
 
 const PPM: f64 = 1e-6;
 const ARCSEC_PER_RAD: f64 = 648_000.0 / std::f64::consts::PI;
@@ -80,7 +80,7 @@ struct Channel {
 }
 
 impl Unit {
-    pub fn new(plant: &Plant) -> Unit {
+    pub fn new(plant: &IndependentModel) -> Unit {
         let mut random = Noise::new(plant.seed, 2);
         let calibrations = REFERENCE_UNIT.map(|(scale_factor, drift, misalignment)| Calibration {
             scale_factor: scale_factor * (1.0 + SCALE_FACTOR_SIGMA * random.normal()),
@@ -90,16 +90,16 @@ impl Unit {
                 angle => angle + MISALIGNMENT_SIGMA_ARCSEC * random.normal(),
             }),
         });
-        let mut terms: Vec<Term> = plant.hidden.iter().flat_map(Hidden::terms).collect();
+        let mut terms: Vec<Term> = plant.hidden.iter().flat_map(PlantedEffect::terms).collect();
         // A hidden noise takes the place of the unit's own.
         for (code, parameter, value) in [
             ("angle-random-walk", "arcsec_per_sqrt_s", ANGLE_RANDOM_WALK),
             ("drift-random-walk", "arcsec_per_s_per_sqrt_s", DRIFT_RANDOM_WALK),
         ] {
-            let hidden: Vec<&Hidden> = plant.hidden.iter().filter(|hidden| hidden.code == code).collect();
+            let hidden: Vec<&PlantedEffect> = plant.hidden.iter().filter(|hidden| hidden.code == code).collect();
             for gyro in GYROS {
                 if !hidden.iter().any(|hidden| hidden.gyros.is_empty() || hidden.gyros.contains(&gyro)) {
-                    terms.extend(Hidden::new(code, &[gyro], &[(parameter, value)]).terms());
+                    terms.extend(PlantedEffect::new(code, &[gyro], &[(parameter, value)]).terms());
                 }
             }
         }

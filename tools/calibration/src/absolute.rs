@@ -13,13 +13,13 @@ use geu_model::sensor::SensorNumbers;
 use geu_model::units::{ARCSEC_PER_RAD, RAD_PER_DEG};
 use geu_protocol::Gyro;
 
-use crate::noise::{Disturbance, ROUNDING_VARIANCE, Source, Walks, named};
-use crate::observe::{LeftOut, Measured, micros, outside};
+use crate::noise::{ErrorTerm, ROUNDING_VARIANCE, ErrorSource, RandomWalks, named};
+use crate::observe::{ExcludedData, CompensatedCounts, micros, outside};
 use crate::solve::Observation;
 use crate::sun::{Point, step_control_arcsec};
-use crate::transfer::InUse;
-use crate::window::Window;
-pub use data::{Fix, Sensors, Slit};
+use crate::transfer::GyroSet;
+use crate::window::ManoeuvreWindow;
+pub use data::{StarFix, AbsoluteData, Slit};
 use overlay::{CYCLE_STEPS, OVERLAY_LEAST, OVERLAY_S, Overlay};
 pub use path::{GyroPath, path};
 use path::{Station, interpolate, mean, stations};
@@ -27,13 +27,13 @@ use path::{Station, interpolate, mean, stations};
 /// The equations of `windows`, with rotations from the sensors, which err as `numbers` say. Each window needs a fix at
 /// either end.
 pub fn with_sensors(
-    measured: &Measured,
-    windows: &[Window],
-    sensors: &Sensors,
+    measured: &CompensatedCounts,
+    windows: &[ManoeuvreWindow],
+    sensors: &AbsoluteData,
     numbers: &SensorNumbers,
-    walks: &[Walks; 4],
+    walks: &[RandomWalks; 4],
     path: &GyroPath,
-) -> (Vec<Observation>, Vec<LeftOut>) {
+) -> (Vec<Observation>, Vec<ExcludedData>) {
     let counts = measured.counts;
     let (mut observations, mut left_out) = (Vec::new(), Vec::new());
     let stations = stations(counts, sensors);
@@ -41,7 +41,7 @@ pub fn with_sensors(
     let overlay = Overlay { counts, sensors, numbers, path };
     for window in windows {
         let mut leave = |why: String| {
-            left_out.push(LeftOut { name: window.name.clone(), start_s: window.start_s, gyro: None, why });
+            left_out.push(ExcludedData { name: window.name.clone(), start_s: window.start_s, gyro: None, why });
         };
         if window.start_s < start_s - 0.26 || window.end_s > start_s + counts.end_s() + 0.26 {
             leave(outside(counts, window));
@@ -59,7 +59,7 @@ pub fn with_sensors(
         }
         // The rotation itself rests on the gyros of the path, and the limit cycle on what is around the fixes.
         let around = |t_s: f64| counts.at(t_s.clamp(0.0, counts.end_s()));
-        let path_gyros = InUse::WithZa.gyros().into_iter().enumerate().filter(|(_, is_used)| *is_used);
+        let path_gyros = GyroSet::WithZa.gyros().into_iter().enumerate().filter(|(_, is_used)| *is_used);
         let broken = path_gyros.into_iter().find_map(|(gyro, _)| {
             let (first, last) = (around(from.point.t_s - OVERLAY_S)?, around(to.point.t_s + OVERLAY_S)?);
             Some((gyro, counts.broken(gyro, &first, &last)?))
@@ -102,8 +102,8 @@ fn rotation(
     to: &Station,
     roll_arcsec: (f64, f64),
     overlay: &Overlay,
-    walks: &[Walks; 4],
-) -> ([f64; 3], Vec<Disturbance>) {
+    walks: &[RandomWalks; 4],
+) -> ([f64; 3], Vec<ErrorTerm>) {
     let Overlay { counts, numbers, path, .. } = *overlay;
     // The same slits on both sides where there are any, so that what is theirs cancels (Casteren §5).
     let in_both = |slit: &&Slit| [from, to].iter().all(|end| end.fix.slits.iter().any(|other| other.0 == slit.0));
@@ -177,8 +177,8 @@ fn rotation(
         before = Some(point);
     }
     let mut all = disturbances([from, to], &seen, sun, numbers, cycle_variance);
-    all.push(Disturbance {
-        source: Source::Level { at_us: micros(from.point.t_s) },
+    all.push(ErrorTerm {
+        source: ErrorSource::Level { at_us: micros(from.point.t_s) },
         variance: level_variance,
         counts: [0.0; 4],
         rotation_control_arcsec: [per_level[0], 0.0, per_level[1]],
@@ -194,31 +194,31 @@ fn disturbances(
     sun: [f64; 3],
     numbers: &SensorNumbers,
     cycle_variance: f64,
-) -> Vec<Disturbance> {
+) -> Vec<ErrorTerm> {
     let mut all = Vec::new();
-    let mut push = |source: Source, variance: f64, rotation_control_arcsec: [f64; 3]| {
-        all.push(Disturbance { source, variance, counts: [0.0; 4], rotation_control_arcsec });
+    let mut push = |source: ErrorSource, variance: f64, rotation_control_arcsec: [f64; 3]| {
+        all.push(ErrorTerm { source, variance, counts: [0.0; 4], rotation_control_arcsec });
     };
     for ((station, slits), sign) in stations.into_iter().zip(seen).zip([-1.0, 1.0]) {
         let at_us = micros(station.point.t_s);
         for (angle, direction) in [sun, [0.0, 1.0, 0.0]].into_iter().enumerate() {
-            let star = Source::Systematic { name: named("star", &station.fix.star), angle };
+            let star = ErrorSource::Systematic { name: named("star", &station.fix.star), angle };
             push(star, numbers.sse.star_arcsec.powi(2), direction.map(|part| sign * part));
             let rotation = direction.map(|part| sign * part / slits.len() as f64);
             for (slit, _, sigma_arcsec) in slits.iter().copied() {
                 let slit = named("slit", slit);
-                push(Source::Sight { at_us, slit, angle }, sigma_arcsec * sigma_arcsec, rotation);
-                push(Source::Systematic { name: slit, angle }, numbers.sse.slit_arcsec.powi(2), rotation);
+                push(ErrorSource::Sight { at_us, slit, angle }, sigma_arcsec * sigma_arcsec, rotation);
+                push(ErrorSource::Systematic { name: slit, angle }, numbers.sse.slit_arcsec.powi(2), rotation);
             }
         }
-        push(Source::Reference { axis: 0, at_us }, cycle_variance, [sign, 0.0, 0.0]);
+        push(ErrorSource::Reference { axis: 0, at_us }, cycle_variance, [sign, 0.0, 0.0]);
         // The gyros' own rounding at the fix is in the rebuilt limit cycle and in the path: that of X stands in its counts as
         // well and cancels there; that of Z, which moves ψ, cancels between the two but for what the even bend makes of it.
         let sin = libm::sin(station.point.theta_rad);
         let of_z = [-sun[0] / sin, 0.0, 1.0 - sun[2] / sin];
         for (gyro, per_count) in [(Gyro::X, [1.0, 0.0, 0.0]), (Gyro::Za, of_z)] {
             for (index, weight) in station.reading.weights.iter().enumerate().filter(|(_, weight)| **weight != 0.0) {
-                let source = Source::Rounding { gyro: gyro as usize, node: station.reading.first + index };
+                let source = ErrorSource::Rounding { gyro: gyro as usize, node: station.reading.first + index };
                 push(source, ROUNDING_VARIANCE, per_count.map(|part| sign * weight * part));
             }
         }

@@ -6,16 +6,16 @@ use geu_model::configuration::ConfigurationError;
 use geu_model::package::Calibration;
 use serde_json::Value;
 
-use crate::noise::Walks;
+use crate::noise::RandomWalks;
 use crate::report::{self, FieldError, NO_SIGMA};
 
 /// A calibration with all that a monitor of it must know. In the order of [`geu_protocol::Gyro::ALL`].
 #[derive(Debug, Clone, PartialEq)]
-pub struct Believed {
+pub struct PriorCalibration {
     pub calibrations: [Calibration; 4],
     /// Standard deviation of each of them; 0 where none is told.
     pub sigmas: [Calibration; 4],
-    pub walks: [Walks; 4],
+    pub walks: [RandomWalks; 4],
 }
 
 /// Why a text is no calibration.
@@ -35,25 +35,25 @@ pub enum BelievedError {
     Overrides { name: String },
 }
 
-impl From<&Configuration> for Believed {
-    fn from(configuration: &Configuration) -> Believed {
-        Believed {
+impl From<&Configuration> for PriorCalibration {
+    fn from(configuration: &Configuration) -> PriorCalibration {
+        PriorCalibration {
             calibrations: configuration.gyros.each_ref().map(|gyro| gyro.calibration),
             sigmas: [NO_SIGMA; 4],
-            walks: Walks::configured(configuration),
+            walks: RandomWalks::configured(configuration),
         }
     }
 }
 
-impl Believed {
+impl PriorCalibration {
     /// Reads a configuration or the JSON of a calibration, whichever the text is: only JSON begins with a brace. JSON tells
     /// no noise; the reference unit's is taken, which is the paper's (model.md).
     ///
     /// # Errors
     /// The first thing wrong, with its place.
-    pub fn parse(name: &str, text: &str, overrides: &[String]) -> Result<Believed, BelievedError> {
+    pub fn parse(name: &str, text: &str, overrides: &[String]) -> Result<PriorCalibration, BelievedError> {
         if !text.trim_start().starts_with('{') {
-            return Ok(Believed::from(&Configuration::parse(name, text, overrides)?));
+            return Ok(PriorCalibration::from(&Configuration::parse(name, text, overrides)?));
         }
         if !overrides.is_empty() {
             return Err(BelievedError::Overrides { name: name.to_owned() });
@@ -62,7 +62,7 @@ impl Believed {
             serde_json::from_str(text).map_err(|source| BelievedError::Json { name: name.to_owned(), source })?;
         let (calibrations, sigmas) =
             report::calibrations(&json).map_err(|source| BelievedError::Field { name: name.to_owned(), source })?;
-        Ok(Believed { calibrations, sigmas, walks: Walks::configured(&Configuration::reference()) })
+        Ok(PriorCalibration { calibrations, sigmas, walks: RandomWalks::configured(&Configuration::reference()) })
     }
 }
 
@@ -85,10 +85,10 @@ mod tests {
 
     #[test]
     fn a_configuration_and_the_json_of_a_calibration_are_told_by_their_content() {
-        let believed = Believed::parse("unit.toml", Configuration::reference_text(), &[]).unwrap();
+        let believed = PriorCalibration::parse("unit.toml", Configuration::reference_text(), &[]).unwrap();
         assert_eq!(believed.calibrations[3].drift_arcsec_per_half_s, -0.305);
         assert_eq!(believed.sigmas, [NO_SIGMA; 4]);
-        let believed = Believed::parse("solved.json", &json(), &[]).unwrap();
+        let believed = PriorCalibration::parse("solved.json", &json(), &[]).unwrap();
         let expected = Calibration { scale_factor: 1.001, drift_arcsec_per_half_s: -0.1, ..NO_SIGMA };
         assert_eq!(believed.calibrations[1], Calibration { x_arcsec: 20.5, z_arcsec: 20.5, ..expected });
         assert_eq!(believed.sigmas[1], Calibration { scale_factor: 2e-6, x_arcsec: 0.5, z_arcsec: 0.5, ..NO_SIGMA });
@@ -97,13 +97,13 @@ mod tests {
 
     #[test]
     fn what_is_wrong_is_told_with_its_place() {
-        let told = |text: &str| Believed::parse("solved.json", text, &[]).unwrap_err().to_string();
+        let told = |text: &str| PriorCalibration::parse("solved.json", text, &[]).unwrap_err().to_string();
         let without = json().replace("\"GYRZB\"", "\"GYRZC\"");
         let expected = "solved.json: gyros.GYRZB.scale_factor.value: expected a number within 0.5…2, got nothing";
         assert_eq!(told(&without), expected);
         assert!(told(&json().replacen("-0.1", "\"low\"", 1)).contains("got \"low\""));
         assert!(told("{\"gyros\": ").contains("line 1"));
-        let overridden = Believed::parse("solved.json", &json(), &["seed=1".to_owned()]);
+        let overridden = PriorCalibration::parse("solved.json", &json(), &["seed=1".to_owned()]);
         assert!(matches!(overridden, Err(BelievedError::Overrides { .. })));
     }
 }

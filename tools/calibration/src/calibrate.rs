@@ -4,29 +4,29 @@
 use std::borrow::Cow;
 
 use geu_model::Configuration;
-use geu_model::attitude::Recorded;
+use geu_model::attitude::RecordedAttitude;
 use geu_model::effect::WiringEffects;
 use geu_model::package::Calibration;
 use geu_model::units::ARCSEC_PER_DEG;
 use geu_protocol::Gyro;
-use geu_recording::Reference;
+use geu_recording::ReferenceAttitude;
 
-use crate::absolute::{self, GyroPath, Sensors};
-use crate::counts::Counts;
-use crate::effects::{EffectCounts, Steps};
+use crate::absolute::{self, GyroPath, AbsoluteData};
+use crate::counts::AccumulatedCounts;
+use crate::effects::{EffectContribution, MotionSteps};
 use crate::hand;
-use crate::noise::Walks;
-use crate::observe::{self, Known, LeftOut, Measured, reference_sigma_arcsec};
-use crate::solve::{self, Observation, Solution, Unsolvable};
-use crate::transfer::{InUse, Transfer};
-use crate::window::{self, Window};
+use crate::noise::RandomWalks;
+use crate::observe::{self, ReferenceSeries, ExcludedData, CompensatedCounts, reference_sigma_arcsec};
+use crate::solve::{self, Observation, Solution, SolveError};
+use crate::transfer::{GyroSet, Transfer};
+use crate::window::{self, ManoeuvreWindow};
 
 /// What tells the inertial rotations.
 #[derive(Debug, Clone, Copy)]
-pub enum Attitude<'a> {
+pub enum AttitudeSource<'a> {
     /// A reference attitude; its noise where it is known, else it is estimated.
-    Reference(&'a Reference, Option<f64>),
-    Sensors(&'a Sensors),
+    Reference(&'a ReferenceAttitude, Option<f64>),
+    Sensors(&'a AbsoluteData),
 }
 
 /// A calibration with all that it rests on.
@@ -36,7 +36,7 @@ pub struct Calibrated {
     /// Those of the hand method, or why it has none.
     pub hand: Result<[Calibration; 4], String>,
     pub observations: Vec<Observation>,
-    pub left_out: Vec<LeftOut>,
+    pub left_out: Vec<ExcludedData>,
     /// Noise of the reference about each axis, arcsec.
     pub reference_sigma_arcsec: [f64; 3],
     /// Unix time of the recording's start, s.
@@ -63,20 +63,20 @@ pub enum CalibrateError {
     },
     /// Faults of the wiring are believed.
     #[error(transparent)]
-    Wiring(#[from] BelievedFault),
+    Wiring(#[from] ConfiguredWiringFault),
     /// More than can be solved together.
     #[error("expected at most {MOST_WINDOWS} manoeuvres, which are solved together, got {0}; give a list of fewer")]
     TooMany(usize),
     /// The manoeuvres do not determine the parameters.
     #[error("the manoeuvres do not determine the parameters:\n{source}{}", notes(.left_out))]
     Unsolvable {
-        source: Unsolvable,
+        source: SolveError,
         /// What was not used, which may be why.
-        left_out: Vec<LeftOut>,
+        left_out: Vec<ExcludedData>,
     },
 }
 
-fn notes(left_out: &[LeftOut]) -> String {
+fn notes(left_out: &[ExcludedData]) -> String {
     left_out.iter().map(|left_out| format!("\nleft out: {left_out}")).collect()
 }
 
@@ -92,7 +92,7 @@ const SETTLED_SIGMA: f64 = 0.1;
 #[error(
     "gyro.{gyro}: expected a unit without faults of its wiring, got {code}; mend the recording, or leave the fault out of the configuration"
 )]
-pub struct BelievedFault {
+pub struct ConfiguredWiringFault {
     pub gyro: &'static str,
     pub code: &'static str,
 }
@@ -104,11 +104,11 @@ pub struct BelievedFault {
 /// A believed fault of the wiring.
 pub(crate) fn corrected<'a>(
     configuration: &'a Configuration,
-    counts: &'a Counts,
-) -> Result<(Cow<'a, Configuration>, Cow<'a, Counts>), BelievedFault> {
+    counts: &'a AccumulatedCounts,
+) -> Result<(Cow<'a, Configuration>, Cow<'a, AccumulatedCounts>), ConfiguredWiringFault> {
     for (own, gyro) in configuration.gyros.iter().zip(Gyro::ALL) {
         if let Some(index) = (0..WiringEffects::SPECS.len()).find(|&index| own.wiring.has(index)) {
-            return Err(BelievedFault { gyro: gyro.name(), code: WiringEffects::SPECS[index].code });
+            return Err(ConfiguredWiringFault { gyro: gyro.name(), code: WiringEffects::SPECS[index].code });
         }
     }
     let (mut configuration, mut counts) = (Cow::Borrowed(configuration), Cow::Borrowed(counts));
@@ -132,9 +132,9 @@ pub(crate) fn corrected<'a>(
 /// [`CalibrateError`]: what cannot be solved, and what was left out.
 pub fn calibrate(
     configuration: &Configuration,
-    counts: &Counts,
-    windows: Option<&[Window]>,
-    attitude: &Attitude,
+    counts: &AccumulatedCounts,
+    windows: Option<&[ManoeuvreWindow]>,
+    attitude: &AttitudeSource,
 ) -> Result<Calibrated, CalibrateError> {
     if counts.len() < 4 {
         return Err(CalibrateError::TooShort(counts.len()));
@@ -142,42 +142,42 @@ pub fn calibrate(
     let (configuration, counts) = corrected(configuration, counts)?;
     let (configuration, counts) = (&*configuration, &*counts);
     let believed = configuration.gyros.each_ref().map(|gyro| gyro.calibration);
-    let walks = Walks::configured(configuration);
+    let walks = RandomWalks::configured(configuration);
     match attitude {
-        Attitude::Reference(reference, sigma_arcsec) => {
+        AttitudeSource::Reference(reference, sigma_arcsec) => {
             let truth = &*reference.truth;
             let sigma_arcsec = sigma_arcsec.map_or_else(
                 || reference_sigma_arcsec(counts, truth, reference.start_ns, &believed),
                 |sigma_arcsec| [sigma_arcsec; 3],
             );
-            let known = Known { truth, start_ns: reference.start_ns, sigma_arcsec };
+            let known = ReferenceSeries { truth, start_ns: reference.start_ns, sigma_arcsec };
             let effects =
-                EffectCounts::of(configuration, counts, || steps_of_reference(counts, truth, reference.start_ns));
-            let measured = Measured { counts, effects: effects.as_ref() };
-            let windows = chosen(&measured, windows, &Transfer::new(&believed, InUse::WithZa), attitude)?;
+                EffectContribution::of(configuration, counts, || steps_of_reference(counts, truth, reference.start_ns));
+            let measured = CompensatedCounts { counts, effects: effects.as_ref() };
+            let windows = chosen(&measured, windows, &Transfer::new(&believed, GyroSet::WithZa), attitude)?;
             let (observations, left_out) = observe::with_reference(&measured, &windows, &known);
             finish(counts, observations, left_out, &walks, &believed, sigma_arcsec)
         }
-        Attitude::Sensors(sensors) => {
+        AttitudeSource::Sensors(sensors) => {
             // While the path settles stars are taken as exact: weights that mistrust them would lean on what the path itself
             // still gets wrong.
             let mut numbers = sensors.numbers;
             numbers.sse.star_arcsec = 0.0;
             let mut settled = None;
             let mut calibrations = believed;
-            let mut effects: Option<EffectCounts> = None;
+            let mut effects: Option<EffectContribution> = None;
             let mut pass = 0;
             loop {
                 pass += 1;
-                let transfer = Transfer::new(&calibrations, InUse::WithZa);
+                let transfer = Transfer::new(&calibrations, GyroSet::WithZa);
                 let no_fixes = || {
                     let from_s = counts.start_ns as f64 * 1e-9;
                     CalibrateError::NoFixes { from_s, to_s: from_s + counts.end_s() }
                 };
-                let measured = Measured { counts, effects: effects.as_ref() };
+                let measured = CompensatedCounts { counts, effects: effects.as_ref() };
                 let path = absolute::path(&measured, sensors, &transfer).ok_or_else(no_fixes)?;
-                let of_path = EffectCounts::of(configuration, counts, || steps_of_path(&path));
-                let measured = Measured { counts, effects: of_path.as_ref() };
+                let of_path = EffectContribution::of(configuration, counts, || steps_of_path(&path));
+                let measured = CompensatedCounts { counts, effects: of_path.as_ref() };
                 let windows = chosen(&measured, windows, &transfer, attitude)?;
                 let (observations, left_out) =
                     absolute::with_sensors(&measured, &windows, sensors, &numbers, &walks, &path);
@@ -206,16 +206,16 @@ pub fn calibrate(
 }
 
 fn finish(
-    counts: &Counts,
+    counts: &AccumulatedCounts,
     observations: Vec<Observation>,
-    mut left_out: Vec<LeftOut>,
-    walks: &[Walks; 4],
+    mut left_out: Vec<ExcludedData>,
+    walks: &[RandomWalks; 4],
     believed: &[Calibration; 4],
     reference_sigma_arcsec: [f64; 3],
 ) -> Result<Calibrated, CalibrateError> {
     if let Some(start_s) = counts.runs_back_s {
         let why = "times run back there, and its instants would be there twice".to_owned();
-        left_out.push(LeftOut { name: "what follows".to_owned(), start_s, gyro: None, why });
+        left_out.push(ExcludedData { name: "what follows".to_owned(), start_s, gyro: None, why });
     }
     match solve::solve(&observations, walks, believed) {
         Ok(solution) => {
@@ -233,28 +233,28 @@ const SLEW_ABOUT_SUN_ARCSEC: f64 = ARCSEC_PER_DEG;
 /// The windows to evaluate: the calibration manoeuvres of the list, a Y-scan up to the end of the slew about the sun
 /// vector that follows it; without a list everything.
 fn chosen(
-    measured: &Measured,
-    windows: Option<&[Window]>,
+    measured: &CompensatedCounts,
+    windows: Option<&[ManoeuvreWindow]>,
     transfer: &Transfer,
-    attitude: &Attitude,
-) -> Result<Vec<Window>, CalibrateError> {
+    attitude: &AttitudeSource,
+) -> Result<Vec<ManoeuvreWindow>, CalibrateError> {
     let counts = measured.counts;
     let start_s = counts.start_ns as f64 * 1e-9;
     let Some(windows) = windows else {
-        let all: Vec<Window> = match attitude {
-            Attitude::Reference(reference, _) => {
+        let all: Vec<ManoeuvreWindow> = match attitude {
+            AttitudeSource::Reference(reference, _) => {
                 let offset_s = (counts.start_ns - reference.start_ns) as f64 * 1e-9;
                 let (from_s, to_s) = (reference.truth.start_s() - offset_s, reference.truth.end_s() - offset_s);
                 window::cut_at_rests(counts, transfer, from_s, to_s)
                     .into_iter()
-                    .map(|window| Window { start_s: window.start_s + start_s, end_s: window.end_s + start_s, ..window })
+                    .map(|window| ManoeuvreWindow { start_s: window.start_s + start_s, end_s: window.end_s + start_s, ..window })
                     .collect()
             }
-            Attitude::Sensors(sensors) => sensors
+            AttitudeSource::Sensors(sensors) => sensors
                 .fixes
                 .windows(2)
                 .enumerate()
-                .map(|(index, pair)| Window {
+                .map(|(index, pair)| ManoeuvreWindow {
                     name: format!("stretch {}", index + 1),
                     start_s: pair[0].t_ns as f64 * 1e-9,
                     end_s: pair[1].t_ns as f64 * 1e-9,
@@ -263,7 +263,7 @@ fn chosen(
         };
         return if all.len() > MOST_WINDOWS { Err(CalibrateError::TooMany(all.len())) } else { Ok(all) };
     };
-    let mut chosen: Vec<Window> = Vec::new();
+    let mut chosen: Vec<ManoeuvreWindow> = Vec::new();
     for (index, window) in windows.iter().enumerate().filter(|(_, window)| !window.is_precaution()) {
         let mut window = window.clone();
         let slew = windows
@@ -294,7 +294,7 @@ fn chosen(
     Ok(chosen)
 }
 
-pub(crate) fn steps_of_reference(counts: &Counts, truth: &Recorded, start_ns: i64) -> Steps {
+pub(crate) fn steps_of_reference(counts: &AccumulatedCounts, truth: &RecordedAttitude, start_ns: i64) -> MotionSteps {
     let offset_s = (counts.start_ns - start_ns) as f64 * 1e-9;
     let mut near = 0;
     let mut before = truth.at(counts.node_s[0] + offset_s, &mut near).0;
@@ -309,7 +309,7 @@ pub(crate) fn steps_of_reference(counts: &Counts, truth: &Recorded, start_ns: i6
         .collect()
 }
 
-pub(crate) fn steps_of_path(path: &GyroPath) -> Steps {
+pub(crate) fn steps_of_path(path: &GyroPath) -> MotionSteps {
     let pairs = path.turned_control_arcsec.windows(2).zip(&path.points[1..]);
     pairs
         .map(|(pair, point)| {

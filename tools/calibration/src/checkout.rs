@@ -7,24 +7,24 @@ use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
-use geu_model::attitude::{Manoeuvre, Plan, Recorded};
-use geu_model::effect::Configured;
+use geu_model::attitude::{Manoeuvre, AttitudeProfile, RecordedAttitude};
+use geu_model::effect::EffectConfiguration;
 use geu_model::package::{Axes, Calibration};
 use geu_model::units::{HALF_SECOND_S, PPM};
 use geu_model::{Configuration, Simulation};
 use geu_protocol::Gyro;
-use geu_recording::Reference;
+use geu_recording::ReferenceAttitude;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-use crate::absolute::{Fix, Sensors};
-use crate::calibrate::{Attitude, CalibrateError, Calibrated, calibrate};
-use crate::counts::{Counts, increments};
+use crate::absolute::{StarFix, AbsoluteData};
+use crate::calibrate::{AttitudeSource, CalibrateError, Calibrated, calibrate};
+use crate::counts::{AccumulatedCounts, increments};
 use crate::effects::CLEARANCE_KNOWN_ARCSEC;
-use crate::solve::{BEFORE_LAUNCH, Parameter, UNKNOWNS, values};
+use crate::solve::{BEFORE_LAUNCH, CalibrationParameter, UNKNOWNS, values};
 use crate::transfer::misalignment_matrix;
-use crate::window::Window;
+use crate::window::ManoeuvreWindow;
 
 const SEQUENCE: &str = include_str!("../../../configs/checkout.toml");
 /// The hold after the last manoeuvre, half seconds: half of what the limit cycle's overlay looks at.
@@ -56,7 +56,7 @@ impl Precautions {
 }
 
 /// Whether an amplitude is there; courses count as all of them.
-fn has<E>(effects: &Configured<E>, amplitude: impl Fn(&E) -> f64) -> bool {
+fn has<E>(effects: &EffectConfiguration<E>, amplitude: impl Fn(&E) -> f64) -> bool {
     amplitude(&effects.constant) != 0.0 || !effects.courses.is_empty()
 }
 
@@ -100,25 +100,25 @@ pub fn sequence(unit: &Configuration, precautions: Precautions) -> Configuration
 
 /// A checkout as it was flown.
 #[derive(Debug, Clone)]
-pub struct Flight {
-    pub counts: Counts,
+pub struct CheckoutRun {
+    pub counts: AccumulatedCounts,
     /// What was flown, leg by leg.
-    pub windows: Vec<Window>,
-    pub reference: Reference,
-    pub sensors: Sensors,
+    pub windows: Vec<ManoeuvreWindow>,
+    pub reference: ReferenceAttitude,
+    pub sensors: AbsoluteData,
 }
 
-pub fn fly(configuration: &Configuration) -> Flight {
-    let length_s = Plan::length_s(&configuration.scenario).unwrap_or(0.0);
+pub fn fly(configuration: &Configuration) -> CheckoutRun {
+    let length_s = AttitudeProfile::length_s(&configuration.scenario).unwrap_or(0.0);
     let half_seconds = (length_s * 2.0).ceil() as usize + HOLD;
     let start_s = configuration.start_unix_ns as f64 * 1e-9;
     let simulation = Simulation::new(configuration);
-    let mut counts = Counts::starting_at(configuration.start_unix_ns);
+    let mut counts = AccumulatedCounts::starting_at(configuration.start_unix_ns);
     // On true time, as a receiver stamps it.
     counts.is_received = true;
     let mut rows = vec![simulation.start()];
-    let mut sensors = Sensors { numbers: configuration.sensors, ..Sensors::default() };
-    let mut fixes: BTreeMap<i64, Fix> = BTreeMap::new();
+    let mut sensors = AbsoluteData { numbers: configuration.sensors, ..AbsoluteData::default() };
+    let mut fixes: BTreeMap<i64, StarFix> = BTreeMap::new();
     let mut windows = Vec::new();
     let t_ns = |t_s: f64| configuration.start_unix_ns + (t_s * 1e9).round() as i64;
     for (ended, reference) in simulation.take(half_seconds) {
@@ -126,40 +126,40 @@ pub fn fly(configuration: &Configuration) -> Flight {
         counts.push(ended.end_ns as f64 * 1e-9, increments(&ended.half_second), electronics_c);
         for sample in reference {
             rows.push(sample.row());
-            windows.extend(sample.legs.iter().map(|leg| Window {
+            windows.extend(sample.legs.iter().map(|leg| ManoeuvreWindow {
                 name: leg.name.to_owned(),
                 start_s: start_s + leg.start_s,
                 end_s: start_s + leg.end_s,
             }));
             sensors.sun.extend(sample.sun.map(|sun| (t_ns(sample.t_s), [sun.theta_arcsec, sun.roll_arcsec])));
             for fix in sample.fixes.into_iter().flatten() {
-                let new = Fix { t_ns: t_ns(fix.t_s), star: fix.star.to_string(), slits: Vec::new() };
+                let new = StarFix { t_ns: t_ns(fix.t_s), star: fix.star.to_string(), slits: Vec::new() };
                 let slit = (fix.slit.to_owned(), [fix.theta_deg, fix.psi_deg], fix.sigma_arcsec);
                 fixes.entry(new.t_ns).or_insert(new).slits.push(slit);
             }
         }
     }
     sensors.fixes = fixes.into_values().collect();
-    let truth = Recorded::new(&rows).expect("rows of half a second each");
-    let reference = Reference { start_ns: configuration.start_unix_ns, truth: Arc::new(truth), time_system: None };
-    Flight { counts, windows, reference, sensors }
+    let truth = RecordedAttitude::new(&rows).expect("rows of half a second each");
+    let reference = ReferenceAttitude { start_ns: configuration.start_unix_ns, truth: Arc::new(truth), time_system: None };
+    CheckoutRun { counts, windows, reference, sensors }
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum By {
+pub enum AttitudeSourceKind {
     Reference,
     Sensors,
 }
 
-impl Flight {
+impl CheckoutRun {
     /// Calibrates it, with what is believed of the unit.
     ///
     /// # Errors
     /// As [`calibrate`].
-    pub fn calibrate(&self, believed: &Configuration, by: By) -> Result<Calibrated, CalibrateError> {
+    pub fn calibrate(&self, believed: &Configuration, by: AttitudeSourceKind) -> Result<Calibrated, CalibrateError> {
         let attitude = match by {
-            By::Reference => Attitude::Reference(&self.reference, Some(0.0)),
-            By::Sensors => Attitude::Sensors(&self.sensors),
+            AttitudeSourceKind::Reference => AttitudeSource::Reference(&self.reference, Some(0.0)),
+            AttitudeSourceKind::Sensors => AttitudeSource::Sensors(&self.sensors),
         };
         calibrate(believed, &self.counts, Some(&self.windows), &attitude)
     }
@@ -193,8 +193,8 @@ pub fn believed_before(unit: &Configuration) -> Configuration {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Scatter {
-    pub parameter: Parameter,
+pub struct MonteCarloErrors {
+    pub parameter: CalibrationParameter,
     /// Root mean square of the errors.
     pub rms_error: f64,
     pub mean_error: f64,
@@ -205,11 +205,11 @@ pub struct Scatter {
 }
 
 #[derive(Debug, Clone, PartialEq)]
-pub struct Campaign {
+pub struct MonteCarlo {
     pub runs: usize,
     /// Runs that did not, with the reason.
     pub failed: Vec<(usize, String)>,
-    pub scatter: Vec<Scatter>,
+    pub scatter: Vec<MonteCarloErrors>,
     /// Mean of χ² over its degrees of freedom.
     pub mean_reduced_chi2: f64,
     /// As `scatter`, of the hand method; the sigma is the full solution's.
@@ -221,7 +221,7 @@ pub fn drawn(unit: &Configuration, seed: u64, run: usize) -> Configuration {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(run as u64 + 1);
     let mut configuration = unit.clone();
-    for parameter in Parameter::all() {
+    for parameter in CalibrationParameter::all() {
         let nominal = if parameter.index == 0 { 1.0 } else { 0.0 };
         let most = BEFORE_LAUNCH[parameter.index.min(2)];
         let value = nominal + most * (2.0 * random.random::<f64>() - 1.0);
@@ -250,7 +250,7 @@ struct Run {
 }
 
 /// Flies and calibrates `runs` checkouts, on all cores; the result does not depend on how many. `done` is called after each.
-pub fn campaign(unit: &Configuration, seed: u64, runs: usize, by: By, done: impl Fn() + Sync) -> Campaign {
+pub fn campaign(unit: &Configuration, seed: u64, runs: usize, by: AttitudeSourceKind, done: impl Fn() + Sync) -> MonteCarlo {
     let all: Vec<Result<Run, String>> = (0..runs)
         .into_par_iter()
         .map(|run| {
@@ -270,9 +270,9 @@ pub fn campaign(unit: &Configuration, seed: u64, runs: usize, by: By, done: impl
     let good: Vec<_> = all.iter().flatten().collect();
     let count = good.len().max(1) as f64;
     let mean = |of: &dyn Fn(&Run) -> f64| good.iter().map(|run| of(run)).sum::<f64>() / count;
-    let scatter = Parameter::all()
+    let scatter = CalibrationParameter::all()
         .enumerate()
-        .map(|(index, parameter)| Scatter {
+        .map(|(index, parameter)| MonteCarloErrors {
             parameter,
             rms_error: mean(&|run| run.errors[index].powi(2)).sqrt(),
             mean_error: mean(&|run| run.errors[index]),
@@ -284,12 +284,12 @@ pub fn campaign(unit: &Configuration, seed: u64, runs: usize, by: By, done: impl
         .iter()
         .all(|run| run.hand.is_some())
         .then(|| std::array::from_fn(|index| mean(&|run| run.hand.map_or(0.0, |hand| hand[index].powi(2))).sqrt()));
-    Campaign { runs: good.len(), failed, scatter, mean_reduced_chi2: mean(&|run| run.reduced_chi2), hand_rms_error }
+    MonteCarlo { runs: good.len(), failed, scatter, mean_reduced_chi2: mean(&|run| run.reduced_chi2), hand_rms_error }
 }
 
 /// What a set of precautions leaves.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Outcome {
+pub struct PrecautionResult {
     pub what: &'static str,
     /// How long the sequence takes, s.
     pub length_s: f64,
@@ -308,7 +308,7 @@ pub struct Outcome {
 ///
 /// # Errors
 /// As [`calibrate`].
-pub fn precautions(unit: &Configuration) -> Result<Vec<Outcome>, CalibrateError> {
+pub fn precautions(unit: &Configuration) -> Result<Vec<PrecautionResult>, CalibrateError> {
     let mut pivots = unit.without_noise();
     let mut thermal = pivots.clone();
     pivots.unit.constant.misalignment_thermal = Default::default();
@@ -358,7 +358,7 @@ pub fn precautions(unit: &Configuration) -> Result<Vec<Outcome>, CalibrateError>
         .into_par_iter()
         .map(|(what, unit, precautions, believed)| {
             let configuration = sequence(unit, precautions);
-            let calibrated = fly(&configuration).calibrate(&believed, By::Reference)?;
+            let calibrated = fly(&configuration).calibrate(&believed, AttitudeSourceKind::Reference)?;
             let truth = true_calibrations(&configuration);
             let (true_values, solution) = (values(&truth), &calibrated.solution);
             let matrix = misalignment_matrix(&truth);
@@ -373,9 +373,9 @@ pub fn precautions(unit: &Configuration) -> Result<Vec<Outcome>, CalibrateError>
                 errors.max_by(|a, b| a.0.abs().total_cmp(&b.0.abs())).unwrap_or_default()
             });
             let solved = solution.values();
-            Ok(Outcome {
+            Ok(PrecautionResult {
                 what,
-                length_s: Plan::length_s(&configuration.scenario).unwrap_or(0.0),
+                length_s: AttitudeProfile::length_s(&configuration.scenario).unwrap_or(0.0),
                 equation_arcsec,
                 errors: std::array::from_fn(|index| solved[index] - true_values[index]),
                 sigmas: solution.sigmas(),

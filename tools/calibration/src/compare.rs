@@ -6,14 +6,14 @@
 use geu_model::units::{HALF_SECOND_S, PPM};
 use nalgebra::{Cholesky, DMatrix, DVector};
 
-use crate::solve::{Parameter, Solution, UNKNOWNS, Unsolvable, probability};
+use crate::solve::{CalibrationParameter, Solution, UNKNOWNS, SolveError, probability};
 
 /// Below this probability that chance alone makes them differ so, calibrations are not merged.
 pub const LEAST_PROBABILITY: f64 = 1e-3;
 const DAYS_PER_MONTH: f64 = 30.4375;
 
 #[derive(Debug, Clone, PartialEq)]
-pub struct Earlier {
+pub struct PreviousCalibration {
     pub name: String,
     /// Unix time of its recording's start, s.
     pub time_s: f64,
@@ -30,7 +30,7 @@ pub struct Comparison {
     /// χ² of each parameter's differences, as many degrees of freedom as `pairs`.
     pub chi2: [f64; UNKNOWNS],
     /// χ² of all differences together, sixteen times as many.
-    pub together: f64,
+    pub joint_chi2: f64,
     pub pairs: usize,
     /// The weighted mean, with its covariance.
     pub combined: Solution,
@@ -44,7 +44,7 @@ impl Comparison {
 
     /// The same of all sixteen together.
     pub fn together_probability(&self) -> f64 {
-        probability(self.together, UNKNOWNS * self.pairs)
+        probability(self.joint_chi2, UNKNOWNS * self.pairs)
     }
 
     /// Whether one unit may have all these parameters.
@@ -53,15 +53,15 @@ impl Comparison {
     }
 
     /// Parameters that moved: each so improbable that among sixteen it would still be.
-    pub fn moved(&self) -> Vec<Parameter> {
+    pub fn moved(&self) -> Vec<CalibrationParameter> {
         let least = LEAST_PROBABILITY / UNKNOWNS as f64;
-        Parameter::all().enumerate().filter(|(index, _)| self.probability(*index) < least).map(|(_, one)| one).collect()
+        CalibrationParameter::all().enumerate().filter(|(index, _)| self.probability(*index) < least).map(|(_, one)| one).collect()
     }
 }
 
 /// What a parameter may move in a day by the paper: the scale factor 0.004 % per month, the drift 6″/h in two weeks
 /// (Casteren table 1); it has no figure for misalignments.
-pub fn stability_per_day(parameter: Parameter) -> Option<f64> {
+pub fn stability_per_day(parameter: CalibrationParameter) -> Option<f64> {
     match parameter.index {
         0 => Some(40.0 * PPM / DAYS_PER_MONTH),
         1 => Some(6.0 * HALF_SECOND_S / 3600.0 / 14.0),
@@ -74,13 +74,13 @@ pub fn stability_per_day(parameter: Parameter) -> Option<f64> {
 ///
 /// # Errors
 /// Covariances that cannot be inverted.
-pub fn compare(first: &Solution, later: &[&Solution]) -> Result<Option<Comparison>, Unsolvable> {
+pub fn compare(first: &Solution, later: &[&Solution]) -> Result<Option<Comparison>, SolveError> {
     let mut all: Option<Comparison> = None;
     for next in later {
         let mut step = combine(all.as_ref().map_or(first, |before| &before.combined), next)?;
         if let Some(before) = all {
             step.pairs += before.pairs;
-            step.together += before.together;
+            step.joint_chi2 += before.joint_chi2;
             step.chi2 = std::array::from_fn(|index| step.chi2[index] + before.chi2[index]);
         }
         all = Some(step);
@@ -92,8 +92,8 @@ pub fn compare(first: &Solution, later: &[&Solution]) -> Result<Option<Compariso
 ///
 /// # Errors
 /// Covariances that cannot be inverted.
-pub fn combine(first: &Solution, second: &Solution) -> Result<Comparison, Unsolvable> {
-    let singular = || Unsolvable::NotFinite("the covariances".to_owned());
+pub fn combine(first: &Solution, second: &Solution) -> Result<Comparison, SolveError> {
+    let singular = || SolveError::NotFinite("the covariances".to_owned());
     let values = [first, second].map(|solution| DVector::from_column_slice(&solution.values()));
     let difference = &values[1] - &values[0];
     let total = &first.covariance + &second.covariance;
@@ -108,7 +108,7 @@ pub fn combine(first: &Solution, second: &Solution) -> Result<Comparison, Unsolv
     let step = &own * root.solve(&unit);
     let covariance = &own - &own * root.solve(&own);
     let mut combined = second.clone();
-    for (index, parameter) in Parameter::all().enumerate() {
+    for (index, parameter) in CalibrationParameter::all().enumerate() {
         *parameter.of_mut(&mut combined.calibrations[parameter.gyro as usize]) =
             values[0][index] + step[index] * scale[index];
     }
@@ -121,7 +121,7 @@ pub fn combine(first: &Solution, second: &Solution) -> Result<Comparison, Unsolv
     let chi2 = std::array::from_fn(|index| unit[index] * unit[index]);
     let change = std::array::from_fn(|index| difference[index]);
     let sigmas = std::array::from_fn(|index| scale[index]);
-    Ok(Comparison { change, sigmas, chi2, together, pairs: 1, combined })
+    Ok(Comparison { change, sigmas, chi2, joint_chi2: together, pairs: 1, combined })
 }
 
 #[cfg(test)]
@@ -130,7 +130,7 @@ mod tests {
 
     fn solution(values: [f64; UNKNOWNS], sigma: f64) -> Solution {
         let mut calibrations: [geu_model::package::Calibration; 4] = Default::default();
-        for (parameter, value) in Parameter::all().zip(values) {
+        for (parameter, value) in CalibrationParameter::all().zip(values) {
             *parameter.of_mut(&mut calibrations[parameter.gyro as usize]) = value;
         }
         Solution {
@@ -158,7 +158,7 @@ mod tests {
         assert!((compared.combined.values()[5] - mean).abs() < 1e-12);
         assert!((compared.combined.covariance[(5, 5)] - 1.0 / 1.5).abs() < 1e-12);
         let about_mean = (1.0 - mean) * (1.0 - mean) + (3.0 - mean).powi(2) / 4.0 + mean * mean / 4.0;
-        assert!((compared.chi2[5] - about_mean).abs() < 1e-12 && (compared.together - about_mean).abs() < 1e-12);
+        assert!((compared.chi2[5] - about_mean).abs() < 1e-12 && (compared.joint_chi2 - about_mean).abs() < 1e-12);
         assert_eq!((compared.pairs, compared.combined.degrees_of_freedom), (2, 24 + 32));
         assert!(compared.is_compatible() && compared.moved().is_empty());
         assert_eq!(compare(&a, &[]).unwrap(), None);
@@ -171,7 +171,7 @@ mod tests {
         values[8] += 0.1;
         let compared = compare(&before, &[&solution(values, 0.01)]).unwrap().unwrap();
         assert!(!compared.is_compatible());
-        let moved: Vec<String> = compared.moved().into_iter().map(Parameter::words).collect();
+        let moved: Vec<String> = compared.moved().into_iter().map(CalibrationParameter::label).collect();
         assert_eq!(moved, ["GYRZA scale factor"]);
     }
 }

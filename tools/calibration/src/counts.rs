@@ -5,10 +5,10 @@
 //! over five minutes, so that jitter goes and a clock that is fast, or warms, stays.
 
 use geu_model::units::HALF_SECOND_NS;
-use geu_protocol::continuity::{Continuity, Step};
+use geu_protocol::continuity::{Continuity, SequenceStep};
 use geu_protocol::field::{GYRO_FLAGS, unit_flag};
-use geu_protocol::{Gyro, HalfSecond};
-use geu_recording::{Defect, Row, Sink};
+use geu_protocol::{Gyro, Sample};
+use geu_recording::{Defect, ReceivedSample, Sink};
 use nalgebra::Matrix4;
 
 /// Half seconds over which receive times are averaged.
@@ -53,7 +53,7 @@ impl std::fmt::Display for BreakKind {
 
 /// A stretch over which sums are worth nothing.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Break {
+pub struct Discontinuity {
     pub from: usize,
     pub to: usize,
     /// The gyros concerned, in wire order.
@@ -63,7 +63,7 @@ pub struct Break {
 
 /// Accumulated counts at nodes: node 0 is the start of the first half second, node k the end of the k-th.
 #[derive(Debug, Clone, Default)]
-pub struct Counts {
+pub struct AccumulatedCounts {
     /// Time of node 0, ns, on the time scale of the capture.
     pub start_ns: i64,
     /// Whether the times were received; else they are the unit's own clock.
@@ -80,14 +80,14 @@ pub struct Counts {
     /// where nothing was received.
     pub received_late_s: Vec<(usize, f64)>,
     /// Where sums are worth nothing, in order.
-    pub breaks: Vec<Break>,
+    pub breaks: Vec<Discontinuity>,
     /// The instant after which times ran back, and what followed was dropped.
     pub runs_back_s: Option<f64>,
 }
 
 /// Where an instant lies between nodes: weights of four neighbouring nodes.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Reading {
+pub struct Interpolation {
     pub first: usize,
     /// Its weight and those of the next three.
     pub weights: [f64; 4],
@@ -95,10 +95,10 @@ pub struct Reading {
     pub half_seconds: f64,
 }
 
-impl Counts {
+impl AccumulatedCounts {
     /// Counts that start at `start_ns`, with nothing yet.
-    pub fn starting_at(start_ns: i64) -> Counts {
-        Counts { start_ns, node_s: vec![0.0], accumulated: std::array::from_fn(|_| vec![0.0]), ..Counts::default() }
+    pub fn starting_at(start_ns: i64) -> AccumulatedCounts {
+        AccumulatedCounts { start_ns, node_s: vec![0.0], accumulated: std::array::from_fn(|_| vec![0.0]), ..AccumulatedCounts::default() }
     }
 
     /// Adds a half second that ends `end_s` after the start; `increments` may be real numbers, as before rounding.
@@ -159,16 +159,16 @@ impl Counts {
         ((self.node_s[nearest] - t_s).abs() <= 0.26).then_some(nearest)
     }
 
-    pub fn at_node(&self, node: usize) -> Reading {
+    pub fn at_node(&self, node: usize) -> Interpolation {
         let first = node.min(self.node_s.len().saturating_sub(4));
         let mut weights = [0.0; 4];
         weights[node - first] = 1.0;
-        Reading { first, weights, half_seconds: node as f64 }
+        Interpolation { first, weights, half_seconds: node as f64 }
     }
 
     /// An instant between nodes, by the cubic through the four nearest (Casteren §6 interpolates between half seconds);
     /// nothing outside the recording.
-    pub fn at(&self, t_s: f64) -> Option<Reading> {
+    pub fn at(&self, t_s: f64) -> Option<Interpolation> {
         let last = self.node_s.len().checked_sub(1).filter(|&last| last >= 4)?;
         // An instant that is a node but for rounding is that node.
         if let Some(node) = self.nearest(t_s).filter(|&node| (self.node_s[node] - t_s).abs() < 1e-6) {
@@ -184,12 +184,12 @@ impl Counts {
         let weights = std::array::from_fn(|own| {
             (0..4).filter(|&other| other != own).map(|other| (x - other as f64) / (own as f64 - other as f64)).product()
         });
-        Some(Reading { first, weights, half_seconds })
+        Some(Interpolation { first, weights, half_seconds })
     }
 
     /// An instant at which the unit rests between two ramps, from two nodes on either side: the angle there of a line
     /// with a parabola of its own on each side. A cubic would err by 0.2″ where ramps of 36″/s² meet.
-    pub fn at_rest(&self, t_s: f64) -> Option<Reading> {
+    pub fn at_rest(&self, t_s: f64) -> Option<Interpolation> {
         let mut reading = self.at(t_s)?;
         let x: [f64; 4] = std::array::from_fn(|index| (reading.first + index) as f64 - reading.half_seconds);
         // Two on either side, neither at the instant itself.
@@ -209,14 +209,14 @@ impl Counts {
     }
 
     /// The accumulated count of a gyro at an instant.
-    pub fn count(&self, gyro: usize, reading: &Reading) -> f64 {
+    pub fn count(&self, gyro: usize, reading: &Interpolation) -> f64 {
         let nodes = &self.accumulated[gyro][reading.first..];
         reading.weights.iter().zip(nodes).map(|(weight, count)| weight * count).sum()
     }
 
     /// The first break of a gyro between two instants, or beside one of them among the nodes that it is read from.
-    pub fn broken(&self, gyro: usize, from: &Reading, to: &Reading) -> Option<&Break> {
-        let used = |reading: &Reading| {
+    pub fn broken(&self, gyro: usize, from: &Interpolation, to: &Interpolation) -> Option<&Discontinuity> {
+        let used = |reading: &Interpolation| {
             let nodes = (0..reading.weights.len()).filter(|&index| reading.weights[index] != 0.0);
             let nodes: Vec<usize> = nodes.map(|index| reading.first + index).collect();
             (nodes.first().copied().unwrap_or(reading.first), nodes.last().copied().unwrap_or(reading.first))
@@ -234,13 +234,13 @@ pub struct CountsReader {
     node: usize,
     /// Node, time and whether that was received, of each row.
     times: Vec<(usize, i64, bool)>,
-    counts: Counts,
+    counts: AccumulatedCounts,
     missing: u64,
     defects: u64,
 }
 
 impl Sink for CountsReader {
-    fn row(&mut self, row: &Row) {
+    fn row(&mut self, row: &ReceivedSample) {
         let half_second = &row.half_second;
         let step = self.continuity.step(half_second.sequence, row.has_clock.then_some(half_second.clock_count));
         let by_time = |times: &[(usize, i64, bool)]| {
@@ -249,17 +249,17 @@ impl Sink for CountsReader {
             ((passed_ns + HALF_SECOND_NS / 2) / HALF_SECOND_NS).max(1) as u64
         };
         let (advance, kind) = match step {
-            Step::First | Step::Next => (1, None),
-            Step::Repeat => return,
-            Step::Gap(missing) => (missing + 1, Some(BreakKind::Gap(missing))),
-            Step::Reset => (by_time(&self.times), Some(BreakKind::Reset)),
-            Step::Jump => (by_time(&self.times), Some(BreakKind::Jump)),
+            SequenceStep::First | SequenceStep::Next => (1, None),
+            SequenceStep::Repeat => return,
+            SequenceStep::Gap(missing) => (missing + 1, Some(BreakKind::Gap(missing))),
+            SequenceStep::Reset => (by_time(&self.times), Some(BreakKind::Reset)),
+            SequenceStep::Jump => (by_time(&self.times), Some(BreakKind::Jump)),
         };
         let advance = if advance - 1 > MOST_MISSING - self.missing { 1 } else { advance };
         self.missing += advance - 1;
         let advance = advance as usize;
         if self.counts.node_s.is_empty() {
-            self.counts = Counts::starting_at(0);
+            self.counts = AccumulatedCounts::starting_at(0);
         }
         let from = self.node;
         self.node += advance;
@@ -313,12 +313,12 @@ impl CountsReader {
             last.to = self.node;
             return;
         }
-        self.counts.breaks.push(Break { from, to: self.node, gyros, kind });
+        self.counts.breaks.push(Discontinuity { from, to: self.node, gyros, kind });
     }
 
     /// What was counted; nothing without a row. `clock_start_ns` is the time at which the unit's clock was 0, for
     /// recordings without receive times.
-    pub fn finish(mut self, clock_start_ns: i64) -> Option<Counts> {
+    pub fn finish(mut self, clock_start_ns: i64) -> Option<AccumulatedCounts> {
         let first = *self.times.first()?;
         let is_received = self.times.iter().any(|time| time.2);
         self.times.retain(|time| time.2 == is_received);
@@ -343,7 +343,7 @@ impl CountsReader {
         }
         counts.start_ns = first.1 + zero_ns + (start_s * 1e9).round() as i64;
         counts.is_received = is_received;
-        counts.breaks.extend(jumps.into_iter().map(|(from, to)| Break {
+        counts.breaks.extend(jumps.into_iter().map(|(from, to)| Discontinuity {
             from,
             to,
             gyros: [true; 4],
@@ -399,6 +399,6 @@ fn knots(points: &[(usize, f64)]) -> Vec<(f64, f64)> {
 }
 
 /// The counts of one half second as real numbers.
-pub fn increments(half_second: &HalfSecond) -> [f64; 4] {
+pub fn increments(half_second: &Sample) -> [f64; 4] {
     half_second.increments.map(f64::from)
 }

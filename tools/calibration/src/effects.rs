@@ -3,15 +3,15 @@
 
 use std::sync::Arc;
 
-use geu_model::attitude::{Recorded, Row};
+use geu_model::attitude::{RecordedAttitude, AttitudeRow};
 use geu_model::configuration::GyroConfiguration;
 use geu_model::effect::{CALIBRATION_COLUMN, UNIT_COLUMNS, WIRING_COLUMNS};
 use geu_model::package::Calibration;
 use geu_model::units::{HALF_SECOND_S, PPM};
-use geu_model::{Configuration, Truth, Unit};
+use geu_model::{Configuration, Truth, GyroUnit};
 
-use crate::counts::{Counts, Reading};
-use crate::noise::{Disturbance, Source};
+use crate::counts::{AccumulatedCounts, Interpolation};
+use crate::noise::{ErrorTerm, ErrorSource};
 
 /// How well the clearance of the pivots is known: ±3″ (Casteren §5.3), taken as the bounds of a uniform error.
 pub const CLEARANCE_KNOWN_ARCSEC: f64 = 3.0;
@@ -20,18 +20,18 @@ pub const CLEARANCE_SIGMA_ARCSEC: f64 = CLEARANCE_KNOWN_ARCSEC / 1.732_050_807_5
 
 /// Counts that effects added, accumulated at nodes.
 #[derive(Debug, Clone, PartialEq)]
-pub struct EffectCounts {
+pub struct EffectContribution {
     accumulated: [Vec<f64>; 4],
     /// What an arcsecond more of clearance would add.
     per_clearance: [Vec<f64>; 4],
 }
 
 /// The motion at each node after the first: rotation about the control axes since the node before, arcsec, and θ and ψ where known.
-pub type Steps = Vec<([f64; 3], Option<(f64, f64)>)>;
+pub type MotionSteps = Vec<([f64; 3], Option<(f64, f64)>)>;
 
-impl EffectCounts {
+impl EffectContribution {
     /// Runs the model of `configuration`, without its noise, along the motion; nothing where it has no other effect.
-    pub fn of(configuration: &Configuration, counts: &Counts, steps: impl FnOnce() -> Steps) -> Option<EffectCounts> {
+    pub fn of(configuration: &Configuration, counts: &AccumulatedCounts, steps: impl FnOnce() -> MotionSteps) -> Option<EffectContribution> {
         let mut quiet = configuration.without_noise();
         if !quiet.columns().iter().any(|column| (UNIT_COLUMNS..WIRING_COLUMNS).contains(column)) {
             return None;
@@ -58,7 +58,7 @@ impl EffectCounts {
         } else {
             Default::default()
         };
-        Some(EffectCounts { accumulated, per_clearance })
+        Some(EffectContribution { accumulated, per_clearance })
     }
 
     /// What was added to each gyro up to a node.
@@ -67,20 +67,20 @@ impl EffectCounts {
     }
 
     /// What was added between two instants.
-    pub fn between(&self, gyro: usize, from: &Reading, to: &Reading) -> f64 {
+    pub fn between(&self, gyro: usize, from: &Interpolation, to: &Interpolation) -> f64 {
         read(&self.accumulated[gyro], to) - read(&self.accumulated[gyro], from)
     }
 
     /// What the uncertainty of the clearance means between two instants.
-    pub fn disturbance(&self, gyro: usize, from: &Reading, to: &Reading) -> Option<Disturbance> {
+    pub fn disturbance(&self, gyro: usize, from: &Interpolation, to: &Interpolation) -> Option<ErrorTerm> {
         let nodes = &self.per_clearance[gyro];
         if nodes.is_empty() {
             return None;
         }
         let mut counts = [0.0; 4];
         counts[gyro] = read(nodes, to) - read(nodes, from);
-        (counts[gyro].abs() > 1e-6).then_some(Disturbance {
-            source: Source::Clearance { gyro },
+        (counts[gyro].abs() > 1e-6).then_some(ErrorTerm {
+            source: ErrorSource::Clearance { gyro },
             variance: CLEARANCE_SIGMA_ARCSEC * CLEARANCE_SIGMA_ARCSEC,
             counts,
             rotation_control_arcsec: [0.0; 3],
@@ -89,7 +89,7 @@ impl EffectCounts {
 }
 
 /// Counts that floats added up to each node, for clearances of each gyro's pivots; nothing where there is none.
-pub fn of_floats(calibrations: &[Calibration; 4], clearance_arcsec: &[f64; 4], steps: &Steps) -> Option<[Vec<f64>; 4]> {
+pub fn of_floats(calibrations: &[Calibration; 4], clearance_arcsec: &[f64; 4], steps: &MotionSteps) -> Option<[Vec<f64>; 4]> {
     if clearance_arcsec.iter().all(|&clearance| clearance == 0.0) {
         return None;
     }
@@ -110,20 +110,20 @@ fn ends_s(configuration: &Configuration, half_seconds: usize) -> Vec<f64> {
 }
 
 /// The motion as a truth to run the model on.
-fn moved(times_s: &[f64], steps: &Steps) -> Option<Truth> {
-    let start = Row { t_s: 0.0, angle_control_arcsec: [0.0; 3], theta_psi_rad: steps.first()?.1 };
-    let row = |(&(angle_control_arcsec, theta_psi_rad), &t_s)| Row { t_s, angle_control_arcsec, theta_psi_rad };
-    let rows: Vec<Row> = std::iter::once(start).chain(steps.iter().zip(&times_s[1..]).map(row)).collect();
-    Some(Truth::Recorded(Arc::new(Recorded::new(&rows).ok()?)))
+fn moved(times_s: &[f64], steps: &MotionSteps) -> Option<Truth> {
+    let start = AttitudeRow { t_s: 0.0, angle_control_arcsec: [0.0; 3], theta_psi_rad: steps.first()?.1 };
+    let row = |(&(angle_control_arcsec, theta_psi_rad), &t_s)| AttitudeRow { t_s, angle_control_arcsec, theta_psi_rad };
+    let rows: Vec<AttitudeRow> = std::iter::once(start).chain(steps.iter().zip(&times_s[1..]).map(row)).collect();
+    Some(Truth::Recorded(Arc::new(RecordedAttitude::new(&rows).ok()?)))
 }
 
-fn read(nodes: &[f64], reading: &Reading) -> f64 {
+fn read(nodes: &[f64], reading: &Interpolation) -> f64 {
     reading.weights.iter().zip(&nodes[reading.first..]).map(|(weight, value)| weight * value).sum()
 }
 
 /// What every effect of unit and head changes, accumulated.
 fn run(configuration: &Configuration, truth: &Truth, half_seconds: usize) -> [Vec<f64>; 4] {
-    let mut unit = Unit::on(configuration, truth);
+    let mut unit = GyroUnit::on(configuration, truth);
     let mut accumulated: [Vec<f64>; 4] = std::array::from_fn(|_| vec![0.0]);
     for _ in 0..half_seconds {
         let (_, traces) = unit.end_half_second_traced();

@@ -8,7 +8,7 @@ use geu_model::units::{ARCSEC_PER_DEG, ARCSEC_PER_RAD};
 use geu_protocol::Gyro;
 use nalgebra::{DMatrix, DVector};
 
-use crate::solve::{Observation, Parameter, off_axes, own_axis};
+use crate::solve::{Observation, CalibrationParameter, off_axes, own_axis};
 
 /// A manoeuvre that turns less than this about every axis is a pointing: with misalignments of an arcminute what eq 4
 /// drops is below a tenth of an arcsecond.
@@ -79,7 +79,7 @@ fn solve_gyro(gyro: Gyro, observations: &[Observation], calibration: &mut Calibr
         }
         known_rad[axis] = sums.0 / sums.1;
         let index = 2 + usize::from(off[1] == axis);
-        *Parameter { gyro, index }.of_mut(calibration) = known_rad[axis] * ARCSEC_PER_RAD;
+        *CalibrationParameter { gyro, index }.of_mut(calibration) = known_rad[axis] * ARCSEC_PER_RAD;
     }
     Ok(())
 }

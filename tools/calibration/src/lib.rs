@@ -21,10 +21,10 @@ pub mod transfer;
 pub mod upkeep;
 pub mod window;
 
-pub use believed::{Believed, BelievedError};
-pub use calibrate::{Attitude, CalibrateError, Calibrated, calibrate};
-pub use compare::{Comparison, Earlier, combine, compare};
-pub use counts::{Break, BreakKind, Counts, CountsReader, Reading};
-pub use track::{Choice, Event, Track, Tracker};
-pub use transfer::{InUse, Transfer};
-pub use upkeep::{Known, Upkeep, UpkeepError, update};
+pub use believed::{PriorCalibration, BelievedError};
+pub use calibrate::{AttitudeSource, CalibrateError, Calibrated, calibrate};
+pub use compare::{Comparison, PreviousCalibration, combine, compare};
+pub use counts::{Discontinuity, BreakKind, AccumulatedCounts, CountsReader, Interpolation};
+pub use track::{GyroSelection, TrackerEvent, Track, Tracker};
+pub use transfer::{GyroSet, Transfer};
+pub use upkeep::{PriorAccuracy, CalibrationUpdate, UpkeepError, update};

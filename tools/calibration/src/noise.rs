@@ -10,7 +10,7 @@ pub const ROUNDING_VARIANCE: f64 = 1.0 / 12.0;
 
 /// Random walks of one gyro, as its configuration has them (table 1; model.md).
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Walks {
+pub struct RandomWalks {
     /// Angle random walk, arcsec/√s.
     pub angle_arcsec_per_sqrt_s: f64,
     /// Drift random walk, arcsec/s/√s.
@@ -19,11 +19,11 @@ pub struct Walks {
     pub correlation_time_s: f64,
 }
 
-impl Walks {
-    pub fn configured(configuration: &Configuration) -> [Walks; 4] {
+impl RandomWalks {
+    pub fn configured(configuration: &Configuration) -> [RandomWalks; 4] {
         std::array::from_fn(|gyro| {
             let effects = &configuration.gyros[gyro].effects.constant;
-            Walks {
+            RandomWalks {
                 angle_arcsec_per_sqrt_s: effects.angle_random_walk.arcsec_per_sqrt_s,
                 drift_arcsec_per_s_per_sqrt_s: effects.drift_random_walk.arcsec_per_s_per_sqrt_s,
                 correlation_time_s: effects.drift_random_walk.correlation_time_s,
@@ -67,7 +67,7 @@ impl Walks {
 
 /// Where a disturbance comes from: rows that name the same source share it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Source {
+pub enum ErrorSource {
     /// Rounding of a gyro's accumulated angle at a node.
     Rounding { gyro: usize, node: usize },
     /// The reference attitude about an axis at an instant, in µs.
@@ -100,8 +100,8 @@ pub fn named(kind: &str, name: &str) -> u64 {
 
 /// A disturbance of one manoeuvre's sums.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Disturbance {
-    pub source: Source,
+pub struct ErrorTerm {
+    pub source: ErrorSource,
     pub variance: f64,
     /// What a unit of it adds to each gyro's counts.
     pub counts: [f64; 4],
@@ -113,7 +113,7 @@ pub struct Disturbance {
 mod tests {
     use super::*;
 
-    fn by_sums(walks: &Walks, a: (f64, f64), b: (f64, f64)) -> f64 {
+    fn by_sums(walks: &RandomWalks, a: (f64, f64), b: (f64, f64)) -> f64 {
         let (variance, tau) = (walks.drift_arcsec_per_s_per_sqrt_s.powi(2), walks.correlation_time_s);
         let points = 400;
         let at =
@@ -135,7 +135,7 @@ mod tests {
     #[test]
     fn covariances_of_the_drift_walk_are_those_of_its_double_integral() {
         for correlation_time_s in [f64::INFINITY, 10_000.0, 500.0] {
-            let walks = Walks { angle_arcsec_per_sqrt_s: 0.0, drift_arcsec_per_s_per_sqrt_s: 8e-6, correlation_time_s };
+            let walks = RandomWalks { angle_arcsec_per_sqrt_s: 0.0, drift_arcsec_per_s_per_sqrt_s: 8e-6, correlation_time_s };
             for (a, b) in
                 [((0.0, 600.0), (0.0, 600.0)), ((100.0, 700.0), (6000.0, 12_000.0)), ((10.0, 900.0), (500.0, 600.0))]
             {

@@ -1,17 +1,17 @@
 //! From a recording to the equations of its manoeuvres: counts between two instants, and what may not be used and why.
 
-use geu_model::attitude::Recorded;
+use geu_model::attitude::RecordedAttitude;
 use geu_model::package::Calibration;
 use geu_protocol::Gyro;
 
-use crate::counts::{Break, Counts, Reading};
-use crate::noise::{Disturbance, ROUNDING_VARIANCE, Source};
+use crate::counts::{Discontinuity, AccumulatedCounts, Interpolation};
+use crate::noise::{ErrorTerm, ROUNDING_VARIANCE, ErrorSource};
 use crate::solve::{Observation, own_axis};
-use crate::window::Window;
+use crate::window::ManoeuvreWindow;
 
 /// A manoeuvre, or one gyro of it, that is not used.
 #[derive(Debug, Clone, PartialEq)]
-pub struct LeftOut {
+pub struct ExcludedData {
     pub name: String,
     /// Start on the time scale of the list, s.
     pub start_s: f64,
@@ -20,7 +20,7 @@ pub struct LeftOut {
     pub why: String,
 }
 
-impl std::fmt::Display for LeftOut {
+impl std::fmt::Display for ExcludedData {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
         let gyro = self.gyro.map_or_else(String::new, |gyro| format!(", {}", gyro.name()));
         write!(f, "{} at {:.1} s{gyro}: {}", self.name, self.start_s, self.why)
@@ -29,13 +29,13 @@ impl std::fmt::Display for LeftOut {
 
 /// Counts with everything that configured effects add taken off.
 #[derive(Debug, Clone, Copy)]
-pub struct Measured<'a> {
-    pub counts: &'a Counts,
+pub struct CompensatedCounts<'a> {
+    pub counts: &'a AccumulatedCounts,
     /// What effects of the configuration added up to each node, counts.
-    pub effects: Option<&'a crate::effects::EffectCounts>,
+    pub effects: Option<&'a crate::effects::EffectContribution>,
 }
 
-impl Measured<'_> {
+impl CompensatedCounts<'_> {
     /// What each gyro counted up to a node, without the effects.
     pub fn at_node(&self, node: usize) -> [f64; 4] {
         let added = self.effects.map_or([0.0; 4], |effects| effects.at_node(node));
@@ -43,7 +43,7 @@ impl Measured<'_> {
     }
 
     /// What a gyro counted over a stretch, without the effects.
-    pub fn between(&self, gyro: usize, from: &Reading, to: &Reading) -> f64 {
+    pub fn between(&self, gyro: usize, from: &Interpolation, to: &Interpolation) -> f64 {
         let counted = self.counts.count(gyro, to) - self.counts.count(gyro, from);
         counted - self.effects.map_or(0.0, |effects| effects.between(gyro, from, to))
     }
@@ -52,18 +52,18 @@ impl Measured<'_> {
     /// has counts that can be trusted.
     pub(crate) fn observe(
         &self,
-        window: &Window,
-        from: &Reading,
-        to: &Reading,
-        left_out: &mut Vec<LeftOut>,
-    ) -> Option<([Option<f64>; 4], Vec<Disturbance>)> {
+        window: &ManoeuvreWindow,
+        from: &Interpolation,
+        to: &Interpolation,
+        left_out: &mut Vec<ExcludedData>,
+    ) -> Option<([Option<f64>; 4], Vec<ErrorTerm>)> {
         let mut disturbances = Vec::new();
-        let leave = |gyro: Option<Gyro>, broken: &Break| {
+        let leave = |gyro: Option<Gyro>, broken: &Discontinuity| {
             let at_s = self.counts.start_ns as f64 * 1e-9 + self.counts.node_s[broken.from];
             let why = format!("{} at {at_s:.1} s", broken.kind);
-            LeftOut { name: window.name.clone(), start_s: window.start_s, gyro, why }
+            ExcludedData { name: window.name.clone(), start_s: window.start_s, gyro, why }
         };
-        let breaks: [Option<&Break>; 4] = std::array::from_fn(|gyro| self.counts.broken(gyro, from, to));
+        let breaks: [Option<&Discontinuity>; 4] = std::array::from_fn(|gyro| self.counts.broken(gyro, from, to));
         if let [Some(first), Some(_), Some(_), Some(_)] = breaks
             && breaks.iter().all(|found| *found == Some(first))
         {
@@ -79,8 +79,8 @@ impl Measured<'_> {
                 for (index, weight) in reading.weights.iter().enumerate().filter(|(_, weight)| **weight != 0.0) {
                     let mut part = [0.0; 4];
                     part[gyro] = sign * weight;
-                    disturbances.push(Disturbance {
-                        source: Source::Rounding { gyro, node: reading.first + index },
+                    disturbances.push(ErrorTerm {
+                        source: ErrorSource::Rounding { gyro, node: reading.first + index },
                         variance: ROUNDING_VARIANCE,
                         counts: part,
                         rotation_control_arcsec: [0.0; 3],
@@ -103,8 +103,8 @@ pub(crate) fn micros(t_s: f64) -> i64 {
 
 /// A reference attitude on the time scale of the counts.
 #[derive(Debug, Clone, Copy)]
-pub struct Known<'a> {
-    pub truth: &'a Recorded,
+pub struct ReferenceSeries<'a> {
+    pub truth: &'a RecordedAttitude,
     /// Its time 0, ns on the time scale of the capture.
     pub start_ns: i64,
     /// Its noise about each axis, 1 sigma.
@@ -116,16 +116,16 @@ const BEYOND_S: f64 = 0.05;
 
 /// The equations of `windows`, with the rotations of a reference attitude. Windows begin and end at the nearest half
 /// second, where counts need no interpolation.
-pub fn with_reference(measured: &Measured, windows: &[Window], known: &Known) -> (Vec<Observation>, Vec<LeftOut>) {
+pub fn with_reference(measured: &CompensatedCounts, windows: &[ManoeuvreWindow], known: &ReferenceSeries) -> (Vec<Observation>, Vec<ExcludedData>) {
     let counts = measured.counts;
     let (mut observations, mut left_out) = (Vec::new(), Vec::new());
-    let Known { truth, start_ns, sigma_arcsec } = *known;
+    let ReferenceSeries { truth, start_ns, sigma_arcsec } = *known;
     let reference_s = (counts.start_ns - start_ns) as f64 * 1e-9;
     let start_s = counts.start_ns as f64 * 1e-9;
     let mut near = 0;
     for window in windows {
         let mut leave = |why: String| {
-            left_out.push(LeftOut { name: window.name.clone(), start_s: window.start_s, gyro: None, why });
+            left_out.push(ExcludedData { name: window.name.clone(), start_s: window.start_s, gyro: None, why });
         };
         // A window without an end ends with the recording.
         let end_s = if window.end_s.is_finite() { window.end_s - start_s } else { counts.end_s() };
@@ -151,8 +151,8 @@ pub fn with_reference(measured: &Measured, windows: &[Window], known: &Known) ->
             for (t_s, sign) in ends_s.into_iter().zip([-1.0, 1.0]) {
                 let mut part = [0.0; 3];
                 part[axis] = sign;
-                disturbances.push(Disturbance {
-                    source: Source::Reference { axis, at_us: micros(t_s) },
+                disturbances.push(ErrorTerm {
+                    source: ErrorSource::Reference { axis, at_us: micros(t_s) },
                     variance: sigma_arcsec * sigma_arcsec,
                     counts: [0.0; 4],
                     rotation_control_arcsec: part,
@@ -172,7 +172,7 @@ pub fn with_reference(measured: &Measured, windows: &[Window], known: &Known) ->
     (observations, left_out)
 }
 
-pub(crate) fn outside(counts: &Counts, window: &Window) -> String {
+pub(crate) fn outside(counts: &AccumulatedCounts, window: &ManoeuvreWindow) -> String {
     let start_s = counts.start_ns as f64 * 1e-9;
     format!(
         "the recording does not cover it: it holds {start_s:.1}…{:.1} s, and it lasts until {:.1} s",
@@ -188,8 +188,8 @@ const TRIMMED: f64 = 0.9247;
 /// motion, drift and scale factors have no part. What does not stand out of the rounding by a fifth of an arcsecond is
 /// none.
 pub fn reference_sigma_arcsec(
-    counts: &Counts,
-    truth: &Recorded,
+    counts: &AccumulatedCounts,
+    truth: &RecordedAttitude,
     start_ns: i64,
     calibrations: &[Calibration; 4],
 ) -> [f64; 3] {

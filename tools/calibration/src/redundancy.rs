@@ -13,9 +13,9 @@ use geu_model::package::Calibration;
 use geu_model::units::{ARCSEC_PER_RAD, HALF_SECOND_S};
 use geu_protocol::Gyro;
 
-use crate::believed::Believed;
-use crate::noise::{ROUNDING_VARIANCE, Walks};
-use crate::transfer::{InUse, Transfer};
+use crate::believed::PriorCalibration;
+use crate::noise::{ROUNDING_VARIANCE, RandomWalks};
+use crate::transfer::{GyroSet, Transfer};
 
 /// Length of the short test, s.
 pub const WINDOW_S: f64 = 60.0;
@@ -30,14 +30,14 @@ const PAIR: [Gyro; 2] = [Gyro::Za, Gyro::Zb];
 
 /// A difference and its standard deviation.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Difference {
+pub struct ParityResidual {
     /// GYRZA − GYRZB, arcsec.
     pub arcsec: f64,
     /// Its standard deviation, as calibration and noise allow it.
     pub sigma_arcsec: f64,
 }
 
-impl Difference {
+impl ParityResidual {
     /// The difference in sigmas.
     pub fn sigmas(self) -> f64 {
         if self.sigma_arcsec > 0.0 { self.arcsec.abs() / self.sigma_arcsec } else { 0.0 }
@@ -45,18 +45,18 @@ impl Difference {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Test {
+pub enum ParityTest {
     /// Over the last [`WINDOW_S`].
     Window,
     /// Since the start.
     Start,
 }
 
-impl std::fmt::Display for Test {
+impl std::fmt::Display for ParityTest {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
         match self {
-            Test::Window => write!(f, "over {WINDOW_S} s"),
-            Test::Start => write!(f, "since the start"),
+            ParityTest::Window => write!(f, "over {WINDOW_S} s"),
+            ParityTest::Start => write!(f, "since the start"),
         }
     }
 }
@@ -71,11 +71,11 @@ struct Sums {
 
 /// Follows the difference of the redundant pair through half seconds.
 #[derive(Debug, Clone)]
-pub struct Redundancy {
+pub struct ParityMonitor {
     transfer: Transfer,
     calibrations: [Calibration; 4],
     sigmas: [Calibration; 4],
-    walks: [Walks; 4],
+    walks: [RandomWalks; 4],
     now: Sums,
     /// The sums at the ends of half seconds without a break, oldest first, a window's worth at most.
     history: VecDeque<Sums>,
@@ -85,22 +85,22 @@ pub struct Redundancy {
 
 /// What a half second made of the difference.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Checked {
+pub struct ParityResult {
     /// Since the start.
-    pub accumulated: Difference,
+    pub accumulated: ParityResidual,
     /// Over the last [`WINDOW_S`], once they are there without a break.
-    pub window: Option<Difference>,
+    pub window: Option<ParityResidual>,
     /// Tests that began (`true`) or ceased to exceed, by the order of [`Test`].
     pub changed: [Option<bool>; 2],
     /// Tests that exceed, by the order of [`Test`].
     pub is_alarmed: [bool; 2],
 }
 
-impl Redundancy {
+impl ParityMonitor {
     /// A monitor at the start: the drifts are those believed.
-    pub fn new(believed: &Believed) -> Redundancy {
-        Redundancy {
-            transfer: Transfer::new(&believed.calibrations, InUse::WithZa),
+    pub fn new(believed: &PriorCalibration) -> ParityMonitor {
+        ParityMonitor {
+            transfer: Transfer::new(&believed.calibrations, GyroSet::WithZa),
             calibrations: believed.calibrations,
             sigmas: believed.sigmas,
             walks: believed.walks,
@@ -118,7 +118,7 @@ impl Redundancy {
     }
 
     /// Takes the counts of the half second that follows.
-    pub fn take(&mut self, counts: [f64; 4]) -> Checked {
+    pub fn take(&mut self, counts: [f64; 4]) -> ParityResult {
         if self.history.is_empty() {
             self.stretches += 1.0;
             self.history.push_back(self.now);
@@ -136,17 +136,17 @@ impl Redundancy {
         });
         let mut changed = [None; 2];
         for (index, difference) in [window, Some(accumulated)].into_iter().enumerate() {
-            let (alarmed, sigmas) = (&mut self.is_alarmed[index], difference.map(Difference::sigmas));
+            let (alarmed, sigmas) = (&mut self.is_alarmed[index], difference.map(ParityResidual::sigmas));
             let limit = if *alarmed { RECOVERY_SIGMA } else { THRESHOLD_SIGMA };
             let exceeds = sigmas.map_or(*alarmed, |sigmas| sigmas > limit);
             changed[index] = (exceeds != *alarmed).then_some(exceeds);
             *alarmed = exceeds;
         }
-        Checked { accumulated, window, changed, is_alarmed: self.is_alarmed }
+        ParityResult { accumulated, window, changed, is_alarmed: self.is_alarmed }
     }
 
     /// The difference since `from`, over so many stretches.
-    fn difference(&self, from: &Sums, stretches: f64) -> Difference {
+    fn difference(&self, from: &Sums, stretches: f64) -> ParityResidual {
         let counts: [f64; 4] = std::array::from_fn(|gyro| self.now.counts[gyro] - from.counts[gyro]);
         let half_seconds = self.now.half_seconds - from.half_seconds;
         let [x_arcsec, y_arcsec, _] = self.transfer.about_control_arcsec(counts, half_seconds);
@@ -164,20 +164,20 @@ impl Redundancy {
                 + (sigma.y_arcsec * y_arcsec / ARCSEC_PER_RAD).powi(2);
         }
         let arcsec = self.transfer.redundancy_arcsec(counts, half_seconds);
-        Difference { arcsec, sigma_arcsec: variance.sqrt() }
+        ParityResidual { arcsec, sigma_arcsec: variance.sqrt() }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use geu_model::{Configuration, Unit};
+    use geu_model::{Configuration, GyroUnit};
 
-    fn run(overrides: &[&str], half_seconds: usize) -> Vec<Checked> {
+    fn run(overrides: &[&str], half_seconds: usize) -> Vec<ParityResult> {
         let overrides: Vec<String> = overrides.iter().map(|&text| text.to_owned()).collect();
         let configuration = Configuration::reference_with(&overrides).unwrap();
-        let mut monitor = Redundancy::new(&Believed::from(&configuration));
-        let mut unit = Unit::new(&configuration);
+        let mut monitor = ParityMonitor::new(&PriorCalibration::from(&configuration));
+        let mut unit = GyroUnit::new(&configuration);
         (0..half_seconds).map(|_| monitor.take(unit.end_half_second().half_second.increments.map(f64::from))).collect()
     }
 
@@ -226,8 +226,8 @@ mod tests {
         assert_eq!(checked.is_alarmed, [true; 2]);
 
         let configuration = Configuration::reference();
-        let mut monitor = Redundancy::new(&Believed::from(&configuration));
-        let mut unit = Unit::new(&configuration);
+        let mut monitor = ParityMonitor::new(&PriorCalibration::from(&configuration));
+        let mut unit = GyroUnit::new(&configuration);
         for half_second in 0..2000 {
             let counts = unit.end_half_second().half_second.increments.map(f64::from);
             if half_second % 500 == 0 {
@@ -241,9 +241,9 @@ mod tests {
 
     #[test]
     fn what_the_calibration_does_not_know_is_allowed_for() {
-        let mut believed = Believed::from(&Configuration::parse("neutral", "", &[]).unwrap());
+        let mut believed = PriorCalibration::from(&Configuration::parse("neutral", "", &[]).unwrap());
         believed.sigmas[2].drift_arcsec_per_half_s = 0.01;
-        let mut monitor = Redundancy::new(&believed);
+        let mut monitor = ParityMonitor::new(&believed);
         let checked = (0..1000).map(|_| monitor.take([0.0; 4])).last().unwrap();
         assert!((checked.accumulated.sigma_arcsec - (100f64 + 4.0 / 12.0).sqrt()).abs() < 1e-9, "{checked:?}");
     }

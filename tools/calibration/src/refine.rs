@@ -5,16 +5,16 @@ use geu_model::units::HALF_SECOND_S;
 use geu_protocol::Gyro;
 use nalgebra::{DMatrix, DVector};
 
-use crate::noise::Walks;
+use crate::noise::RandomWalks;
 use crate::solve::{
-    Equations, Fitted, Observation, PER_GYRO, Parameter, Residual, Unsolvable, fit, noise_not_finite, root,
+    Equations, LeastSquaresFit, Observation, PER_GYRO, CalibrationParameter, Residual, SolveError, fit, noise_not_finite, root,
     shared_covariance, values,
 };
 
 /// What was known of a parameter before the data: its believed value, so well.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Prior {
-    pub parameter: Parameter,
+    pub parameter: CalibrationParameter,
     /// How well, 1 sigma.
     pub sigma: f64,
 }
@@ -48,10 +48,10 @@ const END_S: f64 = 1.0;
 /// [`Unsolvable::NotFinite`].
 pub fn refine(
     observations: &[Observation],
-    walks: &[Walks; 4],
+    walks: &[RandomWalks; 4],
     believed: &[Calibration; 4],
     priors: &[Prior],
-) -> Result<Refined, Unsolvable> {
+) -> Result<Refined, SolveError> {
     let mut observations = observations.to_vec();
     for (gyro, counts) in observations.iter_mut().flat_map(|observation| observation.counts.iter_mut().enumerate()) {
         if priors.iter().all(|prior| prior.parameter.gyro as usize != gyro) {
@@ -100,7 +100,7 @@ pub fn refine(
         }
     }
     let root = root(&covariance)?;
-    let Fitted { solved, gain, .. } = fit(&design, &right, &root)?;
+    let LeastSquaresFit { solved, gain, .. } = fit(&design, &right, &root)?;
     let solved_covariance = &gain * &covariance * gain.transpose();
     let left = &design * &solved - &right;
     let whitened_left = root.l_dirty().solve_lower_triangular(&left).ok_or_else(noise_not_finite)?;

@@ -6,8 +6,8 @@ use nalgebra::DMatrix;
 use serde_json::{Map, Value, json};
 
 use crate::calibrate::Calibrated;
-use crate::compare::{Comparison, Earlier};
-use crate::solve::{PER_GYRO, Parameter, Solution, UNKNOWNS, off_axes};
+use crate::compare::{Comparison, PreviousCalibration};
+use crate::solve::{PER_GYRO, CalibrationParameter, Solution, UNKNOWNS, off_axes};
 
 const AXES: [&str; 3] = ["x", "y", "z"];
 
@@ -69,15 +69,15 @@ pub fn json(calibrated: &Calibrated) -> Value {
             "gyro": left_out.gyro.map(Gyro::name),
             "why": left_out.why,
         })).collect::<Vec<_>>(),
-        "parameters": Parameter::all().map(Parameter::words).collect::<Vec<_>>(),
+        "parameters": CalibrationParameter::all().map(CalibrationParameter::label).collect::<Vec<_>>(),
         "covariance": covariance(solution),
     })
 }
 
 /// The comparison with earlier calibrations, which is added to that JSON as `comparison`.
-pub fn comparison(earlier: &[Earlier], comparison: &Comparison) -> Value {
+pub fn comparison(earlier: &[PreviousCalibration], comparison: &Comparison) -> Value {
     let is_compatible = comparison.is_compatible();
-    let parameters: Map<String, Value> = Parameter::all()
+    let parameters: Map<String, Value> = CalibrationParameter::all()
         .enumerate()
         .map(|(index, parameter)| {
             let value = json!({
@@ -87,18 +87,18 @@ pub fn comparison(earlier: &[Earlier], comparison: &Comparison) -> Value {
                 "dof": comparison.pairs,
                 "probability": comparison.probability(index),
             });
-            (parameter.words(), value)
+            (parameter.label(), value)
         })
         .collect();
     json!({
         "earlier": earlier.iter().map(|one| json!({ "file": one.name, "time_s": one.time_s })).collect::<Vec<_>>(),
         "chi2": {
-            "value": comparison.together,
+            "value": comparison.joint_chi2,
             "dof": UNKNOWNS * comparison.pairs,
             "probability": comparison.together_probability(),
         },
         "compatible": is_compatible,
-        "moved": comparison.moved().into_iter().map(Parameter::words).collect::<Vec<_>>(),
+        "moved": comparison.moved().into_iter().map(CalibrationParameter::label).collect::<Vec<_>>(),
         "parameters": parameters,
         "merged": is_compatible.then(|| json!({
             "gyros": gyros(&comparison.combined.calibrations, Some(&comparison.combined.sigmas())),
@@ -112,9 +112,9 @@ fn covariance(solution: &Solution) -> Vec<Vec<f64>> {
 }
 
 fn named(values: &[f64]) -> Value {
-    Parameter::all()
+    CalibrationParameter::all()
         .zip(values)
-        .map(|(parameter, &value)| (parameter.words(), Value::from(value)))
+        .map(|(parameter, &value)| (parameter.label(), Value::from(value)))
         .collect::<Map<_, _>>()
         .into()
 }
@@ -122,7 +122,7 @@ fn named(values: &[f64]) -> Value {
 /// Values of each gyro in the form of cli.md, with their sigmas where there are any.
 pub(crate) fn gyros(calibrations: &[Calibration; 4], sigmas: Option<&[f64; UNKNOWNS]>) -> Value {
     let value = |gyro: Gyro, index: usize| {
-        let value = Parameter { gyro, index }.of(&calibrations[gyro as usize]);
+        let value = CalibrationParameter { gyro, index }.of(&calibrations[gyro as usize]);
         match sigmas {
             Some(sigmas) => json!({ "value": value, "sigma": sigmas[PER_GYRO * gyro as usize + index] }),
             None => json!({ "value": value }),
@@ -142,11 +142,11 @@ pub(crate) fn gyros(calibrations: &[Calibration; 4], sigmas: Option<&[f64; UNKNO
 
 /// The solved values as `PATH = VALUE` for a configuration, to a thousandth of the best sigma that data can give.
 pub fn overrides(calibrations: &[Calibration; 4]) -> Vec<String> {
-    overrides_of(Parameter::all(), calibrations)
+    overrides_of(CalibrationParameter::all(), calibrations)
 }
 
 /// As [`overrides`], of some of the parameters.
-pub fn overrides_of(parameters: impl IntoIterator<Item = Parameter>, calibrations: &[Calibration; 4]) -> Vec<String> {
+pub fn overrides_of(parameters: impl IntoIterator<Item = CalibrationParameter>, calibrations: &[Calibration; 4]) -> Vec<String> {
     parameters
         .into_iter()
         .map(|parameter| {
@@ -185,7 +185,7 @@ fn number(json: &Value, field: &str, least: f64, greatest: f64, expected: &str) 
 /// A value that is not there, or out of the limits that a configuration has.
 pub fn calibrations(json: &Value) -> Result<([Calibration; 4], [Calibration; 4]), FieldError> {
     let (mut calibrations, mut sigmas) = ([Calibration::default(); 4], [NO_SIGMA; 4]);
-    for parameter in Parameter::all() {
+    for parameter in CalibrationParameter::all() {
         let gyro = parameter.gyro;
         let path = match parameter.index {
             0 | 1 => format!("gyros.{}.{}", gyro.name(), parameter.key()),
@@ -211,7 +211,7 @@ pub fn calibrations(json: &Value) -> Result<([Calibration; 4], [Calibration; 4])
 ///
 /// # Errors
 /// What is not there, as in a calibration that others wrote by hand, or is no number, or is no covariance.
-pub fn earlier(name: &str, json: &Value) -> Result<Earlier, FieldError> {
+pub fn earlier(name: &str, json: &Value) -> Result<PreviousCalibration, FieldError> {
     let any = |field: &str, least: f64| number(json, field, least, f64::MAX, "a number");
     if !json["covariance"].is_array() {
         return Err(FieldError {
@@ -239,19 +239,19 @@ pub fn earlier(name: &str, json: &Value) -> Result<Earlier, FieldError> {
         leverage: Vec::new(),
         residuals: Vec::new(),
     };
-    Ok(Earlier { name: name.to_owned(), time_s: any("time_s", f64::MIN)?, solution })
+    Ok(PreviousCalibration { name: name.to_owned(), time_s: any("time_s", f64::MIN)?, solution })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::checkout::{By, Precautions, believed_before, fly, sequence};
+    use crate::checkout::{AttitudeSourceKind, Precautions, believed_before, fly, sequence};
 
     #[test]
     fn what_was_written_is_read_back() {
         let flown =
             sequence(&geu_model::Configuration::reference(), Precautions { stabilisation: false, ..Precautions::ALL });
-        let calibrated = fly(&flown).calibrate(&believed_before(&flown), By::Reference).unwrap();
+        let calibrated = fly(&flown).calibrate(&believed_before(&flown), AttitudeSourceKind::Reference).unwrap();
         let mut json: Value = serde_json::from_str(&json(&calibrated).to_string()).unwrap();
         let read = earlier("first.json", &json).unwrap();
         // JSON gives numbers back to the last bit or the one before.

@@ -21,9 +21,9 @@ use geu_protocol::Gyro;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
-use crate::noise::{Disturbance, Walks};
+use crate::noise::{ErrorTerm, RandomWalks};
 use crate::transfer::misalignment_matrix;
-pub use parameter::{BEFORE_LAUNCH, PER_GYRO, Parameter, UNKNOWNS, off_axes, own_axis};
+pub use parameter::{BEFORE_LAUNCH, PER_GYRO, CalibrationParameter, UNKNOWNS, off_axes, own_axis};
 
 /// What was measured over one manoeuvre.
 #[derive(Debug, Clone, PartialEq)]
@@ -37,11 +37,11 @@ pub struct Observation {
     pub counts: [Option<f64>; 4],
     /// Inertial rotation: the integrals of the rates about the control axes, arcsec.
     pub rotation_control_arcsec: [f64; 3],
-    pub disturbances: Vec<Disturbance>,
+    pub disturbances: Vec<ErrorTerm>,
 }
 
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum Unsolvable {
+pub enum SolveError {
     /// What the manoeuvres do not determine, in words.
     #[error("{}", .0.join("\n"))]
     Undetermined(Vec<String>),
@@ -99,7 +99,7 @@ pub fn probability(chi2: f64, degrees_of_freedom: usize) -> f64 {
 
 /// Values of four calibrations in the order of [`Parameter::all`].
 pub fn values(calibrations: &[Calibration; 4]) -> [f64; UNKNOWNS] {
-    let mut all = Parameter::all();
+    let mut all = CalibrationParameter::all();
     std::array::from_fn(|_| {
         all.next().map_or(f64::NAN, |parameter| parameter.of(&calibrations[parameter.gyro as usize]))
     })
@@ -111,9 +111,9 @@ pub fn values(calibrations: &[Calibration; 4]) -> [f64; UNKNOWNS] {
 /// [`Unsolvable`]: what the manoeuvres leave undetermined, in words.
 pub fn solve(
     observations: &[Observation],
-    walks: &[Walks; 4],
+    walks: &[RandomWalks; 4],
     believed: &[Calibration; 4],
-) -> Result<Solution, Unsolvable> {
+) -> Result<Solution, SolveError> {
     let equations = Equations::new(observations, walks, believed)?;
     equations.check_determined()?;
     equations.solve(believed)
@@ -134,9 +134,9 @@ pub(crate) struct Equations<'a> {
 impl<'a> Equations<'a> {
     pub(crate) fn new(
         observations: &'a [Observation],
-        walks: &[Walks; 4],
+        walks: &[RandomWalks; 4],
         believed: &[Calibration; 4],
-    ) -> Result<Equations<'a>, Unsolvable> {
+    ) -> Result<Equations<'a>, SolveError> {
         let rows: Vec<(usize, usize)> = (0..observations.len())
             .flat_map(|index| (0..4).map(move |gyro| (index, gyro)))
             .filter(|&(index, gyro)| observations[index].counts[gyro].is_some())
@@ -166,16 +166,16 @@ impl<'a> Equations<'a> {
                 numbers.chain([observation.half_seconds]).any(|number| !number.is_finite())
             };
             let name = observations.iter().find(bad).map_or("the noise", |observation| &observation.name);
-            return Err(Unsolvable::NotFinite(name.to_owned()));
+            return Err(SolveError::NotFinite(name.to_owned()));
         }
         Ok(Equations { observations, rows, design, right, weighing, telling })
     }
 
     /// Refuses what the data tell less of than was known before launch, naming the direction.
-    fn check_determined(&self) -> Result<(), Unsolvable> {
+    fn check_determined(&self) -> Result<(), SolveError> {
         let mut words = Vec::new();
         if self.observations.is_empty() {
-            return Err(Unsolvable::Undetermined(vec!["no manoeuvre could be used".to_owned()]));
+            return Err(SolveError::Undetermined(vec!["no manoeuvre could be used".to_owned()]));
         }
         for gyro in Gyro::ALL {
             let own: Vec<usize> = (0..self.rows.len()).filter(|&row| self.rows[row].1 == gyro as usize).collect();
@@ -185,7 +185,7 @@ impl<'a> Equations<'a> {
             }
             // In units of what is known before launch and of the noise, so that an eigenvalue below 1 is ignorance.
             let scaled = DMatrix::from_fn(own.len(), PER_GYRO, |row, index| {
-                let size = Parameter { gyro, index }.before_launch();
+                let size = CalibrationParameter { gyro, index }.before_launch();
                 let row = own[row];
                 self.design[(row, PER_GYRO * gyro as usize + index)] * size / self.weighing[(row, row)].sqrt()
             });
@@ -196,7 +196,7 @@ impl<'a> Equations<'a> {
                 }
             }
         }
-        if words.is_empty() { Ok(()) } else { Err(Unsolvable::Undetermined(words)) }
+        if words.is_empty() { Ok(()) } else { Err(SolveError::Undetermined(words)) }
     }
 
     /// A direction that the data leave open.
@@ -206,7 +206,7 @@ impl<'a> Equations<'a> {
             turned.map(|observation| observation.rotation_control_arcsec[axis].abs()).fold(0.0, f64::max)
                 / ARCSEC_PER_DEG
         };
-        let parameter = |index: usize| Parameter { gyro, index };
+        let parameter = |index: usize| CalibrationParameter { gyro, index };
         let mut parts: Vec<usize> = (0..PER_GYRO).filter(|&index| direction[index].abs() > 0.3).collect();
         parts.sort_by(|&a, &b| direction[b].abs().total_cmp(&direction[a].abs()));
         let axis_of = |index: usize| match index {
@@ -214,7 +214,7 @@ impl<'a> Equations<'a> {
             1 => None,
             _ => Some(off_axes(gyro)[index - 2]),
         };
-        let names: Vec<String> = parts.iter().map(|&index| parameter(index).words()).collect();
+        let names: Vec<String> = parts.iter().map(|&index| parameter(index).label()).collect();
         match (parts.as_slice(), parts.first().and_then(|&index| axis_of(index))) {
             ([_], Some(axis)) => format!(
                 "{}: no manoeuvre turns about {} (at most {:.3} deg)",
@@ -237,12 +237,12 @@ impl<'a> Equations<'a> {
         }
     }
 
-    fn solve(&self, believed: &[Calibration; 4]) -> Result<Solution, Unsolvable> {
+    fn solve(&self, believed: &[Calibration; 4]) -> Result<Solution, SolveError> {
         let root = root(&self.weighing)?;
-        let Fitted { solved, gain, squares } = fit(&self.design, &self.right, &root)?;
+        let LeastSquaresFit { solved, gain, squares } = fit(&self.design, &self.right, &root)?;
         let covariance = &gain * &self.telling * gain.transpose();
         let mut calibrations = *believed;
-        for (index, parameter) in Parameter::all().enumerate() {
+        for (index, parameter) in CalibrationParameter::all().enumerate() {
             *parameter.of_mut(&mut calibrations[parameter.gyro as usize]) = solved[index];
         }
         let left = &self.design * &solved - &self.right;
@@ -272,15 +272,15 @@ impl<'a> Equations<'a> {
     }
 }
 
-pub(crate) fn noise_not_finite() -> Unsolvable {
-    Unsolvable::NotFinite("the noise".to_owned())
+pub(crate) fn noise_not_finite() -> SolveError {
+    SolveError::NotFinite("the noise".to_owned())
 }
 
-pub(crate) fn root(covariance: &DMatrix<f64>) -> Result<Cholesky<f64, Dyn>, Unsolvable> {
+pub(crate) fn root(covariance: &DMatrix<f64>) -> Result<Cholesky<f64, Dyn>, SolveError> {
     Cholesky::new(covariance.clone()).ok_or_else(noise_not_finite)
 }
 
-pub(crate) struct Fitted {
+pub(crate) struct LeastSquaresFit {
     pub(crate) solved: DVector<f64>,
     /// What maps a row to an unknown.
     pub(crate) gain: DMatrix<f64>,
@@ -292,7 +292,7 @@ pub(crate) fn fit(
     design: &DMatrix<f64>,
     right: &DVector<f64>,
     root: &Cholesky<f64, Dyn>,
-) -> Result<Fitted, Unsolvable> {
+) -> Result<LeastSquaresFit, SolveError> {
     let mut scaled = root.l_dirty().solve_lower_triangular(design).ok_or_else(noise_not_finite)?;
     let lengths: Vec<f64> = scaled.column_iter().map(|column| column.norm().max(f64::MIN_POSITIVE)).collect();
     for (mut column, length) in scaled.column_iter_mut().zip(&lengths) {
@@ -307,14 +307,14 @@ pub(crate) fn fit(
     }
     let solved = &inverse * right;
     let gain = root.l_dirty().tr_solve_lower_triangular(&inverse.transpose()).ok_or_else(noise_not_finite)?;
-    Ok(Fitted { solved, gain: gain.transpose(), squares })
+    Ok(LeastSquaresFit { solved, gain: gain.transpose(), squares })
 }
 
 /// Covariance of the rows, with the drift walk about its mean over the manoeuvres and with it since the start.
 fn covariances(
     observations: &[Observation],
     rows: &[(usize, usize)],
-    walks: &[Walks; 4],
+    walks: &[RandomWalks; 4],
     believed: &[Calibration; 4],
 ) -> (DMatrix<f64>, DMatrix<f64>) {
     let shared = shared_covariance(observations, rows, believed);
@@ -353,7 +353,7 @@ pub(crate) fn shared_covariance(
 ) -> DMatrix<f64> {
     let matrix = misalignment_matrix(believed);
     // What each source adds to each row.
-    let mut sources: Vec<(crate::noise::Source, f64, usize, f64)> = Vec::new();
+    let mut sources: Vec<(crate::noise::ErrorSource, f64, usize, f64)> = Vec::new();
     for (row, &(index, gyro)) in rows.iter().enumerate() {
         for disturbance in &observations[index].disturbances {
             let turned: f64 = (0..3).map(|axis| matrix[(gyro, axis)] * disturbance.rotation_control_arcsec[axis]).sum();
@@ -381,8 +381,8 @@ pub(crate) fn shared_covariance(
 mod tests {
     use super::*;
 
-    const QUIET: Walks =
-        Walks { angle_arcsec_per_sqrt_s: 0.0, drift_arcsec_per_s_per_sqrt_s: 0.0, correlation_time_s: f64::INFINITY };
+    const QUIET: RandomWalks =
+        RandomWalks { angle_arcsec_per_sqrt_s: 0.0, drift_arcsec_per_s_per_sqrt_s: 0.0, correlation_time_s: f64::INFINITY };
 
     /// A manoeuvre of a perfect unit that turns so many degrees about each axis.
     fn manoeuvre(index: usize, turned_deg: [f64; 3]) -> Observation {
@@ -399,8 +399,8 @@ mod tests {
                 .map(|gyro| {
                     let mut counts = [0.0; 4];
                     counts[gyro] = 1.0;
-                    let source = crate::noise::Source::Rounding { gyro, node: index };
-                    Disturbance { source, variance: 1.0 / 6.0, counts, rotation_control_arcsec: [0.0; 3] }
+                    let source = crate::noise::ErrorSource::Rounding { gyro, node: index };
+                    ErrorTerm { source, variance: 1.0 / 6.0, counts, rotation_control_arcsec: [0.0; 3] }
                 })
                 .collect(),
         }
@@ -419,9 +419,9 @@ mod tests {
         let observations: Vec<Observation> =
             manoeuvres.into_iter().enumerate().map(|(index, turned)| manoeuvre(index, turned)).collect();
         let solution = solve(&observations, &[QUIET; 4], &Default::default()).expect("determined");
-        for (parameter, value) in Parameter::all().zip(solution.values()) {
+        for (parameter, value) in CalibrationParameter::all().zip(solution.values()) {
             let expected = if parameter.index == 0 { 1.0 } else { 0.0 };
-            assert!((value - expected).abs() < 1e-9, "{}: {value}", parameter.words());
+            assert!((value - expected).abs() < 1e-9, "{}: {value}", parameter.label());
         }
         assert_eq!((solution.degrees_of_freedom, observations.len()), (4, 5));
         // As many as there are unknowns: the projection's trace.

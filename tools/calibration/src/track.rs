@@ -19,18 +19,18 @@
 mod selection;
 
 use geu_model::units::ARCSEC_PER_RAD;
-use geu_protocol::capture::Time;
-use geu_protocol::continuity::{Continuity, Step};
+use geu_protocol::capture::Timestamp;
+use geu_protocol::continuity::{Continuity, SequenceStep};
 use geu_protocol::field::unit_flag;
-use geu_protocol::{Gyro, HalfSecond};
-use geu_recording::Row;
+use geu_protocol::{Gyro, Sample};
+use geu_recording::ReceivedSample;
 use nalgebra::{UnitQuaternion, Vector3};
 
-use crate::believed::Believed;
+use crate::believed::PriorCalibration;
 use crate::counts::BreakKind;
-use crate::redundancy::{Checked, Redundancy, Test};
-use crate::transfer::{InUse, Transfer};
-pub use selection::{Choice, Event, Reason, in_use_name};
+use crate::redundancy::{ParityResult, ParityMonitor, ParityTest};
+use crate::transfer::{GyroSet, Transfer};
+pub use selection::{GyroSelection, TrackerEvent, Reason, in_use_name};
 
 /// A restart of the sequence within so long of the half second before took none with it.
 const NEXT_NS: i64 = 750_000_000;
@@ -39,8 +39,8 @@ const LONGEST_GAP: u64 = 1_209_600;
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct Track {
-    pub time: Option<Time>,
-    pub half_second: HalfSecond,
+    pub time: Option<Timestamp>,
+    pub half_second: Sample,
     /// Rotation about the control axes over the half second (eq 3), where the gyros in use measured it.
     pub increment_control_arcsec: Option<[f64; 3]>,
     pub angle_control_arcsec: [f64; 3],
@@ -50,23 +50,23 @@ pub struct Track {
     pub is_complete: bool,
     /// Half seconds it lacks, as far as sequence and clock tell.
     pub lost_half_seconds: u64,
-    pub in_use: Option<InUse>,
+    pub in_use: Option<GyroSet>,
     /// The redundant pair, where both measured.
-    pub redundancy: Option<Checked>,
+    pub redundancy: Option<ParityResult>,
     /// Why the increments before or of this half second are not there, or not to be relied on.
     pub reasons: Vec<Reason>,
-    pub events: Vec<Event>,
+    pub events: Vec<TrackerEvent>,
 }
 
 /// Applies equation 3 to half seconds in the order of their coming.
 #[derive(Debug, Clone)]
 pub struct Tracker {
-    choice: Choice,
-    transfers: Vec<(InUse, Transfer)>,
-    redundancy: Redundancy,
+    choice: GyroSelection,
+    transfers: Vec<(GyroSet, Transfer)>,
+    redundancy: ParityMonitor,
     continuity: Continuity,
-    last_time: Option<Time>,
-    in_use: InUse,
+    last_time: Option<Timestamp>,
+    in_use: GyroSet,
     angle_control_arcsec: [f64; 3],
     attitude: UnitQuaternion<f64>,
     /// Increment of the half second before, rad, where it was there.
@@ -79,12 +79,12 @@ pub struct Tracker {
 
 impl Tracker {
     /// A tracker before the first half second, with the attitude at its start (control frame to inertial).
-    pub fn new(believed: &Believed, choice: Choice, attitude: UnitQuaternion<f64>) -> Tracker {
+    pub fn new(believed: &PriorCalibration, choice: GyroSelection, attitude: UnitQuaternion<f64>) -> Tracker {
         let candidates = choice.candidates();
         Tracker {
             choice,
             transfers: candidates.iter().map(|&use_| (use_, Transfer::new(&believed.calibrations, use_))).collect(),
-            redundancy: Redundancy::new(believed),
+            redundancy: ParityMonitor::new(believed),
             continuity: Continuity::default(),
             last_time: None,
             in_use: candidates[0],
@@ -98,19 +98,19 @@ impl Tracker {
     }
 
     /// Takes a half second; nothing comes of one that is told again.
-    pub fn take(&mut self, row: &Row) -> Option<Track> {
+    pub fn take(&mut self, row: &ReceivedSample) -> Option<Track> {
         let half_second = row.half_second;
         let step = self.continuity.step(half_second.sequence, row.has_clock.then_some(half_second.clock_count));
         let time = row.time.filter(|_| row.is_received);
         let passed_ns = time.zip(self.last_time).map(|(now, before)| now.t_ns - before.t_ns);
         let missing = match step {
-            Step::First | Step::Next => None,
-            Step::Repeat => return None,
-            Step::Gap(missing) => Some((BreakKind::Gap(missing), missing.min(LONGEST_GAP))),
+            SequenceStep::First | SequenceStep::Next => None,
+            SequenceStep::Repeat => return None,
+            SequenceStep::Gap(missing) => Some((BreakKind::Gap(missing), missing.min(LONGEST_GAP))),
             // RESET_SEQUENCE takes no half second with it; a restart of the unit does.
-            Step::Reset if half_second.sequence == 0 && passed_ns.is_some_and(|ns| (0..NEXT_NS).contains(&ns)) => None,
-            Step::Reset => Some((BreakKind::Reset, 0)),
-            Step::Jump => Some((BreakKind::Jump, 0)),
+            SequenceStep::Reset if half_second.sequence == 0 && passed_ns.is_some_and(|ns| (0..NEXT_NS).contains(&ns)) => None,
+            SequenceStep::Reset => Some((BreakKind::Reset, 0)),
+            SequenceStep::Jump => Some((BreakKind::Jump, 0)),
         };
         self.last_time = time;
         let (mut reasons, mut events) = (vec![], vec![]);
@@ -118,7 +118,7 @@ impl Tracker {
             reasons.push(Reason { kind, gyros: [true; 4] });
             self.redundancy.skip(half_seconds);
             self.lose(half_seconds);
-            events.push(Event::Lost { kind, gyros: [true; 4], other: None });
+            events.push(TrackerEvent::Lost { kind, gyros: [true; 4], other: None });
         }
 
         let measured = measured(&half_second, &mut reasons);
@@ -129,38 +129,38 @@ impl Tracker {
             self.redundancy.skip(1);
             None
         };
-        for (test, index) in [(Test::Window, 0), (Test::Start, 1)] {
+        for (test, index) in [(ParityTest::Window, 0), (ParityTest::Start, 1)] {
             let Some(checked) = &redundancy else { break };
             let difference = [checked.window.unwrap_or_default(), checked.accumulated][index];
             events.extend(checked.changed[index].map(|exceeds| match exceeds {
-                true => Event::Exceeds(test, difference),
-                false => Event::Recovered(test, difference),
+                true => TrackerEvent::Exceeds(test, difference),
+                false => TrackerEvent::Recovered(test, difference),
             }));
         }
 
-        let serves = |in_use: InUse| (0..4).all(|gyro| measured[gyro] || !in_use.gyros()[gyro]);
+        let serves = |in_use: GyroSet| (0..4).all(|gyro| measured[gyro] || !in_use.gyros()[gyro]);
         let found = self.transfers.iter().find(|(in_use, _)| serves(*in_use)).copied();
         let increment = found.map(|(_, transfer)| transfer.about_control_arcsec(counts, 1.0));
         match (found, increment) {
             (Some((in_use, _)), Some(increment)) => {
                 if self.without > 0 {
-                    events.push(Event::Again { half_seconds: self.without });
+                    events.push(TrackerEvent::Again { half_seconds: self.without });
                 }
                 if in_use != self.in_use {
-                    events.push(Event::Switched(in_use));
+                    events.push(TrackerEvent::Switched(in_use));
                 }
                 (self.in_use, self.without) = (in_use, 0);
                 self.turn(increment);
             }
             _ => {
                 let reason = reasons.iter().rev().find(|reason| {
-                    let concerned = |in_use: InUse| (0..4).any(|gyro| reason.gyros[gyro] && in_use.gyros()[gyro]);
+                    let concerned = |in_use: GyroSet| (0..4).any(|gyro| reason.gyros[gyro] && in_use.gyros()[gyro]);
                     self.transfers.iter().any(|(in_use, _)| concerned(*in_use))
                 });
                 if let Some(&Reason { kind, gyros }) = reason.filter(|_| self.without == 0) {
-                    let others = [(Choice::Za, InUse::WithZa), (Choice::Zb, InUse::WithZb)];
+                    let others = [(GyroSelection::Za, GyroSet::WithZa), (GyroSelection::Zb, GyroSet::WithZb)];
                     let other = others.into_iter().find(|&(choice, in_use)| choice != self.choice && serves(in_use));
-                    events.push(Event::Lost { kind, gyros, other: other.map(|(choice, _)| choice) });
+                    events.push(TrackerEvent::Lost { kind, gyros, other: other.map(|(choice, _)| choice) });
                 }
                 self.without += 1;
                 self.lose(1);
@@ -203,7 +203,7 @@ impl Tracker {
 }
 
 /// Which gyros measured the half second, and why the others did not.
-fn measured(half_second: &HalfSecond, reasons: &mut Vec<Reason>) -> [bool; 4] {
+fn measured(half_second: &Sample, reasons: &mut Vec<Reason>) -> [bool; 4] {
     let bits = |first: u8| Gyro::ALL.map(|gyro| half_second.gyro_flags >> (first + gyro as u8) & 1 != 0);
     let (invalid, saturated) = (bits(0).map(|valid| !valid), bits(4));
     let self_test = [half_second.unit_flags & unit_flag("self_test") != 0; 4];
@@ -216,26 +216,26 @@ fn measured(half_second: &HalfSecond, reasons: &mut Vec<Reason>) -> [bool; 4] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use geu_model::{Configuration, Unit};
+    use geu_model::{Configuration, GyroUnit};
 
-    fn row(half_second: HalfSecond) -> Row {
-        Row { time: None, is_received: false, half_second, has_clock: true }
+    fn row(half_second: Sample) -> ReceivedSample {
+        ReceivedSample { time: None, is_received: false, half_second, has_clock: true }
     }
 
     /// Half seconds of a unit without drift that stands still.
-    fn still(count: u64) -> Vec<HalfSecond> {
-        let half_second = |index: u64| HalfSecond {
+    fn still(count: u64) -> Vec<Sample> {
+        let half_second = |index: u64| Sample {
             sequence: index as u16,
             clock_count: (index + 1) * 500_000,
             gyro_flags: 0x0F,
             unit_flags: 0x07,
-            ..HalfSecond::default()
+            ..Sample::default()
         };
         (0..count).map(half_second).collect()
     }
 
-    fn track(choice: Choice, half_seconds: &[HalfSecond]) -> Vec<Track> {
-        let believed = Believed::from(&Configuration::parse("neutral", "", &[]).unwrap());
+    fn track(choice: GyroSelection, half_seconds: &[Sample]) -> Vec<Track> {
+        let believed = PriorCalibration::from(&Configuration::parse("neutral", "", &[]).unwrap());
         let mut tracker = Tracker::new(&believed, choice, UnitQuaternion::identity());
         half_seconds.iter().filter_map(|&half_second| tracker.take(&row(half_second))).collect()
     }
@@ -246,8 +246,8 @@ mod tests {
     fn coning_is_integrated() {
         let (half_cone, rate) = (0.3_f64, 0.05_f64);
         let mut tracker = Tracker::new(
-            &Believed::from(&Configuration::parse("neutral", "", &[]).unwrap()),
-            Choice::Za,
+            &PriorCalibration::from(&Configuration::parse("neutral", "", &[]).unwrap()),
+            GyroSelection::Za,
             UnitQuaternion::identity(),
         );
         let at = |t_s: f64| {
@@ -281,8 +281,8 @@ mod tests {
     fn a_day_of_the_reference_unit_has_no_events() {
         let configuration = Configuration::reference();
         let (mut unit, mut tracker) = (
-            Unit::new(&configuration),
-            Tracker::new(&Believed::from(&configuration), Choice::All, UnitQuaternion::identity()),
+            GyroUnit::new(&configuration),
+            Tracker::new(&PriorCalibration::from(&configuration), GyroSelection::All, UnitQuaternion::identity()),
         );
         let last = (0..172_800).filter_map(|_| tracker.take(&row(unit.end_half_second().half_second))).last().unwrap();
         assert!(last.is_complete && last.lost_half_seconds == 0 && last.events.is_empty());
@@ -296,13 +296,13 @@ mod tests {
         let mut half_seconds = still(10);
         half_seconds.drain(4..6);
         half_seconds.insert(5, half_seconds[4]);
-        let tracks = track(Choice::Za, &half_seconds);
+        let tracks = track(GyroSelection::Za, &half_seconds);
         assert_eq!(tracks.len(), 8);
         let complete: Vec<bool> = tracks.iter().map(|track| track.is_complete).collect();
         assert_eq!(complete, [true, true, true, true, false, false, false, false]);
         assert!(tracks.iter().all(|track| track.increment_control_arcsec == Some([0.0; 3])));
         assert_eq!(tracks[7].lost_half_seconds, 2);
-        let events: Vec<String> = tracks.iter().flat_map(|track| &track.events).map(Event::to_string).collect();
+        let events: Vec<String> = tracks.iter().flat_map(|track| &track.events).map(TrackerEvent::to_string).collect();
         assert_eq!(events, ["2 half seconds are missing; the attitude lacks what the unit turned meanwhile"]);
     }
 
@@ -314,8 +314,8 @@ mod tests {
             half_second.increments = [0, 0, 1000, 7];
         }
         let events =
-            |tracks: &[Track]| tracks.iter().flat_map(|track| &track.events).map(Event::to_string).collect::<Vec<_>>();
-        let tracks = track(Choice::Za, &half_seconds);
+            |tracks: &[Track]| tracks.iter().flat_map(|track| &track.events).map(TrackerEvent::to_string).collect::<Vec<_>>();
+        let tracks = track(GyroSelection::Za, &half_seconds);
         assert_eq!(tracks[3].increment_control_arcsec, None);
         assert_eq!((tracks[3].redundancy, tracks[3].lost_half_seconds), (None, 2));
         let expected = [
@@ -323,12 +323,12 @@ mod tests {
             "increments again, after 2 half seconds without",
         ];
         assert_eq!(events(&tracks), expected);
-        let tracks = track(Choice::Auto, &half_seconds);
+        let tracks = track(GyroSelection::Auto, &half_seconds);
         assert_eq!(tracks[5].angle_control_arcsec, [0.0, 0.0, 14.0]);
         assert!(tracks[5].is_complete);
         assert_eq!(events(&tracks), ["goes on with zb", "goes on with za"]);
-        assert!(track(Choice::Zb, &half_seconds)[5].events.is_empty());
-        assert!(!track(Choice::All, &half_seconds)[5].is_complete);
+        assert!(track(GyroSelection::Zb, &half_seconds)[5].events.is_empty());
+        assert!(!track(GyroSelection::All, &half_seconds)[5].is_complete);
     }
 
     #[test]
@@ -336,7 +336,7 @@ mod tests {
         let mut half_seconds = still(4);
         half_seconds[1].gyro_flags |= 0x10;
         half_seconds[3].unit_flags |= unit_flag("self_test");
-        let tracks = track(Choice::Auto, &half_seconds);
+        let tracks = track(GyroSelection::Auto, &half_seconds);
         let increments: Vec<bool> = tracks.iter().map(|track| track.increment_control_arcsec.is_some()).collect();
         assert_eq!(increments, [true, false, true, false]);
         assert_eq!(tracks[1].reasons[0].to_string(), "GYRX: the count is saturated");
@@ -349,17 +349,17 @@ mod tests {
         for (index, half_second) in half_seconds[2..].iter_mut().enumerate() {
             (half_second.sequence, half_second.clock_count) = (index as u16, (index as u64 + 1) * 500_000);
         }
-        let believed = Believed::from(&Configuration::reference());
+        let believed = PriorCalibration::from(&Configuration::reference());
         let complete = |interval_ns: i64| {
-            let mut tracker = Tracker::new(&believed, Choice::Za, UnitQuaternion::identity());
+            let mut tracker = Tracker::new(&believed, GyroSelection::Za, UnitQuaternion::identity());
             let tracks = half_seconds.iter().zip(1..).filter_map(|(&half_second, index)| {
-                let time = Some(Time { t_ns: index * interval_ns, digits: 6 });
-                tracker.take(&Row { time, is_received: true, ..row(half_second) })
+                let time = Some(Timestamp { t_ns: index * interval_ns, digits: 6 });
+                tracker.take(&ReceivedSample { time, is_received: true, ..row(half_second) })
             });
             tracks.last().unwrap().is_complete
         };
         assert!(complete(500_000_000));
         assert!(!complete(1_500_000_000));
-        assert!(!track(Choice::Za, &half_seconds)[3].is_complete);
+        assert!(!track(GyroSelection::Za, &half_seconds)[3].is_complete);
     }
 }

@@ -6,7 +6,7 @@ use geu_protocol::Gyro;
 use nalgebra::{Matrix3x4, Matrix4x3, Vector3, Vector4};
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum InUse {
+pub enum GyroSet {
     /// X, Y and ZA: M is inverted.
     #[default]
     WithZa,
@@ -14,13 +14,13 @@ pub enum InUse {
     All,
 }
 
-impl InUse {
+impl GyroSet {
     /// Whether a gyro takes part, in the order of [`Gyro::ALL`].
     pub const fn gyros(self) -> [bool; 4] {
         match self {
-            InUse::WithZa => [true, true, true, false],
-            InUse::WithZb => [true, true, false, true],
-            InUse::All => [true; 4],
+            GyroSet::WithZa => [true, true, true, false],
+            GyroSet::WithZb => [true, true, false, true],
+            GyroSet::All => [true; 4],
         }
     }
 }
@@ -45,7 +45,7 @@ pub struct Transfer {
 
 impl Transfer {
     /// The transfer function of a calibration. Misalignments within their limits leave M well conditioned.
-    pub fn new(calibrations: &[Calibration; 4], in_use: InUse) -> Transfer {
+    pub fn new(calibrations: &[Calibration; 4], in_use: GyroSet) -> Transfer {
         let matrix = misalignment_matrix(calibrations);
         let mut used = matrix;
         for (gyro, is_used) in in_use.gyros().into_iter().enumerate() {
@@ -99,7 +99,7 @@ mod tests {
             let Calibration { scale_factor, drift_arcsec_per_half_s, .. } = calibrations[gyro];
             (inputs[gyro] - 7.0 * drift_arcsec_per_half_s) / scale_factor
         });
-        for in_use in [InUse::WithZa, InUse::WithZb, InUse::All] {
+        for in_use in [GyroSet::WithZa, GyroSet::WithZb, GyroSet::All] {
             let transfer = Transfer::new(&calibrations, in_use);
             let back = Vector3::from(transfer.about_control_arcsec(counts, 7.0));
             assert!((back - turned).norm() < 1e-9, "{in_use:?}: {back}");
@@ -107,7 +107,7 @@ mod tests {
         }
         let mut wrong = counts;
         wrong[3] -= 10.0;
-        let difference = Transfer::new(&calibrations, InUse::WithZa).redundancy_arcsec(wrong, 7.0);
+        let difference = Transfer::new(&calibrations, GyroSet::WithZa).redundancy_arcsec(wrong, 7.0);
         assert!((difference - 10.0 * 0.9992).abs() < 1e-9, "{difference}");
     }
 }

@@ -17,16 +17,16 @@ use nalgebra::DMatrix;
 use serde_json::{Value, json};
 
 use crate::absolute;
-use crate::calibrate::{Attitude, BelievedFault, corrected, steps_of_path, steps_of_reference};
-use crate::counts::Counts;
-use crate::effects::EffectCounts;
-use crate::noise::Walks;
-use crate::observe::{self, LeftOut, Measured, reference_sigma_arcsec};
+use crate::calibrate::{AttitudeSource, ConfiguredWiringFault, corrected, steps_of_path, steps_of_reference};
+use crate::counts::AccumulatedCounts;
+use crate::effects::EffectContribution;
+use crate::noise::RandomWalks;
+use crate::observe::{self, ExcludedData, CompensatedCounts, reference_sigma_arcsec};
 use crate::refine::{Prior, Refined, refine};
 use crate::report;
-use crate::solve::{Observation, PER_GYRO, Parameter, UNKNOWNS, Unsolvable};
-use crate::transfer::{InUse, Transfer};
-use crate::window::{REST_ARCSEC_S, Window};
+use crate::solve::{Observation, PER_GYRO, CalibrationParameter, UNKNOWNS, SolveError};
+use crate::transfer::{GyroSet, Transfer};
+use crate::window::{REST_ARCSEC_S, ManoeuvreWindow};
 
 use scans::chosen;
 
@@ -52,36 +52,36 @@ pub const BEYOND_SIGMAS: f64 = 5.0;
 /// The gyros that are kept up.
 pub const GYROS: [Gyro; 2] = [Gyro::Za, Gyro::Zb];
 /// What is kept up, in the order of the results.
-pub const PARAMETERS: [Parameter; 4] = [
-    Parameter { gyro: Gyro::Za, index: 0 },
-    Parameter { gyro: Gyro::Za, index: 1 },
-    Parameter { gyro: Gyro::Zb, index: 0 },
-    Parameter { gyro: Gyro::Zb, index: 1 },
+pub const PARAMETERS: [CalibrationParameter; 4] = [
+    CalibrationParameter { gyro: Gyro::Za, index: 0 },
+    CalibrationParameter { gyro: Gyro::Za, index: 1 },
+    CalibrationParameter { gyro: Gyro::Zb, index: 0 },
+    CalibrationParameter { gyro: Gyro::Zb, index: 1 },
 ];
 
 /// How well the parameters were known, and when.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Known {
+pub struct PriorAccuracy {
     /// When they were determined, s on the time scale of the capture.
     pub at_s: f64,
     /// Standard deviation of each, in the order of [`Parameter::all`].
     pub sigmas: [f64; UNKNOWNS],
 }
 
-impl Known {
+impl PriorAccuracy {
     /// What a checkout with the paper's sensors gives at least: 20 ppm, 6″/h, 3″ (docs/calibration.md has what it gave).
     pub const BY_CHECKOUT: [f64; 3] = [20.0 * PPM, DRIFT_PER_FORTNIGHT, 3.0];
 
     /// Known as after a checkout at an instant.
-    pub fn by_checkout(at_s: f64) -> Known {
-        Known { at_s, sigmas: std::array::from_fn(|index| Known::BY_CHECKOUT[(index % PER_GYRO).min(2)]) }
+    pub fn by_checkout(at_s: f64) -> PriorAccuracy {
+        PriorAccuracy { at_s, sigmas: std::array::from_fn(|index| PriorAccuracy::BY_CHECKOUT[(index % PER_GYRO).min(2)]) }
     }
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Change {
+pub struct ParameterUpdate {
     /// Which; a scale factor or a drift in arcsec per half second.
-    pub parameter: Parameter,
+    pub parameter: CalibrationParameter,
     pub old: f64,
     /// Its sigma: that of the calibration, grown by the stability figures up to the recording and by the configured walk
     /// over it.
@@ -97,7 +97,7 @@ pub struct Change {
     pub due_in_s: f64,
 }
 
-impl Change {
+impl ParameterUpdate {
     pub fn change(&self) -> f64 {
         self.new - self.old
     }
@@ -119,13 +119,13 @@ impl Change {
     }
 
     /// Whether the scans told more of it than was known: the variance fell below half.
-    pub fn is_told(&self) -> bool {
+    pub fn is_observable(&self) -> bool {
         self.new_sigma < self.old_sigma * std::f64::consts::FRAC_1_SQRT_2
     }
 }
 
 #[derive(Debug, Clone, PartialEq)]
-pub struct Used {
+pub struct ScanSegment {
     pub name: String,
     /// Start, s since the start of the recording.
     pub start_s: f64,
@@ -136,7 +136,7 @@ pub struct Used {
     pub residuals: [Option<(f64, f64)>; 2],
 }
 
-impl Used {
+impl ScanSegment {
     /// Whether it tells the scale factor.
     pub fn is_scan(&self) -> bool {
         self.rate_z_arcsec_s.abs() >= LEAST_SCAN_ARCSEC_S
@@ -170,9 +170,9 @@ impl ShortTerm {
 
 /// The four values with all that they rest on.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Upkeep {
+pub struct CalibrationUpdate {
     /// In the order of [`PARAMETERS`].
-    pub changes: [Change; 4],
+    pub changes: [ParameterUpdate; 4],
     pub correlation: DMatrix<f64>,
     /// All sixteen, of which the four are new.
     pub calibrations: [Calibration; 4],
@@ -181,8 +181,8 @@ pub struct Upkeep {
     /// χ² of the equations and of the departures from what was known.
     pub chi2: f64,
     pub degrees_of_freedom: usize,
-    pub used: Vec<Used>,
-    pub left_out: Vec<LeftOut>,
+    pub used: Vec<ScanSegment>,
+    pub left_out: Vec<ExcludedData>,
     /// When the believed values were determined, and the end of the last stretch, for which the new ones hold; s on the
     /// time scale of the capture.
     pub known_at_s: f64,
@@ -196,7 +196,7 @@ pub struct Upkeep {
 pub enum UpkeepError {
     /// Faults of the wiring are believed.
     #[error(transparent)]
-    Wiring(#[from] BelievedFault),
+    Wiring(#[from] ConfiguredWiringFault),
     /// Nothing stands in it.
     #[error("expected a recording of at least 4 half seconds, got {0}")]
     TooShort(usize),
@@ -213,22 +213,22 @@ pub enum UpkeepError {
          {REST_ARCSEC_S:.0} arcsec/s about Y, with sound counts of a Z gyro; got none{}",
         notes(.0)
     )]
-    NoScan(Vec<LeftOut>),
+    NoScan(Vec<ExcludedData>),
     /// Numbers that are none.
     #[error(transparent)]
-    Unsolvable(#[from] Unsolvable),
+    Unsolvable(#[from] SolveError),
 }
 
-fn notes(left_out: &[LeftOut]) -> String {
+fn notes(left_out: &[ExcludedData]) -> String {
     summary(left_out).into_iter().map(|line| format!("\nleft out: {line}")).collect()
 }
 
 /// What was left out, a line for each reason.
-pub fn summary(left_out: &[LeftOut]) -> Vec<String> {
-    let mut lines: Vec<(&LeftOut, usize)> = Vec::new();
+pub fn summary(left_out: &[ExcludedData]) -> Vec<String> {
+    let mut lines: Vec<(&ExcludedData, usize)> = Vec::new();
     for found in left_out {
         let kind = |name: &str| name.split(' ').next().unwrap_or_default().to_owned();
-        let same = |other: &&mut (&LeftOut, usize)| {
+        let same = |other: &&mut (&ExcludedData, usize)| {
             other.0.why == found.why && other.0.gyro == found.gyro && kind(&other.0.name) == kind(&found.name)
         };
         match lines.iter_mut().find(same) {
@@ -236,7 +236,7 @@ pub fn summary(left_out: &[LeftOut]) -> Vec<String> {
             None => lines.push((found, 1)),
         }
     }
-    let words = |(first, count): &(&LeftOut, usize)| match count {
+    let words = |(first, count): &(&ExcludedData, usize)| match count {
         1 => first.to_string(),
         _ => format!("{first} (and {} more like it)", count - 1),
     };
@@ -254,11 +254,11 @@ const PASSES: usize = 2;
 /// [`UpkeepError`]: what was looked for, and what was found in its place.
 pub fn update(
     configuration: &Configuration,
-    known: &Known,
-    counts: &Counts,
-    legs: Option<&[Window]>,
-    attitude: &Attitude,
-) -> Result<Upkeep, UpkeepError> {
+    known: &PriorAccuracy,
+    counts: &AccumulatedCounts,
+    legs: Option<&[ManoeuvreWindow]>,
+    attitude: &AttitudeSource,
+) -> Result<CalibrationUpdate, UpkeepError> {
     if counts.len() < 4 {
         return Err(UpkeepError::TooShort(counts.len()));
     }
@@ -269,34 +269,34 @@ pub fn update(
         return Err(UpkeepError::Later { start_s, at_s: known.at_s });
     }
     let believed = configuration.gyros.each_ref().map(|gyro| gyro.calibration);
-    let walks = Walks::configured(configuration);
+    let walks = RandomWalks::configured(configuration);
     match attitude {
-        Attitude::Reference(reference, sigma_arcsec) => {
+        AttitudeSource::Reference(reference, sigma_arcsec) => {
             let truth = &*reference.truth;
             let sigma_arcsec = sigma_arcsec.map_or_else(
                 || reference_sigma_arcsec(counts, truth, reference.start_ns, &believed),
                 |sigma_arcsec| [sigma_arcsec; 3],
             );
-            let rotations = observe::Known { truth, start_ns: reference.start_ns, sigma_arcsec };
+            let rotations = observe::ReferenceSeries { truth, start_ns: reference.start_ns, sigma_arcsec };
             let effects =
-                EffectCounts::of(configuration, counts, || steps_of_reference(counts, truth, reference.start_ns));
+                EffectContribution::of(configuration, counts, || steps_of_reference(counts, truth, reference.start_ns));
             let mut left_out = Vec::new();
             let windows = chosen(counts, &believed, legs, attitude, &mut left_out);
-            let measured = Measured { counts, effects: effects.as_ref() };
+            let measured = CompensatedCounts { counts, effects: effects.as_ref() };
             let (observations, broken) = observe::with_reference(&measured, &windows, &rotations);
             left_out.extend(broken);
             finish(configuration, known, counts, observations, left_out)
         }
-        Attitude::Sensors(sensors) => {
+        AttitudeSource::Sensors(sensors) => {
             let (mut calibrations, mut effects) = (believed, None);
             let mut pass = 0;
             loop {
                 pass += 1;
-                let measured = Measured { counts, effects: effects.as_ref() };
-                let transfer = Transfer::new(&calibrations, InUse::WithZa);
+                let measured = CompensatedCounts { counts, effects: effects.as_ref() };
+                let transfer = Transfer::new(&calibrations, GyroSet::WithZa);
                 let path = absolute::path(&measured, sensors, &transfer).ok_or(UpkeepError::NoFixes)?;
-                let of_path = EffectCounts::of(configuration, counts, || steps_of_path(&path));
-                let measured = Measured { counts, effects: of_path.as_ref() };
+                let of_path = EffectContribution::of(configuration, counts, || steps_of_path(&path));
+                let measured = CompensatedCounts { counts, effects: of_path.as_ref() };
                 let mut left_out = Vec::new();
                 let windows = chosen(counts, &calibrations, legs, attitude, &mut left_out);
                 let (observations, broken) =
@@ -315,9 +315,9 @@ pub fn update(
 
 /// What was known at the start of the recording: the sigmas of the calibration, and what has changed since by the paper's
 /// figures, each taken as one sigma.
-fn priors(configuration: &Configuration, known: &Known, since_s: f64, electronics_above_k: f64) -> Vec<Prior> {
+fn priors(configuration: &Configuration, known: &PriorAccuracy, since_s: f64, electronics_above_k: f64) -> Vec<Prior> {
     let fortnights = since_s.max(0.0) / FORTNIGHT_S;
-    let all = Parameter::all().zip(known.sigmas).filter(|(parameter, _)| GYROS.contains(&parameter.gyro));
+    let all = CalibrationParameter::all().zip(known.sigmas).filter(|(parameter, _)| GYROS.contains(&parameter.gyro));
     all.map(|(parameter, sigma)| {
         let grown = match parameter.index {
             0 => {
@@ -344,22 +344,22 @@ fn follows_temperature(configuration: &Configuration, gyro: Gyro) -> bool {
     effects
         .courses
         .iter()
-        .any(|course| Some(course.effect) == scale_factor && matches!(course.law, geu_model::course::Law::Temperature))
+        .any(|course| Some(course.effect) == scale_factor && matches!(course.law, geu_model::course::TimeFunction::Temperature))
 }
 
 fn finish(
     configuration: &Configuration,
-    known: &Known,
-    counts: &Counts,
+    known: &PriorAccuracy,
+    counts: &AccumulatedCounts,
     mut observations: Vec<Observation>,
-    mut left_out: Vec<LeftOut>,
-) -> Result<Upkeep, UpkeepError> {
+    mut left_out: Vec<ExcludedData>,
+) -> Result<CalibrationUpdate, UpkeepError> {
     let start_s = counts.start_ns as f64 * 1e-9;
     left_out.retain(|found| found.gyro.is_none_or(|gyro| GYROS.contains(&gyro)));
     observations.retain(|found| GYROS.iter().any(|&gyro| found.counts[gyro as usize].is_some()));
-    let mut used: Vec<Used> = observations
+    let mut used: Vec<ScanSegment> = observations
         .iter()
-        .map(|found| Used {
+        .map(|found| ScanSegment {
             name: found.name.clone(),
             start_s: found.start_s,
             end_s: found.end_s,
@@ -367,7 +367,7 @@ fn finish(
             residuals: [None; 2],
         })
         .collect();
-    if !used.iter().any(Used::is_scan) {
+    if !used.iter().any(ScanSegment::is_scan) {
         return Err(UpkeepError::NoScan(left_out));
     }
     // Mean temperature over the scans.
@@ -382,7 +382,7 @@ fn finish(
     let believed = configuration.gyros.each_ref().map(|gyro| gyro.calibration);
     let since_s = start_s - known.at_s;
     let priors = priors(configuration, known, since_s, electronics_above_k);
-    let walks = Walks::configured(configuration);
+    let walks = RandomWalks::configured(configuration);
     let found = refine(&observations, &walks, &believed, &priors)?;
     let (refined, covariance) = (&found.calibrations, &found.covariance);
     for residual in &found.residuals {
@@ -401,7 +401,7 @@ fn finish(
         sigmas[PER_GYRO * gyro + parameter.index] = sigma(column);
         let per_fortnight = [SCALE_FACTOR_PER_FORTNIGHT, DRIFT_PER_FORTNIGHT][parameter.index];
         let share = sigma(column) / per_fortnight;
-        Change {
+        ParameterUpdate {
             parameter,
             old: parameter.of(&believed[gyro]),
             old_sigma: match parameter.index {
@@ -417,7 +417,7 @@ fn finish(
     let correlation =
         DMatrix::from_fn(4, 4, |a, b| covariance[(column[a], column[b])] / sigma(column[a]) / sigma(column[b]));
     let short_term = GYROS.map(|gyro| short_term(&used, &found, gyro));
-    Ok(Upkeep {
+    Ok(CalibrationUpdate {
         changes,
         correlation,
         calibrations,
@@ -434,7 +434,7 @@ fn finish(
 }
 
 /// Successive scans compared: what a gyro counted more, over what was turned, is a departure of its scale factor.
-fn short_term(used: &[Used], refined: &Refined, gyro: Gyro) -> ShortTerm {
+fn short_term(used: &[ScanSegment], refined: &Refined, gyro: Gyro) -> ShortTerm {
     let scans: Vec<(usize, f64)> = refined
         .residuals
         .iter()
@@ -459,7 +459,7 @@ fn short_term(used: &[Used], refined: &Refined, gyro: Gyro) -> ShortTerm {
     ShortTerm { pairs, rms: rms(squares), expected_rms: rms(expected) }
 }
 
-impl Upkeep {
+impl CalibrationUpdate {
     /// Probability of a χ² as large or larger.
     pub fn probability(&self) -> f64 {
         crate::solve::probability(self.chi2, self.degrees_of_freedom)
@@ -472,7 +472,7 @@ impl Upkeep {
 
     /// Whether something has changed that stability does not explain, so that only a checkout helps.
     pub fn needs_checkout(&self) -> bool {
-        self.changes.iter().any(Change::is_beyond_stability) || self.short_term.iter().any(ShortTerm::is_exceeded)
+        self.changes.iter().any(ParameterUpdate::is_beyond_stability) || self.short_term.iter().any(ShortTerm::is_exceeded)
     }
 
     /// The result as JSON. `gyros` is that of a calibration (cli.md), so that what reads one reads this: the four refined,
@@ -491,14 +491,14 @@ impl Upkeep {
         };
         let changes = self.changes.iter().map(|change| {
             json!({
-                "parameter": change.parameter.words(),
+                "parameter": change.parameter.label(),
                 "unit": if change.parameter.index == 0 { "" } else { "arcsec/half s" },
                 "old": { "value": change.old, "sigma": change.old_sigma },
                 "new": { "value": change.new, "sigma": change.new_sigma },
                 "allowed": change.allowed,
                 "beyond_stability": change.beyond_stability(),
                 "significant": change.is_significant(),
-                "told_by_scans": change.is_told(),
+                "told_by_scans": change.is_observable(),
                 "due_in_s": change.due_in_s,
             })
         });

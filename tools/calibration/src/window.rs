@@ -6,21 +6,21 @@ use std::path::Path;
 use geu_model::units::HALF_SECOND_S;
 use geu_recording::{CsvTable, RowReader, TableError, open_rows};
 
-use crate::counts::Counts;
+use crate::counts::AccumulatedCounts;
 use crate::transfer::Transfer;
 
 /// Legs that serve others and are no calibration manoeuvres (Casteren §5).
 const PRECAUTIONS: [&str; 6] = ["stabilise", "slew", "survey", "raster", "eclipse", "hold"];
 
 #[derive(Debug, Clone, PartialEq)]
-pub struct Window {
+pub struct ManoeuvreWindow {
     pub name: String,
     /// Start, s on the time scale of its list.
     pub start_s: f64,
     pub end_s: f64,
 }
 
-impl Window {
+impl ManoeuvreWindow {
     /// Whether it is a precaution and no calibration manoeuvre.
     pub fn is_precaution(&self) -> bool {
         PRECAUTIONS.contains(&self.name.as_str())
@@ -31,7 +31,7 @@ impl Window {
 ///
 /// # Errors
 /// The first line that is no manoeuvre, or overlaps the one before.
-pub fn read(name: &str) -> Result<Vec<Window>, TableError> {
+pub fn read(name: &str) -> Result<Vec<ManoeuvreWindow>, TableError> {
     let expected = "manoeuvres, CSV with the columns manoeuvre,start_s,end_s";
     of_rows(name, open_rows(Path::new(name)).map_err(TableError::read(name, expected))?)
 }
@@ -40,14 +40,14 @@ pub fn read(name: &str) -> Result<Vec<Window>, TableError> {
 ///
 /// # Errors
 /// As [`read`].
-pub fn parse(name: &str, text: &str) -> Result<Vec<Window>, TableError> {
+pub fn parse(name: &str, text: &str) -> Result<Vec<ManoeuvreWindow>, TableError> {
     of_rows(name, RowReader::new(text.as_bytes()))
 }
 
-fn of_rows(name: &str, rows: RowReader<impl Read>) -> Result<Vec<Window>, TableError> {
+fn of_rows(name: &str, rows: RowReader<impl Read>) -> Result<Vec<ManoeuvreWindow>, TableError> {
     let mut table = CsvTable::with_short_rows(name, rows)?;
     let [title, start, end] = table.columns(["manoeuvre", "start_s", "end_s"])?;
-    let mut windows: Vec<Window> = Vec::new();
+    let mut windows: Vec<ManoeuvreWindow> = Vec::new();
     while table.read()? {
         let start_s = table.number(start)?;
         let end_s = if table.text(end).is_empty() { f64::INFINITY } else { table.number(end)? };
@@ -60,7 +60,7 @@ fn of_rows(name: &str, rows: RowReader<impl Read>) -> Result<Vec<Window>, TableE
             let expected = format!("a manoeuvre beside the {before} of {from_s}…{to_s} s, not over it");
             return Err(table.unexpected(start, &expected));
         }
-        windows.push(Window { name: table.text(title).to_owned(), start_s, end_s });
+        windows.push(ManoeuvreWindow { name: table.text(title).to_owned(), start_s, end_s });
     }
     windows.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
     Ok(windows)
@@ -79,7 +79,7 @@ const MOST_BY_LENGTH: usize = 100;
 const SHORTEST_HALF_SECONDS: usize = 120;
 
 /// Rate about the control axes around a node, smoothed over a period of the limit cycle, arcsec/s.
-pub(crate) fn smoothed_rate_control_arcsec_s(counts: &Counts, transfer: &Transfer, node: usize) -> [f64; 3] {
+pub(crate) fn smoothed_rate_control_arcsec_s(counts: &AccumulatedCounts, transfer: &Transfer, node: usize) -> [f64; 3] {
     let (from, to) = (node.saturating_sub(SMOOTHED / 2), (node + SMOOTHED / 2).min(counts.len()));
     let turned = std::array::from_fn(|gyro| counts.accumulated[gyro][to] - counts.accumulated[gyro][from]);
     let half_seconds = (to - from) as f64;
@@ -88,7 +88,7 @@ pub(crate) fn smoothed_rate_control_arcsec_s(counts: &Counts, transfer: &Transfe
 
 /// Cuts a recording between two of its instants where the unit rests, as its counts tell, and once in half an hour at
 /// least.
-pub fn cut_at_rests(counts: &Counts, transfer: &Transfer, from_s: f64, to_s: f64) -> Vec<Window> {
+pub fn cut_at_rests(counts: &AccumulatedCounts, transfer: &Transfer, from_s: f64, to_s: f64) -> Vec<ManoeuvreWindow> {
     let first = counts.node_s.partition_point(|&node_s| node_s < from_s);
     let last = counts.node_s.partition_point(|&node_s| node_s <= to_s).saturating_sub(1);
     let longest = LONGEST_HALF_SECONDS.max(last.saturating_sub(first) / MOST_BY_LENGTH);
@@ -113,7 +113,7 @@ pub fn cut_at_rests(counts: &Counts, transfer: &Transfer, from_s: f64, to_s: f64
     cuts.windows(2)
         .filter(|pair| pair[1] > pair[0])
         .enumerate()
-        .map(|(index, pair)| Window {
+        .map(|(index, pair)| ManoeuvreWindow {
             name: format!("stretch {}", index + 1),
             start_s: counts.node_s[pair[0]],
             end_s: counts.node_s[pair[1]],

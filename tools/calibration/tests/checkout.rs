@@ -1,11 +1,11 @@
 //! The checkout flown in simulation and calibrated (Casteren §5, §6).
 
 use geu_calibration::checkout::{
-    By, Precautions, believed_before, campaign, fly, precautions, sequence, true_calibrations,
+    AttitudeSourceKind, Precautions, believed_before, campaign, fly, precautions, sequence, true_calibrations,
 };
-use geu_calibration::solve::{Parameter, values};
-use geu_calibration::{Attitude, Counts, calibrate, combine};
-use geu_model::{Configuration, Unit};
+use geu_calibration::solve::{CalibrationParameter, values};
+use geu_calibration::{AttitudeSource, AccumulatedCounts, calibrate, combine};
+use geu_model::{Configuration, GyroUnit};
 
 fn reference(overrides: &[&str]) -> Configuration {
     let overrides: Vec<String> = overrides.iter().map(|text| (*text).to_owned()).collect();
@@ -25,25 +25,25 @@ fn exact_increments_give_the_parameters_back() {
     let unit = sequence(&reference(&[]).without_noise(), Precautions { stabilisation: false, ..Precautions::ALL });
     let flight = fly(&unit);
     // The same flight before rounding.
-    let mut exact = Counts::starting_at(flight.counts.start_ns);
-    let mut model = Unit::new(&unit);
+    let mut exact = AccumulatedCounts::starting_at(flight.counts.start_ns);
+    let mut model = GyroUnit::new(&unit);
     for _ in 0..flight.counts.len() {
         let (ended, traces) = model.end_half_second_traced();
         exact.push(ended.end_ns as f64 * 1e-9, traces.map(|trace| trace.unquantised), 20.0);
     }
-    let attitude = Attitude::Reference(&flight.reference, Some(0.0));
+    let attitude = AttitudeSource::Reference(&flight.reference, Some(0.0));
     let calibrated = calibrate(&believed_before(&unit), &exact, Some(&flight.windows), &attitude).expect("determined");
     let truth = values(&true_calibrations(&unit));
-    for ((parameter, solved), truth) in Parameter::all().zip(calibrated.solution.values()).zip(truth) {
+    for ((parameter, solved), truth) in CalibrationParameter::all().zip(calibrated.solution.values()).zip(truth) {
         let limit = if parameter.index == 0 { 1e-9 } else { 1e-6 };
-        assert!((solved - truth).abs() < limit, "{}: {solved} instead of {truth}", parameter.words());
+        assert!((solved - truth).abs() < limit, "{}: {solved} instead of {truth}", parameter.label());
     }
     assert!(calibrated.solution.chi2 < 1e-6 && calibrated.solution.degrees_of_freedom == 8);
 }
 
 #[test]
 fn predicted_sigmas_hold_for_what_many_runs_scatter() {
-    for by in [By::Reference, By::Sensors] {
+    for by in [AttitudeSourceKind::Reference, AttitudeSourceKind::Sensors] {
         let campaign = campaign(&reference(&[]), 7, 60, by, || {});
         assert!(campaign.failed.is_empty(), "{:?}", campaign.failed);
         let count = 60.0 * campaign.scatter.len() as f64;
@@ -52,7 +52,7 @@ fn predicted_sigmas_hold_for_what_many_runs_scatter() {
         assert!((coverage - 0.683).abs() < 5.0 * (0.683f64 * 0.317 / count).sqrt(), "{by:?}: {coverage}");
         // Of 60 runs: 68 % ± 6 %; none of sixteen beyond 4 sigma.
         for found in &campaign.scatter {
-            assert!((0.44..0.92).contains(&found.coverage), "{by:?} {}: {}", found.parameter.words(), found.coverage);
+            assert!((0.44..0.92).contains(&found.coverage), "{by:?} {}: {}", found.parameter.label(), found.coverage);
         }
         // 480 degrees of freedom: 1 ± 0.065.
         assert!((0.68..1.3).contains(&campaign.mean_reduced_chi2), "{by:?}: {}", campaign.mean_reduced_chi2);
@@ -63,7 +63,7 @@ fn predicted_sigmas_hold_for_what_many_runs_scatter() {
 fn a_campaign_does_not_depend_on_the_number_of_threads() {
     let run = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
-        pool.install(|| campaign(&reference(&[]), 3, 5, By::Sensors, || {}))
+        pool.install(|| campaign(&reference(&[]), 3, 5, AttitudeSourceKind::Sensors, || {}))
     };
     assert_eq!(run(1), run(2));
 }
@@ -73,15 +73,15 @@ fn star_and_sun_sensor_suffice_for_what_the_paper_asks() {
     let unit = sequence(&reference(&[]), Precautions::ALL);
     let flight = fly(&unit);
     let truth = values(&true_calibrations(&unit));
-    for by in [By::Sensors, By::Reference] {
+    for by in [AttitudeSourceKind::Sensors, AttitudeSourceKind::Reference] {
         let calibrated = flight.calibrate(&believed_before(&unit), by).expect("determined");
         assert_eq!(calibrated.observations.len(), 6);
         let (solved, sigmas) = (calibrated.solution.values(), calibrated.solution.sigmas());
-        for (index, parameter) in Parameter::all().enumerate() {
-            assert!((solved[index] - truth[index]).abs() < 5.0 * sigmas[index], "{by:?} {}", parameter.words());
+        for (index, parameter) in CalibrationParameter::all().enumerate() {
+            assert!((solved[index] - truth[index]).abs() < 5.0 * sigmas[index], "{by:?} {}", parameter.label());
             match parameter.index {
-                0 => assert!(sigmas[index] < 20e-6, "{} {}", parameter.words(), sigmas[index]),
-                1 => assert!(sigmas[index] * 7200.0 < 6.0, "{} {}", parameter.words(), sigmas[index] * 7200.0),
+                0 => assert!(sigmas[index] < 20e-6, "{} {}", parameter.label(), sigmas[index]),
+                1 => assert!(sigmas[index] * 7200.0 < 6.0, "{} {}", parameter.label(), sigmas[index] * 7200.0),
                 _ => {}
             }
         }
@@ -118,19 +118,19 @@ fn two_sequences_of_one_unit_are_compatible_and_of_two_units_are_not() {
     let solve = |overrides: &[&str], seed: u64| {
         let mut unit = sequence(&reference(overrides), short);
         unit.seed = seed;
-        fly(&unit).calibrate(&believed_before(&unit), By::Sensors).expect("determined").solution
+        fly(&unit).calibrate(&believed_before(&unit), AttitudeSourceKind::Sensors).expect("determined").solution
     };
     let (first, second) = (solve(&[], 1), solve(&[], 2));
     let same = combine(&first, &second).expect("invertible");
     // χ² of sixteen: 45 has a probability of 10⁻⁴.
-    assert!(same.together < 45.0, "{}", same.together);
+    assert!(same.joint_chi2 < 45.0, "{}", same.joint_chi2);
     for (both, one) in same.combined.sigmas().into_iter().zip(first.sigmas()) {
         assert!(both < 0.8 * one, "{both} {one}");
     }
     let moved = combine(&first, &solve(&["gyro.GYRY.scale-factor.ppm=60"], 3)).expect("invertible");
-    assert!(moved.together > 200.0, "{}", moved.together);
+    assert!(moved.joint_chi2 > 200.0, "{}", moved.joint_chi2);
     let most = (0..16).max_by(|&a, &b| moved.chi2[a].total_cmp(&moved.chi2[b])).expect("sixteen");
-    assert_eq!(Parameter::all().nth(most).map(Parameter::words).as_deref(), Some("GYRY scale factor"));
+    assert_eq!(CalibrationParameter::all().nth(most).map(CalibrationParameter::label).as_deref(), Some("GYRY scale factor"));
 }
 
 #[test]
@@ -147,13 +147,13 @@ fn every_effect_of_the_paper_is_taken_off_where_it_is_believed() {
     }
     let truth = values(&unit.gyros.each_ref().map(|gyro| gyro.calibration));
     for windows in [Some(&flight.windows[..]), None] {
-        let attitude = Attitude::Reference(&flight.reference, Some(0.0));
+        let attitude = AttitudeSource::Reference(&flight.reference, Some(0.0));
         let solution = calibrate(&believed, &flight.counts, windows, &attitude).expect("determined").solution;
         assert!(solution.probability() > 1e-4, "{} of {}", solution.chi2, solution.degrees_of_freedom);
         for ((parameter, solved), (sigma, truth)) in
-            Parameter::all().zip(solution.values()).zip(solution.sigmas().into_iter().zip(truth))
+            CalibrationParameter::all().zip(solution.values()).zip(solution.sigmas().into_iter().zip(truth))
         {
-            assert!((solved - truth).abs() < 5.0 * sigma, "{}: {solved} ± {sigma}, {truth}", parameter.words());
+            assert!((solved - truth).abs() < 5.0 * sigma, "{}: {solved} ± {sigma}, {truth}", parameter.label());
         }
     }
 }

@@ -1,9 +1,9 @@
 //! Every effect with a law, believed as it is, leaves the sixteen parameters where the unit has them.
 
-use geu_calibration::checkout::{By, Precautions, fly, sequence};
-use geu_calibration::solve::{Parameter, values};
+use geu_calibration::checkout::{AttitudeSourceKind, Precautions, fly, sequence};
+use geu_calibration::solve::{CalibrationParameter, values};
 use geu_model::Configuration;
-use geu_model::effect::{Effects, HeadEffects, UnitEffects};
+use geu_model::effect::{Effects, GyroEffects, UnitEffects};
 use geu_model::package::Axes;
 use geu_protocol::Gyro;
 use rayon::prelude::*;
@@ -37,12 +37,12 @@ fn with(code: &str) -> Configuration {
         (0..UnitEffects::SPECS[index].amplitudes.len())
             .for_each(|amplitude| *numbers.value_mut(amplitude) = middling(code));
     }
-    if let Some(index) = HeadEffects::SPECS.iter().position(|spec| spec.code == code) {
+    if let Some(index) = GyroEffects::SPECS.iter().position(|spec| spec.code == code) {
         for (gyro, own) in Gyro::ALL.into_iter().zip(&mut unit.gyros) {
             // In the course of the flight; it does nothing where no count is lost.
             own.effects.constant.lost_counts.time_s = 2000.0;
             let numbers = own.effects.constant.numbers_mut(index);
-            for amplitude in 0..HeadEffects::SPECS[index].amplitudes.len() {
+            for amplitude in 0..GyroEffects::SPECS[index].amplitudes.len() {
                 if Axes::of(gyro).has_number(numbers.specs()[amplitude].name) {
                     *numbers.value_mut(amplitude) = middling(code);
                 }
@@ -64,7 +64,7 @@ fn wrong(code: &str) -> Vec<String> {
     }
     let truth = values(&unit.gyros.each_ref().map(|gyro| gyro.calibration));
     let mut all = Vec::new();
-    for by in [By::Reference, By::Sensors] {
+    for by in [AttitudeSourceKind::Reference, AttitudeSourceKind::Sensors] {
         let solution = match flight.calibrate(&believed, by) {
             Ok(calibrated) => calibrated.solution,
             Err(error) => {
@@ -76,10 +76,10 @@ fn wrong(code: &str) -> Vec<String> {
             all.push(format!("{code}, {by:?}: χ² {:.1} of {}", solution.chi2, solution.degrees_of_freedom));
         }
         let solved = solution.values().into_iter().zip(solution.sigmas()).zip(truth);
-        for (parameter, ((value, sigma), truth)) in Parameter::all().zip(solved) {
+        for (parameter, ((value, sigma), truth)) in CalibrationParameter::all().zip(solved) {
             let off = (value - truth) / sigma;
             if off.is_nan() || off.abs() >= 4.5 {
-                all.push(format!("{code}, {by:?}: {}: off by {off:+.1} sigma", parameter.words()));
+                all.push(format!("{code}, {by:?}: {}: off by {off:+.1} sigma", parameter.label()));
             }
         }
     }
@@ -90,7 +90,7 @@ fn wrong(code: &str) -> Vec<String> {
 fn every_effect_that_is_believed_leaves_the_calibration_as_it_is() {
     let codes: Vec<&str> = UnitEffects::SPECS
         .iter()
-        .chain(HeadEffects::SPECS)
+        .chain(GyroEffects::SPECS)
         .map(|spec| spec.code)
         .filter(|code| !NOISES.contains(code))
         .collect();

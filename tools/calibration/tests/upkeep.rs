@@ -1,12 +1,12 @@
 //! Upkeep of the Z gyros from ordinary recordings (Casteren §3.2, §5).
 
-use geu_calibration::checkout::{Flight, fly};
-use geu_calibration::solve::{PER_GYRO, Parameter};
-use geu_calibration::upkeep::{FORTNIGHT_S, PARAMETERS, SCALE_FACTOR_PER_FORTNIGHT, Used};
-use geu_calibration::{Attitude, Counts, Known, Upkeep, UpkeepError, update};
+use geu_calibration::checkout::{CheckoutRun, fly};
+use geu_calibration::solve::{PER_GYRO, CalibrationParameter};
+use geu_calibration::upkeep::{FORTNIGHT_S, PARAMETERS, SCALE_FACTOR_PER_FORTNIGHT, ScanSegment};
+use geu_calibration::{AttitudeSource, AccumulatedCounts, PriorAccuracy, CalibrationUpdate, UpkeepError, update};
 use geu_model::attitude::Manoeuvre;
-use geu_model::noise::Stream;
-use geu_model::{Configuration, Unit};
+use geu_model::noise::NoiseStream;
+use geu_model::{Configuration, GyroUnit};
 use geu_protocol::Gyro;
 use nalgebra::{DMatrix, DVector};
 
@@ -28,15 +28,15 @@ fn surveying(scans: f64) -> Configuration {
     unit
 }
 
-fn moved(mut unit: Configuration, parameter: Parameter, by: f64) -> Configuration {
+fn moved(mut unit: Configuration, parameter: CalibrationParameter, by: f64) -> Configuration {
     *parameter.of_mut(&mut unit.gyros[parameter.gyro as usize].calibration) += by;
     unit
 }
 
 /// The same flight before rounding.
-fn exact(unit: &Configuration, half_seconds: usize) -> Counts {
-    let mut exact = Counts::starting_at(unit.start_unix_ns);
-    let mut model = Unit::new(unit);
+fn exact(unit: &Configuration, half_seconds: usize) -> AccumulatedCounts {
+    let mut exact = AccumulatedCounts::starting_at(unit.start_unix_ns);
+    let mut model = GyroUnit::new(unit);
     for _ in 0..half_seconds {
         let (ended, traces) = model.end_half_second_traced();
         exact.push(ended.end_ns as f64 * 1e-9, traces.map(|trace| trace.unquantised), 20.0);
@@ -56,26 +56,26 @@ fn truth(unit: &Configuration, t_s: f64) -> [f64; 4] {
         let gyro = parameter.gyro as usize;
         let calibration = &unit.gyros[gyro].calibration;
         // Drift makes counts fall; its mean over the last second.
-        let second = |counts: &Counts| counts.accumulated[gyro][last] - counts.accumulated[gyro][last - 2];
+        let second = |counts: &AccumulatedCounts| counts.accumulated[gyro][last] - counts.accumulated[gyro][last - 2];
         let walked = (second(&still) - second(&walking)) * calibration.scale_factor / 2.0;
         parameter.of(calibration) + if parameter.index == 1 { walked } else { 0.0 }
     })
 }
 
-fn by_reference(flight: &Flight) -> Attitude<'_> {
-    Attitude::Reference(&flight.reference, Some(0.0))
+fn by_reference(flight: &CheckoutRun) -> AttitudeSource<'_> {
+    AttitudeSource::Reference(&flight.reference, Some(0.0))
 }
 
 /// A fortnight after a checkout.
-fn fortnight() -> Known {
-    Known::by_checkout(-FORTNIGHT_S)
+fn fortnight() -> PriorAccuracy {
+    PriorAccuracy::by_checkout(-FORTNIGHT_S)
 }
 
-fn within(upkeep: &Upkeep, truth: [f64; 4], sigmas: f64) {
+fn within(upkeep: &CalibrationUpdate, truth: [f64; 4], sigmas: f64) {
     for (change, truth) in upkeep.changes.iter().zip(truth) {
         let pull = (change.new - truth) / change.new_sigma;
-        assert!(pull.abs() < sigmas, "{}: {pull} sigma", change.parameter.words());
-        assert!(change.new_sigma < change.old_sigma, "{}", change.parameter.words());
+        assert!(pull.abs() < sigmas, "{}: {pull} sigma", change.parameter.label());
+        assert!(change.new_sigma < change.old_sigma, "{}", change.parameter.label());
     }
 }
 
@@ -84,7 +84,7 @@ fn a_day_of_survey_gives_a_moved_scale_factor_and_drift_back() {
     let believed = surveying(170.0);
     let unit = moved(moved(believed.clone(), PARAMETERS[0], 40e-6 * 1.0005), PARAMETERS[1], 3.0 / 7200.0);
     let flight = fly(&unit);
-    for attitude in [by_reference(&flight), Attitude::Sensors(&flight.sensors)] {
+    for attitude in [by_reference(&flight), AttitudeSource::Sensors(&flight.sensors)] {
         for legs in [None, Some(flight.windows.as_slice())] {
             let upkeep = update(&believed, &fortnight(), &flight.counts, legs, &attitude).expect("scans");
             within(&upkeep, truth(&unit, upkeep.at_s), 3.0);
@@ -92,7 +92,7 @@ fn a_day_of_survey_gives_a_moved_scale_factor_and_drift_back() {
             // Far better than the 20 ppm and 6 arcsec/h of the checkout, and the scale factor stands out.
             let [scale_factor, drift, ..] = upkeep.changes;
             assert!(scale_factor.new_sigma < 6e-6 && drift.new_sigma < 3.5 / 7200.0, "{upkeep:?}");
-            assert!(scale_factor.is_significant() && drift.is_told() && upkeep.probability() > 1e-3);
+            assert!(scale_factor.is_significant() && drift.is_observable() && upkeep.probability() > 1e-3);
             assert!(!upkeep.needs_checkout() && upkeep.due_in_s() > 0.5 * FORTNIGHT_S);
             // All else stays.
             assert_eq!(upkeep.calibrations[0], believed.gyros[0].calibration);
@@ -110,11 +110,11 @@ fn exact_increments_give_the_four_back_whatever_was_believed() {
     }
     let flight = fly(&unit);
     let counts = exact(&unit, flight.counts.len());
-    let knowing_nothing = Known { at_s: 0.0, sigmas: std::array::from_fn(|index| [1.0, 1.0, 1e-6, 1e-6][index % 4]) };
+    let knowing_nothing = PriorAccuracy { at_s: 0.0, sigmas: std::array::from_fn(|index| [1.0, 1.0, 1e-6, 1e-6][index % 4]) };
     let upkeep = update(&believed, &knowing_nothing, &counts, None, &by_reference(&flight)).expect("scans");
     for (change, truth) in upkeep.changes.iter().zip(truth(&unit, 10.0)) {
         let limit = if change.parameter.index == 0 { 1e-9 } else { 1e-6 };
-        assert!((change.new - truth).abs() < limit, "{}: {} {truth}", change.parameter.words(), change.new);
+        assert!((change.new - truth).abs() < limit, "{}: {} {truth}", change.parameter.label(), change.new);
     }
     // 12 scans and two rests of two gyros.
     assert_eq!(upkeep.degrees_of_freedom, 28);
@@ -129,7 +129,7 @@ fn without_a_rest_the_drift_stays_near_what_was_known_and_the_scale_factor_takes
     let flight = fly(&unit);
     let upkeep = update(&believed, &fortnight(), &flight.counts, None, &by_reference(&flight)).expect("scans");
     let [scale_factor, drift, ..] = upkeep.changes;
-    assert!(!drift.is_told() && drift.new_sigma <= drift.old_sigma);
+    assert!(!drift.is_observable() && drift.new_sigma <= drift.old_sigma);
     // 6″/h of 231″/s are 7.2 ppm, by hand.
     assert!(scale_factor.new_sigma > 7e-6 && upkeep.correlation[(0, 1)].abs() > 0.9, "{upkeep:?}");
     within(&upkeep, truth(&unit, upkeep.at_s), 3.0);
@@ -151,12 +151,12 @@ fn a_change_beyond_stability_asks_for_a_checkout() {
 fn known_values_and_their_refinement_scatter_as_their_sigmas_say() {
     let (mut chi2, mut inside, runs) = (0.0, 0, 40);
     for run in 0..runs {
-        let mut random = Stream::of_sensor(run, "what was not known");
+        let mut random = NoiseStream::of_sensor(run, "what was not known");
         let believed = surveying(10.0);
-        let known = Known::by_checkout(0.0);
+        let known = PriorAccuracy::by_checkout(0.0);
         let mut unit = believed.clone();
         unit.seed = run;
-        for (index, parameter) in Parameter::all().enumerate() {
+        for (index, parameter) in CalibrationParameter::all().enumerate() {
             let normal = random.standard_normal();
             // X and Y gyros only place the unit; nothing is solved of them.
             if index >= 2 * PER_GYRO {
@@ -164,7 +164,7 @@ fn known_values_and_their_refinement_scatter_as_their_sigmas_say() {
             }
         }
         let flight = fly(&unit);
-        let attitude = if run % 2 == 0 { by_reference(&flight) } else { Attitude::Sensors(&flight.sensors) };
+        let attitude = if run % 2 == 0 { by_reference(&flight) } else { AttitudeSource::Sensors(&flight.sensors) };
         let upkeep = update(&believed, &known, &flight.counts, None, &attitude).expect("scans");
         let sigmas = upkeep.changes.map(|change| change.new_sigma);
         let truth = truth(&unit, upkeep.at_s);
@@ -215,9 +215,9 @@ fn broken_counts_cost_their_own_stretch() {
     let node = counts.nearest((scan.start_s + scan.end_s) / 2.0).expect("inside");
     let kind = geu_calibration::BreakKind::Saturated;
     let gyros = Gyro::ALL.map(|gyro| gyro == Gyro::Zb);
-    counts.breaks.push(geu_calibration::Break { from: node, to: node + 1, gyros, kind });
+    counts.breaks.push(geu_calibration::Discontinuity { from: node, to: node + 1, gyros, kind });
     let upkeep = update(&unit, &fortnight(), &counts, Some(&flight.windows), &by_reference(&flight)).expect("scans");
-    let without: Vec<&Used> = upkeep.used.iter().filter(|used| used.residuals[1].is_none()).collect();
+    let without: Vec<&ScanSegment> = upkeep.used.iter().filter(|used| used.residuals[1].is_none()).collect();
     assert_eq!(without.len(), 1);
     assert!((without[0].start_s - scan.start_s).abs() < 1.0 && without[0].residuals[0].is_some());
     assert!(upkeep.left_out.iter().any(|found| found.to_string().contains("GYRZB: the count is saturated at")));

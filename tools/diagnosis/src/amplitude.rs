@@ -4,11 +4,11 @@
 //! effect is searched without a change of the diagnosis.
 
 use geu_model::Configuration;
-use geu_model::course::{Course, KINDS, Size};
+use geu_model::course::{TimeCourse, KINDS, Size};
 use geu_model::effect::discovered::{self, Formula, Regressor};
 use geu_model::effect::{EffectSpec, Effects};
-use geu_model::fault::{List, Target};
-use geu_model::number::{Form, Number, Numbers, Role, named_gyro};
+use geu_model::fault::{EffectList, ParameterRef};
+use geu_model::number::{ValueFormat, ParameterSpec, ParameterSet, Role, named_gyro};
 use geu_model::package::{Axes, Calibration};
 use geu_protocol::Gyro;
 
@@ -16,9 +16,9 @@ use crate::gyros::Gyros;
 
 /// A number of the model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ParameterRef {
+pub enum AmplitudeSource {
     /// Of an effect.
-    Effect(Target),
+    Effect(ParameterRef),
     /// The coefficient of a discovered term.
     Term(Formula),
 }
@@ -30,7 +30,7 @@ pub const STEP: usize = 0;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct AmplitudeRef {
     /// The constant amplitude.
-    pub parameter: ParameterRef,
+    pub parameter: AmplitudeSource,
     /// Index of the time course in [`KINDS`].
     pub kind: Option<usize>,
 }
@@ -46,13 +46,13 @@ const DISCOVERED: EffectSpec = EffectSpec {
 
 impl AmplitudeRef {
     /// Of an effect, with the time course of this index in [`KINDS`].
-    pub fn of(target: Target, kind: Option<usize>) -> AmplitudeRef {
-        AmplitudeRef { parameter: ParameterRef::Effect(target), kind }
+    pub fn of(target: ParameterRef, kind: Option<usize>) -> AmplitudeRef {
+        AmplitudeRef { parameter: AmplitudeSource::Effect(target), kind }
     }
 
     /// Every amplitude of every effect, constant, in the order of the lists; noises and wiring faults, which have no signature, too.
     pub fn every() -> impl Iterator<Item = AmplitudeRef> {
-        let targets = Target::all().into_iter().filter(|target| target.number < target.effect().amplitudes.len());
+        let targets = ParameterRef::all().into_iter().filter(|target| target.number < target.effect().amplitudes.len());
         targets.map(|target| AmplitudeRef::of(target, None))
     }
 
@@ -63,7 +63,7 @@ impl AmplitudeRef {
 
     /// Of a discovered term.
     pub fn term(formula: Formula) -> AmplitudeRef {
-        AmplitudeRef { parameter: ParameterRef::Term(formula), kind: None }
+        AmplitudeRef { parameter: AmplitudeSource::Term(formula), kind: None }
     }
 
     /// Every product of one or two of the regressors, and the cube of each. Time is none of them: time courses are for effects.
@@ -106,38 +106,38 @@ impl AmplitudeRef {
     /// The formula of a discovered term.
     pub fn formula(&self) -> Option<Formula> {
         match self.parameter {
-            ParameterRef::Term(formula) => Some(formula),
-            ParameterRef::Effect(_) => None,
+            AmplitudeSource::Term(formula) => Some(formula),
+            AmplitudeSource::Effect(_) => None,
         }
     }
 
     /// Whether it acts on the whole unit.
     pub fn is_of_unit(&self) -> bool {
-        self.list() == Some(List::Unit)
+        self.list() == Some(EffectList::Unit)
     }
 
-    fn list(&self) -> Option<List> {
+    fn list(&self) -> Option<EffectList> {
         match self.parameter {
-            ParameterRef::Effect(target) => Some(target.list),
-            ParameterRef::Term(_) => None,
+            AmplitudeSource::Effect(target) => Some(target.list),
+            AmplitudeSource::Term(_) => None,
         }
     }
 
     /// Whether it adds something to the counts that is proportional to it, or nearly; a noise and a wiring fault do not.
     pub fn has_signature(&self) -> bool {
         match self.parameter {
-            ParameterRef::Effect(target) => target.list != List::Wiring && !target.is_noise(),
-            ParameterRef::Term(_) => true,
+            AmplitudeSource::Effect(target) => target.list != EffectList::Wiring && !target.is_noise(),
+            AmplitudeSource::Term(_) => true,
         }
     }
 
     /// Whether both are amplitudes of one effect.
     pub fn is_of_same_effect(&self, other: &AmplitudeRef) -> bool {
         match (self.parameter, other.parameter) {
-            (ParameterRef::Effect(one), ParameterRef::Effect(other)) => {
+            (AmplitudeSource::Effect(one), AmplitudeSource::Effect(other)) => {
                 (one.list, one.effect) == (other.list, other.effect)
             }
-            (ParameterRef::Term(_), ParameterRef::Term(_)) => true,
+            (AmplitudeSource::Term(_), AmplitudeSource::Term(_)) => true,
             _ => false,
         }
     }
@@ -145,29 +145,29 @@ impl AmplitudeRef {
     /// Index among the effect's numbers.
     fn index(&self) -> usize {
         match self.parameter {
-            ParameterRef::Effect(target) => target.number,
-            ParameterRef::Term(_) => 0,
+            AmplitudeSource::Effect(target) => target.number,
+            AmplitudeSource::Term(_) => 0,
         }
     }
 
     /// Specification of the effect.
     pub fn spec(&self) -> &'static EffectSpec {
         match self.parameter {
-            ParameterRef::Effect(target) => target.effect(),
-            ParameterRef::Term(_) => &DISCOVERED,
+            AmplitudeSource::Effect(target) => target.effect(),
+            AmplitudeSource::Term(_) => &DISCOVERED,
         }
     }
 
     /// The effect's numbers: its amplitudes, then its shape parameters.
-    fn numbers(&self) -> &'static [Number] {
+    fn numbers(&self) -> &'static [ParameterSpec] {
         match self.parameter {
-            ParameterRef::Effect(target) => target.numbers(),
-            ParameterRef::Term(_) => const { &[discovered::COEFFICIENT] },
+            AmplitudeSource::Effect(target) => target.numbers(),
+            AmplitudeSource::Term(_) => const { &[discovered::COEFFICIENT] },
         }
     }
 
     /// The constant amplitude's number.
-    pub fn number(&self) -> &'static Number {
+    pub fn number(&self) -> &'static ParameterSpec {
         &self.numbers()[self.index()]
     }
 
@@ -186,7 +186,7 @@ impl AmplitudeRef {
 
     /// The other gyro that a value of it names.
     pub fn gyro_named(&self, value: f64) -> Option<Gyro> {
-        if self.number().form == Form::Gyro { named_gyro(value) } else { None }
+        if self.number().form == ValueFormat::Gyro { named_gyro(value) } else { None }
     }
 
     /// Whether its value is a whole number of counts.
@@ -195,15 +195,15 @@ impl AmplitudeRef {
     }
 
     /// The effect's own shape parameters.
-    pub fn own_shapes(&self) -> &'static [Number] {
+    pub fn own_shapes(&self) -> &'static [ParameterSpec] {
         &self.numbers()[self.spec().amplitudes.len()..]
     }
 
     /// The effect's own shape parameters as a configuration has them, where it has the effect at all.
     pub fn configured_shapes(&self, configuration: &Configuration) -> Option<Vec<f64>> {
-        let ParameterRef::Effect(target) = self.parameter else { return None };
+        let AmplitudeSource::Effect(target) = self.parameter else { return None };
         let amplitudes = self.spec().amplitudes.len();
-        let has = |(numbers, courses): &(&dyn Numbers, &[Course])| {
+        let has = |(numbers, courses): &(&dyn ParameterSet, &[TimeCourse])| {
             (0..amplitudes).any(|index| numbers.value(index) != 0.0)
                 || courses.iter().any(|course| course.effect == target.effect)
         };
@@ -212,23 +212,23 @@ impl AmplitudeRef {
     }
 
     /// The shape parameters of its time course.
-    pub fn course_shapes(&self) -> &'static [Number] {
+    pub fn course_shapes(&self) -> &'static [ParameterSpec] {
         self.kind.map_or(&[], |kind| KINDS[kind].shapes)
     }
 
     /// The gyros that can have it.
     pub fn gyros(&self) -> Gyros {
-        Gyro::ALL.map(|gyro| self.list() != Some(List::Head) || Axes::of(gyro).has_number(self.number().name))
+        Gyro::ALL.map(|gyro| self.list() != Some(EffectList::Head) || Axes::of(gyro).has_number(self.number().name))
     }
 }
 
 /// Numbers and time courses of an effect in a configuration, of the unit or at this gyro.
-pub fn configured(target: Target, gyro: Gyro, configuration: &Configuration) -> (&dyn Numbers, &[Course]) {
+pub fn configured(target: ParameterRef, gyro: Gyro, configuration: &Configuration) -> (&dyn ParameterSet, &[TimeCourse]) {
     let own = &configuration.gyros[gyro as usize];
     match target.list {
-        List::Unit => (configuration.unit.constant.numbers(target.effect), &configuration.unit.courses),
-        List::Head => (own.effects.constant.numbers(target.effect), &own.effects.courses),
-        List::Wiring => (own.wiring.constant.numbers(target.effect), &own.wiring.courses),
+        EffectList::Unit => (configuration.unit.constant.numbers(target.effect), &configuration.unit.courses),
+        EffectList::Head => (own.effects.constant.numbers(target.effect), &own.effects.courses),
+        EffectList::Wiring => (own.wiring.constant.numbers(target.effect), &own.wiring.courses),
     }
 }
 
@@ -243,5 +243,5 @@ pub fn calibration_parameters() -> Vec<(Gyro, usize)> {
 
 /// Whether a number can be moved by little.
 pub fn is_real(amplitude: &AmplitudeRef) -> bool {
-    amplitude.size().form == Form::Real
+    amplitude.size().form == ValueFormat::Real
 }

@@ -10,7 +10,7 @@ use std::sync::Arc;
 
 use geu_model::Configuration;
 use geu_model::course::KINDS;
-use geu_model::number::{Default as DefaultValue, Role};
+use geu_model::number::{DefaultValue as DefaultValue, Role};
 use rayon::prelude::*;
 
 use crate::amplitude::{AmplitudeRef, STEP, is_real};
@@ -18,7 +18,7 @@ pub use crate::courses::Variation;
 use crate::courses::{Courses, Mode, SHORTEST_BLOCKS, is_onset};
 use crate::gyros::ALL_GYROS;
 use crate::hypothesis::Hypothesis;
-use crate::measured::{BLOCK_S, CHANNELS, Measured, Series, Shifts, TIMING};
+use crate::measured::{BLOCK_S, CHANNELS, MeasuredData, Series, Shifts, TIMING};
 
 /// A signature is run with this share of the largest value accepted.
 const SHARE: f64 = 1e-3;
@@ -43,7 +43,7 @@ const SUDDEN_BLOCKS: usize = 2;
 
 /// The signature of a constant amplitude, for one unit of its size.
 #[derive(Debug, Clone)]
-pub struct Base {
+pub struct ConstantSignature {
     /// Which.
     pub amplitude: AmplitudeRef,
     /// Values of its own shapes.
@@ -57,50 +57,50 @@ pub struct Base {
     mode: Mode,
 }
 
-impl Base {
+impl ConstantSignature {
     /// What one unit of its size adds to a channel.
     pub fn values(&self, channel: usize) -> &[f64] {
         &self.series[channel]
     }
 
     /// Whether its signature is that of another size too: what is not linear was run at one size, and tells of those near it.
-    pub fn stands_for(&self, size: f64) -> bool {
+    pub fn is_valid_at(&self, size: f64) -> bool {
         self.is_linear || NEAR_SIZES.contains(&(size / self.size))
     }
 
     /// The family of a course of it.
-    pub fn family(&self, variation: &Variation) -> Family {
+    pub fn family(&self, variation: &Variation) -> HypothesisFamily {
         let begins = variation.kind().is_some_and(|kind| KINDS[kind].shapes.iter().any(is_onset));
         match variation {
-            _ if self.amplitude.formula().is_some() => Family::FORMULA,
+            _ if self.amplitude.formula().is_some() => HypothesisFamily::FORMULA,
             // What shows at once stands in the noise of jumps.
-            _ if begins && self.mode == Mode::Level => Family::SUDDEN,
-            Variation::Constant => Family::CONSTANT,
-            Variation::Course { kind, .. } => Family::of_kind(*kind),
-            Variation::Onset { .. } => Family::SUDDEN,
+            _ if begins && self.mode == Mode::Level => HypothesisFamily::SUDDEN,
+            Variation::Constant => HypothesisFamily::CONSTANT,
+            Variation::Course { kind, .. } => HypothesisFamily::of_kind(*kind),
+            Variation::Onset { .. } => HypothesisFamily::SUDDEN,
         }
     }
 }
 
 /// A kind of question, which has a threshold of its own: short answers stand in other noise than long ones.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct Family(pub usize);
+pub struct HypothesisFamily(pub usize);
 
-impl Family {
+impl HypothesisFamily {
     /// Constant, each of [`KINDS`], sudden, a noise, a formula.
     pub const COUNT: usize = KINDS.len() + 4;
     /// A constant amplitude.
-    pub const CONSTANT: Family = Family(0);
+    pub const CONSTANT: HypothesisFamily = HypothesisFamily(0);
     /// A course of one of [`KINDS`].
-    pub const fn of_kind(kind: usize) -> Family {
-        Family(1 + kind)
+    pub const fn of_kind(kind: usize) -> HypothesisFamily {
+        HypothesisFamily(1 + kind)
     }
     /// An angle that jumps, or what shows from some time on as an angle.
-    pub const SUDDEN: Family = Family(KINDS.len() + 1);
+    pub const SUDDEN: HypothesisFamily = HypothesisFamily(KINDS.len() + 1);
     /// A noise that is larger than configured.
-    pub const NOISE: Family = Family(KINDS.len() + 2);
+    pub const NOISE: HypothesisFamily = HypothesisFamily(KINDS.len() + 2);
     /// A formula that stands in no catalogue.
-    pub const FORMULA: Family = Family(KINDS.len() + 3);
+    pub const FORMULA: HypothesisFamily = HypothesisFamily(KINDS.len() + 3);
 }
 
 /// A signature on one channel: 0 before the block `from`.
@@ -113,20 +113,20 @@ pub struct Column {
 
 /// The signatures of all amplitudes beside one recording.
 #[derive(Debug, Clone)]
-pub struct Bank {
+pub struct SignatureBank {
     /// Each amplitude, its shapes and, where it is not linear, sizes.
-    pub bases: Vec<Base>,
+    pub bases: Vec<ConstantSignature>,
     courses: Courses,
 }
 
-impl Bank {
+impl SignatureBank {
     /// Runs the model of `configuration` once for each amplitude and value of its shapes.
-    pub fn new(measured: &Measured, configuration: &Configuration) -> Bank {
+    pub fn new(measured: &MeasuredData, configuration: &Configuration) -> SignatureBank {
         let base = measured.run(configuration, Shifts::default());
         let reference_c = configuration.electronics.numbers.reference_c;
         let excess_k = measured.electronics_c().iter().map(|electronics_c| electronics_c - reference_c).collect();
-        let mut bank = Bank { bases: Vec::new(), courses: Courses::new(excess_k) };
-        let runs: Vec<Base> = AmplitudeRef::all()
+        let mut bank = SignatureBank { bases: Vec::new(), courses: Courses::new(excess_k) };
+        let runs: Vec<ConstantSignature> = AmplitudeRef::all()
             .into_par_iter()
             .filter(is_real)
             .flat_map_iter(|amplitude| {
@@ -141,7 +141,7 @@ impl Bank {
 
     /// The signatures of both.
     #[must_use]
-    pub fn and(&self, other: &Bank) -> Bank {
+    pub fn and(&self, other: &SignatureBank) -> SignatureBank {
         let mut both = self.clone();
         both.bases.extend(other.bases.iter().cloned());
         both
@@ -149,15 +149,15 @@ impl Bank {
 
     /// The same where the temperature is told so much later than it was.
     #[must_use]
-    pub fn late(&self, temperature_s: f64) -> Bank {
-        Bank { bases: self.bases.clone(), courses: self.courses.late(temperature_s) }
+    pub fn late(&self, temperature_s: f64) -> SignatureBank {
+        SignatureBank { bases: self.bases.clone(), courses: self.courses.late(temperature_s) }
     }
 
     /// The terms that stand in no catalogue: the signature of each formula, on every gyro. A run tells four of them, one for each
     /// gyro: what a term adds is the same on all of them, but for the scale factor.
-    pub fn formulas(&self, measured: &Measured, configuration: &Configuration) -> Bank {
+    pub fn formulas(&self, measured: &MeasuredData, configuration: &Configuration) -> SignatureBank {
         let from = measured.run(configuration, Shifts::default());
-        let run = |four: &[AmplitudeRef]| -> Vec<Base> {
+        let run = |four: &[AmplitudeRef]| -> Vec<ConstantSignature> {
             let mut moved = configuration.clone();
             for (gyro, &amplitude) in four.iter().enumerate() {
                 let gyros = std::array::from_fn(|other| other == gyro);
@@ -170,7 +170,7 @@ impl Bank {
                 let none: Arc<[f64]> = vec![0.0; own.len()].into();
                 let own: Arc<[f64]> = own.into();
                 let of_channel = |channel: usize| if channel == TIMING { none.clone() } else { own.clone() };
-                Base {
+                ConstantSignature {
                     amplitude,
                     own_shapes: Vec::new(),
                     size: COEFFICIENT,
@@ -182,18 +182,18 @@ impl Bank {
             four.iter().enumerate().map(base).collect()
         };
         let bases = AmplitudeRef::formulas().par_chunks(TIMING).flat_map_iter(run).collect();
-        Bank { bases, courses: self.courses.clone() }
+        SignatureBank { bases, courses: self.courses.clone() }
     }
 
     /// The bases of one amplitude: one where it is linear, else one for each of several sizes.
     fn run(
         &self,
-        measured: &Measured,
+        measured: &MeasuredData,
         configuration: &Configuration,
         from: &Series,
         amplitude: AmplitudeRef,
         own_shapes: Vec<f64>,
-    ) -> Vec<Base> {
+    ) -> Vec<ConstantSignature> {
         let limits = amplitude.size();
         let of = |change: &Hypothesis| {
             let mut moved = configuration.clone();
@@ -206,7 +206,7 @@ impl Bank {
             own_shapes: own_shapes.clone(),
             ..Hypothesis::constant(amplitude, size, amplitude.gyros())
         };
-        let base = |size: f64, series: Series, is_linear: bool| Base {
+        let base = |size: f64, series: Series, is_linear: bool| ConstantSignature {
             amplitude,
             own_shapes: own_shapes.clone(),
             size,
@@ -228,7 +228,7 @@ impl Bank {
         }
         let ran = of(&tried);
         let step = Variation::Course { kind: STEP, shapes: vec![middle_s] };
-        let alike = |small: &Base| {
+        let alike = |small: &ConstantSignature| {
             let values = self.courses.values(small.mode, &step, 0..self.courses.blocks());
             let course: Series = small
                 .series
@@ -256,12 +256,12 @@ impl Bank {
             }
             size /= SIZE_FACTOR;
         }
-        let sized = |size: &f64| Base { mode, ..base(*size, of(&change(*size)), false) };
+        let sized = |size: &f64| ConstantSignature { mode, ..base(*size, of(&change(*size)), false) };
         sizes.par_iter().map(sized).collect()
     }
 
     /// Every course of a base that is looked for, waves at the phase 0.
-    pub fn variations(&self, base: &Base) -> Vec<Variation> {
+    pub fn variations(&self, base: &ConstantSignature) -> Vec<Variation> {
         if base.amplitude.formula().is_some() {
             return vec![Variation::Constant];
         }
@@ -281,7 +281,7 @@ impl Bank {
     }
 
     /// The signature of a course for one unit of size; nothing on channels that it does not reach. Of a jump as much as matters.
-    pub fn columns(&self, base: &Base, variation: &Variation) -> [Option<Column>; CHANNELS] {
+    pub fn columns(&self, base: &ConstantSignature, variation: &Variation) -> [Option<Column>; CHANNELS] {
         let from = match variation {
             Variation::Onset { block } => *block,
             Variation::Course { kind, shapes } => {
@@ -303,7 +303,7 @@ impl Bank {
     }
 
     /// The hypothesis of that size.
-    pub fn hypothesis(&self, base: &Base, variation: &Variation, size: f64, gyros: [bool; 4]) -> Hypothesis {
+    pub fn hypothesis(&self, base: &ConstantSignature, variation: &Variation, size: f64, gyros: [bool; 4]) -> Hypothesis {
         let gyros = if base.amplitude.is_of_unit() { ALL_GYROS } else { gyros };
         let mut change =
             Hypothesis { own_shapes: base.own_shapes.clone(), ..Hypothesis::constant(base.amplitude, size, gyros) };

@@ -15,7 +15,7 @@ const PERIOD_SHARE: f64 = 0.08;
 const PHASE_RAD: f64 = 0.3;
 
 /// The variation near by for which `of` is greatest, and that value. What has no shape stays.
-pub fn climb(start: Variation, duration_s: f64, of: &dyn Fn(&Variation) -> f64) -> (Variation, f64) {
+pub fn maximise(start: Variation, duration_s: f64, of: &dyn Fn(&Variation) -> f64) -> (Variation, f64) {
     let value = of(&start);
     let Variation::Course { kind, mut shapes } = start else { return (start, value) };
     let mut best = value;
@@ -76,7 +76,7 @@ mod tests {
             _ => f64::NAN,
         };
         let (Variation::Course { shapes, .. }, value) =
-            climb(Variation::Course { kind, shapes: vec![5400.0, 0.0] }, 10_800.0, &of)
+            maximise(Variation::Course { kind, shapes: vec![5400.0, 0.0] }, 10_800.0, &of)
         else {
             panic!("a course stays one");
         };

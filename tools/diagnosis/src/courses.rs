@@ -6,11 +6,11 @@ use std::f64::consts::FRAC_PI_2;
 use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
-use geu_model::course::{Course, Interval, KINDS};
-use geu_model::number::{Number, Role};
+use geu_model::course::{TimeCourse, Interval, KINDS};
+use geu_model::number::{ParameterSpec, Role};
 
 use crate::amplitude::STEP;
-use crate::measured::{BLOCK_S, Measured};
+use crate::measured::{BLOCK_S, MeasuredData};
 
 /// Shortest time constant or period that is looked for, in blocks: what is shorter averages out.
 pub const SHORTEST_BLOCKS: f64 = 6.0;
@@ -70,7 +70,7 @@ impl Variation {
 }
 
 /// Whether a shape is the time from which something holds.
-pub fn is_onset(number: &Number) -> bool {
+pub fn is_onset(number: &ParameterSpec) -> bool {
     number.role == Role::Onset
 }
 
@@ -129,7 +129,7 @@ impl Courses {
     }
 
     /// Values of a course's shape that are looked for.
-    fn shape_values(&self, number: &Number, mode: Mode) -> Vec<f64> {
+    fn shape_values(&self, number: &ParameterSpec, mode: Mode) -> Vec<f64> {
         let onsets = if mode == Mode::Level { SUDDEN_ONSETS } else { ONSETS };
         let duration_s = self.blocks() as f64 * BLOCK_S;
         match number.role {
@@ -150,11 +150,11 @@ impl Courses {
             Variation::Course { kind, shapes } => KINDS[*kind].law(shapes),
             Variation::Onset { block } => KINDS[STEP].law(&[*block as f64 * BLOCK_S]),
         };
-        let course = Course { effect: 0, amplitude: 0, size: 1.0, law };
+        let course = TimeCourse { effect: 0, amplitude: 0, size: 1.0, law };
         // An increment lies between the middles of two blocks, a value in its own.
         let value = |block: usize| {
             let end_s = match mode {
-                Mode::Rate => Measured::middle_s(block),
+                Mode::Rate => MeasuredData::middle_s(block),
                 Mode::Level => (block + 1) as f64 * BLOCK_S,
             };
             course.value(&Interval { start_s: end_s - BLOCK_S, end_s, electronics_excess_k: self.excess_k[block] })

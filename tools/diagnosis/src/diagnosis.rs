@@ -3,25 +3,25 @@
 use std::cell::LazyCell;
 
 use geu_calibration::CountsReader;
-use geu_calibration::window::Window;
+use geu_calibration::window::ManoeuvreWindow;
 use geu_model::Configuration;
-use geu_recording::{Defect, Reference, Row, Sink};
+use geu_recording::{Defect, ReferenceAttitude, ReceivedSample, Sink};
 
 use crate::amplitude::AmplitudeRef;
-use crate::bank::Bank;
+use crate::bank::SignatureBank;
 use crate::checks::{WiringFault, check};
 use crate::entries::{Entries, SAME_SIGMAS};
-use crate::explain::{Explained, MOST_OF_ONE, explain};
+use crate::explain::{Explained, MOST_OF_ONE, select_model};
 use crate::finding::Finding;
 use crate::gap;
 use crate::gyros::Gyros;
 use crate::held_out::{fitted, held_out};
-use crate::measured::{BLOCK, CHANNELS, Measured, MeasuredError, Series, Shifts};
+use crate::measured::{BLOCK, CHANNELS, MeasuredData, MeasuredError, Series, Shifts};
 use crate::noise;
 use crate::null::{Thresholds, thresholds};
 use crate::outcome::{Correction, DiagnosedEffect, Diagnosis, Gaps, Verdict};
 use crate::remainder::unexplained;
-use crate::state::{Case, State};
+use crate::state::{DiagnosisCase, ModelState};
 use crate::stretches;
 use crate::whereabouts::whereabouts;
 use crate::whiteness::{kurtosis, unlikeness};
@@ -33,13 +33,13 @@ const FORMULA_MARGIN: f64 = 10.0;
 const SEARCH: &str = concat!(env!("CARGO_PKG_VERSION"), " 12");
 
 /// What [`diagnose_rows`] takes beside recording and configuration.
-pub struct Settings<'a> {
+pub struct DiagnosisOptions<'a> {
     /// Seed of the null recordings.
     pub seed: u64,
     /// When the unit's clock was 0, ns.
     pub clock_start_ns: i64,
     /// What the unit did, on the time scale of the recording; nothing where its motion is to tell.
-    pub manoeuvres: Option<&'a [Window]>,
+    pub manoeuvres: Option<&'a [ManoeuvreWindow]>,
     /// Thresholds by their key.
     pub known: &'a (dyn Fn(u64) -> Option<Thresholds> + Sync),
     /// Keeps thresholds.
@@ -54,25 +54,25 @@ pub struct Settings<'a> {
 /// # Errors
 /// Too little of recording or reference.
 pub fn diagnose_rows(
-    rows: &[Row],
+    rows: &[ReceivedSample],
     defects: &[Defect],
     believed: &Configuration,
-    reference: &Reference,
-    options: &Settings,
+    reference: &ReferenceAttitude,
+    options: &DiagnosisOptions,
 ) -> Result<Diagnosis, MeasuredError> {
     (options.progress)("exact checks");
     let checked = check(rows, defects, believed, reference);
-    let counts = |rows: &[Row]| {
+    let counts = |rows: &[ReceivedSample]| {
         let mut reader = CountsReader::default();
         rows.iter().for_each(|row| reader.row(row));
         reader.finish(options.clock_start_ns).ok_or(MeasuredError::Empty)
     };
-    let measured = Measured::new(counts(&checked.rows)?, reference)?;
-    let raw = if checked.faults.is_empty() { None } else { Measured::new(counts(rows)?, reference).ok() };
+    let measured = MeasuredData::new(counts(&checked.rows)?, reference)?;
+    let raw = if checked.faults.is_empty() { None } else { MeasuredData::new(counts(rows)?, reference).ok() };
     let key = key(&measured, believed, options.seed);
     let known = (options.known)(key);
     let is_new = known.is_none();
-    let own = Options {
+    let own = SearchOptions {
         seed: options.seed,
         known,
         raw: raw.as_ref(),
@@ -87,31 +87,31 @@ pub fn diagnose_rows(
 }
 
 /// What a diagnosis takes beside recording and configuration.
-pub struct Options<'a> {
+pub struct SearchOptions<'a> {
     /// Seed of the null recordings.
     pub seed: u64,
     /// Thresholds known from before, by [`key`].
     pub known: Option<Thresholds>,
     /// The recording before wiring faults were mended, where there are any.
-    pub raw: Option<&'a Measured>,
+    pub raw: Option<&'a MeasuredData>,
     /// What the unit did; nothing where its motion is to tell.
-    pub manoeuvres: Option<&'a [Window]>,
+    pub manoeuvres: Option<&'a [ManoeuvreWindow]>,
     /// Told what is being done.
     pub progress: &'a (dyn Fn(&str) + Sync),
 }
 
 /// Diagnoses a recording, after its exact checks.
 pub fn diagnose(
-    measured: &Measured,
+    measured: &MeasuredData,
     believed: &Configuration,
     findings: Vec<Finding>,
     faults: &[WiringFault],
-    options: &Options,
+    options: &SearchOptions,
 ) -> Diagnosis {
     let tell = options.progress;
     tell("signatures");
-    let case = Case::new(measured, believed);
-    let catalogue = Bank::new(measured, believed);
+    let case = DiagnosisCase::new(measured, believed);
+    let catalogue = SignatureBank::new(measured, believed);
     let before = measured.run(believed, Shifts::default());
     let noise = noise::of(believed, measured, &measured.residual(&before));
     let start = case.start(noise);
@@ -126,7 +126,7 @@ pub fn diagnose(
     let mut explained = best_of(&case, &catalogue, &formulas, &all, &thresholds, &start, tell);
     tell("report");
     merge_gyros(&case, &mut explained);
-    let bank: &Bank =
+    let bank: &SignatureBank =
         if !explained.state.held.is_empty() || !is_noise(&explained, &thresholds) { &all } else { &catalogue };
     let (raw, manoeuvres) = (options.raw, options.manoeuvres);
     let report = Report { case: &case, start: &start, bank, thresholds: &thresholds, faults, raw, manoeuvres };
@@ -136,22 +136,22 @@ pub fn diagnose(
 /// What explains the recording best, of the catalogue, or with formulas where that leaves doubt. A second effect of one gyro is seldom:
 /// before there are more, a formula is tried.
 fn best_of(
-    case: &Case,
-    catalogue: &Bank,
-    formulas: &LazyCell<Bank, impl FnOnce() -> Bank>,
-    all: &LazyCell<Bank, impl FnOnce() -> Bank>,
+    case: &DiagnosisCase,
+    catalogue: &SignatureBank,
+    formulas: &LazyCell<SignatureBank, impl FnOnce() -> SignatureBank>,
+    all: &LazyCell<SignatureBank, impl FnOnce() -> SignatureBank>,
     thresholds: &Thresholds,
-    start: &State,
+    start: &ModelState,
     tell: &(dyn Fn(&str) + Sync),
 ) -> Explained {
     let pass = |most: usize| {
-        let effects = explain(case, catalogue, thresholds, start, most);
+        let effects = select_model(case, catalogue, thresholds, start, most);
         let is_done = !effects.is_cut && is_noise(&effects, thresholds);
         if is_done && !effects.is_doubtful(case, formulas, thresholds) {
             return effects;
         }
         tell("formulas");
-        let other = explain(case, all, thresholds, start, most);
+        let other = select_model(case, all, thresholds, start, most);
         let is_better = other.stands_on_a_formula(case)
             && other.score(case, thresholds) + FORMULA_MARGIN < effects.score(case, thresholds);
         if is_better { other } else { effects }
@@ -165,7 +165,7 @@ fn is_noise(explained: &Explained, thresholds: &Thresholds) -> bool {
 }
 
 /// What thresholds depend on: the motion, the blocks that can be used, the noise, what is searched.
-pub fn key(measured: &Measured, believed: &Configuration, seed: u64) -> u64 {
+pub fn key(measured: &MeasuredData, believed: &Configuration, seed: u64) -> u64 {
     let before = measured.run(believed, Shifts::default());
     let noise = noise::of(believed, measured, &measured.residual(&before));
     // FNV-1a.
@@ -200,7 +200,7 @@ pub fn key(measured: &Measured, believed: &Configuration, seed: u64) -> u64 {
 }
 
 /// Makes one change of those of one code on several gyros whose sizes agree.
-fn merge_gyros(case: &Case, explained: &mut Explained) {
+fn merge_gyros(case: &DiagnosisCase, explained: &mut Explained) {
     loop {
         let held = &explained.state.held;
         let pair = (0..held.len()).flat_map(|one| (one + 1..held.len()).map(move |other| (one, other))).find(|pair| {
@@ -219,13 +219,13 @@ fn merge_gyros(case: &Case, explained: &mut Explained) {
 }
 
 struct Report<'a> {
-    case: &'a Case<'a>,
-    start: &'a State,
-    bank: &'a Bank,
+    case: &'a DiagnosisCase<'a>,
+    start: &'a ModelState,
+    bank: &'a SignatureBank,
     thresholds: &'a Thresholds,
     faults: &'a [WiringFault],
-    raw: Option<&'a Measured>,
-    manoeuvres: Option<&'a [Window]>,
+    raw: Option<&'a MeasuredData>,
+    manoeuvres: Option<&'a [ManoeuvreWindow]>,
 }
 
 impl Report<'_> {
@@ -296,7 +296,7 @@ impl Report<'_> {
             let (_, channels) = unlikeness(left);
             std::array::from_fn(|gyro| channels[gyro] > self.thresholds.unlikeness || piled[gyro])
         };
-        let mut piled = explained.piled(self.case.believed);
+        let mut piled = explained.overfitted_gyros(self.case.believed);
         let left = explained.normal.left();
         // A walk is normal and steady: what comes in bursts is none.
         for found in explained.noise.iter().filter(|found| found.is_told(self.case.believed, &explained.state)) {
@@ -312,7 +312,7 @@ impl Report<'_> {
         let unlike = unlike(&explained.normal.left(), &piled);
         explained.noise.retain(|found| found.is_told(self.case.believed, &explained.state));
         // On a gyro that is left unexplained larger noise is a last resort, and no name.
-        explained.quieten(self.case, &unlike);
+        explained.reset_noise(self.case, &unlike);
         explained.widen_onsets(self.case);
         (unlike, explained.normal.left())
     }
@@ -327,7 +327,7 @@ impl Report<'_> {
     /// The fall of the squares as each entry is added, in order, over those of the whole gap; the lag that was found is no entry and
     /// holds all through.
     fn shares(&self, entries: &mut [DiagnosedEffect], whole: f64, shifts: Shifts) {
-        let squares = |measured: &Measured, configuration: &Configuration| {
+        let squares = |measured: &MeasuredData, configuration: &Configuration| {
             let model = measured.run(configuration, shifts);
             gap::of(&gap::windowed(measured, &gap::residual(measured, &model))).squares
         };

@@ -1,12 +1,12 @@
 //! The effects found, as they are reported: hypotheses, noises, lag, calibration parameters and wiring faults, each with its numbers,
 //! its alternatives and what puts it into a configuration.
 
-use geu_model::effect::{AngleRandomWalk, DriftRandomWalk, Effect, HeadEffects};
-use geu_model::fault::{List, Target};
-use geu_model::number::Numbers;
+use geu_model::effect::{AngleRandomWalk, DriftRandomWalk, Effect, GyroEffects};
+use geu_model::fault::{EffectList, ParameterRef};
+use geu_model::number::ParameterSet;
 
 use crate::amplitude::{AmplitudeRef, calibration_parameters};
-use crate::bank::{Bank, Base, Family};
+use crate::bank::{SignatureBank, ConstantSignature, HypothesisFamily};
 use crate::checks::WiringFault;
 use crate::explain::Explained;
 use crate::gyros::{ALL_GYROS, is_within, only};
@@ -16,10 +16,10 @@ use crate::noise::Walk;
 use crate::normal::dot;
 use crate::null::Thresholds;
 use crate::outcome::{Chi2Fall, Class, Correction, DiagnosedEffect, EstimatedValue, ReportedAlternative};
-use crate::remedy::Remedies;
-use crate::rivals::{APART_CHI2, Prices, Rival, rivals};
+use crate::remedy::DiscriminatingTests;
+use crate::rivals::{APART_CHI2, Penalties, Alternative, rivals};
 use crate::search::search;
-use crate::state::{Case, FittedHypothesis, State};
+use crate::state::{DiagnosisCase, FittedHypothesis, ModelState};
 
 /// A calibration number is told as moved from so many sigmas on: once in 1000 recordings of sixteen.
 const RECALIBRATED_SIGMAS: f64 = 4.0;
@@ -39,9 +39,9 @@ const TOLD: usize = 8;
 /// What effects are reported from.
 pub struct Entries<'a> {
     /// Recording and configuration.
-    pub case: &'a Case<'a>,
+    pub case: &'a DiagnosisCase<'a>,
     /// Signatures searched.
-    pub bank: &'a Bank,
+    pub bank: &'a SignatureBank,
     /// Required falls of χ².
     pub thresholds: &'a Thresholds,
     /// Wiring faults of the exact checks.
@@ -78,19 +78,19 @@ impl Entries<'_> {
 
     /// The hypotheses held.
     pub fn effects(&self, explained: &Explained) -> Vec<DiagnosedEffect> {
-        let remedies = Remedies::new(self.case);
+        let remedies = DiscriminatingTests::new(self.case);
         let of = |(index, held): (usize, &FittedHypothesis)| {
             let (fall, threshold) = explained.worth(self.case, index);
-            let prices = Prices { found: threshold, of: &|family, change| self.thresholds.price(family, change) };
+            let prices = Penalties { found: threshold, of: &|family, change| self.thresholds.price(family, change) };
             let rivals = rivals(self.case, self.bank, &explained.state, index, &prices).into_iter();
-            let mut rivals: Vec<Rival> =
+            let mut rivals: Vec<Alternative> =
                 rivals.filter(|rival| !is_the_same(&held.hypothesis.amplitude, rival)).collect();
             // The whole group, and what comes next.
             let in_group = rivals.iter().take_while(|rival| rival.behind_chi2 < APART_CHI2).count();
             rivals.truncate((in_group + 1).max(TOLD));
             let mut told = remedies.of(&explained.state, index, &rivals[..in_group.min(TOLD)]);
             told.resize(rivals.len(), None);
-            let shown = |(rival, remedy): (&Rival, Option<String>)| {
+            let shown = |(rival, remedy): (&Alternative, Option<String>)| {
                 ReportedAlternative::new(&rival.hypothesis, rival.cosine, rival.behind_chi2, remedy)
             };
             DiagnosedEffect {
@@ -137,7 +137,7 @@ impl Entries<'_> {
                 }),
             }
         }
-        let threshold = self.thresholds.of(Family::NOISE);
+        let threshold = self.thresholds.of(HypothesisFamily::NOISE);
         let of = |Merged { hypothesis, sigma, fall, .. }: &Merged| DiagnosedEffect {
             chi2: Some(Chi2Fall { fall: *fall, threshold }),
             ..effect(hypothesis, &[hypothesis.value * sigma])
@@ -211,7 +211,7 @@ impl Entries<'_> {
     /// nuisance is. On a short motion others look much like it: the most alike is meant.
     fn alike(&self, nuisance: &[Option<Vec<f64>>; CHANNELS], is_of_unit: bool) -> Option<(AmplitudeRef, f64)> {
         let steps = |values: &[f64]| -> Vec<f64> { values.windows(2).map(|pair| pair[1] - pair[0]).collect() };
-        let of_base = |base: &Base| {
+        let of_base = |base: &ConstantSignature| {
             let (mut both, mut ones, mut others) = (0.0, 0.0, 0.0);
             for (channel, values) in nuisance.iter().enumerate().take(TIMING) {
                 let Some(values) = values else { continue };
@@ -223,14 +223,14 @@ impl Entries<'_> {
             let cosine = if others > 0.0 { both.abs() / (ones * others).sqrt() } else { 0.0 };
             (cosine, base.amplitude, both / others)
         };
-        let is_meant = |base: &&Base| base.amplitude.is_of_unit() == is_of_unit && base.amplitude.formula().is_none();
+        let is_meant = |base: &&ConstantSignature| base.amplitude.is_of_unit() == is_of_unit && base.amplitude.formula().is_none();
         let all = self.bank.bases.iter().filter(is_meant).map(of_base);
         let (cosine, amplitude, ratio) = all.max_by(|one, other| one.0.total_cmp(&other.0))?;
         (cosine > SAME).then_some((amplitude, ratio))
     }
 
     /// Calibration parameters that moved.
-    pub fn recalibrations(&self, state: &State) -> Vec<DiagnosedEffect> {
+    pub fn recalibrations(&self, state: &ModelState) -> Vec<DiagnosedEffect> {
         let mut entries: Vec<DiagnosedEffect> = Vec::new();
         for (index, (gyro, number)) in calibration_parameters().into_iter().enumerate() {
             let (moved, sigma) = (state.sixteen[index], state.sixteen_sigmas[index]);
@@ -273,12 +273,12 @@ fn amplitude_of(walk: Walk) -> AmplitudeRef {
         Walk::Angle => AngleRandomWalk::SPEC,
         Walk::Rate => DriftRandomWalk::SPEC,
     };
-    let effect = HeadEffects::SPECS.iter().position(|other| *other == spec).expect("an effect of the list");
-    AmplitudeRef::of(Target { list: List::Head, effect, number: 0 }, None)
+    let effect = GyroEffects::SPECS.iter().position(|other| *other == spec).expect("an effect of the list");
+    AmplitudeRef::of(ParameterRef { list: EffectList::Head, effect, number: 0 }, None)
 }
 
 /// Whether a rival is what was found in other words: a course of it that is constant all through, or its law as a formula.
-fn is_the_same(found: &AmplitudeRef, rival: &Rival) -> bool {
+fn is_the_same(found: &AmplitudeRef, rival: &Alternative) -> bool {
     let other = &rival.hypothesis.amplitude;
     let is_course = found.kind.is_none() && other.kind.is_some() && other.is_of_same_effect(found);
     let is_law = found.formula().is_none() && other.formula().is_some();

@@ -12,13 +12,13 @@ mod walks;
 
 use rayon::prelude::*;
 
-use crate::bank::Bank;
+use crate::bank::SignatureBank;
 use crate::measured::TIMING;
-use crate::normal::Normal;
+use crate::normal::NormalEquations;
 use crate::null::Thresholds;
 use crate::search::{Candidate, search};
 use crate::spots::Spot;
-use crate::state::{Case, FittedHypothesis, State};
+use crate::state::{DiagnosisCase, FittedHypothesis, ModelState};
 
 use doubt::REFUSED_CHI2;
 use refine::is_possible;
@@ -39,7 +39,7 @@ const NEAR_CHI2: f64 = 12.0;
 const NEEDLESS: f64 = 0.02;
 
 /// What explains the recording best: effects of the bank, noise, or both; up to one more effect than `most` on one gyro.
-pub fn explain(case: &Case, bank: &Bank, thresholds: &Thresholds, start: &State, most: usize) -> Explained {
+pub fn select_model(case: &DiagnosisCase, bank: &SignatureBank, thresholds: &Thresholds, start: &ModelState, most: usize) -> Explained {
     let effects_first = || {
         let mut effects = grow(case, bank, thresholds, Explained::start(case, start.clone()), most);
         effects.free_noise(case, thresholds);
@@ -54,7 +54,7 @@ pub fn explain(case: &Case, bank: &Bank, thresholds: &Thresholds, start: &State,
         }
         let mut noise = grow(case, bank, thresholds, noise, most);
         // What the walks took of the effects they give back.
-        noise.quieten(case, &[true; TIMING]);
+        noise.reset_noise(case, &[true; TIMING]);
         noise.free_noise(case, thresholds);
         noise.prune(case);
         Some(noise.settled(case, thresholds))
@@ -67,7 +67,7 @@ pub fn explain(case: &Case, bank: &Bank, thresholds: &Thresholds, start: &State,
 }
 
 /// Adds the best effect as long as one qualifies and no gyro has more than `most`.
-fn grow(case: &Case, bank: &Bank, thresholds: &Thresholds, mut now: Explained, most: usize) -> Explained {
+fn grow(case: &DiagnosisCase, bank: &SignatureBank, thresholds: &Thresholds, mut now: Explained, most: usize) -> Explained {
     let cost = |candidate: &Candidate| thresholds.price(candidate.family, &candidate.hypothesis);
     loop {
         let late_s = now.state.shifts.temperature_s;
@@ -81,7 +81,7 @@ fn grow(case: &Case, bank: &Bank, thresholds: &Thresholds, mut now: Explained, m
             break;
         }
         let least = (NEAR * spare).min(spare - NEAR_CHI2);
-        let fitted = |candidate: &Candidate| -> Option<(f64, Candidate, State, Normal)> {
+        let fitted = |candidate: &Candidate| -> Option<(f64, Candidate, ModelState, NormalEquations)> {
             let mut state = now.state.clone();
             let held = FittedHypothesis::new(candidate.hypothesis.clone());
             state.held.push(held.accepted(cost(candidate), candidate.held_out));
@@ -99,7 +99,7 @@ fn grow(case: &Case, bank: &Bank, thresholds: &Thresholds, mut now: Explained, m
         let tried: Vec<_> = worth.into_par_iter().filter_map(fitted).collect();
         let best = tried
             .into_iter()
-            .filter(|(fall, candidate, ..)| *fall > 0.0 && candidate.pays_held_out())
+            .filter(|(fall, candidate, ..)| *fall > 0.0 && candidate.passes_cross_validation())
             .max_by(|one, other| one.0.total_cmp(&other.0));
         let mut round = Round { candidates: candidates.clone(), kept: None, added: None };
         let Some((_, candidate, state, normal)) = best else {

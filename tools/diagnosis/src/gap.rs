@@ -3,14 +3,14 @@
 
 use serde::Serialize;
 
-use crate::measured::{BLOCK, Measured, Series, TIMING, nodes};
+use crate::measured::{BLOCK, MeasuredData, Series, TIMING, nodes};
 
 /// Half seconds of a window, 30 min.
 pub const WINDOW: usize = 3600;
 
 /// The gap in numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
-pub struct Gap {
+pub struct ResidualStats {
     /// Root of the mean square.
     pub rms_arcsec: f64,
     /// The largest.
@@ -26,7 +26,7 @@ pub struct Gap {
 
 /// The residual of a model at each node, gyro by gyro; NaN where the sum cannot be trusted. Each window starts at zero, and so does
 /// what follows a break.
-pub fn windowed(measured: &Measured, residual: &dyn Fn(usize, usize) -> f64) -> [Vec<f64>; TIMING] {
+pub fn windowed(measured: &MeasuredData, residual: &dyn Fn(usize, usize) -> f64) -> [Vec<f64>; TIMING] {
     std::array::from_fn(|gyro| {
         let (mut start, mut values) = (f64::NAN, vec![f64::NAN; measured.half_seconds + 1]);
         for (number, block) in measured.blocks[gyro].iter().enumerate() {
@@ -49,7 +49,7 @@ pub fn windowed(measured: &Measured, residual: &dyn Fn(usize, usize) -> f64) -> 
 }
 
 /// The gap of a windowed residual; `reduced_chi2` is left at 0.
-pub fn of(windowed: &[Vec<f64>; TIMING]) -> Gap {
+pub fn of(windowed: &[Vec<f64>; TIMING]) -> ResidualStats {
     let (mut squares, mut count, mut max) = (0.0, 0usize, 0.0f64);
     let (mut end_squares, mut ends) = (0.0, 0usize);
     for gyro in windowed {
@@ -64,7 +64,7 @@ pub fn of(windowed: &[Vec<f64>; TIMING]) -> Gap {
         }
     }
     let mean = |squares: f64, count: usize| (squares / count.max(1) as f64).sqrt();
-    Gap {
+    ResidualStats {
         rms_arcsec: mean(squares, count),
         max_arcsec: max,
         after_30min_arcsec: mean(end_squares, ends),
@@ -74,7 +74,7 @@ pub fn of(windowed: &[Vec<f64>; TIMING]) -> Gap {
 }
 
 /// Residual at each node of a model that was run.
-pub fn residual<'a>(measured: &'a Measured, model: &'a Series) -> impl Fn(usize, usize) -> f64 + 'a {
+pub fn residual<'a>(measured: &'a MeasuredData, model: &'a Series) -> impl Fn(usize, usize) -> f64 + 'a {
     |gyro, node| measured.counts.accumulated[gyro][node] - model[gyro][node]
 }
 

@@ -5,30 +5,30 @@ use geu_protocol::Gyro;
 
 use crate::amplitude::calibration_parameters;
 use crate::entries::LAG_S;
-use crate::gap::{self, Gap};
+use crate::gap::{self, ResidualStats};
 use crate::measured::{BLOCK, CHANNELS, Series, TIMING};
-use crate::normal::{Normal, THIRDS};
-use crate::state::{Case, State};
+use crate::normal::{NormalEquations, THIRDS};
+use crate::state::{DiagnosisCase, ModelState};
 
 /// How well calibration numbers hold between checkouts, in the order of [`Calibration::NUMBERS`]: 20 ppm and 6″/h are what a
 /// calibration is for (Casteren §1, table 1), 3″ how well pivots let an axis be known (§5.3).
 const HOLDS: [f64; Calibration::NUMBERS.len()] = [20e-6, 6.0 / 7200.0, 3.0, 3.0, 3.0];
 
 /// The gap of a model that was run, with χ² by a state's noise.
-pub fn fitted(case: &Case, windowed: &[Vec<f64>; TIMING], model: &Series, state: &State) -> Gap {
+pub fn fitted(case: &DiagnosisCase, windowed: &[Vec<f64>; TIMING], model: &Series, state: &ModelState) -> ResidualStats {
     let residual = case.measured.residual(model);
-    let white = Normal::new(case.whitenings(&state.noise), &residual, &[]);
+    let white = NormalEquations::new(case.whitenings(&state.noise), &residual, &[]);
     let squares: f64 = white.residual()[..TIMING].iter().flatten().map(|value| value * value).sum();
     let count: usize = white.residual()[..TIMING].iter().flatten().filter(|value| **value != 0.0).count();
-    Gap { reduced_chi2: squares / count.max(1) as f64, ..gap::of(windowed) }
+    ResidualStats { reduced_chi2: squares / count.max(1) as f64, ..gap::of(windowed) }
 }
 
 /// The gap of each third, with everything that is fitted taken from the other two.
-pub fn held_out(case: &Case, state: &State) -> Gap {
+pub fn held_out(case: &DiagnosisCase, state: &ModelState) -> ResidualStats {
     let (measured, state) = (case.measured, &mut state.clone());
     let model = measured.run(&state.configuration(case.believed), state.shifts);
     let (residual, columns) = case.linearised(state);
-    let normal = Normal::departed(case.whitenings(&state.noise), &residual, &columns, &state.sixteen);
+    let normal = NormalEquations::departed(case.whitenings(&state.noise), &residual, &columns, &state.sixteen);
     let blocks = measured.block_count();
     let mut corrections: Series = std::array::from_fn(|_| vec![0.0; blocks]);
     let mut squares = 0.0;
@@ -46,7 +46,7 @@ pub fn held_out(case: &Case, state: &State) -> Gap {
                 }
             }
         }
-        let white = Normal::new(case.whitenings(&state.noise), &own, &[]);
+        let white = NormalEquations::new(case.whitenings(&state.noise), &own, &[]);
         squares +=
             white.residual()[..TIMING].iter().flat_map(|values| &values[range.clone()]).map(|v| v * v).sum::<f64>();
     }
@@ -71,12 +71,12 @@ pub fn held_out(case: &Case, state: &State) -> Gap {
             }
         }
     }
-    Gap { reduced_chi2: squares / count.max(1) as f64, ..gap::of(&windowed) }
+    ResidualStats { reduced_chi2: squares / count.max(1) as f64, ..gap::of(&windowed) }
 }
 
 /// What is known of the sixteen, and of the lag where it is fitted, before a recording, as departures from a state: a calibration holds
 /// for as long as [`HOLDS`] says, and where it has plainly not held, as much as it was off.
-fn known(state: &State, nuisances: usize) -> Vec<(f64, f64)> {
+fn known(state: &ModelState, nuisances: usize) -> Vec<(f64, f64)> {
     let of_number = |((_, number), moved): ((Gyro, usize), &f64)| (-moved, HOLDS[number].max(moved.abs()));
     let sixteen = calibration_parameters().into_iter().zip(&state.sixteen).map(of_number);
     let lag = (-state.shifts.lag_s, LAG_S.max(state.shifts.lag_s.abs()));

@@ -1,14 +1,14 @@
 //! A hypothesis: which amplitude of the model, with which time course, on which gyros, by how much.
 
 use geu_model::Configuration;
-use geu_model::course::{Course, KINDS, Kind, Law, Size};
+use geu_model::course::{TimeCourse, KINDS, TimeFunctionSpec, TimeFunction, Size};
 use geu_model::effect::discovered::{self, Term};
-use geu_model::effect::{Configured, Effects};
-use geu_model::fault::{List, Target};
-use geu_model::number::{Number, Numbers, Role};
+use geu_model::effect::{EffectConfiguration, Effects};
+use geu_model::fault::{EffectList, ParameterRef};
+use geu_model::number::{ParameterSpec, ParameterSet, Role};
 use geu_protocol::Gyro;
 
-use crate::amplitude::{AmplitudeRef, ParameterRef, configured};
+use crate::amplitude::{AmplitudeRef, AmplitudeSource, configured};
 use crate::gyros::Gyros;
 
 /// An amplitude with its value.
@@ -44,7 +44,7 @@ impl Hypothesis {
             Some(formula) => AmplitudeRef::term(formula),
             None => AmplitudeRef::every().flat_map(AmplitudeRef::with_courses).find(is_own)?,
         };
-        let shapes = |numbers: &[Number]| -> Vec<f64> {
+        let shapes = |numbers: &[ParameterSpec]| -> Vec<f64> {
             numbers.iter().map(|number| value(number.name).unwrap_or(number.default.initial())).collect()
         };
         let hypothesis = Hypothesis {
@@ -58,7 +58,7 @@ impl Hypothesis {
     }
 
     /// The law of its time course; none of a constant.
-    pub fn law(&self) -> Option<Law> {
+    pub fn law(&self) -> Option<TimeFunction> {
         self.amplitude.kind.map(|kind| KINDS[kind].law(&self.course_shapes))
     }
 
@@ -74,16 +74,16 @@ impl Hypothesis {
 
     /// Adds it to a configuration that is written as text, which holds one time course of each kind: its own takes the place of another.
     pub fn replace(&self, configuration: &mut Configuration) {
-        let own = self.law().map(|law| Kind::of(&law).0.suffix);
-        self.put(configuration, |law| Some(law) == self.law() || Some(Kind::of(&law).0.suffix) != own);
+        let own = self.law().map(|law| TimeFunctionSpec::of(&law).0.suffix);
+        self.put(configuration, |law| Some(law) == self.law() || Some(TimeFunctionSpec::of(&law).0.suffix) != own);
     }
 
-    fn put(&self, configuration: &mut Configuration, is_kept: impl Fn(Law) -> bool) {
+    fn put(&self, configuration: &mut Configuration, is_kept: impl Fn(TimeFunction) -> bool) {
         let amplitudes = self.amplitude.spec().amplitudes.len();
         let total = |before: f64| if self.amplitude.has_signature() { before + self.value } else { self.value };
         match self.amplitude.parameter {
-            ParameterRef::Effect(target) => {
-                let Target { effect, number: amplitude, .. } = target;
+            AmplitudeSource::Effect(target) => {
+                let ParameterRef { effect, number: amplitude, .. } = target;
                 for (numbers, courses) in self.configured_mut(target, configuration) {
                     for (index, value) in self.own_shapes.iter().enumerate() {
                         *numbers.value_mut(amplitudes + index) = *value;
@@ -96,11 +96,11 @@ impl Hypothesis {
                     courses.retain(|own| (own.effect, own.amplitude) != (effect, amplitude) || is_kept(own.law));
                     match courses.iter_mut().find(|course| is_course(course, target, law)) {
                         Some(course) => course.size = total(course.size),
-                        None => courses.push(Course { effect, amplitude, size: self.value, law }),
+                        None => courses.push(TimeCourse { effect, amplitude, size: self.value, law }),
                     }
                 }
             }
-            ParameterRef::Term(formula) => self.on().for_each(|at| {
+            AmplitudeSource::Term(formula) => self.on().for_each(|at| {
                 let terms = &mut configuration.gyros[at as usize].discovered;
                 match terms.iter_mut().find(|term| term.formula == formula) {
                     Some(term) => term.coefficient += self.value,
@@ -113,23 +113,23 @@ impl Hypothesis {
     /// Numbers and time courses of its effect in a configuration, on each of its gyros.
     fn configured_mut<'a>(
         &self,
-        target: Target,
+        target: ParameterRef,
         configuration: &'a mut Configuration,
-    ) -> Vec<(&'a mut dyn Numbers, &'a mut Vec<Course>)> {
-        fn of<E: Effects>(own: &mut Configured<E>, effect: usize) -> (&mut dyn Numbers, &mut Vec<Course>) {
+    ) -> Vec<(&'a mut dyn ParameterSet, &'a mut Vec<TimeCourse>)> {
+        fn of<E: Effects>(own: &mut EffectConfiguration<E>, effect: usize) -> (&mut dyn ParameterSet, &mut Vec<TimeCourse>) {
             (own.constant.numbers_mut(effect), &mut own.courses)
         }
         let gyros = configuration.gyros.iter_mut().zip(self.gyros).filter_map(|(gyro, has)| has.then_some(gyro));
         match target.list {
-            List::Unit => vec![of(&mut configuration.unit, target.effect)],
-            List::Head => gyros.map(|gyro| of(&mut gyro.effects, target.effect)).collect(),
-            List::Wiring => gyros.map(|gyro| of(&mut gyro.wiring, target.effect)).collect(),
+            EffectList::Unit => vec![of(&mut configuration.unit, target.effect)],
+            EffectList::Head => gyros.map(|gyro| of(&mut gyro.effects, target.effect)).collect(),
+            EffectList::Wiring => gyros.map(|gyro| of(&mut gyro.wiring, target.effect)).collect(),
         }
     }
 
     /// Its numbers: name, value and limits; the amplitude first.
     pub fn parameters(&self) -> Vec<HypothesisParameter> {
-        let of = |(number, value): (&Number, &f64)| HypothesisParameter {
+        let of = |(number, value): (&ParameterSpec, &f64)| HypothesisParameter {
             name: number.name.to_owned(),
             role: number.role,
             value: *value,
@@ -162,13 +162,13 @@ impl Hypothesis {
     /// What [`Configuration::edited`] takes to have it in the text of `configuration`, which has it already.
     pub fn assignments(&self, configuration: &Configuration) -> Vec<String> {
         let of_gyro = |gyro: Gyro| match self.amplitude.parameter {
-            ParameterRef::Effect(target) => {
+            AmplitudeSource::Effect(target) => {
                 let path = format!("gyro.{}", gyro.name());
-                let path = if target.list == List::Unit { "unit" } else { &path };
+                let path = if target.list == EffectList::Unit { "unit" } else { &path };
                 self.values(path, target, configured(target, gyro, configuration))
             }
             // A list is given whole.
-            ParameterRef::Term(_) => {
+            AmplitudeSource::Term(_) => {
                 let terms = configuration.gyros[gyro as usize].discovered.iter();
                 let terms = terms.map(|Term { formula, coefficient }| {
                     format!("{{ formula = \"{formula}\", coefficient = {coefficient:?} }}")
@@ -182,7 +182,7 @@ impl Hypothesis {
     }
 
     /// The assignments below one table.
-    fn values(&self, path: &str, target: Target, (numbers, courses): (&dyn Numbers, &[Course])) -> Vec<String> {
+    fn values(&self, path: &str, target: ParameterRef, (numbers, courses): (&dyn ParameterSet, &[TimeCourse])) -> Vec<String> {
         let (code, base, size) = (self.amplitude.code(), self.amplitude.spec().code, self.amplitude.size());
         let total = match self.law() {
             None => numbers.value(target.number),
@@ -197,7 +197,7 @@ impl Hypothesis {
     }
 }
 
-fn is_course(course: &Course, target: Target, law: Law) -> bool {
+fn is_course(course: &TimeCourse, target: ParameterRef, law: TimeFunction) -> bool {
     (course.effect, course.amplitude, course.law) == (target.effect, target.number, law)
 }
 

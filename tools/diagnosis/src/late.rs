@@ -2,16 +2,16 @@
 //!
 //! How late is looked for with signatures, which shift for nothing; the model is run where these say that it is.
 
-use geu_model::course::{KINDS, Law};
+use geu_model::course::{KINDS, TimeFunction};
 use rayon::prelude::*;
 
 use crate::amplitude::AmplitudeRef;
-use crate::bank::{Bank, Base, Family, Variation};
+use crate::bank::{SignatureBank, ConstantSignature, HypothesisFamily, Variation};
 use crate::gyros::Gyros;
 use crate::hypothesis::Hypothesis;
-use crate::normal::{Gain, Normal, Products};
+use crate::normal::{SignatureFit, NormalEquations, Products};
 use crate::signature::Signature;
-use crate::state::{Case, FittedHypothesis, State};
+use crate::state::{DiagnosisCase, FittedHypothesis, ModelState};
 
 /// How late a temperature may be told, s; early where a part of the electronics is warm only after the sensor.
 const LATE_S: [f64; 9] = [-300.0, 0.0, 150.0, 300.0, 450.0, 600.0, 900.0, 1200.0, 1800.0];
@@ -23,18 +23,18 @@ pub const LAG_CHI2: f64 = 9.0;
 const HOPE: f64 = 0.5;
 
 /// What follows the temperature, fitted in the place of a change.
-pub struct Late {
+pub struct LaggedFit {
     /// Everything held, with it.
-    pub state: State,
+    pub state: ModelState,
     /// The equations of that.
-    pub normal: Normal,
+    pub normal: NormalEquations,
     /// What is paid for the lag, where there was none.
     pub lag_chi2: f64,
     /// Index of it.
     index: usize,
 }
 
-impl Late {
+impl LaggedFit {
     /// It, with what is paid for its family and gyros.
     pub fn held(&self) -> &FittedHypothesis {
         &self.state.held[self.index]
@@ -47,18 +47,18 @@ impl Late {
 }
 
 /// The family of what follows the temperature, and the amplitude with that course.
-pub fn following_temperature(amplitude: AmplitudeRef) -> Option<(Family, AmplitudeRef)> {
+pub fn following_temperature(amplitude: AmplitudeRef) -> Option<(HypothesisFamily, AmplitudeRef)> {
     let kind = kind()?;
-    Some((Family::of_kind(kind), amplitude.with(kind)?))
+    Some((HypothesisFamily::of_kind(kind), amplitude.with(kind)?))
 }
 
 /// The course that follows the temperature, of [`KINDS`].
 fn kind() -> Option<usize> {
-    KINDS.iter().position(|kind| kind.shapes.is_empty() && kind.law(&[]) == Law::Temperature)
+    KINDS.iter().position(|kind| kind.shapes.is_empty() && kind.law(&[]) == TimeFunction::Temperature)
 }
 
 /// What is paid for the lag of a state, one for all that follows the temperature.
-pub fn lag_chi2(state: &State) -> f64 {
+pub fn lag_chi2(state: &ModelState) -> f64 {
     if state.shifts.temperature_s == 0.0 { 0.0 } else { LAG_CHI2 }
 }
 
@@ -66,13 +66,13 @@ pub fn lag_chi2(state: &State) -> f64 {
 /// `price` is what a change of a family costs. Nothing where the amplitude has no such course, where that explains much less, or where
 /// it is held already.
 pub fn likeliest(
-    case: &Case,
-    bank: &Bank,
-    state: &State,
+    case: &DiagnosisCase,
+    bank: &SignatureBank,
+    state: &ModelState,
     index: usize,
-    price: &(dyn Fn(Family, &Hypothesis) -> f64 + Sync),
-    is_accepted: &(dyn Fn(&Late) -> bool + Sync),
-) -> Option<Late> {
+    price: &(dyn Fn(HypothesisFamily, &Hypothesis) -> f64 + Sync),
+    is_accepted: &(dyn Fn(&LaggedFit) -> bool + Sync),
+) -> Option<LaggedFit> {
     let found = &state.held[index].hypothesis;
     let (family, amplitude) = following_temperature(found.amplitude)?;
     let is_held = |(other, held): (usize, &FittedHypothesis)| {
@@ -94,43 +94,43 @@ pub fn likeliest(
         let held_out = others.held_out(&spot.products(bank, &others, late_s, &change.gyros));
         let penalty = price(family, &change);
         own.held[index] = FittedHypothesis::new(change.clone()).accepted(penalty, held_out);
-        own.tell_late(late_s);
+        own.set_temperature_lag(late_s);
         let normal = case.fit(&mut own);
         let lag_chi2 = lag_chi2(&own) - lag_chi2(state);
-        let late = Late { state: own, normal, lag_chi2, index };
+        let late = LaggedFit { state: own, normal, lag_chi2, index };
         is_accepted(&late).then_some(late)
     };
     let mut all_s = vec![spot.late_s, state.shifts.temperature_s, 0.0];
     all_s.sort_by(f64::total_cmp);
     all_s.dedup();
-    best_of(&all_s, fitted, Late::score)
+    best_of(&all_s, fitted, LaggedFit::score)
 }
 
 /// What follows the temperature in the place of a change, by signatures.
 struct Spot<'a> {
-    base: &'a Base,
+    base: &'a ConstantSignature,
     variation: Variation,
     late_s: f64,
-    gain: Gain,
+    gain: SignatureFit,
 }
 
 impl Spot<'_> {
     /// Its products where the temperature is told so much later than it was.
-    fn products(&self, bank: &Bank, normal: &Normal, late_s: f64, gyros: &Gyros) -> Products {
+    fn products(&self, bank: &SignatureBank, normal: &NormalEquations, late_s: f64, gyros: &Gyros) -> Products {
         Signature::of(&bank.late(late_s), normal, self.base, &self.variation, gyros).products
     }
 }
 
 /// Where signatures explain most.
-fn spot<'a>(bank: &'a Bank, normal: &Normal, found: &Hypothesis) -> Option<Spot<'a>> {
+fn spot<'a>(bank: &'a SignatureBank, normal: &NormalEquations, found: &Hypothesis) -> Option<Spot<'a>> {
     let variation = Variation::Course { kind: kind()?, shapes: Vec::new() };
     let constant = found.amplitude.constant();
-    let bases: Vec<&Base> = bank.bases.iter().filter(|base| base.amplitude == constant).collect();
+    let bases: Vec<&ConstantSignature> = bank.bases.iter().filter(|base| base.amplitude == constant).collect();
     let at = |late_s: f64| {
         let late = bank.late(late_s);
         let spots = bases.iter().filter_map(|&base| {
             let gain = normal.gain(&Signature::of(&late, normal, base, &variation, &found.gyros).products)?;
-            base.stands_for(gain.size).then(|| Spot { base, variation: variation.clone(), late_s, gain })
+            base.is_valid_at(gain.size).then(|| Spot { base, variation: variation.clone(), late_s, gain })
         });
         spots.max_by(|one, other| one.gain.chi2.total_cmp(&other.gain.chi2))
     };

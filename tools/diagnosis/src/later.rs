@@ -1,20 +1,20 @@
 //! A configuration as it stands some time after its start, for a flight whose own time begins there.
 
 use geu_model::Configuration;
-use geu_model::course::Law;
-use geu_model::effect::{Configured, Effects};
+use geu_model::course::TimeFunction;
+use geu_model::effect::{EffectConfiguration, Effects};
 use geu_model::number::Role;
 use geu_model::units::S_PER_DAY;
 
 /// Moves every course so that what the configuration does from `by_s` on is done from 0 on. The temperatures are not moved.
-pub fn begin_later(configuration: &mut Configuration, by_s: f64) {
+pub fn shift_origin(configuration: &mut Configuration, by_s: f64) {
     move_courses(&mut configuration.unit, by_s);
     for gyro in &mut configuration.gyros {
         move_courses(&mut gyro.effects, by_s);
     }
 }
 
-fn move_courses<E: Effects>(configured: &mut Configured<E>, by_s: f64) {
+fn move_courses<E: Effects>(configured: &mut EffectConfiguration<E>, by_s: f64) {
     for effect in 0..configured.constant.specs().len() {
         let amplitudes = configured.constant.specs()[effect].amplitudes.len();
         let numbers = configured.constant.numbers_mut(effect);
@@ -25,16 +25,16 @@ fn move_courses<E: Effects>(configured: &mut Configured<E>, by_s: f64) {
             *numbers.value_mut(index) -= by_s;
         }
     }
-    let Configured { constant, courses } = configured;
+    let EffectConfiguration { constant, courses } = configured;
     for course in courses {
         match &mut course.law {
-            Law::Step { time_s } => *time_s -= by_s,
+            TimeFunction::Step { time_s } => *time_s -= by_s,
             // It goes on from what it has grown to.
-            Law::Ramp => {
+            TimeFunction::Ramp => {
                 *constant.numbers_mut(course.effect).value_mut(course.amplitude) += course.size * by_s / S_PER_DAY;
             }
-            Law::Temperature => {}
-            Law::Periodic { period_s, phase_rad } => *phase_rad += std::f64::consts::TAU * by_s / *period_s,
+            TimeFunction::Temperature => {}
+            TimeFunction::Periodic { period_s, phase_rad } => *phase_rad += std::f64::consts::TAU * by_s / *period_s,
         }
     }
 }
@@ -55,7 +55,7 @@ mod tests {
         ];
         let own = Configuration::reference_with(&overrides.map(str::to_owned)).expect("valid");
         let mut later = own.clone();
-        begin_later(&mut later, 4000.0);
+        shift_origin(&mut later, 4000.0);
         let at = |configuration: &Configuration, start_s: f64| {
             let interval = Interval { start_s, end_s: start_s + 0.5, electronics_excess_k: 3.0 };
             let effects = configuration.gyros[0].effects.at(&interval);

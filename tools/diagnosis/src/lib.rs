@@ -45,10 +45,10 @@ pub mod whereabouts;
 mod whiteness;
 pub mod whitening;
 
-pub use bank::Bank;
-pub use diagnosis::{Settings, diagnose_rows};
+pub use bank::SignatureBank;
+pub use diagnosis::{DiagnosisOptions, diagnose_rows};
 pub use finding::Finding;
-pub use measured::{Measured, MeasuredError};
+pub use measured::{MeasuredData, MeasuredError};
 pub use null::Thresholds;
 pub use outcome::{Diagnosis, Verdict};
-pub use state::Case;
+pub use state::DiagnosisCase;

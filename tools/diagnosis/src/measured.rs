@@ -7,14 +7,14 @@ mod series;
 
 use std::sync::Arc;
 
-use geu_calibration::Counts;
-use geu_model::attitude::Recorded;
+use geu_calibration::AccumulatedCounts;
+use geu_model::attitude::RecordedAttitude;
 use geu_model::units::{HALF_SECOND_S, ORBIT_S};
-use geu_recording::Reference;
+use geu_recording::ReferenceAttitude;
 
 pub use series::{CHANNELS, Series, Shifts, TIMING};
 
-use runs::Runs;
+use runs::ModelCache;
 use series::TIMING_UNIT_S;
 
 /// Half seconds averaged into one block, 5 s. Rounding and whatever swings with the limit cycle's period averages out; a missing
@@ -70,17 +70,17 @@ pub struct Block {
 
 /// A recording beside its reference.
 #[derive(Debug, Clone)]
-pub struct Measured {
+pub struct MeasuredData {
     /// What was counted.
-    pub counts: Counts,
+    pub counts: AccumulatedCounts,
     /// The motion; time 0 is that of node 0.
-    pub reference: Arc<Recorded>,
+    pub reference: Arc<RecordedAttitude>,
     /// Half seconds up to the end of the reference.
     pub half_seconds: usize,
     /// Blocks of each channel. The channel of the times has good ones only where times were received.
     pub blocks: [Vec<Block>; CHANNELS],
     /// Runs of the model on it: nothing that they depend on may move after the first; a copy begins anew.
-    runs: Runs,
+    runs: ModelCache,
     /// Time of receipt of each node less nominal half seconds, in units of [`TIMING_UNIT_S`]; NaN where none came.
     late: Vec<f64>,
     /// Time of node 0 since the start that courses count from: 0 but for a flight that follows a recording.
@@ -89,24 +89,24 @@ pub struct Measured {
 
 /// A flight that was not measured, yet may be.
 #[derive(Debug, Clone)]
-pub struct Flight {
+pub struct PlannedMotion {
     /// Its motion; time 0 is that of node 0.
-    pub motion: Recorded,
+    pub motion: RecordedAttitude,
     /// Half seconds of it.
     pub half_seconds: usize,
 }
 
-impl Measured {
+impl MeasuredData {
     /// Sets counts beside their reference.
     ///
     /// # Errors
     /// [`MeasuredError`], where there is not enough of either.
-    pub fn new(counts: Counts, reference: &Reference) -> Result<Measured, MeasuredError> {
+    pub fn new(counts: AccumulatedCounts, reference: &ReferenceAttitude) -> Result<MeasuredData, MeasuredError> {
         if counts.is_empty() {
             return Err(MeasuredError::Empty);
         }
         let start_s = (reference.start_ns - counts.start_ns) as f64 * 1e-9;
-        let reference = Recorded::clone(&reference.truth).starting_at(start_s);
+        let reference = RecordedAttitude::clone(&reference.truth).starting_at(start_s);
         // Beside the ends of the reference a spline bends more than the motion does.
         let covered = |node_s: f64| node_s >= start_s && node_s <= reference.end_s();
         let half_seconds = counts.node_s.partition_point(|&node_s| node_s <= reference.end_s()).saturating_sub(1);
@@ -166,8 +166,8 @@ impl Measured {
                 common_s,
             });
         }
-        let (reference, runs) = (Arc::new(reference), Runs::default());
-        Ok(Measured { counts, reference, half_seconds, blocks, runs, late, start_s: 0.0 })
+        let (reference, runs) = (Arc::new(reference), ModelCache::default());
+        Ok(MeasuredData { counts, reference, half_seconds, blocks, runs, late, start_s: 0.0 })
     }
 
     /// How long it is, s.
@@ -176,8 +176,8 @@ impl Measured {
     }
 
     /// A flight as it would be recorded after this recording, at the temperatures of an orbit before.
-    pub fn followed_by(&self, flight: Flight) -> Measured {
-        let Flight { motion, half_seconds } = flight;
+    pub fn followed_by(&self, flight: PlannedMotion) -> MeasuredData {
+        let PlannedMotion { motion, half_seconds } = flight;
         let again = |celsius: &[f64]| -> Vec<f64> {
             let orbit = (ORBIT_S / HALF_SECOND_S) as usize;
             // Of less than an orbit nothing tells how it goes on.
@@ -185,7 +185,7 @@ impl Measured {
             let last = celsius.get(celsius.len().saturating_sub(period)..).unwrap_or_default();
             last.iter().cycle().take(half_seconds + 1).copied().collect()
         };
-        let mut counts = Counts::starting_at(self.counts.start_ns);
+        let mut counts = AccumulatedCounts::starting_at(self.counts.start_ns);
         counts.is_received = self.counts.is_received;
         (counts.electronics_c, counts.sensor_c) = (again(&self.counts.electronics_c), again(&self.counts.sensor_c));
         counts.accumulated = std::array::from_fn(|_| vec![0.0; half_seconds + 1]);
@@ -194,19 +194,19 @@ impl Measured {
             let block = |number: usize| Block { is_good, restarts: number == 0 };
             (0..half_seconds / BLOCK).map(block).collect()
         };
-        Measured {
+        MeasuredData {
             counts,
             reference: Arc::new(motion),
             half_seconds,
             blocks: std::array::from_fn(of_channel),
-            runs: Runs::default(),
+            runs: ModelCache::default(),
             late: vec![0.0; half_seconds + 1],
             start_s: self.start_s + self.duration_s(),
         }
     }
 
     /// The first `half_seconds` of the recording, flown once more right after it, with the electronics at other temperatures.
-    pub fn again(&self, half_seconds: usize, electronics_c: impl Fn(f64) -> f64) -> Measured {
+    pub fn again(&self, half_seconds: usize, electronics_c: impl Fn(f64) -> f64) -> MeasuredData {
         let mut again = self.clone();
         again.half_seconds = half_seconds.min(self.half_seconds);
         for channel in &mut again.blocks {
@@ -291,23 +291,23 @@ pub fn nodes(block: usize) -> std::ops::Range<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use geu_calibration::{Break, BreakKind};
-    use geu_model::attitude::Row;
+    use geu_calibration::{Discontinuity, BreakKind};
+    use geu_model::attitude::AttitudeRow;
 
     /// Half seconds at rest from `start_s` of the reference on, which has 1500 s; one in so many is lost.
     fn refused(start_s: f64, lost_each: usize) -> String {
-        let row = |node: usize| Row {
+        let row = |node: usize| AttitudeRow {
             t_s: node as f64 * HALF_SECOND_S,
             angle_control_arcsec: [0.0; 3],
             theta_psi_rad: Some((1.5, 0.0)),
         };
-        let rows: Vec<Row> = (0..=3000).map(row).collect();
-        let truth = Arc::new(Recorded::new(&rows).expect("a truth"));
-        let mut counts = Counts::starting_at((start_s * 1e9) as i64);
+        let rows: Vec<AttitudeRow> = (0..=3000).map(row).collect();
+        let truth = Arc::new(RecordedAttitude::new(&rows).expect("a truth"));
+        let mut counts = AccumulatedCounts::starting_at((start_s * 1e9) as i64);
         (1..=2400).for_each(|node| counts.push(node as f64 * HALF_SECOND_S, [0.0; 4], 20.0));
-        let lost = |node: usize| Break { from: node, to: node + 1, gyros: [true; 4], kind: BreakKind::Gap(1) };
+        let lost = |node: usize| Discontinuity { from: node, to: node + 1, gyros: [true; 4], kind: BreakKind::Gap(1) };
         counts.breaks = (1..2400).step_by(lost_each).map(lost).collect();
-        Measured::new(counts, &Reference { start_ns: 0, truth, time_system: None }).expect_err("too little").to_string()
+        MeasuredData::new(counts, &ReferenceAttitude { start_ns: 0, truth, time_system: None }).expect_err("too little").to_string()
     }
 
     #[test]

@@ -3,10 +3,10 @@
 use geu_model::Configuration;
 use nalgebra::{DMatrix, DVector};
 
-use crate::measured::{BLOCK, Block, CHANNELS, Measured, Series, TIMING};
+use crate::measured::{BLOCK, Block, CHANNELS, MeasuredData, Series, TIMING};
 use crate::normal::{Nuisance, RIDGE, dot, factored, lower};
-use crate::state::Case;
-use crate::whitening::{Noise, ROUNDING, Whitening};
+use crate::state::DiagnosisCase;
+use crate::whitening::{NoiseModel, ROUNDING, Whitening};
 
 /// Median of the absolute value of a normal variable.
 const MEDIAN_OF_NORMAL: f64 = 0.674_489_750_196_081_7;
@@ -32,7 +32,7 @@ pub enum Walk {
     Rate,
 }
 
-impl Noise {
+impl NoiseModel {
     /// A walk's growth.
     pub fn walk(&self, walk: Walk) -> f64 {
         match walk {
@@ -43,7 +43,7 @@ impl Noise {
 
     /// The same with another walk.
     #[must_use]
-    pub fn with(mut self, walk: Walk, value: f64) -> Noise {
+    pub fn with(mut self, walk: Walk, value: f64) -> NoiseModel {
         match walk {
             Walk::Angle => self.angle_walk = value,
             Walk::Rate => self.rate_walk = value,
@@ -55,12 +55,12 @@ impl Noise {
 /// The configured walks with the white noise that the residual shows: rounding and the reference.
 ///
 /// Its variance comes from second differences of neighbouring blocks, by their median, which no missing effect moves.
-pub fn of(configuration: &Configuration, measured: &Measured, residual: &Series) -> [Noise; CHANNELS] {
+pub fn of(configuration: &Configuration, measured: &MeasuredData, residual: &Series) -> [NoiseModel; CHANNELS] {
     std::array::from_fn(|channel| {
         let seconds = second_differences(&residual[channel], &measured.blocks[channel]);
         if channel == TIMING {
             let white = (seconds.max(0.0) / 6.0).max(least_white(channel));
-            return Noise { white, angle_walk: 0.0, rate_walk: 0.0 };
+            return NoiseModel { white, angle_walk: 0.0, rate_walk: 0.0 };
         }
         let effects = &configuration.gyros[channel].effects.constant;
         let angle_walk = effects.angle_random_walk.arcsec_per_sqrt_s;
@@ -69,7 +69,7 @@ pub fn of(configuration: &Configuration, measured: &Measured, residual: &Series)
         // neighbour's −1/6; 1 in all.
         let walk = angle_walk.powi(2) * crate::measured::BLOCK_S;
         let white = ((seconds - walk) / 6.0).max(least_white(channel));
-        Noise { white, angle_walk, rate_walk }
+        NoiseModel { white, angle_walk, rate_walk }
     })
 }
 
@@ -101,9 +101,9 @@ const HOPES: [f64; 2] = [1.5, 3.0];
 
 /// A walk fitted: its growth, one sigma of the growth's logarithm, and by how much −2 ln of the likelihood falls.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Fitted {
+pub struct FittedNoise {
     /// The noise with it.
-    pub noise: Noise,
+    pub noise: NoiseModel,
     /// Of the natural logarithm of the growth.
     pub log_sigma: f64,
     /// Against the noise before.
@@ -112,13 +112,13 @@ pub struct Fitted {
 
 /// −2 ln of the likelihood of one channel for any noise of it, beside the nuisances, as [`crate::normal::Normal::deviance`] tells that of all.
 fn deviance<'a>(
-    case: &'a Case,
+    case: &'a DiagnosisCase,
     channel: usize,
     residual: &'a Series,
     nuisances: &'a [Nuisance],
-) -> impl Fn(&Noise) -> f64 + use<'a> {
+) -> impl Fn(&NoiseModel) -> f64 + use<'a> {
     let own: Vec<&[f64]> = nuisances.iter().filter_map(|column| column[channel].as_deref()).collect();
-    move |noise: &Noise| {
+    move |noise: &NoiseModel| {
         let whitening = Whitening::new(noise, &case.measured.blocks[channel]);
         let white = whitening.apply(&residual[channel]);
         let columns: Vec<Vec<f64>> = own.iter().map(|column| whitening.apply(column)).collect();
@@ -142,12 +142,12 @@ fn deviance<'a>(
 }
 
 /// Fits the white noise of one channel.
-pub fn fit_white(case: &Case, channel: usize, noise: &Noise, residual: &Series, nuisances: &[Nuisance]) -> Noise {
+pub fn fit_white(case: &DiagnosisCase, channel: usize, noise: &NoiseModel, residual: &Series, nuisances: &[Nuisance]) -> NoiseModel {
     if !case.measured.blocks[channel].iter().any(|block| block.is_good) {
         return *noise;
     }
     let deviance = deviance(case, channel, residual, nuisances);
-    let with = |log_white: f64| Noise { white: log_white.exp(), ..*noise };
+    let with = |log_white: f64| NoiseModel { white: log_white.exp(), ..*noise };
     let mut log_white = noise.white.ln();
     for _ in 0..TURNS {
         let before = log_white;
@@ -166,24 +166,24 @@ fn likeliest_white(channel: usize, log_white: f64, deviance: impl Fn(f64) -> f64
 
 /// Fits one walk of one channel, and the white noise with it; one that is no larger than it was taken stays as it is.
 pub fn fit(
-    case: &Case,
+    case: &DiagnosisCase,
     channel: usize,
-    noise: &Noise,
+    noise: &NoiseModel,
     walk: Walk,
     residual: &Series,
     nuisances: &[Nuisance],
-) -> Fitted {
+) -> FittedNoise {
     let deviance = deviance(case, channel, residual, nuisances);
     let start = match (noise.walk(walk), walk) {
         (configured, _) if configured > 0.0 => configured.ln(),
         (_, Walk::Angle) => (noise.white.sqrt() * 1e-2).ln(),
         (_, Walk::Rate) => (noise.white.sqrt() * 1e-5).ln(),
     };
-    let with = |log_walk: f64, log_white: f64| Noise { white: log_white.exp(), ..noise.with(walk, log_walk.exp()) };
+    let with = |log_walk: f64, log_white: f64| NoiseModel { white: log_white.exp(), ..noise.with(walk, log_walk.exp()) };
     // What is no more likely half as large again, nor three times as large, is not larger.
     let now = deviance(noise);
     if HOPES.iter().all(|factor| deviance(&with(start + factor.ln(), noise.white.ln())) >= now) {
-        return Fitted { noise: *noise, log_sigma: f64::NAN, fall: 0.0 };
+        return FittedNoise { noise: *noise, log_sigma: f64::NAN, fall: 0.0 };
     }
     // Each in turn, until they stay: over all there is at first, then near by.
     let (mut log_walk, mut log_white) = (start, noise.white.ln());
@@ -203,7 +203,7 @@ pub fn fit(
     let aside = 0.1;
     let bend = deviance(&with(log_walk + aside, log_white)) + deviance(&with(log_walk - aside, log_white)) - 2.0 * best;
     let log_sigma = (2.0 * aside * aside / bend.max(1e-9)).sqrt();
-    Fitted { noise: with(log_walk, log_white), log_sigma, fall: before - best }
+    FittedNoise { noise: with(log_walk, log_white), log_sigma, fall: before - best }
 }
 
 /// Where a function of one number is least, by a grid and the golden section.

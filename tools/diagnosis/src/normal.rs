@@ -30,7 +30,7 @@ pub type Nuisance = [Option<Vec<f64>>; CHANNELS];
 
 /// The residual and the nuisances.
 #[derive(Debug)]
-pub struct Normal {
+pub struct NormalEquations {
     whitenings: [Whitening; CHANNELS],
     /// First block of each third, and the end.
     bounds: [usize; THIRDS + 1],
@@ -59,15 +59,15 @@ pub struct Products {
 
 /// A signature, or the part of one on one channel, beside the nuisances. Parts add up.
 #[derive(Debug, Clone)]
-pub struct Beside {
+pub struct ProjectedSignature {
     own: f64,
     right: f64,
     part: DVector<f64>,
 }
 
-impl Beside {
+impl ProjectedSignature {
     /// What is left of the square of a sum of parts; nothing where it cannot be told from the nuisances.
-    fn left(parts: &[&Beside]) -> Option<f64> {
+    fn projected_residual(parts: &[&ProjectedSignature]) -> Option<f64> {
         let own: f64 = parts.iter().map(|part| part.own).sum();
         let pairs = parts.iter().flat_map(|one| parts.iter().map(|other| one.part.dot(&other.part)));
         let left = own - pairs.sum::<f64>();
@@ -76,10 +76,10 @@ impl Beside {
 
     /// The sum of two signatures on one channel, each times its factor; `both` is the product of the two, whitened.
     #[must_use]
-    pub fn sum((one_factor, one): (f64, &Beside), (other_factor, other): (f64, &Beside), both: f64) -> Beside {
+    pub fn sum((one_factor, one): (f64, &ProjectedSignature), (other_factor, other): (f64, &ProjectedSignature), both: f64) -> ProjectedSignature {
         let mut part = &one.part * one_factor;
         part.axpy(other_factor, &other.part, 1.0);
-        Beside {
+        ProjectedSignature {
             own: one_factor.powi(2) * one.own
                 + 2.0 * one_factor * other_factor * both
                 + other_factor.powi(2) * other.own,
@@ -89,16 +89,16 @@ impl Beside {
     }
 
     /// What a sum of parts explains; nothing where it cannot be told from the nuisances.
-    pub fn gain(parts: &[&Beside]) -> Option<Gain> {
-        let left = Beside::left(parts)?;
+    pub fn gain(parts: &[&ProjectedSignature]) -> Option<SignatureFit> {
+        let left = ProjectedSignature::projected_residual(parts)?;
         let right: f64 = parts.iter().map(|part| part.right).sum();
-        Some(Gain { size: right / left, sigma: left.sqrt().recip(), chi2: right * right / left })
+        Some(SignatureFit { size: right / left, sigma: left.sqrt().recip(), chi2: right * right / left })
     }
 }
 
 /// What a signature explains.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Gain {
+pub struct SignatureFit {
     /// Its size.
     pub size: f64,
     /// One sigma of that.
@@ -107,10 +107,10 @@ pub struct Gain {
     pub chi2: f64,
 }
 
-impl Normal {
+impl NormalEquations {
     /// Takes the residual and the nuisances, not whitened yet; the first of these are the sixteen, as believed.
-    pub fn new(whitenings: [Whitening; CHANNELS], residual: &Series, nuisances: &[Nuisance]) -> Normal {
-        Normal::departed(whitenings, residual, nuisances, &[])
+    pub fn new(whitenings: [Whitening; CHANNELS], residual: &Series, nuisances: &[Nuisance]) -> NormalEquations {
+        NormalEquations::departed(whitenings, residual, nuisances, &[])
     }
 
     /// The same of a state in which the sixteen have moved by so much.
@@ -119,7 +119,7 @@ impl Normal {
         residual: &Series,
         nuisances: &[Nuisance],
         moved: &[f64],
-    ) -> Normal {
+    ) -> NormalEquations {
         let blocks = residual[0].len();
         let bounds = std::array::from_fn(|third| blocks * third / THIRDS);
         let residual: Series = std::array::from_fn(|channel| whitenings[channel].apply(&residual[channel]));
@@ -128,7 +128,7 @@ impl Normal {
         };
         let columns: Vec<Nuisance> = nuisances.iter().map(white).collect();
         let count = columns.len();
-        let mut normal = Normal {
+        let mut normal = NormalEquations {
             whitenings,
             bounds,
             squares: [0.0; THIRDS],
@@ -288,15 +288,15 @@ impl Normal {
     }
 
     /// A signature beside the nuisances.
-    pub fn beside(&self, products: &Products) -> Beside {
+    pub fn beside(&self, products: &Products) -> ProjectedSignature {
         let part = self.part(products);
         let right = products.residual.iter().sum::<f64>() - part.dot(&self.solved);
-        Beside { own: products.own.iter().sum(), right, part }
+        ProjectedSignature { own: products.own.iter().sum(), right, part }
     }
 
     /// What a signature explains beside the nuisances; nothing where it cannot be told from them.
-    pub fn gain(&self, products: &Products) -> Option<Gain> {
-        Beside::gain(&[&self.beside(products)])
+    pub fn gain(&self, products: &Products) -> Option<SignatureFit> {
+        ProjectedSignature::gain(&[&self.beside(products)])
     }
 
     fn part(&self, products: &Products) -> DVector<f64> {
@@ -308,7 +308,7 @@ impl Normal {
     /// told from the nuisances.
     pub fn cosine(&self, one: &Products, other: &Products, both: f64) -> f64 {
         let (one, other) = (self.beside(one), self.beside(other));
-        match (Beside::left(&[&one]), Beside::left(&[&other])) {
+        match (ProjectedSignature::projected_residual(&[&one]), ProjectedSignature::projected_residual(&[&other])) {
             (Some(one_left), Some(other_left)) => (both - one.part.dot(&other.part)) / (one_left * other_left).sqrt(),
             _ => 0.0,
         }

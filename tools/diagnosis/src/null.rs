@@ -4,28 +4,28 @@
 //! believed, go through the whole search; the largest gain in each family of hypotheses is kept. Extreme values follow Gumbel's
 //! law, of which the upper percent is the threshold; the families share it alike.
 
-use geu_model::noise::Stream;
+use geu_model::noise::NoiseStream;
 use geu_model::units::HALF_SECOND_S;
 use geu_protocol::Gyro;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::bank::{Bank, Column, Family, Variation};
+use crate::bank::{SignatureBank, Column, HypothesisFamily, Variation};
 use crate::hypothesis::Hypothesis;
 use crate::measured::{BLOCK, CHANNELS, Series, Shifts, TIMING, nodes};
 use crate::noise::Walk;
-use crate::normal::{Beside, Normal};
+use crate::normal::{ProjectedSignature, NormalEquations};
 use crate::search::{set_penalty, sets};
 use crate::signature::reaches;
-use crate::state::Case;
+use crate::state::DiagnosisCase;
 use crate::sweep::{Part, sweep};
 use crate::whiteness::{kurtosis, unlikeness};
-use crate::whitening::{Noise, ROUNDING};
+use crate::whitening::{NoiseModel, ROUNDING};
 
 /// Recordings drawn.
 pub const RUNS: usize = 128;
 /// Chance of a false name in a recording with nothing hidden.
-pub const FALSE_NAMES: f64 = 0.01;
+pub const FALSE_ALARM_RATE: f64 = 0.01;
 /// Chance that a recording with nothing hidden, or one explained, is called unexplained: what a fit leaves is not quite noise, and
 /// what nobody explains is far beyond it.
 const FALSE_ALARMS: f64 = 0.001;
@@ -45,7 +45,7 @@ const NEVER: f64 = 1e9;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Thresholds {
     /// For each family.
-    pub chi2: [f64; Family::COUNT],
+    pub chi2: [f64; HypothesisFamily::COUNT],
     /// What the unlikeness of noise exceeds once in a thousand recordings.
     pub unlikeness: f64,
     /// What the kurtosis of each channel exceeds as seldom: rounding while a gyro hardly turns is not normal.
@@ -56,23 +56,23 @@ impl Thresholds {
     /// The largest of the courses, apart from what happens once.
     pub fn largest(&self) -> f64 {
         let families =
-            (0..Family::COUNT).map(Family).filter(|family| ![Family::SUDDEN, Family::NOISE].contains(family));
+            (0..HypothesisFamily::COUNT).map(HypothesisFamily).filter(|family| ![HypothesisFamily::SUDDEN, HypothesisFamily::NOISE].contains(family));
         families.map(|family| self.of(family)).filter(|chi2| *chi2 < NEVER).fold(0.0, f64::max)
     }
 
     /// What is paid for a change: what chance does in its family, and for the choice of its gyros.
-    pub fn price(&self, family: Family, change: &Hypothesis) -> f64 {
+    pub fn price(&self, family: HypothesisFamily, change: &Hypothesis) -> f64 {
         self.of(family) + set_penalty(&change.gyros, &change.amplitude)
     }
 
     /// Of a family.
-    pub fn of(&self, family: Family) -> f64 {
+    pub fn of(&self, family: HypothesisFamily) -> f64 {
         self.chi2[family.0]
     }
 }
 
 /// Draws recordings with nothing hidden and searches them.
-pub fn thresholds(case: &Case, bank: &Bank, normal: &Normal, noise: &[Noise; CHANNELS], seed: u64) -> Thresholds {
+pub fn thresholds(case: &DiagnosisCase, bank: &SignatureBank, normal: &NormalEquations, noise: &[NoiseModel; CHANNELS], seed: u64) -> Thresholds {
     let model = case.measured.run(case.believed, Shifts::default());
     let raw = |run: usize| draw(case, &model, noise, seed.wrapping_add(run as u64));
     let drawn: Vec<Series> = (0..RUNS).into_par_iter().map(|run| normal.left_of(&raw(run))).collect();
@@ -82,7 +82,7 @@ pub fn thresholds(case: &Case, bank: &Bank, normal: &Normal, noise: &[Noise; CHA
         (0..blocks).flat_map(|block| drawn.iter().map(move |series| series[channel][block] as f32)).collect()
     });
     let largest = (0..bank.bases.len()).into_par_iter().map(|base| of_base(bank, base, normal, &beside)).reduce(
-        || vec![[0.0; RUNS]; Family::COUNT],
+        || vec![[0.0; RUNS]; HypothesisFamily::COUNT],
         |mut one, other| {
             for (one, other) in one.iter_mut().flatten().zip(other.iter().flatten()) {
                 *one = one.max(*other);
@@ -101,7 +101,7 @@ pub fn thresholds(case: &Case, bank: &Bank, normal: &Normal, noise: &[Noise; CHA
     };
     let mut chi2 = limits(&largest);
     let falls: Vec<f64> = (0..NOISE_RUNS).into_par_iter().map(|run| largest_walk(case, noise, &raw(run))).collect();
-    chi2[Family::NOISE.0] = seldom(&falls, FALSE_NAMES).unwrap_or(0.0).max(LEAST_NOISE_CHI2);
+    chi2[HypothesisFamily::NOISE.0] = seldom(&falls, FALSE_ALARM_RATE).unwrap_or(0.0).max(LEAST_NOISE_CHI2);
     Thresholds {
         chi2,
         unlikeness: seldom(&unlike, FALSE_ALARMS).unwrap_or(1.0),
@@ -110,7 +110,7 @@ pub fn thresholds(case: &Case, bank: &Bank, normal: &Normal, noise: &[Noise; CHA
 }
 
 /// By how much a walk that is larger than configured betters a recording that has none.
-fn largest_walk(case: &Case, noise: &[Noise; CHANNELS], residual: &Series) -> f64 {
+fn largest_walk(case: &DiagnosisCase, noise: &[NoiseModel; CHANNELS], residual: &Series) -> f64 {
     let walks = (0..TIMING).flat_map(|channel| [(channel, Walk::Angle), (channel, Walk::Rate)]);
     let fall = |(channel, walk): (usize, Walk)| {
         let fitted = crate::noise::fit(case, channel, &noise[channel], walk, residual, &case.nuisances);
@@ -121,9 +121,9 @@ fn largest_walk(case: &Case, noise: &[Noise; CHANNELS], residual: &Series) -> f6
 }
 
 /// For each family and run, the largest gain of one base.
-fn of_base(bank: &Bank, base: usize, normal: &Normal, beside: &[Vec<f32>; CHANNELS]) -> Vec<[f64; RUNS]> {
+fn of_base(bank: &SignatureBank, base: usize, normal: &NormalEquations, beside: &[Vec<f32>; CHANNELS]) -> Vec<[f64; RUNS]> {
     let base = &bank.bases[base];
-    let mut largest = vec![[0.0f64; RUNS]; Family::COUNT];
+    let mut largest = vec![[0.0f64; RUNS]; HypothesisFamily::COUNT];
     let tell = |channel: usize, white: &Column| {
         let mut sums = [0.0f32; RUNS];
         for (value, runs) in white.values.iter().zip(beside[channel].chunks_exact(RUNS).skip(white.from)) {
@@ -143,7 +143,7 @@ fn of_base(bank: &Bank, base: usize, normal: &Normal, beside: &[Vec<f32>; CHANNE
             for (_, own) in chosen() {
                 sums.iter_mut().zip(own).for_each(|(sum, own)| *sum += own);
             }
-            let Some(gain) = Beside::gain(&chosen().map(|(part, _)| part).collect::<Vec<_>>()) else { return };
+            let Some(gain) = ProjectedSignature::gain(&chosen().map(|(part, _)| part).collect::<Vec<_>>()) else { return };
             // The sigma is one over the root of what is left of the signature.
             let scale = gain.sigma * gain.sigma;
             for (largest, sum) in family.iter_mut().zip(sums) {
@@ -160,12 +160,12 @@ fn of_base(bank: &Bank, base: usize, normal: &Normal, beside: &[Vec<f32>; CHANNE
 }
 
 /// One recording with nothing hidden: what the counts differ from the model.
-fn draw(case: &Case, model: &Series, noise: &[Noise; CHANNELS], seed: u64) -> Series {
+fn draw(case: &DiagnosisCase, model: &Series, noise: &[NoiseModel; CHANNELS], seed: u64) -> Series {
     let measured = case.measured;
     std::array::from_fn(|channel| {
         let gyro = Gyro::ALL[channel.min(3)];
         let mut stream =
-            if channel == TIMING { Stream::of_sensor(seed, "null") } else { Stream::new(seed, gyro, "null") };
+            if channel == TIMING { NoiseStream::of_sensor(seed, "null") } else { NoiseStream::new(seed, gyro, "null") };
         let own = &noise[channel];
         let blocks = &measured.blocks[channel];
         if channel == TIMING {
@@ -190,7 +190,7 @@ fn draw(case: &Case, model: &Series, noise: &[Noise; CHANNELS], seed: u64) -> Se
 }
 
 /// The thresholds of the families, from the largest gains.
-fn limits(largest: &[[f64; RUNS]]) -> [f64; Family::COUNT] {
+fn limits(largest: &[[f64; RUNS]]) -> [f64; HypothesisFamily::COUNT] {
     let laws: Vec<Option<(f64, f64)>> = largest.iter().map(|runs| gumbel(runs)).collect();
     let worst: Vec<f64> = (0..RUNS)
         .map(|run| {
@@ -200,7 +200,7 @@ fn limits(largest: &[[f64; RUNS]]) -> [f64; Family::COUNT] {
         })
         .collect();
     let (at, scale) = gumbel(&worst).unwrap_or((0.0, 1.0));
-    let reduced = at - scale * (-(1.0 - FALSE_NAMES).ln()).ln();
+    let reduced = at - scale * (-(1.0 - FALSE_ALARM_RATE).ln()).ln();
     let of = |family: usize| match laws[family] {
         Some((at, scale)) => at + scale * reduced,
         // A family that these lists do not have, or that never gained anything.

@@ -7,15 +7,15 @@ use serde::{Deserialize, Serialize};
 
 use crate::explain::Round;
 use crate::finding::Finding;
-use crate::gap::Gap;
+use crate::gap::ResidualStats;
 use crate::gyros::Gyros;
 use crate::hypothesis::Hypothesis;
 use crate::measured::{CHANNELS, Series, TIMING};
 use crate::normal::THIRDS;
 use crate::null::Thresholds;
-use crate::stretches::Stretch;
-use crate::whereabouts::Whereabouts;
-use geu_model::number::Numbers;
+use crate::stretches::MotionSegment;
+use crate::whereabouts::ResidualMap;
+use geu_model::number::ParameterSet;
 
 /// What a diagnosis comes to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -269,9 +269,9 @@ pub struct FollowedTerm {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Gaps {
     /// On all of the data that were fitted.
-    pub fitted: Gap,
+    pub fitted: ResidualStats,
     /// On each third, by a fit to the other two.
-    pub held_out: Gap,
+    pub held_out: ResidualStats,
 }
 
 /// The whole of it.
@@ -298,11 +298,11 @@ pub struct Diagnosis {
     /// Windowed residual at each node, before and after.
     pub windowed: [[Vec<f64>; TIMING]; 2],
     /// What the unit did.
-    pub stretches: Vec<Stretch>,
+    pub stretches: Vec<MotionSegment>,
     /// Root mean square of the residual in each stretch on each gyro, before and after.
     pub stretch_rms_arcsec: [Vec<[f64; TIMING]>; 2],
     /// Where the data leave the model, before (what exact checks mended taken as mended) and after.
-    pub whereabouts: [Whereabouts; 2],
+    pub whereabouts: [ResidualMap; 2],
     /// Whitened residual at the end, for what it still follows.
     pub left: Series,
     /// Common lag, s, and its sigma.
@@ -310,5 +310,5 @@ pub struct Diagnosis {
     /// How much later than the electronics' own course the temperature is told, s.
     pub temperature_late_s: f64,
     /// Noise of each gyro as it was taken.
-    pub noise: [crate::whitening::Noise; CHANNELS],
+    pub noise: [crate::whitening::NoiseModel; CHANNELS],
 }

@@ -34,7 +34,7 @@ mod null;
 mod windows;
 
 pub use crate::outcome::Verdict;
-pub use apart::{Apart, Manoeuvre};
+pub use apart::{Observability, CandidateSpin};
 pub use diagnosis::{Diagnosis, Found, Gap, GroupGap, Rival, diagnose};
 pub use model::Parameter;
 pub use noise::{ChannelNoise, Noise};

@@ -2,19 +2,19 @@
 
 use std::collections::BTreeSet;
 
-use crate::bank::Bank;
+use crate::bank::SignatureBank;
 use crate::explain::Explained;
 use crate::gyros::Gyros;
 use crate::measured::{BLOCK_S, Series, TIMING};
 use crate::outcome::{FollowedTerm, Unexplained};
 use crate::search::search;
-use crate::state::Case;
+use crate::state::DiagnosisCase;
 
 /// Terms told that the rest follows.
 const FOLLOWED: usize = 5;
 
 /// What is left: which gyros, when, what it follows.
-pub fn unexplained(case: &Case, bank: &Bank, explained: &Explained, left: &Series, gyros: Gyros) -> Unexplained {
+pub fn unexplained(case: &DiagnosisCase, bank: &SignatureBank, explained: &Explained, left: &Series, gyros: Gyros) -> Unexplained {
     const WINDOW: usize = 24;
     // Of two minutes each: how much more than noise.
     let blocks = case.measured.block_count();

@@ -7,18 +7,18 @@
 use std::sync::OnceLock;
 
 use geu_model::Configuration;
-use geu_model::attitude::{Manoeuvre, Motion, Plan, Recorded, Row, Scenario};
-use geu_model::course::Law;
-use geu_model::number::Default as DefaultValue;
+use geu_model::attitude::{Manoeuvre, Motion, AttitudeProfile, RecordedAttitude, AttitudeRow, Scenario};
+use geu_model::course::TimeFunction;
+use geu_model::number::DefaultValue as DefaultValue;
 use geu_model::units::{HALF_SECOND_S, ORBIT_S};
 use rayon::prelude::*;
 
 use crate::bank::Column;
 use crate::hypothesis::Hypothesis;
-use crate::measured::{BLOCK, Block, CHANNELS, Flight, Measured, Series};
-use crate::normal::{Beside, Normal, Nuisance, Products};
-use crate::rivals::{APART_CHI2, Rival};
-use crate::state::{Case, FittedHypothesis, State};
+use crate::measured::{BLOCK, Block, CHANNELS, PlannedMotion, MeasuredData, Series};
+use crate::normal::{ProjectedSignature, NormalEquations, Nuisance, Products};
+use crate::rivals::{APART_CHI2, Alternative};
+use crate::state::{DiagnosisCase, FittedHypothesis, ModelState};
 use crate::whitening::Whitening;
 
 /// θ at which a flight begins and ends.
@@ -41,7 +41,7 @@ const AFTER_S: f64 = 2.0;
 /// A flight and what it would be in a sentence.
 struct Candidate {
     name: String,
-    measured: Measured,
+    measured: MeasuredData,
     nuisances: Vec<Nuisance>,
 }
 
@@ -53,8 +53,8 @@ struct Tried<'a> {
 }
 
 /// The flights that could follow a recording, flown when they are first asked for.
-pub struct Remedies<'a> {
-    case: &'a Case<'a>,
+pub struct DiscriminatingTests<'a> {
+    case: &'a DiagnosisCase<'a>,
     flights: OnceLock<Vec<Candidate>>,
     warmings: OnceLock<Vec<Candidate>>,
 }
@@ -76,15 +76,15 @@ struct Signatures {
     rivals: Vec<Nuisance>,
 }
 
-impl<'a> Remedies<'a> {
+impl<'a> DiscriminatingTests<'a> {
     /// Of a recording.
-    pub fn new(case: &'a Case<'a>) -> Remedies<'a> {
-        Remedies { case, flights: OnceLock::new(), warmings: OnceLock::new() }
+    pub fn new(case: &'a DiagnosisCase<'a>) -> DiscriminatingTests<'a> {
+        DiscriminatingTests { case, flights: OnceLock::new(), warmings: OnceLock::new() }
     }
 
     /// For each rival of the change at `index` of a state that cannot be told from it, what would tell it.
-    pub fn of(&self, state: &State, index: usize, rivals: &[Rival]) -> Vec<Option<String>> {
-        let alike: Vec<&Rival> = rivals.iter().filter(|rival| rival.behind_chi2 < APART_CHI2).collect();
+    pub fn of(&self, state: &ModelState, index: usize, rivals: &[Alternative]) -> Vec<Option<String>> {
+        let alike: Vec<&Alternative> = rivals.iter().filter(|rival| rival.behind_chi2 < APART_CHI2).collect();
         if alike.is_empty() {
             return vec![None; rivals.len()];
         }
@@ -96,9 +96,9 @@ impl<'a> Remedies<'a> {
         let warmings = if swings { &self.warmings.get_or_init(|| self.warm())[..] } else { &[] };
         // What the state has at hand is of the recording.
         let mut anew = state.clone();
-        anew.held.iter_mut().for_each(FittedHypothesis::run_anew);
-        let flown = |measured: &Measured, nuisances: &[Nuisance]| {
-            let case = Case { measured, believed: self.case.believed, nuisances: nuisances.to_vec() };
+        anew.held.iter_mut().for_each(FittedHypothesis::invalidate);
+        let flown = |measured: &MeasuredData, nuisances: &[Nuisance]| {
+            let case = DiagnosisCase { measured, believed: self.case.believed, nuisances: nuisances.to_vec() };
             now.followed_by(&signatures(&case, &anew, index, &changes)).apart(state, found.value)
         };
         let tried = flights.par_iter().chain(warmings).map(|Candidate { name, measured, nuisances }| Tried {
@@ -117,7 +117,7 @@ impl<'a> Remedies<'a> {
     fn fly(&self) -> Vec<Candidate> {
         let fly = |(name, flight)| {
             let measured = self.case.measured.followed_by(flight);
-            let nuisances = Case::new(&measured, self.case.believed).nuisances;
+            let nuisances = DiagnosisCase::new(&measured, self.case.believed).nuisances;
             Candidate { name, measured, nuisances }
         };
         flights(self.case.believed).into_par_iter().map(fly).collect()
@@ -134,7 +134,7 @@ impl<'a> Remedies<'a> {
                 column[channel].as_ref().map(|values| values[..half_seconds / BLOCK].to_vec())
             })
         };
-        let candidate = |name: &str, measured: Measured| Candidate {
+        let candidate = |name: &str, measured: MeasuredData| Candidate {
             name: name.to_owned(),
             measured,
             nuisances: self.case.nuisances.iter().map(first).collect(),
@@ -153,7 +153,7 @@ impl<'a> Remedies<'a> {
 
 /// Whether a change comes and goes with something that is no motion.
 fn swings(change: &Hypothesis) -> bool {
-    matches!(change.law(), Some(Law::Temperature | Law::Periodic { .. }))
+    matches!(change.law(), Some(TimeFunction::Temperature | TimeFunction::Periodic { .. }))
 }
 
 /// Of the flights that tell them apart beyond doubt the shortest, else the one that tells them apart best.
@@ -181,7 +181,7 @@ fn sentence<'a>(cosine: f64, before: Apart, tried: impl Iterator<Item = (&'a Tri
 }
 
 /// Each kind of manoeuvre by itself, forwards and backwards, from and back to sun-pointing.
-fn flights(believed: &Configuration) -> Vec<(String, Flight)> {
+fn flights(believed: &Configuration) -> Vec<(String, PlannedMotion)> {
     let mut sequences: Vec<(String, Vec<Manoeuvre>)> = Vec::new();
     let (mut plain, mut there_and_back) = (Vec::new(), Vec::new());
     for mut manoeuvre in Manoeuvre::KINDS.iter().filter_map(|(kind, _)| Manoeuvre::of_kind(kind)) {
@@ -210,7 +210,7 @@ fn flights(believed: &Configuration) -> Vec<(String, Flight)> {
         }
     }
     for (name, manoeuvre) in plain {
-        if Plan::new(&scenario(believed, vec![manoeuvre.clone()])).is_ok() {
+        if AttitudeProfile::new(&scenario(believed, vec![manoeuvre.clone()])).is_ok() {
             sequences.extend(backwards(&manoeuvre).map(|(name, backwards)| (name, vec![backwards])));
             sequences.push((name, vec![manoeuvre]));
             continue;
@@ -221,7 +221,7 @@ fn flights(believed: &Configuration) -> Vec<(String, Flight)> {
         }));
     }
     sequences.extend(there_and_back.into_iter().map(|(name, there, back)| (name, vec![there, back])));
-    let mut flights: Vec<(String, Flight)> = Vec::new();
+    let mut flights: Vec<(String, PlannedMotion)> = Vec::new();
     for (name, manoeuvres) in sequences {
         let scenario = scenario(believed, manoeuvres);
         let Some((flight, is_endless)) = flight(&scenario) else { continue };
@@ -249,9 +249,9 @@ fn scenario(believed: &Configuration, manoeuvres: Vec<Manoeuvre>) -> Scenario {
 }
 
 /// The motion of a scenario, and whether it would go on for ever; nothing where it cannot be flown or takes too long.
-fn flight(scenario: &Scenario) -> Option<(Flight, bool)> {
-    let plan = Plan::new(scenario).ok()?;
-    let length_s = Plan::length_s(scenario);
+fn flight(scenario: &Scenario) -> Option<(PlannedMotion, bool)> {
+    let plan = AttitudeProfile::new(scenario).ok()?;
+    let length_s = AttitudeProfile::length_s(scenario);
     let duration_s = length_s.unwrap_or(ORBIT_S);
     if !(SHORTEST_S..=LONGEST_S).contains(&duration_s) {
         return None;
@@ -264,11 +264,11 @@ fn flight(scenario: &Scenario) -> Option<(Flight, bool)> {
         let step = motion.advance(t_s);
         is_dark |= motion.take_legs().iter().any(|leg| leg.eclipse);
         let theta_psi_rad = Some((step.end.theta_rad, step.end.psi_rad));
-        Row { t_s, angle_control_arcsec: step.angle_control_arcsec, theta_psi_rad }
+        AttitudeRow { t_s, angle_control_arcsec: step.angle_control_arcsec, theta_psi_rad }
     });
-    let motion = Recorded::new(&rows.collect::<Vec<_>>()).ok()?;
+    let motion = RecordedAttitude::new(&rows.collect::<Vec<_>>()).ok()?;
     // A shadow cannot be had for the asking.
-    (!is_dark).then(|| (Flight { motion, half_seconds }, length_s.is_none()))
+    (!is_dark).then(|| (PlannedMotion { motion, half_seconds }, length_s.is_none()))
 }
 
 /// A kind of manoeuvre in a sentence: "a Y-scan".
@@ -286,7 +286,7 @@ fn bare(name: &str) -> &str {
 }
 
 /// What each change adds to a recording or a flight, beside all else that is held.
-fn signatures(case: &Case, state: &State, index: usize, rivals: &[&Hypothesis]) -> Signatures {
+fn signatures(case: &DiagnosisCase, state: &ModelState, index: usize, rivals: &[&Hypothesis]) -> Signatures {
     let mut state = state.clone();
     let own = case.signature(&state, index);
     state.held.remove(index);
@@ -327,12 +327,12 @@ impl Signatures {
     }
 
     /// How far each rival is from what was found, at its size.
-    fn apart(&self, state: &State, size: f64) -> Vec<Apart> {
+    fn apart(&self, state: &ModelState, size: f64) -> Vec<Apart> {
         let whitenings = std::array::from_fn(|channel| Whitening::new(&state.noise[channel], &self.blocks[channel]));
         let nothing: Series = std::array::from_fn(|channel| vec![0.0; self.blocks[channel].len()]);
-        let normal = Normal::new(whitenings, &nothing, &self.nuisances);
+        let normal = NormalEquations::new(whitenings, &nothing, &self.nuisances);
         let (own, own_products) = white(&normal, &self.own);
-        let whole = Beside::gain(&[&normal.beside(&own_products)]).map_or(0.0, |gain| (size / gain.sigma).powi(2));
+        let whole = ProjectedSignature::gain(&[&normal.beside(&own_products)]).map_or(0.0, |gain| (size / gain.sigma).powi(2));
         let of = |rival: &Nuisance| {
             let (rival, products) = white(&normal, rival);
             let pairs = own.iter().flatten().zip(rival.iter().flatten());
@@ -345,7 +345,7 @@ impl Signatures {
 }
 
 /// A signature whitened, channel by channel, and its products.
-fn white(normal: &Normal, signature: &Nuisance) -> ([Vec<f64>; CHANNELS], Products) {
+fn white(normal: &NormalEquations, signature: &Nuisance) -> ([Vec<f64>; CHANNELS], Products) {
     let mut products = Products::none(normal.nuisances());
     let white = std::array::from_fn(|channel| {
         let values = signature[channel].clone().unwrap_or_else(|| vec![0.0; normal.residual()[channel].len()]);

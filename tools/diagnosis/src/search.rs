@@ -3,13 +3,13 @@
 use rayon::prelude::*;
 
 use crate::amplitude::AmplitudeRef;
-use crate::bank::{Bank, Family};
+use crate::bank::{SignatureBank, HypothesisFamily};
 use crate::gyros::{ALL_GYROS, Gyros, overlap};
 use crate::hypothesis::Hypothesis;
 use crate::measured::{CHANNELS, TIMING};
-use crate::normal::{Gain, Normal, THIRDS};
+use crate::normal::{SignatureFit, NormalEquations, THIRDS};
 use crate::spots::{Spot, spots};
-use crate::state::State;
+use crate::state::ModelState;
 
 /// What noise alone may take away from the thirds that have little of it: three sigma, however much the gain is.
 const HARM_CHI2: f64 = 9.0;
@@ -22,9 +22,9 @@ pub struct Candidate {
     /// What it is, at the size that fits.
     pub hypothesis: Hypothesis,
     /// Its family.
-    pub family: Family,
+    pub family: HypothesisFamily,
     /// What it explains.
-    pub gain: Gain,
+    pub gain: SignatureFit,
     /// By how much better each third is foretold by the others ([`Normal::held_out`]).
     pub held_out: [Option<f64>; THIRDS],
     /// What it was found by.
@@ -33,7 +33,7 @@ pub struct Candidate {
 
 impl Candidate {
     /// Whether it pays on what was not fitted.
-    pub fn pays_held_out(&self) -> bool {
+    pub fn passes_cross_validation(&self) -> bool {
         pays(&self.held_out)
     }
 }
@@ -63,7 +63,7 @@ pub fn set_penalty(gyros: &Gyros, amplitude: &AmplitudeRef) -> f64 {
 
 /// The best candidate of each code and set of gyros, the best first; those of `held` codes on their own gyros left out where a
 /// configuration holds only one.
-pub fn search(bank: &Bank, normal: &Normal, state: &State, penalty: &(dyn Fn(Family) -> f64 + Sync)) -> Vec<Candidate> {
+pub fn search(bank: &SignatureBank, normal: &NormalEquations, state: &ModelState, penalty: &(dyn Fn(HypothesisFamily) -> f64 + Sync)) -> Vec<Candidate> {
     let is_held = |spot: &Spot| {
         state.held.iter().any(|held| {
             held.hypothesis.amplitude == spot.amplitude(bank) && overlap(&held.hypothesis.gyros, &spot.gyros)

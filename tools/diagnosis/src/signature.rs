@@ -1,10 +1,10 @@
 //! A signature whitened by the noise of a recording, beside its nuisances.
 
 use crate::amplitude::AmplitudeRef;
-use crate::bank::{Bank, Base, Column, Variation};
+use crate::bank::{SignatureBank, ConstantSignature, Column, Variation};
 use crate::gyros::Gyros;
 use crate::measured::{CHANNELS, TIMING};
-use crate::normal::{Normal, Nuisance, Products, dot};
+use crate::normal::{NormalEquations, Nuisance, Products, dot};
 
 /// Whether what an amplitude adds on these gyros is on a channel.
 pub fn reaches(amplitude: &AmplitudeRef, gyros: &Gyros, channel: usize) -> bool {
@@ -21,13 +21,13 @@ pub struct Signature {
 
 impl Signature {
     /// Of averages over blocks.
-    pub fn new(normal: &Normal, nuisance: &Nuisance) -> Signature {
+    pub fn new(normal: &NormalEquations, nuisance: &Nuisance) -> Signature {
         let column = |values: &Option<Vec<f64>>| Some(Column { from: 0, values: values.clone()? });
         Signature::whitened(normal, nuisance.each_ref().map(column))
     }
 
     /// Of a hypothesis of the bank.
-    pub fn of(bank: &Bank, normal: &Normal, base: &Base, variation: &Variation, gyros: &Gyros) -> Signature {
+    pub fn of(bank: &SignatureBank, normal: &NormalEquations, base: &ConstantSignature, variation: &Variation, gyros: &Gyros) -> Signature {
         let mut columns = bank.columns(base, variation);
         for (channel, column) in columns.iter_mut().enumerate() {
             if !reaches(&base.amplitude, gyros, channel) {
@@ -37,7 +37,7 @@ impl Signature {
         Signature::whitened(normal, columns)
     }
 
-    fn whitened(normal: &Normal, columns: [Option<Column>; CHANNELS]) -> Signature {
+    fn whitened(normal: &NormalEquations, columns: [Option<Column>; CHANNELS]) -> Signature {
         let white: [Option<Column>; CHANNELS] =
             std::array::from_fn(|channel| columns[channel].as_ref().map(|column| normal.white(channel, column)));
         let parts = white.iter().enumerate().filter_map(|(channel, own)| Some(normal.products(channel, own.as_ref()?)));
@@ -46,7 +46,7 @@ impl Signature {
     }
 
     /// Cosine with another, beside the nuisances; without sign.
-    pub fn cosine(&self, normal: &Normal, other: &Signature) -> f64 {
+    pub fn cosine(&self, normal: &NormalEquations, other: &Signature) -> f64 {
         normal.cosine(&self.products, &other.products, self.dot(other)).abs().min(1.0)
     }
 

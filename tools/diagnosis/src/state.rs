@@ -4,16 +4,16 @@
 use std::sync::Arc;
 
 use geu_model::Configuration;
-use geu_model::course::Law;
-use geu_model::number::{Numbers, Role};
+use geu_model::course::TimeFunction;
+use geu_model::number::{ParameterSet, Role};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use crate::amplitude::calibration_parameters;
 use crate::hypothesis::{Hypothesis, HypothesisParameter};
-use crate::measured::{CHANNELS, Measured, Series, Shifts, TIMING};
-use crate::normal::{Normal, Nuisance, THIRDS};
-use crate::whitening::{Noise, Whitening};
+use crate::measured::{CHANNELS, MeasuredData, Series, Shifts, TIMING};
+use crate::normal::{NormalEquations, Nuisance, THIRDS};
+use crate::whitening::{NoiseModel, Whitening};
 
 /// Shift with which the signature of a common lag is run.
 const LAG_S: f64 = 1e-3;
@@ -48,11 +48,11 @@ pub struct FittedHypothesis {
 impl FittedHypothesis {
     /// Whether its course is that of the temperature.
     pub fn follows_temperature(&self) -> bool {
-        self.hypothesis.law() == Some(Law::Temperature)
+        self.hypothesis.law() == Some(TimeFunction::Temperature)
     }
 
     /// Forgets its signatures.
-    pub fn run_anew(&mut self) {
+    pub fn invalidate(&mut self) {
         self.columns = None;
     }
 
@@ -90,7 +90,7 @@ impl FittedHypothesis {
 
 /// All that is held.
 #[derive(Debug, Clone)]
-pub struct State {
+pub struct ModelState {
     /// Added to the calibration, in the order of the calibration parameters.
     pub sixteen: Vec<f64>,
     /// One sigma of each.
@@ -102,22 +102,22 @@ pub struct State {
     /// Changes found.
     pub held: Vec<FittedHypothesis>,
     /// Noise of each channel.
-    pub noise: [Noise; CHANNELS],
+    pub noise: [NoiseModel; CHANNELS],
 }
 
 /// The recording with what is believed of the unit, and what never changes in a diagnosis.
-pub struct Case<'a> {
+pub struct DiagnosisCase<'a> {
     /// The recording.
-    pub measured: &'a Measured,
+    pub measured: &'a MeasuredData,
     /// The configuration as given.
     pub believed: &'a Configuration,
     /// Signatures of the sixteen and of the lag.
     pub nuisances: Vec<Nuisance>,
 }
 
-impl<'a> Case<'a> {
+impl<'a> DiagnosisCase<'a> {
     /// Runs the model for the signatures of the sixteen and of a common lag.
-    pub fn new(measured: &'a Measured, believed: &'a Configuration) -> Case<'a> {
+    pub fn new(measured: &'a MeasuredData, believed: &'a Configuration) -> DiagnosisCase<'a> {
         let from = measured.run(believed, Shifts::default());
         let numbers = geu_model::package::Calibration::NUMBERS;
         let moved = |number: usize| {
@@ -138,26 +138,26 @@ impl<'a> Case<'a> {
         let mut lag = measured.difference(&measured.run(believed, Shifts { lag_s: LAG_S, ..Shifts::default() }), &from);
         lag.iter_mut().flatten().for_each(|value| *value /= LAG_S);
         nuisances.push(std::array::from_fn(|channel| (channel != TIMING).then(|| std::mem::take(&mut lag[channel]))));
-        Case { measured, believed, nuisances }
+        DiagnosisCase { measured, believed, nuisances }
     }
 
     /// This configuration beside a recording of the same motion, with the calibration alone to be fitted.
-    pub fn of_calibration<'b>(&self, measured: &'b Measured) -> Case<'b>
+    pub fn of_calibration<'b>(&self, measured: &'b MeasuredData) -> DiagnosisCase<'b>
     where
         'a: 'b,
     {
         let mut nuisances = match std::ptr::eq(measured, self.measured) {
             true => self.nuisances.clone(),
-            false => Case::new(measured, self.believed).nuisances,
+            false => DiagnosisCase::new(measured, self.believed).nuisances,
         };
         nuisances.truncate(calibration_parameters().len());
-        Case { measured, believed: self.believed, nuisances }
+        DiagnosisCase { measured, believed: self.believed, nuisances }
     }
 
     /// The state before anything is known.
-    pub fn start(&self, noise: [Noise; CHANNELS]) -> State {
+    pub fn start(&self, noise: [NoiseModel; CHANNELS]) -> ModelState {
         let count = self.nuisances.len() - 1;
-        State {
+        ModelState {
             sixteen: vec![0.0; count],
             sixteen_sigmas: vec![f64::NAN; count],
             shifts: Shifts::default(),
@@ -168,23 +168,23 @@ impl<'a> Case<'a> {
     }
 
     /// The model of a state at each node.
-    pub fn run(&self, state: &State) -> Series {
+    pub fn run(&self, state: &ModelState) -> Series {
         self.measured.run(&state.configuration(self.believed), state.shifts)
     }
 
     /// Residual of a state, averaged over blocks.
-    pub fn residual(&self, state: &State) -> Series {
+    pub fn residual(&self, state: &ModelState) -> Series {
         self.measured.residual(&self.run(state))
     }
 
     /// The filters of a state's noise.
-    pub fn whitenings(&self, noise: &[Noise; CHANNELS]) -> [Whitening; CHANNELS] {
+    pub fn whitenings(&self, noise: &[NoiseModel; CHANNELS]) -> [Whitening; CHANNELS] {
         std::array::from_fn(|channel| Whitening::new(&noise[channel], &self.measured.blocks[channel]))
     }
 
     /// The residual, and the signatures of all that is fitted: nuisances, then the free parameters. Those that are not at hand are
     /// run, and kept.
-    pub fn linearised(&self, state: &mut State) -> (Series, Vec<Nuisance>) {
+    pub fn linearised(&self, state: &mut ModelState) -> (Series, Vec<Nuisance>) {
         let from = self.run(state);
         let open: Vec<(usize, usize)> =
             state.free().into_iter().filter(|(held, _)| state.held[*held].columns.is_none()).collect();
@@ -201,7 +201,7 @@ impl<'a> Case<'a> {
     }
 
     /// The signature of one parameter of a change.
-    fn column(&self, state: &State, from: &Series, held: usize, index: usize) -> Nuisance {
+    fn column(&self, state: &ModelState, from: &Series, held: usize, index: usize) -> Nuisance {
         let parameter = &state.held[held].hypothesis.parameters()[index];
         let mut step = step(parameter);
         if parameter.value + step > parameter.greatest {
@@ -217,26 +217,26 @@ impl<'a> Case<'a> {
     }
 
     /// The signature of one unit of the size of a change, as it stands.
-    pub fn signature(&self, state: &State, held: usize) -> Nuisance {
+    pub fn signature(&self, state: &ModelState, held: usize) -> Nuisance {
         let from = self.run(state);
         self.column(state, &from, held, 0)
     }
 
     /// The equations of a state as it stands.
-    pub fn normal(&self, state: &mut State) -> Normal {
+    pub fn normal(&self, state: &mut ModelState) -> NormalEquations {
         let (residual, columns) = self.linearised(state);
-        Normal::departed(self.whitenings(&state.noise), &residual, &columns, &state.sixteen)
+        NormalEquations::departed(self.whitenings(&state.noise), &residual, &columns, &state.sixteen)
     }
 
     /// The equations of a state as it stands without one change, at the same lag.
-    pub fn normal_without(&self, state: &State, index: usize) -> Normal {
+    pub fn normal_without(&self, state: &ModelState, index: usize) -> NormalEquations {
         let mut others = state.clone();
         others.held.remove(index);
         self.normal(&mut others)
     }
 
     /// Fits everything that is free, and tells the equations at the end.
-    pub fn fit(&self, state: &mut State) -> Normal {
+    pub fn fit(&self, state: &mut ModelState) -> NormalEquations {
         let mut normal = self.normal(state);
         for _ in 0..ROUNDS {
             let (solution, _) = normal.solution();
@@ -272,7 +272,7 @@ impl<'a> Case<'a> {
     }
 }
 
-impl State {
+impl ModelState {
     /// The configuration with all that is held.
     pub fn configuration(&self, believed: &Configuration) -> Configuration {
         let mut configuration = believed.clone();
@@ -289,20 +289,20 @@ impl State {
     pub fn remove(&mut self, index: usize) -> FittedHypothesis {
         let gone = self.held.remove(index);
         if !self.held.iter().any(FittedHypothesis::follows_temperature) {
-            self.tell_late(0.0);
+            self.set_temperature_lag(0.0);
         }
         gone
     }
 
     /// Takes the temperature as told so much later than it was.
-    pub fn tell_late(&mut self, temperature_s: f64) {
+    pub fn set_temperature_lag(&mut self, temperature_s: f64) {
         if self.shifts.temperature_s != temperature_s {
             self.shifts.temperature_s = temperature_s;
             // A formula may have the temperature among its factors.
             let moves = |held: &&mut FittedHypothesis| {
                 held.follows_temperature() || held.hypothesis.amplitude.formula().is_some()
             };
-            self.held.iter_mut().filter(moves).for_each(FittedHypothesis::run_anew);
+            self.held.iter_mut().filter(moves).for_each(FittedHypothesis::invalidate);
         }
     }
 
@@ -316,7 +316,7 @@ impl State {
         self.held.iter().enumerate().flat_map(of_change).collect()
     }
 
-    fn moved(&self, by: &DVector<f64>) -> State {
+    fn moved(&self, by: &DVector<f64>) -> ModelState {
         let mut moved = self.clone();
         let count = self.sixteen.len();
         for (index, value) in moved.sixteen.iter_mut().enumerate() {

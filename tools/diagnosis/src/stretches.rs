@@ -5,11 +5,11 @@
 
 use std::ops::Range;
 
-use geu_calibration::window::Window;
+use geu_calibration::window::ManoeuvreWindow;
 use geu_model::units::HALF_SECOND_S;
 
 use crate::gap;
-use crate::measured::{BLOCK, BLOCK_S, Measured, Series, TIMING};
+use crate::measured::{BLOCK, BLOCK_S, MeasuredData, Series, TIMING};
 
 /// Below this the unit rests: what a limit cycle of 4 arcsec/s leaves in 5 s, whatever its period, and no manoeuvre.
 const REST_ARCSEC_S: f64 = 4.0;
@@ -23,7 +23,7 @@ const AXES: [char; 3] = ['X', 'Y', 'Z'];
 
 /// A rest or a turn.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Stretch {
+pub struct MotionSegment {
     /// In words: `rest`, `turn about Y at +720 arcsec/s`; or as a list of manoeuvres calls it.
     pub name: String,
     /// Start, s since the start of the recording.
@@ -34,7 +34,7 @@ pub struct Stretch {
     pub axis: Option<usize>,
 }
 
-impl Stretch {
+impl MotionSegment {
     /// Its blocks.
     pub fn blocks(&self) -> Range<usize> {
         (self.from_s / BLOCK_S).round().max(0.0) as usize..(self.to_s / BLOCK_S).round().max(0.0) as usize
@@ -48,7 +48,7 @@ impl Stretch {
 }
 
 /// The recording from its start to its end, cut where the motion changes.
-pub fn cut(measured: &Measured) -> Vec<Stretch> {
+pub fn cut(measured: &MeasuredData) -> Vec<MotionSegment> {
     let rates = rates(measured);
     let mut runs: Vec<(Motion, Range<usize>)> = Vec::new();
     for (block, rate) in rates.iter().enumerate() {
@@ -69,30 +69,30 @@ pub fn cut(measured: &Measured) -> Vec<Stretch> {
     }
     let of = |(_, range): (Motion, Range<usize>)| {
         let (axis, name) = told(&rates[range.clone()]);
-        Stretch { name, from_s: range.start as f64 * BLOCK_S, to_s: range.end as f64 * BLOCK_S, axis }
+        MotionSegment { name, from_s: range.start as f64 * BLOCK_S, to_s: range.end as f64 * BLOCK_S, axis }
     };
     joined.into_iter().map(of).collect()
 }
 
 /// The stretches of a list of manoeuvres on the time scale of the recording, as far as they lie within it.
-pub fn listed(measured: &Measured, windows: &[Window]) -> Vec<Stretch> {
+pub fn listed(measured: &MeasuredData, windows: &[ManoeuvreWindow]) -> Vec<MotionSegment> {
     let (rates, start_s) = (rates(measured), measured.counts.start_ns as f64 * 1e-9);
     let end_s = rates.len() as f64 * BLOCK_S;
-    let of = |window: &Window| {
+    let of = |window: &ManoeuvreWindow| {
         let within = |at_s: f64| (at_s - start_s).clamp(0.0, end_s);
         let (from_s, to_s) = (within(window.start_s), within(window.end_s));
-        let stretch = Stretch { name: window.name.clone(), from_s, to_s, axis: None };
+        let stretch = MotionSegment { name: window.name.clone(), from_s, to_s, axis: None };
         let own = rates.get(stretch.blocks()).filter(|own| !own.is_empty())?;
-        Some(Stretch { axis: told(own).0, ..stretch })
+        Some(MotionSegment { axis: told(own).0, ..stretch })
     };
     windows.iter().filter_map(of).collect()
 }
 
 /// The residual of a model within each stretch, whose first value is set to zero: its root mean square on each gyro, arcsec; NaN
 /// where nothing can be trusted.
-pub fn rms_arcsec(measured: &Measured, model: &Series, stretches: &[Stretch]) -> Vec<[f64; TIMING]> {
+pub fn rms_arcsec(measured: &MeasuredData, model: &Series, stretches: &[MotionSegment]) -> Vec<[f64; TIMING]> {
     let residual = gap::residual(measured, model);
-    let of_gyro = |gyro: usize, stretch: &Stretch| {
+    let of_gyro = |gyro: usize, stretch: &MotionSegment| {
         let (mut start, mut squares, mut count) = (f64::NAN, 0.0, 0usize);
         for node in stretch.nodes().filter(|&node| (1..=measured.half_seconds).contains(&node)) {
             let Some(block) = measured.blocks[gyro].get((node - 1) / BLOCK) else { break };
@@ -123,7 +123,7 @@ fn motion(rate: &[f64; 3]) -> Motion {
 }
 
 /// Mean rates about the control axes over each block, arcsec/s.
-fn rates(measured: &Measured) -> Vec<[f64; 3]> {
+fn rates(measured: &MeasuredData) -> Vec<[f64; 3]> {
     let mut near = 0;
     let mut at = |block: usize| measured.reference.at(block as f64 * BLOCK_S, &mut near).0;
     let mut before = at(0);

@@ -4,9 +4,9 @@
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
-use crate::bank::{Bank, Base, Column, Variation};
+use crate::bank::{SignatureBank, ConstantSignature, Column, Variation};
 use crate::measured::CHANNELS;
-use crate::normal::{Beside, Normal, dot};
+use crate::normal::{ProjectedSignature, NormalEquations, dot};
 
 /// Phases of a wave that are looked for, over half a turn.
 const PHASES: usize = 16;
@@ -29,13 +29,13 @@ impl<const COUNT: usize> Linear for [f32; COUNT] {
 }
 
 /// A signature on one channel beside the nuisances, and what else is told of it there.
-pub type Part<T> = Option<(Beside, T)>;
+pub type Part<T> = Option<(ProjectedSignature, T)>;
 
 /// Goes through the courses of a base: `tell` is given a channel and the whitened signature there, `take` each course.
 pub fn sweep<T: Linear>(
-    bank: &Bank,
-    normal: &Normal,
-    base: &Base,
+    bank: &SignatureBank,
+    normal: &NormalEquations,
+    base: &ConstantSignature,
     tell: impl Fn(usize, &Column) -> T,
     mut take: impl FnMut(&Variation, &[Part<T>; CHANNELS]),
 ) {
@@ -71,7 +71,7 @@ pub fn sweep<T: Linear>(
             let (sin, cos) = phase_rad.sin_cos();
             let mixed: [Part<T>; CHANNELS] = std::array::from_fn(|channel| {
                 let ((one, one_told), (other, other_told)) = (own[channel].as_ref()?, other[channel].as_ref()?);
-                let beside = Beside::sum((cos, one), (sin, other), both[channel]);
+                let beside = ProjectedSignature::sum((cos, one), (sin, other), both[channel]);
                 Some((beside, T::sum((cos, one_told), (sin, other_told))))
             });
             if let Some(variation) = variation.at_phase(phase_rad) {

@@ -10,11 +10,11 @@ use geu_model::units::{HALF_SECOND_S, ORBIT_S, RAD_PER_DEG, S_PER_DAY};
 use rayon::prelude::*;
 
 use crate::bank::Column;
-use crate::measured::{BLOCK, CHANNELS, Measured, Series, TIMING};
-use crate::normal::Normal;
-use crate::state::Case;
-use crate::stretches::Stretch;
-use crate::whitening::Noise;
+use crate::measured::{BLOCK, CHANNELS, MeasuredData, Series, TIMING};
+use crate::normal::NormalEquations;
+use crate::state::DiagnosisCase;
+use crate::stretches::MotionSegment;
+use crate::whitening::NoiseModel;
 
 /// A variable of which a stretch holds less than this share of what its length would hold is not to be told in it.
 const LEAST_SHARE: f64 = 0.1;
@@ -49,30 +49,30 @@ pub const VARIABLES: [&str; 22] = [
 pub const STANDS_OUT: f64 = 5.0;
 
 /// For each of [`VARIABLES`], how much of it there is, in sigmas; nothing where the data cannot tell.
-pub type Sigmas = [Option<f64>; VARIABLES.len()];
+pub type Significances = [Option<f64>; VARIABLES.len()];
 
 /// Where the data leave one model.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Whereabouts {
+pub struct ResidualMap {
     /// On each gyro over the whole recording, beside the sixteen.
-    pub whole: [Sigmas; TIMING],
+    pub whole: [Significances; TIMING],
     /// On each gyro in each stretch. The sixteen are not taken out of the variables here: what they can explain all through a
     /// recording they need not in one stretch of it.
-    pub stretches: [Vec<Sigmas>; TIMING],
+    pub stretches: [Vec<Significances>; TIMING],
 }
 
 /// Where the data leave each of several models, run with the lag that was found, with the same noise.
 pub fn whereabouts<const MODELS: usize>(
-    case: &Case,
-    noise: &[Noise; CHANNELS],
+    case: &DiagnosisCase,
+    noise: &[NoiseModel; CHANNELS],
     models: [&Series; MODELS],
-    stretches: &[Stretch],
-) -> [Whereabouts; MODELS] {
+    stretches: &[MotionSegment],
+) -> [ResidualMap; MODELS] {
     let variables = variables(case.measured);
     // The lag, the last of them, is common to all gyros: left free, what is on one would show on the others.
     let nuisances = &case.nuisances[..case.nuisances.len().saturating_sub(1)];
     let of = |model: &Series| {
-        let normal = Normal::new(case.whitenings(noise), &case.measured.residual(model), nuisances);
+        let normal = NormalEquations::new(case.whitenings(noise), &case.measured.residual(model), nuisances);
         let left = normal.left();
         let of_gyro = |gyro: usize| {
             let of_variable = |column: &Column| -> (Option<f64>, Vec<Option<f64>>) {
@@ -81,12 +81,12 @@ pub fn whereabouts<const MODELS: usize>(
                 (gain.map(|gain| gain.size / gain.sigma), in_stretches(&left[gyro], &white, stretches))
             };
             let told: Vec<_> = variables.iter().map(of_variable).collect();
-            let whole: Sigmas = std::array::from_fn(|variable| told[variable].0);
-            let of_stretch = |stretch: usize| -> Sigmas { std::array::from_fn(|variable| told[variable].1[stretch]) };
+            let whole: Significances = std::array::from_fn(|variable| told[variable].0);
+            let of_stretch = |stretch: usize| -> Significances { std::array::from_fn(|variable| told[variable].1[stretch]) };
             (whole, (0..stretches.len()).map(of_stretch).collect::<Vec<_>>())
         };
-        let told: Vec<(Sigmas, Vec<Sigmas>)> = (0..TIMING).into_par_iter().map(of_gyro).collect();
-        Whereabouts {
+        let told: Vec<(Significances, Vec<Significances>)> = (0..TIMING).into_par_iter().map(of_gyro).collect();
+        ResidualMap {
             whole: std::array::from_fn(|gyro| told[gyro].0),
             stretches: std::array::from_fn(|gyro| told[gyro].1.clone()),
         }
@@ -95,10 +95,10 @@ pub fn whereabouts<const MODELS: usize>(
 }
 
 /// How much of a whitened variable a whitened residual holds in each stretch, in sigmas.
-fn in_stretches(left: &[f64], white: &[f64], stretches: &[Stretch]) -> Vec<Option<f64>> {
+fn in_stretches(left: &[f64], white: &[f64], stretches: &[MotionSegment]) -> Vec<Option<f64>> {
     let squares = |values: &[f64]| values.iter().map(|value| value * value).sum::<f64>();
     let (whole, blocks) = (squares(white), white.len().max(1) as f64);
-    let of = |stretch: &Stretch| {
+    let of = |stretch: &MotionSegment| {
         let (left, white) = (left.get(stretch.blocks())?, white.get(stretch.blocks())?);
         let own = squares(white);
         let is_told = own > 0.0 && own >= LEAST_SHARE * whole * white.len() as f64 / blocks;
@@ -108,7 +108,7 @@ fn in_stretches(left: &[f64], white: &[f64], stretches: &[Stretch]) -> Vec<Optio
 }
 
 /// The integral of each variable over time, averaged over blocks.
-fn variables(measured: &Measured) -> [Column; VARIABLES.len()] {
+fn variables(measured: &MeasuredData) -> [Column; VARIABLES.len()] {
     let mut columns: [Column; VARIABLES.len()] =
         std::array::from_fn(|_| Column { from: 0, values: Vec::with_capacity(measured.block_count()) });
     let (mut near, mut sums, mut averages) = (0, [0.0; VARIABLES.len()], [0.0; VARIABLES.len()]);
@@ -154,7 +154,7 @@ fn variables(measured: &Measured) -> [Column; VARIABLES.len()] {
 }
 
 /// The variable that stands out most, and by how much.
-pub fn strongest(sigmas: &Sigmas) -> Option<(usize, f64)> {
+pub fn strongest(sigmas: &Significances) -> Option<(usize, f64)> {
     let told = sigmas.iter().enumerate().filter_map(|(variable, sigmas)| Some((variable, (*sigmas)?)));
     told.max_by(|one, other| one.1.abs().total_cmp(&other.1.abs()))
 }

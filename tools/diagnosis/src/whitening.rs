@@ -11,7 +11,7 @@ pub const ROUNDING: f64 = 1.0 / 12.0;
 
 /// Noise of one channel.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Noise {
+pub struct NoiseModel {
     /// Variance of a block's average: rounding and the reference.
     pub white: f64,
     /// Growth of the angle's deviation with the root of time, per √s.
@@ -38,7 +38,7 @@ pub struct Whitening {
 
 impl Whitening {
     /// The filter of this noise over these blocks.
-    pub fn new(noise: &Noise, blocks: &[Block]) -> Whitening {
+    pub fn new(noise: &NoiseModel, blocks: &[Block]) -> Whitening {
         let (angle, drift, t) = (noise.angle_walk.powi(2) * BLOCK_S, noise.rate_walk.powi(2), BLOCK_S);
         let mean_s = MEAN * t;
         // At the start the angle is free, since a common shift of time moves what was before. The rate of then is no noise: it is
@@ -106,7 +106,7 @@ mod tests {
     #[test]
     fn walks_come_out_white_across_a_break_whichever_is_the_larger() {
         for angle_walk in [0.01, 0.3] {
-            let noise = Noise { white: 1.0 / 120.0, angle_walk, rate_walk: 8e-6 };
+            let noise = NoiseModel { white: 1.0 / 120.0, angle_walk, rate_walk: 8e-6 };
             let mut blocks = vec![Block { is_good: true, restarts: false }; 20_000];
             blocks[9_000] = Block { is_good: false, restarts: true };
             let (mut state, mut angle, mut rate) = (1u64, 0.0, 0.0);

@@ -1,23 +1,23 @@
 //! The blind trial: what is hidden is told by its key alone, scored as it should be, and a campaign is the same on any threads.
 
-use geu_diagnosis::blind::{Hidden, Key, Naming, Origin, Plan, ReportedDiagnosis, Survey, campaign, hide, score};
+use geu_diagnosis::blind::{InjectedEffect, AnswerKey, IsolationResult, Origin, CampaignPlan, ReportedDiagnosis, TrialMotion, campaign, generate_trial, score};
 use geu_diagnosis::hypothesis::Hypothesis;
 use geu_diagnosis::outcome::EstimatedValue;
 use geu_model::Configuration;
-use geu_recording::{Defect, InputReader, Options, Reference, Row, Sink, Stop};
+use geu_recording::{Defect, InputReader, DecoderOptions, ReferenceAttitude, ReceivedSample, Sink, Stop};
 use serde_json::{Value, json};
 
 const SHORT_S: f64 = 1500.0;
 
-fn survey() -> Survey {
-    Survey::new(Configuration::reference(), SHORT_S).expect("long enough")
+fn survey() -> TrialMotion {
+    TrialMotion::new(Configuration::reference(), SHORT_S).expect("long enough")
 }
 
 #[derive(Default)]
-struct Rows(Vec<Row>, usize);
+struct Rows(Vec<ReceivedSample>, usize);
 
 impl Sink for Rows {
-    fn row(&mut self, row: &Row) {
+    fn row(&mut self, row: &ReceivedSample) {
         self.0.push(*row);
     }
 
@@ -31,25 +31,25 @@ fn the_same_seed_hides_the_same_and_its_files_read_back() {
     let survey = survey();
     let mut kinds = [0; 4];
     for seed in 0..40 {
-        let (key, flight) = hide(&survey, seed);
-        assert_eq!(Key::parse("key.toml", &key.to_toml()).expect("a key"), key, "seed {seed}");
+        let (key, flight) = generate_trial(&survey, seed);
+        assert_eq!(AnswerKey::parse("key.toml", &key.to_toml()).expect("a key"), key, "seed {seed}");
         key.hidden.iter().for_each(|own| kinds[own.origin as usize] += 1);
         if seed < 3 {
-            let (again, other) = hide(&survey, seed);
+            let (again, other) = generate_trial(&survey, seed);
             assert_eq!((&again, &other.rows), (&key, &flight.rows), "seed {seed}");
         }
     }
     assert!(kinds.iter().all(|&count| count > 0), "{kinds:?}");
 
-    let (_, flight) = hide(&survey, 1);
+    let (_, flight) = generate_trial(&survey, 1);
     let directory = tempfile::tempdir().expect("a directory");
     let path = directory.path().join("link.log");
     std::fs::write(&path, flight.link_log()).expect("written");
-    let (mut reader, mut read) = (InputReader::new(Options::default(), Stop::default()), Rows::default());
+    let (mut reader, mut read) = (InputReader::new(DecoderOptions::default(), Stop::default()), Rows::default());
     reader.read(path.to_str().expect("text"), &mut read).expect("a recording");
     reader.finish(&mut read).1.expect("its end");
     assert_eq!((&read.0, read.1), (&flight.rows, 0));
-    let reference = Reference::parse("reference.csv", &flight.reference_csv()).expect("a reference");
+    let reference = ReferenceAttitude::parse("reference.csv", &flight.reference_csv()).expect("a reference");
     assert_eq!(reference.start_ns, flight.reference.start_ns);
     assert!((reference.truth.end_s() - flight.reference.truth.end_s()).abs() < 1e-6);
 }
@@ -59,8 +59,8 @@ fn hidden(code: &str, numbers: &[(&str, f64)]) -> Hypothesis {
     Hypothesis::from_numbers(code, None, [true, false, false, false], number).expect("a hypothesis")
 }
 
-fn step(size: f64) -> Hidden {
-    Hidden {
+fn step(size: f64) -> InjectedEffect {
+    InjectedEffect {
         hypothesis: hidden("drift-step", &[("arcsec_per_h", size), ("time_s", 700.0)]),
         origin: Origin::Catalogue,
         gyros: [true, false, false, false],
@@ -85,38 +85,38 @@ fn what_was_said_is_scored_against_what_was_hidden() {
     let rival = |cosine: f64, behind: f64| json!([{ "code": "drift-step", "gyros": ["GYRX"], "cosine": cosine, "behind_chi2": behind }]);
     let recalibrated = json!({ "code": "scale-factor", "class": "recalibration", "gyros": ["GYRZA"] });
     for (name, told, naming, false_names) in [
-        ("right", told("explained", &[entry("drift-step", "GYRX", json!([])), recalibrated]), Naming::Right, 0),
+        ("right", told("explained", &[entry("drift-step", "GYRX", json!([])), recalibrated]), IsolationResult::Right, 0),
         (
             "beside",
             told("explained", &[entry("drift-step", "GYRX", json!([])), entry("drift", "GYRY", json!([]))]),
-            Naming::Right,
+            IsolationResult::Right,
             1,
         ),
-        ("alike, yet apart", told("explained", &[entry("drift-ramp", "GYRX", rival(0.96, 40.0))]), Naming::Wrong, 1),
-        ("not apart", told("explained", &[entry("drift-ramp", "GYRX", rival(0.90, 8.0))]), Naming::Group, 0),
-        ("apart", told("explained", &[entry("drift-ramp", "GYRX", rival(0.90, 10.0))]), Naming::Wrong, 1),
-        ("another gyro", told("explained", &[entry("drift-step", "GYRY", json!([]))]), Naming::Missed, 1),
-        ("no name", told("unexplained", &[]), Naming::Unnamed, 0),
-        ("nothing", told("consistent", &[]), Naming::Missed, 0),
+        ("alike, yet apart", told("explained", &[entry("drift-ramp", "GYRX", rival(0.96, 40.0))]), IsolationResult::Wrong, 1),
+        ("not apart", told("explained", &[entry("drift-ramp", "GYRX", rival(0.90, 8.0))]), IsolationResult::Group, 0),
+        ("apart", told("explained", &[entry("drift-ramp", "GYRX", rival(0.90, 10.0))]), IsolationResult::Wrong, 1),
+        ("another gyro", told("explained", &[entry("drift-step", "GYRY", json!([]))]), IsolationResult::Missed, 1),
+        ("no name", told("unexplained", &[]), IsolationResult::Unnamed, 0),
+        ("nothing", told("consistent", &[]), IsolationResult::Missed, 0),
     ] {
         let score = score(&[step(24.0)], &told, &|_, _| 0.0);
         assert_eq!((score.outcomes[0].naming, score.false_names.len()), (naming, false_names), "{name}");
         let size = score.outcomes[0].size.map(|size| (size.error, size.sigma, size.bound));
-        assert_eq!(size, (naming == Naming::Right).then_some((1.0, 3.0, 2.0)), "{name}");
-        let is_right = naming >= Naming::Group && false_names == 0;
+        assert_eq!(size, (naming == IsolationResult::Right).then_some((1.0, 3.0, 2.0)), "{name}");
+        let is_right = naming >= IsolationResult::Group && false_names == 0;
         assert_eq!(score.is_right(&[step(24.0)], &told), is_right, "{name}");
     }
     // One thing by its signature, whatever it is called.
     let other = told("explained", &[entry("drift-periodic", "GYRX", json!([]))]);
-    assert_eq!(score(&[step(24.0)], &other, &|_, _| 0.9995).outcomes[0].naming, Naming::Group);
+    assert_eq!(score(&[step(24.0)], &other, &|_, _| 0.9995).outcomes[0].naming, IsolationResult::Group);
     let broken = ReportedDiagnosis::from_json(&json!({ "verdict": "explained", "effects": 1 })).expect_err("no list");
     assert_eq!(broken.to_string(), "effects: expected a list, as `geu diagnose --json` writes it");
     let broken = ReportedDiagnosis::from_json(&json!({ "verdict": "sure", "effects": [] })).expect_err("no verdict");
     assert!(broken.to_string().starts_with("verdict: expected consistent, explained or unexplained"), "{broken}");
     let elsewhere = entry("drift-step", "GYRQ", json!([]));
     assert!(ReportedDiagnosis::from_json(&json!({ "verdict": "explained", "effects": [elsewhere] })).is_err());
-    let key = Key { seed: 1, duration_s: 100.0, hidden: vec![step(24.0)] }.to_toml();
-    let broken = Key::parse("key.toml", &key.replace("\"GYRX\"", "\"GYRQ\"")).expect_err("no gyro");
+    let key = AnswerKey { seed: 1, duration_s: 100.0, hidden: vec![step(24.0)] }.to_toml();
+    let broken = AnswerKey::parse("key.toml", &key.replace("\"GYRX\"", "\"GYRQ\"")).expect_err("no gyro");
     assert!(broken.to_string().contains("expected one or more of GYRX, GYRY, GYRZA, GYRZB"), "{broken}");
 }
 
@@ -127,7 +127,7 @@ fn an_effect_is_like_itself_and_unlike_another() {
     let likeness = |code: &str, gyro: &str| {
         let mut found = told("explained", &[entry(code, gyro, json!([]))]).missing.remove(0);
         found.parameters.push(EstimatedValue::new("time_s".to_owned(), 700.0, f64::NAN));
-        survey.likeness(&step(24.0), &found, 0.0)
+        survey.signature_cosine(&step(24.0), &found, 0.0)
     };
     assert!((likeness("drift-step", "GYRX") - 1.0).abs() < 1e-3, "{}", likeness("drift-step", "GYRX"));
     assert!(likeness("drift-step", "GYRY") < 1e-3);
@@ -141,29 +141,29 @@ fn what_follows_a_late_temperature_is_another_signature() {
         "parameters": { "arcsec_per_h_per_k": { "value": 5.0, "sigma": 0.1 } }, "rivals": [] });
     let result = json!({ "verdict": "explained", "effects": [follows], "temperature_late_s": 600.0 });
     let told = ReportedDiagnosis::from_json(&result).expect("a result");
-    let hidden = Hidden {
+    let hidden = InjectedEffect {
         hypothesis: self::hidden("drift-temperature", &[("arcsec_per_h_per_k", 5.0)]),
         origin: Origin::Unknown,
         ..step(0.0)
     };
-    let likeness = |late_s: f64| survey.likeness(&hidden, &told.missing[0], late_s);
+    let likeness = |late_s: f64| survey.signature_cosine(&hidden, &told.missing[0], late_s);
     assert!(likeness(0.0) > 0.999, "{}", likeness(0.0));
     assert_eq!(told.temperature_late_s, 600.0);
     assert!(likeness(told.temperature_late_s) < likeness(0.0));
     // Another code that was hidden, as like as the lag lets it be.
     let numbers = [("amplitude_arcsec_per_h", 20.0), ("period_s", 6180.0), ("phase_rad", 0.0)];
-    let swings = Hidden { hypothesis: self::hidden("drift-periodic", &numbers), origin: Origin::Unknown, ..step(0.0) };
-    let [now, quarter_turn_late] = [0.0, 1545.0].map(|late_s| survey.likeness(&swings, &told.missing[0], late_s));
+    let swings = InjectedEffect { hypothesis: self::hidden("drift-periodic", &numbers), origin: Origin::Unknown, ..step(0.0) };
+    let [now, quarter_turn_late] = [0.0, 1545.0].map(|late_s| survey.signature_cosine(&swings, &told.missing[0], late_s));
     assert!((now - quarter_turn_late).abs() > 0.01, "{now} {quarter_turn_late}");
 }
 
 #[test]
 fn a_campaign_is_the_same_on_any_number_of_threads() {
     let survey = survey();
-    let plan = Plan { seed: 3, runs: 4, strengths: vec![12.0], threads: 2 };
+    let plan = CampaignPlan { seed: 3, runs: 4, strengths: vec![12.0], threads: 2 };
     let all = campaign(&survey, &plan, &|| ()).expect("a campaign");
     assert_eq!(all.groups.iter().map(|group| group.runs.len()).collect::<Vec<_>>(), [4, 4, 1]);
-    let one = campaign(&survey, &Plan { runs: 1, threads: 1, ..plan }, &|| ()).expect("a campaign");
+    let one = campaign(&survey, &CampaignPlan { runs: 1, threads: 1, ..plan }, &|| ()).expect("a campaign");
     let (first, again) = (&all.groups[0].runs[0], &one.groups[0].runs[0]);
     assert_eq!((&first.hidden, &first.told, &first.score), (&again.hidden, &again.told, &again.score));
     assert!((first.hidden[0].strength.expect("an amplitude has one") - 12.0).abs() < 0.1);

@@ -4,19 +4,19 @@
 use std::io::Write;
 use std::path::Path;
 
-use geu_diagnosis::checks::{Checked, WiringFault, check};
+use geu_diagnosis::checks::{CheckResult, WiringFault, check};
 use geu_model::Configuration;
-use geu_plant::{GYROS, Gyro as Of, Hidden, Plant};
+use geu_plant::{GYROS, Gyro as Of, PlantedEffect, IndependentModel};
 use geu_protocol::Gyro;
-use geu_protocol::capture::{Format, Place, Reader, Time};
+use geu_protocol::capture::{Format, RecordPosition, Reader, Timestamp};
 use geu_protocol::field::unit_flag;
-use geu_recording::{Decoder, Defect, DefectKind, InputReader, Options, Reference, Row, Sink, Stop};
+use geu_recording::{Decoder, Defect, DefectKind, InputReader, DecoderOptions, ReferenceAttitude, ReceivedSample, Sink, Stop};
 
 #[derive(Default)]
-struct Rows(Vec<Row>);
+struct Rows(Vec<ReceivedSample>);
 
 impl Sink for Rows {
-    fn row(&mut self, row: &Row) {
+    fn row(&mut self, row: &ReceivedSample) {
         self.0.push(*row);
     }
     fn defect(&mut self, defect: &Defect) {
@@ -25,55 +25,55 @@ impl Sink for Rows {
 }
 
 struct Recording {
-    rows: Vec<Row>,
-    reference: Reference,
+    rows: Vec<ReceivedSample>,
+    reference: ReferenceAttitude,
 }
 
 impl Recording {
-    fn of(plant: &Plant) -> Recording {
+    fn of(plant: &IndependentModel) -> Recording {
         let recording = plant.record();
-        let (mut decoder, mut rows) = (Decoder::new(&Options::default()), Rows::default());
+        let (mut decoder, mut rows) = (Decoder::new(&DecoderOptions::default()), Rows::default());
         decoder.begin("link.log", &mut rows);
         let mut reader = Reader::new(Format::Candump);
         reader.finish(recording.link.as_bytes(), &mut |place, event| decoder.event(place, event, &mut rows));
         decoder.count_records(reader.records());
         decoder.finish(&mut rows);
-        let reference = Reference::parse("reference.csv", &recording.reference).expect("a reference");
+        let reference = ReferenceAttitude::parse("reference.csv", &recording.reference).expect("a reference");
         Recording { rows: rows.0, reference }
     }
 
-    fn hiding(seed: u64, hidden: &[Hidden]) -> Recording {
-        Recording::of(&Plant::new(seed, hidden.to_vec()))
+    fn hiding(seed: u64, hidden: &[PlantedEffect]) -> Recording {
+        Recording::of(&IndependentModel::new(seed, hidden.to_vec()))
     }
 
-    fn checked(&self) -> Checked {
+    fn checked(&self) -> CheckResult {
         check(&self.rows, &[], &Configuration::reference(), &self.reference)
     }
 }
 
 /// 400 s of the plant, with nothing hidden.
 fn short() -> Recording {
-    Recording::of(&Plant { duration_s: 400.0, ..Plant::new(3, Vec::new()) })
+    Recording::of(&IndependentModel { duration_s: 400.0, ..IndependentModel::new(3, Vec::new()) })
 }
 
-fn kinds(checked: &Checked) -> Vec<&str> {
+fn kinds(checked: &CheckResult) -> Vec<&str> {
     checked.findings.iter().map(|finding| finding.kind.as_str()).collect()
 }
 
 /// What was found of a kind: place and text.
-fn told<'a>(checked: &'a Checked, kind: &str) -> Vec<(&'a str, &'a str)> {
+fn told<'a>(checked: &'a CheckResult, kind: &str) -> Vec<(&'a str, &'a str)> {
     let of_kind = checked.findings.iter().filter(|finding| finding.kind == kind);
     of_kind.map(|finding| (finding.place.as_str(), finding.text.as_str())).collect()
 }
 
-fn wired(code: &str, gyros: &[Of], onset_s: Option<f64>) -> Hidden {
+fn wired(code: &str, gyros: &[Of], onset_s: Option<f64>) -> PlantedEffect {
     let on = [("on", 1.0), ("time_s", onset_s.unwrap_or(0.0))];
     let code = if onset_s.is_some() { format!("{code}-step") } else { code.to_owned() };
-    Hidden::new(&code, gyros, &on[..1 + usize::from(onset_s.is_some())])
+    PlantedEffect::new(&code, gyros, &on[..1 + usize::from(onset_s.is_some())])
 }
 
 /// One fault, of that code, on those gyros, whose onset may be where it was.
-fn assert_named(checked: &Checked, hidden: &Hidden, onset_s: Option<f64>) {
+fn assert_named(checked: &CheckResult, hidden: &PlantedEffect, onset_s: Option<f64>) {
     let [fault @ WiringFault { gyros, onset_s: found_s, onset_between_s: [from_s, to_s], end_s, .. }] =
         &checked.faults[..]
     else {
@@ -132,9 +132,9 @@ fn rows_are_as_without_the_fault_and_what_is_stuck_is_marked() {
 #[test]
 fn faults_beside_large_ordinary_effects_and_beside_each_other_are_named() {
     let ordinary = [
-        Hidden::new("scale-factor", &GYROS, &[("ppm", 2000.0)]),
-        Hidden::new("drift", &GYROS, &[("arcsec_per_h", 100.0)]),
-        Hidden::new("pivot-clearance", &GYROS, &[("clearance_arcsec", 12.0)]),
+        PlantedEffect::new("scale-factor", &GYROS, &[("ppm", 2000.0)]),
+        PlantedEffect::new("drift", &GYROS, &[("arcsec_per_h", 100.0)]),
+        PlantedEffect::new("pivot-clearance", &GYROS, &[("clearance_arcsec", 12.0)]),
     ];
     for (seed, faults) in [
         (11, vec![wired("sign-inversion", &[Of::X], Some(4000.0))]),
@@ -180,8 +180,8 @@ fn wiring_that_the_configuration_has_is_no_fault() {
 
 #[test]
 fn ordinary_effects_however_large_are_no_finding() {
-    let each = |code: &str, number: &str, sizes: [f64; 4]| -> Vec<Hidden> {
-        GYROS.iter().zip(sizes).map(|(gyro, size)| Hidden::new(code, &[*gyro], &[(number, size)])).collect()
+    let each = |code: &str, number: &str, sizes: [f64; 4]| -> Vec<PlantedEffect> {
+        GYROS.iter().zip(sizes).map(|(gyro, size)| PlantedEffect::new(code, &[*gyro], &[(number, size)])).collect()
     };
     for (seed, hidden) in [
         vec![],
@@ -195,7 +195,7 @@ fn ordinary_effects_however_large_are_no_finding() {
         each("misalignment", "z_arcsec", [3600.0, -3600.0, 0.0, 0.0]),
         each("angle-random-walk", "arcsec_per_sqrt_s", [3.0; 4]),
         each("lost-counts", "counts", [1e6, -3000.0, 500.0, 20.0]),
-        vec![Hidden::new("time-offset", &[], &[("seconds", 0.4)])],
+        vec![PlantedEffect::new("time-offset", &[], &[("seconds", 0.4)])],
         // A gyro that rests within its play repeats its count, and is not stuck.
         each("count-backlash", "play_arcsec", [8.0; 4]),
         each("count-backlash", "play_arcsec", [100.0; 4]),
@@ -217,7 +217,7 @@ fn a_gyro_at_rest_is_not_called_anything() {
     let still = |rates: &str| format!("t_s,rate_x_arcsec_s,rate_y_arcsec_s,rate_z_arcsec_s\n{rates}");
     let first = recording.reference.start_ns / 1_000_000_000;
     let rows: String = (1..=800).map(|row| format!("{}.{},0,0,0\n", first + row / 2, row % 2 * 5)).collect();
-    let reference = Reference::parse("reference.csv", &still(&rows)).expect("a reference");
+    let reference = ReferenceAttitude::parse("reference.csv", &still(&rows)).expect("a reference");
     let mut rows = recording.rows;
     rows.iter_mut().for_each(|row| row.half_second.increments = [0; 4]);
     let checked = check(&rows, &[], &Configuration::reference(), &reference);
@@ -250,7 +250,7 @@ fn counts_in_another_unit_are_told_with_their_factor() {
 fn what_is_wrong_with_the_link_is_told_with_its_place() {
     let mut recording = short();
     let rows = &mut recording.rows;
-    let valid = |row: &mut Row, gyro: Gyro| row.half_second.gyro_flags &= !gyro.bit();
+    let valid = |row: &mut ReceivedSample, gyro: Gyro| row.half_second.gyro_flags &= !gyro.bit();
     rows[100..110].iter_mut().for_each(|row| valid(row, Gyro::Y));
     rows[120].half_second.increments[0] = i16::MAX;
     rows[130].half_second.increments[1] = i16::MIN;
@@ -307,7 +307,7 @@ fn times_that_jump_stray_or_run_back_are_told_and_sequences_that_restart() {
         let mut recording = short();
         for row in &mut recording.rows[from..to] {
             let time = row.time.expect("a time");
-            row.time = Some(Time { t_ns: time.t_ns + (by_s * 1e9) as i64, ..time });
+            row.time = Some(Timestamp { t_ns: time.t_ns + (by_s * 1e9) as i64, ..time });
         }
         recording.checked()
     };
@@ -326,7 +326,7 @@ fn times_that_jump_stray_or_run_back_are_told_and_sequences_that_restart() {
     let first = slow.rows[0].time.expect("a time").t_ns;
     for row in &mut slow.rows {
         let time = row.time.expect("a time");
-        row.time = Some(Time { t_ns: first + 2 * (time.t_ns - first), ..time });
+        row.time = Some(Timestamp { t_ns: first + 2 * (time.t_ns - first), ..time });
     }
     let checked = slow.checked();
     assert!(told(&checked, "interval")[0].1.contains("every 1.0000 s"), "{:?}", checked.findings);
@@ -345,7 +345,7 @@ fn times_that_jump_stray_or_run_back_are_told_and_sequences_that_restart() {
 
 #[test]
 fn a_clock_is_measured_and_only_told_where_the_configuration_has_another() {
-    let hidden = Hidden::new("clock-frequency", &[], &[("ppm", 14.0)]);
+    let hidden = PlantedEffect::new("clock-frequency", &[], &[("ppm", 14.0)]);
     let recording = Recording::hiding(6, &[hidden]);
     let checked = recording.checked();
     let [(_, text)] = told(&checked, "clock-frequency")[..] else { panic!("{:?}", checked.findings) };
@@ -371,7 +371,7 @@ fn a_reference_of_another_time_is_told() {
 fn what_the_decoder_found_wrong_is_told_once_for_each_kind() {
     let recording = short();
     let defect =
-        |kind, line| Defect { input: "link.log", place: Place::Line(line), kind, bytes: &[], time: None, lost: 0 };
+        |kind, line| Defect { input: "link.log", place: RecordPosition::Line(line), kind, bytes: &[], time: None, lost: 0 };
     let defects = [
         defect(DefectKind::BrokenRecord, 17),
         defect(DefectKind::BrokenRecord, 19),
@@ -410,7 +410,7 @@ fn nothing_panics_on_rows_of_any_kind() {
                 3 => half_second.gyro_flags = word as u8,
                 4 => half_second.unit_flags = word as u8,
                 5 => row.time = None,
-                6 => row.time = Some(Time { t_ns: [i64::MIN, i64::MAX, word as i64][(word % 3) as usize], digits: 9 }),
+                6 => row.time = Some(Timestamp { t_ns: [i64::MIN, i64::MAX, word as i64][(word % 3) as usize], digits: 9 }),
                 7 => row.has_clock = false,
                 8 => row.is_received = false,
                 9 => (half_second.electronics_centi_c, half_second.sensor_centi_c) = (word as i16, (word >> 9) as i16),
@@ -434,10 +434,10 @@ fn measured_recordings_show_nothing_but_a_clock() {
     for name in 1..=10 {
         let directory = recordings.join(format!("{name:02}"));
         let path = |file: &str| directory.join(file).to_string_lossy().into_owned();
-        let (mut reader, mut rows) = (InputReader::new(Options::default(), Stop::default()), Rows::default());
+        let (mut reader, mut rows) = (InputReader::new(DecoderOptions::default(), Stop::default()), Rows::default());
         reader.read(&path("link.log.gz"), &mut rows).expect("a recording");
         reader.finish(&mut rows).1.expect("a recording");
-        let reference = Reference::read(&path("reference.csv.gz")).expect("a reference");
+        let reference = ReferenceAttitude::read(&path("reference.csv.gz")).expect("a reference");
         let checked = Recording { rows: rows.0, reference }.checked();
         println!("{name:02}: {:?}", checked.findings);
         assert!(checked.faults.is_empty(), "{name}: {:?}", checked.faults);
@@ -453,7 +453,7 @@ fn measured_recordings_show_nothing_but_a_clock() {
 
 #[test]
 fn a_day_is_checked_within_seconds() {
-    let recording = Recording::of(&Plant { duration_s: 86_400.0, ..Plant::new(7, Vec::new()) });
+    let recording = Recording::of(&IndependentModel { duration_s: 86_400.0, ..IndependentModel::new(7, Vec::new()) });
     let start = std::time::Instant::now();
     let checked = recording.checked();
     let took_s = start.elapsed().as_secs_f64();

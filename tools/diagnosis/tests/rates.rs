@@ -1,14 +1,14 @@
 //! Rates against an independent rate: errors put in are found, errors not there are not, what is alike is said to be.
 
 use geu_diagnosis::rates::{Diagnosis, Gyro, Parameter, Reference, Verdict, Windows, diagnose};
-use geu_model::noise::Stream;
+use geu_model::noise::NoiseStream;
 
 /// Ten windows in each of eight groups, spinning about directions that differ, or about one.
 fn windows(directions: &[[f64; 3]], errors: &[(Parameter, f64)], correlation: f64, seed: u64) -> Windows {
     let gyros = ["X", "Y", "Z"].iter().enumerate().map(|(axis, name)| Gyro { name: name.to_string(), axis });
     let groups = 8;
     let mut windows = Windows::new(gyros.collect(), (0..groups).map(|group| group.to_string()).collect());
-    let mut stream = Stream::of_sensor(seed, "windows");
+    let mut stream = NoiseStream::of_sensor(seed, "windows");
     for group in 0..groups {
         let direction = directions[group % directions.len()];
         let speed = 3600.0 * (20.0 + 5.0 * group as f64);
@@ -117,7 +117,7 @@ fn what_is_alike_is_said_to_be() {
 fn one_gyro_beside_a_vector_is_found_out_in_one_recording() {
     let gyros = vec![Gyro { name: "GZ".to_owned(), axis: 2 }];
     let mut windows = Windows::new(gyros, vec!["all".to_owned()]);
-    let mut stream = Stream::of_sensor(3, "windows");
+    let mut stream = NoiseStream::of_sensor(3, "windows");
     for index in 0..90 {
         let rate = 400.0 * (f64::from(index) * 0.3).sin();
         let told = 1.01 * rate + 7.0 + 0.5 * stream.standard_normal();

@@ -6,17 +6,17 @@ use geu_diagnosis::amplitude::AmplitudeRef;
 use geu_diagnosis::bank::Column;
 use geu_diagnosis::hypothesis::Hypothesis;
 use geu_diagnosis::measured::CHANNELS;
-use geu_diagnosis::normal::{Normal, Products};
-use geu_diagnosis::remedy::Remedies;
-use geu_diagnosis::rivals::{APART_CHI2, look_alikes};
-use geu_diagnosis::state::{FittedHypothesis, State};
-use geu_diagnosis::whitening::Noise;
-use geu_diagnosis::{Bank, Case};
+use geu_diagnosis::normal::{NormalEquations, Products};
+use geu_diagnosis::remedy::DiscriminatingTests;
+use geu_diagnosis::rivals::{APART_CHI2, similar_hypotheses};
+use geu_diagnosis::state::{FittedHypothesis, ModelState};
+use geu_diagnosis::whitening::NoiseModel;
+use geu_diagnosis::{SignatureBank, DiagnosisCase};
 use geu_model::Configuration;
 
 use flown::{manoeuvre, recorded};
 
-const NOISE: Noise = Noise { white: 0.01, angle_walk: 0.02, rate_walk: 2e-5 };
+const NOISE: NoiseModel = NoiseModel { white: 0.01, angle_walk: 0.02, rate_walk: 2e-5 };
 
 fn change(code: &str, gyro: usize, value: f64) -> Hypothesis {
     let kinds = AmplitudeRef::all().into_iter().flat_map(|one| [Some(one), one.with(1), one.with(2)]).flatten();
@@ -26,17 +26,17 @@ fn change(code: &str, gyro: usize, value: f64) -> Hypothesis {
     Hypothesis { own_shapes, ..Hypothesis::constant(amplitude, value, gyros) }
 }
 
-fn holding(case: &Case, found: &Hypothesis) -> State {
+fn holding(case: &DiagnosisCase, found: &Hypothesis) -> ModelState {
     let mut state = case.start([NOISE; CHANNELS]);
     state.held.push(FittedHypothesis::fixed(found.clone()));
     state
 }
 
 /// Cosine of two changes beside the nuisances, both run over the whole recording.
-fn cosine(case: &Case, one: &Hypothesis, other: &Hypothesis) -> f64 {
+fn cosine(case: &DiagnosisCase, one: &Hypothesis, other: &Hypothesis) -> f64 {
     let state = case.start([NOISE; CHANNELS]);
     let (residual, nuisances) = case.linearised(&mut state.clone());
-    let normal = Normal::new(case.whitenings(&state.noise), &residual, &nuisances);
+    let normal = NormalEquations::new(case.whitenings(&state.noise), &residual, &nuisances);
     let white = |change: &Hypothesis| {
         let signature = case.signature(&holding(case, change), 0);
         signature
@@ -67,11 +67,11 @@ fn what_is_alike_in_turns_one_way_at_one_speed_is_told_apart_as_foretold() {
     let flown = [rest.clone(), scan, rest];
     let measured = recorded(&believed, &flown, None);
     let found = change("scale-factor-asymmetry-ramp", 2, 4000.0);
-    let case = Case::new(&measured, &believed);
-    let mut all = look_alikes(&case, &Bank::new(&measured, &believed), &holding(&case, &found), 0);
+    let case = DiagnosisCase::new(&measured, &believed);
+    let mut all = similar_hypotheses(&case, &SignatureBank::new(&measured, &believed), &holding(&case, &found), 0);
     all.retain(|rival| rival.behind_chi2 < APART_CHI2);
     all.truncate(3);
-    let told = Remedies::new(&case).of(&holding(&case, &found), 0, &all);
+    let told = DiscriminatingTests::new(&case).of(&holding(&case, &found), 0, &all);
     assert!(all.iter().any(|rival| rival.hypothesis.amplitude.code() == "scale-factor-ramp"));
     for (rival, told) in all.iter().zip(told) {
         let told = told.expect("a remedy");
@@ -85,7 +85,7 @@ fn what_is_alike_in_turns_one_way_at_one_speed_is_told_apart_as_foretold() {
             _ => panic!("{told}"),
         };
         let longer = recorded(&believed, &[&flown[..], &[next]].concat(), after_s);
-        let cosine = cosine(&Case::new(&longer, &believed), &found, &rival.hypothesis);
+        let cosine = cosine(&DiagnosisCase::new(&longer, &believed), &found, &rival.hypothesis);
         assert!(foretold < 0.9 && (cosine - foretold).abs() < 0.1, "{code}: {told}: {cosine}");
     }
 }

@@ -2,7 +2,7 @@
 
 mod flown;
 
-use geu_diagnosis::Measured;
+use geu_diagnosis::MeasuredData;
 use geu_diagnosis::measured::{Series, Shifts};
 use geu_model::Configuration;
 
@@ -15,7 +15,7 @@ fn bits(series: &Series) -> Vec<u64> {
 #[test]
 fn a_run_put_together_from_others_is_the_one_that_is_run_alone() {
     let flight = [manoeuvre("pointing", &[("duration_s", 300.0)]), manoeuvre("z-scan", &[("angle_deg", 200.0)])];
-    let measured: Measured = recorded(&Configuration::reference(), &flight, None);
+    let measured: MeasuredData = recorded(&Configuration::reference(), &flight, None);
     let with = |assignments: &[&str]| {
         let assignments: Vec<String> = assignments.iter().map(|&assignment| assignment.to_owned()).collect();
         Configuration::reference_with(&assignments).expect("valid")

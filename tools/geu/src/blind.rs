@@ -5,15 +5,15 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
 use geu_diagnosis::Verdict;
-use geu_diagnosis::blind::{Hidden, Key, Plan, ReportedDiagnosis, SURVEY_S, Survey, campaign, hide, score};
+use geu_diagnosis::blind::{InjectedEffect, AnswerKey, CampaignPlan, ReportedDiagnosis, SURVEY_S, TrialMotion, campaign, generate_trial, score};
 use geu_diagnosis::report::labelled;
 use geu_recording::read_text;
 use indicatif::ProgressBar;
 
-use crate::failure::{Failure, say};
+use crate::failure::{CommandError, say};
 use crate::outputs::{OutputDirectory, OutputFile, write};
 use crate::overwriting::Force;
-use crate::settings::{NamedSettings, Settings, duration, seed};
+use crate::settings::{NamedSettings, ConfigArgs, duration, seed};
 
 /// Hides effects at random, scores what a diagnosis says of them, and does both many times.
 #[derive(Args, Debug)]
@@ -106,7 +106,7 @@ fn strength(text: &str) -> Result<f64, String> {
 ///
 /// # Errors
 /// A configuration, key or result that cannot be read, files that cannot be written; exit 1 where a score is not right.
-pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     match &arguments.command {
         Command::Hide(arguments) => hidden(arguments),
         Command::Score(arguments) => scored(arguments),
@@ -114,14 +114,14 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
 }
 
-fn survey(unit: &NamedSettings, duration_s: f64) -> Result<Survey, Failure> {
-    Survey::new(Settings::from(unit).read()?, duration_s).map_err(Failure::input)
+fn survey(unit: &NamedSettings, duration_s: f64) -> Result<TrialMotion, CommandError> {
+    TrialMotion::new(ConfigArgs::from(unit).read()?, duration_s).map_err(CommandError::input)
 }
 
 /// The files that a trial has.
 const FILES: [&str; 4] = ["recording/link.log", "recording/reference.csv", "recording/believed.toml", "key/key.toml"];
 
-fn hidden(arguments: &Hide) -> Result<(), Failure> {
+fn hidden(arguments: &Hide) -> Result<(), CommandError> {
     // Of one trial, or of each by its number.
     let trials: Vec<PathBuf> = match arguments.count {
         Some(count) => (1..=count).map(|number| number.to_string().into()).collect(),
@@ -132,11 +132,11 @@ fn hidden(arguments: &Hide) -> Result<(), Failure> {
     let survey = survey(&arguments.unit, arguments.duration)?;
     let bar = ProgressBar::new(trials.len() as u64);
     for (seed, trial) in (arguments.seed..).zip(&trials) {
-        let (key, flight) = hide(&survey, seed & i64::MAX as u64);
+        let (key, flight) = generate_trial(&survey, seed & i64::MAX as u64);
         let own = out.join(trial);
         for directory in ["recording", "key"].map(|name| own.join(name)) {
             fs::create_dir_all(&directory)
-                .map_err(|error| Failure::failed(format!("{}: cannot be made: {error}", directory.display())))?;
+                .map_err(|error| CommandError::failed(format!("{}: cannot be made: {error}", directory.display())))?;
         }
         let contents = [flight.link_log(), flight.reference_csv(), survey.believed.to_toml(false), key.to_toml()];
         FILES.iter().zip(contents).try_for_each(|(file, content)| write(&own.join(file), content))?;
@@ -146,19 +146,19 @@ fn hidden(arguments: &Hide) -> Result<(), Failure> {
     Ok(())
 }
 
-fn text(path: &Path) -> Result<String, Failure> {
-    read_text(path).map_err(|error| Failure::input(format!("{}: cannot be read: {error}", path.display())))
+fn text(path: &Path) -> Result<String, CommandError> {
+    read_text(path).map_err(|error| CommandError::input(format!("{}: cannot be read: {error}", path.display())))
 }
 
-fn scored(arguments: &ScoreArguments) -> Result<(), Failure> {
-    let key = Key::parse(&arguments.key.display().to_string(), &text(&arguments.key)?).map_err(Failure::input)?;
-    let at = |error: &dyn std::fmt::Display| Failure::input(format!("{}: {error}", arguments.json.display()));
+fn scored(arguments: &ScoreArguments) -> Result<(), CommandError> {
+    let key = AnswerKey::parse(&arguments.key.display().to_string(), &text(&arguments.key)?).map_err(CommandError::input)?;
+    let at = |error: &dyn std::fmt::Display| CommandError::input(format!("{}: {error}", arguments.json.display()));
     let expected = |error: serde_json::Error| at(&format!("expected JSON as `geu diagnose --json` writes it: {error}"));
     let result = serde_json::from_str(&text(&arguments.json)?).map_err(expected)?;
     let told = ReportedDiagnosis::from_json(&result).map_err(|error| at(&error))?;
     let survey = survey(&arguments.unit, key.duration_s)?;
     let score =
-        score(&key.hidden, &told, &|hidden: &Hidden, found| survey.likeness(hidden, found, told.temperature_late_s));
+        score(&key.hidden, &told, &|hidden: &InjectedEffect, found| survey.signature_cosine(hidden, found, told.temperature_late_s));
     let mut facts = Vec::new();
     for (hidden, outcome) in key.hidden.iter().zip(&score.outcomes) {
         facts.extend(hidden.facts());
@@ -174,16 +174,16 @@ fn scored(arguments: &ScoreArguments) -> Result<(), Failure> {
     say!("{}", labelled(0, &facts).trim_end())?;
     match score.is_right(&key.hidden, &told) && (told.verdict == Verdict::Consistent || !key.hidden.is_empty()) {
         true => Ok(()),
-        false => Err(Failure::failed("expected what the key tells, got something else")),
+        false => Err(CommandError::failed("expected what the key tells, got something else")),
     }
 }
 
-fn many(arguments: &CampaignArguments) -> Result<(), Failure> {
+fn many(arguments: &CampaignArguments) -> Result<(), CommandError> {
     let survey = survey(&arguments.unit, arguments.duration)?;
     let threads = arguments.threads.map_or_else(rayon::current_num_threads, usize::from);
-    let plan = Plan { seed: arguments.seed, runs: arguments.runs.into(), strengths: arguments.sizes.clone(), threads };
+    let plan = CampaignPlan { seed: arguments.seed, runs: arguments.runs.into(), strengths: arguments.sizes.clone(), threads };
     let bar = ProgressBar::new(plan.count() as u64);
-    let campaign = campaign(&survey, &plan, &|| bar.inc(1)).map_err(Failure::failed)?;
+    let campaign = campaign(&survey, &plan, &|| bar.inc(1)).map_err(CommandError::failed)?;
     bar.finish_and_clear();
     if let Some(path) = &arguments.json {
         path.write(format!("{:#}\n", campaign.json()))?;

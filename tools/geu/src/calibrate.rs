@@ -1,21 +1,21 @@
 //! `geu calibrate`: from a recording to the sixteen parameters.
 
 use clap::Args;
-use geu_calibration::absolute::Sensors;
+use geu_calibration::absolute::AbsoluteData;
 use geu_calibration::compare::LEAST_PROBABILITY;
 use geu_calibration::solve::Solution;
-use geu_calibration::{Attitude, Counts, CountsReader, calibrate, report, window};
+use geu_calibration::{AttitudeSource, AccumulatedCounts, CountsReader, calibrate, report, window};
 use geu_model::Configuration;
 use geu_model::configuration::unix_ns;
 use geu_model::units::HALF_SECOND_NS;
-use geu_protocol::CanPlan;
-use geu_recording::{InputReader, Options, Reference, Stop};
+use geu_protocol::CanIdMap;
+use geu_recording::{InputReader, DecoderOptions, ReferenceAttitude, Stop};
 use geu_report::calibration::{CalibrationPage, comparison_table, terminal_table};
 
 use crate::calibrate_compare;
-use crate::failure::{Failure, note, say};
+use crate::failure::{CommandError, note, say};
 use crate::outputs::{OutputFile, write_all};
-use crate::settings::{NamedSettings, Settings};
+use crate::settings::{NamedSettings, ConfigArgs};
 use crate::update::{self, Results, Update};
 
 /// Solves the sixteen in-orbit parameters from a recording and what tells its attitude; or, between checkouts, updates the Z gyros.
@@ -52,7 +52,7 @@ pub struct Arguments {
     start: Option<f64>,
     /// Base of the CAN identifiers, hexadecimal
     #[arg(long, value_name = "ID", value_parser = crate::settings::can_base)]
-    base: Option<CanPlan>,
+    base: Option<CanIdMap>,
     /// Write the result as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<OutputFile>,
@@ -81,14 +81,14 @@ fn sigma(text: &str) -> Result<f64, String> {
 ///
 /// # Errors
 /// Input that cannot be read, manoeuvres that do not determine the parameters, files that cannot be written.
-pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let settings = Settings::from(&arguments.unit);
+pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
+    let settings = ConfigArgs::from(&arguments.unit);
     let configuration = settings.read()?;
     let earlier = calibrate_compare::read(&arguments.compare)?;
-    let windows = arguments.manoeuvres.as_deref().map(window::read).transpose().map_err(Failure::input)?;
-    let reference = arguments.reference.as_deref().map(Reference::read).transpose().map_err(Failure::input)?;
+    let windows = arguments.manoeuvres.as_deref().map(window::read).transpose().map_err(CommandError::input)?;
+    let reference = arguments.reference.as_deref().map(ReferenceAttitude::read).transpose().map_err(CommandError::input)?;
     let sensors = match (&arguments.fss, &arguments.sse) {
-        (Some(fss), Some(sse)) => Some(Sensors::read(fss, sse, configuration.sensors).map_err(Failure::input)?),
+        (Some(fss), Some(sse)) => Some(AbsoluteData::read(fss, sse, configuration.sensors).map_err(CommandError::input)?),
         _ => None,
     };
     let attitude_start_ns = match (&reference, &sensors) {
@@ -100,16 +100,16 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let counts = read_counts(&arguments.link, arguments.base, start_ns)?;
     refuse_other_time(reference.as_ref(), &counts)?;
     let attitude = match (&reference, &sensors) {
-        (Some(reference), _) => Attitude::Reference(reference, arguments.reference_sigma),
-        (None, Some(sensors)) => Attitude::Sensors(sensors),
-        (None, None) => return Err(Failure::input("expected --reference FILE, or --fss FILE and --sse FILE")),
+        (Some(reference), _) => AttitudeSource::Reference(reference, arguments.reference_sigma),
+        (None, Some(sensors)) => AttitudeSource::Sensors(sensors),
+        (None, None) => return Err(CommandError::input("expected --reference FILE, or --fss FILE and --sse FILE")),
     };
     if arguments.update.update {
         let results = Results { json: arguments.json.as_ref(), out: arguments.out.as_ref() };
         let believed = (&settings, &configuration);
         return update::run(&arguments.update, believed, &counts, windows.as_deref(), &attitude, &results);
     }
-    let calibrated = calibrate(&configuration, &counts, windows.as_deref(), &attitude).map_err(Failure::input)?;
+    let calibrated = calibrate(&configuration, &counts, windows.as_deref(), &attitude).map_err(CommandError::input)?;
     for left_out in &calibrated.left_out {
         note(format_args!("geu: left out: {left_out}\n"));
     }
@@ -155,7 +155,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             note(format_args!("geu: {why}; {file} is written all the same\n"));
             Ok(())
         }
-        Some(file) => Err(Failure::failed(format!("{why}; {file} is not written without --anyway"))),
+        Some(file) => Err(CommandError::failed(format!("{why}; {file} is not written without --anyway"))),
         None => {
             note(format_args!("geu: {why}\n"));
             Ok(())
@@ -165,9 +165,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 
 /// Refuses a reference whose times are not those of the link: the ends of its half seconds were received in UTC, and TAI,
 /// GPS or TT are whole seconds off it.
-fn refuse_other_time(reference: Option<&Reference>, counts: &Counts) -> Result<(), Failure> {
+fn refuse_other_time(reference: Option<&ReferenceAttitude>, counts: &AccumulatedCounts) -> Result<(), CommandError> {
     match reference.and_then(|reference| reference.time_system.as_deref()) {
-        Some(system) if system != "UTC" && counts.is_received => Err(Failure::input(format!(
+        Some(system) if system != "UTC" && counts.is_received => Err(CommandError::input(format!(
             "--reference: TIME_SYSTEM: expected UTC, as the link's receive times are, got {system}: time systems are offset \
              from each other, TAI, GPS and TT from UTC by whole seconds and more; convert the ephemeris to UTC"
         ))),
@@ -190,7 +190,7 @@ impl Arguments {
 }
 
 /// Start of what the sun sensor saw: its first sample ends the first half second. Nothing without a sample.
-pub fn start_of_sensors_ns(sensors: &Sensors) -> Option<i64> {
+pub fn start_of_sensors_ns(sensors: &AbsoluteData) -> Option<i64> {
     sensors.sun.first().map(|sample| sample.0 - HALF_SECOND_NS)
 }
 
@@ -198,25 +198,25 @@ pub fn start_of_sensors_ns(sensors: &Sensors) -> Option<i64> {
 ///
 /// # Errors
 /// Input that cannot be read, or that holds no half second.
-pub fn read_counts(names: &[String], plan: Option<CanPlan>, clock_start_ns: i64) -> Result<Counts, Failure> {
-    let options = Options { plan: plan.unwrap_or_default(), ..Options::default() };
+pub fn read_counts(names: &[String], plan: Option<CanIdMap>, clock_start_ns: i64) -> Result<AccumulatedCounts, CommandError> {
+    let options = DecoderOptions { plan: plan.unwrap_or_default(), ..DecoderOptions::default() };
     let (mut reader, mut counts) = (InputReader::new(options, Stop::default()), CountsReader::default());
     for name in names {
-        reader.read(name, &mut counts).map_err(Failure::input)?;
+        reader.read(name, &mut counts).map_err(CommandError::input)?;
     }
-    reader.finish(&mut counts).1.map_err(Failure::input)?;
+    reader.finish(&mut counts).1.map_err(CommandError::input)?;
     if counts.defects() > 0 {
         let (count, input) = (counts.defects(), names.join(" "));
         note(format_args!("geu: {count} defects in {input}; `geu decode --format summary {input}` lists them\n"));
     }
-    let none = || Failure::input(format!("{}: expected half seconds of the unit, got none", names.join(" ")));
+    let none = || CommandError::input(format!("{}: expected half seconds of the unit, got none", names.join(" ")));
     counts.finish(clock_start_ns).ok_or_else(none)
 }
 
 /// The configuration with the solved values in it.
-fn with_solution(settings: &Settings, solution: &Solution) -> Result<String, Failure> {
+fn with_solution(settings: &ConfigArgs, solution: &Solution) -> Result<String, CommandError> {
     let (name, text) = settings.text()?;
     let mut values = settings.overrides.clone();
     values.extend(report::overrides(&solution.calibrations));
-    Configuration::edited(&name, &text, &values).map_err(Failure::input)
+    Configuration::edited(&name, &text, &values).map_err(CommandError::input)
 }

@@ -1,9 +1,9 @@
 //! `geu calibrate --compare`: this calibration beside earlier ones of the unit.
 
 use geu_calibration::solve::Solution;
-use geu_calibration::{Calibrated, Comparison, Earlier, compare as compare_solutions, report};
+use geu_calibration::{Calibrated, Comparison, PreviousCalibration, compare as compare_solutions, report};
 
-use crate::failure::Failure;
+use crate::failure::CommandError;
 
 /// JSON gives numbers back to the last bit or the one before; two recordings never agree so well.
 const SAME: f64 = 1e-12;
@@ -12,14 +12,14 @@ const SAME: f64 = 1e-12;
 ///
 /// # Errors
 /// A file that cannot be read, is no JSON, or lacks what a comparison needs.
-pub fn read(names: &[String]) -> Result<Vec<Earlier>, Failure> {
+pub fn read(names: &[String]) -> Result<Vec<PreviousCalibration>, CommandError> {
     let one = |name: &String| {
         let expected = "expected JSON as `geu calibrate --json` writes it";
         let text = geu_recording::read_text(name.as_ref())
-            .map_err(|error| Failure::input(format!("{name}: cannot be read: {error}; {expected}")))?;
+            .map_err(|error| CommandError::input(format!("{name}: cannot be read: {error}; {expected}")))?;
         let json =
-            serde_json::from_str(&text).map_err(|error| Failure::input(format!("{name}: {error}; {expected}")))?;
-        report::earlier(name, &json).map_err(|error| Failure::input(format!("{name}: {error}")))
+            serde_json::from_str(&text).map_err(|error| CommandError::input(format!("{name}: {error}; {expected}")))?;
+        report::earlier(name, &json).map_err(|error| CommandError::input(format!("{name}: {error}")))
     };
     let mut earlier = names.iter().map(one).collect::<Result<Vec<_>, _>>()?;
     earlier.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
@@ -30,19 +30,19 @@ pub fn read(names: &[String]) -> Result<Vec<Earlier>, Failure> {
 ///
 /// # Errors
 /// Two results of one recording, covariances that are none.
-pub fn compare(earlier: &[Earlier], calibrated: &Calibrated) -> Result<Option<Comparison>, Failure> {
+pub fn compare(earlier: &[PreviousCalibration], calibrated: &Calibrated) -> Result<Option<Comparison>, CommandError> {
     let present = ("this calibration", &calibrated.solution);
     let all: Vec<(&str, &Solution)> =
         earlier.iter().map(|one| (one.name.as_str(), &one.solution)).chain([present]).collect();
     for (index, (name, solution)) in all.iter().enumerate() {
         if let Some((other, _)) = all[..index].iter().find(|(_, other)| is_same(other, solution)) {
-            return Err(Failure::input(format!(
+            return Err(CommandError::input(format!(
                 "--compare: expected calibrations of recordings of their own, got the same in {other} and {name}"
             )));
         }
     }
     let later: Vec<&Solution> = all[1..].iter().map(|(_, solution)| *solution).collect();
-    compare_solutions(all[0].1, &later).map_err(|error| Failure::input(format!("--compare: {error}")))
+    compare_solutions(all[0].1, &later).map_err(|error| CommandError::input(format!("--compare: {error}")))
 }
 
 fn is_same(one: &Solution, other: &Solution) -> bool {

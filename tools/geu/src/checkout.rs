@@ -3,20 +3,20 @@
 use std::path::Path;
 
 use clap::{Args, ValueEnum};
-use geu_calibration::checkout::{self, By, Precautions, believed_before, fly, sequence, true_calibrations};
+use geu_calibration::checkout::{self, AttitudeSourceKind, Precautions, believed_before, fly, sequence, true_calibrations};
 use geu_calibration::combine;
 use geu_calibration::compare::LEAST_PROBABILITY;
 use geu_calibration::solve::{Solution, values};
 use geu_daemon::recorder::{Destination, FILES, Recorder};
 use geu_daemon::simulate::simulate;
-use geu_model::configuration::WireForm;
+use geu_model::configuration::LinkLogFormat;
 use geu_model::{Configuration, Truth};
 use geu_report::checkout::{campaign_table, precautions_table, twice_table};
 
-use crate::failure::{Failure, note, say};
+use crate::failure::{CommandError, note, say};
 use crate::outputs::OutputDirectory;
 use crate::overwriting::Force;
-use crate::settings::{NamedSettings, Settings, seed};
+use crate::settings::{NamedSettings, ConfigArgs, seed};
 
 /// Flies the in-orbit checkout in simulation, calibrates it and compares with the truth.
 ///
@@ -71,22 +71,22 @@ const GUARDED_AGAINST: [&str; 5] = [
 ///
 /// # Errors
 /// A configuration that cannot be read, a checkout that cannot be calibrated, files that cannot be written.
-pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     let out = arguments.out.as_ref().map(|out| out.prepare(arguments.force, FILES)).transpose()?;
-    let settings = Settings::from(&arguments.unit);
+    let settings = ConfigArgs::from(&arguments.unit);
     let mut unit = if arguments.precautions && settings.config.is_none() {
         let overrides = GUARDED_AGAINST.into_iter().map(str::to_owned).chain(settings.overrides.clone());
-        Configuration::reference_with(&overrides.collect::<Vec<_>>()).map_err(Failure::input)?
+        Configuration::reference_with(&overrides.collect::<Vec<_>>()).map_err(CommandError::input)?
     } else {
         settings.read()?
     };
     unit.seed = arguments.seed.unwrap_or(unit.seed);
     if let Some(threads) = arguments.threads {
-        rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global().map_err(Failure::failed)?;
+        rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global().map_err(CommandError::failed)?;
     }
     let by = match arguments.attitude {
-        Sensors::Absolute => By::Sensors,
-        Sensors::Reference => By::Reference,
+        Sensors::Absolute => AttitudeSourceKind::Sensors,
+        Sensors::Reference => AttitudeSourceKind::Reference,
     };
     match arguments.runs {
         Some(runs) => {
@@ -95,36 +95,36 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             bar.finish_and_clear();
             say!("{}", campaign_table(&campaign))?;
             match campaign.failed.first() {
-                Some((run, why)) => Err(Failure::failed(format!("run {run}: {why}"))),
+                Some((run, why)) => Err(CommandError::failed(format!("run {run}: {why}"))),
                 None => Ok(()),
             }
         }
         None if arguments.precautions => {
-            say!("{}", precautions_table(&checkout::precautions(&unit).map_err(Failure::failed)?))
+            say!("{}", precautions_table(&checkout::precautions(&unit).map_err(CommandError::failed)?))
         }
         None => twice(&unit, by, out, arguments.force),
     }
 }
 
 /// Flies the sequence twice, compares and combines.
-fn twice(unit: &Configuration, by: By, out: Option<&Path>, force: Force) -> Result<(), Failure> {
+fn twice(unit: &Configuration, by: AttitudeSourceKind, out: Option<&Path>, force: Force) -> Result<(), CommandError> {
     let first = sequence(unit, Precautions::ALL);
     // Flown at once by the same unit, with other noise, at another ψ₀ and with other phases of the limit cycle.
     let mut second = sequence(&checkout::drawn(unit, unit.seed, 0), Precautions::ALL);
     second.gyros = first.gyros.clone();
     if let Some(directory) = out {
         let destination = Destination::new(directory, force.force);
-        let mut recorder = Recorder::create(&destination, &first, &Truth::Scenario, WireForm::Can, &[])?;
+        let mut recorder = Recorder::create(&destination, &first, &Truth::Scenario, LinkLogFormat::Can, &[])?;
         let half_seconds = fly_length(&first);
-        simulate(&first, &Truth::Scenario, half_seconds, &mut recorder, |_| true).map_err(Failure::failed)?;
-        recorder.finish().map_err(Failure::failed)?;
+        simulate(&first, &Truth::Scenario, half_seconds, &mut recorder, |_| true).map_err(CommandError::failed)?;
+        recorder.finish().map_err(CommandError::failed)?;
     }
-    let solve = |configuration: &Configuration| -> Result<Solution, Failure> {
-        let calibrated = fly(configuration).calibrate(&believed_before(configuration), by).map_err(Failure::failed)?;
+    let solve = |configuration: &Configuration| -> Result<Solution, CommandError> {
+        let calibrated = fly(configuration).calibrate(&believed_before(configuration), by).map_err(CommandError::failed)?;
         Ok(calibrated.solution)
     };
     let (one, two) = (solve(&first)?, solve(&second)?);
-    let comparison = combine(&one, &two).map_err(Failure::failed)?;
+    let comparison = combine(&one, &two).map_err(CommandError::failed)?;
     say!("{}", twice_table(&values(&true_calibrations(&first)), [&one, &two], &comparison))?;
     for (which, solution) in [("first", &one), ("second", &two)] {
         if solution.probability() < LEAST_PROBABILITY {
@@ -138,5 +138,5 @@ fn twice(unit: &Configuration, by: By, out: Option<&Path>, force: Force) -> Resu
 }
 
 fn fly_length(configuration: &Configuration) -> u64 {
-    geu_model::attitude::Plan::length_s(&configuration.scenario).map_or(0, |length_s| (length_s * 2.0).ceil() as u64)
+    geu_model::attitude::AttitudeProfile::length_s(&configuration.scenario).map_or(0, |length_s| (length_s * 2.0).ceil() as u64)
 }

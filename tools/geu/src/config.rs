@@ -3,8 +3,8 @@
 use clap::{Args, Subcommand};
 use geu_model::Configuration;
 
-use crate::failure::{Failure, print, say};
-use crate::settings::Settings;
+use crate::failure::{CommandError, print, say};
+use crate::settings::ConfigArgs;
 
 /// Shows, checks and describes configurations.
 #[derive(Args, Debug)]
@@ -16,9 +16,9 @@ pub struct Arguments {
 #[derive(Subcommand, Debug)]
 enum Action {
     /// Prints a configuration, complete and commented: everything that can be set, with limits and sources
-    Show(Settings),
+    Show(ConfigArgs),
     /// Checks a configuration; exit 2 and the place of the first thing wrong
-    Check(Settings),
+    Check(ConfigArgs),
     /// Prints the JSON schema of configurations
     Schema,
 }
@@ -27,7 +27,7 @@ enum Action {
 ///
 /// # Errors
 /// A configuration that cannot be run.
-pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     match &arguments.action {
         Action::Show(settings) => print(format_args!("{}", settings.read()?.to_toml(true))),
         Action::Check(settings) => {

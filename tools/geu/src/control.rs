@@ -10,7 +10,7 @@ use serde_json::Value;
 use ureq::http::{Method, Request, StatusCode};
 use ureq::{Agent, AsSendBody};
 
-use crate::failure::Failure;
+use crate::failure::CommandError;
 use crate::running;
 use crate::token::Token;
 
@@ -43,20 +43,20 @@ impl Choice {
     ///
     /// # Errors
     /// None or several that run, no control interface, a token that cannot be read.
-    pub fn find(&self) -> Result<Emulator, Failure> {
+    pub fn find(&self) -> Result<ControlClient, CommandError> {
         let token = self.token.read()?;
         let control = match &self.control {
             Some(address) => address.trim_start_matches("http://").trim_end_matches('/').to_owned(),
             None => running::control(self.at.as_deref())?,
         };
         let which = running::say_which(&control);
-        Ok(Emulator { control, token, which })
+        Ok(ControlClient { control, token, which })
     }
 }
 
 /// A running emulator.
 #[derive(Debug, Clone)]
-pub struct Emulator {
+pub struct ControlClient {
     control: String,
     token: Option<String>,
     /// Which one, for people.
@@ -64,24 +64,24 @@ pub struct Emulator {
 }
 
 /// Something that the emulator tells of itself.
-pub struct Told {
+pub struct ServerEvent {
     /// `half-second` or `timeline`.
     pub name: String,
     /// What.
     pub data: Value,
 }
 
-impl Emulator {
+impl ControlClient {
     /// The one whose interface is at `address`.
-    pub fn at(address: &str) -> Emulator {
-        Emulator { control: address.to_owned(), token: None, which: address.to_owned() }
+    pub fn at(address: &str) -> ControlClient {
+        ControlClient { control: address.to_owned(), token: None, which: address.to_owned() }
     }
 
     /// Asks, and gives the answer.
     ///
     /// # Errors
     /// No emulator, or one that refuses: its own message.
-    pub fn ask(&self, method: Method, path: &str, body: Option<&Value>) -> Result<Value, Failure> {
+    pub fn ask(&self, method: Method, path: &str, body: Option<&Value>) -> Result<Value, CommandError> {
         let text = body.map(Value::to_string);
         let request = self.request(method, path, text.is_some());
         let mut response = match text {
@@ -99,7 +99,7 @@ impl Emulator {
     ///
     /// # Errors
     /// No emulator, or one that refuses.
-    pub fn follow(&self) -> Result<impl Iterator<Item = Result<Told, Failure>> + use<>, Failure> {
+    pub fn follow(&self) -> Result<impl Iterator<Item = Result<ServerEvent, CommandError>> + use<>, CommandError> {
         let mut response = self.send(self.request(Method::GET, "/api/events", false).body(()), None)?;
         if !response.status().is_success() {
             let answer: Value = response.body_mut().read_json().unwrap_or_default();
@@ -115,7 +115,7 @@ impl Emulator {
                         let message = format!(
                             "--control {control}: expected events in lines of at most {LONGEST_LINE} bytes, got a longer one; is it an emulator?"
                         );
-                        return Some(Err(Failure::failed(message)));
+                        return Some(Err(CommandError::failed(message)));
                     }
                 };
                 if let Some(told) = line.strip_prefix("event:") {
@@ -123,7 +123,7 @@ impl Emulator {
                 } else if let Some(data) = line.strip_prefix("data:")
                     && let Ok(data) = serde_json::from_str(data)
                 {
-                    return Some(Ok(Told { name: name.clone(), data }));
+                    return Some(Ok(ServerEvent { name: name.clone(), data }));
                 }
             }
         }))
@@ -144,34 +144,34 @@ impl Emulator {
         &self,
         request: ureq::http::Result<Request<B>>,
         within: Option<Duration>,
-    ) -> Result<ureq::http::Response<ureq::Body>, Failure> {
+    ) -> Result<ureq::http::Response<ureq::Body>, CommandError> {
         let request = request.map_err(|error| {
-            Failure::input(format!(
+            CommandError::input(format!(
                 "--control {}: {error}; expected HOST:PORT, such as {DEFAULT_ADDRESS}",
                 self.control
             ))
         })?;
         AGENT.run(AGENT.configure_request(request).timeout_global(within).build()).map_err(|error| {
-            Failure::failed(format!(
+            CommandError::failed(format!(
                 "--control {}: {error}; expected a running emulator there: geu run says its address as it starts",
                 self.control
             ))
         })
     }
 
-    fn strange(&self, error: ureq::Error) -> Failure {
-        Failure::failed(format!("--control {}: {error}; expected the answer of an emulator", self.control))
+    fn strange(&self, error: ureq::Error) -> CommandError {
+        CommandError::failed(format!("--control {}: {error}; expected the answer of an emulator", self.control))
     }
 }
 
 /// What an emulator that refuses says.
-fn refusal(status: StatusCode, answer: &Value) -> Failure {
+fn refusal(status: StatusCode, answer: &Value) -> CommandError {
     let message = answer["error"].as_str().map_or_else(|| status.to_string(), str::to_owned);
     match status {
         StatusCode::UNAUTHORIZED => {
-            Failure::input(format!("{message}; give it with --control-token-file FILE or GEU_CONTROL_TOKEN"))
+            CommandError::input(format!("{message}; give it with --control-token-file FILE or GEU_CONTROL_TOKEN"))
         }
-        _ => Failure::input(message),
+        _ => CommandError::input(message),
     }
 }
 

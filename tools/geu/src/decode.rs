@@ -6,12 +6,12 @@ use std::time::{Duration, Instant};
 
 use clap::{Args, ValueEnum};
 use geu_files::interruption::stop_flag;
-use geu_protocol::CanPlan;
+use geu_protocol::CanIdMap;
 use geu_protocol::capture::Format as InputFormat;
-use geu_recording::{Defect, InputError, InputReader, Options, Row, Sink, Stop, Summary, is_live};
+use geu_recording::{Defect, InputError, InputReader, DecoderOptions, ReceivedSample, Sink, Stop, DecodeSummary, is_live};
 use geu_report::rows::{DefectLines, TextFormat, write_row};
 
-use crate::failure::{Failure, note};
+use crate::failure::{CommandError, note};
 use crate::gyro_csv;
 use crate::outputs::OutputFile;
 use crate::settings::{LONGEST_S, can_base, duration};
@@ -43,7 +43,7 @@ pub struct Arguments {
     #[arg(long, value_name = "DESCRIPTION", conflicts_with_all = ["base", "interface", "input_format", "baud", "duration"])]
     gyro_csv: Option<PathBuf>,
     #[command(flatten)]
-    reading: Reading,
+    reading: InputArgs,
     /// Do not print the summary to standard error.
     #[arg(long, short)]
     quiet: bool,
@@ -51,10 +51,10 @@ pub struct Arguments {
 
 /// How inputs are read. Every command that reads the unit's link takes these.
 #[derive(Args)]
-pub struct Reading {
+pub struct InputArgs {
     /// Base of the unit's CAN identifiers, hexadecimal.
     #[arg(long, value_name = "ID", value_parser = can_base)]
-    base: Option<CanPlan>,
+    base: Option<CanIdMap>,
     /// The interface wanted, where several in a capture carry the unit (otherwise the first that does).
     #[arg(long, value_name = "NAME")]
     interface: Option<String>,
@@ -69,16 +69,16 @@ pub struct Reading {
     duration: Option<f64>,
 }
 
-impl Reading {
+impl InputArgs {
     /// A reader with these options. The first SIGINT, SIGTERM or SIGHUP ends it well where one of the inputs is live, of
     /// which the rest cannot be read again; of recorded files it ends the process.
     ///
     /// # Errors
     /// When signals cannot be watched.
-    pub fn reader(&self, inputs: &[String]) -> Result<InputReader<'static>, Failure> {
+    pub fn reader(&self, inputs: &[String]) -> Result<InputReader<'static>, CommandError> {
         let stop = inputs.iter().any(|input| is_live(input)).then(stop_flag).transpose();
-        let stop = stop.map_err(|error| Failure::failed(format!("signals cannot be watched: {error}")))?;
-        let options = Options {
+        let stop = stop.map_err(|error| CommandError::failed(format!("signals cannot be watched: {error}")))?;
+        let options = DecoderOptions {
             plan: self.base.unwrap_or_default(),
             interface: self.interface.clone(),
             format: self.input_format,
@@ -89,7 +89,7 @@ impl Reading {
     }
 
     /// Says why no row came.
-    pub fn note_no_rows(&self, summary: &Summary) {
+    pub fn note_no_rows(&self, summary: &DecodeSummary) {
         if let Some(reason) = geu_recording::no_rows_reason(summary, self.base.unwrap_or_default(), self.input_format) {
             note(format_args!("geu: {reason}\n"));
         }
@@ -97,7 +97,7 @@ impl Reading {
 }
 
 /// Says which interfaces carry the unit beside the one used.
-pub fn note_elsewhere(summary: &Summary) {
+pub fn note_elsewhere(summary: &DecodeSummary) {
     if !summary.elsewhere.is_empty() {
         let left_out = summary.elsewhere.iter().map(|(name, frames)| format!("{frames} on {name}"));
         let left_out = left_out.collect::<Vec<_>>().join(", ");
@@ -134,7 +134,7 @@ pub fn input_format(text: &str) -> Result<InputFormat, String> {
 }
 
 /// Decodes.
-pub fn run(arguments: Arguments) -> Result<(), Failure> {
+pub fn run(arguments: Arguments) -> Result<(), CommandError> {
     if let Some(description) = &arguments.gyro_csv {
         return decode_gyro_csv(&arguments, description);
     }
@@ -158,13 +158,13 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
         return Err(failure);
     }
     if arguments.format == Format::Summary && writer.is_open && !is_refused {
-        let mut out = Output::open(arguments.out.as_ref())?;
+        let mut out = OutputWriter::open(arguments.out.as_ref())?;
         out.buffer = summary.to_string().into_bytes();
         out.flush()?;
         writer.rows = Some(out);
     }
     if gives_rows(&result) {
-        Output::finish([writer.rows.take(), writer.defects.take()].into_iter().flatten())?;
+        OutputWriter::finish([writer.rows.take(), writer.defects.take()].into_iter().flatten())?;
     }
     if arguments.format != Format::Summary && !arguments.quiet && summary.account.records + summary.account.bytes > 0 {
         note(format_args!("{summary}"));
@@ -174,34 +174,34 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
     arguments.reading.note_no_rows(&summary);
     let defects = summary.account.defect_count();
     match arguments.strict && defects > 0 {
-        true => Err(Failure::failed(format!("--strict: {defects} defects"))),
+        true => Err(CommandError::failed(format!("--strict: {defects} defects"))),
         false => Ok(()),
     }
 }
 
 /// As [`run`], for a CSV of any gyros.
-fn decode_gyro_csv(arguments: &Arguments, description: &Path) -> Result<(), Failure> {
+fn decode_gyro_csv(arguments: &Arguments, description: &Path) -> Result<(), CommandError> {
     let [input] = &arguments.inputs[..] else {
-        return Err(Failure::input(format!("--gyro-csv: expected one file, got {}", arguments.inputs.len())));
+        return Err(CommandError::input(format!("--gyro-csv: expected one file, got {}", arguments.inputs.len())));
     };
     let read = gyro_csv::read(input, description)?;
     let account = read.account();
-    let mut defects = arguments.defects.as_ref().map(|file| Output::open(Some(file))).transpose()?;
+    let mut defects = arguments.defects.as_ref().map(|file| OutputWriter::open(Some(file))).transpose()?;
     if let Some(defects) = &mut defects {
         gyro_csv::write_defects(input, &read, &mut defects.buffer);
     }
-    let mut out = Output::open(arguments.out.as_ref())?;
+    let mut out = OutputWriter::open(arguments.out.as_ref())?;
     match arguments.format {
         Format::Csv => gyro_csv::write_csv(&read, &mut out.buffer),
         Format::Jsonl => gyro_csv::write_jsonl(&read, &mut out.buffer),
         Format::Summary => out.buffer.extend_from_slice(format!("input        {input}\n{account}").as_bytes()),
     }
-    Output::finish(defects.into_iter().chain([out]))?;
+    OutputWriter::finish(defects.into_iter().chain([out]))?;
     if arguments.format != Format::Summary && !arguments.quiet {
         note(format_args!("{account}"));
     }
     match arguments.strict && !read.defects.is_empty() {
-        true => Err(Failure::failed(format!("--strict: {} defects", read.defects.len()))),
+        true => Err(CommandError::failed(format!("--strict: {} defects", read.defects.len()))),
         false => Ok(()),
     }
 }
@@ -210,7 +210,7 @@ fn decode_gyro_csv(arguments: &Arguments, description: &Path) -> Result<(), Fail
 pub const BUFFER: usize = 1 << 18;
 
 /// A file or standard output behind a large buffer.
-pub struct Output {
+pub struct OutputWriter {
     /// None is standard output.
     file: Option<OutputFile>,
     writer: geu_files::Output,
@@ -219,20 +219,20 @@ pub struct Output {
     form: TextFormat,
 }
 
-impl Output {
+impl OutputWriter {
     /// Opens a file, or standard output where none is named.
     ///
     /// # Errors
     /// A file that cannot be written.
-    pub fn open(file: Option<&OutputFile>) -> Result<Output, Failure> {
+    pub fn open(file: Option<&OutputFile>) -> Result<OutputWriter, CommandError> {
         let writer = match file {
             Some(file) => file.create()?,
-            None => geu_files::Output::create(Path::new("-")).map_err(Failure::writing)?,
+            None => geu_files::Output::create(Path::new("-")).map_err(CommandError::writing)?,
         };
-        Ok(Output { file: file.cloned(), writer, buffer: Vec::with_capacity(BUFFER + 1024), form: TextFormat::Csv })
+        Ok(OutputWriter { file: file.cloned(), writer, buffer: Vec::with_capacity(BUFFER + 1024), form: TextFormat::Csv })
     }
 
-    fn in_form(mut self, form: TextFormat, with_bits: bool) -> Output {
+    fn in_form(mut self, form: TextFormat, with_bits: bool) -> OutputWriter {
         self.form = form;
         self.buffer.extend_from_slice(form.header(with_bits).as_bytes());
         self
@@ -242,12 +242,12 @@ impl Output {
     ///
     /// # Errors
     /// When it cannot be written.
-    pub fn flush(&mut self) -> Result<(), Failure> {
+    pub fn flush(&mut self) -> Result<(), CommandError> {
         let written = self.writer.write_all(&self.buffer).and_then(|()| self.writer.flush());
         self.buffer.clear();
         written.map_err(|error| match &self.file {
             Some(file) => file.unwritten(error),
-            None => Failure::writing(error),
+            None => CommandError::writing(error),
         })
     }
 
@@ -255,10 +255,10 @@ impl Output {
     ///
     /// # Errors
     /// When one cannot be written; then each leaves what was there.
-    pub fn finish(outputs: impl IntoIterator<Item = Output>) -> Result<(), Failure> {
-        let flush = |mut output: Output| output.flush().map(|()| output.writer);
-        let written = outputs.into_iter().map(flush).collect::<Result<Vec<_>, Failure>>()?;
-        geu_files::persist_all(written).map_err(Failure::writing)
+    pub fn finish(outputs: impl IntoIterator<Item = OutputWriter>) -> Result<(), CommandError> {
+        let flush = |mut output: OutputWriter| output.flush().map(|()| output.writer);
+        let written = outputs.into_iter().map(flush).collect::<Result<Vec<_>, CommandError>>()?;
+        geu_files::persist_all(written).map_err(CommandError::writing)
     }
 }
 
@@ -270,7 +270,7 @@ pub fn gives_rows(read: &Result<(), InputError>) -> bool {
 
 /// Whether the first input was refused, so that there is nothing to be written, no header either. `read` were read to their end;
 /// serial bytes are refused after that where none of them is of a frame.
-pub fn is_refused(result: &Result<(), InputError>, summary: &Summary, read: usize) -> bool {
+pub fn is_refused(result: &Result<(), InputError>, summary: &DecodeSummary, read: usize) -> bool {
     let is_first = read == 0 || matches!(result, Err(InputError::NoFrame { .. }));
     !gives_rows(result) && is_first && summary.rows == 0
 }
@@ -280,11 +280,11 @@ struct Writer<'a> {
     arguments: &'a Arguments,
     /// Whether an input could be opened, and with it the outputs.
     is_open: bool,
-    rows: Option<Output>,
-    defects: Option<Output>,
+    rows: Option<OutputWriter>,
+    defects: Option<OutputWriter>,
     lines: DefectLines,
     /// Why nothing can be written any more.
-    broken: Option<Failure>,
+    broken: Option<CommandError>,
 }
 
 impl<'a> Writer<'a> {
@@ -292,15 +292,15 @@ impl<'a> Writer<'a> {
         Writer { arguments, is_open: false, rows: None, defects: None, lines: DefectLines::default(), broken: None }
     }
 
-    fn open(&mut self) -> Result<(), Failure> {
+    fn open(&mut self) -> Result<(), CommandError> {
         self.rows = match self.arguments.format {
             Format::Summary => None,
             format => {
                 let form = if format == Format::Jsonl { TextFormat::Jsonl } else { TextFormat::Csv };
-                Some(Output::open(self.arguments.out.as_ref())?.in_form(form, self.arguments.flags == Flags::Bits))
+                Some(OutputWriter::open(self.arguments.out.as_ref())?.in_form(form, self.arguments.flags == Flags::Bits))
             }
         };
-        self.defects = self.arguments.defects.as_ref().map(|path| Output::open(Some(path))).transpose()?;
+        self.defects = self.arguments.defects.as_ref().map(|path| OutputWriter::open(Some(path))).transpose()?;
         Ok(())
     }
 
@@ -323,7 +323,7 @@ impl Sink for Writer<'_> {
     }
 
     #[inline]
-    fn row(&mut self, row: &Row) {
+    fn row(&mut self, row: &ReceivedSample) {
         if let Some(output) = &mut self.defects {
             self.lines.end(&mut output.buffer);
         }

@@ -1,9 +1,9 @@
 //! `geu describe`: the link as other tools read it.
 
 use clap::{Args, ValueEnum};
-use geu_protocol::{CanPlan, describe};
+use geu_protocol::{CanIdMap, describe};
 
-use crate::failure::{Failure, print};
+use crate::failure::{CommandError, print};
 use crate::outputs::OutputFile;
 
 /// What `geu describe` can write.
@@ -29,20 +29,20 @@ pub struct Arguments {
     out: Option<OutputFile>,
     /// Base of the CAN identifiers in the database, hexadecimal.
     #[arg(long, value_parser = base, default_value = "1A0")]
-    base: CanPlan,
+    base: CanIdMap,
 }
 
-fn base(text: &str) -> Result<CanPlan, String> {
-    let expected = || format!("expected a hexadecimal number up to {:X}", CanPlan::MAX_BASE);
+fn base(text: &str) -> Result<CanIdMap, String> {
+    let expected = || format!("expected a hexadecimal number up to {:X}", CanIdMap::MAX_BASE);
     let base = u16::from_str_radix(text, 16).map_err(|_| expected())?;
-    CanPlan::with_base(base).ok_or_else(expected)
+    CanIdMap::with_base(base).ok_or_else(expected)
 }
 
 /// Writes the description.
 ///
 /// # Errors
 /// When it cannot be written.
-pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     let text = match arguments.form {
         Form::Dbc => describe::dbc(arguments.base),
         Form::Header => describe::header(),

@@ -7,19 +7,19 @@ use std::time::Duration;
 use clap::Args;
 use geu_calibration::window;
 use geu_diagnosis::outcome::{Class, DiagnosedEffect, Diagnosis};
-use geu_diagnosis::{Settings as Diagnosing, Thresholds, Verdict, diagnose_rows, report};
+use geu_diagnosis::{DiagnosisOptions as Diagnosing, Thresholds, Verdict, diagnose_rows, report};
 use geu_model::Configuration;
 use geu_model::configuration::unix_ns;
-use geu_protocol::CanPlan;
-use geu_protocol::capture::{Place, Time};
-use geu_recording::{Defect, DefectKind, InputReader, Options, Reference, Row, Sink, Stop, read_text};
+use geu_protocol::CanIdMap;
+use geu_protocol::capture::{RecordPosition, Timestamp};
+use geu_recording::{Defect, DefectKind, InputReader, DecoderOptions, ReferenceAttitude, ReceivedSample, Sink, Stop, read_text};
 use geu_report::diagnosis::DiagnosisPage;
 use indicatif::ProgressBar;
 
 use crate::diagnose_rates::{self, RatesArguments};
-use crate::failure::{Failure, note, say};
+use crate::failure::{CommandError, note, say};
 use crate::outputs::OutputFile;
-use crate::settings::{NamedSettings, Settings};
+use crate::settings::{NamedSettings, ConfigArgs};
 
 /// Defects of a recording that are listed; a broken one has millions, and how many more there are is told.
 const MOST_DEFECTS: usize = 100_000;
@@ -49,7 +49,7 @@ pub struct Arguments {
     start: Option<f64>,
     /// Base of the CAN identifiers, hexadecimal
     #[arg(long, value_name = "ID", value_parser = crate::settings::can_base)]
-    base: Option<CanPlan>,
+    base: Option<CanIdMap>,
     /// Write the result as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<OutputFile>,
@@ -71,7 +71,7 @@ pub struct Arguments {
 ///
 /// # Errors
 /// Input that cannot be read, results that cannot be written; exit 3 where something is left unexplained.
-pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     if let Some(gyro_csv) = &arguments.gyro_csv {
         return diagnose_rates::run(&RatesArguments {
             gyro_csv,
@@ -81,11 +81,11 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
             json: arguments.json.as_ref(),
         });
     }
-    let settings = Settings::from(&arguments.unit);
+    let settings = ConfigArgs::from(&arguments.unit);
     let believed = settings.read()?;
-    let reference = Reference::read(&arguments.reference).map_err(Failure::input)?;
-    let recording = Recording::read(&arguments.link, arguments.base)?;
-    let windows = arguments.manoeuvres.as_deref().map(window::read).transpose().map_err(Failure::input)?;
+    let reference = ReferenceAttitude::read(&arguments.reference).map_err(CommandError::input)?;
+    let recording = DecodedRecording::read(&arguments.link, arguments.base)?;
+    let windows = arguments.manoeuvres.as_deref().map(window::read).transpose().map_err(CommandError::input)?;
     let bar = ProgressBar::new_spinner();
     bar.enable_steady_tick(Duration::from_millis(200));
     let cache = Cache::new(arguments.no_cache);
@@ -99,7 +99,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     let diagnosis = diagnose_rows(&recording.rows, &recording.defects(), &believed, &reference, &diagnosing);
     bar.finish_and_clear();
-    let diagnosis = diagnosis.map_err(|error| Failure::input(format!("{}: {error}", arguments.link.join(" "))))?;
+    let diagnosis = diagnosis.map_err(|error| CommandError::input(format!("{}: {error}", arguments.link.join(" "))))?;
     // What was found is told whatever becomes of the files, and each of these whatever becomes of the others.
     let said = say!("{}", report::text(&diagnosis).trim_end());
     let json =
@@ -120,7 +120,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         });
         return Err(first);
     }
-    if diagnosis.verdict == Verdict::Unexplained { Err(Failure::unexplained()) } else { Ok(()) }
+    if diagnosis.verdict == Verdict::Unexplained { Err(CommandError::unexplained()) } else { Ok(()) }
 }
 
 impl Arguments {
@@ -134,7 +134,7 @@ impl Arguments {
 }
 
 /// The configuration with all that was found, each with a comment that says where and how well.
-fn written(file: &OutputFile, settings: &Settings, diagnosis: &Diagnosis, link: &[String]) -> Result<String, Failure> {
+fn written(file: &OutputFile, settings: &ConfigArgs, diagnosis: &Diagnosis, link: &[String]) -> Result<String, CommandError> {
     let assignments = |entry: &DiagnosedEffect| entry.assignments(&diagnosis.configuration);
     let (name, text) = settings.text()?;
     let mut values = settings.overrides.clone();
@@ -149,7 +149,7 @@ fn written(file: &OutputFile, settings: &Settings, diagnosis: &Diagnosis, link: 
     };
     let comments: Vec<_> = diagnosis.entries.iter().flat_map(commented).collect();
     // What was found may lie beyond what the model is good for.
-    let refused = |error| Failure::failed(format!("{file}: not written: with what was found, {error}"));
+    let refused = |error| CommandError::failed(format!("{file}: not written: with what was found, {error}"));
     let text = Configuration::edited(&name, &text, &values).map_err(refused)?;
     let text = Configuration::commented(&text, &comments);
     // What is written is what others read.
@@ -159,18 +159,18 @@ fn written(file: &OutputFile, settings: &Settings, diagnosis: &Diagnosis, link: 
 
 /// Rows and defects of a recording.
 #[derive(Default)]
-pub struct Recording {
+pub struct DecodedRecording {
     /// Half seconds.
-    pub rows: Vec<Row>,
+    pub rows: Vec<ReceivedSample>,
     found: Vec<Found>,
     beyond: u64,
 }
 
 /// A defect without its bytes: input, place, kind, time, half seconds lost.
-type Found = (String, Place, DefectKind, Option<Time>, u64);
+type Found = (String, RecordPosition, DefectKind, Option<Timestamp>, u64);
 
-impl Sink for Recording {
-    fn row(&mut self, row: &Row) {
+impl Sink for DecodedRecording {
+    fn row(&mut self, row: &ReceivedSample) {
         self.rows.push(*row);
     }
 
@@ -183,18 +183,18 @@ impl Sink for Recording {
     }
 }
 
-impl Recording {
+impl DecodedRecording {
     /// Reads recordings as one stream.
     ///
     /// # Errors
     /// Input that cannot be read.
-    pub fn read(names: &[String], plan: Option<CanPlan>) -> Result<Recording, Failure> {
-        let options = Options { plan: plan.unwrap_or_default(), ..Options::default() };
-        let (mut reader, mut recording) = (InputReader::new(options, Stop::default()), Recording::default());
+    pub fn read(names: &[String], plan: Option<CanIdMap>) -> Result<DecodedRecording, CommandError> {
+        let options = DecoderOptions { plan: plan.unwrap_or_default(), ..DecoderOptions::default() };
+        let (mut reader, mut recording) = (InputReader::new(options, Stop::default()), DecodedRecording::default());
         for name in names {
-            reader.read(name, &mut recording).map_err(Failure::input)?;
+            reader.read(name, &mut recording).map_err(CommandError::input)?;
         }
-        reader.finish(&mut recording).1.map_err(Failure::input)?;
+        reader.finish(&mut recording).1.map_err(CommandError::input)?;
         if recording.beyond > 0 {
             let beyond = recording.beyond;
             note(format_args!("geu: {MOST_DEFECTS} defects are listed, {beyond} more are not; `geu decode` has all\n"));

@@ -6,10 +6,10 @@ use std::path::Path;
 
 use geu_diagnosis::Finding;
 use geu_diagnosis::rates::{Verdict, diagnose};
-use geu_recording::{Description, GyroCsv, RateTable, read_text};
+use geu_recording::{GyroCsvSpec, GyroCsv, RateTable, read_text};
 use geu_report::rates;
 
-use crate::failure::{Failure, say};
+use crate::failure::{CommandError, say};
 use crate::outputs::OutputFile;
 
 /// What it takes.
@@ -31,19 +31,19 @@ pub struct RatesArguments<'a> {
 ///
 /// # Errors
 /// Input that cannot be read or does not suffice, a file that cannot be written, an end unexplained.
-pub fn run(arguments: &RatesArguments) -> Result<(), Failure> {
+pub fn run(arguments: &RatesArguments) -> Result<(), CommandError> {
     let name = arguments.gyro_csv.display().to_string();
     let text = read_text(arguments.gyro_csv).map_err(|error| {
-        Failure::input(format!("{name}: cannot be read: {error}; expected a description, such as configs/suchai3.toml"))
+        CommandError::input(format!("{name}: cannot be read: {error}; expected a description, such as configs/suchai3.toml"))
     })?;
-    let description = Description::parse(&name, &text).map_err(Failure::input)?;
-    let read = |link: &String| GyroCsv::read(link, description.clone()).map_err(Failure::input);
+    let description = GyroCsvSpec::parse(&name, &text).map_err(CommandError::input)?;
+    let read = |link: &String| GyroCsv::read(link, description.clone()).map_err(CommandError::input);
     let links = arguments.link.iter().map(read).collect::<Result<Vec<_>, _>>()?;
     let findings: Vec<Finding> =
         arguments.link.iter().zip(&links).flat_map(|(link, read)| of_link(link, read)).collect();
-    let table = RateTable::read(arguments.reference, description.reference.as_ref()).map_err(Failure::input)?;
+    let table = RateTable::read(arguments.reference, description.reference.as_ref()).map_err(CommandError::input)?;
     let windows = windows::windows(arguments, &description, &links, &table)?;
-    let failed = |error| Failure::input(format!("{}: {error}", arguments.reference));
+    let failed = |error| CommandError::input(format!("{}: {error}", arguments.reference));
     let diagnosis = diagnose(&windows, arguments.seed).map_err(failed)?;
     if let Some(file) = arguments.json {
         file.write(format!("{:#}\n", rates::json(&diagnosis, &findings)))?;
@@ -54,7 +54,7 @@ pub fn run(arguments: &RatesArguments) -> Result<(), Failure> {
     let caveat = described.and_then(|reference| reference.caveat.as_deref());
     say!("{}", rates::text(&diagnosis, &findings, caveat))?;
     match diagnosis.verdict {
-        Verdict::Unexplained => Err(Failure::unexplained()),
+        Verdict::Unexplained => Err(CommandError::unexplained()),
         _ => Ok(()),
     }
 }

@@ -4,27 +4,27 @@
 use std::fmt::Write;
 
 use clap::Args;
-use geu_model::fault::acting::Faults;
-use geu_model::fault::expectation::{Verdict, Watch, Window};
+use geu_model::fault::acting::FaultEngine;
+use geu_model::fault::expectation::{ExpectationResult, ExpectationMonitor, TimeWindow};
 use geu_model::units::on_board_s;
 
-use crate::failure::{Failure, note};
+use crate::failure::{CommandError, note};
 use crate::outputs::OutputFile;
 
 /// Where the verdicts go.
 #[derive(Args, Debug, Clone, Default)]
-pub struct Report {
+pub struct ExpectationReport {
     /// Writes what became of the plan's expectations as JUnit XML
     #[arg(long, value_name = "FILE")]
     junit: Option<OutputFile>,
 }
 
-impl Report {
+impl ExpectationReport {
     /// Tells the faults that never started, and the verdicts.
     ///
     /// # Errors
     /// A file that cannot be written; an expectation that was not met, or whose window had not ended.
-    pub fn tell(&self, faults: &Faults) -> Result<(), Failure> {
+    pub fn tell(&self, faults: &FaultEngine) -> Result<(), CommandError> {
         for planned in faults.planned.iter().filter(|planned| planned.started == 0) {
             note(format_args!("fault        {}: never started ({})\n", planned.fault.id, planned.fault.trigger()));
         }
@@ -35,29 +35,29 @@ impl Report {
         if let Some(path) = &self.junit {
             path.write(junit(watches))?;
         }
-        let failed = watches.iter().filter(|watch| !matches!(watch.verdict, Verdict::Met(_))).count();
+        let failed = watches.iter().filter(|watch| !matches!(watch.verdict, ExpectationResult::Met(_))).count();
         if failed > 0 {
-            return Err(Failure::failed(format!("{failed} of {} expectations were not met", watches.len())));
+            return Err(CommandError::failed(format!("{failed} of {} expectations were not met", watches.len())));
         }
         Ok(())
     }
 }
 
 /// A verdict in words.
-fn verdict(watch: &Watch) -> String {
+fn verdict(watch: &ExpectationMonitor) -> String {
     let condition = &watch.expectation.condition;
     let window = match watch.expectation.window {
-        Window::Within(length_s) => format!("within {length_s} s"),
-        Window::Throughout(length_s) => format!("throughout {length_s} s"),
+        TimeWindow::Within(length_s) => format!("within {length_s} s"),
+        TimeWindow::Throughout(length_s) => format!("throughout {length_s} s"),
     };
     match watch.verdict {
-        Verdict::Met(t_s) => format!("met at {t_s} s ({condition} {window})"),
-        Verdict::NotMet(t_s) => format!("not met at {t_s} s: expected {condition} {window}"),
-        Verdict::Open(since) => format!(
+        ExpectationResult::Met(t_s) => format!("met at {t_s} s ({condition} {window})"),
+        ExpectationResult::NotMet(t_s) => format!("not met at {t_s} s: expected {condition} {window}"),
+        ExpectationResult::Open(since) => format!(
             "not decided: the run ended before, its window began at {} s; expected {condition} {window}",
             on_board_s(since)
         ),
-        Verdict::Waiting => match &watch.expectation.after {
+        ExpectationResult::Waiting => match &watch.expectation.after {
             Some(fault) => format!("not decided: fault {fault} never started; expected {condition} {window}"),
             None => {
                 format!("not decided: the run ended before {} s; expected {condition} {window}", watch.expectation.at_s)
@@ -70,10 +70,10 @@ fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
-fn junit(watches: &[Watch]) -> String {
-    let count = |is: fn(&Verdict) -> bool| watches.iter().filter(|watch| is(&watch.verdict)).count();
-    let failures = count(|verdict| matches!(verdict, Verdict::NotMet(_)));
-    let errors = count(|verdict| matches!(verdict, Verdict::Open(_) | Verdict::Waiting));
+fn junit(watches: &[ExpectationMonitor]) -> String {
+    let count = |is: fn(&ExpectationResult) -> bool| watches.iter().filter(|watch| is(&watch.verdict)).count();
+    let failures = count(|verdict| matches!(verdict, ExpectationResult::NotMet(_)));
+    let errors = count(|verdict| matches!(verdict, ExpectationResult::Open(_) | ExpectationResult::Waiting));
     let mut text = "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n".to_owned();
     let tests = watches.len();
     let _ = writeln!(
@@ -83,8 +83,8 @@ fn junit(watches: &[Watch]) -> String {
     for watch in watches {
         let (id, message) = (escaped(&watch.expectation.id), escaped(&verdict(watch)));
         let _ = match watch.verdict {
-            Verdict::Met(t_s) => writeln!(text, "<testcase name=\"{id}\" classname=\"expect\" time=\"{t_s}\"/>"),
-            Verdict::NotMet(t_s) => writeln!(
+            ExpectationResult::Met(t_s) => writeln!(text, "<testcase name=\"{id}\" classname=\"expect\" time=\"{t_s}\"/>"),
+            ExpectationResult::NotMet(t_s) => writeln!(
                 text,
                 "<testcase name=\"{id}\" classname=\"expect\" time=\"{t_s}\"><failure message=\"{message}\"/></testcase>"
             ),

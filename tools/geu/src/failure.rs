@@ -19,38 +19,38 @@ Exit codes:
 
 /// An unsuccessful end.
 #[derive(Debug)]
-pub struct Failure {
+pub struct CommandError {
     code: u8,
     message: String,
 }
 
-impl Failure {
+impl CommandError {
     /// It was tried and did not work, an output cannot be written, or `--strict` found defects: exit 1.
-    pub fn failed(message: impl Display) -> Failure {
-        Failure { code: 1, message: message.to_string() }
+    pub fn failed(message: impl Display) -> CommandError {
+        CommandError { code: 1, message: message.to_string() }
     }
 
     /// Bad usage or bad input: exit 2. The message says file, line or offset, field, expected, got.
-    pub fn input(message: impl Display) -> Failure {
-        Failure { code: 2, message: message.to_string() }
+    pub fn input(message: impl Display) -> CommandError {
+        CommandError { code: 2, message: message.to_string() }
     }
 
     /// A diagnosis that left something unexplained: exit 3. Its report has said so.
-    pub fn unexplained() -> Failure {
-        Failure { code: 3, message: String::new() }
+    pub fn unexplained() -> CommandError {
+        CommandError { code: 3, message: String::new() }
     }
 
     /// Results could not be written: exit 1; but whoever closed the pipe has seen enough, a quiet end.
-    pub fn writing(error: io::Error) -> Failure {
+    pub fn writing(error: io::Error) -> CommandError {
         match error.kind() {
-            ErrorKind::BrokenPipe => Failure { code: 0, message: String::new() },
-            _ => Failure::failed(format!("writing failed: {error}")),
+            ErrorKind::BrokenPipe => CommandError { code: 0, message: String::new() },
+            _ => CommandError::failed(format!("writing failed: {error}")),
         }
     }
 
     /// The same with another reason behind it.
     #[must_use]
-    pub fn and(mut self, message: impl Display) -> Failure {
+    pub fn and(mut self, message: impl Display) -> CommandError {
         self.message += &format!("; {message}");
         self
     }
@@ -64,30 +64,30 @@ impl Failure {
     }
 }
 
-impl From<RecordError> for Failure {
-    fn from(error: RecordError) -> Failure {
+impl From<RecordError> for CommandError {
+    fn from(error: RecordError) -> CommandError {
         match error {
-            RecordError::Occupied { .. } | RecordError::NotAFile(_) => Failure::input(error),
-            RecordError::Write { .. } | RecordError::InUse(_) | RecordError::Thread { .. } => Failure::failed(error),
+            RecordError::Occupied { .. } | RecordError::NotAFile(_) => CommandError::input(error),
+            RecordError::Write { .. } | RecordError::InUse(_) | RecordError::Thread { .. } => CommandError::failed(error),
         }
     }
 }
 
 /// A link that breaks is no bad input.
-impl From<InputError> for Failure {
-    fn from(error: InputError) -> Failure {
+impl From<InputError> for CommandError {
+    fn from(error: InputError) -> CommandError {
         match error {
-            InputError::Read { .. } => Failure::failed(error),
-            error => Failure::input(error),
+            InputError::Read { .. } => CommandError::failed(error),
+            error => CommandError::input(error),
         }
     }
 }
 
-impl From<ClaimError> for Failure {
-    fn from(error: ClaimError) -> Failure {
+impl From<ClaimError> for CommandError {
+    fn from(error: ClaimError) -> CommandError {
         match error {
-            ClaimError::Input { .. } | ClaimError::Output { .. } => Failure::input(error),
-            ClaimError::Unwritable { .. } => Failure::failed(error),
+            ClaimError::Input { .. } | ClaimError::Output { .. } => CommandError::input(error),
+            ClaimError::Unwritable { .. } => CommandError::failed(error),
         }
     }
 }
@@ -96,9 +96,9 @@ impl From<ClaimError> for Failure {
 ///
 /// # Errors
 /// When they cannot be written.
-pub fn print(text: Arguments) -> Result<(), Failure> {
+pub fn print(text: Arguments) -> Result<(), CommandError> {
     let mut out = io::stdout().lock();
-    out.write_fmt(text).and_then(|()| out.flush()).map_err(Failure::writing)
+    out.write_fmt(text).and_then(|()| out.flush()).map_err(CommandError::writing)
 }
 
 /// Writes to standard error; there is nobody to tell that it failed.

@@ -4,12 +4,12 @@ use std::io::Write;
 
 use clap::{Args, Subcommand};
 use geu_model::configuration::fault::{EXPECT_NUMBERS, FAULT_NUMBERS, FAULT_TEXTS};
-use geu_model::fault::catalogue::{CATALOGUE, LinkKind, Scope, Spec};
-use geu_model::fault::{Target, expression, shape};
-use geu_model::number::{Default, Number};
+use geu_model::fault::catalogue::{CATALOGUE, Transport, Scope, FaultSpec};
+use geu_model::fault::{ParameterRef, expression, shape};
+use geu_model::number::{DefaultValue, ParameterSpec};
 use geu_protocol::suggestion::did_you_mean;
 
-use crate::failure::Failure;
+use crate::failure::CommandError;
 
 /// What can go wrong: the catalogue of faults.
 #[derive(Args, Debug)]
@@ -28,16 +28,16 @@ enum Command {
 struct List {
     /// Says of each fault of a link whether this kind can have it
     #[arg(long, value_parser = link_kind)]
-    link: Option<LinkKind>,
+    link: Option<Transport>,
     /// As JSON
     #[arg(long)]
     json: bool,
 }
 
-fn link_kind(text: &str) -> Result<LinkKind, String> {
-    LinkKind::named(text).ok_or_else(|| {
-        let hint = did_you_mean(text, LinkKind::NAMES);
-        format!("{hint}expected one of {}, got {text}", LinkKind::NAMES.join(", "))
+fn link_kind(text: &str) -> Result<Transport, String> {
+    Transport::named(text).ok_or_else(|| {
+        let hint = did_you_mean(text, Transport::NAMES);
+        format!("{hint}expected one of {}, got {text}", Transport::NAMES.join(", "))
     })
 }
 
@@ -45,30 +45,30 @@ fn link_kind(text: &str) -> Result<LinkKind, String> {
 ///
 /// # Errors
 /// Standard output that cannot be written.
-pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     let Command::List(list) = &arguments.command;
     let text = if list.json { format!("{:#}\n", geu_daemon::catalogue()) } else { text(list.link) };
     match std::io::stdout().write_all(text.as_bytes()) {
-        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(Failure::failed(error)),
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(CommandError::failed(error)),
         _ => Ok(()),
     }
 }
 
-fn number(spec: &Number) -> String {
+fn number(spec: &ParameterSpec) -> String {
     let default = match spec.default {
-        Default::Value(value) => format!("; default {}", spec.written(value)),
-        Default::Required => "; required".to_owned(),
-        Default::Absent => String::new(),
+        DefaultValue::Value(value) => format!("; default {}", spec.written(value)),
+        DefaultValue::Required => "; required".to_owned(),
+        DefaultValue::Absent => String::new(),
     };
     format!("{}: {} ({}{default})", spec.name, spec.meaning.trim(), spec.limits())
 }
 
-fn text(link: Option<LinkKind>) -> String {
+fn text(link: Option<Transport>) -> String {
     let mut lines =
         vec!["A fault of a plan, [[fault]], is a parameter that is moved or one that has a name.".to_owned()];
     if link.is_none() {
         lines.push("\nParameters (parameter = \"effect.number\", course = { … }):".to_owned());
-        for target in Target::all() {
+        for target in ParameterRef::all() {
             let (least, greatest) = target.limits();
             let limits = target.number().form.limits(least, greatest);
             let whom = match target.gyros().len() {
@@ -93,7 +93,7 @@ fn text(link: Option<LinkKind>) -> String {
             Scope::Gyro => "a gyro (gyro = \"GYRX\")".to_owned(),
             Scope::Unit => "the unit".to_owned(),
             Scope::Link => {
-                format!("links (link = \"{}\"; without it, of all)", link.map_or("pty|serial|can|tcp", LinkKind::name))
+                format!("links (link = \"{}\"; without it, of all)", link.map_or("pty|serial|can|tcp", Transport::name))
             }
         };
         lines.push(format!("\nFaults of {whom}:"));
@@ -120,7 +120,7 @@ fn text(link: Option<LinkKind>) -> String {
 }
 
 /// Where it cannot be done, and why.
-fn refusals(spec: &Spec, link: Option<LinkKind>) -> Vec<String> {
+fn refusals(spec: &FaultSpec, link: Option<Transport>) -> Vec<String> {
     let asked = spec.unable.iter().filter(|(kind, _)| link.is_none_or(|link| link == *kind));
     asked.map(|(kind, reason)| format!("    not on {}: {reason}", kind.name())).collect()
 }

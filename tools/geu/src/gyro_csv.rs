@@ -3,21 +3,21 @@
 use std::io::Write;
 use std::path::Path;
 
-use geu_recording::{Description, GyroCsv, read_text};
+use geu_recording::{GyroCsvSpec, GyroCsv, read_text};
 
-use crate::failure::Failure;
+use crate::failure::CommandError;
 
 /// Reads the file as the description says.
 ///
 /// # Errors
 /// A file that cannot be read, a description that is none, columns that are not there.
-pub fn read(input: &str, description: &Path) -> Result<GyroCsv, Failure> {
+pub fn read(input: &str, description: &Path) -> Result<GyroCsv, CommandError> {
     let name = description.display().to_string();
     let text = read_text(description).map_err(|error| {
-        Failure::input(format!("{name}: cannot be read: {error}; expected a description, such as configs/suchai3.toml"))
+        CommandError::input(format!("{name}: cannot be read: {error}; expected a description, such as configs/suchai3.toml"))
     })?;
-    let description = Description::parse(&name, &text).map_err(Failure::input)?;
-    GyroCsv::read(input, description).map_err(Failure::input)
+    let description = GyroCsvSpec::parse(&name, &text).map_err(CommandError::input)?;
+    GyroCsv::read(input, description).map_err(CommandError::input)
 }
 
 /// Appends a header and a row for each sample: time, line, then a rate for each gyro.

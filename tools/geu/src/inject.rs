@@ -3,15 +3,15 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use geu_model::fault::catalogue::LinkKind;
+use geu_model::fault::catalogue::Transport;
 use geu_model::fault::shape;
 use geu_protocol::Gyro;
 use geu_protocol::suggestion::did_you_mean;
 use serde_json::{Map, Value, json};
 use ureq::http::Method;
 
-use crate::control::{Choice, Emulator};
-use crate::failure::{Failure, say};
+use crate::control::{Choice, ControlClient};
+use crate::failure::{CommandError, say};
 
 /// Moves a fault into a running emulator.
 ///
@@ -47,7 +47,7 @@ pub struct Arguments {
 ///
 /// # Errors
 /// No emulator, or what it refuses and why.
-pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     // A plan that cannot be read is told whether or not an emulator runs.
     let plan = arguments.plan.as_deref().map(plan).transpose()?;
     let emulator = &arguments.emulator.find()?;
@@ -70,12 +70,12 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     if arguments.list { list(emulator) } else { Ok(()) }
 }
 
-fn tell(answer: &Value) -> Result<(), Failure> {
+fn tell(answer: &Value) -> Result<(), CommandError> {
     say!("{} from {} s", answer["id"].as_str().unwrap_or_default(), answer["at_s"])
 }
 
 /// A fault as the control interface takes it.
-fn fault(what: &str, keys: &[String]) -> Result<Value, Failure> {
+fn fault(what: &str, keys: &[String]) -> Result<Value, CommandError> {
     let is_parameter = what.contains('.');
     let (mut fault, mut course) = (Map::new(), Map::new());
     fault.insert(if is_parameter { "parameter" } else { "fault" }.to_owned(), json!(what));
@@ -85,19 +85,19 @@ fn fault(what: &str, keys: &[String]) -> Result<Value, Failure> {
     for given in keys {
         let (key, value) = match given.split_once('=') {
             Some((key, value)) => (key, read(value)),
-            None if LinkKind::named(given).is_some() => ("link", json!(given)),
+            None if Transport::named(given).is_some() => ("link", json!(given)),
             None if Gyro::named(given).is_some() => ("gyro", json!(given)),
             None => {
-                let (gyros, links) = (Gyro::ALL.map(Gyro::name).join(", "), LinkKind::NAMES.join(", "));
-                let hint = did_you_mean(given, Gyro::ALL.map(Gyro::name).into_iter().chain(LinkKind::NAMES));
-                return Err(Failure::input(format!(
+                let (gyros, links) = (Gyro::ALL.map(Gyro::name).join(", "), Transport::NAMES.join(", "));
+                let hint = did_you_mean(given, Gyro::ALL.map(Gyro::name).into_iter().chain(Transport::NAMES));
+                return Err(CommandError::input(format!(
                     "{given}: {hint}expected a gyro ({gyros}), a kind of link ({links}), or KEY=VALUE"
                 )));
             }
         };
         let room = if is_parameter && is_of_course(key) { &mut course } else { &mut fault };
         if room.insert(key.to_owned(), value).is_some() {
-            return Err(Failure::input(format!("{given}: expected `{key}` once")));
+            return Err(CommandError::input(format!("{given}: expected `{key}` once")));
         }
     }
     if !course.is_empty() {
@@ -115,14 +115,14 @@ fn read(text: &str) -> Value {
 }
 
 /// A plan as the control interface takes it.
-fn plan(path: &Path) -> Result<Value, Failure> {
+fn plan(path: &Path) -> Result<Value, CommandError> {
     let name = path.display().to_string();
     let plan = geu_recording::read_text(path)
-        .map_err(|error| Failure::input(format!("{name}: cannot be read: {error}; expected a plan with [[fault]]")))?;
+        .map_err(|error| CommandError::input(format!("{name}: cannot be read: {error}; expected a plan with [[fault]]")))?;
     Ok(json!({ "plan": plan, "name": name }))
 }
 
-fn list(emulator: &Emulator) -> Result<(), Failure> {
+fn list(emulator: &ControlClient) -> Result<(), CommandError> {
     let faults = emulator.ask(Method::GET, "/api/faults", None)?;
     for fault in faults.as_array().into_iter().flatten() {
         say!("{}", line(fault))?;

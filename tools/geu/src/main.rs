@@ -38,7 +38,7 @@ use std::process::ExitCode;
 use std::sync::LazyLock;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
-use failure::{EXIT_CODES, Failure};
+use failure::{EXIT_CODES, CommandError};
 
 /// Emulator, decoder and evaluation of a spacecraft gyro electronics unit.
 ///
@@ -96,7 +96,7 @@ fn main() -> ExitCode {
     }
 }
 
-fn carried_out(arguments: Arguments) -> Result<(), Failure> {
+fn carried_out(arguments: Arguments) -> Result<(), CommandError> {
     match arguments.command {
         Some(Command::Simulate(arguments)) => simulate::run(&arguments),
         Some(Command::Calibrate(arguments)) => calibrate::run(&arguments),

@@ -11,7 +11,7 @@ use serde_json::Value;
 use ureq::http::Method;
 
 use crate::control::Choice;
-use crate::failure::{Failure, print};
+use crate::failure::{CommandError, print};
 use crate::inject;
 
 /// Lines of the timeline that stand below the figures.
@@ -38,7 +38,7 @@ pub struct Arguments {
 ///
 /// # Errors
 /// No emulator; standard output that cannot be written.
-pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     let emulator = arguments.emulator.find()?;
     let stands_still = stdout().is_terminal() && !arguments.lines;
     let mut happened: VecDeque<String> = VecDeque::new();
@@ -75,7 +75,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         }
         // Whoever falls behind is let go, and comes again for the present.
         if emulator.ask(Method::GET, "/api/status", None).is_err() {
-            return Err(Failure::failed("the emulator has ended"));
+            return Err(CommandError::failed("the emulator has ended"));
         }
     }
 }

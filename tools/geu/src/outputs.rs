@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use clap::{ArgMatches, Command};
 use geu_files::{Output, claim_input, claim_output, claim_standard_output, persist_all};
 
-use crate::failure::Failure;
+use crate::failure::CommandError;
 use crate::overwriting::Force;
 
 /// A file to write; `-` is standard output.
@@ -37,12 +37,12 @@ impl OutputFile {
     ///
     /// # Errors
     /// When it cannot be made.
-    pub fn create(&self) -> Result<Output, Failure> {
+    pub fn create(&self) -> Result<Output, CommandError> {
         Output::create(&self.0).map_err(|error| self.unwritten(error))
     }
 
     /// Says that it cannot be written; but whoever closed a pipe has seen enough.
-    pub fn unwritten(&self, error: io::Error) -> Failure {
+    pub fn unwritten(&self, error: io::Error) -> CommandError {
         unwritten(&self.0, error)
     }
 
@@ -50,7 +50,7 @@ impl OutputFile {
     ///
     /// # Errors
     /// When it cannot be written; then what was there is there still.
-    pub fn write(&self, content: impl AsRef<[u8]>) -> Result<(), Failure> {
+    pub fn write(&self, content: impl AsRef<[u8]>) -> Result<(), CommandError> {
         write(&self.0, content)
     }
 }
@@ -70,7 +70,7 @@ impl OutputDirectory {
     ///
     /// # Errors
     /// One that holds anything, unless it was forced; a file that is an input.
-    pub fn prepare<F: AsRef<Path>>(&self, force: Force, files: impl IntoIterator<Item = F>) -> Result<&Path, Failure> {
+    pub fn prepare<F: AsRef<Path>>(&self, force: Force, files: impl IntoIterator<Item = F>) -> Result<&Path, CommandError> {
         force.refuse_filled(&self.0)?;
         self.claim(files)
     }
@@ -79,7 +79,7 @@ impl OutputDirectory {
     ///
     /// # Errors
     /// A file that is an input, or another output.
-    pub fn claim<F: AsRef<Path>>(&self, files: impl IntoIterator<Item = F>) -> Result<&Path, Failure> {
+    pub fn claim<F: AsRef<Path>>(&self, files: impl IntoIterator<Item = F>) -> Result<&Path, CommandError> {
         // In a directory that is not there nothing else is.
         let is_there = |path: &PathBuf| path.parent().is_some_and(Path::is_dir);
         for path in files.into_iter().map(|file| self.0.join(file)).filter(is_there) {
@@ -93,28 +93,28 @@ impl OutputDirectory {
 ///
 /// # Errors
 /// When one cannot be written; then what was there is there still.
-pub fn write_all<'a>(outputs: impl IntoIterator<Item = (&'a OutputFile, String)>) -> Result<(), Failure> {
+pub fn write_all<'a>(outputs: impl IntoIterator<Item = (&'a OutputFile, String)>) -> Result<(), CommandError> {
     let complete = |(file, text): (&OutputFile, String)| {
         let mut output = file.create()?;
         let written = output.write_all(text.as_bytes()).and_then(|()| output.complete());
         written.map(|()| output).map_err(|error| file.unwritten(error))
     };
-    let outputs = outputs.into_iter().map(complete).collect::<Result<Vec<_>, Failure>>()?;
-    persist_all(outputs).map_err(Failure::writing)
+    let outputs = outputs.into_iter().map(complete).collect::<Result<Vec<_>, CommandError>>()?;
+    persist_all(outputs).map_err(CommandError::writing)
 }
 
 /// Writes a file of an output directory as a whole.
 ///
 /// # Errors
 /// When it cannot be written; then what was there is there still.
-pub fn write(path: &Path, content: impl AsRef<[u8]>) -> Result<(), Failure> {
+pub fn write(path: &Path, content: impl AsRef<[u8]>) -> Result<(), CommandError> {
     geu_files::write_whole(path, content).map_err(|error| unwritten(path, error))
 }
 
-fn unwritten(path: &Path, error: io::Error) -> Failure {
+fn unwritten(path: &Path, error: io::Error) -> CommandError {
     match error.kind() {
-        io::ErrorKind::BrokenPipe => Failure::writing(error),
-        _ => Failure::failed(format!("{}: cannot be written: {error}", path.display())),
+        io::ErrorKind::BrokenPipe => CommandError::writing(error),
+        _ => CommandError::failed(format!("{}: cannot be written: {error}", path.display())),
     }
 }
 
@@ -124,7 +124,7 @@ fn unwritten(path: &Path, error: io::Error) -> Failure {
 ///
 /// # Errors
 /// An output that cannot be written, that is an input, or another output.
-pub fn claim(command: &Command, matches: &ArgMatches) -> Result<(), Failure> {
+pub fn claim(command: &Command, matches: &ArgMatches) -> Result<(), CommandError> {
     let (mut command, mut matches) = (command, matches);
     while let Some((name, within)) = matches.subcommand() {
         let Some(found) = command.find_subcommand(name) else { break };

@@ -3,20 +3,20 @@
 use std::fmt::Write as _;
 
 use clap::{Args, ValueEnum};
-use geu_calibration::InUse;
-use geu_calibration::absolute::Sensors;
+use geu_calibration::GyroSet;
+use geu_calibration::absolute::AbsoluteData;
 use geu_calibration::filter::{
-    DayReport, Fix, Noise, REQUIREMENT_ARCSEC, Reconstruction, Share, Whiteness, checkout_calibration, cost_of_effects,
+    DayReport, AttitudeFix, FilterNoise, REQUIREMENT_ARCSEC, Reconstruction, AttitudeErrorStats, Whiteness, checkout_calibration, cost_of_effects,
     reconstruct, survey_day,
 };
 use geu_model::Configuration;
 use geu_model::configuration::unix_ns;
-use geu_protocol::{CanPlan, Gyro};
+use geu_protocol::{CanIdMap, Gyro};
 
 use crate::calibrate::{read_counts, start_of_sensors_ns};
-use crate::failure::{Failure, note, say};
+use crate::failure::{CommandError, note, say};
 use crate::outputs::OutputFile;
-use crate::settings::{LONGEST_S, NamedSettings, Settings, half_seconds};
+use crate::settings::{LONGEST_S, NamedSettings, ConfigArgs, half_seconds};
 
 /// Reconstructs the attitude between star fixes by a Kalman filter and a smoother.
 ///
@@ -57,7 +57,7 @@ pub struct Arguments {
     start: Option<f64>,
     /// Base of the CAN identifiers, hexadecimal
     #[arg(long, value_name = "ID", value_parser = crate::settings::can_base, requires = "link")]
-    base: Option<CanPlan>,
+    base: Option<CanIdMap>,
     /// Write the smoothed attitude of each half second, with sigmas, as CSV
     #[arg(long, value_name = "CSV", requires = "link")]
     out: Option<OutputFile>,
@@ -76,12 +76,12 @@ enum ZGyro {
 ///
 /// # Errors
 /// Input that cannot be read, no fix to start from, a file that cannot be written.
-pub fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let settings = Settings::from(&arguments.unit);
+pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
+    let settings = ConfigArgs::from(&arguments.unit);
     let configuration = settings.read()?;
     let in_use = match arguments.z {
-        ZGyro::Za => InUse::WithZa,
-        ZGyro::Zb => InUse::WithZb,
+        ZGyro::Za => GyroSet::WithZa,
+        ZGyro::Zb => GyroSet::WithZb,
     };
     match &arguments.sse {
         Some(sse) => recording(arguments, &configuration, in_use, sse),
@@ -89,9 +89,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
 }
 
-fn simulated_day(arguments: &Arguments, configuration: &Configuration, in_use: InUse) -> Result<(), Failure> {
+fn simulated_day(arguments: &Arguments, configuration: &Configuration, in_use: GyroSet) -> Result<(), CommandError> {
     let count = half_seconds(arguments.duration)? as usize;
-    let day = |with_sun| survey_day(configuration, count, in_use, with_sun).map_err(Failure::input);
+    let day = |with_sun| survey_day(configuration, count, in_use, with_sun).map_err(CommandError::input);
     let DayReport { filtered, smoothed, fixes, reconstruction, .. } = day(false)?;
     let with_sun = day(true)?;
     say!("survey of {} s, gyros {in_use}, {fixes} star fixes", count as f64 * 0.5, in_use = names(in_use))?;
@@ -100,7 +100,7 @@ fn simulated_day(arguments: &Arguments, configuration: &Configuration, in_use: I
     for (name, share) in
         [("filtered", filtered), ("smoothed", smoothed), ("smoothed, sun sensor too", with_sun.smoothed)]
     {
-        let Share { rms_arcsec, p95_arcsec, max_arcsec } = share;
+        let AttitudeErrorStats { rms_arcsec, p95_arcsec, max_arcsec } = share;
         let margin_arcsec = REQUIREMENT_ARCSEC - max_arcsec;
         say!("{name:<28} {rms_arcsec:>7.2} {p95_arcsec:>7.2} {max_arcsec:>7.2}  {margin_arcsec:.1}")?;
     }
@@ -113,10 +113,10 @@ fn simulated_day(arguments: &Arguments, configuration: &Configuration, in_use: I
         bar.set_length(runs as u64);
         bar.set_position(done as u64);
     })
-    .map_err(Failure::input)?;
+    .map_err(CommandError::input)?;
     bar.finish_and_clear();
     let three =
-        |share: &Share| format!("{:>7.2} {:>7.2} {:>7.2}", share.rms_arcsec, share.p95_arcsec, share.max_arcsec);
+        |share: &AttitudeErrorStats| format!("{:>7.2} {:>7.2} {:>7.2}", share.rms_arcsec, share.p95_arcsec, share.max_arcsec);
     let mut text = format!("\n{:<28} {:^23}   {:^23}\n", "smoothed", "this effect alone", "all but this effect");
     let _ = writeln!(
         text,
@@ -131,7 +131,7 @@ fn simulated_day(arguments: &Arguments, configuration: &Configuration, in_use: I
     say!("{}", text.trim_end())
 }
 
-fn names(in_use: InUse) -> String {
+fn names(in_use: GyroSet) -> String {
     let used = Gyro::ALL.into_iter().zip(in_use.gyros()).filter(|(_, used)| *used).map(|(gyro, _)| gyro.name());
     used.collect::<Vec<_>>().join(" ")
 }
@@ -145,20 +145,20 @@ fn told(whiteness: &Whiteness) -> String {
     )
 }
 
-fn recording(arguments: &Arguments, configuration: &Configuration, in_use: InUse, sse: &str) -> Result<(), Failure> {
+fn recording(arguments: &Arguments, configuration: &Configuration, in_use: GyroSet, sse: &str) -> Result<(), CommandError> {
     let sensors = match &arguments.fss {
-        Some(fss) => Sensors::read(fss, sse, configuration.sensors),
-        None => Sensors::read_fixes(sse, configuration.sensors),
+        Some(fss) => AbsoluteData::read(fss, sse, configuration.sensors),
+        None => AbsoluteData::read_fixes(sse, configuration.sensors),
     }
-    .map_err(Failure::input)?;
+    .map_err(CommandError::input)?;
     let attitude_start_ns = start_of_sensors_ns(&sensors).unwrap_or(configuration.start_unix_ns);
     let start_ns = arguments.start.map_or(attitude_start_ns, unix_ns);
     let counts = read_counts(&arguments.link, arguments.base, start_ns)?;
-    let fixes = Fix::of_sensors(&sensors, counts.start_ns);
+    let fixes = AttitudeFix::of_sensors(&sensors, counts.start_ns);
     // Departures that the configuration holds constant are believed, as `geu calibrate` believes them.
     let calibrations = checkout_calibration(configuration);
-    let noise = Noise::of(configuration, in_use);
-    let told_of = reconstruct(&counts, &calibrations, in_use, &noise, &fixes).map_err(Failure::input)?;
+    let noise = FilterNoise::of(configuration, in_use);
+    let told_of = reconstruct(&counts, &calibrations, in_use, &noise, &fixes).map_err(CommandError::input)?;
     for found in &counts.breaks {
         let unix_s = |node: usize| counts.start_ns as f64 * 1e-9 + counts.node_s[node.min(counts.len())];
         let (from_s, to_s) = (unix_s(found.from), unix_s(found.to));
@@ -168,7 +168,7 @@ fn recording(arguments: &Arguments, configuration: &Configuration, in_use: InUse
         note(format_args!("geu: {} fixes lie outside the recording and were not used\n", told_of.fixes_outside));
     }
     say!("{} half seconds, gyros {}, {} fixes", counts.len(), names(in_use), fixes.len() - told_of.fixes_outside)?;
-    let largest = |estimates: &[geu_calibration::filter::Estimate]| {
+    let largest = |estimates: &[geu_calibration::filter::StateEstimate]| {
         estimates.iter().map(|estimate| estimate.boresight_sigma_arcsec()).fold(0.0, f64::max)
     };
     let (filtered, smoothed) = (largest(&told_of.filtered), largest(&told_of.smoothed));
@@ -182,7 +182,7 @@ fn recording(arguments: &Arguments, configuration: &Configuration, in_use: InUse
 
 /// A row per half second: the attitude at its end (control frame to inertial, the sun-referenced frame at the start of the
 /// counts), sigmas about the control axes.
-fn csv(counts: &geu_calibration::Counts, told_of: &Reconstruction) -> String {
+fn csv(counts: &geu_calibration::AccumulatedCounts, told_of: &Reconstruction) -> String {
     let mut text = "t_s,q_w,q_x,q_y,q_z,sigma_x_arcsec,sigma_y_arcsec,sigma_z_arcsec\n".to_owned();
     for (node_s, estimate) in counts.node_s.iter().zip(&told_of.smoothed).skip(1) {
         let t_us = counts.start_ns / 1000 + (node_s * 1e6).round() as i64;

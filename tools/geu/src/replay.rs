@@ -13,15 +13,15 @@ use geu_daemon::link::LinkAddress;
 use geu_daemon::replay::{self, Steps, refused};
 use geu_daemon::{RunError, asked_to_end};
 use geu_model::Configuration;
-use geu_protocol::CanPlan;
+use geu_protocol::CanIdMap;
 use geu_protocol::capture::Format;
 use geu_protocol::excerpt::excerpt;
-use geu_recording::{InputError, Options, RowReader, Summary, no_rows_reason};
+use geu_recording::{InputError, DecoderOptions, RowReader, DecodeSummary, no_rows_reason};
 use geu_replay::{QUEUE, ReadResult, ReplayReport, ReplaySelection, ReplaySource};
 
 use crate::decode::input_format;
 use crate::expectations;
-use crate::failure::{Failure, note};
+use crate::failure::{CommandError, note};
 use crate::links::Links;
 use crate::settings::{add_plan, can_base, duration, seed};
 
@@ -59,7 +59,7 @@ pub struct Arguments {
     only: bool,
     /// Base of the recorded CAN identifiers, hexadecimal [default: 1A0]
     #[arg(long, value_name = "ID", value_parser = can_base)]
-    base: Option<CanPlan>,
+    base: Option<CanIdMap>,
     /// Interface whose frames are sent, where a capture has several [default: the first that carries the unit]
     #[arg(long, value_name = "NAME")]
     interface: Option<String>,
@@ -76,7 +76,7 @@ pub struct Arguments {
     #[arg(long)]
     wait: bool,
     #[command(flatten)]
-    expectations: expectations::Report,
+    expectations: expectations::ExpectationReport,
 }
 
 fn ns(seconds: f64) -> i64 {
@@ -88,19 +88,19 @@ static STOP: AtomicBool = AtomicBool::new(false);
 
 impl Arguments {
     /// What can be said before anything is opened for good.
-    fn check(&self) -> Result<(), Failure> {
+    fn check(&self) -> Result<(), CommandError> {
         let from_input = self.recordings.iter().any(|name| name == "-");
         if from_input && (self.is_loop || self.step) {
             let (flag, why) = match self.step {
                 true => ("--step", "which gives the steps"),
                 false => ("--loop", "which cannot be read twice"),
             };
-            return Err(Failure::input(format!("{flag}: expected recordings in files, got -, standard input, {why}")));
+            return Err(CommandError::input(format!("{flag}: expected recordings in files, got -, standard input, {why}")));
         }
         if let (Some(from), Some(to)) = (self.from, self.to)
             && from >= to
         {
-            return Err(Failure::input(format!("--to: expected more than the {from} of --from, got {to}")));
+            return Err(CommandError::input(format!("--to: expected more than the {from} of --from, got {to}")));
         }
         // A second recording that is missing is told now, not when the first is over.
         for name in self.recordings.iter().filter(|name| *name != "-") {
@@ -109,13 +109,13 @@ impl Arguments {
         Ok(())
     }
 
-    fn plan(&self) -> Result<Configuration, Failure> {
+    fn plan(&self) -> Result<Configuration, CommandError> {
         let mut plan = Configuration::reference();
         plan.seed = self.seed.unwrap_or(plan.seed);
         for path in &self.faults {
             add_plan(&mut plan, path)?;
             if let Some(why) = refused(&plan.faults, &plan.expectations) {
-                return Err(Failure::input(format!("--faults {}: {why}", path.display())));
+                return Err(CommandError::input(format!("--faults {}: {why}", path.display())));
             }
         }
         Ok(plan)
@@ -135,7 +135,7 @@ impl Arguments {
     }
 
     /// Why there is nothing to be sent.
-    fn nothing(&self, report: &ReplayReport, summary: &Summary) -> Failure {
+    fn nothing(&self, report: &ReplayReport, summary: &DecodeSummary) -> CommandError {
         let reason = no_rows_reason(summary, self.base.unwrap_or_default(), self.input_format).unwrap_or_else(|| {
             let expected = match (self.from, self.to, report.elsewhere) {
                 (_, _, elsewhere) if elsewhere > 0 => {
@@ -148,21 +148,21 @@ impl Arguments {
             let (from_s, length_s) = (self.from.unwrap_or(0.0), report.length_ns as f64 * 1e-9);
             format!("nothing to be sent from {from_s} s on: the recording has {length_s:.1} s; expected {expected}")
         });
-        Failure::input(format!("{}: {reason}", self.recordings.join(", ")))
+        CommandError::input(format!("{}: {reason}", self.recordings.join(", ")))
     }
 }
 
-fn readable(name: &str) -> Result<(), Failure> {
+fn readable(name: &str) -> Result<(), CommandError> {
     let path = Path::new(name);
     match fs::metadata(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => {
-            Err(Failure::input(format!("{name}: no such file; expected a recording that `geu decode` opens, or -")))
+            Err(CommandError::input(format!("{name}: no such file; expected a recording that `geu decode` opens, or -")))
         }
         Ok(metadata) if metadata.is_file() => File::open(path)
             .map(drop)
-            .map_err(|source| Failure::input(InputError::Open { name: name.to_owned(), source })),
+            .map_err(|source| CommandError::input(InputError::Open { name: name.to_owned(), source })),
         Ok(metadata) if metadata.is_dir() => {
-            Err(Failure::input(format!("{name}: is a directory; expected a recording that `geu decode` opens, or -")))
+            Err(CommandError::input(format!("{name}: is a directory; expected a recording that `geu decode` opens, or -")))
         }
         _ => Ok(()),
     }
@@ -172,9 +172,9 @@ fn readable(name: &str) -> Result<(), Failure> {
 ///
 /// # Errors
 /// A recording that cannot be read, a plan that cannot act on one, a link that cannot be opened.
-pub fn run(arguments: Arguments) -> Result<(), Failure> {
+pub fn run(arguments: Arguments) -> Result<(), CommandError> {
     arguments.check()?;
-    let settings = replay::Settings {
+    let settings = replay::ReplayOptions {
         links: arguments.links.addresses(),
         speed: arguments.speed.unwrap_or(Speed::Times(1.0)),
         wait_for_client: arguments.wait,
@@ -186,7 +186,7 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
     let source = ReplaySource::new(arguments.selection(&settings.links), sender, begins);
     let (names, format, is_loop) = (arguments.recordings.clone(), arguments.input_format, arguments.is_loop);
     let plan = settings.recorded_plan;
-    let options = Options { plan, format, ..Options::default() };
+    let options = DecoderOptions { plan, format, ..DecoderOptions::default() };
     let reader = thread::Builder::new()
         .name("geu-reading".to_owned())
         .spawn(move || geu_replay::read(source, &names, &options, is_loop, &STOP))
@@ -194,7 +194,7 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
     let join = |reader: thread::JoinHandle<_>| reader.join().expect("reading does not panic");
     if began.recv().is_err() {
         let (report, summary, read): ReadResult = join(reader);
-        read.map_err(Failure::input)?;
+        read.map_err(CommandError::input)?;
         return Err(arguments.nothing(&report, &summary));
     }
     let steps = arguments.step.then(steps).transpose()?;
@@ -202,25 +202,25 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
     STOP.store(true, Ordering::Relaxed);
     let (report, recorded, read) = join(reader);
     let summary = replayed.map_err(|error| match error {
-        error @ (RunError::Link(_) | RunError::NobodyToWaitFor) => Failure::input(error),
-        error => Failure::failed(error),
+        error @ (RunError::Link(_) | RunError::NobodyToWaitFor) => CommandError::input(error),
+        error => CommandError::failed(error),
     })?;
     note(format_args!("{summary}{report}"));
-    read.map_err(Failure::input)?;
+    read.map_err(CommandError::input)?;
     if report.nothing_carried {
         return Err(arguments.nothing(&report, &recorded));
     }
     arguments.expectations.tell(&summary.faults)
 }
 
-fn no_thread(error: io::Error) -> Failure {
-    Failure::failed(format!(
+fn no_thread(error: io::Error) -> CommandError {
+    CommandError::failed(format!(
         "cannot start: expected a thread more, got: {error}; raise the limit of processes and threads (`ulimit -u`)"
     ))
 }
 
 /// Steps from standard input.
-fn steps() -> Result<Steps, Failure> {
+fn steps() -> Result<Steps, CommandError> {
     note(format_args!("geu: each line on standard input sends a half second, a number on it so many\n"));
     let (sender, steps): (SyncSender<u64>, Receiver<u64>) = sync_channel(QUEUE);
     // Waits for a line to the end of the process.

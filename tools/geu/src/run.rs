@@ -7,16 +7,16 @@ use geu_daemon::cadence::Speed;
 use geu_daemon::control::{ControlListener, DEFAULT_ADDRESS};
 use geu_daemon::recorder::{Destination, FILES};
 use geu_daemon::{Recording, RunError, RunOptions, asked_to_end};
-use geu_model::configuration::{WireForm, unix_ns};
-use geu_model::fault::catalogue::LinkKind;
+use geu_model::configuration::{LinkLogFormat, unix_ns};
+use geu_model::fault::catalogue::Transport;
 use geu_model::units::duration_s;
 
 use crate::expectations;
-use crate::failure::{Failure, note};
+use crate::failure::{CommandError, note};
 use crate::links::Links;
 use crate::outputs::OutputDirectory;
 use crate::overwriting::Force;
-use crate::settings::{LONGEST_S, RunSettings, Wire, half_seconds};
+use crate::settings::{LONGEST_S, RunArgs, LinkFile, half_seconds};
 use crate::token::Token;
 
 /// Runs the emulator: the unit on a pty, a serial port, a CAN interface or TCP, or several of them at once.
@@ -26,7 +26,7 @@ use crate::token::Token;
 #[derive(Args, Debug, Default)]
 pub struct Arguments {
     #[command(flatten)]
-    run: RunSettings,
+    run: RunArgs,
     #[command(flatten)]
     links: Links,
     /// Writes there what `geu simulate` writes, for this run; a directory that is new or empty
@@ -36,7 +36,7 @@ pub struct Arguments {
     force: Force,
     /// Form of the link in the recording [default: that of the link given first]
     #[arg(long, requires = "record")]
-    wire: Option<Wire>,
+    wire: Option<LinkFile>,
     /// On-board time against the wall clock: a factor, or max for as fast as model and readers go [default: 1]
     #[arg(long, value_name = "X|max", allow_negative_numbers = true)]
     speed: Option<Speed>,
@@ -57,7 +57,7 @@ pub struct Arguments {
     #[arg(long)]
     realtime: bool,
     #[command(flatten)]
-    expectations: expectations::Report,
+    expectations: expectations::ExpectationReport,
     /// Control interface and bench page [default: 127.0.0.1:8470, or the next port that is free]; beyond loopback it lets in
     /// who shows a token: `Authorization: Bearer TOKEN`, or `?token=TOKEN`
     #[arg(long, value_name = "ADDRESS|off")]
@@ -70,16 +70,16 @@ pub struct Arguments {
 ///
 /// # Errors
 /// A configuration that cannot be run, a link that cannot be opened, a recording that cannot begin or is not complete.
-pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     let mut ready = arguments.run.read()?;
     let record = arguments.record.as_ref().map(|directory| directory.claim(FILES)).transpose()?;
     if arguments.run.start.is_none() && ready.configuration.start_unix_ns == 0 {
-        let now = SystemTime::now().duration_since(UNIX_EPOCH).map_err(Failure::failed)?;
+        let now = SystemTime::now().duration_since(UNIX_EPOCH).map_err(CommandError::failed)?;
         ready.configuration.start_unix_ns = unix_ns(now.as_secs_f64());
     }
     if arguments.truth_wait.is_some() && ready.live.is_none() {
         let got = ready.configuration.run.truth.as_deref().unwrap_or("scenario");
-        return Err(Failure::input(format!(
+        return Err(CommandError::input(format!(
             "--truth-wait: expected a simulator to wait for, --truth udp://HOST:PORT, tcp://HOST:PORT or 42://HOST:PORT, got {got}"
         )));
     }
@@ -93,36 +93,36 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         live: ready.live.as_ref().map(|live| live.source.clone()),
         truth_wait: arguments.truth_wait.and_then(|TruthWait(most)| most),
     };
-    let open: Vec<LinkKind> = settings.links.iter().map(|link| link.model().kind).collect();
+    let open: Vec<Transport> = settings.links.iter().map(|link| link.model().kind).collect();
     if let Some(reason) = ready.configuration.faults.iter().find_map(|fault| fault.misses(&open)) {
-        return Err(Failure::input(reason));
+        return Err(CommandError::input(reason));
     }
     let door = match arguments.control.as_deref() {
         Some("off") => None,
         address => {
             let door =
                 ControlListener::open(address.unwrap_or(DEFAULT_ADDRESS), address.is_none(), arguments.token.read()?);
-            Some(door.map_err(Failure::input)?)
+            Some(door.map_err(CommandError::input)?)
         }
     };
     let recording = record.map(|directory| Recording {
         destination: Destination::new(directory, arguments.force.force),
-        wire: arguments.wire.map(WireForm::from),
+        wire: arguments.wire.map(LinkLogFormat::from),
     });
     let summary =
         geu_daemon::run(&ready.configuration, &ready.truth, &settings, recording.as_ref(), door, asked_to_end())
             .map_err(|error| match error {
-                RunError::Link(error) => Failure::input(error),
-                RunError::Record(error) => Failure::from(error),
-                error @ (RunError::NobodyToWaitFor | RunError::Truth(_) | RunError::Untold(_)) => Failure::input(error),
-                error => Failure::failed(error),
+                RunError::Link(error) => CommandError::input(error),
+                RunError::Record(error) => CommandError::from(error),
+                error @ (RunError::NobodyToWaitFor | RunError::Truth(_) | RunError::Untold(_)) => CommandError::input(error),
+                error => CommandError::failed(error),
             })?;
     note(format_args!("{summary}"));
     let truth = summary.truth_failure.map(|failure| failure.to_string());
     let recording = summary.recording.err().map(|error| error.to_string());
     truth.into_iter().chain(recording).fold(arguments.expectations.tell(&summary.faults), |end, problem| {
         Err(match end {
-            Ok(()) => Failure::failed(problem),
+            Ok(()) => CommandError::failed(problem),
             Err(failure) => failure.and(problem),
         })
     })

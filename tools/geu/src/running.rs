@@ -2,16 +2,16 @@
 
 use geu_daemon::running::{self, Running};
 
-use crate::failure::{Failure, note};
+use crate::failure::{CommandError, note};
 
 /// Address of the control interface of the emulator that has the link `at`, else of the only one that runs.
 ///
 /// # Errors
 /// None or several, or one without a control interface.
-pub fn control(at: Option<&str>) -> Result<String, Failure> {
+pub fn control(at: Option<&str>) -> Result<String, CommandError> {
     let found = find(at)?;
     found.control.clone().ok_or_else(|| {
-        Failure::failed(format!(
+        CommandError::failed(format!(
             "{found}: expected an emulator with a control interface; start it without --control off"
         ))
     })
@@ -21,12 +21,12 @@ pub fn control(at: Option<&str>) -> Result<String, Failure> {
 ///
 /// # Errors
 /// None or several, or none of its links can be opened beside it.
-pub fn link() -> Result<String, Failure> {
+pub fn link() -> Result<String, CommandError> {
     let found = find(None)?;
     // Of a pty another reader takes bytes; a serial port has its other end elsewhere.
     let link = ["tcp", "can", "pty"].iter().find_map(|kind| found.links.iter().find(|(own, _)| own == kind));
     let (_, address) = link.ok_or_else(|| {
-        Failure::failed(format!("{found}: expected a link that can be opened from here: --tcp, --can or --pty"))
+        CommandError::failed(format!("{found}: expected a link that can be opened from here: --tcp, --can or --pty"))
     })?;
     Ok(address.replace(' ', ":"))
 }
@@ -48,21 +48,21 @@ pub fn say_link(link: &str) {
     }
 }
 
-fn find(at: Option<&str>) -> Result<Running, Failure> {
-    let all = running::all().map_err(Failure::failed)?;
+fn find(at: Option<&str>) -> Result<Running, CommandError> {
+    let all = running::all().map_err(CommandError::failed)?;
     let listed = |all: &[Running]| all.iter().map(|running| format!("\n  {running}")).collect::<String>();
     let mut meant: Vec<Running> =
         all.iter().filter(|running| at.is_none_or(|link| running.has_link(link))).cloned().collect();
     match (meant.len(), at) {
         (1, _) => Ok(meant.remove(0)),
-        (0, _) if all.is_empty() => Err(Failure::failed(
+        (0, _) if all.is_empty() => Err(CommandError::failed(
             "expected a running emulator, got none; start one with geu run, or name its control interface with --control ADDRESS",
         )),
-        (0, Some(link)) => Err(Failure::input(format!(
+        (0, Some(link)) => Err(CommandError::input(format!(
             "--at {link}: expected a link of a running emulator, of these:{}",
             listed(&all)
         ))),
-        (count, _) => Err(Failure::input(format!(
+        (count, _) => Err(CommandError::input(format!(
             "expected one running emulator, got {count}; name one of its links or its control interface:{}",
             listed(&meant)
         ))),

@@ -1,9 +1,9 @@
 //! `geu selftest`: the paper's numbers, measured again.
 
 use clap::Args;
-use geu_selftest::{Claim, Expected, LIMIT_SIGMA, Result, experiments, measure};
+use geu_selftest::{PublishedValue, Expected, LIMIT_SIGMA, ClaimCheck, experiments, measure};
 
-use crate::failure::{Failure, say};
+use crate::failure::{CommandError, say};
 
 /// Simulates and measures every number that the paper prints; fails when one is off.
 #[derive(Args, Debug)]
@@ -20,7 +20,7 @@ pub struct Arguments {
 ///
 /// # Errors
 /// A number that is off.
-pub fn run(arguments: &Arguments) -> std::result::Result<(), Failure> {
+pub fn run(arguments: &Arguments) -> std::result::Result<(), CommandError> {
     let (mut measured, mut off) = (0, 0);
     for index in 0..arguments.seeds {
         let seed = arguments.seed.wrapping_add(index);
@@ -36,7 +36,7 @@ pub fn run(arguments: &Arguments) -> std::result::Result<(), Failure> {
             "unit"
         )?;
         for experiment in experiments().filter(|experiment| experiment.noise || index == 0) {
-            for result in measure(experiment, seed, &[]).map_err(Failure::failed)? {
+            for result in measure(experiment, seed, &[]).map_err(CommandError::failed)? {
                 print_row(&result)?;
                 measured += 1;
                 off += u32::from(!result.holds());
@@ -45,14 +45,14 @@ pub fn run(arguments: &Arguments) -> std::result::Result<(), Failure> {
         say!()?;
     }
     if off > 0 {
-        return Err(Failure::failed(format!("{off} of {measured} numbers off by more than {LIMIT_SIGMA} sigma")));
+        return Err(CommandError::failed(format!("{off} of {measured} numbers off by more than {LIMIT_SIGMA} sigma")));
     }
     say!("{measured} numbers, all within {LIMIT_SIGMA} sigma")?;
     Ok(())
 }
 
-fn print_row(result: &Result) -> std::result::Result<(), Failure> {
-    let Result { claim: Claim { what, source, expected, unit }, measured } = result;
+fn print_row(result: &ClaimCheck) -> std::result::Result<(), CommandError> {
+    let ClaimCheck { claim: PublishedValue { what, source, expected, unit }, measured } = result;
     // Two digits of sigma; what has none is exact.
     let decimals =
         if measured.sigma > 0.0 { (1.0 - measured.sigma.log10().floor()).clamp(0.0, 9.0) as usize } else { 0 };

@@ -7,12 +7,12 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 use geu_daemon::link::{CanAddress, SerialAddress};
-use geu_protocol::command::{self, COMMANDS, Outcome};
+use geu_protocol::command::{self, COMMANDS, CommandResult};
 use geu_protocol::suggestion::did_you_mean;
-use geu_protocol::{HalfSecond, Reply};
+use geu_protocol::{Sample, Reply};
 use geu_recording::{CommandLink, POLL};
 
-use crate::failure::{Failure, print};
+use crate::failure::{CommandError, print};
 use crate::running;
 
 /// Sends a command to the unit by name and prints the decoded reply: geu send /tmp/geu0 SET_MODE polled
@@ -41,7 +41,7 @@ pub struct Arguments {
 ///
 /// # Errors
 /// Bad usage, a link that cannot be opened, no reply in time, a reply that does not say done.
-pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     if arguments.list {
         return print(format_args!("{}", table()));
     }
@@ -54,28 +54,28 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let give_up = Instant::now() + Duration::from_secs_f64(arguments.timeout);
     let (reply, polled) = open(link)?
         .ask(&payload, give_up)
-        .map_err(|error| Failure::failed(format!("{link}: {error}; is the unit still there?")))?;
+        .map_err(|error| CommandError::failed(format!("{link}: {error}; is the unit still there?")))?;
     let Some(reply) = reply else {
         let waited = arguments.timeout;
-        return Err(Failure::failed(format!("{link}: no reply within {waited} s; expected one within 20 ms")));
+        return Err(CommandError::failed(format!("{link}: no reply within {waited} s; expected one within 20 ms")));
     };
     let printed = print(format_args!("{}", describe(&reply, polled.as_ref())));
-    if reply.outcome() != Outcome::Done {
-        return Err(Failure::failed(format!(
+    if reply.outcome() != CommandResult::Done {
+        return Err(CommandError::failed(format!(
             "the unit answered {}: {}",
             reply.outcome() as u8,
             reply.outcome().text()
         )));
     }
     if reply.opcode() == POLL && polled.is_none() {
-        return Err(Failure::failed(format!("{link}: the polled data did not follow within {} s", arguments.timeout)));
+        return Err(CommandError::failed(format!("{link}: the polled data did not follow within {} s", arguments.timeout)));
     }
     printed
 }
 
 impl Arguments {
     /// The link, where one is named, and the payload.
-    fn split(&self) -> Result<(Option<&str>, Vec<u8>), Failure> {
+    fn split(&self) -> Result<(Option<&str>, Vec<u8>), CommandError> {
         if let Some(hex) = &self.raw {
             return Ok((self.link.as_deref(), raw_payload(hex)?));
         }
@@ -90,12 +90,12 @@ impl Arguments {
                 let got = word.as_deref().unwrap_or("nothing");
                 let names = COMMANDS.iter().map(|spec| spec.name);
                 let hint = word.as_ref().map(|word| did_you_mean(word, names)).unwrap_or_default();
-                return Err(Failure::input(format!(
+                return Err(CommandError::input(format!(
                     "{hint}expected [LINK] COMMAND [ARGUMENTS], such as geu send /tmp/geu0 PING, got {got}; geu send --list shows the commands"
                 )));
             }
         };
-        Ok((link, command::written(name, &values).map_err(Failure::input)?))
+        Ok((link, command::written(name, &values).map_err(CommandError::input)?))
     }
 }
 
@@ -112,13 +112,13 @@ fn table() -> String {
     text
 }
 
-fn raw_payload(hex: &str) -> Result<Vec<u8>, Failure> {
+fn raw_payload(hex: &str) -> Result<Vec<u8>, CommandError> {
     command::from_hex(hex).ok_or_else(|| {
-        Failure::input(format!("--raw: expected 1 to 8 bytes, two hexadecimal digits each, got {hex:?}"))
+        CommandError::input(format!("--raw: expected 1 to 8 bytes, two hexadecimal digits each, got {hex:?}"))
     })
 }
 
-fn describe(reply: &Reply, polled: Option<&HalfSecond>) -> String {
+fn describe(reply: &Reply, polled: Option<&Sample>) -> String {
     let spec = COMMANDS.iter().find(|spec| spec.opcode == reply.opcode());
     let name = spec.map_or_else(|| format!("{:02X}", reply.opcode()), |spec| spec.name.to_owned());
     let mut text = format!("{name}: {}", reply.outcome().text());
@@ -150,8 +150,8 @@ fn describe(reply: &Reply, polled: Option<&HalfSecond>) -> String {
 }
 
 /// The link of this name, opened for commands.
-fn open(link: &str) -> Result<CommandLink, Failure> {
-    let fail = |error: io::Error, expected: &str| Failure::input(format!("{link}: {error}; expected {expected}"));
+fn open(link: &str) -> Result<CommandLink, CommandError> {
+    let fail = |error: io::Error, expected: &str| CommandError::input(format!("{link}: {error}; expected {expected}"));
     let serial: Option<SerialAddress> = link.parse().ok();
     if let Some(serial) = serial.filter(|serial| Path::new(&serial.device).exists()) {
         let opened = CommandLink::serial(Path::new(&serial.device), serial.baud);
@@ -161,14 +161,14 @@ fn open(link: &str) -> Result<CommandLink, Failure> {
     if let Some(address) = address.or(Some(link).filter(|link| is_host_and_port(link))) {
         let address = address.to_socket_addrs().ok().and_then(|mut all| all.next());
         let address =
-            address.ok_or_else(|| Failure::input(format!("{link}: expected HOST:PORT that can be resolved")))?;
+            address.ok_or_else(|| CommandError::input(format!("{link}: expected HOST:PORT that can be resolved")))?;
         return CommandLink::tcp(&address)
             .map_err(|error| fail(error, "a unit that listens there: geu run --tcp HOST:PORT"));
     }
     if link.contains('/') {
-        return Err(Failure::input(format!("{link}: no such device; expected the path that `geu run` tells as ready")));
+        return Err(CommandError::input(format!("{link}: no such device; expected the path that `geu run` tells as ready")));
     }
-    let address: CanAddress = link.parse().map_err(|error| Failure::input(format!("{link}: {error}")))?;
+    let address: CanAddress = link.parse().map_err(|error| CommandError::input(format!("{link}: {error}")))?;
     CommandLink::can(&address.interface, address.plan)
         .map_err(|error| fail(error, "a path, HOST:PORT, or a CAN interface that `ip link` shows"))
 }

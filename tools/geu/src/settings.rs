@@ -6,19 +6,19 @@ use std::sync::Arc;
 use clap::{Args, ValueEnum};
 use geu_daemon::recorder;
 use geu_daemon::truth::{ExternalTruth, TruthAddress, received};
-use geu_model::configuration::{WireForm, unix_ns};
-use geu_model::fault::asks_in_vain;
+use geu_model::configuration::{LinkLogFormat, unix_ns};
+use geu_model::fault::unsatisfiable_condition;
 use geu_model::units::{duration_s, on_board_s};
-use geu_model::{Configuration, Truth, Unit};
-use geu_protocol::CanPlan;
-use geu_recording::{REFERENCE, Reference, TableError, open_rows};
+use geu_model::{Configuration, Truth, GyroUnit};
+use geu_protocol::CanIdMap;
+use geu_recording::{REFERENCE, ReferenceAttitude, TableError, open_rows};
 use geu_report::Provenance;
 
-use crate::failure::Failure;
+use crate::failure::CommandError;
 
 /// Configuration and overrides.
 #[derive(Args, Debug, Clone, Default)]
-pub struct Settings {
+pub struct ConfigArgs {
     /// Configuration file (TOML, may be .gz or .zst); without it the reference unit on its default scenario
     pub config: Option<PathBuf>,
     /// Overrides a value of the configuration: gyro.GYRX.drift.arcsec_per_h=10, manoeuvre.0.duration_s=60
@@ -37,9 +37,9 @@ pub struct NamedSettings {
     pub overrides: Vec<String>,
 }
 
-impl From<&NamedSettings> for Settings {
-    fn from(named: &NamedSettings) -> Settings {
-        Settings { config: named.config.clone(), overrides: named.overrides.clone() }
+impl From<&NamedSettings> for ConfigArgs {
+    fn from(named: &NamedSettings) -> ConfigArgs {
+        ConfigArgs { config: named.config.clone(), overrides: named.overrides.clone() }
     }
 }
 
@@ -57,12 +57,12 @@ pub fn duration(least_s: f64, greatest_s: f64) -> impl Fn(&str) -> Result<f64, S
     move |text| duration_s(text, least_s, greatest_s)
 }
 
-pub fn can_base(text: &str) -> Result<CanPlan, String> {
+pub fn can_base(text: &str) -> Result<CanIdMap, String> {
     let digits = text.strip_prefix("0x").unwrap_or(text);
-    let max = CanPlan::MAX_BASE;
+    let max = CanIdMap::MAX_BASE;
     u16::from_str_radix(digits, 16)
         .ok()
-        .and_then(CanPlan::with_base)
+        .and_then(CanIdMap::with_base)
         .ok_or_else(|| format!("expected a hexadecimal identifier from 0 to {max:X}, got {text}"))
 }
 
@@ -74,9 +74,9 @@ pub fn start(text: &str) -> Result<f64, String> {
 
 /// What a run takes beside its configuration.
 #[derive(Args, Debug, Clone, Default)]
-pub struct RunSettings {
+pub struct RunArgs {
     #[command(flatten)]
-    pub settings: Settings,
+    pub settings: ConfigArgs,
     /// Seed of every random stream, in place of the configuration's
     #[arg(long, allow_negative_numbers = true, value_parser = seed)]
     pub seed: Option<u64>,
@@ -94,7 +94,7 @@ pub struct RunSettings {
 }
 
 /// A run that is ready to begin.
-pub struct ReadyRun {
+pub struct PreparedRun {
     /// Its configuration, with seed, start and truth put in.
     pub configuration: Configuration,
     /// What moves the unit.
@@ -111,21 +111,21 @@ pub struct LiveTruth {
     pub source: Arc<ExternalTruth>,
 }
 
-impl ReadyRun {
+impl PreparedRun {
     /// Half seconds to run: as many as `asked`, and all that a truth from a file covers where nothing is asked. Nothing
     /// where neither sets an end.
     ///
     /// # Errors
     /// A file that does not cover what is asked.
-    pub fn half_seconds(&self, asked: Option<u64>) -> Result<Option<u64>, Failure> {
+    pub fn half_seconds(&self, asked: Option<u64>) -> Result<Option<u64>, CommandError> {
         let end_s = match &self.truth {
             Truth::Recorded(rows) => rows.end_s(),
             Truth::Stepped(pieces) if self.live.is_none() => pieces.end_s(),
             Truth::Scenario | Truth::Stepped(_) => return Ok(asked),
         };
-        let covered = Unit::half_seconds_within(&self.configuration, &self.truth, asked.unwrap_or(u64::MAX));
+        let covered = GyroUnit::half_seconds_within(&self.configuration, &self.truth, asked.unwrap_or(u64::MAX));
         match asked {
-            Some(asked) if covered < asked => Err(Failure::input(format!(
+            Some(asked) if covered < asked => Err(CommandError::input(format!(
                 "{}: expected a truth that covers the run of {} s, got one of {} s, enough for {} s",
                 self.configuration.run.truth.as_deref().unwrap_or_default(),
                 on_board_s(asked),
@@ -140,35 +140,35 @@ impl ReadyRun {
 
 /// Form of the link on disk.
 #[derive(ValueEnum, Debug, Clone, Copy)]
-pub enum Wire {
+pub enum LinkFile {
     /// link.log, as `candump -l` writes
     Can,
     /// link.bin, the serial bytes
     Serial,
 }
 
-impl From<Wire> for WireForm {
-    fn from(wire: Wire) -> WireForm {
+impl From<LinkFile> for LinkLogFormat {
+    fn from(wire: LinkFile) -> LinkLogFormat {
         match wire {
-            Wire::Can => WireForm::Can,
-            Wire::Serial => WireForm::Serial,
+            LinkFile::Can => LinkLogFormat::Can,
+            LinkFile::Serial => LinkLogFormat::Serial,
         }
     }
 }
 
-impl Wire {
+impl LinkFile {
     /// The form that a simulated run has: the one asked for, else the form recorded, else `link.log`.
-    pub fn form(asked: Option<Wire>, configuration: &Configuration) -> WireForm {
-        asked.map(WireForm::from).or(configuration.run.wire).unwrap_or_default()
+    pub fn form(asked: Option<LinkFile>, configuration: &Configuration) -> LinkLogFormat {
+        asked.map(LinkLogFormat::from).or(configuration.run.wire).unwrap_or_default()
     }
 }
 
-impl Settings {
+impl ConfigArgs {
     /// Reads it.
     ///
     /// # Errors
     /// A file that cannot be read, or whatever is wrong in it.
-    pub fn read(&self) -> Result<Configuration, Failure> {
+    pub fn read(&self) -> Result<Configuration, CommandError> {
         match &self.config {
             None => Configuration::reference_with(&self.overrides),
             Some(_) => {
@@ -176,21 +176,21 @@ impl Settings {
                 Configuration::parse(&name, &text, &self.overrides)
             }
         }
-        .map_err(Failure::input)
+        .map_err(CommandError::input)
     }
 
     /// Its name and text, without the overrides.
     ///
     /// # Errors
     /// A file that cannot be read.
-    pub fn text(&self) -> Result<(String, String), Failure> {
+    pub fn text(&self) -> Result<(String, String), CommandError> {
         let Some(path) = &self.config else {
             return Ok(("the reference unit".to_owned(), Configuration::reference_text().to_owned()));
         };
         let name = path.display().to_string();
         match geu_recording::read_text(path) {
             Ok(text) => Ok((name, text)),
-            Err(error) => Err(Failure::input(format!(
+            Err(error) => Err(CommandError::input(format!(
                 "{name}: cannot be read: {error}; expected a configuration, as `geu config show` prints"
             ))),
         }
@@ -200,7 +200,7 @@ impl Settings {
     ///
     /// # Errors
     /// A configuration that cannot be read.
-    pub fn provenance(&self, inputs: Vec<(&'static str, String)>) -> Result<Provenance<'_>, Failure> {
+    pub fn provenance(&self, inputs: Vec<(&'static str, String)>) -> Result<Provenance<'_>, CommandError> {
         let (name, text) = self.text()?;
         let configuration = (name, text, &self.overrides[..]);
         Ok(Provenance { command: command_line(), version: crate::VERSION.as_str(), inputs, configuration })
@@ -219,17 +219,17 @@ fn command_line() -> String {
     quoted.collect::<Vec<_>>().join(" ")
 }
 
-impl RunSettings {
+impl RunArgs {
     /// Reads the configuration, puts seed, start and truth in, and reads the truth.
     ///
     /// # Errors
     /// As [`Settings::read`], a start that is no time, a truth that cannot be read.
-    pub fn read(&self) -> Result<ReadyRun, Failure> {
+    pub fn read(&self) -> Result<PreparedRun, CommandError> {
         let mut configuration = self.settings.read()?;
         let is_unfinished = configuration.run.is_unfinished;
         if let (true, Some(path)) = (is_unfinished, &self.settings.config) {
             let directory = path.parent().unwrap_or(Path::new(""));
-            recorder::complete(&mut configuration, directory).map_err(Failure::input)?;
+            recorder::complete(&mut configuration, directory).map_err(CommandError::input)?;
         }
         if let Some(seed) = self.seed {
             configuration.seed = seed;
@@ -251,7 +251,7 @@ impl RunSettings {
         let (truth, live) = match name {
             None => (Truth::Scenario, None),
             Some(name) if TruthAddress::is_meant(&name) => {
-                let address: TruthAddress = name.parse().map_err(Failure::input)?;
+                let address: TruthAddress = name.parse().map_err(CommandError::input)?;
                 let source = ExternalTruth::new(address.clone(), configuration.truth);
                 (source.truth(), Some(LiveTruth { address, source }))
             }
@@ -260,9 +260,9 @@ impl RunSettings {
         let (faults, expectations) = (&configuration.faults, &configuration.expectations);
         // Of a simulator its first sample says what it tells.
         let untold = if live.is_some() { &[] } else { truth.motion(&configuration, 0.0).untold() };
-        match asks_in_vain(faults, expectations, "the truth of this run", untold) {
-            Some(why) => Err(Failure::input(why)),
-            None => Ok(ReadyRun { configuration, truth, live }),
+        match unsatisfiable_condition(faults, expectations, "the truth of this run", untold) {
+            Some(why) => Err(CommandError::input(why)),
+            None => Ok(PreparedRun { configuration, truth, live }),
         }
     }
 }
@@ -271,17 +271,17 @@ impl RunSettings {
 ///
 /// # Errors
 /// A file that cannot be read, that is no plan, or has neither.
-pub fn add_plan(configuration: &mut Configuration, path: &Path) -> Result<(), Failure> {
+pub fn add_plan(configuration: &mut Configuration, path: &Path) -> Result<(), CommandError> {
     let name = path.display().to_string();
     let expected = "expected a plan with [[fault]] or [[expect]], as in configs/faults.toml";
     let text = geu_recording::read_text(path)
-        .map_err(|error| Failure::input(format!("{name}: cannot be read: {error}; {expected}")))?;
+        .map_err(|error| CommandError::input(format!("{name}: cannot be read: {error}; {expected}")))?;
     let count = |all: &Configuration| all.faults.len() + all.expectations.len();
     let before = count(configuration);
-    configuration.add_plan(&name, &text).map_err(Failure::input)?;
+    configuration.add_plan(&name, &text).map_err(CommandError::input)?;
     match count(configuration) > before {
         true => Ok(()),
-        false => Err(Failure::input(format!("{name}: {expected}, got neither"))),
+        false => Err(CommandError::input(format!("{name}: {expected}, got neither"))),
     }
 }
 
@@ -292,25 +292,25 @@ fn beside(config: &Path, name: &str) -> String {
 }
 
 /// A truth from a file, whichever kind it is; that of an unfinished run may end within a row.
-fn truth_of_file(name: &str, is_unfinished: bool) -> Result<Truth, Failure> {
-    let failed = |error| Failure::input(TableError::read(name, REFERENCE)(error));
+fn truth_of_file(name: &str, is_unfinished: bool) -> Result<Truth, CommandError> {
+    let failed = |error| CommandError::input(TableError::read(name, REFERENCE)(error));
     let mut rows = open_rows(Path::new(name)).map_err(failed)?;
     let head = rows.first_lines().map_err(failed)?;
     if head.first().is_some_and(|line| received::is_received(line)) {
         let lines = if is_unfinished { rows.lines().of_unfinished() } else { rows.lines() };
-        return Ok(Truth::Stepped(Arc::new(received::parse(name, lines).map_err(Failure::input)?)));
+        return Ok(Truth::Stepped(Arc::new(received::parse(name, lines).map_err(CommandError::input)?)));
     }
-    Ok(Truth::Recorded(Reference::of_rows(name, rows).map_err(Failure::input)?.truth))
+    Ok(Truth::Recorded(ReferenceAttitude::of_rows(name, rows).map_err(CommandError::input)?.truth))
 }
 
 /// Half seconds of on-board time in `duration_s`.
 ///
 /// # Errors
 /// A duration that is none.
-pub fn half_seconds(duration_s: f64) -> Result<u64, Failure> {
+pub fn half_seconds(duration_s: f64) -> Result<u64, CommandError> {
     if duration_s > 0.0 && duration_s <= LONGEST_S {
         Ok((duration_s * 2.0).ceil() as u64)
     } else {
-        Err(Failure::input(format!("--duration: expected more than 0 seconds and at most 1e10, got {duration_s}")))
+        Err(CommandError::input(format!("--duration: expected more than 0 seconds and at most 1e10, got {duration_s}")))
     }
 }

@@ -7,23 +7,23 @@ use clap::Args;
 use geu_daemon::recorder::{self, Destination, FILES, Recorder};
 use geu_daemon::simulate::simulate;
 use geu_files::interruption::stop_flag;
-use geu_model::attitude::Plan;
+use geu_model::attitude::AttitudeProfile;
 use geu_model::units::on_board_s;
 use geu_model::{Configuration, Truth};
 use geu_report::figures;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::expectations;
-use crate::failure::{Failure, note};
+use crate::failure::{CommandError, note};
 use crate::outputs::{OutputDirectory, write};
 use crate::overwriting::Force;
-use crate::settings::{LONGEST_S, LiveTruth, RunSettings, Wire, half_seconds};
+use crate::settings::{LONGEST_S, LiveTruth, RunArgs, LinkFile, half_seconds};
 
 /// Runs the model without links, as fast as possible, and writes what a run records.
 #[derive(Args, Debug)]
 pub struct Arguments {
     #[command(flatten)]
-    run: RunSettings,
+    run: RunArgs,
     /// Directory to write into, new or empty; made if it is not there
     #[arg(long, value_name = "DIRECTORY", required_unless_present = "svg")]
     out: Option<OutputDirectory>,
@@ -37,9 +37,9 @@ pub struct Arguments {
     duration: Option<f64>,
     /// Form of the link [default: the recorded form, else can]
     #[arg(long)]
-    wire: Option<Wire>,
+    wire: Option<LinkFile>,
     #[command(flatten)]
-    expectations: expectations::Report,
+    expectations: expectations::ExpectationReport,
 }
 
 /// Carries it out.
@@ -47,11 +47,11 @@ pub struct Arguments {
 /// # Errors
 /// A configuration that cannot be run, a truth that does not cover the run, a scenario without end and no duration, files that cannot be written,
 /// an expectation that was not met, SIGINT or SIGTERM before the end.
-pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     let svg = arguments.svg.as_ref().map(|svg| svg.prepare(arguments.force, figures::names())).transpose()?;
     let ready = arguments.run.read()?;
     if let Some(LiveTruth { address, .. }) = &ready.live {
-        return Err(Failure::input(format!(
+        return Err(CommandError::input(format!(
             "--truth {address}: expected a file or scenario, got a truth that is told while the unit runs; it needs geu run"
         )));
     }
@@ -70,32 +70,32 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let Some((out, destination)) = out else { return draw_figures() };
     let recorded_s = Some(configuration.run.duration_s).filter(|&duration_s| duration_s > 0.0);
     let scenario_s = || match ready.truth {
-        Truth::Scenario => Plan::length_s(&configuration.scenario),
+        Truth::Scenario => AttitudeProfile::length_s(&configuration.scenario),
         Truth::Recorded(_) | Truth::Stepped(_) => None,
     };
     let duration_s = arguments.duration.or(recorded_s).or_else(scenario_s);
     let count = ready.half_seconds(duration_s.map(half_seconds).transpose()?)?.ok_or_else(|| {
-        Failure::input("the scenario has no end of its own: expected --duration DURATION, such as 90, 10m or 2h")
+        CommandError::input("the scenario has no end of its own: expected --duration DURATION, such as 90, 10m or 2h")
     })?;
-    let wire = Wire::form(arguments.wire, configuration);
+    let wire = LinkFile::form(arguments.wire, configuration);
     if let Some(reason) = recorder::misses(configuration, wire) {
-        return Err(Failure::input(format!("{reason}; name its `link`, or record another --wire")));
+        return Err(CommandError::input(format!("{reason}; name its `link`, or record another --wire")));
     }
     let mut recorder = Recorder::create(&destination, configuration, &ready.truth, wire, &[])?;
-    let stop = stop_flag().map_err(|error| Failure::failed(format!("signals cannot be watched: {error}")))?;
+    let stop = stop_flag().map_err(|error| CommandError::failed(format!("signals cannot be watched: {error}")))?;
     let style = ProgressStyle::with_template("{bar:40} {percent:>3} %  {elapsed} so far, {eta} left");
     let bar = ProgressBar::new(count).with_style(style.expect("a template"));
     let faults = simulate(configuration, &ready.truth, count, &mut recorder, |done| {
         bar.set_position(done);
         !stop.load(Relaxed)
     })
-    .map_err(Failure::failed)?;
+    .map_err(CommandError::failed)?;
     bar.finish_and_clear();
     let half_seconds = recorder.half_seconds();
-    recorder.finish().map_err(Failure::failed)?;
+    recorder.finish().map_err(CommandError::failed)?;
     let (recorded_s, asked_s, out) = (on_board_s(half_seconds), on_board_s(count), out.display());
     if half_seconds < count {
-        return Err(Failure::failed(format!(
+        return Err(CommandError::failed(format!(
             "interrupted after {recorded_s} s of {asked_s} s: {out} is a whole recording of these"
         )));
     }
@@ -105,8 +105,8 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 /// Writes every figure of the unit into a directory, which is made if it is not there.
-fn draw(directory: &Path, configuration: &Configuration) -> Result<(), Failure> {
-    let failed = |error| Failure::failed(format!("cannot write {}: {error}", directory.display()));
+fn draw(directory: &Path, configuration: &Configuration) -> Result<(), CommandError> {
+    let failed = |error| CommandError::failed(format!("cannot write {}: {error}", directory.display()));
     std::fs::create_dir_all(directory).map_err(failed)?;
     for (name, text) in figures::figures(configuration) {
         let path = directory.join(name);

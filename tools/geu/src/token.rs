@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use crate::failure::Failure;
+use crate::failure::CommandError;
 
 /// Longest token, byte.
 const LONGEST: u64 = 1024;
@@ -27,12 +27,12 @@ impl Token {
     ///
     /// # Errors
     /// A file that cannot be read, a token that no header can carry.
-    pub fn read(&self) -> Result<Option<String>, Failure> {
+    pub fn read(&self) -> Result<Option<String>, CommandError> {
         let (place, token) = match &self.control_token_file {
             Some(path) => {
                 let place = format!("--control-token-file {}", path.display());
                 let token = first(path).map_err(|error| {
-                    Failure::input(format!(
+                    CommandError::input(format!(
                         "{place}: cannot be read: {error}; expected a file with a token on one line"
                     ))
                 })?;
@@ -48,7 +48,7 @@ impl Token {
         if is_plain {
             return Ok(Some(token));
         }
-        Err(Failure::input(format!(
+        Err(CommandError::input(format!(
             "{place}: expected a token of 1 to {LONGEST} visible ASCII characters without blanks, got {} bytes of another kind",
             token.len()
         )))

@@ -5,16 +5,16 @@ use std::path::PathBuf;
 use std::slice;
 
 use clap::{Args, ValueEnum};
-use geu_calibration::redundancy::Difference;
-use geu_calibration::{Believed, Choice, Event, Track, Tracker};
+use geu_calibration::redundancy::ParityResidual;
+use geu_calibration::{PriorCalibration, GyroSelection, TrackerEvent, Track, Tracker};
 use geu_model::Configuration;
 use geu_model::units::{ARCSEC_PER_DEG, ARCSEC_PER_RAD};
-use geu_recording::{Defect, Row, Sink, read_text};
+use geu_recording::{Defect, ReceivedSample, Sink, read_text};
 use geu_report::rows::{TRACK_COLUMNS, TrackFormat, instant, track_difference, write_track};
 use nalgebra::{Quaternion, UnitQuaternion};
 
-use crate::decode::{BUFFER, Output, Reading, gives_rows, is_refused, note_elsewhere};
-use crate::failure::{Failure, note};
+use crate::decode::{BUFFER, OutputWriter, InputArgs, gives_rows, is_refused, note_elsewhere};
+use crate::failure::{CommandError, note};
 use crate::outputs::OutputFile;
 
 /// Applies a calibration to a link (eq 3): increments about the control axes and attitude, every half second.
@@ -49,7 +49,7 @@ pub struct Arguments {
     #[arg(long, value_name = "FILE")]
     out: Option<OutputFile>,
     #[command(flatten)]
-    reading: Reading,
+    reading: InputArgs,
     /// Exit with 1 when the attitude lacks half seconds, the redundant gyros differed, or there were defects.
     #[arg(long)]
     strict: bool,
@@ -70,13 +70,13 @@ enum Gyros {
     Auto,
 }
 
-impl From<Gyros> for Choice {
-    fn from(gyros: Gyros) -> Choice {
+impl From<Gyros> for GyroSelection {
+    fn from(gyros: Gyros) -> GyroSelection {
         match gyros {
-            Gyros::Za => Choice::Za,
-            Gyros::Zb => Choice::Zb,
-            Gyros::All => Choice::All,
-            Gyros::Auto => Choice::Auto,
+            Gyros::Za => GyroSelection::Za,
+            Gyros::Zb => GyroSelection::Zb,
+            Gyros::All => GyroSelection::All,
+            Gyros::Auto => GyroSelection::Auto,
         }
     }
 }
@@ -110,22 +110,22 @@ fn attitude(text: &str) -> Result<UnitQuaternion<f64>, String> {
     }
 }
 
-fn believed(arguments: &Arguments) -> Result<Believed, Failure> {
+fn believed(arguments: &Arguments) -> Result<PriorCalibration, CommandError> {
     let Some(path) = &arguments.config else {
-        let configuration = Configuration::reference_with(&arguments.overrides).map_err(Failure::input)?;
-        return Ok(Believed::from(&configuration));
+        let configuration = Configuration::reference_with(&arguments.overrides).map_err(CommandError::input)?;
+        return Ok(PriorCalibration::from(&configuration));
     };
     let name = path.display().to_string();
     let text = read_text(path).map_err(|error| {
-        Failure::input(format!(
+        CommandError::input(format!(
             "{name}: cannot be read: {error}; expected a configuration, or JSON as `geu calibrate --json` writes it"
         ))
     })?;
-    Believed::parse(&name, &text, &arguments.overrides).map_err(Failure::input)
+    PriorCalibration::parse(&name, &text, &arguments.overrides).map_err(CommandError::input)
 }
 
 /// Tracks.
-pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     let believed = believed(arguments)?;
     let is_watched = arguments.out.is_none() && stdout().is_terminal();
     let format = match arguments.format {
@@ -156,7 +156,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         return Err(failure);
     }
     if gives_rows(&result) {
-        Output::finish(writer.output.take())?;
+        OutputWriter::finish(writer.output.take())?;
     }
     let (statistics, defects) = (&writer.statistics, summary.account.defect_count());
     if !arguments.quiet && result.is_ok() {
@@ -170,7 +170,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     arguments.reading.note_no_rows(&summary);
     let is_complete = statistics.last.as_ref().is_some_and(|last| last.is_complete);
     match arguments.strict && (!is_complete || statistics.alarms > 0 || defects > 0) {
-        true => Err(Failure::failed(format!(
+        true => Err(CommandError::failed(format!(
             "--strict: attitude {}, {} redundancy alarms, {defects} defects",
             if is_complete { "complete" } else { "not complete" },
             statistics.alarms
@@ -189,7 +189,7 @@ struct Statistics {
     losses: u64,
     alarms: u64,
     /// The largest accumulated difference of the redundant pair, and when.
-    largest: Option<(Difference, String)>,
+    largest: Option<(ParityResidual, String)>,
     last: Option<Track>,
 }
 
@@ -232,9 +232,9 @@ struct Writer<'a> {
     format: TrackFormat,
     tracker: Tracker,
     /// There once the link could be opened.
-    output: Option<Output>,
+    output: Option<OutputWriter>,
     /// Why nothing can be written any more.
-    broken: Option<Failure>,
+    broken: Option<CommandError>,
     statistics: Statistics,
 }
 
@@ -242,7 +242,7 @@ impl Writer<'_> {
     fn tell(&mut self, track: &Track) {
         for event in &track.events {
             match event {
-                Event::Lost { .. } | Event::Again { .. } | Event::Switched(_) => {
+                TrackerEvent::Lost { .. } | TrackerEvent::Again { .. } | TrackerEvent::Switched(_) => {
                     self.statistics.losses += 1;
                     match self.statistics.losses {
                         MOST_LOSSES => note(format_args!("geu: more such stand in the column notes\n")),
@@ -250,8 +250,8 @@ impl Writer<'_> {
                         _ => note(format_args!("geu: {}: {event}\n", instant(track))),
                     }
                 }
-                Event::Exceeds(..) | Event::Recovered(..) => {
-                    self.statistics.alarms += u64::from(matches!(event, Event::Exceeds(..)));
+                TrackerEvent::Exceeds(..) | TrackerEvent::Recovered(..) => {
+                    self.statistics.alarms += u64::from(matches!(event, TrackerEvent::Exceeds(..)));
                     note(format_args!("geu: {}: {event}\n", instant(track)));
                 }
             }
@@ -261,7 +261,7 @@ impl Writer<'_> {
 
 impl Sink for Writer<'_> {
     fn opened(&mut self) {
-        match Output::open(self.out) {
+        match OutputWriter::open(self.out) {
             Ok(mut output) => {
                 if self.format == TrackFormat::Csv {
                     output.buffer.extend_from_slice(TRACK_COLUMNS.join(",").as_bytes());
@@ -273,7 +273,7 @@ impl Sink for Writer<'_> {
         }
     }
 
-    fn row(&mut self, row: &Row) {
+    fn row(&mut self, row: &ReceivedSample) {
         let Some(track) = self.tracker.take(row) else { return };
         if let Some(output) = &mut self.output {
             write_track(self.format, &track, &mut output.buffer);

@@ -3,16 +3,16 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use geu_calibration::solve::{Parameter, values};
+use geu_calibration::solve::{CalibrationParameter, values};
 use geu_calibration::upkeep::{FORTNIGHT_S, PARAMETERS, summary};
-use geu_calibration::window::Window;
-use geu_calibration::{Attitude, Believed, Counts, Known, report, update};
+use geu_calibration::window::ManoeuvreWindow;
+use geu_calibration::{AttitudeSource, PriorCalibration, AccumulatedCounts, PriorAccuracy, report, update};
 use geu_model::Configuration;
 use geu_report::update::table;
 
-use crate::failure::{Failure, note, say};
+use crate::failure::{CommandError, note, say};
 use crate::outputs::{OutputFile, write_all};
-use crate::settings::Settings;
+use crate::settings::ConfigArgs;
 
 /// What an update takes beside a calibration.
 #[derive(Args, Debug)]
@@ -42,14 +42,14 @@ pub struct Results<'a> {
 /// A recording without suitable scans, files that cannot be read or written.
 pub fn run(
     arguments: &Update,
-    (settings, configuration): (&Settings, &Configuration),
-    counts: &Counts,
-    legs: Option<&[Window]>,
-    attitude: &Attitude,
+    (settings, configuration): (&ConfigArgs, &Configuration),
+    counts: &AccumulatedCounts,
+    legs: Option<&[ManoeuvreWindow]>,
+    attitude: &AttitudeSource,
     results: &Results,
-) -> Result<(), Failure> {
+) -> Result<(), CommandError> {
     let known = known(arguments, counts)?;
-    let upkeep = update(configuration, &known, counts, legs, attitude).map_err(Failure::input)?;
+    let upkeep = update(configuration, &known, counts, legs, attitude).map_err(CommandError::input)?;
     for line in summary(&upkeep.left_out) {
         note(format_args!("geu: left out: {line}\n"));
     }
@@ -58,30 +58,30 @@ pub fn run(
         let (name, text) = settings.text()?;
         let mut values = settings.overrides.clone();
         values.extend(report::overrides_of(PARAMETERS, &upkeep.calibrations));
-        outputs.push((file, Configuration::edited(&name, &text, &values).map_err(Failure::input)?));
+        outputs.push((file, Configuration::edited(&name, &text, &values).map_err(CommandError::input)?));
     }
     write_all(outputs)?;
     say!("{}", table(&upkeep))
 }
 
 /// How well the believed values are known, and since when; what is assumed is said.
-fn known(arguments: &Update, counts: &Counts) -> Result<Known, Failure> {
+fn known(arguments: &Update, counts: &AccumulatedCounts) -> Result<PriorAccuracy, CommandError> {
     let start_s = counts.start_ns as f64 * 1e-9;
-    let mut known = Known::by_checkout(start_s - FORTNIGHT_S);
+    let mut known = PriorAccuracy::by_checkout(start_s - FORTNIGHT_S);
     let mut at_s = arguments.calibrated;
     if let Some(path) = &arguments.known {
         let name = path.display();
         let text = geu_recording::read_text(path).map_err(|error| {
-            Failure::input(format!(
+            CommandError::input(format!(
                 "{name}: cannot be read: {error}; expected JSON as `geu calibrate --json` writes it"
             ))
         })?;
-        let told = Believed::parse(&name.to_string(), &text, &[]).map_err(Failure::input)?;
+        let told = PriorCalibration::parse(&name.to_string(), &text, &[]).map_err(CommandError::input)?;
         known.sigmas = values(&told.sigmas);
-        if let Some((parameter, _)) = Parameter::all().zip(known.sigmas).find(|(_, sigma)| *sigma <= 0.0) {
-            return Err(Failure::input(format!(
+        if let Some((parameter, _)) = CalibrationParameter::all().zip(known.sigmas).find(|(_, sigma)| *sigma <= 0.0) {
+            return Err(CommandError::input(format!(
                 "{name}: {}: expected a sigma, as `geu calibrate --json` writes one, got none",
-                parameter.words()
+                parameter.label()
             )));
         }
         let json = serde_json::from_str::<serde_json::Value>(&text).ok();
@@ -90,9 +90,9 @@ fn known(arguments: &Update, counts: &Counts) -> Result<Known, Failure> {
         note(format_args!(
             "geu: taken as known at the calibration: scale factors to {:.0} ppm, drifts to {:.0} arcsec/h, misalignments \
              to {:.0} arcsec, as a checkout gives them; --known FILE tells better\n",
-            Known::BY_CHECKOUT[0] * 1e6,
-            Known::BY_CHECKOUT[1] * 7200.0,
-            Known::BY_CHECKOUT[2]
+            PriorAccuracy::BY_CHECKOUT[0] * 1e6,
+            PriorAccuracy::BY_CHECKOUT[1] * 7200.0,
+            PriorAccuracy::BY_CHECKOUT[2]
         ));
     }
     match at_s {

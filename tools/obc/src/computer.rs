@@ -3,11 +3,11 @@
 //! Counts become increments by equation 3, increments an attitude, and a proportional-derivative law turns the spacecraft back
 //! to where it was at the start. The computer knows nothing but its gyros: an error of theirs it takes for the truth.
 
-use geu_calibration::{Believed, Choice, Tracker};
+use geu_calibration::{PriorCalibration, GyroSelection, Tracker};
 use geu_model::units::ARCSEC_PER_RAD;
 use geu_model::units::HALF_SECOND_S;
-use geu_protocol::HalfSecond;
-use geu_recording::Row;
+use geu_protocol::Sample;
+use geu_recording::ReceivedSample;
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::spacecraft::INERTIA_KG_M2;
@@ -20,17 +20,17 @@ const DAMPING: f64 = 1.0;
 const RATE_SHARE: f64 = 0.3;
 
 /// The control loop.
-pub struct Computer {
+pub struct AttitudeController {
     tracker: Tracker,
     rate_rad_s: Vector3<f64>,
     /// What it believes the pointing error to be, about the control axes.
     pub error_rad: Vector3<f64>,
 }
 
-impl Computer {
+impl AttitudeController {
     /// A loop that holds the attitude of the start, by gyros in use.
-    pub fn new(believed: &Believed, gyros: Choice) -> Computer {
-        Computer {
+    pub fn new(believed: &PriorCalibration, gyros: GyroSelection) -> AttitudeController {
+        AttitudeController {
             tracker: Tracker::new(believed, gyros, UnitQuaternion::identity()),
             rate_rad_s: Vector3::zeros(),
             error_rad: Vector3::zeros(),
@@ -38,8 +38,8 @@ impl Computer {
     }
 
     /// Takes a half second, and tells what is worth telling.
-    pub fn take(&mut self, half_second: HalfSecond) -> Vec<String> {
-        let row = Row { time: None, is_received: false, half_second, has_clock: true };
+    pub fn take(&mut self, half_second: Sample) -> Vec<String> {
+        let row = ReceivedSample { time: None, is_received: false, half_second, has_clock: true };
         let Some(track) = self.tracker.take(&row) else { return vec![] };
         self.error_rad = track.attitude.scaled_axis();
         if let Some(increment) = track.increment_control_arcsec {

@@ -14,8 +14,8 @@ use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use geu_process::EmulatorProcess;
-use geu_protocol::HalfSecond;
-use geu_protocol::serial::{Deframer, Found, Kind, read_data};
+use geu_protocol::Sample;
+use geu_protocol::serial::{Deframer, DeframerEvent, FrameType, read_data};
 use nix::sys::prctl::set_pdeathsig;
 use nix::sys::signal::Signal;
 use serde_json::Value;
@@ -49,7 +49,7 @@ pub struct Emulator {
 /// What one read of the link brought.
 struct Read {
     bytes: u64,
-    half_seconds: Vec<HalfSecond>,
+    half_seconds: Vec<Sample>,
 }
 
 /// A half second that ended in the unit.
@@ -57,7 +57,7 @@ pub struct Ended {
     /// Its index since the emulator's start.
     pub index: u64,
     /// What the link brought of it: nothing where a fault kept it silent.
-    pub half_seconds: Vec<HalfSecond>,
+    pub half_seconds: Vec<Sample>,
 }
 
 /// The program `geu` that was named, else the one beside this program.
@@ -155,8 +155,8 @@ impl Emulator {
         let report: Value = serde_json::from_slice(&datagram[..length]).map_err(|_| unreadable("JSON"))?;
         let whole = |key: &str| report[key].as_u64().ok_or_else(|| unreadable(key));
         let (index, sequence, bytes) = (whole("half_second")?, whole("sequence")?, self.bytes_of(&report["sent"])?);
-        let mut half_seconds: Vec<HalfSecond> = Vec::new();
-        let is_there = |half_seconds: &[HalfSecond]| {
+        let mut half_seconds: Vec<Sample> = Vec::new();
+        let is_there = |half_seconds: &[Sample]| {
             bytes == 0 || half_seconds.iter().any(|half_second| u64::from(half_second.sequence) == sequence)
         };
         // What a link brought before the first report was of half seconds before: they are known by their sequence.
@@ -255,7 +255,7 @@ fn listen(mut stream: Box<dyn io::Read + Send>) -> Receiver<Read> {
             rest.extend_from_slice(&chunk[..length]);
             let mut read = Read { bytes: length as u64, half_seconds: Vec::new() };
             let consumed = deframer.consume(&rest, &mut |found| {
-                if let Found::Frame { kind: Kind::Data, payload, .. } = found {
+                if let DeframerEvent::Frame { kind: FrameType::Data, payload, .. } = found {
                     read.half_seconds.push(read_data(payload));
                 }
             });

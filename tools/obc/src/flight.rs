@@ -8,13 +8,13 @@ use std::fmt::Write;
 use std::io::{self, Write as _};
 use std::sync::atomic::Ordering::Relaxed;
 
-use geu_calibration::noise::Walks;
-use geu_calibration::{Believed, Choice};
+use geu_calibration::noise::RandomWalks;
+use geu_calibration::{PriorCalibration, GyroSelection};
 use geu_files::interruption::stop_flag;
 use geu_model::units::ARCSEC_PER_RAD;
 use nalgebra::Vector3;
 
-use crate::computer::Computer;
+use crate::computer::AttitudeController;
 use crate::emulator::Emulator;
 use crate::spacecraft::Spacecraft;
 
@@ -31,7 +31,7 @@ const SIGMAS: f64 = 5.0;
 const QUARTER_US: u64 = 250_000;
 
 /// How a flight went.
-pub struct Flown {
+pub struct ClosedLoopResult {
     /// The largest true pointing error after the start had settled, arcsec, and when.
     pub worst_arcsec: f64,
     /// On-board time of it, s.
@@ -40,13 +40,13 @@ pub struct Flown {
 
 /// Pointing that is further off at the end of a flight was not held, arcsec: the loop's swing, and the walks of a gyro's angle
 /// and drift over so long.
-pub fn bound_arcsec(believed: &Believed, seconds: u32) -> f64 {
+pub fn bound_arcsec(believed: &PriorCalibration, seconds: u32) -> f64 {
     let flight = (0.0, f64::from(seconds));
-    let variance = |walks: &Walks| walks.angle_covariance(flight, flight) + walks.drift_covariance(flight, flight);
+    let variance = |walks: &RandomWalks| walks.angle_covariance(flight, flight) + walks.drift_covariance(flight, flight);
     SWING_ARCSEC + SIGMAS * believed.walks.iter().map(variance).fold(0.0, f64::max).sqrt()
 }
 
-struct Flight<'a> {
+struct ClosedLoop<'a> {
     emulator: &'a mut Emulator,
     spacecraft: Spacecraft,
     /// How far it has flown.
@@ -68,15 +68,15 @@ struct State {
 /// A link that fails, SIGINT or SIGTERM before the end.
 pub fn fly(
     emulator: &mut Emulator,
-    believed: &Believed,
-    gyros: Choice,
+    believed: &PriorCalibration,
+    gyros: GyroSelection,
     seconds: u32,
     seed: u64,
-) -> Result<Flown, String> {
+) -> Result<ClosedLoopResult, String> {
     let spacecraft = Spacecraft::new(Vector3::from(START_RATE_ARCSEC_S) / ARCSEC_PER_RAD, seed);
-    let mut flight = Flight { emulator, spacecraft, flown_us: 0, states: VecDeque::new() };
-    let mut computer = Computer::new(believed, gyros);
-    let mut flown = Flown { worst_arcsec: 0.0, worst_s: 0.0 };
+    let mut flight = ClosedLoop { emulator, spacecraft, flown_us: 0, states: VecDeque::new() };
+    let mut computer = AttitudeController::new(believed, gyros);
+    let mut flown = ClosedLoopResult { worst_arcsec: 0.0, worst_s: 0.0 };
     flight.tell_start();
     flight.fly_to(3 * QUARTER_US, Vector3::zeros());
     let end_us = u64::from(seconds) * 1_000_000;
@@ -109,7 +109,7 @@ pub fn fly(
     }
 }
 
-impl Flight<'_> {
+impl ClosedLoop<'_> {
     fn tell_start(&mut self) {
         let line = self.line();
         self.emulator.tell(&line);

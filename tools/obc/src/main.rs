@@ -15,7 +15,7 @@ use std::process::ExitCode;
 use clap::{Parser, ValueEnum};
 use emulator::Emulator;
 use flight::{SETTLED_S, say};
-use geu_calibration::{Believed, Choice};
+use geu_calibration::{PriorCalibration, GyroSelection};
 use geu_model::Configuration;
 use geu_model::units::duration_s;
 
@@ -84,13 +84,13 @@ enum Gyros {
     Auto,
 }
 
-impl From<Gyros> for Choice {
-    fn from(gyros: Gyros) -> Choice {
+impl From<Gyros> for GyroSelection {
+    fn from(gyros: Gyros) -> GyroSelection {
         match gyros {
-            Gyros::Za => Choice::Za,
-            Gyros::Zb => Choice::Zb,
-            Gyros::All => Choice::All,
-            Gyros::Auto => Choice::Auto,
+            Gyros::Za => GyroSelection::Za,
+            Gyros::Zb => GyroSelection::Zb,
+            Gyros::All => GyroSelection::All,
+            Gyros::Auto => GyroSelection::Auto,
         }
     }
 }
@@ -120,11 +120,11 @@ impl Arguments {
         all
     }
 
-    fn believed(&self) -> Result<Believed, String> {
-        let Some(path) = &self.config else { return Ok(Believed::from(&Configuration::reference())) };
+    fn believed(&self) -> Result<PriorCalibration, String> {
+        let Some(path) = &self.config else { return Ok(PriorCalibration::from(&Configuration::reference())) };
         let name = path.display().to_string();
         let text = geu_recording::read_text(path).map_err(|error| format!("{name}: cannot be read: {error}"))?;
-        Ok(Believed::from(&Configuration::parse(&name, &text, &[]).map_err(|error| error.to_string())?))
+        Ok(PriorCalibration::from(&Configuration::parse(&name, &text, &[]).map_err(|error| error.to_string())?))
     }
 }
 
@@ -142,7 +142,7 @@ fn main() -> ExitCode {
 }
 
 /// What is believed of the unit, and the unit.
-fn begin(arguments: &Arguments) -> Result<(Believed, Emulator), String> {
+fn begin(arguments: &Arguments) -> Result<(PriorCalibration, Emulator), String> {
     let believed = arguments.believed()?;
     let emulator = match (&arguments.link, &arguments.truth) {
         (Some(link), Some(truth)) => Emulator::attach(link, truth)?,
@@ -152,7 +152,7 @@ fn begin(arguments: &Arguments) -> Result<(Believed, Emulator), String> {
 }
 
 /// Flies, and tells whether pointing was held.
-fn fly(arguments: &Arguments, believed: &Believed, mut emulator: Emulator) -> Result<bool, String> {
+fn fly(arguments: &Arguments, believed: &PriorCalibration, mut emulator: Emulator) -> Result<bool, String> {
     let flown = flight::fly(&mut emulator, believed, arguments.gyros.into(), arguments.duration, arguments.seed);
     let flown = match flown {
         Ok(flown) => flown,

@@ -6,7 +6,7 @@ use crate::defect::DefectKind;
 
 /// Counts that must add up: records (lines, packets, frames) of CAN captures, bytes of serial streams.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Account {
+pub struct DecodeAccount {
     /// Lines, packets or live frames, counted where they are read.
     pub records: u64,
     /// Records that became rows: INCREMENTS, STATUS, CLOCK.
@@ -45,7 +45,7 @@ pub struct Account {
     pub defects: BTreeMap<DefectKind, u64>,
 }
 
-impl Account {
+impl DecodeAccount {
     /// Records and bytes that no count explains; both 0 if the account adds up.
     pub fn missing(&self) -> (i64, i64) {
         let defective: u64 = self.defects.iter().map(|(kind, count)| kind.records() * count).sum();

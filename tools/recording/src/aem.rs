@@ -16,13 +16,13 @@
 
 use std::io;
 
-use geu_model::attitude::Row;
+use geu_model::attitude::AttitudeRow;
 use geu_protocol::calendar::days_since_1970;
 use geu_protocol::excerpt::excerpt;
 use nalgebra::{Quaternion, UnitQuaternion};
 
 use crate::csv_table::TableError;
-use crate::reference::{REFERENCE, Reference, turn_arcsec};
+use crate::reference::{REFERENCE, ReferenceAttitude, turn_arcsec};
 
 /// First keyword of every such message.
 pub(crate) const FIRST_KEYWORD: &str = "CCSDS_AEM_VERS";
@@ -186,7 +186,7 @@ impl Layout {
 }
 
 /// Reads the lines of a message; `name` is what errors call it.
-pub(crate) fn parse(name: &str, all: impl Iterator<Item = io::Result<String>>) -> Result<Reference, TableError> {
+pub(crate) fn parse(name: &str, all: impl Iterator<Item = io::Result<String>>) -> Result<ReferenceAttitude, TableError> {
     let (mut part, mut first_issue, mut meta, mut layout) = (Part::Header, true, Meta::default(), None);
     let (mut rows, mut lines, mut before) = (Vec::new(), Vec::new(), None);
     let mut start_ns = None;
@@ -220,7 +220,7 @@ pub(crate) fn parse(name: &str, all: impl Iterator<Item = io::Result<String>>) -
                 }
                 let t_s = (t_ns - *start_ns.get_or_insert(t_ns)) as f64 * 1e-9;
                 let angle_control_arcsec = turn_arcsec(&before.replace(attitude).unwrap_or(attitude), &attitude);
-                rows.push(Row { t_s, angle_control_arcsec, theta_psi_rad: None });
+                rows.push(AttitudeRow { t_s, angle_control_arcsec, theta_psi_rad: None });
                 lines.push(place.line);
             }
             (Part::Done, "META_START", _) => {
@@ -242,7 +242,7 @@ pub(crate) fn parse(name: &str, all: impl Iterator<Item = io::Result<String>>) -
         place.line += 1;
         return Err(place.wrong("message", "a segment of data up to DATA_STOP", "the end of the file"));
     };
-    Reference::from_turns(name, start_ns.unwrap_or(0), &rows, &lines, Some(layout.time_system))
+    ReferenceAttitude::from_turns(name, start_ns.unwrap_or(0), &rows, &lines, Some(layout.time_system))
 }
 
 /// An epoch, calendar or day of year, as ns since 1970 in its own time system.
@@ -299,7 +299,7 @@ mod tests {
     }
 
     fn turned_z(text: &str) -> f64 {
-        let reference = Reference::parse("m.aem", text).unwrap_or_else(|error| panic!("{error}\n{text}"));
+        let reference = ReferenceAttitude::parse("m.aem", text).unwrap_or_else(|error| panic!("{error}\n{text}"));
         let truth = reference.truth;
         truth.at(5.0, &mut 0).0[2] - truth.at(0.0, &mut 0).0[2]
     }
@@ -333,7 +333,7 @@ mod tests {
     #[test]
     fn epochs_are_told_in_their_own_time_system_and_useable_ones_alone_taken() {
         let meta = META.replace("STOP_TIME", "USEABLE_START_TIME = 2026-03-31T05:00:01\nSTOP_TIME");
-        let reference = Reference::parse("m.aem", &format!("{HEADER}{meta}{}", plain())).expect("a message");
+        let reference = ReferenceAttitude::parse("m.aem", &format!("{HEADER}{meta}{}", plain())).expect("a message");
         // date -u -d 2026-03-31T05:00:01 +%s
         assert_eq!(reference.start_ns, 1_774_933_201_000_000_000);
         assert_eq!(reference.time_system.as_deref(), Some("TAI"));
@@ -384,7 +384,7 @@ mod tests {
             (good.replace("DATA_STOP\n", ""), "line 30: message: expected a segment of data up to DATA_STOP"),
             (format!("{good}{META}{}", plain()), "line 31: META_START: expected one segment"),
         ] {
-            let message = Reference::parse("m.aem", &text).expect_err(part).to_string();
+            let message = ReferenceAttitude::parse("m.aem", &text).expect_err(part).to_string();
             assert!(message.contains(part), "{part} not in {message}");
         }
     }

@@ -6,7 +6,7 @@ const BINS: usize = 1_000_000;
 
 /// Statistics of intervals, in flat memory: the median is exact to a microsecond below one second.
 #[derive(Debug, Clone, Default)]
-pub struct Cadence {
+pub struct IntervalStatistics {
     bins: Vec<u32>,
     below: u64,
     count: u64,
@@ -17,7 +17,7 @@ pub struct Cadence {
     squares: f64,
 }
 
-impl Cadence {
+impl IntervalStatistics {
     #[inline]
     pub fn add(&mut self, interval_ns: i64) {
         if self.count == 0 {

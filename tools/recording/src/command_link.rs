@@ -8,10 +8,10 @@ use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use geu_protocol::can::{Assembled, Role};
-use geu_protocol::command::Outcome;
-use geu_protocol::serial::{Deframer, Found, Kind, frame, read_data};
-use geu_protocol::{Assembler, CanPlan, HalfSecond, Reply};
+use geu_protocol::can::{AssemblerEvent, Role};
+use geu_protocol::command::CommandResult;
+use geu_protocol::serial::{Deframer, DeframerEvent, FrameType, frame, read_data};
+use geu_protocol::{Assembler, CanIdMap, Sample, Reply};
 use nix::libc;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::termios::{SetArg, cfmakeraw, cfsetspeed, tcgetattr, tcsetattr};
@@ -27,7 +27,7 @@ const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
 pub enum CommandLink {
     Serial(File),
     Tcp(TcpStream),
-    Can(CanSocket, CanPlan),
+    Can(CanSocket, CanIdMap),
 }
 
 impl CommandLink {
@@ -62,7 +62,7 @@ impl CommandLink {
     ///
     /// # Errors
     /// No such interface.
-    pub fn can(interface: &str, plan: CanPlan) -> io::Result<CommandLink> {
+    pub fn can(interface: &str, plan: CanIdMap) -> io::Result<CommandLink> {
         let socket = CanSocket::open(interface)?;
         let filters: Vec<_> = (plan.base()..=plan.reply_id())
             .map(|id| CanFilter::new(id.into(), libc::CAN_SFF_MASK | libc::CAN_EFF_FLAG | libc::CAN_RTR_FLAG))
@@ -75,7 +75,7 @@ impl CommandLink {
     ///
     /// # Errors
     /// A link that breaks.
-    pub fn ask(&mut self, payload: &[u8], give_up: Instant) -> io::Result<(Option<Reply>, Option<HalfSecond>)> {
+    pub fn ask(&mut self, payload: &[u8], give_up: Instant) -> io::Result<(Option<Reply>, Option<Sample>)> {
         let (reply, polled) = match self {
             CommandLink::Serial(file) => ask_bytes(file, payload, give_up),
             CommandLink::Tcp(stream) => ask_bytes(stream, payload, give_up),
@@ -85,11 +85,11 @@ impl CommandLink {
     }
 }
 
-type Answer = (Option<Reply>, Option<HalfSecond>);
+type Answer = (Option<Reply>, Option<Sample>);
 
 fn ask_bytes(link: &mut (impl Read + Write + AsFd), payload: &[u8], give_up: Instant) -> io::Result<Answer> {
     let (mut reply, mut polled) = (None, None);
-    link.write_all(&frame(Kind::Command, payload))?;
+    link.write_all(&frame(FrameType::Command, payload))?;
     let (mut deframer, mut buffer, mut piece) = (Deframer::default(), Vec::new(), [0; 256]);
     while !is_complete(reply.as_ref(), polled.as_ref()) && wait(link, give_up)? {
         let length = match link.read(&mut piece) {
@@ -100,10 +100,10 @@ fn ask_bytes(link: &mut (impl Read + Write + AsFd), payload: &[u8], give_up: Ins
         };
         buffer.extend_from_slice(&piece[..length]);
         let used = deframer.consume(&buffer, &mut |found| match found {
-            Found::Frame { kind: Kind::Reply, payload: bytes, .. } if reply.is_none() => {
+            DeframerEvent::Frame { kind: FrameType::Reply, payload: bytes, .. } if reply.is_none() => {
                 reply = Reply::read(bytes).filter(|reply| reply.opcode() == payload[0]);
             }
-            Found::Frame { kind: Kind::Data, payload, .. } if reply.is_some() && polled.is_none() => {
+            DeframerEvent::Frame { kind: FrameType::Data, payload, .. } if reply.is_some() && polled.is_none() => {
                 polled = Some(read_data(payload));
             }
             _ => {}
@@ -113,7 +113,7 @@ fn ask_bytes(link: &mut (impl Read + Write + AsFd), payload: &[u8], give_up: Ins
     Ok((reply, polled))
 }
 
-fn ask_can(socket: &CanSocket, plan: CanPlan, payload: &[u8], give_up: Instant) -> io::Result<Answer> {
+fn ask_can(socket: &CanSocket, plan: CanIdMap, payload: &[u8], give_up: Instant) -> io::Result<Answer> {
     let (mut reply, mut polled) = (None, None);
     let id = StandardId::new(plan.command_id()).expect("a plan has 11-bit identifiers only");
     let frame = socketcan::CanFrame::new(id, payload).expect("a payload has at most eight bytes");
@@ -127,7 +127,7 @@ fn ask_can(socket: &CanSocket, plan: CanPlan, payload: &[u8], give_up: Instant) 
                 reply = Reply::read(frame.data()).filter(|reply| reply.opcode() == payload[0]);
             }
             role if reply.is_some() => assembler.push(role, (), frame.data(), &mut |event| {
-                if let Assembled::Row(row) = event {
+                if let AssemblerEvent::Row(row) = event {
                     polled.get_or_insert(row.half_second);
                 }
             }),
@@ -137,8 +137,8 @@ fn ask_can(socket: &CanSocket, plan: CanPlan, payload: &[u8], give_up: Instant) 
     Ok((reply, polled))
 }
 
-fn is_complete(reply: Option<&Reply>, polled: Option<&HalfSecond>) -> bool {
-    reply.is_some_and(|reply| reply.opcode() != POLL || reply.outcome() != Outcome::Done || polled.is_some())
+fn is_complete(reply: Option<&Reply>, polled: Option<&Sample>) -> bool {
+    reply.is_some_and(|reply| reply.opcode() != POLL || reply.outcome() != CommandResult::Done || polled.is_some())
 }
 
 /// Waits until there is something to read; false when time is over.

@@ -4,7 +4,7 @@
 
 use std::io::{self, Read};
 
-use geu_model::attitude::BadRows;
+use geu_model::attitude::AttitudeRowsError;
 use geu_protocol::excerpt::excerpt;
 
 use crate::text::{RowReader, Table};
@@ -23,7 +23,7 @@ pub enum TableError {
     Field { name: String, line: u64, field: String, expected: String, got: String },
     /// The rows are no attitude.
     #[error("{name}: line {line}: {source}")]
-    Rows { name: String, line: u64, source: BadRows },
+    Rows { name: String, line: u64, source: AttitudeRowsError },
 }
 
 impl TableError {

@@ -2,21 +2,21 @@
 
 use std::collections::HashMap;
 
-use geu_protocol::can::{Assembled, Assembler, CanDefect, Concerned, Received, Role};
-use geu_protocol::capture::{Event, Format, Frame, Place, Time};
+use geu_protocol::can::{AssemblerEvent, Assembler, CanDefect, DefectBytes, AssembledSample, Role};
+use geu_protocol::capture::{CaptureRecord, Format, Frame, RecordPosition, Timestamp};
 use geu_protocol::command::{COMMAND_LENGTHS, REPLY_LENGTHS};
 use geu_protocol::continuity::ClockCheck;
 use geu_protocol::excerpt::excerpt;
-use geu_protocol::serial::{Deframer, Found, Kind, MAX_FRAME, read_data};
-use geu_protocol::{CanPlan, HalfSecond};
+use geu_protocol::serial::{Deframer, DeframerEvent, FrameType, MAX_FRAME, read_data};
+use geu_protocol::{CanIdMap, Sample};
 
 use crate::defect::DefectKind;
-use crate::row::{Row, Sink};
-use crate::summary::{Flow, Summary};
+use crate::row::{ReceivedSample, Sink};
+use crate::summary::{Flow, DecodeSummary};
 
 #[derive(Debug, Clone, Default)]
-pub struct Options {
-    pub plan: CanPlan,
+pub struct DecoderOptions {
+    pub plan: CanIdMap,
     /// The interface whose rows are wanted, where several carry the unit; otherwise the first that does.
     pub interface: Option<String>,
     /// Format of the inputs; otherwise told from their content.
@@ -27,22 +27,22 @@ pub struct Options {
 /// What is known of a frame: when and where.
 #[derive(Debug, Clone, Copy)]
 struct Stamp {
-    time: Option<Time>,
-    place: Place,
+    time: Option<Timestamp>,
+    place: RecordPosition,
     input: u32,
 }
 
 /// Turns the content of inputs, one after the other, into rows and defects.
 #[derive(Debug)]
 pub struct Decoder {
-    plan: CanPlan,
+    plan: CanIdMap,
     buses: Vec<Bus>,
     places: HashMap<Vec<u8>, usize>,
     /// Frames of the unit on interfaces beyond [`MAX_INTERFACES`].
     beyond: u64,
     /// The bus of the frame before; frames of one bus mostly follow each other.
     last_bus: usize,
-    choice: Choice,
+    choice: InterfaceSelection,
     /// Whether the user named the interface.
     is_named: bool,
     /// How many of the buses the inputs before had.
@@ -54,7 +54,7 @@ pub struct Decoder {
 }
 
 #[derive(Debug)]
-enum Choice {
+enum InterfaceSelection {
     /// The one of this name, in every input.
     Named(Vec<u8>),
     /// The first that gives a row.
@@ -91,8 +91,8 @@ struct Tally {
     commands: u64,
     replies: u64,
     /// Rows before the choice.
-    rows: Vec<Received<Stamp>>,
-    defects: Vec<(Stamp, CanDefect, Concerned)>,
+    rows: Vec<AssembledSample<Stamp>>,
+    defects: Vec<(Stamp, CanDefect, DefectBytes)>,
     /// Defects beyond those kept, by the order of [`CanDefect::ALL`].
     more: [u64; CanDefect::ALL.len()],
 }
@@ -111,7 +111,7 @@ struct Serial {
 
 impl Decoder {
     /// A decoder before its first input.
-    pub fn new(options: &Options) -> Decoder {
+    pub fn new(options: &DecoderOptions) -> Decoder {
         Decoder {
             plan: options.plan,
             buses: Vec::new(),
@@ -119,7 +119,7 @@ impl Decoder {
             beyond: 0,
             last_bus: 0,
             is_named: options.interface.is_some(),
-            choice: options.interface.as_ref().map_or(Choice::First, |name| Choice::Named(name.clone().into_bytes())),
+            choice: options.interface.as_ref().map_or(InterfaceSelection::First, |name| InterfaceSelection::Named(name.clone().into_bytes())),
             known: 0,
             serial: Serial::default(),
             is_stopped: false,
@@ -136,7 +136,7 @@ impl Decoder {
     }
 
     /// What has been found so far.
-    pub fn summary(&self) -> &Summary {
+    pub fn summary(&self) -> &DecodeSummary {
         &self.flow.summary
     }
 
@@ -147,7 +147,7 @@ impl Decoder {
         }
     }
 
-    pub fn into_summary(self) -> Summary {
+    pub fn into_summary(self) -> DecodeSummary {
         self.flow.summary
     }
 
@@ -158,25 +158,25 @@ impl Decoder {
 
     /// Takes a record of a capture, or a live CAN frame.
     #[inline]
-    pub fn event(&mut self, place: Place, event: Event, sink: &mut impl Sink) {
-        let Summary { account, others, rows, .. } = &mut self.flow.summary;
+    pub fn event(&mut self, place: RecordPosition, event: CaptureRecord, sink: &mut impl Sink) {
+        let DecodeSummary { account, others, rows, .. } = &mut self.flow.summary;
         match event {
-            Event::Frame(frame) => {
+            CaptureRecord::Frame(frame) => {
                 if *rows == 0 && !frame.extended {
                     others.push(frame.id, frame.data);
                 }
                 let role = if frame.extended { Role::Other } else { self.plan.role(frame.id) };
                 if role == Role::Other { account.other += 1 } else { self.unit_frame(role, place, &frame, sink) }
             }
-            Event::Remote => account.remote += 1,
-            Event::Fd => account.fd += 1,
-            Event::Error => account.error += 1,
-            Event::Remark => account.remarks += 1,
-            Event::Dropped(count) => {
+            CaptureRecord::Remote => account.remote += 1,
+            CaptureRecord::Fd => account.fd += 1,
+            CaptureRecord::Error => account.error += 1,
+            CaptureRecord::Remark => account.remarks += 1,
+            CaptureRecord::Dropped(count) => {
                 account.remarks += 1;
                 self.dropped(place, count, sink);
             }
-            Event::Broken { bytes, cut } => {
+            CaptureRecord::Broken { bytes, cut } => {
                 let kind = if cut { DefectKind::CutRecord } else { DefectKind::BrokenRecord };
                 self.flow.defect(self.flow.stamp(place, None), kind, bytes, 0, sink);
             }
@@ -184,18 +184,18 @@ impl Decoder {
     }
 
     /// Takes the news that the receiver lost `count` frames.
-    pub fn dropped(&mut self, place: Place, count: u64, sink: &mut impl Sink) {
+    pub fn dropped(&mut self, place: RecordPosition, count: u64, sink: &mut impl Sink) {
         self.flow.defect(self.flow.stamp(place, None), DefectKind::ReceiverDropped, &[], count, sink);
     }
 
     #[inline]
-    fn unit_frame(&mut self, role: Role, place: Place, frame: &Frame, sink: &mut impl Sink) {
+    fn unit_frame(&mut self, role: Role, place: RecordPosition, frame: &Frame, sink: &mut impl Sink) {
         let Some(index) = self.bus(frame.interface) else {
             self.beyond += 1;
             return;
         };
         let stamp = Stamp { time: frame.time, place, input: self.flow.input() };
-        if let Choice::Before(before) = self.choice {
+        if let InterfaceSelection::Before(before) = self.choice {
             self.follow(before, index, role, sink);
         }
         let Decoder { buses, choice, flow, known, .. } = self;
@@ -211,16 +211,16 @@ impl Decoder {
                 if lengths.contains(&frame.data.len()) {
                     *count += 1;
                 } else {
-                    let concerned = Concerned::new([frame.data, &[]]);
+                    let concerned = DefectBytes::new([frame.data, &[]]);
                     tally.defect(choice.is(index), stamp, CanDefect::WrongLength, concerned, flow, sink);
                 }
             }
             _ => assembler.push(role, stamp, frame.data, &mut |assembled| {
-                *is_proven |= matches!(assembled, Assembled::Row(_));
+                *is_proven |= matches!(assembled, AssemblerEvent::Row(_));
                 tally.assembled(assembled, index, choice, flow, sink);
             }),
         }
-        if let Choice::Before(before) = self.choice
+        if let InterfaceSelection::Before(before) = self.choice
             && self.buses[index].tally.rows.len() >= enough
         {
             self.leave(before, index, sink);
@@ -231,7 +231,7 @@ impl Decoder {
     #[cold]
     fn follow(&mut self, before: usize, index: usize, role: Role, sink: &mut impl Sink) {
         if index == before {
-            self.choice = Choice::Made(index);
+            self.choice = InterfaceSelection::Made(index);
             let Decoder { buses, flow, .. } = self;
             buses[index].tally.tell_early(flow, sink);
         } else if index >= self.known
@@ -241,7 +241,7 @@ impl Decoder {
         {
             // The interface has another name here: the half second that began in the input before goes on.
             self.buses[index].assembler = std::mem::take(&mut self.buses[before].assembler);
-            self.choice = Choice::Made(index);
+            self.choice = InterfaceSelection::Made(index);
         }
     }
 
@@ -249,23 +249,23 @@ impl Decoder {
     #[cold]
     fn leave(&mut self, before: usize, index: usize, sink: &mut impl Sink) {
         let Decoder { buses, choice, flow, .. } = self;
-        *choice = Choice::Made(before);
+        *choice = InterfaceSelection::Made(before);
         let Bus { assembler, tally, .. } = &mut buses[before];
         assembler.finish(&mut |assembled| tally.assembled(assembled, before, choice, flow, sink));
         flow.summary.account.decoded += std::mem::take(&mut tally.decoded);
-        *choice = Choice::Made(index);
+        *choice = InterfaceSelection::Made(index);
         buses[index].tally.tell_early(flow, sink);
     }
 
     /// Ends an input: makes the choice if it is still to be made, and puts what each interface brought on the account.
     fn settle(&mut self, sink: &mut impl Sink) {
         match self.choice {
-            Choice::First if !self.buses.is_empty() => {
+            InterfaceSelection::First if !self.buses.is_empty() => {
                 let index = self.buses.iter().position(|bus| bus.tally.frames > 0).unwrap_or(0);
-                self.choice = Choice::Made(index);
+                self.choice = InterfaceSelection::Made(index);
                 self.buses[index].tally.tell_early(&mut self.flow, sink);
             }
-            Choice::Before(before) => {
+            InterfaceSelection::Before(before) => {
                 let brings = |bus: &Bus| (bus.tally.rows.len(), bus.tally.frames > 0);
                 let most = (0..self.buses.len()).rev().max_by_key(|&index| brings(&self.buses[index]));
                 if let Some(index) = most.filter(|&index| index != before && self.buses[index].tally.frames > 0) {
@@ -275,12 +275,12 @@ impl Decoder {
             _ => {}
         }
         let Decoder { buses, choice, flow, .. } = self;
-        let mut next = Choice::First;
+        let mut next = InterfaceSelection::First;
         for (index, Bus { name, assembler, tally, is_proven }) in buses.iter_mut().enumerate() {
             let tally = std::mem::take(tally);
             let (account, name) = (&mut flow.summary.account, String::from_utf8_lossy(name));
             let name = excerpt(&name);
-            let is_before = matches!(choice, Choice::Before(before) if *before == index);
+            let is_before = matches!(choice, InterfaceSelection::Before(before) if *before == index);
             if choice.is(index) || is_before {
                 account.decoded += tally.decoded;
                 account.commands += tally.commands;
@@ -289,7 +289,7 @@ impl Decoder {
                     flow.summary.use_interface(&name);
                 }
                 if *is_proven || assembler.is_waiting() {
-                    next = Choice::Before(index);
+                    next = InterfaceSelection::Before(index);
                 }
             } else {
                 *assembler = Assembler::default();
@@ -318,12 +318,12 @@ impl Decoder {
         if let Some(&index) = self.places.get(name) {
             return Some(index);
         }
-        let (index, is_wanted) = (self.buses.len(), matches!(&self.choice, Choice::Named(wanted) if wanted == name));
+        let (index, is_wanted) = (self.buses.len(), matches!(&self.choice, InterfaceSelection::Named(wanted) if wanted == name));
         if index >= MAX_INTERFACES && !is_wanted {
             return None;
         }
         if is_wanted {
-            self.choice = Choice::Made(index);
+            self.choice = InterfaceSelection::Made(index);
         }
         let (assembler, tally) = Default::default();
         self.places.insert(name.to_vec(), index);
@@ -332,7 +332,7 @@ impl Decoder {
     }
 
     /// Takes serial bytes, with their receive time where it is known.
-    pub fn serial(&mut self, bytes: &[u8], time: Option<Time>, sink: &mut impl Sink) {
+    pub fn serial(&mut self, bytes: &[u8], time: Option<Timestamp>, sink: &mut impl Sink) {
         let Decoder { serial, flow, .. } = self;
         let Serial { deframer, carry, clock, starts, total, rejected } = serial;
         if starts.last().is_none_or(|(_, input)| *input != flow.input()) {
@@ -340,7 +340,7 @@ impl Decoder {
         }
         *total += bytes.len() as u64;
         flow.summary.account.bytes += bytes.len() as u64;
-        let mut found = |found: Found| serial_found(found, time, clock, starts, rejected, flow, sink);
+        let mut found = |found: DeframerEvent| serial_found(found, time, clock, starts, rejected, flow, sink);
         // What is left of the bytes before is shorter than a frame: it is completed with as much as settles it.
         let left = carry.len();
         let joined = if left == 0 { 0 } else { bytes.len().min(2 * MAX_FRAME) };
@@ -367,7 +367,7 @@ impl Decoder {
     }
 
     /// Ends the inputs: what waits is given out or told as cut.
-    pub fn finish(&mut self, sink: &mut impl Sink) -> &Summary {
+    pub fn finish(&mut self, sink: &mut impl Sink) -> &DecodeSummary {
         let Decoder { buses, choice, is_stopped, flow, serial, .. } = self;
         let Serial { deframer, carry, clock, starts, rejected, .. } = serial;
         if *is_stopped {
@@ -378,11 +378,11 @@ impl Decoder {
         carry.clear();
         for (index, Bus { assembler, tally, .. }) in buses.iter_mut().enumerate() {
             // Where the interface of the inputs before is not in the last one, what waits of it is still its own.
-            let mut own = Choice::Made(index);
-            let is_before = matches!(choice, Choice::Before(before) if *before == index);
+            let mut own = InterfaceSelection::Made(index);
+            let is_before = matches!(choice, InterfaceSelection::Before(before) if *before == index);
             let choice = if is_before { &mut own } else { &mut *choice };
             assembler.finish(&mut |assembled| match assembled {
-                Assembled::Defect(..) if *is_stopped && choice.is(index) => flow.summary.account.unfinished += 1,
+                AssemblerEvent::Defect(..) if *is_stopped && choice.is(index) => flow.summary.account.unfinished += 1,
                 assembled => tally.assembled(assembled, index, choice, flow, sink),
             });
         }
@@ -392,10 +392,10 @@ impl Decoder {
     }
 }
 
-impl Choice {
+impl InterfaceSelection {
     #[inline]
     fn is(&self, index: usize) -> bool {
-        matches!(self, Choice::Made(made) if *made == index)
+        matches!(self, InterfaceSelection::Made(made) if *made == index)
     }
 }
 
@@ -403,16 +403,16 @@ impl Tally {
     #[inline]
     fn assembled(
         &mut self,
-        assembled: Assembled<Stamp>,
+        assembled: AssemblerEvent<Stamp>,
         index: usize,
-        choice: &mut Choice,
+        choice: &mut InterfaceSelection,
         flow: &mut Flow,
         sink: &mut impl Sink,
     ) {
         match assembled {
-            Assembled::Row(received) => {
-                if matches!(choice, Choice::First) {
-                    *choice = Choice::Made(index);
+            AssemblerEvent::Row(received) => {
+                if matches!(choice, InterfaceSelection::First) {
+                    *choice = InterfaceSelection::Made(index);
                     self.tell_early(flow, sink);
                 }
                 self.decoded += if received.has_clock { 3 } else { 2 };
@@ -420,11 +420,11 @@ impl Tally {
                     let Stamp { time, place, input } = received.stamp;
                     let row = row(received.half_second, received.has_clock, time);
                     flow.row((place, input), &row, true, sink);
-                } else if matches!(choice, Choice::Before(_)) {
+                } else if matches!(choice, InterfaceSelection::Before(_)) {
                     self.rows.push(received);
                 }
             }
-            Assembled::Defect(stamp, defect, concerned) => {
+            AssemblerEvent::Defect(stamp, defect, concerned) => {
                 self.defect(choice.is(index), stamp, defect, concerned, flow, sink);
             }
         }
@@ -436,7 +436,7 @@ impl Tally {
         is_chosen: bool,
         stamp: Stamp,
         defect: CanDefect,
-        concerned: Concerned,
+        concerned: DefectBytes,
         flow: &mut Flow,
         sink: &mut impl Sink,
     ) {
@@ -451,7 +451,7 @@ impl Tally {
 
     #[cold]
     fn tell_early(&mut self, flow: &mut Flow, sink: &mut impl Sink) {
-        for Received { stamp: Stamp { time, place, input }, half_second, has_clock } in std::mem::take(&mut self.rows) {
+        for AssembledSample { stamp: Stamp { time, place, input }, half_second, has_clock } in std::mem::take(&mut self.rows) {
             flow.row((place, input), &row(half_second, has_clock, time), true, sink);
         }
         for (stamp, defect, concerned) in std::mem::take(&mut self.defects) {
@@ -471,15 +471,15 @@ impl From<Stamp> for crate::summary::At {
 
 /// A row with its receive time, or with the clock count in its place.
 #[inline]
-fn row(half_second: HalfSecond, has_clock: bool, received: Option<Time>) -> Row {
-    let clock = || has_clock.then(|| Time { t_ns: half_second.clock_count as i64 * 1_000, digits: 6 });
-    Row { time: received.or_else(clock), is_received: received.is_some(), half_second, has_clock }
+fn row(half_second: Sample, has_clock: bool, received: Option<Timestamp>) -> ReceivedSample {
+    let clock = || has_clock.then(|| Timestamp { t_ns: half_second.clock_count as i64 * 1_000, digits: 6 });
+    ReceivedSample { time: received.or_else(clock), is_received: received.is_some(), half_second, has_clock }
 }
 
 #[inline]
 fn serial_found(
-    found: Found,
-    time: Option<Time>,
+    found: DeframerEvent,
+    time: Option<Timestamp>,
     clock: &mut ClockCheck,
     starts: &[(u64, u32)],
     rejected: &mut bool,
@@ -488,18 +488,18 @@ fn serial_found(
 ) {
     let place = |at: u64| {
         let (start, input) = starts.iter().rev().find(|(start, _)| *start <= at).copied().unwrap_or_default();
-        (Place::Offset(at - start), input)
+        (RecordPosition::Offset(at - start), input)
     };
     let at = |at: u64| {
         let (place, input) = place(at);
         crate::summary::At { place, input, time }
     };
     match found {
-        Found::Frame { at: offset, kind, payload } => {
+        DeframerEvent::Frame { at: offset, kind, payload } => {
             let length = geu_protocol::serial::OVERHEAD as u64 + payload.len() as u64;
             let account = &mut flow.summary.account;
             match kind {
-                Kind::Data => {
+                FrameType::Data => {
                     account.decoded_bytes += length;
                     flow.summary.serial_frames += 1;
                     let half_second = read_data(payload);
@@ -509,21 +509,21 @@ fn serial_found(
                         flow.defect(at(offset), DefectKind::ClockInconsistent, payload, 0, sink);
                     }
                 }
-                Kind::Command => {
+                FrameType::Command => {
                     account.command_bytes += length;
                     flow.summary.serial_frames += 1;
                 }
-                Kind::Reply => {
+                FrameType::Reply => {
                     account.reply_bytes += length;
                     flow.summary.serial_frames += 1;
                 }
             }
         }
-        Found::Rejected { at: offset, defect, bytes } => {
+        DeframerEvent::Rejected { at: offset, defect, bytes } => {
             *rejected = true;
             flow.defect(at(offset), DefectKind::Serial(defect), bytes, 0, sink);
         }
-        Found::Skipped { at: offset, length, first } => {
+        DeframerEvent::Skipped { at: offset, length, first } => {
             flow.summary.account.resynchronised_bytes += length;
             if !std::mem::take(rejected) {
                 flow.defect(at(offset), DefectKind::Noise, first, 0, sink);

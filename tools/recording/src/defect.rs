@@ -1,7 +1,7 @@
 //! What is wrong with an input, with place and bytes.
 
 use geu_protocol::can::CanDefect;
-use geu_protocol::capture::{Place, Time};
+use geu_protocol::capture::{RecordPosition, Timestamp};
 use geu_protocol::serial::SerialDefect;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -56,11 +56,11 @@ impl DefectKind {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Defect<'a> {
     pub input: &'a str,
-    pub place: Place,
+    pub place: RecordPosition,
     pub kind: DefectKind,
     /// The bytes concerned: a line, a packet, the data of frames, serial bytes; at most a few hundred.
     pub bytes: &'a [u8],
-    pub time: Option<Time>,
+    pub time: Option<Timestamp>,
     /// Half seconds (a gap) or frames (dropped) that are missing.
     pub lost: u64,
 }
@@ -71,8 +71,8 @@ impl Defect<'_> {
     }
 }
 
-pub fn place_text(input: &str, place: Place) -> String {
+pub fn place_text(input: &str, place: RecordPosition) -> String {
     match place {
-        Place::Line(at) | Place::Offset(at) => format!("{input}:{at}"),
+        RecordPosition::Line(at) | RecordPosition::Offset(at) => format!("{input}:{at}"),
     }
 }

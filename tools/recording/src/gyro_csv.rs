@@ -32,8 +32,8 @@ use std::fmt;
 use std::io::Read;
 use std::path::Path;
 
-use geu_model::configuration::{ConfigurationError, Node, Source};
-use geu_model::number::{Default, Form, Number, number};
+use geu_model::configuration::{ConfigurationError, Node, ConfigText};
+use geu_model::number::{DefaultValue, ValueFormat, ParameterSpec, number};
 use geu_model::units::{ARCSEC_PER_DEG, ARCSEC_PER_RAD};
 use geu_protocol::excerpt::{MAX_QUOTED, excerpt};
 
@@ -66,11 +66,11 @@ const AXES: [(&str, usize, f64); 9] = [
 /// A step of time is looked for its mirror image over so many rows.
 pub const GLITCH_ROWS: usize = 600;
 
-const INTERVAL: Number = number("interval_s", Form::Real, Default::Required, 1e-6, 1e6, "nominal interval of the rows");
-const COUNTS: Number = number(
+const INTERVAL: ParameterSpec = number("interval_s", ValueFormat::Real, DefaultValue::Required, 1e-6, 1e6, "nominal interval of the rows");
+const COUNTS: ParameterSpec = number(
     "counts_per_unit",
-    Form::Real,
-    Default::Value(1.0),
+    ValueFormat::Real,
+    DefaultValue::Value(1.0),
     1e-12,
     1e12,
     "counts in one unit (LSB per unit) where the column holds counts",
@@ -88,7 +88,7 @@ pub struct GyroColumn {
 }
 
 #[derive(Debug, Clone, PartialEq)]
-pub struct Description {
+pub struct GyroCsvSpec {
     pub time_column: String,
     /// Its unit, s.
     pub time_scale_s: f64,
@@ -120,13 +120,13 @@ pub struct ReferenceTable {
     pub caveat: Option<String>,
 }
 
-impl Description {
+impl GyroCsvSpec {
     /// Reads a description; `name` is what errors call it.
     ///
     /// # Errors
     /// What is wrong with it, with its line: unknown keys and units, missing columns, no gyro.
-    pub fn parse(name: &str, text: &str) -> Result<Description, ConfigurationError> {
-        let source = Source::parse(name, text)?;
+    pub fn parse(name: &str, text: &str) -> Result<GyroCsvSpec, ConfigurationError> {
+        let source = ConfigText::parse(name, text)?;
         let root = source.root();
         root.only(&["time", "gyro", "delimiter", "reference"])?;
         let delimiter = match root.keys().contains(&"delimiter") {
@@ -148,7 +148,7 @@ impl Description {
         if gyros.is_empty() {
             return Err(missing("gyro.NAME"));
         }
-        Ok(Description {
+        Ok(GyroCsvSpec {
             time_column: column(&time, "column")?,
             time_scale_s: TIME_UNITS.into_iter().find(|(name, _)| *name == unit).map_or(1.0, |(_, scale)| scale),
             interval_s,
@@ -215,7 +215,7 @@ fn read_gyro(all: &Node, name: &str, interval_s: f64) -> Result<GyroColumn, Conf
 
 /// A row with its time and all its gyros.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Sample {
+pub struct RateSample {
     /// Line, from 1.
     pub line: u64,
     pub t_s: f64,
@@ -224,15 +224,15 @@ pub struct Sample {
 }
 
 #[derive(Debug, Clone, PartialEq)]
-pub struct Defect {
+pub struct GyroCsvDefect {
     /// Line, from 1.
     pub line: u64,
-    pub kind: DefectKind,
+    pub kind: GyroCsvDefectKind,
 }
 
 /// What is wrong. [`fmt::Display`] tells it in words, with what was expected and got.
 #[derive(Debug, Clone, PartialEq)]
-pub enum DefectKind {
+pub enum GyroCsvDefectKind {
     /// A field that is no number; the row is no sample.
     NotANumber {
         column: String,
@@ -259,30 +259,30 @@ pub enum DefectKind {
     },
 }
 
-impl DefectKind {
+impl GyroCsvDefectKind {
     pub fn name(&self) -> &'static str {
         match self {
-            DefectKind::NotANumber { .. } => "not-a-number",
-            DefectKind::Fields { .. } => "fields",
-            DefectKind::Gap { .. } => "gap",
-            DefectKind::Repeat => "repeated-stamp",
-            DefectKind::Backwards { .. } => "time-backwards",
-            DefectKind::Glitch { .. } => "time-glitch",
+            GyroCsvDefectKind::NotANumber { .. } => "not-a-number",
+            GyroCsvDefectKind::Fields { .. } => "fields",
+            GyroCsvDefectKind::Gap { .. } => "gap",
+            GyroCsvDefectKind::Repeat => "repeated-stamp",
+            GyroCsvDefectKind::Backwards { .. } => "time-backwards",
+            GyroCsvDefectKind::Glitch { .. } => "time-glitch",
         }
     }
 }
 
-impl fmt::Display for DefectKind {
+impl fmt::Display for GyroCsvDefectKind {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         match self {
-            DefectKind::NotANumber { column, got } => write!(f, "{column}: expected a number, got {got:?}"),
-            DefectKind::Fields { expected, got } => write!(f, "expected {expected} fields, got {got}"),
-            DefectKind::Gap { length_s } => {
+            GyroCsvDefectKind::NotANumber { column, got } => write!(f, "{column}: expected a number, got {got:?}"),
+            GyroCsvDefectKind::Fields { expected, got } => write!(f, "expected {expected} fields, got {got}"),
+            GyroCsvDefectKind::Gap { length_s } => {
                 write!(f, "expected the next row at the interval, got a gap of {length_s} s")
             }
-            DefectKind::Repeat => write!(f, "expected a new time, got the one before again"),
-            DefectKind::Backwards { by_s } => write!(f, "expected time to rise, got {by_s} s back"),
-            DefectKind::Glitch { rows, offset_s } => {
+            GyroCsvDefectKind::Repeat => write!(f, "expected a new time, got the one before again"),
+            GyroCsvDefectKind::Backwards { by_s } => write!(f, "expected time to rise, got {by_s} s back"),
+            GyroCsvDefectKind::Glitch { rows, offset_s } => {
                 write!(f, "expected time to go on, got {rows} rows stamped {offset_s:+} s beside it")
             }
         }
@@ -305,11 +305,11 @@ pub enum GyroCsvError {
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct GyroCsv {
-    pub description: Description,
+    pub description: GyroCsvSpec,
     /// Its rows, in their order.
-    pub samples: Vec<Sample>,
+    pub samples: Vec<RateSample>,
     /// What is wrong with it, in the order of lines.
-    pub defects: Vec<Defect>,
+    pub defects: Vec<GyroCsvDefect>,
 }
 
 impl GyroCsv {
@@ -317,7 +317,7 @@ impl GyroCsv {
     ///
     /// # Errors
     /// A file that cannot be read, or does not have the columns described.
-    pub fn read(name: &str, description: Description) -> Result<GyroCsv, GyroCsvError> {
+    pub fn read(name: &str, description: GyroCsvSpec) -> Result<GyroCsv, GyroCsvError> {
         let failed = |source| GyroCsvError::Read { name: name.to_owned(), source };
         GyroCsv::of_rows(name, open_rows(Path::new(name)).map_err(failed)?, description)
     }
@@ -326,11 +326,11 @@ impl GyroCsv {
     ///
     /// # Errors
     /// Text that does not have the columns described.
-    pub fn parse(name: &str, text: &str, description: Description) -> Result<GyroCsv, GyroCsvError> {
+    pub fn parse(name: &str, text: &str, description: GyroCsvSpec) -> Result<GyroCsv, GyroCsvError> {
         GyroCsv::of_rows(name, RowReader::new(text.as_bytes()), description)
     }
 
-    fn of_rows(name: &str, rows: RowReader<impl Read>, description: Description) -> Result<GyroCsv, GyroCsvError> {
+    fn of_rows(name: &str, rows: RowReader<impl Read>, description: GyroCsvSpec) -> Result<GyroCsv, GyroCsvError> {
         let failed = |source| GyroCsvError::Csv { name: name.to_owned(), source };
         let mut builder = csv::ReaderBuilder::new();
         builder.delimiter(description.delimiter).flexible(true).trim(csv::Trim::All);
@@ -352,8 +352,8 @@ impl GyroCsv {
             let line = record.position().map_or(0, csv::Position::line);
             row += 1;
             if record.len() != header.len() {
-                let kind = DefectKind::Fields { expected: header.len(), got: record.len() };
-                defects.push(Defect { line, kind });
+                let kind = GyroCsvDefectKind::Fields { expected: header.len(), got: record.len() };
+                defects.push(GyroCsvDefect { line, kind });
                 continue;
             }
             let number = |place: usize| record[place].parse::<f64>().ok().filter(|number| number.is_finite());
@@ -361,13 +361,13 @@ impl GyroCsv {
             match numbers {
                 Err(place) => {
                     let (column, got) = (header[place].to_owned(), excerpt(&record[place]).into_owned());
-                    defects.push(Defect { line, kind: DefectKind::NotANumber { column, got } });
+                    defects.push(GyroCsvDefect { line, kind: GyroCsvDefectKind::NotANumber { column, got } });
                 }
                 Ok(numbers) => {
                     let rates = description.gyros.iter().zip(&numbers[1..]).map(|(gyro, n)| n * gyro.scale_arcsec_s);
                     rows.push(row);
                     let t_s = numbers[0] * description.time_scale_s;
-                    samples.push(Sample { line, t_s, rates_arcsec_s: rates.collect() });
+                    samples.push(RateSample { line, t_s, rates_arcsec_s: rates.collect() });
                 }
             }
         }
@@ -377,14 +377,14 @@ impl GyroCsv {
     }
 
     /// Where everything went, and what the gyros say.
-    pub fn account(&self) -> Account<'_> {
-        Account(self)
+    pub fn account(&self) -> GyroCsvSummary<'_> {
+        GyroCsvSummary(self)
     }
 }
 
 /// Steps of time that are not the interval, within half of it; `rows` are the rows of the samples, counted with those that
 /// were refused.
-fn defects_of_time(samples: &[Sample], rows: &[u64], interval_s: f64) -> Vec<Defect> {
+fn defects_of_time(samples: &[RateSample], rows: &[u64], interval_s: f64) -> Vec<GyroCsvDefect> {
     // Each step with what it is beside the interval.
     let stamps = samples.windows(2).map(|pair| pair[1].t_s - pair[0].t_s);
     let steps: Vec<(f64, f64)> = stamps
@@ -406,26 +406,26 @@ fn defects_of_time(samples: &[Sample], rows: &[u64], interval_s: f64) -> Vec<Def
         let kind = match back {
             Some(later) => {
                 returned[later] = true;
-                DefectKind::Glitch { rows: later - index, offset_s: beside_s }
+                GyroCsvDefectKind::Glitch { rows: later - index, offset_s: beside_s }
             }
-            None if small(step_s) => DefectKind::Repeat,
-            None if step_s < 0.0 => DefectKind::Backwards { by_s: -step_s },
+            None if small(step_s) => GyroCsvDefectKind::Repeat,
+            None if step_s < 0.0 => GyroCsvDefectKind::Backwards { by_s: -step_s },
             // Rows that were refused took no time.
             None if beside_s < 0.0 => continue,
-            None => DefectKind::Gap { length_s: step_s },
+            None => GyroCsvDefectKind::Gap { length_s: step_s },
         };
-        defects.push(Defect { line: samples[index + 1].line, kind });
+        defects.push(GyroCsvDefect { line: samples[index + 1].line, kind });
     }
     defects
 }
 
 /// An account of a file; [`fmt::Display`] writes it.
-pub struct Account<'a>(&'a GyroCsv);
+pub struct GyroCsvSummary<'a>(&'a GyroCsv);
 
-impl fmt::Display for Account<'_> {
+impl fmt::Display for GyroCsvSummary<'_> {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let GyroCsv { description, samples, defects } = self.0;
-        let refused = |kind: &DefectKind| matches!(kind, DefectKind::NotANumber { .. } | DefectKind::Fields { .. });
+        let refused = |kind: &GyroCsvDefectKind| matches!(kind, GyroCsvDefectKind::NotANumber { .. } | GyroCsvDefectKind::Fields { .. });
         let refused = defects.iter().filter(|defect| refused(&defect.kind)).count();
         writeln!(f, "rows         {}: {} samples, {refused} refused", samples.len() + refused, samples.len())?;
         if let (Some(first), Some(last)) = (samples.first(), samples.last()) {
@@ -456,7 +456,7 @@ mod tests {
     const DESCRIPTION: &str = "[time]\ncolumn = \"t\"\nunit = \"s\"\ninterval_s = 1.0\n[gyro.GX]\ncolumn = \"wx\"\naxis = \"X\"\nunit = \"deg/s\"\n[gyro.GZ]\ncolumn = \"nz\"\naxis = \"-Z\"\nunit = \"rad/s\"\ncounts_per_unit = 1000\n";
 
     fn read(rows: &str) -> GyroCsv {
-        let description = Description::parse("d.toml", DESCRIPTION).unwrap_or_else(|error| panic!("{error}"));
+        let description = GyroCsvSpec::parse("d.toml", DESCRIPTION).unwrap_or_else(|error| panic!("{error}"));
         GyroCsv::parse("f.csv", &format!("t,wx,other,nz\n{rows}"), description).expect("a file")
     }
 
@@ -464,7 +464,7 @@ mod tests {
         stamps.iter().map(|t_s| format!("{t_s},1,text,2\n")).collect()
     }
 
-    fn kinds(read: &GyroCsv) -> Vec<(u64, DefectKind)> {
+    fn kinds(read: &GyroCsv) -> Vec<(u64, GyroCsvDefectKind)> {
         read.defects.iter().map(|defect| (defect.line, defect.kind.clone())).collect()
     }
 
@@ -478,31 +478,31 @@ mod tests {
         assert!((read.samples[0].rates_arcsec_s[1] + 412.529_612).abs() < 1e-5);
         // An angle of 3″ in 0.5 s.
         let angle = DESCRIPTION.replace("deg/s", "arcsec").replace("interval_s = 1.0", "interval_s = 0.5");
-        let angle = Description::parse("d.toml", &angle).expect("a description");
+        let angle = GyroCsvSpec::parse("d.toml", &angle).expect("a description");
         assert_eq!(angle.gyros[0].scale_arcsec_s, 2.0);
     }
 
     #[test]
     fn every_fault_is_told_with_its_line() {
         let repeat = read(&stamped(&[0.0, 1.0, 1.0, 2.0, 3.0]));
-        assert_eq!(kinds(&repeat), [(4, DefectKind::Repeat)]);
+        assert_eq!(kinds(&repeat), [(4, GyroCsvDefectKind::Repeat)]);
         let gap = read(&stamped(&[0.0, 1.0, 29.0, 30.0]));
-        assert_eq!(kinds(&gap), [(4, DefectKind::Gap { length_s: 28.0 })]);
+        assert_eq!(kinds(&gap), [(4, GyroCsvDefectKind::Gap { length_s: 28.0 })]);
         let glitch = read(&stamped(&[0.0, 1.0, 102.0, 103.0, 4.0, 5.0, -94.0, 7.0]));
         let expected = [
-            (4, DefectKind::Glitch { rows: 2, offset_s: 100.0 }),
-            (8, DefectKind::Glitch { rows: 1, offset_s: -100.0 }),
+            (4, GyroCsvDefectKind::Glitch { rows: 2, offset_s: 100.0 }),
+            (8, GyroCsvDefectKind::Glitch { rows: 1, offset_s: -100.0 }),
         ];
         assert_eq!(kinds(&glitch), expected);
         let back = read(&stamped(&[0.0, 1.0, -50.0, -49.0]));
-        assert_eq!(kinds(&back), [(4, DefectKind::Backwards { by_s: 51.0 })]);
+        assert_eq!(kinds(&back), [(4, GyroCsvDefectKind::Backwards { by_s: 51.0 })]);
         // A gap within a glitch is one of its own.
         let both = read(&stamped(&[0.0, 1.0, 102.0, 108.0, 9.0]));
-        let expected = [(4, DefectKind::Glitch { rows: 2, offset_s: 100.0 }), (5, DefectKind::Gap { length_s: 6.0 })];
+        let expected = [(4, GyroCsvDefectKind::Glitch { rows: 2, offset_s: 100.0 }), (5, GyroCsvDefectKind::Gap { length_s: 6.0 })];
         assert_eq!(kinds(&both), expected);
         let broken = read("0,1,a,2\n1,x,a,2\n1,nan,a,2\n1,1,a\n1,1,a,2\n");
-        let not = |got: &str| DefectKind::NotANumber { column: "wx".to_owned(), got: got.to_owned() };
-        let expected = [(3, not("x")), (4, not("nan")), (5, DefectKind::Fields { expected: 4, got: 3 })];
+        let not = |got: &str| GyroCsvDefectKind::NotANumber { column: "wx".to_owned(), got: got.to_owned() };
+        let expected = [(3, not("x")), (4, not("nan")), (5, GyroCsvDefectKind::Fields { expected: 4, got: 3 })];
         assert_eq!(kinds(&broken), expected);
         assert_eq!(broken.samples.len(), 2);
         let account = broken.account().to_string();
@@ -526,10 +526,10 @@ mod tests {
             ("counts_per_unit = 1000", "counts_per_unit = 0", "a number within"),
             ("column = \"wx\"", &format!("column = \"{}\"", "x".repeat(300)), "a name of at most 200 bytes"),
         ] {
-            let error = Description::parse("d.toml", &DESCRIPTION.replace(from, to)).expect_err(to).to_string();
+            let error = GyroCsvSpec::parse("d.toml", &DESCRIPTION.replace(from, to)).expect_err(to).to_string();
             assert!(error.contains(part) && error.contains("d.toml:"), "{part} not in {error}");
         }
-        let description = Description::parse("d.toml", DESCRIPTION).expect("a description");
+        let description = GyroCsvSpec::parse("d.toml", DESCRIPTION).expect("a description");
         let error = GyroCsv::parse("f.csv", "t,wx\n", description).expect_err("no column nz").to_string();
         assert_eq!(error, "f.csv: line 1: expected the columns t, wx, nz, got t, wx");
     }

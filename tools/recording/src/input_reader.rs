@@ -4,15 +4,15 @@ use std::io::ErrorKind;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use geu_protocol::capture::{Detected, Event, Format, Place, Reader, detect};
+use geu_protocol::capture::{Detected, CaptureRecord, Format, RecordPosition, Reader, detect};
 use geu_protocol::excerpt::excerpt;
 use geu_protocol::hex::spaced_hex;
 
-use crate::decoder::{Decoder, Options};
+use crate::decoder::{Decoder, DecoderOptions};
 use crate::input::{InputError, Source, Unpacked, open};
 use crate::live::{CanSocket, Received, SerialPort, wait_readable};
 use crate::row::Sink;
-use crate::summary::Summary;
+use crate::summary::DecodeSummary;
 
 const CHUNK: usize = 1 << 20;
 /// Bytes at most from which a format is told.
@@ -49,7 +49,7 @@ impl Stop<'_> {
 
 /// Opens inputs and decodes them as one stream.
 pub struct InputReader<'a> {
-    options: Options,
+    options: DecoderOptions,
     decoder: Decoder,
     stop: Stop<'a>,
     /// A serial recording in which a frame must be found: name, length and first bytes.
@@ -58,7 +58,7 @@ pub struct InputReader<'a> {
 
 impl<'a> InputReader<'a> {
     /// A reader before its first input.
-    pub fn new(options: Options, stop: Stop<'a>) -> InputReader<'a> {
+    pub fn new(options: DecoderOptions, stop: Stop<'a>) -> InputReader<'a> {
         InputReader { decoder: Decoder::new(&options), options, stop, serial: None }
     }
 
@@ -81,7 +81,7 @@ impl<'a> InputReader<'a> {
     ///
     /// # Errors
     /// A serial recording that was read to its end and in which no frame was found.
-    pub fn finish(mut self, sink: &mut impl Sink) -> (Summary, Result<(), InputError>) {
+    pub fn finish(mut self, sink: &mut impl Sink) -> (DecodeSummary, Result<(), InputError>) {
         let is_stopped = self.stop.is_due();
         if is_stopped {
             self.decoder.stop();
@@ -237,7 +237,7 @@ impl<'a> InputReader<'a> {
                 continue;
             }
             loop {
-                let (decoder, place) = (&mut self.decoder, Place::Line(frames + 1));
+                let (decoder, place) = (&mut self.decoder, RecordPosition::Line(frames + 1));
                 let received = socket
                     .receive(&mut |event| decoder.event(place, event, sink))
                     .map_err(|source| InputError::Read { name: name.to_owned(), offset: frames, source })?;
@@ -281,7 +281,7 @@ impl Target {
     fn consume(&mut self, bytes: &[u8], decoder: &mut Decoder, sink: &mut impl Sink) -> usize {
         match self {
             Target::Capture { reader, frames, .. } => reader.consume(bytes, &mut |place, event| {
-                *frames += u64::from(!matches!(event, Event::Remark));
+                *frames += u64::from(!matches!(event, CaptureRecord::Remark));
                 sink.record(&event);
                 decoder.event(place, event, sink);
             }),
@@ -307,11 +307,11 @@ impl Target {
     ) -> Option<String> {
         match self {
             Target::Capture { reader, frames, cut, .. } => {
-                let mut tell = |place, event: Event| {
-                    if let (Place::Offset(at), Event::Broken { cut: true, .. }) = (place, event) {
+                let mut tell = |place, event: CaptureRecord| {
+                    if let (RecordPosition::Offset(at), CaptureRecord::Broken { cut: true, .. }) = (place, event) {
                         *cut = Some(at);
                     }
-                    *frames += u64::from(!matches!(event, Event::Remark));
+                    *frames += u64::from(!matches!(event, CaptureRecord::Remark));
                     sink.record(&event);
                     decoder.event(place, event, sink);
                 };

@@ -49,23 +49,23 @@ mod row;
 mod summary;
 mod text;
 
-pub use account::Account;
-pub use cadence::Cadence;
+pub use account::DecodeAccount;
+pub use cadence::IntervalStatistics;
 pub use clock_fit::{ClockFit, ClockRate};
 pub use command_link::{CommandLink, POLL};
 pub use csv_table::{CsvTable, TableError};
-pub use decoder::{Decoder, Options};
+pub use decoder::{Decoder, DecoderOptions};
 pub use defect::{Defect, DefectKind, place_text};
 pub use gyro_csv::{
-    Account as GyroCsvAccount, Defect as GyroCsvDefect, DefectKind as GyroCsvDefectKind, Description, GyroColumn,
-    GyroCsv, GyroCsvError, RateColumn, ReferenceTable, Sample,
+    GyroCsvSummary as GyroCsvAccount, GyroCsvDefect as GyroCsvDefect, GyroCsvDefectKind as GyroCsvDefectKind, GyroCsvSpec, GyroColumn,
+    GyroCsv, GyroCsvError, RateColumn, ReferenceTable, RateSample,
 };
 pub use input::{InputError, is_live};
 pub use input_reader::{InputReader, Stop};
 pub use no_rows::no_rows_reason;
 pub use others::Others;
 pub use rate_table::{RateRow, RateTable};
-pub use reference::{REFERENCE, Reference};
-pub use row::{Row, Sink};
-pub use summary::Summary;
+pub use reference::{REFERENCE, ReferenceAttitude};
+pub use row::{ReceivedSample, Sink};
+pub use summary::DecodeSummary;
 pub use text::{RowLines, RowReader, Table, open_rows, read_text};

@@ -7,7 +7,7 @@ use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use geu_protocol::capture::{Event, Time, frame_of_socketcan};
+use geu_protocol::capture::{CaptureRecord, Timestamp, frame_of_socketcan};
 use geu_protocol::serial::DEFAULT_BAUD;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::socket::{ControlMessageOwned, MsgFlags, recvmsg, setsockopt, sockopt};
@@ -65,11 +65,11 @@ impl Read for Stream<'_> {
 }
 
 /// A time cut to microseconds, as candump tells it.
-fn microseconds(t_ns: i64) -> Time {
-    Time { t_ns: t_ns - t_ns.rem_euclid(1_000), digits: 6 }
+fn microseconds(t_ns: i64) -> Timestamp {
+    Timestamp { t_ns: t_ns - t_ns.rem_euclid(1_000), digits: 6 }
 }
 
-fn now() -> Time {
+fn now() -> Timestamp {
     let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     microseconds(since.as_nanos() as i64)
 }
@@ -107,7 +107,7 @@ impl CanSocket {
     }
 
     /// Receives one frame and tells it, with the kernel's receive time.
-    pub fn receive(&mut self, tell: &mut impl FnMut(Event)) -> io::Result<Received> {
+    pub fn receive(&mut self, tell: &mut impl FnMut(CaptureRecord)) -> io::Result<Received> {
         let mut frame = [0; size_of::<nix::libc::canfd_frame>()];
         let mut control = nix::cmsg_space!(nix::sys::time::TimeSpec, u32);
         let mut parts = [IoSliceMut::new(&mut frame)];
@@ -134,8 +134,8 @@ impl CanSocket {
         let frame = &frame[..length];
         let id = frame.first_chunk().map_or(0, |bytes| u32::from_ne_bytes(*bytes));
         let is_fd = length > size_of::<nix::libc::can_frame>();
-        let event = if is_fd { Some(Event::Fd) } else { frame_of_socketcan(id, time, self.name.as_bytes(), frame) };
-        tell(event.unwrap_or(Event::Broken { bytes: frame, cut: false }));
+        let event = if is_fd { Some(CaptureRecord::Fd) } else { frame_of_socketcan(id, time, self.name.as_bytes(), frame) };
+        tell(event.unwrap_or(CaptureRecord::Broken { bytes: frame, cut: false }));
         Ok(Received::Frame { dropped: lost.into() })
     }
 }
@@ -170,7 +170,7 @@ impl SerialPort {
     }
 
     /// Reads what is there, with the time; nothing at the end (the other side of a pty is closed, a device unplugged).
-    pub fn read(&mut self, buffer: &mut [u8]) -> io::Result<Option<(usize, Time)>> {
+    pub fn read(&mut self, buffer: &mut [u8]) -> io::Result<Option<(usize, Timestamp)>> {
         match self.file.read(buffer) {
             Ok(0) => Ok(None),
             Ok(length) => Ok(Some((length, now()))),

@@ -1,13 +1,13 @@
-use geu_protocol::CanPlan;
+use geu_protocol::CanIdMap;
 use geu_protocol::capture::Format;
 
-use crate::{DefectKind, Summary};
+use crate::{DefectKind, DecodeSummary};
 
 /// Identifiers listed at most.
 const MAX_IDS: usize = 8;
 
 /// Why inputs gave no sample, and what to do, where all that was read is other traffic or defects.
-pub fn no_rows_reason(summary: &Summary, plan: CanPlan, format: Option<Format>) -> Option<String> {
+pub fn no_rows_reason(summary: &DecodeSummary, plan: CanIdMap, format: Option<Format>) -> Option<String> {
     let account = &summary.account;
     if summary.rows > 0 || account.elsewhere > 0 || account.records + account.bytes == 0 {
         return None;
@@ -38,7 +38,7 @@ pub fn no_rows_reason(summary: &Summary, plan: CanPlan, format: Option<Format>) 
     }
     let (base, ids) = (plan.base(), summary.others.ids());
     let expected = format!("expected identifiers {base:03X}, {:03X}, {:03X} (base {base:X})", base + 1, base + 2);
-    let likely = summary.others.likely().map(CanPlan::base).filter(|likely| *likely != base);
+    let likely = summary.others.likely().map(CanIdMap::base).filter(|likely| *likely != base);
     if likely.is_none() && ids.contains(&base) {
         return Some(format!(
             "no half second: {expected}, which are there, but no INCREMENTS with a STATUS that matches it: {defects}"

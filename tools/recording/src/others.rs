@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use geu_protocol::CanPlan;
+use geu_protocol::CanIdMap;
 use geu_protocol::can::close_status;
 
 const IDS: usize = 1 << 11;
@@ -41,21 +41,21 @@ impl Others {
     }
 
     /// The base under which most frames are the unit's, where most of an identifier are.
-    pub fn likely(&self) -> Option<CanPlan> {
+    pub fn likely(&self) -> Option<CanIdMap> {
         let statuses = (0..).zip(&self.0).filter(|(_, seen)| seen.status * 2 > seen.frames);
-        statuses.max_by_key(|(_, seen)| seen.status).and_then(|(id, _): (u16, _)| CanPlan::with_base(id - 1))
+        statuses.max_by_key(|(_, seen)| seen.status).and_then(|(id, _): (u16, _)| CanIdMap::with_base(id - 1))
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use geu_protocol::HalfSecond;
+    use geu_protocol::Sample;
 
     use super::*;
 
     #[test]
     fn the_base_is_where_the_crc_matches_and_not_where_it_does_by_accident() {
-        let (mut others, plan) = (Others::default(), CanPlan::with_base(0x300).expect("a base"));
+        let (mut others, plan) = (Others::default(), CanIdMap::with_base(0x300).expect("a base"));
         let increments = [[1; 8], [2; 8], [3; 8]];
         for increments in increments {
             let mut status = [7; 8];
@@ -66,7 +66,7 @@ mod tests {
             others.push(0x101, &status);
         }
         assert!(others.likely().is_none());
-        for frame in plan.frames(&HalfSecond::default()) {
+        for frame in plan.frames(&Sample::default()) {
             others.push(frame.id().into(), frame.data());
         }
         assert_eq!(others.likely(), Some(plan));

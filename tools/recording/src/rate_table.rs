@@ -126,13 +126,13 @@ impl RateTable {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Description;
+    use crate::GyroCsvSpec;
 
     const DESCRIPTION: &str = "[time]\ncolumn = \"t\"\nunit = \"s\"\ninterval_s = 1.0\n[gyro.GX]\ncolumn = \"wx\"\naxis = \"X\"\nunit = \"deg/s\"\n[reference]\ngroup = \"day\"\nrate = { column = \"m\", unit = \"deg/s\" }\ngyro.GX = { column = \"wx\", unit = \"arcsec/s\" }\n";
 
     #[test]
     fn a_table_of_windows_is_read_as_described() {
-        let description = Description::parse("d.toml", DESCRIPTION).unwrap_or_else(|error| panic!("{error}"));
+        let description = GyroCsvSpec::parse("d.toml", DESCRIPTION).unwrap_or_else(|error| panic!("{error}"));
         let read = RateTable::parse("r.csv", "day,wx,m\nfirst,5,2\n", description.reference.as_ref()).expect("a table");
         let (group, gyros_arcsec_s, rates_arcsec_s) = (Some("first".to_owned()), vec![5.0], vec![7200.0]);
         assert_eq!(read.rows, [RateRow { line: 2, t_s: None, group, gyros_arcsec_s, rates_arcsec_s }]);
@@ -148,10 +148,10 @@ mod tests {
             ("gyro.GX = {", "gyro.GY = {", "expected one of: GX"),
             ("rate = {", "rate_x = {", "expected `reference.rate_y`"),
         ] {
-            let error = Description::parse("d.toml", &DESCRIPTION.replace(from, to)).expect_err(to).to_string();
+            let error = GyroCsvSpec::parse("d.toml", &DESCRIPTION.replace(from, to)).expect_err(to).to_string();
             assert!(error.contains(part) && error.contains("d.toml:"), "{part} not in {error}");
         }
-        let description = Description::parse("d.toml", DESCRIPTION).expect("a description");
+        let description = GyroCsvSpec::parse("d.toml", DESCRIPTION).expect("a description");
         let parse =
             |text: &str| RateTable::parse("r.csv", text, description.reference.as_ref()).expect_err(text).to_string();
         assert!(

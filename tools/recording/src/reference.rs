@@ -7,7 +7,7 @@ use std::io::Read;
 use std::path::Path;
 use std::sync::Arc;
 
-use geu_model::attitude::{Recorded, Row, median_spacing_s};
+use geu_model::attitude::{RecordedAttitude, AttitudeRow, median_spacing_s};
 use geu_model::units::{ARCSEC_PER_RAD, RAD_PER_DEG};
 use nalgebra::{Quaternion, UnitQuaternion};
 
@@ -21,11 +21,11 @@ const COLUMNS: &str = "t_s and either rate_x_arcsec_s, rate_y_arcsec_s, rate_z_a
 pub const REFERENCE: &str = "a reference attitude, CSV or CCSDS AEM";
 
 #[derive(Debug, Clone)]
-pub struct Reference {
+pub struct ReferenceAttitude {
     /// Start of the first row's interval on the file's time scale, ns.
     pub start_ns: i64,
     /// The truth; its time 0 is `start_ns`.
-    pub truth: Arc<Recorded>,
+    pub truth: Arc<RecordedAttitude>,
     /// Time system of an attitude ephemeris, in which `start_ns` counts from 1970.
     pub time_system: Option<String>,
 }
@@ -57,28 +57,28 @@ impl Columns {
     }
 }
 
-impl Reference {
+impl ReferenceAttitude {
     /// Reads a file, which may be compressed.
     ///
     /// # Errors
     /// [`TableError`], with the line.
-    pub fn read(name: &str) -> Result<Reference, TableError> {
-        Reference::of_rows(name, open_rows(Path::new(name)).map_err(TableError::read(name, REFERENCE))?)
+    pub fn read(name: &str) -> Result<ReferenceAttitude, TableError> {
+        ReferenceAttitude::of_rows(name, open_rows(Path::new(name)).map_err(TableError::read(name, REFERENCE))?)
     }
 
     /// Reads a text; `name` is what errors call it.
     ///
     /// # Errors
     /// [`TableError`], with the line.
-    pub fn parse(name: &str, text: &str) -> Result<Reference, TableError> {
-        Reference::of_rows(name, RowReader::new(text.as_bytes()))
+    pub fn parse(name: &str, text: &str) -> Result<ReferenceAttitude, TableError> {
+        ReferenceAttitude::of_rows(name, RowReader::new(text.as_bytes()))
     }
 
     /// Reads rows; `name` is what errors call them.
     ///
     /// # Errors
     /// [`TableError`], with the line.
-    pub fn of_rows(name: &str, mut rows: RowReader<impl Read>) -> Result<Reference, TableError> {
+    pub fn of_rows(name: &str, mut rows: RowReader<impl Read>) -> Result<ReferenceAttitude, TableError> {
         let head = rows.first_lines().map_err(TableError::read(name, REFERENCE))?;
         let first = head.iter().map(|line| line.trim()).find(|line| !line.is_empty() && !line.starts_with("COMMENT"));
         if first.is_some_and(|line| line.starts_with(aem::FIRST_KEYWORD)) {
@@ -107,37 +107,37 @@ impl Reference {
                 Some([theta, psi]) => Some((number(theta)? * RAD_PER_DEG, number(psi)? * RAD_PER_DEG)),
                 None => None,
             };
-            rows.push(Row { t_s, angle_control_arcsec, theta_psi_rad });
+            rows.push(AttitudeRow { t_s, angle_control_arcsec, theta_psi_rad });
             lines.push(table.line());
         }
         if let Kind::Rates(_) = columns.motion
             && let Some(spacing_s) = median_spacing_s(&rows)
         {
             // Its first row ends an interval of the median spacing.
-            rows.insert(0, Row { t_s: rows[0].t_s - spacing_s, ..rows[0] });
+            rows.insert(0, AttitudeRow { t_s: rows[0].t_s - spacing_s, ..rows[0] });
             lines.insert(0, lines[0]);
             for row in 1..rows.len() {
                 let length_s = rows[row].t_s - rows[row - 1].t_s;
                 rows[row].angle_control_arcsec = rows[row].angle_control_arcsec.map(|rate| rate * length_s);
             }
         }
-        Reference::from_turns(name, base_ns.unwrap_or(0), &rows, &lines, None)
+        ReferenceAttitude::from_turns(name, base_ns.unwrap_or(0), &rows, &lines, None)
     }
 
     /// Rows whose times count from `base_ns`; the first tells where the motion starts.
     pub(crate) fn from_turns(
         name: &str,
         base_ns: i64,
-        rows: &[Row],
+        rows: &[AttitudeRow],
         lines: &[u64],
         time_system: Option<String>,
-    ) -> Result<Reference, TableError> {
-        let truth = Recorded::new(rows).map_err(|source| {
+    ) -> Result<ReferenceAttitude, TableError> {
+        let truth = RecordedAttitude::new(rows).map_err(|source| {
             let line = source.index().and_then(|index| lines.get(index).copied()).unwrap_or(1);
             TableError::Rows { name: name.to_owned(), line, source }
         })?;
         let start_ns = base_ns + (truth.start_s() * 1e9).round() as i64;
-        Ok(Reference { start_ns, truth: Arc::new(truth.starting_at_zero()), time_system })
+        Ok(ReferenceAttitude { start_ns, truth: Arc::new(truth.starting_at_zero()), time_system })
     }
 }
 
@@ -172,8 +172,8 @@ mod tests {
                 format!("{}.{},{},0,0,{}\n", row / 2, row % 2 * 5, half.cos(), half.sin())
             })
             .collect();
-        let rates = Reference::parse("r", &format!("t_s,rate_x_arcsec_s,rate_y_arcsec_s,rate_z_arcsec_s\n{rates}"));
-        let quaternions = Reference::parse("q", &format!("t_s,q_w,q_x,q_y,q_z\n{quaternions}"));
+        let rates = ReferenceAttitude::parse("r", &format!("t_s,rate_x_arcsec_s,rate_y_arcsec_s,rate_z_arcsec_s\n{rates}"));
+        let quaternions = ReferenceAttitude::parse("q", &format!("t_s,q_w,q_x,q_y,q_z\n{quaternions}"));
         for reference in [rates, quaternions] {
             let reference = reference.expect("a reference");
             assert_eq!(reference.start_ns, 0);
@@ -186,7 +186,7 @@ mod tests {
     fn a_quaternion_tells_the_sun_from_its_first_row_on() {
         let row = |row: u32| format!("{}.{},1,0,0,0,{},0\n", row / 2, row % 2 * 5, 90 + row);
         let text: String = (0..=10).map(row).collect();
-        let reference = Reference::parse("q", &format!("t_s,q_w,q_x,q_y,q_z,theta_deg,psi_deg\n{text}"));
+        let reference = ReferenceAttitude::parse("q", &format!("t_s,q_w,q_x,q_y,q_z,theta_deg,psi_deg\n{text}"));
         let (_, start) = reference.expect("a reference").truth.at(0.0, &mut 0);
         assert!((start.theta_rad / RAD_PER_DEG - 90.0).abs() < 1e-9);
     }
@@ -206,7 +206,7 @@ mod tests {
             (format!("{header}{good}9.5,0,0,0\n"), "line 6: expected rows every 0.5 s or so, got a gap of 7 s"),
             (header.to_owned(), "expected at least 3 rows after the first, got 0"),
         ] {
-            let message = Reference::parse("f.csv", &text).expect_err(&text).to_string();
+            let message = ReferenceAttitude::parse("f.csv", &text).expect_err(&text).to_string();
             assert!(message.contains(part), "{part} not in {message}");
         }
     }

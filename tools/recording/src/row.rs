@@ -1,20 +1,20 @@
 //! What comes out: rows, to whoever wants them.
 
-use geu_protocol::HalfSecond;
-use geu_protocol::capture::{Event, Time};
+use geu_protocol::Sample;
+use geu_protocol::capture::{CaptureRecord, Timestamp};
 
 use crate::defect::Defect;
 
 /// One half second as it was received.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Row {
+pub struct ReceivedSample {
     /// Receive time (of INCREMENTS, or of the last byte of a live serial frame); where there is none, the clock count as
     /// seconds; nothing where the row has neither.
-    pub time: Option<Time>,
+    pub time: Option<Timestamp>,
     /// Whether `time` is a receive time.
     pub is_received: bool,
     /// The fields; clock count and sensor temperature only where `has_clock`.
-    pub half_second: HalfSecond,
+    pub half_second: Sample,
     /// Whether clock count and sensor temperature are known.
     pub has_clock: bool,
 }
@@ -25,10 +25,10 @@ pub trait Sink {
     fn opened(&mut self) {}
     /// Called with every record of a capture, before what is made of it.
     #[inline]
-    fn record(&mut self, _event: &Event) {}
+    fn record(&mut self, _event: &CaptureRecord) {}
     /// Called with the bytes of a serial recording, before what is made of them.
     fn bytes(&mut self, _bytes: &[u8]) {}
-    fn row(&mut self, row: &Row);
+    fn row(&mut self, row: &ReceivedSample);
     fn defect(&mut self, defect: &Defect);
     /// Called when a live input has nothing more for now.
     fn flush(&mut self) {}

@@ -3,16 +3,16 @@
 use std::fmt::{self, Display, Formatter};
 
 use geu_protocol::Gyro;
-use geu_protocol::capture::{Place, Time};
-use geu_protocol::continuity::{Continuity, Step};
+use geu_protocol::capture::{RecordPosition, Timestamp};
+use geu_protocol::continuity::{Continuity, SequenceStep};
 use geu_protocol::field::unit_flag;
 
-use crate::account::Account;
-use crate::cadence::Cadence;
+use crate::account::DecodeAccount;
+use crate::cadence::IntervalStatistics;
 use crate::clock_fit::ClockFit;
 use crate::defect::{Defect, DefectKind, place_text};
 use crate::others::Others;
-use crate::row::{Row, Sink};
+use crate::row::{ReceivedSample, Sink};
 
 /// How many gaps are told one by one.
 const MAX_TOLD_GAPS: usize = 20;
@@ -20,23 +20,23 @@ const POLLED: u8 = unit_flag("polled");
 
 /// Account and statistics of everything decoded. [`Display`] writes it: a name, then values, on each line.
 #[derive(Debug, Default)]
-pub struct Summary {
+pub struct DecodeSummary {
     /// Names of the inputs and what they are.
     pub inputs: Vec<(String, String)>,
     /// Interface of the rows, where they come from CAN; with commas where inputs have several.
     pub interface: Option<String>,
     /// Frames of the unit on other interfaces.
     pub elsewhere: Vec<(String, u64)>,
-    pub account: Account,
+    pub account: DecodeAccount,
     /// Identifiers, until the first row.
     pub others: Others,
     pub rows: u64,
     pub serial_frames: u64,
     /// Time of the first and the last row.
-    pub span: Option<(Time, Time)>,
+    pub span: Option<(Timestamp, Timestamp)>,
     pub lost: u64,
     /// The first gaps: place, time, half seconds missing.
-    pub gaps: Vec<(String, Option<Time>, u64)>,
+    pub gaps: Vec<(String, Option<Timestamp>, u64)>,
     pub repeats: u64,
     pub resets: u64,
     /// Rows without clock count and sensor temperature.
@@ -48,7 +48,7 @@ pub struct Summary {
     pub polled: u64,
     /// Frames that recorder or socket lost.
     pub dropped: u64,
-    pub cadence: Cadence,
+    pub cadence: IntervalStatistics,
     /// The longest interval between rows, gaps included, ns, and where it ends.
     pub largest: Option<(i64, String)>,
     /// The unit's clock.
@@ -58,22 +58,22 @@ pub struct Summary {
 
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct At {
-    pub place: Place,
+    pub place: RecordPosition,
     pub input: u32,
-    pub time: Option<Time>,
+    pub time: Option<Timestamp>,
 }
 
 /// Rows and defects on their way out, and what is counted of them.
 #[derive(Debug, Default)]
 pub(crate) struct Flow {
-    pub summary: Summary,
+    pub summary: DecodeSummary,
     continuity: Continuity,
     /// Receive time of the row before.
     last_t_ns: Option<i64>,
     /// Whether the row before was sent on request.
     last_polled: bool,
     /// The longest interval so far and where it ends.
-    largest: Option<(i64, Place, u32)>,
+    largest: Option<(i64, RecordPosition, u32)>,
 }
 
 impl Flow {
@@ -86,13 +86,13 @@ impl Flow {
         self.summary.inputs.len().saturating_sub(1) as u32
     }
 
-    pub fn stamp(&self, place: Place, time: Option<Time>) -> At {
+    pub fn stamp(&self, place: RecordPosition, time: Option<Timestamp>) -> At {
         At { place, input: self.input(), time }
     }
 
     /// Gives out a row; `is_regular` unless its clock is doubted.
     #[inline]
-    pub fn row(&mut self, (place, input): (Place, u32), row: &Row, is_regular: bool, sink: &mut impl Sink) {
+    pub fn row(&mut self, (place, input): (RecordPosition, u32), row: &ReceivedSample, is_regular: bool, sink: &mut impl Sink) {
         let half_second = &row.half_second;
         let summary = &mut self.summary;
         summary.rows += 1;
@@ -113,7 +113,7 @@ impl Flow {
 
     /// Compares a row with the one before.
     #[inline]
-    fn follow(&mut self, (place, input): (Place, u32), row: &Row, sink: &mut impl Sink) {
+    fn follow(&mut self, (place, input): (RecordPosition, u32), row: &ReceivedSample, sink: &mut impl Sink) {
         let half_second = &row.half_second;
         let summary = &mut self.summary;
         let is_polled = half_second.unit_flags & POLLED != 0;
@@ -122,13 +122,13 @@ impl Flow {
             summary.span.get_or_insert((time, time)).1 = time;
         }
         let step = self.continuity.step(half_second.sequence, row.has_clock.then_some(half_second.clock_count));
-        if let Some(Time { t_ns, .. }) = row.time.filter(|_| row.is_received) {
+        if let Some(Timestamp { t_ns, .. }) = row.time.filter(|_| row.is_received) {
             if let Some(last_t_ns) = self.last_t_ns.replace(t_ns) {
                 let interval_ns = t_ns.saturating_sub(last_t_ns);
                 if interval_ns < 0 {
                     self.defect(At { place, input, time: row.time }, DefectKind::TimeBackwards, &[], 0, sink);
-                } else if step != Step::Repeat && !is_polled && !self.last_polled {
-                    if step == Step::Next {
+                } else if step != SequenceStep::Repeat && !is_polled && !self.last_polled {
+                    if step == SequenceStep::Next {
                         self.summary.cadence.add(interval_ns);
                     }
                     if self.largest.is_none_or(|(largest_ns, ..)| interval_ns > largest_ns) {
@@ -136,24 +136,24 @@ impl Flow {
                     }
                 }
             }
-            if row.has_clock && !is_polled && step != Step::Repeat {
+            if row.has_clock && !is_polled && step != SequenceStep::Repeat {
                 self.summary.clock.add(t_ns, half_second.sequence, half_second.clock_count);
             }
         }
         self.last_polled = is_polled;
-        if step != Step::Next {
+        if step != SequenceStep::Next {
             self.irregular(step, At { place, input, time: row.time }, sink);
         }
     }
 
     #[cold]
-    fn irregular(&mut self, step: Step, at: At, sink: &mut impl Sink) {
+    fn irregular(&mut self, step: SequenceStep, at: At, sink: &mut impl Sink) {
         match step {
-            Step::First | Step::Next => {}
-            Step::Repeat => self.summary.repeats += 1,
-            Step::Reset => self.summary.resets += 1,
-            Step::Jump => self.defect(at, DefectKind::SequenceJump, &[], 0, sink),
-            Step::Gap(lost) => {
+            SequenceStep::First | SequenceStep::Next => {}
+            SequenceStep::Repeat => self.summary.repeats += 1,
+            SequenceStep::Reset => self.summary.resets += 1,
+            SequenceStep::Jump => self.defect(at, DefectKind::SequenceJump, &[], 0, sink),
+            SequenceStep::Gap(lost) => {
                 self.summary.lost = self.summary.lost.saturating_add(lost);
                 if self.summary.gaps.len() < MAX_TOLD_GAPS {
                     let place = place_text(&self.summary.inputs[at.input as usize].0, at.place);
@@ -189,7 +189,7 @@ impl Flow {
 }
 
 /// `seconds.fraction` with at least six digits.
-fn seconds(time: Time) -> String {
+fn seconds(time: Timestamp) -> String {
     let digits = usize::from(time.digits.clamp(6, 9));
     let magnitude = time.t_ns.unsigned_abs();
     let fraction = format!("{:09}", magnitude % 1_000_000_000);
@@ -197,7 +197,7 @@ fn seconds(time: Time) -> String {
     format!("{sign}{}.{}", magnitude / 1_000_000_000, &fraction[..digits])
 }
 
-impl Display for Summary {
+impl Display for DecodeSummary {
     fn fmt(&self, out: &mut Formatter) -> fmt::Result {
         for (name, kind) in &self.inputs {
             line(out, "input", format_args!("{name} {kind}"))?;
@@ -222,7 +222,7 @@ fn line(out: &mut Formatter, name: &str, value: impl Display) -> fmt::Result {
     writeln!(out, "{name:<24} {value}")
 }
 
-impl Summary {
+impl DecodeSummary {
     /// Notes an interface whose rows are used; each input may have its own.
     pub(crate) fn use_interface(&mut self, name: &str) {
         match &mut self.interface {

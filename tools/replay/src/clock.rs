@@ -1,7 +1,7 @@
 //! When things of a recording are sent: by time stamps, or by the unit's clock where there are none.
 
 use geu_model::units::HALF_SECOND_NS;
-use geu_protocol::HalfSecond;
+use geu_protocol::Sample;
 use geu_protocol::field::CLOCK_PER_HALF_SECOND;
 
 /// Time stamps out of order by less than this are those of neighbours that were written in another order.
@@ -78,7 +78,7 @@ impl ReplayClock {
     }
 
     /// Time that the unit's clock says to have passed when it tells this half second.
-    pub fn by_clock(&self, half_second: &HalfSecond) -> i64 {
+    pub fn by_clock(&self, half_second: &Sample) -> i64 {
         let Some((sequence, clock_count)) = self.clock else { return 0 };
         let steps = half_second.sequence.wrapping_sub(sequence);
         match half_second.clock_count.checked_sub(clock_count) {
@@ -94,7 +94,7 @@ impl ReplayClock {
     }
 
     /// Takes notice of what a half second tells.
-    pub fn read(&mut self, half_second: &HalfSecond) {
+    pub fn read(&mut self, half_second: &Sample) {
         self.clock = Some((half_second.sequence, half_second.clock_count));
     }
 
@@ -155,10 +155,10 @@ mod tests {
 
     #[test]
     fn time_goes_on_by_the_clock_where_it_can_be_believed() {
-        let half_second = |sequence: u16, half_seconds: u64| HalfSecond {
+        let half_second = |sequence: u16, half_seconds: u64| Sample {
             sequence,
             clock_count: half_seconds * CLOCK_PER_HALF_SECOND,
-            ..HalfSecond::default()
+            ..Sample::default()
         };
         let mut clock = ReplayClock::new(i64::MAX);
         let mut step = |sequence, half_seconds| {

@@ -8,8 +8,8 @@ mod tests;
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use geu_protocol::CanPlan;
-use geu_recording::{InputError, InputReader, Options, Stop, Summary};
+use geu_protocol::CanIdMap;
+use geu_recording::{InputError, InputReader, DecoderOptions, Stop, DecodeSummary};
 
 pub use report::ReplayReport;
 pub use source::ReplaySource;
@@ -20,7 +20,7 @@ pub const QUEUE: usize = 16;
 /// What of a recording is sent.
 #[derive(Debug, Clone)]
 pub struct ReplaySelection {
-    pub plan: CanPlan,
+    pub plan: CanIdMap,
     pub interface: Option<Vec<u8>>,
     pub is_only: bool,
     pub from_ns: i64,
@@ -31,13 +31,13 @@ pub struct ReplaySelection {
 }
 
 /// The report on the last pass, and how reading ended.
-pub type ReadResult = (ReplayReport, Summary, Result<(), InputError>);
+pub type ReadResult = (ReplayReport, DecodeSummary, Result<(), InputError>);
 
 /// Reads the recordings to their end, or over and over, until nobody takes more.
 pub fn read(
     mut source: ReplaySource,
     names: &[String],
-    options: &Options,
+    options: &DecoderOptions,
     is_loop: bool,
     stop: &AtomicBool,
 ) -> ReadResult {

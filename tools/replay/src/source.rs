@@ -4,13 +4,13 @@ use std::collections::VecDeque;
 use std::sync::mpsc::SyncSender;
 
 use geu_daemon::link_model::WireData;
-use geu_daemon::replay::{Item, What, Whose};
+use geu_daemon::replay::{ReplayItem, ReplayItemKind, TrafficOrigin};
 use geu_model::units::HALF_SECOND_NS;
-use geu_protocol::can::{Assembled, Assembler, Role};
-use geu_protocol::capture::Event;
-use geu_protocol::serial::{BITS_PER_BYTE, DEFAULT_BAUD, Deframer, Found, Kind, MAX_FRAME, OVERHEAD, read_data};
-use geu_protocol::{CanFrame, HalfSecond};
-use geu_recording::{Defect, Row, Sink};
+use geu_protocol::can::{AssemblerEvent, Assembler, Role};
+use geu_protocol::capture::CaptureRecord;
+use geu_protocol::serial::{BITS_PER_BYTE, DEFAULT_BAUD, Deframer, DeframerEvent, FrameType, MAX_FRAME, OVERHEAD, read_data};
+use geu_protocol::{CanFrame, Sample};
+use geu_recording::{Defect, ReceivedSample, Sink};
 
 use crate::ReplaySelection;
 use crate::clock::ReplayClock;
@@ -32,16 +32,16 @@ struct Waiting {
     time_ns: Option<i64>,
     is_whole: bool,
     /// The half second that begins with it.
-    begins: Option<HalfSecond>,
+    begins: Option<Sample>,
 }
 
 /// Takes what is read, and hands it over to be sent.
 pub struct ReplaySource {
     choice: ReplaySelection,
-    sender: SyncSender<Vec<Item>>,
+    sender: SyncSender<Vec<ReplayItem>>,
     /// ReplayReport once that there is something to send.
     begins: Option<SyncSender<()>>,
-    batch: Vec<Item>,
+    batch: Vec<ReplayItem>,
     clock: ReplayClock,
     report: ReplayReport,
     /// What the time stamps of passes before add up to, ns.
@@ -72,7 +72,7 @@ pub struct ReplaySource {
 }
 
 impl ReplaySource {
-    pub fn new(choice: ReplaySelection, sender: SyncSender<Vec<Item>>, begins: SyncSender<()>) -> ReplaySource {
+    pub fn new(choice: ReplaySelection, sender: SyncSender<Vec<ReplayItem>>, begins: SyncSender<()>) -> ReplaySource {
         ReplaySource {
             clock: ReplayClock::new(choice.longest_gap_ns),
             interface: choice.interface.clone(),
@@ -164,30 +164,30 @@ impl ReplaySource {
     }
 
     /// Sends something at the present time, unless that is not chosen.
-    fn send(&mut self, what: What) {
+    fn send(&mut self, what: ReplayItemKind) {
         let recorded_ns = self.clock.recorded_ns;
         self.is_after |= recorded_ns >= self.choice.to_ns;
         if recorded_ns < self.choice.from_ns || self.is_over() {
             return;
         }
-        if self.choice.is_only && matches!(what, What::Content(_, Whose::Command | Whose::Other)) {
+        if self.choice.is_only && matches!(what, ReplayItemKind::Content(_, TrafficOrigin::Command | TrafficOrigin::Other)) {
             return;
         }
         self.clock.is_playing = true;
         self.span_ns.get_or_insert((recorded_ns, recorded_ns)).1 = recorded_ns;
         let (carries_frames, carries_bytes) = self.choice.carries;
         self.is_carried |= match &what {
-            What::HalfSecond { .. } => {
+            ReplayItemKind::HalfSecond { .. } => {
                 self.last_half_second_ns = self.clock.played_ns;
                 self.has_half_second = true;
                 true
             }
-            What::Content(WireData::Frame(_), _) => carries_frames,
-            What::Content(WireData::Bytes(_), _) => carries_bytes,
-            What::Note(_) => false,
+            ReplayItemKind::Content(WireData::Frame(_), _) => carries_frames,
+            ReplayItemKind::Content(WireData::Bytes(_), _) => carries_bytes,
+            ReplayItemKind::Note(_) => false,
         };
         let played_ns = self.clock.played_ns;
-        self.batch.push(Item { recorded_ns: self.passed_ns.saturating_add(recorded_ns), played_ns, what });
+        self.batch.push(ReplayItem { recorded_ns: self.passed_ns.saturating_add(recorded_ns), played_ns, what });
         if self.batch.len() >= BATCH {
             self.hand_over();
         }
@@ -195,7 +195,7 @@ impl ReplaySource {
 
     fn note(&mut self, note: Option<String>) {
         if let Some(note) = note {
-            self.send(What::Note(note));
+            self.send(ReplayItemKind::Note(note));
         }
     }
 
@@ -216,7 +216,7 @@ impl ReplaySource {
         }
         let mut whole = None;
         self.assembler.push(role, number, frame.data(), &mut |assembled| {
-            if let Assembled::Row(row) = assembled {
+            if let AssemblerEvent::Row(row) = assembled {
                 whole = Some(row).filter(|row| row.has_clock);
             }
         });
@@ -249,15 +249,15 @@ impl ReplaySource {
             self.note(note);
             if let Some(half_second) = waiting.begins {
                 self.clock.read(&half_second);
-                self.send(What::HalfSecond { half_second, is_can: true });
+                self.send(ReplayItemKind::HalfSecond { half_second, is_can: true });
             }
             let whose = match waiting.role {
-                _ if waiting.is_whole => Whose::HalfSecond,
-                Role::Other => Whose::Other,
-                Role::Command => Whose::Command,
-                _ => Whose::Unit,
+                _ if waiting.is_whole => TrafficOrigin::HalfSecond,
+                Role::Other => TrafficOrigin::Other,
+                Role::Command => TrafficOrigin::Command,
+                _ => TrafficOrigin::Unit,
             };
-            self.send(What::Content(WireData::Frame(waiting.frame), whose));
+            self.send(ReplayItemKind::Content(WireData::Frame(waiting.frame), whose));
         }
     }
 
@@ -274,13 +274,13 @@ impl ReplaySource {
             (rest, left_ns) = (later, left_ns - HALF_SECOND_NS);
             let note = self.clock.step(HALF_SECOND_NS);
             self.note(note);
-            self.send(What::Content(WireData::Bytes(now.to_vec()), Whose::Unit));
+            self.send(ReplayItemKind::Content(WireData::Bytes(now.to_vec()), TrafficOrigin::Unit));
         }
         if missing == 0 && !stray.is_empty() {
             let note = self.clock.step(left_ns);
             self.note(note);
             left_ns = 0;
-            self.send(What::Content(WireData::Bytes(stray), Whose::Unit));
+            self.send(ReplayItemKind::Content(WireData::Bytes(stray), TrafficOrigin::Unit));
         }
         self.drop_bytes(end);
         left_ns
@@ -291,7 +291,7 @@ impl ReplaySource {
         self.offset += count as u64;
     }
 
-    fn send_frames(&mut self, frames: Vec<(u64, Kind, usize, Option<HalfSecond>)>) {
+    fn send_frames(&mut self, frames: Vec<(u64, FrameType, usize, Option<Sample>)>) {
         // Taken out of the buffer once: a frame at a time it would be moved for each.
         let all = std::mem::take(&mut self.bytes);
         let (start, mut used) = (self.offset, 0);
@@ -305,14 +305,14 @@ impl ReplaySource {
             let whose = match (kind, half_second) {
                 (_, Some(half_second)) => {
                     self.clock.read(&half_second);
-                    self.send(What::HalfSecond { half_second, is_can: false });
-                    Whose::HalfSecond
+                    self.send(ReplayItemKind::HalfSecond { half_second, is_can: false });
+                    TrafficOrigin::HalfSecond
                 }
-                (Kind::Command, _) => Whose::Command,
-                _ => Whose::Unit,
+                (FrameType::Command, _) => TrafficOrigin::Command,
+                _ => TrafficOrigin::Unit,
             };
             used = begin + length;
-            self.send(What::Content(WireData::Bytes(all[begin..used].to_vec()), whose));
+            self.send(ReplayItemKind::Content(WireData::Bytes(all[begin..used].to_vec()), whose));
             self.offset = start + used as u64;
             if self.is_over() {
                 break;
@@ -332,18 +332,18 @@ impl ReplaySource {
 }
 
 impl Sink for ReplaySource {
-    fn record(&mut self, event: &Event) {
+    fn record(&mut self, event: &CaptureRecord) {
         self.has_frame = true;
         let whole = match event {
-            Event::Frame(frame) if !frame.extended => {
+            CaptureRecord::Frame(frame) if !frame.extended => {
                 u16::try_from(frame.id).ok().and_then(|id| CanFrame::new(id, frame.data)).map(|whole| (frame, whole))
             }
-            Event::Frame(_) | Event::Remote | Event::Fd | Event::Error => None,
-            Event::Broken { .. } => {
+            CaptureRecord::Frame(_) | CaptureRecord::Remote | CaptureRecord::Fd | CaptureRecord::Error => None,
+            CaptureRecord::Broken { .. } => {
                 self.report.broken += 1;
                 return;
             }
-            Event::Remark | Event::Dropped(_) => return,
+            CaptureRecord::Remark | CaptureRecord::Dropped(_) => return,
         };
         let Some((frame, whole)) = whole else {
             self.report.other_frames += 1;
@@ -370,8 +370,8 @@ impl Sink for ReplaySource {
         self.bytes.extend_from_slice(bytes);
         let (mut frames, start) = (Vec::new(), (self.deframer.offset() - self.offset) as usize);
         self.deframer.consume(&self.bytes[start..], &mut |found| {
-            if let Found::Frame { at, kind, payload } = found {
-                let half_second = (kind == Kind::Data).then(|| read_data(payload));
+            if let DeframerEvent::Frame { at, kind, payload } = found {
+                let half_second = (kind == FrameType::Data).then(|| read_data(payload));
                 frames.push((at, kind, OVERHEAD + payload.len(), half_second));
             }
         });
@@ -385,7 +385,7 @@ impl Sink for ReplaySource {
         }
     }
 
-    fn row(&mut self, _row: &Row) {}
+    fn row(&mut self, _row: &ReceivedSample) {}
 
     fn defect(&mut self, _defect: &Defect) {}
 

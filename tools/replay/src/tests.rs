@@ -1,8 +1,8 @@
 use std::sync::mpsc::sync_channel;
 
 use geu_daemon::link_model::WireData;
-use geu_daemon::replay::{Item, What, Whose};
-use geu_protocol::CanPlan;
+use geu_daemon::replay::{ReplayItem, ReplayItemKind, TrafficOrigin};
+use geu_protocol::CanIdMap;
 use geu_protocol::capture::{Format, Reader};
 use geu_recording::Sink;
 
@@ -21,7 +21,7 @@ const LOG: &str = "\
     (7205.6000) can0 1A8#02\n";
 
 /// The items of the log, and the report on it.
-fn items(choice: ReplaySelection) -> (Vec<Item>, String) {
+fn items(choice: ReplaySelection) -> (Vec<ReplayItem>, String) {
     let ((sender, items), (begins, _began)) = (sync_channel(100), sync_channel(1));
     let mut source = ReplaySource::new(choice, sender, begins);
     Reader::new(Format::Candump).finish(LOG.as_bytes(), &mut |_, event| source.record(&event));
@@ -31,7 +31,7 @@ fn items(choice: ReplaySelection) -> (Vec<Item>, String) {
 }
 
 fn choice() -> ReplaySelection {
-    let plan = CanPlan::default();
+    let plan = CanIdMap::default();
     ReplaySelection {
         plan,
         interface: None,
@@ -43,12 +43,12 @@ fn choice() -> ReplaySelection {
     }
 }
 
-fn shown(items: &[Item]) -> Vec<String> {
-    let what = |what: &What| match what {
-        What::HalfSecond { half_second, .. } => format!("half second {}", half_second.sequence),
-        What::Content(WireData::Frame(frame), whose) => format!("{:03X} {whose:?}", frame.id()),
-        What::Content(WireData::Bytes(bytes), whose) => format!("{} bytes {whose:?}", bytes.len()),
-        What::Note(note) => note.clone(),
+fn shown(items: &[ReplayItem]) -> Vec<String> {
+    let what = |what: &ReplayItemKind| match what {
+        ReplayItemKind::HalfSecond { half_second, .. } => format!("half second {}", half_second.sequence),
+        ReplayItemKind::Content(WireData::Frame(frame), whose) => format!("{:03X} {whose:?}", frame.id()),
+        ReplayItemKind::Content(WireData::Bytes(bytes), whose) => format!("{} bytes {whose:?}", bytes.len()),
+        ReplayItemKind::Note(note) => note.clone(),
     };
     items.iter().map(|item| format!("{} {}", item.played_ns / 1000, what(&item.what))).collect()
 }
@@ -75,9 +75,9 @@ fn frames_keep_order_and_time_and_a_half_second_is_known_when_it_begins() {
     assert_eq!(items[10].recorded_ns, 7_200_600_000_000);
     assert!(report.contains("1 gaps shortened") && report.contains("1 frames of other interfaces"), "{report}");
     assert!(
-        matches!(items[1].what, What::HalfSecond { half_second, is_can: true } if half_second.clock_count == 500_000)
+        matches!(items[1].what, ReplayItemKind::HalfSecond { half_second, is_can: true } if half_second.clock_count == 500_000)
     );
-    assert!(!matches!(items[1].what, What::Content(_, Whose::Unit)));
+    assert!(!matches!(items[1].what, ReplayItemKind::Content(_, TrafficOrigin::Unit)));
 }
 
 #[test]

@@ -3,8 +3,8 @@
 use std::fmt::Write;
 
 use geu_calibration::Comparison;
-use geu_calibration::checkout::{Campaign, Outcome};
-use geu_calibration::solve::{Parameter, Solution, UNKNOWNS};
+use geu_calibration::checkout::{MonteCarlo, PrecautionResult};
+use geu_calibration::solve::{CalibrationParameter, Solution, UNKNOWNS};
 use geu_protocol::Gyro;
 
 /// Two checkouts of one unit against the truth, and what they are together.
@@ -17,7 +17,7 @@ pub fn twice_table(truth: &[f64; UNKNOWNS], [one, two]: [&Solution; 2], comparis
     );
     let (firsts, seconds, both) = (one.values(), two.values(), comparison.combined.values());
     let sigmas = [one.sigmas(), two.sigmas(), comparison.combined.sigmas()];
-    for (index, parameter) in Parameter::all().enumerate() {
+    for (index, parameter) in CalibrationParameter::all().enumerate() {
         let error = |value: f64, sigma: f64| {
             let (size, digits, unit) = scale(parameter);
             format!("{:+.digits$} ± {:.digits$}{unit}", (value - truth[index]) * size, sigma * size)
@@ -25,7 +25,7 @@ pub fn twice_table(truth: &[f64; UNKNOWNS], [one, two]: [&Solution; 2], comparis
         let _ = writeln!(
             text,
             "{:<22} {:>12.6}  {:>16} {:>16} {:>7.2}  {:>16} {:>+8.1}",
-            parameter.words(),
+            parameter.label(),
             truth[index],
             error(firsts[index], sigmas[0][index]),
             error(seconds[index], sigmas[1][index]),
@@ -42,7 +42,7 @@ pub fn twice_table(truth: &[f64; UNKNOWNS], [one, two]: [&Solution; 2], comparis
         one.degrees_of_freedom,
         two.chi2,
         two.degrees_of_freedom,
-        comparison.together,
+        comparison.joint_chi2,
         comparison.together_probability(),
         if comparison.is_compatible() { "compatible" } else { "not compatible" },
     );
@@ -50,7 +50,7 @@ pub fn twice_table(truth: &[f64; UNKNOWNS], [one, two]: [&Solution; 2], comparis
 }
 
 /// Factor, digits and unit in which errors of a parameter are told.
-fn scale(parameter: Parameter) -> (f64, usize, &'static str) {
+fn scale(parameter: CalibrationParameter) -> (f64, usize, &'static str) {
     match parameter.index {
         0 => (1e6, 2, ""),
         1 => (7200.0, 2, ""),
@@ -59,7 +59,7 @@ fn scale(parameter: Parameter) -> (f64, usize, &'static str) {
 }
 
 /// A campaign for a terminal.
-pub fn campaign_table(campaign: &Campaign) -> String {
+pub fn campaign_table(campaign: &MonteCarlo) -> String {
     let mut text = String::new();
     let _ = writeln!(
         text,
@@ -73,7 +73,7 @@ pub fn campaign_table(campaign: &Campaign) -> String {
         let _ = writeln!(
             text,
             "{:<22} {:>8} {:>10.digits$} {:>10.digits$} {:>8.3} {:>+10.1} {:>9.1}%   {hand:>14}",
-            found.parameter.words(),
+            found.parameter.label(),
             ["ppm", "arcsec/h", "arcsec"][found.parameter.index.min(2)],
             found.rms_error * size,
             found.sigma * size,
@@ -96,7 +96,7 @@ pub fn campaign_table(campaign: &Campaign) -> String {
 }
 
 /// The precautions for a terminal.
-pub fn precautions_table(outcomes: &[Outcome]) -> String {
+pub fn precautions_table(outcomes: &[PrecautionResult]) -> String {
     let mut text = String::from("largest error of an equation with the true parameters, arcsec, and its manoeuvre\n");
     let names = Gyro::ALL.map(|gyro| format!("{:>16}", gyro.name())).join("");
     let _ = writeln!(text, "{:<46} {:>6} {names}", "", "hours");
@@ -114,9 +114,9 @@ pub fn precautions_table(outcomes: &[Outcome]) -> String {
         let _ = write!(text, " {:>9}", format!("({})", index + 1));
     }
     let _ = writeln!(text, " {:>9}", "sigma");
-    for (index, parameter) in Parameter::all().enumerate() {
+    for (index, parameter) in CalibrationParameter::all().enumerate() {
         let (size, digits, _) = scale(parameter);
-        let _ = write!(text, "{:<22}", parameter.words());
+        let _ = write!(text, "{:<22}", parameter.label());
         for outcome in outcomes {
             let _ = write!(text, " {:>+9.digits$}", outcome.errors[index] * size);
         }

@@ -2,12 +2,12 @@
 //! figure is about, the paper's value stands in, and the title says so.
 
 use geu_chart::{Chart, MAX_COLUMNS, min_max, svg_file};
-use geu_model::attitude::{LimitCycle, Manoeuvre, Motion, Plan, Scenario};
-use geu_model::course::{Course, Interval, Law};
+use geu_model::attitude::{LimitCycle, Manoeuvre, Motion, AttitudeProfile, Scenario};
+use geu_model::course::{TimeCourse, Interval, TimeFunction};
 use geu_model::effect::{Effects, columns};
-use geu_model::number::Numbers;
+use geu_model::number::ParameterSet;
 use geu_model::units::{HALF_SECOND_S, ORBIT_S, S_PER_DAY};
-use geu_model::{Configuration, Unit};
+use geu_model::{Configuration, GyroUnit};
 use geu_protocol::Gyro;
 use geu_selftest::{BestLine, Receiver, transfer_function};
 
@@ -113,7 +113,7 @@ fn y_scans(theta_deg: f64, limit_cycle: LimitCycle, scans: &[(f64, f64)]) -> Sce
     Scenario { theta_deg, psi_deg: 0.0, limit_cycle, manoeuvres: scans.iter().map(scan).collect() }
 }
 
-fn set(numbers: &mut dyn Numbers, name: &str, value: f64) {
+fn set(numbers: &mut dyn ParameterSet, name: &str, value: f64) {
     let index = numbers.specs().iter().position(|spec| spec.name == name).expect("a number of that name");
     *numbers.value_mut(index) = value;
 }
@@ -130,14 +130,14 @@ fn has_or_takes(configuration: &mut Configuration, gyro: Gyro, code: &str, name:
 }
 
 /// Whether a gyro's effect has a course; those of the paper stand in where none has.
-fn has_or_takes_courses(configuration: &mut Configuration, code: &str, paper: &[(f64, Law)]) -> String {
+fn has_or_takes_courses(configuration: &mut Configuration, code: &str, paper: &[(f64, TimeFunction)]) -> String {
     let specs = configuration.gyros[0].effects.constant.specs();
     let effect = specs.iter().position(|spec| spec.code == code).expect("an effect of that code");
     if configuration.gyros.iter().any(|gyro| gyro.effects.courses.iter().any(|course| course.effect == effect)) {
         return String::new();
     }
     for gyro in &mut configuration.gyros {
-        gyro.effects.courses.extend(paper.iter().map(|&(size, law)| Course { effect, amplitude: 0, size, law }));
+        gyro.effects.courses.extend(paper.iter().map(|&(size, law)| TimeCourse { effect, amplitude: 0, size, law }));
     }
     format!(" (course of {code} the paper's; this unit has none)")
 }
@@ -200,7 +200,7 @@ fn pivot_transit(configuration: &Configuration) -> Vec<Panel> {
     let fly = |limit_cycle: LimitCycle| {
         let mut configuration = configuration.clone();
         configuration.scenario = y_scans(90.0, limit_cycle, &[(96.0, 12.0), (90.0, 12.0)]);
-        let (mut unit, mut float_arcsec) = (Unit::new(&configuration), 0.0);
+        let (mut unit, mut float_arcsec) = (GyroUnit::new(&configuration), 0.0);
         let scale_factor = configuration.gyros[Gyro::X as usize].calibration.scale_factor;
         let mut points = vec![(0.0, 0.0)];
         while unit.ended() < 5000 {
@@ -249,7 +249,7 @@ fn limit_cycle(configuration: &Configuration) -> Vec<Panel> {
     configuration.scenario = y_scans(90.0, limit_cycle, &[]);
     let length_s = 6.0 * limit_cycle.period_s;
     let rows = Receiver::new(&configuration).listen(length_s);
-    let plan = Plan::new(&configuration.scenario).expect("a hold is possible");
+    let plan = AttitudeProfile::new(&configuration.scenario).expect("a hold is possible");
     let (mut motion, mut turned_arcsec, step_s) = (Motion::new(plan, limit_cycle), [0.0; 3], length_s / 600.0);
     let mut truth = vec![(0.0, turned_arcsec)];
     while truth.len() <= 600 {
@@ -294,17 +294,17 @@ fn limit_cycle(configuration: &Configuration) -> Vec<Panel> {
 fn two_weeks(configuration: &Configuration) -> Vec<Panel> {
     let mut configuration = configuration.clone();
     configuration.scenario = y_scans(90.0, LimitCycle::default(), &[]);
-    let drifts = has_or_takes_courses(&mut configuration, "drift", &[(0.4, Law::Ramp)]);
+    let drifts = has_or_takes_courses(&mut configuration, "drift", &[(0.4, TimeFunction::Ramp)]);
     // 40 ppm per month, 12.5 ppm per K.
     let scales = has_or_takes_courses(
         &mut configuration,
         "scale-factor",
-        &[(40.0 / 30.4375, Law::Ramp), (12.5, Law::Temperature)],
+        &[(40.0 / 30.4375, TimeFunction::Ramp), (12.5, TimeFunction::Temperature)],
     );
     let columns = columns();
     let drift_columns: Vec<usize> = (0..columns.len()).filter(|&column| columns[column].starts_with("drift")).collect();
     let (mut unit, mut drift, mut scale) =
-        (Unit::new(&configuration), [(); 4].map(|()| Vec::new()), [(); 4].map(|()| Vec::new()));
+        (GyroUnit::new(&configuration), [(); 4].map(|()| Vec::new()), [(); 4].map(|()| Vec::new()));
     let per_h = 7200;
     for hour in 0..14 * 24 {
         let mut angle_arcsec = [0.0; 4];

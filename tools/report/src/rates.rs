@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use geu_diagnosis::Finding;
-use geu_diagnosis::rates::{Apart, Diagnosis, Gap, Parameter, Verdict, Windows};
+use geu_diagnosis::rates::{Observability, Diagnosis, Gap, Parameter, Verdict, Windows};
 use geu_model::units::ARCSEC_PER_DEG;
 use serde_json::{Value, json};
 
@@ -61,7 +61,7 @@ fn gap(gap: Option<&Gap>) -> Value {
             "rms_arcsec_s": gap.rms_arcsec_s, "max_arcsec_s": gap.max_arcsec_s })
 }
 
-fn of_apart(apart: &Apart, windows: &Windows) -> Value {
+fn of_apart(apart: &Observability, windows: &Windows) -> Value {
     let count = apart.parameters.len();
     let rows = |of: &dyn Fn(usize, usize) -> f64| -> Value {
         (0..count).map(|row| (0..count).map(|column| of(row, column)).collect::<Vec<_>>()).collect::<Vec<_>>().into()
@@ -221,7 +221,7 @@ fn of_noise(text: &mut String, diagnosis: &Diagnosis) {
     }
 }
 
-fn of_apart_text(text: &mut String, apart: &Apart, windows: &Windows) {
+fn of_apart_text(text: &mut String, apart: &Observability, windows: &Windows) {
     let words: Vec<String> = apart.parameters.iter().map(|parameter| parameter.words(windows)).collect();
     let _ = writeln!(text, "\nHow far they can be told apart, all free together:");
     let _ = writeln!(text, "{:<18} {:>14} {:>14} {:>8}   correlations", "", "sigma alone", "all free", "factor");

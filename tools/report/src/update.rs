@@ -2,17 +2,17 @@
 
 use std::fmt::Write;
 
-use geu_calibration::Upkeep;
+use geu_calibration::CalibrationUpdate;
 use geu_calibration::compare::LEAST_PROBABILITY;
 use geu_calibration::upkeep::{
-    BEYOND_SIGMAS, Change, DRIFT_PER_FORTNIGHT, GYROS, SCALE_FACTOR_PER_FORTNIGHT, SCALE_FACTOR_PER_HALF_HOUR,
+    BEYOND_SIGMAS, ParameterUpdate, DRIFT_PER_FORTNIGHT, GYROS, SCALE_FACTOR_PER_FORTNIGHT, SCALE_FACTOR_PER_HALF_HOUR,
 };
 use geu_model::units::S_PER_DAY;
 
 use crate::calendar::utc;
 
 /// A value's unit and digits: scale factors relative with changes in ppm, drifts in arcsec/h.
-fn told(change: &Change) -> (String, f64, &'static str) {
+fn told(change: &ParameterUpdate) -> (String, f64, &'static str) {
     match change.parameter.index {
         0 => (format!("{:>12.7} {:>12.7}", change.old, change.new), 1e6, "ppm"),
         _ => (format!("{:>12.6} {:>12.6}", change.old, change.new), 7200.0, "arcsec/h"),
@@ -20,7 +20,7 @@ fn told(change: &Change) -> (String, f64, &'static str) {
 }
 
 /// The result for a terminal.
-pub fn table(upkeep: &Upkeep) -> String {
+pub fn table(upkeep: &CalibrationUpdate) -> String {
     let mut text = String::new();
     let _ = writeln!(
         text,
@@ -31,7 +31,7 @@ pub fn table(upkeep: &Upkeep) -> String {
         let (values, size, unit) = told(change);
         let verdict = if change.is_beyond_stability() {
             "more than stability allows"
-        } else if !change.is_told() {
+        } else if !change.is_observable() {
             "the scans tell little of it"
         } else if change.is_significant() {
             "changed"
@@ -41,7 +41,7 @@ pub fn table(upkeep: &Upkeep) -> String {
         let _ = writeln!(
             text,
             "{:<20} {values} {:>10.3} {:>10.3} {:>+8.3} {:>8.3}  {unit:<9} {:>+8.1} {:>+10.1}  {verdict}",
-            change.parameter.words(),
+            change.parameter.label(),
             change.old_sigma * size,
             change.new_sigma * size,
             change.change() * size,
@@ -68,7 +68,7 @@ pub fn table(upkeep: &Upkeep) -> String {
         let rho = upkeep.correlation[(2 * index, 2 * index + 1)];
         let [scale_factor, drift] = [0, 1].map(|of| &upkeep.changes[2 * index + of]);
         debug_assert!([scale_factor, drift].iter().all(|change| change.parameter.gyro == *gyro));
-        if !drift.is_told() {
+        if !drift.is_observable() {
             let _ = writeln!(
                 text,
                 "{}: the scans do not tell drift and scale factor apart (correlation {rho:+.2}); the drift is held near what \
@@ -90,7 +90,7 @@ pub fn table(upkeep: &Upkeep) -> String {
 }
 
 /// Which stretches were used.
-fn used(text: &mut String, upkeep: &Upkeep) {
+fn used(text: &mut String, upkeep: &CalibrationUpdate) {
     let of = |is_scan: bool| {
         let own: Vec<_> = upkeep.used.iter().filter(|used| used.is_scan() == is_scan).collect();
         let length_s: f64 = own.iter().map(|used| used.end_s - used.start_s).sum();
@@ -120,7 +120,7 @@ fn used(text: &mut String, upkeep: &Upkeep) {
 }
 
 /// When a redetermination is due, a line for each of the paper's figures.
-fn due(text: &mut String, upkeep: &Upkeep) {
+fn due(text: &mut String, upkeep: &CalibrationUpdate) {
     let in_days = |due_in_s: f64| match due_in_s {
         due_in_s if due_in_s > 0.0 => {
             format!("in {:.1} d, {}", due_in_s / S_PER_DAY, utc(upkeep.at_s + due_in_s))
@@ -160,7 +160,7 @@ fn due(text: &mut String, upkeep: &Upkeep) {
             text,
             "a full checkout is due now: {} changed by {:+.1} {unit}, {:.1} sigma of what stability explains ({:.1} allowed \
              since the calibration); more than {BEYOND_SIGMAS:.0} is another gyro than was calibrated",
-            change.parameter.words(),
+            change.parameter.label(),
             change.change() * size,
             change.beyond_stability().abs(),
             change.allowed * size

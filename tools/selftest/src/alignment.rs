@@ -2,9 +2,9 @@
 
 use geu_protocol::Gyro;
 
-use super::estimate::{Line, level, settling};
+use super::estimate::{LineFit, level, settling};
 use super::receiver::between;
-use super::{Claim, Estimate, Expected, Experiment, Receiver};
+use super::{PublishedValue, Estimate, Expected, Experiment, Receiver};
 use geu_model::units::ARCSEC_PER_RAD;
 
 pub const EXPERIMENTS: &[Experiment] = &[
@@ -15,7 +15,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
             manoeuvre = [{ kind = \"z-scan\" }]
             gyro.GYRX.misalignment.z_arcsec = 60
         ",
-        claims: &[Claim {
+        claims: &[PublishedValue {
             what: "misalignment of an arcminute: GXz",
             source: "§3.4",
             expected: Expected::Value(60.0, 0.0),
@@ -31,7 +31,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
             manoeuvre = [{ kind = \"y-scan\", to_theta_deg = 120 }]
             gyro.GYRX.misalignment.y_arcsec = 60
         ",
-        claims: &[Claim {
+        claims: &[PublishedValue {
             what: "misalignment of an arcminute: GXy",
             source: "§3.4",
             expected: Expected::Value(60.0, 0.0),
@@ -47,7 +47,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
             manoeuvre = [{ kind = \"x-scan\" }]
             gyro.GYRY.misalignment.x_arcsec = 60
         ",
-        claims: &[Claim {
+        claims: &[PublishedValue {
             what: "misalignment of an arcminute: GYx",
             source: "§3.4",
             expected: Expected::Value(60.0, 0.0),
@@ -65,13 +65,13 @@ pub const EXPERIMENTS: &[Experiment] = &[
             unit.misalignment-thermal.arcsec_per_deg = 0.5
         ",
         claims: &[
-            Claim {
+            PublishedValue {
                 what: "thermal turn over a Y-scan: tens of arcsec",
                 source: "§3.4, model",
                 expected: Expected::Value(30.0, 0.0),
                 unit: "″",
             },
-            Claim {
+            PublishedValue {
                 what: "its lag: the scan's duration",
                 source: "§5.3",
                 expected: Expected::Value(300.0, 0.0),
@@ -91,5 +91,5 @@ pub const EXPERIMENTS: &[Experiment] = &[
 /// The part of a control axis on a gyro's input axis.
 fn misalignment(receiver: &mut Receiver, until_s: f64, gyro: Gyro, axis: usize) -> Estimate {
     let rows = receiver.listen(until_s);
-    Line::of(rows.iter().map(|row| (row.reference_arcsec[axis], row.residual(gyro)))).slope.times(ARCSEC_PER_RAD)
+    LineFit::of(rows.iter().map(|row| (row.reference_arcsec[axis], row.residual(gyro)))).slope.times(ARCSEC_PER_RAD)
 }

@@ -2,9 +2,9 @@
 
 use geu_protocol::Gyro;
 
-use super::estimate::{Fit, Line, ROUNDING_VARIANCE, allan_variance, freedom_of_walking_rate, freedom_of_white_rate};
+use super::estimate::{Fit, LineFit, ROUNDING_VARIANCE, allan_variance, freedom_of_walking_rate, freedom_of_white_rate};
 use super::receiver::Row;
-use super::{Claim, Estimate, Expected, Experiment};
+use super::{PublishedValue, Estimate, Expected, Experiment};
 use geu_model::units::{ARCSEC_PER_DEG, S_PER_DAY};
 
 const S_PER_H: f64 = 3600.0;
@@ -21,7 +21,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
             scenario.limit_cycle = { rate_arcsec_s = 4, period_s = 4.7183 }
             gyro.GYRY.drift.arcsec_per_h = 5400
         ",
-        claims: &[Claim {
+        claims: &[PublishedValue {
             what: "largest drift rate",
             source: "table 1",
             expected: Expected::Value(1.5, 0.0),
@@ -29,7 +29,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
         }],
         measure: |receiver| {
             let rows = receiver.listen(S_PER_H);
-            let line = Line::of(rows.iter().map(|row| (row.t_s, row.residual(Gyro::Y))));
+            let line = LineFit::of(rows.iter().map(|row| (row.t_s, row.residual(Gyro::Y))));
             vec![line.slope.times(-S_PER_H / ARCSEC_PER_DEG)]
         },
     },
@@ -38,8 +38,8 @@ pub const EXPERIMENTS: &[Experiment] = &[
         noise: false,
         configuration: "gyro.GYRX.drift-ramp.arcsec_per_h_per_day = 0.4",
         claims: &[
-            Claim { what: "drift ramp", source: "model", expected: Expected::Value(0.4, 0.0), unit: "″/h per day" },
-            Claim {
+            PublishedValue { what: "drift ramp", source: "model", expected: Expected::Value(0.4, 0.0), unit: "″/h per day" },
+            PublishedValue {
                 what: "drift change in 2 weeks",
                 source: "§3.1, table 1",
                 expected: Expected::AtMost(6.0),
@@ -73,7 +73,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
             GYRZA.angle-random-walk.arcsec_per_sqrt_s = 0.01
             GYRZB.angle-random-walk.arcsec_per_sqrt_s = 0.01
         ",
-        claims: &[Claim {
+        claims: &[PublishedValue {
             what: "angle random walk",
             source: "model",
             expected: Expected::Value(0.01, 0.0),
@@ -101,13 +101,13 @@ pub const EXPERIMENTS: &[Experiment] = &[
             GYRZB.drift-random-walk.arcsec_per_s_per_sqrt_s = 8e-6
         ",
         claims: &[
-            Claim {
+            PublishedValue {
                 what: "drift random walk",
                 source: "model",
                 expected: Expected::Value(8.0, 0.0),
                 unit: "1e-6 ″/s/√s",
             },
-            Claim {
+            PublishedValue {
                 what: "drift change over 30 min, 3 sigma",
                 source: "§3.1, table 1",
                 expected: Expected::Value(3.6, 0.05),
@@ -133,7 +133,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
             GYRZA.drift-random-walk = { arcsec_per_s_per_sqrt_s = 8e-6, correlation_time_s = 10000 }
             GYRZB.drift-random-walk = { arcsec_per_s_per_sqrt_s = 8e-6, correlation_time_s = 10000 }
         ",
-        claims: &[Claim {
+        claims: &[PublishedValue {
             what: "drift deviation, 10 000 s correlation",
             source: "model",
             expected: Expected::Value(2.0, 0.5),

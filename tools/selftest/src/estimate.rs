@@ -39,7 +39,7 @@ impl Estimate {
 
     /// The same as a relative error of `value`: `whole` per it.
     #[must_use]
-    pub fn into(self, whole: f64) -> Estimate {
+    pub fn relative_to(self, whole: f64) -> Estimate {
         let value = whole / self.value;
         Estimate { value, sigma: (value * self.sigma / self.value).abs() }
     }
@@ -124,21 +124,21 @@ fn inverse<const P: usize>(mut a: [[f64; P]; P]) -> [[f64; P]; P] {
     inverse
 }
 
-pub struct Line {
+pub struct LineFit {
     /// Where its level is told: the middle of the points.
     pub centre: f64,
     pub level: Estimate,
     pub slope: Estimate,
 }
 
-impl Line {
+impl LineFit {
     /// Fits points (x, y), y in quanta.
-    pub fn of(points: impl Iterator<Item = (f64, f64)> + Clone) -> Line {
+    pub fn of(points: impl Iterator<Item = (f64, f64)> + Clone) -> LineFit {
         let (count, sum) = points.clone().fold((0.0, 0.0), |(count, sum), (x, _)| (count + 1.0, sum + x));
         let centre = sum / count;
         let points: Vec<_> = points.map(|(x, y)| ([1.0, x - centre], y)).collect();
         let fit = Fit::of(&points);
-        Line { centre, level: fit.estimate(0), slope: fit.estimate(1) }
+        LineFit { centre, level: fit.estimate(0), slope: fit.estimate(1) }
     }
 
     pub fn reaches(&self, level: Estimate) -> Estimate {
@@ -202,7 +202,7 @@ mod tests {
     #[test]
     fn a_rounded_line_is_found_within_its_sigma() {
         for rate in [0.013, 0.37, 104.854_368] {
-            let line = Line::of((0..5000).map(|k| (f64::from(k), (rate * f64::from(k)).round())));
+            let line = LineFit::of((0..5000).map(|k| (f64::from(k), (rate * f64::from(k)).round())));
             assert!((line.slope.value - rate).abs() < 5.0 * line.slope.sigma, "{rate}: {:?}", line.slope);
             assert!(line.slope.sigma < 1e-4);
         }

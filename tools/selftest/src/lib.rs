@@ -54,7 +54,7 @@ impl Expected {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Claim {
+pub struct PublishedValue {
     pub what: &'static str,
     /// Section, table, figure or equation of the paper; `model` where the model's page decides.
     pub source: &'static str,
@@ -70,18 +70,18 @@ pub struct Experiment {
     /// The unit: one effect at the paper's value, all others absent.
     pub configuration: &'static str,
     /// What is claimed of it, in the order of measurement.
-    pub claims: &'static [Claim],
+    pub claims: &'static [PublishedValue],
     /// Measures it, one estimate for each claim.
     pub measure: fn(&mut Receiver) -> Vec<Estimate>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Result {
-    pub claim: &'static Claim,
+pub struct ClaimCheck {
+    pub claim: &'static PublishedValue,
     pub measured: Estimate,
 }
 
-impl Result {
+impl ClaimCheck {
     /// How far the measurement is off, in its own sigma.
     pub fn off_sigma(&self) -> f64 {
         // Sigma of a number that has none is the rounding of the arithmetic.
@@ -116,10 +116,10 @@ pub fn measure(
     experiment: &'static Experiment,
     seed: u64,
     overrides: &[String],
-) -> std::result::Result<Vec<Result>, ConfigurationError> {
+) -> std::result::Result<Vec<ClaimCheck>, ConfigurationError> {
     let mut configuration = Configuration::parse(experiment.name, experiment.configuration, overrides)?;
     configuration.seed = seed;
     let measured = (experiment.measure)(&mut Receiver::new(&configuration));
     assert_eq!(measured.len(), experiment.claims.len(), "{}: an estimate for each claim", experiment.name);
-    Ok(experiment.claims.iter().zip(measured).map(|(claim, measured)| Result { claim, measured }).collect())
+    Ok(experiment.claims.iter().zip(measured).map(|(claim, measured)| ClaimCheck { claim, measured }).collect())
 }

@@ -2,9 +2,9 @@
 
 use geu_protocol::Gyro;
 
-use super::estimate::{Fit, Line, level};
+use super::estimate::{Fit, LineFit, level};
 use super::receiver::{Row, between, reference_rates};
-use super::{Claim, Estimate, Expected, Experiment, Receiver};
+use super::{PublishedValue, Estimate, Expected, Experiment, Receiver};
 
 /// Two Y-scans, to one stop and to the other; the limit cycle turns X through many counts.
 macro_rules! ends {
@@ -25,13 +25,13 @@ pub const EXPERIMENTS: &[Experiment] = &[
         noise: false,
         configuration: ends!("14"),
         claims: &[
-            Claim {
+            PublishedValue {
                 what: "pivot clearance, end to end",
                 source: "§3.3",
                 expected: Expected::Value(14.0, 0.0),
                 unit: "″",
             },
-            Claim {
+            PublishedValue {
                 what: "a slew drives the float to its stop, half of that",
                 source: "§3.3",
                 expected: Expected::Value(7.0, 0.0),
@@ -47,7 +47,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
         name: "clearance above the limit",
         noise: false,
         configuration: ends!("20"),
-        claims: &[Claim {
+        claims: &[PublishedValue {
             what: "clearance of a unit beyond its 14″",
             source: "model",
             expected: Expected::Value(20.0, 0.0),
@@ -64,13 +64,13 @@ pub const EXPERIMENTS: &[Experiment] = &[
             gyro.GYRX.pivot-clearance = { clearance_arcsec = 14, preferred_arcsec = -7 }
         ",
         claims: &[
-            Claim {
+            PublishedValue {
                 what: "transit over rate about the output axis",
                 source: "§3.3",
                 expected: Expected::Value(1.0, 0.0),
                 unit: "%",
             },
-            Claim {
+            PublishedValue {
                 what: "output-axis rate from which it moves so",
                 source: "§3.3",
                 expected: Expected::Value(1.5, 0.0),
@@ -88,7 +88,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
             if from + 2 > to {
                 return vec![Estimate::new(f64::NAN, 0.0); 2];
             }
-            let transit = Line::of(rows[from..to].iter().map(|row| (row.reference_arcsec[1], row.residual(Gyro::X))));
+            let transit = LineFit::of(rows[from..to].iter().map(|row| (row.reference_arcsec[1], row.residual(Gyro::X))));
             // The rate about Y where the transit's line leaves the level of rest.
             let start_arcsec = transit.reaches(at_rest);
             let rates: Vec<_> = reference_rates(&rows, 1).collect();
@@ -113,10 +113,10 @@ pub const EXPERIMENTS: &[Experiment] = &[
             gyro.GYRX.pivot-clearance = { clearance_arcsec = 14, preferred_arcsec = -7 }
         ",
         claims: &[
-            Claim {
+            PublishedValue {
                 what: "creep below 1.5″/s", source: "§3.3", expected: Expected::Value(0.015, 0.0), unit: "″/s"
             },
-            Claim { what: "largest transit time", source: "§3.3", expected: Expected::Value(15.6, 0.05), unit: "min" },
+            PublishedValue { what: "largest transit time", source: "§3.3", expected: Expected::Value(15.6, 0.05), unit: "min" },
         ],
         measure: |receiver| {
             let rows = receiver.listen(2200.0);
@@ -128,7 +128,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
             let residuals = |from_s: f64, to_s: f64| {
                 between(&rows, from_s, to_s).iter().map(|row| (row.t_s, row.residual(Gyro::X)))
             };
-            let creep = Line::of(residuals(100.0, 950.0));
+            let creep = LineFit::of(residuals(100.0, 950.0));
             let home = level(residuals(1100.0, 2200.0).map(|point| point.1));
             let arrival_s = creep.reaches(home);
             let transit_s = Estimate::new(arrival_s.value - slew_end_s, arrival_s.sigma);
@@ -142,7 +142,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
             scenario.limit_cycle = { rate_arcsec_s = 5 }
             gyro.GYRX.pivot-clearance.clearance_arcsec = 14
         ",
-        claims: &[Claim {
+        claims: &[PublishedValue {
             what: "swing of the float in a limit cycle: a fraction of",
             source: "§3.3",
             expected: Expected::Between(0.02, 0.98),

@@ -1,10 +1,10 @@
 //! What stands at the other end of the link: counts, flags, temperatures and the instants they came at.
 
 use geu_protocol::command::{self, COMMANDS};
-use geu_protocol::{Gyro, HalfSecond, Outcome};
+use geu_protocol::{Gyro, Sample, CommandResult};
 
-use geu_model::attitude::{Motion, Plan};
-use geu_model::{Configuration, Unit};
+use geu_model::attitude::{Motion, AttitudeProfile};
+use geu_model::{Configuration, GyroUnit};
 
 /// What is known at the end of a half second.
 #[derive(Debug, Clone, Copy)]
@@ -15,7 +15,7 @@ pub struct Row {
     pub counts: [f64; 4],
     /// Rotation about the control axes so far, of the reference attitude.
     pub reference_arcsec: [f64; 3],
-    pub half_second: HalfSecond,
+    pub half_second: Sample,
 }
 
 impl Row {
@@ -32,7 +32,7 @@ impl Row {
 
 /// Listens to a unit, and knows the attitude that it is commanded to.
 pub struct Receiver {
-    unit: Unit,
+    unit: GyroUnit,
     reference: Motion,
     now: Row,
 }
@@ -40,11 +40,11 @@ pub struct Receiver {
 impl Receiver {
     /// A unit that starts, and its receiver.
     pub fn new(configuration: &Configuration) -> Receiver {
-        let plan = Plan::new(&configuration.scenario).expect("a configuration holds only scenarios that were tried");
+        let plan = AttitudeProfile::new(&configuration.scenario).expect("a configuration holds only scenarios that were tried");
         Receiver {
-            unit: Unit::new(configuration),
+            unit: GyroUnit::new(configuration),
             reference: Motion::new(plan, configuration.scenario.limit_cycle),
-            now: Row { t_s: 0.0, counts: [0.0; 4], reference_arcsec: [0.0; 3], half_second: HalfSecond::default() },
+            now: Row { t_s: 0.0, counts: [0.0; 4], reference_arcsec: [0.0; 3], half_second: Sample::default() },
         }
     }
 
@@ -80,7 +80,7 @@ impl Receiver {
             .iter()
             .find(|spec| spec.name == name)
             .and_then(|spec| self.unit.command(&command::payload(spec, values)).ok())
-            .is_some_and(|answer| answer.reply.outcome() == Outcome::Done)
+            .is_some_and(|answer| answer.reply.outcome() == CommandResult::Done)
     }
 }
 

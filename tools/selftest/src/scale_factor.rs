@@ -2,9 +2,9 @@
 
 use geu_protocol::Gyro;
 
-use super::estimate::{Fit, Line};
+use super::estimate::{Fit, LineFit};
 use super::receiver::{Row, between, reference_rates};
-use super::{Claim, Estimate, Expected, Experiment};
+use super::{PublishedValue, Estimate, Expected, Experiment};
 use geu_model::Configuration;
 use geu_model::units::{PPM, S_PER_DAY};
 
@@ -23,13 +23,13 @@ pub const EXPERIMENTS: &[Experiment] = &[
             gyro.GYRZB.scale-factor.ppm = -2000
         ",
         claims: &[
-            Claim {
+            PublishedValue {
                 what: "scale factor after launch",
                 source: "§3.2",
                 expected: Expected::Value(2000.0, 0.0),
                 unit: "ppm",
             },
-            Claim {
+            PublishedValue {
                 what: "scale factor after launch",
                 source: "§3.2",
                 expected: Expected::Value(-2000.0, 0.0),
@@ -49,7 +49,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
             manoeuvre = [{ kind = \"z-scan\", angle_deg = 36000 }]
             gyro.GYRZA.scale-factor-ramp.ppm_per_day = 1.3141683778
         ",
-        claims: &[Claim {
+        claims: &[PublishedValue {
             what: "scale factor change, long term",
             source: "§3.2, table 1",
             expected: Expected::Value(40.0, 0.0),
@@ -65,7 +65,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
                     ([1.0, day, day * day], row.residual(Gyro::Za))
                 })
                 .collect();
-            let scanned = Line::of(rows.iter().map(|row| (row.t_s / S_PER_DAY, row.counts[Gyro::Za as usize])));
+            let scanned = LineFit::of(rows.iter().map(|row| (row.t_s / S_PER_DAY, row.counts[Gyro::Za as usize])));
             let change_per_day = Fit::of(&points).estimate(2).times(-2.0).over(scanned.slope);
             vec![change_per_day.times(DAYS_PER_MONTH / PPM)]
         },
@@ -79,13 +79,13 @@ pub const EXPERIMENTS: &[Experiment] = &[
             gyro.GYRZA.scale-factor-temperature.ppm_per_k = 12.5
         ",
         claims: &[
-            Claim {
+            PublishedValue {
                 what: "scale factor per K of electronics",
                 source: "model",
                 expected: Expected::Value(12.5, 0.0),
                 unit: "ppm/K",
             },
-            Claim {
+            PublishedValue {
                 what: "scale factor change for 2 K",
                 source: "§3.2",
                 expected: Expected::Value(0.0025, 0.0),
@@ -124,13 +124,13 @@ pub const EXPERIMENTS: &[Experiment] = &[
             gyro.GYRY.scale-factor-nonlinearity.cubic_ppm = 800
         ",
         claims: &[
-            Claim {
+            PublishedValue {
                 what: "cubic of the transfer function",
                 source: "model",
                 expected: Expected::Value(800.0, 0.0),
                 unit: "ppm",
             },
-            Claim {
+            PublishedValue {
                 what: "departure from the best line",
                 source: "§3.2, figure 7",
                 expected: Expected::Value(0.02, 0.0),
@@ -165,7 +165,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
             manoeuvre = [{ kind = \"y-scan\", to_theta_deg = 120 }, { kind = \"y-scan\", to_theta_deg = 60 }]
             gyro.GYRY.scale-factor-asymmetry.ppm = 200
         ",
-        claims: &[Claim {
+        claims: &[PublishedValue {
             what: "scale factor forward less backward",
             source: "figure 7",
             expected: Expected::Value(200.0, 0.0),
@@ -185,13 +185,13 @@ pub const EXPERIMENTS: &[Experiment] = &[
             unit.clock-frequency-step = { ppm = 100, time_s = 6000 }
         ",
         claims: &[
-            Claim {
+            PublishedValue {
                 what: "half second of a clock fast by 100 ppm",
                 source: "model",
                 expected: Expected::Value(0.5 / 1.0001, 0.0),
                 unit: "s",
             },
-            Claim {
+            PublishedValue {
                 what: "scale factor per clock frequency",
                 source: "§3.2",
                 expected: Expected::Value(-1.0, 0.0),
@@ -212,7 +212,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
             gyro.GYRX.calibration.drift_arcsec_per_half_s = 9.87654
             unit.clock-frequency-step = { ppm = 100, time_s = 7200 }
         ",
-        claims: &[Claim {
+        claims: &[PublishedValue {
             what: "drift per clock frequency",
             source: "§3.2",
             expected: Expected::Value(-2.0, 0.0),
@@ -223,7 +223,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
             let (nominal, fast) = (between(&rows, 20.0, 7200.0), between(&rows, 7201.0, 14_400.0));
             // D in arcsec per on-board half second is −N·SF, SF as the experiment before finds it.
             let drift = |rows: &[Row], scale_factor: f64| {
-                Line::of(rows.iter().enumerate().map(|(index, row)| {
+                LineFit::of(rows.iter().enumerate().map(|(index, row)| {
                     (index as f64, -row.counts[Gyro::X as usize] * scale_factor + row.reference_arcsec[0])
                 }))
                 .slope
@@ -238,7 +238,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
         name: "stability",
         noise: true,
         configuration: Configuration::reference_text(),
-        claims: &[Claim {
+        claims: &[PublishedValue {
             what: "scale factor change between half hours, default unit",
             source: "§3.2, table 1",
             expected: Expected::AtMost(20.0),
@@ -265,16 +265,16 @@ fn half_second_s(rows: &[Row]) -> Estimate {
 
 /// How fast the unit's clock is.
 fn clock_ppm(rows: &[Row]) -> Estimate {
-    let frequency = half_second_s(rows).into(0.5);
+    let frequency = half_second_s(rows).relative_to(0.5);
     Estimate::new(frequency.value - 1.0, frequency.sigma).times(1.0 / PPM)
 }
 
 /// SF less 1: rotation about a control axis over counts.
 fn scale_factor_ppm(rows: &[Row], gyro: Gyro, axis: usize) -> Estimate {
     // Counts less rotation, against rotation, so that small numbers are fitted.
-    let excess = Line::of(rows.iter().map(|row| (row.reference_arcsec[axis], row.residual(gyro)))).slope;
+    let excess = LineFit::of(rows.iter().map(|row| (row.reference_arcsec[axis], row.residual(gyro)))).slope;
     let counts_per_arcsec = Estimate::new(1.0 + excess.value, excess.sigma);
-    let scale_factor = counts_per_arcsec.into(1.0);
+    let scale_factor = counts_per_arcsec.relative_to(1.0);
     Estimate::new(scale_factor.value - 1.0, scale_factor.sigma).times(1.0 / PPM)
 }
 
@@ -286,7 +286,7 @@ pub fn transfer_function(rows: &[Row], gyro: Gyro, axis: usize) -> Vec<(f64, Est
         .filter(|held| held.len() >= 240)
         .map(|held| {
             let rows = &rows[held[0].0..=held[held.len() - 1].0];
-            (held[0].1, Line::of(rows.iter().map(|row| (row.t_s, row.residual(gyro)))).slope)
+            (held[0].1, LineFit::of(rows.iter().map(|row| (row.t_s, row.residual(gyro)))).slope)
         })
         .collect()
 }

@@ -5,7 +5,7 @@ use geu_protocol::field::unit_flag;
 
 use super::estimate::settling;
 use super::receiver::Row;
-use super::{Claim, Estimate, Expected, Experiment};
+use super::{PublishedValue, Estimate, Expected, Experiment};
 
 pub const EXPERIMENTS: &[Experiment] = &[
     Experiment {
@@ -13,8 +13,8 @@ pub const EXPERIMENTS: &[Experiment] = &[
         noise: false,
         configuration: "",
         claims: &[
-            Claim { what: "length of a sample", source: "§2", expected: Expected::Value(0.5, 0.0), unit: "s" },
-            Claim {
+            PublishedValue { what: "length of a sample", source: "§2", expected: Expected::Value(0.5, 0.0), unit: "s" },
+            PublishedValue {
                 what: "clock count per half second",
                 source: "model",
                 expected: Expected::Value(500_000.0, 0.0),
@@ -38,8 +38,8 @@ pub const EXPERIMENTS: &[Experiment] = &[
         noise: false,
         configuration: "",
         claims: &[
-            Claim { what: "smallest increment", source: "§2", expected: Expected::Value(1.0, 0.0), unit: "count" },
-            Claim {
+            PublishedValue { what: "smallest increment", source: "§2", expected: Expected::Value(1.0, 0.0), unit: "count" },
+            PublishedValue {
                 what: "rotation per count", source: "§2, §3.2", expected: Expected::Value(1.0, 0.0), unit: "″"
             },
         ],
@@ -68,13 +68,13 @@ pub const EXPERIMENTS: &[Experiment] = &[
             calibration = { drift_arcsec_per_half_s = 10 }
         ",
         claims: &[
-            Claim {
+            PublishedValue {
                 what: "largest increment, flagged (16 bits)",
                 source: "§2",
                 expected: Expected::Value(32_767.0, 0.0),
                 unit: "count",
             },
-            Claim {
+            PublishedValue {
                 what: "least increment, flagged (16 bits)",
                 source: "§2",
                 expected: Expected::Value(-32_768.0, 0.0),
@@ -98,15 +98,15 @@ pub const EXPERIMENTS: &[Experiment] = &[
         noise: false,
         configuration: "",
         claims: &[
-            Claim { what: "sensor held at", source: "§2", expected: Expected::Value(70.0, 0.0), unit: "°C" },
-            Claim { what: "heater band", source: "§2", expected: Expected::Value(1.0, 0.0), unit: "K" },
-            Claim {
+            PublishedValue { what: "sensor held at", source: "§2", expected: Expected::Value(70.0, 0.0), unit: "°C" },
+            PublishedValue { what: "heater band", source: "§2", expected: Expected::Value(1.0, 0.0), unit: "K" },
+            PublishedValue {
                 what: "cool-down time constant",
                 source: "model",
                 expected: Expected::Value(20.0, 0.0),
                 unit: "min",
             },
-            Claim { what: "warm-up time constant", source: "model", expected: Expected::Value(20.0, 0.0), unit: "min" },
+            PublishedValue { what: "warm-up time constant", source: "model", expected: Expected::Value(20.0, 0.0), unit: "min" },
         ],
         measure: |receiver| {
             let centi = |row: &Row| f64::from(row.half_second.sensor_centi_c);
@@ -140,7 +140,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
         name: "spin-up",
         noise: false,
         configuration: "",
-        claims: &[Claim {
+        claims: &[PublishedValue {
             what: "spin-up of a motor",
             source: "model",
             expected: Expected::Value(60.0, 0.0),

@@ -1,8 +1,8 @@
 //! The paper's numbers hold, and a unit that departs from them is found out.
 
-use geu_selftest::{Result, experiments, measure};
+use geu_selftest::{ClaimCheck, experiments, measure};
 
-fn measured(name: &str, overrides: &[&str]) -> Vec<Result> {
+fn measured(name: &str, overrides: &[&str]) -> Vec<ClaimCheck> {
     let experiment = experiments().find(|experiment| experiment.name == name).expect("an experiment");
     let overrides: Vec<String> = overrides.iter().map(|text| (*text).to_owned()).collect();
     measure(experiment, 1, &overrides).unwrap_or_else(|error| panic!("{error}"))

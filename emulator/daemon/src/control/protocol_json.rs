@@ -1,9 +1,9 @@
 //! The protocol's tables as JSON: commands, replies, and what stands where in a frame.
 
 use geu_protocol::command::{self, COMMANDS, CommandSpec};
-use geu_protocol::field::{CRC, FieldSpec, Wire};
-use geu_protocol::message::{Data, MESSAGES, Message, Place};
-use geu_protocol::{HalfSecond, Reply};
+use geu_protocol::field::{CRC, FieldSpec, WireType};
+use geu_protocol::message::{Data, MESSAGES, Message, MessageId};
+use geu_protocol::{Sample, Reply};
 use serde_json::{Map, Value, json};
 
 /// Every command, with its arguments and their ranges.
@@ -31,7 +31,7 @@ pub fn commands() -> Value {
 }
 
 /// A reply to a command, and the half second that it polled.
-pub fn reply(reply: &Reply, polled: Option<&HalfSecond>) -> Value {
+pub fn reply(reply: &Reply, polled: Option<&Sample>) -> Value {
     let spec = COMMANDS.iter().find(|spec| spec.opcode == reply.opcode());
     let mut rest = reply.values();
     let mut values = Map::new();
@@ -48,7 +48,7 @@ pub fn reply(reply: &Reply, polled: Option<&HalfSecond>) -> Value {
 }
 
 /// What the unit tells in a half second.
-pub fn told(half_second: &HalfSecond) -> Value {
+pub fn told(half_second: &Sample) -> Value {
     json!({ "sequence": half_second.sequence, "increments": half_second.increments,
         "gyro_flags": half_second.gyro_flags, "unit_flags": half_second.unit_flags,
         "electronics_c": f64::from(half_second.electronics_centi_c) / 100.0,
@@ -57,23 +57,23 @@ pub fn told(half_second: &HalfSecond) -> Value {
 
 /// What stands before the payload of a serial frame.
 const HEADER: [FieldSpec; 3] = [
-    header("sync", Wire::U16, "start of every frame"),
-    header("type", Wire::U8, "what the payload is"),
-    header("length", Wire::U8, "bytes of the payload"),
+    header("sync", WireType::U16, "start of every frame"),
+    header("type", WireType::U8, "what the payload is"),
+    header("length", WireType::U8, "bytes of the payload"),
 ];
 /// Fields whose digits say more than their number.
 const DIGITS: [&str; 3] = [HEADER[0].name, HEADER[1].name, CRC.name];
 
-const fn header(name: &'static str, wire: Wire, meaning: &'static str) -> FieldSpec {
+const fn header(name: &'static str, wire: WireType, meaning: &'static str) -> FieldSpec {
     FieldSpec { name, wire, unit: "", scale: 1.0, bits: &[], meaning }
 }
 
 /// What stands where in the frames of a half second.
 pub(super) fn layout() -> Value {
     let can = MESSAGES.iter().filter_map(|message| match message.place {
-        Place::Can(offset) => Some(json!({ "name": message.name, "offset": offset, "meaning": message.meaning,
+        MessageId::Can(offset) => Some(json!({ "name": message.name, "offset": offset, "meaning": message.meaning,
             "fields": fields(message.fields.iter()) })),
-        Place::Serial(_) => None,
+        MessageId::Serial(_) => None,
     });
     let serial = fields(HEADER.iter().chain(Data::SPEC.fields).chain([&CRC]));
     json!({ "serial": serial, "can": can.collect::<Vec<_>>() })

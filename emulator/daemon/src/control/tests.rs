@@ -6,7 +6,7 @@ use std::net::{IpAddr, SocketAddr, TcpListener, TcpStream};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use geu_protocol::{Outcome, Reply};
+use geu_protocol::{CommandResult, Reply};
 use serde_json::{Map, Value, json};
 use tokio::sync::broadcast;
 use tokio_stream::StreamExt;
@@ -52,7 +52,7 @@ impl ControlBackend for FakeBench {
         if payload == [5] {
             std::future::pending::<()>().await;
         }
-        reply(&Reply::new(payload[0], Outcome::Done, &[1, 0]), None)
+        reply(&Reply::new(payload[0], CommandResult::Done, &[1, 0]), None)
     }
 
     fn timeline(&self) -> Vec<Arc<str>> {

@@ -5,13 +5,13 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::mpsc::SyncSender;
 use std::time::{Duration, Instant};
 
-use geu_model::attitude::{Moment, Motion};
+use geu_model::attitude::{MotionState, Motion};
 use geu_model::units::on_board_s;
-use geu_model::{Ended, Injected};
+use geu_model::{CompletedSample, InjectionRecord};
 use geu_protocol::command::{self, COMMANDS};
 use serde_json::{Value, json};
 
-use super::history::{Historian, Sample};
+use super::history::{Historian, HistorySample};
 use crate::fault_json;
 use crate::recorder::UnitEvent;
 use crate::shared_unit::Observer;
@@ -35,13 +35,13 @@ pub(super) enum ServiceEvent {
 
 /// A half second that ended, with the truth behind it.
 pub(super) struct SampleEvent {
-    pub ended: Ended,
+    pub ended: CompletedSample,
     pub true_arcsec: [f64; 4],
     /// Increments less true rotation, of every half second until the end of this one.
     pub departure_arcsec: [f64; 4],
-    pub now: Moment,
+    pub now: MotionState,
     pub knows_sun: bool,
-    pub injected: Option<Arc<Injected>>,
+    pub injected: Option<Arc<InjectionRecord>>,
 }
 
 /// The end that the unit tells.
@@ -89,7 +89,7 @@ impl Observer for EventPublisher {
                 for (departure, (increment, trace)) in self.departure_arcsec.iter_mut().zip(told) {
                     *departure += f64::from(increment) - trace.true_arcsec;
                 }
-                self.historian.push(Sample {
+                self.historian.push(HistorySample {
                     t_s: end_s(ended),
                     half_second: self.half_seconds,
                     increments: ended.half_second.increments,
@@ -125,7 +125,7 @@ impl Observer for EventPublisher {
 }
 
 /// On-board time at the end of a half second, s.
-pub(super) fn end_s(ended: &Ended) -> f64 {
+pub(super) fn end_s(ended: &CompletedSample) -> f64 {
     (ended.end_ns as f64 * 1e-9 * 1e6).round() / 1e6
 }
 

@@ -13,7 +13,7 @@ const KEPT: usize = 1200;
 
 /// A half second as charts need it.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Sample {
+pub(super) struct HistorySample {
     /// On-board time at its end.
     pub t_s: f64,
     /// How many had ended, with this one.
@@ -24,7 +24,7 @@ pub(super) struct Sample {
     pub gyro_flags: u8,
 }
 
-impl Sample {
+impl HistorySample {
     fn json(&self) -> Value {
         json!({
             "t_s": self.t_s, "half_second": self.half_second, "increments": self.increments,
@@ -35,13 +35,13 @@ impl Sample {
 
 /// The end that is read.
 #[derive(Debug, Clone, Default)]
-pub(super) struct History(Arc<Mutex<VecDeque<Sample>>>);
+pub(super) struct History(Arc<Mutex<VecDeque<HistorySample>>>);
 
 impl History {
     /// Those kept, the oldest first.
     pub fn json(&self) -> Value {
-        let samples: Vec<Sample> = lock(&self.0).iter().copied().collect();
-        samples.iter().map(Sample::json).collect()
+        let samples: Vec<HistorySample> = lock(&self.0).iter().copied().collect();
+        samples.iter().map(HistorySample::json).collect()
     }
 }
 
@@ -49,7 +49,7 @@ impl History {
 #[derive(Debug)]
 pub(super) struct Historian {
     history: History,
-    waiting: VecDeque<Sample>,
+    waiting: VecDeque<HistorySample>,
 }
 
 impl Historian {
@@ -57,7 +57,7 @@ impl Historian {
         Historian { history, waiting: VecDeque::new() }
     }
 
-    pub fn push(&mut self, sample: Sample) {
+    pub fn push(&mut self, sample: HistorySample) {
         keep(&mut self.waiting, sample);
         if let Ok(mut kept) = self.history.0.try_lock() {
             self.waiting.drain(..).for_each(|sample| keep(&mut kept, sample));
@@ -65,7 +65,7 @@ impl Historian {
     }
 }
 
-fn keep(samples: &mut VecDeque<Sample>, sample: Sample) {
+fn keep(samples: &mut VecDeque<HistorySample>, sample: HistorySample) {
     if samples.len() == KEPT {
         samples.pop_front();
     }
@@ -80,9 +80,9 @@ pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 mod tests {
     use super::*;
 
-    fn sample(half_second: u64) -> Sample {
+    fn sample(half_second: u64) -> HistorySample {
         let t_s = half_second as f64 * 0.5;
-        Sample {
+        HistorySample {
             t_s,
             half_second,
             increments: [1, -2, 3, -4],

@@ -18,8 +18,8 @@ use std::sync::{Arc, Mutex, OnceLock};
 use std::thread::{self, JoinHandle};
 
 use geu_model::configuration::fault::{MOST, read_fault_text, read_plan_text};
-use geu_model::fault::catalogue::LinkKind;
-use geu_model::fault::{Fault, asks_in_vain};
+use geu_model::fault::catalogue::Transport;
+use geu_model::fault::{Fault, unsatisfiable_condition};
 use geu_model::units::HALF_SECOND_S;
 use geu_protocol::suggestion::{did_you_mean, listed};
 use serde_json::{Map, Value, json};
@@ -111,7 +111,7 @@ impl ControlService {
         &self,
         unit: &Arc<SharedUnit>,
         links: &[(LinkModel, Arc<LinkStatistics>)],
-        recorded: Option<LinkKind>,
+        recorded: Option<Transport>,
         monitor: &Arc<CadenceMonitor>,
     ) {
         assert!(self.0.known.set(StatusSource::new(unit, links, recorded, monitor)).is_ok(), "made known once");
@@ -135,7 +135,7 @@ impl ControlService {
                     "expected at most {MOST} faults that are armed or active, got {count}; clear some, as `geu inject --clear ID` does"
                 ));
             }
-            let in_vain = || asks_in_vain(&faults, &[], "the truth of this run", unit.untold());
+            let in_vain = || unsatisfiable_condition(&faults, &[], "the truth of this run", unit.untold());
             if let Some(reason) = faults.iter().find_map(|fault| fault.misses(&open)).or_else(in_vain) {
                 return Err(reason);
             }
@@ -155,7 +155,7 @@ impl ControlService {
             return Ok(json!({ "id": id, "state": "armed", "at_s": at_s }));
         }
         let planned = unit.faults().planned;
-        let waiting = planned.iter().filter(|planned| planned.waits_for_hand());
+        let waiting = planned.iter().filter(|planned| planned.awaits_operator());
         let there: Vec<&str> = waiting.map(|planned| planned.fault.id.as_str()).collect();
         let (hint, there) = (did_you_mean(id, &there), listed(&there));
         Err(format!(

@@ -3,9 +3,9 @@
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 
-use geu_model::Ended;
-use geu_model::fault::acting::Planned;
-use geu_model::fault::catalogue::LinkKind;
+use geu_model::CompletedSample;
+use geu_model::fault::acting::FaultStatus;
+use geu_model::fault::catalogue::Transport;
 use geu_model::units::{RAD_PER_DEG, on_board_s};
 use serde_json::{Value, json};
 
@@ -19,9 +19,9 @@ use crate::shared_unit::SharedUnit;
 /// What is known once the links are open.
 pub(super) struct StatusSource {
     pub unit: Arc<SharedUnit>,
-    links: Vec<(LinkKind, Arc<LinkStatistics>)>,
+    links: Vec<(Transport, Arc<LinkStatistics>)>,
     /// Kind of link that a recording is of.
-    recorded: Option<LinkKind>,
+    recorded: Option<Transport>,
     monitor: Arc<CadenceMonitor>,
     serial: LinkModel,
     can: LinkModel,
@@ -31,7 +31,7 @@ impl StatusSource {
     pub fn new(
         unit: &Arc<SharedUnit>,
         links: &[(LinkModel, Arc<LinkStatistics>)],
-        recorded: Option<LinkKind>,
+        recorded: Option<Transport>,
         monitor: &Arc<CadenceMonitor>,
     ) -> StatusSource {
         let of = |is_can: bool| {
@@ -40,8 +40,8 @@ impl StatusSource {
         };
         StatusSource {
             unit: unit.clone(),
-            serial: of(false).unwrap_or(LinkModel::serial(LinkKind::Pty)),
-            can: of(true).unwrap_or(LinkModel::can(geu_protocol::CanPlan::default())),
+            serial: of(false).unwrap_or(LinkModel::serial(Transport::Pty)),
+            can: of(true).unwrap_or(LinkModel::can(geu_protocol::CanIdMap::default())),
             links: links.iter().map(|(model, statistics)| (model.kind, statistics.clone())).collect(),
             recorded,
             monitor: monitor.clone(),
@@ -49,12 +49,12 @@ impl StatusSource {
     }
 
     /// Kinds of the links that are open.
-    pub fn open(&self) -> Vec<LinkKind> {
+    pub fn open(&self) -> Vec<Transport> {
         self.links.iter().map(|(kind, _)| *kind).collect()
     }
 
     /// Kinds of the links that a fault is on which names none.
-    pub fn told_links(&self) -> Vec<LinkKind> {
+    pub fn told_links(&self) -> Vec<Transport> {
         [self.open(), self.recorded.into_iter().collect()].concat()
     }
 
@@ -103,7 +103,7 @@ impl StatusSource {
     }
 
     pub fn links(&self) -> Value {
-        let link = |(kind, statistics): &(LinkKind, Arc<LinkStatistics>)| {
+        let link = |(kind, statistics): &(Transport, Arc<LinkStatistics>)| {
             json!({
                 "name": statistics.name, "kind": kind.name(), "clients": statistics.clients.load(Relaxed),
                 "sent": statistics.sent.load(Relaxed), "dropped": statistics.dropped.load(Relaxed),
@@ -127,12 +127,12 @@ impl StatusSource {
 }
 
 /// Whether a half second that is not sent by itself is there to be polled.
-fn is_polled(ended: &Ended) -> bool {
+fn is_polled(ended: &CompletedSample) -> bool {
     ended.half_second.unit_flags & geu_protocol::field::unit_flag("polled") != 0
 }
 
 /// How a fault stands.
-fn stands(planned: &Planned, now_s: f64) -> Value {
+fn stands(planned: &FaultStatus, now_s: f64) -> Value {
     let fault = &planned.fault;
     let state = match planned.since() {
         Some(_) => "active",
@@ -143,7 +143,7 @@ fn stands(planned: &Planned, now_s: f64) -> Value {
         "id": fault.id,
         "what": fault.action.name(),
         "gyro": fault.gyro.map(|gyro| gyro.name()),
-        "link": fault.link.map(LinkKind::name),
+        "link": fault.link.map(Transport::name),
         "state": state,
         "trigger": fault.trigger(),
         "by_hand": fault.by_hand,

@@ -109,11 +109,11 @@ fn a_run_has_a_greatest_number_of_faults_and_its_record_is_read_again() {
     let refused = configuration.add_plan("plan", plan).expect_err("too many").to_string();
     assert!(refused.contains("expected at most 1000 faults, got 1001"), "{refused}");
     while configuration.faults.len() < MOST_EVER {
-        let more = read_plan_text("plan", &plan.repeat(MOST), &configuration.faults, &LinkKind::ALL).expect("a plan");
+        let more = read_plan_text("plan", &plan.repeat(MOST), &configuration.faults, &Transport::ALL).expect("a plan");
         configuration.run.injected.extend(more.iter().map(|fault| fault.id.clone()));
         configuration.faults.extend(more);
     }
-    let refused = read_fault_text("fault", "fault = \"drop\"", &configuration.faults, &LinkKind::ALL)
+    let refused = read_fault_text("fault", "fault = \"drop\"", &configuration.faults, &Transport::ALL)
         .expect_err("too many")
         .to_string();
     assert!(refused.contains("expected at most 10000 faults in a run") && refused.contains("begin another run"));
@@ -124,7 +124,7 @@ fn a_run_has_a_greatest_number_of_faults_and_its_record_is_read_again() {
 #[test]
 fn what_is_accumulated_holds_half_seconds_that_were_not_shown() {
     let room = room();
-    let mut unit = geu_model::Unit::new(&Configuration::reference());
+    let mut unit = geu_model::GyroUnit::new(&Configuration::reference());
     room.run(500);
     let shown = room.shown(|status| status["t_s"].as_f64() > Some(250.0));
     let mut departure = [0.0; 4];

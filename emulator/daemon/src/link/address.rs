@@ -1,7 +1,7 @@
 //! Addresses of links, as the command line has them.
 
-use geu_model::fault::catalogue::LinkKind;
-use geu_protocol::CanPlan;
+use geu_model::fault::catalogue::Transport;
+use geu_protocol::CanIdMap;
 use geu_protocol::serial::DEFAULT_BAUD;
 
 use super::tcp::TcpAddress;
@@ -24,12 +24,12 @@ impl LinkAddress {
     /// What it carries, as a recording beside it tells it.
     pub fn model(&self) -> LinkModel {
         match self {
-            LinkAddress::Pty(_) => LinkModel::serial(LinkKind::Pty),
+            LinkAddress::Pty(_) => LinkModel::serial(Transport::Pty),
             LinkAddress::Serial(address) => {
-                LinkModel { kind: LinkKind::Serial, encoding: Encoding::Serial { baud: address.baud } }
+                LinkModel { kind: Transport::Serial, encoding: Encoding::Serial { baud: address.baud } }
             }
             LinkAddress::Can(address) => LinkModel::can(address.plan),
-            LinkAddress::Tcp(_) => LinkModel::serial(LinkKind::Tcp),
+            LinkAddress::Tcp(_) => LinkModel::serial(Transport::Tcp),
         }
     }
 }
@@ -40,7 +40,7 @@ pub struct CanAddress {
     /// Name of the interface.
     pub interface: String,
     /// Identifiers.
-    pub plan: CanPlan,
+    pub plan: CanIdMap,
 }
 
 impl std::str::FromStr for CanAddress {
@@ -48,15 +48,15 @@ impl std::str::FromStr for CanAddress {
 
     fn from_str(text: &str) -> Result<CanAddress, String> {
         let (interface, plan) = match text.split_once(':') {
-            None => (text, CanPlan::default()),
+            None => (text, CanIdMap::default()),
             Some((interface, base)) => {
-                let plan = u16::from_str_radix(base, 16).ok().and_then(CanPlan::with_base);
+                let plan = u16::from_str_radix(base, 16).ok().and_then(CanIdMap::with_base);
                 (
                     interface,
                     plan.ok_or_else(|| {
                         format!(
                             "expected a base from 0 to {:X} in hexadecimal after the colon, got {base}",
-                            CanPlan::MAX_BASE
+                            CanIdMap::MAX_BASE
                         )
                     })?,
                 )

@@ -7,7 +7,7 @@ use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
 
 use bytes::{Buf, BytesMut};
-use geu_protocol::serial::{Deframer, Found, Kind};
+use geu_protocol::serial::{Deframer, DeframerEvent, FrameType};
 use nix::unistd;
 use tokio::io::unix::AsyncFd;
 use tokio::task::yield_now;
@@ -82,8 +82,8 @@ impl Receiver {
         self.partial.extend_from_slice(bytes);
         let rejected = &mut self.rejected;
         let used = self.deframer.consume(&self.partial, &mut |found| match found {
-            Found::Frame { kind: Kind::Command, payload, .. } => sink(payload),
-            Found::Rejected { .. } => *rejected += 1,
+            DeframerEvent::Frame { kind: FrameType::Command, payload, .. } => sink(payload),
+            DeframerEvent::Rejected { .. } => *rejected += 1,
             _ => {}
         });
         self.partial.advance(used);
@@ -95,8 +95,8 @@ impl Receiver {
         for start in 1..self.partial.len() {
             let (mut deframer, mut found_any) = (Deframer::default(), false);
             let used = deframer.consume(&self.partial[start..], &mut |found| {
-                found_any |= matches!(found, Found::Frame { .. });
-                if let Found::Frame { kind: Kind::Command, payload, .. } = found {
+                found_any |= matches!(found, DeframerEvent::Frame { .. });
+                if let DeframerEvent::Frame { kind: FrameType::Command, payload, .. } = found {
                     sink(payload);
                 }
             });
@@ -202,7 +202,7 @@ mod tests {
 
     #[test]
     fn a_truncated_command_never_swallows_the_next_good_one() {
-        let (long, good) = (frame(Kind::Command, &[4, 1, 0, 5, 9]), frame(Kind::Command, &[1]));
+        let (long, good) = (frame(FrameType::Command, &[4, 1, 0, 5, 9]), frame(FrameType::Command, &[1]));
         for cut in 1..long.len() {
             let truncated = &long[..cut];
             for chunks in [&[truncated, &good][..], &[&[truncated, &good].concat()]] {
@@ -215,7 +215,7 @@ mod tests {
 
     #[test]
     fn a_client_of_another_protocol_is_known_by_its_first_bytes_however_they_come() {
-        let ping = frame(Kind::Command, &[1]);
+        let ping = frame(FrameType::Command, &[1]);
         for foreign in [&b"POST / HTTP/1.1\r\n\r\n"[..], b"GET /", b"OPTIONS * ", b"PRI * HTTP/2.0", &[0x16, 3, 1, 2]] {
             for size in [1, 2, 3, foreign.len() + ping.len()] {
                 let (mut receiver, bytes) = (Receiver::of_network(), [foreign, &ping].concat());
@@ -242,16 +242,16 @@ mod tests {
 
     #[test]
     fn a_command_that_comes_byte_by_byte_with_pauses_is_one_command() {
-        let good = frame(Kind::Command, &[2, 1]);
+        let good = frame(FrameType::Command, &[2, 1]);
         let bytes: Vec<&[u8]> = good.chunks(1).collect();
         assert_eq!(commands(&bytes), (vec![vec![2, 1]], 0));
     }
 
     #[test]
     fn data_and_replies_are_no_commands_and_a_wrong_crc_is_counted() {
-        let mut wrong = frame(Kind::Command, &[1]);
+        let mut wrong = frame(FrameType::Command, &[1]);
         *wrong.last_mut().unwrap() ^= 1;
-        let bytes = [data_frame(&Default::default()).to_vec(), frame(Kind::Reply, &[1, 0]), wrong].concat();
+        let bytes = [data_frame(&Default::default()).to_vec(), frame(FrameType::Reply, &[1, 0]), wrong].concat();
         assert_eq!(commands(&[&bytes]), (vec![], 1));
     }
 }

@@ -1,10 +1,10 @@
 //! A link without a device.
 
-use geu_model::fault::Action;
-use geu_model::fault::acting::Acting;
-use geu_model::fault::catalogue::LinkKind;
+use geu_model::fault::FaultKind;
+use geu_model::fault::acting::ActiveFault;
+use geu_model::fault::catalogue::Transport;
 use geu_protocol::serial::DEFAULT_BAUD;
-use geu_protocol::{CanPlan, HalfSecond, Reply};
+use geu_protocol::{CanIdMap, Sample, Reply};
 
 use super::fault::{self, ActiveLinkFault, Blocked};
 use super::transmission::{Encoding, Transmission, WireData};
@@ -13,24 +13,24 @@ use super::transmission::{Encoding, Transmission, WireData};
 #[derive(Debug, Clone, PartialEq)]
 pub struct LinkModel {
     /// Its kind, which faults name.
-    pub kind: LinkKind,
+    pub kind: Transport,
     /// How it encodes messages.
     pub encoding: Encoding,
 }
 
 impl LinkModel {
     /// A link of bytes at the default rate.
-    pub fn serial(kind: LinkKind) -> LinkModel {
+    pub fn serial(kind: Transport) -> LinkModel {
         LinkModel { kind, encoding: Encoding::Serial { baud: DEFAULT_BAUD } }
     }
 
     /// A CAN interface.
-    pub fn can(plan: CanPlan) -> LinkModel {
-        LinkModel { kind: LinkKind::Can, encoding: Encoding::Can(plan) }
+    pub fn can(plan: CanIdMap) -> LinkModel {
+        LinkModel { kind: Transport::Can, encoding: Encoding::Can(plan) }
     }
 
     /// A sample as it is sent without faults.
-    pub fn plain(&self, sample: &HalfSecond) -> Vec<WireData> {
+    pub fn plain(&self, sample: &Sample) -> Vec<WireData> {
         self.encoding.sample(sample)
     }
 
@@ -40,7 +40,7 @@ impl LinkModel {
     }
 
     /// What is sent with the faults that act on this link: `sample`, `None` where none is sent cyclically, and noise.
-    pub fn carry(&self, sample: Option<&HalfSecond>, frame: u64, acting: &[Acting]) -> Vec<Transmission> {
+    pub fn carry(&self, sample: Option<&Sample>, frame: u64, acting: &[ActiveFault]) -> Vec<Transmission> {
         let faults = self.faults(acting);
         if faults.is_empty() {
             let plain = sample.map_or_else(Vec::new, |sample| self.plain(sample));
@@ -55,14 +55,14 @@ impl LinkModel {
     }
 
     /// The reply to a command, and how late; `None` where a fault withholds it.
-    pub fn reply(&self, reply: &Reply, acting: &[Acting]) -> Option<Transmission> {
+    pub fn reply(&self, reply: &Reply, acting: &[ActiveFault]) -> Option<Transmission> {
         let on_time = Transmission::on_time(0, self.plain_reply(reply));
         self.faults(acting).iter().try_fold(on_time, |reply, fault| fault.reply(reply))
     }
 
     /// The sample that follows the reply to a POLL; empty without a reply. It cannot be held for a later sample, and noise is
     /// no part of it.
-    pub fn polled(&self, polled: &HalfSecond, reply: &Reply, acting: &[Acting]) -> Vec<Transmission> {
+    pub fn polled(&self, polled: &Sample, reply: &Reply, acting: &[ActiveFault]) -> Vec<Transmission> {
         let Some(reply) = self.reply(reply, acting) else { return Vec::new() };
         let mut transmissions = fault::sample(self.encoding, Some(polled), 0, &self.faults(acting));
         transmissions.iter_mut().for_each(|it| (it.frame, it.after_ns) = (0, it.after_ns + reply.after_ns));
@@ -70,27 +70,27 @@ impl LinkModel {
     }
 
     /// Whether a fault that acts keeps all samples from this link.
-    pub fn blocks_samples(&self, acting: &[Acting]) -> bool {
+    pub fn blocks_samples(&self, acting: &[ActiveFault]) -> bool {
         self.faults(acting).iter().any(|fault| fault.blocked() != Blocked::Nothing)
     }
 
     /// The faults of links that act on this one.
-    pub(crate) fn faults<'a>(&self, acting: &'a [Acting]) -> Vec<ActiveLinkFault<'a>> {
+    pub(crate) fn faults<'a>(&self, acting: &'a [ActiveFault]) -> Vec<ActiveLinkFault<'a>> {
         let on_this = acting.iter().filter(|acting| self.has(acting));
         on_this.filter_map(|acting| Some(ActiveLinkFault { acting, fault: acting.on_link()? })).collect()
     }
 
     /// Identifiers of all faults that act and can change what this link carries.
-    pub fn touching<'a>(&self, acting: &'a [Acting]) -> Vec<&'a str> {
+    pub fn touching<'a>(&self, acting: &'a [ActiveFault]) -> Vec<&'a str> {
         let on_this = acting.iter().filter(|acting| acting.on_link().is_none() || self.has(acting));
         on_this.map(|acting| acting.fault.id.as_str()).collect()
     }
 
     /// Whether a fault of links is on this one: it names its kind or none, and such a link can have it.
-    fn has(&self, acting: &Acting) -> bool {
+    fn has(&self, acting: &ActiveFault) -> bool {
         let is_able = match &acting.fault.action {
-            Action::Named { spec, .. } => spec.unable_on(self.kind).is_none(),
-            Action::Parameter { .. } => false,
+            FaultKind::Named { spec, .. } => spec.unable_on(self.kind).is_none(),
+            FaultKind::Parameter { .. } => false,
         };
         is_able && acting.fault.link.is_none_or(|kind| kind == self.kind)
     }

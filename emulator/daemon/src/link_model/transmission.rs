@@ -1,8 +1,8 @@
 //! What a link sends: bytes of a stream or CAN frames, and when.
 
 use geu_protocol::command::hex;
-use geu_protocol::serial::{Kind, data_frame, frame};
-use geu_protocol::{CanFrame, CanPlan, HalfSecond, Reply};
+use geu_protocol::serial::{FrameType, data_frame, frame};
+use geu_protocol::{CanFrame, CanIdMap, Sample, Reply};
 
 /// How a link encodes messages.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -13,11 +13,11 @@ pub enum Encoding {
         baud: u32,
     },
     /// CAN frames.
-    Can(CanPlan),
+    Can(CanIdMap),
 }
 
 impl Encoding {
-    pub(super) fn sample(self, sample: &HalfSecond) -> Vec<WireData> {
+    pub(super) fn sample(self, sample: &Sample) -> Vec<WireData> {
         match self {
             Encoding::Serial { .. } => vec![WireData::Bytes(data_frame(sample).to_vec())],
             Encoding::Can(plan) => plan.frames(sample).into_iter().map(WireData::Frame).collect(),
@@ -26,7 +26,7 @@ impl Encoding {
 
     pub(super) fn reply(self, reply: &Reply) -> WireData {
         match self {
-            Encoding::Serial { .. } => WireData::Bytes(frame(Kind::Reply, reply.bytes())),
+            Encoding::Serial { .. } => WireData::Bytes(frame(FrameType::Reply, reply.bytes())),
             Encoding::Can(plan) => WireData::Frame(plan.reply(reply)),
         }
     }

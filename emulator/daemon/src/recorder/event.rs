@@ -4,9 +4,9 @@ use std::mem::{size_of, size_of_val};
 use std::sync::Arc;
 
 use geu_model::fault::Fault;
-use geu_model::fault::acting::{Acting, Happening};
-use geu_model::{Ended, Injected, Trace};
-use geu_protocol::{HalfSecond, Reply};
+use geu_model::fault::acting::{ActiveFault, FaultEvent};
+use geu_model::{CompletedSample, InjectionRecord, Trace};
+use geu_protocol::{Sample, Reply};
 
 /// A fault in memory takes about so many bytes: it has conditions and texts.
 const FAULT_BYTES: usize = 2048;
@@ -15,7 +15,7 @@ const FAULT_BYTES: usize = 2048;
 #[derive(Clone)]
 pub(crate) enum UnitEvent {
     /// A half second ended, and what faults did to it.
-    HalfSecond(Ended, Box<[Trace; 4]>, Option<Arc<Injected>>),
+    HalfSecond(CompletedSample, Box<[Trace; 4]>, Option<Arc<InjectionRecord>>),
     /// A command came over a link within the half second that runs; its scheduled end, what the unit answers (an
     /// error: what it would, did a fault not keep it from hearing), and the faults that act.
     Command {
@@ -23,7 +23,7 @@ pub(crate) enum UnitEvent {
         payload: Vec<u8>,
         running_end_ns: i64,
         reply: Result<Reply, Reply>,
-        acting: Arc<Vec<Acting>>,
+        acting: Arc<Vec<ActiveFault>>,
     },
     /// The half second that ended last was sent because it was polled over a link, stamped with its scheduled end: what
     /// faults did to it, and those that act as it is sent.
@@ -31,7 +31,7 @@ pub(crate) enum UnitEvent {
     /// A half second came too late to be sent live: the process was held up.
     Missed { frame: u64 },
     /// Something became of a fault or an expectation, with the end of the last half second.
-    Happened(Happening),
+    Happened(FaultEvent),
     /// A fault was injected while the unit ran.
     Injected(Fault),
     /// A fault that waited for a hand was started, with this on-board time.
@@ -45,19 +45,19 @@ pub(crate) enum UnitEvent {
 #[derive(Clone)]
 pub(crate) struct PolledSample {
     pub link: String,
-    pub half_second: HalfSecond,
+    pub half_second: Sample,
     pub reply: Reply,
     pub end_ns: i64,
-    pub injected: Option<Arc<Injected>>,
-    pub acting: Arc<Vec<Acting>>,
+    pub injected: Option<Arc<InjectionRecord>>,
+    pub acting: Arc<Vec<ActiveFault>>,
 }
 
 impl UnitEvent {
     /// Memory that it takes while it waits, about. What acts in a half second is one list, which its commands and polls
     /// share: it counts once, with the half second.
     pub fn bytes(&self) -> usize {
-        let of_injected = |injected: &Option<Arc<Injected>>| {
-            injected.as_ref().map_or(0, |injected| size_of::<Injected>() + size_of_val(&injected.acting[..]))
+        let of_injected = |injected: &Option<Arc<InjectionRecord>>| {
+            injected.as_ref().map_or(0, |injected| size_of::<InjectionRecord>() + size_of_val(&injected.acting[..]))
         };
         let more = match self {
             UnitEvent::HalfSecond(_, traces, injected) => size_of_val(&**traces) + of_injected(injected),
@@ -73,7 +73,7 @@ impl UnitEvent {
 
 #[cfg(test)]
 mod tests {
-    use geu_model::{Configuration, Unit};
+    use geu_model::{Configuration, GyroUnit};
 
     use super::*;
 
@@ -85,13 +85,13 @@ mod tests {
         let mut configuration = Configuration::reference();
         let plan: String = (0..1000).map(fault).collect();
         configuration.add_plan("plan", &plan).expect("a plan");
-        let mut unit = Unit::new(&configuration);
+        let mut unit = GyroUnit::new(&configuration);
         let (ended, traces) = unit.end_half_second_traced();
         let acting = unit.faults().acting().clone();
         let injected = unit.injected().cloned();
         assert_eq!(acting.len(), 1000);
         let half_second = UnitEvent::HalfSecond(ended, Box::new(traces), injected);
-        assert!(half_second.bytes() > 1000 * size_of::<Acting>(), "{}", half_second.bytes());
+        assert!(half_second.bytes() > 1000 * size_of::<ActiveFault>(), "{}", half_second.bytes());
         let (link, payload, reply) = ("tcp".to_owned(), vec![1], unit.command(&[1]).map(|answer| answer.reply));
         let command = UnitEvent::Command { link, payload, running_end_ns: 0, reply, acting };
         assert!(command.bytes() < 1000, "64 MB must hold some hundred thousand of them: {}", command.bytes());

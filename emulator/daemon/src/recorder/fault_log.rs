@@ -16,12 +16,12 @@ use std::io::Write;
 use std::path::Path;
 
 use geu_model::fault::Fault;
-use geu_model::fault::acting::{Acting, Happening};
-use geu_model::fault::catalogue::LinkKind;
+use geu_model::fault::acting::{ActiveFault, FaultEvent};
+use geu_model::fault::catalogue::Transport;
 use geu_model::units::on_board_s;
-use geu_model::{Ended, Injected};
+use geu_model::{CompletedSample, InjectionRecord};
 use geu_protocol::command::hex;
-use geu_protocol::{HalfSecond, Reply};
+use geu_protocol::{Sample, Reply};
 use serde_json::{Value, json};
 
 use super::event::PolledSample;
@@ -71,7 +71,7 @@ impl FaultLog {
     }
 
     /// A half second that ended while faults acted.
-    pub fn half_second(&mut self, frame: u64, ended: &Ended, injected: &Injected) -> Result<(), RecordError> {
+    pub fn half_second(&mut self, frame: u64, ended: &CompletedSample, injected: &InjectionRecord) -> Result<(), RecordError> {
         let told = Some(&ended.half_second).filter(|_| ended.cyclic);
         let clean = Some(&injected.clean).filter(|_| injected.is_clean_cyclic);
         let mut touched = BTreeSet::new();
@@ -109,7 +109,7 @@ impl FaultLog {
 
     /// The link of a command, by the kind with which its name begins; nothing for the control interface.
     fn model(&self, link: &str) -> Option<LinkModel> {
-        let kind = LinkKind::named(link.split(' ').next()?)?;
+        let kind = Transport::named(link.split(' ').next()?)?;
         self.models.iter().find(|model| model.kind == kind).cloned()
     }
 
@@ -122,7 +122,7 @@ impl FaultLog {
     fn compare(
         &mut self,
         sent: &Sent,
-        clean: Option<&HalfSecond>,
+        clean: Option<&Sample>,
         after: &[Transmission],
         ids: &[&str],
     ) -> Result<bool, RecordError> {
@@ -160,7 +160,7 @@ impl FaultLog {
         link: &str,
         command: &[u8],
         reply: Result<Reply, Reply>,
-        acting: &[Acting],
+        acting: &[ActiveFault],
     ) -> Result<(), RecordError> {
         let Some(model) = self.model(link) else { return Ok(()) };
         let after = reply.ok().and_then(|reply| model.reply(&reply, acting));
@@ -180,9 +180,9 @@ impl FaultLog {
     }
 
     /// Something became of a fault; `frame` is the half second that begins.
-    pub fn happened(&mut self, frame: u64, happening: &Happening) -> Result<(), RecordError> {
+    pub fn happened(&mut self, frame: u64, happening: &FaultEvent) -> Result<(), RecordError> {
         let mut line = fault_json::happening(frame, happening);
-        if let Happening::Ended(fault, _) = happening {
+        if let FaultEvent::Ended(fault, _) = happening {
             line["touched"] = json!(self.touched.remove(&fault.id).unwrap_or(0));
         }
         self.line(&line)

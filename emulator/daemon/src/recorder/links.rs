@@ -1,31 +1,31 @@
 //! Which link a recording is of, and which links its faults are on.
 
 use geu_model::Configuration;
-use geu_model::configuration::WireForm;
-use geu_model::fault::catalogue::LinkKind;
-use geu_protocol::CanPlan;
+use geu_model::configuration::LinkLogFormat;
+use geu_model::fault::catalogue::Transport;
+use geu_protocol::CanIdMap;
 use geu_protocol::serial::DEFAULT_BAUD;
 
 use crate::link_model::{Encoding, LinkModel};
 
 /// The form of a link.
-fn form(model: &LinkModel) -> WireForm {
+fn form(model: &LinkModel) -> LinkLogFormat {
     match model.encoding {
-        Encoding::Can(_) => WireForm::Can,
-        Encoding::Serial { .. } => WireForm::Serial,
+        Encoding::Can(_) => LinkLogFormat::Can,
+        Encoding::Serial { .. } => LinkLogFormat::Serial,
     }
 }
 
 /// The form that is recorded beside links: the one asked for, else that of the first link.
-pub(crate) fn form_beside(asked: Option<WireForm>, links: &[LinkModel]) -> WireForm {
+pub(crate) fn form_beside(asked: Option<LinkLogFormat>, links: &[LinkModel]) -> LinkLogFormat {
     asked.or(links.first().map(form)).unwrap_or_default()
 }
 
 /// The link that a recording of this form is of: the first such one among `links`, else one of the default kind.
-pub(crate) fn recorded(wire: WireForm, configuration: &Configuration, links: &[LinkModel]) -> LinkModel {
+pub(crate) fn recorded(wire: LinkLogFormat, configuration: &Configuration, links: &[LinkModel]) -> LinkModel {
     let default = || match wire {
-        WireForm::Can => LinkModel::can(can_plan(configuration)),
-        WireForm::Serial => LinkModel::serial(LinkKind::Pty),
+        LinkLogFormat::Can => LinkModel::can(can_plan(configuration)),
+        LinkLogFormat::Serial => LinkModel::serial(Transport::Pty),
     };
     links.iter().find(|model| form(model) == wire).cloned().unwrap_or_else(default)
 }
@@ -41,8 +41,8 @@ pub(super) fn without_links(configuration: &Configuration) -> Vec<LinkModel> {
         kinds.dedup();
     }
     let model = |kind| match (kind, run.serial_baud) {
-        (LinkKind::Can, _) => LinkModel::can(can_plan(configuration)),
-        (LinkKind::Serial, Some(baud)) => LinkModel { kind, encoding: Encoding::Serial { baud } },
+        (Transport::Can, _) => LinkModel::can(can_plan(configuration)),
+        (Transport::Serial, Some(baud)) => LinkModel { kind, encoding: Encoding::Serial { baud } },
         (kind, _) => LinkModel::serial(kind),
     };
     kinds.into_iter().map(model).collect()
@@ -50,9 +50,9 @@ pub(super) fn without_links(configuration: &Configuration) -> Vec<LinkModel> {
 
 /// Why a fault of a run without open links would be seen on none of the links that its recording tells; nothing where
 /// all are.
-pub fn misses(configuration: &Configuration, wire: WireForm) -> Option<String> {
+pub fn misses(configuration: &Configuration, wire: LinkLogFormat) -> Option<String> {
     let links = without_links(configuration);
-    let mut told: Vec<LinkKind> = links.iter().map(|model| model.kind).collect();
+    let mut told: Vec<Transport> = links.iter().map(|model| model.kind).collect();
     told.push(recorded(wire, configuration, &links).kind);
     told.sort_unstable();
     told.dedup();
@@ -60,14 +60,14 @@ pub fn misses(configuration: &Configuration, wire: WireForm) -> Option<String> {
 }
 
 /// The identifiers of CAN that the run had.
-fn can_plan(configuration: &Configuration) -> CanPlan {
-    configuration.run.can_base.and_then(CanPlan::with_base).unwrap_or_default()
+fn can_plan(configuration: &Configuration) -> CanIdMap {
+    configuration.run.can_base.and_then(CanIdMap::with_base).unwrap_or_default()
 }
 
 /// The rate of a serial port among the links, where it is not the default.
 pub(super) fn serial_baud(links: &[LinkModel]) -> Option<u32> {
     links.iter().find_map(|model| match model.encoding {
-        Encoding::Serial { baud } if model.kind == LinkKind::Serial && baud != DEFAULT_BAUD => Some(baud),
+        Encoding::Serial { baud } if model.kind == Transport::Serial && baud != DEFAULT_BAUD => Some(baud),
         _ => None,
     })
 }
@@ -78,5 +78,5 @@ pub(super) fn can_base(recorded: &LinkModel, links: &[LinkModel]) -> Option<u16>
         Encoding::Can(plan) => Some(plan.base()),
         Encoding::Serial { .. } => None,
     });
-    base.filter(|&base| base != CanPlan::default().base())
+    base.filter(|&base| base != CanIdMap::default().base())
 }

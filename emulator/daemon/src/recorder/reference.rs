@@ -5,7 +5,7 @@ use std::io::Write;
 use std::path::Path;
 use std::sync::Arc;
 
-use geu_model::attitude::{Leg, Stepped};
+use geu_model::attitude::{Leg, StreamedAttitude};
 use geu_model::simulation::ReferenceSource;
 use geu_model::units::{HALF_SECOND_NS, RAD_PER_DEG};
 use geu_model::{Configuration, Truth};
@@ -19,7 +19,7 @@ const REFERENCE_NS: i64 = HALF_SECOND_NS;
 /// `received.csv`, where the truth becomes known as time goes on.
 struct Received {
     output: Output,
-    truth: Arc<Stepped>,
+    truth: Arc<StreamedAttitude>,
     /// Knots written; the start is not.
     written: u64,
 }

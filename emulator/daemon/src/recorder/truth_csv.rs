@@ -9,7 +9,7 @@ use std::io::{self, BufRead, BufReader, Write};
 use std::path::Path;
 
 use geu_model::effect::{FAULT_COLUMN, columns};
-use geu_model::{Ended, Trace};
+use geu_model::{CompletedSample, Trace};
 use geu_protocol::Gyro;
 
 use super::output::{Output, RecordError};
@@ -45,7 +45,7 @@ impl TruthCsv {
     }
 
     /// Writes the rows of a half second, with its time.
-    pub fn rows(&mut self, stamp: &str, ended: &Ended, traces: &[Trace; 4]) -> Result<(), RecordError> {
+    pub fn rows(&mut self, stamp: &str, ended: &CompletedSample, traces: &[Trace; 4]) -> Result<(), RecordError> {
         let half_second = &ended.half_second;
         let row_start = format!("{stamp},{},", half_second.sequence);
         let columns = &self.columns;

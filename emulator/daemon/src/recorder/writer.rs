@@ -4,9 +4,9 @@ use std::fs::File;
 use std::io::Write;
 use std::path::PathBuf;
 
-use geu_model::configuration::{EndedEarly, RecordedCommand, RunRecord, WireForm};
+use geu_model::configuration::{EndedEarly, RecordedCommand, RunRecord, LinkLogFormat};
 use geu_model::units::on_board_s;
-use geu_model::{Configuration, Ended, Injected, Trace, Truth};
+use geu_model::{Configuration, CompletedSample, InjectionRecord, Trace, Truth};
 use geu_protocol::command::hex;
 
 use super::destination::Destination;
@@ -30,7 +30,7 @@ pub struct Recorder {
     /// Keeps others from recording into the same directory.
     _held: File,
     configuration: Configuration,
-    wire: WireForm,
+    wire: LinkLogFormat,
     /// The link that is recorded, and what waits on it.
     model: LinkModel,
     links: Vec<LinkModel>,
@@ -69,7 +69,7 @@ impl Recorder {
         destination: &Destination,
         configuration: &Configuration,
         truth: &Truth,
-        wire: WireForm,
+        wire: LinkLogFormat,
         links: &[LinkModel],
     ) -> Result<Recorder, RecordError> {
         let links = if links.is_empty() { links::without_links(configuration) } else { links.to_vec() };
@@ -78,8 +78,8 @@ impl Recorder {
         let (held, mut run) = destination.claim(&run_at_start(configuration, wire, &model, &links, is_received))?;
         let directory = destination.directory();
         let link_name = match wire {
-            WireForm::Can => "link.log",
-            WireForm::Serial => "link.bin",
+            LinkLogFormat::Can => "link.log",
+            LinkLogFormat::Serial => "link.bin",
         };
         let mut recorder = Recorder {
             link: Output::create(directory, link_name)?,
@@ -164,9 +164,9 @@ impl Recorder {
     /// Its messages where it was sent cyclically, its truth, and the reference up to its end.
     fn half_second(
         &mut self,
-        ended: &Ended,
+        ended: &CompletedSample,
         traces: &[Trace; 4],
-        injected: Option<&Injected>,
+        injected: Option<&InjectionRecord>,
     ) -> Result<(), RecordError> {
         if !self.configuration.run.injected.is_empty() && !self.truth.has_fault_column() {
             self.flush()?;
@@ -292,7 +292,7 @@ impl Recorder {
 /// What makes a run again, as long as nothing of it is recorded.
 fn run_at_start(
     configuration: &Configuration,
-    wire: WireForm,
+    wire: LinkLogFormat,
     model: &LinkModel,
     links: &[LinkModel],
     is_received: bool,

@@ -3,9 +3,9 @@
 use std::sync::Arc;
 use std::thread;
 
-use geu_model::Ended;
-use geu_model::fault::acting::Acting;
-use geu_model::fault::{Fault, asks_in_vain};
+use geu_model::CompletedSample;
+use geu_model::fault::acting::ActiveFault;
+use geu_model::fault::{Fault, unsatisfiable_condition};
 use geu_model::units::HALF_SECOND_NS;
 
 use super::error::RunError;
@@ -102,7 +102,7 @@ impl CadenceLoop {
             return true;
         }
         self.report_missed();
-        let acting: &[Acting] = injected.as_ref().map_or(&[], |injected| &injected.acting);
+        let acting: &[ActiveFault] = injected.as_ref().map_or(&[], |injected| &injected.acting);
         let sample = Some(&ended.half_second).filter(|_| ended.cyclic);
         for output in &mut self.links {
             output.put(sample, frame, ended.end_ns, acting);
@@ -146,14 +146,14 @@ impl CadenceLoop {
         let faults = self.unit.faults();
         let planned: Vec<Fault> = faults.planned.iter().map(|planned| (*planned.fault).clone()).collect();
         let expectations: Vec<_> = faults.watches.iter().map(|watch| watch.expectation.clone()).collect();
-        match asks_in_vain(&planned, &expectations, "the truth of this run", self.unit.untold()) {
+        match unsatisfiable_condition(&planned, &expectations, "the truth of this run", self.unit.untold()) {
             Some(why) => Err(RunError::Untold(why)),
             None => Ok(()),
         }
     }
 
     /// Reports the end of a sample to a source of the truth that asked for it: the links have their bytes.
-    fn report(&mut self, half_second: u64, ended: &Ended) {
+    fn report(&mut self, half_second: u64, ended: &CompletedSample) {
         let Some(live) = self.settings.live.as_ref().filter(|live| live.wants_reports()) else {
             self.links.iter_mut().for_each(LinkOutput::forget_handed);
             return;

@@ -2,9 +2,9 @@
 
 use std::sync::atomic::Ordering::Relaxed;
 
-use geu_model::fault::acting::Acting;
-use geu_model::fault::catalogue::LinkKind;
-use geu_protocol::HalfSecond;
+use geu_model::fault::acting::ActiveFault;
+use geu_model::fault::catalogue::Transport;
+use geu_protocol::Sample;
 
 use crate::link::Link;
 use crate::link_model::{TransmitQueue, WireData};
@@ -31,7 +31,7 @@ impl LinkOutput {
     }
 
     /// Adds a sample, `None` where none is sent.
-    pub fn put(&mut self, sample: Option<&HalfSecond>, frame: u64, end_ns: i64, acting: &[Acting]) {
+    pub fn put(&mut self, sample: Option<&Sample>, frame: u64, end_ns: i64, acting: &[ActiveFault]) {
         let transmissions = self.link.info().model.carry(sample, frame, acting);
         self.queue.put(transmissions, frame, end_ns);
     }
@@ -72,7 +72,7 @@ impl LinkOutput {
 
     /// What the link was handed since this was asked last: its name, whether it is a CAN bus, and how much.
     pub fn take_handed(&mut self) -> (String, bool, Handed) {
-        let is_can = self.link.info().model.kind == LinkKind::Can;
+        let is_can = self.link.info().model.kind == Transport::Can;
         (self.link.info().statistics.name.clone(), is_can, std::mem::take(&mut self.handed))
     }
 

@@ -8,7 +8,7 @@ use std::sync::atomic::Ordering::Relaxed;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use geu_protocol::HalfSecond;
+use geu_protocol::Sample;
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::oneshot;
 use tokio::time::MissedTickBehavior;
@@ -110,7 +110,7 @@ impl Session {
     pub async fn keep_cadence<T: Send + 'static>(
         &self,
         links: &[Arc<LinkStatistics>],
-        last_sample: impl Fn() -> Option<HalfSecond>,
+        last_sample: impl Fn() -> Option<Sample>,
         work: impl FnOnce() -> T + Send + 'static,
     ) -> Result<T, RunError> {
         let (done, mut is_done) = oneshot::channel();

@@ -8,9 +8,9 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::{Duration, Instant};
 
-use geu_model::configuration::WireForm;
-use geu_model::fault::acting::Faults;
-use geu_model::fault::catalogue::LinkKind;
+use geu_model::configuration::LinkLogFormat;
+use geu_model::fault::acting::FaultEngine;
+use geu_model::fault::catalogue::Transport;
 use geu_model::{Configuration, Truth};
 
 use super::cadence_loop::CadenceLoop;
@@ -65,7 +65,7 @@ pub struct Recording {
     /// Where it goes.
     pub destination: Destination,
     /// Encoding of the link in it; without one that of the first link.
-    pub wire: Option<WireForm>,
+    pub wire: Option<LinkLogFormat>,
 }
 
 /// What a run has done.
@@ -89,7 +89,7 @@ pub struct RunSummary {
     /// Each link.
     pub links: Vec<Arc<LinkStatistics>>,
     /// How the faults and expectations of the plan stand.
-    pub faults: Faults,
+    pub faults: FaultEngine,
     /// What became of the recording.
     pub recording: Result<(), RecordingError>,
 }
@@ -201,7 +201,7 @@ fn serve(
     session: &Session,
     unit: &Arc<SharedUnit>,
     links: &[Box<dyn Link>],
-    recorded: Option<LinkKind>,
+    recorded: Option<Transport>,
 ) -> Result<Server, RunError> {
     let carried: Vec<_> =
         links.iter().map(|link| (link.info().model.clone(), link.info().statistics.clone())).collect();

@@ -10,10 +10,10 @@ use std::time::{Duration, Instant};
 
 use geu_model::attitude::Motion;
 use geu_model::fault::Fault;
-use geu_model::fault::acting::{Faults, Planned};
+use geu_model::fault::acting::{FaultEngine, FaultStatus};
 use geu_model::units::HALF_SECOND_S;
-use geu_model::{Configuration, Ended, Injected, Truth};
-use geu_protocol::HalfSecond;
+use geu_model::{Configuration, CompletedSample, InjectionRecord, Truth};
+use geu_protocol::Sample;
 use tokio::sync::Notify;
 
 use crate::cadence::Speed;
@@ -35,7 +35,7 @@ pub(crate) trait Observer: Send {
 /// A sample before its deadline: ended in the unit a moment early, so that it can be encoded in time. Until that has passed
 /// no command is carried out, so that the unit, the recording and a POLL agree on what came when.
 struct PendingSample {
-    sample: HalfSecond,
+    sample: Sample,
     /// Published at the deadline.
     events: Vec<UnitEvent>,
 }
@@ -43,7 +43,7 @@ struct PendingSample {
 struct Inner {
     source: EventSource,
     /// The last sample whose deadline has passed: what a POLL gives.
-    completed: Option<HalfSecond>,
+    completed: Option<Sample>,
     pending: Option<PendingSample>,
     recording: Option<Feed>,
     observer: Option<Box<dyn Observer>>,
@@ -131,7 +131,7 @@ impl SharedUnit {
     }
 
     /// Ends the running half second, and tells what faults did to it. Until [`SharedUnit::complete`] commands wait.
-    pub fn end_half_second(&self) -> (Ended, Option<Arc<Injected>>) {
+    pub fn end_half_second(&self) -> (CompletedSample, Option<Arc<InjectionRecord>>) {
         let mut inner = self.lock();
         inner.publish_from(EventSource::repeat_recorded);
         let mut events = Vec::new();
@@ -165,7 +165,7 @@ impl SharedUnit {
     }
 
     /// The last half second whose deadline has passed.
-    pub fn completed(&self) -> Option<HalfSecond> {
+    pub fn completed(&self) -> Option<Sample> {
         self.lock().completed
     }
 
@@ -237,12 +237,12 @@ impl SharedUnit {
     }
 
     /// How faults and expectations stand.
-    pub fn faults(&self) -> Faults {
+    pub fn faults(&self) -> FaultEngine {
         self.lock().source.unit.faults().clone()
     }
 
     /// On-board time, and how the faults stand that are not over by then: few, however many there were.
-    pub fn faults_now(&self) -> (f64, Vec<Planned>) {
+    pub fn faults_now(&self) -> (f64, Vec<FaultStatus>) {
         let inner = self.lock();
         let now_s = inner.source.unit.ended() as f64 * HALF_SECOND_S;
         let planned = inner.source.unit.faults().planned.iter();

@@ -1,8 +1,8 @@
 use std::future::Future;
 use std::task::{Context, Poll, Waker};
 
-use geu_model::Unit;
-use geu_protocol::Outcome;
+use geu_model::GyroUnit;
+use geu_protocol::CommandResult;
 
 use super::*;
 use crate::recorder::PolledSample;
@@ -14,8 +14,8 @@ fn now(shared: &SharedUnit, payload: &[u8]) -> CommandResponse {
 #[test]
 fn a_command_just_before_the_deadline_is_carried_out_just_after_it() {
     let shared = SharedUnit::new(&Configuration::reference(), &Truth::Scenario, Speed::Max, None, None);
-    assert_eq!(now(&shared, &[2, 1]).reply.expect("heard").outcome(), Outcome::Done);
-    assert_eq!(now(&shared, &[3]).reply.expect("heard").outcome(), Outcome::NotPossibleNow);
+    assert_eq!(now(&shared, &[2, 1]).reply.expect("heard").outcome(), CommandResult::Done);
+    assert_eq!(now(&shared, &[3]).reply.expect("heard").outcome(), CommandResult::NotPossibleNow);
     let (first, _) = shared.end_half_second();
     assert!(!first.cyclic);
     let mut poll = std::pin::pin!(shared.command("test", &[3]));
@@ -79,7 +79,7 @@ fn what_is_told_to_the_recording_happens_again_in_a_unit_of_its_own() {
         }
     }
     shared.close();
-    let mut unit = Unit::new(&configuration);
+    let mut unit = GyroUnit::new(&configuration);
     let (mut polled, mut end_ns, mut polls) = (None, 0, 0);
     for event in events {
         match event {

@@ -5,7 +5,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock};
 use std::time::{Duration, Instant};
 
 use geu_model::Truth;
-use geu_model::attitude::{Stepped, TruthNumbers};
+use geu_model::attitude::{StreamedAttitude, TruthNumbers};
 use geu_model::units::HALF_SECOND_S;
 use tokio::sync::Notify;
 
@@ -29,7 +29,7 @@ const MOST_TOLD: u64 = 3;
 pub struct ExternalTruth {
     asked: TruthAddress,
     pub(super) bound: OnceLock<TruthAddress>,
-    truth: Arc<Stepped>,
+    truth: Arc<StreamedAttitude>,
     /// At a pace of its own the run begins so long after the first sample.
     start_delay: Duration,
     state: Mutex<State>,
@@ -65,7 +65,7 @@ struct State {
 impl ExternalTruth {
     /// A truth from `address`, before its first sample.
     pub fn new(address: TruthAddress, numbers: TruthNumbers) -> Arc<ExternalTruth> {
-        let truth = Arc::new(Stepped::remembering(PIECES));
+        let truth = Arc::new(StreamedAttitude::remembering(PIECES));
         let state = State {
             synchroniser: TruthSynchroniser::new(truth.clone(), numbers),
             wanted_s: HALF_SECOND_S,

@@ -6,7 +6,7 @@
 
 use std::io::{self, Write};
 
-use geu_model::attitude::{Basis, Knot, Stepped, Sun};
+use geu_model::attitude::{SampleQuality, Knot, StreamedAttitude, Sun};
 use geu_protocol::excerpt::excerpt;
 
 /// Its name beside `run.toml`.
@@ -62,7 +62,7 @@ pub fn write_row(file: &mut impl Write, knot: &Knot) -> io::Result<()> {
         file.write_all(b",")?;
         file.write_all(digits.format(angle).as_bytes())?;
     }
-    let word = Basis::WORDS.iter().find(|(basis, _)| *basis == knot.basis).map_or("", |(_, word)| word);
+    let word = SampleQuality::WORDS.iter().find(|(basis, _)| *basis == knot.basis).map_or("", |(_, word)| word);
     write!(file, ",{word}")?;
     if let Some(Sun { theta_rad, psi_rad, departure_control_arcsec: [turn_x, turn_y] }) = knot.sun {
         for number in [theta_rad, psi_rad, turn_x, turn_y] {
@@ -91,8 +91,8 @@ fn tells_sun(line: &str) -> Option<bool> {
 ///
 /// # Errors
 /// The first line that is no row, or cannot be read.
-pub fn parse(name: &str, lines: impl Iterator<Item = io::Result<String>>) -> Result<Stepped, ReceivedError> {
-    let (truth, mut has_sun) = (Stepped::default(), None);
+pub fn parse(name: &str, lines: impl Iterator<Item = io::Result<String>>) -> Result<StreamedAttitude, ReceivedError> {
+    let (truth, mut has_sun) = (StreamedAttitude::default(), None);
     for (index, line) in lines.enumerate() {
         let line = line.map_err(|source| ReceivedError::Read { name: name.to_owned(), source })?;
         let is_good = match has_sun {
@@ -110,11 +110,11 @@ pub fn parse(name: &str, lines: impl Iterator<Item = io::Result<String>>) -> Res
     Ok(truth)
 }
 
-fn append(truth: &Stepped, line: &str, has_sun: bool) -> Option<()> {
+fn append(truth: &StreamedAttitude, line: &str, has_sun: bool) -> Option<()> {
     let mut fields = line.trim().split(',');
     let [t_s, x, y, z] = four_numbers(&mut fields)?;
     let word = fields.next()?;
-    let &(basis, _) = Basis::WORDS.iter().find(|(_, known)| *known == word)?;
+    let &(basis, _) = SampleQuality::WORDS.iter().find(|(_, known)| *known == word)?;
     let sun = match has_sun {
         false => None,
         true => {
@@ -138,7 +138,7 @@ fn four_numbers<'a>(fields: &mut impl Iterator<Item = &'a str>) -> Option<[f64; 
 mod tests {
     use super::*;
 
-    fn parse_text(text: &str) -> Result<Stepped, ReceivedError> {
+    fn parse_text(text: &str) -> Result<StreamedAttitude, ReceivedError> {
         parse("received.csv", text.lines().map(|line| Ok(line.to_owned())))
     }
 
@@ -148,7 +148,7 @@ mod tests {
             let knots: Vec<Knot> = (1..=100)
                 .map(|index| {
                     let t_s = f64::from(index) * 0.1;
-                    let basis = Basis::WORDS[index as usize % 3].0;
+                    let basis = SampleQuality::WORDS[index as usize % 3].0;
                     let sun = Sun { theta_rad: t_s.cos(), psi_rad: -t_s, departure_control_arcsec: [t_s.exp(), 1e-9] };
                     let angle_control_arcsec = [t_s.sin() * 1e6, 1.0 / t_s, -0.0];
                     Knot { t_s, angle_control_arcsec, basis, sun: has_sun.then_some(sun) }

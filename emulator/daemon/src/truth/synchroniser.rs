@@ -9,7 +9,7 @@ use std::collections::VecDeque;
 use std::fmt;
 use std::sync::Arc;
 
-use geu_model::attitude::{Basis, Knot, Stepped, Sun, TruthNumbers, turn_between_arcsec};
+use geu_model::attitude::{SampleQuality, Knot, StreamedAttitude, Sun, TruthNumbers, turn_between_arcsec};
 use geu_model::units::{ARCSEC_PER_DEG, RAD_PER_DEG};
 
 /// A source that told nothing for so long is missing; the last rate is held until then, s.
@@ -98,7 +98,7 @@ struct Point {
 /// Follows one source.
 #[derive(Debug)]
 pub(crate) struct TruthSynchroniser {
-    truth: Arc<Stepped>,
+    truth: Arc<StreamedAttitude>,
     numbers: TruthNumbers,
     /// Source time of on-board time 0; none before the first sample.
     zero_s: Option<f64>,
@@ -123,7 +123,7 @@ pub(crate) struct TruthSynchroniser {
 
 impl TruthSynchroniser {
     /// One that has heard nothing yet, and appends to `truth`.
-    pub fn new(truth: Arc<Stepped>, numbers: TruthNumbers) -> TruthSynchroniser {
+    pub fn new(truth: Arc<StreamedAttitude>, numbers: TruthNumbers) -> TruthSynchroniser {
         TruthSynchroniser {
             truth,
             numbers,
@@ -259,12 +259,12 @@ impl TruthSynchroniser {
         }
         let silent_s = end_s - self.told_s();
         let basis = match silent_s {
-            ..=GRAIN_S => Basis::Told,
-            ..=HELD_S => Basis::Held,
-            _ => Basis::Missing,
+            ..=GRAIN_S => SampleQuality::Told,
+            ..=HELD_S => SampleQuality::Held,
+            _ => SampleQuality::Missing,
         };
-        self.counts.late += u64::from(basis == Basis::Held);
-        self.counts.missing += u64::from(basis == Basis::Missing);
+        self.counts.late += u64::from(basis == SampleQuality::Held);
+        self.counts.missing += u64::from(basis == SampleQuality::Missing);
         let known = self.at(start_s);
         let owed: [f64; 3] = std::array::from_fn(|axis| known[axis] - self.used_arcsec[axis]);
         for piece in 1..=PIECES {
@@ -281,11 +281,11 @@ impl TruthSynchroniser {
         }
         let told_s = self.told_s();
         let goes_on = told_s > std::mem::replace(&mut self.told_before_s, told_s);
-        self.behind = if basis == Basis::Missing && goes_on { self.behind + 1 } else { 0 };
+        self.behind = if basis == SampleQuality::Missing && goes_on { self.behind + 1 } else { 0 };
         if self.behind == BEHIND {
             return Some(self.catch_up());
         }
-        let was_missing = std::mem::replace(&mut self.is_missing, basis == Basis::Missing);
+        let was_missing = std::mem::replace(&mut self.is_missing, basis == SampleQuality::Missing);
         match (was_missing, self.is_missing) {
             (false, true) => {
                 Some(format!("nothing came for {HELD_S} s of on-board time; the unit is held at rest until it is back"))

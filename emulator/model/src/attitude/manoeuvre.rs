@@ -1,7 +1,7 @@
 //! The kinds of manoeuvres (Casteren §5, model.md) as a scenario is configured of them.
 
 use super::LimitCycle;
-use crate::number::{Numbers, numbers};
+use crate::number::{ParameterSet, numbers};
 use crate::units::ORBIT_S;
 
 /// Orbital speed about the sun vector: 360° per orbit.
@@ -137,12 +137,12 @@ macro_rules! manoeuvres {
             }
 
             /// Its numbers.
-            pub fn numbers(&self) -> &dyn Numbers {
+            pub fn numbers(&self) -> &dyn ParameterSet {
                 match self { $(Manoeuvre::$variant(numbers) => numbers),* }
             }
 
             /// Its numbers.
-            pub fn numbers_mut(&mut self) -> &mut dyn Numbers {
+            pub fn numbers_mut(&mut self) -> &mut dyn ParameterSet {
                 match self { $(Manoeuvre::$variant(numbers) => numbers),* }
             }
         }

@@ -9,9 +9,9 @@
 use std::sync::Arc;
 
 use super::Segment;
-use super::plan::{Leg, Plan};
-use super::recorded::Recorded;
-use super::stepped::{self, Stepped};
+use super::plan::{Leg, AttitudeProfile};
+use super::recorded::RecordedAttitude;
+use super::stepped::{self, StreamedAttitude};
 use super::sun::Sun;
 use crate::number::numbers;
 use crate::units::{ARCSEC_PER_RAD, SUN_RATE_RAD_S};
@@ -32,7 +32,7 @@ numbers! {
 
 /// Attitude and rates at an instant.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Moment {
+pub struct MotionState {
     /// True time since the start of the run.
     pub t_s: f64,
     /// Inertial rates about the control axes.
@@ -44,9 +44,9 @@ pub struct Moment {
 
 /// Motion over one stretch of time.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Step {
-    pub start: Moment,
-    pub end: Moment,
+pub struct MotionStep {
+    pub start: MotionState,
+    pub end: MotionState,
     /// Length, true time.
     pub length_s: f64,
     /// Rotation about the control axes: the integral of the inertial rates.
@@ -63,20 +63,20 @@ const LONGEST_S: f64 = 0.1;
 #[derive(Debug, Clone)]
 pub struct Motion {
     source: Source,
-    now: Moment,
+    now: MotionState,
 }
 
 #[derive(Debug, Clone)]
 enum Source {
     Scenario(Box<Flight>),
     Recorded {
-        rows: Arc<Recorded>,
+        rows: Arc<RecordedAttitude>,
         near: usize,
         angle_control_arcsec: [f64; 3],
     },
     /// Nothing of it is read before the first stretch is asked for: it may not be known yet.
     Stepped {
-        truth: Arc<Stepped>,
+        truth: Arc<StreamedAttitude>,
         angle_control_arcsec: Option<[f64; 3]>,
         /// The sun at the end of the last stretch.
         sun: Option<Sun>,
@@ -85,7 +85,7 @@ enum Source {
 
 #[derive(Debug, Clone)]
 struct Flight {
-    plan: Plan,
+    plan: AttitudeProfile,
     limit_cycle: LimitCycle,
     segment: Segment,
     segment_start_s: f64,
@@ -94,12 +94,12 @@ struct Flight {
 
 impl Motion {
     /// At the start of a scenario.
-    pub fn new(plan: Plan, limit_cycle: LimitCycle) -> Motion {
+    pub fn new(plan: AttitudeProfile, limit_cycle: LimitCycle) -> Motion {
         Motion::starting_before(plan, limit_cycle, 0.0)
     }
 
     /// `before_s` before the start of a scenario, at rest until then.
-    pub fn starting_before(mut plan: Plan, limit_cycle: LimitCycle, before_s: f64) -> Motion {
+    pub fn starting_before(mut plan: AttitudeProfile, limit_cycle: LimitCycle, before_s: f64) -> Motion {
         let segment = if before_s > 0.0 { plan.rest_before(before_s) } else { plan.next_segment() };
         let phases = Phases {
             theta: Turned::at(segment.theta.start_rad),
@@ -111,14 +111,14 @@ impl Motion {
     }
 
     /// At `t_s` of a recorded truth; at rest before its start and after its end.
-    pub fn recorded(rows: Arc<Recorded>, t_s: f64) -> Motion {
+    pub fn recorded(rows: Arc<RecordedAttitude>, t_s: f64) -> Motion {
         let mut near = 0;
         let (angle_control_arcsec, now) = rows.at(t_s, &mut near);
         Motion { source: Source::Recorded { rows, near, angle_control_arcsec }, now }
     }
 
     /// At `t_s` of a truth that becomes known as time goes on.
-    pub fn stepped(truth: Arc<Stepped>, t_s: f64) -> Motion {
+    pub fn stepped(truth: Arc<StreamedAttitude>, t_s: f64) -> Motion {
         let source = Source::Stepped { truth, angle_control_arcsec: None, sun: None };
         Motion { source, now: stepped::moment(t_s, None) }
     }
@@ -126,12 +126,12 @@ impl Motion {
     /// Moves on to `end_s` (true time since the start) and tells the motion since the last call; no motion where `end_s`
     /// lies before that.
     #[inline]
-    pub fn advance(&mut self, end_s: f64) -> Step {
+    pub fn advance(&mut self, end_s: f64) -> MotionStep {
         let start = self.now;
         if end_s <= start.t_s {
-            return Step { start, end: start, ..Step::default() };
+            return MotionStep { start, end: start, ..MotionStep::default() };
         }
-        let mut step = Step { start, length_s: end_s - start.t_s, ..Step::default() };
+        let mut step = MotionStep { start, length_s: end_s - start.t_s, ..MotionStep::default() };
         match &mut self.source {
             Source::Scenario(flight) => {
                 step.angle_control_arcsec = flight.advance(start.t_s, end_s);
@@ -159,7 +159,7 @@ impl Motion {
     }
 
     /// Attitude and rates at the end of the last stretch.
-    pub fn now(&self) -> &Moment {
+    pub fn now(&self) -> &MotionState {
         &self.now
     }
 
@@ -271,14 +271,14 @@ impl Flight {
 
     /// The moment that the flight has reached.
     #[inline]
-    fn moment(&self, t_s: f64) -> Moment {
+    fn moment(&self, t_s: f64) -> MotionState {
         let (theta, psi, since_s) = (&self.segment.theta, &self.segment.psi, t_s - self.segment_start_s);
         let rates = rates(self.phases.theta, self.phases.psi, theta.rate_rad_s(since_s), psi.rate_rad_s(since_s));
         let mut rate_control_arcsec_s = rates.map(|rate| rate * ARCSEC_PER_RAD);
         for (rate, phase) in rate_control_arcsec_s.iter_mut().zip(self.phases.cycle) {
             *rate += self.limit_cycle.rate_arcsec_s * phase.sin;
         }
-        Moment { t_s, rate_control_arcsec_s, theta_rad: theta.angle_rad(since_s), psi_rad: psi.angle_rad(since_s) }
+        MotionState { t_s, rate_control_arcsec_s, theta_rad: theta.angle_rad(since_s), psi_rad: psi.angle_rad(since_s) }
     }
 
     #[inline]
@@ -352,7 +352,7 @@ mod tests {
     use crate::attitude::{Manoeuvre, Scenario};
 
     fn motion(scenario: &Scenario) -> Motion {
-        Motion::new(Plan::new(scenario).expect("possible"), scenario.limit_cycle)
+        Motion::new(AttitudeProfile::new(scenario).expect("possible"), scenario.limit_cycle)
     }
 
     fn still() -> Scenario {

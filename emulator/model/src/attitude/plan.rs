@@ -16,7 +16,7 @@ pub const THETA_LIMITS_DEG: (f64, f64) = (60.0, 120.0);
 /// A manoeuvre that cannot be flown.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{reason}")]
-pub struct Impossible {
+pub struct InfeasibleManoeuvre {
     pub index: usize,
     pub field: &'static str,
     /// What was expected and what was got.
@@ -42,7 +42,7 @@ pub struct Leg {
 
 /// A scenario laid out, as far as it has been flown and a little further.
 #[derive(Debug, Clone)]
-pub struct Plan {
+pub struct AttitudeProfile {
     manoeuvres: Vec<Manoeuvre>,
     /// The manoeuvre to be laid out next, and which part of it.
     next: (usize, u64),
@@ -56,13 +56,13 @@ pub struct Plan {
     legs: Vec<Leg>,
 }
 
-impl Plan {
+impl AttitudeProfile {
     /// Lays the scenario out; every manoeuvre is tried, a survey without end up to its second turn-back.
     ///
     /// # Errors
     /// The first manoeuvre that cannot be flown.
-    pub fn new(scenario: &Scenario) -> Result<Plan, Impossible> {
-        let plan = Plan {
+    pub fn new(scenario: &Scenario) -> Result<AttitudeProfile, InfeasibleManoeuvre> {
+        let plan = AttitudeProfile {
             manoeuvres: scenario.manoeuvres.clone(),
             next: (0, 0),
             theta_rad: scenario.theta_deg * RAD_PER_DEG,
@@ -78,13 +78,13 @@ impl Plan {
             // flown; a survey without end needs no more.
             let is_endless = is_endless(&scenario.manoeuvres[index]);
             while trial.next.0 == index && !(is_endless && trial.next.1 > 2) {
-                trial.lay_out().map_err(|(field, reason)| Impossible { index, field, reason })?;
+                trial.lay_out().map_err(|(field, reason)| InfeasibleManoeuvre { index, field, reason })?;
                 trial.segments.clear();
                 trial.legs.clear();
             }
             if trial.next.0 == index {
                 if index + 1 < scenario.manoeuvres.len() {
-                    return Err(Impossible {
+                    return Err(InfeasibleManoeuvre {
                         index: index + 1,
                         field: "kind",
                         reason: format!(
@@ -104,7 +104,7 @@ impl Plan {
         if scenario.manoeuvres.is_empty() || scenario.manoeuvres.iter().any(is_endless) {
             return None;
         }
-        let mut plan = Plan::new(scenario).ok()?;
+        let mut plan = AttitudeProfile::new(scenario).ok()?;
         while plan.next_segment().duration_s.is_finite() {
             plan.legs.clear();
         }
@@ -392,7 +392,7 @@ mod tests {
     }
 
     fn legs(manoeuvres: Vec<Manoeuvre>, count: usize) -> Vec<(&'static str, f64, f64)> {
-        let mut plan = Plan::new(&scenario(manoeuvres)).expect("possible");
+        let mut plan = AttitudeProfile::new(&scenario(manoeuvres)).expect("possible");
         let mut legs = Vec::new();
         while legs.len() < count {
             plan.next_segment();
@@ -440,7 +440,7 @@ mod tests {
                 "angle_deg",
             ),
         ] {
-            let refused = Plan::new(&scenario(manoeuvres)).expect_err("impossible");
+            let refused = AttitudeProfile::new(&scenario(manoeuvres)).expect_err("impossible");
             assert_eq!((refused.index, refused.field), (index, field), "{refused}");
         }
     }
@@ -449,12 +449,12 @@ mod tests {
     fn a_long_finite_survey_may_be_followed_by_something() {
         let survey = Manoeuvre::Survey(Survey { scans: 10_002.0, ..Survey::default() });
         let scenario = scenario(vec![survey, Manoeuvre::Pointing(Pointing::default())]);
-        assert!(Plan::new(&scenario).is_ok());
+        assert!(AttitudeProfile::new(&scenario).is_ok());
     }
 
     #[test]
     fn a_finite_scenario_ends_in_a_hold() {
-        let mut plan = Plan::new(&scenario(vec![Manoeuvre::Pointing(Pointing { duration_s: 5.0 })])).expect("possible");
+        let mut plan = AttitudeProfile::new(&scenario(vec![Manoeuvre::Pointing(Pointing { duration_s: 5.0 })])).expect("possible");
         assert_eq!(plan.next_segment().duration_s, 5.0);
         assert_eq!(plan.next_segment().duration_s, f64::INFINITY);
     }
@@ -466,7 +466,7 @@ mod tests {
             theta_deg: 60.0,
             ..scenario(vec![Manoeuvre::Eclipse(Eclipse::default()), Manoeuvre::Eclipse(rested)])
         };
-        let mut motion = crate::attitude::Motion::new(Plan::new(&scenario).expect("possible"), scenario.limit_cycle);
+        let mut motion = crate::attitude::Motion::new(AttitudeProfile::new(&scenario).expect("possible"), scenario.limit_cycle);
         motion.advance(600.0);
         // Casteren §5: 2.22 arcmin/s, with the sun's 0.04 arcsec/s.
         assert!((motion.now().rate_control_arcsec_s[0] / 60.0 - 2.22).abs() < 0.01);

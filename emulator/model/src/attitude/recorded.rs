@@ -4,12 +4,12 @@
 //! instants of the file are exact, and those between its instants err by h⁴/384 of the fourth derivative: 0.0013″ for a
 //! limit cycle of 4″/s and 5 s on rows each 0.5 s. Straight lines would err by 0.16″.
 
-use super::Moment;
+use super::MotionState;
 use crate::units::{ARCSEC_PER_RAD, SUN_RATE_RAD_S};
 
 /// One row: what happened since the row before, where there is one.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Row {
+pub struct AttitudeRow {
     /// End of the row's interval, on the truth's time scale.
     pub t_s: f64,
     /// Rotation about the control axes since the row before.
@@ -19,7 +19,7 @@ pub struct Row {
 }
 
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum BadRows {
+pub enum AttitudeRowsError {
     /// Fewer than three after the start.
     #[error("expected at least 3 rows after the first, got {0}")]
     TooFew(usize),
@@ -47,11 +47,11 @@ pub enum BadRows {
     NotFinite { index: usize, value: f64 },
 }
 
-impl BadRows {
+impl AttitudeRowsError {
     pub fn index(&self) -> Option<usize> {
         match *self {
-            BadRows::TooFew(_) => None,
-            BadRows::NotRising { index, .. } | BadRows::Gap { index, .. } | BadRows::NotFinite { index, .. } => {
+            AttitudeRowsError::TooFew(_) => None,
+            AttitudeRowsError::NotRising { index, .. } | AttitudeRowsError::Gap { index, .. } | AttitudeRowsError::NotFinite { index, .. } => {
                 Some(index)
             }
         }
@@ -66,7 +66,7 @@ const MOST_RAD: f64 = 1e4;
 const GAP_SPACINGS: f64 = 1.9;
 
 /// Median spacing of rows in time; nothing of fewer than two.
-pub fn median_spacing_s(rows: &[Row]) -> Option<f64> {
+pub fn median_spacing_s(rows: &[AttitudeRow]) -> Option<f64> {
     let mut spacings: Vec<f64> = rows.windows(2).map(|pair| pair[1].t_s - pair[0].t_s).collect();
     let middle = spacings.len() / 2;
     (!spacings.is_empty()).then(|| *spacings.select_nth_unstable_by(middle, f64::total_cmp).1)
@@ -74,7 +74,7 @@ pub fn median_spacing_s(rows: &[Row]) -> Option<f64> {
 
 /// A truth read from a file.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Recorded {
+pub struct RecordedAttitude {
     t_s: Vec<f64>,
     /// Accumulated rotation at each, with its second derivatives.
     angle_control_arcsec: [Vec<f64>; 3],
@@ -85,15 +85,15 @@ pub struct Recorded {
     departure_control_arcsec: Vec<[f64; 2]>,
 }
 
-impl Recorded {
+impl RecordedAttitude {
     /// Takes rows in order of time, of which the first tells where the motion starts.
     ///
     /// # Errors
     /// Rows that overlap, leave a gap, or are too few.
-    pub fn new(rows: &[Row]) -> Result<Recorded, BadRows> {
+    pub fn new(rows: &[AttitudeRow]) -> Result<RecordedAttitude, AttitudeRowsError> {
         let intervals = rows.len().saturating_sub(1);
         if intervals < 3 {
-            return Err(BadRows::TooFew(intervals));
+            return Err(AttitudeRowsError::TooFew(intervals));
         }
         for (index, row) in rows.iter().enumerate() {
             let is_beyond = |number: &f64, most: f64| !number.is_finite() || number.abs() > most;
@@ -102,18 +102,18 @@ impl Recorded {
             let sun = sun.into_iter().flatten().find(|number| is_beyond(number, MOST_RAD));
             let time = Some(row.t_s).filter(|t_s| !t_s.is_finite());
             if let Some(value) = turn.or(sun).or(time) {
-                return Err(BadRows::NotFinite { index, value });
+                return Err(AttitudeRowsError::NotFinite { index, value });
             }
         }
         let spacing_s = median_spacing_s(rows).expect("more than one row");
         for (index, pair) in rows.windows(2).enumerate() {
             let (index, before_s, t_s) = (index + 1, pair[0].t_s, pair[1].t_s);
             if t_s <= before_s {
-                return Err(BadRows::NotRising { index, t_s, before_s });
+                return Err(AttitudeRowsError::NotRising { index, t_s, before_s });
             }
             let gap_s = t_s - before_s;
             if gap_s > GAP_SPACINGS * spacing_s {
-                return Err(BadRows::Gap { index, t_s, gap_s, spacing_s });
+                return Err(AttitudeRowsError::Gap { index, t_s, gap_s, spacing_s });
             }
         }
         let t_s: Vec<f64> = rows.iter().map(|row| row.t_s).collect();
@@ -130,7 +130,7 @@ impl Recorded {
         let theta_psi_rad: Vec<(f64, f64)> =
             rows.iter().map(|row| row.theta_psi_rad).collect::<Option<_>>().unwrap_or_default();
         let departure_control_arcsec = departure(&t_s, &angle_control_arcsec, &theta_psi_rad);
-        Ok(Recorded { t_s, angle_control_arcsec, bend, theta_psi_rad, departure_control_arcsec })
+        Ok(RecordedAttitude { t_s, angle_control_arcsec, bend, theta_psi_rad, departure_control_arcsec })
     }
 
     /// The first row's time.
@@ -140,13 +140,13 @@ impl Recorded {
 
     /// The same truth with its start as time 0.
     #[must_use]
-    pub fn starting_at_zero(self) -> Recorded {
+    pub fn starting_at_zero(self) -> RecordedAttitude {
         self.starting_at(0.0)
     }
 
     /// The same truth moved in time, so that the first row's time is `start_s`.
     #[must_use]
-    pub fn starting_at(mut self, start_s: f64) -> Recorded {
+    pub fn starting_at(mut self, start_s: f64) -> RecordedAttitude {
         let first_s = self.start_s();
         // The difference first: it is exact or nearly so where the truth's own times are large.
         self.t_s.iter_mut().for_each(|t_s| *t_s = *t_s - first_s + start_s);
@@ -174,7 +174,7 @@ impl Recorded {
     /// Accumulated rotation, rates and attitude at `t_s`; at rest before the start and after the end. `near` is the
     /// piece found last, from which the search goes forward.
     #[inline]
-    pub fn at(&self, t_s: f64, near: &mut usize) -> ([f64; 3], Moment) {
+    pub fn at(&self, t_s: f64, near: &mut usize) -> ([f64; 3], MotionState) {
         let (first, last) = (self.start_s(), self.end_s());
         let inside = t_s.clamp(first, last);
         while *near + 2 < self.t_s.len() && self.t_s[*near + 1] < inside {
@@ -186,7 +186,7 @@ impl Recorded {
         let (i, length_s) = (*near, self.t_s[*near + 1] - self.t_s[*near]);
         let b = (inside - self.t_s[i]) / length_s;
         let a = 1.0 - b;
-        let mut moment = Moment { t_s, ..Moment::default() };
+        let mut moment = MotionState { t_s, ..MotionState::default() };
         let sixth = length_s * length_s / 6.0;
         let angle = std::array::from_fn(|axis| {
             let (y, m) = (&self.angle_control_arcsec[axis], &self.bend[axis]);
@@ -282,10 +282,10 @@ fn second_derivatives(t: &[f64], y: &[f64]) -> Vec<f64> {
 mod tests {
     use super::*;
 
-    fn rows(count: usize, angle: impl Fn(f64) -> f64) -> Vec<Row> {
+    fn rows(count: usize, angle: impl Fn(f64) -> f64) -> Vec<AttitudeRow> {
         let at = |index: usize| index as f64 * 0.5;
         (0..=count)
-            .map(|index| Row {
+            .map(|index| AttitudeRow {
                 t_s: at(index),
                 angle_control_arcsec: [angle(at(index)) - angle(at(index.saturating_sub(1))), 0.0, 0.0],
                 theta_psi_rad: None,
@@ -298,7 +298,7 @@ mod tests {
         let cubic = |t: f64| 3.0 + t * (2.0 + t * (-1.5 + 0.25 * t));
         let swing = |t: f64| 4.0 * 5.0 / std::f64::consts::TAU * (1.0 - (std::f64::consts::TAU * t / 5.0).cos());
         for (angle, bound) in [(&cubic as &dyn Fn(f64) -> f64, 1e-12), (&swing, 0.0014)] {
-            let recorded = Recorded::new(&rows(40, angle)).expect("good rows");
+            let recorded = RecordedAttitude::new(&rows(40, angle)).expect("good rows");
             let mut near = 0;
             for index in 0..400 {
                 let t_s = f64::from(index) * 0.05;
@@ -316,7 +316,7 @@ mod tests {
 
     #[test]
     fn a_truth_moved_in_time_tells_the_same_motion_at_the_moved_times() {
-        let recorded = Recorded::new(&rows(20, |t| t * t)).expect("good rows");
+        let recorded = RecordedAttitude::new(&rows(20, |t| t * t)).expect("good rows");
         let moved = recorded.clone().starting_at(-3.5);
         assert_eq!((moved.start_s(), moved.end_s()), (-3.5, 6.5));
         assert_eq!(moved.at(1.25, &mut 0).0, recorded.at(4.75, &mut 0).0);
@@ -327,10 +327,10 @@ mod tests {
     fn gaps_and_overlaps_are_refused_with_the_row() {
         let mut gap = rows(20, |t| t);
         gap.drain(7..9);
-        assert!(matches!(Recorded::new(&gap), Err(BadRows::Gap { index: 7, .. })));
+        assert!(matches!(RecordedAttitude::new(&gap), Err(AttitudeRowsError::Gap { index: 7, .. })));
         let mut overlap = rows(20, |t| t);
         overlap[5].t_s = overlap[4].t_s;
-        assert!(matches!(Recorded::new(&overlap), Err(BadRows::NotRising { index: 5, .. })));
-        assert!(matches!(Recorded::new(&overlap[..3]), Err(BadRows::TooFew(2))));
+        assert!(matches!(RecordedAttitude::new(&overlap), Err(AttitudeRowsError::NotRising { index: 5, .. })));
+        assert!(matches!(RecordedAttitude::new(&overlap[..3]), Err(AttitudeRowsError::TooFew(2))));
     }
 }

@@ -6,11 +6,11 @@
 use std::collections::VecDeque;
 use std::sync::{Mutex, MutexGuard};
 
-use super::{Moment, Sun};
+use super::{MotionState, Sun};
 use crate::units::ARCSEC_PER_RAD;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Basis {
+pub enum SampleQuality {
     Told,
     /// The source was late: the last rate was held.
     Held,
@@ -18,10 +18,10 @@ pub enum Basis {
     Missing,
 }
 
-impl Basis {
+impl SampleQuality {
     /// Each with its word in a file.
-    pub const WORDS: [(Basis, &'static str); 3] =
-        [(Basis::Told, "told"), (Basis::Held, "held"), (Basis::Missing, "missing")];
+    pub const WORDS: [(SampleQuality, &'static str); 3] =
+        [(SampleQuality::Told, "told"), (SampleQuality::Held, "held"), (SampleQuality::Missing, "missing")];
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -31,17 +31,17 @@ pub struct Knot {
     /// Rotation about the control axes since the start.
     pub angle_control_arcsec: [f64; 3],
     /// What the piece that ends here rests on.
-    pub basis: Basis,
+    pub basis: SampleQuality,
     /// The sun at the end, where the source tells it: of all knots but the start, or of none.
     pub sun: Option<Sun>,
 }
 
 /// The start of every such truth.
-const START: Knot = Knot { t_s: 0.0, angle_control_arcsec: [0.0; 3], basis: Basis::Told, sun: None };
+const START: Knot = Knot { t_s: 0.0, angle_control_arcsec: [0.0; 3], basis: SampleQuality::Told, sun: None };
 
 /// The truth as far as it is known; at rest before its start and after its end.
 #[derive(Debug)]
-pub struct Stepped {
+pub struct StreamedAttitude {
     known: Mutex<Known>,
     most: usize,
 }
@@ -53,16 +53,16 @@ struct Known {
     forgotten: u64,
 }
 
-impl Default for Stepped {
-    fn default() -> Stepped {
-        Stepped::remembering(usize::MAX)
+impl Default for StreamedAttitude {
+    fn default() -> StreamedAttitude {
+        StreamedAttitude::remembering(usize::MAX)
     }
 }
 
-impl Stepped {
+impl StreamedAttitude {
     /// One that forgets all but the last `most` knots, for a run without end.
-    pub fn remembering(most: usize) -> Stepped {
-        Stepped { known: Mutex::new(Known { knots: VecDeque::from([START]), forgotten: 0 }), most: most.max(2) }
+    pub fn remembering(most: usize) -> StreamedAttitude {
+        StreamedAttitude { known: Mutex::new(Known { knots: VecDeque::from([START]), forgotten: 0 }), most: most.max(2) }
     }
 
     fn known(&self) -> MutexGuard<'_, Known> {
@@ -97,7 +97,7 @@ impl Stepped {
     }
 
     /// Rotation since the start, rates and sun at `t_s`. Where a piece ends its own rates hold, not those of the next.
-    pub fn at(&self, t_s: f64) -> ([f64; 3], Moment, Option<Sun>) {
+    pub fn at(&self, t_s: f64) -> ([f64; 3], MotionState, Option<Sun>) {
         let known = self.known();
         let after = known.knots.partition_point(|knot| knot.t_s < t_s);
         let (Some(from), Some(to)) =
@@ -113,15 +113,15 @@ impl Stepped {
             std::array::from_fn(|axis| to.angle_control_arcsec[axis] - from.angle_control_arcsec[axis]);
         let share = since_s / length_s;
         let sun = to.sun.map(|to| from.sun.map_or(to, |from| from.towards(&to, share)));
-        let moment = Moment { rate_control_arcsec_s: turn.map(|turn| turn / length_s), ..moment(t_s, sun) };
+        let moment = MotionState { rate_control_arcsec_s: turn.map(|turn| turn / length_s), ..moment(t_s, sun) };
         (std::array::from_fn(|axis| from.angle_control_arcsec[axis] + turn[axis] * share), moment, sun)
     }
 }
 
 /// At rest; where θ and ψ are not known the package is taken at rest at 90°, where nothing turns it.
-pub(super) fn moment(t_s: f64, sun: Option<Sun>) -> Moment {
+pub(super) fn moment(t_s: f64, sun: Option<Sun>) -> MotionState {
     let sun = sun.unwrap_or(Sun { theta_rad: std::f64::consts::FRAC_PI_2, ..Sun::default() });
-    Moment { t_s, theta_rad: sun.theta_rad, psi_rad: sun.psi_rad, ..Moment::default() }
+    MotionState { t_s, theta_rad: sun.theta_rad, psi_rad: sun.psi_rad, ..MotionState::default() }
 }
 
 /// The turn about the control axes, by the shorter way, from one attitude to the next; quaternions of unit length, control
@@ -142,12 +142,12 @@ mod tests {
     use super::*;
 
     fn knot(t_s: f64, x: f64) -> Knot {
-        Knot { t_s, angle_control_arcsec: [x, 0.0, -x], basis: Basis::Told, sun: None }
+        Knot { t_s, angle_control_arcsec: [x, 0.0, -x], basis: SampleQuality::Told, sun: None }
     }
 
     #[test]
     fn within_a_piece_the_rate_is_constant_and_outside_there_is_rest() {
-        let truth = Stepped::default();
+        let truth = StreamedAttitude::default();
         truth.append(knot(0.5, 10.0));
         truth.append(knot(1.0, 40.0));
         truth.append(knot(0.7, 99.0));
@@ -161,7 +161,7 @@ mod tests {
 
     #[test]
     fn theta_and_psi_are_those_of_the_sun_told_and_90_degrees_where_none_is() {
-        let truth = Stepped::default();
+        let truth = StreamedAttitude::default();
         assert_eq!((truth.tells_sun(), truth.at(0.0).1.theta_rad), (false, std::f64::consts::FRAC_PI_2));
         let sun = |theta_rad: f64| Some(Sun { theta_rad, psi_rad: -theta_rad, departure_control_arcsec: [3.0, 0.0] });
         truth.append(Knot { sun: sun(1.0), ..knot(0.5, 10.0) });
@@ -176,7 +176,7 @@ mod tests {
 
     #[test]
     fn old_knots_are_forgotten_and_the_others_keep_their_numbers() {
-        let truth = Stepped::remembering(4);
+        let truth = StreamedAttitude::remembering(4);
         (1..=10).for_each(|k| truth.append(knot(f64::from(k), f64::from(k))));
         assert_eq!(truth.knots_from(9).iter().map(|knot| knot.t_s).collect::<Vec<_>>(), [9.0, 10.0]);
         assert_eq!(truth.knots_from(0).len(), 4);

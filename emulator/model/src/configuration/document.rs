@@ -8,7 +8,7 @@ use geu_protocol::excerpt::{MAX_QUOTED, excerpt};
 use geu_protocol::suggestion::did_you_mean;
 use toml_edit::{Array, ArrayOfTables, Document, DocumentMut, Item, TableLike};
 
-use crate::number::{Default, Form, Number, Numbers};
+use crate::number::{DefaultValue, ValueFormat, ParameterSpec, ParameterSet};
 
 /// What is wrong with a configuration, and where.
 #[derive(Debug, Clone, PartialEq)]
@@ -42,19 +42,19 @@ impl fmt::Display for ConfigurationError {
     }
 }
 
-pub struct Source {
+pub struct ConfigText {
     name: String,
     document: Document<String>,
 }
 
-impl Source {
+impl ConfigText {
     /// Parses `text`.
     ///
     /// # Errors
     /// Text that is not TOML.
-    pub fn parse(name: &str, text: &str) -> Result<Source, ConfigurationError> {
+    pub fn parse(name: &str, text: &str) -> Result<ConfigText, ConfigurationError> {
         match Document::parse(text.to_owned()) {
-            Ok(document) => Ok(Source { name: name.to_owned(), document }),
+            Ok(document) => Ok(ConfigText { name: name.to_owned(), document }),
             Err(error) => {
                 let message = format!("expected TOML: {}", error.message().replace('\n', "; "));
                 Err(locate(name, text, error.span(), message))
@@ -97,7 +97,7 @@ fn around(line: &str, place: usize) -> (String, usize) {
 
 #[derive(Clone)]
 pub struct Node<'a> {
-    source: &'a Source,
+    source: &'a ConfigText,
     table: &'a dyn TableLike,
     path: String,
     span: Option<Range<usize>>,
@@ -169,10 +169,10 @@ impl<'a> Node<'a> {
     ///
     /// # Errors
     /// Not a number, out of limits, or required and not there.
-    pub fn number(&self, spec: &Number) -> Read<f64> {
+    pub fn number(&self, spec: &ParameterSpec) -> Read<f64> {
         match (self.value(spec.name, spec.form, spec.least, spec.greatest)?, spec.default) {
             (Some(value), _) => Ok(value),
-            (None, Default::Required) => {
+            (None, DefaultValue::Required) => {
                 let (path, meaning, limits) = (self.path_of(spec.name), spec.meaning.trim(), spec.limits());
                 Err(self.error(spec.name, format!("expected `{path}` ({meaning}; {limits}), got none")))
             }
@@ -184,18 +184,18 @@ impl<'a> Node<'a> {
     ///
     /// # Errors
     /// Another form, or out of limits.
-    pub fn value(&self, key: &str, form: Form, least: f64, greatest: f64) -> Read<Option<f64>> {
+    pub fn value(&self, key: &str, form: ValueFormat, least: f64, greatest: f64) -> Read<Option<f64>> {
         let Some(item) = self.table.get(key) else { return Ok(None) };
         let value = match form {
-            Form::Real => item.as_float().or_else(|| item.as_integer().map(|value| value as f64)),
-            Form::Flag => item.as_bool().map(f64::from),
-            Form::Gyro => item.as_str().and_then(Gyro::named).map(|gyro| gyro as usize as f64 + 1.0),
+            ValueFormat::Real => item.as_float().or_else(|| item.as_integer().map(|value| value as f64)),
+            ValueFormat::Flag => item.as_bool().map(f64::from),
+            ValueFormat::Gyro => item.as_str().and_then(Gyro::named).map(|gyro| gyro as usize as f64 + 1.0),
             // JSON knows one kind of number: 3.0 is whole too.
-            Form::Whole => item
+            ValueFormat::Whole => item
                 .as_integer()
                 .map(|value| value as f64)
                 .or_else(|| item.as_float().filter(|value| value.fract() == 0.0)),
-            Form::Choice(names) => {
+            ValueFormat::Choice(names) => {
                 item.as_str().and_then(|text| names.iter().position(|name| *name == text)).map(|index| index as f64)
             }
         };
@@ -263,7 +263,7 @@ impl<'a> Node<'a> {
     ///
     /// # Errors
     /// As [`Node::number`]; a key in `others` is left alone, any other unknown key refused.
-    pub fn fill(&self, numbers: &mut dyn Numbers, has: impl Fn(&str) -> bool, others: &[&str]) -> Read<()> {
+    pub fn fill(&self, numbers: &mut dyn ParameterSet, has: impl Fn(&str) -> bool, others: &[&str]) -> Read<()> {
         let specs = numbers.specs();
         let valid: Vec<&str> =
             specs.iter().map(|spec| spec.name).filter(|name| has(name)).chain(others.iter().copied()).collect();
@@ -346,7 +346,7 @@ pub fn with_overrides(name: &str, text: &str, overrides: &[String]) -> Result<St
     // The text was parsed before; only an override can be at fault here.
     let mut document: DocumentMut = match text.parse() {
         Ok(document) => document,
-        Err(_) => return Source::parse(name, text).map(|_| text.to_owned()),
+        Err(_) => return ConfigText::parse(name, text).map(|_| text.to_owned()),
     };
     for given in overrides {
         let refused = |message: String| locate("--set", given, None, message);

@@ -4,14 +4,14 @@ use std::fmt::Write;
 
 use geu_protocol::Gyro;
 
-use super::document::{ConfigurationError, Node, Source};
+use super::document::{ConfigurationError, Node, ConfigText};
 use super::identifiers::{Identifiers, Known};
 use super::{Configuration, show};
-use crate::fault::catalogue::{CATALOGUE, LinkKind, Scope, Spec};
-use crate::fault::expectation::{Expectation, Window};
+use crate::fault::catalogue::{CATALOGUE, Transport, Scope, FaultSpec};
+use crate::fault::expectation::{Expectation, TimeWindow};
 use crate::fault::expression::Expression;
-use crate::fault::{Action, Fault, Target, shape};
-use crate::number::{Default, Form, Number, number};
+use crate::fault::{FaultKind, Fault, ParameterRef, shape};
+use crate::number::{DefaultValue, ValueFormat, ParameterSpec, number};
 
 /// Most faults and most expectations of a plan, and most faults of a run that are not over.
 pub const MOST: usize = 1000;
@@ -25,37 +25,37 @@ pub(super) const FAULT: &str = "fault";
 /// Key of a list of expectations.
 pub(super) const EXPECT: &str = "expect";
 
-const AT: Number = number("at_s", Form::Real, Default::Value(0.0), 0.0, LATEST_S, "not before this on-board time");
-const PROBABILITY: Number = number(
+const AT: ParameterSpec = number("at_s", ValueFormat::Real, DefaultValue::Value(0.0), 0.0, LATEST_S, "not before this on-board time");
+const PROBABILITY: ParameterSpec = number(
     "probability",
-    Form::Real,
-    Default::Value(1.0),
+    ValueFormat::Real,
+    DefaultValue::Value(1.0),
     1e-9,
     1.0,
     "chance to start in a half second in which the rest would let it",
 );
-const BY_HAND: Number =
-    number("by_hand", Form::Flag, Default::Value(0.0), 0.0, 1.0, "waits to be started by somebody at the bench");
-const FOR: Number =
-    number("for_s", Form::Real, Default::Absent, 0.5, LATEST_S, "how long it acts; without end where not named");
-const UNTIL: Number = number(
+const BY_HAND: ParameterSpec =
+    number("by_hand", ValueFormat::Flag, DefaultValue::Value(0.0), 0.0, 1.0, "waits to be started by somebody at the bench");
+const FOR: ParameterSpec =
+    number("for_s", ValueFormat::Real, DefaultValue::Absent, 0.5, LATEST_S, "how long it acts; without end where not named");
+const UNTIL: ParameterSpec = number(
     "until_s",
-    Form::Real,
-    Default::Absent,
+    ValueFormat::Real,
+    DefaultValue::Absent,
     0.0,
     LATEST_S,
     "ends then at the latest, a parameter returns from then on; starts no more",
 );
-const RELEASE: Number =
-    number("release_s", Form::Real, Default::Value(0.0), 0.0, 1e6, "a parameter returns over so long at the end");
-const TIMES: Number = number("times", Form::Whole, Default::Value(1.0), 1.0, 1e9, "how often it may start");
-const WITHIN: Number =
-    number("within_s", Form::Real, Default::Absent, 0.5, LATEST_S, "must hold at least once within so long");
-const THROUGHOUT: Number =
-    number("throughout_s", Form::Real, Default::Absent, 0.5, LATEST_S, "must hold all the time for so long");
+const RELEASE: ParameterSpec =
+    number("release_s", ValueFormat::Real, DefaultValue::Value(0.0), 0.0, 1e6, "a parameter returns over so long at the end");
+const TIMES: ParameterSpec = number("times", ValueFormat::Whole, DefaultValue::Value(1.0), 1.0, 1e9, "how often it may start");
+const WITHIN: ParameterSpec =
+    number("within_s", ValueFormat::Real, DefaultValue::Absent, 0.5, LATEST_S, "must hold at least once within so long");
+const THROUGHOUT: ParameterSpec =
+    number("throughout_s", ValueFormat::Real, DefaultValue::Absent, 0.5, LATEST_S, "must hold all the time for so long");
 
 /// The numbers that every fault has.
-pub const FAULT_NUMBERS: [&Number; 7] = [&AT, &PROBABILITY, &BY_HAND, &FOR, &UNTIL, &RELEASE, &TIMES];
+pub const FAULT_NUMBERS: [&ParameterSpec; 7] = [&AT, &PROBABILITY, &BY_HAND, &FOR, &UNTIL, &RELEASE, &TIMES];
 /// The texts that every fault has, and what they mean.
 pub const FAULT_TEXTS: [(&str, &str); 3] = [
     ("id", "its own in the plan; made up where not named"),
@@ -63,7 +63,7 @@ pub const FAULT_TEXTS: [(&str, &str); 3] = [
     ("end_when", "a condition that ends it"),
 ];
 /// The numbers that an expectation has.
-pub const EXPECT_NUMBERS: [&Number; 3] = [&AT, &WITHIN, &THROUGHOUT];
+pub const EXPECT_NUMBERS: [&ParameterSpec; 3] = [&AT, &WITHIN, &THROUGHOUT];
 
 type Read<T> = Result<T, ConfigurationError>;
 
@@ -73,10 +73,10 @@ impl Configuration {
     /// # Errors
     /// The first thing wrong, with its line; nothing is added then.
     pub fn add_plan(&mut self, name: &str, text: &str) -> Result<(), ConfigurationError> {
-        let source = Source::parse(name, text)?;
+        let source = ConfigText::parse(name, text)?;
         let root = source.root();
         root.only(&[FAULT, EXPECT])?;
-        let faults = read_faults(&root, &self.faults, &LinkKind::ALL, self.run.injected.len())?;
+        let faults = read_faults(&root, &self.faults, &Transport::ALL, self.run.injected.len())?;
         let all = [&self.faults[..], &faults].concat();
         self.expectations.extend(read_expectations(&root, &self.expectations, &all)?);
         self.faults = all;
@@ -88,8 +88,8 @@ impl Configuration {
 ///
 /// # Errors
 /// The first thing wrong, with its line.
-pub fn read_fault_text(name: &str, text: &str, others: &[Fault], links: &[LinkKind]) -> Read<Fault> {
-    let source = Source::parse(name, text)?;
+pub fn read_fault_text(name: &str, text: &str, others: &[Fault], links: &[Transport]) -> Read<Fault> {
+    let source = ConfigText::parse(name, text)?;
     let root = source.root();
     // What a plan refuses is refused here too: a recording of the run is read as a plan.
     few_enough(&root, others.len() + 1, others.len())?;
@@ -102,8 +102,8 @@ pub fn read_fault_text(name: &str, text: &str, others: &[Fault], links: &[LinkKi
 ///
 /// # Errors
 /// The first thing wrong, with its line; expectations, which a run has from its start.
-pub fn read_plan_text(name: &str, text: &str, others: &[Fault], links: &[LinkKind]) -> Read<Vec<Fault>> {
-    let source = Source::parse(name, text)?;
+pub fn read_plan_text(name: &str, text: &str, others: &[Fault], links: &[Transport]) -> Read<Vec<Fault>> {
+    let source = ConfigText::parse(name, text)?;
     let root = source.root();
     root.only(&[FAULT, EXPECT])?;
     if let Some(node) = root.tables(EXPECT)?.first() {
@@ -115,7 +115,7 @@ pub fn read_plan_text(name: &str, text: &str, others: &[Fault], links: &[LinkKin
 
 /// Reads `[[fault]]`; `before` are those that are there already, `links` those that one may be on that names none. Of all of
 /// them `injected` came live, one after another; the others may wait at once.
-pub(super) fn read_faults(root: &Node, before: &[Fault], links: &[LinkKind], injected: usize) -> Read<Vec<Fault>> {
+pub(super) fn read_faults(root: &Node, before: &[Fault], links: &[Transport], injected: usize) -> Read<Vec<Fault>> {
     let nodes = root.tables(FAULT)?;
     few_enough(root, before.len() + nodes.len(), injected)?;
     let mut identifiers = Identifiers::new(FAULT, ids(before), &nodes);
@@ -150,7 +150,7 @@ fn known_in(node: &Node, fault: &Fault, known: &Known) -> Read<()> {
     Ok(())
 }
 
-fn read_fault(node: &Node, identifiers: &mut Identifiers, links: &[LinkKind]) -> Read<Fault> {
+fn read_fault(node: &Node, identifiers: &mut Identifiers, links: &[Transport]) -> Read<Fault> {
     let keys = node.keys();
     let has = |key: &str| keys.contains(&key);
     let common: Vec<&str> = FAULT_TEXTS
@@ -167,7 +167,7 @@ fn read_fault(node: &Node, identifiers: &mut Identifiers, links: &[LinkKind]) ->
         node.only(&[&["parameter", "course", "gyro"][..], &common].concat())?;
         let target = read_target(node)?;
         let (size, course) = read_course(node, &target)?;
-        (Action::Parameter { target, size, course }, read_gyro(node, &target.gyros(), &target.name())?, None)
+        (FaultKind::Parameter { target, size, course }, read_gyro(node, &target.gyros(), &target.name())?, None)
     } else {
         let spec = read_spec(node)?;
         let own: &[&str] = match spec.scope {
@@ -185,7 +185,7 @@ fn read_fault(node: &Node, identifiers: &mut Identifiers, links: &[LinkKind]) ->
         if let Some((number, expected)) = spec.neutral(&values, gyro).or_else(|| spec.misfit(&values, links)) {
             return Err(node.unexpected(number, &expected));
         }
-        (Action::Named { spec, values }, gyro, link)
+        (FaultKind::Named { spec, values }, gyro, link)
     };
     let condition = |key: &str| -> Read<Option<Expression>> {
         if !has(key) {
@@ -193,13 +193,13 @@ fn read_fault(node: &Node, identifiers: &mut Identifiers, links: &[LinkKind]) ->
         }
         node.text(key)?.parse().map(Some).map_err(|expected: String| node.unexpected(key, &expected))
     };
-    let optional = |number: &Number| node.number(number).map(|value| Some(value).filter(|value| !value.is_nan()));
+    let optional = |number: &ParameterSpec| node.number(number).map(|value| Some(value).filter(|value| !value.is_nan()));
     let (at_s, until_s) = (node.number(&AT)?, optional(&UNTIL)?.unwrap_or(f64::INFINITY));
     if until_s <= at_s {
         return Err(node.unexpected(UNTIL.name, &format!("a time after at_s, which is {at_s},")));
     }
     let release_s = node.number(&RELEASE)?;
-    let can_return = matches!(&action, Action::Parameter { target, .. } if !target.is_switch());
+    let can_return = matches!(&action, FaultKind::Parameter { target, .. } if !target.is_switch());
     if release_s > 0.0 && !can_return {
         return Err(
             node.unexpected(RELEASE.name, "a fault of a parameter that is a quantity, which can return gradually,")
@@ -223,26 +223,26 @@ fn read_fault(node: &Node, identifiers: &mut Identifiers, links: &[LinkKind]) ->
     })
 }
 
-fn read_target(node: &Node) -> Read<Target> {
+fn read_target(node: &Node) -> Read<ParameterRef> {
     let name = node.text("parameter")?;
-    Target::named(name).ok_or_else(|| {
-        let names: Vec<String> = Target::all().iter().map(Target::name).collect();
+    ParameterRef::named(name).ok_or_else(|| {
+        let names: Vec<String> = ParameterRef::all().iter().map(ParameterRef::name).collect();
         let names: Vec<&str> = names.iter().map(String::as_str).collect();
         node.none_of("parameter", &names)
     })
 }
 
-fn read_spec(node: &Node) -> Read<&'static Spec> {
+fn read_spec(node: &Node) -> Read<&'static FaultSpec> {
     let codes: Vec<&str> = CATALOGUE.iter().map(|spec| spec.code).collect();
     // The name of an effect: what can be moved are its numbers.
     let given = node.text("fault")?;
     let of_effect = |name: &String| name.split_once('.').is_some_and(|(effect, _)| effect == given);
-    let numbers: Vec<String> = Target::all().iter().map(Target::name).filter(of_effect).collect();
+    let numbers: Vec<String> = ParameterRef::all().iter().map(ParameterRef::name).filter(of_effect).collect();
     if !codes.contains(&given) && !numbers.is_empty() {
         let message = format!("{given} is an effect: expected one of its numbers as parameter, {}", numbers.join(", "));
         return Err(node.error("fault", message));
     }
-    Ok(Spec::named(node.choice("fault", &codes)?).expect("one of the codes"))
+    Ok(FaultSpec::named(node.choice("fault", &codes)?).expect("one of the codes"))
 }
 
 fn read_gyro(node: &Node, valid: &[Gyro], what: &str) -> Read<Option<Gyro>> {
@@ -256,23 +256,23 @@ fn read_gyro(node: &Node, valid: &[Gyro], what: &str) -> Read<Option<Gyro>> {
     Ok(Gyro::named(node.choice("gyro", &names)?))
 }
 
-fn read_link(node: &Node, spec: &Spec) -> Read<Option<LinkKind>> {
-    let reasons = |kind: LinkKind| spec.unable_on(kind).map(|reason| format!("{} cannot: {reason}", kind.name()));
+fn read_link(node: &Node, spec: &FaultSpec) -> Read<Option<Transport>> {
+    let reasons = |kind: Transport| spec.unable_on(kind).map(|reason| format!("{} cannot: {reason}", kind.name()));
     if !node.keys().contains(&"link") {
         if spec.links().is_empty() {
-            let all: Vec<String> = LinkKind::ALL.into_iter().filter_map(reasons).collect();
+            let all: Vec<String> = Transport::ALL.into_iter().filter_map(reasons).collect();
             return Err(node.unexpected("fault", &format!("a fault that a link can have; {}", all.join("; "))));
         }
         return Ok(None);
     }
-    let kind = LinkKind::named(node.choice("link", &LinkKind::NAMES)?).expect("one of the names");
+    let kind = Transport::named(node.choice("link", &Transport::NAMES)?).expect("one of the names");
     match reasons(kind) {
         None => Ok(Some(kind)),
         Some(reason) => Err(node.unexpected("link", &format!("a link that can have {}; {reason};", spec.code))),
     }
 }
 
-fn read_course(node: &Node, target: &Target) -> Read<(f64, shape::Law)> {
+fn read_course(node: &Node, target: &ParameterRef) -> Read<(f64, shape::FaultProfile)> {
     let kinds: Vec<&str> =
         shape::KINDS.iter().map(|kind| kind.name).filter(|name| !target.is_switch() || *name == "step").collect();
     let course = node.table("course")?.ok_or_else(|| {
@@ -318,8 +318,8 @@ pub(super) fn read_expectations(root: &Node, before: &[Expectation], faults: &[F
         let after = if node.keys().contains(&"after") { Some(node.text("after")?) } else { None };
         known.check(node, "after", after)?;
         let window = match (node.number(&WITHIN)?, node.number(&THROUGHOUT)?) {
-            (within_s, throughout_s) if throughout_s.is_nan() && !within_s.is_nan() => Window::Within(within_s),
-            (within_s, throughout_s) if within_s.is_nan() && !throughout_s.is_nan() => Window::Throughout(throughout_s),
+            (within_s, throughout_s) if throughout_s.is_nan() && !within_s.is_nan() => TimeWindow::Within(within_s),
+            (within_s, throughout_s) if within_s.is_nan() && !throughout_s.is_nan() => TimeWindow::Throughout(throughout_s),
             _ => {
                 let message =
                     "expected either `within_s` (must hold at least once) or `throughout_s` (must hold all the time)";
@@ -338,16 +338,16 @@ pub fn fault_text(fault: &Fault) -> String {
     let mut put = |key: &str, value: String| writeln!(text, "{key} = {value}").expect("a string takes everything");
     put("id", format!("{:?}", fault.id));
     match &fault.action {
-        Action::Parameter { target, size, course } => {
+        FaultKind::Parameter { target, size, course } => {
             put("parameter", format!("{:?}", target.name()));
-            let (kind, numbers) = shape::Kind::of(course);
+            let (kind, numbers) = shape::FaultProfileSpec::of(course);
             let written = kind.numbers.iter().zip(&numbers).filter(|(_, value)| !value.is_nan());
             let written: Vec<String> = std::iter::once(format!("{} = {}", kind.name, target.number().written(*size)))
                 .chain(written.map(|(number, value)| format!("{} = {}", number.name, number.written(*value))))
                 .collect();
             put("course", format!("{{ {} }}", written.join(", ")));
         }
-        Action::Named { spec, values } => {
+        FaultKind::Named { spec, values } => {
             put("fault", format!("{:?}", spec.code));
             spec.numbers.iter().zip(values).for_each(|(number, value)| put(number.name, number.written(*value)));
         }
@@ -396,8 +396,8 @@ pub fn plan_text(faults: &[Fault], expectations: &[Expectation]) -> String {
             text += &format!("after = {after:?}\n");
         }
         let (number, length_s) = match window {
-            Window::Within(length_s) => (WITHIN, length_s),
-            Window::Throughout(length_s) => (THROUGHOUT, length_s),
+            TimeWindow::Within(length_s) => (WITHIN, length_s),
+            TimeWindow::Throughout(length_s) => (THROUGHOUT, length_s),
         };
         let condition = show::quoted(&condition.to_string());
         text += &format!("{} = {at_s:?}\ncondition = {condition}\n{} = {length_s:?}\n", AT.name, number.name);

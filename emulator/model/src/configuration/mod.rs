@@ -11,21 +11,21 @@ mod show;
 
 use std::collections::HashSet;
 
-pub use document::{ConfigurationError, Node, Source};
+pub use document::{ConfigurationError, Node, ConfigText};
 use geu_protocol::hex::read_hex;
-use geu_protocol::{CanPlan, Gyro};
+use geu_protocol::{CanIdMap, Gyro};
 
-use crate::attitude::{LimitCycle, Manoeuvre, Plan, Scenario, TruthNumbers};
-use crate::course::{Course, KINDS, Kind};
+use crate::attitude::{LimitCycle, Manoeuvre, AttitudeProfile, Scenario, TruthNumbers};
+use crate::course::{TimeCourse, KINDS, TimeFunctionSpec};
 use crate::effect::discovered::{self, Formula, Term};
 use crate::effect::{
-    CALIBRATION_COLUMN, Configured, DISCOVERED_COLUMN, EffectSpec, Effects, FAULT_COLUMN, HEAD_COLUMNS, HeadEffects,
+    CALIBRATION_COLUMN, EffectConfiguration, DISCOVERED_COLUMN, EffectSpec, Effects, FAULT_COLUMN, HEAD_COLUMNS, GyroEffects,
     POWER_COLUMN, SATURATION_COLUMN, SELF_TEST_COLUMN, UNIT_COLUMNS, UnitEffects, WIRING_COLUMNS, WiringEffects,
 };
-use crate::fault::catalogue::{Law, LinkKind};
+use crate::fault::catalogue::{FaultAction, Transport};
 use crate::fault::expectation::Expectation;
-use crate::fault::{Fault, List};
-use crate::number::{Default as DefaultValue, Form, Number, number};
+use crate::fault::{Fault, EffectList};
+use crate::number::{DefaultValue as DefaultValue, ValueFormat, ParameterSpec, number};
 use crate::package::{Axes, Calibration};
 use crate::sensor::SensorNumbers;
 use crate::temperature::{Electronics, ElectronicsCourse};
@@ -37,10 +37,10 @@ const REFERENCE: &str = include_str!("../../../../configs/reference.toml");
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct GyroConfiguration {
     pub calibration: Calibration,
-    pub effects: Configured<HeadEffects>,
+    pub effects: EffectConfiguration<GyroEffects>,
     /// The effect whose terms are data.
     pub discovered: Vec<Term>,
-    pub wiring: Configured<WiringEffects>,
+    pub wiring: EffectConfiguration<WiringEffects>,
 }
 
 /// A command of a recorded run.
@@ -54,27 +54,27 @@ pub struct RecordedCommand {
 
 /// Which form of the link a recording has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum WireForm {
+pub enum LinkLogFormat {
     /// `link.log`, as `candump -l` writes.
     #[default]
     Can,
     Serial,
 }
 
-impl WireForm {
+impl LinkLogFormat {
     /// Names in configuration and command line, in order.
     pub const NAMES: [&str; 2] = ["can", "serial"];
 
-    pub fn named(name: &str) -> Option<WireForm> {
-        [WireForm::Can, WireForm::Serial]
+    pub fn named(name: &str) -> Option<LinkLogFormat> {
+        [LinkLogFormat::Can, LinkLogFormat::Serial]
             .into_iter()
-            .zip(WireForm::NAMES)
+            .zip(LinkLogFormat::NAMES)
             .find(|(_, own)| *own == name)
             .map(|(form, _)| form)
     }
 
     pub fn name(self) -> &'static str {
-        WireForm::NAMES[self as usize]
+        LinkLogFormat::NAMES[self as usize]
     }
 }
 
@@ -90,9 +90,9 @@ pub struct EndedEarly {
 pub struct RunRecord {
     /// How long it ran; 0 where it is not said.
     pub duration_s: f64,
-    pub wire: Option<WireForm>,
+    pub wire: Option<LinkLogFormat>,
     /// Kinds of the links that were open: whom a fault was on.
-    pub links: Vec<LinkKind>,
+    pub links: Vec<Transport>,
     /// Rate of the serial port that was open, where it was not the default: a fault can be of another.
     pub serial_baud: Option<u32>,
     /// Base identifier of CAN, where it was not the default.
@@ -112,13 +112,13 @@ pub struct RunRecord {
 impl RunRecord {
     /// Kinds of the links that a fault may be on which names none: those that were open, and the recorded one; any where
     /// that is not known.
-    fn told_links(&self) -> Vec<LinkKind> {
+    fn told_links(&self) -> Vec<Transport> {
         let recorded = match self.wire {
-            Some(WireForm::Serial) => LinkKind::Pty,
-            Some(WireForm::Can) | None => LinkKind::Can,
+            Some(LinkLogFormat::Serial) => Transport::Pty,
+            Some(LinkLogFormat::Can) | None => Transport::Can,
         };
         match &self.links[..] {
-            [] => LinkKind::ALL.to_vec(),
+            [] => Transport::ALL.to_vec(),
             links => [links, &[recorded]].concat(),
         }
     }
@@ -130,7 +130,7 @@ pub struct Configuration {
     pub seed: u64,
     /// Time at the start of the first half second, Unix time, ns.
     pub start_unix_ns: i64,
-    pub unit: Configured<UnitEffects>,
+    pub unit: EffectConfiguration<UnitEffects>,
     pub electronics: ElectronicsCourse,
     /// The gyros in wire order.
     pub gyros: [GyroConfiguration; 4],
@@ -144,33 +144,33 @@ pub struct Configuration {
     pub run: RunRecord,
 }
 
-const START: Number = number(
+const START: ParameterSpec = number(
     "start_unix_s",
-    Form::Real,
+    ValueFormat::Real,
     DefaultValue::Value(0.0),
     0.0,
     4e9,
     "time at the start of the first half second, Unix time",
 );
-const THETA: Number =
-    number("theta_deg", Form::Real, DefaultValue::Value(90.0), 60.0, 120.0, "solar aspect angle at the start");
-const PSI: Number =
-    number("psi_deg", Form::Real, DefaultValue::Value(0.0), -360.0, 360.0, "angle about the sun vector at the start");
-const DURATION: Number = number("duration_s", Form::Real, DefaultValue::Value(0.0), 0.0, 1e10, "how long it ran");
-const SERIAL_BAUD: Number = number(
+const THETA: ParameterSpec =
+    number("theta_deg", ValueFormat::Real, DefaultValue::Value(90.0), 60.0, 120.0, "solar aspect angle at the start");
+const PSI: ParameterSpec =
+    number("psi_deg", ValueFormat::Real, DefaultValue::Value(0.0), -360.0, 360.0, "angle about the sun vector at the start");
+const DURATION: ParameterSpec = number("duration_s", ValueFormat::Real, DefaultValue::Value(0.0), 0.0, 1e10, "how long it ran");
+const SERIAL_BAUD: ParameterSpec = number(
     "serial_baud",
-    Form::Whole,
+    ValueFormat::Whole,
     DefaultValue::Absent,
     1.0,
     1e8,
     "rate of the serial port that was open; the default one where not named",
 );
-const CAN_BASE: Number = number(
+const CAN_BASE: ParameterSpec = number(
     "can_base",
-    Form::Whole,
+    ValueFormat::Whole,
     DefaultValue::Absent,
     0.0,
-    CanPlan::MAX_BASE as f64,
+    CanIdMap::MAX_BASE as f64,
     "base identifier of CAN; the default one where not named",
 );
 const UNFINISHED: &str = "unfinished";
@@ -200,12 +200,12 @@ impl Configuration {
     /// The first thing wrong, with its line: not TOML, an unknown key, a number out of its limits, an impossible
     /// manoeuvre.
     pub fn parse(name: &str, text: &str, overrides: &[String]) -> Result<Configuration, ConfigurationError> {
-        let configuration = Configuration::read(&Source::parse(name, text)?.root())?;
+        let configuration = Configuration::read(&ConfigText::parse(name, text)?.root())?;
         if overrides.is_empty() {
             return Ok(configuration);
         }
         let text = document::with_overrides(name, text, overrides)?;
-        Configuration::read(&Source::parse(&format!("{name} with --set"), &text)?.root())
+        Configuration::read(&ConfigText::parse(&format!("{name} with --set"), &text)?.root())
     }
 
     /// The text of a configuration with values put in, each `PATH=VALUE`; comments and order stay.
@@ -261,7 +261,7 @@ impl Configuration {
         moved.extend((!injected.is_empty()).then_some(FAULT_COLUMN));
         let unit = (0..UnitEffects::SPECS.len()).filter(|&index| self.unit.has(index));
         let discovered = gyros.iter().any(|gyro| discovered::is_present(&gyro.discovered));
-        let head = (0..HeadEffects::SPECS.len()).filter(|&index| gyros.iter().any(|gyro| gyro.effects.has(index)));
+        let head = (0..GyroEffects::SPECS.len()).filter(|&index| gyros.iter().any(|gyro| gyro.effects.has(index)));
         let wiring = (0..WiringEffects::SPECS.len()).filter(|&index| gyros.iter().any(|gyro| gyro.wiring.has(index)));
         let mut columns: Vec<usize> = std::iter::once(CALIBRATION_COLUMN)
             .chain(unit.map(|index| UNIT_COLUMNS + index))
@@ -283,7 +283,7 @@ impl Configuration {
                 known_effects(&node, &[], &[UnitEffects::SPECS])?;
                 read_effects(&node, |_| true)?
             }
-            None => Configured::default(),
+            None => EffectConfiguration::default(),
         };
         let mut gyros: [GyroConfiguration; 4] = Default::default();
         if let Some(node) = root.table("gyro")? {
@@ -316,13 +316,13 @@ impl Configuration {
 /// The column of a trace that a fault fills.
 fn fault_column(fault: &Fault) -> Option<usize> {
     match fault.law() {
-        Law::Parameter { target, .. } => Some(match target.list {
-            List::Unit => UNIT_COLUMNS + target.effect,
-            List::Head => HEAD_COLUMNS + target.effect,
-            List::Wiring => WIRING_COLUMNS + target.effect,
+        FaultAction::Parameter { target, .. } => Some(match target.list {
+            EffectList::Unit => UNIT_COLUMNS + target.effect,
+            EffectList::Head => HEAD_COLUMNS + target.effect,
+            EffectList::Wiring => WIRING_COLUMNS + target.effect,
         }),
-        Law::Head(_) => Some(FAULT_COLUMN),
-        Law::Unit(_) | Law::Link(_) => None,
+        FaultAction::Head(_) => Some(FAULT_COLUMN),
+        FaultAction::Unit(_) | FaultAction::Link(_) => None,
     }
 }
 
@@ -337,7 +337,7 @@ fn read_gyro(node: &Node, axes: &Axes) -> Result<GyroConfiguration, Configuratio
     if let Some(node) = node.table("calibration")? {
         node.fill(&mut calibration, has, &[])?;
     }
-    known_effects(node, &["calibration", discovered::CODE], &[HeadEffects::SPECS, WiringEffects::SPECS])?;
+    known_effects(node, &["calibration", discovered::CODE], &[GyroEffects::SPECS, WiringEffects::SPECS])?;
     Ok(GyroConfiguration {
         calibration,
         effects: read_effects(node, has)?,
@@ -366,7 +366,7 @@ fn read_discovered(node: &Node) -> Result<Vec<Term>, ConfigurationError> {
 }
 
 /// The effect that a key names, and the kind of its course where it has a suffix.
-fn named_effect(key: &str, specs: &[EffectSpec]) -> Option<(usize, Option<&'static Kind>)> {
+fn named_effect(key: &str, specs: &[EffectSpec]) -> Option<(usize, Option<&'static TimeFunctionSpec>)> {
     let index = |code: &str| specs.iter().position(|spec| spec.code == code);
     index(key)
         .map(|effect| (effect, None))
@@ -389,8 +389,8 @@ fn known_effects(node: &Node, others: &[&str], lists: &[&[EffectSpec]]) -> Resul
 }
 
 /// Reads the effects of a list: `code = { … }`, and `code-suffix = { … }` for courses.
-fn read_effects<E: Effects>(node: &Node, has: impl Fn(&str) -> bool) -> Result<Configured<E>, ConfigurationError> {
-    let mut configured = Configured::<E>::default();
+fn read_effects<E: Effects>(node: &Node, has: impl Fn(&str) -> bool) -> Result<EffectConfiguration<E>, ConfigurationError> {
+    let mut configured = EffectConfiguration::<E>::default();
     let specs = configured.constant.specs();
     for key in node.keys() {
         let Some((effect, kind)) = named_effect(key, specs) else { continue };
@@ -414,14 +414,14 @@ fn read_effects<E: Effects>(node: &Node, has: impl Fn(&str) -> bool) -> Result<C
         for (amplitude, size) in &sizes {
             let value = table.value(&size.name, size.form, size.least, size.greatest)?.unwrap_or(0.0);
             if value != 0.0 {
-                configured.courses.push(Course { effect, amplitude: *amplitude, size: value, law: kind.law(&shapes) });
+                configured.courses.push(TimeCourse { effect, amplitude: *amplitude, size: value, law: kind.law(&shapes) });
             }
         }
     }
     let largest = configured.largest();
     for key in node.keys() {
         let Some((effect, None)) = named_effect(key, specs) else { continue };
-        if let Some((number, expected)) = largest.misfit(effect) {
+        if let Some((number, expected)) = largest.consistency_error(effect) {
             return Err(node.table(key)?.expect("the key is there").unexpected(number, &expected));
         }
     }
@@ -436,9 +436,9 @@ fn read_electronics(root: &Node) -> Result<ElectronicsCourse, ConfigurationError
         node.fill(&mut course.numbers, |_| true, &[])?;
     }
     course.table = node.pairs("electronics_table")?;
-    let Number { least, greatest, .. } = Electronics::NUMBERS[0];
+    let ParameterSpec { least, greatest, .. } = Electronics::NUMBERS[0];
     if let Some((_, celsius)) = course.table.iter().find(|(_, celsius)| !(least..=greatest).contains(celsius)) {
-        let expected = Form::Real.limits(least, greatest);
+        let expected = ValueFormat::Real.limits(least, greatest);
         return Err(
             node.error("electronics_table", format!("expected {expected} °C for each temperature, got {celsius}"))
         );
@@ -485,7 +485,7 @@ fn read_scenario(root: &Node) -> Result<Scenario, ConfigurationError> {
         node.fill(manoeuvre.numbers_mut(), |_| true, &["kind"])?;
         scenario.manoeuvres.push(manoeuvre);
     }
-    Plan::new(&scenario).map_err(|impossible| {
+    AttitudeProfile::new(&scenario).map_err(|impossible| {
         let message = format!("impossible manoeuvre {}: {}", impossible.index + 1, impossible.reason);
         nodes[impossible.index].error(impossible.field, message)
     })?;
@@ -517,12 +517,12 @@ fn read_run(root: &Node) -> Result<RunRecord, ConfigurationError> {
     ])?;
     run.duration_s = node.number(&DURATION)?;
     if node.keys().contains(&"wire") {
-        run.wire = WireForm::named(node.choice("wire", &WireForm::NAMES)?);
+        run.wire = LinkLogFormat::named(node.choice("wire", &LinkLogFormat::NAMES)?);
     }
-    run.links = node.choices("links", &LinkKind::NAMES)?.into_iter().filter_map(LinkKind::named).collect();
+    run.links = node.choices("links", &Transport::NAMES)?.into_iter().filter_map(Transport::named).collect();
     run.serial_baud = Some(node.number(&SERIAL_BAUD)?).filter(|baud| !baud.is_nan()).map(|baud| baud as u32);
     run.can_base = Some(node.number(&CAN_BASE)?).filter(|base| !base.is_nan()).map(|base| base as u16);
-    run.is_unfinished = node.value(UNFINISHED, Form::Flag, 0.0, 1.0)?.is_some_and(|flag| flag != 0.0);
+    run.is_unfinished = node.value(UNFINISHED, ValueFormat::Flag, 0.0, 1.0)?.is_some_and(|flag| flag != 0.0);
     if let Some(node) = node.table(ENDED_EARLY)? {
         node.only(&["half_second", "reason"])?;
         run.ended_early =

@@ -5,15 +5,15 @@ use serde_json::{Map, Value, json};
 
 use super::fault::{EXPECT_NUMBERS, FAULT_NUMBERS, FAULT_TEXTS};
 use super::{
-    CAN_BASE, Configuration, DURATION, ENDED_EARLY, PSI, SERIAL_BAUD, START, THETA, TRUTH, UNFINISHED, WireForm,
+    CAN_BASE, Configuration, DURATION, ENDED_EARLY, PSI, SERIAL_BAUD, START, THETA, TRUTH, UNFINISHED, LinkLogFormat,
 };
 use crate::attitude::{LimitCycle, Manoeuvre, TruthNumbers};
 use crate::course::{KINDS, Size};
 use crate::effect::discovered::{self, Regressor};
-use crate::effect::{Effects, HeadEffects, UnitEffects, WiringEffects};
-use crate::fault::catalogue::{CATALOGUE, LinkKind, Scope};
-use crate::fault::{Target, shape};
-use crate::number::{Default, Form, Number, Numbers};
+use crate::effect::{Effects, GyroEffects, UnitEffects, WiringEffects};
+use crate::fault::catalogue::{CATALOGUE, Transport, Scope};
+use crate::fault::{ParameterRef, shape};
+use crate::number::{DefaultValue, ValueFormat, ParameterSpec, ParameterSet};
 use crate::package::{Axes, Calibration};
 use crate::sensor::SensorNumbers;
 use crate::temperature::Electronics;
@@ -25,7 +25,7 @@ impl Configuration {
             .into_iter()
             .map(|gyro| {
                 let has = |name: &str| Axes::of(gyro).has_number(name);
-                let mut properties = effects::<HeadEffects>(&has);
+                let mut properties = effects::<GyroEffects>(&has);
                 properties.extend(effects::<WiringEffects>(&has));
                 properties.insert("calibration".to_owned(), table(&Calibration::default(), &has));
                 properties.insert(discovered::CODE.to_owned(), discovered_terms());
@@ -64,8 +64,8 @@ impl Configuration {
             "expect": { "type": "array", "items": expectation() },
             "run": object(map(json!({
                 DURATION.name: number(&DURATION),
-                "wire": { "enum": WireForm::NAMES },
-                "links": { "type": "array", "items": { "enum": LinkKind::NAMES } },
+                "wire": { "enum": LinkLogFormat::NAMES },
+                "links": { "type": "array", "items": { "enum": Transport::NAMES } },
                 UNFINISHED: { "type": "boolean", "description": "the recording has no end yet: duration and commands stand in the files beside it" },
                 ENDED_EARLY: object(map(json!({ "half_second": { "type": "integer", "minimum": 0 }, "reason": { "type": "string" } })), &["half_second", "reason"]),
                 SERIAL_BAUD.name: number(&SERIAL_BAUD),
@@ -97,40 +97,40 @@ fn object(properties: Map<String, Value>, required: &[&str]) -> Value {
     object
 }
 
-fn limited(form: Form, least: f64, greatest: f64, meaning: &str) -> Value {
+fn limited(form: ValueFormat, least: f64, greatest: f64, meaning: &str) -> Value {
     let mut schema = match form {
-        Form::Real => json!({ "type": "number" }),
-        Form::Flag => json!({ "type": "boolean" }),
-        Form::Gyro => json!({ "enum": Gyro::ALL.map(Gyro::name) }),
-        Form::Whole => json!({ "type": "integer" }),
-        Form::Choice(names) => json!({ "enum": names }),
+        ValueFormat::Real => json!({ "type": "number" }),
+        ValueFormat::Flag => json!({ "type": "boolean" }),
+        ValueFormat::Gyro => json!({ "enum": Gyro::ALL.map(Gyro::name) }),
+        ValueFormat::Whole => json!({ "type": "integer" }),
+        ValueFormat::Choice(names) => json!({ "enum": names }),
     };
     schema["description"] = json!(meaning.trim());
     // JSON has no infinities: such a limit is none.
     for (key, limit) in [("minimum", least), ("maximum", greatest)] {
-        if matches!(form, Form::Real | Form::Whole) && limit.is_finite() {
+        if matches!(form, ValueFormat::Real | ValueFormat::Whole) && limit.is_finite() {
             schema[key] = json!(limit);
         }
     }
     schema
 }
 
-fn number(spec: &Number) -> Value {
+fn number(spec: &ParameterSpec) -> Value {
     let mut schema = limited(spec.form, spec.least, spec.greatest, spec.meaning);
     match (spec.form, spec.default) {
-        (Form::Real, Default::Value(value)) if value.is_finite() => schema["default"] = json!(value),
-        (Form::Whole, Default::Value(value)) => schema["default"] = json!(value as i64),
-        (Form::Choice(names), Default::Value(value)) => schema["default"] = json!(names[value as usize]),
-        (Form::Flag, Default::Value(value)) => schema["default"] = json!(value != 0.0),
+        (ValueFormat::Real, DefaultValue::Value(value)) if value.is_finite() => schema["default"] = json!(value),
+        (ValueFormat::Whole, DefaultValue::Value(value)) => schema["default"] = json!(value as i64),
+        (ValueFormat::Choice(names), DefaultValue::Value(value)) => schema["default"] = json!(names[value as usize]),
+        (ValueFormat::Flag, DefaultValue::Value(value)) => schema["default"] = json!(value != 0.0),
         _ => {}
     }
     schema
 }
 
-fn table(numbers: &dyn Numbers, has: &dyn Fn(&str) -> bool) -> Value {
-    let specs: Vec<&Number> = numbers.specs().iter().filter(|spec| has(spec.name)).collect();
+fn table(numbers: &dyn ParameterSet, has: &dyn Fn(&str) -> bool) -> Value {
+    let specs: Vec<&ParameterSpec> = numbers.specs().iter().filter(|spec| has(spec.name)).collect();
     let required: Vec<&str> =
-        specs.iter().filter(|spec| spec.default == Default::Required).map(|spec| spec.name).collect();
+        specs.iter().filter(|spec| spec.default == DefaultValue::Required).map(|spec| spec.name).collect();
     object(specs.iter().map(|spec| (spec.name.to_owned(), number(spec))).collect(), &required)
 }
 
@@ -154,7 +154,7 @@ fn effects<E: Effects>(has: &dyn Fn(&str) -> bool) -> Map<String, Value> {
             }
             course.extend(kind.shapes.iter().map(|shape| (shape.name.to_owned(), number(shape))));
             let required: Vec<&str> =
-                kind.shapes.iter().filter(|shape| shape.default == Default::Required).map(|shape| shape.name).collect();
+                kind.shapes.iter().filter(|shape| shape.default == DefaultValue::Required).map(|shape| shape.name).collect();
             properties.insert(format!("{}{}", spec.code, kind.suffix), object(course, &required));
         }
     }
@@ -196,7 +196,7 @@ fn gyro_names(gyros: &[Gyro]) -> Value {
 
 /// One schema for each parameter and each fault that has a name.
 pub fn faults() -> Vec<Value> {
-    let parameters = Target::all().into_iter().map(|target| {
+    let parameters = ParameterRef::all().into_iter().map(|target| {
         let (least, greatest) = target.limits();
         let courses: Vec<Value> = shape::KINDS
             .iter()
@@ -205,7 +205,7 @@ pub fn faults() -> Vec<Value> {
                 let mut properties: Map<String, Value> =
                     kind.numbers.iter().map(|spec| (spec.name.to_owned(), number(spec))).collect();
                 let required: Vec<&str> = std::iter::once(kind.name)
-                    .chain(kind.numbers.iter().filter(|spec| spec.default == Default::Required).map(|spec| spec.name))
+                    .chain(kind.numbers.iter().filter(|spec| spec.default == DefaultValue::Required).map(|spec| spec.name))
                     .collect();
                 properties.insert(kind.name.to_owned(), limited(target.number().form, least, greatest, kind.meaning));
                 object(properties, &required)
@@ -228,14 +228,14 @@ pub fn faults() -> Vec<Value> {
         properties.insert("fault".to_owned(), json!({ "const": spec.code, "description": spec.meaning }));
         properties.extend(spec.numbers.iter().map(|spec| (spec.name.to_owned(), number(spec))));
         let mut required = vec!["fault"];
-        required.extend(spec.numbers.iter().filter(|spec| spec.default == Default::Required).map(|spec| spec.name));
+        required.extend(spec.numbers.iter().filter(|spec| spec.default == DefaultValue::Required).map(|spec| spec.name));
         match spec.scope {
             Scope::Gyro => {
                 properties.insert("gyro".to_owned(), gyro_names(&Gyro::ALL));
                 required.push("gyro");
             }
             Scope::Link => {
-                let names: Vec<&str> = spec.links().into_iter().map(LinkKind::name).collect();
+                let names: Vec<&str> = spec.links().into_iter().map(Transport::name).collect();
                 properties.insert("link".to_owned(), json!({ "enum": names }));
             }
             Scope::Unit => {}

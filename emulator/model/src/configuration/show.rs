@@ -9,10 +9,10 @@ use super::{
     UNFINISHED, fault,
 };
 use crate::attitude::{Manoeuvre, TruthNumbers};
-use crate::course::Kind;
+use crate::course::TimeFunctionSpec;
 use crate::effect::discovered::{self, Regressor, Term};
-use crate::effect::{Configured, Effects};
-use crate::number::{Default, Form, Number, Numbers};
+use crate::effect::{EffectConfiguration, Effects};
+use crate::number::{DefaultValue, ValueFormat, ParameterSpec, ParameterSet};
 use crate::package::Axes;
 use crate::sensor::SensorNumbers;
 
@@ -168,22 +168,22 @@ fn comment(complete: bool, meaning: &str) -> String {
 }
 
 /// The numbers that have a value.
-fn named(numbers: &dyn Numbers) -> impl Iterator<Item = (&'static Number, f64)> {
+fn named(numbers: &dyn ParameterSet) -> impl Iterator<Item = (&'static ParameterSpec, f64)> {
     let values: Vec<_> = numbers.specs().iter().enumerate().map(|(index, spec)| (spec, numbers.value(index))).collect();
     values.into_iter().filter(|(_, value)| !value.is_nan())
 }
 
-fn inline(numbers: &dyn Numbers, has: impl Fn(&str) -> bool) -> String {
+fn inline(numbers: &dyn ParameterSet, has: impl Fn(&str) -> bool) -> String {
     let pairs: Vec<String> = named(numbers)
         // A gyro that is not named has no name to write.
-        .filter(|(number, value)| has(number.name) && (number.form != Form::Gyro || *value != 0.0))
+        .filter(|(number, value)| has(number.name) && (number.form != ValueFormat::Gyro || *value != 0.0))
         .map(|(number, value)| format!("{} = {}", number.name, number.written(value)))
         .collect();
     format!("{{ {} }}", pairs.join(", "))
 }
 
 /// Lines that say what each number is.
-fn describe(text: &mut String, numbers: &dyn Numbers, has: impl Fn(&str) -> bool) {
+fn describe(text: &mut String, numbers: &dyn ParameterSet, has: impl Fn(&str) -> bool) {
     for spec in numbers.specs().iter().filter(|spec| has(spec.name)) {
         line(text, format_args!("#   {}: {} ({})", spec.name, spec.meaning.trim(), spec.limits()));
     }
@@ -195,7 +195,7 @@ fn numbers(
     prefix: &str,
     key: &str,
     title: &str,
-    numbers: &dyn Numbers,
+    numbers: &dyn ParameterSet,
     has: impl Fn(&str) -> bool,
 ) {
     if complete {
@@ -205,7 +205,7 @@ fn numbers(
     line(text, format_args!("{prefix}{key} = {}", inline(numbers, has)));
 }
 
-fn effects<E: Effects>(text: &mut String, complete: bool, configured: &Configured<E>, has: impl Fn(&str) -> bool) {
+fn effects<E: Effects>(text: &mut String, complete: bool, configured: &EffectConfiguration<E>, has: impl Fn(&str) -> bool) {
     for (index, spec) in configured.constant.specs().iter().enumerate() {
         let present = configured.constant.numbers(index);
         let absent = E::default();
@@ -244,7 +244,7 @@ fn discovered(text: &mut String, complete: bool, terms: &[Term]) {
 }
 
 /// Courses of one effect: those of one law share a key.
-fn courses<E: Effects>(text: &mut String, configured: &Configured<E>, effect: usize) {
+fn courses<E: Effects>(text: &mut String, configured: &EffectConfiguration<E>, effect: usize) {
     let spec = &configured.constant.specs()[effect];
     let own: Vec<_> = configured.courses.iter().filter(|course| course.effect == effect).collect();
     let mut written = Vec::new();
@@ -253,7 +253,7 @@ fn courses<E: Effects>(text: &mut String, configured: &Configured<E>, effect: us
             continue;
         }
         written.push(course.law);
-        let (kind, shapes) = Kind::of(&course.law);
+        let (kind, shapes) = TimeFunctionSpec::of(&course.law);
         let specs = configured.constant.numbers(effect).specs();
         let sizes = own
             .iter()
@@ -278,9 +278,9 @@ fn kinds_of_manoeuvres(text: &mut String) {
         line(text, format_args!("# {kind}: {title}"));
         for spec in manoeuvre.numbers().specs() {
             let default = match spec.default {
-                Default::Value(value) => format!("default {value:?}"),
-                Default::Required => "required".to_owned(),
-                Default::Absent => "optional".to_owned(),
+                DefaultValue::Value(value) => format!("default {value:?}"),
+                DefaultValue::Required => "required".to_owned(),
+                DefaultValue::Absent => "optional".to_owned(),
             };
             line(text, format_args!("#   {}: {} ({}; {default})", spec.name, spec.meaning.trim(), spec.limits()));
         }

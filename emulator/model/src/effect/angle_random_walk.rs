@@ -2,8 +2,8 @@
 
 use geu_protocol::Gyro;
 
-use super::{Amplitude, Effect, EffectSpec, Head, HeadLaw, Surroundings};
-use crate::noise::Stream;
+use super::{Amplitude, Effect, EffectSpec, GyroSubStep, GyroEffect, EffectInputs};
+use crate::noise::NoiseStream;
 use crate::number::numbers;
 
 numbers! {
@@ -28,15 +28,15 @@ impl Effect for AngleRandomWalk {
 /// The stream, and what it gave for the half second now running.
 #[derive(Debug, Clone)]
 pub struct State {
-    stream: Stream,
+    stream: NoiseStream,
     rate_arcsec_s: f64,
 }
 
-impl HeadLaw for AngleRandomWalk {
+impl GyroEffect for AngleRandomWalk {
     type State = State;
 
     fn start(seed: u64, gyro: Gyro) -> State {
-        State { stream: Stream::new(seed, gyro, Self::SPEC.code), rate_arcsec_s: 0.0 }
+        State { stream: NoiseStream::new(seed, gyro, Self::SPEC.code), rate_arcsec_s: 0.0 }
     }
 
     #[inline]
@@ -49,7 +49,7 @@ impl HeadLaw for AngleRandomWalk {
     }
 
     #[inline]
-    fn apply(&self, state: &mut State, head: &mut Head, surroundings: &Surroundings) {
+    fn apply(&self, state: &mut State, head: &mut GyroSubStep, surroundings: &EffectInputs) {
         head.added_arcsec += state.rate_arcsec_s * surroundings.step.length_s;
     }
 }

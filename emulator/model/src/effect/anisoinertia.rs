@@ -2,7 +2,7 @@
 
 use geu_protocol::Gyro;
 
-use super::{Amplitude, Effect, EffectSpec, Head, HeadLaw, Surroundings};
+use super::{Amplitude, Effect, EffectSpec, GyroSubStep, GyroEffect, EffectInputs};
 use crate::number::numbers;
 use crate::units::ARCSEC_PER_RAD;
 
@@ -24,13 +24,13 @@ impl Effect for Anisoinertia {
     };
 }
 
-impl HeadLaw for Anisoinertia {
+impl GyroEffect for Anisoinertia {
     type State = ();
 
     fn start(_seed: u64, _gyro: Gyro) {}
 
     #[inline]
-    fn apply(&self, _state: &mut (), head: &mut Head, surroundings: &Surroundings) {
+    fn apply(&self, _state: &mut (), head: &mut GyroSubStep, surroundings: &EffectInputs) {
         let step = surroundings.step;
         if self.seconds == 0.0 || step.length_s == 0.0 {
             return;

@@ -2,7 +2,7 @@
 
 use geu_protocol::Gyro;
 
-use super::{Amplitude, Effect, EffectSpec, WiringLaw};
+use super::{Amplitude, Effect, EffectSpec, WiringEffect};
 use crate::number::{named_gyro, numbers};
 
 numbers! {
@@ -23,7 +23,7 @@ impl Effect for AxisSwap {
     };
 }
 
-impl WiringLaw for AxisSwap {
+impl WiringEffect for AxisSwap {
     type State = ();
 
     #[inline]

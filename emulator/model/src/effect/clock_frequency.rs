@@ -4,7 +4,7 @@
 //! arcsec per on-board half second, by 2 ppm in all; a half second takes 0.5/(1 + ppm·10⁻⁶) s of true time. The factors
 //! are applied in the closing line, [`super::Head::counts`].
 
-use super::{Amplitude, Effect, EffectSpec, Timing, UnitLaw};
+use super::{Amplitude, Effect, EffectSpec, SampleTiming, UnitEffect};
 use crate::number::numbers;
 use crate::units::PPM;
 
@@ -26,11 +26,11 @@ impl Effect for ClockFrequency {
     };
 }
 
-impl UnitLaw for ClockFrequency {
+impl UnitEffect for ClockFrequency {
     type State = ();
 
     #[inline]
-    fn timing(&self, timing: &mut Timing) {
+    fn timing(&self, timing: &mut SampleTiming) {
         timing.clock_error += self.ppm * PPM;
     }
 }

@@ -2,7 +2,7 @@
 
 use geu_protocol::Gyro;
 
-use super::{Amplitude, Effect, EffectSpec, Head, HeadLaw, Surroundings};
+use super::{Amplitude, Effect, EffectSpec, GyroSubStep, GyroEffect, EffectInputs};
 use crate::number::numbers;
 
 numbers! {
@@ -23,13 +23,13 @@ impl Effect for Drift {
     };
 }
 
-impl HeadLaw for Drift {
+impl GyroEffect for Drift {
     type State = ();
 
     fn start(_seed: u64, _gyro: Gyro) {}
 
     #[inline]
-    fn apply(&self, _state: &mut (), head: &mut Head, surroundings: &Surroundings) {
+    fn apply(&self, _state: &mut (), head: &mut GyroSubStep, surroundings: &EffectInputs) {
         head.drift_arcsec += self.arcsec_per_h / 3600.0 * surroundings.step.length_s;
     }
 }

@@ -15,8 +15,8 @@
 
 use geu_protocol::Gyro;
 
-use super::{Amplitude, Effect, EffectSpec, Head, HeadLaw, Surroundings};
-use crate::noise::Stream;
+use super::{Amplitude, Effect, EffectSpec, GyroSubStep, GyroEffect, EffectInputs};
+use crate::noise::NoiseStream;
 use crate::number::numbers;
 
 numbers! {
@@ -43,17 +43,17 @@ impl Effect for DriftRandomWalk {
 /// The walk so far.
 #[derive(Debug, Clone)]
 pub struct State {
-    stream: Stream,
+    stream: NoiseStream,
     rate_arcsec_s: f64,
     /// Mean rate over the half second now running.
     mean_arcsec_s: f64,
 }
 
-impl HeadLaw for DriftRandomWalk {
+impl GyroEffect for DriftRandomWalk {
     type State = State;
 
     fn start(seed: u64, gyro: Gyro) -> State {
-        State { stream: Stream::new(seed, gyro, Self::SPEC.code), rate_arcsec_s: 0.0, mean_arcsec_s: 0.0 }
+        State { stream: NoiseStream::new(seed, gyro, Self::SPEC.code), rate_arcsec_s: 0.0, mean_arcsec_s: 0.0 }
     }
 
     #[inline]
@@ -75,7 +75,7 @@ impl HeadLaw for DriftRandomWalk {
     }
 
     #[inline]
-    fn apply(&self, state: &mut State, head: &mut Head, surroundings: &Surroundings) {
+    fn apply(&self, state: &mut State, head: &mut GyroSubStep, surroundings: &EffectInputs) {
         head.drift_arcsec += state.mean_arcsec_s * surroundings.step.length_s;
     }
 }

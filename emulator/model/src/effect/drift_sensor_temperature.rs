@@ -2,7 +2,7 @@
 
 use geu_protocol::Gyro;
 
-use super::{Amplitude, Effect, EffectSpec, Head, HeadLaw, Surroundings};
+use super::{Amplitude, Effect, EffectSpec, GyroSubStep, GyroEffect, EffectInputs};
 use crate::number::numbers;
 use crate::temperature::SENSOR_NOMINAL_C;
 
@@ -24,13 +24,13 @@ impl Effect for DriftSensorTemperature {
     };
 }
 
-impl HeadLaw for DriftSensorTemperature {
+impl GyroEffect for DriftSensorTemperature {
     type State = ();
 
     fn start(_seed: u64, _gyro: Gyro) {}
 
     #[inline]
-    fn apply(&self, _state: &mut (), head: &mut Head, surroundings: &Surroundings) {
+    fn apply(&self, _state: &mut (), head: &mut GyroSubStep, surroundings: &EffectInputs) {
         let excess_k = surroundings.temperatures.sensor_c - SENSOR_NOMINAL_C;
         head.drift_arcsec += self.arcsec_per_h_per_k * excess_k / 3600.0 * surroundings.step.length_s;
     }

@@ -2,7 +2,7 @@
 
 use geu_protocol::Gyro;
 
-use super::{Amplitude, Effect, EffectSpec, Head, HeadLaw, Surroundings};
+use super::{Amplitude, Effect, EffectSpec, GyroSubStep, GyroEffect, EffectInputs};
 use crate::number::numbers;
 
 numbers! {
@@ -25,7 +25,7 @@ impl Effect for LostCounts {
     };
 }
 
-impl HeadLaw for LostCounts {
+impl GyroEffect for LostCounts {
     /// Counts added so far.
     type State = f64;
 
@@ -34,7 +34,7 @@ impl HeadLaw for LostCounts {
     }
 
     #[inline]
-    fn apply(&self, state: &mut f64, head: &mut Head, surroundings: &Surroundings) {
+    fn apply(&self, state: &mut f64, head: &mut GyroSubStep, surroundings: &EffectInputs) {
         let counts = if surroundings.end_s > self.time_s { self.counts } else { 0.0 };
         head.added_counts += counts - *state;
         *state = counts;

@@ -2,7 +2,7 @@
 
 use geu_protocol::Gyro;
 
-use super::{Amplitude, Effect, EffectSpec, Head, HeadLaw, Surroundings};
+use super::{Amplitude, Effect, EffectSpec, GyroSubStep, GyroEffect, EffectInputs};
 use crate::number::numbers;
 use crate::units::ARCSEC_PER_RAD;
 
@@ -31,13 +31,13 @@ impl Effect for Misalignment {
     };
 }
 
-impl HeadLaw for Misalignment {
+impl GyroEffect for Misalignment {
     type State = ();
 
     fn start(_seed: u64, _gyro: Gyro) {}
 
     #[inline]
-    fn apply(&self, _state: &mut (), head: &mut Head, surroundings: &Surroundings) {
+    fn apply(&self, _state: &mut (), head: &mut GyroSubStep, surroundings: &EffectInputs) {
         let [x, y, z] = surroundings.step.angle_control_arcsec;
         head.input_arcsec += (self.x_arcsec * x + self.y_arcsec * y + self.z_arcsec * z) / ARCSEC_PER_RAD;
     }

@@ -6,8 +6,8 @@
 
 use geu_protocol::Gyro;
 
-use super::{Amplitude, Effect, EffectSpec, Head, UnitLaw};
-use crate::attitude::Step;
+use super::{Amplitude, Effect, EffectSpec, GyroSubStep, UnitEffect};
+use crate::attitude::MotionStep;
 use crate::number::numbers;
 use crate::units::{ARCSEC_PER_RAD, RAD_PER_DEG};
 
@@ -34,11 +34,11 @@ impl Effect for MisalignmentThermal {
 /// The turn; nothing before the first sub-step.
 pub type State = Option<f64>;
 
-impl UnitLaw for MisalignmentThermal {
+impl UnitEffect for MisalignmentThermal {
     type State = State;
 
     #[inline]
-    fn apply(&self, state: &mut State, heads: &mut [Head; 4], step: &Step) {
+    fn apply(&self, state: &mut State, heads: &mut [GyroSubStep; 4], step: &MotionStep) {
         let settled_arcsec = |theta_rad: f64| self.arcsec_per_deg * (theta_rad / RAD_PER_DEG - 90.0);
         let (from, to) = (settled_arcsec(step.start.theta_rad), settled_arcsec(step.end.theta_rad));
         let before = state.unwrap_or(from);
@@ -66,21 +66,21 @@ impl UnitLaw for MisalignmentThermal {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::attitude::Moment;
+    use crate::attitude::MotionState;
 
     #[test]
     fn the_turn_settles_after_a_scan_with_its_time_constant() {
         let law = MisalignmentThermal { arcsec_per_deg: 0.9, time_constant_s: 280.0 };
         let (mut state, mut heads) = (
             None,
-            [Head { input_arcsec: 0.0, added_arcsec: 0.0, drift_arcsec: 0.0, scale_factor: 1.0, added_counts: 0.0 }; 4],
+            [GyroSubStep { input_arcsec: 0.0, added_arcsec: 0.0, drift_arcsec: 0.0, scale_factor: 1.0, added_counts: 0.0 }; 4],
         );
         let mut step = |from_deg: f64, to_deg: f64| {
-            let at = |deg: f64| Moment { theta_rad: deg * RAD_PER_DEG, ..Moment::default() };
+            let at = |deg: f64| MotionState { theta_rad: deg * RAD_PER_DEG, ..MotionState::default() };
             law.apply(
                 &mut state,
                 &mut heads,
-                &Step { start: at(from_deg), end: at(to_deg), length_s: 0.1, ..Step::default() },
+                &MotionStep { start: at(from_deg), end: at(to_deg), length_s: 0.1, ..MotionStep::default() },
             );
             heads[Gyro::Y as usize].added_arcsec
         };

@@ -1,17 +1,17 @@
 //! The effects, one file each, and the lists that name them in physical order. Nothing else names an effect.
 //!
 //! What a law acts on says where and on whom it acts. Effects of the unit are one list ([`UnitEffects`]), effects of a
-//! gyro another ([`HeadEffects`]), faults of a gyro's wiring a third ([`WiringEffects`]); laws are called statically from
+//! gyro another ([`GyroEffects`]), faults of a gyro's wiring a third ([`WiringEffects`]); laws are called statically from
 //! the list, in the hot loop. One effect stands beside the lists, as its terms are data: [`discovered`]. All numbers go
 //! through [`Effects`]: configuration and its schema, courses, and whatever searches or moves an amplitude. State stands
 //! apart from the numbers, so a number moved live never resets it, and an amplitude of 0 changes no bit.
 //!
 //! | acts on | when | method |
 //! |---|---|---|
-//! | [`Timing`] | once per half second | [`UnitLaw::timing`] |
-//! | the four [`Head`]s together | in every sub-step | [`UnitLaw::apply`] |
-//! | one [`Head`] | once per half second, then in every sub-step | [`HeadLaw::begin`], [`HeadLaw::apply`] |
-//! | the four counts | after rounding, before clipping | [`WiringLaw::apply`] |
+//! | [`SampleTiming`] | once per half second | [`UnitEffect::timing`] |
+//! | the four [`Head`]s together | in every sub-step | [`UnitEffect::apply`] |
+//! | one [`Head`] | once per half second, then in every sub-step | [`GyroEffect::begin`], [`GyroEffect::apply`] |
+//! | the four counts | after rounding, before clipping | [`WiringEffect::apply`] |
 
 mod angle_random_walk;
 mod anisoinertia;
@@ -53,9 +53,9 @@ pub use sign_inversion::SignInversion;
 pub use stuck_output::StuckOutput;
 pub use time_offset::TimeOffset;
 
-use crate::attitude::Step;
-use crate::course::{Course, Interval};
-use crate::number::{Number, Numbers};
+use crate::attitude::MotionStep;
+use crate::course::{TimeCourse, Interval};
+use crate::number::{ParameterSpec, ParameterSet};
 use crate::package::Axes;
 
 /// What is said of an effect.
@@ -83,7 +83,7 @@ pub struct Amplitude {
 }
 
 /// A definition: numbers and what is said of them together.
-pub trait Effect: Numbers + Default {
+pub trait Effect: ParameterSet + Default {
     /// What is said of it.
     const SPEC: EffectSpec;
     /// Whether it draws random numbers: its amplitude is a deviation, and has no signature in the counts.
@@ -91,7 +91,7 @@ pub trait Effect: Numbers + Default {
 
     /// A number that does not go with the others, each within its own limits, and what was expected of it. Asked with the
     /// amplitudes at the largest that they reach.
-    fn misfit(&self) -> Option<(&'static str, String)> {
+    fn consistency_error(&self) -> Option<(&'static str, String)> {
         None
     }
 }
@@ -109,7 +109,7 @@ pub struct Temperatures {
 
 /// Time as the unit keeps it over one half second.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Timing {
+pub struct SampleTiming {
     /// Relative error of the unit's clock, positive when it is fast.
     pub clock_error: f64,
     /// How much older than its time stamp the motion is that the counts tell.
@@ -118,7 +118,7 @@ pub struct Timing {
 
 /// One gyro over one sub-step, on its way from true rotation to counts.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Head {
+pub struct GyroSubStep {
     /// Rotation about the input axis with its misalignment, arcsec.
     pub input_arcsec: f64,
     /// What the head senses beside that rotation, arcsec.
@@ -131,11 +131,11 @@ pub struct Head {
     pub added_counts: f64,
 }
 
-impl Head {
+impl GyroSubStep {
     /// N of equation 1, as a real number, with the clock's factors (Casteren §3.2): SF falls by the clock's error, D per
     /// on-board half second by twice as much in all. A sub-step is already shorter by once the error; once remains.
     #[inline]
-    pub fn counts(&self, timing: &Timing) -> f64 {
+    pub fn counts(&self, timing: &SampleTiming) -> f64 {
         let clock = 1.0 - timing.clock_error;
         (self.input_arcsec + self.added_arcsec - self.drift_arcsec * clock) / (self.scale_factor * clock)
             + self.added_counts
@@ -144,9 +144,9 @@ impl Head {
 
 /// What a law of a head can know beside the head itself.
 #[derive(Debug, Clone, Copy)]
-pub struct Surroundings<'a> {
+pub struct EffectInputs<'a> {
     /// Motion over the sub-step.
-    pub step: &'a Step,
+    pub step: &'a MotionStep,
     /// Axes of the gyro.
     pub axes: &'a Axes,
     /// Temperatures, held over the half second.
@@ -156,19 +156,19 @@ pub struct Surroundings<'a> {
 }
 
 /// An effect on the whole unit.
-pub trait UnitLaw: Effect {
+pub trait UnitEffect: Effect {
     /// What it remembers.
     type State: Clone + std::fmt::Debug + Default;
     /// Acts on the unit's time, once per half second.
     #[inline]
-    fn timing(&self, _timing: &mut Timing) {}
+    fn timing(&self, _timing: &mut SampleTiming) {}
     /// Acts on the four heads over one sub-step, in the order of [`Gyro::ALL`].
     #[inline]
-    fn apply(&self, _state: &mut Self::State, _heads: &mut [Head; 4], _step: &Step) {}
+    fn apply(&self, _state: &mut Self::State, _heads: &mut [GyroSubStep; 4], _step: &MotionStep) {}
 }
 
 /// An effect on one gyro.
-pub trait HeadLaw: Effect {
+pub trait GyroEffect: Effect {
     /// What it remembers.
     type State: Clone + std::fmt::Debug;
     /// The state at the start of a run.
@@ -177,11 +177,11 @@ pub trait HeadLaw: Effect {
     #[inline]
     fn begin(&self, _state: &mut Self::State, _length_s: f64) {}
     /// Acts over one sub-step.
-    fn apply(&self, state: &mut Self::State, head: &mut Head, surroundings: &Surroundings);
+    fn apply(&self, state: &mut Self::State, head: &mut GyroSubStep, surroundings: &EffectInputs);
 }
 
 /// A fault of one gyro's wiring.
-pub trait WiringLaw: Effect {
+pub trait WiringEffect: Effect {
     /// What it remembers.
     type State: Clone + std::fmt::Debug + Default;
     /// Acts on the four counts of a half second; `gyro` is the one that has the fault.
@@ -189,7 +189,7 @@ pub trait WiringLaw: Effect {
 }
 
 /// Sees how counts come about. Columns are those of [`columns`], in order.
-pub trait Tap: Default {
+pub trait Probe: Default {
     /// Whether it looks at all; where it does not, nothing is worked out for it.
     const LOOKS: bool;
     /// A sub-step begins; `true_arcsec` is the true rotation about the gyro's input axis.
@@ -201,7 +201,7 @@ pub trait Tap: Default {
 }
 
 /// Sees nothing, at no cost.
-impl Tap for () {
+impl Probe for () {
     const LOOKS: bool = false;
     #[inline]
     fn begin(&mut self, _true_arcsec: f64) {}
@@ -213,17 +213,17 @@ impl Tap for () {
 
 /// Columns of a trace: the calibration, the effects of the three lists with the discovered one before those of a gyro,
 /// self-test, power, faults of heads, saturation.
-pub const COLUMNS: usize = 6 + UnitEffects::SPECS.len() + HeadEffects::SPECS.len() + WiringEffects::SPECS.len();
+pub const COLUMNS: usize = 6 + UnitEffects::SPECS.len() + GyroEffects::SPECS.len() + WiringEffects::SPECS.len();
 /// Column of the calibration.
 pub const CALIBRATION_COLUMN: usize = 0;
 /// First column of [`UnitEffects`].
 pub const UNIT_COLUMNS: usize = 1;
 /// Column of what the terms of [`discovered`] add.
 pub const DISCOVERED_COLUMN: usize = UNIT_COLUMNS + UnitEffects::SPECS.len();
-/// First column of [`HeadEffects`].
+/// First column of [`GyroEffects`].
 pub const HEAD_COLUMNS: usize = DISCOVERED_COLUMN + 1;
 /// First column of [`WiringEffects`].
-pub const WIRING_COLUMNS: usize = HEAD_COLUMNS + HeadEffects::SPECS.len();
+pub const WIRING_COLUMNS: usize = HEAD_COLUMNS + GyroEffects::SPECS.len();
 /// Column of the counts that a self-test adds.
 pub const SELF_TEST_COLUMN: usize = COLUMNS - 4;
 /// Column of what a stopped gyro does not count.
@@ -239,7 +239,7 @@ pub fn columns() -> Vec<&'static str> {
     std::iter::once("calibration")
         .chain(codes(UnitEffects::SPECS))
         .chain([discovered::CODE])
-        .chain(codes(HeadEffects::SPECS))
+        .chain(codes(GyroEffects::SPECS))
         .chain(codes(WiringEffects::SPECS))
         .chain(["self-test", "gyro-power", "fault", "saturation"])
         .collect()
@@ -250,32 +250,32 @@ pub trait Effects: Copy + Default {
     /// What is said of each, in physical order.
     fn specs(&self) -> &'static [EffectSpec];
     /// The numbers of the effect at `index` of [`Effects::specs`].
-    fn numbers(&self, index: usize) -> &dyn Numbers;
+    fn numbers(&self, index: usize) -> &dyn ParameterSet;
     /// The numbers of the effect at `index` of [`Effects::specs`].
-    fn numbers_mut(&mut self, index: usize) -> &mut dyn Numbers;
+    fn numbers_mut(&mut self, index: usize) -> &mut dyn ParameterSet;
     /// See [`Effect::misfit`], of the effect at `index` of [`Effects::specs`].
-    fn misfit(&self, index: usize) -> Option<(&'static str, String)>;
+    fn consistency_error(&self, index: usize) -> Option<(&'static str, String)>;
     /// See [`Effect::IS_NOISE`], of the effect at `index` of [`Effects::specs`].
     fn is_noise(&self, index: usize) -> bool;
 }
 
 /// A list of effects with the courses of their amplitudes.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Configured<E> {
+pub struct EffectConfiguration<E> {
     /// The constant part.
     pub constant: E,
     /// What is added to it in time.
-    pub courses: Vec<Course>,
+    pub courses: Vec<TimeCourse>,
 }
 
-impl<E: Effects> Configured<E> {
+impl<E: Effects> EffectConfiguration<E> {
     /// The effects as they stand over one half second.
     #[inline]
     pub fn at(&self, interval: &Interval) -> E {
         let mut effects = self.constant;
         for course in &self.courses {
             let numbers = effects.numbers_mut(course.effect);
-            let Number { least, greatest, .. } = numbers.specs()[course.amplitude];
+            let ParameterSpec { least, greatest, .. } = numbers.specs()[course.amplitude];
             let amplitude = numbers.value_mut(course.amplitude);
             // Limits are what the model is good for: a course that grows without end stays at them.
             *amplitude = (*amplitude + course.value(interval)).clamp(least, greatest);
@@ -294,7 +294,7 @@ impl<E: Effects> Configured<E> {
         let mut effects = self.constant;
         for course in &self.courses {
             let numbers = effects.numbers_mut(course.effect);
-            let Number { least, greatest, .. } = numbers.specs()[course.amplitude];
+            let ParameterSpec { least, greatest, .. } = numbers.specs()[course.amplitude];
             let amplitude = numbers.value_mut(course.amplitude);
             *amplitude = (*amplitude + course.largest()).clamp(least, greatest);
         }
@@ -335,17 +335,17 @@ macro_rules! effect_list {
 
         impl Effects for $list {
             fn specs(&self) -> &'static [EffectSpec] { Self::SPECS }
-            fn numbers(&self, index: usize) -> &dyn Numbers {
+            fn numbers(&self, index: usize) -> &dyn ParameterSet {
                 let Self { $($field),* } = self;
-                [$($field as &dyn Numbers),*][index]
+                [$($field as &dyn ParameterSet),*][index]
             }
-            fn numbers_mut(&mut self, index: usize) -> &mut dyn Numbers {
+            fn numbers_mut(&mut self, index: usize) -> &mut dyn ParameterSet {
                 let Self { $($field),* } = self;
-                [$($field as &mut dyn Numbers),*].into_iter().nth(index).expect("index of SPECS")
+                [$($field as &mut dyn ParameterSet),*].into_iter().nth(index).expect("index of SPECS")
             }
-            fn misfit(&self, index: usize) -> Option<(&'static str, String)> {
+            fn consistency_error(&self, index: usize) -> Option<(&'static str, String)> {
                 let Self { $($field),* } = self;
-                [$($field.misfit()),*].into_iter().nth(index).expect("index of SPECS")
+                [$($field.consistency_error()),*].into_iter().nth(index).expect("index of SPECS")
             }
             fn is_noise(&self, index: usize) -> bool {
                 [$(<$type as Effect>::IS_NOISE),*][index]
@@ -363,20 +363,20 @@ macro_rules! unit_effects {
 
         /// What the effects of the unit remember.
         #[derive(Debug, Clone, Default)]
-        pub struct UnitStates { $($field: <$type as UnitLaw>::State),* }
+        pub struct UnitStates { $($field: <$type as UnitEffect>::State),* }
 
         impl UnitEffects {
             /// The unit's time over one half second after each effect, in order.
             #[inline]
-            pub fn timing(&self) -> [Timing; UnitEffects::SPECS.len()] {
+            pub fn timing(&self) -> [SampleTiming; UnitEffects::SPECS.len()] {
                 let Self { $($field),* } = self;
-                let mut timing = Timing::default();
+                let mut timing = SampleTiming::default();
                 [$({ $field.timing(&mut timing); timing }),*]
             }
 
             /// Lets every effect act on the heads, in order.
             #[inline]
-            pub fn apply<T: Tap>(&self, states: &mut UnitStates, heads: &mut [Head; 4], step: &Step, taps: &mut [T; 4]) {
+            pub fn apply<T: Probe>(&self, states: &mut UnitStates, heads: &mut [GyroSubStep; 4], step: &MotionStep, taps: &mut [T; 4]) {
                 let Self { $($field),* } = self;
                 let mut column = UNIT_COLUMNS;
                 $(
@@ -391,10 +391,10 @@ macro_rules! unit_effects {
 }
 
 #[inline]
-fn look<T: Tap>(taps: &mut [T; 4], heads: &[Head; 4], column: usize) {
+fn look<T: Probe>(taps: &mut [T; 4], heads: &[GyroSubStep; 4], column: usize) {
     if T::LOOKS {
         for (tap, head) in taps.iter_mut().zip(heads) {
-            tap.after(column, head.counts(&Timing::default()));
+            tap.after(column, head.counts(&SampleTiming::default()));
         }
     }
 }
@@ -403,21 +403,21 @@ macro_rules! head_effects {
     ($($field:ident: $type:ident),* $(,)?) => {
         effect_list! {
             /// The effects of one gyro, in physical order.
-            HeadEffects { $($field: $type),* }
+            GyroEffects { $($field: $type),* }
         }
 
         /// What the effects of one gyro remember.
         #[derive(Debug, Clone)]
-        pub struct HeadStates { $($field: <$type as HeadLaw>::State),* }
+        pub struct HeadStates { $($field: <$type as GyroEffect>::State),* }
 
         impl HeadStates {
             /// The states at the start of a run.
             pub fn start(seed: u64, gyro: Gyro) -> HeadStates {
-                HeadStates { $($field: <$type as HeadLaw>::start(seed, gyro)),* }
+                HeadStates { $($field: <$type as GyroEffect>::start(seed, gyro)),* }
             }
         }
 
-        impl HeadEffects {
+        impl GyroEffects {
             /// Before the first sub-step of a half second of true length `length_s`.
             #[inline]
             pub fn begin(&self, states: &mut HeadStates, length_s: f64) {
@@ -427,13 +427,13 @@ macro_rules! head_effects {
 
             /// Lets every effect act on the head, in order.
             #[inline]
-            pub fn apply<T: Tap>(&self, states: &mut HeadStates, head: &mut Head, surroundings: &Surroundings, tap: &mut T) {
+            pub fn apply<T: Probe>(&self, states: &mut HeadStates, head: &mut GyroSubStep, surroundings: &EffectInputs, tap: &mut T) {
                 let Self { $($field),* } = self;
                 let mut column = HEAD_COLUMNS;
                 $(
                     $field.apply(&mut states.$field, head, surroundings);
                     if T::LOOKS {
-                        tap.after(column, head.counts(&Timing::default()));
+                        tap.after(column, head.counts(&SampleTiming::default()));
                     }
                     column += 1;
                 )*
@@ -452,12 +452,12 @@ macro_rules! wiring_effects {
 
         /// What the wiring faults of the four gyros remember.
         #[derive(Debug, Clone, Default)]
-        pub struct WiringStates { $($field: [<$type as WiringLaw>::State; 4]),* }
+        pub struct WiringStates { $($field: [<$type as WiringEffect>::State; 4]),* }
 
         impl WiringEffects {
             /// Lets the faults of all four gyros act on the counts, fault by fault.
             #[inline]
-            pub fn apply<T: Tap>(gyros: &[WiringEffects; 4], states: &mut WiringStates, counts: &mut [f64; 4], taps: &mut [T; 4]) {
+            pub fn apply<T: Probe>(gyros: &[WiringEffects; 4], states: &mut WiringStates, counts: &mut [f64; 4], taps: &mut [T; 4]) {
                 let mut column = WIRING_COLUMNS;
                 $(
                     let before = *counts;

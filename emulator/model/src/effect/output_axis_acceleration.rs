@@ -2,8 +2,8 @@
 
 use geu_protocol::Gyro;
 
-use super::{Amplitude, Effect, EffectSpec, Head, HeadLaw, Surroundings};
-use crate::attitude::Moment;
+use super::{Amplitude, Effect, EffectSpec, GyroSubStep, GyroEffect, EffectInputs};
+use crate::attitude::MotionState;
 use crate::number::numbers;
 
 numbers! {
@@ -24,15 +24,15 @@ impl Effect for OutputAxisAcceleration {
     };
 }
 
-impl HeadLaw for OutputAxisAcceleration {
+impl GyroEffect for OutputAxisAcceleration {
     type State = ();
 
     fn start(_seed: u64, _gyro: Gyro) {}
 
     #[inline]
-    fn apply(&self, _state: &mut (), head: &mut Head, surroundings: &Surroundings) {
+    fn apply(&self, _state: &mut (), head: &mut GyroSubStep, surroundings: &EffectInputs) {
         // The integral of the acceleration is the change of the rate.
-        let rate = |moment: &Moment| surroundings.axes.about_output(moment.rate_control_arcsec_s);
+        let rate = |moment: &MotionState| surroundings.axes.about_output(moment.rate_control_arcsec_s);
         head.added_arcsec += self.seconds * (rate(&surroundings.step.end) - rate(&surroundings.step.start));
     }
 }

@@ -5,7 +5,7 @@
 
 use geu_protocol::Gyro;
 
-use super::{Amplitude, Effect, EffectSpec, Head, HeadLaw, Surroundings};
+use super::{Amplitude, Effect, EffectSpec, GyroSubStep, GyroEffect, EffectInputs};
 use crate::number::numbers;
 
 /// Rate about the output axis below which the float creeps.
@@ -35,7 +35,7 @@ impl Effect for PivotClearance {
     };
 
     /// Without clearance the preferred position means nothing.
-    fn misfit(&self) -> Option<(&'static str, String)> {
+    fn consistency_error(&self) -> Option<(&'static str, String)> {
         let stop = 0.5 * self.clearance_arcsec;
         (stop > 0.0 && self.preferred_arcsec.abs() > stop)
             .then(|| ("preferred_arcsec", format!("a number within half the clearance, ±{stop},")))
@@ -45,7 +45,7 @@ impl Effect for PivotClearance {
 /// The float's angle about the input axis; nothing before the first sub-step.
 pub type State = Option<f64>;
 
-impl HeadLaw for PivotClearance {
+impl GyroEffect for PivotClearance {
     type State = State;
 
     fn start(_seed: u64, _gyro: Gyro) -> State {
@@ -53,7 +53,7 @@ impl HeadLaw for PivotClearance {
     }
 
     #[inline]
-    fn apply(&self, state: &mut State, head: &mut Head, surroundings: &Surroundings) {
+    fn apply(&self, state: &mut State, head: &mut GyroSubStep, surroundings: &EffectInputs) {
         let stop = 0.5 * self.clearance_arcsec.max(0.0);
         let preferred = self.preferred_arcsec.clamp(-stop, stop);
         let before = state.unwrap_or(preferred);
@@ -77,7 +77,7 @@ impl HeadLaw for PivotClearance {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::attitude::Step;
+    use crate::attitude::MotionStep;
     use crate::effect::Temperatures;
     use crate::package::Axes;
 
@@ -89,11 +89,11 @@ mod tests {
     fn after(float: f64, rate_arcsec_s: f64, seconds: f64) -> f64 {
         let (mut state, mut sensed) = (Some(float), 0.0);
         for _ in 0..(seconds * 10.0).round() as usize {
-            let step = Step { length_s: 0.1, angle_control_arcsec: [0.0, rate_arcsec_s * 0.1, 0.0], ..Step::default() };
+            let step = MotionStep { length_s: 0.1, angle_control_arcsec: [0.0, rate_arcsec_s * 0.1, 0.0], ..MotionStep::default() };
             let surroundings =
-                Surroundings { step: &step, axes: Axes::of(Gyro::X), temperatures: &TEMPERATURES, end_s: 0.0 };
+                EffectInputs { step: &step, axes: Axes::of(Gyro::X), temperatures: &TEMPERATURES, end_s: 0.0 };
             let mut head =
-                Head { input_arcsec: 0.0, added_arcsec: 0.0, drift_arcsec: 0.0, scale_factor: 1.0, added_counts: 0.0 };
+                GyroSubStep { input_arcsec: 0.0, added_arcsec: 0.0, drift_arcsec: 0.0, scale_factor: 1.0, added_counts: 0.0 };
             LAW.apply(&mut state, &mut head, &surroundings);
             sensed += head.added_arcsec;
         }

@@ -2,7 +2,7 @@
 
 use geu_protocol::Gyro;
 
-use super::{Amplitude, Effect, EffectSpec, Head, HeadLaw, Surroundings};
+use super::{Amplitude, Effect, EffectSpec, GyroSubStep, GyroEffect, EffectInputs};
 use crate::number::numbers;
 use crate::units::PPM;
 
@@ -24,13 +24,13 @@ impl Effect for ScaleFactorAsymmetry {
     };
 }
 
-impl HeadLaw for ScaleFactorAsymmetry {
+impl GyroEffect for ScaleFactorAsymmetry {
     type State = ();
 
     fn start(_seed: u64, _gyro: Gyro) {}
 
     #[inline]
-    fn apply(&self, _state: &mut (), head: &mut Head, _surroundings: &Surroundings) {
+    fn apply(&self, _state: &mut (), head: &mut GyroSubStep, _surroundings: &EffectInputs) {
         if head.input_arcsec > 0.0 {
             head.scale_factor *= 1.0 + self.ppm * PPM;
         }

@@ -4,7 +4,7 @@
 
 use geu_protocol::Gyro;
 
-use super::{Amplitude, Effect, EffectSpec, Head, HeadLaw, Surroundings};
+use super::{Amplitude, Effect, EffectSpec, GyroSubStep, GyroEffect, EffectInputs};
 use crate::number::numbers;
 use crate::units::PPM;
 
@@ -29,13 +29,13 @@ impl Effect for ScaleFactorNonlinearity {
     };
 }
 
-impl HeadLaw for ScaleFactorNonlinearity {
+impl GyroEffect for ScaleFactorNonlinearity {
     type State = ();
 
     fn start(_seed: u64, _gyro: Gyro) {}
 
     #[inline]
-    fn apply(&self, _state: &mut (), head: &mut Head, surroundings: &Surroundings) {
+    fn apply(&self, _state: &mut (), head: &mut GyroSubStep, surroundings: &EffectInputs) {
         let length_s = surroundings.step.length_s;
         if self.cubic_ppm == 0.0 || length_s == 0.0 {
             return;

@@ -2,7 +2,7 @@
 
 use geu_protocol::Gyro;
 
-use super::{Amplitude, Effect, EffectSpec, WiringLaw};
+use super::{Amplitude, Effect, EffectSpec, WiringEffect};
 use crate::number::numbers;
 
 numbers! {
@@ -23,7 +23,7 @@ impl Effect for SignInversion {
     };
 }
 
-impl WiringLaw for SignInversion {
+impl WiringEffect for SignInversion {
     type State = ();
 
     #[inline]

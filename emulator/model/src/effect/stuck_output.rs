@@ -2,7 +2,7 @@
 
 use geu_protocol::Gyro;
 
-use super::{Amplitude, Effect, EffectSpec, WiringLaw};
+use super::{Amplitude, Effect, EffectSpec, WiringEffect};
 use crate::number::numbers;
 
 numbers! {
@@ -23,7 +23,7 @@ impl Effect for StuckOutput {
     };
 }
 
-impl WiringLaw for StuckOutput {
+impl WiringEffect for StuckOutput {
     type State = f64;
 
     #[inline]

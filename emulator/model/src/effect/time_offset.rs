@@ -1,6 +1,6 @@
 //! Counts tell the motion of another moment than their time stamp says.
 
-use super::{Amplitude, Effect, EffectSpec, Timing, UnitLaw};
+use super::{Amplitude, Effect, EffectSpec, SampleTiming, UnitEffect};
 use crate::number::numbers;
 
 numbers! {
@@ -21,11 +21,11 @@ impl Effect for TimeOffset {
     };
 }
 
-impl UnitLaw for TimeOffset {
+impl UnitEffect for TimeOffset {
     type State = ();
 
     #[inline]
-    fn timing(&self, timing: &mut Timing) {
+    fn timing(&self, timing: &mut SampleTiming) {
         timing.shift_s += self.seconds;
     }
 }

@@ -2,47 +2,47 @@
 
 use std::sync::Arc;
 
-use geu_protocol::{Gyro, HalfSecond};
+use geu_protocol::{Gyro, Sample};
 
-use super::catalogue::{HeadLaw, Law, LinkFault, SpikeLaw, UnitLaw};
-use super::expectation::{Verdict, Watch};
-use super::expression::Moment;
-use super::{Draw, Fault, List, Target};
+use super::catalogue::{GyroFault, FaultAction, LinkFault, SpikeLaw, UnitFault};
+use super::expectation::{ExpectationResult, ExpectationMonitor};
+use super::expression::ConditionInputs;
+use super::{FaultRng, Fault, EffectList, ParameterRef};
 use crate::configuration::Configuration;
 use crate::effect::Effects;
-use crate::number::Number;
+use crate::number::ParameterSpec;
 use crate::units::HALF_SECOND_S;
 
 /// A fault over one half second.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Acting {
+pub struct ActiveFault {
     pub fault: Arc<Fault>,
-    pub law: Law,
+    pub law: FaultAction,
     /// Half seconds since it started.
     pub elapsed: u64,
     pub frame: u64,
     /// 1; less while a parameter returns.
     pub share: f64,
     /// The last half second before it started.
-    pub before: Option<HalfSecond>,
+    pub before: Option<Sample>,
     pub seed: u64,
 }
 
-impl Acting {
+impl ActiveFault {
     /// Where its random numbers come from.
-    pub fn draw(&self) -> Draw<'_> {
-        Draw::new(self.seed, &self.fault.id)
+    pub fn draw(&self) -> FaultRng<'_> {
+        FaultRng::new(self.seed, &self.fault.id)
     }
 
     /// Whether the unit neither tells nor hears anything for it.
     pub fn silences_unit(&self) -> bool {
-        matches!(self.law, Law::Unit(UnitLaw::Reset | UnitLaw::BrownOut | UnitLaw::BootDelay))
+        matches!(self.law, FaultAction::Unit(UnitFault::Reset | UnitFault::BrownOut | UnitFault::BootDelay))
     }
 
     /// What it does on links.
     pub fn on_link(&self) -> Option<LinkFault> {
         match self.law {
-            Law::Link(law) => Some(law),
+            FaultAction::Link(law) => Some(law),
             _ => None,
         }
     }
@@ -55,18 +55,18 @@ fn middle_s(elapsed: u64) -> f64 {
 
 /// What happened to a fault or an expectation.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Happening {
+pub enum FaultEvent {
     Started(Arc<Fault>),
     /// It is over, after so many half seconds.
     Ended(Arc<Fault>, u64),
-    Decided(Watch),
+    Decided(ExpectationMonitor),
 }
 
 /// A fault of the plan, and how it stands.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Planned {
+pub struct FaultStatus {
     pub fault: Arc<Fault>,
-    pub law: Law,
+    pub law: FaultAction,
     pub started: u64,
     running: Option<Running>,
     pub is_cleared: bool,
@@ -78,12 +78,12 @@ struct Running {
     end: Option<u64>,
     /// While a parameter returns: since when.
     releasing: Option<u64>,
-    before: Option<HalfSecond>,
+    before: Option<Sample>,
     /// What a law that scales counts has not told yet.
     carried: f64,
 }
 
-impl Planned {
+impl FaultStatus {
     /// Whether it acts, and since which half second.
     pub fn since(&self) -> Option<u64> {
         self.running.as_ref().map(|running| running.start)
@@ -94,7 +94,7 @@ impl Planned {
         self.running.as_ref().and_then(|running| running.end)
     }
 
-    pub fn waits_for_hand(&self) -> bool {
+    pub fn awaits_operator(&self) -> bool {
         self.fault.by_hand && !self.is_over()
     }
 
@@ -110,40 +110,40 @@ impl Planned {
 }
 
 #[derive(Debug, Clone, Default)]
-pub struct Faults {
+pub struct FaultEngine {
     seed: u64,
     /// In the order of the plan, then as they were injected.
-    pub planned: Vec<Planned>,
-    pub watches: Vec<Watch>,
-    acting: Arc<Vec<Acting>>,
-    happened: Vec<Happening>,
+    pub planned: Vec<FaultStatus>,
+    pub watches: Vec<ExpectationMonitor>,
+    acting: Arc<Vec<ActiveFault>>,
+    happened: Vec<FaultEvent>,
 }
 
 /// What a gyro's faults say of its flags.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Marks {
+pub struct FlagOverrides {
     /// Gyros that are not valid, as bits.
     pub invalid: u8,
     pub coasting: u8,
 }
 
-impl Faults {
-    pub fn new(configuration: &Configuration) -> Faults {
-        let mut faults = Faults { seed: configuration.seed, ..Faults::default() };
+impl FaultEngine {
+    pub fn new(configuration: &Configuration) -> FaultEngine {
+        let mut faults = FaultEngine { seed: configuration.seed, ..FaultEngine::default() };
         configuration.faults.iter().for_each(|fault| faults.add(fault.clone()));
-        faults.watches = configuration.expectations.iter().cloned().map(Watch::new).collect();
+        faults.watches = configuration.expectations.iter().cloned().map(ExpectationMonitor::new).collect();
         faults
     }
 
     pub fn add(&mut self, fault: Fault) {
         let law = fault.law();
-        self.planned.push(Planned { fault: Arc::new(fault), law, started: 0, running: None, is_cleared: false });
+        self.planned.push(FaultStatus { fault: Arc::new(fault), law, started: 0, running: None, is_cleared: false });
     }
 
     /// Starts one that waits for a hand, at this on-board time or when its own has come: which. Nothing where there is none,
     /// or its time has passed.
     pub fn start(&mut self, id: &str, at_s: f64) -> Option<f64> {
-        let planned = self.planned.iter_mut().find(|planned| planned.fault.id == id && planned.waits_for_hand())?;
+        let planned = self.planned.iter_mut().find(|planned| planned.fault.id == id && planned.awaits_operator())?;
         let mut fault = Fault::clone(&planned.fault);
         let is_in_time = fault.start_at(at_s);
         planned.fault = Arc::new(fault);
@@ -167,7 +167,7 @@ impl Faults {
     }
 
     /// Those that act over the running half second.
-    pub fn acting(&self) -> &Arc<Vec<Acting>> {
+    pub fn acting(&self) -> &Arc<Vec<ActiveFault>> {
         &self.acting
     }
 
@@ -177,25 +177,25 @@ impl Faults {
     }
 
     /// What happened since the last call.
-    pub fn take_happened(&mut self) -> Vec<Happening> {
+    pub fn take_happened(&mut self) -> Vec<FaultEvent> {
         std::mem::take(&mut self.happened)
     }
 
     /// Decides what acts over the half second that begins, and tells the laws that are over. `last` is the one before.
-    pub fn begin(&mut self, now: &mut Moment, last: Option<HalfSecond>) -> Vec<(Law, Option<Gyro>)> {
+    pub fn begin(&mut self, now: &mut ConditionInputs, last: Option<Sample>) -> Vec<(FaultAction, Option<Gyro>)> {
         now.active = self.acting.iter().map(|acting| acting.fault.id.clone()).collect();
         let mut over = Vec::new();
         let mut all = Vec::new();
         for planned in &mut self.planned {
             if let Some(ended) = planned.end_if_due(now) {
                 over.push((planned.law, planned.fault.gyro));
-                self.happened.push(Happening::Ended(planned.fault.clone(), ended));
+                self.happened.push(FaultEvent::Ended(planned.fault.clone(), ended));
             }
             if planned.is_triggered(now, planned.fault.seed.unwrap_or(self.seed)) {
                 planned.started += 1;
                 let end = planned.fault.half_seconds().map(|length| now.frame + length);
                 planned.running = Some(Running { start: now.frame, end, releasing: None, before: last, carried: 0.0 });
-                self.happened.push(Happening::Started(planned.fault.clone()));
+                self.happened.push(FaultEvent::Started(planned.fault.clone()));
             }
             let seed = planned.fault.seed.unwrap_or(self.seed);
             all.extend(planned.acting(now.frame, seed));
@@ -205,27 +205,27 @@ impl Faults {
         let started = |id: &str| planned.iter().any(|planned| planned.fault.id == id && planned.started > 0);
         for watch in &mut self.watches {
             if watch.look(now, started) {
-                self.happened.push(Happening::Decided(watch.clone()));
+                self.happened.push(FaultEvent::Decided(watch.clone()));
             }
         }
         over
     }
 
-    pub fn verdicts(&self) -> impl Iterator<Item = (&str, Verdict)> {
+    pub fn verdicts(&self) -> impl Iterator<Item = (&str, ExpectationResult)> {
         self.watches.iter().map(|watch| (watch.expectation.id.as_str(), watch.verdict))
     }
 
     /// Whether a parameter of this list is moved; of a gyro's, whether of this gyro.
-    pub fn moves(&self, list: List, gyro: Option<Gyro>) -> bool {
+    pub fn moves(&self, list: EffectList, gyro: Option<Gyro>) -> bool {
         self.offsets(list, gyro).next().is_some()
     }
 
     /// Adds to the effects what the faults add over the running half second; limits stay what they are. What is on or off,
     /// or names a gyro, is set; the last fault counts. What was without limit is what the fault adds.
-    pub fn moved<E: Effects>(&self, mut effects: E, list: List, gyro: Option<Gyro>) -> E {
+    pub fn moved<E: Effects>(&self, mut effects: E, list: EffectList, gyro: Option<Gyro>) -> E {
         for (target, value) in self.offsets(list, gyro) {
             let numbers = effects.numbers_mut(target.effect);
-            let Number { least, greatest, .. } = numbers.specs()[target.number];
+            let ParameterSpec { least, greatest, .. } = numbers.specs()[target.number];
             let number = numbers.value_mut(target.number);
             let before = if target.is_switch() || !number.is_finite() { 0.0 } else { *number };
             *number = (before + value).clamp(least, greatest);
@@ -233,10 +233,10 @@ impl Faults {
         effects
     }
 
-    fn offsets(&self, list: List, gyro: Option<Gyro>) -> impl Iterator<Item = (Target, f64)> {
+    fn offsets(&self, list: EffectList, gyro: Option<Gyro>) -> impl Iterator<Item = (ParameterRef, f64)> {
         let own = self.acting.iter().filter(move |acting| acting.fault.gyro == gyro);
         own.filter_map(move |acting| match acting.law {
-            Law::Parameter { target, size, course } if target.list == list => {
+            FaultAction::Parameter { target, size, course } if target.list == list => {
                 let (start, elapsed_s) = (acting.frame - acting.elapsed, middle_s(acting.elapsed));
                 Some((target, size * acting.share * course.factor(start, elapsed_s, &acting.draw())))
             }
@@ -245,35 +245,35 @@ impl Faults {
     }
 
     /// Laws on the unit that act over the running half second, and since how many.
-    pub fn on_unit(&self) -> impl Iterator<Item = (UnitLaw, u64)> {
+    pub fn on_unit(&self) -> impl Iterator<Item = (UnitFault, u64)> {
         self.acting.iter().filter_map(|acting| match acting.law {
-            Law::Unit(law) => Some((law, acting.elapsed)),
+            FaultAction::Unit(law) => Some((law, acting.elapsed)),
             _ => None,
         })
     }
 
     /// Whether the unit neither tells nor hears anything.
     pub fn is_silent(&self) -> bool {
-        self.acting.iter().any(Acting::silences_unit)
+        self.acting.iter().any(ActiveFault::silences_unit)
     }
 
     /// Lets the faults of heads act on the counts of the half second that ends.
-    pub fn act_on_counts(&mut self, counts: &mut [f64; 4]) -> Marks {
-        let mut marks = Marks::default();
+    pub fn act_on_counts(&mut self, counts: &mut [f64; 4]) -> FlagOverrides {
+        let mut marks = FlagOverrides::default();
         let heads = self.acting.iter().filter_map(|acting| match acting.law {
-            Law::Head(law) => Some((law, acting, acting.fault.gyro?)),
+            FaultAction::Head(law) => Some((law, acting, acting.fault.gyro?)),
             _ => None,
         });
         for (law, acting, gyro) in heads {
             let count = &mut counts[gyro as usize];
             let draw = || acting.draw().at("count", acting.frame);
             match law {
-                HeadLaw::Dead => {
+                GyroFault::Dead => {
                     *count = 0.0;
                     marks.invalid |= gyro.bit();
                 }
-                HeadLaw::StuckCount { counts } => *count = counts,
-                HeadLaw::WrongLsb { factor } => {
+                GyroFault::StuckCount { counts } => *count = counts,
+                GyroFault::WrongLsb { factor } => {
                     let planned = self.planned.iter_mut().find(|planned| planned.fault.id == acting.fault.id);
                     let Some(running) = planned.and_then(|planned| planned.running.as_mut()) else { continue };
                     running.carried += *count * factor;
@@ -281,7 +281,7 @@ impl Faults {
                     running.carried -= told;
                     *count = told;
                 }
-                HeadLaw::Spike { counts, law } => {
+                GyroFault::Spike { counts, law } => {
                     let share = match law {
                         SpikeLaw::Constant => 1.0,
                         SpikeLaw::Alternating => [1.0, -1.0][(acting.elapsed % 2) as usize],
@@ -290,12 +290,12 @@ impl Faults {
                     };
                     *count += (counts * share).round();
                 }
-                HeadLaw::Garbage => *count = f64::from(draw().bits() as u16 as i16),
-                HeadLaw::Saturated { is_negative } => {
+                GyroFault::Garbage => *count = f64::from(draw().bits() as u16 as i16),
+                GyroFault::Saturated { is_negative } => {
                     // One beyond what fits, so that clipping flags it.
                     *count = if is_negative { f64::from(i16::MIN) - 1.0 } else { f64::from(i16::MAX) + 1.0 };
                 }
-                HeadLaw::SpinDown { coast_s } => {
+                GyroFault::SpinDown { coast_s } => {
                     let elapsed_s = acting.elapsed as f64 * HALF_SECOND_S;
                     *count = (*count * libm::exp(-elapsed_s / coast_s)).round();
                     marks.invalid |= gyro.bit();
@@ -307,8 +307,8 @@ impl Faults {
     }
 }
 
-impl Planned {
-    fn is_triggered(&self, now: &Moment, seed: u64) -> bool {
+impl FaultStatus {
+    fn is_triggered(&self, now: &ConditionInputs, seed: u64) -> bool {
         let fault = &self.fault;
         self.running.is_none()
             && !fault.by_hand
@@ -316,11 +316,11 @@ impl Planned {
             && (fault.at_s..fault.until_s).contains(&now.t_s)
             && fault.when.as_ref().is_none_or(|when| when.holds(now))
             && (fault.probability >= 1.0
-                || Draw::new(seed, &fault.id).at("trigger", now.frame).uniform() < fault.probability)
+                || FaultRng::new(seed, &fault.id).at("trigger", now.frame).uniform() < fault.probability)
     }
 
     /// Ends it when its time has come: how many half seconds it acted. A parameter returns first.
-    fn end_if_due(&mut self, now: &Moment) -> Option<u64> {
+    fn end_if_due(&mut self, now: &ConditionInputs) -> Option<u64> {
         let fault = &self.fault;
         let running = self.running.as_mut()?;
         let is_due = running.end.is_some_and(|end| now.frame >= end)
@@ -342,10 +342,10 @@ impl Planned {
         Some(ended)
     }
 
-    fn acting(&self, frame: u64, seed: u64) -> Option<Acting> {
+    fn acting(&self, frame: u64, seed: u64) -> Option<ActiveFault> {
         let running = self.running.as_ref()?;
         let released = running.releasing.map_or(0.0, |since| middle_s(frame - since) / self.fault.release_s);
-        Some(Acting {
+        Some(ActiveFault {
             fault: self.fault.clone(),
             law: self.law,
             elapsed: frame - running.start,

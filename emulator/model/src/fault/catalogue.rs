@@ -3,12 +3,12 @@
 
 use geu_protocol::Gyro;
 
-use crate::fault::{Target, shape};
-use crate::number::{Default, Form, Number, named_gyro, number};
+use crate::fault::{ParameterRef, shape};
+use crate::number::{DefaultValue, ValueFormat, ParameterSpec, named_gyro, number};
 
 /// A kind of link.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum LinkKind {
+pub enum Transport {
     /// A pty.
     Pty,
     /// A serial port.
@@ -19,20 +19,20 @@ pub enum LinkKind {
     Tcp,
 }
 
-impl LinkKind {
+impl Transport {
     /// All, in the order of [`LinkKind::NAMES`].
-    pub const ALL: [LinkKind; 4] = [LinkKind::Pty, LinkKind::Serial, LinkKind::Can, LinkKind::Tcp];
+    pub const ALL: [Transport; 4] = [Transport::Pty, Transport::Serial, Transport::Can, Transport::Tcp];
     /// Names in plans and on the command line.
     pub const NAMES: [&str; 4] = ["pty", "serial", "can", "tcp"];
 
     /// Its name.
     pub fn name(self) -> &'static str {
-        LinkKind::NAMES[self as usize]
+        Transport::NAMES[self as usize]
     }
 
     /// The kind of that name.
-    pub fn named(name: &str) -> Option<LinkKind> {
-        LinkKind::ALL.into_iter().find(|kind| kind.name() == name)
+    pub fn named(name: &str) -> Option<Transport> {
+        Transport::ALL.into_iter().find(|kind| kind.name() == name)
     }
 }
 
@@ -57,7 +57,7 @@ impl Scope {
 /// What a fault of a gyro does to its counts, after rounding and wiring, before clipping.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[allow(missing_docs)]
-pub enum HeadLaw {
+pub enum GyroFault {
     Dead,
     StuckCount { counts: f64 },
     WrongLsb { factor: f64 },
@@ -88,7 +88,7 @@ impl SpikeLaw {
 /// What a fault of the unit does.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[allow(missing_docs)]
-pub enum UnitLaw {
+pub enum UnitFault {
     Reset,
     BrownOut,
     BootDelay,
@@ -136,8 +136,8 @@ macro_rules! declare {
                 #[derive(Debug, Clone, Copy, PartialEq)]
                 pub struct $fault { $(pub $number: $type),* }
 
-                impl From<$fault> for super::Law {
-                    fn from(fault: $fault) -> super::Law { super::Law::Link(super::LinkFault::$fault(fault)) }
+                impl From<$fault> for super::FaultAction {
+                    fn from(fault: $fault) -> super::FaultAction { super::FaultAction::Link(super::LinkFault::$fault(fault)) }
                 }
             )*
         }
@@ -153,26 +153,26 @@ link_faults!(declare);
 
 /// What a named fault does.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Law {
+pub enum FaultAction {
     /// Moves a parameter of an effect, as a fault of that parameter would.
     Parameter {
         /// Which.
-        target: Target,
+        target: ParameterRef,
         /// Size.
         size: f64,
         /// Course.
-        course: shape::Law,
+        course: shape::FaultProfile,
     },
     /// On one gyro.
-    Head(HeadLaw),
+    Head(GyroFault),
     /// On the unit.
-    Unit(UnitLaw),
+    Unit(UnitFault),
     /// On links.
     Link(LinkFault),
 }
 
 /// What is said of a named fault.
-pub struct Spec {
+pub struct FaultSpec {
     /// Its name in a plan.
     pub code: &'static str,
     /// Whom it is on.
@@ -180,14 +180,14 @@ pub struct Spec {
     /// What it does.
     pub meaning: &'static str,
     /// Its numbers.
-    pub numbers: &'static [Number],
+    pub numbers: &'static [ParameterSpec],
     /// How long it acts where nothing is said; without end where that is nothing.
     pub for_s: Option<f64>,
     /// For a fault of a link: where it cannot be done, why, and what could.
-    pub unable: &'static [(LinkKind, &'static str)],
+    pub unable: &'static [(Transport, &'static str)],
     /// For a fault of a link: what some links hold its numbers to.
     pub bounds: &'static [Bound],
-    law: fn(&[f64]) -> Law,
+    law: fn(&[f64]) -> FaultAction,
 }
 
 /// What some links hold a number to.
@@ -196,38 +196,38 @@ pub struct Bound {
     /// The number's name.
     pub number: &'static str,
     /// The links.
-    pub links: &'static [LinkKind],
+    pub links: &'static [Transport],
     /// The largest value there.
     pub most: f64,
     /// What it counts there.
     what: &'static str,
 }
 
-impl PartialEq for Spec {
-    fn eq(&self, other: &Spec) -> bool {
+impl PartialEq for FaultSpec {
+    fn eq(&self, other: &FaultSpec) -> bool {
         self.code == other.code
     }
 }
 
-impl std::fmt::Debug for Spec {
+impl std::fmt::Debug for FaultSpec {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(self.code)
     }
 }
 
-impl Spec {
+impl FaultSpec {
     /// The fault of that name.
-    pub fn named(code: &str) -> Option<&'static Spec> {
+    pub fn named(code: &str) -> Option<&'static FaultSpec> {
         CATALOGUE.iter().find(|spec| spec.code == code)
     }
 
     /// Its law with these values of [`Spec::numbers`].
-    pub fn law(&self, numbers: &[f64]) -> Law {
+    pub fn law(&self, numbers: &[f64]) -> FaultAction {
         (self.law)(numbers)
     }
 
     /// Why a link cannot have it; nothing where it can.
-    pub fn unable_on(&self, link: LinkKind) -> Option<&'static str> {
+    pub fn unable_on(&self, link: Transport) -> Option<&'static str> {
         self.unable.iter().find(|(kind, _)| *kind == link).map(|(_, reason)| *reason)
     }
 
@@ -235,14 +235,14 @@ impl Spec {
     pub fn neutral(&self, numbers: &[f64], gyro: Option<Gyro>) -> Option<(&'static str, String)> {
         let other = |value: &str, number| Some((number, format!("another than {value}, with which nothing changes,")));
         match self.law(numbers) {
-            Law::Head(HeadLaw::Spike { counts: 0.0, .. }) => other("0", "counts"),
-            Law::Head(HeadLaw::WrongLsb { factor: 1.0 }) => other("1", "factor"),
-            Law::Unit(UnitLaw::ClockJump { cycles: 0 }) => other("0", "cycles"),
-            Law::Link(LinkFault::SequenceJump(link_fault::SequenceJump { by: 0 })) => other("0", "by"),
-            Law::Unit(UnitLaw::FlipFlags { gyro_flags: 0, unit_flags: 0 }) => {
+            FaultAction::Head(GyroFault::Spike { counts: 0.0, .. }) => other("0", "counts"),
+            FaultAction::Head(GyroFault::WrongLsb { factor: 1.0 }) => other("1", "factor"),
+            FaultAction::Unit(UnitFault::ClockJump { cycles: 0 }) => other("0", "cycles"),
+            FaultAction::Link(LinkFault::SequenceJump(link_fault::SequenceJump { by: 0 })) => other("0", "by"),
+            FaultAction::Unit(UnitFault::FlipFlags { gyro_flags: 0, unit_flags: 0 }) => {
                 Some(("gyro_flags", "a mask with at least one bit, here or in `unit_flags`,".to_owned()))
             }
-            Law::Parameter { size, .. } if gyro.is_some() && named_gyro(size) == gyro && self.code == "axis-swap" => {
+            FaultAction::Parameter { size, .. } if gyro.is_some() && named_gyro(size) == gyro && self.code == "axis-swap" => {
                 other("its own gyro", "with")
             }
             _ => None,
@@ -250,7 +250,7 @@ impl Spec {
     }
 
     /// A number that cannot be on any of these links, which the fault is on, and what was expected of it.
-    pub fn misfit(&self, numbers: &[f64], links: &[LinkKind]) -> Option<(&'static str, String)> {
+    pub fn misfit(&self, numbers: &[f64], links: &[Transport]) -> Option<(&'static str, String)> {
         let is_beyond = |bound: &Bound| {
             let mut values = self.numbers.iter().zip(numbers);
             values.any(|(number, &value)| number.name == bound.number && value > bound.most)
@@ -261,55 +261,55 @@ impl Spec {
     }
 
     /// Links that can have it.
-    pub fn links(&self) -> Vec<LinkKind> {
-        LinkKind::ALL.into_iter().filter(|&kind| self.unable_on(kind).is_none()).collect()
+    pub fn links(&self) -> Vec<Transport> {
+        Transport::ALL.into_iter().filter(|&kind| self.unable_on(kind).is_none()).collect()
     }
 }
 
-const WHOLE: Form = Form::Whole;
-const REAL: Form = Form::Real;
+const WHOLE: ValueFormat = ValueFormat::Whole;
+const REAL: ValueFormat = ValueFormat::Real;
 /// What is later by less cannot be seen.
 const LEAST_DELAY_S: f64 = 0.001;
-const ONE: Default = Default::Value(1.0);
-const REQUIRED: Default = Default::Required;
+const ONE: DefaultValue = DefaultValue::Value(1.0);
+const REQUIRED: DefaultValue = DefaultValue::Required;
 
-const fn head(code: &'static str, meaning: &'static str, numbers: &'static [Number], law: fn(&[f64]) -> Law) -> Spec {
-    Spec { code, scope: Scope::Gyro, meaning, numbers, for_s: None, unable: &[], bounds: &[], law }
+const fn head(code: &'static str, meaning: &'static str, numbers: &'static [ParameterSpec], law: fn(&[f64]) -> FaultAction) -> FaultSpec {
+    FaultSpec { code, scope: Scope::Gyro, meaning, numbers, for_s: None, unable: &[], bounds: &[], law }
 }
 
 const fn unit(
     code: &'static str,
     meaning: &'static str,
-    numbers: &'static [Number],
+    numbers: &'static [ParameterSpec],
     for_s: Option<f64>,
-    law: fn(&[f64]) -> Law,
-) -> Spec {
-    Spec { code, scope: Scope::Unit, meaning, numbers, for_s, unable: &[], bounds: &[], law }
+    law: fn(&[f64]) -> FaultAction,
+) -> FaultSpec {
+    FaultSpec { code, scope: Scope::Unit, meaning, numbers, for_s, unable: &[], bounds: &[], law }
 }
 
 const fn link(
     code: &'static str,
     meaning: &'static str,
-    numbers: &'static [Number],
-    unable: &'static [(LinkKind, &'static str)],
-    law: fn(&[f64]) -> Law,
-) -> Spec {
-    Spec { code, scope: Scope::Link, meaning, numbers, for_s: None, unable, bounds: &[], law }
+    numbers: &'static [ParameterSpec],
+    unable: &'static [(Transport, &'static str)],
+    law: fn(&[f64]) -> FaultAction,
+) -> FaultSpec {
+    FaultSpec { code, scope: Scope::Link, meaning, numbers, for_s: None, unable, bounds: &[], law }
 }
 
-const CAN: &[LinkKind] = &[LinkKind::Can];
-const OF_BYTES: &[LinkKind] = &[LinkKind::Pty, LinkKind::Serial, LinkKind::Tcp];
+const CAN: &[Transport] = &[Transport::Can];
+const OF_BYTES: &[Transport] = &[Transport::Pty, Transport::Serial, Transport::Tcp];
 
-const fn bound(number: &'static str, links: &'static [LinkKind], most: f64, what: &'static str) -> Bound {
+const fn bound(number: &'static str, links: &'static [Transport], most: f64, what: &'static str) -> Bound {
     Bound { number, links, most, what }
 }
 
-fn moved(parameter: &str, size: f64, course: shape::Law) -> Law {
-    Law::Parameter { target: Target::named(parameter).expect("a number of an effect"), size, course }
+fn moved(parameter: &str, size: f64, course: shape::FaultProfile) -> FaultAction {
+    FaultAction::Parameter { target: ParameterRef::named(parameter).expect("a number of an effect"), size, course }
 }
 
 /// A fault that no link can have.
-const fn impossible(code: &'static str, meaning: &'static str, unable: &'static [(LinkKind, &'static str)]) -> Spec {
+const fn impossible(code: &'static str, meaning: &'static str, unable: &'static [(Transport, &'static str)]) -> FaultSpec {
     link(code, meaning, &[], unable, |_| unreachable!("refused on every link"))
 }
 
@@ -323,56 +323,56 @@ const NO_PARITY_TCP: &str =
 const NO_PARITY_CAN: &str = "CAN has no parity: bit-flip changes data, and a CAN disturbance generator (such as CANstress) breaks bits on the bus";
 const NO_BUS: &str = "is a state of a CAN controller: use --can";
 const NO_BUS_CAN: &str = "software cannot make it on a real bus, and a virtual one has none: a CAN disturbance generator (such as CANstress), or a shorted bus, can";
-const NO_BUS_LINKS: [(LinkKind, &str); 4] =
-    [(LinkKind::Pty, NO_BUS), (LinkKind::Serial, NO_BUS), (LinkKind::Can, NO_BUS_CAN), (LinkKind::Tcp, NO_BUS)];
-const NO_LINE_LINKS: [(LinkKind, &str); 4] = [
-    (LinkKind::Pty, NO_PARITY_PTY),
-    (LinkKind::Serial, NO_PARITY_SERIAL),
-    (LinkKind::Can, NO_PARITY_CAN),
-    (LinkKind::Tcp, NO_PARITY_TCP),
+const NO_BUS_LINKS: [(Transport, &str); 4] =
+    [(Transport::Pty, NO_BUS), (Transport::Serial, NO_BUS), (Transport::Can, NO_BUS_CAN), (Transport::Tcp, NO_BUS)];
+const NO_LINE_LINKS: [(Transport, &str); 4] = [
+    (Transport::Pty, NO_PARITY_PTY),
+    (Transport::Serial, NO_PARITY_SERIAL),
+    (Transport::Can, NO_PARITY_CAN),
+    (Transport::Tcp, NO_PARITY_TCP),
 ];
 
 /// Every named fault.
-pub static CATALOGUE: &[Spec] = &[
-    head("dead", "reads 0, not valid", &[], |_| Law::Head(HeadLaw::Dead)),
+pub static CATALOGUE: &[FaultSpec] = &[
+    head("dead", "reads 0, not valid", &[], |_| FaultAction::Head(GyroFault::Dead)),
     head(
         "stuck-count",
         "every increment is the same, flagged as if it were right",
         &[number("counts", WHOLE, REQUIRED, -32768.0, 32767.0, "the increment")],
-        |n| Law::Head(HeadLaw::StuckCount { counts: n[0] }),
+        |n| FaultAction::Head(GyroFault::StuckCount { counts: n[0] }),
     ),
-    head("stuck-rate", "the last increment is repeated", &[], |_| moved("stuck-output.on", 1.0, shape::Law::Step)),
-    head("sign-flip", "counts have the other sign", &[], |_| moved("sign-inversion.on", 1.0, shape::Law::Step)),
+    head("stuck-rate", "the last increment is repeated", &[], |_| moved("stuck-output.on", 1.0, shape::FaultProfile::Step)),
+    head("sign-flip", "counts have the other sign", &[], |_| moved("sign-inversion.on", 1.0, shape::FaultProfile::Step)),
     head(
         "axis-swap",
         "counts of two gyros stand in each other's place",
-        &[number("with", Form::Gyro, REQUIRED, 1.0, 4.0, "the other gyro")],
-        |n| moved("axis-swap.with", n[0], shape::Law::Step),
+        &[number("with", ValueFormat::Gyro, REQUIRED, 1.0, 4.0, "the other gyro")],
+        |n| moved("axis-swap.with", n[0], shape::FaultProfile::Step),
     ),
     head(
         "wrong-lsb",
         "counts are of another size",
         &[number("factor", REAL, REQUIRED, -256.0, 256.0, "counts told for one that is meant")],
-        |n| Law::Head(HeadLaw::WrongLsb { factor: n[0] }),
+        |n| FaultAction::Head(GyroFault::WrongLsb { factor: n[0] }),
     ),
-    Spec {
+    FaultSpec {
         for_s: Some(0.5),
         ..head(
             "spike",
             "counts are added in each half second",
             &[
                 number("counts", REAL, REQUIRED, -65535.0, 65535.0, "size: the value, the largest, or the deviation"),
-                number("law", Form::Choice(SpikeLaw::NAMES), Default::Value(0.0), 0.0, 3.0, "how the size is drawn"),
+                number("law", ValueFormat::Choice(SpikeLaw::NAMES), DefaultValue::Value(0.0), 0.0, 3.0, "how the size is drawn"),
             ],
-            |n| Law::Head(HeadLaw::Spike { counts: n[0], law: SpikeLaw::at(n[1]) }),
+            |n| FaultAction::Head(GyroFault::Spike { counts: n[0], law: SpikeLaw::at(n[1]) }),
         )
     },
-    head("garbage", "any 16 bits, flagged as if they were right", &[], |_| Law::Head(HeadLaw::Garbage)),
+    head("garbage", "any 16 bits, flagged as if they were right", &[], |_| FaultAction::Head(GyroFault::Garbage)),
     head(
         "saturated",
         "the largest increment, flagged saturated",
-        &[number("negative", Form::Flag, Default::Value(0.0), 0.0, 1.0, "whether it is the most negative one")],
-        |n| Law::Head(HeadLaw::Saturated { is_negative: n[0] != 0.0 }),
+        &[number("negative", ValueFormat::Flag, DefaultValue::Value(0.0), 0.0, 1.0, "whether it is the most negative one")],
+        |n| FaultAction::Head(GyroFault::Saturated { is_negative: n[0] != 0.0 }),
     ),
     head(
         "noise-growth",
@@ -381,54 +381,54 @@ pub static CATALOGUE: &[Spec] = &[
             number("arcsec_per_sqrt_s", REAL, REQUIRED, 1e-6, 100.0, "what the walk grows by"),
             number("over_s", REAL, REQUIRED, 0.5, 1e9, "how long it grows"),
         ],
-        |n| moved("angle-random-walk.arcsec_per_sqrt_s", n[0], shape::Law::Ramp { over_s: n[1] }),
+        |n| moved("angle-random-walk.arcsec_per_sqrt_s", n[0], shape::FaultProfile::Ramp { over_s: n[1] }),
     ),
     head(
         "spin-down",
         "the spin motor coasts: counts fade, not valid, not synchronous; 60 s of spin-up when it is over",
-        &[number("coast_s", REAL, Default::Value(30.0), 0.5, 1e6, "time constant of the coast")],
-        |n| Law::Head(HeadLaw::SpinDown { coast_s: n[0] }),
+        &[number("coast_s", REAL, DefaultValue::Value(30.0), 0.5, 1e6, "time constant of the coast")],
+        |n| FaultAction::Head(GyroFault::SpinDown { coast_s: n[0] }),
     ),
     unit("heater-lost", "the sensor's heater gives nothing, whatever is commanded", &[], None, |_| {
-        Law::Unit(UnitLaw::HeaterLost)
+        FaultAction::Unit(UnitFault::HeaterLost)
     }),
     unit(
         "reset",
         "the electronics restart: silent meanwhile, then sequence and clock from 0, cyclic, no self-test; gyros run on",
         &[],
         Some(2.0),
-        |_| Law::Unit(UnitLaw::Reset),
+        |_| FaultAction::Unit(UnitFault::Reset),
     ),
     unit(
         "brown-out",
         "power is lost: silent meanwhile, then as after a reset, heater on, and the gyros spin up again",
         &[],
         Some(2.0),
-        |_| Law::Unit(UnitLaw::BrownOut),
+        |_| FaultAction::Unit(UnitFault::BrownOut),
     ),
     unit(
         "boot-delay",
         "silent until it is over, then sequence and clock from 0; on from the start, the unit boots late",
         &[],
         Some(2.0),
-        |_| Law::Unit(UnitLaw::BootDelay),
+        |_| FaultAction::Unit(UnitFault::BootDelay),
     ),
     unit(
         "flip-flags",
         "flags contradict the data: these bits are told the wrong way",
         &[
-            number("gyro_flags", WHOLE, Default::Value(0.0), 0.0, 255.0, "mask"),
-            number("unit_flags", WHOLE, Default::Value(0.0), 0.0, 255.0, "mask"),
+            number("gyro_flags", WHOLE, DefaultValue::Value(0.0), 0.0, 255.0, "mask"),
+            number("unit_flags", WHOLE, DefaultValue::Value(0.0), 0.0, 255.0, "mask"),
         ],
         None,
-        |n| Law::Unit(UnitLaw::FlipFlags { gyro_flags: n[0] as u8, unit_flags: n[1] as u8 }),
+        |n| FaultAction::Unit(UnitFault::FlipFlags { gyro_flags: n[0] as u8, unit_flags: n[1] as u8 }),
     ),
     unit(
         "clock-jump",
         "the clock count jumps once and goes on from there",
         &[number("cycles", WHOLE, REQUIRED, -1e12, 1e12, "cycles of the unit clock")],
         Some(0.5),
-        |n| Law::Unit(UnitLaw::ClockJump { cycles: n[0] as i64 }),
+        |n| FaultAction::Unit(UnitFault::ClockJump { cycles: n[0] as i64 }),
     ),
     link("drop", "half seconds are not sent", &[], &[], |_| link_fault::Drop {}.into()),
     link(
@@ -455,7 +455,7 @@ pub static CATALOGUE: &[Spec] = &[
         &[],
         |n| link_fault::Jitter { jitter_s: n[0] }.into(),
     ),
-    Spec {
+    FaultSpec {
         bounds: &[bound("bytes", CAN, 8.0, "on CAN")],
         ..link(
             "truncate",
@@ -465,14 +465,14 @@ pub static CATALOGUE: &[Spec] = &[
             |n| link_fault::Truncate { bytes: n[0] as u64 }.into(),
         )
     },
-    Spec {
+    FaultSpec {
         bounds: &[bound("byte", CAN, 2.0, "messages on CAN")],
         ..link(
             "split",
             "a gap within the half second: behind this byte of a frame, on CAN behind this message",
             &[
                 number("byte", WHOLE, ONE, 1.0, 27.0, "bytes, on CAN messages, before the gap"),
-                number("gap_s", REAL, Default::Value(0.05), LEAST_DELAY_S, 10.0, "how long"),
+                number("gap_s", REAL, DefaultValue::Value(0.05), LEAST_DELAY_S, 10.0, "how long"),
             ],
             &[],
             |n| link_fault::Split { byte: n[0] as u64, gap_s: n[1] }.into(),
@@ -481,7 +481,7 @@ pub static CATALOGUE: &[Spec] = &[
     link(
         "merge",
         "half seconds are held and sent together",
-        &[number("frames", WHOLE, Default::Value(2.0), 2.0, 64.0, "how many at once")],
+        &[number("frames", WHOLE, DefaultValue::Value(2.0), 2.0, 64.0, "how many at once")],
         &[],
         |n| link_fault::Merge { frames: n[0] as u64 }.into(),
     ),
@@ -489,7 +489,7 @@ pub static CATALOGUE: &[Spec] = &[
         "extra-bytes",
         "bytes that mean nothing stand before each half second",
         &[number("bytes", WHOLE, ONE, 1.0, 64.0, "how many")],
-        &[(LinkKind::Can, NO_FRAMES)],
+        &[(Transport::Can, NO_FRAMES)],
         |n| link_fault::ExtraBytes { bytes: n[0] as u64 }.into(),
     ),
     link(
@@ -497,7 +497,7 @@ pub static CATALOGUE: &[Spec] = &[
         "bits of the data are changed: before the CRC, which then is right, or after it",
         &[
             number("bits", WHOLE, ONE, 1.0, 64.0, "how many, anywhere in the data"),
-            number("crc", Form::Choice(&["after", "before"]), Default::Value(0.0), 0.0, 1.0, "after or before the CRC"),
+            number("crc", ValueFormat::Choice(&["after", "before"]), DefaultValue::Value(0.0), 0.0, 1.0, "after or before the CRC"),
         ],
         &[],
         |n| link_fault::BitFlip { bits: n[0] as u64, is_after_crc: n[1] == 0.0 }.into(),
@@ -515,7 +515,7 @@ pub static CATALOGUE: &[Spec] = &[
     link("stale-repeat", "the last good half second is sent again and again", &[], &[], |_| {
         link_fault::StaleRepeat {}.into()
     }),
-    Spec {
+    FaultSpec {
         bounds: &[bound("length", CAN, 8.0, "on CAN")],
         ..link(
             "wrong-length",
@@ -525,7 +525,7 @@ pub static CATALOGUE: &[Spec] = &[
             |n| link_fault::WrongLength { length: n[0] as u64 }.into(),
         )
     },
-    Spec {
+    FaultSpec {
         bounds: &[bound("identifier", OF_BYTES, 255.0, "on a link of bytes")],
         ..link(
             "wrong-identifier",
@@ -538,7 +538,7 @@ pub static CATALOGUE: &[Spec] = &[
     link(
         "babble",
         "nonsense between the half seconds: bytes, on CAN frames of any identifier",
-        &[number("amount", WHOLE, Default::Value(16.0), 1.0, 1000.0, "bytes or frames in each half second")],
+        &[number("amount", WHOLE, DefaultValue::Value(16.0), 1.0, 1000.0, "bytes or frames in each half second")],
         &[],
         |n| link_fault::Babble { amount: n[0] as u64 }.into(),
     ),
@@ -547,7 +547,7 @@ pub static CATALOGUE: &[Spec] = &[
         "baud-mismatch",
         "the bytes that a receiver at the link's rate reads when they are sent at another",
         &[number("baud", REAL, REQUIRED, 50.0, 4e6, "rate of the sender")],
-        &[(LinkKind::Can, NO_BAUD_CAN), (LinkKind::Tcp, NO_BAUD_TCP)],
+        &[(Transport::Can, NO_BAUD_CAN), (Transport::Tcp, NO_BAUD_TCP)],
         |n| link_fault::BaudMismatch { baud: n[0] }.into(),
     ),
     link(
@@ -575,7 +575,7 @@ mod tests {
             assert!(spec.scope == Scope::Link || spec.unable.is_empty(), "{}", spec.code);
             for number in spec.numbers {
                 assert!(number.least <= number.greatest, "{} {}", spec.code, number.name);
-                if let Default::Value(value) = number.default {
+                if let DefaultValue::Value(value) = number.default {
                     assert!((number.least..=number.greatest).contains(&value), "{} {}", spec.code, number.name);
                 }
             }

@@ -1,10 +1,10 @@
 //! What the on-board computer must do about a fault, and whether it did.
 
-use super::expression::{Expression, Moment};
+use super::expression::{Expression, ConditionInputs};
 use crate::units::HALF_SECOND_S;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Window {
+pub enum TimeWindow {
     /// At least once within so long.
     Within(f64),
     /// All the time for so long.
@@ -19,11 +19,11 @@ pub struct Expectation {
     /// Not before this on-board time.
     pub at_s: f64,
     pub condition: Expression,
-    pub window: Window,
+    pub window: TimeWindow,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Verdict {
+pub enum ExpectationResult {
     Waiting,
     /// Its window began at this half second.
     Open(u64),
@@ -33,42 +33,42 @@ pub enum Verdict {
 }
 
 #[derive(Debug, Clone, PartialEq)]
-pub struct Watch {
+pub struct ExpectationMonitor {
     pub expectation: Expectation,
-    pub verdict: Verdict,
+    pub verdict: ExpectationResult,
 }
 
-impl Watch {
-    pub fn new(expectation: Expectation) -> Watch {
-        Watch { expectation, verdict: Verdict::Waiting }
+impl ExpectationMonitor {
+    pub fn new(expectation: Expectation) -> ExpectationMonitor {
+        ExpectationMonitor { expectation, verdict: ExpectationResult::Waiting }
     }
 
     /// Looks at the start of a half second, where `started` tells whether a fault has ever started; whether the verdict
     /// is new. The condition speaks of what has ended, so it counts from the second look on.
-    pub fn look(&mut self, now: &Moment, started: impl Fn(&str) -> bool) -> bool {
+    pub fn look(&mut self, now: &ConditionInputs, started: impl Fn(&str) -> bool) -> bool {
         let expectation = &self.expectation;
         match self.verdict {
-            Verdict::Waiting => {
+            ExpectationResult::Waiting => {
                 let is_open = now.t_s >= expectation.at_s && expectation.after.as_deref().is_none_or(started);
                 if is_open {
-                    self.verdict = Verdict::Open(now.frame);
+                    self.verdict = ExpectationResult::Open(now.frame);
                 }
                 false
             }
-            Verdict::Open(since) => {
+            ExpectationResult::Open(since) => {
                 let holds = expectation.condition.holds(now);
-                let (Window::Within(length_s) | Window::Throughout(length_s)) = expectation.window;
+                let (TimeWindow::Within(length_s) | TimeWindow::Throughout(length_s)) = expectation.window;
                 let is_over = (now.frame - since) as f64 * HALF_SECOND_S >= length_s;
                 self.verdict = match expectation.window {
-                    Window::Within(_) if holds => Verdict::Met(now.t_s),
-                    Window::Within(_) if is_over => Verdict::NotMet(now.t_s),
-                    Window::Throughout(_) if !holds => Verdict::NotMet(now.t_s),
-                    Window::Throughout(_) if is_over => Verdict::Met(now.t_s),
+                    TimeWindow::Within(_) if holds => ExpectationResult::Met(now.t_s),
+                    TimeWindow::Within(_) if is_over => ExpectationResult::NotMet(now.t_s),
+                    TimeWindow::Throughout(_) if !holds => ExpectationResult::NotMet(now.t_s),
+                    TimeWindow::Throughout(_) if is_over => ExpectationResult::Met(now.t_s),
                     _ => return false,
                 };
                 true
             }
-            Verdict::Met(_) | Verdict::NotMet(_) => false,
+            ExpectationResult::Met(_) | ExpectationResult::NotMet(_) => false,
         }
     }
 }
@@ -78,8 +78,8 @@ mod tests {
     use super::*;
 
     /// The verdict when the condition holds in these half seconds after the start.
-    fn verdict(window: Window, holds: &[u64]) -> Verdict {
-        let mut watch = Watch::new(Expectation {
+    fn verdict(window: TimeWindow, holds: &[u64]) -> ExpectationResult {
+        let mut watch = ExpectationMonitor::new(Expectation {
             id: "test".to_owned(),
             after: Some("fault".to_owned()),
             at_s: 0.0,
@@ -88,7 +88,7 @@ mod tests {
         });
         for frame in 0..20 {
             let commands = if holds.contains(&frame) { vec![1] } else { vec![] };
-            let now = Moment { frame, t_s: frame as f64 * 0.5, commands, ..Moment::default() };
+            let now = ConditionInputs { frame, t_s: frame as f64 * 0.5, commands, ..ConditionInputs::default() };
             watch.look(&now, |id| id == "fault" && frame >= 4);
         }
         watch.verdict
@@ -96,30 +96,30 @@ mod tests {
 
     #[test]
     fn what_must_come_within_a_time_is_met_when_it_comes() {
-        assert_eq!(verdict(Window::Within(2.0), &[7]), Verdict::Met(3.5));
-        assert_eq!(verdict(Window::Within(2.0), &[8]), Verdict::Met(4.0));
-        assert_eq!(verdict(Window::Within(2.0), &[9]), Verdict::NotMet(4.0));
+        assert_eq!(verdict(TimeWindow::Within(2.0), &[7]), ExpectationResult::Met(3.5));
+        assert_eq!(verdict(TimeWindow::Within(2.0), &[8]), ExpectationResult::Met(4.0));
+        assert_eq!(verdict(TimeWindow::Within(2.0), &[9]), ExpectationResult::NotMet(4.0));
         // Before the fault, and in the half second that ended with its start, it does not count.
-        assert_eq!(verdict(Window::Within(2.0), &[3, 4]), Verdict::NotMet(4.0));
+        assert_eq!(verdict(TimeWindow::Within(2.0), &[3, 4]), ExpectationResult::NotMet(4.0));
     }
 
     #[test]
     fn what_must_hold_throughout_fails_with_the_first_exception() {
-        assert_eq!(verdict(Window::Throughout(2.0), &[5, 6, 7, 8]), Verdict::Met(4.0));
-        assert_eq!(verdict(Window::Throughout(2.0), &[5, 6, 8]), Verdict::NotMet(3.5));
+        assert_eq!(verdict(TimeWindow::Throughout(2.0), &[5, 6, 7, 8]), ExpectationResult::Met(4.0));
+        assert_eq!(verdict(TimeWindow::Throughout(2.0), &[5, 6, 8]), ExpectationResult::NotMet(3.5));
     }
 
     #[test]
     fn what_never_began_waits() {
-        let watch = Watch::new(Expectation {
+        let watch = ExpectationMonitor::new(Expectation {
             id: "test".to_owned(),
             after: Some("never".to_owned()),
             at_s: 0.0,
             condition: "t_s > 0".parse().expect("a condition"),
-            window: Window::Within(1.0),
+            window: TimeWindow::Within(1.0),
         });
         let mut looked = watch.clone();
-        assert!(!looked.look(&Moment::default(), |_| false));
+        assert!(!looked.look(&ConditionInputs::default(), |_| false));
         assert_eq!(looked, watch);
     }
 }

@@ -14,7 +14,7 @@ const MOST_DEPTH: usize = 40;
 
 /// What an expression can know of the unit, at the start of a half second.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Moment {
+pub struct ConditionInputs {
     /// On-board time since the start of the run.
     pub t_s: f64,
     /// Index of the half second that begins, from 0.
@@ -47,7 +47,7 @@ enum Sort {
 }
 
 /// Names, what they mean, and their values.
-type Variable = (&'static str, &'static str, fn(&Moment) -> f64);
+type Variable = (&'static str, &'static str, fn(&ConditionInputs) -> f64);
 
 const VARIABLES: &[Variable] = &[
     ("t_s", "on-board time since the start", |now| now.t_s),
@@ -164,7 +164,7 @@ fn either(a: f64, b: f64) -> f64 {
 
 impl Expression {
     /// Whether it holds for certain. What rests on something unknown does not, nor does its contrary.
-    pub fn holds(&self, now: &Moment) -> bool {
+    pub fn holds(&self, now: &ConditionInputs) -> bool {
         self.root.value(now) == 1.0
     }
 
@@ -189,7 +189,7 @@ impl Expression {
 }
 
 impl Node {
-    fn value(&self, now: &Moment) -> f64 {
+    fn value(&self, now: &ConditionInputs) -> f64 {
         match self {
             Node::Constant(value) => *value,
             Node::Variable(index) => VARIABLES[*index].2(now),
@@ -417,8 +417,8 @@ impl<'a> Reader<'a> {
 mod tests {
     use super::*;
 
-    fn moment() -> Moment {
-        Moment {
+    fn moment() -> ConditionInputs {
+        ConditionInputs {
             t_s: 12.5,
             frame: 25,
             sequence: 24,
@@ -429,7 +429,7 @@ mod tests {
             increments: [7, -360, 0, 0],
             commands: vec![2],
             active: vec!["pivot".to_owned()],
-            ..Moment::default()
+            ..ConditionInputs::default()
         }
     }
 

@@ -14,12 +14,12 @@ pub mod shape;
 use geu_protocol::Gyro;
 
 use crate::course;
-use crate::effect::{EffectSpec, Effects, HeadEffects, UnitEffects, WiringEffects};
-use crate::noise::Stream;
-use crate::number::{Form, Number};
+use crate::effect::{EffectSpec, Effects, GyroEffects, UnitEffects, WiringEffects};
+use crate::noise::NoiseStream;
+use crate::number::{ValueFormat, ParameterSpec};
 use crate::package::Axes;
 use crate::units::HALF_SECOND_S;
-use catalogue::{Law, LinkKind, Scope, Spec};
+use catalogue::{FaultAction, Transport, Scope, FaultSpec};
 use expectation::Expectation;
 use expression::Expression;
 
@@ -27,10 +27,10 @@ use expression::Expression;
 const UNLIMITED: f64 = 1e10;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum List {
+pub enum EffectList {
     /// [`UnitEffects`].
     Unit,
-    /// [`HeadEffects`].
+    /// [`GyroEffects`].
     Head,
     /// [`WiringEffects`].
     Wiring,
@@ -38,32 +38,32 @@ pub enum List {
 
 /// A number of an effect, which a fault can move.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Target {
-    pub list: List,
+pub struct ParameterRef {
+    pub list: EffectList,
     /// Index of the effect in its list.
     pub effect: usize,
     /// Index of the number among the effect's.
     pub number: usize,
 }
 
-impl Target {
-    pub fn all() -> Vec<Target> {
-        fn of<E: Effects>(list: List) -> impl Iterator<Item = Target> {
+impl ParameterRef {
+    pub fn all() -> Vec<ParameterRef> {
+        fn of<E: Effects>(list: EffectList) -> impl Iterator<Item = ParameterRef> {
             let effects = E::default();
             let counts: Vec<usize> =
                 (0..effects.specs().len()).map(|effect| effects.numbers(effect).specs().len()).collect();
-            let targets = move |(effect, count)| (0..count).map(move |number| Target { list, effect, number });
+            let targets = move |(effect, count)| (0..count).map(move |number| ParameterRef { list, effect, number });
             counts.into_iter().enumerate().flat_map(targets)
         }
-        of::<UnitEffects>(List::Unit)
-            .chain(of::<HeadEffects>(List::Head))
-            .chain(of::<WiringEffects>(List::Wiring))
+        of::<UnitEffects>(EffectList::Unit)
+            .chain(of::<GyroEffects>(EffectList::Head))
+            .chain(of::<WiringEffects>(EffectList::Wiring))
             .collect()
     }
 
     /// The number that is called `effect.number`.
-    pub fn named(name: &str) -> Option<Target> {
-        Target::all().into_iter().find(|target| target.name() == name)
+    pub fn named(name: &str) -> Option<ParameterRef> {
+        ParameterRef::all().into_iter().find(|target| target.name() == name)
     }
 
     pub fn name(&self) -> String {
@@ -72,32 +72,32 @@ impl Target {
 
     pub fn effect(&self) -> &'static EffectSpec {
         match self.list {
-            List::Unit => &UnitEffects::SPECS[self.effect],
-            List::Head => &HeadEffects::SPECS[self.effect],
-            List::Wiring => &WiringEffects::SPECS[self.effect],
+            EffectList::Unit => &UnitEffects::SPECS[self.effect],
+            EffectList::Head => &GyroEffects::SPECS[self.effect],
+            EffectList::Wiring => &WiringEffects::SPECS[self.effect],
         }
     }
 
     /// The numbers of its effect.
-    pub fn numbers(&self) -> &'static [Number] {
+    pub fn numbers(&self) -> &'static [ParameterSpec] {
         match self.list {
-            List::Unit => UnitEffects::default().numbers(self.effect).specs(),
-            List::Head => HeadEffects::default().numbers(self.effect).specs(),
-            List::Wiring => WiringEffects::default().numbers(self.effect).specs(),
+            EffectList::Unit => UnitEffects::default().numbers(self.effect).specs(),
+            EffectList::Head => GyroEffects::default().numbers(self.effect).specs(),
+            EffectList::Wiring => WiringEffects::default().numbers(self.effect).specs(),
         }
     }
 
     /// What is said of it.
-    pub fn number(&self) -> &'static Number {
+    pub fn number(&self) -> &'static ParameterSpec {
         &self.numbers()[self.number]
     }
 
     /// Whether its effect draws random numbers.
     pub fn is_noise(&self) -> bool {
         match self.list {
-            List::Unit => UnitEffects::default().is_noise(self.effect),
-            List::Head => HeadEffects::default().is_noise(self.effect),
-            List::Wiring => WiringEffects::default().is_noise(self.effect),
+            EffectList::Unit => UnitEffects::default().is_noise(self.effect),
+            EffectList::Head => GyroEffects::default().is_noise(self.effect),
+            EffectList::Wiring => WiringEffects::default().is_noise(self.effect),
         }
     }
 
@@ -111,28 +111,28 @@ impl Target {
     /// Gyros that have it; none where it is the unit's.
     pub fn gyros(&self) -> Vec<Gyro> {
         match self.list {
-            List::Unit => Vec::new(),
+            EffectList::Unit => Vec::new(),
             _ => Gyro::ALL.into_iter().filter(|&gyro| Axes::of(gyro).has_number(self.number().name)).collect(),
         }
     }
 
     /// Whether it can only be stepped: what is on or off, or names a gyro.
     pub fn is_switch(&self) -> bool {
-        self.number().form != Form::Real
+        self.number().form != ValueFormat::Real
     }
 }
 
 #[derive(Debug, Clone, PartialEq)]
-pub enum Action {
-    Parameter { target: Target, size: f64, course: shape::Law },
-    Named { spec: &'static Spec, values: Vec<f64> },
+pub enum FaultKind {
+    Parameter { target: ParameterRef, size: f64, course: shape::FaultProfile },
+    Named { spec: &'static FaultSpec, values: Vec<f64> },
 }
 
-impl Action {
+impl FaultKind {
     pub fn name(&self) -> String {
         match self {
-            Action::Parameter { target, .. } => target.name(),
-            Action::Named { spec, .. } => spec.code.to_owned(),
+            FaultKind::Parameter { target, .. } => target.name(),
+            FaultKind::Named { spec, .. } => spec.code.to_owned(),
         }
     }
 }
@@ -140,11 +140,11 @@ impl Action {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fault {
     pub id: String,
-    pub action: Action,
+    pub action: FaultKind,
     /// The gyro that it is on.
     pub gyro: Option<Gyro>,
     /// The kind of links that it is on; all where nothing is said.
-    pub link: Option<LinkKind>,
+    pub link: Option<Transport>,
     /// Not before this on-board time.
     pub at_s: f64,
     /// Nor before this holds.
@@ -170,8 +170,8 @@ impl Fault {
     /// How long it acts at most, in half seconds, at least one.
     pub fn half_seconds(&self) -> Option<u64> {
         let own = match &self.action {
-            Action::Named { spec, .. } => spec.for_s,
-            Action::Parameter { .. } => None,
+            FaultKind::Named { spec, .. } => spec.for_s,
+            FaultKind::Parameter { .. } => None,
         };
         // Half a half second or more counts as one.
         self.for_s.or(own).map(|for_s| ((for_s / HALF_SECOND_S).round() as u64).max(1))
@@ -198,23 +198,23 @@ impl Fault {
     }
 
     /// Why it could never be seen on these links; nothing where it can, or where it is on no link.
-    pub fn misses(&self, open: &[LinkKind]) -> Option<String> {
-        let Action::Named { spec, .. } = &self.action else { return None };
+    pub fn misses(&self, open: &[Transport]) -> Option<String> {
+        let FaultKind::Named { spec, .. } = &self.action else { return None };
         let own = self.link.map_or_else(|| spec.links(), |link| vec![link]);
         if spec.scope != Scope::Link || own.iter().any(|kind| open.contains(kind)) {
             return None;
         }
-        let names = |kinds: &[LinkKind]| kinds.iter().map(|kind| kind.name()).collect::<Vec<_>>().join(", ");
+        let names = |kinds: &[Transport]| kinds.iter().map(|kind| kind.name()).collect::<Vec<_>>().join(", ");
         let (id, code, own, open) = (&self.id, spec.code, names(&own), names(open));
         Some(format!("{id}: expected a link that is open ({open}) for {code}, got {own}"))
     }
 
     /// What it does, as a law.
-    pub fn law(&self) -> Law {
+    pub fn law(&self) -> FaultAction {
         match &self.action {
-            Action::Named { spec, values } => spec.law(values),
-            Action::Parameter { target, size, course } => {
-                Law::Parameter { target: *target, size: *size, course: *course }
+            FaultKind::Named { spec, values } => spec.law(values),
+            FaultKind::Parameter { target, size, course } => {
+                FaultAction::Parameter { target: *target, size: *size, course: *course }
             }
         }
     }
@@ -237,7 +237,7 @@ impl Fault {
 
 /// The first condition that could never hold because it asks about something that `source` does not tell, in words.
 /// `untold` are names of variables and functions.
-pub fn asks_in_vain(
+pub fn unsatisfiable_condition(
     faults: &[Fault],
     expectations: &[Expectation],
     source: &str,
@@ -257,19 +257,19 @@ pub fn asks_in_vain(
 
 /// Where the random numbers of one fault come from.
 #[derive(Debug, Clone, Copy)]
-pub struct Draw<'a> {
+pub struct FaultRng<'a> {
     seed: u64,
     id: &'a str,
 }
 
-impl<'a> Draw<'a> {
-    pub fn new(seed: u64, id: &'a str) -> Draw<'a> {
-        Draw { seed, id }
+impl<'a> FaultRng<'a> {
+    pub fn new(seed: u64, id: &'a str) -> FaultRng<'a> {
+        FaultRng { seed, id }
     }
 
     /// A stream for one purpose at one time.
-    pub fn at(&self, what: &str, time: u64) -> Stream {
-        Stream::of_fault(self.seed, self.id, what, time)
+    pub fn at(&self, what: &str, time: u64) -> NoiseStream {
+        NoiseStream::of_fault(self.seed, self.id, what, time)
     }
 }
 
@@ -279,21 +279,21 @@ mod tests {
 
     #[test]
     fn every_number_of_every_effect_can_be_named() {
-        let all = Target::all();
+        let all = ParameterRef::all();
         assert!(all.len() > 20);
         for target in &all {
-            assert_eq!(Target::named(&target.name()), Some(*target));
+            assert_eq!(ParameterRef::named(&target.name()), Some(*target));
         }
-        assert_eq!(Target::named("pivot-clearance.clearance_arcsec").expect("there").gyros(), Gyro::ALL);
-        assert_eq!(Target::named("misalignment.x_arcsec").expect("there").gyros(), [Gyro::Y, Gyro::Za, Gyro::Zb]);
-        assert!(Target::named("clock-frequency.ppm").expect("there").gyros().is_empty());
+        assert_eq!(ParameterRef::named("pivot-clearance.clearance_arcsec").expect("there").gyros(), Gyro::ALL);
+        assert_eq!(ParameterRef::named("misalignment.x_arcsec").expect("there").gyros(), [Gyro::Y, Gyro::Za, Gyro::Zb]);
+        assert!(ParameterRef::named("clock-frequency.ppm").expect("there").gyros().is_empty());
     }
 
     #[test]
     fn the_parameters_of_named_faults_are_there() {
         for spec in catalogue::CATALOGUE.iter().filter(|spec| spec.scope != catalogue::Scope::Link) {
             let values: Vec<f64> = spec.numbers.iter().map(|number| number.greatest).collect();
-            if let catalogue::Law::Parameter { target, size, .. } = spec.law(&values) {
+            if let catalogue::FaultAction::Parameter { target, size, .. } = spec.law(&values) {
                 let (least, greatest) = target.limits();
                 assert!((least..=greatest).contains(&size), "{}", spec.code);
             }

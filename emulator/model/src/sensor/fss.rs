@@ -1,7 +1,7 @@
 //! The two-axis Fine Sun Sensor: the sun's angles in the XZ plane and out of it, in steps (Casteren §1, §6).
 
 use crate::attitude::{Leg, Motion};
-use crate::noise::Stream;
+use crate::noise::NoiseStream;
 use crate::number::numbers;
 use crate::units::ARCSEC_PER_RAD;
 
@@ -29,7 +29,7 @@ pub struct SunAngles {
 #[derive(Debug, Clone)]
 pub struct SunSensor {
     numbers: Fss,
-    noise: Stream,
+    noise: NoiseStream,
     /// Start and end of the eclipse that is flown, or was flown last.
     eclipse_s: (f64, f64),
 }
@@ -37,7 +37,7 @@ pub struct SunSensor {
 impl SunSensor {
     /// At the start of a run.
     pub fn new(numbers: Fss, seed: u64) -> SunSensor {
-        SunSensor { numbers, noise: Stream::of_sensor(seed, "fss"), eclipse_s: (f64::INFINITY, f64::INFINITY) }
+        SunSensor { numbers, noise: NoiseStream::of_sensor(seed, "fss"), eclipse_s: (f64::INFINITY, f64::INFINITY) }
     }
 
     /// Takes notice of a leg that begins, in order; the sensor is blind during an eclipse.
@@ -71,10 +71,10 @@ impl SunSensor {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::attitude::{LimitCycle, Manoeuvre, Plan, Scenario};
+    use crate::attitude::{LimitCycle, Manoeuvre, AttitudeProfile, Scenario};
 
     fn samples(fss: Fss, scenario: &Scenario, count: usize) -> Vec<Option<SunAngles>> {
-        let mut motion = Motion::new(Plan::new(scenario).expect("possible"), scenario.limit_cycle);
+        let mut motion = Motion::new(AttitudeProfile::new(scenario).expect("possible"), scenario.limit_cycle);
         let mut sensor = SunSensor::new(fss, 1);
         (1..=count)
             .map(|index| {

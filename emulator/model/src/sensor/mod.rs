@@ -24,9 +24,9 @@ mod fss;
 mod sse;
 
 pub use fss::{Fss, SunAngles, SunSensor};
-pub use sse::{Fix, SLITS, Sse, Star, StarSensor};
+pub use sse::{SlitFix, SLITS, Sse, Star, StarSensor};
 
-use crate::number::Numbers;
+use crate::number::ParameterSet;
 
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct SensorNumbers {
@@ -42,15 +42,15 @@ impl SensorNumbers {
     ];
 
     /// The numbers of the sensor at `index` of [`SensorNumbers::KEYS`].
-    pub fn numbers(&self, index: usize) -> &dyn Numbers {
+    pub fn numbers(&self, index: usize) -> &dyn ParameterSet {
         let Self { fss, sse } = self;
-        [fss as &dyn Numbers, sse][index]
+        [fss as &dyn ParameterSet, sse][index]
     }
 
     /// The numbers of the sensor at `index` of [`SensorNumbers::KEYS`].
-    pub fn numbers_mut(&mut self, index: usize) -> &mut dyn Numbers {
+    pub fn numbers_mut(&mut self, index: usize) -> &mut dyn ParameterSet {
         let Self { fss, sse } = self;
-        let [first, second] = [fss as &mut dyn Numbers, sse];
+        let [first, second] = [fss as &mut dyn ParameterSet, sse];
         if index == 0 { first } else { second }
     }
 }

@@ -12,7 +12,7 @@ use std::collections::VecDeque;
 use std::fmt;
 
 use crate::attitude::{Leg, LimitCycle};
-use crate::noise::Stream;
+use crate::noise::NoiseStream;
 use crate::number::numbers;
 use crate::units::{ARCSEC_PER_DEG, RAD_PER_DEG, SUN_RATE_RAD_S};
 
@@ -82,7 +82,7 @@ fn boresight([theta_rad, psi_rad]: [f64; 2], t_s: f64) -> [f64; 3] {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Fix {
+pub struct SlitFix {
     /// True time since the start.
     pub t_s: f64,
     pub star: Star,
@@ -100,7 +100,7 @@ pub struct StarSensor {
     numbers: Sse,
     seed: u64,
     limit_cycle: LimitCycle,
-    noise: Stream,
+    noise: NoiseStream,
     /// The star before, and whether any leg was flown.
     last: Option<Star>,
     /// Reference times to come: time, attitude, star.
@@ -110,7 +110,7 @@ pub struct StarSensor {
 impl StarSensor {
     /// At the start of a run.
     pub fn new(numbers: Sse, seed: u64, limit_cycle: LimitCycle) -> StarSensor {
-        let noise = Stream::of_sensor(seed, "sse");
+        let noise = NoiseStream::of_sensor(seed, "sse");
         StarSensor { numbers, seed, limit_cycle, noise, last: None, to_come: VecDeque::new() }
     }
 
@@ -134,7 +134,7 @@ impl StarSensor {
     }
 
     /// The next fixes not later than `t_s`: one star through every slit.
-    pub fn fixes_until(&mut self, t_s: f64) -> Option<[Fix; SLITS.len()]> {
+    pub fn fixes_until(&mut self, t_s: f64) -> Option<[SlitFix; SLITS.len()]> {
         let (t_s, [theta_rad, psi_rad], star) = *self.to_come.front().filter(|next| next.0 <= t_s)?;
         self.to_come.pop_front();
         let about_y_deg = self.limit_cycle.departure_control_arcsec(t_s)[1] / ARCSEC_PER_DEG;
@@ -145,7 +145,7 @@ impl StarSensor {
                 let random = self.numbers.random_arcsec * self.noise.standard_normal();
                 (random + of_slit[axis] + of_star[axis]) / ARCSEC_PER_DEG
             });
-            Fix {
+            SlitFix {
                 t_s,
                 star,
                 slit,
@@ -158,7 +158,7 @@ impl StarSensor {
 
     /// Systematic errors of θ and ψ: the same whenever the slit or star of that name is used in a run.
     fn systematic(&self, name: &str, sigma_arcsec: f64) -> [f64; 2] {
-        let mut stream = Stream::of_sensor(self.seed, &format!("sse {name}"));
+        let mut stream = NoiseStream::of_sensor(self.seed, &format!("sse {name}"));
         [0, 1].map(|_| sigma_arcsec * stream.standard_normal())
     }
 }
@@ -167,11 +167,11 @@ impl StarSensor {
 mod tests {
     use super::*;
     use crate::Configuration;
-    use crate::attitude::{Motion, Plan};
+    use crate::attitude::{Motion, AttitudeProfile};
 
-    fn fixes(configuration: &Configuration, end_s: f64) -> Vec<Fix> {
+    fn fixes(configuration: &Configuration, end_s: f64) -> Vec<SlitFix> {
         let scenario = &configuration.scenario;
-        let mut motion = Motion::new(Plan::new(scenario).expect("possible"), scenario.limit_cycle);
+        let mut motion = Motion::new(AttitudeProfile::new(scenario).expect("possible"), scenario.limit_cycle);
         let mut sensor = StarSensor::new(configuration.sensors.sse, configuration.seed, scenario.limit_cycle);
         let mut fixes = Vec::new();
         let mut t_s = 0.0;

@@ -3,13 +3,13 @@
 use std::sync::Arc;
 
 use geu_protocol::field::CLOCK_MODULUS;
-use geu_protocol::{Gyro, HalfSecond};
+use geu_protocol::{Gyro, Sample};
 
-use super::{Channel, Ended, HALF_SECOND_FS, Power, SPIN_UP_HALF_SECONDS, SUB_STEPS, Unit};
+use super::{Channel, CompletedSample, HALF_SECOND_FS, Power, SPIN_UP_HALF_SECONDS, SUB_STEPS, GyroUnit};
 use crate::fault::Fault;
-use crate::fault::acting::{Acting, Faults, Happening};
-use crate::fault::catalogue::{HeadLaw, Law, UnitLaw};
-use crate::fault::expression::Moment;
+use crate::fault::acting::{ActiveFault, FaultEngine, FaultEvent};
+use crate::fault::catalogue::{GyroFault, FaultAction, UnitFault};
+use crate::fault::expression::ConditionInputs;
 use crate::units::{HALF_SECOND_S, RAD_PER_DEG};
 
 /// The unit without faults ends a half second so much later in true time at most, fs: a sub-step. A truth from outside must
@@ -18,27 +18,27 @@ const CLEAN_BEHIND_FS: i128 = HALF_SECOND_FS as i128 / SUB_STEPS as i128;
 
 /// What faults did to a half second.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Injected {
+pub struct InjectionRecord {
     /// What the unit would have told had none of those come that act now.
-    pub clean: HalfSecond,
+    pub clean: Sample,
     /// Whether that would have been sent cyclically.
     pub is_clean_cyclic: bool,
-    pub acting: Arc<Vec<Acting>>,
+    pub acting: Arc<Vec<ActiveFault>>,
 }
 
-impl Unit {
+impl GyroUnit {
     /// What faults did to the half second that ended last; nothing where none acted.
-    pub fn injected(&self) -> Option<&Arc<Injected>> {
+    pub fn injected(&self) -> Option<&Arc<InjectionRecord>> {
         self.injected.as_ref()
     }
 
     /// What happened to faults and expectations since the last call.
-    pub fn take_happened(&mut self) -> Vec<Happening> {
+    pub fn take_happened(&mut self) -> Vec<FaultEvent> {
         self.faults.take_happened()
     }
 
     /// The faults and expectations of the run.
-    pub fn faults(&self) -> &Faults {
+    pub fn faults(&self) -> &FaultEngine {
         &self.faults
     }
 
@@ -74,13 +74,13 @@ impl Unit {
     }
 
     /// What the faults that act made of the half second.
-    pub(super) fn compare(&mut self, ended: &Ended) -> Option<Arc<Injected>> {
+    pub(super) fn compare(&mut self, ended: &CompletedSample) -> Option<Arc<InjectionRecord>> {
         let clean = self.clean.as_mut().map(|clean| clean.end_half_second());
         if self.faults.acting().is_empty() {
             return None;
         }
         let clean = clean.unwrap_or(*ended);
-        Some(Arc::new(Injected {
+        Some(Arc::new(InjectionRecord {
             clean: clean.half_second,
             is_clean_cyclic: clean.cyclic,
             acting: self.faults.acting().clone(),
@@ -99,14 +99,14 @@ impl Unit {
         if !self.faults.touch_unit() {
             self.clean = None;
         } else if self.clean.is_none() {
-            let mut clean = Unit { faults: Faults::default(), injected: None, ..self.clone() };
+            let mut clean = GyroUnit { faults: FaultEngine::default(), injected: None, ..self.clone() };
             clean.begin();
             self.clean = Some(Box::new(clean));
         }
         for (law, elapsed) in self.faults.on_unit() {
             match law {
-                UnitLaw::BrownOut => self.channels.iter_mut().for_each(|channel| channel.power = Power::Off),
-                UnitLaw::ClockJump { cycles } if elapsed == 0 => {
+                UnitFault::BrownOut => self.channels.iter_mut().for_each(|channel| channel.power = Power::Off),
+                UnitFault::ClockJump { cycles } if elapsed == 0 => {
                     let modulus = CLOCK_MODULUS as i64;
                     self.clock_count = (self.clock_count as i64 + cycles).rem_euclid(modulus) as u64;
                 }
@@ -115,17 +115,17 @@ impl Unit {
         }
     }
 
-    fn recover(&mut self, law: Law, gyro: Option<Gyro>) {
+    fn recover(&mut self, law: FaultAction, gyro: Option<Gyro>) {
         let spin_up = |channel: &mut Channel| channel.power = Power::On(SPIN_UP_HALF_SECONDS);
         match law {
-            Law::Head(HeadLaw::SpinDown { .. }) => {
+            FaultAction::Head(GyroFault::SpinDown { .. }) => {
                 let own = gyro.map(|gyro| &mut self.channels[gyro as usize]);
                 own.filter(|channel| matches!(channel.power, Power::On(_))).map(spin_up);
             }
-            Law::Unit(law @ (UnitLaw::Reset | UnitLaw::BrownOut | UnitLaw::BootDelay)) => {
+            FaultAction::Unit(law @ (UnitFault::Reset | UnitFault::BrownOut | UnitFault::BootDelay)) => {
                 (self.sequence, self.clock_count, self.polled) = (u16::MAX, 0, false);
                 (self.self_test, self.last) = (None, None);
-                if law == UnitLaw::BrownOut {
+                if law == UnitFault::BrownOut {
                     self.sensor.heater_on = true;
                     self.channels.iter_mut().for_each(spin_up);
                 }
@@ -135,10 +135,10 @@ impl Unit {
     }
 
     /// What a condition can know at the start of the half second that begins.
-    fn moment(&self) -> Moment {
+    fn moment(&self) -> ConditionInputs {
         let (truth, last) = (self.motion.now(), self.last.unwrap_or_default());
         let angle = |rad: f64| if self.motion.knows_sun() { rad / RAD_PER_DEG } else { f64::NAN };
-        Moment {
+        ConditionInputs {
             t_s: self.ended as f64 * HALF_SECOND_S,
             frame: self.ended,
             sequence: self.sequence.wrapping_add(1),

@@ -1,18 +1,18 @@
 //! The unit, half second by half second.
 
 use super::*;
-use crate::attitude::{Basis, Knot, Row};
+use crate::attitude::{SampleQuality, Knot, AttitudeRow};
 
-fn unit(overrides: &[&str]) -> Unit {
+fn unit(overrides: &[&str]) -> GyroUnit {
     let overrides: Vec<String> = overrides.iter().map(|text| text.to_string()).collect();
-    Unit::new(&Configuration::reference_with(&overrides).expect("valid"))
+    GyroUnit::new(&Configuration::reference_with(&overrides).expect("valid"))
 }
 
-fn run(unit: &mut Unit, half_seconds: usize) -> Vec<HalfSecond> {
+fn run(unit: &mut GyroUnit, half_seconds: usize) -> Vec<Sample> {
     (0..half_seconds).map(|_| unit.end_half_second().half_second).collect()
 }
 
-fn outcome(unit: &mut Unit, payload: &[u8]) -> Outcome {
+fn outcome(unit: &mut GyroUnit, payload: &[u8]) -> CommandResult {
     unit.command(payload).expect("no fault keeps it from hearing").reply.outcome()
 }
 
@@ -29,16 +29,16 @@ fn a_truth_covers_what_its_clock_needs() {
     let within = |overrides: &[&str], truth: &Truth, most: u64| {
         let overrides: Vec<String> = overrides.iter().map(|text| (*text).to_owned()).collect();
         let configuration = Configuration::reference_with(&overrides).expect("valid");
-        Unit::half_seconds_within(&configuration, truth, most)
+        GyroUnit::half_seconds_within(&configuration, truth, most)
     };
     let recorded = |tenths: u32| {
-        let row = |tenth| Row { t_s: f64::from(tenth) / 10.0, angle_control_arcsec: [0.0; 3], theta_psi_rad: None };
-        let rows: Vec<Row> = (0..=tenths).map(row).collect();
-        Truth::Recorded(Arc::new(Recorded::new(&rows).expect("good rows")))
+        let row = |tenth| AttitudeRow { t_s: f64::from(tenth) / 10.0, angle_control_arcsec: [0.0; 3], theta_psi_rad: None };
+        let rows: Vec<AttitudeRow> = (0..=tenths).map(row).collect();
+        Truth::Recorded(Arc::new(RecordedAttitude::new(&rows).expect("good rows")))
     };
     let stepped = |t_s: f64| {
-        let pieces = Stepped::default();
-        pieces.append(Knot { t_s, angle_control_arcsec: [0.0; 3], basis: Basis::Told, sun: None });
+        let pieces = StreamedAttitude::default();
+        pieces.append(Knot { t_s, angle_control_arcsec: [0.0; 3], basis: SampleQuality::Told, sun: None });
         Truth::Stepped(Arc::new(pieces))
     };
     assert_eq!(within(&[], &recorded(1000), 1000), 200);
@@ -76,8 +76,8 @@ fn accumulated_counts_stay_within_half_a_count_of_the_unquantised() {
 #[test]
 fn self_test_adds_its_counts_for_its_half_seconds_and_flags_them() {
     let (mut plain, mut tested) = (unit(&[]), unit(&[]));
-    assert_eq!(outcome(&mut tested, &[4, 0b0101, 0, 100, 3]), Outcome::Done);
-    assert_eq!(outcome(&mut tested, &[4, 1, 0, 1, 1]), Outcome::NotPossibleNow);
+    assert_eq!(outcome(&mut tested, &[4, 0b0101, 0, 100, 3]), CommandResult::Done);
+    assert_eq!(outcome(&mut tested, &[4, 1, 0, 1, 1]), CommandResult::NotPossibleNow);
     let (plain, tested) = (run(&mut plain, 5), run(&mut tested, 5));
     for index in 0..5 {
         let added: Vec<i16> =
@@ -155,9 +155,9 @@ fn a_cold_sensor_leaves_its_band_and_comes_back() {
 #[test]
 fn polled_mode_keeps_the_half_second_until_it_is_asked_for() {
     let mut unit = unit(&[]);
-    assert_eq!(outcome(&mut unit, &[3]), Outcome::NotPossibleNow);
-    assert_eq!(outcome(&mut unit, &[2, 1]), Outcome::Done);
-    assert_eq!(outcome(&mut unit, &[3]), Outcome::NotPossibleNow);
+    assert_eq!(outcome(&mut unit, &[3]), CommandResult::NotPossibleNow);
+    assert_eq!(outcome(&mut unit, &[2, 1]), CommandResult::Done);
+    assert_eq!(outcome(&mut unit, &[3]), CommandResult::NotPossibleNow);
     let ended = unit.end_half_second();
     assert!(!ended.cyclic);
     assert_eq!(ended.half_second.unit_flags & 16, 16);

@@ -12,7 +12,7 @@ pub type Slit = (String, [f64; 2], f64);
 
 /// A fix: one star through one or more slits at one instant.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Fix {
+pub struct StarFix {
     /// The instant, ns on the time scale of the file.
     pub t_ns: i64,
     pub star: String,
@@ -20,46 +20,46 @@ pub struct Fix {
 }
 
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Sensors {
+pub struct AbsoluteData {
     /// Time, ns; sun angle in the XZ plane and out of it, arcsec.
     pub sun: Vec<(i64, [f64; 2])>,
     /// Fixes in order of time.
-    pub fixes: Vec<Fix>,
+    pub fixes: Vec<StarFix>,
     pub numbers: SensorNumbers,
 }
 
-impl Sensors {
+impl AbsoluteData {
     /// Reads `fss.csv` and `sse.csv`, which may be compressed.
     ///
     /// # Errors
     /// The first line that is no row.
-    pub fn read(fss: &str, sse: &str, numbers: SensorNumbers) -> Result<Sensors, TableError> {
-        Sensors::of_rows((fss, open(fss)?), (sse, open(sse)?), numbers)
+    pub fn read(fss: &str, sse: &str, numbers: SensorNumbers) -> Result<AbsoluteData, TableError> {
+        AbsoluteData::of_rows((fss, open(fss)?), (sse, open(sse)?), numbers)
     }
 
     /// Reads `sse.csv` alone.
     ///
     /// # Errors
     /// The first line that is no row.
-    pub fn read_fixes(sse: &str, numbers: SensorNumbers) -> Result<Sensors, TableError> {
+    pub fn read_fixes(sse: &str, numbers: SensorNumbers) -> Result<AbsoluteData, TableError> {
         let no_sun = RowReader::new(&b"t_s,theta_arcsec,roll_arcsec\n"[..]);
-        Sensors::of_rows(("no sun sensor", no_sun), (sse, open(sse)?), numbers)
+        AbsoluteData::of_rows(("no sun sensor", no_sun), (sse, open(sse)?), numbers)
     }
 
     /// Reads texts, each with the name that errors call it by.
     ///
     /// # Errors
     /// As [`Sensors::read`].
-    pub fn parse(fss: (&str, &str), sse: (&str, &str), numbers: SensorNumbers) -> Result<Sensors, TableError> {
+    pub fn parse(fss: (&str, &str), sse: (&str, &str), numbers: SensorNumbers) -> Result<AbsoluteData, TableError> {
         let (sun, stars) = (RowReader::new(fss.1.as_bytes()), RowReader::new(sse.1.as_bytes()));
-        Sensors::of_rows((fss.0, sun), (sse.0, stars), numbers)
+        AbsoluteData::of_rows((fss.0, sun), (sse.0, stars), numbers)
     }
 
     fn of_rows(
         fss: (&str, RowReader<impl Read>),
         sse: (&str, RowReader<impl Read>),
         numbers: SensorNumbers,
-    ) -> Result<Sensors, TableError> {
+    ) -> Result<AbsoluteData, TableError> {
         let (mut sun, mut table) = (Vec::<(i64, [f64; 2])>::new(), CsvTable::new(fss.0, fss.1)?);
         let [time, theta, roll] = table.columns(["t_s", "theta_arcsec", "roll_arcsec"])?;
         while table.read()? {
@@ -69,7 +69,7 @@ impl Sensors {
             }
             sun.push((t_ns, [table.number(theta)?, table.number(roll)?]));
         }
-        let (mut fixes, mut table) = (BTreeMap::<i64, Fix>::new(), CsvTable::new(sse.0, sse.1)?);
+        let (mut fixes, mut table) = (BTreeMap::<i64, StarFix>::new(), CsvTable::new(sse.0, sse.1)?);
         let [time, theta, psi, sigma, star, slit] =
             table.columns(["t_s", "theta_deg", "psi_deg", "sigma_arcsec", "star", "slit"])?;
         while table.read()? {
@@ -78,11 +78,11 @@ impl Sensors {
                 return Err(table.unexpected(sigma, "more than 0"));
             }
             let t_ns = nanoseconds(table.number(time)?);
-            let new = Fix { t_ns, star: table.text(star).to_owned(), slits: Vec::new() };
+            let new = StarFix { t_ns, star: table.text(star).to_owned(), slits: Vec::new() };
             let angles_deg = [table.number(theta)?, table.number(psi)?];
             fixes.entry(t_ns).or_insert(new).slits.push((table.text(slit).to_owned(), angles_deg, sigma_arcsec));
         }
-        Ok(Sensors { sun, fixes: fixes.into_values().collect(), numbers })
+        Ok(AbsoluteData { sun, fixes: fixes.into_values().collect(), numbers })
     }
 }
 

@@ -3,9 +3,9 @@
 use geu_model::sensor::{Fss, SensorNumbers};
 use geu_model::units::ARCSEC_PER_RAD;
 
-use super::data::Sensors;
+use super::data::AbsoluteData;
 use super::path::{GyroPath, Station, interpolate};
-use crate::counts::{Counts, Reading};
+use crate::counts::{AccumulatedCounts, Interpolation};
 use crate::sun::{Point, step_control_arcsec};
 
 /// Seconds on either side of a reference time over which the gyros are laid over the sun sensor.
@@ -23,8 +23,8 @@ pub(super) const CYCLE_STEPS: f64 = 1.0 / 80.0;
 
 /// The gyros laid over the sun sensor's history (figure 8).
 pub(super) struct Overlay<'a> {
-    pub counts: &'a Counts,
-    pub sensors: &'a Sensors,
+    pub counts: &'a AccumulatedCounts,
+    pub sensors: &'a AbsoluteData,
     pub numbers: &'a SensorNumbers,
     pub path: &'a GyroPath,
 }
@@ -64,10 +64,10 @@ impl Overlay<'_> {
     /// lay them over the sun sensor around it.
     pub fn limit_cycle_x_arcsec(&self, station: &Station) -> Option<f64> {
         let t_s = station.point.t_s;
-        let theta_at = |reading: &Reading| interpolate(&self.path.unbent, reading).theta_rad;
+        let theta_at = |reading: &Interpolation| interpolate(&self.path.unbent, reading).theta_rad;
         let raised_rad = station.point.theta_rad - theta_at(&station.reading);
         let (first, about_x_arcsec) = self.about_x_arcsec(station, raised_rad);
-        let gyros = |reading: &Reading| {
+        let gyros = |reading: &Interpolation| {
             let from = reading.first.checked_sub(first)?;
             let nodes = about_x_arcsec.get(from..from + reading.weights.len())?;
             Some(reading.weights.iter().zip(nodes).map(|(weight, value)| weight * value).sum::<f64>())

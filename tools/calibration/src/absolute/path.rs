@@ -2,9 +2,9 @@
 
 use geu_model::units::RAD_PER_DEG;
 
-use super::data::{Fix, Sensors};
-use crate::counts::{Counts, Reading};
-use crate::observe::Measured;
+use super::data::{StarFix, AbsoluteData};
+use crate::counts::{AccumulatedCounts, Interpolation};
+use crate::observe::CompensatedCounts;
 use crate::sun::{Point, follow};
 use crate::transfer::Transfer;
 
@@ -12,8 +12,8 @@ use crate::transfer::Transfer;
 #[derive(Debug, Clone)]
 pub(super) struct Station<'a> {
     pub point: Point,
-    pub reading: Reading,
-    pub fix: &'a Fix,
+    pub reading: Interpolation,
+    pub fix: &'a StarFix,
 }
 
 /// The attitude at each node, from the gyros and through every fix.
@@ -28,7 +28,7 @@ pub struct GyroPath {
 }
 
 /// Lays the gyros' path through the fixes. `transfer` may be rough: what it gets wrong is bent away between fixes.
-pub fn path(measured: &Measured, sensors: &Sensors, transfer: &Transfer) -> Option<GyroPath> {
+pub fn path(measured: &CompensatedCounts, sensors: &AbsoluteData, transfer: &Transfer) -> Option<GyroPath> {
     let counts = measured.counts;
     let stations = stations(counts, sensors);
     let first = stations.first()?;
@@ -81,18 +81,18 @@ pub(super) fn bend(bends: &[(f64, [f64; 2])], x: f64) -> [f64; 2] {
 }
 
 /// Rotation about the control axes at each node by eq 3, without what effects added.
-pub(super) fn turned(measured: &Measured, transfer: &Transfer) -> Vec<[f64; 3]> {
+pub(super) fn turned(measured: &CompensatedCounts, transfer: &Transfer) -> Vec<[f64; 3]> {
     let at = |node: usize| transfer.about_control_arcsec(measured.at_node(node), node as f64);
     (0..measured.counts.node_s.len()).map(at).collect()
 }
 
-pub(super) fn interpolate(points: &[Point], reading: &Reading) -> Point {
+pub(super) fn interpolate(points: &[Point], reading: &Interpolation) -> Point {
     let nodes = &points[reading.first..];
     let sum = |of: fn(&Point) -> f64| reading.weights.iter().zip(nodes).map(|(weight, point)| weight * of(point)).sum();
     Point { t_s: sum(|point| point.t_s), theta_rad: sum(|point| point.theta_rad), psi_rad: sum(|point| point.psi_rad) }
 }
 
-pub(super) fn stations<'a>(counts: &Counts, sensors: &'a Sensors) -> Vec<Station<'a>> {
+pub(super) fn stations<'a>(counts: &AccumulatedCounts, sensors: &'a AbsoluteData) -> Vec<Station<'a>> {
     sensors
         .fixes
         .iter()

@@ -7,7 +7,7 @@
 use geu_model::units::{ARCSEC_PER_RAD, HALF_SECOND_S};
 use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, UnitQuaternion, Vector3};
 
-use super::noise::Noise;
+use super::noise::FilterNoise;
 
 pub(super) const GYROS: usize = 3;
 /// Drifts, scale factors and misalignments: what adds to the attitude error in time.
@@ -38,7 +38,7 @@ impl Step {
     /// `to_inertial`: M⁻¹ and the attitude, from rotations about the input axes of the gyros in use to those about inertial
     /// axes. `counts` of each; `off_axis_rad`, the rotation about the two other axes of each.
     #[inline]
-    pub fn new(to_inertial: &Matrix3<f64>, counts: [f64; 3], off_axis_rad: [[f64; 2]; 3], noise: &Noise) -> Step {
+    pub fn new(to_inertial: &Matrix3<f64>, counts: [f64; 3], off_axis_rad: [[f64; 2]; 3], noise: &FilterNoise) -> Step {
         let mut growth = SMatrix::zeros();
         for gyro in 0..GYROS {
             for axis in 0..3 {
@@ -79,7 +79,7 @@ pub(super) struct Covariance(Matrix);
 
 impl Covariance {
     /// Before the first fix.
-    pub fn start(noise: &Noise, attitude: &UnitQuaternion<f64>) -> Covariance {
+    pub fn start(noise: &FilterNoise, attitude: &UnitQuaternion<f64>) -> Covariance {
         let mut covariance = Covariance(Matrix::zeros());
         let drift = noise.start_drift_arcsec_per_half_s();
         for gyro in 0..GYROS {
@@ -98,7 +98,7 @@ impl Covariance {
     }
 
     /// Takes the attitude as new, with the start's uncertainty, and unrelated to all else.
-    pub fn restart(&mut self, noise: &Noise, attitude: &UnitQuaternion<f64>) {
+    pub fn restart(&mut self, noise: &FilterNoise, attitude: &UnitQuaternion<f64>) {
         self.0.fixed_rows_mut::<3>(ATTITUDE).fill(0.0);
         self.0.fixed_columns_mut::<3>(ATTITUDE).fill(0.0);
         let sigma = Vector3::from(noise.start_attitude_control_arcsec);

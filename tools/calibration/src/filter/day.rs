@@ -1,20 +1,20 @@
 //! A survey day: 24 h simulated with the model, reconstructed, and held against the exact attitude (Casteren §1, §3).
 
-use geu_model::attitude::{Manoeuvre, Motion, Plan};
+use geu_model::attitude::{Manoeuvre, Motion, AttitudeProfile};
 use geu_model::effect::{Effects, UNIT_COLUMNS, WIRING_COLUMNS, columns, discovered};
-use geu_model::noise::Stream;
+use geu_model::noise::NoiseStream;
 use geu_model::package::Calibration;
 use geu_model::simulation::ReferenceSource;
 use geu_model::units::{ARCSEC_PER_RAD, HALF_SECOND_S, ORBIT_S};
-use geu_model::{Configuration, Truth, Unit};
+use geu_model::{Configuration, Truth, GyroUnit};
 use geu_protocol::Gyro;
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::fix::SUN_EVERY_S;
-use super::{Estimate, FilterError, Fix, Noise, Reconstruction, attitude_of, reconstruct};
-use crate::counts::Counts;
+use super::{StateEstimate, FilterError, AttitudeFix, FilterNoise, Reconstruction, attitude_of, reconstruct};
+use crate::counts::AccumulatedCounts;
 use crate::effects::CLEARANCE_SIGMA_ARCSEC;
-use crate::transfer::InUse;
+use crate::transfer::GyroSet;
 
 /// The mission's requirement on the boresight (Casteren §1).
 pub const REQUIREMENT_ARCSEC: f64 = 20.0;
@@ -25,25 +25,25 @@ const NONLINEARITY_ARCSEC_S: f64 = 720.0;
 
 /// A recording with its exact attitude.
 #[derive(Debug, Clone)]
-pub struct Day {
-    pub counts: Counts,
+pub struct SurveyDay {
+    pub counts: AccumulatedCounts,
     /// Fixes of the star sensor, the mean of its slits, 30 min apart or more.
-    pub fixes: Vec<Fix>,
+    pub fixes: Vec<AttitudeFix>,
     /// Samples of the sun sensor, 10 min apart or so.
-    pub sun: Vec<Fix>,
+    pub sun: Vec<AttitudeFix>,
     /// Exact attitude at each node, control frame to inertial.
     pub attitude: Vec<UnitQuaternion<f64>>,
 }
 
-impl Day {
+impl SurveyDay {
     /// Simulates a configuration on its scenario.
-    pub fn simulate(configuration: &Configuration, half_seconds: usize) -> Day {
-        let mut unit = Unit::new(configuration);
+    pub fn simulate(configuration: &Configuration, half_seconds: usize) -> SurveyDay {
+        let mut unit = GyroUnit::new(configuration);
         // At the ends of the unit's own samples, which the estimates are for.
         let mut reference = ReferenceSource::new(configuration, &Truth::Scenario);
         let sensors = &configuration.sensors;
-        let mut day = Day {
-            counts: Counts::starting_at(0),
+        let mut day = SurveyDay {
+            counts: AccumulatedCounts::starting_at(0),
             fixes: vec![],
             sun: vec![],
             attitude: Vec::with_capacity(half_seconds + 1),
@@ -66,12 +66,12 @@ impl Day {
                 let t_s = slits[0].t_s;
                 if day.fixes.last().is_none_or(|last| t_s - last.t_s >= FIX_SPACING_S) {
                     let seen = slits.map(|fix| ([fix.theta_deg, fix.psi_deg], fix.sigma_arcsec));
-                    day.fixes.push(Fix::star_through_slits(t_s, &seen, sensors.sse.star_arcsec));
+                    day.fixes.push(AttitudeFix::star_through_slits(t_s, &seen, sensors.sse.star_arcsec));
                 }
             }
             if let Some(seen) = sample.sun.filter(|_| end_s >= next_sun_s) {
                 next_sun_s = end_s + SUN_EVERY_S;
-                day.sun.push(Fix::sun(end_s, seen.theta_arcsec, seen.roll_arcsec, &sensors.fss));
+                day.sun.push(AttitudeFix::sun(end_s, seen.theta_arcsec, seen.roll_arcsec, &sensors.fss));
             }
             day.attitude.push(now(reference.motion()));
         }
@@ -105,10 +105,10 @@ pub fn checkout_calibration(configuration: &Configuration) -> [Calibration; 4] {
 }
 
 /// A calibration with errors: drift, scale factor and misalignments 1 sigma of the noise's start. Drawn from the seed.
-pub fn with_errors(calibrations: &[Calibration; 4], noise: &Noise, seed: u64) -> [Calibration; 4] {
+pub fn with_errors(calibrations: &[Calibration; 4], noise: &FilterNoise, seed: u64) -> [Calibration; 4] {
     let drift = noise.start_drift_arcsec_per_half_s();
     Gyro::ALL.map(|gyro| {
-        let mut stream = Stream::of_sensor(seed, &format!("calibration {}", gyro.name()));
+        let mut stream = NoiseStream::of_sensor(seed, &format!("calibration {}", gyro.name()));
         let mut off = |sigma: f64| sigma * stream.standard_normal();
         let own = calibrations[gyro as usize];
         let axes = geu_model::package::Axes::of(gyro);
@@ -130,16 +130,16 @@ pub fn with_errors(calibrations: &[Calibration; 4], noise: &Noise, seed: u64) ->
 
 /// Errors of the boresight over a run, arcsec.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Share {
+pub struct AttitudeErrorStats {
     pub rms_arcsec: f64,
     /// Which 95 % of the nodes stay below.
     pub p95_arcsec: f64,
     pub max_arcsec: f64,
 }
 
-impl Share {
+impl AttitudeErrorStats {
     /// Of estimates against the exact attitude.
-    pub fn of(estimates: &[Estimate], exact: &[UnitQuaternion<f64>]) -> Share {
+    pub fn of(estimates: &[StateEstimate], exact: &[UnitQuaternion<f64>]) -> AttitudeErrorStats {
         let mut errors: Vec<f64> = estimates
             .iter()
             .zip(exact)
@@ -149,23 +149,23 @@ impl Share {
             })
             .collect();
         if errors.is_empty() {
-            return Share::default();
+            return AttitudeErrorStats::default();
         }
         let count = errors.len();
         let rms_arcsec = (errors.iter().map(|error| error * error).sum::<f64>() / count as f64).sqrt();
         errors.sort_by(f64::total_cmp);
-        Share { rms_arcsec, p95_arcsec: errors[(count - 1) * 95 / 100], max_arcsec: errors[count - 1] }
+        AttitudeErrorStats { rms_arcsec, p95_arcsec: errors[(count - 1) * 95 / 100], max_arcsec: errors[count - 1] }
     }
 }
 
 /// A survey day against its truth.
 #[derive(Debug, Clone)]
 pub struct DayReport {
-    pub filtered: Share,
-    pub smoothed: Share,
+    pub filtered: AttitudeErrorStats,
+    pub smoothed: AttitudeErrorStats,
     pub fixes: usize,
     pub reconstruction: Reconstruction,
-    pub day: Day,
+    pub day: SurveyDay,
 }
 
 /// Why a day could not be flown.
@@ -176,7 +176,7 @@ pub enum DayError {
     Filter(#[from] FilterError),
     /// The survey alone cannot be flown.
     #[error("survey: {0}")]
-    Survey(#[from] geu_model::attitude::Impossible),
+    Survey(#[from] geu_model::attitude::InfeasibleManoeuvre),
 }
 
 /// Flies a survey day with the gyros of a configuration and reconstructs it.
@@ -190,7 +190,7 @@ pub enum DayError {
 pub fn survey_day(
     configuration: &Configuration,
     half_seconds: usize,
-    in_use: InUse,
+    in_use: GyroSet,
     with_sun: bool,
 ) -> Result<DayReport, DayError> {
     let mut configuration = configuration.clone();
@@ -204,13 +204,13 @@ pub fn survey_day(
         _ => None,
     }) {
         scenario.manoeuvres = vec![survey];
-        Plan::new(scenario)?;
+        AttitudeProfile::new(scenario)?;
     }
-    let day = Day::simulate(&configuration, half_seconds);
-    let mut noise = Noise::of(&configuration, in_use);
+    let day = SurveyDay::simulate(&configuration, half_seconds);
+    let mut noise = FilterNoise::of(&configuration, in_use);
     let calibrations = with_errors(&checkout_calibration(&configuration), &noise, configuration.seed);
     for (gyro, clearance_arcsec) in Gyro::ALL.into_iter().zip(&mut noise.clearance_arcsec) {
-        let mut stream = Stream::of_sensor(configuration.seed, &format!("clearance {}", gyro.name()));
+        let mut stream = NoiseStream::of_sensor(configuration.seed, &format!("clearance {}", gyro.name()));
         let known = *clearance_arcsec + CLEARANCE_SIGMA_ARCSEC * stream.standard_normal();
         *clearance_arcsec = if *clearance_arcsec > 0.0 { known.max(0.0) } else { 0.0 };
     }
@@ -220,8 +220,8 @@ pub fn survey_day(
     }
     let reconstruction = reconstruct(&day.counts, &calibrations, in_use, &noise, &fixes)?;
     Ok(DayReport {
-        filtered: Share::of(&reconstruction.filtered, &day.attitude),
-        smoothed: Share::of(&reconstruction.smoothed, &day.attitude),
+        filtered: AttitudeErrorStats::of(&reconstruction.filtered, &day.attitude),
+        smoothed: AttitudeErrorStats::of(&reconstruction.smoothed, &day.attitude),
         fixes: fixes.len() - reconstruction.fixes_outside,
         reconstruction,
         day,
@@ -232,9 +232,9 @@ pub fn survey_day(
 pub struct EffectCost {
     pub code: &'static str,
     /// Smoothed boresight with this effect and no other.
-    pub alone: Share,
+    pub alone: AttitudeErrorStats,
     /// Smoothed boresight with every effect but this.
-    pub without: Share,
+    pub without: AttitudeErrorStats,
 }
 
 /// A survey day for each effect of a configuration, with it alone and without it; an effect counts with its courses, on
@@ -245,13 +245,13 @@ pub struct EffectCost {
 pub fn cost_of_effects(
     configuration: &Configuration,
     half_seconds: usize,
-    in_use: InUse,
+    in_use: GyroSet,
     mut progress: impl FnMut(usize, usize),
-) -> Result<(Share, Vec<EffectCost>), DayError> {
+) -> Result<(AttitudeErrorStats, Vec<EffectCost>), DayError> {
     let codes = effects_of(configuration);
     let runs = 2 * codes.len() + 1;
     let mut done = 0;
-    let mut smoothed = |keep: &dyn Fn(&str) -> bool| -> Result<Share, DayError> {
+    let mut smoothed = |keep: &dyn Fn(&str) -> bool| -> Result<AttitudeErrorStats, DayError> {
         let share = survey_day(&keeping(configuration, keep), half_seconds, in_use, false)?.smoothed;
         done += 1;
         progress(done, runs);
@@ -276,7 +276,7 @@ fn effects_of(configuration: &Configuration) -> Vec<&'static str> {
 
 /// The configuration with only the effects that `keep` names.
 fn keeping(configuration: &Configuration, keep: &dyn Fn(&str) -> bool) -> Configuration {
-    fn drop_from<E: Effects>(effects: &mut geu_model::effect::Configured<E>, keep: &dyn Fn(&str) -> bool) {
+    fn drop_from<E: Effects>(effects: &mut geu_model::effect::EffectConfiguration<E>, keep: &dyn Fn(&str) -> bool) {
         let specs = effects.constant.specs();
         for (index, spec) in specs.iter().enumerate().filter(|(_, spec)| !keep(spec.code)) {
             let numbers = effects.constant.numbers_mut(index);

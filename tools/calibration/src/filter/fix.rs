@@ -5,7 +5,7 @@ use geu_model::units::{ARCSEC_PER_RAD, RAD_PER_DEG, SUN_RATE_RAD_S};
 use nalgebra::{Matrix3, Rotation3, SymmetricEigen, UnitQuaternion, Vector3};
 
 use super::covariance::turn_arcsec;
-use crate::absolute::Sensors;
+use crate::absolute::AbsoluteData;
 
 /// Time between the samples of the sun sensor that are used: its steps of 4″ are errors of one attitude, not noise of one
 /// sample. Not a multiple of the limit cycle's 5 s, so that every part of that is met.
@@ -24,7 +24,7 @@ pub fn attitude_of(theta_rad: f64, psi_rad: f64, t_s: f64) -> UnitQuaternion<f64
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Seen {
+pub enum FixMeasurement {
     /// The attitude, control frame to inertial. What no sight looks at need only be near.
     Attitude(UnitQuaternion<f64>),
     Direction {
@@ -36,7 +36,7 @@ pub enum Seen {
 
 /// One component of the attitude that a fix sees.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sight {
+pub struct SensitiveAxis {
     /// The axis, unit vector in the control frame, about which a turn is seen.
     pub direction_control: Vector3<f64>,
     /// Random error, 1 sigma.
@@ -47,51 +47,51 @@ pub struct Sight {
 
 /// A fix of the attitude: what was seen, and how well about which axes.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Fix {
+pub struct AttitudeFix {
     /// Time, s since the start of the counts.
     pub t_s: f64,
-    pub seen: Seen,
+    pub seen: FixMeasurement,
     /// About which axes, with errors independent of each other.
-    pub sights: Vec<Sight>,
+    pub sights: Vec<SensitiveAxis>,
 }
 
-impl Fix {
+impl AttitudeFix {
     /// A fix of the attitude (control frame to inertial) with the inverse of its covariance about the control axes,
     /// 1/arcsec²; of rank 2 or 1 where not all of the attitude is seen.
-    pub fn attitude(t_s: f64, attitude: UnitQuaternion<f64>, information_control: &Matrix3<f64>) -> Fix {
+    pub fn attitude(t_s: f64, attitude: UnitQuaternion<f64>, information_control: &Matrix3<f64>) -> AttitudeFix {
         let SymmetricEigen { eigenvectors, eigenvalues } = information_control.symmetric_eigen();
         let least = 1e-12 * eigenvalues.amax();
         let sights = (0..3)
             .filter(|&index| eigenvalues[index] > least)
-            .map(|index| Sight {
+            .map(|index| SensitiveAxis {
                 direction_control: eigenvectors.column(index).into_owned(),
                 sigma_arcsec: eigenvalues[index].recip().sqrt(),
                 systematic: [0.0; 2],
             })
             .collect();
-        Fix { t_s, seen: Seen::Attitude(attitude), sights }
+        AttitudeFix { t_s, seen: FixMeasurement::Attitude(attitude), sights }
     }
 
     /// A fix of the slit star sensor: the boresight's direction by θ and ψ, each with `sigma_arcsec` and with its
     /// systematic error. A turn about the boresight is not seen (model.md, Absolute sensors): rank 2.
-    pub fn star(t_s: f64, theta_deg: f64, psi_deg: f64, sigma_arcsec: f64) -> Fix {
+    pub fn star(t_s: f64, theta_deg: f64, psi_deg: f64, sigma_arcsec: f64) -> AttitudeFix {
         let theta_rad = theta_deg * RAD_PER_DEG;
         // Turning about the sun vector by δψ moves the boresight by δψ sin θ.
         let sin_theta = libm::sin(theta_rad);
         let sights = vec![
-            Sight { direction_control: Vector3::y(), sigma_arcsec, systematic: [1.0, 0.0] },
-            Sight {
+            SensitiveAxis { direction_control: Vector3::y(), sigma_arcsec, systematic: [1.0, 0.0] },
+            SensitiveAxis {
                 direction_control: Vector3::z(),
                 sigma_arcsec: sigma_arcsec * sin_theta,
                 systematic: [0.0, sin_theta],
             },
         ];
-        Fix { t_s, seen: Seen::Attitude(attitude_of(theta_rad, psi_deg * RAD_PER_DEG, t_s)), sights }
+        AttitudeFix { t_s, seen: FixMeasurement::Attitude(attitude_of(theta_rad, psi_deg * RAD_PER_DEG, t_s)), sights }
     }
 
     /// One fix of the slit star sensor from all the slits that a star crossed: θ and ψ in degrees and the random error of
     /// each, arcsec. A star's own error, `star_arcsec`, is the same for all of them.
-    pub fn star_through_slits(t_s: f64, slits: &[([f64; 2], f64)], star_arcsec: f64) -> Fix {
+    pub fn star_through_slits(t_s: f64, slits: &[([f64; 2], f64)], star_arcsec: f64) -> AttitudeFix {
         let count = slits.len() as f64;
         let first_psi_deg = slits.first().map_or(0.0, |slit| slit.0[1]);
         let theta_deg = slits.iter().map(|slit| slit.0[0]).sum::<f64>() / count;
@@ -100,39 +100,39 @@ impl Fix {
         let psi_deg = first_psi_deg + slits.iter().map(|slit| away_deg(slit.0[1])).sum::<f64>() / count;
         let random = slits.iter().map(|slit| slit.1 * slit.1).sum::<f64>() / (count * count);
         // A sensor without noise is exact to a milliarcsecond.
-        Fix::star(t_s, theta_deg, psi_deg, (random + star_arcsec * star_arcsec).sqrt().max(1e-3))
+        AttitudeFix::star(t_s, theta_deg, psi_deg, (random + star_arcsec * star_arcsec).sqrt().max(1e-3))
     }
 
     /// A sample of the Fine Sun Sensor: the sun's angle in the XZ plane and out of it. Its steps err by one over √12, beside
     /// its noise; a turn about the sun vector is not seen.
-    pub fn sun(t_s: f64, theta_arcsec: f64, roll_arcsec: f64, sensor: &Fss) -> Fix {
+    pub fn sun(t_s: f64, theta_arcsec: f64, roll_arcsec: f64, sensor: &Fss) -> AttitudeFix {
         let (sin_theta, cos_theta) = libm::sincos(theta_arcsec / ARCSEC_PER_RAD);
         let (sin_roll, cos_roll) = libm::sincos(roll_arcsec / ARCSEC_PER_RAD);
         let control = Vector3::new(cos_theta * cos_roll, sin_roll, sin_theta * cos_roll);
         let (sin, cos) = libm::sincos(SUN_RATE_RAD_S * t_s);
-        let seen = Seen::Direction { control, inertial: Vector3::new(cos, sin, 0.0) };
+        let seen = FixMeasurement::Direction { control, inertial: Vector3::new(cos, sin, 0.0) };
         let Fss { step_arcsec, noise_arcsec } = *sensor;
         // A sensor without either is exact to a milliarcsecond.
         let sigma_arcsec = (step_arcsec * step_arcsec / 12.0 + noise_arcsec * noise_arcsec).sqrt().max(1e-3);
-        let sight = |direction_control| Sight { direction_control, sigma_arcsec, systematic: [0.0; 2] };
+        let sight = |direction_control| SensitiveAxis { direction_control, sigma_arcsec, systematic: [0.0; 2] };
         // About Y, and about the axis that carries the sun out of the XZ plane.
-        Fix { t_s, seen, sights: vec![sight(Vector3::y()), sight(Vector3::new(sin_theta, 0.0, -cos_theta))] }
+        AttitudeFix { t_s, seen, sights: vec![sight(Vector3::y()), sight(Vector3::new(sin_theta, 0.0, -cos_theta))] }
     }
 
     /// Every fix of the star sensor and a sample of the sun sensor each ten minutes, from files of a recording that
     /// starts at `start_ns` of their time scale.
-    pub fn of_sensors(sensors: &Sensors, start_ns: i64) -> Vec<Fix> {
+    pub fn of_sensors(sensors: &AbsoluteData, start_ns: i64) -> Vec<AttitudeFix> {
         let seconds = |t_ns: i64| (t_ns - start_ns) as f64 * 1e-9;
-        let star = |fix: &crate::absolute::Fix| {
+        let star = |fix: &crate::absolute::StarFix| {
             let slits: Vec<([f64; 2], f64)> = fix.slits.iter().map(|slit| (slit.1, slit.2)).collect();
-            Fix::star_through_slits(seconds(fix.t_ns), &slits, sensors.numbers.sse.star_arcsec)
+            AttitudeFix::star_through_slits(seconds(fix.t_ns), &slits, sensors.numbers.sse.star_arcsec)
         };
-        let mut fixes: Vec<Fix> = sensors.fixes.iter().map(star).collect();
+        let mut fixes: Vec<AttitudeFix> = sensors.fixes.iter().map(star).collect();
         let mut next_s = f64::NEG_INFINITY;
         for &(t_ns, [theta_arcsec, roll_arcsec]) in &sensors.sun {
             let t_s = seconds(t_ns);
             if t_s >= next_s {
-                fixes.push(Fix::sun(t_s, theta_arcsec, roll_arcsec, &sensors.numbers.fss));
+                fixes.push(AttitudeFix::sun(t_s, theta_arcsec, roll_arcsec, &sensors.numbers.fss));
                 next_s = t_s + SUN_EVERY_S;
             }
         }
@@ -142,19 +142,19 @@ impl Fix {
     /// The turn about the control axes from the attitude predicted to what was seen; what was not seen is 0.
     pub(super) fn residual_control_arcsec(&self, predicted: &UnitQuaternion<f64>) -> Vector3<f64> {
         match &self.seen {
-            Seen::Attitude(attitude) => turn_arcsec(predicted, attitude),
+            FixMeasurement::Attitude(attitude) => turn_arcsec(predicted, attitude),
             // A turn e makes of the direction u, predicted, u + e × u.
-            Seen::Direction { control, inertial } => control.cross(&(predicted.inverse() * inertial)) * ARCSEC_PER_RAD,
+            FixMeasurement::Direction { control, inertial } => control.cross(&(predicted.inverse() * inertial)) * ARCSEC_PER_RAD,
         }
     }
 
     /// Whether all of it are numbers, and sigmas above 0.
     pub(super) fn is_sound(&self) -> bool {
         let is_seen = match &self.seen {
-            Seen::Attitude(attitude) => attitude.coords.iter().all(|part| part.is_finite()),
-            Seen::Direction { control, inertial } => control.iter().chain(inertial).all(|part| part.is_finite()),
+            FixMeasurement::Attitude(attitude) => attitude.coords.iter().all(|part| part.is_finite()),
+            FixMeasurement::Direction { control, inertial } => control.iter().chain(inertial).all(|part| part.is_finite()),
         };
-        let is_sight = |sight: &Sight| {
+        let is_sight = |sight: &SensitiveAxis| {
             sight.direction_control.iter().chain(&sight.systematic).all(|part| part.is_finite())
                 && sight.sigma_arcsec.is_finite()
                 && sight.sigma_arcsec > 0.0
@@ -183,10 +183,10 @@ mod tests {
         let attitude = attitude_of(1.3, 0.7, 500.0);
         let turn_arcsec = Vector3::new(3.0, -2.0, 5.0);
         let predicted = attitude * UnitQuaternion::from_scaled_axis(-turn_arcsec / ARCSEC_PER_RAD);
-        let whole = Fix::attitude(500.0, attitude, &Matrix3::identity());
+        let whole = AttitudeFix::attitude(500.0, attitude, &Matrix3::identity());
         assert!((whole.residual_control_arcsec(&predicted) - turn_arcsec).norm() < 1e-6);
         assert_eq!(whole.sights.len(), 3);
-        let sun = Fix::sun(500.0, 1.3 * ARCSEC_PER_RAD, 0.0, &Fss::default());
+        let sun = AttitudeFix::sun(500.0, 1.3 * ARCSEC_PER_RAD, 0.0, &Fss::default());
         let seen = sun.residual_control_arcsec(&predicted);
         for sight in &sun.sights {
             let along = sight.direction_control;
@@ -194,7 +194,7 @@ mod tests {
         }
         let ranked = Matrix3::from_diagonal(&Vector3::new(0.0, 4.0, 1.0));
         let sigmas: Vec<f64> =
-            Fix::attitude(0.0, attitude, &ranked).sights.iter().map(|sight| sight.sigma_arcsec).collect();
+            AttitudeFix::attitude(0.0, attitude, &ranked).sights.iter().map(|sight| sight.sigma_arcsec).collect();
         assert_eq!(sigmas.len(), 2);
         assert!(sigmas.contains(&0.5) && sigmas.contains(&1.0));
     }

@@ -9,9 +9,9 @@ use nalgebra::{Matrix3, Matrix3x4, Matrix4, UnitQuaternion, Vector3};
 use super::covariance::{
     ATTITUDE, Adjoint, Covariance, DRIFT, GYROS, Gain, MISALIGNMENT, SCALE_FACTOR, SYSTEMATIC, Step, THERMAL, Vector,
 };
-use super::{Estimate, Fix, Innovation, Noise, Seen};
-use crate::counts::{BreakKind, Counts};
-use crate::transfer::{InUse, Transfer};
+use super::{StateEstimate, AttitudeFix, Innovation, FilterNoise, FixMeasurement};
+use crate::counts::{BreakKind, AccumulatedCounts};
+use crate::transfer::{GyroSet, Transfer};
 
 /// The axes about which the gyros in use are misaligned: the two that are not their own.
 const OFF_AXIS: [[usize; 2]; GYROS] = [[1, 2], [0, 2], [0, 1]];
@@ -26,7 +26,7 @@ const CHECKPOINT: usize = 1024;
 
 /// The counts with what is lost filled in, and for each half second and gyro in use how many were lost on end, with it; 0
 /// where it is there.
-pub(super) fn mended(counts: &Counts, in_use: InUse) -> (Cow<'_, Counts>, Vec<[u32; 4]>) {
+pub(super) fn fill_gaps(counts: &AccumulatedCounts, in_use: GyroSet) -> (Cow<'_, AccumulatedCounts>, Vec<[u32; 4]>) {
     let used = in_use.gyros();
     let mut lost = vec![[0; 4]; counts.len()];
     for found in counts.breaks.iter().filter(|found| found.kind != BreakKind::TimeJump) {
@@ -114,10 +114,10 @@ enum Event {
 }
 
 pub(super) struct Filter<'a> {
-    counts: &'a Counts,
+    counts: &'a AccumulatedCounts,
     lost: Vec<[u32; 4]>,
-    noise: &'a Noise,
-    in_use: InUse,
+    noise: &'a FilterNoise,
+    in_use: GyroSet,
     /// The gyros in use, a slot each, in the order of their axes.
     gyros: [usize; GYROS],
     /// Equation 3 with the present state put in.
@@ -128,7 +128,7 @@ pub(super) struct Filter<'a> {
     pub covariance: Covariance,
     /// θ − 90°, lagged, at the node that is reached.
     lagged_deg: f64,
-    pub filtered: Vec<Estimate>,
+    pub filtered: Vec<StateEstimate>,
     /// Of each node, after its fixes.
     history: Vec<(State, f64)>,
     checkpoints: Vec<(usize, Covariance)>,
@@ -139,12 +139,12 @@ pub(super) struct Filter<'a> {
 impl<'a> Filter<'a> {
     /// At node 0; nothing without a fix of the whole attitude.
     pub fn start(
-        counts: &'a Counts,
+        counts: &'a AccumulatedCounts,
         lost: Vec<[u32; 4]>,
         calibrations: &[Calibration; 4],
-        (in_use, gyros): (InUse, [usize; GYROS]),
-        noise: &'a Noise,
-        fixes: &[(usize, &Fix)],
+        (in_use, gyros): (GyroSet, [usize; GYROS]),
+        noise: &'a FilterNoise,
+        fixes: &[(usize, &AttitudeFix)],
     ) -> Option<Filter<'a>> {
         // Column by column, from unit rotations about the input axes.
         let bare = calibrations.map(|calibration| Calibration {
@@ -165,8 +165,8 @@ impl<'a> Filter<'a> {
             thermal_arcsec_per_deg: 0.0,
         };
         let (node, attitude) = fixes.iter().find_map(|(node, fix)| match fix.seen {
-            Seen::Attitude(attitude) => Some((*node, attitude)),
-            Seen::Direction { .. } => None,
+            FixMeasurement::Attitude(attitude) => Some((*node, attitude)),
+            FixMeasurement::Direction { .. } => None,
         })?;
         let mut filter = Filter {
             counts,
@@ -222,7 +222,7 @@ impl<'a> Filter<'a> {
         -libm::asin((boresight.x * cos + boresight.y * sin).clamp(-1.0, 1.0)) / RAD_PER_DEG
     }
 
-    pub fn forward(&mut self, fixes: &[(usize, &Fix)]) {
+    pub fn forward(&mut self, fixes: &[(usize, &AttitudeFix)]) {
         let left = libm::exp(-HALF_SECOND_S / self.noise.thermal_time_constant_s);
         let (mut before, mut fixes) = (Vector3::zeros(), fixes.iter().peekable());
         for node in 0..=self.counts.len() {
@@ -269,8 +269,8 @@ impl<'a> Filter<'a> {
         step
     }
 
-    fn update(&mut self, node: usize, fix: &Fix) {
-        if let Seen::Attitude(attitude) = fix.seen
+    fn update(&mut self, node: usize, fix: &AttitudeFix) {
+        if let FixMeasurement::Attitude(attitude) = fix.seen
             && self.covariance.attitude().diagonal().max().sqrt() > LOST_ARCSEC
         {
             // The attitude at the node for which the prediction of the fix is what it saw.
@@ -316,14 +316,14 @@ impl<'a> Filter<'a> {
         UnitQuaternion::from_scaled_axis(turned / ARCSEC_PER_RAD)
     }
 
-    fn estimate(&self, state: &State, lagged_deg: f64, covariance: &Covariance) -> Estimate {
+    fn estimate(&self, state: &State, lagged_deg: f64, covariance: &Covariance) -> StateEstimate {
         let variances = std::array::from_fn(|index| covariance.variance(DRIFT + index));
         self.told(state, lagged_deg, &covariance.with_thermal(), &variances)
     }
 
     /// `errors`: covariance of the attitude and of the thermal turn, in inertial axes; `variances` of drifts and scale
     /// factors in use.
-    fn told(&self, state: &State, lagged_deg: f64, errors: &Matrix4<f64>, variances: &[f64; 2 * GYROS]) -> Estimate {
+    fn told(&self, state: &State, lagged_deg: f64, errors: &Matrix4<f64>, variances: &[f64; 2 * GYROS]) -> StateEstimate {
         let mut drift_sigma_arcsec_per_half_s = [self.noise.start_drift_arcsec_per_half_s(); 4];
         let mut scale_factor_sigma = [self.noise.start_scale_factor_ppm * 1e-6; 4];
         for (slot, gyro) in self.gyros.into_iter().enumerate() {
@@ -337,7 +337,7 @@ impl<'a> Filter<'a> {
         map.fixed_columns_mut::<3>(0).copy_from(&rotation.matrix().transpose());
         map[(1, 3)] = -lagged_deg;
         let bounded = Matrix3::from_diagonal_element(self.noise.bounded_variance_arcsec2());
-        Estimate {
+        StateEstimate {
             attitude,
             covariance_control_arcsec2: map * errors * map.transpose() + bounded,
             drift_arcsec_per_half_s: state.calibrations.map(|own| own.drift_arcsec_per_half_s),
@@ -348,7 +348,7 @@ impl<'a> Filter<'a> {
     }
 
     /// Smooths from the last node to the first.
-    pub fn backward(&self) -> Vec<Estimate> {
+    pub fn backward(&self) -> Vec<StateEstimate> {
         let mut smoothed = self.filtered.clone();
         let mut adjoint = Adjoint::zero();
         let mut events = self.events.iter().rev().peekable();

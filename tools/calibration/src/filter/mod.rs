@@ -42,21 +42,21 @@ mod noise;
 mod whiteness;
 
 pub use day::{
-    Day, DayError, DayReport, EffectCost, REQUIREMENT_ARCSEC, Share, checkout_calibration, cost_of_effects, survey_day,
+    SurveyDay, DayError, DayReport, EffectCost, REQUIREMENT_ARCSEC, AttitudeErrorStats, checkout_calibration, cost_of_effects, survey_day,
     with_errors,
 };
-pub use fix::{Fix, Seen, Sight, attitude_of};
-pub use noise::Noise;
+pub use fix::{AttitudeFix, FixMeasurement, SensitiveAxis, attitude_of};
+pub use noise::FilterNoise;
 pub use whiteness::{Whiteness, chi2_survival};
 
 use geu_model::package::Calibration;
 use nalgebra::{Matrix3, UnitQuaternion};
 
 use self::covariance::THERMAL;
-use self::kalman::{Filter, mended};
-use crate::counts::Counts;
-use crate::effects::{self, Steps};
-use crate::transfer::{InUse, Transfer};
+use self::kalman::{Filter, fill_gaps};
+use crate::counts::AccumulatedCounts;
+use crate::effects::{self, MotionSteps};
+use crate::transfer::{GyroSet, Transfer};
 
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum FilterError {
@@ -79,7 +79,7 @@ pub enum FilterError {
 
 /// What is known at a node.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Estimate {
+pub struct StateEstimate {
     /// Control frame to inertial.
     pub attitude: UnitQuaternion<f64>,
     /// Covariance of the attitude about the control axes, arcsec², with the bounded errors of the gyros.
@@ -94,7 +94,7 @@ pub struct Estimate {
     pub scale_factor_sigma: [f64; 4],
 }
 
-impl Estimate {
+impl StateEstimate {
     /// Sigma of the attitude about each control axis, arcsec.
     pub fn sigma_control_arcsec(&self) -> [f64; 3] {
         self.covariance_control_arcsec2.diagonal().map(f64::sqrt).into()
@@ -121,9 +121,9 @@ pub struct Innovation {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Reconstruction {
     /// At each node of the counts, from the fixes until then.
-    pub filtered: Vec<Estimate>,
+    pub filtered: Vec<StateEstimate>,
     /// At each node, from all fixes.
-    pub smoothed: Vec<Estimate>,
+    pub smoothed: Vec<StateEstimate>,
     /// Every component of every fix used, in order of time.
     pub innovations: Vec<Innovation>,
     pub whiteness: Whiteness,
@@ -148,16 +148,16 @@ pub struct Reconstruction {
 /// # Errors
 /// All four gyros at once, no half second, no fix of the whole attitude within them, a fix or a figure of the noise that is no number.
 pub fn reconstruct(
-    counts: &Counts,
+    counts: &AccumulatedCounts,
     calibrations: &[Calibration; 4],
-    in_use: InUse,
-    noise: &Noise,
-    fixes: &[Fix],
+    in_use: GyroSet,
+    noise: &FilterNoise,
+    fixes: &[AttitudeFix],
 ) -> Result<Reconstruction, FilterError> {
     let gyros = match in_use {
-        InUse::WithZa => [0, 1, 2],
-        InUse::WithZb => [0, 1, 3],
-        InUse::All => return Err(FilterError::FourGyros),
+        GyroSet::WithZa => [0, 1, 2],
+        GyroSet::WithZb => [0, 1, 3],
+        GyroSet::All => return Err(FilterError::FourGyros),
     };
     if counts.is_empty() {
         return Err(FilterError::NoCounts);
@@ -166,11 +166,11 @@ pub fn reconstruct(
     if let Some(index) = fixes.iter().position(|fix| !fix.is_sound()) {
         return Err(FilterError::Fix { index, t_s: fixes[index].t_s });
     }
-    let mut at_nodes: Vec<(usize, &Fix)> =
+    let mut at_nodes: Vec<(usize, &AttitudeFix)> =
         fixes.iter().filter_map(|fix| Some((counts.nearest(fix.t_s)?, fix))).collect();
     at_nodes.sort_by(|a, b| a.1.t_s.total_cmp(&b.1.t_s));
     let fixes_outside = fixes.len() - at_nodes.len();
-    let (mut counts, lost) = mended(counts, in_use);
+    let (mut counts, lost) = fill_gaps(counts, in_use);
     if let Some(floats) =
         effects::of_floats(calibrations, &noise.clearance_arcsec, &steps(&counts, calibrations, in_use))
     {
@@ -199,7 +199,7 @@ pub fn reconstruct(
 }
 
 /// The motion as the counts themselves tell it.
-fn steps(counts: &Counts, calibrations: &[Calibration; 4], in_use: InUse) -> Steps {
+fn steps(counts: &AccumulatedCounts, calibrations: &[Calibration; 4], in_use: GyroSet) -> MotionSteps {
     let transfer = Transfer::new(calibrations, in_use);
     let of = |node: usize| {
         let counted = counts.accumulated.each_ref().map(|sums| sums[node] - sums[node - 1]);

@@ -1,16 +1,16 @@
 //! What the filter believes of the gyros, each number with its source.
 
 use geu_model::Configuration;
-use geu_model::effect::{Effects, HeadEffects};
+use geu_model::effect::{Effects, GyroEffects};
 use geu_model::units::HALF_SECOND_S;
 
 use super::FilterError;
 use crate::effects::CLEARANCE_SIGMA_ARCSEC;
-use crate::transfer::InUse;
+use crate::transfer::GyroSet;
 
 /// Figures of the gyros' noise and of what is not known at the start. 1 sigma.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Noise {
+pub struct FilterNoise {
     /// White rate noise. 0.01, implied by table 1 (model.md, Effects).
     pub angle_random_walk_arcsec_per_sqrt_s: f64,
     /// Walk of the drift. 8·10⁻⁶: 3.6″/h over 30 min, taken as 3 sigma of the change (Casteren §3.1, table 1).
@@ -49,9 +49,9 @@ pub struct Noise {
     pub thermal_time_constant_s: f64,
 }
 
-impl Noise {
+impl FilterNoise {
     /// The paper's gyros.
-    pub const PAPER: Noise = Noise {
+    pub const PAPER: FilterNoise = FilterNoise {
         angle_random_walk_arcsec_per_sqrt_s: 0.01,
         drift_random_walk_arcsec_per_s_per_sqrt_s: 8e-6,
         scale_factor_random_walk_ppm_per_sqrt_s: 0.157,
@@ -71,14 +71,14 @@ impl Noise {
     /// The gyros of a configuration: [`Noise::PAPER`] with the walks, the clearance, the thermal lag and the star sensor's
     /// slits as configured, the largest among the gyros in use. The scale factor walks only where an effect moves it, and
     /// the package turns only where it is said to.
-    pub fn of(configuration: &Configuration, in_use: InUse) -> Noise {
+    pub fn of(configuration: &Configuration, in_use: GyroSet) -> FilterNoise {
         let used = || configuration.gyros.iter().zip(in_use.gyros()).filter(|(_, used)| *used).map(|(gyro, _)| gyro);
-        let largest = |number: &dyn Fn(&HeadEffects) -> f64| {
+        let largest = |number: &dyn Fn(&GyroEffects) -> f64| {
             used().map(|gyro| number(&gyro.effects.constant)).fold(0.0, f64::max)
         };
         let moves_scale_factor = used().any(|gyro| {
             let course =
-                |code: &str| gyro.effects.courses.iter().any(|course| HeadEffects::SPECS[course.effect].code == code);
+                |code: &str| gyro.effects.courses.iter().any(|course| GyroEffects::SPECS[course.effect].code == code);
             let constant = &gyro.effects.constant;
             course("scale-factor")
                 || constant.scale_factor_nonlinearity.cubic_ppm != 0.0
@@ -89,24 +89,24 @@ impl Noise {
             configuration.unit.constant.specs()[index].code == "misalignment-thermal" && configuration.unit.has(index)
         });
         let when = |is: bool, number: f64| if is { number } else { 0.0 };
-        Noise {
+        FilterNoise {
             angle_random_walk_arcsec_per_sqrt_s: largest(&|own| own.angle_random_walk.arcsec_per_sqrt_s),
             drift_random_walk_arcsec_per_s_per_sqrt_s: largest(&|own| own.drift_random_walk.arcsec_per_s_per_sqrt_s),
             scale_factor_random_walk_ppm_per_sqrt_s: when(
                 moves_scale_factor,
-                Noise::PAPER.scale_factor_random_walk_ppm_per_sqrt_s,
+                FilterNoise::PAPER.scale_factor_random_walk_ppm_per_sqrt_s,
             ),
             clearance_arcsec: std::array::from_fn(|gyro| {
                 configuration.gyros[gyro].effects.constant.pivot_clearance.clearance_arcsec
             }),
             bounded_arcsec: when(
                 largest(&|own| own.pivot_clearance.clearance_arcsec) > 0.0,
-                Noise::PAPER.bounded_arcsec,
+                FilterNoise::PAPER.bounded_arcsec,
             ),
             systematic_arcsec: configuration.sensors.sse.slit_arcsec / 2f64.sqrt(),
-            thermal_arcsec_per_deg: when(turns, Noise::PAPER.thermal_arcsec_per_deg),
+            thermal_arcsec_per_deg: when(turns, FilterNoise::PAPER.thermal_arcsec_per_deg),
             thermal_time_constant_s: thermal.time_constant_s,
-            ..Noise::PAPER
+            ..FilterNoise::PAPER
         }
     }
 
@@ -120,7 +120,7 @@ impl Noise {
     }
 
     pub(super) fn check(&self) -> Result<(), FilterError> {
-        let Noise {
+        let FilterNoise {
             angle_random_walk_arcsec_per_sqrt_s,
             drift_random_walk_arcsec_per_s_per_sqrt_s,
             scale_factor_random_walk_ppm_per_sqrt_s,

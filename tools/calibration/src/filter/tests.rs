@@ -1,12 +1,12 @@
 //! The filter against the model: exactness, honesty of the covariance, whiteness, breaks.
 
-use geu_model::{Configuration, Unit};
+use geu_model::{Configuration, GyroUnit};
 use geu_protocol::Gyro;
 use nalgebra::Vector3;
 
-use super::day::{Day, Share, checkout_calibration, with_errors};
+use super::day::{SurveyDay, AttitudeErrorStats, checkout_calibration, with_errors};
 use super::*;
-use crate::counts::{Break, BreakKind};
+use crate::counts::{Discontinuity, BreakKind};
 
 fn configuration(overrides: &[&str]) -> Configuration {
     let overrides: Vec<String> = overrides.iter().map(|text| (*text).to_owned()).collect();
@@ -29,17 +29,17 @@ fn paper() -> Configuration {
 }
 
 /// A survey of the reference unit, reconstructed from a calibration with errors.
-fn reconstructed(configuration: &Configuration, half_seconds: usize) -> (Day, Reconstruction) {
-    let day = Day::simulate(configuration, half_seconds);
+fn reconstructed(configuration: &Configuration, half_seconds: usize) -> (SurveyDay, Reconstruction) {
+    let day = SurveyDay::simulate(configuration, half_seconds);
     let reference = survey(configuration.seed, &[]);
     // The limit cycle's sine of 4·5/2π about X, of which a fix of the star sensor sees nothing.
-    let noise = Noise { start_attitude_control_arcsec: [2.25, 60.0, 60.0], ..Noise::of(&reference, InUse::WithZa) };
+    let noise = FilterNoise { start_attitude_control_arcsec: [2.25, 60.0, 60.0], ..FilterNoise::of(&reference, GyroSet::WithZa) };
     let calibrations = with_errors(&checkout_calibration(&reference), &noise, configuration.seed);
-    let told = reconstruct(&day.counts, &calibrations, InUse::WithZa, &noise, &day.fixes).expect("fixes");
+    let told = reconstruct(&day.counts, &calibrations, GyroSet::WithZa, &noise, &day.fixes).expect("fixes");
     (day, told)
 }
 
-fn error_control_arcsec(estimate: &Estimate, exact: &UnitQuaternion<f64>) -> Vector3<f64> {
+fn error_control_arcsec(estimate: &StateEstimate, exact: &UnitQuaternion<f64>) -> Vector3<f64> {
     covariance::turn_arcsec(&estimate.attitude, exact)
 }
 
@@ -53,9 +53,9 @@ fn counts_without_noise_or_rounding_reconstruct_exactly() {
         gyro.effects.constant.angle_random_walk.arcsec_per_sqrt_s = 0.0;
         gyro.effects.constant.drift_random_walk.arcsec_per_s_per_sqrt_s = 0.0;
     }
-    let mut day = Day::simulate(&configuration, 30_000);
-    let mut unit = Unit::new(&configuration);
-    let mut counts = Counts::starting_at(0);
+    let mut day = SurveyDay::simulate(&configuration, 30_000);
+    let mut unit = GyroUnit::new(&configuration);
+    let mut counts = AccumulatedCounts::starting_at(0);
     for _ in 0..30_000 {
         let (ended, traces) = unit.end_half_second_traced();
         counts.push(ended.end_ns as f64 * 1e-9, traces.map(|trace| trace.unquantised), 20.0);
@@ -64,8 +64,8 @@ fn counts_without_noise_or_rounding_reconstruct_exactly() {
     // From the first fix on by counts alone: at a later one, between half seconds where a ramp ends, the cubic would err.
     day.fixes.truncate(1);
     let calibrations = configuration.gyros.clone().map(|gyro| gyro.calibration);
-    let noise = Noise { count_arcsec: 0.0, ..Noise::of(&configuration, InUse::WithZa) };
-    for in_use in [InUse::WithZa, InUse::WithZb] {
+    let noise = FilterNoise { count_arcsec: 0.0, ..FilterNoise::of(&configuration, GyroSet::WithZa) };
+    for in_use in [GyroSet::WithZa, GyroSet::WithZb] {
         let told = reconstruct(&day.counts, &calibrations, in_use, &noise, &day.fixes).expect("fixes");
         for estimates in [&told.filtered, &told.smoothed] {
             // Over 4 h 10 min: what is left are turns that do not commute within the ramps of the scans.
@@ -129,7 +129,7 @@ fn the_smoother_is_never_less_certain_than_the_filter_and_not_worse() {
             }
         }
         assert_eq!(told.filtered.last(), told.smoothed.last());
-        let [before, after] = [&told.filtered, &told.smoothed].map(|all| Share::of(all, &day.attitude).rms_arcsec);
+        let [before, after] = [&told.filtered, &told.smoothed].map(|all| AttitudeErrorStats::of(all, &day.attitude).rms_arcsec);
         assert!(after < before, "seed {seed}: {after} of {before}");
         filtered += before;
         smoothed += after;
@@ -141,7 +141,7 @@ fn the_smoother_is_never_less_certain_than_the_filter_and_not_worse() {
 fn a_noisy_sun_sensor_weighs_by_its_noise() {
     let noisy = survey(1, &["sensors.fss.noise_arcsec=20"]);
     let [without, with] =
-        [false, true].map(|with_sun| survey_day(&noisy, 86_400, InUse::WithZa, with_sun).expect("fixes"));
+        [false, true].map(|with_sun| survey_day(&noisy, 86_400, GyroSet::WithZa, with_sun).expect("fixes"));
     assert!(with.fixes > without.fixes + 60, "{} {}", with.fixes, without.fixes);
     let whiteness = with.reconstruction.whiteness;
     assert!(whiteness.is_white(), "{whiteness:?}");
@@ -161,7 +161,7 @@ fn innovations_are_white_on_the_reference_unit_and_not_where_the_model_is_wrong(
 
 #[test]
 fn the_boresight_of_a_survey_day_with_every_effect_is_better_than_20_arcsec() {
-    let report = survey_day(&paper(), 172_800, InUse::WithZa, false).expect("a day");
+    let report = survey_day(&paper(), 172_800, GyroSet::WithZa, false).expect("a day");
     assert!(report.smoothed.max_arcsec < REQUIREMENT_ARCSEC, "{:?}", report.smoothed);
     assert!(report.smoothed.rms_arcsec < report.filtered.rms_arcsec);
 }
@@ -171,13 +171,13 @@ fn the_law_of_the_float_takes_most_of_its_motion_out() {
     let overrides = Gyro::ALL.map(|gyro| format!("gyro.{}.pivot-clearance.clearance_arcsec=14", gyro.name()));
     let overrides = overrides.each_ref().map(String::as_str);
     let configuration = survey(1, &overrides);
-    let day = Day::simulate(&configuration, 86_400);
+    let day = SurveyDay::simulate(&configuration, 86_400);
     let calibrations = checkout_calibration(&configuration);
-    let known = Noise::of(&configuration, InUse::WithZa);
-    let unknown = Noise { clearance_arcsec: [0.0; 4], bounded_arcsec: 14.0 / 12f64.sqrt(), ..known };
+    let known = FilterNoise::of(&configuration, GyroSet::WithZa);
+    let unknown = FilterNoise { clearance_arcsec: [0.0; 4], bounded_arcsec: 14.0 / 12f64.sqrt(), ..known };
     let [left_in, taken_out] = [unknown, known].map(|noise| {
-        let told = reconstruct(&day.counts, &calibrations, InUse::WithZa, &noise, &day.fixes).expect("fixes");
-        Share::of(&told.smoothed, &day.attitude).rms_arcsec
+        let told = reconstruct(&day.counts, &calibrations, GyroSet::WithZa, &noise, &day.fixes).expect("fixes");
+        AttitudeErrorStats::of(&told.smoothed, &day.attitude).rms_arcsec
     });
     assert!(taken_out < 0.5 * left_in, "{taken_out} of {left_in}");
 }
@@ -185,8 +185,8 @@ fn the_law_of_the_float_takes_most_of_its_motion_out() {
 #[test]
 fn a_gap_widens_the_covariance_and_the_next_fixes_close_it() {
     let configuration = survey(3, &[]);
-    let mut day = Day::simulate(&configuration, 28_800);
-    let noise = Noise::of(&configuration, InUse::WithZa);
+    let mut day = SurveyDay::simulate(&configuration, 28_800);
+    let noise = FilterNoise::of(&configuration, GyroSet::WithZa);
     let calibrations = checkout_calibration(&configuration);
     for (length, kind) in [(1, BreakKind::Gap(1)), (40, BreakKind::Invalid), (1200, BreakKind::Gap(1200))] {
         let whole = day.counts.clone();
@@ -197,15 +197,15 @@ fn a_gap_widens_the_covariance_and_the_next_fixes_close_it() {
             sums[from..=to].fill(at_start);
             sums[to + 1..].iter_mut().for_each(|sum| *sum -= lost);
         }
-        day.counts.breaks.push(Break { from, to, gyros: [true; 4], kind });
-        let told = reconstruct(&day.counts, &calibrations, InUse::WithZa, &noise, &day.fixes).expect("fixes");
+        day.counts.breaks.push(Discontinuity { from, to, gyros: [true; 4], kind });
+        let told = reconstruct(&day.counts, &calibrations, GyroSet::WithZa, &noise, &day.fixes).expect("fixes");
         let sigma = |node: usize| told.filtered[node].boresight_sigma_arcsec();
         assert!(sigma(from) < 20.0 && sigma(to) > 100.0, "{length}: {} {}", sigma(from), sigma(to));
         // Nothing is seen of it before, nor three fixes after.
         for (estimates, nodes) in
             [(&told.filtered, 0..from), (&told.smoothed, 0..from), (&told.smoothed, 20_000..28_801)]
         {
-            let worst = Share::of(&estimates[nodes.clone()], &day.attitude[nodes]).max_arcsec;
+            let worst = AttitudeErrorStats::of(&estimates[nodes.clone()], &day.attitude[nodes]).max_arcsec;
             assert!(worst < 20.0, "{length}: {worst}");
         }
         // Within it the sigmas say how bad it is.
@@ -219,35 +219,35 @@ fn a_gap_widens_the_covariance_and_the_next_fixes_close_it() {
 #[test]
 fn little_or_bad_input_is_refused_or_handled_and_never_a_panic() {
     let calibrations = [Calibration::default(); 4];
-    let run = |counts: &Counts, in_use: InUse, noise: &Noise, fixes: &[Fix]| {
+    let run = |counts: &AccumulatedCounts, in_use: GyroSet, noise: &FilterNoise, fixes: &[AttitudeFix]| {
         reconstruct(counts, &calibrations, in_use, noise, fixes)
     };
-    let fix = Fix::star(0.0, 90.0, 0.0, 0.5);
+    let fix = AttitudeFix::star(0.0, 90.0, 0.0, 0.5);
     let one = std::slice::from_ref(&fix);
-    let (za, noise) = (InUse::WithZa, Noise::PAPER);
+    let (za, noise) = (GyroSet::WithZa, FilterNoise::PAPER);
     let some = |half_seconds: usize| {
-        let mut counts = Counts::starting_at(0);
+        let mut counts = AccumulatedCounts::starting_at(0);
         (1..=half_seconds).for_each(|end| counts.push(end as f64 * 0.5, [0.0; 4], 20.0));
         counts
     };
-    assert_eq!(run(&Counts::default(), za, &noise, one), Err(FilterError::NoCounts));
+    assert_eq!(run(&AccumulatedCounts::default(), za, &noise, one), Err(FilterError::NoCounts));
     assert_eq!(run(&some(0), za, &noise, one), Err(FilterError::NoCounts));
-    assert_eq!(run(&some(4), InUse::All, &noise, one), Err(FilterError::FourGyros));
+    assert_eq!(run(&some(4), GyroSet::All, &noise, one), Err(FilterError::FourGyros));
     assert!(matches!(run(&some(4), za, &noise, &[]), Err(FilterError::NoAttitude { got: 0, .. })));
-    let late = Fix::star(100.0, 90.0, 0.0, 0.5);
+    let late = AttitudeFix::star(100.0, 90.0, 0.0, 0.5);
     assert!(matches!(
         run(&some(4), za, &noise, std::slice::from_ref(&late)),
         Err(FilterError::NoAttitude { got: 1, .. })
     ));
-    let sun = Fix::sun(1.0, 324_000.0, 0.0, &geu_model::sensor::Fss::default());
+    let sun = AttitudeFix::sun(1.0, 324_000.0, 0.0, &geu_model::sensor::Fss::default());
     assert!(matches!(run(&some(4), za, &noise, &[sun]), Err(FilterError::NoAttitude { .. })));
-    let bad = Fix::star(1.0, f64::NAN, 0.0, 0.5);
+    let bad = AttitudeFix::star(1.0, f64::NAN, 0.0, 0.5);
     assert!(matches!(run(&some(4), za, &noise, &[fix.clone(), bad]), Err(FilterError::Fix { index: 1, .. })));
-    let negative = Noise { bounded_arcsec: -1.0, ..noise };
+    let negative = FilterNoise { bounded_arcsec: -1.0, ..noise };
     assert!(matches!(run(&some(4), za, &negative, one), Err(FilterError::Noise { .. })));
     for half_seconds in 1..6 {
         for t_s in [0.0, 0.2, 0.5] {
-            let fixes = [Fix::star(t_s, 90.0, 0.0, 0.5), late.clone()];
+            let fixes = [AttitudeFix::star(t_s, 90.0, 0.0, 0.5), late.clone()];
             let told = run(&some(half_seconds), za, &noise, &fixes).expect("a fix inside");
             assert_eq!((told.filtered.len(), told.smoothed.len()), (half_seconds + 1, half_seconds + 1));
             assert_eq!((told.fixes_outside, told.innovations.len()), (1, 2));
@@ -255,8 +255,8 @@ fn little_or_bad_input_is_refused_or_handled_and_never_a_panic() {
     }
     // Broken from end to end.
     let mut counts = some(3000);
-    counts.breaks.push(Break { from: 0, to: 9999, gyros: [true; 4], kind: BreakKind::SelfTest });
-    let told = run(&counts, za, &noise, &[fix.clone(), Fix::star(1400.0, 90.0, 0.0, 0.5)]).expect("fixes");
+    counts.breaks.push(Discontinuity { from: 0, to: 9999, gyros: [true; 4], kind: BreakKind::SelfTest });
+    let told = run(&counts, za, &noise, &[fix.clone(), AttitudeFix::star(1400.0, 90.0, 0.0, 0.5)]).expect("fixes");
     assert!(
         told.smoothed.iter().all(|estimate| estimate.covariance_control_arcsec2.iter().all(|part| part.is_finite()))
     );
@@ -265,11 +265,11 @@ fn little_or_bad_input_is_refused_or_handled_and_never_a_panic() {
 #[test]
 fn a_first_fix_in_the_middle_is_carried_back_to_the_start() {
     let configuration = survey(2, &[]);
-    let mut day = Day::simulate(&configuration, 14_400);
+    let mut day = SurveyDay::simulate(&configuration, 14_400);
     day.fixes.retain(|fix| fix.t_s > 3000.0);
-    let noise = Noise::of(&configuration, InUse::WithZa);
-    let told = reconstruct(&day.counts, &checkout_calibration(&configuration), InUse::WithZa, &noise, &day.fixes)
+    let noise = FilterNoise::of(&configuration, GyroSet::WithZa);
+    let told = reconstruct(&day.counts, &checkout_calibration(&configuration), GyroSet::WithZa, &noise, &day.fixes)
         .expect("fixes");
-    let worst = Share::of(&told.smoothed, &day.attitude).max_arcsec;
+    let worst = AttitudeErrorStats::of(&told.smoothed, &day.attitude).max_arcsec;
     assert!(worst < 20.0, "{worst}");
 }

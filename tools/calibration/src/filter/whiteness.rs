@@ -79,7 +79,7 @@ pub fn chi2_survival(value: f64, dof: usize) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use geu_model::noise::Stream;
+    use geu_model::noise::NoiseStream;
 
     fn innovations(values: impl Iterator<Item = f64>) -> Vec<Innovation> {
         values
@@ -107,7 +107,7 @@ mod tests {
     fn white_numbers_pass_and_coloured_or_large_ones_do_not() {
         let mut refused = 0;
         for seed in 0..200 {
-            let mut stream = Stream::of_sensor(seed, "whiteness");
+            let mut stream = NoiseStream::of_sensor(seed, "whiteness");
             let white: Vec<f64> = (0..96).map(|_| stream.standard_normal()).collect();
             refused += u32::from(!Whiteness::of(&innovations(white.iter().copied())).is_white());
             assert!(!Whiteness::of(&innovations(white.iter().map(|value| 1.6 * value))).is_white(), "{seed}");

@@ -13,16 +13,16 @@ pub const BEFORE_LAUNCH: [f64; 3] = [2000e-6, 1.5 * 3600.0 / 7200.0, 60.0];
 
 /// One parameter: gyro and index of [`PER_GYRO`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Parameter {
+pub struct CalibrationParameter {
     pub gyro: Gyro,
     /// 0 scale factor, 1 drift, 2 and 3 misalignments.
     pub index: usize,
 }
 
-impl Parameter {
+impl CalibrationParameter {
     /// All sixteen, in the order of the solution.
-    pub fn all() -> impl Iterator<Item = Parameter> {
-        Gyro::ALL.into_iter().flat_map(|gyro| (0..PER_GYRO).map(move |index| Parameter { gyro, index }))
+    pub fn all() -> impl Iterator<Item = CalibrationParameter> {
+        Gyro::ALL.into_iter().flat_map(|gyro| (0..PER_GYRO).map(move |index| CalibrationParameter { gyro, index }))
     }
 
     pub fn of(self, calibration: &Calibration) -> f64 {
@@ -56,7 +56,7 @@ impl Parameter {
         }
     }
 
-    pub fn words(self) -> String {
+    pub fn label(self) -> String {
         let what = match self.index {
             0 => "scale factor".to_owned(),
             1 => "drift".to_owned(),

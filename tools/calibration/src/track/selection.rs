@@ -3,11 +3,11 @@
 use geu_protocol::Gyro;
 
 use crate::counts::BreakKind;
-use crate::redundancy::{Difference, THRESHOLD_SIGMA, Test};
-use crate::transfer::InUse;
+use crate::redundancy::{ParityResidual, THRESHOLD_SIGMA, ParityTest};
+use crate::transfer::GyroSet;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Choice {
+pub enum GyroSelection {
     #[default]
     Za,
     Zb,
@@ -16,80 +16,80 @@ pub enum Choice {
     Auto,
 }
 
-impl Choice {
+impl GyroSelection {
     /// Those to use in turn: the first of which all gyros measured.
-    pub(super) fn candidates(self) -> &'static [InUse] {
+    pub(super) fn candidates(self) -> &'static [GyroSet] {
         match self {
-            Choice::Za => &[InUse::WithZa],
-            Choice::Zb => &[InUse::WithZb],
-            Choice::All => &[InUse::All],
-            Choice::Auto => &[InUse::WithZa, InUse::WithZb],
+            GyroSelection::Za => &[GyroSet::WithZa],
+            GyroSelection::Zb => &[GyroSet::WithZb],
+            GyroSelection::All => &[GyroSet::All],
+            GyroSelection::Auto => &[GyroSet::WithZa, GyroSet::WithZb],
         }
     }
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Event {
+pub enum TrackerEvent {
     /// Increments ceased: the attitude lacks what the unit turned meanwhile.
     Lost {
         kind: BreakKind,
         /// The gyros concerned, in wire order.
         gyros: [bool; 4],
         /// Another choice that has all its gyros.
-        other: Option<Choice>,
+        other: Option<GyroSelection>,
     },
     /// Increments are there again, after so many half seconds without.
     Again {
         half_seconds: u64,
     },
     /// Other gyros are used from now on.
-    Switched(InUse),
+    Switched(GyroSet),
     /// The redundant difference began to exceed.
-    Exceeds(Test, Difference),
-    Recovered(Test, Difference),
+    Exceeds(ParityTest, ParityResidual),
+    Recovered(ParityTest, ParityResidual),
 }
 
-impl std::fmt::Display for Event {
+impl std::fmt::Display for TrackerEvent {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
         match *self {
-            Event::Lost { kind, gyros, other } => {
+            TrackerEvent::Lost { kind, gyros, other } => {
                 write!(f, "{}; the attitude lacks what the unit turned meanwhile", Reason { kind, gyros })?;
                 match other {
                     Some(other) => write!(f, "; --gyros {other} would go on"),
                     None => Ok(()),
                 }
             }
-            Event::Again { half_seconds: 1 } => write!(f, "increments again, after 1 half second without"),
-            Event::Again { half_seconds } => write!(f, "increments again, after {half_seconds} half seconds without"),
-            Event::Switched(in_use) => write!(f, "goes on with {}", in_use_name(in_use)),
-            Event::Exceeds(test, Difference { arcsec, sigma_arcsec }) => write!(
+            TrackerEvent::Again { half_seconds: 1 } => write!(f, "increments again, after 1 half second without"),
+            TrackerEvent::Again { half_seconds } => write!(f, "increments again, after {half_seconds} half seconds without"),
+            TrackerEvent::Switched(in_use) => write!(f, "goes on with {}", in_use_name(in_use)),
+            TrackerEvent::Exceeds(test, ParityResidual { arcsec, sigma_arcsec }) => write!(
                 f,
                 "GYRZA and GYRZB differ by {arcsec:+.2}″ {test}, more than {THRESHOLD_SIGMA} sigma of {sigma_arcsec:.2}″"
             ),
-            Event::Recovered(test, Difference { arcsec, sigma_arcsec }) => {
+            TrackerEvent::Recovered(test, ParityResidual { arcsec, sigma_arcsec }) => {
                 write!(f, "GYRZA and GYRZB agree again: {arcsec:+.2}″ {test}, sigma {sigma_arcsec:.2}″")
             }
         }
     }
 }
 
-impl std::fmt::Display for Choice {
+impl std::fmt::Display for GyroSelection {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
         f.write_str(match self {
-            Choice::Za => "za",
-            Choice::Zb => "zb",
-            Choice::All => "all",
-            Choice::Auto => "auto",
+            GyroSelection::Za => "za",
+            GyroSelection::Zb => "zb",
+            GyroSelection::All => "all",
+            GyroSelection::Auto => "auto",
         })
     }
 }
 
 /// What the gyros in use are called in output.
-pub fn in_use_name(in_use: InUse) -> &'static str {
+pub fn in_use_name(in_use: GyroSet) -> &'static str {
     match in_use {
-        InUse::WithZa => "za",
-        InUse::WithZb => "zb",
-        InUse::All => "all",
+        GyroSet::WithZa => "za",
+        GyroSet::WithZb => "zb",
+        GyroSet::All => "all",
     }
 }
 

@@ -3,11 +3,11 @@
 use geu_model::package::Calibration;
 use geu_protocol::Gyro;
 
-use crate::calibrate::Attitude;
-use crate::counts::Counts;
-use crate::observe::LeftOut;
-use crate::transfer::{InUse, Transfer};
-use crate::window::{LONGEST_HALF_SECONDS, REST_ARCSEC_S, Window, smoothed_rate_control_arcsec_s};
+use crate::calibrate::AttitudeSource;
+use crate::counts::AccumulatedCounts;
+use crate::observe::ExcludedData;
+use crate::transfer::{GyroSet, Transfer};
+use crate::window::{LONGEST_HALF_SECONDS, REST_ARCSEC_S, ManoeuvreWindow, smoothed_rate_control_arcsec_s};
 
 use super::SURVEY_ARCSEC_S;
 
@@ -31,15 +31,15 @@ struct Steady {
 }
 
 /// The steady stretches of a recording, as its counts tell them.
-fn steady(counts: &Counts, calibrations: &[Calibration; 4]) -> Vec<Steady> {
+fn steady(counts: &AccumulatedCounts, calibrations: &[Calibration; 4]) -> Vec<Steady> {
     // Of the Z gyros that which is broken less.
     let broken = |gyro: Gyro| {
         let own = counts.breaks.iter().filter(|found| found.gyros[gyro as usize]);
         own.map(|found| found.to - found.from).sum::<usize>()
     };
     let (in_use, z) = match broken(Gyro::Za) <= broken(Gyro::Zb) {
-        true => (InUse::WithZa, Gyro::Za),
-        false => (InUse::WithZb, Gyro::Zb),
+        true => (GyroSet::WithZa, Gyro::Za),
+        false => (GyroSet::WithZb, Gyro::Zb),
     };
     let transfer = Transfer::new(calibrations, in_use);
     let mut is_broken = vec![false; counts.len()];
@@ -94,26 +94,26 @@ fn unsuitable(length_s: f64, rate_z_arcsec_s: f64) -> Option<String> {
 /// The stretches to use: the steady ones of the recording, cut to half an hour; or the legs of a list, or what lies between
 /// fixes, as far as they are steady.
 pub(super) fn chosen(
-    counts: &Counts,
+    counts: &AccumulatedCounts,
     calibrations: &[Calibration; 4],
-    legs: Option<&[Window]>,
-    attitude: &Attitude,
-    left_out: &mut Vec<LeftOut>,
-) -> Vec<Window> {
+    legs: Option<&[ManoeuvreWindow]>,
+    attitude: &AttitudeSource,
+    left_out: &mut Vec<ExcludedData>,
+) -> Vec<ManoeuvreWindow> {
     let zero_s = counts.start_ns as f64 * 1e-9;
     let steady = steady(counts, calibrations);
     let mut leave = |name: &str, start_s: f64, why: String| {
-        left_out.push(LeftOut { name: name.to_owned(), start_s, gyro: None, why });
+        left_out.push(ExcludedData { name: name.to_owned(), start_s, gyro: None, why });
     };
-    let fixes: Vec<Window>;
+    let fixes: Vec<ManoeuvreWindow>;
     let legs = match (legs, attitude) {
         (Some(legs), _) => legs,
-        (None, Attitude::Sensors(sensors)) => {
+        (None, AttitudeSource::Sensors(sensors)) => {
             let pairs = sensors.fixes.windows(2).map(|pair| [pair[0].t_ns as f64 * 1e-9, pair[1].t_ns as f64 * 1e-9]);
-            fixes = pairs.map(|[start_s, end_s]| Window { name: "fixes".to_owned(), start_s, end_s }).collect();
+            fixes = pairs.map(|[start_s, end_s]| ManoeuvreWindow { name: "fixes".to_owned(), start_s, end_s }).collect();
             &fixes
         }
-        (None, Attitude::Reference(..)) => {
+        (None, AttitudeSource::Reference(..)) => {
             let mut windows = Vec::new();
             for stretch in steady {
                 let start_s = zero_s + counts.node_s[stretch.from];
@@ -124,7 +124,7 @@ pub(super) fn chosen(
                 }
                 let parts = (stretch.to - stretch.from).div_ceil(LONGEST_HALF_SECONDS);
                 let node = |part: usize| stretch.from + (stretch.to - stretch.from) * part / parts;
-                windows.extend((0..parts).map(|part| Window {
+                windows.extend((0..parts).map(|part| ManoeuvreWindow {
                     name: "stretch".to_owned(),
                     start_s: zero_s + counts.node_s[node(part)],
                     end_s: zero_s + counts.node_s[node(part + 1)],
@@ -136,7 +136,7 @@ pub(super) fn chosen(
     let mut windows = Vec::new();
     for leg in legs {
         // A leg without an end ends with the recording.
-        let leg = Window { end_s: leg.end_s.min(zero_s + counts.end_s()), ..leg.clone() };
+        let leg = ManoeuvreWindow { end_s: leg.end_s.min(zero_s + counts.end_s()), ..leg.clone() };
         let (from_s, to_s) = (leg.start_s - zero_s, leg.end_s - zero_s);
         if !["survey", "pointing", "hold", "fixes"].contains(&leg.name.as_str()) {
             leave(&leg.name, leg.start_s, "neither a survey nor a rest (pointing, hold)".to_owned());

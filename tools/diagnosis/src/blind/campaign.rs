@@ -6,10 +6,10 @@ use std::time::Instant;
 
 use serde_json::{Value, json};
 
-use super::draw::Draw;
-use super::hidden::Hidden;
-use super::score::{Naming, ReportedDiagnosis, Score, score};
-use super::survey::Survey;
+use super::draw::TrialGenerator;
+use super::hidden::InjectedEffect;
+use super::score::{IsolationResult, ReportedDiagnosis, Score, score};
+use super::survey::TrialMotion;
 use crate::gyros::names;
 use crate::measured::MeasuredError;
 use crate::outcome::Verdict;
@@ -25,7 +25,7 @@ const LIKE: f64 = 0.95;
 
 /// What is tried.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Plan {
+pub struct CampaignPlan {
     /// Seed of all of it.
     pub seed: u64,
     /// Runs of each strength, and with nothing hidden.
@@ -36,12 +36,12 @@ pub struct Plan {
     pub threads: usize,
 }
 
-impl Plan {
+impl CampaignPlan {
     /// What is hidden in each run, in order.
-    fn hidings(&self) -> Vec<Hiding> {
-        let of_strength = |&strength: &f64| std::iter::repeat_n(Hiding::Amplitude(strength), self.runs);
-        let unknown = std::iter::repeat_n(Hiding::Unknown(UNKNOWN_STRENGTH), self.runs.div_ceil(RUNS_OF_UNKNOWN));
-        let nothing = std::iter::repeat_n(Hiding::Nothing, self.runs);
+    fn hidings(&self) -> Vec<TrialKind> {
+        let of_strength = |&strength: &f64| std::iter::repeat_n(TrialKind::Amplitude(strength), self.runs);
+        let unknown = std::iter::repeat_n(TrialKind::Unknown(UNKNOWN_STRENGTH), self.runs.div_ceil(RUNS_OF_UNKNOWN));
+        let nothing = std::iter::repeat_n(TrialKind::Nothing, self.runs);
         self.strengths.iter().flat_map(of_strength).chain(nothing).chain(unknown).collect()
     }
 
@@ -53,7 +53,7 @@ impl Plan {
 
 /// What is hidden in the runs of a group.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Hiding {
+pub enum TrialKind {
     /// An amplitude of the catalogue, of this strength.
     Amplitude(f64),
     /// Nothing.
@@ -62,22 +62,22 @@ pub enum Hiding {
     Unknown(f64),
 }
 
-impl Hiding {
+impl TrialKind {
     /// In words.
     pub fn name(self) -> String {
         match self {
-            Hiding::Amplitude(strength) => format!("effect, {strength}×"),
-            Hiding::Nothing => "nothing".to_owned(),
-            Hiding::Unknown(strength) => format!("outside the catalogue, {strength}×"),
+            TrialKind::Amplitude(strength) => format!("effect, {strength}×"),
+            TrialKind::Nothing => "nothing".to_owned(),
+            TrialKind::Unknown(strength) => format!("outside the catalogue, {strength}×"),
         }
     }
 }
 
 /// One blind trial.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Run {
+pub struct TrialRun {
     /// What was hidden.
-    pub hidden: Vec<Hidden>,
+    pub hidden: Vec<InjectedEffect>,
     /// What was said.
     pub told: ReportedDiagnosis,
     /// The two compared.
@@ -92,14 +92,14 @@ pub struct Run {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Group {
     /// What was hidden.
-    pub hiding: Hiding,
+    pub hiding: TrialKind,
     /// The runs.
-    pub runs: Vec<Run>,
+    pub runs: Vec<TrialRun>,
 }
 
 /// All groups.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Campaign {
+pub struct BlindCampaign {
     /// By strength, then with nothing hidden, then outside the catalogue.
     pub groups: Vec<Group>,
 }
@@ -108,31 +108,31 @@ pub struct Campaign {
 ///
 /// # Errors
 /// As [`Survey::diagnose`].
-pub fn campaign(survey: &Survey, plan: &Plan, done: &(dyn Fn() + Sync)) -> Result<Campaign, MeasuredError> {
+pub fn campaign(survey: &TrialMotion, plan: &CampaignPlan, done: &(dyn Fn() + Sync)) -> Result<BlindCampaign, MeasuredError> {
     let hidings = plan.hidings();
-    let trial = |index: usize| -> Result<Run, MeasuredError> {
-        let mut draw = Draw::new(survey, plan.seed, index as u64);
-        let hidden: Vec<Hidden> = match hidings[index] {
-            Hiding::Amplitude(strength) => draw.amplitude(strength).into_iter().collect(),
-            Hiding::Nothing => Vec::new(),
-            Hiding::Unknown(strength) => draw.unknown(strength).into_iter().collect(),
+    let trial = |index: usize| -> Result<TrialRun, MeasuredError> {
+        let mut draw = TrialGenerator::new(survey, plan.seed, index as u64);
+        let hidden: Vec<InjectedEffect> = match hidings[index] {
+            TrialKind::Amplitude(strength) => draw.amplitude(strength).into_iter().collect(),
+            TrialKind::Nothing => Vec::new(),
+            TrialKind::Unknown(strength) => draw.unknown(strength).into_iter().collect(),
         };
         let flight = draw.fly(&hidden);
         let start = Instant::now();
         let diagnosis = survey.diagnose(&flight)?;
         let seconds = start.elapsed().as_secs_f64();
         let told = ReportedDiagnosis::from(&diagnosis);
-        let score = score(&hidden, &told, &|hidden, found| survey.likeness(hidden, found, told.temperature_late_s));
+        let score = score(&hidden, &told, &|hidden, found| survey.signature_cosine(hidden, found, told.temperature_late_s));
         let like = |index: &usize| {
             let found = &told.missing[*index];
-            hidden.iter().map(|hidden| survey.likeness(hidden, found, told.temperature_late_s)).fold(0.0, f64::max)
+            hidden.iter().map(|hidden| survey.signature_cosine(hidden, found, told.temperature_late_s)).fold(0.0, f64::max)
         };
         let likeness = score.false_names.iter().map(like).collect();
         done();
-        Ok(Run { hidden, told, score, likeness, seconds })
+        Ok(TrialRun { hidden, told, score, likeness, seconds })
     };
     // Thresholds first, on all cores.
-    survey.diagnose(&Draw::new(survey, plan.seed, hidings.len() as u64).fly(&[]))?;
+    survey.diagnose(&TrialGenerator::new(survey, plan.seed, hidings.len() as u64).fly(&[]))?;
     let mut runs = on_threads(plan.threads, hidings.len(), &trial).into_iter();
     let mut groups: Vec<Group> = Vec::new();
     for hiding in hidings {
@@ -142,7 +142,7 @@ pub fn campaign(survey: &Survey, plan: &Plan, done: &(dyn Fn() + Sync)) -> Resul
             _ => groups.push(Group { hiding, runs: vec![run?] }),
         }
     }
-    Ok(Campaign { groups })
+    Ok(BlindCampaign { groups })
 }
 
 /// Does jobs on so many threads, each of which has what is parallel within a job to itself: a diagnosis waits for no other, and its
@@ -174,9 +174,9 @@ fn on_threads<T: Send>(threads: usize, count: usize, job: &(dyn Fn(usize) -> T +
     results.into_iter().map(|(_, result)| result).collect()
 }
 
-impl Run {
-    fn naming(&self) -> Naming {
-        self.score.outcomes.first().map_or(Naming::Missed, |outcome| outcome.naming)
+impl TrialRun {
+    fn naming(&self) -> IsolationResult {
+        self.score.outcomes.first().map_or(IsolationResult::Missed, |outcome| outcome.naming)
     }
 
     /// Whether a name of the catalogue was given for something else, and is not nearly the same.
@@ -188,14 +188,14 @@ impl Run {
 
     /// Whether there is anything to tell of it.
     fn is_good(&self) -> bool {
-        let is_named = self.hidden.is_empty() || self.naming() >= Naming::Group;
+        let is_named = self.hidden.is_empty() || self.naming() >= IsolationResult::Group;
         is_named && self.score.false_names.is_empty()
     }
 
     /// What was injected, what was reported, and how alike they are: label and value of each fact.
     fn facts(&self) -> Vec<(String, String)> {
         let fact = |label: &str, value: String| (label.to_owned(), value);
-        let mut facts: Vec<_> = self.hidden.iter().flat_map(Hidden::facts).collect();
+        let mut facts: Vec<_> = self.hidden.iter().flat_map(InjectedEffect::facts).collect();
         if facts.is_empty() {
             facts.push(fact("injected", "nothing".to_owned()));
         }
@@ -250,7 +250,7 @@ fn share(part: usize, whole: usize) -> String {
     format!("{part}/{whole}, {:.1} % ({least:.1}–{greatest:.1})", 100.0 * share)
 }
 
-impl Campaign {
+impl BlindCampaign {
     /// The results as tables in Markdown.
     pub fn tables(&self) -> String {
         let mut text = String::new();
@@ -262,12 +262,12 @@ impl Campaign {
             "| hidden | detected | right | right or in the right group, of those detected | false names beside | error over Cramér–Rao bound, rms | within one sigma |",
         );
         line("|---|---|---|---|---|---|---|");
-        for group in self.groups.iter().filter(|group| matches!(group.hiding, Hiding::Amplitude(_))) {
+        for group in self.groups.iter().filter(|group| matches!(group.hiding, TrialKind::Amplitude(_))) {
             let (runs, whole) = (&group.runs, group.runs.len());
-            let count = |least: Naming| runs.iter().filter(|run| run.naming() >= least).count();
-            let detected = count(Naming::Unnamed);
+            let count = |least: IsolationResult| runs.iter().filter(|run| run.naming() >= least).count();
+            let detected = count(IsolationResult::Unnamed);
             let beside =
-                runs.iter().filter(|run| run.naming() >= Naming::Group && !run.score.false_names.is_empty()).count();
+                runs.iter().filter(|run| run.naming() >= IsolationResult::Group && !run.score.false_names.is_empty()).count();
             let sizes: Vec<_> =
                 runs.iter().flat_map(|run| run.score.outcomes.iter().filter_map(|outcome| outcome.size)).collect();
             let squares: f64 = sizes.iter().map(|size| (size.error / size.bound).powi(2)).sum();
@@ -280,15 +280,15 @@ impl Campaign {
                 "| {} | {} | {} | {} | {} | {rms} | {} |",
                 group.hiding.name(),
                 share(detected, whole),
-                share(count(Naming::Right), detected),
-                share(count(Naming::Group), detected),
+                share(count(IsolationResult::Right), detected),
+                share(count(IsolationResult::Group), detected),
                 share(beside, whole),
                 share(within, sizes.len()),
             ));
         }
         line("\n| hidden | a name given | left unexplained |");
         line("|---|---|---|");
-        for group in self.groups.iter().filter(|group| group.hiding == Hiding::Nothing) {
+        for group in self.groups.iter().filter(|group| group.hiding == TrialKind::Nothing) {
             let named = group.runs.iter().filter(|run| !run.told.missing.is_empty()).count();
             let unexplained = group.runs.iter().filter(|run| run.told.verdict == Verdict::Unexplained).count();
             let whole = group.runs.len();
@@ -298,16 +298,16 @@ impl Campaign {
             "\n| hidden | detected | its formula, or one like it | another formula | no name | a name of the catalogue, cosine to it 0.95 or less |",
         );
         line("|---|---|---|---|---|---|");
-        for group in self.groups.iter().filter(|group| matches!(group.hiding, Hiding::Unknown(_))) {
+        for group in self.groups.iter().filter(|group| matches!(group.hiding, TrialKind::Unknown(_))) {
             let (runs, whole) = (&group.runs, group.runs.len());
-            let count = |is: &dyn Fn(&&Run) -> bool| share(runs.iter().filter(is).count(), whole);
+            let count = |is: &dyn Fn(&&TrialRun) -> bool| share(runs.iter().filter(is).count(), whole);
             line(&format!(
                 "| {} | {} | {} | {} | {} | {} |",
                 group.hiding.name(),
-                count(&|run| run.naming() >= Naming::Unnamed),
-                count(&|run| run.naming() >= Naming::Group && !run.is_misnamed()),
-                count(&|run| run.naming() == Naming::Wrong && !run.is_misnamed()),
-                count(&|run| run.naming() == Naming::Unnamed),
+                count(&|run| run.naming() >= IsolationResult::Unnamed),
+                count(&|run| run.naming() >= IsolationResult::Group && !run.is_misnamed()),
+                count(&|run| run.naming() == IsolationResult::Wrong && !run.is_misnamed()),
+                count(&|run| run.naming() == IsolationResult::Unnamed),
                 count(&|run| run.is_misnamed()),
             ));
         }
@@ -332,7 +332,7 @@ impl Campaign {
 
     /// Every run. No times: the same seed gives the same JSON.
     pub fn json(&self) -> Value {
-        let group = |group: &Group| json!({ "hidden": group.hiding.name(), "runs": group.runs.iter().map(Run::json).collect::<Vec<_>>() });
+        let group = |group: &Group| json!({ "hidden": group.hiding.name(), "runs": group.runs.iter().map(TrialRun::json).collect::<Vec<_>>() });
         json!({ "groups": self.groups.iter().map(group).collect::<Vec<_>>() })
     }
 }

@@ -2,19 +2,19 @@
 
 use std::f64::consts::TAU;
 
-use geu_model::course::{KINDS, Law};
+use geu_model::course::{KINDS, TimeFunction};
 use geu_model::effect::discovered::{Formula, Regressor};
-use geu_model::effect::{Effects, HeadEffects, WiringEffects};
-use geu_model::fault::{List, Target};
-use geu_model::number::{Default as DefaultValue, Form, Number, Numbers, Role};
+use geu_model::effect::{Effects, GyroEffects, WiringEffects};
+use geu_model::fault::{EffectList, ParameterRef};
+use geu_model::number::{DefaultValue as DefaultValue, ValueFormat, ParameterSpec, ParameterSet, Role};
 use geu_model::package::{Axes, Calibration};
 use geu_protocol::Gyro;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::fly::{Flight, fly};
-use super::hidden::{Hidden, Key, Origin};
-use super::survey::{Sized, Survey};
+use super::fly::{SimulatedRecording, fly};
+use super::hidden::{InjectedEffect, AnswerKey, Origin};
+use super::survey::{ScaledHypothesis, TrialMotion};
 use crate::amplitude::{AmplitudeRef, STEP, is_real};
 use crate::gyros::{ALL_GYROS, only};
 use crate::hypothesis::Hypothesis;
@@ -40,9 +40,9 @@ const MISALIGNMENT_OFF: f64 = 1.5;
 
 /// Hides from none to three things, and flies the unit that has them: one time in seven none, one in seven a term outside the
 /// catalogue, else amplitudes, and now and then a noise or a wiring fault.
-pub fn hide(survey: &Survey, seed: u64) -> (Key, Flight) {
-    let mut draw = Draw::new(survey, seed, 0);
-    let mut hidden: Vec<Hidden> = Vec::new();
+pub fn generate_trial(survey: &TrialMotion, seed: u64) -> (AnswerKey, SimulatedRecording) {
+    let mut draw = TrialGenerator::new(survey, seed, 0);
+    let mut hidden: Vec<InjectedEffect> = Vec::new();
     let count = match draw.random.random_range(0..7) {
         0 => 0,
         1 => {
@@ -63,35 +63,35 @@ pub fn hide(survey: &Survey, seed: u64) -> (Key, Flight) {
             _ => draw.amplitude(strength),
         };
         // Courses of one effect share its shapes, and a swap moves what another fault did.
-        let is_other = |next: &Hidden| {
-            let alike = |own: &Hidden| own.code().starts_with(&next.code()) || next.code().starts_with(&own.code());
+        let is_other = |next: &InjectedEffect| {
+            let alike = |own: &InjectedEffect| own.code().starts_with(&next.code()) || next.code().starts_with(&own.code());
             !hidden.iter().any(|own| alike(own) || own.origin == Origin::Wiring && next.origin == Origin::Wiring)
         };
         hidden.extend(next.filter(is_other));
     }
     let flight = draw.fly(&hidden);
-    (Key { seed, duration_s: survey.duration_s, hidden }, flight)
+    (AnswerKey { seed, duration_s: survey.duration_s, hidden }, flight)
 }
 
 /// Whether nothing that cannot be below zero, a clearance, swings through it.
 fn stays_possible(amplitude: &AmplitudeRef) -> bool {
     let shapes: Vec<f64> = amplitude.course_shapes().iter().map(|number| number.least.max(1.0)).collect();
     let law = amplitude.kind.map(|kind| KINDS[kind].law(&shapes));
-    amplitude.number().least < 0.0 || !matches!(law, Some(Law::Temperature | Law::Periodic { .. }))
+    amplitude.number().least < 0.0 || !matches!(law, Some(TimeFunction::Temperature | TimeFunction::Periodic { .. }))
 }
 
 /// Draws for one recording.
-pub struct Draw<'a> {
-    survey: &'a Survey,
+pub struct TrialGenerator<'a> {
+    survey: &'a TrialMotion,
     random: ChaCha8Rng,
 }
 
-impl<'a> Draw<'a> {
+impl<'a> TrialGenerator<'a> {
     /// The draws of one recording: a function of seed and stream alone.
-    pub fn new(survey: &'a Survey, seed: u64, stream: u64) -> Draw<'a> {
+    pub fn new(survey: &'a TrialMotion, seed: u64, stream: u64) -> TrialGenerator<'a> {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         random.set_stream(stream);
-        Draw { survey, random }
+        TrialGenerator { survey, random }
     }
 
     fn strength(&mut self) -> f64 {
@@ -118,7 +118,7 @@ impl<'a> Draw<'a> {
     }
 
     /// A value of a shape: a time somewhere in the recording, a period, a phase, a time constant; what else has a default keeps it.
-    fn shape(&mut self, number: &Number) -> f64 {
+    fn shape(&mut self, number: &ParameterSpec) -> f64 {
         let duration_s = self.survey.duration_s;
         let default = number.default.initial();
         match (number.role, number.default) {
@@ -135,7 +135,7 @@ impl<'a> Draw<'a> {
     }
 
     /// An amplitude of the catalogue, constant or with a course, of that strength.
-    pub fn amplitude(&mut self, strength: f64) -> Option<Hidden> {
+    pub fn amplitude(&mut self, strength: f64) -> Option<InjectedEffect> {
         let constants = AmplitudeRef::all().into_iter().filter(is_real);
         let all: Vec<AmplitudeRef> = constants.flat_map(AmplitudeRef::with_courses).filter(stays_possible).collect();
         let one = |draw: &mut Self| {
@@ -159,7 +159,7 @@ impl<'a> Draw<'a> {
 
     /// A term that stands in no catalogue, of that strength: half of them of one or two factors, which a diagnosis tries, and half of
     /// three, which it does not.
-    pub fn unknown(&mut self, strength: f64) -> Option<Hidden> {
+    pub fn unknown(&mut self, strength: f64) -> Option<InjectedEffect> {
         let one = |draw: &mut Self| {
             let factors = if draw.random.random::<bool>() { 3 } else { draw.random.random_range(1..=2) };
             let regressors: Vec<Regressor> =
@@ -171,45 +171,45 @@ impl<'a> Draw<'a> {
         };
         let found = (0..TRIES).find_map(|_| one(self))?;
         let nearest = self.survey.nearest(&found.hypothesis);
-        Some(Hidden { nearest, ..self.hidden(found, Origin::Unknown) })
+        Some(InjectedEffect { nearest, ..self.hidden(found, Origin::Unknown) })
     }
 
-    fn hidden(&self, Sized { hypothesis, sigma, strength }: Sized, origin: Origin) -> Hidden {
-        Hidden { sigma: Some(sigma), strength: Some(strength), ..self.without_bound(hypothesis, origin) }
+    fn hidden(&self, ScaledHypothesis { hypothesis, sigma, strength }: ScaledHypothesis, origin: Origin) -> InjectedEffect {
+        InjectedEffect { sigma: Some(sigma), strength: Some(strength), ..self.without_bound(hypothesis, origin) }
     }
 
     /// What has no signature.
-    fn without_bound(&self, hypothesis: Hypothesis, origin: Origin) -> Hidden {
+    fn without_bound(&self, hypothesis: Hypothesis, origin: Origin) -> InjectedEffect {
         let mut configuration = self.survey.believed.clone();
         hypothesis.apply(&mut configuration);
         let (sigma, strength, nearest) = (None, None, None);
         let (assignments, gyros) = (hypothesis.assignments(&configuration), hypothesis.gyros);
-        Hidden { hypothesis, origin, gyros, sigma, strength, nearest, assignments }
+        InjectedEffect { hypothesis, origin, gyros, sigma, strength, nearest, assignments }
     }
 
     /// A noise of one gyro that is larger than configured; none where the unit has none.
-    fn noise(&mut self) -> Option<Hidden> {
+    fn noise(&mut self) -> Option<InjectedEffect> {
         let (gyro, louder) = (self.gyro(), self.log_between(LOUDER));
         let configured = &self.survey.believed.gyros[gyro as usize].effects.constant;
-        let noises: Vec<usize> = (0..HeadEffects::SPECS.len()).filter(|&index| configured.is_noise(index)).collect();
+        let noises: Vec<usize> = (0..GyroEffects::SPECS.len()).filter(|&index| configured.is_noise(index)).collect();
         let effect = *noises.get(self.random.random_range(0..noises.len().max(1)))?;
         let value = configured.numbers(effect).value(0);
-        let amplitude = AmplitudeRef::of(Target { list: List::Head, effect, number: 0 }, None);
+        let amplitude = AmplitudeRef::of(ParameterRef { list: EffectList::Head, effect, number: 0 }, None);
         let hypothesis = Hypothesis::constant(amplitude, value * louder, only(gyro as usize));
         (value > 0.0).then(|| self.compact(hypothesis, Origin::Noise))
     }
 
     /// A wiring fault of one gyro, from the start or from some time on.
-    fn wiring(&mut self) -> Option<Hidden> {
+    fn wiring(&mut self) -> Option<InjectedEffect> {
         let gyro = self.gyro();
         let effect = self.random.random_range(0..WiringEffects::SPECS.len());
-        let constant = AmplitudeRef::of(Target { list: List::Wiring, effect, number: 0 }, None);
+        let constant = AmplitudeRef::of(ParameterRef { list: EffectList::Wiring, effect, number: 0 }, None);
         let other = Gyro::ALL[(gyro as usize + self.random.random_range(1..4)) % 4];
         let value = match constant.number().form {
-            Form::Flag => 1.0,
-            Form::Gyro => other as usize as f64 + 1.0,
-            Form::Whole | Form::Choice(_) => 0.0,
-            Form::Real => return None,
+            ValueFormat::Flag => 1.0,
+            ValueFormat::Gyro => other as usize as f64 + 1.0,
+            ValueFormat::Whole | ValueFormat::Choice(_) => 0.0,
+            ValueFormat::Real => return None,
         };
         let amplitude = constant.with(STEP).filter(|_| self.random.random::<bool>()).unwrap_or(constant);
         let course_shapes = amplitude.course_shapes().iter().map(|number| self.shape(number)).collect();
@@ -222,14 +222,14 @@ impl<'a> Draw<'a> {
     }
 
     /// Its assignments without blanks.
-    fn compact(&self, hypothesis: Hypothesis, origin: Origin) -> Hidden {
+    fn compact(&self, hypothesis: Hypothesis, origin: Origin) -> InjectedEffect {
         let mut hidden = self.without_bound(hypothesis, origin);
         hidden.assignments.iter_mut().for_each(|own| *own = own.replace(" = ", "="));
         hidden
     }
 
     /// Flies the unit with what is hidden, its sixteen a little off what is believed, its noise drawn anew.
-    pub fn fly(&mut self, hidden: &[Hidden]) -> Flight {
+    pub fn fly(&mut self, hidden: &[InjectedEffect]) -> SimulatedRecording {
         let mut unit = self.survey.believed.clone();
         hidden.iter().for_each(|hidden| hidden.hypothesis.apply(&mut unit));
         for gyro in Gyro::ALL {

@@ -3,14 +3,14 @@
 use std::fmt::Write;
 use std::sync::Arc;
 
-use geu_model::attitude::{self, Recorded};
-use geu_model::noise::Stream;
+use geu_model::attitude::{self, RecordedAttitude};
+use geu_model::noise::NoiseStream;
 use geu_model::simulation::ReferenceSample;
 use geu_model::units::{HALF_SECOND_S, RAD_PER_DEG};
 use geu_model::{Configuration, Simulation};
-use geu_protocol::CanPlan;
-use geu_protocol::capture::Time;
-use geu_recording::{Reference, Row};
+use geu_protocol::CanIdMap;
+use geu_protocol::capture::Timestamp;
+use geu_recording::{ReferenceAttitude, ReceivedSample};
 
 /// By how much a receive time is later than the half second's end.
 const LATE_S: f64 = 0.9e-3;
@@ -21,27 +21,27 @@ const DIGITS: u8 = 6;
 
 /// What a unit told, and what truly happened.
 #[derive(Debug, Clone)]
-pub struct Flight {
+pub struct SimulatedRecording {
     /// Half seconds as they were received.
-    pub rows: Vec<Row>,
+    pub rows: Vec<ReceivedSample>,
     /// The true attitude.
-    pub reference: Reference,
+    pub reference: ReferenceAttitude,
     /// Its rows; the first is the start.
-    motion: Vec<attitude::Row>,
+    motion: Vec<attitude::AttitudeRow>,
 }
 
 /// Flies a unit on its scenario for so long on-board time; receive times are late and jitter by the configuration's seed.
-pub fn fly(configuration: &Configuration, duration_s: f64) -> Flight {
+pub fn fly(configuration: &Configuration, duration_s: f64) -> SimulatedRecording {
     let start_ns = configuration.start_unix_ns;
     let simulation = Simulation::new(configuration);
-    let mut late = Stream::of_sensor(configuration.seed, "receiver");
+    let mut late = NoiseStream::of_sensor(configuration.seed, "receiver");
     let mut truth = vec![simulation.start()];
     let mut rows = Vec::new();
     for (ended, reference) in simulation.take((duration_s / HALF_SECOND_S).round() as usize) {
         let late_ns = (LATE_S + JITTER_S * late.standard_normal()).max(0.0) * 1e9;
         let t_us = (start_ns + ended.end_ns + late_ns as i64 + 500) / 1000;
-        rows.push(Row {
-            time: Some(Time { t_ns: t_us * 1000, digits: DIGITS }),
+        rows.push(ReceivedSample {
+            time: Some(Timestamp { t_ns: t_us * 1000, digits: DIGITS }),
             is_received: true,
             half_second: ended.half_second,
             has_clock: true,
@@ -50,16 +50,16 @@ pub fn fly(configuration: &Configuration, duration_s: f64) -> Flight {
     }
     // A shorter flight has no truth of its own: three rows, at rest.
     for index in truth.len()..4 {
-        truth.push(attitude::Row { t_s: index as f64 * HALF_SECOND_S, angle_control_arcsec: [0.0; 3], ..truth[0] });
+        truth.push(attitude::AttitudeRow { t_s: index as f64 * HALF_SECOND_S, angle_control_arcsec: [0.0; 3], ..truth[0] });
     }
-    let recorded = Recorded::new(&truth).expect("rows of half a second each");
-    Flight { rows, reference: Reference { start_ns, truth: Arc::new(recorded), time_system: None }, motion: truth }
+    let recorded = RecordedAttitude::new(&truth).expect("rows of half a second each");
+    SimulatedRecording { rows, reference: ReferenceAttitude { start_ns, truth: Arc::new(recorded), time_system: None }, motion: truth }
 }
 
-impl Flight {
+impl SimulatedRecording {
     /// `link.log`, as `candump -l` writes.
     pub fn link_log(&self) -> String {
-        let (plan, mut text) = (CanPlan::default(), String::new());
+        let (plan, mut text) = (CanIdMap::default(), String::new());
         for row in &self.rows {
             let stamp = stamp(row.time.map_or(0, |time| time.t_ns));
             for frame in plan.frames(&row.half_second) {

@@ -33,7 +33,7 @@ impl Origin {
 
 /// An injected effect.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Hidden {
+pub struct InjectedEffect {
     /// What it is.
     pub hypothesis: Hypothesis,
     /// Where it comes from.
@@ -52,13 +52,13 @@ pub struct Hidden {
 
 /// What was hidden in one recording.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Key {
+pub struct AnswerKey {
     /// Seed that it was drawn with.
     pub seed: u64,
     /// On-board time flown.
     pub duration_s: f64,
     /// All that is hidden.
-    pub hidden: Vec<Hidden>,
+    pub hidden: Vec<InjectedEffect>,
 }
 
 /// Why a text is no key.
@@ -70,7 +70,7 @@ pub struct BadKey {
     expected: &'static str,
 }
 
-impl Hidden {
+impl InjectedEffect {
     /// Code of the model, with the suffix of its time course.
     pub fn code(&self) -> String {
         self.hypothesis.amplitude.code()
@@ -97,7 +97,7 @@ impl Hidden {
     }
 }
 
-impl Key {
+impl AnswerKey {
     /// As `key.toml` has it.
     pub fn to_toml(&self) -> String {
         let mut document = DocumentMut::new();
@@ -115,7 +115,7 @@ impl Key {
     ///
     /// # Errors
     /// [`BadKey`], with the field.
-    pub fn parse(name: &str, text: &str) -> Result<Key, BadKey> {
+    pub fn parse(name: &str, text: &str) -> Result<AnswerKey, BadKey> {
         let bad = |field: &str, expected| BadKey { name: name.to_owned(), field: field.to_owned(), expected };
         let document: DocumentMut = text.parse().map_err(|_| bad("the file", "TOML"))?;
         let seed = document.get("seed").and_then(Item::as_integer).and_then(|seed| u64::try_from(seed).ok());
@@ -129,8 +129,8 @@ impl Key {
         };
         let hidden = tables
             .into_iter()
-            .map(|table| Hidden::read(table).map_err(|(field, expected)| bad(&format!("hidden.{field}"), expected)));
-        Ok(Key {
+            .map(|table| InjectedEffect::read(table).map_err(|(field, expected)| bad(&format!("hidden.{field}"), expected)));
+        Ok(AnswerKey {
             seed: seed.ok_or_else(|| bad("seed", "a whole number of 0 or more"))?,
             duration_s: duration_s
                 .filter(|&duration_s| duration_s > 0.0 && duration_s <= 1e6)
@@ -140,7 +140,7 @@ impl Key {
     }
 }
 
-impl Hidden {
+impl InjectedEffect {
     fn table(&self) -> Table {
         let mut table = Table::new();
         table["origin"] = value(self.origin.name());
@@ -166,7 +166,7 @@ impl Hidden {
     }
 
     /// Reads one; else the field that is wrong and what was expected of it.
-    fn read(table: &Table) -> Result<Hidden, (&'static str, &'static str)> {
+    fn read(table: &Table) -> Result<InjectedEffect, (&'static str, &'static str)> {
         let text = |name: &str| table.get(name).and_then(Item::as_str).map(str::to_owned);
         let origin = text("origin").and_then(|name| Origin::ALL.into_iter().find(|origin| origin.name() == name));
         let texts = |name: &str| -> Option<Vec<String>> {
@@ -193,7 +193,7 @@ impl Hidden {
         if let Some(other) = hypothesis.amplitude.gyro_named(hypothesis.value) {
             hypothesis.gyros[other as usize] = false;
         }
-        Ok(Hidden {
+        Ok(InjectedEffect {
             hypothesis,
             origin,
             gyros,

@@ -16,9 +16,9 @@ mod hidden;
 mod score;
 mod survey;
 
-pub use campaign::{Campaign, Group, Hiding, Plan, Run, campaign};
-pub use draw::hide;
-pub use fly::{Flight, fly};
-pub use hidden::{BadKey, Hidden, Key, Origin};
-pub use score::{BadResult, Naming, Outcome, ReportedDiagnosis, Score, SizeError, score};
-pub use survey::{SURVEY_S, Survey};
+pub use campaign::{BlindCampaign, Group, TrialKind, CampaignPlan, TrialRun, campaign};
+pub use draw::generate_trial;
+pub use fly::{SimulatedRecording, fly};
+pub use hidden::{BadKey, InjectedEffect, AnswerKey, Origin};
+pub use score::{BadResult, IsolationResult, EffectScore, ReportedDiagnosis, Score, SizeError, score};
+pub use survey::{SURVEY_S, TrialMotion};

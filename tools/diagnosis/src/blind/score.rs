@@ -6,7 +6,7 @@ use geu_model::number::Role;
 use serde::Deserialize;
 use serde_json::Value;
 
-use super::hidden::{Hidden, Origin};
+use super::hidden::{InjectedEffect, Origin};
 use crate::gyros::{Gyros, is_within, names, overlap};
 use crate::hypothesis::Hypothesis;
 use crate::outcome::{Class, DiagnosedEffect, Diagnosis, ReportedAlternative, Verdict};
@@ -75,7 +75,7 @@ impl DiagnosedEffect {
         Hypothesis::from_numbers(&self.code, self.formula.as_deref(), self.gyros, number)
     }
 
-    fn is(&self, hidden: &Hidden) -> bool {
+    fn is(&self, hidden: &InjectedEffect) -> bool {
         self.code == hidden.code() && self.formula == hidden.formula()
     }
 }
@@ -100,7 +100,7 @@ impl fmt::Display for DiagnosedEffect {
 
 /// What became of something hidden.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Naming {
+pub enum IsolationResult {
     /// Nothing was seen.
     Missed,
     /// Something was seen, and no name given.
@@ -113,15 +113,15 @@ pub enum Naming {
     Right,
 }
 
-impl Naming {
+impl IsolationResult {
     /// In a word.
     pub fn name(self) -> &'static str {
         match self {
-            Naming::Missed => "missed",
-            Naming::Unnamed => "seen, not named",
-            Naming::Wrong => "wrong",
-            Naming::Group => "right group",
-            Naming::Right => "right",
+            IsolationResult::Missed => "missed",
+            IsolationResult::Unnamed => "seen, not named",
+            IsolationResult::Wrong => "wrong",
+            IsolationResult::Group => "right group",
+            IsolationResult::Right => "right",
         }
     }
 }
@@ -146,9 +146,9 @@ impl fmt::Display for SizeError {
 
 /// What became of one thing hidden.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Outcome {
+pub struct EffectScore {
     /// In a word.
-    pub naming: Naming,
+    pub naming: IsolationResult,
     /// How well its size was found.
     pub size: Option<SizeError>,
 }
@@ -157,7 +157,7 @@ pub struct Outcome {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Score {
     /// Of each thing hidden.
-    pub outcomes: Vec<Outcome>,
+    pub outcomes: Vec<EffectScore>,
     /// What was found that is none of them: index among [`ReportedDiagnosis::missing`].
     pub false_names: Vec<usize>,
 }
@@ -168,9 +168,9 @@ pub struct Score {
 /// gyros, as a rival that cannot be told apart, or one that has the same signature; for what stands in no catalogue one that is nearly
 /// the same will do.
 pub fn score(
-    hidden: &[Hidden],
+    hidden: &[InjectedEffect],
     told: &ReportedDiagnosis,
-    likeness: &dyn Fn(&Hidden, &DiagnosedEffect) -> f64,
+    likeness: &dyn Fn(&InjectedEffect, &DiagnosedEffect) -> f64,
 ) -> Score {
     let mut is_true = vec![false; told.missing.len()];
     let mut first = Vec::new();
@@ -188,34 +188,34 @@ pub fn score(
             rival.code == own.code() && rival.formula == own.formula() && rival.gyros == own.gyros && is_alike
         };
         let least = if own.origin == Origin::Unknown { GROUP_COSINE } else { SAME_COSINE };
-        let mut naming = if reached == own.gyros { Naming::Right } else { Naming::Missed };
+        let mut naming = if reached == own.gyros { IsolationResult::Right } else { IsolationResult::Missed };
         // The same code on other gyros too, or on some of them alone, is the same thing where the others show nothing of it.
         let is_done = |found: &DiagnosedEffect| reached == own.gyros && found.is(own) && is_within(&found.gyros);
         for (found, is_true) in told.missing.iter().zip(&mut is_true).filter(|(found, _)| !is_done(found)) {
             if found.rivals.iter().any(is_rival) || likeness(own, found) >= least {
                 *is_true = true;
-                naming = if naming == Naming::Right { naming } else { Naming::Group };
+                naming = if naming == IsolationResult::Right { naming } else { IsolationResult::Group };
             }
         }
         first.push(naming);
     }
     let false_names: Vec<usize> = (0..is_true.len()).filter(|&index| !is_true[index]).collect();
-    let of = |(own, naming): (&Hidden, Naming)| {
+    let of = |(own, naming): (&InjectedEffect, IsolationResult)| {
         let overlaps = |found: &DiagnosedEffect| overlap(&found.gyros, &own.gyros);
         let naming = match naming {
-            Naming::Missed if false_names.iter().any(|&index| overlaps(&told.missing[index])) => Naming::Wrong,
-            Naming::Missed if told.verdict == Verdict::Unexplained || told.missing.iter().any(overlaps) => {
-                Naming::Unnamed
+            IsolationResult::Missed if false_names.iter().any(|&index| overlaps(&told.missing[index])) => IsolationResult::Wrong,
+            IsolationResult::Missed if told.verdict == Verdict::Unexplained || told.missing.iter().any(overlaps) => {
+                IsolationResult::Unnamed
             }
             naming => naming,
         };
-        Outcome { naming, size: if naming == Naming::Right { size_error(own, told) } else { None } }
+        EffectScore { naming, size: if naming == IsolationResult::Right { size_error(own, told) } else { None } }
     };
     Score { outcomes: hidden.iter().zip(first).map(of).collect(), false_names }
 }
 
 /// Of what one entry names on all of its gyros.
-fn size_error(hidden: &Hidden, told: &ReportedDiagnosis) -> Option<SizeError> {
+fn size_error(hidden: &InjectedEffect, told: &ReportedDiagnosis) -> Option<SizeError> {
     let found = told.missing.iter().find(|found| found.is(hidden) && found.gyros == hidden.gyros)?;
     let numbers = hidden.hypothesis.parameters();
     let (truth, found) = (numbers[0].value, found.number(&numbers[0].name)?);
@@ -228,12 +228,12 @@ fn size_error(hidden: &Hidden, told: &ReportedDiagnosis) -> Option<SizeError> {
 impl Score {
     /// Whether everything was named rightly, or in the right group, and nothing else was named. Of what stands in no catalogue it is
     /// enough that no effect of the catalogue was named for it.
-    pub fn is_right(&self, hidden: &[Hidden], told: &ReportedDiagnosis) -> bool {
+    pub fn is_right(&self, hidden: &[InjectedEffect], told: &ReportedDiagnosis) -> bool {
         let is_unknown = hidden.iter().any(|own| own.origin == Origin::Unknown);
         let is_formula = |index: &usize| is_unknown && told.missing[*index].formula.is_some();
         let named = self.outcomes.iter().zip(hidden).all(|(outcome, own)| {
-            let is_seen = outcome.naming != Naming::Missed;
-            outcome.naming >= Naming::Group || own.origin == Origin::Unknown && is_seen
+            let is_seen = outcome.naming != IsolationResult::Missed;
+            outcome.naming >= IsolationResult::Group || own.origin == Origin::Unknown && is_seen
         });
         named && self.false_names.iter().all(is_formula)
     }

@@ -9,20 +9,20 @@ use geu_calibration::CountsReader;
 use geu_model::Configuration;
 use geu_recording::Sink;
 
-use super::fly::{Flight, fly};
-use super::hidden::{Hidden, Origin};
-use crate::bank::Bank;
-use crate::diagnosis::{Settings, diagnose_rows};
+use super::fly::{SimulatedRecording, fly};
+use super::hidden::{InjectedEffect, Origin};
+use crate::bank::SignatureBank;
+use crate::diagnosis::{DiagnosisOptions, diagnose_rows};
 use crate::hypothesis::Hypothesis;
-use crate::measured::{CHANNELS, Measured, MeasuredError, Series, Shifts};
+use crate::measured::{CHANNELS, MeasuredData, MeasuredError, Series, Shifts};
 use crate::noise;
-use crate::normal::{Normal, Nuisance};
+use crate::normal::{NormalEquations, Nuisance};
 use crate::null::Thresholds;
 use crate::outcome::{DiagnosedEffect, Diagnosis};
-use crate::rivals::{Rival, look_alikes};
+use crate::rivals::{Alternative, similar_hypotheses};
 use crate::signature::Signature;
-use crate::state::{Case, FittedHypothesis};
-use crate::whitening::Noise;
+use crate::state::{DiagnosisCase, FittedHypothesis};
+use crate::whitening::NoiseModel;
 
 /// Length of the standard survey motion: three hours of the default scenario.
 pub const SURVEY_S: f64 = 10_800.0;
@@ -37,22 +37,22 @@ const SHARE: f64 = 1e-3;
 const COEFFICIENT: f64 = 1e-6;
 
 /// The motion, what is believed of the unit on it, and its noise.
-pub struct Survey {
+pub struct TrialMotion {
     /// What is believed.
     pub believed: Configuration,
     /// On-board time flown.
     pub duration_s: f64,
-    measured: Measured,
+    measured: MeasuredData,
     from: Series,
-    noise: [Noise; CHANNELS],
+    noise: [NoiseModel; CHANNELS],
     nuisances: Vec<Nuisance>,
-    normal: Normal,
-    bank: OnceLock<Bank>,
+    normal: NormalEquations,
+    bank: OnceLock<SignatureBank>,
     thresholds: OnceLock<Thresholds>,
 }
 
 /// A change of the size asked for.
-pub struct Sized {
+pub struct ScaledHypothesis {
     /// The change.
     pub hypothesis: Hypothesis,
     /// Cramér–Rao bound of its size.
@@ -61,25 +61,25 @@ pub struct Sized {
     pub strength: f64,
 }
 
-impl Survey {
+impl TrialMotion {
     /// Flies the unit as it is believed.
     ///
     /// # Errors
     /// A duration that is too short for a diagnosis.
-    pub fn new(believed: Configuration, duration_s: f64) -> Result<Survey, MeasuredError> {
+    pub fn new(believed: Configuration, duration_s: f64) -> Result<TrialMotion, MeasuredError> {
         let flight = fly(&believed, duration_s);
         let mut reader = CountsReader::default();
         flight.rows.iter().for_each(|row| reader.row(row));
         let counts = reader.finish(believed.start_unix_ns).ok_or(MeasuredError::Empty)?;
-        let measured = Measured::new(counts, &flight.reference)?;
+        let measured = MeasuredData::new(counts, &flight.reference)?;
         let from = measured.run(&believed, Shifts::default());
         let residual = measured.residual(&from);
         let noise = noise::of(&believed, &measured, &residual);
-        let case = Case::new(&measured, &believed);
-        let normal = Normal::new(case.whitenings(&noise), &residual, &case.nuisances);
+        let case = DiagnosisCase::new(&measured, &believed);
+        let normal = NormalEquations::new(case.whitenings(&noise), &residual, &case.nuisances);
         let nuisances = case.nuisances;
         let (bank, thresholds) = Default::default();
-        Ok(Survey { believed, duration_s, measured, from, noise, nuisances, normal, bank, thresholds })
+        Ok(TrialMotion { believed, duration_s, measured, from, noise, nuisances, normal, bank, thresholds })
     }
 
     /// What the difference of two configurations adds; the first has more.
@@ -108,7 +108,7 @@ impl Survey {
     /// Cosine of the signatures of what was hidden and what was found, whitened and beside the nuisances, without sign; 0 where one
     /// of them has none. What was found stands there with the numbers found, or with those with which it is most like what was
     /// hidden: noise moves a shape, and that makes it no other name. It is meant with a temperature that is told so much late.
-    pub fn likeness(&self, hidden: &Hidden, found: &DiagnosedEffect, temperature_late_s: f64) -> f64 {
+    pub fn signature_cosine(&self, hidden: &InjectedEffect, found: &DiagnosedEffect, temperature_late_s: f64) -> f64 {
         let Some(hypothesis) = found.hypothesis().filter(|own| own.amplitude.has_signature()) else { return 0.0 };
         if !matches!(hidden.origin, Origin::Catalogue | Origin::Unknown) {
             return 0.0;
@@ -119,13 +119,13 @@ impl Survey {
         let as_found = one.cosine(&self.normal, &other);
         let rivals = self.rivals(&hidden.hypothesis, temperature_late_s);
         let is_found =
-            |rival: &&Rival| rival.hypothesis.amplitude.code() == found.code && rival.hypothesis.gyros == found.gyros;
+            |rival: &&Alternative| rival.hypothesis.amplitude.code() == found.code && rival.hypothesis.gyros == found.gyros;
         rivals.iter().find(is_found).map_or(as_found, |rival| rival.cosine.max(as_found))
     }
 
     /// The change with a size whose signature is of that strength; nothing where none is within limits, or it cannot be told from the
     /// nuisances. Counts are whole ones, and so as strong or stronger.
-    pub fn sized(&self, mut change: Hypothesis, sign: f64, strength: f64) -> Option<Sized> {
+    pub fn sized(&self, mut change: Hypothesis, sign: f64, strength: f64) -> Option<ScaledHypothesis> {
         let limits = change.amplitude.size();
         let is_formula = change.amplitude.formula().is_some();
         change.value = sign * if is_formula { COEFFICIENT } else { SHARE * limits.greatest };
@@ -151,7 +151,7 @@ impl Survey {
         }
         let aside = Hypothesis { value: change.value * (1.0 - STEP), ..change.clone() };
         let slope = self.strength(&self.signature(&run(&change)?, &run(&aside)?))?;
-        Some(Sized { sigma: STEP * change.value.abs() / slope, strength: now, hypothesis: change })
+        Some(ScaledHypothesis { sigma: STEP * change.value.abs() / slope, strength: now, hypothesis: change })
     }
 
     /// The amplitude of the catalogue that looks most like a change, and the cosine of the two.
@@ -161,13 +161,13 @@ impl Survey {
     }
 
     /// The amplitudes of the catalogue that look like a change where the temperature is told so much late, the most alike first.
-    fn rivals(&self, change: &Hypothesis, temperature_late_s: f64) -> Vec<Rival> {
-        let bank = self.bank.get_or_init(|| Bank::new(&self.measured, &self.believed));
+    fn rivals(&self, change: &Hypothesis, temperature_late_s: f64) -> Vec<Alternative> {
+        let bank = self.bank.get_or_init(|| SignatureBank::new(&self.measured, &self.believed));
         let nuisances = self.nuisances.clone();
-        let case = Case { measured: &self.measured, believed: &self.believed, nuisances };
+        let case = DiagnosisCase { measured: &self.measured, believed: &self.believed, nuisances };
         let mut state = case.start(self.noise);
         state.held.push(FittedHypothesis::new(change.clone()));
-        look_alikes(&case, &bank.late(temperature_late_s), &state, 0)
+        similar_hypotheses(&case, &bank.late(temperature_late_s), &state, 0)
     }
 
     /// Diagnoses a flight. The thresholds are those of a flight with nothing hidden, for all flights of this motion: a key of
@@ -176,7 +176,7 @@ impl Survey {
     ///
     /// # Errors
     /// As [`diagnose_rows`].
-    pub fn diagnose(&self, flight: &Flight) -> Result<Diagnosis, MeasuredError> {
+    pub fn diagnose(&self, flight: &SimulatedRecording) -> Result<Diagnosis, MeasuredError> {
         if self.thresholds.get().is_none() {
             let mut believed = self.believed.clone();
             believed.seed = believed.seed.wrapping_add(1) & i64::MAX as u64;
@@ -194,12 +194,12 @@ impl Survey {
 
     fn diagnose_with(
         &self,
-        flight: &Flight,
+        flight: &SimulatedRecording,
         known: &(dyn Fn(u64) -> Option<Thresholds> + Sync),
         keep: &(dyn Fn(u64, &Thresholds) + Sync),
     ) -> Result<Diagnosis, MeasuredError> {
         let clock_start_ns = flight.reference.start_ns;
-        let settings = Settings { seed: 1, clock_start_ns, known, keep, manoeuvres: None, progress: &|_| {} };
+        let settings = DiagnosisOptions { seed: 1, clock_start_ns, known, keep, manoeuvres: None, progress: &|_| {} };
         diagnose_rows(&flight.rows, &[], &self.believed, &flight.reference, &settings)
     }
 }

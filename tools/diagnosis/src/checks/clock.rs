@@ -3,18 +3,18 @@
 use geu_model::Configuration;
 use geu_model::course::Interval;
 use geu_model::units::HALF_SECOND_S;
-use geu_protocol::continuity::Step;
+use geu_protocol::continuity::SequenceStep;
 use geu_protocol::field::unit_flag;
-use geu_recording::{ClockFit, Row};
+use geu_recording::{ClockFit, ReceivedSample};
 
-use super::timeline::Timeline;
-use super::told::{Kind, Told};
+use super::timeline::SampleTimes;
+use super::told::{FindingKind, FindingCollector};
 
-const TIME_JUMP: Kind =
-    Kind { name: "time-jump", what: "jumps of the receive time against the unit's clock", unit: "s" };
-const BACKWARDS: Kind = Kind { name: "time-backwards", what: "receive times before the one before", unit: "s" };
-const INTERVAL: Kind =
-    Kind { name: "interval", what: "half seconds received off their place by more than 0.1 s", unit: "s" };
+const TIME_JUMP: FindingKind =
+    FindingKind { name: "time-jump", what: "jumps of the receive time against the unit's clock", unit: "s" };
+const BACKWARDS: FindingKind = FindingKind { name: "time-backwards", what: "receive times before the one before", unit: "s" };
+const INTERVAL: FindingKind =
+    FindingKind { name: "interval", what: "half seconds received off their place by more than 0.1 s", unit: "s" };
 /// A stamp so far from its place strays, or time jumped.
 const STRAYS_S: f64 = 0.1;
 /// A clock is within 1000 ppm: a median spacing that is off by ten times that is none of a half second.
@@ -26,11 +26,11 @@ const SIGNIFICANT_PPM: f64 = 0.05;
 const MOST_BELIEVED: usize = 1000;
 
 /// Notes what the receive times show; nothing without them.
-pub fn check(rows: &[Row], timeline: &Timeline, configuration: &Configuration, told: &mut Told) {
+pub fn check(rows: &[ReceivedSample], timeline: &SampleTimes, configuration: &Configuration, told: &mut FindingCollector) {
     let is_polled = |row: usize| rows[row].half_second.unit_flags & const { unit_flag("polled") } != 0;
     // Where stamps tell the unit's cadence.
     let stamps: Vec<(usize, f64)> = (0..rows.len())
-        .filter(|&row| timeline.steps[row] != Step::Repeat && !is_polled(row))
+        .filter(|&row| timeline.steps[row] != SequenceStep::Repeat && !is_polled(row))
         .filter_map(|row| Some((row, timeline.stamp_s[row]?)))
         .collect();
     for pair in stamps.windows(2).filter(|pair| pair[1].1 < pair[0].1) {
@@ -57,8 +57,8 @@ pub fn check(rows: &[Row], timeline: &Timeline, configuration: &Configuration, t
 }
 
 /// The median spacing of half seconds that follow one another, where it is not theirs.
-fn wrong_spacing_s(stamps: &[(usize, f64)], timeline: &Timeline) -> Option<f64> {
-    let following = stamps.windows(2).filter(|pair| timeline.steps[pair[1].0] == Step::Next);
+fn wrong_spacing_s(stamps: &[(usize, f64)], timeline: &SampleTimes) -> Option<f64> {
+    let following = stamps.windows(2).filter(|pair| timeline.steps[pair[1].0] == SequenceStep::Next);
     let mut spacings: Vec<f64> = following.map(|pair| pair[1].1 - pair[0].1).collect();
     if spacings.len() < 10 {
         return None;
@@ -69,14 +69,14 @@ fn wrong_spacing_s(stamps: &[(usize, f64)], timeline: &Timeline) -> Option<f64> 
 }
 
 /// Notes stamps that stray and times that jump; between jumps, fits the clock: ppm and sigma.
-fn rate(rows: &[Row], stamps: &[(usize, f64)], timeline: &Timeline, told: &mut Told) -> Option<(f64, f64)> {
+fn rate(rows: &[ReceivedSample], stamps: &[(usize, f64)], timeline: &SampleTimes, told: &mut FindingCollector) -> Option<(f64, f64)> {
     let departure_s = |at: usize| stamps[at].1 - timeline.half_seconds[stamps[at].0] * HALF_SECOND_S;
     let mut fits = vec![ClockFit::default()];
     let mut usual_s: Option<f64> = None;
     for at in 0..stamps.len() {
         let (index, row) = (stamps[at].0, &rows[stamps[at].0]);
         // Sequence and clock that jump say nothing of how much time passed.
-        if matches!(timeline.steps[index], Step::Reset | Step::Jump) {
+        if matches!(timeline.steps[index], SequenceStep::Reset | SequenceStep::Jump) {
             usual_s = None;
         }
         let strays_s = usual_s.map_or(0.0, |usual_s| departure_s(at) - usual_s);
@@ -104,7 +104,7 @@ fn rate(rows: &[Row], stamps: &[(usize, f64)], timeline: &Timeline, told: &mut T
 }
 
 /// The clock's error that the configuration has, averaged over the recording.
-fn believed_ppm(rows: &[Row], timeline: &Timeline, configuration: &Configuration) -> f64 {
+fn believed_ppm(rows: &[ReceivedSample], timeline: &SampleTimes, configuration: &Configuration) -> f64 {
     let reference_c = configuration.electronics.numbers.reference_c;
     let every = rows.len().div_ceil(MOST_BELIEVED).max(1);
     let errors = (0..rows.len()).step_by(every).map(|row| {

@@ -5,13 +5,13 @@ use geu_model::Configuration;
 use geu_model::course::Interval;
 use geu_model::effect::WiringEffects;
 use geu_protocol::Gyro;
-use geu_protocol::continuity::Step;
+use geu_protocol::continuity::SequenceStep;
 use geu_protocol::field::unit_flag;
-use geu_recording::{Reference, Row};
+use geu_recording::{ReferenceAttitude, ReceivedSample};
 use nalgebra::Vector3;
 
-use super::timeline::Timeline;
-use super::told::Told;
+use super::timeline::SampleTimes;
+use super::told::FindingCollector;
 
 /// What stamps and the ends of a reference may miss of each other, s.
 const COVERED_S: f64 = 0.02;
@@ -24,7 +24,7 @@ const FEW_OUTLIERS: f64 = 0.01;
 
 /// One half second. Counts in the order of [`Gyro::ALL`].
 #[derive(Debug, Clone)]
-pub struct Half {
+pub struct SampleComparison {
     /// Index of its row.
     pub row: usize,
     /// What the gyros would count, unquantised and before their wiring.
@@ -39,19 +39,19 @@ pub struct Half {
 
 /// All half seconds, repeats left out.
 #[derive(Debug, Clone)]
-pub struct Compared {
-    pub halves: Vec<Half>,
+pub struct CountComparison {
+    pub halves: Vec<SampleComparison>,
 }
 
-impl Compared {
+impl CountComparison {
     /// Tells where the reference does not cover the recording; nothing where it covers none of it.
     pub fn of(
-        rows: &[Row],
-        timeline: &Timeline,
+        rows: &[ReceivedSample],
+        timeline: &SampleTimes,
         configuration: &Configuration,
-        reference: &Reference,
-        told: &mut Told,
-    ) -> Option<Compared> {
+        reference: &ReferenceAttitude,
+        told: &mut FindingCollector,
+    ) -> Option<CountComparison> {
         let last_s = *timeline.end_s.last()?;
         // A clock of its own starts with the reference.
         let zero_ns = if timeline.is_received { reference.start_ns } else { 0 };
@@ -79,14 +79,14 @@ impl Compared {
         let reference_c = configuration.electronics.numbers.reference_c;
         let mut near = 0;
         let mut angle = |t_s: f64| Vector3::from(reference.truth.at(t_s + offset_s, &mut near).0);
-        let halves = (0..rows.len()).filter(|&row| timeline.steps[row] != Step::Repeat).map(|row| {
+        let halves = (0..rows.len()).filter(|&row| timeline.steps[row] != SequenceStep::Repeat).map(|row| {
             let half_second = &rows[row].half_second;
             let (start_s, end_s) = (timeline.start_s(row), timeline.end_s[row]);
             let inputs = matrix * (angle(end_s) - angle(start_s));
             let electronics_c = f64::from(half_second.electronics_centi_c) * 0.01;
             let interval = Interval { start_s, end_s, electronics_excess_k: electronics_c - reference_c };
             let is_test = half_second.unit_flags & const { unit_flag("self_test") } != 0;
-            Half {
+            SampleComparison {
                 row,
                 predicted: std::array::from_fn(|gyro| {
                     let calibration = &calibrations[gyro];
@@ -100,13 +100,13 @@ impl Compared {
                 wiring: configuration.gyros.each_ref().map(|gyro| gyro.wiring.at(&interval)),
             }
         });
-        let mut compared = Compared { halves: halves.collect() };
+        let mut compared = CountComparison { halves: halves.collect() };
         compared.leave_out_outliers();
         Some(compared)
     }
 
     /// The half seconds in which a gyro can be compared.
-    pub fn of_gyro(&self, gyro: usize) -> impl Iterator<Item = &Half> {
+    pub fn of_gyro(&self, gyro: usize) -> impl Iterator<Item = &SampleComparison> {
         self.halves.iter().filter(move |half| half.is_used[gyro])
     }
 

@@ -2,8 +2,8 @@
 
 use geu_protocol::Gyro;
 
-use super::compared::Compared;
-use super::told::Told;
+use super::compared::CountComparison;
+use super::told::FindingCollector;
 
 /// Factors beyond this are none of a scale factor, whose effects go to 5 %.
 const ORDINARY: f64 = 0.1;
@@ -50,7 +50,7 @@ struct Moments {
 
 impl Moments {
     /// By sums of so many half seconds.
-    fn of(compared: &Compared, gyro: usize, summed: usize) -> Moments {
+    fn of(compared: &CountComparison, gyro: usize, summed: usize) -> Moments {
         let mut states = Default::default();
         let (mut count, mut sums) = (0, [0.0; 5]);
         let (mut halves, mut p, mut m) = (0, 0.0, 0.0);
@@ -94,7 +94,7 @@ impl Moments {
 
 /// Tells gyros whose counts are in a wrong unit, and leaves them out of what follows. Whether the others can be judged:
 /// where two gyros are in a wrong unit, all are, and those that turn little do not show it.
-pub fn wrong_units(compared: &mut Compared, told: &mut Told) -> bool {
+pub fn wrong_units(compared: &mut CountComparison, told: &mut FindingCollector) -> bool {
     let wrong: Vec<(Gyro, f64)> = Gyro::ALL
         .into_iter()
         .filter_map(|gyro| {
@@ -113,7 +113,7 @@ pub fn wrong_units(compared: &mut Compared, told: &mut Told) -> bool {
 }
 
 /// Tells gyros that do not follow the motion, once wiring that is known for it is taken into account.
-pub fn strangers(compared: &Compared, told: &mut Told) {
+pub fn uncorrelated_gyros(compared: &CountComparison, told: &mut FindingCollector) {
     for gyro in Gyro::ALL {
         let moments = Moments::of(compared, gyro as usize, 1);
         let correlation = moments.explained().sqrt() * moments.both.signum();

@@ -1,8 +1,8 @@
 //! The wiring faults that the model has, each as one number set at one gyro; no fault is known here by name.
 
 use geu_model::effect::{Effects, WiringEffects, WiringStates};
-use geu_model::fault::{List, Target};
-use geu_model::number::Form;
+use geu_model::fault::{EffectList, ParameterRef};
+use geu_model::number::ValueFormat;
 use geu_protocol::Gyro;
 
 use crate::amplitude::{AmplitudeRef, STEP};
@@ -18,7 +18,7 @@ pub fn apply(wiring: &Wiring, states: &mut WiringStates, counts: &mut [f64; 4]) 
 
 /// One number of one fault, set at one gyro.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Law {
+pub struct WiringHypothesis {
     /// The gyro.
     bearer: Gyro,
     effect: usize,
@@ -26,21 +26,21 @@ pub struct Law {
     value: f64,
 }
 
-impl Law {
+impl WiringHypothesis {
     /// Every fault at every gyro, switched on or with each other gyro.
-    pub fn all() -> Vec<Law> {
+    pub fn all() -> Vec<WiringHypothesis> {
         let blank = WiringEffects::default();
         let mut laws = Vec::new();
         for (effect, spec) in WiringEffects::SPECS.iter().enumerate() {
             for (amplitude, number) in blank.numbers(effect).specs().iter().enumerate().take(spec.amplitudes.len()) {
                 for bearer in Gyro::ALL {
                     let values = match number.form {
-                        Form::Flag => vec![1.0],
-                        Form::Whole | Form::Choice(_) => vec![],
-                        Form::Gyro => (1..=4).filter(|&named| named != bearer as usize + 1).map(|n| n as f64).collect(),
-                        Form::Real => Vec::new(),
+                        ValueFormat::Flag => vec![1.0],
+                        ValueFormat::Whole | ValueFormat::Choice(_) => vec![],
+                        ValueFormat::Gyro => (1..=4).filter(|&named| named != bearer as usize + 1).map(|n| n as f64).collect(),
+                        ValueFormat::Real => Vec::new(),
                     };
-                    laws.extend(values.into_iter().map(|value| Law { bearer, effect, amplitude, value }));
+                    laws.extend(values.into_iter().map(|value| WiringHypothesis { bearer, effect, amplitude, value }));
                 }
             }
         }
@@ -49,7 +49,7 @@ impl Law {
 
     /// As a hypothesis, from its onset on or all through.
     pub fn hypothesis(&self, onset_s: Option<f64>) -> Hypothesis {
-        let target = Target { list: List::Wiring, effect: self.effect, number: self.amplitude };
+        let target = ParameterRef { list: EffectList::Wiring, effect: self.effect, number: self.amplitude };
         let gyros = Gyro::ALL.map(|gyro| gyro == self.bearer);
         Hypothesis {
             course_shapes: onset_s.into_iter().collect(),
@@ -123,7 +123,7 @@ mod tests {
 
     #[test]
     fn every_fault_of_the_model_is_there_at_every_gyro() {
-        let laws = Law::all();
+        let laws = WiringHypothesis::all();
         for (effect, spec) in WiringEffects::SPECS.iter().enumerate() {
             for bearer in Gyro::ALL {
                 assert!(laws.iter().any(|law| law.effect == effect && law.bearer == bearer), "{}", spec.code);

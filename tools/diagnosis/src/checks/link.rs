@@ -1,37 +1,37 @@
 //! What the rows tell of themselves: sequence, flags, ends of the range, temperatures.
 
 use geu_protocol::Gyro;
-use geu_protocol::continuity::Step;
+use geu_protocol::continuity::SequenceStep;
 use geu_protocol::field::unit_flag;
-use geu_recording::Row;
+use geu_recording::ReceivedSample;
 
-use super::timeline::Timeline;
-use super::told::{Kind, Told, same};
+use super::timeline::SampleTimes;
+use super::told::{FindingKind, FindingCollector, same};
 
-const fn kind(name: &'static str, what: &'static str) -> Kind {
-    Kind { name, what, unit: "" }
+const fn kind(name: &'static str, what: &'static str) -> FindingKind {
+    FindingKind { name, what, unit: "" }
 }
 
-const GAP: Kind = kind("gap", "half seconds are missing");
-const REPEAT: Kind = kind("repeat", "half seconds came again");
-const REPEAT_DIFFERS: Kind =
+const GAP: FindingKind = kind("gap", "half seconds are missing");
+const REPEAT: FindingKind = kind("repeat", "half seconds came again");
+const REPEAT_DIFFERS: FindingKind =
     kind("repeat-differs", "half seconds came again with the same sequence and other contents");
-const RESET: Kind = kind("reset", "times sequence and clock restarted");
-const SEQUENCE_JUMP: Kind = kind("sequence-jump", "times sequence and clock jumped");
-const INVALID: Kind = kind("invalid", "half seconds are marked as no measurement");
-const SATURATED: Kind = kind("saturated", "half seconds are marked as clipped");
-const CLIPPED: Kind = kind("clipped", "half seconds stand at an end of 16 bits and are not marked as clipped");
-const SATURATED_INSIDE: Kind = kind("saturated-inside", "half seconds are marked as clipped and stand inside 16 bits");
-const SELF_TEST: Kind = kind("self-test", "half seconds have the pattern of the self-test in them");
-const NOT_SYNCHRONOUS: Kind = kind("not-synchronous", "half seconds have a spin motor that is not synchronous");
-const SYNCHRONOUS_FLAG: Kind =
+const RESET: FindingKind = kind("reset", "times sequence and clock restarted");
+const SEQUENCE_JUMP: FindingKind = kind("sequence-jump", "times sequence and clock jumped");
+const INVALID: FindingKind = kind("invalid", "half seconds are marked as no measurement");
+const SATURATED: FindingKind = kind("saturated", "half seconds are marked as clipped");
+const CLIPPED: FindingKind = kind("clipped", "half seconds stand at an end of 16 bits and are not marked as clipped");
+const SATURATED_INSIDE: FindingKind = kind("saturated-inside", "half seconds are marked as clipped and stand inside 16 bits");
+const SELF_TEST: FindingKind = kind("self-test", "half seconds have the pattern of the self-test in them");
+const NOT_SYNCHRONOUS: FindingKind = kind("not-synchronous", "half seconds have a spin motor that is not synchronous");
+const SYNCHRONOUS_FLAG: FindingKind =
     kind("synchronous-flag", "half seconds have a motor not synchronous and yet all gyros valid");
-const HEATER: Kind = kind("heater", "half seconds have the sensor heater out of 70 ± 1 °C");
-const HEATER_FLAG: Kind = kind("heater-flag", "half seconds have a sensor temperature that the heater's flag denies");
-const CLOCK_UNLOCKED: Kind = kind("clock-unlocked", "half seconds have the clock not locked");
-const SENSOR_JUMP: Kind = Kind { name: "sensor-temperature-jump", what: "jumps of the sensor temperature", unit: "K" };
-const ELECTRONICS_JUMP: Kind =
-    Kind { name: "electronics-temperature-jump", what: "jumps of the electronics temperature", unit: "K" };
+const HEATER: FindingKind = kind("heater", "half seconds have the sensor heater out of 70 ± 1 °C");
+const HEATER_FLAG: FindingKind = kind("heater-flag", "half seconds have a sensor temperature that the heater's flag denies");
+const CLOCK_UNLOCKED: FindingKind = kind("clock-unlocked", "half seconds have the clock not locked");
+const SENSOR_JUMP: FindingKind = FindingKind { name: "sensor-temperature-jump", what: "jumps of the sensor temperature", unit: "K" };
+const ELECTRONICS_JUMP: FindingKind =
+    FindingKind { name: "electronics-temperature-jump", what: "jumps of the electronics temperature", unit: "K" };
 
 /// More than this within a half second is no temperature: a heater that warms by 50 K with 20 min does 0.02 K.
 const TEMPERATURE_JUMP_CENTI_K: i32 = 100;
@@ -39,23 +39,23 @@ const TEMPERATURE_JUMP_CENTI_K: i32 = 100;
 const BAND_CENTI_C: std::ops::RangeInclusive<i16> = 6890..=7110;
 
 /// Notes what is there; counts at an end of their range get the flag that says so.
-pub fn check(rows: &mut [Row], timeline: &Timeline, told: &mut Told) {
-    let mut before: Option<Row> = None;
+pub fn check(rows: &mut [ReceivedSample], timeline: &SampleTimes, told: &mut FindingCollector) {
+    let mut before: Option<ReceivedSample> = None;
     for (index, row) in rows.iter_mut().enumerate() {
         match timeline.steps[index] {
-            Step::First | Step::Next => {}
-            Step::Repeat => {
+            SequenceStep::First | SequenceStep::Next => {}
+            SequenceStep::Repeat => {
                 let kind = if before.is_some_and(|before| same(&before, row)) { REPEAT } else { REPEAT_DIFFERS };
                 told.note(kind, None, index, 1, 0.0);
                 continue;
             }
-            Step::Gap(missing) => told.note(GAP, None, index, missing, 0.0),
-            Step::Reset => told.note(RESET, None, index, 1, 0.0),
-            Step::Jump => told.note(SEQUENCE_JUMP, None, index, 1, 0.0),
+            SequenceStep::Gap(missing) => told.note(GAP, None, index, missing, 0.0),
+            SequenceStep::Reset => told.note(RESET, None, index, 1, 0.0),
+            SequenceStep::Jump => told.note(SEQUENCE_JUMP, None, index, 1, 0.0),
         }
         flags(row, index, told);
         if let Some(before) = before
-            && timeline.steps[index] == Step::Next
+            && timeline.steps[index] == SequenceStep::Next
         {
             temperatures(&before, row, index, told);
         }
@@ -64,7 +64,7 @@ pub fn check(rows: &mut [Row], timeline: &Timeline, told: &mut Told) {
     }
 }
 
-fn flags(row: &Row, index: usize, told: &mut Told) {
+fn flags(row: &ReceivedSample, index: usize, told: &mut FindingCollector) {
     let half_second = &row.half_second;
     let is_set = |name: u8| half_second.unit_flags & name != 0;
     for gyro in Gyro::ALL {
@@ -89,7 +89,7 @@ fn flags(row: &Row, index: usize, told: &mut Told) {
     }
 }
 
-fn temperatures(before: &Row, row: &Row, index: usize, told: &mut Told) {
+fn temperatures(before: &ReceivedSample, row: &ReceivedSample, index: usize, told: &mut FindingCollector) {
     let (was, is) = (&before.half_second, &row.half_second);
     let mut compare = |kind, was: i16, is: i16| {
         let change = i32::from(is) - i32::from(was);
@@ -103,7 +103,7 @@ fn temperatures(before: &Row, row: &Row, index: usize, told: &mut Told) {
     }
 }
 
-fn saturation(row: &mut Row, index: usize, told: &mut Told) {
+fn saturation(row: &mut ReceivedSample, index: usize, told: &mut FindingCollector) {
     for gyro in Gyro::ALL {
         let at_end = matches!(row.half_second.increments[gyro as usize], i16::MIN | i16::MAX);
         let flag = gyro.bit() << 4;

@@ -1,8 +1,8 @@
 //! When each row's half second ended, and how it stands to the one before.
 
 use geu_model::units::HALF_SECOND_S;
-use geu_protocol::continuity::{Continuity, Step};
-use geu_recording::Row;
+use geu_protocol::continuity::{Continuity, SequenceStep};
+use geu_recording::ReceivedSample;
 
 /// Neighbours on either side over which times are smoothed: a median keeps an edge where it is, and drops late stamps.
 const NEIGHBOURS: usize = 4;
@@ -10,7 +10,7 @@ const NEIGHBOURS: usize = 4;
 const MOST_MISSING: u64 = 1_209_600;
 
 /// Times of the rows.
-pub struct Timeline {
+pub struct SampleTimes {
     /// Start of the first half second on the time scale of the rows, ns.
     pub start_ns: i64,
     /// Whether the times were received; else they are the unit's own clock.
@@ -20,24 +20,24 @@ pub struct Timeline {
     /// Receive time of each row, s since the start, where it has one.
     pub stamp_s: Vec<Option<f64>>,
     /// How each row stands to the one before.
-    pub steps: Vec<Step>,
+    pub steps: Vec<SequenceStep>,
     /// Half seconds since the first row, by sequence and clock.
     pub half_seconds: Vec<f64>,
 }
 
-impl Timeline {
-    pub fn of(rows: &[Row]) -> Timeline {
+impl SampleTimes {
+    pub fn of(rows: &[ReceivedSample]) -> SampleTimes {
         let mut continuity = Continuity::default();
-        let clock = |row: &Row| row.has_clock.then_some(row.half_second.clock_count);
-        let steps: Vec<Step> = rows.iter().map(|row| continuity.step(row.half_second.sequence, clock(row))).collect();
+        let clock = |row: &ReceivedSample| row.has_clock.then_some(row.half_second.clock_count);
+        let steps: Vec<SequenceStep> = rows.iter().map(|row| continuity.step(row.half_second.sequence, clock(row))).collect();
         let mut passed = 0.0;
         let half_seconds: Vec<f64> = steps
             .iter()
             .map(|step| {
                 passed += match *step {
-                    Step::First | Step::Repeat => 0.0,
-                    Step::Gap(missing) => missing.min(MOST_MISSING) as f64 + 1.0,
-                    Step::Next | Step::Reset | Step::Jump => 1.0,
+                    SequenceStep::First | SequenceStep::Repeat => 0.0,
+                    SequenceStep::Gap(missing) => missing.min(MOST_MISSING) as f64 + 1.0,
+                    SequenceStep::Next | SequenceStep::Reset | SequenceStep::Jump => 1.0,
                 };
                 passed
             })
@@ -55,7 +55,7 @@ impl Timeline {
         } else {
             half_seconds.iter().map(|half_seconds| (half_seconds + 1.0) * HALF_SECOND_S).collect()
         };
-        Timeline { start_ns, is_received, end_s, stamp_s, steps, half_seconds }
+        SampleTimes { start_ns, is_received, end_s, stamp_s, steps, half_seconds }
     }
 
     /// Start of a row's half second, s.
@@ -65,18 +65,18 @@ impl Timeline {
 }
 
 /// Ends by the median of what the neighbours tell, each so many half seconds away.
-fn smoothed(stamp_s: &[Option<f64>], steps: &[Step]) -> Vec<f64> {
+fn smoothed(stamp_s: &[Option<f64>], steps: &[SequenceStep]) -> Vec<f64> {
     // Departures from a row each half second: an edge where some are missing.
     let mut index = 0.0;
     let indices: Vec<f64> = steps
         .iter()
         .map(|step| {
-            index += if *step == Step::Repeat { 0.0 } else { 1.0 };
+            index += if *step == SequenceStep::Repeat { 0.0 } else { 1.0 };
             index
         })
         .collect();
     let known: Vec<(usize, f64)> = (0..steps.len())
-        .filter(|&row| steps[row] != Step::Repeat)
+        .filter(|&row| steps[row] != SequenceStep::Repeat)
         .filter_map(|row| Some((row, stamp_s[row]? - indices[row] * HALF_SECOND_S)))
         .collect();
     let mut near = Vec::with_capacity(2 * NEIGHBOURS + 1);

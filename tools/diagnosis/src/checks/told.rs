@@ -3,10 +3,10 @@
 use std::collections::BTreeMap;
 
 use geu_protocol::Gyro;
-use geu_recording::{Defect, DefectKind, Row};
+use geu_recording::{Defect, DefectKind, ReceivedSample};
 
 use super::law::WiringFault;
-use super::timeline::Timeline;
+use super::timeline::SampleTimes;
 use crate::Finding;
 
 /// Notes of one kind that are no further apart are one run, s.
@@ -19,7 +19,7 @@ const CERTAIN_S: f64 = 2.0;
 
 /// A kind of note: its stable name, and what there are so many of.
 #[derive(Debug, Clone, Copy)]
-pub struct Kind {
+pub struct FindingKind {
     /// As [`Finding::kind`].
     pub name: &'static str,
     /// After the number of half seconds.
@@ -29,7 +29,7 @@ pub struct Kind {
 }
 
 struct Run {
-    kind: Kind,
+    kind: FindingKind,
     gyro: Option<Gyro>,
     from_s: f64,
     to_s: f64,
@@ -69,21 +69,21 @@ fn place(gyro: Option<Gyro>, from_s: f64, to_s: f64) -> String {
 }
 
 /// Takes notes.
-pub struct Told<'a> {
-    timeline: &'a Timeline,
+pub struct FindingCollector<'a> {
+    timeline: &'a SampleTimes,
     runs: Vec<Run>,
     /// Index of the last run of a kind and gyro.
     last: BTreeMap<(&'static str, Option<Gyro>), usize>,
     findings: Vec<(f64, Finding)>,
 }
 
-impl<'a> Told<'a> {
-    pub fn new(timeline: &'a Timeline) -> Told<'a> {
-        Told { timeline, runs: Vec::new(), last: BTreeMap::new(), findings: Vec::new() }
+impl<'a> FindingCollector<'a> {
+    pub fn new(timeline: &'a SampleTimes) -> FindingCollector<'a> {
+        FindingCollector { timeline, runs: Vec::new(), last: BTreeMap::new(), findings: Vec::new() }
     }
 
     /// Notes one half second, or so many that are missing before it.
-    pub fn note(&mut self, kind: Kind, gyro: Option<Gyro>, row: usize, count: u64, value: f64) {
+    pub fn note(&mut self, kind: FindingKind, gyro: Option<Gyro>, row: usize, count: u64, value: f64) {
         let (from_s, to_s) = (self.timeline.start_s(row), self.timeline.end_s[row]);
         let run = Run { kind, gyro, from_s, to_s, count, largest: value };
         match self.last.get(&(kind.name, gyro)).map(|&index| &mut self.runs[index]) {
@@ -171,7 +171,7 @@ impl<'a> Told<'a> {
 }
 
 /// Whether two rows say the same of their half second.
-pub fn same(one: &Row, other: &Row) -> bool {
+pub fn same(one: &ReceivedSample, other: &ReceivedSample) -> bool {
     let [mut one_half, other_half] = [one, other].map(|row| row.half_second);
     if !(one.has_clock && other.has_clock) {
         (one_half.clock_count, one_half.sensor_centi_c) = (other_half.clock_count, other_half.sensor_centi_c);

@@ -9,12 +9,12 @@ use std::ops::Range;
 
 use geu_model::effect::WiringStates;
 use geu_protocol::Gyro;
-use geu_recording::Row;
+use geu_recording::ReceivedSample;
 
-use super::compared::Compared;
+use super::compared::CountComparison;
 use super::law::WiringFault;
-use super::law::{Law, Wiring, apply};
-use super::timeline::Timeline;
+use super::law::{WiringHypothesis, Wiring, apply};
+use super::timeline::SampleTimes;
 
 /// No recording has more.
 const MOST_FAULTS: usize = 8;
@@ -40,14 +40,14 @@ const ROUNDING_VARIANCE: f64 = 1.0 / 6.0;
 const AS_GOOD: f64 = 25.0;
 
 /// A fault, and where it stands among the half seconds compared.
-pub struct Found {
+pub struct LocatedFault {
     pub fault: WiringFault,
-    law: Law,
+    law: WiringHypothesis,
     halves: Range<usize>,
 }
 
 struct Search<'a> {
-    compared: &'a Compared,
+    compared: &'a CountComparison,
     /// What the wiring remembers before each half second, from what was measured.
     states: Vec<WiringStates>,
     /// Predicted with the wiring believed so far.
@@ -56,7 +56,7 @@ struct Search<'a> {
 
 /// Names the faults beside those found before, and leaves out of `compared` what they destroy. What undoes itself is a harness, which does
 /// not come and go: a law that would have to is none.
-pub fn search(mut laws: Vec<Law>, before: &[Found], compared: &mut Compared, timeline: &Timeline) -> Vec<Found> {
+pub fn search(mut laws: Vec<WiringHypothesis>, before: &[LocatedFault], compared: &mut CountComparison, timeline: &SampleTimes) -> Vec<LocatedFault> {
     loop {
         let mut tried = compared.clone();
         let found = one_by_one(&laws, &mut tried, timeline);
@@ -70,8 +70,8 @@ pub fn search(mut laws: Vec<Law>, before: &[Found], compared: &mut Compared, tim
 }
 
 /// The one that explains most first.
-fn one_by_one(laws: &[Law], compared: &mut Compared, timeline: &Timeline) -> Vec<Found> {
-    let mut found: Vec<Found> = Vec::new();
+fn one_by_one(laws: &[WiringHypothesis], compared: &mut CountComparison, timeline: &SampleTimes) -> Vec<LocatedFault> {
+    let mut found: Vec<LocatedFault> = Vec::new();
     while found.len() < MOST_FAULTS {
         let search = Search::of(compared);
         let best = ORDINARY.iter().find_map(|&ordinary| search.best(laws, ordinary, timeline));
@@ -89,10 +89,10 @@ fn one_by_one(laws: &[Law], compared: &mut Compared, timeline: &Timeline) -> Vec
 }
 
 /// Puts the rows right: what undoes itself is done again, what is lost is marked as no measurement.
-pub fn undo(found: &[Found], compared: &Compared, rows: &mut [Row]) {
-    let mut found: Vec<&Found> = found.iter().collect();
+pub fn undo(found: &[LocatedFault], compared: &CountComparison, rows: &mut [ReceivedSample]) {
+    let mut found: Vec<&LocatedFault> = found.iter().collect();
     found.sort_by_key(|found| std::cmp::Reverse(found.law.order()));
-    for Found { law, halves, fault } in found {
+    for LocatedFault { law, halves, fault } in found {
         let row = |half: usize| compared.halves.get(half).map_or(rows.len(), |half| half.row);
         let concerned = row(halves.start)..row(halves.end);
         let undoes_itself = law.undoes_itself();
@@ -117,7 +117,7 @@ pub fn undo(found: &[Found], compared: &Compared, rows: &mut [Row]) {
 }
 
 impl Search<'_> {
-    fn of(compared: &Compared) -> Search<'_> {
+    fn of(compared: &CountComparison) -> Search<'_> {
         let mut now = WiringStates::default();
         let (mut states, mut believed) = (Vec::new(), Vec::new());
         for half in &compared.halves {
@@ -131,8 +131,8 @@ impl Search<'_> {
     }
 
     /// The law that explains most; a part of the counts that may be ordinary errors is not held against what is believed.
-    fn best(&self, laws: &[Law], ordinary: f64, timeline: &Timeline) -> Option<Found> {
-        let mut best: Option<(f64, Found)> = None;
+    fn best(&self, laws: &[WiringHypothesis], ordinary: f64, timeline: &SampleTimes) -> Option<LocatedFault> {
+        let mut best: Option<(f64, LocatedFault)> = None;
         for law in laws {
             let gains = self.gains(law, ordinary);
             let (gain, halves) = best_stretch(&gains);
@@ -146,7 +146,7 @@ impl Search<'_> {
     }
 
     /// By how much the law lowers the square of what is left of each half second.
-    fn gains(&self, law: &Law, ordinary: f64) -> Vec<f64> {
+    fn gains(&self, law: &WiringHypothesis, ordinary: f64) -> Vec<f64> {
         let is_exact = !law.undoes_itself();
         let one = |index: usize| {
             let (half, believed) = (&self.compared.halves[index], &self.believed[index]);
@@ -171,7 +171,7 @@ impl Search<'_> {
     }
 
     /// What the law makes of a stretch, from its first half second on.
-    fn with(&self, law: &Law, halves: Range<usize>) -> Vec<[f64; 4]> {
+    fn with(&self, law: &WiringHypothesis, halves: Range<usize>) -> Vec<[f64; 4]> {
         let mut states = self.states.get(halves.start).cloned().unwrap_or_default();
         let of_half = |index: usize| {
             let mut changed = self.compared.halves[index].predicted;
@@ -181,7 +181,7 @@ impl Search<'_> {
         halves.map(of_half).collect()
     }
 
-    fn judge(&self, law: &Law, halves: Range<usize>, gains: &[f64], timeline: &Timeline) -> Option<Found> {
+    fn judge(&self, law: &WiringHypothesis, halves: Range<usize>, gains: &[f64], timeline: &SampleTimes) -> Option<LocatedFault> {
         if halves.is_empty() {
             return None;
         }
@@ -222,11 +222,11 @@ impl Search<'_> {
             without_rms_counts: rms(|fit| fit.rr),
             with_rms_counts: rms(|fit| fit.rr - 2.0 * fit.rs + fit.ss),
         };
-        Some(Found { fault, law: *law, halves })
+        Some(LocatedFault { fault, law: *law, halves })
     }
 
     /// Whether the law from the start gives the same as `with` from `onset` on.
-    fn agrees(&self, law: &Law, onset: usize, with: &[[f64; 4]]) -> bool {
+    fn agrees(&self, law: &WiringHypothesis, onset: usize, with: &[[f64; 4]]) -> bool {
         let earlier = self.with(law, 0..onset + with.len());
         earlier[onset..].iter().zip(with).all(|(earlier, with)| earlier == with)
     }

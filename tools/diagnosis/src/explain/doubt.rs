@@ -3,14 +3,14 @@
 use geu_model::Configuration;
 use rayon::prelude::*;
 
-use crate::bank::Bank;
+use crate::bank::SignatureBank;
 use crate::measured::TIMING;
-use crate::normal::Normal;
+use crate::normal::NormalEquations;
 use crate::null::Thresholds;
 use crate::search::{Candidate, search};
-use crate::state::Case;
+use crate::state::DiagnosisCase;
 
-use super::selected::{Explained, MOST_OF_ONE, Refused};
+use super::selected::{Explained, MOST_OF_ONE, RejectedHypothesis};
 use super::walks::walked;
 
 /// What the search finds beyond chance by more than this, three sigma, is there, whether or not there is anything that explains it.
@@ -23,7 +23,7 @@ const FORETOLD_CHI2: f64 = 9.0;
 
 impl Explained {
     /// Whether a formula might do better: as well in the place of one of the changes, or instead of a pile of them, or of noise.
-    pub fn is_doubtful(&self, case: &Case, formulas: &Bank, thresholds: &Thresholds) -> bool {
+    pub fn is_doubtful(&self, case: &DiagnosisCase, formulas: &SignatureBank, thresholds: &Thresholds) -> bool {
         let is_pile = |gyro: usize| self.state.held.iter().filter(|held| held.hypothesis.gyros[gyro]).count() > 1;
         let is_noisy = self.noise.iter().any(|found| found.is_told(case.believed, &self.state));
         if is_noisy || (0..TIMING).any(is_pile) {
@@ -43,14 +43,14 @@ impl Explained {
     }
 
     /// A fall of χ² that is next to nothing beside that of all that was found, the lag among it; calibration numbers move in any case.
-    pub(super) fn negligible(&self, case: &Case) -> f64 {
+    pub(super) fn negligible(&self, case: &DiagnosisCase) -> f64 {
         let sixteen = &case.nuisances[..case.nuisances.len() - 1];
         let start = case.residual(&case.start(self.state.noise));
-        NEGLIGIBLE * (Normal::new(case.whitenings(&self.state.noise), &start, sixteen).chi2() - self.normal.chi2())
+        NEGLIGIBLE * (NormalEquations::new(case.whitenings(&self.state.noise), &start, sixteen).chi2() - self.normal.chi2())
     }
 
     /// Whether a formula is what explains, and no small mend of other things that do.
-    pub fn stands_on_a_formula(&self, case: &Case) -> bool {
+    pub fn stands_on_a_formula(&self, case: &DiagnosisCase) -> bool {
         let is_formula = |index: &usize| self.state.held[*index].hypothesis.amplitude.formula().is_some();
         (0..self.state.held.len()).filter(is_formula).any(|index| self.worth(case, index).0 > self.negligible(case))
     }
@@ -58,7 +58,7 @@ impl Explained {
     /// Gyros that stay unexplained: those on which something is left that nothing explains, and those whose changes are a pile. A
     /// pile is noise as a last resort beside several changes, a formula beside anything, a change that the other thirds do not
     /// foretell beside another one, or more than anything should have, which explains everything, and so nothing.
-    pub fn piled(&self, believed: &Configuration) -> [bool; 4] {
+    pub fn overfitted_gyros(&self, believed: &Configuration) -> [bool; 4] {
         std::array::from_fn(|gyro| {
             let own = || self.on(gyro).map(|(_, held)| held);
             let has_formula = own().any(|held| held.hypothesis.amplitude.formula().is_some());
@@ -74,22 +74,22 @@ impl Explained {
     /// What a hypothesis would make of the score, with the white noise as it is without it.
     pub(super) fn refusal(
         &mut self,
-        case: &Case,
-        bank: &Bank,
+        case: &DiagnosisCase,
+        bank: &SignatureBank,
         thresholds: &Thresholds,
         candidate: &Candidate,
-    ) -> Refused {
+    ) -> RejectedHypothesis {
         let noise = self.fitted_white(case);
         let (residual, columns) = case.linearised(&mut self.state);
-        let normal = Normal::departed(case.whitenings(&noise), &residual, &columns, &self.state.sixteen);
+        let normal = NormalEquations::departed(case.whitenings(&noise), &residual, &columns, &self.state.sixteen);
         let own = candidate.spot.signature(bank, &normal).products;
         let gain = normal.gain(&own).map_or(0.0, |gain| gain.chi2);
         let worth = gain - thresholds.price(candidate.family, &candidate.hypothesis);
-        Refused { gyros: candidate.hypothesis.gyros, score: self.score_with(case, thresholds, &noise) - worth }
+        RejectedHypothesis { gyros: candidate.hypothesis.gyros, score: self.score_with(case, thresholds, &noise) - worth }
     }
 
     /// The score, and what was refused only where that would have a better one: walks may explain what it does.
-    pub(super) fn settled(mut self, case: &Case, thresholds: &Thresholds) -> (Explained, f64) {
+    pub(super) fn settled(mut self, case: &DiagnosisCase, thresholds: &Thresholds) -> (Explained, f64) {
         let score = self.score(case, thresholds);
         self.refused = self.refused.filter(|refused| refused.score + REFUSED_CHI2 < score);
         let best = self.refused.map_or(score, |refused| refused.score);
@@ -98,7 +98,7 @@ impl Explained {
 
     /// Drops each change that, beside all the others, is not worth what was paid for it. Where walks are larger than believed, what was
     /// paid is too little: then a change must also better a walk in its place.
-    pub fn prune(&mut self, case: &Case) {
+    pub fn prune(&mut self, case: &DiagnosisCase) {
         let is_noisy = self.noise.iter().any(|found| found.is_told(case.believed, &self.state));
         loop {
             let without = |index: usize| {

@@ -2,16 +2,16 @@
 
 use rayon::prelude::*;
 
-use geu_model::course::Law;
+use geu_model::course::TimeFunction;
 use geu_model::number::Role;
 
-use crate::bank::Bank;
+use crate::bank::SignatureBank;
 use crate::hypothesis::Hypothesis;
-use crate::late::{self, Late};
+use crate::late::{self, LaggedFit};
 use crate::normal::THIRDS;
 use crate::null::Thresholds;
 use crate::search::pays;
-use crate::state::{Case, FittedHypothesis};
+use crate::state::{DiagnosisCase, FittedHypothesis};
 
 use super::selected::Explained;
 
@@ -47,17 +47,17 @@ pub(super) fn is_possible(held: &FittedHypothesis) -> bool {
 
 impl Explained {
     /// Where the last change follows the temperature, or swings as a temperature may, looks for how late the temperature is told.
-    pub(super) fn shift_temperature(&mut self, case: &Case, bank: &Bank, thresholds: &Thresholds) {
+    pub(super) fn shift_temperature(&mut self, case: &DiagnosisCase, bank: &SignatureBank, thresholds: &Thresholds) {
         let Some(last) = self.state.held.last() else { return };
-        if !matches!(last.hypothesis.law(), Some(Law::Periodic { .. } | Law::Temperature)) {
+        if !matches!(last.hypothesis.law(), Some(TimeFunction::Periodic { .. } | TimeFunction::Temperature)) {
             return;
         }
         let price = |family, change: &Hypothesis| thresholds.price(family, change);
         let own = last.held_out;
         let foretold = |held_out: &[Option<f64>; THIRDS]| held_out.iter().flatten().sum::<f64>();
         // What follows the temperature anyway must be foretold better with the lag than without.
-        let is_foretold = |late: &Late| !last.follows_temperature() || foretold(&late.held().held_out) > foretold(&own);
-        let is_accepted = |late: &Late| pays(&late.held().held_out) && is_foretold(late) && is_possible(late.held());
+        let is_foretold = |late: &LaggedFit| !last.follows_temperature() || foretold(&late.held().held_out) > foretold(&own);
+        let is_accepted = |late: &LaggedFit| pays(&late.held().held_out) && is_foretold(late) && is_possible(late.held());
         let index = self.state.held.len() - 1;
         let Some(late) = late::likeliest(case, bank, &self.state, index, &price, &is_accepted) else { return };
         if late.score() < self.normal.squares() + last.penalty {
@@ -66,20 +66,20 @@ impl Explained {
     }
 
     /// Takes a number of counts as the whole one that it is.
-    pub(super) fn take_whole(&mut self, case: &Case) {
+    pub(super) fn take_whole(&mut self, case: &DiagnosisCase) {
         let last = self.state.held.last_mut().expect("just put");
         if last.hypothesis.amplitude.is_count() {
             let sigma = last.sigmas[0];
             last.hypothesis.value = last.hypothesis.value.round();
             last.is_free[0] = false;
-            last.run_anew();
+            last.invalidate();
             self.normal = case.fit(&mut self.state);
             self.state.held.last_mut().expect("still there").sigmas[0] = sigma;
         }
     }
 
     /// Frees those shapes of the last change that the data tell.
-    pub(super) fn free_shapes(&mut self, case: &Case) {
+    pub(super) fn free_shapes(&mut self, case: &DiagnosisCase) {
         let last = self.state.held.len() - 1;
         for index in 0..self.state.held[last].is_free.len() {
             if self.state.held[last].is_free[index] {
@@ -99,7 +99,7 @@ impl Explained {
 
     /// Puts onsets in the middle of where χ² is nearly the least, with the sigma of what is as likely everywhere there: between two
     /// motions an onset may lie anywhere.
-    pub fn widen_onsets(&mut self, case: &Case) {
+    pub fn widen_onsets(&mut self, case: &DiagnosisCase) {
         for index in 0..self.state.held.len() {
             let parameters = self.state.held[index].hypothesis.parameters();
             let Some(place) = parameters.iter().position(|parameter| parameter.role == Role::Onset) else { continue };
@@ -113,7 +113,7 @@ impl Explained {
                 let value = (parameter.value + by_s).clamp(parameter.least, parameter.greatest);
                 state.held[index].hypothesis.set(place, value);
                 state.held[index].is_free[place] = false;
-                state.held[index].run_anew();
+                state.held[index].invalidate();
                 let normal = case.normal(&mut state);
                 (normal.chi2() - least, state)
             };

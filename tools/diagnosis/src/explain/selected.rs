@@ -6,12 +6,12 @@ use crate::gyros::{Gyros, is_within};
 use crate::hypothesis::Hypothesis;
 use crate::late::lag_chi2;
 use crate::measured::{CHANNELS, TIMING};
-use crate::noise::{Fitted, Walk};
-use crate::normal::Normal;
+use crate::noise::{FittedNoise, Walk};
+use crate::normal::NormalEquations;
 use crate::null::Thresholds;
 use crate::search::Candidate;
-use crate::state::{Case, FittedHypothesis, State};
-use crate::whitening::Noise;
+use crate::state::{DiagnosisCase, FittedHypothesis, ModelState};
+use crate::whitening::NoiseModel;
 
 /// Effects of one gyro that are believed; one more is looked for, and makes them a pile.
 pub const MOST_OF_ONE: usize = 3;
@@ -28,7 +28,7 @@ pub struct NoiseFound {
     /// Which walk.
     pub walk: Walk,
     /// As fitted.
-    pub fitted: Fitted,
+    pub fitted: FittedNoise,
 }
 
 impl NoiseFound {
@@ -42,14 +42,14 @@ impl NoiseFound {
     }
 
     /// Whether it is so much larger than believed that it is no trick of rounding.
-    pub fn is_told(&self, believed: &Configuration, state: &State) -> bool {
+    pub fn is_told(&self, believed: &Configuration, state: &ModelState) -> bool {
         self.channel != TIMING && state.noise[self.channel].walk(self.walk) >= LEAST_WALK * self.configured(believed)
     }
 }
 
 /// A hypothesis of the search that explains much, and is none that there can be, or that the model, run, bears out.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Refused {
+pub(super) struct RejectedHypothesis {
     pub(super) gyros: Gyros,
     /// The score that it would have.
     pub(super) score: f64,
@@ -70,9 +70,9 @@ pub struct Round {
 #[derive(Debug)]
 pub struct Explained {
     /// All that is held.
-    pub state: State,
+    pub state: ModelState,
     /// Its equations.
-    pub normal: Normal,
+    pub normal: NormalEquations,
     /// The rounds.
     pub rounds: Vec<Round>,
     /// Walks that are not as configured.
@@ -80,21 +80,21 @@ pub struct Explained {
     /// Whether more was to be found where there are as many as may be: on one gyro, or in all.
     pub is_cut: bool,
     /// What is left to find in the end and is not explained.
-    pub(super) refused: Option<Refused>,
+    pub(super) refused: Option<RejectedHypothesis>,
 }
 
 impl Explained {
     /// How unlikely all that is left is beside the sixteen and the lag, and all that was paid for names. A walk can look like
     /// anything, and is as dear as the dearest course.
-    pub fn score(&self, case: &Case, thresholds: &Thresholds) -> f64 {
+    pub fn score(&self, case: &DiagnosisCase, thresholds: &Thresholds) -> f64 {
         self.score_with(case, thresholds, &self.state.noise)
     }
 
-    pub(super) fn score_with(&self, case: &Case, thresholds: &Thresholds, noise: &[Noise; CHANNELS]) -> f64 {
+    pub(super) fn score_with(&self, case: &DiagnosisCase, thresholds: &Thresholds, noise: &[NoiseModel; CHANNELS]) -> f64 {
         let own = self.noise.len().min(1) as f64 * thresholds.largest()
             + TOGETHER_CHI2 * self.noise.len().saturating_sub(1) as f64;
         let residual = case.residual(&self.state);
-        let normal = Normal::departed(case.whitenings(noise), &residual, &case.nuisances, &self.state.sixteen);
+        let normal = NormalEquations::departed(case.whitenings(noise), &residual, &case.nuisances, &self.state.sixteen);
         normal.deviance() + self.state.held.iter().map(|held| held.penalty).sum::<f64>() + lag_chi2(&self.state) + own
     }
 }
@@ -107,13 +107,13 @@ impl Explained {
     }
 
     /// By how much χ² falls with a change, beside all the others, and what was paid for it.
-    pub fn worth(&self, case: &Case, index: usize) -> (f64, f64) {
+    pub fn worth(&self, case: &DiagnosisCase, index: usize) -> (f64, f64) {
         let (without, normal) = self.without(case, index);
         (normal.squares() - self.normal.squares(), self.cost(index, &without))
     }
 
     /// What was paid for a change, and for the lag that goes with it.
-    pub(super) fn cost(&self, index: usize, without: &State) -> f64 {
+    pub(super) fn cost(&self, index: usize, without: &ModelState) -> f64 {
         self.state.held[index].penalty + lag_chi2(&self.state) - lag_chi2(without)
     }
 
@@ -130,7 +130,7 @@ impl Explained {
     }
 
     /// Everything but one change, fitted anew.
-    pub(super) fn without(&self, case: &Case, index: usize) -> (State, Normal) {
+    pub(super) fn without(&self, case: &DiagnosisCase, index: usize) -> (ModelState, NormalEquations) {
         let mut state = self.state.clone();
         state.remove(index);
         let normal = case.fit(&mut state);
@@ -138,11 +138,11 @@ impl Explained {
     }
 
     /// Makes one change of two that differ in their gyros alone.
-    pub fn join(&mut self, case: &Case, one: usize, other: usize) {
+    pub fn join(&mut self, case: &DiagnosisCase, one: usize, other: usize) {
         let second = self.forget(other);
         let first = &mut self.state.held[one];
         first.hypothesis.gyros.iter_mut().zip(second.hypothesis.gyros).for_each(|(own, other)| *own |= other);
-        first.run_anew();
+        first.invalidate();
         first.sigmas.fill(f64::NAN);
         first.penalty = first.penalty.max(second.penalty);
         let sum = |own: Option<f64>, other: Option<f64>| match (own, other) {
@@ -154,7 +154,7 @@ impl Explained {
     }
 
     /// Drops what acts on no other gyros than these.
-    pub fn drop_on(&mut self, case: &Case, gyros: &[bool; 4]) {
+    pub fn drop_on(&mut self, case: &DiagnosisCase, gyros: &[bool; 4]) {
         let is_kept = |held: &FittedHypothesis| {
             held.hypothesis.amplitude.is_of_unit() || !is_within(&held.hypothesis.gyros, gyros)
         };
@@ -166,7 +166,7 @@ impl Explained {
         self.normal = case.fit(&mut self.state);
     }
 
-    pub(super) fn start(case: &Case, mut state: State) -> Explained {
+    pub(super) fn start(case: &DiagnosisCase, mut state: ModelState) -> Explained {
         let normal = case.fit(&mut state);
         Explained { state, normal, rounds: Vec::new(), noise: Vec::new(), is_cut: false, refused: None }
     }

@@ -2,19 +2,19 @@
 
 use rayon::prelude::*;
 
-use crate::bank::Family;
+use crate::bank::HypothesisFamily;
 use crate::hypothesis::Hypothesis;
 use crate::measured::{CHANNELS, TIMING};
 use crate::noise::{self, Walk};
 use crate::null::Thresholds;
-use crate::state::{Case, State};
-use crate::whitening::Noise;
+use crate::state::{DiagnosisCase, ModelState};
+use crate::whitening::NoiseModel;
 
 use super::selected::{Explained, NoiseFound, TOGETHER_CHI2};
 
 impl Explained {
     /// Lets walks be larger than configured where that pays, the one that pays most first.
-    pub(super) fn free_noise(&mut self, case: &Case, thresholds: &Thresholds) {
+    pub(super) fn free_noise(&mut self, case: &DiagnosisCase, thresholds: &Thresholds) {
         let questions: Vec<(usize, Walk)> = (0..TIMING)
             .flat_map(|channel| [(channel, Walk::Angle), (channel, Walk::Rate)])
             .chain([(TIMING, Walk::Angle)])
@@ -37,7 +37,7 @@ impl Explained {
             // Walks of one kind on several gyros have one cause: only the first is asked for everything.
             let spare = |found: &NoiseFound| {
                 let is_further = self.noise.iter().any(|other| other.walk == found.walk && other.channel != TIMING);
-                found.fitted.fall - if is_further { TOGETHER_CHI2 } else { thresholds.of(Family::NOISE) }
+                found.fitted.fall - if is_further { TOGETHER_CHI2 } else { thresholds.of(HypothesisFamily::NOISE) }
             };
             let larger: Vec<NoiseFound> = fits.filter(is_larger).collect();
             match larger.into_iter().max_by(|a, b| spare(a).total_cmp(&spare(b))) {
@@ -58,7 +58,7 @@ impl Explained {
     }
 
     /// Lets a walk be larger on all gyros that have it as configured, where it pays on none of them alone but on all together.
-    fn free_together(&mut self, case: &Case, thresholds: &Thresholds) {
+    fn free_together(&mut self, case: &DiagnosisCase, thresholds: &Thresholds) {
         for walk in [Walk::Rate, Walk::Angle] {
             let (residual, nuisances) = case.linearised(&mut self.state);
             let is_open = |channel: &usize| {
@@ -77,14 +77,14 @@ impl Explained {
             let fall: f64 = fits.iter().map(|found| found.fitted.fall).sum();
             // A question more, and a number more for each further gyro.
             let more = TOGETHER_CHI2 * fits.len().saturating_sub(1) as f64;
-            if fits.len() > 1 && fall > thresholds.of(Family::NOISE) + more {
+            if fits.len() > 1 && fall > thresholds.of(HypothesisFamily::NOISE) + more {
                 fits.into_iter().for_each(|found| self.take_walk(found));
             }
         }
     }
 
     /// The noise with its white part as what is left tells it.
-    pub(super) fn fitted_white(&mut self, case: &Case) -> [Noise; CHANNELS] {
+    pub(super) fn fitted_white(&mut self, case: &DiagnosisCase) -> [NoiseModel; CHANNELS] {
         let (residual, nuisances) = case.linearised(&mut self.state);
         let white = |channel: usize| noise::fit_white(case, channel, &self.state.noise[channel], &residual, &nuisances);
         let all: Vec<_> = (0..CHANNELS).into_par_iter().map(white).collect();
@@ -92,7 +92,7 @@ impl Explained {
     }
 
     /// Takes back the walks of these gyros: they are as configured.
-    pub fn quieten(&mut self, case: &Case, gyros: &[bool; 4]) {
+    pub fn reset_noise(&mut self, case: &DiagnosisCase, gyros: &[bool; 4]) {
         let (gone, kept): (Vec<NoiseFound>, _) =
             self.noise.iter().partition(|found| gyros.get(found.channel) == Some(&true));
         self.noise = kept;
@@ -107,7 +107,7 @@ impl Explained {
 }
 
 /// What a larger walk of the rate does in the place of a change, on its gyros.
-pub(super) fn walked(case: &Case, state: &mut State, change: &Hypothesis) -> f64 {
+pub(super) fn walked(case: &DiagnosisCase, state: &mut ModelState, change: &Hypothesis) -> f64 {
     if change.amplitude.is_of_unit() {
         return 0.0;
     }

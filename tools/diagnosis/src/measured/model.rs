@@ -2,17 +2,17 @@
 
 use std::sync::{Arc, PoisonError};
 
-use geu_model::attitude::Recorded;
+use geu_model::attitude::RecordedAttitude;
 use geu_model::units::{HALF_SECOND_NS, HALF_SECOND_S};
-use geu_model::{Configuration, Truth, Unit};
+use geu_model::{Configuration, Truth, GyroUnit};
 
-use crate::later::begin_later;
+use crate::later::shift_origin;
 
-use super::Measured;
+use super::MeasuredData;
 use super::runs::Run;
 use super::series::{Series, Shifts, TIMING, TIMING_UNIT_S};
 
-impl Measured {
+impl MeasuredData {
     /// A model without its noise, on this motion and at these temperatures, at each node: accumulated counts before rounding, and
     /// how much later than nominal its half seconds end.
     pub fn run(&self, configuration: &Configuration, shifts: Shifts) -> Series {
@@ -41,7 +41,7 @@ impl Measured {
         Shifts { lag_s, temperature_s }: Shifts,
     ) -> Series {
         let reference = self.reference_at(lag_s);
-        let mut unit = Unit::on(&self.quiet(configuration, temperature_s), &Truth::Recorded(reference));
+        let mut unit = GyroUnit::on(&self.quiet(configuration, temperature_s), &Truth::Recorded(reference));
         unit.follow_sensor(table(&self.counts.sensor_c, 0.0));
         unit.count_only(gyros);
         let mut series: Series = std::array::from_fn(|_| Vec::with_capacity(self.half_seconds + 1));
@@ -60,7 +60,7 @@ impl Measured {
     }
 
     /// The motion as recorded times tell it that are so much late; the last one asked for is kept.
-    fn reference_at(&self, lag_s: f64) -> Arc<Recorded> {
+    fn reference_at(&self, lag_s: f64) -> Arc<RecordedAttitude> {
         if lag_s == 0.0 {
             return self.reference.clone();
         }
@@ -69,7 +69,7 @@ impl Measured {
             Some((own_s, reference)) if *own_s == lag_s => reference.clone(),
             _ => {
                 let start_s = self.reference.start_s() + lag_s;
-                let reference = Arc::new(Recorded::clone(&self.reference).starting_at(start_s));
+                let reference = Arc::new(RecordedAttitude::clone(&self.reference).starting_at(start_s));
                 *kept = Some((lag_s, reference.clone()));
                 reference
             }
@@ -87,7 +87,7 @@ impl Measured {
         }
         (quiet.electronics.numbers.amplitude_k, quiet.electronics.numbers.trend_k_per_day) = (0.0, 0.0);
         if self.start_s != 0.0 {
-            begin_later(&mut quiet, self.start_s);
+            shift_origin(&mut quiet, self.start_s);
         }
         quiet.electronics.table = table(&self.counts.electronics_c, temperature_s);
         quiet

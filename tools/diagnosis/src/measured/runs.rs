@@ -6,7 +6,7 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use geu_model::Configuration;
-use geu_model::attitude::Recorded;
+use geu_model::attitude::RecordedAttitude;
 use geu_model::configuration::GyroConfiguration;
 
 use super::series::{CHANNELS, Shifts, TIMING};
@@ -16,17 +16,17 @@ const KEPT: usize = 8;
 
 /// What was run lately on one recording.
 #[derive(Debug, Default)]
-pub(super) struct Runs {
+pub(super) struct ModelCache {
     /// The last one of use last.
     kept: Mutex<Vec<Run>>,
     /// The motion moved by a lag: the last one asked for.
-    pub(super) lagging: Mutex<Option<(f64, Arc<Recorded>)>>,
+    pub(super) lagging: Mutex<Option<(f64, Arc<RecordedAttitude>)>>,
 }
 
 /// A copy of a recording becomes another one, on which nothing was run.
-impl Clone for Runs {
-    fn clone(&self) -> Runs {
-        Runs::default()
+impl Clone for ModelCache {
+    fn clone(&self) -> ModelCache {
+        ModelCache::default()
     }
 }
 
@@ -47,7 +47,7 @@ impl Run {
     }
 }
 
-impl Runs {
+impl ModelCache {
     /// The channels that were run like this, of whatever runs.
     pub(super) fn known(
         &self,

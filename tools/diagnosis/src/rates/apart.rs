@@ -9,7 +9,7 @@ use crate::rates::windows::{Reference, Windows};
 
 /// What the windows tell of the biases and the scale error, all free together.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Apart {
+pub struct Observability {
     /// Every bias, and the scale error.
     pub parameters: Vec<Parameter>,
     /// One sigma of each with all the others known, arcsec/s or a fraction.
@@ -23,12 +23,12 @@ pub struct Apart {
     /// Condition number of the signatures, each scaled to length 1.
     pub condition: f64,
     /// Manoeuvres added in simulation, that which helps most first.
-    pub manoeuvres: Vec<Manoeuvre>,
+    pub manoeuvres: Vec<CandidateSpin>,
 }
 
 /// A spin of its own group of windows, added to the data in simulation.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Manoeuvre {
+pub struct CandidateSpin {
     /// The rate, arcsec/s about X, Y, Z.
     pub spin_arcsec_s: [f64; 3],
     /// How many windows.
@@ -73,7 +73,7 @@ impl Signatures {
 }
 
 /// About a solution; nothing where a parameter has no signature at all.
-pub(crate) fn apart(windows: &Windows, noise: &Noise, fitted: &Fit) -> Option<Apart> {
+pub(crate) fn apart(windows: &Windows, noise: &Noise, fitted: &Fit) -> Option<Observability> {
     let own = |parameter: &Parameter| matches!(parameter, Parameter::Bias(_) | Parameter::Scale);
     let parameters: Vec<Parameter> = windows.parameters().into_iter().filter(own).collect();
     let told = signatures(windows, noise, &parameters, fitted);
@@ -84,7 +84,7 @@ pub(crate) fn apart(windows: &Windows, noise: &Noise, fitted: &Fit) -> Option<Ap
         let size = covariance.diagonal().map(f64::sqrt);
         DMatrix::from_fn(size.len(), size.len(), |row, column| covariance[(row, column)] / (size[row] * size[column]))
     });
-    let mut manoeuvres: Vec<Manoeuvre> = spins(windows)
+    let mut manoeuvres: Vec<CandidateSpin> = spins(windows)
         .into_iter()
         .map(|spin_arcsec_s| {
             let count = (windows.all().len() / windows.groups.len().max(1)).max(1);
@@ -92,13 +92,13 @@ pub(crate) fn apart(windows: &Windows, noise: &Noise, fitted: &Fit) -> Option<Ap
             let told = signatures(&with, noise, &parameters, fitted);
             let sigmas_free = told.sigmas_free();
             let Signatures { cosines, condition, .. } = told;
-            Manoeuvre { spin_arcsec_s, windows: count, sigmas_free, cosines, condition }
+            CandidateSpin { spin_arcsec_s, windows: count, sigmas_free, cosines, condition }
         })
         .collect();
     // Each error counts alike, in its own sigma.
-    let size = |manoeuvre: &Manoeuvre| manoeuvre.sigmas_free.iter().map(|sigma| sigma.ln()).sum::<f64>();
+    let size = |manoeuvre: &CandidateSpin| manoeuvre.sigmas_free.iter().map(|sigma| sigma.ln()).sum::<f64>();
     manoeuvres.sort_by(|one, other| size(one).total_cmp(&size(other)));
-    Some(Apart {
+    Some(Observability {
         sigmas_alone: told.lengths.iter().map(|length| length.recip()).collect(),
         sigmas_free: told.sigmas_free(),
         correlations,

@@ -7,7 +7,7 @@
 use nalgebra::DMatrix;
 
 use crate::outcome::Verdict;
-use crate::rates::apart::{Apart, apart};
+use crate::rates::apart::{Observability, apart};
 use crate::rates::estimator::Estimator;
 use crate::rates::fit::{Fit, cosine, fit, joined, sets};
 use crate::rates::model::Parameter;
@@ -106,7 +106,7 @@ pub struct Diagnosis {
     /// Group by group.
     pub groups: Vec<GroupGap>,
     /// How far biases and scale can be told apart; nothing where the windows have no signature of one of them.
-    pub apart: Option<Apart>,
+    pub apart: Option<Observability>,
     /// Whether a channel's noise is as slow as noise may be: slower could not be told from an offset of the group.
     pub is_slow: bool,
     /// The windows, as they were grouped.

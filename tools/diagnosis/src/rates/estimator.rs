@@ -149,7 +149,7 @@ fn orthonormal(columns: &[DVector<f64>], told: Option<&[usize]>) -> Orthonormal 
 mod tests {
     use super::*;
     use crate::rates::{Gyro, Reference};
-    use geu_model::noise::Stream;
+    use geu_model::noise::NoiseStream;
 
     fn windows(groups: usize, each: usize) -> Windows {
         let gyros = (0..3).map(|axis| Gyro { name: "XYZ"[axis..=axis].to_owned(), axis }).collect();
@@ -166,7 +166,7 @@ mod tests {
         let windows = windows(4, 200);
         let noise =
             Noise { channels: vec![ChannelNoise { sigma_arcsec_s: 3.0, correlation: 0.6, between_arcsec_s: 50.0 }] };
-        let mut stream = Stream::of_sensor(2, "test");
+        let mut stream = NoiseStream::of_sensor(2, "test");
         let drawn = noise.draw(&windows, || stream.standard_normal());
         let found = Estimator::new(&windows, &Fit::none()).estimate(&drawn).channels[0];
         assert!((found.sigma_arcsec_s - 3.0).abs() < 0.4, "{found:?}");

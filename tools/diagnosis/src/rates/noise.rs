@@ -121,7 +121,7 @@ impl Noise {
 mod tests {
     use super::*;
     use crate::rates::{Gyro, Reference};
-    use geu_model::noise::Stream;
+    use geu_model::noise::NoiseStream;
 
     fn windows(groups: usize, each: usize) -> Windows {
         let gyros = (0..3).map(|axis| Gyro { name: "XYZ"[axis..=axis].to_owned(), axis }).collect();
@@ -138,7 +138,7 @@ mod tests {
         let windows = windows(50, 20);
         let noise =
             Noise { channels: vec![ChannelNoise { sigma_arcsec_s: 3.0, correlation: 0.6, between_arcsec_s: 2.0 }] };
-        let mut stream = Stream::of_sensor(1, "test");
+        let mut stream = NoiseStream::of_sensor(1, "test");
         let drawn = noise.draw(&windows, || stream.standard_normal());
         let white = noise.whiten(&windows, &DMatrix::from_columns(&[drawn]));
         let white = white.column(0);

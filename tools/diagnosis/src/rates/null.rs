@@ -1,6 +1,6 @@
 //! What noise alone would do: the greatest gain that a search among so many sets finds where there is nothing to find.
 
-use geu_model::noise::Stream;
+use geu_model::noise::NoiseStream;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
@@ -47,7 +47,7 @@ pub(crate) fn thresholds(windows: &Windows, base: &Fit, noise: &Noise, more: usi
     let gains: Vec<Vec<f64>> = (0..RUNS)
         .into_par_iter()
         .map(|run| {
-            let mut stream = Stream::of_sensor(seed.wrapping_add(run as u64), "null rates");
+            let mut stream = NoiseStream::of_sensor(seed.wrapping_add(run as u64), "null rates");
             let drawn = noise.draw(windows, || stream.standard_normal());
             let products = Products::new(windows, &estimator.estimate(&drawn), &columns, &drawn);
             let base = products.gain(&base_places);

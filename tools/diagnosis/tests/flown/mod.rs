@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
-use geu_calibration::Counts;
-use geu_diagnosis::Measured;
+use geu_calibration::AccumulatedCounts;
+use geu_diagnosis::MeasuredData;
 use geu_model::Configuration;
-use geu_model::attitude::{Manoeuvre, Motion, Plan, Recorded, Row, Scenario};
+use geu_model::attitude::{Manoeuvre, Motion, AttitudeProfile, RecordedAttitude, AttitudeRow, Scenario};
 use geu_model::units::HALF_SECOND_S;
-use geu_recording::Reference;
+use geu_recording::ReferenceAttitude;
 
 /// A manoeuvre of a kind with these numbers.
 pub fn manoeuvre(kind: &str, numbers: &[(&str, f64)]) -> Manoeuvre {
@@ -21,31 +21,31 @@ pub fn manoeuvre(kind: &str, numbers: &[(&str, f64)]) -> Manoeuvre {
 
 /// A recording of these manoeuvres from θ = 90° on; nothing was counted. The last manoeuvre has no end of its own where `after_s` says
 /// how long it is flown.
-pub fn recorded(believed: &Configuration, manoeuvres: &[Manoeuvre], after_s: Option<f64>) -> Measured {
+pub fn recorded(believed: &Configuration, manoeuvres: &[Manoeuvre], after_s: Option<f64>) -> MeasuredData {
     let scenario = Scenario { manoeuvres: manoeuvres.to_vec(), ..believed.scenario.clone() };
     let with_end = match after_s {
         Some(_) => &manoeuvres[..manoeuvres.len() - 1],
         None => manoeuvres,
     };
     let with_end = Scenario { manoeuvres: with_end.to_vec(), ..scenario.clone() };
-    let duration_s = Plan::length_s(&with_end).expect("an end") + after_s.unwrap_or(0.0);
+    let duration_s = AttitudeProfile::length_s(&with_end).expect("an end") + after_s.unwrap_or(0.0);
     let count = (duration_s / HALF_SECOND_S).ceil() as usize;
-    let mut motion = Motion::new(Plan::new(&scenario).expect("possible"), scenario.limit_cycle);
+    let mut motion = Motion::new(AttitudeProfile::new(&scenario).expect("possible"), scenario.limit_cycle);
     let row = |node: usize| {
         let step = motion.advance(node as f64 * HALF_SECOND_S);
         let (theta_rad, psi_rad) = (step.end.theta_rad, step.end.psi_rad);
-        Row {
+        AttitudeRow {
             t_s: step.end.t_s,
             angle_control_arcsec: step.angle_control_arcsec,
             theta_psi_rad: Some((theta_rad, psi_rad)),
         }
     };
-    let rows: Vec<Row> = (0..=count + 4).map(row).collect();
-    let truth = Arc::new(Recorded::new(&rows).expect("a truth"));
-    let mut counts = Counts::starting_at(0);
+    let rows: Vec<AttitudeRow> = (0..=count + 4).map(row).collect();
+    let truth = Arc::new(RecordedAttitude::new(&rows).expect("a truth"));
+    let mut counts = AccumulatedCounts::starting_at(0);
     for node in 1..=count {
         let electronics_c = 20.0 + 4.0 * (node as f64 * HALF_SECOND_S * std::f64::consts::TAU / 6180.0).sin();
         counts.push(node as f64 * HALF_SECOND_S, [0.0; 4], electronics_c);
     }
-    Measured::new(counts, &Reference { start_ns: 0, truth, time_system: None }).expect("long enough")
+    MeasuredData::new(counts, &ReferenceAttitude { start_ns: 0, truth, time_system: None }).expect("long enough")
 }

@@ -15,10 +15,10 @@ use geu_daemon::cadence::{DeadlineTimer, now_ns};
 use geu_daemon::lateness::{DurationNs, Histogram};
 use geu_model::units::HALF_SECOND_NS;
 use geu_process::EmulatorProcess;
-use geu_protocol::CanPlan;
+use geu_protocol::CanIdMap;
 use socketcan::{CanFilter, CanSocket, EmbeddedFrame, Id, Socket, SocketOptions};
 
-use crate::failure::{Failure, say};
+use crate::failure::{CommandError, say};
 use crate::settings::duration;
 
 /// Final spin of the second arm unless told.
@@ -44,7 +44,7 @@ pub struct Arguments {
 ///
 /// # Errors
 /// An emulator that does not start, an interface that cannot be opened.
-pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     let sends = (arguments.duration * 1e9 / HALF_SECOND_NS as f64) as i64;
     let on_bus = arguments.can.as_ref().map(|interface| Bus::start(interface, arguments.duration)).transpose()?;
     let emulator = Emulator::start(arguments.can.as_deref(), arguments.duration)?;
@@ -153,15 +153,15 @@ struct Emulator {
 }
 
 impl Emulator {
-    fn start(can: Option<&str>, duration_s: f64) -> Result<Emulator, Failure> {
-        let mut command = Command::new(std::env::current_exe().map_err(Failure::failed)?);
+    fn start(can: Option<&str>, duration_s: f64) -> Result<Emulator, CommandError> {
+        let mut command = Command::new(std::env::current_exe().map_err(CommandError::failed)?);
         command.arg("run").args(["--duration", &(duration_s + 60.0).to_string()]);
-        let directory = tempfile::tempdir().map_err(Failure::failed)?;
+        let directory = tempfile::tempdir().map_err(CommandError::failed)?;
         match can {
             Some(interface) => command.args(["--can", interface]),
             None => command.arg("--pty").arg(directory.path().join("geu0")),
         };
-        let process = EmulatorProcess::start(command).map_err(Failure::failed)?;
+        let process = EmulatorProcess::start(command).map_err(CommandError::failed)?;
         Ok(Emulator { process, started: Instant::now(), _directory: directory })
     }
 
@@ -196,10 +196,10 @@ impl Emulator {
 struct Bus(thread::JoinHandle<[Vec<f64>; 2]>);
 
 impl Bus {
-    fn start(interface: &str, duration_s: f64) -> Result<Bus, Failure> {
-        let fail = |error| Failure::input(format!("--can {interface}: {error}"));
+    fn start(interface: &str, duration_s: f64) -> Result<Bus, CommandError> {
+        let fail = |error| CommandError::input(format!("--can {interface}: {error}"));
         let socket = CanSocket::open(interface).map_err(fail)?;
-        let ids = [CanPlan::default().base(), CANGEN_ID];
+        let ids = [CanIdMap::default().base(), CANGEN_ID];
         socket.set_filters(&ids.map(|id| CanFilter::new(id.into(), 0x7FF))).map_err(fail)?;
         socket.set_recv_timestamp(true).map_err(fail)?;
         socket.set_read_timeout(Duration::from_secs(1)).map_err(fail)?;
@@ -207,7 +207,7 @@ impl Bus {
             .args([interface, "-g", "500", "-I", &format!("{CANGEN_ID:X}"), "-L", "8"])
             .stdin(Stdio::null())
             .spawn()
-            .map_err(|error| Failure::failed(format!("cangen: {error}; expected Debian's can-utils")))?;
+            .map_err(|error| CommandError::failed(format!("cangen: {error}; expected Debian's can-utils")))?;
         let until = Instant::now() + Duration::from_secs_f64(duration_s);
         Ok(Bus(thread::spawn(move || {
             let mut stamps_ns = [Vec::new(), Vec::new()];
@@ -226,7 +226,7 @@ impl Bus {
         })))
     }
 
-    fn report(self) -> Result<(), Failure> {
+    fn report(self) -> Result<(), CommandError> {
         let stamps_ns = self.0.join().expect("the receiver does not panic");
         say!("by reception on the bus")?;
         for (name, stamps_ns) in ["geu run", "cangen -g 500"].iter().zip(&stamps_ns) {

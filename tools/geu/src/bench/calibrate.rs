@@ -3,13 +3,13 @@
 use std::time::Instant;
 
 use clap::Args;
-use geu_calibration::InUse;
-use geu_calibration::checkout::{By, Precautions, believed_before, fly, sequence};
-use geu_calibration::filter::{Day, Noise, checkout_calibration, reconstruct};
+use geu_calibration::GyroSet;
+use geu_calibration::checkout::{AttitudeSourceKind, Precautions, believed_before, fly, sequence};
+use geu_calibration::filter::{SurveyDay, FilterNoise, checkout_calibration, reconstruct};
 use geu_model::Configuration;
 
 use super::rounds::{Contender, Rounds, Spread};
-use crate::failure::{Failure, say};
+use crate::failure::{CommandError, say};
 
 /// Arguments of `geu bench calibrate`.
 #[derive(Args)]
@@ -25,14 +25,14 @@ const DAY: usize = 172_800;
 ///
 /// # Errors
 /// Output that cannot be written.
-pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     let configuration = Configuration::reference();
     let unit = sequence(&configuration, Precautions::ALL);
     let (flight, believed) = (fly(&unit), believed_before(&unit));
-    let day = Day::simulate(&configuration, DAY);
-    let (calibrations, noise) = (checkout_calibration(&configuration), Noise::of(&configuration, InUse::WithZa));
+    let day = SurveyDay::simulate(&configuration, DAY);
+    let (calibrations, noise) = (checkout_calibration(&configuration), FilterNoise::of(&configuration, GyroSet::WithZa));
     let half_seconds = flight.counts.len();
-    let by = |by: By, name: &str| {
+    let by = |by: AttitudeSourceKind, name: &str| {
         let (flight, believed) = (&flight, &believed);
         Contender::ours(format!("a checkout of {half_seconds} half seconds, by {name}"), move || {
             timed(|| flight.calibrate(believed, by))
@@ -40,9 +40,9 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     let filter = format!("filter and smoother, {DAY} half seconds, {} fixes", day.fixes.len());
     let filter = Contender::ours(filter, || {
-        timed(|| reconstruct(&day.counts, &calibrations, InUse::WithZa, &noise, &day.fixes))
+        timed(|| reconstruct(&day.counts, &calibrations, GyroSet::WithZa, &noise, &day.fixes))
     });
-    let contenders = vec![by(By::Reference, "reference"), by(By::Sensors, "star and sun sensor"), filter];
+    let contenders = vec![by(AttitudeSourceKind::Reference, "reference"), by(AttitudeSourceKind::Sensors, "star and sun sensor"), filter];
     say!("one core; ms; {}", arguments.rounds)?;
     for (result, target_ms) in arguments.rounds.measure(contenders)?.iter().zip([50, 50, 1000]) {
         let took_ms = Spread::of(result.runs.iter().flatten().copied());

@@ -16,8 +16,8 @@ use serde_json::Value;
 use ureq::http::Method;
 
 use super::rounds::{Rounds, Spread};
-use crate::control::Emulator as Client;
-use crate::failure::{Failure, say};
+use crate::control::ControlClient as Client;
+use crate::failure::{CommandError, say};
 use crate::settings::duration;
 
 /// Event clients, beside the page.
@@ -42,7 +42,7 @@ pub struct Arguments {
 ///
 /// # Errors
 /// An emulator that does not start, a browser that is not there.
-pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     let part = Duration::from_secs_f64(arguments.duration);
     say!("alone and with clients, {} s in turn; {}", part.as_secs_f64(), arguments.rounds)?;
     let mut later_us = Vec::new();
@@ -56,7 +56,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 /// Runs both emulators, the open one with clients and perhaps a browser, and tells their lateness; the median of the open one, µs.
-fn run_once(part: Duration, clients: Option<Option<&str>>) -> Result<f64, Failure> {
+fn run_once(part: Duration, clients: Option<Option<&str>>) -> Result<f64, CommandError> {
     let (open, closed) = (Emulator::start(true)?, Emulator::start(false)?);
     let load = clients.map(|browser| Load::start(&open.address, browser)).transpose()?;
     let start = Instant::now();
@@ -86,14 +86,14 @@ struct Emulator {
 }
 
 impl Emulator {
-    fn start(is_open: bool) -> Result<Emulator, Failure> {
-        let directory = tempfile::tempdir().map_err(Failure::failed)?;
-        let mut command = Command::new(std::env::current_exe().map_err(Failure::failed)?);
+    fn start(is_open: bool) -> Result<Emulator, CommandError> {
+        let directory = tempfile::tempdir().map_err(CommandError::failed)?;
+        let mut command = Command::new(std::env::current_exe().map_err(CommandError::failed)?);
         command.arg("run").arg("--pty").arg(directory.path().join("geu0"));
         command.args(["--control", if is_open { "127.0.0.1:0" } else { "off" }]);
-        let mut process = EmulatorProcess::start(command).map_err(Failure::failed)?;
+        let mut process = EmulatorProcess::start(command).map_err(CommandError::failed)?;
         let address = if is_open { process.control_address() } else { Ok(String::new()) };
-        let address = address.map_err(|_| Failure::failed("geu run: no control interface became ready"))?;
+        let address = address.map_err(|_| CommandError::failed("geu run: no control interface became ready"))?;
         Ok(Emulator { process, address, _directory: directory })
     }
 
@@ -120,7 +120,7 @@ struct Load {
 }
 
 impl Load {
-    fn start(address: &str, browser: Option<&str>) -> Result<Load, Failure> {
+    fn start(address: &str, browser: Option<&str>) -> Result<Load, CommandError> {
         let (stop, asked, told): (Arc<AtomicBool>, Arc<AtomicU64>, Arc<AtomicU64>) = Default::default();
         let pages = if browser.is_some() { 0 } else { 1 };
         for _ in 0..EVENT_CLIENTS + pages {
@@ -145,7 +145,7 @@ impl Load {
                 .stdout(Stdio::null())
                 .stderr(Stdio::null())
                 .spawn()
-                .map_err(|error| Failure::input(format!("--browser {program}: {error}; expected Chromium")))
+                .map_err(|error| CommandError::input(format!("--browser {program}: {error}; expected Chromium")))
         });
         let browser = browser.transpose()?;
         let asker = thread::spawn({

@@ -8,12 +8,12 @@ use std::time::Instant;
 
 use clap::Args;
 use geu_protocol::serial::data_frame;
-use geu_protocol::{CLOCK_PER_HALF_SECOND, CanPlan, HalfSecond, describe};
-use geu_recording::{Defect, InputReader, Options, Row, Sink, Stop};
+use geu_protocol::{CLOCK_PER_HALF_SECOND, CanIdMap, Sample, describe};
+use geu_recording::{Defect, InputReader, DecoderOptions, ReceivedSample, Sink, Stop};
 use geu_report::rows::{TextFormat, write_row};
 
 use super::rounds::{Contender, Results, Rounds, Spread};
-use crate::failure::{Failure, say};
+use crate::failure::{CommandError, say};
 
 /// Arguments of `geu bench decode`.
 #[derive(Args)]
@@ -31,19 +31,19 @@ pub struct Arguments {
 const MEGABYTE: f64 = 1e6;
 
 /// Measures and prints.
-pub fn run(arguments: Arguments) -> Result<(), Failure> {
+pub fn run(arguments: Arguments) -> Result<(), CommandError> {
     if arguments.lines < 3 {
-        return Err(Failure::input(format!("--lines: expected at least 3, got {}", arguments.lines)));
+        return Err(CommandError::input(format!("--lines: expected at least 3, got {}", arguments.lines)));
     }
-    let directory = tempfile::tempdir().map_err(|error| Failure::failed(format!("temporary directory: {error}")))?;
+    let directory = tempfile::tempdir().map_err(|error| CommandError::failed(format!("temporary directory: {error}")))?;
     let [log, bin, dbc] = ["bench.log", "bench.bin", "bench.dbc"].map(|name| directory.path().join(name));
     write_inputs(&log, &bin, arguments.lines)
-        .map_err(|error| Failure::failed(format!("{}: {error}", directory.path().display())))?;
+        .map_err(|error| CommandError::failed(format!("{}: {error}", directory.path().display())))?;
     let bytes = |path: &Path| fs::metadata(path).map_or(0, |metadata| metadata.len()) as f64;
     let lines = arguments.lines as f64;
     say!("{lines} lines of candump log, {:.0} MB; time in s; {}", bytes(&log) / MEGABYTE, arguments.rounds)?;
     // Of our own the decoder alone, in this process: what it does in a second, and what is asked of it.
-    let rows = decode(&log, false).map_err(Failure::failed)?.1 as f64;
+    let rows = decode(&log, false).map_err(CommandError::failed)?.1 as f64;
     let own = [
         ("candump log, no output", &log, false, (lines / 1e6, "M lines/s", 8.0)),
         ("candump log to CSV", &log, true, (rows / 1e6, "M rows/s", 2.0)),
@@ -57,7 +57,7 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
         })
         .collect();
     if !arguments.alone {
-        fs::write(&dbc, describe::dbc(CanPlan::default())).map_err(Failure::failed)?;
+        fs::write(&dbc, describe::dbc(CanIdMap::default())).map_err(CommandError::failed)?;
         contenders.extend(processes(&log, &dbc)?);
     }
     let results = arguments.rounds.measure(contenders)?;
@@ -89,11 +89,11 @@ pub fn run(arguments: Arguments) -> Result<(), Failure> {
 /// A log of half seconds as the unit sends them, and the same half seconds as serial frames.
 fn write_inputs(log: &Path, bin: &Path, lines: u64) -> io::Result<()> {
     let (mut log, mut bin) = (BufWriter::new(File::create(log)?), BufWriter::new(File::create(bin)?));
-    let plan = CanPlan::default();
+    let plan = CanIdMap::default();
     let mut line = 0;
     for index in 0u64.. {
         let rate = |phase: u64| ((index * 7 + phase * 1_013) % 4_001) as i16 - 2_000;
-        let half_second = HalfSecond {
+        let half_second = Sample {
             sequence: index as u16,
             increments: [rate(0), rate(1), rate(2), rate(3)],
             gyro_flags: 0x0F,
@@ -128,7 +128,7 @@ struct Counter {
 
 impl Sink for Counter {
     #[inline]
-    fn row(&mut self, row: &Row) {
+    fn row(&mut self, row: &ReceivedSample) {
         self.rows += 1;
         if let Some((file, buffer)) = &mut self.out {
             write_row(TextFormat::Csv, false, row, buffer);
@@ -148,7 +148,7 @@ fn decode(path: &Path, write: bool) -> Result<(f64, u64), String> {
     let out = write.then(|| File::create("/dev/null")).transpose().map_err(failed)?;
     let mut counter = Counter { rows: 0, out: out.map(|file| (file, Vec::new())) };
     let start = Instant::now();
-    let mut reader = InputReader::new(Options::default(), Stop::default());
+    let mut reader = InputReader::new(DecoderOptions::default(), Stop::default());
     let result = reader.read(&path.to_string_lossy(), &mut counter);
     let (_summary, ending) = reader.finish(&mut counter);
     let time_s = start.elapsed().as_secs_f64();
@@ -171,8 +171,8 @@ for message in can.CanutilsLogReader(sys.argv[1]):
 ";
 
 /// Ours and other tools, each as a process from its start to its end, its output thrown away.
-fn processes<'a>(log: &'a Path, dbc: &'a Path) -> Result<Vec<Contender<'a, f64>>, Failure> {
-    let geu = std::env::current_exe().map_err(Failure::failed)?;
+fn processes<'a>(log: &'a Path, dbc: &'a Path) -> Result<Vec<Contender<'a, f64>>, CommandError> {
+    let geu = std::env::current_exe().map_err(CommandError::failed)?;
     let of_geu = |format: &'static str| {
         let geu = geu.clone();
         move || process(Command::new(&geu).args(["decode", "--format", format]).arg(log))

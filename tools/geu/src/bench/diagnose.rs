@@ -10,20 +10,20 @@ use clap::Args;
 use geu_calibration::CountsReader;
 use geu_daemon::recorder::{Destination, Recorder};
 use geu_daemon::simulate::simulate;
-use geu_diagnosis::Measured;
+use geu_diagnosis::MeasuredData;
 use geu_diagnosis::measured::{Shifts, TIMING};
-use geu_model::configuration::WireForm;
+use geu_model::configuration::LinkLogFormat;
 use geu_model::temperature::SENSOR_NOMINAL_C;
 use geu_model::units::{HALF_SECOND_S, RAD_PER_DEG};
 use geu_model::{Configuration, Truth};
-use geu_recording::{Reference, Sink};
+use geu_recording::{ReferenceAttitude, Sink};
 use nix::sys::resource::{Usage, UsageWho, getrusage};
 use nix::sys::time::TimeValLike;
 use serde_json::Value;
 
 use super::rounds::{Contender, Rounds, Spread};
-use crate::diagnose::Recording;
-use crate::failure::{Failure, say};
+use crate::diagnose::DecodedRecording;
+use crate::failure::{CommandError, say};
 use crate::outputs::write;
 
 /// Sequential selection with statsmodels, sparse regression with pysindy: what a Python user would write.
@@ -89,7 +89,7 @@ struct Took {
 ///
 /// # Errors
 /// A temporary directory that cannot be written, a diagnosis that fails.
-pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     say!("{cores} cores; cold: thresholds set anew, warm: known; {}", arguments.rounds)?;
     say!("targets, warm: 3 h under 5 s, 24 h under 40 s; under 500 MB")?;
@@ -98,7 +98,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
         for (name, hidden) in &CASES[..if index == 0 { CASES.len() } else { 1 }] {
             let assignments: Vec<&str> = hidden.iter().map(|hidden| hidden.assignment).collect();
             say!("{hours} h, {name} {}", assignments.join(" "))?;
-            let directory = tempfile::tempdir().map_err(Failure::failed)?;
+            let directory = tempfile::tempdir().map_err(CommandError::failed)?;
             case(arguments, directory.path(), hours, hidden)?;
         }
     }
@@ -106,11 +106,11 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 /// Makes a recording, and measures everyone on it.
-fn case(arguments: &Arguments, directory: &Path, hours: f64, hidden: &[Hidden]) -> Result<(), Failure> {
+fn case(arguments: &Arguments, directory: &Path, hours: f64, hidden: &[Hidden]) -> Result<(), CommandError> {
     record(directory, hours, hidden)?;
     // Thresholds for those that know them.
     let warm = directory.join("cache");
-    diagnose(directory, &warm, hidden).map_err(Failure::failed)?;
+    diagnose(directory, &warm, hidden).map_err(CommandError::failed)?;
     let mut contenders = vec![
         Contender::ours("geu, cold", || {
             let cold = tempfile::tempdir().map_err(|error| error.to_string())?;
@@ -142,7 +142,7 @@ fn case(arguments: &Arguments, directory: &Path, hours: f64, hidden: &[Hidden]) 
 }
 
 /// A contender's runs: times, the most memory of any, and what it found; every run finds the same.
-fn show(name: &str, runs: &[(Took, String)]) -> Result<(), Failure> {
+fn show(name: &str, runs: &[(Took, String)]) -> Result<(), CommandError> {
     let of = |value: fn(&Took) -> f64| Spread::of(runs.iter().map(|(took, _)| value(took)));
     let (time_s, cpu_s, peak_mb) = (of(|took| took.time_s), of(|took| took.cpu_s), of(|took| took.peak_mb));
     let mut found: Vec<&str> = runs.iter().map(|(_, found)| found.as_str()).collect();
@@ -151,15 +151,15 @@ fn show(name: &str, runs: &[(Took, String)]) -> Result<(), Failure> {
 }
 
 /// Flies the reference unit with that hidden, and writes what it is believed to be.
-fn record(directory: &Path, hours: f64, hidden: &[Hidden]) -> Result<(), Failure> {
+fn record(directory: &Path, hours: f64, hidden: &[Hidden]) -> Result<(), CommandError> {
     let overrides: Vec<String> = hidden.iter().map(|hidden| hidden.assignment.to_owned()).collect();
-    let unit = Configuration::reference_with(&overrides).map_err(Failure::failed)?;
+    let unit = Configuration::reference_with(&overrides).map_err(CommandError::failed)?;
     let half_seconds = (hours * 3600.0 / HALF_SECOND_S) as u64;
     let mut recorder =
-        Recorder::create(&Destination::new(directory, true), &unit, &Truth::Scenario, WireForm::Can, &[])
-            .map_err(Failure::failed)?;
-    simulate(&unit, &Truth::Scenario, half_seconds, &mut recorder, |_| true).map_err(Failure::failed)?;
-    recorder.finish().map_err(Failure::failed)?;
+        Recorder::create(&Destination::new(directory, true), &unit, &Truth::Scenario, LinkLogFormat::Can, &[])
+            .map_err(CommandError::failed)?;
+    simulate(&unit, &Truth::Scenario, half_seconds, &mut recorder, |_| true).map_err(CommandError::failed)?;
+    recorder.finish().map_err(CommandError::failed)?;
     write(&directory.join("believed.toml"), Configuration::reference().to_toml(false))
 }
 
@@ -274,13 +274,13 @@ fn same<'a, T: AsRef<str>>(names: &[T], expected: impl Iterator<Item = &'a str>)
 
 /// For each half second the accumulated residual of each gyro, measured less believed, as the diagnosis has it before it averages,
 /// and what a term of it may follow.
-fn residual_csv(directory: &Path) -> Result<String, Failure> {
+fn residual_csv(directory: &Path) -> Result<String, CommandError> {
     let name = |file: &str| directory.join(file).display().to_string();
-    let reference = Reference::read(&name("reference.csv")).map_err(Failure::input)?;
+    let reference = ReferenceAttitude::read(&name("reference.csv")).map_err(CommandError::input)?;
     let mut reader = CountsReader::default();
-    Recording::read(&[name("link.log")], None)?.rows.iter().for_each(|row| reader.row(row));
-    let counts = reader.finish(reference.start_ns).ok_or_else(|| Failure::failed("expected half seconds, got none"))?;
-    let measured = Measured::new(counts, &reference).map_err(Failure::failed)?;
+    DecodedRecording::read(&[name("link.log")], None)?.rows.iter().for_each(|row| reader.row(row));
+    let counts = reader.finish(reference.start_ns).ok_or_else(|| CommandError::failed("expected half seconds, got none"))?;
+    let measured = MeasuredData::new(counts, &reference).map_err(CommandError::failed)?;
     let believed = Configuration::reference();
     let (counted, model) = (measured.series(), measured.run(&believed, Shifts::default()));
     let mut motion = Truth::Recorded(measured.reference.clone()).motion(&believed, 0.0);

@@ -10,7 +10,7 @@ mod rounds;
 
 use clap::{Args, Subcommand};
 
-use crate::failure::Failure;
+use crate::failure::CommandError;
 
 /// Arguments of `geu bench`.
 #[derive(Args)]
@@ -36,7 +36,7 @@ enum Benchmark {
 }
 
 /// Runs a benchmark.
-pub fn run(arguments: Arguments) -> Result<(), Failure> {
+pub fn run(arguments: Arguments) -> Result<(), CommandError> {
     match arguments.benchmark {
         Benchmark::Cadence(arguments) => cadence::run(&arguments),
         Benchmark::Calibrate(arguments) => calibrate::run(&arguments),

@@ -8,13 +8,13 @@ use std::time::Instant;
 use clap::Args;
 use geu_daemon::recorder::{Destination, Recorder};
 use geu_daemon::simulate::simulate;
-use geu_model::configuration::WireForm;
-use geu_model::effect::{Effects, HeadEffects, UnitEffects};
-use geu_model::{Configuration, Truth, Unit};
+use geu_model::configuration::LinkLogFormat;
+use geu_model::effect::{Effects, GyroEffects, UnitEffects};
+use geu_model::{Configuration, Truth, GyroUnit};
 use geu_protocol::Gyro;
 
 use super::rounds::{Contender, Results, Rounds, Spread};
-use crate::failure::{Failure, say};
+use crate::failure::{CommandError, say};
 
 /// The same gyros, vectorised over time: what a Python user would write.
 const NUMPY: &str = include_str!("model.py");
@@ -43,11 +43,11 @@ pub struct Arguments {
 ///
 /// # Errors
 /// A temporary directory that cannot be written.
-pub fn run(arguments: &Arguments) -> Result<(), Failure> {
+pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     let half_seconds = arguments.half_seconds.max(1);
     let reference = Configuration::reference();
     let all = every_effect()?;
-    let directory = tempfile::tempdir().map_err(Failure::failed)?;
+    let directory = tempfile::tempdir().map_err(CommandError::failed)?;
     // Each run gives a speed, half seconds/s, for each of its rows.
     let timed = |work: &dyn Fn() -> Result<(), String>| -> Result<Vec<f64>, String> {
         let start = Instant::now();
@@ -56,7 +56,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     let model = |configuration: &Configuration| {
         timed(&|| {
-            let mut unit = Unit::new(configuration);
+            let mut unit = GyroUnit::new(configuration);
             let counted: i64 =
                 (0..half_seconds).map(|_| i64::from(unit.end_half_second().half_second.increments[0])).sum();
             std::hint::black_box(counted);
@@ -66,7 +66,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
     let written = || {
         timed(&|| {
             let place = Destination::new(directory.path(), true);
-            let mut recorder = Recorder::create(&place, &all, &Truth::Scenario, WireForm::Can, &[])
+            let mut recorder = Recorder::create(&place, &all, &Truth::Scenario, LinkLogFormat::Can, &[])
                 .map_err(|error| error.to_string())?;
             simulate(&all, &Truth::Scenario, half_seconds, &mut recorder, |_| true)
                 .map_err(|error| error.to_string())?;
@@ -114,7 +114,7 @@ pub fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 /// The reference unit with every amplitude of every effect that moves counts at a tenth of its largest value at most.
-fn every_effect() -> Result<Configuration, Failure> {
+fn every_effect() -> Result<Configuration, CommandError> {
     let mut overrides = Vec::new();
     let mut place =
         |place: &str, specs: &[geu_model::effect::EffectSpec], effects: &dyn Fn(usize) -> Vec<(String, f64)>| {
@@ -123,21 +123,21 @@ fn every_effect() -> Result<Configuration, Failure> {
                     .extend(effects(index).iter().map(|(name, size)| format!("{place}.{}.{name}={size:?}", spec.code)));
             }
         };
-    let sizes = |numbers: &dyn geu_model::number::Numbers, amplitudes: usize, own: &dyn Fn(&str) -> bool| {
+    let sizes = |numbers: &dyn geu_model::number::ParameterSet, amplitudes: usize, own: &dyn Fn(&str) -> bool| {
         let specs = numbers.specs().iter().take(amplitudes);
         specs.filter(|spec| own(spec.name)).map(|spec| (spec.name.to_owned(), spec.greatest * 1e-3)).collect::<Vec<_>>()
     };
-    let (unit, head) = (UnitEffects::default(), HeadEffects::default());
+    let (unit, head) = (UnitEffects::default(), GyroEffects::default());
     place("unit", UnitEffects::SPECS, &|index| {
         sizes(unit.numbers(index), UnitEffects::SPECS[index].amplitudes.len(), &|_| true)
     });
     for gyro in Gyro::ALL {
         let own = |name: &str| geu_model::package::Axes::of(gyro).has_number(name);
-        place(&format!("gyro.{}", gyro.name()), HeadEffects::SPECS, &|index| {
-            sizes(head.numbers(index), HeadEffects::SPECS[index].amplitudes.len(), &own)
+        place(&format!("gyro.{}", gyro.name()), GyroEffects::SPECS, &|index| {
+            sizes(head.numbers(index), GyroEffects::SPECS[index].amplitudes.len(), &own)
         });
     }
-    Configuration::reference_with(&overrides).map_err(Failure::failed)
+    Configuration::reference_with(&overrides).map_err(CommandError::failed)
 }
 
 fn memory_mb() -> f64 {

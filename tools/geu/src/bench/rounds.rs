@@ -5,7 +5,7 @@ use std::fmt;
 
 use clap::{Args, value_parser};
 
-use crate::failure::Failure;
+use crate::failure::CommandError;
 
 /// How often each contender runs.
 #[derive(Args, Clone, Copy)]
@@ -57,7 +57,7 @@ impl Rounds {
     ///
     /// # Errors
     /// A run of ours that fails.
-    pub fn measure<T>(self, mut contenders: Vec<Contender<T>>) -> Result<Vec<Results<T>>, Failure> {
+    pub fn measure<T>(self, mut contenders: Vec<Contender<T>>) -> Result<Vec<Results<T>>, CommandError> {
         let count = contenders.len();
         let mut results: Vec<Results<T>> =
             contenders.iter().map(|one| Results { name: one.name.clone(), runs: Ok(Vec::new()) }).collect();
@@ -68,7 +68,7 @@ impl Rounds {
                 match (contenders[index].run)() {
                     Ok(result) => runs.push(result),
                     Err(reason) if contenders[index].is_ours => {
-                        return Err(Failure::failed(format!("{}: {reason}", contenders[index].name)));
+                        return Err(CommandError::failed(format!("{}: {reason}", contenders[index].name)));
                     }
                     Err(reason) => results[index].runs = Err(reason),
                 }

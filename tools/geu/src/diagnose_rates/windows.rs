@@ -1,10 +1,10 @@
 //! From files to windows: mean rates as the table tells them, or of the samples in each stretch of the reference.
 
 use geu_diagnosis::rates::{Gyro, Reference, Windows};
-use geu_recording::{Description, GyroCsv, GyroCsvDefectKind as Kind, RateRow, RateTable};
+use geu_recording::{GyroCsvSpec, GyroCsv, GyroCsvDefectKind as Kind, RateRow, RateTable};
 
 use crate::diagnose_rates::RatesArguments;
-use crate::failure::Failure;
+use crate::failure::CommandError;
 
 /// Share of the samples expected in a stretch without which it is no window.
 const LEAST_SHARE: f64 = 0.5;
@@ -15,13 +15,13 @@ const LEAST_SHARE: f64 = 0.5;
 /// None that both gyros and reference have.
 pub fn windows(
     arguments: &RatesArguments,
-    description: &Description,
+    description: &GyroCsvSpec,
     links: &[GyroCsv],
     table: &RateTable,
-) -> Result<Windows, Failure> {
+) -> Result<Windows, CommandError> {
     let gyros = description.gyros.iter().map(|gyro| Gyro { name: gyro.name.clone(), axis: gyro.axis }).collect();
     let of_samples = table.rows.iter().any(|row| row.t_s.is_some());
-    let failed = |error| Failure::input(format!("{}: {error}", arguments.reference));
+    let failed = |error| CommandError::input(format!("{}: {error}", arguments.reference));
     let reference = |row: &RateRow| match row.rates_arcsec_s[..] {
         [x, y, z] => Reference::Vector([x, y, z]),
         _ => Reference::Magnitude(row.rates_arcsec_s.first().copied().unwrap_or(f64::NAN)),
@@ -42,7 +42,7 @@ pub fn windows(
         return Ok(windows);
     }
     if links.is_empty() {
-        return Err(Failure::input("--link: expected CSV of gyros, for the reference has none; got none"));
+        return Err(CommandError::input("--link: expected CSV of gyros, for the reference has none; got none"));
     }
     let (mut filled, mut found) = (Vec::new(), Vec::new());
     let spacing_s = table.spacing_s().unwrap_or(description.interval_s);
@@ -59,7 +59,7 @@ pub fn windows(
         }
     }
     if found.is_empty() {
-        return Err(Failure::input(format!(
+        return Err(CommandError::input(format!(
             "{}: expected times of {}, got none of them",
             arguments.reference,
             arguments.link.join(", ")
@@ -93,7 +93,7 @@ fn well_stamped(read: &GyroCsv) -> Vec<(f64, &[f64])> {
 }
 
 /// Mean rates in the stretch that ends at `t_s`; nothing where too few samples are in it.
-fn mean(samples: &[(f64, &[f64])], t_s: f64, spacing_s: f64, description: &Description) -> Option<Vec<f64>> {
+fn mean(samples: &[(f64, &[f64])], t_s: f64, spacing_s: f64, description: &GyroCsvSpec) -> Option<Vec<f64>> {
     let from = samples.partition_point(|sample| sample.0 <= t_s - spacing_s);
     let to = samples.partition_point(|sample| sample.0 <= t_s);
     let inside = &samples[from..to.max(from)];

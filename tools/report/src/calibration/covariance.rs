@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 use std::fmt::Write;
 
-use geu_calibration::solve::{Parameter, UNKNOWNS};
+use geu_calibration::solve::{CalibrationParameter, UNKNOWNS};
 use geu_chart::{ARROW, CROSS, Chart, DIAMOND};
 use geu_protocol::Gyro;
 
@@ -19,7 +19,7 @@ impl CalibrationPage<'_> {
         let mut text = String::from("<h2>Covariance</h2>\n");
         let pairs = (0..UNKNOWNS).flat_map(|a| (a + 1..UNKNOWNS).map(move |b| (a, b)));
         let strongest = pairs.max_by(|&(a, b), &(c, d)| correlation(a, b).abs().total_cmp(&correlation(c, d).abs()));
-        let words: Vec<String> = Parameter::all().map(Parameter::words).collect();
+        let words: Vec<String> = CalibrationParameter::all().map(CalibrationParameter::label).collect();
         if let Some((a, b)) = strongest {
             let _ = writeln!(
                 text,
@@ -42,13 +42,13 @@ impl CalibrationPage<'_> {
         for gyro in Gyro::ALL {
             for (first, second) in [(0, 1), (2, 3)] {
                 text +=
-                    &self.ellipse([Parameter { gyro, index: first }, Parameter { gyro, index: second }], &correlation);
+                    &self.ellipse([CalibrationParameter { gyro, index: first }, CalibrationParameter { gyro, index: second }], &correlation);
             }
         }
         text + "</div>\n"
     }
 
-    fn ellipse(&self, pair: [Parameter; 2], correlation: &dyn Fn(usize, usize) -> f64) -> String {
+    fn ellipse(&self, pair: [CalibrationParameter; 2], correlation: &dyn Fn(usize, usize) -> f64) -> String {
         let [a, b] = pair.map(position);
         let (sigmas, solved) = (self.solution().sigmas(), self.solution().values());
         let forms = pair.map(sigma_unit);
@@ -63,7 +63,7 @@ impl CalibrationPage<'_> {
         };
         let [x, y] = scales.map(|scale| (-2.7 * scale, 2.7 * scale));
         let names = pair.map(|parameter| {
-            let words = parameter.words();
+            let words = parameter.label();
             words.split_once(' ').map_or(words.clone(), |(_, what)| what.to_owned())
         });
         let label = format!("{} of {} against {}, 1 and 2 sigma", names[1], pair[0].gyro.name(), names[0]);

@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use geu_calibration::Comparison;
 use geu_calibration::compare::stability_per_day;
-use geu_calibration::solve::{Parameter, UNKNOWNS};
+use geu_calibration::solve::{CalibrationParameter, UNKNOWNS};
 use geu_chart::Chart;
 
 use super::{CalibrationPage, moved_words, percent, position, sigma_unit, value_and_unit};
@@ -31,7 +31,7 @@ impl CalibrationPage<'_> {
             text,
             "<div class=\"verdict {tone}\">\n<p><strong>{words}</strong></p>\n<p>χ² of all differences is {:.1} of {}; chance \
              alone would make it as large or larger in {} of comparisons of a unit that stays what it is.</p>\n</div>",
-            comparison.together,
+            comparison.joint_chi2,
             UNKNOWNS * comparison.pairs,
             percent(comparison.together_probability())
         );
@@ -39,13 +39,13 @@ impl CalibrationPage<'_> {
         let merged = comparison.combined.values();
         let merged_sigmas = comparison.combined.sigmas();
         let days = self.earlier.last().map_or(0.0, |last| (self.calibrated.time_s - last.time_s).abs() / S_PER_DAY);
-        let rows = Parameter::all().enumerate().map(|(index, parameter)| {
+        let rows = CalibrationParameter::all().enumerate().map(|(index, parameter)| {
             let (size, unit) = sigma_unit(parameter);
             let probability = percent(comparison.probability(index));
             let allowed = stability_per_day(parameter)
                 .map_or_else(|| "–".to_owned(), |rate| format!("±{} {unit}", significant(rate * days * size, 2)));
             vec![
-                escape(&parameter.words()),
+                escape(&parameter.label()),
                 format!("{} {unit}", signed(comparison.change[index] * size, 3)),
                 format!("{} {unit}", significant(comparison.sigmas[index] * size, 3)),
                 in_sigmas(comparison.change[index] / comparison.sigmas[index]),
@@ -72,13 +72,13 @@ impl CalibrationPage<'_> {
         text += "<p>Departures from this calibration, with 1 sigma. Shaded is what the paper lets a unit move: the drift \
                  6 arcsec/h in two weeks, the scale factor 0.004 % in a month (table 1); it has no figure for \
                  misalignments. Dashed is the mean of all where they are compatible.</p>\n<div class=\"figures small\">\n";
-        for parameter in Parameter::all() {
+        for parameter in CalibrationParameter::all() {
             text += &self.history_of(parameter, comparison);
         }
         text + "</div>\n"
     }
 
-    fn history_of(&self, parameter: Parameter, comparison: &Comparison) -> String {
+    fn history_of(&self, parameter: CalibrationParameter, comparison: &Comparison) -> String {
         let (index, (size, unit)) = (position(parameter), sigma_unit(parameter));
         let solved = self.solution().values()[index];
         let mut points: Vec<(f64, f64, f64)> = self
@@ -92,7 +92,7 @@ impl CalibrationPage<'_> {
         points.push((0.0, 0.0, self.solution().sigmas()[index] * size));
         let x = extent(points.iter().map(|point| point.0), 0.08);
         let y = extent(points.iter().flat_map(|point| [point.1 - point.2, point.1 + point.2]), 0.2);
-        let words = parameter.words();
+        let words = parameter.label();
         let mut chart = Chart::new(&format!("{words} over time"), (250.0, 176.0), x, y, 2);
         if let Some(rate) = stability_per_day(parameter) {
             let (before, after) = (x.0 * rate * size, x.1 * rate * size);

@@ -6,8 +6,8 @@ mod text;
 
 use std::fmt::Write;
 
-use geu_calibration::compare::{Comparison, Earlier, LEAST_PROBABILITY};
-use geu_calibration::solve::{Parameter, Solution, UNKNOWNS, values};
+use geu_calibration::compare::{Comparison, PreviousCalibration, LEAST_PROBABILITY};
+use geu_calibration::solve::{CalibrationParameter, Solution, UNKNOWNS, values};
 use geu_calibration::{Calibrated, solve};
 use geu_model::Configuration;
 use geu_model::units::HALF_SECOND_S;
@@ -31,7 +31,7 @@ pub struct CalibrationPage<'a> {
     /// What came out.
     pub calibrated: &'a Calibrated,
     /// Earlier calibrations in the order of time, and how this one compares.
-    pub earlier: &'a [Earlier],
+    pub earlier: &'a [PreviousCalibration],
     /// Nothing where there are none.
     pub comparison: Option<&'a Comparison>,
     pub provenance: Provenance<'a>,
@@ -105,13 +105,13 @@ impl CalibrationPage<'_> {
                 let differences = values(hand).into_iter().zip(solution.values()).zip(sigmas);
                 let largest = differences
                     .map(|((hand, full), sigma)| (hand - full) / sigma)
-                    .zip(Parameter::all())
+                    .zip(CalibrationParameter::all())
                     .max_by(|a, b| a.0.abs().total_cmp(&b.0.abs()));
                 if let Some((sigmas, parameter)) = largest {
                     let _ = writeln!(
                         text,
                         "<p>The hand method, which drops products of small terms (eq 4), differs most in {}: {}.</p>",
-                        parameter.words(),
+                        parameter.label(),
                         in_sigmas(sigmas)
                     );
                 }
@@ -130,14 +130,14 @@ impl CalibrationPage<'_> {
         let solution = self.solution();
         let (solved, sigmas) = (solution.values(), solution.sigmas());
         let (before, hand) = (self.believed_values(), self.hand_values());
-        let rows = Parameter::all().enumerate().map(|(index, parameter)| {
+        let rows = CalibrationParameter::all().enumerate().map(|(index, parameter)| {
             let ((size, unit_of_sigma), (value, unit)) =
                 (sigma_unit(parameter), value_and_unit(parameter, solved[index]));
             let change = solved[index] - before[index];
             let hand =
                 hand.map_or_else(|| "–".to_owned(), |hand| in_sigmas((hand[index] - solved[index]) / sigmas[index]));
             vec![
-                escape(&parameter.words()),
+                escape(&parameter.label()),
                 value,
                 unit.to_owned(),
                 format!("{} {unit_of_sigma}", significant(sigmas[index] * size, 3)),
@@ -273,7 +273,7 @@ impl CalibrationPage<'_> {
 }
 
 /// The factor and unit in which sigmas and changes of a parameter are given.
-pub fn sigma_unit(parameter: Parameter) -> (f64, &'static str) {
+pub fn sigma_unit(parameter: CalibrationParameter) -> (f64, &'static str) {
     match parameter.index {
         0 => (1e6, "ppm"),
         1 => (3600.0 / HALF_SECOND_S, "arcsec/h"),
@@ -283,7 +283,7 @@ pub fn sigma_unit(parameter: Parameter) -> (f64, &'static str) {
 
 /// What moved, in words.
 pub fn moved_words(comparison: &Comparison) -> String {
-    let moved: Vec<String> = comparison.moved().into_iter().map(Parameter::words).collect();
+    let moved: Vec<String> = comparison.moved().into_iter().map(CalibrationParameter::label).collect();
     match moved.as_slice() {
         [] => "no parameter alone, but all together".to_owned(),
         [one] => format!("{one} moved"),
@@ -292,7 +292,7 @@ pub fn moved_words(comparison: &Comparison) -> String {
 }
 
 /// A value and its unit: that of its sigma, but for a scale factor, which is a ratio.
-fn value_and_unit(parameter: Parameter, value: f64) -> (String, &'static str) {
+fn value_and_unit(parameter: CalibrationParameter, value: f64) -> (String, &'static str) {
     let (size, unit) = sigma_unit(parameter);
     let (value, unit, decimals) = match parameter.index {
         0 => (value, "", 7),
@@ -303,7 +303,7 @@ fn value_and_unit(parameter: Parameter, value: f64) -> (String, &'static str) {
 }
 
 /// Its place among the sixteen.
-fn position(parameter: Parameter) -> usize {
+fn position(parameter: CalibrationParameter) -> usize {
     solve::PER_GYRO * parameter.gyro as usize + parameter.index
 }
 

@@ -3,8 +3,8 @@
 use std::fmt::Write;
 
 use geu_calibration::compare::{LEAST_PROBABILITY, stability_per_day};
-use geu_calibration::solve::{Parameter, UNKNOWNS, values};
-use geu_calibration::{Calibrated, Comparison, Earlier};
+use geu_calibration::solve::{CalibrationParameter, UNKNOWNS, values};
+use geu_calibration::{Calibrated, Comparison, PreviousCalibration};
 use geu_model::Configuration;
 use geu_protocol::Gyro;
 
@@ -22,7 +22,7 @@ pub fn table(believed: &Configuration, calibrated: &Calibrated) -> String {
         "{:<26} {:>14} {:>11}  {:<14} {:>10}  {:>14}",
         "parameter", "value", "sigma", "unit", "change/σ", "hand method/σ"
     );
-    for (index, parameter) in Parameter::all().enumerate() {
+    for (index, parameter) in CalibrationParameter::all().enumerate() {
         let (unit, digits, size, sigma_unit) = match parameter.index {
             0 => ("", 7, 1e6, "ppm"),
             1 => ("arcsec/half s", 6, 1.0, ""),
@@ -34,7 +34,7 @@ pub fn table(believed: &Configuration, calibrated: &Calibrated) -> String {
         let _ = writeln!(
             text,
             "{:<26} {:>14.digits$} {:>11}  {unit:<14} {:>+10.1}  {hand:>14}",
-            parameter.words(),
+            parameter.label(),
             solved[index],
             if sigma_unit.is_empty() {
                 format!("{:.digits$}", sigmas[index])
@@ -98,7 +98,7 @@ pub fn table(believed: &Configuration, calibrated: &Calibrated) -> String {
 }
 
 /// The comparison for a terminal.
-pub fn comparison_table(earlier: &[Earlier], comparison: &Comparison) -> String {
+pub fn comparison_table(earlier: &[PreviousCalibration], comparison: &Comparison) -> String {
     let names: Vec<&str> = earlier.iter().map(|one| one.name.as_str()).collect();
     let mut text = format!("less the mean of {}\n", names.join(", "));
     let _ = writeln!(
@@ -106,14 +106,14 @@ pub fn comparison_table(earlier: &[Earlier], comparison: &Comparison) -> String 
         "{:<26} {:>12} {:>12} {:<9} {:>9} {:>8} {:>12}  {:>22}",
         "parameter", "change", "sigma", "", "change/σ", "χ²", "probability", "stability a fortnight"
     );
-    for (index, parameter) in Parameter::all().enumerate() {
+    for (index, parameter) in CalibrationParameter::all().enumerate() {
         let (size, unit) = sigma_unit(parameter);
         let allowed = stability_per_day(parameter)
             .map_or_else(|| "–".to_owned(), |rate| format!("{:.1} {unit}", rate * 14.0 * size));
         let _ = writeln!(
             text,
             "{:<26} {:>+12.3} {:>12.3} {unit:<9} {:>+9.1} {:>8.1} {:>12.4}  {allowed:>22}",
-            parameter.words(),
+            parameter.label(),
             comparison.change[index] * size,
             comparison.sigmas[index] * size,
             comparison.change[index] / comparison.sigmas[index],
@@ -129,7 +129,7 @@ pub fn comparison_table(earlier: &[Earlier], comparison: &Comparison) -> String 
     let _ = write!(
         text,
         "\nχ² {:.1} of {}, probability {:.2} (least {LEAST_PROBABILITY}): {verdict}",
-        comparison.together,
+        comparison.joint_chi2,
         UNKNOWNS * comparison.pairs,
         comparison.together_probability()
     );

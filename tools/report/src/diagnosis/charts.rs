@@ -3,8 +3,8 @@
 use geu_chart::{Chart, MAX_COLUMNS, min_max};
 use geu_diagnosis::gap::WINDOW;
 use geu_diagnosis::outcome::Diagnosis;
-use geu_diagnosis::stretches::Stretch;
-use geu_diagnosis::whereabouts::{STANDS_OUT, VARIABLES, Whereabouts};
+use geu_diagnosis::stretches::MotionSegment;
+use geu_diagnosis::whereabouts::{STANDS_OUT, VARIABLES, ResidualMap};
 use geu_model::units::HALF_SECOND_S;
 use geu_protocol::Gyro;
 
@@ -172,7 +172,7 @@ fn names_px() -> f64 {
 }
 
 /// Where the data of a gyro leave a model: variables over time.
-pub(super) fn heat_map(diagnosis: &Diagnosis, model: &Whereabouts, gyro: Gyro, when: &str) -> String {
+pub(super) fn heat_map(diagnosis: &Diagnosis, model: &ResidualMap, gyro: Gyro, when: &str) -> String {
     let (name, rows) = (gyro.name(), VARIABLES.len() as f64);
     let label = format!("Where the data of {name} leave the model {when}: variables over seconds");
     let end_s = end_s(diagnosis);
@@ -199,7 +199,7 @@ pub(super) fn heat_map(diagnosis: &Diagnosis, model: &Whereabouts, gyro: Gyro, w
 }
 
 /// A manoeuvre with its number and times.
-fn told(index: usize, stretch: &Stretch) -> String {
+fn told(index: usize, stretch: &MotionSegment) -> String {
     format!("{} {}, {:.0}…{:.0} s", index + 1, stretch.name, stretch.from_s, stretch.to_s)
 }
 

@@ -7,7 +7,7 @@ mod whereabouts;
 use std::fmt::Write;
 
 use geu_diagnosis::explain::Round;
-use geu_diagnosis::gap::Gap;
+use geu_diagnosis::gap::ResidualStats;
 use geu_diagnosis::outcome::{Chi2Fall, Class, DiagnosedEffect, Diagnosis, ReportedAlternative};
 use geu_diagnosis::search::Candidate;
 use geu_diagnosis::{Verdict, report};
@@ -268,8 +268,8 @@ impl DiagnosisPage<'_> {
             let caption = "By how much better each third of the recording is foretold with it, known from the other two (fall of −2 ln of its probability; a dash where one third has nearly all that tells of it)";
             text += &table(caption, &["found", "gyros", "first third", "second", "last", "sum"], rows);
         }
-        let row = |name: &str, gap: &Gap| {
-            let Gap { rms_arcsec, max_arcsec, after_30min_arcsec, reduced_chi2, .. } = *gap;
+        let row = |name: &str, gap: &ResidualStats| {
+            let ResidualStats { rms_arcsec, max_arcsec, after_30min_arcsec, reduced_chi2, .. } = *gap;
             let mut row = vec![name.to_owned()];
             row.extend([rms_arcsec, max_arcsec, after_30min_arcsec].map(arcsec));
             row.push(if reduced_chi2.is_finite() { format!("{reduced_chi2:.3}") } else { "–".to_owned() });

@@ -1,6 +1,6 @@
 //! Defects as JSON lines; one that comes again and again with nothing between is a line with a count.
 
-use geu_protocol::capture::{Place, Time};
+use geu_protocol::capture::{RecordPosition, Timestamp};
 use geu_protocol::hex::hex;
 use geu_recording::{Defect, DefectKind, place_text};
 
@@ -14,11 +14,11 @@ pub struct DefectLines {
 
 struct Waiting {
     input: String,
-    first: Place,
-    last: Place,
+    first: RecordPosition,
+    last: RecordPosition,
     kind: DefectKind,
     bytes: Vec<u8>,
-    time: Option<Time>,
+    time: Option<Timestamp>,
     lost: u64,
     count: u64,
 }

@@ -3,9 +3,9 @@
 mod defects;
 mod track;
 
-use geu_protocol::capture::Time;
+use geu_protocol::capture::Timestamp;
 use geu_protocol::field::{Bit, GYRO_FLAGS, UNIT_FLAGS};
-use geu_recording::Row;
+use geu_recording::ReceivedSample;
 
 pub use defects::DefectLines;
 pub use track::{TRACK_COLUMNS, TrackFormat, instant, track_difference, write_track};
@@ -49,7 +49,7 @@ impl TextFormat {
 
 /// Appends a row with its line end.
 #[inline]
-pub fn write_row(format: TextFormat, with_bits: bool, row: &Row, out: &mut Vec<u8>) {
+pub fn write_row(format: TextFormat, with_bits: bool, row: &ReceivedSample, out: &mut Vec<u8>) {
     let mut line = Line { format, field: 0, bytes: [0; LINE], length: 0 };
     let half_second = &row.half_second;
     line.field(row.time, |line, time| line.seconds(time));
@@ -162,7 +162,7 @@ impl Line {
 
     /// As many digits as the source has, at least six.
     #[inline]
-    fn seconds(&mut self, time: Time) {
+    fn seconds(&mut self, time: Timestamp) {
         if time.t_ns < 0 {
             self.push(b"-");
         }
@@ -179,7 +179,7 @@ impl Line {
 }
 
 /// Appends a time, as many digits as the source has, at least six.
-pub fn write_seconds(time: Time, out: &mut Vec<u8>) {
+pub fn write_seconds(time: Timestamp, out: &mut Vec<u8>) {
     let mut line = Line { format: TextFormat::Csv, field: 0, bytes: [0; LINE], length: 0 };
     line.seconds(time);
     out.extend_from_slice(&line.bytes[..line.length]);
@@ -203,12 +203,12 @@ pub fn quote(text: &str, out: &mut Vec<u8>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use geu_protocol::HalfSecond;
+    use geu_protocol::Sample;
 
-    const ROW: Row = Row {
-        time: Some(Time { t_ns: 1_795_020_000_500_932_000, digits: 6 }),
+    const ROW: ReceivedSample = ReceivedSample {
+        time: Some(Timestamp { t_ns: 1_795_020_000_500_932_000, digits: 6 }),
         is_received: true,
-        half_second: HalfSecond {
+        half_second: Sample {
             sequence: 65_535,
             increments: [-32_768, 32_767, 0, -1],
             gyro_flags: 0x0F,
@@ -220,7 +220,7 @@ mod tests {
         has_clock: true,
     };
 
-    fn text(format: TextFormat, row: &Row) -> String {
+    fn text(format: TextFormat, row: &ReceivedSample) -> String {
         let mut out = Vec::new();
         write_row(format, false, row, &mut out);
         String::from_utf8(out).unwrap()
@@ -232,13 +232,13 @@ mod tests {
             text(TextFormat::Csv, &ROW),
             "1795020000.500932,65535,281474976710655,-32768,32767,0,-1,15,7,-0.05,70.00\n"
         );
-        let time = Some(Time { t_ns: -1_500_000_001, digits: 9 });
+        let time = Some(Timestamp { t_ns: -1_500_000_001, digits: 9 });
         assert_eq!(
-            text(TextFormat::Csv, &Row { time, has_clock: false, ..ROW }),
+            text(TextFormat::Csv, &ReceivedSample { time, has_clock: false, ..ROW }),
             "-1.500000001,65535,,-32768,32767,0,-1,15,7,-0.05,\n"
         );
-        let time = Some(Time { t_ns: 100_000_000, digits: 1 });
-        assert!(text(TextFormat::Csv, &Row { time, ..ROW }).starts_with("0.100000,"));
+        let time = Some(Timestamp { t_ns: 100_000_000, digits: 1 });
+        assert!(text(TextFormat::Csv, &ReceivedSample { time, ..ROW }).starts_with("0.100000,"));
         assert_eq!(
             TextFormat::Csv.header(false),
             "t_s,sequence,clock_count,gyrx,gyry,gyrza,gyrzb,gyro_flags,unit_flags,electronics_c,sensor_c\n"
@@ -248,7 +248,7 @@ mod tests {
     #[test]
     fn json_has_the_same_names_and_null_for_what_is_absent() {
         assert_eq!(
-            text(TextFormat::Jsonl, &Row { time: None, has_clock: false, ..ROW }),
+            text(TextFormat::Jsonl, &ReceivedSample { time: None, has_clock: false, ..ROW }),
             "{\"t_s\":null,\"sequence\":65535,\"clock_count\":null,\"gyrx\":-32768,\"gyry\":32767,\"gyrza\":0,\
              \"gyrzb\":-1,\"gyro_flags\":15,\"unit_flags\":7,\"electronics_c\":-0.05,\"sensor_c\":null}\n"
         );

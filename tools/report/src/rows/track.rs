@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use geu_calibration::Track;
-use geu_calibration::redundancy::{Difference, Test, WINDOW_S};
+use geu_calibration::redundancy::{ParityResidual, ParityTest, WINDOW_S};
 use geu_calibration::track::in_use_name;
 
 use super::{quote, write_seconds};
@@ -18,7 +18,7 @@ pub enum TrackFormat {
 }
 
 /// A difference of the redundant pair with its sigma.
-pub fn track_difference(difference: Difference) -> String {
+pub fn track_difference(difference: ParityResidual) -> String {
     format!("{:+.2}″ ± {:.2}″", difference.arcsec, difference.sigma_arcsec)
 }
 
@@ -109,7 +109,7 @@ fn cells(track: &Track) -> [Option<String>; TRACK_COLUMNS.len()] {
 fn notes(track: &Track) -> String {
     let mut notes: Vec<String> = track.reasons.iter().map(ToString::to_string).collect();
     if let Some(checked) = &track.redundancy {
-        for (test, is_alarmed) in [Test::Window, Test::Start].into_iter().zip(checked.is_alarmed) {
+        for (test, is_alarmed) in [ParityTest::Window, ParityTest::Start].into_iter().zip(checked.is_alarmed) {
             notes.extend(is_alarmed.then(|| format!("GYRZA and GYRZB differ {test}")));
         }
     }

@@ -35,7 +35,7 @@ impl LinkBehaviour for BitFlip {
 
 fn update_crc(data: &mut [WireData]) {
     match data {
-        [WireData::Bytes(bytes)] => serial::close(bytes),
+        [WireData::Bytes(bytes)] => serial::update_crc(bytes),
         [WireData::Frame(increments), WireData::Frame(status), ..] => {
             if let Ok(mut data) = <[u8; 8]>::try_from(status.data()) {
                 close_status(increments.data(), &mut data);

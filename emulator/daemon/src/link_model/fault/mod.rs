@@ -7,10 +7,10 @@
 #[cfg(test)]
 mod tests;
 
-use geu_model::fault::acting::Acting;
+use geu_model::fault::acting::ActiveFault;
 use geu_model::fault::catalogue::LinkFault;
-use geu_model::noise::Stream;
-use geu_protocol::HalfSecond;
+use geu_model::noise::NoiseStream;
+use geu_protocol::Sample;
 use geu_protocol::serial::{self, OVERHEAD};
 
 use super::transmission::{Encoding, Transmission, WireData};
@@ -41,7 +41,7 @@ trait LinkBehaviour {
     }
 
     /// The sample that is encoded in place of this one; `None`: no sample is sent.
-    fn sample(&self, sample: HalfSecond, _acting: &Acting) -> Option<HalfSecond> {
+    fn sample(&self, sample: Sample, _acting: &ActiveFault) -> Option<Sample> {
         Some(sample)
     }
 
@@ -87,14 +87,14 @@ impl Schedule {
 /// Where a fault acts.
 struct Context<'a> {
     encoding: Encoding,
-    acting: &'a Acting,
+    acting: &'a ActiveFault,
     /// No fault of the same code acts behind it.
     is_last_of_its_code: bool,
 }
 
 impl Context<'_> {
     /// The random numbers of this fault on links in this sample interval.
-    fn draw(&self) -> Stream {
+    fn draw(&self) -> NoiseStream {
         self.acting.draw().at("link", self.acting.frame)
     }
 }
@@ -102,7 +102,7 @@ impl Context<'_> {
 /// A fault that acts on a link.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct ActiveLinkFault<'a> {
-    pub acting: &'a Acting,
+    pub acting: &'a ActiveFault,
     pub fault: LinkFault,
 }
 
@@ -137,7 +137,7 @@ pub(crate) fn acts_on_replies_alone(fault: &LinkFault) -> bool {
 /// The transmissions of a sample; none where none is sent.
 pub(super) fn sample(
     encoding: Encoding,
-    sample: Option<&HalfSecond>,
+    sample: Option<&Sample>,
     frame: u64,
     faults: &[ActiveLinkFault],
 ) -> Vec<Transmission> {
@@ -153,7 +153,7 @@ pub(super) fn sample(
         })
     };
     let changed =
-        |sample: &HalfSecond| all().try_fold(*sample, |sample, (it, context)| it.sample(sample, context.acting));
+        |sample: &Sample| all().try_fold(*sample, |sample, (it, context)| it.sample(sample, context.acting));
     let Some(sample) = sample.and_then(changed) else { return Vec::new() };
     let mut data = encoding.sample(&sample);
     all().for_each(|(it, context)| it.encoded(&mut data, &context));
@@ -185,7 +185,7 @@ fn change_headers(data: &mut [WireData], change: impl Fn(&mut [u8])) {
             && bytes.len() >= OVERHEAD
         {
             change(bytes);
-            serial::close(bytes);
+            serial::update_crc(bytes);
         }
     }
 }

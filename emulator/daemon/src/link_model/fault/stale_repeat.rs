@@ -1,13 +1,13 @@
 //! The last sample before the fault is repeated; none is sent where there was none.
 
-use geu_model::fault::acting::Acting;
+use geu_model::fault::acting::ActiveFault;
 use geu_model::fault::catalogue::link_fault::StaleRepeat;
-use geu_protocol::HalfSecond;
+use geu_protocol::Sample;
 
 use super::LinkBehaviour;
 
 impl LinkBehaviour for StaleRepeat {
-    fn sample(&self, _: HalfSecond, acting: &Acting) -> Option<HalfSecond> {
+    fn sample(&self, _: Sample, acting: &ActiveFault) -> Option<Sample> {
         acting.before
     }
 }

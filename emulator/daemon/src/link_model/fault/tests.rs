@@ -2,33 +2,33 @@
 
 use std::collections::BTreeMap;
 
-use geu_model::fault::catalogue::{CATALOGUE, LinkKind, Scope, Spec};
-use geu_model::number::{Default, Form as NumberForm};
-use geu_model::{Configuration, Unit};
+use geu_model::fault::catalogue::{CATALOGUE, Transport, Scope, FaultSpec};
+use geu_model::number::{DefaultValue, ValueFormat as NumberForm};
+use geu_model::{Configuration, GyroUnit};
 use geu_protocol::crc::crc16;
-use geu_protocol::serial::{self, Deframer, Found};
-use geu_protocol::{CanPlan, HalfSecond};
+use geu_protocol::serial::{self, Deframer, DeframerEvent};
+use geu_protocol::{CanIdMap, Sample};
 
 use super::super::{LinkModel, Transmission, WireData};
 use super::MAX_TRANSMISSIONS;
 
-fn model(kind: LinkKind) -> LinkModel {
+fn model(kind: Transport) -> LinkModel {
     match kind {
-        LinkKind::Can => LinkModel::can(CanPlan::default()),
+        Transport::Can => LinkModel::can(CanIdMap::default()),
         kind => LinkModel::serial(kind),
     }
 }
 
 /// What a link carries in each of 20 half seconds with a fault of it in 8 to 15, and what it would carry.
-fn carried(kind: LinkKind, keys: &str) -> Vec<(Vec<WireData>, Vec<Transmission>)> {
+fn carried(kind: Transport, keys: &str) -> Vec<(Vec<WireData>, Vec<Transmission>)> {
     planned(kind, &format!("[[fault]]\nlink = \"{}\"\nat_s = 4.0\nfor_s = 4.0\n{keys}", kind.name()))
 }
 
 /// The same with any plan.
-fn planned(kind: LinkKind, plan: &str) -> Vec<(Vec<WireData>, Vec<Transmission>)> {
+fn planned(kind: Transport, plan: &str) -> Vec<(Vec<WireData>, Vec<Transmission>)> {
     let mut configuration = Configuration::reference();
     configuration.add_plan("plan", plan).unwrap_or_else(|error| panic!("{error}"));
-    let (mut unit, model) = (Unit::new(&configuration), model(kind));
+    let (mut unit, model) = (GyroUnit::new(&configuration), model(kind));
     let half_seconds = (0..20).map(|frame| {
         let ended = unit.end_half_second();
         let acting = unit.injected().map(|injected| injected.acting.clone()).unwrap_or_default();
@@ -38,9 +38,9 @@ fn planned(kind: LinkKind, plan: &str) -> Vec<(Vec<WireData>, Vec<Transmission>)
     half_seconds.collect()
 }
 
-fn keys(spec: &Spec) -> String {
-    let value = |default: Default, form: NumberForm, least: f64| match (default, form) {
-        (Default::Value(value), _) => value,
+fn keys(spec: &FaultSpec) -> String {
+    let value = |default: DefaultValue, form: NumberForm, least: f64| match (default, form) {
+        (DefaultValue::Value(value), _) => value,
         (_, NumberForm::Whole) => least.max(3.0),
         _ => least.max(0.3),
     };
@@ -71,7 +71,7 @@ fn every_fault_changes_what_every_link_that_has_it_carries_while_it_acts_and_no_
 
 /// The kinds of what a deframer finds in the bytes of the half seconds in which the fault acts.
 fn found(keys: &str) -> BTreeMap<&'static str, usize> {
-    let bytes: Vec<u8> = carried(LinkKind::Pty, keys)[8..16]
+    let bytes: Vec<u8> = carried(Transport::Pty, keys)[8..16]
         .iter()
         .flat_map(|(_, after)| after.iter().flat_map(|transmission| transmission.content.bytes().to_vec()))
         .collect();
@@ -79,9 +79,9 @@ fn found(keys: &str) -> BTreeMap<&'static str, usize> {
     let mut deframer = Deframer::default();
     deframer.consume(&bytes, &mut |found| {
         let name = match found {
-            Found::Frame { kind: serial::Kind::Data, .. } => "data",
-            Found::Frame { .. } => "other",
-            Found::Rejected { .. } => "rejected",
+            DeframerEvent::Frame { kind: serial::FrameType::Data, .. } => "data",
+            DeframerEvent::Frame { .. } => "other",
+            DeframerEvent::Rejected { .. } => "rejected",
             _ => "else",
         };
         *counts.entry(name).or_default() += 1;
@@ -110,7 +110,7 @@ fn a_receiver_sees_good_frames_where_the_crc_is_right_and_none_where_it_is_not()
 #[test]
 fn reordered_and_merged_half_seconds_leave_in_the_order_that_is_meant() {
     let released = |keys: &str| {
-        let all = carried(LinkKind::Tcp, keys);
+        let all = carried(Transport::Tcp, keys);
         let mut transmissions: Vec<(u64, i64, usize)> = all[8..16]
             .iter()
             .enumerate()
@@ -130,7 +130,7 @@ fn reordered_and_merged_half_seconds_leave_in_the_order_that_is_meant() {
 #[test]
 fn on_can_a_flip_before_the_crc_is_believed_and_one_after_it_is_not() {
     for (place, is_believed) in [("before", true), ("after", false)] {
-        let all = carried(LinkKind::Can, &format!("fault = \"bit-flip\"\nbits = 40\ncrc = \"{place}\""));
+        let all = carried(Transport::Can, &format!("fault = \"bit-flip\"\nbits = 40\ncrc = \"{place}\""));
         for (_, after) in &all[8..16] {
             let [WireData::Frame(increments), WireData::Frame(status), _] =
                 [0, 1, 2].map(|index| after[index].content.clone())
@@ -156,19 +156,19 @@ fn a_fault_on_every_link_is_on_none_that_cannot_have_it() {
     }
     let mut configuration = Configuration::reference();
     configuration.add_plan("plan", "[[fault]]\nfault = \"baud-mismatch\"\nbaud = 9600.0").expect("a plan");
-    let unit = Unit::new(&configuration);
+    let unit = GyroUnit::new(&configuration);
     let touching = |kind| model(kind).touching(unit.faults().acting()).len();
-    assert_eq!(LinkKind::ALL.map(touching), [1, 1, 0, 0]);
+    assert_eq!(Transport::ALL.map(touching), [1, 1, 0, 0]);
 }
 
 #[test]
 fn copies_add_up_and_many_faults_together_stay_within_bounds() {
     let sent = |kind, fault: &str, count| planned(kind, &fault.repeat(count))[3].1.len();
     let duplicate = "[[fault]]\nfault = \"duplicate\"\ncopies = 16\n";
-    assert_eq!(sent(LinkKind::Tcp, duplicate, 5), 81);
-    assert_eq!(sent(LinkKind::Can, duplicate, 5), 3 * 81);
-    assert_eq!(sent(LinkKind::Can, duplicate, 1000), 3 * (MAX_TRANSMISSIONS / 3));
-    assert_eq!(sent(LinkKind::Can, "[[fault]]\nfault = \"babble\"\namount = 1000\n", 20), MAX_TRANSMISSIONS);
+    assert_eq!(sent(Transport::Tcp, duplicate, 5), 81);
+    assert_eq!(sent(Transport::Can, duplicate, 5), 3 * 81);
+    assert_eq!(sent(Transport::Can, duplicate, 1000), 3 * (MAX_TRANSMISSIONS / 3));
+    assert_eq!(sent(Transport::Can, "[[fault]]\nfault = \"babble\"\namount = 1000\n", 20), MAX_TRANSMISSIONS);
 }
 
 #[test]
@@ -176,7 +176,7 @@ fn of_several_identifiers_the_last_counts() {
     let fault = |identifier: u32| {
         format!("[[fault]]\nlink = \"can\"\nfault = \"wrong-identifier\"\nidentifier = {identifier}\n")
     };
-    let all = planned(LinkKind::Can, &(fault(2045) + &fault(2045) + &fault(0x700)));
+    let all = planned(Transport::Can, &(fault(2045) + &fault(2045) + &fault(0x700)));
     let ids = all[3].1.iter().map(|transmission| match &transmission.content {
         WireData::Frame(frame) => frame.id(),
         WireData::Bytes(_) => panic!("a frame"),
@@ -188,14 +188,14 @@ fn of_several_identifiers_the_last_counts() {
 fn what_stands_before_a_half_second_is_sent_with_one_alone() {
     let extra = "[[fault]]\nfault = \"extra-bytes\"\nbytes = 5\n";
     let drop = "[[fault]]\nfault = \"drop\"\n";
-    assert_eq!(planned(LinkKind::Pty, extra)[3].1[0].content.bytes().len(), 33);
-    assert_eq!(planned(LinkKind::Pty, &(extra.to_owned() + drop))[3].1, []);
-    assert_eq!(planned(LinkKind::Pty, &(extra.to_owned() + "[[fault]]\nfault = \"reset\"\nfor_s = 5"))[3].1, []);
+    assert_eq!(planned(Transport::Pty, extra)[3].1[0].content.bytes().len(), 33);
+    assert_eq!(planned(Transport::Pty, &(extra.to_owned() + drop))[3].1, []);
+    assert_eq!(planned(Transport::Pty, &(extra.to_owned() + "[[fault]]\nfault = \"reset\"\nfor_s = 5"))[3].1, []);
 }
 
 #[test]
 fn nothing_is_repeated_before_there_was_a_half_second() {
-    let all = planned(LinkKind::Pty, "[[fault]]\nfault = \"stale-repeat\"\nfor_s = 2.0");
+    let all = planned(Transport::Pty, "[[fault]]\nfault = \"stale-repeat\"\nfor_s = 2.0");
     assert!(all[..4].iter().all(|(_, after)| after.is_empty()));
     assert_eq!(all[4].1.len(), 1);
 }
@@ -204,11 +204,11 @@ fn nothing_is_repeated_before_there_was_a_half_second() {
 fn noise_is_no_part_of_an_answer() {
     let mut configuration = Configuration::reference();
     configuration.add_plan("plan", "[[fault]]\nfault = \"babble\"").expect("a plan");
-    let unit = Unit::new(&configuration);
-    let (half_second, acting) = (HalfSecond::default(), unit.faults().acting());
-    for kind in LinkKind::ALL {
+    let unit = GyroUnit::new(&configuration);
+    let (half_second, acting) = (Sample::default(), unit.faults().acting());
+    for kind in Transport::ALL {
         let model = model(kind);
-        let reply = geu_protocol::Reply::new(3, geu_protocol::Outcome::Done, &[]);
+        let reply = geu_protocol::Reply::new(3, geu_protocol::CommandResult::Done, &[]);
         let polled = model.polled(&half_second, &reply, acting);
         let contents: Vec<WireData> = polled.into_iter().map(|transmission| transmission.content).collect();
         assert_eq!(contents, model.plain(&half_second));
@@ -220,7 +220,7 @@ fn noise_is_no_part_of_an_answer() {
 fn the_parts_of_a_frame_stay_together_in_order() {
     let split =
         |byte, gap_s| format!("[[fault]]\nlink = \"tcp\"\nfault = \"split\"\nbyte = {byte}\ngap_s = {gap_s:?}\n");
-    let all = planned(LinkKind::Tcp, &(split(10, 0.125) + &split(4, 0.25) + "[[fault]]\nfault = \"duplicate\"\n"));
+    let all = planned(Transport::Tcp, &(split(10, 0.125) + &split(4, 0.25) + "[[fault]]\nfault = \"duplicate\"\n"));
     let parts: Vec<_> = all[3].1.iter().map(|it| (it.content.bytes().len(), it.after_ns, it.more_fragments)).collect();
     let once = [(4, 0, true), (6, 250_000_000, true), (4, 375_000_000, true), (14, 625_000_000, false)];
     assert_eq!(parts, [once, once].concat());

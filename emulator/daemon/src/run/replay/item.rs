@@ -3,7 +3,7 @@
 use std::sync::mpsc::Receiver;
 
 use geu_model::Configuration;
-use geu_protocol::{CanPlan, HalfSecond};
+use geu_protocol::{CanIdMap, Sample};
 
 use crate::cadence::Speed;
 use crate::link::LinkAddress;
@@ -11,34 +11,34 @@ use crate::link_model::WireData;
 
 /// Something of a recording, and when.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Item {
+pub struct ReplayItem {
     /// Since the start of the recording, as it was recorded, ns: what faults go by.
     pub recorded_ns: i64,
     /// Since the start of the replay at speed 1, ns; never less than in the item before.
     pub played_ns: i64,
     /// What.
-    pub what: What,
+    pub what: ReplayItemKind,
 }
 
 /// What an item is.
 #[derive(Debug, Clone, PartialEq)]
-pub enum What {
+pub enum ReplayItemKind {
     /// A half second begins: what its contents, which follow, say.
     HalfSecond {
         /// All of it.
-        half_second: HalfSecond,
+        half_second: Sample,
         /// Whether it was recorded on CAN.
         is_can: bool,
     },
     /// Bytes or a frame, as they were recorded.
-    Content(WireData, Whose),
+    Content(WireData, TrafficOrigin),
     /// Something to be told when its time comes.
     Note(String),
 }
 
 /// Whose a content is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Whose {
+pub enum TrafficOrigin {
     /// Of the half second told last.
     HalfSecond,
     /// Of the unit, but of no whole half second.
@@ -51,7 +51,7 @@ pub enum Whose {
 
 /// How to play a recording back.
 #[derive(Debug, Clone)]
-pub struct Settings {
+pub struct ReplayOptions {
     /// Links to open; all carry the same.
     pub links: Vec<LinkAddress>,
     /// Recorded time against the wall clock.
@@ -59,7 +59,7 @@ pub struct Settings {
     /// Begin only when a client is attached to a pty or over TCP.
     pub wait_for_client: bool,
     /// Identifiers of the unit in the recording.
-    pub recorded_plan: CanPlan,
+    pub recorded_plan: CanIdMap,
     /// Faults of links, and what is expected; see [`refused`](super::refused).
     pub plan: Configuration,
 }

@@ -16,10 +16,10 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 use std::sync::mpsc::Receiver;
 
-use geu_model::fault::acting::Faults;
-use geu_model::fault::catalogue::Law;
+use geu_model::fault::acting::FaultEngine;
+use geu_model::fault::catalogue::FaultAction;
 use geu_model::fault::expectation::Expectation;
-use geu_model::fault::{Action, Fault, asks_in_vain};
+use geu_model::fault::{FaultKind, Fault, unsatisfiable_condition};
 
 use super::error::RunError;
 use super::output::LinkOutput;
@@ -30,7 +30,7 @@ use crate::lateness::Histogram;
 use crate::link::LinkStatistics;
 use crate::link_model::acts_on_replies_alone;
 use crate::shared_unit::SharedUnit;
-pub use item::{Item, Settings, Steps, What, Whose};
+pub use item::{ReplayItem, ReplayOptions, Steps, ReplayItemKind, TrafficOrigin};
 use player::{Counts, Player};
 
 /// What a condition can ask about and a recording does not tell.
@@ -39,16 +39,16 @@ const UNTOLD: [&str; 6] = ["rate_x", "rate_y", "rate_z", "theta_deg", "psi_deg",
 /// What of a plan cannot act on a recording, in words: a fault, or a condition that would never hold.
 pub fn refused(faults: &[Fault], expectations: &[Expectation]) -> Option<String> {
     let misplaced = faults.iter().find_map(misplaced);
-    misplaced.or_else(|| asks_in_vain(faults, expectations, "a recording", &UNTOLD))
+    misplaced.or_else(|| unsatisfiable_condition(faults, expectations, "a recording", &UNTOLD))
 }
 
 /// Why a fault cannot act on a recording.
 fn misplaced(fault: &Fault) -> Option<String> {
     let on = match (&fault.action, fault.law()) {
-        (_, Law::Link(law)) if acts_on_replies_alone(&law) => "replies, and a recording gives none".to_owned(),
-        (_, Law::Link(_)) => return None,
-        (Action::Parameter { .. }, _) => "a parameter of the model, which a recording has passed".to_owned(),
-        (Action::Named { spec, .. }, _) => format!("the {}, whose counts are recorded already", spec.scope.name()),
+        (_, FaultAction::Link(law)) if acts_on_replies_alone(&law) => "replies, and a recording gives none".to_owned(),
+        (_, FaultAction::Link(_)) => return None,
+        (FaultKind::Parameter { .. }, _) => "a parameter of the model, which a recording has passed".to_owned(),
+        (FaultKind::Named { spec, .. }, _) => format!("the {}, whose counts are recorded already", spec.scope.name()),
     };
     Some(format!(
         "fault {:?}: {} acts on {on}; expected faults of links alone (`geu faults list --link tcp` shows them): take it out, or run the unit with `geu run --faults`",
@@ -58,7 +58,7 @@ fn misplaced(fault: &Fault) -> Option<String> {
 }
 
 /// What a replay has done.
-pub struct Summary {
+pub struct ReplaySummary {
     counts: Counts,
     lateness: Histogram,
     late: u64,
@@ -66,10 +66,10 @@ pub struct Summary {
     rejected: u64,
     links: Vec<Arc<LinkStatistics>>,
     /// How the faults and expectations of the plan stand.
-    pub faults: Faults,
+    pub faults: FaultEngine,
 }
 
-impl fmt::Display for Summary {
+impl fmt::Display for ReplaySummary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Counts { half_seconds, faulted, unit_frames, unit_bytes, other, held_up } = self.counts;
         write!(f, "half seconds {half_seconds} of the recording, {} contents late", self.late)?;
@@ -102,11 +102,11 @@ impl fmt::Display for Summary {
 /// # Errors
 /// A link that cannot be opened.
 pub fn replay(
-    settings: &Settings,
-    items: Receiver<Vec<Item>>,
+    settings: &ReplayOptions,
+    items: Receiver<Vec<ReplayItem>>,
     steps: Option<Steps>,
     shutdown: impl Future<Output = io::Result<()>>,
-) -> Result<Summary, RunError> {
+) -> Result<ReplaySummary, RunError> {
     let speed = if steps.is_some() { Speed::Max } else { settings.speed };
     let session = Session::new(&settings.links, speed, settings.wait_for_client)?;
     let ended = session.block_on(shutdown, replay_items(&session, settings, items, steps));
@@ -116,10 +116,10 @@ pub fn replay(
 
 async fn replay_items(
     session: &Session,
-    settings: &Settings,
-    items: Receiver<Vec<Item>>,
+    settings: &ReplayOptions,
+    items: Receiver<Vec<ReplayItem>>,
     steps: Option<Steps>,
-) -> Result<Summary, RunError> {
+) -> Result<ReplaySummary, RunError> {
     let unit = Arc::new(SharedUnit::of_recording(session.speed));
     let links = session.open_links(&settings.links, &unit)?;
     links.iter().filter(|link| link.is_ready()).for_each(|link| console::ready(&link.info().statistics.name));
@@ -136,7 +136,7 @@ async fn replay_items(
     await_readers(&player.links).await;
     console::clear_status();
     let cadence = session.monitor.counts();
-    Ok(Summary {
+    Ok(ReplaySummary {
         counts: player.counts,
         lateness: cadence.lateness,
         late: cadence.late,

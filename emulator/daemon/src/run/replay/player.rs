@@ -4,13 +4,13 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use geu_model::fault::acting::{Faults, Happening};
-use geu_model::fault::expression::Moment;
+use geu_model::fault::acting::{FaultEngine, FaultEvent};
+use geu_model::fault::expression::ConditionInputs;
 use geu_model::units::{HALF_SECOND_NS, on_board_s};
 use geu_protocol::field::unit_flag;
-use geu_protocol::{CanFrame, CanPlan, HalfSecond};
+use geu_protocol::{CanFrame, CanIdMap, Sample};
 
-use super::item::{Item, Settings, Steps, What, Whose};
+use super::item::{ReplayItem, ReplayOptions, Steps, ReplayItemKind, TrafficOrigin};
 use crate::cadence::{DeadlineTimer, doze_until, now_ns};
 use crate::console;
 use crate::lateness::DurationNs;
@@ -41,19 +41,19 @@ pub(super) struct Counts {
 
 pub(super) struct Player {
     pub links: Vec<LinkOutput>,
-    pub faults: Faults,
+    pub faults: FaultEngine,
     pub counts: Counts,
     /// The half second sent last, for the status line.
-    pub shown: Arc<Mutex<Option<HalfSecond>>>,
-    items: Receiver<Vec<Item>>,
+    pub shown: Arc<Mutex<Option<Sample>>>,
+    items: Receiver<Vec<ReplayItem>>,
     steps: Option<Steps>,
     /// Half seconds that may go out before another step.
     allowed: u64,
-    recorded_plan: CanPlan,
+    recorded_plan: CanIdMap,
     session: Session,
     /// Index of the half second that comes next.
     frame: u64,
-    last: Option<HalfSecond>,
+    last: Option<Sample>,
     /// Of each link: whether the half second told last goes out as the link writes it, not as it was recorded.
     is_written_anew: Vec<bool>,
     start_ns: i64,
@@ -61,16 +61,16 @@ pub(super) struct Player {
 
 impl Player {
     pub fn new(
-        settings: &Settings,
+        settings: &ReplayOptions,
         links: Vec<LinkOutput>,
-        items: Receiver<Vec<Item>>,
+        items: Receiver<Vec<ReplayItem>>,
         steps: Option<Steps>,
         session: Session,
     ) -> Player {
         Player {
             is_written_anew: vec![false; links.len()],
             links,
-            faults: Faults::new(&settings.plan),
+            faults: FaultEngine::new(&settings.plan),
             counts: Counts::default(),
             shown: Arc::default(),
             items,
@@ -109,7 +109,7 @@ impl Player {
                     return last_ns;
                 }
                 last_ns = item.played_ns;
-                let is_content = matches!(item.what, What::Content(..));
+                let is_content = matches!(item.what, ReplayItemKind::Content(..));
                 if !self.take(item) {
                     return last_ns;
                 }
@@ -159,16 +159,16 @@ impl Player {
     }
 
     /// Takes an item whose time has come; false when no more is to be sent.
-    fn take(&mut self, item: Item) -> bool {
+    fn take(&mut self, item: ReplayItem) -> bool {
         match item.what {
-            What::Note(text) => console::say(text),
-            What::HalfSecond { half_second, is_can } => {
+            ReplayItemKind::Note(text) => console::say(text),
+            ReplayItemKind::HalfSecond { half_second, is_can } => {
                 if !self.is_allowed() {
                     return false;
                 }
                 self.begin(&half_second, is_can, &item);
             }
-            What::Content(content, whose) => self.send(&content, whose, item.played_ns),
+            ReplayItemKind::Content(content, whose) => self.send(&content, whose, item.played_ns),
         }
         true
     }
@@ -196,7 +196,7 @@ impl Player {
     }
 
     /// A half second begins: decides what faults do to it, and sends it over links that write it themselves.
-    fn begin(&mut self, half_second: &HalfSecond, is_can: bool, item: &Item) {
+    fn begin(&mut self, half_second: &Sample, is_can: bool, item: &ReplayItem) {
         // Where the recording has a gap, the faults have it too; half seconds a little long or short make none.
         let by_time = item.recorded_ns.max(0).saturating_add(HALF_SECOND_NS / 2) / HALF_SECOND_NS;
         let frame = if by_time as u64 > self.frame + 1 { by_time as u64 } else { self.frame };
@@ -228,9 +228,9 @@ impl Player {
     }
 
     /// What is known at the start of a half second; the rates are not.
-    fn moment(&self, half_second: &HalfSecond, frame: u64) -> Moment {
+    fn moment(&self, half_second: &Sample, frame: u64) -> ConditionInputs {
         let last = self.last.unwrap_or_default();
-        Moment {
+        ConditionInputs {
             t_s: on_board_s(frame),
             frame,
             sequence: half_second.sequence,
@@ -242,18 +242,18 @@ impl Player {
             is_polled: half_second.unit_flags & unit_flag("polled") != 0,
             increments: last.increments,
             gyro_flags: last.gyro_flags,
-            ..Moment::default()
+            ..ConditionInputs::default()
         }
     }
 
     /// Sends a content as it was recorded, over links of its form.
-    fn send(&mut self, content: &WireData, whose: Whose, played_ns: i64) {
+    fn send(&mut self, content: &WireData, whose: TrafficOrigin, played_ns: i64) {
         let is_can = matches!(content, WireData::Frame(_));
         let (patience, acting) = (self.session.patience(), self.faults.acting().clone());
         let mut is_left_out = false;
         for (output, is_written_anew) in self.links.iter_mut().zip(&self.is_written_anew) {
             let model = &output.link.info().model;
-            if whose == Whose::HalfSecond && *is_written_anew || whose == Whose::Unit && model.blocks_samples(&acting) {
+            if whose == TrafficOrigin::HalfSecond && *is_written_anew || whose == TrafficOrigin::Unit && model.blocks_samples(&acting) {
                 continue;
             }
             if is_can != is_bus(model) {
@@ -267,8 +267,8 @@ impl Player {
         }
         if is_left_out {
             match (whose, content) {
-                (Whose::Unit | Whose::HalfSecond, WireData::Frame(_)) => self.counts.unit_frames += 1,
-                (Whose::Unit | Whose::HalfSecond, WireData::Bytes(bytes)) => {
+                (TrafficOrigin::Unit | TrafficOrigin::HalfSecond, WireData::Frame(_)) => self.counts.unit_frames += 1,
+                (TrafficOrigin::Unit | TrafficOrigin::HalfSecond, WireData::Bytes(bytes)) => {
                     self.counts.unit_bytes += bytes.len() as u64
                 }
                 _ => self.counts.other += 1,
@@ -282,9 +282,9 @@ fn is_bus(model: &LinkModel) -> bool {
 }
 
 /// A message of the unit with the identifier that it has on this link.
-fn moved(content: &WireData, whose: Whose, recorded: CanPlan, model: &LinkModel) -> WireData {
+fn moved(content: &WireData, whose: TrafficOrigin, recorded: CanIdMap, model: &LinkModel) -> WireData {
     match (content, model.encoding) {
-        (WireData::Frame(frame), Encoding::Can(plan)) if whose != Whose::Other => {
+        (WireData::Frame(frame), Encoding::Can(plan)) if whose != TrafficOrigin::Other => {
             let id = frame.id().saturating_sub(recorded.base()).saturating_add(plan.base());
             WireData::Frame(CanFrame::new(id, frame.data()).unwrap_or(*frame))
         }
@@ -292,13 +292,13 @@ fn moved(content: &WireData, whose: Whose, recorded: CanPlan, model: &LinkModel)
     }
 }
 
-fn tell(happening: &Happening) {
+fn tell(happening: &FaultEvent) {
     match happening {
-        Happening::Started(fault) => console::say(format_args!("{} acts: {}", fault.id, fault.action.name())),
-        Happening::Ended(fault, count) => {
+        FaultEvent::Started(fault) => console::say(format_args!("{} acts: {}", fault.id, fault.action.name())),
+        FaultEvent::Ended(fault, count) => {
             console::say(format_args!("{} is over after {} s", fault.id, on_board_s(*count)));
         }
         // Told at the end.
-        Happening::Decided(_) => {}
+        FaultEvent::Decided(_) => {}
     }
 }

@@ -2,9 +2,9 @@ use std::sync::Mutex;
 use std::sync::mpsc::sync_channel;
 
 use geu_model::Configuration;
-use geu_model::fault::catalogue::LinkKind;
+use geu_model::fault::catalogue::Transport;
 use geu_protocol::serial::data_frame;
-use geu_protocol::{CanFrame, CanPlan, HalfSecond};
+use geu_protocol::{CanFrame, CanIdMap, Sample};
 
 use super::*;
 use crate::cadence::now_ns;
@@ -40,15 +40,15 @@ impl Link for Kept {
 }
 
 /// A half second on CAN of base 300 with a frame of somebody else in it, at 20 ms.
-fn items(half_second: &HalfSecond) -> Vec<Item> {
-    let frames = CanPlan::with_base(0x300).unwrap().frames(half_second);
+fn items(half_second: &Sample) -> Vec<ReplayItem> {
+    let frames = CanIdMap::with_base(0x300).unwrap().frames(half_second);
     let other = WireData::Frame(CanFrame::new(0x123, &[7]).unwrap());
-    let at = |played_ns, what| Item { recorded_ns: played_ns, played_ns, what };
-    let own = |index: usize| What::Content(WireData::Frame(frames[index]), Whose::HalfSecond);
+    let at = |played_ns, what| ReplayItem { recorded_ns: played_ns, played_ns, what };
+    let own = |index: usize| ReplayItemKind::Content(WireData::Frame(frames[index]), TrafficOrigin::HalfSecond);
     vec![
-        at(20_000_000, What::HalfSecond { half_second: *half_second, is_can: true }),
+        at(20_000_000, ReplayItemKind::HalfSecond { half_second: *half_second, is_can: true }),
         at(20_000_000, own(0)),
-        at(40_000_000, What::Content(other, Whose::Other)),
+        at(40_000_000, ReplayItemKind::Content(other, TrafficOrigin::Other)),
         at(60_000_000, own(1)),
         at(80_000_000, own(2)),
     ]
@@ -56,18 +56,18 @@ fn items(half_second: &HalfSecond) -> Vec<Item> {
 
 /// What a bus and a stream are sent of one half second, and when the replay began at the earliest.
 fn played(speed: Speed, plan: Configuration) -> (Timed, Timed, Counts, i64) {
-    played_items(speed, plan, items(&HalfSecond { sequence: 9, ..HalfSecond::default() }))
+    played_items(speed, plan, items(&Sample { sequence: 9, ..Sample::default() }))
 }
 
 /// The same of any items.
-fn played_items(speed: Speed, plan: Configuration, items: Vec<Item>) -> (Timed, Timed, Counts, i64) {
+fn played_items(speed: Speed, plan: Configuration, items: Vec<ReplayItem>) -> (Timed, Timed, Counts, i64) {
     let (bus, stream) = (Sent::default(), Sent::default());
     let link = |model, sent: &Sent| {
         LinkOutput::new(Box::new(Kept { info: LinkInfo::new(model, "kept"), sent: sent.clone() }) as Box<dyn Link>)
     };
-    let links = vec![link(LinkModel::can(CanPlan::default()), &bus), link(LinkModel::serial(LinkKind::Tcp), &stream)];
-    let recorded_plan = CanPlan::with_base(0x300).unwrap();
-    let settings = Settings { links: Vec::new(), speed, wait_for_client: false, recorded_plan, plan };
+    let links = vec![link(LinkModel::can(CanIdMap::default()), &bus), link(LinkModel::serial(Transport::Tcp), &stream)];
+    let recorded_plan = CanIdMap::with_base(0x300).unwrap();
+    let settings = ReplayOptions { links: Vec::new(), speed, wait_for_client: false, recorded_plan, plan };
     let (sender, received) = sync_channel(1);
     sender.send(items).unwrap();
     drop(sender);
@@ -80,8 +80,8 @@ fn played_items(speed: Speed, plan: Configuration, items: Vec<Item>) -> (Timed, 
 
 #[test]
 fn frames_go_out_as_they_were_at_their_time_with_the_identifiers_of_the_link() {
-    let half_second = HalfSecond { sequence: 9, ..HalfSecond::default() };
-    let [increments, status, clock] = CanPlan::default().frames(&half_second);
+    let half_second = Sample { sequence: 9, ..Sample::default() };
+    let [increments, status, clock] = CanIdMap::default().frames(&half_second);
     let (bus, stream, counts, start_ns) = played(Speed::Times(2.0), Configuration::reference());
     let expected = [increments, CanFrame::new(0x123, &[7]).unwrap(), status, clock].map(WireData::Frame);
     assert_eq!(bus.iter().map(|(_, content)| content.clone()).collect::<Vec<_>>(), expected);
@@ -106,11 +106,11 @@ fn a_fault_acts_on_the_half_second_and_not_on_other_traffic() {
 }
 
 /// A half second recorded as bytes, at this time.
-fn recorded(t_ns: i64, sequence: u16) -> [Item; 2] {
-    let half_second = HalfSecond { sequence, ..HalfSecond::default() };
-    let at = |what| Item { recorded_ns: t_ns, played_ns: t_ns, what };
+fn recorded(t_ns: i64, sequence: u16) -> [ReplayItem; 2] {
+    let half_second = Sample { sequence, ..Sample::default() };
+    let at = |what| ReplayItem { recorded_ns: t_ns, played_ns: t_ns, what };
     let content = WireData::Bytes(data_frame(&half_second).to_vec());
-    [at(What::HalfSecond { half_second, is_can: false }), at(What::Content(content, Whose::HalfSecond))]
+    [at(ReplayItemKind::HalfSecond { half_second, is_can: false }), at(ReplayItemKind::Content(content, TrafficOrigin::HalfSecond))]
 }
 
 fn bytes(timed: &Timed) -> Vec<u8> {
@@ -138,7 +138,7 @@ fn a_frame_that_has_begun_is_not_cut_by_what_was_recorded() {
     plan.add_plan("plan", "[[fault]]\nfault = \"split\"\ngap_s = 0.8\nfor_s = 0.5\n").unwrap();
     let items = [recorded(0, 1), recorded(500_000_000, 2), recorded(1_000_000_000, 3)].concat();
     let (_, stream, ..) = played_items(Speed::Times(10.0), plan, items);
-    let frames = [1, 2, 3].map(|sequence| data_frame(&HalfSecond { sequence, ..HalfSecond::default() }));
+    let frames = [1, 2, 3].map(|sequence| data_frame(&Sample { sequence, ..Sample::default() }));
     assert_eq!(bytes(&stream), frames.concat());
 }
 

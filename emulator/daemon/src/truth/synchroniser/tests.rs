@@ -75,8 +75,8 @@ fn a_late_sample_is_made_up_over_the_next_half_second_and_no_angle_is_lost() {
     take(&mut synchroniser, &[rate(2.0, -100.0)]);
     synchroniser.finish(2.0);
     assert_near(&used(&synchroniser), &[50.0, 50.0, -150.0, -50.0]);
-    let bases: Vec<Basis> = synchroniser.truth.knots_from(1).iter().step_by(PIECES).map(|knot| knot.basis).collect();
-    assert_eq!(bases, [Basis::Told, Basis::Held, Basis::Told, Basis::Told]);
+    let bases: Vec<SampleQuality> = synchroniser.truth.knots_from(1).iter().step_by(PIECES).map(|knot| knot.basis).collect();
+    assert_eq!(bases, [SampleQuality::Told, SampleQuality::Held, SampleQuality::Told, SampleQuality::Told]);
     assert_eq!(synchroniser.counts.late, 1);
     // Evenly: every tenth of the half second has the same share.
     let knots = synchroniser.truth.knots_from(10);

@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use super::FORMULA_MEANING;
 use super::regressor::{MAGNITUDES, Regressor};
-use crate::effect::Surroundings;
+use crate::effect::EffectInputs;
 
 /// Different factors that a formula can have.
 pub const MOST_FACTORS: usize = 3;
@@ -80,7 +80,7 @@ impl Formula {
 
     /// Its value over a sub-step that has a length.
     #[inline]
-    pub fn value(&self, surroundings: &Surroundings) -> f64 {
+    pub fn value(&self, surroundings: &EffectInputs) -> f64 {
         let mut product = 1.0;
         for Factor { regressor, power } in self.factors.iter().flatten() {
             let value = regressor.value(surroundings);

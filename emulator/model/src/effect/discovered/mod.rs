@@ -15,8 +15,8 @@ mod regressor;
 pub use formula::{Formula, MOST_FACTORS, MOST_POWER, NotAFormula};
 pub use regressor::Regressor;
 
-use super::{Head, Surroundings};
-use crate::number::{Default, Form, Number, number};
+use super::{GyroSubStep, EffectInputs};
+use crate::number::{DefaultValue, ValueFormat, ParameterSpec, number};
 
 /// Key in the configuration, and column of a trace.
 pub const CODE: &str = "discovered";
@@ -28,8 +28,8 @@ pub const FORMULA_MEANING: &str =
 /// Terms that a gyro can have.
 pub const MOST_TERMS: usize = 16;
 /// What is said of a term's coefficient.
-pub const COEFFICIENT: Number =
-    number("coefficient", Form::Real, Default::Required, -1e6, 1e6, "arcsec/s of sensed rate per unit of the formula");
+pub const COEFFICIENT: ParameterSpec =
+    number("coefficient", ValueFormat::Real, DefaultValue::Required, -1e6, 1e6, "arcsec/s of sensed rate per unit of the formula");
 
 /// A term of the sensed rate.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -42,7 +42,7 @@ pub struct Term {
 
 /// Adds what the terms of a gyro make it sense over one sub-step.
 #[inline]
-pub fn apply(terms: &[Term], head: &mut Head, surroundings: &Surroundings) {
+pub fn apply(terms: &[Term], head: &mut GyroSubStep, surroundings: &EffectInputs) {
     let length_s = surroundings.step.length_s;
     // Over no time there is no mean rate.
     if length_s == 0.0 {

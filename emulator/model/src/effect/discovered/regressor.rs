@@ -1,6 +1,6 @@
 //! What a formula can be made of.
 
-use crate::effect::Surroundings;
+use crate::effect::EffectInputs;
 use crate::temperature::SENSOR_NOMINAL_C;
 use crate::units::{RAD_PER_DEG, S_PER_DAY};
 
@@ -12,7 +12,7 @@ struct Entry {
     name: &'static str,
     unit: &'static str,
     meaning: &'static str,
-    value: fn(&Surroundings) -> f64,
+    value: fn(&EffectInputs) -> f64,
 }
 
 /// The table. The rates come first, then their magnitudes in the same order.
@@ -53,12 +53,12 @@ const TABLE: [Entry; 13] = [
 ];
 
 #[inline]
-fn rate(surroundings: &Surroundings, axis: usize) -> f64 {
+fn rate(surroundings: &EffectInputs, axis: usize) -> f64 {
     surroundings.step.angle_control_arcsec[axis] / surroundings.step.length_s
 }
 
 #[inline]
-fn acceleration(surroundings: &Surroundings, axis: usize) -> f64 {
+fn acceleration(surroundings: &EffectInputs, axis: usize) -> f64 {
     let step = surroundings.step;
     (step.end.rate_control_arcsec_s[axis] - step.start.rate_control_arcsec_s[axis]) / step.length_s
 }
@@ -100,7 +100,7 @@ impl Regressor {
 
     /// Its value over a sub-step that has a length.
     #[inline]
-    pub fn value(self, surroundings: &Surroundings) -> f64 {
+    pub fn value(self, surroundings: &EffectInputs) -> f64 {
         (TABLE[self.0].value)(surroundings)
     }
 
@@ -116,19 +116,19 @@ pub(super) const MAGNITUDES: [(usize, usize); 3] = [(0, 3), (1, 4), (2, 5)];
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::attitude::{Moment, Step};
+    use crate::attitude::{MotionState, MotionStep};
     use crate::effect::Temperatures;
     use crate::package::Axes;
     use geu_protocol::Gyro;
 
     #[test]
     fn every_regressor_has_the_value_worked_out_by_hand() {
-        let moment = |rate_control_arcsec_s, theta_deg: f64| Moment {
+        let moment = |rate_control_arcsec_s, theta_deg: f64| MotionState {
             rate_control_arcsec_s,
             theta_rad: theta_deg * RAD_PER_DEG,
-            ..Moment::default()
+            ..MotionState::default()
         };
-        let step = Step {
+        let step = MotionStep {
             start: moment([4.0, -9.0, 100.0], 79.0),
             end: moment([6.0, -9.5, 100.0], 81.0),
             length_s: 0.25,
@@ -137,7 +137,7 @@ mod tests {
         let temperatures = Temperatures { electronics_c: 21.5, electronics_reference_c: 20.0, sensor_c: 67.0 };
         // The middle of the sub-step is 43 200 s: half a day.
         let surroundings =
-            Surroundings { step: &step, axes: Axes::of(Gyro::X), temperatures: &temperatures, end_s: 43_200.125 };
+            EffectInputs { step: &step, axes: Axes::of(Gyro::X), temperatures: &temperatures, end_s: 43_200.125 };
         for (name, expected) in [
             ("rate_x", 5.0),
             ("rate_y", -10.0),
