@@ -69,10 +69,10 @@ extern "C" {
 
 typedef enum {
     GEU_OPCODE_PING = 0x01, /* asks for the link version */
-    GEU_OPCODE_SET_MODE = 0x02, /* chooses whether data are sent each half second or when polled */
-    GEU_OPCODE_POLL = 0x03, /* polled mode only: the last completed half second's messages follow the REPLY */
+    GEU_OPCODE_SET_MODE = 0x02, /* chooses whether data are sent each sample or when polled */
+    GEU_OPCODE_POLL = 0x03, /* polled mode only: the last completed sample's messages follow the REPLY */
     GEU_OPCODE_SELF_TEST = 0x04, /* torquers add that many counts, unit flag 3 set meanwhile */
-    GEU_OPCODE_RESET_SEQUENCE = 0x05, /* sequence and clock count restart at 0 at the end of the running half second */
+    GEU_OPCODE_RESET_SEQUENCE = 0x05, /* sequence and clock count restart at 0 at the end of the running sample interval */
     GEU_OPCODE_GYRO_POWER = 0x06, /* a stopped gyro reads 0 and not valid; spin-up takes 60 s */
     GEU_OPCODE_HEATER = 0x07, /* off, the sensor cools towards the electronics temperature with a time constant of 20 min */
     GEU_OPCODE_MAX = 0xFF
@@ -136,21 +136,21 @@ static inline uint16_t geu_crc(uint16_t crc, const uint8_t *bytes, size_t length
 
 /* ---- the half second ---- */
 
-/* What the unit tells about one half second. */
+/* What the unit tells about one sample. */
 typedef struct {
-    int16_t gyrx; /* GYRX angular increment over the half second just ended; clipped, never wrapped, count */
-    int16_t gyry; /* GYRY angular increment over the half second just ended; clipped, never wrapped, count */
-    int16_t gyrza; /* GYRZA angular increment over the half second just ended; clipped, never wrapped, count */
-    int16_t gyrzb; /* GYRZB angular increment over the half second just ended; clipped, never wrapped, count */
-    uint16_t sequence; /* +1 each half second, wraps */
+    int16_t gyrx; /* GYRX angular increment over the sample interval just ended; clipped, never wrapped, count */
+    int16_t gyry; /* GYRY angular increment over the sample interval just ended; clipped, never wrapped, count */
+    int16_t gyrza; /* GYRZA angular increment over the sample interval just ended; clipped, never wrapped, count */
+    int16_t gyrzb; /* GYRZB angular increment over the sample interval just ended; clipped, never wrapped, count */
+    uint16_t sequence; /* +1 each sample, wraps */
     uint8_t gyro_flags; /* validity and saturation of each gyro */
     uint8_t unit_flags; /* state of the unit */
     int16_t electronics_centi_c; /* electronics temperature, 0.01 degC */
-    uint64_t clock_count; /* cycle of the nominal 1 MHz unit clock at the end of the half second; exactly +500000 each half second, cycle */
+    uint64_t clock_count; /* cycle of the nominal 1 MHz unit clock at the end of the sample interval; exactly +500000 each sample, cycle */
     int16_t sensor_centi_c; /* sensor temperature, 0.01 degC */
 } geu_half_second;
 
-/* The 8 bytes of data of INCREMENTS: increments of the half second just ended; used only with the STATUS that follows it. */
+/* The 8 bytes of data of INCREMENTS: increments of the sample just ended; used only with the STATUS that follows it. */
 static inline void geu_pack_increments(const geu_half_second *half_second, uint8_t *data)
 {
     geu_put_i16(data, half_second->gyrx);
@@ -197,7 +197,7 @@ static inline void geu_unpack_clock(geu_half_second *half_second, const uint8_t 
     half_second->sensor_centi_c = geu_get_i16(data + 6);
 }
 
-/* The 22 bytes of payload of DATA: everything the unit tells of one half second. */
+/* The 22 bytes of payload of DATA: everything the unit tells of one sample. */
 static inline void geu_pack_data(const geu_half_second *half_second, uint8_t *data)
 {
     geu_put_u16(data, half_second->sequence);
@@ -272,7 +272,7 @@ static inline geu_result geu_unpack_ping(const uint8_t *data, size_t length)
     return GEU_RESULT_DONE;
 }
 
-/* SET_MODE: chooses whether data are sent each half second or when polled.
+/* SET_MODE: chooses whether data are sent each sample or when polled.
  * mode: 0 cyclic, 1 polled, 0 to 1. */
 static inline size_t geu_pack_set_mode(uint8_t *data, uint8_t mode)
 {
@@ -294,7 +294,7 @@ static inline geu_result geu_unpack_set_mode(const uint8_t *data, size_t length,
     return GEU_RESULT_DONE;
 }
 
-/* POLL: polled mode only: the last completed half second's messages follow the REPLY. */
+/* POLL: polled mode only: the last completed sample's messages follow the REPLY. */
 static inline size_t geu_pack_poll(uint8_t *data)
 {
     geu_put_u8(data, GEU_OPCODE_POLL);
@@ -313,7 +313,7 @@ static inline geu_result geu_unpack_poll(const uint8_t *data, size_t length)
 
 /* SELF_TEST: torquers add that many counts, unit flag 3 set meanwhile.
  * gyros: mask of gyros under test, bit 0 GYRX, 1 to 15.
- * counts: counts added each half second, -32768 to 32767.
+ * counts: counts added each sample, -32768 to 32767.
  * half_seconds: duration, 1 to 255. */
 static inline size_t geu_pack_self_test(uint8_t *data, uint8_t gyros, int16_t counts, uint8_t half_seconds)
 {
@@ -339,7 +339,7 @@ static inline geu_result geu_unpack_self_test(const uint8_t *data, size_t length
     return GEU_RESULT_DONE;
 }
 
-/* RESET_SEQUENCE: sequence and clock count restart at 0 at the end of the running half second. */
+/* RESET_SEQUENCE: sequence and clock count restart at 0 at the end of the running sample interval. */
 static inline size_t geu_pack_reset_sequence(uint8_t *data)
 {
     geu_put_u8(data, GEU_OPCODE_RESET_SEQUENCE);

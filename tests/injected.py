@@ -161,7 +161,7 @@ class Tape(threading.Thread):
 
 
 class Running:
-    """A unit with clients on its links, from before its first half second."""
+    """A unit with clients on its links, from before its first sample."""
 
     def __init__(self, geu, directory, *more, links=("tcp",), faults=None, baud=115_200):
         directory.mkdir()
@@ -194,7 +194,7 @@ class Running:
         if "pty" in links:
             self.process.wait_for("ready pty")
         self.port = int(self.process.wait_for("ready control http://127.0.0.1:").strip("/").rsplit(":", 1)[1])
-        # Both within the first half second: one that is there lets it begin.
+        # Both within the first sample interval: one that is there lets it begin.
         if "tcp" in links:
             self.tapes["tcp"] = Tape("socket://" + ready.split()[-1])
         if "pty" in links:
@@ -251,8 +251,8 @@ class Running:
         return read_events(self.record)
 
     def half_seconds(self):
-        line = next((line for line in self.process.errors if line.startswith("half seconds ")), "half seconds 0,")
-        return int(re.match(r"half seconds (\d+)", line)[1])
+        line = next((line for line in self.process.errors if line.startswith("samples ")), "samples 0,")
+        return int(re.match(r"samples (\d+)", line)[1])
 
 
 def read_events(record):
@@ -262,7 +262,7 @@ def read_events(record):
 # What is claimed, and whether it came.
 
 def claimed(events, link, first, half_seconds):
-    """What the link carries, in order: (when, ns on board; which half second; bytes as claimed, or nothing where a
+    """What the link carries, in order: (when, ns on board; which sample; bytes as claimed, or nothing where a
     whole frame is expected that no fault touched)."""
     touched = {}
     for event in events:
@@ -298,7 +298,7 @@ def whole_frame(data, kind=DATA, lengths=range(22, 23)):
 
 
 class Matched:
-    """A client's bytes beside what is claimed: the first thing wrong, the frames of the half seconds without faults
+    """A client's bytes beside what is claimed: the first thing wrong, the frames of the samples without faults
     (as received where no fault touched them), and when each piece came."""
 
     def __init__(self, data, times, events, link, half_seconds):
@@ -317,7 +317,7 @@ class Matched:
                     break
                 length = whole_frame(data[place:], REPLY, range(2, 9))
                 if not length:
-                    self.wrong = (f"half second {index}: expected {told.hex().upper() if told else 'a whole frame'}, got "
+                    self.wrong = (f"sample {index}: expected {told.hex().upper() if told else 'a whole frame'}, got "
                                   f"{data[place:place + len(told or b'') + FRAME].hex().upper()} at byte {place}")
                     return
                 self.replies.append(data[place:place + length])
@@ -366,7 +366,7 @@ class MatchedCan:
                 if got == [told] or (told is None and self._is_whole(got)):
                     break
                 if not got or not got[0].startswith(answers):
-                    self.wrong = f"half second {index}: expected {told or 'three whole messages'}, got {got} at frame {place}"
+                    self.wrong = f"sample {index}: expected {told or 'three whole messages'}, got {got} at frame {place}"
                     return
                 self.others.append(frames[place])
                 place += 1

@@ -41,14 +41,14 @@ def frame(kind, payload):
 
 
 def row(sequence, increments, gyro_flags, unit_flags, electronics, clock, sensor):
-    """A half second as `geu decode` prints it, but for t_s: clock and sensor are empty without a CLOCK."""
+    """A sample as `geu decode` prints it, but for t_s: clock and sensor are empty without a CLOCK."""
     cells = [sequence, "" if clock is None else clock, *increments, gyro_flags, unit_flags, f"{electronics / 100:.2f}",
              "" if sensor is None else f"{sensor / 100:.2f}"]
     return dict(zip(COLUMNS, map(str, cells)))
 
 
 def read_data(payload):
-    """The half second in the payload of a DATA frame."""
+    """The sample in the payload of a DATA frame."""
     sequence, *increments, gyro_flags, unit_flags, electronics = struct.unpack(">H4hBBh", payload[:14])
     clock, (sensor,) = int.from_bytes(payload[14:20], "big"), struct.unpack(">h", payload[20:])
     return row(sequence, increments, gyro_flags, unit_flags, electronics, clock, sensor)

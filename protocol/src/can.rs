@@ -1,4 +1,4 @@
-//! The unit's messages as classic CAN frames, and half seconds put together again from any traffic.
+//! The unit's messages as classic CAN frames, and samples put together again from any traffic.
 
 use crate::command::{COMMAND_CAN, REPLY_CAN, Reply};
 use crate::continuity::ClockCheck;
@@ -122,13 +122,13 @@ impl CanIdMap {
         }
     }
 
-    /// INCREMENTS, STATUS and CLOCK of one half second, in sending order.
-    pub fn frames(self, half_second: &Sample) -> [CanFrame; 3] {
+    /// INCREMENTS, STATUS and CLOCK of one sample, in sending order.
+    pub fn frames(self, sample: &Sample) -> [CanFrame; 3] {
         let [mut increments, mut status, mut clock] = [[0; LENGTH]; 3];
-        Increments::write(half_second, &mut increments);
-        Status::write(half_second, &mut status);
+        Increments::write(sample, &mut increments);
+        Status::write(sample, &mut status);
         close_status(&increments, &mut status);
-        Clock::write(half_second, &mut clock);
+        Clock::write(sample, &mut clock);
         let frame = |place, data| CanFrame { id: self.base + offset(place), length: LENGTH as u8, data };
         [frame(Increments::SPEC.place, increments), frame(Status::SPEC.place, status), frame(Clock::SPEC.place, clock)]
     }
@@ -201,19 +201,19 @@ impl CanDefect {
     }
 }
 
-/// A half second put together again, with the stamp of its INCREMENTS.
+/// A sample put together again, with the stamp of its INCREMENTS.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct AssembledSample<S> {
     pub stamp: S,
     /// The fields; clock count and sensor temperature only where `has_clock`.
-    pub half_second: Sample,
+    pub sample: Sample,
     pub has_clock: bool,
 }
 
 /// What the assembler makes of the traffic.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AssemblerEvent<S> {
-    /// A half second: two frames, three where it has a clock.
+    /// A sample: two frames, three where it has a clock.
     Row(AssembledSample<S>),
     /// A defect, at the stamp of the (first) frame concerned.
     Defect(S, CanDefect, DefectBytes),
@@ -243,7 +243,7 @@ impl DefectBytes {
     }
 }
 
-/// Puts half seconds together from INCREMENTS, STATUS and CLOCK, with anything between them.
+/// Puts samples together from INCREMENTS, STATUS and CLOCK, with anything between them.
 ///
 /// `S` is whatever the caller knows a frame by: its time, its place in a file.
 #[derive(Debug, Clone)]
@@ -279,7 +279,7 @@ impl<S: Copy> Assembler<S> {
         }
     }
 
-    /// Whether a half second has begun that the next frames may complete.
+    /// Whether a sample has begun that the next frames may complete.
     pub fn is_waiting(&self) -> bool {
         self.increments.is_some() || self.row.is_some()
     }
@@ -304,10 +304,10 @@ impl<S: Copy> Assembler<S> {
         if status_crc(&increments, bytes) != bytes[STATUS_COVERED..] {
             return defect(first, CanDefect::CrcMismatch, [&increments, bytes], sink);
         }
-        let mut half_second = Sample::default();
-        Increments::read(&increments, &mut half_second);
-        Status::read(bytes, &mut half_second);
-        self.row = Some(AssembledSample { stamp: first, half_second, has_clock: false });
+        let mut sample = Sample::default();
+        Increments::read(&increments, &mut sample);
+        Status::read(bytes, &mut sample);
+        self.row = Some(AssembledSample { stamp: first, sample, has_clock: false });
     }
 
     #[inline]
@@ -315,10 +315,10 @@ impl<S: Copy> Assembler<S> {
         let Some(mut row) = self.row.take() else {
             return defect(stamp, CanDefect::ClockWithoutStatus, [bytes, &[]], sink);
         };
-        let mut clocked = row.half_second;
+        let mut clocked = row.sample;
         Clock::read(bytes, &mut clocked);
         if self.clock.accepts(clocked.sequence, clocked.clock_count) {
-            row.half_second = clocked;
+            row.sample = clocked;
             row.has_clock = true;
             sink(AssemblerEvent::Row(row));
         } else {
@@ -336,7 +336,7 @@ fn defect<S>(stamp: S, defect: CanDefect, parts: [&[u8]; 2], sink: &mut impl FnM
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::field::CLOCK_PER_HALF_SECOND;
+    use crate::field::CLOCK_PER_SAMPLE;
 
     #[test]
     fn no_frame_has_an_identifier_beyond_eleven_bits_or_more_than_eight_bytes() {
@@ -345,11 +345,11 @@ mod tests {
         assert_eq!(CanFrame::new(0x1A0, &[0; 9]), None);
     }
 
-    fn half_second(sequence: u16) -> Sample {
+    fn sample(sequence: u16) -> Sample {
         Sample {
             sequence,
             increments: [1, -2, 3, sequence as i16],
-            clock_count: (u64::from(sequence) + 1) * CLOCK_PER_HALF_SECOND + 7_000_000,
+            clock_count: (u64::from(sequence) + 1) * CLOCK_PER_SAMPLE + 7_000_000,
             sensor_centi_c: 7000,
             ..Sample::default()
         }
@@ -378,15 +378,15 @@ mod tests {
     }
 
     fn row(stamp: usize, sequence: u16) -> Seen {
-        Seen::Row(AssembledSample { stamp, half_second: half_second(sequence), has_clock: true })
+        Seen::Row(AssembledSample { stamp, sample: sample(sequence), has_clock: true })
     }
 
     fn frames(sequences: &[u16]) -> Vec<CanFrame> {
-        sequences.iter().flat_map(|&s| CanIdMap::default().frames(&half_second(s))).collect()
+        sequences.iter().flat_map(|&s| CanIdMap::default().frames(&sample(s))).collect()
     }
 
     #[test]
-    fn half_seconds_come_back_with_other_traffic_between() {
+    fn samples_come_back_with_other_traffic_between() {
         let mut traffic = frames(&[0, 1]);
         traffic.insert(1, CanFrame::new(0x123, &[1, 2, 3]).unwrap());
         assert_eq!(assemble(&traffic), [row(0, 0), row(4, 1)]);
@@ -438,8 +438,7 @@ mod tests {
 
     #[test]
     fn a_clock_that_jumps_is_doubted_once_and_a_new_course_is_believed() {
-        let clock =
-            |sequence, clock_count| CanIdMap::default().frames(&Sample { clock_count, ..half_second(sequence) })[2];
+        let clock = |sequence, clock_count| CanIdMap::default().frames(&Sample { clock_count, ..sample(sequence) })[2];
         let defects =
             |traffic: &[CanFrame]| assemble(traffic).iter().filter(|event| matches!(event, Seen::Defect(..))).count();
         let mut corrupt = frames(&[0, 1, 2, 3]);
@@ -447,7 +446,7 @@ mod tests {
         assert_eq!(defects(&corrupt), 1);
         let mut jumped = frames(&[0, 1, 2, 3]);
         for s in 1..4 {
-            jumped[3 * usize::from(s) + 2] = clock(s, 90_000_000 + u64::from(s) * CLOCK_PER_HALF_SECOND);
+            jumped[3 * usize::from(s) + 2] = clock(s, 90_000_000 + u64::from(s) * CLOCK_PER_SAMPLE);
         }
         assert_eq!(defects(&jumped), 1);
         let mut reset = frames(&[5, 6, 0, 1]);

@@ -86,21 +86,21 @@ pub const COMMANDS: &[CommandSpec] = &[
         name: "SET_MODE",
         arguments: &[argument("mode", WireType::U8, (0, 1), "0 cyclic, 1 polled")],
         values: &[],
-        meaning: "chooses whether data are sent each half second or when polled",
+        meaning: "chooses whether data are sent each sample or when polled",
     },
     CommandSpec {
         opcode: 0x03,
         name: "POLL",
         arguments: &[],
         values: &[],
-        meaning: "polled mode only: the last completed half second's messages follow the REPLY",
+        meaning: "polled mode only: the last completed sample's messages follow the REPLY",
     },
     CommandSpec {
         opcode: 0x04,
         name: "SELF_TEST",
         arguments: &[
             argument("gyros", WireType::U8, (1, 15), "mask of gyros under test, bit 0 GYRX"),
-            argument("counts", WireType::I16, (-32768, 32767), "counts added each half second"),
+            argument("counts", WireType::I16, (-32768, 32767), "counts added each sample"),
             argument("half_seconds", WireType::U8, (1, 255), "duration"),
         ],
         values: &[],
@@ -111,7 +111,7 @@ pub const COMMANDS: &[CommandSpec] = &[
         name: "RESET_SEQUENCE",
         arguments: &[],
         values: &[],
-        meaning: "sequence and clock count restart at 0 at the end of the running half second",
+        meaning: "sequence and clock count restart at 0 at the end of the running sample interval",
     },
     CommandSpec {
         opcode: 0x06,
@@ -136,13 +136,13 @@ pub enum Command {
     SetMode {
         polled: bool,
     },
-    /// The last completed half second, once more.
+    /// The last completed sample, once more.
     Poll,
     SelfTest {
         /// Mask, bit 0 GYRX.
         gyros: u8,
         counts: i16,
-        half_seconds: u8,
+        samples: u8,
     },
     ResetSequence,
     GyroPower {
@@ -179,7 +179,7 @@ pub fn parse(payload: &[u8]) -> Result<Command, CommandResult> {
         "PING" => Command::Ping,
         "SET_MODE" => Command::SetMode { polled: a == 1 },
         "POLL" => Command::Poll,
-        "SELF_TEST" => Command::SelfTest { gyros: a as u8, counts: b as i16, half_seconds: c as u8 },
+        "SELF_TEST" => Command::SelfTest { gyros: a as u8, counts: b as i16, samples: c as u8 },
         "RESET_SEQUENCE" => Command::ResetSequence,
         "GYRO_POWER" => Command::GyroPower { gyros: a as u8 },
         "HEATER" => Command::Heater { on: a == 1 },
@@ -358,6 +358,6 @@ mod tests {
         ] {
             assert_eq!(parse(bytes), Err(outcome), "{bytes:02X?}");
         }
-        assert_eq!(parse(&[4, 3, 0xFF, 0x9C, 9]), Ok(Command::SelfTest { gyros: 3, counts: -100, half_seconds: 9 }));
+        assert_eq!(parse(&[4, 3, 0xFF, 0x9C, 9]), Ok(Command::SelfTest { gyros: 3, counts: -100, samples: 9 }));
     }
 }

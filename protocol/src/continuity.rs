@@ -1,20 +1,20 @@
-//! Whether half seconds follow one another: sequence against clock count.
+//! Whether samples follow one another: sequence against clock count.
 
-use crate::field::{CLOCK_MODULUS, CLOCK_PER_HALF_SECOND};
+use crate::field::{CLOCK_MODULUS, CLOCK_PER_SAMPLE};
 
 /// Whether the clock advanced by 500 000 per sequence step, the sequence wrapping any number of times between.
 pub fn clock_follows(before: (u16, u64), now: (u16, u64)) -> bool {
     let steps = u64::from(now.0.wrapping_sub(before.0));
     let advance = now.1.wrapping_sub(before.1) & (CLOCK_MODULUS - 1);
-    advance == steps * CLOCK_PER_HALF_SECOND
-        || (advance.is_multiple_of(CLOCK_PER_HALF_SECOND)
-            && (advance / CLOCK_PER_HALF_SECOND) & 0xFFFF == steps
+    advance == steps * CLOCK_PER_SAMPLE
+        || (advance.is_multiple_of(CLOCK_PER_SAMPLE)
+            && (advance / CLOCK_PER_SAMPLE) & 0xFFFF == steps
             && now.1 > before.1)
 }
 
 /// Whether sequence and clock both count from a RESET_SEQUENCE.
 fn restarted((sequence, clock_count): (u16, u64)) -> bool {
-    clock_count == (u64::from(sequence) + 1) * CLOCK_PER_HALF_SECOND
+    clock_count == (u64::from(sequence) + 1) * CLOCK_PER_SAMPLE
 }
 
 /// Tells clock counts that follow from those that do not. One that does not is doubted; a second that follows it shows
@@ -42,7 +42,7 @@ impl ClockCheck {
     }
 }
 
-/// How a half second stands to the one before it.
+/// How a sample stands to the one before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SequenceStep {
     /// Nothing stood before it.
@@ -55,14 +55,14 @@ pub enum SequenceStep {
     Jump,
 }
 
-/// Follows the sequence through half seconds, by the clock where both have one.
+/// Follows the sequence through samples, by the clock where both have one.
 #[derive(Debug, Clone, Default)]
 pub struct Continuity {
     last: Option<(u16, Option<u64>)>,
 }
 
 impl Continuity {
-    /// How this half second stands to the one before.
+    /// How this sample stands to the one before.
     #[inline]
     pub fn step(&mut self, sequence: u16, clock_count: Option<u64>) -> SequenceStep {
         let Some((last_sequence, last_clock)) = self.last.replace((sequence, clock_count)) else {
@@ -71,7 +71,7 @@ impl Continuity {
         let steps = sequence.wrapping_sub(last_sequence);
         match (last_clock, clock_count) {
             (Some(before), Some(now)) if clock_follows((last_sequence, before), (sequence, now)) => {
-                match (now.wrapping_sub(before) & (CLOCK_MODULUS - 1)) / CLOCK_PER_HALF_SECOND {
+                match (now.wrapping_sub(before) & (CLOCK_MODULUS - 1)) / CLOCK_PER_SAMPLE {
                     0 => SequenceStep::Repeat,
                     1 => SequenceStep::Next,
                     steps => SequenceStep::Gap(steps - 1),
@@ -108,7 +108,7 @@ mod tests {
             assert_eq!(continuity.step(before.0, before.1), SequenceStep::First);
             continuity.step(now.0, now.1)
         };
-        let at = |n: u64| (n as u16, Some(7 + n * CLOCK_PER_HALF_SECOND));
+        let at = |n: u64| (n as u16, Some(7 + n * CLOCK_PER_SAMPLE));
         assert_eq!(step(at(5), at(6)), SequenceStep::Next);
         assert_eq!(step(at(5), at(5)), SequenceStep::Repeat);
         assert_eq!(step(at(5), at(8)), SequenceStep::Gap(2));

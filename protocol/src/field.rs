@@ -1,10 +1,10 @@
-//! The fields of a half second: name, wire type, unit, scale and meaning of each, once.
+//! The fields of a sample: name, wire type, unit, scale and meaning of each, once.
 //!
 //! A field is a type that knows where it lives in [`Sample`] and how it is written; a message (see
 //! [`crate::message`]) is a list of such types.
 
-/// Cycles of the nominal 1 MHz unit clock in one half second.
-pub const CLOCK_PER_HALF_SECOND: u64 = 500_000;
+/// Cycles of the nominal 1 MHz unit clock in one sample interval.
+pub const CLOCK_PER_SAMPLE: u64 = 500_000;
 /// The clock count is a 48-bit number.
 pub const CLOCK_MODULUS: u64 = 1 << 48;
 
@@ -35,12 +35,12 @@ impl Gyro {
     }
 }
 
-/// What the unit tells about one half second: the content of all cyclic messages.
+/// What the unit tells about one sample: the content of all cyclic messages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Sample {
-    /// +1 each half second, wraps.
+    /// +1 each sample, wraps.
     pub sequence: u16,
-    /// Angular increments over the half second just ended, count, in the order of [`Gyro::ALL`].
+    /// Angular increments over the sample interval just ended, count, in the order of [`Gyro::ALL`].
     pub increments: [i16; 4],
     /// Bits 0–3 valid, bits 4–7 saturated ([`GYRO_FLAGS`]).
     pub gyro_flags: u8,
@@ -48,7 +48,7 @@ pub struct Sample {
     pub unit_flags: u8,
     /// Electronics temperature, 0.01 °C.
     pub electronics_centi_c: i16,
-    /// Cycle of the nominal 1 MHz unit clock at the end of the half second, 48 bits.
+    /// Cycle of the nominal 1 MHz unit clock at the end of the sample interval, 48 bits.
     pub clock_count: u64,
     /// Sensor temperature, 0.01 °C.
     pub sensor_centi_c: i16,
@@ -143,14 +143,14 @@ pub struct Bit {
 /// A field as a type: where it lives and how it is said.
 pub trait Field {
     const SPEC: FieldSpec;
-    fn get(half_second: &Sample) -> i64;
-    /// Puts the number `value` into `half_second`.
-    fn set(half_second: &mut Sample, value: i64);
+    fn get(sample: &Sample) -> i64;
+    /// Puts the number `value` into `sample`.
+    fn set(sample: &mut Sample, value: i64);
 }
 
 macro_rules! fields {
     ($($(#[bits($bits:expr)])? $type:ident, $name:literal, $wire:ident, $unit:literal, $scale:literal,
-       |$half_second:ident| $place:expr, $as:ty, $meaning:literal;)*) => {
+       |$sample:ident| $place:expr, $as:ty, $meaning:literal;)*) => {
         $(
             #[doc = $meaning]
             pub struct $type;
@@ -159,9 +159,9 @@ macro_rules! fields {
                     bits: { const NONE: &[Bit] = &[]; let _bits = NONE; $(let _bits: &[Bit] = $bits;)? _bits },
                     meaning: $meaning };
                 #[inline]
-                fn get($half_second: &Sample) -> i64 { $place as i64 }
+                fn get($sample: &Sample) -> i64 { $place as i64 }
                 #[inline]
-                fn set($half_second: &mut Sample, value: i64) { $place = value as $as }
+                fn set($sample: &mut Sample, value: i64) { $place = value as $as }
             }
         )*
         /// Every field, in the order of the interface control document.
@@ -171,15 +171,15 @@ macro_rules! fields {
 
 fields! {
     IncrementX, "gyrx", I16, "count", 1.0, |h| h.increments[0], i16,
-        "GYRX angular increment over the half second just ended; clipped, never wrapped";
+        "GYRX angular increment over the sample interval just ended; clipped, never wrapped";
     IncrementY, "gyry", I16, "count", 1.0, |h| h.increments[1], i16,
-        "GYRY angular increment over the half second just ended; clipped, never wrapped";
+        "GYRY angular increment over the sample interval just ended; clipped, never wrapped";
     IncrementZa, "gyrza", I16, "count", 1.0, |h| h.increments[2], i16,
-        "GYRZA angular increment over the half second just ended; clipped, never wrapped";
+        "GYRZA angular increment over the sample interval just ended; clipped, never wrapped";
     IncrementZb, "gyrzb", I16, "count", 1.0, |h| h.increments[3], i16,
-        "GYRZB angular increment over the half second just ended; clipped, never wrapped";
+        "GYRZB angular increment over the sample interval just ended; clipped, never wrapped";
     Sequence, "sequence", U16, "", 1.0, |h| h.sequence, u16,
-        "+1 each half second, wraps";
+        "+1 each sample, wraps";
     #[bits(GYRO_FLAGS)]
     GyroFlags, "gyro_flags", U8, "", 1.0, |h| h.gyro_flags, u8,
         "validity and saturation of each gyro";
@@ -189,7 +189,7 @@ fields! {
     Electronics, "electronics_c", I16, "degC", 0.01, |h| h.electronics_centi_c, i16,
         "electronics temperature";
     ClockCount, "clock_count", U48, "cycle", 1.0, |h| h.clock_count, u64,
-        "cycle of the nominal 1 MHz unit clock at the end of the half second; exactly +500000 each half second";
+        "cycle of the nominal 1 MHz unit clock at the end of the sample interval; exactly +500000 each sample";
     Sensor, "sensor_c", I16, "degC", 0.01, |h| h.sensor_centi_c, i16,
         "sensor temperature";
 }

@@ -6,9 +6,9 @@
 //!
 //! ```
 //! use geu_protocol::{CanPlan, Sample};
-//! let half_second = Sample { increments: [-2, -2, 5, 5], gyro_flags: 0x0F, unit_flags: 0x07,
+//! let sample = Sample { increments: [-2, -2, 5, 5], gyro_flags: 0x0F, unit_flags: 0x07,
 //!     electronics_centi_c: 2064, clock_count: 500_000, sensor_centi_c: 7000, ..Sample::default() };
-//! let [increments, status, clock] = CanPlan::default().frames(&half_second);
+//! let [increments, status, clock] = CanPlan::default().frames(&sample);
 //! assert_eq!((increments.id(), increments.data()), (0x1A0, &[0xFF, 0xFE, 0xFF, 0xFE, 0, 5, 0, 5][..]));
 //! assert_eq!(status.data()[6..], [0xDD, 0x5E]);
 //! assert_eq!(clock.id(), 0x1A2);
@@ -30,7 +30,7 @@ pub mod suggestion;
 
 pub use can::{Assembler, CanFrame, CanIdMap};
 pub use command::{Command, CommandResult, Reply};
-pub use field::{CLOCK_PER_HALF_SECOND, Gyro, Sample};
+pub use field::{CLOCK_PER_SAMPLE, Gyro, Sample};
 
 /// Version of the link that this crate speaks: major, minor (answered to PING).
 pub const LINK_VERSION: (u8, u8) = (1, 0);

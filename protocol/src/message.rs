@@ -42,13 +42,13 @@ impl MessageSpec {
     }
 }
 
-/// A message as a type: its bytes from a half second, and back.
+/// A message as a type: its bytes from a sample, and back.
 pub trait Message {
     const SPEC: MessageSpec;
-    /// Writes the fields of `half_second`; a check value is left to the caller.
-    fn write(half_second: &Sample, bytes: &mut [u8]);
-    /// Reads the fields into `half_second`, leaving the others as they are.
-    fn read(bytes: &[u8], half_second: &mut Sample);
+    /// Writes the fields of `sample`; a check value is left to the caller.
+    fn write(sample: &Sample, bytes: &mut [u8]);
+    /// Reads the fields into `sample`, leaving the others as they are.
+    fn read(bytes: &[u8], sample: &mut Sample);
 }
 
 macro_rules! messages {
@@ -60,15 +60,15 @@ macro_rules! messages {
                 const SPEC: MessageSpec = MessageSpec { name: $name, place: $place,
                     fields: &[$($field::SPEC,)* $($crc)?], meaning: $meaning };
                 #[inline]
-                fn write(half_second: &Sample, bytes: &mut [u8]) {
+                fn write(sample: &Sample, bytes: &mut [u8]) {
                     let mut at = 0;
-                    $($field::SPEC.wire.write($field::get(half_second), &mut bytes[at..]); at += $field::SPEC.wire.length();)*
+                    $($field::SPEC.wire.write($field::get(sample), &mut bytes[at..]); at += $field::SPEC.wire.length();)*
                     let _ = at;
                 }
                 #[inline]
-                fn read(bytes: &[u8], half_second: &mut Sample) {
+                fn read(bytes: &[u8], sample: &mut Sample) {
                     let mut at = 0;
-                    $($field::set(half_second, $field::SPEC.wire.read(&bytes[at..])); at += $field::SPEC.wire.length();)*
+                    $($field::set(sample, $field::SPEC.wire.read(&bytes[at..])); at += $field::SPEC.wire.length();)*
                     let _ = at;
                 }
             }
@@ -80,12 +80,12 @@ macro_rules! messages {
 
 messages! {
     Increments, "INCREMENTS", MessageId::Can(0), [IncrementX, IncrementY, IncrementZa, IncrementZb],
-        "increments of the half second just ended; used only with the STATUS that follows it";
+        "increments of the sample just ended; used only with the STATUS that follows it";
     Status, "STATUS", MessageId::Can(1), [Sequence, GyroFlags, UnitFlags, Electronics] + CRC,
         "state, and CRC over the 8 bytes of INCREMENTS then the first 6 of STATUS";
     Clock, "CLOCK", MessageId::Can(2), [ClockCount, Sensor],
         "clock count and sensor temperature, of the STATUS before it";
     Data, "DATA", MessageId::Serial(0x01),
         [Sequence, IncrementX, IncrementY, IncrementZa, IncrementZb, GyroFlags, UnitFlags, Electronics, ClockCount, Sensor],
-        "everything the unit tells of one half second";
+        "everything the unit tells of one sample";
 }

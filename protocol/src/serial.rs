@@ -82,22 +82,22 @@ pub fn update_crc(bytes: &mut [u8]) {
     bytes[end..].copy_from_slice(&crc.to_be_bytes());
 }
 
-/// The DATA frame of one half second.
-pub fn data_frame(half_second: &Sample) -> [u8; MAX_FRAME] {
+/// The DATA frame of one sample.
+pub fn data_frame(sample: &Sample) -> [u8; MAX_FRAME] {
     let mut bytes = [0; MAX_FRAME];
     bytes[..TYPE_AT].copy_from_slice(&SYNC);
     bytes[TYPE_AT..HEADER].copy_from_slice(&[FrameType::Data.code(), DATA_LENGTH as u8]);
-    Data::write(half_second, &mut bytes[HEADER..]);
+    Data::write(sample, &mut bytes[HEADER..]);
     update_crc(&mut bytes);
     bytes
 }
 
-/// The half second in the payload of a DATA frame.
+/// The sample in the payload of a DATA frame.
 #[inline]
 pub fn read_data(payload: &[u8]) -> Sample {
-    let mut half_second = Sample::default();
-    Data::read(payload, &mut half_second);
-    half_second
+    let mut sample = Sample::default();
+    Data::read(payload, &mut sample);
+    sample
 }
 
 /// Why bytes after a sync are not a frame.

@@ -140,7 +140,7 @@ fn dissect(capture: &[u8], options: &[&str], fields: &[&str]) -> Option<Vec<Vec<
     Some(lines.lines().map(|line| line.split('\t').map(str::to_string).collect()).collect())
 }
 
-fn half_seconds() -> Vec<Sample> {
+fn samples() -> Vec<Sample> {
     let one = |sequence: u16| Sample {
         sequence,
         increments: [-2, i16::MIN, i16::MAX, sequence as i16 - 3],
@@ -185,8 +185,8 @@ const NO_TSHARK: &str = "tshark is absent; the dissector was not tried";
 fn tshark_reads_can_frames_and_checks_status_with_the_increments_before_it() {
     let plan = CanIdMap::with_base(0x200).unwrap();
     let mut packets = Vec::new();
-    for half_second in half_seconds() {
-        for frame in plan.frames(&half_second) {
+    for sample in samples() {
+        for frame in plan.frames(&sample) {
             packets.push(socketcan(frame.id(), frame.data()));
             packets.push(socketcan(0x123, &[1, 2, 3]));
         }
@@ -205,11 +205,11 @@ fn tshark_reads_can_frames_and_checks_status_with_the_increments_before_it() {
             return skip(NO_TSHARK);
         };
         let rows: Vec<_> = rows.into_iter().filter(|row| row.iter().any(|cell| !cell.is_empty())).collect();
-        let (cyclic, rest) = rows.split_at(3 * half_seconds().len());
-        for (cells, half_second) in cyclic.chunks(3).zip(half_seconds()) {
+        let (cyclic, rest) = rows.split_at(3 * samples().len());
+        for (cells, sample) in cyclic.chunks(3).zip(samples()) {
             let merged: Vec<String> =
                 (0..FIELDS.len()).map(|column| cells.iter().map(|row| row[column].as_str()).collect()).collect();
-            assert_eq!(merged, row(&half_second));
+            assert_eq!(merged, row(&sample));
             assert_eq!((cells[1][10].as_str(), cells[1][14].as_str()), ("1", "1"));
         }
         assert_eq!(rest.len(), 4);
@@ -223,8 +223,8 @@ fn tshark_reads_can_frames_and_checks_status_with_the_increments_before_it() {
 #[test]
 fn tshark_reads_serial_frames_over_tcp_however_they_are_cut() {
     let mut bytes = Vec::new();
-    for half_second in half_seconds() {
-        bytes.extend_from_slice(&data_frame(&half_second));
+    for sample in samples() {
+        bytes.extend_from_slice(&data_frame(&sample));
     }
     bytes.extend_from_slice(&frame(FrameType::Command, &[1]));
     bytes.extend_from_slice(&frame(FrameType::Reply, &[1, 0, 1, 0]));
@@ -239,19 +239,19 @@ fn tshark_reads_serial_frames_over_tcp_however_they_are_cut() {
         let column = |index: usize| -> Vec<&str> {
             rows.iter().flat_map(|row| row[index].split(',')).filter(|cell| !cell.is_empty()).collect()
         };
-        let expected: Vec<Vec<String>> = half_seconds().iter().map(row).collect();
+        let expected: Vec<Vec<String>> = samples().iter().map(row).collect();
         for (index, name) in FIELDS.iter().enumerate() {
             let expected: Vec<&str> = expected.iter().map(|row| row[index].as_str()).collect();
             assert_eq!(column(index), expected, "{name}, port {port}, pieces of {piece}");
         }
         assert_eq!((column(10), column(11)), (vec!["0x01", "0x01"], vec!["1"]));
-        assert_eq!(column(12), vec!["1"; half_seconds().len() + 2]);
+        assert_eq!(column(12), vec!["1"; samples().len() + 2]);
     }
 }
 
 #[test]
 fn tshark_says_which_bytes_are_no_frame_and_finds_the_frame_behind_them() {
-    let good = data_frame(&half_seconds()[0]);
+    let good = data_frame(&samples()[0]);
     let mut flipped = good;
     flipped[10] ^= 0x40;
     let bytes = [&flipped[..], &[0xEB, 0x90, 0x77], &good].concat();

@@ -1,10 +1,10 @@
 //! The test vectors of the interface control document, byte for byte, both ways.
 
-use geu_protocol::can::{AssemblerEvent, AssembledSample};
+use geu_protocol::can::{AssembledSample, AssemblerEvent};
 use geu_protocol::serial::{Deframer, DeframerEvent, FrameType, data_frame, read_data};
 use geu_protocol::{Assembler, CanIdMap, Sample};
 
-const HALF_SECOND: Sample = Sample {
+const SAMPLE_INTERVAL: Sample = Sample {
     sequence: 0,
     increments: [-2, -2, 5, 5],
     gyro_flags: 0x0F,
@@ -23,24 +23,24 @@ const SERIAL: [u8; 28] = [
 #[test]
 fn can_frames_are_those_of_the_document() {
     let plan = CanIdMap::default();
-    for (frame, (id, data)) in plan.frames(&HALF_SECOND).iter().zip(CAN) {
+    for (frame, (id, data)) in plan.frames(&SAMPLE_INTERVAL).iter().zip(CAN) {
         assert_eq!((frame.id(), frame.data()), (id, &data.to_be_bytes()[..]));
     }
     let (mut assembler, mut found) = (Assembler::default(), Vec::new());
     for (stamp, (id, data)) in CAN.into_iter().enumerate() {
         assembler.push(plan.role(id.into()), stamp, &data.to_be_bytes(), &mut |event| found.push(event));
     }
-    assert_eq!(found, [AssemblerEvent::Row(AssembledSample { stamp: 0, half_second: HALF_SECOND, has_clock: true })]);
+    assert_eq!(found, [AssemblerEvent::Row(AssembledSample { stamp: 0, sample: SAMPLE_INTERVAL, has_clock: true })]);
 }
 
 #[test]
 fn the_serial_frame_is_that_of_the_document() {
-    assert_eq!(data_frame(&HALF_SECOND), SERIAL);
+    assert_eq!(data_frame(&SAMPLE_INTERVAL), SERIAL);
     let mut found = Vec::new();
     Deframer::default().consume(&SERIAL, &mut |event| {
         if let DeframerEvent::Frame { at: 0, kind: FrameType::Data, payload } = event {
             found.push(read_data(payload));
         }
     });
-    assert_eq!(found, [HALF_SECOND]);
+    assert_eq!(found, [SAMPLE_INTERVAL]);
 }

@@ -4,9 +4,9 @@
 use std::path::Path;
 
 use geu_model::attitude::Motion;
-use geu_model::{Configuration, Truth, GyroUnit};
+use geu_model::{Configuration, GyroUnit, Truth};
 use geu_protocol::Gyro;
-use geu_recording::{Defect, InputReader, DecoderOptions, ReferenceAttitude, ReceivedSample, Sink, Stop};
+use geu_recording::{DecoderOptions, Defect, InputReader, ReceivedSample, ReferenceAttitude, Sink, Stop};
 use nalgebra::{DMatrix, DVector};
 
 use crate::whitening::Whitening;
@@ -15,7 +15,7 @@ use crate::whitening::Whitening;
 pub const RESIDUAL_ARCSEC: f64 = 3.2;
 /// Five sigma: an effect that is not there lowers χ² by more, with its amplitude free, once in two million times.
 pub const SIGNIFICANT: f64 = 25.0;
-/// χ² per degree of freedom that noise leaves: three deviations of what 21 600 half seconds allow, 1 ± √(2/21 600). What is
+/// χ² per degree of freedom that noise leaves: three deviations of what 21 600 samples allow, 1 ± √(2/21 600). What is
 /// measured is 0.983…1.011; rounding is not quite white while a gyro rests.
 pub const NOISE_LIKE: std::ops::Range<f64> = 0.97..1.03;
 
@@ -33,7 +33,7 @@ impl Sink for Rows {
 
 /// One recording: what was measured, and what moved.
 pub struct Recording {
-    /// Each half second.
+    /// Each sample.
     pub rows: Vec<ReceivedSample>,
     /// The motion.
     pub reference: ReferenceAttitude,
@@ -60,7 +60,7 @@ impl Recording {
         self.against_commanded(overrides, f64::INFINITY, &[])
     }
 
-    /// The same, with a command in the half second that starts then.
+    /// The same, with a command in the sample interval that starts then.
     ///
     /// # Panics
     /// Where an override is not valid.
@@ -71,7 +71,7 @@ impl Recording {
             .rows
             .iter()
             .enumerate()
-            .map(|(index, row)| ((index + 1) as f64 * 0.5, f64::from(row.half_second.electronics_centi_c) * 0.01))
+            .map(|(index, row)| ((index + 1) as f64 * 0.5, f64::from(row.sample.electronics_centi_c) * 0.01))
             .collect();
         let truth = Truth::Recorded(self.reference.truth.clone());
         let mut unit = GyroUnit::on(&configuration, &truth);
@@ -82,7 +82,7 @@ impl Recording {
             if index as f64 * 0.5 == command_s {
                 let _ = unit.command(command);
             }
-            let (ended, traces) = unit.end_half_second_traced();
+            let (ended, traces) = unit.end_sample_traced();
             let step = motion.advance(ended.end_ns as f64 * 1e-9);
             for (sum, angle) in turned.iter_mut().zip(step.angle_control_arcsec) {
                 *sum += angle;
@@ -92,7 +92,7 @@ impl Recording {
             regressors.extend(turned.map(|angle| angle / 206_265.0));
             regressors.push(end_s / 3600.0);
             for gyro in 0..4 {
-                difference[gyro] += f64::from(row.half_second.increments[gyro]) - traces[gyro].unquantised;
+                difference[gyro] += f64::from(row.sample.increments[gyro]) - traces[gyro].unquantised;
                 residuals[gyro].push(difference[gyro]);
             }
         }
@@ -100,12 +100,12 @@ impl Recording {
     }
 }
 
-/// Accumulated counts measured less those of the model, for each gyro and half second; and what the sixteen parameters can
+/// Accumulated counts measured less those of the model, for each gyro and sample; and what the sixteen parameters can
 /// do to them: the turns about the three axes and the time, free for each gyro.
 pub struct Comparison {
     /// For each gyro.
     pub residuals: [Vec<f64>; 4],
-    /// A row for each half second.
+    /// A row for each sample.
     pub regressors: DMatrix<f64>,
 }
 

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use geu_process::EmulatorProcess;
 use geu_protocol::serial::{Deframer, DeframerEvent, FrameType, read_data};
-use geu_protocol::{Sample, Reply};
+use geu_protocol::{Reply, Sample};
 use nix::libc::{O_NOCTTY, O_NONBLOCK};
 
 use crate::geu;
@@ -124,8 +124,8 @@ pub struct Client {
     buffer: Vec<u8>,
     /// Everything received.
     pub bytes: Vec<u8>,
-    /// Half seconds received.
-    pub half_seconds: Vec<Sample>,
+    /// Samples received.
+    pub samples: Vec<Sample>,
     /// Replies received.
     pub replies: Vec<Reply>,
     /// What was neither.
@@ -146,7 +146,7 @@ impl Client {
             deframer: Deframer::default(),
             buffer: Vec::new(),
             bytes: Vec::new(),
-            half_seconds: Vec::new(),
+            samples: Vec::new(),
             replies: Vec::new(),
             defects: 0,
             is_over: false,
@@ -188,7 +188,7 @@ impl Client {
         self.bytes.extend_from_slice(bytes);
         self.buffer.extend_from_slice(bytes);
         let used = self.deframer.consume(&self.buffer, &mut |found| match found {
-            DeframerEvent::Frame { kind: FrameType::Data, payload, .. } => self.half_seconds.push(read_data(payload)),
+            DeframerEvent::Frame { kind: FrameType::Data, payload, .. } => self.samples.push(read_data(payload)),
             DeframerEvent::Frame { kind: FrameType::Reply, payload, .. } => {
                 self.replies.push(Reply::read(payload).expect("a reply"))
             }
@@ -208,10 +208,10 @@ impl Client {
         (self.replies[before], start.elapsed())
     }
 
-    /// Whether every half second came, and nothing else.
+    /// Whether every sample came, and nothing else.
     pub fn is_without_gap(&self) -> bool {
         self.defects == 0
-            && self.half_seconds.windows(2).all(|pair| {
+            && self.samples.windows(2).all(|pair| {
                 pair[1].sequence == pair[0].sequence.wrapping_add(1)
                     && pair[1].clock_count == pair[0].clock_count + 500_000
             })

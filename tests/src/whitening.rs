@@ -9,17 +9,17 @@ use geu_model::effect::GyroEffects;
 
 /// Variance of a rounded number, even between two whole ones.
 const ROUNDING: f64 = 1.0 / 12.0;
-const HALF_SECOND_S: f64 = 0.5;
+const SAMPLE_INTERVAL_S: f64 = 0.5;
 
-/// For each half second the gains on angle and drift rate, and the deviation of the innovation.
+/// For each sample the gains on angle and drift rate, and the deviation of the innovation.
 pub struct Whitening(Vec<([f64; 2], f64)>);
 
 impl Whitening {
-    /// The filter for `rows` half seconds of the noise that `effects` configure.
+    /// The filter for `rows` samples of the noise that `effects` configure.
     pub fn of(effects: &GyroEffects, rows: usize) -> Whitening {
         let angle = effects.angle_random_walk.arcsec_per_sqrt_s.powi(2);
         let drift = effects.drift_random_walk.arcsec_per_s_per_sqrt_s.powi(2);
-        let t = HALF_SECOND_S;
+        let t = SAMPLE_INTERVAL_S;
         // At the start the angle is known but for the rounding before the first row. The drift of then is not noise: it
         // is one of the sixteen.
         let (mut aa, mut ad, mut dd) = (ROUNDING, 0.0, 0.0);
@@ -41,7 +41,7 @@ impl Whitening {
     pub fn apply(&self, accumulated: &[f64]) -> Vec<f64> {
         let (mut angle, mut drift) = (0.0, 0.0);
         let innovations = self.0.iter().zip(accumulated).map(|((gains, deviation), measured)| {
-            angle += drift * HALF_SECOND_S;
+            angle += drift * SAMPLE_INTERVAL_S;
             let innovation = measured - angle;
             angle += gains[0] * innovation;
             drift += gains[1] * innovation;

@@ -44,22 +44,22 @@ fn what_is_injected_is_seen_by_the_client_cleared_recorded_and_made_again() {
     let recorded = live.to_str().expect("text");
     let (mut emulator, mut client, address) =
         start(&["--record", recorded, "--wire", "serial", "--speed", "10", "--start", "0"]);
-    assert!(client.read_until(|client| client.half_seconds.len() > 4));
+    assert!(client.read_until(|client| client.samples.len() > 4));
     let said = out(&inject(&address, &["stuck-count", "GYRY", "counts=-321"]));
     assert!(said.starts_with("fault-1 from "), "{said}");
-    assert!(client.read_until(|client| client.half_seconds.last().is_some_and(|last| last.increments[1] == -321)));
+    assert!(client.read_until(|client| client.samples.last().is_some_and(|last| last.increments[1] == -321)));
     out(&inject(&address, &["drift.arcsec_per_h", "GYRX", "ramp=36000", "over_s=20", "id=drift", "release_s=5"]));
     out(&inject(&address, &["bit-flip", "tcp", "bits=2", "when=frame % 3 == 0", "for_s=0.5", "times=1000"]));
     assert!(client.read_until(|client| client.defects > 5), "frames with a wrong CRC");
     assert!(out(&inject(&address, &["--list"])).contains("active   fault-1"));
     assert_eq!(out(&inject(&address, &["--clear", "fault-1"])), "cleared fault-1\n");
-    assert!(client.read_until(|client| client.half_seconds.last().is_some_and(|last| last.increments[1] != -321)));
+    assert!(client.read_until(|client| client.samples.last().is_some_and(|last| last.increments[1] != -321)));
     out(&inject(&address, &["dead", "GYRX", "id=later", "at_s=1e6"]));
     // What CAN could not have; none is open or recorded.
     out(&inject(&address, &["wrong-length", "length=20", "for_s=2"]));
     out(&inject(&address, &["--clear", "all"]));
-    let seen = client.half_seconds.len();
-    assert!(client.read_until(|client| client.half_seconds.len() > seen + 30));
+    let seen = client.samples.len();
+    assert!(client.read_until(|client| client.samples.len() > seen + 30));
     emulator.ask_to_end();
     assert!(emulator.child.wait().expect("its end").success());
 
@@ -83,11 +83,11 @@ fn a_recording_that_is_killed_after_an_injection_has_a_truth_with_the_column_of_
     let recorded = directory.path().to_str().expect("text");
     let truth = || fs::read_to_string(directory.path().join("truth.csv")).expect("a truth");
     let (mut emulator, mut client, address) = start(&["--record", recorded, "--speed", "10"]);
-    assert!(client.read_until(|client| client.half_seconds.len() > 4));
+    assert!(client.read_until(|client| client.samples.len() > 4));
     assert!(!truth().contains("fault_counts"), "a run into which nobody injects has the files of a simulated one");
     out(&inject(&address, &["dead", "GYRY"]));
-    let seen = client.half_seconds.len();
-    assert!(client.read_until(|client| client.half_seconds.len() > seen + 8));
+    let seen = client.samples.len();
+    assert!(client.read_until(|client| client.samples.len() > seen + 8));
     emulator.child.kill().expect("killed");
     emulator.child.wait().expect("its end");
     let text = truth();
@@ -164,11 +164,11 @@ fn a_simulation_refuses_what_its_links_can_never_show() {
 }
 
 #[test]
-fn a_plan_comes_with_one_half_second_or_not_at_all() {
+fn a_plan_comes_with_one_sample_or_not_at_all() {
     let directory = tempfile::tempdir().expect("a directory");
     let plan = directory.path().join("plan.toml");
     let (_emulator, mut client, address) = start(&["--speed", "20"]);
-    assert!(client.read_until(|client| client.half_seconds.len() > 4));
+    assert!(client.read_until(|client| client.samples.len() > 4));
     out(&inject(&address, &["stuck-count", "GYRZA", "counts=1", "id=fault-1"]));
     // What is named further down, identifiers that are not named, and one that is taken already.
     let many: String = (0..200).map(|_| "[[fault]]\nfault = \"drop\"\nat_s = 1e6\n").collect();
@@ -205,10 +205,10 @@ fn a_fault_that_waits_for_a_hand_starts_with_it() {
     let arguments =
         ["--faults", plan.to_str().expect("text"), "--record", live.to_str().expect("text"), "--speed", "10"];
     let (mut emulator, mut client, address) = start(&arguments);
-    assert!(client.read_until(|client| client.half_seconds.len() > 10));
-    assert!(client.half_seconds.iter().all(|row| row.gyro_flags & 8 != 0));
+    assert!(client.read_until(|client| client.samples.len() > 10));
+    assert!(client.samples.iter().all(|row| row.gyro_flags & 8 != 0));
     out(&inject(&address, &["--start", "hold"]));
-    assert!(client.read_until(|client| client.half_seconds.last().is_some_and(|last| last.gyro_flags & 8 == 0)));
+    assert!(client.read_until(|client| client.samples.last().is_some_and(|last| last.gyro_flags & 8 == 0)));
     emulator.ask_to_end();
     assert!(emulator.child.wait().expect("its end").success());
     let events = lines(&live.join("faults.jsonl"));
@@ -218,19 +218,19 @@ fn a_fault_that_waits_for_a_hand_starts_with_it() {
 }
 
 #[test]
-fn a_monitor_shows_half_seconds_and_what_happens_a_line_each() {
+fn a_monitor_shows_samples_and_what_happens_a_line_each() {
     let (_emulator, mut client, address) = start(&[]);
     let mut monitor = geu();
     let monitor = monitor.args(["monitor", "--control", &address, "--count", "4"]);
     let monitor = monitor.stdout(Stdio::piped()).spawn().expect("geu starts");
-    assert!(client.read_until(|client| client.half_seconds.len() > 1));
+    assert!(client.read_until(|client| client.samples.len() > 1));
     out(&inject(&address, &["stuck-count", "GYRX", "counts=99"]));
     let said = out(&monitor.wait_with_output().expect("its end"));
     assert!(said.lines().filter(|line| line.contains("seq ")).count() == 4, "{said}");
     assert!(said.contains("fault-start  fault-1 acts: stuck-count") && said.contains("GYRX    +99"), "{said}");
 }
 
-/// A control interface that tells one half second at a time, as to a client that falls behind, `times` in all.
+/// A control interface that tells one sample at a time, as to a client that falls behind, `times` in all.
 fn lets_go_after_each(times: usize) -> String {
     let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
     let address = listener.local_addr().expect("an address").to_string();
@@ -290,7 +290,7 @@ fn a_plan_s_expectations_decide_the_exit_code() {
         let arguments = ["--faults", plan.to_str().expect("text"), "--junit", junit.to_str().expect("text")];
         let more = ["--speed", "10", "--duration", "70", "--control", "off"];
         let (emulator, mut client) = Emulator::on_tcp(&[&arguments[..], &more].concat());
-        assert!(client.read_until(|client| client.half_seconds.len() > 8));
+        assert!(client.read_until(|client| client.samples.len() > 8));
         if answers {
             client.ask(&geu_protocol::serial::frame(geu_protocol::serial::FrameType::Command, &[1]));
         }

@@ -1,4 +1,4 @@
-//! What the bench page is made of: the last ten minutes at any speed, and why a half second was not sent.
+//! What the bench page is made of: the last ten minutes at any speed, and why a sample was not sent.
 
 use std::io::{Read, Write};
 use std::net::TcpStream;
@@ -29,7 +29,7 @@ fn a_run_at_a_thousand_times_tells_its_last_ten_minutes_whole_and_what_had_no_re
     let arguments = ["--pty", &pty, "--tcp", "127.0.0.1:0", "--control", "127.0.0.1:0", "--speed", "1000"];
     let mut emulator = Emulator::start(2, &arguments);
     let address = emulator.control();
-    // 1200 half seconds take 0.6 s; the rest is for a loaded machine.
+    // 1200 samples take 0.6 s; the rest is for a loaded machine.
     let start = Instant::now();
     let mut history = json(&address, "/api/history");
     while history.as_array().map(Vec::len) != Some(1200) && start.elapsed() < Duration::from_secs(30) {

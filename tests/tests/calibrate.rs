@@ -6,10 +6,10 @@ use std::process::Output;
 use std::sync::OnceLock;
 
 use geu_calibration::transfer::misalignment_matrix;
-use geu_calibration::{PriorCalibration, CountsReader};
+use geu_calibration::{CountsReader, PriorCalibration};
 use geu_model::Configuration;
 use geu_model::package::Calibration;
-use geu_recording::{InputReader, DecoderOptions, ReferenceAttitude, Stop};
+use geu_recording::{DecoderOptions, InputReader, ReferenceAttitude, Stop};
 use geu_tests::{geu, recordings, root};
 use nalgebra::Vector3;
 use tempfile::TempDir;
@@ -118,10 +118,11 @@ fn a_recording_made_by_something_else_is_followed_to_the_end() {
     let json = room.path().join("result.json");
     run(&["calibrate", "--link", text(&link), "--reference", text(&reference), "--json", text(&json)]);
     let (calibrations, _) = solved(&json);
-    let (mut reader, mut counts) = (InputReader::new(DecoderOptions::default(), Stop::default()), CountsReader::default());
+    let (mut reader, mut counts) =
+        (InputReader::new(DecoderOptions::default(), Stop::default()), CountsReader::default());
     reader.read(text(&link), &mut counts).expect("a recording");
     reader.finish(&mut counts).1.expect("a recording");
-    let counts = counts.finish(0).expect("half seconds");
+    let counts = counts.finish(0).expect("samples");
     let reference = ReferenceAttitude::read(text(&reference)).expect("a reference");
     let offset_s = (counts.start_ns - reference.start_ns) as f64 * 1e-9;
     let matrix = misalignment_matrix(&calibrations);
@@ -144,15 +145,12 @@ fn what_cannot_be_trusted_is_left_out_and_said_with_its_time() {
     let room = tempfile::tempdir().expect("a directory");
     let (manoeuvres, reference) = (in_can("manoeuvres.csv"), in_can("reference.csv"));
     let said = |link: &Path| run(&arguments(text(link), &manoeuvres, &reference)).1;
-    // Half seconds end at 1800000000.5 and on; one is cut from the middle of the second scan about Y.
+    // Samples end at 1800000000.5 and on; one is cut from the middle of the second scan about Y.
     let gap = edited(&room, "link.log", |log| {
         log.lines().filter(|line| !line.starts_with("(1800000800.5")).map(|line| format!("{line}\n")).collect()
     });
     let error = said(&gap);
-    assert!(
-        error.contains("left out: y-scan at 1800000770.0 s: 1 half second is missing at 1800000800.0 s"),
-        "{error}"
-    );
+    assert!(error.contains("left out: y-scan at 1800000770.0 s: 1 sample is missing at 1800000800.0 s"), "{error}");
     // The bus recorder's clock jumps by 10 s.
     let jump = edited(&room, "link.log", |log| {
         let late = |line: &str| match line.split_once('.') {
@@ -174,7 +172,7 @@ fn what_cannot_be_trusted_is_left_out_and_said_with_its_time() {
 #[test]
 fn saturated_counts_serve_nobody() {
     let room = tempfile::tempdir().expect("a directory");
-    // More than 16 bits in one half second.
+    // More than 16 bits in one sample interval.
     let saturated = room.path().join("saturated");
     let course = "gyro.GYRY.lost-counts={ counts = 100000.0, time_s = 700.0 }";
     run(&["simulate", "--duration", "14000", "--set", course, "--out", text(&saturated)]);
@@ -336,7 +334,7 @@ fn a_serial_recording_starts_where_the_attitude_does() {
     let (table, _) = run(&[&["calibrate", "--manoeuvres", &file("manoeuvres.csv")], &sensors[..]].concat());
     assert!(table.contains("GYRX scale factor"), "{table}");
     let (told, error) = run(&[&["reconstruct"], &sensors[..]].concat());
-    assert!(told.contains("28000 half seconds") && !error.contains("outside"), "{told}{error}");
+    assert!(told.contains("28000 samples") && !error.contains("outside"), "{told}{error}");
     for command in ["calibrate", "reconstruct"] {
         for bad in ["NaN", "1e30", "-1", "inf"] {
             let message = refused(&[&[command, "--start", bad], &sensors[..]].concat());

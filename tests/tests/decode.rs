@@ -6,7 +6,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 
-use geu_protocol::{CLOCK_PER_HALF_SECOND, CanIdMap, Sample};
+use geu_protocol::{CLOCK_PER_SAMPLE, CanIdMap, Sample};
 use geu_tests::{geu, recordings, root, skipped};
 
 const HEADER: &str = "t_s,sequence,clock_count,gyrx,gyry,gyrza,gyrzb,gyro_flags,unit_flags,electronics_c,sensor_c";
@@ -42,14 +42,14 @@ fn summary(text: &str, name: &str) -> String {
     line.map_or_else(|| panic!("no {name} in {text}"), |line| line[name.len()..].trim().to_owned())
 }
 
-fn half_second(index: u16) -> Sample {
+fn sample(index: u16) -> Sample {
     Sample {
         sequence: index,
         increments: [-2 * index as i16, index as i16, 5, -32_768 + index as i16],
         gyro_flags: if index % 7 == 3 { 0x8F } else { 0x0F },
         unit_flags: 0x07,
         electronics_centi_c: 2_064 - 40 * index as i16,
-        clock_count: (u64::from(index) + 1) * CLOCK_PER_HALF_SECOND,
+        clock_count: (u64::from(index) + 1) * CLOCK_PER_SAMPLE,
         sensor_centi_c: 7_000,
     }
 }
@@ -62,7 +62,7 @@ fn t_us(index: u16) -> u64 {
 fn encoded_log() -> String {
     let mut log = String::new();
     for index in 0..ROWS {
-        for (later_us, frame) in [0, 250, 500].into_iter().zip(CanIdMap::default().frames(&half_second(index))) {
+        for (later_us, frame) in [0, 250, 500].into_iter().zip(CanIdMap::default().frames(&sample(index))) {
             let t_us = t_us(index) + later_us;
             let data: String = frame.data().iter().map(|byte| format!("{byte:02X}")).collect();
             log += &format!("({}.{:06}) can0 {:03X}#{data}\n", t_us / 1_000_000, t_us % 1_000_000, frame.id());
@@ -77,7 +77,7 @@ fn encoded_rows() -> Vec<String> {
         |value: i16| format!("{}{}.{:02}", if value < 0 { "-" } else { "" }, value.abs() / 100, value.abs() % 100);
     (0..ROWS)
         .map(|index| {
-            let (h, t_us) = (half_second(index), t_us(index));
+            let (h, t_us) = (sample(index), t_us(index));
             let [x, y, za, zb] = h.increments;
             format!(
                 "{}.{:06},{},{},{x},{y},{za},{zb},{},{},{},{}",
@@ -208,7 +208,7 @@ fn containers_pipes_and_several_inputs_are_one_stream() {
     assert_eq!(rows(&[&gz, "--strict"]), encoded_rows());
     let zst = write(directory.path(), "no-suffix", &zstd::encode_all(log.as_bytes(), 3).unwrap());
     assert_eq!(rows(&[&zst, "--strict"]), encoded_rows());
-    // A half second that begins in one file and ends in the next.
+    // A sample that begins in one file and ends in the next.
     let lines: Vec<&str> = log.split_inclusive('\n').collect();
     let first = write(directory.path(), "1", lines[..100].concat().as_bytes());
     let second = write(directory.path(), "2", &gzip(lines[100..].concat().as_bytes()));
@@ -312,7 +312,7 @@ fn a_cut_container_gives_the_rows_so_far_and_exit_2() {
     for word in [0xA1B2_C3D4u32, 0x0004_0002, 0, 0, 65_535, 227] {
         pcap.extend_from_slice(&word.to_le_bytes());
     }
-    for frame in (0..2).flat_map(|index| CanIdMap::default().frames(&half_second(index))) {
+    for frame in (0..2).flat_map(|index| CanIdMap::default().frames(&sample(index))) {
         for word in [1_795_020_000u32, 0, 16, 16] {
             pcap.extend_from_slice(&word.to_le_bytes());
         }
@@ -421,7 +421,7 @@ fn a_note_says_why_there_are_no_rows() {
     let pcap = capture("encoded.pcap").to_str().unwrap().to_owned();
     let other =
         write(directory.path(), "other.log", b"(1.0) can0 123#0102030405060708\n(1.1) can0 124#0102030405060708\n");
-    let frames: Vec<u8> = (0..20).flat_map(|index| geu_protocol::serial::data_frame(&half_second(index))).collect();
+    let frames: Vec<u8> = (0..20).flat_map(|index| geu_protocol::serial::data_frame(&sample(index))).collect();
     let serial = write(directory.path(), "raw.bin", &frames);
     // A STATUS that does not match its INCREMENTS.
     let cut = write(directory.path(), "cut.log", b"(1.0) can0 1A0#0000000000000000\n(1.0) can0 1A1#0000000000000000\n");

@@ -11,7 +11,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use geu_protocol::serial::data_frame;
-use geu_protocol::{CLOCK_PER_HALF_SECOND, Sample};
+use geu_protocol::{CLOCK_PER_SAMPLE, Sample};
 use geu_tests::geu;
 use nix::fcntl::{FcntlArg, FdFlag, fcntl};
 use nix::pty::openpty;
@@ -19,12 +19,12 @@ use nix::sys::signal::{Signal, kill};
 use nix::sys::stat::Mode;
 use nix::unistd::{Pid, mkfifo, ttyname};
 
-fn half_second(index: u16) -> Sample {
+fn sample(index: u16) -> Sample {
     Sample {
         sequence: index,
         // Bytes that a terminal in cooked mode would change or act on: carriage return, interrupt, end of file.
         increments: [0x0D0A, 0x0304, 0x1113, 0x7F0D],
-        clock_count: (u64::from(index) + 1) * CLOCK_PER_HALF_SECOND,
+        clock_count: (u64::from(index) + 1) * CLOCK_PER_SAMPLE,
         ..Sample::default()
     }
 }
@@ -57,7 +57,7 @@ fn rows_of_a_pty_come_at_once_and_an_interrupt_ends_with_the_summary() {
     let mut lines = BufReader::new(child.stdout.take().expect("its output")).lines();
     // The port discards what was there when it was opened: wait until it listens.
     std::thread::sleep(Duration::from_millis(500));
-    let frame = data_frame(&half_second(0));
+    let frame = data_frame(&sample(0));
     master.write_all(&frame[..10]).expect("written");
     std::thread::sleep(Duration::from_millis(20));
     master.write_all(&frame[10..]).expect("written");
@@ -67,7 +67,7 @@ fn rows_of_a_pty_come_at_once_and_an_interrupt_ends_with_the_summary() {
     let t_s: f64 = row.split(',').next().and_then(|time| time.parse().ok()).expect("a time");
     assert!((t_s - before_s).abs() < 0.1, "{t_s} is not when the last byte came, {before_s}");
     assert!(row.ends_with(",0,500000,3338,772,4371,32525,0,0,0.00,0.00"), "{row}");
-    master.write_all(&data_frame(&half_second(1))).expect("written");
+    master.write_all(&data_frame(&sample(1))).expect("written");
     assert!(lines.next().expect("a row").expect("text").contains(",1,1000000,"));
     kill(Pid::from_raw(child.id() as i32), Signal::SIGINT).expect("a signal");
     let mut errors = String::new();
@@ -88,7 +88,7 @@ fn a_link_that_goes_away_ends_the_decoding() {
         geu().args(["decode", &path]).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("geu starts");
     std::thread::sleep(Duration::from_millis(500));
     drop(slave);
-    master.write_all(&data_frame(&half_second(7))).expect("written");
+    master.write_all(&data_frame(&sample(7))).expect("written");
     std::thread::sleep(Duration::from_millis(300));
     drop(master);
     let output = child.wait_with_output().expect("its end");
@@ -135,7 +135,7 @@ fn a_frame_that_is_under_way_when_it_is_stopped_is_no_defect() {
         .spawn()
         .expect("geu starts");
     std::thread::sleep(Duration::from_millis(500));
-    master.write_all(&[&data_frame(&half_second(0))[..], &data_frame(&half_second(1))[..11]].concat()).expect("room");
+    master.write_all(&[&data_frame(&sample(0))[..], &data_frame(&sample(1))[..11]].concat()).expect("room");
     let mut lines = BufReader::new(child.stdout.take().expect("its output")).lines();
     assert!(lines.nth(1).expect("a row").expect("text").contains(",0,500000,"));
     let (said, _) = stopped(child, Signal::SIGINT);
@@ -187,9 +187,9 @@ fn a_fifo_is_waited_for_until_its_writer_comes_or_a_signal() {
     let child = command.arg("decode").arg(&path).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn();
     std::thread::sleep(Duration::from_millis(300));
     let mut writer = OpenOptions::new().write(true).open(&path).expect("a reader");
-    writer.write_all(&data_frame(&half_second(0))).expect("room");
+    writer.write_all(&data_frame(&sample(0))).expect("room");
     std::thread::sleep(Duration::from_millis(300));
-    writer.write_all(&data_frame(&half_second(1))).expect("room");
+    writer.write_all(&data_frame(&sample(1))).expect("room");
     drop(writer);
     let output = child.expect("geu starts").wait_with_output().expect("its end");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
@@ -198,7 +198,7 @@ fn a_fifo_is_waited_for_until_its_writer_comes_or_a_signal() {
 
 #[test]
 fn a_compressed_stream_that_stands_still_ends_at_a_signal_with_its_rows() {
-    let frames = [data_frame(&half_second(0)), data_frame(&half_second(1))].concat();
+    let frames = [data_frame(&sample(0)), data_frame(&sample(1))].concat();
     let mut gzip = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
     gzip.write_all(&frames).and_then(|()| gzip.flush()).expect("room");
     let mut zstd = zstd::Encoder::new(Vec::new(), 1).expect("zstd");
@@ -252,7 +252,7 @@ fn a_signal_ends_the_reading_of_recorded_files_without_a_result() {
     // Some seconds of work.
     let (day, old) = (name("day.bin.zst"), name("old.csv"));
     let mut long = zstd::Encoder::new(File::create(&day).expect("a file"), 1).expect("zstd").auto_finish();
-    let frames = data_frame(&half_second(0)).repeat(1 << 16);
+    let frames = data_frame(&sample(0)).repeat(1 << 16);
     (0..400).for_each(|_| long.write_all(&frames).expect("written"));
     drop(long);
     for (command, input, signal) in
@@ -297,7 +297,7 @@ fn an_address_is_connected_to_and_read_as_a_stream() {
             let mut child = child.expect("geu starts");
             let (mut stream, _) = listener.accept().expect("a client");
             let mut lines = BufReader::new(child.stdout.take().expect("its output")).lines();
-            stream.write_all(&[data_frame(&half_second(0)), data_frame(&half_second(1))].concat()).expect("room");
+            stream.write_all(&[data_frame(&sample(0)), data_frame(&sample(1))].concat()).expect("room");
             let rows: Vec<_> = lines.by_ref().take(3).map(|row| row.expect("text")).collect();
             assert!(rows[2].starts_with("1.000000,1,"), "{rows:?}");
             if ends {

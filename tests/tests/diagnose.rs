@@ -9,8 +9,8 @@ use geu_diagnosis::outcome::{Class, DiagnosedEffect};
 use geu_diagnosis::rivals::APART_CHI2;
 use geu_diagnosis::{Diagnosis, DiagnosisOptions, Thresholds, Verdict, diagnose_rows, report};
 use geu_model::Configuration;
-use geu_model::units::HALF_SECOND_S;
-use geu_plant::{GYROS, Gyro, PlantedEffect, IndependentModel};
+use geu_model::units::SAMPLE_INTERVAL_S;
+use geu_plant::{GYROS, Gyro, IndependentModel, PlantedEffect};
 use geu_recording::ReferenceAttitude;
 use geu_tests::comparison::Recording;
 use geu_tests::recordings;
@@ -57,15 +57,15 @@ struct Bench {
     late_s: f64,
     /// The reference errs by this about each axis, 1 sigma.
     noise_arcsec: f64,
-    /// The temperature is told so many half seconds late.
+    /// The temperature is told so many samples late.
     temperature_late: usize,
 }
 
 impl Bench {
     fn tells(&self, recording: &mut Recording, reference: &str) {
-        let told: Vec<i16> = recording.rows.iter().map(|row| row.half_second.electronics_centi_c).collect();
+        let told: Vec<i16> = recording.rows.iter().map(|row| row.sample.electronics_centi_c).collect();
         for (index, row) in recording.rows.iter_mut().enumerate() {
-            row.half_second.electronics_centi_c = told[index.saturating_sub(self.temperature_late)];
+            row.sample.electronics_centi_c = told[index.saturating_sub(self.temperature_late)];
         }
         let mut random = ChaCha8Rng::seed_from_u64(1);
         let mut before = [0.0; 3];
@@ -369,10 +369,10 @@ fn a_temperature_told_late_misleads_nobody() {
 #[ignore = "minutes; .ci/run has it"]
 fn how_late_a_temperature_is_told_is_found() {
     let hidden = [PlantedEffect::new("scale-factor-temperature", &GYROS, &[("ppm_per_k", 25.0)])];
-    for half_seconds in [0, 440] {
-        let bench = Bench { temperature_late: half_seconds, ..Bench::default() };
+    for samples in [0, 440] {
+        let bench = Bench { temperature_late: samples, ..Bench::default() };
         let diagnosis = diagnosis_of(19, &hidden, Some(&bench));
-        let (late_s, told_s) = (half_seconds as f64 * HALF_SECOND_S, diagnosis.temperature_late_s);
+        let (late_s, told_s) = (samples as f64 * SAMPLE_INTERVAL_S, diagnosis.temperature_late_s);
         // To three steps of what is looked for; where none is late, none is told.
         assert!((told_s - late_s).abs() < 60.0 && (told_s == 0.0) == (late_s == 0.0), "{late_s} s: {told_s} s");
     }
@@ -384,7 +384,12 @@ fn a_reference_that_errs_misleads_nobody() {
     let bench = Bench { noise_arcsec: 1.0, ..Bench::default() };
     for seed in 16..18 {
         assert_not_misnamed(seed, &[], &bench, &[]);
-        assert_not_misnamed(seed, &[PlantedEffect::new("pivot-clearance", X, &[("clearance_arcsec", 11.5)])], &bench, &[]);
+        assert_not_misnamed(
+            seed,
+            &[PlantedEffect::new("pivot-clearance", X, &[("clearance_arcsec", 11.5)])],
+            &bench,
+            &[],
+        );
     }
 }
 
@@ -405,7 +410,10 @@ fn a_reference_that_is_late_is_a_time_offset_or_its_rival_and_nothing_else() {
 
 #[test]
 fn a_formula_that_is_in_no_catalogue_is_proposed() {
-    assert_in_no_catalogue(&[(PlantedEffect::new("rate-squared-coupling", ZB, &[("per_arcsec_s", 4e-7)]), Some("rate_y^2"))]);
+    assert_in_no_catalogue(&[(
+        PlantedEffect::new("rate-squared-coupling", ZB, &[("per_arcsec_s", 4e-7)]),
+        Some("rate_y^2"),
+    )]);
 }
 
 #[test]

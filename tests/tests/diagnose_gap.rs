@@ -5,11 +5,11 @@ use std::sync::Mutex;
 
 use geu_diagnosis::{Diagnosis, DiagnosisOptions, Thresholds, diagnose_rows};
 use geu_model::Configuration;
-use geu_plant::{Gyro, PlantedEffect, IndependentModel};
+use geu_plant::{Gyro, IndependentModel, PlantedEffect};
 use geu_tests::comparison::Recording;
 use geu_tests::geu;
 
-/// Half seconds of a window of the gap (cli.md).
+/// Samples of a window of the gap (cli.md).
 const WINDOW: usize = 3600;
 /// Three thirds of half an hour.
 const DURATION_S: f64 = 5400.0;
@@ -62,7 +62,7 @@ fn a_calibration_that_is_off_is_foretold_from_two_thirds_and_not_copied() {
     // By 36 arcsec/h: 18 arcsec at the end of a window.
     let off = ["gyro.GYRX.calibration.drift_arcsec_per_half_s=0.215".to_owned()];
     let before = diagnosed(&recording, &Configuration::reference_with(&off).expect("valid")).before;
-    // The other program goes by the number of a half second, this one by the time of receipt, 0.9 ms late: 0.1 % here.
+    // The other program goes by the number of a sample, this one by the time of receipt, 0.9 ms late: 0.1 % here.
     let expected = rms_arcsec(&recording.against(&off).residuals);
     let [fitted, held_out] = [before.fitted.rms_arcsec, before.held_out.rms_arcsec];
     assert!((fitted / expected - 1.0).abs() < 0.01, "{fitted}, computed otherwise {expected}");

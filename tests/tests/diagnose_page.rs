@@ -4,7 +4,7 @@ use std::fs;
 use std::process::Command;
 use std::sync::LazyLock;
 
-use geu_plant::{Gyro, PlantedEffect, IndependentModel};
+use geu_plant::{Gyro, IndependentModel, PlantedEffect};
 use geu_tests::page::well_formed;
 use geu_tests::{geu, skipped};
 

@@ -39,9 +39,9 @@ fn a_command_acts_at_once_and_only_its_answer_is_late() {
     let (plan, recorded) = (plan.to_str().expect("text"), live.to_str().expect("text"));
     let (emulator, mut client) =
         Emulator::on_tcp(&["--faults", plan, "--record", recorded, "--wire", "serial", "--control", "off"]);
-    assert!(client.read_until(|client| client.half_seconds.len() == 1));
+    assert!(client.read_until(|client| client.samples.len() == 1));
     let start = Instant::now();
-    // The first stops the half seconds at once.
+    // The first stops the samples at once.
     for payload in [&[2, 1][..], &[1], &[1]] {
         client.stream.write_all(&frame(FrameType::Command, payload)).expect("room");
         std::thread::sleep(Duration::from_millis(20));
@@ -51,7 +51,7 @@ fn a_command_acts_at_once_and_only_its_answer_is_late() {
         let (took, least) = (start.elapsed(), Duration::from_millis(1000 + 20 * u64::from(count - 1)));
         assert!(took >= least && took < least + Duration::from_millis(400), "reply {count} after {took:?}");
     }
-    assert_eq!(client.half_seconds.len(), 1, "what was not sent had been stopped by then");
+    assert_eq!(client.samples.len(), 1, "what was not sent had been stopped by then");
     // One that is still held back at the end leaves with it.
     client.stream.write_all(&frame(FrameType::Command, &[1])).expect("room");
     std::thread::sleep(Duration::from_millis(50));
@@ -62,7 +62,7 @@ fn a_command_acts_at_once_and_only_its_answer_is_late() {
     let told = events(&live);
     let replies = of(&told, "reply");
     assert_eq!(replies.len(), 4);
-    assert_eq!(replies[0]["half_second"], replies[2]["half_second"], "all came in one half second");
+    assert_eq!(replies[0]["half_second"], replies[2]["half_second"], "all came in one sample interval");
     assert_eq!((&replies[1]["command"], &replies[1]["ids"]), (&json!("01"), &json!(["late"])));
     assert_eq!((&replies[1]["late_s"], &replies[1]["link"]), (&json!(1.0), &json!("tcp")));
     assert_eq!(replies[1]["before"], replies[1]["after"]);
@@ -90,7 +90,7 @@ fn what_is_held_back_leaves_with_the_end_and_stands_in_the_recording() {
         assert_eq!(emulator.end().0, Some(0));
         let link = fs::read(live.join("link.bin")).expect("a recording");
         assert_eq!(link, client.bytes, "asked to end: {is_asked_to_end}");
-        assert!(is_asked_to_end || client.half_seconds.len() == 12, "{}", client.half_seconds.len());
+        assert!(is_asked_to_end || client.samples.len() == 12, "{}", client.samples.len());
         simulate(&live.join("run.toml"), &again, &[]);
         assert!(link == fs::read(again.join("link.bin")).expect("a recording"));
     }
@@ -111,12 +111,12 @@ fn a_frame_with_a_long_gap_is_cut_by_nothing() {
     }
     client.read_until(|_| false);
     assert_eq!(emulator.end().0, Some(0));
-    assert!(client.is_without_gap() && client.half_seconds.len() == 16, "{}", client.half_seconds.len());
+    assert!(client.is_without_gap() && client.samples.len() == 16, "{}", client.samples.len());
     assert!(client.replies.len() >= 20, "{} replies", client.replies.len());
 }
 
 #[test]
-fn what_is_told_of_a_polled_half_second_is_its_own() {
+fn what_is_told_of_a_polled_sample_is_its_own() {
     let directory = tempfile::tempdir().expect("a directory");
     let text = "[run]\nduration_s = 5.0\nwire = \"serial\"\nlinks = [\"pty\", \"tcp\"]\n\
                 [[fault]]\nid = \"st\"\nfault = \"stuck-count\"\ngyro = \"GYRX\"\ncounts = 77\nat_s = 1.0\nfor_s = 0.5\n\
@@ -136,14 +136,14 @@ fn what_is_told_of_a_polled_half_second_is_its_own() {
     assert_eq!((&bytes[0]["link"], &bytes[0]["ids"]), (&json!("tcp"), &json!(["st", "late"])));
     let touched: Vec<_> = of(&told, "end").into_iter().map(|end| (end["id"].clone(), end["touched"].clone())).collect();
     assert!(touched.contains(&(json!("late"), json!(1))), "{touched:?}");
-    // Two polls of the same half second: what is late does not go back in time.
+    // Two polls of the same sample: what is late does not go back in time.
     let log = fs::read_to_string(out.join("link.log")).expect("a recording");
     let stamps: Vec<&str> = log.lines().map(|line| line.split(' ').next().expect("a stamp")).collect();
     assert!(stamps.len() == 6 && stamps.is_sorted(), "{log}");
 }
 
 #[test]
-fn a_polled_half_second_that_is_late_is_recorded_when_it_leaves() {
+fn a_polled_sample_that_is_late_is_recorded_when_it_leaves() {
     let directory = tempfile::tempdir().expect("a directory");
     let text = "[run]\nduration_s = 5.0\nwire = \"can\"\n\
                 [[fault]]\nfault = \"delay\"\ndelay_s = 0.7\nat_s = 1.5\nfor_s = 0.5\n\
@@ -176,7 +176,7 @@ fn a_command_that_a_silent_unit_does_not_hear_is_told_with_the_reply_that_it_lac
 }
 
 #[test]
-fn what_is_held_for_a_half_second_that_never_comes_has_the_time_at_which_it_would_have_ended() {
+fn what_is_held_for_a_sample_that_never_comes_has_the_time_at_which_it_would_have_ended() {
     let directory = tempfile::tempdir().expect("a directory");
     let text = "[run]\nduration_s = 5.0\nwire = \"can\"\nlinks = [\"can\"]\n\
                 [[fault]]\nfault = \"reorder\"\nat_s = 4.5\n[[fault]]\nfault = \"babble\"\namount = 2\nat_s = 4.5\n";

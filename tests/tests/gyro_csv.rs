@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::fs;
 
-use geu_recording::{GyroCsvSpec, GyroCsv, GyroCsvDefectKind as Kind};
+use geu_recording::{GyroCsv, GyroCsvDefectKind as Kind, GyroCsvSpec};
 use geu_tests::{geu, recordings, root};
 
 fn description() -> GyroCsvSpec {

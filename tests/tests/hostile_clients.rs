@@ -75,7 +75,7 @@ fn a_pty_client_that_reads_no_reply_and_closes_wedges_nothing() {
     let mut again = Client::open(&path);
     read_all_replies(&mut again);
     assert_eq!(again.ask(&ping()).0.outcome(), CommandResult::Done);
-    assert!(other.read_until(|client| client.half_seconds.len() >= 2) && other.is_without_gap());
+    assert!(other.read_until(|client| client.samples.len() >= 2) && other.is_without_gap());
     let said = end_within_a_second(emulator);
     assert!(said.contains("commands     5025 received, 0 frames dropped"), "each is carried out: {said}");
     assert!(said.contains("replies dropped"), "what nobody read is counted: {said}");
@@ -125,7 +125,7 @@ fn a_replay_outlives_the_same_client() {
     for _ in 0..2 {
         command_and_leave(&path, 2500, Duration::ZERO);
     }
-    assert!(Client::open(&path).read_until(|client| client.half_seconds.len() >= 2));
+    assert!(Client::open(&path).read_until(|client| client.samples.len() >= 2));
     kill(Pid::from_raw(replay.id() as i32), Signal::SIGTERM).expect("it runs");
     assert!(ends_within(&mut replay, Duration::from_secs(1)), "it ends when asked");
 }
@@ -306,7 +306,7 @@ fn a_process_out_of_descriptors_says_so_and_its_links_recover() {
     clients.clear();
     assert_eq!(Client::open(&path).ask(&ping()).0.outcome(), CommandResult::Done);
     let start = Instant::now();
-    while !emulator.tcp().read_for(Duration::from_secs(1), |client| !client.half_seconds.is_empty()) {
+    while !emulator.tcp().read_for(Duration::from_secs(1), |client| !client.samples.is_empty()) {
         assert!(start.elapsed() < PATIENCE, "places are free again");
     }
     let said = end_within_a_second(emulator);

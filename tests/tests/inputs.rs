@@ -234,8 +234,7 @@ fn a_defect_that_comes_again_is_one_line_with_a_count() {
 fn a_defect_on_either_side_of_a_row_is_told_twice() {
     let directory = tempfile::tempdir().expect("a directory");
     let directory = directory.path();
-    let frame =
-        geu_protocol::serial::data_frame(&geu_protocol::Sample { clock_count: 500_000, ..Default::default() });
+    let frame = geu_protocol::serial::data_frame(&geu_protocol::Sample { clock_count: 500_000, ..Default::default() });
     let file = path(directory, "two.bin");
     fs::write(&file, [&[0xFF; 3][..], &frame, &[0xFF; 3], &frame].concat()).expect("a file");
     let defects = path(directory, "defects.jsonl");

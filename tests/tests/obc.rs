@@ -29,7 +29,7 @@ fn pointing_is_held_on_the_emulators_own_data_and_the_same_flight_is_flown_again
     let first = fly(&["--duration", "300", "--speed", "max", "--record", record]);
     let said = String::from_utf8_lossy(&first.stderr);
     assert_eq!(first.status.code(), Some(0), "{said}");
-    assert!(said.contains("late half seconds 0, missing 0, jumps 0, out of order 0, bad lines 0"), "{said}");
+    assert!(said.contains("late samples 0, missing 0, jumps 0, out of order 0, bad lines 0"), "{said}");
     let rows = lines(&first);
     assert_eq!(rows.len(), 300);
     // It starts with 12″/s, and comes back.

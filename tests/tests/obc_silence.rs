@@ -14,11 +14,11 @@ fn a_loop_goes_on_through_a_silence_and_a_broken_frame_and_is_the_same_again() {
     };
     let first = fly();
     let said = String::from_utf8_lossy(&first.stderr);
-    // What the first half second told of a turn of 12″/s is lost: the loop holds another attitude, some arcseconds off.
+    // What the first sample told of a turn of 12″/s is lost: the loop holds another attitude, some arcseconds off.
     assert_eq!(first.status.code(), Some(1), "{said}");
     assert!(String::from_utf8_lossy(&first.stdout).contains("pointing not held: after 40 s the true error was 6."));
-    assert!(said.contains("half seconds 120,") && said.contains("reports 120 sent, 0 dropped"), "{said}");
-    assert!(said.contains("late half seconds 0, missing 0, jumps 0"), "{said}");
+    assert!(said.contains("samples 120,") && said.contains("reports 120 sent, 0 dropped"), "{said}");
+    assert!(said.contains("late samples 0, missing 0, jumps 0"), "{said}");
     // A line each second, the silent ones too.
     assert_eq!(String::from_utf8_lossy(&first.stdout).matches("pointing error: true").count(), 60);
     assert_eq!(fly().stdout, first.stdout);

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 
 use geu_calibration::{PriorCalibration, solve};
 use geu_model::package::Calibration;
-use geu_model::{Configuration, Truth, GyroUnit};
-use geu_plant::{GYROS, Gyro, PlantedEffect, IndependentModel};
+use geu_model::{Configuration, GyroUnit, Truth};
+use geu_plant::{GYROS, Gyro, IndependentModel, PlantedEffect};
 use geu_tests::comparison::{Case, Comparison, RESIDUAL_ARCSEC, Recording, largest, left};
 use geu_tests::geu;
 use geu_tests::whitening::Whitening;
@@ -227,14 +227,13 @@ fn constant_departures_of_the_calibration_are_alike() {
 fn modelled(recording: &Recording, overrides: &[String]) -> Vec<[i16; 4]> {
     let configuration = Configuration::reference_with(overrides).expect("valid");
     let mut unit = GyroUnit::on(&configuration, &Truth::Recorded(recording.reference.truth.clone()));
-    recording.rows.iter().map(|_| unit.end_half_second().half_second.increments).collect()
+    recording.rows.iter().map(|_| unit.end_sample().sample.increments).collect()
 }
 
 #[test]
 fn wiring_does_to_the_counts_of_both_what_its_code_says() {
-    let increments = |recording: &Recording| -> Vec<[i16; 4]> {
-        recording.rows.iter().map(|row| row.half_second.increments).collect()
-    };
+    let increments =
+        |recording: &Recording| -> Vec<[i16; 4]> { recording.rows.iter().map(|row| row.sample.increments).collect() };
     let null = recorded(&plant(9, &[]));
     type Wiring = fn(before: [i16; 4], now: [i16; 4]) -> [i16; 4];
     let cases: [(&str, &[Gyro], Wiring); 3] = [
@@ -290,18 +289,18 @@ fn what_is_outside_the_catalogue_is_seen_and_is_what_its_formula_says() {
     ];
     let recording = recorded(&plant(11, &hidden));
     let comparison = recording.against(&[]);
-    let half_seconds = comparison.regressors.nrows();
+    let samples = comparison.regressors.nrows();
     let configuration = Configuration::reference();
     let (mut sums, mut counted, mut followed) = ([0.0; 4], 0.0, 0.0_f64);
     let mut columns = [const { Vec::new() }; 4];
-    for index in 0..half_seconds {
+    for index in 0..samples {
         let turned = |axis: usize| {
             let at = |index: usize| comparison.regressors[(index, axis)] * 206_265.0;
             at(index) - if index > 0 { at(index - 1) } else { 0.0 }
         };
         let [x, y, z] = std::array::from_fn(turned);
         // The angle that our model would count: what was measured, without what is left of it.
-        counted += f64::from(recording.rows[index].half_second.increments[Gyro::Za as usize]);
+        counted += f64::from(recording.rows[index].sample.increments[Gyro::Za as usize]);
         let angle = counted - comparison.residuals[Gyro::Za as usize][index];
         followed = followed.clamp(angle - 4.0, angle + 4.0);
         sums = [sums[0] + z.abs(), sums[1] + x * z / 0.5, followed - angle, sums[3] + y * y / 0.5];
@@ -310,14 +309,14 @@ fn what_is_outside_the_catalogue_is_seen_and_is_what_its_formula_says() {
         }
     }
     for (gyro, (column, residual)) in GYROS.iter().zip(columns.into_iter().zip(&comparison.residuals)) {
-        let whitening = Whitening::of(&configuration.gyros[*gyro as usize].effects.constant, half_seconds);
-        let chi2_per_dof = comparison.chi2(&whitening, residual) / (half_seconds - 4) as f64;
+        let whitening = Whitening::of(&configuration.gyros[*gyro as usize].effects.constant, samples);
+        let chi2_per_dof = comparison.chi2(&whitening, residual) / (samples - 4) as f64;
         let scale = largest(&column);
         let mut regressors = comparison.regressors.clone().insert_column(4, 0.0);
         regressors.set_column(4, &(DVector::from_vec(column) / scale));
         let left = largest(&left(residual, &regressors));
         println!("{}: chi2/dof {chi2_per_dof:.3}, then {left:.2} arcsec left", gyro.name());
-        // Ten deviations of what noise leaves in 21 600 half seconds, 1 ± 0.0096.
+        // Ten deviations of what noise leaves in 21 600 samples, 1 ± 0.0096.
         assert!(chi2_per_dof > 1.1, "{}: chi2/dof {chi2_per_dof:.3}", gyro.name());
         assert!(left < RESIDUAL_ARCSEC, "{}: {left:.2} arcsec left", gyro.name());
     }
@@ -337,8 +336,8 @@ fn a_flight_is_decoded_without_a_defect_and_calibrated_to_the_unit_s_own_sixteen
     let recording = Recording::read(&link, &reference);
     assert_eq!(recording.rows.len() as f64, plant.duration_s / 0.5);
     for (sequence, row) in recording.rows.iter().enumerate() {
-        assert_eq!((row.half_second.sequence, row.half_second.gyro_flags), (sequence as u16, 0x0f));
-        assert_eq!(row.half_second.clock_count, 500_000 * (sequence as u64 + 1));
+        assert_eq!((row.sample.sequence, row.sample.gyro_flags), (sequence as u16, 0x0f));
+        assert_eq!(row.sample.clock_count, 500_000 * (sequence as u64 + 1));
     }
 
     let json = room.path().join("result.json");

@@ -74,14 +74,14 @@ fn a_killed_run_has_all_that_was_acknowledged_and_can_be_made_again() {
     let mut emulator = Emulator::of(recorded(&live, "127.0.0.1:0", &["--speed", "4"]), 1);
     let control = emulator.control();
     let mut client = emulator.tcp();
-    assert!(client.read_until(|client| client.half_seconds.len() >= 4));
+    assert!(client.read_until(|client| client.samples.len() >= 4));
     command(&mut client, &[4, 1, 0, 5, 20]);
     inject(&control, &["stuck-count", "GYRY", "counts=-321"]);
-    let seen = client.half_seconds.len();
-    assert!(client.read_until(|client| client.half_seconds.len() > seen + 4));
+    let seen = client.samples.len();
+    assert!(client.read_until(|client| client.samples.len() > seen + 4));
     inject(&control, &["--clear", "fault-1"]);
-    let seen = client.half_seconds.len();
-    assert!(client.read_until(|client| client.half_seconds.len() > seen + 2));
+    let seen = client.samples.len();
+    assert!(client.read_until(|client| client.samples.len() > seen + 2));
     inject(&control, &["dead", "GYRX", "id=acknowledged"]);
     let took: Vec<Duration> = (0..50).map(|_| command(&mut client, &[1])).collect();
     // On a host that is too busy to write within 10 ms an answer comes before; else it is killed at once.
@@ -126,9 +126,9 @@ fn a_disk_that_stalls_holds_up_neither_cadence_nor_replies_nor_the_end() {
     let mut emulator = Emulator::of(run, 1);
     let control = emulator.control();
     let mut client = emulator.tcp();
-    assert!(client.read_until(|client| client.half_seconds.len() >= 2));
+    assert!(client.read_until(|client| client.samples.len() >= 2));
     disk.stall();
-    let (start, before) = (Instant::now(), client.half_seconds.len());
+    let (start, before) = (Instant::now(), client.samples.len());
     let mut took: Vec<Duration> = Vec::new();
     // More events than the queue that once held up the unit.
     while took.len() < 1500 || start.elapsed() < Duration::from_millis(2500) {
@@ -139,7 +139,7 @@ fn a_disk_that_stalls_holds_up_neither_cadence_nor_replies_nor_the_end() {
     assert!(usual < Duration::from_millis(20), "nine in ten take up to {usual:?}; a busy host may hold up the tenth");
     let due = (start.elapsed().as_secs_f64() * 2.0) as usize;
     assert!(client.is_without_gap());
-    assert!(client.half_seconds.len() - before + 1 >= due, "{} of {due}", client.half_seconds.len() - before);
+    assert!(client.samples.len() - before + 1 >= due, "{} of {due}", client.samples.len() - before);
     assert_eq!(status(&control)["recording"]["state"], "running", "64 MB may wait");
     let start = Instant::now();
     emulator.ask_to_end();
@@ -147,7 +147,7 @@ fn a_disk_that_stalls_holds_up_neither_cadence_nor_replies_nor_the_end() {
     // It gives the disk half a second; the rest is for a loaded machine.
     assert!(start.elapsed() < Duration::from_millis(1500), "{:?}", start.elapsed());
     assert_eq!(code, Some(1), "{said}");
-    assert!(said.contains("is cut") && said.contains("geu simulate") && said.contains("half seconds"), "{said}");
+    assert!(said.contains("is cut") && said.contains("geu simulate") && said.contains("samples"), "{said}");
     assert_made_again(&live, &again);
 }
 
@@ -228,8 +228,8 @@ fn a_full_disk_ends_the_recording_and_not_the_unit() {
     }
     let recording = status(&control)["recording"].clone();
     assert!(recording["reason"].as_str().expect("a reason").contains("truth.csv"), "{recording}");
-    let before = client.half_seconds.len();
-    assert!(client.read_until(|client| client.half_seconds.len() > before + 5), "the unit goes on");
+    let before = client.samples.len();
+    assert!(client.read_until(|client| client.samples.len() > before + 5), "the unit goes on");
     command(&mut client, &[1]);
     assert!(client.is_without_gap());
     emulator.ask_to_end();

@@ -70,7 +70,7 @@ impl Drop for Replay {
     }
 }
 
-fn half_seconds(bytes: &[u8]) -> Vec<Sample> {
+fn samples(bytes: &[u8]) -> Vec<Sample> {
     let mut found = Vec::new();
     Deframer::default().finish(bytes, &mut |one| {
         if let DeframerEvent::Frame { kind: FrameType::Data, payload, .. } = one {
@@ -86,7 +86,7 @@ fn serial_bytes_come_as_they_were_with_all_that_is_wrong_in_them() {
     let (path, mut bytes) = record(directory.path(), "serial", 30);
     let (received, said) = Replay::start(&[&path, "--speed", "max"]).end();
     assert_eq!(received, bytes);
-    assert!(said.contains("half seconds 60 of the recording"), "{said}");
+    assert!(said.contains("samples 60 of the recording"), "{said}");
 
     bytes[40] ^= 1;
     bytes.drain(100..105);
@@ -105,7 +105,7 @@ fn serial_bytes_come_as_they_were_with_all_that_is_wrong_in_them() {
 }
 
 #[test]
-fn a_can_recording_gives_the_serial_bytes_of_its_half_seconds() {
+fn a_can_recording_gives_the_serial_bytes_of_its_samples() {
     let directory = tempfile::tempdir().expect("a directory");
     let ((can, log), (_, bytes)) = (record(directory.path(), "can", 30), record(directory.path(), "serial", 30));
     let (received, _) = Replay::start(&[&can, "--speed", "max"]).end();
@@ -122,9 +122,9 @@ fn a_can_recording_gives_the_serial_bytes_of_its_half_seconds() {
     changed.insert(4, changed[4].split_once(' ').expect("a time").0.to_owned() + " can0 123#00");
     fs::write(&can, changed.join("\n")).expect("written");
     let (received, said) = Replay::start(&[&can, "--speed", "max"]).end();
-    let left: Vec<u16> = half_seconds(&received).iter().map(|half_second| half_second.sequence).collect();
+    let left: Vec<u16> = samples(&received).iter().map(|sample| sample.sequence).collect();
     assert_eq!(left, (0..60).filter(|sequence| ![1, 3].contains(sequence)).collect::<Vec<u16>>(), "{said}");
-    assert!(said.contains("5 frames and 0 bytes that make no whole half second, 1 of commands"), "{said}");
+    assert!(said.contains("5 frames and 0 bytes that make no whole sample, 1 of commands"), "{said}");
     assert!(said.contains("1 frames of other interfaces"), "{said}");
 }
 
@@ -154,13 +154,13 @@ fn over_and_over_the_sequence_is_the_recorded_one() {
     let (path, bytes) = record(directory.path(), "can", 10);
     drop(bytes);
     let mut replay = Replay::start(&[&path, "--loop", "--speed", "100"]);
-    let received = half_seconds(&replay.read_exactly(50 * MAX_FRAME));
-    let sequences: Vec<u16> = received.iter().map(|half_second| half_second.sequence).collect();
+    let received = samples(&replay.read_exactly(50 * MAX_FRAME));
+    let sequences: Vec<u16> = received.iter().map(|sample| sample.sequence).collect();
     assert_eq!(sequences, (0..50).map(|index| index % 20).collect::<Vec<u16>>());
 }
 
 #[test]
-fn a_step_is_a_half_second() {
+fn a_step_is_a_sample() {
     let directory = tempfile::tempdir().expect("a directory");
     let (path, bytes) = record(directory.path(), "serial", 10);
     let mut replay = Replay::start(&[&path, "--step"]);
@@ -196,7 +196,7 @@ fn faults_of_links_act_as_they_do_on_the_unit() {
     expected[swap..swap + 4].copy_from_slice(&[31, 30, 33, 32]);
     for path in [&can, &serial] {
         let (received, said) = Replay::start(&[path, "--speed", "max", "--faults", plan.to_str().expect("text")]).end();
-        let sequences: Vec<u16> = half_seconds(&received).iter().map(|half_second| half_second.sequence).collect();
+        let sequences: Vec<u16> = samples(&received).iter().map(|sample| sample.sequence).collect();
         assert_eq!(sequences, expected, "{said}");
         assert!(received.starts_with(&bytes[..10 * MAX_FRAME]) && said.contains("10 with faults"), "{said}");
     }
@@ -222,7 +222,7 @@ fn gaps_are_shortened_and_jumps_back_bridged() {
     let start = Instant::now();
     let (received, said) = Replay::start(&[&path, "--longest-gap", "0.75"]).end();
     assert!(start.elapsed() < PATIENCE);
-    assert_eq!(half_seconds(&received).len(), 8, "{said}");
+    assert_eq!(samples(&received).len(), 8, "{said}");
     assert!(said.contains("is shortened to 0.75 s") && said.contains("jump back by"), "{said}");
     assert!(said.contains("1 gaps shortened, the longest of 14400.") && said.contains("1 jumps back"), "{said}");
 }
@@ -279,7 +279,7 @@ fn what_cannot_be_played_is_refused_with_one_message() {
 }
 
 #[test]
-fn a_recording_without_a_half_second_for_its_links_is_refused_with_the_reason() {
+fn a_recording_without_a_sample_for_its_links_is_refused_with_the_reason() {
     let directory = tempfile::tempdir().expect("a directory");
     // Of the longer one batches go out before its end is read.
     let recordings = [60, 3600].map(|duration_s| {

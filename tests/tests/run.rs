@@ -27,7 +27,7 @@ fn directory() -> tempfile::TempDir {
 }
 
 #[test]
-fn a_pty_gives_every_half_second_and_a_client_that_comes_late_or_again_gets_the_present() {
+fn a_pty_gives_every_sample_and_a_client_that_comes_late_or_again_gets_the_present() {
     let directory = directory();
     let path = directory.path().join("geu0");
     let start = Instant::now();
@@ -36,21 +36,18 @@ fn a_pty_gives_every_half_second_and_a_client_that_comes_late_or_again_gets_the_
 
     sleep(Duration::from_millis(1200));
     let mut late = Client::open(&path);
-    assert!(late.read_until(|client| client.half_seconds.len() >= 3));
+    assert!(late.read_until(|client| client.samples.len() >= 3));
     assert!(late.is_without_gap());
-    let first = f64::from(late.half_seconds[0].sequence);
-    assert!(first >= 1.0, "half second {first} is history");
-    assert!(
-        (on_board() - f64::from(late.half_seconds[2].sequence)) < 3.0,
-        "half a second old at most, and a busy host"
-    );
+    let first = f64::from(late.samples[0].sequence);
+    assert!(first >= 1.0, "sample {first} is history");
+    assert!((on_board() - f64::from(late.samples[2].sequence)) < 3.0, "half a second old at most, and a busy host");
     drop(late);
 
     sleep(Duration::from_millis(1200));
     let mut again = Client::open(&path);
-    assert!(again.read_until(|client| client.half_seconds.len() >= 2));
+    assert!(again.read_until(|client| client.samples.len() >= 2));
     assert!(again.is_without_gap());
-    assert!(f64::from(again.half_seconds[0].sequence) >= first + 4.0, "what nobody read is not kept");
+    assert!(f64::from(again.samples[0].sequence) >= first + 4.0, "what nobody read is not kept");
     assert_eq!(again.ask(&frame(FrameType::Command, &[1])).0.values(), [1, 0]);
 }
 
@@ -67,7 +64,7 @@ fn a_pty_opened_and_closed_over_and_over_still_serves() {
     }
     let (mut one, other) = (Client::open(&path), Client::open(&path));
     drop(other);
-    assert!(one.read_until(|client| client.half_seconds.len() >= 2), "a second client that leaves takes nothing away");
+    assert!(one.read_until(|client| client.samples.len() >= 2), "a second client that leaves takes nothing away");
 }
 
 #[test]
@@ -75,27 +72,27 @@ fn two_tcp_clients_get_the_same_bytes_and_one_that_never_reads_costs_nothing() {
     let emulator = Emulator::start(1, &["--tcp", "127.0.0.1:0", "--wait", "--speed", "20", "--duration", "60"]);
     let (mut one, mut other) = (emulator.tcp(), emulator.tcp());
     let _never_reads = emulator.tcp();
-    assert!(!one.read_until(|client| client.half_seconds.len() > 120), "120 half seconds are all");
+    assert!(!one.read_until(|client| client.samples.len() > 120), "120 samples are all");
     other.read_until(|_| false);
     assert!(one.is_without_gap() && other.is_without_gap());
     let (one, other) = (&one.bytes, &other.bytes);
-    // Who connects first may be served a half second earlier.
+    // Who connects first may be served a sample earlier.
     let shorter = one.len().min(other.len());
     assert!(shorter >= 110 * 28, "{shorter} bytes");
     assert_eq!(one[one.len() - shorter..], other[other.len() - shorter..]);
 }
 
 #[test]
-fn a_reader_that_stops_loses_whole_half_seconds_and_nobody_else_any() {
+fn a_reader_that_stops_loses_whole_samples_and_nobody_else_any() {
     let emulator = Emulator::start(1, &["--tcp", "127.0.0.1:0", "--wait", "--speed", "max", "--duration", "5000"]);
     let (mut reads, mut stops) = (emulator.tcp(), emulator.tcp());
     reads.read_until(|_| false);
     assert!(reads.is_without_gap());
-    assert_eq!(reads.half_seconds.last().map(|last| last.clock_count), Some(10_000 * 500_000));
+    assert_eq!(reads.samples.last().map(|last| last.clock_count), Some(10_000 * 500_000));
     stops.read_until(|_| false);
     assert_eq!(stops.defects, 0, "what comes is whole");
     let (_, said) = emulator.end();
-    assert!(said.contains("half seconds 10000"), "{said}");
+    assert!(said.contains("samples 10000"), "{said}");
 }
 
 #[test]
@@ -133,7 +130,7 @@ fn it_ends_within_a_second_of_sigterm_and_takes_its_link_away_but_not_somebody_e
     assert!(start.elapsed() < Duration::from_secs(1), "{:?}", start.elapsed());
     assert_eq!(code, Some(0), "{said}");
     assert!(path.symlink_metadata().is_err(), "the link is removed");
-    assert!(said.contains("half seconds 1") && said.contains("lateness") && said.contains("link"), "{said}");
+    assert!(said.contains("samples 1") && said.contains("lateness") && said.contains("link"), "{said}");
 
     let emulator = Emulator::start(1, &["--pty", path.to_str().unwrap()]);
     fs::remove_file(&path).unwrap();
@@ -164,13 +161,13 @@ fn command_in_both_modes(client: &mut Client) {
         if polled == 0 {
             ask(client, &command(&[3]), CommandResult::NotPossibleNow);
         } else {
-            let before = client.half_seconds.len();
+            let before = client.samples.len();
             ask(client, &command(&[3]), CommandResult::Done);
             ask(client, &command(&[3]), CommandResult::Done);
-            assert!(client.read_until(|client| client.half_seconds.len() >= before + 2));
+            assert!(client.read_until(|client| client.samples.len() >= before + 2));
             sleep(Duration::from_millis(700));
             client.read_for(Duration::from_millis(100), |_| false);
-            assert_eq!(client.half_seconds.len(), before + 2, "in polled mode data come when polled, and only then");
+            assert_eq!(client.samples.len(), before + 2, "in polled mode data come when polled, and only then");
         }
         for wrong in [&[0xFF][..], &[0], &[8, 8, 8, 8, 8, 8, 8, 8]] {
             ask(client, &command(wrong), CommandResult::UnknownOpcode);
@@ -232,9 +229,9 @@ fn nothing_a_client_sends_stops_the_unit() {
         client.stream.write_all(piece).expect("it reads all the time");
         sleep(Duration::from_millis(2));
     }
-    let before = client.half_seconds.len();
+    let before = client.samples.len();
     assert_eq!(client.ask(&frame(FrameType::Command, &[1])).0.outcome(), CommandResult::Done);
-    assert!(client.read_until(|client| client.half_seconds.len() > before + 3));
+    assert!(client.read_until(|client| client.samples.len() > before + 3));
 }
 
 #[test]
@@ -303,19 +300,19 @@ fn clients_that_come_ask_and_go_in_polled_mode_leave_no_place_taken() {
 #[test]
 fn a_process_that_was_stopped_bursts_nothing_out_and_tells_once() {
     let (emulator, mut client) = Emulator::on_tcp(&[]);
-    assert!(client.read_until(|client| !client.half_seconds.is_empty()));
+    assert!(client.read_until(|client| !client.samples.is_empty()));
     let pid = Pid::from_raw(emulator.child.id() as i32);
     kill(pid, Signal::SIGSTOP).expect("it runs");
     sleep(Duration::from_millis(2300));
     kill(pid, Signal::SIGCONT).expect("it stands");
-    let before = client.half_seconds.len();
+    let before = client.samples.len();
     client.read_for(Duration::from_millis(300), |_| false);
-    let after = client.half_seconds.len();
+    let after = client.samples.len();
     assert!(after <= before + 2, "one that is late and one that is due at most, not {}", after - before);
-    assert!(client.read_until(|client| client.half_seconds.len() >= after + 2));
-    let missed = client.half_seconds[before].sequence - client.half_seconds[before - 1].sequence - 1;
-    assert!((3..=5).contains(&missed), "{missed} half seconds missing");
-    assert!(client.half_seconds[before..].windows(2).all(|pair| pair[1].sequence == pair[0].sequence + 1));
+    assert!(client.read_until(|client| client.samples.len() >= after + 2));
+    let missed = client.samples[before].sequence - client.samples[before - 1].sequence - 1;
+    assert!((3..=5).contains(&missed), "{missed} samples missing");
+    assert!(client.samples[before..].windows(2).all(|pair| pair[1].sequence == pair[0].sequence + 1));
     emulator.ask_to_end();
     let (_, said) = emulator.end();
     assert_eq!(said.matches("not sent").count(), 1, "{said}");
@@ -383,7 +380,7 @@ fn a_recorded_run_with_commands_at_any_moment_is_simulated_again_byte_for_byte()
 }
 
 #[test]
-fn commands_of_the_half_second_that_never_ended_are_simulated_again_too() {
+fn commands_of_the_sample_that_never_ended_are_simulated_again_too() {
     let directory = directory();
     let (live, again) = (directory.path().join("live"), directory.path().join("again"));
     let (emulator, mut client) = Emulator::on_tcp(&["--record", live.to_str().unwrap()]);
@@ -444,14 +441,14 @@ fn a_serial_adapter_unplugged_and_back_is_served_again() {
     assert_eq!(emulator.ready, [format!("serial {} 115200", port.display())]);
     let mut client = Client::open(&far);
     assert_eq!(client.ask(&frame(FrameType::Command, &[1])).0.outcome(), CommandResult::Done);
-    assert!(client.read_until(|client| client.half_seconds.len() >= 2));
-    let before = client.half_seconds[1].sequence;
+    assert!(client.read_until(|client| client.samples.len() >= 2));
+    let before = client.samples[1].sequence;
     drop((client, cable));
     sleep(Duration::from_millis(800));
     let cable = Cable::plug(&port, &far);
     let mut client = Client::open(&far);
-    assert!(client.read_until(|client| client.half_seconds.len() >= 2), "it comes back by itself");
-    assert!(client.half_seconds[0].sequence > before, "the unit kept time");
+    assert!(client.read_until(|client| client.samples.len() >= 2), "it comes back by itself");
+    assert!(client.samples[0].sequence > before, "the unit kept time");
     assert_eq!(client.ask(&frame(FrameType::Command, &[1])).0.outcome(), CommandResult::Done);
     emulator.ask_to_end();
     let (_, said) = emulator.end();

@@ -1,8 +1,8 @@
 //! A million good serial frames among random noise, truncated and bit-flipped frames.
 
 use geu_protocol::serial::{MAX_FRAME, SYNC, SerialDefect, data_frame};
-use geu_protocol::{CLOCK_PER_HALF_SECOND, Sample};
-use geu_recording::{Decoder, Defect, DefectKind, DecoderOptions, ReceivedSample, Sink};
+use geu_protocol::{CLOCK_PER_SAMPLE, Sample};
+use geu_recording::{Decoder, DecoderOptions, Defect, DefectKind, ReceivedSample, Sink};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -20,7 +20,7 @@ fn good(index: u64) -> Sample {
         gyro_flags: 0x0F,
         unit_flags: 0x07,
         electronics_centi_c: 2_000,
-        clock_count: FIRST_CLOCK + index * CLOCK_PER_HALF_SECOND,
+        clock_count: FIRST_CLOCK + index * CLOCK_PER_SAMPLE,
         sensor_centi_c: 7_000,
     }
 }
@@ -37,7 +37,7 @@ struct Check {
     /// Defects of the clock, and of the sequence.
     doubted: u64,
     jumps: u64,
-    /// Half seconds told as missing.
+    /// Samples told as missing.
     lost: u64,
     /// Syncs with a good header and a CRC that does not match.
     mismatched: u64,
@@ -45,8 +45,8 @@ struct Check {
 
 impl Sink for Check {
     fn row(&mut self, row: &ReceivedSample) {
-        let index = row.half_second.clock_count.wrapping_sub(FIRST_CLOCK) / CLOCK_PER_HALF_SECOND;
-        if (self.next..FRAMES).contains(&index) && row.half_second == good(index) {
+        let index = row.sample.clock_count.wrapping_sub(FIRST_CLOCK) / CLOCK_PER_SAMPLE;
+        if (self.next..FRAMES).contains(&index) && row.sample == good(index) {
             self.came += 1;
             self.next = index + 1;
         } else {

@@ -111,12 +111,12 @@ fn a_drift_of_gyrzb_on_a_live_link_is_told_and_an_interrupt_ends_with_the_summar
     assert!(tracker.wait().expect("its end").success(), "{told}");
     kill(Pid::from_raw(unit.id() as i32), Signal::SIGINT).expect("a signal");
     unit.wait().expect("its end");
-    // 0.1″ every half second from the 120th on.
+    // 0.1″ every sample from the 120th on.
     let rows = columns(&text, ["valid", "notes"]);
     let first = rows.iter().position(|[_, notes]| notes.contains("GYRZA and GYRZB differ")).expect("an alarm");
     assert!((130..180).contains(&first), "{first}");
     assert!(rows.iter().all(|[valid, _]| valid == "1"), "{told}");
-    for expected in ["GYRZA and GYRZB differ by +", "more than 5 sigma", "half seconds   ", "alarm"] {
+    for expected in ["GYRZA and GYRZB differ by +", "more than 5 sigma", "samples   ", "alarm"] {
         assert!(told.contains(expected), "{expected} not in {told}");
     }
 }
@@ -132,8 +132,8 @@ fn what_is_lost_is_told_with_its_time() {
     let output = run(&["track", path(&cut), "--strict"]);
     assert_eq!(output.status.code(), Some(1));
     let told = stderr(&output);
-    let expected = "6.500000 s: 2 half seconds are missing; the attitude lacks what the unit turned meanwhile";
-    for expected in [expected, "half seconds   38, 2 lost", "--strict: attitude not complete"] {
+    let expected = "6.500000 s: 2 samples are missing; the attitude lacks what the unit turned meanwhile";
+    for expected in [expected, "samples   38, 2 lost", "--strict: attitude not complete"] {
         assert!(told.contains(expected), "{expected} not in {told}");
     }
     let rows = columns(&String::from_utf8_lossy(&output.stdout), ["t_s", "valid", "lost_half_seconds"]);

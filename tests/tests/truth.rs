@@ -30,7 +30,7 @@ fn number(field: &str) -> f64 {
     field.parse().unwrap_or_else(|error| panic!("{field}: {error}"))
 }
 
-/// Accumulated counts of each gyro after every half second.
+/// Accumulated counts of each gyro after every sample.
 fn accumulated(directory: &Path) -> Vec<[f64; 4]> {
     let mut sums = [0.0; 4];
     let of_gyros = rows(&directory.join("truth.csv"));

@@ -97,7 +97,7 @@ fn angle_arcsec(t_s: f64) -> f64 {
 fn a_run_that_waits_for_its_source_follows_it_exactly_and_is_made_again() {
     let room = tempfile::tempdir().expect("a directory");
     let run = room.path().join("run");
-    // A slow clock and a time offset: the truth is needed beyond half seconds of the source, and read from the past.
+    // A slow clock and a time offset: the truth is needed beyond samples of the source, and read from the past.
     let sets = ["--set", "unit.clock-frequency.ppm=-100", "--set", "unit.time-offset.seconds=0.2"];
     let arguments = [&["--speed", "max", "--duration", "60"], &sets[..]].concat();
     let emulator = Emulator::start("udp://127.0.0.1:0", &run, &arguments);
@@ -113,7 +113,7 @@ fn a_run_that_waits_for_its_source_follows_it_exactly_and_is_made_again() {
         }
     }
     let said = emulator.end();
-    assert!(said.contains("truth        received 602, late half seconds 0, missing 0, jumps 0"), "{said}");
+    assert!(said.contains("truth        received 602, late samples 0, missing 0, jumps 0"), "{said}");
     let turned = turned_arcsec(&run, "GYRX");
     // Of the unit's own time: truth.csv tells the shift as a change of the count. Straight lines over 0.1 s err by 0.3″.
     let end_s = 60.0 / (1.0 - 100e-6);
@@ -129,7 +129,7 @@ fn a_run_that_waits_for_its_source_follows_it_exactly_and_is_made_again() {
 fn whatever_the_network_does_no_angle_is_lost_and_the_run_is_made_again() {
     let room = tempfile::tempdir().expect("a directory");
     let run = room.path().join("run");
-    // Ten times as fast, so that a held-up sample is late by several half seconds.
+    // Ten times as fast, so that a held-up sample is late by several samples.
     let emulator = Emulator::start("udp://127.0.0.1:0", &run, &["--speed", "10", "--duration", "30"]);
     let socket = emulator.source();
     let mut held_up = String::new();
@@ -151,7 +151,7 @@ fn whatever_the_network_does_no_angle_is_lost_and_the_run_is_made_again() {
     }
     let said = emulator.end_with(1);
     let counted = said.lines().find(|line| line.starts_with("truth  ")).expect("a summary");
-    assert!(counted.contains("missing 0, jumps 0") && !counted.contains("late half seconds 0,"), "{said}");
+    assert!(counted.contains("missing 0, jumps 0") && !counted.contains("late samples 0,"), "{said}");
     assert!(counted.contains("bad lines 18"), "{said}");
     assert_eq!(said.matches("from 127.0.0.1:").count(), 3, "the first few are told: {said}");
     let turned = turned_arcsec(&run, "GYRX");
@@ -237,9 +237,9 @@ fn a_stand_in_for_42_is_followed_in_lockstep_in_both_layouts_and_over_a_reconnec
     });
     let said = emulator.end();
     let answered = server.join().expect("the server ends");
-    // Four messages a half second pair, one for time 0; the answer to the last may not be given before the end.
+    // Four messages a sample pair, one for time 0; the answer to the last may not be given before the end.
     assert!((160..=163).contains(&answered), "{answered}: {said}");
-    assert!(said.contains("late half seconds 0, missing 0, jumps 0, out of order 0, bad lines 0"), "{said}");
+    assert!(said.contains("late samples 0, missing 0, jumps 0, out of order 0, bad lines 0"), "{said}");
     let turned = turned_arcsec(&run, "GYRX");
     assert!((turned - angle_arcsec(40.0)).abs() < 1e-3, "{turned} {}", angle_arcsec(40.0));
     assert_made_again(&run, room.path());

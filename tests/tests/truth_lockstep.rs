@@ -1,4 +1,4 @@
-//! Lock-step with a simulator: how long it is waited for, what ends a half second, and what the run's end says of the truth.
+//! Lock-step with a simulator: how long it is waited for, what ends a sample, and what the run's end says of the truth.
 
 use std::fs;
 use std::io::{BufRead, BufReader, Write};
@@ -43,7 +43,7 @@ fn a_simulator_that_stands_still_is_waited_for_and_the_bytes_are_those_of_one_th
         swing(&simulated, Duration::from_secs(pause_s));
         let (code, said, _) = simulated.end();
         assert_eq!(code, Some(0), "{said}");
-        assert!(said.contains("late half seconds 0, missing 0, jumps 0"), "{said}");
+        assert!(said.contains("late samples 0, missing 0, jumps 0"), "{said}");
         assert_eq!(said.contains("waits for a sample at or after its time"), pause_s > 0, "{said}");
         run
     });
@@ -64,7 +64,7 @@ fn a_simulator_that_does_not_come_in_the_time_it_is_given_ends_the_run_with_its_
         said.contains("expected a sample at or after its time 5.5 s within 0.5 s (--truth-wait), got none"),
         "{said}"
     );
-    assert!(said.contains("half seconds 10,") && said.contains("late half seconds 0, missing 0"), "{said}");
+    assert!(said.contains("samples 10,") && said.contains("late samples 0, missing 0"), "{said}");
     assert_eq!(said.matches("--truth-wait)").count(), 1, "one message: {said}");
     let again = room.path().join("again");
     let output = geu().arg("simulate").arg(run.join("run.toml")).arg("--out").arg(&again).output().expect("geu starts");
@@ -116,8 +116,8 @@ fn a_run_in_real_time_whose_truth_came_late_says_so_and_fails_at_its_end() {
     simulated.tell(&about_x(0.0, 0.0));
     let (code, said, _) = simulated.end();
     assert_eq!(code, Some(1), "{said}");
-    assert!(said.contains("got 4 late half seconds, 0 missing, 0 jumps: the unit moved otherwise"), "{said}");
-    assert!(said.contains("truth        received 1, late half seconds 4, missing 0"), "the statistics: {said}");
+    assert!(said.contains("got 4 late samples, 0 missing, 0 jumps: the unit moved otherwise"), "{said}");
+    assert!(said.contains("truth        received 1, late samples 4, missing 0"), "the statistics: {said}");
 }
 
 #[test]
@@ -136,7 +136,7 @@ fn a_run_whose_truth_had_a_line_that_could_not_be_read_fails_and_names_the_port_
 }
 
 #[test]
-fn a_silent_half_second_ends_too_and_the_loop_goes_on() {
+fn a_silent_sample_ends_too_and_the_loop_goes_on() {
     let room = tempfile::tempdir().expect("a directory");
     let plan = room.path().join("plan.toml");
     let faults = "[[fault]]\nfault = \"silence\"\nlink = \"tcp\"\nat_s = 2.0\nfor_s = 1.0\n\n[[fault]]\nfault = \"duplicate\"\nlink = \"tcp\"\nat_s = 4.0\nfor_s = 0.5\n";
@@ -148,7 +148,7 @@ fn a_silent_half_second_ends_too_and_the_loop_goes_on() {
     simulated.tell("{\"subscribe\": \"samples\"}\n");
     simulated.tell(&about_x(100.0, 0.0));
     for half in 0..12_u32 {
-        // The next sample depends on what the half second before told: nobody is ahead.
+        // The next sample depends on what the sample before told: nobody is ahead.
         simulated.tell(&about_x(100.0 + f64::from(half + 1) * 0.5, 10.0 * f64::from(half)));
         let report: Value = serde_json::from_str(&simulated.report()).expect("JSON");
         assert_eq!(report["half_second"], half, "{report}");
@@ -168,7 +168,7 @@ fn a_silent_half_second_ends_too_and_the_loop_goes_on() {
     let (code, said, _) = simulated.end();
     assert_eq!(code, Some(0), "{said}");
     assert!(said.contains("bad lines 0, reports 12 sent, 0 dropped"), "{said}");
-    assert_eq!(client.half_seconds.len(), 11);
+    assert_eq!(client.samples.len(), 11);
 }
 
 #[test]

@@ -9,7 +9,7 @@ use std::process::Output;
 use geu_tests::geu;
 use geu_tests::simulator::{Simulated, about_x};
 
-/// GYRX and the gyros' flags of every half second that a recording has.
+/// GYRX and the gyros' flags of every sample that a recording has.
 fn decoded(link: &Path) -> Vec<(i32, u32)> {
     let output: Output = geu().arg("decode").arg(link).output().expect("geu starts");
     let text = String::from_utf8(output.stdout).expect("text");

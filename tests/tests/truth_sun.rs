@@ -7,7 +7,7 @@ use std::path::Path;
 use geu_tests::geu;
 use geu_tests::simulator::Simulated;
 
-/// A body that turns about +Y from where the sun stands on +Z, a line each half second.
+/// A body that turns about +Y from where the sun stands on +Z, a line each sample.
 fn scan(simulated: &Simulated, sun: &str) {
     for half in 0..=40 {
         let t_s = f64::from(half) * 0.5;

@@ -87,7 +87,7 @@ impl Speed {
         }
     }
 
-    /// Whether half seconds come faster than those of a real unit, so that bytes matter more than their instant.
+    /// Whether samples come faster than those of a real unit, so that bytes matter more than their instant.
     pub fn is_faster_than_real(self) -> bool {
         match self {
             Speed::Times(factor) => factor > 1.0,

@@ -1,8 +1,8 @@
 //! The catalogue of faults as JSON: what a page, or anybody who asks, can inject, with units and limits.
 
-use geu_model::fault::catalogue::{CATALOGUE, Transport, FaultSpec};
+use geu_model::fault::catalogue::{CATALOGUE, FaultSpec, Transport};
 use geu_model::fault::{ParameterRef, expression, shape};
-use geu_model::number::{DefaultValue, ValueFormat, ParameterSpec};
+use geu_model::number::{DefaultValue, ParameterSpec, ValueFormat};
 use geu_protocol::Gyro;
 use serde_json::{Map, Value, json};
 

@@ -54,10 +54,10 @@ pub(crate) fn wants_status() -> bool {
 }
 
 /// Shows the state of the unit in place of the last status line.
-pub(crate) fn show_status(half_second: Option<&Sample>, clients: usize, lateness: &Histogram) {
-    let Some(half_second) = half_second else { return };
-    let [x, y, za, zb] = half_second.increments;
-    let mode = if half_second.unit_flags & unit_flag("polled") == 0 { "cyclic" } else { "polled" };
+pub(crate) fn show_status(sample: Option<&Sample>, clients: usize, lateness: &Histogram) {
+    let Some(sample) = sample else { return };
+    let [x, y, za, zb] = sample.increments;
+    let mode = if sample.unit_flags & unit_flag("polled") == 0 { "cyclic" } else { "polled" };
     let late = if lateness.count() > 0 {
         format!("late {} (max {})", DurationNs(lateness.percentile_ns(0.5)), DurationNs(lateness.max_ns()))
     } else {
@@ -65,9 +65,9 @@ pub(crate) fn show_status(half_second: Option<&Sample>, clients: usize, lateness
     };
     tell(Message::Status(format!(
         "seq {:5}  X {x:+6}  Y {y:+6}  ZA {za:+6}  ZB {zb:+6}  {:.2} / {:.2} °C  {mode}  {clients} client{}  {late}",
-        half_second.sequence,
-        f64::from(half_second.electronics_centi_c) / 100.0,
-        f64::from(half_second.sensor_centi_c) / 100.0,
+        sample.sequence,
+        f64::from(sample.electronics_centi_c) / 100.0,
+        f64::from(sample.sensor_centi_c) / 100.0,
         if clients == 1 { "" } else { "s" },
     )));
 }

@@ -6,8 +6,8 @@ use std::vec;
 
 use geu_model::configuration::RecordedCommand;
 use geu_model::fault::acting::ActiveFault;
-use geu_model::{Configuration, CompletedSample, Trace, Truth, GyroUnit};
-use geu_protocol::{Sample, Reply};
+use geu_model::{CompletedSample, Configuration, GyroUnit, Trace, Truth};
+use geu_protocol::{Reply, Sample};
 
 use crate::recorder::{PolledSample, UnitEvent};
 
@@ -49,10 +49,10 @@ impl EventSource {
         });
         let Ok(answer) = answer else { return CommandResponse { reply: None, polled: None, acting } };
         let (reply, polled) = (answer.reply, answer.polled);
-        events.extend(polled.map(|half_second| {
+        events.extend(polled.map(|sample| {
             UnitEvent::Polled(PolledSample {
                 link: link.to_owned(),
-                half_second,
+                sample,
                 reply,
                 end_ns: self.last_end_ns,
                 injected: self.unit.injected().cloned(),
@@ -64,21 +64,21 @@ impl EventSource {
 
     /// Repeats the commands that a recorded run had received by now; adds their events to `events`.
     pub fn repeat_recorded(&mut self, events: &mut Vec<UnitEvent>) {
-        while let Some(command) = self.recorded.next_if(|command| command.half_second <= self.unit.ended()) {
+        while let Some(command) = self.recorded.next_if(|command| command.sample <= self.unit.ended()) {
             self.command(&command.link, &command.payload, events);
         }
     }
 
     /// Ends the running sample.
     pub fn end(&mut self) -> CompletedSample {
-        let ended = self.unit.end_half_second();
+        let ended = self.unit.end_sample();
         self.last_end_ns = ended.end_ns;
         ended
     }
 
     /// The same with what each effect changed.
     pub fn end_traced(&mut self) -> (CompletedSample, Box<[Trace; 4]>) {
-        let (ended, traces) = self.unit.end_half_second_traced();
+        let (ended, traces) = self.unit.end_sample_traced();
         self.last_end_ns = ended.end_ns;
         (ended, Box::new(traces))
     }

@@ -36,8 +36,8 @@ pub(crate) fn happening(frame: u64, happening: &FaultEvent) -> Value {
             "what": "start", "t_s": t_s, "half_second": frame, "id": fault.id, "trigger": fault.trigger(),
             "fault": fault.action.name(), "gyro": fault.gyro.map(|gyro| gyro.name()), "link": fault.link.map(|link| link.name()),
         }),
-        FaultEvent::Ended(fault, half_seconds) => json!({
-            "what": "end", "t_s": t_s, "half_second": frame, "id": fault.id, "half_seconds": half_seconds,
+        FaultEvent::Ended(fault, samples) => json!({
+            "what": "end", "t_s": t_s, "half_second": frame, "id": fault.id, "half_seconds": samples,
         }),
         FaultEvent::Decided(watch) => json!({
             "what": "expectation", "t_s": t_s, "half_second": frame, "id": watch.expectation.id,

@@ -1,6 +1,6 @@
 //! The unit as a process: cadence, links, commands, recording.
 //!
-//! [`run()`] is the emulator. One ordinary thread keeps time ([`cadence`]) and writes every half second to all links
+//! [`run()`] is the emulator. One ordinary thread keeps time ([`cadence`]) and writes every sample to all links
 //! ([`link`]) itself; a runtime on the calling thread does whatever waits for somebody else: clients, commands,
 //! signals, devices that come back. They share the unit behind one lock (`shared_unit`).
 //!

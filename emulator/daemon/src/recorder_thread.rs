@@ -35,14 +35,14 @@ const LOOK_AGAIN: Duration = Duration::from_micros(200);
 pub enum RecordingError {
     /// It ended before the run.
     #[error(
-        "the recording in {} ended at half second {half_second}: {reason}; `geu simulate {}/run.toml` makes again what was recorded",
+        "the recording in {} ended at sample {sample}: {reason}; `geu simulate {}/run.toml` makes again what was recorded",
         .directory.display(), .directory.display()
     )]
     EndedEarly {
         /// Of the recording.
         directory: PathBuf,
-        /// Half seconds of the unit by then.
-        half_second: u64,
+        /// Samples of the unit by then.
+        sample: u64,
         /// Why.
         reason: String,
     },
@@ -90,8 +90,8 @@ impl Status {
     pub fn told(&self) -> Value {
         match self.ended.get() {
             None => json!({ "directory": self.directory.display().to_string(), "state": "running" }),
-            Some(EndedEarly { half_second, reason }) => json!({
-                "directory": self.directory.display().to_string(), "state": "ended", "half_second": half_second,
+            Some(EndedEarly { sample, reason }) => json!({
+                "directory": self.directory.display().to_string(), "state": "ended", "half_second": sample,
                 "reason": reason,
             }),
         }
@@ -142,14 +142,14 @@ impl Status {
     }
 
     /// The recording ends for this reason, and says so; the first reason counts.
-    fn end(&self, half_second: u64, reason: String) {
-        if self.ended.set(EndedEarly { half_second, reason: reason.clone() }).is_ok() {
+    fn end(&self, sample: u64, reason: String) {
+        if self.ended.set(EndedEarly { sample, reason: reason.clone() }).is_ok() {
             // Whoever waits for it waits no longer.
             self.wrote(u64::MAX);
             console::say(format_args!(
-                "the recording in {} ends at half second {half_second} ({} s): {reason}; the unit goes on without it",
+                "the recording in {} ends at sample {sample} ({} s): {reason}; the unit goes on without it",
                 self.directory.display(),
-                on_board_s(half_second)
+                on_board_s(sample)
             ));
         }
     }
@@ -157,9 +157,9 @@ impl Status {
     fn failure(&self) -> Result<(), RecordingError> {
         match self.ended.get() {
             None => Ok(()),
-            Some(EndedEarly { half_second, reason }) => Err(RecordingError::EndedEarly {
+            Some(EndedEarly { sample, reason }) => Err(RecordingError::EndedEarly {
                 directory: self.directory.clone(),
-                half_second: *half_second,
+                sample: *sample,
                 reason: reason.clone(),
             }),
         }
@@ -170,7 +170,7 @@ impl Status {
 pub(crate) struct Feed {
     events: Sender<UnitEvent>,
     told: u64,
-    half_seconds: u64,
+    samples: u64,
     status: Arc<Status>,
 }
 
@@ -180,10 +180,10 @@ impl Feed {
         let bytes = event.bytes();
         let waiting = self.status.waiting_bytes.fetch_add(bytes, Relaxed);
         if waiting + bytes > MOST_WAITING {
-            self.status.end(self.half_seconds, format!("the disk does not keep up: {waiting} bytes wait for it"));
+            self.status.end(self.samples, format!("the disk does not keep up: {waiting} bytes wait for it"));
         }
         self.told += 1;
-        self.half_seconds += u64::from(matches!(event, UnitEvent::HalfSecond(..)));
+        self.samples += u64::from(matches!(event, UnitEvent::Sample(..)));
         self.status.ended.get().is_none() && self.events.send(event).is_ok()
     }
 
@@ -209,7 +209,7 @@ pub(crate) fn unwritten_feed() -> (Feed, Receiver<UnitEvent>) {
 /// A feed and what comes out of it.
 fn feed(directory: &Path) -> (Feed, Receiver<UnitEvent>) {
     let (sender, events) = channel();
-    (Feed { events: sender, told: 0, half_seconds: 0, status: Status::new(directory) }, events)
+    (Feed { events: sender, told: 0, samples: 0, status: Status::new(directory) }, events)
 }
 
 /// The thread that writes, before and after it begins.
@@ -284,13 +284,13 @@ fn write(mut recorder: Recorder, events: &Receiver<UnitEvent>, status: &Status) 
         },
         Err(error) => {
             let reason = error.to_string();
-            status.end(recorder.half_seconds(), reason.clone());
+            status.end(recorder.samples(), reason.clone());
             End::Failed(reason)
         }
     };
-    let half_seconds = recorder.half_seconds();
+    let samples = recorder.samples();
     if let Err(error) = recorder.end(end) {
-        status.end(half_seconds, error.to_string());
+        status.end(samples, error.to_string());
     }
 }
 
@@ -324,7 +324,7 @@ fn take(recorder: &mut Recorder, events: &Receiver<UnitEvent>, status: &Status) 
 #[cfg(test)]
 mod tests {
     use geu_model::configuration::LinkLogFormat;
-    use geu_model::{Configuration, Truth, GyroUnit};
+    use geu_model::{Configuration, GyroUnit, Truth};
 
     use super::*;
     use crate::recorder::Destination;
@@ -338,13 +338,13 @@ mod tests {
         // Nobody writes yet.
         let mut told = 0;
         loop {
-            let (ended, traces) = unit.end_half_second_traced();
-            if !feed.tell(UnitEvent::HalfSecond(ended, Box::new(traces), None)) {
+            let (ended, traces) = unit.end_sample_traced();
+            if !feed.tell(UnitEvent::Sample(ended, Box::new(traces), None)) {
                 break;
             }
             told += 1;
         }
-        assert!((10_000..100_000).contains(&told), "an hour at least, and bounded: {told} half seconds");
+        assert!((10_000..100_000).contains(&told), "an hour at least, and bounded: {told} samples");
         let status = feed.status().told();
         assert_eq!((&status["state"], &status["half_second"]), (&json!("ended"), &json!(told)));
         assert!(status["reason"].as_str().expect("a reason").contains("does not keep up"), "{status}");
@@ -353,15 +353,16 @@ mod tests {
         // What was told until then is recorded when the disk comes back.
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
         let destination = Destination::new(&directory, false);
-        let create = move || Recorder::create(&destination, &configuration, &Truth::Scenario, LinkLogFormat::Serial, &[]);
+        let create =
+            move || Recorder::create(&destination, &configuration, &Truth::Scenario, LinkLogFormat::Serial, &[]);
         runtime.block_on(writer.open(create)).expect("it can begin");
         runtime.block_on(writer.done());
         let error = writer.result(true).expect_err("not complete").to_string();
-        assert!(error.contains(&format!("ended at half second {told}")), "{error}");
+        assert!(error.contains(&format!("ended at sample {told}")), "{error}");
         let text = std::fs::read_to_string(directory.join("run.toml")).expect("a run");
         let run = Configuration::parse("run.toml", &text, &[]).expect("a configuration").run;
         assert_eq!((run.duration_s, run.is_unfinished), (on_board_s(told), false));
-        assert_eq!(run.ended_early.map(|early| early.half_second), Some(told));
+        assert_eq!(run.ended_early.map(|early| early.sample), Some(told));
         assert_eq!(std::fs::read(directory.join("link.bin")).expect("a link").len() as u64, told * 28);
     }
 

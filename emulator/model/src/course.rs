@@ -1,16 +1,16 @@
 //! Courses in time of an effect's amplitude: one mechanism for all effects.
 //!
 //! In the configuration a course is a suffix of the effect's code: `drift-step`, `scale-factor-temperature`. Values are
-//! held over a half second; a step within it counts with the part of it that it holds.
+//! held over a sample interval; a step within it counts with the part of it that it holds.
 
 use crate::effect::{Amplitude, EffectSpec};
-use crate::number::{DefaultValue, ValueFormat, ParameterSpec, Role};
+use crate::number::{DefaultValue, ParameterSpec, Role, ValueFormat};
 use crate::units::S_PER_DAY;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum TimeFunction {
     Step {
-        /// Since the start of the first half second.
+        /// Since the start of the first sample interval.
         time_s: f64,
     },
     /// Grows from 0 at the start; the size is per day.
@@ -53,7 +53,7 @@ const TIME: ParameterSpec = ParameterSpec {
     default: DefaultValue::Required,
     least: 0.0,
     greatest: 1e10,
-    meaning: "from which it holds, since the start of the first half second",
+    meaning: "from which it holds, since the start of the first sample interval",
 };
 const PERIOD: ParameterSpec = ParameterSpec {
     name: "period_s",
@@ -71,7 +71,7 @@ const PHASE: ParameterSpec = ParameterSpec {
     default: DefaultValue::Value(0.0),
     least: -100.0,
     greatest: 100.0,
-    meaning: "phase at the start of the first half second",
+    meaning: "phase at the start of the first sample interval",
 };
 
 /// What is said of the size of a course.
@@ -153,17 +153,17 @@ impl TimeFunctionSpec {
     }
 }
 
-/// A half second as a course sees it.
+/// A sample as a course sees it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Interval {
-    /// Start, true time since the start of the first half second.
+    /// Start, true time since the start of the first sample interval.
     pub start_s: f64,
     pub end_s: f64,
     pub electronics_excess_k: f64,
 }
 
 impl TimeCourse {
-    /// What it adds to the amplitude over the half second.
+    /// What it adds to the amplitude over the sample interval.
     #[inline]
     pub fn value(&self, interval: &Interval) -> f64 {
         let Interval { start_s, end_s, electronics_excess_k } = *interval;
@@ -195,7 +195,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_step_within_a_half_second_counts_with_its_part() {
+    fn a_step_within_a_sample_counts_with_its_part() {
         let course = TimeCourse { effect: 0, amplitude: 0, size: 8.0, law: TimeFunction::Step { time_s: 10.125 } };
         let value = |start_s: f64| course.value(&Interval { start_s, end_s: start_s + 0.5, electronics_excess_k: 0.0 });
         assert_eq!([value(9.5), value(10.0), value(10.5)], [0.0, 6.0, 8.0]);

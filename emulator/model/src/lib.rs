@@ -1,14 +1,14 @@
 //! The gyro unit's physics: pure, deterministic, and unable to fail once configured.
 //!
-//! [`Configuration`] is read from TOML and checked; [`Unit`] steps through on-board half seconds, never the wall clock,
-//! and tells each as a [`geu_protocol::HalfSecond`]. The same configuration, seed and commands give the same numbers on
+//! [`Configuration`] is read from TOML and checked; [`Unit`] steps through on-board samples, never the wall clock,
+//! and tells each as a [`geu_protocol::Sample`]. The same configuration, seed and commands give the same numbers on
 //! every build and host: transcendental functions come from libm.
 //!
 //! ```
 //! use geu_model::{Configuration, Unit};
 //! let mut unit = Unit::new(&Configuration::reference());
-//! let ended = unit.end_half_second();
-//! assert_eq!((ended.half_second.sequence, ended.half_second.clock_count), (0, 500_000));
+//! let ended = unit.end_sample();
+//! assert_eq!((ended.sample.sequence, ended.sample.clock_count), (0, 500_000));
 //! assert_eq!(ended.end_ns, 500_000_000);
 //! ```
 
@@ -29,4 +29,4 @@ pub mod units;
 pub use configuration::Configuration;
 pub use package::Trace;
 pub use simulation::Simulation;
-pub use unit::{CommandResponse, CompletedSample, InjectionRecord, Truth, GyroUnit};
+pub use unit::{CommandResponse, CompletedSample, GyroUnit, InjectionRecord, Truth};

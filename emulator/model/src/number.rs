@@ -106,7 +106,9 @@ impl ValueFormat {
     pub fn limits(self, least: f64, greatest: f64) -> String {
         match (self, least.is_finite(), greatest.is_finite()) {
             (ValueFormat::Flag, ..) => "true or false".to_owned(),
-            (ValueFormat::Gyro, ..) => format!("one of {}", Gyro::ALL.map(|gyro| format!("{:?}", gyro.name())).join(", ")),
+            (ValueFormat::Gyro, ..) => {
+                format!("one of {}", Gyro::ALL.map(|gyro| format!("{:?}", gyro.name())).join(", "))
+            }
             (ValueFormat::Choice(names), ..) => format!("one of {}", names.join(", ")),
             (ValueFormat::Whole, ..) => format!("a whole number within {least}…{greatest}"),
             (_, true, true) if least == -greatest => format!("a number within ±{greatest}"),

@@ -5,11 +5,11 @@ use geu_protocol::Gyro;
 use crate::attitude::MotionStep;
 use crate::effect::discovered::{self, Term};
 use crate::effect::{
-    CALIBRATION_COLUMN, COLUMNS, DISCOVERED_COLUMN, GyroSubStep, GyroEffects, HeadStates, EffectInputs, Probe, Temperatures,
-    SampleTiming, UNIT_COLUMNS, UnitEffects, UnitStates,
+    CALIBRATION_COLUMN, COLUMNS, DISCOVERED_COLUMN, EffectInputs, GyroEffects, GyroSubStep, HeadStates, Probe,
+    SampleTiming, Temperatures, UNIT_COLUMNS, UnitEffects, UnitStates,
 };
 use crate::number::numbers;
-use crate::units::{ARCSEC_PER_RAD, HALF_SECOND_S};
+use crate::units::{ARCSEC_PER_RAD, SAMPLE_INTERVAL_S};
 
 /// Axes of one gyro: unit vectors in the control frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -65,7 +65,7 @@ numbers! {
     pub struct Calibration {
         /// SF: arcsec per count.
         scale_factor: 1.0, 0.5..=2.0;
-        /// D: arcsec per half second that are sensed and not counted.
+        /// D: arcsec per sample interval that are sensed and not counted.
         drift_arcsec_per_half_s: 0.0, -10.0..=10.0;
         /// Projection of the input axis on X; 0 for GYRX, whose own axis it is.
         x_arcsec: 0.0, -3600.0..=3600.0;
@@ -76,7 +76,7 @@ numbers! {
     }
 }
 
-/// How the count of one gyro over a half second came about: the sum of the true angle and all changes is `unquantised`.
+/// How the count of one gyro over a sample interval came about: the sum of the true angle and all changes is `unquantised`.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Trace {
     /// True rotation about the input axis, arcsec.
@@ -109,7 +109,7 @@ impl Probe for Trace {
     }
 }
 
-/// One gyro of the package as it stands over a half second.
+/// One gyro of the package as it stands over a sample interval.
 pub struct ResolvedGyro<'a> {
     /// Whether it is counted at all.
     pub is_counted: bool,
@@ -138,7 +138,7 @@ impl Package {
         Package { heads: Gyro::ALL.map(|gyro| HeadStates::start(seed, gyro)), unit: UnitStates::default() }
     }
 
-    /// Counts one half second: N = (M Δφ + … − D)/SF over its sub-steps, as real numbers; 0 for a gyro that is not counted.
+    /// Counts one sample: N = (M Δφ + … − D)/SF over its sub-steps, as real numbers; 0 for a gyro that is not counted.
     /// `truths` is the true motion of each sub-step, where it is not what is counted and a tap looks.
     #[inline]
     pub fn count<T: Probe>(
@@ -194,7 +194,7 @@ fn calibrated(axes: &Axes, calibration: &Calibration, step: &MotionStep) -> Gyro
     GyroSubStep {
         input_arcsec: axes.about_input(angle) + dot(offset, angle) / ARCSEC_PER_RAD,
         added_arcsec: 0.0,
-        drift_arcsec: calibration.drift_arcsec_per_half_s * (step.length_s / HALF_SECOND_S),
+        drift_arcsec: calibration.drift_arcsec_per_half_s * (step.length_s / SAMPLE_INTERVAL_S),
         scale_factor: calibration.scale_factor,
         added_counts: 0.0,
     }

@@ -3,11 +3,11 @@
 //! [`Simulation`] steps both for what runs at no pace of its own (checkouts, survey days, blind trials). What steps the unit
 //! itself, such as a recorder beside a live run, takes [`ReferenceSource`] alone.
 
-use crate::attitude::{Leg, Motion, AttitudeRow, MotionStep};
+use crate::attitude::{AttitudeRow, Leg, Motion, MotionStep};
 use crate::configuration::Configuration;
-use crate::sensor::{SlitFix, SLITS, StarSensor, SunAngles, SunSensor};
-use crate::unit::{CompletedSample, Truth, GyroUnit};
-use crate::units::{HALF_SECOND_NS, HALF_SECOND_S};
+use crate::sensor::{SLITS, SlitFix, StarSensor, SunAngles, SunSensor};
+use crate::unit::{CompletedSample, GyroUnit, Truth};
+use crate::units::{SAMPLE_INTERVAL_NS, SAMPLE_INTERVAL_S};
 
 /// True attitude and absolute sensors along a truth.
 #[derive(Debug, Clone)]
@@ -111,11 +111,11 @@ impl Iterator for Simulation {
     type Item = (CompletedSample, Vec<ReferenceSample>);
 
     fn next(&mut self) -> Option<Self::Item> {
-        let ended = self.unit.end_half_second();
+        let ended = self.unit.end_sample();
         let mut samples = Vec::with_capacity(1);
-        while self.reference_samples * HALF_SECOND_NS < ended.end_ns {
+        while self.reference_samples * SAMPLE_INTERVAL_NS < ended.end_ns {
             self.reference_samples += 1;
-            samples.push(self.reference.advance(self.reference_samples as f64 * HALF_SECOND_S));
+            samples.push(self.reference.advance(self.reference_samples as f64 * SAMPLE_INTERVAL_S));
         }
         Some((ended, samples))
     }

@@ -1,6 +1,6 @@
-//! The unit as a state machine: half seconds, commands, modes (icd.md).
+//! The unit as a state machine: samples, commands, modes (icd.md).
 //!
-//! A command acts as if it had come at the start of the half second that runs; a fault is decided at its start, and acts
+//! A command acts as if it had come at the start of the sample interval that runs; a fault is decided at its start, and acts
 //! over all of it.
 
 mod faulted;
@@ -10,31 +10,31 @@ mod tests;
 use std::sync::Arc;
 
 use geu_protocol::field::{CLOCK_MODULUS, unit_flag};
-use geu_protocol::{CLOCK_PER_HALF_SECOND, Command, Gyro, Sample, LINK_VERSION, CommandResult, Reply, command};
+use geu_protocol::{CLOCK_PER_SAMPLE, Command, CommandResult, Gyro, LINK_VERSION, Reply, Sample, command};
 
-use crate::attitude::{Motion, AttitudeProfile, RecordedAttitude, StreamedAttitude};
+use crate::attitude::{AttitudeProfile, Motion, RecordedAttitude, StreamedAttitude};
 use crate::configuration::Configuration;
 use crate::course::Interval;
 use crate::effect::{
-    FAULT_COLUMN, GyroEffects, POWER_COLUMN, SATURATION_COLUMN, SELF_TEST_COLUMN, Probe, Temperatures, SampleTiming,
+    FAULT_COLUMN, GyroEffects, POWER_COLUMN, Probe, SATURATION_COLUMN, SELF_TEST_COLUMN, SampleTiming, Temperatures,
     UnitEffects, WiringEffects, WiringStates,
 };
 use crate::fault::acting::FaultEngine;
 use crate::fault::catalogue::UnitFault;
-use crate::fault::{FaultKind, Fault, EffectList};
+use crate::fault::{EffectList, Fault, FaultKind};
 use crate::package::{Package, ResolvedGyro, SubStep, Trace};
 use crate::temperature::{Sensor, interpolate};
-use crate::units::HALF_SECOND_S;
+use crate::units::SAMPLE_INTERVAL_S;
 pub use faulted::InjectionRecord;
 
-/// Sub-steps of a half second, over which motion is resolved: 0.1 s each.
+/// Sub-steps of a sample, over which motion is resolved: 0.1 s each.
 const SUB_STEPS: usize = 5;
-/// A half second in femtoseconds, the grain of the unit's true time: 10⁻¹⁵ of it at most is lost in rounding.
-const HALF_SECOND_FS: f64 = 0.5e15;
-/// A truth may end by this share of a half second early: its stamps are rounded.
+/// A sample in femtoseconds, the grain of the unit's true time: 10⁻¹⁵ of it at most is lost in rounding.
+const SAMPLE_INTERVAL_FS: f64 = 0.5e15;
+/// A truth may end by this share of a sample interval early: its stamps are rounded.
 const GRAIN: f64 = 1e-6;
 /// Spin-up of a gyro: 60 s.
-const SPIN_UP_HALF_SECONDS: u32 = 120;
+const SPIN_UP_SAMPLE_INTERVALS: u32 = 120;
 
 #[derive(Debug, Clone, Copy)]
 pub struct CommandResponse {
@@ -44,14 +44,14 @@ pub struct CommandResponse {
     pub polled: Option<Sample>,
 }
 
-/// A half second that just ended.
+/// A sample that just ended.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CompletedSample {
     /// What the unit tells of it.
-    pub half_second: Sample,
+    pub sample: Sample,
     /// Whether it is sent on every link now (cyclic mode), or kept to be polled.
     pub cyclic: bool,
-    /// Scheduled end, true time since the start of the first half second, ns.
+    /// Scheduled end, true time since the start of the first sample interval, ns.
     pub end_ns: i64,
 }
 
@@ -60,20 +60,21 @@ pub enum Truth {
     /// The configuration's scenario.
     #[default]
     Scenario,
-    /// Rows of a file; their time 0 is the start of the first half second.
+    /// Rows of a file; their time 0 is the start of the first sample interval.
     Recorded(Arc<RecordedAttitude>),
     /// Pieces that become known while the unit runs, or that did in a run before; their time 0 is the same.
     Stepped(Arc<StreamedAttitude>),
 }
 
 impl Truth {
-    /// The motion from `t_s` on, true time since the start of the first half second; a scenario is at rest before that,
+    /// The motion from `t_s` on, true time since the start of the first sample interval; a scenario is at rest before that,
     /// and begins there.
     pub fn motion(&self, configuration: &Configuration, t_s: f64) -> Motion {
         match self {
             Truth::Scenario => {
                 let scenario = &configuration.scenario;
-                let plan = AttitudeProfile::new(scenario).expect("a configuration holds only scenarios that were tried");
+                let plan =
+                    AttitudeProfile::new(scenario).expect("a configuration holds only scenarios that were tried");
                 Motion::starting_before(plan, scenario.limit_cycle, (-t_s).max(0.0))
             }
             Truth::Recorded(rows) => Motion::recorded(rows.clone(), t_s),
@@ -85,7 +86,7 @@ impl Truth {
 #[derive(Debug, Clone)]
 enum Power {
     Off,
-    /// Half seconds of spin-up left; 0 is synchronous.
+    /// Samples of spin-up left; 0 is synchronous.
     On(u32),
 }
 
@@ -93,7 +94,7 @@ enum Power {
 struct SelfTest {
     gyros: u8,
     counts: i16,
-    half_seconds_left: u8,
+    samples_left: u8,
 }
 
 #[derive(Debug, Clone)]
@@ -121,7 +122,7 @@ pub struct GyroUnit {
     /// The unit without the faults that act, as it was when the first of them came.
     clean: Option<Box<GyroUnit>>,
     injected: Option<Arc<InjectionRecord>>,
-    /// Opcodes of the commands of the running half second.
+    /// Opcodes of the commands of the running sample interval.
     heard: Vec<u8>,
     /// The motion that is counted, which an effect may shift, and the motion of the moment.
     motion: Motion,
@@ -134,10 +135,10 @@ pub struct GyroUnit {
     sensor: Sensor,
     /// Sensor temperatures that were measured; where there are any they take the place of the heater.
     sensor_measured: Vec<(f64, f64)>,
-    /// True time since the start, fs, at the start of the running half second and at its end.
+    /// True time since the start, fs, at the start of the running sample interval and at its end.
     start_fs: i128,
     end_fs: i128,
-    /// Effects of the unit over the running half second, and the time they make.
+    /// Effects of the unit over the running sample interval, and the time they make.
     unit: UnitEffects,
     timing: SampleTiming,
     ended: u64,
@@ -151,7 +152,7 @@ pub struct GyroUnit {
 }
 
 impl GyroUnit {
-    /// The unit on its configuration's scenario, spun up and warm, at the start of its first half second.
+    /// The unit on its configuration's scenario, spun up and warm, at the start of its first sample interval.
     pub fn new(configuration: &Configuration) -> GyroUnit {
         GyroUnit::on(configuration, &Truth::Scenario)
     }
@@ -186,7 +187,7 @@ impl GyroUnit {
             last: None,
         };
         unit.begin();
-        // The first half second counts from where its shifted time begins.
+        // The first sample counts from where its shifted time begins.
         let shift_s = unit.timing.shift_s;
         if shift_s != 0.0 {
             unit.motion = at(-shift_s);
@@ -195,14 +196,13 @@ impl GyroUnit {
         unit
     }
 
-    /// How many half seconds, at most `most`, a truth tells: all their true time, the motion that an effect shifts to them,
-    /// and of a recorded one the half second of true time in which the last one ends.
-    pub fn half_seconds_within(configuration: &Configuration, truth: &Truth, most: u64) -> u64 {
+    /// How many samples, at most `most`, a truth tells: all their true time, the motion that an effect shifts to them,
+    /// and of a recorded one the sample of true time in which the last one ends.
+    pub fn samples_within(configuration: &Configuration, truth: &Truth, most: u64) -> u64 {
         if matches!(truth, Truth::Scenario) {
             return most;
         }
-        let moves_time =
-            |fault: &Fault| matches!(fault.action, FaultKind::Parameter { target, .. } if target.list == EffectList::Unit);
+        let moves_time = |fault: &Fault| matches!(fault.action, FaultKind::Parameter { target, .. } if target.list == EffectList::Unit);
         // A fault that moves the unit's time comes when its conditions hold: only the run itself tells.
         let is_flown = configuration.faults.iter().any(moves_time);
         let mut unit = if is_flown { GyroUnit::on(configuration, truth) } else { GyroUnit::new(configuration) };
@@ -211,7 +211,7 @@ impl GyroUnit {
             Truth::Scenario => true,
             Truth::Recorded(rows) => {
                 let end_s = unit.end_fs as f64 * 1e-15;
-                let needed_s = (end_s / HALF_SECOND_S - GRAIN).ceil() * HALF_SECOND_S;
+                let needed_s = (end_s / SAMPLE_INTERVAL_S - GRAIN).ceil() * SAMPLE_INTERVAL_S;
                 needed_s.max(unit.needs_truth_s()) <= rows.end_s() + GRAIN
             }
             Truth::Stepped(pieces) => unit.needs_truth_s() <= pieces.end_s() + GRAIN,
@@ -220,10 +220,10 @@ impl GyroUnit {
         while count < most && covered(&unit) {
             count += 1;
             if is_flown {
-                while let Some(command) = commands.next_if(|command| command.half_second < count) {
+                while let Some(command) = commands.next_if(|command| command.sample < count) {
                     let _ = unit.command(&command.payload);
                 }
-                unit.end_half_second();
+                unit.end_sample();
             } else {
                 unit.start_fs = unit.end_fs;
                 unit.schedule_end();
@@ -232,7 +232,7 @@ impl GyroUnit {
         count
     }
 
-    /// How far the truth must be known to end the running half second: to its end, and beyond where an effect shifts the
+    /// How far the truth must be known to end the running sample interval: to its end, and beyond where an effect shifts the
     /// motion forward, in the unit or in the one without faults.
     pub fn needs_truth_s(&self) -> f64 {
         let end_s = self.end_fs as f64 * 1e-15;
@@ -240,12 +240,12 @@ impl GyroUnit {
         self.clean.as_ref().map_or(own_s, |clean| clean.needs_truth_s().max(own_s))
     }
 
-    /// How many half seconds have ended: the index of the one that runs.
+    /// How many samples have ended: the index of the one that runs.
     pub fn ended(&self) -> u64 {
         self.ended
     }
 
-    /// Scheduled end of the running half second, true time since the start of the first, ns.
+    /// Scheduled end of the running sample interval, true time since the start of the first, ns.
     pub fn running_end_ns(&self) -> i64 {
         ((self.end_fs + 500_000) / 1_000_000) as i64
     }
@@ -277,7 +277,7 @@ impl GyroUnit {
         &self.motion
     }
 
-    /// Carries out the payload of a COMMAND within the running half second.
+    /// Carries out the payload of a COMMAND within the running sample interval.
     ///
     /// # Errors
     /// The reply that would have come, where a fault keeps the unit from hearing the command.
@@ -306,20 +306,22 @@ impl GyroUnit {
             }
             Command::SetMode { polled } => self.polled = polled,
             Command::Poll => match self.last {
-                Some(last) if self.polled => return CommandResponse { polled: Some(last), ..answer(CommandResult::Done) },
+                Some(last) if self.polled => {
+                    return CommandResponse { polled: Some(last), ..answer(CommandResult::Done) };
+                }
                 _ => return answer(CommandResult::NotPossibleNow),
             },
-            Command::SelfTest { gyros, counts, half_seconds } => {
+            Command::SelfTest { gyros, counts, samples } => {
                 if self.self_test.is_some() {
                     return answer(CommandResult::NotPossibleNow);
                 }
-                self.self_test = Some(SelfTest { gyros, counts, half_seconds_left: half_seconds });
+                self.self_test = Some(SelfTest { gyros, counts, samples_left: samples });
             }
             Command::ResetSequence => (self.sequence, self.clock_count) = (u16::MAX, 0),
             Command::GyroPower { gyros } => {
                 for (gyro, channel) in Gyro::ALL.into_iter().zip(&mut self.channels) {
                     channel.power = match (gyros & gyro.bit() != 0, &channel.power) {
-                        (true, Power::Off) => Power::On(SPIN_UP_HALF_SECONDS),
+                        (true, Power::Off) => Power::On(SPIN_UP_SAMPLE_INTERVALS),
                         (true, Power::On(left)) => Power::On(*left),
                         (false, _) => Power::Off,
                     };
@@ -330,13 +332,13 @@ impl GyroUnit {
         answer(CommandResult::Done)
     }
 
-    /// Ends the running half second and begins the next.
-    pub fn end_half_second(&mut self) -> CompletedSample {
+    /// Ends the running sample interval and begins the next.
+    pub fn end_sample(&mut self) -> CompletedSample {
         self.end::<()>().0
     }
 
-    /// As [`Unit::end_half_second`], and tells how the counts of each gyro came about.
-    pub fn end_half_second_traced(&mut self) -> (CompletedSample, [Trace; 4]) {
+    /// As [`Unit::end_sample`], and tells how the counts of each gyro came about.
+    pub fn end_sample_traced(&mut self) -> (CompletedSample, [Trace; 4]) {
         self.end()
     }
 
@@ -357,7 +359,7 @@ impl GyroUnit {
             self.truth = self.motion.clone();
         }
         for (index, step) in steps.iter_mut().enumerate() {
-            // The last sub-step ends with the half second, to the last bit.
+            // The last sub-step ends with the sample, to the last bit.
             step.end_s = if index + 1 == SUB_STEPS { end_s } else { start_s + (index + 1) as f64 * length_s };
             step.counted = self.motion.advance(step.end_s - self.timing.shift_s);
             step.counted.length_s = length_s;
@@ -388,7 +390,7 @@ impl GyroUnit {
         let mut counts: [f64; 4] = std::array::from_fn(|index| self.channels[index].accumulate(unquantised[index]));
         WiringEffects::apply(&wiring, &mut self.wiring, &mut counts, &mut taps);
 
-        let mut half_second = Sample::default();
+        let mut sample = Sample::default();
         let mut synchronous = true;
         for (index, gyro) in Gyro::ALL.into_iter().enumerate() {
             let counts = &mut counts[index];
@@ -403,7 +405,7 @@ impl GyroUnit {
                         taps[index].changed(SELF_TEST_COLUMN, f64::from(test.counts));
                     }
                     if *left == 0 {
-                        half_second.gyro_flags |= gyro.bit();
+                        sample.gyro_flags |= gyro.bit();
                     } else {
                         synchronous = false;
                         *left -= 1;
@@ -413,7 +415,7 @@ impl GyroUnit {
         }
         let before = counts;
         let marks = self.faults.act_on_counts(&mut counts);
-        half_second.gyro_flags &= !marks.invalid;
+        sample.gyro_flags &= !marks.invalid;
         let coasts = |(channel, gyro): (&Channel, Gyro)| {
             matches!(channel.power, Power::On(_)) && marks.coasting & gyro.bit() != 0
         };
@@ -425,25 +427,25 @@ impl GyroUnit {
             }
             let clipped = counts.clamp(f64::from(i16::MIN), f64::from(i16::MAX));
             if clipped != *counts {
-                half_second.gyro_flags |= gyro.bit() << 4;
+                sample.gyro_flags |= gyro.bit() << 4;
                 self.lost_counts[index] += (*counts - clipped).abs();
                 taps[index].changed(SATURATION_COLUMN, clipped - *counts);
             }
-            half_second.increments[index] = clipped as i16;
+            sample.increments[index] = clipped as i16;
         }
         self.sequence = self.sequence.wrapping_add(1);
-        self.clock_count = (self.clock_count + CLOCK_PER_HALF_SECOND) % CLOCK_MODULUS;
-        half_second.sequence = self.sequence;
-        half_second.clock_count = self.clock_count;
+        self.clock_count = (self.clock_count + CLOCK_PER_SAMPLE) % CLOCK_MODULUS;
+        sample.sequence = self.sequence;
+        sample.clock_count = self.clock_count;
         let at_end = self.temperatures(end_s);
         let heater_on = self.sensor.heater_on;
         self.sensor.heater_on &=
             !self.faults.on_unit().any(|(law, _)| matches!(law, UnitFault::HeaterLost | UnitFault::BrownOut));
         self.sensor.advance(end_s - start_s, at_end.electronics_c);
         self.sensor.heater_on = heater_on;
-        half_second.electronics_centi_c = centi(at_end.electronics_c);
-        half_second.sensor_centi_c = centi(self.sensor.temperature_c);
-        half_second.unit_flags = [
+        sample.electronics_centi_c = centi(at_end.electronics_c);
+        sample.sensor_centi_c = centi(self.sensor.temperature_c);
+        sample.unit_flags = [
             (self.sensor.in_band(), unit_flag("heater_in_band")),
             (synchronous, unit_flag("motors_synchronous")),
             (true, unit_flag("clock_locked")),
@@ -453,18 +455,18 @@ impl GyroUnit {
         .into_iter()
         .fold(0, |flags, (set, flag)| if set { flags | flag } else { flags });
         self.self_test = self.self_test.and_then(|test| {
-            let half_seconds_left = test.half_seconds_left - 1;
-            (half_seconds_left > 0).then_some(SelfTest { half_seconds_left, ..test })
+            let samples_left = test.samples_left - 1;
+            (samples_left > 0).then_some(SelfTest { samples_left, ..test })
         });
         for (law, _) in self.faults.on_unit() {
             if let UnitFault::FlipFlags { gyro_flags, unit_flags } = law {
-                half_second.gyro_flags ^= gyro_flags;
-                half_second.unit_flags ^= unit_flags;
+                sample.gyro_flags ^= gyro_flags;
+                sample.unit_flags ^= unit_flags;
             }
         }
-        self.last = Some(half_second);
+        self.last = Some(sample);
         let cyclic = !self.polled && !self.faults.is_silent();
-        let ended = CompletedSample { half_second, cyclic, end_ns: self.running_end_ns() };
+        let ended = CompletedSample { sample, cyclic, end_ns: self.running_end_ns() };
         self.injected = self.compare(&ended);
         self.ended += 1;
         self.start_fs = self.end_fs;
@@ -472,7 +474,7 @@ impl GyroUnit {
         (ended, taps)
     }
 
-    /// Begins a half second: which faults act over it, and when it ends.
+    /// Begins a sample: which faults act over it, and when it ends.
     fn begin(&mut self) {
         self.begin_faults();
         self.heard.clear();
@@ -480,18 +482,18 @@ impl GyroUnit {
         self.hold_clean();
     }
 
-    /// Schedules the end of the half second that begins: 0.5/(1 + ε) s of true time after its start.
+    /// Schedules the end of the sample interval that begins: 0.5/(1 + ε) s of true time after its start.
     fn schedule_end(&mut self) {
         let start_s = self.start_fs as f64 * 1e-15;
-        let temperatures = self.temperatures(start_s + 0.5 * HALF_SECOND_S);
+        let temperatures = self.temperatures(start_s + 0.5 * SAMPLE_INTERVAL_S);
         let interval = Interval {
             start_s,
-            end_s: start_s + HALF_SECOND_S,
+            end_s: start_s + SAMPLE_INTERVAL_S,
             electronics_excess_k: temperatures.electronics_c - temperatures.electronics_reference_c,
         };
         self.unit = self.faults.moved(self.configuration.unit.at(&interval), EffectList::Unit, None);
         self.timing = self.unit.timing().last().copied().unwrap_or_default();
-        self.end_fs = self.start_fs + (HALF_SECOND_FS / (1.0 + self.timing.clock_error)).round() as i128;
+        self.end_fs = self.start_fs + (SAMPLE_INTERVAL_FS / (1.0 + self.timing.clock_error)).round() as i128;
     }
 
     fn temperatures(&self, t_s: f64) -> Temperatures {

@@ -7,9 +7,9 @@ pub const ARCSEC_PER_DEG: f64 = 3600.0;
 pub const RAD_PER_DEG: f64 = PI / 180.0;
 pub const S_PER_DAY: f64 = 86_400.0;
 /// Nominal length of a sample, on-board time.
-pub const HALF_SECOND_S: f64 = 0.5;
+pub const SAMPLE_INTERVAL_S: f64 = 0.5;
 /// The same, ns.
-pub const HALF_SECOND_NS: i64 = 500_000_000;
+pub const SAMPLE_INTERVAL_NS: i64 = 500_000_000;
 /// A relative error of 1 ppm.
 pub const PPM: f64 = 1e-6;
 /// Rate of the sun as seen from the earth, rad/s: 360° per 365.25 d, constant (Casteren §6).
@@ -17,9 +17,9 @@ pub const SUN_RATE_RAD_S: f64 = 2.0 * PI / (365.25 * S_PER_DAY);
 /// One orbit, s; ψ' at orbital speed is 360° in this time (model.md).
 pub const ORBIT_S: f64 = 6180.0;
 
-/// On-board time at which a half second begins, since the start of the first, s.
-pub fn on_board_s(half_second: u64) -> f64 {
-    half_second as f64 * HALF_SECOND_S
+/// On-board time at which a sample begins, since the start of the first, s.
+pub fn on_board_s(sample: u64) -> f64 {
+    sample as f64 * SAMPLE_INTERVAL_S
 }
 
 /// Suffixes of a duration, with their length in s; a number without one is seconds.

@@ -2,10 +2,10 @@
 
 use std::sync::Arc;
 
-use geu_model::attitude::{RecordedAttitude, AttitudeRow};
+use geu_model::attitude::{AttitudeRow, RecordedAttitude};
 use geu_model::effect::DISCOVERED_COLUMN;
 use geu_model::effect::discovered::{MOST_TERMS, Regressor};
-use geu_model::{Configuration, Trace, Truth, GyroUnit};
+use geu_model::{Configuration, GyroUnit, Trace, Truth};
 
 fn parsed(text: &str) -> Configuration {
     Configuration::parse("test.toml", text, &[]).unwrap_or_else(|error| panic!("{error}"))
@@ -21,10 +21,10 @@ fn with_terms(terms: &str) -> Configuration {
         .unwrap_or_else(|error| panic!("{error}"))
 }
 
-fn flown(configuration: &Configuration, truth: &Truth, half_seconds: usize) -> Vec<[Trace; 4]> {
+fn flown(configuration: &Configuration, truth: &Truth, samples: usize) -> Vec<[Trace; 4]> {
     let mut unit = GyroUnit::on(configuration, truth);
     let _ = unit.command(&[7, 0]);
-    (0..half_seconds).map(|_| unit.end_half_second_traced().1).collect()
+    (0..samples).map(|_| unit.end_sample_traced().1).collect()
 }
 
 /// At `t`: rates of 2t about X, −40 about Y and 50 about Z, arcsec/s; θ = 80°.
@@ -88,7 +88,7 @@ fn a_term_follows_the_sensor_that_cools() {
     let configuration = parsed("[gyro.GYRX]\ndiscovered = [{ formula = \"sensor_temperature\", coefficient = 1.0 }]");
     let change = |row: &[Trace; 4]| row[0].changes[DISCOVERED_COLUMN];
     let traces = flown(&configuration, &Truth::Scenario, 2401);
-    // Warm over the first half second; after 1200 s, one time constant, 50 K·(1 − 1/e) below 70 °C.
+    // Warm over the first sample interval; after 1200 s, one time constant, 50 K·(1 − 1/e) below 70 °C.
     assert_eq!(change(&traces[0]), 0.0);
     let expected = -50.0 * (1.0 - (-1.0f64).exp()) * 0.5;
     assert!((change(&traces[2400]) / expected - 1.0).abs() < 1e-9, "{} for {expected}", change(&traces[2400]));

@@ -1,11 +1,11 @@
 //! What holds for every effect of the lists, each amplitude, every course and all gyros.
 
 use geu_model::configuration::Configuration;
-use geu_model::course::{TimeCourse, KINDS, Size};
-use geu_model::effect::{EffectConfiguration, Effects, HEAD_COLUMNS, GyroEffects, UnitEffects, WiringEffects};
-use geu_model::number::{ValueFormat, ParameterSpec};
+use geu_model::course::{KINDS, Size, TimeCourse};
+use geu_model::effect::{EffectConfiguration, Effects, GyroEffects, HEAD_COLUMNS, UnitEffects, WiringEffects};
+use geu_model::number::{ParameterSpec, ValueFormat};
 use geu_model::package::Axes;
-use geu_model::{Trace, GyroUnit};
+use geu_model::{GyroUnit, Trace};
 use geu_protocol::Gyro;
 
 /// A unit that rests, turns about every axis and swings between; its heater is off, so that the sensor cools.
@@ -23,7 +23,7 @@ GYRY.calibration = { scale_factor = 0.9987, drift_arcsec_per_half_s = -0.135, x_
 GYRZA.calibration = { scale_factor = 1.0005, drift_arcsec_per_half_s = 0.082, x_arcsec = -38.0, y_arcsec = 15.0 }
 GYRZB.calibration = { scale_factor = 0.9992, drift_arcsec_per_half_s = -0.305, x_arcsec = 27.0, y_arcsec = -51.0 }
 "#;
-const HALF_SECONDS: usize = 480;
+const SAMPLE_INTERVALS: usize = 480;
 
 fn moving() -> Configuration {
     Configuration::parse("moving", MOVING, &[]).unwrap_or_else(|error| panic!("{error}"))
@@ -32,7 +32,7 @@ fn moving() -> Configuration {
 fn flown(configuration: &Configuration) -> impl Iterator<Item = [Trace; 4]> {
     let mut unit = GyroUnit::new(configuration);
     let _ = unit.command(&[7, 0]);
-    (0..HALF_SECONDS).map(move |_| unit.end_half_second_traced().1)
+    (0..SAMPLE_INTERVALS).map(move |_| unit.end_sample_traced().1)
 }
 
 /// One amplitude of a list, constant or as a course of [`KINDS`].
@@ -69,7 +69,8 @@ impl Moved {
     fn add<E: Effects>(self, configured: &mut EffectConfiguration<E>, share: f64) {
         let Moved { effect, amplitude, kind } = self;
         let (spec, numbers) = (&configured.constant.specs()[effect], configured.constant.numbers(effect).specs());
-        let sized = |greatest: f64| if numbers[amplitude].form == ValueFormat::Real { greatest * share } else { share.ceil() };
+        let sized =
+            |greatest: f64| if numbers[amplitude].form == ValueFormat::Real { greatest * share } else { share.ceil() };
         match kind.map(|kind| &KINDS[kind]) {
             None => *configured.constant.numbers_mut(effect).value_mut(amplitude) += sized(numbers[amplitude].greatest),
             Some(kind) => {
@@ -136,7 +137,8 @@ fn every_effect_with_every_course_reads_back() {
 /// The tables of a list that a configuration may have: each one's key, and its numbers with their limits.
 fn tables<E: Effects>(has: impl Fn(&str) -> bool) -> Vec<(String, Vec<Size>)> {
     let list = E::default();
-    let limits = |n: &ParameterSpec| Size { name: n.name.to_owned(), form: n.form, least: n.least, greatest: n.greatest };
+    let limits =
+        |n: &ParameterSpec| Size { name: n.name.to_owned(), form: n.form, least: n.least, greatest: n.greatest };
     let mut tables = Vec::new();
     for (effect, spec) in list.specs().iter().enumerate() {
         let numbers = list.numbers(effect).specs();
@@ -317,7 +319,7 @@ fn small_effects_add_up_to_second_order() {
             for gyro in Gyro::ALL.map(|gyro| gyro as usize) {
                 let [whole, half]: [Vec<f64>; 2] = [0, 1].map(|part| {
                     let [both, first, second] = [&both, &alone[a], &alone[b]].map(|runs| &runs[part][gyro]);
-                    (0..HALF_SECONDS).map(|row| both[row] - first[row] - second[row] + plain[gyro][row]).collect()
+                    (0..SAMPLE_INTERVALS).map(|row| both[row] - first[row] - second[row] + plain[gyro][row]).collect()
                 });
                 let largest = |values: &[f64]| values.iter().fold(0.0, |most: f64, value| most.max(value.abs()));
                 let apart: Vec<f64> = whole.iter().zip(half).map(|(whole, half)| 4.0 * half - whole).collect();

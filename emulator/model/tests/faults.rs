@@ -2,15 +2,15 @@
 
 use std::sync::Arc;
 
-use geu_model::attitude::{SampleQuality, Knot, StreamedAttitude};
+use geu_model::attitude::{Knot, SampleQuality, StreamedAttitude};
 use geu_model::configuration::fault::{MOST_EVER, fault_text, plan_text, read_fault_text};
 use geu_model::fault::acting::FaultEvent;
-use geu_model::fault::catalogue::{CATALOGUE, Transport, Scope};
+use geu_model::fault::catalogue::{CATALOGUE, Scope, Transport};
 use geu_model::fault::expectation::ExpectationResult;
 use geu_model::fault::shape::KINDS;
 use geu_model::fault::{ParameterRef, expression};
 use geu_model::number::{DefaultValue, ValueFormat};
-use geu_model::{Configuration, Truth, GyroUnit};
+use geu_model::{Configuration, GyroUnit, Truth};
 use geu_protocol::{Gyro, Sample};
 
 fn with_plan(plan: &str) -> Configuration {
@@ -19,9 +19,9 @@ fn with_plan(plan: &str) -> Configuration {
     configuration
 }
 
-fn run(configuration: &Configuration, half_seconds: usize) -> Vec<Sample> {
+fn run(configuration: &Configuration, samples: usize) -> Vec<Sample> {
     let mut unit = GyroUnit::new(configuration);
-    (0..half_seconds).map(|_| unit.end_half_second().half_second).collect()
+    (0..samples).map(|_| unit.end_sample().sample).collect()
 }
 
 fn refused(plan: &str) -> String {
@@ -50,9 +50,9 @@ fn what_the_unit_would_have_told_stands_beside_what_it_told() {
     let plain = run(&Configuration::reference(), 20);
     let mut unit = GyroUnit::new(&configuration);
     for (index, plain) in plain.iter().enumerate() {
-        let ended = unit.end_half_second();
+        let ended = unit.end_sample();
         let acts = (6..10).contains(&index);
-        assert_eq!(ended.half_second.increments[1] == 77, acts, "{index}");
+        assert_eq!(ended.sample.increments[1] == 77, acts, "{index}");
         let injected = unit.injected();
         assert_eq!(injected.is_some(), acts, "{index}");
         assert!(
@@ -67,7 +67,7 @@ fn what_the_unit_would_have_told_stands_beside_what_it_told() {
                 FaultEvent::Decided(_) => unreachable!("nothing is expected"),
             })
             .collect();
-        // Decided when the half second begins: right after the one before has ended.
+        // Decided when the sample begins: right after the one before has ended.
         let expected: &[&str] = match index {
             5 => &["start fault-1"],
             9 => &["end fault-1 4"],
@@ -130,10 +130,10 @@ fn every_fault_of_gyro_and_unit_changes_what_the_unit_tells_and_is_over_in_the_e
         let mut unit = GyroUnit::new(&configuration);
         let (mut differ, mut acted) = (0, 0);
         for _ in 0..1000 {
-            let ended = unit.end_half_second();
+            let ended = unit.end_sample();
             if let Some(injected) = unit.injected() {
                 acted += 1;
-                differ += u32::from(injected.clean != ended.half_second || injected.is_clean_cyclic != ended.cyclic);
+                differ += u32::from(injected.clean != ended.sample || injected.is_clean_cyclic != ended.cyclic);
             }
         }
         assert!(differ > 0 && acted == 200, "{}: {differ} of {acted}", spec.code);
@@ -147,11 +147,11 @@ fn a_reset_silences_the_unit_and_restarts_sequence_and_clock() {
     unit.command(&[2, 1]).expect("heard");
     for index in 0..20 {
         assert_eq!(unit.command(&[1]).is_ok(), !(10..13).contains(&index), "{index}");
-        let ended = unit.end_half_second();
+        let ended = unit.end_sample();
         assert_eq!(ended.cyclic, index >= 13, "{index}");
         if index >= 13 {
             assert_eq!(
-                (ended.half_second.sequence, ended.half_second.clock_count),
+                (ended.sample.sequence, ended.sample.clock_count),
                 (index - 13, (u64::from(index) - 12) * 500_000)
             );
         }
@@ -181,12 +181,13 @@ fn triggers_start_a_fault_when_all_of_them_hold() {
 }
 
 #[test]
-fn a_command_triggers_with_the_next_half_second() {
-    let mut unit = GyroUnit::new(&with_plan("[[fault]]\ngyro = \"GYRX\"\nfault = \"dead\"\nwhen = \"command(SELF_TEST)\""));
-    unit.end_half_second();
+fn a_command_triggers_with_the_next_sample() {
+    let mut unit =
+        GyroUnit::new(&with_plan("[[fault]]\ngyro = \"GYRX\"\nfault = \"dead\"\nwhen = \"command(SELF_TEST)\""));
+    unit.end_sample();
     let _ = unit.command(&[4, 1, 0, 5, 3]);
-    assert!(unit.end_half_second().half_second.gyro_flags & 1 == 1);
-    assert!(unit.end_half_second().half_second.gyro_flags & 1 == 0);
+    assert!(unit.end_sample().sample.gyro_flags & 1 == 1);
+    assert!(unit.end_sample().sample.gyro_flags & 1 == 0);
 }
 
 #[test]
@@ -195,7 +196,7 @@ fn a_parameter_returns_over_its_release() {
     let mut unit = GyroUnit::new(&with_plan(plan));
     let shares: Vec<f64> = (0..8)
         .filter_map(|_| {
-            unit.end_half_second();
+            unit.end_sample();
             unit.injected().map(|injected| injected.acting[0].share)
         })
         .collect();
@@ -204,7 +205,8 @@ fn a_parameter_returns_over_its_release() {
 
 #[test]
 fn a_run_with_live_injections_is_the_run_of_the_plan_that_they_make() {
-    let mut unit = GyroUnit::new(&with_plan("[[fault]]\nat_s = 1.0\ngyro = \"GYRZA\"\nfault = \"garbage\"\nfor_s = 20.0"));
+    let mut unit =
+        GyroUnit::new(&with_plan("[[fault]]\nat_s = 1.0\ngyro = \"GYRZA\"\nfault = \"garbage\"\nfor_s = 20.0"));
     let live = with_plan(
         "[[fault]]\nid = \"live\"\ngyro = \"GYRX\"\nfault = \"garbage\"\nwhen = \"frame % 4 == 0\"\nfor_s = 1.0\ntimes = 100",
     );
@@ -218,7 +220,7 @@ fn a_run_with_live_injections_is_the_run_of_the_plan_that_they_make() {
             assert_eq!(unit.clear("live"), Some(30.5));
             assert_eq!(unit.clear("nobody"), None);
         }
-        rows.push(unit.end_half_second().half_second);
+        rows.push(unit.end_sample().sample);
     }
     for planned in &unit.faults().planned {
         plan += &format!("[[fault]]\n{}", fault_text(&planned.fault));
@@ -240,7 +242,7 @@ fn what_is_cleared_or_started_before_its_time_is_the_run_of_a_plan_too() {
             assert_eq!((unit.clear("at-once"), unit.clear("later")), (Some(2.5), Some(2.5)));
             assert_eq!((unit.start("hand"), unit.start("past"), unit.start("later")), (Some(10.0), None, None));
         }
-        rows.push(unit.end_half_second().half_second);
+        rows.push(unit.end_sample().sample);
     }
     let faults: Vec<_> = unit.faults().planned.iter().map(|planned| (*planned.fault).clone()).collect();
     assert_eq!(run(&with_plan(&plan_text(&faults, &[])), 60), rows);
@@ -272,11 +274,11 @@ fn what_names_a_gyro_or_is_on_or_off_is_set() {
 #[test]
 fn a_unit_without_power_cools_and_a_gyro_that_is_off_does_not_coast() {
     let mut unit = GyroUnit::new(&with_plan("[[fault]]\nfault = \"brown-out\"\nfor_s = 600.0"));
-    let last = (0..1200).map(|_| unit.end_half_second().half_second).last().expect("some");
+    let last = (0..1200).map(|_| unit.end_sample().sample).last().expect("some");
     assert!(last.sensor_centi_c < 6_900, "{}", last.sensor_centi_c);
     let mut unit = GyroUnit::new(&with_plan("[[fault]]\nfault = \"spin-down\"\ngyro = \"GYRX\"\nat_s = 1.0"));
     let _ = unit.command(&[6, 0b1110]);
-    let flags: Vec<u8> = (0..4).map(|_| unit.end_half_second().half_second.unit_flags & 2).collect();
+    let flags: Vec<u8> = (0..4).map(|_| unit.end_sample().sample.unit_flags & 2).collect();
     assert_eq!(flags, [2; 4], "GYRX is not powered");
 }
 
@@ -298,12 +300,12 @@ fn a_fault_of_the_clock_on_a_truth_from_outside_needs_what_it_is_told_and_no_mor
     ] {
         let configuration = with_plan(&format!("[[fault]]\n{plan}"));
         let truth = told(120.0);
-        assert_eq!(GyroUnit::half_seconds_within(&configuration, &truth, 240), count, "{plan}");
+        assert_eq!(GyroUnit::samples_within(&configuration, &truth, 240), count, "{plan}");
         // Beside a truth that goes on, what the unit would have told is the same: none of it rests on what is not told.
         let (mut unit, mut beside) = (GyroUnit::on(&configuration, &truth), GyroUnit::on(&configuration, &told(200.0)));
         for index in 0..count {
             assert!(unit.needs_truth_s() <= 120.0 + 1e-6, "{plan} {index}");
-            assert_eq!(unit.end_half_second(), beside.end_half_second());
+            assert_eq!(unit.end_sample(), beside.end_sample());
             assert_eq!(unit.injected(), beside.injected(), "{plan} {index}");
         }
     }
@@ -322,7 +324,7 @@ fn expectations_are_decided_by_what_the_computer_does() {
             if is_good && index == 6 {
                 let _ = unit.command(&[6, 0b1110]);
             }
-            unit.end_half_second();
+            unit.end_sample();
         }
         let verdicts: Vec<_> = unit.faults().verdicts().collect();
         assert_eq!(verdicts, [("reacts", expected), ("rest", ExpectationResult::Met(7.0))]);
@@ -440,7 +442,7 @@ fn what_was_taken_away_cannot_be_started_by_hand() {
     let mut unit = GyroUnit::new(&with_plan(
         "[[fault]]\nid = \"one\"\nfault = \"drop\"\nby_hand = true\n[[fault]]\nid = \"other\"\nfault = \"drop\"\nby_hand = true",
     ));
-    unit.end_half_second();
+    unit.end_sample();
     assert_eq!(unit.clear("one"), Some(1.0));
     assert_eq!((unit.start("one"), unit.start("other"), unit.start("other")), (None, Some(1.0), None));
 }
@@ -455,7 +457,7 @@ fn a_shift_of_time_that_comes_and_goes_leaves_the_truth_alone() {
     let (mut plain, mut shifted) = (GyroUnit::new(&plain), GyroUnit::new(&shifted));
     let mut differ = 0;
     for index in 0..60 {
-        let ((_, truths), (_, traces)) = (plain.end_half_second_traced(), shifted.end_half_second_traced());
+        let ((_, truths), (_, traces)) = (plain.end_sample_traced(), shifted.end_sample_traced());
         for (truth, trace) in truths.iter().zip(&traces) {
             assert!((truth.true_arcsec - trace.true_arcsec).abs() < 1e-6, "{index}");
             let sum: f64 = trace.true_arcsec + trace.changes.iter().sum::<f64>();
@@ -488,7 +490,8 @@ fn a_number_is_held_to_what_the_links_can_that_a_fault_is_on() {
         ("split\"\nbyte", 2, true),
         ("wrong-identifier\"\nidentifier", 255, false),
     ] {
-        let (narrow, wide) = if is_of_can { (Transport::Can, Transport::Pty) } else { (Transport::Tcp, Transport::Can) };
+        let (narrow, wide) =
+            if is_of_can { (Transport::Can, Transport::Pty) } else { (Transport::Tcp, Transport::Can) };
         let text = |value: u32, link: &str| format!("fault = \"{number} = {value}\n{link}");
         let link = |kind: Transport| format!("link = {:?}", kind.name());
         read(&text(most, ""), &Transport::ALL).expect("what every link can");

@@ -1,6 +1,6 @@
 //! The configurations that ship: each can be run, and holds what it says.
 
-use geu_model::attitude::{Leg, Motion, AttitudeProfile};
+use geu_model::attitude::{AttitudeProfile, Leg, Motion};
 use geu_model::effect::{EffectSpec, GyroEffects, UnitEffects, WiringEffects};
 use geu_model::units::{ORBIT_S, RAD_PER_DEG};
 use geu_model::{Configuration, GyroUnit};
@@ -61,7 +61,7 @@ fn every_number_of_paper_toml_tells_its_source() {
 #[test]
 fn paper_toml_runs() {
     let mut unit = GyroUnit::new(&paper());
-    let counts: i64 = (0..1540).map(|_| i64::from(unit.end_half_second().half_second.increments[1])).sum();
+    let counts: i64 = (0..1540).map(|_| i64::from(unit.end_sample().sample.increments[1])).sum();
     // θ from 90° to 60° by 770 s, at GYRY's scale factor 0.9987·(1 − 0.002); drift, sun, Z rate and bending are a few 100″.
     assert!((counts as f64 + 108_000.0 / 0.9967).abs() < 500.0, "{counts}");
 }
@@ -74,9 +74,9 @@ fn no_accumulated_count_of_a_day_is_further_from_its_angle_than_rounding() {
         let mut unit = GyroUnit::new(&configuration);
         let (mut counts, mut angles) = ([0.0; 4], [0.0; 4]);
         for row in 1..=172_800 {
-            let (ended, traces) = unit.end_half_second_traced();
+            let (ended, traces) = unit.end_sample_traced();
             for gyro in 0..4 {
-                counts[gyro] += f64::from(ended.half_second.increments[gyro]);
+                counts[gyro] += f64::from(ended.sample.increments[gyro]);
                 angles[gyro] += traces[gyro].unquantised;
                 let apart = counts[gyro] - angles[gyro];
                 assert!(apart.abs() <= bound, "gyro {gyro}, row {row}: {apart}");
@@ -155,13 +155,13 @@ fn the_floats_stand_on_a_stop_where_the_checkout_says_so() {
     let mut unit = GyroUnit::new(&configuration);
     let (mut places, mut at_ends) = ([0.0; 4], Vec::new());
     let mut legs: Vec<Leg> = Vec::new();
-    let half_seconds = (AttitudeProfile::length_s(scenario).expect("an end") * 2.0) as usize;
-    for half_second in 1..=half_seconds {
-        let (_, traces) = unit.end_half_second_traced();
+    let samples = (AttitudeProfile::length_s(scenario).expect("an end") * 2.0) as usize;
+    for sample in 1..=samples {
+        let (_, traces) = unit.end_sample_traced();
         for (index, trace) in traces.iter().enumerate() {
             places[index] += trace.changes[column] * configuration.gyros[index].calibration.scale_factor;
         }
-        let t_s = half_second as f64 * 0.5;
+        let t_s = sample as f64 * 0.5;
         motion.advance(t_s);
         legs.extend(motion.take_legs());
         while legs.get(at_ends.len()).is_some_and(|leg| leg.end_s <= t_s) {

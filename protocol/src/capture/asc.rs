@@ -29,7 +29,12 @@ struct Settings {
 }
 
 impl Asc {
-    pub(super) fn run(&mut self, bytes: &[u8], last: bool, sink: &mut impl FnMut(RecordPosition, CaptureRecord)) -> usize {
+    pub(super) fn run(
+        &mut self,
+        bytes: &[u8],
+        last: bool,
+        sink: &mut impl FnMut(RecordPosition, CaptureRecord),
+    ) -> usize {
         let settings = &mut self.settings;
         self.lines.run(bytes, last, sink, |line, tell| read(line, settings, tell))
     }

@@ -19,7 +19,12 @@ pub struct Candump {
 
 impl Candump {
     #[inline]
-    pub(super) fn run(&mut self, bytes: &[u8], last: bool, sink: &mut impl FnMut(RecordPosition, CaptureRecord)) -> usize {
+    pub(super) fn run(
+        &mut self,
+        bytes: &[u8],
+        last: bool,
+        sink: &mut impl FnMut(RecordPosition, CaptureRecord),
+    ) -> usize {
         let mut at = 0;
         loop {
             while self.lines.at_beginning()

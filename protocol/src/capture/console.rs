@@ -20,7 +20,12 @@ impl Console {
         Console { delta, ..Console::default() }
     }
 
-    pub(super) fn run(&mut self, bytes: &[u8], last: bool, sink: &mut impl FnMut(RecordPosition, CaptureRecord)) -> usize {
+    pub(super) fn run(
+        &mut self,
+        bytes: &[u8],
+        last: bool,
+        sink: &mut impl FnMut(RecordPosition, CaptureRecord),
+    ) -> usize {
         let (delta, elapsed_ns) = (self.delta, &mut self.elapsed_ns);
         self.lines.run(bytes, last, sink, |line, tell| read(line, delta, elapsed_ns, tell))
     }

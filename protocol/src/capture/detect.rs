@@ -1,7 +1,7 @@
 //! The format of a capture, from its content.
 
 use super::text::Lines;
-use super::{CaptureRecord, Foreign, Format, RecordPosition, Reader, console, pcap, pcapng};
+use super::{CaptureRecord, Foreign, Format, Reader, RecordPosition, console, pcap, pcapng};
 use crate::serial::{Deframer, DeframerEvent};
 
 /// What the beginning of a capture tells.
@@ -58,7 +58,10 @@ pub fn detect(head: &[u8], complete: bool) -> Detected {
 fn frames(format: Format, head: &[u8], complete: bool) -> usize {
     let mut count = 0;
     let mut sink = |_: RecordPosition, event: CaptureRecord| {
-        count += usize::from(matches!(event, CaptureRecord::Frame(_) | CaptureRecord::Remote | CaptureRecord::Fd | CaptureRecord::Error));
+        count += usize::from(matches!(
+            event,
+            CaptureRecord::Frame(_) | CaptureRecord::Remote | CaptureRecord::Fd | CaptureRecord::Error
+        ));
     };
     let mut reader = Reader::new(format);
     let used = reader.consume(head, &mut sink);

@@ -79,7 +79,12 @@ pub fn event<'a>(
     }
 }
 
-fn upper<'a>(order: Order, time: Option<Timestamp>, interface: &'a [u8], mut packet: &'a [u8]) -> Option<CaptureRecord<'a>> {
+fn upper<'a>(
+    order: Order,
+    time: Option<Timestamp>,
+    interface: &'a [u8],
+    mut packet: &'a [u8],
+) -> Option<CaptureRecord<'a>> {
     let mut protocol: &[u8] = b"";
     loop {
         let (tag, length) = (Order::Big.u16(packet.get(..4)?, 0), usize::from(Order::Big.u16(packet, 2)));
@@ -101,7 +106,12 @@ fn upper<'a>(order: Order, time: Option<Timestamp>, interface: &'a [u8], mut pac
 
 /// What a SocketCAN frame is: its identifier with flags, already in this machine's order, and all its bytes.
 /// Nothing where it is shorter than it says.
-pub fn frame_of_socketcan<'a>(id: u32, time: Option<Timestamp>, interface: &'a [u8], frame: &'a [u8]) -> Option<CaptureRecord<'a>> {
+pub fn frame_of_socketcan<'a>(
+    id: u32,
+    time: Option<Timestamp>,
+    interface: &'a [u8],
+    frame: &'a [u8],
+) -> Option<CaptureRecord<'a>> {
     let (header, data) = frame.split_at_checked(HEADER)?;
     let length = usize::from(header[4]);
     if id & ERROR != 0 {

@@ -33,7 +33,12 @@ pub(super) fn magic(bytes: &[u8]) -> Option<(Order, bool)> {
 }
 
 impl Pcap {
-    pub(super) fn run(&mut self, bytes: &[u8], last: bool, sink: &mut impl FnMut(RecordPosition, CaptureRecord)) -> usize {
+    pub(super) fn run(
+        &mut self,
+        bytes: &[u8],
+        last: bool,
+        sink: &mut impl FnMut(RecordPosition, CaptureRecord),
+    ) -> usize {
         let mut at = 0;
         let stream = &mut self.stream;
         loop {

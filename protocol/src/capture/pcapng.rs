@@ -53,7 +53,12 @@ fn byte_order(block: &[u8]) -> Option<Order> {
 }
 
 impl Pcapng {
-    pub(super) fn run(&mut self, bytes: &[u8], last: bool, sink: &mut impl FnMut(RecordPosition, CaptureRecord)) -> usize {
+    pub(super) fn run(
+        &mut self,
+        bytes: &[u8],
+        last: bool,
+        sink: &mut impl FnMut(RecordPosition, CaptureRecord),
+    ) -> usize {
         let mut at = 0;
         loop {
             let rest = &bytes[at..];
@@ -114,7 +119,12 @@ impl Pcapng {
     }
 
     /// Tells that the blocks cannot be told apart any more.
-    fn lose(&mut self, place: RecordPosition, event: CaptureRecord, sink: &mut impl FnMut(RecordPosition, CaptureRecord)) {
+    fn lose(
+        &mut self,
+        place: RecordPosition,
+        event: CaptureRecord,
+        sink: &mut impl FnMut(RecordPosition, CaptureRecord),
+    ) {
         self.stream.records += 1;
         sink(place, event);
         self.stream.lost = true;

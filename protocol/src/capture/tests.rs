@@ -211,7 +211,10 @@ fn pcap_is_read_in_both_orders_and_units_and_all_three_links() {
             let expected = frame(T_NS, "", 0x1A0, &DATA);
             assert_eq!(
                 seen,
-                [(RecordPosition::Offset(24), expected.clone()), (RecordPosition::Offset(40 + packet.len() as u64), expected)]
+                [
+                    (RecordPosition::Offset(24), expected.clone()),
+                    (RecordPosition::Offset(40 + packet.len() as u64), expected)
+                ]
             );
             assert_eq!(read(Format::Pcap, &bytes[..bytes.len() - 1], 7)[1].1, Seen::Broken(true));
         }
@@ -340,8 +343,10 @@ proptest! {
 fn a_line_without_end_does_not_grow_for_ever() {
     let mut bytes = vec![b'x'; 3 * MAX_RECORD];
     bytes.extend(b"\n(0.5) can0 1A0#FF\n");
-    let expected =
-        [(RecordPosition::Line(1), Seen::Broken(false)), (RecordPosition::Line(2), frame(500_000_000, "can0", 0x1A0, &[0xFF]))];
+    let expected = [
+        (RecordPosition::Line(1), Seen::Broken(false)),
+        (RecordPosition::Line(2), frame(500_000_000, "can0", 0x1A0, &[0xFF])),
+    ];
     for piece in [1_000, 100_000, usize::MAX] {
         assert_eq!(read(Format::Candump, &bytes, piece), expected, "{piece}");
     }

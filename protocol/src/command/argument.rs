@@ -130,7 +130,7 @@ mod tests {
         assert_eq!(payload("HEATER", &["off"]), Ok(vec![7, 0]));
         assert_eq!(payload("set-mode", &["Polled"]), Ok(vec![2, 1]));
         let test = payload("SELF_TEST", &["GYRX,gyrzb", "-100", "9"]).expect("two gyros");
-        assert_eq!(parse(&test), Ok(Command::SelfTest { gyros: 9, counts: -100, half_seconds: 9 }));
+        assert_eq!(parse(&test), Ok(Command::SelfTest { gyros: 9, counts: -100, samples: 9 }));
         assert_eq!(payload("GYRO_POWER", &["none"]), Ok(vec![6, 0]));
         assert_eq!(payload("GYRO_POWER", &["all"]), Ok(vec![6, 15]));
     }

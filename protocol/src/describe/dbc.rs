@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use super::{CYCLE_MS, can_messages};
 use crate::can::CanIdMap;
-use crate::command::{ArgumentSpec, COMMAND_LENGTHS, COMMANDS, CommandSpec, CommandResult, REPLY_LENGTHS};
+use crate::command::{ArgumentSpec, COMMAND_LENGTHS, COMMANDS, CommandResult, CommandSpec, REPLY_LENGTHS};
 use crate::field::{FieldSpec, WireType};
 use crate::message::{MESSAGES, MessageId};
 

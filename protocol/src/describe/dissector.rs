@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use super::{can_messages, filled, serial_messages};
 use crate::can::DEFAULT_BASE;
-use crate::command::{ArgumentSpec, COMMAND_LENGTHS, COMMANDS, CommandSpec, CommandResult, REPLY_LENGTHS};
+use crate::command::{ArgumentSpec, COMMAND_LENGTHS, COMMANDS, CommandResult, CommandSpec, REPLY_LENGTHS};
 use crate::field::{CRC, FIELDS, FieldSpec, WireType};
 use crate::message::MESSAGES;
 use crate::serial::{DATA_LENGTH, SYNC};

@@ -5,9 +5,9 @@ use std::fmt::Write;
 use super::{can_messages, filled, serial_messages};
 use crate::can::DEFAULT_BASE;
 use crate::command::{
-    ArgumentSpec, COMMAND_LENGTHS, COMMAND_SERIAL, COMMANDS, CommandSpec, CommandResult, REPLY_LENGTHS, REPLY_SERIAL,
+    ArgumentSpec, COMMAND_LENGTHS, COMMAND_SERIAL, COMMANDS, CommandResult, CommandSpec, REPLY_LENGTHS, REPLY_SERIAL,
 };
-use crate::field::{CLOCK_PER_HALF_SECOND, FIELDS, GYRO_FLAGS, Gyro, UNIT_FLAGS, WireType};
+use crate::field::{CLOCK_PER_SAMPLE, FIELDS, GYRO_FLAGS, Gyro, UNIT_FLAGS, WireType};
 use crate::message::{MESSAGES, MessageId};
 use crate::serial::{DATA_LENGTH, DEFAULT_BAUD, MAX_FRAME, SYNC};
 
@@ -17,7 +17,7 @@ pub fn header() -> String {
             "constants" => constants(),
             "flags" => flags(),
             "commands" => opcodes_and_results(),
-            "half_second" => half_second(),
+            "half_second" => sample(),
             "messages" => messages(),
             "packers" => {
                 COMMANDS.iter().map(command_functions).collect::<Result<Vec<_>, _>>().map(|all| all.join("\n"))
@@ -46,7 +46,7 @@ fn constants() -> Text {
     let mut text = String::new();
     let (major, minor) = crate::LINK_VERSION;
     writeln!(text, "#define GEU_LINK_VERSION_MAJOR {major}u\n#define GEU_LINK_VERSION_MINOR {minor}u\n")?;
-    writeln!(text, "#define GEU_CLOCK_PER_HALF_SECOND {CLOCK_PER_HALF_SECOND}u\n")?;
+    writeln!(text, "#define GEU_CLOCK_PER_HALF_SECOND {CLOCK_PER_SAMPLE}u\n")?;
     writeln!(text, "#define GEU_CAN_BASE_DEFAULT 0x{DEFAULT_BASE:03X}u")?;
     for (offset, name) in can_messages() {
         writeln!(text, "#define GEU_CAN_{name} {offset}u")?;
@@ -99,8 +99,8 @@ fn result_name(outcome: CommandResult) -> String {
     format!("GEU_RESULT_{}", outcome.text().replace(' ', "_").to_uppercase())
 }
 
-fn half_second() -> Text {
-    let mut text = String::from("/* What the unit tells about one half second. */\ntypedef struct {\n");
+fn sample() -> Text {
+    let mut text = String::from("/* What the unit tells about one sample. */\ntypedef struct {\n");
     for field in FIELDS {
         let unit = match (field.scale, field.unit) {
             (1.0, "") => String::new(),
@@ -175,7 +175,12 @@ fn command_functions(command: &CommandSpec) -> Text {
     }
     let tests: Vec<String> = command.arguments.iter().filter_map(range_test).collect();
     if !tests.is_empty() {
-        writeln!(unpack, "    if ({})\n        return {};", tests.join(" || "), result_name(CommandResult::BadArgument))?;
+        writeln!(
+            unpack,
+            "    if ({})\n        return {};",
+            tests.join(" || "),
+            result_name(CommandResult::BadArgument)
+        )?;
     }
     let mut text = format!("/* {}: {}.", command.name, command.meaning);
     for argument in command.arguments {

@@ -8,7 +8,7 @@ use crate::can::{CanIdMap, DEFAULT_BASE};
 use crate::command::{ArgumentSpec, COMMAND_LENGTHS, COMMANDS, CommandResult, REPLY_LENGTHS, Reply, payload};
 use crate::field::{CRC, FIELDS, FieldSpec, GYRO_FLAGS, Sample, UNIT_FLAGS};
 use crate::hex::{hex, spaced_hex};
-use crate::message::{MESSAGES, MessageSpec, MessageId};
+use crate::message::{MESSAGES, MessageId, MessageSpec};
 use crate::serial::{BITS_PER_BYTE, DEFAULT_BAUD, FrameType, SYNC, data_frame, frame};
 
 const BEGIN: &str = "<!-- generated: ";
@@ -149,7 +149,7 @@ fn commands() -> Text {
     Ok(text)
 }
 
-/// The half second of the test vectors.
+/// The sample of the test vectors.
 const VECTOR: Sample = Sample {
     sequence: 0,
     increments: [-2, -2, 5, 5],

@@ -20,7 +20,7 @@ use unit::Unit;
 /// 0.0002″, and a corner of the rate's profile inside a step 36″/s² × (0.025 s)²/8.
 const STEP_S: f64 = 0.025;
 const STEPS: usize = 20;
-const HALF_SECOND_S: f64 = 0.5;
+const SAMPLE_INTERVAL_S: f64 = 0.5;
 
 /// GYRX, GYRY, GYRZA, GYRZB, in the order of the link.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -63,7 +63,7 @@ pub struct IndependentModel {
     pub seed: u64,
     /// Of on-board time.
     pub duration_s: f64,
-    /// The start of the first half second.
+    /// The start of the first sample interval.
     pub start_unix_s: u64,
     /// When the sensor heater is switched off, if ever.
     pub heater_off_s: Option<f64>,
@@ -76,7 +76,7 @@ pub struct IndependentModel {
 pub struct Recording {
     /// `link.log`: a capture as `candump -l` writes it.
     pub link: String,
-    /// `reference.csv`: exact mean rates over half seconds of true time, θ and ψ.
+    /// `reference.csv`: exact mean rates over samples of true time, θ and ψ.
     pub reference: String,
     /// The unit's true sixteen.
     pub calibrations: [Calibration; 4],
@@ -97,8 +97,8 @@ impl IndependentModel {
         let mut unit = Unit::new(self);
         let mut jitter = Noise::new(self.seed, 1);
         let (mut link, mut end_s) = (String::new(), 0.0);
-        for sequence in 0..(self.duration_s / HALF_SECOND_S).round() as u32 {
-            let sample = unit.half_second(&motion, end_s);
+        for sequence in 0..(self.duration_s / SAMPLE_INTERVAL_S).round() as u32 {
+            let sample = unit.sample(&motion, end_s);
             end_s += sample.length_s;
             // Receive stamps lag by 0.9 ms, with a jitter of 0.15 ms.
             let received_s = end_s + 0.9e-3 + 0.15e-3 * jitter.normal();

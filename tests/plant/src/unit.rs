@@ -5,7 +5,7 @@ use Quantity::*;
 use crate::hidden::{PlantedEffect, Quantities, Quantity, Term};
 use crate::motion::{Motion, State};
 use crate::noise::Noise;
-use crate::{Calibration, GYROS, Gyro, HALF_SECOND_S, IndependentModel, STEPS};
+use crate::{Calibration, GYROS, Gyro, IndependentModel, SAMPLE_INTERVAL_S, STEPS};
 
 const PPM: f64 = 1e-6;
 const ARCSEC_PER_RAD: f64 = 648_000.0 / std::f64::consts::PI;
@@ -37,7 +37,7 @@ const SCALE_FACTOR_SIGMA: f64 = 6.0 * PPM;
 const DRIFT_SIGMA_ARCSEC_S: f64 = 1.2 / HOUR_S;
 const MISALIGNMENT_SIGMA_ARCSEC: f64 = 1.5;
 
-/// A half second's end.
+/// A sample's end.
 pub struct Sample {
     /// Of true time.
     pub length_s: f64,
@@ -84,7 +84,7 @@ impl Unit {
         let mut random = Noise::new(plant.seed, 2);
         let calibrations = REFERENCE_UNIT.map(|(scale_factor, drift, misalignment)| Calibration {
             scale_factor: scale_factor * (1.0 + SCALE_FACTOR_SIGMA * random.normal()),
-            drift_arcsec_per_half_s: drift + HALF_SECOND_S * DRIFT_SIGMA_ARCSEC_S * random.normal(),
+            drift_arcsec_per_half_s: drift + SAMPLE_INTERVAL_S * DRIFT_SIGMA_ARCSEC_S * random.normal(),
             misalignment_arcsec: misalignment.map(|angle| match angle {
                 0.0 => 0.0,
                 angle => angle + MISALIGNMENT_SIGMA_ARCSEC * random.normal(),
@@ -126,12 +126,12 @@ impl Unit {
         }
     }
 
-    /// Counts through the half second that starts at `start_s`.
-    pub fn half_second(&mut self, motion: &Motion, start_s: f64) -> Sample {
+    /// Counts through the sample that starts at `start_s`.
+    pub fn sample(&mut self, motion: &Motion, start_s: f64) -> Sample {
         let at_start = self.quantities(start_s);
         let of_unit = at_start[0];
         let fast = of_unit.of(ClockFrequency) * PPM;
-        let length_s = HALF_SECOND_S / (1.0 + fast);
+        let length_s = SAMPLE_INTERVAL_S / (1.0 + fast);
         let step_s = length_s / STEPS as f64;
         // Counts at t tell the motion of t − offset: where the offset changes, a longer or a shorter piece of it.
         let end_s = start_s + length_s;
@@ -159,13 +159,13 @@ impl Unit {
                     Gyro::Za | Gyro::Zb => row[0] += thermal,
                 }
                 let calibration = self.calibrations[gyro as usize];
-                let drift = calibration.drift_arcsec_per_half_s / HALF_SECOND_S
+                let drift = calibration.drift_arcsec_per_half_s / SAMPLE_INTERVAL_S
                     + own.of(Drift) / HOUR_S
                     + own.of(DriftSensorTemperature) / HOUR_S * (self.sensor_c - SENSOR_C);
                 let channel = &mut self.channels[gyro as usize];
                 let (sensed, input) = channel.sense(gyro, row, own, &state.rates, moved_s);
-                // Casteren §3.2: per on-board half second, in all.
-                let drift = drift * HALF_SECOND_S * (1.0 - 2.0 * fast) / length_s
+                // Casteren §3.2: per on-board sample interval, in all.
+                let drift = drift * SAMPLE_INTERVAL_S * (1.0 - 2.0 * fast) / length_s
                     + channel.drift_walk_arcsec_s
                     + own.of(RateDrift) * PPM * state.rates[2].abs();
                 let mut scale_factor = calibration.scale_factor * (1.0 + own.of(ScaleFactor) * PPM) * (1.0 - fast);
@@ -177,7 +177,7 @@ impl Unit {
         }
         let electronics_c = self.electronics_c(end_s);
         if start_s >= self.heater_off_s {
-            self.sensor_c += (electronics_c - self.sensor_c) * (1.0 - libm::exp(-HALF_SECOND_S / SENSOR_TIME_S));
+            self.sensor_c += (electronics_c - self.sensor_c) * (1.0 - libm::exp(-SAMPLE_INTERVAL_S / SENSOR_TIME_S));
         }
         let (counts, saturated) = self.count(end_s);
         Sample { length_s, counts, saturated, electronics_c, sensor_c: self.sensor_c }
@@ -209,7 +209,7 @@ impl Unit {
 
     /// Rounds once, then does what link and wiring do.
     fn count(&mut self, end_s: f64) -> ([i16; 4], u8) {
-        let quantities = self.quantities(end_s - HALF_SECOND_S / 2.0);
+        let quantities = self.quantities(end_s - SAMPLE_INTERVAL_S / 2.0);
         let mut increments =
             GYROS.map(|gyro| self.channels[gyro as usize].increment(&quantities[gyro as usize], end_s));
         let swapped: Vec<usize> = (0..4).filter(|gyro| quantities[*gyro].of(AxisSwap) != 0.0).collect();
@@ -229,7 +229,7 @@ impl Unit {
 }
 
 impl Channel {
-    /// The noises of a half second: what they grow by has a deviation that grows with the root of time.
+    /// The noises of a sample: what they grow by has a deviation that grows with the root of time.
     fn walk(&mut self, own: &Quantities, length_s: f64) {
         let root = length_s.sqrt();
         self.white_arcsec = own.of(AngleRandomWalk) * root * self.noise.normal();

@@ -13,13 +13,13 @@ use geu_model::sensor::SensorNumbers;
 use geu_model::units::{ARCSEC_PER_RAD, RAD_PER_DEG};
 use geu_protocol::Gyro;
 
-use crate::noise::{ErrorTerm, ROUNDING_VARIANCE, ErrorSource, RandomWalks, named};
-use crate::observe::{ExcludedData, CompensatedCounts, micros, outside};
+use crate::noise::{ErrorSource, ErrorTerm, ROUNDING_VARIANCE, RandomWalks, named};
+use crate::observe::{CompensatedCounts, ExcludedData, micros, outside};
 use crate::solve::Observation;
 use crate::sun::{Point, step_control_arcsec};
 use crate::transfer::GyroSet;
 use crate::window::ManoeuvreWindow;
-pub use data::{StarFix, AbsoluteData, Slit};
+pub use data::{AbsoluteData, Slit, StarFix};
 use overlay::{CYCLE_STEPS, OVERLAY_LEAST, OVERLAY_S, Overlay};
 pub use path::{GyroPath, path};
 use path::{Station, interpolate, mean, stations};
@@ -53,8 +53,8 @@ pub fn with_sensors(
             leave(format!("the star sensor has no fix at {end_s:.1} s"));
             continue;
         };
-        if to.reading.half_seconds - from.reading.half_seconds < 2.0 {
-            leave("it is shorter than two half seconds".to_owned());
+        if to.reading.samples - from.reading.samples < 2.0 {
+            leave("it is shorter than two samples".to_owned());
             continue;
         }
         // The rotation itself rests on the gyros of the path, and the limit cycle on what is around the fixes.
@@ -87,7 +87,7 @@ pub fn with_sensors(
             name: window.name.clone(),
             start_s: from.point.t_s.max(0.0),
             end_s: to.point.t_s,
-            half_seconds: to.reading.half_seconds - from.reading.half_seconds,
+            samples: to.reading.samples - from.reading.samples,
             counts: own,
             rotation_control_arcsec: rotation,
             disturbances,
@@ -134,16 +134,16 @@ fn rotation(
     let fix_variance = numbers.sse.slit_arcsec.powi(2) / slit_count + random_variance / 4.0 + bridge_variance;
     let cycle_variance =
         (numbers.fss.step_arcsec * CYCLE_STEPS).powi(2) + numbers.fss.noise_arcsec.powi(2) / (4.0 * OVERLAY_S);
-    let (first, last) = (from.reading.half_seconds, to.reading.half_seconds);
-    let bend = |half_seconds: f64| {
-        let share = (half_seconds - first) / (last - first);
+    let (first, last) = (from.reading.samples, to.reading.samples);
+    let bend = |samples: f64| {
+        let share = (samples - first) / (last - first);
         let between = |from: f64, to: f64| from + (to - from) * share;
         [
             between(start.theta_rad - path_start.theta_rad, end.theta_rad - path_end.theta_rad),
             between(start.psi_rad - path_start.psi_rad, end.psi_rad - path_end.psi_rad),
         ]
     };
-    let (level_arcsec, level_variance) = match overlay.level(start.t_s, end.t_s, |half_seconds| bend(half_seconds)[0]) {
+    let (level_arcsec, level_variance) = match overlay.level(start.t_s, end.t_s, |samples| bend(samples)[0]) {
         Some((level_arcsec, seen_variance)) => {
             let total = fix_variance + seen_variance;
             (level_arcsec * fix_variance / total, fix_variance * seen_variance / total)

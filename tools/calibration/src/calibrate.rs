@@ -11,12 +11,12 @@ use geu_model::units::ARCSEC_PER_DEG;
 use geu_protocol::Gyro;
 use geu_recording::ReferenceAttitude;
 
-use crate::absolute::{self, GyroPath, AbsoluteData};
+use crate::absolute::{self, AbsoluteData, GyroPath};
 use crate::counts::AccumulatedCounts;
 use crate::effects::{EffectContribution, MotionSteps};
 use crate::hand;
 use crate::noise::RandomWalks;
-use crate::observe::{self, ReferenceSeries, ExcludedData, CompensatedCounts, reference_sigma_arcsec};
+use crate::observe::{self, CompensatedCounts, ExcludedData, ReferenceSeries, reference_sigma_arcsec};
 use crate::solve::{self, Observation, Solution, SolveError};
 use crate::transfer::{GyroSet, Transfer};
 use crate::window::{self, ManoeuvreWindow};
@@ -49,7 +49,7 @@ pub struct Calibrated {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CalibrateError {
     /// Nothing stands in it.
-    #[error("expected a recording of at least 4 half seconds, got {0}")]
+    #[error("expected a recording of at least 4 samples, got {0}")]
     TooShort(usize),
     /// The list has no calibration manoeuvre.
     #[error("expected calibration manoeuvres (pointing, z-scan, y-scan, x-scan, or names of your own), got only {0}")]
@@ -247,7 +247,11 @@ fn chosen(
                 let (from_s, to_s) = (reference.truth.start_s() - offset_s, reference.truth.end_s() - offset_s);
                 window::cut_at_rests(counts, transfer, from_s, to_s)
                     .into_iter()
-                    .map(|window| ManoeuvreWindow { start_s: window.start_s + start_s, end_s: window.end_s + start_s, ..window })
+                    .map(|window| ManoeuvreWindow {
+                        start_s: window.start_s + start_s,
+                        end_s: window.end_s + start_s,
+                        ..window
+                    })
                     .collect()
             }
             AttitudeSource::Sensors(sensors) => sensors
@@ -275,7 +279,7 @@ fn chosen(
         {
             let (from, to) = (counts.at_node(from), counts.at_node(to));
             let counted = std::array::from_fn(|gyro| measured.between(gyro, &from, &to));
-            let turned = transfer.about_control_arcsec(counted, to.half_seconds - from.half_seconds);
+            let turned = transfer.about_control_arcsec(counted, to.samples - from.samples);
             if turned[1].abs() < SLEW_ABOUT_SUN_ARCSEC {
                 window.end_s = slew.end_s;
             }

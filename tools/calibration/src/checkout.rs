@@ -7,10 +7,10 @@ use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
-use geu_model::attitude::{Manoeuvre, AttitudeProfile, RecordedAttitude};
+use geu_model::attitude::{AttitudeProfile, Manoeuvre, RecordedAttitude};
 use geu_model::effect::EffectConfiguration;
 use geu_model::package::{Axes, Calibration};
-use geu_model::units::{HALF_SECOND_S, PPM};
+use geu_model::units::{PPM, SAMPLE_INTERVAL_S};
 use geu_model::{Configuration, Simulation};
 use geu_protocol::Gyro;
 use geu_recording::ReferenceAttitude;
@@ -18,7 +18,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-use crate::absolute::{StarFix, AbsoluteData};
+use crate::absolute::{AbsoluteData, StarFix};
 use crate::calibrate::{AttitudeSource, CalibrateError, Calibrated, calibrate};
 use crate::counts::{AccumulatedCounts, increments};
 use crate::effects::CLEARANCE_KNOWN_ARCSEC;
@@ -27,7 +27,7 @@ use crate::transfer::misalignment_matrix;
 use crate::window::ManoeuvreWindow;
 
 const SEQUENCE: &str = include_str!("../../../configs/checkout.toml");
-/// The hold after the last manoeuvre, half seconds: half of what the limit cycle's overlay looks at.
+/// The hold after the last manoeuvre, samples: half of what the limit cycle's overlay looks at.
 const HOLD: usize = 120;
 
 /// What is taken to keep floats and misalignments where they do no harm (Casteren §5).
@@ -110,7 +110,7 @@ pub struct CheckoutRun {
 
 pub fn fly(configuration: &Configuration) -> CheckoutRun {
     let length_s = AttitudeProfile::length_s(&configuration.scenario).unwrap_or(0.0);
-    let half_seconds = (length_s * 2.0).ceil() as usize + HOLD;
+    let samples = (length_s * 2.0).ceil() as usize + HOLD;
     let start_s = configuration.start_unix_ns as f64 * 1e-9;
     let simulation = Simulation::new(configuration);
     let mut counts = AccumulatedCounts::starting_at(configuration.start_unix_ns);
@@ -121,9 +121,9 @@ pub fn fly(configuration: &Configuration) -> CheckoutRun {
     let mut fixes: BTreeMap<i64, StarFix> = BTreeMap::new();
     let mut windows = Vec::new();
     let t_ns = |t_s: f64| configuration.start_unix_ns + (t_s * 1e9).round() as i64;
-    for (ended, reference) in simulation.take(half_seconds) {
-        let electronics_c = f64::from(ended.half_second.electronics_centi_c) * 0.01;
-        counts.push(ended.end_ns as f64 * 1e-9, increments(&ended.half_second), electronics_c);
+    for (ended, reference) in simulation.take(samples) {
+        let electronics_c = f64::from(ended.sample.electronics_centi_c) * 0.01;
+        counts.push(ended.end_ns as f64 * 1e-9, increments(&ended.sample), electronics_c);
         for sample in reference {
             rows.push(sample.row());
             windows.extend(sample.legs.iter().map(|leg| ManoeuvreWindow {
@@ -141,7 +141,8 @@ pub fn fly(configuration: &Configuration) -> CheckoutRun {
     }
     sensors.fixes = fixes.into_values().collect();
     let truth = RecordedAttitude::new(&rows).expect("rows of half a second each");
-    let reference = ReferenceAttitude { start_ns: configuration.start_unix_ns, truth: Arc::new(truth), time_system: None };
+    let reference =
+        ReferenceAttitude { start_ns: configuration.start_unix_ns, truth: Arc::new(truth), time_system: None };
     CheckoutRun { counts, windows, reference, sensors }
 }
 
@@ -172,7 +173,8 @@ pub fn true_calibrations(unit: &Configuration) -> [Calibration; 4] {
         let (own, effects) = (gyro.calibration, &gyro.effects.constant);
         Calibration {
             scale_factor: own.scale_factor * (1.0 + effects.scale_factor.ppm * PPM),
-            drift_arcsec_per_half_s: own.drift_arcsec_per_half_s + effects.drift.arcsec_per_h * HALF_SECOND_S / 3600.0,
+            drift_arcsec_per_half_s: own.drift_arcsec_per_half_s
+                + effects.drift.arcsec_per_h * SAMPLE_INTERVAL_S / 3600.0,
             x_arcsec: own.x_arcsec + effects.misalignment.x_arcsec,
             y_arcsec: own.y_arcsec + effects.misalignment.y_arcsec,
             z_arcsec: own.z_arcsec + effects.misalignment.z_arcsec,
@@ -250,7 +252,13 @@ struct Run {
 }
 
 /// Flies and calibrates `runs` checkouts, on all cores; the result does not depend on how many. `done` is called after each.
-pub fn campaign(unit: &Configuration, seed: u64, runs: usize, by: AttitudeSourceKind, done: impl Fn() + Sync) -> MonteCarlo {
+pub fn campaign(
+    unit: &Configuration,
+    seed: u64,
+    runs: usize,
+    by: AttitudeSourceKind,
+    done: impl Fn() + Sync,
+) -> MonteCarlo {
     let all: Vec<Result<Run, String>> = (0..runs)
         .into_par_iter()
         .map(|run| {
@@ -367,7 +375,7 @@ pub fn precautions(unit: &Configuration) -> Result<Vec<PrecautionResult>, Calibr
                     let turned = nalgebra::Vector3::from(observation.rotation_control_arcsec);
                     let calibration = &truth[gyro];
                     let told = observation.counts[gyro]? * calibration.scale_factor
-                        + observation.half_seconds * calibration.drift_arcsec_per_half_s;
+                        + observation.samples * calibration.drift_arcsec_per_half_s;
                     Some((told - (matrix.row(gyro) * turned)[0], observation.name.clone()))
                 });
                 errors.max_by(|a, b| a.0.abs().total_cmp(&b.0.abs())).unwrap_or_default()

@@ -3,10 +3,10 @@
 //! They must be independent, each of a recording of its own. What is tested is whether the unit stayed what it was; what
 //! it may have moved meanwhile by the paper is [`stability_per_day`].
 
-use geu_model::units::{HALF_SECOND_S, PPM};
+use geu_model::units::{PPM, SAMPLE_INTERVAL_S};
 use nalgebra::{Cholesky, DMatrix, DVector};
 
-use crate::solve::{CalibrationParameter, Solution, UNKNOWNS, SolveError, probability};
+use crate::solve::{CalibrationParameter, Solution, SolveError, UNKNOWNS, probability};
 
 /// Below this probability that chance alone makes them differ so, calibrations are not merged.
 pub const LEAST_PROBABILITY: f64 = 1e-3;
@@ -55,7 +55,11 @@ impl Comparison {
     /// Parameters that moved: each so improbable that among sixteen it would still be.
     pub fn moved(&self) -> Vec<CalibrationParameter> {
         let least = LEAST_PROBABILITY / UNKNOWNS as f64;
-        CalibrationParameter::all().enumerate().filter(|(index, _)| self.probability(*index) < least).map(|(_, one)| one).collect()
+        CalibrationParameter::all()
+            .enumerate()
+            .filter(|(index, _)| self.probability(*index) < least)
+            .map(|(_, one)| one)
+            .collect()
     }
 }
 
@@ -64,7 +68,7 @@ impl Comparison {
 pub fn stability_per_day(parameter: CalibrationParameter) -> Option<f64> {
     match parameter.index {
         0 => Some(40.0 * PPM / DAYS_PER_MONTH),
-        1 => Some(6.0 * HALF_SECOND_S / 3600.0 / 14.0),
+        1 => Some(6.0 * SAMPLE_INTERVAL_S / 3600.0 / 14.0),
         _ => None,
     }
 }

@@ -1,27 +1,27 @@
-//! What the gyros counted: accumulated counts at the ends of half seconds, with the time of each and the places where
+//! What the gyros counted: accumulated counts at the ends of samples, with the time of each and the places where
 //! the sum cannot be trusted.
 //!
-//! Half seconds are placed by the unit's own sequence and clock; when they ended is told by the receive times, averaged
+//! Samples are placed by the unit's own sequence and clock; when they ended is told by the receive times, averaged
 //! over five minutes, so that jitter goes and a clock that is fast, or warms, stays.
 
-use geu_model::units::HALF_SECOND_NS;
+use geu_model::units::SAMPLE_INTERVAL_NS;
 use geu_protocol::continuity::{Continuity, SequenceStep};
 use geu_protocol::field::{GYRO_FLAGS, unit_flag};
 use geu_protocol::{Gyro, Sample};
 use geu_recording::{Defect, ReceivedSample, Sink};
 use nalgebra::Matrix4;
 
-/// Half seconds over which receive times are averaged.
+/// Samples over which receive times are averaged.
 const TIMING_BLOCK: usize = 600;
-/// Half seconds that may be missing in all, a week's: more are a wrong word, not a gap.
+/// Samples that may be missing in all, a week's: more are a wrong word, not a gap.
 const MOST_MISSING: u64 = 1_209_600;
 /// A receive time this far from the averaged course is a jump of somebody's clock.
 const TIME_JUMP_S: f64 = 0.1;
 
-/// Why a sum over a half second is worth nothing.
+/// Why a sum over a sample interval is worth nothing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum BreakKind {
-    /// So many half seconds are missing.
+    /// So many samples are missing.
     Gap(u64),
     /// Sequence and clock stand in no relation to those before.
     Jump,
@@ -39,8 +39,8 @@ pub enum BreakKind {
 impl std::fmt::Display for BreakKind {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
         match self {
-            BreakKind::Gap(1) => write!(f, "1 half second is missing"),
-            BreakKind::Gap(count) => write!(f, "{count} half seconds are missing"),
+            BreakKind::Gap(1) => write!(f, "1 sample is missing"),
+            BreakKind::Gap(count) => write!(f, "{count} samples are missing"),
             BreakKind::Jump => write!(f, "sequence and clock jump"),
             BreakKind::Reset => write!(f, "the unit restarted"),
             BreakKind::TimeJump => write!(f, "receive times jump"),
@@ -61,7 +61,7 @@ pub struct Discontinuity {
     pub kind: BreakKind,
 }
 
-/// Accumulated counts at nodes: node 0 is the start of the first half second, node k the end of the k-th.
+/// Accumulated counts at nodes: node 0 is the start of the first sample interval, node k the end of the k-th.
 #[derive(Debug, Clone, Default)]
 pub struct AccumulatedCounts {
     /// Time of node 0, ns, on the time scale of the capture.
@@ -72,11 +72,11 @@ pub struct AccumulatedCounts {
     pub node_s: Vec<f64>,
     /// Sum of the increments up to each node, counts, in the order of [`Gyro::ALL`].
     pub accumulated: [Vec<f64>; 4],
-    /// Electronics temperature over the half second before each node, °C (node 0 as node 1).
+    /// Electronics temperature over the sample interval before each node, °C (node 0 as node 1).
     pub electronics_c: Vec<f64>,
     /// Sensor temperature at each node, °C, the last one known where a row has none; empty where none has.
     pub sensor_c: Vec<f64>,
-    /// Nodes of the rows, and how much later each was received than nominal half seconds since the first would have it, s; empty
+    /// Nodes of the rows, and how much later each was received than nominal samples since the first would have it, s; empty
     /// where nothing was received.
     pub received_late_s: Vec<(usize, f64)>,
     /// Where sums are worth nothing, in order.
@@ -91,17 +91,22 @@ pub struct Interpolation {
     pub first: usize,
     /// Its weight and those of the next three.
     pub weights: [f64; 4],
-    /// The instant in half seconds since node 0.
-    pub half_seconds: f64,
+    /// The instant in samples since node 0.
+    pub samples: f64,
 }
 
 impl AccumulatedCounts {
     /// Counts that start at `start_ns`, with nothing yet.
     pub fn starting_at(start_ns: i64) -> AccumulatedCounts {
-        AccumulatedCounts { start_ns, node_s: vec![0.0], accumulated: std::array::from_fn(|_| vec![0.0]), ..AccumulatedCounts::default() }
+        AccumulatedCounts {
+            start_ns,
+            node_s: vec![0.0],
+            accumulated: std::array::from_fn(|_| vec![0.0]),
+            ..AccumulatedCounts::default()
+        }
     }
 
-    /// Adds a half second that ends `end_s` after the start; `increments` may be real numbers, as before rounding.
+    /// Adds a sample that ends `end_s` after the start; `increments` may be real numbers, as before rounding.
     pub fn push(&mut self, end_s: f64, increments: [f64; 4], electronics_c: f64) {
         self.node_s.push(end_s);
         for (sums, increment) in self.accumulated.iter_mut().zip(increments) {
@@ -147,7 +152,7 @@ impl AccumulatedCounts {
         self.node_s.last().copied().unwrap_or(0.0)
     }
 
-    /// The node nearest to an instant; nothing outside the recording (by more than half a half second).
+    /// The node nearest to an instant; nothing outside the recording (by more than half a sample).
     pub fn nearest(&self, t_s: f64) -> Option<usize> {
         let after = self.node_s.partition_point(|&node_s| node_s < t_s);
         let nearest = match (after.checked_sub(1), self.node_s.get(after)) {
@@ -163,10 +168,10 @@ impl AccumulatedCounts {
         let first = node.min(self.node_s.len().saturating_sub(4));
         let mut weights = [0.0; 4];
         weights[node - first] = 1.0;
-        Interpolation { first, weights, half_seconds: node as f64 }
+        Interpolation { first, weights, samples: node as f64 }
     }
 
-    /// An instant between nodes, by the cubic through the four nearest (Casteren §6 interpolates between half seconds);
+    /// An instant between nodes, by the cubic through the four nearest (Casteren §6 interpolates between samples);
     /// nothing outside the recording.
     pub fn at(&self, t_s: f64) -> Option<Interpolation> {
         let last = self.node_s.len().checked_sub(1).filter(|&last| last >= 4)?;
@@ -178,20 +183,20 @@ impl AccumulatedCounts {
             return None;
         }
         let piece = self.node_s.partition_point(|&node_s| node_s <= t_s).saturating_sub(1).min(last - 1);
-        let half_seconds = piece as f64 + (t_s - self.node_s[piece]) / (self.node_s[piece + 1] - self.node_s[piece]);
+        let samples = piece as f64 + (t_s - self.node_s[piece]) / (self.node_s[piece + 1] - self.node_s[piece]);
         let first = piece.saturating_sub(1).min(last - 3);
-        let x = half_seconds - first as f64;
+        let x = samples - first as f64;
         let weights = std::array::from_fn(|own| {
             (0..4).filter(|&other| other != own).map(|other| (x - other as f64) / (own as f64 - other as f64)).product()
         });
-        Some(Interpolation { first, weights, half_seconds })
+        Some(Interpolation { first, weights, samples })
     }
 
     /// An instant at which the unit rests between two ramps, from two nodes on either side: the angle there of a line
     /// with a parabola of its own on each side. A cubic would err by 0.2″ where ramps of 36″/s² meet.
     pub fn at_rest(&self, t_s: f64) -> Option<Interpolation> {
         let mut reading = self.at(t_s)?;
-        let x: [f64; 4] = std::array::from_fn(|index| (reading.first + index) as f64 - reading.half_seconds);
+        let x: [f64; 4] = std::array::from_fn(|index| (reading.first + index) as f64 - reading.samples);
         // Two on either side, neither at the instant itself.
         if x[1] > -1e-3 || x[2] < 1e-3 {
             return Some(reading);
@@ -230,7 +235,7 @@ impl AccumulatedCounts {
 #[derive(Debug, Default)]
 pub struct CountsReader {
     continuity: Continuity,
-    /// Node of the half second before.
+    /// Node of the sample before.
     node: usize,
     /// Node, time and whether that was received, of each row.
     times: Vec<(usize, i64, bool)>,
@@ -241,12 +246,13 @@ pub struct CountsReader {
 
 impl Sink for CountsReader {
     fn row(&mut self, row: &ReceivedSample) {
-        let half_second = &row.half_second;
-        let step = self.continuity.step(half_second.sequence, row.has_clock.then_some(half_second.clock_count));
+        let sample = &row.sample;
+        let step = self.continuity.step(sample.sequence, row.has_clock.then_some(sample.clock_count));
         let by_time = |times: &[(usize, i64, bool)]| {
             let before_ns = times.last().filter(|last| last.2 == row.is_received).map(|last| last.1);
-            let passed_ns = row.time.zip(before_ns).map_or(HALF_SECOND_NS, |(time, before_ns)| time.t_ns - before_ns);
-            ((passed_ns + HALF_SECOND_NS / 2) / HALF_SECOND_NS).max(1) as u64
+            let passed_ns =
+                row.time.zip(before_ns).map_or(SAMPLE_INTERVAL_NS, |(time, before_ns)| time.t_ns - before_ns);
+            ((passed_ns + SAMPLE_INTERVAL_NS / 2) / SAMPLE_INTERVAL_NS).max(1) as u64
         };
         let (advance, kind) = match step {
             SequenceStep::First | SequenceStep::Next => (1, None),
@@ -263,27 +269,27 @@ impl Sink for CountsReader {
         }
         let from = self.node;
         self.node += advance;
-        let electronics_c = f64::from(half_second.electronics_centi_c) * 0.01;
+        let electronics_c = f64::from(sample.electronics_centi_c) * 0.01;
         for _ in 1..advance {
             self.counts.push(0.0, [0.0; 4], electronics_c);
         }
-        self.counts.push(0.0, increments(half_second), electronics_c);
+        self.counts.push(0.0, increments(sample), electronics_c);
         if let Some(kind) = kind {
             self.note(from, [true; 4], kind);
         }
-        let flag = |bit: usize| half_second.gyro_flags & (1 << GYRO_FLAGS[bit].bit) != 0;
+        let flag = |bit: usize| sample.gyro_flags & (1 << GYRO_FLAGS[bit].bit) != 0;
         let (valid, saturated) =
             (Gyro::ALL.map(|gyro| flag(gyro as usize)), Gyro::ALL.map(|gyro| flag(gyro as usize + 4)));
         self.note(self.node - 1, valid.map(|valid| !valid), BreakKind::Invalid);
         self.note(self.node - 1, saturated, BreakKind::Saturated);
-        if half_second.unit_flags & unit_flag("self_test") != 0 {
+        if sample.unit_flags & unit_flag("self_test") != 0 {
             self.note(self.node - 1, [true; 4], BreakKind::SelfTest);
         }
         if row.has_clock {
             // Rows without one, between, keep the temperature before.
-            let held = self.counts.sensor_c.last().copied().unwrap_or(f64::from(half_second.sensor_centi_c) * 0.01);
+            let held = self.counts.sensor_c.last().copied().unwrap_or(f64::from(sample.sensor_centi_c) * 0.01);
             self.counts.sensor_c.resize(self.node, held);
-            self.counts.sensor_c.push(f64::from(half_second.sensor_centi_c) * 0.01);
+            self.counts.sensor_c.push(f64::from(sample.sensor_centi_c) * 0.01);
         }
         if let Some(time) = row.time {
             self.times.push((self.node, time.t_ns, row.is_received));
@@ -322,11 +328,13 @@ impl CountsReader {
         let first = *self.times.first()?;
         let is_received = self.times.iter().any(|time| time.2);
         self.times.retain(|time| time.2 == is_received);
-        // Departures of the times from nominal half seconds since the first, so that no digit is lost.
+        // Departures of the times from nominal samples since the first, so that no digit is lost.
         let departures: Vec<(usize, f64)> = self
             .times
             .iter()
-            .map(|&(node, t_ns, _)| (node, (t_ns - first.1 - (node - first.0) as i64 * HALF_SECOND_NS) as f64 * 1e-9))
+            .map(|&(node, t_ns, _)| {
+                (node, (t_ns - first.1 - (node - first.0) as i64 * SAMPLE_INTERVAL_NS) as f64 * 1e-9)
+            })
             .collect();
         let mut counts = self.counts;
         let (course, jumps) = course(&departures);
@@ -398,7 +406,7 @@ fn knots(points: &[(usize, f64)]) -> Vec<(f64, f64)> {
         .collect()
 }
 
-/// The counts of one half second as real numbers.
-pub fn increments(half_second: &Sample) -> [f64; 4] {
-    half_second.increments.map(f64::from)
+/// The counts of one sample as real numbers.
+pub fn increments(sample: &Sample) -> [f64; 4] {
+    sample.increments.map(f64::from)
 }

@@ -3,15 +3,15 @@
 
 use std::sync::Arc;
 
-use geu_model::attitude::{RecordedAttitude, AttitudeRow};
+use geu_model::attitude::{AttitudeRow, RecordedAttitude};
 use geu_model::configuration::GyroConfiguration;
 use geu_model::effect::{CALIBRATION_COLUMN, UNIT_COLUMNS, WIRING_COLUMNS};
 use geu_model::package::Calibration;
-use geu_model::units::{HALF_SECOND_S, PPM};
-use geu_model::{Configuration, Truth, GyroUnit};
+use geu_model::units::{PPM, SAMPLE_INTERVAL_S};
+use geu_model::{Configuration, GyroUnit, Truth};
 
 use crate::counts::{AccumulatedCounts, Interpolation};
-use crate::noise::{ErrorTerm, ErrorSource};
+use crate::noise::{ErrorSource, ErrorTerm};
 
 /// How well the clearance of the pivots is known: ±3″ (Casteren §5.3), taken as the bounds of a uniform error.
 pub const CLEARANCE_KNOWN_ARCSEC: f64 = 3.0;
@@ -31,7 +31,11 @@ pub type MotionSteps = Vec<([f64; 3], Option<(f64, f64)>)>;
 
 impl EffectContribution {
     /// Runs the model of `configuration`, without its noise, along the motion; nothing where it has no other effect.
-    pub fn of(configuration: &Configuration, counts: &AccumulatedCounts, steps: impl FnOnce() -> MotionSteps) -> Option<EffectContribution> {
+    pub fn of(
+        configuration: &Configuration,
+        counts: &AccumulatedCounts,
+        steps: impl FnOnce() -> MotionSteps,
+    ) -> Option<EffectContribution> {
         let mut quiet = configuration.without_noise();
         if !quiet.columns().iter().any(|column| (UNIT_COLUMNS..WIRING_COLUMNS).contains(column)) {
             return None;
@@ -89,7 +93,11 @@ impl EffectContribution {
 }
 
 /// Counts that floats added up to each node, for clearances of each gyro's pivots; nothing where there is none.
-pub fn of_floats(calibrations: &[Calibration; 4], clearance_arcsec: &[f64; 4], steps: &MotionSteps) -> Option<[Vec<f64>; 4]> {
+pub fn of_floats(
+    calibrations: &[Calibration; 4],
+    clearance_arcsec: &[f64; 4],
+    steps: &MotionSteps,
+) -> Option<[Vec<f64>; 4]> {
     if clearance_arcsec.iter().all(|&clearance| clearance == 0.0) {
         return None;
     }
@@ -102,11 +110,11 @@ pub fn of_floats(calibrations: &[Calibration; 4], clearance_arcsec: &[f64; 4], s
     Some(run(&floats, &moved(&ends_s(&floats, steps.len()), steps)?, steps.len()))
 }
 
-/// Ends of the model's own half seconds, so that it meets the motion where the unit met it, whatever the times of receipt
+/// Ends of the model's own samples, so that it meets the motion where the unit met it, whatever the times of receipt
 /// say of their clocks.
-fn ends_s(configuration: &Configuration, half_seconds: usize) -> Vec<f64> {
-    let length_s = HALF_SECOND_S / (1.0 + configuration.unit.constant.clock_frequency.ppm * PPM);
-    (0..=half_seconds).map(|node| node as f64 * length_s).collect()
+fn ends_s(configuration: &Configuration, samples: usize) -> Vec<f64> {
+    let length_s = SAMPLE_INTERVAL_S / (1.0 + configuration.unit.constant.clock_frequency.ppm * PPM);
+    (0..=samples).map(|node| node as f64 * length_s).collect()
 }
 
 /// The motion as a truth to run the model on.
@@ -122,11 +130,11 @@ fn read(nodes: &[f64], reading: &Interpolation) -> f64 {
 }
 
 /// What every effect of unit and head changes, accumulated.
-fn run(configuration: &Configuration, truth: &Truth, half_seconds: usize) -> [Vec<f64>; 4] {
+fn run(configuration: &Configuration, truth: &Truth, samples: usize) -> [Vec<f64>; 4] {
     let mut unit = GyroUnit::on(configuration, truth);
     let mut accumulated: [Vec<f64>; 4] = std::array::from_fn(|_| vec![0.0]);
-    for _ in 0..half_seconds {
-        let (_, traces) = unit.end_half_second_traced();
+    for _ in 0..samples {
+        let (_, traces) = unit.end_sample_traced();
         for (sums, trace) in accumulated.iter_mut().zip(&traces) {
             let changes = trace.changes[CALIBRATION_COLUMN + 1..WIRING_COLUMNS].iter().sum::<f64>();
             sums.push(sums[sums.len() - 1] + changes);

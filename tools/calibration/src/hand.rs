@@ -8,7 +8,7 @@ use geu_model::units::{ARCSEC_PER_DEG, ARCSEC_PER_RAD};
 use geu_protocol::Gyro;
 use nalgebra::{DMatrix, DVector};
 
-use crate::solve::{Observation, CalibrationParameter, off_axes, own_axis};
+use crate::solve::{CalibrationParameter, Observation, off_axes, own_axis};
 
 /// A manoeuvre that turns less than this about every axis is a pointing: with misalignments of an arcminute what eq 4
 /// drops is below a tenth of an arcsecond.
@@ -54,11 +54,8 @@ fn solve_gyro(gyro: Gyro, observations: &[Observation], calibration: &mut Calibr
     }
     let first: Vec<_> = serving(None).chain(serving(Some(own))).collect();
     // Equation 4: N·SF + n·D = Δφ, every manoeuvre alike.
-    let design = DMatrix::from_fn(
-        first.len(),
-        2,
-        |row, column| if column == 0 { first[row].1 } else { first[row].0.half_seconds },
-    );
+    let design =
+        DMatrix::from_fn(first.len(), 2, |row, column| if column == 0 { first[row].1 } else { first[row].0.samples });
     let right = DVector::from_fn(first.len(), |row, _| first[row].0.rotation_control_arcsec[own]);
     let solved = design.svd(true, true).solve(&right, 0.0).map_err(|reason| format!("{}: {reason}", gyro.name()))?;
     (calibration.scale_factor, calibration.drift_arcsec_per_half_s) = (solved[0], solved[1]);
@@ -70,7 +67,7 @@ fn solve_gyro(gyro: Gyro, observations: &[Observation], calibration: &mut Calibr
         for (observation, counts) in serving(Some(axis)) {
             let turned = observation.rotation_control_arcsec;
             let explained: f64 = turned.iter().zip(known_rad).map(|(angle, part)| angle * part).sum();
-            let left = counts * solved[0] + observation.half_seconds * solved[1] - turned[own] - explained;
+            let left = counts * solved[0] + observation.samples * solved[1] - turned[own] - explained;
             sums.0 += left * turned[axis];
             sums.1 += turned[axis] * turned[axis];
         }

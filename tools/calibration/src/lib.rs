@@ -21,10 +21,10 @@ pub mod transfer;
 pub mod upkeep;
 pub mod window;
 
-pub use believed::{PriorCalibration, BelievedError};
+pub use believed::{BelievedError, PriorCalibration};
 pub use calibrate::{AttitudeSource, CalibrateError, Calibrated, calibrate};
 pub use compare::{Comparison, PreviousCalibration, combine, compare};
-pub use counts::{Discontinuity, BreakKind, AccumulatedCounts, CountsReader, Interpolation};
-pub use track::{GyroSelection, TrackerEvent, Track, Tracker};
+pub use counts::{AccumulatedCounts, BreakKind, CountsReader, Discontinuity, Interpolation};
+pub use track::{GyroSelection, Track, Tracker, TrackerEvent};
 pub use transfer::{GyroSet, Transfer};
-pub use upkeep::{PriorAccuracy, CalibrationUpdate, UpkeepError, update};
+pub use upkeep::{CalibrationUpdate, PriorAccuracy, UpkeepError, update};

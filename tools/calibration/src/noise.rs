@@ -135,7 +135,8 @@ mod tests {
     #[test]
     fn covariances_of_the_drift_walk_are_those_of_its_double_integral() {
         for correlation_time_s in [f64::INFINITY, 10_000.0, 500.0] {
-            let walks = RandomWalks { angle_arcsec_per_sqrt_s: 0.0, drift_arcsec_per_s_per_sqrt_s: 8e-6, correlation_time_s };
+            let walks =
+                RandomWalks { angle_arcsec_per_sqrt_s: 0.0, drift_arcsec_per_s_per_sqrt_s: 8e-6, correlation_time_s };
             for (a, b) in
                 [((0.0, 600.0), (0.0, 600.0)), ((100.0, 700.0), (6000.0, 12_000.0)), ((10.0, 900.0), (500.0, 600.0))]
             {

@@ -4,8 +4,8 @@ use geu_model::attitude::RecordedAttitude;
 use geu_model::package::Calibration;
 use geu_protocol::Gyro;
 
-use crate::counts::{Discontinuity, AccumulatedCounts, Interpolation};
-use crate::noise::{ErrorTerm, ROUNDING_VARIANCE, ErrorSource};
+use crate::counts::{AccumulatedCounts, Discontinuity, Interpolation};
+use crate::noise::{ErrorSource, ErrorTerm, ROUNDING_VARIANCE};
 use crate::solve::{Observation, own_axis};
 use crate::window::ManoeuvreWindow;
 
@@ -116,7 +116,11 @@ const BEYOND_S: f64 = 0.05;
 
 /// The equations of `windows`, with the rotations of a reference attitude. Windows begin and end at the nearest half
 /// second, where counts need no interpolation.
-pub fn with_reference(measured: &CompensatedCounts, windows: &[ManoeuvreWindow], known: &ReferenceSeries) -> (Vec<Observation>, Vec<ExcludedData>) {
+pub fn with_reference(
+    measured: &CompensatedCounts,
+    windows: &[ManoeuvreWindow],
+    known: &ReferenceSeries,
+) -> (Vec<Observation>, Vec<ExcludedData>) {
     let counts = measured.counts;
     let (mut observations, mut left_out) = (Vec::new(), Vec::new());
     let ReferenceSeries { truth, start_ns, sigma_arcsec } = *known;
@@ -134,7 +138,7 @@ pub fn with_reference(measured: &CompensatedCounts, windows: &[ManoeuvreWindow],
             continue;
         };
         if to <= from + 1 {
-            leave("it is shorter than two half seconds".to_owned());
+            leave("it is shorter than two samples".to_owned());
             continue;
         }
         let ends_s = [from, to].map(|node| counts.node_s[node] + reference_s);
@@ -161,9 +165,9 @@ pub fn with_reference(measured: &CompensatedCounts, windows: &[ManoeuvreWindow],
         }
         observations.push(Observation {
             name: window.name.clone(),
-            start_s: counts.node_s[from.half_seconds as usize],
-            end_s: counts.node_s[to.half_seconds as usize],
-            half_seconds: to.half_seconds - from.half_seconds,
+            start_s: counts.node_s[from.samples as usize],
+            end_s: counts.node_s[to.samples as usize],
+            samples: to.samples - from.samples,
             counts: own,
             rotation_control_arcsec: std::array::from_fn(|axis| after[axis] - before[axis]),
             disturbances,

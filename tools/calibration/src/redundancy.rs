@@ -10,7 +10,7 @@
 use std::collections::VecDeque;
 
 use geu_model::package::Calibration;
-use geu_model::units::{ARCSEC_PER_RAD, HALF_SECOND_S};
+use geu_model::units::{ARCSEC_PER_RAD, SAMPLE_INTERVAL_S};
 use geu_protocol::Gyro;
 
 use crate::believed::PriorCalibration;
@@ -19,7 +19,7 @@ use crate::transfer::{GyroSet, Transfer};
 
 /// Length of the short test, s.
 pub const WINDOW_S: f64 = 60.0;
-const WINDOW: usize = (WINDOW_S / HALF_SECOND_S) as usize;
+const WINDOW: usize = (WINDOW_S / SAMPLE_INTERVAL_S) as usize;
 /// Sigmas beyond which a difference is told. A walk of the angles crosses u sigma 2uφ(u) times per window (Slepian's
 /// process): at 5 once in 47 days of 60 s windows, at 4 three times in two days. Rounding, most of the sigma of a gyro as good as the
 /// paper's, ends at 3.5 of its own sigmas and makes it rarer.
@@ -64,12 +64,12 @@ impl std::fmt::Display for ParityTest {
 /// Sums since the start.
 #[derive(Debug, Clone, Copy, Default)]
 struct Sums {
-    half_seconds: f64,
+    samples: f64,
     counts: [f64; 4],
     elapsed_s: f64,
 }
 
-/// Follows the difference of the redundant pair through half seconds.
+/// Follows the difference of the redundant pair through samples.
 #[derive(Debug, Clone)]
 pub struct ParityMonitor {
     transfer: Transfer,
@@ -77,13 +77,13 @@ pub struct ParityMonitor {
     sigmas: [Calibration; 4],
     walks: [RandomWalks; 4],
     now: Sums,
-    /// The sums at the ends of half seconds without a break, oldest first, a window's worth at most.
+    /// The sums at the ends of samples without a break, oldest first, a window's worth at most.
     history: VecDeque<Sums>,
     stretches: f64,
     is_alarmed: [bool; 2],
 }
 
-/// What a half second made of the difference.
+/// What a sample made of the difference.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ParityResult {
     /// Since the start.
@@ -111,20 +111,20 @@ impl ParityMonitor {
         }
     }
 
-    /// Some half seconds are not there. Drifts walk on meanwhile.
-    pub fn skip(&mut self, half_seconds: u64) {
+    /// Some samples are not there. Drifts walk on meanwhile.
+    pub fn skip(&mut self, samples: u64) {
         self.history.clear();
-        self.now.elapsed_s += half_seconds as f64 * HALF_SECOND_S;
+        self.now.elapsed_s += samples as f64 * SAMPLE_INTERVAL_S;
     }
 
-    /// Takes the counts of the half second that follows.
+    /// Takes the counts of the sample that follows.
     pub fn take(&mut self, counts: [f64; 4]) -> ParityResult {
         if self.history.is_empty() {
             self.stretches += 1.0;
             self.history.push_back(self.now);
         }
-        self.now.half_seconds += 1.0;
-        self.now.elapsed_s += HALF_SECOND_S;
+        self.now.samples += 1.0;
+        self.now.elapsed_s += SAMPLE_INTERVAL_S;
         for (sum, count) in self.now.counts.iter_mut().zip(counts) {
             *sum += count;
         }
@@ -148,22 +148,22 @@ impl ParityMonitor {
     /// The difference since `from`, over so many stretches.
     fn difference(&self, from: &Sums, stretches: f64) -> ParityResidual {
         let counts: [f64; 4] = std::array::from_fn(|gyro| self.now.counts[gyro] - from.counts[gyro]);
-        let half_seconds = self.now.half_seconds - from.half_seconds;
-        let [x_arcsec, y_arcsec, _] = self.transfer.about_control_arcsec(counts, half_seconds);
+        let samples = self.now.samples - from.samples;
+        let [x_arcsec, y_arcsec, _] = self.transfer.about_control_arcsec(counts, samples);
         let stretch_s = (from.elapsed_s, self.now.elapsed_s);
         let mut variance = 0.0;
         // GYRX and GYRY come in through misalignments alone: what they do not know is a ten thousandth here.
         for gyro in PAIR.map(|gyro| gyro as usize) {
             let (sigma, walks) = (&self.sigmas[gyro], &self.walks[gyro]);
             variance += 2.0 * stretches * ROUNDING_VARIANCE * self.calibrations[gyro].scale_factor.powi(2)
-                + walks.angle_arcsec_per_sqrt_s.powi(2) * half_seconds * HALF_SECOND_S
+                + walks.angle_arcsec_per_sqrt_s.powi(2) * samples * SAMPLE_INTERVAL_S
                 + walks.drift_covariance(stretch_s, stretch_s)
-                + (sigma.drift_arcsec_per_half_s * half_seconds).powi(2)
+                + (sigma.drift_arcsec_per_half_s * samples).powi(2)
                 + (sigma.scale_factor * counts[gyro]).powi(2)
                 + (sigma.x_arcsec * x_arcsec / ARCSEC_PER_RAD).powi(2)
                 + (sigma.y_arcsec * y_arcsec / ARCSEC_PER_RAD).powi(2);
         }
-        let arcsec = self.transfer.redundancy_arcsec(counts, half_seconds);
+        let arcsec = self.transfer.redundancy_arcsec(counts, samples);
         ParityResidual { arcsec, sigma_arcsec: variance.sqrt() }
     }
 }
@@ -173,12 +173,12 @@ mod tests {
     use super::*;
     use geu_model::{Configuration, GyroUnit};
 
-    fn run(overrides: &[&str], half_seconds: usize) -> Vec<ParityResult> {
+    fn run(overrides: &[&str], samples: usize) -> Vec<ParityResult> {
         let overrides: Vec<String> = overrides.iter().map(|&text| text.to_owned()).collect();
         let configuration = Configuration::reference_with(&overrides).unwrap();
         let mut monitor = ParityMonitor::new(&PriorCalibration::from(&configuration));
         let mut unit = GyroUnit::new(&configuration);
-        (0..half_seconds).map(|_| monitor.take(unit.end_half_second().half_second.increments.map(f64::from))).collect()
+        (0..samples).map(|_| monitor.take(unit.end_sample().sample.increments.map(f64::from))).collect()
     }
 
     #[test]
@@ -228,9 +228,9 @@ mod tests {
         let configuration = Configuration::reference();
         let mut monitor = ParityMonitor::new(&PriorCalibration::from(&configuration));
         let mut unit = GyroUnit::new(&configuration);
-        for half_second in 0..2000 {
-            let counts = unit.end_half_second().half_second.increments.map(f64::from);
-            if half_second % 500 == 0 {
+        for sample in 0..2000 {
+            let counts = unit.end_sample().sample.increments.map(f64::from);
+            if sample % 500 == 0 {
                 monitor.skip(1);
             } else {
                 assert_eq!(monitor.take(counts).is_alarmed, [false; 2]);

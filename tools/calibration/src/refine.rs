@@ -1,14 +1,14 @@
 //! Some of the sixteen parameters refined from what was known of them and from data, where data alone would not do.
 
 use geu_model::package::Calibration;
-use geu_model::units::HALF_SECOND_S;
+use geu_model::units::SAMPLE_INTERVAL_S;
 use geu_protocol::Gyro;
 use nalgebra::{DMatrix, DVector};
 
 use crate::noise::RandomWalks;
 use crate::solve::{
-    Equations, LeastSquaresFit, Observation, PER_GYRO, CalibrationParameter, Residual, SolveError, fit, noise_not_finite, root,
-    shared_covariance, values,
+    CalibrationParameter, Equations, LeastSquaresFit, Observation, PER_GYRO, Residual, SolveError, fit,
+    noise_not_finite, root, shared_covariance, values,
 };
 
 /// What was known of a parameter before the data: its believed value, so well.
@@ -85,7 +85,8 @@ pub fn refine(
             .iter()
             .enumerate()
             .filter(|(_, prior)| prior.parameter.gyro as usize == gyro && prior.parameter.index == 1);
-        let own: Vec<_> = observed.chain(known.map(|(index, _)| (rows + index, (0.0, 0.0), HALF_SECOND_S))).collect();
+        let own: Vec<_> =
+            observed.chain(known.map(|(index, _)| (rows + index, (0.0, 0.0), SAMPLE_INTERVAL_S))).collect();
         let end = ((end_s - END_S).max(0.0), end_s);
         let with_end = walk.drift_covariance(end, end) / (END_S * END_S);
         let to_end: Vec<f64> = own.iter().map(|row| walk.drift_covariance(row.1, end) / END_S).collect();

@@ -7,7 +7,7 @@ use serde_json::{Map, Value, json};
 
 use crate::calibrate::Calibrated;
 use crate::compare::{Comparison, PreviousCalibration};
-use crate::solve::{PER_GYRO, CalibrationParameter, Solution, UNKNOWNS, off_axes};
+use crate::solve::{CalibrationParameter, PER_GYRO, Solution, UNKNOWNS, off_axes};
 
 const AXES: [&str; 3] = ["x", "y", "z"];
 
@@ -146,7 +146,10 @@ pub fn overrides(calibrations: &[Calibration; 4]) -> Vec<String> {
 }
 
 /// As [`overrides`], of some of the parameters.
-pub fn overrides_of(parameters: impl IntoIterator<Item = CalibrationParameter>, calibrations: &[Calibration; 4]) -> Vec<String> {
+pub fn overrides_of(
+    parameters: impl IntoIterator<Item = CalibrationParameter>,
+    calibrations: &[Calibration; 4],
+) -> Vec<String> {
     parameters
         .into_iter()
         .map(|parameter| {

@@ -6,7 +6,7 @@
 //! N·SF + n·D − G₁·Δφ₁ − G₂·Δφ₂ = Δφ_own
 //! ```
 //!
-//! with the counts N over n half seconds and the inertial rotation Δφ about the control axes. The equations of the gyros
+//! with the counts N over n samples and the inertial rotation Δφ about the control axes. The equations of the gyros
 //! are solved together, because they share the errors of the rotation.
 //!
 //! D is the mean over the manoeuvres: with it the accumulated angle is best followed. The drift walks on from the start
@@ -23,7 +23,7 @@ use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 use crate::noise::{ErrorTerm, RandomWalks};
 use crate::transfer::misalignment_matrix;
-pub use parameter::{BEFORE_LAUNCH, PER_GYRO, CalibrationParameter, UNKNOWNS, off_axes, own_axis};
+pub use parameter::{BEFORE_LAUNCH, CalibrationParameter, PER_GYRO, UNKNOWNS, off_axes, own_axis};
 
 /// What was measured over one manoeuvre.
 #[derive(Debug, Clone, PartialEq)]
@@ -32,7 +32,7 @@ pub struct Observation {
     /// Start, s since the start of the recording.
     pub start_s: f64,
     pub end_s: f64,
-    pub half_seconds: f64,
+    pub samples: f64,
     /// Counts of each gyro; nothing where they cannot be trusted.
     pub counts: [Option<f64>; 4],
     /// Inertial rotation: the integrals of the rates about the control axes, arcsec.
@@ -144,11 +144,11 @@ impl<'a> Equations<'a> {
         let mut design = DMatrix::zeros(rows.len(), UNKNOWNS);
         let mut right = DVector::zeros(rows.len());
         for (row, &(index, gyro)) in rows.iter().enumerate() {
-            let Observation { half_seconds, counts, rotation_control_arcsec: turned, .. } = &observations[index];
+            let Observation { samples, counts, rotation_control_arcsec: turned, .. } = &observations[index];
             let off = off_axes(Gyro::ALL[gyro]);
             let unknowns = [
                 counts[gyro].unwrap_or(0.0),
-                *half_seconds,
+                *samples,
                 -turned[off[0]] / ARCSEC_PER_RAD,
                 -turned[off[1]] / ARCSEC_PER_RAD,
             ];
@@ -163,7 +163,7 @@ impl<'a> Equations<'a> {
             let bad = |observation: &&Observation| {
                 let numbers =
                     observation.rotation_control_arcsec.into_iter().chain(observation.counts.into_iter().flatten());
-                numbers.chain([observation.half_seconds]).any(|number| !number.is_finite())
+                numbers.chain([observation.samples]).any(|number| !number.is_finite())
             };
             let name = observations.iter().find(bad).map_or("the noise", |observation| &observation.name);
             return Err(SolveError::NotFinite(name.to_owned()));
@@ -381,8 +381,11 @@ pub(crate) fn shared_covariance(
 mod tests {
     use super::*;
 
-    const QUIET: RandomWalks =
-        RandomWalks { angle_arcsec_per_sqrt_s: 0.0, drift_arcsec_per_s_per_sqrt_s: 0.0, correlation_time_s: f64::INFINITY };
+    const QUIET: RandomWalks = RandomWalks {
+        angle_arcsec_per_sqrt_s: 0.0,
+        drift_arcsec_per_s_per_sqrt_s: 0.0,
+        correlation_time_s: f64::INFINITY,
+    };
 
     /// A manoeuvre of a perfect unit that turns so many degrees about each axis.
     fn manoeuvre(index: usize, turned_deg: [f64; 3]) -> Observation {
@@ -392,7 +395,7 @@ mod tests {
             name: format!("manoeuvre {index}"),
             start_s,
             end_s: start_s + 600.0,
-            half_seconds: 1200.0,
+            samples: 1200.0,
             counts: Gyro::ALL.map(|gyro| Some(turned[own_axis(gyro)])),
             rotation_control_arcsec: turned,
             disturbances: (0..4)
@@ -450,7 +453,7 @@ mod tests {
         assert!(refused(&dead).contains("GYRY: no manoeuvre has counts of it that can be trusted"));
         assert_eq!(refused(&[]), "no manoeuvre could be used");
         let mut infinite = observations;
-        infinite[0].half_seconds = f64::NAN;
+        infinite[0].samples = f64::NAN;
         assert!(refused(&infinite).contains("manoeuvre 0"));
     }
 }

@@ -1,4 +1,4 @@
-//! The on-board side (Casteren §4): equation 3 on half seconds as they come, the attitude they turn to, and the redundant
+//! The on-board side (Casteren §4): equation 3 on samples as they come, the attitude they turn to, and the redundant
 //! pair watched.
 //!
 //! ```
@@ -10,9 +10,9 @@
 //! let configuration = Configuration::reference();
 //! let believed = Believed::from(&configuration);
 //! let mut tracker = Tracker::new(&believed, Choice::Za, UnitQuaternion::identity());
-//! let half_second = Unit::new(&configuration).end_half_second().half_second;
-//! let track = tracker.take(&Row { time: None, is_received: false, half_second, has_clock: true }).unwrap();
-//! // No count of GYRX in the first half second: its drift remains, and a trace of Y and Z.
+//! let sample = Unit::new(&configuration).end_sample().sample;
+//! let track = tracker.take(&Row { time: None, is_received: false, sample, has_clock: true }).unwrap();
+//! // No count of GYRX in the first sample interval: its drift remains, and a trace of Y and Z.
 //! assert!((track.increment_control_arcsec.unwrap()[0] - 0.21).abs() < 1e-3);
 //! ```
 
@@ -28,11 +28,11 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::believed::PriorCalibration;
 use crate::counts::BreakKind;
-use crate::redundancy::{ParityResult, ParityMonitor, ParityTest};
+use crate::redundancy::{ParityMonitor, ParityResult, ParityTest};
 use crate::transfer::{GyroSet, Transfer};
-pub use selection::{GyroSelection, TrackerEvent, Reason, in_use_name};
+pub use selection::{GyroSelection, Reason, TrackerEvent, in_use_name};
 
-/// A restart of the sequence within so long of the half second before took none with it.
+/// A restart of the sequence within so long of the sample before took none with it.
 const NEXT_NS: i64 = 750_000_000;
 /// A gap longer than a week is a wrong word, not a gap.
 const LONGEST_GAP: u64 = 1_209_600;
@@ -40,25 +40,25 @@ const LONGEST_GAP: u64 = 1_209_600;
 #[derive(Debug, Clone, PartialEq)]
 pub struct Track {
     pub time: Option<Timestamp>,
-    pub half_second: Sample,
-    /// Rotation about the control axes over the half second (eq 3), where the gyros in use measured it.
+    pub sample: Sample,
+    /// Rotation about the control axes over the sample interval (eq 3), where the gyros in use measured it.
     pub increment_control_arcsec: Option<[f64; 3]>,
     pub angle_control_arcsec: [f64; 3],
     /// Control frame to inertial.
     pub attitude: UnitQuaternion<f64>,
-    /// Whether the attitude holds every half second since the start.
+    /// Whether the attitude holds every sample since the start.
     pub is_complete: bool,
-    /// Half seconds it lacks, as far as sequence and clock tell.
-    pub lost_half_seconds: u64,
+    /// Samples it lacks, as far as sequence and clock tell.
+    pub lost_samples: u64,
     pub in_use: Option<GyroSet>,
     /// The redundant pair, where both measured.
     pub redundancy: Option<ParityResult>,
-    /// Why the increments before or of this half second are not there, or not to be relied on.
+    /// Why the increments before or of this sample are not there, or not to be relied on.
     pub reasons: Vec<Reason>,
     pub events: Vec<TrackerEvent>,
 }
 
-/// Applies equation 3 to half seconds in the order of their coming.
+/// Applies equation 3 to samples in the order of their coming.
 #[derive(Debug, Clone)]
 pub struct Tracker {
     choice: GyroSelection,
@@ -69,16 +69,16 @@ pub struct Tracker {
     in_use: GyroSet,
     angle_control_arcsec: [f64; 3],
     attitude: UnitQuaternion<f64>,
-    /// Increment of the half second before, rad, where it was there.
+    /// Increment of the sample before, rad, where it was there.
     before_control_rad: Option<Vector3<f64>>,
     is_complete: bool,
-    lost_half_seconds: u64,
-    /// Half seconds without increments until now.
+    lost_samples: u64,
+    /// Samples without increments until now.
     without: u64,
 }
 
 impl Tracker {
-    /// A tracker before the first half second, with the attitude at its start (control frame to inertial).
+    /// A tracker before the first sample, with the attitude at its start (control frame to inertial).
     pub fn new(believed: &PriorCalibration, choice: GyroSelection, attitude: UnitQuaternion<f64>) -> Tracker {
         let candidates = choice.candidates();
         Tracker {
@@ -92,37 +92,39 @@ impl Tracker {
             attitude,
             before_control_rad: None,
             is_complete: true,
-            lost_half_seconds: 0,
+            lost_samples: 0,
             without: 0,
         }
     }
 
-    /// Takes a half second; nothing comes of one that is told again.
+    /// Takes a sample; nothing comes of one that is told again.
     pub fn take(&mut self, row: &ReceivedSample) -> Option<Track> {
-        let half_second = row.half_second;
-        let step = self.continuity.step(half_second.sequence, row.has_clock.then_some(half_second.clock_count));
+        let sample = row.sample;
+        let step = self.continuity.step(sample.sequence, row.has_clock.then_some(sample.clock_count));
         let time = row.time.filter(|_| row.is_received);
         let passed_ns = time.zip(self.last_time).map(|(now, before)| now.t_ns - before.t_ns);
         let missing = match step {
             SequenceStep::First | SequenceStep::Next => None,
             SequenceStep::Repeat => return None,
             SequenceStep::Gap(missing) => Some((BreakKind::Gap(missing), missing.min(LONGEST_GAP))),
-            // RESET_SEQUENCE takes no half second with it; a restart of the unit does.
-            SequenceStep::Reset if half_second.sequence == 0 && passed_ns.is_some_and(|ns| (0..NEXT_NS).contains(&ns)) => None,
+            // RESET_SEQUENCE takes no sample with it; a restart of the unit does.
+            SequenceStep::Reset if sample.sequence == 0 && passed_ns.is_some_and(|ns| (0..NEXT_NS).contains(&ns)) => {
+                None
+            }
             SequenceStep::Reset => Some((BreakKind::Reset, 0)),
             SequenceStep::Jump => Some((BreakKind::Jump, 0)),
         };
         self.last_time = time;
         let (mut reasons, mut events) = (vec![], vec![]);
-        if let Some((kind, half_seconds)) = missing {
+        if let Some((kind, samples)) = missing {
             reasons.push(Reason { kind, gyros: [true; 4] });
-            self.redundancy.skip(half_seconds);
-            self.lose(half_seconds);
+            self.redundancy.skip(samples);
+            self.lose(samples);
             events.push(TrackerEvent::Lost { kind, gyros: [true; 4], other: None });
         }
 
-        let measured = measured(&half_second, &mut reasons);
-        let counts = half_second.increments.map(f64::from);
+        let measured = measured(&sample, &mut reasons);
+        let counts = sample.increments.map(f64::from);
         let redundancy = if measured == [true; 4] {
             Some(self.redundancy.take(counts))
         } else {
@@ -144,7 +146,7 @@ impl Tracker {
         match (found, increment) {
             (Some((in_use, _)), Some(increment)) => {
                 if self.without > 0 {
-                    events.push(TrackerEvent::Again { half_seconds: self.without });
+                    events.push(TrackerEvent::Again { samples: self.without });
                 }
                 if in_use != self.in_use {
                     events.push(TrackerEvent::Switched(in_use));
@@ -168,12 +170,12 @@ impl Tracker {
         }
         Some(Track {
             time: row.time,
-            half_second,
+            sample,
             increment_control_arcsec: increment,
             angle_control_arcsec: self.angle_control_arcsec,
             attitude: self.attitude,
             is_complete: self.is_complete,
-            lost_half_seconds: self.lost_half_seconds,
+            lost_samples: self.lost_samples,
             in_use: found.map(|(in_use, _)| in_use),
             redundancy,
             reasons,
@@ -181,15 +183,15 @@ impl Tracker {
         })
     }
 
-    fn lose(&mut self, half_seconds: u64) {
+    fn lose(&mut self, samples: u64) {
         self.is_complete = false;
-        self.lost_half_seconds += half_seconds;
+        self.lost_samples += samples;
         self.before_control_rad = None;
     }
 
     /// Turns the attitude by an increment. Its parts are integrals of rates about axes that turn themselves: where the rate
     /// changes its direction, the rotation vector has half the integral of angle × rate more (Bortz), which a rate linear
-    /// over this half second and the one before makes Δ₋₁ × Δ / 12.
+    /// over this sample interval and the one before makes Δ₋₁ × Δ / 12.
     fn turn(&mut self, increment_control_arcsec: [f64; 3]) {
         for (sum, increment) in self.angle_control_arcsec.iter_mut().zip(increment_control_arcsec) {
             *sum += increment;
@@ -202,11 +204,11 @@ impl Tracker {
     }
 }
 
-/// Which gyros measured the half second, and why the others did not.
-fn measured(half_second: &Sample, reasons: &mut Vec<Reason>) -> [bool; 4] {
-    let bits = |first: u8| Gyro::ALL.map(|gyro| half_second.gyro_flags >> (first + gyro as u8) & 1 != 0);
+/// Which gyros measured the sample, and why the others did not.
+fn measured(sample: &Sample, reasons: &mut Vec<Reason>) -> [bool; 4] {
+    let bits = |first: u8| Gyro::ALL.map(|gyro| sample.gyro_flags >> (first + gyro as u8) & 1 != 0);
     let (invalid, saturated) = (bits(0).map(|valid| !valid), bits(4));
-    let self_test = [half_second.unit_flags & unit_flag("self_test") != 0; 4];
+    let self_test = [sample.unit_flags & unit_flag("self_test") != 0; 4];
     let found = [(BreakKind::SelfTest, self_test), (BreakKind::Invalid, invalid), (BreakKind::Saturated, saturated)];
     reasons
         .extend(found.iter().filter(|(_, gyros)| gyros.contains(&true)).map(|&(kind, gyros)| Reason { kind, gyros }));
@@ -218,26 +220,26 @@ mod tests {
     use super::*;
     use geu_model::{Configuration, GyroUnit};
 
-    fn row(half_second: Sample) -> ReceivedSample {
-        ReceivedSample { time: None, is_received: false, half_second, has_clock: true }
+    fn row(sample: Sample) -> ReceivedSample {
+        ReceivedSample { time: None, is_received: false, sample, has_clock: true }
     }
 
-    /// Half seconds of a unit without drift that stands still.
+    /// Samples of a unit without drift that stands still.
     fn still(count: u64) -> Vec<Sample> {
-        let half_second = |index: u64| Sample {
+        let sample = |index: u64| Sample {
             sequence: index as u16,
             clock_count: (index + 1) * 500_000,
             gyro_flags: 0x0F,
             unit_flags: 0x07,
             ..Sample::default()
         };
-        (0..count).map(half_second).collect()
+        (0..count).map(sample).collect()
     }
 
-    fn track(choice: GyroSelection, half_seconds: &[Sample]) -> Vec<Track> {
+    fn track(choice: GyroSelection, samples: &[Sample]) -> Vec<Track> {
         let believed = PriorCalibration::from(&Configuration::parse("neutral", "", &[]).unwrap());
         let mut tracker = Tracker::new(&believed, choice, UnitQuaternion::identity());
-        half_seconds.iter().filter_map(|&half_second| tracker.take(&row(half_second))).collect()
+        samples.iter().filter_map(|&sample| tracker.take(&row(sample))).collect()
     }
 
     /// Turning about Z while the input to X goes round: a cone, whose attitude is known at every instant. R = Rz(at)·Rx(b)
@@ -284,8 +286,8 @@ mod tests {
             GyroUnit::new(&configuration),
             Tracker::new(&PriorCalibration::from(&configuration), GyroSelection::All, UnitQuaternion::identity()),
         );
-        let last = (0..172_800).filter_map(|_| tracker.take(&row(unit.end_half_second().half_second))).last().unwrap();
-        assert!(last.is_complete && last.lost_half_seconds == 0 && last.events.is_empty());
+        let last = (0..172_800).filter_map(|_| tracker.take(&row(unit.end_sample().sample))).last().unwrap();
+        assert!(last.is_complete && last.lost_samples == 0 && last.events.is_empty());
         assert!((last.attitude.norm() - 1.0).abs() < 1e-12);
         let checked = last.redundancy.unwrap();
         assert!(checked.accumulated.sigmas() < 5.0 && checked.window.unwrap().sigmas() < 5.0, "{checked:?}");
@@ -293,50 +295,51 @@ mod tests {
 
     #[test]
     fn a_gap_is_told_once_and_leaves_the_attitude_incomplete() {
-        let mut half_seconds = still(10);
-        half_seconds.drain(4..6);
-        half_seconds.insert(5, half_seconds[4]);
-        let tracks = track(GyroSelection::Za, &half_seconds);
+        let mut samples = still(10);
+        samples.drain(4..6);
+        samples.insert(5, samples[4]);
+        let tracks = track(GyroSelection::Za, &samples);
         assert_eq!(tracks.len(), 8);
         let complete: Vec<bool> = tracks.iter().map(|track| track.is_complete).collect();
         assert_eq!(complete, [true, true, true, true, false, false, false, false]);
         assert!(tracks.iter().all(|track| track.increment_control_arcsec == Some([0.0; 3])));
-        assert_eq!(tracks[7].lost_half_seconds, 2);
+        assert_eq!(tracks[7].lost_samples, 2);
         let events: Vec<String> = tracks.iter().flat_map(|track| &track.events).map(TrackerEvent::to_string).collect();
-        assert_eq!(events, ["2 half seconds are missing; the attitude lacks what the unit turned meanwhile"]);
+        assert_eq!(events, ["2 samples are missing; the attitude lacks what the unit turned meanwhile"]);
     }
 
     #[test]
     fn without_gyrza_the_choice_decides_whether_it_goes_on() {
-        let mut half_seconds = still(6);
-        for half_second in &mut half_seconds[2..4] {
-            half_second.gyro_flags &= !4;
-            half_second.increments = [0, 0, 1000, 7];
+        let mut samples = still(6);
+        for sample in &mut samples[2..4] {
+            sample.gyro_flags &= !4;
+            sample.increments = [0, 0, 1000, 7];
         }
-        let events =
-            |tracks: &[Track]| tracks.iter().flat_map(|track| &track.events).map(TrackerEvent::to_string).collect::<Vec<_>>();
-        let tracks = track(GyroSelection::Za, &half_seconds);
+        let events = |tracks: &[Track]| {
+            tracks.iter().flat_map(|track| &track.events).map(TrackerEvent::to_string).collect::<Vec<_>>()
+        };
+        let tracks = track(GyroSelection::Za, &samples);
         assert_eq!(tracks[3].increment_control_arcsec, None);
-        assert_eq!((tracks[3].redundancy, tracks[3].lost_half_seconds), (None, 2));
+        assert_eq!((tracks[3].redundancy, tracks[3].lost_samples), (None, 2));
         let expected = [
             "GYRZA: the count is not valid; the attitude lacks what the unit turned meanwhile; --gyros zb would go on",
-            "increments again, after 2 half seconds without",
+            "increments again, after 2 samples without",
         ];
         assert_eq!(events(&tracks), expected);
-        let tracks = track(GyroSelection::Auto, &half_seconds);
+        let tracks = track(GyroSelection::Auto, &samples);
         assert_eq!(tracks[5].angle_control_arcsec, [0.0, 0.0, 14.0]);
         assert!(tracks[5].is_complete);
         assert_eq!(events(&tracks), ["goes on with zb", "goes on with za"]);
-        assert!(track(GyroSelection::Zb, &half_seconds)[5].events.is_empty());
-        assert!(!track(GyroSelection::All, &half_seconds)[5].is_complete);
+        assert!(track(GyroSelection::Zb, &samples)[5].events.is_empty());
+        assert!(!track(GyroSelection::All, &samples)[5].is_complete);
     }
 
     #[test]
     fn saturated_counts_and_a_self_test_are_no_increments() {
-        let mut half_seconds = still(4);
-        half_seconds[1].gyro_flags |= 0x10;
-        half_seconds[3].unit_flags |= unit_flag("self_test");
-        let tracks = track(GyroSelection::Auto, &half_seconds);
+        let mut samples = still(4);
+        samples[1].gyro_flags |= 0x10;
+        samples[3].unit_flags |= unit_flag("self_test");
+        let tracks = track(GyroSelection::Auto, &samples);
         let increments: Vec<bool> = tracks.iter().map(|track| track.increment_control_arcsec.is_some()).collect();
         assert_eq!(increments, [true, false, true, false]);
         assert_eq!(tracks[1].reasons[0].to_string(), "GYRX: the count is saturated");
@@ -345,21 +348,21 @@ mod tests {
 
     #[test]
     fn a_reset_of_the_sequence_loses_nothing_where_times_show_it() {
-        let mut half_seconds = still(4);
-        for (index, half_second) in half_seconds[2..].iter_mut().enumerate() {
-            (half_second.sequence, half_second.clock_count) = (index as u16, (index as u64 + 1) * 500_000);
+        let mut samples = still(4);
+        for (index, sample) in samples[2..].iter_mut().enumerate() {
+            (sample.sequence, sample.clock_count) = (index as u16, (index as u64 + 1) * 500_000);
         }
         let believed = PriorCalibration::from(&Configuration::reference());
         let complete = |interval_ns: i64| {
             let mut tracker = Tracker::new(&believed, GyroSelection::Za, UnitQuaternion::identity());
-            let tracks = half_seconds.iter().zip(1..).filter_map(|(&half_second, index)| {
+            let tracks = samples.iter().zip(1..).filter_map(|(&sample, index)| {
                 let time = Some(Timestamp { t_ns: index * interval_ns, digits: 6 });
-                tracker.take(&ReceivedSample { time, is_received: true, ..row(half_second) })
+                tracker.take(&ReceivedSample { time, is_received: true, ..row(sample) })
             });
             tracks.last().unwrap().is_complete
         };
         assert!(complete(500_000_000));
         assert!(!complete(1_500_000_000));
-        assert!(!track(GyroSelection::Za, &half_seconds)[3].is_complete);
+        assert!(!track(GyroSelection::Za, &samples)[3].is_complete);
     }
 }

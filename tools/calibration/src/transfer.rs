@@ -64,22 +64,22 @@ impl Transfer {
         }
     }
 
-    /// Rotation about the input axes, arcsec, from counts over so many on-board half seconds (eq 1).
-    pub fn about_inputs_arcsec(&self, counts: [f64; 4], half_seconds: f64) -> [f64; 4] {
+    /// Rotation about the input axes, arcsec, from counts over so many on-board samples (eq 1).
+    pub fn about_inputs_arcsec(&self, counts: [f64; 4], samples: f64) -> [f64; 4] {
         let counts = Vector4::from(counts);
-        (counts.component_mul(&self.scale_factor) + self.drift_arcsec_per_half_s * half_seconds).into()
+        (counts.component_mul(&self.scale_factor) + self.drift_arcsec_per_half_s * samples).into()
     }
 
-    /// Rotation about the control axes, arcsec, from counts over so many on-board half seconds (eq 3).
-    pub fn about_control_arcsec(&self, counts: [f64; 4], half_seconds: f64) -> [f64; 3] {
-        (self.inverse * Vector4::from(self.about_inputs_arcsec(counts, half_seconds))).into()
+    /// Rotation about the control axes, arcsec, from counts over so many on-board samples (eq 3).
+    pub fn about_control_arcsec(&self, counts: [f64; 4], samples: f64) -> [f64; 3] {
+        (self.inverse * Vector4::from(self.about_inputs_arcsec(counts, samples))).into()
     }
 
     /// What GYRZA tells of its axis more than GYRZB, once both are corrected for the misalignments, arcsec: 0 but for
     /// errors of the two.
-    pub fn redundancy_arcsec(&self, counts: [f64; 4], half_seconds: f64) -> f64 {
-        let inputs = self.about_inputs_arcsec(counts, half_seconds);
-        let control = Vector3::from(self.about_control_arcsec(counts, half_seconds));
+    pub fn redundancy_arcsec(&self, counts: [f64; 4], samples: f64) -> f64 {
+        let inputs = self.about_inputs_arcsec(counts, samples);
+        let control = Vector3::from(self.about_control_arcsec(counts, samples));
         let residual = Vector4::from(inputs) - self.matrix * control;
         residual[Gyro::Za as usize] - residual[Gyro::Zb as usize]
     }

@@ -11,7 +11,7 @@ mod scans;
 use geu_model::Configuration;
 use geu_model::effect::Effects;
 use geu_model::package::Calibration;
-use geu_model::units::{HALF_SECOND_S, PPM, S_PER_DAY};
+use geu_model::units::{PPM, S_PER_DAY, SAMPLE_INTERVAL_S};
 use geu_protocol::Gyro;
 use nalgebra::DMatrix;
 use serde_json::{Value, json};
@@ -21,12 +21,12 @@ use crate::calibrate::{AttitudeSource, ConfiguredWiringFault, corrected, steps_o
 use crate::counts::AccumulatedCounts;
 use crate::effects::EffectContribution;
 use crate::noise::RandomWalks;
-use crate::observe::{self, ExcludedData, CompensatedCounts, reference_sigma_arcsec};
+use crate::observe::{self, CompensatedCounts, ExcludedData, reference_sigma_arcsec};
 use crate::refine::{Prior, Refined, refine};
 use crate::report;
-use crate::solve::{Observation, PER_GYRO, CalibrationParameter, UNKNOWNS, SolveError};
+use crate::solve::{CalibrationParameter, Observation, PER_GYRO, SolveError, UNKNOWNS};
 use crate::transfer::{GyroSet, Transfer};
-use crate::window::{REST_ARCSEC_S, ManoeuvreWindow};
+use crate::window::{ManoeuvreWindow, REST_ARCSEC_S};
 
 use scans::chosen;
 
@@ -44,8 +44,8 @@ pub const SCALE_FACTOR_PER_FORTNIGHT: f64 = 40.0 * PPM * 14.0 / 30.0;
 pub const SCALE_FACTOR_PER_HALF_HOUR: f64 = 20.0 * PPM;
 /// Change of a scale factor with the temperature of the electronics: 0.0025 % per 2 K (§3.2).
 pub const SCALE_FACTOR_PER_K: f64 = 12.5 * PPM;
-/// Change of a drift in a fortnight: 6″/h (§3.1, table 1), in arcsec per half second.
-pub const DRIFT_PER_FORTNIGHT: f64 = 6.0 * HALF_SECOND_S / 3600.0;
+/// Change of a drift in a fortnight: 6″/h (§3.1, table 1), in arcsec per sample interval.
+pub const DRIFT_PER_FORTNIGHT: f64 = 6.0 * SAMPLE_INTERVAL_S / 3600.0;
 /// A change this many sigmas beyond what the stability figures allow is none of theirs.
 pub const BEYOND_SIGMAS: f64 = 5.0;
 
@@ -74,13 +74,16 @@ impl PriorAccuracy {
 
     /// Known as after a checkout at an instant.
     pub fn by_checkout(at_s: f64) -> PriorAccuracy {
-        PriorAccuracy { at_s, sigmas: std::array::from_fn(|index| PriorAccuracy::BY_CHECKOUT[(index % PER_GYRO).min(2)]) }
+        PriorAccuracy {
+            at_s,
+            sigmas: std::array::from_fn(|index| PriorAccuracy::BY_CHECKOUT[(index % PER_GYRO).min(2)]),
+        }
     }
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ParameterUpdate {
-    /// Which; a scale factor or a drift in arcsec per half second.
+    /// Which; a scale factor or a drift in arcsec per sample interval.
     pub parameter: CalibrationParameter,
     pub old: f64,
     /// Its sigma: that of the calibration, grown by the stability figures up to the recording and by the configured walk
@@ -198,7 +201,7 @@ pub enum UpkeepError {
     #[error(transparent)]
     Wiring(#[from] ConfiguredWiringFault),
     /// Nothing stands in it.
-    #[error("expected a recording of at least 4 half seconds, got {0}")]
+    #[error("expected a recording of at least 4 samples, got {0}")]
     TooShort(usize),
     /// The calibration is later than the recording.
     #[error("expected a calibration before the recording, which starts at {start_s:.1} s, got one at {at_s:.1} s")]
@@ -341,10 +344,9 @@ fn priors(configuration: &Configuration, known: &PriorAccuracy, since_s: f64, el
 fn follows_temperature(configuration: &Configuration, gyro: Gyro) -> bool {
     let effects = &configuration.gyros[gyro as usize].effects;
     let scale_factor = effects.constant.specs().iter().position(|spec| spec.code == "scale-factor");
-    effects
-        .courses
-        .iter()
-        .any(|course| Some(course.effect) == scale_factor && matches!(course.law, geu_model::course::TimeFunction::Temperature))
+    effects.courses.iter().any(|course| {
+        Some(course.effect) == scale_factor && matches!(course.law, geu_model::course::TimeFunction::Temperature)
+    })
 }
 
 fn finish(
@@ -405,7 +407,7 @@ fn finish(
             parameter,
             old: parameter.of(&believed[gyro]),
             old_sigma: match parameter.index {
-                1 => priors[column].sigma.hypot(walks[gyro].drift_sigma_arcsec_s(end_s) * HALF_SECOND_S),
+                1 => priors[column].sigma.hypot(walks[gyro].drift_sigma_arcsec_s(end_s) * SAMPLE_INTERVAL_S),
                 _ => priors[column].sigma,
             },
             new: parameter.of(&refined[gyro]),
@@ -472,7 +474,8 @@ impl CalibrationUpdate {
 
     /// Whether something has changed that stability does not explain, so that only a checkout helps.
     pub fn needs_checkout(&self) -> bool {
-        self.changes.iter().any(ParameterUpdate::is_beyond_stability) || self.short_term.iter().any(ShortTerm::is_exceeded)
+        self.changes.iter().any(ParameterUpdate::is_beyond_stability)
+            || self.short_term.iter().any(ShortTerm::is_exceeded)
     }
 
     /// The result as JSON. `gyros` is that of a calibration (cli.md), so that what reads one reads this: the four refined,

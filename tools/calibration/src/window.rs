@@ -3,7 +3,7 @@
 use std::io::Read;
 use std::path::Path;
 
-use geu_model::units::HALF_SECOND_S;
+use geu_model::units::SAMPLE_INTERVAL_S;
 use geu_recording::{CsvTable, RowReader, TableError, open_rows};
 
 use crate::counts::AccumulatedCounts;
@@ -68,22 +68,22 @@ fn of_rows(name: &str, rows: RowReader<impl Read>) -> Result<Vec<ManoeuvreWindow
 
 /// Smoothed rates below this are rest: the limit cycle, of 5″/s at most and 5 s (Casteren §3.3), averages out.
 pub(crate) const REST_ARCSEC_S: f64 = 4.0;
-/// Half seconds over which rates are smoothed: one period of the limit cycle.
+/// Samples over which rates are smoothed: one period of the limit cycle.
 const SMOOTHED: usize = 10;
 /// Stretches are cut to this length at most, so that scans without a rest still tell their drift; longer in recordings of
 /// weeks, so that they do not become too many to be solved together.
-pub(crate) const LONGEST_HALF_SECONDS: usize = 3600;
+pub(crate) const LONGEST_SAMPLE_INTERVALS: usize = 3600;
 /// Stretches that a recording is cut into by length alone.
 const MOST_BY_LENGTH: usize = 100;
 /// Stretches shorter than this are joined to the one before.
-const SHORTEST_HALF_SECONDS: usize = 120;
+const SHORTEST_SAMPLE_INTERVALS: usize = 120;
 
 /// Rate about the control axes around a node, smoothed over a period of the limit cycle, arcsec/s.
 pub(crate) fn smoothed_rate_control_arcsec_s(counts: &AccumulatedCounts, transfer: &Transfer, node: usize) -> [f64; 3] {
     let (from, to) = (node.saturating_sub(SMOOTHED / 2), (node + SMOOTHED / 2).min(counts.len()));
     let turned = std::array::from_fn(|gyro| counts.accumulated[gyro][to] - counts.accumulated[gyro][from]);
-    let half_seconds = (to - from) as f64;
-    transfer.about_control_arcsec(turned, half_seconds).map(|angle| angle / (HALF_SECOND_S * half_seconds))
+    let samples = (to - from) as f64;
+    transfer.about_control_arcsec(turned, samples).map(|angle| angle / (SAMPLE_INTERVAL_S * samples))
 }
 
 /// Cuts a recording between two of its instants where the unit rests, as its counts tell, and once in half an hour at
@@ -91,8 +91,8 @@ pub(crate) fn smoothed_rate_control_arcsec_s(counts: &AccumulatedCounts, transfe
 pub fn cut_at_rests(counts: &AccumulatedCounts, transfer: &Transfer, from_s: f64, to_s: f64) -> Vec<ManoeuvreWindow> {
     let first = counts.node_s.partition_point(|&node_s| node_s < from_s);
     let last = counts.node_s.partition_point(|&node_s| node_s <= to_s).saturating_sub(1);
-    let longest = LONGEST_HALF_SECONDS.max(last.saturating_sub(first) / MOST_BY_LENGTH);
-    let shortest = SHORTEST_HALF_SECONDS.max(longest / 30);
+    let longest = LONGEST_SAMPLE_INTERVALS.max(last.saturating_sub(first) / MOST_BY_LENGTH);
+    let shortest = SHORTEST_SAMPLE_INTERVALS.max(longest / 30);
     let is_at_rest = |node: usize| {
         smoothed_rate_control_arcsec_s(counts, transfer, node).iter().all(|rate| rate.abs() < REST_ARCSEC_S)
     };

@@ -4,7 +4,7 @@ use geu_calibration::checkout::{
     AttitudeSourceKind, Precautions, believed_before, campaign, fly, precautions, sequence, true_calibrations,
 };
 use geu_calibration::solve::{CalibrationParameter, values};
-use geu_calibration::{AttitudeSource, AccumulatedCounts, calibrate, combine};
+use geu_calibration::{AccumulatedCounts, AttitudeSource, calibrate, combine};
 use geu_model::{Configuration, GyroUnit};
 
 fn reference(overrides: &[&str]) -> Configuration {
@@ -28,7 +28,7 @@ fn exact_increments_give_the_parameters_back() {
     let mut exact = AccumulatedCounts::starting_at(flight.counts.start_ns);
     let mut model = GyroUnit::new(&unit);
     for _ in 0..flight.counts.len() {
-        let (ended, traces) = model.end_half_second_traced();
+        let (ended, traces) = model.end_sample_traced();
         exact.push(ended.end_ns as f64 * 1e-9, traces.map(|trace| trace.unquantised), 20.0);
     }
     let attitude = AttitudeSource::Reference(&flight.reference, Some(0.0));
@@ -130,7 +130,10 @@ fn two_sequences_of_one_unit_are_compatible_and_of_two_units_are_not() {
     let moved = combine(&first, &solve(&["gyro.GYRY.scale-factor.ppm=60"], 3)).expect("invertible");
     assert!(moved.joint_chi2 > 200.0, "{}", moved.joint_chi2);
     let most = (0..16).max_by(|&a, &b| moved.chi2[a].total_cmp(&moved.chi2[b])).expect("sixteen");
-    assert_eq!(CalibrationParameter::all().nth(most).map(CalibrationParameter::label).as_deref(), Some("GYRY scale factor"));
+    assert_eq!(
+        CalibrationParameter::all().nth(most).map(CalibrationParameter::label).as_deref(),
+        Some("GYRY scale factor")
+    );
 }
 
 #[test]

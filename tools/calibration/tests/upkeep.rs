@@ -1,9 +1,9 @@
 //! Upkeep of the Z gyros from ordinary recordings (Casteren §3.2, §5).
 
 use geu_calibration::checkout::{CheckoutRun, fly};
-use geu_calibration::solve::{PER_GYRO, CalibrationParameter};
+use geu_calibration::solve::{CalibrationParameter, PER_GYRO};
 use geu_calibration::upkeep::{FORTNIGHT_S, PARAMETERS, SCALE_FACTOR_PER_FORTNIGHT, ScanSegment};
-use geu_calibration::{AttitudeSource, AccumulatedCounts, PriorAccuracy, CalibrationUpdate, UpkeepError, update};
+use geu_calibration::{AccumulatedCounts, AttitudeSource, CalibrationUpdate, PriorAccuracy, UpkeepError, update};
 use geu_model::attitude::Manoeuvre;
 use geu_model::noise::NoiseStream;
 use geu_model::{Configuration, GyroUnit};
@@ -34,11 +34,11 @@ fn moved(mut unit: Configuration, parameter: CalibrationParameter, by: f64) -> C
 }
 
 /// The same flight before rounding.
-fn exact(unit: &Configuration, half_seconds: usize) -> AccumulatedCounts {
+fn exact(unit: &Configuration, samples: usize) -> AccumulatedCounts {
     let mut exact = AccumulatedCounts::starting_at(unit.start_unix_ns);
     let mut model = GyroUnit::new(unit);
-    for _ in 0..half_seconds {
-        let (ended, traces) = model.end_half_second_traced();
+    for _ in 0..samples {
+        let (ended, traces) = model.end_sample_traced();
         exact.push(ended.end_ns as f64 * 1e-9, traces.map(|trace| trace.unquantised), 20.0);
     }
     exact
@@ -110,7 +110,8 @@ fn exact_increments_give_the_four_back_whatever_was_believed() {
     }
     let flight = fly(&unit);
     let counts = exact(&unit, flight.counts.len());
-    let knowing_nothing = PriorAccuracy { at_s: 0.0, sigmas: std::array::from_fn(|index| [1.0, 1.0, 1e-6, 1e-6][index % 4]) };
+    let knowing_nothing =
+        PriorAccuracy { at_s: 0.0, sigmas: std::array::from_fn(|index| [1.0, 1.0, 1e-6, 1e-6][index % 4]) };
     let upkeep = update(&believed, &knowing_nothing, &counts, None, &by_reference(&flight)).expect("scans");
     for (change, truth) in upkeep.changes.iter().zip(truth(&unit, 10.0)) {
         let limit = if change.parameter.index == 0 { 1e-9 } else { 1e-6 };

@@ -4,11 +4,11 @@
 //! effect is searched without a change of the diagnosis.
 
 use geu_model::Configuration;
-use geu_model::course::{TimeCourse, KINDS, Size};
+use geu_model::course::{KINDS, Size, TimeCourse};
 use geu_model::effect::discovered::{self, Formula, Regressor};
 use geu_model::effect::{EffectSpec, Effects};
 use geu_model::fault::{EffectList, ParameterRef};
-use geu_model::number::{ValueFormat, ParameterSpec, ParameterSet, Role, named_gyro};
+use geu_model::number::{ParameterSet, ParameterSpec, Role, ValueFormat, named_gyro};
 use geu_model::package::{Axes, Calibration};
 use geu_protocol::Gyro;
 
@@ -223,7 +223,11 @@ impl AmplitudeRef {
 }
 
 /// Numbers and time courses of an effect in a configuration, of the unit or at this gyro.
-pub fn configured(target: ParameterRef, gyro: Gyro, configuration: &Configuration) -> (&dyn ParameterSet, &[TimeCourse]) {
+pub fn configured(
+    target: ParameterRef,
+    gyro: Gyro,
+    configuration: &Configuration,
+) -> (&dyn ParameterSet, &[TimeCourse]) {
     let own = &configuration.gyros[gyro as usize];
     match target.list {
         EffectList::Unit => (configuration.unit.constant.numbers(target.effect), &configuration.unit.courses),

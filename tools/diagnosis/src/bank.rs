@@ -10,7 +10,7 @@ use std::sync::Arc;
 
 use geu_model::Configuration;
 use geu_model::course::KINDS;
-use geu_model::number::{DefaultValue as DefaultValue, Role};
+use geu_model::number::{DefaultValue, Role};
 use rayon::prelude::*;
 
 use crate::amplitude::{AmplitudeRef, STEP, is_real};
@@ -303,7 +303,13 @@ impl SignatureBank {
     }
 
     /// The hypothesis of that size.
-    pub fn hypothesis(&self, base: &ConstantSignature, variation: &Variation, size: f64, gyros: [bool; 4]) -> Hypothesis {
+    pub fn hypothesis(
+        &self,
+        base: &ConstantSignature,
+        variation: &Variation,
+        size: f64,
+        gyros: [bool; 4],
+    ) -> Hypothesis {
         let gyros = if base.amplitude.is_of_unit() { ALL_GYROS } else { gyros };
         let mut change =
             Hypothesis { own_shapes: base.own_shapes.clone(), ..Hypothesis::constant(base.amplitude, size, gyros) };

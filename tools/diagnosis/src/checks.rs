@@ -25,19 +25,19 @@ mod told;
 mod wiring;
 
 use geu_model::Configuration;
-use geu_recording::{Defect, ReferenceAttitude, ReceivedSample};
+use geu_recording::{Defect, ReceivedSample, ReferenceAttitude};
 
 use crate::Finding;
 use compared::CountComparison;
-use law::WiringHypothesis;
 pub use law::WiringFault;
+use law::WiringHypothesis;
 use timeline::SampleTimes;
 use told::FindingCollector;
 
 /// What the checks found, and the rows as they are without what could be put right.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CheckResult {
-    /// In order of time; runs of the same thing are one. Places are told in s since the start of the first half second.
+    /// In order of time; runs of the same thing are one. Places are told in s since the start of the first sample interval.
     pub findings: Vec<Finding>,
     /// What the model has a code for, in order of time.
     pub faults: Vec<WiringFault>,
@@ -47,7 +47,12 @@ pub struct CheckResult {
 }
 
 /// Checks a recording: `rows` and `defects` as the decoder gave them, in order; `configuration` is what is believed.
-pub fn check(rows: &[ReceivedSample], defects: &[Defect], configuration: &Configuration, reference: &ReferenceAttitude) -> CheckResult {
+pub fn check(
+    rows: &[ReceivedSample],
+    defects: &[Defect],
+    configuration: &Configuration,
+    reference: &ReferenceAttitude,
+) -> CheckResult {
     let timeline = SampleTimes::of(rows);
     let mut told = FindingCollector::new(&timeline);
     told.defects(defects);

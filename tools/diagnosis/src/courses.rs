@@ -6,7 +6,7 @@ use std::f64::consts::FRAC_PI_2;
 use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
-use geu_model::course::{TimeCourse, Interval, KINDS};
+use geu_model::course::{Interval, KINDS, TimeCourse};
 use geu_model::number::{ParameterSpec, Role};
 
 use crate::amplitude::STEP;

@@ -5,7 +5,7 @@ use std::cell::LazyCell;
 use geu_calibration::CountsReader;
 use geu_calibration::window::ManoeuvreWindow;
 use geu_model::Configuration;
-use geu_recording::{Defect, ReferenceAttitude, ReceivedSample, Sink};
+use geu_recording::{Defect, ReceivedSample, ReferenceAttitude, Sink};
 
 use crate::amplitude::AmplitudeRef;
 use crate::bank::SignatureBank;
@@ -335,7 +335,7 @@ impl Report<'_> {
         let (mut with, mut before) = (self.case.believed.clone(), squares(measured, self.case.believed));
         // What mending the rows took away, among the faults by what each did.
         let did = |fault: &WiringFault| {
-            (fault.without_rms_counts.powi(2) - fault.with_rms_counts.powi(2)) * fault.half_seconds as f64
+            (fault.without_rms_counts.powi(2) - fault.with_rms_counts.powi(2)) * fault.samples as f64
         };
         let all: f64 = self.faults.iter().map(did).sum();
         let mended = self.raw.map_or(0.0, |raw| squares(raw, self.case.believed) - before);

@@ -6,7 +6,7 @@ use geu_model::fault::{EffectList, ParameterRef};
 use geu_model::number::ParameterSet;
 
 use crate::amplitude::{AmplitudeRef, calibration_parameters};
-use crate::bank::{SignatureBank, ConstantSignature, HypothesisFamily};
+use crate::bank::{ConstantSignature, HypothesisFamily, SignatureBank};
 use crate::checks::WiringFault;
 use crate::explain::Explained;
 use crate::gyros::{ALL_GYROS, is_within, only};
@@ -17,7 +17,7 @@ use crate::normal::dot;
 use crate::null::Thresholds;
 use crate::outcome::{Chi2Fall, Class, Correction, DiagnosedEffect, EstimatedValue, ReportedAlternative};
 use crate::remedy::DiscriminatingTests;
-use crate::rivals::{APART_CHI2, Penalties, Alternative, rivals};
+use crate::rivals::{APART_CHI2, Alternative, Penalties, rivals};
 use crate::search::search;
 use crate::state::{DiagnosisCase, FittedHypothesis, ModelState};
 
@@ -223,7 +223,8 @@ impl Entries<'_> {
             let cosine = if others > 0.0 { both.abs() / (ones * others).sqrt() } else { 0.0 };
             (cosine, base.amplitude, both / others)
         };
-        let is_meant = |base: &&ConstantSignature| base.amplitude.is_of_unit() == is_of_unit && base.amplitude.formula().is_none();
+        let is_meant =
+            |base: &&ConstantSignature| base.amplitude.is_of_unit() == is_of_unit && base.amplitude.formula().is_none();
         let all = self.bank.bases.iter().filter(is_meant).map(of_base);
         let (cosine, amplitude, ratio) = all.max_by(|one, other| one.0.total_cmp(&other.0))?;
         (cosine > SAME).then_some((amplitude, ratio))

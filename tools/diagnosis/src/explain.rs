@@ -39,7 +39,13 @@ const NEAR_CHI2: f64 = 12.0;
 const NEEDLESS: f64 = 0.02;
 
 /// What explains the recording best: effects of the bank, noise, or both; up to one more effect than `most` on one gyro.
-pub fn select_model(case: &DiagnosisCase, bank: &SignatureBank, thresholds: &Thresholds, start: &ModelState, most: usize) -> Explained {
+pub fn select_model(
+    case: &DiagnosisCase,
+    bank: &SignatureBank,
+    thresholds: &Thresholds,
+    start: &ModelState,
+    most: usize,
+) -> Explained {
     let effects_first = || {
         let mut effects = grow(case, bank, thresholds, Explained::start(case, start.clone()), most);
         effects.free_noise(case, thresholds);
@@ -67,7 +73,13 @@ pub fn select_model(case: &DiagnosisCase, bank: &SignatureBank, thresholds: &Thr
 }
 
 /// Adds the best effect as long as one qualifies and no gyro has more than `most`.
-fn grow(case: &DiagnosisCase, bank: &SignatureBank, thresholds: &Thresholds, mut now: Explained, most: usize) -> Explained {
+fn grow(
+    case: &DiagnosisCase,
+    bank: &SignatureBank,
+    thresholds: &Thresholds,
+    mut now: Explained,
+    most: usize,
+) -> Explained {
     let cost = |candidate: &Candidate| thresholds.price(candidate.family, &candidate.hypothesis);
     loop {
         let late_s = now.state.shifts.temperature_s;

@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use crate::measured::{BLOCK, MeasuredData, Series, TIMING, nodes};
 
-/// Half seconds of a window, 30 min.
+/// Samples of a window, 30 min.
 pub const WINDOW: usize = 3600;
 
 /// The gap in numbers.
@@ -28,7 +28,7 @@ pub struct ResidualStats {
 /// what follows a break.
 pub fn windowed(measured: &MeasuredData, residual: &dyn Fn(usize, usize) -> f64) -> [Vec<f64>; TIMING] {
     std::array::from_fn(|gyro| {
-        let (mut start, mut values) = (f64::NAN, vec![f64::NAN; measured.half_seconds + 1]);
+        let (mut start, mut values) = (f64::NAN, vec![f64::NAN; measured.samples + 1]);
         for (number, block) in measured.blocks[gyro].iter().enumerate() {
             if block.restarts || !block.is_good {
                 start = f64::NAN;

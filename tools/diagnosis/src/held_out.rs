@@ -15,7 +15,12 @@ use crate::state::{DiagnosisCase, ModelState};
 const HOLDS: [f64; Calibration::NUMBERS.len()] = [20e-6, 6.0 / 7200.0, 3.0, 3.0, 3.0];
 
 /// The gap of a model that was run, with χ² by a state's noise.
-pub fn fitted(case: &DiagnosisCase, windowed: &[Vec<f64>; TIMING], model: &Series, state: &ModelState) -> ResidualStats {
+pub fn fitted(
+    case: &DiagnosisCase,
+    windowed: &[Vec<f64>; TIMING],
+    model: &Series,
+    state: &ModelState,
+) -> ResidualStats {
     let residual = case.measured.residual(model);
     let white = NormalEquations::new(case.whitenings(&state.noise), &residual, &[]);
     let squares: f64 = white.residual()[..TIMING].iter().flatten().map(|value| value * value).sum();

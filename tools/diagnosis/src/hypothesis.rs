@@ -1,11 +1,11 @@
 //! A hypothesis: which amplitude of the model, with which time course, on which gyros, by how much.
 
 use geu_model::Configuration;
-use geu_model::course::{TimeCourse, KINDS, TimeFunctionSpec, TimeFunction, Size};
+use geu_model::course::{KINDS, Size, TimeCourse, TimeFunction, TimeFunctionSpec};
 use geu_model::effect::discovered::{self, Term};
 use geu_model::effect::{EffectConfiguration, Effects};
 use geu_model::fault::{EffectList, ParameterRef};
-use geu_model::number::{ParameterSpec, ParameterSet, Role};
+use geu_model::number::{ParameterSet, ParameterSpec, Role};
 use geu_protocol::Gyro;
 
 use crate::amplitude::{AmplitudeRef, AmplitudeSource, configured};
@@ -116,7 +116,10 @@ impl Hypothesis {
         target: ParameterRef,
         configuration: &'a mut Configuration,
     ) -> Vec<(&'a mut dyn ParameterSet, &'a mut Vec<TimeCourse>)> {
-        fn of<E: Effects>(own: &mut EffectConfiguration<E>, effect: usize) -> (&mut dyn ParameterSet, &mut Vec<TimeCourse>) {
+        fn of<E: Effects>(
+            own: &mut EffectConfiguration<E>,
+            effect: usize,
+        ) -> (&mut dyn ParameterSet, &mut Vec<TimeCourse>) {
             (own.constant.numbers_mut(effect), &mut own.courses)
         }
         let gyros = configuration.gyros.iter_mut().zip(self.gyros).filter_map(|(gyro, has)| has.then_some(gyro));
@@ -182,7 +185,12 @@ impl Hypothesis {
     }
 
     /// The assignments below one table.
-    fn values(&self, path: &str, target: ParameterRef, (numbers, courses): (&dyn ParameterSet, &[TimeCourse])) -> Vec<String> {
+    fn values(
+        &self,
+        path: &str,
+        target: ParameterRef,
+        (numbers, courses): (&dyn ParameterSet, &[TimeCourse]),
+    ) -> Vec<String> {
         let (code, base, size) = (self.amplitude.code(), self.amplitude.spec().code, self.amplitude.size());
         let total = match self.law() {
             None => numbers.value(target.number),

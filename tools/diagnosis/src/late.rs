@@ -6,10 +6,10 @@ use geu_model::course::{KINDS, TimeFunction};
 use rayon::prelude::*;
 
 use crate::amplitude::AmplitudeRef;
-use crate::bank::{SignatureBank, ConstantSignature, HypothesisFamily, Variation};
+use crate::bank::{ConstantSignature, HypothesisFamily, SignatureBank, Variation};
 use crate::gyros::Gyros;
 use crate::hypothesis::Hypothesis;
-use crate::normal::{SignatureFit, NormalEquations, Products};
+use crate::normal::{NormalEquations, Products, SignatureFit};
 use crate::signature::Signature;
 use crate::state::{DiagnosisCase, FittedHypothesis, ModelState};
 

@@ -1,5 +1,5 @@
 //! What was measured: counts at nodes, when they were received, temperatures, and the motion that a better sensor saw; on
-//! one time scale, whose 0 is the start of the first half second.
+//! one time scale, whose 0 is the start of the first sample interval.
 
 mod model;
 mod runs;
@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use geu_calibration::AccumulatedCounts;
 use geu_model::attitude::RecordedAttitude;
-use geu_model::units::{HALF_SECOND_S, ORBIT_S};
+use geu_model::units::{ORBIT_S, SAMPLE_INTERVAL_S};
 use geu_recording::ReferenceAttitude;
 
 pub use series::{CHANNELS, Series, Shifts, TIMING};
@@ -17,19 +17,19 @@ pub use series::{CHANNELS, Series, Shifts, TIMING};
 use runs::ModelCache;
 use series::TIMING_UNIT_S;
 
-/// Half seconds averaged into one block, 5 s. Rounding and whatever swings with the limit cycle's period averages out; a missing
+/// Samples averaged into one block, 5 s. Rounding and whatever swings with the limit cycle's period averages out; a missing
 /// effect moves an angle over minutes.
 pub const BLOCK: usize = 10;
 /// Length of a block, s.
-pub const BLOCK_S: f64 = BLOCK as f64 * HALF_SECOND_S;
+pub const BLOCK_S: f64 = BLOCK as f64 * SAMPLE_INTERVAL_S;
 /// Length of a reading worth a diagnosis: 10 min.
 const LEAST_BLOCKS: usize = 120;
 
 /// Why nothing can be told.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum MeasuredError {
-    /// The recording has no half second.
-    #[error("the recording: expected half seconds, got none; `geu decode` tells what is in it")]
+    /// The recording has no sample.
+    #[error("the recording: expected samples, got none; `geu decode` tells what is in it")]
     Empty,
     /// Recording and reference have too little in common.
     #[error(
@@ -49,7 +49,7 @@ pub enum MeasuredError {
     },
     /// Too much of it is lost.
     #[error(
-        "the recording: expected at least 10 min of one gyro beside the reference, without lost, clipped or invalid half seconds, got {good_s:.0} s of {common_s:.0} s; `geu decode` tells what is lost"
+        "the recording: expected at least 10 min of one gyro beside the reference, without lost, clipped or invalid samples, got {good_s:.0} s of {common_s:.0} s; `geu decode` tells what is lost"
     )]
     Broken {
         /// What can be used of the gyro that has most.
@@ -59,7 +59,7 @@ pub enum MeasuredError {
     },
 }
 
-/// Ten half seconds of one channel.
+/// Ten samples of one channel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Block {
     /// Whether its nodes can be trusted.
@@ -75,13 +75,13 @@ pub struct MeasuredData {
     pub counts: AccumulatedCounts,
     /// The motion; time 0 is that of node 0.
     pub reference: Arc<RecordedAttitude>,
-    /// Half seconds up to the end of the reference.
-    pub half_seconds: usize,
+    /// Samples up to the end of the reference.
+    pub samples: usize,
     /// Blocks of each channel. The channel of the times has good ones only where times were received.
     pub blocks: [Vec<Block>; CHANNELS],
     /// Runs of the model on it: nothing that they depend on may move after the first; a copy begins anew.
     runs: ModelCache,
-    /// Time of receipt of each node less nominal half seconds, in units of [`TIMING_UNIT_S`]; NaN where none came.
+    /// Time of receipt of each node less nominal samples, in units of [`TIMING_UNIT_S`]; NaN where none came.
     late: Vec<f64>,
     /// Time of node 0 since the start that courses count from: 0 but for a flight that follows a recording.
     start_s: f64,
@@ -92,8 +92,8 @@ pub struct MeasuredData {
 pub struct PlannedMotion {
     /// Its motion; time 0 is that of node 0.
     pub motion: RecordedAttitude,
-    /// Half seconds of it.
-    pub half_seconds: usize,
+    /// Samples of it.
+    pub samples: usize,
 }
 
 impl MeasuredData {
@@ -109,9 +109,9 @@ impl MeasuredData {
         let reference = RecordedAttitude::clone(&reference.truth).starting_at(start_s);
         // Beside the ends of the reference a spline bends more than the motion does.
         let covered = |node_s: f64| node_s >= start_s && node_s <= reference.end_s();
-        let half_seconds = counts.node_s.partition_point(|&node_s| node_s <= reference.end_s()).saturating_sub(1);
+        let samples = counts.node_s.partition_point(|&node_s| node_s <= reference.end_s()).saturating_sub(1);
         let common_s = (counts.end_s().min(reference.end_s()) - start_s.max(0.0)).max(0.0);
-        let count = half_seconds / BLOCK;
+        let count = samples / BLOCK;
         let mut late = vec![f64::NAN; counts.node_s.len()];
         for &(node, late_s) in &counts.received_late_s {
             late[node] = late_s / TIMING_UNIT_S;
@@ -167,50 +167,50 @@ impl MeasuredData {
             });
         }
         let (reference, runs) = (Arc::new(reference), ModelCache::default());
-        Ok(MeasuredData { counts, reference, half_seconds, blocks, runs, late, start_s: 0.0 })
+        Ok(MeasuredData { counts, reference, samples, blocks, runs, late, start_s: 0.0 })
     }
 
     /// How long it is, s.
     pub fn duration_s(&self) -> f64 {
-        self.half_seconds as f64 * HALF_SECOND_S
+        self.samples as f64 * SAMPLE_INTERVAL_S
     }
 
     /// A flight as it would be recorded after this recording, at the temperatures of an orbit before.
     pub fn followed_by(&self, flight: PlannedMotion) -> MeasuredData {
-        let PlannedMotion { motion, half_seconds } = flight;
+        let PlannedMotion { motion, samples } = flight;
         let again = |celsius: &[f64]| -> Vec<f64> {
-            let orbit = (ORBIT_S / HALF_SECOND_S) as usize;
+            let orbit = (ORBIT_S / SAMPLE_INTERVAL_S) as usize;
             // Of less than an orbit nothing tells how it goes on.
             let period = if celsius.len() > orbit { orbit } else { 1 };
             let last = celsius.get(celsius.len().saturating_sub(period)..).unwrap_or_default();
-            last.iter().cycle().take(half_seconds + 1).copied().collect()
+            last.iter().cycle().take(samples + 1).copied().collect()
         };
         let mut counts = AccumulatedCounts::starting_at(self.counts.start_ns);
         counts.is_received = self.counts.is_received;
         (counts.electronics_c, counts.sensor_c) = (again(&self.counts.electronics_c), again(&self.counts.sensor_c));
-        counts.accumulated = std::array::from_fn(|_| vec![0.0; half_seconds + 1]);
+        counts.accumulated = std::array::from_fn(|_| vec![0.0; samples + 1]);
         let of_channel = |channel: usize| {
             let is_good = self.blocks[channel].iter().any(|block| block.is_good);
             let block = |number: usize| Block { is_good, restarts: number == 0 };
-            (0..half_seconds / BLOCK).map(block).collect()
+            (0..samples / BLOCK).map(block).collect()
         };
         MeasuredData {
             counts,
             reference: Arc::new(motion),
-            half_seconds,
+            samples,
             blocks: std::array::from_fn(of_channel),
             runs: ModelCache::default(),
-            late: vec![0.0; half_seconds + 1],
+            late: vec![0.0; samples + 1],
             start_s: self.start_s + self.duration_s(),
         }
     }
 
-    /// The first `half_seconds` of the recording, flown once more right after it, with the electronics at other temperatures.
-    pub fn again(&self, half_seconds: usize, electronics_c: impl Fn(f64) -> f64) -> MeasuredData {
+    /// The first `samples` of the recording, flown once more right after it, with the electronics at other temperatures.
+    pub fn again(&self, samples: usize, electronics_c: impl Fn(f64) -> f64) -> MeasuredData {
         let mut again = self.clone();
-        again.half_seconds = half_seconds.min(self.half_seconds);
+        again.samples = samples.min(self.samples);
         for channel in &mut again.blocks {
-            channel.truncate(again.half_seconds / BLOCK);
+            channel.truncate(again.samples / BLOCK);
             if let Some(first) = channel.first_mut() {
                 first.restarts = true;
             }
@@ -227,12 +227,12 @@ impl MeasuredData {
 
     /// Middle of a block, s.
     pub fn middle_s(block: usize) -> f64 {
-        (block as f64 + 0.5) * BLOCK_S + 0.5 * HALF_SECOND_S
+        (block as f64 + 0.5) * BLOCK_S + 0.5 * SAMPLE_INTERVAL_S
     }
 
     /// What was measured at each node, as [`Measured::run`] tells it of a model.
     pub fn series(&self) -> Series {
-        let nodes = self.half_seconds + 1;
+        let nodes = self.samples + 1;
         std::array::from_fn(|channel| match channel {
             TIMING => self.late[..nodes].to_vec(),
             gyro => self.counts.accumulated[gyro][..nodes].to_vec(),
@@ -291,23 +291,25 @@ pub fn nodes(block: usize) -> std::ops::Range<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use geu_calibration::{Discontinuity, BreakKind};
+    use geu_calibration::{BreakKind, Discontinuity};
     use geu_model::attitude::AttitudeRow;
 
-    /// Half seconds at rest from `start_s` of the reference on, which has 1500 s; one in so many is lost.
+    /// Samples at rest from `start_s` of the reference on, which has 1500 s; one in so many is lost.
     fn refused(start_s: f64, lost_each: usize) -> String {
         let row = |node: usize| AttitudeRow {
-            t_s: node as f64 * HALF_SECOND_S,
+            t_s: node as f64 * SAMPLE_INTERVAL_S,
             angle_control_arcsec: [0.0; 3],
             theta_psi_rad: Some((1.5, 0.0)),
         };
         let rows: Vec<AttitudeRow> = (0..=3000).map(row).collect();
         let truth = Arc::new(RecordedAttitude::new(&rows).expect("a truth"));
         let mut counts = AccumulatedCounts::starting_at((start_s * 1e9) as i64);
-        (1..=2400).for_each(|node| counts.push(node as f64 * HALF_SECOND_S, [0.0; 4], 20.0));
+        (1..=2400).for_each(|node| counts.push(node as f64 * SAMPLE_INTERVAL_S, [0.0; 4], 20.0));
         let lost = |node: usize| Discontinuity { from: node, to: node + 1, gyros: [true; 4], kind: BreakKind::Gap(1) };
         counts.breaks = (1..2400).step_by(lost_each).map(lost).collect();
-        MeasuredData::new(counts, &ReferenceAttitude { start_ns: 0, truth, time_system: None }).expect_err("too little").to_string()
+        MeasuredData::new(counts, &ReferenceAttitude { start_ns: 0, truth, time_system: None })
+            .expect_err("too little")
+            .to_string()
     }
 
     #[test]
@@ -315,6 +317,6 @@ mod tests {
         let apart = refused(1000.0, 2400);
         assert!(apart.contains("in common, got 500.0 s"), "{apart}");
         let broken = refused(0.0, 15);
-        assert!(broken.contains("invalid half seconds, got 400 s of 1200 s"), "{broken}");
+        assert!(broken.contains("invalid samples, got 400 s of 1200 s"), "{broken}");
     }
 }

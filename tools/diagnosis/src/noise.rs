@@ -142,7 +142,13 @@ fn deviance<'a>(
 }
 
 /// Fits the white noise of one channel.
-pub fn fit_white(case: &DiagnosisCase, channel: usize, noise: &NoiseModel, residual: &Series, nuisances: &[Nuisance]) -> NoiseModel {
+pub fn fit_white(
+    case: &DiagnosisCase,
+    channel: usize,
+    noise: &NoiseModel,
+    residual: &Series,
+    nuisances: &[Nuisance],
+) -> NoiseModel {
     if !case.measured.blocks[channel].iter().any(|block| block.is_good) {
         return *noise;
     }
@@ -179,7 +185,8 @@ pub fn fit(
         (_, Walk::Angle) => (noise.white.sqrt() * 1e-2).ln(),
         (_, Walk::Rate) => (noise.white.sqrt() * 1e-5).ln(),
     };
-    let with = |log_walk: f64, log_white: f64| NoiseModel { white: log_white.exp(), ..noise.with(walk, log_walk.exp()) };
+    let with =
+        |log_walk: f64, log_white: f64| NoiseModel { white: log_white.exp(), ..noise.with(walk, log_walk.exp()) };
     // What is no more likely half as large again, nor three times as large, is not larger.
     let now = deviance(noise);
     if HOPES.iter().all(|factor| deviance(&with(start + factor.ln(), noise.white.ln())) >= now) {

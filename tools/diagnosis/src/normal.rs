@@ -76,7 +76,11 @@ impl ProjectedSignature {
 
     /// The sum of two signatures on one channel, each times its factor; `both` is the product of the two, whitened.
     #[must_use]
-    pub fn sum((one_factor, one): (f64, &ProjectedSignature), (other_factor, other): (f64, &ProjectedSignature), both: f64) -> ProjectedSignature {
+    pub fn sum(
+        (one_factor, one): (f64, &ProjectedSignature),
+        (other_factor, other): (f64, &ProjectedSignature),
+        both: f64,
+    ) -> ProjectedSignature {
         let mut part = &one.part * one_factor;
         part.axpy(other_factor, &other.part, 1.0);
         ProjectedSignature {

@@ -5,16 +5,16 @@
 //! law, of which the upper percent is the threshold; the families share it alike.
 
 use geu_model::noise::NoiseStream;
-use geu_model::units::HALF_SECOND_S;
+use geu_model::units::SAMPLE_INTERVAL_S;
 use geu_protocol::Gyro;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::bank::{SignatureBank, Column, HypothesisFamily, Variation};
+use crate::bank::{Column, HypothesisFamily, SignatureBank, Variation};
 use crate::hypothesis::Hypothesis;
 use crate::measured::{BLOCK, CHANNELS, Series, Shifts, TIMING, nodes};
 use crate::noise::Walk;
-use crate::normal::{ProjectedSignature, NormalEquations};
+use crate::normal::{NormalEquations, ProjectedSignature};
 use crate::search::{set_penalty, sets};
 use crate::signature::reaches;
 use crate::state::DiagnosisCase;
@@ -55,8 +55,9 @@ pub struct Thresholds {
 impl Thresholds {
     /// The largest of the courses, apart from what happens once.
     pub fn largest(&self) -> f64 {
-        let families =
-            (0..HypothesisFamily::COUNT).map(HypothesisFamily).filter(|family| ![HypothesisFamily::SUDDEN, HypothesisFamily::NOISE].contains(family));
+        let families = (0..HypothesisFamily::COUNT)
+            .map(HypothesisFamily)
+            .filter(|family| ![HypothesisFamily::SUDDEN, HypothesisFamily::NOISE].contains(family));
         families.map(|family| self.of(family)).filter(|chi2| *chi2 < NEVER).fold(0.0, f64::max)
     }
 
@@ -72,7 +73,13 @@ impl Thresholds {
 }
 
 /// Draws recordings with nothing hidden and searches them.
-pub fn thresholds(case: &DiagnosisCase, bank: &SignatureBank, normal: &NormalEquations, noise: &[NoiseModel; CHANNELS], seed: u64) -> Thresholds {
+pub fn thresholds(
+    case: &DiagnosisCase,
+    bank: &SignatureBank,
+    normal: &NormalEquations,
+    noise: &[NoiseModel; CHANNELS],
+    seed: u64,
+) -> Thresholds {
     let model = case.measured.run(case.believed, Shifts::default());
     let raw = |run: usize| draw(case, &model, noise, seed.wrapping_add(run as u64));
     let drawn: Vec<Series> = (0..RUNS).into_par_iter().map(|run| normal.left_of(&raw(run))).collect();
@@ -121,7 +128,12 @@ fn largest_walk(case: &DiagnosisCase, noise: &[NoiseModel; CHANNELS], residual: 
 }
 
 /// For each family and run, the largest gain of one base.
-fn of_base(bank: &SignatureBank, base: usize, normal: &NormalEquations, beside: &[Vec<f32>; CHANNELS]) -> Vec<[f64; RUNS]> {
+fn of_base(
+    bank: &SignatureBank,
+    base: usize,
+    normal: &NormalEquations,
+    beside: &[Vec<f32>; CHANNELS],
+) -> Vec<[f64; RUNS]> {
     let base = &bank.bases[base];
     let mut largest = vec![[0.0f64; RUNS]; HypothesisFamily::COUNT];
     let tell = |channel: usize, white: &Column| {
@@ -143,7 +155,9 @@ fn of_base(bank: &SignatureBank, base: usize, normal: &NormalEquations, beside: 
             for (_, own) in chosen() {
                 sums.iter_mut().zip(own).for_each(|(sum, own)| *sum += own);
             }
-            let Some(gain) = ProjectedSignature::gain(&chosen().map(|(part, _)| part).collect::<Vec<_>>()) else { return };
+            let Some(gain) = ProjectedSignature::gain(&chosen().map(|(part, _)| part).collect::<Vec<_>>()) else {
+                return;
+            };
             // The sigma is one over the root of what is left of the signature.
             let scale = gain.sigma * gain.sigma;
             for (largest, sum) in family.iter_mut().zip(sums) {
@@ -171,7 +185,7 @@ fn draw(case: &DiagnosisCase, model: &Series, noise: &[NoiseModel; CHANNELS], se
         if channel == TIMING {
             return blocks.iter().map(|_| own.white.sqrt() * stream.standard_normal()).collect();
         }
-        let (root_s, mut rate) = (HALF_SECOND_S.sqrt(), DRIFT_OFF_ARCSEC_S * stream.standard_normal());
+        let (root_s, mut rate) = (SAMPLE_INTERVAL_S.sqrt(), DRIFT_OFF_ARCSEC_S * stream.standard_normal());
         let mut walked = 100.0 * stream.standard_normal();
         // What is white beyond rounding.
         let beyond = (own.white - ROUNDING / BLOCK as f64).max(0.0).sqrt();
@@ -179,7 +193,7 @@ fn draw(case: &DiagnosisCase, model: &Series, noise: &[NoiseModel; CHANNELS], se
             let mut sum = 0.0;
             for node in nodes(block) {
                 rate += own.rate_walk * root_s * stream.standard_normal();
-                walked += rate * HALF_SECOND_S + own.angle_walk * root_s * stream.standard_normal();
+                walked += rate * SAMPLE_INTERVAL_S + own.angle_walk * root_s * stream.standard_normal();
                 let angle = model[channel][node];
                 sum += (angle + walked).round() - angle;
             }

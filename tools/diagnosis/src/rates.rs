@@ -34,7 +34,7 @@ mod null;
 mod windows;
 
 pub use crate::outcome::Verdict;
-pub use apart::{Observability, CandidateSpin};
+pub use apart::{CandidateSpin, Observability};
 pub use diagnosis::{Diagnosis, Found, Gap, GroupGap, Rival, diagnose};
 pub use model::Parameter;
 pub use noise::{ChannelNoise, Noise};

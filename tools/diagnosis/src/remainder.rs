@@ -14,7 +14,13 @@ use crate::state::DiagnosisCase;
 const FOLLOWED: usize = 5;
 
 /// What is left: which gyros, when, what it follows.
-pub fn unexplained(case: &DiagnosisCase, bank: &SignatureBank, explained: &Explained, left: &Series, gyros: Gyros) -> Unexplained {
+pub fn unexplained(
+    case: &DiagnosisCase,
+    bank: &SignatureBank,
+    explained: &Explained,
+    left: &Series,
+    gyros: Gyros,
+) -> Unexplained {
     const WINDOW: usize = 24;
     // Of two minutes each: how much more than noise.
     let blocks = case.measured.block_count();

@@ -7,16 +7,16 @@
 use std::sync::OnceLock;
 
 use geu_model::Configuration;
-use geu_model::attitude::{Manoeuvre, Motion, AttitudeProfile, RecordedAttitude, AttitudeRow, Scenario};
+use geu_model::attitude::{AttitudeProfile, AttitudeRow, Manoeuvre, Motion, RecordedAttitude, Scenario};
 use geu_model::course::TimeFunction;
-use geu_model::number::DefaultValue as DefaultValue;
-use geu_model::units::{HALF_SECOND_S, ORBIT_S};
+use geu_model::number::DefaultValue;
+use geu_model::units::{ORBIT_S, SAMPLE_INTERVAL_S};
 use rayon::prelude::*;
 
 use crate::bank::Column;
 use crate::hypothesis::Hypothesis;
-use crate::measured::{BLOCK, Block, CHANNELS, PlannedMotion, MeasuredData, Series};
-use crate::normal::{ProjectedSignature, NormalEquations, Nuisance, Products};
+use crate::measured::{BLOCK, Block, CHANNELS, MeasuredData, PlannedMotion, Series};
+use crate::normal::{NormalEquations, Nuisance, Products, ProjectedSignature};
 use crate::rivals::{APART_CHI2, Alternative};
 use crate::state::{DiagnosisCase, FittedHypothesis, ModelState};
 use crate::whitening::Whitening;
@@ -126,21 +126,19 @@ impl<'a> DiscriminatingTests<'a> {
     /// The same motion at other temperatures, which the signatures of the sixteen hardly know.
     fn warm(&self) -> Vec<Candidate> {
         let measured = self.case.measured;
-        let half_seconds = measured.half_seconds.min((LONGEST_S / HALF_SECOND_S) as usize);
-        let known = &measured.counts.electronics_c[..=half_seconds];
+        let samples = measured.samples.min((LONGEST_S / SAMPLE_INTERVAL_S) as usize);
+        let known = &measured.counts.electronics_c[..=samples];
         let mean_c = known.iter().sum::<f64>() / known.len() as f64;
         let first = |column: &Nuisance| -> Nuisance {
-            std::array::from_fn(|channel| {
-                column[channel].as_ref().map(|values| values[..half_seconds / BLOCK].to_vec())
-            })
+            std::array::from_fn(|channel| column[channel].as_ref().map(|values| values[..samples / BLOCK].to_vec()))
         };
         let candidate = |name: &str, measured: MeasuredData| Candidate {
             name: name.to_owned(),
             measured,
             nuisances: self.case.nuisances.iter().map(first).collect(),
         };
-        let later = measured.again(half_seconds, |celsius| 2.0 * mean_c - celsius);
-        let warmer = measured.again(half_seconds, |celsius| celsius + WARMER_K);
+        let later = measured.again(samples, |celsius| 2.0 * mean_c - celsius);
+        let warmer = measured.again(samples, |celsius| celsius + WARMER_K);
         vec![
             candidate(
                 "the same motion half an orbit later, as the electronics temperature swings the other way,",
@@ -256,11 +254,11 @@ fn flight(scenario: &Scenario) -> Option<(PlannedMotion, bool)> {
     if !(SHORTEST_S..=LONGEST_S).contains(&duration_s) {
         return None;
     }
-    let half_seconds = (duration_s / HALF_SECOND_S).ceil() as usize;
+    let samples = (duration_s / SAMPLE_INTERVAL_S).ceil() as usize;
     let mut motion = Motion::new(plan, scenario.limit_cycle);
     let mut is_dark = false;
-    let rows = (0..=half_seconds + (AFTER_S / HALF_SECOND_S) as usize).map(|node| {
-        let t_s = node as f64 * HALF_SECOND_S;
+    let rows = (0..=samples + (AFTER_S / SAMPLE_INTERVAL_S) as usize).map(|node| {
+        let t_s = node as f64 * SAMPLE_INTERVAL_S;
         let step = motion.advance(t_s);
         is_dark |= motion.take_legs().iter().any(|leg| leg.eclipse);
         let theta_psi_rad = Some((step.end.theta_rad, step.end.psi_rad));
@@ -268,7 +266,7 @@ fn flight(scenario: &Scenario) -> Option<(PlannedMotion, bool)> {
     });
     let motion = RecordedAttitude::new(&rows.collect::<Vec<_>>()).ok()?;
     // A shadow cannot be had for the asking.
-    (!is_dark).then(|| (PlannedMotion { motion, half_seconds }, length_s.is_none()))
+    (!is_dark).then(|| (PlannedMotion { motion, samples }, length_s.is_none()))
 }
 
 /// A kind of manoeuvre in a sentence: "a Y-scan".
@@ -332,7 +330,8 @@ impl Signatures {
         let nothing: Series = std::array::from_fn(|channel| vec![0.0; self.blocks[channel].len()]);
         let normal = NormalEquations::new(whitenings, &nothing, &self.nuisances);
         let (own, own_products) = white(&normal, &self.own);
-        let whole = ProjectedSignature::gain(&[&normal.beside(&own_products)]).map_or(0.0, |gain| (size / gain.sigma).powi(2));
+        let whole =
+            ProjectedSignature::gain(&[&normal.beside(&own_products)]).map_or(0.0, |gain| (size / gain.sigma).powi(2));
         let of = |rival: &Nuisance| {
             let (rival, products) = white(&normal, rival);
             let pairs = own.iter().flatten().zip(rival.iter().flatten());

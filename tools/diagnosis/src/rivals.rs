@@ -6,7 +6,7 @@
 use geu_model::course::TimeFunction;
 use rayon::prelude::*;
 
-use crate::bank::{SignatureBank, ConstantSignature, HypothesisFamily};
+use crate::bank::{ConstantSignature, HypothesisFamily, SignatureBank};
 use crate::gyros::{ALL_GYROS, Gyros, is_within, only};
 use crate::hypothesis::Hypothesis;
 use crate::late::{self, LAG_CHI2, LaggedFit, following_temperature};
@@ -54,7 +54,13 @@ pub struct Penalties<'a> {
 }
 
 /// The rivals of the change at `index` of a state on the data, the best first.
-pub fn rivals(case: &DiagnosisCase, bank: &SignatureBank, state: &ModelState, index: usize, prices: &Penalties) -> Vec<Alternative> {
+pub fn rivals(
+    case: &DiagnosisCase,
+    bank: &SignatureBank,
+    state: &ModelState,
+    index: usize,
+    prices: &Penalties,
+) -> Vec<Alternative> {
     let achieved = case.normal(&mut state.clone()).chi2();
     // What follows a temperature that is told late is not the model's only word on when it is told.
     let is_own = state.held[index].follows_temperature()
@@ -88,7 +94,8 @@ pub fn rivals(case: &DiagnosisCase, bank: &SignatureBank, state: &ModelState, in
             let behind_chi2 = (behind - dearer(prices, rival.family, &hypothesis)).max(0.0);
             if behind.is_finite() && behind_chi2 < rival.behind_chi2 && hypothesis.is_within_limits() {
                 let signature = Signature::new(&normal, &case.signature(&instead, index));
-                *rival = Alternative { hypothesis, behind_chi2, cosine: own.cosine(&normal, &signature), ..rival.clone() };
+                *rival =
+                    Alternative { hypothesis, behind_chi2, cosine: own.cosine(&normal, &signature), ..rival.clone() };
             }
         });
         rivals
@@ -137,7 +144,12 @@ fn dearer(prices: &Penalties, family: HypothesisFamily, rival: &Hypothesis) -> f
 }
 
 /// The rivals where the data are nothing but what the change adds: what looks most like it.
-pub fn similar_hypotheses(case: &DiagnosisCase, bank: &SignatureBank, state: &ModelState, index: usize) -> Vec<Alternative> {
+pub fn similar_hypotheses(
+    case: &DiagnosisCase,
+    bank: &SignatureBank,
+    state: &ModelState,
+    index: usize,
+) -> Vec<Alternative> {
     let mut others = state.clone();
     let held = others.held.remove(index);
     let (_, columns) = case.linearised(&mut others);

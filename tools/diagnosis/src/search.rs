@@ -3,11 +3,11 @@
 use rayon::prelude::*;
 
 use crate::amplitude::AmplitudeRef;
-use crate::bank::{SignatureBank, HypothesisFamily};
+use crate::bank::{HypothesisFamily, SignatureBank};
 use crate::gyros::{ALL_GYROS, Gyros, overlap};
 use crate::hypothesis::Hypothesis;
 use crate::measured::{CHANNELS, TIMING};
-use crate::normal::{SignatureFit, NormalEquations, THIRDS};
+use crate::normal::{NormalEquations, SignatureFit, THIRDS};
 use crate::spots::{Spot, spots};
 use crate::state::ModelState;
 
@@ -63,7 +63,12 @@ pub fn set_penalty(gyros: &Gyros, amplitude: &AmplitudeRef) -> f64 {
 
 /// The best candidate of each code and set of gyros, the best first; those of `held` codes on their own gyros left out where a
 /// configuration holds only one.
-pub fn search(bank: &SignatureBank, normal: &NormalEquations, state: &ModelState, penalty: &(dyn Fn(HypothesisFamily) -> f64 + Sync)) -> Vec<Candidate> {
+pub fn search(
+    bank: &SignatureBank,
+    normal: &NormalEquations,
+    state: &ModelState,
+    penalty: &(dyn Fn(HypothesisFamily) -> f64 + Sync),
+) -> Vec<Candidate> {
     let is_held = |spot: &Spot| {
         state.held.iter().any(|held| {
             held.hypothesis.amplitude == spot.amplitude(bank) && overlap(&held.hypothesis.gyros, &spot.gyros)

@@ -1,7 +1,7 @@
 //! A signature whitened by the noise of a recording, beside its nuisances.
 
 use crate::amplitude::AmplitudeRef;
-use crate::bank::{SignatureBank, ConstantSignature, Column, Variation};
+use crate::bank::{Column, ConstantSignature, SignatureBank, Variation};
 use crate::gyros::Gyros;
 use crate::measured::{CHANNELS, TIMING};
 use crate::normal::{NormalEquations, Nuisance, Products, dot};
@@ -27,7 +27,13 @@ impl Signature {
     }
 
     /// Of a hypothesis of the bank.
-    pub fn of(bank: &SignatureBank, normal: &NormalEquations, base: &ConstantSignature, variation: &Variation, gyros: &Gyros) -> Signature {
+    pub fn of(
+        bank: &SignatureBank,
+        normal: &NormalEquations,
+        base: &ConstantSignature,
+        variation: &Variation,
+        gyros: &Gyros,
+    ) -> Signature {
         let mut columns = bank.columns(base, variation);
         for (channel, column) in columns.iter_mut().enumerate() {
             if !reaches(&base.amplitude, gyros, channel) {

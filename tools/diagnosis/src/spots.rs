@@ -1,12 +1,12 @@
 //! The best time course of each kind of a signature, on each set of gyros.
 
 use crate::amplitude::AmplitudeRef;
-use crate::bank::{SignatureBank, ConstantSignature, HypothesisFamily, Variation};
+use crate::bank::{ConstantSignature, HypothesisFamily, SignatureBank, Variation};
 use crate::climb::maximise;
 use crate::gyros::Gyros;
 use crate::hypothesis::Hypothesis;
 use crate::measured::{BLOCK_S, CHANNELS};
-use crate::normal::{ProjectedSignature, SignatureFit, NormalEquations};
+use crate::normal::{NormalEquations, ProjectedSignature, SignatureFit};
 use crate::signature::{Signature, reaches};
 use crate::sweep::{Part, sweep};
 
@@ -63,7 +63,12 @@ impl Spot {
     }
 
     /// With the shape near by that explains most of those that are possible; none where that is beyond the limits of the model.
-    pub fn climbed(&self, bank: &SignatureBank, normal: &NormalEquations, is_possible: impl Fn(&Spot) -> bool) -> Option<Spot> {
+    pub fn climbed(
+        &self,
+        bank: &SignatureBank,
+        normal: &NormalEquations,
+        is_possible: impl Fn(&Spot) -> bool,
+    ) -> Option<Spot> {
         let duration_s = normal.residual()[0].len() as f64 * BLOCK_S;
         let at = |variation: &Variation| self.with(bank, normal, variation).filter(&is_possible);
         let (variation, _) =

@@ -6,7 +6,7 @@
 use std::ops::Range;
 
 use geu_calibration::window::ManoeuvreWindow;
-use geu_model::units::HALF_SECOND_S;
+use geu_model::units::SAMPLE_INTERVAL_S;
 
 use crate::gap;
 use crate::measured::{BLOCK, BLOCK_S, MeasuredData, Series, TIMING};
@@ -42,7 +42,7 @@ impl MotionSegment {
 
     /// Its nodes, with the one at which it starts.
     fn nodes(&self) -> Range<usize> {
-        let node = |at_s: f64| (at_s / HALF_SECOND_S).round().max(0.0) as usize;
+        let node = |at_s: f64| (at_s / SAMPLE_INTERVAL_S).round().max(0.0) as usize;
         node(self.from_s)..node(self.to_s) + 1
     }
 }
@@ -94,7 +94,7 @@ pub fn rms_arcsec(measured: &MeasuredData, model: &Series, stretches: &[MotionSe
     let residual = gap::residual(measured, model);
     let of_gyro = |gyro: usize, stretch: &MotionSegment| {
         let (mut start, mut squares, mut count) = (f64::NAN, 0.0, 0usize);
-        for node in stretch.nodes().filter(|&node| (1..=measured.half_seconds).contains(&node)) {
+        for node in stretch.nodes().filter(|&node| (1..=measured.samples).contains(&node)) {
             let Some(block) = measured.blocks[gyro].get((node - 1) / BLOCK) else { break };
             if block.restarts || !block.is_good {
                 start = f64::NAN;

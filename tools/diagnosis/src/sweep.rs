@@ -4,9 +4,9 @@
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
-use crate::bank::{SignatureBank, ConstantSignature, Column, Variation};
+use crate::bank::{Column, ConstantSignature, SignatureBank, Variation};
 use crate::measured::CHANNELS;
-use crate::normal::{ProjectedSignature, NormalEquations, dot};
+use crate::normal::{NormalEquations, ProjectedSignature, dot};
 
 /// Phases of a wave that are looked for, over half a turn.
 const PHASES: usize = 16;

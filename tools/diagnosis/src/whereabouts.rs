@@ -6,7 +6,7 @@
 use std::f64::consts::TAU;
 
 use geu_model::temperature::SENSOR_NOMINAL_C;
-use geu_model::units::{HALF_SECOND_S, ORBIT_S, RAD_PER_DEG, S_PER_DAY};
+use geu_model::units::{ORBIT_S, RAD_PER_DEG, S_PER_DAY, SAMPLE_INTERVAL_S};
 use rayon::prelude::*;
 
 use crate::bank::Column;
@@ -82,7 +82,8 @@ pub fn whereabouts<const MODELS: usize>(
             };
             let told: Vec<_> = variables.iter().map(of_variable).collect();
             let whole: Significances = std::array::from_fn(|variable| told[variable].0);
-            let of_stretch = |stretch: usize| -> Significances { std::array::from_fn(|variable| told[variable].1[stretch]) };
+            let of_stretch =
+                |stretch: usize| -> Significances { std::array::from_fn(|variable| told[variable].1[stretch]) };
             (whole, (0..stretches.len()).map(of_stretch).collect::<Vec<_>>())
         };
         let told: Vec<(Significances, Vec<Significances>)> = (0..TIMING).into_par_iter().map(of_gyro).collect();
@@ -115,12 +116,12 @@ fn variables(measured: &MeasuredData) -> [Column; VARIABLES.len()] {
     let (mut angle, mut moment) = measured.reference.at(0.0, &mut near);
     for node in 1..=measured.block_count() * BLOCK {
         let before = (angle, moment);
-        (angle, moment) = measured.reference.at(node as f64 * HALF_SECOND_S, &mut near);
-        let rate: [f64; 3] = std::array::from_fn(|axis| (angle[axis] - before.0[axis]) / HALF_SECOND_S);
+        (angle, moment) = measured.reference.at(node as f64 * SAMPLE_INTERVAL_S, &mut near);
+        let rate: [f64; 3] = std::array::from_fn(|axis| (angle[axis] - before.0[axis]) / SAMPLE_INTERVAL_S);
         let acceleration: [f64; 3] = std::array::from_fn(|axis| {
-            (moment.rate_control_arcsec_s[axis] - before.1.rate_control_arcsec_s[axis]) / HALF_SECOND_S
+            (moment.rate_control_arcsec_s[axis] - before.1.rate_control_arcsec_s[axis]) / SAMPLE_INTERVAL_S
         });
-        let time_s = (node as f64 - 0.5) * HALF_SECOND_S;
+        let time_s = (node as f64 - 0.5) * SAMPLE_INTERVAL_S;
         let (sin, cos) = (TAU * time_s / ORBIT_S).sin_cos();
         let last = |celsius: &[f64]| celsius.get(node).or(celsius.last()).copied();
         let surroundings = [
@@ -141,7 +142,7 @@ fn variables(measured: &MeasuredData) -> [Column; VARIABLES.len()] {
             .chain(acceleration)
             .chain(surroundings);
         for ((sum, average), value) in sums.iter_mut().zip(&mut averages).zip(values) {
-            *sum += value * HALF_SECOND_S;
+            *sum += value * SAMPLE_INTERVAL_S;
             *average += *sum / BLOCK as f64;
         }
         if node % BLOCK == 0 {

@@ -1,10 +1,13 @@
 //! The blind trial: what is hidden is told by its key alone, scored as it should be, and a campaign is the same on any threads.
 
-use geu_diagnosis::blind::{InjectedEffect, AnswerKey, IsolationResult, Origin, CampaignPlan, ReportedDiagnosis, TrialMotion, campaign, generate_trial, score};
+use geu_diagnosis::blind::{
+    AnswerKey, CampaignPlan, InjectedEffect, IsolationResult, Origin, ReportedDiagnosis, TrialMotion, campaign,
+    generate_trial, score,
+};
 use geu_diagnosis::hypothesis::Hypothesis;
 use geu_diagnosis::outcome::EstimatedValue;
 use geu_model::Configuration;
-use geu_recording::{Defect, InputReader, DecoderOptions, ReferenceAttitude, ReceivedSample, Sink, Stop};
+use geu_recording::{DecoderOptions, Defect, InputReader, ReceivedSample, ReferenceAttitude, Sink, Stop};
 use serde_json::{Value, json};
 
 const SHORT_S: f64 = 1500.0;
@@ -85,14 +88,24 @@ fn what_was_said_is_scored_against_what_was_hidden() {
     let rival = |cosine: f64, behind: f64| json!([{ "code": "drift-step", "gyros": ["GYRX"], "cosine": cosine, "behind_chi2": behind }]);
     let recalibrated = json!({ "code": "scale-factor", "class": "recalibration", "gyros": ["GYRZA"] });
     for (name, told, naming, false_names) in [
-        ("right", told("explained", &[entry("drift-step", "GYRX", json!([])), recalibrated]), IsolationResult::Right, 0),
+        (
+            "right",
+            told("explained", &[entry("drift-step", "GYRX", json!([])), recalibrated]),
+            IsolationResult::Right,
+            0,
+        ),
         (
             "beside",
             told("explained", &[entry("drift-step", "GYRX", json!([])), entry("drift", "GYRY", json!([]))]),
             IsolationResult::Right,
             1,
         ),
-        ("alike, yet apart", told("explained", &[entry("drift-ramp", "GYRX", rival(0.96, 40.0))]), IsolationResult::Wrong, 1),
+        (
+            "alike, yet apart",
+            told("explained", &[entry("drift-ramp", "GYRX", rival(0.96, 40.0))]),
+            IsolationResult::Wrong,
+            1,
+        ),
         ("not apart", told("explained", &[entry("drift-ramp", "GYRX", rival(0.90, 8.0))]), IsolationResult::Group, 0),
         ("apart", told("explained", &[entry("drift-ramp", "GYRX", rival(0.90, 10.0))]), IsolationResult::Wrong, 1),
         ("another gyro", told("explained", &[entry("drift-step", "GYRY", json!([]))]), IsolationResult::Missed, 1),
@@ -152,8 +165,10 @@ fn what_follows_a_late_temperature_is_another_signature() {
     assert!(likeness(told.temperature_late_s) < likeness(0.0));
     // Another code that was hidden, as like as the lag lets it be.
     let numbers = [("amplitude_arcsec_per_h", 20.0), ("period_s", 6180.0), ("phase_rad", 0.0)];
-    let swings = InjectedEffect { hypothesis: self::hidden("drift-periodic", &numbers), origin: Origin::Unknown, ..step(0.0) };
-    let [now, quarter_turn_late] = [0.0, 1545.0].map(|late_s| survey.signature_cosine(&swings, &told.missing[0], late_s));
+    let swings =
+        InjectedEffect { hypothesis: self::hidden("drift-periodic", &numbers), origin: Origin::Unknown, ..step(0.0) };
+    let [now, quarter_turn_late] =
+        [0.0, 1545.0].map(|late_s| survey.signature_cosine(&swings, &told.missing[0], late_s));
     assert!((now - quarter_turn_late).abs() > 0.01, "{now} {quarter_turn_late}");
 }
 

@@ -6,11 +6,13 @@ use std::path::Path;
 
 use geu_diagnosis::checks::{CheckResult, WiringFault, check};
 use geu_model::Configuration;
-use geu_plant::{GYROS, Gyro as Of, PlantedEffect, IndependentModel};
+use geu_plant::{GYROS, Gyro as Of, IndependentModel, PlantedEffect};
 use geu_protocol::Gyro;
-use geu_protocol::capture::{Format, RecordPosition, Reader, Timestamp};
+use geu_protocol::capture::{Format, Reader, RecordPosition, Timestamp};
 use geu_protocol::field::unit_flag;
-use geu_recording::{Decoder, Defect, DefectKind, InputReader, DecoderOptions, ReferenceAttitude, ReceivedSample, Sink, Stop};
+use geu_recording::{
+    Decoder, DecoderOptions, Defect, DefectKind, InputReader, ReceivedSample, ReferenceAttitude, Sink, Stop,
+};
 
 #[derive(Default)]
 struct Rows(Vec<ReceivedSample>);
@@ -115,7 +117,7 @@ fn rows_are_as_without_the_fault_and_what_is_stuck_is_marked() {
     for code in ["sign-inversion", "axis-swap"] {
         let gyros = if code == "axis-swap" { &[Of::X, Of::Zb][..] } else { &[Of::X] };
         let checked = Recording::hiding(9, &[wired(code, gyros, Some(5200.0))]).checked();
-        let differ = checked.rows.iter().zip(&null).filter(|(row, null)| row.half_second != null.half_second).count();
+        let differ = checked.rows.iter().zip(&null).filter(|(row, null)| row.sample != null.sample).count();
         assert!(differ <= 4, "{code}: {differ} rows differ");
     }
     let checked = Recording::hiding(9, &[wired("stuck-output", &[Of::Y], Some(5200.0))]).checked();
@@ -123,9 +125,9 @@ fn rows_are_as_without_the_fault_and_what_is_stuck_is_marked() {
         let is_stuck = index >= 10_400;
         // A gyro may have stood still before it stuck.
         if !(10_390..10_400).contains(&index) {
-            assert_eq!(row.half_second.gyro_flags, if is_stuck { 0x0D } else { 0x0F }, "{index}");
+            assert_eq!(row.sample.gyro_flags, if is_stuck { 0x0D } else { 0x0F }, "{index}");
         }
-        assert!(is_stuck || row.half_second.increments == null.half_second.increments);
+        assert!(is_stuck || row.sample.increments == null.sample.increments);
     }
 }
 
@@ -155,7 +157,7 @@ fn faults_beside_large_ordinary_effects_and_beside_each_other_are_named() {
 fn a_fault_that_ends_is_told_with_its_end() {
     let mut recording = Recording::hiding(9, &[]);
     for row in &mut recording.rows[6000..12_000] {
-        row.half_second.increments[0] = -row.half_second.increments[0];
+        row.sample.increments[0] = -row.sample.increments[0];
     }
     let checked = recording.checked();
     let [fault @ WiringFault { onset_s: Some(onset_s), end_s: Some(end_s), .. }] = &checked.faults[..] else {
@@ -206,7 +208,7 @@ fn ordinary_effects_however_large_are_no_finding() {
         let checked = Recording::hiding(20 + seed as u64, &hidden).checked();
         assert!(checked.faults.is_empty(), "{hidden:?}: {:?}", checked.faults);
         let lost = hidden.iter().any(|hidden| hidden.code == "lost-counts");
-        // A million counts in one half second are clipped.
+        // A million counts in one sample interval are clipped.
         assert_eq!(kinds(&checked), if lost { vec!["saturated"] } else { vec![] }, "{hidden:?}");
     }
 }
@@ -219,7 +221,7 @@ fn a_gyro_at_rest_is_not_called_anything() {
     let rows: String = (1..=800).map(|row| format!("{}.{},0,0,0\n", first + row / 2, row % 2 * 5)).collect();
     let reference = ReferenceAttitude::parse("reference.csv", &still(&rows)).expect("a reference");
     let mut rows = recording.rows;
-    rows.iter_mut().for_each(|row| row.half_second.increments = [0; 4]);
+    rows.iter_mut().for_each(|row| row.sample.increments = [0; 4]);
     let checked = check(&rows, &[], &Configuration::reference(), &reference);
     assert!(checked.findings.is_empty(), "{:?}", checked.findings);
 }
@@ -232,7 +234,7 @@ fn counts_in_another_unit_are_told_with_their_factor() {
     {
         let (mut rows, mut angle) = (recording.rows.clone(), [0.0; 4]);
         for row in &mut rows {
-            for (count, angle) in row.half_second.increments.iter_mut().zip(&mut angle) {
+            for (count, angle) in row.sample.increments.iter_mut().zip(&mut angle) {
                 let before = f64::round(*angle);
                 *angle += f64::from(*count) * factor;
                 *count = (angle.round() - before) as i16;
@@ -250,55 +252,55 @@ fn counts_in_another_unit_are_told_with_their_factor() {
 fn what_is_wrong_with_the_link_is_told_with_its_place() {
     let mut recording = short();
     let rows = &mut recording.rows;
-    let valid = |row: &mut ReceivedSample, gyro: Gyro| row.half_second.gyro_flags &= !gyro.bit();
+    let valid = |row: &mut ReceivedSample, gyro: Gyro| row.sample.gyro_flags &= !gyro.bit();
     rows[100..110].iter_mut().for_each(|row| valid(row, Gyro::Y));
-    rows[120].half_second.increments[0] = i16::MAX;
-    rows[130].half_second.increments[1] = i16::MIN;
-    rows[130].half_second.gyro_flags |= Gyro::Y.bit() << 4;
-    rows[140].half_second.gyro_flags |= Gyro::Za.bit() << 4;
-    rows[150..160].iter_mut().for_each(|row| row.half_second.unit_flags |= unit_flag("self_test"));
-    rows[170].half_second.unit_flags &= !unit_flag("motors_synchronous");
-    rows[180..200].iter_mut().for_each(|row| row.half_second.unit_flags &= !unit_flag("heater_in_band"));
-    rows[210].half_second.sensor_centi_c = 6500;
-    rows[220].half_second.electronics_centi_c += 500;
-    rows[230].half_second.unit_flags &= !unit_flag("clock_locked");
+    rows[120].sample.increments[0] = i16::MAX;
+    rows[130].sample.increments[1] = i16::MIN;
+    rows[130].sample.gyro_flags |= Gyro::Y.bit() << 4;
+    rows[140].sample.gyro_flags |= Gyro::Za.bit() << 4;
+    rows[150..160].iter_mut().for_each(|row| row.sample.unit_flags |= unit_flag("self_test"));
+    rows[170].sample.unit_flags &= !unit_flag("motors_synchronous");
+    rows[180..200].iter_mut().for_each(|row| row.sample.unit_flags &= !unit_flag("heater_in_band"));
+    rows[210].sample.sensor_centi_c = 6500;
+    rows[220].sample.electronics_centi_c += 500;
+    rows[230].sample.unit_flags &= !unit_flag("clock_locked");
     let mut again = rows[400];
-    again.half_second.increments[2] += 1;
+    again.sample.increments[2] += 1;
     rows.insert(401, again);
     rows.insert(301, rows[300]);
     rows.drain(250..253);
     let checked = recording.checked();
     for (kind, place, text) in [
-        ("invalid", "GYRY, 50.0–55.0 s", "10 half seconds"),
-        ("clipped", "GYRX, 60.0–60.5 s", "1 half seconds"),
-        ("saturated", "GYRY, 65.0–65.5 s", "1 half seconds"),
-        ("saturated-inside", "GYRZA, 70.0–70.5 s", "1 half seconds"),
-        ("self-test", "75.0–80.0 s", "10 half seconds"),
-        ("synchronous-flag", "85.0–85.5 s", "1 half seconds"),
-        ("heater", "90.0–100.0 s", "20 half seconds"),
-        ("heater-flag", "105.0–105.5 s", "1 half seconds"),
+        ("invalid", "GYRY, 50.0–55.0 s", "10 samples"),
+        ("clipped", "GYRX, 60.0–60.5 s", "1 samples"),
+        ("saturated", "GYRY, 65.0–65.5 s", "1 samples"),
+        ("saturated-inside", "GYRZA, 70.0–70.5 s", "1 samples"),
+        ("self-test", "75.0–80.0 s", "10 samples"),
+        ("synchronous-flag", "85.0–85.5 s", "1 samples"),
+        ("heater", "90.0–100.0 s", "20 samples"),
+        ("heater-flag", "105.0–105.5 s", "1 samples"),
         ("sensor-temperature-jump", "105.0–106.0 s", "2 jumps"),
         ("electronics-temperature-jump", "110.0–111.0 s", "2 jumps"),
-        ("clock-unlocked", "115.0–115.5 s", "1 half seconds"),
-        ("gap", "126.5–127.0 s", "3 half seconds are missing"),
-        ("repeat", "150.0–150.5 s", "1 half seconds came again"),
-        ("repeat-differs", "200.0–200.5 s", "1 half seconds"),
+        ("clock-unlocked", "115.0–115.5 s", "1 samples"),
+        ("gap", "126.5–127.0 s", "3 samples are missing"),
+        ("repeat", "150.0–150.5 s", "1 samples came again"),
+        ("repeat-differs", "200.0–200.5 s", "1 samples"),
     ] {
         let told = told(&checked, kind);
         assert!(told.len() == 1 && told[0].0 == place && told[0].1.starts_with(text), "{kind}: {told:?}");
     }
     assert_eq!(checked.findings.len(), 14, "{:?}", checked.findings);
     assert!(checked.faults.is_empty() && checked.rows.len() == recording.rows.len());
-    assert_ne!(checked.rows[120].half_second.gyro_flags & Gyro::X.bit() << 4, 0);
+    assert_ne!(checked.rows[120].sample.gyro_flags & Gyro::X.bit() << 4, 0);
 }
 
 #[test]
 fn many_runs_of_one_thing_are_one_finding() {
     let mut recording = Recording::hiding(5, &[]);
-    recording.rows.iter_mut().step_by(500).for_each(|row| row.half_second.gyro_flags = 0x0E);
+    recording.rows.iter_mut().step_by(500).for_each(|row| row.sample.gyro_flags = 0x0E);
     let checked = recording.checked();
     assert_eq!(told(&checked, "invalid").len(), 1, "{:?}", checked.findings);
-    assert!(checked.findings[0].text.contains("44 half seconds") && checked.findings[0].text.contains("44 runs"));
+    assert!(checked.findings[0].text.contains("44 samples") && checked.findings[0].text.contains("44 runs"));
 }
 
 #[test]
@@ -334,8 +336,8 @@ fn times_that_jump_stray_or_run_back_are_told_and_sequences_that_restart() {
     for (clock, kind) in [(0, "reset"), (123_456_789, "sequence-jump")] {
         let mut recording = short();
         for (index, row) in recording.rows[400..].iter_mut().enumerate() {
-            row.half_second.sequence = index as u16;
-            row.half_second.clock_count = clock + 500_000 * (index as u64 + 1);
+            row.sample.sequence = index as u16;
+            row.sample.clock_count = clock + 500_000 * (index as u64 + 1);
         }
         let checked = recording.checked();
         assert_eq!(kinds(&checked), [kind], "{:?}", checked.findings);
@@ -370,8 +372,14 @@ fn a_reference_of_another_time_is_told() {
 #[test]
 fn what_the_decoder_found_wrong_is_told_once_for_each_kind() {
     let recording = short();
-    let defect =
-        |kind, line| Defect { input: "link.log", place: RecordPosition::Line(line), kind, bytes: &[], time: None, lost: 0 };
+    let defect = |kind, line| Defect {
+        input: "link.log",
+        place: RecordPosition::Line(line),
+        kind,
+        bytes: &[],
+        time: None,
+        lost: 0,
+    };
     let defects = [
         defect(DefectKind::BrokenRecord, 17),
         defect(DefectKind::BrokenRecord, 19),
@@ -402,18 +410,21 @@ fn nothing_panics_on_rows_of_any_kind() {
         for row in &mut rows {
             let what = next() % 40;
             let word = next();
-            let half_second = &mut row.half_second;
+            let sample = &mut row.sample;
             match what {
-                0 => half_second.sequence = word as u16,
-                1 => half_second.clock_count = word % (1 << 48),
-                2 => half_second.increments[(word % 4) as usize] = (word >> 8) as i16,
-                3 => half_second.gyro_flags = word as u8,
-                4 => half_second.unit_flags = word as u8,
+                0 => sample.sequence = word as u16,
+                1 => sample.clock_count = word % (1 << 48),
+                2 => sample.increments[(word % 4) as usize] = (word >> 8) as i16,
+                3 => sample.gyro_flags = word as u8,
+                4 => sample.unit_flags = word as u8,
                 5 => row.time = None,
-                6 => row.time = Some(Timestamp { t_ns: [i64::MIN, i64::MAX, word as i64][(word % 3) as usize], digits: 9 }),
+                6 => {
+                    row.time =
+                        Some(Timestamp { t_ns: [i64::MIN, i64::MAX, word as i64][(word % 3) as usize], digits: 9 })
+                }
                 7 => row.has_clock = false,
                 8 => row.is_received = false,
-                9 => (half_second.electronics_centi_c, half_second.sensor_centi_c) = (word as i16, (word >> 9) as i16),
+                9 => (sample.electronics_centi_c, sample.sensor_centi_c) = (word as i16, (word >> 9) as i16),
                 _ => {}
             }
         }

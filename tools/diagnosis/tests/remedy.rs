@@ -11,7 +11,7 @@ use geu_diagnosis::remedy::DiscriminatingTests;
 use geu_diagnosis::rivals::{APART_CHI2, similar_hypotheses};
 use geu_diagnosis::state::{FittedHypothesis, ModelState};
 use geu_diagnosis::whitening::NoiseModel;
-use geu_diagnosis::{SignatureBank, DiagnosisCase};
+use geu_diagnosis::{DiagnosisCase, SignatureBank};
 use geu_model::Configuration;
 
 use flown::{manoeuvre, recorded};

@@ -5,7 +5,9 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
 use geu_diagnosis::Verdict;
-use geu_diagnosis::blind::{InjectedEffect, AnswerKey, CampaignPlan, ReportedDiagnosis, SURVEY_S, TrialMotion, campaign, generate_trial, score};
+use geu_diagnosis::blind::{
+    AnswerKey, CampaignPlan, InjectedEffect, ReportedDiagnosis, SURVEY_S, TrialMotion, campaign, generate_trial, score,
+};
 use geu_diagnosis::report::labelled;
 use geu_recording::read_text;
 use indicatif::ProgressBar;
@@ -13,7 +15,7 @@ use indicatif::ProgressBar;
 use crate::failure::{CommandError, say};
 use crate::outputs::{OutputDirectory, OutputFile, write};
 use crate::overwriting::Force;
-use crate::settings::{NamedSettings, ConfigArgs, duration, seed};
+use crate::settings::{ConfigArgs, NamedSettings, duration, seed};
 
 /// Hides effects at random, scores what a diagnosis says of them, and does both many times.
 #[derive(Args, Debug)]
@@ -151,14 +153,16 @@ fn text(path: &Path) -> Result<String, CommandError> {
 }
 
 fn scored(arguments: &ScoreArguments) -> Result<(), CommandError> {
-    let key = AnswerKey::parse(&arguments.key.display().to_string(), &text(&arguments.key)?).map_err(CommandError::input)?;
+    let key =
+        AnswerKey::parse(&arguments.key.display().to_string(), &text(&arguments.key)?).map_err(CommandError::input)?;
     let at = |error: &dyn std::fmt::Display| CommandError::input(format!("{}: {error}", arguments.json.display()));
     let expected = |error: serde_json::Error| at(&format!("expected JSON as `geu diagnose --json` writes it: {error}"));
     let result = serde_json::from_str(&text(&arguments.json)?).map_err(expected)?;
     let told = ReportedDiagnosis::from_json(&result).map_err(|error| at(&error))?;
     let survey = survey(&arguments.unit, key.duration_s)?;
-    let score =
-        score(&key.hidden, &told, &|hidden: &InjectedEffect, found| survey.signature_cosine(hidden, found, told.temperature_late_s));
+    let score = score(&key.hidden, &told, &|hidden: &InjectedEffect, found| {
+        survey.signature_cosine(hidden, found, told.temperature_late_s)
+    });
     let mut facts = Vec::new();
     for (hidden, outcome) in key.hidden.iter().zip(&score.outcomes) {
         facts.extend(hidden.facts());
@@ -181,7 +185,8 @@ fn scored(arguments: &ScoreArguments) -> Result<(), CommandError> {
 fn many(arguments: &CampaignArguments) -> Result<(), CommandError> {
     let survey = survey(&arguments.unit, arguments.duration)?;
     let threads = arguments.threads.map_or_else(rayon::current_num_threads, usize::from);
-    let plan = CampaignPlan { seed: arguments.seed, runs: arguments.runs.into(), strengths: arguments.sizes.clone(), threads };
+    let plan =
+        CampaignPlan { seed: arguments.seed, runs: arguments.runs.into(), strengths: arguments.sizes.clone(), threads };
     let bar = ProgressBar::new(plan.count() as u64);
     let campaign = campaign(&survey, &plan, &|| bar.inc(1)).map_err(CommandError::failed)?;
     bar.finish_and_clear();

@@ -4,18 +4,18 @@ use clap::Args;
 use geu_calibration::absolute::AbsoluteData;
 use geu_calibration::compare::LEAST_PROBABILITY;
 use geu_calibration::solve::Solution;
-use geu_calibration::{AttitudeSource, AccumulatedCounts, CountsReader, calibrate, report, window};
+use geu_calibration::{AccumulatedCounts, AttitudeSource, CountsReader, calibrate, report, window};
 use geu_model::Configuration;
 use geu_model::configuration::unix_ns;
-use geu_model::units::HALF_SECOND_NS;
+use geu_model::units::SAMPLE_INTERVAL_NS;
 use geu_protocol::CanIdMap;
-use geu_recording::{InputReader, DecoderOptions, ReferenceAttitude, Stop};
+use geu_recording::{DecoderOptions, InputReader, ReferenceAttitude, Stop};
 use geu_report::calibration::{CalibrationPage, comparison_table, terminal_table};
 
 use crate::calibrate_compare;
 use crate::failure::{CommandError, note, say};
 use crate::outputs::{OutputFile, write_all};
-use crate::settings::{NamedSettings, ConfigArgs};
+use crate::settings::{ConfigArgs, NamedSettings};
 use crate::update::{self, Results, Update};
 
 /// Solves the sixteen in-orbit parameters from a recording and what tells its attitude; or, between checkouts, updates the Z gyros.
@@ -86,9 +86,12 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     let configuration = settings.read()?;
     let earlier = calibrate_compare::read(&arguments.compare)?;
     let windows = arguments.manoeuvres.as_deref().map(window::read).transpose().map_err(CommandError::input)?;
-    let reference = arguments.reference.as_deref().map(ReferenceAttitude::read).transpose().map_err(CommandError::input)?;
+    let reference =
+        arguments.reference.as_deref().map(ReferenceAttitude::read).transpose().map_err(CommandError::input)?;
     let sensors = match (&arguments.fss, &arguments.sse) {
-        (Some(fss), Some(sse)) => Some(AbsoluteData::read(fss, sse, configuration.sensors).map_err(CommandError::input)?),
+        (Some(fss), Some(sse)) => {
+            Some(AbsoluteData::read(fss, sse, configuration.sensors).map_err(CommandError::input)?)
+        }
         _ => None,
     };
     let attitude_start_ns = match (&reference, &sensors) {
@@ -163,7 +166,7 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     }
 }
 
-/// Refuses a reference whose times are not those of the link: the ends of its half seconds were received in UTC, and TAI,
+/// Refuses a reference whose times are not those of the link: the ends of its samples were received in UTC, and TAI,
 /// GPS or TT are whole seconds off it.
 fn refuse_other_time(reference: Option<&ReferenceAttitude>, counts: &AccumulatedCounts) -> Result<(), CommandError> {
     match reference.and_then(|reference| reference.time_system.as_deref()) {
@@ -189,16 +192,20 @@ impl Arguments {
     }
 }
 
-/// Start of what the sun sensor saw: its first sample ends the first half second. Nothing without a sample.
+/// Start of what the sun sensor saw: its first sample ends the first sample. Nothing without a sample.
 pub fn start_of_sensors_ns(sensors: &AbsoluteData) -> Option<i64> {
-    sensors.sun.first().map(|sample| sample.0 - HALF_SECOND_NS)
+    sensors.sun.first().map(|sample| sample.0 - SAMPLE_INTERVAL_NS)
 }
 
 /// Reads recordings as one stream of counts.
 ///
 /// # Errors
-/// Input that cannot be read, or that holds no half second.
-pub fn read_counts(names: &[String], plan: Option<CanIdMap>, clock_start_ns: i64) -> Result<AccumulatedCounts, CommandError> {
+/// Input that cannot be read, or that holds no sample.
+pub fn read_counts(
+    names: &[String],
+    plan: Option<CanIdMap>,
+    clock_start_ns: i64,
+) -> Result<AccumulatedCounts, CommandError> {
     let options = DecoderOptions { plan: plan.unwrap_or_default(), ..DecoderOptions::default() };
     let (mut reader, mut counts) = (InputReader::new(options, Stop::default()), CountsReader::default());
     for name in names {
@@ -209,7 +216,7 @@ pub fn read_counts(names: &[String], plan: Option<CanIdMap>, clock_start_ns: i64
         let (count, input) = (counts.defects(), names.join(" "));
         note(format_args!("geu: {count} defects in {input}; `geu decode --format summary {input}` lists them\n"));
     }
-    let none = || CommandError::input(format!("{}: expected half seconds of the unit, got none", names.join(" ")));
+    let none = || CommandError::input(format!("{}: expected samples of the unit, got none", names.join(" ")));
     counts.finish(clock_start_ns).ok_or_else(none)
 }
 

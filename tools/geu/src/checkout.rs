@@ -3,7 +3,9 @@
 use std::path::Path;
 
 use clap::{Args, ValueEnum};
-use geu_calibration::checkout::{self, AttitudeSourceKind, Precautions, believed_before, fly, sequence, true_calibrations};
+use geu_calibration::checkout::{
+    self, AttitudeSourceKind, Precautions, believed_before, fly, sequence, true_calibrations,
+};
 use geu_calibration::combine;
 use geu_calibration::compare::LEAST_PROBABILITY;
 use geu_calibration::solve::{Solution, values};
@@ -16,7 +18,7 @@ use geu_report::checkout::{campaign_table, precautions_table, twice_table};
 use crate::failure::{CommandError, note, say};
 use crate::outputs::OutputDirectory;
 use crate::overwriting::Force;
-use crate::settings::{NamedSettings, ConfigArgs, seed};
+use crate::settings::{ConfigArgs, NamedSettings, seed};
 
 /// Flies the in-orbit checkout in simulation, calibrates it and compares with the truth.
 ///
@@ -115,12 +117,13 @@ fn twice(unit: &Configuration, by: AttitudeSourceKind, out: Option<&Path>, force
     if let Some(directory) = out {
         let destination = Destination::new(directory, force.force);
         let mut recorder = Recorder::create(&destination, &first, &Truth::Scenario, LinkLogFormat::Can, &[])?;
-        let half_seconds = fly_length(&first);
-        simulate(&first, &Truth::Scenario, half_seconds, &mut recorder, |_| true).map_err(CommandError::failed)?;
+        let samples = fly_length(&first);
+        simulate(&first, &Truth::Scenario, samples, &mut recorder, |_| true).map_err(CommandError::failed)?;
         recorder.finish().map_err(CommandError::failed)?;
     }
     let solve = |configuration: &Configuration| -> Result<Solution, CommandError> {
-        let calibrated = fly(configuration).calibrate(&believed_before(configuration), by).map_err(CommandError::failed)?;
+        let calibrated =
+            fly(configuration).calibrate(&believed_before(configuration), by).map_err(CommandError::failed)?;
         Ok(calibrated.solution)
     };
     let (one, two) = (solve(&first)?, solve(&second)?);
@@ -138,5 +141,6 @@ fn twice(unit: &Configuration, by: AttitudeSourceKind, out: Option<&Path>, force
 }
 
 fn fly_length(configuration: &Configuration) -> u64 {
-    geu_model::attitude::AttitudeProfile::length_s(&configuration.scenario).map_or(0, |length_s| (length_s * 2.0).ceil() as u64)
+    geu_model::attitude::AttitudeProfile::length_s(&configuration.scenario)
+        .map_or(0, |length_s| (length_s * 2.0).ceil() as u64)
 }

@@ -17,7 +17,7 @@ use crate::token::Token;
 /// An emulator that does not answer by then is not there.
 const ANSWER_WITHIN: Duration = Duration::from_secs(5);
 
-/// Longest line of an event stream, byte: a half second with as many faults as may be active takes a tenth of it.
+/// Longest line of an event stream, byte: a sample with as many faults as may be active takes a tenth of it.
 const LONGEST_LINE: u64 = 8 * 1024 * 1024;
 
 /// Keeps its connections from one question to the next.
@@ -65,7 +65,7 @@ pub struct ControlClient {
 
 /// Something that the emulator tells of itself.
 pub struct ServerEvent {
-    /// `half-second` or `timeline`.
+    /// `sample` or `timeline`.
     pub name: String,
     /// What.
     pub data: Value,

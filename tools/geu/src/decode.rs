@@ -8,7 +8,9 @@ use clap::{Args, ValueEnum};
 use geu_files::interruption::stop_flag;
 use geu_protocol::CanIdMap;
 use geu_protocol::capture::Format as InputFormat;
-use geu_recording::{Defect, InputError, InputReader, DecoderOptions, ReceivedSample, Sink, Stop, DecodeSummary, is_live};
+use geu_recording::{
+    DecodeSummary, DecoderOptions, Defect, InputError, InputReader, ReceivedSample, Sink, Stop, is_live,
+};
 use geu_report::rows::{DefectLines, TextFormat, write_row};
 
 use crate::failure::{CommandError, note};
@@ -229,7 +231,12 @@ impl OutputWriter {
             Some(file) => file.create()?,
             None => geu_files::Output::create(Path::new("-")).map_err(CommandError::writing)?,
         };
-        Ok(OutputWriter { file: file.cloned(), writer, buffer: Vec::with_capacity(BUFFER + 1024), form: TextFormat::Csv })
+        Ok(OutputWriter {
+            file: file.cloned(),
+            writer,
+            buffer: Vec::with_capacity(BUFFER + 1024),
+            form: TextFormat::Csv,
+        })
     }
 
     fn in_form(mut self, form: TextFormat, with_bits: bool) -> OutputWriter {
@@ -297,7 +304,9 @@ impl<'a> Writer<'a> {
             Format::Summary => None,
             format => {
                 let form = if format == Format::Jsonl { TextFormat::Jsonl } else { TextFormat::Csv };
-                Some(OutputWriter::open(self.arguments.out.as_ref())?.in_form(form, self.arguments.flags == Flags::Bits))
+                Some(
+                    OutputWriter::open(self.arguments.out.as_ref())?.in_form(form, self.arguments.flags == Flags::Bits),
+                )
             }
         };
         self.defects = self.arguments.defects.as_ref().map(|path| OutputWriter::open(Some(path))).transpose()?;

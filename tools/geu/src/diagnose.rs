@@ -12,14 +12,16 @@ use geu_model::Configuration;
 use geu_model::configuration::unix_ns;
 use geu_protocol::CanIdMap;
 use geu_protocol::capture::{RecordPosition, Timestamp};
-use geu_recording::{Defect, DefectKind, InputReader, DecoderOptions, ReferenceAttitude, ReceivedSample, Sink, Stop, read_text};
+use geu_recording::{
+    DecoderOptions, Defect, DefectKind, InputReader, ReceivedSample, ReferenceAttitude, Sink, Stop, read_text,
+};
 use geu_report::diagnosis::DiagnosisPage;
 use indicatif::ProgressBar;
 
 use crate::diagnose_rates::{self, RatesArguments};
 use crate::failure::{CommandError, note, say};
 use crate::outputs::OutputFile;
-use crate::settings::{NamedSettings, ConfigArgs};
+use crate::settings::{ConfigArgs, NamedSettings};
 
 /// Defects of a recording that are listed; a broken one has millions, and how many more there are is told.
 const MOST_DEFECTS: usize = 100_000;
@@ -134,7 +136,12 @@ impl Arguments {
 }
 
 /// The configuration with all that was found, each with a comment that says where and how well.
-fn written(file: &OutputFile, settings: &ConfigArgs, diagnosis: &Diagnosis, link: &[String]) -> Result<String, CommandError> {
+fn written(
+    file: &OutputFile,
+    settings: &ConfigArgs,
+    diagnosis: &Diagnosis,
+    link: &[String],
+) -> Result<String, CommandError> {
     let assignments = |entry: &DiagnosedEffect| entry.assignments(&diagnosis.configuration);
     let (name, text) = settings.text()?;
     let mut values = settings.overrides.clone();
@@ -160,13 +167,13 @@ fn written(file: &OutputFile, settings: &ConfigArgs, diagnosis: &Diagnosis, link
 /// Rows and defects of a recording.
 #[derive(Default)]
 pub struct DecodedRecording {
-    /// Half seconds.
+    /// Samples.
     pub rows: Vec<ReceivedSample>,
     found: Vec<Found>,
     beyond: u64,
 }
 
-/// A defect without its bytes: input, place, kind, time, half seconds lost.
+/// A defect without its bytes: input, place, kind, time, samples lost.
 type Found = (String, RecordPosition, DefectKind, Option<Timestamp>, u64);
 
 impl Sink for DecodedRecording {

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use geu_diagnosis::Finding;
 use geu_diagnosis::rates::{Verdict, diagnose};
-use geu_recording::{GyroCsvSpec, GyroCsv, RateTable, read_text};
+use geu_recording::{GyroCsv, GyroCsvSpec, RateTable, read_text};
 use geu_report::rates;
 
 use crate::failure::{CommandError, say};
@@ -34,7 +34,9 @@ pub struct RatesArguments<'a> {
 pub fn run(arguments: &RatesArguments) -> Result<(), CommandError> {
     let name = arguments.gyro_csv.display().to_string();
     let text = read_text(arguments.gyro_csv).map_err(|error| {
-        CommandError::input(format!("{name}: cannot be read: {error}; expected a description, such as configs/suchai3.toml"))
+        CommandError::input(format!(
+            "{name}: cannot be read: {error}; expected a description, such as configs/suchai3.toml"
+        ))
     })?;
     let description = GyroCsvSpec::parse(&name, &text).map_err(CommandError::input)?;
     let read = |link: &String| GyroCsv::read(link, description.clone()).map_err(CommandError::input);

@@ -5,7 +5,7 @@ use std::fmt::Write;
 
 use clap::Args;
 use geu_model::fault::acting::FaultEngine;
-use geu_model::fault::expectation::{ExpectationResult, ExpectationMonitor, TimeWindow};
+use geu_model::fault::expectation::{ExpectationMonitor, ExpectationResult, TimeWindow};
 use geu_model::units::on_board_s;
 
 use crate::failure::{CommandError, note};
@@ -83,7 +83,9 @@ fn junit(watches: &[ExpectationMonitor]) -> String {
     for watch in watches {
         let (id, message) = (escaped(&watch.expectation.id), escaped(&verdict(watch)));
         let _ = match watch.verdict {
-            ExpectationResult::Met(t_s) => writeln!(text, "<testcase name=\"{id}\" classname=\"expect\" time=\"{t_s}\"/>"),
+            ExpectationResult::Met(t_s) => {
+                writeln!(text, "<testcase name=\"{id}\" classname=\"expect\" time=\"{t_s}\"/>")
+            }
             ExpectationResult::NotMet(t_s) => writeln!(
                 text,
                 "<testcase name=\"{id}\" classname=\"expect\" time=\"{t_s}\"><failure message=\"{message}\"/></testcase>"

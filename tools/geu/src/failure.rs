@@ -68,7 +68,9 @@ impl From<RecordError> for CommandError {
     fn from(error: RecordError) -> CommandError {
         match error {
             RecordError::Occupied { .. } | RecordError::NotAFile(_) => CommandError::input(error),
-            RecordError::Write { .. } | RecordError::InUse(_) | RecordError::Thread { .. } => CommandError::failed(error),
+            RecordError::Write { .. } | RecordError::InUse(_) | RecordError::Thread { .. } => {
+                CommandError::failed(error)
+            }
         }
     }
 }

@@ -4,7 +4,7 @@ use std::io::Write;
 
 use clap::{Args, Subcommand};
 use geu_model::configuration::fault::{EXPECT_NUMBERS, FAULT_NUMBERS, FAULT_TEXTS};
-use geu_model::fault::catalogue::{CATALOGUE, Transport, Scope, FaultSpec};
+use geu_model::fault::catalogue::{CATALOGUE, FaultSpec, Scope, Transport};
 use geu_model::fault::{ParameterRef, expression, shape};
 use geu_model::number::{DefaultValue, ParameterSpec};
 use geu_protocol::suggestion::did_you_mean;

@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::path::Path;
 
-use geu_recording::{GyroCsvSpec, GyroCsv, read_text};
+use geu_recording::{GyroCsv, GyroCsvSpec, read_text};
 
 use crate::failure::CommandError;
 
@@ -14,7 +14,9 @@ use crate::failure::CommandError;
 pub fn read(input: &str, description: &Path) -> Result<GyroCsv, CommandError> {
     let name = description.display().to_string();
     let text = read_text(description).map_err(|error| {
-        CommandError::input(format!("{name}: cannot be read: {error}; expected a description, such as configs/suchai3.toml"))
+        CommandError::input(format!(
+            "{name}: cannot be read: {error}; expected a description, such as configs/suchai3.toml"
+        ))
     })?;
     let description = GyroCsvSpec::parse(&name, &text).map_err(CommandError::input)?;
     GyroCsv::read(input, description).map_err(CommandError::input)

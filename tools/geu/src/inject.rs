@@ -117,8 +117,9 @@ fn read(text: &str) -> Value {
 /// A plan as the control interface takes it.
 fn plan(path: &Path) -> Result<Value, CommandError> {
     let name = path.display().to_string();
-    let plan = geu_recording::read_text(path)
-        .map_err(|error| CommandError::input(format!("{name}: cannot be read: {error}; expected a plan with [[fault]]")))?;
+    let plan = geu_recording::read_text(path).map_err(|error| {
+        CommandError::input(format!("{name}: cannot be read: {error}; expected a plan with [[fault]]"))
+    })?;
     Ok(json!({ "plan": plan, "name": name }))
 }
 

@@ -38,7 +38,7 @@ use std::process::ExitCode;
 use std::sync::LazyLock;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
-use failure::{EXIT_CODES, CommandError};
+use failure::{CommandError, EXIT_CODES};
 
 /// Emulator, decoder and evaluation of a spacecraft gyro electronics unit.
 ///

@@ -21,12 +21,12 @@ const HOME: &str = "\x1b[H\x1b[J";
 
 /// Shows a running emulator in the terminal: the same figures as the bench page, plain.
 ///
-/// On a terminal the figures stand still and change; in a pipe each half second is a line, and so is what happens.
+/// On a terminal the figures stand still and change; in a pipe each sample is a line, and so is what happens.
 #[derive(Args, Debug)]
 pub struct Arguments {
     #[command(flatten)]
     emulator: Choice,
-    /// Ends after so many half seconds
+    /// Ends after so many samples
     #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u64).range(1..))]
     count: Option<u64>,
     /// Lines, on a terminal too
@@ -84,35 +84,35 @@ fn number(value: &Value) -> f64 {
     value.as_f64().unwrap_or_default()
 }
 
-/// A half second in one line.
-fn line(half_second: &Value) -> String {
+/// A sample in one line.
+fn line(sample: &Value) -> String {
     let counts: Vec<String> = Gyro::ALL
         .into_iter()
         .enumerate()
-        .map(|(index, gyro)| format!("{} {:+6}", gyro.name(), half_second["increments"][index].as_i64().unwrap_or(0)))
+        .map(|(index, gyro)| format!("{} {:+6}", gyro.name(), sample["increments"][index].as_i64().unwrap_or(0)))
         .collect();
-    let faults = half_second["faults"].as_array().into_iter().flatten();
+    let faults = sample["faults"].as_array().into_iter().flatten();
     let active: Vec<&str> =
         faults.filter(|fault| fault["state"] == "active").filter_map(|fault| fault["id"].as_str()).collect();
     format!(
         "{:>10.1} s  seq {:5}  {}  {:.2} / {:.2} °C  late p50 {:.0} µs  {}",
-        number(&half_second["t_s"]),
-        number(&half_second["sequence"]),
+        number(&sample["t_s"]),
+        number(&sample["sequence"]),
         counts.join("  "),
-        number(&half_second["electronics_c"]),
-        number(&half_second["sensor_c"]),
-        number(&half_second["lateness"]["p50_us"]),
+        number(&sample["electronics_c"]),
+        number(&sample["sensor_c"]),
+        number(&sample["lateness"]["p50_us"]),
         active.join(" ")
     )
     .trim_end()
     .to_owned()
 }
 
-/// A half second on a screen.
-fn figures(half_second: &Value) -> String {
-    let value = |key: &str| number(&half_second[key]);
+/// A sample on a screen.
+fn figures(sample: &Value) -> String {
+    let value = |key: &str| number(&sample[key]);
     let mut text = String::new();
-    let mode = if half_second["cyclic"] == false { "not sent by itself" } else { "cyclic" };
+    let mode = if sample["cyclic"] == false { "not sent by itself" } else { "cyclic" };
     let _ = writeln!(
         text,
         "on-board time {:.1} s   sequence {}   clock count {}   {mode}",
@@ -125,12 +125,12 @@ fn figures(half_second: &Value) -> String {
         "electronics {:.2} °C   sensor {:.2} °C   {}\n",
         value("electronics_c"),
         value("sensor_c"),
-        flags(half_second)
+        flags(sample)
     );
     let _ = writeln!(text, "gyro     count   true arcsec   difference   accumulated   flags");
     let gyro_flags = value("gyro_flags") as u8;
     for (index, gyro) in Gyro::ALL.into_iter().enumerate() {
-        let (count, truth) = (number(&half_second["increments"][index]), number(&half_second["true_arcsec"][index]));
+        let (count, truth) = (number(&sample["increments"][index]), number(&sample["true_arcsec"][index]));
         let valid = if gyro_flags & gyro.bit() == 0 { "not valid" } else { "valid" };
         let saturated = if gyro_flags & gyro.bit() << 4 == 0 { "" } else { ", saturated" };
         let _ = writeln!(
@@ -138,15 +138,15 @@ fn figures(half_second: &Value) -> String {
             "{:<6} {count:+7}  {truth:+12.3}  {:+11.3}  {:+12.3}   {valid}{saturated}",
             gyro.name(),
             count - truth,
-            number(&half_second["departure_arcsec"][index])
+            number(&sample["departure_arcsec"][index])
         );
     }
-    let rates: Vec<f64> = (0..3).map(|axis| number(&half_second["rate_arcsec_s"][axis])).collect();
+    let rates: Vec<f64> = (0..3).map(|axis| number(&sample["rate_arcsec_s"][axis])).collect();
     let _ = write!(text, "\ntrue rate  x {:+.2}  y {:+.2}  z {:+.2} arcsec/s", rates[0], rates[1], rates[2]);
-    if let (Some(theta), Some(psi)) = (half_second["theta_deg"].as_f64(), half_second["psi_deg"].as_f64()) {
+    if let (Some(theta), Some(psi)) = (sample["theta_deg"].as_f64(), sample["psi_deg"].as_f64()) {
         let _ = write!(text, "   theta {theta:.3}°  psi {psi:.3}°");
     }
-    let lateness = &half_second["lateness"];
+    let lateness = &sample["lateness"];
     let _ = writeln!(
         text,
         "\nlateness   p50 {:.0} µs  p99 {:.0} µs  max {:.0} µs   late {}  missed {}\n",
@@ -156,11 +156,10 @@ fn figures(half_second: &Value) -> String {
         value("late"),
         value("missed")
     );
-    let _ = writeln!(text, "serial     {}", half_second["wire"]["serial"].as_str().unwrap_or_default());
-    let can: Vec<&str> =
-        half_second["wire"]["can"].as_array().into_iter().flatten().filter_map(Value::as_str).collect();
+    let _ = writeln!(text, "serial     {}", sample["wire"]["serial"].as_str().unwrap_or_default());
+    let can: Vec<&str> = sample["wire"]["can"].as_array().into_iter().flatten().filter_map(Value::as_str).collect();
     let _ = writeln!(text, "can        {}\n", can.join("  "));
-    for link in half_second["links"].as_array().into_iter().flatten() {
+    for link in sample["links"].as_array().into_iter().flatten() {
         let _ = writeln!(
             text,
             "link       {}: {} clients, {} sent, {} dropped, {} replies",
@@ -171,14 +170,14 @@ fn figures(half_second: &Value) -> String {
             link["replies"]
         );
     }
-    for fault in half_second["faults"].as_array().into_iter().flatten().filter(|fault| fault["state"] != "over") {
+    for fault in sample["faults"].as_array().into_iter().flatten().filter(|fault| fault["state"] != "over") {
         let _ = writeln!(text, "fault      {}", inject::line(fault));
     }
     text
 }
 
-fn flags(half_second: &Value) -> String {
-    let flags = number(&half_second["unit_flags"]) as u8;
+fn flags(sample: &Value) -> String {
+    let flags = number(&sample["unit_flags"]) as u8;
     let names = UNIT_FLAGS.iter().filter(|flag| flags & 1 << flag.bit != 0).map(|flag| flag.name.replace('_', " "));
     names.collect::<Vec<_>>().join(", ")
 }

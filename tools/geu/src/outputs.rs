@@ -70,7 +70,11 @@ impl OutputDirectory {
     ///
     /// # Errors
     /// One that holds anything, unless it was forced; a file that is an input.
-    pub fn prepare<F: AsRef<Path>>(&self, force: Force, files: impl IntoIterator<Item = F>) -> Result<&Path, CommandError> {
+    pub fn prepare<F: AsRef<Path>>(
+        &self,
+        force: Force,
+        files: impl IntoIterator<Item = F>,
+    ) -> Result<&Path, CommandError> {
         force.refuse_filled(&self.0)?;
         self.claim(files)
     }

@@ -6,8 +6,8 @@ use clap::{Args, ValueEnum};
 use geu_calibration::GyroSet;
 use geu_calibration::absolute::AbsoluteData;
 use geu_calibration::filter::{
-    DayReport, AttitudeFix, FilterNoise, REQUIREMENT_ARCSEC, Reconstruction, AttitudeErrorStats, Whiteness, checkout_calibration, cost_of_effects,
-    reconstruct, survey_day,
+    AttitudeErrorStats, AttitudeFix, DayReport, FilterNoise, REQUIREMENT_ARCSEC, Reconstruction, Whiteness,
+    checkout_calibration, cost_of_effects, reconstruct, survey_day,
 };
 use geu_model::Configuration;
 use geu_model::configuration::unix_ns;
@@ -16,7 +16,7 @@ use geu_protocol::{CanIdMap, Gyro};
 use crate::calibrate::{read_counts, start_of_sensors_ns};
 use crate::failure::{CommandError, note, say};
 use crate::outputs::OutputFile;
-use crate::settings::{LONGEST_S, NamedSettings, ConfigArgs, half_seconds};
+use crate::settings::{ConfigArgs, LONGEST_S, NamedSettings, samples};
 
 /// Reconstructs the attitude between star fixes by a Kalman filter and a smoother.
 ///
@@ -58,7 +58,7 @@ pub struct Arguments {
     /// Base of the CAN identifiers, hexadecimal
     #[arg(long, value_name = "ID", value_parser = crate::settings::can_base, requires = "link")]
     base: Option<CanIdMap>,
-    /// Write the smoothed attitude of each half second, with sigmas, as CSV
+    /// Write the smoothed attitude of each sample, with sigmas, as CSV
     #[arg(long, value_name = "CSV", requires = "link")]
     out: Option<OutputFile>,
 }
@@ -90,7 +90,7 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
 }
 
 fn simulated_day(arguments: &Arguments, configuration: &Configuration, in_use: GyroSet) -> Result<(), CommandError> {
-    let count = half_seconds(arguments.duration)? as usize;
+    let count = samples(arguments.duration)? as usize;
     let day = |with_sun| survey_day(configuration, count, in_use, with_sun).map_err(CommandError::input);
     let DayReport { filtered, smoothed, fixes, reconstruction, .. } = day(false)?;
     let with_sun = day(true)?;
@@ -115,8 +115,9 @@ fn simulated_day(arguments: &Arguments, configuration: &Configuration, in_use: G
     })
     .map_err(CommandError::input)?;
     bar.finish_and_clear();
-    let three =
-        |share: &AttitudeErrorStats| format!("{:>7.2} {:>7.2} {:>7.2}", share.rms_arcsec, share.p95_arcsec, share.max_arcsec);
+    let three = |share: &AttitudeErrorStats| {
+        format!("{:>7.2} {:>7.2} {:>7.2}", share.rms_arcsec, share.p95_arcsec, share.max_arcsec)
+    };
     let mut text = format!("\n{:<28} {:^23}   {:^23}\n", "smoothed", "this effect alone", "all but this effect");
     let _ = writeln!(
         text,
@@ -145,7 +146,12 @@ fn told(whiteness: &Whiteness) -> String {
     )
 }
 
-fn recording(arguments: &Arguments, configuration: &Configuration, in_use: GyroSet, sse: &str) -> Result<(), CommandError> {
+fn recording(
+    arguments: &Arguments,
+    configuration: &Configuration,
+    in_use: GyroSet,
+    sse: &str,
+) -> Result<(), CommandError> {
     let sensors = match &arguments.fss {
         Some(fss) => AbsoluteData::read(fss, sse, configuration.sensors),
         None => AbsoluteData::read_fixes(sse, configuration.sensors),
@@ -167,7 +173,7 @@ fn recording(arguments: &Arguments, configuration: &Configuration, in_use: GyroS
     if told_of.fixes_outside > 0 {
         note(format_args!("geu: {} fixes lie outside the recording and were not used\n", told_of.fixes_outside));
     }
-    say!("{} half seconds, gyros {}, {} fixes", counts.len(), names(in_use), fixes.len() - told_of.fixes_outside)?;
+    say!("{} samples, gyros {}, {} fixes", counts.len(), names(in_use), fixes.len() - told_of.fixes_outside)?;
     let largest = |estimates: &[geu_calibration::filter::StateEstimate]| {
         estimates.iter().map(|estimate| estimate.boresight_sigma_arcsec()).fold(0.0, f64::max)
     };
@@ -180,7 +186,7 @@ fn recording(arguments: &Arguments, configuration: &Configuration, in_use: GyroS
     }
 }
 
-/// A row per half second: the attitude at its end (control frame to inertial, the sun-referenced frame at the start of the
+/// A row per sample interval: the attitude at its end (control frame to inertial, the sun-referenced frame at the start of the
 /// counts), sigmas about the control axes.
 fn csv(counts: &geu_calibration::AccumulatedCounts, told_of: &Reconstruction) -> String {
     let mut text = "t_s,q_w,q_x,q_y,q_z,sigma_x_arcsec,sigma_y_arcsec,sigma_z_arcsec\n".to_owned();

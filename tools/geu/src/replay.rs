@@ -16,7 +16,7 @@ use geu_model::Configuration;
 use geu_protocol::CanIdMap;
 use geu_protocol::capture::Format;
 use geu_protocol::excerpt::excerpt;
-use geu_recording::{InputError, DecoderOptions, RowReader, DecodeSummary, no_rows_reason};
+use geu_recording::{DecodeSummary, DecoderOptions, InputError, RowReader, no_rows_reason};
 use geu_replay::{QUEUE, ReadResult, ReplayReport, ReplaySelection, ReplaySource};
 
 use crate::decode::input_format;
@@ -25,10 +25,10 @@ use crate::failure::{CommandError, note};
 use crate::links::Links;
 use crate::settings::{add_plan, can_base, duration, seed};
 
-/// Sends a recording over links, as `geu run` sends the unit's half seconds, at its own pace.
+/// Sends a recording over links, as `geu run` sends the unit's samples, at its own pace.
 ///
 /// Over a link of the recorded form it is sent byte for byte, with its defects and, on CAN, with other traffic; over one of
-/// the other form its half seconds are written anew. Commands are counted; a recording answers none.
+/// the other form its samples are written anew. Commands are counted; a recording answers none.
 #[derive(Args, Debug)]
 pub struct Arguments {
     /// Recording that `geu decode` opens, or `-`; several are one stream, in order
@@ -39,7 +39,7 @@ pub struct Arguments {
     /// Recorded time against the wall clock: a factor, or max for as fast as the readers go [default: 1]
     #[arg(long, value_name = "X|max", allow_negative_numbers = true)]
     speed: Option<Speed>,
-    /// Sends a half second for each line on standard input; a number on it is so many
+    /// Sends a sample for each line on standard input; a number on it is so many
     #[arg(long, conflicts_with = "speed")]
     step: bool,
     /// Begins so long after the first time stamp of the recording
@@ -95,7 +95,9 @@ impl Arguments {
                 true => ("--step", "which gives the steps"),
                 false => ("--loop", "which cannot be read twice"),
             };
-            return Err(CommandError::input(format!("{flag}: expected recordings in files, got -, standard input, {why}")));
+            return Err(CommandError::input(format!(
+                "{flag}: expected recordings in files, got -, standard input, {why}"
+            )));
         }
         if let (Some(from), Some(to)) = (self.from, self.to)
             && from >= to
@@ -143,7 +145,7 @@ impl Arguments {
                 }
                 (Some(_), ..) => "an earlier --from".to_owned(),
                 (None, Some(_), _) => "a later --to".to_owned(),
-                (None, None, _) => "half seconds in it".to_owned(),
+                (None, None, _) => "samples in it".to_owned(),
             };
             let (from_s, length_s) = (self.from.unwrap_or(0.0), report.length_ns as f64 * 1e-9);
             format!("nothing to be sent from {from_s} s on: the recording has {length_s:.1} s; expected {expected}")
@@ -155,15 +157,15 @@ impl Arguments {
 fn readable(name: &str) -> Result<(), CommandError> {
     let path = Path::new(name);
     match fs::metadata(path) {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => {
-            Err(CommandError::input(format!("{name}: no such file; expected a recording that `geu decode` opens, or -")))
-        }
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Err(CommandError::input(format!(
+            "{name}: no such file; expected a recording that `geu decode` opens, or -"
+        ))),
         Ok(metadata) if metadata.is_file() => File::open(path)
             .map(drop)
             .map_err(|source| CommandError::input(InputError::Open { name: name.to_owned(), source })),
-        Ok(metadata) if metadata.is_dir() => {
-            Err(CommandError::input(format!("{name}: is a directory; expected a recording that `geu decode` opens, or -")))
-        }
+        Ok(metadata) if metadata.is_dir() => Err(CommandError::input(format!(
+            "{name}: is a directory; expected a recording that `geu decode` opens, or -"
+        ))),
         _ => Ok(()),
     }
 }
@@ -221,7 +223,7 @@ fn no_thread(error: io::Error) -> CommandError {
 
 /// Steps from standard input.
 fn steps() -> Result<Steps, CommandError> {
-    note(format_args!("geu: each line on standard input sends a half second, a number on it so many\n"));
+    note(format_args!("geu: each line on standard input sends a sample, a number on it so many\n"));
     let (sender, steps): (SyncSender<u64>, Receiver<u64>) = sync_channel(QUEUE);
     // Waits for a line to the end of the process.
     let thread = thread::Builder::new().name("geu-steps".to_owned()).spawn(move || {
@@ -238,7 +240,7 @@ fn steps() -> Result<Steps, CommandError> {
                 Some(count) if sender.send(count).is_err() => return,
                 Some(_) => {}
                 None => note(format_args!(
-                    "geu: --step: expected an empty line or a number of half seconds from 1 to 1000000000, got {:?}\n",
+                    "geu: --step: expected an empty line or a number of samples from 1 to 1000000000, got {:?}\n",
                     excerpt(&line)
                 )),
             }

@@ -16,7 +16,7 @@ use crate::failure::{CommandError, note};
 use crate::links::Links;
 use crate::outputs::OutputDirectory;
 use crate::overwriting::Force;
-use crate::settings::{LONGEST_S, RunArgs, LinkFile, half_seconds};
+use crate::settings::{LONGEST_S, LinkFile, RunArgs, samples};
 use crate::token::Token;
 
 /// Runs the emulator: the unit on a pty, a serial port, a CAN interface or TCP, or several of them at once.
@@ -43,11 +43,11 @@ pub struct Arguments {
     /// Ends after so much on-board time; on a truth from a file it ends with the truth
     #[arg(long, value_name = "DURATION", allow_negative_numbers = true, value_parser = crate::settings::duration(0.0, LONGEST_S))]
     duration: Option<f64>,
-    /// Holds the first half second back until a client is attached to a pty or over TCP
+    /// Holds the first sample back until a client is attached to a pty or over TCP
     #[arg(long)]
     wait: bool,
     /// How long a simulator of --truth is waited for, wall clock: for its first sample, and with --speed max for each
-    /// half second. Then the run ends with exit code 1 [default: forever]
+    /// sample. Then the run ends with exit code 1 [default: forever]
     #[arg(long, value_name = "DURATION|forever", allow_negative_numbers = true, value_parser = truth_wait)]
     truth_wait: Option<TruthWait>,
     /// Spins before each deadline instead of sleeping: less late, for CPU time
@@ -86,7 +86,7 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     let settings = RunOptions {
         links: arguments.links.addresses(),
         speed: arguments.speed.unwrap_or(Speed::Times(1.0)),
-        half_seconds: ready.half_seconds(arguments.duration.map(half_seconds).transpose()?)?,
+        samples: ready.samples(arguments.duration.map(samples).transpose()?)?,
         spin: Duration::from_micros(arguments.spin.into()),
         realtime: arguments.realtime,
         wait_for_client: arguments.wait,
@@ -114,7 +114,9 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
             .map_err(|error| match error {
                 RunError::Link(error) => CommandError::input(error),
                 RunError::Record(error) => CommandError::from(error),
-                error @ (RunError::NobodyToWaitFor | RunError::Truth(_) | RunError::Untold(_)) => CommandError::input(error),
+                error @ (RunError::NobodyToWaitFor | RunError::Truth(_) | RunError::Untold(_)) => {
+                    CommandError::input(error)
+                }
                 error => CommandError::failed(error),
             })?;
     note(format_args!("{summary}"));

@@ -1,7 +1,7 @@
 //! `geu selftest`: the paper's numbers, measured again.
 
 use clap::Args;
-use geu_selftest::{PublishedValue, Expected, LIMIT_SIGMA, ClaimCheck, experiments, measure};
+use geu_selftest::{ClaimCheck, Expected, LIMIT_SIGMA, PublishedValue, experiments, measure};
 
 use crate::failure::{CommandError, say};
 

@@ -9,7 +9,7 @@ use clap::Args;
 use geu_daemon::link::{CanAddress, SerialAddress};
 use geu_protocol::command::{self, COMMANDS, CommandResult};
 use geu_protocol::suggestion::did_you_mean;
-use geu_protocol::{Sample, Reply};
+use geu_protocol::{Reply, Sample};
 use geu_recording::{CommandLink, POLL};
 
 use crate::failure::{CommandError, print};
@@ -68,7 +68,10 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
         )));
     }
     if reply.opcode() == POLL && polled.is_none() {
-        return Err(CommandError::failed(format!("{link}: the polled data did not follow within {} s", arguments.timeout)));
+        return Err(CommandError::failed(format!(
+            "{link}: the polled data did not follow within {} s",
+            arguments.timeout
+        )));
     }
     printed
 }
@@ -134,16 +137,16 @@ fn describe(reply: &Reply, polled: Option<&Sample>) -> String {
         text += &format!("  {rest:02X?}");
     }
     text.push('\n');
-    if let Some(half_second) = polled {
+    if let Some(sample) = polled {
         text += &format!(
             "sequence {}  increments {:?}  gyro flags {:02X}  unit flags {:02X}  electronics {:.2} °C  sensor {:.2} °C  clock {}\n",
-            half_second.sequence,
-            half_second.increments,
-            half_second.gyro_flags,
-            half_second.unit_flags,
-            f64::from(half_second.electronics_centi_c) / 100.0,
-            f64::from(half_second.sensor_centi_c) / 100.0,
-            half_second.clock_count
+            sample.sequence,
+            sample.increments,
+            sample.gyro_flags,
+            sample.unit_flags,
+            f64::from(sample.electronics_centi_c) / 100.0,
+            f64::from(sample.sensor_centi_c) / 100.0,
+            sample.clock_count
         );
     }
     text
@@ -166,7 +169,9 @@ fn open(link: &str) -> Result<CommandLink, CommandError> {
             .map_err(|error| fail(error, "a unit that listens there: geu run --tcp HOST:PORT"));
     }
     if link.contains('/') {
-        return Err(CommandError::input(format!("{link}: no such device; expected the path that `geu run` tells as ready")));
+        return Err(CommandError::input(format!(
+            "{link}: no such device; expected the path that `geu run` tells as ready"
+        )));
     }
     let address: CanAddress = link.parse().map_err(|error| CommandError::input(format!("{link}: {error}")))?;
     CommandLink::can(&address.interface, address.plan)

@@ -9,7 +9,7 @@ use geu_daemon::truth::{ExternalTruth, TruthAddress, received};
 use geu_model::configuration::{LinkLogFormat, unix_ns};
 use geu_model::fault::unsatisfiable_condition;
 use geu_model::units::{duration_s, on_board_s};
-use geu_model::{Configuration, Truth, GyroUnit};
+use geu_model::{Configuration, GyroUnit, Truth};
 use geu_protocol::CanIdMap;
 use geu_recording::{REFERENCE, ReferenceAttitude, TableError, open_rows};
 use geu_report::Provenance;
@@ -80,7 +80,7 @@ pub struct RunArgs {
     /// Seed of every random stream, in place of the configuration's
     #[arg(long, allow_negative_numbers = true, value_parser = seed)]
     pub seed: Option<u64>,
-    /// Unix time of the start of the first half second, in place of the configuration's
+    /// Unix time of the start of the first sample interval, in place of the configuration's
     #[arg(long, value_name = "UNIX_SECONDS", allow_negative_numbers = true, value_parser = start)]
     pub start: Option<f64>,
     /// What moves the unit: `scenario` (the configuration's); a file, reference.csv or a CCSDS attitude ephemeris, whose
@@ -112,18 +112,18 @@ pub struct LiveTruth {
 }
 
 impl PreparedRun {
-    /// Half seconds to run: as many as `asked`, and all that a truth from a file covers where nothing is asked. Nothing
+    /// Samples to run: as many as `asked`, and all that a truth from a file covers where nothing is asked. Nothing
     /// where neither sets an end.
     ///
     /// # Errors
     /// A file that does not cover what is asked.
-    pub fn half_seconds(&self, asked: Option<u64>) -> Result<Option<u64>, CommandError> {
+    pub fn samples(&self, asked: Option<u64>) -> Result<Option<u64>, CommandError> {
         let end_s = match &self.truth {
             Truth::Recorded(rows) => rows.end_s(),
             Truth::Stepped(pieces) if self.live.is_none() => pieces.end_s(),
             Truth::Scenario | Truth::Stepped(_) => return Ok(asked),
         };
-        let covered = GyroUnit::half_seconds_within(&self.configuration, &self.truth, asked.unwrap_or(u64::MAX));
+        let covered = GyroUnit::samples_within(&self.configuration, &self.truth, asked.unwrap_or(u64::MAX));
         match asked {
             Some(asked) if covered < asked => Err(CommandError::input(format!(
                 "{}: expected a truth that covers the run of {} s, got one of {} s, enough for {} s",
@@ -303,11 +303,11 @@ fn truth_of_file(name: &str, is_unfinished: bool) -> Result<Truth, CommandError>
     Ok(Truth::Recorded(ReferenceAttitude::of_rows(name, rows).map_err(CommandError::input)?.truth))
 }
 
-/// Half seconds of on-board time in `duration_s`.
+/// Samples of on-board time in `duration_s`.
 ///
 /// # Errors
 /// A duration that is none.
-pub fn half_seconds(duration_s: f64) -> Result<u64, CommandError> {
+pub fn samples(duration_s: f64) -> Result<u64, CommandError> {
     if duration_s > 0.0 && duration_s <= LONGEST_S {
         Ok((duration_s * 2.0).ceil() as u64)
     } else {

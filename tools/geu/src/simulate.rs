@@ -17,7 +17,7 @@ use crate::expectations;
 use crate::failure::{CommandError, note};
 use crate::outputs::{OutputDirectory, write};
 use crate::overwriting::Force;
-use crate::settings::{LONGEST_S, LiveTruth, RunArgs, LinkFile, half_seconds};
+use crate::settings::{LONGEST_S, LinkFile, LiveTruth, RunArgs, samples};
 
 /// Runs the model without links, as fast as possible, and writes what a run records.
 #[derive(Args, Debug)]
@@ -74,7 +74,7 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
         Truth::Recorded(_) | Truth::Stepped(_) => None,
     };
     let duration_s = arguments.duration.or(recorded_s).or_else(scenario_s);
-    let count = ready.half_seconds(duration_s.map(half_seconds).transpose()?)?.ok_or_else(|| {
+    let count = ready.samples(duration_s.map(samples).transpose()?)?.ok_or_else(|| {
         CommandError::input("the scenario has no end of its own: expected --duration DURATION, such as 90, 10m or 2h")
     })?;
     let wire = LinkFile::form(arguments.wire, configuration);
@@ -91,10 +91,10 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     })
     .map_err(CommandError::failed)?;
     bar.finish_and_clear();
-    let half_seconds = recorder.half_seconds();
+    let samples = recorder.samples();
     recorder.finish().map_err(CommandError::failed)?;
-    let (recorded_s, asked_s, out) = (on_board_s(half_seconds), on_board_s(count), out.display());
-    if half_seconds < count {
+    let (recorded_s, asked_s, out) = (on_board_s(samples), on_board_s(count), out.display());
+    if samples < count {
         return Err(CommandError::failed(format!(
             "interrupted after {recorded_s} s of {asked_s} s: {out} is a whole recording of these"
         )));

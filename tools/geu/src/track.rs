@@ -6,20 +6,20 @@ use std::slice;
 
 use clap::{Args, ValueEnum};
 use geu_calibration::redundancy::ParityResidual;
-use geu_calibration::{PriorCalibration, GyroSelection, TrackerEvent, Track, Tracker};
+use geu_calibration::{GyroSelection, PriorCalibration, Track, Tracker, TrackerEvent};
 use geu_model::Configuration;
 use geu_model::units::{ARCSEC_PER_DEG, ARCSEC_PER_RAD};
 use geu_recording::{Defect, ReceivedSample, Sink, read_text};
 use geu_report::rows::{TRACK_COLUMNS, TrackFormat, instant, track_difference, write_track};
 use nalgebra::{Quaternion, UnitQuaternion};
 
-use crate::decode::{BUFFER, OutputWriter, InputArgs, gives_rows, is_refused, note_elsewhere};
+use crate::decode::{BUFFER, InputArgs, OutputWriter, gives_rows, is_refused, note_elsewhere};
 use crate::failure::{CommandError, note};
 use crate::outputs::OutputFile;
 
-/// Applies a calibration to a link (eq 3): increments about the control axes and attitude, every half second.
+/// Applies a calibration to a link (eq 3): increments about the control axes and attitude, every sample.
 ///
-/// A half second that the gyros in use did not measure (lost, not valid, saturated, self-test) has no increments: the
+/// A sample that the gyros in use did not measure (lost, not valid, saturated, self-test) has no increments: the
 /// attitude then lacks what the unit turned meanwhile, and `valid` is 0 from there on. GYRZA and GYRZB are compared, over
 /// the last 60 s and since the start; a difference beyond 5 sigma of what rounding, noise and calibration allow is told on
 /// standard error when it begins and when it is below 3 sigma again.
@@ -50,7 +50,7 @@ pub struct Arguments {
     out: Option<OutputFile>,
     #[command(flatten)]
     reading: InputArgs,
-    /// Exit with 1 when the attitude lacks half seconds, the redundant gyros differed, or there were defects.
+    /// Exit with 1 when the attitude lacks samples, the redundant gyros differed, or there were defects.
     #[arg(long)]
     strict: bool,
     /// Do not print the summary to standard error.
@@ -66,7 +66,7 @@ enum Gyros {
     Zb,
     /// All four, by least squares.
     All,
-    /// As za; half seconds without GYRZA by GYRZB.
+    /// As za; samples without GYRZA by GYRZB.
     Auto,
 }
 
@@ -185,7 +185,7 @@ const MOST_LOSSES: u64 = 20;
 /// What the end tells.
 #[derive(Default)]
 struct Statistics {
-    half_seconds: u64,
+    samples: u64,
     losses: u64,
     alarms: u64,
     /// The largest accumulated difference of the redundant pair, and when.
@@ -195,11 +195,11 @@ struct Statistics {
 
 impl Statistics {
     fn text(&self, start: &UnitQuaternion<f64>) -> String {
-        let Some(last) = &self.last else { return "half seconds   0\n".to_owned() };
+        let Some(last) = &self.last else { return "samples   0\n".to_owned() };
         let q = last.attitude;
         let turned = start.inverse() * q;
         let [x, y, z] = last.angle_control_arcsec;
-        let mut text = format!("half seconds   {}, {} lost", self.half_seconds, last.lost_half_seconds);
+        let mut text = format!("samples   {}, {} lost", self.samples, last.lost_samples);
         if !last.is_complete {
             text += "; the attitude lacks what the unit turned meanwhile";
         }
@@ -282,7 +282,7 @@ impl Sink for Writer<'_> {
             }
         }
         self.tell(&track);
-        self.statistics.half_seconds += 1;
+        self.statistics.samples += 1;
         if let Some(checked) = &track.redundancy {
             let largest = self.statistics.largest.as_ref().map_or(-1.0, |largest| largest.0.arcsec.abs());
             if checked.accumulated.arcsec.abs() > largest {

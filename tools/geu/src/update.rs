@@ -6,7 +6,7 @@ use clap::Args;
 use geu_calibration::solve::{CalibrationParameter, values};
 use geu_calibration::upkeep::{FORTNIGHT_S, PARAMETERS, summary};
 use geu_calibration::window::ManoeuvreWindow;
-use geu_calibration::{AttitudeSource, PriorCalibration, AccumulatedCounts, PriorAccuracy, report, update};
+use geu_calibration::{AccumulatedCounts, AttitudeSource, PriorAccuracy, PriorCalibration, report, update};
 use geu_model::Configuration;
 use geu_report::update::table;
 

@@ -1,11 +1,11 @@
-//! What flies on board: half seconds in, a torque out.
+//! What flies on board: samples in, a torque out.
 //!
 //! Counts become increments by equation 3, increments an attitude, and a proportional-derivative law turns the spacecraft back
 //! to where it was at the start. The computer knows nothing but its gyros: an error of theirs it takes for the truth.
 
-use geu_calibration::{PriorCalibration, GyroSelection, Tracker};
+use geu_calibration::{GyroSelection, PriorCalibration, Tracker};
 use geu_model::units::ARCSEC_PER_RAD;
-use geu_model::units::HALF_SECOND_S;
+use geu_model::units::SAMPLE_INTERVAL_S;
 use geu_protocol::Sample;
 use geu_recording::ReceivedSample;
 use nalgebra::{UnitQuaternion, Vector3};
@@ -16,7 +16,7 @@ use crate::spacecraft::INERTIA_KG_M2;
 const BANDWIDTH_RAD_S: f64 = 0.15;
 /// Critical damping.
 const DAMPING: f64 = 1.0;
-/// Share of a new rate in the filtered one: a count of 1″ in a half second is a rate of 2″/s, which the torque must not follow.
+/// Share of a new rate in the filtered one: a count of 1″ in a sample interval is a rate of 2″/s, which the torque must not follow.
 const RATE_SHARE: f64 = 0.3;
 
 /// The control loop.
@@ -37,13 +37,13 @@ impl AttitudeController {
         }
     }
 
-    /// Takes a half second, and tells what is worth telling.
-    pub fn take(&mut self, half_second: Sample) -> Vec<String> {
-        let row = ReceivedSample { time: None, is_received: false, half_second, has_clock: true };
+    /// Takes a sample, and tells what is worth telling.
+    pub fn take(&mut self, sample: Sample) -> Vec<String> {
+        let row = ReceivedSample { time: None, is_received: false, sample, has_clock: true };
         let Some(track) = self.tracker.take(&row) else { return vec![] };
         self.error_rad = track.attitude.scaled_axis();
         if let Some(increment) = track.increment_control_arcsec {
-            let rate = Vector3::from(increment) / (ARCSEC_PER_RAD * HALF_SECOND_S);
+            let rate = Vector3::from(increment) / (ARCSEC_PER_RAD * SAMPLE_INTERVAL_S);
             self.rate_rad_s += (rate - self.rate_rad_s) * RATE_SHARE;
         }
         track.events.iter().map(ToString::to_string).collect()

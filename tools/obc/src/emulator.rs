@@ -20,11 +20,11 @@ use nix::sys::prctl::set_pdeathsig;
 use nix::sys::signal::Signal;
 use serde_json::Value;
 
-/// An emulator that reports no half second for so long is dead, and a link that does not bring what was reported.
+/// An emulator that reports no sample for so long is dead, and a link that does not bring what was reported.
 const SILENCE: Duration = Duration::from_secs(10);
 /// Whether it is to stop is looked at so often meanwhile.
 const LOOK_AGAIN: Duration = Duration::from_millis(100);
-/// Has the emulator report each half second; with everything that is told, for a datagram may be lost.
+/// Has the emulator report each sample; with everything that is told, for a datagram may be lost.
 const SUBSCRIBE: &str = "{\"subscribe\": \"samples\"}\n";
 /// Longest report, byte.
 const REPORT: usize = 65_536;
@@ -49,15 +49,15 @@ pub struct Emulator {
 /// What one read of the link brought.
 struct Read {
     bytes: u64,
-    half_seconds: Vec<Sample>,
+    samples: Vec<Sample>,
 }
 
-/// A half second that ended in the unit.
+/// A sample that ended in the unit.
 pub struct Ended {
     /// Its index since the emulator's start.
     pub index: u64,
     /// What the link brought of it: nothing where a fault kept it silent.
-    pub half_seconds: Vec<Sample>,
+    pub samples: Vec<Sample>,
 }
 
 /// The program `geu` that was named, else the one beside this program.
@@ -136,7 +136,7 @@ impl Emulator {
         let _ = self.truth.send(format!("{SUBSCRIBE}{lines}").as_bytes());
     }
 
-    /// The next half second that ended in the unit, with all that the link was handed by then.
+    /// The next sample that ended in the unit, with all that the link was handed by then.
     ///
     /// # Errors
     /// An emulator that reports none, a link that does not bring what was reported, or is closed.
@@ -149,37 +149,36 @@ impl Emulator {
         });
         let length = length.unwrap_or_else(|| {
             let silence_s = SILENCE.as_secs();
-            Err(format!("no half second was reported for {silence_s} s; expected an emulator that runs"))
+            Err(format!("no sample was reported for {silence_s} s; expected an emulator that runs"))
         })?;
         let unreadable = |what: &str| format!("a report of the emulator cannot be read: expected {what}");
         let report: Value = serde_json::from_slice(&datagram[..length]).map_err(|_| unreadable("JSON"))?;
         let whole = |key: &str| report[key].as_u64().ok_or_else(|| unreadable(key));
         let (index, sequence, bytes) = (whole("half_second")?, whole("sequence")?, self.bytes_of(&report["sent"])?);
-        let mut half_seconds: Vec<Sample> = Vec::new();
-        let is_there = |half_seconds: &[Sample]| {
-            bytes == 0 || half_seconds.iter().any(|half_second| u64::from(half_second.sequence) == sequence)
-        };
-        // What a link brought before the first report was of half seconds before: they are known by their sequence.
+        let mut samples: Vec<Sample> = Vec::new();
+        let is_there =
+            |samples: &[Sample]| bytes == 0 || samples.iter().any(|sample| u64::from(sample.sequence) == sequence);
+        // What a link brought before the first report was of samples before: they are known by their sequence.
         while match self.reported {
             Some(reported) => self.taken < reported + bytes,
-            None => !is_there(&half_seconds),
+            None => !is_there(&samples),
         } {
             let read = patiently(stop, || match self.read.recv_timeout(LOOK_AGAIN) {
                 Ok(read) => Some(Ok(read)),
                 Err(RecvTimeoutError::Timeout) => None,
                 Err(RecvTimeoutError::Disconnected) => {
-                    Some(Err("the link was closed: expected another half second".to_owned()))
+                    Some(Err("the link was closed: expected another sample".to_owned()))
                 }
             });
             let read = read.unwrap_or_else(|| {
                 let silence_s = SILENCE.as_secs();
-                Err(format!("the link is silent for {silence_s} s: expected {bytes} bytes of a half second"))
+                Err(format!("the link is silent for {silence_s} s: expected {bytes} bytes of a sample"))
             })?;
             self.taken += read.bytes;
-            half_seconds.extend(read.half_seconds);
+            samples.extend(read.samples);
         }
         self.reported = Some(self.reported.map_or(self.taken, |reported| reported + bytes));
-        Ok(Ended { index, half_seconds })
+        Ok(Ended { index, samples })
     }
 
     /// Bytes that a report says of this computer's link.
@@ -253,10 +252,10 @@ fn listen(mut stream: Box<dyn io::Read + Send>) -> Receiver<Read> {
         let (mut deframer, mut rest, mut chunk) = (Deframer::default(), Vec::new(), [0; 4096]);
         while let Ok(length @ 1..) = stream.read(&mut chunk) {
             rest.extend_from_slice(&chunk[..length]);
-            let mut read = Read { bytes: length as u64, half_seconds: Vec::new() };
+            let mut read = Read { bytes: length as u64, samples: Vec::new() };
             let consumed = deframer.consume(&rest, &mut |found| {
                 if let DeframerEvent::Frame { kind: FrameType::Data, payload, .. } = found {
-                    read.half_seconds.push(read_data(payload));
+                    read.samples.push(read_data(payload));
                 }
             });
             rest.drain(..consumed);

@@ -1,7 +1,7 @@
 //! A flight: spacecraft, emulator and on-board computer in a closed loop.
 //!
-//! The half second that ends at T is answered by a torque from T + 0.25 s to T + 0.75 s: a computer needs its time. So the
-//! truth is always known, and told, a quarter second beyond the half second that runs, whatever the unit's clock is worth.
+//! The sample that ends at T is answered by a torque from T + 0.25 s to T + 0.75 s: a computer needs its time. So the
+//! truth is always known, and told, a quarter second beyond the sample that runs, whatever the unit's clock is worth.
 
 use std::collections::VecDeque;
 use std::fmt::Write;
@@ -9,7 +9,7 @@ use std::io::{self, Write as _};
 use std::sync::atomic::Ordering::Relaxed;
 
 use geu_calibration::noise::RandomWalks;
-use geu_calibration::{PriorCalibration, GyroSelection};
+use geu_calibration::{GyroSelection, PriorCalibration};
 use geu_files::interruption::stop_flag;
 use geu_model::units::ARCSEC_PER_RAD;
 use nalgebra::Vector3;
@@ -42,7 +42,8 @@ pub struct ClosedLoopResult {
 /// and drift over so long.
 pub fn bound_arcsec(believed: &PriorCalibration, seconds: u32) -> f64 {
     let flight = (0.0, f64::from(seconds));
-    let variance = |walks: &RandomWalks| walks.angle_covariance(flight, flight) + walks.drift_covariance(flight, flight);
+    let variance =
+        |walks: &RandomWalks| walks.angle_covariance(flight, flight) + walks.drift_covariance(flight, flight);
     SWING_ARCSEC + SIGMAS * believed.walks.iter().map(variance).fold(0.0, f64::max).sqrt()
 }
 
@@ -88,11 +89,10 @@ pub fn fly(
             return Err(format!("interrupted before {seconds} s: the pointing is not judged"));
         }
         let ended = ended?;
-        // A unit that runs since before has counted on. A half second of which the link brought nothing is flown all the
+        // A unit that runs since before has counted on. A sample of which the link brought nothing is flown all the
         // same, under the torque of what is known.
         let now_us = (ended.index.saturating_sub(*first.get_or_insert(ended.index)) + 1) * 2 * QUARTER_US;
-        let events: Vec<String> =
-            ended.half_seconds.into_iter().flat_map(|half_second| computer.take(half_second)).collect();
+        let events: Vec<String> = ended.samples.into_iter().flat_map(|sample| computer.take(sample)).collect();
         let torque = computer.torque_n_m();
         let state = flight.state_at(now_us);
         if now_us > u64::from(SETTLED_S) * 1_000_000 && state.error_arcsec > flown.worst_arcsec {

@@ -15,7 +15,7 @@ use std::process::ExitCode;
 use clap::{Parser, ValueEnum};
 use emulator::Emulator;
 use flight::{SETTLED_S, say};
-use geu_calibration::{PriorCalibration, GyroSelection};
+use geu_calibration::{GyroSelection, PriorCalibration};
 use geu_model::Configuration;
 use geu_model::units::duration_s;
 
@@ -80,7 +80,7 @@ enum Gyros {
     Zb,
     /// All four, by least squares
     All,
-    /// As za; half seconds without GYRZA by GYRZB
+    /// As za; samples without GYRZA by GYRZB
     Auto,
 }
 

@@ -186,7 +186,10 @@ impl Layout {
 }
 
 /// Reads the lines of a message; `name` is what errors call it.
-pub(crate) fn parse(name: &str, all: impl Iterator<Item = io::Result<String>>) -> Result<ReferenceAttitude, TableError> {
+pub(crate) fn parse(
+    name: &str,
+    all: impl Iterator<Item = io::Result<String>>,
+) -> Result<ReferenceAttitude, TableError> {
     let (mut part, mut first_issue, mut meta, mut layout) = (Part::Header, true, Meta::default(), None);
     let (mut rows, mut lines, mut before) = (Vec::new(), Vec::new(), None);
     let mut start_ns = None;
@@ -283,7 +286,7 @@ mod tests {
         "CCSDS_AEM_VERS = 1.0\nCREATION_DATE = 2026-03-31T05:00:00\nORIGINATOR = TEST\nCOMMENT of a test\n";
     const META: &str = "META_START\nOBJECT_NAME = GEU\nOBJECT_ID = 1983-004A\nCENTER_NAME = EARTH\nREF_FRAME_A = EME2000\nREF_FRAME_B = SC_BODY_1\nATTITUDE_DIR = A2B\nTIME_SYSTEM = TAI\nSTART_TIME = 2026-03-31T00:00:00\nSTOP_TIME = 2026-04-01T00:00:00\nATTITUDE_TYPE = QUATERNION\nQUATERNION_TYPE = LAST\nMETA_STOP\n";
 
-    /// Rows each half second of a turn by 100″/s about +Z.
+    /// Rows each sample of a turn by 100″/s about +Z.
     fn data(write: impl Fn(f64, f64) -> String) -> String {
         let rows: String = (0..=10)
             .map(|row| {

@@ -1,4 +1,4 @@
-//! Intervals between the receive times of neighbouring half seconds.
+//! Intervals between the receive times of neighbouring samples.
 
 /// Width of a bin of the histogram, ns.
 const BIN_NS: i64 = 1_000;

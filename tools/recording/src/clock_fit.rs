@@ -1,17 +1,17 @@
 //! The unit's clock against the receiver's: the slope of receive time over clock count.
 
-use geu_protocol::CLOCK_PER_HALF_SECOND;
+use geu_protocol::CLOCK_PER_SAMPLE;
 use geu_protocol::continuity::clock_follows;
 
 /// Nanoseconds of one cycle of the nominal 1 MHz clock.
-const NS_PER_COUNT: i64 = 1_000_000_000 / (2 * CLOCK_PER_HALF_SECOND as i64);
+const NS_PER_COUNT: i64 = 1_000_000_000 / (2 * CLOCK_PER_SAMPLE as i64);
 /// Correlation of neighbouring residuals above which the inflation of sigma is not followed.
 const MAX_CORRELATION: f64 = 0.99;
 
 /// How fast the unit's clock is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ClockRate {
-    /// Parts per million by which it is fast: half seconds last 0.5/(1+ε) s.
+    /// Parts per million by which it is fast: samples last 0.5/(1+ε) s.
     pub clock_ppm: f64,
     pub sigma_ppm: f64,
     pub residual_s: f64,
@@ -167,7 +167,7 @@ impl Moments {
 mod tests {
     use super::*;
 
-    /// Receive times of a clock fast by 14 ppm with a residual of ±100 µs that repeats each ten half seconds.
+    /// Receive times of a clock fast by 14 ppm with a residual of ±100 µs that repeats each ten samples.
     fn fit(segments: u64, points: u64) -> ClockRate {
         let mut fit = ClockFit::default();
         for index in 0..segments * points {
@@ -175,7 +175,7 @@ mod tests {
             let t_s = segment as f64 * 7.3 + index as f64 * 0.5 / (1.0 + 14e-6);
             let jitter_s = 1e-4 * (at as f64 * 0.7).sin();
             let t_ns = 1_795_020_000_000_000_000 + ((t_s + jitter_s) * 1e9).round() as i64;
-            fit.add(t_ns, at as u16, (at + 1) * CLOCK_PER_HALF_SECOND);
+            fit.add(t_ns, at as u16, (at + 1) * CLOCK_PER_SAMPLE);
         }
         fit.rate().unwrap()
     }

@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use geu_protocol::can::{AssemblerEvent, Role};
 use geu_protocol::command::CommandResult;
 use geu_protocol::serial::{Deframer, DeframerEvent, FrameType, frame, read_data};
-use geu_protocol::{Assembler, CanIdMap, Sample, Reply};
+use geu_protocol::{Assembler, CanIdMap, Reply, Sample};
 use nix::libc;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::termios::{SetArg, cfmakeraw, cfsetspeed, tcgetattr, tcsetattr};
@@ -128,7 +128,7 @@ fn ask_can(socket: &CanSocket, plan: CanIdMap, payload: &[u8], give_up: Instant)
             }
             role if reply.is_some() => assembler.push(role, (), frame.data(), &mut |event| {
                 if let AssemblerEvent::Row(row) = event {
-                    polled.get_or_insert(row.half_second);
+                    polled.get_or_insert(row.sample);
                 }
             }),
             _ => {}

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use geu_protocol::can::{AssemblerEvent, Assembler, CanDefect, DefectBytes, AssembledSample, Role};
+use geu_protocol::can::{AssembledSample, Assembler, AssemblerEvent, CanDefect, DefectBytes, Role};
 use geu_protocol::capture::{CaptureRecord, Format, Frame, RecordPosition, Timestamp};
 use geu_protocol::command::{COMMAND_LENGTHS, REPLY_LENGTHS};
 use geu_protocol::continuity::ClockCheck;
@@ -12,7 +12,7 @@ use geu_protocol::{CanIdMap, Sample};
 
 use crate::defect::DefectKind;
 use crate::row::{ReceivedSample, Sink};
-use crate::summary::{Flow, DecodeSummary};
+use crate::summary::{DecodeSummary, Flow};
 
 #[derive(Debug, Clone, Default)]
 pub struct DecoderOptions {
@@ -119,7 +119,10 @@ impl Decoder {
             beyond: 0,
             last_bus: 0,
             is_named: options.interface.is_some(),
-            choice: options.interface.as_ref().map_or(InterfaceSelection::First, |name| InterfaceSelection::Named(name.clone().into_bytes())),
+            choice: options
+                .interface
+                .as_ref()
+                .map_or(InterfaceSelection::First, |name| InterfaceSelection::Named(name.clone().into_bytes())),
             known: 0,
             serial: Serial::default(),
             is_stopped: false,
@@ -239,7 +242,7 @@ impl Decoder {
             && self.buses[index].tally.frames == 0
             && self.buses[before].assembler.is_waiting()
         {
-            // The interface has another name here: the half second that began in the input before goes on.
+            // The interface has another name here: the sample that began in the input before goes on.
             self.buses[index].assembler = std::mem::take(&mut self.buses[before].assembler);
             self.choice = InterfaceSelection::Made(index);
         }
@@ -318,7 +321,8 @@ impl Decoder {
         if let Some(&index) = self.places.get(name) {
             return Some(index);
         }
-        let (index, is_wanted) = (self.buses.len(), matches!(&self.choice, InterfaceSelection::Named(wanted) if wanted == name));
+        let (index, is_wanted) =
+            (self.buses.len(), matches!(&self.choice, InterfaceSelection::Named(wanted) if wanted == name));
         if index >= MAX_INTERFACES && !is_wanted {
             return None;
         }
@@ -418,7 +422,7 @@ impl Tally {
                 self.decoded += if received.has_clock { 3 } else { 2 };
                 if choice.is(index) {
                     let Stamp { time, place, input } = received.stamp;
-                    let row = row(received.half_second, received.has_clock, time);
+                    let row = row(received.sample, received.has_clock, time);
                     flow.row((place, input), &row, true, sink);
                 } else if matches!(choice, InterfaceSelection::Before(_)) {
                     self.rows.push(received);
@@ -451,8 +455,9 @@ impl Tally {
 
     #[cold]
     fn tell_early(&mut self, flow: &mut Flow, sink: &mut impl Sink) {
-        for AssembledSample { stamp: Stamp { time, place, input }, half_second, has_clock } in std::mem::take(&mut self.rows) {
-            flow.row((place, input), &row(half_second, has_clock, time), true, sink);
+        for AssembledSample { stamp: Stamp { time, place, input }, sample, has_clock } in std::mem::take(&mut self.rows)
+        {
+            flow.row((place, input), &row(sample, has_clock, time), true, sink);
         }
         for (stamp, defect, concerned) in std::mem::take(&mut self.defects) {
             flow.defect(stamp.into(), DefectKind::Can(defect), concerned.bytes(), 0, sink);
@@ -471,9 +476,9 @@ impl From<Stamp> for crate::summary::At {
 
 /// A row with its receive time, or with the clock count in its place.
 #[inline]
-fn row(half_second: Sample, has_clock: bool, received: Option<Timestamp>) -> ReceivedSample {
-    let clock = || has_clock.then(|| Timestamp { t_ns: half_second.clock_count as i64 * 1_000, digits: 6 });
-    ReceivedSample { time: received.or_else(clock), is_received: received.is_some(), half_second, has_clock }
+fn row(sample: Sample, has_clock: bool, received: Option<Timestamp>) -> ReceivedSample {
+    let clock = || has_clock.then(|| Timestamp { t_ns: sample.clock_count as i64 * 1_000, digits: 6 });
+    ReceivedSample { time: received.or_else(clock), is_received: received.is_some(), sample, has_clock }
 }
 
 #[inline]
@@ -502,9 +507,9 @@ fn serial_found(
                 FrameType::Data => {
                     account.decoded_bytes += length;
                     flow.summary.serial_frames += 1;
-                    let half_second = read_data(payload);
-                    let follows = clock.accepts(half_second.sequence, half_second.clock_count);
-                    flow.row(place(offset), &row(half_second, true, time), follows, sink);
+                    let sample = read_data(payload);
+                    let follows = clock.accepts(sample.sequence, sample.clock_count);
+                    flow.row(place(offset), &row(sample, true, time), follows, sink);
                     if !follows {
                         flow.defect(at(offset), DefectKind::ClockInconsistent, payload, 0, sink);
                     }

@@ -61,7 +61,7 @@ pub struct Defect<'a> {
     /// The bytes concerned: a line, a packet, the data of frames, serial bytes; at most a few hundred.
     pub bytes: &'a [u8],
     pub time: Option<Timestamp>,
-    /// Half seconds (a gap) or frames (dropped) that are missing.
+    /// Samples (a gap) or frames (dropped) that are missing.
     pub lost: u64,
 }
 

@@ -32,8 +32,8 @@ use std::fmt;
 use std::io::Read;
 use std::path::Path;
 
-use geu_model::configuration::{ConfigurationError, Node, ConfigText};
-use geu_model::number::{DefaultValue, ValueFormat, ParameterSpec, number};
+use geu_model::configuration::{ConfigText, ConfigurationError, Node};
+use geu_model::number::{DefaultValue, ParameterSpec, ValueFormat, number};
 use geu_model::units::{ARCSEC_PER_DEG, ARCSEC_PER_RAD};
 use geu_protocol::excerpt::{MAX_QUOTED, excerpt};
 
@@ -66,7 +66,8 @@ const AXES: [(&str, usize, f64); 9] = [
 /// A step of time is looked for its mirror image over so many rows.
 pub const GLITCH_ROWS: usize = 600;
 
-const INTERVAL: ParameterSpec = number("interval_s", ValueFormat::Real, DefaultValue::Required, 1e-6, 1e6, "nominal interval of the rows");
+const INTERVAL: ParameterSpec =
+    number("interval_s", ValueFormat::Real, DefaultValue::Required, 1e-6, 1e6, "nominal interval of the rows");
 const COUNTS: ParameterSpec = number(
     "counts_per_unit",
     ValueFormat::Real,
@@ -425,7 +426,9 @@ pub struct GyroCsvSummary<'a>(&'a GyroCsv);
 impl fmt::Display for GyroCsvSummary<'_> {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let GyroCsv { description, samples, defects } = self.0;
-        let refused = |kind: &GyroCsvDefectKind| matches!(kind, GyroCsvDefectKind::NotANumber { .. } | GyroCsvDefectKind::Fields { .. });
+        let refused = |kind: &GyroCsvDefectKind| {
+            matches!(kind, GyroCsvDefectKind::NotANumber { .. } | GyroCsvDefectKind::Fields { .. })
+        };
         let refused = defects.iter().filter(|defect| refused(&defect.kind)).count();
         writeln!(f, "rows         {}: {} samples, {refused} refused", samples.len() + refused, samples.len())?;
         if let (Some(first), Some(last)) = (samples.first(), samples.last()) {
@@ -498,7 +501,10 @@ mod tests {
         assert_eq!(kinds(&back), [(4, GyroCsvDefectKind::Backwards { by_s: 51.0 })]);
         // A gap within a glitch is one of its own.
         let both = read(&stamped(&[0.0, 1.0, 102.0, 108.0, 9.0]));
-        let expected = [(4, GyroCsvDefectKind::Glitch { rows: 2, offset_s: 100.0 }), (5, GyroCsvDefectKind::Gap { length_s: 6.0 })];
+        let expected = [
+            (4, GyroCsvDefectKind::Glitch { rows: 2, offset_s: 100.0 }),
+            (5, GyroCsvDefectKind::Gap { length_s: 6.0 }),
+        ];
         assert_eq!(kinds(&both), expected);
         let broken = read("0,1,a,2\n1,x,a,2\n1,nan,a,2\n1,1,a\n1,1,a,2\n");
         let not = |got: &str| GyroCsvDefectKind::NotANumber { column: "wx".to_owned(), got: got.to_owned() };

@@ -4,7 +4,7 @@ use std::io::ErrorKind;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use geu_protocol::capture::{Detected, CaptureRecord, Format, RecordPosition, Reader, detect};
+use geu_protocol::capture::{CaptureRecord, Detected, Format, Reader, RecordPosition, detect};
 use geu_protocol::excerpt::excerpt;
 use geu_protocol::hex::spaced_hex;
 

@@ -1,4 +1,4 @@
-//! Opens any input, file or live link, and yields half seconds and defects.
+//! Opens any input, file or live link, and yields samples and defects.
 //!
 //! [`InputReader`] opens inputs one after the other and gives their bytes to a [`Decoder`]; that tells rows and defects to
 //! a [`Sink`] and keeps the [`Summary`]. Memory stays flat, however long the input.
@@ -25,7 +25,7 @@
 //! reader.finish(log, &mut |place, event| decoder.event(place, event, &mut rows));
 //! decoder.count_records(reader.records());
 //! let summary = decoder.finish(&mut rows);
-//! assert_eq!(rows.0[0].half_second.increments, [-2, -2, 5, 5]);
+//! assert_eq!(rows.0[0].sample.increments, [-2, -2, 5, 5]);
 //! assert!(summary.account.adds_up());
 //! ```
 
@@ -57,8 +57,8 @@ pub use csv_table::{CsvTable, TableError};
 pub use decoder::{Decoder, DecoderOptions};
 pub use defect::{Defect, DefectKind, place_text};
 pub use gyro_csv::{
-    GyroCsvSummary as GyroCsvAccount, GyroCsvDefect as GyroCsvDefect, GyroCsvDefectKind as GyroCsvDefectKind, GyroCsvSpec, GyroColumn,
-    GyroCsv, GyroCsvError, RateColumn, ReferenceTable, RateSample,
+    GyroColumn, GyroCsv, GyroCsvDefect, GyroCsvDefectKind, GyroCsvError, GyroCsvSpec, GyroCsvSummary as GyroCsvAccount,
+    RateColumn, RateSample, ReferenceTable,
 };
 pub use input::{InputError, is_live};
 pub use input_reader::{InputReader, Stop};

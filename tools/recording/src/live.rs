@@ -134,7 +134,8 @@ impl CanSocket {
         let frame = &frame[..length];
         let id = frame.first_chunk().map_or(0, |bytes| u32::from_ne_bytes(*bytes));
         let is_fd = length > size_of::<nix::libc::can_frame>();
-        let event = if is_fd { Some(CaptureRecord::Fd) } else { frame_of_socketcan(id, time, self.name.as_bytes(), frame) };
+        let event =
+            if is_fd { Some(CaptureRecord::Fd) } else { frame_of_socketcan(id, time, self.name.as_bytes(), frame) };
         tell(event.unwrap_or(CaptureRecord::Broken { bytes: frame, cut: false }));
         Ok(Received::Frame { dropped: lost.into() })
     }

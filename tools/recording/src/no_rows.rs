@@ -1,7 +1,7 @@
 use geu_protocol::CanIdMap;
 use geu_protocol::capture::Format;
 
-use crate::{DefectKind, DecodeSummary};
+use crate::{DecodeSummary, DefectKind};
 
 /// Identifiers listed at most.
 const MAX_IDS: usize = 8;
@@ -20,7 +20,7 @@ pub fn no_rows_reason(summary: &DecodeSummary, plan: CanIdMap, format: Option<Fo
     if account.records == 0 {
         let bytes = account.bytes;
         return Some(format!(
-            "no half second: expected serial frames EB 90 01 16 …, got {bytes} bytes with {} of commands, {} of replies, {defects}",
+            "no sample: expected serial frames EB 90 01 16 …, got {bytes} bytes with {} of commands, {} of replies, {defects}",
             account.command_bytes, account.reply_bytes
         ));
     }
@@ -33,7 +33,7 @@ pub fn no_rows_reason(summary: &DecodeSummary, plan: CanIdMap, format: Option<Fo
                 let name = format.name();
                 format!("--input-format {name} found no record, {defects}; without it the content tells the format")
             }
-            None => format!("no half second: expected CAN frames, got {records} records without any, {defects}"),
+            None => format!("no sample: expected CAN frames, got {records} records without any, {defects}"),
         });
     }
     let (base, ids) = (plan.base(), summary.others.ids());
@@ -41,7 +41,7 @@ pub fn no_rows_reason(summary: &DecodeSummary, plan: CanIdMap, format: Option<Fo
     let likely = summary.others.likely().map(CanIdMap::base).filter(|likely| *likely != base);
     if likely.is_none() && ids.contains(&base) {
         return Some(format!(
-            "no half second: {expected}, which are there, but no INCREMENTS with a STATUS that matches it: {defects}"
+            "no sample: {expected}, which are there, but no INCREMENTS with a STATUS that matches it: {defects}"
         ));
     }
     let mut got = ids.iter().take(MAX_IDS).map(|id| format!("{id:03X}")).collect::<Vec<_>>().join(", ");
@@ -54,5 +54,5 @@ pub fn no_rows_reason(summary: &DecodeSummary, plan: CanIdMap, format: Option<Fo
         Some(likely) => format!("{likely:03X} to {:03X} are as the unit sends them: --base {likely:X}", likely + 2),
         None => "--base is another, if the unit has another".to_owned(),
     };
-    Some(format!("no half second: {expected}, got {got}; {todo}"))
+    Some(format!("no sample: {expected}, got {got}; {todo}"))
 }

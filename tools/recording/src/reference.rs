@@ -7,7 +7,7 @@ use std::io::Read;
 use std::path::Path;
 use std::sync::Arc;
 
-use geu_model::attitude::{RecordedAttitude, AttitudeRow, median_spacing_s};
+use geu_model::attitude::{AttitudeRow, RecordedAttitude, median_spacing_s};
 use geu_model::units::{ARCSEC_PER_RAD, RAD_PER_DEG};
 use nalgebra::{Quaternion, UnitQuaternion};
 
@@ -172,7 +172,8 @@ mod tests {
                 format!("{}.{},{},0,0,{}\n", row / 2, row % 2 * 5, half.cos(), half.sin())
             })
             .collect();
-        let rates = ReferenceAttitude::parse("r", &format!("t_s,rate_x_arcsec_s,rate_y_arcsec_s,rate_z_arcsec_s\n{rates}"));
+        let rates =
+            ReferenceAttitude::parse("r", &format!("t_s,rate_x_arcsec_s,rate_y_arcsec_s,rate_z_arcsec_s\n{rates}"));
         let quaternions = ReferenceAttitude::parse("q", &format!("t_s,q_w,q_x,q_y,q_z\n{quaternions}"));
         for reference in [rates, quaternions] {
             let reference = reference.expect("a reference");

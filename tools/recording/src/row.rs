@@ -5,7 +5,7 @@ use geu_protocol::capture::{CaptureRecord, Timestamp};
 
 use crate::defect::Defect;
 
-/// One half second as it was received.
+/// One sample as it was received.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ReceivedSample {
     /// Receive time (of INCREMENTS, or of the last byte of a live serial frame); where there is none, the clock count as
@@ -14,7 +14,7 @@ pub struct ReceivedSample {
     /// Whether `time` is a receive time.
     pub is_received: bool,
     /// The fields; clock count and sensor temperature only where `has_clock`.
-    pub half_second: Sample,
+    pub sample: Sample,
     /// Whether clock count and sensor temperature are known.
     pub has_clock: bool,
 }

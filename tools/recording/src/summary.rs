@@ -35,7 +35,7 @@ pub struct DecodeSummary {
     /// Time of the first and the last row.
     pub span: Option<(Timestamp, Timestamp)>,
     pub lost: u64,
-    /// The first gaps: place, time, half seconds missing.
+    /// The first gaps: place, time, samples missing.
     pub gaps: Vec<(String, Option<Timestamp>, u64)>,
     pub repeats: u64,
     pub resets: u64,
@@ -92,17 +92,23 @@ impl Flow {
 
     /// Gives out a row; `is_regular` unless its clock is doubted.
     #[inline]
-    pub fn row(&mut self, (place, input): (RecordPosition, u32), row: &ReceivedSample, is_regular: bool, sink: &mut impl Sink) {
-        let half_second = &row.half_second;
+    pub fn row(
+        &mut self,
+        (place, input): (RecordPosition, u32),
+        row: &ReceivedSample,
+        is_regular: bool,
+        sink: &mut impl Sink,
+    ) {
+        let sample = &row.sample;
         let summary = &mut self.summary;
         summary.rows += 1;
         summary.is_timed |= row.is_received;
         summary.without_clock += u64::from(!row.has_clock);
-        if half_second.gyro_flags != 0x0F {
+        if sample.gyro_flags != 0x0F {
             for gyro in Gyro::ALL {
                 let bit = gyro.bit();
-                summary.invalid[gyro as usize] += u64::from(half_second.gyro_flags & bit == 0);
-                summary.saturated[gyro as usize] += u64::from(half_second.gyro_flags & bit << 4 != 0);
+                summary.invalid[gyro as usize] += u64::from(sample.gyro_flags & bit == 0);
+                summary.saturated[gyro as usize] += u64::from(sample.gyro_flags & bit << 4 != 0);
             }
         }
         if is_regular {
@@ -114,14 +120,14 @@ impl Flow {
     /// Compares a row with the one before.
     #[inline]
     fn follow(&mut self, (place, input): (RecordPosition, u32), row: &ReceivedSample, sink: &mut impl Sink) {
-        let half_second = &row.half_second;
+        let sample = &row.sample;
         let summary = &mut self.summary;
-        let is_polled = half_second.unit_flags & POLLED != 0;
+        let is_polled = sample.unit_flags & POLLED != 0;
         summary.polled += u64::from(is_polled);
         if let Some(time) = row.time {
             summary.span.get_or_insert((time, time)).1 = time;
         }
-        let step = self.continuity.step(half_second.sequence, row.has_clock.then_some(half_second.clock_count));
+        let step = self.continuity.step(sample.sequence, row.has_clock.then_some(sample.clock_count));
         if let Some(Timestamp { t_ns, .. }) = row.time.filter(|_| row.is_received) {
             if let Some(last_t_ns) = self.last_t_ns.replace(t_ns) {
                 let interval_ns = t_ns.saturating_sub(last_t_ns);
@@ -137,7 +143,7 @@ impl Flow {
                 }
             }
             if row.has_clock && !is_polled && step != SequenceStep::Repeat {
-                self.summary.clock.add(t_ns, half_second.sequence, half_second.clock_count);
+                self.summary.clock.add(t_ns, sample.sequence, sample.clock_count);
             }
         }
         self.last_polled = is_polled;

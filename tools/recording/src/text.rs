@@ -16,7 +16,7 @@ pub const MAX_DOCUMENT_BYTES: usize = 16 << 20;
 pub const MAX_DOCUMENT_LINES: usize = 1 << 20;
 /// Bytes of one row of a series, comments and blank lines before it included.
 pub const MAX_ROW_BYTES: usize = 1 << 20;
-/// Rows of a series, which are kept in memory, some 64 bytes each: half a year of half seconds, nine hours at 1 kHz.
+/// Rows of a series, which are kept in memory, some 64 bytes each: half a year of samples, nine hours at 1 kHz.
 pub const MAX_ROWS: u64 = 1 << 25;
 /// What editors and spreadsheets on Windows write before a text.
 const BYTE_ORDER_MARK: &[u8] = "\u{feff}".as_bytes();

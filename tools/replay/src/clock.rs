@@ -1,8 +1,8 @@
 //! When things of a recording are sent: by time stamps, or by the unit's clock where there are none.
 
-use geu_model::units::HALF_SECOND_NS;
+use geu_model::units::SAMPLE_INTERVAL_NS;
 use geu_protocol::Sample;
-use geu_protocol::field::CLOCK_PER_HALF_SECOND;
+use geu_protocol::field::CLOCK_PER_SAMPLE;
 
 /// Time stamps out of order by less than this are those of neighbours that were written in another order.
 const DISORDER_NS: i64 = 1_000_000_000;
@@ -77,25 +77,23 @@ impl ReplayClock {
         self.step(step_ns)
     }
 
-    /// Time that the unit's clock says to have passed when it tells this half second.
-    pub fn by_clock(&self, half_second: &Sample) -> i64 {
+    /// Time that the unit's clock says to have passed when it tells this sample.
+    pub fn by_clock(&self, sample: &Sample) -> i64 {
         let Some((sequence, clock_count)) = self.clock else { return 0 };
-        let steps = half_second.sequence.wrapping_sub(sequence);
-        match half_second.clock_count.checked_sub(clock_count) {
+        let steps = sample.sequence.wrapping_sub(sequence);
+        match sample.clock_count.checked_sub(clock_count) {
             Some(0) if steps == 0 => 0,
-            Some(cycles)
-                if cycles.is_multiple_of(CLOCK_PER_HALF_SECOND) && (cycles / CLOCK_PER_HALF_SECOND) as u16 == steps =>
-            {
+            Some(cycles) if cycles.is_multiple_of(CLOCK_PER_SAMPLE) && (cycles / CLOCK_PER_SAMPLE) as u16 == steps => {
                 i64::try_from(cycles).unwrap_or(i64::MAX).saturating_mul(1000)
             }
             // It restarted, or is doubted.
-            _ => HALF_SECOND_NS,
+            _ => SAMPLE_INTERVAL_NS,
         }
     }
 
-    /// Takes notice of what a half second tells.
-    pub fn read(&mut self, half_second: &Sample) {
-        self.clock = Some((half_second.sequence, half_second.clock_count));
+    /// Takes notice of what a sample tells.
+    pub fn read(&mut self, sample: &Sample) {
+        self.clock = Some((sample.sequence, sample.clock_count));
     }
 
     /// Goes on by so much; what there is to be reported of it.
@@ -155,17 +153,17 @@ mod tests {
 
     #[test]
     fn time_goes_on_by_the_clock_where_it_can_be_believed() {
-        let half_second = |sequence: u16, half_seconds: u64| Sample {
+        let sample = |sequence: u16, samples: u64| Sample {
             sequence,
-            clock_count: half_seconds * CLOCK_PER_HALF_SECOND,
+            clock_count: samples * CLOCK_PER_SAMPLE,
             ..Sample::default()
         };
         let mut clock = ReplayClock::new(i64::MAX);
-        let mut step = |sequence, half_seconds| {
-            let half_second = half_second(sequence, half_seconds);
-            let step_ns = clock.by_clock(&half_second);
-            clock.read(&half_second);
-            step_ns / HALF_SECOND_NS
+        let mut step = |sequence, samples| {
+            let sample = sample(sequence, samples);
+            let step_ns = clock.by_clock(&sample);
+            clock.read(&sample);
+            step_ns / SAMPLE_INTERVAL_NS
         };
         assert_eq!(step(65_534, 10), 0);
         assert_eq!(step(65_535, 11), 1);

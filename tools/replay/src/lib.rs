@@ -9,7 +9,7 @@ mod tests;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use geu_protocol::CanIdMap;
-use geu_recording::{InputError, InputReader, DecoderOptions, Stop, DecodeSummary};
+use geu_recording::{DecodeSummary, DecoderOptions, InputError, InputReader, Stop};
 
 pub use report::ReplayReport;
 pub use source::ReplaySource;

@@ -1,14 +1,16 @@
-//! From what a recording holds to what is sent: contents in their order and time, and which of them make a half second.
+//! From what a recording holds to what is sent: contents in their order and time, and which of them make a sample.
 
 use std::collections::VecDeque;
 use std::sync::mpsc::SyncSender;
 
 use geu_daemon::link_model::WireData;
 use geu_daemon::replay::{ReplayItem, ReplayItemKind, TrafficOrigin};
-use geu_model::units::HALF_SECOND_NS;
-use geu_protocol::can::{AssemblerEvent, Assembler, Role};
+use geu_model::units::SAMPLE_INTERVAL_NS;
+use geu_protocol::can::{Assembler, AssemblerEvent, Role};
 use geu_protocol::capture::CaptureRecord;
-use geu_protocol::serial::{BITS_PER_BYTE, DEFAULT_BAUD, Deframer, DeframerEvent, FrameType, MAX_FRAME, OVERHEAD, read_data};
+use geu_protocol::serial::{
+    BITS_PER_BYTE, DEFAULT_BAUD, Deframer, DeframerEvent, FrameType, MAX_FRAME, OVERHEAD, read_data,
+};
 use geu_protocol::{CanFrame, Sample};
 use geu_recording::{Defect, ReceivedSample, Sink};
 
@@ -20,7 +22,7 @@ use crate::report::ReplayReport;
 const BATCH: usize = 64;
 /// Batches handed over before it is told that there is something to send: less than may wait.
 const MAX_SILENT_BATCHES: usize = crate::QUEUE / 2;
-/// Frames that wait for their half second to be whole, or for the unit to show up on an interface.
+/// Frames that wait for their sample to be whole, or for the unit to show up on an interface.
 const MAX_WAITING: usize = 4096;
 /// Bytes without a frame that are kept for the next frame to tell their time.
 const MAX_STRAY: usize = 4096;
@@ -31,7 +33,7 @@ struct Waiting {
     role: Role,
     time_ns: Option<i64>,
     is_whole: bool,
-    /// The half second that begins with it.
+    /// The sample that begins with it.
     begins: Option<Sample>,
 }
 
@@ -46,14 +48,14 @@ pub struct ReplaySource {
     report: ReplayReport,
     /// What the time stamps of passes before add up to, ns.
     passed_ns: i64,
-    /// First and last in this pass that was sent, and the last half second, ns.
+    /// First and last in this pass that was sent, and the last sample, ns.
     span_ns: Option<(i64, i64)>,
-    last_half_second_ns: i64,
+    last_sample_ns: i64,
     is_after: bool,
     is_disconnected: bool,
     /// Whether anything was found that makes a recording of it: a record of a capture, or a serial frame.
     has_frame: bool,
-    has_half_second: bool,
+    has_sample: bool,
     /// Whether anything was sent that a link carries.
     is_carried: bool,
     handed_over: usize,
@@ -83,11 +85,11 @@ impl ReplaySource {
             report: ReplayReport::default(),
             passed_ns: 0,
             span_ns: None,
-            last_half_second_ns: 0,
+            last_sample_ns: 0,
             is_after: false,
             is_disconnected: false,
             has_frame: false,
-            has_half_second: false,
+            has_sample: false,
             is_carried: false,
             handed_over: 0,
             early: Vec::new(),
@@ -111,7 +113,7 @@ impl ReplaySource {
         self.is_disconnected
     }
 
-    /// Ends a pass; whether anything of it was sent that a link carries. Another begins half a second behind its last half second.
+    /// Ends a pass; whether anything of it was sent that a link carries. Another begins half a second behind its last sample.
     pub fn end_pass(&mut self) -> bool {
         if self.interface.is_none()
             && let Some((interface, _)) = self.early.first()
@@ -127,8 +129,8 @@ impl ReplaySource {
         self.interface = self.choice.interface.clone();
         self.is_after = false;
         if let Some((first_ns, last_ns)) = span_ns {
-            self.passed_ns = self.passed_ns.saturating_add(last_ns - first_ns).saturating_add(HALF_SECOND_NS);
-            let next_ns = self.last_half_second_ns.saturating_add(HALF_SECOND_NS);
+            self.passed_ns = self.passed_ns.saturating_add(last_ns - first_ns).saturating_add(SAMPLE_INTERVAL_NS);
+            let next_ns = self.last_sample_ns.saturating_add(SAMPLE_INTERVAL_NS);
             self.clock.played_ns = self.clock.played_ns.max(next_ns);
         }
         // What is no recording at all is refused by its reader.
@@ -157,7 +159,7 @@ impl ReplaySource {
             return;
         }
         self.handed_over += 1;
-        if self.has_half_second || self.handed_over >= MAX_SILENT_BATCHES {
+        if self.has_sample || self.handed_over >= MAX_SILENT_BATCHES {
             self.begin();
         }
         self.is_disconnected = self.sender.send(std::mem::take(&mut self.batch)).is_err();
@@ -170,16 +172,18 @@ impl ReplaySource {
         if recorded_ns < self.choice.from_ns || self.is_over() {
             return;
         }
-        if self.choice.is_only && matches!(what, ReplayItemKind::Content(_, TrafficOrigin::Command | TrafficOrigin::Other)) {
+        if self.choice.is_only
+            && matches!(what, ReplayItemKind::Content(_, TrafficOrigin::Command | TrafficOrigin::Other))
+        {
             return;
         }
         self.clock.is_playing = true;
         self.span_ns.get_or_insert((recorded_ns, recorded_ns)).1 = recorded_ns;
         let (carries_frames, carries_bytes) = self.choice.carries;
         self.is_carried |= match &what {
-            ReplayItemKind::HalfSecond { .. } => {
-                self.last_half_second_ns = self.clock.played_ns;
-                self.has_half_second = true;
+            ReplayItemKind::Sample { .. } => {
+                self.last_sample_ns = self.clock.played_ns;
+                self.has_sample = true;
                 true
             }
             ReplayItemKind::Content(WireData::Frame(_), _) => carries_frames,
@@ -229,7 +233,7 @@ impl ReplaySource {
             for index in [begin, status, self.waiting.len() - 1] {
                 self.waiting[index].is_whole = true;
             }
-            self.waiting[begin].begins = Some(row.half_second);
+            self.waiting[begin].begins = Some(row.sample);
         }
         let kept = if self.assembler.is_waiting() { number + 1 - self.increments } else { 0 };
         self.send_waiting(if kept as usize > MAX_WAITING { 0 } else { kept as usize });
@@ -243,16 +247,16 @@ impl ReplaySource {
             self.first += 1;
             let note = match (waiting.time_ns, &waiting.begins) {
                 (Some(time_ns), _) => self.clock.stamp(time_ns),
-                (None, Some(half_second)) => self.clock.step(self.clock.by_clock(half_second)),
+                (None, Some(sample)) => self.clock.step(self.clock.by_clock(sample)),
                 (None, None) => None,
             };
             self.note(note);
-            if let Some(half_second) = waiting.begins {
-                self.clock.read(&half_second);
-                self.send(ReplayItemKind::HalfSecond { half_second, is_can: true });
+            if let Some(sample) = waiting.begins {
+                self.clock.read(&sample);
+                self.send(ReplayItemKind::Sample { sample, is_can: true });
             }
             let whose = match waiting.role {
-                _ if waiting.is_whole => TrafficOrigin::HalfSecond,
+                _ if waiting.is_whole => TrafficOrigin::Sample,
                 Role::Other => TrafficOrigin::Other,
                 Role::Command => TrafficOrigin::Command,
                 _ => TrafficOrigin::Unit,
@@ -261,18 +265,19 @@ impl ReplaySource {
         }
     }
 
-    /// Sends bytes that belong to no frame, before a half second that follows by so much, and says how much is left of that.
+    /// Sends bytes that belong to no frame, before a sample that follows by so much, and says how much is left of that.
     ///
-    /// Where half seconds are missing these most likely are theirs: a frame's length for each, at its time.
+    /// Where samples are missing these most likely are theirs: a frame's length for each, at its time.
     fn send_stray(&mut self, end: usize, until_next_ns: i64) -> i64 {
         let stray: Vec<u8> = self.bytes[..end].to_vec();
-        let missing = (until_next_ns / HALF_SECOND_NS - 1).clamp(0, stray.len().div_ceil(MAX_FRAME) as i64) as usize;
+        let missing =
+            (until_next_ns / SAMPLE_INTERVAL_NS - 1).clamp(0, stray.len().div_ceil(MAX_FRAME) as i64) as usize;
         let (mut rest, mut left_ns) = (&stray[..], until_next_ns);
         for index in 0..missing {
             let length = if index + 1 == missing { rest.len() } else { MAX_FRAME.min(rest.len()) };
             let (now, later) = rest.split_at(length);
-            (rest, left_ns) = (later, left_ns - HALF_SECOND_NS);
-            let note = self.clock.step(HALF_SECOND_NS);
+            (rest, left_ns) = (later, left_ns - SAMPLE_INTERVAL_NS);
+            let note = self.clock.step(SAMPLE_INTERVAL_NS);
             self.note(note);
             self.send(ReplayItemKind::Content(WireData::Bytes(now.to_vec()), TrafficOrigin::Unit));
         }
@@ -295,18 +300,18 @@ impl ReplaySource {
         // Taken out of the buffer once: a frame at a time it would be moved for each.
         let all = std::mem::take(&mut self.bytes);
         let (start, mut used) = (self.offset, 0);
-        for (at, kind, length, half_second) in frames {
+        for (at, kind, length, sample) in frames {
             let begin = (at - start) as usize;
             self.bytes = all[used..begin].to_vec();
-            let step_ns = half_second.as_ref().map_or(0, |half_second| self.clock.by_clock(half_second));
+            let step_ns = sample.as_ref().map_or(0, |sample| self.clock.by_clock(sample));
             let left_ns = self.send_stray(begin - used, step_ns);
             let note = self.clock.step(left_ns);
             self.note(note);
-            let whose = match (kind, half_second) {
-                (_, Some(half_second)) => {
-                    self.clock.read(&half_second);
-                    self.send(ReplayItemKind::HalfSecond { half_second, is_can: false });
-                    TrafficOrigin::HalfSecond
+            let whose = match (kind, sample) {
+                (_, Some(sample)) => {
+                    self.clock.read(&sample);
+                    self.send(ReplayItemKind::Sample { sample, is_can: false });
+                    TrafficOrigin::Sample
                 }
                 (FrameType::Command, _) => TrafficOrigin::Command,
                 _ => TrafficOrigin::Unit,
@@ -321,10 +326,10 @@ impl ReplaySource {
         self.bytes = all[used..].to_vec();
     }
 
-    /// At the end what is left comes as if it were the next half second.
+    /// At the end what is left comes as if it were the next sample.
     fn end_bytes(&mut self) {
         if !self.is_over() {
-            self.send_stray(self.bytes.len(), HALF_SECOND_NS);
+            self.send_stray(self.bytes.len(), SAMPLE_INTERVAL_NS);
         }
         self.bytes.clear();
         (self.deframer, self.offset) = (Deframer::default(), 0);
@@ -371,8 +376,8 @@ impl Sink for ReplaySource {
         let (mut frames, start) = (Vec::new(), (self.deframer.offset() - self.offset) as usize);
         self.deframer.consume(&self.bytes[start..], &mut |found| {
             if let DeframerEvent::Frame { at, kind, payload } = found {
-                let half_second = (kind == FrameType::Data).then(|| read_data(payload));
-                frames.push((at, kind, OVERHEAD + payload.len(), half_second));
+                let sample = (kind == FrameType::Data).then(|| read_data(payload));
+                frames.push((at, kind, OVERHEAD + payload.len(), sample));
             }
         });
         self.has_frame |= !frames.is_empty();

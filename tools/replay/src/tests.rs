@@ -45,7 +45,7 @@ fn choice() -> ReplaySelection {
 
 fn shown(items: &[ReplayItem]) -> Vec<String> {
     let what = |what: &ReplayItemKind| match what {
-        ReplayItemKind::HalfSecond { half_second, .. } => format!("half second {}", half_second.sequence),
+        ReplayItemKind::Sample { sample, .. } => format!("sample {}", sample.sequence),
         ReplayItemKind::Content(WireData::Frame(frame), whose) => format!("{:03X} {whose:?}", frame.id()),
         ReplayItemKind::Content(WireData::Bytes(bytes), whose) => format!("{} bytes {whose:?}", bytes.len()),
         ReplayItemKind::Note(note) => note.clone(),
@@ -54,17 +54,17 @@ fn shown(items: &[ReplayItem]) -> Vec<String> {
 }
 
 #[test]
-fn frames_keep_order_and_time_and_a_half_second_is_known_when_it_begins() {
+fn frames_keep_order_and_time_and_a_sample_is_known_when_it_begins() {
     let (items, report) = items(choice());
     assert_eq!(
         shown(&items),
         [
             "0 123 Other",
-            "100000 half second 0",
-            "100000 1A0 HalfSecond",
+            "100000 sample 0",
+            "100000 1A0 Sample",
             "100200 123 Other",
-            "100400 1A1 HalfSecond",
-            "100600 1A2 HalfSecond",
+            "100400 1A1 Sample",
+            "100600 1A2 Sample",
             "200000 1A8 Command",
             "200100 1A9 Unit",
             "600000 1A0 Unit",
@@ -74,9 +74,7 @@ fn frames_keep_order_and_time_and_a_half_second_is_known_when_it_begins() {
     );
     assert_eq!(items[10].recorded_ns, 7_200_600_000_000);
     assert!(report.contains("1 gaps shortened") && report.contains("1 frames of other interfaces"), "{report}");
-    assert!(
-        matches!(items[1].what, ReplayItemKind::HalfSecond { half_second, is_can: true } if half_second.clock_count == 500_000)
-    );
+    assert!(matches!(items[1].what, ReplayItemKind::Sample { sample, is_can: true } if sample.clock_count == 500_000));
     assert!(!matches!(items[1].what, ReplayItemKind::Content(_, TrafficOrigin::Unit)));
 }
 
@@ -84,8 +82,7 @@ fn frames_keep_order_and_time_and_a_half_second_is_known_when_it_begins() {
 fn a_part_of_it_and_the_unit_alone_can_be_chosen() {
     let only = ReplaySelection { is_only: true, to_ns: 300_000_000, ..choice() };
     let (all, _) = items(only);
-    let expected =
-        ["0 half second 0", "0 1A0 HalfSecond", "400 1A1 HalfSecond", "600 1A2 HalfSecond", "100100 1A9 Unit"];
+    let expected = ["0 sample 0", "0 1A0 Sample", "400 1A1 Sample", "600 1A2 Sample", "100100 1A9 Unit"];
     assert_eq!(shown(&all), expected);
     let (late, _) = items(ReplaySelection { from_ns: 190_000_000, to_ns: 500_000_000, ..choice() });
     assert_eq!(shown(&late), ["0 1A8 Command", "100 1A9 Unit"]);

@@ -2,11 +2,11 @@
 //! figure is about, the paper's value stands in, and the title says so.
 
 use geu_chart::{Chart, MAX_COLUMNS, min_max, svg_file};
-use geu_model::attitude::{LimitCycle, Manoeuvre, Motion, AttitudeProfile, Scenario};
-use geu_model::course::{TimeCourse, Interval, TimeFunction};
+use geu_model::attitude::{AttitudeProfile, LimitCycle, Manoeuvre, Motion, Scenario};
+use geu_model::course::{Interval, TimeCourse, TimeFunction};
 use geu_model::effect::{Effects, columns};
 use geu_model::number::ParameterSet;
-use geu_model::units::{HALF_SECOND_S, ORBIT_S, S_PER_DAY};
+use geu_model::units::{ORBIT_S, S_PER_DAY, SAMPLE_INTERVAL_S};
 use geu_model::{Configuration, GyroUnit};
 use geu_protocol::Gyro;
 use geu_selftest::{BestLine, Receiver, transfer_function};
@@ -142,7 +142,7 @@ fn has_or_takes_courses(configuration: &mut Configuration, code: &str, paper: &[
     format!(" (course of {code} the paper's; this unit has none)")
 }
 
-/// Figure 7: counts per half second against rate, and their departure from the best line.
+/// Figure 7: counts per sample interval against rate, and their departure from the best line.
 fn transfer(configuration: &Configuration) -> Vec<Panel> {
     let mut configuration = configuration.clone();
     let said = has_or_takes(&mut configuration, Gyro::Y, "scale-factor-nonlinearity", "cubic_ppm", 800.0);
@@ -154,25 +154,25 @@ fn transfer(configuration: &Configuration) -> Vec<Panel> {
     let rows = Receiver::new(&configuration).listen(length_s + 600.0);
     let counted: Vec<(f64, f64)> = transfer_function(&rows, Gyro::Y, 1)
         .into_iter()
-        .map(|(rate, excess)| (rate, (rate + excess.value) * HALF_SECOND_S))
+        .map(|(rate, excess)| (rate, (rate + excess.value) * SAMPLE_INTERVAL_S))
         .collect();
     let best = BestLine::of(&counted);
     let departures: Vec<_> = counted
         .iter()
-        .map(|&(rate, counts)| (rate, 100.0 * (counts - best.at(rate)) / (FULL_ARCSEC_S * HALF_SECOND_S)))
+        .map(|&(rate, counts)| (rate, 100.0 * (counts - best.at(rate)) / (FULL_ARCSEC_S * SAMPLE_INTERVAL_S)))
         .collect();
     let ends = [-FULL_ARCSEC_S, FULL_ARCSEC_S].map(|rate| (rate, best.at(rate)));
     vec![
         Panel {
             title: "Transfer function of GYRY (Casteren figure 7)".to_owned(),
             x: "rate about the input axis, arcsec/s",
-            y: "counts per half second",
+            y: "counts per sample interval",
             series: vec![
                 Series {
                     name: format!(
-                        "best line: {:.5} arcsec per count, D {:+.4} arcsec per half second",
-                        HALF_SECOND_S / best.slope,
-                        -best.level * HALF_SECOND_S / best.slope
+                        "best line: {:.5} arcsec per count, D {:+.4} arcsec per sample interval",
+                        SAMPLE_INTERVAL_S / best.slope,
+                        -best.level * SAMPLE_INTERVAL_S / best.slope
                     ),
                     mark: Mark::Line,
                     points: ends.to_vec(),
@@ -204,7 +204,7 @@ fn pivot_transit(configuration: &Configuration) -> Vec<Panel> {
         let scale_factor = configuration.gyros[Gyro::X as usize].calibration.scale_factor;
         let mut points = vec![(0.0, 0.0)];
         while unit.ended() < 5000 {
-            let (ended, traces) = unit.end_half_second_traced();
+            let (ended, traces) = unit.end_sample_traced();
             float_arcsec += traces[Gyro::X as usize].changes[column] * scale_factor;
             points.push((ended.end_ns as f64 * 1e-9, float_arcsec));
         }
@@ -309,7 +309,7 @@ fn two_weeks(configuration: &Configuration) -> Vec<Panel> {
     for hour in 0..14 * 24 {
         let mut angle_arcsec = [0.0; 4];
         for _ in 0..per_h {
-            let (_, traces) = unit.end_half_second_traced();
+            let (_, traces) = unit.end_sample_traced();
             for (gyro, trace) in traces.iter().enumerate() {
                 let counts: f64 = drift_columns.iter().map(|&column| trace.changes[column]).sum();
                 angle_arcsec[gyro] -= counts * configuration.gyros[gyro].calibration.scale_factor;
@@ -328,7 +328,7 @@ fn two_weeks(configuration: &Configuration) -> Vec<Panel> {
             let start_s = (f64::from(orbit) + f64::from(sample) / f64::from(samples)) * ORBIT_S;
             let electronics = &configuration.electronics;
             let electronics_excess_k = electronics.at_c(start_s) - electronics.numbers.reference_c;
-            let interval = Interval { start_s, end_s: start_s + HALF_SECOND_S, electronics_excess_k };
+            let interval = Interval { start_s, end_s: start_s + SAMPLE_INTERVAL_S, electronics_excess_k };
             let clock_ppm = configuration.unit.at(&interval).clock_frequency.ppm;
             for (sum_ppm, gyro) in sum_ppm.iter_mut().zip(&configuration.gyros) {
                 *sum_ppm += gyro.effects.at(&interval).scale_factor.ppm - clock_ppm;

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use geu_diagnosis::Finding;
-use geu_diagnosis::rates::{Observability, Diagnosis, Gap, Parameter, Verdict, Windows};
+use geu_diagnosis::rates::{Diagnosis, Gap, Observability, Parameter, Verdict, Windows};
 use geu_model::units::ARCSEC_PER_DEG;
 use serde_json::{Value, json};
 

@@ -5,7 +5,7 @@ use std::fmt::Write;
 use geu_calibration::CalibrationUpdate;
 use geu_calibration::compare::LEAST_PROBABILITY;
 use geu_calibration::upkeep::{
-    BEYOND_SIGMAS, ParameterUpdate, DRIFT_PER_FORTNIGHT, GYROS, SCALE_FACTOR_PER_FORTNIGHT, SCALE_FACTOR_PER_HALF_HOUR,
+    BEYOND_SIGMAS, DRIFT_PER_FORTNIGHT, GYROS, ParameterUpdate, SCALE_FACTOR_PER_FORTNIGHT, SCALE_FACTOR_PER_HALF_HOUR,
 };
 use geu_model::units::S_PER_DAY;
 

@@ -4,7 +4,7 @@ use geu_protocol::Gyro;
 
 use super::estimate::{LineFit, level, settling};
 use super::receiver::between;
-use super::{PublishedValue, Estimate, Expected, Experiment, Receiver};
+use super::{Estimate, Expected, Experiment, PublishedValue, Receiver};
 use geu_model::units::ARCSEC_PER_RAD;
 
 pub const EXPERIMENTS: &[Experiment] = &[

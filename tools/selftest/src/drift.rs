@@ -2,9 +2,11 @@
 
 use geu_protocol::Gyro;
 
-use super::estimate::{Fit, LineFit, ROUNDING_VARIANCE, allan_variance, freedom_of_walking_rate, freedom_of_white_rate};
+use super::estimate::{
+    Fit, LineFit, ROUNDING_VARIANCE, allan_variance, freedom_of_walking_rate, freedom_of_white_rate,
+};
 use super::receiver::Row;
-use super::{PublishedValue, Estimate, Expected, Experiment};
+use super::{Estimate, Expected, Experiment, PublishedValue};
 use geu_model::units::{ARCSEC_PER_DEG, S_PER_DAY};
 
 const S_PER_H: f64 = 3600.0;
@@ -15,7 +17,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
     Experiment {
         name: "drift",
         noise: false,
-        // Three quarters of a count in each half second repeat for ever, whatever small error stands beside them; the limit
+        // Three quarters of a count in each sample interval repeat for ever, whatever small error stands beside them; the limit
         // cycle breaks that up.
         configuration: "
             scenario.limit_cycle = { rate_arcsec_s = 4, period_s = 4.7183 }
@@ -38,7 +40,12 @@ pub const EXPERIMENTS: &[Experiment] = &[
         noise: false,
         configuration: "gyro.GYRX.drift-ramp.arcsec_per_h_per_day = 0.4",
         claims: &[
-            PublishedValue { what: "drift ramp", source: "model", expected: Expected::Value(0.4, 0.0), unit: "″/h per day" },
+            PublishedValue {
+                what: "drift ramp",
+                source: "model",
+                expected: Expected::Value(0.4, 0.0),
+                unit: "″/h per day",
+            },
             PublishedValue {
                 what: "drift change in 2 weeks",
                 source: "§3.1, table 1",

@@ -4,7 +4,7 @@ use geu_protocol::Gyro;
 
 use super::estimate::{Fit, LineFit};
 use super::receiver::{Row, between};
-use super::{PublishedValue, Estimate, Expected, Experiment};
+use super::{Estimate, Expected, Experiment, PublishedValue};
 use geu_model::units::{ARCSEC_PER_DEG, S_PER_DAY};
 
 const ARCSEC_PER_TURN: f64 = 360.0 * ARCSEC_PER_DEG;
@@ -15,7 +15,10 @@ pub const EXPERIMENTS: &[Experiment] = &[
         noise: false,
         configuration: "manoeuvre = [{ kind = \"survey\", scans = 1 }]",
         claims: &[PublishedValue {
-            what: "survey about Z", source: "§5", expected: Expected::Value(3.85, 0.005), unit: "′/s"
+            what: "survey about Z",
+            source: "§5",
+            expected: Expected::Value(3.85, 0.005),
+            unit: "′/s",
         }],
         measure: |receiver| vec![rate_arcmin_s(&receiver.listen(450.0), Gyro::Za, 20.0, 450.0)],
     },
@@ -24,7 +27,12 @@ pub const EXPERIMENTS: &[Experiment] = &[
         noise: false,
         configuration: "manoeuvre = [{ kind = \"z-scan\" }]",
         claims: &[
-            PublishedValue { what: "orbital speed", source: "model", expected: Expected::Value(3.495, 0.0005), unit: "′/s" },
+            PublishedValue {
+                what: "orbital speed",
+                source: "model",
+                expected: Expected::Value(3.495, 0.0005),
+                unit: "′/s",
+            },
             PublishedValue { what: "orbit", source: "model", expected: Expected::Value(6180.0, 0.0), unit: "s" },
             PublishedValue {
                 what: "orbital speed over survey's 3.85′/s, about 90 %",
@@ -46,8 +54,18 @@ pub const EXPERIMENTS: &[Experiment] = &[
             manoeuvre = [{ kind = \"y-scan\", to_theta_deg = 120 }, { kind = \"y-scan\", to_theta_deg = 60 }]
         ",
         claims: &[
-            PublishedValue { what: "Y-scan forward", source: "§5, §5.3", expected: Expected::Value(12.0, 0.0), unit: "′/s" },
-            PublishedValue { what: "Y-scan back", source: "§5, §5.3", expected: Expected::Value(-12.0, 0.0), unit: "′/s" },
+            PublishedValue {
+                what: "Y-scan forward",
+                source: "§5, §5.3",
+                expected: Expected::Value(12.0, 0.0),
+                unit: "′/s",
+            },
+            PublishedValue {
+                what: "Y-scan back",
+                source: "§5, §5.3",
+                expected: Expected::Value(-12.0, 0.0),
+                unit: "′/s",
+            },
         ],
         measure: |receiver| {
             let rows = receiver.listen(640.0);
@@ -110,8 +128,18 @@ pub const EXPERIMENTS: &[Experiment] = &[
                 expected: Expected::Value(5.0, 0.0),
                 unit: "″/s",
             },
-            PublishedValue { what: "limit cycle's period", source: "§3.3", expected: Expected::Value(5.0, 0.0), unit: "s" },
-            PublishedValue { what: "limit cycle's amplitude", source: "model", expected: Expected::AtMost(5.0), unit: "″" },
+            PublishedValue {
+                what: "limit cycle's period",
+                source: "§3.3",
+                expected: Expected::Value(5.0, 0.0),
+                unit: "s",
+            },
+            PublishedValue {
+                what: "limit cycle's amplitude",
+                source: "model",
+                expected: Expected::AtMost(5.0),
+                unit: "″",
+            },
         ],
         measure: |receiver| {
             let rows = receiver.listen(3600.0);

@@ -4,7 +4,7 @@ use geu_protocol::Gyro;
 
 use super::estimate::{Fit, LineFit, level};
 use super::receiver::{Row, between, reference_rates};
-use super::{PublishedValue, Estimate, Expected, Experiment, Receiver};
+use super::{Estimate, Expected, Experiment, PublishedValue, Receiver};
 
 /// Two Y-scans, to one stop and to the other; the limit cycle turns X through many counts.
 macro_rules! ends {
@@ -88,7 +88,8 @@ pub const EXPERIMENTS: &[Experiment] = &[
             if from + 2 > to {
                 return vec![Estimate::new(f64::NAN, 0.0); 2];
             }
-            let transit = LineFit::of(rows[from..to].iter().map(|row| (row.reference_arcsec[1], row.residual(Gyro::X))));
+            let transit =
+                LineFit::of(rows[from..to].iter().map(|row| (row.reference_arcsec[1], row.residual(Gyro::X))));
             // The rate about Y where the transit's line leaves the level of rest.
             let start_arcsec = transit.reaches(at_rest);
             let rates: Vec<_> = reference_rates(&rows, 1).collect();
@@ -114,9 +115,17 @@ pub const EXPERIMENTS: &[Experiment] = &[
         ",
         claims: &[
             PublishedValue {
-                what: "creep below 1.5″/s", source: "§3.3", expected: Expected::Value(0.015, 0.0), unit: "″/s"
+                what: "creep below 1.5″/s",
+                source: "§3.3",
+                expected: Expected::Value(0.015, 0.0),
+                unit: "″/s",
             },
-            PublishedValue { what: "largest transit time", source: "§3.3", expected: Expected::Value(15.6, 0.05), unit: "min" },
+            PublishedValue {
+                what: "largest transit time",
+                source: "§3.3",
+                expected: Expected::Value(15.6, 0.05),
+                unit: "min",
+            },
         ],
         measure: |receiver| {
             let rows = receiver.listen(2200.0);

@@ -1,12 +1,12 @@
 //! What stands at the other end of the link: counts, flags, temperatures and the instants they came at.
 
 use geu_protocol::command::{self, COMMANDS};
-use geu_protocol::{Gyro, Sample, CommandResult};
+use geu_protocol::{CommandResult, Gyro, Sample};
 
-use geu_model::attitude::{Motion, AttitudeProfile};
+use geu_model::attitude::{AttitudeProfile, Motion};
 use geu_model::{Configuration, GyroUnit};
 
-/// What is known at the end of a half second.
+/// What is known at the end of a sample interval.
 #[derive(Debug, Clone, Copy)]
 pub struct Row {
     /// Instant of reception, true time since the start.
@@ -15,7 +15,7 @@ pub struct Row {
     pub counts: [f64; 4],
     /// Rotation about the control axes so far, of the reference attitude.
     pub reference_arcsec: [f64; 3],
-    pub half_second: Sample,
+    pub sample: Sample,
 }
 
 impl Row {
@@ -40,11 +40,12 @@ pub struct Receiver {
 impl Receiver {
     /// A unit that starts, and its receiver.
     pub fn new(configuration: &Configuration) -> Receiver {
-        let plan = AttitudeProfile::new(&configuration.scenario).expect("a configuration holds only scenarios that were tried");
+        let plan = AttitudeProfile::new(&configuration.scenario)
+            .expect("a configuration holds only scenarios that were tried");
         Receiver {
             unit: GyroUnit::new(configuration),
             reference: Motion::new(plan, configuration.scenario.limit_cycle),
-            now: Row { t_s: 0.0, counts: [0.0; 4], reference_arcsec: [0.0; 3], half_second: Sample::default() },
+            now: Row { t_s: 0.0, counts: [0.0; 4], reference_arcsec: [0.0; 3], sample: Sample::default() },
         }
     }
 
@@ -57,10 +58,10 @@ impl Receiver {
     pub fn listen_every(&mut self, stride: u64, until_s: f64) -> Vec<Row> {
         let mut rows = Vec::new();
         while (self.unit.ended() as f64) < 2.0 * until_s {
-            let ended = self.unit.end_half_second();
+            let ended = self.unit.end_sample();
             self.now.t_s = ended.end_ns as f64 * 1e-9;
-            self.now.half_second = ended.half_second;
-            for (counts, increment) in self.now.counts.iter_mut().zip(ended.half_second.increments) {
+            self.now.sample = ended.sample;
+            for (counts, increment) in self.now.counts.iter_mut().zip(ended.sample.increments) {
                 *counts += f64::from(increment);
             }
             if self.unit.ended().is_multiple_of(stride) {

@@ -4,7 +4,7 @@ use geu_protocol::Gyro;
 
 use super::estimate::{Fit, LineFit};
 use super::receiver::{Row, between, reference_rates};
-use super::{PublishedValue, Estimate, Expected, Experiment};
+use super::{Estimate, Expected, Experiment, PublishedValue};
 use geu_model::Configuration;
 use geu_model::units::{PPM, S_PER_DAY};
 
@@ -97,7 +97,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
             let (cold, warm) = (between(&rows, 20.0, 3600.0), between(&rows, 3602.0, 7200.0));
             let change = scale_factor_ppm(warm, Gyro::Za, 2).minus(scale_factor_ppm(cold, Gyro::Za, 2));
             let kelvin = |rows: &[Row]| Estimate {
-                value: f64::from(rows[rows.len() / 2].half_second.electronics_centi_c) * 0.01,
+                value: f64::from(rows[rows.len() / 2].sample.electronics_centi_c) * 0.01,
                 // What is told is rounded to 0.01 K, and the course is known to be at rest.
                 sigma: 0.0,
             };
@@ -186,7 +186,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
         ",
         claims: &[
             PublishedValue {
-                what: "half second of a clock fast by 100 ppm",
+                what: "sample of a clock fast by 100 ppm",
                 source: "model",
                 expected: Expected::Value(0.5 / 1.0001, 0.0),
                 unit: "s",
@@ -202,7 +202,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
             let rows = receiver.listen(12_000.0);
             let (nominal, fast) = (between(&rows, 20.0, 6000.0), between(&rows, 6001.0, 12_000.0));
             let change = scale_factor_ppm(fast, Gyro::Za, 2).minus(scale_factor_ppm(nominal, Gyro::Za, 2));
-            vec![half_second_s(fast), change.over(clock_ppm(fast))]
+            vec![sample_s(fast), change.over(clock_ppm(fast))]
         },
     },
     Experiment {
@@ -221,7 +221,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
         measure: |receiver| {
             let rows = receiver.listen(14_400.0);
             let (nominal, fast) = (between(&rows, 20.0, 7200.0), between(&rows, 7201.0, 14_400.0));
-            // D in arcsec per on-board half second is −N·SF, SF as the experiment before finds it.
+            // D in arcsec per on-board sample interval is −N·SF, SF as the experiment before finds it.
             let drift = |rows: &[Row], scale_factor: f64| {
                 LineFit::of(rows.iter().enumerate().map(|(index, row)| {
                     (index as f64, -row.counts[Gyro::X as usize] * scale_factor + row.reference_arcsec[0])
@@ -257,15 +257,15 @@ pub const EXPERIMENTS: &[Experiment] = &[
     },
 ];
 
-/// Length of a half second, true time.
-fn half_second_s(rows: &[Row]) -> Estimate {
+/// Length of a sample, true time.
+fn sample_s(rows: &[Row]) -> Estimate {
     let (first, last, count) = (rows[0], rows[rows.len() - 1], (rows.len() - 1) as f64);
     Estimate::new((last.t_s - first.t_s) / count, 1e-9 / 6f64.sqrt() / count)
 }
 
 /// How fast the unit's clock is.
 fn clock_ppm(rows: &[Row]) -> Estimate {
-    let frequency = half_second_s(rows).relative_to(0.5);
+    let frequency = sample_s(rows).relative_to(0.5);
     Estimate::new(frequency.value - 1.0, frequency.sigma).times(1.0 / PPM)
 }
 

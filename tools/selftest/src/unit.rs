@@ -5,7 +5,7 @@ use geu_protocol::field::unit_flag;
 
 use super::estimate::settling;
 use super::receiver::Row;
-use super::{PublishedValue, Estimate, Expected, Experiment};
+use super::{Estimate, Expected, Experiment, PublishedValue};
 
 pub const EXPERIMENTS: &[Experiment] = &[
     Experiment {
@@ -13,9 +13,11 @@ pub const EXPERIMENTS: &[Experiment] = &[
         noise: false,
         configuration: "",
         claims: &[
-            PublishedValue { what: "length of a sample", source: "§2", expected: Expected::Value(0.5, 0.0), unit: "s" },
             PublishedValue {
-                what: "clock count per half second",
+                what: "length of a sample", source: "§2", expected: Expected::Value(0.5, 0.0), unit: "s"
+            },
+            PublishedValue {
+                what: "clock count per sample interval",
                 source: "model",
                 expected: Expected::Value(500_000.0, 0.0),
                 unit: "µs",
@@ -24,7 +26,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
         measure: |receiver| {
             let rows = receiver.listen(600.0);
             let (first, last, count) = (rows[0], rows[rows.len() - 1], (rows.len() - 1) as f64);
-            let clock = last.half_second.clock_count - first.half_second.clock_count;
+            let clock = last.sample.clock_count - first.sample.clock_count;
             // Instants are told to the nanosecond.
             let grain_s = 1e-9 / 6f64.sqrt();
             vec![
@@ -38,9 +40,17 @@ pub const EXPERIMENTS: &[Experiment] = &[
         noise: false,
         configuration: "",
         claims: &[
-            PublishedValue { what: "smallest increment", source: "§2", expected: Expected::Value(1.0, 0.0), unit: "count" },
             PublishedValue {
-                what: "rotation per count", source: "§2, §3.2", expected: Expected::Value(1.0, 0.0), unit: "″"
+                what: "smallest increment",
+                source: "§2",
+                expected: Expected::Value(1.0, 0.0),
+                unit: "count",
+            },
+            PublishedValue {
+                what: "rotation per count",
+                source: "§2, §3.2",
+                expected: Expected::Value(1.0, 0.0),
+                unit: "″",
             },
         ],
         measure: |receiver| {
@@ -86,8 +96,8 @@ pub const EXPERIMENTS: &[Experiment] = &[
             let mut extreme = |gyro: Gyro, counts: i64, until_s: f64| {
                 receiver.command("SELF_TEST", &[i64::from(gyro.bit()), counts, 4]);
                 let rows = receiver.listen(until_s);
-                let flagged = rows.iter().filter(|row| row.half_second.gyro_flags & gyro.bit() << 4 != 0);
-                let increments = flagged.map(|row| f64::from(row.half_second.increments[gyro as usize]));
+                let flagged = rows.iter().filter(|row| row.sample.gyro_flags & gyro.bit() << 4 != 0);
+                let increments = flagged.map(|row| f64::from(row.sample.increments[gyro as usize]));
                 Estimate::new(increments.max_by(|a, b| a.abs().total_cmp(&b.abs())).unwrap_or(f64::NAN), 0.0)
             };
             vec![extreme(Gyro::X, 32_767, 5.0), extreme(Gyro::Y, -32_768, 10.0)]
@@ -106,10 +116,15 @@ pub const EXPERIMENTS: &[Experiment] = &[
                 expected: Expected::Value(20.0, 0.0),
                 unit: "min",
             },
-            PublishedValue { what: "warm-up time constant", source: "model", expected: Expected::Value(20.0, 0.0), unit: "min" },
+            PublishedValue {
+                what: "warm-up time constant",
+                source: "model",
+                expected: Expected::Value(20.0, 0.0),
+                unit: "min",
+            },
         ],
         measure: |receiver| {
-            let centi = |row: &Row| f64::from(row.half_second.sensor_centi_c);
+            let centi = |row: &Row| f64::from(row.sample.sensor_centi_c);
             let settle = |rows: &[Row], level: f64| {
                 let start_s = rows[0].t_s;
                 let points: Vec<_> = rows.iter().map(|row| (row.t_s - start_s, centi(row) - level)).collect();
@@ -120,7 +135,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
             let cooling = receiver.listen(6600.0);
             receiver.command("HEATER", &[1]);
             let warming = receiver.listen(12_600.0);
-            let left = cooling.iter().position(|row| row.half_second.unit_flags & unit_flag("heater_in_band") == 0);
+            let left = cooling.iter().position(|row| row.sample.unit_flags & unit_flag("heater_in_band") == 0);
             // The band's edge lies between two readings, each rounded to 0.01 K.
             let edge =
                 left.filter(|&index| index > 0).map(|index| [centi(&cooling[index - 1]), centi(&cooling[index])]);
@@ -151,8 +166,8 @@ pub const EXPERIMENTS: &[Experiment] = &[
             receiver.listen(10.0);
             receiver.command("GYRO_POWER", &[0x0F]);
             let rows = receiver.listen(120.0);
-            let valid = rows.iter().find(|row| row.half_second.gyro_flags & 0x0F == 0x0F);
-            // The first valid half second starts when the motor is synchronous; it is told at its end.
+            let valid = rows.iter().find(|row| row.sample.gyro_flags & 0x0F == 0x0F);
+            // The first valid sample starts when the motor is synchronous; it is told at its end.
             let spun_up_s = valid.map_or(f64::NAN, |row| row.t_s - 0.5 - 10.0);
             vec![Estimate::new(spun_up_s, 0.5 / 12f64.sqrt())]
         },

@@ -9,7 +9,7 @@ use tokio::sync::broadcast;
 /// Something that happened, as clients of `/api/events` get it.
 #[derive(Debug, Clone)]
 pub struct SseEvent {
-    /// `half-second` or `timeline`.
+    /// `sample` or `timeline`.
     pub name: &'static str,
     /// One line of JSON.
     pub data: Arc<str>,
@@ -39,7 +39,7 @@ pub trait ControlBackend: Send + Sync + 'static {
     fn command(&self, payload: Vec<u8>) -> impl Future<Output = Value> + Send;
     /// What happened so far, one line of JSON each; bounded.
     fn timeline(&self) -> Vec<Arc<str>>;
-    /// The last ten minutes, a half second each, the oldest first.
+    /// The last ten minutes, a sample each, the oldest first.
     fn history(&self) -> Value;
     /// What happens from now on. A client that falls behind the channel is dropped.
     fn subscribe(&self) -> broadcast::Receiver<SseEvent>;

@@ -3,7 +3,7 @@
 use geu_protocol::command::{self, COMMANDS, CommandSpec};
 use geu_protocol::field::{CRC, FieldSpec, WireType};
 use geu_protocol::message::{Data, MESSAGES, Message, MessageId};
-use geu_protocol::{Sample, Reply};
+use geu_protocol::{Reply, Sample};
 use serde_json::{Map, Value, json};
 
 /// Every command, with its arguments and their ranges.
@@ -30,7 +30,7 @@ pub fn commands() -> Value {
         .collect()
 }
 
-/// A reply to a command, and the half second that it polled.
+/// A reply to a command, and the sample that it polled.
 pub fn reply(reply: &Reply, polled: Option<&Sample>) -> Value {
     let spec = COMMANDS.iter().find(|spec| spec.opcode == reply.opcode());
     let mut rest = reply.values();
@@ -47,12 +47,12 @@ pub fn reply(reply: &Reply, polled: Option<&Sample>) -> Value {
         "polled": polled.map(told) })
 }
 
-/// What the unit tells in a half second.
-pub fn told(half_second: &Sample) -> Value {
-    json!({ "sequence": half_second.sequence, "increments": half_second.increments,
-        "gyro_flags": half_second.gyro_flags, "unit_flags": half_second.unit_flags,
-        "electronics_c": f64::from(half_second.electronics_centi_c) / 100.0,
-        "sensor_c": f64::from(half_second.sensor_centi_c) / 100.0, "clock_count": half_second.clock_count })
+/// What the unit tells in a sample interval.
+pub fn told(sample: &Sample) -> Value {
+    json!({ "sequence": sample.sequence, "increments": sample.increments,
+        "gyro_flags": sample.gyro_flags, "unit_flags": sample.unit_flags,
+        "electronics_c": f64::from(sample.electronics_centi_c) / 100.0,
+        "sensor_c": f64::from(sample.sensor_centi_c) / 100.0, "clock_count": sample.clock_count })
 }
 
 /// What stands before the payload of a serial frame.
@@ -68,7 +68,7 @@ const fn header(name: &'static str, wire: WireType, meaning: &'static str) -> Fi
     FieldSpec { name, wire, unit: "", scale: 1.0, bits: &[], meaning }
 }
 
-/// What stands where in the frames of a half second.
+/// What stands where in the frames of a sample.
 pub(super) fn layout() -> Value {
     let can = MESSAGES.iter().filter_map(|message| match message.place {
         MessageId::Can(offset) => Some(json!({ "name": message.name, "offset": offset, "meaning": message.meaning,

@@ -74,11 +74,11 @@ type Here<B> = State<Arc<AppState<B>>>;
 pub(super) fn table<B: ControlBackend>() -> Vec<Route<Arc<AppState<B>>>> {
     let mut table = vec![
         get("/api/status", "State of the run", Json(200, "Status"), status::<B>),
-        get("/api/lateness", "How late half seconds were sent", Json(200, "Lateness"), lateness::<B>),
+        get("/api/lateness", "How late samples were sent", Json(200, "Lateness"), lateness::<B>),
         get("/api/truth", "What really happened, beside what the unit tells", Json(200, "Truth"), truth::<B>),
         get("/api/catalogue", "What can be set, injected and commanded", Json(200, "Catalogue"), catalogue::<B>),
         get("/api/parameters", "Parameters that a fault can change", Json(200, "Parameters"), parameters::<B>),
-        get("/api/layout", "What stands where in the frames of a half second", Json(200, "Layout"), layout),
+        get("/api/layout", "What stands where in the frames of a sample", Json(200, "Layout"), layout),
         get("/api/faults", "Every fault: armed, active, over", Json(200, "Faults"), faults::<B>),
         Route {
             takes: Some("Injection"),
@@ -110,7 +110,7 @@ pub(super) fn table<B: ControlBackend>() -> Vec<Route<Arc<AppState<B>>>> {
         get("/api/timeline", "What happened so far, one Happening a line", Text("application/x-ndjson"), timeline::<B>),
         get(
             "/api/history",
-            "The last ten minutes (1200 half seconds), the oldest first, whatever the speed",
+            "The last ten minutes (1200 samples), the oldest first, whatever the speed",
             Json(200, "History"),
             history::<B>,
         ),

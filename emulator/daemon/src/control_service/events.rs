@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::mpsc::SyncSender;
 use std::time::{Duration, Instant};
 
-use geu_model::attitude::{MotionState, Motion};
+use geu_model::attitude::{Motion, MotionState};
 use geu_model::units::on_board_s;
 use geu_model::{CompletedSample, InjectionRecord};
 use geu_protocol::command::{self, COMMANDS};
@@ -16,28 +16,28 @@ use crate::fault_json;
 use crate::recorder::UnitEvent;
 use crate::shared_unit::Observer;
 
-/// A run faster than real shows a half second so often at most.
+/// A run faster than real shows a sample so often at most.
 const PACE: Duration = Duration::from_millis(50);
 
 /// Kind of line of a command.
 pub(super) const COMMAND: &str = "command";
-/// Commands of one half second that are shown one by one; more are counted.
+/// Commands of one sample that are shown one by one; more are counted.
 const FEW: u64 = 4;
 
 /// Something to be shown.
 pub(super) enum ServiceEvent {
-    HalfSecond(SampleEvent),
-    /// An event of the half second that runs.
+    Sample(SampleEvent),
+    /// An event of the sample that runs.
     Event(u64, UnitEvent),
-    /// How many more commands came in that half second.
+    /// How many more commands came in that sample interval.
     Commands(u64, u64),
 }
 
-/// A half second that ended, with the truth behind it.
+/// A sample that ended, with the truth behind it.
 pub(super) struct SampleEvent {
     pub ended: CompletedSample,
     pub true_arcsec: [f64; 4],
-    /// Increments less true rotation, of every half second until the end of this one.
+    /// Increments less true rotation, of every sample until the end of this one.
     pub departure_arcsec: [f64; 4],
     pub now: MotionState,
     pub knows_sun: bool,
@@ -49,9 +49,9 @@ pub(crate) struct EventPublisher {
     sender: SyncSender<ServiceEvent>,
     lost: Arc<AtomicU64>,
     historian: Historian,
-    half_seconds: u64,
+    samples: u64,
     departure_arcsec: [f64; 4],
-    /// Since the last half second.
+    /// Since the last sample.
     commands: u64,
     shown: Option<Instant>,
 }
@@ -59,15 +59,7 @@ pub(crate) struct EventPublisher {
 impl EventPublisher {
     /// Tells `sender`, and counts what finds no room there.
     pub(super) fn new(sender: SyncSender<ServiceEvent>, lost: Arc<AtomicU64>, historian: Historian) -> EventPublisher {
-        EventPublisher {
-            sender,
-            lost,
-            historian,
-            half_seconds: 0,
-            departure_arcsec: [0.0; 4],
-            commands: 0,
-            shown: None,
-        }
+        EventPublisher { sender, lost, historian, samples: 0, departure_arcsec: [0.0; 4], commands: 0, shown: None }
     }
 
     fn send(&self, told: ServiceEvent) {
@@ -80,28 +72,28 @@ impl EventPublisher {
 impl Observer for EventPublisher {
     fn observe(&mut self, event: &UnitEvent, motion: &Motion) {
         let told = match event {
-            UnitEvent::HalfSecond(ended, traces, injected) => {
+            UnitEvent::Sample(ended, traces, injected) => {
                 if let Some(more @ 1..) = std::mem::take(&mut self.commands).checked_sub(FEW) {
-                    self.send(ServiceEvent::Commands(self.half_seconds, more));
+                    self.send(ServiceEvent::Commands(self.samples, more));
                 }
-                self.half_seconds += 1;
-                let told = ended.half_second.increments.into_iter().zip(traces.iter());
+                self.samples += 1;
+                let told = ended.sample.increments.into_iter().zip(traces.iter());
                 for (departure, (increment, trace)) in self.departure_arcsec.iter_mut().zip(told) {
                     *departure += f64::from(increment) - trace.true_arcsec;
                 }
                 self.historian.push(HistorySample {
                     t_s: end_s(ended),
-                    half_second: self.half_seconds,
-                    increments: ended.half_second.increments,
+                    sample: self.samples,
+                    increments: ended.sample.increments,
                     true_arcsec: traces.each_ref().map(|trace| trace.true_arcsec),
                     departure_arcsec: self.departure_arcsec,
-                    gyro_flags: ended.half_second.gyro_flags,
+                    gyro_flags: ended.sample.gyro_flags,
                 });
                 if self.shown.is_some_and(|shown| shown.elapsed() < PACE) {
                     return;
                 }
                 self.shown = Some(Instant::now());
-                ServiceEvent::HalfSecond(SampleEvent {
+                ServiceEvent::Sample(SampleEvent {
                     ended: *ended,
                     true_arcsec: traces.each_ref().map(|trace| trace.true_arcsec),
                     departure_arcsec: self.departure_arcsec,
@@ -117,14 +109,14 @@ impl Observer for EventPublisher {
             }
             event => {
                 self.commands += u64::from(matches!(event, UnitEvent::Command { .. }));
-                ServiceEvent::Event(self.half_seconds, event.clone())
+                ServiceEvent::Event(self.samples, event.clone())
             }
         };
         self.send(told);
     }
 }
 
-/// On-board time at the end of a half second, s.
+/// On-board time at the end of a sample interval, s.
 pub(super) fn end_s(ended: &CompletedSample) -> f64 {
     (ended.end_ns as f64 * 1e-9 * 1e6).round() / 1e6
 }
@@ -134,20 +126,18 @@ pub(super) fn more_commands(frame: u64, count: u64) -> Value {
     json!({ "t_s": on_board_s(frame), "kind": COMMAND, "text": format!("{count} more commands") })
 }
 
-/// An event as a line of the timeline; nothing for what is shown otherwise. `frame` is the half second that runs.
+/// An event as a line of the timeline; nothing for what is shown otherwise. `frame` is the sample that runs.
 pub(super) fn line(frame: u64, event: &UnitEvent) -> Option<Value> {
     let line = |t_s: f64, kind: &str, text: String| Some(json!({ "t_s": t_s, "kind": kind, "text": text }));
     let now_s = on_board_s(frame);
     match event {
-        UnitEvent::HalfSecond(..) | UnitEvent::Polled(_) => None,
+        UnitEvent::Sample(..) | UnitEvent::Polled(_) => None,
         UnitEvent::Command { link, payload, .. } => {
             let name = payload.first().and_then(|opcode| COMMANDS.iter().find(|spec| spec.opcode == *opcode));
             let (name, bytes) = (name.map_or("unknown command", |spec| spec.name), command::hex(payload));
             line(now_s, COMMAND, format!("{name} ({bytes}) over {link}"))
         }
-        UnitEvent::Missed { .. } => {
-            line(now_s, "missed", "a half second was not sent: the process was held up".to_owned())
-        }
+        UnitEvent::Missed { .. } => line(now_s, "missed", "a sample was not sent: the process was held up".to_owned()),
         UnitEvent::Happened(happening) => {
             let mut told = fault_json::happening(frame, happening);
             let (kind, text) = match told["what"].as_str() {

@@ -1,6 +1,6 @@
 //! The last ten minutes of the run, so that a client that comes late can draw them.
 //!
-//! Every half second is kept, at any speed. The thread that keeps time adds them and never waits: while somebody reads, they
+//! Every sample is kept, at any speed. The thread that keeps time adds them and never waits: while somebody reads, they
 //! wait on its side.
 
 use std::collections::VecDeque;
@@ -8,16 +8,16 @@ use std::sync::{Arc, Mutex, MutexGuard};
 
 use serde_json::{Value, json};
 
-/// Half seconds kept: ten minutes of on-board time, about 150 kB.
+/// Samples kept: ten minutes of on-board time, about 150 kB.
 const KEPT: usize = 1200;
 
-/// A half second as charts need it.
+/// A sample as charts need it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct HistorySample {
     /// On-board time at its end.
     pub t_s: f64,
     /// How many had ended, with this one.
-    pub half_second: u64,
+    pub sample: u64,
     pub increments: [i16; 4],
     pub true_arcsec: [f64; 4],
     pub departure_arcsec: [f64; 4],
@@ -27,7 +27,7 @@ pub(super) struct HistorySample {
 impl HistorySample {
     fn json(&self) -> Value {
         json!({
-            "t_s": self.t_s, "half_second": self.half_second, "increments": self.increments,
+            "t_s": self.t_s, "half_second": self.sample, "increments": self.increments,
             "true_arcsec": self.true_arcsec, "departure_arcsec": self.departure_arcsec, "gyro_flags": self.gyro_flags,
         })
     }
@@ -80,11 +80,11 @@ pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 mod tests {
     use super::*;
 
-    fn sample(half_second: u64) -> HistorySample {
-        let t_s = half_second as f64 * 0.5;
+    fn sample(sample: u64) -> HistorySample {
+        let t_s = sample as f64 * 0.5;
         HistorySample {
             t_s,
-            half_second,
+            sample,
             increments: [1, -2, 3, -4],
             true_arcsec: [0.5; 4],
             departure_arcsec: [0.0; 4],
@@ -96,11 +96,11 @@ mod tests {
     fn the_last_ten_minutes_are_kept_and_a_reader_holds_nobody_up() {
         let history = History::default();
         let mut historian = Historian::new(history.clone());
-        (1..=3000).for_each(|half_second| historian.push(sample(half_second)));
+        (1..=3000).for_each(|sample| historian.push(self::sample(sample)));
         {
             let reader = lock(&history.0);
-            (3001..=3010).for_each(|half_second| historian.push(sample(half_second)));
-            assert_eq!(reader.back().map(|sample| sample.half_second), Some(3000));
+            (3001..=3010).for_each(|sample| historian.push(self::sample(sample)));
+            assert_eq!(reader.back().map(|sample| sample.sample), Some(3000));
         }
         historian.push(sample(3011));
         let told = history.json();

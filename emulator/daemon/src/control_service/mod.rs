@@ -20,7 +20,7 @@ use std::thread::{self, JoinHandle};
 use geu_model::configuration::fault::{MOST, read_fault_text, read_plan_text};
 use geu_model::fault::catalogue::Transport;
 use geu_model::fault::{Fault, unsatisfiable_condition};
-use geu_model::units::HALF_SECOND_S;
+use geu_model::units::SAMPLE_INTERVAL_S;
 use geu_protocol::suggestion::{did_you_mean, listed};
 use serde_json::{Map, Value, json};
 use tokio::sync::broadcast;
@@ -121,7 +121,7 @@ impl ControlService {
         self.0.known.get().expect("served only when all is known")
     }
 
-    /// Adds what `read` makes of the faults that are there: all with the same half second, or none.
+    /// Adds what `read` makes of the faults that are there: all with the same sample, or none.
     fn add(&self, read: impl Fn(&[Fault]) -> Result<Vec<Fault>, String>) -> Result<Vec<Fault>, String> {
         let (unit, open) = (&self.known().unit, self.known().open());
         // Read without the unit, which the thread that keeps time may want meanwhile; again where an identifier was taken
@@ -139,7 +139,7 @@ impl ControlService {
             if let Some(reason) = faults.iter().find_map(|fault| fault.misses(&open)).or_else(in_vain) {
                 return Err(reason);
             }
-            let start_s = (unit.running().0 + 1) as f64 * HALF_SECOND_S;
+            let start_s = (unit.running().0 + 1) as f64 * SAMPLE_INTERVAL_S;
             if let Some(Fault { id, until_s, .. }) = faults.iter().find(|fault| fault.until_s <= start_s) {
                 return Err(format!("{id}: expected a time to come for `until_s`, after {start_s} s, got {until_s}"));
             }
@@ -168,9 +168,9 @@ impl Shared {
     fn show(&self, told: &Receiver<ServiceEvent>) {
         for told in told {
             let (name, data) = match told {
-                ServiceEvent::HalfSecond(half_second) => {
+                ServiceEvent::Sample(sample) => {
                     let Some(known) = self.known.get() else { continue };
-                    let shown = known.half_second(&half_second);
+                    let shown = known.sample(&sample);
                     *lock(&self.last) = shown.clone();
                     ("half-second", shown)
                 }

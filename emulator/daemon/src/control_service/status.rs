@@ -58,12 +58,12 @@ impl StatusSource {
         [self.open(), self.recorded.into_iter().collect()].concat()
     }
 
-    pub fn half_second(&self, told: &SampleEvent) -> Value {
+    pub fn sample(&self, told: &SampleEvent) -> Value {
         let SampleEvent { ended, true_arcsec, departure_arcsec, now, knows_sun, injected } = told;
-        let half_second = &ended.half_second;
+        let sample = &ended.sample;
         let acting = injected.as_ref().map_or(&[][..], |injected| &injected.acting);
         let carried = |model: &LinkModel| -> Vec<WireData> {
-            let transmissions = model.carry(Some(half_second).filter(|_| ended.cyclic || is_polled(ended)), 0, acting);
+            let transmissions = model.carry(Some(sample).filter(|_| ended.cyclic || is_polled(ended)), 0, acting);
             transmissions
                 .into_iter()
                 .filter(|transmission| (transmission.frame, transmission.after_ns) == (0, 0))
@@ -95,7 +95,7 @@ impl StatusSource {
             "missed": counts.missed,
             "faults": self.faults_now(),
         });
-        let mut shown = control::told(half_second);
+        let mut shown = control::told(sample);
         if let (Value::Object(shown), Value::Object(more)) = (&mut shown, more) {
             shown.extend(more);
         }
@@ -126,9 +126,9 @@ impl StatusSource {
     }
 }
 
-/// Whether a half second that is not sent by itself is there to be polled.
+/// Whether a sample that is not sent by itself is there to be polled.
 fn is_polled(ended: &CompletedSample) -> bool {
-    ended.half_second.unit_flags & geu_protocol::field::unit_flag("polled") != 0
+    ended.sample.unit_flags & geu_protocol::field::unit_flag("polled") != 0
 }
 
 /// How a fault stands.

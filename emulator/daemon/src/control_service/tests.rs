@@ -1,4 +1,4 @@
-//! The bench without the control interface: a unit whose half seconds end when a test says so.
+//! The bench without the control interface: a unit whose samples end when a test says so.
 
 use std::time::{Duration, Instant};
 
@@ -28,9 +28,9 @@ fn room_on(truth: &Truth) -> Room {
 }
 
 impl Room {
-    fn run(&self, half_seconds: u64) {
-        for _ in 0..half_seconds {
-            self.unit.end_half_second();
+    fn run(&self, samples: u64) {
+        for _ in 0..samples {
+            self.unit.end_sample();
             self.unit.complete();
         }
     }
@@ -39,7 +39,7 @@ impl Room {
         self.bench.inject(fault.as_object().expect("an object"))
     }
 
-    /// Runs on until a half second is shown of which this holds.
+    /// Runs on until a sample is shown of which this holds.
     fn shown(&self, is_meant: impl Fn(&Value) -> bool) -> Value {
         let start = Instant::now();
         loop {
@@ -122,7 +122,7 @@ fn a_run_has_a_greatest_number_of_faults_and_its_record_is_read_again() {
 }
 
 #[test]
-fn what_is_accumulated_holds_half_seconds_that_were_not_shown() {
+fn what_is_accumulated_holds_samples_that_were_not_shown() {
     let room = room();
     let mut unit = geu_model::GyroUnit::new(&Configuration::reference());
     room.run(500);
@@ -130,9 +130,9 @@ fn what_is_accumulated_holds_half_seconds_that_were_not_shown() {
     let mut departure = [0.0; 4];
     // The reference unit's own clock is right.
     while unit.ended() < (shown["t_s"].as_f64().expect("a time") * 2.0).round() as u64 {
-        let (ended, traces) = unit.end_half_second_traced();
+        let (ended, traces) = unit.end_sample_traced();
         for (gyro, trace) in traces.iter().enumerate() {
-            departure[gyro] += f64::from(ended.half_second.increments[gyro]) - trace.true_arcsec;
+            departure[gyro] += f64::from(ended.sample.increments[gyro]) - trace.true_arcsec;
         }
     }
     assert_eq!(shown["departure_arcsec"], json!(departure));

@@ -25,7 +25,7 @@ use crate::shared_unit::SharedUnit;
 
 /// Between two attempts at an interface that is gone.
 const AGAIN: Duration = Duration::from_millis(250);
-/// A full queue is waited for so long in all; then the rest of the half second is dropped.
+/// A full queue is waited for so long in all; then the rest of the sample is dropped.
 const QUEUE_PATIENCE: Duration = Duration::from_millis(5);
 /// Between two looks for room in a full queue.
 const LOOK_AGAIN: Duration = Duration::from_micros(200);
@@ -41,7 +41,7 @@ struct Bus {
     /// A write found the socket to be of no use: why, and that it did.
     failure: Mutex<Option<Errno>>,
     lost: Notify,
-    /// Held for the frames of one half second, so that no other comes between.
+    /// Held for the frames of one sample, so that no other comes between.
     turn: tokio::sync::Mutex<()>,
     /// Answers to commands, by the wall clock.
     answers: Mutex<TransmitQueue>,
@@ -61,7 +61,7 @@ struct Can {
     bus: Arc<Bus>,
     /// Whether the interface was up when it was opened.
     is_up: bool,
-    /// Whether the queue was full at the last half second; told once, and once when it is over.
+    /// Whether the queue was full at the last sample; told once, and once when it is over.
     is_full: bool,
 }
 

@@ -13,11 +13,11 @@ use super::statistics::{LinkStatistics, Sending};
 use crate::cadence::now_ns;
 use crate::link_model::{TransmitQueue, WireData};
 
-/// Bytes of half seconds that may wait when another is offered: less than two.
+/// Bytes of samples that may wait when another is offered: less than two.
 const DATA_ROOM: usize = 2 * MAX_FRAME;
 /// Bytes of replies that may wait: beyond, no more commands are read for a while, then replies are dropped.
 const REPLY_ROOM: usize = 512;
-/// The longest answer: a reply, and the half second that was polled.
+/// The longest answer: a reply, and the sample that was polled.
 const LONGEST_ANSWER: usize = 2 * MAX_FRAME;
 /// A paced line takes so much of its time in one write, ns.
 const CHUNK_NS: i64 = 1_000_000;
@@ -38,7 +38,7 @@ pub(super) struct SendBuffer {
     pub begun: Option<bool>,
     /// What waits for the end of that frame.
     waiting: Vec<Waiting>,
-    /// The beginning of a half second was dropped, so its rest is too.
+    /// The beginning of a sample interval was dropped, so its rest is too.
     pub is_dropping: bool,
     /// Answers whose time has not come, by the wall clock.
     pub answers: TransmitQueue,
@@ -58,7 +58,7 @@ pub(super) struct SendBuffer {
 /// Bytes that wait for the end of a frame of the other thread.
 struct Waiting {
     bytes: Vec<u8>,
-    /// Whether they are of an answer, not of a half second that is sent by itself.
+    /// Whether they are of an answer, not of a sample that is sent by itself.
     is_reply: bool,
     /// Whether they end within a frame.
     more_fragments: bool,
@@ -178,7 +178,7 @@ impl SendBuffer {
         self.port.is_none() || self.replies + self.waiting(true) + LONGEST_ANSWER <= REPLY_ROOM
     }
 
-    /// Drops bytes of a half second; the rest of the frame with which they end must not come alone.
+    /// Drops bytes of a sample; the rest of the frame with which they end must not come alone.
     pub fn drop_data(&mut self, more_fragments: bool) -> Sending {
         self.is_dropping = more_fragments;
         Sending::Dropped

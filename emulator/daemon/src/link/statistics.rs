@@ -11,7 +11,7 @@ pub struct LinkStatistics {
     pub name: String,
     /// Clients attached now; a bus or a port counts as none.
     pub clients: AtomicUsize,
-    /// Sendings, one for each client: all that leaves at one time, a half second where no fault makes it more or less.
+    /// Sendings, one for each client: all that leaves at one time, a sample where no fault makes it more or less.
     pub sent: AtomicU64,
     /// Sendings dropped, whole: the client or the bus had no room, or the device was gone.
     pub dropped: AtomicU64,

@@ -79,18 +79,18 @@ impl StreamSender {
         self.lock().pending.is_empty()
     }
 
-    /// Whether a frame of the half second that was sent last goes on, or was dropped and its rest is too.
+    /// Whether a frame of the sample that was sent last goes on, or was dropped and its rest is too.
     pub fn is_within_frame(&self) -> bool {
         let state = self.lock();
         state.is_dropping || state.begun == Some(false)
     }
 
-    /// Drops bytes of a half second that have no room elsewhere.
+    /// Drops bytes of a sample that have no room elsewhere.
     pub fn drop_data(&self, more_fragments: bool) -> Sending {
         self.lock().drop_data(more_fragments)
     }
 
-    /// Sends a half second, whole or not at all.
+    /// Sends a sample, whole or not at all.
     pub fn send(&self, data: &[WireData], more_fragments: bool, patience: &Patience) -> Sending {
         let length = data.iter().map(|data| data.bytes().len()).sum();
         let asked = Instant::now();

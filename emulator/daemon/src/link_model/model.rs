@@ -4,7 +4,7 @@ use geu_model::fault::FaultKind;
 use geu_model::fault::acting::ActiveFault;
 use geu_model::fault::catalogue::Transport;
 use geu_protocol::serial::DEFAULT_BAUD;
-use geu_protocol::{CanIdMap, Sample, Reply};
+use geu_protocol::{CanIdMap, Reply, Sample};
 
 use super::fault::{self, ActiveLinkFault, Blocked};
 use super::transmission::{Encoding, Transmission, WireData};

@@ -2,7 +2,7 @@
 
 use geu_protocol::command::hex;
 use geu_protocol::serial::{FrameType, data_frame, frame};
-use geu_protocol::{CanFrame, CanIdMap, Sample, Reply};
+use geu_protocol::{CanFrame, CanIdMap, Reply, Sample};
 
 /// How a link encodes messages.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use geu_model::units::HALF_SECOND_NS;
+use geu_model::units::SAMPLE_INTERVAL_NS;
 
 use super::transmission::{Transmission, WireData};
 
@@ -10,7 +10,7 @@ use super::transmission::{Transmission, WireData};
 /// anything else leaves, for a line cannot overtake itself.
 #[derive(Debug, Default)]
 pub(crate) struct TransmitQueue {
-    /// For a half second that has not ended: by its index, then in the order in which they came.
+    /// For a sample that has not ended: by its index, then in the order in which they came.
     held: BTreeMap<u64, Vec<Vec<Transmission>>>,
     /// By on-board time at which they are due, ns, and order; each part with its own time.
     due: BTreeMap<(i64, u64), VecDeque<(i64, WireData)>>,
@@ -18,7 +18,7 @@ pub(crate) struct TransmitQueue {
     begun: VecDeque<(i64, WireData)>,
     /// When something left last, ns.
     left_ns: i64,
-    /// Index of the half second that comes next.
+    /// Index of the sample that comes next.
     next_frame: u64,
     count: u64,
 }
@@ -45,16 +45,16 @@ impl TransmitQueue {
         later.into_iter().for_each(|message| self.held.entry(message[0].frame).or_default().push(message));
     }
 
-    /// The run ends with the half second that ended at `end_ns`: what was held for one that does not come is due when that
+    /// The run ends with the sample that ended at `end_ns`: what was held for one that does not come is due when that
     /// would have ended.
     pub fn end(&mut self, end_ns: i64) {
         for (frame, messages) in std::mem::take(&mut self.held) {
             let more = frame.saturating_add(1).saturating_sub(self.next_frame) as i64;
-            self.schedule(messages, end_ns.saturating_add(more.saturating_mul(HALF_SECOND_NS)));
+            self.schedule(messages, end_ns.saturating_add(more.saturating_mul(SAMPLE_INTERVAL_NS)));
         }
     }
 
-    /// Gives messages of a half second that ended at `end_ns` their times.
+    /// Gives messages of a sample that ended at `end_ns` their times.
     fn schedule(&mut self, messages: Vec<Vec<Transmission>>, end_ns: i64) {
         for message in messages {
             self.count += 1;
@@ -137,11 +137,11 @@ mod tests {
     }
 
     #[test]
-    fn what_is_held_for_a_half_second_that_never_comes_is_due_when_it_would_have_ended() {
+    fn what_is_held_for_a_sample_that_never_comes_is_due_when_it_would_have_ended() {
         let mut queue = TransmitQueue::default();
         queue.put(vec![transmission(9, 0, 1), transmission(8, 1, 2), transmission(0, 60, 3)], 0, 500);
         queue.end(500);
-        let (eighth, ninth) = (500 + 8 * HALF_SECOND_NS + 1, 500 + 9 * HALF_SECOND_NS);
+        let (eighth, ninth) = (500 + 8 * SAMPLE_INTERVAL_NS + 1, 500 + 9 * SAMPLE_INTERVAL_NS);
         assert_eq!(all(&mut queue), [(560, bytes(&[3])), (eighth, bytes(&[2])), (ninth, bytes(&[1]))]);
     }
 

@@ -3,10 +3,10 @@
 //! | `what` | |
 //! |---|---|
 //! | `injected` | a fault came live, with its keys |
-//! | `start`, `end` | a fault began to act, and why; it is over, with the half seconds it touched |
-//! | `bytes` | a half second that a link carried otherwise than without the faults that acted: before, after, identifiers |
+//! | `start`, `end` | a fault began to act, and why; it is over, with the samples it touched |
+//! | `bytes` | a sample that a link carried otherwise than without the faults that acted: before, after, identifiers |
 //! | `reply` | a reply that faults of a link made late or kept back |
-//! | `missed` | a half second that was not sent live, whatever `bytes` claims: the process was held up |
+//! | `missed` | a sample that was not sent live, whatever `bytes` claims: the process was held up |
 //! | `started-by-hand` | a fault that waited for a hand was started, and from when on it acts |
 //! | `cleared` | a fault was taken away |
 //! | `expectation` | one was decided |
@@ -21,7 +21,7 @@ use geu_model::fault::catalogue::Transport;
 use geu_model::units::on_board_s;
 use geu_model::{CompletedSample, InjectionRecord};
 use geu_protocol::command::hex;
-use geu_protocol::{Sample, Reply};
+use geu_protocol::{Reply, Sample};
 use serde_json::{Value, json};
 
 use super::event::PolledSample;
@@ -34,11 +34,11 @@ pub(crate) struct FaultLog {
     file: Output,
     /// The links whose bytes are told.
     models: Vec<LinkModel>,
-    /// Half seconds that each fault touched since it started.
+    /// Samples that each fault touched since it started.
     touched: BTreeMap<String, u64>,
 }
 
-/// A half second on one link, as a line tells it.
+/// A sample on one link, as a line tells it.
 struct Sent<'a> {
     model: &'a LinkModel,
     /// Its index, and its sequence as told.
@@ -70,15 +70,20 @@ impl FaultLog {
         self.file.write(|file| writeln!(file, "{line}"))
     }
 
-    /// A half second that ended while faults acted.
-    pub fn half_second(&mut self, frame: u64, ended: &CompletedSample, injected: &InjectionRecord) -> Result<(), RecordError> {
-        let told = Some(&ended.half_second).filter(|_| ended.cyclic);
+    /// A sample that ended while faults acted.
+    pub fn sample(
+        &mut self,
+        frame: u64,
+        ended: &CompletedSample,
+        injected: &InjectionRecord,
+    ) -> Result<(), RecordError> {
+        let told = Some(&ended.sample).filter(|_| ended.cyclic);
         let clean = Some(&injected.clean).filter(|_| injected.is_clean_cyclic);
         let mut touched = BTreeSet::new();
         for model in self.models.clone() {
             let after = model.carry(told, frame, &injected.acting);
             let ids = model.touching(&injected.acting);
-            let sent = Sent { model: &model, frame, sequence: ended.half_second.sequence, is_polled: false };
+            let sent = Sent { model: &model, frame, sequence: ended.sample.sequence, is_polled: false };
             if self.compare(&sent, clean, &after, &ids)? {
                 touched.extend(ids);
             }
@@ -87,20 +92,20 @@ impl FaultLog {
         Ok(())
     }
 
-    /// Half second `frame`, which was polled over a link: faults acted on it, and others act on its way.
+    /// Sample `frame`, which was polled over a link: faults acted on it, and others act on its way.
     pub fn polled(&mut self, frame: u64, polled: &PolledSample) -> Result<(), RecordError> {
-        let PolledSample { link, half_second, reply, injected, acting, .. } = polled;
+        let PolledSample { link, sample, reply, injected, acting, .. } = polled;
         let injected = injected.as_deref();
         let Some(model) = self.model(link) else { return Ok(()) };
-        let clean = injected.map_or(half_second, |injected| &injected.clean);
-        let mut after = model.polled(half_second, reply, acting);
+        let clean = injected.map_or(sample, |injected| &injected.clean);
+        let mut after = model.polled(sample, reply, acting);
         after.iter_mut().for_each(|transmission| transmission.frame = frame);
         // Those of links act on its way alone.
         let on_data = injected.map_or(&[][..], |injected| &injected.acting).iter();
         let on_data = on_data.filter(|acting| acting.on_link().is_none()).map(|acting| acting.fault.id.as_str());
         let on_way = model.faults(acting).into_iter().map(|it| it.acting.fault.id.as_str());
         let ids: Vec<&str> = on_data.chain(on_way).collect();
-        let sent = Sent { model: &model, frame, sequence: half_second.sequence, is_polled: true };
+        let sent = Sent { model: &model, frame, sequence: sample.sequence, is_polled: true };
         if self.compare(&sent, Some(clean), &after, &ids)? {
             self.touch(ids.into_iter().collect());
         }
@@ -113,7 +118,7 @@ impl FaultLog {
         self.models.iter().find(|model| model.kind == kind).cloned()
     }
 
-    /// Counts a half second for each of these faults.
+    /// Counts a sample for each of these faults.
     fn touch(&mut self, ids: BTreeSet<&str>) {
         ids.into_iter().for_each(|id| *self.touched.entry(id.to_owned()).or_default() += 1);
     }
@@ -152,7 +157,7 @@ impl FaultLog {
         Ok(true)
     }
 
-    /// The reply to a command within half second `frame`: a line where faults make it late or keep it back, or keep the unit
+    /// The reply to a command within sample interval `frame`: a line where faults make it late or keep it back, or keep the unit
     /// from hearing the command.
     pub fn reply(
         &mut self,
@@ -179,7 +184,7 @@ impl FaultLog {
         }))
     }
 
-    /// Something became of a fault; `frame` is the half second that begins.
+    /// Something became of a fault; `frame` is the sample that begins.
     pub fn happened(&mut self, frame: u64, happening: &FaultEvent) -> Result<(), RecordError> {
         let mut line = fault_json::happening(frame, happening);
         if let FaultEvent::Ended(fault, _) = happening {
@@ -188,7 +193,7 @@ impl FaultLog {
         self.line(&line)
     }
 
-    /// A half second was not sent live.
+    /// A sample was not sent live.
     pub fn missed(&mut self, frame: u64) -> Result<(), RecordError> {
         self.line(&json!({ "what": "missed", "t_s": on_board_s(frame + 1), "half_second": frame }))
     }

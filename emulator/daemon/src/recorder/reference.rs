@@ -7,14 +7,14 @@ use std::sync::Arc;
 
 use geu_model::attitude::{Leg, StreamedAttitude};
 use geu_model::simulation::ReferenceSource;
-use geu_model::units::{HALF_SECOND_NS, RAD_PER_DEG};
+use geu_model::units::{RAD_PER_DEG, SAMPLE_INTERVAL_NS};
 use geu_model::{Configuration, Truth};
 
 use super::output::{Output, RecordError, stamp};
 use crate::truth::received;
 
 /// Spacing of `reference.csv`, true time, ns.
-const REFERENCE_NS: i64 = HALF_SECOND_NS;
+const REFERENCE_NS: i64 = SAMPLE_INTERVAL_NS;
 
 /// `received.csv`, where the truth becomes known as time goes on.
 struct Received {

@@ -27,7 +27,7 @@ pub(super) const NEW: &str = "run.toml.new";
 pub(super) const COMMANDS: &str = "commands.jsonl";
 /// Bytes of a line of it: the name of a link has a path at most.
 const MOST_LINE_BYTES: u64 = 1 << 16;
-/// Commands of an unfinished run, which are kept in memory: one in each half second of six days.
+/// Commands of an unfinished run, which are kept in memory: one in each sample interval of six days.
 const MOST_COMMANDS: usize = 1 << 20;
 
 /// A file beside an unfinished `run.toml` that tells nothing of the rest of the run.
@@ -73,8 +73,8 @@ fn fill(run: &mut Output, configuration: &Configuration, commands: Option<&Path>
         for line in BufReader::new(file).lines() {
             run.write(|file| {
                 let command: Value = serde_json::from_str(&line?)?;
-                let (half_second, link, bytes) = (&command["half_second"], &command["link"], &command["bytes"]);
-                writeln!(file, "\n[[run.command]]\nhalf_second = {half_second}\nlink = {link}\nbytes = {bytes}")
+                let (sample, link, bytes) = (&command["half_second"], &command["link"], &command["bytes"]);
+                writeln!(file, "\n[[run.command]]\nhalf_second = {sample}\nlink = {link}\nbytes = {bytes}")
             })?;
             if run.buffered() > 1 << 16 {
                 run.flush()?;
@@ -92,16 +92,16 @@ pub fn complete(configuration: &mut Configuration, directory: &Path) -> Result<(
     let run = &mut configuration.run;
     let path = directory.join(truth_csv::NAME);
     let refused = |problem| UnfinishedError { path: path.clone(), needed: "duration", problem };
-    let half_seconds = open_input(&path).and_then(truth_csv::half_seconds);
-    let half_seconds = half_seconds.map_err(|error| refused(format!("cannot be read: {error}")))?;
-    if half_seconds == 0 {
-        return Err(refused("expected a half second at least, got none: nothing was recorded".to_owned()));
+    let samples = open_input(&path).and_then(truth_csv::samples);
+    let samples = samples.map_err(|error| refused(format!("cannot be read: {error}")))?;
+    if samples == 0 {
+        return Err(refused("expected a sample at least, got none: nothing was recorded".to_owned()));
     }
     let path = directory.join(COMMANDS);
     let refused = |problem| UnfinishedError { path: path.clone(), needed: "commands", problem };
     let file = open_input(&path).map_err(|error| refused(format!("cannot be read: {error}")))?;
     run.commands = read_commands(BufReader::new(file)).map_err(refused)?;
-    run.duration_s = on_board_s(half_seconds);
+    run.duration_s = on_board_s(samples);
     (run.is_unfinished, run.ended_early) = (false, None);
     Ok(())
 }
@@ -140,7 +140,7 @@ fn read_commands(mut lines: impl BufRead) -> Result<Vec<RecordedCommand>, String
 fn read_command(line: &[u8]) -> Option<RecordedCommand> {
     let command: Value = serde_json::from_slice(line).ok()?;
     Some(RecordedCommand {
-        half_second: command["half_second"].as_u64()?,
+        sample: command["half_second"].as_u64()?,
         link: command["link"].as_str()?.to_owned(),
         payload: read_hex(command["bytes"].as_str()?)?,
     })

@@ -1,4 +1,4 @@
-//! `truth.csv`: true angle, what each effect changed, and the count, a row per gyro and half second.
+//! `truth.csv`: true angle, what each effect changed, and the count, a row per gyro and sample.
 //!
 //! The column of what live faults changed is not there from the start, so that a run into which nobody injects has the
 //! files of a simulated one. With the first live fault the rows so far are written anew, with 0 in that column, and take
@@ -44,10 +44,10 @@ impl TruthCsv {
         format!("t_s,sequence,gyro,true_arcsec{changes},unquantised,count")
     }
 
-    /// Writes the rows of a half second, with its time.
+    /// Writes the rows of a sample, with its time.
     pub fn rows(&mut self, stamp: &str, ended: &CompletedSample, traces: &[Trace; 4]) -> Result<(), RecordError> {
-        let half_second = &ended.half_second;
-        let row_start = format!("{stamp},{},", half_second.sequence);
+        let sample = &ended.sample;
+        let row_start = format!("{stamp},{},", sample.sequence);
         let columns = &self.columns;
         // The shortest digits that read back the same, so that the columns add up; many times a row, so not by `write!`.
         let (mut digits, mut whole) = (zmij::Buffer::new(), itoa::Buffer::new());
@@ -64,7 +64,7 @@ impl TruthCsv {
                     file.write_all(digits.format(number).as_bytes())?;
                 }
                 file.write_all(b",")?;
-                file.write_all(whole.format(half_second.increments[gyro as usize]).as_bytes())?;
+                file.write_all(whole.format(sample.increments[gyro as usize]).as_bytes())?;
                 file.write_all(b"\n")?;
             }
             Ok(())
@@ -110,8 +110,8 @@ impl TruthCsv {
     }
 }
 
-/// Half seconds of which a file has a row or the beginning of one.
-pub(super) fn half_seconds(file: File) -> io::Result<u64> {
+/// Samples of which a file has a row or the beginning of one.
+pub(super) fn samples(file: File) -> io::Result<u64> {
     let (mut file, mut rows, mut is_within_row) = (BufReader::with_capacity(CHUNK, file), 0, false);
     loop {
         let bytes = file.fill_buf()?;

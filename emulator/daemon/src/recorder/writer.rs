@@ -4,9 +4,9 @@ use std::fs::File;
 use std::io::Write;
 use std::path::PathBuf;
 
-use geu_model::configuration::{EndedEarly, RecordedCommand, RunRecord, LinkLogFormat};
+use geu_model::configuration::{EndedEarly, LinkLogFormat, RecordedCommand, RunRecord};
 use geu_model::units::on_board_s;
-use geu_model::{Configuration, CompletedSample, InjectionRecord, Trace, Truth};
+use geu_model::{CompletedSample, Configuration, InjectionRecord, Trace, Truth};
 use geu_protocol::command::hex;
 
 use super::destination::Destination;
@@ -42,8 +42,8 @@ pub struct Recorder {
     reference: ReferenceFiles,
     /// Whether the truth became known as time went on.
     is_received: bool,
-    half_seconds: u64,
-    /// Scheduled end of the last half second.
+    samples: u64,
+    /// Scheduled end of the last sample interval.
     end_ns: i64,
     /// Somebody drove the faults since `run.toml` was written.
     is_run_outdated: bool,
@@ -95,7 +95,7 @@ impl Recorder {
             model,
             links,
             queue: TransmitQueue::default(),
-            half_seconds: 0,
+            samples: 0,
             end_ns: 0,
             is_run_outdated: false,
         };
@@ -104,9 +104,9 @@ impl Recorder {
         Ok(recorder)
     }
 
-    /// Half seconds recorded.
-    pub fn half_seconds(&self) -> u64 {
-        self.half_seconds
+    /// Samples recorded.
+    pub fn samples(&self) -> u64 {
+        self.samples
     }
 
     /// Writes what happened.
@@ -114,7 +114,7 @@ impl Recorder {
     /// # Errors
     /// A file that cannot be written.
     pub(crate) fn event(&mut self, event: &UnitEvent) -> Result<(), RecordError> {
-        if matches!(event, UnitEvent::HalfSecond(..) | UnitEvent::Polled(_)) {
+        if matches!(event, UnitEvent::Sample(..) | UnitEvent::Polled(_)) {
             self.flush_causes()?;
         }
         self.take(event)?;
@@ -123,26 +123,26 @@ impl Recorder {
 
     fn take(&mut self, event: &UnitEvent) -> Result<(), RecordError> {
         match event {
-            UnitEvent::HalfSecond(ended, traces, injected) => self.half_second(ended, traces, injected.as_deref()),
+            UnitEvent::Sample(ended, traces, injected) => self.sample(ended, traces, injected.as_deref()),
             UnitEvent::Command { link, payload, running_end_ns, reply, acting } => {
                 self.command(link, payload, *running_end_ns)?;
-                self.faults.reply(self.half_seconds, link, payload, *reply, acting)
+                self.faults.reply(self.samples, link, payload, *reply, acting)
             }
             UnitEvent::Polled(polled) => {
-                let frame = self.half_seconds.saturating_sub(1);
+                let frame = self.samples.saturating_sub(1);
                 self.faults.polled(frame, polled)?;
-                let PolledSample { half_second, reply, end_ns, acting, .. } = polled;
+                let PolledSample { sample, reply, end_ns, acting, .. } = polled;
                 // The recording is of one form, whatever links are open: it has what was polled over any of them.
-                self.queue.put(self.model.polled(half_second, reply, acting), frame, *end_ns);
+                self.queue.put(self.model.polled(sample, reply, acting), frame, *end_ns);
                 self.write_due(*end_ns)
             }
             UnitEvent::Missed { frame } => self.faults.missed(*frame),
-            UnitEvent::Happened(happening) => self.faults.happened(self.half_seconds, happening),
+            UnitEvent::Happened(happening) => self.faults.happened(self.samples, happening),
             UnitEvent::Injected(fault) => {
                 self.configuration.faults.push(fault.clone());
                 self.configuration.run.injected.push(fault.id.clone());
                 self.is_run_outdated = true;
-                self.faults.injected(self.half_seconds, fault)
+                self.faults.injected(self.samples, fault)
             }
             UnitEvent::StartedByHand { id, at_s } => {
                 let fault = self.configuration.faults.iter_mut().find(|fault| fault.id == *id);
@@ -150,7 +150,7 @@ impl Recorder {
                     fault.start_at(*at_s);
                 });
                 self.is_run_outdated = true;
-                self.faults.started_by_hand(self.half_seconds, id, *at_s)
+                self.faults.started_by_hand(self.samples, id, *at_s)
             }
             UnitEvent::Cleared { id, until_s } => {
                 let fault = self.configuration.faults.iter_mut().find(|fault| fault.id == *id);
@@ -162,7 +162,7 @@ impl Recorder {
     }
 
     /// Its messages where it was sent cyclically, its truth, and the reference up to its end.
-    fn half_second(
+    fn sample(
         &mut self,
         ended: &CompletedSample,
         traces: &[Trace; 4],
@@ -172,15 +172,15 @@ impl Recorder {
             self.flush()?;
             self.truth.add_fault_column(&self.directory)?;
         }
-        let frame = self.half_seconds;
-        let half_second = Some(&ended.half_second).filter(|_| ended.cyclic);
-        let transmissions = self.model.carry(half_second, frame, injected.map_or(&[], |injected| &injected.acting));
+        let frame = self.samples;
+        let sample = Some(&ended.sample).filter(|_| ended.cyclic);
+        let transmissions = self.model.carry(sample, frame, injected.map_or(&[], |injected| &injected.acting));
         self.queue.put(transmissions, frame, ended.end_ns);
         self.write_due(ended.end_ns)?;
         if let Some(injected) = injected {
-            self.faults.half_second(frame, ended, injected)?;
+            self.faults.sample(frame, ended, injected)?;
         }
-        self.half_seconds += 1;
+        self.samples += 1;
         self.truth.rows(&stamp(self.configuration.start_unix_ns + ended.end_ns), ended, traces)?;
         self.end_ns = ended.end_ns;
         self.reference.sample(ended.end_ns)
@@ -205,11 +205,10 @@ impl Recorder {
     }
 
     fn command(&mut self, link: &str, payload: &[u8], running_end_ns: i64) -> Result<(), RecordError> {
-        let command =
-            RecordedCommand { half_second: self.half_seconds, link: link.to_owned(), payload: payload.to_vec() };
+        let command = RecordedCommand { sample: self.samples, link: link.to_owned(), payload: payload.to_vec() };
         let line = serde_json::json!({
-            "half_second": command.half_second,
-            "on_board_s": on_board_s(command.half_second),
+            "half_second": command.sample,
+            "on_board_s": on_board_s(command.sample),
             "half_second_end_s": running_end_ns as f64 * 1e-9,
             "link": command.link,
             "bytes": hex(payload),
@@ -227,13 +226,13 @@ impl Recorder {
 
     /// The same, for whatever reason.
     pub(crate) fn end(mut self, end: End) -> Result<(), RecordError> {
-        let half_second = self.half_seconds;
+        let sample = self.samples;
         let ended_early = match end {
             End::Run => None,
-            End::Early(reason) => Some(EndedEarly { half_second, reason }),
+            End::Early(reason) => Some(EndedEarly { sample, reason }),
             // The files tell how far it came.
             End::Failed(reason) => {
-                return self.write_run(true, Some(EndedEarly { half_second, reason }));
+                return self.write_run(true, Some(EndedEarly { sample, reason }));
             }
         };
         // What faults still hold back left with the end.
@@ -249,7 +248,7 @@ impl Recorder {
         let mut configuration =
             run_at_start(&self.configuration, self.wire, &self.model, &self.links, self.is_received);
         let run = &mut configuration.run;
-        run.duration_s = on_board_s(self.half_seconds);
+        run.duration_s = on_board_s(self.samples);
         (run.is_unfinished, run.ended_early) = (is_unfinished, ended_early);
         let commands = Some(&*self.commands.path).filter(|_| !is_unfinished);
         run_toml::write(&self.directory, &configuration, commands)

@@ -6,7 +6,7 @@ use std::thread;
 use geu_model::CompletedSample;
 use geu_model::fault::acting::ActiveFault;
 use geu_model::fault::{Fault, unsatisfiable_condition};
-use geu_model::units::HALF_SECOND_NS;
+use geu_model::units::SAMPLE_INTERVAL_NS;
 
 use super::error::RunError;
 use super::output::LinkOutput;
@@ -75,7 +75,7 @@ impl CadenceLoop {
     fn step(&mut self, timer: &DeadlineTimer, patience: &Patience) -> bool {
         self.unit.step_aside();
         let (frame, running_end_ns) = self.unit.running();
-        if self.settings.half_seconds.is_some_and(|half_seconds| frame >= half_seconds) {
+        if self.settings.samples.is_some_and(|samples| frame >= samples) {
             return false;
         }
         let deadline_ns = self.deadline_ns(running_end_ns);
@@ -92,7 +92,7 @@ impl CadenceLoop {
         while !patience.is_none() && !self.is_stopped() && !self.unit.recording().is_none_or(Status::has_ample_room) {
             thread::park_timeout(POLL_INTERVAL);
         }
-        let (ended, injected) = self.unit.end_half_second();
+        let (ended, injected) = self.unit.end_sample();
         self.last_end_ns = ended.end_ns;
         if self.is_past_next_deadline() {
             self.missed += 1;
@@ -103,7 +103,7 @@ impl CadenceLoop {
         }
         self.report_missed();
         let acting: &[ActiveFault] = injected.as_ref().map_or(&[], |injected| &injected.acting);
-        let sample = Some(&ended.half_second).filter(|_| ended.cyclic);
+        let sample = Some(&ended.sample).filter(|_| ended.cyclic);
         for output in &mut self.links {
             output.put(sample, frame, ended.end_ns, acting);
             output.prepare(ended.end_ns, patience);
@@ -153,16 +153,16 @@ impl CadenceLoop {
     }
 
     /// Reports the end of a sample to a source of the truth that asked for it: the links have their bytes.
-    fn report(&mut self, half_second: u64, ended: &CompletedSample) {
+    fn report(&mut self, sample: u64, ended: &CompletedSample) {
         let Some(live) = self.settings.live.as_ref().filter(|live| live.wants_reports()) else {
             self.links.iter_mut().for_each(LinkOutput::forget_handed);
             return;
         };
         live.report(&SampleReport {
-            half_second,
+            sample,
             end_s: ended.end_ns as f64 * 1e-9,
-            sequence: ended.half_second.sequence,
-            clock_count: ended.half_second.clock_count,
+            sequence: ended.sample.sequence,
+            clock_count: ended.sample.clock_count,
             links: self.links.iter_mut().map(LinkOutput::take_handed).collect(),
         });
     }
@@ -205,9 +205,9 @@ impl CadenceLoop {
         let missed = std::mem::take(&mut self.missed);
         if missed > 0 {
             self.session.monitor.record_missed(missed);
-            let held_up = DurationNs(missed * HALF_SECOND_NS as u64);
+            let held_up = DurationNs(missed * SAMPLE_INTERVAL_NS as u64);
             console::say(format_args!(
-                "{missed} half seconds not sent: the process was held up for about {held_up}; the sequence goes on behind them"
+                "{missed} samples not sent: the process was held up for about {held_up}; the sequence goes on behind them"
             ));
         }
     }

@@ -44,8 +44,8 @@ pub struct RunOptions {
     pub links: Vec<LinkAddress>,
     /// On-board time against the wall clock.
     pub speed: Speed,
-    /// Half seconds to run; without end where nothing is said.
-    pub half_seconds: Option<u64>,
+    /// Samples to run; without end where nothing is said.
+    pub samples: Option<u64>,
     /// Spin so long before each deadline.
     pub spin: Duration,
     /// Ask for SCHED_FIFO.
@@ -70,8 +70,8 @@ pub struct Recording {
 
 /// What a run has done.
 pub struct RunSummary {
-    /// Half seconds that ended on board.
-    pub half_seconds: u64,
+    /// Samples that ended on board.
+    pub samples: u64,
     /// Of these, not sent because the process was held up beyond the next deadline.
     pub missed: u64,
     /// Sent more than 5 ms after the deadline.
@@ -96,7 +96,7 @@ pub struct RunSummary {
 
 impl fmt::Display for RunSummary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "half seconds {}, late {}, missed {}", self.half_seconds, self.late, self.missed)?;
+        writeln!(f, "samples {}, late {}, missed {}", self.samples, self.late, self.missed)?;
         if self.lateness.count() > 0 {
             writeln!(f, "lateness     {}", self.lateness)?;
         }
@@ -181,7 +181,7 @@ async fn run_unit(
     kept?;
     let counts = session.monitor.counts();
     Ok(RunSummary {
-        half_seconds: unit.running().0,
+        samples: unit.running().0,
         missed: counts.missed,
         late: counts.late,
         lateness: counts.lateness,

@@ -11,8 +11,8 @@ use std::time::{Duration, Instant};
 use geu_model::attitude::Motion;
 use geu_model::fault::Fault;
 use geu_model::fault::acting::{FaultEngine, FaultStatus};
-use geu_model::units::HALF_SECOND_S;
-use geu_model::{Configuration, CompletedSample, InjectionRecord, Truth};
+use geu_model::units::SAMPLE_INTERVAL_S;
+use geu_model::{CompletedSample, Configuration, InjectionRecord, Truth};
 use geu_protocol::Sample;
 use tokio::sync::Notify;
 
@@ -114,13 +114,13 @@ impl SharedUnit {
         }
     }
 
-    /// Half seconds ended, and the scheduled end of the one that runs, ns.
+    /// Samples ended, and the scheduled end of the one that runs, ns.
     pub fn running(&self) -> (u64, i64) {
         let inner = self.lock();
         (inner.source.unit.ended(), inner.source.unit.running_end_ns())
     }
 
-    /// How far the truth must be known to end the running half second.
+    /// How far the truth must be known to end the running sample interval.
     pub fn needs_truth_s(&self) -> f64 {
         self.lock().source.unit.needs_truth_s()
     }
@@ -130,25 +130,25 @@ impl SharedUnit {
         self.lock().source.unit.motion().untold()
     }
 
-    /// Ends the running half second, and tells what faults did to it. Until [`SharedUnit::complete`] commands wait.
-    pub fn end_half_second(&self) -> (CompletedSample, Option<Arc<InjectionRecord>>) {
+    /// Ends the running sample interval, and tells what faults did to it. Until [`SharedUnit::complete`] commands wait.
+    pub fn end_sample(&self) -> (CompletedSample, Option<Arc<InjectionRecord>>) {
         let mut inner = self.lock();
         inner.publish_from(EventSource::repeat_recorded);
         let mut events = Vec::new();
         let ended = if inner.recording.is_some() || inner.observer.is_some() {
             let (ended, traces) = inner.source.end_traced();
-            events.push(UnitEvent::HalfSecond(ended, traces, inner.source.unit.injected().cloned()));
+            events.push(UnitEvent::Sample(ended, traces, inner.source.unit.injected().cloned()));
             ended
         } else {
             inner.source.end()
         };
         inner.source.take_happened(&mut events);
-        inner.pending = Some(PendingSample { sample: ended.half_second, events });
+        inner.pending = Some(PendingSample { sample: ended.sample, events });
         let injected = inner.source.unit.injected().cloned();
         (ended, injected)
     }
 
-    /// The deadline of the half second that was ended last has passed.
+    /// The deadline of the sample that was ended last has passed.
     pub fn complete(&self) {
         self.lock().complete();
         self.passed.notify_waiters();
@@ -164,7 +164,7 @@ impl SharedUnit {
         self.passed.notify_waiters();
     }
 
-    /// The last half second whose deadline has passed.
+    /// The last sample whose deadline has passed.
     pub fn completed(&self) -> Option<Sample> {
         self.lock().completed
     }
@@ -199,7 +199,7 @@ impl SharedUnit {
         answered
     }
 
-    /// Carries it out unless a half second is underway, or the run is over; how much the recording was told by then.
+    /// Carries it out unless a sample is underway, or the run is over; how much the recording was told by then.
     fn try_command(&self, link: &str, payload: &[u8]) -> Option<(CommandResponse, Option<u64>)> {
         let mut inner = self.lock();
         if inner.pending.is_some() || self.is_closed.load(Relaxed) {
@@ -224,7 +224,7 @@ impl SharedUnit {
     /// Waits until the recording has what was driven, but not for long.
     fn await_recorded(&self) {
         let Some(recording) = &self.recording else { return };
-        // What is driven while a half second is underway is told behind it.
+        // What is driven while a sample is underway is told behind it.
         let told = || {
             let inner = self.lock();
             if inner.pending.is_none() { Some(inner.told().unwrap_or(0)) } else { None }
@@ -244,16 +244,16 @@ impl SharedUnit {
     /// On-board time, and how the faults stand that are not over by then: few, however many there were.
     pub fn faults_now(&self) -> (f64, Vec<FaultStatus>) {
         let inner = self.lock();
-        let now_s = inner.source.unit.ended() as f64 * HALF_SECOND_S;
+        let now_s = inner.source.unit.ended() as f64 * SAMPLE_INTERVAL_S;
         let planned = inner.source.unit.faults().planned.iter();
         (now_s, planned.filter(|planned| !planned.is_over_by(now_s)).cloned().collect())
     }
 
-    /// Adds faults, all from the next half second on; none where there are others by now than the `known` ones, which they
+    /// Adds faults, all from the next sample on; none where there are others by now than the `known` ones, which they
     /// were read for, or where the time of one has passed.
     pub fn inject(&self, known: usize, faults: &[Fault]) -> Option<Vec<Fault>> {
         let mut inner = self.lock();
-        let start_s = (inner.source.unit.ended() + 1) as f64 * HALF_SECOND_S;
+        let start_s = (inner.source.unit.ended() + 1) as f64 * SAMPLE_INTERVAL_S;
         if inner.source.unit.faults().planned.len() != known || faults.iter().any(|fault| fault.until_s <= start_s) {
             return None;
         }
@@ -264,7 +264,7 @@ impl SharedUnit {
         Some(added)
     }
 
-    /// Starts a fault that waits for a hand, with the next half second: on-board time; nothing where there is none.
+    /// Starts a fault that waits for a hand, with the next sample: on-board time; nothing where there is none.
     pub fn start(&self, id: &str) -> Option<f64> {
         let mut inner = self.lock();
         let at_s = inner.source.unit.start(id)?;
@@ -274,7 +274,7 @@ impl SharedUnit {
         Some(at_s)
     }
 
-    /// Takes a fault away from the next half second on; its end, on-board time, or nothing where there is none.
+    /// Takes a fault away from the next sample on; its end, on-board time, or nothing where there is none.
     pub fn clear(&self, id: &str) -> Option<f64> {
         let until_s = self.lock().clear(id)?;
         self.await_recorded();

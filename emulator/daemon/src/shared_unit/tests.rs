@@ -16,7 +16,7 @@ fn a_command_just_before_the_deadline_is_carried_out_just_after_it() {
     let shared = SharedUnit::new(&Configuration::reference(), &Truth::Scenario, Speed::Max, None, None);
     assert_eq!(now(&shared, &[2, 1]).reply.expect("heard").outcome(), CommandResult::Done);
     assert_eq!(now(&shared, &[3]).reply.expect("heard").outcome(), CommandResult::NotPossibleNow);
-    let (first, _) = shared.end_half_second();
+    let (first, _) = shared.end_sample();
     assert!(!first.cyclic);
     let mut poll = std::pin::pin!(shared.command("test", &[3]));
     let mut context = Context::from_waker(Waker::noop());
@@ -24,35 +24,35 @@ fn a_command_just_before_the_deadline_is_carried_out_just_after_it() {
     assert_eq!(shared.waiting.load(Relaxed), 1);
     shared.complete();
     let Poll::Ready(answered) = poll.as_mut().poll(&mut context) else { panic!("nothing to wait for") };
-    assert_eq!(answered.polled, Some(first.half_second));
+    assert_eq!(answered.polled, Some(first.sample));
     assert_eq!(shared.waiting.load(Relaxed), 0);
-    let (second, _) = shared.end_half_second();
+    let (second, _) = shared.end_sample();
     assert!(shared.try_command("test", &[3]).is_none());
     shared.complete();
-    assert_eq!(now(&shared, &[3]).polled, Some(second.half_second));
-    assert_eq!(now(&shared, &[3]).polled, Some(second.half_second));
+    assert_eq!(now(&shared, &[3]).polled, Some(second.sample));
+    assert_eq!(now(&shared, &[3]).polled, Some(second.sample));
 }
 
 #[test]
-fn what_is_driven_while_a_half_second_is_underway_is_told_behind_it() {
+fn what_is_driven_while_a_sample_is_underway_is_told_behind_it() {
     let (recording, events) = recorder_thread::unwritten_feed();
     let mut configuration = Configuration::reference();
     let plan = "[[fault]]\nid = \"waits\"\nby_hand = true\nfault = \"drop\"\n[[fault]]\nid = \"dead\"\nfault = \"dead\"\ngyro = \"GYRX\"";
     configuration.add_plan("plan", plan).expect("a plan");
     let shared = SharedUnit::new(&configuration, &Truth::Scenario, Speed::Max, Some(recording), None);
-    shared.end_half_second();
-    assert_eq!(shared.start("waits"), Some(1.0), "with the next half second that begins");
+    shared.end_sample();
+    assert_eq!(shared.start("waits"), Some(1.0), "with the next sample that begins");
     assert_eq!(shared.clear("dead"), Some(1.0));
     shared.complete();
     shared.close();
     let told = events.into_iter().map(|event| match event {
-        UnitEvent::HalfSecond(..) => "half second",
+        UnitEvent::Sample(..) => "sample",
         UnitEvent::Happened(_) => "happened",
         UnitEvent::StartedByHand { .. } => "started",
         UnitEvent::Cleared { .. } => "cleared",
         _ => "else",
     });
-    assert_eq!(told.collect::<Vec<_>>(), ["happened", "half second", "started", "cleared"]);
+    assert_eq!(told.collect::<Vec<_>>(), ["happened", "sample", "started", "cleared"]);
 }
 
 #[test]
@@ -69,7 +69,7 @@ fn what_is_told_to_the_recording_happens_again_in_a_unit_of_its_own() {
         if is_early {
             assert!(command.as_mut().poll(&mut context).is_ready());
         }
-        shared.end_half_second();
+        shared.end_sample();
         if !is_early {
             assert!(command.as_mut().poll(&mut context).is_pending());
         }
@@ -83,8 +83,8 @@ fn what_is_told_to_the_recording_happens_again_in_a_unit_of_its_own() {
     let (mut polled, mut end_ns, mut polls) = (None, 0, 0);
     for event in events {
         match event {
-            UnitEvent::HalfSecond(ended, traces, _) => {
-                assert_eq!((ended, *traces), unit.end_half_second_traced());
+            UnitEvent::Sample(ended, traces, _) => {
+                assert_eq!((ended, *traces), unit.end_sample_traced());
                 end_ns = ended.end_ns;
             }
             UnitEvent::Command { payload, running_end_ns, .. } => {
@@ -92,9 +92,9 @@ fn what_is_told_to_the_recording_happens_again_in_a_unit_of_its_own() {
                 assert_eq!(polled, None, "a recorded POLL has its data");
                 polled = unit.command(&payload).expect("heard").polled;
             }
-            UnitEvent::Polled(PolledSample { half_second, end_ns: stamp_ns, .. }) => {
+            UnitEvent::Polled(PolledSample { sample, end_ns: stamp_ns, .. }) => {
                 polls += 1;
-                assert_eq!((Some(half_second), stamp_ns), (polled.take(), end_ns));
+                assert_eq!((Some(sample), stamp_ns), (polled.take(), end_ns));
             }
             _ => unreachable!("no fault"),
         }

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use geu_model::Truth;
 use geu_model::attitude::{StreamedAttitude, TruthNumbers};
-use geu_model::units::HALF_SECOND_S;
+use geu_model::units::SAMPLE_INTERVAL_S;
 use tokio::sync::Notify;
 
 use super::address::TruthAddress;
@@ -37,7 +37,7 @@ pub struct ExternalTruth {
     came: Condvar,
     /// More is wanted than was.
     wanted: Notify,
-    /// What left in each half second, for a source that asks.
+    /// What left in each sample interval, for a source that asks.
     pub(super) reports: Reports,
 }
 
@@ -68,7 +68,7 @@ impl ExternalTruth {
         let truth = Arc::new(StreamedAttitude::remembering(PIECES));
         let state = State {
             synchroniser: TruthSynchroniser::new(truth.clone(), numbers),
-            wanted_s: HALF_SECOND_S,
+            wanted_s: SAMPLE_INTERVAL_S,
             is_early: false,
             gave_up: None,
             waits_said: 0,
@@ -109,7 +109,7 @@ impl ExternalTruth {
             .then(|| format!("truth {}: expected lines that can be read, got {bad_lines} that cannot", self.address()));
         let counted = (late + missing + jumps > 0).then(|| {
             format!(
-                "truth {}: expected a sample at or after the end of each half second, and no jumps, got {late} late half seconds, {missing} missing, {jumps} jumps: the unit moved otherwise than was reported; report ahead of time, or run with --speed max, where unit and simulator wait for each other",
+                "truth {}: expected a sample at or after the end of each sample interval, and no jumps, got {late} late samples, {missing} missing, {jumps} jumps: the unit moved otherwise than was reported; report ahead of time, or run with --speed max, where unit and simulator wait for each other",
                 self.address()
             )
         });
@@ -180,7 +180,7 @@ impl ExternalTruth {
             }
         }
         let note = self.state().synchroniser.finish(needed_s);
-        self.want(needed_s + HALF_SECOND_S);
+        self.want(needed_s + SAMPLE_INTERVAL_S);
         if let Some(note) = note {
             console::say(format_args!("truth {}: {note}", self.address()));
         }

@@ -19,7 +19,7 @@ const MOST_S: f64 = 1e12;
 pub(super) struct Line {
     /// Nothing of a line that only asks.
     pub sample: Option<TruthSample>,
-    /// It asks for reports of what left in each half second: `"subscribe": "samples"`.
+    /// It asks for reports of what left in each sample interval: `"subscribe": "samples"`.
     pub subscribes: bool,
 }
 

@@ -1,7 +1,7 @@
 //! Truth from outside: a simulator tells over a socket where the unit points, while the unit runs.
 //!
 //! [`ExternalTruth`] stands between the runtime's tasks, which read the source (`source`), and the thread that keeps time: that asks
-//! for the truth just before it ends a half second. What is used when samples are late, missing or jump is decided in
+//! for the truth just before it ends a sample. What is used when samples are late, missing or jump is decided in
 //! `synchroniser`, on on-board time alone; what was used is a [`Stepped`](geu_model::attitude::Stepped) truth, which a recording keeps ([`received`]).
 //!
 //! Dependencies run one way: `source` (sockets) uses `external_truth`, `json`, `forty_two` and `lines`; `external_truth` uses `synchroniser` and

@@ -6,7 +6,7 @@
 
 use std::io::{self, Write};
 
-use geu_model::attitude::{SampleQuality, Knot, StreamedAttitude, Sun};
+use geu_model::attitude::{Knot, SampleQuality, StreamedAttitude, Sun};
 use geu_protocol::excerpt::excerpt;
 
 /// Its name beside `run.toml`.

@@ -33,7 +33,7 @@ pub(crate) struct Handed {
 #[derive(Debug)]
 pub(crate) struct SampleReport {
     /// Index from 0.
-    pub half_second: u64,
+    pub sample: u64,
     /// Its end, true time since the start of the run.
     pub end_s: f64,
     pub sequence: u16,
@@ -55,7 +55,7 @@ impl SampleReport {
         };
         let links: Map<String, Value> = self.links.iter().map(link).collect();
         let line = json!({
-            "half_second": self.half_second,
+            "half_second": self.sample,
             "t_s": source_s,
             "sequence": self.sequence,
             "clock_count": self.clock_count,
@@ -142,10 +142,10 @@ impl Reports {
 mod tests {
     use super::*;
 
-    fn report(half_second: u64) -> SampleReport {
+    fn report(sample: u64) -> SampleReport {
         let handed = |bytes, frames| Handed { bytes, frames, dropped: 1 };
         SampleReport {
-            half_second,
+            sample,
             end_s: 0.5,
             sequence: 7,
             clock_count: 500_000,

@@ -2,7 +2,7 @@
 //! left where it asks.
 //!
 //! A source that runs ahead of the unit is read no further than [`AHEAD_S`]; what it sends meanwhile waits in the kernel. 42
-//! waits for its answer after every message: it is given when the running half second needs more, so 42 keeps the unit's
+//! waits for its answer after every message: it is given when the running sample interval needs more, so 42 keeps the unit's
 //! pace.
 
 use std::fmt;

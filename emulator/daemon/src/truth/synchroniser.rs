@@ -1,15 +1,15 @@
 //! The rules by which a unit follows a source: what is used when samples are on time, late, missing, or jump.
 //!
 //! The source's samples make a curve of accumulated rotation S over on-board time: straight from sample to sample, beyond the
-//! last at the last rate for [`HELD_S`], then at rest. When a half second must end, what it counts is the curve as it is then
-//! known, and what the half seconds before counted too much or too little (S as it is known now less what was used) is made up
+//! last at the last rate for [`HELD_S`], then at rest. When a sample must end, what it counts is the curve as it is then
+//! known, and what the samples before counted too much or too little (S as it is known now less what was used) is made up
 //! evenly over this one. So a late sample is felt as a rate, and no angle is lost.
 
 use std::collections::VecDeque;
 use std::fmt;
 use std::sync::Arc;
 
-use geu_model::attitude::{SampleQuality, Knot, StreamedAttitude, Sun, TruthNumbers, turn_between_arcsec};
+use geu_model::attitude::{Knot, SampleQuality, StreamedAttitude, Sun, TruthNumbers, turn_between_arcsec};
 use geu_model::units::{ARCSEC_PER_DEG, RAD_PER_DEG};
 
 /// A source that told nothing for so long is missing; the last rate is held until then, s.
@@ -22,11 +22,11 @@ const OUT_OF_ORDER_S: f64 = 0.5;
 const NEAR_S: f64 = 0.001;
 /// Times are rounded by so much, s.
 const GRAIN_S: f64 = 1e-6;
-/// A source that goes on, but is missing for its lag in so many half seconds on end, is behind for good.
+/// A source that goes on, but is missing for its lag in so many samples on end, is behind for good.
 const BEHIND: u32 = 4;
 /// Of a source that runs before the unit does, so much is kept, s: more than anybody tells ahead.
 const KEPT_S: f64 = 1.0;
-/// Pieces that a half second becomes: the model's own sub-steps.
+/// Pieces that a sample becomes: the model's own sub-steps.
 const PIECES: usize = 5;
 
 /// What a source tells of an instant.
@@ -53,9 +53,9 @@ pub(crate) enum MotionValue {
 pub struct TruthStatistics {
     /// Samples that came.
     pub received: u64,
-    /// Half seconds that ended before the samples of their end were there.
+    /// Samples that ended before the samples of their end were there.
     pub late: u64,
-    /// Half seconds in which the source was missing.
+    /// Samples in which the source was missing.
     pub missing: u64,
     /// Times that time or attitude jumped.
     pub jumps: u64,
@@ -63,7 +63,7 @@ pub struct TruthStatistics {
     pub out_of_order: u64,
     /// Lines or messages that could not be read.
     pub bad_lines: u64,
-    /// Ends of half seconds that were reported to a source that asked for them.
+    /// Ends of samples that were reported to a source that asked for them.
     pub reports: u64,
     /// The same that had no room, because it did not read.
     pub reports_dropped: u64,
@@ -75,7 +75,7 @@ impl fmt::Display for TruthStatistics {
             self;
         write!(
             f,
-            "received {received}, late half seconds {late}, missing {missing}, jumps {jumps}, out of order {out_of_order}, bad lines {bad_lines}"
+            "received {received}, late samples {late}, missing {missing}, jumps {jumps}, out of order {out_of_order}, bad lines {bad_lines}"
         )?;
         match (reports, reports_dropped) {
             (0, 0) => Ok(()),
@@ -115,7 +115,7 @@ pub(crate) struct TruthSynchroniser {
     used_s: f64,
     used_arcsec: [f64; 3],
     is_missing: bool,
-    /// Half seconds on end in which the source was missing though it went on, and how far it had come by the last.
+    /// Samples on end in which the source was missing though it went on, and how far it had come by the last.
     behind: u32,
     told_before_s: f64,
     pub counts: TruthStatistics,
@@ -236,7 +236,7 @@ impl TruthSynchroniser {
         }
     }
 
-    /// Before the first half second: has time 0 follow the source, a moment before its last sample.
+    /// Before the first sample: has time 0 follow the source, a moment before its last sample.
     pub fn reset_origin(&mut self) {
         let start_s = self.told_s() - KEPT_S;
         if let Some(zero_s) = self.zero_s.as_mut().filter(|_| start_s > 0.0 && self.used_s == 0.0) {
@@ -330,7 +330,7 @@ impl TruthSynchroniser {
         }
     }
 
-    /// The points before `t_s`, and at it or after it. One that is earlier by rounding alone is at it: a half second that it
+    /// The points before `t_s`, and at it or after it. One that is earlier by rounding alone is at it: a sample that it
     /// covers must come out the same whether or not a later one is there.
     fn around(&self, t_s: f64) -> (Option<&Point>, Option<&Point>) {
         let after = self.curve.partition_point(|point| point.t_s < t_s - GRAIN_S);

@@ -13,10 +13,10 @@ mod sun;
 mod truth_numbers;
 
 pub use manoeuvre::{Manoeuvre, Scenario};
-pub use motion::{LimitCycle, MotionState, Motion, MotionStep};
-pub use plan::{InfeasibleManoeuvre, Leg, AttitudeProfile};
-pub use recorded::{AttitudeRowsError, RecordedAttitude, AttitudeRow, median_spacing_s};
-pub use stepped::{SampleQuality, Knot, StreamedAttitude, turn_between_arcsec};
+pub use motion::{LimitCycle, Motion, MotionState, MotionStep};
+pub use plan::{AttitudeProfile, InfeasibleManoeuvre, Leg};
+pub use recorded::{AttitudeRow, AttitudeRowsError, RecordedAttitude, median_spacing_s};
+pub use stepped::{Knot, SampleQuality, StreamedAttitude, turn_between_arcsec};
 pub use sun::Sun;
 pub use truth_numbers::TruthNumbers;
 

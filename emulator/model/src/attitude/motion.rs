@@ -9,7 +9,7 @@
 use std::sync::Arc;
 
 use super::Segment;
-use super::plan::{Leg, AttitudeProfile};
+use super::plan::{AttitudeProfile, Leg};
 use super::recorded::RecordedAttitude;
 use super::stepped::{self, StreamedAttitude};
 use super::sun::Sun;
@@ -373,8 +373,8 @@ mod tests {
     fn whole_and_pieces_agree_through_every_kind_of_manoeuvre() {
         let scenario = crate::Configuration::reference().scenario;
         let (mut coarse, mut fine) = (motion(&scenario), motion(&scenario));
-        for half_second in 1..=40_000 {
-            let end_s = 0.5 * f64::from(half_second);
+        for sample in 1..=40_000 {
+            let end_s = 0.5 * f64::from(sample);
             let whole = coarse.advance(end_s);
             let mut sum = [0.0; 3];
             for piece in (0..7).rev() {

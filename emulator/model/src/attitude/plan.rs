@@ -454,7 +454,8 @@ mod tests {
 
     #[test]
     fn a_finite_scenario_ends_in_a_hold() {
-        let mut plan = AttitudeProfile::new(&scenario(vec![Manoeuvre::Pointing(Pointing { duration_s: 5.0 })])).expect("possible");
+        let mut plan =
+            AttitudeProfile::new(&scenario(vec![Manoeuvre::Pointing(Pointing { duration_s: 5.0 })])).expect("possible");
         assert_eq!(plan.next_segment().duration_s, 5.0);
         assert_eq!(plan.next_segment().duration_s, f64::INFINITY);
     }
@@ -466,7 +467,8 @@ mod tests {
             theta_deg: 60.0,
             ..scenario(vec![Manoeuvre::Eclipse(Eclipse::default()), Manoeuvre::Eclipse(rested)])
         };
-        let mut motion = crate::attitude::Motion::new(AttitudeProfile::new(&scenario).expect("possible"), scenario.limit_cycle);
+        let mut motion =
+            crate::attitude::Motion::new(AttitudeProfile::new(&scenario).expect("possible"), scenario.limit_cycle);
         motion.advance(600.0);
         // Casteren §5: 2.22 arcmin/s, with the sun's 0.04 arcsec/s.
         assert!((motion.now().rate_control_arcsec_s[0] / 60.0 - 2.22).abs() < 0.01);

@@ -51,9 +51,9 @@ impl AttitudeRowsError {
     pub fn index(&self) -> Option<usize> {
         match *self {
             AttitudeRowsError::TooFew(_) => None,
-            AttitudeRowsError::NotRising { index, .. } | AttitudeRowsError::Gap { index, .. } | AttitudeRowsError::NotFinite { index, .. } => {
-                Some(index)
-            }
+            AttitudeRowsError::NotRising { index, .. }
+            | AttitudeRowsError::Gap { index, .. }
+            | AttitudeRowsError::NotFinite { index, .. } => Some(index),
         }
     }
 }

@@ -62,7 +62,10 @@ impl Default for StreamedAttitude {
 impl StreamedAttitude {
     /// One that forgets all but the last `most` knots, for a run without end.
     pub fn remembering(most: usize) -> StreamedAttitude {
-        StreamedAttitude { known: Mutex::new(Known { knots: VecDeque::from([START]), forgotten: 0 }), most: most.max(2) }
+        StreamedAttitude {
+            known: Mutex::new(Known { knots: VecDeque::from([START]), forgotten: 0 }),
+            most: most.max(2),
+        }
     }
 
     fn known(&self) -> MutexGuard<'_, Known> {

@@ -8,7 +8,7 @@ use geu_protocol::excerpt::{MAX_QUOTED, excerpt};
 use geu_protocol::suggestion::did_you_mean;
 use toml_edit::{Array, ArrayOfTables, Document, DocumentMut, Item, TableLike};
 
-use crate::number::{DefaultValue, ValueFormat, ParameterSpec, ParameterSet};
+use crate::number::{DefaultValue, ParameterSet, ParameterSpec, ValueFormat};
 
 /// What is wrong with a configuration, and where.
 #[derive(Debug, Clone, PartialEq)]

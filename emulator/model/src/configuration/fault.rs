@@ -4,19 +4,19 @@ use std::fmt::Write;
 
 use geu_protocol::Gyro;
 
-use super::document::{ConfigurationError, Node, ConfigText};
+use super::document::{ConfigText, ConfigurationError, Node};
 use super::identifiers::{Identifiers, Known};
 use super::{Configuration, show};
-use crate::fault::catalogue::{CATALOGUE, Transport, Scope, FaultSpec};
+use crate::fault::catalogue::{CATALOGUE, FaultSpec, Scope, Transport};
 use crate::fault::expectation::{Expectation, TimeWindow};
 use crate::fault::expression::Expression;
-use crate::fault::{FaultKind, Fault, ParameterRef, shape};
-use crate::number::{DefaultValue, ValueFormat, ParameterSpec, number};
+use crate::fault::{Fault, FaultKind, ParameterRef, shape};
+use crate::number::{DefaultValue, ParameterSpec, ValueFormat, number};
 
 /// Most faults and most expectations of a plan, and most faults of a run that are not over.
 pub const MOST: usize = 1000;
 /// Most faults of a run, with those that came live and are over: all stand in its `run.toml`, and are looked at in every
-/// half second.
+/// sample.
 pub const MOST_EVER: usize = 10_000;
 const LATEST_S: f64 = 1e10;
 
@@ -25,19 +25,32 @@ pub(super) const FAULT: &str = "fault";
 /// Key of a list of expectations.
 pub(super) const EXPECT: &str = "expect";
 
-const AT: ParameterSpec = number("at_s", ValueFormat::Real, DefaultValue::Value(0.0), 0.0, LATEST_S, "not before this on-board time");
+const AT: ParameterSpec =
+    number("at_s", ValueFormat::Real, DefaultValue::Value(0.0), 0.0, LATEST_S, "not before this on-board time");
 const PROBABILITY: ParameterSpec = number(
     "probability",
     ValueFormat::Real,
     DefaultValue::Value(1.0),
     1e-9,
     1.0,
-    "chance to start in a half second in which the rest would let it",
+    "chance to start in a sample interval in which the rest would let it",
 );
-const BY_HAND: ParameterSpec =
-    number("by_hand", ValueFormat::Flag, DefaultValue::Value(0.0), 0.0, 1.0, "waits to be started by somebody at the bench");
-const FOR: ParameterSpec =
-    number("for_s", ValueFormat::Real, DefaultValue::Absent, 0.5, LATEST_S, "how long it acts; without end where not named");
+const BY_HAND: ParameterSpec = number(
+    "by_hand",
+    ValueFormat::Flag,
+    DefaultValue::Value(0.0),
+    0.0,
+    1.0,
+    "waits to be started by somebody at the bench",
+);
+const FOR: ParameterSpec = number(
+    "for_s",
+    ValueFormat::Real,
+    DefaultValue::Absent,
+    0.5,
+    LATEST_S,
+    "how long it acts; without end where not named",
+);
 const UNTIL: ParameterSpec = number(
     "until_s",
     ValueFormat::Real,
@@ -46,13 +59,32 @@ const UNTIL: ParameterSpec = number(
     LATEST_S,
     "ends then at the latest, a parameter returns from then on; starts no more",
 );
-const RELEASE: ParameterSpec =
-    number("release_s", ValueFormat::Real, DefaultValue::Value(0.0), 0.0, 1e6, "a parameter returns over so long at the end");
-const TIMES: ParameterSpec = number("times", ValueFormat::Whole, DefaultValue::Value(1.0), 1.0, 1e9, "how often it may start");
-const WITHIN: ParameterSpec =
-    number("within_s", ValueFormat::Real, DefaultValue::Absent, 0.5, LATEST_S, "must hold at least once within so long");
-const THROUGHOUT: ParameterSpec =
-    number("throughout_s", ValueFormat::Real, DefaultValue::Absent, 0.5, LATEST_S, "must hold all the time for so long");
+const RELEASE: ParameterSpec = number(
+    "release_s",
+    ValueFormat::Real,
+    DefaultValue::Value(0.0),
+    0.0,
+    1e6,
+    "a parameter returns over so long at the end",
+);
+const TIMES: ParameterSpec =
+    number("times", ValueFormat::Whole, DefaultValue::Value(1.0), 1.0, 1e9, "how often it may start");
+const WITHIN: ParameterSpec = number(
+    "within_s",
+    ValueFormat::Real,
+    DefaultValue::Absent,
+    0.5,
+    LATEST_S,
+    "must hold at least once within so long",
+);
+const THROUGHOUT: ParameterSpec = number(
+    "throughout_s",
+    ValueFormat::Real,
+    DefaultValue::Absent,
+    0.5,
+    LATEST_S,
+    "must hold all the time for so long",
+);
 
 /// The numbers that every fault has.
 pub const FAULT_NUMBERS: [&ParameterSpec; 7] = [&AT, &PROBABILITY, &BY_HAND, &FOR, &UNTIL, &RELEASE, &TIMES];
@@ -193,7 +225,8 @@ fn read_fault(node: &Node, identifiers: &mut Identifiers, links: &[Transport]) -
         }
         node.text(key)?.parse().map(Some).map_err(|expected: String| node.unexpected(key, &expected))
     };
-    let optional = |number: &ParameterSpec| node.number(number).map(|value| Some(value).filter(|value| !value.is_nan()));
+    let optional =
+        |number: &ParameterSpec| node.number(number).map(|value| Some(value).filter(|value| !value.is_nan()));
     let (at_s, until_s) = (node.number(&AT)?, optional(&UNTIL)?.unwrap_or(f64::INFINITY));
     if until_s <= at_s {
         return Err(node.unexpected(UNTIL.name, &format!("a time after at_s, which is {at_s},")));
@@ -319,7 +352,9 @@ pub(super) fn read_expectations(root: &Node, before: &[Expectation], faults: &[F
         known.check(node, "after", after)?;
         let window = match (node.number(&WITHIN)?, node.number(&THROUGHOUT)?) {
             (within_s, throughout_s) if throughout_s.is_nan() && !within_s.is_nan() => TimeWindow::Within(within_s),
-            (within_s, throughout_s) if within_s.is_nan() && !throughout_s.is_nan() => TimeWindow::Throughout(throughout_s),
+            (within_s, throughout_s) if within_s.is_nan() && !throughout_s.is_nan() => {
+                TimeWindow::Throughout(throughout_s)
+            }
             _ => {
                 let message =
                     "expected either `within_s` (must hold at least once) or `throughout_s` (must hold all the time)";

@@ -11,21 +11,22 @@ mod show;
 
 use std::collections::HashSet;
 
-pub use document::{ConfigurationError, Node, ConfigText};
+pub use document::{ConfigText, ConfigurationError, Node};
 use geu_protocol::hex::read_hex;
 use geu_protocol::{CanIdMap, Gyro};
 
-use crate::attitude::{LimitCycle, Manoeuvre, AttitudeProfile, Scenario, TruthNumbers};
-use crate::course::{TimeCourse, KINDS, TimeFunctionSpec};
+use crate::attitude::{AttitudeProfile, LimitCycle, Manoeuvre, Scenario, TruthNumbers};
+use crate::course::{KINDS, TimeCourse, TimeFunctionSpec};
 use crate::effect::discovered::{self, Formula, Term};
 use crate::effect::{
-    CALIBRATION_COLUMN, EffectConfiguration, DISCOVERED_COLUMN, EffectSpec, Effects, FAULT_COLUMN, HEAD_COLUMNS, GyroEffects,
-    POWER_COLUMN, SATURATION_COLUMN, SELF_TEST_COLUMN, UNIT_COLUMNS, UnitEffects, WIRING_COLUMNS, WiringEffects,
+    CALIBRATION_COLUMN, DISCOVERED_COLUMN, EffectConfiguration, EffectSpec, Effects, FAULT_COLUMN, GyroEffects,
+    HEAD_COLUMNS, POWER_COLUMN, SATURATION_COLUMN, SELF_TEST_COLUMN, UNIT_COLUMNS, UnitEffects, WIRING_COLUMNS,
+    WiringEffects,
 };
 use crate::fault::catalogue::{FaultAction, Transport};
 use crate::fault::expectation::Expectation;
-use crate::fault::{Fault, EffectList};
-use crate::number::{DefaultValue as DefaultValue, ValueFormat, ParameterSpec, number};
+use crate::fault::{EffectList, Fault};
+use crate::number::{DefaultValue, ParameterSpec, ValueFormat, number};
 use crate::package::{Axes, Calibration};
 use crate::sensor::SensorNumbers;
 use crate::temperature::{Electronics, ElectronicsCourse};
@@ -46,8 +47,8 @@ pub struct GyroConfiguration {
 /// A command of a recorded run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RecordedCommand {
-    /// Index, from 0, of the half second in which it acted.
-    pub half_second: u64,
+    /// Index, from 0, of the sample in which it acted.
+    pub sample: u64,
     pub link: String,
     pub payload: Vec<u8>,
 }
@@ -81,7 +82,7 @@ impl LinkLogFormat {
 /// Where a recording ended before its run, and why.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EndedEarly {
-    pub half_second: u64,
+    pub sample: u64,
     pub reason: String,
 }
 
@@ -128,7 +129,7 @@ impl RunRecord {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Configuration {
     pub seed: u64,
-    /// Time at the start of the first half second, Unix time, ns.
+    /// Time at the start of the first sample interval, Unix time, ns.
     pub start_unix_ns: i64,
     pub unit: EffectConfiguration<UnitEffects>,
     pub electronics: ElectronicsCourse,
@@ -150,13 +151,20 @@ const START: ParameterSpec = number(
     DefaultValue::Value(0.0),
     0.0,
     4e9,
-    "time at the start of the first half second, Unix time",
+    "time at the start of the first sample interval, Unix time",
 );
 const THETA: ParameterSpec =
     number("theta_deg", ValueFormat::Real, DefaultValue::Value(90.0), 60.0, 120.0, "solar aspect angle at the start");
-const PSI: ParameterSpec =
-    number("psi_deg", ValueFormat::Real, DefaultValue::Value(0.0), -360.0, 360.0, "angle about the sun vector at the start");
-const DURATION: ParameterSpec = number("duration_s", ValueFormat::Real, DefaultValue::Value(0.0), 0.0, 1e10, "how long it ran");
+const PSI: ParameterSpec = number(
+    "psi_deg",
+    ValueFormat::Real,
+    DefaultValue::Value(0.0),
+    -360.0,
+    360.0,
+    "angle about the sun vector at the start",
+);
+const DURATION: ParameterSpec =
+    number("duration_s", ValueFormat::Real, DefaultValue::Value(0.0), 0.0, 1e10, "how long it ran");
 const SERIAL_BAUD: ParameterSpec = number(
     "serial_baud",
     ValueFormat::Whole,
@@ -389,7 +397,10 @@ fn known_effects(node: &Node, others: &[&str], lists: &[&[EffectSpec]]) -> Resul
 }
 
 /// Reads the effects of a list: `code = { … }`, and `code-suffix = { … }` for courses.
-fn read_effects<E: Effects>(node: &Node, has: impl Fn(&str) -> bool) -> Result<EffectConfiguration<E>, ConfigurationError> {
+fn read_effects<E: Effects>(
+    node: &Node,
+    has: impl Fn(&str) -> bool,
+) -> Result<EffectConfiguration<E>, ConfigurationError> {
     let mut configured = EffectConfiguration::<E>::default();
     let specs = configured.constant.specs();
     for key in node.keys() {
@@ -414,7 +425,12 @@ fn read_effects<E: Effects>(node: &Node, has: impl Fn(&str) -> bool) -> Result<E
         for (amplitude, size) in &sizes {
             let value = table.value(&size.name, size.form, size.least, size.greatest)?.unwrap_or(0.0);
             if value != 0.0 {
-                configured.courses.push(TimeCourse { effect, amplitude: *amplitude, size: value, law: kind.law(&shapes) });
+                configured.courses.push(TimeCourse {
+                    effect,
+                    amplitude: *amplitude,
+                    size: value,
+                    law: kind.law(&shapes),
+                });
             }
         }
     }
@@ -525,8 +541,7 @@ fn read_run(root: &Node) -> Result<RunRecord, ConfigurationError> {
     run.is_unfinished = node.value(UNFINISHED, ValueFormat::Flag, 0.0, 1.0)?.is_some_and(|flag| flag != 0.0);
     if let Some(node) = node.table(ENDED_EARLY)? {
         node.only(&["half_second", "reason"])?;
-        run.ended_early =
-            Some(EndedEarly { half_second: read_half_second(&node)?, reason: node.text("reason")?.to_owned() });
+        run.ended_early = Some(EndedEarly { sample: read_sample(&node)?, reason: node.text("reason")?.to_owned() });
     }
     if node.keys().contains(&"truth") {
         run.truth = Some(node.text("truth")?.to_owned());
@@ -534,15 +549,15 @@ fn read_run(root: &Node) -> Result<RunRecord, ConfigurationError> {
     run.injected = node.texts("injected")?.into_iter().map(str::to_owned).collect();
     for node in node.tables("command")? {
         node.only(&["half_second", "link", "bytes"])?;
-        let half_second = read_half_second(&node)?;
+        let sample = read_sample(&node)?;
         let payload = read_hex(node.text("bytes")?)
             .ok_or_else(|| node.error("bytes", "expected pairs of hexadecimal digits for `bytes`".to_owned()))?;
-        run.commands.push(RecordedCommand { half_second, link: node.text("link")?.to_owned(), payload });
+        run.commands.push(RecordedCommand { sample, link: node.text("link")?.to_owned(), payload });
     }
     Ok(run)
 }
 
-fn read_half_second(node: &Node) -> Result<u64, ConfigurationError> {
+fn read_sample(node: &Node) -> Result<u64, ConfigurationError> {
     node.whole_number("half_second")?
         .ok_or_else(|| node.error("half_second", "expected `half_second`, got none".to_owned()))
 }

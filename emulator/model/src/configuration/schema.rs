@@ -5,15 +5,15 @@ use serde_json::{Map, Value, json};
 
 use super::fault::{EXPECT_NUMBERS, FAULT_NUMBERS, FAULT_TEXTS};
 use super::{
-    CAN_BASE, Configuration, DURATION, ENDED_EARLY, PSI, SERIAL_BAUD, START, THETA, TRUTH, UNFINISHED, LinkLogFormat,
+    CAN_BASE, Configuration, DURATION, ENDED_EARLY, LinkLogFormat, PSI, SERIAL_BAUD, START, THETA, TRUTH, UNFINISHED,
 };
 use crate::attitude::{LimitCycle, Manoeuvre, TruthNumbers};
 use crate::course::{KINDS, Size};
 use crate::effect::discovered::{self, Regressor};
 use crate::effect::{Effects, GyroEffects, UnitEffects, WiringEffects};
-use crate::fault::catalogue::{CATALOGUE, Transport, Scope};
+use crate::fault::catalogue::{CATALOGUE, Scope, Transport};
 use crate::fault::{ParameterRef, shape};
-use crate::number::{DefaultValue, ValueFormat, ParameterSpec, ParameterSet};
+use crate::number::{DefaultValue, ParameterSet, ParameterSpec, ValueFormat};
 use crate::package::{Axes, Calibration};
 use crate::sensor::SensorNumbers;
 use crate::temperature::Electronics;
@@ -153,8 +153,12 @@ fn effects<E: Effects>(has: &dyn Fn(&str) -> bool) -> Map<String, Value> {
                 continue;
             }
             course.extend(kind.shapes.iter().map(|shape| (shape.name.to_owned(), number(shape))));
-            let required: Vec<&str> =
-                kind.shapes.iter().filter(|shape| shape.default == DefaultValue::Required).map(|shape| shape.name).collect();
+            let required: Vec<&str> = kind
+                .shapes
+                .iter()
+                .filter(|shape| shape.default == DefaultValue::Required)
+                .map(|shape| shape.name)
+                .collect();
             properties.insert(format!("{}{}", spec.code, kind.suffix), object(course, &required));
         }
     }
@@ -205,7 +209,9 @@ pub fn faults() -> Vec<Value> {
                 let mut properties: Map<String, Value> =
                     kind.numbers.iter().map(|spec| (spec.name.to_owned(), number(spec))).collect();
                 let required: Vec<&str> = std::iter::once(kind.name)
-                    .chain(kind.numbers.iter().filter(|spec| spec.default == DefaultValue::Required).map(|spec| spec.name))
+                    .chain(
+                        kind.numbers.iter().filter(|spec| spec.default == DefaultValue::Required).map(|spec| spec.name),
+                    )
                     .collect();
                 properties.insert(kind.name.to_owned(), limited(target.number().form, least, greatest, kind.meaning));
                 object(properties, &required)
@@ -228,7 +234,8 @@ pub fn faults() -> Vec<Value> {
         properties.insert("fault".to_owned(), json!({ "const": spec.code, "description": spec.meaning }));
         properties.extend(spec.numbers.iter().map(|spec| (spec.name.to_owned(), number(spec))));
         let mut required = vec!["fault"];
-        required.extend(spec.numbers.iter().filter(|spec| spec.default == DefaultValue::Required).map(|spec| spec.name));
+        required
+            .extend(spec.numbers.iter().filter(|spec| spec.default == DefaultValue::Required).map(|spec| spec.name));
         match spec.scope {
             Scope::Gyro => {
                 properties.insert("gyro".to_owned(), gyro_names(&Gyro::ALL));

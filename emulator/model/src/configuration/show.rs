@@ -12,7 +12,7 @@ use crate::attitude::{Manoeuvre, TruthNumbers};
 use crate::course::TimeFunctionSpec;
 use crate::effect::discovered::{self, Regressor, Term};
 use crate::effect::{EffectConfiguration, Effects};
-use crate::number::{DefaultValue, ValueFormat, ParameterSpec, ParameterSet};
+use crate::number::{DefaultValue, ParameterSet, ParameterSpec, ValueFormat};
 use crate::package::Axes;
 use crate::sensor::SensorNumbers;
 
@@ -117,9 +117,9 @@ impl Configuration {
         if self.run.is_unfinished {
             line(text, format_args!("{UNFINISHED} = true"));
         }
-        if let Some(EndedEarly { half_second, reason }) = &self.run.ended_early {
+        if let Some(EndedEarly { sample, reason }) = &self.run.ended_early {
             let reason = quoted(reason);
-            line(text, format_args!("{ENDED_EARLY} = {{ half_second = {half_second}, reason = {reason} }}"));
+            line(text, format_args!("{ENDED_EARLY} = {{ half_second = {sample}, reason = {reason} }}"));
         }
         if let Some(wire) = self.run.wire {
             line(text, format_args!("wire = {:?}", wire.name()));
@@ -146,7 +146,7 @@ impl Configuration {
                 text,
                 format_args!(
                     "\n[[run.command]]\nhalf_second = {}\nlink = {:?}\nbytes = {bytes:?}",
-                    command.half_second, command.link
+                    command.sample, command.link
                 ),
             );
         }
@@ -205,7 +205,12 @@ fn numbers(
     line(text, format_args!("{prefix}{key} = {}", inline(numbers, has)));
 }
 
-fn effects<E: Effects>(text: &mut String, complete: bool, configured: &EffectConfiguration<E>, has: impl Fn(&str) -> bool) {
+fn effects<E: Effects>(
+    text: &mut String,
+    complete: bool,
+    configured: &EffectConfiguration<E>,
+    has: impl Fn(&str) -> bool,
+) {
     for (index, spec) in configured.constant.specs().iter().enumerate() {
         let present = configured.constant.numbers(index);
         let absent = E::default();

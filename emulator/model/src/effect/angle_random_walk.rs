@@ -2,7 +2,7 @@
 
 use geu_protocol::Gyro;
 
-use super::{Amplitude, Effect, EffectSpec, GyroSubStep, GyroEffect, EffectInputs};
+use super::{Amplitude, Effect, EffectInputs, EffectSpec, GyroEffect, GyroSubStep};
 use crate::noise::NoiseStream;
 use crate::number::numbers;
 
@@ -25,7 +25,7 @@ impl Effect for AngleRandomWalk {
     const IS_NOISE: bool = true;
 }
 
-/// The stream, and what it gave for the half second now running.
+/// The stream, and what it gave for the sample now running.
 #[derive(Debug, Clone)]
 pub struct State {
     stream: NoiseStream,

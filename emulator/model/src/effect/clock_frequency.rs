@@ -1,7 +1,7 @@
 //! The unit's clock runs fast or slow (Casteren §3.2).
 //!
 //! Rotor frequency and pulse length both come from it: a clock fast by 1 ppm lowers the scale factor by 1 ppm and D, in
-//! arcsec per on-board half second, by 2 ppm in all; a half second takes 0.5/(1 + ppm·10⁻⁶) s of true time. The factors
+//! arcsec per on-board sample interval, by 2 ppm in all; a sample takes 0.5/(1 + ppm·10⁻⁶) s of true time. The factors
 //! are applied in the closing line, [`super::Head::counts`].
 
 use super::{Amplitude, Effect, EffectSpec, SampleTiming, UnitEffect};

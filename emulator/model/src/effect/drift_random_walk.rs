@@ -1,6 +1,6 @@
 //! Random drift: the drift rate walks (Casteren §3.1, table 1: 3.6″/h over 30 min, taken as 3 sigma).
 //!
-//! Drawn for any length T of the half second from the joint distribution of the rate at its end and the rate's integral
+//! Drawn for any length T of the sample from the joint distribution of the rate at its end and the rate's integral
 //! over it. A walk changes by σ√T·z₁, and its mean by half of that and σ√(T/12)·z₂. With a correlation time τ the rate
 //! before counts with exp(−t/τ); x = T/τ, and the three variances become
 //!
@@ -15,7 +15,7 @@
 
 use geu_protocol::Gyro;
 
-use super::{Amplitude, Effect, EffectSpec, GyroSubStep, GyroEffect, EffectInputs};
+use super::{Amplitude, Effect, EffectInputs, EffectSpec, GyroEffect, GyroSubStep};
 use crate::noise::NoiseStream;
 use crate::number::numbers;
 
@@ -45,7 +45,7 @@ impl Effect for DriftRandomWalk {
 pub struct State {
     stream: NoiseStream,
     rate_arcsec_s: f64,
-    /// Mean rate over the half second now running.
+    /// Mean rate over the sample interval now running.
     mean_arcsec_s: f64,
 }
 
@@ -63,7 +63,7 @@ impl GyroEffect for DriftRandomWalk {
             return;
         }
         let x = length_s / self.correlation_time_s;
-        // (1 − e⁻ˣ)/x, the mean of the decay over the half second; 1 of a pure walk.
+        // (1 − e⁻ˣ)/x, the mean of the decay over the sample interval; 1 of a pure walk.
         let mean_decay = if x == 0.0 { 1.0 } else { -libm::expm1(-x) / x };
         let decay = 1.0 - x * mean_decay;
         let sigma = self.arcsec_per_s_per_sqrt_s * length_s.sqrt();
@@ -85,7 +85,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rate_and_angle_of_a_half_second_have_the_variances_of_the_process() {
+    fn rate_and_angle_of_a_sample_have_the_variances_of_the_process() {
         let (t_s, count) = (0.5, 40_000);
         for tau_s in [1.0, 5.0, f64::INFINITY] {
             let law = DriftRandomWalk { arcsec_per_s_per_sqrt_s: 1.0, correlation_time_s: tau_s };

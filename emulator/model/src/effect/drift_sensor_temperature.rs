@@ -2,7 +2,7 @@
 
 use geu_protocol::Gyro;
 
-use super::{Amplitude, Effect, EffectSpec, GyroSubStep, GyroEffect, EffectInputs};
+use super::{Amplitude, Effect, EffectInputs, EffectSpec, GyroEffect, GyroSubStep};
 use crate::number::numbers;
 use crate::temperature::SENSOR_NOMINAL_C;
 

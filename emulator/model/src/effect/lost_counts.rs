@@ -2,7 +2,7 @@
 
 use geu_protocol::Gyro;
 
-use super::{Amplitude, Effect, EffectSpec, GyroSubStep, GyroEffect, EffectInputs};
+use super::{Amplitude, Effect, EffectInputs, EffectSpec, GyroEffect, GyroSubStep};
 use crate::number::numbers;
 
 numbers! {
@@ -10,7 +10,7 @@ numbers! {
     pub struct LostCounts {
         /// Added to the accumulated count.
         counts: 0.0, -1e6..=1e6, Count;
-        /// When, since the start of the first half second.
+        /// When, since the start of the first sample interval.
         time_s: 0.0, 0.0..=1e10, Onset;
     }
 }

@@ -73,7 +73,13 @@ mod tests {
         let law = MisalignmentThermal { arcsec_per_deg: 0.9, time_constant_s: 280.0 };
         let (mut state, mut heads) = (
             None,
-            [GyroSubStep { input_arcsec: 0.0, added_arcsec: 0.0, drift_arcsec: 0.0, scale_factor: 1.0, added_counts: 0.0 }; 4],
+            [GyroSubStep {
+                input_arcsec: 0.0,
+                added_arcsec: 0.0,
+                drift_arcsec: 0.0,
+                scale_factor: 1.0,
+                added_counts: 0.0,
+            }; 4],
         );
         let mut step = |from_deg: f64, to_deg: f64| {
             let at = |deg: f64| MotionState { theta_rad: deg * RAD_PER_DEG, ..MotionState::default() };

@@ -8,9 +8,9 @@
 //!
 //! | acts on | when | method |
 //! |---|---|---|
-//! | [`SampleTiming`] | once per half second | [`UnitEffect::timing`] |
+//! | [`SampleTiming`] | once per sample interval | [`UnitEffect::timing`] |
 //! | the four [`Head`]s together | in every sub-step | [`UnitEffect::apply`] |
-//! | one [`Head`] | once per half second, then in every sub-step | [`GyroEffect::begin`], [`GyroEffect::apply`] |
+//! | one [`Head`] | once per sample interval, then in every sub-step | [`GyroEffect::begin`], [`GyroEffect::apply`] |
 //! | the four counts | after rounding, before clipping | [`WiringEffect::apply`] |
 
 mod angle_random_walk;
@@ -54,8 +54,8 @@ pub use stuck_output::StuckOutput;
 pub use time_offset::TimeOffset;
 
 use crate::attitude::MotionStep;
-use crate::course::{TimeCourse, Interval};
-use crate::number::{ParameterSpec, ParameterSet};
+use crate::course::{Interval, TimeCourse};
+use crate::number::{ParameterSet, ParameterSpec};
 use crate::package::Axes;
 
 /// What is said of an effect.
@@ -107,7 +107,7 @@ pub struct Temperatures {
     pub sensor_c: f64,
 }
 
-/// Time as the unit keeps it over one half second.
+/// Time as the unit keeps it over one sample interval.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct SampleTiming {
     /// Relative error of the unit's clock, positive when it is fast.
@@ -133,7 +133,7 @@ pub struct GyroSubStep {
 
 impl GyroSubStep {
     /// N of equation 1, as a real number, with the clock's factors (Casteren §3.2): SF falls by the clock's error, D per
-    /// on-board half second by twice as much in all. A sub-step is already shorter by once the error; once remains.
+    /// on-board sample by twice as much in all. A sub-step is already shorter by once the error; once remains.
     #[inline]
     pub fn counts(&self, timing: &SampleTiming) -> f64 {
         let clock = 1.0 - timing.clock_error;
@@ -149,7 +149,7 @@ pub struct EffectInputs<'a> {
     pub step: &'a MotionStep,
     /// Axes of the gyro.
     pub axes: &'a Axes,
-    /// Temperatures, held over the half second.
+    /// Temperatures, held over the sample interval.
     pub temperatures: &'a Temperatures,
     /// True time since the start of the run at the sub-step's end.
     pub end_s: f64,
@@ -159,7 +159,7 @@ pub struct EffectInputs<'a> {
 pub trait UnitEffect: Effect {
     /// What it remembers.
     type State: Clone + std::fmt::Debug + Default;
-    /// Acts on the unit's time, once per half second.
+    /// Acts on the unit's time, once per sample interval.
     #[inline]
     fn timing(&self, _timing: &mut SampleTiming) {}
     /// Acts on the four heads over one sub-step, in the order of [`Gyro::ALL`].
@@ -173,7 +173,7 @@ pub trait GyroEffect: Effect {
     type State: Clone + std::fmt::Debug;
     /// The state at the start of a run.
     fn start(seed: u64, gyro: Gyro) -> Self::State;
-    /// Called once per half second, before the first sub-step; `length_s` is its true length.
+    /// Called once per sample interval, before the first sub-step; `length_s` is its true length.
     #[inline]
     fn begin(&self, _state: &mut Self::State, _length_s: f64) {}
     /// Acts over one sub-step.
@@ -184,7 +184,7 @@ pub trait GyroEffect: Effect {
 pub trait WiringEffect: Effect {
     /// What it remembers.
     type State: Clone + std::fmt::Debug + Default;
-    /// Acts on the four counts of a half second; `gyro` is the one that has the fault.
+    /// Acts on the four counts of a sample; `gyro` is the one that has the fault.
     fn apply(&self, state: &mut Self::State, gyro: Gyro, counts: &mut [f64; 4]);
 }
 
@@ -196,7 +196,7 @@ pub trait Probe: Default {
     fn begin(&mut self, true_arcsec: f64);
     /// What stands in `column` has acted; N is now `counts`.
     fn after(&mut self, column: usize, counts: f64);
-    /// What stands in `column` has changed the count of the half second by `counts`.
+    /// What stands in `column` has changed the count of the sample by `counts`.
     fn changed(&mut self, column: usize, counts: f64);
 }
 
@@ -269,7 +269,7 @@ pub struct EffectConfiguration<E> {
 }
 
 impl<E: Effects> EffectConfiguration<E> {
-    /// The effects as they stand over one half second.
+    /// The effects as they stand over one sample interval.
     #[inline]
     pub fn at(&self, interval: &Interval) -> E {
         let mut effects = self.constant;
@@ -366,7 +366,7 @@ macro_rules! unit_effects {
         pub struct UnitStates { $($field: <$type as UnitEffect>::State),* }
 
         impl UnitEffects {
-            /// The unit's time over one half second after each effect, in order.
+            /// The unit's time over one sample interval after each effect, in order.
             #[inline]
             pub fn timing(&self) -> [SampleTiming; UnitEffects::SPECS.len()] {
                 let Self { $($field),* } = self;
@@ -418,7 +418,7 @@ macro_rules! head_effects {
         }
 
         impl GyroEffects {
-            /// Before the first sub-step of a half second of true length `length_s`.
+            /// Before the first sub-step of a sample of true length `length_s`.
             #[inline]
             pub fn begin(&self, states: &mut HeadStates, length_s: f64) {
                 let Self { $($field),* } = self;

@@ -5,7 +5,7 @@
 
 use geu_protocol::Gyro;
 
-use super::{Amplitude, Effect, EffectSpec, GyroSubStep, GyroEffect, EffectInputs};
+use super::{Amplitude, Effect, EffectInputs, EffectSpec, GyroEffect, GyroSubStep};
 use crate::number::numbers;
 
 /// Rate about the output axis below which the float creeps.
@@ -89,11 +89,20 @@ mod tests {
     fn after(float: f64, rate_arcsec_s: f64, seconds: f64) -> f64 {
         let (mut state, mut sensed) = (Some(float), 0.0);
         for _ in 0..(seconds * 10.0).round() as usize {
-            let step = MotionStep { length_s: 0.1, angle_control_arcsec: [0.0, rate_arcsec_s * 0.1, 0.0], ..MotionStep::default() };
+            let step = MotionStep {
+                length_s: 0.1,
+                angle_control_arcsec: [0.0, rate_arcsec_s * 0.1, 0.0],
+                ..MotionStep::default()
+            };
             let surroundings =
                 EffectInputs { step: &step, axes: Axes::of(Gyro::X), temperatures: &TEMPERATURES, end_s: 0.0 };
-            let mut head =
-                GyroSubStep { input_arcsec: 0.0, added_arcsec: 0.0, drift_arcsec: 0.0, scale_factor: 1.0, added_counts: 0.0 };
+            let mut head = GyroSubStep {
+                input_arcsec: 0.0,
+                added_arcsec: 0.0,
+                drift_arcsec: 0.0,
+                scale_factor: 1.0,
+                added_counts: 0.0,
+            };
             LAW.apply(&mut state, &mut head, &surroundings);
             sensed += head.added_arcsec;
         }

@@ -4,7 +4,7 @@
 
 use geu_protocol::Gyro;
 
-use super::{Amplitude, Effect, EffectSpec, GyroSubStep, GyroEffect, EffectInputs};
+use super::{Amplitude, Effect, EffectInputs, EffectSpec, GyroEffect, GyroSubStep};
 use crate::number::numbers;
 use crate::units::PPM;
 

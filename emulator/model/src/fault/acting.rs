@@ -1,29 +1,29 @@
-//! The faults of a run, half second by half second: which act, and what those of head and unit do.
+//! The faults of a run, sample by sample: which act, and what those of head and unit do.
 
 use std::sync::Arc;
 
 use geu_protocol::{Gyro, Sample};
 
-use super::catalogue::{GyroFault, FaultAction, LinkFault, SpikeLaw, UnitFault};
-use super::expectation::{ExpectationResult, ExpectationMonitor};
+use super::catalogue::{FaultAction, GyroFault, LinkFault, SpikeLaw, UnitFault};
+use super::expectation::{ExpectationMonitor, ExpectationResult};
 use super::expression::ConditionInputs;
-use super::{FaultRng, Fault, EffectList, ParameterRef};
+use super::{EffectList, Fault, FaultRng, ParameterRef};
 use crate::configuration::Configuration;
 use crate::effect::Effects;
 use crate::number::ParameterSpec;
-use crate::units::HALF_SECOND_S;
+use crate::units::SAMPLE_INTERVAL_S;
 
-/// A fault over one half second.
+/// A fault over one sample interval.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ActiveFault {
     pub fault: Arc<Fault>,
     pub law: FaultAction,
-    /// Half seconds since it started.
+    /// Samples since it started.
     pub elapsed: u64,
     pub frame: u64,
     /// 1; less while a parameter returns.
     pub share: f64,
-    /// The last half second before it started.
+    /// The last sample before it started.
     pub before: Option<Sample>,
     pub seed: u64,
 }
@@ -48,16 +48,16 @@ impl ActiveFault {
     }
 }
 
-/// The middle of a half second, so many after the start, s.
+/// The middle of a sample interval, so many after the start, s.
 fn middle_s(elapsed: u64) -> f64 {
-    (elapsed as f64 + 0.5) * HALF_SECOND_S
+    (elapsed as f64 + 0.5) * SAMPLE_INTERVAL_S
 }
 
 /// What happened to a fault or an expectation.
 #[derive(Debug, Clone, PartialEq)]
 pub enum FaultEvent {
     Started(Arc<Fault>),
-    /// It is over, after so many half seconds.
+    /// It is over, after so many samples.
     Ended(Arc<Fault>, u64),
     Decided(ExpectationMonitor),
 }
@@ -84,12 +84,12 @@ struct Running {
 }
 
 impl FaultStatus {
-    /// Whether it acts, and since which half second.
+    /// Whether it acts, and since which sample.
     pub fn since(&self) -> Option<u64> {
         self.running.as_ref().map(|running| running.start)
     }
 
-    /// The half second with which it ends, where that is known.
+    /// The sample with which it ends, where that is known.
     pub fn end(&self) -> Option<u64> {
         self.running.as_ref().and_then(|running| running.end)
     }
@@ -150,7 +150,7 @@ impl FaultEngine {
         is_in_time.then_some(planned.fault.at_s)
     }
 
-    /// Takes one away from the half second on that begins next. False where there is none, or it is over.
+    /// Takes one away from the sample on that begins next. False where there is none, or it is over.
     pub fn clear(&mut self, id: &str, until_s: f64) -> bool {
         let found = self.planned.iter_mut().find(|planned| planned.fault.id == id && !planned.is_over());
         let Some(planned) = found else { return false };
@@ -161,12 +161,12 @@ impl FaultEngine {
         true
     }
 
-    /// Whether there is nothing to look at in any half second.
+    /// Whether there is nothing to look at in any sample interval.
     pub fn is_empty(&self) -> bool {
         self.planned.is_empty() && self.watches.is_empty()
     }
 
-    /// Those that act over the running half second.
+    /// Those that act over the running sample interval.
     pub fn acting(&self) -> &Arc<Vec<ActiveFault>> {
         &self.acting
     }
@@ -181,7 +181,7 @@ impl FaultEngine {
         std::mem::take(&mut self.happened)
     }
 
-    /// Decides what acts over the half second that begins, and tells the laws that are over. `last` is the one before.
+    /// Decides what acts over the sample interval that begins, and tells the laws that are over. `last` is the one before.
     pub fn begin(&mut self, now: &mut ConditionInputs, last: Option<Sample>) -> Vec<(FaultAction, Option<Gyro>)> {
         now.active = self.acting.iter().map(|acting| acting.fault.id.clone()).collect();
         let mut over = Vec::new();
@@ -193,7 +193,7 @@ impl FaultEngine {
             }
             if planned.is_triggered(now, planned.fault.seed.unwrap_or(self.seed)) {
                 planned.started += 1;
-                let end = planned.fault.half_seconds().map(|length| now.frame + length);
+                let end = planned.fault.samples().map(|length| now.frame + length);
                 planned.running = Some(Running { start: now.frame, end, releasing: None, before: last, carried: 0.0 });
                 self.happened.push(FaultEvent::Started(planned.fault.clone()));
             }
@@ -220,7 +220,7 @@ impl FaultEngine {
         self.offsets(list, gyro).next().is_some()
     }
 
-    /// Adds to the effects what the faults add over the running half second; limits stay what they are. What is on or off,
+    /// Adds to the effects what the faults add over the running sample interval; limits stay what they are. What is on or off,
     /// or names a gyro, is set; the last fault counts. What was without limit is what the fault adds.
     pub fn moved<E: Effects>(&self, mut effects: E, list: EffectList, gyro: Option<Gyro>) -> E {
         for (target, value) in self.offsets(list, gyro) {
@@ -244,7 +244,7 @@ impl FaultEngine {
         })
     }
 
-    /// Laws on the unit that act over the running half second, and since how many.
+    /// Laws on the unit that act over the running sample interval, and since how many.
     pub fn on_unit(&self) -> impl Iterator<Item = (UnitFault, u64)> {
         self.acting.iter().filter_map(|acting| match acting.law {
             FaultAction::Unit(law) => Some((law, acting.elapsed)),
@@ -257,7 +257,7 @@ impl FaultEngine {
         self.acting.iter().any(ActiveFault::silences_unit)
     }
 
-    /// Lets the faults of heads act on the counts of the half second that ends.
+    /// Lets the faults of heads act on the counts of the sample that ends.
     pub fn act_on_counts(&mut self, counts: &mut [f64; 4]) -> FlagOverrides {
         let mut marks = FlagOverrides::default();
         let heads = self.acting.iter().filter_map(|acting| match acting.law {
@@ -296,7 +296,7 @@ impl FaultEngine {
                     *count = if is_negative { f64::from(i16::MIN) - 1.0 } else { f64::from(i16::MAX) + 1.0 };
                 }
                 GyroFault::SpinDown { coast_s } => {
-                    let elapsed_s = acting.elapsed as f64 * HALF_SECOND_S;
+                    let elapsed_s = acting.elapsed as f64 * SAMPLE_INTERVAL_S;
                     *count = (*count * libm::exp(-elapsed_s / coast_s)).round();
                     marks.invalid |= gyro.bit();
                     marks.coasting |= gyro.bit();
@@ -319,7 +319,7 @@ impl FaultStatus {
                 || FaultRng::new(seed, &fault.id).at("trigger", now.frame).uniform() < fault.probability)
     }
 
-    /// Ends it when its time has come: how many half seconds it acted. A parameter returns first.
+    /// Ends it when its time has come: how many samples it acted. A parameter returns first.
     fn end_if_due(&mut self, now: &ConditionInputs) -> Option<u64> {
         let fault = &self.fault;
         let running = self.running.as_mut()?;
@@ -330,7 +330,7 @@ impl FaultStatus {
             if is_due && running.releasing.is_none() {
                 running.releasing = Some(now.frame);
             }
-            let released = running.releasing.map(|since| (now.frame - since) as f64 * HALF_SECOND_S);
+            let released = running.releasing.map(|since| (now.frame - since) as f64 * SAMPLE_INTERVAL_S);
             if released.is_none_or(|released_s| released_s < fault.release_s) {
                 return None;
             }

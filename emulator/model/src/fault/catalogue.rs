@@ -4,7 +4,7 @@
 use geu_protocol::Gyro;
 
 use crate::fault::{ParameterRef, shape};
-use crate::number::{DefaultValue, ValueFormat, ParameterSpec, named_gyro, number};
+use crate::number::{DefaultValue, ParameterSpec, ValueFormat, named_gyro, number};
 
 /// A kind of link.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -242,7 +242,9 @@ impl FaultSpec {
             FaultAction::Unit(UnitFault::FlipFlags { gyro_flags: 0, unit_flags: 0 }) => {
                 Some(("gyro_flags", "a mask with at least one bit, here or in `unit_flags`,".to_owned()))
             }
-            FaultAction::Parameter { size, .. } if gyro.is_some() && named_gyro(size) == gyro && self.code == "axis-swap" => {
+            FaultAction::Parameter { size, .. }
+                if gyro.is_some() && named_gyro(size) == gyro && self.code == "axis-swap" =>
+            {
                 other("its own gyro", "with")
             }
             _ => None,
@@ -273,7 +275,12 @@ const LEAST_DELAY_S: f64 = 0.001;
 const ONE: DefaultValue = DefaultValue::Value(1.0);
 const REQUIRED: DefaultValue = DefaultValue::Required;
 
-const fn head(code: &'static str, meaning: &'static str, numbers: &'static [ParameterSpec], law: fn(&[f64]) -> FaultAction) -> FaultSpec {
+const fn head(
+    code: &'static str,
+    meaning: &'static str,
+    numbers: &'static [ParameterSpec],
+    law: fn(&[f64]) -> FaultAction,
+) -> FaultSpec {
     FaultSpec { code, scope: Scope::Gyro, meaning, numbers, for_s: None, unable: &[], bounds: &[], law }
 }
 
@@ -309,7 +316,11 @@ fn moved(parameter: &str, size: f64, course: shape::FaultProfile) -> FaultAction
 }
 
 /// A fault that no link can have.
-const fn impossible(code: &'static str, meaning: &'static str, unable: &'static [(Transport, &'static str)]) -> FaultSpec {
+const fn impossible(
+    code: &'static str,
+    meaning: &'static str,
+    unable: &'static [(Transport, &'static str)],
+) -> FaultSpec {
     link(code, meaning, &[], unable, |_| unreachable!("refused on every link"))
 }
 
@@ -341,8 +352,12 @@ pub static CATALOGUE: &[FaultSpec] = &[
         &[number("counts", WHOLE, REQUIRED, -32768.0, 32767.0, "the increment")],
         |n| FaultAction::Head(GyroFault::StuckCount { counts: n[0] }),
     ),
-    head("stuck-rate", "the last increment is repeated", &[], |_| moved("stuck-output.on", 1.0, shape::FaultProfile::Step)),
-    head("sign-flip", "counts have the other sign", &[], |_| moved("sign-inversion.on", 1.0, shape::FaultProfile::Step)),
+    head("stuck-rate", "the last increment is repeated", &[], |_| {
+        moved("stuck-output.on", 1.0, shape::FaultProfile::Step)
+    }),
+    head("sign-flip", "counts have the other sign", &[], |_| {
+        moved("sign-inversion.on", 1.0, shape::FaultProfile::Step)
+    }),
     head(
         "axis-swap",
         "counts of two gyros stand in each other's place",
@@ -359,10 +374,17 @@ pub static CATALOGUE: &[FaultSpec] = &[
         for_s: Some(0.5),
         ..head(
             "spike",
-            "counts are added in each half second",
+            "counts are added in each sample interval",
             &[
                 number("counts", REAL, REQUIRED, -65535.0, 65535.0, "size: the value, the largest, or the deviation"),
-                number("law", ValueFormat::Choice(SpikeLaw::NAMES), DefaultValue::Value(0.0), 0.0, 3.0, "how the size is drawn"),
+                number(
+                    "law",
+                    ValueFormat::Choice(SpikeLaw::NAMES),
+                    DefaultValue::Value(0.0),
+                    0.0,
+                    3.0,
+                    "how the size is drawn",
+                ),
             ],
             |n| FaultAction::Head(GyroFault::Spike { counts: n[0], law: SpikeLaw::at(n[1]) }),
         )
@@ -371,7 +393,14 @@ pub static CATALOGUE: &[FaultSpec] = &[
     head(
         "saturated",
         "the largest increment, flagged saturated",
-        &[number("negative", ValueFormat::Flag, DefaultValue::Value(0.0), 0.0, 1.0, "whether it is the most negative one")],
+        &[number(
+            "negative",
+            ValueFormat::Flag,
+            DefaultValue::Value(0.0),
+            0.0,
+            1.0,
+            "whether it is the most negative one",
+        )],
         |n| FaultAction::Head(GyroFault::Saturated { is_negative: n[0] != 0.0 }),
     ),
     head(
@@ -430,27 +459,27 @@ pub static CATALOGUE: &[FaultSpec] = &[
         Some(0.5),
         |n| FaultAction::Unit(UnitFault::ClockJump { cycles: n[0] as i64 }),
     ),
-    link("drop", "half seconds are not sent", &[], &[], |_| link_fault::Drop {}.into()),
+    link("drop", "samples are not sent", &[], &[], |_| link_fault::Drop {}.into()),
     link(
         "duplicate",
-        "half seconds are sent more than once",
+        "samples are sent more than once",
         &[number("copies", WHOLE, ONE, 1.0, 16.0, "how often more")],
         &[],
         |n| link_fault::Duplicate { copies: n[0] as u64 }.into(),
     ),
-    link("reorder", "of each two half seconds the second is sent before the first", &[], &[], |_| {
+    link("reorder", "of each two samples the second is sent before the first", &[], &[], |_| {
         link_fault::Reorder {}.into()
     }),
     link(
         "delay",
-        "half seconds are sent late",
+        "samples are sent late",
         &[number("delay_s", REAL, REQUIRED, LEAST_DELAY_S, 60.0, "how late")],
         &[],
         |n| link_fault::Delay { delay_s: n[0] }.into(),
     ),
     link(
         "jitter",
-        "half seconds are sent late, each by a delay drawn evenly",
+        "samples are sent late, each by a delay drawn evenly",
         &[number("jitter_s", REAL, REQUIRED, LEAST_DELAY_S, 60.0, "the longest")],
         &[],
         |n| link_fault::Jitter { jitter_s: n[0] }.into(),
@@ -469,7 +498,7 @@ pub static CATALOGUE: &[FaultSpec] = &[
         bounds: &[bound("byte", CAN, 2.0, "messages on CAN")],
         ..link(
             "split",
-            "a gap within the half second: behind this byte of a frame, on CAN behind this message",
+            "a gap within the sample interval: behind this byte of a frame, on CAN behind this message",
             &[
                 number("byte", WHOLE, ONE, 1.0, 27.0, "bytes, on CAN messages, before the gap"),
                 number("gap_s", REAL, DefaultValue::Value(0.05), LEAST_DELAY_S, 10.0, "how long"),
@@ -480,14 +509,14 @@ pub static CATALOGUE: &[FaultSpec] = &[
     },
     link(
         "merge",
-        "half seconds are held and sent together",
+        "samples are held and sent together",
         &[number("frames", WHOLE, DefaultValue::Value(2.0), 2.0, 64.0, "how many at once")],
         &[],
         |n| link_fault::Merge { frames: n[0] as u64 }.into(),
     ),
     link(
         "extra-bytes",
-        "bytes that mean nothing stand before each half second",
+        "bytes that mean nothing stand before each sample",
         &[number("bytes", WHOLE, ONE, 1.0, 64.0, "how many")],
         &[(Transport::Can, NO_FRAMES)],
         |n| link_fault::ExtraBytes { bytes: n[0] as u64 }.into(),
@@ -497,7 +526,14 @@ pub static CATALOGUE: &[FaultSpec] = &[
         "bits of the data are changed: before the CRC, which then is right, or after it",
         &[
             number("bits", WHOLE, ONE, 1.0, 64.0, "how many, anywhere in the data"),
-            number("crc", ValueFormat::Choice(&["after", "before"]), DefaultValue::Value(0.0), 0.0, 1.0, "after or before the CRC"),
+            number(
+                "crc",
+                ValueFormat::Choice(&["after", "before"]),
+                DefaultValue::Value(0.0),
+                0.0,
+                1.0,
+                "after or before the CRC",
+            ),
         ],
         &[],
         |n| link_fault::BitFlip { bits: n[0] as u64, is_after_crc: n[1] == 0.0 }.into(),
@@ -512,7 +548,7 @@ pub static CATALOGUE: &[FaultSpec] = &[
         &[],
         |n| link_fault::SequenceJump { by: n[0] as i64 }.into(),
     ),
-    link("stale-repeat", "the last good half second is sent again and again", &[], &[], |_| {
+    link("stale-repeat", "the last good sample is sent again and again", &[], &[], |_| {
         link_fault::StaleRepeat {}.into()
     }),
     FaultSpec {
@@ -537,8 +573,8 @@ pub static CATALOGUE: &[FaultSpec] = &[
     },
     link(
         "babble",
-        "nonsense between the half seconds: bytes, on CAN frames of any identifier",
-        &[number("amount", WHOLE, DefaultValue::Value(16.0), 1.0, 1000.0, "bytes or frames in each half second")],
+        "nonsense between the samples: bytes, on CAN frames of any identifier",
+        &[number("amount", WHOLE, DefaultValue::Value(16.0), 1.0, 1000.0, "bytes or frames in each sample interval")],
         &[],
         |n| link_fault::Babble { amount: n[0] as u64 }.into(),
     ),

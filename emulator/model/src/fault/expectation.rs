@@ -1,7 +1,7 @@
 //! What the on-board computer must do about a fault, and whether it did.
 
-use super::expression::{Expression, ConditionInputs};
-use crate::units::HALF_SECOND_S;
+use super::expression::{ConditionInputs, Expression};
+use crate::units::SAMPLE_INTERVAL_S;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum TimeWindow {
@@ -25,7 +25,7 @@ pub struct Expectation {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ExpectationResult {
     Waiting,
-    /// Its window began at this half second.
+    /// Its window began at this sample.
     Open(u64),
     /// It was met; on-board time at which that was certain.
     Met(f64),
@@ -43,7 +43,7 @@ impl ExpectationMonitor {
         ExpectationMonitor { expectation, verdict: ExpectationResult::Waiting }
     }
 
-    /// Looks at the start of a half second, where `started` tells whether a fault has ever started; whether the verdict
+    /// Looks at the start of a sample interval, where `started` tells whether a fault has ever started; whether the verdict
     /// is new. The condition speaks of what has ended, so it counts from the second look on.
     pub fn look(&mut self, now: &ConditionInputs, started: impl Fn(&str) -> bool) -> bool {
         let expectation = &self.expectation;
@@ -58,7 +58,7 @@ impl ExpectationMonitor {
             ExpectationResult::Open(since) => {
                 let holds = expectation.condition.holds(now);
                 let (TimeWindow::Within(length_s) | TimeWindow::Throughout(length_s)) = expectation.window;
-                let is_over = (now.frame - since) as f64 * HALF_SECOND_S >= length_s;
+                let is_over = (now.frame - since) as f64 * SAMPLE_INTERVAL_S >= length_s;
                 self.verdict = match expectation.window {
                     TimeWindow::Within(_) if holds => ExpectationResult::Met(now.t_s),
                     TimeWindow::Within(_) if is_over => ExpectationResult::NotMet(now.t_s),
@@ -77,7 +77,7 @@ impl ExpectationMonitor {
 mod tests {
     use super::*;
 
-    /// The verdict when the condition holds in these half seconds after the start.
+    /// The verdict when the condition holds in these samples after the start.
     fn verdict(window: TimeWindow, holds: &[u64]) -> ExpectationResult {
         let mut watch = ExpectationMonitor::new(Expectation {
             id: "test".to_owned(),
@@ -99,7 +99,7 @@ mod tests {
         assert_eq!(verdict(TimeWindow::Within(2.0), &[7]), ExpectationResult::Met(3.5));
         assert_eq!(verdict(TimeWindow::Within(2.0), &[8]), ExpectationResult::Met(4.0));
         assert_eq!(verdict(TimeWindow::Within(2.0), &[9]), ExpectationResult::NotMet(4.0));
-        // Before the fault, and in the half second that ended with its start, it does not count.
+        // Before the fault, and in the sample interval that ended with its start, it does not count.
         assert_eq!(verdict(TimeWindow::Within(2.0), &[3, 4]), ExpectationResult::NotMet(4.0));
     }
 

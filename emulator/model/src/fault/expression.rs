@@ -1,7 +1,7 @@
 //! Conditions as text: `abs(rate_y) > 700 and not valid(GYRX)`. What starts and ends a fault, and what is expected.
 //!
 //! Numbers with `+ - * / %`, compared by `< <= > >= == !=`; conditions joined by `not`, `and`, `or`; brackets. What a name
-//! means stands once, in the tables of variables and functions. It is evaluated at the start of a half second.
+//! means stands once, in the tables of variables and functions. It is evaluated at the start of a sample interval.
 
 use std::fmt;
 
@@ -12,14 +12,14 @@ const MOST_LENGTH: usize = 500;
 /// Most brackets and signs within each other.
 const MOST_DEPTH: usize = 40;
 
-/// What an expression can know of the unit, at the start of a half second.
+/// What an expression can know of the unit, at the start of a sample interval.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ConditionInputs {
     /// On-board time since the start of the run.
     pub t_s: f64,
-    /// Index of the half second that begins, from 0.
+    /// Index of the sample that begins, from 0.
     pub frame: u64,
-    /// Sequence of the half second that begins.
+    /// Sequence of the sample that begins.
     pub sequence: u16,
     /// Inertial rates about the control axes.
     pub rate_arcsec_s: [f64; 3],
@@ -30,7 +30,7 @@ pub struct ConditionInputs {
     pub electronics_c: f64,
     pub sensor_c: f64,
     pub is_polled: bool,
-    /// Increments of the half second that ended last.
+    /// Increments of the sample that ended last.
     pub increments: [i16; 4],
     pub gyro_flags: u8,
     /// Opcodes of the commands that it brought.
@@ -51,7 +51,7 @@ type Variable = (&'static str, &'static str, fn(&ConditionInputs) -> f64);
 
 const VARIABLES: &[Variable] = &[
     ("t_s", "on-board time since the start", |now| now.t_s),
-    ("frame", "index of the half second that begins, from 0", |now| now.frame as f64),
+    ("frame", "index of the sample that begins, from 0", |now| now.frame as f64),
     ("sequence", "its sequence number", |now| f64::from(now.sequence)),
     ("rate_x", "true rate about X, arcsec/s", |now| now.rate_arcsec_s[0]),
     ("rate_y", "true rate about Y, arcsec/s", |now| now.rate_arcsec_s[1]),
@@ -77,8 +77,8 @@ const FUNCTIONS: &[(&str, Takes, Sort, &str)] = &[
     ("count", Takes::Gyro, Sort::Number, "the gyro's last increment"),
     ("valid", Takes::Gyro, Sort::Condition, "whether its last increment was flagged valid"),
     ("saturated", Takes::Gyro, Sort::Condition, "whether it was flagged saturated"),
-    ("command", Takes::Command, Sort::Condition, "whether the last half second brought this command, valid or not"),
-    ("active", Takes::Fault, Sort::Condition, "whether the fault of this identifier acted in the last half second"),
+    ("command", Takes::Command, Sort::Condition, "whether the last sample brought this command, valid or not"),
+    ("active", Takes::Fault, Sort::Condition, "whether the fault of this identifier acted in the last sample interval"),
 ];
 
 /// The names that an expression may hold, each with its meaning.

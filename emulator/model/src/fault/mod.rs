@@ -2,8 +2,8 @@
 //!
 //! A fault moves a parameter of an effect ([`shape`]), or is one that has a name ([`catalogue`]): of a gyro's head, of the
 //! unit, of a link. It waits for its trigger (a time, an [`expression`], chance, a hand), acts for a while, and is over;
-//! [`acting`] is that clockwork. All is decided at the start of a half second, on on-board time, and what is drawn depends
-//! on seed, identifier and half second alone: the same plan gives the same bytes.
+//! [`acting`] is that clockwork. All is decided at the start of a sample interval, on on-board time, and what is drawn depends
+//! on seed, identifier and sample alone: the same plan gives the same bytes.
 
 pub mod acting;
 pub mod catalogue;
@@ -16,10 +16,10 @@ use geu_protocol::Gyro;
 use crate::course;
 use crate::effect::{EffectSpec, Effects, GyroEffects, UnitEffects, WiringEffects};
 use crate::noise::NoiseStream;
-use crate::number::{ValueFormat, ParameterSpec};
+use crate::number::{ParameterSpec, ValueFormat};
 use crate::package::Axes;
-use crate::units::HALF_SECOND_S;
-use catalogue::{FaultAction, Transport, Scope, FaultSpec};
+use crate::units::SAMPLE_INTERVAL_S;
+use catalogue::{FaultAction, FaultSpec, Scope, Transport};
 use expectation::Expectation;
 use expression::Expression;
 
@@ -149,7 +149,7 @@ pub struct Fault {
     pub at_s: f64,
     /// Nor before this holds.
     pub when: Option<Expression>,
-    /// Nor unless chance has it so, drawn for each half second in which the rest would let it start.
+    /// Nor unless chance has it so, drawn for each sample in which the rest would let it start.
     pub probability: f64,
     /// Waits to be started by somebody.
     pub by_hand: bool,
@@ -167,14 +167,14 @@ pub struct Fault {
 }
 
 impl Fault {
-    /// How long it acts at most, in half seconds, at least one.
-    pub fn half_seconds(&self) -> Option<u64> {
+    /// How long it acts at most, in samples, at least one.
+    pub fn samples(&self) -> Option<u64> {
         let own = match &self.action {
             FaultKind::Named { spec, .. } => spec.for_s,
             FaultKind::Parameter { .. } => None,
         };
-        // Half a half second or more counts as one.
-        self.for_s.or(own).map(|for_s| ((for_s / HALF_SECOND_S).round() as u64).max(1))
+        // Half a sample or more counts as one.
+        self.for_s.or(own).map(|for_s| ((for_s / SAMPLE_INTERVAL_S).round() as u64).max(1))
     }
 
     /// A hand starts it at this on-board time, or when its own time has come. False where that never comes.

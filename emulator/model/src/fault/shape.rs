@@ -1,8 +1,8 @@
 //! How a fault moves a parameter while it acts: what is added to the configured value.
 
 use super::FaultRng;
-use crate::number::{DefaultValue, ValueFormat, ParameterSpec, number};
-use crate::units::HALF_SECOND_S;
+use crate::number::{DefaultValue, ParameterSpec, ValueFormat, number};
+use crate::units::SAMPLE_INTERVAL_S;
 
 /// The course of what is added.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -76,7 +76,14 @@ pub const KINDS: &[FaultProfileSpec] = &[
     FaultProfileSpec {
         name: "random",
         meaning: "deviation of normally distributed values, drawn anew each every_s",
-        numbers: &[number("every_s", ValueFormat::Real, DefaultValue::Value(0.5), 0.5, 1e9, "from one draw to the next")],
+        numbers: &[number(
+            "every_s",
+            ValueFormat::Real,
+            DefaultValue::Value(0.5),
+            0.5,
+            1e9,
+            "from one draw to the next",
+        )],
         law: |numbers| FaultProfile::Random { every_s: numbers[0] },
     },
 ];
@@ -103,7 +110,7 @@ impl FaultProfileSpec {
 }
 
 impl FaultProfile {
-    /// What stands before the size `elapsed_s` after the start with half second `start`, at the middle of a half second.
+    /// What stands before the size `elapsed_s` after the start with sample interval `start`, at the middle of a sample interval.
     pub fn factor(&self, start: u64, elapsed_s: f64, draw: &FaultRng) -> f64 {
         match *self {
             FaultProfile::Step => 1.0,
@@ -111,11 +118,13 @@ impl FaultProfile {
             FaultProfile::Pulse { width_s, period_s } => {
                 f64::from(u8::from(if period_s.is_finite() { elapsed_s % period_s } else { elapsed_s } < width_s))
             }
-            FaultProfile::Sine { period_s, phase_rad } => libm::sin(std::f64::consts::TAU * elapsed_s / period_s + phase_rad),
+            FaultProfile::Sine { period_s, phase_rad } => {
+                libm::sin(std::f64::consts::TAU * elapsed_s / period_s + phase_rad)
+            }
             FaultProfile::Random { every_s } => {
-                // Known by the half second with which it is drawn.
+                // Known by the sample with which it is drawn.
                 let drawn_s = (elapsed_s / every_s).floor() * every_s;
-                draw.at("course", start + (drawn_s / HALF_SECOND_S) as u64).standard_normal()
+                draw.at("course", start + (drawn_s / SAMPLE_INTERVAL_S) as u64).standard_normal()
             }
         }
     }
@@ -128,7 +137,8 @@ mod tests {
     #[test]
     fn courses_go_as_they_are_named() {
         let draw = FaultRng::new(1, "test");
-        let factors = |law: FaultProfile| [0.25, 4.75, 5.25, 10.25, 12.25].map(|elapsed_s| law.factor(0, elapsed_s, &draw));
+        let factors =
+            |law: FaultProfile| [0.25, 4.75, 5.25, 10.25, 12.25].map(|elapsed_s| law.factor(0, elapsed_s, &draw));
         assert_eq!(factors(FaultProfile::Step), [1.0; 5]);
         assert_eq!(factors(FaultProfile::Ramp { over_s: 10.0 }), [0.025, 0.475, 0.525, 1.0, 1.0]);
         assert_eq!(factors(FaultProfile::Pulse { width_s: 5.0, period_s: 10.0 }), [1.0, 1.0, 0.0, 1.0, 1.0]);
@@ -139,7 +149,7 @@ mod tests {
         assert_ne!(random[1], random[2]);
         let later = |start: u64, elapsed_s: f64| FaultProfile::Random { every_s: 5.0 }.factor(start, elapsed_s, &draw);
         assert_ne!(later(0, 0.25), later(7, 0.25), "another start, other values");
-        assert_eq!(later(0, 5.25), later(10, 0.25), "the same half second, the same value");
+        assert_eq!(later(0, 5.25), later(10, 0.25), "the same sample, the same value");
     }
 
     #[test]

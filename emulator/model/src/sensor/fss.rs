@@ -71,7 +71,7 @@ impl SunSensor {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::attitude::{LimitCycle, Manoeuvre, AttitudeProfile, Scenario};
+    use crate::attitude::{AttitudeProfile, LimitCycle, Manoeuvre, Scenario};
 
     fn samples(fss: Fss, scenario: &Scenario, count: usize) -> Vec<Option<SunAngles>> {
         let mut motion = Motion::new(AttitudeProfile::new(scenario).expect("possible"), scenario.limit_cycle);
@@ -98,7 +98,7 @@ mod tests {
             seen.iter().map(|sample| of(sample.expect("sunlit")).abs()).fold(0.0, f64::max)
         };
         let (theta, roll) = (largest(&|sample| sample.theta_arcsec - 216_000.0), largest(&|sample| sample.roll_arcsec));
-        // Samples each half second meet the crest of a 5 s sine within 0.05 of it.
+        // Samples each sample meet the crest of a 5 s sine within 0.05 of it.
         assert!((3.02..3.19).contains(&theta), "{theta}");
         assert!((3.02 * 0.866..3.19 * 0.8661).contains(&roll), "{roll}");
     }

@@ -24,7 +24,7 @@ mod fss;
 mod sse;
 
 pub use fss::{Fss, SunAngles, SunSensor};
-pub use sse::{SlitFix, SLITS, Sse, Star, StarSensor};
+pub use sse::{SLITS, SlitFix, Sse, Star, StarSensor};
 
 use crate::number::ParameterSet;
 

@@ -167,7 +167,7 @@ impl StarSensor {
 mod tests {
     use super::*;
     use crate::Configuration;
-    use crate::attitude::{Motion, AttitudeProfile};
+    use crate::attitude::{AttitudeProfile, Motion};
 
     fn fixes(configuration: &Configuration, end_s: f64) -> Vec<SlitFix> {
         let scenario = &configuration.scenario;

@@ -5,18 +5,18 @@ use std::sync::Arc;
 use geu_protocol::field::CLOCK_MODULUS;
 use geu_protocol::{Gyro, Sample};
 
-use super::{Channel, CompletedSample, HALF_SECOND_FS, Power, SPIN_UP_HALF_SECONDS, SUB_STEPS, GyroUnit};
+use super::{Channel, CompletedSample, GyroUnit, Power, SAMPLE_INTERVAL_FS, SPIN_UP_SAMPLE_INTERVALS, SUB_STEPS};
 use crate::fault::Fault;
 use crate::fault::acting::{ActiveFault, FaultEngine, FaultEvent};
-use crate::fault::catalogue::{GyroFault, FaultAction, UnitFault};
+use crate::fault::catalogue::{FaultAction, GyroFault, UnitFault};
 use crate::fault::expression::ConditionInputs;
-use crate::units::{HALF_SECOND_S, RAD_PER_DEG};
+use crate::units::{RAD_PER_DEG, SAMPLE_INTERVAL_S};
 
-/// The unit without faults ends a half second so much later in true time at most, fs: a sub-step. A truth from outside must
-/// be known until then, so it is less than the half second by which one that follows the unit's frames is ahead.
-const CLEAN_BEHIND_FS: i128 = HALF_SECOND_FS as i128 / SUB_STEPS as i128;
+/// The unit without faults ends a sample so much later in true time at most, fs: a sub-step. A truth from outside must
+/// be known until then, so it is less than the sample by which one that follows the unit's frames is ahead.
+const CLEAN_BEHIND_FS: i128 = SAMPLE_INTERVAL_FS as i128 / SUB_STEPS as i128;
 
-/// What faults did to a half second.
+/// What faults did to a sample.
 #[derive(Debug, Clone, PartialEq)]
 pub struct InjectionRecord {
     /// What the unit would have told had none of those come that act now.
@@ -27,7 +27,7 @@ pub struct InjectionRecord {
 }
 
 impl GyroUnit {
-    /// What faults did to the half second that ended last; nothing where none acted.
+    /// What faults did to the sample that ended last; nothing where none acted.
     pub fn injected(&self) -> Option<&Arc<InjectionRecord>> {
         self.injected.as_ref()
     }
@@ -42,28 +42,28 @@ impl GyroUnit {
         &self.faults
     }
 
-    /// Adds a fault from the next half second on; what was added, as a plan that is run again must have it.
+    /// Adds a fault from the next sample on; what was added, as a plan that is run again must have it.
     pub fn inject(&mut self, mut fault: Fault) -> Fault {
         fault.at_s = fault.at_s.max(self.next_start_s());
         self.faults.add(fault.clone());
         fault
     }
 
-    /// Starts a fault that waits for a hand, with the next half second or when its own time has come: on-board time. Nothing
+    /// Starts a fault that waits for a hand, with the next sample or when its own time has come: on-board time. Nothing
     /// where there is none, or its time has passed.
     pub fn start(&mut self, id: &str) -> Option<f64> {
         self.faults.start(id, self.next_start_s())
     }
 
-    /// Takes a fault away from the next half second on: its end, on-board time; nothing where there is none.
+    /// Takes a fault away from the next sample on: its end, on-board time; nothing where there is none.
     pub fn clear(&mut self, id: &str) -> Option<f64> {
         let until_s = self.next_start_s();
         self.faults.clear(id, until_s).then_some(until_s)
     }
 
-    /// On-board time at which the next half second starts.
+    /// On-board time at which the next sample starts.
     fn next_start_s(&self) -> f64 {
-        (self.ended + 1) as f64 * HALF_SECOND_S
+        (self.ended + 1) as f64 * SAMPLE_INTERVAL_S
     }
 
     /// Keeps the unit without faults from running away in true time: how far its clock may be behind this unit's.
@@ -73,21 +73,21 @@ impl GyroUnit {
         }
     }
 
-    /// What the faults that act made of the half second.
+    /// What the faults that act made of the sample.
     pub(super) fn compare(&mut self, ended: &CompletedSample) -> Option<Arc<InjectionRecord>> {
-        let clean = self.clean.as_mut().map(|clean| clean.end_half_second());
+        let clean = self.clean.as_mut().map(|clean| clean.end_sample());
         if self.faults.acting().is_empty() {
             return None;
         }
         let clean = clean.unwrap_or(*ended);
         Some(Arc::new(InjectionRecord {
-            clean: clean.half_second,
+            clean: clean.sample,
             is_clean_cyclic: clean.cyclic,
             acting: self.faults.acting().clone(),
         }))
     }
 
-    /// Begins a half second: which faults act over it.
+    /// Begins a sample: which faults act over it.
     pub(super) fn begin_faults(&mut self) {
         if self.faults.is_empty() {
             return;
@@ -116,7 +116,7 @@ impl GyroUnit {
     }
 
     fn recover(&mut self, law: FaultAction, gyro: Option<Gyro>) {
-        let spin_up = |channel: &mut Channel| channel.power = Power::On(SPIN_UP_HALF_SECONDS);
+        let spin_up = |channel: &mut Channel| channel.power = Power::On(SPIN_UP_SAMPLE_INTERVALS);
         match law {
             FaultAction::Head(GyroFault::SpinDown { .. }) => {
                 let own = gyro.map(|gyro| &mut self.channels[gyro as usize]);
@@ -134,12 +134,12 @@ impl GyroUnit {
         }
     }
 
-    /// What a condition can know at the start of the half second that begins.
+    /// What a condition can know at the start of the sample interval that begins.
     fn moment(&self) -> ConditionInputs {
         let (truth, last) = (self.motion.now(), self.last.unwrap_or_default());
         let angle = |rad: f64| if self.motion.knows_sun() { rad / RAD_PER_DEG } else { f64::NAN };
         ConditionInputs {
-            t_s: self.ended as f64 * HALF_SECOND_S,
+            t_s: self.ended as f64 * SAMPLE_INTERVAL_S,
             frame: self.ended,
             sequence: self.sequence.wrapping_add(1),
             rate_arcsec_s: truth.rate_control_arcsec_s,

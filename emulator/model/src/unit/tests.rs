@@ -1,15 +1,15 @@
-//! The unit, half second by half second.
+//! The unit, sample by sample.
 
 use super::*;
-use crate::attitude::{SampleQuality, Knot, AttitudeRow};
+use crate::attitude::{AttitudeRow, Knot, SampleQuality};
 
 fn unit(overrides: &[&str]) -> GyroUnit {
     let overrides: Vec<String> = overrides.iter().map(|text| text.to_string()).collect();
     GyroUnit::new(&Configuration::reference_with(&overrides).expect("valid"))
 }
 
-fn run(unit: &mut GyroUnit, half_seconds: usize) -> Vec<Sample> {
-    (0..half_seconds).map(|_| unit.end_half_second().half_second).collect()
+fn run(unit: &mut GyroUnit, samples: usize) -> Vec<Sample> {
+    (0..samples).map(|_| unit.end_sample().sample).collect()
 }
 
 fn outcome(unit: &mut GyroUnit, payload: &[u8]) -> CommandResult {
@@ -29,10 +29,11 @@ fn a_truth_covers_what_its_clock_needs() {
     let within = |overrides: &[&str], truth: &Truth, most: u64| {
         let overrides: Vec<String> = overrides.iter().map(|text| (*text).to_owned()).collect();
         let configuration = Configuration::reference_with(&overrides).expect("valid");
-        GyroUnit::half_seconds_within(&configuration, truth, most)
+        GyroUnit::samples_within(&configuration, truth, most)
     };
     let recorded = |tenths: u32| {
-        let row = |tenth| AttitudeRow { t_s: f64::from(tenth) / 10.0, angle_control_arcsec: [0.0; 3], theta_psi_rad: None };
+        let row =
+            |tenth| AttitudeRow { t_s: f64::from(tenth) / 10.0, angle_control_arcsec: [0.0; 3], theta_psi_rad: None };
         let rows: Vec<AttitudeRow> = (0..=tenths).map(row).collect();
         Truth::Recorded(Arc::new(RecordedAttitude::new(&rows).expect("good rows")))
     };
@@ -45,7 +46,7 @@ fn a_truth_covers_what_its_clock_needs() {
     assert_eq!(within(&[], &recorded(1000), 150), 150);
     assert_eq!(within(&[], &recorded(999), 1000), 199);
     assert_eq!(within(&[], &Truth::Scenario, 1000), 1000);
-    // A slow clock: its 200th half second ends 1 ms after 100 s; only a recorded truth must tell that whole half second.
+    // A slow clock: its 200th sample ends 1 ms after 100 s; only a recorded truth must tell that whole sample.
     let slow = &["unit.clock-frequency.ppm=-10"];
     assert_eq!(within(slow, &recorded(1000), 1000), 199);
     assert_eq!(within(slow, &stepped(100.0), 1000), 199);
@@ -61,9 +62,9 @@ fn accumulated_counts_stay_within_half_a_count_of_the_unquantised() {
     let mut unit = unit(&[]);
     let (mut counted, mut unquantised) = ([0.0; 4], [0.0; 4]);
     for _ in 0..20_000 {
-        let (ended, traces) = unit.end_half_second_traced();
+        let (ended, traces) = unit.end_sample_traced();
         for index in 0..4 {
-            counted[index] += f64::from(ended.half_second.increments[index]);
+            counted[index] += f64::from(ended.sample.increments[index]);
             unquantised[index] += traces[index].unquantised;
             assert!((counted[index] - unquantised[index]).abs() < 0.500_001);
         }
@@ -74,7 +75,7 @@ fn accumulated_counts_stay_within_half_a_count_of_the_unquantised() {
 }
 
 #[test]
-fn self_test_adds_its_counts_for_its_half_seconds_and_flags_them() {
+fn self_test_adds_its_counts_for_its_samples_and_flags_them() {
     let (mut plain, mut tested) = (unit(&[]), unit(&[]));
     assert_eq!(outcome(&mut tested, &[4, 0b0101, 0, 100, 3]), CommandResult::Done);
     assert_eq!(outcome(&mut tested, &[4, 1, 0, 1, 1]), CommandResult::NotPossibleNow);
@@ -94,8 +95,8 @@ fn what_commands_do_to_counts_stands_in_the_trace() {
     let _ = unit.command(&[4, 1, 0, 100, 2]);
     let _ = unit.command(&[6, 0b1101]);
     for _ in 0..4 {
-        let (ended, traces) = unit.end_half_second_traced();
-        for (trace, count) in traces.iter().zip(ended.half_second.increments) {
+        let (ended, traces) = unit.end_sample_traced();
+        for (trace, count) in traces.iter().zip(ended.sample.increments) {
             let sum: f64 = trace.true_arcsec + trace.changes.iter().sum::<f64>();
             assert!((sum - trace.unquantised).abs() < 1e-9);
             assert!((trace.unquantised - f64::from(count)).abs() <= 1.0, "{} {count}", trace.unquantised);
@@ -106,21 +107,21 @@ fn what_commands_do_to_counts_stands_in_the_trace() {
 #[test]
 fn clipping_is_flagged_never_wrapped_and_the_loss_counted() {
     let largest = command::payload(&command::COMMANDS[3], &[1, 32_767, 1]);
-    // A drift of 10″ per half second takes counts away, one of −10″ adds them.
+    // A drift of 10″ per sample interval takes counts away, one of −10″ adds them.
     let mut below = unit(&["gyro.GYRX.calibration.drift_arcsec_per_half_s=10"]);
     let _ = below.command(&largest);
-    let half_second = run(&mut below, 1)[0];
-    assert!((32_750..32_767).contains(&half_second.increments[0]));
-    assert_eq!((half_second.gyro_flags, below.lost_counts()[0]), (0x0F, 0.0));
+    let sample = run(&mut below, 1)[0];
+    assert!((32_750..32_767).contains(&sample.increments[0]));
+    assert_eq!((sample.gyro_flags, below.lost_counts()[0]), (0x0F, 0.0));
     let mut above = unit(&["gyro.GYRX.calibration.drift_arcsec_per_half_s=-10"]);
     let _ = above.command(&largest);
-    let half_second = run(&mut above, 1)[0];
-    assert_eq!((half_second.increments[0], half_second.gyro_flags), (i16::MAX, 0x1F));
+    let sample = run(&mut above, 1)[0];
+    assert_eq!((sample.increments[0], sample.gyro_flags), (i16::MAX, 0x1F));
     assert!((8.0..13.0).contains(&above.lost_counts()[0]), "{:?}", above.lost_counts());
 }
 
 #[test]
-fn reset_restarts_sequence_and_clock_with_the_running_half_second() {
+fn reset_restarts_sequence_and_clock_with_the_running_sample() {
     let mut unit = unit(&[]);
     run(&mut unit, 10);
     let _ = unit.command(&[5]);
@@ -153,28 +154,28 @@ fn a_cold_sensor_leaves_its_band_and_comes_back() {
 }
 
 #[test]
-fn polled_mode_keeps_the_half_second_until_it_is_asked_for() {
+fn polled_mode_keeps_the_sample_until_it_is_asked_for() {
     let mut unit = unit(&[]);
     assert_eq!(outcome(&mut unit, &[3]), CommandResult::NotPossibleNow);
     assert_eq!(outcome(&mut unit, &[2, 1]), CommandResult::Done);
     assert_eq!(outcome(&mut unit, &[3]), CommandResult::NotPossibleNow);
-    let ended = unit.end_half_second();
+    let ended = unit.end_sample();
     assert!(!ended.cyclic);
-    assert_eq!(ended.half_second.unit_flags & 16, 16);
+    assert_eq!(ended.sample.unit_flags & 16, 16);
     for _ in 0..2 {
-        assert_eq!(unit.command(&[3]).expect("heard").polled, Some(ended.half_second));
+        assert_eq!(unit.command(&[3]).expect("heard").polled, Some(ended.sample));
     }
     let _ = unit.command(&[2, 0]);
-    assert!(unit.end_half_second().cyclic);
+    assert!(unit.end_sample().cyclic);
 }
 
 #[test]
-fn a_fast_clock_ends_half_seconds_early() {
+fn a_fast_clock_ends_samples_early() {
     let mut unit = unit(&["unit.clock-frequency.ppm=100"]);
     for _ in 0..10_000 {
-        unit.end_half_second();
+        unit.end_sample();
     }
-    // 10 000 half seconds of 0.5/(1 + 10⁻⁴) s.
+    // 10 000 samples of 0.5/(1 + 10⁻⁴) s.
     let expected_ns = 5_000e9 / 1.0001;
     assert!((unit.running_end_ns() as f64 - 0.5e9 / 1.0001 - expected_ns).abs() < 2.0);
 }

@@ -93,13 +93,13 @@ impl Overlay<'_> {
         Some(gyros(&station.reading)? + (xx * y - x * xy) / spread)
     }
 
-    /// Mean of what the sun sensor's θ is above that of the gyros' path, bent so at so many half seconds, between two
+    /// Mean of what the sun sensor's θ is above that of the gyros' path, bent so at so many samples, between two
     /// instants, arcsec, and its variance.
     pub fn level(&self, from_s: f64, to_s: f64, bend_rad: impl Fn(f64) -> f64) -> Option<(f64, f64)> {
         let (mut count, mut sum, mut squares) = (0.0, 0.0, 0.0);
         for (sample_s, angles) in self.samples(from_s, to_s) {
             let Some(reading) = self.counts.at(sample_s) else { continue };
-            let theta_rad = interpolate(&self.path.unbent, &reading).theta_rad + bend_rad(reading.half_seconds);
+            let theta_rad = interpolate(&self.path.unbent, &reading).theta_rad + bend_rad(reading.samples);
             let above = angles[0] - theta_rad * ARCSEC_PER_RAD;
             count += 1.0;
             sum += above;

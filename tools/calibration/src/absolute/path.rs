@@ -2,7 +2,7 @@
 
 use geu_model::units::RAD_PER_DEG;
 
-use super::data::{StarFix, AbsoluteData};
+use super::data::{AbsoluteData, StarFix};
 use crate::counts::{AccumulatedCounts, Interpolation};
 use crate::observe::CompensatedCounts;
 use crate::sun::{Point, follow};
@@ -36,7 +36,7 @@ pub fn path(measured: &CompensatedCounts, sensors: &AbsoluteData, transfer: &Tra
     let nodes = counts.node_s.len();
     let mut points = vec![first.point; nodes];
     // Forwards from the first fix and backwards from it.
-    let anchor = (first.reading.half_seconds.round() as usize).min(nodes - 1);
+    let anchor = (first.reading.samples.round() as usize).min(nodes - 1);
     points[anchor] = Point { t_s: counts.node_s[anchor], ..first.point };
     let step = |from: &Point, node_from: usize, node_to: usize| {
         let about = |axis: usize| turned[node_to][axis] - turned[node_from][axis];
@@ -58,7 +58,7 @@ pub fn path(measured: &CompensatedCounts, sensors: &AbsoluteData, transfer: &Tra
         let so_far = bends.last().map_or([0.0; 2], |last| last.1);
         let mut psi = station.point.psi_rad - at.psi_rad - so_far[1];
         psi -= (psi / turn).round() * turn;
-        bends.push((station.reading.half_seconds, [station.point.theta_rad - at.theta_rad, psi + so_far[1]]));
+        bends.push((station.reading.samples, [station.point.theta_rad - at.theta_rad, psi + so_far[1]]));
     }
     for (node, point) in points.iter_mut().enumerate() {
         let [theta, psi] = bend(&bends, node as f64);

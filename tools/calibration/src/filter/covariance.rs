@@ -1,10 +1,10 @@
 //! The eighteen errors: covariance forward, its adjoint backward.
 //!
-//! Order and units: attitude about inertial axes (arcsec), drift of each gyro in use (arcsec per half second), scale factor
+//! Order and units: attitude about inertial axes (arcsec), drift of each gyro in use (arcsec per sample interval), scale factor
 //! of each (ppm), two misalignments of each (arcsec), systematic errors of the star sensor (arcsec), thermal turn (arcsec per
 //! degree of θ).
 
-use geu_model::units::{ARCSEC_PER_RAD, HALF_SECOND_S};
+use geu_model::units::{ARCSEC_PER_RAD, SAMPLE_INTERVAL_S};
 use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, UnitQuaternion, Vector3};
 
 use super::noise::FilterNoise;
@@ -25,7 +25,7 @@ const TOLD: [usize; 4 + 2 * GYROS] = [0, 1, 2, THERMAL, 3, 4, 5, 6, 7, 8];
 pub(super) type Vector = SVector<f64, STATES>;
 type Matrix = SMatrix<f64, STATES, STATES>;
 
-/// How errors pass over a half second: `attitude += growth · parameters`, and noise.
+/// How errors pass over a sample interval: `attitude += growth · parameters`, and noise.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Step {
     growth: SMatrix<f64, 3, PARAMETERS>,
@@ -49,13 +49,13 @@ impl Step {
                 growth[(axis, 2 * GYROS + 2 * gyro + 1)] = -along * off_axis_rad[gyro][1];
             }
         }
-        let angle = noise.angle_random_walk_arcsec_per_sqrt_s.powi(2) * HALF_SECOND_S;
-        let drift = noise.drift_random_walk_arcsec_per_s_per_sqrt_s * HALF_SECOND_S;
+        let angle = noise.angle_random_walk_arcsec_per_sqrt_s.powi(2) * SAMPLE_INTERVAL_S;
+        let drift = noise.drift_random_walk_arcsec_per_s_per_sqrt_s * SAMPLE_INTERVAL_S;
         Step {
             growth,
             attitude_noise: to_inertial * to_inertial.transpose() * angle,
-            drift_noise: drift * drift * HALF_SECOND_S,
-            scale_factor_noise: noise.scale_factor_random_walk_ppm_per_sqrt_s.powi(2) * HALF_SECOND_S,
+            drift_noise: drift * drift * SAMPLE_INTERVAL_S,
+            scale_factor_noise: noise.scale_factor_random_walk_ppm_per_sqrt_s.powi(2) * SAMPLE_INTERVAL_S,
         }
     }
 
@@ -171,7 +171,7 @@ impl Adjoint {
         Adjoint { vector: Vector::zeros(), matrix: Matrix::zeros() }
     }
 
-    /// From the end of a half second to its start: λ ← Φᵀ λ, Λ ← Φᵀ Λ Φ.
+    /// From the end of a sample interval to its start: λ ← Φᵀ λ, Λ ← Φᵀ Λ Φ.
     #[inline]
     pub fn pass_back(&mut self, step: &Step) {
         let growth = &step.growth;

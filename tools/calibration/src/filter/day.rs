@@ -1,17 +1,17 @@
 //! A survey day: 24 h simulated with the model, reconstructed, and held against the exact attitude (Casteren §1, §3).
 
-use geu_model::attitude::{Manoeuvre, Motion, AttitudeProfile};
+use geu_model::attitude::{AttitudeProfile, Manoeuvre, Motion};
 use geu_model::effect::{Effects, UNIT_COLUMNS, WIRING_COLUMNS, columns, discovered};
 use geu_model::noise::NoiseStream;
 use geu_model::package::Calibration;
 use geu_model::simulation::ReferenceSource;
-use geu_model::units::{ARCSEC_PER_RAD, HALF_SECOND_S, ORBIT_S};
-use geu_model::{Configuration, Truth, GyroUnit};
+use geu_model::units::{ARCSEC_PER_RAD, ORBIT_S, SAMPLE_INTERVAL_S};
+use geu_model::{Configuration, GyroUnit, Truth};
 use geu_protocol::Gyro;
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::fix::SUN_EVERY_S;
-use super::{StateEstimate, FilterError, AttitudeFix, FilterNoise, Reconstruction, attitude_of, reconstruct};
+use super::{AttitudeFix, FilterError, FilterNoise, Reconstruction, StateEstimate, attitude_of, reconstruct};
 use crate::counts::AccumulatedCounts;
 use crate::effects::CLEARANCE_SIGMA_ARCSEC;
 use crate::transfer::GyroSet;
@@ -37,7 +37,7 @@ pub struct SurveyDay {
 
 impl SurveyDay {
     /// Simulates a configuration on its scenario.
-    pub fn simulate(configuration: &Configuration, half_seconds: usize) -> SurveyDay {
+    pub fn simulate(configuration: &Configuration, samples: usize) -> SurveyDay {
         let mut unit = GyroUnit::new(configuration);
         // At the ends of the unit's own samples, which the estimates are for.
         let mut reference = ReferenceSource::new(configuration, &Truth::Scenario);
@@ -46,7 +46,7 @@ impl SurveyDay {
             counts: AccumulatedCounts::starting_at(0),
             fixes: vec![],
             sun: vec![],
-            attitude: Vec::with_capacity(half_seconds + 1),
+            attitude: Vec::with_capacity(samples + 1),
         };
         let now = |motion: &Motion| {
             let [about_x, about_y] = motion.departure_control_arcsec();
@@ -56,10 +56,10 @@ impl SurveyDay {
         };
         day.attitude.push(now(reference.motion()));
         let mut next_sun_s = 0.0;
-        for _ in 0..half_seconds {
-            let half_second = unit.end_half_second();
-            let end_s = half_second.end_ns as f64 * 1e-9;
-            let told = half_second.half_second;
+        for _ in 0..samples {
+            let sample = unit.end_sample();
+            let end_s = sample.end_ns as f64 * 1e-9;
+            let told = sample.sample;
             day.counts.push(end_s, told.increments.map(f64::from), f64::from(told.electronics_centi_c) * 0.01);
             let sample = reference.advance(end_s);
             for slits in sample.fixes {
@@ -96,7 +96,8 @@ pub fn checkout_calibration(configuration: &Configuration) -> [Calibration; 4] {
             - configuration.unit.constant.clock_frequency.ppm;
         Calibration {
             scale_factor: own.scale_factor * (1.0 + ppm * 1e-6),
-            drift_arcsec_per_half_s: own.drift_arcsec_per_half_s + effects.drift.arcsec_per_h / 3600.0 * HALF_SECOND_S,
+            drift_arcsec_per_half_s: own.drift_arcsec_per_half_s
+                + effects.drift.arcsec_per_h / 3600.0 * SAMPLE_INTERVAL_S,
             x_arcsec: own.x_arcsec + effects.misalignment.x_arcsec,
             y_arcsec: own.y_arcsec + effects.misalignment.y_arcsec,
             z_arcsec: own.z_arcsec + effects.misalignment.z_arcsec,
@@ -171,7 +172,7 @@ pub struct DayReport {
 /// Why a day could not be flown.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum DayError {
-    /// The scenario has no fix, or the day no half second.
+    /// The scenario has no fix, or the day no sample.
     #[error("{0}")]
     Filter(#[from] FilterError),
     /// The survey alone cannot be flown.
@@ -186,10 +187,10 @@ pub enum DayError {
 /// are the star sensor's alone, or with the sun sensor's 10 min apart.
 ///
 /// # Errors
-/// A survey that cannot be flown from the scenario's start, a duration without a half second.
+/// A survey that cannot be flown from the scenario's start, a duration without a sample.
 pub fn survey_day(
     configuration: &Configuration,
-    half_seconds: usize,
+    samples: usize,
     in_use: GyroSet,
     with_sun: bool,
 ) -> Result<DayReport, DayError> {
@@ -206,7 +207,7 @@ pub fn survey_day(
         scenario.manoeuvres = vec![survey];
         AttitudeProfile::new(scenario)?;
     }
-    let day = SurveyDay::simulate(&configuration, half_seconds);
+    let day = SurveyDay::simulate(&configuration, samples);
     let mut noise = FilterNoise::of(&configuration, in_use);
     let calibrations = with_errors(&checkout_calibration(&configuration), &noise, configuration.seed);
     for (gyro, clearance_arcsec) in Gyro::ALL.into_iter().zip(&mut noise.clearance_arcsec) {
@@ -244,7 +245,7 @@ pub struct EffectCost {
 /// As [`survey_day`].
 pub fn cost_of_effects(
     configuration: &Configuration,
-    half_seconds: usize,
+    samples: usize,
     in_use: GyroSet,
     mut progress: impl FnMut(usize, usize),
 ) -> Result<(AttitudeErrorStats, Vec<EffectCost>), DayError> {
@@ -252,7 +253,7 @@ pub fn cost_of_effects(
     let runs = 2 * codes.len() + 1;
     let mut done = 0;
     let mut smoothed = |keep: &dyn Fn(&str) -> bool| -> Result<AttitudeErrorStats, DayError> {
-        let share = survey_day(&keeping(configuration, keep), half_seconds, in_use, false)?.smoothed;
+        let share = survey_day(&keeping(configuration, keep), samples, in_use, false)?.smoothed;
         done += 1;
         progress(done, runs);
         Ok(share)

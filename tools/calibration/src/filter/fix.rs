@@ -144,7 +144,9 @@ impl AttitudeFix {
         match &self.seen {
             FixMeasurement::Attitude(attitude) => turn_arcsec(predicted, attitude),
             // A turn e makes of the direction u, predicted, u + e × u.
-            FixMeasurement::Direction { control, inertial } => control.cross(&(predicted.inverse() * inertial)) * ARCSEC_PER_RAD,
+            FixMeasurement::Direction { control, inertial } => {
+                control.cross(&(predicted.inverse() * inertial)) * ARCSEC_PER_RAD
+            }
         }
     }
 
@@ -152,7 +154,9 @@ impl AttitudeFix {
     pub(super) fn is_sound(&self) -> bool {
         let is_seen = match &self.seen {
             FixMeasurement::Attitude(attitude) => attitude.coords.iter().all(|part| part.is_finite()),
-            FixMeasurement::Direction { control, inertial } => control.iter().chain(inertial).all(|part| part.is_finite()),
+            FixMeasurement::Direction { control, inertial } => {
+                control.iter().chain(inertial).all(|part| part.is_finite())
+            }
         };
         let is_sight = |sight: &SensitiveAxis| {
             sight.direction_control.iter().chain(&sight.systematic).all(|part| part.is_finite())

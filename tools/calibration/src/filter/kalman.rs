@@ -3,37 +3,37 @@
 use std::borrow::Cow;
 
 use geu_model::package::Calibration;
-use geu_model::units::{ARCSEC_PER_RAD, HALF_SECOND_S, RAD_PER_DEG, SUN_RATE_RAD_S};
+use geu_model::units::{ARCSEC_PER_RAD, RAD_PER_DEG, SAMPLE_INTERVAL_S, SUN_RATE_RAD_S};
 use nalgebra::{Matrix3, Matrix3x4, Matrix4, UnitQuaternion, Vector3};
 
 use super::covariance::{
     ATTITUDE, Adjoint, Covariance, DRIFT, GYROS, Gain, MISALIGNMENT, SCALE_FACTOR, SYSTEMATIC, Step, THERMAL, Vector,
 };
-use super::{StateEstimate, AttitudeFix, Innovation, FilterNoise, FixMeasurement};
-use crate::counts::{BreakKind, AccumulatedCounts};
+use super::{AttitudeFix, FilterNoise, FixMeasurement, Innovation, StateEstimate};
+use crate::counts::{AccumulatedCounts, BreakKind};
 use crate::transfer::{GyroSet, Transfer};
 
 /// The axes about which the gyros in use are misaligned: the two that are not their own.
 const OFF_AXIS: [[usize; 2]; GYROS] = [[1, 2], [0, 2], [0, 1]];
-/// Half seconds whose mean stands in for one that is lost: two periods of the limit cycle (Casteren §3.3).
+/// Samples whose mean stands in for one that is lost: two periods of the limit cycle (Casteren §3.3).
 const MEAN_OVER: usize = 20;
 /// An attitude less certain than this is lost: the next fix of the whole attitude starts it anew. A degree, at which the
 /// square of the error, 63″, is no longer small.
 const LOST_ARCSEC: f64 = 3600.0;
-/// Half seconds between stored covariances, from which the smoother makes the others again: 1.6 MB at a time instead of
+/// Samples between stored covariances, from which the smoother makes the others again: 1.6 MB at a time instead of
 /// 270 MB for a day.
 const CHECKPOINT: usize = 1024;
 
-/// The counts with what is lost filled in, and for each half second and gyro in use how many were lost on end, with it; 0
+/// The counts with what is lost filled in, and for each sample and gyro in use how many were lost on end, with it; 0
 /// where it is there.
 pub(super) fn fill_gaps(counts: &AccumulatedCounts, in_use: GyroSet) -> (Cow<'_, AccumulatedCounts>, Vec<[u32; 4]>) {
     let used = in_use.gyros();
     let mut lost = vec![[0; 4]; counts.len()];
     for found in counts.breaks.iter().filter(|found| found.kind != BreakKind::TimeJump) {
         let last = found.to.min(lost.len());
-        for half_second in &mut lost[found.from.min(last)..last] {
+        for sample in &mut lost[found.from.min(last)..last] {
             for gyro in 0..4 {
-                half_second[gyro] |= u32::from(used[gyro] && found.gyros[gyro]);
+                sample[gyro] |= u32::from(used[gyro] && found.gyros[gyro]);
             }
         }
     }
@@ -44,19 +44,19 @@ pub(super) fn fill_gaps(counts: &AccumulatedCounts, in_use: GyroSet) -> (Cow<'_,
     for gyro in 0..4 {
         // As many as there are until there are enough.
         let (mut recent, mut seen, mut on_end) = ([0.0; MEAN_OVER], 0, 0);
-        for (half_second, lost) in lost.iter_mut().enumerate() {
+        for (sample, lost) in lost.iter_mut().enumerate() {
             let kept = seen.min(MEAN_OVER);
             on_end = if lost[gyro] == 0 { 0 } else { on_end + 1 };
             lost[gyro] = on_end;
             let increment = if on_end > 0 {
                 recent[..kept].iter().sum::<f64>() / kept.max(1) as f64
             } else {
-                let increment = counts.accumulated[gyro][half_second + 1] - counts.accumulated[gyro][half_second];
+                let increment = counts.accumulated[gyro][sample + 1] - counts.accumulated[gyro][sample];
                 recent[seen % MEAN_OVER] = increment;
                 seen += 1;
                 increment
             };
-            mended.accumulated[gyro][half_second + 1] = mended.accumulated[gyro][half_second] + increment;
+            mended.accumulated[gyro][sample + 1] = mended.accumulated[gyro][sample] + increment;
         }
     }
     (Cow::Owned(mended), lost)
@@ -186,8 +186,8 @@ impl<'a> Filter<'a> {
             innovations: Vec::new(),
         };
         let mut before = Vector3::zeros();
-        for half_second in 0..node {
-            filter.turn(half_second, &mut before);
+        for sample in 0..node {
+            filter.turn(sample, &mut before);
         }
         state.package = attitude * filter.state.package.inverse();
         filter.state = state;
@@ -195,21 +195,19 @@ impl<'a> Filter<'a> {
         Some(filter)
     }
 
-    fn increments(&self, half_second: usize) -> [f64; 4] {
-        std::array::from_fn(|gyro| {
-            self.counts.accumulated[gyro][half_second + 1] - self.counts.accumulated[gyro][half_second]
-        })
+    fn increments(&self, sample: usize) -> [f64; 4] {
+        std::array::from_fn(|gyro| self.counts.accumulated[gyro][sample + 1] - self.counts.accumulated[gyro][sample])
     }
 
-    /// Rotation about the package's axes over counts and half seconds (eq 3).
-    fn turned_arcsec(&self, counts: [f64; 4], half_seconds: f64) -> Vector3<f64> {
-        self.transfer.about_control_arcsec(counts, half_seconds).into()
+    /// Rotation about the package's axes over counts and samples (eq 3).
+    fn turned_arcsec(&self, counts: [f64; 4], samples: f64) -> Vector3<f64> {
+        self.transfer.about_control_arcsec(counts, samples).into()
     }
 
-    /// Turns the nominal attitude over a half second. Increments are integrals of rates about axes that turn meanwhile:
+    /// Turns the nominal attitude over a sample interval. Increments are integrals of rates about axes that turn meanwhile:
     /// the first term that does not commute is a twelfth of the cross product with the increment before (Miller 1983).
-    fn turn(&mut self, half_second: usize, before: &mut Vector3<f64>) {
-        let turn = self.turned_arcsec(self.increments(half_second), 1.0) / ARCSEC_PER_RAD;
+    fn turn(&mut self, sample: usize, before: &mut Vector3<f64>) {
+        let turn = self.turned_arcsec(self.increments(sample), 1.0) / ARCSEC_PER_RAD;
         let whole = turn + before.cross(&turn) / 12.0;
         self.state.package *= UnitQuaternion::from_scaled_axis(whole);
         *before = turn;
@@ -223,7 +221,7 @@ impl<'a> Filter<'a> {
     }
 
     pub fn forward(&mut self, fixes: &[(usize, &AttitudeFix)]) {
-        let left = libm::exp(-HALF_SECOND_S / self.noise.thermal_time_constant_s);
+        let left = libm::exp(-SAMPLE_INTERVAL_S / self.noise.thermal_time_constant_s);
         let (mut before, mut fixes) = (Vector3::zeros(), fixes.iter().peekable());
         for node in 0..=self.counts.len() {
             let mut is_updated = false;
@@ -248,18 +246,18 @@ impl<'a> Filter<'a> {
         }
     }
 
-    /// How errors pass over a half second, from the nominal state at its start.
-    fn step(&self, half_second: usize, state: &State) -> Step {
+    /// How errors pass over a sample interval, from the nominal state at its start.
+    fn step(&self, sample: usize, state: &State) -> Step {
         let rotation = state.package.to_rotation_matrix();
         let to_inertial = rotation.matrix() * self.inverse;
-        let increments = self.increments(half_second);
+        let increments = self.increments(sample);
         let counts = self.gyros.map(|gyro| increments[gyro]);
         // A count is an arcsecond about the own axis but for 0.2 % (Casteren §3.2), of 3″ of misalignment.
         let off_axis_rad = OFF_AXIS.map(|axes| axes.map(|axis| counts[axis] / ARCSEC_PER_RAD));
         let mut step = Step::new(&to_inertial, counts, off_axis_rad, self.noise);
-        let sigma_arcsec = self.noise.lost_rate_arcsec_s * HALF_SECOND_S;
+        let sigma_arcsec = self.noise.lost_rate_arcsec_s * SAMPLE_INTERVAL_S;
         for (slot, gyro) in self.gyros.into_iter().enumerate() {
-            let on_end = self.lost[half_second][gyro];
+            let on_end = self.lost[sample][gyro];
             if on_end > 0 {
                 // One rate is wrong throughout, so the angle grows with time and its variance with the square.
                 let variance = sigma_arcsec.powi(2) * f64::from(2 * on_end - 1);
@@ -307,12 +305,12 @@ impl<'a> Filter<'a> {
         self.transfer = Transfer::new(&self.state.calibrations, self.in_use);
     }
 
-    /// The turn from a node to an instant near it, from counts interpolated between half seconds (Casteren §6).
+    /// The turn from a node to an instant near it, from counts interpolated between samples (Casteren §6).
     fn turn_since(&self, node: usize, t_s: f64) -> UnitQuaternion<f64> {
         let Some(reading) = self.counts.at(t_s) else { return UnitQuaternion::identity() };
         let counts =
             std::array::from_fn(|gyro| self.counts.count(gyro, &reading) - self.counts.accumulated[gyro][node]);
-        let turned = self.turned_arcsec(counts, reading.half_seconds - node as f64);
+        let turned = self.turned_arcsec(counts, reading.samples - node as f64);
         UnitQuaternion::from_scaled_axis(turned / ARCSEC_PER_RAD)
     }
 
@@ -323,7 +321,13 @@ impl<'a> Filter<'a> {
 
     /// `errors`: covariance of the attitude and of the thermal turn, in inertial axes; `variances` of drifts and scale
     /// factors in use.
-    fn told(&self, state: &State, lagged_deg: f64, errors: &Matrix4<f64>, variances: &[f64; 2 * GYROS]) -> StateEstimate {
+    fn told(
+        &self,
+        state: &State,
+        lagged_deg: f64,
+        errors: &Matrix4<f64>,
+        variances: &[f64; 2 * GYROS],
+    ) -> StateEstimate {
         let mut drift_sigma_arcsec_per_half_s = [self.noise.start_drift_arcsec_per_half_s(); 4];
         let mut scale_factor_sigma = [self.noise.start_scale_factor_ppm * 1e-6; 4];
         for (slot, gyro) in self.gyros.into_iter().enumerate() {

@@ -1,4 +1,4 @@
-//! Reconstruction: a Kalman filter that re-estimates attitude and transfer functions each half second between attitude
+//! Reconstruction: a Kalman filter that re-estimates attitude and transfer functions each sample between attitude
 //! fixes, and a smoother over the same history (Casteren §3).
 //!
 //! *States.* Attitude error about inertial axes; drift, scale factor and two misalignments of each of the three gyros in
@@ -25,8 +25,8 @@
 //!
 //! let mut counts = Counts::starting_at(0);
 //! // 100 s at 10″/s about Z.
-//! for half_second in 1..=200 {
-//!     counts.push(f64::from(half_second) * 0.5, [0.0, 0.0, 5.0, 5.0], 20.0);
+//! for sample in 1..=200 {
+//!     counts.push(f64::from(sample) * 0.5, [0.0, 0.0, 5.0, 5.0], 20.0);
 //! }
 //! let start = Fix::star(0.0, 90.0, 0.0, 0.5);
 //! let told = reconstruct(&counts, &[Calibration::default(); 4], InUse::WithZa, &Noise::PAPER, &[start]).unwrap();
@@ -42,8 +42,8 @@ mod noise;
 mod whiteness;
 
 pub use day::{
-    SurveyDay, DayError, DayReport, EffectCost, REQUIREMENT_ARCSEC, AttitudeErrorStats, checkout_calibration, cost_of_effects, survey_day,
-    with_errors,
+    AttitudeErrorStats, DayError, DayReport, EffectCost, REQUIREMENT_ARCSEC, SurveyDay, checkout_calibration,
+    cost_of_effects, survey_day, with_errors,
 };
 pub use fix::{AttitudeFix, FixMeasurement, SensitiveAxis, attitude_of};
 pub use noise::FilterNoise;
@@ -63,8 +63,8 @@ pub enum FilterError {
     /// More gyros than three axes take.
     #[error("gyros in use: expected X, Y and one of ZA and ZB, got all four")]
     FourGyros,
-    /// Counts without a half second.
-    #[error("counts: expected at least 1 half second, got none")]
+    /// Counts without a sample.
+    #[error("counts: expected at least 1 sample, got none")]
     NoCounts,
     /// Nothing to start from.
     #[error("fixes: expected one of the whole attitude within 0…{end_s} s, got {got} fixes, none of them such")]
@@ -146,7 +146,7 @@ pub struct Reconstruction {
 /// attitude is uncertain by more than a degree it is lost, and started anew at the next fix of the whole attitude.
 ///
 /// # Errors
-/// All four gyros at once, no half second, no fix of the whole attitude within them, a fix or a figure of the noise that is no number.
+/// All four gyros at once, no sample, no fix of the whole attitude within them, a fix or a figure of the noise that is no number.
 pub fn reconstruct(
     counts: &AccumulatedCounts,
     calibrations: &[Calibration; 4],

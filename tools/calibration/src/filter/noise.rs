@@ -2,7 +2,7 @@
 
 use geu_model::Configuration;
 use geu_model::effect::{Effects, GyroEffects};
-use geu_model::units::HALF_SECOND_S;
+use geu_model::units::SAMPLE_INTERVAL_S;
 
 use super::FilterError;
 use crate::effects::CLEARANCE_SIGMA_ARCSEC;
@@ -27,7 +27,7 @@ pub struct FilterNoise {
     pub bounded_arcsec: f64,
     /// Rounding of the accumulated angle: one count, of which 1/√12 is the sigma (Casteren §2). 0 for counts before rounding.
     pub count_arcsec: f64,
-    /// Rate that a half second without counts may have had beside the mean of those before: half of a slew's 720″/s
+    /// Rate that a sample without counts may have had beside the mean of those before: half of a slew's 720″/s
     /// (Casteren §5.3).
     pub lost_rate_arcsec_s: f64,
     /// Attitude at the start about X, Y and Z of the control frame. X: nobody sees it, and the limit cycle swings it by less
@@ -111,7 +111,7 @@ impl FilterNoise {
     }
 
     pub(super) fn start_drift_arcsec_per_half_s(&self) -> f64 {
-        self.start_drift_arcsec_per_h / 3600.0 * HALF_SECOND_S
+        self.start_drift_arcsec_per_h / 3600.0 * SAMPLE_INTERVAL_S
     }
 
     /// Variance of what is bounded: clearance and rounding.

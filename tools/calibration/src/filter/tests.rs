@@ -4,9 +4,9 @@ use geu_model::{Configuration, GyroUnit};
 use geu_protocol::Gyro;
 use nalgebra::Vector3;
 
-use super::day::{SurveyDay, AttitudeErrorStats, checkout_calibration, with_errors};
+use super::day::{AttitudeErrorStats, SurveyDay, checkout_calibration, with_errors};
 use super::*;
-use crate::counts::{Discontinuity, BreakKind};
+use crate::counts::{BreakKind, Discontinuity};
 
 fn configuration(overrides: &[&str]) -> Configuration {
     let overrides: Vec<String> = overrides.iter().map(|text| (*text).to_owned()).collect();
@@ -29,11 +29,14 @@ fn paper() -> Configuration {
 }
 
 /// A survey of the reference unit, reconstructed from a calibration with errors.
-fn reconstructed(configuration: &Configuration, half_seconds: usize) -> (SurveyDay, Reconstruction) {
-    let day = SurveyDay::simulate(configuration, half_seconds);
+fn reconstructed(configuration: &Configuration, samples: usize) -> (SurveyDay, Reconstruction) {
+    let day = SurveyDay::simulate(configuration, samples);
     let reference = survey(configuration.seed, &[]);
     // The limit cycle's sine of 4·5/2π about X, of which a fix of the star sensor sees nothing.
-    let noise = FilterNoise { start_attitude_control_arcsec: [2.25, 60.0, 60.0], ..FilterNoise::of(&reference, GyroSet::WithZa) };
+    let noise = FilterNoise {
+        start_attitude_control_arcsec: [2.25, 60.0, 60.0],
+        ..FilterNoise::of(&reference, GyroSet::WithZa)
+    };
     let calibrations = with_errors(&checkout_calibration(&reference), &noise, configuration.seed);
     let told = reconstruct(&day.counts, &calibrations, GyroSet::WithZa, &noise, &day.fixes).expect("fixes");
     (day, told)
@@ -57,11 +60,11 @@ fn counts_without_noise_or_rounding_reconstruct_exactly() {
     let mut unit = GyroUnit::new(&configuration);
     let mut counts = AccumulatedCounts::starting_at(0);
     for _ in 0..30_000 {
-        let (ended, traces) = unit.end_half_second_traced();
+        let (ended, traces) = unit.end_sample_traced();
         counts.push(ended.end_ns as f64 * 1e-9, traces.map(|trace| trace.unquantised), 20.0);
     }
     day.counts = counts;
-    // From the first fix on by counts alone: at a later one, between half seconds where a ramp ends, the cubic would err.
+    // From the first fix on by counts alone: at a later one, between samples where a ramp ends, the cubic would err.
     day.fixes.truncate(1);
     let calibrations = configuration.gyros.clone().map(|gyro| gyro.calibration);
     let noise = FilterNoise { count_arcsec: 0.0, ..FilterNoise::of(&configuration, GyroSet::WithZa) };
@@ -129,7 +132,8 @@ fn the_smoother_is_never_less_certain_than_the_filter_and_not_worse() {
             }
         }
         assert_eq!(told.filtered.last(), told.smoothed.last());
-        let [before, after] = [&told.filtered, &told.smoothed].map(|all| AttitudeErrorStats::of(all, &day.attitude).rms_arcsec);
+        let [before, after] =
+            [&told.filtered, &told.smoothed].map(|all| AttitudeErrorStats::of(all, &day.attitude).rms_arcsec);
         assert!(after < before, "seed {seed}: {after} of {before}");
         filtered += before;
         smoothed += after;
@@ -225,9 +229,9 @@ fn little_or_bad_input_is_refused_or_handled_and_never_a_panic() {
     let fix = AttitudeFix::star(0.0, 90.0, 0.0, 0.5);
     let one = std::slice::from_ref(&fix);
     let (za, noise) = (GyroSet::WithZa, FilterNoise::PAPER);
-    let some = |half_seconds: usize| {
+    let some = |samples: usize| {
         let mut counts = AccumulatedCounts::starting_at(0);
-        (1..=half_seconds).for_each(|end| counts.push(end as f64 * 0.5, [0.0; 4], 20.0));
+        (1..=samples).for_each(|end| counts.push(end as f64 * 0.5, [0.0; 4], 20.0));
         counts
     };
     assert_eq!(run(&AccumulatedCounts::default(), za, &noise, one), Err(FilterError::NoCounts));
@@ -245,11 +249,11 @@ fn little_or_bad_input_is_refused_or_handled_and_never_a_panic() {
     assert!(matches!(run(&some(4), za, &noise, &[fix.clone(), bad]), Err(FilterError::Fix { index: 1, .. })));
     let negative = FilterNoise { bounded_arcsec: -1.0, ..noise };
     assert!(matches!(run(&some(4), za, &negative, one), Err(FilterError::Noise { .. })));
-    for half_seconds in 1..6 {
+    for samples in 1..6 {
         for t_s in [0.0, 0.2, 0.5] {
             let fixes = [AttitudeFix::star(t_s, 90.0, 0.0, 0.5), late.clone()];
-            let told = run(&some(half_seconds), za, &noise, &fixes).expect("a fix inside");
-            assert_eq!((told.filtered.len(), told.smoothed.len()), (half_seconds + 1, half_seconds + 1));
+            let told = run(&some(samples), za, &noise, &fixes).expect("a fix inside");
+            assert_eq!((told.filtered.len(), told.smoothed.len()), (samples + 1, samples + 1));
             assert_eq!((told.fixes_outside, told.innovations.len()), (1, 2));
         }
     }

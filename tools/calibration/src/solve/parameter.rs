@@ -7,7 +7,7 @@ use geu_protocol::Gyro;
 pub const PER_GYRO: usize = 4;
 pub const UNKNOWNS: usize = 4 * PER_GYRO;
 
-/// What a launch leaves unknown of scale factor (relative), drift (arcsec per half second) and misalignment (arcsec): 2000 ppm,
+/// What a launch leaves unknown of scale factor (relative), drift (arcsec per sample interval) and misalignment (arcsec): 2000 ppm,
 /// 1.5°/h, an arcminute (Casteren table 1, §3.2, §3.4). Data that tell less tell nothing.
 pub const BEFORE_LAUNCH: [f64; 3] = [2000e-6, 1.5 * 3600.0 / 7200.0, 60.0];
 

@@ -3,7 +3,7 @@
 use geu_protocol::Gyro;
 
 use crate::counts::BreakKind;
-use crate::redundancy::{ParityResidual, THRESHOLD_SIGMA, ParityTest};
+use crate::redundancy::{ParityResidual, ParityTest, THRESHOLD_SIGMA};
 use crate::transfer::GyroSet;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -12,7 +12,7 @@ pub enum GyroSelection {
     Za,
     Zb,
     All,
-    /// As `Za`; half seconds without GYRZA by GYRZB.
+    /// As `Za`; samples without GYRZA by GYRZB.
     Auto,
 }
 
@@ -38,9 +38,9 @@ pub enum TrackerEvent {
         /// Another choice that has all its gyros.
         other: Option<GyroSelection>,
     },
-    /// Increments are there again, after so many half seconds without.
+    /// Increments are there again, after so many samples without.
     Again {
-        half_seconds: u64,
+        samples: u64,
     },
     /// Other gyros are used from now on.
     Switched(GyroSet),
@@ -59,8 +59,8 @@ impl std::fmt::Display for TrackerEvent {
                     None => Ok(()),
                 }
             }
-            TrackerEvent::Again { half_seconds: 1 } => write!(f, "increments again, after 1 half second without"),
-            TrackerEvent::Again { half_seconds } => write!(f, "increments again, after {half_seconds} half seconds without"),
+            TrackerEvent::Again { samples: 1 } => write!(f, "increments again, after 1 sample without"),
+            TrackerEvent::Again { samples } => write!(f, "increments again, after {samples} samples without"),
             TrackerEvent::Switched(in_use) => write!(f, "goes on with {}", in_use_name(in_use)),
             TrackerEvent::Exceeds(test, ParityResidual { arcsec, sigma_arcsec }) => write!(
                 f,

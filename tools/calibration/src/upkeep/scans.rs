@@ -7,7 +7,7 @@ use crate::calibrate::AttitudeSource;
 use crate::counts::AccumulatedCounts;
 use crate::observe::ExcludedData;
 use crate::transfer::{GyroSet, Transfer};
-use crate::window::{LONGEST_HALF_SECONDS, REST_ARCSEC_S, ManoeuvreWindow, smoothed_rate_control_arcsec_s};
+use crate::window::{LONGEST_SAMPLE_INTERVALS, ManoeuvreWindow, REST_ARCSEC_S, smoothed_rate_control_arcsec_s};
 
 use super::SURVEY_ARCSEC_S;
 
@@ -20,7 +20,7 @@ pub const STEADY_ARCSEC_S: f64 = 2.0;
 /// Share of a leg that has to be steady; what is left are its ramps.
 const STEADY_SHARE: f64 = 0.8;
 /// Ramps make steady stretches of a second or two, which nobody would look for.
-const MENTIONED_HALF_SECONDS: usize = 40;
+const MENTIONED_SAMPLE_INTERVALS: usize = 40;
 
 /// A stretch at a steady rate about Z with θ held: its nodes and its rate.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -74,7 +74,7 @@ fn steady(counts: &AccumulatedCounts, calibrations: &[Calibration; 4]) -> Vec<St
         to: counts.len(),
         rate_z_arcsec_s: sum / number,
     }));
-    stretches.retain(|stretch| stretch.to - stretch.from >= MENTIONED_HALF_SECONDS);
+    stretches.retain(|stretch| stretch.to - stretch.from >= MENTIONED_SAMPLE_INTERVALS);
     stretches
 }
 
@@ -110,7 +110,8 @@ pub(super) fn chosen(
         (Some(legs), _) => legs,
         (None, AttitudeSource::Sensors(sensors)) => {
             let pairs = sensors.fixes.windows(2).map(|pair| [pair[0].t_ns as f64 * 1e-9, pair[1].t_ns as f64 * 1e-9]);
-            fixes = pairs.map(|[start_s, end_s]| ManoeuvreWindow { name: "fixes".to_owned(), start_s, end_s }).collect();
+            fixes =
+                pairs.map(|[start_s, end_s]| ManoeuvreWindow { name: "fixes".to_owned(), start_s, end_s }).collect();
             &fixes
         }
         (None, AttitudeSource::Reference(..)) => {
@@ -122,7 +123,7 @@ pub(super) fn chosen(
                     leave("stretch", start_s, why);
                     continue;
                 }
-                let parts = (stretch.to - stretch.from).div_ceil(LONGEST_HALF_SECONDS);
+                let parts = (stretch.to - stretch.from).div_ceil(LONGEST_SAMPLE_INTERVALS);
                 let node = |part: usize| stretch.from + (stretch.to - stretch.from) * part / parts;
                 windows.extend((0..parts).map(|part| ManoeuvreWindow {
                     name: "stretch".to_owned(),

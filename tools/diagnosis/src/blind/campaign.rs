@@ -108,7 +108,11 @@ pub struct BlindCampaign {
 ///
 /// # Errors
 /// As [`Survey::diagnose`].
-pub fn campaign(survey: &TrialMotion, plan: &CampaignPlan, done: &(dyn Fn() + Sync)) -> Result<BlindCampaign, MeasuredError> {
+pub fn campaign(
+    survey: &TrialMotion,
+    plan: &CampaignPlan,
+    done: &(dyn Fn() + Sync),
+) -> Result<BlindCampaign, MeasuredError> {
     let hidings = plan.hidings();
     let trial = |index: usize| -> Result<TrialRun, MeasuredError> {
         let mut draw = TrialGenerator::new(survey, plan.seed, index as u64);
@@ -122,10 +126,14 @@ pub fn campaign(survey: &TrialMotion, plan: &CampaignPlan, done: &(dyn Fn() + Sy
         let diagnosis = survey.diagnose(&flight)?;
         let seconds = start.elapsed().as_secs_f64();
         let told = ReportedDiagnosis::from(&diagnosis);
-        let score = score(&hidden, &told, &|hidden, found| survey.signature_cosine(hidden, found, told.temperature_late_s));
+        let score =
+            score(&hidden, &told, &|hidden, found| survey.signature_cosine(hidden, found, told.temperature_late_s));
         let like = |index: &usize| {
             let found = &told.missing[*index];
-            hidden.iter().map(|hidden| survey.signature_cosine(hidden, found, told.temperature_late_s)).fold(0.0, f64::max)
+            hidden
+                .iter()
+                .map(|hidden| survey.signature_cosine(hidden, found, told.temperature_late_s))
+                .fold(0.0, f64::max)
         };
         let likeness = score.false_names.iter().map(like).collect();
         done();
@@ -266,8 +274,10 @@ impl BlindCampaign {
             let (runs, whole) = (&group.runs, group.runs.len());
             let count = |least: IsolationResult| runs.iter().filter(|run| run.naming() >= least).count();
             let detected = count(IsolationResult::Unnamed);
-            let beside =
-                runs.iter().filter(|run| run.naming() >= IsolationResult::Group && !run.score.false_names.is_empty()).count();
+            let beside = runs
+                .iter()
+                .filter(|run| run.naming() >= IsolationResult::Group && !run.score.false_names.is_empty())
+                .count();
             let sizes: Vec<_> =
                 runs.iter().flat_map(|run| run.score.outcomes.iter().filter_map(|outcome| outcome.size)).collect();
             let squares: f64 = sizes.iter().map(|size| (size.error / size.bound).powi(2)).sum();

@@ -6,14 +6,14 @@ use geu_model::course::{KINDS, TimeFunction};
 use geu_model::effect::discovered::{Formula, Regressor};
 use geu_model::effect::{Effects, GyroEffects, WiringEffects};
 use geu_model::fault::{EffectList, ParameterRef};
-use geu_model::number::{DefaultValue as DefaultValue, ValueFormat, ParameterSpec, ParameterSet, Role};
+use geu_model::number::{DefaultValue, ParameterSet, ParameterSpec, Role, ValueFormat};
 use geu_model::package::{Axes, Calibration};
 use geu_protocol::Gyro;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::fly::{SimulatedRecording, fly};
-use super::hidden::{InjectedEffect, AnswerKey, Origin};
+use super::hidden::{AnswerKey, InjectedEffect, Origin};
 use super::survey::{ScaledHypothesis, TrialMotion};
 use crate::amplitude::{AmplitudeRef, STEP, is_real};
 use crate::gyros::{ALL_GYROS, only};
@@ -33,7 +33,7 @@ const LOUDER: [f64; 2] = [3.0, 10.0];
 const ON_ALL: u32 = 8;
 /// Draws until something fits.
 const TRIES: usize = 200;
-/// One sigma of the errors of the sixteen: of a scale factor, of a drift in arcsec per half second, of a misalignment in arcsec.
+/// One sigma of the errors of the sixteen: of a scale factor, of a drift in arcsec per sample interval, of a misalignment in arcsec.
 const SCALE_OFF: f64 = 6e-6;
 const DRIFT_OFF: f64 = 1.2 / 7200.0;
 const MISALIGNMENT_OFF: f64 = 1.5;
@@ -64,7 +64,8 @@ pub fn generate_trial(survey: &TrialMotion, seed: u64) -> (AnswerKey, SimulatedR
         };
         // Courses of one effect share its shapes, and a swap moves what another fault did.
         let is_other = |next: &InjectedEffect| {
-            let alike = |own: &InjectedEffect| own.code().starts_with(&next.code()) || next.code().starts_with(&own.code());
+            let alike =
+                |own: &InjectedEffect| own.code().starts_with(&next.code()) || next.code().starts_with(&own.code());
             !hidden.iter().any(|own| alike(own) || own.origin == Origin::Wiring && next.origin == Origin::Wiring)
         };
         hidden.extend(next.filter(is_other));
@@ -174,7 +175,11 @@ impl<'a> TrialGenerator<'a> {
         Some(InjectedEffect { nearest, ..self.hidden(found, Origin::Unknown) })
     }
 
-    fn hidden(&self, ScaledHypothesis { hypothesis, sigma, strength }: ScaledHypothesis, origin: Origin) -> InjectedEffect {
+    fn hidden(
+        &self,
+        ScaledHypothesis { hypothesis, sigma, strength }: ScaledHypothesis,
+        origin: Origin,
+    ) -> InjectedEffect {
         InjectedEffect { sigma: Some(sigma), strength: Some(strength), ..self.without_bound(hypothesis, origin) }
     }
 

@@ -6,13 +6,13 @@ use std::sync::Arc;
 use geu_model::attitude::{self, RecordedAttitude};
 use geu_model::noise::NoiseStream;
 use geu_model::simulation::ReferenceSample;
-use geu_model::units::{HALF_SECOND_S, RAD_PER_DEG};
+use geu_model::units::{RAD_PER_DEG, SAMPLE_INTERVAL_S};
 use geu_model::{Configuration, Simulation};
 use geu_protocol::CanIdMap;
 use geu_protocol::capture::Timestamp;
-use geu_recording::{ReferenceAttitude, ReceivedSample};
+use geu_recording::{ReceivedSample, ReferenceAttitude};
 
-/// By how much a receive time is later than the half second's end.
+/// By how much a receive time is later than the sample's end.
 const LATE_S: f64 = 0.9e-3;
 /// One sigma of that.
 const JITTER_S: f64 = 0.15e-3;
@@ -22,7 +22,7 @@ const DIGITS: u8 = 6;
 /// What a unit told, and what truly happened.
 #[derive(Debug, Clone)]
 pub struct SimulatedRecording {
-    /// Half seconds as they were received.
+    /// Samples as they were received.
     pub rows: Vec<ReceivedSample>,
     /// The true attitude.
     pub reference: ReferenceAttitude,
@@ -37,23 +37,31 @@ pub fn fly(configuration: &Configuration, duration_s: f64) -> SimulatedRecording
     let mut late = NoiseStream::of_sensor(configuration.seed, "receiver");
     let mut truth = vec![simulation.start()];
     let mut rows = Vec::new();
-    for (ended, reference) in simulation.take((duration_s / HALF_SECOND_S).round() as usize) {
+    for (ended, reference) in simulation.take((duration_s / SAMPLE_INTERVAL_S).round() as usize) {
         let late_ns = (LATE_S + JITTER_S * late.standard_normal()).max(0.0) * 1e9;
         let t_us = (start_ns + ended.end_ns + late_ns as i64 + 500) / 1000;
         rows.push(ReceivedSample {
             time: Some(Timestamp { t_ns: t_us * 1000, digits: DIGITS }),
             is_received: true,
-            half_second: ended.half_second,
+            sample: ended.sample,
             has_clock: true,
         });
         truth.extend(reference.iter().map(ReferenceSample::row));
     }
     // A shorter flight has no truth of its own: three rows, at rest.
     for index in truth.len()..4 {
-        truth.push(attitude::AttitudeRow { t_s: index as f64 * HALF_SECOND_S, angle_control_arcsec: [0.0; 3], ..truth[0] });
+        truth.push(attitude::AttitudeRow {
+            t_s: index as f64 * SAMPLE_INTERVAL_S,
+            angle_control_arcsec: [0.0; 3],
+            ..truth[0]
+        });
     }
     let recorded = RecordedAttitude::new(&truth).expect("rows of half a second each");
-    SimulatedRecording { rows, reference: ReferenceAttitude { start_ns, truth: Arc::new(recorded), time_system: None }, motion: truth }
+    SimulatedRecording {
+        rows,
+        reference: ReferenceAttitude { start_ns, truth: Arc::new(recorded), time_system: None },
+        motion: truth,
+    }
 }
 
 impl SimulatedRecording {
@@ -62,7 +70,7 @@ impl SimulatedRecording {
         let (plan, mut text) = (CanIdMap::default(), String::new());
         for row in &self.rows {
             let stamp = stamp(row.time.map_or(0, |time| time.t_ns));
-            for frame in plan.frames(&row.half_second) {
+            for frame in plan.frames(&row.sample) {
                 let _ = write!(text, "({stamp}) can0 {:03X}#", frame.id());
                 frame.data().iter().for_each(|byte| {
                     let _ = write!(text, "{byte:02X}");

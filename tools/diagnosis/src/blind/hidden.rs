@@ -127,9 +127,9 @@ impl AnswerKey {
                 tables.iter().collect()
             }
         };
-        let hidden = tables
-            .into_iter()
-            .map(|table| InjectedEffect::read(table).map_err(|(field, expected)| bad(&format!("hidden.{field}"), expected)));
+        let hidden = tables.into_iter().map(|table| {
+            InjectedEffect::read(table).map_err(|(field, expected)| bad(&format!("hidden.{field}"), expected))
+        });
         Ok(AnswerKey {
             seed: seed.ok_or_else(|| bad("seed", "a whole number of 0 or more"))?,
             duration_s: duration_s

@@ -16,9 +16,9 @@ mod hidden;
 mod score;
 mod survey;
 
-pub use campaign::{BlindCampaign, Group, TrialKind, CampaignPlan, TrialRun, campaign};
+pub use campaign::{BlindCampaign, CampaignPlan, Group, TrialKind, TrialRun, campaign};
 pub use draw::generate_trial;
 pub use fly::{SimulatedRecording, fly};
-pub use hidden::{BadKey, InjectedEffect, AnswerKey, Origin};
-pub use score::{BadResult, IsolationResult, EffectScore, ReportedDiagnosis, Score, SizeError, score};
+pub use hidden::{AnswerKey, BadKey, InjectedEffect, Origin};
+pub use score::{BadResult, EffectScore, IsolationResult, ReportedDiagnosis, Score, SizeError, score};
 pub use survey::{SURVEY_S, TrialMotion};

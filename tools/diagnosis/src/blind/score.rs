@@ -203,7 +203,9 @@ pub fn score(
     let of = |(own, naming): (&InjectedEffect, IsolationResult)| {
         let overlaps = |found: &DiagnosedEffect| overlap(&found.gyros, &own.gyros);
         let naming = match naming {
-            IsolationResult::Missed if false_names.iter().any(|&index| overlaps(&told.missing[index])) => IsolationResult::Wrong,
+            IsolationResult::Missed if false_names.iter().any(|&index| overlaps(&told.missing[index])) => {
+                IsolationResult::Wrong
+            }
             IsolationResult::Missed if told.verdict == Verdict::Unexplained || told.missing.iter().any(overlaps) => {
                 IsolationResult::Unnamed
             }

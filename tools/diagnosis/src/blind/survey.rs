@@ -118,8 +118,9 @@ impl TrialMotion {
         let (Some(one), Some(other)) = (one, other) else { return 0.0 };
         let as_found = one.cosine(&self.normal, &other);
         let rivals = self.rivals(&hidden.hypothesis, temperature_late_s);
-        let is_found =
-            |rival: &&Alternative| rival.hypothesis.amplitude.code() == found.code && rival.hypothesis.gyros == found.gyros;
+        let is_found = |rival: &&Alternative| {
+            rival.hypothesis.amplitude.code() == found.code && rival.hypothesis.gyros == found.gyros
+        };
         rivals.iter().find(is_found).map_or(as_found, |rival| rival.cosine.max(as_found))
     }
 

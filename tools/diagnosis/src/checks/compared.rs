@@ -1,4 +1,4 @@
-//! The counts beside what the reference and the configured calibration predict, half second by half second.
+//! The counts beside what the reference and the configured calibration predict, sample by sample.
 
 use geu_calibration::transfer::misalignment_matrix;
 use geu_model::Configuration;
@@ -7,7 +7,7 @@ use geu_model::effect::WiringEffects;
 use geu_protocol::Gyro;
 use geu_protocol::continuity::SequenceStep;
 use geu_protocol::field::unit_flag;
-use geu_recording::{ReferenceAttitude, ReceivedSample};
+use geu_recording::{ReceivedSample, ReferenceAttitude};
 use nalgebra::Vector3;
 
 use super::timeline::SampleTimes;
@@ -15,14 +15,14 @@ use super::told::FindingCollector;
 
 /// What stamps and the ends of a reference may miss of each other, s.
 const COVERED_S: f64 = 0.02;
-/// A reference that ends with the recording may miss the half seconds at the ends; more is told.
+/// A reference that ends with the recording may miss the samples at the ends; more is told.
 const MOST_UNCOVERED: usize = 2;
 /// A count so many times beyond anything predicted is of no wiring, where there are few of them.
 const OUTLIER: f64 = 2.0;
 const OUTLIER_COUNTS: f64 = 100.0;
 const FEW_OUTLIERS: f64 = 0.01;
 
-/// One half second. Counts in the order of [`Gyro::ALL`].
+/// One sample. Counts in the order of [`Gyro::ALL`].
 #[derive(Debug, Clone)]
 pub struct SampleComparison {
     /// Index of its row.
@@ -37,7 +37,7 @@ pub struct SampleComparison {
     pub wiring: [WiringEffects; 4],
 }
 
-/// All half seconds, repeats left out.
+/// All samples, repeats left out.
 #[derive(Debug, Clone)]
 pub struct CountComparison {
     pub halves: Vec<SampleComparison>,
@@ -71,7 +71,7 @@ impl CountComparison {
             return None;
         }
         if uncovered > MOST_UNCOVERED {
-            told.whole("reference-short", None, format!("{uncovered} half seconds have no reference: {span}"));
+            told.whole("reference-short", None, format!("{uncovered} samples have no reference: {span}"));
         }
 
         let calibrations = configuration.gyros.each_ref().map(|gyro| gyro.calibration);
@@ -80,22 +80,22 @@ impl CountComparison {
         let mut near = 0;
         let mut angle = |t_s: f64| Vector3::from(reference.truth.at(t_s + offset_s, &mut near).0);
         let halves = (0..rows.len()).filter(|&row| timeline.steps[row] != SequenceStep::Repeat).map(|row| {
-            let half_second = &rows[row].half_second;
+            let sample = &rows[row].sample;
             let (start_s, end_s) = (timeline.start_s(row), timeline.end_s[row]);
             let inputs = matrix * (angle(end_s) - angle(start_s));
-            let electronics_c = f64::from(half_second.electronics_centi_c) * 0.01;
+            let electronics_c = f64::from(sample.electronics_centi_c) * 0.01;
             let interval = Interval { start_s, end_s, electronics_excess_k: electronics_c - reference_c };
-            let is_test = half_second.unit_flags & const { unit_flag("self_test") } != 0;
+            let is_test = sample.unit_flags & const { unit_flag("self_test") } != 0;
             SampleComparison {
                 row,
                 predicted: std::array::from_fn(|gyro| {
                     let calibration = &calibrations[gyro];
                     (inputs[gyro] - calibration.drift_arcsec_per_half_s) / calibration.scale_factor
                 }),
-                measured: half_second.increments.map(f64::from),
+                measured: sample.increments.map(f64::from),
                 is_used: Gyro::ALL.map(|gyro| {
                     let (valid, saturated) = (gyro.bit(), gyro.bit() << 4);
-                    covers(row) && !is_test && half_second.gyro_flags & (valid | saturated) == valid
+                    covers(row) && !is_test && sample.gyro_flags & (valid | saturated) == valid
                 }),
                 wiring: configuration.gyros.each_ref().map(|gyro| gyro.wiring.at(&interval)),
             }
@@ -105,7 +105,7 @@ impl CountComparison {
         Some(compared)
     }
 
-    /// The half seconds in which a gyro can be compared.
+    /// The samples in which a gyro can be compared.
     pub fn of_gyro(&self, gyro: usize) -> impl Iterator<Item = &SampleComparison> {
         self.halves.iter().filter(move |half| half.is_used[gyro])
     }

@@ -10,7 +10,7 @@ const ORDINARY: f64 = 0.1;
 /// What is left of the counts' variance beside a factor, as a part of how far it is from 1. A gyro that follows half of the
 /// time has a factor of a half, and half of its variance is left.
 const LEFT: f64 = 0.2;
-/// Half seconds over which counts are summed: coarse counts show little of a half second, short recordings have few sums.
+/// Samples over which counts are summed: coarse counts show little of a sample, short recordings have few sums.
 const SUMMED: [usize; 2] = [1, 600];
 /// Sums that must be compared.
 const FEWEST: usize = 16;
@@ -36,7 +36,7 @@ const FACTORS: &[(f64, &str)] = &[
     (206_264.806, "a reference in rad/s"),
     (206.264_806, "a reference in mrad/s"),
     (4.848_137, "a count of 1 microradian"),
-    (2.0, "counts per second instead of per half second"),
+    (2.0, "counts per second instead of per sample interval"),
     (0.5, "a reference of double rates"),
 ];
 
@@ -49,7 +49,7 @@ struct Moments {
 }
 
 impl Moments {
-    /// By sums of so many half seconds.
+    /// By sums of so many samples.
     fn of(compared: &CountComparison, gyro: usize, summed: usize) -> Moments {
         let mut states = Default::default();
         let (mut count, mut sums) = (0, [0.0; 5]);

@@ -11,7 +11,7 @@ use crate::hypothesis::Hypothesis;
 /// Wiring of the four gyros.
 pub type Wiring = [WiringEffects; 4];
 
-/// Lets wiring act on the counts of a half second.
+/// Lets wiring act on the counts of a sample.
 pub fn apply(wiring: &Wiring, states: &mut WiringStates, counts: &mut [f64; 4]) {
     WiringEffects::apply(wiring, states, counts, &mut [(); 4]);
 }
@@ -37,7 +37,9 @@ impl WiringHypothesis {
                     let values = match number.form {
                         ValueFormat::Flag => vec![1.0],
                         ValueFormat::Whole | ValueFormat::Choice(_) => vec![],
-                        ValueFormat::Gyro => (1..=4).filter(|&named| named != bearer as usize + 1).map(|n| n as f64).collect(),
+                        ValueFormat::Gyro => {
+                            (1..=4).filter(|&named| named != bearer as usize + 1).map(|n| n as f64).collect()
+                        }
                         ValueFormat::Real => Vec::new(),
                     };
                     laws.extend(values.into_iter().map(|value| WiringHypothesis { bearer, effect, amplitude, value }));
@@ -96,14 +98,14 @@ pub struct WiringFault {
     pub hypothesis: Hypothesis,
     /// The gyros whose counts it changes, in wire order.
     pub gyros: Vec<Gyro>,
-    /// Where it begins, s since the start of the first half second; nothing where it was there from the start.
+    /// Where it begins, s since the start of the first sample interval; nothing where it was there from the start.
     pub onset_s: Option<f64>,
     /// Between which times it may as well have begun, s.
     pub onset_between_s: [f64; 2],
     /// Where it ends, s; nothing where it lasts to the end.
     pub end_s: Option<f64>,
-    /// Half seconds of the recording over which it holds.
-    pub half_seconds: usize,
+    /// Samples of the recording over which it holds.
+    pub samples: usize,
     /// Rms of measured less predicted counts over them, without the fault, over the gyros concerned.
     pub without_rms_counts: f64,
     /// The same with the fault.

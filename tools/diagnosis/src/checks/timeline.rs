@@ -1,6 +1,6 @@
-//! When each row's half second ended, and how it stands to the one before.
+//! When each row's sample ended, and how it stands to the one before.
 
-use geu_model::units::HALF_SECOND_S;
+use geu_model::units::SAMPLE_INTERVAL_S;
 use geu_protocol::continuity::{Continuity, SequenceStep};
 use geu_recording::ReceivedSample;
 
@@ -11,27 +11,28 @@ const MOST_MISSING: u64 = 1_209_600;
 
 /// Times of the rows.
 pub struct SampleTimes {
-    /// Start of the first half second on the time scale of the rows, ns.
+    /// Start of the first sample on the time scale of the rows, ns.
     pub start_ns: i64,
     /// Whether the times were received; else they are the unit's own clock.
     pub is_received: bool,
-    /// End of each row's half second, s since the start of the first; smoothed.
+    /// End of each row's sample, s since the start of the first; smoothed.
     pub end_s: Vec<f64>,
     /// Receive time of each row, s since the start, where it has one.
     pub stamp_s: Vec<Option<f64>>,
     /// How each row stands to the one before.
     pub steps: Vec<SequenceStep>,
-    /// Half seconds since the first row, by sequence and clock.
-    pub half_seconds: Vec<f64>,
+    /// Samples since the first row, by sequence and clock.
+    pub samples: Vec<f64>,
 }
 
 impl SampleTimes {
     pub fn of(rows: &[ReceivedSample]) -> SampleTimes {
         let mut continuity = Continuity::default();
-        let clock = |row: &ReceivedSample| row.has_clock.then_some(row.half_second.clock_count);
-        let steps: Vec<SequenceStep> = rows.iter().map(|row| continuity.step(row.half_second.sequence, clock(row))).collect();
+        let clock = |row: &ReceivedSample| row.has_clock.then_some(row.sample.clock_count);
+        let steps: Vec<SequenceStep> =
+            rows.iter().map(|row| continuity.step(row.sample.sequence, clock(row))).collect();
         let mut passed = 0.0;
-        let half_seconds: Vec<f64> = steps
+        let samples: Vec<f64> = steps
             .iter()
             .map(|step| {
                 passed += match *step {
@@ -46,27 +47,27 @@ impl SampleTimes {
         let times = || rows.iter().map(|row| row.time.filter(|_| row.is_received == is_received));
         let first = times().enumerate().find_map(|(index, time)| Some((index, time?.t_ns)));
         let start_ns = first
-            .map_or(0, |(index, t_ns)| t_ns.saturating_sub(((half_seconds[index] + 1.0) * HALF_SECOND_S * 1e9) as i64));
+            .map_or(0, |(index, t_ns)| t_ns.saturating_sub(((samples[index] + 1.0) * SAMPLE_INTERVAL_S * 1e9) as i64));
         let since_start = |t_ns: i64| (i128::from(t_ns) - i128::from(start_ns)) as f64 * 1e-9;
         let stamp_s: Vec<Option<f64>> =
             times().map(|time| time.filter(|_| is_received).map(|time| since_start(time.t_ns))).collect();
         let end_s = if is_received {
             smoothed(&stamp_s, &steps)
         } else {
-            half_seconds.iter().map(|half_seconds| (half_seconds + 1.0) * HALF_SECOND_S).collect()
+            samples.iter().map(|samples| (samples + 1.0) * SAMPLE_INTERVAL_S).collect()
         };
-        SampleTimes { start_ns, is_received, end_s, stamp_s, steps, half_seconds }
+        SampleTimes { start_ns, is_received, end_s, stamp_s, steps, samples }
     }
 
-    /// Start of a row's half second, s.
+    /// Start of a row's sample, s.
     pub fn start_s(&self, row: usize) -> f64 {
-        self.end_s[row] - HALF_SECOND_S
+        self.end_s[row] - SAMPLE_INTERVAL_S
     }
 }
 
-/// Ends by the median of what the neighbours tell, each so many half seconds away.
+/// Ends by the median of what the neighbours tell, each so many samples away.
 fn smoothed(stamp_s: &[Option<f64>], steps: &[SequenceStep]) -> Vec<f64> {
-    // Departures from a row each half second: an edge where some are missing.
+    // Departures from a row each sample: an edge where some are missing.
     let mut index = 0.0;
     let indices: Vec<f64> = steps
         .iter()
@@ -77,7 +78,7 @@ fn smoothed(stamp_s: &[Option<f64>], steps: &[SequenceStep]) -> Vec<f64> {
         .collect();
     let known: Vec<(usize, f64)> = (0..steps.len())
         .filter(|&row| steps[row] != SequenceStep::Repeat)
-        .filter_map(|row| Some((row, stamp_s[row]? - indices[row] * HALF_SECOND_S)))
+        .filter_map(|row| Some((row, stamp_s[row]? - indices[row] * SAMPLE_INTERVAL_S)))
         .collect();
     let mut near = Vec::with_capacity(2 * NEIGHBOURS + 1);
     let medians: Vec<(usize, f64)> = (0..known.len())
@@ -96,7 +97,7 @@ fn smoothed(stamp_s: &[Option<f64>], steps: &[SequenceStep]) -> Vec<f64> {
             if let Some((_, found_s)) = next.next_if(|found| found.0 == row) {
                 departure_s = found_s;
             }
-            departure_s + indices[row] * HALF_SECOND_S
+            departure_s + indices[row] * SAMPLE_INTERVAL_S
         })
         .collect()
 }

@@ -1,4 +1,4 @@
-//! What is told: notes of single half seconds become findings of runs.
+//! What is told: notes of single samples become findings of runs.
 
 use std::collections::BTreeMap;
 
@@ -22,7 +22,7 @@ const CERTAIN_S: f64 = 2.0;
 pub struct FindingKind {
     /// As [`Finding::kind`].
     pub name: &'static str,
-    /// After the number of half seconds.
+    /// After the number of samples.
     pub what: &'static str,
     /// Unit of the number noted beside it; empty where there is none.
     pub unit: &'static str,
@@ -82,7 +82,7 @@ impl<'a> FindingCollector<'a> {
         FindingCollector { timeline, runs: Vec::new(), last: BTreeMap::new(), findings: Vec::new() }
     }
 
-    /// Notes one half second, or so many that are missing before it.
+    /// Notes one sample, or so many that are missing before it.
     pub fn note(&mut self, kind: FindingKind, gyro: Option<Gyro>, row: usize, count: u64, value: f64) {
         let (from_s, to_s) = (self.timeline.start_s(row), self.timeline.end_s[row]);
         let run = Run { kind, gyro, from_s, to_s, count, largest: value };
@@ -135,8 +135,8 @@ impl<'a> FindingCollector<'a> {
             (onset_s, Some(end_s)) => format!("{gyros}, {:.1}\u{2013}{end_s:.1} s", onset_s.unwrap_or(0.0)),
         };
         let mut text = format!(
-            "{} half seconds are {:.2} counts rms from the motion, and {:.2} with {}",
-            fault.half_seconds,
+            "{} samples are {:.2} counts rms from the motion, and {:.2} with {}",
+            fault.samples,
             fault.without_rms_counts,
             fault.with_rms_counts,
             fault.code()
@@ -170,9 +170,9 @@ impl<'a> FindingCollector<'a> {
     }
 }
 
-/// Whether two rows say the same of their half second.
+/// Whether two rows say the same of their sample.
 pub fn same(one: &ReceivedSample, other: &ReceivedSample) -> bool {
-    let [mut one_half, other_half] = [one, other].map(|row| row.half_second);
+    let [mut one_half, other_half] = [one, other].map(|row| row.sample);
     if !(one.has_clock && other.has_clock) {
         (one_half.clock_count, one_half.sensor_centi_c) = (other_half.clock_count, other_half.sensor_centi_c);
     }

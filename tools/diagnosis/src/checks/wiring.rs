@@ -1,6 +1,6 @@
 //! Wiring faults: which law of the model's list turns the predicted counts into those that were measured.
 //!
-//! A law is tried half second by half second, its memory fed with what was measured, against the prediction without it. The
+//! A law is tried sample by sample, its memory fed with what was measured, against the prediction without it. The
 //! stretch over which it lowers the sum of squares most is where it may hold. It is named if it does there what it says and
 //! nothing else: the counts depart from the prediction by once the difference that it makes, not by a part of it. Ordinary
 //! effects make at most a few hundredths of that.
@@ -13,7 +13,7 @@ use geu_recording::ReceivedSample;
 
 use super::compared::CountComparison;
 use super::law::WiringFault;
-use super::law::{WiringHypothesis, Wiring, apply};
+use super::law::{Wiring, WiringHypothesis, apply};
 use super::timeline::SampleTimes;
 
 /// No recording has more.
@@ -26,7 +26,7 @@ const ORDINARY_COUNTS: f64 = 8.0;
 const SHOWN: f64 = 0.1;
 /// How well that part must be known, 1 sigma.
 const SHOWN_SIGMA: f64 = 0.03;
-/// Half seconds over which counts are summed before they are set against a law: one tells fast motion, and a minute small
+/// Samples over which counts are summed before they are set against a law: one tells fast motion, and a minute small
 /// differences that last, since a sum is rounded no worse than an increment.
 const SUMMED: [usize; 2] = [1, 120];
 /// Sums that a judgement needs.
@@ -39,7 +39,7 @@ const ROUNDING_VARIANCE: f64 = 1.0 / 6.0;
 /// Rise of the sum of squares over the residual variance within which an onset is as good as another: 5 sigma.
 const AS_GOOD: f64 = 25.0;
 
-/// A fault, and where it stands among the half seconds compared.
+/// A fault, and where it stands among the samples compared.
 pub struct LocatedFault {
     pub fault: WiringFault,
     law: WiringHypothesis,
@@ -48,7 +48,7 @@ pub struct LocatedFault {
 
 struct Search<'a> {
     compared: &'a CountComparison,
-    /// What the wiring remembers before each half second, from what was measured.
+    /// What the wiring remembers before each sample, from what was measured.
     states: Vec<WiringStates>,
     /// Predicted with the wiring believed so far.
     believed: Vec<[f64; 4]>,
@@ -56,7 +56,12 @@ struct Search<'a> {
 
 /// Names the faults beside those found before, and leaves out of `compared` what they destroy. What undoes itself is a harness, which does
 /// not come and go: a law that would have to is none.
-pub fn search(mut laws: Vec<WiringHypothesis>, before: &[LocatedFault], compared: &mut CountComparison, timeline: &SampleTimes) -> Vec<LocatedFault> {
+pub fn search(
+    mut laws: Vec<WiringHypothesis>,
+    before: &[LocatedFault],
+    compared: &mut CountComparison,
+    timeline: &SampleTimes,
+) -> Vec<LocatedFault> {
     loop {
         let mut tried = compared.clone();
         let found = one_by_one(&laws, &mut tried, timeline);
@@ -98,17 +103,17 @@ pub fn undo(found: &[LocatedFault], compared: &CountComparison, rows: &mut [Rece
         let undoes_itself = law.undoes_itself();
         let sources = law.sources();
         for row in &mut rows[concerned] {
-            let half_second = &mut row.half_second;
+            let sample = &mut row.sample;
             if !undoes_itself {
-                fault.gyros.iter().for_each(|gyro| half_second.gyro_flags &= !gyro.bit());
+                fault.gyros.iter().for_each(|gyro| sample.gyro_flags &= !gyro.bit());
                 continue;
             }
-            let mut counts = half_second.increments.map(f64::from);
+            let mut counts = sample.increments.map(f64::from);
             apply(&law.with(&Wiring::default()), &mut WiringStates::default(), &mut counts);
-            half_second.increments = counts.map(|count| count as i16);
+            sample.increments = counts.map(|count| count as i16);
             // Flags go with the counts.
-            let flags = half_second.gyro_flags;
-            half_second.gyro_flags = (0..4).fold(0, |moved, to| {
+            let flags = sample.gyro_flags;
+            sample.gyro_flags = (0..4).fold(0, |moved, to| {
                 let from = sources[to].abs().clamp(1.0, 4.0) as usize - 1;
                 moved | ((flags >> from) & 0x11) << to
             });
@@ -145,7 +150,7 @@ impl Search<'_> {
         best.map(|(_, found)| found)
     }
 
-    /// By how much the law lowers the square of what is left of each half second.
+    /// By how much the law lowers the square of what is left of each sample.
     fn gains(&self, law: &WiringHypothesis, ordinary: f64) -> Vec<f64> {
         let is_exact = !law.undoes_itself();
         let one = |index: usize| {
@@ -170,7 +175,7 @@ impl Search<'_> {
         (0..self.believed.len()).map(one).collect()
     }
 
-    /// What the law makes of a stretch, from its first half second on.
+    /// What the law makes of a stretch, from its first sample on.
     fn with(&self, law: &WiringHypothesis, halves: Range<usize>) -> Vec<[f64; 4]> {
         let mut states = self.states.get(halves.start).cloned().unwrap_or_default();
         let of_half = |index: usize| {
@@ -181,7 +186,13 @@ impl Search<'_> {
         halves.map(of_half).collect()
     }
 
-    fn judge(&self, law: &WiringHypothesis, halves: Range<usize>, gains: &[f64], timeline: &SampleTimes) -> Option<LocatedFault> {
+    fn judge(
+        &self,
+        law: &WiringHypothesis,
+        halves: Range<usize>,
+        gains: &[f64],
+        timeline: &SampleTimes,
+    ) -> Option<LocatedFault> {
         if halves.is_empty() {
             return None;
         }
@@ -218,7 +229,7 @@ impl Search<'_> {
             onset_s,
             onset_between_s: [start_s(onset.start), start_s(onset.end)],
             end_s: (halves.end < gains.len()).then(|| start_s(halves.end)),
-            half_seconds: halves.len(),
+            samples: halves.len(),
             without_rms_counts: rms(|fit| fit.rr),
             with_rms_counts: rms(|fit| fit.rr - 2.0 * fit.rs + fit.ss),
         };
@@ -246,7 +257,7 @@ impl Search<'_> {
         greatest - least
     }
 
-    /// Moments of a gyro over a stretch, by sums of so many half seconds; nothing where the law changes nothing.
+    /// Moments of a gyro over a stretch, by sums of so many samples; nothing where the law changes nothing.
     fn fit(&self, gyro: usize, halves: Range<usize>, with: &[[f64; 4]], summed: usize) -> Option<Fit> {
         let (mut fit, mut sums, mut is_changed) = (Fit::default(), (0, 0.0, 0.0), false);
         for (index, with) in halves.zip(with) {

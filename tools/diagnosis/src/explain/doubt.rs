@@ -46,7 +46,8 @@ impl Explained {
     pub(super) fn negligible(&self, case: &DiagnosisCase) -> f64 {
         let sixteen = &case.nuisances[..case.nuisances.len() - 1];
         let start = case.residual(&case.start(self.state.noise));
-        NEGLIGIBLE * (NormalEquations::new(case.whitenings(&self.state.noise), &start, sixteen).chi2() - self.normal.chi2())
+        NEGLIGIBLE
+            * (NormalEquations::new(case.whitenings(&self.state.noise), &start, sixteen).chi2() - self.normal.chi2())
     }
 
     /// Whether a formula is what explains, and no small mend of other things that do.
@@ -85,7 +86,10 @@ impl Explained {
         let own = candidate.spot.signature(bank, &normal).products;
         let gain = normal.gain(&own).map_or(0.0, |gain| gain.chi2);
         let worth = gain - thresholds.price(candidate.family, &candidate.hypothesis);
-        RejectedHypothesis { gyros: candidate.hypothesis.gyros, score: self.score_with(case, thresholds, &noise) - worth }
+        RejectedHypothesis {
+            gyros: candidate.hypothesis.gyros,
+            score: self.score_with(case, thresholds, &noise) - worth,
+        }
     }
 
     /// The score, and what was refused only where that would have a better one: walks may explain what it does.

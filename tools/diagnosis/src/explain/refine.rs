@@ -56,8 +56,10 @@ impl Explained {
         let own = last.held_out;
         let foretold = |held_out: &[Option<f64>; THIRDS]| held_out.iter().flatten().sum::<f64>();
         // What follows the temperature anyway must be foretold better with the lag than without.
-        let is_foretold = |late: &LaggedFit| !last.follows_temperature() || foretold(&late.held().held_out) > foretold(&own);
-        let is_accepted = |late: &LaggedFit| pays(&late.held().held_out) && is_foretold(late) && is_possible(late.held());
+        let is_foretold =
+            |late: &LaggedFit| !last.follows_temperature() || foretold(&late.held().held_out) > foretold(&own);
+        let is_accepted =
+            |late: &LaggedFit| pays(&late.held().held_out) && is_foretold(late) && is_possible(late.held());
         let index = self.state.held.len() - 1;
         let Some(late) = late::likeliest(case, bank, &self.state, index, &price, &is_accepted) else { return };
         if late.score() < self.normal.squares() + last.penalty {

@@ -90,7 +90,12 @@ impl Explained {
         self.score_with(case, thresholds, &self.state.noise)
     }
 
-    pub(super) fn score_with(&self, case: &DiagnosisCase, thresholds: &Thresholds, noise: &[NoiseModel; CHANNELS]) -> f64 {
+    pub(super) fn score_with(
+        &self,
+        case: &DiagnosisCase,
+        thresholds: &Thresholds,
+        noise: &[NoiseModel; CHANNELS],
+    ) -> f64 {
         let own = self.noise.len().min(1) as f64 * thresholds.largest()
             + TOGETHER_CHI2 * self.noise.len().saturating_sub(1) as f64;
         let residual = case.residual(&self.state);

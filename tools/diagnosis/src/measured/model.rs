@@ -3,8 +3,8 @@
 use std::sync::{Arc, PoisonError};
 
 use geu_model::attitude::RecordedAttitude;
-use geu_model::units::{HALF_SECOND_NS, HALF_SECOND_S};
-use geu_model::{Configuration, Truth, GyroUnit};
+use geu_model::units::{SAMPLE_INTERVAL_NS, SAMPLE_INTERVAL_S};
+use geu_model::{Configuration, GyroUnit, Truth};
 
 use crate::later::shift_origin;
 
@@ -14,7 +14,7 @@ use super::series::{Series, Shifts, TIMING, TIMING_UNIT_S};
 
 impl MeasuredData {
     /// A model without its noise, on this motion and at these temperatures, at each node: accumulated counts before rounding, and
-    /// how much later than nominal its half seconds end.
+    /// how much later than nominal its samples end.
     pub fn run(&self, configuration: &Configuration, shifts: Shifts) -> Series {
         let mut unit = configuration.clone();
         let gyros = std::mem::take(&mut unit.gyros);
@@ -44,16 +44,16 @@ impl MeasuredData {
         let mut unit = GyroUnit::on(&self.quiet(configuration, temperature_s), &Truth::Recorded(reference));
         unit.follow_sensor(table(&self.counts.sensor_c, 0.0));
         unit.count_only(gyros);
-        let mut series: Series = std::array::from_fn(|_| Vec::with_capacity(self.half_seconds + 1));
+        let mut series: Series = std::array::from_fn(|_| Vec::with_capacity(self.samples + 1));
         for channel in &mut series {
             channel.push(0.0);
         }
-        for node in 1..=self.half_seconds {
-            let ended = unit.end_half_second();
+        for node in 1..=self.samples {
+            let ended = unit.end_sample();
             for (channel, counts) in series.iter_mut().zip(unit.accumulated_counts()) {
                 channel.push(counts);
             }
-            let late_ns = ended.end_ns - node as i64 * HALF_SECOND_NS;
+            let late_ns = ended.end_ns - node as i64 * SAMPLE_INTERVAL_NS;
             series[TIMING].push(late_ns as f64 * 1e-9 / TIMING_UNIT_S);
         }
         series
@@ -96,5 +96,5 @@ impl MeasuredData {
 
 /// Temperatures at nodes that were told so much later than they were.
 fn table(celsius: &[f64], late_s: f64) -> Vec<(f64, f64)> {
-    (0..celsius.len()).map(|node| node as f64 * HALF_SECOND_S - late_s).zip(celsius.iter().copied()).collect()
+    (0..celsius.len()).map(|node| node as f64 * SAMPLE_INTERVAL_S - late_s).zip(celsius.iter().copied()).collect()
 }

@@ -1,6 +1,6 @@
 //! What a recording and a model are compared by.
 
-/// Series that a model is compared with: the four gyros' accumulated angles, and when their half seconds ended.
+/// Series that a model is compared with: the four gyros' accumulated angles, and when their samples ended.
 pub const CHANNELS: usize = 5;
 /// The channel of the times of receipt, after those of the gyros.
 pub const TIMING: usize = 4;

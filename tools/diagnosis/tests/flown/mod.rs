@@ -5,8 +5,8 @@ use std::sync::Arc;
 use geu_calibration::AccumulatedCounts;
 use geu_diagnosis::MeasuredData;
 use geu_model::Configuration;
-use geu_model::attitude::{Manoeuvre, Motion, AttitudeProfile, RecordedAttitude, AttitudeRow, Scenario};
-use geu_model::units::HALF_SECOND_S;
+use geu_model::attitude::{AttitudeProfile, AttitudeRow, Manoeuvre, Motion, RecordedAttitude, Scenario};
+use geu_model::units::SAMPLE_INTERVAL_S;
 use geu_recording::ReferenceAttitude;
 
 /// A manoeuvre of a kind with these numbers.
@@ -29,10 +29,10 @@ pub fn recorded(believed: &Configuration, manoeuvres: &[Manoeuvre], after_s: Opt
     };
     let with_end = Scenario { manoeuvres: with_end.to_vec(), ..scenario.clone() };
     let duration_s = AttitudeProfile::length_s(&with_end).expect("an end") + after_s.unwrap_or(0.0);
-    let count = (duration_s / HALF_SECOND_S).ceil() as usize;
+    let count = (duration_s / SAMPLE_INTERVAL_S).ceil() as usize;
     let mut motion = Motion::new(AttitudeProfile::new(&scenario).expect("possible"), scenario.limit_cycle);
     let row = |node: usize| {
-        let step = motion.advance(node as f64 * HALF_SECOND_S);
+        let step = motion.advance(node as f64 * SAMPLE_INTERVAL_S);
         let (theta_rad, psi_rad) = (step.end.theta_rad, step.end.psi_rad);
         AttitudeRow {
             t_s: step.end.t_s,
@@ -44,8 +44,8 @@ pub fn recorded(believed: &Configuration, manoeuvres: &[Manoeuvre], after_s: Opt
     let truth = Arc::new(RecordedAttitude::new(&rows).expect("a truth"));
     let mut counts = AccumulatedCounts::starting_at(0);
     for node in 1..=count {
-        let electronics_c = 20.0 + 4.0 * (node as f64 * HALF_SECOND_S * std::f64::consts::TAU / 6180.0).sin();
-        counts.push(node as f64 * HALF_SECOND_S, [0.0; 4], electronics_c);
+        let electronics_c = 20.0 + 4.0 * (node as f64 * SAMPLE_INTERVAL_S * std::f64::consts::TAU / 6180.0).sin();
+        counts.push(node as f64 * SAMPLE_INTERVAL_S, [0.0; 4], electronics_c);
     }
     MeasuredData::new(counts, &ReferenceAttitude { start_ns: 0, truth, time_system: None }).expect("long enough")
 }

@@ -1,4 +1,4 @@
-//! `geu bench cadence`: how late half seconds leave, and how long they are.
+//! `geu bench cadence`: how late samples leave, and how long they are.
 //!
 //! Three threads keep the same period side by side, a third of it apart, so that each meets the same machine: our
 //! cadence, our cadence with a final spin, and the timer of an asynchronous runtime. Beside them runs the emulator
@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use geu_daemon::cadence::{DeadlineTimer, now_ns};
 use geu_daemon::lateness::{DurationNs, Histogram};
-use geu_model::units::HALF_SECOND_NS;
+use geu_model::units::SAMPLE_INTERVAL_NS;
 use geu_process::EmulatorProcess;
 use geu_protocol::CanIdMap;
 use socketcan::{CanFilter, CanSocket, EmbeddedFrame, Id, Socket, SocketOptions};
@@ -45,24 +45,24 @@ pub struct Arguments {
 /// # Errors
 /// An emulator that does not start, an interface that cannot be opened.
 pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
-    let sends = (arguments.duration * 1e9 / HALF_SECOND_NS as f64) as i64;
+    let sends = (arguments.duration * 1e9 / SAMPLE_INTERVAL_NS as f64) as i64;
     let on_bus = arguments.can.as_ref().map(|interface| Bus::start(interface, arguments.duration)).transpose()?;
     let emulator = Emulator::start(arguments.can.as_deref(), arguments.duration)?;
 
-    let start_ns = now_ns() + HALF_SECOND_NS;
+    let start_ns = now_ns() + SAMPLE_INTERVAL_NS;
     let spin = Duration::from_micros(arguments.spin.into());
     let arm = |third: i64, spin: Duration| {
-        let first_ns = start_ns + third * HALF_SECOND_NS / 3;
+        let first_ns = start_ns + third * SAMPLE_INTERVAL_NS / 3;
         thread::spawn(move || {
             let sleeper = DeadlineTimer::new(spin);
-            let deadlines = (0..sends).map(|index| first_ns + index * HALF_SECOND_NS);
+            let deadlines = (0..sends).map(|index| first_ns + index * SAMPLE_INTERVAL_NS);
             deadlines
                 .map(|deadline_ns| (sleeper.sleep_until(deadline_ns), now_ns() - deadline_ns).1)
                 .collect::<Vec<_>>()
         })
     };
     let (plain, spinning) = (arm(0, Duration::ZERO), arm(1, spin));
-    let runtime = thread::spawn(move || tokio_interval(start_ns + 2 * HALF_SECOND_NS / 3, sends));
+    let runtime = thread::spawn(move || tokio_interval(start_ns + 2 * SAMPLE_INTERVAL_NS / 3, sends));
 
     let mut memory_kb = 0;
     while !plain.is_finished() {
@@ -73,7 +73,7 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     let [plain, spinning, runtime] = [plain, spinning, runtime].map(|arm| arm.join().expect("an arm does not panic"));
     let said = emulator.end();
 
-    say!("{sends} half seconds each, side by side")?;
+    say!("{sends} samples each, side by side")?;
     for (name, late_ns) in
         [("sleep", &plain), (&*format!("sleep, spin {} µs", arguments.spin), &spinning), ("tokio interval", &runtime)]
     {
@@ -113,11 +113,11 @@ fn tokio_interval(first_ns: i64, sends: i64) -> Vec<i64> {
     runtime.block_on(async {
         let to_first = Duration::from_nanos((first_ns - now_ns()).max(0) as u64);
         let first = tokio::time::Instant::now() + to_first;
-        let mut interval = tokio::time::interval_at(first, Duration::from_nanos(HALF_SECOND_NS as u64));
+        let mut interval = tokio::time::interval_at(first, Duration::from_nanos(SAMPLE_INTERVAL_NS as u64));
         let mut late_ns = Vec::with_capacity(sends as usize);
         for index in 0..sends {
             interval.tick().await;
-            late_ns.push(now_ns() - first_ns - index * HALF_SECOND_NS);
+            late_ns.push(now_ns() - first_ns - index * SAMPLE_INTERVAL_NS);
         }
         late_ns
     })
@@ -141,7 +141,7 @@ fn slope_ppm(residual_ns: &[f64]) -> (f64, f64) {
         .map(|(index, &ns)| (ns - mean_ns - slope * (index as f64 - mean_index)).powi(2))
         .sum();
     let sigma = (left / (count - 2.0).max(1.0) / spread).sqrt();
-    (slope / HALF_SECOND_NS as f64 * 1e6, sigma / HALF_SECOND_NS as f64 * 1e6)
+    (slope / SAMPLE_INTERVAL_NS as f64 * 1e6, sigma / SAMPLE_INTERVAL_NS as f64 * 1e6)
 }
 
 /// The emulator as a process of its own.
@@ -237,13 +237,13 @@ impl Bus {
             let first_ns = stamps_ns[0];
             let residual_ns: Vec<f64> = (0..)
                 .zip(stamps_ns)
-                .map(|(index, ns)| ns - first_ns - f64::from(index) * HALF_SECOND_NS as f64)
+                .map(|(index, ns)| ns - first_ns - f64::from(index) * SAMPLE_INTERVAL_NS as f64)
                 .collect();
             let (ppm, sigma) = slope_ppm(&residual_ns);
             let least = |all: &[f64]| all.iter().copied().fold(f64::INFINITY, f64::min);
             let mut histogram = Histogram::default();
             let intervals_ns: Vec<f64> =
-                stamps_ns.windows(2).map(|pair| pair[1] - pair[0] - HALF_SECOND_NS as f64).collect();
+                stamps_ns.windows(2).map(|pair| pair[1] - pair[0] - SAMPLE_INTERVAL_NS as f64).collect();
             intervals_ns.iter().for_each(|ns| histogram.record(ns.abs() as i64));
             say!("  {name:<22} interval off by {histogram}")?;
             say!("  {:<22} period {ppm:+.4} ± {sigma:.4} ppm, behind by {} at the end", "", {

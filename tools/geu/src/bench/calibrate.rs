@@ -5,7 +5,7 @@ use std::time::Instant;
 use clap::Args;
 use geu_calibration::GyroSet;
 use geu_calibration::checkout::{AttitudeSourceKind, Precautions, believed_before, fly, sequence};
-use geu_calibration::filter::{SurveyDay, FilterNoise, checkout_calibration, reconstruct};
+use geu_calibration::filter::{FilterNoise, SurveyDay, checkout_calibration, reconstruct};
 use geu_model::Configuration;
 
 use super::rounds::{Contender, Rounds, Spread};
@@ -18,7 +18,7 @@ pub struct Arguments {
     rounds: Rounds,
 }
 
-/// Half seconds of a day.
+/// Samples of a day.
 const DAY: usize = 172_800;
 
 /// Measures and prints.
@@ -30,19 +30,24 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     let unit = sequence(&configuration, Precautions::ALL);
     let (flight, believed) = (fly(&unit), believed_before(&unit));
     let day = SurveyDay::simulate(&configuration, DAY);
-    let (calibrations, noise) = (checkout_calibration(&configuration), FilterNoise::of(&configuration, GyroSet::WithZa));
-    let half_seconds = flight.counts.len();
+    let (calibrations, noise) =
+        (checkout_calibration(&configuration), FilterNoise::of(&configuration, GyroSet::WithZa));
+    let samples = flight.counts.len();
     let by = |by: AttitudeSourceKind, name: &str| {
         let (flight, believed) = (&flight, &believed);
-        Contender::ours(format!("a checkout of {half_seconds} half seconds, by {name}"), move || {
+        Contender::ours(format!("a checkout of {samples} samples, by {name}"), move || {
             timed(|| flight.calibrate(believed, by))
         })
     };
-    let filter = format!("filter and smoother, {DAY} half seconds, {} fixes", day.fixes.len());
+    let filter = format!("filter and smoother, {DAY} samples, {} fixes", day.fixes.len());
     let filter = Contender::ours(filter, || {
         timed(|| reconstruct(&day.counts, &calibrations, GyroSet::WithZa, &noise, &day.fixes))
     });
-    let contenders = vec![by(AttitudeSourceKind::Reference, "reference"), by(AttitudeSourceKind::Sensors, "star and sun sensor"), filter];
+    let contenders = vec![
+        by(AttitudeSourceKind::Reference, "reference"),
+        by(AttitudeSourceKind::Sensors, "star and sun sensor"),
+        filter,
+    ];
     say!("one core; ms; {}", arguments.rounds)?;
     for (result, target_ms) in arguments.rounds.measure(contenders)?.iter().zip([50, 50, 1000]) {
         let took_ms = Spread::of(result.runs.iter().flatten().copied());

@@ -8,8 +8,8 @@ use std::time::Instant;
 
 use clap::Args;
 use geu_protocol::serial::data_frame;
-use geu_protocol::{CLOCK_PER_HALF_SECOND, CanIdMap, Sample, describe};
-use geu_recording::{Defect, InputReader, DecoderOptions, ReceivedSample, Sink, Stop};
+use geu_protocol::{CLOCK_PER_SAMPLE, CanIdMap, Sample, describe};
+use geu_recording::{DecoderOptions, Defect, InputReader, ReceivedSample, Sink, Stop};
 use geu_report::rows::{TextFormat, write_row};
 
 use super::rounds::{Contender, Results, Rounds, Spread};
@@ -35,7 +35,8 @@ pub fn run(arguments: Arguments) -> Result<(), CommandError> {
     if arguments.lines < 3 {
         return Err(CommandError::input(format!("--lines: expected at least 3, got {}", arguments.lines)));
     }
-    let directory = tempfile::tempdir().map_err(|error| CommandError::failed(format!("temporary directory: {error}")))?;
+    let directory =
+        tempfile::tempdir().map_err(|error| CommandError::failed(format!("temporary directory: {error}")))?;
     let [log, bin, dbc] = ["bench.log", "bench.bin", "bench.dbc"].map(|name| directory.path().join(name));
     write_inputs(&log, &bin, arguments.lines)
         .map_err(|error| CommandError::failed(format!("{}: {error}", directory.path().display())))?;
@@ -86,24 +87,24 @@ pub fn run(arguments: Arguments) -> Result<(), CommandError> {
     Ok(())
 }
 
-/// A log of half seconds as the unit sends them, and the same half seconds as serial frames.
+/// A log of samples as the unit sends them, and the same samples as serial frames.
 fn write_inputs(log: &Path, bin: &Path, lines: u64) -> io::Result<()> {
     let (mut log, mut bin) = (BufWriter::new(File::create(log)?), BufWriter::new(File::create(bin)?));
     let plan = CanIdMap::default();
     let mut line = 0;
     for index in 0u64.. {
         let rate = |phase: u64| ((index * 7 + phase * 1_013) % 4_001) as i16 - 2_000;
-        let half_second = Sample {
+        let sample = Sample {
             sequence: index as u16,
             increments: [rate(0), rate(1), rate(2), rate(3)],
             gyro_flags: 0x0F,
             unit_flags: 0x07,
             electronics_centi_c: 2_000 + (index / 50 % 200) as i16,
-            clock_count: (index + 1) * CLOCK_PER_HALF_SECOND,
+            clock_count: (index + 1) * CLOCK_PER_SAMPLE,
             sensor_centi_c: 7_000,
         };
-        bin.write_all(&data_frame(&half_second))?;
-        for (offset_us, frame) in [900, 1_150, 1_400].into_iter().zip(plan.frames(&half_second)) {
+        bin.write_all(&data_frame(&sample))?;
+        for (offset_us, frame) in [900, 1_150, 1_400].into_iter().zip(plan.frames(&sample)) {
             if line == lines {
                 log.flush()?;
                 return bin.flush();

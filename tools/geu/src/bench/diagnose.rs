@@ -14,7 +14,7 @@ use geu_diagnosis::MeasuredData;
 use geu_diagnosis::measured::{Shifts, TIMING};
 use geu_model::configuration::LinkLogFormat;
 use geu_model::temperature::SENSOR_NOMINAL_C;
-use geu_model::units::{HALF_SECOND_S, RAD_PER_DEG};
+use geu_model::units::{RAD_PER_DEG, SAMPLE_INTERVAL_S};
 use geu_model::{Configuration, Truth};
 use geu_recording::{ReferenceAttitude, Sink};
 use nix::sys::resource::{Usage, UsageWho, getrusage};
@@ -154,11 +154,11 @@ fn show(name: &str, runs: &[(Took, String)]) -> Result<(), CommandError> {
 fn record(directory: &Path, hours: f64, hidden: &[Hidden]) -> Result<(), CommandError> {
     let overrides: Vec<String> = hidden.iter().map(|hidden| hidden.assignment.to_owned()).collect();
     let unit = Configuration::reference_with(&overrides).map_err(CommandError::failed)?;
-    let half_seconds = (hours * 3600.0 / HALF_SECOND_S) as u64;
+    let samples = (hours * 3600.0 / SAMPLE_INTERVAL_S) as u64;
     let mut recorder =
         Recorder::create(&Destination::new(directory, true), &unit, &Truth::Scenario, LinkLogFormat::Can, &[])
             .map_err(CommandError::failed)?;
-    simulate(&unit, &Truth::Scenario, half_seconds, &mut recorder, |_| true).map_err(CommandError::failed)?;
+    simulate(&unit, &Truth::Scenario, samples, &mut recorder, |_| true).map_err(CommandError::failed)?;
     recorder.finish().map_err(CommandError::failed)?;
     write(&directory.join("believed.toml"), Configuration::reference().to_toml(false))
 }
@@ -272,14 +272,14 @@ fn same<'a, T: AsRef<str>>(names: &[T], expected: impl Iterator<Item = &'a str>)
     names == expected
 }
 
-/// For each half second the accumulated residual of each gyro, measured less believed, as the diagnosis has it before it averages,
+/// For each sample the accumulated residual of each gyro, measured less believed, as the diagnosis has it before it averages,
 /// and what a term of it may follow.
 fn residual_csv(directory: &Path) -> Result<String, CommandError> {
     let name = |file: &str| directory.join(file).display().to_string();
     let reference = ReferenceAttitude::read(&name("reference.csv")).map_err(CommandError::input)?;
     let mut reader = CountsReader::default();
     DecodedRecording::read(&[name("link.log")], None)?.rows.iter().for_each(|row| reader.row(row));
-    let counts = reader.finish(reference.start_ns).ok_or_else(|| CommandError::failed("expected half seconds, got none"))?;
+    let counts = reader.finish(reference.start_ns).ok_or_else(|| CommandError::failed("expected samples, got none"))?;
     let measured = MeasuredData::new(counts, &reference).map_err(CommandError::failed)?;
     let believed = Configuration::reference();
     let (counted, model) = (measured.series(), measured.run(&believed, Shifts::default()));
@@ -288,15 +288,15 @@ fn residual_csv(directory: &Path) -> Result<String, CommandError> {
         "time,gyrx,gyry,gyrza,gyrzb,rate_x,rate_y,rate_z,acceleration_x,acceleration_y,acceleration_z,temperature,\
                     sensor_temperature,theta\n"
             .to_owned();
-    for node in 1..=measured.half_seconds {
-        let t_s = node as f64 * HALF_SECOND_S;
+    for node in 1..=measured.samples {
+        let t_s = node as f64 * SAMPLE_INTERVAL_S;
         let step = motion.advance(t_s);
         let (start, end) = (step.start.rate_control_arcsec_s, step.end.rate_control_arcsec_s);
         let row = [t_s]
             .into_iter()
             .chain((0..TIMING).map(|gyro| counted[gyro][node] - model[gyro][node]))
-            .chain(step.angle_control_arcsec.map(|angle| angle / HALF_SECOND_S))
-            .chain((0..3).map(|axis| (end[axis] - start[axis]) / HALF_SECOND_S))
+            .chain(step.angle_control_arcsec.map(|angle| angle / SAMPLE_INTERVAL_S))
+            .chain((0..3).map(|axis| (end[axis] - start[axis]) / SAMPLE_INTERVAL_S))
             .chain([
                 measured.counts.electronics_c[node] - believed.electronics.numbers.reference_c,
                 measured.counts.sensor_c[node] - SENSOR_NOMINAL_C,

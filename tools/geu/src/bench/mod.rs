@@ -21,7 +21,7 @@ pub struct Arguments {
 
 #[derive(Subcommand)]
 enum Benchmark {
-    /// How late half seconds leave, beside tokio's interval, and beside cangen on a CAN interface.
+    /// How late samples leave, beside tokio's interval, and beside cangen on a CAN interface.
     Cadence(cadence::Arguments),
     /// How long the evaluation of a recording takes: filter and smoother over a day.
     Calibrate(calibrate::Arguments),
@@ -31,7 +31,7 @@ enum Benchmark {
     Decode(decode::Arguments),
     /// The whole diagnosis as a user has it: time, memory and names found, beside statsmodels and pysindy.
     Diagnose(diagnose::Arguments),
-    /// Half seconds per second of the model, beside the same gyros in numpy.
+    /// Samples per second of the model, beside the same gyros in numpy.
     Model(model::Arguments),
 }
 

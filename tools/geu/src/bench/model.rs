@@ -10,7 +10,7 @@ use geu_daemon::recorder::{Destination, Recorder};
 use geu_daemon::simulate::simulate;
 use geu_model::configuration::LinkLogFormat;
 use geu_model::effect::{Effects, GyroEffects, UnitEffects};
-use geu_model::{Configuration, Truth, GyroUnit};
+use geu_model::{Configuration, GyroUnit, Truth};
 use geu_protocol::Gyro;
 
 use super::rounds::{Contender, Results, Rounds, Spread};
@@ -20,8 +20,8 @@ use crate::failure::{CommandError, say};
 const NUMPY: &str = include_str!("model.py");
 /// Another simulator's gyros: three, with fewer effects.
 const GNSS_INS_SIM: &str = include_str!("model_gnss.py");
-/// It keeps all samples and would take minutes for a million half seconds; its speed does not depend on their number.
-const GNSS_INS_SIM_HALF_SECONDS: u64 = 20_000;
+/// It keeps all samples and would take minutes for a million samples; its speed does not depend on their number.
+const GNSS_INS_SIM_SAMPLE_INTERVALS: u64 = 20_000;
 
 /// What others are compared with.
 const EVERY: &str = "every effect, no output, one thread";
@@ -29,9 +29,9 @@ const EVERY: &str = "every effect, no output, one thread";
 /// Arguments of `geu bench model`.
 #[derive(Args)]
 pub struct Arguments {
-    /// Half seconds of each measurement
+    /// Samples of each measurement
     #[arg(long, value_name = "N", default_value_t = 1_000_000)]
-    half_seconds: u64,
+    samples: u64,
     #[command(flatten)]
     rounds: Rounds,
     /// Leave out numpy and gnss-ins-sim
@@ -44,21 +44,20 @@ pub struct Arguments {
 /// # Errors
 /// A temporary directory that cannot be written.
 pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
-    let half_seconds = arguments.half_seconds.max(1);
+    let samples = arguments.samples.max(1);
     let reference = Configuration::reference();
     let all = every_effect()?;
     let directory = tempfile::tempdir().map_err(CommandError::failed)?;
-    // Each run gives a speed, half seconds/s, for each of its rows.
+    // Each run gives a speed, samples/s, for each of its rows.
     let timed = |work: &dyn Fn() -> Result<(), String>| -> Result<Vec<f64>, String> {
         let start = Instant::now();
         work()?;
-        Ok(vec![half_seconds as f64 / start.elapsed().as_secs_f64()])
+        Ok(vec![samples as f64 / start.elapsed().as_secs_f64()])
     };
     let model = |configuration: &Configuration| {
         timed(&|| {
             let mut unit = GyroUnit::new(configuration);
-            let counted: i64 =
-                (0..half_seconds).map(|_| i64::from(unit.end_half_second().half_second.increments[0])).sum();
+            let counted: i64 = (0..samples).map(|_| i64::from(unit.end_sample().sample.increments[0])).sum();
             std::hint::black_box(counted);
             Ok(())
         })
@@ -68,8 +67,7 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
             let place = Destination::new(directory.path(), true);
             let mut recorder = Recorder::create(&place, &all, &Truth::Scenario, LinkLogFormat::Can, &[])
                 .map_err(|error| error.to_string())?;
-            simulate(&all, &Truth::Scenario, half_seconds, &mut recorder, |_| true)
-                .map_err(|error| error.to_string())?;
+            simulate(&all, &Truth::Scenario, samples, &mut recorder, |_| true).map_err(|error| error.to_string())?;
             recorder.finish().map_err(|error| error.to_string())
         })
     };
@@ -80,11 +78,11 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     ];
     let scripts = directory.path();
     if !arguments.alone {
-        let counted = half_seconds.min(GNSS_INS_SIM_HALF_SECONDS);
-        contenders.push(Contender::other("numpy", move || python(NUMPY, 1, half_seconds, scripts)));
+        let counted = samples.min(GNSS_INS_SIM_SAMPLE_INTERVALS);
+        contenders.push(Contender::other("numpy", move || python(NUMPY, 1, samples, scripts)));
         contenders.push(Contender::other("gnss-ins-sim", move || python(GNSS_INS_SIM, 2, counted, scripts)));
     }
-    say!("half seconds/s at the 0.1 s step, four gyros, {half_seconds} half seconds; {}", arguments.rounds)?;
+    say!("samples/s at the 0.1 s step, four gyros, {samples} samples; {}", arguments.rounds)?;
     say!("targets: every effect 500 000 without output, goal 1 000 000; 150 000 with all files")?;
     let results = arguments.rounds.measure(contenders)?;
     let speeds = |runs: &[Vec<f64>], row: usize| -> Vec<f64> { runs.iter().map(|speeds| speeds[row]).collect() };
@@ -147,10 +145,10 @@ fn memory_mb() -> f64 {
 }
 
 /// The numbers that a script prints, one for each row.
-fn python(script: &str, rows: usize, half_seconds: u64, directory: &Path) -> Result<Vec<f64>, String> {
+fn python(script: &str, rows: usize, samples: u64, directory: &Path) -> Result<Vec<f64>, String> {
     let file = directory.join("bench.py");
     std::fs::write(&file, script).map_err(|error| error.to_string())?;
-    let output = Command::new("python3").arg(&file).arg(half_seconds.to_string()).output();
+    let output = Command::new("python3").arg(&file).arg(samples.to_string()).output();
     let output = output.map_err(|error| format!("python3: {error}"))?;
     let speeds: Option<Vec<f64>> =
         String::from_utf8_lossy(&output.stdout).split_whitespace().map(|speed| speed.parse().ok()).collect();

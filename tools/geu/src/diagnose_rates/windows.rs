@@ -1,7 +1,7 @@
 //! From files to windows: mean rates as the table tells them, or of the samples in each stretch of the reference.
 
 use geu_diagnosis::rates::{Gyro, Reference, Windows};
-use geu_recording::{GyroCsvSpec, GyroCsv, GyroCsvDefectKind as Kind, RateRow, RateTable};
+use geu_recording::{GyroCsv, GyroCsvDefectKind as Kind, GyroCsvSpec, RateRow, RateTable};
 
 use crate::diagnose_rates::RatesArguments;
 use crate::failure::CommandError;

@@ -41,8 +41,10 @@ impl CalibrationPage<'_> {
         );
         for gyro in Gyro::ALL {
             for (first, second) in [(0, 1), (2, 3)] {
-                text +=
-                    &self.ellipse([CalibrationParameter { gyro, index: first }, CalibrationParameter { gyro, index: second }], &correlation);
+                text += &self.ellipse(
+                    [CalibrationParameter { gyro, index: first }, CalibrationParameter { gyro, index: second }],
+                    &correlation,
+                );
             }
         }
         text + "</div>\n"

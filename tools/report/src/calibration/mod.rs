@@ -6,11 +6,11 @@ mod text;
 
 use std::fmt::Write;
 
-use geu_calibration::compare::{Comparison, PreviousCalibration, LEAST_PROBABILITY};
+use geu_calibration::compare::{Comparison, LEAST_PROBABILITY, PreviousCalibration};
 use geu_calibration::solve::{CalibrationParameter, Solution, UNKNOWNS, values};
 use geu_calibration::{Calibrated, solve};
 use geu_model::Configuration;
-use geu_model::units::HALF_SECOND_S;
+use geu_model::units::SAMPLE_INTERVAL_S;
 use geu_protocol::Gyro;
 
 use geu_chart::Chart;
@@ -276,7 +276,7 @@ impl CalibrationPage<'_> {
 pub fn sigma_unit(parameter: CalibrationParameter) -> (f64, &'static str) {
     match parameter.index {
         0 => (1e6, "ppm"),
-        1 => (3600.0 / HALF_SECOND_S, "arcsec/h"),
+        1 => (3600.0 / SAMPLE_INTERVAL_S, "arcsec/h"),
         _ => (1.0, "arcsec"),
     }
 }

@@ -4,8 +4,8 @@ use geu_chart::{Chart, MAX_COLUMNS, min_max};
 use geu_diagnosis::gap::WINDOW;
 use geu_diagnosis::outcome::Diagnosis;
 use geu_diagnosis::stretches::MotionSegment;
-use geu_diagnosis::whereabouts::{STANDS_OUT, VARIABLES, ResidualMap};
-use geu_model::units::HALF_SECOND_S;
+use geu_diagnosis::whereabouts::{ResidualMap, STANDS_OUT, VARIABLES};
+use geu_model::units::SAMPLE_INTERVAL_S;
 use geu_protocol::Gyro;
 
 use crate::page::{escape, fixed, significant};
@@ -40,7 +40,7 @@ pub(super) fn axes_key() -> String {
 /// End of the recording, s.
 fn end_s(diagnosis: &Diagnosis) -> f64 {
     let nodes = diagnosis.windowed.iter().flatten().map(Vec::len).max().unwrap_or(0);
-    (nodes.saturating_sub(1).max(1)) as f64 * HALF_SECOND_S
+    (nodes.saturating_sub(1).max(1)) as f64 * SAMPLE_INTERVAL_S
 }
 
 /// The residual of a gyro before and after, over time.
@@ -105,7 +105,7 @@ pub(super) fn residuals(diagnosis: &Diagnosis, gyro: Gyro) -> String {
 
 /// Lines at the ends of windows, with their times below.
 fn windows(chart: &mut Chart, end_s: f64, y: (f64, f64)) {
-    let window_s = WINDOW as f64 * HALF_SECOND_S;
+    let window_s = WINDOW as f64 * SAMPLE_INTERVAL_S;
     let count = (end_s / window_s) as usize;
     let every = count.div_ceil(MOST_LABELS).max(1);
     for window in 0..=count {
@@ -123,8 +123,8 @@ fn runs(values: &[f64], end_s: f64) -> Vec<Vec<(f64, f64)>> {
     let window = |node: usize| node.saturating_sub(1) / WINDOW;
     let runs = nodes.chunk_by(|one, next| next.0 == one.0 + 1 && window(one.0) == window(next.0));
     let of_run = |run: &[(usize, f64)]| {
-        let points: Vec<_> = run.iter().map(|&(node, value)| (node as f64 * HALF_SECOND_S, value)).collect();
-        let (from_s, to_s) = (points[0].0, points[points.len() - 1].0 + HALF_SECOND_S);
+        let points: Vec<_> = run.iter().map(|&(node, value)| (node as f64 * SAMPLE_INTERVAL_S, value)).collect();
+        let (from_s, to_s) = (points[0].0, points[points.len() - 1].0 + SAMPLE_INTERVAL_S);
         let columns = (MAX_COLUMNS as f64 * (to_s - from_s) / end_s).ceil() as usize;
         min_max(&points, (from_s, to_s), columns.max(1))
     };

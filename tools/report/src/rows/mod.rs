@@ -51,21 +51,21 @@ impl TextFormat {
 #[inline]
 pub fn write_row(format: TextFormat, with_bits: bool, row: &ReceivedSample, out: &mut Vec<u8>) {
     let mut line = Line { format, field: 0, bytes: [0; LINE], length: 0 };
-    let half_second = &row.half_second;
+    let sample = &row.sample;
     line.field(row.time, |line, time| line.seconds(time));
-    line.field(Some(half_second.sequence), |line, value| line.unsigned(value.into()));
-    line.field(row.has_clock.then_some(half_second.clock_count), |line, value| line.unsigned(value));
-    for increment in half_second.increments {
+    line.field(Some(sample.sequence), |line, value| line.unsigned(value.into()));
+    line.field(row.has_clock.then_some(sample.clock_count), |line, value| line.unsigned(value));
+    for increment in sample.increments {
         line.field(Some(increment), |line, value| line.signed(value.into()));
     }
-    line.field(Some(half_second.gyro_flags), |line, value| line.unsigned(value.into()));
-    line.field(Some(half_second.unit_flags), |line, value| line.unsigned(value.into()));
-    line.field(Some(half_second.electronics_centi_c), |line, value| line.hundredths(value));
-    line.field(row.has_clock.then_some(half_second.sensor_centi_c), |line, value| line.hundredths(value));
+    line.field(Some(sample.gyro_flags), |line, value| line.unsigned(value.into()));
+    line.field(Some(sample.unit_flags), |line, value| line.unsigned(value.into()));
+    line.field(Some(sample.electronics_centi_c), |line, value| line.hundredths(value));
+    line.field(row.has_clock.then_some(sample.sensor_centi_c), |line, value| line.hundredths(value));
     out.extend_from_slice(&line.bytes[..line.length]);
     if with_bits {
-        write_bits(format, half_second.gyro_flags, GYRO_FLAGS, out);
-        write_bits(format, half_second.unit_flags, UNIT_FLAGS, out);
+        write_bits(format, sample.gyro_flags, GYRO_FLAGS, out);
+        write_bits(format, sample.unit_flags, UNIT_FLAGS, out);
     }
     out.extend_from_slice(if format == TextFormat::Jsonl { b"}\n" } else { b"\n" });
 }
@@ -208,7 +208,7 @@ mod tests {
     const ROW: ReceivedSample = ReceivedSample {
         time: Some(Timestamp { t_ns: 1_795_020_000_500_932_000, digits: 6 }),
         is_received: true,
-        half_second: Sample {
+        sample: Sample {
             sequence: 65_535,
             increments: [-32_768, 32_767, 0, -1],
             gyro_flags: 0x0F,

@@ -22,7 +22,7 @@ pub fn track_difference(difference: ParityResidual) -> String {
     format!("{:+.2}″ ± {:.2}″", difference.arcsec, difference.sigma_arcsec)
 }
 
-/// The time of a half second, else its sequence.
+/// The time of a sample, else its sequence.
 pub fn instant(track: &Track) -> String {
     match track.time {
         Some(time) => {
@@ -30,7 +30,7 @@ pub fn instant(track: &Track) -> String {
             write_seconds(time, &mut bytes);
             format!("{} s", String::from_utf8_lossy(&bytes))
         }
-        None => format!("sequence {}", track.half_second.sequence),
+        None => format!("sequence {}", track.sample.sequence),
     }
 }
 
@@ -78,10 +78,10 @@ fn cells(track: &Track) -> [Option<String>; TRACK_COLUMNS.len()] {
     let accumulated = track.redundancy.map(|checked| checked.accumulated);
     let window = track.redundancy.and_then(|checked| checked.window);
     let per_h = |arcsec: f64| format!("{:.3}", arcsec * (3600.0 / WINDOW_S));
-    let half_second = &track.half_second;
+    let sample = &track.sample;
     [
         track.time.map(|_| String::from_utf8_lossy(&t_s).into_owned()),
-        Some(half_second.sequence.to_string()),
+        Some(sample.sequence.to_string()),
         ix,
         iy,
         iz,
@@ -93,19 +93,19 @@ fn cells(track: &Track) -> [Option<String>; TRACK_COLUMNS.len()] {
         qy,
         qz,
         Some(u8::from(track.is_complete).to_string()),
-        Some(track.lost_half_seconds.to_string()),
+        Some(track.lost_samples.to_string()),
         accumulated.map(|difference| angle(difference.arcsec)),
         accumulated.map(|difference| angle(difference.sigma_arcsec)),
         window.map(|difference| per_h(difference.arcsec)),
         window.map(|difference| per_h(difference.sigma_arcsec)),
         track.in_use.map(|in_use| in_use_name(in_use).to_owned()),
-        Some(half_second.gyro_flags.to_string()),
-        Some(half_second.unit_flags.to_string()),
+        Some(sample.gyro_flags.to_string()),
+        Some(sample.unit_flags.to_string()),
         Some(notes(track)).filter(|notes| !notes.is_empty()),
     ]
 }
 
-/// What is to be known of a half second, in words without a comma.
+/// What is to be known of a sample, in words without a comma.
 fn notes(track: &Track) -> String {
     let mut notes: Vec<String> = track.reasons.iter().map(ToString::to_string).collect();
     if let Some(checked) = &track.redundancy {
@@ -129,7 +129,7 @@ fn text_line(track: &Track) -> String {
     }
     let notes = notes(track);
     if !track.is_complete {
-        let _ = write!(line, "  {} lost", track.lost_half_seconds);
+        let _ = write!(line, "  {} lost", track.lost_samples);
     }
     if !notes.is_empty() {
         let _ = write!(line, "  {notes}");

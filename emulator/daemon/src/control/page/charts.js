@@ -17,7 +17,7 @@ const TITLES = 22;
 /** Times are drawn from a whole number of days on: an SVG has 24 bits for a number. */
 const DAY_S = 86400;
 
-/** Charts of these gyros; takes half seconds and faults in. `validBits` are their bits in gyro_flags. */
+/** Charts of these gyros; takes samples and faults in. `validBits` are their bits in gyro_flags. */
 export function charts(gyros, validBits) {
   const times = [];
   const columns = gyros.map(() => ({ valid: [], ...Object.fromEntries(VIEWS.map((view) => [view.name, []])) }));
@@ -197,7 +197,7 @@ export function charts(gyros, validBits) {
       gyros.map((_, index) => {
         const counts = half.increments[index],
           truth = half.true_arcsec[index];
-        // Summed by the unit: a run faster than real does not tell every half second.
+        // Summed by the unit: a run faster than real does not tell every sample.
         const accumulated = half.departure_arcsec[index] - zeros[index];
         const valid = ((half.gyro_flags >> validBits[index]) & 1) === 1;
         return { counts, truth, difference: counts - truth, accumulated, valid };

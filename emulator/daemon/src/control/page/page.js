@@ -5,7 +5,7 @@ import { ask, at, breakable, clock, element, fixed, path, readings } from "./dom
 import { commander, faultList, injector } from "./panels.js";
 import { wire } from "./wire.js";
 
-/** Without a half second for so long the unit is said to be silent. */
+/** Without a sample for so long the unit is said to be silent. */
 const SILENCE_MS = 3000;
 const AGAIN_MS = 1000;
 const STATUS_MS = 2000;
@@ -59,7 +59,7 @@ function links(half) {
     link.unread,
     link.dropped,
     link.replies,
-    link.unread > 0 ? `${link.unread} half seconds were not sent, because nobody was there to read` : "",
+    link.unread > 0 ? `${link.unread} samples were not sent, because nobody was there to read` : "",
   ]);
   const said = JSON.stringify(rows);
   if (at("link-rows").dataset.said === said) return;
@@ -107,7 +107,7 @@ function recorded({ recording }) {
   at("recording").hidden = !hasEnded;
   if (hasEnded) {
     const { directory, half_second: count, reason } = recording;
-    const text = `The recording in ${directory} ended at half second ${count}: ${reason}. The unit goes on.`;
+    const text = `The recording in ${directory} ended at sample ${count}: ${reason}. The unit goes on.`;
     // Once, for who has it read aloud.
     if (at("recording").textContent !== text) at("recording").textContent = text;
   }
@@ -167,7 +167,7 @@ function start([catalogue, layout, status]) {
     waiting = null;
     refill = 0;
   }
-  /** A run faster than real does not tell every half second: the others are fetched, once a second. */
+  /** A run faster than real does not tell every sample: the others are fetched, once a second. */
   function fetchSkipped(half) {
     if (half.half_second > latest + 1 && !waiting) refill ||= setTimeout(fill, AGAIN_MS);
     latest = half.half_second;

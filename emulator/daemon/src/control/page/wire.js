@@ -7,7 +7,7 @@ const TABS = [
   ["can", "CAN"],
 ];
 
-/** Shows half seconds as the links carry them. */
+/** Shows samples as the links carry them. */
 export function wire(layout) {
   let shown = "serial",
     last = null;

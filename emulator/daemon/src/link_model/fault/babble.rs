@@ -1,7 +1,7 @@
 //! Noise between samples: random bytes, on CAN frames of any identifier.
 
 use geu_model::fault::catalogue::link_fault::Babble;
-use geu_model::units::HALF_SECOND_NS;
+use geu_model::units::SAMPLE_INTERVAL_NS;
 use geu_protocol::CanFrame;
 
 use super::{Context, Encoding, LinkBehaviour, MAX_TRANSMISSIONS, Transmission, WireData};
@@ -16,7 +16,7 @@ impl LinkBehaviour for Babble {
         let (amount, bursts) = (self.amount, self.amount.min(BURSTS));
         for burst in 0..bursts {
             let count = (burst + 1) * amount / bursts - burst * amount / bursts;
-            let after_ns = (2 * burst as i64 + 1) * HALF_SECOND_NS / (2 * bursts as i64);
+            let after_ns = (2 * burst as i64 + 1) * SAMPLE_INTERVAL_NS / (2 * bursts as i64);
             let noise = match context.encoding {
                 Encoding::Serial { .. } => vec![WireData::Bytes(random(count))],
                 Encoding::Can(_) => (0..count)

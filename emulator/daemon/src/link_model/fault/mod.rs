@@ -152,8 +152,7 @@ pub(super) fn sample(
             (behaviour(fault), Context { encoding, acting, is_last_of_its_code })
         })
     };
-    let changed =
-        |sample: &Sample| all().try_fold(*sample, |sample, (it, context)| it.sample(sample, context.acting));
+    let changed = |sample: &Sample| all().try_fold(*sample, |sample, (it, context)| it.sample(sample, context.acting));
     let Some(sample) = sample.and_then(changed) else { return Vec::new() };
     let mut data = encoding.sample(&sample);
     all().for_each(|(it, context)| it.encoded(&mut data, &context));

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use geu_model::fault::catalogue::{CATALOGUE, Transport, Scope, FaultSpec};
+use geu_model::fault::catalogue::{CATALOGUE, FaultSpec, Scope, Transport};
 use geu_model::number::{DefaultValue, ValueFormat as NumberForm};
 use geu_model::{Configuration, GyroUnit};
 use geu_protocol::crc::crc16;
@@ -19,7 +19,7 @@ fn model(kind: Transport) -> LinkModel {
     }
 }
 
-/// What a link carries in each of 20 half seconds with a fault of it in 8 to 15, and what it would carry.
+/// What a link carries in each of 20 samples with a fault of it in 8 to 15, and what it would carry.
 fn carried(kind: Transport, keys: &str) -> Vec<(Vec<WireData>, Vec<Transmission>)> {
     planned(kind, &format!("[[fault]]\nlink = \"{}\"\nat_s = 4.0\nfor_s = 4.0\n{keys}", kind.name()))
 }
@@ -29,13 +29,13 @@ fn planned(kind: Transport, plan: &str) -> Vec<(Vec<WireData>, Vec<Transmission>
     let mut configuration = Configuration::reference();
     configuration.add_plan("plan", plan).unwrap_or_else(|error| panic!("{error}"));
     let (mut unit, model) = (GyroUnit::new(&configuration), model(kind));
-    let half_seconds = (0..20).map(|frame| {
-        let ended = unit.end_half_second();
+    let samples = (0..20).map(|frame| {
+        let ended = unit.end_sample();
         let acting = unit.injected().map(|injected| injected.acting.clone()).unwrap_or_default();
-        let sent = Some(&ended.half_second).filter(|_| ended.cyclic);
-        (model.plain(&ended.half_second), model.carry(sent, frame, &acting))
+        let sent = Some(&ended.sample).filter(|_| ended.cyclic);
+        (model.plain(&ended.sample), model.carry(sent, frame, &acting))
     });
-    half_seconds.collect()
+    samples.collect()
 }
 
 fn keys(spec: &FaultSpec) -> String {
@@ -69,7 +69,7 @@ fn every_fault_changes_what_every_link_that_has_it_carries_while_it_acts_and_no_
     }
 }
 
-/// The kinds of what a deframer finds in the bytes of the half seconds in which the fault acts.
+/// The kinds of what a deframer finds in the bytes of the samples in which the fault acts.
 fn found(keys: &str) -> BTreeMap<&'static str, usize> {
     let bytes: Vec<u8> = carried(Transport::Pty, keys)[8..16]
         .iter()
@@ -108,7 +108,7 @@ fn a_receiver_sees_good_frames_where_the_crc_is_right_and_none_where_it_is_not()
 }
 
 #[test]
-fn reordered_and_merged_half_seconds_leave_in_the_order_that_is_meant() {
+fn reordered_and_merged_samples_leave_in_the_order_that_is_meant() {
     let released = |keys: &str| {
         let all = carried(Transport::Tcp, keys);
         let mut transmissions: Vec<(u64, i64, usize)> = all[8..16]
@@ -185,7 +185,7 @@ fn of_several_identifiers_the_last_counts() {
 }
 
 #[test]
-fn what_stands_before_a_half_second_is_sent_with_one_alone() {
+fn what_stands_before_a_sample_is_sent_with_one_alone() {
     let extra = "[[fault]]\nfault = \"extra-bytes\"\nbytes = 5\n";
     let drop = "[[fault]]\nfault = \"drop\"\n";
     assert_eq!(planned(Transport::Pty, extra)[3].1[0].content.bytes().len(), 33);
@@ -194,7 +194,7 @@ fn what_stands_before_a_half_second_is_sent_with_one_alone() {
 }
 
 #[test]
-fn nothing_is_repeated_before_there_was_a_half_second() {
+fn nothing_is_repeated_before_there_was_a_sample() {
     let all = planned(Transport::Pty, "[[fault]]\nfault = \"stale-repeat\"\nfor_s = 2.0");
     assert!(all[..4].iter().all(|(_, after)| after.is_empty()));
     assert_eq!(all[4].1.len(), 1);
@@ -205,13 +205,13 @@ fn noise_is_no_part_of_an_answer() {
     let mut configuration = Configuration::reference();
     configuration.add_plan("plan", "[[fault]]\nfault = \"babble\"").expect("a plan");
     let unit = GyroUnit::new(&configuration);
-    let (half_second, acting) = (Sample::default(), unit.faults().acting());
+    let (sample, acting) = (Sample::default(), unit.faults().acting());
     for kind in Transport::ALL {
         let model = model(kind);
         let reply = geu_protocol::Reply::new(3, geu_protocol::CommandResult::Done, &[]);
-        let polled = model.polled(&half_second, &reply, acting);
+        let polled = model.polled(&sample, &reply, acting);
         let contents: Vec<WireData> = polled.into_iter().map(|transmission| transmission.content).collect();
-        assert_eq!(contents, model.plain(&half_second));
+        assert_eq!(contents, model.plain(&sample));
         assert!(model.carry(None, 0, acting).len() >= 16, "it is on the link all the same");
     }
 }

@@ -23,10 +23,10 @@ pub struct ReplayItem {
 /// What an item is.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ReplayItemKind {
-    /// A half second begins: what its contents, which follow, say.
-    HalfSecond {
+    /// A sample begins: what its contents, which follow, say.
+    Sample {
         /// All of it.
-        half_second: Sample,
+        sample: Sample,
         /// Whether it was recorded on CAN.
         is_can: bool,
     },
@@ -39,9 +39,9 @@ pub enum ReplayItemKind {
 /// Whose a content is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TrafficOrigin {
-    /// Of the half second told last.
-    HalfSecond,
-    /// Of the unit, but of no whole half second.
+    /// Of the sample told last.
+    Sample,
+    /// Of the unit, but of no whole sample.
     Unit,
     /// A command to it.
     Command,
@@ -64,5 +64,5 @@ pub struct ReplayOptions {
     pub plan: Configuration,
 }
 
-/// Where steps come from: so many half seconds each. When nobody can send any more, the replay ends.
+/// Where steps come from: so many samples each. When nobody can send any more, the replay ends.
 pub type Steps = Receiver<u64>;

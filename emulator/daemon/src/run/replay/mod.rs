@@ -19,7 +19,7 @@ use std::sync::mpsc::Receiver;
 use geu_model::fault::acting::FaultEngine;
 use geu_model::fault::catalogue::FaultAction;
 use geu_model::fault::expectation::Expectation;
-use geu_model::fault::{FaultKind, Fault, unsatisfiable_condition};
+use geu_model::fault::{Fault, FaultKind, unsatisfiable_condition};
 
 use super::error::RunError;
 use super::output::LinkOutput;
@@ -30,7 +30,7 @@ use crate::lateness::Histogram;
 use crate::link::LinkStatistics;
 use crate::link_model::acts_on_replies_alone;
 use crate::shared_unit::SharedUnit;
-pub use item::{ReplayItem, ReplayOptions, Steps, ReplayItemKind, TrafficOrigin};
+pub use item::{ReplayItem, ReplayItemKind, ReplayOptions, Steps, TrafficOrigin};
 use player::{Counts, Player};
 
 /// What a condition can ask about and a recording does not tell.
@@ -71,8 +71,8 @@ pub struct ReplaySummary {
 
 impl fmt::Display for ReplaySummary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Counts { half_seconds, faulted, unit_frames, unit_bytes, other, held_up } = self.counts;
-        write!(f, "half seconds {half_seconds} of the recording, {} contents late", self.late)?;
+        let Counts { samples, faulted, unit_frames, unit_bytes, other, held_up } = self.counts;
+        write!(f, "samples {samples} of the recording, {} contents late", self.late)?;
         if faulted > 0 {
             write!(f, ", {faulted} with faults")?;
         }
@@ -86,7 +86,7 @@ impl fmt::Display for ReplaySummary {
         if unit_frames + unit_bytes + other > 0 {
             writeln!(
                 f,
-                "left out     on links of the other form: {unit_frames} frames and {unit_bytes} bytes that make no whole half second, {other} of commands and other traffic"
+                "left out     on links of the other form: {unit_frames} frames and {unit_bytes} bytes that make no whole sample, {other} of commands and other traffic"
             )?;
         }
         if self.commands + self.rejected > 0 {
@@ -96,7 +96,7 @@ impl fmt::Display for ReplaySummary {
     }
 }
 
-/// Sends `items` over the links until they are over or `shutdown` resolves, each half second when a step allows it
+/// Sends `items` over the links until they are over or `shutdown` resolves, each sample when a step allows it
 /// where there are `steps`.
 ///
 /// # Errors

@@ -6,11 +6,11 @@ use std::time::Duration;
 
 use geu_model::fault::acting::{FaultEngine, FaultEvent};
 use geu_model::fault::expression::ConditionInputs;
-use geu_model::units::{HALF_SECOND_NS, on_board_s};
+use geu_model::units::{SAMPLE_INTERVAL_NS, on_board_s};
 use geu_protocol::field::unit_flag;
 use geu_protocol::{CanFrame, CanIdMap, Sample};
 
-use super::item::{ReplayItem, ReplayOptions, Steps, ReplayItemKind, TrafficOrigin};
+use super::item::{ReplayItem, ReplayItemKind, ReplayOptions, Steps, TrafficOrigin};
 use crate::cadence::{DeadlineTimer, doze_until, now_ns};
 use crate::console;
 use crate::lateness::DurationNs;
@@ -26,7 +26,7 @@ const WAIT: Duration = Duration::from_millis(50);
 /// What was done, for the end.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct Counts {
-    pub half_seconds: u64,
+    pub samples: u64,
     /// Of these, with a fault of links acting.
     pub faulted: u64,
     /// Frames of the unit that a link of bytes could not carry.
@@ -43,18 +43,18 @@ pub(super) struct Player {
     pub links: Vec<LinkOutput>,
     pub faults: FaultEngine,
     pub counts: Counts,
-    /// The half second sent last, for the status line.
+    /// The sample sent last, for the status line.
     pub shown: Arc<Mutex<Option<Sample>>>,
     items: Receiver<Vec<ReplayItem>>,
     steps: Option<Steps>,
-    /// Half seconds that may go out before another step.
+    /// Samples that may go out before another step.
     allowed: u64,
     recorded_plan: CanIdMap,
     session: Session,
-    /// Index of the half second that comes next.
+    /// Index of the sample that comes next.
     frame: u64,
     last: Option<Sample>,
-    /// Of each link: whether the half second told last goes out as the link writes it, not as it was recorded.
+    /// Of each link: whether the sample told last goes out as the link writes it, not as it was recorded.
     is_written_anew: Vec<bool>,
     start_ns: i64,
 }
@@ -162,11 +162,11 @@ impl Player {
     fn take(&mut self, item: ReplayItem) -> bool {
         match item.what {
             ReplayItemKind::Note(text) => console::say(text),
-            ReplayItemKind::HalfSecond { half_second, is_can } => {
+            ReplayItemKind::Sample { sample, is_can } => {
                 if !self.is_allowed() {
                     return false;
                 }
-                self.begin(&half_second, is_can, &item);
+                self.begin(&sample, is_can, &item);
             }
             ReplayItemKind::Content(content, whose) => self.send(&content, whose, item.played_ns),
         }
@@ -180,8 +180,8 @@ impl Player {
             if let Some(last) = &self.last
                 && matches!(steps.try_recv().map(|step| self.allowed += step), Err(TryRecvError::Empty))
             {
-                let (done, sequence) = (self.counts.half_seconds, last.sequence);
-                console::say(format_args!("{done} half seconds sent, the last of sequence {sequence}"));
+                let (done, sequence) = (self.counts.samples, last.sequence);
+                console::say(format_args!("{done} samples sent, the last of sequence {sequence}"));
             }
             while self.allowed == 0 {
                 match steps.recv_timeout(WAIT) {
@@ -195,14 +195,14 @@ impl Player {
         true
     }
 
-    /// A half second begins: decides what faults do to it, and sends it over links that write it themselves.
-    fn begin(&mut self, half_second: &Sample, is_can: bool, item: &ReplayItem) {
-        // Where the recording has a gap, the faults have it too; half seconds a little long or short make none.
-        let by_time = item.recorded_ns.max(0).saturating_add(HALF_SECOND_NS / 2) / HALF_SECOND_NS;
+    /// A sample begins: decides what faults do to it, and sends it over links that write it themselves.
+    fn begin(&mut self, sample: &Sample, is_can: bool, item: &ReplayItem) {
+        // Where the recording has a gap, the faults have it too; samples a little long or short make none.
+        let by_time = item.recorded_ns.max(0).saturating_add(SAMPLE_INTERVAL_NS / 2) / SAMPLE_INTERVAL_NS;
         let frame = if by_time as u64 > self.frame + 1 { by_time as u64 } else { self.frame };
         self.frame = frame + 1;
         if !self.faults.is_empty() {
-            self.faults.begin(&mut self.moment(half_second, frame), self.last);
+            self.faults.begin(&mut self.moment(sample, frame), self.last);
             self.faults.take_happened().iter().for_each(tell);
         }
         let acting = self.faults.acting().clone();
@@ -211,35 +211,35 @@ impl Player {
             let model = output.link.info().model.clone();
             let is_touched = !model.touching(&acting).is_empty();
             is_faulted |= is_touched;
-            // What was held back for this half second comes before or behind all of it, never between its frames.
+            // What was held back for this sample comes before or behind all of it, never between its frames.
             output.queue.put(Vec::new(), frame, item.played_ns);
             let waits = output.queue.is_within_frame()
                 || output.queue.next_ns().is_some_and(|due_ns| due_ns <= item.played_ns + 1);
             *is_written_anew = is_touched || waits || is_can != is_bus(&model);
             if *is_written_anew {
-                output.put(Some(half_second), frame, item.played_ns, &acting);
+                output.put(Some(sample), frame, item.played_ns, &acting);
                 output.send_due(item.played_ns, &patience);
             }
         }
-        self.counts.half_seconds += 1;
+        self.counts.samples += 1;
         self.counts.faulted += u64::from(is_faulted);
-        self.last = Some(*half_second);
+        self.last = Some(*sample);
         *self.shown.lock().expect("nothing panics with it") = self.last;
     }
 
-    /// What is known at the start of a half second; the rates are not.
-    fn moment(&self, half_second: &Sample, frame: u64) -> ConditionInputs {
+    /// What is known at the start of a sample interval; the rates are not.
+    fn moment(&self, sample: &Sample, frame: u64) -> ConditionInputs {
         let last = self.last.unwrap_or_default();
         ConditionInputs {
             t_s: on_board_s(frame),
             frame,
-            sequence: half_second.sequence,
+            sequence: sample.sequence,
             rate_arcsec_s: [f64::NAN; 3],
             theta_deg: f64::NAN,
             psi_deg: f64::NAN,
-            electronics_c: f64::from(half_second.electronics_centi_c) / 100.0,
-            sensor_c: f64::from(half_second.sensor_centi_c) / 100.0,
-            is_polled: half_second.unit_flags & unit_flag("polled") != 0,
+            electronics_c: f64::from(sample.electronics_centi_c) / 100.0,
+            sensor_c: f64::from(sample.sensor_centi_c) / 100.0,
+            is_polled: sample.unit_flags & unit_flag("polled") != 0,
             increments: last.increments,
             gyro_flags: last.gyro_flags,
             ..ConditionInputs::default()
@@ -253,7 +253,9 @@ impl Player {
         let mut is_left_out = false;
         for (output, is_written_anew) in self.links.iter_mut().zip(&self.is_written_anew) {
             let model = &output.link.info().model;
-            if whose == TrafficOrigin::HalfSecond && *is_written_anew || whose == TrafficOrigin::Unit && model.blocks_samples(&acting) {
+            if whose == TrafficOrigin::Sample && *is_written_anew
+                || whose == TrafficOrigin::Unit && model.blocks_samples(&acting)
+            {
                 continue;
             }
             if is_can != is_bus(model) {
@@ -267,8 +269,8 @@ impl Player {
         }
         if is_left_out {
             match (whose, content) {
-                (TrafficOrigin::Unit | TrafficOrigin::HalfSecond, WireData::Frame(_)) => self.counts.unit_frames += 1,
-                (TrafficOrigin::Unit | TrafficOrigin::HalfSecond, WireData::Bytes(bytes)) => {
+                (TrafficOrigin::Unit | TrafficOrigin::Sample, WireData::Frame(_)) => self.counts.unit_frames += 1,
+                (TrafficOrigin::Unit | TrafficOrigin::Sample, WireData::Bytes(bytes)) => {
                     self.counts.unit_bytes += bytes.len() as u64
                 }
                 _ => self.counts.other += 1,

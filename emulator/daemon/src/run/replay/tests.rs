@@ -39,14 +39,14 @@ impl Link for Kept {
     }
 }
 
-/// A half second on CAN of base 300 with a frame of somebody else in it, at 20 ms.
-fn items(half_second: &Sample) -> Vec<ReplayItem> {
-    let frames = CanIdMap::with_base(0x300).unwrap().frames(half_second);
+/// A sample on CAN of base 300 with a frame of somebody else in it, at 20 ms.
+fn items(sample: &Sample) -> Vec<ReplayItem> {
+    let frames = CanIdMap::with_base(0x300).unwrap().frames(sample);
     let other = WireData::Frame(CanFrame::new(0x123, &[7]).unwrap());
     let at = |played_ns, what| ReplayItem { recorded_ns: played_ns, played_ns, what };
-    let own = |index: usize| ReplayItemKind::Content(WireData::Frame(frames[index]), TrafficOrigin::HalfSecond);
+    let own = |index: usize| ReplayItemKind::Content(WireData::Frame(frames[index]), TrafficOrigin::Sample);
     vec![
-        at(20_000_000, ReplayItemKind::HalfSecond { half_second: *half_second, is_can: true }),
+        at(20_000_000, ReplayItemKind::Sample { sample: *sample, is_can: true }),
         at(20_000_000, own(0)),
         at(40_000_000, ReplayItemKind::Content(other, TrafficOrigin::Other)),
         at(60_000_000, own(1)),
@@ -54,7 +54,7 @@ fn items(half_second: &Sample) -> Vec<ReplayItem> {
     ]
 }
 
-/// What a bus and a stream are sent of one half second, and when the replay began at the earliest.
+/// What a bus and a stream are sent of one sample, and when the replay began at the earliest.
 fn played(speed: Speed, plan: Configuration) -> (Timed, Timed, Counts, i64) {
     played_items(speed, plan, items(&Sample { sequence: 9, ..Sample::default() }))
 }
@@ -80,8 +80,8 @@ fn played_items(speed: Speed, plan: Configuration, items: Vec<ReplayItem>) -> (T
 
 #[test]
 fn frames_go_out_as_they_were_at_their_time_with_the_identifiers_of_the_link() {
-    let half_second = Sample { sequence: 9, ..Sample::default() };
-    let [increments, status, clock] = CanIdMap::default().frames(&half_second);
+    let sample = Sample { sequence: 9, ..Sample::default() };
+    let [increments, status, clock] = CanIdMap::default().frames(&sample);
     let (bus, stream, counts, start_ns) = played(Speed::Times(2.0), Configuration::reference());
     let expected = [increments, CanFrame::new(0x123, &[7]).unwrap(), status, clock].map(WireData::Frame);
     assert_eq!(bus.iter().map(|(_, content)| content.clone()).collect::<Vec<_>>(), expected);
@@ -89,12 +89,12 @@ fn frames_go_out_as_they_were_at_their_time_with_the_identifiers_of_the_link() {
         assert!(*sent_ns >= start_ns + after_ns, "never early");
     }
     assert_eq!(stream.len(), 1);
-    assert_eq!(stream[0].1, WireData::Bytes(data_frame(&half_second).to_vec()));
-    assert_eq!(counts, Counts { half_seconds: 1, other: 1, ..Counts::default() });
+    assert_eq!(stream[0].1, WireData::Bytes(data_frame(&sample).to_vec()));
+    assert_eq!(counts, Counts { samples: 1, other: 1, ..Counts::default() });
 }
 
 #[test]
-fn a_fault_acts_on_the_half_second_and_not_on_other_traffic() {
+fn a_fault_acts_on_the_sample_and_not_on_other_traffic() {
     let mut plan = Configuration::reference();
     plan.add_plan("plan", "[[fault]]\nfault = \"silence\"\n").unwrap();
     let (bus, stream, counts, _) = played(Speed::Max, plan);
@@ -105,12 +105,12 @@ fn a_fault_acts_on_the_half_second_and_not_on_other_traffic() {
     assert!(stream.is_empty() && counts.faulted == 1);
 }
 
-/// A half second recorded as bytes, at this time.
+/// A sample recorded as bytes, at this time.
 fn recorded(t_ns: i64, sequence: u16) -> [ReplayItem; 2] {
-    let half_second = Sample { sequence, ..Sample::default() };
+    let sample = Sample { sequence, ..Sample::default() };
     let at = |what| ReplayItem { recorded_ns: t_ns, played_ns: t_ns, what };
-    let content = WireData::Bytes(data_frame(&half_second).to_vec());
-    [at(ReplayItemKind::HalfSecond { half_second, is_can: false }), at(ReplayItemKind::Content(content, TrafficOrigin::HalfSecond))]
+    let content = WireData::Bytes(data_frame(&sample).to_vec());
+    [at(ReplayItemKind::Sample { sample, is_can: false }), at(ReplayItemKind::Content(content, TrafficOrigin::Sample))]
 }
 
 fn bytes(timed: &Timed) -> Vec<u8> {

@@ -20,7 +20,7 @@ fn synchroniser() -> TruthSynchroniser {
     TruthSynchroniser::new(Arc::default(), TruthNumbers::default())
 }
 
-/// The rotation about X that was used in each half second.
+/// The rotation about X that was used in each sample interval.
 fn used(synchroniser: &TruthSynchroniser) -> Vec<f64> {
     let knots = synchroniser.truth.knots_from(0);
     let ends: Vec<f64> = knots.iter().step_by(PIECES).map(|knot| knot.angle_control_arcsec[0]).collect();
@@ -47,7 +47,7 @@ fn samples_on_time_are_used_as_they_are_from_the_first_on() {
 
 #[test]
 fn what_is_used_does_not_depend_on_what_came_early() {
-    // The unit's half seconds end a rounding after the samples.
+    // The unit's samples end a rounding after the samples.
     let ends: Vec<f64> = (1..=40).map(|half| f64::from(half) * 0.5 * (1.0 + 3e-16)).collect();
     let samples: Vec<TruthSample> =
         (0..=40).map(|half| about_x(f64::from(half) * 0.5, (f64::from(half) * 0.7).sin() * 3e4)).collect();
@@ -64,7 +64,7 @@ fn what_is_used_does_not_depend_on_what_came_early() {
 }
 
 #[test]
-fn a_late_sample_is_made_up_over_the_next_half_second_and_no_angle_is_lost() {
+fn a_late_sample_is_made_up_over_the_next_sample_and_no_angle_is_lost() {
     let mut synchroniser = synchroniser();
     take(&mut synchroniser, &[rate(0.0, 0.0), rate(0.5, 100.0)]);
     synchroniser.finish(0.5);
@@ -75,10 +75,11 @@ fn a_late_sample_is_made_up_over_the_next_half_second_and_no_angle_is_lost() {
     take(&mut synchroniser, &[rate(2.0, -100.0)]);
     synchroniser.finish(2.0);
     assert_near(&used(&synchroniser), &[50.0, 50.0, -150.0, -50.0]);
-    let bases: Vec<SampleQuality> = synchroniser.truth.knots_from(1).iter().step_by(PIECES).map(|knot| knot.basis).collect();
+    let bases: Vec<SampleQuality> =
+        synchroniser.truth.knots_from(1).iter().step_by(PIECES).map(|knot| knot.basis).collect();
     assert_eq!(bases, [SampleQuality::Told, SampleQuality::Held, SampleQuality::Told, SampleQuality::Told]);
     assert_eq!(synchroniser.counts.late, 1);
-    // Evenly: every tenth of the half second has the same share.
+    // Evenly: every tenth of the sample has the same share.
     let knots = synchroniser.truth.knots_from(10);
     let tenths: Vec<f64> = knots
         .windows(2)

@@ -15,8 +15,8 @@ mod regressor;
 pub use formula::{Formula, MOST_FACTORS, MOST_POWER, NotAFormula};
 pub use regressor::Regressor;
 
-use super::{GyroSubStep, EffectInputs};
-use crate::number::{DefaultValue, ValueFormat, ParameterSpec, number};
+use super::{EffectInputs, GyroSubStep};
+use crate::number::{DefaultValue, ParameterSpec, ValueFormat, number};
 
 /// Key in the configuration, and column of a trace.
 pub const CODE: &str = "discovered";
@@ -28,8 +28,14 @@ pub const FORMULA_MEANING: &str =
 /// Terms that a gyro can have.
 pub const MOST_TERMS: usize = 16;
 /// What is said of a term's coefficient.
-pub const COEFFICIENT: ParameterSpec =
-    number("coefficient", ValueFormat::Real, DefaultValue::Required, -1e6, 1e6, "arcsec/s of sensed rate per unit of the formula");
+pub const COEFFICIENT: ParameterSpec = number(
+    "coefficient",
+    ValueFormat::Real,
+    DefaultValue::Required,
+    -1e6,
+    1e6,
+    "arcsec/s of sensed rate per unit of the formula",
+);
 
 /// A term of the sensed rate.
 #[derive(Debug, Clone, Copy, PartialEq)]
