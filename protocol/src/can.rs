@@ -92,7 +92,7 @@ impl CanIdMap {
     /// Largest base: all identifiers must stay within eleven bits.
     pub const MAX_BASE: u16 = MAX_ID - offset(REPLY_CAN);
 
-    /// The plan with this base; nothing where it is above [`CanPlan::MAX_BASE`].
+    /// The plan with this base; nothing where it is above [`CanIdMap::MAX_BASE`].
     pub fn with_base(base: u16) -> Option<CanIdMap> {
         (base <= CanIdMap::MAX_BASE).then_some(CanIdMap { base })
     }

@@ -157,7 +157,7 @@ pub enum Command {
 /// The command in the payload of a COMMAND.
 ///
 /// # Errors
-/// The outcome to reply with: [`Outcome::UnknownOpcode`], or [`Outcome::BadArgument`] for too few or too many bytes
+/// The outcome to reply with: [`CommandResult::UnknownOpcode`], or [`CommandResult::BadArgument`] for too few or too many bytes
 /// and for values out of range.
 pub fn parse(payload: &[u8]) -> Result<Command, CommandResult> {
     let (&opcode, mut rest) = payload.split_first().ok_or(CommandResult::BadArgument)?;

@@ -5,10 +5,10 @@
 //! are generated from it or tested against it.
 //!
 //! ```
-//! use geu_protocol::{CanPlan, Sample};
+//! use geu_protocol::{CanIdMap, Sample};
 //! let sample = Sample { increments: [-2, -2, 5, 5], gyro_flags: 0x0F, unit_flags: 0x07,
 //!     electronics_centi_c: 2064, clock_count: 500_000, sensor_centi_c: 7000, ..Sample::default() };
-//! let [increments, status, clock] = CanPlan::default().frames(&sample);
+//! let [increments, status, clock] = CanIdMap::default().frames(&sample);
 //! assert_eq!((increments.id(), increments.data()), (0x1A0, &[0xFF, 0xFE, 0xFF, 0xFE, 0, 5, 0, 5][..]));
 //! assert_eq!(status.data()[6..], [0xDD, 0x5E]);
 //! assert_eq!(clock.id(), 0x1A2);

@@ -136,12 +136,12 @@ impl TimeFunctionSpec {
         Some(Size { name: (self.key)(number.name), form: number.form, least, greatest })
     }
 
-    /// The law with these values of [`Kind::shapes`].
+    /// The law with these values of [`TimeFunctionSpec::shapes`].
     pub fn law(&self, shapes: &[f64]) -> TimeFunction {
         (self.law)(shapes)
     }
 
-    /// The kind of a law, and its values of [`Kind::shapes`].
+    /// The kind of a law, and its values of [`TimeFunctionSpec::shapes`].
     pub fn of(law: &TimeFunction) -> (&'static TimeFunctionSpec, Vec<f64>) {
         let (index, shapes) = match *law {
             TimeFunction::Step { time_s } => (0, vec![time_s]),

@@ -1,12 +1,12 @@
 //! The gyro unit's physics: pure, deterministic, and unable to fail once configured.
 //!
-//! [`Configuration`] is read from TOML and checked; [`Unit`] steps through on-board samples, never the wall clock,
+//! [`Configuration`] is read from TOML and checked; [`GyroUnit`] steps through on-board samples, never the wall clock,
 //! and tells each as a [`geu_protocol::Sample`]. The same configuration, seed and commands give the same numbers on
 //! every build and host: transcendental functions come from libm.
 //!
 //! ```
-//! use geu_model::{Configuration, Unit};
-//! let mut unit = Unit::new(&Configuration::reference());
+//! use geu_model::{Configuration, GyroUnit};
+//! let mut unit = GyroUnit::new(&Configuration::reference());
 //! let ended = unit.end_sample();
 //! assert_eq!((ended.sample.sequence, ended.sample.clock_count), (0, 500_000));
 //! assert_eq!(ended.end_ns, 500_000_000);

@@ -1,6 +1,6 @@
 //! Numbers of a configuration: each told once (name, default, limits, meaning, source) beside the struct that holds it.
 //!
-//! Everything that reads, writes, describes or moves a configuration's numbers goes through [`Numbers`].
+//! Everything that reads, writes, describes or moves a configuration's numbers goes through [`ParameterSet`].
 
 use geu_protocol::Gyro;
 
@@ -132,7 +132,7 @@ pub const fn number(
     ParameterSpec { name, form, role: Role::Amplitude, default, least, greatest, meaning }
 }
 
-/// The gyro that a number of form [`Form::Gyro`] means.
+/// The gyro that a number of form [`ValueFormat::Gyro`] means.
 pub fn named_gyro(value: f64) -> Option<Gyro> {
     (value as usize).checked_sub(1).and_then(|index| Gyro::ALL.get(index).copied())
 }
@@ -141,9 +141,9 @@ pub fn named_gyro(value: f64) -> Option<Gyro> {
 pub trait ParameterSet {
     /// One entry per number, in order.
     fn specs(&self) -> &'static [ParameterSpec];
-    /// The number at `index` of [`Numbers::specs`].
+    /// The number at `index` of [`ParameterSet::specs`].
     fn value(&self, index: usize) -> f64;
-    /// The place of the number at `index` of [`Numbers::specs`].
+    /// The place of the number at `index` of [`ParameterSet::specs`].
     fn value_mut(&mut self, index: usize) -> &mut f64;
 }
 

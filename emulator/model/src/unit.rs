@@ -337,7 +337,7 @@ impl GyroUnit {
         self.end::<()>().0
     }
 
-    /// As [`Unit::end_sample`], and tells how the counts of each gyro came about.
+    /// As [`GyroUnit::end_sample`], and tells how the counts of each gyro came about.
     pub fn end_sample_traced(&mut self) -> (CompletedSample, [Trace; 4]) {
         self.end()
     }

@@ -1,15 +1,15 @@
 //! Capture formats as push readers over bytes: no files, no clock.
 //!
-//! A [`Reader`] is given the bytes of a capture in pieces of any size and tells one [`Event`] for every record in them
+//! A [`Reader`] is given the bytes of a capture in pieces of any size and tells one [`CaptureRecord`] for every record in them
 //! (a line of text, a packet of a binary capture). Nothing in a capture stops it: what it cannot read is
-//! [`Event::Broken`], with its place and bytes.
+//! [`CaptureRecord::Broken`], with its place and bytes.
 //!
 //! ```
-//! use geu_protocol::capture::{Event, Format, Reader};
+//! use geu_protocol::capture::{CaptureRecord, Format, Reader};
 //! let mut reader = Reader::new(Format::Candump);
 //! let mut ids = Vec::new();
 //! reader.finish(b"(1795020000.500932) can0 1A0#FFFE000100050005\n", &mut |_place, event| {
-//!     if let Event::Frame(frame) = event {
+//!     if let CaptureRecord::Frame(frame) = event {
 //!         ids.push((frame.id, frame.time.unwrap().t_ns));
 //!     }
 //! });

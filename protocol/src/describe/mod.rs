@@ -5,8 +5,8 @@
 //! generator.
 //!
 //! ```
-//! use geu_protocol::{CanPlan, describe};
-//! assert!(describe::dbc(CanPlan::default()).contains("BO_ 416 INCREMENTS: 8 GEU"));
+//! use geu_protocol::{CanIdMap, describe};
+//! assert!(describe::dbc(CanIdMap::default()).contains("BO_ 416 INCREMENTS: 8 GEU"));
 //! ```
 
 mod dbc;

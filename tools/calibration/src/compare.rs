@@ -24,7 +24,7 @@ pub struct PreviousCalibration {
 /// Calibrations of one unit compared, parameter by parameter, and combined.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Comparison {
-    /// The last less the mean of those before it, in the order of [`Parameter::all`].
+    /// The last less the mean of those before it, in the order of [`CalibrationParameter::all`].
     pub change: [f64; UNKNOWNS],
     pub sigmas: [f64; UNKNOWNS],
     /// χ² of each parameter's differences, as many degrees of freedom as `pairs`.

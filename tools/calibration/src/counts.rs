@@ -231,7 +231,7 @@ impl AccumulatedCounts {
     }
 }
 
-/// Takes rows from a decoder and makes [`Counts`] of them.
+/// Takes rows from a decoder and makes [`AccumulatedCounts`] of them.
 #[derive(Debug, Default)]
 pub struct CountsReader {
     continuity: Continuity,

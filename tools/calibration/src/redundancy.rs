@@ -90,9 +90,9 @@ pub struct ParityResult {
     pub accumulated: ParityResidual,
     /// Over the last [`WINDOW_S`], once they are there without a break.
     pub window: Option<ParityResidual>,
-    /// Tests that began (`true`) or ceased to exceed, by the order of [`Test`].
+    /// Tests that began (`true`) or ceased to exceed, by the order of [`ParityTest`].
     pub changed: [Option<bool>; 2],
-    /// Tests that exceed, by the order of [`Test`].
+    /// Tests that exceed, by the order of [`ParityTest`].
     pub is_alarmed: [bool; 2],
 }
 

@@ -45,7 +45,7 @@ const END_S: f64 = 1.0;
 /// what was known of it holds for their start.
 ///
 /// # Errors
-/// [`Unsolvable::NotFinite`].
+/// [`SolveError::NotFinite`].
 pub fn refine(
     observations: &[Observation],
     walks: &[RandomWalks; 4],

@@ -7,7 +7,7 @@
 //! ```
 //!
 //! with the counts N over n samples and the inertial rotation Δφ about the control axes. The equations of the gyros
-//! are solved together, because they share the errors of the rotation.
+//! are solved joint_chi2, because they share the errors of the rotation.
 //!
 //! D is the mean over the manoeuvres: with it the accumulated angle is best followed. The drift walks on from the start
 //! of the recording, so that mean departs from the drift at the start; the sigmas hold for the latter, and so include
@@ -64,7 +64,7 @@ pub struct Residual {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Solution {
     pub calibrations: [Calibration; 4],
-    /// Their covariance, in the order of [`Parameter::all`], with the drift taken as that at the start of the recording.
+    /// Their covariance, in the order of [`CalibrationParameter::all`], with the drift taken as that at the start of the recording.
     pub covariance: DMatrix<f64>,
     pub chi2: f64,
     pub degrees_of_freedom: usize,
@@ -81,7 +81,7 @@ impl Solution {
         std::array::from_fn(|index| self.covariance[(index, index)].max(0.0).sqrt())
     }
 
-    /// The values in the order of [`Parameter::all`].
+    /// The values in the order of [`CalibrationParameter::all`].
     pub fn values(&self) -> [f64; UNKNOWNS] {
         values(&self.calibrations)
     }
@@ -97,7 +97,7 @@ pub fn probability(chi2: f64, degrees_of_freedom: usize) -> f64 {
     ChiSquared::new(degrees_of_freedom as f64).map_or(1.0, |distribution| distribution.sf(chi2.max(0.0)))
 }
 
-/// Values of four calibrations in the order of [`Parameter::all`].
+/// Values of four calibrations in the order of [`CalibrationParameter::all`].
 pub fn values(calibrations: &[Calibration; 4]) -> [f64; UNKNOWNS] {
     let mut all = CalibrationParameter::all();
     std::array::from_fn(|_| {
@@ -108,7 +108,7 @@ pub fn values(calibrations: &[Calibration; 4]) -> [f64; UNKNOWNS] {
 /// Solves the equations. `believed` serves only to weigh errors, and for what a gyro's row does not have.
 ///
 /// # Errors
-/// [`Unsolvable`]: what the manoeuvres leave undetermined, in words.
+/// [`SolveError`]: what the manoeuvres leave undetermined, in words.
 pub fn solve(
     observations: &[Observation],
     walks: &[RandomWalks; 4],

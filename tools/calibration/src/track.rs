@@ -2,16 +2,16 @@
 //! pair watched.
 //!
 //! ```
-//! use geu_calibration::{Believed, Choice, Tracker};
-//! use geu_model::{Configuration, Unit};
-//! use geu_recording::Row;
+//! use geu_calibration::{PriorCalibration, GyroSelection, Tracker};
+//! use geu_model::{Configuration, GyroUnit};
+//! use geu_recording::ReceivedSample;
 //! use nalgebra::UnitQuaternion;
 //!
 //! let configuration = Configuration::reference();
-//! let believed = Believed::from(&configuration);
-//! let mut tracker = Tracker::new(&believed, Choice::Za, UnitQuaternion::identity());
-//! let sample = Unit::new(&configuration).end_sample().sample;
-//! let track = tracker.take(&Row { time: None, is_received: false, sample, has_clock: true }).unwrap();
+//! let believed = PriorCalibration::from(&configuration);
+//! let mut tracker = Tracker::new(&believed, GyroSelection::Za, UnitQuaternion::identity());
+//! let sample = GyroUnit::new(&configuration).end_sample().sample;
+//! let track = tracker.take(&ReceivedSample { time: None, is_received: false, sample, has_clock: true }).unwrap();
 //! // No count of GYRX in the first sample interval: its drift remains, and a trace of Y and Z.
 //! assert!((track.increment_control_arcsec.unwrap()[0] - 0.21).abs() < 1e-3);
 //! ```

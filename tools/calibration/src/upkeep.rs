@@ -64,7 +64,7 @@ pub const PARAMETERS: [CalibrationParameter; 4] = [
 pub struct PriorAccuracy {
     /// When they were determined, s on the time scale of the capture.
     pub at_s: f64,
-    /// Standard deviation of each, in the order of [`Parameter::all`].
+    /// Standard deviation of each, in the order of [`CalibrationParameter::all`].
     pub sigmas: [f64; UNKNOWNS],
 }
 
@@ -467,7 +467,7 @@ impl CalibrationUpdate {
         crate::solve::probability(self.chi2, self.degrees_of_freedom)
     }
 
-    /// When the first of the four is due, s after [`Upkeep::at_s`].
+    /// When the first of the four is due, s after [`CalibrationUpdate::at_s`].
     pub fn due_in_s(&self) -> f64 {
         self.changes.iter().map(|change| change.due_in_s).fold(FORTNIGHT_S, f64::min)
     }

@@ -7,10 +7,10 @@
 //! ```
 //! use geu_diagnosis::checks::check;
 //! use geu_model::Configuration;
-//! use geu_recording::Reference;
+//! use geu_recording::ReferenceAttitude;
 //!
 //! let rows = "t_s,rate_x_arcsec_s,rate_y_arcsec_s,rate_z_arcsec_s\n0.5,0,0,0\n1.0,0,0,0\n1.5,0,0,0\n";
-//! let reference = Reference::parse("reference.csv", rows).expect("a reference");
+//! let reference = ReferenceAttitude::parse("reference.csv", rows).expect("a reference");
 //! let checked = check(&[], &[], &Configuration::reference(), &reference);
 //! assert!(checked.faults.is_empty() && checked.rows.is_empty());
 //! ```

@@ -230,7 +230,7 @@ impl MeasuredData {
         (block as f64 + 0.5) * BLOCK_S + 0.5 * SAMPLE_INTERVAL_S
     }
 
-    /// What was measured at each node, as [`Measured::run`] tells it of a model.
+    /// What was measured at each node, as [`MeasuredData::run`] tells it of a model.
     pub fn series(&self) -> Series {
         let nodes = self.samples + 1;
         std::array::from_fn(|channel| match channel {

@@ -25,7 +25,7 @@ pub struct Candidate {
     pub family: HypothesisFamily,
     /// What it explains.
     pub gain: SignatureFit,
-    /// By how much better each third is foretold by the others ([`Normal::held_out`]).
+    /// By how much better each third is foretold by the others ([`NormalEquations::held_out`]).
     pub held_out: [Option<f64>; THIRDS],
     /// What it was found by.
     pub spot: Spot,

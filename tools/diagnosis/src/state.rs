@@ -39,7 +39,7 @@ pub struct FittedHypothesis {
     pub sigmas: Vec<f64>,
     /// Fall of χ² that was required of it.
     pub penalty: f64,
-    /// By how much better each third is predicted by the other two with it ([`Normal::held_out`]).
+    /// By how much better each third is predicted by the other two with it ([`NormalEquations::held_out`]).
     pub held_out: [Option<f64>; THIRDS],
     /// Signatures of the free ones, where they were run: nearly the same as long as the parameters are.
     columns: Option<Arc<Vec<Nuisance>>>,

@@ -223,7 +223,7 @@ impl RunArgs {
     /// Reads the configuration, puts seed, start and truth in, and reads the truth.
     ///
     /// # Errors
-    /// As [`Settings::read`], a start that is no time, a truth that cannot be read.
+    /// As [`ConfigArgs::read`], a start that is no time, a truth that cannot be read.
     pub fn read(&self) -> Result<PreparedRun, CommandError> {
         let mut configuration = self.settings.read()?;
         let is_unfinished = configuration.run.is_unfinished;

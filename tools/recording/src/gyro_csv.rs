@@ -5,8 +5,8 @@
 //! or a return. A stamp within half the nominal interval of the one before repeats it.
 //!
 //! ```
-//! use geu_recording::{Description, GyroCsv, GyroCsvDefectKind};
-//! let description = Description::parse(
+//! use geu_recording::{GyroCsvSpec, GyroCsv, GyroCsvDefectKind};
+//! let description = GyroCsvSpec::parse(
 //!     "mems.toml",
 //!     r#"
 //!     [time]
@@ -115,7 +115,7 @@ pub struct ReferenceTable {
     pub group: Option<String>,
     /// The independent rate: its magnitude, or about X, Y and Z.
     pub rates: Vec<RateColumn>,
-    /// Mean rate of each gyro about its axis, in the order of [`Description::gyros`].
+    /// Mean rate of each gyro about its axis, in the order of [`GyroCsvSpec::gyros`].
     pub gyros: Vec<RateColumn>,
     /// What is to be said of it wherever it is used.
     pub caveat: Option<String>,
@@ -220,7 +220,7 @@ pub struct RateSample {
     /// Line, from 1.
     pub line: u64,
     pub t_s: f64,
-    /// Rates about the axes described, in the order of [`Description::gyros`].
+    /// Rates about the axes described, in the order of [`GyroCsvSpec::gyros`].
     pub rates_arcsec_s: Vec<f64>,
 }
 

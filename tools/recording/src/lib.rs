@@ -1,16 +1,16 @@
 //! Opens any input, file or live link, and yields samples and defects.
 //!
 //! [`InputReader`] opens inputs one after the other and gives their bytes to a [`Decoder`]; that tells rows and defects to
-//! a [`Sink`] and keeps the [`Summary`]. Memory stays flat, however long the input.
+//! a [`Sink`] and keeps the [`DecodeSummary`]. Memory stays flat, however long the input.
 //!
 //! ```
-//! use geu_recording::{Decoder, Defect, Options, Row, Sink};
+//! use geu_recording::{Decoder, Defect, DecoderOptions, ReceivedSample, Sink};
 //! use geu_protocol::capture::{Format, Reader};
 //!
 //! #[derive(Default)]
-//! struct Rows(Vec<Row>);
+//! struct Rows(Vec<ReceivedSample>);
 //! impl Sink for Rows {
-//!     fn row(&mut self, row: &Row) {
+//!     fn row(&mut self, row: &ReceivedSample) {
 //!         self.0.push(*row);
 //!     }
 //!     fn defect(&mut self, defect: &Defect) {
@@ -19,7 +19,7 @@
 //! }
 //!
 //! let log = b"(0.5) can0 1A0#FFFEFFFE00050005\n(0.5) can0 1A1#00000F070810DD5E\n(0.5) can0 1A2#00000007A1201B58\n";
-//! let (mut decoder, mut rows) = (Decoder::new(&Options::default()), Rows::default());
+//! let (mut decoder, mut rows) = (Decoder::new(&DecoderOptions::default()), Rows::default());
 //! decoder.begin("example.log", &mut rows);
 //! let mut reader = Reader::new(Format::Candump);
 //! reader.finish(log, &mut |place, event| decoder.event(place, event, &mut rows));

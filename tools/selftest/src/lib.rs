@@ -2,7 +2,7 @@
 //!
 //! An [`Experiment`] is a unit with one effect at the paper's value, and a way to measure it from what a receiver has:
 //! increments, flags, temperatures, the instants of reception, and the reference attitude that sensors and ground know.
-//! A [`Claim`] is one printed number with its source. It is off when the measurement lies more than [`LIMIT_SIGMA`] away.
+//! A [`PublishedValue`] is one printed number with its source. It is off when the measurement lies more than [`LIMIT_SIGMA`] away.
 //!
 //! ```
 //! use geu_selftest::{experiments, measure};

@@ -2,7 +2,7 @@
 //!
 //! [`ExternalTruth`] stands between the runtime's tasks, which read the source (`source`), and the thread that keeps time: that asks
 //! for the truth just before it ends a sample. What is used when samples are late, missing or jump is decided in
-//! `synchroniser`, on on-board time alone; what was used is a [`Stepped`](geu_model::attitude::Stepped) truth, which a recording keeps ([`received`]).
+//! `synchroniser`, on on-board time alone; what was used is a [`StreamedAttitude`](geu_model::attitude::StreamedAttitude) truth, which a recording keeps ([`received`]).
 //!
 //! Dependencies run one way: `source` (sockets) uses `external_truth`, `json`, `forty_two` and `lines`; `external_truth` uses `synchroniser` and
 //! `reports`. No model of the unit, no recorder.

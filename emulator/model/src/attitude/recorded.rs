@@ -164,7 +164,7 @@ impl RecordedAttitude {
     }
 
     /// Turns about X and Y out of the attitude that θ and ψ tell; straight lines between the rows. `near` is the piece that
-    /// [`Recorded::at`] found for `t_s`.
+    /// [`RecordedAttitude::at`] found for `t_s`.
     pub fn departure_control_arcsec(&self, t_s: f64, near: usize) -> [f64; 2] {
         let Some(&[from, to]) = self.departure_control_arcsec.get(near..near + 2) else { return [0.0; 2] };
         let share = ((t_s - self.t_s[near]) / (self.t_s[near + 1] - self.t_s[near])).clamp(0.0, 1.0);

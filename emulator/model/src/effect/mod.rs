@@ -9,8 +9,8 @@
 //! | acts on | when | method |
 //! |---|---|---|
 //! | [`SampleTiming`] | once per sample interval | [`UnitEffect::timing`] |
-//! | the four [`Head`]s together | in every sub-step | [`UnitEffect::apply`] |
-//! | one [`Head`] | once per sample interval, then in every sub-step | [`GyroEffect::begin`], [`GyroEffect::apply`] |
+//! | the four [`GyroSubStep`]s together | in every sub-step | [`UnitEffect::apply`] |
+//! | one [`GyroSubStep`] | once per sample interval, then in every sub-step | [`GyroEffect::begin`], [`GyroEffect::apply`] |
 //! | the four counts | after rounding, before clipping | [`WiringEffect::apply`] |
 
 mod angle_random_walk;
@@ -253,7 +253,7 @@ pub trait Effects: Copy + Default {
     fn numbers(&self, index: usize) -> &dyn ParameterSet;
     /// The numbers of the effect at `index` of [`Effects::specs`].
     fn numbers_mut(&mut self, index: usize) -> &mut dyn ParameterSet;
-    /// See [`Effect::misfit`], of the effect at `index` of [`Effects::specs`].
+    /// See [`Effect::consistency_error`], of the effect at `index` of [`Effects::specs`].
     fn consistency_error(&self, index: usize) -> Option<(&'static str, String)>;
     /// See [`Effect::IS_NOISE`], of the effect at `index` of [`Effects::specs`].
     fn is_noise(&self, index: usize) -> bool;

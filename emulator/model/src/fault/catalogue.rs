@@ -20,7 +20,7 @@ pub enum Transport {
 }
 
 impl Transport {
-    /// All, in the order of [`LinkKind::NAMES`].
+    /// All, in the order of [`Transport::NAMES`].
     pub const ALL: [Transport; 4] = [Transport::Pty, Transport::Serial, Transport::Can, Transport::Tcp];
     /// Names in plans and on the command line.
     pub const NAMES: [&str; 4] = ["pty", "serial", "can", "tcp"];
@@ -221,7 +221,7 @@ impl FaultSpec {
         CATALOGUE.iter().find(|spec| spec.code == code)
     }
 
-    /// Its law with these values of [`Spec::numbers`].
+    /// Its law with these values of [`FaultSpec::numbers`].
     pub fn law(&self, numbers: &[f64]) -> FaultAction {
         (self.law)(numbers)
     }

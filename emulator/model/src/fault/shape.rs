@@ -89,12 +89,12 @@ pub const KINDS: &[FaultProfileSpec] = &[
 ];
 
 impl FaultProfileSpec {
-    /// The law with these values of [`Kind::numbers`].
+    /// The law with these values of [`FaultProfileSpec::numbers`].
     pub fn law(&self, numbers: &[f64]) -> FaultProfile {
         (self.law)(numbers)
     }
 
-    /// The kind of a law, and its values of [`Kind::numbers`].
+    /// The kind of a law, and its values of [`FaultProfileSpec::numbers`].
     pub fn of(law: &FaultProfile) -> (&'static FaultProfileSpec, Vec<f64>) {
         let (index, numbers) = match *law {
             FaultProfile::Step => (0, vec![]),

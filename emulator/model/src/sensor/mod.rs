@@ -11,10 +11,10 @@
 //!
 //! ```
 //! use geu_model::Configuration;
-//! use geu_model::attitude::{LimitCycle, Motion, Plan};
+//! use geu_model::attitude::{LimitCycle, Motion, AttitudeProfile};
 //! use geu_model::sensor::SunSensor;
 //! let configuration = Configuration::reference();
-//! let motion = Motion::new(Plan::new(&configuration.scenario).unwrap(), LimitCycle::default());
+//! let motion = Motion::new(AttitudeProfile::new(&configuration.scenario).unwrap(), LimitCycle::default());
 //! let mut sensor = SunSensor::new(configuration.sensors.fss, configuration.seed);
 //! let seen = sensor.see(&motion).unwrap();
 //! assert_eq!((seen.theta_arcsec, seen.roll_arcsec), (324_000.0, 0.0));

@@ -49,7 +49,7 @@ impl AbsoluteData {
     /// Reads texts, each with the name that errors call it by.
     ///
     /// # Errors
-    /// As [`Sensors::read`].
+    /// As [`AbsoluteData::read`].
     pub fn parse(fss: (&str, &str), sse: (&str, &str), numbers: SensorNumbers) -> Result<AbsoluteData, TableError> {
         let (sun, stars) = (RowReader::new(fss.1.as_bytes()), RowReader::new(sse.1.as_bytes()));
         AbsoluteData::of_rows((fss.0, sun), (sse.0, stars), numbers)

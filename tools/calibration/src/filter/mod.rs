@@ -19,17 +19,17 @@
 //! Tung and Striebel in the form of Bryson and Frazier (Bierman 1973), which inverts no covariance.
 //!
 //! ```
-//! use geu_calibration::filter::{Fix, Noise, attitude_of, reconstruct};
-//! use geu_calibration::{Counts, InUse};
+//! use geu_calibration::filter::{AttitudeFix, FilterNoise, attitude_of, reconstruct};
+//! use geu_calibration::{AccumulatedCounts, GyroSet};
 //! use geu_model::package::Calibration;
 //!
-//! let mut counts = Counts::starting_at(0);
+//! let mut counts = AccumulatedCounts::starting_at(0);
 //! // 100 s at 10″/s about Z.
 //! for sample in 1..=200 {
 //!     counts.push(f64::from(sample) * 0.5, [0.0, 0.0, 5.0, 5.0], 20.0);
 //! }
-//! let start = Fix::star(0.0, 90.0, 0.0, 0.5);
-//! let told = reconstruct(&counts, &[Calibration::default(); 4], InUse::WithZa, &Noise::PAPER, &[start]).unwrap();
+//! let start = AttitudeFix::star(0.0, 90.0, 0.0, 0.5);
+//! let told = reconstruct(&counts, &[Calibration::default(); 4], GyroSet::WithZa, &FilterNoise::PAPER, &[start]).unwrap();
 //! let turned = attitude_of(std::f64::consts::FRAC_PI_2, 0.0, 0.0).rotation_to(&told.smoothed[200].attitude);
 //! assert!((turned.angle() * 206_264.806 - 1000.0).abs() < 1e-3);
 //! ```
@@ -138,11 +138,11 @@ pub struct Reconstruction {
 /// Reconstructs attitude and transfer functions at every node of `counts`.
 ///
 /// Fixes may come in any order; their times are seconds since the start of the counts, and the inertial frame is theirs:
-/// for [`Fix::star`] and [`Fix::sun`] the sun-referenced frame at time 0. The attitude before the first fix is carried back
+/// for [`AttitudeFix::star`] and [`AttitudeFix::sun`] the sun-referenced frame at time 0. The attitude before the first fix is carried back
 /// from it by the counts.
 ///
 /// Where counts are broken for a gyro in use, its rotation is taken as its mean over the 10 s before, and is uncertain by
-/// [`Noise::lost_rate_arcsec_s`] about its input axis throughout; a receive time that jumps breaks no count. Once the
+/// [`FilterNoise::lost_rate_arcsec_s`] about its input axis throughout; a receive time that jumps breaks no count. Once the
 /// attitude is uncertain by more than a degree it is lost, and started anew at the next fix of the whole attitude.
 ///
 /// # Errors

@@ -68,7 +68,7 @@ impl FilterNoise {
         thermal_time_constant_s: 300.0,
     };
 
-    /// The gyros of a configuration: [`Noise::PAPER`] with the walks, the clearance, the thermal lag and the star sensor's
+    /// The gyros of a configuration: [`FilterNoise::PAPER`] with the walks, the clearance, the thermal lag and the star sensor's
     /// slits as configured, the largest among the gyros in use. The scale factor walks only where an effect moves it, and
     /// the package turns only where it is said to.
     pub fn of(configuration: &Configuration, in_use: GyroSet) -> FilterNoise {

@@ -107,7 +107,7 @@ pub struct BlindCampaign {
 /// Hides, flies, diagnoses and scores. `done` is called after each diagnosis.
 ///
 /// # Errors
-/// As [`Survey::diagnose`].
+/// As [`TrialMotion::diagnose`].
 pub fn campaign(
     survey: &TrialMotion,
     plan: &CampaignPlan,

@@ -1,11 +1,11 @@
 //! The blind trial: effects hidden at random in simulated recordings, and what a diagnosis makes of them.
 //!
 //! ```
-//! use geu_diagnosis::blind::{Survey, hide};
+//! use geu_diagnosis::blind::{TrialMotion, generate_trial};
 //! use geu_model::Configuration;
 //!
-//! let survey = Survey::new(Configuration::reference(), 1500.0).expect("long enough");
-//! let (key, flight) = hide(&survey, 7);
+//! let survey = TrialMotion::new(Configuration::reference(), 1500.0).expect("long enough");
+//! let (key, flight) = generate_trial(&survey, 7);
 //! assert!(key.hidden.len() <= 3 && flight.rows.len() == 3000);
 //! ```
 

@@ -1,6 +1,6 @@
 //! A recording in place of the unit: what was recorded goes out over the links, at its own pace or another.
 //!
-//! Whoever reads the recording hands it over as [`Item`]s; here is what becomes of each on each link. A link of the
+//! Whoever reads the recording hands it over as [`ReplayItem`]s; here is what becomes of each on each link. A link of the
 //! recorded form carries the contents as they are. On one of the other form, and where a fault of links acts, the half
 //! second goes out as the link itself writes it.
 
