@@ -148,18 +148,8 @@ fn orthonormal(columns: &[DVector<f64>], told: Option<&[usize]>) -> Orthonormal 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rates::{Gyro, Reference};
+    use crate::rates::noise::tests::windows;
     use geu_model::noise::NoiseStream;
-
-    fn windows(groups: usize, each: usize) -> Windows {
-        let gyros = (0..3).map(|axis| Gyro { name: "XYZ"[axis..=axis].to_owned(), axis }).collect();
-        let mut windows = Windows::new(gyros, (0..groups).map(|group| group.to_string()).collect());
-        for index in 0..groups * each {
-            let speed = 100.0 * (1 + index / each) as f64;
-            windows.push(index / each, &[0.2 * speed, speed, 5.0], Reference::Magnitude(speed)).expect("a window");
-        }
-        windows
-    }
 
     #[test]
     fn noise_within_groups_is_found_beside_offsets_of_groups() {

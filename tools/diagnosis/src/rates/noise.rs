@@ -118,12 +118,13 @@ impl Noise {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::rates::{Gyro, Reference};
     use geu_model::noise::NoiseStream;
 
-    fn windows(groups: usize, each: usize) -> Windows {
+    /// Windows of three gyros, `each` in a group, at a rate that grows from group to group.
+    pub(crate) fn windows(groups: usize, each: usize) -> Windows {
         let gyros = (0..3).map(|axis| Gyro { name: "XYZ"[axis..=axis].to_owned(), axis }).collect();
         let mut windows = Windows::new(gyros, (0..groups).map(|group| group.to_string()).collect());
         for index in 0..groups * each {
