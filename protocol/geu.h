@@ -17,7 +17,7 @@ extern "C" {
 #define GEU_LINK_VERSION_MAJOR 1u
 #define GEU_LINK_VERSION_MINOR 0u
 
-#define GEU_CLOCK_PER_HALF_SECOND 500000u
+#define GEU_CLOCK_PER_SAMPLE 500000u
 
 #define GEU_CAN_BASE_DEFAULT 0x1A0u
 #define GEU_CAN_INCREMENTS 0u
@@ -134,9 +134,9 @@ static inline uint16_t geu_crc(uint16_t crc, const uint8_t *bytes, size_t length
     return crc;
 }
 
-/* ---- the half second ---- */
+/* ---- the sample ---- */
 
-/* What the unit tells about one sample. */
+/* One sample of the unit. */
 typedef struct {
     int16_t gyrx; /* GYRX angular increment over the sample interval just ended; clipped, never wrapped, count */
     int16_t gyry; /* GYRY angular increment over the sample interval just ended; clipped, never wrapped, count */
@@ -148,82 +148,82 @@ typedef struct {
     int16_t electronics_centi_c; /* electronics temperature, 0.01 degC */
     uint64_t clock_count; /* cycle of the nominal 1 MHz unit clock at the end of the sample interval; exactly +500000 each sample, cycle */
     int16_t sensor_centi_c; /* sensor temperature, 0.01 degC */
-} geu_half_second;
+} geu_sample;
 
 /* The 8 bytes of data of INCREMENTS: increments of the sample just ended; used only with the STATUS that follows it. */
-static inline void geu_pack_increments(const geu_half_second *half_second, uint8_t *data)
+static inline void geu_pack_increments(const geu_sample *sample, uint8_t *data)
 {
-    geu_put_i16(data, half_second->gyrx);
-    geu_put_i16(data + 2, half_second->gyry);
-    geu_put_i16(data + 4, half_second->gyrza);
-    geu_put_i16(data + 6, half_second->gyrzb);
+    geu_put_i16(data, sample->gyrx);
+    geu_put_i16(data + 2, sample->gyry);
+    geu_put_i16(data + 4, sample->gyrza);
+    geu_put_i16(data + 6, sample->gyrzb);
 }
 
-static inline void geu_unpack_increments(geu_half_second *half_second, const uint8_t *data)
+static inline void geu_unpack_increments(geu_sample *sample, const uint8_t *data)
 {
-    half_second->gyrx = geu_get_i16(data);
-    half_second->gyry = geu_get_i16(data + 2);
-    half_second->gyrza = geu_get_i16(data + 4);
-    half_second->gyrzb = geu_get_i16(data + 6);
+    sample->gyrx = geu_get_i16(data);
+    sample->gyry = geu_get_i16(data + 2);
+    sample->gyrza = geu_get_i16(data + 4);
+    sample->gyrzb = geu_get_i16(data + 6);
 }
 
 /* The 8 bytes of data of STATUS, its CRC left out: state, and CRC over the 8 bytes of INCREMENTS then the first 6 of STATUS. */
-static inline void geu_pack_status(const geu_half_second *half_second, uint8_t *data)
+static inline void geu_pack_status(const geu_sample *sample, uint8_t *data)
 {
-    geu_put_u16(data, half_second->sequence);
-    geu_put_u8(data + 2, half_second->gyro_flags);
-    geu_put_u8(data + 3, half_second->unit_flags);
-    geu_put_i16(data + 4, half_second->electronics_centi_c);
+    geu_put_u16(data, sample->sequence);
+    geu_put_u8(data + 2, sample->gyro_flags);
+    geu_put_u8(data + 3, sample->unit_flags);
+    geu_put_i16(data + 4, sample->electronics_centi_c);
 }
 
-static inline void geu_unpack_status(geu_half_second *half_second, const uint8_t *data)
+static inline void geu_unpack_status(geu_sample *sample, const uint8_t *data)
 {
-    half_second->sequence = geu_get_u16(data);
-    half_second->gyro_flags = geu_get_u8(data + 2);
-    half_second->unit_flags = geu_get_u8(data + 3);
-    half_second->electronics_centi_c = geu_get_i16(data + 4);
+    sample->sequence = geu_get_u16(data);
+    sample->gyro_flags = geu_get_u8(data + 2);
+    sample->unit_flags = geu_get_u8(data + 3);
+    sample->electronics_centi_c = geu_get_i16(data + 4);
 }
 
 /* The 8 bytes of data of CLOCK: clock count and sensor temperature, of the STATUS before it. */
-static inline void geu_pack_clock(const geu_half_second *half_second, uint8_t *data)
+static inline void geu_pack_clock(const geu_sample *sample, uint8_t *data)
 {
-    geu_put_u48(data, half_second->clock_count);
-    geu_put_i16(data + 6, half_second->sensor_centi_c);
+    geu_put_u48(data, sample->clock_count);
+    geu_put_i16(data + 6, sample->sensor_centi_c);
 }
 
-static inline void geu_unpack_clock(geu_half_second *half_second, const uint8_t *data)
+static inline void geu_unpack_clock(geu_sample *sample, const uint8_t *data)
 {
-    half_second->clock_count = geu_get_u48(data);
-    half_second->sensor_centi_c = geu_get_i16(data + 6);
+    sample->clock_count = geu_get_u48(data);
+    sample->sensor_centi_c = geu_get_i16(data + 6);
 }
 
-/* The 22 bytes of payload of DATA: everything the unit tells of one sample. */
-static inline void geu_pack_data(const geu_half_second *half_second, uint8_t *data)
+/* The 22 bytes of payload of DATA: all fields of one sample. */
+static inline void geu_pack_data(const geu_sample *sample, uint8_t *data)
 {
-    geu_put_u16(data, half_second->sequence);
-    geu_put_i16(data + 2, half_second->gyrx);
-    geu_put_i16(data + 4, half_second->gyry);
-    geu_put_i16(data + 6, half_second->gyrza);
-    geu_put_i16(data + 8, half_second->gyrzb);
-    geu_put_u8(data + 10, half_second->gyro_flags);
-    geu_put_u8(data + 11, half_second->unit_flags);
-    geu_put_i16(data + 12, half_second->electronics_centi_c);
-    geu_put_u48(data + 14, half_second->clock_count);
-    geu_put_i16(data + 20, half_second->sensor_centi_c);
+    geu_put_u16(data, sample->sequence);
+    geu_put_i16(data + 2, sample->gyrx);
+    geu_put_i16(data + 4, sample->gyry);
+    geu_put_i16(data + 6, sample->gyrza);
+    geu_put_i16(data + 8, sample->gyrzb);
+    geu_put_u8(data + 10, sample->gyro_flags);
+    geu_put_u8(data + 11, sample->unit_flags);
+    geu_put_i16(data + 12, sample->electronics_centi_c);
+    geu_put_u48(data + 14, sample->clock_count);
+    geu_put_i16(data + 20, sample->sensor_centi_c);
 }
 
-static inline void geu_unpack_data(geu_half_second *half_second, const uint8_t *data)
+static inline void geu_unpack_data(geu_sample *sample, const uint8_t *data)
 {
-    half_second->sequence = geu_get_u16(data);
-    half_second->gyrx = geu_get_i16(data + 2);
-    half_second->gyry = geu_get_i16(data + 4);
-    half_second->gyrza = geu_get_i16(data + 6);
-    half_second->gyrzb = geu_get_i16(data + 8);
-    half_second->gyro_flags = geu_get_u8(data + 10);
-    half_second->unit_flags = geu_get_u8(data + 11);
-    half_second->electronics_centi_c = geu_get_i16(data + 12);
-    half_second->clock_count = geu_get_u48(data + 14);
-    half_second->sensor_centi_c = geu_get_i16(data + 20);
+    sample->sequence = geu_get_u16(data);
+    sample->gyrx = geu_get_i16(data + 2);
+    sample->gyry = geu_get_i16(data + 4);
+    sample->gyrza = geu_get_i16(data + 6);
+    sample->gyrzb = geu_get_i16(data + 8);
+    sample->gyro_flags = geu_get_u8(data + 10);
+    sample->unit_flags = geu_get_u8(data + 11);
+    sample->electronics_centi_c = geu_get_i16(data + 12);
+    sample->clock_count = geu_get_u48(data + 14);
+    sample->sensor_centi_c = geu_get_i16(data + 20);
 }
 
 /* The CRC in STATUS: over the 8 bytes of INCREMENTS then the first 6 of STATUS. */
@@ -232,24 +232,24 @@ static inline uint16_t geu_status_crc(const uint8_t *increments, const uint8_t *
     return geu_crc(geu_crc(GEU_CRC_INIT, increments, GEU_INCREMENTS_LENGTH), status, GEU_STATUS_LENGTH - 2);
 }
 
-/* The data of INCREMENTS and STATUS of one half second, CRC included. */
-static inline void geu_pack_increments_and_status(const geu_half_second *half_second, uint8_t *increments,
+/* The data of INCREMENTS and STATUS of one sample, CRC included. */
+static inline void geu_pack_increments_and_status(const geu_sample *sample, uint8_t *increments,
                                                   uint8_t *status)
 {
-    geu_pack_increments(half_second, increments);
-    geu_pack_status(half_second, status);
+    geu_pack_increments(sample, increments);
+    geu_pack_status(sample, status);
     geu_put_u16(status + GEU_STATUS_LENGTH - 2, geu_status_crc(increments, status));
 }
 
 /* Takes an INCREMENTS and the STATUS that came next, no other INCREMENTS between. 1: they belong together and
- * `half_second` has their fields. 0: the CRC does not match, `half_second` is as it was. */
-static inline int geu_unpack_increments_and_status(geu_half_second *half_second, const uint8_t *increments,
+ * `sample` has their fields. 0: the CRC does not match, `sample` is as it was. */
+static inline int geu_unpack_increments_and_status(geu_sample *sample, const uint8_t *increments,
                                                    const uint8_t *status)
 {
     if (geu_status_crc(increments, status) != geu_get_u16(status + GEU_STATUS_LENGTH - 2))
         return 0;
-    geu_unpack_increments(half_second, increments);
-    geu_unpack_status(half_second, status);
+    geu_unpack_increments(sample, increments);
+    geu_unpack_status(sample, status);
     return 1;
 }
 
@@ -400,7 +400,7 @@ static inline geu_result geu_unpack_heater(const uint8_t *data, size_t length, u
     return GEU_RESULT_DONE;
 }
 
-/* A REPLY: which command, how it ended, what it tells. */
+/* A REPLY: command, result, values. */
 typedef struct {
     uint8_t opcode;
     uint8_t result; /* GEU_RESULT_… */
@@ -421,7 +421,7 @@ static inline int geu_unpack_reply(geu_reply *reply, const uint8_t *data, size_t
     return 1;
 }
 
-/* Writes the data of a REPLY and returns their length. `data` has room for GEU_REPLY_MAX_LENGTH. */
+/* Writes the data of a REPLY and returns their length. `data` holds GEU_REPLY_MAX_LENGTH bytes. */
 static inline size_t geu_pack_reply(const geu_reply *reply, uint8_t *data)
 {
     const size_t values = reply->value_length <= sizeof reply->values ? reply->value_length : sizeof reply->values;
@@ -431,7 +431,7 @@ static inline size_t geu_pack_reply(const geu_reply *reply, uint8_t *data)
     return 2 + values;
 }
 
-/* The values of a REPLY to PING. 1: they are there. 0: another command, not done, or another length. */
+/* The values of a REPLY to PING. 1: read. 0: another command, not done, or another length. */
 static inline int geu_unpack_ping_values(const geu_reply *reply, uint8_t *major, uint8_t *minor)
 {
     if (reply->opcode != GEU_OPCODE_PING || reply->result != GEU_RESULT_DONE || reply->value_length != 2)
@@ -443,7 +443,7 @@ static inline int geu_unpack_ping_values(const geu_reply *reply, uint8_t *major,
 
 /* ---- serial frames ---- */
 
-/* Whether payloads of that type have that length. */
+/* 1: payloads of that type have that length. */
 static inline int geu_serial_length_fits(uint8_t type, uint8_t length)
 {
     switch (type) {
@@ -458,8 +458,8 @@ static inline int geu_serial_length_fits(uint8_t type, uint8_t length)
     }
 }
 
-/* Writes the frame around `payload` and returns its length, 0 where type and length do not fit. `frame` has room for
- * GEU_SERIAL_MAX_FRAME. */
+/* Writes the frame around `payload` and returns its length, 0 where type and length do not fit. `frame` holds
+ * GEU_SERIAL_MAX_FRAME bytes. */
 static inline size_t geu_pack_frame(uint8_t *frame, uint8_t type, const uint8_t *payload, size_t length)
 {
     if (length > GEU_SERIAL_MAX_PAYLOAD || !geu_serial_length_fits(type, (uint8_t)length))
@@ -484,8 +484,8 @@ typedef struct {
 typedef struct {
     uint8_t bytes[GEU_SERIAL_MAX_FRAME];
     size_t used;
-    uint32_t skipped;  /* bytes so far that belong to no frame */
-    uint32_t rejected; /* syncs so far that no good frame followed */
+    uint32_t skipped;  /* bytes outside of frames */
+    uint32_t rejected; /* syncs without a good frame */
 } geu_deframer;
 
 /* The next frame in the bytes held: 1 and `frame` is filled, or 0. Call it until 0. */

@@ -36,9 +36,9 @@ class Browser:
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )
-        told = Path(profile) / "DevToolsActivePort"
-        wait(lambda: told.exists() and told.read_text().count("\n"), 30, "Chromium's port")
-        port = told.read_text().split()[0]
+        port_file = Path(profile) / "DevToolsActivePort"
+        wait(lambda: port_file.exists() and port_file.read_text().count("\n"), 30, "Chromium's port")
+        port = port_file.read_text().split()[0]
         with urllib.request.urlopen(f"http://127.0.0.1:{port}/json/list", timeout=10) as answer:
             tab = next(tab for tab in json.load(answer) if tab["type"] == "page")
         self.socket = websocket.create_connection(tab["webSocketDebuggerUrl"], timeout=30, suppress_origin=True)
@@ -102,7 +102,7 @@ class Browser:
         self.call("Input.insertText", text=text)
 
     def choose(self, selector, value):
-        """Chooses of a list, as a person's choice is told to the page."""
+        """Chooses of a list, as a choice of the user does."""
         self.value(
             f"(list => {{ list.value = {json.dumps(value)}; "
             "list.dispatchEvent(new Event('change', { bubbles: true })); "

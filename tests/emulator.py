@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parent.parent
 def arguments(description):
     """The command line that every script here takes."""
     parser = argparse.ArgumentParser(description=description)
-    parser.add_argument("--geu", help="the program; unless told, the newest that cargo built")
+    parser.add_argument("--geu", help="the program [default: the newest that cargo built]")
     return parser
 
 
@@ -97,7 +97,7 @@ class Process:
 class HostDelay:
     """How late the host wakes a program that asked for a millisecond, at worst within the block.
 
-    It tells a slow unit from a host, or an emulated machine, that had no processor to spare: what the host adds by
+    It distinguishes a slow unit from a host, or an emulated machine, that had no processor to spare: what the host adds by
     itself is granted to the slowest reply, never to the middle one.
     """
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from emulator import Process
 from wire import DATA, REPLY, Deframer, crc16
 
-HALF_SECOND_NS = 500_000_000
+SAMPLE_INTERVAL_NS = 500_000_000
 FRAME = 28
 
 
@@ -55,16 +55,16 @@ def size(parameter, gyro=None):
     return float(min(parameter["greatest"] / 2, 10_000))
 
 
-def toml_value(told):
-    if isinstance(told, dict):
-        return "{ " + ", ".join(f"{key} = {toml_value(item)}" for key, item in told.items()) + " }"
-    return json.dumps(told)
+def toml_value(value):
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{key} = {toml_value(item)}" for key, item in value.items()) + " }"
+    return json.dumps(value)
 
 
 def plan(faults, expectations=()):
     """A plan's text."""
     tables = [("fault", fault) for fault in faults] + [("expect", expectation) for expectation in expectations]
-    return "\n".join(f"[[{kind}]]\n" + "".join(f"{key} = {toml_value(told)}\n" for key, told in table.items())
+    return "\n".join(f"[[{kind}]]\n" + "".join(f"{key} = {toml_value(value)}\n" for key, value in table.items())
                      for kind, table in tables)
 
 
@@ -171,7 +171,7 @@ class Running:
         if faults is not None:
             (directory / "plan.toml").write_text(faults)
             words += ["--faults", directory / "plan.toml"]
-        # The link that is given first is the one that is recorded.
+        # The first link is recorded.
         if "can" in links:
             words += ["--can", "vcan0"]
         if "serial" in links:
@@ -194,7 +194,7 @@ class Running:
         if "pty" in links:
             self.process.wait_for("ready pty")
         self.port = int(self.process.wait_for("ready control http://127.0.0.1:").strip("/").rsplit(":", 1)[1])
-        # Both within the first sample interval: one that is there lets it begin.
+        # Both within the first sample interval, so that the first one does not delay the start.
         if "tcp" in links:
             self.tapes["tcp"] = Tape("socket://" + ready.split()[-1])
         if "pty" in links:
@@ -225,7 +225,7 @@ class Running:
         return {fault["id"]: fault["state"] for fault in self.ask("GET", "/api/faults")[1]}
 
     def until_state(self, ids, state, seconds=10):
-        """Waits until all these faults stand so."""
+        """Waits until all these faults have this state."""
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             states = self.states()
@@ -262,7 +262,7 @@ def read_events(record):
 # What is claimed, and whether it came.
 
 def claimed(events, link, first, half_seconds):
-    """What the link carries, in order: (when, ns on board; which sample; bytes as claimed, or nothing where a
+    """What the link carries, in order: (when, ns on board; which sample; bytes as claimed, or None where a
     whole frame is expected that no fault touched)."""
     touched = {}
     for event in events:
@@ -270,22 +270,22 @@ def claimed(events, link, first, half_seconds):
             touched.setdefault(event["half_second"], []).append(event)
     messages = []
     for index in range(first, half_seconds):
-        end_ns = (index + 1) * HALF_SECOND_NS
+        end_ns = (index + 1) * SAMPLE_INTERVAL_NS
         if index not in touched:
             messages.append([(end_ns, index, None)])
         goes_on = False
-        for piece in (piece for event in touched.get(index, []) for piece in event["after"]):
+        for part in (part for event in touched.get(index, []) for part in event["after"]):
             if not goes_on:
                 messages.append([])
-            messages[-1].append((end_ns + round(piece["late_s"] * 1e9), index, piece["bytes"]))
-            goes_on = piece.get("goes_on", False)
+            messages[-1].append((end_ns + round(part["late_s"] * 1e9), index, part["bytes"]))
+            goes_on = part.get("goes_on", False)
     # Messages may overtake each other, but the parts of one hold back all others; with the end the rest leaves.
-    pieces, free_ns, last_ns = [], 0, half_seconds * HALF_SECOND_NS
+    parts, free_ns, last_ns = [], 0, half_seconds * SAMPLE_INTERVAL_NS
     for message in sorted(messages, key=lambda message: message[0][:2]):
         wait_ns = max(0, free_ns - message[0][0])
-        pieces += [(due_ns + wait_ns, index, told) for due_ns, index, told in message]
-        free_ns = max(free_ns, pieces[-1][0])
-    return [(min(due_ns, last_ns), index, told) for due_ns, index, told in pieces]
+        parts += [(due_ns + wait_ns, index, claim) for due_ns, index, claim in message]
+        free_ns = max(free_ns, parts[-1][0])
+    return [(min(due_ns, last_ns), index, claim) for due_ns, index, claim in parts]
 
 
 def whole_frame(data, kind=DATA, lengths=range(22, 23)):
@@ -299,7 +299,7 @@ def whole_frame(data, kind=DATA, lengths=range(22, 23)):
 
 class Matched:
     """A client's bytes beside what is claimed: the first thing wrong, the frames of the samples without faults
-    (as received where no fault touched them), and when each piece came."""
+    (as received where no fault touched them), and when each part came."""
 
     def __init__(self, data, times, events, link, half_seconds):
         data = bytes(data)
@@ -309,24 +309,24 @@ class Matched:
             if event["what"] == "bytes" and event["link"] == link and event["before"]:
                 self.clean[event["half_second"]] = bytes.fromhex(event["before"][0])
         place = 0
-        for due_ns, index, told in claimed(events, link, first, half_seconds):
-            if told is not None:
-                told = bytes.fromhex(told)
-            while data[place:place + len(told or b"") or FRAME] != told:
-                if told is None and whole_frame(data[place:]):
+        for due_ns, index, claim in claimed(events, link, first, half_seconds):
+            if claim is not None:
+                claim = bytes.fromhex(claim)
+            while data[place:place + len(claim or b"") or FRAME] != claim:
+                if claim is None and whole_frame(data[place:]):
                     break
                 length = whole_frame(data[place:], REPLY, range(2, 9))
                 if not length:
-                    self.wrong = (f"sample {index}: expected {told.hex().upper() if told else 'a whole frame'}, got "
-                                  f"{data[place:place + len(told or b'') + FRAME].hex().upper()} at byte {place}")
+                    self.wrong = (f"sample {index}: expected {claim.hex().upper() if claim else 'a whole frame'}, got "
+                                  f"{data[place:place + len(claim or b'') + FRAME].hex().upper()} at byte {place}")
                     return
                 self.replies.append(data[place:place + length])
                 place += length
-            if told is None:
-                self.clean[index] = told = data[place:place + FRAME]
+            if claim is None:
+                self.clean[index] = claim = data[place:place + FRAME]
                 self.frames += 1
-            place += len(told)
-            if told:
+            place += len(claim)
+            if claim:
                 self.came.append((times[place - 1], due_ns, index))
         while length := whole_frame(data[place:], REPLY, range(2, 9)):
             self.replies.append(data[place:place + length])
@@ -335,8 +335,8 @@ class Matched:
             self.wrong = f"{len(data) - place} bytes more than claimed: {data[place:place + 60].hex().upper()}"
 
     def lateness(self, speed, events, link):
-        """How early a piece came at worst, s, and how late the pieces of a fault came at best, for the worst fault: a
-        host without a processor to spare makes some of them late, a fault that is told wrong all."""
+        """How early a part came at worst, s, and how late the parts of a fault came at best, for the worst fault: a
+        host without a processor to spare makes some of them late, a fault with a wrong claim all of them."""
         shifts = [(when - due_ns * 1e-9 / speed, index) for when, due_ns, index in self.came]
         quick, best = sorted(shifts)[len(shifts) // 10][0], {}
         ids = {event["half_second"]: tuple(event["ids"]) for event in events
@@ -348,7 +348,7 @@ class Matched:
 
 
 class MatchedCan:
-    """The same for candump's frames on a bus that nobody else uses: (seconds, identifier, data)."""
+    """The same for candump's frames on a bus without other nodes: (seconds, identifier, data)."""
 
     def __init__(self, frames, events, half_seconds, commands=(0x1A8, 0x1A9)):
         frames = [(when, f"{identifier:03X}#{data.hex().upper()}") for when, identifier, data in frames]
@@ -359,18 +359,18 @@ class MatchedCan:
                 self.clean[event["half_second"]] = event["before"]
         answers = tuple(f"{identifier:03X}#" for identifier in commands)
         place = 0
-        for due_ns, index, told in claimed(events, "can", self.first, half_seconds):
-            wanted = 3 if told is None else 1
+        for due_ns, index, claim in claimed(events, "can", self.first, half_seconds):
+            wanted = 3 if claim is None else 1
             while True:
                 got = [text for _, text in frames[place:place + wanted]]
-                if got == [told] or (told is None and self._is_whole(got)):
+                if got == [claim] or (claim is None and self._is_whole(got)):
                     break
                 if not got or not got[0].startswith(answers):
-                    self.wrong = f"sample {index}: expected {told or 'three whole messages'}, got {got} at frame {place}"
+                    self.wrong = f"sample {index}: expected {claim or 'three whole messages'}, got {got} at frame {place}"
                     return
                 self.others.append(frames[place])
                 place += 1
-            if told is None:
+            if claim is None:
                 self.clean[index] = got
             place += wanted
             self.came.append((frames[place - 1][0], due_ns, index))

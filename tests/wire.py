@@ -80,7 +80,7 @@ class Deframer:
 
 
 def pair_can(frames, base=0x1A0):
-    """Half seconds from (time, identifier, data): (time of INCREMENTS, row). A clean bus is expected: what does not
+    """Samples from (time, identifier, data): (time of INCREMENTS, row). A clean bus is expected: what does not
     pair by the rules is left out."""
     increments = status = None
     rows = []

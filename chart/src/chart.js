@@ -1,4 +1,4 @@
-// Zoom, pan and values under the pointer for the charts of a page. Data stand in their own coordinates below one transform.
+// Zoom, pan and values under the pointer for the charts of a page. Data keep their own coordinates below one transform.
 "use strict";
 var geuChart = (() => {
   const DRAG_PX = 4;
@@ -11,8 +11,8 @@ var geuChart = (() => {
   tip.className = "chart-tip";
   tip.hidden = true;
 
-  function ticks([low, high], count, least) {
-    const rough = Math.max((high - low) / Math.max(count, 1), least, Number.MIN_VALUE);
+  function ticks([low, high], count, minStep) {
+    const rough = Math.max((high - low) / Math.max(count, 1), minStep, Number.MIN_VALUE);
     const decade = 10 ** Math.floor(Math.log10(rough));
     const step = decade * ([1, 2, 5].find((factor) => factor * decade >= rough) ?? 10);
     const decimals = Math.min(Math.max(Math.ceil(-Math.log10(step) - 1e-9), 0), 12);
@@ -22,7 +22,7 @@ var geuChart = (() => {
     return all;
   }
 
-  function tell(event, lines) {
+  function showTooltip(event, lines) {
     tip.hidden = lines.length === 0;
     if (tip.hidden) return;
     document.body.append(tip);
@@ -117,7 +117,7 @@ var geuChart = (() => {
       zoom(moved(now().x, shareX), moved(now().y, shareY));
     }
 
-    /** Place of the pointer in the coordinates of the chart; nothing where it is outside of the frame. */
+    /** Position of the pointer in the coordinates of the chart; undefined outside of the frame. */
     function place(event) {
       const point = new DOMPoint(event.clientX, event.clientY).matrixTransform(svg.getScreenCTM().inverse());
       const isInside = point.x >= left && point.x <= right && point.y >= top && point.y <= bottom;
@@ -164,7 +164,7 @@ var geuChart = (() => {
             lines.push(`${path.dataset.series}: ${shown(found[1])} ${svg.dataset.yUnit ?? ""}`);
         }
       }
-      tell(event, lines);
+      showTooltip(event, lines);
     }
 
     svg.addEventListener("pointerdown", (event) => {
@@ -182,7 +182,7 @@ var geuChart = (() => {
         const [dx, dy] = [(start.x - at.x) / scale()[0], (at.y - start.y) / scale()[1]];
         return zoom(start.view.x.map((x) => x + dx), start.view.y.map((y) => y + dy));
       }
-      // A selection that is wide and low is one of x alone, with all of y, and the other way round.
+      // A wide and low selection selects x with all of y, a high and narrow one the reverse.
       const [wide, high] = [Math.abs(at.x - start.x), Math.abs(at.y - start.y)];
       start.isWholeY = svg.dataset.zoom === "x" || high < 12;
       start.isWholeX = svg.dataset.zoom !== "x" && wide < 12 && high >= 12;
@@ -212,7 +212,7 @@ var geuChart = (() => {
     svg.addEventListener("pointerleave", (event) => {
       point(null);
       others((chart) => chart.point(null));
-      tell(event, []);
+      showTooltip(event, []);
     });
     svg.addEventListener("dblclick", (event) => {
       const at = place(event);

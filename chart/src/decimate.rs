@@ -1,7 +1,7 @@
-/// The smallest and the largest value within each column, in their order, where there are more than two points a column.
+/// Reduces more than two points per column to the smallest and the largest value of each column, in their order.
 ///
-/// `range` is that of the first coordinate, in which the points must be sorted. What a chart of so many pixels shows of the
-/// points is what it shows of all of them.
+/// `range` is that of the first coordinate, by which the points must be sorted. A chart with `columns` pixels does not
+/// change by this.
 pub fn min_max(points: &[(f64, f64)], range: (f64, f64), columns: usize) -> Vec<(f64, f64)> {
     if points.len() <= 2 * columns {
         return points.to_vec();

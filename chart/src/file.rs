@@ -4,13 +4,13 @@ use std::fmt::Write;
 
 use crate::{Chart, LINE_HEIGHT, TOP, escape};
 
-/// Colours of series that are told apart by eyes that see red and green alike (Okabe and Ito).
+/// Colours of series that are distinguishable with red-green colour blindness (Okabe and Ito).
 const COLOURS: &str = ":root { --first: #0072b2; --second: #d55e00; --third: #009e73; --fourth: #cc79a7; --bad: #b3261e; \
                        --soft: #4a5058; --rule: #e1e1e1; --raised: #f4f6f8; }";
 /// Space around a panel, pixels.
 const MARGIN: f64 = 12.0;
 
-/// A chart with what stands above it.
+/// A chart with its heading.
 pub struct Panel {
     pub title: String,
     pub chart: Chart,

@@ -1,7 +1,7 @@
 //! Charts as SVG. One description serves pages, where [`SCRIPT`] adds zoom, pan and values under the pointer, and SVG files.
 //!
-//! Data stand in their own coordinates below one transform, so that the script zooms by changing that transform. Colours are
-//! classes of [`STYLE`], so that they follow light and dark.
+//! Data keep their own coordinates below one transform, which the script changes to zoom. Colours are classes of [`STYLE`]
+//! for the light and the dark theme.
 
 mod decimate;
 mod file;
@@ -15,12 +15,12 @@ pub use file::{Panel, svg_file};
 pub use text::escape;
 use ticks::{Resolution, ticks};
 
-/// Makes each `svg.chart` of a page interactive; `geuChart(svg)` does it for one that is made later.
+/// Makes each `svg.chart` of a page interactive; `geuChart(svg)` does this for a later chart.
 pub const SCRIPT: &str = include_str!("chart.js");
 /// Style of charts, from the colours `--first`, `--second`, `--third`, `--bad`, `--soft`, `--rule` and `--raised`.
 pub const STYLE: &str = include_str!("chart.css");
 
-/// Points drawn of a series at most: a few in each pixel, so that some zoom shows more of it.
+/// Largest number of columns of a series: a few per pixel, so that zooming shows more detail.
 pub const MAX_COLUMNS: usize = 3000;
 
 /// Margins around the frame, pixels.
@@ -28,7 +28,7 @@ const LEFT: f64 = 52.0;
 const RIGHT: f64 = 8.0;
 const TOP: f64 = 19.0;
 const LINE_HEIGHT: f64 = 15.0;
-/// Width of a character of a label at most, in the larger letters of a narrow screen, pixels.
+/// Largest width of a character of a label, on a narrow screen, pixels.
 const CHARACTER_PX: f64 = 8.5;
 
 /// Path of a diamond, a cross, and an arrowhead that points to the right and ends at the origin.
@@ -50,11 +50,11 @@ pub struct Chart {
     x: (f64, f64),
     y: (f64, f64),
     bottom: f64,
-    /// `y` as well is zoomed.
+    /// True if `y` is zoomed too.
     zooms_y: bool,
     /// Charts of one group share the range of `x`.
     group: Option<&'static str>,
-    /// Least distance of two values of `x` that differ.
+    /// Smallest distance of different values of `x`.
     x_step: f64,
     units: [&'static str; 2],
     x_title: String,
@@ -66,7 +66,7 @@ pub struct Chart {
 }
 
 impl Chart {
-    /// An empty chart over ranges; `label` says in words what it shows. `lines` of text have room below it.
+    /// An empty chart over ranges with a descriptive `label`, and space for `lines` of text below it.
     pub fn new(label: &str, size: (f64, f64), x: (f64, f64), y: (f64, f64), lines: u8) -> Chart {
         Chart {
             label: label.to_owned(),
@@ -88,13 +88,13 @@ impl Chart {
         }
     }
 
-    /// Other room at the left than for numbers.
+    /// Sets the left margin.
     #[must_use]
     pub fn with_left(self, left: f64) -> Chart {
         Chart { left, ..self }
     }
 
-    /// Zooms along `x` alone.
+    /// Zooms only along `x`.
     #[must_use]
     pub fn zooming_x(self) -> Chart {
         Chart { zooms_y: false, ..self }
@@ -106,13 +106,13 @@ impl Chart {
         Chart { group: Some(group), ..self }
     }
 
-    /// `x` counts things: no tick between two of them.
+    /// `x` is an index: ticks are integers.
     #[must_use]
     pub fn counting_x(self) -> Chart {
         Chart { x_step: 1.0, ..self }
     }
 
-    /// Units of values read under the pointer.
+    /// Units of the values under the pointer.
     #[must_use]
     pub fn units(self, x: &'static str, y: &'static str) -> Chart {
         Chart { units: [x, y], ..self }
@@ -135,36 +135,36 @@ impl Chart {
         (self.bottom - TOP) / (self.y.1 - self.y.0)
     }
 
-    /// How wide so much of `x` is, pixels.
+    /// Width of a range of `x`, pixels.
     pub fn width_px(&self, x: f64) -> f64 {
         x * self.x_scale()
     }
 
-    /// Round ticks beside it, about `count`, with lines across.
+    /// About `count` round ticks at the left, with lines across.
     pub fn y_ticks(&mut self, count: usize) {
         self.y_ticks_from(self.y.0, count);
     }
 
-    /// The same from some value on.
+    /// Round ticks at the left from `min` on.
     pub fn y_ticks_from(&mut self, min: f64, count: usize) {
         for (at, text) in ticks((min, self.y.1), count) {
             self.tick(Axis::Y, at, &text, true);
         }
     }
 
-    /// Round ticks below it, about `count`, with lines across.
+    /// About `count` round ticks below, with lines across.
     pub fn x_ticks(&mut self, count: usize) {
         for (at, text) in ticks(self.x, count) {
             self.tick(Axis::X, at, &text, true);
         }
     }
 
-    /// A text below at `x`; at an end of the axis it moves inwards, so that nothing of it is cut.
+    /// A text below at `x`; at an end of the axis it moves inwards, so that it is not cut.
     pub fn below(&mut self, x: f64, text: &str) {
         self.tick(Axis::X, x, text, false);
     }
 
-    /// A text beside it at `y`.
+    /// A text at the left at `y`.
     pub fn beside(&mut self, y: f64, text: &str) {
         self.tick(Axis::Y, y, text, false);
     }
@@ -195,12 +195,12 @@ impl Chart {
         *out += &text_at(label_px, anchor, text);
     }
 
-    /// What the axis below shows, in the second line.
+    /// Title of the x axis, in the second line.
     pub fn x_title(&mut self, text: &str) {
         text.clone_into(&mut self.x_title);
     }
 
-    /// What the axis beside shows, above it.
+    /// Title of the y axis, above it.
     pub fn y_title(&mut self, text: &str) {
         text.clone_into(&mut self.y_title);
     }
@@ -222,7 +222,7 @@ impl Chart {
         );
     }
 
-    /// A box between two corners, with what it is.
+    /// A box between two corners with a title.
     pub fn rectangle(&mut self, class: &str, from: (f64, f64), to: (f64, f64), title: &str) {
         let (x, y) = self.resolution();
         let (left, right) = (from.0.min(to.0), from.0.max(to.0));
@@ -244,7 +244,7 @@ impl Chart {
         let _ = writeln!(self.data, "<path class=\"{class}\" d=\"{path}Z\"/>");
     }
 
-    /// A series whose values are read under the pointer by its name; in runs, between which nothing is drawn.
+    /// A series in runs with gaps between them; the pointer shows its values with its name.
     pub fn series(&mut self, class: &str, name: &str, runs: &[Vec<(f64, f64)>]) {
         let path: String = runs.iter().map(|run| self.path_of(run.iter().copied())).collect();
         let name = escape(name);

@@ -1,4 +1,4 @@
-/// Text as it stands between tags or in an attribute.
+/// Escapes text for an element or an attribute.
 pub fn escape(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for character in text.chars() {
@@ -8,7 +8,7 @@ pub fn escape(text: &str) -> String {
             '>' => escaped += "&gt;",
             '"' => escaped += "&quot;",
             '\n' | '\t' => escaped.push(character),
-            // No other control character may stand in XML.
+            // XML allows no other control character.
             character if character.is_control() => escaped.push('\u{fffd}'),
             character => escaped.push(character),
         }

@@ -13,7 +13,7 @@ pub(crate) fn ticks(range: (f64, f64), count: usize) -> Vec<(f64, String)> {
         .collect()
 }
 
-/// Decimals that tell a hundred-thousandth of a range.
+/// Decimals that resolve a hundred-thousandth of a range.
 #[derive(Clone, Copy)]
 pub(crate) struct Resolution {
     decimals: usize,
@@ -24,7 +24,7 @@ impl Resolution {
         Resolution { decimals: (5.0 - (range.1 - range.0).abs().log10()).ceil().clamp(0.0, 17.0) as usize }
     }
 
-    /// The number, without zeros that say nothing.
+    /// The number without trailing zeros.
     pub(crate) fn text(self, value: f64) -> String {
         let text = format!("{value:.*}", self.decimals);
         let text = if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.') } else { &text };

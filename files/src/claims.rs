@@ -1,37 +1,34 @@
-//! What this process reads and what it writes.
+//! Files that this process reads and writes.
 //!
-//! Every input claims its file when it is opened, every output when its option is read; whichever comes second is refused.
-//! So a command that opens its inputs as all do cannot forget the check.
+//! Every input claims its file when it is opened, every output when its option is read; the second claim of a file is refused.
 
 use std::fs::Metadata;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use crate::place::{FileId, Place, duplicate, file_id};
+use crate::place::{FileId, Target, duplicate, file_id};
 
 #[derive(Debug, thiserror::Error)]
 pub enum ClaimError {
     /// An input is the same file.
-    #[error(
-        "{output}: expected a file that is none of the inputs, got the same file as the input {input}; name another"
-    )]
+    #[error("{output}: expected a file that is not an input, got the same file as the input {input}; name another")]
     Input { output: String, input: String },
     /// Another output is the same file.
     #[error("{output}: expected another file than {other}, got the same; name another")]
     Output { output: String, other: String },
     /// It cannot be written.
     #[error(
-        "{output}: expected a file that may be written, in a directory that is there and may be written, got: {source}"
+        "{output}: expected a file that may be written, in a directory that exists and may be written, got: {source}"
     )]
     Unwritable { output: String, source: io::Error },
 }
 
-/// Files by what tells them apart: those that are there, and the places of those that are not.
+/// Identity of a file: of an existing one, or the path of a new one.
 #[derive(Debug, PartialEq, Eq)]
 enum Claimed {
-    There(FileId),
-    NotYet(PathBuf),
+    Existing(FileId),
+    New(PathBuf),
 }
 
 #[derive(Default)]
@@ -47,7 +44,7 @@ fn claims() -> MutexGuard<'static, Claims> {
 
 impl Claims {
     fn output(&mut self, output: String, claimed: Claimed) -> Result<(), ClaimError> {
-        if let Claimed::There(id) = claimed
+        if let Claimed::Existing(id) = claimed
             && let Some((_, input)) = self.inputs.iter().find(|(other, _)| *other == id)
         {
             return Err(ClaimError::Input { output, input: input.clone() });
@@ -60,16 +57,16 @@ impl Claims {
     }
 }
 
-/// Claims a file that is read under this name. Only regular files can be destroyed by writing; others are not claimed.
+/// Claims an input. Only regular files are claimed: writing does not destroy others.
 ///
 /// # Errors
-/// A file that is an output.
+/// The file is an output.
 pub fn claim_input(name: &str, metadata: &Metadata) -> Result<(), ClaimError> {
     if !metadata.is_file() {
         return Ok(());
     }
     let (mut claims, id) = (claims(), file_id(metadata));
-    if let Some((_, output)) = claims.outputs.iter().find(|(claimed, _)| *claimed == Claimed::There(id)) {
+    if let Some((_, output)) = claims.outputs.iter().find(|(claimed, _)| *claimed == Claimed::Existing(id)) {
         return Err(ClaimError::Input { output: output.clone(), input: name.to_owned() });
     }
     if claims.inputs.iter().all(|(other, _)| *other != id) {
@@ -78,27 +75,29 @@ pub fn claim_input(name: &str, metadata: &Metadata) -> Result<(), ClaimError> {
     Ok(())
 }
 
-/// Claims the file that this option names for writing, and looks whether it may be written.
+/// Claims the output file of an option, and checks that it may be written.
 ///
 /// # Errors
-/// A file that is an input or another output, or that cannot be written.
+/// The file is an input or another output, or cannot be written.
 pub fn claim_output(option: &str, path: &Path) -> Result<(), ClaimError> {
     let output = format!("{option} {}", path.display());
     let unwritable = |source| ClaimError::Unwritable { output: output.clone(), source };
-    let place = Place::of(path).map_err(unwritable)?;
-    place.check().map_err(unwritable)?;
-    match place {
-        Place::Descriptor(_) | Place::AsItStands(_) => Ok(()),
-        Place::Regular { before: Some(metadata), .. } => claims().output(output, Claimed::There(file_id(&metadata))),
-        Place::Regular { path, before: None } => claims().output(output, Claimed::NotYet(path)),
+    let target = Target::new(path).map_err(unwritable)?;
+    target.check().map_err(unwritable)?;
+    match target {
+        Target::Descriptor(_) | Target::Direct(_) => Ok(()),
+        Target::Regular { before: Some(metadata), .. } => {
+            claims().output(output, Claimed::Existing(file_id(&metadata)))
+        }
+        Target::Regular { path, before: None } => claims().output(output, Claimed::New(path)),
     }
 }
 
-/// Claims the files into which standard output and standard error go, where they are some: `geu decode x.log >> x.log` would
-/// never end. Both may go into one.
+/// Claims the files of standard output and standard error: `geu decode x.log >> x.log` would never end. Both may be the same
+/// file.
 ///
 /// # Errors
-/// A file that is an input.
+/// A file is an input.
 pub fn claim_standard_output() -> Result<(), ClaimError> {
     use std::os::fd::AsFd;
     let streams =
@@ -108,7 +107,7 @@ pub fn claim_standard_output() -> Result<(), ClaimError> {
         let metadata = stream.and_then(|stream| stream.metadata());
         let id = metadata.ok().filter(Metadata::is_file).map(|metadata| file_id(&metadata));
         if let Some(id) = id.filter(|id| !claimed.contains(id)) {
-            claims().output(name.to_owned(), Claimed::There(id))?;
+            claims().output(name.to_owned(), Claimed::Existing(id))?;
             claimed.push(id);
         }
     }

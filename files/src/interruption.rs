@@ -1,8 +1,8 @@
-//! SIGINT, SIGTERM and SIGHUP while files are written: what is not whole is removed, and the process ends with 128 + the
+//! SIGINT, SIGTERM and SIGHUP while files are written: incomplete files are removed, and the process ends with 128 + the
 //! signal's number, 130 or 143.
 //!
-//! Where a command asked for it, the first signal asks it to end by itself, as one that follows a link does. Should it not,
-//! the second ends the process, and what is not whole stays: those are rows that nobody can receive again.
+//! With [`stop_flag`], the first signal asks the command to end by itself, for example if it follows a link. The second
+//! signal ends the process and keeps incomplete files, because their rows cannot be received again.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -15,21 +15,21 @@ use nix::sys::signal::{SaFlags, SigAction, SigHandler, SigSet, Signal, sigaction
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 
-/// Whether a command ends by itself at the first signal.
+/// True if the command ends by itself at the first signal.
 static ENDS_ITSELF: AtomicBool = AtomicBool::new(false);
 static STOP: AtomicBool = AtomicBool::new(false);
 
-/// Set by the first SIGINT, SIGTERM or SIGHUP from now on, for a command that then ends by itself.
+/// A flag that the first SIGINT, SIGTERM or SIGHUP sets; the command then ends by itself.
 ///
 /// # Errors
-/// When signals cannot be watched.
+/// Signals cannot be watched.
 pub fn stop_flag() -> io::Result<&'static AtomicBool> {
     ENDS_ITSELF.store(true, Ordering::Relaxed);
     watch()?;
     Ok(&STOP)
 }
 
-/// Files that are not whole. Whoever holds them keeps a signal from ending the process meanwhile.
+/// Incomplete files. While they are locked, a signal does not end the process.
 pub(crate) struct Unfinished {
     paths: Vec<PathBuf>,
     is_watched: bool,
@@ -66,7 +66,7 @@ pub(crate) fn watch() -> io::Result<()> {
             if ends_itself && !STOP.swap(true, Ordering::Relaxed) {
                 continue;
             }
-            // Held to the end, so that no other file begins.
+            // Locked until the end, so that no other file is started.
             let unfinished = self::unfinished();
             for path in unfinished.paths.iter().filter(|_| !ends_itself) {
                 let _ = std::fs::remove_file(path);
@@ -78,10 +78,10 @@ pub(crate) fn watch() -> io::Result<()> {
     Ok(())
 }
 
-/// Whether whoever started the process wants this signal ignored, as nohup does.
+/// True if the parent of the process set this signal to be ignored, as nohup does.
 fn is_ignored(signal: Signal) -> io::Result<bool> {
     let ignore = SigAction::new(SigHandler::SigIgn, SaFlags::empty(), SigSet::empty());
-    // SAFETY: ignoring runs no code of ours, and neither does what was there, which is put back.
+    // SAFETY: ignoring runs no code of ours, nor does the previous action, which is restored.
     let before = unsafe { sigaction(signal, &ignore) }?;
     if matches!(before.handler(), SigHandler::SigIgn) {
         return Ok(true);
@@ -91,8 +91,7 @@ fn is_ignored(signal: Signal) -> io::Result<bool> {
     Ok(false)
 }
 
-/// Makes a write beyond the limit on the size of files (`ulimit -f`) an error, as a full disk is, in place of a signal that
-/// ends the process.
+/// Makes a write beyond the limit of file sizes (`ulimit -f`) an error, like a full disk, in place of a fatal signal.
 pub fn ignore_file_size_signal() {
     let ignore = SigAction::new(SigHandler::SigIgn, SaFlags::empty(), SigSet::empty());
     // SAFETY: ignoring runs no code.

@@ -1,8 +1,8 @@
 //! Files that a process reads and writes.
 //!
-//! An [`Output`] is written beside its place and renamed when it is whole, so that whatever goes wrong before leaves what
-//! was there. What is read and what is written is claimed, [`claim_input`] and [`claim_output`], so that no output is an
-//! input or another output. [`interruption`] removes what is not whole when a signal ends the process.
+//! An [`Output`] is written beside its final path and renamed when it is complete, so that a failure keeps the previous file.
+//! Inputs and outputs are claimed by [`claim_input`] and [`claim_output`], so that no output is an input or another output.
+//! [`interruption`] removes incomplete files when a signal ends the process.
 //!
 //! ```
 //! use std::io::Write;

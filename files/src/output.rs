@@ -1,4 +1,4 @@
-//! A file that is written beside its place and renamed when it is whole.
+//! A file that is written beside its final path and renamed when it is complete.
 
 use std::ffi::{OsStr, OsString};
 use std::fs::{File, Metadata, OpenOptions, Permissions};
@@ -10,20 +10,19 @@ use std::path::{Path, PathBuf};
 use tempfile::NamedTempFile;
 
 use crate::interruption::{unfinished, watch};
-use crate::place::{Place, parent};
+use crate::place::{Target, parent};
 
-/// How the name of a file ends that is not whole.
+/// End of the name of an incomplete file.
 const SUFFIX: &str = ".partial";
-/// Bytes of its own name that it begins with: a file system takes 255, and some are added.
+/// Longest part of the final name in it: file systems allow 255 bytes, and some are added.
 const NAME_BYTES: usize = 200;
-/// Of a new file, before the process's mask.
+/// Mode of a new file, before the process's mask.
 const MODE: u32 = 0o666;
 
-/// An output. Dropped before [`Output::persist`], it leaves what was there.
+/// An output. If it is dropped before [`Output::persist`], the previous file is kept.
 ///
-/// A file is written as `NAME.….partial` beside its place. The file that it replaces keeps its permissions and, where that
-/// may be done, its owner; a symlink stays and what it leads to is replaced. Standard output (`-`), devices and pipes are
-/// written as they stand.
+/// A file is written as `NAME.….partial` beside its final path. It keeps the permissions and, if permitted, the owner of the
+/// replaced file; of a symlink, the target is replaced. Standard output (`-`), devices and pipes are written directly.
 #[derive(Debug)]
 pub struct Output {
     destination: Destination,
@@ -31,11 +30,11 @@ pub struct Output {
 
 #[derive(Debug)]
 enum Destination {
-    AsItStands(File),
+    Direct(File),
     Beside(Unfinished, PathBuf),
 }
 
-/// A file that is not whole, which a signal removes too.
+/// An incomplete file, which a signal removes too.
 #[derive(Debug)]
 struct Unfinished(Option<NamedTempFile>);
 
@@ -50,50 +49,50 @@ impl Drop for Unfinished {
 }
 
 impl Output {
-    /// Begins one that will be at `path`.
+    /// Starts an output with the final path `path`.
     ///
     /// # Errors
-    /// When it cannot be made.
+    /// It cannot be created.
     pub fn create(path: &Path) -> io::Result<Output> {
-        let place = Place::of(path)?;
-        place.check()?;
-        let destination = match place {
-            Place::Descriptor(file) => Destination::AsItStands(file),
-            Place::AsItStands(path) => Destination::AsItStands(OpenOptions::new().write(true).open(path)?),
-            Place::Regular { path, before } => Destination::Beside(Unfinished::beside(&path, before.as_ref())?, path),
+        let target = Target::new(path)?;
+        target.check()?;
+        let destination = match target {
+            Target::Descriptor(file) => Destination::Direct(file),
+            Target::Direct(path) => Destination::Direct(OpenOptions::new().write(true).open(path)?),
+            Target::Regular { path, before } => Destination::Beside(Unfinished::beside(&path, before.as_ref())?, path),
         };
         Ok(Output { destination })
     }
 
     fn file(&mut self) -> &mut File {
         match &mut self.destination {
-            Destination::AsItStands(file) => file,
+            Destination::Direct(file) => file,
             Destination::Beside(unfinished, _) => {
-                unfinished.0.as_mut().expect("there until it is persisted").as_file_mut()
+                unfinished.0.as_mut().expect("some until it is persisted").as_file_mut()
             }
         }
     }
 
-    /// Has all that was written on the disk, still beside its place.
+    /// Writes all data to the disk, still beside the final path.
     ///
     /// # Errors
-    /// When it cannot be written.
+    /// They cannot be written.
     pub fn complete(&mut self) -> io::Result<()> {
         match self.destination {
-            // Devices and pipes have nothing to wait for, and say so by an error.
-            Destination::AsItStands(_) => self.file().flush(),
+            // Devices and pipes return an error for `sync_all`.
+            Destination::Direct(_) => self.file().flush(),
             Destination::Beside(..) => self.file().sync_all(),
         }
     }
 
-    /// Puts it in its place, whole.
+    /// Moves the complete file to its final path.
     ///
     /// # Errors
-    /// When it cannot be; what was there is there still.
+    /// It cannot be moved; then the previous file is kept.
     pub fn persist(mut self) -> io::Result<()> {
         self.complete()?;
         let Destination::Beside(unfinished_file, path) = &mut self.destination else { return Ok(()) };
-        let file = unfinished_file.0.take().expect("there until it is persisted");
+        let file = unfinished_file.0.take().expect("some until it is persisted");
         let mut unfinished = unfinished();
         unfinished.remove(file.path());
         file.persist(path).map(drop).map_err(|error| error.error)
@@ -111,7 +110,7 @@ impl Write for Output {
 }
 
 impl Unfinished {
-    /// Begins a file beside `path`, with the permissions of what is there.
+    /// Starts a file beside `path`, with the permissions of the previous file.
     fn beside(path: &Path, before: Option<&Metadata>) -> io::Result<Unfinished> {
         watch()?;
         let prefix = prefix(path.file_name().unwrap_or_default());
@@ -126,7 +125,7 @@ impl Unfinished {
         if let (Some(before), Some(file)) = (before, &file.0) {
             let now = file.as_file().metadata()?;
             if (before.uid(), before.gid()) != (now.uid(), now.gid()) {
-                // Only root may give files away; a file of the user's own is no failure.
+                // Only root may change the owner; the user's own file is accepted.
                 let _ = fchown(file.as_file(), Some(before.uid()), Some(before.gid()));
             }
             file.as_file().set_permissions(before.permissions())?;
@@ -142,21 +141,21 @@ fn prefix(name: &OsStr) -> OsString {
     OsString::from_vec(prefix)
 }
 
-/// Writes a whole file.
+/// Writes a complete file.
 ///
 /// # Errors
-/// When it cannot be; what was there is there still.
+/// It cannot be written; then the previous file is kept.
 pub fn write_whole(path: &Path, content: impl AsRef<[u8]>) -> io::Result<()> {
     let mut output = Output::create(path)?;
     output.write_all(content.as_ref())?;
     output.persist()
 }
 
-/// Puts several in their places when all are whole.
+/// Moves several outputs to their final paths when all are complete.
 ///
 /// # Errors
-/// When one cannot be written; then none is there. A rename that fails behind others (the directory is gone by then) leaves
-/// those before it, each whole.
+/// One cannot be written; then none is moved. If a rename fails after others (the directory was removed), those before it
+/// are complete.
 pub fn persist_all(outputs: impl IntoIterator<Item = Output>) -> io::Result<()> {
     let mut outputs: Vec<Output> = outputs.into_iter().collect();
     outputs.iter_mut().try_for_each(Output::complete)?;

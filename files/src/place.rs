@@ -1,4 +1,4 @@
-//! Where an output goes: what its path names, and where symlinks lead.
+//! Destination of an output, with symlinks resolved.
 
 use std::fs::{self, File, Metadata};
 use std::io::{self, ErrorKind, stderr, stdout};
@@ -9,10 +9,10 @@ use std::path::{Path, PathBuf};
 
 use nix::unistd::{AccessFlags, access};
 
-/// A file, by device and inode: the same by every path, hard link and symlink.
+/// Device and inode of a file: the same for every path, hard link and symlink.
 pub(crate) type FileId = (u64, u64);
 
-/// Symlinks that are followed where the last leads to nothing; as many as Linux follows.
+/// Largest number of symlinks to a missing file that are followed, as in Linux.
 const MAX_SYMLINKS: usize = 40;
 
 pub(crate) fn file_id(metadata: &Metadata) -> FileId {
@@ -20,23 +20,23 @@ pub(crate) fn file_id(metadata: &Metadata) -> FileId {
 }
 
 #[derive(Debug)]
-pub(crate) enum Place {
-    /// Standard output or standard error: `-`, or a path to where one of them goes.
+pub(crate) enum Target {
+    /// Standard output or standard error: `-`, or the path of their file.
     Descriptor(File),
-    /// A device or a pipe, which is written as it stands.
-    AsItStands(PathBuf),
-    /// A regular file, with what is there now.
+    /// A device or a pipe, which is written directly.
+    Direct(PathBuf),
+    /// A regular file, with the metadata of the previous one.
     Regular { path: PathBuf, before: Option<Metadata> },
 }
 
-impl Place {
-    pub fn of(path: &Path) -> io::Result<Place> {
-        Place::within(path, MAX_SYMLINKS)
+impl Target {
+    pub fn new(path: &Path) -> io::Result<Target> {
+        Target::within(path, MAX_SYMLINKS)
     }
 
-    fn within(path: &Path, symlinks: usize) -> io::Result<Place> {
+    fn within(path: &Path, symlinks: usize) -> io::Result<Target> {
         if path == Path::new("-") {
-            return Ok(Place::Descriptor(duplicate(stdout().as_fd())?));
+            return Ok(Target::Descriptor(duplicate(stdout().as_fd())?));
         }
         match fs::metadata(path) {
             Ok(metadata) if metadata.is_dir() => Err(ErrorKind::IsADirectory.into()),
@@ -44,37 +44,37 @@ impl Place {
                 for open in [stdout().as_fd(), stderr().as_fd()] {
                     let open = duplicate(open)?;
                     if open.metadata().is_ok_and(|open| file_id(&open) == file_id(&metadata)) {
-                        return Ok(Place::Descriptor(open));
+                        return Ok(Target::Descriptor(open));
                     }
                 }
                 match metadata.is_file() {
-                    true => Ok(Place::Regular { path: fs::canonicalize(path)?, before: Some(metadata) }),
-                    false => Ok(Place::AsItStands(path.to_owned())),
+                    true => Ok(Target::Regular { path: fs::canonicalize(path)?, before: Some(metadata) }),
+                    false => Ok(Target::Direct(path.to_owned())),
                 }
             }
             Err(error) if error.kind() == ErrorKind::NotFound => match (fs::read_link(path), symlinks) {
                 (Ok(_), 0) => Err(io::Error::other("too many symlinks")),
-                (Ok(target), _) => Place::within(&parent(path).join(target), symlinks - 1),
+                (Ok(target), _) => Target::within(&parent(path).join(target), symlinks - 1),
                 (Err(_), _) => {
                     let name = path.file_name().filter(|_| !path.as_os_str().as_bytes().ends_with(b"/"));
                     let name = name.ok_or(ErrorKind::InvalidFilename)?;
-                    Ok(Place::Regular { path: fs::canonicalize(parent(path))?.join(name), before: None })
+                    Ok(Target::Regular { path: fs::canonicalize(parent(path))?.join(name), before: None })
                 }
             },
             Err(error) => Err(error),
         }
     }
 
-    /// Whether it may be written; said before there is anything to write.
+    /// Checks that it may be written.
     pub fn check(&self) -> io::Result<()> {
         match self {
-            Place::Descriptor(_) => Ok(()),
-            Place::AsItStands(path) => Ok(access(path, AccessFlags::W_OK)?),
-            Place::Regular { path, before } => {
+            Target::Descriptor(_) => Ok(()),
+            Target::Direct(path) => Ok(access(path, AccessFlags::W_OK)?),
+            Target::Regular { path, before } => {
                 if before.is_some() {
                     access(path, AccessFlags::W_OK)?;
                 }
-                // It is written beside its place.
+                // The file is written beside its final path.
                 Ok(access(parent(path), AccessFlags::W_OK | AccessFlags::X_OK)?)
             }
         }

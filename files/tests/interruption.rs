@@ -1,4 +1,4 @@
-//! A signal in the middle of an output, in a process of its own.
+//! A signal while an output is written, in another process.
 
 use std::fs;
 use std::io::{BufRead, BufReader, Write};
@@ -10,28 +10,28 @@ use geu_files::interruption::stop_flag;
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 
-/// Names the output in the process that is interrupted.
+/// Environment variable with the output of the interrupted process.
 const OUT: &str = "GEU_FILES_OUT";
-/// There where that process was asked to end by itself, and does not.
+/// Environment variable of a process that ignores the stop flag.
 const IS_DEAF: &str = "GEU_FILES_DEAF";
 
-/// No test in itself: begins an output, says so, and waits to be ended.
+/// Not a test: starts an output, prints `begun`, and waits for a signal.
 #[test]
 fn interrupted_process() {
     let Some(path) = std::env::var_os(OUT) else { return };
     if std::env::var_os(IS_DEAF).is_some() {
         stop_flag().expect("signals");
     }
-    let mut output = Output::create(Path::new(&path)).expect("room");
-    output.write_all(b"rows so far").expect("room");
-    // Not println!, which the test harness keeps to itself.
+    let mut output = Output::create(Path::new(&path)).expect("written");
+    output.write_all(b"received rows").expect("written");
+    // The test harness captures println!.
     std::io::stdout().write_all(b"\nbegun\n").expect("a reader");
     loop {
         std::thread::park();
     }
 }
 
-/// That process, when it has begun.
+/// Starts that process.
 fn interrupted(path: &Path, is_deaf: bool) -> Child {
     let mut command = Command::new(std::env::current_exe().expect("this program"));
     command.args(["--exact", "interrupted_process", "--nocapture"]).env(OUT, path).stdout(Stdio::piped());
@@ -57,12 +57,12 @@ fn beside(path: &Path) -> Vec<std::path::PathBuf> {
 }
 
 #[test]
-fn a_signal_removes_what_is_not_whole_and_leaves_what_was_there() {
+fn signal_removes_incomplete_files_and_keeps_the_previous_file() {
     // Not SIGHUP: under nohup it is ignored.
     for (signal, code) in [(Signal::SIGINT, 130), (Signal::SIGTERM, 143)] {
-        let room = tempfile::tempdir().expect("a directory");
-        let path = room.path().join("rows.csv");
-        fs::write(&path, "before").expect("room");
+        let directory = tempfile::tempdir().expect("a directory");
+        let path = directory.path().join("rows.csv");
+        fs::write(&path, "before").expect("written");
         let mut child = interrupted(&path, false);
         assert_eq!(beside(&path).len(), 1);
         send(&child, signal);
@@ -76,10 +76,10 @@ fn a_signal_removes_what_is_not_whole_and_leaves_what_was_there() {
 }
 
 #[test]
-fn what_was_received_stays_beside_its_place_when_the_process_is_killed() {
-    let room = tempfile::tempdir().expect("a directory");
-    let path = room.path().join("rows.csv");
-    fs::write(&path, "before").expect("room");
+fn incomplete_file_stays_when_the_process_is_killed() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let path = directory.path().join("rows.csv");
+    fs::write(&path, "before").expect("written");
     let rows = |path: &Path| {
         let [partial] = &beside(path)[..] else { panic!("{:?}", beside(path)) };
         let name = partial.file_name().and_then(|name| name.to_str()).expect("text");
@@ -91,10 +91,10 @@ fn what_was_received_stays_beside_its_place_when_the_process_is_killed() {
     let mut killed = interrupted(&path, false);
     send(&killed, Signal::SIGKILL);
     killed.wait().expect("its end");
-    assert_eq!(rows(&path), "rows so far");
-    // One that was asked to end by itself and does not.
+    assert_eq!(rows(&path), "received rows");
+    // A process that ignores the stop flag.
     let mut deaf = interrupted(&path, true);
-    // Until both are taken they may be one.
+    // Two pending signals may be merged into one.
     let code = loop {
         send(&deaf, Signal::SIGINT);
         std::thread::sleep(std::time::Duration::from_millis(50));
@@ -102,6 +102,6 @@ fn what_was_received_stays_beside_its_place_when_the_process_is_killed() {
             break status.code();
         }
     };
-    assert_eq!((code, rows(&path)), (Some(130), "rows so far".to_owned()));
+    assert_eq!((code, rows(&path)), (Some(130), "received rows".to_owned()));
     assert_eq!(fs::read_to_string(&path).expect("there"), "before");
 }

@@ -21,7 +21,7 @@ pub const REPLY_SERIAL: MessageId = MessageId::Serial(0x11);
 pub const COMMAND_LENGTHS: std::ops::RangeInclusive<usize> = 1..=8;
 pub const REPLY_LENGTHS: std::ops::RangeInclusive<usize> = 2..=8;
 
-/// How the unit answers a command.
+/// Result of a command in its REPLY.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum CommandResult {
     /// 0: done.
@@ -54,16 +54,18 @@ pub struct ArgumentSpec {
     pub meaning: &'static str,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy)]
 pub struct CommandSpec {
     pub opcode: u8,
     /// Name, upper case.
     pub name: &'static str,
     /// Arguments after the opcode, without gaps.
     pub arguments: &'static [ArgumentSpec],
-    /// Values after opcode and result in a REPLY that says done.
+    /// Values after opcode and result in a REPLY with result done.
     pub values: &'static [ArgumentSpec],
     pub meaning: &'static str,
+    /// The command with values in range.
+    command: fn([i64; 3]) -> Command,
 }
 
 const fn argument(name: &'static str, wire: WireType, range: (i64, i64), meaning: &'static str) -> ArgumentSpec {
@@ -80,6 +82,7 @@ pub const COMMANDS: &[CommandSpec] = &[
             argument("minor", WireType::U8, (0, 255), "link version, minor"),
         ],
         meaning: "asks for the link version",
+        command: |_| Command::Ping,
     },
     CommandSpec {
         opcode: 0x02,
@@ -87,6 +90,7 @@ pub const COMMANDS: &[CommandSpec] = &[
         arguments: &[argument("mode", WireType::U8, (0, 1), "0 cyclic, 1 polled")],
         values: &[],
         meaning: "chooses whether data are sent each sample or when polled",
+        command: |[mode, ..]| Command::SetMode { polled: mode == 1 },
     },
     CommandSpec {
         opcode: 0x03,
@@ -94,6 +98,7 @@ pub const COMMANDS: &[CommandSpec] = &[
         arguments: &[],
         values: &[],
         meaning: "polled mode only: the last completed sample's messages follow the REPLY",
+        command: |_| Command::Poll,
     },
     CommandSpec {
         opcode: 0x04,
@@ -105,6 +110,11 @@ pub const COMMANDS: &[CommandSpec] = &[
         ],
         values: &[],
         meaning: "torquers add that many counts, unit flag 3 set meanwhile",
+        command: |[gyros, counts, samples]| Command::SelfTest {
+            gyros: gyros as u8,
+            counts: counts as i16,
+            samples: samples as u8,
+        },
     },
     CommandSpec {
         opcode: 0x05,
@@ -112,6 +122,7 @@ pub const COMMANDS: &[CommandSpec] = &[
         arguments: &[],
         values: &[],
         meaning: "sequence and clock count restart at 0 at the end of the running sample interval",
+        command: |_| Command::ResetSequence,
     },
     CommandSpec {
         opcode: 0x06,
@@ -119,6 +130,7 @@ pub const COMMANDS: &[CommandSpec] = &[
         arguments: &[argument("gyros", WireType::U8, (0, 15), "mask of gyros that run, bit 0 GYRX")],
         values: &[],
         meaning: "a stopped gyro reads 0 and not valid; spin-up takes 60 s",
+        command: |[gyros, ..]| Command::GyroPower { gyros: gyros as u8 },
     },
     CommandSpec {
         opcode: 0x07,
@@ -126,17 +138,18 @@ pub const COMMANDS: &[CommandSpec] = &[
         arguments: &[argument("on", WireType::U8, (0, 1), "0 off, 1 on")],
         values: &[],
         meaning: "off, the sensor cools towards the electronics temperature with a time constant of 20 min",
+        command: |[on, ..]| Command::Heater { on: on == 1 },
     },
 ];
 
-/// A command the unit can carry out: every value lies in the range of its [`ArgumentSpec`].
+/// A valid command: every value is in the range of its [`ArgumentSpec`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Command {
     Ping,
     SetMode {
         polled: bool,
     },
-    /// The last completed sample, once more.
+    /// Send the last completed sample again.
     Poll,
     SelfTest {
         /// Mask, bit 0 GYRX.
@@ -174,17 +187,7 @@ pub fn parse(payload: &[u8]) -> Result<Command, CommandResult> {
     if !rest.is_empty() {
         return Err(CommandResult::BadArgument);
     }
-    let [a, b, c] = values;
-    Ok(match spec.name {
-        "PING" => Command::Ping,
-        "SET_MODE" => Command::SetMode { polled: a == 1 },
-        "POLL" => Command::Poll,
-        "SELF_TEST" => Command::SelfTest { gyros: a as u8, counts: b as i16, samples: c as u8 },
-        "RESET_SEQUENCE" => Command::ResetSequence,
-        "GYRO_POWER" => Command::GyroPower { gyros: a as u8 },
-        "HEATER" => Command::Heater { on: a == 1 },
-        other => unreachable!("command {other} of the table has no meaning here"),
-    })
+    Ok((spec.command)(values))
 }
 
 /// The payload of a COMMAND with these argument values, whether they are in range or not.
@@ -198,12 +201,12 @@ pub fn payload(spec: &CommandSpec, values: &[i64]) -> Vec<u8> {
     bytes
 }
 
-/// The payload of the command of this name, upper or lower case, - or _, as people write it. What the wire cannot hold
-/// cannot be sent; what only the unit refuses is left to the unit.
+/// The payload of the command of this name, upper or lower case, - or _. Values that the wire cannot hold are rejected;
+/// values that only the unit rejects are not.
 ///
 /// # Errors
-/// No command of that name, too few or too many arguments, or one that the wire cannot hold.
-pub fn named(name: &str, values: &[i64]) -> Result<Vec<u8>, String> {
+/// Unknown name, wrong number of arguments, or a value beyond the wire type.
+pub fn from_name(name: &str, values: &[i64]) -> Result<Vec<u8>, String> {
     let spec = spec(name)?;
     expect_count(spec, values.len())?;
     payload_of(spec, values)
@@ -218,7 +221,7 @@ fn spec(name: &str) -> Result<&'static CommandSpec, String> {
     })
 }
 
-/// Whether a command has this name, upper or lower case, - or _.
+/// True for the name of a command, upper or lower case, - or _.
 pub fn is_name(name: &str) -> bool {
     spec(name).is_ok()
 }
@@ -238,11 +241,11 @@ fn expect_count(spec: &CommandSpec, count: usize) -> Result<(), String> {
     ))
 }
 
-/// The payload with these values, one for each argument, unless the wire cannot hold one.
+/// The payload with one value for each argument; an error if the wire cannot hold one.
 fn payload_of(spec: &CommandSpec, values: &[i64]) -> Result<Vec<u8>, String> {
     for (argument, &value) in spec.arguments.iter().zip(values) {
-        let (least, greatest) = argument.wire.limits();
-        if value < least || value > greatest {
+        let (min, max) = argument.wire.limits();
+        if value < min || value > max {
             let (from, to) = argument.range;
             return Err(format!("{} {}: expected a number from {from} to {to}, got {value}", spec.name, argument.name));
         }
@@ -250,7 +253,7 @@ fn payload_of(spec: &CommandSpec, values: &[i64]) -> Result<Vec<u8>, String> {
     Ok(payload(spec, values))
 }
 
-/// The payload that these hexadecimal digits say, with or without blanks: any bytes that a COMMAND can carry.
+/// The payload of hexadecimal digits, with or without blanks: any bytes that a COMMAND can carry.
 pub fn from_hex(hex: &str) -> Option<Vec<u8>> {
     read_hex(hex).filter(|bytes| COMMAND_LENGTHS.contains(&bytes.len()))
 }
@@ -275,7 +278,7 @@ impl Reply {
         Reply { bytes, length: 2 + values.len() as u8 }
     }
 
-    /// The reply in a received payload; nothing for one that is too short, too long or has an unknown result.
+    /// The reply in a received payload; `None` for a wrong length or an unknown result.
     pub fn read(payload: &[u8]) -> Option<Reply> {
         if !REPLY_LENGTHS.contains(&payload.len()) {
             return None;
@@ -327,12 +330,12 @@ mod tests {
     }
 
     #[test]
-    fn names_and_hexadecimal_digits_are_taken_as_people_write_them() {
-        assert_eq!(named("set-mode", &[1]), Ok(vec![2, 1]));
-        assert_eq!(named("Self_Test", &[15, -100, 9]), Ok(vec![4, 15, 0xFF, 0x9C, 9]));
-        assert_eq!(named("SET_MODE", &[7]), Ok(vec![2, 7]), "the unit is to refuse it");
+    fn names_and_hexadecimal_digits_are_read_in_all_spellings() {
+        assert_eq!(from_name("set-mode", &[1]), Ok(vec![2, 1]));
+        assert_eq!(from_name("Self_Test", &[15, -100, 9]), Ok(vec![4, 15, 0xFF, 0x9C, 9]));
+        assert_eq!(from_name("SET_MODE", &[7]), Ok(vec![2, 7]), "the unit is to refuse it");
         for (name, values) in [("nonsense", &[][..]), ("PING", &[1]), ("SET_MODE", &[]), ("SET_MODE", &[256])] {
-            assert!(named(name, values).is_err(), "{name} {values:?}");
+            assert!(from_name(name, values).is_err(), "{name} {values:?}");
         }
         assert_eq!(from_hex("09 0aFF"), Some(vec![9, 10, 255]));
         for hex in ["", "1", "zz", "010203040506070809", "é1"] {

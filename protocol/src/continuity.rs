@@ -1,8 +1,11 @@
-//! Whether samples follow one another: sequence against clock count.
+//! Continuity of samples: sequence against clock count.
 
 use crate::field::{CLOCK_MODULUS, CLOCK_PER_SAMPLE};
 
-/// Whether the clock advanced by 500 000 per sequence step, the sequence wrapping any number of times between.
+/// Maximum plausible gap, samples: a week. A larger gap is a corrupt sequence or clock.
+pub const MAX_MISSING: u64 = 1_209_600;
+
+/// True if the clock advanced by 500 000 per sequence step; the sequence may have wrapped any number of times.
 pub fn clock_follows(before: (u16, u64), now: (u16, u64)) -> bool {
     let steps = u64::from(now.0.wrapping_sub(before.0));
     let advance = now.1.wrapping_sub(before.1) & (CLOCK_MODULUS - 1);
@@ -12,46 +15,47 @@ pub fn clock_follows(before: (u16, u64), now: (u16, u64)) -> bool {
             && now.1 > before.1)
 }
 
-/// Whether sequence and clock both count from a RESET_SEQUENCE.
+/// True if sequence and clock both count from a RESET_SEQUENCE.
 fn restarted((sequence, clock_count): (u16, u64)) -> bool {
     clock_count == (u64::from(sequence) + 1) * CLOCK_PER_SAMPLE
 }
 
-/// Tells clock counts that follow from those that do not. One that does not is doubted; a second that follows it shows
-/// a new course, which is believed.
+/// Rejects clock counts that do not follow the accepted ones. A rejected count is kept; a second count that follows it is
+/// accepted again.
 #[derive(Debug, Clone, Default)]
 pub struct ClockCheck {
-    /// Sequence and clock of the last that was believed, and of one since that was not.
-    believed: Option<(u16, u64)>,
-    doubted: Option<(u16, u64)>,
+    /// Sequence and clock of the last accepted sample.
+    accepted: Option<(u16, u64)>,
+    /// Sequence and clock of a sample rejected since.
+    rejected: Option<(u16, u64)>,
 }
 
 impl ClockCheck {
-    /// Whether this sequence and clock count follow from those before.
+    /// True if this sequence and clock count follow the accepted or the last rejected ones.
     #[inline]
     pub fn accepts(&mut self, sequence: u16, clock_count: u64) -> bool {
         let now = (sequence, clock_count);
         let follows = |before: Option<(u16, u64)>| before.is_some_and(|before| clock_follows(before, now));
-        if self.believed.is_none() || follows(self.believed) || follows(self.doubted) || restarted(now) {
-            (self.believed, self.doubted) = (Some(now), None);
+        if self.accepted.is_none() || follows(self.accepted) || follows(self.rejected) || restarted(now) {
+            (self.accepted, self.rejected) = (Some(now), None);
             true
         } else {
-            self.doubted = Some(now);
+            self.rejected = Some(now);
             false
         }
     }
 }
 
-/// How a sample stands to the one before it.
+/// Relation of a sample to the one before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SequenceStep {
-    /// Nothing stood before it.
+    /// The first sample.
     First,
     Next,
     Repeat,
     Gap(u64),
     Reset,
-    /// It stands in no relation to the one before.
+    /// The sequence does not follow.
     Jump,
 }
 
@@ -62,7 +66,7 @@ pub struct Continuity {
 }
 
 impl Continuity {
-    /// How this sample stands to the one before.
+    /// Compares a sample with the one before.
     #[inline]
     pub fn step(&mut self, sequence: u16, clock_count: Option<u64>) -> SequenceStep {
         let Some((last_sequence, last_clock)) = self.last.replace((sequence, clock_count)) else {

@@ -1,11 +1,11 @@
-//! How much of an input a message quotes.
+//! Quotation of input in messages.
 
 use std::borrow::Cow;
 
-/// A message quotes so many bytes of a line or field at most: enough to recognise it, and one line of a log.
+/// Bytes of a line or field that a message quotes at most: enough to recognise it, and one line of a log.
 pub const MAX_QUOTED: usize = 200;
 
-/// The text as a message quotes it: whole, or its first [`MAX_QUOTED`] bytes and its length.
+/// Quotes a text: all of it, or its first [`MAX_QUOTED`] bytes and its length.
 ///
 /// ```
 /// use geu_protocol::excerpt::excerpt;

@@ -1,6 +1,6 @@
 //! The fields of a sample: name, wire type, unit, scale and meaning of each, once.
 //!
-//! A field is a type that knows where it lives in [`Sample`] and how it is written; a message (see
+//! A field is a type with access to its value in [`Sample`] and its encoding; a message (see
 //! [`crate::message`]) is a list of such types.
 
 /// Cycles of the nominal 1 MHz unit clock in one sample interval.
@@ -25,7 +25,7 @@ impl Gyro {
         ["GYRX", "GYRY", "GYRZA", "GYRZB"][self as usize]
     }
 
-    pub fn named(name: &str) -> Option<Gyro> {
+    pub fn from_name(name: &str) -> Option<Gyro> {
         Gyro::ALL.into_iter().find(|gyro| gyro.name() == name)
     }
 
@@ -35,7 +35,7 @@ impl Gyro {
     }
 }
 
-/// What the unit tells about one sample: the content of all cyclic messages.
+/// One sample of the unit: the content of all cyclic messages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Sample {
     /// +1 each sample, wraps.
@@ -54,7 +54,7 @@ pub struct Sample {
     pub sensor_centi_c: i16,
 }
 
-/// How a number stands on the wire; all are big-endian, signed ones two's complement.
+/// Encoding of a number on the wire; all are big-endian, signed ones two's complement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum WireType {
     /// Unsigned, 1 byte.
@@ -76,7 +76,7 @@ impl WireType {
         }
     }
 
-    /// Whether negative numbers can be sent.
+    /// True for signed numbers.
     pub const fn signed(self) -> bool {
         matches!(self, WireType::I16)
     }
@@ -116,13 +116,13 @@ impl WireType {
     }
 }
 
-/// What is said of a field in tables, databases and documents.
+/// Description of a field for tables, databases and documents.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FieldSpec {
-    /// Name, lower case, as in the CSV header where it stands there.
+    /// Name, lower case, as in the CSV header.
     pub name: &'static str,
     pub wire: WireType,
-    /// Unit of `scale`, empty where there is none.
+    /// Unit of `scale`; may be empty.
     pub unit: &'static str,
     /// Physical value of one unit of the number on the wire.
     pub scale: f64,
@@ -134,13 +134,13 @@ pub struct FieldSpec {
 /// One named bit of a field of flags.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Bit {
-    /// Bit number, 0 is the least significant.
+    /// Bit number; 0 is the lowest bit.
     pub bit: u8,
     pub name: &'static str,
     pub meaning: &'static str,
 }
 
-/// A field as a type: where it lives and how it is said.
+/// A field as a type: access to it in a sample, and its description.
 pub trait Field {
     const SPEC: FieldSpec;
     fn get(sample: &Sample) -> i64;
@@ -194,7 +194,7 @@ fields! {
         "sensor temperature";
 }
 
-/// CRC-16/IBM-3740 as it stands in STATUS and at the end of every serial frame.
+/// CRC-16/IBM-3740 of STATUS and of every serial frame.
 pub const CRC: FieldSpec = FieldSpec {
     name: "crc",
     wire: WireType::U16,

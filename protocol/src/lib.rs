@@ -1,6 +1,6 @@
 //! The gyro electronics unit on the wire.
 //!
-//! Bytes only: no clock, no files, no async. One definition of every field and message stands in [`field`] and
+//! Bytes only: no clock, no files, no async. Each field and message is defined once, in [`field`] and
 //! [`message`]; the codec, the CAN database, the C header, the Wireshark dissector and the interface control document
 //! are generated from it or tested against it.
 //!

@@ -10,12 +10,12 @@ pub enum MessageId {
     Serial(u8),
 }
 
-/// What is said of a message in tables, databases and documents.
+/// Description of a message for tables, databases and documents.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MessageSpec {
     /// Name, upper case.
     pub name: &'static str,
-    pub place: MessageId,
+    pub id: MessageId,
     /// Fields in wire order, without gaps.
     pub fields: &'static [FieldSpec],
     pub meaning: &'static str,
@@ -52,12 +52,12 @@ pub trait Message {
 }
 
 macro_rules! messages {
-    ($($type:ident, $name:literal, $place:expr, [$($field:ident),*] $(+ $crc:ident)?, $meaning:literal;)*) => {
+    ($($type:ident, $name:literal, $id:expr, [$($field:ident),*] $(+ $crc:ident)?, $meaning:literal;)*) => {
         $(
             #[doc = $meaning]
             pub struct $type;
             impl Message for $type {
-                const SPEC: MessageSpec = MessageSpec { name: $name, place: $place,
+                const SPEC: MessageSpec = MessageSpec { name: $name, id: $id,
                     fields: &[$($field::SPEC,)* $($crc)?], meaning: $meaning };
                 #[inline]
                 fn write(sample: &Sample, bytes: &mut [u8]) {
@@ -87,5 +87,5 @@ messages! {
         "clock count and sensor temperature, of the STATUS before it";
     Data, "DATA", MessageId::Serial(0x01),
         [Sequence, IncrementX, IncrementY, IncrementZa, IncrementZb, GyroFlags, UnitFlags, Electronics, ClockCount, Sensor],
-        "everything the unit tells of one sample";
+        "all fields of one sample";
 }

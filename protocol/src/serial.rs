@@ -10,9 +10,9 @@ use crate::message::{Data, Message, MessageId};
 
 /// First two bytes of every frame.
 pub const SYNC: [u8; 2] = [0xEB, 0x90];
-/// Where the type stands in a frame.
+/// Offset of the type in a frame.
 pub const TYPE_AT: usize = SYNC.len();
-/// Where the length stands in a frame.
+/// Offset of the length in a frame.
 pub const LENGTH_AT: usize = TYPE_AT + 1;
 /// Bytes before the payload: sync, type, length.
 pub const HEADER: usize = LENGTH_AT + 1;
@@ -28,7 +28,7 @@ pub const DEFAULT_BAUD: u32 = 115_200;
 /// Bits on the line for each byte at 8N1.
 pub const BITS_PER_BYTE: u32 = 10;
 
-/// What a frame carries.
+/// Content of a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FrameType {
     Data,
@@ -38,19 +38,19 @@ pub enum FrameType {
 
 impl FrameType {
     pub const fn code(self) -> u8 {
-        let place = match self {
-            FrameType::Data => Data::SPEC.place,
+        let id = match self {
+            FrameType::Data => Data::SPEC.id,
             FrameType::Command => COMMAND_SERIAL,
             FrameType::Reply => REPLY_SERIAL,
         };
-        match place {
+        match id {
             MessageId::Serial(code) => code,
             MessageId::Can(_) => panic!("not a serial message"),
         }
     }
 
     #[inline]
-    fn of(code: u8) -> Option<FrameType> {
+    fn from_code(code: u8) -> Option<FrameType> {
         [FrameType::Data, FrameType::Command, FrameType::Reply].into_iter().find(|kind| kind.code() == code)
     }
 
@@ -75,7 +75,7 @@ pub fn frame(kind: FrameType, payload: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// Makes the CRC of a whole frame right for what it says; of fewer bytes than a frame has nothing.
+/// Writes the CRC of a whole frame; leaves fewer bytes than a frame unchanged.
 pub fn update_crc(bytes: &mut [u8]) {
     let Some(end) = bytes.len().checked_sub(CRC).filter(|&end| end >= HEADER) else { return };
     let crc = crc16(&bytes[SYNC.len()..end]);
@@ -100,7 +100,7 @@ pub fn read_data(payload: &[u8]) -> Sample {
     sample
 }
 
-/// Why bytes after a sync are not a frame.
+/// Reason why bytes after a sync are no frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum SerialDefect {
     /// Type byte that is not DATA, COMMAND or REPLY.
@@ -126,7 +126,7 @@ impl SerialDefect {
         }
     }
 
-    /// How many of the bytes from a sync on were looked at to find this.
+    /// Number of bytes from a sync on that show this defect.
     fn length(self, bytes: &[u8]) -> usize {
         match self {
             SerialDefect::UnknownType => 3,
@@ -137,10 +137,10 @@ impl SerialDefect {
     }
 }
 
-/// What the deframer makes of the bytes. Frames and skipped runs together are all bytes, each once.
+/// Result of the deframer. Frames and skipped runs together are all bytes, each once.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DeframerEvent<'a> {
-    /// A frame whose CRC matches.
+    /// A frame with a correct CRC.
     Frame {
         /// Offset of its sync in the stream.
         at: u64,
@@ -155,37 +155,37 @@ pub enum DeframerEvent<'a> {
         /// The bytes tried, from the sync on, at most as long as the longest frame.
         bytes: &'a [u8],
     },
-    /// A run of bytes that belong to no frame, told when it ends.
+    /// A run of bytes outside of frames, reported at its end.
     Skipped {
         /// Offset of the first in the stream.
         at: u64,
         length: u64,
-        /// The first of them, at most [`SKIPPED_TOLD`].
+        /// The first of them, at most [`MAX_SKIPPED_EXCERPT`].
         first: &'a [u8],
     },
 }
 
-/// How many bytes of a skipped run are told.
-pub const SKIPPED_TOLD: usize = 16;
+/// Bytes reported of a skipped run.
+pub const MAX_SKIPPED_EXCERPT: usize = 16;
 
-/// A run of bytes that belong to no frame.
+/// A run of bytes outside of frames.
 #[derive(Debug, Clone, Copy)]
 struct Run {
     at: u64,
-    first: [u8; SKIPPED_TOLD],
+    first: [u8; MAX_SKIPPED_EXCERPT],
     kept: u8,
 }
 
 impl Run {
     fn extend(&mut self, bytes: &[u8]) {
         let kept = usize::from(self.kept);
-        let more = bytes.len().min(SKIPPED_TOLD - kept);
+        let more = bytes.len().min(MAX_SKIPPED_EXCERPT - kept);
         self.first[kept..kept + more].copy_from_slice(&bytes[..more]);
         self.kept += more as u8;
     }
 }
 
-/// Finds frames in a stream that arrives in pieces.
+/// Finds frames in a stream that arrives in chunks.
 #[derive(Debug, Clone, Default)]
 pub struct Deframer {
     /// Offset in the stream of the first byte not yet consumed.
@@ -204,12 +204,12 @@ enum Candidate {
 fn candidate(bytes: &[u8]) -> Candidate {
     let (Some(&code), Some(&length)) = (bytes.get(TYPE_AT), bytes.get(LENGTH_AT)) else {
         return match bytes.get(TYPE_AT) {
-            Some(&code) if FrameType::of(code).is_none() => Candidate::Rejected(SerialDefect::UnknownType),
+            Some(&code) if FrameType::from_code(code).is_none() => Candidate::Rejected(SerialDefect::UnknownType),
             _ => Candidate::Incomplete,
         };
     };
     let length = usize::from(length);
-    let Some(kind) = FrameType::of(code) else {
+    let Some(kind) = FrameType::from_code(code) else {
         return Candidate::Rejected(SerialDefect::UnknownType);
     };
     if !kind.accepts(length) {
@@ -232,14 +232,14 @@ impl Deframer {
         self.offset
     }
 
-    /// Takes the stream on from where it stopped and tells what it finds; returns how many bytes are consumed. The
-    /// rest, shorter than a frame, must stand at the beginning of the next call's `bytes`.
+    /// Reads the next bytes of the stream and returns the number of bytes consumed. The next call must begin with the rest,
+    /// which is shorter than a frame.
     #[inline]
     pub fn consume(&mut self, bytes: &[u8], sink: &mut impl FnMut(DeframerEvent)) -> usize {
         self.run(bytes, false, sink)
     }
 
-    /// Takes the last bytes: what is incomplete now is cut.
+    /// Reads the last bytes; an incomplete frame is cut.
     pub fn finish(&mut self, bytes: &[u8], sink: &mut impl FnMut(DeframerEvent)) {
         self.run(bytes, true, sink);
         self.end_skipping(sink);
@@ -280,7 +280,7 @@ impl Deframer {
     }
 
     fn skip(&mut self, at: u64, bytes: &[u8]) {
-        self.skipping.get_or_insert(Run { at, first: [0; SKIPPED_TOLD], kept: 0 }).extend(bytes);
+        self.skipping.get_or_insert(Run { at, first: [0; MAX_SKIPPED_EXCERPT], kept: 0 }).extend(bytes);
     }
 
     fn end_skipping(&mut self, sink: &mut impl FnMut(DeframerEvent)) {
@@ -296,24 +296,24 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Frames, defects, and how many bytes were skipped.
+    /// Frames, defects and number of skipped bytes.
     type Seen = (Vec<(u64, FrameType, Vec<u8>)>, Vec<SerialDefect>, u64);
 
-    fn deframe(pieces: &[&[u8]]) -> Seen {
+    fn deframe(chunks: &[&[u8]]) -> Seen {
         let (mut frames, mut defects, mut skipped) = (Vec::new(), Vec::new(), 0);
-        let mut take = |found: DeframerEvent| match found {
+        let mut sink = |found: DeframerEvent| match found {
             DeframerEvent::Frame { at, kind, payload } => frames.push((at, kind, payload.to_vec())),
             DeframerEvent::Rejected { defect, .. } => defects.push(defect),
             DeframerEvent::Skipped { length, .. } => skipped += length,
         };
         let (mut deframer, mut buffer) = (Deframer::default(), Vec::new());
-        for piece in pieces {
-            buffer.extend_from_slice(piece);
-            let used = deframer.consume(&buffer, &mut take);
+        for chunk in chunks {
+            buffer.extend_from_slice(chunk);
+            let used = deframer.consume(&buffer, &mut sink);
             buffer.drain(..used);
             assert!(buffer.len() < MAX_FRAME);
         }
-        deframer.finish(&buffer, &mut take);
+        deframer.finish(&buffer, &mut sink);
         (frames, defects, skipped)
     }
 
@@ -331,7 +331,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cut_frame_at_the_end_is_told_and_counted() {
+    fn a_cut_frame_at_the_end_is_reported_and_counted() {
         let bytes = data_frame(&Sample::default());
         let (frames, defects, skipped) = deframe(&[&bytes[..27]]);
         assert_eq!((frames.len(), defects, skipped), (0, vec![SerialDefect::Cut], 27));
@@ -339,18 +339,18 @@ mod tests {
 
     proptest! {
         #[test]
-        fn pieces_do_not_matter_and_every_byte_is_accounted_for(
+        fn any_chunks_give_the_same_frames_and_every_byte_is_accounted_for(
             parts in proptest::collection::vec(prop_oneof![
                 proptest::collection::vec(prop_oneof![Just(0xEBu8), Just(0x90), Just(1), Just(22), any::<u8>()], 0..40),
                 proptest::collection::vec(any::<u8>(), 1..=8).prop_map(|payload| frame(FrameType::Command, &payload)),
                 any::<[i16; 4]>().prop_map(|increments| data_frame(&Sample { increments, ..Sample::default() }).to_vec()),
             ], 0..20),
-            piece in 1usize..50,
+            length in 1usize..50,
         ) {
             let bytes = parts.concat();
             let whole = deframe(&[&bytes]);
-            let pieces: Vec<&[u8]> = bytes.chunks(piece).collect();
-            prop_assert_eq!(&whole, &deframe(&pieces));
+            let chunks: Vec<&[u8]> = bytes.chunks(length).collect();
+            prop_assert_eq!(&whole, &deframe(&chunks));
             let framed: usize = whole.0.iter().map(|(_, _, payload)| OVERHEAD + payload.len()).sum();
             prop_assert_eq!(framed as u64 + whole.2, bytes.len() as u64);
         }

@@ -1,13 +1,13 @@
-//! What a message offers in place of a name that is none: the likeliest meant, and a list of a bounded length.
+//! Suggestions in messages on unknown names: the most similar name, and a list of bounded length.
 
 /// Names of a list that a message shows.
 const SHOWN: usize = 30;
-/// No name is longer; a longer text is not compared, which would take a time that grows with its square.
+/// No name is longer; longer texts are not compared, because the time grows with the square of the length.
 const LONGEST_NAME: usize = 80;
-/// Names that are less alike (Jaro and Winkler, 0 to 1) are not offered.
-const ALIKE: f64 = 0.8;
+/// Names of lower similarity (Jaro and Winkler, 0 to 1) are not suggested.
+const MIN_SIMILARITY: f64 = 0.8;
 
-/// `did you mean `NAME`? ` with the name that is likeliest meant by `got`; empty where none is like it.
+/// `did you mean `NAME`? ` with the name most similar to `got`; empty if none is similar.
 ///
 /// ```
 /// use geu_protocol::suggestion::did_you_mean;
@@ -22,13 +22,13 @@ pub fn did_you_mean<S: AsRef<str>>(got: &str, names: impl IntoIterator<Item = S>
     names
         .into_iter()
         .map(|name| (strsim::jaro_winkler(&name.as_ref().to_lowercase(), &wanted), name))
-        .filter(|(likeness, _)| *likeness > ALIKE)
+        .filter(|(similarity, _)| *similarity > MIN_SIMILARITY)
         .max_by(|a, b| a.0.total_cmp(&b.0))
         .map(|(_, name)| format!("did you mean `{}`? ", name.as_ref()))
         .unwrap_or_default()
 }
 
-/// Names with commas between them, the first of many alone; `there is none` where there are none.
+/// Names with commas between them, the first `SHOWN` of many; `there is none` for an empty list.
 pub fn listed<S: AsRef<str>>(names: impl IntoIterator<Item = S>) -> String {
     let mut names = names.into_iter();
     let shown: Vec<String> = names.by_ref().take(SHOWN).map(|name| name.as_ref().to_owned()).collect();

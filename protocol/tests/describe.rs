@@ -55,7 +55,7 @@ fn cantools_decodes_the_vectors_with_the_database() {
         return skip("python3 with cantools is absent; the CAN database was not tried");
     }
     let script = here("tests/describe/dbc.py");
-    let output = run("python3", &[script.as_os_str(), here("geu.dbc").as_os_str()]).expect("python3 is there");
+    let output = run("python3", &[script.as_os_str(), here("geu.dbc").as_os_str()]).expect("python3 exists");
     assert!(output.status.success(), "{}", text(&output));
 }
 
@@ -79,7 +79,7 @@ fn c_and_cpp_programs_pack_and_unpack_the_vectors_with_the_header() {
     }
 }
 
-/// A capture file of one link type, packets half a second apart.
+/// A capture file of one link type, with a packet every 0.5 s.
 fn pcap(link_type: u32, packets: &[Vec<u8>]) -> Vec<u8> {
     let mut file = Vec::new();
     file.extend_from_slice(&0xA1B2_C3D4u32.to_be_bytes());
@@ -124,7 +124,7 @@ fn tcp(port: u16, segments: &[&[u8]]) -> Vec<Vec<u8>> {
     packets
 }
 
-/// Each packet's values of `fields`, as tshark with the dissector prints them; nothing where tshark is absent.
+/// Each packet's values of `fields`, as tshark with the dissector prints them; `None` without tshark.
 fn dissect(capture: &[u8], options: &[&str], fields: &[&str]) -> Option<Vec<Vec<String>>> {
     let mut file = tempfile::NamedTempFile::new().unwrap();
     file.write_all(capture).unwrap();
@@ -166,7 +166,7 @@ const FIELDS: [&str; 10] = [
     "geu.sensor_c",
 ];
 
-/// What tshark should print for `h`, in the order of `FIELDS`.
+/// Expected output of tshark for `h`, in the order of `FIELDS`.
 fn row(h: &Sample) -> Vec<String> {
     let celsius = |centi: i16| {
         let text = format!("{:.2}", f64::from(centi) / 100.0);
@@ -230,9 +230,9 @@ fn tshark_reads_serial_frames_over_tcp_however_they_are_cut() {
     bytes.extend_from_slice(&frame(FrameType::Reply, &[1, 0, 1, 0]));
     let mut fields = FIELDS.to_vec();
     fields.extend(["geu.opcode", "geu.ping_major", "geu.crc_good"]);
-    // By the preference's port in pieces that cut every frame; found by the sync on another port.
-    for (port, piece, options) in [(4700, 9, &[][..]), (4700, 33, &["-2"]), (28_123, 37, &[])] {
-        let segments: Vec<&[u8]> = bytes.chunks(piece).collect();
+    // By the preference's port in segments that cut every frame; found by the sync on another port.
+    for (port, length, options) in [(4700, 9, &[][..]), (4700, 33, &["-2"]), (28_123, 37, &[])] {
+        let segments: Vec<&[u8]> = bytes.chunks(length).collect();
         let Some(rows) = dissect(&pcap(LINKTYPE_RAW, &tcp(port, &segments)), options, &fields) else {
             return skip(NO_TSHARK);
         };
@@ -242,7 +242,7 @@ fn tshark_reads_serial_frames_over_tcp_however_they_are_cut() {
         let expected: Vec<Vec<String>> = samples().iter().map(row).collect();
         for (index, name) in FIELDS.iter().enumerate() {
             let expected: Vec<&str> = expected.iter().map(|row| row[index].as_str()).collect();
-            assert_eq!(column(index), expected, "{name}, port {port}, pieces of {piece}");
+            assert_eq!(column(index), expected, "{name}, port {port}, segments of {length}");
         }
         assert_eq!((column(10), column(11)), (vec!["0x01", "0x01"], vec!["1"]));
         assert_eq!(column(12), vec!["1"; samples().len() + 2]);

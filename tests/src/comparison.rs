@@ -1,4 +1,4 @@
-//! A recording against our model: what is left of each gyro's accumulated counts, beside what the sixteen calibration
+//! A recording against our model: the residual of each gyro's accumulated counts, beside what the 16 calibration
 //! parameters can take.
 
 use std::path::Path;
@@ -43,7 +43,7 @@ impl Recording {
     /// A capture and a reference; a defect in the capture is not expected.
     ///
     /// # Panics
-    /// Where a file cannot be read, or has a defect.
+    /// If a file cannot be read, or has a defect.
     pub fn read(link: &Path, reference: &Path) -> Recording {
         let (mut reader, mut rows) = (InputReader::new(DecoderOptions::default(), Stop::default()), Rows::default());
         reader.read(&link.to_string_lossy(), &mut rows).expect("a recording");
@@ -55,15 +55,15 @@ impl Recording {
     /// Measured against the reference unit with these overrides.
     ///
     /// # Panics
-    /// Where an override is not valid.
+    /// If an override is not valid.
     pub fn against(&self, overrides: &[String]) -> Comparison {
         self.against_commanded(overrides, f64::INFINITY, &[])
     }
 
-    /// The same, with a command in the sample interval that starts then.
+    /// A simulated recording with a command in the sample interval that starts then.
     ///
     /// # Panics
-    /// Where an override is not valid.
+    /// If an override is not valid.
     pub fn against_commanded(&self, overrides: &[String], command_s: f64, command: &[u8]) -> Comparison {
         let mut configuration = Configuration::reference_with(overrides).expect("valid").without_noise();
         configuration.electronics = Default::default();
@@ -100,7 +100,7 @@ impl Recording {
     }
 }
 
-/// Accumulated counts measured less those of the model, for each gyro and sample; and what the sixteen parameters can
+/// Accumulated counts measured less those of the model, for each gyro and sample; and what the 16 parameters can
 /// do to them: the turns about the three axes and the time, free for each gyro.
 pub struct Comparison {
     /// For each gyro.
@@ -110,12 +110,12 @@ pub struct Comparison {
 }
 
 impl Comparison {
-    /// What is left of each gyro's residual after the refit.
+    /// Residual of each gyro after the refit.
     pub fn refitted(&self) -> [Vec<f64>; 4] {
         self.residuals.each_ref().map(|residual| left(residual, &self.regressors))
     }
 
-    /// χ² of an accumulated angle beside the sixteen parameters.
+    /// χ² of an accumulated angle beside the 16 parameters.
     pub fn chi2(&self, whitening: &Whitening, accumulated: &[f64]) -> f64 {
         let whitened: Vec<f64> =
             self.regressors.column_iter().flat_map(|column| whitening.apply(column.clone_owned().as_slice())).collect();
@@ -124,23 +124,23 @@ impl Comparison {
     }
 }
 
-/// A recording against the reference unit without what is hidden in it and with it.
+/// A recording against the reference unit without and with the injected effects.
 pub struct Case {
     /// In messages.
     pub name: String,
-    /// The gyros that what is hidden names; none for an effect of the unit.
+    /// Gyros of the injected effects; empty for an effect of the unit.
     pub gyros: Vec<String>,
     /// The reference unit alone.
     pub without: Comparison,
-    /// With what is hidden.
+    /// With the injected effects.
     pub with: Comparison,
 }
 
 impl Case {
-    /// What is hidden lowers χ² by what the model predicts and leaves noise.
+    /// The injected effects lower χ² as the model predicts, and the rest is noise.
     ///
     /// # Panics
-    /// Where it is not so.
+    /// If the fit differs.
     pub fn assert_chi_squared_falls_as_predicted(&self) {
         let Case { name, gyros, without, with } = self;
         let configuration = Configuration::reference();

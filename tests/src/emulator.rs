@@ -17,13 +17,13 @@ use nix::libc::{O_NOCTTY, O_NONBLOCK};
 
 use crate::geu;
 
-/// What a test waits for at most.
+/// Timeout of a test.
 const PATIENCE: Duration = Duration::from_secs(8);
 
 /// A running `geu run`; ended when it goes.
 pub struct Emulator {
     process: EmulatorProcess,
-    /// What stood after `ready`, a line per link.
+    /// Addresses of the `ready` lines, one per link.
     pub ready: Vec<String>,
 }
 
@@ -41,27 +41,27 @@ impl DerefMut for Emulator {
 }
 
 impl Emulator {
-    /// Starts it, and waits for so many links.
+    /// Starts it and waits for `links` links.
     ///
     /// # Panics
-    /// Where it does not come up.
+    /// If it does not start.
     pub fn start(links: usize, arguments: &[&str]) -> Emulator {
         Emulator::start_as(geu(), links, arguments)
     }
 
-    /// The same with a program in an environment of its own.
+    /// Starts a program in its own environment.
     ///
     /// # Panics
-    /// Where it does not come up.
+    /// If it does not start.
     pub fn start_as(mut command: Command, links: usize, arguments: &[&str]) -> Emulator {
         command.arg("run").args(arguments);
         Emulator::of(command, links)
     }
 
-    /// Starts it by a command of its own, and waits for so many links.
+    /// Starts a command and waits for `links` links.
     ///
     /// # Panics
-    /// Where it does not come up.
+    /// If it does not start.
     pub fn of(command: Command, links: usize) -> Emulator {
         let mut process = EmulatorProcess::start(command).expect("geu starts");
         let ready = (0..links).map(|_| process.next_ready().expect("a line for each link")).collect();
@@ -79,7 +79,7 @@ impl Emulator {
     /// On TCP alone, and a client of it.
     ///
     /// # Panics
-    /// Where it does not come up.
+    /// If it does not start.
     pub fn on_tcp(arguments: &[&str]) -> (Emulator, Client) {
         let emulator = Emulator::start(1, &[&["--tcp", "127.0.0.1:0"], arguments].concat());
         let client = emulator.tcp();
@@ -101,7 +101,7 @@ impl Emulator {
     /// Sends SIGTERM.
     ///
     /// # Panics
-    /// Where it does not run any more.
+    /// If it does not run any more.
     pub fn ask_to_end(&self) {
         self.process.terminate().expect("it runs");
     }
@@ -109,7 +109,7 @@ impl Emulator {
     /// Waits for its end and gives what it said on standard error.
     ///
     /// # Panics
-    /// Where it was ended before.
+    /// If it ended before.
     pub fn end(self) -> (Option<i32>, String) {
         let (status, text) = self.process.wait().expect("its end");
         (status.code(), text)
@@ -128,13 +128,13 @@ pub struct Client {
     pub samples: Vec<Sample>,
     /// Replies received.
     pub replies: Vec<Reply>,
-    /// What was neither.
+    /// Other bytes.
     pub defects: usize,
-    /// Whether the stream has ended.
+    /// True at the end of the stream.
     pub is_over: bool,
 }
 
-/// What a client reads and writes.
+/// Stream of a client.
 pub trait Stream: Read + Write {}
 impl<T: Read + Write> Stream for T {}
 
@@ -167,13 +167,13 @@ impl Client {
         self.read_for(PATIENCE, enough)
     }
 
-    /// The same with a patience of its own.
+    /// Reads with its own timeout.
     pub fn read_for(&mut self, patience: Duration, enough: impl Fn(&Client) -> bool) -> bool {
-        let (start, mut piece) = (Instant::now(), [0; 4096]);
+        let (start, mut chunk) = (Instant::now(), [0; 4096]);
         while !enough(self) {
-            match self.stream.read(&mut piece) {
+            match self.stream.read(&mut chunk) {
                 Ok(0) => self.is_over = true,
-                Ok(length) => self.take(&piece[..length]),
+                Ok(length) => self.push(&chunk[..length]),
                 Err(error) if error.kind() == ErrorKind::WouldBlock => sleep(Duration::from_micros(300)),
                 Err(_) => self.is_over = true,
             }
@@ -184,7 +184,7 @@ impl Client {
         true
     }
 
-    fn take(&mut self, bytes: &[u8]) {
+    fn push(&mut self, bytes: &[u8]) {
         self.bytes.extend_from_slice(bytes);
         self.buffer.extend_from_slice(bytes);
         let used = self.deframer.consume(&self.buffer, &mut |found| match found {
@@ -203,12 +203,12 @@ impl Client {
     /// Without a reply.
     pub fn ask(&mut self, bytes: &[u8]) -> (Reply, Duration) {
         let (before, start) = (self.replies.len(), Instant::now());
-        self.stream.write_all(bytes).expect("room");
+        self.stream.write_all(bytes).expect("a write");
         assert!(self.read_until(|client| client.replies.len() > before), "no reply to {bytes:02X?}");
         (self.replies[before], start.elapsed())
     }
 
-    /// Whether every sample came, and nothing else.
+    /// True if all samples came, without a gap or other bytes.
     pub fn is_without_gap(&self) -> bool {
         self.defects == 0
             && self.samples.windows(2).all(|pair| {

@@ -1,4 +1,4 @@
-//! Tests that need two crates or a process stand in `tests/`; here is what they share.
+//! Shared parts of the tests in `tests/`, which need two crates or a process.
 
 pub mod comparison;
 pub mod emulator;
@@ -20,14 +20,14 @@ pub fn root() -> &'static Path {
 /// The program `geu` of this build.
 ///
 /// # Panics
-/// Where it cannot be built.
+/// If it cannot be built.
 pub fn geu() -> Command {
     static PROGRAM: OnceLock<PathBuf> = OnceLock::new();
-    apart(Command::new(PROGRAM.get_or_init(|| program("geu"))))
+    isolated(Command::new(PROGRAM.get_or_init(|| program("geu"))))
 }
 
-/// The same, with a runtime directory of its own: emulators of the user and those of tests do not find each other.
-fn apart(mut command: Command) -> Command {
+/// Gives a command its own runtime directory, so that emulators of the user and of tests do not interfere.
+fn isolated(mut command: Command) -> Command {
     static RUNTIME: OnceLock<PathBuf> = OnceLock::new();
     command.env(
         "XDG_RUNTIME_DIR",
@@ -44,10 +44,10 @@ fn apart(mut command: Command) -> Command {
 /// The on-board computer of this build, with the `geu` beside it.
 ///
 /// # Panics
-/// Where one of them cannot be built.
+/// If one of them cannot be built.
 pub fn geu_obc() -> Command {
     static PROGRAM: OnceLock<PathBuf> = OnceLock::new();
-    apart(Command::new(PROGRAM.get_or_init(|| {
+    isolated(Command::new(PROGRAM.get_or_init(|| {
         program("geu");
         program("geu-obc")
     })))
@@ -55,7 +55,7 @@ pub fn geu_obc() -> Command {
 
 /// The program of a package of the same name.
 ///
-/// `cargo test` at the root builds it. `cargo test -p geu-tests` alone does not: it takes the one that is there, and
+/// `cargo test` at the root builds it. `cargo test -p geu-tests` alone does not: it uses the existing one, and
 /// builds it where there is none.
 fn program(name: &str) -> PathBuf {
     // A test runs in <target>/<profile>/deps.
@@ -77,7 +77,7 @@ fn program(name: &str) -> PathBuf {
 /// The harness of cargo calls such a test `ok`: it knows no test that finds out while it runs that it cannot.
 pub fn skipped(reason: &str) {
     let test = std::thread::current().name().unwrap_or("a test").to_owned();
-    // Not eprintln!, which the test harness keeps to itself when a test passes; in one piece, so that no other line comes between.
+    // Not eprintln!, which the test harness keeps to itself when a test passes; in one write, so that no other line comes between.
     let _ = std::io::stderr().write_all(format!("skipped: {test}: {reason}\n").as_bytes());
 }
 

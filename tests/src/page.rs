@@ -1,20 +1,20 @@
 //! Pages of results, read as anything that reads XML would.
 
 /// Every tag opened is closed in its turn, every attribute quoted, every `&` an entity; gives the names of the tags, but for that
-/// of the page's own script, which stands in the page.
+/// of the page's own script, which is in the page.
 ///
 /// # Panics
-/// Where the page is not well-formed.
+/// If the page is not well-formed.
 pub fn well_formed(page: &str) -> Vec<String> {
     let (before, rest) = page.split_once("<script>\n//<![CDATA[\n").expect("a script");
     let (_, after) = rest.split_once("]]>").expect("an end of the script");
     let page = before.to_owned() + after.strip_prefix("\n</script>").expect("an end of the script");
     let rest = page.strip_prefix("<!DOCTYPE html>").expect("a doctype");
     let (mut open, mut all): (Vec<String>, Vec<String>) = (Vec::new(), Vec::new());
-    let mut pieces = rest.split('<');
-    assert_eq!(pieces.next().map(str::trim), Some(""));
-    for piece in pieces {
-        let (tag, after) = piece.split_once('>').unwrap_or_else(|| panic!("no end: <{piece}"));
+    let mut parts = rest.split('<');
+    assert_eq!(parts.next().map(str::trim), Some(""));
+    for part in parts {
+        let (tag, after) = part.split_once('>').unwrap_or_else(|| panic!("no end: <{part}"));
         assert!(!after.contains('>'), "stray >: {after}");
         for reference in after.split('&').skip(1).chain(tag.split('&').skip(1)) {
             assert!(["amp;", "lt;", "gt;", "quot;"].iter().any(|name| reference.starts_with(name)), "&{reference}");

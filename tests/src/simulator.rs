@@ -1,4 +1,4 @@
-//! A simulator that reports a truth over UDP to a running emulator, and reads what that reports back.
+//! A simulator that sends truth over UDP to a running emulator and reads its replies.
 
 use std::io::{BufRead, BufReader, Read};
 use std::net::UdpSocket;
@@ -10,7 +10,7 @@ use nix::unistd::Pid;
 
 use crate::geu;
 
-/// What a test waits for at most: long, for a loaded machine; nothing waits for it where all is well.
+/// Timeout of a test: long, for a loaded machine.
 pub const PATIENCE: Duration = Duration::from_secs(30);
 
 /// A running `geu run` on a truth over UDP and a link over TCP, and the socket of its simulator.
@@ -26,7 +26,7 @@ impl Simulated {
     /// Starts it.
     ///
     /// # Panics
-    /// Where it does not come up.
+    /// If it does not start.
     pub fn start(arguments: &[&str]) -> Simulated {
         let mut command = geu();
         command.args([
@@ -60,15 +60,15 @@ impl Simulated {
     /// Sends lines.
     ///
     /// # Panics
-    /// Where they cannot be sent.
-    pub fn tell(&self, lines: &str) {
+    /// If they cannot be sent.
+    pub fn send(&self, lines: &str) {
         self.socket.send(lines.as_bytes()).expect("sent");
     }
 
     /// The next report.
     ///
     /// # Panics
-    /// Where none comes.
+    /// If none comes.
     pub fn report(&self) -> String {
         let mut datagram = [0; 4096];
         let length = self.socket.recv(&mut datagram).expect("a report");
@@ -78,7 +78,7 @@ impl Simulated {
     /// Asks it to end.
     ///
     /// # Panics
-    /// Where it does not run any more.
+    /// If it does not run any more.
     pub fn ask_to_end(&self) {
         kill(Pid::from_raw(self.child.id() as i32), Signal::SIGTERM).expect("it runs");
     }
@@ -86,7 +86,7 @@ impl Simulated {
     /// Waits for its end: the exit code, what it said on standard error, and how long that took.
     ///
     /// # Panics
-    /// Where it was ended before.
+    /// If it ended before.
     pub fn end(mut self) -> (Option<i32>, String, Duration) {
         let (start, mut said) = (Instant::now(), String::new());
         self.child.stderr.take().expect("a pipe").read_to_string(&mut said).expect("text");
@@ -101,7 +101,7 @@ impl Drop for Simulated {
     }
 }
 
-/// A line of a body that has turned by so much about X.
+/// A line of a body turned by this angle about X.
 pub fn about_x(t_s: f64, arcsec: f64) -> String {
     let half_rad = (arcsec / 3600.0).to_radians() / 2.0;
     format!("{{\"t_s\": {t_s}, \"q\": [{}, {}, 0, 0]}}\n", half_rad.cos(), half_rad.sin())

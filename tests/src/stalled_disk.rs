@@ -16,7 +16,7 @@ impl StalledDisk {
     /// compiler.
     ///
     /// # Panics
-    /// Where the library does not compile.
+    /// If the library does not compile.
     pub fn new(directory: &Path, beside: &Path) -> Option<StalledDisk> {
         let (source, library) = (beside.join("stalled_disk.c"), beside.join("stalled_disk.so"));
         fs::write(&source, include_str!("stalled_disk.c")).expect("written");
@@ -36,15 +36,15 @@ impl StalledDisk {
     /// From now on nothing is written.
     ///
     /// # Panics
-    /// Where it cannot be said.
+    /// If the file cannot be written.
     pub fn stall(&self) {
         fs::write(&self.flag, "").expect("written");
     }
 
-    /// All goes on.
+    /// Ends the stall.
     ///
     /// # Panics
-    /// Where it did not hang.
+    /// If it did not hang.
     pub fn go_on(&self) {
         fs::remove_file(&self.flag).expect("it hung");
     }

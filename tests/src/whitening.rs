@@ -21,7 +21,7 @@ impl Whitening {
         let drift = effects.drift_random_walk.arcsec_per_s_per_sqrt_s.powi(2);
         let t = SAMPLE_INTERVAL_S;
         // At the start the angle is known but for the rounding before the first row. The drift of then is not noise: it
-        // is one of the sixteen.
+        // is a calibration parameter.
         let (mut aa, mut ad, mut dd) = (ROUNDING, 0.0, 0.0);
         let step = |_| {
             aa += 2.0 * ad * t + dd * t * t + angle * t + drift * t.powi(3) / 3.0;

@@ -1,4 +1,4 @@
-//! A running unit watched and driven: injected into, monitored, its recording made again.
+//! A running unit: faults injected, samples monitored, the recording reproduced.
 
 use std::fs;
 use std::io::{BufRead, BufReader, Write};
@@ -11,14 +11,14 @@ use std::time::Duration;
 use geu_tests::emulator::{Client, Emulator};
 use geu_tests::geu;
 
-/// An emulator on TCP with its control interface at a free port, and that port.
+/// Starts an emulator on TCP; returns it with a client and the address of its control interface.
 fn start(arguments: &[&str]) -> (Emulator, Client, String) {
     let arguments = [&["--tcp", "127.0.0.1:0", "--control", "127.0.0.1:0"], arguments].concat();
     let mut emulator = Emulator::start(1, &arguments);
     let client = emulator.tcp();
     let said = BufReader::new(emulator.child.stderr.take().expect("a pipe"));
     let address = emulator.control();
-    // Read, so that the emulator can say on.
+    // Drain standard error.
     std::thread::spawn(move || said.lines().for_each(drop));
     (emulator, client, address)
 }
@@ -38,7 +38,7 @@ fn lines(path: &Path) -> Vec<serde_json::Value> {
 }
 
 #[test]
-fn what_is_injected_is_seen_by_the_client_cleared_recorded_and_made_again() {
+fn injected_faults_reach_the_client_are_recorded_and_reproduced() {
     let directory = tempfile::tempdir().expect("a directory");
     let (live, again) = (directory.path().join("live"), directory.path().join("again"));
     let recorded = live.to_str().expect("text");
@@ -55,7 +55,7 @@ fn what_is_injected_is_seen_by_the_client_cleared_recorded_and_made_again() {
     assert_eq!(out(&inject(&address, &["--clear", "fault-1"])), "cleared fault-1\n");
     assert!(client.read_until(|client| client.samples.last().is_some_and(|last| last.increments[1] != -321)));
     out(&inject(&address, &["dead", "GYRX", "id=later", "at_s=1e6"]));
-    // What CAN could not have; none is open or recorded.
+    // A fault that CAN cannot have: no CAN link is open or recorded.
     out(&inject(&address, &["wrong-length", "length=20", "for_s=2"]));
     out(&inject(&address, &["--clear", "all"]));
     let seen = client.samples.len();
@@ -69,22 +69,22 @@ fn what_is_injected_is_seen_by_the_client_cleared_recorded_and_made_again() {
     for name in ["link.bin", "truth.csv", "reference.csv", "run.toml"] {
         assert_eq!(fs::read(live.join(name)).expect(name), fs::read(again.join(name)).expect(name), "{name}");
     }
-    let told = |path: &Path| {
+    let reported = |path: &Path| {
         let all = lines(&path.join("faults.jsonl")).into_iter();
         all.filter(|line| line["what"] != "injected" && line["what"] != "cleared").collect::<Vec<_>>()
     };
-    assert_eq!(told(&live), told(&again));
-    assert!(told(&live).iter().any(|line| line["what"] == "bytes" && line["ids"][0] == "fault-1"));
+    assert_eq!(reported(&live), reported(&again));
+    assert!(reported(&live).iter().any(|line| line["what"] == "bytes" && line["ids"][0] == "fault-1"));
 }
 
 #[test]
-fn a_recording_that_is_killed_after_an_injection_has_a_truth_with_the_column_of_faults() {
+fn a_recording_killed_after_an_injection_has_the_fault_columns_in_its_truth() {
     let directory = tempfile::tempdir().expect("a directory");
     let recorded = directory.path().to_str().expect("text");
     let truth = || fs::read_to_string(directory.path().join("truth.csv")).expect("a truth");
     let (mut emulator, mut client, address) = start(&["--record", recorded, "--speed", "10"]);
     assert!(client.read_until(|client| client.samples.len() > 4));
-    assert!(!truth().contains("fault_counts"), "a run into which nobody injects has the files of a simulated one");
+    assert!(!truth().contains("fault_counts"), "a run without injected faults has the files of a simulation");
     out(&inject(&address, &["dead", "GYRY"]));
     let seen = client.samples.len();
     assert!(client.read_until(|client| client.samples.len() > seen + 8));
@@ -98,7 +98,7 @@ fn a_recording_that_is_killed_after_an_injection_has_a_truth_with_the_column_of_
 }
 
 #[test]
-fn what_is_refused_leaves_nothing_behind_and_is_told_with_the_valid_names() {
+fn rejected_injections_change_nothing_and_list_the_valid_names() {
     let directory = tempfile::tempdir().expect("a directory");
     let plan = directory.path().join("plan.toml");
     let (_emulator, _client, address) = start(&[]);
@@ -115,8 +115,8 @@ fn what_is_refused_leaves_nothing_behind_and_is_told_with_the_valid_names() {
         (&["drift.arcsec_per_h", "GYRX", "step=1e9"], "36000"),
         (&["drift.arcsec_per_h", "GYRX", "step=nan"], "36000"),
         (&["drop", "when=rate_q > 1"], "rate_y"),
-        (&["--clear", "nobody"], "there is none"),
-        (&["--start", "nobody"], "by_hand"),
+        (&["--clear", "unknown"], "there is none"),
+        (&["--start", "unknown"], "by_hand"),
         (&["--plan", plan.to_str().expect("text")], "plan.toml:5"),
     ] {
         let output = inject(&address, arguments);
@@ -125,13 +125,13 @@ fn what_is_refused_leaves_nothing_behind_and_is_told_with_the_valid_names() {
         assert!(said.contains(expected), "{arguments:?}: {said}");
     }
     assert_eq!(out(&inject(&address, &["--list"])), "");
-    let nobody = inject("127.0.0.1:1", &["--list"]);
-    assert_eq!(nobody.status.code(), Some(1));
-    assert!(String::from_utf8_lossy(&nobody.stderr).contains("a running emulator"));
+    let unreachable = inject("127.0.0.1:1", &["--list"]);
+    assert_eq!(unreachable.status.code(), Some(1));
+    assert!(String::from_utf8_lossy(&unreachable.stderr).contains("a running emulator"));
 }
 
 #[test]
-fn a_simulation_refuses_what_its_links_can_never_show() {
+fn a_simulation_rejects_faults_its_links_cannot_have() {
     let directory = tempfile::tempdir().expect("a directory");
     let (plan, run) = (directory.path().join("plan.toml"), directory.path().join("run"));
     let simulate = |arguments: &[&str]| {
@@ -151,7 +151,7 @@ fn a_simulation_refuses_what_its_links_can_never_show() {
         let said = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(if expected.is_some() { 2 } else { 0 }), "{fault} {wire}: {said}");
         assert!(expected.is_none_or(|expected| said.contains(expected)), "{fault} {wire}: {said}");
-        // Nothing was begun, or it can be made again.
+        // Either no file was written, or the recording can be reproduced.
         assert_eq!(run.exists(), expected.is_none());
         if expected.is_none() {
             let again = directory.path().join("again");
@@ -164,13 +164,13 @@ fn a_simulation_refuses_what_its_links_can_never_show() {
 }
 
 #[test]
-fn a_plan_comes_with_one_sample_or_not_at_all() {
+fn a_plan_is_injected_whole_at_one_sample_or_rejected() {
     let directory = tempfile::tempdir().expect("a directory");
     let plan = directory.path().join("plan.toml");
     let (_emulator, mut client, address) = start(&["--speed", "20"]);
     assert!(client.read_until(|client| client.samples.len() > 4));
     out(&inject(&address, &["stuck-count", "GYRZA", "counts=1", "id=fault-1"]));
-    // What is named further down, identifiers that are not named, and one that is taken already.
+    // Identifiers that a later entry names, entries without one, and one in use.
     let many: String = (0..200).map(|_| "[[fault]]\nfault = \"drop\"\nat_s = 1e6\n").collect();
     let first = "[[fault]]\nfault = \"dead\"\ngyro = \"GYRX\"\nwhen = \"not active(last)\"\n";
     let last = "[[fault]]\nid = \"last\"\nfault = \"dead\"\ngyro = \"GYRY\"\n";
@@ -184,7 +184,7 @@ fn a_plan_comes_with_one_sample_or_not_at_all() {
     for (wrong, expected) in [
         ("[[fault]]\nid = \"last\"\nfault = \"drop\"\n", "plan.toml:203:6"),
         ("[[fault]]\nfault = \"drop\"\nlink = \"can\"\n", "a link that is open (tcp)"),
-        ("[[fault]]\nfault = \"drop\"\nuntil_s = 0.5\n", "a time to come"),
+        ("[[fault]]\nfault = \"drop\"\nuntil_s = 0.5\n", "a future time"),
         ("[[expect]]\nid = \"e\"\ncondition = \"t_s > 1\"\nwithin_s = 9.0\n", "expected faults alone"),
     ] {
         let many = many.replace("fault = \"drop\"\nat_s = 1e6\n", "fault = \"drop\"\n");
@@ -192,12 +192,12 @@ fn a_plan_comes_with_one_sample_or_not_at_all() {
         let output = inject(&address, &["--plan", plan.to_str().expect("text")]);
         let said = String::from_utf8_lossy(&output.stderr);
         assert!(output.status.code() == Some(2) && said.contains(expected), "{expected}: {said}");
-        assert_eq!(out(&inject(&address, &["--list"])).lines().count(), before, "nothing of it is left");
+        assert_eq!(out(&inject(&address, &["--list"])).lines().count(), before, "no fault of it is planned");
     }
 }
 
 #[test]
-fn a_fault_that_waits_for_a_hand_starts_with_it() {
+fn an_operator_triggered_fault_starts_on_request() {
     let directory = tempfile::tempdir().expect("a directory");
     let plan = directory.path().join("plan.toml");
     fs::write(&plan, "[[fault]]\nid = \"hold\"\nby_hand = true\nfault = \"dead\"\ngyro = \"GYRZB\"").expect("written");
@@ -212,13 +212,13 @@ fn a_fault_that_waits_for_a_hand_starts_with_it() {
     emulator.ask_to_end();
     assert!(emulator.child.wait().expect("its end").success());
     let events = lines(&live.join("faults.jsonl"));
-    let of = |what: &str| events.iter().find(|event| event["what"] == what).expect("told");
-    let (by_hand, start) = (of("started-by-hand"), of("start"));
+    let event = |what: &str| events.iter().find(|event| event["what"] == what).expect("an event");
+    let (by_hand, start) = (event("started-by-hand"), event("start"));
     assert_eq!((&by_hand["id"], &by_hand["t_s"]), (&start["id"], &start["t_s"]));
 }
 
 #[test]
-fn a_monitor_shows_samples_and_what_happens_a_line_each() {
+fn a_monitor_prints_samples_and_events_a_line_each() {
     let (_emulator, mut client, address) = start(&[]);
     let mut monitor = geu();
     let monitor = monitor.args(["monitor", "--control", &address, "--count", "4"]);
@@ -227,24 +227,24 @@ fn a_monitor_shows_samples_and_what_happens_a_line_each() {
     out(&inject(&address, &["stuck-count", "GYRX", "counts=99"]));
     let said = out(&monitor.wait_with_output().expect("its end"));
     assert!(said.lines().filter(|line| line.contains("seq ")).count() == 4, "{said}");
-    assert!(said.contains("fault-start  fault-1 acts: stuck-count") && said.contains("GYRX    +99"), "{said}");
+    assert!(said.contains("fault-start  fault-1 active: stuck-count") && said.contains("GYRX    +99"), "{said}");
 }
 
-/// A control interface that tells one sample at a time, as to a client that falls behind, `times` in all.
-fn lets_go_after_each(times: usize) -> String {
+/// A control interface that closes the event stream after each sample, `times` in all.
+fn closes_after_each(times: usize) -> String {
     let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
     let address = listener.local_addr().expect("an address").to_string();
     std::thread::spawn(move || {
-        let mut told = 0;
-        while told < times {
+        let mut reported = 0;
+        while reported < times {
             let (stream, _) = listener.accept().expect("a client");
             let mut lines = BufReader::new(&stream).lines();
             let asked = lines.next().expect("a request").expect("text");
             lines.find(|line| line.as_ref().is_ok_and(String::is_empty)).expect("the end of the head").expect("text");
             let is_events = asked.contains("/api/events");
-            told += usize::from(is_events);
+            reported += usize::from(is_events);
             let (kind, body) = match is_events {
-                true => ("text/event-stream", format!("event: half-second\ndata: {{\"sequence\": {told}}}\n\n")),
+                true => ("text/event-stream", format!("event: half-second\ndata: {{\"sequence\": {reported}}}\n\n")),
                 false => ("application/json", "{}".to_owned()),
             };
             let head = format!("HTTP/1.1 200 OK\r\ncontent-type: {kind}\r\nconnection: close\r\n\r\n");
@@ -255,13 +255,13 @@ fn lets_go_after_each(times: usize) -> String {
 }
 
 #[test]
-fn a_monitor_that_fell_behind_comes_again_and_one_of_an_emulator_that_ended_says_so() {
+fn a_monitor_reconnects_and_reports_an_emulator_that_ended() {
     let monitor = |address: &str, count: &str| {
         geu().args(["monitor", "--control", address, "--count", count]).output().expect("geu starts")
     };
-    let said = out(&monitor(&lets_go_after_each(3), "3"));
+    let said = out(&monitor(&closes_after_each(3), "3"));
     assert!((1..=3).all(|sequence| said.contains(&format!("seq     {sequence}"))), "{said}");
-    let ended = monitor(&lets_go_after_each(1), "2");
+    let ended = monitor(&closes_after_each(1), "2");
     let said = String::from_utf8_lossy(&ended.stderr);
     assert!(ended.status.code() == Some(1) && said.contains("the emulator has ended"), "{said}");
     let none = monitor("127.0.0.1:1", "0");
@@ -269,7 +269,7 @@ fn a_monitor_that_fell_behind_comes_again_and_one_of_an_emulator_that_ended_says
 }
 
 #[test]
-fn a_second_emulator_takes_the_next_free_port_and_says_so() {
+fn a_second_emulator_uses_the_next_free_port() {
     let port = |emulator: &mut Emulator| {
         emulator.control().rsplit(':').next().and_then(|port| port.parse::<u16>().ok()).expect("a port")
     };

@@ -1,4 +1,4 @@
-//! What the bench page is made of: the last ten minutes at any speed, and why a sample was not sent.
+//! Data of the bench page: the last ten minutes at any speed, and the reason why a sample was not sent.
 
 use std::io::{Read, Write};
 use std::net::TcpStream;
@@ -23,9 +23,9 @@ fn json(address: &str, path: &str) -> Value {
 }
 
 #[test]
-fn a_run_at_a_thousand_times_tells_its_last_ten_minutes_whole_and_what_had_no_reader() {
-    let room = tempfile::tempdir().expect("a directory");
-    let pty = room.path().join("geu0").display().to_string();
+fn a_run_at_a_thousand_times_keeps_its_last_ten_minutes_and_counts_unread_samples() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let pty = directory.path().join("geu0").display().to_string();
     let arguments = ["--pty", &pty, "--tcp", "127.0.0.1:0", "--control", "127.0.0.1:0", "--speed", "1000"];
     let mut emulator = Emulator::start(2, &arguments);
     let address = emulator.control();
@@ -35,11 +35,11 @@ fn a_run_at_a_thousand_times_tells_its_last_ten_minutes_whole_and_what_had_no_re
     while history.as_array().map(Vec::len) != Some(1200) && start.elapsed() < Duration::from_secs(30) {
         history = json(&address, "/api/history");
     }
-    let told = history.as_array().expect("a list");
-    let times: Vec<f64> = told.iter().filter_map(|sample| sample["t_s"].as_f64()).collect();
+    let reported = history.as_array().expect("a list");
+    let times: Vec<f64> = reported.iter().filter_map(|sample| sample["t_s"].as_f64()).collect();
     assert_eq!(times.len(), 1200);
     assert!(times.windows(2).all(|pair| pair[1] - pair[0] == 0.5), "{times:?}");
-    // A fast run publishes its status now and then, so it may be of a moment before.
+    // A fast run publishes its status less often than each sample.
     let links = || json(&address, "/api/status")["links"].as_array().expect("links").clone();
     let has_all = |link: &Value| link["unread"].as_u64().is_some_and(|unread| unread >= 1200);
     while !links().iter().all(has_all) {
@@ -54,7 +54,7 @@ fn a_run_at_a_thousand_times_tells_its_last_ten_minutes_whole_and_what_had_no_re
 }
 
 #[test]
-fn the_page_names_its_angles_tells_alarms_apart_and_asks_for_the_history() {
+fn the_page_names_its_angles_distinguishes_alarms_and_requests_the_history() {
     let mut emulator = Emulator::start(1, &["--tcp", "127.0.0.1:0", "--control", "127.0.0.1:0"]);
     let address = emulator.control();
     let script = get(&address, "/page.js");

@@ -1,4 +1,4 @@
-//! `geu calibrate`: what it recovers, from what; and what it does with recordings and lists that are not as they should be.
+//! `geu calibrate`: the recovered parameters for each kind of input, and the handling of defective recordings and lists.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -19,13 +19,13 @@ fn recording() -> &'static Path {
     static RECORDING: OnceLock<TempDir> = OnceLock::new();
     RECORDING
         .get_or_init(|| {
-            let room = tempfile::tempdir().expect("a directory");
+            let temp_dir = tempfile::tempdir().expect("a directory");
             for (wire, name) in [("can", "can"), ("serial", "serial")] {
-                let out = room.path().join(name);
+                let out = temp_dir.path().join(name);
                 let start = if wire == "can" { "1800000000" } else { "0" };
                 run(&["simulate", "--wire", wire, "--start", start, "--duration", "14000", "--out", text(&out)]);
             }
-            room
+            temp_dir
         })
         .path()
 }
@@ -53,8 +53,8 @@ fn refused(arguments: &[&str]) -> String {
 }
 
 /// A file beside the recording's, written anew from one of them.
-fn edited(room: &TempDir, name: &str, edit: impl Fn(&str) -> String) -> PathBuf {
-    let path = room.path().join(name);
+fn edited(temp_dir: &TempDir, name: &str, edit: impl Fn(&str) -> String) -> PathBuf {
+    let path = temp_dir.path().join(name);
     let source = recording().join("can").join(name);
     fs::write(&path, edit(&fs::read_to_string(source).expect("recorded"))).expect("writable");
     path
@@ -64,20 +64,20 @@ fn in_can(name: &str) -> String {
     text(&recording().join("can").join(name)).to_owned()
 }
 
-/// `geu calibrate` on the recording over CAN, by the reference, with other files where they are given.
+/// Arguments of `geu calibrate` with a list and a reference.
 fn arguments<'a>(link: &'a str, manoeuvres: &'a str, reference: &'a str) -> Vec<&'a str> {
     vec!["calibrate", "--link", link, "--manoeuvres", manoeuvres, "--reference", reference]
 }
 
 fn solved(json: &Path) -> ([Calibration; 4], [f64; 16]) {
     let text = fs::read_to_string(json).expect("written");
-    let believed = PriorCalibration::parse("result.json", &text, &[]).expect("a calibration");
-    (believed.calibrations, geu_calibration::solve::values(&believed.sigmas))
+    let prior = PriorCalibration::parse("result.json", &text, &[]).expect("a calibration");
+    (prior.calibrations, geu_calibration::solve::values(&prior.sigmas))
 }
 
 #[test]
-fn can_and_serial_reference_and_sensors_give_the_unit_back_and_a_configuration_takes_it() {
-    let room = tempfile::tempdir().expect("a directory");
+fn can_and_serial_with_reference_or_sensors_recover_the_unit_and_update_a_configuration() {
+    let temp_dir = tempfile::tempdir().expect("a directory");
     let truth =
         geu_calibration::solve::values(&Configuration::reference().gyros.each_ref().map(|gyro| gyro.calibration));
     for wire in ["can", "serial"] {
@@ -89,7 +89,7 @@ fn can_and_serial_reference_and_sensors_give_the_unit_back_and_a_configuration_t
             vec!["--fss".to_owned(), file("fss.csv"), "--sse".to_owned(), file("sse.csv")],
         ];
         for attitude in attitudes {
-            let (json, out) = (room.path().join("result.json"), room.path().join("unit.toml"));
+            let (json, out) = (temp_dir.path().join("result.json"), temp_dir.path().join("unit.toml"));
             let mut arguments = vec!["calibrate", "--link", &link, "--manoeuvres", &manoeuvres];
             arguments.extend(attitude.iter().map(String::as_str));
             arguments.extend(["--json", text(&json), "--out", text(&out)]);
@@ -111,11 +111,11 @@ fn can_and_serial_reference_and_sensors_give_the_unit_back_and_a_configuration_t
 }
 
 #[test]
-fn a_recording_made_by_something_else_is_followed_to_the_end() {
+fn a_recording_of_another_emulator_is_reproduced_to_the_end() {
     let Some(directory) = recordings("01") else { return };
-    let room = tempfile::tempdir().expect("a directory");
+    let temp_dir = tempfile::tempdir().expect("a directory");
     let (link, reference) = (directory.join("link.log.gz"), directory.join("reference.csv.gz"));
-    let json = room.path().join("result.json");
+    let json = temp_dir.path().join("result.json");
     run(&["calibrate", "--link", text(&link), "--reference", text(&reference), "--json", text(&json)]);
     let (calibrations, _) = solved(&json);
     let (mut reader, mut counts) =
@@ -141,18 +141,18 @@ fn a_recording_made_by_something_else_is_followed_to_the_end() {
 }
 
 #[test]
-fn what_cannot_be_trusted_is_left_out_and_said_with_its_time() {
-    let room = tempfile::tempdir().expect("a directory");
+fn unusable_data_is_left_out_and_reported_with_its_time() {
+    let temp_dir = tempfile::tempdir().expect("a directory");
     let (manoeuvres, reference) = (in_can("manoeuvres.csv"), in_can("reference.csv"));
     let said = |link: &Path| run(&arguments(text(link), &manoeuvres, &reference)).1;
     // Samples end at 1800000000.5 and on; one is cut from the middle of the second scan about Y.
-    let gap = edited(&room, "link.log", |log| {
+    let gap = edited(&temp_dir, "link.log", |log| {
         log.lines().filter(|line| !line.starts_with("(1800000800.5")).map(|line| format!("{line}\n")).collect()
     });
     let error = said(&gap);
     assert!(error.contains("left out: y-scan at 1800000770.0 s: 1 sample is missing at 1800000800.0 s"), "{error}");
     // The bus recorder's clock jumps by 10 s.
-    let jump = edited(&room, "link.log", |log| {
+    let jump = edited(&temp_dir, "link.log", |log| {
         let late = |line: &str| match line.split_once('.') {
             Some((seconds, rest)) if seconds[1..].parse::<u64>().is_ok_and(|seconds| seconds > 1_800_010_000) => {
                 format!("({}.{rest}\n", seconds[1..].parse::<u64>().expect("a number") + 10)
@@ -170,10 +170,10 @@ fn what_cannot_be_trusted_is_left_out_and_said_with_its_time() {
 }
 
 #[test]
-fn saturated_counts_serve_nobody() {
-    let room = tempfile::tempdir().expect("a directory");
+fn saturated_counts_are_left_out() {
+    let temp_dir = tempfile::tempdir().expect("a directory");
     // More than 16 bits in one sample interval.
-    let saturated = room.path().join("saturated");
+    let saturated = temp_dir.path().join("saturated");
     let course = "gyro.GYRY.lost-counts={ counts = 100000.0, time_s = 700.0 }";
     run(&["simulate", "--duration", "14000", "--set", course, "--out", text(&saturated)]);
     let file = |name: &str| text(&saturated.join(name)).to_owned();
@@ -185,13 +185,13 @@ fn saturated_counts_serve_nobody() {
 
 #[test]
 fn outputs_that_are_one_file_are_refused() {
-    let room = tempfile::tempdir().expect("a directory");
-    let (link, reference, both) = (in_can("link.log"), in_can("reference.csv"), room.path().join("both"));
+    let temp_dir = tempfile::tempdir().expect("a directory");
+    let (link, reference, both) = (in_can("link.log"), in_can("reference.csv"), temp_dir.path().join("both"));
     let recording = ["--link", &link, "--reference", &reference];
     for command in [&["calibrate", "--manoeuvres", &in_can("manoeuvres.csv")][..], &["diagnose"]] {
         for [one, other] in [["--out", "--json"], ["--out", "--html"], ["--json", "--html"]] {
             let message = refused(&[command, &recording, &[one, text(&both), other, text(&both)]].concat());
-            // Whichever of the two stands first in the command's help.
+            // In the order of the command's help.
             let says = |one: &str, other: &str| {
                 message.contains(&format!("{one} {0}: expected another file than {other} {0}", text(&both)))
             };
@@ -203,10 +203,10 @@ fn outputs_that_are_one_file_are_refused() {
 
 #[test]
 fn lists_and_references_that_do_not_fit_are_refused_or_left_out() {
-    let room = tempfile::tempdir().expect("a directory");
+    let temp_dir = tempfile::tempdir().expect("a directory");
     let (link, manoeuvres, reference) = (in_can("link.log"), in_can("manoeuvres.csv"), in_can("reference.csv"));
     let list = |text_: &str| {
-        let path = room.path().join("list.csv");
+        let path = temp_dir.path().join("list.csv");
         fs::write(&path, text_).expect("writable");
         text(&path).to_owned()
     };
@@ -230,7 +230,7 @@ fn lists_and_references_that_do_not_fit_are_refused_or_left_out() {
         assert!(message.contains(part), "{part} not in {message}");
     }
     // The order of the lines does not matter.
-    let backwards = edited(&room, "manoeuvres.csv", |text| {
+    let backwards = edited(&temp_dir, "manoeuvres.csv", |text| {
         let (header, rows) = text.split_once('\n').expect("a header");
         rows.lines().rev().fold(format!("{header}\n"), |text, row| text + row + "\n")
     });
@@ -238,10 +238,10 @@ fn lists_and_references_that_do_not_fit_are_refused_or_left_out() {
     assert_eq!(of(text(&backwards)), of(&manoeuvres));
     // A reference that ends inside the scan about Z.
     let short =
-        edited(&room, "reference.csv", |text| text.lines().take(10_000).map(|line| format!("{line}\n")).collect());
+        edited(&temp_dir, "reference.csv", |text| text.lines().take(10_000).map(|line| format!("{line}\n")).collect());
     let message = refused(&arguments(&link, &manoeuvres, text(&short)));
     assert!(
-        message.contains("left out: z-scan at 1800001260.0 s: the reference does not cover it: it tells"),
+        message.contains("left out: z-scan at 1800001260.0 s: the reference does not cover it: it covers"),
         "{message}"
     );
     assert!(message.contains("no manoeuvre turns about Z"), "{message}");
@@ -256,9 +256,10 @@ fn lists_and_references_that_do_not_fit_are_refused_or_left_out() {
 
 #[test]
 fn an_update_finds_the_survey_scans_and_rewrites_four_values() {
-    let room = tempfile::tempdir().expect("a directory");
-    let (day, out, json) = (room.path().join("day"), room.path().join("out.toml"), room.path().join("update.json"));
-    // 40 ppm more than is believed.
+    let temp_dir = tempfile::tempdir().expect("a directory");
+    let (day, out, json) =
+        (temp_dir.path().join("day"), temp_dir.path().join("out.toml"), temp_dir.path().join("update.json"));
+    // 40 ppm more than configured.
     let moved = "gyro.GYRZA.calibration.scale_factor=1.00054002";
     run(&["simulate", "--start", "1800000000", "--duration", "40000", "--set", moved, "--out", text(&day)]);
     let [link, reference] = ["link.log", "reference.csv"].map(|name| text(&day.join(name)).to_owned());
@@ -267,26 +268,26 @@ fn an_update_finds_the_survey_scans_and_rewrites_four_values() {
     let results = ["--out", text(&out), "--json", text(&json), "--calibrated", "1798790400"];
     let (table, said) = run(&[&update[..], &results].concat());
     assert!(table.contains("GYRZA scale factor") && table.contains("redetermination due"), "{table}");
-    assert!(said.contains("taken as known at the calibration") && !said.contains("a fortnight older"), "{said}");
+    assert!(said.contains("assumed accuracy of the calibration") && !said.contains("assumed time"), "{said}");
     let ([_, _, za, zb], sigmas) = solved(&json);
     assert!((za.scale_factor - 1.00054002).abs() < 3.0 * sigmas[8] && sigmas[8] < 6e-6, "{za:?} {sigmas:?}");
-    // Four numbers are others, and nothing else.
+    // Only four numbers change.
     let [before, after] = [&config, &out].map(|path| fs::read_to_string(path).expect("a configuration"));
     let changed: Vec<&str> =
         before.lines().zip(after.lines()).filter(|(before, after)| before != after).map(|(_, after)| after).collect();
     assert_eq!((before.lines().count(), changed.len()), (after.lines().count(), 2), "{changed:?}");
-    let [of_out, believed] = [&after, &before].map(|text| Configuration::parse("x", text, &[]).expect("valid"));
+    let [of_out, configured] = [&after, &before].map(|text| Configuration::parse("x", text, &[]).expect("valid"));
     assert!((of_out.gyros[2].calibration.scale_factor - za.scale_factor).abs() < 1e-10);
     assert!((of_out.gyros[3].calibration.drift_arcsec_per_half_s - zb.drift_arcsec_per_half_s).abs() < 1e-7);
-    assert_eq!(of_out.gyros[2].calibration.x_arcsec, believed.gyros[2].calibration.x_arcsec);
-    // The next update takes up where this one ended.
+    assert_eq!(of_out.gyros[2].calibration.x_arcsec, configured.gyros[2].calibration.x_arcsec);
+    // The next update uses the result of this one.
     let later = ["--known", text(&json), "--calibrated", "1800000000"];
     let (_, said) = run(&[&update[..], &later].concat());
     assert!(!said.contains("taken as"), "{said}");
     // A recording without a survey is refused.
     let link = in_can("link.log");
     let reference = in_can("reference.csv");
-    let manoeuvres = edited(&room, "manoeuvres.csv", |text| text.replace("survey", "slew"));
+    let manoeuvres = edited(&temp_dir, "manoeuvres.csv", |text| text.replace("survey", "slew"));
     let error = refused(&[
         "calibrate",
         "--update",
@@ -301,15 +302,15 @@ fn an_update_finds_the_survey_scans_and_rewrites_four_values() {
 }
 
 #[test]
-fn what_the_parameters_do_not_explain_is_said_and_written_only_when_asked() {
-    let room = tempfile::tempdir().expect("a directory");
-    let flight = room.path().join("flight");
-    // In the middle of the pointing, where the drift is told.
+fn an_unexplained_solution_is_reported_and_written_only_on_request() {
+    let temp_dir = tempfile::tempdir().expect("a directory");
+    let simulated = temp_dir.path().join("simulated");
+    // In the middle of the pointing, which determines the drift.
     let course = "gyro.GYRX.drift-step={ arcsec_per_h = 3000.0, time_s = 900.0 }";
-    run(&["simulate", "--duration", "14000", "--set", course, "--out", text(&flight)]);
-    let file = |name: &str| text(&flight.join(name)).to_owned();
+    run(&["simulate", "--duration", "14000", "--set", course, "--out", text(&simulated)]);
+    let file = |name: &str| text(&simulated.join(name)).to_owned();
     let (link, manoeuvres, reference) = (file("link.log"), file("manoeuvres.csv"), file("reference.csv"));
-    let (json, out) = (room.path().join("result.json"), room.path().join("unit.toml"));
+    let (json, out) = (temp_dir.path().join("result.json"), temp_dir.path().join("unit.toml"));
     let results = ["--json", text(&json), "--out", text(&out)];
     let arguments = [&arguments(&link, &manoeuvres, &reference)[..], &results].concat();
     let refused = output(&arguments);
@@ -324,17 +325,17 @@ fn what_the_parameters_do_not_explain_is_said_and_written_only_when_asked() {
 }
 
 #[test]
-fn a_serial_recording_starts_where_the_attitude_does() {
-    let room = tempfile::tempdir().expect("a directory");
-    let flight = room.path().join("flight");
-    run(&["simulate", "--wire", "serial", "--start", "1800000000", "--duration", "14000", "--out", text(&flight)]);
-    let file = |name: &str| text(&flight.join(name)).to_owned();
+fn a_serial_recording_starts_with_the_attitude_data() {
+    let temp_dir = tempfile::tempdir().expect("a directory");
+    let simulated = temp_dir.path().join("simulated");
+    run(&["simulate", "--wire", "serial", "--start", "1800000000", "--duration", "14000", "--out", text(&simulated)]);
+    let file = |name: &str| text(&simulated.join(name)).to_owned();
     let (link, fss, sse) = (file("link.bin"), file("fss.csv"), file("sse.csv"));
     let sensors = ["--link", &link, "--fss", &fss, "--sse", &sse];
     let (table, _) = run(&[&["calibrate", "--manoeuvres", &file("manoeuvres.csv")], &sensors[..]].concat());
     assert!(table.contains("GYRX scale factor"), "{table}");
-    let (told, error) = run(&[&["reconstruct"], &sensors[..]].concat());
-    assert!(told.contains("28000 samples") && !error.contains("outside"), "{told}{error}");
+    let (summary, error) = run(&[&["reconstruct"], &sensors[..]].concat());
+    assert!(summary.contains("28000 samples") && !error.contains("outside"), "{summary}{error}");
     for command in ["calibrate", "reconstruct"] {
         for bad in ["NaN", "1e30", "-1", "inf"] {
             let message = refused(&[&[command, "--start", bad], &sensors[..]].concat());
@@ -347,8 +348,8 @@ fn a_serial_recording_starts_where_the_attitude_does() {
 
 #[test]
 fn an_ephemeris_that_is_not_in_utc_is_refused() {
-    let room = tempfile::tempdir().expect("a directory");
-    let path = room.path().join("attitude.aem");
+    let temp_dir = tempfile::tempdir().expect("a directory");
+    let path = temp_dir.path().join("attitude.aem");
     let link = in_can("link.log");
     for (system, update) in [("TAI", false), ("GPS", true)] {
         let mut aem = format!(

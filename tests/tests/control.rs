@@ -108,8 +108,8 @@ fn a_plan_of_a_hundred_thousand_faults_is_refused_by_its_count() {
     }
 }
 
-/// A control interface that answers every request with an event stream whose line never ends, at most so many bytes of it.
-fn tells_an_endless_line(most: usize) -> String {
+/// A control interface that answers each request with an event stream of one endless line of up to `max` bytes.
+fn sends_an_endless_line(max: usize) -> String {
     let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
     let address = listener.local_addr().expect("an address").to_string();
     thread::spawn(move || {
@@ -119,9 +119,9 @@ fn tells_an_endless_line(most: usize) -> String {
         let head =
             "HTTP/1.1 200 OK\r\ncontent-type: text/event-stream\r\nconnection: close\r\n\r\nevent: timeline\ndata: ";
         (&stream).write_all(head.as_bytes()).expect("sent");
-        let piece = vec![b'1'; 1 << 20];
-        for _ in 0..most >> 20 {
-            if (&stream).write_all(&piece).is_err() {
+        let block = vec![b'1'; 1 << 20];
+        for _ in 0..max >> 20 {
+            if (&stream).write_all(&block).is_err() {
                 break;
             }
         }
@@ -131,13 +131,13 @@ fn tells_an_endless_line(most: usize) -> String {
 
 #[test]
 fn an_endless_event_line_ends_the_monitor_with_a_message() {
-    let address = tells_an_endless_line(1 << 30);
+    let address = sends_an_endless_line(1 << 30);
     let mut monitor = geu();
     monitor.args(["monitor", "--control", &address]);
     // Half of what is sent: where lines are kept whole, this aborts.
-    let most = 512 << 20;
+    let max = 512 << 20;
     // SAFETY: between fork and exec this makes one system call and touches no memory.
-    unsafe { monitor.pre_exec(move || setrlimit(Resource::RLIMIT_AS, most, most).map_err(std::io::Error::from)) };
+    unsafe { monitor.pre_exec(move || setrlimit(Resource::RLIMIT_AS, max, max).map_err(std::io::Error::from)) };
     let said = failed(&monitor.output().expect("geu starts"), 1);
     assert!(said.contains("lines of at most") && said.contains("is it an emulator?"), "{said}");
 }

@@ -71,7 +71,7 @@ fn encoded_log() -> String {
     log
 }
 
-/// The same as CSV, written independently of the program.
+/// The rows as CSV, written independently of the program.
 fn encoded_rows() -> Vec<String> {
     let hundredths =
         |value: i16| format!("{}{}.{:02}", if value < 0 { "-" } else { "" }, value.abs() / 100, value.abs() % 100);
@@ -122,7 +122,7 @@ fn the_committed_recording_is_what_the_encoder_writes() {
 #[test]
 fn every_format_gives_the_same_rows() {
     let expected = encoded_rows();
-    // Times: absolute to the microsecond, or seconds since the beginning, or none (then those of the clock).
+    // Times: absolute to the microsecond, or seconds since the start, or none (then the clock count).
     for (name, start_s) in [
         ("encoded.log", 0.0),
         ("encoded.pcap", 0.0),

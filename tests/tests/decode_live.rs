@@ -1,4 +1,4 @@
-//! `geu decode` on a live link: a pty, a pipe or a FIFO whose other side this test holds.
+//! `geu decode` on a live link: a pty, a pipe or a FIFO with the other side in this test.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{BufRead, BufReader, Read, Write};
@@ -135,7 +135,7 @@ fn a_frame_that_is_under_way_when_it_is_stopped_is_no_defect() {
         .spawn()
         .expect("geu starts");
     std::thread::sleep(Duration::from_millis(500));
-    master.write_all(&[&data_frame(&sample(0))[..], &data_frame(&sample(1))[..11]].concat()).expect("room");
+    master.write_all(&[&data_frame(&sample(0))[..], &data_frame(&sample(1))[..11]].concat()).expect("a write");
     let mut lines = BufReader::new(child.stdout.take().expect("its output")).lines();
     assert!(lines.nth(1).expect("a row").expect("text").contains(",0,500000,"));
     let (said, _) = stopped(child, Signal::SIGINT);
@@ -157,7 +157,7 @@ fn a_line_that_is_under_way_when_it_is_stopped_is_no_defect() {
         .expect("geu starts");
     let mut input = child.stdin.take().expect("a pipe");
     let log = "(0.5) can0 1A0#FFFEFFFE00050005\n(0.5) can0 1A1#00000F070810DD5E\n(0.5) can0 1A2#00000007A1201B58\n";
-    write!(input, "{log}(1.0) can0 1A0#FFFEFFFE00050005\n(1.0) can0 1A1#0000").expect("room");
+    write!(input, "{log}(1.0) can0 1A0#FFFEFFFE00050005\n(1.0) can0 1A1#0000").expect("a write");
     let mut lines = BufReader::new(child.stdout.take().expect("its output")).lines();
     assert!(lines.nth(1).expect("a row").expect("text").starts_with("0.500000,0,"));
     let (said, _) = stopped(child, Signal::SIGTERM);
@@ -187,9 +187,9 @@ fn a_fifo_is_waited_for_until_its_writer_comes_or_a_signal() {
     let child = command.arg("decode").arg(&path).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn();
     std::thread::sleep(Duration::from_millis(300));
     let mut writer = OpenOptions::new().write(true).open(&path).expect("a reader");
-    writer.write_all(&data_frame(&sample(0))).expect("room");
+    writer.write_all(&data_frame(&sample(0))).expect("a write");
     std::thread::sleep(Duration::from_millis(300));
-    writer.write_all(&data_frame(&sample(1))).expect("room");
+    writer.write_all(&data_frame(&sample(1))).expect("a write");
     drop(writer);
     let output = child.expect("geu starts").wait_with_output().expect("its end");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
@@ -200,9 +200,9 @@ fn a_fifo_is_waited_for_until_its_writer_comes_or_a_signal() {
 fn a_compressed_stream_that_stands_still_ends_at_a_signal_with_its_rows() {
     let frames = [data_frame(&sample(0)), data_frame(&sample(1))].concat();
     let mut gzip = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
-    gzip.write_all(&frames).and_then(|()| gzip.flush()).expect("room");
+    gzip.write_all(&frames).and_then(|()| gzip.flush()).expect("a write");
     let mut zstd = zstd::Encoder::new(Vec::new(), 1).expect("zstd");
-    zstd.write_all(&frames).and_then(|()| zstd.flush()).expect("room");
+    zstd.write_all(&frames).and_then(|()| zstd.flush()).expect("a write");
     let directory = tempfile::tempdir().expect("a directory");
     let path = directory.path().join("fifo");
     mkfifo(&path, Mode::S_IRWXU).expect("a FIFO");
@@ -217,9 +217,9 @@ fn a_compressed_stream_that_stands_still_ends_at_a_signal_with_its_rows() {
                 "-" => Box::new(child.stdin.take().expect("a pipe")),
                 _ => Box::new(OpenOptions::new().write(true).open(&path).expect("a reader")),
             };
-            input.write_all(bytes).expect("room");
+            input.write_all(bytes).expect("a write");
             let mut lines = BufReader::new(child.stdout.take().expect("its output")).lines();
-            // What is there of it comes at once.
+            // Available rows come at once.
             let rows: Vec<_> = lines.by_ref().take(if is_cut { 0 } else { 3 }).map(|row| row.expect("text")).collect();
             std::thread::sleep(Duration::from_millis(300));
             let (said, _) = stopped(child, Signal::SIGTERM);
@@ -268,7 +268,7 @@ fn a_signal_ends_the_reading_of_recorded_files_without_a_result() {
         assert_eq!(fs::read_to_string(&old).expect("there"), "old\n");
         assert_eq!(fs::read_dir(directory.path()).expect("a directory").count(), 2, "{command} {input}");
 
-        // Rows that nobody takes from standard output.
+        // Rows on a standard output that is not read.
         let mut child =
             geu().args([command, &day]).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("geu starts");
         std::thread::sleep(Duration::from_millis(300));
@@ -297,7 +297,7 @@ fn an_address_is_connected_to_and_read_as_a_stream() {
             let mut child = child.expect("geu starts");
             let (mut stream, _) = listener.accept().expect("a client");
             let mut lines = BufReader::new(child.stdout.take().expect("its output")).lines();
-            stream.write_all(&[data_frame(&sample(0)), data_frame(&sample(1))].concat()).expect("room");
+            stream.write_all(&[data_frame(&sample(0)), data_frame(&sample(1))].concat()).expect("a write");
             let rows: Vec<_> = lines.by_ref().take(3).map(|row| row.expect("text")).collect();
             assert!(rows[2].starts_with("1.000000,1,"), "{rows:?}");
             if ends {

@@ -1,4 +1,4 @@
-//! `geu diagnose --html`: a page that stands by itself, of a recording that is explained and of one that is not.
+//! `geu diagnose --html`: a self-contained page, of an `explained` and of an `unexplained` recording.
 
 use std::fs;
 use std::process::Command;
@@ -8,13 +8,13 @@ use geu_plant::{Gyro, IndependentModel, PlantedEffect};
 use geu_tests::page::well_formed;
 use geu_tests::{geu, skipped};
 
-/// What one test reads and another draws.
+/// The diagnosis that two tests use.
 static PIVOT_CLEARANCE: LazyLock<Diagnosed> = LazyLock::new(|| {
-    let hidden = PlantedEffect::new("pivot-clearance", &[Gyro::X], &[("clearance_arcsec", 11.5)]);
-    Diagnosed::of(7, hidden, &[])
+    let injected = PlantedEffect::new("pivot-clearance", &[Gyro::X], &[("clearance_arcsec", 11.5)]);
+    Diagnosed::of(7, injected, &[])
 });
 
-/// A recording of the plant, diagnosed: the exit code, the report and the page.
+/// Exit code, report and page of a diagnosed recording.
 struct Diagnosed {
     code: Option<i32>,
     report: String,
@@ -22,10 +22,10 @@ struct Diagnosed {
 }
 
 impl Diagnosed {
-    fn of(seed: u64, hidden: PlantedEffect, further: &[&str]) -> Diagnosed {
-        let room = tempfile::tempdir().expect("a directory");
-        let at = |name: &str| room.path().join(name).display().to_string();
-        let recording = IndependentModel { duration_s: 7200.0, ..IndependentModel::new(seed, vec![hidden]) }.record();
+    fn of(seed: u64, injected: PlantedEffect, further: &[&str]) -> Diagnosed {
+        let directory = tempfile::tempdir().expect("a directory");
+        let at = |name: &str| directory.path().join(name).display().to_string();
+        let recording = IndependentModel { duration_s: 7200.0, ..IndependentModel::new(seed, vec![injected]) }.record();
         for (name, text) in [("link.log", &recording.link), ("reference.csv", &recording.reference)] {
             fs::write(at(name), text).expect("written");
         }
@@ -42,8 +42,8 @@ impl Diagnosed {
             "--html",
             &at("page.html"),
         ]);
-        command.args(further.iter().map(|text| text.replace("{}", &room.path().display().to_string())));
-        // Thresholds of its own, so that nobody's cache is filled.
+        command.args(further.iter().map(|text| text.replace("{}", &directory.path().display().to_string())));
+        // A cache of its own.
         let output = command.env("XDG_CACHE_HOME", at("cache")).output().expect("geu starts");
         let page = fs::read_to_string(at("page.html"))
             .unwrap_or_else(|error| panic!("no page: {error}: {}", String::from_utf8_lossy(&output.stderr)));
@@ -51,7 +51,7 @@ impl Diagnosed {
         Diagnosed { code: output.status.code(), report, page }
     }
 
-    /// What holds of every page.
+    /// Asserts what each page contains.
     fn assert_whole(&self) {
         let tags = well_formed(&self.page);
         assert!(tags.iter().all(|tag| !["script", "link", "img", "iframe", "a"].contains(&tag.as_str())));
@@ -62,10 +62,10 @@ impl Diagnosed {
             "Found",
             "Residuals before and after",
             "Manoeuvres",
-            "Where the data leave the model",
+            "Residual by variable",
             "Search",
-            "Rivals",
-            "Proof on held-out data",
+            "Alternatives",
+            "Cross-validation",
             "Exact checks",
             "Provenance",
         ] {
@@ -81,7 +81,7 @@ impl Diagnosed {
                 bars.contains("class=\"before\"") && bars.contains("class=\"after\"") && bars.contains("arcsec rms")
             );
         }
-        // Every fact about a thing found is that of the report.
+        // The page states each finding as the report does.
         let facts = self.report.lines().filter(|line| line.starts_with("    "));
         for fact in facts {
             let (label, value) = fact.trim().split_once("  ").expect("a label and a value");
@@ -91,7 +91,7 @@ impl Diagnosed {
         assert!(!self.page.contains("NaN") && !self.page.contains("inf"), "a number that is none");
     }
 
-    /// The diagram with this label; nested ones, which clip, included.
+    /// The chart with this label, with the nested `svg` that clips it.
     fn chart(&self, label: &str) -> &str {
         let start = self.page.find(&format!("aria-label=\"{label}\">")).unwrap_or_else(|| panic!("no {label}"));
         let rest = &self.page[start..];
@@ -107,23 +107,23 @@ impl Diagnosed {
 }
 
 #[test]
-fn a_pivot_clearance_is_told_with_both_residuals_its_search_and_where_it_shows() {
+fn a_pivot_clearance_is_shown_with_both_residuals_search_and_segments() {
     let diagnosed = &*PIVOT_CLEARANCE;
     assert_eq!(diagnosed.code, Some(0), "{}", diagnosed.report);
     diagnosed.assert_whole();
     let page = &diagnosed.page;
-    assert!(page.contains("<strong>explained</strong>: with what was missing the model explains the recording."));
+    assert!(page.contains("<strong>explained</strong>: the residual is noise with the effects below."));
     assert!(page.contains("<li>GYRX: pivot-clearance\n<ul>\n<li>clearance_arcsec: 11."), "the effect found");
     assert!(diagnosed.report.contains("\n  GYRX: pivot-clearance\n    clearance_arcsec  "), "{}", diagnosed.report);
     assert!(diagnosed.report.lines().all(|line| line.chars().count() < 200), "{}", diagnosed.report);
     let first = diagnosed.round(1);
     assert!(first.starts_with("<h3>Round 1: added pivot-clearance</h3>"), "{first}");
     assert!(first.contains("<b>pivot-clearance</b>") && first.contains("<td>added</td>"), "{first}");
-    // What it does shows at the slews about Y, and no more once it is in the model.
+    // The slews about Y show the effect until it is in the model.
     assert!(page.contains(" turn about Y at +720 arcsec/s</th>"));
-    let before = diagnosed.chart("Where the data of GYRX leave the model before: variables over seconds");
-    let after = diagnosed.chart("Where the data of GYRX leave the model after: variables over seconds");
-    // Chance alone makes no cell, once in a while one: ten times as many stand for the effect.
+    let before = diagnosed.chart("Residual of GYRX by variable before, over seconds");
+    let after = diagnosed.chart("Residual of GYRX by variable after, over seconds");
+    // Without the effect there is at most a cell; ten show the effect.
     let count = |chart: &str| chart.matches("class=\"heat ").count();
     assert!(
         before.contains("strong") && count(before) > 10 * count(after).max(1),
@@ -131,7 +131,9 @@ fn a_pivot_clearance_is_told_with_both_residuals_its_search_and_where_it_shows()
         count(before),
         count(after)
     );
-    assert!(diagnosed.report.contains("where the data leave the model, in sigmas before and after\n  GYRX along "));
+    assert!(
+        diagnosed.report.contains("significant variables of the residual, in sigmas before and after\n  GYRX along ")
+    );
 }
 
 #[test]
@@ -140,8 +142,8 @@ fn a_page_is_drawn_by_a_browser() {
     let Some(browser) = ["chromium", "chromium-browser", "google-chrome"].into_iter().find(has) else {
         return skipped("no Chromium is installed, the page is not drawn");
     };
-    let room = tempfile::tempdir().expect("a directory");
-    let [page, image] = ["page.html", "page.png"].map(|name| room.path().join(name));
+    let directory = tempfile::tempdir().expect("a directory");
+    let [page, image] = ["page.html", "page.png"].map(|name| directory.path().join(name));
     fs::write(&page, &PIVOT_CLEARANCE.page).expect("written");
     let show = |option: &str| {
         let shown = Command::new(browser)
@@ -153,14 +155,14 @@ fn a_page_is_drawn_by_a_browser() {
                 "--window-size=1280,4000",
                 option,
             ])
-            .arg(format!("--user-data-dir={}", room.path().join("browser").display()))
+            .arg(format!("--user-data-dir={}", directory.path().join("browser").display()))
             .arg(&page)
             .output()
             .expect("the browser starts");
         assert!(shown.status.success(), "{}", String::from_utf8_lossy(&shown.stderr));
         String::from_utf8_lossy(&shown.stdout).into_owned()
     };
-    // The script makes every chart one that keys reach.
+    // Each chart can have the keyboard focus.
     let document = show("--dump-dom");
     let charts = document.split("<svg class=\"chart\"").skip(1);
     assert!(charts.clone().count() >= 8, "{document}");
@@ -174,18 +176,18 @@ fn a_page_is_drawn_by_a_browser() {
 
 #[test]
 fn a_backlash_ends_unexplained_with_its_interval_in_the_residual() {
-    let hidden = PlantedEffect::new("count-backlash", &[Gyro::Y], &[("play_arcsec", 30.0)]);
-    let diagnosed = Diagnosed::of(8, hidden, &["--manoeuvres", "{}/manoeuvres.csv"]);
+    let injected = PlantedEffect::new("count-backlash", &[Gyro::Y], &[("play_arcsec", 30.0)]);
+    let diagnosed = Diagnosed::of(8, injected, &["--manoeuvres", "{}/manoeuvres.csv"]);
     assert_eq!(diagnosed.code, Some(3), "{}", diagnosed.report);
     diagnosed.assert_whole();
     assert!(
         diagnosed
             .page
-            .contains("<strong>unexplained</strong>: something is left that no effect of the model explains.")
+            .contains("<strong>unexplained</strong>: no effect of the model explains the rest of the residual.")
     );
     let chart = diagnosed.chart("Residual of GYRY before and after, arcsec over seconds");
     assert!(chart.contains("class=\"left\"") && chart.contains("<title>left unexplained, "));
     assert!(diagnosed.page.contains("Left unexplained: GYRY"));
-    // The list's manoeuvre, under its own name.
+    // The list's manoeuvre has its name of the list.
     assert!(diagnosed.page.contains("<th scope=\"row\">1 &lt;first&gt; &amp; only</th><td>100</td><td>2900</td>"));
 }

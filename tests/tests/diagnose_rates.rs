@@ -1,4 +1,4 @@
-//! `geu diagnose --gyro-csv`: telemetry of real gyros in orbit where it is there, and the command as a user meets it.
+//! `geu diagnose --gyro-csv`: telemetry of real gyros in orbit, if present, and errors of the command.
 
 use std::fs;
 use std::process::Output;
@@ -11,7 +11,7 @@ fn diagnose(arguments: &[&str]) -> Output {
     geu().arg("diagnose").arg("--gyro-csv").arg(description).args(arguments).output().expect("geu starts")
 }
 
-fn told(output: &Output) -> String {
+fn reported(output: &Output) -> String {
     String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr)
 }
 
@@ -20,28 +20,28 @@ fn real_gyros_have_a_bias_and_a_scale_error() {
     let Some(directory) = recordings("suchai3") else { return };
     let file = |name: &str| directory.join(name).to_string_lossy().into_owned();
     let reference = file("suchai3_gyro_vs_magphase_300s.csv");
-    let room = tempfile::tempdir().expect("a directory");
-    let json = room.path().join("diagnosis.json").to_string_lossy().into_owned();
+    let directory = tempfile::tempdir().expect("a directory");
+    let json = directory.path().join("diagnosis.json").to_string_lossy().into_owned();
     let links = ["20230824", "20230904", "20231113", "20231211"].map(|day| file(&format!("suchai3_{day}.csv")));
     let mut arguments = vec!["--reference", &reference, "--json", &json, "--link"];
     arguments.extend(links.iter().map(String::as_str));
     let output = diagnose(&arguments);
-    assert_eq!(output.status.code(), Some(0), "{}", told(&output));
+    assert_eq!(output.status.code(), Some(0), "{}", reported(&output));
     let found: Value = serde_json::from_str(&fs::read_to_string(&json).expect("written")).expect("JSON");
     assert_eq!(found["verdict"], "explained");
     let effects = found["effects"].as_array().expect("effects");
     let mut codes: Vec<&str> = effects.iter().filter_map(|effect| effect["code"].as_str()).collect();
     codes.sort_unstable();
     assert_eq!(codes, ["drift", "scale-factor"]);
-    // Sizes as a least-squares fit in Python finds them: −4.5 ± 1.9 deg/s and −1.2 ± 0.3 % with its own noise. Two and a half of
-    // its sigmas farther from 0, and about half of it nearer: less would leave most of the error.
+    // A least-squares fit in Python gives −4.5 ± 1.9 deg/s and −1.2 ± 0.3 %. Limits: 2.5 sigma farther from 0, and half the value, below
+    // which most of the error would remain.
     for effect in effects {
-        let (unit, least, most) = match effect["code"].as_str() {
+        let (unit, min, max) = match effect["code"].as_str() {
             Some("drift") => ("arcsec_per_h", -9.0 * 3600.0 * 3600.0, -2.0 * 3600.0 * 3600.0),
             _ => ("ppm", -20_000.0, -6_000.0),
         };
         let value = effect["parameters"][unit]["value"].as_f64().expect("a value");
-        assert!((least..most).contains(&value), "{effect}");
+        assert!((min..max).contains(&value), "{effect}");
     }
     // Every fault that `geu decode` counts in the same files (tests/gyro_csv.rs).
     let kinds = |kind: &str| {
@@ -50,10 +50,10 @@ fn real_gyros_have_a_bias_and_a_scale_error() {
     };
     assert_eq!(["gap", "repeated-stamp", "time-glitch", "time-backwards"].map(kinds), [13, 3, 3, 0]);
     let rms = |when: &str| found["gap"][when]["held_out"]["rms_arcsec_s"].as_f64().expect("a gap");
-    // 0.105 of 0.253 deg/s (docs/diagnosis-suchai3.md), with room for another fit.
+    // 0.105 of 0.253 deg/s (docs/diagnosis-suchai3.md), with a margin for another fit.
     assert!(rms("after") < 0.5 * rms("before"), "{}", found["gap"]);
     assert_eq!(found["groups"].as_array().map(Vec::len), Some(4));
-    let text = told(&output);
+    let text = reported(&output);
     for part in
         ["bias of X and bias of Y: cosine", "bias of X and scale error: cosine", "would bring it to", "not fully"]
     {
@@ -62,9 +62,9 @@ fn real_gyros_have_a_bias_and_a_scale_error() {
 }
 
 #[test]
-fn samples_beside_rates_with_times_are_taken_by_stretch() {
-    let room = tempfile::tempdir().expect("a directory");
-    let (link, reference) = (room.path().join("gyro.csv"), room.path().join("rate.csv"));
+fn samples_are_assigned_to_rate_windows() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let (link, reference) = (directory.path().join("gyro.csv"), directory.path().join("rate.csv"));
     // Counts of 1/145.6 deg/s once a second; the reference every 10 s. X reads 2 deg/s too much.
     let (mut rows, mut rates) =
         ("timestamp_s,gyro_x_lsb,gyro_y_lsb,gyro_z_lsb\n".to_owned(), "t_s,rate_arcsec_s\n".to_owned());
@@ -82,19 +82,19 @@ fn samples_beside_rates_with_times_are_taken_by_stretch() {
     fs::write(&reference, rates).expect("written");
     let (link, reference) = (link.to_string_lossy(), reference.to_string_lossy());
     let output = diagnose(&["--link", &link, "--reference", &reference]);
-    let text = told(&output);
+    let text = reported(&output);
     assert_eq!(output.status.code(), Some(0), "{text}");
     assert!(text.contains("bias of X: +1.99") || text.contains("bias of X: +2.00"), "{text}");
     assert!(!text.contains("phase rate"), "a caveat of another reference: {text}");
 
     let output = diagnose(&["--reference", &reference]);
     assert_eq!(output.status.code(), Some(2));
-    assert!(told(&output).contains("--link: expected CSV of gyros"), "{}", told(&output));
+    assert!(reported(&output).contains("--link: expected CSV of gyros"), "{}", reported(&output));
     let output = diagnose(&["--reference", &link, "--link", &link]);
     assert_eq!(output.status.code(), Some(2));
     assert!(
-        told(&output).contains("line 1: header: expected the columns day, wx, wy, wz, magrate; or t_s and"),
+        reported(&output).contains("line 1: header: expected the columns day, wx, wy, wz, magrate; or t_s and"),
         "{}",
-        told(&output)
+        reported(&output)
     );
 }

@@ -1,4 +1,4 @@
-//! Faults of links beside a client: what is late, what is held back to the end, and what `faults.jsonl` tells of it.
+//! Link faults with a client: late and withheld messages, and their entries in `faults.jsonl`.
 
 use std::fs;
 use std::io::Write;
@@ -21,7 +21,7 @@ fn events(recording: &Path) -> Vec<Value> {
     text.lines().map(|line| serde_json::from_str(line).expect("a line of JSON")).collect()
 }
 
-fn of<'a>(events: &'a [Value], what: &str) -> Vec<&'a Value> {
+fn events_of<'a>(events: &'a [Value], what: &str) -> Vec<&'a Value> {
     events.iter().filter(|event| event["what"] == what).collect()
 }
 
@@ -32,7 +32,7 @@ fn simulate(configuration: &Path, out: &Path, more: &[&str]) {
 }
 
 #[test]
-fn a_command_acts_at_once_and_only_its_answer_is_late() {
+fn a_command_acts_at_once_and_only_its_reply_is_late() {
     let directory = tempfile::tempdir().expect("a directory");
     let plan = file(directory.path(), "plan.toml", "[[fault]]\nid = \"late\"\nfault = \"reply-late\"\ndelay_s = 1.0\n");
     let (live, again) = (directory.path().join("live"), directory.path().join("again"));
@@ -41,37 +41,37 @@ fn a_command_acts_at_once_and_only_its_answer_is_late() {
         Emulator::on_tcp(&["--faults", plan, "--record", recorded, "--wire", "serial", "--control", "off"]);
     assert!(client.read_until(|client| client.samples.len() == 1));
     let start = Instant::now();
-    // The first stops the samples at once.
+    // The first command stops the samples at once.
     for payload in [&[2, 1][..], &[1], &[1]] {
-        client.stream.write_all(&frame(FrameType::Command, payload)).expect("room");
+        client.stream.write_all(&frame(FrameType::Command, payload)).expect("written");
         std::thread::sleep(Duration::from_millis(20));
     }
     for count in 1..=3_u32 {
         assert!(client.read_until(|client| client.replies.len() as u32 >= count));
-        let (took, least) = (start.elapsed(), Duration::from_millis(1000 + 20 * u64::from(count - 1)));
-        assert!(took >= least && took < least + Duration::from_millis(400), "reply {count} after {took:?}");
+        let (took, min) = (start.elapsed(), Duration::from_millis(1000 + 20 * u64::from(count - 1)));
+        assert!(took >= min && took < min + Duration::from_millis(400), "reply {count} after {took:?}");
     }
-    assert_eq!(client.samples.len(), 1, "what was not sent had been stopped by then");
-    // One that is still held back at the end leaves with it.
-    client.stream.write_all(&frame(FrameType::Command, &[1])).expect("room");
+    assert_eq!(client.samples.len(), 1, "samples had stopped by then");
+    // A reply that is still delayed at the end is sent then.
+    client.stream.write_all(&frame(FrameType::Command, &[1])).expect("written");
     std::thread::sleep(Duration::from_millis(50));
     emulator.ask_to_end();
     client.read_until(|_| false);
     assert_eq!(emulator.end().0, Some(0));
     assert_eq!(client.replies.len(), 4);
-    let told = events(&live);
-    let replies = of(&told, "reply");
+    let reported = events(&live);
+    let replies = events_of(&reported, "reply");
     assert_eq!(replies.len(), 4);
     assert_eq!(replies[0]["half_second"], replies[2]["half_second"], "all came in one sample interval");
     assert_eq!((&replies[1]["command"], &replies[1]["ids"]), (&json!("01"), &json!(["late"])));
     assert_eq!((&replies[1]["late_s"], &replies[1]["link"]), (&json!(1.0), &json!("tcp")));
     assert_eq!(replies[1]["before"], replies[1]["after"]);
     simulate(&live.join("run.toml"), &again, &[]);
-    assert_eq!(events(&again), told);
+    assert_eq!(events(&again), reported);
 }
 
 #[test]
-fn what_is_held_back_leaves_with_the_end_and_stands_in_the_recording() {
+fn withheld_messages_are_sent_and_recorded_at_the_end() {
     let directory = tempfile::tempdir().expect("a directory");
     let text = "[[fault]]\nfault = \"delay\"\ndelay_s = 60.0\nat_s = 1.0\n[[fault]]\nfault = \"babble\"\nat_s = 2.0\n\
                 [[fault]]\nfault = \"merge\"\nframes = 64\nat_s = 2.0\nuntil_s = 2.5\n";
@@ -97,7 +97,7 @@ fn what_is_held_back_leaves_with_the_end_and_stands_in_the_recording() {
 }
 
 #[test]
-fn a_frame_with_a_long_gap_is_cut_by_nothing() {
+fn a_frame_with_a_long_gap_arrives_whole() {
     let directory = tempfile::tempdir().expect("a directory");
     let text = "[[fault]]\nlink = \"tcp\"\nfault = \"split\"\nbyte = 9\ngap_s = 1.3\nat_s = 1.0\nfor_s = 1.5\n";
     let plan = file(directory.path(), "plan.toml", text);
@@ -116,7 +116,7 @@ fn a_frame_with_a_long_gap_is_cut_by_nothing() {
 }
 
 #[test]
-fn what_is_told_of_a_polled_sample_is_its_own() {
+fn the_fault_log_of_a_polled_sample_names_its_own_bytes() {
     let directory = tempfile::tempdir().expect("a directory");
     let text = "[run]\nduration_s = 5.0\nwire = \"serial\"\nlinks = [\"pty\", \"tcp\"]\n\
                 [[fault]]\nid = \"st\"\nfault = \"stuck-count\"\ngyro = \"GYRX\"\ncounts = 77\nat_s = 1.0\nfor_s = 0.5\n\
@@ -126,17 +126,18 @@ fn what_is_told_of_a_polled_sample_is_its_own() {
                 [[run.command]]\nhalf_second = 3\nlink = \"tcp 127.0.0.1:1\"\nbytes = \"03\"\n";
     let (run, out) = (file(directory.path(), "run.toml", text), directory.path().join("out"));
     simulate(&run, &out, &["--wire", "can"]);
-    let told = events(&out);
-    let bytes = of(&told, "bytes");
+    let reported = events(&out);
+    let bytes = events_of(&reported, "bytes");
     assert_eq!(bytes.len(), 1, "over the link that asked, and no other: {bytes:?}");
     assert_eq!(
         (&bytes[0]["half_second"], &bytes[0]["t_s"], &bytes[0]["polled"]),
         (&json!(2), &json!(1.5), &json!(true))
     );
     assert_eq!((&bytes[0]["link"], &bytes[0]["ids"]), (&json!("tcp"), &json!(["st", "late"])));
-    let touched: Vec<_> = of(&told, "end").into_iter().map(|end| (end["id"].clone(), end["touched"].clone())).collect();
+    let touched: Vec<_> =
+        events_of(&reported, "end").into_iter().map(|end| (end["id"].clone(), end["touched"].clone())).collect();
     assert!(touched.contains(&(json!("late"), json!(1))), "{touched:?}");
-    // Two polls of the same sample: what is late does not go back in time.
+    // Two polls of the same sample: time stamps increase.
     let log = fs::read_to_string(out.join("link.log")).expect("a recording");
     let stamps: Vec<&str> = log.lines().map(|line| line.split(' ').next().expect("a stamp")).collect();
     assert!(stamps.len() == 6 && stamps.is_sorted(), "{log}");
@@ -158,7 +159,7 @@ fn a_polled_sample_that_is_late_is_recorded_when_it_leaves() {
 }
 
 #[test]
-fn a_command_that_a_silent_unit_does_not_hear_is_told_with_the_reply_that_it_lacks() {
+fn a_command_to_a_silent_unit_is_logged_with_its_missing_reply() {
     let directory = tempfile::tempdir().expect("a directory");
     let text = "[run]\nduration_s = 5.0\nwire = \"serial\"\nlinks = [\"tcp\"]\n\
                 [[fault]]\nid = \"r\"\nfault = \"reset\"\nat_s = 1.0\n\
@@ -166,8 +167,8 @@ fn a_command_that_a_silent_unit_does_not_hear_is_told_with_the_reply_that_it_lac
                 [[run.command]]\nhalf_second = 3\nlink = \"tcp 127.0.0.1:1\"\nbytes = \"01\"\n";
     let (run, out) = (file(directory.path(), "run.toml", text), directory.path().join("out"));
     simulate(&run, &out, &[]);
-    let told = events(&out);
-    let replies = of(&told, "reply");
+    let reported = events(&out);
+    let replies = events_of(&reported, "reply");
     assert_eq!(replies.len(), 1, "{replies:?}");
     assert_eq!((&replies[0]["half_second"], &replies[0]["ids"]), (&json!(3), &json!(["r"])));
     assert!(
@@ -176,7 +177,7 @@ fn a_command_that_a_silent_unit_does_not_hear_is_told_with_the_reply_that_it_lac
 }
 
 #[test]
-fn what_is_held_for_a_sample_that_never_comes_has_the_time_at_which_it_would_have_ended() {
+fn a_message_withheld_for_a_sample_after_the_end_has_that_sample_s_time() {
     let directory = tempfile::tempdir().expect("a directory");
     let text = "[run]\nduration_s = 5.0\nwire = \"can\"\nlinks = [\"can\"]\n\
                 [[fault]]\nfault = \"reorder\"\nat_s = 4.5\n[[fault]]\nfault = \"babble\"\namount = 2\nat_s = 4.5\n";
@@ -188,12 +189,12 @@ fn what_is_held_for_a_sample_that_never_comes_has_the_time_at_which_it_would_hav
         .filter_map(|line| line.split(['(', ')']).nth(1)?.parse().ok())
         .filter(|&stamp_s: &f64| stamp_s > 4.6)
         .collect();
-    let told = events(&out);
-    let late: Vec<f64> = of(&told, "bytes")[0]["after"]
+    let reported = events(&out);
+    let late: Vec<f64> = events_of(&reported, "bytes")[0]["after"]
         .as_array()
-        .expect("pieces")
+        .expect("frames")
         .iter()
-        .filter_map(|piece| piece["late_s"].as_f64())
+        .filter_map(|frame| frame["late_s"].as_f64())
         .collect();
     let mut claimed: Vec<f64> = late.iter().map(|late_s| 5.0 + late_s).collect();
     claimed.sort_by(f64::total_cmp);

@@ -1,4 +1,4 @@
-//! Clients find the emulator by what they are given or by what runs.
+//! Client commands find an emulator by address, by link, or as the only one that runs.
 
 use std::path::Path;
 use std::process::{Command, Output};
@@ -6,7 +6,7 @@ use std::process::{Command, Output};
 use geu_tests::emulator::Emulator;
 use geu_tests::geu;
 
-/// The program in a runtime directory of its own, where no other emulator is found.
+/// The program with its own runtime directory, in which no other emulator is found.
 fn geu_in(directory: &Path) -> Command {
     let mut command = geu();
     command.env("XDG_RUNTIME_DIR", directory).env_remove("GEU_CONTROL_TOKEN");
@@ -35,9 +35,9 @@ fn refused(output: &Output, code: i32) -> String {
 }
 
 #[test]
-fn the_only_emulator_that_runs_is_found_and_told_and_of_several_none_is_taken() {
-    let room = tempfile::tempdir().expect("a directory");
-    let directory = room.path();
+fn the_only_emulator_is_used_and_several_are_refused() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let directory = directory.path();
     for client in [&["inject", "--list"][..], &["monitor", "--count", "1"], &["send", "PING"]] {
         assert!(refused(&ask(directory, client), 1).contains("expected a running emulator, got none"));
     }
@@ -61,7 +61,7 @@ fn the_only_emulator_that_runs_is_found_and_told_and_of_several_none_is_taken() 
             assert!(said.contains(expected), "{expected}: {said}");
         }
     }
-    // By its address, by a link, by the path of that link in another form.
+    // By address, by link, by another path of that link.
     let pid = format!("process {}", other.child.id());
     let beside = directory.join(".").join("other");
     let tcp = other.ready.iter().find_map(|ready| ready.strip_prefix("tcp ")).expect("a TCP link").to_owned();
@@ -80,7 +80,7 @@ fn the_only_emulator_that_runs_is_found_and_told_and_of_several_none_is_taken() 
     let said = refused(&ask(directory, &["inject", "--list", "--at", "vcan7"]), 2);
     assert!(said.contains("--at vcan7") && said.contains(&tcp), "{said}");
 
-    // One that was killed is not there any more; one that ends takes its file away.
+    // A killed emulator is not listed; an emulator that ends removes its file.
     other.child.kill().expect("killed");
     other.child.wait().expect("its end");
     done(&ask(directory, &["inject", "--list"]));
@@ -91,19 +91,19 @@ fn the_only_emulator_that_runs_is_found_and_told_and_of_several_none_is_taken() 
 }
 
 #[test]
-fn an_emulator_without_a_control_interface_is_found_by_send_and_said_to_have_none() {
-    let room = tempfile::tempdir().expect("a directory");
-    let _emulator = start(room.path(), &room.path().join("geu0"), "off");
-    let said = refused(&ask(room.path(), &["inject", "--list"]), 1);
+fn send_reports_an_emulator_without_control_interface() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let _emulator = start(directory.path(), &directory.path().join("geu0"), "off");
+    let said = refused(&ask(directory.path(), &["inject", "--list"]), 1);
     assert!(said.contains("control off") && said.contains("expected an emulator with a control interface"), "{said}");
-    done(&ask(room.path(), &["send", "--raw", "01"]));
+    done(&ask(directory.path(), &["send", "--raw", "01"]));
 }
 
 #[test]
-fn send_takes_names_and_refuses_others_with_the_likeliest() {
-    let room = tempfile::tempdir().expect("a directory");
-    let pty = room.path().join("geu0");
-    let _emulator = start(room.path(), &pty, "off");
+fn send_accepts_names_and_suggests_the_nearest_for_others() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let pty = directory.path().join("geu0");
+    let _emulator = start(directory.path(), &pty, "off");
     let pty = pty.to_str().expect("text");
     for arguments in [
         &["SELF_TEST", "GYRX,gyrzb", "-100", "4"][..],
@@ -111,7 +111,7 @@ fn send_takes_names_and_refuses_others_with_the_likeliest() {
         &["set-mode", "cyclic"],
         &["GYRO_POWER", "all"],
     ] {
-        let (reply, _) = done(&ask(room.path(), &[&["send", pty], arguments].concat()));
+        let (reply, _) = done(&ask(directory.path(), &[&["send", pty], arguments].concat()));
         assert!(reply.contains("done"), "{reply}");
     }
     for (arguments, expected) in [
@@ -123,10 +123,10 @@ fn send_takes_names_and_refuses_others_with_the_likeliest() {
         (&["inject", "stuck-count", "GYRXX", "--control", "127.0.0.1:1"], "did you mean `GYRX`?"),
         (&["faults", "list", "--link", "serail"], "did you mean `serial`?"),
     ] {
-        let said = refused(&ask(room.path(), arguments), 2);
+        let said = refused(&ask(directory.path(), arguments), 2);
         assert!(said.contains(expected), "{arguments:?}: {said}");
     }
-    let (help, _) = done(&ask(room.path(), &["send", "--list"]));
+    let (help, _) = done(&ask(directory.path(), &["send", "--list"]));
     for name in ["0 off, 1 on", "0 cyclic, 1 polled", "GYRX, GYRY, GYRZA, GYRZB, all"] {
         assert!(help.contains(name), "{help}");
     }

@@ -1,4 +1,4 @@
-//! Plain gyro CSV: telemetry of a real gyro in orbit where it is there, and `geu decode --gyro-csv` as a user meets it.
+//! Plain gyro CSV: telemetry of a real gyro in orbit, if present, and errors of `geu decode --gyro-csv`.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -15,7 +15,7 @@ fn description() -> GyroCsvSpec {
 #[test]
 fn real_telemetry_is_taken_in_with_its_faults() {
     let Some(directory) = recordings("suchai3") else { return };
-    // Rows as the telemetry's README tells them; steps of time counted by another program (Python's csv module).
+    // Number of rows as the telemetry's README states it; time steps counted by another program (Python's csv module).
     for (day, rows, faults) in [
         ("20230824", 5586, &[("gap", 5)][..]),
         ("20230904", 5349, &[("gap", 6), ("repeated-stamp", 2), ("time-glitch", 2)]),
@@ -47,8 +47,8 @@ fn real_telemetry_is_taken_in_with_its_faults() {
 
 #[test]
 fn geu_decode_reads_a_gyro_csv_as_described() {
-    let room = tempfile::tempdir().expect("a directory");
-    let (file, defects) = (room.path().join("gyro.csv"), room.path().join("defects.jsonl"));
+    let directory = tempfile::tempdir().expect("a directory");
+    let (file, defects) = (directory.path().join("gyro.csv"), directory.path().join("defects.jsonl"));
     let header = "sat_index,timestamp_s,gyro_x_lsb,gyro_y_lsb,gyro_z_lsb";
     let rows =
         "1,1000.0,-1456,0,1\n2,1001.0,-1456,0,1\n2,1001.0,-1456,0,1\n3,1102.0,0,0,1\n4,1003.0,0,x,1\n5,1004.0,0,0,1\n";
@@ -63,9 +63,9 @@ fn geu_decode_reads_a_gyro_csv_as_described() {
     let text = String::from_utf8(output.stdout).expect("UTF-8");
     assert!(text.starts_with("t_s,line,X_arcsec_s,Y_arcsec_s,Z_arcsec_s\n1000.000000,2,-36000,0,24.72"), "{text}");
     assert_eq!(text.lines().count(), 6);
-    let told = fs::read_to_string(&defects).expect("written");
-    let kinds: Vec<&str> = told.lines().map(|line| line.split('"').nth(3).expect("a kind")).collect();
-    assert_eq!(kinds, ["repeated-stamp", "time-glitch", "not-a-number"], "{told}");
+    let reported = fs::read_to_string(&defects).expect("written");
+    let kinds: Vec<&str> = reported.lines().map(|line| line.split('"').nth(3).expect("a kind")).collect();
+    assert_eq!(kinds, ["repeated-stamp", "time-glitch", "not-a-number"], "{reported}");
 
     let summary = String::from_utf8(decode(&["--format", "summary"]).stdout).expect("UTF-8");
     assert!(summary.contains("rows         6: 5 samples, 1 refused"), "{summary}");
@@ -73,7 +73,7 @@ fn geu_decode_reads_a_gyro_csv_as_described() {
     assert!(jsonl.starts_with("{\"t_s\":1000.000000,\"line\":2,\"X_arcsec_s\":-36000,"), "{jsonl}");
 
     let mut missing = geu();
-    missing.arg("decode").arg(&file).arg("--gyro-csv").arg(room.path().join("none.toml"));
+    missing.arg("decode").arg(&file).arg("--gyro-csv").arg(directory.path().join("none.toml"));
     let output = missing.output().expect("geu starts");
     assert_eq!(output.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&output.stderr).contains("none.toml: cannot be read"));

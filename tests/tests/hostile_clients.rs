@@ -1,4 +1,4 @@
-//! Clients that do what they should not, and processes that want what another has: nobody else is any worse for it.
+//! Misbehaving clients, and processes that compete for a link, do not disturb other clients.
 
 use std::fs::{self, OpenOptions};
 use std::io::{ErrorKind, Read, Write};
@@ -19,7 +19,7 @@ use nix::sys::signal::{Signal, kill};
 use nix::sys::stat::Mode;
 use nix::unistd::{Pid, mkfifo, ttyname};
 
-/// What a test waits for at most.
+/// Timeout of a test.
 const PATIENCE: Duration = Duration::from_secs(8);
 
 fn directory() -> tempfile::TempDir {
@@ -78,7 +78,7 @@ fn a_pty_client_that_reads_no_reply_and_closes_wedges_nothing() {
     assert!(other.read_until(|client| client.samples.len() >= 2) && other.is_without_gap());
     let said = end_within_a_second(emulator);
     assert!(said.contains("commands     5025 received, 0 frames dropped"), "each is carried out: {said}");
-    assert!(said.contains("replies dropped"), "what nobody read is counted: {said}");
+    assert!(said.contains("replies dropped"), "unread replies are counted: {said}");
     assert!(path.symlink_metadata().is_err(), "the link is removed");
     assert_eq!(fs::read_dir(directory.path()).unwrap().count(), 0, "nothing else is left");
 }
@@ -90,7 +90,7 @@ fn a_pty_client_that_stalls_with_the_pty_open_is_served_again_when_it_reads() {
     let emulator = Emulator::start(1, &["--pty", path.to_str().unwrap()]);
     let mut client = Client::open(&path);
     let (mut sent, start) = (0, Instant::now());
-    // Commands are read on though their replies are not, so that there is room for all of them.
+    // Commands are read though their replies are not, so that all of them are accepted.
     while sent < 2500 && start.elapsed() < PATIENCE {
         match client.stream.write(&ping()) {
             Ok(_) => sent += 1,
@@ -102,7 +102,7 @@ fn a_pty_client_that_stalls_with_the_pty_open_is_served_again_when_it_reads() {
     // The line takes 0.7 ms for a reply.
     sleep(Duration::from_millis(2500));
     read_all_replies(&mut client);
-    assert!(client.replies.len() < 2500, "the pty has no room for all replies");
+    assert!(client.replies.len() < 2500, "the pty cannot hold all replies");
     assert_eq!(client.defects, 0, "what comes is whole");
     assert_eq!(client.ask(&ping()).0.outcome(), CommandResult::Done);
     drop(client);
@@ -164,12 +164,12 @@ fn a_client_that_speaks_http_is_closed_and_none_of_its_bytes_are_a_command() {
         &power_off,
     ]
     .concat();
-    for piece in [1, 3, post.len()] {
+    for chunk_bytes in [1, 3, post.len()] {
         let mut page = TcpStream::connect(address).expect("the unit listens");
         page.set_nodelay(true).expect("a socket");
         page.set_read_timeout(Some(PATIENCE)).expect("a socket");
         // It may be closed before all is sent.
-        let _ = post.chunks(piece).try_for_each(|piece| page.write_all(piece));
+        let _ = post.chunks(chunk_bytes).try_for_each(|chunk| page.write_all(chunk));
         let mut received = Vec::new();
         let end = page.read_to_end(&mut received);
         let is_closed = end.as_ref().map_or_else(|error| error.kind() == ErrorKind::ConnectionReset, |_| true);
@@ -245,7 +245,7 @@ fn a_link_that_a_killed_emulator_left_is_taken_over_even_where_its_pty_is_somebo
     fs::write(directory.path().join("geu0.lock"), format!("geu pty {}\n", name.display())).unwrap();
     end_within_a_second(Emulator::start(1, &["--pty", path.to_str().unwrap()]));
 
-    // One that no emulator made is somebody's.
+    // A lock that no emulator made belongs to another program.
     symlink(&name, &path).unwrap();
     let refused = geu().args(["run", "--duration", "1", "--pty"]).arg(&path).output().expect("geu starts");
     assert_eq!(refused.status.code(), Some(2));
@@ -300,7 +300,7 @@ fn a_process_out_of_descriptors_says_so_and_its_links_recover() {
     let emulator = Emulator::of(limited(128, &["--control", "127.0.0.1:0"]), 2);
     let mut clients: Vec<_> = (0..120).map(|_| emulator.tcp()).collect();
     let mut first = Client::open(&path);
-    assert_eq!(first.ask(&ping()).0.outcome(), CommandResult::Done, "a pty needs none that clients took");
+    assert_eq!(first.ask(&ping()).0.outcome(), CommandResult::Done, "a pty needs no descriptor of the clients");
     drop(first);
     assert_eq!(clients[0].ask(&ping()).0.outcome(), CommandResult::Done);
     clients.clear();
@@ -310,7 +310,10 @@ fn a_process_out_of_descriptors_says_so_and_its_links_recover() {
         assert!(start.elapsed() < PATIENCE, "places are free again");
     }
     let said = end_within_a_second(emulator);
-    assert!(said.contains("is turned away") && said.contains("connections refused"), "{said}");
+    assert!(
+        said.contains("refused, further refusals are only counted") && said.contains("connections refused"),
+        "{said}"
+    );
 }
 
 #[test]
@@ -327,12 +330,12 @@ fn a_replay_whose_input_stands_still_ends_when_asked() {
     // All of it, and no end: another member may follow. Smaller than a pipe, so that nothing blocks here.
     assert!(packed.stdout.len() < 65_536, "{} bytes", packed.stdout.len());
     let mut input = replay.stdin.take().expect("a pipe");
-    input.write_all(&packed.stdout).expect("room");
+    input.write_all(&packed.stdout).expect("written");
     let mut ready = [0; 6];
     replay.stdout.take().expect("a pipe").read_exact(&mut ready).expect("a line");
     sleep(Duration::from_millis(300));
     kill(Pid::from_raw(replay.id() as i32), Signal::SIGTERM).expect("it runs");
-    // Readers have 0.3 s, and whoever reads the recording as long.
+    // Timeout of readers 0.3 s, and of the recording's reader as long.
     assert!(ends_within(&mut replay, Duration::from_millis(1500)), "it ends when asked");
     drop(input);
 }

@@ -13,10 +13,10 @@ use geu_tests::{geu, root};
 /// Virtual memory of a child, KiB: some 200 MB lie above what a command needs that reads a bounded input, and gigabytes below what
 /// reading without a bound takes.
 const CHILD_KIB: u64 = 1_500_000;
-/// Of a decode of serial bytes, which keeps nothing: the program itself maps some 60 MB of it.
+/// For a decode of serial bytes, which keeps no rows: the program itself maps some 60 MB of it.
 const DECODE_KIB: u64 = 300_000;
 
-/// Runs geu with no more than so much memory.
+/// Runs geu with limited memory.
 fn bounded(kib: u64, arguments: &[&str]) -> Output {
     let program = geu().get_program().to_owned();
     let mut shell = Command::new("sh");
@@ -32,8 +32,8 @@ fn path(directory: &Path, name: &str) -> String {
     directory.join(name).to_str().expect("UTF-8").to_owned()
 }
 
-/// A file of `count` times `piece`, compressed as its name says.
-fn repeated(directory: &Path, name: &str, head: &[u8], piece: &[u8], count: usize) -> String {
+/// A file of `head` and `count` times `block`, compressed according to its name.
+fn repeated(directory: &Path, name: &str, head: &[u8], block: &[u8], count: usize) -> String {
     let path = path(directory, name);
     let file = BufWriter::new(File::create(&path).expect("a file"));
     let mut file: Box<dyn Write> = match name.rsplit('.').next() {
@@ -42,9 +42,9 @@ fn repeated(directory: &Path, name: &str, head: &[u8], piece: &[u8], count: usiz
         _ => Box::new(file),
     };
     file.write_all(head).expect("a file");
-    let block = piece.repeat((1 << 20) / piece.len());
-    for _ in 0..(count * piece.len()).div_ceil(block.len()) {
-        file.write_all(&block).expect("a file");
+    let chunk = block.repeat((1 << 20) / block.len());
+    for _ in 0..(count * block.len()).div_ceil(chunk.len()) {
+        file.write_all(&chunk).expect("a file");
     }
     path
 }
@@ -101,8 +101,8 @@ fn a_series_is_bounded_row_by_row() {
     let out = path(directory, "run");
     // What begins as a series and never ends its row: a line, a quoted field, blank lines.
     let quote = |name: &str| if name.starts_with("quoted") { "\"" } else { "" };
-    for (name, piece) in [("line.csv.zst", &b"0"[..]), ("quoted.csv.zst", b"a\n"), ("blank.csv.gz", b"\n")] {
-        let of = |head: &str| repeated(directory, name, [head, quote(name)].concat().as_bytes(), piece, 300_000_000);
+    for (name, block) in [("line.csv.zst", &b"0"[..]), ("quoted.csv.zst", b"a\n"), ("blank.csv.gz", b"\n")] {
+        let of = |head: &str| repeated(directory, name, [head, quote(name)].concat().as_bytes(), block, 300_000_000);
         let reference = "t_s,rate_x_arcsec_s,rate_y_arcsec_s,rate_z_arcsec_s\n0,0,0,0\n";
         let check = |file: &str, arguments: &[&str]| {
             let output = bounded(CHILD_KIB, arguments);
@@ -127,11 +127,11 @@ fn what_is_not_read_is_refused_by_its_name_with_what_converts_it() {
     let directory = tempfile::tempdir().expect("a directory");
     for foreign in FOREIGN {
         let file = path(directory.path(), "capture.bin");
-        fs::write(&file, [foreign.begins(), &[0x5A; 4000]].concat()).expect("a file");
+        fs::write(&file, [foreign.signature, &[0x5A; 4000]].concat()).expect("a file");
         let output = geu().args(["decode", &file]).output().expect("geu starts");
         let message = said(&output);
         assert_eq!(output.status.code(), Some(2), "{message}");
-        let expected = format!("geu: {file}: is {}, which geu does not read; ", foreign.name());
+        let expected = format!("geu: {file}: is {}, which geu does not read; ", foreign.name);
         assert!(message.starts_with(&expected) && message.lines().count() == 1, "{message}");
         assert!(output.stdout.is_empty(), "{message}");
         for arguments in [&["decode", &file, "--format", "summary"][..], &["track", &file]] {
@@ -174,7 +174,7 @@ fn bytes_without_a_frame_are_refused_however_many_there_are() {
         ("/dev/zero".to_owned(), 1 << 26),
     ];
     fs::write(&files[0].0, &noise).expect("a file");
-    for (file, at_least) in &files {
+    for (file, min_length) in &files {
         let mut refused = Vec::new();
         for arguments in
             [&["decode", "--quiet"][..], &["replay", "--tcp", "127.0.0.1:0"], &["track", "--config", configuration]]
@@ -187,8 +187,8 @@ fn bytes_without_a_frame_are_refused_however_many_there_are() {
         assert!(refused.iter().all(|other| other == message), "{refused:?}");
         let expected = format!("geu: {file}: offset 0 to ");
         let length = message.strip_prefix(&expected).and_then(|rest| rest.split(':').next()?.parse::<u64>().ok());
-        // A piece that was read at once may lead beyond.
-        assert!(length.is_some_and(|length| (*at_least..at_least + (2 << 20)).contains(&length)), "{message}");
+        // The limit is checked after each chunk.
+        assert!(length.is_some_and(|length| (*min_length..min_length + (2 << 20)).contains(&length)), "{message}");
         assert!(
             message.contains("expected pcap, pcapng or serial frames EB 90 … with a matching CRC, got none; it begins")
         );
@@ -231,7 +231,7 @@ fn a_defect_that_comes_again_is_one_line_with_a_count() {
 }
 
 #[test]
-fn a_defect_on_either_side_of_a_row_is_told_twice() {
+fn a_defect_on_either_side_of_a_row_is_reported_twice() {
     let directory = tempfile::tempdir().expect("a directory");
     let directory = directory.path();
     let frame = geu_protocol::serial::data_frame(&geu_protocol::Sample { clock_count: 500_000, ..Default::default() });

@@ -1,5 +1,5 @@
-//! Our model against recordings of the plant, which reads the model's page on its own: what is hidden in them is seen, and
-//! with it put in nothing but noise is left.
+//! Compares the model with recordings of an independent implementation of the model page: an injected effect shows in the residual, and
+//! with the effect configured only noise remains.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -17,17 +17,17 @@ use nalgebra::DVector;
 const UNIT: &[Gyro] = &[];
 /// Near the middle of the recording.
 const ONSET: (&str, f64) = ("time_s", 5200.0);
-/// Two roundings of half a count each, and what steps of 0.1 s see otherwise than those of the plant, most of all where a
-/// time offset reads motion before the reference begins.
+/// Two roundings of half a count each, and the difference of step lengths, largest if a time offset reads motion before the reference
+/// begins.
 const ROUNDING_ARCSEC: f64 = 1.2;
 const HEATER_OFF_S: f64 = 4000.0;
 /// HEATER, off.
 const HEATER_OFF: [u8; 2] = [7, 0];
 
-/// Flown, written and read again.
+/// Simulates, writes and reads a recording.
 fn recorded(plant: &IndependentModel) -> Recording {
-    let room = tempfile::tempdir().expect("a directory");
-    let [link, reference] = written(plant, room.path());
+    let directory = tempfile::tempdir().expect("a directory");
+    let [link, reference] = written(plant, directory.path());
     Recording::read(&link, &reference)
 }
 
@@ -40,13 +40,13 @@ fn written(plant: &IndependentModel, directory: &Path) -> [PathBuf; 2] {
     })
 }
 
-/// What a configuration calls it.
-fn overrides(hidden: &PlantedEffect) -> Vec<String> {
-    let PlantedEffect { code, gyros, parameters } = hidden;
+/// Name in the configuration.
+fn overrides(injected: &PlantedEffect) -> Vec<String> {
+    let PlantedEffect { code, gyros, parameters } = injected;
     let swap = code.starts_with("axis-swap");
     let places: Vec<String> = match &gyros[..] {
         [] => vec!["unit".to_owned()],
-        // Named at one of the two.
+        // The configuration names a pair at the first gyro.
         [gyro, _] if swap => vec![format!("gyro.{}", gyro.name())],
         gyros => gyros.iter().map(|gyro| format!("gyro.{}", gyro.name())).collect(),
     };
@@ -68,7 +68,7 @@ fn unit(code: &str, parameters: &[(&str, f64)]) -> Vec<PlantedEffect> {
     vec![PlantedEffect::new(code, UNIT, parameters)]
 }
 
-/// Each gyro on both of its other axes, by amplitudes whose names have this before and behind them.
+/// Amplitudes of each gyro about both other axes, by name before and after the axis.
 fn misaligned(code: &str, [before, behind]: [&str; 2], arcsec: f64, shapes: &[(&str, f64)]) -> Vec<PlantedEffect> {
     let rows: [(&[Gyro], _, _); 3] =
         [(&[Gyro::X], "y", "z"), (&[Gyro::Y], "x", "z"), (&[Gyro::Za, Gyro::Zb], "x", "y")];
@@ -80,39 +80,39 @@ fn misaligned(code: &str, [before, behind]: [&str; 2], arcsec: f64, shapes: &[(&
     rows.map(of_row).to_vec()
 }
 
-/// The plant that flies this; drifts with the sensor's temperature are seen by a sensor that cools.
-fn plant(seed: u64, hidden: &[PlantedEffect]) -> IndependentModel {
-    let cools = hidden.iter().any(|hidden| hidden.code == "drift-sensor-temperature");
-    IndependentModel { heater_off_s: cools.then_some(HEATER_OFF_S), ..IndependentModel::new(seed, hidden.to_vec()) }
+/// Independent model with these effects; for drifts with the sensor's temperature, the sensor cools.
+fn plant(seed: u64, injected: &[PlantedEffect]) -> IndependentModel {
+    let cools = injected.iter().any(|injected| injected.code == "drift-sensor-temperature");
+    IndependentModel { heater_off_s: cools.then_some(HEATER_OFF_S), ..IndependentModel::new(seed, injected.to_vec()) }
 }
 
-/// Our model with what is hidden put in departs from the plant by no more than it does where nothing is hidden: on the same
-/// flight with the same noises the two differ by how counts are rounded.
-fn assert_alike(plant: &IndependentModel, with: &Comparison, null: &Comparison) {
+/// Asserts that our model with the injected effects differs from the independent model as little as without effects: for the same
+/// scenario and noise, only the rounding of counts differs.
+fn assert_equivalent(plant: &IndependentModel, with: &Comparison, null: &Comparison) {
     for (gyro, (with, null)) in GYROS.iter().zip(with.residuals.iter().zip(&null.residuals)) {
-        let apart: Vec<f64> = with.iter().zip(null).map(|(with, null)| with - null).collect();
-        let apart = largest(&apart);
-        assert!(apart < ROUNDING_ARCSEC, "{:?} {}: {apart:.2} arcsec apart", plant.hidden, gyro.name());
+        let difference: Vec<f64> = with.iter().zip(null).map(|(with, null)| with - null).collect();
+        let difference = largest(&difference);
+        assert!(difference < ROUNDING_ARCSEC, "{:?} {}: {difference:.2} arcsec", plant.effects, gyro.name());
     }
 }
 
-/// On one flight, each of these alone is seen by the gyros that have it, and explained.
+/// Asserts for one scenario that each effect shows in the residual of its gyros, and that our model explains it.
 fn assert_explained(seed: u64, cases: &[Vec<PlantedEffect>]) {
     println!("{}", Case::COLUMNS);
     let null = recorded(&plant(seed, &[])).against(&[]);
-    for hidden in cases {
-        let plant = plant(seed, hidden);
+    for injected in cases {
+        let plant = plant(seed, injected);
         let recording = recorded(&plant);
-        let overrides: Vec<String> = hidden.iter().flat_map(overrides).collect();
+        let overrides: Vec<String> = injected.iter().flat_map(overrides).collect();
         let command_s = plant.heater_off_s.unwrap_or(f64::INFINITY);
         let [without, with] =
             [&[][..], &overrides].map(|overrides| recording.against_commanded(overrides, command_s, &HEATER_OFF));
-        assert_alike(&plant, &with, &null);
+        assert_equivalent(&plant, &with, &null);
         for (gyro, left) in GYROS.iter().zip(with.refitted()) {
-            assert!(largest(&left) < RESIDUAL_ARCSEC, "{hidden:?} {}: {:.2} left", gyro.name(), largest(&left));
+            assert!(largest(&left) < RESIDUAL_ARCSEC, "{injected:?} {}: {:.2} left", gyro.name(), largest(&left));
         }
-        let gyros = hidden.iter().flat_map(|hidden| &hidden.gyros).map(|gyro| gyro.name().to_owned()).collect();
-        let mut codes: Vec<&str> = hidden.iter().map(|hidden| hidden.code.as_str()).collect();
+        let gyros = injected.iter().flat_map(|injected| &injected.gyros).map(|gyro| gyro.name().to_owned()).collect();
+        let mut codes: Vec<&str> = injected.iter().map(|injected| injected.code.as_str()).collect();
         codes.dedup();
         let name = if codes.is_empty() { "nothing".to_owned() } else { codes.join(" ") };
         Case { name, gyros, without, with }.assert_chi_squared_falls_as_predicted();
@@ -209,17 +209,17 @@ fn accelerations_and_products_of_rates_are_explained() {
 }
 
 #[test]
-fn constant_departures_of_the_calibration_are_alike() {
+fn constant_calibration_errors_are_equivalent() {
     let null = recorded(&plant(8, &[])).against(&[]);
-    for hidden in [
+    for injected in [
         head("drift", &[("arcsec_per_h", 200.0)]),
         head("scale-factor", &[("ppm", 300.0)]),
         misaligned("misalignment", ["", ""], 40.0, &[]),
     ] {
-        // The sixteen take them, so that only what was not refitted can show them.
-        let plant = plant(8, &hidden);
-        let overrides: Vec<String> = hidden.iter().flat_map(overrides).collect();
-        assert_alike(&plant, &recorded(&plant).against(&overrides), &null);
+        // Refitted calibration parameters absorb them; only the configured calibration shows them.
+        let plant = plant(8, &injected);
+        let overrides: Vec<String> = injected.iter().flat_map(overrides).collect();
+        assert_equivalent(&plant, &recorded(&plant).against(&overrides), &null);
     }
 }
 
@@ -242,28 +242,28 @@ fn wiring_does_to_the_counts_of_both_what_its_code_says() {
         ("stuck-output-step", &[Gyro::X], |before, [_, y, za, zb]| [before[0], y, za, zb]),
     ];
     for (code, gyros, wiring) in cases {
-        let hidden = PlantedEffect::new(code, gyros, &[("on", 1.0), ONSET]);
+        let injected = PlantedEffect::new(code, gyros, &[("on", 1.0), ONSET]);
         let wired = |mut counts: Vec<[i16; 4]>| {
             for index in (ONSET.1 / 0.5) as usize..counts.len() {
                 counts[index] = wiring(counts[index - 1], counts[index]);
             }
             counts
         };
-        let recording = recorded(&plant(9, std::slice::from_ref(&hidden)));
+        let recording = recorded(&plant(9, std::slice::from_ref(&injected)));
         assert!(increments(&recording) == wired(increments(&null)), "{code}: the plant");
-        assert!(modelled(&recording, &overrides(&hidden)) == wired(modelled(&null, &[])), "{code}: the model");
+        assert!(modelled(&recording, &overrides(&injected)) == wired(modelled(&null, &[])), "{code}: the model");
     }
 }
 
 #[test]
-fn noises_larger_than_configured_are_of_the_size_that_was_hidden() {
+fn noises_larger_than_configured_are_of_the_size_that_was_injected() {
     // A twentieth of the variance: rounding is not quite white while a gyro rests.
     let noise_like = 0.95..1.05;
-    for hidden in [
+    for injected in [
         PlantedEffect::new("angle-random-walk", &GYROS, &[("arcsec_per_sqrt_s", 0.3)]),
         PlantedEffect::new("drift-random-walk", &GYROS, &[("arcsec_per_s_per_sqrt_s", 2e-4)]),
     ] {
-        let comparison = recorded(&plant(10, std::slice::from_ref(&hidden))).against(&[]);
+        let comparison = recorded(&plant(10, std::slice::from_ref(&injected))).against(&[]);
         let chi2_per_dof = |overrides: &[String], gyro: Gyro| {
             let configuration = Configuration::reference_with(overrides).expect("valid");
             let residual = &comparison.residuals[gyro as usize];
@@ -271,23 +271,23 @@ fn noises_larger_than_configured_are_of_the_size_that_was_hidden() {
             comparison.chi2(&whitening, residual) / (residual.len() - 4) as f64
         };
         for gyro in GYROS {
-            let [configured, hidden_] = [chi2_per_dof(&[], gyro), chi2_per_dof(&overrides(&hidden), gyro)];
-            println!("{} {}: chi2/dof {configured:.3}, {hidden_:.3}", hidden.code, gyro.name());
-            assert!(configured > noise_like.end, "{} {}: {configured:.3}", hidden.code, gyro.name());
-            assert!(noise_like.contains(&hidden_), "{} {}: {hidden_:.3}", hidden.code, gyro.name());
+            let [configured, injected_] = [chi2_per_dof(&[], gyro), chi2_per_dof(&overrides(&injected), gyro)];
+            println!("{} {}: chi2/dof {configured:.3}, {injected_:.3}", injected.code, gyro.name());
+            assert!(configured > noise_like.end, "{} {}: {configured:.3}", injected.code, gyro.name());
+            assert!(noise_like.contains(&injected_), "{} {}: {injected_:.3}", injected.code, gyro.name());
         }
     }
 }
 
 #[test]
 fn what_is_outside_the_catalogue_is_seen_and_is_what_its_formula_says() {
-    let hidden = [
+    let injected = [
         PlantedEffect::new("rate-drift", &[Gyro::X], &[("ppm", 100.0)]),
         PlantedEffect::new("rate-product-coupling", &[Gyro::Y], &[("per_arcsec_s", 3e-6)]),
         PlantedEffect::new("count-backlash", &[Gyro::Za], &[("play_arcsec", 8.0)]),
         PlantedEffect::new("rate-squared-coupling", &[Gyro::Zb], &[("per_arcsec_s", 4e-7)]),
     ];
-    let recording = recorded(&plant(11, &hidden));
+    let recording = recorded(&plant(11, &injected));
     let comparison = recording.against(&[]);
     let samples = comparison.regressors.nrows();
     let configuration = Configuration::reference();
@@ -323,15 +323,15 @@ fn what_is_outside_the_catalogue_is_seen_and_is_what_its_formula_says() {
 }
 
 #[test]
-fn a_flight_is_decoded_without_a_defect_and_calibrated_to_the_unit_s_own_sixteen() {
-    let room = tempfile::tempdir().expect("a directory");
+fn a_recording_is_decoded_without_defect_and_calibrated_to_the_unit_s_parameters() {
+    let directory = tempfile::tempdir().expect("a directory");
     let plant = plant(1, &[]);
     let truth = plant.record().calibrations.map(|calibration| {
         let [x_arcsec, y_arcsec, z_arcsec] = calibration.misalignment_arcsec;
         let geu_plant::Calibration { scale_factor, drift_arcsec_per_half_s, .. } = calibration;
         Calibration { scale_factor, drift_arcsec_per_half_s, x_arcsec, y_arcsec, z_arcsec }
     });
-    let [link, reference] = written(&plant, room.path());
+    let [link, reference] = written(&plant, directory.path());
     // A defect is a panic.
     let recording = Recording::read(&link, &reference);
     assert_eq!(recording.rows.len() as f64, plant.duration_s / 0.5);
@@ -340,7 +340,7 @@ fn a_flight_is_decoded_without_a_defect_and_calibrated_to_the_unit_s_own_sixteen
         assert_eq!(row.sample.clock_count, 500_000 * (sequence as u64 + 1));
     }
 
-    let json = room.path().join("result.json");
+    let json = directory.path().join("result.json");
     let output = geu()
         .arg("calibrate")
         .arg("--link")
@@ -353,10 +353,10 @@ fn a_flight_is_decoded_without_a_defect_and_calibrated_to_the_unit_s_own_sixteen
     let output = output.expect("geu starts");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let json = fs::read_to_string(json).expect("written");
-    let believed = PriorCalibration::parse("result.json", &json, &[]).expect("a calibration");
-    let (calibrations, sigmas) = (believed.calibrations, solve::values(&believed.sigmas));
+    let prior = PriorCalibration::parse("result.json", &json, &[]).expect("a calibration");
+    let (calibrations, sigmas) = (prior.calibrations, solve::values(&prior.sigmas));
     for ((value, sigma), truth) in solve::values(&calibrations).iter().zip(sigmas).zip(solve::values(&truth)) {
-        // Of sixteen one is farther off once in a hundred thousand recordings.
+        // With normal errors a parameter exceeds this once in 100 000 recordings.
         assert!((value - truth).abs() < 5.0 * sigma && sigma > 0.0, "{value} ± {sigma}, {truth}");
     }
     let overrides: Vec<String> = GYROS.iter().zip(calibrations).flat_map(calibrated).collect();

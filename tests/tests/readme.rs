@@ -1,4 +1,4 @@
-//! Every command that the README shows runs as it stands there, in a directory of its own.
+//! Each command of the README runs as printed, in its own directory.
 //!
 //! A command that is new in the README is run here without further ado; what cannot run says why in `SKIPPED`.
 
@@ -30,12 +30,12 @@ const SKIPPED: [(&str, &str); 16] = [
     // Each of these is minutes of computing in the test profile.
     ("geu checkout --precautions", "takes too long; tools/calibration/tests/checkout.rs does it"),
     ("geu checkout --runs", "takes too long; tools/calibration/tests/checkout.rs does it"),
-    ("geu diagnose --link hidden", "takes too long; tests/diagnose_page.rs does it"),
+    ("geu diagnose --link run5", "takes too long; tests/diagnose_page.rs does it"),
     ("geu diagnose --config trial", "takes too long; tests/diagnose_page.rs does it"),
     ("geu blind score", "needs the diagnosis that takes too long; tools/geu/tests/blind.rs does it"),
     ("geu selftest", "takes too long; tools/selftest/tests/selftest.rs does it"),
 ];
-/// What is said otherwise here, so that it is quick and meets no other program of this machine.
+/// Replacements that make commands short and independent of other programs.
 const INSTEAD: [(&str, &str); 6] = [
     ("/tmp/geu0", "pty0"),
     ("--record run1 --duration 60", "--record run1 --duration 5"),
@@ -55,7 +55,7 @@ const LIVE: [&str; 7] = [
     "geu replay raw.bin",
     "geu run --pty pty0 --set",
 ];
-/// A live command must live so long, or be done; it starts within a few milliseconds.
+/// Time after which a live command must still run, or have succeeded.
 const LIVES: Duration = Duration::from_millis(1500);
 /// A command takes a second or two; on a loaded machine a build beside it may take all the rest.
 const TIMEOUT: Duration = Duration::from_secs(120);
@@ -69,28 +69,28 @@ fn commands(text: &str) -> Vec<String> {
     indented.filter(is_command).map(|line| line.split(" #").next().unwrap_or(line).trim().to_owned()).collect()
 }
 
-/// What the README takes for given: recordings of one's own.
-fn give(room: &Path) {
-    symlink(root().join("configs"), room.join("configs")).expect("a link");
+/// Creates the recordings that the README assumes.
+fn give(directory: &Path) {
+    symlink(root().join("configs"), directory.join("configs")).expect("a link");
     for (capture, name) in [
         ("encoded.log", "candump-2026-07-01.log"),
         ("encoded.pcapng", "trace.pcapng"),
         ("encoded-python-can.asc", "bench.asc"),
     ] {
-        fs::copy(root().join("tests/captures").join(capture), room.join(name)).expect("copied");
+        fs::copy(root().join("tests/captures").join(capture), directory.join(name)).expect("copied");
     }
     let mut simulate = geu();
-    simulate.current_dir(room).args(["simulate", "--duration", "60", "--wire", "serial", "--out", "raw"]);
+    simulate.current_dir(directory).args(["simulate", "--duration", "60", "--wire", "serial", "--out", "raw"]);
     assert!(simulate.output().expect("geu starts").status.success());
-    fs::copy(room.join("raw/link.bin"), room.join("raw.bin")).expect("copied");
-    let gz = fs::File::create(room.join("raw.bin.gz")).expect("a file");
+    fs::copy(directory.join("raw/link.bin"), directory.join("raw.bin")).expect("copied");
+    let gz = fs::File::create(directory.join("raw.bin.gz")).expect("a file");
     let mut gz = GzEncoder::new(gz, Compression::fast());
-    std::io::copy(&mut fs::File::open(room.join("raw.bin")).expect("a file"), &mut gz).expect("packed");
+    std::io::copy(&mut fs::File::open(directory.join("raw.bin")).expect("a file"), &mut gz).expect("packed");
     gz.finish().expect("packed");
-    fs::copy(room.join("raw/reference.csv"), room.join("attitude.aem")).expect("copied");
+    fs::copy(directory.join("raw/reference.csv"), directory.join("attitude.aem")).expect("copied");
 }
 
-/// A running command; ended when it goes.
+/// A running command, ended on drop.
 struct Running(Child);
 
 impl Drop for Running {
@@ -101,16 +101,16 @@ impl Drop for Running {
 }
 
 /// A shell's process for a command, as a user has it.
-fn start(room: &Path, command: &str, path: &str) -> Running {
-    let error = fs::File::create(room.join("stderr")).expect("a file");
+fn start(directory: &Path, command: &str, path: &str) -> Running {
+    let error = fs::File::create(directory.join("stderr")).expect("a file");
     let mut shell = Command::new("sh");
-    shell.args(["-c", &format!("exec {command}")]).current_dir(room);
-    shell.env("PATH", path).env("XDG_RUNTIME_DIR", room).env("XDG_CACHE_HOME", room.join("cache"));
+    shell.args(["-c", &format!("exec {command}")]).current_dir(directory);
+    shell.env("PATH", path).env("XDG_RUNTIME_DIR", directory).env("XDG_CACHE_HOME", directory.join("cache"));
     shell.env_remove("GEU_CONTROL_TOKEN").stdin(Stdio::null()).stdout(Stdio::null()).stderr(error);
     Running(shell.spawn().expect("sh starts"))
 }
 
-/// Waits for its end so long; its exit code.
+/// Waits for the end; returns the exit code, or `None` after the time `within`.
 fn ended(child: &mut Running, within: Duration) -> Option<i32> {
     let start = Instant::now();
     loop {
@@ -132,12 +132,12 @@ fn end(mut child: Running) {
 
 #[test]
 fn every_command_of_the_readme_runs() {
-    let room = tempfile::tempdir().expect("a directory");
-    let room = room.path();
-    give(room);
+    let directory = tempfile::tempdir().expect("a directory");
+    let directory = directory.path();
+    give(directory);
     let program = geu_obc().get_program().to_owned();
-    let directory = Path::new(&program).parent().expect("a directory").display().to_string();
-    let path = format!("{directory}:{}", std::env::var("PATH").unwrap_or_default());
+    let programs = Path::new(&program).parent().expect("a directory").display();
+    let path = format!("{programs}:{}", std::env::var("PATH").unwrap_or_default());
     let all = commands(&fs::read_to_string(root().join("README.md")).expect("a README"));
     assert!(all.len() > 45, "{all:?}");
     // The unit of `geu run --pty`, which the commands after it speak with.
@@ -147,17 +147,17 @@ fn every_command_of_the_readme_runs() {
     }
     for shown in all.iter().filter(|shown| !SKIPPED.iter().any(|(begin, _)| shown.starts_with(begin))) {
         let command = INSTEAD.iter().fold(format!("{shown} \n"), |text, (from, to)| text.replace(from, to));
-        let said = || fs::read_to_string(room.join("stderr")).unwrap_or_default();
+        let said = || fs::read_to_string(directory.join("stderr")).unwrap_or_default();
         let began = Instant::now();
         let is_unit = command.starts_with("geu run --pty") || command.starts_with("geu replay candump");
         if let Some(unit) = unit.take_if(|_| is_unit) {
             end(unit);
         }
         if (command.starts_with("geu inject") || command.starts_with("geu send")) && unit.is_none() {
-            unit = Some(start(room, "geu run --pty pty0", &path));
+            unit = Some(start(directory, "geu run --pty pty0", &path));
             sleep(LIVES);
         }
-        let mut child = start(room, &command, &path);
+        let mut child = start(directory, &command, &path);
         if LIVE.iter().any(|begin| command.starts_with(begin)) && !command.contains("--duration") {
             let code = ended(&mut child, LIVES);
             assert!(matches!(code, None | Some(0)), "{shown}: exit {code:?}: {}", said());
@@ -169,5 +169,8 @@ fn every_command_of_the_readme_runs() {
         println!("{:6.1} s  {shown}", began.elapsed().as_secs_f64());
     }
     unit.into_iter().for_each(end);
-    assert!(fs::metadata(room.join("run4/faults.jsonl")).is_ok_and(|file| file.len() > 0), "no faults were told");
+    assert!(
+        fs::metadata(directory.join("run4/faults.jsonl")).is_ok_and(|file| file.len() > 0),
+        "no faults were logged"
+    );
 }

@@ -1,5 +1,5 @@
-//! What is acknowledged is on disk: a recording that is cut reads to its last whole record and can be made again, and no disk
-//! holds up the cadence, the replies or the end of the process.
+//! Acknowledged commands are on disk, a cut recording reads to its last complete record and can be reproduced, and a stalled disk
+//! delays neither cadence nor replies nor the end of the process.
 
 use std::fs;
 use std::io::{Read, Write};
@@ -17,7 +17,7 @@ use geu_tests::{geu, skipped};
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 
-/// Every file of a recording of the serial form whose bytes are those of the run made again.
+/// Files of a serial recording that are equal in the reproduced run.
 const FILES: [&str; 7] =
     ["link.bin", "truth.csv", "reference.csv", "manoeuvres.csv", "commands.jsonl", "fss.csv", "sse.csv"];
 
@@ -37,7 +37,7 @@ fn simulate(live: &Path, again: &Path) {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
 }
 
-/// Each file of a recording is the beginning of that of the same run made again.
+/// Asserts that each file is a prefix of that of the reproduced run.
 fn assert_made_again(live: &Path, again: &Path) {
     simulate(live, again);
     for name in FILES {
@@ -68,9 +68,9 @@ fn inject(control: &str, arguments: &[&str]) {
 }
 
 #[test]
-fn a_killed_run_has_all_that_was_acknowledged_and_can_be_made_again() {
-    let room = directory();
-    let (live, again) = (room.path().join("live"), room.path().join("again"));
+fn a_killed_run_keeps_acknowledged_commands_and_can_be_reproduced() {
+    let directory = directory();
+    let (live, again) = (directory.path().join("live"), directory.path().join("again"));
     let mut emulator = Emulator::of(recorded(&live, "127.0.0.1:0", &["--speed", "4"]), 1);
     let control = emulator.control();
     let mut client = emulator.tcp();
@@ -95,11 +95,11 @@ fn a_killed_run_has_all_that_was_acknowledged_and_can_be_made_again() {
     let run = fs::read_to_string(live.join("run.toml")).expect("a run");
     assert!(run.contains("unfinished = true") && run.contains("id = \"acknowledged\""), "{run}");
     assert!(run.contains("until_s"), "the first fault was cleared: {run}");
-    assert!(fs::metadata(live.join("link.bin")).expect("a link").len() >= 8 * 28, "what was recorded is there");
+    assert!(fs::metadata(live.join("link.bin")).expect("a link").len() >= 8 * 28, "recorded samples are on disk");
     assert_made_again(&live, &again);
     assert!(fs::read_to_string(again.join("truth.csv")).expect("a truth").contains("fault_counts"));
     assert!(fs::read_to_string(again.join("commands.jsonl")).expect("commands").starts_with(&commands));
-    // Cut anywhere in its last rows, as a machine that goes down may leave it.
+    // Cut anywhere in the last rows, as after a crash of the machine.
     for name in ["truth.csv", "commands.jsonl"] {
         let whole = fs::read(live.join(name)).expect(name);
         fs::write(live.join(name), &whole[..whole.len() - 7]).expect("written");
@@ -117,10 +117,10 @@ fn a_killed_run_has_all_that_was_acknowledged_and_can_be_made_again() {
 }
 
 #[test]
-fn a_disk_that_stalls_holds_up_neither_cadence_nor_replies_nor_the_end() {
-    let room = directory();
-    let (live, again) = (room.path().join("live"), room.path().join("again"));
-    let Some(disk) = StalledDisk::new(&live, room.path()) else { return skipped("no C compiler") };
+fn a_stalled_disk_delays_neither_cadence_nor_replies_nor_the_end() {
+    let directory = directory();
+    let (live, again) = (directory.path().join("live"), directory.path().join("again"));
+    let Some(disk) = StalledDisk::new(&live, directory.path()) else { return skipped("no C compiler") };
     let mut run = recorded(&live, "127.0.0.1:0", &[]);
     disk.under(&mut run);
     let mut emulator = Emulator::of(run, 1);
@@ -130,7 +130,7 @@ fn a_disk_that_stalls_holds_up_neither_cadence_nor_replies_nor_the_end() {
     disk.stall();
     let (start, before) = (Instant::now(), client.samples.len());
     let mut took: Vec<Duration> = Vec::new();
-    // More events than the queue that once held up the unit.
+    // More events than a queue of the recorder holds.
     while took.len() < 1500 || start.elapsed() < Duration::from_millis(2500) {
         took.push(command(&mut client, &[1]));
     }
@@ -152,10 +152,10 @@ fn a_disk_that_stalls_holds_up_neither_cadence_nor_replies_nor_the_end() {
 }
 
 #[test]
-fn a_disk_that_stalls_for_a_while_costs_nothing() {
-    let room = directory();
-    let (live, again) = (room.path().join("live"), room.path().join("again"));
-    let Some(disk) = StalledDisk::new(&live, room.path()) else { return skipped("no C compiler") };
+fn a_disk_that_stalls_for_a_while_loses_nothing() {
+    let directory = directory();
+    let (live, again) = (directory.path().join("live"), directory.path().join("again"));
+    let Some(disk) = StalledDisk::new(&live, directory.path()) else { return skipped("no C compiler") };
     let mut run = recorded(&live, "127.0.0.1:0", &["--speed", "max", "--duration", "20000", "--wait"]);
     disk.under(&mut run);
     let emulator = Emulator::of(run, 1);
@@ -174,9 +174,9 @@ fn a_disk_that_stalls_for_a_while_costs_nothing() {
 
 #[test]
 fn a_run_without_deadlines_that_waits_for_its_disk_ends_when_asked() {
-    let room = directory();
-    let live = room.path().join("live");
-    let Some(disk) = StalledDisk::new(&live, room.path()) else { return skipped("no C compiler") };
+    let directory = directory();
+    let live = directory.path().join("live");
+    let Some(disk) = StalledDisk::new(&live, directory.path()) else { return skipped("no C compiler") };
     let mut run = recorded(&live, "off", &["--speed", "max"]);
     disk.under(&mut run);
     let emulator = Emulator::of(run, 1);
@@ -193,9 +193,9 @@ fn a_run_without_deadlines_that_waits_for_its_disk_ends_when_asked() {
 
 #[test]
 fn a_run_whose_disk_hangs_from_the_start_ends_when_asked() {
-    let room = directory();
-    let live = room.path().join("live");
-    let Some(disk) = StalledDisk::new(&live, room.path()) else { return skipped("no C compiler") };
+    let directory = directory();
+    let live = directory.path().join("live");
+    let Some(disk) = StalledDisk::new(&live, directory.path()) else { return skipped("no C compiler") };
     let mut run = recorded(&live, "off", &[]);
     disk.under(&mut run);
     disk.stall();
@@ -212,10 +212,10 @@ fn a_run_whose_disk_hangs_from_the_start_ends_when_asked() {
 
 #[test]
 fn a_full_disk_ends_the_recording_and_not_the_unit() {
-    let room = directory();
-    let (live, again) = (room.path().join("live"), room.path().join("again"));
+    let directory = directory();
+    let (live, again) = (directory.path().join("live"), directory.path().join("again"));
     let run = recorded(&live, "127.0.0.1:0", &["--speed", "10"]);
-    // A file of more than 20 kB finds no room.
+    // A file of more than 20 kB finds no directory.
     let mut full = Command::new("sh");
     full.args(["-c", "trap '' XFSZ; ulimit -f 40; exec \"$0\" \"$@\""]).arg(run.get_program()).args(run.get_args());
     let mut emulator = Emulator::of(full, 1);
@@ -229,22 +229,22 @@ fn a_full_disk_ends_the_recording_and_not_the_unit() {
     let recording = status(&control)["recording"].clone();
     assert!(recording["reason"].as_str().expect("a reason").contains("truth.csv"), "{recording}");
     let before = client.samples.len();
-    assert!(client.read_until(|client| client.samples.len() > before + 5), "the unit goes on");
+    assert!(client.read_until(|client| client.samples.len() > before + 5), "the emulation continues");
     command(&mut client, &[1]);
     assert!(client.is_without_gap());
     emulator.ask_to_end();
     let (code, said) = emulator.end();
     assert_eq!(code, Some(1), "{said}");
-    assert_eq!(said.matches("goes on without it").count(), 1, "{said}");
+    assert_eq!(said.matches("emulation continues without it").count(), 1, "{said}");
     let run = fs::read_to_string(live.join("run.toml")).expect("a run");
     assert!(run.contains("ended_early = { half_second = ") && run.contains("truth.csv"), "{run}");
     assert_made_again(&live, &again);
 }
 
 #[test]
-fn an_interrupted_simulation_is_a_whole_recording_of_what_it_came_to() {
-    let room = directory();
-    let (live, again) = (room.path().join("live"), room.path().join("again"));
+fn an_interrupted_simulation_leaves_a_complete_shorter_recording() {
+    let directory = directory();
+    let (live, again) = (directory.path().join("live"), directory.path().join("again"));
     let mut simulate = geu();
     simulate.args(["simulate", "--duration", "100000000", "--wire", "serial", "--out"]).arg(&live);
     let child = simulate.stderr(Stdio::piped()).spawn().expect("geu starts");

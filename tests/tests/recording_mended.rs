@@ -1,4 +1,4 @@
-//! What a recording does to files of others and to those of a recording before it, when something goes wrong.
+//! Errors while recording leave foreign files and the previous recording unchanged.
 
 use std::fs;
 use std::os::unix::fs::symlink;
@@ -38,8 +38,8 @@ fn contents(directory: &Path) -> Vec<(String, Vec<u8>)> {
 
 #[test]
 fn force_writes_through_no_link() {
-    let room = directory();
-    let (place, notes) = (room.path().join("run"), room.path().join("notes"));
+    let directory = directory();
+    let (place, notes) = (directory.path().join("run"), directory.path().join("notes"));
     fs::create_dir(&place).expect("made");
     fs::write(&notes, "mine").expect("written");
     for linked in [|from: &Path, to: &Path| symlink(from, to), |from: &Path, to: &Path| fs::hard_link(from, to)] {
@@ -56,8 +56,8 @@ fn force_writes_through_no_link() {
 
 #[test]
 fn force_removes_nothing_where_no_byte_can_be_written() {
-    let room = directory();
-    let place = room.path().join("run");
+    let directory = directory();
+    let place = directory.path().join("run");
     assert!(end_of(simulation(&place, &[])).status.success());
     let before = contents(&place);
     // The signal is ignored, so that writing fails as on a full disk.
@@ -73,24 +73,26 @@ fn force_removes_nothing_where_no_byte_can_be_written() {
 
 #[test]
 fn no_thread_to_record_or_to_read_with_is_an_error() {
-    let room = directory();
-    let place = room.path().join("run");
+    let directory = directory();
+    let place = directory.path().join("run");
     let run = ["run", "--tcp", "127.0.0.1:0", "--control", "off", "--duration", "1", "--record"];
-    for (arguments, path) in [(&run[..], &place), (&["replay", "--tcp", "127.0.0.1:0"], &room.path().join("x.log"))] {
-        fs::write(room.path().join("x.log"), "(1.0) can0 1A0#00\n").expect("written");
+    for (arguments, path) in
+        [(&run[..], &place), (&["replay", "--tcp", "127.0.0.1:0"], &directory.path().join("x.log"))]
+    {
+        fs::write(directory.path().join("x.log"), "(1.0) can0 1A0#00\n").expect("written");
         let mut command = geu();
-        // A stack larger than any address space: as where no thread more is allowed.
+        // A stack larger than any address space: as if no further thread were allowed.
         command.args(arguments).arg(path).env("RUST_MIN_STACK", (1u64 << 47).to_string());
         let refused = end_of(command);
         assert!(matches!(refused.status.code(), Some(1 | 2)), "{arguments:?}: {}", said(&refused));
-        assert!(said(&refused).contains("expected a thread more"), "{arguments:?}: {}", said(&refused));
+        assert!(said(&refused).contains("expected another thread"), "{arguments:?}: {}", said(&refused));
     }
 }
 
 #[test]
-fn what_completes_an_unfinished_run_is_an_input() {
-    let room = directory();
-    let (killed, again) = (room.path().join("killed"), room.path().join("again"));
+fn files_that_complete_an_unfinished_run_are_inputs() {
+    let directory = directory();
+    let (killed, again) = (directory.path().join("killed"), directory.path().join("again"));
     assert!(end_of(simulation(&killed, &[])).status.success());
     let run = killed.join("run.toml");
     let text = fs::read_to_string(&run).expect("a run");

@@ -1,5 +1,4 @@
-//! Where a recording goes and what it is of: nothing is overwritten that nobody asked for, and the link that is open is the
-//! one recorded.
+//! Directory and link of a recording: files are overwritten only on request, and the open link is the recorded one.
 
 use std::fs;
 use std::path::Path;
@@ -32,8 +31,8 @@ fn contents(directory: &Path) -> Vec<(String, Vec<u8>)> {
 
 #[test]
 fn a_directory_that_holds_anything_is_refused_without_force() {
-    let room = directory();
-    let place = room.path().join("run");
+    let directory = directory();
+    let place = directory.path().join("run");
     let path = place.to_str().expect("text");
     let arguments = [
         &["simulate", "--duration", "5", "--out", path][..],
@@ -55,8 +54,8 @@ fn a_directory_that_holds_anything_is_refused_without_force() {
 
 #[test]
 fn force_replaces_a_recording_and_nothing_else() {
-    let room = directory();
-    let place = room.path().join("run");
+    let directory = directory();
+    let place = directory.path().join("run");
     let path = place.to_str().expect("text");
     assert!(geu_with(&["simulate", "--duration", "5", "--wire", "serial", "--out", path]).status.success());
     fs::write(place.join("notes.txt"), "mine").expect("written");
@@ -65,7 +64,7 @@ fn force_replaces_a_recording_and_nothing_else() {
     assert!(said(&forced).contains("wrote 3 s into"), "{}", said(&forced));
     assert!(!place.join("link.bin").exists(), "a link in the other form would not belong to this recording");
     assert_eq!(fs::read(place.join("notes.txt")).expect("it stays"), b"mine");
-    let fresh = room.path().join("fresh");
+    let fresh = directory.path().join("fresh");
     assert!(geu_with(&["simulate", "--duration", "3", "--out", fresh.to_str().unwrap()]).status.success());
     let own: Vec<_> = contents(&place).into_iter().filter(|(name, _)| name != "notes.txt").collect();
     assert_eq!(own, contents(&fresh));
@@ -86,8 +85,8 @@ fn force_replaces_a_recording_and_nothing_else() {
 
 #[test]
 fn a_run_that_cannot_start_touches_nothing() {
-    let room = directory();
-    let place = room.path().join("run");
+    let directory = directory();
+    let place = directory.path().join("run");
     let path = place.to_str().expect("text");
     assert!(geu_with(&["simulate", "--duration", "5", "--out", path]).status.success());
     let before = contents(&place);
@@ -99,16 +98,16 @@ fn a_run_that_cannot_start_touches_nothing() {
         &["--tcp", "127.0.0.1:0", "--control", &taken],
         &["--tcp", "127.0.0.1:0", "--truth", "udp://203.0.113.1:4701"],
     ] {
-        for record in [path, room.path().join("new").to_str().expect("text")] {
+        for record in [path, directory.path().join("new").to_str().expect("text")] {
             let arguments = [&["run", "--duration", "1", "--force", "--record", record][..], broken].concat();
             let refused = geu_with(&arguments);
             assert_eq!(refused.status.code(), Some(2), "{arguments:?}: {}", said(&refused));
         }
         assert_eq!(contents(&place), before, "{broken:?}");
-        assert!(!room.path().join("new").exists(), "{broken:?}");
+        assert!(!directory.path().join("new").exists(), "{broken:?}");
     }
-    // The directory is one, and nobody records into it twice.
-    let other = room.path().join("other");
+    // Two emulators do not record into one directory.
+    let other = directory.path().join("other");
     let _running = Emulator::start(1, &["--tcp", "127.0.0.1:0", "--record", other.to_str().unwrap()]);
     let refused = geu_with(&["simulate", "--duration", "1", "--force", "--out", other.to_str().unwrap()]);
     assert_eq!(refused.status.code(), Some(1));
@@ -121,12 +120,12 @@ fn a_run_that_cannot_start_touches_nothing() {
 
 #[test]
 fn the_recording_has_the_form_of_the_link_given_first() {
-    let room = directory();
-    let pty = room.path().join("geu0");
-    let plan = room.path().join("plan.toml");
+    let directory = directory();
+    let pty = directory.path().join("geu0");
+    let plan = directory.path().join("plan.toml");
     fs::write(&plan, "[[fault]]\nid = \"quiet\"\nfault = \"silence\"\nlink = \"pty\"\nat_s = 2.0\nfor_s = 3.0")
         .expect("written");
-    let place = room.path().join("run");
+    let place = directory.path().join("run");
     let arguments = ["--pty", pty.to_str().unwrap(), "--tcp", "127.0.0.1:0", "--speed", "20", "--duration", "10"];
     let files = ["--faults", plan.to_str().unwrap(), "--record", place.to_str().unwrap(), "--control", "off"];
     let emulator = Emulator::start(2, &[&arguments[..], &files].concat());
@@ -134,8 +133,8 @@ fn the_recording_has_the_form_of_the_link_given_first() {
     assert_eq!(code, Some(0), "{said}");
     assert!(!place.join("link.log").exists());
     let link = fs::read(place.join("link.bin")).expect("the bytes of the pty");
-    assert_eq!(link.len(), (20 - 6) * 28, "without those of the silence");
-    let again = room.path().join("again");
+    assert_eq!(link.len(), (20 - 6) * 28, "samples outside of the silence");
+    let again = directory.path().join("again");
     assert!(
         geu_with(&["simulate", place.join("run.toml").to_str().unwrap(), "--out", again.to_str().unwrap()])
             .status
@@ -146,10 +145,10 @@ fn the_recording_has_the_form_of_the_link_given_first() {
 
 #[test]
 fn the_base_of_can_is_recorded_and_comes_again() {
-    let room = directory();
-    let config = room.path().join("run.toml");
+    let directory = directory();
+    let config = directory.path().join("run.toml");
     fs::write(&config, "[run]\nduration_s = 4.0\nwire = \"can\"\ncan_base = 0x300").expect("written");
-    let (place, again) = (room.path().join("run"), room.path().join("again"));
+    let (place, again) = (directory.path().join("run"), directory.path().join("again"));
     for (config, out) in [(&config, &place), (&place.join("run.toml"), &again)] {
         let done = geu_with(&["simulate", config.to_str().unwrap(), "--out", out.to_str().unwrap()]);
         assert!(done.status.success(), "{}", said(&done));

@@ -1,20 +1,20 @@
-//! Our model against measured recordings that an independent implementation made: with what was hidden put in and the
-//! sixteen calibration parameters refitted, nothing but noise is left.
+//! Compares the model with the recordings of an independent implementation: with the injected effects configured and the calibration
+//! parameters refitted, only noise remains.
 
 use geu_protocol::Gyro;
 use geu_tests::comparison::{Case, RESIDUAL_ARCSEC, Recording, largest, squares};
 use geu_tests::recordings;
 use toml_edit::DocumentMut;
 
-/// The recordings whose effects our model has.
+/// Recordings with effects of our model only.
 fn cases() -> impl Iterator<Item = Case> {
     recordings("").into_iter().flat_map(|directory| {
         let answers: DocumentMut =
             std::fs::read_to_string(directory.join("answers.toml")).expect("answers").parse().expect("TOML");
         ["01", "02", "03", "04", "05", "06", "07", "08", "10"].into_iter().map(move |name| {
             let (mut overrides, mut named) = (Vec::new(), Vec::new());
-            let hidden = answers["hidden"].as_array_of_tables().expect("a list");
-            for entry in hidden.iter().filter(|entry| entry["recording"].as_str() == Some(name)) {
+            let injected = answers["hidden"].as_array_of_tables().expect("a list");
+            for entry in injected.iter().filter(|entry| entry["recording"].as_str() == Some(name)) {
                 let code = entry["effect"].as_str().expect("a code");
                 let list = entry.get("gyros").and_then(|item| item.as_array());
                 let gyros: Vec<&str> = list.into_iter().flatten().filter_map(|gyro| gyro.as_str()).collect();
@@ -49,9 +49,9 @@ fn two_independent_implementations_agree() {
         for gyro in Gyro::ALL {
             let (before, after) = (&without[gyro as usize], &with[gyro as usize]);
             assert!(largest(after) < RESIDUAL_ARCSEC, "{name} {}: {:.2} arcsec left", gyro.name(), largest(after));
-            // What is hidden is seen where it moves a gyro by more than noise and rounding do; then it is explained.
+            // An effect shows on a gyro if it exceeds noise and rounding; the configured effect explains it.
             if largest(before) > 2.0 * RESIDUAL_ARCSEC {
-                // Twice the largest of noise is an rms of near 3 arcsec, noise alone one of 0.9: a tenth of the squares.
+                // Twice the largest noise is an rms of about 3 arcsec, noise alone of 0.9: a tenth of the squares.
                 assert!(squares(after) < 0.1 * squares(before), "{name} {}", gyro.name());
             }
         }
@@ -59,7 +59,7 @@ fn two_independent_implementations_agree() {
 }
 
 #[test]
-fn what_is_hidden_lowers_chi_squared_by_what_the_model_predicts_and_leaves_noise() {
+fn injected_effects_lower_chi_squared_as_predicted_and_leave_noise() {
     println!("{}", Case::COLUMNS);
     for case in cases() {
         case.assert_chi_squared_falls_as_predicted();

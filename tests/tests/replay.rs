@@ -13,10 +13,10 @@ use geu_tests::geu;
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 
-/// What a test waits for at most.
+/// Timeout of a test.
 const PATIENCE: Duration = Duration::from_secs(20);
 
-/// Records so many seconds of the reference unit in a form; what the link carried.
+/// Records the reference unit in a link format; returns the bytes of the link.
 fn record(directory: &Path, wire: &str, duration_s: u32) -> (String, Vec<u8>) {
     let out = directory.join(wire);
     let mut command = geu();
@@ -49,7 +49,7 @@ impl Replay {
 
     fn read_exactly(&mut self, length: usize) -> Vec<u8> {
         let mut bytes = vec![0; length];
-        self.stream.read_exact(&mut bytes).expect("so many bytes");
+        self.stream.read_exact(&mut bytes).expect("the bytes");
         bytes
     }
 
@@ -113,7 +113,7 @@ fn a_can_recording_gives_the_serial_bytes_of_its_samples() {
     let (received, _) = Replay::start(&[&can, "--speed", "max", "--from", "5", "--to", "10"]).end();
     assert_eq!(received, bytes[10 * MAX_FRAME..20 * MAX_FRAME]);
 
-    // One that lacks its CLOCK, and one whose CRC is wrong; other traffic and the other interface between.
+    // A sample without CLOCK, a sample with a wrong CRC, other traffic and another interface between.
     let text = String::from_utf8(log).expect("text");
     let lines: Vec<&str> = text.lines().collect();
     let mut changed: Vec<String> = lines.iter().map(|line| (*line).to_owned()).collect();
@@ -124,7 +124,7 @@ fn a_can_recording_gives_the_serial_bytes_of_its_samples() {
     let (received, said) = Replay::start(&[&can, "--speed", "max"]).end();
     let left: Vec<u16> = samples(&received).iter().map(|sample| sample.sequence).collect();
     assert_eq!(left, (0..60).filter(|sequence| ![1, 3].contains(sequence)).collect::<Vec<u16>>(), "{said}");
-    assert!(said.contains("5 frames and 0 bytes that make no whole sample, 1 of commands"), "{said}");
+    assert!(said.contains("5 frames and 0 bytes outside of complete samples, 1 of commands"), "{said}");
     assert!(said.contains("1 frames of other interfaces"), "{said}");
 }
 
@@ -133,7 +133,7 @@ fn it_goes_at_its_own_pace_answers_nothing_and_ends_when_asked() {
     let directory = tempfile::tempdir().expect("a directory");
     let (path, bytes) = record(directory.path(), "serial", 10);
     let mut replay = Replay::start(&[&path, "--loop"]);
-    replay.stream.write_all(&frame(FrameType::Command, &[1])).expect("room");
+    replay.stream.write_all(&frame(FrameType::Command, &[1])).expect("written");
     let first = replay.read_exactly(MAX_FRAME);
     let start = Instant::now();
     let next = replay.read_exactly(4 * MAX_FRAME);
@@ -144,7 +144,7 @@ fn it_goes_at_its_own_pace_answers_nothing_and_ends_when_asked() {
     kill(Pid::from_raw(replay.child.id() as i32), Signal::SIGTERM).expect("it runs");
     let (rest, said) = replay.end();
     assert!(asked.elapsed() < Duration::from_secs(2) && rest.len() <= 2 * MAX_FRAME, "{:?}", asked.elapsed());
-    assert!(said.contains("a recording answers none") && said.contains("1 without an answer"), "{said}");
+    assert!(said.contains("replay sends no replies") && said.contains("1 without a reply"), "{said}");
     assert!(said.contains("0 replies"), "{said}");
 }
 
@@ -165,12 +165,12 @@ fn a_step_is_a_sample() {
     let (path, bytes) = record(directory.path(), "serial", 10);
     let mut replay = Replay::start(&[&path, "--step"]);
     let mut input = replay.input.take().expect("a pipe");
-    writeln!(input).expect("room");
+    writeln!(input).expect("written");
     assert_eq!(replay.read_exactly(MAX_FRAME), bytes[..MAX_FRAME]);
     replay.stream.set_read_timeout(Some(Duration::from_millis(400))).expect("a socket");
     assert!(replay.stream.read(&mut [0]).is_err(), "nothing without a step");
     replay.stream.set_read_timeout(Some(PATIENCE)).expect("a socket");
-    writeln!(input, "nonsense\n3").expect("room");
+    writeln!(input, "nonsense\n3").expect("written");
     assert_eq!(replay.read_exactly(3 * MAX_FRAME), bytes[MAX_FRAME..4 * MAX_FRAME]);
     drop(input);
     let (rest, said) = replay.end();
@@ -252,16 +252,16 @@ fn what_cannot_be_played_is_refused_with_one_message() {
         (&["/"], "is a directory"),
         (&[&empty], "is empty"),
         (&[&nonsense], "expected"),
-        (&[&path, "--faults", &rate], "fault-1, when: rate_y is not told by a recording"),
-        (&[&path, "--faults", &command], "expect-1, condition: command is not told by a recording"),
+        (&[&path, "--faults", &rate], "fault-1, when: rate_y is not available from a recording"),
+        (&[&path, "--faults", &command], "expect-1, condition: command is not available from a recording"),
         (
             &[&path, "--junit", "/no/such/verdicts.xml"],
             "--junit /no/such/verdicts.xml: expected a file that may be written",
         ),
-        (&[&path, "--faults", &parameter], "expected faults of links alone"),
-        (&[&path, "--faults", &gyro], "expected faults of links alone"),
-        (&[&path, "--faults", &unit], "expected faults of links alone"),
-        (&[&path, "--faults", &reply], "a recording gives none"),
+        (&[&path, "--faults", &parameter], "expected only faults of links"),
+        (&[&path, "--faults", &gyro], "expected only faults of links"),
+        (&[&path, "--faults", &unit], "expected only faults of links"),
+        (&[&path, "--faults", &reply], "a recording sends none"),
         (&[&path, "--from", "100"], "expected an earlier --from"),
         (&[&path, "--from", "3", "--to", "2"], "expected more than the 3 of --from"),
         (&["-", "--loop"], "cannot be read twice"),
@@ -303,5 +303,5 @@ fn a_recording_without_a_sample_for_its_links_is_refused_with_the_reason() {
     let output = geu().args(["replay", &recordings[0], "--interface", "vcan7", "--tcp", "127.0.0.1:0"]).output();
     let output = output.expect("geu starts");
     let said = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.code() == Some(2) && said.contains("another --interface, which 360 frames"), "{said}");
+    assert!(output.status.code() == Some(2) && said.contains("another --interface, with 360 frames"), "{said}");
 }

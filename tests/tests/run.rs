@@ -19,7 +19,7 @@ use nix::unistd::Pid;
 
 /// The limit of the interface control document.
 const REPLY_WITHIN: Duration = Duration::from_millis(20);
-/// What a test waits for at most.
+/// Timeout of a test.
 const PATIENCE: Duration = Duration::from_secs(8);
 
 fn directory() -> tempfile::TempDir {
@@ -47,7 +47,7 @@ fn a_pty_gives_every_sample_and_a_client_that_comes_late_or_again_gets_the_prese
     let mut again = Client::open(&path);
     assert!(again.read_until(|client| client.samples.len() >= 2));
     assert!(again.is_without_gap());
-    assert!(f64::from(again.samples[0].sequence) >= first + 4.0, "what nobody read is not kept");
+    assert!(f64::from(again.samples[0].sequence) >= first + 4.0, "unread samples are not kept");
     assert_eq!(again.ask(&frame(FrameType::Command, &[1])).0.values(), [1, 0]);
 }
 
@@ -225,8 +225,8 @@ fn nothing_a_client_sends_stops_the_unit() {
             }
         })
         .collect();
-    for piece in noise.chunks(1000) {
-        client.stream.write_all(piece).expect("it reads all the time");
+    for chunk in noise.chunks(1000) {
+        client.stream.write_all(chunk).expect("it reads all the time");
         sleep(Duration::from_millis(2));
     }
     let before = client.samples.len();
@@ -298,7 +298,7 @@ fn clients_that_come_ask_and_go_in_polled_mode_leave_no_place_taken() {
 }
 
 #[test]
-fn a_process_that_was_stopped_bursts_nothing_out_and_tells_once() {
+fn a_stopped_process_sends_no_burst_and_reports_once() {
     let (emulator, mut client) = Emulator::on_tcp(&[]);
     assert!(client.read_until(|client| !client.samples.is_empty()));
     let pid = Pid::from_raw(emulator.child.id() as i32);
@@ -308,7 +308,7 @@ fn a_process_that_was_stopped_bursts_nothing_out_and_tells_once() {
     let before = client.samples.len();
     client.read_for(Duration::from_millis(300), |_| false);
     let after = client.samples.len();
-    assert!(after <= before + 2, "one that is late and one that is due at most, not {}", after - before);
+    assert!(after <= before + 2, "at most a late and a due sample, not {}", after - before);
     assert!(client.read_until(|client| client.samples.len() >= after + 2));
     let missed = client.samples[before].sequence - client.samples[before - 1].sequence - 1;
     assert!((3..=5).contains(&missed), "{missed} samples missing");
@@ -452,7 +452,7 @@ fn a_serial_adapter_unplugged_and_back_is_served_again() {
     assert_eq!(client.ask(&frame(FrameType::Command, &[1])).0.outcome(), CommandResult::Done);
     emulator.ask_to_end();
     let (_, said) = emulator.end();
-    assert_eq!((said.matches("gone").count(), said.matches("is back").count()), (1, 1), "told once each: {said}");
+    assert_eq!((said.matches("gone").count(), said.matches("is back").count()), (1, 1), "reported once each: {said}");
     drop(cable);
 }
 
@@ -477,7 +477,7 @@ fn a_link_that_is_not_there_is_bad_input_with_one_message() {
 }
 
 #[test]
-fn send_speaks_by_name_and_tells_how_it_ended() {
+fn send_takes_names_and_reports_the_result() {
     let directory = directory();
     let path = directory.path().join("geu0");
     let emulator = Emulator::start(2, &["--pty", path.to_str().unwrap(), "--tcp", "127.0.0.1:0"]);

@@ -25,7 +25,7 @@ fn good(index: u64) -> Sample {
     }
 }
 
-/// What comes out, compared as it comes.
+/// Compares decoded samples as they arrive.
 #[derive(Default)]
 struct Check {
     /// Good frames that came, each once and in order.
@@ -37,7 +37,7 @@ struct Check {
     /// Defects of the clock, and of the sequence.
     doubted: u64,
     jumps: u64,
-    /// Samples told as missing.
+    /// Samples reported as missing.
     lost: u64,
     /// Syncs with a good header and a CRC that does not match.
     mismatched: u64,
@@ -85,8 +85,8 @@ fn a_million_good_frames_come_out_of_noise_and_nothing_else_does() {
                 }
             }
             1 => {
-                // At least both bytes of the CRC are missing: with one missing, the EB of the good frame behind is the
-                // right one in one of 256.
+                // Both bytes of the CRC or more are missing: with one missing, the EB of the next frame is the right one in
+                // 1 of 256 cases.
                 let cut = random.random_range(1..=MAX_FRAME - 2);
                 bytes.extend(&data_frame(&good(random.next_u32().into()))[..cut]);
             }
@@ -105,11 +105,11 @@ fn a_million_good_frames_come_out_of_noise_and_nothing_else_does() {
         }
         bytes.extend(data_frame(&good(index)));
         if bytes.len() > 1 << 14 || index + 1 == FRAMES {
-            // In pieces of any length.
+            // In blocks of any length.
             let mut rest = &bytes[..];
             while !rest.is_empty() {
-                let (piece, behind) = rest.split_at(random.random_range(1..=rest.len().min(5_000)));
-                decoder.serial(piece, None, &mut check);
+                let (block, behind) = rest.split_at(random.random_range(1..=rest.len().min(5_000)));
+                decoder.serial(block, None, &mut check);
                 rest = behind;
             }
             fed += bytes.len() as u64;
@@ -121,7 +121,7 @@ fn a_million_good_frames_come_out_of_noise_and_nothing_else_does() {
     let account = &summary.account;
     assert!(account.adds_up(), "{account:?}");
     assert_eq!(account.bytes, fed);
-    // Each candidate (a sync with a good header) matches by accident with a chance of 1 in 65 536.
+    // Each candidate (a sync with a good header) matches by accident with a probability of 1/65 536.
     let accidental = summary.serial_frames - check.came;
     let expected = (check.mismatched + accidental) as f64 / 65_536.0;
     // 99 % of Poisson's numbers, nearly normal from ten on; one more since they are whole.

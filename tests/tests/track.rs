@@ -1,5 +1,5 @@
-//! `geu track`: the attitude it gives against the one flown, the redundant pair with an injected drift, what is lost, and
-//! what is refused.
+//! `geu track`: its attitude against the simulated one, the redundant pair with an injected drift, lost samples, and refused
+//! input.
 
 use std::fs;
 use std::io::{BufRead, BufReader, Read};
@@ -40,8 +40,8 @@ fn numbers<const N: usize>(fields: &[String; N]) -> [f64; N] {
     std::array::from_fn(|index| fields[index].parse().unwrap_or_else(|error| panic!("{}: {error}", fields[index])))
 }
 
-/// Control frame to the sun-referenced frame of t = 0, from θ and ψ (model.md, Attitude and its kinematics): the sun and
-/// the pole as the control frame has them, and as they stand in space.
+/// Control frame to the sun-referenced frame of t = 0, from θ and ψ: the sun and
+/// the pole in the control frame and in inertial space.
 fn attitude(t_s: f64, theta_deg: f64, psi_deg: f64) -> UnitQuaternion<f64> {
     let triad = |sun: Vector3<f64>, pole: Vector3<f64>| Matrix3::from_columns(&[sun, pole, sun.cross(&pole)]);
     let ((sin_theta, cos_theta), (sin_psi, cos_psi)) =
@@ -55,17 +55,17 @@ fn attitude(t_s: f64, theta_deg: f64, psi_deg: f64) -> UnitQuaternion<f64> {
 }
 
 #[test]
-fn the_attitude_after_slews_is_the_one_flown() {
-    let room = tempfile::tempdir().expect("a directory");
-    // A pointing, 150° of scans about Y, and a part of a scan about Z: no limit cycle, which θ and ψ do not tell.
-    simulate(&["--duration", "2400", "--set", "scenario.limit_cycle.rate_arcsec_s=0"], room.path());
-    let reference = fs::read_to_string(room.path().join("reference.csv")).expect("a file");
+fn the_attitude_after_slews_equals_the_simulated_one() {
+    let temp_dir = tempfile::tempdir().expect("a directory");
+    // A pointing, 150° of scans about Y, and a part of a scan about Z: no limit cycle, which θ and ψ do not contain.
+    simulate(&["--duration", "2400", "--set", "scenario.limit_cycle.rate_arcsec_s=0"], temp_dir.path());
+    let reference = fs::read_to_string(temp_dir.path().join("reference.csv")).expect("a file");
     let truth = columns(&reference, ["t_s", "theta_deg", "psi_deg"]);
     let start = attitude(0.0, 90.0, 0.0);
-    let link = room.path().join("link.log");
-    let given = format!("{},{},{},{}", start.w, start.i, start.j, start.k);
+    let link = temp_dir.path().join("link.log");
+    let start_attitude = format!("{},{},{},{}", start.w, start.i, start.j, start.k);
     for gyros in ["za", "zb", "all"] {
-        let output = run(&["track", path(&link), "--gyros", gyros, "--attitude", &given, "--strict"]);
+        let output = run(&["track", path(&link), "--gyros", gyros, "--attitude", &start_attitude, "--strict"]);
         assert!(output.status.success(), "{}", stderr(&output));
         let rows = columns(&String::from_utf8_lossy(&output.stdout), ["t_s", "q_w", "q_x", "q_y", "q_z"]);
         assert_eq!((rows.len(), truth.len()), (4800, 4800));
@@ -83,9 +83,9 @@ fn the_attitude_after_slews_is_the_one_flown() {
 }
 
 #[test]
-fn a_drift_of_gyrzb_on_a_live_link_is_told_and_an_interrupt_ends_with_the_summary() {
-    let room = tempfile::tempdir().expect("a directory");
-    let pty = room.path().join("pty");
+fn a_drift_of_gyrzb_on_a_live_link_is_reported_and_an_interrupt_prints_the_summary() {
+    let temp_dir = tempfile::tempdir().expect("a directory");
+    let pty = temp_dir.path().join("pty");
     let mut unit = geu()
         .args(["run", "--pty", path(&pty), "--wait", "--speed", "50", "--duration", "100000"])
         .args(["--set", "gyro.GYRZB.drift-step.arcsec_per_h=720", "--set", "gyro.GYRZB.drift-step.time_s=60"])
@@ -106,35 +106,35 @@ fn a_drift_of_gyrzb_on_a_live_link_is_told_and_an_interrupt_ends_with_the_summar
     let mut text = lines.by_ref().take(300).collect::<Vec<_>>().join("\n");
     kill(Pid::from_raw(tracker.id() as i32), Signal::SIGINT).expect("a signal");
     text.extend(lines.map(|line| format!("\n{line}")));
-    let mut told = String::new();
-    tracker.stderr.take().expect("its errors").read_to_string(&mut told).expect("text");
-    assert!(tracker.wait().expect("its end").success(), "{told}");
+    let mut messages = String::new();
+    tracker.stderr.take().expect("its errors").read_to_string(&mut messages).expect("text");
+    assert!(tracker.wait().expect("its end").success(), "{messages}");
     kill(Pid::from_raw(unit.id() as i32), Signal::SIGINT).expect("a signal");
     unit.wait().expect("its end");
     // 0.1″ every sample from the 120th on.
     let rows = columns(&text, ["valid", "notes"]);
     let first = rows.iter().position(|[_, notes]| notes.contains("GYRZA and GYRZB differ")).expect("an alarm");
     assert!((130..180).contains(&first), "{first}");
-    assert!(rows.iter().all(|[valid, _]| valid == "1"), "{told}");
+    assert!(rows.iter().all(|[valid, _]| valid == "1"), "{messages}");
     for expected in ["GYRZA and GYRZB differ by +", "more than 5 sigma", "samples   ", "alarm"] {
-        assert!(told.contains(expected), "{expected} not in {told}");
+        assert!(messages.contains(expected), "{expected} not in {messages}");
     }
 }
 
 #[test]
-fn what_is_lost_is_told_with_its_time() {
-    let room = tempfile::tempdir().expect("a directory");
-    simulate(&["--duration", "20"], room.path());
-    let log = fs::read_to_string(room.path().join("link.log")).expect("a file");
+fn lost_samples_are_reported_with_their_time() {
+    let temp_dir = tempfile::tempdir().expect("a directory");
+    simulate(&["--duration", "20"], temp_dir.path());
+    let log = fs::read_to_string(temp_dir.path().join("link.log")).expect("a file");
     let lines: Vec<&str> = log.lines().collect();
-    let cut = room.path().join("cut.log");
+    let cut = temp_dir.path().join("cut.log");
     fs::write(&cut, [&lines[..30], &lines[36..]].concat().join("\n") + "\n").expect("written");
     let output = run(&["track", path(&cut), "--strict"]);
     assert_eq!(output.status.code(), Some(1));
-    let told = stderr(&output);
+    let messages = stderr(&output);
     let expected = "6.500000 s: 2 samples are missing; the attitude lacks what the unit turned meanwhile";
     for expected in [expected, "samples   38, 2 lost", "--strict: attitude not complete"] {
-        assert!(told.contains(expected), "{expected} not in {told}");
+        assert!(messages.contains(expected), "{expected} not in {messages}");
     }
     let rows = columns(&String::from_utf8_lossy(&output.stdout), ["t_s", "valid", "lost_half_seconds"]);
     assert_eq!(rows[9..11], [["5.000000", "1", "0"], ["6.500000", "0", "2"]]);
@@ -142,10 +142,10 @@ fn what_is_lost_is_told_with_its_time() {
 
 #[test]
 fn bad_input_is_refused_with_one_message() {
-    let room = tempfile::tempdir().expect("a directory");
-    simulate(&["--duration", "2"], room.path());
-    let link = room.path().join("link.log");
-    let (json, short) = (room.path().join("solved.json"), room.path().join("short.json"));
+    let temp_dir = tempfile::tempdir().expect("a directory");
+    simulate(&["--duration", "2"], temp_dir.path());
+    let link = temp_dir.path().join("link.log");
+    let (json, short) = (temp_dir.path().join("solved.json"), temp_dir.path().join("short.json"));
     fs::write(&json, solved("1.001")).expect("written");
     fs::write(&short, solved("3.0")).expect("written");
     let output = run(&["track", path(&link), "--calibration", path(&json)]);
@@ -157,7 +157,7 @@ fn bad_input_is_refused_with_one_message() {
         (&["--config", path(&link)], "expected TOML"),
         (&["--config", "nowhere.toml"], "nowhere.toml: cannot be read"),
         (&["--attitude", "1,1,0,0"], "expected a quaternion of length 1"),
-        (&["--out", path(&link)], "expected a file that is none of the inputs"),
+        (&["--out", path(&link)], "expected a file that is not an input"),
     ] {
         let output = run(&[&["track", path(&link)][..], arguments].concat());
         assert_eq!(output.status.code(), Some(2), "{arguments:?}");
@@ -167,7 +167,7 @@ fn bad_input_is_refused_with_one_message() {
     assert_eq!(run(&["track", "nowhere0"]).status.code(), Some(2));
 }
 
-/// What `geu calibrate --json` writes (cli.md).
+/// JSON of `geu calibrate --json`.
 fn solved(scale_factor: &str) -> String {
     let number = |value: &str| format!(r#"{{"value": {value}, "sigma": 1e-6}}"#);
     let gyro = |(name, [a, b]): (&str, [&str; 2])| {

@@ -57,8 +57,8 @@ fn assert_same_bytes(a: &Path, b: &Path) {
 
 #[test]
 fn a_run_on_the_reference_of_another_counts_the_same_and_is_made_again_from_its_run_toml() {
-    let room = tempfile::tempdir().expect("a directory");
-    let [scenario, file, again, live] = ["scenario", "file", "again", "live"].map(|name| room.path().join(name));
+    let directory = tempfile::tempdir().expect("a directory");
+    let [scenario, file, again, live] = ["scenario", "file", "again", "live"].map(|name| directory.path().join(name));
     // A pointing and the first two scans about Y.
     simulate(&["--duration", "1200"], &scenario);
     let reference = scenario.join("reference.csv");
@@ -81,7 +81,7 @@ fn a_run_on_the_reference_of_another_counts_the_same_and_is_made_again_from_its_
 
     simulate(&[path(&file.join("run.toml"))], &again);
     assert_same_bytes(&file, &again);
-    let socket = room.path().join("pty");
+    let socket = directory.path().join("pty");
     let arguments = ["run", "--truth", path(&reference), "--speed", "max", "--start", "0", "--pty", path(&socket)];
     let output = geu().args(arguments).args(["--wire", "can", "--record"]).arg(&live).output().expect("geu starts");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
@@ -90,8 +90,8 @@ fn a_run_on_the_reference_of_another_counts_the_same_and_is_made_again_from_its_
 
 #[test]
 fn an_attitude_ephemeris_moves_the_unit() {
-    let room = tempfile::tempdir().expect("a directory");
-    let (file, out) = (room.path().join("turn.aem"), room.path().join("out"));
+    let directory = tempfile::tempdir().expect("a directory");
+    let (file, out) = (directory.path().join("turn.aem"), directory.path().join("out"));
     let mut text = "CCSDS_AEM_VERS = 1.0\nCREATION_DATE = 2026-03-31T00:00:00\nORIGINATOR = TEST\nMETA_START\nOBJECT_NAME = GEU\nOBJECT_ID = 1983-004A\nREF_FRAME_A = EME2000\nREF_FRAME_B = SC_BODY_1\nATTITUDE_DIR = A2B\nTIME_SYSTEM = UTC\nSTART_TIME = 2026-03-31T00:00:00\nSTOP_TIME = 2026-03-31T00:01:00\nATTITUDE_TYPE = QUATERNION\nQUATERNION_TYPE = FIRST\nMETA_STOP\nDATA_START\n".to_owned();
     // 200″/s about +X.
     for second in 0..60 {
@@ -101,7 +101,7 @@ fn an_attitude_ephemeris_moves_the_unit() {
     fs::write(&file, text + "DATA_STOP\n").expect("written");
     simulate(&["--truth", path(&file), "--set", "gyro.GYRX.angle-random-walk.arcsec_per_sqrt_s=0"], &out);
     let reference = fs::read_to_string(out.join("reference.csv")).expect("a file");
-    // θ and ψ are not known, so no column tells them and the sun sensor sees nothing.
+    // θ and ψ are unavailable: no column has them, and the FSS outputs no samples.
     assert!(reference.starts_with("t_s,rate_x_arcsec_s,rate_y_arcsec_s,rate_z_arcsec_s\n"), "{reference}");
     let rates = rows(&out.join("reference.csv"));
     assert_eq!((rates.len(), rows(&out.join("fss.csv")).len()), (118, 0));
@@ -111,8 +111,8 @@ fn an_attitude_ephemeris_moves_the_unit() {
 }
 
 #[test]
-fn manoeuvres_are_written_as_far_as_they_were_flown() {
-    let room = tempfile::tempdir().expect("a directory");
+fn manoeuvres_are_written_until_the_end_of_the_run() {
+    let directory = tempfile::tempdir().expect("a directory");
     // Legs of the default scenario end at 600, 770, 1090 s; the end of a run with a slow clock, 0.1 % later, cuts one.
     let exact = "unit.clock-frequency.ppm=0";
     let slow = "unit.clock-frequency.ppm=-1000";
@@ -125,7 +125,7 @@ fn manoeuvres_are_written_as_far_as_they_were_flown() {
     .into_iter()
     .enumerate()
     {
-        let out = room.path().join(index.to_string());
+        let out = directory.path().join(index.to_string());
         simulate(&["--duration", duration, "--set", set, "--start", "1700000000"], &out);
         let rows = rows(&out.join("manoeuvres.csv"));
         let mut start = "1700000000.000000".to_owned();
@@ -135,10 +135,10 @@ fn manoeuvres_are_written_as_far_as_they_were_flown() {
             start.clone_from(&row[2]);
         }
     }
-    // A scenario that is over is held, and the hold ends with the run too.
-    let short = room.path().join("short.toml");
+    // The attitude is held after the scenario, until the end of the run.
+    let short = directory.path().join("short.toml");
     fs::write(&short, "[[manoeuvre]]\nkind = \"pointing\"\nduration_s = 5\n").expect("written");
-    let held = room.path().join("held");
+    let held = directory.path().join("held");
     simulate(&[path(&short), "--duration", "8"], &held);
     let fields = [["pointing", "0.000000", "5.000000"], ["hold", "5.000000", "8.000000"]];
     assert_eq!(rows(&held.join("manoeuvres.csv")), fields);
@@ -146,19 +146,19 @@ fn manoeuvres_are_written_as_far_as_they_were_flown() {
 
 #[test]
 fn a_truth_that_cannot_serve_is_refused_at_the_start() {
-    let room = tempfile::tempdir().expect("a directory");
-    let (scenario, out) = (room.path().join("scenario"), room.path().join("out"));
+    let directory = tempfile::tempdir().expect("a directory");
+    let (scenario, out) = (directory.path().join("scenario"), directory.path().join("out"));
     simulate(&["--duration", "10"], &scenario);
     let reference = scenario.join("reference.csv");
-    let missing = room.path().join("nothing.csv");
-    let gap = room.path().join("gap.csv");
+    let missing = directory.path().join("nothing.csv");
+    let gap = directory.path().join("gap.csv");
     let text = fs::read_to_string(&reference).expect("a file");
     let cut: String = text.lines().enumerate().filter(|(n, _)| *n != 7).map(|(_, line)| format!("{line}\n")).collect();
     fs::write(&gap, cut).expect("written");
     for command in ["simulate", "run"] {
         let place = if command == "simulate" { "--out" } else { "--record" };
         for (truth, duration, part) in [
-            (&reference, "11", "expected a truth that covers the run of 11 s, got one of 10 s, enough for 10 s"),
+            (&reference, "11", "expected a truth that covers the run of 11 s, got 10 s, enough for 10 s"),
             (&missing, "5", "nothing.csv: cannot be read"),
             (&gap, "5", "gap.csv: line 8: expected rows every 0.5 s or so, got a gap of 1 s"),
         ] {
@@ -172,9 +172,9 @@ fn a_truth_that_cannot_serve_is_refused_at_the_start() {
 }
 
 #[test]
-fn a_discovered_term_is_simulated_told_in_the_truth_and_made_again() {
-    let room = tempfile::tempdir().expect("a directory");
-    let (first, again) = (room.path().join("first"), room.path().join("again"));
+fn a_discovered_term_is_simulated_recorded_in_the_truth_and_reproduced() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let (first, again) = (directory.path().join("first"), directory.path().join("again"));
     let terms = r#"gyro.GYRY.discovered=[{formula="rate_y^2",coefficient=4e-7}]"#;
     simulate(&["--duration", "900", "--set", terms], &first);
     simulate(&[path(&first.join("run.toml"))], &again);

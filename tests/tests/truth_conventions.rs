@@ -22,13 +22,13 @@ fn half_rad(t_s: f64) -> f64 {
 }
 
 /// A unit without drift and with scale factor 1.
-fn neutral(room: &Path) -> String {
-    let file = room.join("neutral.toml");
+fn neutral(directory: &Path) -> String {
+    let file = directory.join("neutral.toml");
     fs::write(&file, "seed = 1\n").expect("written");
     file.display().to_string()
 }
 
-/// What each gyro of a run has counted.
+/// Accumulated counts of each gyro of a run.
 fn counted(run: &Path) -> [i64; 4] {
     let text = fs::read_to_string(run.join("truth.csv")).expect("a truth");
     ["GYRX", "GYRY", "GYRZA", "GYRZB"].map(|gyro| {
@@ -40,16 +40,16 @@ fn counted(run: &Path) -> [i64; 4] {
 #[test]
 fn the_line_of_the_docs_turns_the_unit_by_one_degree_about_plus_z() {
     assert!(docs().contains(LINE));
-    let room = tempfile::tempdir().expect("a directory");
-    let run = room.path().join("run");
+    let directory = tempfile::tempdir().expect("a directory");
+    let run = directory.path().join("run");
     let record = run.to_str().expect("UTF-8");
     let simulated =
-        Simulated::start(&["--speed", "max", "--duration", "10", "--record", record, &neutral(room.path())]);
+        Simulated::start(&["--speed", "max", "--duration", "10", "--record", record, &neutral(directory.path())]);
     for t_s in 0..10 {
         let (sin, cos) = half_rad(f64::from(t_s)).sin_cos();
-        simulated.tell(&format!("{{\"t_s\": {t_s}, \"q\": [{cos}, 0, 0, {sin}]}}\n"));
+        simulated.send(&format!("{{\"t_s\": {t_s}, \"q\": [{cos}, 0, 0, {sin}]}}\n"));
     }
-    simulated.tell(LINE);
+    simulated.send(LINE);
     let (code, said, _) = simulated.end();
     assert_eq!(code, Some(0), "{said}");
     assert_eq!(counted(&run), [0, 0, 3600, 3600]);
@@ -67,9 +67,9 @@ fn the_line_of_the_docs_turns_the_unit_by_one_degree_about_plus_z() {
 #[test]
 fn the_same_line_of_an_ephemeris_does_and_the_other_direction_is_the_conjugate() {
     assert!(docs().contains(EPHEMERIS_LINE));
-    let room = tempfile::tempdir().expect("a directory");
+    let directory = tempfile::tempdir().expect("a directory");
     for (direction, sign) in [("A2B", 1.0), ("B2A", -1.0)] {
-        let (file, run) = (room.path().join(direction), room.path().join(format!("run-{direction}")));
+        let (file, run) = (directory.path().join(direction), directory.path().join(format!("run-{direction}")));
         let mut text = format!(
             "CCSDS_AEM_VERS = 1.0\nCREATION_DATE = 2026-01-01T00:00:00\nORIGINATOR = TEST\nMETA_START\nOBJECT_NAME = GEU\nOBJECT_ID = 1983-004A\nREF_FRAME_A = EME2000\nREF_FRAME_B = SC_BODY_1\nATTITUDE_DIR = {direction}\nTIME_SYSTEM = UTC\nSTART_TIME = 2026-01-01T00:00:00\nSTOP_TIME = 2026-01-01T00:00:10\nATTITUDE_TYPE = QUATERNION\nQUATERNION_TYPE = LAST\nMETA_STOP\nDATA_START\n"
         );
@@ -80,7 +80,7 @@ fn the_same_line_of_an_ephemeris_does_and_the_other_direction_is_the_conjugate()
         let last = EPHEMERIS_LINE.replace(" 0.0087", if sign < 0.0 { " -0.0087" } else { " 0.0087" });
         fs::write(&file, text + &last + "\nDATA_STOP\n").expect("written");
         let mut command = geu();
-        command.arg("simulate").arg(neutral(room.path())).arg("--truth").arg(&file).arg("--out").arg(&run);
+        command.arg("simulate").arg(neutral(directory.path())).arg("--truth").arg(&file).arg("--out").arg(&run);
         let output = command.output().expect("geu starts");
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
         assert_eq!(counted(&run), [0, 0, 3600, 3600], "{direction}");

@@ -13,13 +13,13 @@ use std::time::{Duration, Instant};
 use geu_process::EmulatorProcess;
 use geu_tests::geu;
 
-/// What a test waits for at most.
+/// Timeout of a test.
 const PATIENCE: Duration = Duration::from_secs(20);
 
 /// A running `geu run` on TCP.
 struct Emulator {
     process: EmulatorProcess,
-    /// Where it listens for datagrams.
+    /// Address of its datagrams.
     truth: Option<String>,
 }
 
@@ -49,7 +49,7 @@ impl Emulator {
         self.end_with(0)
     }
 
-    /// The same where it ends with another exit code.
+    /// Ends it, with the expected exit code.
     fn end_with(self, code: i32) -> String {
         let (status, text) = self.process.wait().expect("its end");
         assert_eq!(status.code(), Some(code), "{text}");
@@ -69,8 +69,8 @@ fn turned_arcsec(directory: &Path, gyro: &str) -> f64 {
     rows.iter().filter(|row| row[2] == gyro).map(|row| row[3].parse::<f64>().expect("a number")).sum()
 }
 
-fn assert_made_again(run: &Path, room: &Path) {
-    let again = room.join("again");
+fn assert_made_again(run: &Path, directory: &Path) {
+    let again = directory.join("again");
     let mut command = geu();
     command.arg("simulate").arg(run.join("run.toml")).arg("--out").arg(&again);
     let output = command.output().expect("geu starts");
@@ -88,15 +88,15 @@ fn about_x(arcsec: f64) -> [f64; 2] {
     [half_rad.cos(), half_rad.sin()]
 }
 
-/// How a simulated body turns about X: it swings and goes on.
+/// Angle of the simulated body about X: an oscillation on a constant rate, arcsec.
 fn angle_arcsec(t_s: f64) -> f64 {
     200.0 * t_s + 500.0 * (t_s * 0.7).sin()
 }
 
 #[test]
 fn a_run_that_waits_for_its_source_follows_it_exactly_and_is_made_again() {
-    let room = tempfile::tempdir().expect("a directory");
-    let run = room.path().join("run");
+    let directory = tempfile::tempdir().expect("a directory");
+    let run = directory.path().join("run");
     // A slow clock and a time offset: the truth is needed beyond samples of the source, and read from the past.
     let sets = ["--set", "unit.clock-frequency.ppm=-100", "--set", "unit.time-offset.seconds=0.2"];
     let arguments = [&["--speed", "max", "--duration", "60"], &sets[..]].concat();
@@ -113,22 +113,22 @@ fn a_run_that_waits_for_its_source_follows_it_exactly_and_is_made_again() {
         }
     }
     let said = emulator.end();
-    assert!(said.contains("truth        received 602, late samples 0, missing 0, jumps 0"), "{said}");
+    assert!(said.contains("truth        received 602, late intervals 0, missing 0, jumps 0"), "{said}");
     let turned = turned_arcsec(&run, "GYRX");
-    // Of the unit's own time: truth.csv tells the shift as a change of the count. Straight lines over 0.1 s err by 0.3″.
+    // In the unit's time: truth.csv has the shift as a change of the count. Linear interpolation over 0.1 s errs by 0.3″.
     let end_s = 60.0 / (1.0 - 100e-6);
     assert!((turned - angle_arcsec(end_s)).abs() < 0.4, "{turned} {}", angle_arcsec(end_s));
     assert_eq!(
         fs::read_to_string(run.join("run.toml")).expect("a file").matches("truth = \"received.csv\"").count(),
         1
     );
-    assert_made_again(&run, room.path());
+    assert_made_again(&run, directory.path());
 }
 
 #[test]
 fn whatever_the_network_does_no_angle_is_lost_and_the_run_is_made_again() {
-    let room = tempfile::tempdir().expect("a directory");
-    let run = room.path().join("run");
+    let directory = tempfile::tempdir().expect("a directory");
+    let run = directory.path().join("run");
     // Ten times as fast, so that a held-up sample is late by several samples.
     let emulator = Emulator::start("udp://127.0.0.1:0", &run, &["--speed", "10", "--duration", "30"]);
     let socket = emulator.source();
@@ -151,20 +151,20 @@ fn whatever_the_network_does_no_angle_is_lost_and_the_run_is_made_again() {
     }
     let said = emulator.end_with(1);
     let counted = said.lines().find(|line| line.starts_with("truth  ")).expect("a summary");
-    assert!(counted.contains("missing 0, jumps 0") && !counted.contains("late samples 0,"), "{said}");
+    assert!(counted.contains("missing 0, jumps 0") && !counted.contains("late intervals 0,"), "{said}");
     assert!(counted.contains("bad lines 18"), "{said}");
-    assert_eq!(said.matches("from 127.0.0.1:").count(), 3, "the first few are told: {said}");
+    assert_eq!(said.matches("from 127.0.0.1:").count(), 3, "the first few are reported: {said}");
     let turned = turned_arcsec(&run, "GYRX");
     assert!((turned - angle_arcsec(30.0)).abs() < 60.0, "{turned} {}", angle_arcsec(30.0));
     let bases = rows(&run.join("received.csv"));
     assert!(bases.iter().any(|row| row[4] == "held") && bases.iter().filter(|row| row[4] == "told").count() > 200);
-    assert_made_again(&run, room.path());
+    assert_made_again(&run, directory.path());
 }
 
 #[test]
 fn a_server_that_restarts_is_found_again_and_its_rates_go_on() {
-    let room = tempfile::tempdir().expect("a directory");
-    let run = room.path().join("run");
+    let directory = tempfile::tempdir().expect("a directory");
+    let run = directory.path().join("run");
     let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
     let truth = format!("tcp://{}", listener.local_addr().expect("an address"));
     let emulator = Emulator::start(&truth, &run, &["--speed", "max", "--duration", "20"]);
@@ -183,10 +183,10 @@ fn a_server_that_restarts_is_found_again_and_its_rates_go_on() {
     assert!(said.contains("jumps 1,"), "{said}");
     let turned = turned_arcsec(&run, "GYRZA");
     assert!((turned - 20.0 * 150.0).abs() < 80.0, "{turned}");
-    assert_made_again(&run, room.path());
+    assert_made_again(&run, directory.path());
 }
 
-/// What 42 writes at one instant, in one of its layouts: in brackets, or bare with the main body's attitude.
+/// Message of 42 for one instant, in one of its layouts: with brackets, or without and with the main body's attitude.
 fn message(t_s: f64, is_bracketed: bool) -> String {
     let [w, x] = about_x(angle_arcsec(t_s));
     let (minute, second) = ((t_s / 60.0).floor(), t_s % 60.0);
@@ -198,7 +198,7 @@ fn message(t_s: f64, is_bracketed: bool) -> String {
     format!("{time}Orb[0].PosN = 6.8e+06 0.0e+00 0.0e+00\n{attitude}SC[1].B[0].qn = 0 0 0 1\n[ENDMSG]\n")
 }
 
-/// Sends a message in pieces, and reads the four bytes that 42 waits for.
+/// Sends a message in parts, and reads the four bytes that 42 expects.
 fn exchange(stream: &mut TcpStream, message: &str) -> bool {
     let (first, second) = message.split_at(message.len() / 3);
     let mut answer = [0; 4];
@@ -215,8 +215,8 @@ fn exchange(stream: &mut TcpStream, message: &str) -> bool {
 
 #[test]
 fn a_stand_in_for_42_is_followed_in_lockstep_in_both_layouts_and_over_a_reconnection() {
-    let room = tempfile::tempdir().expect("a directory");
-    let run = room.path().join("run");
+    let directory = tempfile::tempdir().expect("a directory");
+    let run = directory.path().join("run");
     let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
     let truth = format!("42://{}", listener.local_addr().expect("an address"));
     let emulator = Emulator::start(&truth, &run, &["--speed", "max", "--duration", "40"]);
@@ -239,16 +239,16 @@ fn a_stand_in_for_42_is_followed_in_lockstep_in_both_layouts_and_over_a_reconnec
     let answered = server.join().expect("the server ends");
     // Four messages a sample pair, one for time 0; the answer to the last may not be given before the end.
     assert!((160..=163).contains(&answered), "{answered}: {said}");
-    assert!(said.contains("late samples 0, missing 0, jumps 0, out of order 0, bad lines 0"), "{said}");
+    assert!(said.contains("late intervals 0, missing 0, jumps 0, out of order 0, bad lines 0"), "{said}");
     let turned = turned_arcsec(&run, "GYRX");
     assert!((turned - angle_arcsec(40.0)).abs() < 1e-3, "{turned} {}", angle_arcsec(40.0));
-    assert_made_again(&run, room.path());
+    assert_made_again(&run, directory.path());
 }
 
 #[test]
 fn a_truth_from_outside_needs_a_run_and_an_address_that_is_one() {
-    let room = tempfile::tempdir().expect("a directory");
-    let out = room.path().join("out");
+    let directory = tempfile::tempdir().expect("a directory");
+    let out = directory.path().join("out");
     for (arguments, part) in [
         (["simulate", "--out"], "--truth udp://127.0.0.1:4701: expected a file or scenario"),
         (["run", "--record"], "--truth: expected udp://HOST:PORT, tcp://HOST:PORT or 42://HOST:PORT, got http://a:1"),

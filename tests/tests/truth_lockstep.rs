@@ -22,28 +22,28 @@ fn path(path: &Path) -> &str {
     path.to_str().expect("UTF-8")
 }
 
-/// Ten seconds of a body that swings, with a pause before one of the samples.
+/// Ten seconds of an oscillating body, with a pause before one of the samples.
 fn swing(simulated: &Simulated, pause: Duration) {
     for half in 0..=20 {
         if half == 9 {
             sleep(pause);
         }
         let t_s = f64::from(half) * 0.5;
-        simulated.tell(&about_x(t_s, 300.0 * (t_s * 0.7).sin()));
+        simulated.send(&about_x(t_s, 300.0 * (t_s * 0.7).sin()));
     }
 }
 
 #[test]
 fn a_simulator_that_stands_still_is_waited_for_and_the_bytes_are_those_of_one_that_does_not() {
-    let room = tempfile::tempdir().expect("a directory");
+    let directory = tempfile::tempdir().expect("a directory");
     // Longer than the 2 s after which such a run once went on without its source.
     let [quick, slow] = [("quick", 0), ("slow", 3)].map(|(name, pause_s)| {
-        let run = room.path().join(name);
+        let run = directory.path().join(name);
         let simulated = start(&["--duration", "10", "--record", path(&run)]);
         swing(&simulated, Duration::from_secs(pause_s));
         let (code, said, _) = simulated.end();
         assert_eq!(code, Some(0), "{said}");
-        assert!(said.contains("late samples 0, missing 0, jumps 0"), "{said}");
+        assert!(said.contains("late intervals 0, missing 0, jumps 0"), "{said}");
         assert_eq!(said.contains("waits for a sample at or after its time"), pause_s > 0, "{said}");
         run
     });
@@ -54,19 +54,19 @@ fn a_simulator_that_stands_still_is_waited_for_and_the_bytes_are_those_of_one_th
 
 #[test]
 fn a_simulator_that_does_not_come_in_the_time_it_is_given_ends_the_run_with_its_recording_whole() {
-    let room = tempfile::tempdir().expect("a directory");
-    let run = room.path().join("run");
+    let directory = tempfile::tempdir().expect("a directory");
+    let run = directory.path().join("run");
     let simulated = start(&["--duration", "60", "--truth-wait", "0.5", "--record", path(&run)]);
-    (0..=10).for_each(|half| simulated.tell(&about_x(f64::from(half) * 0.5, 10.0 * f64::from(half))));
+    (0..=10).for_each(|half| simulated.send(&about_x(f64::from(half) * 0.5, 10.0 * f64::from(half))));
     let (code, said, _) = simulated.end();
     assert_eq!(code, Some(1), "{said}");
     assert!(
         said.contains("expected a sample at or after its time 5.5 s within 0.5 s (--truth-wait), got none"),
         "{said}"
     );
-    assert!(said.contains("samples 10,") && said.contains("late samples 0, missing 0"), "{said}");
+    assert!(said.contains("samples 10,") && said.contains("late intervals 0, missing 0"), "{said}");
     assert_eq!(said.matches("--truth-wait)").count(), 1, "one message: {said}");
-    let again = room.path().join("again");
+    let again = directory.path().join("again");
     let output = geu().arg("simulate").arg(run.join("run.toml")).arg("--out").arg(&again).output().expect("geu starts");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let read = |directory: &Path| fs::read(directory.join("truth.csv")).expect("a truth");
@@ -81,7 +81,7 @@ fn a_simulator_that_does_not_come_in_the_time_it_is_given_ends_the_run_with_its_
 fn a_run_that_waits_for_ever_ends_at_once_when_it_is_asked_to() {
     for lines in [0, 3] {
         let simulated = start(&["--truth-wait", "forever"]);
-        (0..lines).for_each(|half| simulated.tell(&about_x(f64::from(half) * 0.5, 0.0)));
+        (0..lines).for_each(|half| simulated.send(&about_x(f64::from(half) * 0.5, 0.0)));
         sleep(Duration::from_millis(300));
         simulated.ask_to_end();
         let (code, said, took) = simulated.end();
@@ -102,7 +102,7 @@ fn a_wait_that_is_none_or_for_nobody_is_refused() {
             &["--truth", "udp://127.0.0.1:0", "--truth-wait", "never"],
             "expected forever, or a duration of 0.001 to 1000000 seconds (90, 90s, 10m, 2h, 1d), got never",
         ),
-        (&["--truth-wait", "5"], "--truth-wait: expected a simulator to wait for"),
+        (&["--truth-wait", "5"], "--truth-wait: expected a simulator as the truth"),
     ] {
         let output = geu().args(["run", "--tcp", "127.0.0.1:0"]).args(arguments).output().expect("geu starts");
         let said = String::from_utf8_lossy(&output.stderr);
@@ -113,20 +113,20 @@ fn a_wait_that_is_none_or_for_nobody_is_refused() {
 #[test]
 fn a_run_in_real_time_whose_truth_came_late_says_so_and_fails_at_its_end() {
     let simulated = Simulated::start(&["--duration", "2"]);
-    simulated.tell(&about_x(0.0, 0.0));
+    simulated.send(&about_x(0.0, 0.0));
     let (code, said, _) = simulated.end();
     assert_eq!(code, Some(1), "{said}");
-    assert!(said.contains("got 4 late samples, 0 missing, 0 jumps: the unit moved otherwise"), "{said}");
-    assert!(said.contains("truth        received 1, late samples 4, missing 0"), "the statistics: {said}");
+    assert!(said.contains("got 4 late intervals, 0 missing, 0 jumps: the unit moved otherwise"), "{said}");
+    assert!(said.contains("truth        received 1, late intervals 4, missing 0"), "the statistics: {said}");
 }
 
 #[test]
 fn a_run_whose_truth_had_a_line_that_could_not_be_read_fails_and_names_the_port_that_was_taken() {
     let simulated = start(&["--duration", "2"]);
     for half in 0..=4 {
-        simulated.tell(&about_x(f64::from(half) * 0.5, 0.0));
+        simulated.send(&about_x(f64::from(half) * 0.5, 0.0));
         if half == 2 {
-            simulated.tell("{\"t_s\": 1.2, \"q\": [1, 0, 0]}\n");
+            simulated.send("{\"t_s\": 1.2, \"q\": [1, 0, 0]}\n");
         }
     }
     let (code, said, _) = simulated.end();
@@ -137,19 +137,19 @@ fn a_run_whose_truth_had_a_line_that_could_not_be_read_fails_and_names_the_port_
 
 #[test]
 fn a_silent_sample_ends_too_and_the_loop_goes_on() {
-    let room = tempfile::tempdir().expect("a directory");
-    let plan = room.path().join("plan.toml");
+    let directory = tempfile::tempdir().expect("a directory");
+    let plan = directory.path().join("plan.toml");
     let faults = "[[fault]]\nfault = \"silence\"\nlink = \"tcp\"\nat_s = 2.0\nfor_s = 1.0\n\n[[fault]]\nfault = \"duplicate\"\nlink = \"tcp\"\nat_s = 4.0\nfor_s = 0.5\n";
     fs::write(&plan, faults).expect("written");
     let simulated = start(&["--wait", "--duration", "6", "--faults", path(&plan)]);
     let stream = std::net::TcpStream::connect(&simulated.link).expect("a link");
     stream.set_read_timeout(Some(PATIENCE)).expect("a socket");
     let mut client = Client::new(stream);
-    simulated.tell("{\"subscribe\": \"samples\"}\n");
-    simulated.tell(&about_x(100.0, 0.0));
+    simulated.send("{\"subscribe\": \"samples\"}\n");
+    simulated.send(&about_x(100.0, 0.0));
     for half in 0..12_u32 {
-        // The next sample depends on what the sample before told: nobody is ahead.
-        simulated.tell(&about_x(100.0 + f64::from(half + 1) * 0.5, 10.0 * f64::from(half)));
+        // Each sample depends on the report of the sample before: neither side is ahead.
+        simulated.send(&about_x(100.0 + f64::from(half + 1) * 0.5, 10.0 * f64::from(half)));
         let report: Value = serde_json::from_str(&simulated.report()).expect("JSON");
         assert_eq!(report["half_second"], half, "{report}");
         assert_eq!(report["sequence"], half, "{report}");
@@ -172,7 +172,7 @@ fn a_silent_sample_ends_too_and_the_loop_goes_on() {
 }
 
 #[test]
-fn over_tcp_who_asks_is_told_and_who_does_not_is_sent_nothing() {
+fn reports_over_tcp_are_sent_to_subscribers_only() {
     for asks in [true, false] {
         let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
         let truth = format!("tcp://{}", listener.local_addr().expect("an address"));
@@ -197,7 +197,7 @@ fn a_peer_that_asks_and_never_reads_holds_nothing_up() {
     let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
     let truth = format!("tcp://{}", listener.local_addr().expect("an address"));
     let mut command = geu();
-    // Reports of some megabytes: more than the kernel keeps for a socket that nobody reads.
+    // Reports of some megabytes exceed the kernel's buffer of an unread socket.
     let arguments = ["--tcp", "127.0.0.1:0", "--control", "off", "--duration", "60000", "--truth", &truth];
     let mut child = command
         .arg("run")

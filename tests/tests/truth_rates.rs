@@ -31,11 +31,11 @@ fn link_of(run: &Path) -> std::path::PathBuf {
 
 #[test]
 fn a_simulator_that_turns_faster_than_the_range_saturates_the_gyro() {
-    let room = tempfile::tempdir().expect("a directory");
-    let run = room.path().join("run");
+    let directory = tempfile::tempdir().expect("a directory");
+    let run = directory.path().join("run");
     let record = run.to_str().expect("UTF-8");
     let simulated = Simulated::start(&["--speed", "max", "--duration", "10", "--record", record]);
-    (0..=20).for_each(|half| simulated.tell(&about_x(f64::from(half) * 0.5, ARCSEC_S * 0.5 * f64::from(half))));
+    (0..=20).for_each(|half| simulated.send(&about_x(f64::from(half) * 0.5, ARCSEC_S * 0.5 * f64::from(half))));
     let (code, said, _) = simulated.end();
     assert!(code == Some(0) && said.contains("jumps 0,"), "{said}");
     let rows = decoded(&link_of(&run));
@@ -49,7 +49,7 @@ fn a_simulator_that_turns_faster_than_the_range_saturates_the_gyro() {
 #[test]
 fn a_limit_that_is_configured_holds_and_the_run_says_that_it_jumped() {
     let simulated = Simulated::start(&["--speed", "max", "--duration", "2", "--set", "truth.max_rate_deg_s=20"]);
-    (0..=4).for_each(|half| simulated.tell(&about_x(f64::from(half) * 0.5, ARCSEC_S * 0.5 * f64::from(half))));
+    (0..=4).for_each(|half| simulated.send(&about_x(f64::from(half) * 0.5, ARCSEC_S * 0.5 * f64::from(half))));
     let (code, said, _) = simulated.end();
     assert_eq!(code, Some(1), "{said}");
     assert!(said.contains("by 30.0°/s for 0.500 s; expected 20°/s at most (truth.max_rate_deg_s)"), "{said}");
@@ -58,8 +58,8 @@ fn a_limit_that_is_configured_holds_and_the_run_says_that_it_jumped() {
 
 #[test]
 fn a_reference_that_turns_faster_than_the_range_saturates_the_gyro_too() {
-    let room = tempfile::tempdir().expect("a directory");
-    let (file, run) = (room.path().join("reference.csv"), room.path().join("run"));
+    let directory = tempfile::tempdir().expect("a directory");
+    let (file, run) = (directory.path().join("reference.csv"), directory.path().join("run"));
     let mut text = "t_s,rate_x_arcsec_s,rate_y_arcsec_s,rate_z_arcsec_s\n".to_owned();
     (1..=20).for_each(|half| writeln!(text, "{},{ARCSEC_S},0,0", f64::from(half) * 0.5).expect("a string"));
     fs::write(&file, text).expect("written");

@@ -12,10 +12,10 @@ fn first_after(delay_s: &str) -> Duration {
     let simulated = Simulated::start(&["--wait", "--set", &set, "--duration", "1"]);
     let mut link = TcpStream::connect(&simulated.link).expect("a link");
     link.set_read_timeout(Some(PATIENCE)).expect("a socket");
-    // The unit is no longer held back for its client when the sample comes.
+    // The unit no longer waits for its client when the sample arrives.
     std::thread::sleep(Duration::from_millis(300));
     let start = Instant::now();
-    simulated.tell(&(about_x(0.0, 0.0) + &about_x(5.0, 0.0)));
+    simulated.send(&(about_x(0.0, 0.0) + &about_x(5.0, 0.0)));
     link.read_exact(&mut [0; 28]).expect("a sample");
     let after = start.elapsed();
     assert_eq!(simulated.end().0, Some(0));

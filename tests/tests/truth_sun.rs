@@ -13,7 +13,7 @@ fn scan(simulated: &Simulated, sun: &str) {
         let t_s = f64::from(half) * 0.5;
         let half_rad = (0.5 * t_s).to_radians() / 2.0;
         let (sin, cos) = half_rad.sin_cos();
-        simulated.tell(&format!("{{\"t_s\": {t_s}, \"q\": [{cos}, 0, {sin}, 0]{sun}}}\n"));
+        simulated.send(&format!("{{\"t_s\": {t_s}, \"q\": [{cos}, 0, {sin}, 0]{sun}}}\n"));
     }
 }
 
@@ -25,8 +25,9 @@ fn rows(file: &Path) -> Vec<Vec<f64>> {
 
 #[test]
 fn the_sun_is_seen_turns_the_package_and_meets_conditions_live_and_again() {
-    let room = tempfile::tempdir().expect("a directory");
-    let (plan, run, again) = (room.path().join("plan.toml"), room.path().join("run"), room.path().join("again"));
+    let directory = tempfile::tempdir().expect("a directory");
+    let (plan, run, again) =
+        (directory.path().join("plan.toml"), directory.path().join("run"), directory.path().join("again"));
     let text = "[[fault]]\nid = \"hot\"\nfault = \"stuck-count\"\ngyro = \"GYRZB\"\ncounts = 7\nwhen = \"theta_deg > 95\"\nfor_s = 1.0\n";
     fs::write(&plan, text).expect("written");
     let thermal = "unit.misalignment-thermal.arcsec_per_deg=60";
@@ -74,16 +75,16 @@ fn the_sun_is_seen_turns_the_package_and_meets_conditions_live_and_again() {
 }
 
 #[test]
-fn a_condition_on_a_sun_that_the_first_sample_does_not_tell_is_refused_and_bad_suns_are_counted() {
-    let room = tempfile::tempdir().expect("a directory");
-    let plan = room.path().join("plan.toml");
+fn a_condition_on_an_unavailable_sun_is_refused_and_bad_sun_vectors_are_counted() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let plan = directory.path().join("plan.toml");
     fs::write(&plan, "[[fault]]\nfault = \"dead\"\ngyro = \"GYRX\"\nwhen = \"theta_deg > 95\"\n").expect("written");
     let simulated = Simulated::start(&["--speed", "max", "--duration", "5", "--faults", plan.to_str().expect("UTF-8")]);
     scan(&simulated, "");
     let (code, said, _) = simulated.end();
     assert_eq!(code, Some(2), "{said}");
     assert!(
-        said.contains("theta_deg is not told by the truth of this run") && said.contains("\"sun\": [x, y, z]"),
+        said.contains("theta_deg is not available from the truth of this run") && said.contains("\"sun\": [x, y, z]"),
         "{said}"
     );
 

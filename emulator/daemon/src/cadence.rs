@@ -1,7 +1,7 @@
 //! Keeping time: absolute deadlines on the monotonic clock, on an ordinary thread.
 //!
-//! Measured on a two-core virtual machine, a timer of an asynchronous runtime is over a millisecond late at the median;
-//! an absolute sleep with one nanosecond of timer slack is under 0.1 ms late, and a final spin takes the rest.
+//! On a two-core virtual machine the median lateness of a timer of an asynchronous runtime is more than 1 ms, of an absolute sleep
+//! with 1 ns of timer slack less than 0.1 ms; a final spin removes the rest.
 
 use std::thread;
 use std::time::Duration;
@@ -12,7 +12,7 @@ use nix::sys::time::TimeSpec;
 use nix::time::{ClockId, ClockNanosleepFlags, clock_gettime, clock_nanosleep};
 
 const NS_PER_S: i64 = 1_000_000_000;
-/// SCHED_FIFO priority asked for: above ordinary work, below the kernel's own threads at 50.
+/// SCHED_FIFO priority: above ordinary work, below the kernel's own threads at 50.
 const FIFO_PRIORITY: i32 = 40;
 
 /// Now on the monotonic clock, ns.
@@ -30,12 +30,12 @@ pub struct DeadlineTimer {
 impl DeadlineTimer {
     /// Sets this thread's timer slack to 1 ns. The last `spin` before each deadline is spent spinning, not sleeping.
     pub fn new(spin: Duration) -> DeadlineTimer {
-        // Refused only by kernels without timer slack, which have none to take away.
+        // Only kernels without timer slack refuse it.
         let _ = prctl::set_timerslack(1);
         DeadlineTimer { spin_ns: spin.as_nanos() as i64 }
     }
 
-    /// Returns at the deadline or as soon after it as the machine allows.
+    /// Returns at the deadline or as soon as possible after it.
     pub fn sleep_until(&self, deadline_ns: i64) {
         let wake_ns = deadline_ns - self.spin_ns;
         let wake = TimeSpec::new(wake_ns.div_euclid(NS_PER_S), wake_ns.rem_euclid(NS_PER_S));
@@ -50,7 +50,7 @@ impl DeadlineTimer {
     }
 }
 
-/// Parks this thread until about `deadline_ns`; a spurious or wanted unpark returns early.
+/// Parks this thread until about `deadline_ns`; an unpark returns early.
 pub(crate) fn doze_until(deadline_ns: i64) {
     let left_ns = deadline_ns - now_ns();
     if left_ns > 0 {
@@ -58,27 +58,27 @@ pub(crate) fn doze_until(deadline_ns: i64) {
     }
 }
 
-/// Asks for SCHED_FIFO for this thread.
+/// Requests SCHED_FIFO for this thread.
 ///
 /// # Errors
-/// What the kernel says where it does not grant it.
+/// The error of the kernel if it refuses.
 pub fn ask_for_realtime() -> Result<(), Errno> {
     let parameter = nix::libc::sched_param { sched_priority: FIFO_PRIORITY };
     // SAFETY: `parameter` is a valid sched_param that outlives the call; 0 is the calling thread.
     Errno::result(unsafe { nix::libc::sched_setscheduler(0, nix::libc::SCHED_FIFO, &raw const parameter) }).map(drop)
 }
 
-/// How fast on-board time runs against the wall clock.
+/// Ratio of on-board time to the wall clock.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Speed {
-    /// So many on-board seconds in one of the wall clock.
+    /// On-board seconds per second of the wall clock.
     Times(f64),
-    /// As fast as the model and the readers go.
+    /// As fast as the model and the readers permit.
     Max,
 }
 
 impl Speed {
-    /// Wall-clock time that `on_board_ns` takes, ns; none at all for [`Speed::Max`].
+    /// Wall-clock duration of `on_board_ns`, ns; `None` for [`Speed::Max`].
     pub fn wall_ns(self, on_board_ns: i64) -> Option<i64> {
         match self {
             Speed::Times(1.0) => Some(on_board_ns),
@@ -87,7 +87,7 @@ impl Speed {
         }
     }
 
-    /// Whether samples come faster than those of a real unit, so that bytes matter more than their instant.
+    /// True if samples are faster than in a real unit, so that their bytes matter more than their times.
     pub fn is_faster_than_real(self) -> bool {
         match self {
             Speed::Times(factor) => factor > 1.0,
@@ -127,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn speed_scales_time_and_refuses_what_is_no_speed() {
+    fn speed_scales_time_and_rejects_invalid_text() {
         assert_eq!("2".parse::<Speed>().unwrap().wall_ns(500_000_000), Some(250_000_000));
         assert_eq!("1".parse::<Speed>().unwrap().wall_ns(i64::MAX), Some(i64::MAX));
         assert_eq!("max".parse::<Speed>().unwrap().wall_ns(1), None);

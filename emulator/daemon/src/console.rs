@@ -1,4 +1,4 @@
-//! What a person at the terminal sees: ready lines on standard output, messages and the status line on standard error.
+//! Terminal output: ready lines on standard output, messages and the status line on standard error.
 
 use std::fmt::Display;
 use std::io::{IsTerminal, Write, stderr, stdout};
@@ -12,48 +12,48 @@ use geu_protocol::field::unit_flag;
 
 use crate::lateness::{DurationNs, Histogram};
 
-/// What may wait for a terminal that stands still; more is lost.
+/// Messages that wait for a blocked terminal; more are lost.
 const QUEUE: usize = 256;
-/// At the end such a terminal is waited for so long.
-const LAST_WORDS: Duration = Duration::from_millis(200);
+/// Maximum wait for a blocked terminal at the end.
+const FINISH_TIMEOUT: Duration = Duration::from_millis(200);
 /// Back to the first column, and erase.
 const ERASE: &str = "\r\x1b[K";
 
 enum Message {
     Ready(String),
-    Said(String),
+    Text(String),
     Status(String),
     Finish(SyncSender<()>),
 }
 
-/// Tells on standard output that a link is ready. A reader that left is no reason to stop.
+/// Prints on standard output that a link is ready. A closed output is ignored.
 pub(crate) fn ready(link: &str) {
-    tell(Message::Ready(format!("ready {link}\n")));
+    send(Message::Ready(format!("ready {link}\n")));
 }
 
-/// Says something on standard error.
+/// Prints a message on standard error.
 pub(crate) fn say(message: impl Display) {
-    tell(Message::Said(format!("geu: {message}\n")));
+    send(Message::Text(format!("geu: {message}\n")));
 }
 
-/// Takes the status line away.
+/// Erases the status line.
 pub(crate) fn clear_status() {
-    tell(Message::Said(String::new()));
+    send(Message::Text(String::new()));
 }
 
-/// Waits until all is shown, but not for ever.
+/// Waits until all messages are printed, for a limited time.
 pub(crate) fn finish() {
     let (done, is_done) = sync_channel(1);
-    tell(Message::Finish(done));
-    let _ = is_done.recv_timeout(LAST_WORDS);
+    send(Message::Finish(done));
+    let _ = is_done.recv_timeout(FINISH_TIMEOUT);
 }
 
-/// Whether standard error is a terminal, where a status line makes sense.
+/// True if standard error is a terminal, which has a status line.
 pub(crate) fn wants_status() -> bool {
     stderr().is_terminal()
 }
 
-/// Shows the state of the unit in place of the last status line.
+/// Replaces the status line.
 pub(crate) fn show_status(sample: Option<&Sample>, clients: usize, lateness: &Histogram) {
     let Some(sample) = sample else { return };
     let [x, y, za, zb] = sample.increments;
@@ -63,7 +63,7 @@ pub(crate) fn show_status(sample: Option<&Sample>, clients: usize, lateness: &Hi
     } else {
         String::new()
     };
-    tell(Message::Status(format!(
+    send(Message::Status(format!(
         "seq {:5}  X {x:+6}  Y {y:+6}  ZA {za:+6}  ZB {zb:+6}  {:.2} / {:.2} °C  {mode}  {clients} client{}  {late}",
         sample.sequence,
         f64::from(sample.electronics_centi_c) / 100.0,
@@ -72,12 +72,12 @@ pub(crate) fn show_status(sample: Option<&Sample>, clients: usize, lateness: &Hi
     )));
 }
 
-/// Hands over to the thread that writes: neither a terminal that stands still nor a closed one holds anybody up.
-fn tell(message: Message) {
+/// Queues a message for the printing thread, so that a blocked or closed terminal delays no caller.
+fn send(message: Message) {
     static MESSAGES: OnceLock<SyncSender<Message>> = OnceLock::new();
     let messages = MESSAGES.get_or_init(|| {
         let (sender, messages) = sync_channel(QUEUE);
-        // Without a thread the receiver is gone, and nothing is shown.
+        // Without a thread the receiver is gone, and messages are lost.
         let _ = thread::Builder::new().name("geu-console".to_owned()).spawn(move || show(&messages));
         sender
     });
@@ -85,19 +85,19 @@ fn tell(message: Message) {
 }
 
 fn show(messages: &Receiver<Message>) {
-    // Whether a status line stands on the terminal now, to be written over.
-    let mut stands = false;
+    // True if the terminal shows a status line, which the next message erases.
+    let mut has_status = false;
     for message in messages {
-        let erase = if std::mem::take(&mut stands) { ERASE } else { "" };
+        let erase = if std::mem::take(&mut has_status) { ERASE } else { "" };
         let _ = match message {
             Message::Ready(line) => {
                 let _ = write!(stderr(), "{erase}");
                 let mut out = stdout().lock();
                 out.write_all(line.as_bytes()).and_then(|()| out.flush())
             }
-            Message::Said(text) => write!(stderr(), "{erase}{text}"),
+            Message::Text(text) => write!(stderr(), "{erase}{text}"),
             Message::Status(text) => {
-                stands = true;
+                has_status = true;
                 write!(stderr(), "{erase}{text}")
             }
             Message::Finish(done) => {

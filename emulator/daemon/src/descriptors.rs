@@ -1,29 +1,27 @@
-//! How many descriptors the process may have: asked for at the start, so that what is missing later is a client's place and
-//! never the unit's.
+//! Limit of file descriptors: raised at the start, so that a lack of them later affects clients and never the unit.
 
 use nix::sys::resource::{Resource, getrlimit, setrlimit};
 
-/// Fewer than these are refused: links, a recording, the control interface, and some clients over TCP.
+/// Required number: links, a recording, the control interface, and some clients over TCP.
 const NEEDED: u64 = 128;
-/// Clients over TCP leave so many to everything else: 48 connections of the control interface, and what links open to
-/// recover.
+/// Number reserved from clients over TCP: for 48 connections of the control interface, and for links that are reopened.
 const SPARE: u64 = 64;
 
-/// A process that may have too few.
+/// The limit of the process is too low.
 #[derive(Debug, thiserror::Error)]
 #[error("this process may have {0} descriptors, expected {NEEDED} at least; raise the limit: ulimit -n 1024")]
 pub struct TooFew(u64);
 
-/// Takes as many as the process may have.
+/// Raises the limit to its maximum.
 ///
 /// # Errors
-/// Fewer than a run needs.
+/// A maximum below the needs of a run.
 pub(crate) fn take_all() -> Result<(), TooFew> {
     let Ok((_, hard)) = getrlimit(Resource::RLIMIT_NOFILE) else { return Ok(()) };
     if hard < NEEDED {
         return Err(TooFew(hard));
     }
-    // Refused, the limit stays as it is, and `limit` says what it is.
+    // A refusal keeps the limit, which is checked below.
     let _ = setrlimit(Resource::RLIMIT_NOFILE, hard, hard);
     match limit() {
         limit if limit < NEEDED => Err(TooFew(limit)),
@@ -31,7 +29,7 @@ pub(crate) fn take_all() -> Result<(), TooFew> {
     }
 }
 
-/// Whether too few are left for others beside `descriptor`, which is new: the kernel gives the lowest number that is free.
+/// True if `descriptor`, a new one, is reserved: the kernel assigns the lowest free number.
 pub(crate) fn is_scarce_beside(descriptor: i32) -> bool {
     descriptor as u64 >= limit().saturating_sub(SPARE)
 }

@@ -1,9 +1,9 @@
-//! Lateness as a histogram of log-spaced buckets: eight to the octave, so that a percentile is good to 9 %.
+//! Lateness as a histogram of logarithmic buckets, eight per octave, for percentiles accurate to 9 %.
 
 use std::fmt;
 use std::sync::{Mutex, MutexGuard};
 
-/// Buckets to an octave, as a power of two.
+/// Binary logarithm of the buckets per octave.
 const SUB_BITS: u32 = 3;
 const BUCKETS: usize = (64 - SUB_BITS as usize + 1) << SUB_BITS;
 
@@ -26,7 +26,7 @@ fn bucket(ns: u64) -> usize {
     ((octave as usize) << SUB_BITS) + (ns >> octave) as usize
 }
 
-/// The largest time that falls into a bucket, ns.
+/// The largest time in a bucket, ns.
 fn upper_ns(index: usize) -> u64 {
     let octave = (index >> SUB_BITS).saturating_sub(1) as u32;
     let mantissa = index as u64 - (u64::from(octave) << SUB_BITS);
@@ -34,7 +34,7 @@ fn upper_ns(index: usize) -> u64 {
 }
 
 impl Histogram {
-    /// Takes one in; an early one counts as 0.
+    /// Adds a time; a negative one counts as 0.
     pub fn record(&mut self, ns: i64) {
         let ns = ns.max(0) as u64;
         self.buckets[bucket(ns)] += 1;
@@ -42,7 +42,7 @@ impl Histogram {
         self.max_ns = self.max_ns.max(ns);
     }
 
-    /// How many were taken in.
+    /// Number of times.
     pub fn count(&self) -> u64 {
         self.count
     }
@@ -52,7 +52,7 @@ impl Histogram {
         self.max_ns
     }
 
-    /// A time that `share` of all do not exceed, ns; 0 of none.
+    /// The time that `share` of all do not exceed, ns; 0 without times.
     pub fn percentile_ns(&self, share: f64) -> u64 {
         let wanted = ((share * self.count as f64).ceil() as u64).max(1);
         let mut seen = 0;
@@ -76,7 +76,7 @@ impl fmt::Display for Histogram {
     }
 }
 
-/// A short time, ns, with the unit that suits it.
+/// A short duration, ns, printed with a suitable unit.
 #[derive(Debug, Clone, Copy)]
 pub struct DurationNs(pub u64);
 
@@ -92,14 +92,14 @@ impl fmt::Display for DurationNs {
     }
 }
 
-/// A tick later than this is counted as late: what the interface control document allows as constant delay.
+/// Limit of lateness: the constant delay that the interface control document permits.
 const LATE_NS: i64 = 5_000_000;
 
-/// How well a run keeps time, as all its threads see it.
+/// Lateness of a run, shared by its threads.
 #[derive(Default)]
 pub(crate) struct CadenceMonitor(Mutex<CadenceCounts>);
 
-/// Samples that were late or not sent, and the lateness of those with a deadline.
+/// Number of samples that were late or not sent, and the lateness of samples with a deadline.
 #[derive(Default, Clone)]
 pub(crate) struct CadenceCounts {
     pub late: u64,
@@ -125,7 +125,7 @@ impl CadenceMonitor {
     }
 
     fn lock(&self) -> MutexGuard<'_, CadenceCounts> {
-        self.0.lock().expect("nothing panics with the counts")
+        self.0.lock().expect("no panic while locked")
     }
 }
 
@@ -134,7 +134,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_time_falls_into_a_bucket_that_holds_it_within_an_eighth() {
+    fn each_time_is_in_a_bucket_of_one_eighth_of_its_value() {
         let mut ns = 1u64;
         while ns < u64::MAX / 2 {
             for near in [ns - 1, ns, ns + 1] {
@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn percentiles_are_those_of_what_was_taken_in() {
+    fn percentiles_follow_the_recorded_times() {
         let mut histogram = Histogram::default();
         assert_eq!(histogram.percentile_ns(0.5), 0);
         (1..=1000).for_each(|us| histogram.record(us * 1000));

@@ -1,11 +1,11 @@
 //! The unit as a process: cadence, links, commands, recording.
 //!
 //! [`run()`] is the emulator. One ordinary thread keeps time ([`cadence`]) and writes every sample to all links
-//! ([`link`]) itself; a runtime on the calling thread does whatever waits for somebody else: clients, commands,
-//! signals, devices that come back. They share the unit behind one lock (`shared_unit`).
+//! ([`link`]) itself; a runtime on the calling thread waits for clients, commands, signals and devices. They share the unit
+//! behind one lock (`shared_unit`).
 //!
-//! Dependencies run one way: `run` uses `control_service` and `link`; both use `shared_unit`, which uses `recorder_thread`
-//! and `event_source`; these and [`simulate`](mod@simulate) use `recorder`; that uses [`link_model`] and [`truth`].
+//! Dependencies run one way: `run` uses `control_service` and `link`; both use `shared_unit`, which uses `recorder_thread`.
+//! Data of links and recordings come from the crate `geu_recorder`, which knows neither device nor wall clock.
 
 pub mod cadence;
 mod catalogue;
@@ -13,18 +13,13 @@ mod console;
 pub mod control;
 mod control_service;
 pub mod descriptors;
-mod event_source;
-mod fault_json;
 pub mod lateness;
 pub mod link;
-pub mod link_model;
 mod patience;
-pub mod recorder;
 mod recorder_thread;
 mod run;
 pub mod running;
 mod shared_unit;
-pub mod simulate;
 pub mod truth;
 
 pub use catalogue::catalogue;

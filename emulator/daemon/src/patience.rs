@@ -1,14 +1,14 @@
-//! How long readers are waited for, and the end of a run, which cuts every wait short.
+//! Time limit for readers, and the end of a run, which ends every wait.
 
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
 use tokio::sync::Notify;
 
-/// Once a run is asked to end, readers have so long to take what is sent, all of them together.
+/// Time for all readers together to read the last data after a request to end.
 pub(crate) const LAST_WORDS: Duration = Duration::from_millis(300);
 
-/// Whether, and when, a run was asked to end.
+/// The request to end a run.
 #[derive(Debug, Default)]
 pub(crate) struct Stop {
     asked: OnceLock<Instant>,
@@ -22,15 +22,15 @@ impl Stop {
         self.notify.notify_waiters();
     }
 
-    /// Whether the run was asked to end.
+    /// True after the request.
     pub fn is_asked(&self) -> bool {
         self.asked.get().is_some()
     }
 
-    /// Resolves when the run was asked to end, to the time of that.
+    /// Resolves at the request, to its time.
     pub async fn asked(&self) -> Instant {
         loop {
-            // Made before the look, so that an end that is asked for in between is not missed.
+            // Created before the check, so that a request in between is not missed.
             let notified = self.notify.notified();
             if let Some(asked) = self.asked.get() {
                 return *asked;
@@ -39,13 +39,13 @@ impl Stop {
         }
     }
 
-    /// Whether readers have had their last words.
+    /// True once the time of readers after the request has passed.
     fn is_overdue(&self) -> bool {
         self.asked.get().is_some_and(|asked| asked.elapsed() >= LAST_WORDS)
     }
 }
 
-/// How long a reader without room is waited for.
+/// Time for which a reader that accepts no data is awaited.
 #[derive(Debug, Clone)]
 pub(crate) struct Patience {
     limit: Duration,
@@ -53,22 +53,22 @@ pub(crate) struct Patience {
 }
 
 impl Patience {
-    /// So long, and never beyond the end of the run.
+    /// At most `limit`, and never beyond the end of the run.
     pub fn new(limit: Duration, stop: &Arc<Stop>) -> Patience {
         Patience { limit, stop: stop.clone() }
     }
 
-    /// The same, for a run that ends.
+    /// Extends the limit, for the end of a run.
     pub fn at_least(self, limit: Duration) -> Patience {
         Patience { limit: self.limit.max(limit), ..self }
     }
 
-    /// Whether nobody is waited for.
+    /// True if readers are not awaited.
     pub fn is_none(&self) -> bool {
         self.limit.is_zero()
     }
 
-    /// Whether a reader that is waited for since then is waited for no longer.
+    /// True if the time of a reader awaited since then has passed.
     pub fn is_over(&self, since: Instant) -> bool {
         since.elapsed() >= self.limit || self.stop.is_overdue()
     }

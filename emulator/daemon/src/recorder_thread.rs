@@ -1,11 +1,11 @@
-//! Recording beside the live links: a thread of its own writes, and nobody who keeps time or answers waits for a disk.
+//! Recording beside the live links: a separate thread writes, so that neither the cadence thread nor a reply waits for a disk.
 //!
-//! What waits for the disk is bounded by memory. A recording that cannot keep up ends there, and says so; the unit goes
-//! on. A command or a live fault is answered when it was written, or after [`ANSWER_WITHIN`], whichever is first.
+//! Memory limits what may wait for the disk. A recording that cannot keep up ends there, with a message; the unit continues. The
+//! reply to a command or to an injected fault waits until it is recorded, at most [`REPLY_TIMEOUT`].
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering::Relaxed};
-use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
+use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, OnceLock};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -17,55 +17,54 @@ use tokio::sync::{oneshot, watch};
 use tokio::time::timeout;
 
 use crate::console;
-use crate::recorder::{End, RecordError, Recorder, UnitEvent};
+use geu_recorder::{End, RecordError, Recorder, UnitEvent};
 
-/// Memory that may wait for the disk: at rest four hours, at a thousand commands a second some minutes.
-const MOST_WAITING: usize = 64 << 20;
-/// A run without deadlines waits for its recording where more waits for the disk.
-const AMPLE_WAITING: usize = MOST_WAITING / 8;
-/// While events come without a pause they are handed to the system so often.
-const FLUSH: Duration = Duration::from_millis(5);
-/// An answer waits so long at most until what it answers is written: half of what a reply may take.
-const ANSWER_WITHIN: Duration = Duration::from_millis(10);
-/// Between two looks whether something was written.
-const LOOK_AGAIN: Duration = Duration::from_micros(200);
+/// Memory that may wait for the disk: at rest four hours, at a thousand commands per second some minutes.
+const MAX_WAITING: usize = 64 << 20;
+/// A run without deadlines waits for its recording if more waits for the disk.
+const AMPLE_WAITING: usize = MAX_WAITING / 8;
+/// Interval of flushes while events come without a pause.
+const FLUSH_INTERVAL: Duration = Duration::from_millis(5);
+/// Maximum time for which a reply waits for the recording: half of the time allowed for a reply.
+const REPLY_TIMEOUT: Duration = Duration::from_millis(10);
+const POLL_INTERVAL: Duration = Duration::from_micros(200);
 
 /// A recording that is not complete.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingError {
     /// It ended before the run.
     #[error(
-        "the recording in {} ended at sample {sample}: {reason}; `geu simulate {}/run.toml` makes again what was recorded",
+        "the recording in {} ended at sample {sample}: {reason}; `geu simulate {}/run.toml` repeats the recorded part",
         .directory.display(), .directory.display()
     )]
     EndedEarly {
-        /// Of the recording.
+        /// Directory of the recording.
         directory: PathBuf,
         /// Samples of the unit by then.
         sample: u64,
-        /// Why.
+        /// Cause.
         reason: String,
     },
-    /// The disk did not take the rest in time.
+    /// The disk did not accept the rest in time.
     #[error(
-        "the recording in {} is cut: {waiting} bytes were still waiting for the disk when the process ended; `geu simulate {}/run.toml` makes again what was recorded",
+        "the recording in {} is cut: {waiting} bytes were still waiting for the disk when the process ended; `geu simulate {}/run.toml` repeats the recorded part",
         .directory.display(), .directory.display()
     )]
     Cut {
-        /// Of the recording.
+        /// Directory of the recording.
         directory: PathBuf,
-        /// Bytes in memory, about.
+        /// Approximate number of bytes in memory.
         waiting: usize,
     },
 }
 
-/// How a recording stands, as all see it.
+/// State of a recording, shared by all threads.
 pub(crate) struct Status {
     directory: PathBuf,
     waiting_bytes: AtomicUsize,
-    /// Events that the system has.
+    /// Number of events that are written.
     written: watch::Sender<u64>,
-    /// Somebody waited in vain for the disk, and it has written nothing since.
+    /// A reply timed out on the disk, which has written nothing since.
     is_stalled: AtomicBool,
     ended: OnceLock<EndedEarly>,
 }
@@ -81,57 +80,56 @@ impl Status {
         })
     }
 
-    /// Whether a run without deadlines may go on.
-    pub fn has_ample_room(&self) -> bool {
+    /// True if a run without deadlines may continue.
+    pub fn has_ample_capacity(&self) -> bool {
         self.waiting_bytes.load(Relaxed) <= AMPLE_WAITING || self.ended.get().is_some()
     }
 
-    /// As the control interface tells it.
-    pub fn told(&self) -> Value {
-        match self.ended.get() {
-            None => json!({ "directory": self.directory.display().to_string(), "state": "running" }),
-            Some(EndedEarly { sample, reason }) => json!({
-                "directory": self.directory.display().to_string(), "state": "ended", "half_second": sample,
-                "reason": reason,
-            }),
+    /// JSON for the control interface.
+    pub fn to_json(&self) -> Value {
+        let mut status = json!({ "directory": self.directory.display().to_string(), "state": "running" });
+        if let Some(EndedEarly { sample, reason }) = self.ended.get() {
+            status["state"] = json!("ended");
+            status["half_second"] = json!(sample);
+            status["reason"] = json!(reason);
         }
+        status
     }
 
-    /// Waits until the system has so many events, but not for long.
+    /// Waits until `count` events are written, for a limited time.
     pub async fn await_written(&self, count: u64) {
         if self.is_stalled.load(Relaxed) {
             return;
         }
         let mut written = self.written.subscribe();
-        if timeout(ANSWER_WITHIN, written.wait_for(|written| *written >= count)).await.is_err() {
-            self.stall(|| !self.has_written(count));
+        if timeout(REPLY_TIMEOUT, written.wait_for(|written| *written >= count)).await.is_err() {
+            self.stall(|| self.lacks(count));
         }
     }
 
-    /// The same for whoever cannot wait otherwise. `count` gives nothing as long as it is not known.
-    pub fn await_written_blocking(&self, count: impl Fn() -> Option<u64>) {
+    /// Waits in the same way on a thread without a runtime.
+    pub fn await_written_blocking(&self, count: u64) {
         let start = Instant::now();
-        let is_waited_for = || count().is_none_or(|count| !self.has_written(count));
-        while !self.is_stalled.load(Relaxed) && is_waited_for() {
-            if start.elapsed() > ANSWER_WITHIN {
-                return self.stall(is_waited_for);
+        while !self.is_stalled.load(Relaxed) && self.lacks(count) {
+            if start.elapsed() > REPLY_TIMEOUT {
+                return self.stall(|| self.lacks(count));
             }
-            thread::sleep(LOOK_AGAIN);
+            thread::sleep(POLL_INTERVAL);
         }
     }
 
-    fn has_written(&self, count: u64) -> bool {
-        *self.written.borrow() >= count
+    fn lacks(&self, count: u64) -> bool {
+        *self.written.borrow() < count
     }
 
-    /// The time of an answer is over: nobody waits again until something is written, unless it has been by now.
-    fn stall(&self, is_waited_for: impl Fn() -> bool) {
-        if !is_waited_for() {
+    /// A reply timed out: no other waits until the next write, unless that has come by now.
+    fn stall(&self, is_waiting: impl Fn() -> bool) {
+        if !is_waiting() {
             return;
         }
         self.is_stalled.store(true, Relaxed);
-        // The writer may have written between the look and the store; then nobody else would take the mark away.
-        if !is_waited_for() {
+        // The writer may have written between the check and the store, and would not clear the mark again.
+        if !is_waiting() {
             self.is_stalled.store(false, Relaxed);
         }
     }
@@ -141,64 +139,45 @@ impl Status {
         self.is_stalled.store(false, Relaxed);
     }
 
-    /// The recording ends for this reason, and says so; the first reason counts.
+    /// Ends the recording, with a message; the first reason counts.
     fn end(&self, sample: u64, reason: String) {
         if self.ended.set(EndedEarly { sample, reason: reason.clone() }).is_ok() {
-            // Whoever waits for it waits no longer.
+            // Releases the replies that wait.
             self.wrote(u64::MAX);
             console::say(format_args!(
-                "the recording in {} ends at sample {sample} ({} s): {reason}; the unit goes on without it",
+                "the recording in {} ends at sample {sample} ({} s): {reason}; emulation continues without it",
                 self.directory.display(),
                 on_board_s(sample)
             ));
         }
     }
-
-    fn failure(&self) -> Result<(), RecordingError> {
-        match self.ended.get() {
-            None => Ok(()),
-            Some(EndedEarly { sample, reason }) => Err(RecordingError::EndedEarly {
-                directory: self.directory.clone(),
-                sample: *sample,
-                reason: reason.clone(),
-            }),
-        }
-    }
 }
 
-/// The end that tells what happens, without ever waiting.
+/// The sender of events to the recording; it never waits.
 pub(crate) struct Feed {
     events: Sender<UnitEvent>,
-    told: u64,
+    /// Number of events.
+    pub count: u64,
     samples: u64,
-    status: Arc<Status>,
+    /// State of the recording.
+    pub status: Arc<Status>,
 }
 
 impl Feed {
-    /// Tells what happened; `false` where the recording has ended.
-    pub fn tell(&mut self, event: UnitEvent) -> bool {
+    /// Adds an event; `false` if the recording has ended.
+    pub fn push(&mut self, event: UnitEvent) -> bool {
         let bytes = event.bytes();
         let waiting = self.status.waiting_bytes.fetch_add(bytes, Relaxed);
-        if waiting + bytes > MOST_WAITING {
+        if waiting + bytes > MAX_WAITING {
             self.status.end(self.samples, format!("the disk does not keep up: {waiting} bytes wait for it"));
         }
-        self.told += 1;
+        self.count += 1;
         self.samples += u64::from(matches!(event, UnitEvent::Sample(..)));
         self.status.ended.get().is_none() && self.events.send(event).is_ok()
     }
-
-    /// Events told so far.
-    pub fn told(&self) -> u64 {
-        self.told
-    }
-
-    /// How the recording stands.
-    pub fn status(&self) -> &Arc<Status> {
-        &self.status
-    }
 }
 
-/// A feed that nobody writes to a disk and no answer waits for.
+/// A feed without a writer, for which no reply waits.
 #[cfg(test)]
 pub(crate) fn unwritten_feed() -> (Feed, Receiver<UnitEvent>) {
     let (feed, events) = feed(Path::new("nowhere"));
@@ -206,36 +185,38 @@ pub(crate) fn unwritten_feed() -> (Feed, Receiver<UnitEvent>) {
     (feed, events)
 }
 
-/// A feed and what comes out of it.
 fn feed(directory: &Path) -> (Feed, Receiver<UnitEvent>) {
     let (sender, events) = channel();
-    (Feed { events: sender, told: 0, samples: 0, status: Status::new(directory) }, events)
+    (Feed { events: sender, count: 0, samples: 0, status: Status::new(directory) }, events)
 }
 
-/// The thread that writes, before and after it begins.
+type Create = Box<dyn FnOnce() -> Result<Recorder, RecordError> + Send>;
+
+/// The thread that writes a recording.
 pub(crate) struct RecorderThread {
-    events: Option<Receiver<UnitEvent>>,
+    /// `None` once the thread runs.
+    planned: Option<(Receiver<UnitEvent>, Create)>,
     is_done: Option<oneshot::Receiver<()>>,
     status: Arc<Status>,
 }
 
 impl RecorderThread {
-    /// What is told from now on waits until [`RecorderThread::open`].
-    pub fn new(directory: &Path) -> (Feed, RecorderThread) {
+    /// Prepares a recording into `directory`, which `create` opens; events wait until [`RecorderThread::open`].
+    pub fn new(
+        directory: &Path,
+        create: impl FnOnce() -> Result<Recorder, RecordError> + Send + 'static,
+    ) -> (Feed, RecorderThread) {
         let (feed, events) = feed(directory);
         let status = feed.status.clone();
-        (feed, RecorderThread { events: Some(events), is_done: None, status })
+        (feed, RecorderThread { planned: Some((events, Box::new(create))), is_done: None, status })
     }
 
     /// Opens the recording on the thread that writes: a disk may hang.
     ///
     /// # Errors
     /// A recording that cannot begin.
-    pub async fn open(
-        &mut self,
-        create: impl FnOnce() -> Result<Recorder, RecordError> + Send + 'static,
-    ) -> Result<(), RecordError> {
-        let Some(events) = self.events.take() else { return Ok(()) };
+    pub async fn open(&mut self) -> Result<(), RecordError> {
+        let Some((events, create)) = self.planned.take() else { return Ok(()) };
         let ((opened, is_open), (done, is_done)) = (oneshot::channel(), oneshot::channel());
         let status = self.status.clone();
         let thread = thread::Builder::new().name("geu-recording".to_owned()).spawn(move || {
@@ -253,31 +234,31 @@ impl RecorderThread {
         is_open.await.expect("the writer does not panic")
     }
 
-    /// Resolves when all is written, or the recording has failed.
-    pub async fn done(&mut self) {
-        if let Some(is_done) = &mut self.is_done {
-            let _ = is_done.await;
-            self.is_done = None;
-        }
-    }
-
-    /// What became of it; `is_done`: the thread has ended.
+    /// Waits until all is written or the recording has failed, at most until `deadline` resolves.
     ///
     /// # Errors
     /// A recording that is not complete.
-    pub fn result(&self, is_done: bool) -> Result<(), RecordingError> {
-        self.status.failure()?;
-        if is_done {
-            return Ok(());
+    pub async fn finish(self, deadline: impl Future<Output = ()>) -> Result<(), RecordingError> {
+        let is_done = match self.is_done {
+            None => true,
+            Some(done) => tokio::select! {
+                biased;
+                _ = done => true,
+                () = deadline => false,
+            },
+        };
+        let directory = self.status.directory.clone();
+        match self.status.ended.get().cloned() {
+            Some(EndedEarly { sample, reason }) => Err(RecordingError::EndedEarly { directory, sample, reason }),
+            None if is_done => Ok(()),
+            None => Err(RecordingError::Cut { directory, waiting: self.status.waiting_bytes.load(Relaxed) }),
         }
-        let waiting = self.status.waiting_bytes.load(Relaxed);
-        Err(RecordingError::Cut { directory: self.status.directory.clone(), waiting })
     }
 }
 
-/// Writes what is told until no more can come, and what makes the run again.
+/// Writes all events until the feed is dropped, and `run.toml`.
 fn write(mut recorder: Recorder, events: &Receiver<UnitEvent>, status: &Status) {
-    let end = match take(&mut recorder, events, status) {
+    let end = match write_events(&mut recorder, events, status) {
         Ok(()) => match status.ended.get() {
             None => End::Run,
             Some(EndedEarly { reason, .. }) => End::Early(reason.clone()),
@@ -294,31 +275,22 @@ fn write(mut recorder: Recorder, events: &Receiver<UnitEvent>, status: &Status) 
     }
 }
 
-fn take(recorder: &mut Recorder, events: &Receiver<UnitEvent>, status: &Status) -> Result<(), RecordError> {
+fn write_events(recorder: &mut Recorder, events: &Receiver<UnitEvent>, status: &Status) -> Result<(), RecordError> {
     let (mut written, mut flushed) = (0, Instant::now());
-    loop {
-        let event = match events.try_recv() {
-            Ok(event) => event,
-            Err(TryRecvError::Disconnected) => return Ok(()),
-            Err(TryRecvError::Empty) => {
-                recorder.flush()?;
-                status.wrote(written);
-                flushed = Instant::now();
-                match events.recv() {
-                    Ok(event) => event,
-                    Err(_) => return Ok(()),
-                }
-            }
-        };
+    let mut next = events.recv().ok();
+    while let Some(event) = next {
         recorder.event(&event)?;
         written += 1;
         status.waiting_bytes.fetch_sub(event.bytes(), Relaxed);
-        if flushed.elapsed() >= FLUSH {
+        next = events.try_recv().ok();
+        if next.is_none() || flushed.elapsed() >= FLUSH_INTERVAL {
             recorder.flush()?;
             status.wrote(written);
             flushed = Instant::now();
+            next = next.or_else(|| events.recv().ok());
         }
     }
+    Ok(())
 }
 
 #[cfg(test)]
@@ -327,70 +299,68 @@ mod tests {
     use geu_model::{Configuration, GyroUnit, Truth};
 
     use super::*;
-    use crate::recorder::Destination;
+    use geu_recorder::Destination;
 
     #[test]
-    fn a_recording_that_cannot_keep_up_ends_and_says_where_and_why() {
-        let room = tempfile::tempdir().expect("a directory");
-        let (directory, configuration) = (room.path().join("run"), Configuration::reference());
-        let (mut feed, mut writer) = RecorderThread::new(&directory);
+    fn a_recording_that_cannot_keep_up_ends_with_its_sample_and_reason() {
+        let temporary = tempfile::tempdir().expect("a directory");
+        let (directory, configuration) = (temporary.path().join("run"), Configuration::reference());
+        let (destination, planned) = (Destination::new(&directory, false), configuration.clone());
+        let create = move || Recorder::create(&destination, &planned, &Truth::Scenario, LinkLogFormat::Serial, &[]);
+        let (mut feed, mut writer) = RecorderThread::new(&directory, create);
         let mut unit = GyroUnit::new(&configuration);
-        // Nobody writes yet.
-        let mut told = 0;
+        // The thread does not run yet.
+        let mut count = 0;
         loop {
             let (ended, traces) = unit.end_sample_traced();
-            if !feed.tell(UnitEvent::Sample(ended, Box::new(traces), None)) {
+            if !feed.push(UnitEvent::Sample(ended, Box::new(traces), None)) {
                 break;
             }
-            told += 1;
+            count += 1;
         }
-        assert!((10_000..100_000).contains(&told), "an hour at least, and bounded: {told} samples");
-        let status = feed.status().told();
-        assert_eq!((&status["state"], &status["half_second"]), (&json!("ended"), &json!(told)));
+        assert!((10_000..100_000).contains(&count), "more than an hour, and bounded: {count} samples");
+        let status = feed.status.to_json();
+        assert_eq!((&status["state"], &status["half_second"]), (&json!("ended"), &json!(count)));
         assert!(status["reason"].as_str().expect("a reason").contains("does not keep up"), "{status}");
-        assert!(feed.status().has_ample_room(), "nobody waits for a recording that has ended");
+        assert!(feed.status.has_ample_capacity(), "a run does not wait for a recording that has ended");
         drop(feed);
-        // What was told until then is recorded when the disk comes back.
+        // The events until then are recorded when the disk responds again.
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
-        let destination = Destination::new(&directory, false);
-        let create =
-            move || Recorder::create(&destination, &configuration, &Truth::Scenario, LinkLogFormat::Serial, &[]);
-        runtime.block_on(writer.open(create)).expect("it can begin");
-        runtime.block_on(writer.done());
-        let error = writer.result(true).expect_err("not complete").to_string();
-        assert!(error.contains(&format!("ended at sample {told}")), "{error}");
+        runtime.block_on(writer.open()).expect("it can begin");
+        let error = runtime.block_on(writer.finish(std::future::pending())).expect_err("not complete").to_string();
+        assert!(error.contains(&format!("ended at sample {count}")), "{error}");
         let text = std::fs::read_to_string(directory.join("run.toml")).expect("a run");
         let run = Configuration::parse("run.toml", &text, &[]).expect("a configuration").run;
-        assert_eq!((run.duration_s, run.is_unfinished), (on_board_s(told), false));
-        assert_eq!(run.ended_early.map(|early| early.sample), Some(told));
-        assert_eq!(std::fs::read(directory.join("link.bin")).expect("a link").len() as u64, told * 28);
+        assert_eq!((run.duration_s, run.is_unfinished), (on_board_s(count), false));
+        assert_eq!(run.ended_early.map(|early| early.sample), Some(count));
+        assert_eq!(std::fs::read(directory.join("link.bin")).expect("a link").len() as u64, count * 28);
     }
 
     #[test]
-    fn what_was_written_as_the_time_was_over_is_no_stall() {
+    fn a_write_at_the_timeout_is_no_stall() {
         let status = Status::new(Path::new("nowhere"));
-        // Written before the first look, between it and the mark, and not at all.
-        for (looks, is_stalled) in [(0, false), (1, false), (2, true)] {
+        // Written before the first check, between it and the mark, and not at all.
+        for (checks, is_stalled) in [(0, false), (1, false), (2, true)] {
             status.is_stalled.store(false, Relaxed);
-            let looked = std::cell::Cell::new(0);
-            status.stall(|| looked.replace(looked.get() + 1) < looks);
-            assert_eq!(status.is_stalled.load(Relaxed), is_stalled, "{looks} looks in vain");
+            let checked = std::cell::Cell::new(0);
+            status.stall(|| checked.replace(checked.get() + 1) < checks);
+            assert_eq!(status.is_stalled.load(Relaxed), is_stalled, "{checks} checks");
         }
     }
 
     #[test]
-    fn an_answer_waits_for_the_disk_once_and_not_for_long() {
+    fn a_reply_waits_for_a_stalled_disk_once() {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
         let status = Status::new(Path::new("nowhere"));
         let start = Instant::now();
         runtime.block_on(status.await_written(1));
-        assert!(start.elapsed() >= ANSWER_WITHIN);
-        // Now it is known to stall: a thousand answers more would be 10 s.
+        assert!(start.elapsed() >= REPLY_TIMEOUT);
+        // Stalled now: a thousand more waits would take 10 s.
         (0..1000).for_each(|_| runtime.block_on(status.await_written(1)));
-        status.await_written_blocking(|| Some(1));
+        status.await_written_blocking(1);
         assert!(start.elapsed() < Duration::from_secs(5), "{:?}", start.elapsed());
         status.wrote(1);
         runtime.block_on(status.await_written(1));
-        assert!(!status.is_stalled.load(Relaxed), "it writes again, and is waited for again");
+        assert!(!status.is_stalled.load(Relaxed), "replies wait again after a write");
     }
 }

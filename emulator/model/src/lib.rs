@@ -1,7 +1,7 @@
 //! The gyro unit's physics: pure, deterministic, and unable to fail once configured.
 //!
 //! [`Configuration`] is read from TOML and checked; [`GyroUnit`] steps through on-board samples, never the wall clock,
-//! and tells each as a [`geu_protocol::Sample`]. The same configuration, seed and commands give the same numbers on
+//! and returns each as a [`geu_protocol::Sample`]. The same configuration, seed and commands give the same numbers on
 //! every build and host: transcendental functions come from libm.
 //!
 //! ```
@@ -14,19 +14,19 @@
 
 pub mod attitude;
 pub mod configuration;
-pub mod course;
 pub mod effect;
 pub mod fault;
+mod gyro_unit;
 pub mod noise;
-pub mod number;
 pub mod package;
+pub mod parameter_spec;
 pub mod sensor;
 pub mod simulation;
 pub mod temperature;
-mod unit;
+pub mod time_profile;
 pub mod units;
 
 pub use configuration::Configuration;
+pub use gyro_unit::{CommandResponse, CompletedSample, GyroUnit, InjectionRecord, Truth};
 pub use package::Trace;
 pub use simulation::Simulation;
-pub use unit::{CommandResponse, CompletedSample, GyroUnit, InjectionRecord, Truth};

@@ -6,7 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use std::sync::LazyLock;
 
-/// Stands in the key where a gyro would.
+/// Replaces the gyro in the key.
 const NO_GYRO: u8 = u8::MAX;
 const FAULT: u8 = u8::MAX - 1;
 
@@ -48,10 +48,10 @@ impl NoiseStream {
         self.0.next_u64()
     }
 
-    fn keyed(seed: u64, whose: u8, name: &str) -> NoiseStream {
+    fn keyed(seed: u64, source: u8, name: &str) -> NoiseStream {
         let mut key = [0; 32];
         key[..8].copy_from_slice(&seed.to_le_bytes());
-        key[8] = whose;
+        key[8] = source;
         key[16..24].copy_from_slice(&fnv1a(name.as_bytes()).to_le_bytes());
         NoiseStream(ChaCha8Rng::from_seed(key))
     }

@@ -8,7 +8,7 @@ use crate::effect::{
     CALIBRATION_COLUMN, COLUMNS, DISCOVERED_COLUMN, EffectInputs, GyroEffects, GyroSubStep, HeadStates, Probe,
     SampleTiming, Temperatures, UNIT_COLUMNS, UnitEffects, UnitStates,
 };
-use crate::number::numbers;
+use crate::parameter_spec::numbers;
 use crate::units::{ARCSEC_PER_RAD, SAMPLE_INTERVAL_S};
 
 /// Axes of one gyro: unit vectors in the control frame.
@@ -52,7 +52,7 @@ impl Axes {
         &AXES[gyro as usize]
     }
 
-    /// Whether a number of that name means something to a gyro with these axes: the projection of the input axis on its
+    /// True if a gyro with these axes has a number of that name: the projection of the input axis on its
     /// own control axis is unity by definition (Casteren §4).
     pub fn has_number(&self, name: &str) -> bool {
         let own = ["x_arcsec", "y_arcsec", "z_arcsec"].into_iter().zip(self.input_control);
@@ -64,24 +64,24 @@ numbers! {
     /// The unit's own parameters, which a calibration solves and a recalibration rewrites.
     pub struct Calibration {
         /// SF: arcsec per count.
-        scale_factor: 1.0, 0.5..=2.0;
+        scale_factor: 1.0, 0.5..=2.0, "arcsec/count";
         /// D: arcsec per sample interval that are sensed and not counted.
-        drift_arcsec_per_half_s: 0.0, -10.0..=10.0;
+        drift_arcsec_per_half_s: 0.0, -10.0..=10.0, "arcsec/sample";
         /// Projection of the input axis on X; 0 for GYRX, whose own axis it is.
-        x_arcsec: 0.0, -3600.0..=3600.0;
+        x_arcsec: 0.0, -3600.0..=3600.0, "arcsec";
         /// Projection of the input axis on Y; 0 for GYRY, whose own axis it is.
-        y_arcsec: 0.0, -3600.0..=3600.0;
+        y_arcsec: 0.0, -3600.0..=3600.0, "arcsec";
         /// Projection of the input axis on Z; 0 for GYRZA and GYRZB, whose own axis it is.
-        z_arcsec: 0.0, -3600.0..=3600.0;
+        z_arcsec: 0.0, -3600.0..=3600.0, "arcsec";
     }
 }
 
-/// How the count of one gyro over a sample interval came about: the sum of the true angle and all changes is `unquantised`.
+/// Contributions to the count of one gyro over a sample interval: the true angle and all changes add up to `unquantised`.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Trace {
     /// True rotation about the input axis, arcsec.
     pub true_arcsec: f64,
-    /// What each column of [`crate::effect::columns`] changed, counts.
+    /// Change by each column of [`crate::effect::columns`], counts.
     pub changes: [f64; COLUMNS],
     /// The count before rounding.
     pub unquantised: f64,
@@ -111,7 +111,7 @@ impl Probe for Trace {
 
 /// One gyro of the package as it stands over a sample interval.
 pub struct ResolvedGyro<'a> {
-    /// Whether it is counted at all.
+    /// False if the gyro's counts are not computed.
     pub is_counted: bool,
     pub calibration: &'a Calibration,
     pub effects: &'a GyroEffects,
@@ -228,7 +228,7 @@ mod tests {
 
     #[test]
     fn spin_axes_are_those_the_paper_implies() {
-        // model.md, "The package": +Z, −Z, −X, +Y.
+        // +Z, −Z, −X, +Y.
         let expected = [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
         assert_eq!(Gyro::ALL.map(|gyro| Axes::of(gyro).spin_control), expected);
     }

@@ -5,8 +5,8 @@
 
 use crate::attitude::{AttitudeRow, Leg, Motion, MotionStep};
 use crate::configuration::Configuration;
+use crate::gyro_unit::{CompletedSample, GyroUnit, Truth};
 use crate::sensor::{SLITS, SlitFix, StarSensor, SunAngles, SunSensor};
-use crate::unit::{CompletedSample, GyroUnit, Truth};
 use crate::units::{SAMPLE_INTERVAL_NS, SAMPLE_INTERVAL_S};
 
 /// True attitude and absolute sensors along a truth.
@@ -17,7 +17,7 @@ pub struct ReferenceSource {
     star_sensor: StarSensor,
 }
 
-/// What is measured of the motion over one step.
+/// Measurements of the motion over one step.
 #[derive(Debug, Clone)]
 pub struct ReferenceSample {
     /// True time since the start, s: the end of the step.
@@ -63,8 +63,8 @@ impl ReferenceSource {
         let step = self.motion.advance(t_s);
         let legs = self.motion.take_legs();
         for leg in &legs {
-            self.sun_sensor.flown(leg);
-            self.star_sensor.flown(leg);
+            self.sun_sensor.begin_leg(leg);
+            self.star_sensor.begin_leg(leg);
         }
         let sun = self.sun_sensor.see(&self.motion);
         let fixes = std::iter::from_fn(|| self.star_sensor.fixes_until(t_s)).collect();
@@ -73,7 +73,7 @@ impl ReferenceSource {
 }
 
 impl ReferenceSample {
-    /// As a row of a reference attitude.
+    /// Row of a reference attitude.
     pub fn row(&self) -> AttitudeRow {
         let angle_control_arcsec = self.step.angle_control_arcsec;
         AttitudeRow { t_s: self.t_s, angle_control_arcsec, theta_psi_rad: self.theta_psi_rad }
@@ -106,7 +106,7 @@ impl Simulation {
 }
 
 impl Iterator for Simulation {
-    /// A sample, and those of the reference that start before its end. The reference has one every 0.5 s of true time,
+    /// A sample, and the references that start before its end. The reference has one every 0.5 s of true time,
     /// whatever the unit's clock does.
     type Item = (CompletedSample, Vec<ReferenceSample>);
 

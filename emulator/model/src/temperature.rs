@@ -1,30 +1,30 @@
 //! Temperatures: the electronics follow a configured course; the heater holds the sensor (Casteren §2).
 
-use crate::number::numbers;
+use crate::parameter_spec::numbers;
 use crate::units::S_PER_DAY;
 
-/// Where the heater holds the sensor.
+/// Sensor temperature with the heater on.
 pub const SENSOR_NOMINAL_C: f64 = 70.0;
 /// Half width of the band in which the heater is said to hold.
 pub const SENSOR_BAND_K: f64 = 1.0;
-/// Time constant of warm-up and cool-down, first-order (model.md).
+/// Time constant of warm-up and cool-down, first-order.
 const SENSOR_TIME_CONSTANT_S: f64 = 20.0 * 60.0;
 
 numbers! {
     /// Course of the electronics temperature: mean, plus a sine, plus a trend.
     pub struct Electronics {
         /// Mean; a table replaces it.
-        mean_c: 20.0, -60.0..=100.0;
+        mean_c: 20.0, -60.0..=100.0, "°C";
         /// Amplitude of the sine.
-        amplitude_k: 0.0, 0.0..=100.0;
+        amplitude_k: 0.0, 0.0..=100.0, "K";
         /// Period of the sine; an orbit.
-        period_s: 6180.0, 1.0..=1e10;
+        period_s: 6180.0, 1.0..=1e10, "s";
         /// Phase of the sine at the start.
-        phase_rad: 0.0, -100.0..=100.0;
+        phase_rad: 0.0, -100.0..=100.0, "rad";
         /// Trend.
-        trend_k_per_day: 0.0, -1000.0..=1000.0;
+        trend_k_per_day: 0.0, -1000.0..=1000.0, "K/d";
         /// Temperature at which the calibration holds; effects per K count from here.
-        reference_c: 20.0, -60.0..=100.0;
+        reference_c: 20.0, -60.0..=100.0, "°C";
     }
 }
 
@@ -33,7 +33,7 @@ numbers! {
 pub struct ElectronicsCourse {
     pub numbers: Electronics,
     /// Points (time since the start in s, °C) in order of time, joined by straight lines and held beyond the ends;
-    /// where there are any they take the place of the mean.
+    /// if not empty, they replace the mean.
     pub table: Vec<(f64, f64)>,
 }
 
@@ -99,7 +99,7 @@ impl Sensor {
         }
     }
 
-    /// Whether it lies in 70 ± 1 °C.
+    /// True within 70 ± 1 °C.
     pub fn in_band(&self) -> bool {
         (self.temperature_c - SENSOR_NOMINAL_C).abs() <= SENSOR_BAND_K
     }
@@ -116,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn a_table_is_read_alike_however_it_is_spaced() {
+    fn a_table_gives_the_same_values_for_any_spacing() {
         let even: Vec<(f64, f64)> = (0..50).map(|index| (f64::from(index) * 0.5, f64::from(index * index))).collect();
         let uneven: Vec<(f64, f64)> = even.iter().map(|(t_s, celsius)| (t_s * t_s, *celsius)).collect();
         for table in [&even[..], &uneven[..], &even[..1], &[]] {

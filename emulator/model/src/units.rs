@@ -8,13 +8,13 @@ pub const RAD_PER_DEG: f64 = PI / 180.0;
 pub const S_PER_DAY: f64 = 86_400.0;
 /// Nominal length of a sample, on-board time.
 pub const SAMPLE_INTERVAL_S: f64 = 0.5;
-/// The same, ns.
+/// In ns.
 pub const SAMPLE_INTERVAL_NS: i64 = 500_000_000;
 /// A relative error of 1 ppm.
 pub const PPM: f64 = 1e-6;
 /// Rate of the sun as seen from the earth, rad/s: 360° per 365.25 d, constant (Casteren §6).
 pub const SUN_RATE_RAD_S: f64 = 2.0 * PI / (365.25 * S_PER_DAY);
-/// One orbit, s; ψ' at orbital speed is 360° in this time (model.md).
+/// One orbit, s; ψ' at orbital speed is 360° in this time.
 pub const ORBIT_S: f64 = 6180.0;
 
 /// On-board time at which a sample begins, since the start of the first, s.
@@ -28,23 +28,23 @@ const DURATION_UNITS: [(char, f64); 4] = [('s', 1.0), ('m', 60.0), ('h', 3600.0)
 /// A duration as a person writes it, s: `90`, `90s`, `10m`, `2h`, `1.5d`.
 ///
 /// # Errors
-/// What is none, or lies outside `least`…`greatest` seconds.
+/// An invalid duration, or one outside `min`…`max` seconds.
 ///
 /// ```
 /// use geu_model::units::duration_s;
 /// assert_eq!(duration_s("10m", 0.0, 1e10), Ok(600.0));
 /// assert_eq!(duration_s("90", 0.0, 60.0), Err("expected a duration of 0 to 60 seconds (90, 90s, 10m, 2h, 1d), got 90".to_owned()));
 /// ```
-pub fn duration_s(text: &str, least: f64, greatest: f64) -> Result<f64, String> {
+pub fn duration_s(text: &str, min: f64, max: f64) -> Result<f64, String> {
     let unit = DURATION_UNITS.into_iter().find(|(suffix, _)| text.ends_with(*suffix));
     let (digits, unit_s) = unit.map_or((text, 1.0), |(suffix, unit_s)| (text.trim_end_matches(suffix), unit_s));
     // Not `inf`, not `nan`, and not `1ss`.
     let is_number =
         text.len() - digits.len() <= 1 && digits.ends_with(|last: char| last.is_ascii_digit() || last == '.');
     let seconds = digits.parse::<f64>().ok().filter(|_| is_number).map(|number| number * unit_s);
-    seconds.filter(|seconds| (least..=greatest).contains(seconds)).ok_or_else(|| {
-        format!("expected a duration of {least} to {greatest} seconds (90, 90s, 10m, 2h, 1d), got {text}")
-    })
+    seconds
+        .filter(|seconds| (min..=max).contains(seconds))
+        .ok_or_else(|| format!("expected a duration of {min} to {max} seconds (90, 90s, 10m, 2h, 1d), got {text}"))
 }
 
 #[cfg(test)]

@@ -1,10 +1,10 @@
-//! The effect whose terms are data: its law, how it is written and read, what is refused.
+//! The discovered effect: its terms, their text form, and rejected terms.
 
 use std::sync::Arc;
 
 use geu_model::attitude::{AttitudeRow, RecordedAttitude};
 use geu_model::effect::DISCOVERED_COLUMN;
-use geu_model::effect::discovered::{MOST_TERMS, Regressor};
+use geu_model::effect::discovered::{MAX_TERMS, Regressor};
 use geu_model::{Configuration, GyroUnit, Trace, Truth};
 
 fn parsed(text: &str) -> Configuration {
@@ -21,7 +21,7 @@ fn with_terms(terms: &str) -> Configuration {
         .unwrap_or_else(|error| panic!("{error}"))
 }
 
-fn flown(configuration: &Configuration, truth: &Truth, samples: usize) -> Vec<[Trace; 4]> {
+fn traces(configuration: &Configuration, truth: &Truth, samples: usize) -> Vec<[Trace; 4]> {
     let mut unit = GyroUnit::on(configuration, truth);
     let _ = unit.command(&[7, 0]);
     (0..samples).map(|_| unit.end_sample_traced().1).collect()
@@ -74,7 +74,7 @@ fn every_term_adds_the_angle_worked_out_by_hand() {
             "temperature.electronics = {{ mean_c = 21.5, reference_c = 20.0, amplitude_k = 0.0 }}\n[gyro.GYRZA]\n\
              calibration = {{ scale_factor = 1.25 }}\ndiscovered = [{{ formula = \"{formula}\", coefficient = 0.5 }}]"
         ));
-        let traces = flown(&configuration, &turning(), 10);
+        let traces = traces(&configuration, &turning(), 10);
         let sums: [f64; 4] =
             std::array::from_fn(|gyro| traces.iter().map(|t| t[gyro].changes[DISCOVERED_COLUMN]).sum());
         let off = sums[2] * 1.25 - 0.5 * arcsec;
@@ -87,7 +87,7 @@ fn every_term_adds_the_angle_worked_out_by_hand() {
 fn a_term_follows_the_sensor_that_cools() {
     let configuration = parsed("[gyro.GYRX]\ndiscovered = [{ formula = \"sensor_temperature\", coefficient = 1.0 }]");
     let change = |row: &[Trace; 4]| row[0].changes[DISCOVERED_COLUMN];
-    let traces = flown(&configuration, &Truth::Scenario, 2401);
+    let traces = traces(&configuration, &Truth::Scenario, 2401);
     // Warm over the first sample interval; after 1200 s, one time constant, 50 K·(1 − 1/e) below 70 °C.
     assert_eq!(change(&traces[0]), 0.0);
     let expected = -50.0 * (1.0 - (-1.0f64).exp()) * 0.5;
@@ -100,7 +100,8 @@ fn no_term_and_a_coefficient_of_zero_change_no_bit() {
     for terms in ["", r#"{ formula = "rate_y^2", coefficient = 0 }"#] {
         let configuration = with_terms(terms);
         assert_eq!(configuration.columns(), plain.columns());
-        let rows = flown(&plain, &Truth::Scenario, 2000).into_iter().zip(flown(&configuration, &Truth::Scenario, 2000));
+        let rows =
+            traces(&plain, &Truth::Scenario, 2000).into_iter().zip(traces(&configuration, &Truth::Scenario, 2000));
         for (row, (plain, own)) in rows.enumerate() {
             for gyro in 0..4 {
                 let bits = [&plain, &own].map(|traces| traces[gyro].unquantised.to_bits());
@@ -114,7 +115,7 @@ fn no_term_and_a_coefficient_of_zero_change_no_bit() {
 fn terms_add_up_and_so_do_their_columns() {
     let one = r#"{ formula = "rate_y^2", coefficient = 4e-7 }"#;
     let other = r#"{ formula = "abs(rate_z)*temperature", coefficient = -1e-5 }"#;
-    let runs = [one, other, &format!("{one}, {other}")].map(|terms| flown(&with_terms(terms), &Truth::Scenario, 2000));
+    let runs = [one, other, &format!("{one}, {other}")].map(|terms| traces(&with_terms(terms), &Truth::Scenario, 2000));
     let mut most: f64 = 0.0;
     for row in 0..2000 {
         let [one, other, both] = runs.each_ref().map(|run| run[row][1].changes[DISCOVERED_COLUMN]);
@@ -161,7 +162,7 @@ fn an_override_gives_terms_and_reaches_into_them() {
 #[test]
 fn what_is_no_term_is_pointed_at() {
     let term = |inside: &str| format!("[gyro.GYRX]\ndiscovered = [{{ {inside} }}]");
-    let many = vec!["{ formula = \"time\", coefficient = 1 }"; MOST_TERMS + 1].join(", ");
+    let many = vec!["{ formula = \"time\", coefficient = 1 }"; MAX_TERMS + 1].join(", ");
     for (text, parts) in [
         (
             term("formula = \"rate_q^2\", coefficient = 1"),

@@ -1,10 +1,10 @@
 //! What holds for every effect of the lists, each amplitude, every course and all gyros.
 
 use geu_model::configuration::Configuration;
-use geu_model::course::{KINDS, Size, TimeCourse};
 use geu_model::effect::{EffectConfiguration, Effects, GyroEffects, HEAD_COLUMNS, UnitEffects, WiringEffects};
-use geu_model::number::{ParameterSpec, ValueFormat};
 use geu_model::package::Axes;
+use geu_model::parameter_spec::{ParameterSpec, ValueFormat};
+use geu_model::time_profile::{COURSES, Size, TimeCourse};
 use geu_model::{GyroUnit, Trace};
 use geu_protocol::Gyro;
 
@@ -29,13 +29,13 @@ fn moving() -> Configuration {
     Configuration::parse("moving", MOVING, &[]).unwrap_or_else(|error| panic!("{error}"))
 }
 
-fn flown(configuration: &Configuration) -> impl Iterator<Item = [Trace; 4]> {
+fn traces(configuration: &Configuration) -> impl Iterator<Item = [Trace; 4]> {
     let mut unit = GyroUnit::new(configuration);
     let _ = unit.command(&[7, 0]);
     (0..SAMPLE_INTERVALS).map(move |_| unit.end_sample_traced().1)
 }
 
-/// One amplitude of a list, constant or as a course of [`KINDS`].
+/// One amplitude of a list, constant or as a course of [`COURSES`].
 #[derive(Clone, Copy)]
 struct Moved {
     effect: usize,
@@ -48,10 +48,10 @@ fn all<E: Effects>() -> Vec<Moved> {
     let list = E::default();
     let mut all = Vec::new();
     for (effect, spec) in list.specs().iter().enumerate() {
-        for kind in std::iter::once(None).chain((0..KINDS.len()).map(Some)) {
+        for kind in std::iter::once(None).chain((0..COURSES.len()).map(Some)) {
             for amplitude in 0..spec.amplitudes.len() {
                 let numbers = list.numbers(effect).specs();
-                if kind.is_none_or(|kind| KINDS[kind].size(spec, numbers, amplitude).is_some()) {
+                if kind.is_none_or(|kind| COURSES[kind].size(spec, numbers, amplitude).is_some()) {
                     all.push(Moved { effect, amplitude, kind });
                 }
             }
@@ -62,27 +62,26 @@ fn all<E: Effects>() -> Vec<Moved> {
 
 impl Moved {
     fn code<E: Effects>(self) -> String {
-        E::default().specs()[self.effect].code.to_owned() + self.kind.map_or("", |kind| KINDS[kind].suffix)
+        E::default().specs()[self.effect].code.to_owned() + self.kind.map_or("", |kind| COURSES[kind].name)
     }
 
     /// Adds this share of the largest value there is.
     fn add<E: Effects>(self, configured: &mut EffectConfiguration<E>, share: f64) {
         let Moved { effect, amplitude, kind } = self;
         let (spec, numbers) = (&configured.constant.specs()[effect], configured.constant.numbers(effect).specs());
-        let sized =
-            |greatest: f64| if numbers[amplitude].form == ValueFormat::Real { greatest * share } else { share.ceil() };
-        match kind.map(|kind| &KINDS[kind]) {
-            None => *configured.constant.numbers_mut(effect).value_mut(amplitude) += sized(numbers[amplitude].greatest),
+        let sized = |max: f64| if numbers[amplitude].form == ValueFormat::Real { max * share } else { share.ceil() };
+        match kind.map(|kind| COURSES[kind]) {
+            None => *configured.constant.numbers_mut(effect).value_mut(amplitude) += sized(numbers[amplitude].max),
             Some(kind) => {
-                let size = sized(kind.size(spec, numbers, amplitude).expect("a course there is").greatest);
+                let size = sized(kind.size(spec, numbers, amplitude).expect("a course there is").max);
                 // Times off the ends of sub-steps: a clock that runs wrong by parts of a million moves none across.
                 let shapes: &[f64] = [&[][..], &[17.27], &[41.3, 0.2]][kind.shapes.len()];
-                configured.courses.push(TimeCourse { effect, amplitude, size, law: kind.law(shapes) });
+                configured.courses.push(TimeCourse { effect, amplitude, size, profile: kind.with(shapes) });
             }
         }
     }
 
-    /// As [`Moved::add`], at every gyro that has the amplitude.
+    /// As [`Moved::add`], at all gyros with the amplitude.
     fn add_to_gyros(self, configuration: &mut Configuration, share: f64) {
         let name = GyroEffects::default().numbers(self.effect).specs()[self.amplitude].name;
         for gyro in Gyro::ALL.into_iter().filter(|gyro| Axes::of(*gyro).has_number(name)) {
@@ -98,7 +97,7 @@ fn with_everything(mut configuration: Configuration, share: f64) -> Configuratio
             let amplitudes = configured.constant.specs()[effect].amplitudes.len();
             let numbers = configured.constant.numbers_mut(effect);
             for (index, spec) in numbers.specs().iter().enumerate().skip(amplitudes) {
-                *numbers.value_mut(index) = spec.least + 0.7 * (spec.greatest.min(1e3) - spec.least);
+                *numbers.value_mut(index) = spec.min + 0.7 * (spec.max.min(1e3) - spec.min);
             }
         }
     }
@@ -116,7 +115,7 @@ fn with_everything(mut configuration: Configuration, share: f64) -> Configuratio
 fn an_amplitude_of_zero_changes_no_bit() {
     let zeros = with_everything(moving(), 0.0);
     assert_ne!(zeros, moving());
-    for (row, (plain, zeros)) in flown(&moving()).zip(flown(&zeros)).enumerate() {
+    for (row, (plain, zeros)) in traces(&moving()).zip(traces(&zeros)).enumerate() {
         for gyro in 0..4 {
             let bits = [&plain, &zeros].map(|traces| traces[gyro].unquantised.to_bits());
             assert_eq!(bits[0], bits[1], "gyro {gyro}, row {row}");
@@ -137,18 +136,17 @@ fn every_effect_with_every_course_reads_back() {
 /// The tables of a list that a configuration may have: each one's key, and its numbers with their limits.
 fn tables<E: Effects>(has: impl Fn(&str) -> bool) -> Vec<(String, Vec<Size>)> {
     let list = E::default();
-    let limits =
-        |n: &ParameterSpec| Size { name: n.name.to_owned(), form: n.form, least: n.least, greatest: n.greatest };
+    let limits = |n: &ParameterSpec| Size { name: n.name.to_owned(), form: n.form, min: n.min, max: n.max };
     let mut tables = Vec::new();
     for (effect, spec) in list.specs().iter().enumerate() {
         let numbers = list.numbers(effect).specs();
         tables.push((spec.code.to_owned(), numbers.iter().filter(|n| has(n.name)).map(limits).collect()));
-        for kind in KINDS {
+        for kind in COURSES {
             let sizes = (0..spec.amplitudes.len()).filter(|&amplitude| has(numbers[amplitude].name));
             let sizes: Vec<Size> = sizes.filter_map(|amplitude| kind.size(spec, numbers, amplitude)).collect();
             if !sizes.is_empty() {
                 let shapes = kind.shapes.iter().map(limits);
-                tables.push((format!("{}{}", spec.code, kind.suffix), sizes.into_iter().chain(shapes).collect()));
+                tables.push((format!("{}{}", spec.code, kind.name), sizes.into_iter().chain(shapes).collect()));
             }
         }
     }
@@ -166,11 +164,11 @@ fn every_number_is_refused_beyond_its_limits_and_taken_at_them() {
     let parse = |text: &str| Configuration::parse("limits", text, &[]);
     for (place, tables) in places {
         for (key, numbers) in tables {
-            for Size { name: tested, form, least, greatest } in &numbers {
+            for Size { name: tested, form, min, max } in &numbers {
                 // Beside it the others at their largest, where every one is good.
                 let table = |value: &str| {
-                    let written = |Size { name, form, greatest, .. }: &Size| {
-                        let other = form.written(*greatest);
+                    let written = |Size { name, form, max, .. }: &Size| {
+                        let other = form.written(*max);
                         format!("{name} = {}", if name == tested { value } else { &other })
                     };
                     let numbers: Vec<String> = numbers.iter().map(written).collect();
@@ -179,13 +177,10 @@ fn every_number_is_refused_beyond_its_limits_and_taken_at_them() {
                 let (good, bad) = match form {
                     ValueFormat::Real => {
                         let grain = |bound: f64| bound.abs().max(1.0) * 1e-9;
-                        let beyond = [least - grain(*least), greatest + grain(*greatest)];
+                        let beyond = [min - grain(*min), max + grain(*max)];
                         // Nothing is beyond a limit that is infinite.
                         let beyond = beyond.into_iter().filter(|value| value.is_finite()).map(|v| form.written(v));
-                        (
-                            vec![form.written(*least), form.written(*greatest)],
-                            beyond.chain(["nan".to_owned()]).collect(),
-                        )
+                        (vec![form.written(*min), form.written(*max)], beyond.chain(["nan".to_owned()]).collect())
                     }
                     ValueFormat::Flag => (vec!["true".to_owned()], vec!["1".to_owned()]),
                     ValueFormat::Gyro => (vec!["\"GYRY\"".to_owned()], vec!["\"GYRQ\"".to_owned(), "1".to_owned()]),
@@ -215,10 +210,10 @@ fn switching_an_effect_on_moves_no_noise_of_another() {
         moved.iter().for_each(|moved| moved.add_to_gyros(&mut configuration, 1e-3));
         configuration
     };
-    // A contribution is a difference of counts, which other effects round otherwise, and a clock wrong by 1 ppm stretches
+    // A contribution is a difference of counts, which other effects round otherwise, and a clock wrong by 1 ppm changes
     // it; another draw would differ by 10⁻³ or more.
     let assert_same = |plain: &Configuration, changed: &Configuration, noises: &[Moved], what: &str| {
-        for (plain, changed) in flown(plain).zip(flown(changed)) {
+        for (plain, changed) in traces(plain).zip(traces(changed)) {
             for (noise, gyro) in noises.iter().flat_map(|noise| (0..4).map(move |gyro| (noise, gyro))) {
                 let [a, b] = [&plain, &changed].map(|traces| traces[gyro].changes[HEAD_COLUMNS + noise.effect]);
                 assert!((a - b).abs() <= 1e-6, "{what} moves gyro {gyro}'s: {a} {b}");
@@ -252,7 +247,7 @@ fn no_gyro_feels_what_is_switched_on_at_another() {
     for gyro in 0..4 {
         let mut changed = plain.clone();
         changed.gyros[gyro].effects = everything.gyros[gyro].effects.clone();
-        for (plain, changed) in flown(&plain).zip(flown(&changed)) {
+        for (plain, changed) in traces(&plain).zip(traces(&changed)) {
             for other in (0..4).filter(|other| *other != gyro) {
                 assert_eq!(plain[other], changed[other], "gyro {gyro} moves gyro {other}");
             }
@@ -260,10 +255,10 @@ fn no_gyro_feels_what_is_switched_on_at_another() {
     }
 }
 
-/// The effect whose law is not linear in its amplitude, which is the place of stops: a float that does not reach them
+/// The effect that is not linear in its amplitude, the distance of the stops: a float that does not reach them
 /// does not feel it.
 const NOT_LINEAR: &str = "pivot-clearance";
-/// Two whose product has a kink: near rest the misalignment decides which sign the rate has, and so whether the asymmetry
+/// Two effects whose product has a kink: near rest the misalignment determines the sign of the rate, and so whether the asymmetry
 /// acts at all. Halving both leaves anything from nothing to half of it.
 const KINKED: [&str; 2] = ["misalignment", "scale-factor-asymmetry"];
 
@@ -285,7 +280,7 @@ fn small_effects_add_up_to_second_order() {
     let accumulated = |moved: &[(bool, Moved)], part: f64| {
         let mut configuration = moving();
         for (unit, moved) in moved {
-            let share = if moved.kind.is_some_and(|kind| KINDS[kind].suffix == "-ramp") { part } else { 0.01 * part };
+            let share = if moved.kind.is_some_and(|kind| COURSES[kind].name == "-ramp") { part } else { 0.01 * part };
             if *unit {
                 moved.add(&mut configuration.unit, share);
             } else {
@@ -293,7 +288,7 @@ fn small_effects_add_up_to_second_order() {
             }
         }
         let mut angles: [Vec<f64>; 4] = Default::default();
-        for traces in flown(&configuration) {
+        for traces in traces(&configuration) {
             for (angles, trace) in angles.iter_mut().zip(traces) {
                 angles.push(angles.last().unwrap_or(&0.0) + trace.unquantised);
             }
@@ -322,11 +317,14 @@ fn small_effects_add_up_to_second_order() {
                     (0..SAMPLE_INTERVALS).map(|row| both[row] - first[row] - second[row] + plain[gyro][row]).collect()
                 });
                 let largest = |values: &[f64]| values.iter().fold(0.0, |most: f64, value| most.max(value.abs()));
-                let apart: Vec<f64> = whole.iter().zip(half).map(|(whole, half)| 4.0 * half - whole).collect();
-                let (whole, apart) = (largest(&whole), largest(&apart));
+                let difference: Vec<f64> = whole.iter().zip(half).map(|(whole, half)| 4.0 * half - whole).collect();
+                let (whole, difference) = (largest(&whole), largest(&difference));
                 // The next order is some percent of it; adding up 10⁵ counts costs 10⁻⁹ or so.
                 let (first, second) = (code(*first), code(*second));
-                assert!(apart <= 0.05 * whole + 1e-7, "{first} and {second}, gyro {gyro}: {whole:e}, {apart:e} apart");
+                assert!(
+                    difference <= 0.05 * whole + 1e-7,
+                    "{first} and {second}, gyro {gyro}: {whole:e}, {difference:e}"
+                );
                 seen += usize::from(whole > 1e-6);
             }
         }

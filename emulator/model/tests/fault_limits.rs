@@ -3,15 +3,15 @@
 use std::time::Duration;
 
 use geu_model::Configuration;
-use geu_model::configuration::fault::{MOST, read_plan_text};
+use geu_model::configuration::fault::{MAX_FAULTS, read_plan_text};
 use geu_model::fault::Fault;
 use geu_model::fault::catalogue::Transport;
 use nix::time::{ClockId, clock_gettime};
 
 const DROP: &str = "[[fault]]\nfault = \"drop\"\nat_s = 1e6\n";
 
-/// Processor time of `work`, the least of three: what else the machine does is not in it.
-fn least_time(work: impl Fn()) -> Duration {
+/// Processor time of `work`, the minimum of three: it excludes the other load of the machine.
+fn min_time(work: impl Fn()) -> Duration {
     let now = || Duration::from(clock_gettime(ClockId::CLOCK_THREAD_CPUTIME_ID).expect("the thread's clock"));
     let times = (0..3).map(|_| {
         let start = now();
@@ -21,7 +21,7 @@ fn least_time(work: impl Fn()) -> Duration {
     times.min().expect("three")
 }
 
-/// A configuration as a run records it, of so many faults that came live.
+/// A configuration as a run records it, with this number of injected faults.
 fn recorded(count: usize, fault: impl Fn(usize) -> String) -> String {
     let ids: Vec<String> = (1..=count).map(|number| format!("\"fault-{number}\"")).collect();
     let faults: String = (1..=count).map(fault).collect();
@@ -36,11 +36,11 @@ fn too_many_faults_are_refused_before_one_is_read() {
     let in_plan = configuration.add_plan("plan", &many).expect_err("too many").message;
     let live = read_plan_text("plan", &many, &[], &Transport::ALL).expect_err("too many").message;
     for refused in [in_file, in_plan, live] {
-        assert_eq!(refused, format!("expected at most {MOST} faults, got 100001"));
+        assert_eq!(refused, format!("expected at most {MAX_FAULTS} faults, got 100001"));
     }
     let expectations = "[[expect]]\ncondition = \"no such condition\"\n".repeat(100_000);
     let refused = configuration.add_plan("plan", &expectations).expect_err("too many").message;
-    assert_eq!(refused, format!("expected at most {MOST} expectations, got 100000"));
+    assert_eq!(refused, format!("expected at most {MAX_FAULTS} expectations, got 100000"));
 }
 
 #[test]
@@ -54,7 +54,7 @@ fn ten_times_as_many_faults_take_about_ten_times_as_long() {
             let configuration = Configuration::parse("run.toml", text, &[]).expect("valid");
             assert!(!configuration.columns().is_empty());
         };
-        let (few, many) = (least_time(|| read(&few)), least_time(|| read(&many)));
+        let (few, many) = (min_time(|| read(&few)), min_time(|| read(&many)));
         // Ten, and caches that are too small for it; a time that grows with the square is a hundred.
         assert!(many < few * 25, "{few:?} for a thousand, {many:?} for ten thousand");
     }

@@ -3,13 +3,13 @@
 use std::sync::Arc;
 
 use geu_model::attitude::{Knot, SampleQuality, StreamedAttitude};
-use geu_model::configuration::fault::{MOST_EVER, fault_text, plan_text, read_fault_text};
-use geu_model::fault::acting::FaultEvent;
+use geu_model::configuration::fault::{MAX_RUN_FAULTS, fault_text, plan_text, read_fault_text};
 use geu_model::fault::catalogue::{CATALOGUE, Scope, Transport};
+use geu_model::fault::engine::FaultEvent;
 use geu_model::fault::expectation::ExpectationResult;
-use geu_model::fault::shape::KINDS;
 use geu_model::fault::{ParameterRef, expression};
-use geu_model::number::{DefaultValue, ValueFormat};
+use geu_model::parameter_spec::{DefaultValue, ValueFormat};
+use geu_model::time_profile::FAULT_PROFILES;
 use geu_model::{Configuration, GyroUnit, Truth};
 use geu_protocol::{Gyro, Sample};
 
@@ -44,7 +44,7 @@ fn a_drift_step_adds_its_drift_for_its_time_and_no_longer() {
 }
 
 #[test]
-fn what_the_unit_would_have_told_stands_beside_what_it_told() {
+fn the_unfaulted_sample_is_recorded_beside_the_sent_one() {
     let configuration =
         with_plan("[[fault]]\nat_s = 3.0\ngyro = \"GYRY\"\nfault = \"stuck-count\"\ncounts = 77\nfor_s = 2.0");
     let plain = run(&Configuration::reference(), 20);
@@ -80,15 +80,15 @@ fn what_the_unit_would_have_told_stands_beside_what_it_told() {
 #[test]
 fn every_parameter_and_every_course_can_be_injected_and_written_back() {
     for target in ParameterRef::all() {
-        for kind in KINDS.iter().filter(|kind| !target.is_switch() || kind.name == "step") {
-            let (_, greatest) = target.limits();
+        for kind in FAULT_PROFILES.iter().filter(|kind| !target.is_switch() || kind.name == "step") {
+            let (_, max) = target.limits();
             let gyro = target.gyros().last().map_or(String::new(), |gyro| format!("gyro = \"{}\"\n", gyro.name()));
             let numbers: String =
-                kind.numbers.iter().map(|number| format!(", {} = {:?}", number.name, number.least.max(1.0))).collect();
+                kind.shapes.iter().map(|number| format!(", {} = {:?}", number.name, number.min.max(1.0))).collect();
             let size = match target.number().form {
                 ValueFormat::Gyro => 2.0,
                 ValueFormat::Flag => 1.0,
-                _ => greatest,
+                _ => max,
             };
             let release = if target.is_switch() { "" } else { "release_s = 1.5\n" };
             let plan = format!(
@@ -109,7 +109,7 @@ fn every_parameter_and_every_course_can_be_injected_and_written_back() {
 }
 
 #[test]
-fn every_fault_of_gyro_and_unit_changes_what_the_unit_tells_and_is_over_in_the_end() {
+fn every_fault_of_gyro_and_unit_changes_the_output_and_ends() {
     for spec in CATALOGUE.iter().filter(|spec| spec.scope != Scope::Link) {
         let numbers: String = spec
             .numbers
@@ -119,7 +119,7 @@ fn every_fault_of_gyro_and_unit_changes_what_the_unit_tells_and_is_over_in_the_e
                     (_, DefaultValue::Value(value)) if value != 0.0 => value,
                     (ValueFormat::Gyro, _) => 3.0,
                     (ValueFormat::Choice(_) | ValueFormat::Flag, _) => 0.0,
-                    _ => number.greatest.min(100.0),
+                    _ => number.max.min(100.0),
                 };
                 format!("{} = {}\n", number.name, number.written(value))
             })
@@ -174,10 +174,10 @@ fn triggers_start_a_fault_when_all_of_them_hold() {
     assert_eq!(starts("times = 1000\nuntil_s = 1.0"), [0, 1]);
     assert_eq!(starts("times = 1000\nby_hand = true"), [0; 0]);
     assert_eq!(starts("times = 2\n").len(), 2);
-    let chance = starts("times = 1000\nprobability = 0.25");
-    assert!((25..=75).contains(&chance.len()), "{}", chance.len());
-    assert_eq!(chance, starts("times = 1000\nprobability = 0.25"));
-    assert_ne!(chance, starts("times = 1000\nprobability = 0.25\nseed = 2"));
+    let starts_at_random = starts("times = 1000\nprobability = 0.25");
+    assert!((25..=75).contains(&starts_at_random.len()), "{}", starts_at_random.len());
+    assert_eq!(starts_at_random, starts("times = 1000\nprobability = 0.25"));
+    assert_ne!(starts_at_random, starts("times = 1000\nprobability = 0.25\nseed = 2"));
 }
 
 #[test]
@@ -218,7 +218,7 @@ fn a_run_with_live_injections_is_the_run_of_the_plan_that_they_make() {
         }
         if index == 60 {
             assert_eq!(unit.clear("live"), Some(30.5));
-            assert_eq!(unit.clear("nobody"), None);
+            assert_eq!(unit.clear("unknown"), None);
         }
         rows.push(unit.end_sample().sample);
     }
@@ -283,15 +283,15 @@ fn a_unit_without_power_cools_and_a_gyro_that_is_off_does_not_coast() {
 }
 
 #[test]
-fn a_fault_of_the_clock_on_a_truth_from_outside_needs_what_it_is_told_and_no_more() {
-    let told = |end_s: f64| {
-        let pieces = StreamedAttitude::default();
+fn a_clock_fault_on_an_external_truth_needs_the_received_knots_only() {
+    let received = |end_s: f64| {
+        let knots = StreamedAttitude::default();
         for index in 0..=(end_s * 10.0).round() as u32 {
             let t_s = f64::from(index) / 10.0;
             let angle = 40.0 * t_s + 30.0 * (0.3 * t_s).sin();
-            pieces.append(Knot { t_s, angle_control_arcsec: [angle; 3], basis: SampleQuality::Told, sun: None });
+            knots.append(Knot { t_s, angle_control_arcsec: [angle; 3], basis: SampleQuality::Received, sun: None });
         }
-        Truth::Stepped(Arc::new(pieces))
+        Truth::Stepped(Arc::new(knots))
     };
     for (plan, count) in [
         ("at_s = 1.0\nparameter = \"clock-frequency.ppm\"\ncourse = { step = 1000.0 }", 240),
@@ -299,10 +299,11 @@ fn a_fault_of_the_clock_on_a_truth_from_outside_needs_what_it_is_told_and_no_mor
         ("at_s = 1.0\nfor_s = 3.0\nparameter = \"time-offset.seconds\"\ncourse = { step = -0.3 }", 240),
     ] {
         let configuration = with_plan(&format!("[[fault]]\n{plan}"));
-        let truth = told(120.0);
+        let truth = received(120.0);
         assert_eq!(GyroUnit::samples_within(&configuration, &truth, 240), count, "{plan}");
-        // Beside a truth that goes on, what the unit would have told is the same: none of it rests on what is not told.
-        let (mut unit, mut beside) = (GyroUnit::on(&configuration, &truth), GyroUnit::on(&configuration, &told(200.0)));
+        // With a longer truth the unfaulted sample is the same: it does not depend on missing knots.
+        let (mut unit, mut beside) =
+            (GyroUnit::on(&configuration, &truth), GyroUnit::on(&configuration, &received(200.0)));
         for index in 0..count {
             assert!(unit.needs_truth_s() <= 120.0 + 1e-6, "{plan} {index}");
             assert_eq!(unit.end_sample(), beside.end_sample());
@@ -332,7 +333,7 @@ fn expectations_are_decided_by_what_the_computer_does() {
 }
 
 #[test]
-fn what_is_wrong_in_a_plan_is_told_with_its_place_and_the_valid_names() {
+fn an_error_of_a_plan_states_its_place_and_the_valid_names() {
     for (plan, expected) in [
         ("[[fault]]\nat_s = 1.0", "either `parameter`"),
         ("[[fault]]\nparameter = \"pivot.clearance\"\ngyro = \"GYRX\"", "pivot-clearance.clearance_arcsec"),
@@ -425,14 +426,14 @@ fn what_a_plan_refuses_is_refused_live() {
     for key in ["when", "end_when"] {
         let asking = |id: &str| format!("{one}id = \"own\"\n{key} = 'active(\"{id}\")'");
         for id in ["there", "own"] {
-            read_fault_text("fault", &asking(id), &others, &Transport::ALL).expect("both are there");
+            read_fault_text("fault", &asking(id), &others, &Transport::ALL).expect("both exist");
         }
-        let error = read_fault_text("fault", &asking("nobody"), &others, &Transport::ALL)
+        let error = read_fault_text("fault", &asking("unknown"), &others, &Transport::ALL)
             .expect_err("there is none")
             .to_string();
-        assert!(error.contains("nobody") && error.contains("there, own"), "{error}");
+        assert!(error.contains("unknown") && error.contains("there, own"), "{error}");
     }
-    let many = vec![others[0].clone(); MOST_EVER];
+    let many = vec![others[0].clone(); MAX_RUN_FAULTS];
     let error = read_fault_text("fault", one, &many, &Transport::ALL).expect_err("one too many").to_string();
     assert!(error.contains("at most 10000 faults"), "{error}");
 }
@@ -495,8 +496,8 @@ fn a_number_is_held_to_what_the_links_can_that_a_fault_is_on() {
         let text = |value: u32, link: &str| format!("fault = \"{number} = {value}\n{link}");
         let link = |kind: Transport| format!("link = {:?}", kind.name());
         read(&text(most, ""), &Transport::ALL).expect("what every link can");
-        read(&text(most + 1, ""), &[wide]).expect("what the one that is open can");
-        read(&text(most + 1, &link(wide)), &Transport::ALL).expect("what the one that is named can");
+        read(&text(most + 1, ""), &[wide]).expect("the open link supports it");
+        read(&text(most + 1, &link(wide)), &Transport::ALL).expect("the named link supports it");
         for refused in [read(&text(most + 1, ""), &Transport::ALL), read(&text(most + 1, &link(narrow)), &[wide])] {
             let error = refused.expect_err("too much").to_string();
             assert!(error.contains(&format!("at most {most} ")) && error.contains("another `link`"), "{error}");

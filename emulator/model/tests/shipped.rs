@@ -17,7 +17,7 @@ fn checkout() -> Configuration {
     shipped("configs/checkout.toml", include_str!("../../../configs/checkout.toml"))
 }
 
-/// What the paper says of an effect that it does not have.
+/// Paper value of an effect that the paper does not have.
 fn the_paper_has(spec: &EffectSpec) -> bool {
     !matches!(spec.paper, "0" | "off")
 }
@@ -46,7 +46,7 @@ fn paper_toml_has_every_effect_of_the_paper_and_no_other() {
 }
 
 #[test]
-fn every_number_of_paper_toml_tells_its_source() {
+fn every_number_of_paper_toml_states_its_source() {
     let text = include_str!("../../../configs/paper.toml");
     let effects = &text[text.find("[unit]").expect("effects of the unit")..];
     let mut before = "";
@@ -78,8 +78,8 @@ fn no_accumulated_count_of_a_day_is_further_from_its_angle_than_rounding() {
             for gyro in 0..4 {
                 counts[gyro] += f64::from(ended.sample.increments[gyro]);
                 angles[gyro] += traces[gyro].unquantised;
-                let apart = counts[gyro] - angles[gyro];
-                assert!(apart.abs() <= bound, "gyro {gyro}, row {row}: {apart}");
+                let difference = counts[gyro] - angles[gyro];
+                assert!(difference.abs() <= bound, "gyro {gyro}, row {row}: {difference}");
             }
         }
         assert_eq!(unit.lost_counts(), [0.0; 4]);
@@ -94,7 +94,7 @@ fn turned(leg: &Leg) -> (&'static str, f64, f64, f64) {
 }
 
 #[test]
-fn checkout_toml_flies_the_six_manoeuvres_each_with_its_precautions() {
+fn checkout_toml_contains_the_six_manoeuvres_with_their_precautions() {
     let scenario = checkout().scenario;
     let end_s = AttitudeProfile::length_s(&scenario).expect("an end");
     let mut motion = Motion::new(AttitudeProfile::new(&scenario).expect("possible"), scenario.limit_cycle);
@@ -105,11 +105,11 @@ fn checkout_toml_flies_the_six_manoeuvres_each_with_its_precautions() {
         motion.advance(t_s);
         legs.extend(motion.take_legs().into_iter().filter(|leg| leg.name != "hold"));
     }
-    let flown: Vec<_> = legs.iter().map(turned).collect();
-    // model.md, Calibration manoeuvres, row by row.
+    let turned: Vec<_> = legs.iter().map(turned).collect();
+    // The manoeuvres of the paper, row by row.
     let orbit = |theta_deg: f64| ("stabilise", 0.0, 360.0, theta_deg);
     assert_eq!(
-        flown,
+        turned,
         [
             orbit(90.0),
             ("pointing", 0.0, 0.0, 90.0),
@@ -169,7 +169,7 @@ fn the_floats_stand_on_a_stop_where_the_checkout_says_so() {
         }
     }
     // Casteren §5.3. Legs 9 and 14 are the slews about the sun vector before a scan about Y, 10 and 15 the scans, 11 and
-    // 16 the slews after. GYRX and GYRZA stand at the stop of the scan's sign from the slew of 2° on.
+    // 16 the slews after. GYRX and GYRZA rest at the stop of the scan's sign from the slew of 2° on.
     let stop = |place: f64, sign: f64| assert!((place - 6.0 * sign).abs() < 0.35, "{place}, not the stop at {sign}");
     for (legs, sign) in [([9, 10], 1.0), ([14, 15], -1.0)] {
         for leg in legs {
@@ -178,7 +178,7 @@ fn the_floats_stand_on_a_stop_where_the_checkout_says_so() {
             }
         }
     }
-    // GYRY and GYRZB stand at opposite stops before and after: cos θ has changed sign.
+    // GYRY and GYRZB rest at opposite stops before and after: cos θ has changed sign.
     for (leg, sign) in [(9, 1.0), (11, -1.0), (14, -1.0), (16, 1.0)] {
         for gyro in [1, 3] {
             stop(at_ends[leg][gyro], sign);

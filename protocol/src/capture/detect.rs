@@ -1,96 +1,82 @@
 //! The format of a capture, from its content.
 
-use super::text::Lines;
-use super::{CaptureRecord, Foreign, Format, Reader, RecordPosition, console, pcap, pcapng};
-use crate::serial::{Deframer, DeframerEvent};
+use super::{CaptureRecord, Foreign, Format, serial};
 
-/// What the beginning of a capture tells.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// Recognition of a format.
+#[derive(Debug, Clone, Copy)]
+pub enum Detection {
+    /// Binary: the capture begins with a signature.
+    Signature(fn(&[u8]) -> bool),
+    /// Text: the format that reads most lines as frames.
+    Lines,
+    /// Text as [`Detection::Lines`]; the function then selects a variant. Its arguments are the first bytes and true if they are
+    /// all.
+    Variants(fn(&[u8], bool) -> Option<&'static Format>),
+    /// Selected by the function of another format.
+    Variant,
+    /// Binary, if nothing else was recognised: the bytes hold a frame.
+    Frames(fn(&[u8]) -> bool),
+}
+
+impl Detection {
+    pub fn is_text(&self) -> bool {
+        !matches!(self, Detection::Signature(_) | Detection::Frames(_))
+    }
+}
+
+/// Result of a detection.
+#[derive(Debug, Clone, Copy)]
 pub enum Detected {
-    Format(Format),
+    Format(&'static Format),
     /// More bytes are needed, or the end.
     Undecided,
-    /// It is in one that is not read.
+    /// A known format that has no reader.
     Foreign(&'static Foreign),
-    /// Text in no format that is known.
+    /// Text in no known format.
     UnknownText,
 }
 
-/// Timed lines after which differences to the line before have shown themselves by running backwards.
-const LINES_FOR_DELTA: usize = 8;
-/// Times above this are no differences.
-const MAX_DELTA_NS: i64 = 100_000_000 * 1_000_000_000;
-
-/// Looks at the first bytes of a capture; `complete` where no more will come (or where no more will be looked at).
-pub fn detect(head: &[u8], complete: bool) -> Detected {
-    if pcap::magic(head).is_some() {
-        return Detected::Format(Format::Pcap);
+/// Detects the format from the first bytes of a capture; `is_complete` if no more bytes are available for it.
+pub fn detect(head: &[u8], is_complete: bool) -> Detected {
+    let is_signed = |format: &&Format| matches!(format.detection, Detection::Signature(is_signed) if is_signed(head));
+    if let Some(format) = Format::all().find(is_signed) {
+        return Detected::Format(format);
     }
-    if pcapng::magic(head) {
-        return Detected::Format(Format::Pcapng);
-    }
-    if let Some(foreign) = Foreign::of(head) {
+    if let Some(foreign) = Foreign::from_head(head) {
         return Detected::Foreign(foreign);
     }
-    // Formats of text: the one that reads most lines as frames.
-    let scores = [Format::Candump, Format::Asc, Format::Console { delta: false }]
-        .map(|format| (frames(format, head, complete), format));
-    let (score, format) = scores.into_iter().rev().max_by_key(|(score, _)| *score).unwrap_or((0, Format::Candump));
-    if score > 0 {
-        return match format {
-            Format::Console { .. } => console_times(head, complete),
-            format => Detected::Format(format),
+    let lines = Format::all()
+        .filter(|format| matches!(format.detection, Detection::Lines | Detection::Variants(_)))
+        .map(|format| (frames(format, head, is_complete), format));
+    if let Some((1.., format)) = lines.rev().max_by_key(|(frames, _)| *frames) {
+        return match format.detection {
+            Detection::Variants(select) => select(head, is_complete).map_or(Detected::Undecided, Detected::Format),
+            _ => Detected::Format(format),
         };
     }
-    let mut serial = false;
-    Deframer::default().consume(head, &mut |found| serial |= matches!(found, DeframerEvent::Frame { .. }));
-    if serial {
-        return Detected::Format(Format::Serial);
-    }
-    match complete {
-        false => Detected::Undecided,
-        true if is_text(head) => Detected::UnknownText,
-        true => Detected::Format(Format::Serial),
+    let has_frame = |format: &&Format| matches!(format.detection, Detection::Frames(has_frame) if has_frame(head));
+    match Format::all().find(has_frame) {
+        Some(format) => Detected::Format(format),
+        None if !is_complete => Detected::Undecided,
+        None if is_text(head) => Detected::UnknownText,
+        None => Detected::Format(&serial::FORMATS[0]),
     }
 }
 
-/// How many lines of `head` are frames.
-fn frames(format: Format, head: &[u8], complete: bool) -> usize {
+/// Number of lines of `head` that are frames.
+fn frames(format: &Format, head: &[u8], is_complete: bool) -> usize {
     let mut count = 0;
-    let mut sink = |_: RecordPosition, event: CaptureRecord| {
+    let mut reader = format.reader().expect("a text format has a reader");
+    reader.read(head, is_complete, &mut |_, record| {
         count += usize::from(matches!(
-            event,
+            record,
             CaptureRecord::Frame(_) | CaptureRecord::Remote | CaptureRecord::Fd | CaptureRecord::Error
         ));
-    };
-    let mut reader = Reader::new(format);
-    let used = reader.consume(head, &mut sink);
-    if complete {
-        reader.finish(&head[used..], &mut sink);
-    }
+    });
     count
 }
 
-/// Whether the times of console output are differences (`-t d`): small, and running backwards.
-fn console_times(head: &[u8], complete: bool) -> Detected {
-    let (mut timed, mut before_ns, mut backwards, mut absolute) = (0, i64::MIN, false, false);
-    let (mut lines, mut at) = (Lines::default(), 0);
-    while let Some(line) = lines.next(&head[at..], complete) {
-        if let Some((Some(time), _)) = console::time(&head[at..at + line.used]) {
-            backwards |= time.t_ns < before_ns;
-            absolute |= time.t_ns > MAX_DELTA_NS;
-            (timed, before_ns) = (timed + 1, time.t_ns);
-        }
-        at += line.used;
-    }
-    if timed > 0 && !absolute && !backwards && timed < LINES_FOR_DELTA && !complete {
-        return Detected::Undecided;
-    }
-    Detected::Format(Format::Console { delta: backwards && !absolute })
-}
-
-/// Whether a person could read it: UTF-8 (its last character perhaps cut) without other control characters than a
-/// text's.
+/// True for UTF-8 (its last character may be cut) without control characters, except white space and escape.
 fn is_text(head: &[u8]) -> bool {
     let control = head.iter().any(|byte| matches!(byte, 0..=8 | 14..=26 | 28..=31 | 127));
     let utf8 = std::str::from_utf8(head).map_or_else(|error| error.error_len().is_none(), |_| true);

@@ -1,24 +1,23 @@
-//! Formats that are told by their first bytes and not read: each by its name, with what makes a capture of it.
+//! Known formats without a reader: signature, name and the conversion to a format with one.
 
 use std::fmt;
 
-/// A format that is not read.
+/// A known format without a reader.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Foreign {
-    begins: &'static [u8],
-    name: &'static str,
-    /// What makes something of it that is read.
-    remedy: &'static str,
+    pub signature: &'static [u8],
+    pub name: &'static str,
+    /// Conversion to a format with a reader.
+    conversion: &'static str,
 }
 
-/// python-can's converter reads it by the ending of its name, and writes a candump log.
+/// python-can's converter selects formats by the endings of file names.
 const LOGCONVERT: &str = "convert it with python-can: `can_logconvert INPUT OUTPUT.log`";
 const UNPACK: &str = "unpack it; compressed by gzip or zstd it is read as it is";
-const TABLE: &str =
-    "a table of gyros is read as CSV with --gyro-csv DESCRIPTION, a capture as candump, ASC, pcap or pcapng";
+const TABLE: &str = "export it as CSV: `geu decode --gyro-csv DESCRIPTION` reads tables of gyros";
 
-const fn foreign(begins: &'static [u8], name: &'static str, remedy: &'static str) -> Foreign {
-    Foreign { begins, name, remedy }
+const fn foreign(signature: &'static [u8], name: &'static str, conversion: &'static str) -> Foreign {
+    Foreign { signature, name, conversion }
 }
 
 pub const FOREIGN: &[Foreign] = &[
@@ -51,22 +50,14 @@ pub const FOREIGN: &[Foreign] = &[
 ];
 
 impl Foreign {
-    pub(super) fn of(head: &[u8]) -> Option<&'static Foreign> {
+    pub(super) fn from_head(head: &[u8]) -> Option<&'static Foreign> {
         let head = head.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(head);
-        FOREIGN.iter().find(|foreign| head.starts_with(foreign.begins))
-    }
-
-    pub fn begins(&self) -> &'static [u8] {
-        self.begins
-    }
-
-    pub fn name(&self) -> &'static str {
-        self.name
+        FOREIGN.iter().find(|foreign| head.starts_with(foreign.signature))
     }
 }
 
 impl fmt::Display for Foreign {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        write!(f, "is {}, which geu does not read; {}", self.name, self.remedy)
+        write!(f, "is {}, which geu does not read; {}", self.name, self.conversion)
     }
 }

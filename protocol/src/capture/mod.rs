@@ -1,54 +1,116 @@
 //! Capture formats as push readers over bytes: no files, no clock.
 //!
-//! A [`Reader`] is given the bytes of a capture in pieces of any size and tells one [`CaptureRecord`] for every record in them
-//! (a line of text, a packet of a binary capture). Nothing in a capture stops it: what it cannot read is
-//! [`CaptureRecord::Broken`], with its place and bytes.
+//! A [`Reader`] takes the bytes of a capture in chunks of any size and reports one [`CaptureRecord`] for each record in them
+//! (a line of text, a packet of a binary capture). No content stops it: an unreadable record is [`CaptureRecord::Broken`],
+//! with its position and bytes.
+//!
+//! A format is one file here and one name in `formats!` below. Detection, `--input-format`, the help and the messages use that list.
+//! The modules are declared by a macro, where `cargo fmt` does not look: `rustfmt protocol/src/capture/*.rs`.
 //!
 //! ```
-//! use geu_protocol::capture::{CaptureRecord, Format, Reader};
-//! let mut reader = Reader::new(Format::Candump);
+//! use geu_protocol::capture::{CaptureRecord, Format};
+//! let mut reader = Format::from_name("candump").unwrap().reader().unwrap();
 //! let mut ids = Vec::new();
-//! reader.finish(b"(1795020000.500932) can0 1A0#FFFE000100050005\n", &mut |_place, event| {
-//!     if let CaptureRecord::Frame(frame) = event {
+//! reader.read(b"(1795020000.500932) can0 1A0#FFFE000100050005\n", true, &mut |_position, record| {
+//!     if let CaptureRecord::Frame(frame) = record {
 //!         ids.push((frame.id, frame.time.unwrap().t_ns));
 //!     }
 //! });
 //! assert_eq!(ids, [(0x1A0, 1_795_020_000_500_932_000)]);
 //! ```
 
-mod asc;
-mod candump;
-mod console;
+mod binary;
 mod detect;
 mod foreign;
-mod packet;
-mod pcap;
-mod pcapng;
+mod socketcan;
+#[cfg(test)]
+mod tests;
 mod text;
 
-pub use detect::{Detected, detect};
-pub use foreign::{FOREIGN, Foreign};
-pub use packet::frame_of_socketcan;
+use std::fmt::Debug;
 
-/// An instant, and how finely its source tells it.
+pub use detect::{Detected, Detection, detect};
+pub use foreign::{FOREIGN, Foreign};
+pub use socketcan::socketcan_record;
+
+macro_rules! formats {
+    ($($module:ident),*) => {
+        $(mod $module;)*
+        const MODULES: &[&[Format]] = &[$($module::FORMATS),*];
+    };
+}
+
+// Each module has its formats in `FORMATS`. If two formats read equally many lines of a text, detection takes the first.
+formats!(candump, console, asc, pcap, pcapng, serial);
+
+/// A format of captures.
+#[derive(Debug)]
+pub struct Format {
+    /// Name in `--input-format`.
+    pub name: &'static str,
+    /// Name in messages.
+    pub title: &'static str,
+    /// Usual endings of file names, for the help; detection uses the content.
+    pub suffixes: &'static [&'static str],
+    pub detection: Detection,
+    /// Constructor of the reader; `None` for serial bytes, which [`crate::serial::Deframer`] reads.
+    new_reader: Option<fn() -> Box<dyn Reader>>,
+}
+
+impl Format {
+    pub fn all() -> impl DoubleEndedIterator<Item = &'static Format> {
+        MODULES.iter().copied().flatten()
+    }
+
+    pub fn from_name(name: &str) -> Option<&'static Format> {
+        Format::all().find(|format| format.name == name)
+    }
+
+    /// A reader for the start of a capture; `None` for serial bytes.
+    pub fn reader(&self) -> Option<Box<dyn Reader>> {
+        self.new_reader.map(|new_reader| new_reader())
+    }
+
+    /// Titles of the text formats or of the others, as `A, B or C`.
+    pub fn titles(is_text: bool) -> String {
+        let titles: Vec<&str> =
+            Format::all().filter(|format| format.detection.is_text() == is_text).map(|format| format.title).collect();
+        match titles.split_last() {
+            Some((last, rest)) if !rest.is_empty() => format!("{} or {last}", rest.join(", ")),
+            _ => titles.concat(),
+        }
+    }
+}
+
+/// Reader of one capture.
+pub trait Reader: Debug + Send {
+    /// Reads the records at the start of `bytes` and returns the number of bytes consumed. The next call must begin with the rest, at
+    /// most [`MAX_RECORD`] bytes. If `is_last`, all bytes are consumed and an incomplete record is cut.
+    fn read(&mut self, bytes: &[u8], is_last: bool, sink: &mut dyn FnMut(RecordPosition, CaptureRecord)) -> usize;
+
+    /// Number of records reported.
+    fn records(&self) -> u64;
+}
+
+/// A time stamp and its resolution.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Timestamp {
     /// Nanoseconds since the source's epoch.
     pub t_ns: i64,
-    /// Digits behind the point of the second in the source, 0…9.
+    /// Decimals of the second in the source, 0…9.
     pub digits: u8,
 }
 
-/// A classic CAN data frame as a capture tells it.
+/// A classic CAN data frame of a capture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Frame<'a> {
-    /// Receive time, where the capture has one.
+    /// Receive time, if recorded.
     pub time: Option<Timestamp>,
-    /// Name of the interface or channel; empty where the capture has none.
+    /// Name of the interface or channel; empty if not recorded.
     pub interface: &'a [u8],
     /// Identifier, 11 or 29 bits.
     pub id: u32,
-    /// Whether the identifier has 29 bits.
+    /// True for an identifier of 29 bits.
     pub extended: bool,
     pub data: &'a [u8],
 }
@@ -63,28 +125,29 @@ pub enum CaptureRecord<'a> {
     Fd,
     /// An error frame.
     Error,
-    /// What is no CAN frame: comments, blank lines, headers, packets of another link.
+    /// No CAN frame: a comment, a blank line, a header, a packet of another link.
     Remark,
-    /// The recorder says that it lost so many frames.
+    /// A note of the recorder that it lost this number of frames.
     Dropped(u64),
-    /// A record that does not follow its format.
+    /// A record that violates its format.
     Broken {
-        /// Its first bytes, at most [`MAX_TOLD`].
+        /// First bytes, at most [`MAX_EXCERPT`].
         bytes: &'a [u8],
-        /// Whether the capture ends inside it.
+        /// True if the capture ends inside it.
         cut: bool,
     },
 }
 
-/// How many bytes of a broken record are told.
-pub const MAX_TOLD: usize = 256;
-/// Longest record that is kept together, byte; what is longer is broken or skipped.
-pub const MAX_RECORD: usize = 1 << 16;
-
-/// The first bytes of a broken record.
-fn told(bytes: &[u8]) -> &[u8] {
-    &bytes[..bytes.len().min(MAX_TOLD)]
+impl<'a> CaptureRecord<'a> {
+    fn broken(bytes: &'a [u8], cut: bool) -> CaptureRecord<'a> {
+        CaptureRecord::Broken { bytes: &bytes[..bytes.len().min(MAX_EXCERPT)], cut }
+    }
 }
+
+/// Reported bytes of a broken record, at most.
+pub const MAX_EXCERPT: usize = 256;
+/// Longest record that is read, byte; a longer line is broken, a longer packet skipped.
+pub const MAX_RECORD: usize = 1 << 16;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum RecordPosition {
@@ -92,110 +155,3 @@ pub enum RecordPosition {
     Line(u64),
     Offset(u64),
 }
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Format {
-    /// `candump -l` and `-L`.
-    Candump,
-    /// `candump` as it prints on a terminal.
-    Console {
-        /// Whether the times are differences to the line before (`-t d`).
-        delta: bool,
-    },
-    Asc,
-    /// pcap, with a SocketCAN or Linux cooked link.
-    Pcap,
-    Pcapng,
-    /// Raw serial bytes; read by [`crate::serial::Deframer`].
-    Serial,
-}
-
-impl Format {
-    /// All, by the names users give.
-    pub const NAMED: [(&'static str, Format); 7] = [
-        ("candump", Format::Candump),
-        ("console", Format::Console { delta: false }),
-        ("console-delta", Format::Console { delta: true }),
-        ("asc", Format::Asc),
-        ("pcap", Format::Pcap),
-        ("pcapng", Format::Pcapng),
-        ("serial", Format::Serial),
-    ];
-
-    /// The name in [`Format::NAMED`].
-    pub fn name(self) -> &'static str {
-        Format::NAMED.iter().find(|(_, format)| *format == self).map_or("", |(name, _)| name)
-    }
-
-    pub fn named(name: &str) -> Option<Format> {
-        Format::NAMED.iter().find(|(known, _)| *known == name).map(|(_, format)| *format)
-    }
-}
-
-#[derive(Debug, Clone)]
-#[allow(clippy::large_enum_variant)]
-pub enum Reader {
-    /// See [`Format::Candump`].
-    Candump(candump::Candump),
-    /// See [`Format::Console`].
-    Console(console::Console),
-    /// See [`Format::Asc`].
-    Asc(asc::Asc),
-    /// See [`Format::Pcap`].
-    Pcap(pcap::Pcap),
-    /// See [`Format::Pcapng`].
-    Pcapng(pcapng::Pcapng),
-}
-
-impl Reader {
-    /// A reader for the beginning of a capture.
-    ///
-    /// # Panics
-    /// For [`Format::Serial`], whose bytes are no records.
-    pub fn new(format: Format) -> Reader {
-        match format {
-            Format::Candump => Reader::Candump(Default::default()),
-            Format::Console { delta } => Reader::Console(console::Console::new(delta)),
-            Format::Asc => Reader::Asc(Default::default()),
-            Format::Pcap => Reader::Pcap(Default::default()),
-            Format::Pcapng => Reader::Pcapng(Default::default()),
-            Format::Serial => panic!("serial bytes are read by the deframer"),
-        }
-    }
-
-    /// Takes the capture on from where it stopped; returns how many bytes are consumed. The rest, at most
-    /// [`MAX_RECORD`], must stand at the beginning of the next call's `bytes`.
-    pub fn consume(&mut self, bytes: &[u8], sink: &mut impl FnMut(RecordPosition, CaptureRecord)) -> usize {
-        self.run(bytes, false, sink)
-    }
-
-    /// Takes the last bytes: what is incomplete now is cut.
-    pub fn finish(&mut self, bytes: &[u8], sink: &mut impl FnMut(RecordPosition, CaptureRecord)) {
-        self.run(bytes, true, sink);
-    }
-
-    #[inline]
-    fn run(&mut self, bytes: &[u8], last: bool, sink: &mut impl FnMut(RecordPosition, CaptureRecord)) -> usize {
-        match self {
-            Reader::Candump(reader) => reader.run(bytes, last, sink),
-            Reader::Console(reader) => reader.run(bytes, last, sink),
-            Reader::Asc(reader) => reader.run(bytes, last, sink),
-            Reader::Pcap(reader) => reader.run(bytes, last, sink),
-            Reader::Pcapng(reader) => reader.run(bytes, last, sink),
-        }
-    }
-
-    /// Records told so far: as many as events.
-    pub fn records(&self) -> u64 {
-        match self {
-            Reader::Candump(reader) => reader.lines.number(),
-            Reader::Console(reader) => reader.lines.number(),
-            Reader::Asc(reader) => reader.lines.number(),
-            Reader::Pcap(reader) => reader.stream.records,
-            Reader::Pcapng(reader) => reader.stream.records,
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests;

@@ -1,28 +1,30 @@
 //! pcap: a header of 24 bytes, then packets, each behind 16 bytes of time and length.
 
-use super::packet::{Order, RecordCursor, event};
-use super::{CaptureRecord, MAX_RECORD, RecordPosition, Timestamp, told};
+use super::binary::{BinaryFormat, MAX_LENGTH, Next, Order, reader};
+use super::socketcan::packet_record;
+use super::{CaptureRecord, Detection, Format, Timestamp};
+
+pub(super) const FORMATS: &[Format] = &[Format {
+    name: "pcap",
+    title: "pcap",
+    suffixes: &["pcap"],
+    detection: Detection::Signature(|head| byte_order(head).is_some()),
+    new_reader: Some(reader::<Pcap>),
+}];
 
 const HEADER: usize = 24;
 const PACKET_HEADER: usize = 16;
-/// A length beyond this is no length.
-const MAX_LENGTH: u32 = 1 << 26;
 
-#[derive(Debug, Clone, Default)]
-pub struct Pcap {
-    pub(super) stream: RecordCursor,
-    header: Option<Header>,
-}
-
-#[derive(Debug, Clone, Copy)]
-struct Header {
+#[derive(Debug, Default)]
+struct Pcap {
+    is_begun: bool,
     order: Order,
-    nanoseconds: bool,
+    is_nanoseconds: bool,
     link: u32,
 }
 
-/// Byte order, and whether times are in nanoseconds.
-pub(super) fn magic(bytes: &[u8]) -> Option<(Order, bool)> {
+/// Byte order, and true for times in nanoseconds.
+fn byte_order(bytes: &[u8]) -> Option<(Order, bool)> {
     match bytes.first_chunk()? {
         [0xD4, 0xC3, 0xB2, 0xA1] => Some((Order::Little, false)),
         [0xA1, 0xB2, 0xC3, 0xD4] => Some((Order::Big, false)),
@@ -32,86 +34,32 @@ pub(super) fn magic(bytes: &[u8]) -> Option<(Order, bool)> {
     }
 }
 
-impl Pcap {
-    pub(super) fn run(
-        &mut self,
-        bytes: &[u8],
-        last: bool,
-        sink: &mut impl FnMut(RecordPosition, CaptureRecord),
-    ) -> usize {
-        let mut at = 0;
-        let stream = &mut self.stream;
-        loop {
-            let rest = &bytes[at..];
-            if rest.is_empty() && stream.skip == 0 {
-                return at;
-            }
-            let place = RecordPosition::Offset(stream.offset);
-            if stream.lost || stream.skip > 0 {
-                at += stream.advance(rest, if stream.lost { rest.len() as u64 } else { stream.skip });
-                if stream.skip > 0 {
-                    if last {
-                        stream.skip = 0;
-                        stream.records += 1;
-                        sink(place, CaptureRecord::Broken { bytes: &[], cut: true });
-                    }
-                    return at;
-                }
-                continue;
-            }
-            let Some(header) = self.header else {
-                match (rest.len() >= HEADER, magic(rest)) {
-                    (true, Some((order, nanoseconds))) => {
-                        // Above the link type stand bits about a check sequence.
-                        let link = order.u32(rest, 20) & 0x0FFF_FFFF;
-                        self.header = Some(Header { order, nanoseconds, link });
-                        at += stream.advance(rest, HEADER as u64);
-                    }
-                    (false, _) if !last => return at,
-                    (complete, _) => {
-                        stream.records += 1;
-                        sink(place, CaptureRecord::Broken { bytes: told(rest), cut: !complete });
-                        (stream.lost, stream.offset) = (true, stream.offset + rest.len() as u64);
-                        return bytes.len();
-                    }
-                }
-                continue;
-            };
-            let length = header.order.u32(rest, 8);
-            if rest.len() >= PACKET_HEADER && length > MAX_LENGTH {
-                stream.records += 1;
-                sink(place, CaptureRecord::Broken { bytes: told(rest), cut: false });
-                stream.lost = true;
-                continue;
-            }
-            let whole = PACKET_HEADER as u64 + u64::from(length);
-            if rest.len() >= PACKET_HEADER && whole > MAX_RECORD as u64 {
-                stream.records += 1;
-                sink(place, CaptureRecord::Remark);
-                at += stream.advance(rest, whole);
-                continue;
-            }
-            if rest.len() < PACKET_HEADER || (rest.len() as u64) < whole {
-                if last {
-                    stream.records += 1;
-                    sink(place, CaptureRecord::Broken { bytes: told(rest), cut: true });
-                    at += stream.advance(rest, rest.len() as u64);
-                }
-                return at;
-            }
-            let packet = &rest[PACKET_HEADER..whole as usize];
-            stream.records += 1;
-            let event = event(header.link, header.order, Some(header.time(rest)), b"", packet);
-            sink(place, event.unwrap_or(CaptureRecord::Broken { bytes: told(packet), cut: false }));
-            at += stream.advance(rest, whole);
+impl BinaryFormat for Pcap {
+    fn next(&mut self, bytes: &[u8]) -> Next {
+        if bytes.len() < if self.is_begun { PACKET_HEADER } else { HEADER } {
+            return Next::Incomplete;
         }
+        if self.is_begun {
+            let length = self.order.u32(bytes, 8);
+            return if length > MAX_LENGTH {
+                Next::Lost
+            } else {
+                Next::Record(PACKET_HEADER as u64 + u64::from(length))
+            };
+        }
+        let Some((order, is_nanoseconds)) = byte_order(bytes) else {
+            return Next::Lost;
+        };
+        // The bits above the link type describe a check sequence.
+        *self = Pcap { is_begun: true, order, is_nanoseconds, link: order.u32(bytes, 20) & 0x0FFF_FFFF };
+        Next::Header(HEADER)
     }
-}
 
-impl Header {
-    fn time(self, packet: &[u8]) -> Timestamp {
-        let (seconds, fraction) = (i64::from(self.order.u32(packet, 0)), i64::from(self.order.u32(packet, 4)));
-        let (unit_ns, digits) = if self.nanoseconds { (1, 9) } else { (1_000, 6) };
-        Timestamp { t_ns: seconds * 1_000_000_000 + fraction * unit_ns, digits }
+    fn read<'a>(&'a mut self, record: &'a [u8]) -> CaptureRecord<'a> {
+        let (header, packet) = record.split_at(PACKET_HEADER);
+        let (seconds, fraction) = (i64::from(self.order.u32(header, 0)), i64::from(self.order.u32(header, 4)));
+        let (unit_ns, digits) = if self.is_nanoseconds { (1, 9) } else { (1_000, 6) };
+        let time = Timestamp { t_ns: seconds * 1_000_000_000 + fraction * unit_ns, digits };
+        packet_record(self.link, self.order, Some(time), b"", packet).unwrap_or(CaptureRecord::broken(packet, false))
     }
 }

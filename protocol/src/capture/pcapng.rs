@@ -1,10 +1,17 @@
-//! pcapng: blocks of a type, a length, a body and the length again; sections may differ in byte order, and every
-//! interface has its own link type, name and time unit.
-//!
-//! Read here and not with a library: the one that exists allocates for each packet and knows no binary time units.
+//! pcapng: blocks of type, length, body and length again. Sections may differ in byte order; each interface has its own link
+//! type, name and time unit. No library is used: the existing one allocates for each packet and lacks binary time units.
 
-use super::packet::{Order, RecordCursor, event};
-use super::{CaptureRecord, MAX_RECORD, RecordPosition, Timestamp, told};
+use super::binary::{BinaryFormat, MAX_LENGTH, Next, Order, reader};
+use super::socketcan::packet_record;
+use super::{CaptureRecord, Detection, Format, MAX_RECORD, Timestamp};
+
+pub(super) const FORMATS: &[Format] = &[Format {
+    name: "pcapng",
+    title: "pcapng",
+    suffixes: &["pcapng"],
+    detection: Detection::Signature(|head| head.starts_with(&SECTION.to_be_bytes()) && byte_order(head).is_some()),
+    new_reader: Some(reader::<Pcapng>),
+}];
 
 /// A section's header; the same in both byte orders.
 const SECTION: u32 = 0x0A0D_0D0A;
@@ -14,8 +21,6 @@ const SIMPLE_PACKET: u32 = 3;
 const PACKET: u32 = 6;
 /// Type, length and the length again.
 const FRAME: usize = 12;
-/// A length beyond this is no length.
-const MAX_LENGTH: u32 = 1 << 26;
 /// Interfaces of one section that are kept; a capture has a handful.
 const MAX_INTERFACES: usize = 4096;
 
@@ -23,25 +28,19 @@ const NAME: u16 = 2;
 const RESOLUTION: u16 = 9;
 const OFFSET: u16 = 14;
 
-#[derive(Debug, Clone, Default)]
-pub struct Pcapng {
-    pub(super) stream: RecordCursor,
+#[derive(Debug, Default)]
+struct Pcapng {
     order: Order,
     interfaces: Vec<Interface>,
 }
 
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Default)]
 struct Interface {
     link: u32,
     name: Vec<u8>,
     per_second: u64,
     digits: u8,
     offset_s: i64,
-}
-
-/// Whether a capture begins with these bytes.
-pub(super) fn magic(bytes: &[u8]) -> bool {
-    bytes.starts_with(&SECTION.to_be_bytes()) && byte_order(bytes).is_some()
 }
 
 fn byte_order(block: &[u8]) -> Option<Order> {
@@ -52,84 +51,34 @@ fn byte_order(block: &[u8]) -> Option<Order> {
     }
 }
 
-impl Pcapng {
-    pub(super) fn run(
-        &mut self,
-        bytes: &[u8],
-        last: bool,
-        sink: &mut impl FnMut(RecordPosition, CaptureRecord),
-    ) -> usize {
-        let mut at = 0;
-        loop {
-            let rest = &bytes[at..];
-            if rest.is_empty() && self.stream.skip == 0 {
-                return at;
-            }
-            let place = RecordPosition::Offset(self.stream.offset);
-            if self.stream.lost || self.stream.skip > 0 {
-                at += self.stream.advance(rest, if self.stream.lost { rest.len() as u64 } else { self.stream.skip });
-                if self.stream.skip > 0 {
-                    if last {
-                        (self.stream.skip, self.stream.records) = (0, self.stream.records + 1);
-                        sink(place, CaptureRecord::Broken { bytes: &[], cut: true });
-                    }
-                    return at;
-                }
-                continue;
-            }
-            let broken = |cut| CaptureRecord::Broken { bytes: told(rest), cut };
-            if rest.len() >= FRAME && rest.starts_with(&SECTION.to_be_bytes()) {
-                match byte_order(rest) {
-                    Some(order) => self.order = order,
-                    None => {
-                        self.lose(place, broken(false), sink);
-                        continue;
-                    }
-                }
-            }
-            let length = self.order.u32(rest, 4);
-            if rest.len() >= FRAME && (length < FRAME as u32 || !length.is_multiple_of(4) || length > MAX_LENGTH) {
-                self.lose(place, broken(false), sink);
-                continue;
-            }
-            if rest.len() >= FRAME && length as usize > MAX_RECORD {
-                self.stream.records += 1;
-                sink(place, CaptureRecord::Remark);
-                at += self.stream.advance(rest, length.into());
-                continue;
-            }
-            if rest.len() < FRAME || rest.len() < length as usize {
-                if last {
-                    self.stream.records += 1;
-                    sink(place, broken(true));
-                    at += self.stream.advance(rest, rest.len() as u64);
-                }
-                return at;
-            }
-            let block = &rest[..length as usize];
-            if self.order.u32(block, block.len() - 4) != length {
-                self.lose(place, broken(false), sink);
-                continue;
-            }
-            self.stream.records += 1;
-            let event = self.block(block);
-            sink(place, event.unwrap_or(CaptureRecord::Broken { bytes: told(block), cut: false }));
-            at += self.stream.advance(rest, length.into());
+impl BinaryFormat for Pcapng {
+    fn next(&mut self, bytes: &[u8]) -> Next {
+        if bytes.len() < FRAME {
+            return Next::Incomplete;
         }
+        if bytes.starts_with(&SECTION.to_be_bytes()) {
+            let Some(order) = byte_order(bytes) else {
+                return Next::Lost;
+            };
+            self.order = order;
+        }
+        let length = self.order.u32(bytes, 4);
+        if length < FRAME as u32 || !length.is_multiple_of(4) || length > MAX_LENGTH {
+            return Next::Lost;
+        }
+        let is_whole = length as usize <= bytes.len().min(MAX_RECORD);
+        if is_whole && self.order.u32(bytes, length as usize - 4) != length {
+            return Next::Lost;
+        }
+        Next::Record(length.into())
     }
 
-    /// Tells that the blocks cannot be told apart any more.
-    fn lose(
-        &mut self,
-        place: RecordPosition,
-        event: CaptureRecord,
-        sink: &mut impl FnMut(RecordPosition, CaptureRecord),
-    ) {
-        self.stream.records += 1;
-        sink(place, event);
-        self.stream.lost = true;
+    fn read<'a>(&'a mut self, record: &'a [u8]) -> CaptureRecord<'a> {
+        self.block(record).unwrap_or(CaptureRecord::broken(record, false))
     }
+}
 
+impl Pcapng {
     fn block<'a>(&'a mut self, block: &'a [u8]) -> Option<CaptureRecord<'a>> {
         let order = self.order;
         let body = &block[8..block.len() - 4];
@@ -144,22 +93,18 @@ impl Pcapng {
                 }
                 return Some(CaptureRecord::Remark);
             }
-            PACKET => {
+            kind @ (PACKET | OLD_PACKET) => {
                 let header = body.get(..20)?;
+                let index = if kind == PACKET { order.u32(header, 0) } else { order.u16(header, 0).into() };
                 let ticks = u64::from(order.u32(header, 4)) << 32 | u64::from(order.u32(header, 8));
-                (order.u32(header, 0), Some(ticks), order.u32(header, 12), &body[20..])
-            }
-            OLD_PACKET => {
-                let header = body.get(..20)?;
-                let ticks = u64::from(order.u32(header, 4)) << 32 | u64::from(order.u32(header, 8));
-                (order.u16(header, 0).into(), Some(ticks), order.u32(header, 12), &body[20..])
+                (index, Some(ticks), order.u32(header, 12), &body[20..])
             }
             SIMPLE_PACKET => (0, None, order.u32(body.get(..4)?, 0).min(body.len() as u32 - 4), &body[4..]),
             _ => return Some(CaptureRecord::Remark),
         };
         let interface = self.interfaces.get(index as usize)?;
         let time = ticks.and_then(|ticks| interface.time(ticks));
-        event(interface.link, order, time, &interface.name, data.get(..length as usize)?)
+        packet_record(interface.link, order, time, &interface.name, data.get(..length as usize)?)
     }
 }
 

@@ -1,8 +1,15 @@
-//! Every format: what occurs in the wild, any bytes, any pieces.
+//! All formats: captures of real tools, any bytes, chunks of any size.
 
 use proptest::prelude::*;
 
 use super::*;
+
+const CANDUMP: &Format = &candump::FORMATS[0];
+const CONSOLE: &Format = &console::FORMATS[0];
+const CONSOLE_DELTA: &Format = &console::FORMATS[1];
+const ASC: &Format = &asc::FORMATS[0];
+const PCAP: &Format = &pcap::FORMATS[0];
+const PCAPNG: &Format = &pcapng::FORMATS[0];
 
 #[derive(Debug, Clone, PartialEq, Eq)]
 enum Seen {
@@ -33,22 +40,32 @@ fn see(event: CaptureRecord) -> Seen {
     }
 }
 
-/// All events of a capture that comes in pieces of this length; as many as records, and nothing is held back for ever.
-fn read(format: Format, bytes: &[u8], piece: usize) -> Vec<(RecordPosition, Seen)> {
-    let (mut reader, mut seen, mut buffer) = (Reader::new(format), Vec::new(), Vec::new());
+/// All events of a capture in chunks of this length: one per record.
+fn read(format: &Format, bytes: &[u8], length: usize) -> Vec<(RecordPosition, Seen)> {
+    let (mut reader, mut seen, mut buffer) = (format.reader().expect("a reader"), Vec::new(), Vec::new());
     let mut sink = |place, event: CaptureRecord<'_>| seen.push((place, see(event)));
-    for piece in bytes.chunks(piece) {
-        buffer.extend_from_slice(piece);
-        let used = reader.consume(&buffer, &mut sink);
+    for chunk in bytes.chunks(length) {
+        buffer.extend_from_slice(chunk);
+        let used = reader.read(&buffer, false, &mut sink);
         buffer.drain(..used);
         assert!(buffer.len() <= MAX_RECORD);
     }
-    reader.finish(&buffer, &mut sink);
+    reader.read(&buffer, true, &mut sink);
     assert_eq!(reader.records(), seen.len() as u64);
     seen
 }
 
-fn events(format: Format, text: &str) -> Vec<Seen> {
+/// Name of the detected format, or of the other results.
+fn detected(head: &[u8], is_complete: bool) -> &'static str {
+    match detect(head, is_complete) {
+        Detected::Format(format) => format.name,
+        Detected::Undecided => "undecided",
+        Detected::Foreign(foreign) => foreign.name,
+        Detected::UnknownText => "text",
+    }
+}
+
+fn events(format: &Format, text: &str) -> Vec<Seen> {
     read(format, text.as_bytes(), usize::MAX).into_iter().map(|(_, seen)| seen).collect()
 }
 
@@ -92,7 +109,7 @@ fn candump_logs_of_the_wild_are_read_line_by_line() {
     ] {
         // Twice, and behind a usual line, so that both ways of reading are gone.
         let usual = "(1795020000.500932) can0 1A0#FFFE000100050005\n";
-        let found = events(Format::Candump, &format!("{line}\n{usual}{line}\n"));
+        let found = events(CANDUMP, &format!("{line}\n{usual}{line}\n"));
         assert_eq!(found, [expected.clone(), frame(T_NS, "can0", 0x1A0, &DATA), expected], "{line}");
     }
 }
@@ -100,23 +117,23 @@ fn candump_logs_of_the_wild_are_read_line_by_line() {
 #[test]
 fn a_byte_order_mark_costs_no_line_of_any_text_format() {
     for (format, line) in [
-        (Format::Candump, "(1.500000) can0 1A0#01\n"),
-        (Format::Console { delta: false }, "  can0  1A0   [1]  01\n"),
-        (Format::Asc, "date Mon Jan 5 10:00:00 am 2026\nbase hex timestamps absolute\n1.500000 1 1A0 Rx d 1 01\n"),
+        (CANDUMP, "(1.500000) can0 1A0#01\n"),
+        (CONSOLE, "  can0  1A0   [1]  01\n"),
+        (ASC, "date Mon Jan 5 10:00:00 am 2026\nbase hex timestamps absolute\n1.500000 1 1A0 Rx d 1 01\n"),
     ] {
         let marked = format!("\u{feff}{line}");
-        assert_eq!(detect(marked.as_bytes(), true), Detected::Format(format));
-        for piece in [1, 1000] {
-            assert_eq!(read(format, marked.as_bytes(), piece), read(format, line.as_bytes(), piece));
+        assert_eq!(detected(marked.as_bytes(), true), format.name);
+        for length in [1, 1000] {
+            assert_eq!(read(format, marked.as_bytes(), length), read(format, line.as_bytes(), length));
         }
         assert!(events(format, &marked).iter().any(|event| matches!(event, Seen::Frame(..))));
     }
 }
 
 #[test]
-fn a_cut_last_line_is_told_as_cut() {
-    assert_eq!(events(Format::Candump, "(0.5) can0 1A0#FF\n(0.6) can0 1A")[1], Seen::Broken(true));
-    assert_eq!(events(Format::Console { delta: false }, " can0  1A0  [8]  FF FE")[0], Seen::Broken(true));
+fn a_cut_last_line_is_reported_as_cut() {
+    assert_eq!(events(CANDUMP, "(0.5) can0 1A0#FF\n(0.6) can0 1A")[1], Seen::Broken(true));
+    assert_eq!(events(CONSOLE, " can0  1A0  [8]  FF FE")[0], Seen::Broken(true));
 }
 
 #[test]
@@ -141,12 +158,12 @@ fn candump_console_output_is_read_with_and_without_its_options() {
         ("  can0  1A0   [8]  FF FE 00 01 00 05 00", Seen::Broken(false)),
         ("  can0  1A0   [x]  FF", Seen::Broken(false)),
     ] {
-        assert_eq!(events(Format::Console { delta: false }, &format!("{line}\n")), [expected], "{line}");
+        assert_eq!(events(CONSOLE, &format!("{line}\n")), [expected], "{line}");
     }
     let delta = " (000.000000)  can0  123   [0]\n (000.250000)  can0  123   [0]\n (000.100000)  can0  123   [0]\n";
-    let times: Vec<_> = events(Format::Console { delta: true }, delta);
+    let times: Vec<_> = events(CONSOLE_DELTA, delta);
     assert_eq!(times[2], frame(350_000_000, "can0", 0x123, &[]));
-    assert_eq!(detect(delta.as_bytes(), true), Detected::Format(Format::Console { delta: true }));
+    assert_eq!(detected(delta.as_bytes(), true), CONSOLE_DELTA.name);
 }
 
 #[test]
@@ -160,7 +177,7 @@ fn vector_asc_is_read_in_both_bases_and_both_kinds_of_time() {
         \x20  1.000000 CANFD   1 Rx        1A0                                   0 0 8  8 FF FE 00 01 00 05 00 05   130000  130        0 0 0 0 0 0\n\
         \x20  1.100000 1  Statistic: D 1 R 0 XD 0 XR 0 E 0 O 0 B 0.00%\n\
         \x20  1.200000 1  1A0             Rx   d 8 FF FE\nEnd TriggerBlock\n";
-    let seen = events(Format::Asc, text);
+    let seen = events(ASC, text);
     let expected = [
         frame(500_932_000, "1", 0x1A0, &DATA),
         Seen::Frame(Some(600_000_000), "2".into(), 0x1A0, true, vec![0xFF]),
@@ -175,7 +192,7 @@ fn vector_asc_is_read_in_both_bases_and_both_kinds_of_time() {
     assert_eq!(seen[..6], [const { Seen::Remark }; 6]);
     assert_eq!(seen[6..], expected);
     let decimal = "base dec  timestamps relative\n 0.5 1 416 Rx d 2 255 1\n 0.25 1 416 Rx d 0\n";
-    let seen = events(Format::Asc, decimal);
+    let seen = events(ASC, decimal);
     assert_eq!(seen[1..], [frame(500_000_000, "1", 416, &[255, 1]), frame(750_000_000, "1", 416, &[])]);
 }
 
@@ -206,8 +223,8 @@ fn pcap_is_read_in_both_orders_and_units_and_all_three_links() {
         let sll2 = [&[0, 0x0C][..], &[0; 18], &socketcan(id, &DATA)].concat();
         for (link, packet) in [(227, &socketcan_frame), (113, &sll), (276, &sll2)] {
             let bytes = pcap(big, nanoseconds, link, &[packet.clone(), packet.clone()]);
-            assert_eq!(detect(&bytes, false), Detected::Format(Format::Pcap));
-            let seen = read(Format::Pcap, &bytes, 7);
+            assert_eq!(detected(&bytes, false), PCAP.name);
+            let seen = read(PCAP, &bytes, 7);
             let expected = frame(T_NS, "", 0x1A0, &DATA);
             assert_eq!(
                 seen,
@@ -216,7 +233,7 @@ fn pcap_is_read_in_both_orders_and_units_and_all_three_links() {
                     (RecordPosition::Offset(40 + packet.len() as u64), expected)
                 ]
             );
-            assert_eq!(read(Format::Pcap, &bytes[..bytes.len() - 1], 7)[1].1, Seen::Broken(true));
+            assert_eq!(read(PCAP, &bytes[..bytes.len() - 1], 7)[1].1, Seen::Broken(true));
         }
     }
     let others = [
@@ -226,14 +243,13 @@ fn pcap_is_read_in_both_orders_and_units_and_all_three_links() {
         socketcan([0, 0, 1, 0xA0], &[0; 12]),
         vec![0, 0, 1, 0xA0, 8, 0, 0, 0, 1],
     ];
-    let seen: Vec<_> =
-        read(Format::Pcap, &pcap(false, false, 227, &others), 1000).into_iter().map(|(_, seen)| seen).collect();
+    let seen: Vec<_> = read(PCAP, &pcap(false, false, 227, &others), 1000).into_iter().map(|(_, seen)| seen).collect();
     let extended = Seen::Frame(Some(T_NS), String::new(), 0x1A0, true, vec![1]);
     assert_eq!(seen, [extended, Seen::Remote, Seen::Error, Seen::Fd, Seen::Broken(false)]);
 }
 
 #[test]
-fn pcapng_keeps_interfaces_apart_with_their_own_time_units() {
+fn pcapng_interfaces_have_their_own_names_and_time_units() {
     for big in [false, true] {
         let word = |value: u32| if big { value.to_be_bytes() } else { value.to_le_bytes() };
         let half = |value: u16| if big { value.to_be_bytes() } else { value.to_le_bytes() };
@@ -268,28 +284,28 @@ fn pcapng_keeps_interfaces_apart_with_their_own_time_units() {
             packet(7, 3),
         ]
         .concat();
-        assert_eq!(detect(&bytes, false), Detected::Format(Format::Pcapng));
-        let seen: Vec<_> = read(Format::Pcapng, &bytes, 11).into_iter().map(|(_, seen)| seen).collect();
+        assert_eq!(detected(&bytes, false), PCAPNG.name);
+        let seen: Vec<_> = read(PCAPNG, &bytes, 11).into_iter().map(|(_, seen)| seen).collect();
         let (first, second) = (frame(T_NS, "can0", 0x1A0, &DATA), frame(T_NS, "can1", 0x1A0, &DATA));
         assert_eq!(seen[4..], [first, second, frame(1_500_000_000, "can2", 0x1A0, &DATA), Seen::Broken(false)]);
     }
 }
 
 #[test]
-fn the_format_is_told_from_the_content() {
-    let told = |text: &str| detect(text.as_bytes(), true);
-    assert_eq!(told("# a comment\n(1.5) can0 123#\n"), Detected::Format(Format::Candump));
-    assert_eq!(told(" can0  123   [1]  11\n"), Detected::Format(Format::Console { delta: false }));
-    assert_eq!(told("date today\n 0.5 1 123 Rx d 0\n"), Detected::Format(Format::Asc));
-    assert_eq!(told("To be, or not to be\n"), Detected::UnknownText);
-    assert_eq!(detect(b"To be, or", false), Detected::Undecided);
-    assert_eq!(detect(&[0, 1, 2, 3], true), Detected::Format(Format::Serial));
-    assert_eq!(detect(&[0, 1, 2, 3], false), Detected::Undecided);
+fn the_format_is_detected_from_the_content() {
+    let of_text = |text: &str| detected(text.as_bytes(), true);
+    assert_eq!(of_text("# a comment\n(1.5) can0 123#\n"), CANDUMP.name);
+    assert_eq!(of_text(" can0  123   [1]  11\n"), CONSOLE.name);
+    assert_eq!(of_text("date today\n 0.5 1 123 Rx d 0\n"), ASC.name);
+    assert_eq!(of_text("To be, or not to be\n"), "text");
+    assert_eq!(detected(b"To be, or", false), "undecided");
+    assert_eq!(detected(&[0, 1, 2, 3], true), "serial");
+    assert_eq!(detected(&[0, 1, 2, 3], false), "undecided");
     let serial = crate::serial::data_frame(&crate::Sample::default());
-    assert_eq!(detect(&serial, false), Detected::Format(Format::Serial));
+    assert_eq!(detected(&serial, false), "serial");
 }
 
-/// Pieces of captures and of what is none, so that chance finds its way deep into the readers.
+/// Random sequences of parts of captures and other bytes, which reach deep into the readers.
 fn debris() -> impl Strategy<Value = Vec<u8>> {
     let text = prop_oneof![
         Just("(1795020000.500932) can0 1A0#FFFE000100050005\n"),
@@ -318,10 +334,10 @@ fn debris() -> impl Strategy<Value = Vec<u8>> {
 
 proptest! {
     #[test]
-    fn any_bytes_in_any_pieces_give_the_same_events(bytes in debris(), piece in 1usize..60) {
-        for (_, format) in Format::NAMED {
-            if format != Format::Serial {
-                prop_assert_eq!(read(format, &bytes, piece), read(format, &bytes, usize::MAX));
+    fn any_bytes_in_any_chunks_give_the_same_events(bytes in debris(), length in 1usize..60) {
+        for format in Format::all() {
+            if format.reader().is_some() {
+                prop_assert_eq!(read(format, &bytes, length), read(format, &bytes, usize::MAX));
             }
         }
         detect(&bytes, false);
@@ -333,7 +349,7 @@ proptest! {
                                           id in 0u32..0x800, data in any::<u64>()) {
         let fast = format!("({seconds}.{micros:06}) can0 {id:03X}#{data:016X}\n");
         let slow = format!("({seconds}.{micros:06}) can0  {id:03X}#{data:016X} R\n");
-        let seen = events(Format::Candump, &format!("(0.5) can0 123#\n{fast}{slow}"));
+        let seen = events(CANDUMP, &format!("(0.5) can0 123#\n{fast}{slow}"));
         prop_assert_eq!(&seen[1], &seen[2]);
         prop_assert_eq!(&seen[1], &frame((seconds * 1_000_000 + u64::from(micros)) as i64 * 1_000, "can0", id, &data.to_be_bytes()));
     }
@@ -347,7 +363,7 @@ fn a_line_without_end_does_not_grow_for_ever() {
         (RecordPosition::Line(1), Seen::Broken(false)),
         (RecordPosition::Line(2), frame(500_000_000, "can0", 0x1A0, &[0xFF])),
     ];
-    for piece in [1_000, 100_000, usize::MAX] {
-        assert_eq!(read(Format::Candump, &bytes, piece), expected, "{piece}");
+    for length in [1_000, 100_000, usize::MAX] {
+        assert_eq!(read(CANDUMP, &bytes, length), expected, "{length}");
     }
 }

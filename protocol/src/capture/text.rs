@@ -1,119 +1,121 @@
-//! What the text formats share: lines out of pieces, numbers out of digits.
+//! Text formats: lines from chunks of any size, numbers from digits.
 
-use super::{CaptureRecord, MAX_RECORD, RecordPosition, Timestamp, told};
+use std::fmt::Debug;
 
-/// What editors and shells on Windows write before a text in UTF-8.
+use super::{CaptureRecord, Frame, MAX_RECORD, Reader, RecordPosition, Timestamp};
+
+/// Editors and shells on Windows write it before a text in UTF-8.
 const BYTE_ORDER_MARK: &[u8] = b"\xEF\xBB\xBF";
 
-/// Cuts a stream into lines and numbers them.
-#[derive(Debug, Clone, Default)]
+/// A text format.
+pub trait LineFormat: Debug + Default + Send + 'static {
+    /// Reads a line without its end; `None` if it is broken.
+    fn read<'a>(&'a mut self, line: &'a [u8]) -> Option<CaptureRecord<'a>>;
+
+    /// Fast path: reads the line at the start of `bytes` and returns its length; `None` leaves it to [`LineFormat::read`].
+    #[inline]
+    fn read_usual<'a>(&'a mut self, _bytes: &'a [u8]) -> Option<(Frame<'a>, usize)> {
+        None
+    }
+}
+
+/// Reader of a text format.
+#[derive(Debug, Default)]
+pub struct TextReader<F> {
+    lines: Lines,
+    format: F,
+}
+
+/// Constructor of the reader of a text format.
+pub fn reader<F: LineFormat>() -> Box<dyn Reader> {
+    Box::new(TextReader::<F>::default())
+}
+
+impl<F: LineFormat> Reader for TextReader<F> {
+    fn read(&mut self, bytes: &[u8], is_last: bool, sink: &mut dyn FnMut(RecordPosition, CaptureRecord)) -> usize {
+        let Self { lines, format } = self;
+        let mut at = 0;
+        loop {
+            while !lines.is_discarding
+                && let Some((frame, used)) = format.read_usual(&bytes[at..])
+            {
+                lines.number += 1;
+                sink(RecordPosition::Line(lines.number), CaptureRecord::Frame(frame));
+                at += used;
+            }
+            let Some(line) = lines.next(&bytes[at..], is_last) else {
+                return at;
+            };
+            at += line.used;
+            let record = match line.content {
+                Content::Text(text) => format.read(text).unwrap_or(CaptureRecord::broken(text, line.is_cut)),
+                Content::TooLong(text) => CaptureRecord::broken(text, false),
+                Content::Discarded => continue,
+            };
+            sink(RecordPosition::Line(lines.number), record);
+        }
+    }
+
+    fn records(&self) -> u64 {
+        self.lines.number
+    }
+}
+
+/// Splits a stream into lines and counts them.
+#[derive(Debug, Default)]
 pub struct Lines {
     number: u64,
-    /// Inside a line too long to keep, which has been told already.
-    discarding: bool,
+    /// True inside a line that is too long and already reported.
+    is_discarding: bool,
+}
+
+pub struct Line<'a> {
+    /// Number of bytes, with the end of the line.
+    pub used: usize,
+    pub content: Content<'a>,
+    /// True if it has no end.
+    is_cut: bool,
+}
+
+pub enum Content<'a> {
+    Text(&'a [u8]),
+    /// First bytes of a line longer than [`MAX_RECORD`].
+    TooLong(&'a [u8]),
+    /// Further bytes of it.
+    Discarded,
 }
 
 impl Lines {
-    pub fn number(&self) -> u64 {
-        self.number
-    }
-
-    /// Counts a line that was read without [`Lines::next`], and gives its place.
+    /// Takes one line off `bytes`; `None` if it is incomplete.
     #[inline]
-    pub fn count(&mut self) -> RecordPosition {
-        self.number += 1;
-        RecordPosition::Line(self.number)
-    }
-
-    /// Whether the next byte begins a line.
-    #[inline]
-    pub fn at_beginning(&self) -> bool {
-        !self.discarding
-    }
-
-    /// Takes one line off `bytes`; nothing when it is not complete yet.
-    #[inline]
-    pub fn next<'a>(&mut self, bytes: &'a [u8], last: bool) -> Option<Line<'a>> {
+    pub fn next<'a>(&mut self, bytes: &'a [u8], is_last: bool) -> Option<Line<'a>> {
         let end = memchr::memchr(b'\n', bytes);
         let used = match end {
             Some(end) => end + 1,
-            None if bytes.is_empty() || (!last && bytes.len() <= MAX_RECORD) => return None,
+            None if bytes.is_empty() || (!is_last && bytes.len() <= MAX_RECORD) => return None,
             None => bytes.len(),
         };
         let mut text = &bytes[..end.unwrap_or(used)];
         if self.number == 0 {
             text = text.strip_prefix(BYTE_ORDER_MARK).unwrap_or(text);
         }
-        let discarded = self.discarding;
-        self.discarding = end.is_none() && !last;
-        let content = if discarded {
+        let was_discarding = self.is_discarding;
+        self.is_discarding = end.is_none() && !is_last;
+        self.number += u64::from(!was_discarding);
+        let content = if was_discarding {
             Content::Discarded
+        } else if text.len() > MAX_RECORD {
+            Content::TooLong(text)
         } else {
-            self.number += 1;
-            if text.len() > MAX_RECORD {
-                Content::Broken(CaptureRecord::Broken { bytes: told(text), cut: false })
-            } else {
-                Content::Text(text.strip_suffix(b"\r").unwrap_or(text))
-            }
+            Content::Text(text.strip_suffix(b"\r").unwrap_or(text))
         };
-        Some(Line { used, place: RecordPosition::Line(self.number), content, cut: end.is_none() })
-    }
-
-    /// Runs through all lines of `bytes`, giving each to `read`; a line it does not understand is told as broken.
-    pub fn run(
-        &mut self,
-        bytes: &[u8],
-        last: bool,
-        sink: &mut impl FnMut(RecordPosition, CaptureRecord),
-        mut read: impl FnMut(&[u8], &mut dyn FnMut(CaptureRecord)) -> Option<()>,
-    ) -> usize {
-        let mut at = 0;
-        while let Some(line) = self.next(&bytes[at..], last) {
-            at += line.used;
-            line.tell(sink, &mut read);
-        }
-        at
-    }
-}
-
-/// One line, or the end of one too long.
-pub struct Line<'a> {
-    /// Bytes it takes, with its end.
-    pub used: usize,
-    place: RecordPosition,
-    content: Content<'a>,
-    cut: bool,
-}
-
-enum Content<'a> {
-    Text(&'a [u8]),
-    Broken(CaptureRecord<'a>),
-    Discarded,
-}
-
-impl Line<'_> {
-    /// Gives the text to `read`, and tells what it made of it.
-    #[inline]
-    pub fn tell(
-        self,
-        sink: &mut impl FnMut(RecordPosition, CaptureRecord),
-        read: &mut impl FnMut(&[u8], &mut dyn FnMut(CaptureRecord)) -> Option<()>,
-    ) {
-        match self.content {
-            Content::Text(text) => {
-                if read(text, &mut |event| sink(self.place, event)).is_none() {
-                    sink(self.place, CaptureRecord::Broken { bytes: told(text), cut: self.cut });
-                }
-            }
-            Content::Broken(event) => sink(self.place, event),
-            Content::Discarded => {}
-        }
+        Some(Line { used, content, is_cut: end.is_none() })
     }
 }
 
 const NO_DIGIT: u8 = 0xFF;
 
-/// Value of each hexadecimal digit, [`NO_DIGIT`] for what is none.
+/// Value of each hexadecimal digit; [`NO_DIGIT`] for any other byte.
 const HEX: [u8; 256] = {
     let mut table = [NO_DIGIT; 256];
     let mut value = 0;
@@ -125,20 +127,20 @@ const HEX: [u8; 256] = {
     table
 };
 
-/// The value of a hexadecimal digit; above 15 for what is none, so that several can be checked at once with `|`.
+/// Value of a hexadecimal digit; above 15 for any other byte, so that `|` checks several at once.
 #[inline]
 pub fn hex_digit(digit: u8) -> u8 {
     HEX[usize::from(digit)]
 }
 
-/// The byte that two hexadecimal digits write.
+/// The byte of two hexadecimal digits.
 #[inline]
 pub fn hex_byte(high: u8, low: u8) -> Option<u8> {
     let (high, low) = (hex_digit(high), hex_digit(low));
     (high | low < 16).then_some(high << 4 | low)
 }
 
-/// A number in base 10 or 16, of at least one and not more than eight digits.
+/// A number in base 10 or 16, of one to eight digits.
 pub fn number(text: &[u8], base: u32) -> Option<u32> {
     if text.is_empty() || text.len() > 8 {
         return None;
@@ -149,12 +151,9 @@ pub fn number(text: &[u8], base: u32) -> Option<u32> {
     })
 }
 
-/// `seconds[.fraction]`, with any number of digits behind the point (more than nine are cut off).
+/// `seconds[.fraction]`; decimals beyond the nanosecond are dropped.
 pub fn seconds(text: &[u8]) -> Option<Timestamp> {
-    let (negative, text) = match text.strip_prefix(b"-") {
-        Some(rest) => (true, rest),
-        None => (false, text),
-    };
+    let (sign, text) = text.strip_prefix(b"-").map_or((1, text), |rest| (-1, rest));
     let point = memchr::memchr(b'.', text).unwrap_or(text.len());
     let (whole, fraction) = (&text[..point], text.get(point + 1..).unwrap_or_default());
     if whole.is_empty() || (point < text.len() && fraction.is_empty()) {
@@ -172,7 +171,7 @@ pub fn seconds(text: &[u8]) -> Option<Timestamp> {
         t_ns = t_ns.checked_add(i64::from(digit - b'0') * weight)?;
         weight /= 10;
     }
-    Some(Timestamp { t_ns: if negative { -t_ns } else { t_ns }, digits: fraction.len().min(9) as u8 })
+    Some(Timestamp { t_ns: sign * t_ns, digits: fraction.len().min(9) as u8 })
 }
 
 pub fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> + Clone {

@@ -1,15 +1,15 @@
-//! Arguments of a command as people write them: numbers, or the names that the help lists.
+//! Arguments of a command as text: numbers, or the names in the help.
 
 use super::{ArgumentSpec, CommandSpec};
 use crate::field::Gyro;
 use crate::suggestion::did_you_mean;
 
-/// Every gyro of a mask, and none of them.
+/// Names of a mask of all gyros and of no gyro.
 const ALL: &str = "all";
 const NONE: &str = "none";
 
 impl ArgumentSpec {
-    /// Values and their names, where `meaning` lists them; nothing for a number or a mask.
+    /// Values and their names, if `meaning` lists them; empty for a number or a mask.
     pub fn choices(&self) -> Vec<(i64, &'static str)> {
         let choice = |part: &'static str| {
             let (value, name) = part.split_once(' ')?;
@@ -18,21 +18,21 @@ impl ArgumentSpec {
         self.meaning.split(", ").map(choice).collect::<Option<_>>().unwrap_or_default()
     }
 
-    /// Names that it takes beside numbers, each with its value; several gyros are written with commas between them.
+    /// Names accepted beside numbers, each with its value; several gyros are separated by commas.
     pub fn names(&self) -> Vec<(i64, &'static str)> {
         if !self.is_mask_of_gyros() {
             return self.choices();
         }
         let gyros = Gyro::ALL.map(|gyro| (i64::from(gyro.bit()), gyro.name()));
-        let (least, greatest) = self.range;
-        let whole = [(greatest, ALL), (0, NONE)].into_iter().filter(|(value, _)| *value >= least);
+        let (min, max) = self.range;
+        let whole = [(max, ALL), (0, NONE)].into_iter().filter(|(value, _)| *value >= min);
         gyros.into_iter().chain(whole).collect()
     }
 
-    /// What it takes, for a help text: `1…15: mask of gyros under test, bit 0 GYRX; or GYRX, …`.
+    /// Accepted values, for a help text: `1…15: mask of gyros under test, bit 0 GYRX; or GYRX, …`.
     pub fn usage(&self) -> String {
-        let (least, greatest) = self.range;
-        let text = format!("{least}…{greatest}: {}", self.meaning);
+        let (min, max) = self.range;
+        let text = format!("{min}…{max}: {}", self.meaning);
         if !self.is_mask_of_gyros() {
             return text;
         }
@@ -44,7 +44,7 @@ impl ArgumentSpec {
         self.name == "gyros"
     }
 
-    /// The value that `text` says: a number, decimal or 0x…, or a name in upper or lower case.
+    /// Reads a number, decimal or 0x…, or a name in upper or lower case.
     fn read(&self, command: &CommandSpec, text: &str) -> Result<i64, String> {
         if let Some(value) = number(text) {
             return Ok(value);
@@ -70,10 +70,10 @@ impl ArgumentSpec {
     }
 }
 
-/// The payload of the command of this name with arguments as people write them, as [`super::named`].
+/// The payload of the command of this name with arguments as text; see [`super::from_name`].
 ///
 /// # Errors
-/// As [`super::named`], and an argument that is neither a number nor a name that it takes.
+/// An error of [`super::from_name`], or an argument that is neither a number nor an accepted name.
 pub fn written(name: &str, arguments: &[String]) -> Result<Vec<u8>, String> {
     let spec = super::spec(name)?;
     super::expect_count(spec, arguments.len())?;
@@ -100,13 +100,13 @@ mod tests {
     }
 
     #[test]
-    fn numbers_are_taken_as_people_write_them() {
+    fn numbers_are_read_in_all_spellings() {
         assert_eq!(["0x0F", "-100", "-0X1", "7"].map(number), [Some(15), Some(-100), Some(-1), Some(7)]);
         assert_eq!(["", "x", "--1", "0x", "5000000000"].map(number), [None; 5]);
     }
 
     #[test]
-    fn every_name_that_the_help_lists_is_taken_and_is_in_range() {
+    fn every_name_of_the_help_is_accepted_and_in_range() {
         for spec in COMMANDS {
             for (place, argument) in spec.arguments.iter().enumerate() {
                 for (value, name) in argument.names() {
@@ -136,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_name_is_refused_with_the_likeliest_and_with_all() {
+    fn unknown_names_are_rejected_with_a_suggestion_and_all_names() {
         for (name, arguments, expected) in [
             ("PNIG", &[][..], "did you mean `PING`?"),
             ("HEATER", &["of"], "did you mean `off`?"),

@@ -8,12 +8,12 @@ use crate::command::{ArgumentSpec, COMMAND_LENGTHS, COMMANDS, CommandResult, Com
 use crate::field::{FieldSpec, WireType};
 use crate::message::{MESSAGES, MessageId};
 
-/// One `SG_` line and what else is said of the signal.
+/// One `SG_` line and the other attributes of the signal.
 struct Signal {
     name: String,
-    /// `M` for the multiplexer, `mN` for a signal that is there for opcode N.
+    /// `M` for the multiplexer, `mN` for a signal of opcode N.
     multiplex: Option<String>,
-    /// The opcodes the signal is there for, in the form of `SG_MUL_VAL_`.
+    /// Opcodes of the signal, in the form of `SG_MUL_VAL_`.
     opcodes: Option<String>,
     start_bit: usize,
     bits: usize,
@@ -48,9 +48,6 @@ struct Message {
     id: u16,
     name: &'static str,
     length: usize,
-    sender: &'static str,
-    receiver: &'static str,
-    cyclic: bool,
     signals: Vec<Signal>,
     comment: String,
 }
@@ -62,7 +59,6 @@ pub fn dbc(plan: CanIdMap) -> String {
 
 fn messages(plan: CanIdMap) -> Vec<Message> {
     can_messages()
-        .into_iter()
         .map(|(offset, name)| {
             let id = plan.base() + offset;
             match name {
@@ -75,14 +71,11 @@ fn messages(plan: CanIdMap) -> Vec<Message> {
 }
 
 fn cyclic(id: u16, offset: u16) -> Message {
-    let spec = MESSAGES.iter().find(|message| message.place == MessageId::Can(offset)).expect("a cyclic message");
+    let spec = MESSAGES.iter().find(|message| message.id == MessageId::Can(offset)).expect("a cyclic message");
     Message {
         id,
         name: spec.name,
         length: spec.length(),
-        sender: "GEU",
-        receiver: "OBC",
-        cyclic: true,
         signals: spec.placed_fields().flat_map(|(at, field)| field_signals(at, field)).collect(),
         comment: spec.meaning.to_string(),
     }
@@ -150,7 +143,7 @@ fn opcode_runs(wanted: impl Fn(u8) -> bool) -> String {
 fn command(id: u16) -> Message {
     let takes_arguments = |opcode| COMMANDS.iter().any(|c| c.opcode == opcode && !c.arguments.is_empty());
     let mut signals = vec![opcode_signal()];
-    // Readers refuse a multiplexer value that no signal stands for, so opcodes without arguments get one too.
+    // Readers reject a multiplexer value without a signal, so opcodes without arguments get one too.
     signals.push(Signal {
         multiplex: Some("m0".to_string()),
         opcodes: Some(opcode_runs(|opcode| !takes_arguments(opcode))),
@@ -162,9 +155,6 @@ fn command(id: u16) -> Message {
         id,
         name: "COMMAND",
         length: *COMMAND_LENGTHS.end(),
-        sender: "OBC",
-        receiver: "GEU",
-        cyclic: false,
         signals,
         comment: "to the unit: opcode and exactly its arguments, 1 to 8 bytes, so cut what an encoder pads; \
                   cantools decodes it with allow_truncated=True"
@@ -178,7 +168,7 @@ fn reply(id: u16) -> Message {
         opcodes: Some(opcode_runs(|_| true)),
         limits: (0, CommandResult::ALL.len() as i64 - 1),
         values: CommandResult::ALL.iter().map(|&outcome| (outcome as i64, outcome.text().to_string())).collect(),
-        comment: "how the command ended; there for every opcode".to_string(),
+        comment: "how the command ended; present for every opcode".to_string(),
         ..Signal::number(1, "result".to_string(), WireType::U8)
     };
     let mut signals = vec![opcode_signal(), result];
@@ -187,9 +177,6 @@ fn reply(id: u16) -> Message {
         id,
         name: "REPLY",
         length: *REPLY_LENGTHS.end(),
-        sender: "GEU",
-        receiver: "OBC",
-        cyclic: false,
         signals,
         comment: "from the unit, within 20 ms of the COMMAND: opcode, result, values; 2 to 8 bytes; cantools decodes \
                   it with allow_truncated=True"
@@ -202,15 +189,16 @@ fn write(messages: &[Message]) -> Result<String, std::fmt::Error> {
     let mut text = format!("VERSION \"{major}.{minor}\"\n\nNS_ :\n\tCM_\n\tBA_DEF_\n\tBA_\n\tVAL_\n\tBA_DEF_DEF_\n");
     text.push_str("\tSG_MUL_VAL_\n\nBS_:\n\nBU_: GEU OBC\n");
     for message in messages {
-        writeln!(text, "\nBO_ {} {}: {} {}", message.id, message.name, message.length, message.sender)?;
+        let (sender, receiver) = if message.name == "COMMAND" { ("OBC", "GEU") } else { ("GEU", "OBC") };
+        writeln!(text, "\nBO_ {} {}: {} {sender}", message.id, message.name, message.length)?;
         for signal in &message.signals {
             let multiplex = signal.multiplex.as_ref().map(|multiplex| format!(" {multiplex}")).unwrap_or_default();
             let sign = if signal.signed { '-' } else { '+' };
             let [low, high] = [signal.limits.0, signal.limits.1].map(|limit| scaled(limit, signal.scale));
             writeln!(
                 text,
-                " SG_ {}{multiplex} : {}|{}@0{sign} ({},0) [{low}|{high}] \"{}\" {}",
-                signal.name, signal.start_bit, signal.bits, signal.scale, signal.unit, message.receiver
+                " SG_ {}{multiplex} : {}|{}@0{sign} ({},0) [{low}|{high}] \"{}\" {receiver}",
+                signal.name, signal.start_bit, signal.bits, signal.scale, signal.unit
             )?;
         }
     }
@@ -223,7 +211,7 @@ fn write(messages: &[Message]) -> Result<String, std::fmt::Error> {
         }
     }
     text.push_str("\nBA_DEF_ BO_ \"GenMsgCycleTime\" INT 0 65535;\nBA_DEF_DEF_ \"GenMsgCycleTime\" 0;\n");
-    for message in messages.iter().filter(|message| message.cyclic) {
+    for message in messages.iter().filter(|message| MESSAGES.iter().any(|cyclic| cyclic.name == message.name)) {
         writeln!(text, "BA_ \"GenMsgCycleTime\" BO_ {} {CYCLE_MS};", message.id)?;
     }
     text.push('\n');

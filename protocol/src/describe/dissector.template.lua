@@ -64,7 +64,7 @@ local function add_field(tree, range, layout)
     end
 end
 
--- Adds `layouts` from byte `at` of `range` on; returns where the next byte is. One that the bytes do not reach is
+-- Adds `layouts` from byte `at` of `range` on; returns the position of the next byte. A layout beyond the bytes is
 -- said to be cut, and nothing is left over.
 local function add_fields(tree, range, at, layouts)
     for _, layout in ipairs(layouts) do
@@ -116,7 +116,7 @@ local function length_fits(type, length)
     return limits ~= nil and length >= limits[1] and length <= limits[2]
 end
 
--- Adds the frame in `range`, whose CRC is known to match.
+-- Adds the frame in `range`; its CRC has been checked.
 local function add_frame(tree, range)
     local type, length = range(2, 1):uint(), range(3, 1):uint()
     local item = tree:add(geu, range, "Gyro electronics unit, " .. type_names[type])
@@ -138,8 +138,8 @@ local function add_skipped(tree, range)
     item:add(fields.skipped, range):add_proto_expert_info(experts.skipped)
 end
 
--- What stands at `at`: "frame" and its length; "missing" and how many bytes more, where the header tells; "bad" for a
--- frame whose CRC does not match; "no" for anything else.
+-- Result at `at`: "frame" and its length; "missing" and the number of further bytes, if the header is complete; "bad" for
+-- a frame with a wrong CRC; "no" for anything else.
 local function candidate(tvb, at)
     local rest = tvb:len() - at
     if tvb(at, 1):uint() ~= sync[1] or (rest > 1 and tvb(at + 1, 1):uint() ~= sync[2]) then return "no" end
@@ -172,7 +172,7 @@ local function dissect_serial(tvb, pinfo, tree)
             at = at + length
         else
             if found == "bad" then
-                -- The sync, type and length of a frame whose CRC does not match: say so, then hunt on behind its sync.
+                -- Sync, type and length of a frame with a wrong CRC: report it and continue behind its sync.
                 local size = tvb(at + 3, 1):uint()
                 local item = tree:add(geu, tvb(at, size + 6), "Gyro electronics unit, CRC does not match")
                 add_crc(item, tvb(at + 4 + size, 2), crc16(tvb(at + 2, size + 2)))

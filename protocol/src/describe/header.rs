@@ -17,7 +17,7 @@ pub fn header() -> String {
             "constants" => constants(),
             "flags" => flags(),
             "commands" => opcodes_and_results(),
-            "half_second" => sample(),
+            "sample" => sample(),
             "messages" => messages(),
             "packers" => {
                 COMMANDS.iter().map(command_functions).collect::<Result<Vec<_>, _>>().map(|all| all.join("\n"))
@@ -46,7 +46,7 @@ fn constants() -> Text {
     let mut text = String::new();
     let (major, minor) = crate::LINK_VERSION;
     writeln!(text, "#define GEU_LINK_VERSION_MAJOR {major}u\n#define GEU_LINK_VERSION_MINOR {minor}u\n")?;
-    writeln!(text, "#define GEU_CLOCK_PER_HALF_SECOND {CLOCK_PER_SAMPLE}u\n")?;
+    writeln!(text, "#define GEU_CLOCK_PER_SAMPLE {CLOCK_PER_SAMPLE}u\n")?;
     writeln!(text, "#define GEU_CAN_BASE_DEFAULT 0x{DEFAULT_BASE:03X}u")?;
     for (offset, name) in can_messages() {
         writeln!(text, "#define GEU_CAN_{name} {offset}u")?;
@@ -100,7 +100,7 @@ fn result_name(outcome: CommandResult) -> String {
 }
 
 fn sample() -> Text {
-    let mut text = String::from("/* What the unit tells about one sample. */\ntypedef struct {\n");
+    let mut text = String::from("/* One sample of the unit. */\ntypedef struct {\n");
     for field in FIELDS {
         let unit = match (field.scale, field.unit) {
             (1.0, "") => String::new(),
@@ -109,7 +109,7 @@ fn sample() -> Text {
         };
         writeln!(text, "    {} {}; /* {}{unit} */", c_type(field.wire), field_name(field.name), field.meaning)?;
     }
-    text.push_str("} geu_half_second;\n");
+    text.push_str("} geu_sample;\n");
     Ok(text)
 }
 
@@ -123,21 +123,21 @@ fn messages() -> Text {
     for message in MESSAGES {
         let (name, own) =
             (message.name.to_lowercase(), |at| if at == 0 { "data".into() } else { format!("data + {at}") });
-        let what = match message.place {
+        let what = match message.id {
             MessageId::Can(_) => "data",
             MessageId::Serial(_) => "payload",
         };
         let (mut pack, mut unpack) = (String::new(), String::new());
         for (at, field) in message.placed_fields().filter(|(_, field)| field.name != "crc") {
             let (field_name, wire, at) = (field_name(field.name), field.wire.name(), own(at));
-            writeln!(pack, "    geu_put_{wire}({at}, half_second->{field_name});")?;
-            writeln!(unpack, "    half_second->{field_name} = geu_get_{wire}({at});")?;
+            writeln!(pack, "    geu_put_{wire}({at}, sample->{field_name});")?;
+            writeln!(unpack, "    sample->{field_name} = geu_get_{wire}({at});")?;
         }
         let crc = if message.fields.iter().any(|field| field.name == "crc") { ", its CRC left out" } else { "" };
         parts.push(format!(
             "/* The {} bytes of {what} of {}{crc}: {}. */\n\
-             static inline void geu_pack_{name}(const geu_half_second *half_second, uint8_t *data)\n{{\n{pack}}}\n\n\
-             static inline void geu_unpack_{name}(geu_half_second *half_second, const uint8_t *data)\n{{\n{unpack}}}\n",
+             static inline void geu_pack_{name}(const geu_sample *sample, uint8_t *data)\n{{\n{pack}}}\n\n\
+             static inline void geu_unpack_{name}(geu_sample *sample, const uint8_t *data)\n{{\n{unpack}}}\n",
             message.length(),
             message.name,
             message.meaning
@@ -146,7 +146,7 @@ fn messages() -> Text {
     Ok(parts.join("\n"))
 }
 
-/// What C says of the range of an argument; nothing where the type says it already.
+/// Range check of an argument in C; `None` if its type implies it.
 fn range_test(argument: &ArgumentSpec) -> Option<String> {
     let (low, high) = argument.range;
     let (type_low, type_high) = argument.wire.limits();
@@ -216,7 +216,7 @@ fn reply_values(command: &CommandSpec) -> Text {
         at += value.wire.length();
     }
     Ok(format!(
-        "/* The values of a REPLY to {0}. 1: they are there. 0: another command, not done, or another length. */\n\
+        "/* The values of a REPLY to {0}. 1: read. 0: another command, not done, or another length. */\n\
          static inline int geu_unpack_{1}_values(const geu_reply *reply{outputs})\n{{\n    \
          if (reply->opcode != GEU_OPCODE_{0} || reply->result != {2} || reply->value_length != {at})\n        \
          return 0;\n{unpack}    return 1;\n}}\n",

@@ -68,9 +68,9 @@ static inline uint16_t geu_crc(uint16_t crc, const uint8_t *bytes, size_t length
     return crc;
 }
 
-/* ---- the half second ---- */
+/* ---- the sample ---- */
 
-//@ half_second
+//@ sample
 
 //@ messages
 
@@ -80,24 +80,24 @@ static inline uint16_t geu_status_crc(const uint8_t *increments, const uint8_t *
     return geu_crc(geu_crc(GEU_CRC_INIT, increments, GEU_INCREMENTS_LENGTH), status, GEU_STATUS_LENGTH - 2);
 }
 
-/* The data of INCREMENTS and STATUS of one half second, CRC included. */
-static inline void geu_pack_increments_and_status(const geu_half_second *half_second, uint8_t *increments,
+/* The data of INCREMENTS and STATUS of one sample, CRC included. */
+static inline void geu_pack_increments_and_status(const geu_sample *sample, uint8_t *increments,
                                                   uint8_t *status)
 {
-    geu_pack_increments(half_second, increments);
-    geu_pack_status(half_second, status);
+    geu_pack_increments(sample, increments);
+    geu_pack_status(sample, status);
     geu_put_u16(status + GEU_STATUS_LENGTH - 2, geu_status_crc(increments, status));
 }
 
 /* Takes an INCREMENTS and the STATUS that came next, no other INCREMENTS between. 1: they belong together and
- * `half_second` has their fields. 0: the CRC does not match, `half_second` is as it was. */
-static inline int geu_unpack_increments_and_status(geu_half_second *half_second, const uint8_t *increments,
+ * `sample` has their fields. 0: the CRC does not match, `sample` is as it was. */
+static inline int geu_unpack_increments_and_status(geu_sample *sample, const uint8_t *increments,
                                                    const uint8_t *status)
 {
     if (geu_status_crc(increments, status) != geu_get_u16(status + GEU_STATUS_LENGTH - 2))
         return 0;
-    geu_unpack_increments(half_second, increments);
-    geu_unpack_status(half_second, status);
+    geu_unpack_increments(sample, increments);
+    geu_unpack_status(sample, status);
     return 1;
 }
 
@@ -105,7 +105,7 @@ static inline int geu_unpack_increments_and_status(geu_half_second *half_second,
 
 //@ packers
 
-/* A REPLY: which command, how it ended, what it tells. */
+/* A REPLY: command, result, values. */
 typedef struct {
     uint8_t opcode;
     uint8_t result; /* GEU_RESULT_… */
@@ -126,7 +126,7 @@ static inline int geu_unpack_reply(geu_reply *reply, const uint8_t *data, size_t
     return 1;
 }
 
-/* Writes the data of a REPLY and returns their length. `data` has room for GEU_REPLY_MAX_LENGTH. */
+/* Writes the data of a REPLY and returns their length. `data` holds GEU_REPLY_MAX_LENGTH bytes. */
 static inline size_t geu_pack_reply(const geu_reply *reply, uint8_t *data)
 {
     const size_t values = reply->value_length <= sizeof reply->values ? reply->value_length : sizeof reply->values;
@@ -140,7 +140,7 @@ static inline size_t geu_pack_reply(const geu_reply *reply, uint8_t *data)
 
 /* ---- serial frames ---- */
 
-/* Whether payloads of that type have that length. */
+/* 1: payloads of that type have that length. */
 static inline int geu_serial_length_fits(uint8_t type, uint8_t length)
 {
     switch (type) {
@@ -150,8 +150,8 @@ static inline int geu_serial_length_fits(uint8_t type, uint8_t length)
     }
 }
 
-/* Writes the frame around `payload` and returns its length, 0 where type and length do not fit. `frame` has room for
- * GEU_SERIAL_MAX_FRAME. */
+/* Writes the frame around `payload` and returns its length, 0 where type and length do not fit. `frame` holds
+ * GEU_SERIAL_MAX_FRAME bytes. */
 static inline size_t geu_pack_frame(uint8_t *frame, uint8_t type, const uint8_t *payload, size_t length)
 {
     if (length > GEU_SERIAL_MAX_PAYLOAD || !geu_serial_length_fits(type, (uint8_t)length))
@@ -176,8 +176,8 @@ typedef struct {
 typedef struct {
     uint8_t bytes[GEU_SERIAL_MAX_FRAME];
     size_t used;
-    uint32_t skipped;  /* bytes so far that belong to no frame */
-    uint32_t rejected; /* syncs so far that no good frame followed */
+    uint32_t skipped;  /* bytes outside of frames */
+    uint32_t rejected; /* syncs without a good frame */
 } geu_deframer;
 
 /* The next frame in the bytes held: 1 and `frame` is filled, or 0. Call it until 0. */

@@ -1,5 +1,5 @@
-//! The interface control document (`ICD.md`): prose by hand, and between `<!-- generated: … -->` and
-//! `<!-- end -->` the tables and test vectors as the code has them.
+//! The interface control document (`ICD.md`): prose, and between `<!-- generated: … -->` and `<!-- end -->` generated tables
+//! and test vectors.
 
 use std::fmt::Write;
 
@@ -14,10 +14,10 @@ use crate::serial::{BITS_PER_BYTE, DEFAULT_BAUD, FrameType, SYNC, data_frame, fr
 const BEGIN: &str = "<!-- generated: ";
 const END: &str = "<!-- end -->";
 
-/// The document, its generated sections as the tables of this crate have them.
+/// The document with its generated sections from the tables of this crate.
 ///
 /// # Panics
-/// For a section that is not closed or whose name is unknown: the document is part of this crate.
+/// For a section that is not closed or has an unknown name: the document is part of this crate.
 pub fn icd() -> String {
     refreshed(include_str!("../../ICD.md"))
 }
@@ -76,13 +76,13 @@ fn flags() -> Text {
     Ok(text)
 }
 
-fn cyclic(place: MessageId) -> Option<&'static MessageSpec> {
-    MESSAGES.iter().find(|message| message.place == place)
+fn cyclic(id: MessageId) -> Option<&'static MessageSpec> {
+    MESSAGES.iter().find(|message| message.id == id)
 }
 
 /// Length, content and meaning of a message, as table cells.
-fn cells(place: MessageId, name: &str) -> String {
-    let Some(message) = cyclic(place) else {
+fn cells(id: MessageId, name: &str) -> String {
+    let Some(message) = cyclic(id) else {
         let (lengths, content, meaning) = match name {
             "COMMAND" => (COMMAND_LENGTHS, "opcode, arguments", "to the unit"),
             _ => (REPLY_LENGTHS, "opcode, result, values", "from the unit, to the link that asked"),
@@ -160,7 +160,7 @@ const VECTOR: Sample = Sample {
     sensor_centi_c: 7000,
 };
 
-/// An argument list for each command of the table, for its test vector.
+/// Arguments of the test vector of a command.
 fn vector_arguments(name: &str) -> &'static [i64] {
     match name {
         "SET_MODE" => &[1],

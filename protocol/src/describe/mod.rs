@@ -1,8 +1,7 @@
-//! The link as other tools read it: a CAN database, a C header, a Wireshark dissector, a document.
+//! Descriptions of the link for other tools: a CAN database, a C header, a Wireshark dissector, a document.
 //!
 //! Each output is a pure function of the tables in [`crate::field`], [`crate::message`] and [`crate::command`]. The
-//! results stand beside this crate's sources (`geu.dbc`, `geu.h`, `geu.lua`, `ICD.md`), and a test holds each to its
-//! generator.
+//! results are in the root of this crate (`geu.dbc`, `geu.h`, `geu.lua`, `ICD.md`); a test compares each with its generator.
 //!
 //! ```
 //! use geu_protocol::{CanIdMap, describe};
@@ -26,33 +25,25 @@ use crate::message::{MESSAGES, MessageId};
 const CYCLE_MS: u32 = 500;
 
 /// Every message that travels on CAN: identifier relative to the base, and name.
-fn can_messages() -> Vec<(u16, &'static str)> {
-    let places = MESSAGES.iter().map(|message| (message.place, message.name));
-    places
-        .chain([(COMMAND_CAN, "COMMAND"), (REPLY_CAN, "REPLY")])
-        .filter_map(|(place, name)| match place {
-            MessageId::Can(offset) => Some((offset, name)),
-            MessageId::Serial(_) => None,
-        })
-        .collect()
+fn can_messages() -> impl Iterator<Item = (u16, &'static str)> {
+    ids().filter_map(|(id, name)| if let MessageId::Can(offset) = id { Some((offset, name)) } else { None })
 }
 
 /// Every message that travels in a serial frame: type and name.
-fn serial_messages() -> Vec<(u8, &'static str)> {
-    let places = MESSAGES.iter().map(|message| (message.place, message.name));
-    places
-        .chain([(COMMAND_SERIAL, "COMMAND"), (REPLY_SERIAL, "REPLY")])
-        .filter_map(|(place, name)| match place {
-            MessageId::Serial(code) => Some((code, name)),
-            MessageId::Can(_) => None,
-        })
-        .collect()
+fn serial_messages() -> impl Iterator<Item = (u8, &'static str)> {
+    ids().filter_map(|(id, name)| if let MessageId::Serial(code) = id { Some((code, name)) } else { None })
 }
 
-/// `template` with each line that is `marker` and a name replaced by what `fill` gives for the name.
+fn ids() -> impl Iterator<Item = (MessageId, &'static str)> {
+    let commands =
+        [(COMMAND_CAN, "COMMAND"), (REPLY_CAN, "REPLY"), (COMMAND_SERIAL, "COMMAND"), (REPLY_SERIAL, "REPLY")];
+    MESSAGES.iter().map(|message| (message.id, message.name)).chain(commands)
+}
+
+/// Replaces each line of `template` that is `marker` and a name by `fill(name)`.
 ///
 /// # Panics
-/// For a name that `fill` does not know: the template is part of this crate.
+/// For a name unknown to `fill`: the template is part of this crate.
 fn filled(template: &str, marker: &str, fill: impl Fn(&str) -> Option<String>) -> String {
     let mut text = String::with_capacity(2 * template.len());
     for line in template.lines() {

@@ -22,7 +22,7 @@ static const uint8_t serial[28] = {0xEB, 0x90, 0x01, 0x16, 0x00, 0x00, 0xFF, 0xF
 
 static void vectors(void)
 {
-    geu_half_second h;
+    geu_sample h;
     uint8_t a[8], b[8], payload[GEU_DATA_LENGTH], frame[GEU_SERIAL_MAX_FRAME];
     const uint8_t digits[9] = {'1', '2', '3', '4', '5', '6', '7', '8', '9'};
     uint8_t wrong[8];
@@ -36,7 +36,7 @@ static void vectors(void)
     check((h.gyro_flags & GEU_GYRZB_VALID) && !(h.gyro_flags & GEU_GYRX_SATURATED), "masks of the gyro flags");
     check((h.unit_flags & GEU_CLOCK_LOCKED) && !(h.unit_flags & GEU_POLLED), "masks of the unit flags");
     check(h.electronics_centi_c == 2064 && h.sensor_centi_c == 7000, "temperatures");
-    check(h.clock_count == GEU_CLOCK_PER_HALF_SECOND, "clock count");
+    check(h.clock_count == GEU_CLOCK_PER_SAMPLE, "clock count");
 
     geu_pack_increments_and_status(&h, a, b);
     check(!memcmp(a, increments, 8) && !memcmp(b, status, 8), "INCREMENTS and STATUS packed");
@@ -55,7 +55,7 @@ static void vectors(void)
 
 static void commands(void)
 {
-    uint8_t data[8], frame[GEU_SERIAL_MAX_FRAME], gyros = 0, half_seconds = 0, major = 9, minor = 9;
+    uint8_t data[8], frame[GEU_SERIAL_MAX_FRAME], gyros = 0, samples = 0, major = 9, minor = 9;
     const uint8_t self_test[5] = {0x04, 0x03, 0xFF, 0x9C, 0x14};
     const uint8_t ping_frame[7] = {0xEB, 0x90, 0x10, 0x01, 0x01, 0x4F, 0x13};
     const uint8_t pong[4] = {0x01, 0x00, 0x01, 0x00};
@@ -64,11 +64,11 @@ static void commands(void)
     size_t length = geu_pack_self_test(data, GEU_GYRX | GEU_GYRY, -100, 20);
 
     check(length == 5 && !memcmp(data, self_test, 5), "SELF_TEST packed");
-    check(geu_unpack_self_test(data, 5, &gyros, &counts, &half_seconds) == GEU_RESULT_DONE && gyros == 3
-              && counts == -100 && half_seconds == 20, "SELF_TEST unpacked");
-    check(geu_unpack_self_test(data, 4, &gyros, &counts, &half_seconds) == GEU_RESULT_BAD_ARGUMENT, "a cut SELF_TEST");
+    check(geu_unpack_self_test(data, 5, &gyros, &counts, &samples) == GEU_RESULT_DONE && gyros == 3
+              && counts == -100 && samples == 20, "SELF_TEST unpacked");
+    check(geu_unpack_self_test(data, 4, &gyros, &counts, &samples) == GEU_RESULT_BAD_ARGUMENT, "a cut SELF_TEST");
     geu_pack_self_test(data, 16, 0, 1);
-    check(geu_unpack_self_test(data, 5, &gyros, &counts, &half_seconds) == GEU_RESULT_BAD_ARGUMENT, "a mask of 16");
+    check(geu_unpack_self_test(data, 5, &gyros, &counts, &samples) == GEU_RESULT_BAD_ARGUMENT, "a mask of 16");
     length = geu_pack_ping(data);
     check(length == 1, "PING packed");
     length = geu_pack_frame(frame, GEU_SERIAL_COMMAND, data, length);

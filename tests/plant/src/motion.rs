@@ -9,13 +9,13 @@ const ARCSEC_PER_DEG: f64 = 3600.0;
 const SUN_ARCSEC_S: f64 = 360.0 * ARCSEC_PER_DEG / (365.25 * 86_400.0);
 /// 360° about the sun vector in an orbit of 6180 s (Casteren §5).
 const ORBITAL_ARCSEC_S: f64 = 360.0 * ARCSEC_PER_DEG / 6180.0;
-/// Of a survey scan, about Z (Casteren §5).
+/// Survey scan about Z (Casteren §5).
 const SURVEY_ARCSEC_S: f64 = 3.85 * 60.0;
-/// Of a scan about Y, 12°/min (Casteren §5).
+/// Scan about Y, 12°/min (Casteren §5).
 const SLEW_ARCSEC_S: f64 = 12.0 * 60.0;
 const ACCELERATION_ARCSEC_S2: f64 = 36.0;
 
-/// A stretch of motion: the rate rises in a ramp, holds and falls in one, or there is none.
+/// A motion segment: the rate rises in a ramp, holds and falls in a ramp, or is 0.
 struct Leg {
     start_s: f64,
     duration_s: f64,
@@ -138,7 +138,7 @@ impl Motion {
         self.turn(rate_arcsec_s, [to_deg - self.end_deg().0, 0.0]);
     }
 
-    /// By so much of θ and of ψ at once, the farther one at this rate.
+    /// Turns θ and ψ at once, the larger turn at this rate.
     fn turn(&mut self, rate_arcsec_s: f64, by_deg: [f64; 2]) {
         let farther_deg = by_deg[0].abs().max(by_deg[1].abs());
         // A short turn does not reach its rate.

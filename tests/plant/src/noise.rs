@@ -12,8 +12,8 @@ impl Noise {
         Noise(random)
     }
 
-    pub fn uniform(&mut self, least: f64, greatest: f64) -> f64 {
-        least + (greatest - least) * self.0.random::<f64>()
+    pub fn uniform(&mut self, min: f64, max: f64) -> f64 {
+        min + (max - min) * self.0.random::<f64>()
     }
 
     pub fn one_of<T: Copy>(&mut self, choices: &[T]) -> T {

@@ -1,8 +1,8 @@
-//! The unit: four gyros, what they sense of the motion and what they count of it.
+//! The unit: four gyros that sense the motion and count it.
 
 use Quantity::*;
 
-use crate::hidden::{PlantedEffect, Quantities, Quantity, Term};
+use crate::injected::{PlantedEffect, Quantities, Quantity, Term};
 use crate::motion::{Motion, State};
 use crate::noise::Noise;
 use crate::{Calibration, GYROS, Gyro, IndependentModel, SAMPLE_INTERVAL_S, STEPS};
@@ -14,7 +14,7 @@ const HOUR_S: f64 = 3600.0;
 /// Below this about the output axis a float creeps (Casteren §3.3).
 const CREEP_BELOW_ARCSEC_S: f64 = 1.5;
 const CREEP_ARCSEC_S: f64 = 0.015;
-/// Of ω_out, above it.
+/// Share of ω_out, above it.
 const FLOAT_SPEED: f64 = 0.01;
 const THERMAL_TIME_S: f64 = 300.0;
 const REFERENCE_C: f64 = 20.0;
@@ -32,14 +32,14 @@ const REFERENCE_UNIT: [(f64, f64, [f64; 3]); 4] = [
 const ANGLE_RANDOM_WALK: f64 = 0.01;
 const DRIFT_RANDOM_WALK: f64 = 8e-6;
 
-/// What two weeks leave of a calibration, 1σ.
+/// Errors of a two-week-old calibration, 1σ.
 const SCALE_FACTOR_SIGMA: f64 = 6.0 * PPM;
 const DRIFT_SIGMA_ARCSEC_S: f64 = 1.2 / HOUR_S;
 const MISALIGNMENT_SIGMA_ARCSEC: f64 = 1.5;
 
 /// A sample's end.
 pub struct Sample {
-    /// Of true time.
+    /// True time.
     pub length_s: f64,
     pub counts: [i16; 4],
     /// A bit for each gyro.
@@ -51,10 +51,10 @@ pub struct Sample {
 pub struct Unit {
     pub calibrations: [Calibration; 4],
     terms: Vec<Term>,
-    /// The end of the motion that counts have told.
-    told_s: Option<f64>,
+    /// End of the motion in the counts so far.
+    reported_s: Option<f64>,
     channels: [Channel; 4],
-    /// Of the package about Y, once there is motion.
+    /// Angle of the package about Y, once there is motion.
     thermal_arcsec: Option<f64>,
     /// Swing and phase.
     electronics: (f64, f64),
@@ -62,7 +62,7 @@ pub struct Unit {
     sensor_c: f64,
 }
 
-/// What one gyro remembers.
+/// State of one gyro.
 struct Channel {
     noise: Noise,
     /// Not yet sensed.
@@ -80,8 +80,8 @@ struct Channel {
 }
 
 impl Unit {
-    pub fn new(plant: &IndependentModel) -> Unit {
-        let mut random = Noise::new(plant.seed, 2);
+    pub fn new(model: &IndependentModel) -> Unit {
+        let mut random = Noise::new(model.seed, 2);
         let calibrations = REFERENCE_UNIT.map(|(scale_factor, drift, misalignment)| Calibration {
             scale_factor: scale_factor * (1.0 + SCALE_FACTOR_SIGMA * random.normal()),
             drift_arcsec_per_half_s: drift + SAMPLE_INTERVAL_S * DRIFT_SIGMA_ARCSEC_S * random.normal(),
@@ -90,15 +90,15 @@ impl Unit {
                 angle => angle + MISALIGNMENT_SIGMA_ARCSEC * random.normal(),
             }),
         });
-        let mut terms: Vec<Term> = plant.hidden.iter().flat_map(PlantedEffect::terms).collect();
-        // A hidden noise takes the place of the unit's own.
+        let mut terms: Vec<Term> = model.effects.iter().flat_map(PlantedEffect::terms).collect();
+        // An injected noise replaces the unit's own.
         for (code, parameter, value) in [
             ("angle-random-walk", "arcsec_per_sqrt_s", ANGLE_RANDOM_WALK),
             ("drift-random-walk", "arcsec_per_s_per_sqrt_s", DRIFT_RANDOM_WALK),
         ] {
-            let hidden: Vec<&PlantedEffect> = plant.hidden.iter().filter(|hidden| hidden.code == code).collect();
+            let injected: Vec<&PlantedEffect> = model.effects.iter().filter(|effect| effect.code == code).collect();
             for gyro in GYROS {
-                if !hidden.iter().any(|hidden| hidden.gyros.is_empty() || hidden.gyros.contains(&gyro)) {
+                if !injected.iter().any(|effect| effect.gyros.is_empty() || effect.gyros.contains(&gyro)) {
                     terms.extend(PlantedEffect::new(code, &[gyro], &[(parameter, value)]).terms());
                 }
             }
@@ -106,9 +106,9 @@ impl Unit {
         Unit {
             calibrations,
             terms,
-            told_s: None,
+            reported_s: None,
             channels: GYROS.map(|gyro| Channel {
-                noise: Noise::new(plant.seed, 3 + gyro as u64),
+                noise: Noise::new(model.seed, 3 + gyro as u64),
                 white_arcsec: 0.0,
                 drift_walk_arcsec_s: 0.0,
                 float_arcsec: None,
@@ -121,7 +121,7 @@ impl Unit {
             }),
             thermal_arcsec: None,
             electronics: (random.uniform(1.0, 2.5), random.uniform(0.0, std::f64::consts::TAU)),
-            heater_off_s: plant.heater_off_s.unwrap_or(f64::INFINITY),
+            heater_off_s: model.heater_off_s.unwrap_or(f64::INFINITY),
             sensor_c: SENSOR_C,
         }
     }
@@ -130,28 +130,28 @@ impl Unit {
     pub fn sample(&mut self, motion: &Motion, start_s: f64) -> Sample {
         let at_start = self.quantities(start_s);
         let of_unit = at_start[0];
-        let fast = of_unit.of(ClockFrequency) * PPM;
+        let fast = of_unit.get(ClockFrequency) * PPM;
         let length_s = SAMPLE_INTERVAL_S / (1.0 + fast);
         let step_s = length_s / STEPS as f64;
-        // Counts at t tell the motion of t − offset: where the offset changes, a longer or a shorter piece of it.
+        // Counts at t report the motion of t − offset: a longer or shorter interval of it while the offset changes.
         let end_s = start_s + length_s;
-        let tells_s = end_s - self.quantities(end_s)[0].of(TimeOffset);
-        let told_s = self.told_s.replace(tells_s).unwrap_or(start_s - of_unit.of(TimeOffset));
-        let moved_s = (tells_s - told_s) / STEPS as f64;
+        let to_s = end_s - self.quantities(end_s)[0].get(TimeOffset);
+        let from_s = self.reported_s.replace(to_s).unwrap_or(start_s - of_unit.get(TimeOffset));
+        let moved_s = (to_s - from_s) / STEPS as f64;
         for (channel, own) in self.channels.iter_mut().zip(&at_start) {
             channel.walk(own, length_s);
         }
         for step in 0..STEPS {
             let t = start_s + (step as f64 + 0.5) * step_s;
             let quantities = self.quantities(t);
-            let state = motion.at(told_s + (step as f64 + 0.5) * moved_s);
+            let state = motion.at(from_s + (step as f64 + 0.5) * moved_s);
             let (thermal, thermal_turn) = self.thermal(&quantities[0], &state, moved_s);
             for gyro in GYROS {
                 let turning = if gyro == Gyro::Y { thermal_turn } else { 0.0 };
                 let mut row = self.calibrations[gyro as usize].misalignment_arcsec;
                 let own = &quantities[gyro as usize];
                 for (element, part) in row.iter_mut().zip([MisalignmentX, MisalignmentY, MisalignmentZ]) {
-                    *element += own.of(part);
+                    *element += own.get(part);
                 }
                 match gyro {
                     Gyro::X => row[2] -= thermal,
@@ -160,17 +160,17 @@ impl Unit {
                 }
                 let calibration = self.calibrations[gyro as usize];
                 let drift = calibration.drift_arcsec_per_half_s / SAMPLE_INTERVAL_S
-                    + own.of(Drift) / HOUR_S
-                    + own.of(DriftSensorTemperature) / HOUR_S * (self.sensor_c - SENSOR_C);
+                    + own.get(Drift) / HOUR_S
+                    + own.get(DriftSensorTemperature) / HOUR_S * (self.sensor_c - SENSOR_C);
                 let channel = &mut self.channels[gyro as usize];
                 let (sensed, input) = channel.sense(gyro, row, own, &state.rates, moved_s);
                 // Casteren §3.2: per on-board sample interval, in all.
                 let drift = drift * SAMPLE_INTERVAL_S * (1.0 - 2.0 * fast) / length_s
                     + channel.drift_walk_arcsec_s
-                    + own.of(RateDrift) * PPM * state.rates[2].abs();
-                let mut scale_factor = calibration.scale_factor * (1.0 + own.of(ScaleFactor) * PPM) * (1.0 - fast);
+                    + own.get(RateDrift) * PPM * state.rates[2].abs();
+                let mut scale_factor = calibration.scale_factor * (1.0 + own.get(ScaleFactor) * PPM) * (1.0 - fast);
                 if input > 0.0 {
-                    scale_factor *= 1.0 + own.of(Asymmetry) * PPM;
+                    scale_factor *= 1.0 + own.get(Asymmetry) * PPM;
                 }
                 channel.accumulated += (sensed + turning - drift * step_s) / scale_factor;
             }
@@ -199,26 +199,26 @@ impl Unit {
 
     /// The package's turn about Y, arcsec, and how far it turned in this step.
     fn thermal(&mut self, of_unit: &Quantities, state: &State, step_s: f64) -> (f64, f64) {
-        let settled = of_unit.of(MisalignmentThermal) * (state.theta_deg - 90.0);
-        let time_s = Some(of_unit.of(ThermalTime)).filter(|time_s| *time_s > 0.0).unwrap_or(THERMAL_TIME_S);
+        let settled = of_unit.get(MisalignmentThermal) * (state.theta_deg - 90.0);
+        let time_s = Some(of_unit.get(ThermalTime)).filter(|time_s| *time_s > 0.0).unwrap_or(THERMAL_TIME_S);
         let before = self.thermal_arcsec.unwrap_or(settled);
         let turned = (settled - before) * (1.0 - libm::exp(-step_s / time_s));
         self.thermal_arcsec = Some(before + turned);
         (before + turned, turned)
     }
 
-    /// Rounds once, then does what link and wiring do.
+    /// Rounds once, then applies link and wiring faults.
     fn count(&mut self, end_s: f64) -> ([i16; 4], u8) {
         let quantities = self.quantities(end_s - SAMPLE_INTERVAL_S / 2.0);
         let mut increments =
             GYROS.map(|gyro| self.channels[gyro as usize].increment(&quantities[gyro as usize], end_s));
-        let swapped: Vec<usize> = (0..4).filter(|gyro| quantities[*gyro].of(AxisSwap) != 0.0).collect();
+        let swapped: Vec<usize> = (0..4).filter(|gyro| quantities[*gyro].get(AxisSwap) != 0.0).collect();
         if let [one, other] = swapped[..] {
             increments.swap(one, other);
         }
         let mut saturated = 0;
         for (gyro, channel) in self.channels.iter_mut().enumerate() {
-            if quantities[gyro].of(StuckOutput) != 0.0 {
+            if quantities[gyro].get(StuckOutput) != 0.0 {
                 increments[gyro] = channel.last;
             }
             channel.last = increments[gyro];
@@ -229,14 +229,14 @@ impl Unit {
 }
 
 impl Channel {
-    /// The noises of a sample: what they grow by has a deviation that grows with the root of time.
+    /// The noises of a sample: the deviation of their increments grows with the root of time.
     fn walk(&mut self, own: &Quantities, length_s: f64) {
         let root = length_s.sqrt();
-        self.white_arcsec = own.of(AngleRandomWalk) * root * self.noise.normal();
-        if own.of(CorrelationTime) > 0.0 {
-            self.drift_walk_arcsec_s *= libm::exp(-length_s / own.of(CorrelationTime));
+        self.white_arcsec = own.get(AngleRandomWalk) * root * self.noise.normal();
+        if own.get(CorrelationTime) > 0.0 {
+            self.drift_walk_arcsec_s *= libm::exp(-length_s / own.get(CorrelationTime));
         }
-        self.drift_walk_arcsec_s += own.of(DriftRandomWalk) * root * self.noise.normal();
+        self.drift_walk_arcsec_s += own.get(DriftRandomWalk) * root * self.noise.normal();
     }
 
     /// The angle sensed in a step, and the rate about the input axis.
@@ -251,22 +251,22 @@ impl Channel {
         };
         let off_axis: f64 = row.iter().zip(rates).map(|(element, rate)| element / ARCSEC_PER_RAD * rate).sum();
         let input = about_own + off_axis;
-        let rate = input - own.of(Nonlinearity) * PPM * 720.0 * (input / 720.0).powi(3)
-            + own.of(Anisoinertia) * input * spin / ARCSEC_PER_RAD
-            + own.of(RateSquared) * y * y
-            + own.of(RateProduct) * x * z;
+        let rate = input - own.get(Nonlinearity) * PPM * 720.0 * (input / 720.0).powi(3)
+            + own.get(Anisoinertia) * input * spin / ARCSEC_PER_RAD
+            + own.get(RateSquared) * y * y
+            + own.get(RateProduct) * x * z;
         let accelerated = output - self.output_rate.replace(output).unwrap_or(output);
         let sensed = rate * step_s
-            + own.of(OutputAxisAcceleration) * accelerated
+            + own.get(OutputAxisAcceleration) * accelerated
             + self.float(own, output, step_s)
             + std::mem::take(&mut self.white_arcsec);
         (sensed, input)
     }
 
-    /// How far the float moves across its pivots (Casteren §3.3).
+    /// Motion of the float across its pivots (Casteren §3.3).
     fn float(&mut self, own: &Quantities, output: f64, step_s: f64) -> f64 {
-        let stop = own.of(PivotClearance).max(0.0) / 2.0;
-        let preferred = own.of(PivotPreferred).clamp(-stop, stop);
+        let stop = own.get(PivotClearance).max(0.0) / 2.0;
+        let preferred = own.get(PivotPreferred).clamp(-stop, stop);
         let before = self.float_arcsec.unwrap_or(preferred);
         let creep = CREEP_ARCSEC_S * step_s.abs();
         let moved = if output.abs() >= CREEP_BELOW_ARCSEC_S {
@@ -281,14 +281,14 @@ impl Channel {
 
     /// Counts since the last one.
     fn increment(&mut self, own: &Quantities, end_s: f64) -> i64 {
-        if end_s >= own.of(LostCountsTime) && !std::mem::replace(&mut self.lost, true) {
-            self.accumulated += own.of(LostCounts);
+        if end_s >= own.get(LostCountsTime) && !std::mem::replace(&mut self.lost, true) {
+            self.accumulated += own.get(LostCounts);
         }
-        let play = own.of(Backlash) / 2.0;
+        let play = own.get(Backlash) / 2.0;
         self.followed = self.followed.clamp(self.accumulated - play, self.accumulated + play);
         // f64::round: half away from zero
         let rounded = self.followed.round();
         let increment = (rounded - std::mem::replace(&mut self.rounded, rounded)) as i64;
-        if own.of(SignInversion) != 0.0 { -increment } else { increment }
+        if own.get(SignInversion) != 0.0 { -increment } else { increment }
     }
 }

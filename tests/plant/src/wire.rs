@@ -1,4 +1,4 @@
-//! What leaves the plant: a CAN capture and a reference, as the interface control document has them.
+//! The output: a CAN capture and a reference, as in the interface control document.
 
 use std::fmt::Write;
 

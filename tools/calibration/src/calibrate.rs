@@ -1,54 +1,40 @@
-//! One recording calibrated: which manoeuvres, what effects are taken off, which rotations, then the sixteen parameters
-//! and the hand method beside them.
-
-use std::borrow::Cow;
+//! Calibration of one recording: the windows to evaluate, the calibration parameters, and the first-order method beside
+//! them.
 
 use geu_model::Configuration;
-use geu_model::attitude::RecordedAttitude;
-use geu_model::effect::WiringEffects;
 use geu_model::package::Calibration;
+use geu_model::sensor::SensorNumbers;
 use geu_model::units::ARCSEC_PER_DEG;
-use geu_protocol::Gyro;
-use geu_recording::ReferenceAttitude;
 
-use crate::absolute::{self, AbsoluteData, GyroPath};
 use crate::counts::AccumulatedCounts;
-use crate::effects::{EffectContribution, MotionSteps};
-use crate::hand;
-use crate::noise::RandomWalks;
-use crate::observe::{self, CompensatedCounts, ExcludedData, ReferenceSeries, reference_sigma_arcsec};
+use crate::effects::EffectContribution;
+pub use crate::evaluation::{AttitudeSource, ConfiguredWiringFault};
+use crate::evaluation::{Evaluation, Observed};
+use crate::first_order;
+use crate::observe::{CompensatedCounts, ExcludedData};
 use crate::solve::{self, Observation, Solution, SolveError};
-use crate::transfer::{GyroSet, Transfer};
+use crate::transfer::Transfer;
 use crate::window::{self, ManoeuvreWindow};
 
-/// What tells the inertial rotations.
-#[derive(Debug, Clone, Copy)]
-pub enum AttitudeSource<'a> {
-    /// A reference attitude; its noise where it is known, else it is estimated.
-    Reference(&'a ReferenceAttitude, Option<f64>),
-    Sensors(&'a AbsoluteData),
-}
-
-/// A calibration with all that it rests on.
+/// A calibration with the data it rests on.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Calibrated {
     pub solution: Solution,
-    /// Those of the hand method, or why it has none.
-    pub hand: Result<[Calibration; 4], String>,
+    /// Result of the first-order method, or why it has none.
+    pub first_order: Result<[Calibration; 4], String>,
     pub observations: Vec<Observation>,
     pub left_out: Vec<ExcludedData>,
     /// Noise of the reference about each axis, arcsec.
     pub reference_sigma_arcsec: [f64; 3],
     /// Unix time of the recording's start, s.
     pub time_s: f64,
-    /// Whether the gyros' path and the parameters came to agree; always with a reference.
+    /// True if the gyros' path and the parameters converged; always with a reference.
     pub is_settled: bool,
 }
 
 /// Why a recording could not be calibrated.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CalibrateError {
-    /// Nothing stands in it.
     #[error("expected a recording of at least 4 samples, got {0}")]
     TooShort(usize),
     /// The list has no calibration manoeuvre.
@@ -57,171 +43,110 @@ pub enum CalibrateError {
     /// No fix of the star sensor lies in the recording.
     #[error("expected fixes of the star sensor within the recording, {from_s:.1}…{to_s:.1} s, got none")]
     NoFixes {
-        /// Its start on the time scale of the capture.
+        /// Start of the recording on the time scale of the capture.
         from_s: f64,
         to_s: f64,
     },
-    /// Faults of the wiring are believed.
     #[error(transparent)]
     Wiring(#[from] ConfiguredWiringFault),
     /// More than can be solved together.
-    #[error("expected at most {MOST_WINDOWS} manoeuvres, which are solved together, got {0}; give a list of fewer")]
+    #[error("expected at most {MAX_WINDOWS} manoeuvres, which are solved together, got {0}; give a list of fewer")]
     TooMany(usize),
     /// The manoeuvres do not determine the parameters.
-    #[error("the manoeuvres do not determine the parameters:\n{source}{}", notes(.left_out))]
+    #[error("the manoeuvres do not determine the parameters:\n{source}{}", excluded_lines(.left_out))]
     Unsolvable {
         source: SolveError,
-        /// What was not used, which may be why.
+        /// The data that were not used.
         left_out: Vec<ExcludedData>,
     },
 }
 
-fn notes(left_out: &[ExcludedData]) -> String {
+/// A line for each entry, to append to a message.
+pub(crate) fn excluded_lines<T: std::fmt::Display>(left_out: &[T]) -> String {
     left_out.iter().map(|left_out| format!("\nleft out: {left_out}")).collect()
 }
 
-/// The equations of so many manoeuvres are solved within seconds; the work grows with their cube.
-pub const MOST_WINDOWS: usize = 400;
-/// How often at most the gyros' path is laid with the parameters that it gave.
+/// Maximum number of manoeuvres solved together, within seconds; the work grows with their cube.
+pub const MAX_WINDOWS: usize = 400;
+/// Maximum number of passes that lay the gyros' path with the parameters of the pass before.
 const PASSES: usize = 4;
-/// A change of the parameters, in sigmas, that is not worth another pass.
+/// A change of the parameters, in sigmas, that needs no further pass.
 const SETTLED_SIGMA: f64 = 0.1;
 
-/// A fault of the wiring in what is believed: counts that went through it tell nothing that can be taken off.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error(
-    "gyro.{gyro}: expected a unit without faults of its wiring, got {code}; mend the recording, or leave the fault out of the configuration"
-)]
-pub struct ConfiguredWiringFault {
-    pub gyro: &'static str,
-    pub code: &'static str,
-}
-
-/// Counts at the time of the motion that they tell, by the clock and the time offset that are believed; and what is left to
-/// believe of the unit.
+/// Calibrates a recording. The effects of `configuration` are subtracted, its random walks weigh the equations.
+/// Without `windows` the whole recording is used, cut where the unit rests, or at the fixes.
 ///
 /// # Errors
-/// A believed fault of the wiring.
-pub(crate) fn corrected<'a>(
-    configuration: &'a Configuration,
-    counts: &'a AccumulatedCounts,
-) -> Result<(Cow<'a, Configuration>, Cow<'a, AccumulatedCounts>), ConfiguredWiringFault> {
-    for (own, gyro) in configuration.gyros.iter().zip(Gyro::ALL) {
-        if let Some(index) = (0..WiringEffects::SPECS.len()).find(|&index| own.wiring.has(index)) {
-            return Err(ConfiguredWiringFault { gyro: gyro.name(), code: WiringEffects::SPECS[index].code });
-        }
-    }
-    let (mut configuration, mut counts) = (Cow::Borrowed(configuration), Cow::Borrowed(counts));
-    let clock_ppm = configuration.unit.constant.clock_frequency.ppm;
-    if !counts.is_received && clock_ppm != 0.0 {
-        counts.to_mut().correct_clock(clock_ppm);
-    }
-    // Counts at t tell the motion of t − seconds: those of an earlier unit without the offset.
-    let offset_s = configuration.unit.constant.time_offset.seconds;
-    if offset_s != 0.0 {
-        configuration.to_mut().unit.constant.time_offset = Default::default();
-        counts.to_mut().start_ns -= (offset_s * 1e9).round() as i64;
-    }
-    Ok((configuration, counts))
-}
-
-/// Calibrates a recording. `configuration` is what is believed of the unit: its effects are taken off, its walks weigh.
-/// Without `windows` a whole recording is used, cut where the unit rests, or at the fixes.
-///
-/// # Errors
-/// [`CalibrateError`]: what cannot be solved, and what was left out.
+/// [`CalibrateError`]: the cause, and the data that were not used.
 pub fn calibrate(
     configuration: &Configuration,
     counts: &AccumulatedCounts,
     windows: Option<&[ManoeuvreWindow]>,
     attitude: &AttitudeSource,
 ) -> Result<Calibrated, CalibrateError> {
-    if counts.len() < 4 {
-        return Err(CalibrateError::TooShort(counts.len()));
+    let evaluation = Evaluation::new(configuration, counts, attitude)?;
+    let mut numbers = SensorNumbers::default();
+    if let AttitudeSource::Sensors(sensors) = attitude {
+        // While the path settles stars are taken as exact: weights that mistrust them would lean on the errors that the
+        // path still has.
+        numbers = sensors.numbers;
+        numbers.sse.star_arcsec = 0.0;
     }
-    let (configuration, counts) = corrected(configuration, counts)?;
-    let (configuration, counts) = (&*configuration, &*counts);
-    let believed = configuration.gyros.each_ref().map(|gyro| gyro.calibration);
-    let walks = RandomWalks::configured(configuration);
-    match attitude {
-        AttitudeSource::Reference(reference, sigma_arcsec) => {
-            let truth = &*reference.truth;
-            let sigma_arcsec = sigma_arcsec.map_or_else(
-                || reference_sigma_arcsec(counts, truth, reference.start_ns, &believed),
-                |sigma_arcsec| [sigma_arcsec; 3],
-            );
-            let known = ReferenceSeries { truth, start_ns: reference.start_ns, sigma_arcsec };
-            let effects =
-                EffectContribution::of(configuration, counts, || steps_of_reference(counts, truth, reference.start_ns));
-            let measured = CompensatedCounts { counts, effects: effects.as_ref() };
-            let windows = chosen(&measured, windows, &Transfer::new(&believed, GyroSet::WithZa), attitude)?;
-            let (observations, left_out) = observe::with_reference(&measured, &windows, &known);
-            finish(counts, observations, left_out, &walks, &believed, sigma_arcsec)
+    let (mut calibrations, mut effects, mut settled) = (evaluation.prior, None, None);
+    let mut pass = 0;
+    loop {
+        pass += 1;
+        let observed = evaluation.observe(&calibrations, &numbers, effects.as_ref(), |measured, transfer, _| {
+            select_windows(measured, windows, transfer, attitude)
+        })?;
+        let (mut calibrated, own_effects) = solve_observed(&evaluation, observed, &calibrations)?;
+        let AttitudeSource::Sensors(sensors) = attitude else { return Ok(calibrated) };
+        // The last pass, with the stars as they err, does not change the path.
+        if let Some(is_settled) = settled {
+            calibrated.is_settled = is_settled;
+            return Ok(calibrated);
         }
-        AttitudeSource::Sensors(sensors) => {
-            // While the path settles stars are taken as exact: weights that mistrust them would lean on what the path itself
-            // still gets wrong.
-            let mut numbers = sensors.numbers;
-            numbers.sse.star_arcsec = 0.0;
-            let mut settled = None;
-            let mut calibrations = believed;
-            let mut effects: Option<EffectContribution> = None;
-            let mut pass = 0;
-            loop {
-                pass += 1;
-                let transfer = Transfer::new(&calibrations, GyroSet::WithZa);
-                let no_fixes = || {
-                    let from_s = counts.start_ns as f64 * 1e-9;
-                    CalibrateError::NoFixes { from_s, to_s: from_s + counts.end_s() }
-                };
-                let measured = CompensatedCounts { counts, effects: effects.as_ref() };
-                let path = absolute::path(&measured, sensors, &transfer).ok_or_else(no_fixes)?;
-                let of_path = EffectContribution::of(configuration, counts, || steps_of_path(&path));
-                let measured = CompensatedCounts { counts, effects: of_path.as_ref() };
-                let windows = chosen(&measured, windows, &transfer, attitude)?;
-                let (observations, left_out) =
-                    absolute::with_sensors(&measured, &windows, sensors, &numbers, &walks, &path);
-                let mut found = finish(counts, observations, left_out, &walks, &calibrations, [f64::NAN; 3])?;
-                let changes = found.solution.values().into_iter().zip(solve::values(&calibrations));
-                // The last pass, with the stars as they err, does not bear on the path.
-                if let Some(is_settled) = settled {
-                    found.is_settled = is_settled;
-                    return Ok(found);
-                }
-                found.is_settled = changes
-                    .zip(found.solution.sigmas())
-                    .all(|((now, before), sigma)| (now - before).abs() < SETTLED_SIGMA * sigma);
-                if found.is_settled || pass == PASSES {
-                    if numbers == sensors.numbers {
-                        return Ok(found);
-                    }
-                    settled = Some(found.is_settled);
-                    numbers = sensors.numbers;
-                }
-                calibrations = found.solution.calibrations;
-                effects = of_path;
+        let changes = calibrated.solution.values().into_iter().zip(solve::values(&calibrations));
+        calibrated.is_settled = changes
+            .zip(calibrated.solution.sigmas())
+            .all(|((now, before), sigma)| (now - before).abs() < SETTLED_SIGMA * sigma);
+        if calibrated.is_settled || pass == PASSES {
+            if numbers == sensors.numbers {
+                return Ok(calibrated);
             }
+            settled = Some(calibrated.is_settled);
+            numbers = sensors.numbers;
         }
+        calibrations = calibrated.solution.calibrations;
+        effects = own_effects;
     }
 }
 
-fn finish(
-    counts: &AccumulatedCounts,
-    observations: Vec<Observation>,
-    mut left_out: Vec<ExcludedData>,
-    walks: &[RandomWalks; 4],
-    believed: &[Calibration; 4],
-    reference_sigma_arcsec: [f64; 3],
-) -> Result<Calibrated, CalibrateError> {
+fn solve_observed(
+    evaluation: &Evaluation,
+    observed: Observed,
+    prior: &[Calibration; 4],
+) -> Result<(Calibrated, Option<EffectContribution>), CalibrateError> {
+    let (counts, Observed { observations, mut left_out, reference_sigma_arcsec, effects }) =
+        (&evaluation.counts, observed);
     if let Some(start_s) = counts.runs_back_s {
-        let why = "times run back there, and its instants would be there twice".to_owned();
-        left_out.push(ExcludedData { name: "what follows".to_owned(), start_s, gyro: None, why });
+        let why = "times run backward there".to_owned();
+        left_out.push(ExcludedData { name: "the rest".to_owned(), start_s, gyro: None, why });
     }
-    match solve::solve(&observations, walks, believed) {
+    match solve::solve(&observations, &evaluation.walks, prior) {
         Ok(solution) => {
-            let hand = hand::solve(&observations, believed);
-            let time_s = counts.start_ns as f64 * 1e-9;
-            Ok(Calibrated { solution, hand, observations, left_out, reference_sigma_arcsec, time_s, is_settled: true })
+            let first_order = first_order::solve(&observations, prior);
+            let time_s = counts.start_s();
+            let calibrated = Calibrated {
+                solution,
+                first_order,
+                observations,
+                left_out,
+                reference_sigma_arcsec,
+                time_s,
+                is_settled: true,
+            };
+            Ok((calibrated, effects))
         }
         Err(source) => Err(CalibrateError::Unsolvable { source, left_out }),
     }
@@ -230,94 +155,63 @@ fn finish(
 /// A slew after a Y-scan that turns less than this about Y is the precaution before its second fix (Casteren §5.3).
 const SLEW_ABOUT_SUN_ARCSEC: f64 = ARCSEC_PER_DEG;
 
-/// The windows to evaluate: the calibration manoeuvres of the list, a Y-scan up to the end of the slew about the sun
-/// vector that follows it; without a list everything.
-fn chosen(
+/// Selects the windows to evaluate: the calibration manoeuvres of the list, a Y-scan up to the end of the slew about the
+/// sun vector that follows it; without a list the whole recording.
+fn select_windows(
     measured: &CompensatedCounts,
     windows: Option<&[ManoeuvreWindow]>,
     transfer: &Transfer,
     attitude: &AttitudeSource,
 ) -> Result<Vec<ManoeuvreWindow>, CalibrateError> {
     let counts = measured.counts;
-    let start_s = counts.start_ns as f64 * 1e-9;
-    let Some(windows) = windows else {
-        let all: Vec<ManoeuvreWindow> = match attitude {
-            AttitudeSource::Reference(reference, _) => {
-                let offset_s = (counts.start_ns - reference.start_ns) as f64 * 1e-9;
-                let (from_s, to_s) = (reference.truth.start_s() - offset_s, reference.truth.end_s() - offset_s);
-                window::cut_at_rests(counts, transfer, from_s, to_s)
-                    .into_iter()
-                    .map(|window| ManoeuvreWindow {
-                        start_s: window.start_s + start_s,
-                        end_s: window.end_s + start_s,
-                        ..window
-                    })
-                    .collect()
-            }
-            AttitudeSource::Sensors(sensors) => sensors
-                .fixes
-                .windows(2)
-                .enumerate()
-                .map(|(index, pair)| ManoeuvreWindow {
-                    name: format!("stretch {}", index + 1),
-                    start_s: pair[0].t_ns as f64 * 1e-9,
-                    end_s: pair[1].t_ns as f64 * 1e-9,
-                })
-                .collect(),
-        };
-        return if all.len() > MOST_WINDOWS { Err(CalibrateError::TooMany(all.len())) } else { Ok(all) };
-    };
-    let mut chosen: Vec<ManoeuvreWindow> = Vec::new();
-    for (index, window) in windows.iter().enumerate().filter(|(_, window)| !window.is_precaution()) {
-        let mut window = window.clone();
-        let slew = windows
-            .get(index + 1)
-            .filter(|next| window.name == "y-scan" && next.name == "slew" && (next.start_s - window.end_s).abs() < 0.5);
-        if let Some(slew) = slew
-            && let (Some(from), Some(to)) =
-                (counts.nearest(slew.start_s - start_s), counts.nearest(slew.end_s - start_s))
-        {
-            let (from, to) = (counts.at_node(from), counts.at_node(to));
-            let counted = std::array::from_fn(|gyro| measured.between(gyro, &from, &to));
-            let turned = transfer.about_control_arcsec(counted, to.samples - from.samples);
-            if turned[1].abs() < SLEW_ABOUT_SUN_ARCSEC {
-                window.end_s = slew.end_s;
-            }
+    let selected = match (windows, attitude) {
+        (None, AttitudeSource::Reference(reference, _)) => {
+            let offset_s = counts.offset_s(reference);
+            let (from_s, to_s) = (reference.truth.start_s() - offset_s, reference.truth.end_s() - offset_s);
+            window::cut_at_rests(counts, transfer, from_s, to_s)
         }
-        chosen.push(window);
+        (None, AttitudeSource::Sensors(sensors)) => sensors
+            .between_fixes()
+            .enumerate()
+            .map(|(index, [start_s, end_s])| ManoeuvreWindow::new(&format!("stretch {}", index + 1), start_s, end_s))
+            .collect(),
+        (Some(windows), _) => {
+            let selected = windows.iter().enumerate().filter(|(_, window)| !window.is_precaution());
+            selected.map(|(index, window)| with_slew(measured, transfer, window, windows.get(index + 1))).collect()
+        }
+    };
+    match windows {
+        _ if selected.len() > MAX_WINDOWS => Err(CalibrateError::TooMany(selected.len())),
+        Some([]) => Err(CalibrateError::NoManoeuvres("an empty list".to_owned())),
+        Some(windows) if selected.is_empty() => {
+            let mut names: Vec<&str> = windows.iter().map(|window| window.name.as_str()).collect();
+            names.dedup();
+            Err(CalibrateError::NoManoeuvres(names.join(", ")))
+        }
+        _ => Ok(selected),
     }
-    if chosen.len() > MOST_WINDOWS {
-        return Err(CalibrateError::TooMany(chosen.len()));
-    }
-    if chosen.is_empty() {
-        let mut names: Vec<&str> = windows.iter().map(|window| window.name.as_str()).collect();
-        names.dedup();
-        let names = if names.is_empty() { "an empty list".to_owned() } else { names.join(", ") };
-        return Err(CalibrateError::NoManoeuvres(names));
-    }
-    Ok(chosen)
 }
 
-pub(crate) fn steps_of_reference(counts: &AccumulatedCounts, truth: &RecordedAttitude, start_ns: i64) -> MotionSteps {
-    let offset_s = (counts.start_ns - start_ns) as f64 * 1e-9;
-    let mut near = 0;
-    let mut before = truth.at(counts.node_s[0] + offset_s, &mut near).0;
-    counts.node_s[1..]
-        .iter()
-        .map(|&node_s| {
-            let (turned, moment) = truth.at(node_s + offset_s, &mut near);
-            let step = std::array::from_fn(|axis| turned[axis] - before[axis]);
-            before = turned;
-            (step, truth.knows_sun().then_some((moment.theta_rad, moment.psi_rad)))
-        })
-        .collect()
-}
-
-pub(crate) fn steps_of_path(path: &GyroPath) -> MotionSteps {
-    let pairs = path.turned_control_arcsec.windows(2).zip(&path.points[1..]);
-    pairs
-        .map(|(pair, point)| {
-            (std::array::from_fn(|axis| pair[1][axis] - pair[0][axis]), Some((point.theta_rad, point.psi_rad)))
-        })
-        .collect()
+/// A window, extended to the end of `next` if that is the slew about the sun vector after a Y-scan.
+fn with_slew(
+    measured: &CompensatedCounts,
+    transfer: &Transfer,
+    window: &ManoeuvreWindow,
+    next: Option<&ManoeuvreWindow>,
+) -> ManoeuvreWindow {
+    let (counts, mut window) = (measured.counts, window.clone());
+    let node = |t_s: f64| Some(counts.at_node(counts.nearest(t_s - counts.start_s())?));
+    let is_slew = |next: &&ManoeuvreWindow| {
+        window.name == "y-scan" && next.name == "slew" && (next.start_s - window.end_s).abs() < 0.5
+    };
+    if let Some(slew) = next.filter(is_slew)
+        && let (Some(from), Some(to)) = (node(slew.start_s), node(slew.end_s))
+    {
+        let counted = std::array::from_fn(|gyro| measured.between(gyro, &from, &to));
+        let turned = transfer.about_control_arcsec(counted, to.samples - from.samples);
+        if turned[1].abs() < SLEW_ABOUT_SUN_ARCSEC {
+            window.end_s = slew.end_s;
+        }
+    }
+    window
 }

@@ -1,4 +1,4 @@
-//! The in-orbit checkout flown in simulation (Casteren §5), calibrated, and compared with the truth.
+//! The in-orbit checkout (Casteren §5): simulated, calibrated, and compared with the truth.
 //!
 //! The sequence is that of `configs/checkout.toml`; precautions are what can be taken out of it. Nothing is written:
 //! counts, reference attitude and absolute sensors go straight into the calibration.
@@ -30,7 +30,7 @@ const SEQUENCE: &str = include_str!("../../../configs/checkout.toml");
 /// The hold after the last manoeuvre, samples: half of what the limit cycle's overlay looks at.
 const HOLD: usize = 120;
 
-/// What is taken to keep floats and misalignments where they do no harm (Casteren §5).
+/// Precautions that keep floats and misalignments in a harmless state (Casteren §5).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Precautions {
     /// An orbit's scan before each manoeuvre.
@@ -44,8 +44,8 @@ pub struct Precautions {
 impl Precautions {
     pub const ALL: Precautions = Precautions { stabilisation: true, pre_slew: true, sun_slews: true };
 
-    /// All that do anything for a unit: one without pivots and without thermal misalignment has nothing that an orbit's
-    /// scan would bring to rest, and is flown in four hours in place of fourteen.
+    /// The precautions that a unit needs: without pivots and thermal misalignment there is nothing to bring to rest by an
+    /// orbit's scan, and the checkout takes four hours instead of fourteen.
     pub fn needed_by(unit: &Configuration) -> Precautions {
         let (unit, gyros) = (&unit.unit, &unit.gyros);
         let is_thermal = has(unit, |effects| effects.misalignment_thermal.arcsec_per_deg);
@@ -55,7 +55,7 @@ impl Precautions {
     }
 }
 
-/// Whether an amplitude is there; courses count as all of them.
+/// True for a nonzero amplitude, or for any time course.
 fn has<E>(effects: &EffectConfiguration<E>, amplitude: impl Fn(&E) -> f64) -> bool {
     amplitude(&effects.constant) != 0.0 || !effects.courses.is_empty()
 }
@@ -69,27 +69,23 @@ const PRE_SLEW_DEG: f64 = 10.0;
 /// Never: the sequence is built in and tested.
 pub fn sequence(unit: &Configuration, precautions: Precautions) -> Configuration {
     let mut configuration = unit.clone();
-    let flown = Configuration::parse("configs/checkout.toml (built in)", SEQUENCE, &[]).expect("a valid sequence");
-    let mut scenario = flown.scenario;
+    let sequence = Configuration::parse("configs/checkout.toml (built in)", SEQUENCE, &[]).expect("a valid sequence");
+    let mut scenario = sequence.scenario;
     scenario.limit_cycle = unit.scenario.limit_cycle;
     scenario.psi_deg = unit.scenario.psi_deg;
-    let number = |manoeuvre: &Manoeuvre, name: &str| {
-        let numbers = manoeuvre.numbers();
-        let index = numbers.specs().iter().position(|spec| spec.name == name)?;
-        Some(numbers.value(index)).filter(|value| value.is_finite())
-    };
     let mut theta_deg = scenario.theta_deg;
     scenario.manoeuvres.retain(|manoeuvre| {
-        let to_theta_deg = number(manoeuvre, "to_theta_deg").unwrap_or(theta_deg);
-        let is_slew = manoeuvre.kind() == "slew";
-        let keep = if manoeuvre.kind() == "stabilise" {
-            precautions.stabilisation
-        } else if is_slew && number(manoeuvre, "by_psi_deg").is_some() {
-            precautions.sun_slews
-        } else {
-            !is_slew || precautions.pre_slew || (to_theta_deg - theta_deg).abs() > PRE_SLEW_DEG
+        let (keep, to_theta_deg) = match manoeuvre {
+            Manoeuvre::Stabilise(_) => (precautions.stabilisation, f64::NAN),
+            Manoeuvre::YScan(scan) => (true, scan.to_theta_deg),
+            Manoeuvre::Slew(slew) if slew.by_psi_deg.is_finite() => (precautions.sun_slews, slew.to_theta_deg),
+            Manoeuvre::Slew(slew) => {
+                let is_long = (slew.to_theta_deg - theta_deg).abs() > PRE_SLEW_DEG;
+                (is_long || precautions.pre_slew, slew.to_theta_deg)
+            }
+            _ => (true, f64::NAN),
         };
-        if keep {
+        if keep && to_theta_deg.is_finite() {
             theta_deg = to_theta_deg;
         }
         keep
@@ -98,17 +94,17 @@ pub fn sequence(unit: &Configuration, precautions: Precautions) -> Configuration
     configuration
 }
 
-/// A checkout as it was flown.
+/// Data of a simulated checkout.
 #[derive(Debug, Clone)]
 pub struct CheckoutRun {
     pub counts: AccumulatedCounts,
-    /// What was flown, leg by leg.
+    /// The legs of the simulation.
     pub windows: Vec<ManoeuvreWindow>,
     pub reference: ReferenceAttitude,
     pub sensors: AbsoluteData,
 }
 
-pub fn fly(configuration: &Configuration) -> CheckoutRun {
+pub fn simulate(configuration: &Configuration) -> CheckoutRun {
     let length_s = AttitudeProfile::length_s(&configuration.scenario).unwrap_or(0.0);
     let samples = (length_s * 2.0).ceil() as usize + HOLD;
     let start_s = configuration.start_unix_ns as f64 * 1e-9;
@@ -140,7 +136,7 @@ pub fn fly(configuration: &Configuration) -> CheckoutRun {
         }
     }
     sensors.fixes = fixes.into_values().collect();
-    let truth = RecordedAttitude::new(&rows).expect("rows of half a second each");
+    let truth = RecordedAttitude::new(&rows).expect("rows of one sample each");
     let reference =
         ReferenceAttitude { start_ns: configuration.start_unix_ns, truth: Arc::new(truth), time_system: None };
     CheckoutRun { counts, windows, reference, sensors }
@@ -153,21 +149,20 @@ pub enum AttitudeSourceKind {
 }
 
 impl CheckoutRun {
-    /// Calibrates it, with what is believed of the unit.
+    /// Calibrates the checkout with a configuration of the unit.
     ///
     /// # Errors
-    /// As [`calibrate`].
-    pub fn calibrate(&self, believed: &Configuration, by: AttitudeSourceKind) -> Result<Calibrated, CalibrateError> {
+    /// See [`calibrate`].
+    pub fn calibrate(&self, prior: &Configuration, by: AttitudeSourceKind) -> Result<Calibrated, CalibrateError> {
         let attitude = match by {
             AttitudeSourceKind::Reference => AttitudeSource::Reference(&self.reference, Some(0.0)),
             AttitudeSourceKind::Sensors => AttitudeSource::Sensors(&self.sensors),
         };
-        calibrate(believed, &self.counts, Some(&self.windows), &attitude)
+        calibrate(prior, &self.counts, Some(&self.windows), &attitude)
     }
 }
 
-/// The sixteen parameters of a unit: its calibration with the constant departures from it, which are a recalibration
-/// (model.md, Effects).
+/// The true calibration parameters of a unit: its calibration and the constant departures, which are a recalibration.
 pub fn true_calibrations(unit: &Configuration) -> [Calibration; 4] {
     unit.gyros.each_ref().map(|gyro| {
         let (own, effects) = (gyro.calibration, &gyro.effects.constant);
@@ -182,16 +177,16 @@ pub fn true_calibrations(unit: &Configuration) -> [Calibration; 4] {
     })
 }
 
-/// What is believed of a unit before its checkout: none of the sixteen parameters, but its noise and its other effects, as
-/// tests on ground told them.
-pub fn believed_before(unit: &Configuration) -> Configuration {
-    let mut believed = unit.clone();
-    for gyro in &mut believed.gyros {
+/// The configuration of a unit before its checkout: nominal calibration parameters, but its noise and its other effects,
+/// from tests on ground.
+pub fn before_checkout(unit: &Configuration) -> Configuration {
+    let mut prior = unit.clone();
+    for gyro in &mut prior.gyros {
         gyro.calibration = Default::default();
         let effects = &mut gyro.effects.constant;
         (effects.scale_factor, effects.drift, effects.misalignment) = Default::default();
     }
-    believed
+    prior
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -202,23 +197,24 @@ pub struct MonteCarloErrors {
     pub mean_error: f64,
     /// Root mean square of the predicted sigmas.
     pub sigma: f64,
-    /// Share of the runs whose error lies within the predicted sigma.
+    /// Share of the runs with an error within the predicted sigma.
     pub coverage: f64,
 }
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct MonteCarlo {
     pub runs: usize,
-    /// Runs that did not, with the reason.
+    /// Failed runs, with the reason.
     pub failed: Vec<(usize, String)>,
     pub scatter: Vec<MonteCarloErrors>,
     /// Mean of χ² over its degrees of freedom.
     pub mean_reduced_chi2: f64,
-    /// As `scatter`, of the hand method; the sigma is the full solution's.
-    pub hand_rms_error: Option<[f64; UNKNOWNS]>,
+    /// Root mean square of the errors of the first-order method.
+    pub first_order_rms_error: Option<[f64; UNKNOWNS]>,
 }
 
-/// The unit of one run: its own sixteen parameters within what a launch leaves, clearances within ±3″ of nominal, ψ₀, phases of the limit cycle, seed.
+/// The unit of one run: random calibration parameters within the uncertainty after launch, clearances within ±3″ of nominal,
+/// ψ₀, phases of the limit cycle, seed.
 pub fn drawn(unit: &Configuration, seed: u64, run: usize) -> Configuration {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(run as u64 + 1);
@@ -227,7 +223,7 @@ pub fn drawn(unit: &Configuration, seed: u64, run: usize) -> Configuration {
         let nominal = if parameter.index == 0 { 1.0 } else { 0.0 };
         let most = BEFORE_LAUNCH[parameter.index.min(2)];
         let value = nominal + most * (2.0 * random.random::<f64>() - 1.0);
-        *parameter.of_mut(&mut configuration.gyros[parameter.gyro as usize].calibration) = value;
+        *parameter.value_mut(&mut configuration.gyros[parameter.gyro as usize].calibration) = value;
     }
     for gyro in &mut configuration.gyros {
         let clearance_arcsec = &mut gyro.effects.constant.pivot_clearance.clearance_arcsec;
@@ -243,15 +239,16 @@ pub fn drawn(unit: &Configuration, seed: u64, run: usize) -> Configuration {
     configuration
 }
 
-/// One run that gave a calibration.
+/// A run with a calibration.
 struct Run {
     errors: [f64; UNKNOWNS],
     sigmas: [f64; UNKNOWNS],
     reduced_chi2: f64,
-    hand: Option<[f64; UNKNOWNS]>,
+    first_order: Option<[f64; UNKNOWNS]>,
 }
 
-/// Flies and calibrates `runs` checkouts, on all cores; the result does not depend on how many. `done` is called after each.
+/// Simulates and calibrates `runs` checkouts on all cores; the result does not depend on their number. `done` is called
+/// after each.
 pub fn campaign(
     unit: &Configuration,
     seed: u64,
@@ -264,14 +261,14 @@ pub fn campaign(
         .map(|run| {
             let configuration = sequence(&drawn(unit, seed, run), Precautions::needed_by(unit));
             let truth = values(&true_calibrations(&configuration));
-            let calibrated = fly(&configuration).calibrate(&believed_before(unit), by);
+            let calibrated = simulate(&configuration).calibrate(&before_checkout(unit), by);
             done();
             let calibrated = calibrated.map_err(|error| error.to_string())?;
             let solution = &calibrated.solution;
             let errors = |solved: [f64; UNKNOWNS]| std::array::from_fn(|index| solved[index] - truth[index]);
             let reduced = solution.chi2 / solution.degrees_of_freedom.max(1) as f64;
-            let hand = calibrated.hand.as_ref().ok().map(|hand| errors(values(hand)));
-            Ok(Run { errors: errors(solution.values()), sigmas: solution.sigmas(), reduced_chi2: reduced, hand })
+            let first_order = calibrated.first_order.as_ref().ok().map(|first_order| errors(values(first_order)));
+            Ok(Run { errors: errors(solution.values()), sigmas: solution.sigmas(), reduced_chi2: reduced, first_order })
         })
         .collect();
     let failed = all.iter().enumerate().filter_map(|(run, one)| Some((run, one.as_ref().err()?.clone()))).collect();
@@ -288,18 +285,25 @@ pub fn campaign(
             coverage: mean(&|run| f64::from(u8::from(run.errors[index].abs() < run.sigmas[index]))),
         })
         .collect();
-    let hand_rms_error = good
-        .iter()
-        .all(|run| run.hand.is_some())
-        .then(|| std::array::from_fn(|index| mean(&|run| run.hand.map_or(0.0, |hand| hand[index].powi(2))).sqrt()));
-    MonteCarlo { runs: good.len(), failed, scatter, mean_reduced_chi2: mean(&|run| run.reduced_chi2), hand_rms_error }
+    let first_order_rms_error = good.iter().all(|run| run.first_order.is_some()).then(|| {
+        std::array::from_fn(|index| {
+            mean(&|run| run.first_order.map_or(0.0, |first_order| first_order[index].powi(2))).sqrt()
+        })
+    });
+    MonteCarlo {
+        runs: good.len(),
+        failed,
+        scatter,
+        mean_reduced_chi2: mean(&|run| run.reduced_chi2),
+        first_order_rms_error,
+    }
 }
 
-/// What a set of precautions leaves.
+/// Errors with a set of precautions.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PrecautionResult {
     pub what: &'static str,
-    /// How long the sequence takes, s.
+    /// Length of the sequence, s.
     pub length_s: f64,
     /// Largest error of an equation of each gyro with the true parameters, and the manoeuvre that has it, arcsec.
     pub equation_arcsec: [(f64, String); 4],
@@ -310,42 +314,38 @@ pub struct PrecautionResult {
     pub chi2: (f64, usize),
 }
 
-/// Flies the checkout of a unit without its random walks, with every precaution and without each, by the true attitude,
-/// so that what is left is what the precaution buys: first with the unit's pivots alone, then with its thermal misalignment
-/// alone, since their errors can hide each other.
+/// Simulates the checkout of a unit without its random walks, with every precaution and without each, by the true attitude:
+/// the difference is the benefit of the precaution. First with the unit's pivots alone, then with its thermal misalignment
+/// alone, since their errors can mask each other.
 ///
 /// # Errors
-/// As [`calibrate`].
+/// See [`calibrate`].
 pub fn precautions(unit: &Configuration) -> Result<Vec<PrecautionResult>, CalibrateError> {
     let mut pivots = unit.without_noise();
     let mut thermal = pivots.clone();
     pivots.unit.constant.misalignment_thermal = Default::default();
-    for gyro in &mut thermal.gyros {
-        gyro.effects.constant.pivot_clearance = Default::default();
-    }
-    let mut none = believed_before(unit);
+    let mut none = before_checkout(unit);
     none.unit.constant.misalignment_thermal = Default::default();
-    for gyro in &mut none.gyros {
+    for gyro in thermal.gyros.iter_mut().chain(&mut none.gyros) {
         gyro.effects.constant.pivot_clearance = Default::default();
     }
-    let none = none;
     // The paper corrects GYRY and GYRZB, whose output axis is X, by the clearance.
     let corrected = |error_arcsec: f64| {
-        let mut believed = none.clone();
+        let mut prior = none.clone();
         for gyro in Gyro::ALL.into_iter().filter(|&gyro| Axes::of(gyro).output_control[0] != 0.0) {
-            let own = &mut believed.gyros[gyro as usize].effects.constant.pivot_clearance;
+            let own = &mut prior.gyros[gyro as usize].effects.constant.pivot_clearance;
             *own = unit.gyros[gyro as usize].effects.constant.pivot_clearance;
             if own.clearance_arcsec > 0.0 {
                 own.clearance_arcsec += error_arcsec;
             }
         }
-        believed
+        prior
     };
     let calibrated = |share: f64| {
-        let mut believed = none.clone();
-        believed.unit.constant.misalignment_thermal = unit.unit.constant.misalignment_thermal;
-        believed.unit.constant.misalignment_thermal.arcsec_per_deg *= share;
-        believed
+        let mut prior = none.clone();
+        prior.unit.constant.misalignment_thermal = unit.unit.constant.misalignment_thermal;
+        prior.unit.constant.misalignment_thermal.arcsec_per_deg *= share;
+        prior
     };
     let all = Precautions::ALL;
     let no_sun_slews = Precautions { sun_slews: false, ..all };
@@ -353,7 +353,7 @@ pub fn precautions(unit: &Configuration) -> Result<Vec<PrecautionResult>, Calibr
     let no_orbits = Precautions { stabilisation: false, ..all };
     let variants = [
         ("pivots: every precaution", &pivots, all, corrected(0.0)),
-        ("pivots: clearance believed 3 arcsec too large", &pivots, all, corrected(3.0)),
+        ("pivots: clearance assumed 3 arcsec too large", &pivots, all, corrected(3.0)),
         ("pivots: no correction by the clearance", &pivots, all, none.clone()),
         ("pivots: no slews about the sun vector", &pivots, no_sun_slews, none.clone()),
         ("pivots: no pre-slew about Y", &pivots, no_pre_slew, corrected(0.0)),
@@ -364,9 +364,9 @@ pub fn precautions(unit: &Configuration) -> Result<Vec<PrecautionResult>, Calibr
     ];
     variants
         .into_par_iter()
-        .map(|(what, unit, precautions, believed)| {
+        .map(|(what, unit, precautions, prior)| {
             let configuration = sequence(unit, precautions);
-            let calibrated = fly(&configuration).calibrate(&believed, AttitudeSourceKind::Reference)?;
+            let calibrated = simulate(&configuration).calibrate(&prior, AttitudeSourceKind::Reference)?;
             let truth = true_calibrations(&configuration);
             let (true_values, solution) = (values(&truth), &calibrated.solution);
             let matrix = misalignment_matrix(&truth);
@@ -374,9 +374,9 @@ pub fn precautions(unit: &Configuration) -> Result<Vec<PrecautionResult>, Calibr
                 let errors = calibrated.observations.iter().filter_map(|observation| {
                     let turned = nalgebra::Vector3::from(observation.rotation_control_arcsec);
                     let calibration = &truth[gyro];
-                    let told = observation.counts[gyro]? * calibration.scale_factor
+                    let measured = observation.counts[gyro]? * calibration.scale_factor
                         + observation.samples * calibration.drift_arcsec_per_half_s;
-                    Some((told - (matrix.row(gyro) * turned)[0], observation.name.clone()))
+                    Some((measured - (matrix.row(gyro) * turned)[0], observation.name.clone()))
                 });
                 errors.max_by(|a, b| a.0.abs().total_cmp(&b.0.abs())).unwrap_or_default()
             });

@@ -1,15 +1,15 @@
-//! Calibrations of one unit compared and combined (Casteren §5: the checkout is flown twice).
+//! Compares and combines calibrations of one unit (Casteren §5: the checkout is made twice).
 //!
-//! They must be independent, each of a recording of its own. What is tested is whether the unit stayed what it was; what
-//! it may have moved meanwhile by the paper is [`stability_per_day`].
+//! They must be independent, each of a recording of its own. The test is whether the unit is unchanged; the change that the
+//! paper allows is [`stability_per_day`].
 
-use geu_model::units::{PPM, SAMPLE_INTERVAL_S};
 use nalgebra::{Cholesky, DMatrix, DVector};
 
 use crate::solve::{CalibrationParameter, Solution, SolveError, UNKNOWNS, probability};
+use crate::update::{DRIFT_PER_FORTNIGHT, SCALE_FACTOR_PER_MONTH};
 
-/// Below this probability that chance alone makes them differ so, calibrations are not merged.
-pub const LEAST_PROBABILITY: f64 = 1e-3;
+/// Calibrations whose difference is less probable than this are not merged.
+pub const MIN_PROBABILITY: f64 = 1e-3;
 const DAYS_PER_MONTH: f64 = 30.4375;
 
 #[derive(Debug, Clone, PartialEq)]
@@ -17,7 +17,7 @@ pub struct PreviousCalibration {
     pub name: String,
     /// Unix time of its recording's start, s.
     pub time_s: f64,
-    /// Its parameters and their covariance; no residuals and no leverage.
+    /// Parameters and their covariance; no residuals and no leverage.
     pub solution: Solution,
 }
 
@@ -29,7 +29,7 @@ pub struct Comparison {
     pub sigmas: [f64; UNKNOWNS],
     /// χ² of each parameter's differences, as many degrees of freedom as `pairs`.
     pub chi2: [f64; UNKNOWNS],
-    /// χ² of all differences together, sixteen times as many.
+    /// Joint χ² of all differences, with 16 × `pairs` degrees of freedom.
     pub joint_chi2: f64,
     pub pairs: usize,
     /// The weighted mean, with its covariance.
@@ -42,33 +42,33 @@ impl Comparison {
         probability(self.chi2[index], self.pairs)
     }
 
-    /// The same of all sixteen together.
-    pub fn together_probability(&self) -> f64 {
+    /// Joint probability of all parameters.
+    pub fn joint_probability(&self) -> f64 {
         probability(self.joint_chi2, UNKNOWNS * self.pairs)
     }
 
-    /// Whether one unit may have all these parameters.
+    /// True if the calibrations agree.
     pub fn is_compatible(&self) -> bool {
-        self.together_probability() > LEAST_PROBABILITY
+        self.joint_probability() > MIN_PROBABILITY
     }
 
-    /// Parameters that moved: each so improbable that among sixteen it would still be.
+    /// Parameters that changed significantly, with the threshold corrected for their number.
     pub fn moved(&self) -> Vec<CalibrationParameter> {
-        let least = LEAST_PROBABILITY / UNKNOWNS as f64;
+        let threshold = MIN_PROBABILITY / UNKNOWNS as f64;
         CalibrationParameter::all()
             .enumerate()
-            .filter(|(index, _)| self.probability(*index) < least)
+            .filter(|(index, _)| self.probability(*index) < threshold)
             .map(|(_, one)| one)
             .collect()
     }
 }
 
-/// What a parameter may move in a day by the paper: the scale factor 0.004 % per month, the drift 6″/h in two weeks
-/// (Casteren table 1); it has no figure for misalignments.
+/// Stability of a parameter per day by the paper: the scale factor 0.004 % per month, the drift 6″/h in two weeks (Casteren
+/// table 1); `None` for misalignments.
 pub fn stability_per_day(parameter: CalibrationParameter) -> Option<f64> {
     match parameter.index {
-        0 => Some(40.0 * PPM / DAYS_PER_MONTH),
-        1 => Some(6.0 * SAMPLE_INTERVAL_S / 3600.0 / 14.0),
+        0 => Some(SCALE_FACTOR_PER_MONTH / DAYS_PER_MONTH),
+        1 => Some(DRIFT_PER_FORTNIGHT / 14.0),
         _ => None,
     }
 }
@@ -113,19 +113,19 @@ pub fn combine(first: &Solution, second: &Solution) -> Result<Comparison, SolveE
     let covariance = &own - &own * root.solve(&own);
     let mut combined = second.clone();
     for (index, parameter) in CalibrationParameter::all().enumerate() {
-        *parameter.of_mut(&mut combined.calibrations[parameter.gyro as usize]) =
+        *parameter.value_mut(&mut combined.calibrations[parameter.gyro as usize]) =
             values[0][index] + step[index] * scale[index];
     }
     combined.covariance = DMatrix::from_fn(UNKNOWNS, UNKNOWNS, |a, b| covariance[(a, b)] * scale[a] * scale[b]);
-    let together = unit.dot(&root.solve(&unit));
-    combined.chi2 = first.chi2 + second.chi2 + together;
+    let joint_chi2 = unit.dot(&root.solve(&unit));
+    combined.chi2 = first.chi2 + second.chi2 + joint_chi2;
     combined.degrees_of_freedom = first.degrees_of_freedom + second.degrees_of_freedom + UNKNOWNS;
     combined.residuals = Vec::new();
     combined.leverage = Vec::new();
     let chi2 = std::array::from_fn(|index| unit[index] * unit[index]);
     let change = std::array::from_fn(|index| difference[index]);
     let sigmas = std::array::from_fn(|index| scale[index]);
-    Ok(Comparison { change, sigmas, chi2, joint_chi2: together, pairs: 1, combined })
+    Ok(Comparison { change, sigmas, chi2, joint_chi2, pairs: 1, combined })
 }
 
 #[cfg(test)]
@@ -135,7 +135,7 @@ mod tests {
     fn solution(values: [f64; UNKNOWNS], sigma: f64) -> Solution {
         let mut calibrations: [geu_model::package::Calibration; 4] = Default::default();
         for (parameter, value) in CalibrationParameter::all().zip(values) {
-            *parameter.of_mut(&mut calibrations[parameter.gyro as usize]) = value;
+            *parameter.value_mut(&mut calibrations[parameter.gyro as usize]) = value;
         }
         Solution {
             calibrations,
@@ -169,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn what_moved_is_named() {
+    fn changed_parameters_are_named() {
         let mut values = [1.0; UNKNOWNS];
         let before = solution(values, 0.01);
         values[8] += 0.1;

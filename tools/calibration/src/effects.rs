@@ -1,5 +1,5 @@
-//! What the effects of a configuration add to the counts, by the model itself on the motion that was measured, so that
-//! it can be taken off before the sixteen parameters are solved.
+//! Contribution of configured effects to the counts, from the model on the measured motion. It is subtracted before the
+//! calibration parameters are solved.
 
 use std::sync::Arc;
 
@@ -13,16 +13,16 @@ use geu_model::{Configuration, GyroUnit, Truth};
 use crate::counts::{AccumulatedCounts, Interpolation};
 use crate::noise::{ErrorSource, ErrorTerm};
 
-/// How well the clearance of the pivots is known: ±3″ (Casteren §5.3), taken as the bounds of a uniform error.
+/// Error of the known clearance of the pivots: ±3″ (Casteren §5.3), taken as the bounds of a uniform error.
 pub const CLEARANCE_KNOWN_ARCSEC: f64 = 3.0;
-/// The same as 1 sigma: over √3.
+/// The 1 sigma error of the clearance: over √3.
 pub const CLEARANCE_SIGMA_ARCSEC: f64 = CLEARANCE_KNOWN_ARCSEC / 1.732_050_807_568_877_2;
 
 /// Counts that effects added, accumulated at nodes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EffectContribution {
     accumulated: [Vec<f64>; 4],
-    /// What an arcsecond more of clearance would add.
+    /// Change per arcsecond of clearance.
     per_clearance: [Vec<f64>; 4],
 }
 
@@ -30,8 +30,8 @@ pub struct EffectContribution {
 pub type MotionSteps = Vec<([f64; 3], Option<(f64, f64)>)>;
 
 impl EffectContribution {
-    /// Runs the model of `configuration`, without its noise, along the motion; nothing where it has no other effect.
-    pub fn of(
+    /// Runs the model of `configuration`, without its noise, along the motion; `None` if it has no other effect.
+    pub fn simulate(
         configuration: &Configuration,
         counts: &AccumulatedCounts,
         steps: impl FnOnce() -> MotionSteps,
@@ -65,35 +65,29 @@ impl EffectContribution {
         Some(EffectContribution { accumulated, per_clearance })
     }
 
-    /// What was added to each gyro up to a node.
+    /// Counts added to each gyro up to a node.
     pub fn at_node(&self, node: usize) -> [f64; 4] {
         self.accumulated.each_ref().map(|nodes| nodes[node])
     }
 
-    /// What was added between two instants.
+    /// Counts added between two instants.
     pub fn between(&self, gyro: usize, from: &Interpolation, to: &Interpolation) -> f64 {
-        read(&self.accumulated[gyro], to) - read(&self.accumulated[gyro], from)
+        to.apply(&self.accumulated[gyro]) - from.apply(&self.accumulated[gyro])
     }
 
-    /// What the uncertainty of the clearance means between two instants.
+    /// Error between two instants from the uncertainty of the clearance.
     pub fn disturbance(&self, gyro: usize, from: &Interpolation, to: &Interpolation) -> Option<ErrorTerm> {
         let nodes = &self.per_clearance[gyro];
         if nodes.is_empty() {
             return None;
         }
-        let mut counts = [0.0; 4];
-        counts[gyro] = read(nodes, to) - read(nodes, from);
-        (counts[gyro].abs() > 1e-6).then_some(ErrorTerm {
-            source: ErrorSource::Clearance { gyro },
-            variance: CLEARANCE_SIGMA_ARCSEC * CLEARANCE_SIGMA_ARCSEC,
-            counts,
-            rotation_control_arcsec: [0.0; 3],
-        })
+        let (count, variance) = (to.apply(nodes) - from.apply(nodes), CLEARANCE_SIGMA_ARCSEC * CLEARANCE_SIGMA_ARCSEC);
+        (count.abs() > 1e-6).then(|| ErrorTerm::of_count(ErrorSource::Clearance { gyro }, variance, gyro, count))
     }
 }
 
-/// Counts that floats added up to each node, for clearances of each gyro's pivots; nothing where there is none.
-pub fn of_floats(
+/// Counts from the float motion of each gyro up to each node, for clearances of its pivots; `None` without clearance.
+pub fn float_motion(
     calibrations: &[Calibration; 4],
     clearance_arcsec: &[f64; 4],
     steps: &MotionSteps,
@@ -110,14 +104,14 @@ pub fn of_floats(
     Some(run(&floats, &moved(&ends_s(&floats, steps.len()), steps)?, steps.len()))
 }
 
-/// Ends of the model's own samples, so that it meets the motion where the unit met it, whatever the times of receipt
-/// say of their clocks.
+/// Ends of the model's own samples, so that it meets the motion where the unit met it, whatever the clocks of the
+/// receive times.
 fn ends_s(configuration: &Configuration, samples: usize) -> Vec<f64> {
     let length_s = SAMPLE_INTERVAL_S / (1.0 + configuration.unit.constant.clock_frequency.ppm * PPM);
     (0..=samples).map(|node| node as f64 * length_s).collect()
 }
 
-/// The motion as a truth to run the model on.
+/// The motion as a truth for the model.
 fn moved(times_s: &[f64], steps: &MotionSteps) -> Option<Truth> {
     let start = AttitudeRow { t_s: 0.0, angle_control_arcsec: [0.0; 3], theta_psi_rad: steps.first()?.1 };
     let row = |(&(angle_control_arcsec, theta_psi_rad), &t_s)| AttitudeRow { t_s, angle_control_arcsec, theta_psi_rad };
@@ -125,11 +119,7 @@ fn moved(times_s: &[f64], steps: &MotionSteps) -> Option<Truth> {
     Some(Truth::Recorded(Arc::new(RecordedAttitude::new(&rows).ok()?)))
 }
 
-fn read(nodes: &[f64], reading: &Interpolation) -> f64 {
-    reading.weights.iter().zip(&nodes[reading.first..]).map(|(weight, value)| weight * value).sum()
-}
-
-/// What every effect of unit and head changes, accumulated.
+/// Accumulated changes by every effect of unit and gyros.
 fn run(configuration: &Configuration, truth: &Truth, samples: usize) -> [Vec<f64>; 4] {
     let mut unit = GyroUnit::on(configuration, truth);
     let mut accumulated: [Vec<f64>; 4] = std::array::from_fn(|_| vec![0.0]);

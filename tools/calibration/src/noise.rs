@@ -1,5 +1,5 @@
-//! What disturbs a sum of counts: the walks of angle and drift rate between two instants, and everything else as
-//! sources, each with a variance, that rows share or do not.
+//! Errors of a sum of counts: the random walks of angle and drift rate between two instants, and error sources with a
+//! variance, which rows may share.
 
 use std::hash::{DefaultHasher, Hash, Hasher};
 
@@ -8,14 +8,14 @@ use geu_model::Configuration;
 /// Variance of one rounding of an accumulated angle, count²: uniform over a count.
 pub const ROUNDING_VARIANCE: f64 = 1.0 / 12.0;
 
-/// Random walks of one gyro, as its configuration has them (table 1; model.md).
+/// Configured random walks of one gyro (table 1).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RandomWalks {
     /// Angle random walk, arcsec/√s.
     pub angle_arcsec_per_sqrt_s: f64,
     /// Drift random walk, arcsec/s/√s.
     pub drift_arcsec_per_s_per_sqrt_s: f64,
-    /// Its correlation time, s; infinite for a pure walk.
+    /// Correlation time of the drift random walk, s; infinite for a pure walk.
     pub correlation_time_s: f64,
 }
 
@@ -31,13 +31,13 @@ impl RandomWalks {
         })
     }
 
-    /// Covariance of the angle that the angle walk gains over two stretches, arcsec².
+    /// Covariance of the angle that the angle walk gains over two intervals, arcsec².
     pub fn angle_covariance(&self, a: (f64, f64), b: (f64, f64)) -> f64 {
         let together_s = (a.1.min(b.1) - a.0.max(b.0)).max(0.0);
         self.angle_arcsec_per_sqrt_s.powi(2) * together_s
     }
 
-    /// Covariance of the angle that the drift walk gains over two stretches, arcsec²; the walk is 0 at time 0.
+    /// Covariance of the angle that the drift walk gains over two intervals, arcsec²; the walk is 0 at time 0.
     pub fn drift_covariance(&self, a: (f64, f64), b: (f64, f64)) -> f64 {
         let integral = |x: f64, y: f64| self.integral_covariance(x.min(y), x.max(y));
         integral(a.1, b.1) - integral(a.0, b.1) - integral(a.1, b.0) + integral(a.0, b.0)
@@ -55,7 +55,7 @@ impl RandomWalks {
     fn integral_covariance(&self, x: f64, y: f64) -> f64 {
         let variance = self.drift_arcsec_per_s_per_sqrt_s.powi(2);
         let tau = self.correlation_time_s;
-        // Where the whole stretch is a thousandth of τ or less the two agree to that, and the second cancels.
+        // Below a thousandth of τ the two agree to that, and the second would cancel.
         if y < 1e-3 * tau {
             return variance * x * x * (3.0 * y - x) / 6.0;
         }
@@ -65,7 +65,7 @@ impl RandomWalks {
     }
 }
 
-/// Where a disturbance comes from: rows that name the same source share it.
+/// The origin of an error; rows with the same source share it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum ErrorSource {
     /// Rounding of a gyro's accumulated angle at a node.
@@ -73,40 +73,54 @@ pub enum ErrorSource {
     /// The reference attitude about an axis at an instant, in µs.
     Reference { axis: usize, at_us: i64 },
     /// A star crossing a slit at an instant, in µs: its random error of ψ (0) or θ (1).
-    Sight {
+    SlitCrossing {
         at_us: i64,
-        /// The slit, as [`named`] tells it.
+        /// The [`source_id`] of the slit.
         slit: u64,
         angle: usize,
     },
-    /// What is systematic of a slit or a star.
+    /// Systematic error of a slit or a star.
     Systematic {
-        /// The slit or star, as [`named`] tells it.
+        /// The [`source_id`] of the slit or star.
         name: u64,
         angle: usize,
     },
     /// The level of θ over a manoeuvre that starts at an instant, in µs.
     Level { at_us: i64 },
-    /// How well the clearance of a gyro's pivots is known.
+    /// Error of the known clearance of a gyro's pivots.
     Clearance { gyro: usize },
 }
 
-/// A name as a number by which sources are told apart; the same in every run.
-pub fn named(kind: &str, name: &str) -> u64 {
+/// The identifier of a named source; the same in every run.
+pub fn source_id(kind: &str, name: &str) -> u64 {
     let mut hasher = DefaultHasher::new();
     (kind, name).hash(&mut hasher);
     hasher.finish()
 }
 
-/// A disturbance of one manoeuvre's sums.
+/// An error of one manoeuvre's sums.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ErrorTerm {
     pub source: ErrorSource,
     pub variance: f64,
-    /// What a unit of it adds to each gyro's counts.
+    /// Counts of each gyro per unit of the error.
     pub counts: [f64; 4],
-    /// What a unit of it adds to the rotation about the control axes, arcsec.
+    /// Rotation about the control axes per unit of the error, arcsec.
     pub rotation_control_arcsec: [f64; 3],
+}
+
+impl ErrorTerm {
+    /// An error of one gyro's counts.
+    pub(crate) fn of_count(source: ErrorSource, variance: f64, gyro: usize, count: f64) -> ErrorTerm {
+        let mut counts = [0.0; 4];
+        counts[gyro] = count;
+        ErrorTerm { source, variance, counts, rotation_control_arcsec: [0.0; 3] }
+    }
+
+    /// An error of the rotation about the control axes.
+    pub(crate) fn of_rotation(source: ErrorSource, variance: f64, rotation_control_arcsec: [f64; 3]) -> ErrorTerm {
+        ErrorTerm { source, variance, counts: [0.0; 4], rotation_control_arcsec }
+    }
 }
 
 #[cfg(test)]
@@ -144,7 +158,7 @@ mod tests {
                 assert!((closed / summed - 1.0).abs() < 1e-3, "{correlation_time_s} {a:?} {b:?}: {closed} {summed}");
                 assert!((closed - walks.drift_covariance(b, a)).abs() <= 1e-9 * closed);
             }
-            // A second hardly averages.
+            // The average over a second is close to the value.
             let second = (4000.0, 4001.0);
             let ratio = walks.drift_sigma_arcsec_s(4000.5) / walks.drift_covariance(second, second).sqrt();
             assert!((ratio - 1.0).abs() < 1e-3, "{correlation_time_s}: {ratio}");

@@ -1,10 +1,11 @@
-//! From a recording to the equations of its manoeuvres: counts between two instants, and what may not be used and why.
+//! Observations: the counts of a manoeuvre between two instants and its rotation, and the data that cannot be used.
 
-use geu_model::attitude::RecordedAttitude;
 use geu_model::package::Calibration;
 use geu_protocol::Gyro;
+use geu_recording::ReferenceAttitude;
 
 use crate::counts::{AccumulatedCounts, Discontinuity, Interpolation};
+use crate::effects::EffectContribution;
 use crate::noise::{ErrorSource, ErrorTerm, ROUNDING_VARIANCE};
 use crate::solve::{Observation, own_axis};
 use crate::window::ManoeuvreWindow;
@@ -15,7 +16,7 @@ pub struct ExcludedData {
     pub name: String,
     /// Start on the time scale of the list, s.
     pub start_s: f64,
-    /// The gyro, where only that one is left out.
+    /// The excluded gyro; `None` for the whole manoeuvre.
     pub gyro: Option<Gyro>,
     pub why: String,
 }
@@ -27,160 +28,140 @@ impl std::fmt::Display for ExcludedData {
     }
 }
 
-/// Counts with everything that configured effects add taken off.
+/// Counts without the contributions of configured effects.
 #[derive(Debug, Clone, Copy)]
 pub struct CompensatedCounts<'a> {
     pub counts: &'a AccumulatedCounts,
-    /// What effects of the configuration added up to each node, counts.
-    pub effects: Option<&'a crate::effects::EffectContribution>,
+    pub effects: Option<&'a EffectContribution>,
 }
 
 impl CompensatedCounts<'_> {
-    /// What each gyro counted up to a node, without the effects.
+    /// Counts of each gyro up to a node.
     pub fn at_node(&self, node: usize) -> [f64; 4] {
         let added = self.effects.map_or([0.0; 4], |effects| effects.at_node(node));
         std::array::from_fn(|gyro| self.counts.accumulated[gyro][node] - added[gyro])
     }
 
-    /// What a gyro counted over a stretch, without the effects.
+    /// Counts of a gyro between two instants.
     pub fn between(&self, gyro: usize, from: &Interpolation, to: &Interpolation) -> f64 {
         let counted = self.counts.count(gyro, to) - self.counts.count(gyro, from);
         counted - self.effects.map_or(0.0, |effects| effects.between(gyro, from, to))
     }
 
-    /// Counts of each gyro over a window, and their disturbances; what is broken is added to `left_out`. Nothing where no gyro
-    /// has counts that can be trusted.
+    /// Counts of each gyro between two instants, with their errors; the rotation is still to add. Gyros with broken counts
+    /// are added to `left_out`.
+    ///
+    /// # Errors
+    /// The reason, if one discontinuity breaks the counts of all gyros.
     pub(crate) fn observe(
         &self,
         window: &ManoeuvreWindow,
-        from: &Interpolation,
-        to: &Interpolation,
+        [from, to]: [&Interpolation; 2],
+        [start_s, end_s]: [f64; 2],
         left_out: &mut Vec<ExcludedData>,
-    ) -> Option<([Option<f64>; 4], Vec<ErrorTerm>)> {
-        let mut disturbances = Vec::new();
-        let leave = |gyro: Option<Gyro>, broken: &Discontinuity| {
-            let at_s = self.counts.start_ns as f64 * 1e-9 + self.counts.node_s[broken.from];
-            let why = format!("{} at {at_s:.1} s", broken.kind);
-            ExcludedData { name: window.name.clone(), start_s: window.start_s, gyro, why }
-        };
+    ) -> Result<Observation, String> {
         let breaks: [Option<&Discontinuity>; 4] = std::array::from_fn(|gyro| self.counts.broken(gyro, from, to));
-        if let [Some(first), Some(_), Some(_), Some(_)] = breaks
-            && breaks.iter().all(|found| *found == Some(first))
-        {
-            left_out.push(leave(None, first));
-            return None;
+        if let Some(first) = breaks[0].filter(|&first| breaks.iter().all(|found| *found == Some(first))) {
+            return Err(self.counts.describe(first));
         }
+        let mut disturbances = Vec::new();
         let counts = std::array::from_fn(|gyro| {
             if let Some(broken) = breaks[gyro] {
-                left_out.push(leave(Some(Gyro::ALL[gyro]), broken));
+                left_out.push(window.excluded(Some(Gyro::ALL[gyro]), self.counts.describe(broken)));
                 return None;
             }
-            for (reading, sign) in [(to, 1.0), (from, -1.0)] {
-                for (index, weight) in reading.weights.iter().enumerate().filter(|(_, weight)| **weight != 0.0) {
-                    let mut part = [0.0; 4];
-                    part[gyro] = sign * weight;
-                    disturbances.push(ErrorTerm {
-                        source: ErrorSource::Rounding { gyro, node: reading.first + index },
-                        variance: ROUNDING_VARIANCE,
-                        counts: part,
-                        rotation_control_arcsec: [0.0; 3],
-                    });
-                }
+            for (end, sign) in [(to, 1.0), (from, -1.0)] {
+                disturbances.extend(end.nodes().map(|(node, weight)| {
+                    ErrorTerm::of_count(ErrorSource::Rounding { gyro, node }, ROUNDING_VARIANCE, gyro, sign * weight)
+                }));
             }
-            if let Some(effects) = self.effects {
-                disturbances.extend(effects.disturbance(gyro, from, to));
-            }
+            disturbances.extend(self.effects.and_then(|effects| effects.disturbance(gyro, from, to)));
             Some(self.between(gyro, from, to))
         });
-        Some((counts, disturbances))
+        Ok(Observation {
+            name: window.name.clone(),
+            start_s,
+            end_s,
+            samples: to.samples - from.samples,
+            counts,
+            rotation_control_arcsec: [0.0; 3],
+            disturbances,
+        })
     }
 }
 
-/// A microsecond of an instant, by which sources are told apart.
-pub(crate) fn micros(t_s: f64) -> i64 {
-    (t_s * 1e6).round() as i64
-}
-
-/// A reference attitude on the time scale of the counts.
-#[derive(Debug, Clone, Copy)]
-pub struct ReferenceSeries<'a> {
-    pub truth: &'a RecordedAttitude,
-    /// Its time 0, ns on the time scale of the capture.
-    pub start_ns: i64,
-    /// Its noise about each axis, 1 sigma.
-    pub sigma_arcsec: [f64; 3],
-}
-
-/// How far beyond its ends a reference is believed: what receive times can be off.
-const BEYOND_S: f64 = 0.05;
-
-/// The equations of `windows`, with the rotations of a reference attitude. Windows begin and end at the nearest half
-/// second, where counts need no interpolation.
-pub fn with_reference(
-    measured: &CompensatedCounts,
+/// Observes each of `windows`; windows that `observe` refuses are left out, with the reason.
+pub(crate) fn observe_each(
     windows: &[ManoeuvreWindow],
-    known: &ReferenceSeries,
+    mut observe: impl FnMut(&ManoeuvreWindow, &mut Vec<ExcludedData>) -> Result<Observation, String>,
 ) -> (Vec<Observation>, Vec<ExcludedData>) {
-    let counts = measured.counts;
     let (mut observations, mut left_out) = (Vec::new(), Vec::new());
-    let ReferenceSeries { truth, start_ns, sigma_arcsec } = *known;
-    let reference_s = (counts.start_ns - start_ns) as f64 * 1e-9;
-    let start_s = counts.start_ns as f64 * 1e-9;
-    let mut near = 0;
     for window in windows {
-        let mut leave = |why: String| {
-            left_out.push(ExcludedData { name: window.name.clone(), start_s: window.start_s, gyro: None, why });
-        };
-        // A window without an end ends with the recording.
-        let end_s = if window.end_s.is_finite() { window.end_s - start_s } else { counts.end_s() };
-        let (Some(from), Some(to)) = (counts.nearest(window.start_s - start_s), counts.nearest(end_s)) else {
-            leave(outside(counts, window));
-            continue;
-        };
-        if to <= from + 1 {
-            leave("it is shorter than two samples".to_owned());
-            continue;
+        match observe(window, &mut left_out) {
+            Ok(observation) => observations.push(observation),
+            Err(why) => left_out.push(window.excluded(None, why)),
         }
-        let ends_s = [from, to].map(|node| counts.node_s[node] + reference_s);
-        if ends_s[0] < truth.start_s() - BEYOND_S || ends_s[1] > truth.end_s() + BEYOND_S {
-            let zero_s = start_ns as f64 * 1e-9;
-            let told = format!("{:.1}…{:.1} s", zero_s + truth.start_s(), zero_s + truth.end_s());
-            leave(format!("the reference does not cover it: it tells {told}"));
-            continue;
-        }
-        let [before, after] = ends_s.map(|t_s| truth.at(t_s, &mut near).0);
-        let (from, to) = (counts.at_node(from), counts.at_node(to));
-        let Some((own, mut disturbances)) = measured.observe(window, &from, &to, &mut left_out) else { continue };
-        for (axis, sigma_arcsec) in sigma_arcsec.into_iter().enumerate().filter(|(_, sigma)| *sigma > 0.0) {
-            for (t_s, sign) in ends_s.into_iter().zip([-1.0, 1.0]) {
-                let mut part = [0.0; 3];
-                part[axis] = sign;
-                disturbances.push(ErrorTerm {
-                    source: ErrorSource::Reference { axis, at_us: micros(t_s) },
-                    variance: sigma_arcsec * sigma_arcsec,
-                    counts: [0.0; 4],
-                    rotation_control_arcsec: part,
-                });
-            }
-        }
-        observations.push(Observation {
-            name: window.name.clone(),
-            start_s: counts.node_s[from.samples as usize],
-            end_s: counts.node_s[to.samples as usize],
-            samples: to.samples - from.samples,
-            counts: own,
-            rotation_control_arcsec: std::array::from_fn(|axis| after[axis] - before[axis]),
-            disturbances,
-        });
     }
     (observations, left_out)
 }
 
+/// An instant in microseconds, which identifies an error source.
+pub(crate) fn micros(t_s: f64) -> i64 {
+    (t_s * 1e6).round() as i64
+}
+
+/// Extrapolation of a reference at its ends, s: the error of receive times.
+const BEYOND_S: f64 = 0.05;
+
+/// Observations of `windows` with the rotations of a reference attitude, whose noise about each axis is `sigma_arcsec`.
+/// Windows start and end at the nearest node, where counts need no interpolation.
+pub fn with_reference(
+    measured: &CompensatedCounts,
+    windows: &[ManoeuvreWindow],
+    reference: &ReferenceAttitude,
+    sigma_arcsec: [f64; 3],
+) -> (Vec<Observation>, Vec<ExcludedData>) {
+    let (counts, truth) = (measured.counts, &reference.truth);
+    let (start_s, offset_s, mut near) = (counts.start_s(), counts.offset_s(reference), 0);
+    observe_each(windows, |window, left_out| {
+        // A window without an end ends with the recording.
+        let end_s = if window.end_s.is_finite() { window.end_s - start_s } else { counts.end_s() };
+        let (Some(from), Some(to)) = (counts.nearest(window.start_s - start_s), counts.nearest(end_s)) else {
+            return Err(outside(counts, window));
+        };
+        if to <= from + 1 {
+            return Err(TOO_SHORT.to_owned());
+        }
+        let ends_s = [from, to].map(|node| counts.node_s[node] + offset_s);
+        if ends_s[0] < truth.start_s() - BEYOND_S || ends_s[1] > truth.end_s() + BEYOND_S {
+            let zero_s = reference.start_ns as f64 * 1e-9;
+            let (from_s, to_s) = (zero_s + truth.start_s(), zero_s + truth.end_s());
+            return Err(format!("the reference does not cover it: it covers {from_s:.1}…{to_s:.1} s"));
+        }
+        let [before, after] = ends_s.map(|t_s| truth.at(t_s, &mut near).0);
+        let nodes_s = [counts.node_s[from], counts.node_s[to]];
+        let mut observation =
+            measured.observe(window, [&counts.at_node(from), &counts.at_node(to)], nodes_s, left_out)?;
+        observation.rotation_control_arcsec = std::array::from_fn(|axis| after[axis] - before[axis]);
+        for (axis, sigma_arcsec) in sigma_arcsec.into_iter().enumerate().filter(|(_, sigma)| *sigma > 0.0) {
+            for (t_s, sign) in ends_s.into_iter().zip([-1.0, 1.0]) {
+                let mut rotation = [0.0; 3];
+                rotation[axis] = sign;
+                let source = ErrorSource::Reference { axis, at_us: micros(t_s) };
+                observation.disturbances.push(ErrorTerm::of_rotation(source, sigma_arcsec * sigma_arcsec, rotation));
+            }
+        }
+        Ok(observation)
+    })
+}
+
+pub(crate) const TOO_SHORT: &str = "it is shorter than two samples";
+
+/// The reason to exclude a window that lies outside the recording.
 pub(crate) fn outside(counts: &AccumulatedCounts, window: &ManoeuvreWindow) -> String {
-    let start_s = counts.start_ns as f64 * 1e-9;
+    let (start_s, end_s) = (counts.start_s(), counts.start_s() + counts.end_s());
     format!(
-        "the recording does not cover it: it holds {start_s:.1}…{:.1} s, and it lasts until {:.1} s",
-        start_s + counts.end_s(),
+        "the recording does not cover it: it holds {start_s:.1}…{end_s:.1} s, and it lasts until {:.1} s",
         window.end_s
     )
 }
@@ -188,16 +169,14 @@ pub(crate) fn outside(counts: &AccumulatedCounts, window: &ManoeuvreWindow) -> S
 /// Mean square of a normal deviate without the largest hundredth of its squares.
 const TRIMMED: f64 = 0.9247;
 
-/// White noise of a reference about each control axis, arcsec, from its second differences against the counts, in which
-/// motion, drift and scale factors have no part. What does not stand out of the rounding by a fifth of an arcsecond is
-/// none.
+/// Estimates the white noise of a reference about each control axis, arcsec, from its second differences against the
+/// counts, in which motion, drift and scale factors cancel. Noise below 0.2″ over the rounding counts as 0.
 pub fn reference_sigma_arcsec(
     counts: &AccumulatedCounts,
-    truth: &RecordedAttitude,
-    start_ns: i64,
+    reference: &ReferenceAttitude,
     calibrations: &[Calibration; 4],
 ) -> [f64; 3] {
-    let offset_s = (counts.start_ns - start_ns) as f64 * 1e-9;
+    let (truth, offset_s) = (&reference.truth, counts.offset_s(reference));
     let mut sigmas = [0.0; 3];
     for gyro in [Gyro::X, Gyro::Y, Gyro::Za] {
         let (axis, mut near) = (own_axis(gyro), 0);

@@ -1,30 +1,18 @@
-//! Motion about the sun vector and with it: eqs 5–13 of the paper.
+//! Motion about the sun vector and with it: eqs 5–7 of the paper, integrated along a path.
 //!
-//! θ is the solar aspect angle, ψ the angle about the sun vector. The general method integrates eqs 5 and 7 along a path;
-//! the closed forms stand here for what they are: eq 8 for θ and ψ held (with −sin ψ in its middle row, where the paper
-//! prints −sin θ; eq 13 has it right), eqs 9–13 for a pointing that holds the star instead, Δφ_z = 0.
+//! θ is the solar aspect angle, ψ the angle about the sun vector. The tests compare with the closed forms: eq 8 for θ and ψ
+//! held (with −sin ψ in its middle row; the paper prints −sin θ there, and −sin ψ in eq 13), eqs 9–13 for a pointing that
+//! holds the star instead, Δφ_z = 0.
 
 use geu_model::units::{ARCSEC_PER_RAD, SUN_RATE_RAD_S};
-use libm::{cos, sin, sincos, tan};
+use libm::sincos;
 
 /// The sun's angular velocity, arcsec/s.
-pub const SUN_RATE_ARCSEC_S: f64 = SUN_RATE_RAD_S * ARCSEC_PER_RAD;
-
-/// Components of the sun's motion along the control axes, arcsec/s (eq 6).
-pub fn sun_rate_control_arcsec_s(theta_rad: f64, psi_rad: f64) -> [f64; 3] {
-    sun_rate(sincos(theta_rad), sincos(psi_rad))
-}
+const SUN_RATE_ARCSEC_S: f64 = SUN_RATE_RAD_S * ARCSEC_PER_RAD;
 
 /// Equation 6 from sine and cosine of θ and of ψ.
 fn sun_rate((sin_theta, cos_theta): (f64, f64), (sin_psi, cos_psi): (f64, f64)) -> [f64; 3] {
     [cos_psi * sin_theta, -sin_psi, -cos_psi * cos_theta].map(|part| part * SUN_RATE_ARCSEC_S)
-}
-
-/// Inertial rate where the pointing holds the star, so that nothing turns about Z (eqs 9–13), arcsec/s: the sun-referenced
-/// turn about Z makes up for the sun's, and brings one about X with it (eq 10).
-pub fn star_pointing_rate_control_arcsec_s(theta_rad: f64, psi_rad: f64) -> [f64; 3] {
-    let about_x = cos(psi_rad) * (cos(theta_rad) / tan(theta_rad) + sin(theta_rad));
-    [SUN_RATE_ARCSEC_S * about_x, -SUN_RATE_ARCSEC_S * sin(psi_rad), 0.0]
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -64,11 +52,25 @@ pub fn follow(from: &Point, t_s: f64, about_y_arcsec: f64, about_z_arcsec: f64) 
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use geu_model::units::RAD_PER_DEG;
+    use libm::{cos, sin, tan};
 
-    /// 360° per 365.25 d in arcsec/s: 1 296 000 / 31 557 600, by hand.
+    use super::*;
+
+    /// 360° per 365.25 d in arcsec/s: 1 296 000 / 31 557 600.
     const RATE: f64 = 0.041_067_761;
+
+    /// Components of the sun's motion along the control axes, arcsec/s (eq 6).
+    fn sun_rate_control_arcsec_s(theta_rad: f64, psi_rad: f64) -> [f64; 3] {
+        sun_rate(sincos(theta_rad), sincos(psi_rad))
+    }
+
+    /// Inertial rate of a pointing that holds the star, without rotation about Z (eqs 9–13), arcsec/s: the sun-referenced
+    /// rotation about Z compensates the sun's, and adds one about X (eq 10).
+    fn star_pointing_rate_control_arcsec_s(theta_rad: f64, psi_rad: f64) -> [f64; 3] {
+        let about_x = cos(psi_rad) * (cos(theta_rad) / tan(theta_rad) + sin(theta_rad));
+        [SUN_RATE_ARCSEC_S * about_x, -SUN_RATE_ARCSEC_S * sin(psi_rad), 0.0]
+    }
 
     fn close(got: [f64; 3], expected: [f64; 3]) {
         for (got, expected) in got.into_iter().zip(expected) {
@@ -78,7 +80,7 @@ mod tests {
 
     #[test]
     fn the_sun_moves_along_the_control_axes_as_eq_6_says() {
-        // θ = 60°, ψ = 30°, by hand: cos 30 sin 60 = 3/4, −sin 30 = −1/2, −cos 30 cos 60 = −√3/4.
+        // θ = 60°, ψ = 30°: cos 30 sin 60 = 3/4, −sin 30 = −1/2, −cos 30 cos 60 = −√3/4.
         let rates = sun_rate_control_arcsec_s(60.0 * RAD_PER_DEG, 30.0 * RAD_PER_DEG);
         close(rates, [0.75 * RATE, -0.5 * RATE, -0.433_012_702 * RATE]);
         // The paper prints −sin θ in the middle row of eq 8, −0.866 here: a misprint.

@@ -1,5 +1,5 @@
-//! The on-board side (Casteren §4): equation 3 on samples as they come, the attitude they turn to, and the redundant
-//! pair watched.
+//! On-board attitude determination (Casteren §4): equation 3 on each sample, the attitude, and the parity check of the
+//! redundant pair.
 //!
 //! ```
 //! use geu_calibration::{PriorCalibration, GyroSelection, Tracker};
@@ -8,10 +8,10 @@
 //! use nalgebra::UnitQuaternion;
 //!
 //! let configuration = Configuration::reference();
-//! let believed = PriorCalibration::from(&configuration);
-//! let mut tracker = Tracker::new(&believed, GyroSelection::Za, UnitQuaternion::identity());
+//! let prior = PriorCalibration::from(&configuration);
+//! let mut tracker = Tracker::new(&prior, GyroSelection::Za, UnitQuaternion::identity());
 //! let sample = GyroUnit::new(&configuration).end_sample().sample;
-//! let track = tracker.take(&ReceivedSample { time: None, is_received: false, sample, has_clock: true }).unwrap();
+//! let track = tracker.push(&ReceivedSample { time: None, is_received: false, sample, has_clock: true }).unwrap();
 //! // No count of GYRX in the first sample interval: its drift remains, and a trace of Y and Z.
 //! assert!((track.increment_control_arcsec.unwrap()[0] - 0.21).abs() < 1e-3);
 //! ```
@@ -19,72 +19,69 @@
 mod selection;
 
 use geu_model::units::ARCSEC_PER_RAD;
+use geu_protocol::Sample;
 use geu_protocol::capture::Timestamp;
-use geu_protocol::continuity::{Continuity, SequenceStep};
-use geu_protocol::field::unit_flag;
-use geu_protocol::{Gyro, Sample};
+use geu_protocol::continuity::{Continuity, MAX_MISSING, SequenceStep};
 use geu_recording::ReceivedSample;
 use nalgebra::{UnitQuaternion, Vector3};
 
-use crate::believed::PriorCalibration;
-use crate::counts::BreakKind;
-use crate::redundancy::{ParityMonitor, ParityResult, ParityTest};
+use crate::counts::{BreakKind, increments, unusable};
+use crate::parity::{ParityMonitor, ParityResult};
+use crate::prior::PriorCalibration;
 use crate::transfer::{GyroSet, Transfer};
-pub use selection::{GyroSelection, Reason, TrackerEvent, in_use_name};
+pub use selection::{GyroSelection, Reason, TrackerEvent, gyro_set_name};
 
-/// A restart of the sequence within so long of the sample before took none with it.
+/// A restart of the sequence within this time of the sample before lost no sample.
 const NEXT_NS: i64 = 750_000_000;
-/// A gap longer than a week is a wrong word, not a gap.
-const LONGEST_GAP: u64 = 1_209_600;
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct Track {
     pub time: Option<Timestamp>,
     pub sample: Sample,
-    /// Rotation about the control axes over the sample interval (eq 3), where the gyros in use measured it.
+    /// Rotation about the control axes over the sample interval (eq 3); `None` if the gyros in use did not measure it.
     pub increment_control_arcsec: Option<[f64; 3]>,
     pub angle_control_arcsec: [f64; 3],
     /// Control frame to inertial.
     pub attitude: UnitQuaternion<f64>,
-    /// Whether the attitude holds every sample since the start.
+    /// True if the attitude includes every sample since the start.
     pub is_complete: bool,
-    /// Samples it lacks, as far as sequence and clock tell.
+    /// Number of samples missing from it, by sequence and clock.
     pub lost_samples: u64,
     pub in_use: Option<GyroSet>,
-    /// The redundant pair, where both measured.
-    pub redundancy: Option<ParityResult>,
-    /// Why the increments before or of this sample are not there, or not to be relied on.
+    /// The parity check, if both gyros of the redundant pair measured.
+    pub parity: Option<ParityResult>,
+    /// Why increments before or of this sample are missing or unusable.
     pub reasons: Vec<Reason>,
     pub events: Vec<TrackerEvent>,
 }
 
-/// Applies equation 3 to samples in the order of their coming.
+/// Applies equation 3 to samples in order.
 #[derive(Debug, Clone)]
 pub struct Tracker {
     choice: GyroSelection,
     transfers: Vec<(GyroSet, Transfer)>,
-    redundancy: ParityMonitor,
+    parity: ParityMonitor,
     continuity: Continuity,
     last_time: Option<Timestamp>,
     in_use: GyroSet,
     angle_control_arcsec: [f64; 3],
     attitude: UnitQuaternion<f64>,
-    /// Increment of the sample before, rad, where it was there.
+    /// Increment of the sample before, rad, if it has one.
     before_control_rad: Option<Vector3<f64>>,
     is_complete: bool,
     lost_samples: u64,
-    /// Samples without increments until now.
+    /// Number of samples without increments up to now.
     without: u64,
 }
 
 impl Tracker {
     /// A tracker before the first sample, with the attitude at its start (control frame to inertial).
-    pub fn new(believed: &PriorCalibration, choice: GyroSelection, attitude: UnitQuaternion<f64>) -> Tracker {
+    pub fn new(prior: &PriorCalibration, choice: GyroSelection, attitude: UnitQuaternion<f64>) -> Tracker {
         let candidates = choice.candidates();
         Tracker {
             choice,
-            transfers: candidates.iter().map(|&use_| (use_, Transfer::new(&believed.calibrations, use_))).collect(),
-            redundancy: ParityMonitor::new(believed),
+            transfers: candidates.iter().map(|&use_| (use_, Transfer::new(&prior.calibrations, use_))).collect(),
+            parity: ParityMonitor::new(prior),
             continuity: Continuity::default(),
             last_time: None,
             in_use: candidates[0],
@@ -97,8 +94,8 @@ impl Tracker {
         }
     }
 
-    /// Takes a sample; nothing comes of one that is told again.
-    pub fn take(&mut self, row: &ReceivedSample) -> Option<Track> {
+    /// Processes a sample; `None` for a repeated one.
+    pub fn push(&mut self, row: &ReceivedSample) -> Option<Track> {
         let sample = row.sample;
         let step = self.continuity.step(sample.sequence, row.has_clock.then_some(sample.clock_count));
         let time = row.time.filter(|_| row.is_received);
@@ -106,8 +103,8 @@ impl Tracker {
         let missing = match step {
             SequenceStep::First | SequenceStep::Next => None,
             SequenceStep::Repeat => return None,
-            SequenceStep::Gap(missing) => Some((BreakKind::Gap(missing), missing.min(LONGEST_GAP))),
-            // RESET_SEQUENCE takes no sample with it; a restart of the unit does.
+            SequenceStep::Gap(missing) => Some((BreakKind::Gap(missing), missing.min(MAX_MISSING))),
+            // RESET_SEQUENCE loses no sample; a restart of the unit does.
             SequenceStep::Reset if sample.sequence == 0 && passed_ns.is_some_and(|ns| (0..NEXT_NS).contains(&ns)) => {
                 None
             }
@@ -118,69 +115,70 @@ impl Tracker {
         let (mut reasons, mut events) = (vec![], vec![]);
         if let Some((kind, samples)) = missing {
             reasons.push(Reason { kind, gyros: [true; 4] });
-            self.redundancy.skip(samples);
+            self.parity.skip(samples);
             self.lose(samples);
             events.push(TrackerEvent::Lost { kind, gyros: [true; 4], other: None });
         }
-
-        let measured = measured(&sample, &mut reasons);
-        let counts = sample.increments.map(f64::from);
-        let redundancy = if measured == [true; 4] {
-            Some(self.redundancy.take(counts))
+        let unusable = unusable(&sample).into_iter().filter(|(_, gyros)| gyros.contains(&true));
+        reasons.extend(unusable.clone().map(|(kind, gyros)| Reason { kind, gyros }));
+        let measured: [bool; 4] = std::array::from_fn(|gyro| !unusable.clone().any(|(_, gyros)| gyros[gyro]));
+        let counts = increments(&sample);
+        let parity = if measured == [true; 4] {
+            Some(self.parity.push(counts))
         } else {
-            self.redundancy.skip(1);
+            self.parity.skip(1);
             None
         };
-        for (test, index) in [(ParityTest::Window, 0), (ParityTest::Start, 1)] {
-            let Some(checked) = &redundancy else { break };
-            let difference = [checked.window.unwrap_or_default(), checked.accumulated][index];
-            events.extend(checked.changed[index].map(|exceeds| match exceeds {
-                true => TrackerEvent::Exceeds(test, difference),
-                false => TrackerEvent::Recovered(test, difference),
-            }));
-        }
-
-        let serves = |in_use: GyroSet| (0..4).all(|gyro| measured[gyro] || !in_use.gyros()[gyro]);
-        let found = self.transfers.iter().find(|(in_use, _)| serves(*in_use)).copied();
-        let increment = found.map(|(_, transfer)| transfer.about_control_arcsec(counts, 1.0));
-        match (found, increment) {
-            (Some((in_use, _)), Some(increment)) => {
-                if self.without > 0 {
-                    events.push(TrackerEvent::Again { samples: self.without });
-                }
-                if in_use != self.in_use {
-                    events.push(TrackerEvent::Switched(in_use));
-                }
-                (self.in_use, self.without) = (in_use, 0);
-                self.turn(increment);
-            }
-            _ => {
-                let reason = reasons.iter().rev().find(|reason| {
-                    let concerned = |in_use: GyroSet| (0..4).any(|gyro| reason.gyros[gyro] && in_use.gyros()[gyro]);
-                    self.transfers.iter().any(|(in_use, _)| concerned(*in_use))
-                });
-                if let Some(&Reason { kind, gyros }) = reason.filter(|_| self.without == 0) {
-                    let others = [(GyroSelection::Za, GyroSet::WithZa), (GyroSelection::Zb, GyroSet::WithZb)];
-                    let other = others.into_iter().find(|&(choice, in_use)| choice != self.choice && serves(in_use));
-                    events.push(TrackerEvent::Lost { kind, gyros, other: other.map(|(choice, _)| choice) });
-                }
-                self.without += 1;
-                self.lose(1);
-            }
-        }
+        events.extend(parity.iter().flat_map(ParityResult::events));
+        let used = self.turn_by(counts, measured, &reasons, &mut events);
         Some(Track {
             time: row.time,
             sample,
-            increment_control_arcsec: increment,
+            increment_control_arcsec: used.map(|(_, increment)| increment),
             angle_control_arcsec: self.angle_control_arcsec,
             attitude: self.attitude,
             is_complete: self.is_complete,
             lost_samples: self.lost_samples,
-            in_use: found.map(|(in_use, _)| in_use),
-            redundancy,
+            in_use: used.map(|(in_use, _)| in_use),
+            parity,
             reasons,
             events,
         })
+    }
+
+    /// Turns the attitude by the counts of the first set of gyros that all measured; returns the set and the increment.
+    fn turn_by(
+        &mut self,
+        counts: [f64; 4],
+        measured: [bool; 4],
+        reasons: &[Reason],
+        events: &mut Vec<TrackerEvent>,
+    ) -> Option<(GyroSet, [f64; 3])> {
+        let is_measured = |in_use: GyroSet| (0..4).all(|gyro| measured[gyro] || !in_use.gyros()[gyro]);
+        let Some(&(in_use, transfer)) = self.transfers.iter().find(|(in_use, _)| is_measured(*in_use)) else {
+            let concerns = |reason: &&Reason| {
+                let uses = |in_use: GyroSet| (0..4).any(|gyro| reason.gyros[gyro] && in_use.gyros()[gyro]);
+                self.transfers.iter().any(|(in_use, _)| uses(*in_use))
+            };
+            if let Some(&Reason { kind, gyros }) = reasons.iter().rev().find(concerns).filter(|_| self.without == 0) {
+                let others = [(GyroSelection::Za, GyroSet::WithZa), (GyroSelection::Zb, GyroSet::WithZb)];
+                let other = others.into_iter().find(|&(choice, in_use)| choice != self.choice && is_measured(in_use));
+                events.push(TrackerEvent::Lost { kind, gyros, other: other.map(|(choice, _)| choice) });
+            }
+            self.without += 1;
+            self.lose(1);
+            return None;
+        };
+        if self.without > 0 {
+            events.push(TrackerEvent::Again { samples: self.without });
+        }
+        if in_use != self.in_use {
+            events.push(TrackerEvent::Switched(in_use));
+        }
+        (self.in_use, self.without) = (in_use, 0);
+        let increment = transfer.about_control_arcsec(counts, 1.0);
+        self.turn(increment);
+        Some((in_use, increment))
     }
 
     fn lose(&mut self, samples: u64) {
@@ -189,7 +187,7 @@ impl Tracker {
         self.before_control_rad = None;
     }
 
-    /// Turns the attitude by an increment. Its parts are integrals of rates about axes that turn themselves: where the rate
+    /// Turns the attitude by an increment. Its parts are integrals of rates about axes that turn themselves: if the rate
     /// changes its direction, the rotation vector has half the integral of angle × rate more (Bortz), which a rate linear
     /// over this sample interval and the one before makes Δ₋₁ × Δ / 12.
     fn turn(&mut self, increment_control_arcsec: [f64; 3]) {
@@ -204,21 +202,12 @@ impl Tracker {
     }
 }
 
-/// Which gyros measured the sample, and why the others did not.
-fn measured(sample: &Sample, reasons: &mut Vec<Reason>) -> [bool; 4] {
-    let bits = |first: u8| Gyro::ALL.map(|gyro| sample.gyro_flags >> (first + gyro as u8) & 1 != 0);
-    let (invalid, saturated) = (bits(0).map(|valid| !valid), bits(4));
-    let self_test = [sample.unit_flags & unit_flag("self_test") != 0; 4];
-    let found = [(BreakKind::SelfTest, self_test), (BreakKind::Invalid, invalid), (BreakKind::Saturated, saturated)];
-    reasons
-        .extend(found.iter().filter(|(_, gyros)| gyros.contains(&true)).map(|&(kind, gyros)| Reason { kind, gyros }));
-    std::array::from_fn(|gyro| !found.iter().any(|(_, gyros)| gyros[gyro]))
-}
-
 #[cfg(test)]
 mod tests {
-    use super::*;
     use geu_model::{Configuration, GyroUnit};
+    use geu_protocol::field::unit_flag;
+
+    use super::*;
 
     fn row(sample: Sample) -> ReceivedSample {
         ReceivedSample { time: None, is_received: false, sample, has_clock: true }
@@ -237,9 +226,9 @@ mod tests {
     }
 
     fn track(choice: GyroSelection, samples: &[Sample]) -> Vec<Track> {
-        let believed = PriorCalibration::from(&Configuration::parse("neutral", "", &[]).unwrap());
-        let mut tracker = Tracker::new(&believed, choice, UnitQuaternion::identity());
-        samples.iter().filter_map(|&sample| tracker.take(&row(sample))).collect()
+        let prior = PriorCalibration::from(&Configuration::parse("neutral", "", &[]).unwrap());
+        let mut tracker = Tracker::new(&prior, choice, UnitQuaternion::identity());
+        samples.iter().filter_map(|&sample| tracker.push(&row(sample))).collect()
     }
 
     /// Turning about Z while the input to X goes round: a cone, whose attitude is known at every instant. R = Rz(at)·Rx(b)
@@ -286,15 +275,15 @@ mod tests {
             GyroUnit::new(&configuration),
             Tracker::new(&PriorCalibration::from(&configuration), GyroSelection::All, UnitQuaternion::identity()),
         );
-        let last = (0..172_800).filter_map(|_| tracker.take(&row(unit.end_sample().sample))).last().unwrap();
+        let last = (0..172_800).filter_map(|_| tracker.push(&row(unit.end_sample().sample))).last().unwrap();
         assert!(last.is_complete && last.lost_samples == 0 && last.events.is_empty());
         assert!((last.attitude.norm() - 1.0).abs() < 1e-12);
-        let checked = last.redundancy.unwrap();
+        let checked = last.parity.unwrap();
         assert!(checked.accumulated.sigmas() < 5.0 && checked.window.unwrap().sigmas() < 5.0, "{checked:?}");
     }
 
     #[test]
-    fn a_gap_is_told_once_and_leaves_the_attitude_incomplete() {
+    fn a_gap_is_reported_once_and_leaves_the_attitude_incomplete() {
         let mut samples = still(10);
         samples.drain(4..6);
         samples.insert(5, samples[4]);
@@ -309,7 +298,7 @@ mod tests {
     }
 
     #[test]
-    fn without_gyrza_the_choice_decides_whether_it_goes_on() {
+    fn without_gyrza_tracking_continues_only_with_another_selection() {
         let mut samples = still(6);
         for sample in &mut samples[2..4] {
             sample.gyro_flags &= !4;
@@ -320,16 +309,16 @@ mod tests {
         };
         let tracks = track(GyroSelection::Za, &samples);
         assert_eq!(tracks[3].increment_control_arcsec, None);
-        assert_eq!((tracks[3].redundancy, tracks[3].lost_samples), (None, 2));
+        assert_eq!((tracks[3].parity, tracks[3].lost_samples), (None, 2));
         let expected = [
-            "GYRZA: the count is not valid; the attitude lacks what the unit turned meanwhile; --gyros zb would go on",
+            "GYRZA: the count is not valid; the attitude lacks what the unit turned meanwhile; --gyros zb would continue",
             "increments again, after 2 samples without",
         ];
         assert_eq!(events(&tracks), expected);
         let tracks = track(GyroSelection::Auto, &samples);
         assert_eq!(tracks[5].angle_control_arcsec, [0.0, 0.0, 14.0]);
         assert!(tracks[5].is_complete);
-        assert_eq!(events(&tracks), ["goes on with zb", "goes on with za"]);
+        assert_eq!(events(&tracks), ["continues with zb", "continues with za"]);
         assert!(track(GyroSelection::Zb, &samples)[5].events.is_empty());
         assert!(!track(GyroSelection::All, &samples)[5].is_complete);
     }
@@ -347,17 +336,17 @@ mod tests {
     }
 
     #[test]
-    fn a_reset_of_the_sequence_loses_nothing_where_times_show_it() {
+    fn a_reset_of_the_sequence_loses_no_sample_if_times_are_continuous() {
         let mut samples = still(4);
         for (index, sample) in samples[2..].iter_mut().enumerate() {
             (sample.sequence, sample.clock_count) = (index as u16, (index as u64 + 1) * 500_000);
         }
-        let believed = PriorCalibration::from(&Configuration::reference());
+        let prior = PriorCalibration::from(&Configuration::reference());
         let complete = |interval_ns: i64| {
-            let mut tracker = Tracker::new(&believed, GyroSelection::Za, UnitQuaternion::identity());
+            let mut tracker = Tracker::new(&prior, GyroSelection::Za, UnitQuaternion::identity());
             let tracks = samples.iter().zip(1..).filter_map(|(&sample, index)| {
                 let time = Some(Timestamp { t_ns: index * interval_ns, digits: 6 });
-                tracker.take(&ReceivedSample { time, is_received: true, ..row(sample) })
+                tracker.push(&ReceivedSample { time, is_received: true, ..row(sample) })
             });
             tracks.last().unwrap().is_complete
         };

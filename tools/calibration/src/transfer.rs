@@ -15,7 +15,7 @@ pub enum GyroSet {
 }
 
 impl GyroSet {
-    /// Whether a gyro takes part, in the order of [`Gyro::ALL`].
+    /// True for each gyro in the set, in the order of [`Gyro::ALL`].
     pub const fn gyros(self) -> [bool; 4] {
         match self {
             GyroSet::WithZa => [true, true, true, false],
@@ -40,7 +40,8 @@ pub struct Transfer {
     scale_factor: Vector4<f64>,
     drift_arcsec_per_half_s: Vector4<f64>,
     matrix: Matrix4x3<f64>,
-    inverse: Matrix3x4<f64>,
+    /// M⁻¹: from rotations about the input axes to those about the control axes.
+    pub(crate) inverse: Matrix3x4<f64>,
 }
 
 impl Transfer {
@@ -64,19 +65,19 @@ impl Transfer {
         }
     }
 
-    /// Rotation about the input axes, arcsec, from counts over so many on-board samples (eq 1).
+    /// Rotation about the input axes, arcsec, from counts over a number of on-board samples (eq 1).
     pub fn about_inputs_arcsec(&self, counts: [f64; 4], samples: f64) -> [f64; 4] {
         let counts = Vector4::from(counts);
         (counts.component_mul(&self.scale_factor) + self.drift_arcsec_per_half_s * samples).into()
     }
 
-    /// Rotation about the control axes, arcsec, from counts over so many on-board samples (eq 3).
+    /// Rotation about the control axes, arcsec, from counts over a number of on-board samples (eq 3).
     pub fn about_control_arcsec(&self, counts: [f64; 4], samples: f64) -> [f64; 3] {
         (self.inverse * Vector4::from(self.about_inputs_arcsec(counts, samples))).into()
     }
 
-    /// What GYRZA tells of its axis more than GYRZB, once both are corrected for the misalignments, arcsec: 0 but for
-    /// errors of the two.
+    /// Parity residual, arcsec: rotation about Z by GYRZA less that by GYRZB, both corrected for the misalignments; 0 without
+    /// errors.
     pub fn redundancy_arcsec(&self, counts: [f64; 4], samples: f64) -> f64 {
         let inputs = self.about_inputs_arcsec(counts, samples);
         let control = Vector3::from(self.about_control_arcsec(counts, samples));
@@ -91,7 +92,7 @@ mod tests {
     use geu_model::Configuration;
 
     #[test]
-    fn what_equation_1_and_2_make_equation_3_takes_back() {
+    fn equation_3_inverts_equations_1_and_2() {
         let calibrations = Configuration::reference().gyros.map(|gyro| gyro.calibration);
         let turned = Vector3::new(100.0, -2000.0, 30_000.0);
         let inputs = misalignment_matrix(&calibrations) * turned;

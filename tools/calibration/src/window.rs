@@ -1,15 +1,16 @@
-//! Which stretches of a recording are evaluated: the manoeuvres of a list, or everything, cut where the unit rests.
+//! The windows of a recording to evaluate: the manoeuvres of a list, or the whole recording, cut where the unit rests.
 
-use std::io::Read;
 use std::path::Path;
 
 use geu_model::units::SAMPLE_INTERVAL_S;
-use geu_recording::{CsvTable, RowReader, TableError, open_rows};
+use geu_protocol::Gyro;
+use geu_recording::{CsvTable, TableError, open_rows};
 
 use crate::counts::AccumulatedCounts;
+use crate::observe::ExcludedData;
 use crate::transfer::Transfer;
 
-/// Legs that serve others and are no calibration manoeuvres (Casteren §5).
+/// Legs that are no calibration manoeuvres (Casteren §5).
 const PRECAUTIONS: [&str; 6] = ["stabilise", "slew", "survey", "raster", "eclipse", "hold"];
 
 #[derive(Debug, Clone, PartialEq)]
@@ -21,30 +22,28 @@ pub struct ManoeuvreWindow {
 }
 
 impl ManoeuvreWindow {
-    /// Whether it is a precaution and no calibration manoeuvre.
+    pub(crate) fn new(name: &str, start_s: f64, end_s: f64) -> ManoeuvreWindow {
+        ManoeuvreWindow { name: name.to_owned(), start_s, end_s }
+    }
+
+    /// The window, or one gyro of it, as data that is not used.
+    pub(crate) fn excluded(&self, gyro: Option<Gyro>, why: String) -> ExcludedData {
+        ExcludedData { name: self.name.clone(), start_s: self.start_s, gyro, why }
+    }
+
+    /// True for a precaution, which is no calibration manoeuvre.
     pub fn is_precaution(&self) -> bool {
         PRECAUTIONS.contains(&self.name.as_str())
     }
 }
 
-/// Reads `manoeuvres.csv`, which may be compressed; in order of time, whatever that of the lines. An empty end is that of the recording (infinite).
+/// Reads `manoeuvres.csv`, which may be compressed, and sorts it by time. An empty end is that of the recording (infinite).
 ///
 /// # Errors
 /// The first line that is no manoeuvre, or overlaps the one before.
 pub fn read(name: &str) -> Result<Vec<ManoeuvreWindow>, TableError> {
     let expected = "manoeuvres, CSV with the columns manoeuvre,start_s,end_s";
-    of_rows(name, open_rows(Path::new(name)).map_err(TableError::read(name, expected))?)
-}
-
-/// Reads a text; `name` is what errors call it.
-///
-/// # Errors
-/// As [`read`].
-pub fn parse(name: &str, text: &str) -> Result<Vec<ManoeuvreWindow>, TableError> {
-    of_rows(name, RowReader::new(text.as_bytes()))
-}
-
-fn of_rows(name: &str, rows: RowReader<impl Read>) -> Result<Vec<ManoeuvreWindow>, TableError> {
+    let rows = open_rows(Path::new(name)).map_err(TableError::read(name, expected))?;
     let mut table = CsvTable::with_short_rows(name, rows)?;
     let [title, start, end] = table.columns(["manoeuvre", "start_s", "end_s"])?;
     let mut windows: Vec<ManoeuvreWindow> = Vec::new();
@@ -60,22 +59,22 @@ fn of_rows(name: &str, rows: RowReader<impl Read>) -> Result<Vec<ManoeuvreWindow
             let expected = format!("a manoeuvre beside the {before} of {from_s}…{to_s} s, not over it");
             return Err(table.unexpected(start, &expected));
         }
-        windows.push(ManoeuvreWindow { name: table.text(title).to_owned(), start_s, end_s });
+        windows.push(ManoeuvreWindow::new(table.text(title), start_s, end_s));
     }
     windows.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
     Ok(windows)
 }
 
-/// Smoothed rates below this are rest: the limit cycle, of 5″/s at most and 5 s (Casteren §3.3), averages out.
+/// Smoothed rates below this count as rest: the limit cycle, of 5″/s at most and 5 s (Casteren §3.3), averages out.
 pub(crate) const REST_ARCSEC_S: f64 = 4.0;
 /// Samples over which rates are smoothed: one period of the limit cycle.
 const SMOOTHED: usize = 10;
-/// Stretches are cut to this length at most, so that scans without a rest still tell their drift; longer in recordings of
-/// weeks, so that they do not become too many to be solved together.
+/// Maximum length of a window, so that scans without a rest still determine their drift; longer in recordings of weeks,
+/// so that the windows can be solved together.
 pub(crate) const LONGEST_SAMPLE_INTERVALS: usize = 3600;
-/// Stretches that a recording is cut into by length alone.
-const MOST_BY_LENGTH: usize = 100;
-/// Stretches shorter than this are joined to the one before.
+/// Maximum number of windows that a recording is cut into by length alone.
+const MAX_PARTS_BY_LENGTH: usize = 100;
+/// Shorter windows are joined to the one before.
 const SHORTEST_SAMPLE_INTERVALS: usize = 120;
 
 /// Rate about the control axes around a node, smoothed over a period of the limit cycle, arcsec/s.
@@ -86,12 +85,11 @@ pub(crate) fn smoothed_rate_control_arcsec_s(counts: &AccumulatedCounts, transfe
     transfer.about_control_arcsec(turned, samples).map(|angle| angle / (SAMPLE_INTERVAL_S * samples))
 }
 
-/// Cuts a recording between two of its instants where the unit rests, as its counts tell, and once in half an hour at
-/// least.
+/// Cuts a recording between two of its instants where the unit rests, by its counts, and at least every half hour.
 pub fn cut_at_rests(counts: &AccumulatedCounts, transfer: &Transfer, from_s: f64, to_s: f64) -> Vec<ManoeuvreWindow> {
     let first = counts.node_s.partition_point(|&node_s| node_s < from_s);
     let last = counts.node_s.partition_point(|&node_s| node_s <= to_s).saturating_sub(1);
-    let longest = LONGEST_SAMPLE_INTERVALS.max(last.saturating_sub(first) / MOST_BY_LENGTH);
+    let longest = LONGEST_SAMPLE_INTERVALS.max(last.saturating_sub(first) / MAX_PARTS_BY_LENGTH);
     let shortest = SHORTEST_SAMPLE_INTERVALS.max(longest / 30);
     let is_at_rest = |node: usize| {
         smoothed_rate_control_arcsec_s(counts, transfer, node).iter().all(|rate| rate.abs() < REST_ARCSEC_S)
@@ -113,10 +111,9 @@ pub fn cut_at_rests(counts: &AccumulatedCounts, transfer: &Transfer, from_s: f64
     cuts.windows(2)
         .filter(|pair| pair[1] > pair[0])
         .enumerate()
-        .map(|(index, pair)| ManoeuvreWindow {
-            name: format!("stretch {}", index + 1),
-            start_s: counts.node_s[pair[0]],
-            end_s: counts.node_s[pair[1]],
+        .map(|(index, pair)| {
+            let [start_s, end_s] = [pair[0], pair[1]].map(|node| counts.start_s() + counts.node_s[node]);
+            ManoeuvreWindow::new(&format!("stretch {}", index + 1), start_s, end_s)
         })
         .collect()
 }

@@ -1,7 +1,7 @@
-//! The checkout flown in simulation and calibrated (Casteren §5, §6).
+//! The checkout simulated and calibrated (Casteren §5, §6).
 
 use geu_calibration::checkout::{
-    AttitudeSourceKind, Precautions, believed_before, campaign, fly, precautions, sequence, true_calibrations,
+    AttitudeSourceKind, Precautions, before_checkout, campaign, precautions, sequence, simulate, true_calibrations,
 };
 use geu_calibration::solve::{CalibrationParameter, values};
 use geu_calibration::{AccumulatedCounts, AttitudeSource, calibrate, combine};
@@ -21,18 +21,18 @@ fn with_pivots_and_bending() -> Configuration {
 }
 
 #[test]
-fn exact_increments_give_the_parameters_back() {
+fn exact_increments_recover_the_parameters() {
     let unit = sequence(&reference(&[]).without_noise(), Precautions { stabilisation: false, ..Precautions::ALL });
-    let flight = fly(&unit);
-    // The same flight before rounding.
-    let mut exact = AccumulatedCounts::starting_at(flight.counts.start_ns);
+    let run = simulate(&unit);
+    // The same run before rounding.
+    let mut exact = AccumulatedCounts::starting_at(run.counts.start_ns);
     let mut model = GyroUnit::new(&unit);
-    for _ in 0..flight.counts.len() {
+    for _ in 0..run.counts.len() {
         let (ended, traces) = model.end_sample_traced();
         exact.push(ended.end_ns as f64 * 1e-9, traces.map(|trace| trace.unquantised), 20.0);
     }
-    let attitude = AttitudeSource::Reference(&flight.reference, Some(0.0));
-    let calibrated = calibrate(&believed_before(&unit), &exact, Some(&flight.windows), &attitude).expect("determined");
+    let attitude = AttitudeSource::Reference(&run.reference, Some(0.0));
+    let calibrated = calibrate(&before_checkout(&unit), &exact, Some(&run.windows), &attitude).expect("determined");
     let truth = values(&true_calibrations(&unit));
     for ((parameter, solved), truth) in CalibrationParameter::all().zip(calibrated.solution.values()).zip(truth) {
         let limit = if parameter.index == 0 { 1e-9 } else { 1e-6 };
@@ -42,7 +42,7 @@ fn exact_increments_give_the_parameters_back() {
 }
 
 #[test]
-fn predicted_sigmas_hold_for_what_many_runs_scatter() {
+fn errors_of_many_runs_scatter_as_predicted() {
     for by in [AttitudeSourceKind::Reference, AttitudeSourceKind::Sensors] {
         let campaign = campaign(&reference(&[]), 7, 60, by, || {});
         assert!(campaign.failed.is_empty(), "{:?}", campaign.failed);
@@ -50,7 +50,7 @@ fn predicted_sigmas_hold_for_what_many_runs_scatter() {
         let coverage = campaign.scatter.iter().map(|found| found.coverage).sum::<f64>() / campaign.scatter.len() as f64;
         // 5 sigma of a share of 68.3 % among as many; parameters of one run are correlated, the gyros' four little.
         assert!((coverage - 0.683).abs() < 5.0 * (0.683f64 * 0.317 / count).sqrt(), "{by:?}: {coverage}");
-        // Of 60 runs: 68 % ± 6 %; none of sixteen beyond 4 sigma.
+        // Of 60 runs: 68 % ± 6 %; no parameter beyond 4 sigma.
         for found in &campaign.scatter {
             assert!((0.44..0.92).contains(&found.coverage), "{by:?} {}: {}", found.parameter.label(), found.coverage);
         }
@@ -69,12 +69,12 @@ fn a_campaign_does_not_depend_on_the_number_of_threads() {
 }
 
 #[test]
-fn star_and_sun_sensor_suffice_for_what_the_paper_asks() {
+fn star_and_sun_sensor_meet_the_accuracy_of_the_paper() {
     let unit = sequence(&reference(&[]), Precautions::ALL);
-    let flight = fly(&unit);
+    let run = simulate(&unit);
     let truth = values(&true_calibrations(&unit));
     for by in [AttitudeSourceKind::Sensors, AttitudeSourceKind::Reference] {
-        let calibrated = flight.calibrate(&believed_before(&unit), by).expect("determined");
+        let calibrated = run.calibrate(&before_checkout(&unit), by).expect("determined");
         assert_eq!(calibrated.observations.len(), 6);
         let (solved, sigmas) = (calibrated.solution.values(), calibrated.solution.sigmas());
         for (index, parameter) in CalibrationParameter::all().enumerate() {
@@ -90,7 +90,7 @@ fn star_and_sun_sensor_suffice_for_what_the_paper_asks() {
 }
 
 #[test]
-fn each_precaution_buys_what_the_paper_says() {
+fn each_precaution_has_the_benefit_of_the_paper() {
     let outcomes = precautions(&with_pivots_and_bending()).expect("determined");
     let largest = |what: &str| {
         let outcome = outcomes.iter().find(|outcome| outcome.what == what).unwrap_or_else(|| panic!("{what}"));
@@ -108,7 +108,7 @@ fn each_precaution_buys_what_the_paper_says() {
     let [x, y, za, zb] = largest("pivots: no correction by the clearance");
     assert!((y - 14.0).abs() < rounding && (zb - 14.0).abs() < rounding, "{y} {zb}");
     assert!(x < rounding && za < rounding, "{x} {za}");
-    let [_, y, _, zb] = largest("pivots: clearance believed 3 arcsec too large");
+    let [_, y, _, zb] = largest("pivots: clearance assumed 3 arcsec too large");
     assert!((y - 3.0).abs() < rounding && (zb - 3.0).abs() < rounding, "{y} {zb}");
 }
 
@@ -118,18 +118,18 @@ fn two_sequences_of_one_unit_are_compatible_and_of_two_units_are_not() {
     let solve = |overrides: &[&str], seed: u64| {
         let mut unit = sequence(&reference(overrides), short);
         unit.seed = seed;
-        fly(&unit).calibrate(&believed_before(&unit), AttitudeSourceKind::Sensors).expect("determined").solution
+        simulate(&unit).calibrate(&before_checkout(&unit), AttitudeSourceKind::Sensors).expect("determined").solution
     };
     let (first, second) = (solve(&[], 1), solve(&[], 2));
     let same = combine(&first, &second).expect("invertible");
-    // χ² of sixteen: 45 has a probability of 10⁻⁴.
+    // χ² of 16 degrees of freedom: 45 has a probability of 10⁻⁴.
     assert!(same.joint_chi2 < 45.0, "{}", same.joint_chi2);
     for (both, one) in same.combined.sigmas().into_iter().zip(first.sigmas()) {
         assert!(both < 0.8 * one, "{both} {one}");
     }
     let moved = combine(&first, &solve(&["gyro.GYRY.scale-factor.ppm=60"], 3)).expect("invertible");
     assert!(moved.joint_chi2 > 200.0, "{}", moved.joint_chi2);
-    let most = (0..16).max_by(|&a, &b| moved.chi2[a].total_cmp(&moved.chi2[b])).expect("sixteen");
+    let most = (0..16).max_by(|&a, &b| moved.chi2[a].total_cmp(&moved.chi2[b])).expect("16");
     assert_eq!(
         CalibrationParameter::all().nth(most).map(CalibrationParameter::label).as_deref(),
         Some("GYRY scale factor")
@@ -137,21 +137,21 @@ fn two_sequences_of_one_unit_are_compatible_and_of_two_units_are_not() {
 }
 
 #[test]
-fn every_effect_of_the_paper_is_taken_off_where_it_is_believed() {
+fn configured_effects_of_the_paper_are_subtracted() {
     let paper = include_str!("../../../configs/paper.toml");
     let paper = Configuration::parse("configs/paper.toml", paper, &[]).expect("valid");
     let unit = sequence(&paper, Precautions { stabilisation: false, ..Precautions::ALL });
-    let flight = fly(&unit);
-    // Its calibration is off by what a fortnight leaves; its effects are known.
-    let mut believed = unit.clone();
-    for gyro in &mut believed.gyros {
+    let run = simulate(&unit);
+    // Its calibration has the errors of a fortnight; its effects are known.
+    let mut configured = unit.clone();
+    for gyro in &mut configured.gyros {
         gyro.calibration.scale_factor += 20e-6;
         gyro.calibration.drift_arcsec_per_half_s += 6.0 / 7200.0;
     }
     let truth = values(&unit.gyros.each_ref().map(|gyro| gyro.calibration));
-    for windows in [Some(&flight.windows[..]), None] {
-        let attitude = AttitudeSource::Reference(&flight.reference, Some(0.0));
-        let solution = calibrate(&believed, &flight.counts, windows, &attitude).expect("determined").solution;
+    for windows in [Some(&run.windows[..]), None] {
+        let attitude = AttitudeSource::Reference(&run.reference, Some(0.0));
+        let solution = calibrate(&configured, &run.counts, windows, &attitude).expect("determined").solution;
         assert!(solution.probability() > 1e-4, "{} of {}", solution.chi2, solution.degrees_of_freedom);
         for ((parameter, solved), (sigma, truth)) in
             CalibrationParameter::all().zip(solution.values()).zip(solution.sigmas().into_iter().zip(truth))

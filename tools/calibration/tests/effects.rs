@@ -1,18 +1,19 @@
-//! Every effect with a law, believed as it is, leaves the sixteen parameters where the unit has them.
+//! Every deterministic effect, if configured with its true value, leaves the calibration parameters correct.
 
-use geu_calibration::checkout::{AttitudeSourceKind, Precautions, fly, sequence};
+use geu_calibration::checkout::{AttitudeSourceKind, Precautions, sequence, simulate};
 use geu_calibration::solve::{CalibrationParameter, values};
 use geu_model::Configuration;
 use geu_model::effect::{Effects, GyroEffects, UnitEffects};
 use geu_model::package::Axes;
+use geu_model::parameter_spec::ParameterSpec;
 use geu_protocol::Gyro;
 use rayon::prelude::*;
 
-/// Effects that draw from a stream: nothing of them can be taken off.
+/// Random effects, which cannot be subtracted.
 const NOISES: [&str; 2] = ["angle-random-walk", "drift-random-walk"];
 
-/// About what the paper has, or ten times what it could not see.
-fn middling(code: &str) -> f64 {
+/// About the paper's value, or ten times its detection limit; 1 % of the maximum for other effects.
+fn typical(code: &str, amplitude: &ParameterSpec) -> f64 {
     match code {
         "misalignment-thermal" => 0.5,
         "clock-frequency" => 20.0,
@@ -25,7 +26,7 @@ fn middling(code: &str) -> f64 {
         "drift-sensor-temperature" => 2.0,
         "scale-factor" => 500.0,
         "scale-factor-asymmetry" => 200.0,
-        _ => panic!("{code}: no amplitude is told"),
+        _ => amplitude.max / 100.0,
     }
 }
 
@@ -34,17 +35,18 @@ fn with(code: &str) -> Configuration {
     let mut unit = Configuration::reference();
     if let Some(index) = UnitEffects::SPECS.iter().position(|spec| spec.code == code) {
         let numbers = unit.unit.constant.numbers_mut(index);
-        (0..UnitEffects::SPECS[index].amplitudes.len())
-            .for_each(|amplitude| *numbers.value_mut(amplitude) = middling(code));
+        for amplitude in 0..UnitEffects::SPECS[index].amplitudes.len() {
+            *numbers.value_mut(amplitude) = typical(code, &numbers.specs()[amplitude]);
+        }
     }
     if let Some(index) = GyroEffects::SPECS.iter().position(|spec| spec.code == code) {
         for (gyro, own) in Gyro::ALL.into_iter().zip(&mut unit.gyros) {
-            // In the course of the flight; it does nothing where no count is lost.
+            // Within the run; without effect unless counts are lost.
             own.effects.constant.lost_counts.time_s = 2000.0;
             let numbers = own.effects.constant.numbers_mut(index);
             for amplitude in 0..GyroEffects::SPECS[index].amplitudes.len() {
                 if Axes::of(gyro).has_number(numbers.specs()[amplitude].name) {
-                    *numbers.value_mut(amplitude) = middling(code);
+                    *numbers.value_mut(amplitude) = typical(code, &numbers.specs()[amplitude]);
                 }
             }
         }
@@ -52,20 +54,20 @@ fn with(code: &str) -> Configuration {
     sequence(&unit, Precautions { stabilisation: false, ..Precautions::ALL })
 }
 
-/// What is wrong with a calibration of it, nothing where all is well.
-fn wrong(code: &str) -> Vec<String> {
+/// Defects of a calibration with the effect; empty if there are none.
+fn defects(code: &str) -> Vec<String> {
     let unit = with(code);
-    let flight = fly(&unit);
-    // The calibration that is believed is off by what a fortnight leaves; the effects are known.
-    let mut believed = unit.clone();
-    for gyro in &mut believed.gyros {
+    let run = simulate(&unit);
+    // The configured calibration has the errors of a fortnight; the effects are known.
+    let mut configured = unit.clone();
+    for gyro in &mut configured.gyros {
         gyro.calibration.scale_factor += 20e-6;
         gyro.calibration.drift_arcsec_per_half_s += 6.0 / 7200.0;
     }
     let truth = values(&unit.gyros.each_ref().map(|gyro| gyro.calibration));
     let mut all = Vec::new();
     for by in [AttitudeSourceKind::Reference, AttitudeSourceKind::Sensors] {
-        let solution = match flight.calibrate(&believed, by) {
+        let solution = match run.calibrate(&configured, by) {
             Ok(calibrated) => calibrated.solution,
             Err(error) => {
                 all.push(format!("{code}, {by:?}: {error}"));
@@ -87,13 +89,13 @@ fn wrong(code: &str) -> Vec<String> {
 }
 
 #[test]
-fn every_effect_that_is_believed_leaves_the_calibration_as_it_is() {
+fn every_configured_effect_leaves_the_calibration_correct() {
     let codes: Vec<&str> = UnitEffects::SPECS
         .iter()
         .chain(GyroEffects::SPECS)
         .map(|spec| spec.code)
         .filter(|code| !NOISES.contains(code))
         .collect();
-    let found: Vec<String> = codes.par_iter().flat_map(|code| wrong(code)).collect();
+    let found: Vec<String> = codes.par_iter().flat_map(|code| defects(code)).collect();
     assert!(found.is_empty(), "{}", found.join("\n"));
 }

@@ -1,15 +1,15 @@
-//! Which number of the model a hypothesis moves.
+//! The parameter of the model that a hypothesis changes.
 //!
-//! Amplitudes, their time courses and their shape parameters come from the model's own lists; none is named here, so that a new
-//! effect is searched without a change of the diagnosis.
+//! Amplitudes, their time courses and their shape parameters come from the model's lists, so that a new effect is searched without a
+//! change of the diagnosis.
 
 use geu_model::Configuration;
-use geu_model::course::{KINDS, Size, TimeCourse};
 use geu_model::effect::discovered::{self, Formula, Regressor};
 use geu_model::effect::{EffectSpec, Effects};
 use geu_model::fault::{EffectList, ParameterRef};
-use geu_model::number::{ParameterSet, ParameterSpec, Role, ValueFormat, named_gyro};
 use geu_model::package::{Axes, Calibration};
+use geu_model::parameter_spec::{ParameterSet, ParameterSpec, Role, ValueFormat, named_gyro};
+use geu_model::time_profile::{COURSES, Size, TimeCourse};
 use geu_protocol::Gyro;
 
 use crate::gyros::Gyros;
@@ -17,13 +17,13 @@ use crate::gyros::Gyros;
 /// A number of the model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AmplitudeSource {
-    /// Of an effect.
+    /// An effect.
     Effect(ParameterRef),
     /// The coefficient of a discovered term.
     Term(Formula),
 }
 
-/// Index of a step in [`KINDS`].
+/// Index of a step in [`COURSES`].
 pub const STEP: usize = 0;
 
 /// An amplitude of the model, constant or with a time course.
@@ -31,7 +31,7 @@ pub const STEP: usize = 0;
 pub struct AmplitudeRef {
     /// The constant amplitude.
     pub parameter: AmplitudeSource,
-    /// Index of the time course in [`KINDS`].
+    /// Index of the time course in [`COURSES`].
     pub kind: Option<usize>,
 }
 
@@ -45,15 +45,15 @@ const DISCOVERED: EffectSpec = EffectSpec {
 };
 
 impl AmplitudeRef {
-    /// Of an effect, with the time course of this index in [`KINDS`].
-    pub fn of(target: ParameterRef, kind: Option<usize>) -> AmplitudeRef {
+    /// The amplitude of an effect, with the time course of this index in [`COURSES`].
+    pub fn new(target: ParameterRef, kind: Option<usize>) -> AmplitudeRef {
         AmplitudeRef { parameter: AmplitudeSource::Effect(target), kind }
     }
 
     /// Every amplitude of every effect, constant, in the order of the lists; noises and wiring faults, which have no signature, too.
     pub fn every() -> impl Iterator<Item = AmplitudeRef> {
         let targets = ParameterRef::all().into_iter().filter(|target| target.number < target.effect().amplitudes.len());
-        targets.map(|target| AmplitudeRef::of(target, None))
+        targets.map(|target| AmplitudeRef::new(target, None))
     }
 
     /// Every amplitude that has a signature, constant; in the order of the lists.
@@ -61,46 +61,44 @@ impl AmplitudeRef {
         AmplitudeRef::every().filter(AmplitudeRef::has_signature).collect()
     }
 
-    /// Of a discovered term.
+    /// The coefficient of a discovered term.
     pub fn term(formula: Formula) -> AmplitudeRef {
         AmplitudeRef { parameter: AmplitudeSource::Term(formula), kind: None }
     }
 
-    /// Every product of one or two of the regressors, and the cube of each. Time is none of them: time courses are for effects.
+    /// Every product of one or two of the regressors, and the cube of each. Without time: time courses are for effects.
     pub fn formulas() -> Vec<AmplitudeRef> {
         let regressors = Regressor::ALL.into_iter().filter(|regressor| regressor.name() != "time");
         let regressors: Vec<Regressor> = regressors.collect();
-        let singles = regressors.iter().map(|one| vec![*one]);
-        let pairs = (0..regressors.len())
-            .flat_map(|one| (one..regressors.len()).map(move |other| (one, other)))
-            .map(|(one, other)| vec![regressors[one], regressors[other]]);
-        let cubes = regressors.iter().map(|one| vec![*one; 3]);
-        let mut formulas: Vec<Formula> =
-            singles.chain(pairs).chain(cubes).filter_map(|factors| Formula::new(&factors).ok()).collect();
+        let products = (0..regressors.len()).flat_map(|one| {
+            let pairs = regressors[one..].iter().map(|other| vec![regressors[one], *other]).collect::<Vec<_>>();
+            [vec![regressors[one]], vec![regressors[one]; 3]].into_iter().chain(pairs)
+        });
+        let mut formulas: Vec<Formula> = products.filter_map(|factors| Formula::new(&factors).ok()).collect();
         formulas.sort();
         formulas.dedup();
         formulas.into_iter().map(AmplitudeRef::term).collect()
     }
 
-    /// The same without a time course.
+    /// Returns the amplitude without a time course.
     #[must_use]
     pub fn constant(self) -> AmplitudeRef {
         AmplitudeRef { kind: None, ..self }
     }
 
-    /// The same with this time course; none where it can have none. An effect with an onset of its own has none that could be
-    /// distinguished from another amplitude.
+    /// Returns the amplitude with this time course; `None` if it has none. A time course of an effect with an onset is not
+    /// distinguishable from another amplitude.
     pub fn with(self, kind: usize) -> Option<AmplitudeRef> {
         if self.formula().is_some() || self.own_shapes().iter().any(|number| number.role == Role::Onset) {
             return None;
         }
-        KINDS[kind].size(self.spec(), self.numbers(), self.index())?;
+        COURSES[kind].size(self.spec(), self.numbers(), self.index())?;
         Some(AmplitudeRef { kind: Some(kind), ..self })
     }
 
-    /// The same and all that it can be with a time course.
+    /// The amplitude itself, then with each time course.
     pub fn with_courses(self) -> impl Iterator<Item = AmplitudeRef> {
-        std::iter::once(self).chain((0..KINDS.len()).filter_map(move |kind| self.with(kind)))
+        std::iter::once(self).chain((0..COURSES.len()).filter_map(move |kind| self.with(kind)))
     }
 
     /// The formula of a discovered term.
@@ -111,7 +109,7 @@ impl AmplitudeRef {
         }
     }
 
-    /// Whether it acts on the whole unit.
+    /// True if it acts on the whole unit.
     pub fn is_of_unit(&self) -> bool {
         self.list() == Some(EffectList::Unit)
     }
@@ -123,7 +121,7 @@ impl AmplitudeRef {
         }
     }
 
-    /// Whether it adds something to the counts that is proportional to it, or nearly; a noise and a wiring fault do not.
+    /// True if its contribution to the counts is nearly proportional to it, unlike that of a noise or a wiring fault.
     pub fn has_signature(&self) -> bool {
         match self.parameter {
             AmplitudeSource::Effect(target) => target.list != EffectList::Wiring && !target.is_noise(),
@@ -131,7 +129,7 @@ impl AmplitudeRef {
         }
     }
 
-    /// Whether both are amplitudes of one effect.
+    /// True if both are amplitudes of one effect.
     pub fn is_of_same_effect(&self, other: &AmplitudeRef) -> bool {
         match (self.parameter, other.parameter) {
             (AmplitudeSource::Effect(one), AmplitudeSource::Effect(other)) => {
@@ -173,15 +171,14 @@ impl AmplitudeRef {
 
     /// Code of the effect, with the suffix of the time course.
     pub fn code(&self) -> String {
-        self.spec().code.to_owned() + self.kind.map_or("", |kind| KINDS[kind].suffix)
+        self.spec().code.to_owned() + self.kind.map_or("", |kind| COURSES[kind].name)
     }
 
     /// Key and limits of its value.
     pub fn size(&self) -> Size {
         let number = self.number();
-        let constant =
-            Size { name: number.name.to_owned(), form: number.form, least: number.least, greatest: number.greatest };
-        self.kind.and_then(|kind| KINDS[kind].size(self.spec(), self.numbers(), self.index())).unwrap_or(constant)
+        let constant = Size { name: number.name.to_owned(), form: number.form, min: number.min, max: number.max };
+        self.kind.and_then(|kind| COURSES[kind].size(self.spec(), self.numbers(), self.index())).unwrap_or(constant)
     }
 
     /// The other gyro that a value of it names.
@@ -189,7 +186,7 @@ impl AmplitudeRef {
         if self.number().form == ValueFormat::Gyro { named_gyro(value) } else { None }
     }
 
-    /// Whether its value is a whole number of counts.
+    /// True if its value is a whole number of counts.
     pub fn is_count(&self) -> bool {
         self.number().role == Role::Count
     }
@@ -199,7 +196,7 @@ impl AmplitudeRef {
         &self.numbers()[self.spec().amplitudes.len()..]
     }
 
-    /// The effect's own shape parameters as a configuration has them, where it has the effect at all.
+    /// The effect's own shape parameters in a configuration; `None` if it does not contain the effect.
     pub fn configured_shapes(&self, configuration: &Configuration) -> Option<Vec<f64>> {
         let AmplitudeSource::Effect(target) = self.parameter else { return None };
         let amplitudes = self.spec().amplitudes.len();
@@ -213,7 +210,7 @@ impl AmplitudeRef {
 
     /// The shape parameters of its time course.
     pub fn course_shapes(&self) -> &'static [ParameterSpec] {
-        self.kind.map_or(&[], |kind| KINDS[kind].shapes)
+        self.kind.map_or(&[], |kind| COURSES[kind].shapes)
     }
 
     /// The gyros that can have it.
@@ -236,7 +233,7 @@ pub fn configured(
     }
 }
 
-/// The calibration parameters: gyro and index among [`Calibration::NUMBERS`], of those that a gyro has.
+/// The calibration parameters: gyro and index among [`Calibration::NUMBERS`], for each that a gyro has.
 pub fn calibration_parameters() -> Vec<(Gyro, usize)> {
     let of_gyro = |gyro: Gyro| {
         let has = move |index: &usize| Axes::of(gyro).has_number(Calibration::NUMBERS[*index].name);
@@ -245,7 +242,7 @@ pub fn calibration_parameters() -> Vec<(Gyro, usize)> {
     Gyro::ALL.into_iter().flat_map(of_gyro).collect()
 }
 
-/// Whether a number can be moved by little.
+/// True if small changes of a value are possible.
 pub fn is_real(amplitude: &AmplitudeRef) -> bool {
     amplitude.size().form == ValueFormat::Real
 }

@@ -1,8 +1,7 @@
-//! The exact checks with which a diagnosis begins: what is certain before any statistics of small effects, and what must be
-//! out of the way for them.
+//! Exact checks before a diagnosis: defects that are certain without statistics, corrected before the search for small effects.
 //!
-//! The link first (sequence, times, flags, ends of the range), then the receiver's clock against the unit's, then the counts
-//! against the motion: a wrong unit, and the faults of [`geu_model::effect::WiringEffects`].
+//! The order is: the link (sequence, times, flags, limits), the receiver's clock against the unit's, the counts against the motion
+//! (a wrong unit, and the faults of [`geu_model::effect::WiringEffects`]).
 //!
 //! ```
 //! use geu_diagnosis::checks::check;
@@ -17,65 +16,65 @@
 
 mod clock;
 mod compared;
-mod following;
-mod law;
+mod correlation;
+mod findings;
 mod link;
+mod moments;
 mod timeline;
-mod told;
 mod wiring;
+mod wiring_hypothesis;
 
 use geu_model::Configuration;
 use geu_recording::{Defect, ReceivedSample, ReferenceAttitude};
 
 use crate::Finding;
 use compared::CountComparison;
-pub use law::WiringFault;
-use law::WiringHypothesis;
+use findings::FindingCollector;
 use timeline::SampleTimes;
-use told::FindingCollector;
+pub use wiring_hypothesis::WiringFault;
+use wiring_hypothesis::WiringHypothesis;
 
-/// What the checks found, and the rows as they are without what could be put right.
+/// Findings, and the corrected rows.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CheckResult {
-    /// In order of time; runs of the same thing are one. Places are told in s since the start of the first sample interval.
+    /// In time order, with runs of one kind joined. Places are in s since the start of the first sample interval.
     pub findings: Vec<Finding>,
-    /// What the model has a code for, in order of time.
+    /// Wiring faults, in time order.
     pub faults: Vec<WiringFault>,
-    /// As many as were given: wiring faults undone; where that cannot be, or a count stands at an end of its range without
-    /// the flag, marked as no measurement.
+    /// All rows, with wiring faults undone. Lost counts are marked as invalid, and counts at a limit as saturated.
     pub rows: Vec<ReceivedSample>,
 }
 
-/// Checks a recording: `rows` and `defects` as the decoder gave them, in order; `configuration` is what is believed.
+/// Checks a recording: `rows` and `defects` of the decoder, in order, against the nominal `configuration`.
 pub fn check(
     rows: &[ReceivedSample],
     defects: &[Defect],
     configuration: &Configuration,
     reference: &ReferenceAttitude,
 ) -> CheckResult {
-    let timeline = SampleTimes::of(rows);
-    let mut told = FindingCollector::new(&timeline);
-    told.defects(defects);
+    let timeline = SampleTimes::new(rows);
+    let mut findings = FindingCollector::new(&timeline);
+    findings.defects(defects);
     let mut corrected = rows.to_vec();
-    link::check(&mut corrected, &timeline, &mut told);
-    clock::check(rows, &timeline, configuration, &mut told);
+    link::check(&mut corrected, &timeline, &mut findings);
+    clock::check(rows, &timeline, configuration, &mut findings);
 
-    let compared = CountComparison::of(&corrected, &timeline, configuration, reference, &mut told);
+    let compared = CountComparison::new(&corrected, &timeline, configuration, reference, &mut findings);
     let mut faults = Vec::new();
     if let Some(mut compared) = compared {
-        // Two exchanged gyros can look as if each were in another unit; counts in a coarser unit as if they were stuck.
-        let laws = WiringHypothesis::all();
-        let reversible: Vec<WiringHypothesis> = laws.iter().copied().filter(WiringHypothesis::undoes_itself).collect();
+        // Two exchanged gyros may look like counts in another unit, and counts in a coarser unit like a stuck output.
+        let all = WiringHypothesis::all();
+        let reversible: Vec<WiringHypothesis> = all.iter().copied().filter(WiringHypothesis::undoes_itself).collect();
         faults = wiring::search(reversible, &[], &mut compared, &timeline);
-        if following::wrong_units(&mut compared, &mut told) {
-            let further = wiring::search(laws, &faults, &mut compared, &timeline);
+        if correlation::wrong_units(&mut compared, &mut findings) {
+            let further = wiring::search(all, &faults, &mut compared, &timeline);
             faults.extend(further);
         }
         wiring::undo(&faults, &compared, &mut corrected);
-        following::uncorrelated_gyros(&compared, &mut told);
+        correlation::uncorrelated_gyros(&compared, &mut findings);
     }
     let mut faults: Vec<WiringFault> = faults.into_iter().map(|found| found.fault).collect();
     faults.sort_by(|one, other| one.onset_s.unwrap_or(0.0).total_cmp(&other.onset_s.unwrap_or(0.0)));
-    faults.iter().for_each(|fault| told.fault(fault));
-    CheckResult { findings: told.findings(), faults, rows: corrected }
+    faults.iter().for_each(|fault| findings.fault(fault));
+    CheckResult { findings: findings.findings(), faults, rows: corrected }
 }

@@ -1,27 +1,26 @@
-//! Courses in time that are looked for: their grid, and their values in each block. Waves are kept, as every signature is tried with
-//! them.
+//! Searched time courses: their grid, and their values in each block. Waves are cached, since every signature uses them.
 
 use std::borrow::Cow;
 use std::f64::consts::FRAC_PI_2;
 use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
-use geu_model::course::{Interval, KINDS, TimeCourse};
-use geu_model::number::{ParameterSpec, Role};
+use geu_model::parameter_spec::{ParameterSpec, Role};
+use geu_model::time_profile::{COURSES, Interval, TimeCourse};
 
 use crate::amplitude::STEP;
 use crate::measured::{BLOCK_S, MeasuredData};
 
-/// Shortest time constant or period that is looked for, in blocks: what is shorter averages out.
+/// Shortest searched time constant or period, in blocks: shorter ones average out.
 pub const SHORTEST_BLOCKS: f64 = 6.0;
-/// Quarters of a turn over the recording: those of the shortest period looked for; the longest has two.
+/// Quarter periods in the recording: of the shortest searched period; the longest has two.
 const QUARTER_TURNS: usize = 64;
-/// Onsets looked for, of what goes on after them.
+/// Searched onsets of permanent effects.
 const ONSETS: usize = 64;
-/// The same of what shows at once, and is gone with the manoeuvre.
+/// Searched onsets of immediate effects, which end with the manoeuvre.
 const SUDDEN_ONSETS: usize = 4 * ONSETS;
 
-/// How a course is put on a signature.
+/// Application of a time course to a signature.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Mode {
     /// On its increments.
@@ -35,11 +34,11 @@ pub enum Mode {
 pub enum Variation {
     /// None.
     Constant,
-    /// One of [`KINDS`], with its shapes.
+    /// A kind of [`COURSES`].
     Course {
         /// Index of the kind.
         kind: usize,
-        /// Its shapes.
+        /// Shapes.
         shapes: Vec<f64>,
     },
     /// The effect's own onset, at the start of this block.
@@ -50,7 +49,7 @@ pub enum Variation {
 }
 
 impl Variation {
-    /// Index of its course in [`KINDS`].
+    /// Index of its course in [`COURSES`].
     pub fn kind(&self) -> Option<usize> {
         match self {
             Variation::Course { kind, .. } => Some(*kind),
@@ -58,18 +57,18 @@ impl Variation {
         }
     }
 
-    /// The same wave with another phase; nothing of what is no wave. It is the one of phase 0 times the cosine of the phase, and the
-    /// one a quarter of a turn on times the sine.
+    /// The wave with another phase; `None` if it is not a wave. It is the wave of phase 0 times the cosine of the phase plus the wave a
+    /// quarter period later times the sine.
     pub fn at_phase(&self, phase_rad: f64) -> Option<Variation> {
         let Variation::Course { kind, shapes } = self else { return None };
-        let index = KINDS[*kind].shapes.iter().position(|number| number.role == Role::Phase)?;
+        let index = COURSES[*kind].shapes.iter().position(|number| number.role == Role::Phase)?;
         let mut shapes = shapes.clone();
         shapes[index] = phase_rad;
         Some(Variation::Course { kind: *kind, shapes })
     }
 }
 
-/// Whether a shape is the time from which something holds.
+/// True if a shape parameter is an onset.
 pub fn is_onset(number: &ParameterSpec) -> bool {
     number.role == Role::Onset
 }
@@ -92,11 +91,11 @@ struct Wave {
 }
 
 impl Courses {
-    /// Of a recording whose electronics were by so much warmer than the reference temperature in each block.
+    /// Time courses on a recording with this electronics temperature minus the reference temperature in each block.
     pub fn new(excess_k: Vec<f64>) -> Courses {
         let none = Courses { excess_k, waves: Arc::default() };
         let of_mode = |mode: Mode| {
-            let all = (0..KINDS.len()).flat_map(|kind| none.variations(kind, mode));
+            let all = (0..COURSES.len()).flat_map(|kind| none.variations(kind, mode));
             let quarters = all.filter_map(|wave| Some([wave.at_phase(FRAC_PI_2)?, wave])).flatten();
             quarters.map(|variation| Wave { mode, variation, values: OnceLock::new() }).collect::<Vec<_>>()
         };
@@ -109,19 +108,19 @@ impl Courses {
         self.excess_k.len()
     }
 
-    /// The same where the temperature is told so much later than it was.
+    /// The time courses with a delay of the recorded temperature.
     #[must_use]
     pub fn late(&self, temperature_s: f64) -> Courses {
         let last = self.blocks().saturating_sub(1) as f64;
-        let told = |block: usize| (block as f64 + temperature_s / BLOCK_S).round().clamp(0.0, last) as usize;
-        let excess_k = (0..self.blocks()).map(|block| self.excess_k[told(block)]).collect();
+        let source = |block: usize| (block as f64 + temperature_s / BLOCK_S).round().clamp(0.0, last) as usize;
+        let excess_k = (0..self.blocks()).map(|block| self.excess_k[source(block)]).collect();
         Courses { excess_k, waves: self.waves.clone() }
     }
 
-    /// The grid of one of [`KINDS`], waves at the phase 0.
+    /// Searched time courses of a kind of [`COURSES`], waves at phase 0.
     pub fn variations(&self, kind: usize, mode: Mode) -> Vec<Variation> {
         let mut all: Vec<Vec<f64>> = vec![vec![]];
-        for number in KINDS[kind].shapes {
+        for number in COURSES[kind].shapes {
             let values = self.shape_values(number, mode);
             all = all.iter().flat_map(|before| values.iter().map(|value| [&before[..], &[*value]].concat())).collect();
         }
@@ -143,14 +142,14 @@ impl Courses {
         }
     }
 
-    /// Values of a course in each of these blocks; nothing where it is 1 throughout.
+    /// Values of a time course in these blocks; `None` for a constant 1.
     pub fn values(&self, mode: Mode, variation: &Variation, blocks: Range<usize>) -> Option<Cow<'_, [f64]>> {
-        let law = match variation {
+        let profile = match variation {
             Variation::Constant => return None,
-            Variation::Course { kind, shapes } => KINDS[*kind].law(shapes),
-            Variation::Onset { block } => KINDS[STEP].law(&[*block as f64 * BLOCK_S]),
+            Variation::Course { kind, shapes } => COURSES[*kind].with(shapes),
+            Variation::Onset { block } => COURSES[STEP].with(&[*block as f64 * BLOCK_S]),
         };
-        let course = TimeCourse { effect: 0, amplitude: 0, size: 1.0, law };
+        let course = TimeCourse { effect: 0, amplitude: 0, size: 1.0, profile };
         // An increment lies between the middles of two blocks, a value in its own.
         let value = |block: usize| {
             let end_s = match mode {
@@ -174,21 +173,21 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_wave_that_is_kept_is_the_one_that_is_computed() {
+    fn cached_waves_equal_computed_waves() {
         let excess_k: Vec<f64> = (0..500).map(|block| (block as f64 * 0.01).sin()).collect();
         let own = Courses::new(excess_k.clone());
         let none = Courses { excess_k, waves: Arc::default() };
         let late = own.late(150.0);
         for mode in [Mode::Rate, Mode::Level] {
             let (mut waves, mut followers) = (0, 0);
-            for variation in (0..KINDS.len()).flat_map(|kind| none.variations(kind, mode)) {
+            for variation in (0..COURSES.len()).flat_map(|kind| none.variations(kind, mode)) {
                 let values = none.values(mode, &variation, 30..200);
                 assert_eq!(own.values(mode, &variation, 30..200), values, "{variation:?}");
                 let is_wave = variation.at_phase(0.0).is_some();
                 let is_kept = matches!(own.values(mode, &variation, 0..10), Some(Cow::Borrowed(_)));
                 assert_eq!(is_kept, is_wave, "{variation:?}");
                 waves += usize::from(is_wave);
-                // Only what follows the temperature is another where that is told late.
+                // Only the course that follows the temperature depends on its delay.
                 if late.values(mode, &variation, 30..200) != values {
                     assert_eq!(late.values(mode, &variation, 30..200), none.values(mode, &variation, 60..230));
                     followers += 1;

@@ -1,4 +1,4 @@
-//! What exact checks find: a thing that is certain without any statistics of the motion, and its place.
+//! Findings of exact checks: defects that need no statistics of the motion, and their place.
 
 use serde::Serialize;
 
@@ -7,7 +7,7 @@ use serde::Serialize;
 pub struct Finding {
     /// A stable name: `gap`, `repeat`, `saturated`, `stuck-output`.
     pub kind: String,
-    /// Where: `GYRX, 5200.0–5210.5 s`; `link.log: line 17`.
+    /// Gyro and time, or file and line: `GYRX, 5200.0–5210.5 s`; `link.log: line 17`.
     pub place: String,
     /// A plain sentence.
     pub text: String,

@@ -3,7 +3,7 @@
 use geu_protocol::Gyro;
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};
 
-/// Which of the four gyros.
+/// A set of gyros.
 pub type Gyros = [bool; 4];
 
 /// All four, as an effect of the unit has them.
@@ -14,34 +14,32 @@ pub fn names(gyros: &Gyros) -> Vec<&'static str> {
     Gyro::ALL.into_iter().filter(|gyro| gyros[*gyro as usize]).map(Gyro::name).collect()
 }
 
-/// The gyros with these names; none where there is no name, or one that is no gyro's.
-pub fn named(names: &[&str]) -> Option<Gyros> {
+/// The gyros with these names; `None` without a name, or with another name.
+pub fn from_names(names: &[&str]) -> Option<Gyros> {
     let is_gyro = |name: &&str| Gyro::ALL.iter().any(|gyro| gyro.name() == *name);
     (!names.is_empty() && names.iter().all(is_gyro)).then(|| Gyro::ALL.map(|gyro| names.contains(&gyro.name())))
 }
 
-/// This one.
+/// The set of one gyro.
 pub fn only(gyro: usize) -> Gyros {
     std::array::from_fn(|other| other == gyro)
 }
 
-/// Whether all of the first are among the others.
+/// True if all gyros are among the others.
 pub fn is_within(gyros: &Gyros, others: &Gyros) -> bool {
     gyros.iter().zip(others).all(|(own, other)| !own || *other)
 }
 
-/// Whether they have one in common.
+/// True if the sets have a gyro in common.
 pub fn overlap(one: &Gyros, other: &Gyros) -> bool {
     one.iter().zip(other).any(|(one, other)| *one && *other)
 }
 
-/// As serde has it.
 pub fn serialize<S: Serializer>(gyros: &Gyros, serializer: S) -> Result<S::Ok, S::Error> {
     names(gyros).serialize(serializer)
 }
 
-/// As serde has it.
 pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Gyros, D::Error> {
     let names = Vec::<String>::deserialize(deserializer)?;
-    named(&names.iter().map(String::as_str).collect::<Vec<_>>()).ok_or_else(|| D::Error::custom("expected gyros"))
+    from_names(&names.iter().map(String::as_str).collect::<Vec<_>>()).ok_or_else(|| D::Error::custom("expected gyros"))
 }

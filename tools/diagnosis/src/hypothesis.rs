@@ -1,20 +1,20 @@
-//! A hypothesis: which amplitude of the model, with which time course, on which gyros, by how much.
+//! A hypothesis: an amplitude of the model, its time course, gyros and value.
 
 use geu_model::Configuration;
-use geu_model::course::{KINDS, Size, TimeCourse, TimeFunction, TimeFunctionSpec};
 use geu_model::effect::discovered::{self, Term};
 use geu_model::effect::{EffectConfiguration, Effects};
 use geu_model::fault::{EffectList, ParameterRef};
-use geu_model::number::{ParameterSet, ParameterSpec, Role};
+use geu_model::parameter_spec::{ParameterSet, ParameterSpec, Role};
+use geu_model::time_profile::{COURSES, Size, TimeCourse, TimeProfile};
 use geu_protocol::Gyro;
 
 use crate::amplitude::{AmplitudeRef, AmplitudeSource, configured};
-use crate::gyros::Gyros;
+use crate::gyros::{Gyros, overlap};
 
 /// An amplitude with its value.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Hypothesis {
-    /// Which.
+    /// The amplitude.
     pub amplitude: AmplitudeRef,
     /// Added to what is configured; of a noise and of a wiring fault the value itself.
     pub value: f64,
@@ -22,7 +22,7 @@ pub struct Hypothesis {
     pub own_shapes: Vec<f64>,
     /// Values of the time course's shape parameters.
     pub course_shapes: Vec<f64>,
-    /// On which gyros; all four for an effect of the unit.
+    /// The gyros; all four for an effect of the unit.
     pub gyros: Gyros,
 }
 
@@ -32,7 +32,7 @@ impl Hypothesis {
         Hypothesis { amplitude, value, own_shapes: Vec::new(), course_shapes: Vec::new(), gyros }
     }
 
-    /// The one with this code, formula and numbers by name; none where the model has none such, or not within its limits.
+    /// The hypothesis with this code, formula and parameters by name; `None` if the model has none or not within its limits.
     pub fn from_numbers(
         code: &str,
         formula: Option<&str>,
@@ -57,9 +57,14 @@ impl Hypothesis {
         hypothesis.is_within_limits().then_some(hypothesis)
     }
 
-    /// The law of its time course; none of a constant.
-    pub fn law(&self) -> Option<TimeFunction> {
-        self.amplitude.kind.map(|kind| KINDS[kind].law(&self.course_shapes))
+    /// Time profile; `None` for a constant amplitude.
+    pub fn profile(&self) -> Option<TimeProfile> {
+        self.amplitude.kind.map(|kind| COURSES[kind].with(&self.course_shapes))
+    }
+
+    /// True if its amplitude follows the electronics temperature.
+    pub fn follows_temperature(&self) -> bool {
+        self.amplitude.kind.is_some_and(|kind| COURSES[kind].follows_temperature)
     }
 
     fn on(&self) -> impl Iterator<Item = Gyro> {
@@ -72,13 +77,13 @@ impl Hypothesis {
         self.put(configuration, |_| true);
     }
 
-    /// Adds it to a configuration that is written as text, which holds one time course of each kind: its own takes the place of another.
+    /// Adds it to a configuration that is written as text, which has one time course of each kind: it replaces that one.
     pub fn replace(&self, configuration: &mut Configuration) {
-        let own = self.law().map(|law| TimeFunctionSpec::of(&law).0.suffix);
-        self.put(configuration, |law| Some(law) == self.law() || Some(TimeFunctionSpec::of(&law).0.suffix) != own);
+        let own = self.profile().map(|profile| profile.spec);
+        self.put(configuration, |profile| Some(profile) == self.profile() || Some(profile.spec) != own);
     }
 
-    fn put(&self, configuration: &mut Configuration, is_kept: impl Fn(TimeFunction) -> bool) {
+    fn put(&self, configuration: &mut Configuration, is_kept: impl Fn(TimeProfile) -> bool) {
         let amplitudes = self.amplitude.spec().amplitudes.len();
         let total = |before: f64| if self.amplitude.has_signature() { before + self.value } else { self.value };
         match self.amplitude.parameter {
@@ -88,15 +93,15 @@ impl Hypothesis {
                     for (index, value) in self.own_shapes.iter().enumerate() {
                         *numbers.value_mut(amplitudes + index) = *value;
                     }
-                    let Some(law) = self.law() else {
+                    let Some(profile) = self.profile() else {
                         let value = numbers.value_mut(amplitude);
                         *value = total(*value);
                         continue;
                     };
-                    courses.retain(|own| (own.effect, own.amplitude) != (effect, amplitude) || is_kept(own.law));
-                    match courses.iter_mut().find(|course| is_course(course, target, law)) {
+                    courses.retain(|own| (own.effect, own.amplitude) != (effect, amplitude) || is_kept(own.profile));
+                    match courses.iter_mut().find(|course| is_course(course, target, profile)) {
                         Some(course) => course.size = total(course.size),
-                        None => courses.push(TimeCourse { effect, amplitude, size: self.value, law }),
+                        None => courses.push(TimeCourse { effect, amplitude, size: self.value, profile }),
                     }
                 }
             }
@@ -116,7 +121,7 @@ impl Hypothesis {
         target: ParameterRef,
         configuration: &'a mut Configuration,
     ) -> Vec<(&'a mut dyn ParameterSet, &'a mut Vec<TimeCourse>)> {
-        fn of<E: Effects>(
+        fn parts<E: Effects>(
             own: &mut EffectConfiguration<E>,
             effect: usize,
         ) -> (&mut dyn ParameterSet, &mut Vec<TimeCourse>) {
@@ -124,24 +129,24 @@ impl Hypothesis {
         }
         let gyros = configuration.gyros.iter_mut().zip(self.gyros).filter_map(|(gyro, has)| has.then_some(gyro));
         match target.list {
-            EffectList::Unit => vec![of(&mut configuration.unit, target.effect)],
-            EffectList::Head => gyros.map(|gyro| of(&mut gyro.effects, target.effect)).collect(),
-            EffectList::Wiring => gyros.map(|gyro| of(&mut gyro.wiring, target.effect)).collect(),
+            EffectList::Unit => vec![parts(&mut configuration.unit, target.effect)],
+            EffectList::Head => gyros.map(|gyro| parts(&mut gyro.effects, target.effect)).collect(),
+            EffectList::Wiring => gyros.map(|gyro| parts(&mut gyro.wiring, target.effect)).collect(),
         }
     }
 
-    /// Its numbers: name, value and limits; the amplitude first.
+    /// Numbers: name, value and limits; the amplitude first.
     pub fn parameters(&self) -> Vec<HypothesisParameter> {
         let of = |(number, value): (&ParameterSpec, &f64)| HypothesisParameter {
             name: number.name.to_owned(),
             role: number.role,
             value: *value,
-            least: number.least,
-            greatest: number.greatest,
+            min: number.min,
+            max: number.max,
         };
-        let Size { name, least, greatest, .. } = self.amplitude.size();
+        let Size { name, min, max, .. } = self.amplitude.size();
         let role = self.amplitude.number().role;
-        let amplitude = HypothesisParameter { name, role, value: self.value, least, greatest };
+        let amplitude = HypothesisParameter { name, role, value: self.value, min, max };
         let own = self.amplitude.own_shapes().iter().zip(&self.own_shapes).map(of);
         let course = self.amplitude.course_shapes().iter().zip(&self.course_shapes).map(of);
         std::iter::once(amplitude).chain(own).chain(course).collect()
@@ -157,12 +162,17 @@ impl Hypothesis {
         }
     }
 
-    /// Whether a configuration accepts its numbers.
-    pub fn is_within_limits(&self) -> bool {
-        self.parameters().iter().all(|parameter| (parameter.least..=parameter.greatest).contains(&parameter.value))
+    /// True if a configuration cannot contain it beside this amplitude on these gyros.
+    pub fn conflicts(&self, amplitude: AmplitudeRef, gyros: &Gyros) -> bool {
+        self.amplitude == amplitude && overlap(&self.gyros, gyros)
     }
 
-    /// What [`Configuration::edited`] takes to have it in the text of `configuration`, which has it already.
+    /// True if a configuration accepts the parameters.
+    pub fn is_within_limits(&self) -> bool {
+        self.parameters().iter().all(|parameter| (parameter.min..=parameter.max).contains(&parameter.value))
+    }
+
+    /// Assignments for [`Configuration::edited`] that write it to the text of `configuration`, which contains it.
     pub fn assignments(&self, configuration: &Configuration) -> Vec<String> {
         let of_gyro = |gyro: Gyro| match self.amplitude.parameter {
             AmplitudeSource::Effect(target) => {
@@ -192,9 +202,11 @@ impl Hypothesis {
         (numbers, courses): (&dyn ParameterSet, &[TimeCourse]),
     ) -> Vec<String> {
         let (code, base, size) = (self.amplitude.code(), self.amplitude.spec().code, self.amplitude.size());
-        let total = match self.law() {
+        let total = match self.profile() {
             None => numbers.value(target.number),
-            Some(law) => courses.iter().find(|course| is_course(course, target, law)).map_or(0.0, |course| course.size),
+            Some(profile) => {
+                courses.iter().find(|course| is_course(course, target, profile)).map_or(0.0, |course| course.size)
+            }
         };
         let own = self.amplitude.own_shapes().iter().zip(&self.own_shapes);
         let course = self.amplitude.course_shapes().iter().zip(&self.course_shapes);
@@ -205,8 +217,8 @@ impl Hypothesis {
     }
 }
 
-fn is_course(course: &TimeCourse, target: ParameterRef, law: TimeFunction) -> bool {
-    (course.effect, course.amplitude, course.law) == (target.effect, target.number, law)
+fn is_course(course: &TimeCourse, target: ParameterRef, profile: TimeProfile) -> bool {
+    (course.effect, course.amplitude, course.profile) == (target.effect, target.number, profile)
 }
 
 /// A number of a hypothesis.
@@ -214,12 +226,12 @@ fn is_course(course: &TimeCourse, target: ParameterRef, law: TimeFunction) -> bo
 pub struct HypothesisParameter {
     /// Key in the configuration.
     pub name: String,
-    /// What it is for.
+    /// Role in the effect.
     pub role: Role,
     /// Value.
     pub value: f64,
-    /// Least accepted.
-    pub least: f64,
-    /// Greatest accepted.
-    pub greatest: f64,
+    /// Smallest accepted value.
+    pub min: f64,
+    /// Largest accepted value.
+    pub max: f64,
 }

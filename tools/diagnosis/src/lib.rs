@@ -1,54 +1,55 @@
-//! Model against measurement: where the two part, which effect is missing, on which gyro, how large it is.
+//! Diagnosis: compares model and measurement and isolates missing effects, their gyros and amplitudes.
 //!
-//! A module uses those named before it alone:
-//! - what a hypothesis is: `gyros`, `amplitude` (which number of the model), `hypothesis` (with its value);
-//! - the data: `later`, `measured`, `gap`, `stretches`, and the exact checks, `checks`, which yield each `finding`;
-//! - signatures: `courses`, `bank`, `climb`;
-//! - statistics: `whitening`, `normal`, `sweep`, `signature`, `spots`, `state` (a fit), `noise`, `whiteness`, `search`, `null`, `late`;
-//! - the loop that selects hypotheses: `explain`;
-//! - what is reported: `whereabouts`, `outcome` (types alone), `rivals`, `remedy`, `entries`, `held_out`, `remainder`;
-//! - the whole: `diagnosis`, its `report`, the trial of it, `blind`. `rates` stands beside and shares the verdict alone.
+//! A module uses only those named before it:
+//! - hypotheses: `gyros`, `amplitude` (a parameter of the model), `hypothesis` (with its value);
+//! - the data: `time_origin`, `measured`, `residual_stats`, `motion_segments`, and the exact checks, `checks`, which yield each `finding`;
+//! - signatures: `courses`, `signature_bank`, `shape_search`;
+//! - statistics: `linear_algebra`, `whitening`, `normal_equations`, `sweep`, `signature`, `spots`, `model_state` (a fit), `noise`, `whiteness`, `search`, `null_distribution`, `temperature_lag`;
+//! - the selection of hypotheses: `model_selection`;
+//! - the report: `residual_map`, `alternatives`, `outcome` (types only), `discriminating_test`, `entries`, `cross_validation`, `unexplained`;
+//! - the whole: `diagnosis`, `report`, and `blind`, its trial.
 
+pub mod alternatives;
 pub mod amplitude;
-pub mod bank;
 pub mod blind;
 pub mod checks;
-mod climb;
 mod courses;
+mod cross_validation;
 mod diagnosis;
+pub mod discriminating_test;
 mod entries;
-pub mod explain;
 mod finding;
-pub mod gap;
 pub mod gyros;
-mod held_out;
 pub mod hypothesis;
-mod late;
-mod later;
+mod linear_algebra;
 pub mod measured;
+pub mod model_selection;
+pub mod model_state;
+pub mod motion_segments;
 pub mod noise;
-pub mod normal;
-pub mod null;
+pub mod normal_equations;
+pub mod null_distribution;
 pub mod outcome;
-pub mod rates;
-mod remainder;
-pub mod remedy;
 pub mod report;
-pub mod rivals;
+pub mod residual_map;
+pub mod residual_stats;
 pub mod search;
+mod shape_search;
 pub mod signature;
+pub mod signature_bank;
 mod spots;
-pub mod state;
-pub mod stretches;
 mod sweep;
-pub mod whereabouts;
+mod temperature_lag;
+mod time_origin;
+mod unexplained;
+
 mod whiteness;
 pub mod whitening;
 
-pub use bank::SignatureBank;
 pub use diagnosis::{DiagnosisOptions, diagnose_rows};
 pub use finding::Finding;
 pub use measured::{MeasuredData, MeasuredError};
-pub use null::Thresholds;
+pub use model_state::DiagnosisCase;
+pub use null_distribution::Thresholds;
 pub use outcome::{Diagnosis, Verdict};
-pub use state::DiagnosisCase;
+pub use signature_bank::SignatureBank;

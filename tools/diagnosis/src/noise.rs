@@ -1,39 +1,42 @@
-//! The noise of the channels: what is configured, what is white on top of it, and whether the data speak of more.
+//! The noise of the channels: configured random walks, estimated white noise, and fits of walks above the configured ones.
 
 use geu_model::Configuration;
 use nalgebra::{DMatrix, DVector};
 
-use crate::measured::{BLOCK, Block, CHANNELS, MeasuredData, Series, TIMING};
-use crate::normal::{Nuisance, RIDGE, dot, factored, lower};
-use crate::state::DiagnosisCase;
+use crate::linear_algebra::{dot, factored, inverse_roots, lower};
+use crate::measured::{BLOCK, BLOCK_S, Block, CHANNELS, MeasuredData, Series, TIMING, median};
+use crate::model_state::DiagnosisCase;
+use crate::normal_equations::{Nuisance, RIDGE};
 use crate::whitening::{NoiseModel, ROUNDING, Whitening};
 
-/// Median of the absolute value of a normal variable.
+/// Median of the absolute value of a standard normal variable.
 const MEDIAN_OF_NORMAL: f64 = 0.674_489_750_196_081_7;
-/// Steps of a fit at most: walk and white noise in turn, or white noise alone as far as it moves.
-const TURNS: usize = 12;
-/// How far a logarithm of a white noise is looked for at once.
-const NEAR_WHITE: f64 = 1.0;
-/// A logarithm that moves by less stays.
-const STAYS: f64 = 0.02;
-/// Blocks in which the white noise is told on its own.
-const STRETCH: usize = 120;
-/// Least white noise of an average of ten roundings, as a share of that of ten independent ones.
-const LEAST_WHITE: f64 = 0.5;
-/// Least white noise of the times, 1 µs in units of the channel.
-const LEAST_TIMING: f64 = 0.01;
+/// Maximum number of iterations of a fit of walk and white noise.
+const ITERATIONS: usize = 12;
+/// Search range of the logarithm of a white noise in one iteration.
+const WHITE_RANGE: f64 = 1.0;
+/// A logarithm that changes by less has converged.
+const CONVERGED: f64 = 0.02;
+/// Blocks in which the white noise is estimated separately, ten minutes.
+const WINDOW: usize = 120;
+/// Minimum white noise of an average of ten roundings, as a share of that of ten independent ones.
+const MIN_WHITE: f64 = 0.5;
+/// Minimum white noise of the times, 1 µs in units of the channel.
+const MIN_TIMING: f64 = 0.01;
+/// Factors at which a walk is evaluated before it is fitted.
+const FACTORS: [f64; 2] = [1.5, 3.0];
 
 /// A random walk that may be larger than configured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Walk {
-    /// Of the angle.
+    /// Angle random walk.
     Angle,
-    /// Of the rate.
+    /// Rate random walk.
     Rate,
 }
 
 impl NoiseModel {
-    /// A walk's growth.
+    /// Growth of a walk.
     pub fn walk(&self, walk: Walk) -> f64 {
         match walk {
             Walk::Angle => self.angle_walk,
@@ -41,7 +44,7 @@ impl NoiseModel {
         }
     }
 
-    /// The same with another walk.
+    /// Returns the noise with another growth of a walk.
     #[must_use]
     pub fn with(mut self, walk: Walk, value: f64) -> NoiseModel {
         match walk {
@@ -52,65 +55,57 @@ impl NoiseModel {
     }
 }
 
-/// The configured walks with the white noise that the residual shows: rounding and the reference.
+/// The configured walks, and the white noise of the residual: rounding and the reference.
 ///
-/// Its variance comes from second differences of neighbouring blocks, by their median, which no missing effect moves.
-pub fn of(configuration: &Configuration, measured: &MeasuredData, residual: &Series) -> [NoiseModel; CHANNELS] {
+/// The variance is that of second differences of neighbouring blocks, estimated by their median, which no missing effect changes.
+pub fn configured(configuration: &Configuration, measured: &MeasuredData, residual: &Series) -> [NoiseModel; CHANNELS] {
     std::array::from_fn(|channel| {
-        let seconds = second_differences(&residual[channel], &measured.blocks[channel]);
-        if channel == TIMING {
-            let white = (seconds.max(0.0) / 6.0).max(least_white(channel));
-            return NoiseModel { white, angle_walk: 0.0, rate_walk: 0.0 };
-        }
-        let effects = &configuration.gyros[channel].effects.constant;
-        let angle_walk = effects.angle_random_walk.arcsec_per_sqrt_s;
-        let rate_walk = effects.drift_random_walk.arcsec_per_s_per_sqrt_s;
-        // A walk's second difference has two steps of it, each the average over a ramp: 2/3 of a whole one together with its
-        // neighbour's −1/6; 1 in all.
-        let walk = angle_walk.powi(2) * crate::measured::BLOCK_S;
-        let white = ((seconds - walk) / 6.0).max(least_white(channel));
-        NoiseModel { white, angle_walk, rate_walk }
+        let variance = second_differences(&residual[channel], &measured.blocks[channel]);
+        let (angle_walk, rate_walk) = match configuration.gyros.get(channel).map(|gyro| &gyro.effects.constant) {
+            Some(own) => (own.angle_random_walk.arcsec_per_sqrt_s, own.drift_random_walk.arcsec_per_s_per_sqrt_s),
+            None => (0.0, 0.0),
+        };
+        // The second difference of a walk contains two of its steps, each averaged over a ramp: 2/3 of a whole step, and −1/6 with its
+        // neighbour; 1 in all.
+        let white = (variance - angle_walk.powi(2) * BLOCK_S) / 6.0;
+        NoiseModel { white: white.max(min_white(channel)), angle_walk, rate_walk }
     })
 }
 
-/// White noise that every channel has.
-fn least_white(channel: usize) -> f64 {
-    if channel == TIMING { LEAST_TIMING.powi(2) } else { LEAST_WHITE * ROUNDING / BLOCK as f64 }
+/// Minimum white noise of a channel.
+fn min_white(channel: usize) -> f64 {
+    if channel == TIMING { MIN_TIMING.powi(2) } else { MIN_WHITE * ROUNDING / BLOCK as f64 }
 }
 
-/// Variance of second differences: by the median of their absolute values in each stretch of ten minutes, the average of the middle
-/// stretches; rounding while the unit rests is not that of a scan. 0 where there are none.
+/// Variance of second differences: from the median of their absolute values in each window, averaged over the windows except the
+/// extreme tenths, since rounding at rest differs from that of a scan. 0 without data.
 fn second_differences(series: &[f64], blocks: &[Block]) -> f64 {
     let good = |window: &[Block]| window.iter().all(|block| block.is_good && !block.restarts);
-    let of_stretch = |(values, blocks): (&[f64], &[Block])| {
+    let of_window = |(values, blocks): (&[f64], &[Block])| {
         let triples = values.windows(3).zip(blocks.windows(3)).filter(|(_, blocks)| good(blocks));
         let mut sizes: Vec<f64> = triples.map(|(values, _)| (values[0] - 2.0 * values[1] + values[2]).abs()).collect();
-        let middle = sizes.len() / 2;
-        (sizes.len() >= STRETCH / 2)
-            .then(|| (*sizes.select_nth_unstable_by(middle, f64::total_cmp).1 / MEDIAN_OF_NORMAL).powi(2))
+        (sizes.len() >= WINDOW / 2).then(|| (median(&mut sizes) / MEDIAN_OF_NORMAL).powi(2))
     };
-    let mut variances: Vec<f64> = series.chunks(STRETCH).zip(blocks.chunks(STRETCH)).filter_map(of_stretch).collect();
+    let mut variances: Vec<f64> = series.chunks(WINDOW).zip(blocks.chunks(WINDOW)).filter_map(of_window).collect();
     variances.sort_by(f64::total_cmp);
     let cut = variances.len() / 10;
     let middle = &variances[cut..variances.len() - cut];
     if middle.is_empty() { 0.0 } else { middle.iter().sum::<f64>() / middle.len() as f64 }
 }
 
-/// Factors at which a walk is tried before it is fitted.
-const HOPES: [f64; 2] = [1.5, 3.0];
-
-/// A walk fitted: its growth, one sigma of the growth's logarithm, and by how much −2 ln of the likelihood falls.
+/// A fitted walk.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FittedNoise {
     /// The noise with it.
     pub noise: NoiseModel,
-    /// Of the natural logarithm of the growth.
+    /// 1 sigma of the natural logarithm of the growth.
     pub log_sigma: f64,
-    /// Against the noise before.
+    /// Reduction of −2 ln of the likelihood from the noise before.
     pub fall: f64,
 }
 
-/// −2 ln of the likelihood of one channel for any noise of it, beside the nuisances, as [`crate::normal::Normal::deviance`] tells that of all.
+/// −2 ln of the likelihood of one channel as a function of its noise, with the nuisances integrated out; the part of one channel in
+/// [`crate::normal_equations::NormalEquations::deviance`].
 fn deviance<'a>(
     case: &'a DiagnosisCase,
     channel: usize,
@@ -122,21 +117,17 @@ fn deviance<'a>(
         let whitening = Whitening::new(noise, &case.measured.blocks[channel]);
         let white = whitening.apply(&residual[channel]);
         let columns: Vec<Vec<f64>> = own.iter().map(|column| whitening.apply(column)).collect();
-        let gram =
-            DMatrix::from_fn(
-                columns.len(),
-                columns.len(),
-                |i, j| {
-                    if j <= i { dot(&columns[i], &columns[j]) } else { 0.0 }
-                },
-            );
-        let gram = DMatrix::from_fn(columns.len(), columns.len(), |i, j| gram[(i.max(j), i.min(j))]);
-        let scale = gram.diagonal().map(|own| if own > 0.0 { own.sqrt().recip() } else { 0.0 });
+        let mut gram = DMatrix::zeros(columns.len(), columns.len());
+        for (i, one) in columns.iter().enumerate() {
+            columns[..=i].iter().enumerate().for_each(|(j, other)| gram[(i, j)] = dot(one, other));
+        }
+        gram.fill_upper_triangle_with_lower_triangle();
+        let scale = inverse_roots(&gram.diagonal());
         let factor = factored(&gram, &scale, RIDGE);
         let right = DVector::from_iterator(columns.len(), columns.iter().map(|column| dot(column, &white)));
         let solved = lower(&factor, &scale.component_mul(&right));
-        let told = (0..columns.len()).filter(|&index| scale[index] > 0.0);
-        let logs = told.map(|index| 2.0 * (factor.l_dirty()[(index, index)] / scale[index]).ln());
+        let determined = (0..columns.len()).filter(|&index| scale[index] > 0.0);
+        let logs = determined.map(|index| 2.0 * (factor.l_dirty()[(index, index)] / scale[index]).ln());
         dot(&white, &white) - solved.norm_squared() + whitening.log_determinant + logs.sum::<f64>()
     }
 }
@@ -149,28 +140,28 @@ pub fn fit_white(
     residual: &Series,
     nuisances: &[Nuisance],
 ) -> NoiseModel {
-    if !case.measured.blocks[channel].iter().any(|block| block.is_good) {
+    if !case.measured.is_usable(channel) {
         return *noise;
     }
     let deviance = deviance(case, channel, residual, nuisances);
     let with = |log_white: f64| NoiseModel { white: log_white.exp(), ..*noise };
     let mut log_white = noise.white.ln();
-    for _ in 0..TURNS {
+    for _ in 0..ITERATIONS {
         let before = log_white;
         log_white = likeliest_white(channel, log_white, |log_white| deviance(&with(log_white)));
-        if (log_white - before).abs() < NEAR_WHITE / 2.0 {
+        if (log_white - before).abs() < WHITE_RANGE / 2.0 {
             break;
         }
     }
     with(log_white)
 }
 
-/// The logarithm of the white noise near by with which a channel is likeliest.
+/// Logarithm of the likeliest white noise of a channel within [`WHITE_RANGE`].
 fn likeliest_white(channel: usize, log_white: f64, deviance: impl Fn(f64) -> f64) -> f64 {
-    least(log_white - NEAR_WHITE, log_white + NEAR_WHITE, deviance).max(least_white(channel).ln())
+    minimise(log_white - WHITE_RANGE, log_white + WHITE_RANGE, deviance).max(min_white(channel).ln())
 }
 
-/// Fits one walk of one channel, and the white noise with it; one that is no larger than it was taken stays as it is.
+/// Fits one walk of one channel together with the white noise. A walk that is no larger than `noise` has stays as it is.
 pub fn fit(
     case: &DiagnosisCase,
     channel: usize,
@@ -187,34 +178,34 @@ pub fn fit(
     };
     let with =
         |log_walk: f64, log_white: f64| NoiseModel { white: log_white.exp(), ..noise.with(walk, log_walk.exp()) };
-    // What is no more likely half as large again, nor three times as large, is not larger.
+    // A walk that is not likelier at any factor is not larger.
     let now = deviance(noise);
-    if HOPES.iter().all(|factor| deviance(&with(start + factor.ln(), noise.white.ln())) >= now) {
+    if FACTORS.iter().all(|factor| deviance(&with(start + factor.ln(), noise.white.ln())) >= now) {
         return FittedNoise { noise: *noise, log_sigma: f64::NAN, fall: 0.0 };
     }
-    // Each in turn, until they stay: over all there is at first, then near by.
+    // Walk and white noise in turn until both converge: first over the whole range, then near the last value.
     let (mut log_walk, mut log_white) = (start, noise.white.ln());
     let (mut below, mut above) = (4.0, 7.0);
-    for _ in 0..TURNS {
+    for _ in 0..ITERATIONS {
         let before = log_walk;
-        log_walk = least(log_walk - below, log_walk + above, |log_walk| deviance(&with(log_walk, log_white)));
+        log_walk = minimise(log_walk - below, log_walk + above, |log_walk| deviance(&with(log_walk, log_white)));
         log_white = likeliest_white(channel, log_white, |log_white| deviance(&with(log_walk, log_white)));
         (below, above) = (0.5, 0.5);
-        if (log_walk - before).abs() < STAYS {
+        if (log_walk - before).abs() < CONVERGED {
             break;
         }
     }
-    // Both sides with the white noise that suits them.
+    // Both likelihoods with their own white noise.
     let before = deviance(&fit_white(case, channel, noise, residual, nuisances));
     let best = deviance(&with(log_walk, log_white));
-    let aside = 0.1;
-    let bend = deviance(&with(log_walk + aside, log_white)) + deviance(&with(log_walk - aside, log_white)) - 2.0 * best;
-    let log_sigma = (2.0 * aside * aside / bend.max(1e-9)).sqrt();
+    let step = 0.1;
+    let bend = deviance(&with(log_walk + step, log_white)) + deviance(&with(log_walk - step, log_white)) - 2.0 * best;
+    let log_sigma = (2.0 * step * step / bend.max(1e-9)).sqrt();
     FittedNoise { noise: with(log_walk, log_white), log_sigma, fall: before - best }
 }
 
-/// Where a function of one number is least, by a grid and the golden section.
-fn least(from: f64, to: f64, of: impl Fn(f64) -> f64) -> f64 {
+/// Position of the minimum of a function, by a grid and golden-section search.
+fn minimise(from: f64, to: f64, of: impl Fn(f64) -> f64) -> f64 {
     const GRID: usize = 8;
     let at = |index: usize| from + (to - from) * index as f64 / GRID as f64;
     let values: Vec<f64> = (0..=GRID).map(|index| of(at(index))).collect();

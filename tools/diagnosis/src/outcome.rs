@@ -1,29 +1,30 @@
-//! What a diagnosis comes to: types alone.
+//! Results of a diagnosis: types only.
 
 use geu_model::Configuration;
 use geu_model::package::Calibration;
 use geu_protocol::Gyro;
 use serde::{Deserialize, Serialize};
 
-use crate::explain::Round;
+use crate::alternatives::AMBIGUITY_CHI2;
 use crate::finding::Finding;
-use crate::gap::ResidualStats;
 use crate::gyros::Gyros;
 use crate::hypothesis::Hypothesis;
 use crate::measured::{CHANNELS, Series, TIMING};
-use crate::normal::THIRDS;
-use crate::null::Thresholds;
-use crate::stretches::MotionSegment;
-use crate::whereabouts::ResidualMap;
-use geu_model::number::ParameterSet;
+use crate::model_selection::SelectionStep;
+use crate::motion_segments::MotionSegment;
+use crate::normal_equations::THIRDS;
+use crate::null_distribution::Thresholds;
+use crate::residual_map::ResidualMap;
+use crate::residual_stats::ResidualStats;
+use geu_model::parameter_spec::ParameterSet;
 
-/// What a diagnosis comes to.
+/// Verdict of a diagnosis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Verdict {
-    /// No missing effect, and noise-like once what may be out of date is refitted.
+    /// No missing effect; the residual is noise after a fit of the calibration parameters.
     Consistent,
-    /// At least one missing effect, and noise-like after.
+    /// One missing effect or more; the residual is noise with them.
     Explained,
     /// Otherwise.
     Unexplained,
@@ -33,7 +34,7 @@ impl Verdict {
     /// All of them.
     pub const ALL: [Verdict; 3] = [Verdict::Consistent, Verdict::Explained, Verdict::Unexplained];
 
-    /// As JSON has it.
+    /// Name in JSON.
     pub fn name(self) -> &'static str {
         match self {
             Verdict::Consistent => "consistent",
@@ -43,21 +44,21 @@ impl Verdict {
     }
 }
 
-/// A number found.
+/// An estimated parameter.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EstimatedValue {
     /// Key in the configuration, unit last.
     pub name: String,
     /// Value.
     pub value: f64,
-    /// One sigma; none where it was not fitted.
+    /// 1 sigma; `None` if it was not fitted.
     pub sigma: Option<f64>,
-    /// As a configuration writes it, where that is no number: what is on, another gyro.
+    /// Value as written in a configuration, if it is not a number: a switch, another gyro.
     pub written: Option<String>,
 }
 
 impl EstimatedValue {
-    /// With this sigma, where that is known.
+    /// A value with a sigma, if that is finite.
     pub fn new(name: String, value: f64, sigma: f64) -> EstimatedValue {
         EstimatedValue { name, value, sigma: sigma.is_finite().then_some(sigma), written: None }
     }
@@ -99,7 +100,7 @@ mod by_name {
     }
 }
 
-/// Whether something is missing in the model or only its calibration out of date.
+/// Class of a reported effect.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Class {
@@ -110,14 +111,14 @@ pub enum Class {
     Recalibration,
 }
 
-/// What puts an effect into a configuration.
+/// Correction of a configuration.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Correction {
     /// An amplitude of the model.
     Hypothesis(Hypothesis),
     /// A calibration parameter.
     Calibration {
-        /// Of this gyro.
+        /// The gyro.
         gyro: Gyro,
         /// Index among [`Calibration::NUMBERS`].
         number: usize,
@@ -129,7 +130,7 @@ pub enum Correction {
 }
 
 impl Correction {
-    /// Puts it into a configuration.
+    /// Applies it to a configuration.
     pub fn apply(&self, configuration: &mut Configuration) {
         match self {
             Correction::Hypothesis(hypothesis) => hypothesis.replace(configuration),
@@ -139,7 +140,7 @@ impl Correction {
         }
     }
 
-    /// What [`Configuration::edited`] takes to have it in the text of `configuration`, which has it already.
+    /// Assignments for [`Configuration::edited`] that write it to the text of `configuration`, which contains it.
     pub fn assignments(&self, configuration: &Configuration) -> Vec<String> {
         match self {
             Correction::Hypothesis(hypothesis) => hypothesis.assignments(configuration),
@@ -151,16 +152,16 @@ impl Correction {
     }
 }
 
-/// A fall of χ² and the one that was required.
+/// A χ² reduction and its threshold.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Chi2Fall {
-    /// By how much χ² falls.
+    /// χ² reduction.
     pub fall: f64,
-    /// What it falls by in one recording of a hundred without the effect.
+    /// Reduction at the false alarm rate.
     pub threshold: f64,
 }
 
-/// An effect found.
+/// A reported effect.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct DiagnosedEffect {
     /// Code of the model.
@@ -171,33 +172,33 @@ pub struct DiagnosedEffect {
     /// Unit of its coefficient.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub coefficient_unit: Option<String>,
-    /// Missing or out of date.
+    /// Class.
     pub class: Class,
     /// The gyros that it acts on.
     #[serde(with = "crate::gyros")]
     pub gyros: Gyros,
-    /// Its numbers.
+    /// Numbers.
     #[serde(with = "by_name")]
     pub parameters: Vec<EstimatedValue>,
     /// Fall of the fitted part's summed squared residual when it is added in order, over that of the configuration as given.
     #[serde(default)]
     pub gap_share: f64,
-    /// None where it was found by exact checks.
+    /// `None` if exact checks found it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub chi2: Option<Chi2Fall>,
-    /// By how much better each third is predicted by the other two; none for one that has nearly all that shows it.
+    /// Cross-validation of each third; `None` for one that contains nearly all information.
     #[serde(default, rename = "held_out_chi2", skip_serializing_if = "Option::is_none")]
     pub held_out: Option<[Option<f64>; THIRDS]>,
     /// Alternatives.
-    #[serde(default)]
-    pub rivals: Vec<ReportedAlternative>,
-    /// What puts it into a configuration.
+    #[serde(default, rename = "rivals")]
+    pub alternatives: Vec<ReportedAlternative>,
+    /// Corrections of the configuration.
     #[serde(skip)]
     pub corrections: Vec<Correction>,
 }
 
 impl DiagnosedEffect {
-    /// What [`Configuration::edited`] takes to have it in the text of `configuration`, which has it already.
+    /// Assignments for [`Configuration::edited`] that write it to the text of `configuration`, which contains it.
     pub fn assignments(&self, configuration: &Configuration) -> Vec<String> {
         self.corrections.iter().flat_map(|correction| correction.assignments(configuration)).collect()
     }
@@ -221,47 +222,58 @@ pub struct ReportedAlternative {
     pub gyros: Gyros,
     /// Cosine of the two signatures.
     pub cosine: f64,
-    /// By how much χ² falls more with what was found; none where the two are one signature.
-    pub behind_chi2: Option<f64>,
-    /// What would tell them apart.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub remedy: Option<String>,
+    /// χ² above that of the reported effect; `None` if the signatures are equal.
+    #[serde(rename = "behind_chi2")]
+    pub delta_chi2: Option<f64>,
+    /// Measurement that discriminates the two.
+    #[serde(default, rename = "remedy", skip_serializing_if = "Option::is_none")]
+    pub discriminating_test: Option<String>,
 }
 
 impl ReportedAlternative {
+    /// True if the recording does not distinguish it from the effect found.
+    pub fn is_indistinguishable(&self) -> bool {
+        self.delta_chi2.is_none_or(|delta_chi2| delta_chi2 < AMBIGUITY_CHI2)
+    }
+
     /// A hypothesis in the place of an effect.
-    pub fn new(hypothesis: &Hypothesis, cosine: f64, behind_chi2: f64, remedy: Option<String>) -> ReportedAlternative {
+    pub fn new(
+        hypothesis: &Hypothesis,
+        cosine: f64,
+        delta_chi2: f64,
+        discriminating_test: Option<String>,
+    ) -> ReportedAlternative {
         ReportedAlternative {
             code: hypothesis.amplitude.code(),
             formula: hypothesis.amplitude.formula().map(|formula| formula.to_string()),
             gyros: hypothesis.gyros,
             cosine,
-            behind_chi2: Some(behind_chi2),
-            remedy,
+            delta_chi2: Some(delta_chi2),
+            discriminating_test,
         }
     }
 }
 
-/// What is left that nothing explains.
+/// A residual without explanation.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Unexplained {
     /// The gyros that show it.
     #[serde(with = "crate::gyros")]
     pub gyros: Gyros,
-    /// From when to when it stands out, s.
+    /// Interval in which it is significant, s.
     pub interval_s: [f64; 2],
-    /// In words.
+    /// Description.
     pub shape: String,
-    /// Terms that it follows.
+    /// Correlated terms.
     pub follows: Vec<FollowedTerm>,
 }
 
-/// A term that a residual follows.
+/// A term that correlates with a residual.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FollowedTerm {
-    /// Its formula.
+    /// Formula.
     pub term: String,
-    /// What χ² falls by with it alone.
+    /// χ² reduction by it alone.
     pub score: f64,
 }
 
@@ -274,41 +286,41 @@ pub struct Gaps {
     pub held_out: ResidualStats,
 }
 
-/// The whole of it.
+/// A diagnosis.
 #[derive(Debug)]
 pub struct Diagnosis {
-    /// In a word.
+    /// Verdict.
     pub verdict: Verdict,
-    /// What was found: what is missing, then what is out of date.
+    /// Missing effects, then outdated calibration parameters.
     pub entries: Vec<DiagnosedEffect>,
-    /// What exact checks found.
+    /// Findings of exact checks.
     pub findings: Vec<Finding>,
     /// With the configuration as given.
     pub before: Gaps,
-    /// With the configuration that was written.
+    /// With the updated configuration.
     pub after: Gaps,
-    /// What is left.
+    /// The residual without explanation.
     pub unexplained: Option<Unexplained>,
-    /// The configuration with everything found.
+    /// The updated configuration.
     pub configuration: Configuration,
-    /// The search, round by round.
-    pub rounds: Vec<Round>,
-    /// What chance does.
+    /// Steps of the selection.
+    pub steps: Vec<SelectionStep>,
+    /// Detection thresholds.
     pub thresholds: Thresholds,
     /// Windowed residual at each node, before and after.
     pub windowed: [[Vec<f64>; TIMING]; 2],
-    /// What the unit did.
-    pub stretches: Vec<MotionSegment>,
-    /// Root mean square of the residual in each stretch on each gyro, before and after.
-    pub stretch_rms_arcsec: [Vec<[f64; TIMING]>; 2],
-    /// Where the data leave the model, before (what exact checks mended taken as mended) and after.
-    pub whereabouts: [ResidualMap; 2],
-    /// Whitened residual at the end, for what it still follows.
+    /// Motion segments.
+    pub segments: Vec<MotionSegment>,
+    /// Root mean square of the residual in each segment on each gyro, before and after, arcsec.
+    pub segment_rms_arcsec: [Vec<[f64; TIMING]>; 2],
+    /// Residual maps before, with corrected wiring faults, and after.
+    pub residual_maps: [ResidualMap; 2],
+    /// Whitened residual at the end.
     pub left: Series,
     /// Common lag, s, and its sigma.
     pub lag_s: (f64, f64),
-    /// How much later than the electronics' own course the temperature is told, s.
+    /// Delay of the recorded temperature against that of the electronics, s.
     pub temperature_late_s: f64,
-    /// Noise of each gyro as it was taken.
+    /// Noise of each channel.
     pub noise: [crate::whitening::NoiseModel; CHANNELS],
 }

@@ -1,4 +1,4 @@
-//! A diagnosis as JSON (cli.md) and, in `text`, as labelled lines.
+//! A diagnosis as JSON and, in `text`, as labelled lines.
 
 mod text;
 
@@ -7,9 +7,9 @@ use serde_json::{Value, json};
 use crate::outcome::Diagnosis;
 
 pub use crate::gyros::names;
-pub use text::{called, facts, heading, labelled, text, verdict, with_sigma};
+pub use text::{effect_name, facts, heading, labelled, text, verdict, with_sigma};
 
-/// The JSON that cli.md describes, with more fields than it names. A number that is not finite is null.
+/// The diagnosis as JSON. A number that is not finite is null.
 pub fn json(diagnosis: &Diagnosis) -> Value {
     json!({
         "verdict": diagnosis.verdict,

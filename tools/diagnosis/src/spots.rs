@@ -1,84 +1,99 @@
-//! The best time course of each kind of a signature, on each set of gyros.
+//! The best time course of each kind of a signature on each set of gyros.
 
 use crate::amplitude::AmplitudeRef;
-use crate::bank::{ConstantSignature, HypothesisFamily, SignatureBank, Variation};
-use crate::climb::maximise;
 use crate::gyros::Gyros;
 use crate::hypothesis::Hypothesis;
 use crate::measured::{BLOCK_S, CHANNELS};
-use crate::normal::{NormalEquations, ProjectedSignature, SignatureFit};
+use crate::normal_equations::{NormalEquations, ProjectedSignature, SignatureFit};
+use crate::shape_search::maximise;
 use crate::signature::{Signature, reaches};
+use crate::signature_bank::{ConstantSignature, HypothesisFamily, SignatureBank, Variation};
 use crate::sweep::{Part, sweep};
 
-/// A signature with a time course on some gyros, and what it explains.
+/// A signature with a time course on some gyros, and its fit.
 #[derive(Debug, Clone)]
 pub struct Spot {
-    /// Index of its base.
+    /// Index of its constant signature in the bank.
     pub base: usize,
-    /// Its time course.
+    /// Time course.
     pub variation: Variation,
-    /// Its gyros.
+    /// Gyros.
     pub gyros: Gyros,
-    /// What it explains.
+    /// Fit.
     pub gain: SignatureFit,
 }
 
 impl Spot {
+    /// Fits a signature; `None` if it is not distinguishable from the nuisances.
+    pub fn fit(
+        bank: &SignatureBank,
+        normal: &NormalEquations,
+        base: usize,
+        variation: Variation,
+        gyros: Gyros,
+    ) -> Option<Spot> {
+        let mut spot = Spot { base, variation, gyros, gain: SignatureFit { size: 0.0, sigma: 0.0, chi2: 0.0 } };
+        spot.gain = normal.gain(&spot.signature(bank, normal).products)?;
+        Some(spot)
+    }
+
     fn base<'a>(&self, bank: &'a SignatureBank) -> &'a ConstantSignature {
         &bank.bases[self.base]
     }
 
-    /// Its amplitude.
+    /// Amplitude.
     pub fn amplitude(&self, bank: &SignatureBank) -> AmplitudeRef {
         AmplitudeRef { kind: self.variation.kind(), ..self.base(bank).amplitude }
     }
 
-    /// Its family.
+    /// Family.
     pub fn family(&self, bank: &SignatureBank) -> HypothesisFamily {
         self.base(bank).family(&self.variation)
     }
 
-    /// The hypothesis that it is.
+    /// Hypothesis, with the fitted amplitude.
     pub fn hypothesis(&self, bank: &SignatureBank) -> Hypothesis {
         let base = self.base(bank);
         let value = if base.is_linear { self.gain.size } else { base.size };
         bank.hypothesis(base, &self.variation, value, self.gyros)
     }
 
-    /// Whether its signature is that of the value that it explains most with.
-    pub fn stands(&self, bank: &SignatureBank) -> bool {
+    /// True if the signature is valid at the fitted amplitude.
+    pub fn is_valid(&self, bank: &SignatureBank) -> bool {
         self.base(bank).is_valid_at(self.gain.size)
     }
 
-    /// Its signature on a recording.
+    /// Whitened signature.
     pub fn signature(&self, bank: &SignatureBank, normal: &NormalEquations) -> Signature {
-        Signature::of(bank, normal, self.base(bank), &self.variation, &self.gyros)
+        let base = self.base(bank);
+        let mut columns = bank.columns(base, &self.variation);
+        for (channel, column) in columns.iter_mut().enumerate() {
+            if !reaches(&base.amplitude, &self.gyros, channel) {
+                *column = None;
+            }
+        }
+        Signature::from_columns(normal, columns)
     }
 
-    /// With another time course; none where that cannot be distinguished from the nuisances.
-    pub fn with(&self, bank: &SignatureBank, normal: &NormalEquations, variation: &Variation) -> Option<Spot> {
-        let other = Spot { variation: variation.clone(), ..self.clone() };
-        let gain = normal.gain(&other.signature(bank, normal).products)?;
-        Some(Spot { gain, ..other })
-    }
-
-    /// With the shape near by that explains most of those that are possible; none where that is beyond the limits of the model.
-    pub fn climbed(
+    /// Optimises the shape parameters among the possible spots; `None` if the result exceeds the limits of the model.
+    pub fn optimised(
         &self,
         bank: &SignatureBank,
         normal: &NormalEquations,
         is_possible: impl Fn(&Spot) -> bool,
     ) -> Option<Spot> {
-        let duration_s = normal.residual()[0].len() as f64 * BLOCK_S;
-        let at = |variation: &Variation| self.with(bank, normal, variation).filter(&is_possible);
+        let duration_s = normal.residual[0].len() as f64 * BLOCK_S;
+        let at = |variation: &Variation| {
+            Spot::fit(bank, normal, self.base, variation.clone(), self.gyros).filter(&is_possible)
+        };
         let (variation, _) =
             maximise(self.variation.clone(), duration_s, &|variation| at(variation).map_or(0.0, |spot| spot.gain.chi2));
         at(&variation).filter(|spot| spot.hypothesis(bank).is_within_limits())
     }
 }
 
-/// The best time course of each kind of one base on each set of gyros, of those that are possible. `sets` is given the channels that
-/// the signature reaches.
+/// The best possible time course of each kind of one constant signature on each set of gyros. `sets` receives the channels that the
+/// signature reaches.
 pub fn spots(
     bank: &SignatureBank,
     normal: &NormalEquations,
@@ -88,7 +103,7 @@ pub fn spots(
 ) -> Vec<Spot> {
     let base = &bank.bases[index];
     let mut best: Vec<Spot> = Vec::new();
-    let take = |variation: &Variation, parts: &[Part<()>; CHANNELS]| {
+    let push = |variation: &Variation, parts: &[Part<()>; CHANNELS]| {
         for gyros in sets(parts.each_ref().map(Option::is_some)) {
             let chosen = (0..CHANNELS).filter(|&channel| reaches(&base.amplitude, &gyros, channel));
             let parts = chosen.filter_map(|channel| parts[channel].as_ref().map(|(part, ())| part));
@@ -106,6 +121,6 @@ pub fn spots(
             }
         }
     };
-    sweep(bank, normal, base, |_, _| (), take);
+    sweep(bank, normal, base, |_, _| (), push);
     best
 }

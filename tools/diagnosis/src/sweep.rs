@@ -1,19 +1,20 @@
-//! All the courses of one signature, beside the nuisances: what every search goes through.
+//! All time courses of one signature, projected on the nuisances.
 //!
-//! A wave of any phase is a sum of two a quarter of a turn apart, so that those two alone are whitened.
+//! A wave of any phase is a sum of two waves with a quarter period between them, so that only these two are whitened.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
-use crate::bank::{Column, ConstantSignature, SignatureBank, Variation};
+use crate::linear_algebra::dot;
 use crate::measured::CHANNELS;
-use crate::normal::{NormalEquations, ProjectedSignature, dot};
+use crate::normal_equations::{NormalEquations, ProjectedSignature};
+use crate::signature_bank::{Column, ConstantSignature, SignatureBank, Variation};
 
-/// Phases of a wave that are looked for, over half a turn.
+/// Searched phases of a wave, over half a period.
 const PHASES: usize = 16;
 
-/// What is told of a signature on one channel, linear in it.
+/// A linear function of a signature on one channel.
 pub trait Linear: Sized {
-    /// The same of the sum of two signatures, each times its factor.
+    /// Value for the sum of two signatures, each times its factor.
     #[must_use]
     fn sum(one: (f64, &Self), other: (f64, &Self)) -> Self;
 }
@@ -28,36 +29,36 @@ impl<const COUNT: usize> Linear for [f32; COUNT] {
     }
 }
 
-/// A signature on one channel beside the nuisances, and what else is told of it there.
+/// A projected signature on one channel, and a linear function of it.
 pub type Part<T> = Option<(ProjectedSignature, T)>;
 
-/// Goes through the courses of a base: `tell` is given a channel and the whitened signature there, `take` each course.
+/// Passes each time course of a signature to `push`. `linear` is evaluated for the whitened signature on a channel.
 pub fn sweep<T: Linear>(
     bank: &SignatureBank,
     normal: &NormalEquations,
     base: &ConstantSignature,
-    tell: impl Fn(usize, &Column) -> T,
-    mut take: impl FnMut(&Variation, &[Part<T>; CHANNELS]),
+    linear: impl Fn(usize, &Column) -> T,
+    mut push: impl FnMut(&Variation, &[Part<T>; CHANNELS]),
 ) {
     let whitened = |variation: &Variation| -> [Option<Column>; CHANNELS] {
         let columns = bank.columns(base, variation);
-        // Of a channel without a good block nothing is told.
-        let is_told = |white: &Column| white.values.iter().any(|&value| value != 0.0);
+        // A channel without usable blocks has no part.
+        let is_used = |white: &Column| white.values.iter().any(|&value| value != 0.0);
         std::array::from_fn(|channel| {
-            columns[channel].as_ref().map(|column| normal.white(channel, column)).filter(is_told)
+            columns[channel].as_ref().map(|column| normal.white(channel, column)).filter(is_used)
         })
     };
     let parts = |white: &[Option<Column>; CHANNELS]| -> [Part<T>; CHANNELS] {
         std::array::from_fn(|channel| {
             let white = white[channel].as_ref()?;
-            Some((normal.beside(&normal.products(channel, white)), tell(channel, white)))
+            Some((normal.project(&normal.products(channel, white)), linear(channel, white)))
         })
     };
     for variation in bank.variations(base) {
         let white = whitened(&variation);
         let own = parts(&white);
         let Some(quarter) = variation.at_phase(FRAC_PI_2) else {
-            take(&variation, &own);
+            push(&variation, &own);
             continue;
         };
         let later = whitened(&quarter);
@@ -70,12 +71,12 @@ pub fn sweep<T: Linear>(
             let phase_rad = PI * phase as f64 / PHASES as f64;
             let (sin, cos) = phase_rad.sin_cos();
             let mixed: [Part<T>; CHANNELS] = std::array::from_fn(|channel| {
-                let ((one, one_told), (other, other_told)) = (own[channel].as_ref()?, other[channel].as_ref()?);
-                let beside = ProjectedSignature::sum((cos, one), (sin, other), both[channel]);
-                Some((beside, T::sum((cos, one_told), (sin, other_told))))
+                let ((one, one_linear), (other, other_linear)) = (own[channel].as_ref()?, other[channel].as_ref()?);
+                let projected = ProjectedSignature::sum((cos, one), (sin, other), both[channel]);
+                Some((projected, T::sum((cos, one_linear), (sin, other_linear))))
             });
             if let Some(variation) = variation.at_phase(phase_rad) {
-                take(&variation, &mixed);
+                push(&variation, &mixed);
             }
         }
     }

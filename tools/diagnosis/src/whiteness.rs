@@ -1,23 +1,22 @@
-//! Whether a whitened residual is noise.
+//! Tests of a whitened residual for noise.
 
 use crate::measured::{CHANNELS, Series, TIMING};
 
-/// How far a whitened residual is from noise.
+/// Distance of a whitened residual from noise: the largest, and that of each channel.
 ///
-/// For averages over half a minute up to half an hour, on each gyro: their χ² against their number, in sigmas; the largest. What no
-/// hypothesis matches is still slow.
-pub fn unlikeness(left: &Series) -> (f64, [f64; CHANNELS]) {
+/// Compares χ² of averages over half a minute to half an hour with their number, in sigmas, since unexplained effects are slow.
+pub fn whiteness_statistic(left: &Series) -> (f64, [f64; CHANNELS]) {
     const SCALES: [usize; 4] = [6, 24, 96, 384];
     let of_channel = |channel: usize| {
         let of_scale = |scale: &usize| {
-            // Blocks that tell nothing are exactly 0; a window that is half of these is none.
+            // Blocks without data are exactly 0; a window with more than half of them is ignored.
             let of_window = |window: &[f64]| {
                 let known = window.iter().filter(|value| **value != 0.0).count();
                 (2 * known >= *scale).then(|| window.iter().sum::<f64>().powi(2) / known as f64)
             };
             let windows: Vec<f64> = left[channel].chunks_exact(*scale).filter_map(of_window).collect();
             let count = windows.len() as f64;
-            // With few windows the law leans: the cube root of χ² is closer to a normal variable (Wilson and Hilferty).
+            // The distribution is skewed with few windows: the cube root of χ² is closer to a normal variable (Wilson and Hilferty).
             let mean = windows.iter().sum::<f64>() / count.max(1.0);
             if windows.len() < 4 {
                 return 0.0;
@@ -31,7 +30,7 @@ pub fn unlikeness(left: &Series) -> (f64, [f64; CHANNELS]) {
     (channels[..TIMING].iter().copied().fold(f64::NEG_INFINITY, f64::max), channels)
 }
 
-/// Fourth moment over the square of the second; 3 of normal values. Blocks that tell nothing, exactly 0, are left out.
+/// Fourth moment over the square of the second; 3 of normal values. Blocks without data, exactly 0, are ignored.
 pub fn kurtosis(values: &[f64]) -> f64 {
     let known = || values.iter().filter(|value| **value != 0.0);
     let count = known().count().max(1) as f64;

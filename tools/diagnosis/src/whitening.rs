@@ -1,8 +1,8 @@
-//! Whitening of an accumulated angle: what is left of it is white, of variance 1, where it is only noise.
+//! Whitening filter of an accumulated angle: noise becomes white, of variance 1.
 //!
 //! A Kalman filter of angle and drift rate predicts each block from those before it; the innovation over its own deviation is
-//! white. The filter is linear and knows no data, so it is the same for a residual and for every signature that is looked
-//! for in it (Willsky and Jones). Where a sum begins anew the angle is taken from the first block after it, which tells nothing else.
+//! white. The filter is linear and independent of the data, thus the same for a residual and for every signature (Willsky and Jones).
+//! After a restart of the sum the first block only initialises the angle.
 
 use crate::measured::{BLOCK, BLOCK_S, Block};
 
@@ -20,17 +20,15 @@ pub struct NoiseModel {
     pub rate_walk: f64,
 }
 
-/// A block's average of a walk that starts at 0, sampled at each of its nodes, in parts of what the walk grows by over the block: its
-/// mean time, and its variance.
+/// Mean time of a block's average of a walk that starts at 0, as a share of the block.
 const MEAN: f64 = (BLOCK as f64 + 1.0) / (2.0 * BLOCK as f64);
-/// See [`MEAN`].
+/// Variance of that average, as a share of the walk's variance at the end of the block.
 const VARIANCE: f64 = (BLOCK as f64 + 1.0) * (2.0 * BLOCK as f64 + 1.0) / (6.0 * BLOCK as f64 * BLOCK as f64);
 
 /// The filter for one channel.
 #[derive(Debug, Clone)]
 pub struct Whitening {
-    /// For each block the gains on angle and rate at its end, and one over the deviation of the innovation: 0 where a block tells
-    /// nothing.
+    /// For each block the gains on angle and rate at its end, and the inverse sigma of the innovation: 0 for a block without data.
     steps: Vec<([f64; 2], f64)>,
     /// Σ ln of the innovations' variances.
     pub log_determinant: f64,
@@ -41,8 +39,8 @@ impl Whitening {
     pub fn new(noise: &NoiseModel, blocks: &[Block]) -> Whitening {
         let (angle, drift, t) = (noise.angle_walk.powi(2) * BLOCK_S, noise.rate_walk.powi(2), BLOCK_S);
         let mean_s = MEAN * t;
-        // At the start the angle is free, since a common shift of time moves what was before. The rate of then is no noise: it is
-        // one of the sixteen.
+        // At the start the angle is free, since a common time shift changes the angle before. The initial rate is a calibration
+        // parameter, not noise.
         let (mut aa, mut ad, mut dd) = (0.0, 0.0, 0.0);
         let (mut anew, mut log_determinant) = (true, 0.0);
         let step = |block: &Block| {
@@ -79,7 +77,7 @@ impl Whitening {
         self.apply_from(0, series)
     }
 
-    /// The same of a series that is 0 before the block `from`, of which it tells the rest or some of it.
+    /// Whitens a series that is 0 before the block `from`; `series` contains the blocks from there on.
     pub fn apply_from(&self, from: usize, series: &[f64]) -> Vec<f64> {
         const MEAN_S: f64 = MEAN * BLOCK_S;
         let (mut angle, mut rate) = (0.0, 0.0);
@@ -104,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn walks_come_out_white_across_a_break_whichever_is_the_larger() {
+    fn whitened_walks_are_white_across_a_break() {
         for angle_walk in [0.01, 0.3] {
             let noise = NoiseModel { white: 1.0 / 120.0, angle_walk, rate_walk: 8e-6 };
             let mut blocks = vec![Block { is_good: true, restarts: false }; 20_000];

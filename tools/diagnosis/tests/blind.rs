@@ -1,4 +1,4 @@
-//! The blind trial: what is hidden is told by its key alone, scored as it should be, and a campaign is the same on any threads.
+//! The blind trial: keys, scores, and campaigns that do not depend on the number of threads.
 
 use geu_diagnosis::blind::{
     AnswerKey, CampaignPlan, InjectedEffect, IsolationResult, Origin, ReportedDiagnosis, TrialMotion, campaign,
@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 
 const SHORT_S: f64 = 1500.0;
 
-fn survey() -> TrialMotion {
+fn motion() -> TrialMotion {
     TrialMotion::new(Configuration::reference(), SHORT_S).expect("long enough")
 }
 
@@ -30,43 +30,42 @@ impl Sink for Rows {
 }
 
 #[test]
-fn the_same_seed_hides_the_same_and_its_files_read_back() {
-    let survey = survey();
+fn same_seed_injects_the_same_effects_and_files_read_back() {
+    let motion = motion();
     let mut kinds = [0; 4];
     for seed in 0..40 {
-        let (key, flight) = generate_trial(&survey, seed);
-        assert_eq!(AnswerKey::parse("key.toml", &key.to_toml()).expect("a key"), key, "seed {seed}");
-        key.hidden.iter().for_each(|own| kinds[own.origin as usize] += 1);
+        let (key, recording) = generate_trial(&motion, seed);
+        assert_eq!(AnswerKey::parse(&key.to_toml()).expect("a key"), key, "seed {seed}");
+        key.injected.iter().for_each(|own| kinds[own.origin as usize] += 1);
         if seed < 3 {
-            let (again, other) = generate_trial(&survey, seed);
-            assert_eq!((&again, &other.rows), (&key, &flight.rows), "seed {seed}");
+            let (again, other) = generate_trial(&motion, seed);
+            assert_eq!((&again, &other.rows), (&key, &recording.rows), "seed {seed}");
         }
     }
     assert!(kinds.iter().all(|&count| count > 0), "{kinds:?}");
 
-    let (_, flight) = generate_trial(&survey, 1);
+    let (_, recording) = generate_trial(&motion, 1);
     let directory = tempfile::tempdir().expect("a directory");
     let path = directory.path().join("link.log");
-    std::fs::write(&path, flight.link_log()).expect("written");
+    std::fs::write(&path, recording.link_log()).expect("written");
     let (mut reader, mut read) = (InputReader::new(DecoderOptions::default(), Stop::default()), Rows::default());
     reader.read(path.to_str().expect("text"), &mut read).expect("a recording");
     reader.finish(&mut read).1.expect("its end");
-    assert_eq!((&read.0, read.1), (&flight.rows, 0));
-    let reference = ReferenceAttitude::parse("reference.csv", &flight.reference_csv()).expect("a reference");
-    assert_eq!(reference.start_ns, flight.reference.start_ns);
-    assert!((reference.truth.end_s() - flight.reference.truth.end_s()).abs() < 1e-6);
+    assert_eq!((&read.0, read.1), (&recording.rows, 0));
+    let reference = ReferenceAttitude::parse("reference.csv", &recording.reference_csv()).expect("a reference");
+    assert_eq!(reference.start_ns, recording.reference.start_ns);
+    assert!((reference.truth.end_s() - recording.reference.truth.end_s()).abs() < 1e-6);
 }
 
-fn hidden(code: &str, numbers: &[(&str, f64)]) -> Hypothesis {
+fn hypothesis(code: &str, numbers: &[(&str, f64)]) -> Hypothesis {
     let number = |name: &str| numbers.iter().find(|(own, _)| *own == name).map(|(_, value)| *value);
     Hypothesis::from_numbers(code, None, [true, false, false, false], number).expect("a hypothesis")
 }
 
 fn step(size: f64) -> InjectedEffect {
     InjectedEffect {
-        hypothesis: hidden("drift-step", &[("arcsec_per_h", size), ("time_s", 700.0)]),
+        hypothesis: hypothesis("drift-step", &[("arcsec_per_h", size), ("time_s", 700.0)]),
         origin: Origin::Catalogue,
-        gyros: [true, false, false, false],
         sigma: Some(2.0),
         strength: Some(0.5 * size),
         nearest: None,
@@ -79,109 +78,118 @@ fn entry(code: &str, gyro: &str, rivals: Value) -> Value {
     json!({ "code": code, "class": "missing-effect", "gyros": [gyro], "parameters": parameters, "rivals": rivals })
 }
 
-fn told(verdict: &str, effects: &[Value]) -> ReportedDiagnosis {
+fn result(verdict: &str, effects: &[Value]) -> ReportedDiagnosis {
     ReportedDiagnosis::from_json(&json!({ "verdict": verdict, "effects": effects })).expect("a result")
 }
 
 #[test]
-fn what_was_said_is_scored_against_what_was_hidden() {
-    let rival = |cosine: f64, behind: f64| json!([{ "code": "drift-step", "gyros": ["GYRX"], "cosine": cosine, "behind_chi2": behind }]);
+fn diagnoses_are_scored_against_injected_effects() {
+    let alternative = |cosine: f64, behind: f64| json!([{ "code": "drift-step", "gyros": ["GYRX"], "cosine": cosine, "behind_chi2": behind }]);
     let recalibrated = json!({ "code": "scale-factor", "class": "recalibration", "gyros": ["GYRZA"] });
-    for (name, told, naming, false_names) in [
+    for (name, result, isolation, false_alarms) in [
         (
             "right",
-            told("explained", &[entry("drift-step", "GYRX", json!([])), recalibrated]),
+            result("explained", &[entry("drift-step", "GYRX", json!([])), recalibrated]),
             IsolationResult::Right,
             0,
         ),
         (
-            "beside",
-            told("explained", &[entry("drift-step", "GYRX", json!([])), entry("drift", "GYRY", json!([]))]),
+            "with a false alarm",
+            result("explained", &[entry("drift-step", "GYRX", json!([])), entry("drift", "GYRY", json!([]))]),
             IsolationResult::Right,
             1,
         ),
         (
-            "alike, yet apart",
-            told("explained", &[entry("drift-ramp", "GYRX", rival(0.96, 40.0))]),
+            "similar, yet distinguishable",
+            result("explained", &[entry("drift-ramp", "GYRX", alternative(0.96, 40.0))]),
             IsolationResult::Wrong,
             1,
         ),
-        ("not apart", told("explained", &[entry("drift-ramp", "GYRX", rival(0.90, 8.0))]), IsolationResult::Group, 0),
-        ("apart", told("explained", &[entry("drift-ramp", "GYRX", rival(0.90, 10.0))]), IsolationResult::Wrong, 1),
-        ("another gyro", told("explained", &[entry("drift-step", "GYRY", json!([]))]), IsolationResult::Missed, 1),
-        ("no name", told("unexplained", &[]), IsolationResult::Unnamed, 0),
-        ("nothing", told("consistent", &[]), IsolationResult::Missed, 0),
+        (
+            "not distinguishable",
+            result("explained", &[entry("drift-ramp", "GYRX", alternative(0.90, 8.0))]),
+            IsolationResult::Group,
+            0,
+        ),
+        (
+            "distinguishable",
+            result("explained", &[entry("drift-ramp", "GYRX", alternative(0.90, 10.0))]),
+            IsolationResult::Wrong,
+            1,
+        ),
+        ("another gyro", result("explained", &[entry("drift-step", "GYRY", json!([]))]), IsolationResult::Missed, 1),
+        ("no effect", result("unexplained", &[]), IsolationResult::Unnamed, 0),
+        ("consistent", result("consistent", &[]), IsolationResult::Missed, 0),
     ] {
-        let score = score(&[step(24.0)], &told, &|_, _| 0.0);
-        assert_eq!((score.outcomes[0].naming, score.false_names.len()), (naming, false_names), "{name}");
+        let score = score(&[step(24.0)], &result, &|_, _| 0.0);
+        assert_eq!((score.outcomes[0].isolation, score.false_alarms.len()), (isolation, false_alarms), "{name}");
         let size = score.outcomes[0].size.map(|size| (size.error, size.sigma, size.bound));
-        assert_eq!(size, (naming == IsolationResult::Right).then_some((1.0, 3.0, 2.0)), "{name}");
-        let is_right = naming >= IsolationResult::Group && false_names == 0;
-        assert_eq!(score.is_right(&[step(24.0)], &told), is_right, "{name}");
+        assert_eq!(size, (isolation == IsolationResult::Right).then_some((1.0, 3.0, 2.0)), "{name}");
+        let is_right = isolation >= IsolationResult::Group && false_alarms == 0;
+        assert_eq!(score.is_right(&[step(24.0)], &result), is_right, "{name}");
     }
-    // One thing by its signature, whatever it is called.
-    let other = told("explained", &[entry("drift-periodic", "GYRX", json!([]))]);
-    assert_eq!(score(&[step(24.0)], &other, &|_, _| 0.9995).outcomes[0].naming, IsolationResult::Group);
+    // Another code with the same signature.
+    let other = result("explained", &[entry("drift-periodic", "GYRX", json!([]))]);
+    assert_eq!(score(&[step(24.0)], &other, &|_, _| 0.9995).outcomes[0].isolation, IsolationResult::Group);
     let broken = ReportedDiagnosis::from_json(&json!({ "verdict": "explained", "effects": 1 })).expect_err("no list");
     assert_eq!(broken.to_string(), "effects: expected a list, as `geu diagnose --json` writes it");
     let broken = ReportedDiagnosis::from_json(&json!({ "verdict": "sure", "effects": [] })).expect_err("no verdict");
     assert!(broken.to_string().starts_with("verdict: expected consistent, explained or unexplained"), "{broken}");
     let elsewhere = entry("drift-step", "GYRQ", json!([]));
     assert!(ReportedDiagnosis::from_json(&json!({ "verdict": "explained", "effects": [elsewhere] })).is_err());
-    let key = AnswerKey { seed: 1, duration_s: 100.0, hidden: vec![step(24.0)] }.to_toml();
-    let broken = AnswerKey::parse("key.toml", &key.replace("\"GYRX\"", "\"GYRQ\"")).expect_err("no gyro");
+    let key = AnswerKey { seed: 1, duration_s: 100.0, injected: vec![step(24.0)] }.to_toml();
+    let broken = AnswerKey::parse(&key.replace("\"GYRX\"", "\"GYRQ\"")).expect_err("no gyro");
     assert!(broken.to_string().contains("expected one or more of GYRX, GYRY, GYRZA, GYRZB"), "{broken}");
 }
 
-/// A run of the model with the effect, beside one with what was found.
 #[test]
-fn an_effect_is_like_itself_and_unlike_another() {
-    let survey = survey();
-    let likeness = |code: &str, gyro: &str| {
-        let mut found = told("explained", &[entry(code, gyro, json!([]))]).missing.remove(0);
+fn cosine_is_one_with_itself_and_small_with_another_effect() {
+    let motion = motion();
+    let cosine = |code: &str, gyro: &str| {
+        let mut found = result("explained", &[entry(code, gyro, json!([]))]).missing.remove(0);
         found.parameters.push(EstimatedValue::new("time_s".to_owned(), 700.0, f64::NAN));
-        survey.signature_cosine(&step(24.0), &found, 0.0)
+        motion.signature_cosine(&step(24.0), &found, 0.0)
     };
-    assert!((likeness("drift-step", "GYRX") - 1.0).abs() < 1e-3, "{}", likeness("drift-step", "GYRX"));
-    assert!(likeness("drift-step", "GYRY") < 1e-3);
-    assert_eq!(likeness("stuck-output", "GYRX"), 0.0);
+    assert!((cosine("drift-step", "GYRX") - 1.0).abs() < 1e-3, "{}", cosine("drift-step", "GYRX"));
+    assert!(cosine("drift-step", "GYRY") < 1e-3);
+    assert_eq!(cosine("stuck-output", "GYRX"), 0.0);
 }
 
 #[test]
-fn what_follows_a_late_temperature_is_another_signature() {
-    let survey = survey();
+fn lagged_temperature_changes_the_signature() {
+    let motion = motion();
     let follows = json!({ "code": "drift-temperature", "class": "missing-effect", "gyros": ["GYRX"],
         "parameters": { "arcsec_per_h_per_k": { "value": 5.0, "sigma": 0.1 } }, "rivals": [] });
     let result = json!({ "verdict": "explained", "effects": [follows], "temperature_late_s": 600.0 });
-    let told = ReportedDiagnosis::from_json(&result).expect("a result");
-    let hidden = InjectedEffect {
-        hypothesis: self::hidden("drift-temperature", &[("arcsec_per_h_per_k", 5.0)]),
+    let reported = ReportedDiagnosis::from_json(&result).expect("a result");
+    let injected = InjectedEffect {
+        hypothesis: hypothesis("drift-temperature", &[("arcsec_per_h_per_k", 5.0)]),
         origin: Origin::Unknown,
         ..step(0.0)
     };
-    let likeness = |late_s: f64| survey.signature_cosine(&hidden, &told.missing[0], late_s);
-    assert!(likeness(0.0) > 0.999, "{}", likeness(0.0));
-    assert_eq!(told.temperature_late_s, 600.0);
-    assert!(likeness(told.temperature_late_s) < likeness(0.0));
-    // Another code that was hidden, as like as the lag lets it be.
+    let cosine = |late_s: f64| motion.signature_cosine(&injected, &reported.missing[0], late_s);
+    assert!(cosine(0.0) > 0.999, "{}", cosine(0.0));
+    assert_eq!(reported.temperature_late_s, 600.0);
+    assert!(cosine(reported.temperature_late_s) < cosine(0.0));
+    // The lag changes the cosine with another code, too.
     let numbers = [("amplitude_arcsec_per_h", 20.0), ("period_s", 6180.0), ("phase_rad", 0.0)];
-    let swings =
-        InjectedEffect { hypothesis: self::hidden("drift-periodic", &numbers), origin: Origin::Unknown, ..step(0.0) };
+    let wave =
+        InjectedEffect { hypothesis: hypothesis("drift-periodic", &numbers), origin: Origin::Unknown, ..step(0.0) };
     let [now, quarter_turn_late] =
-        [0.0, 1545.0].map(|late_s| survey.signature_cosine(&swings, &told.missing[0], late_s));
+        [0.0, 1545.0].map(|late_s| motion.signature_cosine(&wave, &reported.missing[0], late_s));
     assert!((now - quarter_turn_late).abs() > 0.01, "{now} {quarter_turn_late}");
 }
 
 #[test]
-fn a_campaign_is_the_same_on_any_number_of_threads() {
-    let survey = survey();
+fn campaign_does_not_depend_on_the_number_of_threads() {
+    let motion = motion();
     let plan = CampaignPlan { seed: 3, runs: 4, strengths: vec![12.0], threads: 2 };
-    let all = campaign(&survey, &plan, &|| ()).expect("a campaign");
+    let all = campaign(&motion, &plan, &|| ()).expect("a campaign");
     assert_eq!(all.groups.iter().map(|group| group.runs.len()).collect::<Vec<_>>(), [4, 4, 1]);
-    let one = campaign(&survey, &CampaignPlan { runs: 1, threads: 1, ..plan }, &|| ()).expect("a campaign");
+    let one = campaign(&motion, &CampaignPlan { runs: 1, threads: 1, ..plan }, &|| ()).expect("a campaign");
     let (first, again) = (&all.groups[0].runs[0], &one.groups[0].runs[0]);
-    assert_eq!((&first.hidden, &first.told, &first.score), (&again.hidden, &again.told, &again.score));
-    assert!((first.hidden[0].strength.expect("an amplitude has one") - 12.0).abs() < 0.1);
+    assert_eq!((&first.injected, &first.result, &first.score), (&again.injected, &again.result, &again.score));
+    assert!((first.injected[0].strength.expect("an amplitude has one") - 12.0).abs() < 0.1);
     let tables = all.tables();
     assert!(
         tables.contains("| effect, 12× | ") && tables.contains("| nothing | ") && tables.contains("| outside"),

@@ -1,5 +1,4 @@
-//! Each kind of thing that the exact checks look for, put into a recording, is found with its place; what is only an
-//! ordinary effect, however large, is not.
+//! The exact checks find each kind of defect with its place, and report no ordinary effect, however large.
 
 use std::io::Write;
 use std::path::Path;
@@ -8,7 +7,7 @@ use geu_diagnosis::checks::{CheckResult, WiringFault, check};
 use geu_model::Configuration;
 use geu_plant::{GYROS, Gyro as Of, IndependentModel, PlantedEffect};
 use geu_protocol::Gyro;
-use geu_protocol::capture::{Format, Reader, RecordPosition, Timestamp};
+use geu_protocol::capture::{Format, RecordPosition, Timestamp};
 use geu_protocol::field::unit_flag;
 use geu_recording::{
     Decoder, DecoderOptions, Defect, DefectKind, InputReader, ReceivedSample, ReferenceAttitude, Sink, Stop,
@@ -32,20 +31,21 @@ struct Recording {
 }
 
 impl Recording {
-    fn of(plant: &IndependentModel) -> Recording {
-        let recording = plant.record();
+    fn new(model: &IndependentModel) -> Recording {
+        let recording = model.record();
         let (mut decoder, mut rows) = (Decoder::new(&DecoderOptions::default()), Rows::default());
         decoder.begin("link.log", &mut rows);
-        let mut reader = Reader::new(Format::Candump);
-        reader.finish(recording.link.as_bytes(), &mut |place, event| decoder.event(place, event, &mut rows));
+        let mut reader = Format::from_name("candump").expect("a format").reader().expect("a reader");
+        reader
+            .read(recording.link.as_bytes(), true, &mut |position, record| decoder.event(position, record, &mut rows));
         decoder.count_records(reader.records());
         decoder.finish(&mut rows);
         let reference = ReferenceAttitude::parse("reference.csv", &recording.reference).expect("a reference");
         Recording { rows: rows.0, reference }
     }
 
-    fn hiding(seed: u64, hidden: &[PlantedEffect]) -> Recording {
-        Recording::of(&IndependentModel::new(seed, hidden.to_vec()))
+    fn with(seed: u64, effects: &[PlantedEffect]) -> Recording {
+        Recording::new(&IndependentModel::new(seed, effects.to_vec()))
     }
 
     fn checked(&self) -> CheckResult {
@@ -53,17 +53,17 @@ impl Recording {
     }
 }
 
-/// 400 s of the plant, with nothing hidden.
+/// 400 s of the independent model without effects.
 fn short() -> Recording {
-    Recording::of(&IndependentModel { duration_s: 400.0, ..IndependentModel::new(3, Vec::new()) })
+    Recording::new(&IndependentModel { duration_s: 400.0, ..IndependentModel::new(3, Vec::new()) })
 }
 
 fn kinds(checked: &CheckResult) -> Vec<&str> {
     checked.findings.iter().map(|finding| finding.kind.as_str()).collect()
 }
 
-/// What was found of a kind: place and text.
-fn told<'a>(checked: &'a CheckResult, kind: &str) -> Vec<(&'a str, &'a str)> {
+/// Place and text of the findings of a kind.
+fn findings<'a>(checked: &'a CheckResult, kind: &str) -> Vec<(&'a str, &'a str)> {
     let of_kind = checked.findings.iter().filter(|finding| finding.kind == kind);
     of_kind.map(|finding| (finding.place.as_str(), finding.text.as_str())).collect()
 }
@@ -74,56 +74,56 @@ fn wired(code: &str, gyros: &[Of], onset_s: Option<f64>) -> PlantedEffect {
     PlantedEffect::new(&code, gyros, &on[..1 + usize::from(onset_s.is_some())])
 }
 
-/// One fault, of that code, on those gyros, whose onset may be where it was.
-fn assert_named(checked: &CheckResult, hidden: &PlantedEffect, onset_s: Option<f64>) {
+/// Asserts that exactly this fault was found, with an interval that contains its onset.
+fn assert_found(checked: &CheckResult, planted: &PlantedEffect, onset_s: Option<f64>) {
     let [fault @ WiringFault { gyros, onset_s: found_s, onset_between_s: [from_s, to_s], end_s, .. }] =
         &checked.faults[..]
     else {
-        panic!("{hidden:?}: {:?}", checked.faults);
+        panic!("{planted:?}: {:?}", checked.faults);
     };
-    let hidden_gyros: Vec<&str> = hidden.gyros.iter().map(|gyro| gyro.name()).collect();
+    let planted_gyros: Vec<&str> = planted.gyros.iter().map(|gyro| gyro.name()).collect();
     let found_gyros: Vec<&str> = gyros.iter().map(|gyro| gyro.name()).collect();
-    assert_eq!((fault.code().as_str(), found_gyros, *end_s), (hidden.code.as_str(), hidden_gyros, None));
-    assert_eq!(found_s.is_some(), onset_s.is_some(), "{hidden:?}");
+    assert_eq!((fault.code().as_str(), found_gyros, *end_s), (planted.code.as_str(), planted_gyros, None));
+    assert_eq!(found_s.is_some(), onset_s.is_some(), "{planted:?}");
     if let Some(onset_s) = onset_s {
-        assert!((from_s - 2.0..=to_s + 2.0).contains(&onset_s), "{hidden:?}: {from_s} to {to_s} s");
+        assert!((from_s - 2.0..=to_s + 2.0).contains(&onset_s), "{planted:?}: {from_s} to {to_s} s");
     }
-    assert_eq!(kinds(checked), [fault.code()], "{hidden:?}");
+    assert_eq!(kinds(checked), [fault.code()], "{planted:?}");
 }
 
 const PAIRS: [[Of; 2]; 6] =
     [[Of::X, Of::Y], [Of::X, Of::Za], [Of::X, Of::Zb], [Of::Y, Of::Za], [Of::Y, Of::Zb], [Of::Za, Of::Zb]];
 
 #[test]
-fn a_wiring_fault_is_named_on_every_gyro_from_the_start_and_from_later() {
+fn wiring_faults_are_found_on_every_gyro_with_and_without_onset() {
     for onset_s in [None, Some(5200.0)] {
         let single = ["sign-inversion", "stuck-output"];
         let single = single.iter().flat_map(|code| GYROS.map(|gyro| wired(code, &[gyro], onset_s)));
-        for hidden in single.chain(PAIRS.map(|pair| wired("axis-swap", &pair, onset_s))) {
-            let recording = Recording::hiding(9, std::slice::from_ref(&hidden));
+        for planted in single.chain(PAIRS.map(|pair| wired("axis-swap", &pair, onset_s))) {
+            let recording = Recording::with(9, std::slice::from_ref(&planted));
             let checked = recording.checked();
-            println!("{hidden:?}: {:?}", checked.faults);
-            assert_named(&checked, &hidden, onset_s);
-            // What was put right is in order.
+            println!("{planted:?}: {:?}", checked.faults);
+            assert_found(&checked, &planted, onset_s);
+            // The corrected rows have no fault.
             let again = Recording { rows: checked.rows, ..recording }.checked();
-            assert!(again.faults.is_empty(), "{hidden:?}: {:?}", again.faults);
+            assert!(again.faults.is_empty(), "{planted:?}: {:?}", again.faults);
         }
     }
 }
 
 #[test]
-fn rows_are_as_without_the_fault_and_what_is_stuck_is_marked() {
-    let null = Recording::hiding(9, &[]).rows;
+fn rows_are_corrected_and_stuck_outputs_are_marked() {
+    let null = Recording::with(9, &[]).rows;
     for code in ["sign-inversion", "axis-swap"] {
         let gyros = if code == "axis-swap" { &[Of::X, Of::Zb][..] } else { &[Of::X] };
-        let checked = Recording::hiding(9, &[wired(code, gyros, Some(5200.0))]).checked();
+        let checked = Recording::with(9, &[wired(code, gyros, Some(5200.0))]).checked();
         let differ = checked.rows.iter().zip(&null).filter(|(row, null)| row.sample != null.sample).count();
         assert!(differ <= 4, "{code}: {differ} rows differ");
     }
-    let checked = Recording::hiding(9, &[wired("stuck-output", &[Of::Y], Some(5200.0))]).checked();
+    let checked = Recording::with(9, &[wired("stuck-output", &[Of::Y], Some(5200.0))]).checked();
     for (index, (row, null)) in checked.rows.iter().zip(&null).enumerate() {
         let is_stuck = index >= 10_400;
-        // A gyro may have stood still before it stuck.
+        // A gyro may have been at rest before it stuck.
         if !(10_390..10_400).contains(&index) {
             assert_eq!(row.sample.gyro_flags, if is_stuck { 0x0D } else { 0x0F }, "{index}");
         }
@@ -132,7 +132,7 @@ fn rows_are_as_without_the_fault_and_what_is_stuck_is_marked() {
 }
 
 #[test]
-fn faults_beside_large_ordinary_effects_and_beside_each_other_are_named() {
+fn faults_are_found_with_large_ordinary_effects_and_other_faults() {
     let ordinary = [
         PlantedEffect::new("scale-factor", &GYROS, &[("ppm", 2000.0)]),
         PlantedEffect::new("drift", &GYROS, &[("arcsec_per_h", 100.0)]),
@@ -144,18 +144,18 @@ fn faults_beside_large_ordinary_effects_and_beside_each_other_are_named() {
         (13, vec![wired("axis-swap", &[Of::X, Of::Y], None), wired("stuck-output", &[Of::Zb], Some(6000.0))]),
         (14, vec![wired("sign-inversion", &[Of::Y], None), wired("sign-inversion", &[Of::Za], Some(6000.0))]),
     ] {
-        let checked = Recording::hiding(seed, &[&ordinary[..], &faults].concat()).checked();
-        let named: Vec<(String, &str)> =
+        let checked = Recording::with(seed, &[&ordinary[..], &faults].concat()).checked();
+        let found: Vec<(String, &str)> =
             checked.faults.iter().map(|fault| (fault.code(), fault.gyros[0].name())).collect();
-        let hidden: Vec<(String, &str)> =
-            faults.iter().map(|hidden| (hidden.code.clone(), hidden.gyros[0].name())).collect();
-        assert_eq!(named, hidden, "{:?}", checked.faults);
+        let planted: Vec<(String, &str)> =
+            faults.iter().map(|planted| (planted.code.clone(), planted.gyros[0].name())).collect();
+        assert_eq!(found, planted, "{:?}", checked.faults);
     }
 }
 
 #[test]
-fn a_fault_that_ends_is_told_with_its_end() {
-    let mut recording = Recording::hiding(9, &[]);
+fn end_of_a_fault_is_found() {
+    let mut recording = Recording::with(9, &[]);
     for row in &mut recording.rows[6000..12_000] {
         row.sample.increments[0] = -row.sample.increments[0];
     }
@@ -168,28 +168,28 @@ fn a_fault_that_ends_is_told_with_its_end() {
 }
 
 #[test]
-fn wiring_that_the_configuration_has_is_no_fault() {
-    for (hidden, believed) in [
+fn configured_wiring_is_no_fault() {
+    for (planted, configured) in [
         (wired("sign-inversion", &[Of::X], None), "gyro.GYRX.sign-inversion.on=true"),
         (wired("axis-swap", &[Of::Y, Of::Za], None), "gyro.GYRY.axis-swap.with=\"GYRZA\""),
     ] {
-        let recording = Recording::hiding(9, std::slice::from_ref(&hidden));
-        let configuration = Configuration::reference_with(&[believed.to_owned()]).expect("valid");
+        let recording = Recording::with(9, std::slice::from_ref(&planted));
+        let configuration = Configuration::reference_with(&[configured.to_owned()]).expect("valid");
         let checked = check(&recording.rows, &[], &configuration, &recording.reference);
-        assert!(checked.findings.is_empty() && checked.rows == recording.rows, "{hidden:?}: {:?}", checked.findings);
+        assert!(checked.findings.is_empty() && checked.rows == recording.rows, "{planted:?}: {:?}", checked.findings);
     }
 }
 
 #[test]
-fn ordinary_effects_however_large_are_no_finding() {
+fn large_ordinary_effects_are_no_finding() {
     let each = |code: &str, number: &str, sizes: [f64; 4]| -> Vec<PlantedEffect> {
         GYROS.iter().zip(sizes).map(|(gyro, size)| PlantedEffect::new(code, &[*gyro], &[(number, size)])).collect()
     };
-    for (seed, hidden) in [
+    for (seed, planted) in [
         vec![],
         each("pivot-clearance", "clearance_arcsec", [12.0; 4]),
         each("scale-factor", "ppm", [2000.0; 4]),
-        // What exchanges the scale factors of GYRZA and GYRZB is not yet their exchange.
+        // Exchanged scale factors of GYRZA and GYRZB are no exchange of the gyros.
         each("scale-factor", "ppm", [0.0, 0.0, -1300.0, 1300.0]),
         each("scale-factor", "ppm", [50_000.0, -50_000.0, 50_000.0, -50_000.0]),
         each("drift", "arcsec_per_h", [100.0; 4]),
@@ -198,23 +198,23 @@ fn ordinary_effects_however_large_are_no_finding() {
         each("angle-random-walk", "arcsec_per_sqrt_s", [3.0; 4]),
         each("lost-counts", "counts", [1e6, -3000.0, 500.0, 20.0]),
         vec![PlantedEffect::new("time-offset", &[], &[("seconds", 0.4)])],
-        // A gyro that rests within its play repeats its count, and is not stuck.
+        // A gyro at rest within its play repeats its count without being stuck.
         each("count-backlash", "play_arcsec", [8.0; 4]),
         each("count-backlash", "play_arcsec", [100.0; 4]),
     ]
     .into_iter()
     .enumerate()
     {
-        let checked = Recording::hiding(20 + seed as u64, &hidden).checked();
-        assert!(checked.faults.is_empty(), "{hidden:?}: {:?}", checked.faults);
-        let lost = hidden.iter().any(|hidden| hidden.code == "lost-counts");
+        let checked = Recording::with(20 + seed as u64, &planted).checked();
+        assert!(checked.faults.is_empty(), "{planted:?}: {:?}", checked.faults);
+        let lost = planted.iter().any(|planted| planted.code == "lost-counts");
         // A million counts in one sample interval are clipped.
-        assert_eq!(kinds(&checked), if lost { vec!["saturated"] } else { vec![] }, "{hidden:?}");
+        assert_eq!(kinds(&checked), if lost { vec!["saturated"] } else { vec![] }, "{planted:?}");
     }
 }
 
 #[test]
-fn a_gyro_at_rest_is_not_called_anything() {
+fn gyro_at_rest_is_no_finding() {
     let recording = short();
     let still = |rates: &str| format!("t_s,rate_x_arcsec_s,rate_y_arcsec_s,rate_z_arcsec_s\n{rates}");
     let first = recording.reference.start_ns / 1_000_000_000;
@@ -227,8 +227,8 @@ fn a_gyro_at_rest_is_not_called_anything() {
 }
 
 #[test]
-fn counts_in_another_unit_are_told_with_their_factor() {
-    let recording = Recording::hiding(5, &[]);
+fn counts_in_another_unit_are_reported_with_their_factor() {
+    let recording = Recording::with(5, &[]);
     for (factor, name) in
         [(10.0, "0.1 arcsec"), (1.0 / 60.0, "arcmin"), (1.0 / 3600.0, "degrees"), (2.0, "counts per second")]
     {
@@ -242,14 +242,14 @@ fn counts_in_another_unit_are_told_with_their_factor() {
         }
         let checked = check(&rows, &[], &Configuration::reference(), &recording.reference);
         println!("{factor}: {:?}", checked.findings);
-        let told = told(&checked, "unit-factor");
-        assert!(told.len() >= 2 && told.iter().all(|(_, text)| text.contains(name)), "{:?}", checked.findings);
+        let found = findings(&checked, "unit-factor");
+        assert!(found.len() >= 2 && found.iter().all(|(_, text)| text.contains(name)), "{:?}", checked.findings);
         assert!(checked.faults.is_empty(), "{:?}", checked.faults);
     }
 }
 
 #[test]
-fn what_is_wrong_with_the_link_is_told_with_its_place() {
+fn link_defects_are_reported_with_their_place() {
     let mut recording = short();
     let rows = &mut recording.rows;
     let valid = |row: &mut ReceivedSample, gyro: Gyro| row.sample.gyro_flags &= !gyro.bit();
@@ -286,8 +286,8 @@ fn what_is_wrong_with_the_link_is_told_with_its_place() {
         ("repeat", "150.0–150.5 s", "1 samples came again"),
         ("repeat-differs", "200.0–200.5 s", "1 samples"),
     ] {
-        let told = told(&checked, kind);
-        assert!(told.len() == 1 && told[0].0 == place && told[0].1.starts_with(text), "{kind}: {told:?}");
+        let found = findings(&checked, kind);
+        assert!(found.len() == 1 && found[0].0 == place && found[0].1.starts_with(text), "{kind}: {found:?}");
     }
     assert_eq!(checked.findings.len(), 14, "{:?}", checked.findings);
     assert!(checked.faults.is_empty() && checked.rows.len() == recording.rows.len());
@@ -295,16 +295,16 @@ fn what_is_wrong_with_the_link_is_told_with_its_place() {
 }
 
 #[test]
-fn many_runs_of_one_thing_are_one_finding() {
-    let mut recording = Recording::hiding(5, &[]);
+fn many_runs_of_one_kind_are_one_finding() {
+    let mut recording = Recording::with(5, &[]);
     recording.rows.iter_mut().step_by(500).for_each(|row| row.sample.gyro_flags = 0x0E);
     let checked = recording.checked();
-    assert_eq!(told(&checked, "invalid").len(), 1, "{:?}", checked.findings);
+    assert_eq!(findings(&checked, "invalid").len(), 1, "{:?}", checked.findings);
     assert!(checked.findings[0].text.contains("44 samples") && checked.findings[0].text.contains("44 runs"));
 }
 
 #[test]
-fn times_that_jump_stray_or_run_back_are_told_and_sequences_that_restart() {
+fn time_jumps_outliers_and_sequence_restarts_are_reported() {
     let shifted = |from: usize, to: usize, by_s: f64| {
         let mut recording = short();
         for row in &mut recording.rows[from..to] {
@@ -315,13 +315,13 @@ fn times_that_jump_stray_or_run_back_are_told_and_sequences_that_restart() {
     };
     for (by_s, text) in [(7.0, "+7.000 s"), (-0.3, "-0.300 s"), (-7.0, "-7.000 s")] {
         let checked = shifted(300, 800, by_s);
-        let told = told(&checked, "time-jump");
-        assert!(told.len() == 1 && told[0].1.ends_with(text), "{:?}", checked.findings);
+        let found = findings(&checked, "time-jump");
+        assert!(found.len() == 1 && found[0].1.ends_with(text), "{:?}", checked.findings);
         assert_eq!(kinds(&checked).contains(&"time-backwards"), by_s < -0.5);
         assert!(!kinds(&checked).contains(&"clock-frequency"), "{:?}", checked.findings);
     }
     let checked = shifted(300, 301, 0.2);
-    assert_eq!(told(&checked, "interval").len(), 1);
+    assert_eq!(findings(&checked, "interval").len(), 1);
     assert_eq!(kinds(&checked), ["interval"], "{:?}", checked.findings);
 
     let mut slow = short();
@@ -331,7 +331,7 @@ fn times_that_jump_stray_or_run_back_are_told_and_sequences_that_restart() {
         row.time = Some(Timestamp { t_ns: first + 2 * (time.t_ns - first), ..time });
     }
     let checked = slow.checked();
-    assert!(told(&checked, "interval")[0].1.contains("every 1.0000 s"), "{:?}", checked.findings);
+    assert!(findings(&checked, "interval")[0].1.contains("every 1.0000 s"), "{:?}", checked.findings);
 
     for (clock, kind) in [(0, "reset"), (123_456_789, "sequence-jump")] {
         let mut recording = short();
@@ -346,31 +346,31 @@ fn times_that_jump_stray_or_run_back_are_told_and_sequences_that_restart() {
 }
 
 #[test]
-fn a_clock_is_measured_and_only_told_where_the_configuration_has_another() {
-    let hidden = PlantedEffect::new("clock-frequency", &[], &[("ppm", 14.0)]);
-    let recording = Recording::hiding(6, &[hidden]);
+fn clock_frequency_is_reported_if_the_configuration_differs() {
+    let planted = PlantedEffect::new("clock-frequency", &[], &[("ppm", 14.0)]);
+    let recording = Recording::with(6, &[planted]);
     let checked = recording.checked();
-    let [(_, text)] = told(&checked, "clock-frequency")[..] else { panic!("{:?}", checked.findings) };
+    let [(_, text)] = findings(&checked, "clock-frequency")[..] else { panic!("{:?}", checked.findings) };
     assert!(text.contains("fast by 14.00") || text.contains("fast by 13.99"), "{text}");
-    let believed = Configuration::reference_with(&["unit.clock-frequency.ppm=14.0".to_owned()]).expect("valid");
-    let checked = check(&recording.rows, &[], &believed, &recording.reference);
+    let configured = Configuration::reference_with(&["unit.clock-frequency.ppm=14.0".to_owned()]).expect("valid");
+    let checked = check(&recording.rows, &[], &configured, &recording.reference);
     assert!(checked.findings.is_empty(), "{:?}", checked.findings);
 }
 
 #[test]
-fn a_reference_of_another_time_is_told() {
+fn reference_of_another_time_is_reported() {
     let recording = short();
-    for (by_s, kinds_told) in [(-100, vec!["reference-short"]), (100_000, vec!["reference-apart"])] {
+    for (by_s, expected) in [(-100, vec!["reference-short"]), (100_000, vec!["reference-apart"])] {
         let mut reference = recording.reference.clone();
         reference.start_ns += by_s * 1_000_000_000;
         let checked = check(&recording.rows, &[], &Configuration::reference(), &reference);
         let kinds: Vec<&str> = kinds(&checked).into_iter().filter(|kind| kind.starts_with("reference")).collect();
-        assert_eq!(kinds, kinds_told, "{:?}", checked.findings);
+        assert_eq!(kinds, expected, "{:?}", checked.findings);
     }
 }
 
 #[test]
-fn what_the_decoder_found_wrong_is_told_once_for_each_kind() {
+fn decoder_defects_are_one_finding_for_each_kind() {
     let recording = short();
     let defect = |kind, line| Defect {
         input: "link.log",
@@ -392,7 +392,7 @@ fn what_the_decoder_found_wrong_is_told_once_for_each_kind() {
     assert!(checked.findings[0].text.starts_with("2 ") && checked.findings[1].text.contains("5 lost"));
 }
 
-/// A generator of numbers that is the same everywhere.
+/// A generator of numbers that does not depend on the platform.
 fn numbers(mut state: u64) -> impl FnMut() -> u64 {
     move || {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -401,17 +401,17 @@ fn numbers(mut state: u64) -> impl FnMut() -> u64 {
 }
 
 #[test]
-fn nothing_panics_on_rows_of_any_kind() {
+fn checks_accept_rows_of_any_kind() {
     let recording = short();
     for seed in 0..200 {
         let mut next = numbers(seed);
         let mut rows = recording.rows.clone();
         rows.truncate((next() % 801) as usize * usize::from(seed > 0) / if seed % 3 == 0 { 1 } else { 100 });
         for row in &mut rows {
-            let what = next() % 40;
+            let field = next() % 40;
             let word = next();
             let sample = &mut row.sample;
-            match what {
+            match field {
                 0 => sample.sequence = word as u16,
                 1 => sample.clock_count = word % (1 << 48),
                 2 => sample.increments[(word % 4) as usize] = (word >> 8) as i16,
@@ -435,10 +435,10 @@ fn nothing_panics_on_rows_of_any_kind() {
 }
 
 #[test]
-fn measured_recordings_show_nothing_but_a_clock() {
+fn measured_recordings_have_no_finding_but_the_clock() {
     let recordings = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/recordings");
     if !recordings.exists() {
-        // Not eprintln!, which the test harness keeps to itself when a test passes.
+        // The test harness does not show eprintln! output of a passed test.
         let _ = writeln!(std::io::stderr(), "skipped: {} is not there", recordings.display());
         return;
     }
@@ -464,12 +464,12 @@ fn measured_recordings_show_nothing_but_a_clock() {
 
 #[test]
 fn a_day_is_checked_within_seconds() {
-    let recording = Recording::of(&IndependentModel { duration_s: 86_400.0, ..IndependentModel::new(7, Vec::new()) });
+    let recording = Recording::new(&IndependentModel { duration_s: 86_400.0, ..IndependentModel::new(7, Vec::new()) });
     let start = std::time::Instant::now();
     let checked = recording.checked();
     let took_s = start.elapsed().as_secs_f64();
     println!("{took_s:.2} s");
     assert!(checked.findings.is_empty(), "{:?}", checked.findings);
-    // 2 s on a core of its own; tests share theirs.
+    // 2 s on one core; tests share theirs.
     assert!(took_s < 10.0, "{took_s:.2} s");
 }

@@ -1,21 +1,21 @@
-//! Runs of the model that are put together from earlier ones.
+//! Model runs assembled from earlier ones.
 
-mod flown;
+mod recorded;
 
 use geu_diagnosis::MeasuredData;
 use geu_diagnosis::measured::{Series, Shifts};
 use geu_model::Configuration;
 
-use flown::{manoeuvre, recorded};
+use recorded::{manoeuvre, recorded};
 
 fn bits(series: &Series) -> Vec<u64> {
     series.iter().flatten().map(|value| value.to_bits()).collect()
 }
 
 #[test]
-fn a_run_put_together_from_others_is_the_one_that_is_run_alone() {
-    let flight = [manoeuvre("pointing", &[("duration_s", 300.0)]), manoeuvre("z-scan", &[("angle_deg", 200.0)])];
-    let measured: MeasuredData = recorded(&Configuration::reference(), &flight, None);
+fn assembled_run_equals_a_run_alone() {
+    let motion = [manoeuvre("pointing", &[("duration_s", 300.0)]), manoeuvre("z-scan", &[("angle_deg", 200.0)])];
+    let measured: MeasuredData = recorded(&Configuration::reference(), &motion, None);
     let with = |assignments: &[&str]| {
         let assignments: Vec<String> = assignments.iter().map(|&assignment| assignment.to_owned()).collect();
         Configuration::reference_with(&assignments).expect("valid")
@@ -34,7 +34,7 @@ fn a_run_put_together_from_others_is_the_one_that_is_run_alone() {
         ),
         (with(&["gyro.GYRX.drift-temperature.arcsec_per_h_per_k=12"]), Shifts::default()),
         (with(&["gyro.GYRX.drift-temperature.arcsec_per_h_per_k=12"]), Shifts { lag_s: 0.0, temperature_s: 300.0 }),
-        // Of the unit: no gyro is as before.
+        // An effect of the unit changes every gyro.
         (with(&["unit.clock-frequency.ppm=14.0"]), Shifts::default()),
         (with(&[]), late),
         (with(&["gyro.GYRX.pivot-clearance.clearance_arcsec=11.5"]), Shifts { temperature_s: 300.0, ..late }),
@@ -48,10 +48,10 @@ fn a_run_put_together_from_others_is_the_one_that_is_run_alone() {
         assert_eq!(bits(&measured.run(configuration, *shifts)), alone, "asked again");
         seen.push(alone);
     }
-    // The first was thrown out by all the others, and is run again.
+    // The later runs replaced the first in the cache: it runs again.
     let last = seen.pop();
     assert_eq!(seen.first(), last.as_ref());
     seen.sort_unstable();
     seen.dedup();
-    assert_eq!(seen.len(), asked.len() - 1, "what was asked for differs");
+    assert_eq!(seen.len(), asked.len() - 1, "the runs differ");
 }

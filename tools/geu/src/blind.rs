@@ -1,7 +1,7 @@
-//! `geu blind`: effects hidden at random, what a diagnosis makes of them, and how often it is right.
+//! `geu blind`: blind trials of the diagnosis with randomly injected effects.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 use geu_diagnosis::Verdict;
@@ -9,15 +9,14 @@ use geu_diagnosis::blind::{
     AnswerKey, CampaignPlan, InjectedEffect, ReportedDiagnosis, SURVEY_S, TrialMotion, campaign, generate_trial, score,
 };
 use geu_diagnosis::report::labelled;
-use geu_recording::read_text;
 use indicatif::ProgressBar;
 
-use crate::failure::{CommandError, say};
+use crate::command_error::{CommandError, say};
+use crate::output_guard::Force;
 use crate::outputs::{OutputDirectory, OutputFile, write};
-use crate::overwriting::Force;
-use crate::settings::{ConfigArgs, NamedSettings, duration, seed};
+use crate::settings::{ConfigArgs, NamedConfigArgs, duration, number, read_text, seed};
 
-/// Hides effects at random, scores what a diagnosis says of them, and does both many times.
+/// Blind trials: injects random effects, scores a diagnosis, and runs campaigns of both.
 #[derive(Args, Debug)]
 pub struct Arguments {
     #[command(subcommand)]
@@ -26,69 +25,69 @@ pub struct Arguments {
 
 #[derive(Subcommand, Debug)]
 enum Command {
-    Hide(Hide),
+    Hide(HideArguments),
     Score(ScoreArguments),
     Campaign(CampaignArguments),
 }
 
-/// Writes a recording with from none to three things hidden, and the key that tells them.
+/// Writes a recording with zero to three injected effects, and the answer key.
 ///
-/// DIR/recording has link.log, reference.csv and believed.toml, DIR/key has key.toml: what is given the one sees nothing of the
-/// other. With --count the directories are DIR/1, DIR/2 …, for seed N, N + 1 ….
+/// DIR/recording has link.log, reference.csv and nominal.toml, DIR/key has key.toml. With --count the directories are DIR/1,
+/// DIR/2 …, for seed N, N + 1 ….
 #[derive(Args, Debug)]
-struct Hide {
+struct HideArguments {
     #[command(flatten)]
-    unit: NamedSettings,
-    /// Seed of all that is drawn
+    unit: NamedConfigArgs,
+    /// Seed of the random numbers
     #[arg(long, value_parser = seed)]
     seed: u64,
-    /// Directory to write into; made if it is not there
+    /// Directory to write into; created if necessary
     #[arg(long, value_name = "DIR")]
     out: OutputDirectory,
     #[command(flatten)]
     force: Force,
-    /// Recordings to make
+    /// Number of recordings
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     count: Option<u16>,
-    /// On-board time of each
+    /// On-board time of each recording
     #[arg(long, value_name = "DURATION", default_value_t = SURVEY_S, allow_negative_numbers = true, value_parser = duration(900.0, 1e6))]
     duration: f64,
 }
 
-/// Compares what `geu diagnose --json` wrote with the key; exit 1 where they differ.
+/// Compares the JSON of `geu diagnose` with the key; exit 1 if they differ.
 #[derive(Args, Debug)]
 struct ScoreArguments {
     #[command(flatten)]
-    unit: NamedSettings,
-    /// The key that `geu blind hide` wrote
+    unit: NamedConfigArgs,
+    /// Key of `geu blind hide`
     #[arg(long, value_name = "FILE")]
     key: PathBuf,
-    /// The JSON that `geu diagnose` wrote
+    /// JSON of `geu diagnose`
     #[arg(long, value_name = "FILE")]
     json: PathBuf,
 }
 
-/// Hides one effect in each of many recordings, diagnoses them, and prints power, naming and false names.
+/// Injects one effect into each of many recordings, diagnoses them, and prints power, isolation and false alarms.
 ///
-/// Runs of each strength with one amplitude of the catalogue, as many with nothing hidden, and a quarter as many with a term
-/// outside the catalogue at 12 times the bound. The thresholds are those of one recording with nothing hidden.
+/// There are N runs of each signal-to-noise ratio with one amplitude of the catalogue, N runs without an effect, and N/4 with a
+/// term outside the catalogue at 12 times the bound. The thresholds come from one recording without an effect.
 #[derive(Args, Debug)]
 struct CampaignArguments {
     #[command(flatten)]
-    unit: NamedSettings,
-    /// Runs of each strength
+    unit: NamedConfigArgs,
+    /// Runs of each signal-to-noise ratio
     #[arg(long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u16).range(1..))]
     runs: u16,
-    /// Seed of all that is drawn
+    /// Seed of the random numbers
     #[arg(long, default_value_t = 1, value_parser = seed)]
     seed: u64,
-    /// Strengths: size over its Cramér–Rao bound, with the sixteen, the lag and the walks as nuisances
-    #[arg(long, value_name = "K,…", value_delimiter = ',', default_value = "6,12", value_parser = strength)]
+    /// Signal-to-noise ratios: amplitude over its Cramér–Rao bound, with calibration parameters, lag and random walks as nuisances
+    #[arg(long, value_name = "K,…", value_delimiter = ',', default_value = "6,12", value_parser = number(0.1, 1e4, ""))]
     sizes: Vec<f64>,
     /// Write every run as JSON
     #[arg(long, value_name = "FILE")]
     json: Option<OutputFile>,
-    /// Print the tables alone
+    /// Print only the tables
     #[arg(long)]
     markdown: bool,
     /// On-board time of each recording
@@ -99,32 +98,26 @@ struct CampaignArguments {
     threads: Option<u16>,
 }
 
-fn strength(text: &str) -> Result<f64, String> {
-    let strength = text.parse().ok().filter(|strength| (0.1..=1e4).contains(strength));
-    strength.ok_or_else(|| format!("expected 0.1…1e4, got {text}"))
-}
-
-/// Carries it out.
+/// Runs `geu blind`.
 ///
 /// # Errors
-/// A configuration, key or result that cannot be read, files that cannot be written; exit 1 where a score is not right.
+/// A configuration, key or result cannot be read, a file cannot be written; exit 1 if a score is not right.
 pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     match &arguments.command {
-        Command::Hide(arguments) => hidden(arguments),
-        Command::Score(arguments) => scored(arguments),
-        Command::Campaign(arguments) => many(arguments),
+        Command::Hide(arguments) => write_trials(arguments),
+        Command::Score(arguments) => print_score(arguments),
+        Command::Campaign(arguments) => run_campaign(arguments),
     }
 }
 
-fn survey(unit: &NamedSettings, duration_s: f64) -> Result<TrialMotion, CommandError> {
+fn survey(unit: &NamedConfigArgs, duration_s: f64) -> Result<TrialMotion, CommandError> {
     TrialMotion::new(ConfigArgs::from(unit).read()?, duration_s).map_err(CommandError::input)
 }
 
-/// The files that a trial has.
-const FILES: [&str; 4] = ["recording/link.log", "recording/reference.csv", "recording/believed.toml", "key/key.toml"];
+/// The files of a trial.
+const FILES: [&str; 4] = ["recording/link.log", "recording/reference.csv", "recording/nominal.toml", "key/key.toml"];
 
-fn hidden(arguments: &Hide) -> Result<(), CommandError> {
-    // Of one trial, or of each by its number.
+fn write_trials(arguments: &HideArguments) -> Result<(), CommandError> {
     let trials: Vec<PathBuf> = match arguments.count {
         Some(count) => (1..=count).map(|number| number.to_string().into()).collect(),
         None => vec![PathBuf::new()],
@@ -134,55 +127,56 @@ fn hidden(arguments: &Hide) -> Result<(), CommandError> {
     let survey = survey(&arguments.unit, arguments.duration)?;
     let bar = ProgressBar::new(trials.len() as u64);
     for (seed, trial) in (arguments.seed..).zip(&trials) {
-        let (key, flight) = generate_trial(&survey, seed & i64::MAX as u64);
-        let own = out.join(trial);
-        for directory in ["recording", "key"].map(|name| own.join(name)) {
-            fs::create_dir_all(&directory)
-                .map_err(|error| CommandError::failed(format!("{}: cannot be made: {error}", directory.display())))?;
+        let (key, recording) = generate_trial(&survey, seed & i64::MAX as u64);
+        let trial = out.join(trial);
+        for directory in ["recording", "key"].map(|name| trial.join(name)) {
+            fs::create_dir_all(&directory).map_err(|error| {
+                CommandError::failed(format!("{}: cannot be created: {error}", directory.display()))
+            })?;
         }
-        let contents = [flight.link_log(), flight.reference_csv(), survey.believed.to_toml(false), key.to_toml()];
-        FILES.iter().zip(contents).try_for_each(|(file, content)| write(&own.join(file), content))?;
+        let contents = [recording.link_log(), recording.reference_csv(), survey.nominal.to_toml(false), key.to_toml()];
+        FILES.iter().zip(contents).try_for_each(|(file, content)| write(&trial.join(file), content))?;
         bar.inc(1);
     }
     bar.finish_and_clear();
     Ok(())
 }
 
-fn text(path: &Path) -> Result<String, CommandError> {
-    read_text(path).map_err(|error| CommandError::input(format!("{}: cannot be read: {error}", path.display())))
-}
-
-fn scored(arguments: &ScoreArguments) -> Result<(), CommandError> {
+fn print_score(arguments: &ScoreArguments) -> Result<(), CommandError> {
+    let key = read_text(&arguments.key, "a key of `geu blind hide`")?;
     let key =
-        AnswerKey::parse(&arguments.key.display().to_string(), &text(&arguments.key)?).map_err(CommandError::input)?;
+        AnswerKey::parse(&key).map_err(|error| CommandError::input(format!("{}: {error}", arguments.key.display())))?;
     let at = |error: &dyn std::fmt::Display| CommandError::input(format!("{}: {error}", arguments.json.display()));
-    let expected = |error: serde_json::Error| at(&format!("expected JSON as `geu diagnose --json` writes it: {error}"));
-    let result = serde_json::from_str(&text(&arguments.json)?).map_err(expected)?;
-    let told = ReportedDiagnosis::from_json(&result).map_err(|error| at(&error))?;
+    let expected = "JSON as `geu diagnose --json` writes it";
+    let result = serde_json::from_str(&read_text(&arguments.json, expected)?)
+        .map_err(|error| at(&format!("expected {expected}: {error}")))?;
+    let reported = ReportedDiagnosis::from_json(&result).map_err(|error| at(&error))?;
     let survey = survey(&arguments.unit, key.duration_s)?;
-    let score = score(&key.hidden, &told, &|hidden: &InjectedEffect, found| {
-        survey.signature_cosine(hidden, found, told.temperature_late_s)
+    let score = score(&key.injected, &reported, &|injected: &InjectedEffect, found| {
+        survey.signature_cosine(injected, found, reported.temperature_late_s)
     });
     let mut facts = Vec::new();
-    for (hidden, outcome) in key.hidden.iter().zip(&score.outcomes) {
-        facts.extend(hidden.facts());
-        facts.push(("outcome".to_owned(), outcome.naming.name().to_owned()));
+    for (injected, outcome) in key.injected.iter().zip(&score.outcomes) {
+        facts.extend(injected.facts());
+        facts.push(("outcome".to_owned(), outcome.isolation.name().to_owned()));
         facts.extend(outcome.size.map(|size| ("error".to_owned(), size.to_string())));
     }
-    if key.hidden.is_empty() {
+    if key.injected.is_empty() {
         facts.push(("injected".to_owned(), "nothing".to_owned()));
     }
-    facts.push(("verdict".to_owned(), told.verdict.name().to_owned()));
-    let false_names = score.false_names.iter();
-    facts.extend(false_names.map(|&index| ("false alarm".to_owned(), told.missing[index].to_string())));
+    facts.push(("verdict".to_owned(), reported.verdict.name().to_owned()));
+    let false_alarms = score.false_alarms.iter();
+    facts.extend(false_alarms.map(|&index| ("false alarm".to_owned(), reported.missing[index].to_string())));
     say!("{}", labelled(0, &facts).trim_end())?;
-    match score.is_right(&key.hidden, &told) && (told.verdict == Verdict::Consistent || !key.hidden.is_empty()) {
+    match score.is_right(&key.injected, &reported)
+        && (reported.verdict == Verdict::Consistent || !key.injected.is_empty())
+    {
         true => Ok(()),
-        false => Err(CommandError::failed("expected what the key tells, got something else")),
+        false => Err(CommandError::failed("the result differs from the key")),
     }
 }
 
-fn many(arguments: &CampaignArguments) -> Result<(), CommandError> {
+fn run_campaign(arguments: &CampaignArguments) -> Result<(), CommandError> {
     let survey = survey(&arguments.unit, arguments.duration)?;
     let threads = arguments.threads.map_or_else(rayon::current_num_threads, usize::from);
     let plan =
@@ -198,7 +192,7 @@ fn many(arguments: &CampaignArguments) -> Result<(), CommandError> {
         return Ok(());
     }
     let misses = campaign.misses();
-    say!("\nmissed or wrongly named: {}", misses.len())?;
+    say!("\nmissed or wrongly isolated: {}", misses.len())?;
     misses.iter().try_for_each(|(run, facts)| say!("- {run}\n{}", labelled(4, facts).trim_end()))?;
-    say!("\nmedian time of a diagnosis, on one core, thresholds known: {:.1} s", campaign.median_s())
+    say!("\nmedian time of a diagnosis on one core with stored thresholds: {:.1} s", campaign.median_s())
 }

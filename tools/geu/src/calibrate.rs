@@ -1,45 +1,43 @@
-//! `geu calibrate`: from a recording to the sixteen parameters.
+//! `geu calibrate`: from a recording to the calibration parameters.
 
 use clap::Args;
 use geu_calibration::absolute::AbsoluteData;
-use geu_calibration::compare::LEAST_PROBABILITY;
-use geu_calibration::solve::Solution;
-use geu_calibration::{AccumulatedCounts, AttitudeSource, CountsReader, calibrate, report, window};
+use geu_calibration::compare::MIN_PROBABILITY;
+use geu_calibration::solve::CalibrationParameter;
+use geu_calibration::{
+    AccumulatedCounts, AttitudeSource, Calibrated, Comparison, CountsReader, PreviousCalibration, calibrate, report,
+};
 use geu_model::Configuration;
-use geu_model::configuration::unix_ns;
 use geu_model::units::SAMPLE_INTERVAL_NS;
 use geu_protocol::CanIdMap;
-use geu_recording::{DecoderOptions, InputReader, ReferenceAttitude, Stop};
+use geu_recording::{DecoderOptions, InputReader, ReferenceAttitude, Sink, Stop};
 use geu_report::calibration::{CalibrationPage, comparison_table, terminal_table};
 
 use crate::calibrate_compare;
-use crate::failure::{CommandError, note, say};
+use crate::command_error::{CommandError, note, say};
 use crate::outputs::{OutputFile, write_all};
-use crate::settings::{ConfigArgs, NamedSettings};
-use crate::update::{self, Results, Update};
+use crate::settings::{ConfigArgs, EvaluationArgs, NamedConfigArgs, number};
+use crate::update::{self, Update};
 
-/// Solves the sixteen in-orbit parameters from a recording and what tells its attitude; or, between checkouts, updates the Z gyros.
+/// Solves the in-orbit calibration parameters from a recording and an attitude; or, between checkouts, updates the Z gyros.
 ///
-/// With the manoeuvres of a list; without one everything, cut where the unit rests. Pointings, scans and manoeuvres with
-/// names of your own are used; slews, stabilisations, surveys, rasters, eclipses and holds are not.
+/// Uses the manoeuvres of a list, else the whole recording, cut where the unit rests. Pointings, scans and manoeuvres with
+/// other names are used; slews, stabilisations, surveys, rasters, eclipses and holds are not.
 ///
 /// The attitude comes from a reference, or from the sun sensor and the star sensor together.
 #[derive(Args, Debug)]
 #[command(override_usage = "geu calibrate [OPTIONS] --link <FILE>... (--reference <FILE> | --fss <FILE> --sse <FILE>)")]
 pub struct Arguments {
     #[command(flatten)]
-    unit: NamedSettings,
+    unit: NamedConfigArgs,
     /// Recording of the link, CAN or serial; several are one stream
     #[arg(long, required = true, num_args = 1.., value_name = "FILE")]
     link: Vec<String>,
-    /// Manoeuvres: CSV with manoeuvre,start_s,end_s
-    #[arg(long, value_name = "FILE")]
-    manoeuvres: Option<String>,
     /// Reference attitude: reference.csv or a CCSDS attitude ephemeris
     #[arg(long, value_name = "FILE", required_unless_present_all = ["fss", "sse"], conflicts_with_all = ["fss", "sse"])]
     reference: Option<String>,
     /// Noise of the reference about each axis, 1 sigma [default: estimated from the data]
-    #[arg(long, value_name = "ARCSEC", value_parser = sigma)]
+    #[arg(long, value_name = "ARCSEC", value_parser = number(0.0, 3600.0, " arcsec"))]
     reference_sigma: Option<f64>,
     /// History of the sun sensor, with --sse in place of --reference
     #[arg(long, value_name = "FILE", requires = "sse")]
@@ -47,24 +45,14 @@ pub struct Arguments {
     /// Fixes of the star sensor, with --fss in place of --reference
     #[arg(long, value_name = "FILE", requires = "fss")]
     sse: Option<String>,
-    /// Time at which the unit's clock was 0, for recordings without receive times [default: start of the attitude data]
-    #[arg(long, value_name = "UNIX_SECONDS", allow_negative_numbers = true, value_parser = crate::settings::start)]
-    start: Option<f64>,
-    /// Base of the CAN identifiers, hexadecimal
-    #[arg(long, value_name = "ID", value_parser = crate::settings::can_base)]
-    base: Option<CanIdMap>,
-    /// Write the result as JSON
-    #[arg(long, value_name = "FILE")]
-    json: Option<OutputFile>,
+    #[command(flatten)]
+    evaluation: EvaluationArgs,
     /// Write the configuration with the solved values, comments kept; with --compare the merged ones, if all are compatible
     #[arg(long, value_name = "CONFIG")]
     out: Option<OutputFile>,
     /// Write --out even though the parameters do not explain the data
     #[arg(long, requires = "out", conflicts_with = "update")]
     anyway: bool,
-    /// Write the result as a page with plots, which needs no other file
-    #[arg(long, value_name = "FILE")]
-    html: Option<OutputFile>,
     /// Earlier calibrations of this unit, as `--json` wrote them from other recordings: compare, and merge if compatible
     #[arg(long, num_args = 1.., value_name = "FILE")]
     compare: Vec<String>,
@@ -72,158 +60,166 @@ pub struct Arguments {
     update: Update,
 }
 
-fn sigma(text: &str) -> Result<f64, String> {
-    let sigma = text.parse().ok().filter(|sigma| (0.0..=3600.0).contains(sigma));
-    sigma.ok_or_else(|| format!("expected 0…3600 arcsec, got {text}"))
+/// The attitude data of a calibration.
+enum AttitudeInput {
+    Reference(ReferenceAttitude),
+    Sensors(AbsoluteData),
 }
 
-/// Carries it out.
+impl AttitudeInput {
+    fn read(arguments: &Arguments, configuration: &Configuration) -> Result<AttitudeInput, CommandError> {
+        match (&arguments.reference, &arguments.fss, &arguments.sse) {
+            (Some(name), ..) => {
+                ReferenceAttitude::read(name).map(AttitudeInput::Reference).map_err(CommandError::input)
+            }
+            (None, Some(fss), Some(sse)) => AbsoluteData::read(Some(fss), sse, configuration.sensors)
+                .map(AttitudeInput::Sensors)
+                .map_err(CommandError::input),
+            _ => Err(CommandError::input("expected --reference FILE, or --fss FILE and --sse FILE")),
+        }
+    }
+
+    fn start_ns(&self) -> i64 {
+        match self {
+            AttitudeInput::Reference(reference) => reference.start_ns,
+            AttitudeInput::Sensors(sensors) => start_of_sensors_ns(sensors).unwrap_or(0),
+        }
+    }
+
+    /// Refuses a reference in another time system than the link's receive times, UTC: TAI, GPS and TT differ from it by
+    /// whole seconds.
+    fn check_time_system(&self, counts: &AccumulatedCounts) -> Result<(), CommandError> {
+        let AttitudeInput::Reference(ReferenceAttitude { time_system: Some(system), .. }) = self else { return Ok(()) };
+        if system == "UTC" || !counts.is_received {
+            return Ok(());
+        }
+        Err(CommandError::input(format!(
+            "--reference: TIME_SYSTEM: expected UTC, as the link's receive times are, got {system}: time systems are offset \
+             from each other, TAI, GPS and TT from UTC by whole seconds and more; convert the ephemeris to UTC"
+        )))
+    }
+}
+
+/// Runs `geu calibrate`.
 ///
 /// # Errors
-/// Input that cannot be read, manoeuvres that do not determine the parameters, files that cannot be written.
+/// An input cannot be read, the manoeuvres do not determine the parameters, a file cannot be written.
 pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     let settings = ConfigArgs::from(&arguments.unit);
     let configuration = settings.read()?;
     let earlier = calibrate_compare::read(&arguments.compare)?;
-    let windows = arguments.manoeuvres.as_deref().map(window::read).transpose().map_err(CommandError::input)?;
-    let reference =
-        arguments.reference.as_deref().map(ReferenceAttitude::read).transpose().map_err(CommandError::input)?;
-    let sensors = match (&arguments.fss, &arguments.sse) {
-        (Some(fss), Some(sse)) => {
-            Some(AbsoluteData::read(fss, sse, configuration.sensors).map_err(CommandError::input)?)
-        }
-        _ => None,
-    };
-    let attitude_start_ns = match (&reference, &sensors) {
-        (Some(reference), _) => reference.start_ns,
-        (None, Some(sensors)) => start_of_sensors_ns(sensors).unwrap_or(0),
-        (None, None) => 0,
-    };
-    let start_ns = arguments.start.map_or(attitude_start_ns, unix_ns);
-    let counts = read_counts(&arguments.link, arguments.base, start_ns)?;
-    refuse_other_time(reference.as_ref(), &counts)?;
-    let attitude = match (&reference, &sensors) {
-        (Some(reference), _) => AttitudeSource::Reference(reference, arguments.reference_sigma),
-        (None, Some(sensors)) => AttitudeSource::Sensors(sensors),
-        (None, None) => return Err(CommandError::input("expected --reference FILE, or --fss FILE and --sse FILE")),
+    let windows = arguments.evaluation.windows()?;
+    let input = AttitudeInput::read(arguments, &configuration)?;
+    let start_ns = arguments.evaluation.start_ns(input.start_ns());
+    let counts = read_counts(&arguments.link, arguments.evaluation.base, start_ns)?;
+    input.check_time_system(&counts)?;
+    let attitude = match &input {
+        AttitudeInput::Reference(reference) => AttitudeSource::Reference(reference, arguments.reference_sigma),
+        AttitudeInput::Sensors(sensors) => AttitudeSource::Sensors(sensors),
     };
     if arguments.update.update {
-        let results = Results { json: arguments.json.as_ref(), out: arguments.out.as_ref() };
-        let believed = (&settings, &configuration);
-        return update::run(&arguments.update, believed, &counts, windows.as_deref(), &attitude, &results);
+        let results = (arguments.evaluation.json.as_ref(), arguments.out.as_ref());
+        let prior = (&settings, &configuration);
+        return update::run(&arguments.update, prior, &counts, windows.as_deref(), &attitude, results);
     }
     let calibrated = calibrate(&configuration, &counts, windows.as_deref(), &attitude).map_err(CommandError::input)?;
     for left_out in &calibrated.left_out {
         note(format_args!("geu: left out: {left_out}\n"));
     }
     let comparison = calibrate_compare::compare(&earlier, &calibrated)?;
-    let mut outputs = Vec::new();
-    if let Some(file) = &arguments.json {
-        let mut json = report::json(&calibrated);
-        if let Some(comparison) = &comparison {
-            json["comparison"] = report::comparison(&earlier, comparison);
-        }
-        outputs.push((file, format!("{json:#}\n")));
-    }
-    let is_explained = calibrated.solution.probability() >= LEAST_PROBABILITY;
-    if let Some(file) = arguments.out.as_ref().filter(|_| is_explained || arguments.anyway) {
-        let merged = comparison.as_ref().filter(|comparison| comparison.is_compatible());
-        let solution = merged.map_or(&calibrated.solution, |comparison| &comparison.combined);
-        outputs.push((file, with_solution(&settings, solution)?));
-    }
-    if let Some(file) = &arguments.html {
-        let page = CalibrationPage {
-            believed: &configuration,
-            calibrated: &calibrated,
-            earlier: &earlier,
-            comparison: comparison.as_ref(),
-            provenance: settings.provenance(arguments.inputs())?,
-        };
-        outputs.push((file, page.html()));
-    }
-    write_all(outputs)?;
+    write_results(arguments, (&settings, &configuration), &calibrated, &earlier, comparison.as_ref())?;
     say!("{}", terminal_table(&configuration, &calibrated))?;
     if let Some(comparison) = &comparison {
         say!("\n{}", comparison_table(&earlier, comparison))?;
     }
-    if is_explained {
+    if is_explained(&calibrated) {
         return Ok(());
     }
     let why = format!(
-        "the sixteen parameters do not explain these data: probability {:.1e}, at least {LEAST_PROBABILITY} expected",
+        "the calibration parameters do not explain these data: probability {:.1e}, expected {MIN_PROBABILITY} or more",
         calibrated.solution.probability()
     );
     match &arguments.out {
-        Some(file) if arguments.anyway => {
-            note(format_args!("geu: {why}; {file} is written all the same\n"));
-            Ok(())
+        Some(file) if !arguments.anyway => {
+            return Err(CommandError::failed(format!("{why}; {file} is not written without --anyway")));
         }
-        Some(file) => Err(CommandError::failed(format!("{why}; {file} is not written without --anyway"))),
-        None => {
-            note(format_args!("geu: {why}\n"));
-            Ok(())
-        }
+        Some(file) => note(format_args!("geu: {why}; {file} is written anyway\n")),
+        None => note(format_args!("geu: {why}\n")),
     }
+    Ok(())
 }
 
-/// Refuses a reference whose times are not those of the link: the ends of its samples were received in UTC, and TAI,
-/// GPS or TT are whole seconds off it.
-fn refuse_other_time(reference: Option<&ReferenceAttitude>, counts: &AccumulatedCounts) -> Result<(), CommandError> {
-    match reference.and_then(|reference| reference.time_system.as_deref()) {
-        Some(system) if system != "UTC" && counts.is_received => Err(CommandError::input(format!(
-            "--reference: TIME_SYSTEM: expected UTC, as the link's receive times are, got {system}: time systems are offset \
-             from each other, TAI, GPS and TT from UTC by whole seconds and more; convert the ephemeris to UTC"
-        ))),
-        _ => Ok(()),
-    }
+fn is_explained(calibrated: &Calibrated) -> bool {
+    calibrated.solution.probability() >= MIN_PROBABILITY
 }
 
-impl Arguments {
-    /// What was read beside the configuration, and what it is.
-    fn inputs(&self) -> Vec<(&'static str, String)> {
-        let links = self.link.iter().map(|name| ("recording", name.clone()));
+/// Writes the files of the results.
+fn write_results(
+    arguments: &Arguments,
+    (settings, configuration): (&ConfigArgs, &Configuration),
+    calibrated: &Calibrated,
+    earlier: &[PreviousCalibration],
+    comparison: Option<&Comparison>,
+) -> Result<(), CommandError> {
+    let mut outputs = Vec::new();
+    if let Some(file) = &arguments.evaluation.json {
+        let mut json = report::json(calibrated);
+        if let Some(comparison) = comparison {
+            json["comparison"] = report::comparison(earlier, comparison);
+        }
+        outputs.push((file, format!("{json:#}\n")));
+    }
+    if let Some(file) = arguments.out.as_ref().filter(|_| is_explained(calibrated) || arguments.anyway) {
+        let merged = comparison.filter(|comparison| comparison.is_compatible());
+        let solution = merged.map_or(&calibrated.solution, |comparison| &comparison.combined);
+        outputs.push((file, settings.edited(report::overrides(CalibrationParameter::all(), &solution.calibrations))?));
+    }
+    if let Some(file) = &arguments.evaluation.html {
         let others = [
-            ("manoeuvres", &self.manoeuvres),
-            ("reference attitude", &self.reference),
-            ("sun sensor", &self.fss),
-            ("star sensor", &self.sse),
+            ("reference attitude", &arguments.reference),
+            ("sun sensor", &arguments.fss),
+            ("star sensor", &arguments.sse),
         ];
-        links.chain(others.into_iter().filter_map(|(what, name)| Some((what, name.clone()?)))).collect()
+        let provenance = settings.provenance(arguments.evaluation.inputs(&arguments.link, &others))?;
+        let page = CalibrationPage { prior: configuration, calibrated, earlier, comparison, provenance };
+        outputs.push((file, page.html()));
     }
+    write_all(outputs)
 }
 
-/// Start of what the sun sensor saw: its first sample ends the first sample. Nothing without a sample.
+/// Start of the sun sensor's data: its first sample ends the first sample interval. `None` without a sample.
 pub fn start_of_sensors_ns(sensors: &AbsoluteData) -> Option<i64> {
     sensors.sun.first().map(|sample| sample.0 - SAMPLE_INTERVAL_NS)
+}
+
+/// Reads recordings as one stream into a sink.
+///
+/// # Errors
+/// An input cannot be read.
+pub fn read_recordings(names: &[String], plan: Option<CanIdMap>, sink: &mut impl Sink) -> Result<(), CommandError> {
+    let options = DecoderOptions { plan: plan.unwrap_or_default(), ..DecoderOptions::default() };
+    let mut reader = InputReader::new(options, Stop::default());
+    for name in names {
+        reader.read(name, sink).map_err(CommandError::input)?;
+    }
+    reader.finish(sink).1.map_err(CommandError::input)
 }
 
 /// Reads recordings as one stream of counts.
 ///
 /// # Errors
-/// Input that cannot be read, or that holds no sample.
+/// An input cannot be read, or contains no sample.
 pub fn read_counts(
     names: &[String],
     plan: Option<CanIdMap>,
     clock_start_ns: i64,
 ) -> Result<AccumulatedCounts, CommandError> {
-    let options = DecoderOptions { plan: plan.unwrap_or_default(), ..DecoderOptions::default() };
-    let (mut reader, mut counts) = (InputReader::new(options, Stop::default()), CountsReader::default());
-    for name in names {
-        reader.read(name, &mut counts).map_err(CommandError::input)?;
-    }
-    reader.finish(&mut counts).1.map_err(CommandError::input)?;
+    let mut counts = CountsReader::default();
+    read_recordings(names, plan, &mut counts)?;
     if counts.defects() > 0 {
         let (count, input) = (counts.defects(), names.join(" "));
         note(format_args!("geu: {count} defects in {input}; `geu decode --format summary {input}` lists them\n"));
     }
     let none = || CommandError::input(format!("{}: expected samples of the unit, got none", names.join(" ")));
     counts.finish(clock_start_ns).ok_or_else(none)
-}
-
-/// The configuration with the solved values in it.
-fn with_solution(settings: &ConfigArgs, solution: &Solution) -> Result<String, CommandError> {
-    let (name, text) = settings.text()?;
-    let mut values = settings.overrides.clone();
-    values.extend(report::overrides(&solution.calibrations));
-    Configuration::edited(&name, &text, &values).map_err(CommandError::input)
 }

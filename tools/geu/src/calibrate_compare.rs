@@ -1,35 +1,37 @@
 //! `geu calibrate --compare`: this calibration beside earlier ones of the unit.
 
+use std::path::Path;
+
 use geu_calibration::solve::Solution;
 use geu_calibration::{Calibrated, Comparison, PreviousCalibration, compare as compare_solutions, report};
 
-use crate::failure::CommandError;
+use crate::command_error::CommandError;
+use crate::settings::read_text;
 
-/// JSON gives numbers back to the last bit or the one before; two recordings never agree so well.
-const SAME: f64 = 1e-12;
+pub const EXPECTED_JSON: &str = "JSON as `geu calibrate --json` writes it";
+/// Two results are the same if all values agree to this: JSON keeps all bits but the last, two recordings never agree so well.
+const RELATIVE_TOLERANCE: f64 = 1e-12;
 
-/// Reads earlier results, and puts them in the order of time.
+/// Reads earlier results, in the order of time.
 ///
 /// # Errors
-/// A file that cannot be read, is no JSON, or lacks what a comparison needs.
+/// A file cannot be read, is not JSON, or lacks values for a comparison.
 pub fn read(names: &[String]) -> Result<Vec<PreviousCalibration>, CommandError> {
-    let one = |name: &String| {
-        let expected = "expected JSON as `geu calibrate --json` writes it";
-        let text = geu_recording::read_text(name.as_ref())
-            .map_err(|error| CommandError::input(format!("{name}: cannot be read: {error}; {expected}")))?;
-        let json =
-            serde_json::from_str(&text).map_err(|error| CommandError::input(format!("{name}: {error}; {expected}")))?;
+    let read = |name: &String| {
+        let text = read_text(Path::new(name), EXPECTED_JSON)?;
+        let json = serde_json::from_str(&text)
+            .map_err(|error| CommandError::input(format!("{name}: {error}; expected {EXPECTED_JSON}")))?;
         report::earlier(name, &json).map_err(|error| CommandError::input(format!("{name}: {error}")))
     };
-    let mut earlier = names.iter().map(one).collect::<Result<Vec<_>, _>>()?;
+    let mut earlier = names.iter().map(read).collect::<Result<Vec<_>, _>>()?;
     earlier.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
     Ok(earlier)
 }
 
-/// Compares with them.
+/// Compares a calibration with earlier ones.
 ///
 /// # Errors
-/// Two results of one recording, covariances that are none.
+/// Two results are of the same recording, or a covariance is not positive definite.
 pub fn compare(earlier: &[PreviousCalibration], calibrated: &Calibrated) -> Result<Option<Comparison>, CommandError> {
     let present = ("this calibration", &calibrated.solution);
     let all: Vec<(&str, &Solution)> =
@@ -37,7 +39,7 @@ pub fn compare(earlier: &[PreviousCalibration], calibrated: &Calibrated) -> Resu
     for (index, (name, solution)) in all.iter().enumerate() {
         if let Some((other, _)) = all[..index].iter().find(|(_, other)| is_same(other, solution)) {
             return Err(CommandError::input(format!(
-                "--compare: expected calibrations of recordings of their own, got the same in {other} and {name}"
+                "--compare: expected calibrations of different recordings, got the same in {other} and {name}"
             )));
         }
     }
@@ -46,5 +48,5 @@ pub fn compare(earlier: &[PreviousCalibration], calibrated: &Calibrated) -> Resu
 }
 
 fn is_same(one: &Solution, other: &Solution) -> bool {
-    one.values().into_iter().zip(other.values()).all(|(a, b)| (a - b).abs() <= SAME * b.abs())
+    one.values().into_iter().zip(other.values()).all(|(a, b)| (a - b).abs() <= RELATIVE_TOLERANCE * b.abs())
 }

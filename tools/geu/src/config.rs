@@ -3,7 +3,7 @@
 use clap::{Args, Subcommand};
 use geu_model::Configuration;
 
-use crate::failure::{CommandError, print, say};
+use crate::command_error::{CommandError, print, say};
 use crate::settings::ConfigArgs;
 
 /// Shows, checks and describes configurations.
@@ -15,18 +15,18 @@ pub struct Arguments {
 
 #[derive(Subcommand, Debug)]
 enum Action {
-    /// Prints a configuration, complete and commented: everything that can be set, with limits and sources
+    /// Print a complete configuration with comments: every value with its limits and source
     Show(ConfigArgs),
-    /// Checks a configuration; exit 2 and the place of the first thing wrong
+    /// Check a configuration; exit 2 with the place of the first error
     Check(ConfigArgs),
-    /// Prints the JSON schema of configurations
+    /// Print the JSON schema of configurations
     Schema,
 }
 
-/// Carries it out.
+/// Runs `geu config`.
 ///
 /// # Errors
-/// A configuration that cannot be run.
+/// The configuration is not valid.
 pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     match &arguments.action {
         Action::Show(settings) => print(format_args!("{}", settings.read()?.to_toml(true))),

@@ -4,44 +4,45 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use clap::{Args, ValueEnum};
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use clap::{ArgAction, Args, ValueEnum};
 use geu_files::interruption::stop_flag;
 use geu_protocol::CanIdMap;
 use geu_protocol::capture::Format as InputFormat;
 use geu_recording::{
-    DecodeSummary, DecoderOptions, Defect, InputError, InputReader, ReceivedSample, Sink, Stop, is_live,
+    DecodeSummary, DecoderOptions, Defect, GyroCsv, InputError, InputReader, ReceivedSample, Sink, Stop, is_live,
 };
 use geu_report::rows::{DefectLines, TextFormat, write_row};
 
-use crate::failure::{CommandError, note};
+use crate::command_error::{CommandError, note};
 use crate::gyro_csv;
 use crate::outputs::OutputFile;
-use crate::settings::{LONGEST_S, can_base, duration};
+use crate::settings::{LONGEST_S, can_base, choice, duration};
 
-/// Arguments of `geu decode`.
+/// Decodes recordings or live links to CSV, JSON lines or a summary.
 #[derive(Args)]
 pub struct Arguments {
     /// Recording, `-`, serial device, pty, CAN interface or HOST:PORT of `--tcp` (live); several are one stream, in order.
     #[arg(required = true, value_name = "INPUT")]
     inputs: Vec<String>,
-    /// What to write.
+    /// Output format.
     #[arg(long, value_enum, default_value_t = Format::Csv)]
     format: Format,
-    /// How to write the flags.
-    #[arg(long, value_enum, default_value_t, conflicts_with = "gyro_csv")]
-    flags: Flags,
-    /// Where to write it, instead of standard output. Until the end, which Ctrl-C is too of a live input, rows stand beside
-    /// it in FILE.….partial; FILE is what was there before or whole. A process that is killed leaves the rows so far there.
+    /// Format of the flags.
+    #[arg(long, default_value = "integers", action = ArgAction::Set, value_parser = choice(FLAGS), conflicts_with = "gyro_csv")]
+    flags: bool,
+    /// Output file, instead of standard output. Until the end (for a live input also Ctrl-C) rows are written to
+    /// FILE.….partial; FILE is the previous file or complete. A process that is killed leaves FILE.….partial.
     #[arg(long, value_name = "FILE")]
     out: Option<OutputFile>,
-    /// Where to write the defects, one JSON object a line: place, kind, bytes; with a count where the same comes again.
-    /// As --out, whole or not at all.
+    /// Output file of the defects, one JSON object a line: place, kind, bytes; with a count for repetitions.
+    /// The file is complete or absent.
     #[arg(long, value_name = "FILE")]
     defects: Option<OutputFile>,
-    /// Exit with 1 when there were defects.
+    /// Exit with 1 if there were defects.
     #[arg(long)]
     strict: bool,
-    /// Reads one CSV of any gyros instead, as this file describes it: columns, units, interval (configs/suchai3.toml is one).
+    /// Read one CSV of any gyros instead; this file describes it: columns, units, interval (example: configs/suchai3.toml).
     #[arg(long, value_name = "DESCRIPTION", conflicts_with_all = ["base", "interface", "input_format", "baud", "duration"])]
     gyro_csv: Option<PathBuf>,
     #[command(flatten)]
@@ -51,32 +52,32 @@ pub struct Arguments {
     quiet: bool,
 }
 
-/// How inputs are read. Every command that reads the unit's link takes these.
+/// Options of commands that read the unit's link.
 #[derive(Args)]
 pub struct InputArgs {
     /// Base of the unit's CAN identifiers, hexadecimal.
     #[arg(long, value_name = "ID", value_parser = can_base)]
     base: Option<CanIdMap>,
-    /// The interface wanted, where several in a capture carry the unit (otherwise the first that does).
+    /// Interface of the unit, if a capture has several [default: the first with frames of the unit].
     #[arg(long, value_name = "NAME")]
     interface: Option<String>,
-    /// Format of the inputs, instead of telling it from their content.
-    #[arg(long, value_name = "FORMAT", value_parser = input_format)]
-    input_format: Option<InputFormat>,
+    /// Format of the inputs [default: detected from their content].
+    #[arg(long, value_name = "FORMAT", value_parser = input_format())]
+    input_format: Option<&'static InputFormat>,
     /// Rate of serial devices.
     #[arg(long, value_name = "BAUD")]
     baud: Option<u32>,
-    /// Stop after so long.
+    /// Stop after this time.
     #[arg(long, value_name = "DURATION", allow_negative_numbers = true, value_parser = duration(0.0, LONGEST_S))]
     duration: Option<f64>,
 }
 
 impl InputArgs {
-    /// A reader with these options. The first SIGINT, SIGTERM or SIGHUP ends it well where one of the inputs is live, of
-    /// which the rest cannot be read again; of recorded files it ends the process.
+    /// A reader with these options. The first SIGINT, SIGTERM or SIGHUP ends a live input regularly; with files only, it
+    /// ends the process.
     ///
     /// # Errors
-    /// When signals cannot be watched.
+    /// Signals cannot be watched.
     pub fn reader(&self, inputs: &[String]) -> Result<InputReader<'static>, CommandError> {
         let stop = inputs.iter().any(|input| is_live(input)).then(stop_flag).transpose();
         let stop = stop.map_err(|error| CommandError::failed(format!("signals cannot be watched: {error}")))?;
@@ -90,7 +91,7 @@ impl InputArgs {
         Ok(InputReader::new(options, Stop { flag: stop, deadline }))
     }
 
-    /// Says why no row came.
+    /// Prints the reason if there was no row.
     pub fn note_no_rows(&self, summary: &DecodeSummary) {
         if let Some(reason) = geu_recording::no_rows_reason(summary, self.base.unwrap_or_default(), self.input_format) {
             note(format_args!("geu: {reason}\n"));
@@ -98,7 +99,7 @@ impl InputArgs {
     }
 }
 
-/// Says which interfaces carry the unit beside the one used.
+/// Prints the other interfaces with frames of the unit.
 pub fn note_elsewhere(summary: &DecodeSummary) {
     if !summary.elsewhere.is_empty() {
         let left_out = summary.elsewhere.iter().map(|(name, frames)| format!("{frames} on {name}"));
@@ -108,15 +109,11 @@ pub fn note_elsewhere(summary: &DecodeSummary) {
     }
 }
 
-/// How flags are written.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
-enum Flags {
-    /// As two integers
-    #[default]
-    Integers,
-    /// And after all else each bit by its name: 0 or 1 in CSV, false or true in JSON
-    Bits,
-}
+/// True: a column for each bit.
+const FLAGS: &[(&str, bool, &str)] = &[
+    ("integers", false, "As two integers"),
+    ("bits", true, "Also each bit by its name, in the last columns: 0 or 1 in CSV, false or true in JSON"),
+];
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Format {
@@ -128,19 +125,24 @@ enum Format {
     Summary,
 }
 
-pub fn input_format(text: &str) -> Result<InputFormat, String> {
-    InputFormat::named(text).ok_or_else(|| {
-        let names = InputFormat::NAMED.map(|(name, _)| name);
-        format!("expected one of {}, got {text}", names.join(", "))
-    })
+/// Parser of `--input-format`: the capture formats with their titles and usual suffixes as help.
+pub fn input_format() -> impl TypedValueParser<Value = &'static InputFormat> {
+    let values = InputFormat::all().map(|format| {
+        let suffixes: Vec<_> = format.suffixes.iter().map(|suffix| format!(".{suffix}")).collect();
+        PossibleValue::new(format.name).help(format!("{} ({})", format.title, suffixes.join(", ")))
+    });
+    PossibleValuesParser::new(values).map(|name| InputFormat::from_name(&name).expect("a listed name"))
 }
 
-/// Decodes.
-pub fn run(arguments: Arguments) -> Result<(), CommandError> {
+/// Runs `geu decode`.
+///
+/// # Errors
+/// An input cannot be read, an output cannot be written; with `--strict`, defects.
+pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     if let Some(description) = &arguments.gyro_csv {
-        return decode_gyro_csv(&arguments, description);
+        return decode_gyro_csv(arguments, description);
     }
-    let mut writer = Writer::new(&arguments);
+    let mut writer = Writer::new(arguments);
     let mut reader = arguments.reading.reader(&arguments.inputs)?;
     let (mut result, mut read): (Result<(), InputError>, _) = (Ok(()), 0);
     for input in &arguments.inputs {
@@ -174,19 +176,24 @@ pub fn run(arguments: Arguments) -> Result<(), CommandError> {
     note_elsewhere(&summary);
     result?;
     arguments.reading.note_no_rows(&summary);
-    let defects = summary.account.defect_count();
-    match arguments.strict && defects > 0 {
-        true => Err(CommandError::failed(format!("--strict: {defects} defects"))),
-        false => Ok(()),
+    arguments.check_strict(summary.account.defect_count())
+}
+
+impl Arguments {
+    fn check_strict(&self, defects: u64) -> Result<(), CommandError> {
+        match self.strict && defects > 0 {
+            true => Err(CommandError::failed(format!("--strict: {defects} defects"))),
+            false => Ok(()),
+        }
     }
 }
 
-/// As [`run`], for a CSV of any gyros.
+/// Decodes a CSV of any gyros.
 fn decode_gyro_csv(arguments: &Arguments, description: &Path) -> Result<(), CommandError> {
     let [input] = &arguments.inputs[..] else {
         return Err(CommandError::input(format!("--gyro-csv: expected one file, got {}", arguments.inputs.len())));
     };
-    let read = gyro_csv::read(input, description)?;
+    let read = GyroCsv::read(input, gyro_csv::description(description)?).map_err(CommandError::input)?;
     let account = read.account();
     let mut defects = arguments.defects.as_ref().map(|file| OutputWriter::open(Some(file))).transpose()?;
     if let Some(defects) = &mut defects {
@@ -202,10 +209,7 @@ fn decode_gyro_csv(arguments: &Arguments, description: &Path) -> Result<(), Comm
     if arguments.format != Format::Summary && !arguments.quiet {
         note(format_args!("{account}"));
     }
-    match arguments.strict && !read.defects.is_empty() {
-        true => Err(CommandError::failed(format!("--strict: {} defects", read.defects.len()))),
-        false => Ok(()),
-    }
+    arguments.check_strict(read.defects.len() as u64)
 }
 
 /// Bytes kept before they are written.
@@ -213,19 +217,18 @@ pub const BUFFER: usize = 1 << 18;
 
 /// A file or standard output behind a large buffer.
 pub struct OutputWriter {
-    /// None is standard output.
+    /// `None`: standard output.
     file: Option<OutputFile>,
     writer: geu_files::Output,
-    /// What is to be written.
     pub buffer: Vec<u8>,
-    form: TextFormat,
+    format: TextFormat,
 }
 
 impl OutputWriter {
-    /// Opens a file, or standard output where none is named.
+    /// Opens a file, or standard output for `None`.
     ///
     /// # Errors
-    /// A file that cannot be written.
+    /// It cannot be written.
     pub fn open(file: Option<&OutputFile>) -> Result<OutputWriter, CommandError> {
         let writer = match file {
             Some(file) => file.create()?,
@@ -235,33 +238,33 @@ impl OutputWriter {
             file: file.cloned(),
             writer,
             buffer: Vec::with_capacity(BUFFER + 1024),
-            form: TextFormat::Csv,
+            format: TextFormat::Csv,
         })
     }
 
-    fn in_form(mut self, form: TextFormat, with_bits: bool) -> OutputWriter {
-        self.form = form;
-        self.buffer.extend_from_slice(form.header(with_bits).as_bytes());
+    fn in_format(mut self, format: TextFormat, with_bits: bool) -> OutputWriter {
+        self.format = format;
+        self.buffer.extend_from_slice(format.header(with_bits).as_bytes());
         self
     }
 
-    /// Writes what is in the buffer.
+    /// Writes the buffer.
     ///
     /// # Errors
-    /// When it cannot be written.
+    /// It cannot be written.
     pub fn flush(&mut self) -> Result<(), CommandError> {
         let written = self.writer.write_all(&self.buffer).and_then(|()| self.writer.flush());
         self.buffer.clear();
         written.map_err(|error| match &self.file {
-            Some(file) => file.unwritten(error),
+            Some(file) => file.write_error(error),
             None => CommandError::writing(error),
         })
     }
 
-    /// Writes all and puts each in its place; whoever read and went away has seen enough.
+    /// Writes all outputs and moves each to its final place.
     ///
     /// # Errors
-    /// When one cannot be written; then each leaves what was there.
+    /// One cannot be written; then the previous files are kept.
     pub fn finish(outputs: impl IntoIterator<Item = OutputWriter>) -> Result<(), CommandError> {
         let flush = |mut output: OutputWriter| output.flush().map(|()| output.writer);
         let written = outputs.into_iter().map(flush).collect::<Result<Vec<_>, CommandError>>()?;
@@ -269,28 +272,28 @@ impl OutputWriter {
     }
 }
 
-/// Whether what was read until then is a result: a broken recording or a link that went away gives its rows.
+/// True if the rows read before this end are a result, also of a broken recording or a closed link.
 pub fn gives_rows(read: &Result<(), InputError>) -> bool {
     use InputError::{Container, Cut, Read};
     matches!(read, Ok(()) | Err(Read { .. } | Container { .. } | Cut { .. }))
 }
 
-/// Whether the first input was refused, so that there is nothing to be written, no header either. `read` were read to their end;
-/// serial bytes are refused after that where none of them is of a frame.
+/// True if the first input was refused, so that nothing is written, not even a header. `read` inputs were read to their end;
+/// serial bytes without any frame are refused after that.
 pub fn is_refused(result: &Result<(), InputError>, summary: &DecodeSummary, read: usize) -> bool {
     let is_first = read == 0 || matches!(result, Err(InputError::NoFrame { .. }));
     !gives_rows(result) && is_first && summary.rows == 0
 }
 
-/// Writes rows and defects as they come.
+/// Writes rows and defects as they are read.
 struct Writer<'a> {
     arguments: &'a Arguments,
-    /// Whether an input could be opened, and with it the outputs.
+    /// True once an input, and with it the outputs, are open.
     is_open: bool,
     rows: Option<OutputWriter>,
     defects: Option<OutputWriter>,
     lines: DefectLines,
-    /// Why nothing can be written any more.
+    /// The first failure of writing.
     broken: Option<CommandError>,
 }
 
@@ -303,10 +306,8 @@ impl<'a> Writer<'a> {
         self.rows = match self.arguments.format {
             Format::Summary => None,
             format => {
-                let form = if format == Format::Jsonl { TextFormat::Jsonl } else { TextFormat::Csv };
-                Some(
-                    OutputWriter::open(self.arguments.out.as_ref())?.in_form(form, self.arguments.flags == Flags::Bits),
-                )
+                let format = if format == Format::Jsonl { TextFormat::Jsonl } else { TextFormat::Csv };
+                Some(OutputWriter::open(self.arguments.out.as_ref())?.in_format(format, self.arguments.flags))
             }
         };
         self.defects = self.arguments.defects.as_ref().map(|path| OutputWriter::open(Some(path))).transpose()?;
@@ -337,7 +338,7 @@ impl Sink for Writer<'_> {
             self.lines.end(&mut output.buffer);
         }
         if let Some(output) = &mut self.rows {
-            write_row(output.form, self.arguments.flags == Flags::Bits, row, &mut output.buffer);
+            write_row(output.format, self.arguments.flags, row, &mut output.buffer);
             if output.buffer.len() >= BUFFER {
                 self.write_out();
             }

@@ -1,14 +1,15 @@
-//! `geu describe`: the link as other tools read it.
+//! `geu describe`: the definition of the link for other tools.
 
 use clap::{Args, ValueEnum};
 use geu_protocol::{CanIdMap, describe};
 
-use crate::failure::{CommandError, print};
+use crate::command_error::{CommandError, print};
 use crate::outputs::OutputFile;
+use crate::settings::can_base;
 
-/// What `geu describe` can write.
+/// Formats of the definition.
 #[derive(Debug, Clone, Copy, ValueEnum)]
-enum Form {
+enum Format {
     /// CAN database, for cantools, SavvyCAN and others (geu.dbc).
     Dbc,
     /// C99 header for on-board software (geu.h).
@@ -19,35 +20,30 @@ enum Form {
     Icd,
 }
 
-/// Writes the link's definition in the form another tool reads.
+/// Writes the definition of the link in the format of another tool.
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// In which form.
-    form: Form,
+    /// Format of the definition.
+    #[arg(value_name = "FORM")]
+    format: Format,
     /// File to write instead of standard output.
     #[arg(long, value_name = "FILE")]
     out: Option<OutputFile>,
     /// Base of the CAN identifiers in the database, hexadecimal.
-    #[arg(long, value_parser = base, default_value = "1A0")]
+    #[arg(long, value_parser = can_base, default_value = "1A0")]
     base: CanIdMap,
 }
 
-fn base(text: &str) -> Result<CanIdMap, String> {
-    let expected = || format!("expected a hexadecimal number up to {:X}", CanIdMap::MAX_BASE);
-    let base = u16::from_str_radix(text, 16).map_err(|_| expected())?;
-    CanIdMap::with_base(base).ok_or_else(expected)
-}
-
-/// Writes the description.
+/// Runs `geu describe`.
 ///
 /// # Errors
-/// When it cannot be written.
+/// The definition cannot be written.
 pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
-    let text = match arguments.form {
-        Form::Dbc => describe::dbc(arguments.base),
-        Form::Header => describe::header(),
-        Form::Dissector => describe::dissector(),
-        Form::Icd => describe::icd(),
+    let text = match arguments.format {
+        Format::Dbc => describe::dbc(arguments.base),
+        Format::Header => describe::header(),
+        Format::Dissector => describe::dissector(),
+        Format::Icd => describe::icd(),
     };
     match &arguments.out {
         Some(out) => out.write(text),

@@ -1,78 +1,62 @@
-//! `geu diagnose`: where model and measurement part, which effect is missing, how large it is.
+//! `geu diagnose`: finds the effect that is missing in the model, and its amplitude.
 
 use std::fs;
 use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
-use geu_calibration::window;
 use geu_diagnosis::outcome::{Class, DiagnosedEffect, Diagnosis};
-use geu_diagnosis::{DiagnosisOptions as Diagnosing, Thresholds, Verdict, diagnose_rows, report};
+use geu_diagnosis::{DiagnosisOptions, Thresholds, Verdict, diagnose_rows, report};
 use geu_model::Configuration;
-use geu_model::configuration::unix_ns;
 use geu_protocol::CanIdMap;
 use geu_protocol::capture::{RecordPosition, Timestamp};
-use geu_recording::{
-    DecoderOptions, Defect, DefectKind, InputReader, ReceivedSample, ReferenceAttitude, Sink, Stop, read_text,
-};
+use geu_recording::{Defect, DefectKind, ReceivedSample, ReferenceAttitude, Sink, read_text};
 use geu_report::diagnosis::DiagnosisPage;
 use indicatif::ProgressBar;
 
+use crate::calibrate::read_recordings;
+use crate::command_error::{CommandError, note, say};
 use crate::diagnose_rates::{self, RatesArguments};
-use crate::failure::{CommandError, note, say};
 use crate::outputs::OutputFile;
-use crate::settings::{ConfigArgs, NamedSettings};
+use crate::settings::{ConfigArgs, EvaluationArgs, NamedConfigArgs};
 
-/// Defects of a recording that are listed; a broken one has millions, and how many more there are is told.
-const MOST_DEFECTS: usize = 100_000;
+/// Defects of a recording that are listed; further ones are counted.
+const MAX_DEFECTS: usize = 100_000;
 
-/// Finds where model and measurement part, names the missing effect, adds it to the model and shows the gap shrink.
+/// Finds the effect that is missing in the model, adds it to the model and reports the reduction of the residual.
 ///
-/// Exit 3 where something is left that no effect of the model explains.
+/// Exit 3 if a part of the residual is not explained by any effect of the model.
 #[derive(Args, Debug)]
 pub struct Arguments {
     #[command(flatten)]
-    unit: NamedSettings,
+    unit: NamedConfigArgs,
     /// Recording of the link, CAN or serial; several are one stream
     #[arg(long, required_unless_present = "gyro_csv", num_args = 1.., value_name = "FILE")]
     link: Vec<String>,
     /// Reference attitude: reference.csv or a CCSDS attitude ephemeris
     #[arg(long, value_name = "FILE")]
     reference: String,
-    /// Take plain CSV of any gyros instead, as this file describes it: columns, units, interval, reference (configs/suchai3.toml is
-    /// one); --reference is then a CSV with t_s and rate_arcsec_s or rate_x_arcsec_s…, or the table that the description tells
+    /// Read plain CSV of any gyros instead; this file describes it: columns, units, interval, reference (example:
+    /// configs/suchai3.toml). --reference is then a CSV with t_s and rate_arcsec_s or rate_x_arcsec_s…, or the described table
     #[arg(long, value_name = "DESCRIPTION", conflicts_with_all = ["config", "overrides", "manoeuvres", "start", "base", "html", "out"])]
     gyro_csv: Option<PathBuf>,
-    /// Manoeuvres that residuals are told by, CSV with the columns manoeuvre,start_s,end_s [default: cut where the motion changes]
-    #[arg(long, value_name = "FILE")]
-    manoeuvres: Option<String>,
-    /// Time at which the unit's clock was 0, for recordings without receive times [default: start of the reference]
-    #[arg(long, value_name = "UNIX_SECONDS", allow_negative_numbers = true, value_parser = crate::settings::start)]
-    start: Option<f64>,
-    /// Base of the CAN identifiers, hexadecimal
-    #[arg(long, value_name = "ID", value_parser = crate::settings::can_base)]
-    base: Option<CanIdMap>,
-    /// Write the result as JSON
-    #[arg(long, value_name = "FILE")]
-    json: Option<OutputFile>,
-    /// Write the result as a page with plots, which needs no other file
-    #[arg(long, value_name = "FILE")]
-    html: Option<OutputFile>,
-    /// Write the configuration with what was found, its comments kept
+    #[command(flatten)]
+    evaluation: EvaluationArgs,
+    /// Write the configuration with the found effects, its comments kept
     #[arg(long, value_name = "CONFIG")]
     out: Option<OutputFile>,
-    /// Seed of the recordings with nothing hidden that set the thresholds
+    /// Seed of the simulated recordings without effects that set the thresholds
     #[arg(long, default_value_t = 1, value_parser = crate::settings::seed)]
     seed: u64,
-    /// Set the thresholds anew, without those kept in the cache directory
+    /// Compute the thresholds again, without the cache directory
     #[arg(long)]
     no_cache: bool,
 }
 
-/// Runs the command.
+/// Runs `geu diagnose`.
 ///
 /// # Errors
-/// Input that cannot be read, results that cannot be written; exit 3 where something is left unexplained.
+/// An input cannot be read, results cannot be written; exit 3 if the residual is not explained.
 pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     if let Some(gyro_csv) = &arguments.gyro_csv {
         return diagnose_rates::run(&RatesArguments {
@@ -80,42 +64,45 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
             link: &arguments.link,
             reference: &arguments.reference,
             seed: arguments.seed,
-            json: arguments.json.as_ref(),
+            json: arguments.evaluation.json.as_ref(),
         });
     }
     let settings = ConfigArgs::from(&arguments.unit);
-    let believed = settings.read()?;
+    let nominal = settings.read()?;
     let reference = ReferenceAttitude::read(&arguments.reference).map_err(CommandError::input)?;
-    let recording = DecodedRecording::read(&arguments.link, arguments.base)?;
-    let windows = arguments.manoeuvres.as_deref().map(window::read).transpose().map_err(CommandError::input)?;
+    let recording = DecodedRecording::read(&arguments.link, arguments.evaluation.base)?;
+    let windows = arguments.evaluation.windows()?;
     let bar = ProgressBar::new_spinner();
     bar.enable_steady_tick(Duration::from_millis(200));
     let cache = Cache::new(arguments.no_cache);
-    let diagnosing = Diagnosing {
+    let options = DiagnosisOptions {
         seed: arguments.seed,
-        clock_start_ns: arguments.start.map_or(reference.start_ns, unix_ns),
+        clock_start_ns: arguments.evaluation.start_ns(reference.start_ns),
         manoeuvres: windows.as_deref(),
         known: &|key| cache.get(key),
         keep: &|key, thresholds| cache.put(key, thresholds),
         progress: &|what| bar.set_message(what.to_owned()),
     };
-    let diagnosis = diagnose_rows(&recording.rows, &recording.defects(), &believed, &reference, &diagnosing);
+    let diagnosis = diagnose_rows(&recording.rows, &recording.defects(), &nominal, &reference, &options);
     bar.finish_and_clear();
     let diagnosis = diagnosis.map_err(|error| CommandError::input(format!("{}: {error}", arguments.link.join(" "))))?;
-    // What was found is told whatever becomes of the files, and each of these whatever becomes of the others.
-    let said = say!("{}", report::text(&diagnosis).trim_end());
-    let json =
-        || arguments.json.as_ref().map_or(Ok(()), |file| file.write(format!("{:#}\n", report::json(&diagnosis))));
+    // The result is printed and each file is written also if another of these steps fails.
+    let printed = say!("{}", report::text(&diagnosis).trim_end());
+    let json = || {
+        let Some(file) = &arguments.evaluation.json else { return Ok(()) };
+        file.write(format!("{:#}\n", report::json(&diagnosis)))
+    };
     let html = || {
-        let Some(file) = &arguments.html else { return Ok(()) };
-        let page = DiagnosisPage { diagnosis: &diagnosis, provenance: settings.provenance(arguments.inputs())? };
-        file.write(page.html())
+        let Some(file) = &arguments.evaluation.html else { return Ok(()) };
+        let reference = ("reference attitude", &Some(arguments.reference.clone()));
+        let provenance = settings.provenance(arguments.evaluation.inputs(&arguments.link, &[reference]))?;
+        file.write(DiagnosisPage { diagnosis: &diagnosis, provenance }.html())
     };
     let out = || {
         let Some(file) = &arguments.out else { return Ok(()) };
-        file.write(written(file, &settings, &diagnosis, &arguments.link)?)
+        file.write(updated_configuration(file, &settings, &diagnosis, &arguments.link)?)
     };
-    let mut failures = [json(), html(), out(), said].into_iter().filter_map(Result::err);
+    let mut failures = [json(), html(), out(), printed].into_iter().filter_map(Result::err);
     if let Some(first) = failures.next() {
         failures.for_each(|further| {
             let _ = further.report();
@@ -125,56 +112,45 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     if diagnosis.verdict == Verdict::Unexplained { Err(CommandError::unexplained()) } else { Ok(()) }
 }
 
-impl Arguments {
-    /// What is read, what it is and its name.
-    fn inputs(&self) -> Vec<(&'static str, String)> {
-        let links = self.link.iter().map(|name| ("recording", name.clone()));
-        let reference = ("reference attitude", self.reference.clone());
-        let manoeuvres = self.manoeuvres.iter().map(|name| ("manoeuvres", name.clone()));
-        links.chain([reference]).chain(manoeuvres).collect()
-    }
-}
-
-/// The configuration with all that was found, each with a comment that says where and how well.
-fn written(
+/// The configuration with the found effects, each with a comment on recording and accuracy.
+fn updated_configuration(
     file: &OutputFile,
     settings: &ConfigArgs,
     diagnosis: &Diagnosis,
     link: &[String],
 ) -> Result<String, CommandError> {
     let assignments = |entry: &DiagnosedEffect| entry.assignments(&diagnosis.configuration);
+    // The found values may exceed the limits of the model.
+    let refused = |error| CommandError::failed(format!("{file}: not written: with the found effects, {error}"));
     let (name, text) = settings.text()?;
-    let mut values = settings.overrides.clone();
-    values.extend(diagnosis.entries.iter().flat_map(assignments));
+    let values = settings.overrides.iter().cloned().chain(diagnosis.entries.iter().flat_map(assignments));
+    let text = Configuration::edited(&name, &text, &values.collect::<Vec<_>>()).map_err(refused)?;
     let link = link.join(" ");
     let commented = |entry: &DiagnosedEffect| {
-        let told = entry.parameters.iter().map(|number| format!("{} {}", number.name, report::with_sigma(number)));
+        let values = entry.parameters.iter().map(|number| format!("{} {}", number.name, report::with_sigma(number)));
         let what = if entry.class == Class::Recalibration { "recalibrated" } else { "found" };
-        let comment = format!("{what} on {link}: {}", told.collect::<Vec<_>>().join(", "));
+        let comment = format!("{what} on {link}: {}", values.collect::<Vec<_>>().join(", "));
         let paths = assignments(entry).into_iter().filter_map(|own| Some(own.split_once('=')?.0.trim().to_owned()));
         paths.map(|path| (path, comment.clone())).collect::<Vec<_>>()
     };
     let comments: Vec<_> = diagnosis.entries.iter().flat_map(commented).collect();
-    // What was found may lie beyond what the model is good for.
-    let refused = |error| CommandError::failed(format!("{file}: not written: with what was found, {error}"));
-    let text = Configuration::edited(&name, &text, &values).map_err(refused)?;
     let text = Configuration::commented(&text, &comments);
-    // What is written is what others read.
     Configuration::parse(&name, &text, &[]).map_err(refused)?;
     Ok(text)
 }
 
 /// Rows and defects of a recording.
 #[derive(Default)]
-pub struct DecodedRecording {
+struct DecodedRecording {
     /// Samples.
-    pub rows: Vec<ReceivedSample>,
-    found: Vec<Found>,
-    beyond: u64,
+    rows: Vec<ReceivedSample>,
+    defects: Vec<KeptDefect>,
+    /// Defects that are not listed.
+    further: u64,
 }
 
 /// A defect without its bytes: input, place, kind, time, samples lost.
-type Found = (String, RecordPosition, DefectKind, Option<Timestamp>, u64);
+type KeptDefect = (String, RecordPosition, DefectKind, Option<Timestamp>, u64);
 
 impl Sink for DecodedRecording {
     fn row(&mut self, row: &ReceivedSample) {
@@ -182,10 +158,10 @@ impl Sink for DecodedRecording {
     }
 
     fn defect(&mut self, defect: &Defect) {
-        if self.found.len() < MOST_DEFECTS {
-            self.found.push((defect.input.to_owned(), defect.place, defect.kind, defect.time, defect.lost));
+        if self.defects.len() < MAX_DEFECTS {
+            self.defects.push((defect.input.to_owned(), defect.place, defect.kind, defect.time, defect.lost));
         } else {
-            self.beyond += 1;
+            self.further += 1;
         }
     }
 }
@@ -194,24 +170,22 @@ impl DecodedRecording {
     /// Reads recordings as one stream.
     ///
     /// # Errors
-    /// Input that cannot be read.
-    pub fn read(names: &[String], plan: Option<CanIdMap>) -> Result<DecodedRecording, CommandError> {
-        let options = DecoderOptions { plan: plan.unwrap_or_default(), ..DecoderOptions::default() };
-        let (mut reader, mut recording) = (InputReader::new(options, Stop::default()), DecodedRecording::default());
-        for name in names {
-            reader.read(name, &mut recording).map_err(CommandError::input)?;
-        }
-        reader.finish(&mut recording).1.map_err(CommandError::input)?;
-        if recording.beyond > 0 {
-            let beyond = recording.beyond;
-            note(format_args!("geu: {MOST_DEFECTS} defects are listed, {beyond} more are not; `geu decode` has all\n"));
+    /// An input cannot be read.
+    fn read(names: &[String], plan: Option<CanIdMap>) -> Result<DecodedRecording, CommandError> {
+        let mut recording = DecodedRecording::default();
+        read_recordings(names, plan, &mut recording)?;
+        if recording.further > 0 {
+            let further = recording.further;
+            note(format_args!(
+                "geu: {MAX_DEFECTS} defects are listed, {further} more are not; `geu decode` lists all\n"
+            ));
         }
         Ok(recording)
     }
 
-    /// Its defects, without their bytes.
-    pub fn defects<'a>(&'a self) -> Vec<Defect<'a>> {
-        let of = |(input, place, kind, time, lost): &'a Found| Defect {
+    /// The defects, without their bytes.
+    fn defects<'a>(&'a self) -> Vec<Defect<'a>> {
+        let defect = |(input, place, kind, time, lost): &'a KeptDefect| Defect {
             input,
             place: *place,
             kind: *kind,
@@ -219,20 +193,20 @@ impl DecodedRecording {
             time: *time,
             lost: *lost,
         };
-        self.found.iter().map(of).collect()
+        self.defects.iter().map(defect).collect()
     }
 }
 
-/// Thresholds in the user's cache directory; a cache that cannot be read or written is none.
+/// Thresholds in the user's cache directory; read and write failures are ignored.
 struct Cache {
     directory: Option<PathBuf>,
 }
 
 impl Cache {
     fn new(is_off: bool) -> Cache {
-        let of = |name: &str| std::env::var_os(name).filter(|path| !path.is_empty()).map(PathBuf::from);
-        let home = || of("HOME").map(|home| home.join(".cache"));
-        let directory = of("XDG_CACHE_HOME").filter(|path| path.is_absolute()).or_else(home);
+        let variable = |name: &str| std::env::var_os(name).filter(|path| !path.is_empty()).map(PathBuf::from);
+        let home = || variable("HOME").map(|home| home.join(".cache"));
+        let directory = variable("XDG_CACHE_HOME").filter(|path| path.is_absolute()).or_else(home);
         Cache { directory: directory.filter(|_| !is_off).map(|directory| directory.join("geu").join("thresholds")) }
     }
 
@@ -247,7 +221,7 @@ impl Cache {
         let kept = fs::create_dir_all(directory)
             .and_then(|()| geu_files::write_whole(&path, serde_json::json!(thresholds).to_string()));
         if let Err(error) = kept {
-            note(format_args!("geu: {}: thresholds cannot be kept: {error}\n", directory.display()));
+            note(format_args!("geu: {}: thresholds cannot be stored: {error}\n", directory.display()));
         }
     }
 }

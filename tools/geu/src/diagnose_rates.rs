@@ -5,44 +5,39 @@ mod windows;
 use std::path::Path;
 
 use geu_diagnosis::Finding;
-use geu_diagnosis::rates::{Verdict, diagnose};
-use geu_recording::{GyroCsv, GyroCsvSpec, RateTable, read_text};
+use geu_rates::{Verdict, diagnose};
+use geu_recording::{GyroCsv, RateTable};
 use geu_report::rates;
 
-use crate::failure::{CommandError, say};
+use crate::command_error::{CommandError, say};
+use crate::gyro_csv;
 use crate::outputs::OutputFile;
 
-/// What it takes.
+/// Arguments of `geu diagnose --gyro-csv`.
 #[derive(Debug, Clone, Copy)]
 pub struct RatesArguments<'a> {
     /// The description.
     pub gyro_csv: &'a Path,
-    /// CSV of gyros; several are read one by one, each a group of its own.
+    /// CSV of gyros; each is a separate group.
     pub link: &'a [String],
-    /// Independent rates: CSV with t_s and rates, or the table that the description tells.
+    /// Independent rates: CSV with t_s and rates, or the table of the description.
     pub reference: &'a String,
-    /// Seed of the noise from which thresholds are made.
+    /// Seed of the noise that sets the thresholds.
     pub seed: u64,
-    /// Where the result goes as JSON.
+    /// Result as JSON.
     pub json: Option<&'a OutputFile>,
 }
 
-/// Carries it out.
+/// Runs the diagnosis of rates.
 ///
 /// # Errors
-/// Input that cannot be read or does not suffice, a file that cannot be written, an end unexplained.
+/// An input cannot be read or is too short, a file cannot be written, the residual is not explained.
 pub fn run(arguments: &RatesArguments) -> Result<(), CommandError> {
-    let name = arguments.gyro_csv.display().to_string();
-    let text = read_text(arguments.gyro_csv).map_err(|error| {
-        CommandError::input(format!(
-            "{name}: cannot be read: {error}; expected a description, such as configs/suchai3.toml"
-        ))
-    })?;
-    let description = GyroCsvSpec::parse(&name, &text).map_err(CommandError::input)?;
+    let description = gyro_csv::description(arguments.gyro_csv)?;
     let read = |link: &String| GyroCsv::read(link, description.clone()).map_err(CommandError::input);
     let links = arguments.link.iter().map(read).collect::<Result<Vec<_>, _>>()?;
     let findings: Vec<Finding> =
-        arguments.link.iter().zip(&links).flat_map(|(link, read)| of_link(link, read)).collect();
+        arguments.link.iter().zip(&links).flat_map(|(link, read)| findings(link, read)).collect();
     let table = RateTable::read(arguments.reference, description.reference.as_ref()).map_err(CommandError::input)?;
     let windows = windows::windows(arguments, &description, &links, &table)?;
     let failed = |error| CommandError::input(format!("{}: {error}", arguments.reference));
@@ -50,7 +45,7 @@ pub fn run(arguments: &RatesArguments) -> Result<(), CommandError> {
     if let Some(file) = arguments.json {
         file.write(format!("{:#}\n", rates::json(&diagnosis, &findings)))?;
     }
-    // Said of the table described; rows with times are another reference.
+    // The caveat is on the described table; rows with times are another reference.
     let is_described = table.rows.iter().all(|row| row.t_s.is_none());
     let described = description.reference.as_ref().filter(|_| is_described);
     let caveat = described.and_then(|reference| reference.caveat.as_deref());
@@ -61,8 +56,8 @@ pub fn run(arguments: &RatesArguments) -> Result<(), CommandError> {
     }
 }
 
-/// What is wrong with a file of gyros.
-fn of_link(link: &str, read: &GyroCsv) -> Vec<Finding> {
+/// Defects of a file of gyros as findings.
+fn findings(link: &str, read: &GyroCsv) -> Vec<Finding> {
     let finding = |defect: &geu_recording::GyroCsvDefect| Finding {
         kind: defect.kind.name().to_owned(),
         place: format!("{link}: line {}", defect.line),

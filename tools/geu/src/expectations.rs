@@ -1,30 +1,30 @@
-//! What became of a plan: faults that never came, and what it expected of the on-board computer: said, written as JUnit
-//! XML, and the exit code.
+//! Results of a fault plan: faults that never started, and expectations of the on-board computer, printed, as JUnit XML and
+//! as the exit code.
 
 use std::fmt::Write;
 
 use clap::Args;
-use geu_model::fault::acting::FaultEngine;
+use geu_model::fault::engine::FaultEngine;
 use geu_model::fault::expectation::{ExpectationMonitor, ExpectationResult, TimeWindow};
 use geu_model::units::on_board_s;
 
-use crate::failure::{CommandError, note};
+use crate::command_error::{CommandError, note};
 use crate::outputs::OutputFile;
 
-/// Where the verdicts go.
+/// Output of the results.
 #[derive(Args, Debug, Clone, Default)]
 pub struct ExpectationReport {
-    /// Writes what became of the plan's expectations as JUnit XML
+    /// Write the results of the plan's expectations as JUnit XML
     #[arg(long, value_name = "FILE")]
     junit: Option<OutputFile>,
 }
 
 impl ExpectationReport {
-    /// Tells the faults that never started, and the verdicts.
+    /// Prints the faults that never started and the results, and writes the file.
     ///
     /// # Errors
-    /// A file that cannot be written; an expectation that was not met, or whose window had not ended.
-    pub fn tell(&self, faults: &FaultEngine) -> Result<(), CommandError> {
+    /// The file cannot be written; an expectation was not met, or its window did not end.
+    pub fn write(&self, faults: &FaultEngine) -> Result<(), CommandError> {
         for planned in faults.planned.iter().filter(|planned| planned.started == 0) {
             note(format_args!("fault        {}: never started ({})\n", planned.fault.id, planned.fault.trigger()));
         }
@@ -43,7 +43,7 @@ impl ExpectationReport {
     }
 }
 
-/// A verdict in words.
+/// A result as text.
 fn verdict(watch: &ExpectationMonitor) -> String {
     let condition = &watch.expectation.condition;
     let window = match watch.expectation.window {

@@ -1,17 +1,18 @@
-//! `geu faults`: what can go wrong, and on which link.
+//! `geu faults`: the catalogue of faults.
 
 use std::io::Write;
 
 use clap::{Args, Subcommand};
 use geu_model::configuration::fault::{EXPECT_NUMBERS, FAULT_NUMBERS, FAULT_TEXTS};
 use geu_model::fault::catalogue::{CATALOGUE, FaultSpec, Scope, Transport};
-use geu_model::fault::{ParameterRef, expression, shape};
-use geu_model::number::{DefaultValue, ParameterSpec};
+use geu_model::fault::{ParameterRef, expression};
+use geu_model::parameter_spec::{DefaultValue, ParameterSpec};
+use geu_model::time_profile::FAULT_PROFILES;
 use geu_protocol::suggestion::did_you_mean;
 
-use crate::failure::CommandError;
+use crate::command_error::CommandError;
 
-/// What can go wrong: the catalogue of faults.
+/// Lists the catalogue of faults.
 #[derive(Args, Debug)]
 pub struct Arguments {
     #[command(subcommand)]
@@ -23,28 +24,28 @@ enum Command {
     List(List),
 }
 
-/// Prints every fault with its numbers, and what a plan may say of it.
+/// Prints every fault with its parameters, and the keys of a plan.
 #[derive(Args, Debug)]
 struct List {
-    /// Says of each fault of a link whether this kind can have it
+    /// Print, for each link fault, whether this transport supports it
     #[arg(long, value_parser = link_kind)]
     link: Option<Transport>,
-    /// As JSON
+    /// Print JSON
     #[arg(long)]
     json: bool,
 }
 
 fn link_kind(text: &str) -> Result<Transport, String> {
-    Transport::named(text).ok_or_else(|| {
+    Transport::from_name(text).ok_or_else(|| {
         let hint = did_you_mean(text, Transport::NAMES);
         format!("{hint}expected one of {}, got {text}", Transport::NAMES.join(", "))
     })
 }
 
-/// Carries it out.
+/// Runs `geu faults`.
 ///
 /// # Errors
-/// Standard output that cannot be written.
+/// Standard output cannot be written.
 pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     let Command::List(list) = &arguments.command;
     let text = if list.json { format!("{:#}\n", geu_daemon::catalogue()) } else { text(list.link) };
@@ -64,39 +65,38 @@ fn number(spec: &ParameterSpec) -> String {
 }
 
 fn text(link: Option<Transport>) -> String {
-    let mut lines =
-        vec!["A fault of a plan, [[fault]], is a parameter that is moved or one that has a name.".to_owned()];
+    let mut lines = vec!["A fault of a plan, [[fault]], changes a parameter or has a name.".to_owned()];
     if link.is_none() {
         lines.push("\nParameters (parameter = \"effect.number\", course = { … }):".to_owned());
         for target in ParameterRef::all() {
-            let (least, greatest) = target.limits();
-            let limits = target.number().form.limits(least, greatest);
-            let whom = match target.gyros().len() {
+            let (min, max) = target.limits();
+            let limits = target.number().form.limits(min, max);
+            let scope_name = match target.gyros().len() {
                 0 => "the unit".to_owned(),
                 4 => "any gyro".to_owned(),
                 _ => target.gyros().iter().map(|gyro| gyro.name()).collect::<Vec<_>>().join(", "),
             };
             let verb = if target.is_switch() { "sets" } else { "adds" };
-            lines.push(format!("  {:<50} {whom}; {verb} {limits}", target.name()));
+            lines.push(format!("  {:<50} {scope_name}; {verb} {limits}", target.name()));
         }
         lines.push("\nCourses of a parameter:".to_owned());
-        for kind in shape::KINDS {
+        for kind in FAULT_PROFILES {
             lines.push(format!("  {:<10} {}", kind.name, kind.meaning));
-            lines.extend(kind.numbers.iter().map(|spec| format!("    {}", number(spec))));
+            lines.extend(kind.shapes.iter().map(|spec| format!("    {}", number(spec))));
         }
     }
     for scope in [Scope::Gyro, Scope::Unit, Scope::Link] {
         if link.is_some() && scope != Scope::Link {
             continue;
         }
-        let whom = match scope {
+        let scope_name = match scope {
             Scope::Gyro => "a gyro (gyro = \"GYRX\")".to_owned(),
             Scope::Unit => "the unit".to_owned(),
             Scope::Link => {
                 format!("links (link = \"{}\"; without it, of all)", link.map_or("pty|serial|can|tcp", Transport::name))
             }
         };
-        lines.push(format!("\nFaults of {whom}:"));
+        lines.push(format!("\nFaults of {scope_name}:"));
         for spec in CATALOGUE.iter().filter(|spec| spec.scope == scope) {
             lines.push(format!("  {:<18} {}", spec.code, spec.meaning));
             lines.extend(spec.numbers.iter().map(|spec| format!("    {}", number(spec))));
@@ -119,7 +119,7 @@ fn text(link: Option<Transport>) -> String {
     lines.join("\n") + "\n"
 }
 
-/// Where it cannot be done, and why.
+/// The transports that do not support a fault, with the reasons.
 fn refusals(spec: &FaultSpec, link: Option<Transport>) -> Vec<String> {
     let asked = spec.unable.iter().filter(|(kind, _)| link.is_none_or(|link| link == *kind));
     asked.map(|(kind, reason)| format!("    not on {}: {reason}", kind.name())).collect()

@@ -1,25 +1,20 @@
-//! What `geu decode --gyro-csv` prints.
+//! CSV of any gyros: its description, and the output of `geu decode --gyro-csv`.
 
 use std::io::Write;
 use std::path::Path;
 
-use geu_recording::{GyroCsv, GyroCsvSpec, read_text};
+use geu_recording::{GyroCsv, GyroCsvSpec};
 
-use crate::failure::CommandError;
+use crate::command_error::CommandError;
+use crate::settings::read_text;
 
-/// Reads the file as the description says.
+/// Reads a description.
 ///
 /// # Errors
-/// A file that cannot be read, a description that is none, columns that are not there.
-pub fn read(input: &str, description: &Path) -> Result<GyroCsv, CommandError> {
-    let name = description.display().to_string();
-    let text = read_text(description).map_err(|error| {
-        CommandError::input(format!(
-            "{name}: cannot be read: {error}; expected a description, such as configs/suchai3.toml"
-        ))
-    })?;
-    let description = GyroCsvSpec::parse(&name, &text).map_err(CommandError::input)?;
-    GyroCsv::read(input, description).map_err(CommandError::input)
+/// The file cannot be read or is not valid.
+pub fn description(path: &Path) -> Result<GyroCsvSpec, CommandError> {
+    let text = read_text(path, "a description, such as configs/suchai3.toml")?;
+    GyroCsvSpec::parse(&path.display().to_string(), &text).map_err(CommandError::input)
 }
 
 /// Appends a header and a row for each sample: time, line, then a rate for each gyro.
@@ -44,7 +39,7 @@ pub fn write_jsonl(read: &GyroCsv, out: &mut Vec<u8>) {
     }
 }
 
-/// Appends a JSON object for each defect: place, kind, and what it is in words.
+/// Appends a JSON object for each defect: place, kind and text.
 pub fn write_defects(input: &str, read: &GyroCsv, out: &mut Vec<u8>) {
     for defect in &read.defects {
         let place = format!("{input}: line {}", defect.line);
@@ -54,5 +49,5 @@ pub fn write_defects(input: &str, read: &GyroCsv, out: &mut Vec<u8>) {
 }
 
 fn put(out: &mut Vec<u8>, content: std::fmt::Arguments) {
-    out.write_fmt(content).expect("a buffer takes everything");
+    out.write_fmt(content).expect("memory");
 }

@@ -1,19 +1,20 @@
-//! `geu inject`: moves a fault into a running emulator, takes it out again, lists what is there.
+//! `geu inject`: starts, clears and lists faults of a running emulator.
 
 use std::path::{Path, PathBuf};
 
 use clap::Args;
 use geu_model::fault::catalogue::Transport;
-use geu_model::fault::shape;
+use geu_model::time_profile::FAULT_PROFILES;
 use geu_protocol::Gyro;
 use geu_protocol::suggestion::did_you_mean;
 use serde_json::{Map, Value, json};
 use ureq::http::Method;
 
-use crate::control::{Choice, ControlClient};
-use crate::failure::{CommandError, say};
+use crate::command_error::{CommandError, say};
+use crate::control_client::{ControlClient, EmulatorArgs};
+use crate::settings::read_text;
 
-/// Moves a fault into a running emulator.
+/// Injects a fault into a running emulator.
 ///
 /// geu inject pivot-clearance.clearance_arcsec GYRX step=11.5 for_s=600
 /// geu inject stuck-count GYRY counts=120
@@ -21,34 +22,34 @@ use crate::failure::{CommandError, say};
 #[derive(Args, Debug)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
-    /// A parameter (effect.number) or a fault by its name, as `geu faults list` shows them
+    /// A parameter (effect.number) or the name of a fault, as `geu faults list` shows them
     #[arg(required_unless_present_any = ["plan", "clear", "start", "list"])]
     what: Option<String>,
-    /// The gyro or the kind of link that it is on, and KEY=VALUE: a course (step=11.5, ramp=5 over_s=60), numbers, when, for_s
+    /// Gyro or transport, and KEY=VALUE: a course (step=11.5, ramp=5 over_s=60), numbers, when, for_s
     #[arg(value_name = "GYRO|LINK|KEY=VALUE", allow_negative_numbers = true)]
     keys: Vec<String>,
-    /// Every fault of a plan, all or none
+    /// Inject every fault of a plan, all or none
     #[arg(long, conflicts_with = "what")]
     plan: Option<PathBuf>,
-    /// Takes a fault out, by its identifier, or `all`
+    /// Clear a fault by its identifier, or `all`
     #[arg(long, value_name = "ID", conflicts_with_all = ["what", "plan"])]
     clear: Option<String>,
-    /// Starts a fault of the plan that waits for a hand
+    /// Start an operator-triggered fault of the plan
     #[arg(long, value_name = "ID", conflicts_with_all = ["what", "plan", "clear"])]
     start: Option<String>,
-    /// Shows the faults that are there
+    /// List the faults
     #[arg(long)]
     list: bool,
     #[command(flatten)]
-    emulator: Choice,
+    emulator: EmulatorArgs,
 }
 
-/// Carries it out.
+/// Runs `geu inject`.
 ///
 /// # Errors
-/// No emulator, or what it refuses and why.
+/// No emulator is found, or it refuses the request.
 pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
-    // A plan that cannot be read is told whether or not an emulator runs.
+    // The plan is read first: its error does not depend on a running emulator.
     let plan = arguments.plan.as_deref().map(plan).transpose()?;
     let emulator = &arguments.emulator.find()?;
     if let Some(id) = &arguments.clear {
@@ -58,45 +59,45 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
             Value::Array(ids) => ids.iter().filter_map(Value::as_str).collect::<Vec<_>>().join(" "),
             _ => id.clone(),
         };
-        say!("cleared {}", if cleared.is_empty() { "nothing: there is no fault" } else { &cleared })?;
+        say!("cleared {}", if cleared.is_empty() { "nothing: no fault is active or armed" } else { &cleared })?;
     } else if let Some(id) = &arguments.start {
-        tell(&emulator.ask(Method::POST, "/api/faults", Some(&json!({ "start": id })))?)?;
+        print_started(&emulator.ask(Method::POST, "/api/faults", Some(&json!({ "start": id })))?)?;
     } else if let Some(plan) = &plan {
         let added = emulator.ask(Method::POST, "/api/faults", Some(plan))?;
-        added.as_array().into_iter().flatten().try_for_each(tell)?;
+        added.as_array().into_iter().flatten().try_for_each(print_started)?;
     } else if let Some(what) = &arguments.what {
-        tell(&emulator.ask(Method::POST, "/api/faults", Some(&fault(what, &arguments.keys)?))?)?;
+        print_started(&emulator.ask(Method::POST, "/api/faults", Some(&fault(what, &arguments.keys)?))?)?;
     }
     if arguments.list { list(emulator) } else { Ok(()) }
 }
 
-fn tell(answer: &Value) -> Result<(), CommandError> {
+fn print_started(answer: &Value) -> Result<(), CommandError> {
     say!("{} from {} s", answer["id"].as_str().unwrap_or_default(), answer["at_s"])
 }
 
-/// A fault as the control interface takes it.
+/// Builds the request of a fault.
 fn fault(what: &str, keys: &[String]) -> Result<Value, CommandError> {
     let is_parameter = what.contains('.');
     let (mut fault, mut course) = (Map::new(), Map::new());
     fault.insert(if is_parameter { "parameter" } else { "fault" }.to_owned(), json!(what));
     let is_of_course = |key: &str| {
-        shape::KINDS.iter().any(|kind| kind.name == key || kind.numbers.iter().any(|number| number.name == key))
+        FAULT_PROFILES.iter().any(|kind| kind.name == key || kind.shapes.iter().any(|number| number.name == key))
     };
     for given in keys {
         let (key, value) = match given.split_once('=') {
             Some((key, value)) => (key, read(value)),
-            None if Transport::named(given).is_some() => ("link", json!(given)),
-            None if Gyro::named(given).is_some() => ("gyro", json!(given)),
+            None if Transport::from_name(given).is_some() => ("link", json!(given)),
+            None if Gyro::from_name(given).is_some() => ("gyro", json!(given)),
             None => {
                 let (gyros, links) = (Gyro::ALL.map(Gyro::name).join(", "), Transport::NAMES.join(", "));
                 let hint = did_you_mean(given, Gyro::ALL.map(Gyro::name).into_iter().chain(Transport::NAMES));
                 return Err(CommandError::input(format!(
-                    "{given}: {hint}expected a gyro ({gyros}), a kind of link ({links}), or KEY=VALUE"
+                    "{given}: {hint}expected a gyro ({gyros}), a transport ({links}), or KEY=VALUE"
                 )));
             }
         };
-        let room = if is_parameter && is_of_course(key) { &mut course } else { &mut fault };
-        if room.insert(key.to_owned(), value).is_some() {
+        let object = if is_parameter && is_of_course(key) { &mut course } else { &mut fault };
+        if object.insert(key.to_owned(), value).is_some() {
             return Err(CommandError::input(format!("{given}: expected `{key}` once")));
         }
     }
@@ -106,7 +107,7 @@ fn fault(what: &str, keys: &[String]) -> Result<Value, CommandError> {
     Ok(Value::Object(fault))
 }
 
-/// A number, true or false; else a text.
+/// Parses a number, true or false; other values are texts.
 fn read(text: &str) -> Value {
     match serde_json::from_str(text) {
         Ok(value @ (Value::Number(_) | Value::Bool(_))) => value,
@@ -114,13 +115,10 @@ fn read(text: &str) -> Value {
     }
 }
 
-/// A plan as the control interface takes it.
+/// Reads a plan for the control interface.
 fn plan(path: &Path) -> Result<Value, CommandError> {
-    let name = path.display().to_string();
-    let plan = geu_recording::read_text(path).map_err(|error| {
-        CommandError::input(format!("{name}: cannot be read: {error}; expected a plan with [[fault]]"))
-    })?;
-    Ok(json!({ "plan": plan, "name": name }))
+    let plan = read_text(path, "a plan with [[fault]]")?;
+    Ok(json!({ "plan": plan, "name": path.display().to_string() }))
 }
 
 fn list(emulator: &ControlClient) -> Result<(), CommandError> {
@@ -131,13 +129,13 @@ fn list(emulator: &ControlClient) -> Result<(), CommandError> {
     Ok(())
 }
 
-/// A fault in one line, as the monitor shows it too.
+/// A fault in one line.
 pub fn line(fault: &Value) -> String {
     let text = |key: &str| fault[key].as_str().unwrap_or_default().to_owned();
     let mut line = format!("{:<8} {:<20} {}", text("state"), text("id"), text("what"));
-    for whom in ["gyro", "link"] {
-        if let Some(whom) = fault[whom].as_str() {
-            line += &format!(" on {whom}");
+    for key in ["gyro", "link"] {
+        if let Some(name) = fault[key].as_str() {
+            line += &format!(" on {name}");
         }
     }
     match (fault["since_s"].as_f64(), fault["ends_s"].as_f64()) {

@@ -10,7 +10,7 @@ use ipnet::IpNet;
 /// Name of the default pty.
 const DEFAULT_PTY: &str = "geu0";
 
-/// Links, as they are named on the command line.
+/// Links, as given on the command line.
 #[derive(Args, Debug, Default)]
 struct Named {
     /// Pty under a stable symlink
@@ -22,10 +22,10 @@ struct Named {
     /// SocketCAN interface; the base identifier in hexadecimal [default: 1A0]
     #[arg(long, value_name = "INTERFACE[:BASE]")]
     can: Vec<CanAddress>,
-    /// Serves the serial bytes to every client of HOST:PORT; port 0 takes a free one
+    /// Serve the serial bytes to every client of HOST:PORT; port 0 takes a free port
     #[arg(long, value_name = "ADDRESS")]
     tcp: Vec<String>,
-    /// Machines that may connect over TCP beside this one, by address or network; what connects drives the unit
+    /// Other machines that may connect over TCP, by address or network; clients can send commands to the unit
     #[arg(long, value_name = "ADDRESS[/BITS]", value_parser = network)]
     tcp_allow: Vec<IpNet>,
 }
@@ -37,12 +37,12 @@ fn network(text: &str) -> Result<IpNet, String> {
         .map_err(|_| "expected an address or a network, for example 192.168.7.4 or 192.168.7.0/24".to_owned())
 }
 
-/// Links in the order in which they are given.
+/// Links in the order of the command line.
 #[derive(Debug, Default)]
 pub struct Links(Vec<LinkAddress>);
 
 impl Links {
-    /// Their addresses; the default pty where none is named.
+    /// Addresses; the default pty if no link is given.
     pub fn addresses(&self) -> Vec<LinkAddress> {
         if self.0.is_empty() {
             let directory = std::env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from).filter(|path| path.is_dir());
@@ -66,13 +66,13 @@ impl FromArgMatches for Links {
     fn from_arg_matches(matches: &ArgMatches) -> Result<Links, Error> {
         let Named { pty, serial, can, tcp, tcp_allow } = Named::from_arg_matches(matches)?;
         let tcp = tcp.into_iter().map(|address| TcpAddress { address, allowed: tcp_allow.clone() });
-        let places = |option: &str| matches.indices_of(option).into_iter().flatten();
+        let positions = |option: &str| matches.indices_of(option).into_iter().flatten();
         let mut links: Vec<(usize, LinkAddress)> = Vec::new();
-        links.extend(places("pty").zip(pty.into_iter().map(LinkAddress::Pty)));
-        links.extend(places("serial").zip(serial.into_iter().map(LinkAddress::Serial)));
-        links.extend(places("can").zip(can.into_iter().map(LinkAddress::Can)));
-        links.extend(places("tcp").zip(tcp.map(LinkAddress::Tcp)));
-        links.sort_by_key(|(place, _)| *place);
+        links.extend(positions("pty").zip(pty.into_iter().map(LinkAddress::Pty)));
+        links.extend(positions("serial").zip(serial.into_iter().map(LinkAddress::Serial)));
+        links.extend(positions("can").zip(can.into_iter().map(LinkAddress::Can)));
+        links.extend(positions("tcp").zip(tcp.map(LinkAddress::Tcp)));
+        links.sort_by_key(|(position, _)| *position);
         Ok(Links(links.into_iter().map(|(_, link)| link).collect()))
     }
 

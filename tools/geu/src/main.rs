@@ -1,27 +1,44 @@
-//! The command `geu`: one thin file per subcommand, nothing but arguments and printing.
+//! The command `geu`: one file per subcommand, with its arguments and output.
 //!
-//! Results go to standard output or the file named, everything else to standard error.
+//! Results go to standard output or the named file, everything else to standard error.
 
-mod bench;
+/// Declares the subcommands of a command: the enum for clap, and `run`.
+macro_rules! subcommands {
+    ($($(#[$about:meta])* $name:ident => $module:ident,)*) => {
+        #[derive(clap::Subcommand)]
+        enum Command {
+            $($(#[$about])* $name($module::Arguments),)*
+        }
+
+        impl Command {
+            fn run(&self) -> Result<(), crate::command_error::CommandError> {
+                match self {
+                    $(Command::$name(arguments) => $module::run(arguments),)*
+                }
+            }
+        }
+    };
+}
+
 mod blind;
 mod calibrate;
 mod calibrate_compare;
 mod checkout;
+mod command_error;
 mod config;
-mod control;
+mod control_client;
 mod decode;
 mod describe;
 mod diagnose;
 mod diagnose_rates;
 mod expectations;
-mod failure;
 mod faults;
 mod gyro_csv;
 mod inject;
 mod links;
 mod monitor;
+mod output_guard;
 mod outputs;
-mod overwriting;
 mod reconstruct;
 mod replay;
 mod run;
@@ -37,8 +54,8 @@ mod update;
 use std::process::ExitCode;
 use std::sync::LazyLock;
 
-use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
-use failure::{CommandError, EXIT_CODES};
+use clap::{CommandFactory, FromArgMatches, Parser};
+use command_error::EXIT_CODES;
 
 /// Emulator, decoder and evaluation of a spacecraft gyro electronics unit.
 ///
@@ -50,28 +67,24 @@ struct Arguments {
     command: Option<Command>,
 }
 
-#[derive(Subcommand)]
-enum Command {
-    Run(run::Arguments),
-    Replay(replay::Arguments),
-    Send(send::Arguments),
-    Selftest(selftest::Arguments),
-    Simulate(simulate::Arguments),
-    Calibrate(calibrate::Arguments),
-    Checkout(checkout::Arguments),
-    Reconstruct(reconstruct::Arguments),
-    Diagnose(diagnose::Arguments),
-    Blind(blind::Arguments),
-    Faults(faults::Arguments),
-    Inject(inject::Arguments),
-    Monitor(monitor::Arguments),
-    Config(config::Arguments),
-    Describe(describe::Arguments),
-    /// Decode recordings or live links to CSV, JSON lines or a summary.
-    Decode(decode::Arguments),
-    Track(track::Arguments),
-    /// Measure what users rely on.
-    Bench(bench::Arguments),
+subcommands! {
+    Run => run,
+    Replay => replay,
+    Send => send,
+    Selftest => selftest,
+    Simulate => simulate,
+    Calibrate => calibrate,
+    Checkout => checkout,
+    Reconstruct => reconstruct,
+    Diagnose => diagnose,
+    Blind => blind,
+    Faults => faults,
+    Inject => inject,
+    Monitor => monitor,
+    Config => config,
+    Describe => describe,
+    Decode => decode,
+    Track => track,
 }
 
 static VERSION: LazyLock<String> = LazyLock::new(|| {
@@ -79,7 +92,7 @@ static VERSION: LazyLock<String> = LazyLock::new(|| {
     format!("{} (link version {major}.{minor})", env!("CARGO_PKG_VERSION"))
 });
 
-/// The command and all below it, each with the exit codes at the end of its help.
+/// Adds the exit codes to the help of the command and of all its subcommands.
 fn with_exit_codes(command: clap::Command) -> clap::Command {
     let own = command.get_after_help().map(|text| format!("{text}\n\n")).unwrap_or_default();
     command.after_help(own + EXIT_CODES).mut_subcommands(with_exit_codes)
@@ -90,32 +103,12 @@ fn main() -> ExitCode {
     let mut command = with_exit_codes(Arguments::command());
     let matches = command.get_matches_mut();
     let arguments = Arguments::from_arg_matches(&matches).unwrap_or_else(|error| error.format(&mut command).exit());
-    match outputs::claim(&command, &matches).and_then(|()| carried_out(arguments)) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(failure) => failure.report(),
-    }
-}
-
-fn carried_out(arguments: Arguments) -> Result<(), CommandError> {
-    match arguments.command {
-        Some(Command::Simulate(arguments)) => simulate::run(&arguments),
-        Some(Command::Calibrate(arguments)) => calibrate::run(&arguments),
-        Some(Command::Checkout(arguments)) => checkout::run(&arguments),
-        Some(Command::Reconstruct(arguments)) => reconstruct::run(&arguments),
-        Some(Command::Diagnose(arguments)) => diagnose::run(&arguments),
-        Some(Command::Blind(arguments)) => blind::run(&arguments),
-        Some(Command::Faults(arguments)) => faults::run(&arguments),
-        Some(Command::Inject(arguments)) => inject::run(&arguments),
-        Some(Command::Monitor(arguments)) => monitor::run(&arguments),
-        Some(Command::Config(arguments)) => config::run(&arguments),
-        Some(Command::Describe(arguments)) => describe::run(&arguments),
-        Some(Command::Decode(arguments)) => decode::run(arguments),
-        Some(Command::Track(arguments)) => track::run(&arguments),
-        Some(Command::Bench(arguments)) => bench::run(arguments),
-        Some(Command::Run(arguments)) => run::run(&arguments),
-        Some(Command::Replay(arguments)) => replay::run(arguments),
-        Some(Command::Send(arguments)) => send::run(&arguments),
-        Some(Command::Selftest(arguments)) => selftest::run(&arguments),
+    let result = outputs::claim(&command, &matches).and_then(|()| match arguments.command {
+        Some(command) => command.run(),
         None => run::run(&run::Arguments::default()),
+    });
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => error.report(),
     }
 }

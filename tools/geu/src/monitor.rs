@@ -1,4 +1,4 @@
-//! `geu monitor`: the bench page's figures in a terminal.
+//! `geu monitor`: the values of the bench page in a terminal.
 
 use std::collections::VecDeque;
 use std::fmt::Write;
@@ -10,70 +10,70 @@ use geu_protocol::field::UNIT_FLAGS;
 use serde_json::Value;
 use ureq::http::Method;
 
-use crate::control::Choice;
-use crate::failure::{CommandError, print};
+use crate::command_error::{CommandError, print};
+use crate::control_client::EmulatorArgs;
 use crate::inject;
 
-/// Lines of the timeline that stand below the figures.
-const HAPPENINGS: usize = 8;
-/// Home, and erase what is below.
+/// Lines of the event log below the values.
+const EVENT_LINES: usize = 8;
+/// Moves the cursor home and erases the screen below.
 const HOME: &str = "\x1b[H\x1b[J";
 
-/// Shows a running emulator in the terminal: the same figures as the bench page, plain.
+/// Shows the values of the bench page of a running emulator in the terminal.
 ///
-/// On a terminal the figures stand still and change; in a pipe each sample is a line, and so is what happens.
+/// A terminal shows the latest values; a pipe gets a line for each sample and each event.
 #[derive(Args, Debug)]
 pub struct Arguments {
     #[command(flatten)]
-    emulator: Choice,
-    /// Ends after so many samples
+    emulator: EmulatorArgs,
+    /// End after this number of samples
     #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u64).range(1..))]
     count: Option<u64>,
-    /// Lines, on a terminal too
+    /// Print lines on a terminal too
     #[arg(long)]
     lines: bool,
 }
 
-/// Carries it out.
+/// Runs `geu monitor`.
 ///
 /// # Errors
-/// No emulator; standard output that cannot be written.
+/// No emulator is found; standard output cannot be written.
 pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     let emulator = arguments.emulator.find()?;
-    let stands_still = stdout().is_terminal() && !arguments.lines;
-    let mut happened: VecDeque<String> = VecDeque::new();
+    let is_screen = stdout().is_terminal() && !arguments.lines;
+    let mut events: VecDeque<String> = VecDeque::new();
     let mut left = arguments.count.unwrap_or(u64::MAX);
     loop {
-        for told in emulator.follow()? {
-            let told = told?;
-            if told.name == "timeline" {
+        for event in emulator.follow()? {
+            let event = event?;
+            if event.name == "timeline" {
                 let line = format!(
                     "{:>10.1} s  {:<12} {}",
-                    told.data["t_s"].as_f64().unwrap_or_default(),
-                    told.data["kind"].as_str().unwrap_or_default(),
-                    told.data["text"].as_str().unwrap_or_default()
+                    event.data["t_s"].as_f64().unwrap_or_default(),
+                    event.data["kind"].as_str().unwrap_or_default(),
+                    event.data["text"].as_str().unwrap_or_default()
                 );
-                if stands_still {
-                    happened.truncate(HAPPENINGS - 1);
-                    happened.push_front(line);
+                if is_screen {
+                    events.truncate(EVENT_LINES - 1);
+                    events.push_front(line);
                 } else {
                     print(format_args!("{line}\n"))?;
                 }
                 continue;
             }
-            if stands_still {
-                let figures = figures(&told.data);
-                let happened: String = happened.iter().map(|line| format!("{line}\n")).collect();
-                print(format_args!("{HOME}{}\n{figures}\n{happened}", emulator.which))?;
+            if is_screen {
+                let figures = figures(&event.data);
+                let events: String = events.iter().map(|line| format!("{line}\n")).collect();
+                print(format_args!("{HOME}{}\n{figures}\n{events}", emulator.which))?;
             } else {
-                print(format_args!("{}\n", line(&told.data)))?;
+                print(format_args!("{}\n", line(&event.data)))?;
             }
             left -= 1;
             if left == 0 {
                 return Ok(());
             }
         }
-        // Whoever falls behind is let go, and comes again for the present.
+        // The emulator disconnects a slow client, which then connects again.
         if emulator.ask(Method::GET, "/api/status", None).is_err() {
             return Err(CommandError::failed("the emulator has ended"));
         }
@@ -112,7 +112,7 @@ fn line(sample: &Value) -> String {
 fn figures(sample: &Value) -> String {
     let value = |key: &str| number(&sample[key]);
     let mut text = String::new();
-    let mode = if sample["cyclic"] == false { "not sent by itself" } else { "cyclic" };
+    let mode = if sample["cyclic"] == false { "polled" } else { "cyclic" };
     let _ = writeln!(
         text,
         "on-board time {:.1} s   sequence {}   clock count {}   {mode}",

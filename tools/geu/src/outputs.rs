@@ -1,7 +1,6 @@
-//! Files and directories that a command writes: what options name them, and how they are written.
+//! Files and directories that a command writes.
 //!
-//! An option that names an output has the type [`OutputFile`] or [`OutputDirectory`]; by it [`claim`] finds them all, and
-//! without it nothing can be written.
+//! An option that names an output has the type [`OutputFile`] or [`OutputDirectory`]; [`claim`] finds the outputs by it.
 
 use std::any::TypeId;
 use std::ffi::OsString;
@@ -13,8 +12,8 @@ use std::path::{Path, PathBuf};
 use clap::{ArgMatches, Command};
 use geu_files::{Output, claim_input, claim_output, claim_standard_output, persist_all};
 
-use crate::failure::CommandError;
-use crate::overwriting::Force;
+use crate::command_error::CommandError;
+use crate::output_guard::Force;
 
 /// A file to write; `-` is standard output.
 #[derive(Debug, Clone)]
@@ -33,23 +32,23 @@ impl Display for OutputFile {
 }
 
 impl OutputFile {
-    /// Begins it, beside its place.
+    /// Starts the file beside its final place.
     ///
     /// # Errors
-    /// When it cannot be made.
+    /// It cannot be created.
     pub fn create(&self) -> Result<Output, CommandError> {
-        Output::create(&self.0).map_err(|error| self.unwritten(error))
+        Output::create(&self.0).map_err(|error| self.write_error(error))
     }
 
-    /// Says that it cannot be written; but whoever closed a pipe has seen enough.
-    pub fn unwritten(&self, error: io::Error) -> CommandError {
-        unwritten(&self.0, error)
+    /// Error of writing this file; a closed pipe is a quiet end.
+    pub fn write_error(&self, error: io::Error) -> CommandError {
+        write_error(&self.0, error)
     }
 
-    /// Writes it as a whole.
+    /// Writes the complete file.
     ///
     /// # Errors
-    /// When it cannot be written; then what was there is there still.
+    /// It cannot be written; then the previous file is kept.
     pub fn write(&self, content: impl AsRef<[u8]>) -> Result<(), CommandError> {
         write(&self.0, content)
     }
@@ -66,68 +65,67 @@ impl From<OsString> for OutputDirectory {
 }
 
 impl OutputDirectory {
-    /// Its path, where these files may be written into it.
+    /// Returns the path after checking that these files may be written into the directory.
     ///
     /// # Errors
-    /// One that holds anything, unless it was forced; a file that is an input.
+    /// The directory is not empty and `force` is not set; a file is an input.
     pub fn prepare<F: AsRef<Path>>(
         &self,
         force: Force,
         files: impl IntoIterator<Item = F>,
     ) -> Result<&Path, CommandError> {
-        force.refuse_filled(&self.0)?;
+        force.check_empty(&self.0)?;
         self.claim(files)
     }
 
-    /// Its path, where none of these files in it is an input. Whoever writes them looks what else it holds.
+    /// Returns the path after claiming these files in it as outputs; other files in the directory are not checked.
     ///
     /// # Errors
-    /// A file that is an input, or another output.
+    /// A file is an input or another output.
     pub fn claim<F: AsRef<Path>>(&self, files: impl IntoIterator<Item = F>) -> Result<&Path, CommandError> {
-        // In a directory that is not there nothing else is.
-        let is_there = |path: &PathBuf| path.parent().is_some_and(Path::is_dir);
-        for path in files.into_iter().map(|file| self.0.join(file)).filter(is_there) {
+        // A directory that does not exist contains no input.
+        let exists = |path: &PathBuf| path.parent().is_some_and(Path::is_dir);
+        for path in files.into_iter().map(|file| self.0.join(file)).filter(exists) {
             claim_output("output", &path)?;
         }
         Ok(&self.0)
     }
 }
 
-/// Writes several, each as a whole, and none before all could be written.
+/// Writes several complete files; none replaces its previous file before all are written.
 ///
 /// # Errors
-/// When one cannot be written; then what was there is there still.
+/// One cannot be written; then the previous files are kept.
 pub fn write_all<'a>(outputs: impl IntoIterator<Item = (&'a OutputFile, String)>) -> Result<(), CommandError> {
     let complete = |(file, text): (&OutputFile, String)| {
         let mut output = file.create()?;
         let written = output.write_all(text.as_bytes()).and_then(|()| output.complete());
-        written.map(|()| output).map_err(|error| file.unwritten(error))
+        written.map(|()| output).map_err(|error| file.write_error(error))
     };
     let outputs = outputs.into_iter().map(complete).collect::<Result<Vec<_>, CommandError>>()?;
     persist_all(outputs).map_err(CommandError::writing)
 }
 
-/// Writes a file of an output directory as a whole.
+/// Writes a complete file of an output directory.
 ///
 /// # Errors
-/// When it cannot be written; then what was there is there still.
+/// It cannot be written; then the previous file is kept.
 pub fn write(path: &Path, content: impl AsRef<[u8]>) -> Result<(), CommandError> {
-    geu_files::write_whole(path, content).map_err(|error| unwritten(path, error))
+    geu_files::write_whole(path, content).map_err(|error| write_error(path, error))
 }
 
-fn unwritten(path: &Path, error: io::Error) -> CommandError {
+fn write_error(path: &Path, error: io::Error) -> CommandError {
     match error.kind() {
         io::ErrorKind::BrokenPipe => CommandError::writing(error),
         _ => CommandError::failed(format!("{}: cannot be written: {error}", path.display())),
     }
 }
 
-/// Claims what the options of a command line name, before the command begins: outputs by the type of their values, and
-/// every other value that is the path of a file as an input. Inputs that no option names claim themselves when they are
-/// opened.
+/// Claims the files that a command line names, before the command starts: outputs by the type of their values, and every
+/// other value that is the path of a file as an input. Other inputs are claimed when they are opened.
 ///
 /// # Errors
-/// An output that cannot be written, that is an input, or another output.
+/// An output cannot be written, is an input, or is named twice.
 pub fn claim(command: &Command, matches: &ArgMatches) -> Result<(), CommandError> {
     let (mut command, mut matches) = (command, matches);
     while let Some((name, within)) = matches.subcommand() {
@@ -161,7 +159,7 @@ mod tests {
 
     use super::*;
 
-    /// Options that name a path which is read, or is no file of results. Whoever adds one says here that it is none.
+    /// Options that name a path that is read, or is not a result. A new option of this kind is added here.
     const NO_OUTPUTS: [&str; 38] = [
         "blind campaign --config",
         "blind hide --config",
@@ -203,7 +201,7 @@ mod tests {
         "track --config",
     ];
 
-    /// Options of which [`tests/outputs.rs`] shows what becomes of their files, and `tests/directories.rs` of directories.
+    /// Options that `tests/outputs.rs` (files) and `tests/directories.rs` (directories) test.
     const SHOWN: &str = include_str!("../tests/outputs.txt");
 
     fn options(command: &Command, name: &str, is: &dyn Fn(&clap::Arg) -> bool, found: &mut BTreeSet<String>) {
@@ -223,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn every_option_that_names_an_output_is_shown_to_be_written_whole() {
+    fn every_output_option_is_tested() {
         let is_output = |argument: &clap::Arg| {
             let kind = argument.get_value_parser().type_id();
             kind == TypeId::of::<OutputFile>() || kind == TypeId::of::<OutputDirectory>()
@@ -233,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn every_other_option_that_names_a_path_is_none_of_an_output() {
+    fn every_other_path_option_is_listed_as_no_output() {
         let names_path = |argument: &clap::Arg| {
             let kind = argument.get_value_parser().type_id();
             let names = argument.get_value_names().unwrap_or_default();

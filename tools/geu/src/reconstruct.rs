@@ -2,11 +2,11 @@
 
 use std::fmt::Write as _;
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 use geu_calibration::GyroSet;
 use geu_calibration::absolute::AbsoluteData;
 use geu_calibration::filter::{
-    AttitudeErrorStats, AttitudeFix, DayReport, FilterNoise, REQUIREMENT_ARCSEC, Reconstruction, Whiteness,
+    AttitudeErrorStats, AttitudeFix, FilterNoise, REQUIREMENT_ARCSEC, Reconstruction, SurveyDayReport, Whiteness,
     checkout_calibration, cost_of_effects, reconstruct, survey_day,
 };
 use geu_model::Configuration;
@@ -14,21 +14,21 @@ use geu_model::configuration::unix_ns;
 use geu_protocol::{CanIdMap, Gyro};
 
 use crate::calibrate::{read_counts, start_of_sensors_ns};
-use crate::failure::{CommandError, note, say};
+use crate::command_error::{CommandError, note, say};
 use crate::outputs::OutputFile;
-use crate::settings::{ConfigArgs, LONGEST_S, NamedSettings, samples};
+use crate::settings::{ConfigArgs, LONGEST_S, NamedConfigArgs, choice, samples};
 
 /// Reconstructs the attitude between star fixes by a Kalman filter and a smoother.
 ///
 /// Without a recording: simulates a survey day of the configuration, reconstructs it, compares it with the exact attitude
-/// and with the mission's requirement, and tells what each effect costs.
+/// and with the mission's requirement, and prints the error that each effect adds.
 #[derive(Args, Debug)]
 pub struct Arguments {
     #[command(flatten)]
-    unit: NamedSettings,
+    unit: NamedConfigArgs,
     /// Gyro used about Z
-    #[arg(long, value_name = "GYRO", default_value = "za")]
-    z: ZGyro,
+    #[arg(long, value_name = "GYRO", default_value = "za", value_parser = choice(Z_GYROS))]
+    z: GyroSet,
     /// On-board time of the survey day
     #[arg(
         long,
@@ -39,7 +39,7 @@ pub struct Arguments {
         conflicts_with = "link"
     )]
     duration: f64,
-    /// Leave out what each effect costs, which takes two more days for each
+    /// Leave out the table of effects, which takes two more simulated days for each effect
     #[arg(long, conflicts_with = "link")]
     brief: bool,
     /// Recording of the link, CAN or serial; several are one stream
@@ -48,11 +48,11 @@ pub struct Arguments {
     /// Fixes of the star sensor
     #[arg(long, value_name = "FILE", requires = "link")]
     sse: Option<String>,
-    /// History of the sun sensor, of which a sample every ten minutes is used
+    /// History of the sun sensor; one sample in ten minutes is used
     #[arg(long, value_name = "FILE", requires = "link")]
     fss: Option<String>,
     /// Time at which the unit's clock was 0, for recordings without receive times [default: start of the sun sensor's data,
-    /// without them the configuration's]
+    /// else the configuration's]
     #[arg(long, value_name = "UNIX_SECONDS", allow_negative_numbers = true, requires = "link", value_parser = crate::settings::start)]
     start: Option<f64>,
     /// Base of the CAN identifiers, hexadecimal
@@ -63,36 +63,24 @@ pub struct Arguments {
     out: Option<OutputFile>,
 }
 
-/// The gyro used about Z.
-#[derive(ValueEnum, Debug, Clone, Copy)]
-enum ZGyro {
-    /// GYRZA
-    Za,
-    /// GYRZB
-    Zb,
-}
+const Z_GYROS: &[(&str, GyroSet, &str)] = &[("za", GyroSet::WithZa, "GYRZA"), ("zb", GyroSet::WithZb, "GYRZB")];
 
-/// Carries it out.
+/// Runs `geu reconstruct`.
 ///
 /// # Errors
-/// Input that cannot be read, no fix to start from, a file that cannot be written.
+/// An input cannot be read, there is no star fix, a file cannot be written.
 pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
-    let settings = ConfigArgs::from(&arguments.unit);
-    let configuration = settings.read()?;
-    let in_use = match arguments.z {
-        ZGyro::Za => GyroSet::WithZa,
-        ZGyro::Zb => GyroSet::WithZb,
-    };
+    let configuration = ConfigArgs::from(&arguments.unit).read()?;
     match &arguments.sse {
-        Some(sse) => recording(arguments, &configuration, in_use, sse),
-        None => simulated_day(arguments, &configuration, in_use),
+        Some(sse) => recording(arguments, &configuration, arguments.z, sse),
+        None => simulated_day(arguments, &configuration, arguments.z),
     }
 }
 
 fn simulated_day(arguments: &Arguments, configuration: &Configuration, in_use: GyroSet) -> Result<(), CommandError> {
     let count = samples(arguments.duration)? as usize;
     let day = |with_sun| survey_day(configuration, count, in_use, with_sun).map_err(CommandError::input);
-    let DayReport { filtered, smoothed, fixes, reconstruction, .. } = day(false)?;
+    let SurveyDayReport { filtered, smoothed, fixes, reconstruction, .. } = day(false)?;
     let with_sun = day(true)?;
     say!("survey of {} s, gyros {in_use}, {fixes} star fixes", count as f64 * 0.5, in_use = names(in_use))?;
     say!("boresight against the exact attitude, arcsec; {REQUIREMENT_ARCSEC} required (Casteren §1)")?;
@@ -104,7 +92,7 @@ fn simulated_day(arguments: &Arguments, configuration: &Configuration, in_use: G
         let margin_arcsec = REQUIREMENT_ARCSEC - max_arcsec;
         say!("{name:<28} {rms_arcsec:>7.2} {p95_arcsec:>7.2} {max_arcsec:>7.2}  {margin_arcsec:.1}")?;
     }
-    say!("{}", told(&reconstruction.whiteness))?;
+    say!("{}", whiteness_text(&reconstruction.whiteness))?;
     if arguments.brief {
         return Ok(());
     }
@@ -137,10 +125,9 @@ fn names(in_use: GyroSet) -> String {
     used.collect::<Vec<_>>().join(" ")
 }
 
-fn told(whiteness: &Whiteness) -> String {
+fn whiteness_text(whiteness: &Whiteness) -> String {
     let Whiteness { nis, nis_dof, nis_p, ljung_box, ljung_box_dof, ljung_box_p } = whiteness;
-    let verdict =
-        if whiteness.is_white() { "white" } else { "not white: something moves that the filter does not know" };
+    let verdict = if whiteness.is_white() { "white" } else { "not white: the filter lacks an effect" };
     format!(
         "innovations: NIS {nis:.1} of {nis_dof} (p {nis_p:.3}), Ljung-Box {ljung_box:.1} of {ljung_box_dof} (p {ljung_box_p:.3}): {verdict}"
     )
@@ -152,45 +139,42 @@ fn recording(
     in_use: GyroSet,
     sse: &str,
 ) -> Result<(), CommandError> {
-    let sensors = match &arguments.fss {
-        Some(fss) => AbsoluteData::read(fss, sse, configuration.sensors),
-        None => AbsoluteData::read_fixes(sse, configuration.sensors),
-    }
-    .map_err(CommandError::input)?;
+    let sensors =
+        AbsoluteData::read(arguments.fss.as_deref(), sse, configuration.sensors).map_err(CommandError::input)?;
     let attitude_start_ns = start_of_sensors_ns(&sensors).unwrap_or(configuration.start_unix_ns);
     let start_ns = arguments.start.map_or(attitude_start_ns, unix_ns);
     let counts = read_counts(&arguments.link, arguments.base, start_ns)?;
-    let fixes = AttitudeFix::of_sensors(&sensors, counts.start_ns);
-    // Departures that the configuration holds constant are believed, as `geu calibrate` believes them.
+    let fixes = AttitudeFix::from_sensors(&sensors, counts.start_ns);
+    // Constant departures of the configuration are prior knowledge, as for `geu calibrate`.
     let calibrations = checkout_calibration(configuration);
-    let noise = FilterNoise::of(configuration, in_use);
-    let told_of = reconstruct(&counts, &calibrations, in_use, &noise, &fixes).map_err(CommandError::input)?;
+    let noise = FilterNoise::from_configuration(configuration, in_use);
+    let result = reconstruct(&counts, &calibrations, in_use, &noise, &fixes).map_err(CommandError::input)?;
     for found in &counts.breaks {
         let unix_s = |node: usize| counts.start_ns as f64 * 1e-9 + counts.node_s[node.min(counts.len())];
         let (from_s, to_s) = (unix_s(found.from), unix_s(found.to));
         note(format_args!("geu: {from_s:.1}…{to_s:.1} s: {}\n", found.kind));
     }
-    if told_of.fixes_outside > 0 {
-        note(format_args!("geu: {} fixes lie outside the recording and were not used\n", told_of.fixes_outside));
+    if result.fixes_outside > 0 {
+        note(format_args!("geu: {} fixes lie outside the recording and were not used\n", result.fixes_outside));
     }
-    say!("{} samples, gyros {}, {} fixes", counts.len(), names(in_use), fixes.len() - told_of.fixes_outside)?;
+    say!("{} samples, gyros {}, {} fixes", counts.len(), names(in_use), fixes.len() - result.fixes_outside)?;
     let largest = |estimates: &[geu_calibration::filter::StateEstimate]| {
         estimates.iter().map(|estimate| estimate.boresight_sigma_arcsec()).fold(0.0, f64::max)
     };
-    let (filtered, smoothed) = (largest(&told_of.filtered), largest(&told_of.smoothed));
+    let (filtered, smoothed) = (largest(&result.filtered), largest(&result.smoothed));
     say!("boresight, largest sigma: {filtered:.1} arcsec filtered, {smoothed:.1} smoothed")?;
-    say!("{}", told(&told_of.whiteness))?;
+    say!("{}", whiteness_text(&result.whiteness))?;
     match &arguments.out {
-        Some(out) => out.write(csv(&counts, &told_of)),
+        Some(out) => out.write(csv(&counts, &result)),
         None => Ok(()),
     }
 }
 
 /// A row per sample interval: the attitude at its end (control frame to inertial, the sun-referenced frame at the start of the
 /// counts), sigmas about the control axes.
-fn csv(counts: &geu_calibration::AccumulatedCounts, told_of: &Reconstruction) -> String {
+fn csv(counts: &geu_calibration::AccumulatedCounts, result: &Reconstruction) -> String {
     let mut text = "t_s,q_w,q_x,q_y,q_z,sigma_x_arcsec,sigma_y_arcsec,sigma_z_arcsec\n".to_owned();
-    for (node_s, estimate) in counts.node_s.iter().zip(&told_of.smoothed).skip(1) {
+    for (node_s, estimate) in counts.node_s.iter().zip(&result.smoothed).skip(1) {
         let t_us = counts.start_ns / 1000 + (node_s * 1e6).round() as i64;
         let q = estimate.attitude.quaternion();
         let [x, y, z] = estimate.sigma_control_arcsec();

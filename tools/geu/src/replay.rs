@@ -19,16 +19,16 @@ use geu_protocol::excerpt::excerpt;
 use geu_recording::{DecodeSummary, DecoderOptions, InputError, RowReader, no_rows_reason};
 use geu_replay::{QUEUE, ReadResult, ReplayReport, ReplaySelection, ReplaySource};
 
+use crate::command_error::{CommandError, note};
 use crate::decode::input_format;
 use crate::expectations;
-use crate::failure::{CommandError, note};
 use crate::links::Links;
 use crate::settings::{add_plan, can_base, duration, seed};
 
-/// Sends a recording over links, as `geu run` sends the unit's samples, at its own pace.
+/// Sends a recording over links, as `geu run` sends the unit's samples, at the recorded times.
 ///
-/// Over a link of the recorded form it is sent byte for byte, with its defects and, on CAN, with other traffic; over one of
-/// the other form its samples are written anew. Commands are counted; a recording answers none.
+/// Over a link of the recorded format it is sent byte for byte, with its defects and, on CAN, with other traffic; over a link of
+/// the other format its samples are encoded again. Commands are counted; replay sends no replies.
 #[derive(Args, Debug)]
 pub struct Arguments {
     /// Recording that `geu decode` opens, or `-`; several are one stream, in order
@@ -36,43 +36,43 @@ pub struct Arguments {
     recordings: Vec<String>,
     #[command(flatten)]
     links: Links,
-    /// Recorded time against the wall clock: a factor, or max for as fast as the readers go [default: 1]
+    /// Speed of recorded time against the wall clock: a factor, or max for the speed of the readers [default: 1]
     #[arg(long, value_name = "X|max", allow_negative_numbers = true)]
     speed: Option<Speed>,
-    /// Sends a sample for each line on standard input; a number on it is so many
+    /// Send a sample for each line on standard input; a number on the line sends that many
     #[arg(long, conflicts_with = "speed")]
     step: bool,
-    /// Begins so long after the first time stamp of the recording
+    /// Start offset from the first time stamp of the recording
     #[arg(long, value_name = "DURATION", allow_negative_numbers = true, value_parser = duration(0.0, 4e9))]
     from: Option<f64>,
-    /// Ends before this, of the same time
+    /// End offset from the first time stamp, exclusive
     #[arg(long, value_name = "DURATION", allow_negative_numbers = true, value_parser = duration(0.0, 4e9))]
     to: Option<f64>,
-    /// Over and over; sequence and clock as they were recorded
+    /// Repeat without renumbering sequence or clock
     #[arg(long = "loop")]
     is_loop: bool,
-    /// Shortens longer gaps between time stamps to this
+    /// Shorten longer gaps between time stamps to this
     #[arg(long, value_name = "DURATION", default_value = "10", allow_negative_numbers = true, value_parser = duration(0.0, 4e9))]
     longest_gap: f64,
-    /// Leaves other traffic and commands to the unit out
+    /// Leave out other traffic and commands to the unit
     #[arg(long)]
     only: bool,
     /// Base of the recorded CAN identifiers, hexadecimal [default: 1A0]
     #[arg(long, value_name = "ID", value_parser = can_base)]
     base: Option<CanIdMap>,
-    /// Interface whose frames are sent, where a capture has several [default: the first that carries the unit]
+    /// Interface to send, if a capture has several [default: the first with frames of the unit]
     #[arg(long, value_name = "NAME")]
     interface: Option<String>,
-    /// Format of the recordings, instead of telling it from their content
-    #[arg(long, value_name = "FORMAT", value_parser = input_format)]
-    input_format: Option<Format>,
+    /// Format of the recordings [default: detected from their content]
+    #[arg(long, value_name = "FORMAT", value_parser = input_format())]
+    input_format: Option<&'static Format>,
     /// Plan of faults of links, and of expectations; t_s is the time of --from
     #[arg(long, value_name = "PLAN")]
     faults: Vec<PathBuf>,
-    /// Seed of what the faults draw
+    /// Seed of the faults' random numbers
     #[arg(long, allow_negative_numbers = true, value_parser = seed)]
     seed: Option<u64>,
-    /// Begins when a client is attached to a pty or over TCP
+    /// Start when a client is attached to a pty or over TCP
     #[arg(long)]
     wait: bool,
     #[command(flatten)]
@@ -83,11 +83,11 @@ fn ns(seconds: f64) -> i64 {
     (seconds * 1e9).round() as i64
 }
 
-/// Set at the end, for whoever still reads.
+/// Set at the end; stops the reading thread.
 static STOP: AtomicBool = AtomicBool::new(false);
 
 impl Arguments {
-    /// What can be said before anything is opened for good.
+    /// Checks the arguments before anything is opened.
     fn check(&self) -> Result<(), CommandError> {
         let from_input = self.recordings.iter().any(|name| name == "-");
         if from_input && (self.is_loop || self.step) {
@@ -104,7 +104,7 @@ impl Arguments {
         {
             return Err(CommandError::input(format!("--to: expected more than the {from} of --from, got {to}")));
         }
-        // A second recording that is missing is told now, not when the first is over.
+        // A missing second recording is an error now, not after the first one.
         for name in self.recordings.iter().filter(|name| *name != "-") {
             readable(name)?;
         }
@@ -136,12 +136,12 @@ impl Arguments {
         }
     }
 
-    /// Why there is nothing to be sent.
-    fn nothing(&self, report: &ReplayReport, summary: &DecodeSummary) -> CommandError {
+    /// The reason for which nothing can be sent.
+    fn nothing_to_send(&self, report: &ReplayReport, summary: &DecodeSummary) -> CommandError {
         let reason = no_rows_reason(summary, self.base.unwrap_or_default(), self.input_format).unwrap_or_else(|| {
             let expected = match (self.from, self.to, report.elsewhere) {
                 (_, _, elsewhere) if elsewhere > 0 => {
-                    format!("another --interface, which {elsewhere} frames are of")
+                    format!("another --interface, with {elsewhere} frames")
                 }
                 (Some(_), ..) => "an earlier --from".to_owned(),
                 (None, Some(_), _) => "a later --to".to_owned(),
@@ -170,13 +170,13 @@ fn readable(name: &str) -> Result<(), CommandError> {
     }
 }
 
-/// Carries it out.
+/// Runs `geu replay`.
 ///
 /// # Errors
-/// A recording that cannot be read, a plan that cannot act on one, a link that cannot be opened.
-pub fn run(arguments: Arguments) -> Result<(), CommandError> {
+/// The recording cannot be read, the plan cannot act on a recording, a link cannot be opened.
+pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     arguments.check()?;
-    let settings = replay::ReplayOptions {
+    let options = replay::ReplayOptions {
         links: arguments.links.addresses(),
         speed: arguments.speed.unwrap_or(Speed::Times(1.0)),
         wait_for_client: arguments.wait,
@@ -185,47 +185,47 @@ pub fn run(arguments: Arguments) -> Result<(), CommandError> {
     };
     let (sender, items) = sync_channel(QUEUE);
     let (begins, began) = sync_channel(1);
-    let source = ReplaySource::new(arguments.selection(&settings.links), sender, begins);
+    let source = ReplaySource::new(arguments.selection(&options.links), sender, begins);
     let (names, format, is_loop) = (arguments.recordings.clone(), arguments.input_format, arguments.is_loop);
-    let plan = settings.recorded_plan;
-    let options = DecoderOptions { plan, format, ..DecoderOptions::default() };
+    let plan = options.recorded_plan;
+    let decoder_options = DecoderOptions { plan, format, ..DecoderOptions::default() };
     let reader = thread::Builder::new()
         .name("geu-reading".to_owned())
-        .spawn(move || geu_replay::read(source, &names, &options, is_loop, &STOP))
+        .spawn(move || geu_replay::read(source, &names, &decoder_options, is_loop, &STOP))
         .map_err(no_thread)?;
     let join = |reader: thread::JoinHandle<_>| reader.join().expect("reading does not panic");
     if began.recv().is_err() {
         let (report, summary, read): ReadResult = join(reader);
         read.map_err(CommandError::input)?;
-        return Err(arguments.nothing(&report, &summary));
+        return Err(arguments.nothing_to_send(&report, &summary));
     }
     let steps = arguments.step.then(steps).transpose()?;
-    let replayed = replay::replay(&settings, items, steps, asked_to_end());
+    let replayed = replay::replay(&options, items, steps, asked_to_end());
     STOP.store(true, Ordering::Relaxed);
     let (report, recorded, read) = join(reader);
     let summary = replayed.map_err(|error| match error {
-        error @ (RunError::Link(_) | RunError::NobodyToWaitFor) => CommandError::input(error),
+        error @ (RunError::Link(_) | RunError::NoClientLink) => CommandError::input(error),
         error => CommandError::failed(error),
     })?;
     note(format_args!("{summary}{report}"));
     read.map_err(CommandError::input)?;
     if report.nothing_carried {
-        return Err(arguments.nothing(&report, &recorded));
+        return Err(arguments.nothing_to_send(&report, &recorded));
     }
-    arguments.expectations.tell(&summary.faults)
+    arguments.expectations.write(&summary.faults)
 }
 
 fn no_thread(error: io::Error) -> CommandError {
     CommandError::failed(format!(
-        "cannot start: expected a thread more, got: {error}; raise the limit of processes and threads (`ulimit -u`)"
+        "cannot start: expected another thread, got: {error}; raise the limit of processes and threads (`ulimit -u`)"
     ))
 }
 
 /// Steps from standard input.
 fn steps() -> Result<Steps, CommandError> {
-    note(format_args!("geu: each line on standard input sends a sample, a number on it so many\n"));
+    note(format_args!("geu: each line on standard input sends a sample, a number on it that many\n"));
     let (sender, steps): (SyncSender<u64>, Receiver<u64>) = sync_channel(QUEUE);
-    // Waits for a line to the end of the process.
+    // Waits for lines until the end of the process.
     let thread = thread::Builder::new().name("geu-steps".to_owned()).spawn(move || {
         for line in RowReader::new(io::stdin()).lines() {
             let line = match line {

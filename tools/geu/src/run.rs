@@ -5,23 +5,23 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use clap::Args;
 use geu_daemon::cadence::Speed;
 use geu_daemon::control::{ControlListener, DEFAULT_ADDRESS};
-use geu_daemon::recorder::{Destination, FILES};
 use geu_daemon::{Recording, RunError, RunOptions, asked_to_end};
 use geu_model::configuration::{LinkLogFormat, unix_ns};
 use geu_model::fault::catalogue::Transport;
 use geu_model::units::duration_s;
+use geu_recorder::{Destination, FILES};
 
+use crate::command_error::{CommandError, note};
 use crate::expectations;
-use crate::failure::{CommandError, note};
 use crate::links::Links;
+use crate::output_guard::Force;
 use crate::outputs::OutputDirectory;
-use crate::overwriting::Force;
-use crate::settings::{LONGEST_S, LinkFile, RunArgs, samples};
+use crate::settings::{LINK_FORMATS, LONGEST_S, RunArgs, choice, duration, samples};
 use crate::token::Token;
 
 /// Runs the emulator: the unit on a pty, a serial port, a CAN interface or TCP, or several of them at once.
 ///
-/// Without a link it stands on a pty at $XDG_RUNTIME_DIR/geu0, else /tmp/geu0. `ready LINK` is printed for each,
+/// Without a link it opens a pty at $XDG_RUNTIME_DIR/geu0, else /tmp/geu0. `ready LINK` is printed for each link,
 /// and `ready control http://…` for the control interface.
 #[derive(Args, Debug, Default)]
 pub struct Arguments {
@@ -29,47 +29,47 @@ pub struct Arguments {
     run: RunArgs,
     #[command(flatten)]
     links: Links,
-    /// Writes there what `geu simulate` writes, for this run; a directory that is new or empty
+    /// Record this run into a new or empty directory, with the files of `geu simulate`
     #[arg(long, value_name = "DIRECTORY")]
     record: Option<OutputDirectory>,
     #[command(flatten)]
     force: Force,
-    /// Form of the link in the recording [default: that of the link given first]
-    #[arg(long, requires = "record")]
-    wire: Option<LinkFile>,
-    /// On-board time against the wall clock: a factor, or max for as fast as model and readers go [default: 1]
+    /// Format of the link in the recording [default: that of the first link]
+    #[arg(long, requires = "record", value_parser = choice(LINK_FORMATS))]
+    wire: Option<LinkLogFormat>,
+    /// Speed of on-board time against the wall clock: a factor, or max for the speed of model and readers [default: 1]
     #[arg(long, value_name = "X|max", allow_negative_numbers = true)]
     speed: Option<Speed>,
-    /// Ends after so much on-board time; on a truth from a file it ends with the truth
-    #[arg(long, value_name = "DURATION", allow_negative_numbers = true, value_parser = crate::settings::duration(0.0, LONGEST_S))]
+    /// On-board time to run [default: that of a truth from a file, else without end]
+    #[arg(long, value_name = "DURATION", allow_negative_numbers = true, value_parser = duration(0.0, LONGEST_S))]
     duration: Option<f64>,
-    /// Holds the first sample back until a client is attached to a pty or over TCP
+    /// Delay the first sample until a client is attached to a pty or over TCP
     #[arg(long)]
     wait: bool,
-    /// How long a simulator of --truth is waited for, wall clock: for its first sample, and with --speed max for each
+    /// Longest wait for a simulator of --truth, wall clock: for its first sample, and with --speed max for each
     /// sample. Then the run ends with exit code 1 [default: forever]
     #[arg(long, value_name = "DURATION|forever", allow_negative_numbers = true, value_parser = truth_wait)]
     truth_wait: Option<TruthWait>,
-    /// Spins before each deadline instead of sleeping: less late, for CPU time
+    /// Spin before each deadline instead of sleeping: less lateness, more CPU time
     #[arg(long, value_name = "MICROSECONDS", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=10_000))]
     spin: u32,
-    /// Asks for real-time priority (SCHED_FIFO), and says whether it was granted
+    /// Request real-time priority (SCHED_FIFO), and print the result
     #[arg(long)]
     realtime: bool,
     #[command(flatten)]
     expectations: expectations::ExpectationReport,
-    /// Control interface and bench page [default: 127.0.0.1:8470, or the next port that is free]; beyond loopback it lets in
-    /// who shows a token: `Authorization: Bearer TOKEN`, or `?token=TOKEN`
+    /// Control interface and bench page [default: 127.0.0.1:8470, or the next port that is free]; beyond loopback a
+    /// client must send a token: `Authorization: Bearer TOKEN`, or `?token=TOKEN`
     #[arg(long, value_name = "ADDRESS|off")]
     control: Option<String>,
     #[command(flatten)]
     token: Token,
 }
 
-/// Carries it out.
+/// Runs `geu run`.
 ///
 /// # Errors
-/// A configuration that cannot be run, a link that cannot be opened, a recording that cannot begin or is not complete.
+/// The configuration is not valid, a link cannot be opened, the recording cannot start or is not complete.
 pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     let mut ready = arguments.run.read()?;
     let record = arguments.record.as_ref().map(|directory| directory.claim(FILES)).transpose()?;
@@ -80,10 +80,10 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     if arguments.truth_wait.is_some() && ready.live.is_none() {
         let got = ready.configuration.run.truth.as_deref().unwrap_or("scenario");
         return Err(CommandError::input(format!(
-            "--truth-wait: expected a simulator to wait for, --truth udp://HOST:PORT, tcp://HOST:PORT or 42://HOST:PORT, got {got}"
+            "--truth-wait: expected a simulator as the truth, --truth udp://HOST:PORT, tcp://HOST:PORT or 42://HOST:PORT, got {got}"
         )));
     }
-    let settings = RunOptions {
+    let options = RunOptions {
         links: arguments.links.addresses(),
         speed: arguments.speed.unwrap_or(Speed::Times(1.0)),
         samples: ready.samples(arguments.duration.map(samples).transpose()?)?,
@@ -91,30 +91,29 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
         realtime: arguments.realtime,
         wait_for_client: arguments.wait,
         live: ready.live.as_ref().map(|live| live.source.clone()),
-        truth_wait: arguments.truth_wait.and_then(|TruthWait(most)| most),
+        truth_wait: arguments.truth_wait.and_then(|TruthWait(limit)| limit),
     };
-    let open: Vec<Transport> = settings.links.iter().map(|link| link.model().kind).collect();
+    let open: Vec<Transport> = options.links.iter().map(|link| link.model().kind).collect();
     if let Some(reason) = ready.configuration.faults.iter().find_map(|fault| fault.misses(&open)) {
         return Err(CommandError::input(reason));
     }
-    let door = match arguments.control.as_deref() {
+    let listener = match arguments.control.as_deref() {
         Some("off") => None,
         address => {
-            let door =
-                ControlListener::open(address.unwrap_or(DEFAULT_ADDRESS), address.is_none(), arguments.token.read()?);
-            Some(door.map_err(CommandError::input)?)
+            let (wanted, token) = (address.unwrap_or(DEFAULT_ADDRESS), arguments.token.read()?);
+            Some(ControlListener::open(wanted, address.is_none(), token).map_err(CommandError::input)?)
         }
     };
     let recording = record.map(|directory| Recording {
         destination: Destination::new(directory, arguments.force.force),
-        wire: arguments.wire.map(LinkLogFormat::from),
+        wire: arguments.wire,
     });
     let summary =
-        geu_daemon::run(&ready.configuration, &ready.truth, &settings, recording.as_ref(), door, asked_to_end())
+        geu_daemon::run(&ready.configuration, &ready.truth, &options, recording.as_ref(), listener, asked_to_end())
             .map_err(|error| match error {
                 RunError::Link(error) => CommandError::input(error),
                 RunError::Record(error) => CommandError::from(error),
-                error @ (RunError::NobodyToWaitFor | RunError::Truth(_) | RunError::Untold(_)) => {
+                error @ (RunError::NoClientLink | RunError::Truth(_) | RunError::Unavailable(_)) => {
                     CommandError::input(error)
                 }
                 error => CommandError::failed(error),
@@ -122,7 +121,7 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     note(format_args!("{summary}"));
     let truth = summary.truth_failure.map(|failure| failure.to_string());
     let recording = summary.recording.err().map(|error| error.to_string());
-    truth.into_iter().chain(recording).fold(arguments.expectations.tell(&summary.faults), |end, problem| {
+    truth.into_iter().chain(recording).fold(arguments.expectations.write(&summary.faults), |end, problem| {
         Err(match end {
             Ok(()) => CommandError::failed(problem),
             Err(failure) => failure.and(problem),
@@ -130,7 +129,7 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     })
 }
 
-/// How long a simulator is waited for; nothing for ever.
+/// Longest wait for a simulator; `None`: without limit.
 #[derive(Debug, Clone, Copy)]
 struct TruthWait(Option<Duration>);
 

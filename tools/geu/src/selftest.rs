@@ -1,30 +1,30 @@
-//! `geu selftest`: the paper's numbers, measured again.
+//! `geu selftest`: verifies the model against the published values.
 
 use clap::Args;
 use geu_selftest::{ClaimCheck, Expected, LIMIT_SIGMA, PublishedValue, experiments, measure};
 
-use crate::failure::{CommandError, say};
+use crate::command_error::{CommandError, say};
 
-/// Simulates and measures every number that the paper prints; fails when one is off.
+/// Simulates and measures every number that the paper prints; fails if one is off.
 #[derive(Args, Debug)]
 pub struct Arguments {
     /// Seed of every random stream
     #[arg(long, default_value_t = 1, allow_negative_numbers = true, value_parser = crate::settings::seed)]
     seed: u64,
-    /// How many seeds to try, from the one given; only what depends on the seed is measured again
+    /// Number of seeds, from --seed on; with further seeds only random experiments are repeated
     #[arg(long, value_name = "COUNT", default_value_t = 1)]
     seeds: u64,
 }
 
-/// Carries it out.
+/// Runs `geu selftest`.
 ///
 /// # Errors
-/// A number that is off.
-pub fn run(arguments: &Arguments) -> std::result::Result<(), CommandError> {
+/// A number is off.
+pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     let (mut measured, mut off) = (0, 0);
     for index in 0..arguments.seeds {
         let seed = arguments.seed.wrapping_add(index);
-        let again = if index > 0 { ", what depends on it" } else { "" };
+        let again = if index > 0 { ", random experiments" } else { "" };
         say!("seed {seed}{again}")?;
         say!(
             "{:<16} {:<50} {:>17} {:>14} {:>10}  {:<13} verdict",
@@ -51,23 +51,23 @@ pub fn run(arguments: &Arguments) -> std::result::Result<(), CommandError> {
     Ok(())
 }
 
-fn print_row(result: &ClaimCheck) -> std::result::Result<(), CommandError> {
+fn print_row(result: &ClaimCheck) -> Result<(), CommandError> {
     let ClaimCheck { claim: PublishedValue { what, source, expected, unit }, measured } = result;
-    // Two digits of sigma; what has none is exact.
+    // Two digits of sigma; a measurement without sigma is exact.
     let decimals =
         if measured.sigma > 0.0 { (1.0 - measured.sigma.log10().floor()).clamp(0.0, 9.0) as usize } else { 0 };
     let value = format!("{:.decimals$}", measured.value);
     let sigma = if measured.sigma > 0.0 { format!("{:.1e}", measured.sigma) } else { "exact".to_owned() };
-    let said = match expected {
+    let expected = match expected {
         Expected::Value(value, 0.0) => value.to_string(),
         Expected::Value(value, rounding) => format!("{value} ± {rounding}"),
         Expected::AtMost(limit) => format!("≤ {limit}"),
-        Expected::Between(least, greatest) => format!("{least}…{greatest}"),
+        Expected::Between(min, max) => format!("{min}…{max}"),
     };
     let verdict = match result.off_sigma() {
         0.0 => "ok".to_owned(),
         off if result.holds() => format!("ok, {off:.1} sigma"),
         off => format!("OFF, {off:.1} sigma"),
     };
-    say!("{source:<16} {what:<50} {said:>17} {value:>14} {sigma:>10}  {unit:<13} {verdict}")
+    say!("{source:<16} {what:<50} {expected:>17} {value:>14} {sigma:>10}  {unit:<13} {verdict}")
 }

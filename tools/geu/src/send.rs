@@ -1,4 +1,4 @@
-//! `geu send`: one command to the unit, by name, and its reply in words.
+//! `geu send`: sends one command to the unit by name, and prints its reply.
 
 use std::io;
 use std::net::ToSocketAddrs;
@@ -12,35 +12,35 @@ use geu_protocol::suggestion::did_you_mean;
 use geu_protocol::{Reply, Sample};
 use geu_recording::{CommandLink, POLL};
 
-use crate::failure::{CommandError, print};
+use crate::command_error::{CommandError, print};
 use crate::running;
 
 /// Sends a command to the unit by name and prints the decoded reply: geu send /tmp/geu0 SET_MODE polled
 #[derive(Args, Debug)]
 #[command(after_help = table())]
 pub struct Arguments {
-    /// Pty or serial device (`DEVICE` or `DEVICE:BAUD`), `HOST:PORT` or `tcp:HOST:PORT`, or CAN interface (`INTERFACE` or `INTERFACE:BASE`, hexadecimal) [default: a link of the only emulator that runs]
+    /// Pty or serial device (`DEVICE` or `DEVICE:BAUD`), `HOST:PORT` or `tcp:HOST:PORT`, or CAN interface (`INTERFACE` or `INTERFACE:BASE`, hexadecimal) [default: a link of the only running emulator]
     link: Option<String>,
     /// Name of the command; upper or lower case, - or _
     command: Option<String>,
     /// Arguments: numbers, decimal or 0x…, or the names listed below: on, polled, GYRX,GYRY
     #[arg(allow_hyphen_values = true)]
     arguments: Vec<String>,
-    /// Sends these bytes as the payload instead, to see how a wrong command is answered: 0909FF
+    /// Send these bytes as the payload, to test the answer to a wrong command: 0909FF
     #[arg(long, value_name = "HEX", conflicts_with = "command")]
     raw: Option<String>,
-    /// Waits so long for the reply
+    /// Timeout of the reply
     #[arg(long, value_name = "DURATION", default_value = "1", allow_negative_numbers = true, value_parser = crate::settings::duration(0.0, 3600.0))]
     timeout: f64,
-    /// Prints the table of commands
+    /// Print the table of commands
     #[arg(long)]
     list: bool,
 }
 
-/// Carries it out.
+/// Runs `geu send`.
 ///
 /// # Errors
-/// Bad usage, a link that cannot be opened, no reply in time, a reply that does not say done.
+/// Bad usage, the link cannot be opened, there is no reply in time, the command was not done.
 pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     if arguments.list {
         return print(format_args!("{}", table()));
@@ -50,11 +50,11 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
         Some(link) => link.to_owned(),
         None => running::link()?,
     };
-    running::say_link(link);
+    running::note_link(link);
     let give_up = Instant::now() + Duration::from_secs_f64(arguments.timeout);
     let (reply, polled) = open(link)?
         .ask(&payload, give_up)
-        .map_err(|error| CommandError::failed(format!("{link}: {error}; is the unit still there?")))?;
+        .map_err(|error| CommandError::failed(format!("{link}: {error}; is the unit still connected?")))?;
     let Some(reply) = reply else {
         let waited = arguments.timeout;
         return Err(CommandError::failed(format!("{link}: no reply within {waited} s; expected one within 20 ms")));
@@ -77,14 +77,14 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
 }
 
 impl Arguments {
-    /// The link, where one is named, and the payload.
+    /// The link, if one is given, and the payload.
     fn split(&self) -> Result<(Option<&str>, Vec<u8>), CommandError> {
         if let Some(hex) = &self.raw {
             return Ok((self.link.as_deref(), raw_payload(hex)?));
         }
         let is_command = |word: &Option<String>| word.as_deref().is_some_and(command::is_name);
         let (link, name, values) = match (&self.link, &self.command) {
-            // A command in the place of the link: the link is not named.
+            // The first argument is a command: no link is given.
             (Some(name), first) if is_command(&self.link) && !is_command(first) => {
                 (None, name, first.iter().chain(&self.arguments).cloned().collect())
             }
@@ -152,7 +152,7 @@ fn describe(reply: &Reply, polled: Option<&Sample>) -> String {
     text
 }
 
-/// The link of this name, opened for commands.
+/// Opens a link for commands.
 fn open(link: &str) -> Result<CommandLink, CommandError> {
     let fail = |error: io::Error, expected: &str| CommandError::input(format!("{link}: {error}; expected {expected}"));
     let serial: Option<SerialAddress> = link.parse().ok();
@@ -170,7 +170,7 @@ fn open(link: &str) -> Result<CommandLink, CommandError> {
     }
     if link.contains('/') {
         return Err(CommandError::input(format!(
-            "{link}: no such device; expected the path that `geu run` tells as ready"
+            "{link}: no such device; expected the path that `geu run` prints as ready"
         )));
     }
     let address: CanAddress = link.parse().map_err(|error| CommandError::input(format!("{link}: {error}")))?;
@@ -178,7 +178,7 @@ fn open(link: &str) -> Result<CommandLink, CommandError> {
         .map_err(|error| fail(error, "a path, HOST:PORT, or a CAN interface that `ip link` shows"))
 }
 
-/// `localhost:5000`, but not `vcan0:1A0`: an interface of that name beats a host.
+/// True for `localhost:5000`, but not for `vcan0:1A0`: an interface of that name precedes a host.
 fn is_host_and_port(link: &str) -> bool {
     link.rsplit_once(':').is_some_and(|(host, port)| {
         port.parse::<u16>().is_ok() && !host.is_empty() && nix::net::if_::if_nametoindex(host).is_err()

@@ -1,44 +1,47 @@
-//! Where a configuration comes from: a file or the built-in one, with overrides. Every command that reads one takes these.
+//! Configuration arguments: a file or the built-in configuration, with overrides; values that several commands parse.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use clap::{Args, ValueEnum};
-use geu_daemon::recorder;
-use geu_daemon::truth::{ExternalTruth, TruthAddress, received};
+use clap::Args;
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use geu_calibration::window::{self, ManoeuvreWindow};
+use geu_daemon::truth::{ExternalTruth, TruthAddress};
 use geu_model::configuration::{LinkLogFormat, unix_ns};
 use geu_model::fault::unsatisfiable_condition;
 use geu_model::units::{duration_s, on_board_s};
 use geu_model::{Configuration, GyroUnit, Truth};
 use geu_protocol::CanIdMap;
+use geu_recorder::{self as recorder, received};
 use geu_recording::{REFERENCE, ReferenceAttitude, TableError, open_rows};
 use geu_report::Provenance;
 
-use crate::failure::CommandError;
+use crate::command_error::CommandError;
+use crate::outputs::OutputFile;
 
 /// Configuration and overrides.
 #[derive(Args, Debug, Clone, Default)]
 pub struct ConfigArgs {
-    /// Configuration file (TOML, may be .gz or .zst); without it the reference unit on its default scenario
+    /// Configuration file (TOML, may be .gz or .zst) [default: the reference unit on its default scenario]
     pub config: Option<PathBuf>,
-    /// Overrides a value of the configuration: gyro.GYRX.drift.arcsec_per_h=10, manoeuvre.0.duration_s=60
+    /// Override a value of the configuration: gyro.GYRX.drift.arcsec_per_h=10, manoeuvre.0.duration_s=60
     #[arg(long = "set", value_name = "PATH=VALUE")]
     pub overrides: Vec<String>,
 }
 
-/// The same by name, for commands that take other files too.
+/// Configuration as an option, for commands that take other files too.
 #[derive(Args, Debug, Clone)]
-pub struct NamedSettings {
-    /// What is believed of the unit [default: the reference unit]
+pub struct NamedConfigArgs {
+    /// Prior configuration of the unit [default: the reference unit]
     #[arg(long, value_name = "CONFIG")]
-    pub config: Option<PathBuf>,
-    /// Overrides a value of the configuration
+    config: Option<PathBuf>,
+    /// Override a value of the configuration
     #[arg(long = "set", value_name = "PATH=VALUE")]
-    pub overrides: Vec<String>,
+    overrides: Vec<String>,
 }
 
-impl From<&NamedSettings> for ConfigArgs {
-    fn from(named: &NamedSettings) -> ConfigArgs {
+impl From<&NamedConfigArgs> for ConfigArgs {
+    fn from(named: &NamedConfigArgs) -> ConfigArgs {
         ConfigArgs { config: named.config.clone(), overrides: named.overrides.clone() }
     }
 }
@@ -52,9 +55,25 @@ pub fn seed(text: &str) -> Result<u64, String> {
 /// The longest run, s.
 pub const LONGEST_S: f64 = 1e10;
 
-/// Reads a duration within limits: the value parser of every option that is one.
-pub fn duration(least_s: f64, greatest_s: f64) -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync {
-    move |text| duration_s(text, least_s, greatest_s)
+/// Value parser of a duration within limits.
+pub fn duration(min_s: f64, max_s: f64) -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync {
+    move |text| duration_s(text, min_s, max_s)
+}
+
+/// Value parser of a number within limits; `unit` with a leading space, or empty.
+pub fn number(min: f64, max: f64, unit: &'static str) -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync {
+    move |text| {
+        let number = text.parse().ok().filter(|number| (min..=max).contains(number));
+        number.ok_or_else(|| format!("expected {min}…{max}{unit}, got {text}"))
+    }
+}
+
+/// Value parser of an option with named values: name, value, help.
+pub fn choice<T: Copy + Send + Sync>(
+    choices: &'static [(&'static str, T, &'static str)],
+) -> impl TypedValueParser<Value = T> {
+    PossibleValuesParser::new(choices.iter().map(|(name, _, help)| PossibleValue::new(*name).help(*help)))
+        .map(|name| choices.iter().find(|choice| choice.0 == name).expect("a possible value").1)
 }
 
 pub fn can_base(text: &str) -> Result<CanIdMap, String> {
@@ -66,13 +85,60 @@ pub fn can_base(text: &str) -> Result<CanIdMap, String> {
         .ok_or_else(|| format!("expected a hexadecimal identifier from 0 to {max:X}, got {text}"))
 }
 
-/// A Unix time, s.
+/// Unix time, s.
 pub fn start(text: &str) -> Result<f64, String> {
-    let start = text.parse().ok().filter(|start| (0.0..=4e9).contains(start));
-    start.ok_or_else(|| format!("expected 0…4e9 seconds, got {text}"))
+    number(0.0, 4e9, "")(text).map_err(|_| format!("expected 0…4e9 seconds, got {text}"))
 }
 
-/// What a run takes beside its configuration.
+/// Reads a text file; `expected` describes it in the error message.
+pub fn read_text(path: &Path, expected: &str) -> Result<String, CommandError> {
+    geu_recording::read_text(path).map_err(|error| {
+        CommandError::input(format!("{}: cannot be read: {error}; expected {expected}", path.display()))
+    })
+}
+
+/// Options of commands that evaluate a recording.
+#[derive(Args, Debug)]
+pub struct EvaluationArgs {
+    /// Manoeuvres, CSV with the columns manoeuvre,start_s,end_s [default: cut where the motion changes]
+    #[arg(long, value_name = "FILE")]
+    manoeuvres: Option<String>,
+    /// Time at which the unit's clock was 0, for recordings without receive times [default: start of the attitude data]
+    #[arg(long, value_name = "UNIX_SECONDS", allow_negative_numbers = true, value_parser = start)]
+    start: Option<f64>,
+    /// Base of the CAN identifiers, hexadecimal
+    #[arg(long, value_name = "ID", value_parser = can_base)]
+    pub base: Option<CanIdMap>,
+    /// Write the result as JSON
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<OutputFile>,
+    /// Write the result as a page with plots, which needs no other file
+    #[arg(long, value_name = "FILE")]
+    pub html: Option<OutputFile>,
+}
+
+impl EvaluationArgs {
+    /// Reads the manoeuvres.
+    ///
+    /// # Errors
+    /// The file cannot be read or is not valid.
+    pub fn windows(&self) -> Result<Option<Vec<ManoeuvreWindow>>, CommandError> {
+        self.manoeuvres.as_deref().map(window::read).transpose().map_err(CommandError::input)
+    }
+
+    pub fn start_ns(&self, default_ns: i64) -> i64 {
+        self.start.map_or(default_ns, unix_ns)
+    }
+
+    /// Inputs beside the configuration, with their kinds.
+    pub fn inputs(&self, links: &[String], others: &[(&'static str, &Option<String>)]) -> Vec<(&'static str, String)> {
+        let links = links.iter().map(|name| ("recording", name.clone()));
+        let others = [("manoeuvres", &self.manoeuvres)].into_iter().chain(others.iter().copied());
+        links.chain(others.filter_map(|(kind, name)| Some((kind, name.clone()?)))).collect()
+    }
+}
+
+/// Arguments of a run beside its configuration.
 #[derive(Args, Debug, Clone, Default)]
 pub struct RunArgs {
     #[command(flatten)]
@@ -83,9 +149,9 @@ pub struct RunArgs {
     /// Unix time of the start of the first sample interval, in place of the configuration's
     #[arg(long, value_name = "UNIX_SECONDS", allow_negative_numbers = true, value_parser = start)]
     pub start: Option<f64>,
-    /// What moves the unit: `scenario` (the configuration's); a file, reference.csv or a CCSDS attitude ephemeris, whose
-    /// first instant is the start; or, for `geu run`, a simulator: udp://HOST:PORT listens for JSON lines, tcp://HOST:PORT
-    /// fetches them, 42://HOST:PORT speaks with 42 [default: the recorded one, else scenario]
+    /// Motion of the unit: `scenario` (the configuration's); a file, reference.csv or a CCSDS attitude ephemeris, with
+    /// its first instant as the start; or, for `geu run`, a simulator: udp://HOST:PORT listens for JSON lines, tcp://HOST:PORT
+    /// fetches them, 42://HOST:PORT connects to 42 [default: the recorded one, else scenario]
     #[arg(long, value_name = "SOURCE")]
     pub truth: Option<String>,
     /// Plan of faults and expectations (TOML, as configs/faults.toml); added to the configuration's
@@ -93,43 +159,39 @@ pub struct RunArgs {
     pub faults: Vec<PathBuf>,
 }
 
-/// A run that is ready to begin.
+/// Inputs of a run.
 pub struct PreparedRun {
-    /// Its configuration, with seed, start and truth put in.
+    /// With seed, start and truth set.
     pub configuration: Configuration,
-    /// What moves the unit.
     pub truth: Truth,
-    /// Who tells it, where that is a simulator.
+    /// The simulator that sends the truth, if any.
     pub live: Option<LiveTruth>,
 }
 
-/// A truth from outside, before anything of it was told.
+/// External truth, before its first sample.
 pub struct LiveTruth {
-    /// As it was asked for.
     pub address: TruthAddress,
-    /// To run on.
     pub source: Arc<ExternalTruth>,
 }
 
 impl PreparedRun {
-    /// Samples to run: as many as `asked`, and all that a truth from a file covers where nothing is asked. Nothing
-    /// where neither sets an end.
+    /// Samples to run: `asked`, else the length of a truth from a file. `None` if neither sets an end.
     ///
     /// # Errors
-    /// A file that does not cover what is asked.
+    /// The file is shorter than `asked`.
     pub fn samples(&self, asked: Option<u64>) -> Result<Option<u64>, CommandError> {
         let end_s = match &self.truth {
             Truth::Recorded(rows) => rows.end_s(),
-            Truth::Stepped(pieces) if self.live.is_none() => pieces.end_s(),
+            Truth::Stepped(motion) if self.live.is_none() => motion.end_s(),
             Truth::Scenario | Truth::Stepped(_) => return Ok(asked),
         };
         let covered = GyroUnit::samples_within(&self.configuration, &self.truth, asked.unwrap_or(u64::MAX));
         match asked {
             Some(asked) if covered < asked => Err(CommandError::input(format!(
-                "{}: expected a truth that covers the run of {} s, got one of {} s, enough for {} s",
+                "{}: expected a truth that covers the run of {} s, got {} s, enough for {} s",
                 self.configuration.run.truth.as_deref().unwrap_or_default(),
                 on_board_s(asked),
-                // Of sums that are rounded.
+                // Sums have rounding errors.
                 (end_s * 1e6).round() / 1e6,
                 on_board_s(covered),
             ))),
@@ -138,36 +200,17 @@ impl PreparedRun {
     }
 }
 
-/// Form of the link on disk.
-#[derive(ValueEnum, Debug, Clone, Copy)]
-pub enum LinkFile {
-    /// link.log, as `candump -l` writes
-    Can,
-    /// link.bin, the serial bytes
-    Serial,
-}
-
-impl From<LinkFile> for LinkLogFormat {
-    fn from(wire: LinkFile) -> LinkLogFormat {
-        match wire {
-            LinkFile::Can => LinkLogFormat::Can,
-            LinkFile::Serial => LinkLogFormat::Serial,
-        }
-    }
-}
-
-impl LinkFile {
-    /// The form that a simulated run has: the one asked for, else the form recorded, else `link.log`.
-    pub fn form(asked: Option<LinkFile>, configuration: &Configuration) -> LinkLogFormat {
-        asked.map(LinkLogFormat::from).or(configuration.run.wire).unwrap_or_default()
-    }
-}
+/// Formats of the link on disk.
+pub const LINK_FORMATS: &[(&str, LinkLogFormat, &str)] = &[
+    ("can", LinkLogFormat::Can, "link.log, as `candump -l` writes"),
+    ("serial", LinkLogFormat::Serial, "link.bin, the serial bytes"),
+];
 
 impl ConfigArgs {
-    /// Reads it.
+    /// Reads the configuration.
     ///
     /// # Errors
-    /// A file that cannot be read, or whatever is wrong in it.
+    /// The file cannot be read or is not valid.
     pub fn read(&self) -> Result<Configuration, CommandError> {
         match &self.config {
             None => Configuration::reference_with(&self.overrides),
@@ -179,27 +222,31 @@ impl ConfigArgs {
         .map_err(CommandError::input)
     }
 
-    /// Its name and text, without the overrides.
+    /// Name and text of the configuration, without the overrides.
     ///
     /// # Errors
-    /// A file that cannot be read.
+    /// The file cannot be read.
     pub fn text(&self) -> Result<(String, String), CommandError> {
         let Some(path) = &self.config else {
             return Ok(("the reference unit".to_owned(), Configuration::reference_text().to_owned()));
         };
-        let name = path.display().to_string();
-        match geu_recording::read_text(path) {
-            Ok(text) => Ok((name, text)),
-            Err(error) => Err(CommandError::input(format!(
-                "{name}: cannot be read: {error}; expected a configuration, as `geu config show` prints"
-            ))),
-        }
+        Ok((path.display().to_string(), read_text(path, "a configuration, as `geu config show` prints")?))
     }
 
-    /// What a page of results rests on.
+    /// Text of the configuration with its overrides and further `values`, each PATH=VALUE; comments are kept.
     ///
     /// # Errors
-    /// A configuration that cannot be read.
+    /// The file cannot be read; a value is not valid.
+    pub fn edited(&self, values: impl IntoIterator<Item = String>) -> Result<String, CommandError> {
+        let (name, text) = self.text()?;
+        let values: Vec<String> = self.overrides.iter().cloned().chain(values).collect();
+        Configuration::edited(&name, &text, &values).map_err(CommandError::input)
+    }
+
+    /// Provenance of a result page.
+    ///
+    /// # Errors
+    /// The configuration cannot be read.
     pub fn provenance(&self, inputs: Vec<(&'static str, String)>) -> Result<Provenance<'_>, CommandError> {
         let (name, text) = self.text()?;
         let configuration = (name, text, &self.overrides[..]);
@@ -207,7 +254,7 @@ impl ConfigArgs {
     }
 }
 
-/// The command line, so that a shell takes it again.
+/// The command line, quoted for a shell.
 fn command_line() -> String {
     let quoted = std::env::args().map(|argument| {
         let is_plain = |character: char| character.is_ascii_alphanumeric() || "-_./=,:+@%".contains(character);
@@ -220,10 +267,10 @@ fn command_line() -> String {
 }
 
 impl RunArgs {
-    /// Reads the configuration, puts seed, start and truth in, and reads the truth.
+    /// Reads the configuration and the truth, and sets seed and start.
     ///
     /// # Errors
-    /// As [`ConfigArgs::read`], a start that is no time, a truth that cannot be read.
+    /// The configuration cannot be read or is not valid; the truth or a fault plan cannot be read.
     pub fn read(&self) -> Result<PreparedRun, CommandError> {
         let mut configuration = self.settings.read()?;
         let is_unfinished = configuration.run.is_unfinished;
@@ -231,12 +278,8 @@ impl RunArgs {
             let directory = path.parent().unwrap_or(Path::new(""));
             recorder::complete(&mut configuration, directory).map_err(CommandError::input)?;
         }
-        if let Some(seed) = self.seed {
-            configuration.seed = seed;
-        }
-        if let Some(start_unix_s) = self.start {
-            configuration.start_unix_ns = unix_ns(start_unix_s);
-        }
+        configuration.seed = self.seed.unwrap_or(configuration.seed);
+        configuration.start_unix_ns = self.start.map_or(configuration.start_unix_ns, unix_ns);
         if let Some(source) = &self.truth {
             configuration.run.truth = Some(source.clone()).filter(|source| source != "scenario");
         }
@@ -258,9 +301,9 @@ impl RunArgs {
             Some(name) => (truth_of_file(&name, is_unfinished)?, None),
         };
         let (faults, expectations) = (&configuration.faults, &configuration.expectations);
-        // Of a simulator its first sample says what it tells.
-        let untold = if live.is_some() { &[] } else { truth.motion(&configuration, 0.0).untold() };
-        match unsatisfiable_condition(faults, expectations, "the truth of this run", untold) {
+        // The quantities of a simulator are known from its first sample.
+        let unavailable = if live.is_some() { &[] } else { truth.motion(&configuration, 0.0).unavailable() };
+        match unsatisfiable_condition(faults, expectations, "the truth of this run", unavailable) {
             Some(why) => Err(CommandError::input(why)),
             None => Ok(PreparedRun { configuration, truth, live }),
         }
@@ -270,28 +313,26 @@ impl RunArgs {
 /// Adds the faults and expectations of a plan.
 ///
 /// # Errors
-/// A file that cannot be read, that is no plan, or has neither.
+/// The file cannot be read, is not a plan, or has no fault and no expectation.
 pub fn add_plan(configuration: &mut Configuration, path: &Path) -> Result<(), CommandError> {
-    let name = path.display().to_string();
-    let expected = "expected a plan with [[fault]] or [[expect]], as in configs/faults.toml";
-    let text = geu_recording::read_text(path)
-        .map_err(|error| CommandError::input(format!("{name}: cannot be read: {error}; {expected}")))?;
+    let (name, expected) = (path.display(), "a plan with [[fault]] or [[expect]], as in configs/faults.toml");
+    let text = read_text(path, expected)?;
     let count = |all: &Configuration| all.faults.len() + all.expectations.len();
     let before = count(configuration);
-    configuration.add_plan(&name, &text).map_err(CommandError::input)?;
+    configuration.add_plan(&name.to_string(), &text).map_err(CommandError::input)?;
     match count(configuration) > before {
         true => Ok(()),
-        false => Err(CommandError::input(format!("{name}: {expected}, got neither"))),
+        false => Err(CommandError::input(format!("{name}: expected {expected}, got neither"))),
     }
 }
 
-/// The file that a configuration names: beside it, where it is there, else as it stands.
+/// Path of a file that a configuration names: beside the configuration if it exists there, else as written.
 fn beside(config: &Path, name: &str) -> String {
     let path = config.parent().unwrap_or(Path::new("")).join(name);
     path.to_str().filter(|_| path.exists()).unwrap_or(name).to_owned()
 }
 
-/// A truth from a file, whichever kind it is; that of an unfinished run may end within a row.
+/// A truth from a file of any kind; that of an unfinished run may end within a row.
 fn truth_of_file(name: &str, is_unfinished: bool) -> Result<Truth, CommandError> {
     let failed = |error| CommandError::input(TableError::read(name, REFERENCE)(error));
     let mut rows = open_rows(Path::new(name)).map_err(failed)?;
@@ -303,10 +344,10 @@ fn truth_of_file(name: &str, is_unfinished: bool) -> Result<Truth, CommandError>
     Ok(Truth::Recorded(ReferenceAttitude::of_rows(name, rows).map_err(CommandError::input)?.truth))
 }
 
-/// Samples of on-board time in `duration_s`.
+/// Number of samples in `duration_s` of on-board time.
 ///
 /// # Errors
-/// A duration that is none.
+/// The duration is not within 0…1e10 s.
 pub fn samples(duration_s: f64) -> Result<u64, CommandError> {
     if duration_s > 0.0 && duration_s <= LONGEST_S {
         Ok((duration_s * 2.0).ceil() as u64)

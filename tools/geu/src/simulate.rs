@@ -4,27 +4,27 @@ use std::path::Path;
 use std::sync::atomic::Ordering::Relaxed;
 
 use clap::Args;
-use geu_daemon::recorder::{self, Destination, FILES, Recorder};
-use geu_daemon::simulate::simulate;
 use geu_files::interruption::stop_flag;
 use geu_model::attitude::AttitudeProfile;
+use geu_model::configuration::LinkLogFormat;
 use geu_model::units::on_board_s;
 use geu_model::{Configuration, Truth};
+use geu_recorder::{Destination, FILES, Recorder, misses, simulate};
 use geu_report::figures;
 use indicatif::{ProgressBar, ProgressStyle};
 
+use crate::command_error::{CommandError, note};
 use crate::expectations;
-use crate::failure::{CommandError, note};
+use crate::output_guard::Force;
 use crate::outputs::{OutputDirectory, write};
-use crate::overwriting::Force;
-use crate::settings::{LONGEST_S, LinkFile, LiveTruth, RunArgs, samples};
+use crate::settings::{LINK_FORMATS, LONGEST_S, LiveTruth, RunArgs, choice, duration, samples};
 
-/// Runs the model without links, as fast as possible, and writes what a run records.
+/// Runs the model without links, as fast as possible, and writes the files of a recorded run.
 #[derive(Args, Debug)]
 pub struct Arguments {
     #[command(flatten)]
     run: RunArgs,
-    /// Directory to write into, new or empty; made if it is not there
+    /// Directory to write into, new or empty
     #[arg(long, value_name = "DIRECTORY", required_unless_present = "svg")]
     out: Option<OutputDirectory>,
     /// Directory to draw the unit's figures into: transfer function, pivot transit, limit cycle, two weeks
@@ -33,26 +33,26 @@ pub struct Arguments {
     #[command(flatten)]
     force: Force,
     /// On-board time to run; without it the recorded duration, or the length of scenario or truth
-    #[arg(long, value_name = "DURATION", allow_negative_numbers = true, value_parser = crate::settings::duration(0.0, LONGEST_S))]
+    #[arg(long, value_name = "DURATION", allow_negative_numbers = true, value_parser = duration(0.0, LONGEST_S))]
     duration: Option<f64>,
-    /// Form of the link [default: the recorded form, else can]
-    #[arg(long)]
-    wire: Option<LinkFile>,
+    /// Format of the link [default: the recorded format, else can]
+    #[arg(long, value_parser = choice(LINK_FORMATS))]
+    wire: Option<LinkLogFormat>,
     #[command(flatten)]
     expectations: expectations::ExpectationReport,
 }
 
-/// Carries it out.
+/// Runs `geu simulate`.
 ///
 /// # Errors
-/// A configuration that cannot be run, a truth that does not cover the run, a scenario without end and no duration, files that cannot be written,
-/// an expectation that was not met, SIGINT or SIGTERM before the end.
+/// The configuration is not valid, the truth does not cover the run, neither scenario nor options set an end, a file
+/// cannot be written, an expectation was not met, or SIGINT or SIGTERM came before the end.
 pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     let svg = arguments.svg.as_ref().map(|svg| svg.prepare(arguments.force, figures::names())).transpose()?;
     let ready = arguments.run.read()?;
     if let Some(LiveTruth { address, .. }) = &ready.live {
         return Err(CommandError::input(format!(
-            "--truth {address}: expected a file or scenario, got a truth that is told while the unit runs; it needs geu run"
+            "--truth {address}: expected a file or scenario, got a simulator, which needs geu run"
         )));
     }
     let configuration = &ready.configuration;
@@ -65,7 +65,7 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
         }
         None => None,
     };
-    // After the recording, so that both may go into one directory.
+    // The figures come after the recording, so that both may be in one directory.
     let draw_figures = || svg.map_or(Ok(()), |directory| draw(directory, configuration));
     let Some((out, destination)) = out else { return draw_figures() };
     let recorded_s = Some(configuration.run.duration_s).filter(|&duration_s| duration_s > 0.0);
@@ -75,15 +75,15 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     };
     let duration_s = arguments.duration.or(recorded_s).or_else(scenario_s);
     let count = ready.samples(duration_s.map(samples).transpose()?)?.ok_or_else(|| {
-        CommandError::input("the scenario has no end of its own: expected --duration DURATION, such as 90, 10m or 2h")
+        CommandError::input("the scenario has no end: expected --duration DURATION, such as 90, 10m or 2h")
     })?;
-    let wire = LinkFile::form(arguments.wire, configuration);
-    if let Some(reason) = recorder::misses(configuration, wire) {
+    let wire = arguments.wire.or(configuration.run.wire).unwrap_or_default();
+    if let Some(reason) = misses(configuration, wire) {
         return Err(CommandError::input(format!("{reason}; name its `link`, or record another --wire")));
     }
     let mut recorder = Recorder::create(&destination, configuration, &ready.truth, wire, &[])?;
     let stop = stop_flag().map_err(|error| CommandError::failed(format!("signals cannot be watched: {error}")))?;
-    let style = ProgressStyle::with_template("{bar:40} {percent:>3} %  {elapsed} so far, {eta} left");
+    let style = ProgressStyle::with_template("{bar:40} {percent:>3} %  {elapsed} elapsed, {eta} left");
     let bar = ProgressBar::new(count).with_style(style.expect("a template"));
     let faults = simulate(configuration, &ready.truth, count, &mut recorder, |done| {
         bar.set_position(done);
@@ -96,15 +96,15 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     let (recorded_s, asked_s, out) = (on_board_s(samples), on_board_s(count), out.display());
     if samples < count {
         return Err(CommandError::failed(format!(
-            "interrupted after {recorded_s} s of {asked_s} s: {out} is a whole recording of these"
+            "interrupted after {recorded_s} s of {asked_s} s: {out} is a complete recording of these"
         )));
     }
     note(format_args!("geu: wrote {recorded_s} s into {out}\n"));
     draw_figures()?;
-    arguments.expectations.tell(&faults)
+    arguments.expectations.write(&faults)
 }
 
-/// Writes every figure of the unit into a directory, which is made if it is not there.
+/// Writes every figure of the unit into a directory, which is created if necessary.
 fn draw(directory: &Path, configuration: &Configuration) -> Result<(), CommandError> {
     let failed = |error| CommandError::failed(format!("cannot write {}: {error}", directory.display()));
     std::fs::create_dir_all(directory).map_err(failed)?;

@@ -1,4 +1,4 @@
-//! The token of a control interface: from a file or the environment, where nobody who lists processes sees it.
+//! The token of a control interface: from a file or the environment, where process lists do not show it.
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -6,15 +6,15 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use crate::failure::CommandError;
+use crate::command_error::CommandError;
 
-/// Longest token, byte.
+/// Longest token, bytes.
 const LONGEST: u64 = 1024;
 
-/// Where the token comes from. No message quotes it.
+/// Sources of the token. No message quotes it.
 #[derive(Args, Debug, Clone, Default)]
 pub struct Token {
-    /// Token of the control interface, which lists of processes show; better the environment or --control-token-file
+    /// Token of the control interface; process lists show it, so prefer the environment or --control-token-file
     #[arg(long, value_name = "TOKEN", env = "GEU_CONTROL_TOKEN", hide_env_values = true)]
     control_token: Option<String>,
     /// File with the token on its only line, in place of --control-token and GEU_CONTROL_TOKEN
@@ -23,15 +23,15 @@ pub struct Token {
 }
 
 impl Token {
-    /// The token, where one is given.
+    /// The token, if one is given.
     ///
     /// # Errors
-    /// A file that cannot be read, a token that no header can carry.
+    /// The file cannot be read; the token does not fit into a header.
     pub fn read(&self) -> Result<Option<String>, CommandError> {
         let (place, token) = match &self.control_token_file {
             Some(path) => {
                 let place = format!("--control-token-file {}", path.display());
-                let token = first(path).map_err(|error| {
+                let token = start_of(path).map_err(|error| {
                     CommandError::input(format!(
                         "{place}: cannot be read: {error}; expected a file with a token on one line"
                     ))
@@ -55,8 +55,8 @@ impl Token {
     }
 }
 
-/// What a file begins with: as much as a token may be, and some more.
-fn first(path: &Path) -> io::Result<String> {
+/// Start of a file, longer than the longest token.
+fn start_of(path: &Path) -> io::Result<String> {
     let mut text = String::new();
     File::open(path)?.take(2 * LONGEST).read_to_string(&mut text)?;
     Ok(text)

@@ -4,53 +4,54 @@ use std::io::{IsTerminal, stdout};
 use std::path::PathBuf;
 use std::slice;
 
-use clap::{Args, ValueEnum};
-use geu_calibration::redundancy::ParityResidual;
+use clap::Args;
+use geu_calibration::parity::ParityResidual;
 use geu_calibration::{GyroSelection, PriorCalibration, Track, Tracker, TrackerEvent};
 use geu_model::Configuration;
 use geu_model::units::{ARCSEC_PER_DEG, ARCSEC_PER_RAD};
-use geu_recording::{Defect, ReceivedSample, Sink, read_text};
-use geu_report::rows::{TRACK_COLUMNS, TrackFormat, instant, track_difference, write_track};
+use geu_recording::{Defect, ReceivedSample, Sink};
+use geu_report::rows::{TrackFormat, instant, track_difference, track_header, write_track};
 use nalgebra::{Quaternion, UnitQuaternion};
 
+use crate::command_error::{CommandError, note};
 use crate::decode::{BUFFER, InputArgs, OutputWriter, gives_rows, is_refused, note_elsewhere};
-use crate::failure::{CommandError, note};
 use crate::outputs::OutputFile;
+use crate::settings::{choice, read_text};
 
 /// Applies a calibration to a link (eq 3): increments about the control axes and attitude, every sample.
 ///
 /// A sample that the gyros in use did not measure (lost, not valid, saturated, self-test) has no increments: the
-/// attitude then lacks what the unit turned meanwhile, and `valid` is 0 from there on. GYRZA and GYRZB are compared, over
-/// the last 60 s and since the start; a difference beyond 5 sigma of what rounding, noise and calibration allow is told on
-/// standard error when it begins and when it is below 3 sigma again.
+/// attitude then lacks the rotation of this time, and `valid` is 0 from there on. GYRZA and GYRZB are compared, over
+/// the last 60 s and since the start. A difference above 5 sigma of rounding, noise and calibration is printed on
+/// standard error at its start and when it is below 3 sigma again.
 #[derive(Args)]
 pub struct Arguments {
     /// CAN interface, pty, serial device, HOST:PORT (live), recording, or `-`, as `geu decode` reads them.
     #[arg(value_name = "LINK")]
     link: String,
-    /// Calibration: a configuration, or what `geu calibrate --json` wrote, which adds its sigmas (noise is then that of the
+    /// Calibration: a configuration, or JSON of `geu calibrate --json`, which adds its sigmas (with the noise of the
     /// reference unit) [default: the reference unit]
     #[arg(long, visible_alias = "calibration", value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Overrides a value of the configuration: gyro.GYRZB.calibration.scale_factor=1.001
+    /// Override a value of the configuration: gyro.GYRZB.calibration.scale_factor=1.001
     #[arg(long = "set", value_name = "PATH=VALUE")]
     overrides: Vec<String>,
     /// Gyros in use.
-    #[arg(long, value_enum, default_value_t = Gyros::Za)]
-    gyros: Gyros,
+    #[arg(long, value_enum, default_value_t = GyroSelection::Za)]
+    gyros: GyroSelection,
     /// Attitude at the start, control frame to inertial [default: 1,0,0,0]
     #[arg(long, value_name = "Q_W,Q_X,Q_Y,Q_Z", allow_hyphen_values = true, value_parser = attitude)]
     attitude: Option<UnitQuaternion<f64>>,
-    /// What to write [default: text on a terminal, else csv]
-    #[arg(long, value_enum)]
-    format: Option<Format>,
-    /// Where to write it, instead of standard output. Until the end, which Ctrl-C is too of a live link, rows stand beside
-    /// it in FILE.….partial; FILE is what was there before or whole.
+    /// Output format [default: text on a terminal, else csv]
+    #[arg(long, value_parser = choice(FORMATS))]
+    format: Option<TrackFormat>,
+    /// Output file, instead of standard output. Until the end (for a live link also Ctrl-C) rows are written to
+    /// FILE.….partial; FILE is the previous file or complete.
     #[arg(long, value_name = "FILE")]
     out: Option<OutputFile>,
     #[command(flatten)]
     reading: InputArgs,
-    /// Exit with 1 when the attitude lacks samples, the redundant gyros differed, or there were defects.
+    /// Exit with 1 if the attitude lacks samples, the redundant gyros differed, or there were defects.
     #[arg(long)]
     strict: bool,
     /// Do not print the summary to standard error.
@@ -58,40 +59,13 @@ pub struct Arguments {
     quiet: bool,
 }
 
-#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Gyros {
-    /// GYRX, GYRY, GYRZA.
-    Za,
-    /// GYRX, GYRY, GYRZB.
-    Zb,
-    /// All four, by least squares.
-    All,
-    /// As za; samples without GYRZA by GYRZB.
-    Auto,
-}
+const FORMATS: &[(&str, TrackFormat, &str)] = &[
+    ("csv", TrackFormat::Csv, "Comma-separated values with a header"),
+    ("jsonl", TrackFormat::Jsonl, "One JSON object a line"),
+    ("text", TrackFormat::Text, "A line to read, in arcsec"),
+];
 
-impl From<Gyros> for GyroSelection {
-    fn from(gyros: Gyros) -> GyroSelection {
-        match gyros {
-            Gyros::Za => GyroSelection::Za,
-            Gyros::Zb => GyroSelection::Zb,
-            Gyros::All => GyroSelection::All,
-            Gyros::Auto => GyroSelection::Auto,
-        }
-    }
-}
-
-#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Format {
-    /// Comma-separated values with a header.
-    Csv,
-    /// One JSON object a line.
-    Jsonl,
-    /// A line to read, in arcsec.
-    Text,
-}
-
-/// Off a length of 1 by so much, a quaternion was meant to be one and rounded to three digits.
+/// Tolerance of a quaternion's length: its parts may be rounded to three digits.
 const LENGTH_TOLERANCE: f64 = 1e-3;
 
 fn attitude(text: &str) -> Result<UnitQuaternion<f64>, String> {
@@ -103,43 +77,35 @@ fn attitude(text: &str) -> Result<UnitQuaternion<f64>, String> {
             if (length - 1.0).abs() <= LENGTH_TOLERANCE {
                 Ok(UnitQuaternion::from_quaternion(parts))
             } else {
-                Err(format!("expected a quaternion of length 1, got one of length {length}"))
+                Err(format!("expected a quaternion of length 1, got length {length}"))
             }
         }
         _ => Err(format!("expected four numbers q_w,q_x,q_y,q_z, got {text}")),
     }
 }
 
-fn believed(arguments: &Arguments) -> Result<PriorCalibration, CommandError> {
+fn prior(arguments: &Arguments) -> Result<PriorCalibration, CommandError> {
     let Some(path) = &arguments.config else {
         let configuration = Configuration::reference_with(&arguments.overrides).map_err(CommandError::input)?;
         return Ok(PriorCalibration::from(&configuration));
     };
-    let name = path.display().to_string();
-    let text = read_text(path).map_err(|error| {
-        CommandError::input(format!(
-            "{name}: cannot be read: {error}; expected a configuration, or JSON as `geu calibrate --json` writes it"
-        ))
-    })?;
-    PriorCalibration::parse(&name, &text, &arguments.overrides).map_err(CommandError::input)
+    let text = read_text(path, "a configuration, or JSON as `geu calibrate --json` writes it")?;
+    PriorCalibration::parse(&path.display().to_string(), &text, &arguments.overrides).map_err(CommandError::input)
 }
 
-/// Tracks.
+/// Runs `geu track`.
+///
+/// # Errors
+/// The input cannot be read, the output cannot be written; with `--strict`, an incomplete attitude, alarms or defects.
 pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
-    let believed = believed(arguments)?;
-    let is_watched = arguments.out.is_none() && stdout().is_terminal();
-    let format = match arguments.format {
-        Some(Format::Csv) => TrackFormat::Csv,
-        Some(Format::Jsonl) => TrackFormat::Jsonl,
-        Some(Format::Text) => TrackFormat::Text,
-        None if is_watched => TrackFormat::Text,
-        None => TrackFormat::Csv,
-    };
+    let prior = prior(arguments)?;
+    let is_terminal = arguments.out.is_none() && stdout().is_terminal();
+    let format = arguments.format.unwrap_or(if is_terminal { TrackFormat::Text } else { TrackFormat::Csv });
     let start = arguments.attitude.unwrap_or_default();
     let mut writer = Writer {
         out: arguments.out.as_ref(),
         format,
-        tracker: Tracker::new(&believed, arguments.gyros.into(), start),
+        tracker: Tracker::new(&prior, arguments.gyros, start),
         output: None,
         broken: None,
         statistics: Statistics::default(),
@@ -162,7 +128,7 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     if !arguments.quiet && result.is_ok() {
         note(format_args!("{}", statistics.text(&start)));
         if defects > 0 {
-            note(format_args!("defects        {defects}; geu decode tells them\n"));
+            note(format_args!("defects        {defects}; geu decode lists them\n"));
         }
     }
     note_elsewhere(&summary);
@@ -179,16 +145,16 @@ pub fn run(arguments: &Arguments) -> Result<(), CommandError> {
     }
 }
 
-/// Losses told one by one; the column `notes` has all of them.
-const MOST_LOSSES: u64 = 20;
+/// Losses printed one by one; the column `notes` has all of them.
+const MAX_LOSSES: u64 = 20;
 
-/// What the end tells.
+/// Statistics for the summary.
 #[derive(Default)]
 struct Statistics {
     samples: u64,
     losses: u64,
     alarms: u64,
-    /// The largest accumulated difference of the redundant pair, and when.
+    /// The largest accumulated difference of the redundant pair, and its time.
     largest: Option<(ParityResidual, String)>,
     last: Option<Track>,
 }
@@ -201,7 +167,7 @@ impl Statistics {
         let [x, y, z] = last.angle_control_arcsec;
         let mut text = format!("samples   {}, {} lost", self.samples, last.lost_samples);
         if !last.is_complete {
-            text += "; the attitude lacks what the unit turned meanwhile";
+            text += "; the attitude lacks the rotation of this time";
         }
         text += &format!("\nattitude       q_w {:+.9}  q_x {:+.9}  q_y {:+.9}  q_z {:+.9}", q.w, q.i, q.j, q.k);
         if let Some((axis, angle_rad)) = turned.axis_angle() {
@@ -209,7 +175,7 @@ impl Statistics {
             text += &format!("; turned {angle_deg:.6}° about {:+.4} {:+.4} {:+.4}", axis.x, axis.y, axis.z);
         }
         text += &format!("\nangles         x {x:+.3}″  y {y:+.3}″  z {z:+.3}″, summed\n");
-        match (&self.largest, &last.redundancy) {
+        match (&self.largest, &last.parity) {
             (Some((largest, at)), latest) => {
                 let latest = latest
                     .map_or_else(|| "none at the end".to_owned(), |checked| track_difference(checked.accumulated));
@@ -226,27 +192,27 @@ impl Statistics {
     }
 }
 
-/// Tracks rows as they come, and writes.
+/// Tracks rows as they are read, and writes.
 struct Writer<'a> {
     out: Option<&'a OutputFile>,
     format: TrackFormat,
     tracker: Tracker,
-    /// There once the link could be opened.
+    /// `Some` once the link is open.
     output: Option<OutputWriter>,
-    /// Why nothing can be written any more.
+    /// The first failure of writing.
     broken: Option<CommandError>,
     statistics: Statistics,
 }
 
 impl Writer<'_> {
-    fn tell(&mut self, track: &Track) {
+    fn log_events(&mut self, track: &Track) {
         for event in &track.events {
             match event {
                 TrackerEvent::Lost { .. } | TrackerEvent::Again { .. } | TrackerEvent::Switched(_) => {
                     self.statistics.losses += 1;
                     match self.statistics.losses {
-                        MOST_LOSSES => note(format_args!("geu: more such stand in the column notes\n")),
-                        losses if losses > MOST_LOSSES => {}
+                        MAX_LOSSES => note(format_args!("geu: the column notes has further ones\n")),
+                        losses if losses > MAX_LOSSES => {}
                         _ => note(format_args!("geu: {}: {event}\n", instant(track))),
                     }
                 }
@@ -264,8 +230,7 @@ impl Sink for Writer<'_> {
         match OutputWriter::open(self.out) {
             Ok(mut output) => {
                 if self.format == TrackFormat::Csv {
-                    output.buffer.extend_from_slice(TRACK_COLUMNS.join(",").as_bytes());
-                    output.buffer.push(b'\n');
+                    output.buffer.extend_from_slice(track_header().as_bytes());
                 }
                 self.output = Some(output);
             }
@@ -274,16 +239,16 @@ impl Sink for Writer<'_> {
     }
 
     fn row(&mut self, row: &ReceivedSample) {
-        let Some(track) = self.tracker.take(row) else { return };
+        let Some(track) = self.tracker.push(row) else { return };
         if let Some(output) = &mut self.output {
             write_track(self.format, &track, &mut output.buffer);
             if output.buffer.len() >= BUFFER {
                 self.flush();
             }
         }
-        self.tell(&track);
+        self.log_events(&track);
         self.statistics.samples += 1;
-        if let Some(checked) = &track.redundancy {
+        if let Some(checked) = &track.parity {
             let largest = self.statistics.largest.as_ref().map_or(-1.0, |largest| largest.0.arcsec.abs());
             if checked.accumulated.arcsec.abs() > largest {
                 self.statistics.largest = Some((checked.accumulated, instant(&track)));
@@ -293,7 +258,7 @@ impl Sink for Writer<'_> {
     }
 
     fn defect(&mut self, _defect: &Defect) {
-        // What it took away shows as a gap; the end tells how many there were.
+        // Lost samples are seen as a gap; the summary counts the defects.
     }
 
     fn flush(&mut self) {

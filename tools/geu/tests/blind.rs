@@ -17,24 +17,24 @@ fn names(directory: &Path) -> Vec<String> {
 }
 
 #[test]
-fn the_key_stands_apart_from_the_recording_and_a_score_needs_it() {
+fn key_is_separate_from_the_recording_and_a_score_needs_it() {
     let directory = tempfile::tempdir().expect("a directory");
     let [one, other] = ["one", "other"].map(|name| directory.path().join(name));
     for out in [&one, &other] {
-        let hidden =
+        let written =
             geu(&["hide", "--seed", "5", "--duration", "1200", "--count", "2", "--out", out.to_str().expect("text")]);
-        assert!(hidden.status.success() && hidden.stdout.is_empty() && hidden.stderr.is_empty(), "{hidden:?}");
+        assert!(written.status.success() && written.stdout.is_empty() && written.stderr.is_empty(), "{written:?}");
     }
     assert_eq!(names(&one), ["1", "2"]);
     for number in ["1", "2"] {
         let recording = one.join(number).join("recording");
-        assert_eq!(names(&recording), ["believed.toml", "link.log", "reference.csv"]);
+        assert_eq!(names(&recording), ["link.log", "nominal.toml", "reference.csv"]);
         for (place, name) in [("recording", "link.log"), ("recording", "reference.csv"), ("key", "key.toml")] {
             let read = |out: &Path| fs::read(out.join(number).join(place).join(name)).expect("written");
             assert_eq!(read(&one), read(&other), "{place}/{name}");
         }
-        let believed = fs::read_to_string(recording.join("believed.toml")).expect("written");
-        assert_eq!(believed, fs::read_to_string(one.join("1/recording/believed.toml")).expect("written"));
+        let nominal = fs::read_to_string(recording.join("nominal.toml")).expect("written");
+        assert_eq!(nominal, fs::read_to_string(one.join("1/recording/nominal.toml")).expect("written"));
     }
 
     let [key, result] = ["key.toml", "result.json"].map(|name| directory.path().join(name));

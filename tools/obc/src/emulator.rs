@@ -1,4 +1,4 @@
-//! The emulator beside the on-board computer: started as a child, or one that runs already; its link, and the way back.
+//! The emulator: a child process or a running one; its link, and the truth sent to it.
 
 use std::fs::OpenOptions;
 use std::io::ErrorKind::{Interrupted, TimedOut, WouldBlock};
@@ -20,64 +20,64 @@ use nix::sys::prctl::set_pdeathsig;
 use nix::sys::signal::Signal;
 use serde_json::Value;
 
-/// An emulator that reports no sample for so long is dead, and a link that does not bring what was reported.
-const SILENCE: Duration = Duration::from_secs(10);
-/// Whether it is to stop is looked at so often meanwhile.
-const LOOK_AGAIN: Duration = Duration::from_millis(100);
-/// Has the emulator report each sample; with everything that is told, for a datagram may be lost.
+/// Longest wait for a report of the emulator, and for its bytes on the link.
+const TIMEOUT: Duration = Duration::from_secs(10);
+/// Interval at which the stop flag is checked.
+const POLL_INTERVAL: Duration = Duration::from_millis(100);
+/// Requests a report for each sample; sent with every datagram, because a datagram may be lost.
 const SUBSCRIBE: &str = "{\"subscribe\": \"samples\"}\n";
-/// Longest report, byte.
+/// Longest report, bytes.
 const REPORT: usize = 65_536;
-/// A child that was asked to end has so long.
-const END: Duration = Duration::from_secs(5);
-/// Reads of the link that may wait to be taken.
+/// Longest wait for the end of the child.
+const END_TIMEOUT: Duration = Duration::from_secs(5);
+/// Capacity of the queue of reads.
 const QUEUE: usize = 64;
 
 /// A running emulator.
 pub struct Emulator {
-    /// None for one that somebody else runs.
+    /// `None` for an emulator that is not our child.
     child: Option<Running>,
-    /// As it was asked for, and the other end of a TCP link.
+    /// Name of the link, and the peer of a TCP link.
     link: (String, Option<SocketAddr>),
-    read: Receiver<Read>,
-    /// Bytes of the link that were taken, and that were reported; nothing reported before the first report.
-    taken: u64,
+    reads: Receiver<Read>,
+    /// Bytes received on the link, and reported as sent; `None` before the first report.
+    received: u64,
     reported: Option<u64>,
     truth: UdpSocket,
 }
 
-/// What one read of the link brought.
+/// Result of a read of the link.
 struct Read {
     bytes: u64,
     samples: Vec<Sample>,
 }
 
-/// A sample that ended in the unit.
-pub struct Ended {
-    /// Its index since the emulator's start.
+/// A completed sample of the unit.
+pub struct CompletedSample {
+    /// Index since the emulator's start.
     pub index: u64,
-    /// What the link brought of it: nothing where a fault kept it silent.
+    /// Samples received on the link; none if a fault suppressed it.
     pub samples: Vec<Sample>,
 }
 
-/// The program `geu` that was named, else the one beside this program.
+/// The given program `geu`, else that in the directory of this program.
 ///
 /// # Errors
-/// No such program.
+/// There is no such program.
 pub fn program(named: Option<&Path>) -> Result<PathBuf, String> {
     let beside = || std::env::current_exe().ok().map(|own| own.with_file_name("geu"));
     let path = named.map(Path::to_owned).or_else(beside).unwrap_or_default();
     match path.is_file() {
         true => Ok(path),
-        false => Err(format!("--geu: expected the program geu, got {}, which is not there", path.display())),
+        false => Err(format!("--geu: expected the program geu, got {}, which does not exist", path.display())),
     }
 }
 
 impl Emulator {
-    /// Starts `geu run` on free ports, held back until this computer is there; it ends with this program, however that ends.
+    /// Starts `geu run` on free ports, waiting for this computer. It ends with this program.
     ///
     /// # Errors
-    /// A program that does not start, or ends before its link is ready.
+    /// The program does not start, or ends before its link is ready.
     pub fn start(program: &Path, arguments: &[String]) -> Result<Emulator, String> {
         let mut command = Command::new(program);
         command.args(["run", "--wait", "--tcp", "127.0.0.1:0", "--truth", "udp://127.0.0.1:0"]).args(arguments);
@@ -85,33 +85,32 @@ impl Emulator {
         unsafe { command.pre_exec(|| set_pdeathsig(Signal::SIGTERM).map_err(io::Error::from)) };
         let failed = |error: io::Error| format!("{}: cannot be started: {error}", program.display());
         let mut process = EmulatorProcess::start(command).map_err(failed)?;
-        let said = process.child.stderr.take();
-        // What it says goes on, without its status line, which it keeps to a terminal.
-        let speaker = thread::spawn(move || {
-            for line in said.into_iter().flat_map(|said| BufReader::new(said).lines()).map_while(Result::ok) {
+        let stderr = process.child.stderr.take();
+        // Forwards its messages; the status line is only for a terminal.
+        let forwarder = thread::spawn(move || {
+            for line in stderr.into_iter().flat_map(|stderr| BufReader::new(stderr).lines()).map_while(Result::ok) {
                 let _ = writeln!(io::stderr(), "{line}");
             }
         });
-        let mut running = Running { process, speaker: Some(speaker) };
+        let mut running = Running { process, forwarder: Some(forwarder) };
         let (mut link, mut truth) = (None, None);
         while let (None, _) | (_, None) = (&link, &truth) {
             let ready = running.process.next_ready();
-            let ready =
-                ready.map_err(|_| "geu ended before its link was ready; what it said stands above".to_owned())?;
+            let ready = ready.map_err(|_| "geu ended before its link was ready; its messages are above".to_owned())?;
             link = link.or(ready.strip_prefix("tcp ").map(str::to_owned));
             truth = truth.or(ready.strip_prefix("truth udp://").map(str::to_owned));
         }
         let mut emulator = Emulator::attach(&link.unwrap_or_default(), &truth.unwrap_or_default())?;
         emulator.child = Some(running);
-        // It waits for this computer: nothing left before.
+        // It waits for this computer: no byte was sent before.
         emulator.reported = Some(0);
         Ok(emulator)
     }
 
-    /// Goes to one that runs: its link is a TCP address or a path, its truth is told to an address.
+    /// Connects to a running emulator: its link is a TCP address or a path, its truth an address.
     ///
     /// # Errors
-    /// Addresses at which nobody is.
+    /// A connection fails.
     pub fn attach(link: &str, truth: &str) -> Result<Emulator, String> {
         let failed =
             |error: io::Error| format!("--link {link}: cannot be opened: {error}; expected HOST:PORT or a pty");
@@ -123,69 +122,62 @@ impl Emulator {
                 (Box::new(stream), Some(peer))
             }
         };
-        let refused = |error: io::Error| format!("--truth {truth}: cannot be told: {error}; expected HOST:PORT");
+        let refused = |error: io::Error| format!("--truth {truth}: cannot be opened: {error}; expected HOST:PORT");
         let socket = UdpSocket::bind("0.0.0.0:0").map_err(refused)?;
         socket.connect(truth).map_err(refused)?;
-        socket.set_read_timeout(Some(LOOK_AGAIN)).map_err(refused)?;
+        socket.set_read_timeout(Some(POLL_INTERVAL)).map_err(refused)?;
         let link = (link.to_owned(), peer);
-        Ok(Emulator { child: None, link, read: listen(stream), taken: 0, reported: None, truth: socket })
+        Ok(Emulator { child: None, link, reads: listen(stream), received: 0, reported: None, truth: socket })
     }
 
-    /// Tells the truth, a line for an instant. One that cannot be sent is late, which the unit counts.
-    pub fn tell(&self, lines: &str) {
+    /// Sends the truth, a line for an instant. The unit counts a datagram that cannot be sent as late.
+    pub fn send_truth(&self, lines: &str) {
         let _ = self.truth.send(format!("{SUBSCRIBE}{lines}").as_bytes());
     }
 
-    /// The next sample that ended in the unit, with all that the link was handed by then.
+    /// The next completed sample of the unit, with its samples on the link.
     ///
     /// # Errors
-    /// An emulator that reports none, a link that does not bring what was reported, or is closed.
-    pub fn next(&mut self, stop: &AtomicBool) -> Result<Ended, String> {
+    /// The emulator reports no sample, the reported bytes are not received, or the link is closed.
+    pub fn next(&mut self, stop: &AtomicBool) -> Result<CompletedSample, String> {
         let mut datagram = vec![0; REPORT];
-        let length = patiently(stop, || match self.truth.recv(&mut datagram) {
-            Ok(length) => Some(Ok(length)),
-            Err(error) if matches!(error.kind(), WouldBlock | TimedOut | Interrupted) => None,
-            Err(error) => Some(Err(format!("the emulator cannot be reached: {error}"))),
-        });
-        let length = length.unwrap_or_else(|| {
-            let silence_s = SILENCE.as_secs();
-            Err(format!("no sample was reported for {silence_s} s; expected an emulator that runs"))
+        let timeout_s = TIMEOUT.as_secs();
+        let silent = format!("no sample was reported for {timeout_s} s; expected a running emulator");
+        let length = wait_for(stop, &silent, || match self.truth.recv(&mut datagram) {
+            Ok(length) => Ok(Some(length)),
+            Err(error) if matches!(error.kind(), WouldBlock | TimedOut | Interrupted) => Ok(None),
+            Err(error) => Err(format!("the emulator cannot be reached: {error}")),
         })?;
         let unreadable = |what: &str| format!("a report of the emulator cannot be read: expected {what}");
         let report: Value = serde_json::from_slice(&datagram[..length]).map_err(|_| unreadable("JSON"))?;
         let whole = |key: &str| report[key].as_u64().ok_or_else(|| unreadable(key));
         let (index, sequence, bytes) = (whole("half_second")?, whole("sequence")?, self.bytes_of(&report["sent"])?);
         let mut samples: Vec<Sample> = Vec::new();
-        let is_there =
+        let is_received =
             |samples: &[Sample]| bytes == 0 || samples.iter().any(|sample| u64::from(sample.sequence) == sequence);
-        // What a link brought before the first report was of samples before: they are known by their sequence.
+        // Bytes before the first report belong to earlier samples: the sequence identifies the reported one.
         while match self.reported {
-            Some(reported) => self.taken < reported + bytes,
-            None => !is_there(&samples),
+            Some(reported) => self.received < reported + bytes,
+            None => !is_received(&samples),
         } {
-            let read = patiently(stop, || match self.read.recv_timeout(LOOK_AGAIN) {
-                Ok(read) => Some(Ok(read)),
-                Err(RecvTimeoutError::Timeout) => None,
-                Err(RecvTimeoutError::Disconnected) => {
-                    Some(Err("the link was closed: expected another sample".to_owned()))
-                }
-            });
-            let read = read.unwrap_or_else(|| {
-                let silence_s = SILENCE.as_secs();
-                Err(format!("the link is silent for {silence_s} s: expected {bytes} bytes of a sample"))
+            let silent = format!("the link is silent for {timeout_s} s: expected {bytes} bytes of a sample");
+            let read = wait_for(stop, &silent, || match self.reads.recv_timeout(POLL_INTERVAL) {
+                Ok(read) => Ok(Some(read)),
+                Err(RecvTimeoutError::Timeout) => Ok(None),
+                Err(RecvTimeoutError::Disconnected) => Err("the link was closed: expected another sample".to_owned()),
             })?;
-            self.taken += read.bytes;
+            self.received += read.bytes;
             samples.extend(read.samples);
         }
-        self.reported = Some(self.reported.map_or(self.taken, |reported| reported + bytes));
-        Ok(Ended { index, samples })
+        self.reported = Some(self.reported.map_or(self.received, |reported| reported + bytes));
+        Ok(CompletedSample { index, samples })
     }
 
-    /// Bytes that a report says of this computer's link.
+    /// Bytes on this computer's link, of a report.
     fn bytes_of(&self, sent: &Value) -> Result<u64, String> {
         let (link, peer) = &self.link;
         let is_ours = |name: &str| match (name.split_once(' '), peer) {
-            // One that listens at every address of its machine is known by its port.
+            // An emulator that listens at every address of its machine is identified by its port.
             (Some(("tcp", address)), Some(peer)) => {
                 address.parse().is_ok_and(|own: SocketAddr| own.port() == peer.port())
             }
@@ -193,59 +185,61 @@ impl Emulator {
             _ => false,
         };
         let bytes = sent.as_object().and_then(|sent| sent.iter().find(|(name, _)| is_ours(name)));
-        bytes.and_then(|(_, handed)| handed["bytes"].as_u64()).ok_or_else(|| {
-            format!("--link {link}: expected a link of the emulator at --truth, got one that it does not have: {sent}")
-        })
+        bytes
+            .and_then(|(_, handed)| handed["bytes"].as_u64())
+            .ok_or_else(|| format!("--link {link}: expected a link of the emulator at --truth: {sent}"))
     }
 
-    /// Ends a child, and waits for it: whether it was content, as with what a plan expects.
+    /// Ends the child; true if it exits with success, as with met expectations.
     ///
     /// # Errors
-    /// A child that could not run, or did not end.
+    /// The child could not run, or did not end.
     pub fn end(mut self) -> Result<bool, String> {
         let Some(mut running) = self.child.take() else { return Ok(true) };
         let _ = running.process.terminate();
         let child = &mut running.process.child;
         let asked = Instant::now();
-        while asked.elapsed() < END {
+        while asked.elapsed() < END_TIMEOUT {
             match child.try_wait() {
                 Ok(Some(status)) if matches!(status.code(), Some(0 | 1)) => return Ok(status.success()),
-                Ok(Some(status)) => return Err(format!("geu ended with {status}; what it said stands above")),
+                Ok(Some(status)) => return Err(format!("geu ended with {status}; its messages are above")),
                 _ => thread::sleep(Duration::from_millis(10)),
             }
         }
-        Err(format!("geu did not end within {} s of being asked to; it was killed", END.as_secs()))
+        Err(format!("geu did not end within {} s of SIGTERM; it was killed", END_TIMEOUT.as_secs()))
     }
 }
 
-/// A child that does not outlive this program's interest in it, and whose last words are passed on before that ends.
+/// The child. When it is dropped, it is killed and its last messages are forwarded.
 struct Running {
     process: EmulatorProcess,
-    speaker: Option<JoinHandle<()>>,
+    forwarder: Option<JoinHandle<()>>,
 }
 
 impl Drop for Running {
     fn drop(&mut self) {
         let _ = self.process.child.kill();
         let _ = self.process.child.wait();
-        self.speaker.take().map(JoinHandle::join);
+        self.forwarder.take().map(JoinHandle::join);
     }
 }
 
-/// Asks until there is an answer; none after [`SILENCE`], or when it is to stop.
-fn patiently<T>(stop: &AtomicBool, mut ask: impl FnMut() -> Option<T>) -> Option<T> {
-    let asked = Instant::now();
-    loop {
-        if let Some(answer) = ask() {
-            return Some(answer);
-        }
-        if stop.load(Relaxed) || asked.elapsed() > SILENCE {
-            return None;
+/// Polls until there is a value; an error after [`TIMEOUT`], or when the stop flag is set.
+fn wait_for<T>(
+    stop: &AtomicBool,
+    timeout_message: &str,
+    mut poll: impl FnMut() -> Result<Option<T>, String>,
+) -> Result<T, String> {
+    let start = Instant::now();
+    while !stop.load(Relaxed) && start.elapsed() <= TIMEOUT {
+        if let Some(value) = poll()? {
+            return Ok(value);
         }
     }
+    Err(timeout_message.to_owned())
 }
 
-/// Reads a link on a thread of its own.
+/// Reads a link on a thread.
 fn listen(mut stream: Box<dyn io::Read + Send>) -> Receiver<Read> {
     let (sender, reads) = sync_channel(QUEUE);
     thread::spawn(move || {

@@ -1,4 +1,4 @@
-//! The spacecraft that the on-board computer holds: a rigid body, a torque, and what disturbs it.
+//! The controlled spacecraft: a rigid body with a torque and disturbances.
 
 use nalgebra::{UnitQuaternion, Vector3};
 use rand_chacha::ChaCha8Rng;
@@ -6,16 +6,16 @@ use rand_chacha::rand_core::{Rng, SeedableRng};
 
 /// Moments of inertia about the control axes, kg m²: a telescope of a ton.
 pub const INERTIA_KG_M2: [f64; 3] = [700.0, 1000.0, 900.0];
-/// The wheels give no more about an axis, N m.
-pub const MOST_TORQUE_N_M: f64 = 0.2;
+/// Largest torque of the wheels about an axis, N m.
+pub const MAX_TORQUE_N_M: f64 = 0.2;
 /// Steady torque of the sun's pressure, N m.
 const SOLAR_N_M: [f64; 3] = [1e-5, 4e-5, -3e-5];
-/// Standard deviation of the torque that changes every step: wheels and whatever moves on board, N m.
+/// Standard deviation of the torque noise of wheels and mechanisms, N m.
 const NOISE_N_M: f64 = 5e-4;
 /// Longest step of the integration, s: at 10″/s and 0.2 N m a body turns far less than a milliarcsecond off in an hour.
 const STEP_S: f64 = 0.05;
 
-/// A rigid body in no field.
+/// A rigid body without external fields.
 pub struct Spacecraft {
     /// Control frame to inertial.
     pub attitude: UnitQuaternion<f64>,
@@ -25,16 +25,16 @@ pub struct Spacecraft {
 }
 
 impl Spacecraft {
-    /// At attitude zero, turning; what disturbs it is drawn from `seed`.
+    /// At attitude zero, with a rate; `seed` sets the disturbances.
     pub fn new(rate_rad_s: Vector3<f64>, seed: u64) -> Spacecraft {
         Spacecraft { attitude: UnitQuaternion::identity(), rate_rad_s, noise: ChaCha8Rng::seed_from_u64(seed) }
     }
 
-    /// Moves on under a torque, which is limited to what the wheels give.
+    /// Simulates `length_s` under a torque, limited to that of the wheels.
     pub fn advance(&mut self, torque_n_m: Vector3<f64>, length_s: f64) {
         let inertia = Vector3::from(INERTIA_KG_M2);
         let noise = Vector3::from_fn(|_, _| self.normal() * NOISE_N_M);
-        let commanded = torque_n_m.map(|torque| torque.clamp(-MOST_TORQUE_N_M, MOST_TORQUE_N_M));
+        let commanded = torque_n_m.map(|torque| torque.clamp(-MAX_TORQUE_N_M, MAX_TORQUE_N_M));
         let torque = commanded + noise + Vector3::from(SOLAR_N_M);
         let steps = (length_s / STEP_S).ceil().max(1.0);
         let step_s = length_s / steps;
@@ -50,7 +50,7 @@ impl Spacecraft {
         self.attitude.renormalize();
     }
 
-    /// Nearly normal: twelve uniform numbers have the variance of one.
+    /// Nearly normal: the sum of twelve uniform numbers has variance 1.
     fn normal(&mut self) -> f64 {
         let uniform = |bits: u64| (bits >> 11) as f64 / (1u64 << 53) as f64;
         (0..12).map(|_| uniform(self.noise.next_u64())).sum::<f64>() - 6.0
@@ -62,7 +62,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_torque_turns_the_body_as_its_inertia_allows_and_no_more_than_the_wheels_give() {
+    fn torque_is_limited_and_turns_the_body_by_its_inertia() {
         let mut body = Spacecraft::new(Vector3::zeros(), 1);
         for _ in 0..40 {
             body.advance(Vector3::new(7.0, 0.0, 0.0), 0.25);

@@ -1,4 +1,4 @@
-//! Where every record and every byte went.
+//! Account of every record and every byte.
 
 use std::collections::BTreeMap;
 
@@ -26,7 +26,7 @@ pub struct DecodeAccount {
     pub remarks: u64,
     /// Frames of the unit on interfaces that were not chosen.
     pub elsewhere: u64,
-    /// INCREMENTS whose STATUS was under way when reading was left off.
+    /// INCREMENTS without the STATUS, at the stop of reading.
     pub unfinished: u64,
 
     /// Serial bytes, counted where they are read.
@@ -37,38 +37,50 @@ pub struct DecodeAccount {
     pub command_bytes: u64,
     /// Bytes of REPLY frames.
     pub reply_bytes: u64,
-    /// Bytes that belong to no frame, skipped in hunting for the next sync.
+    /// Bytes outside of frames, skipped up to the next sync.
     pub resynchronised_bytes: u64,
-    /// Bytes of a frame that was under way when reading was left off.
+    /// Bytes of an incomplete frame at the stop of reading.
     pub unfinished_bytes: u64,
 
     pub defects: BTreeMap<DefectKind, u64>,
 }
 
 impl DecodeAccount {
-    /// Records and bytes that no count explains; both 0 if the account adds up.
-    pub fn missing(&self) -> (i64, i64) {
-        let defective: u64 = self.defects.iter().map(|(kind, count)| kind.records() * count).sum();
-        let records = self.decoded
-            + self.commands
-            + self.replies
-            + self.other
-            + self.remote
-            + self.fd
-            + self.error
-            + self.remarks
-            + self.elsewhere
-            + self.unfinished
-            + defective;
-        let bytes = self.decoded_bytes
-            + self.command_bytes
-            + self.reply_bytes
-            + self.resynchronised_bytes
-            + self.unfinished_bytes;
-        (self.records as i64 - records as i64, self.bytes as i64 - bytes as i64)
+    /// Each count of records, with its name.
+    pub fn record_counts(&self) -> [(&'static str, u64); 11] {
+        [
+            ("decoded", self.decoded),
+            ("command", self.commands),
+            ("reply", self.replies),
+            ("other-traffic", self.other),
+            ("other-interface", self.elsewhere),
+            ("remote", self.remote),
+            ("fd", self.fd),
+            ("error", self.error),
+            ("remark", self.remarks),
+            ("unfinished", self.unfinished),
+            ("defective", self.defects.iter().map(|(kind, count)| kind.records() * count).sum()),
+        ]
     }
 
-    /// Whether every record and byte is accounted for.
+    /// Each count of bytes, with its name.
+    pub fn byte_counts(&self) -> [(&'static str, u64); 5] {
+        [
+            ("decoded", self.decoded_bytes),
+            ("command", self.command_bytes),
+            ("reply", self.reply_bytes),
+            ("resynchronised", self.resynchronised_bytes),
+            ("unfinished", self.unfinished_bytes),
+        ]
+    }
+
+    /// Records and bytes that no count explains; both 0 if the account adds up.
+    pub fn missing(&self) -> (i64, i64) {
+        let sum = |counts: &[(&str, u64)]| counts.iter().map(|(_, count)| count).sum::<u64>() as i64;
+        (self.records as i64 - sum(&self.record_counts()), self.bytes as i64 - sum(&self.byte_counts()))
+    }
+
+    /// True if every record and byte is accounted for.
     pub fn adds_up(&self) -> bool {
         self.missing() == (0, 0)
     }

@@ -1,17 +1,17 @@
 //! CCSDS Attitude Ephemeris Message (504.0-B), KVN: one segment of quaternions, as rows of a truth.
 //!
-//! - `ATTITUDE_TYPE` `QUATERNION`, or `QUATERNION/DERIVATIVE`, whose derivatives are checked to be numbers and not used:
+//! - `ATTITUDE_TYPE` `QUATERNION`, or `QUATERNION/DERIVATIVE`; derivatives must be numbers and are not used:
 //!   between the epochs a cubic spline of the accumulated rotation holds, as for every truth from a file
 //!   ([`geu_model::attitude::Recorded`]), whatever `INTERPOLATION_METHOD` proposes.
 //! - Issue 1.0 names `ATTITUDE_DIR` and `QUATERNION_TYPE`; 2.0 has neither: from A to B, the scalar last.
-//! - One of `REF_FRAME_A` and `REF_FRAME_B` must be of the spacecraft, whose axes are taken as the control axes, the other
-//!   inertial. A rotating frame is refused.
-//! - `TIME_SYSTEM` is told and otherwise let be: only differences of epochs count. A message in UTC that runs across a leap
-//!   second is a second short there; give such a stretch in TAI.
-//! - Attitude is never made up between segments: a second one is refused.
+//! - `REF_FRAME_A` or `REF_FRAME_B` must be of the spacecraft, with the control axes, and the other inertial. A rotating frame
+//!   is refused.
+//! - `TIME_SYSTEM` is reported and not converted: only differences of epochs count. A message in UTC across a leap second is a
+//!   second short; use TAI.
+//! - Attitude is not interpolated between segments: a second segment is refused.
 //!
 //! A quaternion of CCSDS turns coordinates, frame A into frame B, by the Euler axis and angle that carry the axes of A
-//! into those of B. With A inertial and B the spacecraft, those are the axis and angle of the quaternion control frame to
+//! into the axes of B. With A inertial and B the spacecraft, those are the axis and angle of the quaternion control frame to
 //! inertial that this project uses everywhere.
 
 use std::io;
@@ -34,12 +34,12 @@ const SPACECRAFT: [&str; 7] = ["SC_BODY", "SC BODY", "INSTRUMENT", "STARTRACKER"
 /// A unit quaternion with the digits of a file.
 const NORM_TOLERANCE: f64 = 1e-3;
 
-struct Place<'a> {
+struct LinePosition<'a> {
     name: &'a str,
     line: u64,
 }
 
-impl Place<'_> {
+impl LinePosition<'_> {
     fn wrong(&self, field: &str, expected: impl Into<String>, got: &str) -> TableError {
         TableError::Field {
             name: self.name.to_owned(),
@@ -84,11 +84,11 @@ struct Meta {
     numbers: Option<usize>,
 }
 
-/// What the metadata mean for the data.
+/// Layout of the data from the metadata.
 struct Layout {
     numbers: usize,
     scalar_first: bool,
-    /// Whether the quaternion must be turned round to lead from control frame to inertial.
+    /// True if the inverse quaternion turns control frame to inertial.
     inverse: bool,
     within_ns: (i64, i64),
     useable_ns: (i64, i64),
@@ -96,7 +96,7 @@ struct Layout {
 }
 
 impl Meta {
-    fn set(&mut self, place: &Place, key: &str, value: &str) -> Result<(), TableError> {
+    fn set(&mut self, place: &LinePosition, key: &str, value: &str) -> Result<(), TableError> {
         match key {
             "REF_FRAME_A" => self.frame_a = Some(value.to_ascii_uppercase()),
             "REF_FRAME_B" => self.frame_b = Some(value.to_ascii_uppercase()),
@@ -118,7 +118,7 @@ impl Meta {
     }
 
     /// `first_issue`: direction and place of the scalar must be named.
-    fn layout(self, place: &Place, first_issue: bool) -> Result<Layout, TableError> {
+    fn layout(self, place: &LinePosition, first_issue: bool) -> Result<Layout, TableError> {
         let missing = |field: &str| place.wrong(field, format!("{field} in the metadata"), "none");
         let (a, b) =
             (self.frame_a.ok_or_else(|| missing("REF_FRAME_A"))?, self.frame_b.ok_or_else(|| missing("REF_FRAME_B"))?);
@@ -155,7 +155,7 @@ impl Meta {
 
 impl Layout {
     /// Epoch and quaternion control frame to inertial of a line of data.
-    fn read(&self, place: &Place, text: &str) -> Result<(i64, UnitQuaternion<f64>), TableError> {
+    fn read(&self, place: &LinePosition, text: &str) -> Result<(i64, UnitQuaternion<f64>), TableError> {
         let mut fields = text.split_ascii_whitespace();
         let epoch = fields.next().unwrap_or_default();
         let t_ns = place.epoch("epoch", epoch)?;
@@ -185,7 +185,7 @@ impl Layout {
     }
 }
 
-/// Reads the lines of a message; `name` is what errors call it.
+/// Reads the lines of a message; errors call it `name`.
 pub(crate) fn parse(
     name: &str,
     all: impl Iterator<Item = io::Result<String>>,
@@ -193,7 +193,7 @@ pub(crate) fn parse(
     let (mut part, mut first_issue, mut meta, mut layout) = (Part::Header, true, Meta::default(), None);
     let (mut rows, mut lines, mut before) = (Vec::new(), Vec::new(), None);
     let mut start_ns = None;
-    let mut place = Place { name, line: 0 };
+    let mut place = LinePosition { name, line: 0 };
     for line in all {
         let line = line.map_err(TableError::read(name, REFERENCE))?;
         place.line += 1;
@@ -251,9 +251,9 @@ pub(crate) fn parse(
 /// An epoch, calendar or day of year, as ns since 1970 in its own time system.
 fn epoch_ns(text: &str) -> Option<i64> {
     let (date, time) = text.strip_suffix('Z').unwrap_or(text).split_once('T')?;
-    let number = |text: &str, length: usize, least: i64, greatest: i64| {
+    let number = |text: &str, length: usize, min: i64, max: i64| {
         let all_digits = text.len() == length && text.bytes().all(|byte| byte.is_ascii_digit());
-        text.parse::<i64>().ok().filter(|number| all_digits && (least..=greatest).contains(number))
+        text.parse::<i64>().ok().filter(|number| all_digits && (min..=max).contains(number))
     };
     let (year, rest) = date.split_once('-')?;
     let year = number(year, 4, 1583, 9999)?;
@@ -334,7 +334,7 @@ mod tests {
     }
 
     #[test]
-    fn epochs_are_told_in_their_own_time_system_and_useable_ones_alone_taken() {
+    fn only_useable_epochs_are_read_and_the_time_system_is_reported() {
         let meta = META.replace("STOP_TIME", "USEABLE_START_TIME = 2026-03-31T05:00:01\nSTOP_TIME");
         let reference = ReferenceAttitude::parse("m.aem", &format!("{HEADER}{meta}{}", plain())).expect("a message");
         // date -u -d 2026-03-31T05:00:01 +%s
@@ -356,7 +356,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_told_with_its_line() {
+    fn errors_name_their_line() {
         let good = format!("{HEADER}{META}{}", plain());
         // Metadata end on line 17; rows stand on 19…29.
         for (text, part) in [

@@ -56,7 +56,7 @@ impl IntervalStatistics {
         if self.count < 2 { 0.0 } else { (self.squares / (self.count - 1) as f64).sqrt() * 1e-9 }
     }
 
-    /// Median, s; nothing where it is a second or more.
+    /// Median, s; `None` from one second on.
     pub fn median_s(&self) -> Option<f64> {
         let mut left = (self.count.div_ceil(2)).checked_sub(self.below)?;
         for (bin, &count) in self.bins.iter().enumerate() {

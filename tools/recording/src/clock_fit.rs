@@ -8,7 +8,7 @@ const NS_PER_COUNT: i64 = 1_000_000_000 / (2 * CLOCK_PER_SAMPLE as i64);
 /// Correlation of neighbouring residuals above which the inflation of sigma is not followed.
 const MAX_CORRELATION: f64 = 0.99;
 
-/// How fast the unit's clock is.
+/// Rate of the unit's clock.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ClockRate {
     /// Parts per million by which it is fast: samples last 0.5/(1+ε) s.
@@ -17,11 +17,11 @@ pub struct ClockRate {
     pub residual_s: f64,
     pub correlation: f64,
     pub points: u64,
-    /// Stretches with an intercept of their own.
+    /// Segments, each with its own intercept.
     pub segments: u64,
 }
 
-/// Ordinary least squares, computed while the rows come.
+/// Linear regression, updated with each row.
 ///
 /// x is the clock count and y the receive time less the count, both in seconds from the first point of the segment; so
 /// the slope is the small deviation itself and nothing large cancels.
@@ -39,7 +39,7 @@ struct Moments {
     xx: f64,
     xy: f64,
     yy: f64,
-    /// The same over neighbours: x·x⁺, x·y⁺ + y·x⁺, y·y⁺.
+    /// Sums over neighbours: x·x⁺, x·y⁺ + y·x⁺, y·y⁺.
     next_xx: f64,
     next_xy: f64,
     next_yy: f64,

@@ -14,12 +14,11 @@ use geu_protocol::serial::{Deframer, DeframerEvent, FrameType, frame, read_data}
 use geu_protocol::{Assembler, CanIdMap, Reply, Sample};
 use nix::libc;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
-use nix::sys::termios::{SetArg, cfmakeraw, cfsetspeed, tcgetattr, tcsetattr};
 use socketcan::{CanFilter, CanSocket, EmbeddedFrame, Id, Socket, SocketOptions, StandardId};
 
-use crate::live::baud_rate;
+use crate::live::set_raw;
 
-/// The opcode whose reply data follow.
+/// Opcode of POLL: data follow its reply.
 pub const POLL: u8 = 0x03;
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
 
@@ -34,24 +33,21 @@ impl CommandLink {
     /// Opens a pty or serial device, in raw mode.
     ///
     /// # Errors
-    /// What cannot be opened, or is no device.
+    /// A path that cannot be opened, or is no device.
     pub fn serial(device: &Path, baud: u32) -> io::Result<CommandLink> {
         let mut options = OpenOptions::new();
         let file = options.read(true).write(true).custom_flags(libc::O_NOCTTY | libc::O_NONBLOCK).open(device)?;
         if !file.metadata()?.file_type().is_char_device() {
             return Err(io::Error::new(io::ErrorKind::InvalidInput, "is not a device"));
         }
-        let mut termios = tcgetattr(&file)?;
-        cfmakeraw(&mut termios);
-        cfsetspeed(&mut termios, baud_rate(baud)?)?;
-        tcsetattr(&file, SetArg::TCSANOW, &termios)?;
+        set_raw(&file, baud)?;
         Ok(CommandLink::Serial(file))
     }
 
     /// Connects over TCP.
     ///
     /// # Errors
-    /// Nobody who listens there.
+    /// No listener at the address.
     pub fn tcp(address: &SocketAddr) -> io::Result<CommandLink> {
         let stream = TcpStream::connect_timeout(address, CONNECT_TIMEOUT)?;
         stream.set_nodelay(true)?;
@@ -90,15 +86,15 @@ type Answer = (Option<Reply>, Option<Sample>);
 fn ask_bytes(link: &mut (impl Read + Write + AsFd), payload: &[u8], give_up: Instant) -> io::Result<Answer> {
     let (mut reply, mut polled) = (None, None);
     link.write_all(&frame(FrameType::Command, payload))?;
-    let (mut deframer, mut buffer, mut piece) = (Deframer::default(), Vec::new(), [0; 256]);
+    let (mut deframer, mut buffer, mut chunk) = (Deframer::default(), Vec::new(), [0; 256]);
     while !is_complete(reply.as_ref(), polled.as_ref()) && wait(link, give_up)? {
-        let length = match link.read(&mut piece) {
+        let length = match link.read(&mut chunk) {
             Ok(0) => return Err(io::ErrorKind::UnexpectedEof.into()),
             Ok(length) => length,
             Err(error) if error.kind() == io::ErrorKind::WouldBlock => continue,
             Err(error) => return Err(error),
         };
-        buffer.extend_from_slice(&piece[..length]);
+        buffer.extend_from_slice(&chunk[..length]);
         let used = deframer.consume(&buffer, &mut |found| match found {
             DeframerEvent::Frame { kind: FrameType::Reply, payload: bytes, .. } if reply.is_none() => {
                 reply = Reply::read(bytes).filter(|reply| reply.opcode() == payload[0]);
@@ -141,7 +137,7 @@ fn is_complete(reply: Option<&Reply>, polled: Option<&Sample>) -> bool {
     reply.is_some_and(|reply| reply.opcode() != POLL || reply.outcome() != CommandResult::Done || polled.is_some())
 }
 
-/// Waits until there is something to read; false when time is over.
+/// Waits until bytes are available; false at the deadline.
 fn wait(source: &impl AsFd, give_up: Instant) -> io::Result<bool> {
     let left = give_up.saturating_duration_since(Instant::now());
     let milliseconds = PollTimeout::try_from(left + Duration::from_micros(999)).unwrap_or(PollTimeout::MAX);

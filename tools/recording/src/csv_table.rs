@@ -1,4 +1,4 @@
-//! CSV tables with a header, whatever they hold: columns by name, numbers with the place of what is none.
+//! CSV tables with a header: columns by name, numbers with positions of errors.
 //!
 //! Every table of a recording is read through this: reference attitudes, rates, manoeuvres, absolute sensors.
 
@@ -33,7 +33,7 @@ impl TableError {
     }
 }
 
-/// A table under way; [`CsvTable::read`] moves to the next row.
+/// A table at one of its rows; [`CsvTable::read`] moves to the next.
 pub struct CsvTable<R> {
     name: String,
     header: csv::StringRecord,
@@ -50,7 +50,7 @@ impl<R: Read> CsvTable<R> {
         CsvTable::build(name, rows, csv::ReaderBuilder::new().comment(Some(b'#')))
     }
 
-    /// As [`CsvTable::new`], with rows that may end early; the missing fields are empty.
+    /// Reads the header of a table with rows that may end early; the missing fields are empty.
     ///
     /// # Errors
     /// A header that cannot be read.
@@ -72,7 +72,7 @@ impl<R: Read> CsvTable<R> {
     /// Places of all these columns.
     ///
     /// # Errors
-    /// One that is missing.
+    /// A missing column.
     pub fn columns<const N: usize>(&self, titles: [&str; N]) -> Result<[usize; N], TableError> {
         let mut places = [0; N];
         for (place, title) in places.iter_mut().zip(titles) {

@@ -1,4 +1,4 @@
-//! What is wrong with an input, with place and bytes.
+//! Defects of inputs, with position and bytes.
 
 use geu_protocol::can::CanDefect;
 use geu_protocol::capture::{RecordPosition, Timestamp};
@@ -10,16 +10,16 @@ pub enum DefectKind {
     Can(CanDefect),
     /// With bytes behind a serial sync.
     Serial(SerialDefect),
-    /// Serial bytes in which no sync stands.
+    /// Serial bytes without a sync.
     Noise,
-    /// Serial DATA whose clock does not follow: CRC and sync may match by accident.
+    /// Serial DATA with a clock that does not follow: CRC and sync may match by accident.
     ClockInconsistent,
     /// A line or packet that does not follow its format.
     BrokenRecord,
     /// The input ends inside a line or packet.
     CutRecord,
     SequenceGap,
-    /// A sequence that stands in no relation to the one before.
+    /// A sequence that does not follow.
     SequenceJump,
     /// Received before the row before it.
     TimeBackwards,
@@ -43,7 +43,7 @@ impl DefectKind {
         }
     }
 
-    /// How many records (lines, packets, frames) of a capture one such defect accounts for.
+    /// Number of records (lines, packets, frames) of a capture in one such defect.
     pub(crate) const fn records(self) -> u64 {
         match self {
             DefectKind::Can(defect) => defect.frames(),

@@ -1,4 +1,4 @@
-//! Opening an input: what it is, and what can be wrong with it.
+//! Opening of inputs, and their errors.
 
 use std::fs::{self, File};
 use std::io::{self, Cursor, Read};
@@ -9,7 +9,7 @@ use std::path::Path;
 use std::sync::mpsc;
 use std::thread;
 
-use geu_protocol::capture::Foreign;
+use geu_protocol::capture::{Foreign, Format};
 use thiserror::Error;
 
 use crate::input_reader::Stop;
@@ -52,27 +52,22 @@ pub enum InputError {
         name: String,
         container: &'static str,
         offset: u64,
-        /// Bytes of it that are there.
+        /// Bytes of it in the file.
         got: u64,
     },
-    /// Nothing in it.
+    /// An empty input.
     #[error("{name}: is empty: expected a capture, got {got}")]
     Empty { name: String, got: String },
-    /// A format that is known, and not read.
+    /// A known format without a reader.
     #[error("{name}: {foreign}")]
-    Foreign {
-        name: String,
-        /// What it is, and what makes a capture of it.
-        foreign: &'static Foreign,
-    },
+    Foreign { name: String, foreign: &'static Foreign },
     /// Text in no known format.
-    #[error(
-        "{name}: line 1: expected a candump log, candump output or Vector ASC, got {got}; --input-format names a format"
-    )]
+    #[error("{name}: line 1: expected {}, got {got}; --input-format selects a format", Format::titles(true))]
     UnknownText { name: String, got: String },
     /// Binary without a frame.
     #[error(
-        "{name}: offset 0 to {length}: expected pcap, pcapng or serial frames EB 90 … with a matching CRC, got none; it begins {got}"
+        "{name}: offset 0 to {length}: expected {} with a matching CRC, got none; it begins {got}",
+        Format::titles(false)
     )]
     NoFrame { name: String, length: u64, got: String },
 }
@@ -94,10 +89,10 @@ pub(crate) struct Unpacked<'a> {
 
 const GZIP: [u8; 2] = [0x1F, 0x8B];
 const ZSTD: [u8; 4] = [0x28, 0xB5, 0x2F, 0xFD];
-/// Window that a zstd file may ask for, as a power of two: the largest that `zstd` writes without being told so.
+/// Largest window of a zstd file, as a power of two: the largest that `zstd` writes by default.
 const ZSTD_WINDOW_LOG: u32 = 27;
 
-/// Whether what `name` names is no regular file: what is lost of it cannot be read again.
+/// True if `name` is no regular file: lost data cannot be read again.
 pub fn is_live(name: &str) -> bool {
     let metadata = match name {
         "-" => io::stdin().as_fd().try_clone_to_owned().and_then(|stdin| File::from(stdin).metadata()),
@@ -105,12 +100,11 @@ pub fn is_live(name: &str) -> bool {
     };
     match metadata {
         Ok(metadata) => !metadata.is_file(),
-        // What is not there at all is neither.
         Err(_) => nix::net::if_::if_nametoindex(name).is_ok() || is_address(name),
     }
 }
 
-/// Opens what `name` names; an existing path beats an interface of the same name.
+/// Opens an input by its name; an existing path has precedence over an interface.
 pub(crate) fn open<'a>(name: &str, baud: Option<u32>, stop: Stop<'a>) -> Result<Source<'a>, InputError> {
     let failed = |source| InputError::Open { name: name.to_owned(), source };
     let recording = |file: File| {
@@ -122,7 +116,7 @@ pub(crate) fn open<'a>(name: &str, baud: Option<u32>, stop: Stop<'a>) -> Result<
         Ok(Source::Bytes { bytes: unpack(stream)?, is_live: true })
     };
     if name == "-" {
-        // Not the buffered standard input: what waits in a buffer cannot be waited for.
+        // Not the buffered standard input: `poll` does not see its buffer.
         let stdin = File::from(io::stdin().as_fd().try_clone_to_owned().map_err(failed)?);
         let is_file = stdin.metadata().is_ok_and(|metadata| metadata.is_file());
         return if is_file { recording(stdin) } else { live(Stream::new(stdin, stop)) }.map_err(failed);
@@ -134,7 +128,7 @@ pub(crate) fn open<'a>(name: &str, baud: Option<u32>, stop: Stop<'a>) -> Result<
             return match interface(name) {
                 Err(InputError::Missing { .. }) if is_address(name) => match connect(name, stop) {
                     Ok(Some(socket)) => live(Stream::new(socket, stop)).map_err(failed),
-                    // Asked to end before it was connected: of a link that is nothing at all.
+                    // Stopped before it was connected: an empty input.
                     Ok(None) => Ok(Source::Bytes { bytes: unpack(io::empty()).map_err(failed)?, is_live: true }),
                     Err(error) if error.kind() == io::ErrorKind::NotFound => {
                         Err(InputError::Missing { name: name.to_owned() })
@@ -158,7 +152,7 @@ pub(crate) fn open<'a>(name: &str, baud: Option<u32>, stop: Stop<'a>) -> Result<
         .map_err(failed)
 }
 
-/// Says that this is read, so that no output is written over it.
+/// Registers an input, so that no output overwrites it.
 pub(crate) fn claim(name: &str, file: &File) -> io::Result<()> {
     geu_files::claim_input(name, &file.metadata()?).map_err(io::Error::other)
 }
@@ -168,8 +162,7 @@ fn is_address(name: &str) -> bool {
         .is_some_and(|(host, port)| !host.is_empty() && !host.contains('/') && port.parse::<u16>().is_ok())
 }
 
-/// Connects, no longer than until it is to stop; nothing where somebody asked for that. Neither a resolver nor a machine that does not
-/// answer can be asked to.
+/// Connects; `None` if stopped before. A thread waits for the resolver and the peer, because neither can be interrupted.
 fn connect(address: &str, stop: Stop) -> io::Result<Option<File>> {
     let address = address.strip_prefix("tcp:").unwrap_or(address).to_owned();
     let (sender, connected) = mpsc::channel();
@@ -196,17 +189,17 @@ fn interface(name: &str) -> Result<Source<'static>, InputError> {
     Ok(Source::Can(socket))
 }
 
-/// Looks through gzip and zstd, told by their first bytes.
+/// Decompresses gzip and zstd, detected by their first bytes.
 pub(crate) fn unpack<'a>(mut reader: impl Read + 'a) -> io::Result<Unpacked<'a>> {
     let mut head = Vec::new();
-    // The first bytes tell; a live stream may begin with fewer, and may end with them.
+    // A live stream may deliver fewer bytes at first, or in all.
     while head.len() < ZSTD.len() && (ZSTD.starts_with(&head) || GZIP.starts_with(&head)) {
         let mut byte = [0];
         match reader.read(&mut byte) {
             Ok(0) => break,
             Ok(_) => head.push(byte[0]),
             Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-            // It is to stop; whoever reads on is told so again.
+            // Stopped; the next read fails again.
             Err(error) if error.kind() == io::ErrorKind::WouldBlock => break,
             Err(error) => return Err(error),
         }

@@ -15,15 +15,15 @@ use crate::row::Sink;
 use crate::summary::DecodeSummary;
 
 const CHUNK: usize = 1 << 20;
-/// Bytes at most from which a format is told.
+/// Bytes from which a format is detected, at most.
 const HEAD: usize = 1 << 16;
-/// A live read sees a request to stop after so long at most.
+/// Interval at which a live read checks for a stop.
 const WAIT: Duration = Duration::from_millis(100);
-/// Serial bytes from the start of an input after which it is no recording where they hold no frame: noise for an hour and a half at the
-/// default rate. What has no end, a device or a kilobyte of gzip that holds gigabytes, is refused too.
+/// Serial bytes without a frame after which an input is refused: noise for an hour and a half at the default rate. It also
+/// bounds endless inputs, such as devices or a kilobyte of gzip with gigabytes of content.
 const MAX_WITHOUT_FRAME: u64 = 64 << 20;
-/// Bytes of an unknown input that its error tells.
-const TOLD: usize = 16;
+/// Bytes of an unknown input in its error.
+const MAX_EXCERPT: usize = 16;
 
 /// When to stop before the end.
 #[derive(Debug, Clone, Copy, Default)]
@@ -97,7 +97,7 @@ impl<'a> InputReader<'a> {
         (summary, result)
     }
 
-    /// Whether it was asked to stop, or its time is over.
+    /// True after a request to stop or at the deadline.
     pub fn is_stopped(&self) -> bool {
         self.stop.is_due()
     }
@@ -155,12 +155,12 @@ impl<'a> InputReader<'a> {
                     return Err(no_frame(name, *length, head));
                 }
             }
-            // Nothing before the first row: an input that is refused leaves no header.
+            // Only after the first row: an input that is refused leaves no header.
             if is_live && self.decoder.summary().rows > 0 {
                 sink.flush();
             }
         }
-        // What was under way then is no record, and no defect either.
+        // An incomplete record is then neither a record nor a defect.
         let is_stopped = self.is_done(sink);
         let rest = &buffer[..filled];
         if target.is_none() && filled > 0 {
@@ -178,9 +178,7 @@ impl<'a> InputReader<'a> {
                     Target::Serial { head, length } => {
                         self.serial.get_or_insert_with(|| (name.to_owned(), *length, std::mem::take(head)));
                     }
-                    Target::Capture { container: Some(container), cut: Some(at), .. }
-                        if failure.is_none() && !is_stopped =>
-                    {
+                    Target::Capture { format: container, cut: Some(at), .. } if failure.is_none() && !is_stopped => {
                         let (name, got) = (name.to_owned(), offset.saturating_sub(*at));
                         failure = Some(InputError::Cut { name, container, offset: *at, got });
                     }
@@ -197,16 +195,11 @@ impl<'a> InputReader<'a> {
         }
     }
 
-    fn target(&mut self, format: Format) -> Target {
-        self.decoder.describe(format.name());
-        match format {
-            Format::Serial => Target::Serial { head: Vec::new(), length: 0 },
-            format => Target::Capture {
-                reader: Box::new(Reader::new(format)),
-                frames: 0,
-                container: matches!(format, Format::Pcap | Format::Pcapng).then(|| format.name()),
-                cut: None,
-            },
+    fn target(&mut self, format: &'static Format) -> Target {
+        self.decoder.describe(format.name);
+        match format.reader() {
+            Some(reader) => Target::Capture { reader, frames: 0, format: format.name, cut: None },
+            None => Target::Serial { head: Vec::new(), length: 0 },
         }
     }
 
@@ -249,7 +242,7 @@ impl<'a> InputReader<'a> {
                             self.decoder.dropped(place, dropped, sink);
                         }
                     }
-                    Received::Nothing => break,
+                    Received::Empty => break,
                 }
                 if self.is_done(sink) {
                     break;
@@ -261,14 +254,13 @@ impl<'a> InputReader<'a> {
     }
 }
 
-/// What takes the bytes of an input.
+/// Destination of the bytes of an input.
 enum Target {
     Capture {
-        reader: Box<Reader>,
+        reader: Box<dyn Reader>,
         frames: u64,
-        /// Name of the format where it is a binary container.
-        container: Option<&'static str>,
-        /// Offset of a record inside which the capture ends.
+        format: &'static str,
+        /// Offset of a record inside which the binary capture ends.
         cut: Option<u64>,
     },
     Serial {
@@ -280,13 +272,13 @@ enum Target {
 impl Target {
     fn consume(&mut self, bytes: &[u8], decoder: &mut Decoder, sink: &mut impl Sink) -> usize {
         match self {
-            Target::Capture { reader, frames, .. } => reader.consume(bytes, &mut |place, event| {
+            Target::Capture { reader, frames, .. } => reader.read(bytes, false, &mut |place, event| {
                 *frames += u64::from(!matches!(event, CaptureRecord::Remark));
                 sink.record(&event);
                 decoder.event(place, event, sink);
             }),
             Target::Serial { head, length } => {
-                let missing = TOLD.saturating_sub(head.len()).min(bytes.len());
+                let missing = MAX_EXCERPT.saturating_sub(head.len()).min(bytes.len());
                 head.extend_from_slice(&bytes[..missing]);
                 *length += bytes.len() as u64;
                 sink.bytes(bytes);
@@ -296,8 +288,7 @@ impl Target {
         }
     }
 
-    /// Takes the last bytes, which may end inside a record where it was stopped; tells what there is instead
-    /// where it holds no record at all.
+    /// Reads the last bytes, which may end inside a record if stopped. Returns the content in words if it has no record.
     fn finish(
         &mut self,
         bytes: &[u8],
@@ -307,7 +298,7 @@ impl Target {
     ) -> Option<String> {
         match self {
             Target::Capture { reader, frames, cut, .. } => {
-                let mut tell = |place, event: CaptureRecord| {
+                let mut report = |place, event: CaptureRecord| {
                     if let (RecordPosition::Offset(at), CaptureRecord::Broken { cut: true, .. }) = (place, event) {
                         *cut = Some(at);
                     }
@@ -315,10 +306,7 @@ impl Target {
                     sink.record(&event);
                     decoder.event(place, event, sink);
                 };
-                match is_stopped {
-                    true => _ = reader.consume(bytes, &mut tell),
-                    false => reader.finish(bytes, &mut tell),
-                }
+                reader.read(bytes, !is_stopped, &mut report);
                 decoder.count_records(reader.records());
                 (*frames == 0).then(|| format!("{} records, none of them a CAN frame", reader.records()))
             }

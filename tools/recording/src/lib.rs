@@ -1,11 +1,11 @@
 //! Opens any input, file or live link, and yields samples and defects.
 //!
-//! [`InputReader`] opens inputs one after the other and gives their bytes to a [`Decoder`]; that tells rows and defects to
-//! a [`Sink`] and keeps the [`DecodeSummary`]. Memory stays flat, however long the input.
+//! [`InputReader`] opens inputs one after the other and passes their bytes to a [`Decoder`], which reports rows and defects to
+//! a [`Sink`] and keeps the [`DecodeSummary`]. Memory is constant for inputs of any length.
 //!
 //! ```
 //! use geu_recording::{Decoder, Defect, DecoderOptions, ReceivedSample, Sink};
-//! use geu_protocol::capture::{Format, Reader};
+//! use geu_protocol::capture::Format;
 //!
 //! #[derive(Default)]
 //! struct Rows(Vec<ReceivedSample>);
@@ -21,8 +21,8 @@
 //! let log = b"(0.5) can0 1A0#FFFEFFFE00050005\n(0.5) can0 1A1#00000F070810DD5E\n(0.5) can0 1A2#00000007A1201B58\n";
 //! let (mut decoder, mut rows) = (Decoder::new(&DecoderOptions::default()), Rows::default());
 //! decoder.begin("example.log", &mut rows);
-//! let mut reader = Reader::new(Format::Candump);
-//! reader.finish(log, &mut |place, event| decoder.event(place, event, &mut rows));
+//! let mut reader = Format::from_name("candump").unwrap().reader().unwrap();
+//! reader.read(log, true, &mut |position, record| decoder.event(position, record, &mut rows));
 //! decoder.count_records(reader.records());
 //! let summary = decoder.finish(&mut rows);
 //! assert_eq!(rows.0[0].sample.increments, [-2, -2, 5, 5]);

@@ -1,4 +1,4 @@
-//! Live links: a CAN socket with the kernel's receive times, a serial port, and streams of bytes that come when they come.
+//! Live links: a CAN socket with the kernel's receive times, a serial port, and streams of bytes.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, IoSliceMut, IsTerminal, Read};
@@ -7,7 +7,7 @@ use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use geu_protocol::capture::{CaptureRecord, Timestamp, frame_of_socketcan};
+use geu_protocol::capture::{CaptureRecord, Timestamp, socketcan_record};
 use geu_protocol::serial::DEFAULT_BAUD;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::socket::{ControlMessageOwned, MsgFlags, recvmsg, setsockopt, sockopt};
@@ -16,7 +16,7 @@ use socketcan::{Socket, SocketOptions};
 
 use crate::input_reader::Stop;
 
-/// Waits until bytes can be read, or `timeout` is over; a signal ends it too.
+/// Waits until bytes can be read, for `timeout` at most; a signal ends it too.
 pub(crate) fn wait_readable(descriptor: RawFd, timeout: Duration) -> bool {
     // SAFETY: the descriptor belongs to a source that outlives the call.
     let descriptor = unsafe { BorrowedFd::borrow_raw(descriptor) };
@@ -64,7 +64,7 @@ impl Read for Stream<'_> {
     }
 }
 
-/// A time cut to microseconds, as candump tells it.
+/// A time cut to microseconds, as in candump logs.
 fn microseconds(t_ns: i64) -> Timestamp {
     Timestamp { t_ns: t_ns - t_ns.rem_euclid(1_000), digits: 6 }
 }
@@ -78,16 +78,16 @@ fn now() -> Timestamp {
 pub(crate) struct CanSocket {
     socket: socketcan::CanFdSocket,
     name: String,
-    /// Frames the socket dropped so far, as the kernel counts.
+    /// Frames dropped by the socket, from the kernel's counter.
     dropped: u32,
 }
 
-/// What a CAN socket gave.
+/// Result of a CAN socket.
 pub(crate) enum Received {
-    /// One frame, and how many the socket dropped before it.
+    /// One frame, and the number dropped before it.
     Frame { dropped: u64 },
-    /// Nothing now.
-    Nothing,
+    /// No frame available.
+    Empty,
 }
 
 impl CanSocket {
@@ -106,16 +106,16 @@ impl CanSocket {
         self.socket.as_raw_fd()
     }
 
-    /// Receives one frame and tells it, with the kernel's receive time.
-    pub fn receive(&mut self, tell: &mut impl FnMut(CaptureRecord)) -> io::Result<Received> {
+    /// Receives one frame and reports it, with the kernel's receive time.
+    pub fn receive(&mut self, sink: &mut impl FnMut(CaptureRecord)) -> io::Result<Received> {
         let mut frame = [0; size_of::<nix::libc::canfd_frame>()];
         let mut control = nix::cmsg_space!(nix::sys::time::TimeSpec, u32);
         let mut parts = [IoSliceMut::new(&mut frame)];
         let message = match recvmsg::<()>(self.descriptor(), &mut parts, Some(&mut control), MsgFlags::empty()) {
             Ok(message) => message,
-            Err(nix::Error::EAGAIN | nix::Error::EINTR) => return Ok(Received::Nothing),
+            Err(nix::Error::EAGAIN | nix::Error::EINTR) => return Ok(Received::Empty),
             // The interface is down; it may come up again.
-            Err(nix::Error::ENETDOWN) => return Ok(Received::Nothing),
+            Err(nix::Error::ENETDOWN) => return Ok(Received::Empty),
             Err(error) => return Err(error.into()),
         };
         let (mut time, mut dropped) = (None, self.dropped);
@@ -135,8 +135,8 @@ impl CanSocket {
         let id = frame.first_chunk().map_or(0, |bytes| u32::from_ne_bytes(*bytes));
         let is_fd = length > size_of::<nix::libc::can_frame>();
         let event =
-            if is_fd { Some(CaptureRecord::Fd) } else { frame_of_socketcan(id, time, self.name.as_bytes(), frame) };
-        tell(event.unwrap_or(CaptureRecord::Broken { bytes: frame, cut: false }));
+            if is_fd { Some(CaptureRecord::Fd) } else { socketcan_record(id, time, self.name.as_bytes(), frame) };
+        sink(event.unwrap_or(CaptureRecord::Broken { bytes: frame, cut: false }));
         Ok(Received::Frame { dropped: lost.into() })
     }
 }
@@ -148,20 +148,15 @@ pub(crate) struct SerialPort {
 }
 
 impl SerialPort {
-    /// Opens a terminal device; nothing where the device is none.
+    /// Opens a terminal device; `None` for another device.
     pub fn open(path: &Path, baud: Option<u32>) -> io::Result<Option<SerialPort>> {
         let flags = nix::libc::O_NOCTTY | nix::libc::O_NONBLOCK;
         let file = OpenOptions::new().read(true).custom_flags(flags).open(path)?;
         if !file.is_terminal() {
             return Ok(None);
         }
-        let before = tcgetattr(&file)?;
-        let mut raw = before.clone();
-        cfmakeraw(&mut raw);
-        let rate = baud_rate(baud.unwrap_or(DEFAULT_BAUD))?;
-        cfsetspeed(&mut raw, rate)?;
-        tcsetattr(&file, SetArg::TCSANOW, &raw)?;
-        // What waits is older than its receive time would say.
+        let before = set_raw(&file, baud.unwrap_or(DEFAULT_BAUD))?;
+        // Bytes in the buffer are older than their receive time would be.
         tcflush(&file, FlushArg::TCIFLUSH)?;
         Ok(Some(SerialPort { file, before }))
     }
@@ -170,7 +165,7 @@ impl SerialPort {
         self.file.as_raw_fd()
     }
 
-    /// Reads what is there, with the time; nothing at the end (the other side of a pty is closed, a device unplugged).
+    /// Reads available bytes, with the time; `None` at the end (the other side of a pty closed, a device unplugged).
     pub fn read(&mut self, buffer: &mut [u8]) -> io::Result<Option<(usize, Timestamp)>> {
         match self.file.read(buffer) {
             Ok(0) => Ok(None),
@@ -190,7 +185,17 @@ impl Drop for SerialPort {
     }
 }
 
-pub(crate) fn baud_rate(baud: u32) -> io::Result<BaudRate> {
+/// Sets a terminal to raw mode and returns its settings before.
+pub(crate) fn set_raw(file: &File, baud: u32) -> io::Result<Termios> {
+    let before = tcgetattr(file)?;
+    let mut raw = before.clone();
+    cfmakeraw(&mut raw);
+    cfsetspeed(&mut raw, baud_rate(baud)?)?;
+    tcsetattr(file, SetArg::TCSANOW, &raw)?;
+    Ok(before)
+}
+
+fn baud_rate(baud: u32) -> io::Result<BaudRate> {
     Ok(match baud {
         1_200 => BaudRate::B1200,
         2_400 => BaudRate::B2400,

@@ -6,8 +6,8 @@ use crate::{DecodeSummary, DefectKind};
 /// Identifiers listed at most.
 const MAX_IDS: usize = 8;
 
-/// Why inputs gave no sample, and what to do, where all that was read is other traffic or defects.
-pub fn no_rows_reason(summary: &DecodeSummary, plan: CanIdMap, format: Option<Format>) -> Option<String> {
+/// Reason why inputs gave no sample, and advice; `None` if they gave samples or have no content.
+pub fn no_rows_reason(summary: &DecodeSummary, plan: CanIdMap, format: Option<&Format>) -> Option<String> {
     let account = &summary.account;
     if summary.rows > 0 || account.elsewhere > 0 || account.records + account.bytes == 0 {
         return None;
@@ -30,8 +30,8 @@ pub fn no_rows_reason(summary: &DecodeSummary, plan: CanIdMap, format: Option<Fo
         let records = account.records;
         return Some(match format {
             Some(format) => {
-                let name = format.name();
-                format!("--input-format {name} found no record, {defects}; without it the content tells the format")
+                let name = format.name;
+                format!("--input-format {name} found no record, {defects}; without it the content selects the format")
             }
             None => format!("no sample: expected CAN frames, got {records} records without any, {defects}"),
         });

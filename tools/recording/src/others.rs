@@ -1,4 +1,4 @@
-//! Which identifiers there are before the first row, and which of them may be the unit's.
+//! Identifiers before the first row, and the likely base of the unit.
 
 use std::collections::BTreeSet;
 
@@ -14,7 +14,7 @@ pub struct Others(Vec<Seen>);
 #[derive(Debug, Clone, Copy, Default)]
 struct Seen {
     frames: u64,
-    /// How many of them are STATUS of what came last under the identifier before: their CRC says so.
+    /// Number of STATUS among them: their CRC covers the last frame of the identifier before.
     status: u64,
     last: [u8; 8],
 }
@@ -40,7 +40,7 @@ impl Others {
         (0..).zip(&self.0).filter(|(_, seen)| seen.frames > 0).map(|(id, _)| id).collect()
     }
 
-    /// The base under which most frames are the unit's, where most of an identifier are.
+    /// The base with most STATUS frames; `None` if they are a minority of every identifier.
     pub fn likely(&self) -> Option<CanIdMap> {
         let statuses = (0..).zip(&self.0).filter(|(_, seen)| seen.status * 2 > seen.frames);
         statuses.max_by_key(|(_, seen)| seen.status).and_then(|(id, _): (u16, _)| CanIdMap::with_base(id - 1))

@@ -1,7 +1,7 @@
-//! Independent rates beside gyros, as CSV: rows with times, or a table of windows as a description tells it.
+//! Reference rates for gyros, as CSV: rows with times, or a table of windows as described.
 //!
 //! Rows with times have `t_s` and `rate_arcsec_s` (the magnitude) or `rate_x_arcsec_s`, `rate_y_arcsec_s`,
-//! `rate_z_arcsec_s`; each stands for the stretch of the median spacing that ends at its time. A table of windows
+//! `rate_z_arcsec_s`; each is the mean over an interval of the median spacing that ends at its time. A table of windows
 //! ([`ReferenceTable`]) has the gyros' mean rates beside the independent one, and needs no time.
 
 use std::io::Read;
@@ -19,11 +19,11 @@ const VECTOR: [&str; 3] = ["rate_x_arcsec_s", "rate_y_arcsec_s", "rate_z_arcsec_
 pub struct RateRow {
     /// Line, from 1.
     pub line: u64,
-    /// End of its stretch; nothing in a table of windows.
+    /// End of the interval; `None` in a table of windows.
     pub t_s: Option<f64>,
-    /// Its group, where the table tells one.
+    /// Group, if the table has groups.
     pub group: Option<String>,
-    /// Mean rates of the gyros; none where they are to be taken from samples.
+    /// Mean rates of the gyros; empty if samples have them.
     pub gyros_arcsec_s: Vec<f64>,
     /// The independent rate: its magnitude, or about X, Y and Z.
     pub rates_arcsec_s: Vec<f64>,
@@ -31,7 +31,7 @@ pub struct RateRow {
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct RateTable {
-    /// Its rows, in their order.
+    /// Rows, in their order.
     pub rows: Vec<RateRow>,
 }
 
@@ -43,7 +43,7 @@ struct Columns {
 }
 
 impl Columns {
-    /// What is expected where they are not there.
+    /// Finds the columns. The error is the list of expected ones.
     fn find(table: &CsvTable<impl Read>, described: Option<&ReferenceTable>) -> Result<Columns, String> {
         let place = |name: &str| table.column(name);
         let known = |names: &[&str]| names.iter().map(|name| Some((place(name)?, 1.0))).collect::<Option<Vec<_>>>();
@@ -82,7 +82,7 @@ impl RateTable {
         )
     }
 
-    /// Reads a text; `name` is what errors call it.
+    /// Reads a text; errors call it `name`.
     ///
     /// # Errors
     /// [`TableError`], with the line.
@@ -114,7 +114,7 @@ impl RateTable {
         Ok(RateTable { rows })
     }
 
-    /// The median of the steps of time; nothing without two rows that have one.
+    /// Median of the steps of time; `None` with fewer than two times.
     pub fn spacing_s(&self) -> Option<f64> {
         let times: Vec<f64> = self.rows.iter().filter_map(|row| row.t_s).collect();
         let mut steps: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| *step > 0.0).collect();
@@ -141,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_told_with_its_place() {
+    fn errors_name_their_position() {
         for (from, to, part) in [
             ("group", "groups", "unknown key `groups` in reference; did you mean `group`?"),
             ("unit = \"deg/s\" }", "unit = \"deg\" }", "expected one of deg/s, rad/s"),

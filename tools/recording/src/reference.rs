@@ -1,4 +1,4 @@
-//! The reference attitude as rows of a truth: `reference.csv` (icd.md, Recordings), rates or quaternions, or a CCSDS
+//! The reference attitude as rows of a truth: `reference.csv` (protocol/ICD.md), rates or quaternions, or a CCSDS
 //! attitude ephemeris.
 //!
 //! Between the rows a cubic spline of the accumulated rotation holds ([`Recorded`]).
@@ -17,7 +17,7 @@ use crate::text::{RowReader, open_rows};
 
 const COLUMNS: &str = "t_s and either rate_x_arcsec_s, rate_y_arcsec_s, rate_z_arcsec_s or q_w, q_x, q_y, q_z";
 
-/// What a reference attitude is expected to be, in errors.
+/// Description of a reference attitude in errors.
 pub const REFERENCE: &str = "a reference attitude, CSV or CCSDS AEM";
 
 #[derive(Debug, Clone)]
@@ -30,14 +30,14 @@ pub struct ReferenceAttitude {
     pub time_system: Option<String>,
 }
 
-/// Where the columns of a reference stand.
+/// Positions of the columns of a reference.
 struct Columns {
     t: usize,
-    motion: Kind,
+    motion: Motion,
     theta_psi: Option<[usize; 2]>,
 }
 
-enum Kind {
+enum Motion {
     Rates([usize; 3]),
     Quaternions([usize; 4]),
 }
@@ -48,8 +48,8 @@ impl Columns {
         let rates = ["rate_x_arcsec_s", "rate_y_arcsec_s", "rate_z_arcsec_s"].map(at);
         let quaternions = ["q_w", "q_x", "q_y", "q_z"].map(at);
         let motion = match (rates, quaternions) {
-            ([Some(x), Some(y), Some(z)], _) => Kind::Rates([x, y, z]),
-            (_, [Some(w), Some(x), Some(y), Some(z)]) => Kind::Quaternions([w, x, y, z]),
+            ([Some(x), Some(y), Some(z)], _) => Motion::Rates([x, y, z]),
+            (_, [Some(w), Some(x), Some(y), Some(z)]) => Motion::Quaternions([w, x, y, z]),
             _ => return None,
         };
         let theta_psi = at("theta_deg").zip(at("psi_deg")).map(|(theta, psi)| [theta, psi]);
@@ -66,7 +66,7 @@ impl ReferenceAttitude {
         ReferenceAttitude::of_rows(name, open_rows(Path::new(name)).map_err(TableError::read(name, REFERENCE))?)
     }
 
-    /// Reads a text; `name` is what errors call it.
+    /// Reads a text; errors call it `name`.
     ///
     /// # Errors
     /// [`TableError`], with the line.
@@ -94,8 +94,8 @@ impl ReferenceAttitude {
             // Seconds since the first row, so that no digit of a Unix time is lost.
             let t_s = (t_ns - *base_ns.get_or_insert(t_ns)) as f64 * 1e-9;
             let angle_control_arcsec = match columns.motion {
-                Kind::Rates(at) => [number(at[0])?, number(at[1])?, number(at[2])?],
-                Kind::Quaternions(at) => {
+                Motion::Rates(at) => [number(at[0])?, number(at[1])?, number(at[2])?],
+                Motion::Quaternions(at) => {
                     let parts = Quaternion::new(number(at[0])?, number(at[1])?, number(at[2])?, number(at[3])?);
                     let now = UnitQuaternion::try_new(parts, 1e-6);
                     let now = now.ok_or_else(|| table.unexpected(at[0], "a unit quaternion"))?;
@@ -110,7 +110,7 @@ impl ReferenceAttitude {
             rows.push(AttitudeRow { t_s, angle_control_arcsec, theta_psi_rad });
             lines.push(table.line());
         }
-        if let Kind::Rates(_) = columns.motion
+        if let Motion::Rates(_) = columns.motion
             && let Some(spacing_s) = median_spacing_s(&rows)
         {
             // Its first row ends an interval of the median spacing.
@@ -124,7 +124,7 @@ impl ReferenceAttitude {
         ReferenceAttitude::from_turns(name, base_ns.unwrap_or(0), &rows, &lines, None)
     }
 
-    /// Rows whose times count from `base_ns`; the first tells where the motion starts.
+    /// The truth from rows with times since `base_ns`; the motion starts at the first.
     pub(crate) fn from_turns(
         name: &str,
         base_ns: i64,
@@ -193,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_told_with_its_line() {
+    fn errors_name_their_line() {
         let header = "t_s,rate_x_arcsec_s,rate_y_arcsec_s,rate_z_arcsec_s\n";
         let good = "1.0,0,0,0\n1.5,0,0,0\n2.0,0,0,0\n2.5,0,0,0\n";
         for (text, part) in [

@@ -1,4 +1,4 @@
-//! What comes out: rows, to whoever wants them.
+//! Decoded rows and their receiver.
 
 use geu_protocol::Sample;
 use geu_protocol::capture::{CaptureRecord, Timestamp};
@@ -8,25 +8,33 @@ use crate::defect::Defect;
 /// One sample as it was received.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ReceivedSample {
-    /// Receive time (of INCREMENTS, or of the last byte of a live serial frame); where there is none, the clock count as
-    /// seconds; nothing where the row has neither.
+    /// Receive time (of INCREMENTS, or of the last byte of a live serial frame); without it the clock count as seconds;
+    /// `None` without both.
     pub time: Option<Timestamp>,
-    /// Whether `time` is a receive time.
+    /// True if `time` is a receive time.
     pub is_received: bool,
-    /// The fields; clock count and sensor temperature only where `has_clock`.
+    /// The fields; clock count and sensor temperature only if `has_clock`.
     pub sample: Sample,
-    /// Whether clock count and sensor temperature are known.
     pub has_clock: bool,
 }
 
-/// Who takes rows and defects, in the order in which they are found.
+impl ReceivedSample {
+    /// A row with its receive time, or else the time of its clock count.
+    #[inline]
+    pub(crate) fn new(sample: Sample, has_clock: bool, received: Option<Timestamp>) -> ReceivedSample {
+        let clock = || has_clock.then(|| Timestamp { t_ns: sample.clock_count as i64 * 1_000, digits: 6 });
+        ReceivedSample { time: received.or_else(clock), is_received: received.is_some(), sample, has_clock }
+    }
+}
+
+/// Receives rows and defects in their order.
 pub trait Sink {
-    /// Called when an input could be opened, before anything of it.
+    /// Called when an input is open, before its first record.
     fn opened(&mut self) {}
-    /// Called with every record of a capture, before what is made of it.
+    /// Called with every record of a capture, before its row or defect.
     #[inline]
     fn record(&mut self, _event: &CaptureRecord) {}
-    /// Called with the bytes of a serial recording, before what is made of them.
+    /// Called with the bytes of a serial recording, before their rows and defects.
     fn bytes(&mut self, _bytes: &[u8]) {}
     fn row(&mut self, row: &ReceivedSample);
     fn defect(&mut self, defect: &Defect);

@@ -1,4 +1,4 @@
-//! What is said of all inputs together.
+//! Summary of all inputs.
 
 use std::fmt::{self, Display, Formatter};
 
@@ -14,16 +14,16 @@ use crate::defect::{Defect, DefectKind, place_text};
 use crate::others::Others;
 use crate::row::{ReceivedSample, Sink};
 
-/// How many gaps are told one by one.
-const MAX_TOLD_GAPS: usize = 20;
+/// Gaps that the summary lists.
+const MAX_LISTED_GAPS: usize = 20;
 const POLLED: u8 = unit_flag("polled");
 
 /// Account and statistics of everything decoded. [`Display`] writes it: a name, then values, on each line.
 #[derive(Debug, Default)]
 pub struct DecodeSummary {
-    /// Names of the inputs and what they are.
+    /// Names and formats of the inputs.
     pub inputs: Vec<(String, String)>,
-    /// Interface of the rows, where they come from CAN; with commas where inputs have several.
+    /// Interface of the rows of CAN, several with commas.
     pub interface: Option<String>,
     /// Frames of the unit on other interfaces.
     pub elsewhere: Vec<(String, u64)>,
@@ -49,30 +49,31 @@ pub struct DecodeSummary {
     /// Frames that recorder or socket lost.
     pub dropped: u64,
     pub cadence: IntervalStatistics,
-    /// The longest interval between rows, gaps included, ns, and where it ends.
+    /// The longest interval between rows, gaps included, ns, and its end.
     pub largest: Option<(i64, String)>,
     /// The unit's clock.
     pub clock: ClockFit,
     pub is_timed: bool,
 }
 
+/// Time and position of a frame or a defect.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct At {
+pub(crate) struct Stamp {
     pub place: RecordPosition,
     pub input: u32,
     pub time: Option<Timestamp>,
 }
 
-/// Rows and defects on their way out, and what is counted of them.
+/// Reports rows and defects and counts them.
 #[derive(Debug, Default)]
 pub(crate) struct Flow {
     pub summary: DecodeSummary,
     continuity: Continuity,
     /// Receive time of the row before.
     last_t_ns: Option<i64>,
-    /// Whether the row before was sent on request.
+    /// True if the row before was polled.
     last_polled: bool,
-    /// The longest interval so far and where it ends.
+    /// The longest interval and its end.
     largest: Option<(i64, RecordPosition, u32)>,
 }
 
@@ -86,19 +87,13 @@ impl Flow {
         self.summary.inputs.len().saturating_sub(1) as u32
     }
 
-    pub fn stamp(&self, place: RecordPosition, time: Option<Timestamp>) -> At {
-        At { place, input: self.input(), time }
+    pub fn stamp(&self, place: RecordPosition, time: Option<Timestamp>) -> Stamp {
+        Stamp { place, input: self.input(), time }
     }
 
-    /// Gives out a row; `is_regular` unless its clock is doubted.
+    /// Reports a row; `is_regular` unless its clock was rejected.
     #[inline]
-    pub fn row(
-        &mut self,
-        (place, input): (RecordPosition, u32),
-        row: &ReceivedSample,
-        is_regular: bool,
-        sink: &mut impl Sink,
-    ) {
+    pub fn row(&mut self, stamp: Stamp, row: &ReceivedSample, is_regular: bool, sink: &mut impl Sink) {
         let sample = &row.sample;
         let summary = &mut self.summary;
         summary.rows += 1;
@@ -112,14 +107,14 @@ impl Flow {
             }
         }
         if is_regular {
-            self.follow((place, input), row, sink);
+            self.follow(Stamp { time: row.time, ..stamp }, row, sink);
         }
         sink.row(row);
     }
 
     /// Compares a row with the one before.
     #[inline]
-    fn follow(&mut self, (place, input): (RecordPosition, u32), row: &ReceivedSample, sink: &mut impl Sink) {
+    fn follow(&mut self, stamp: Stamp, row: &ReceivedSample, sink: &mut impl Sink) {
         let sample = &row.sample;
         let summary = &mut self.summary;
         let is_polled = sample.unit_flags & POLLED != 0;
@@ -132,13 +127,13 @@ impl Flow {
             if let Some(last_t_ns) = self.last_t_ns.replace(t_ns) {
                 let interval_ns = t_ns.saturating_sub(last_t_ns);
                 if interval_ns < 0 {
-                    self.defect(At { place, input, time: row.time }, DefectKind::TimeBackwards, &[], 0, sink);
+                    self.defect(stamp, DefectKind::TimeBackwards, &[], 0, sink);
                 } else if step != SequenceStep::Repeat && !is_polled && !self.last_polled {
                     if step == SequenceStep::Next {
                         self.summary.cadence.add(interval_ns);
                     }
                     if self.largest.is_none_or(|(largest_ns, ..)| interval_ns > largest_ns) {
-                        self.largest = Some((interval_ns, place, input));
+                        self.largest = Some((interval_ns, stamp.place, stamp.input));
                     }
                 }
             }
@@ -148,12 +143,12 @@ impl Flow {
         }
         self.last_polled = is_polled;
         if step != SequenceStep::Next {
-            self.irregular(step, At { place, input, time: row.time }, sink);
+            self.irregular(step, stamp, sink);
         }
     }
 
     #[cold]
-    fn irregular(&mut self, step: SequenceStep, at: At, sink: &mut impl Sink) {
+    fn irregular(&mut self, step: SequenceStep, at: Stamp, sink: &mut impl Sink) {
         match step {
             SequenceStep::First | SequenceStep::Next => {}
             SequenceStep::Repeat => self.summary.repeats += 1,
@@ -161,7 +156,7 @@ impl Flow {
             SequenceStep::Jump => self.defect(at, DefectKind::SequenceJump, &[], 0, sink),
             SequenceStep::Gap(lost) => {
                 self.summary.lost = self.summary.lost.saturating_add(lost);
-                if self.summary.gaps.len() < MAX_TOLD_GAPS {
+                if self.summary.gaps.len() < MAX_LISTED_GAPS {
                     let place = place_text(&self.summary.inputs[at.input as usize].0, at.place);
                     self.summary.gaps.push((place, at.time, lost));
                 }
@@ -171,7 +166,7 @@ impl Flow {
     }
 
     #[cold]
-    pub fn defect(&mut self, at: At, kind: DefectKind, bytes: &[u8], lost: u64, sink: &mut impl Sink) {
+    pub fn defect(&mut self, at: Stamp, kind: DefectKind, bytes: &[u8], lost: u64, sink: &mut impl Sink) {
         self.count_defects(kind, 1);
         if kind == DefectKind::ReceiverDropped {
             self.summary.dropped += lost;
@@ -194,7 +189,7 @@ impl Flow {
     }
 }
 
-/// `seconds.fraction` with at least six digits.
+/// `seconds.fraction` with six to nine decimals.
 fn seconds(time: Timestamp) -> String {
     let digits = usize::from(time.digits.clamp(6, 9));
     let magnitude = time.t_ns.unsigned_abs();
@@ -229,7 +224,7 @@ fn line(out: &mut Formatter, name: &str, value: impl Display) -> fmt::Result {
 }
 
 impl DecodeSummary {
-    /// Notes an interface whose rows are used; each input may have its own.
+    /// Notes an interface with rows in use; each input may have its own.
     pub(crate) fn use_interface(&mut self, name: &str) {
         match &mut self.interface {
             Some(names) if names.split(", ").any(|known| known == name) => {}
@@ -252,33 +247,14 @@ impl DecodeSummary {
         let (records, bytes) = account.missing();
         if account.records > 0 {
             line(out, "records", account.records)?;
-            for (name, count) in [
-                ("records-decoded", account.decoded),
-                ("records-command", account.commands),
-                ("records-reply", account.replies),
-                ("records-other-traffic", account.other),
-                ("records-other-interface", account.elsewhere),
-                ("records-remote", account.remote),
-                ("records-fd", account.fd),
-                ("records-error", account.error),
-                ("records-remark", account.remarks),
-                ("records-unfinished", account.unfinished),
-            ] {
-                line(out, name, count)?;
+            for (name, count) in account.record_counts() {
+                line(out, &format!("records-{name}"), count)?;
             }
-            let defective: u64 = account.defects.iter().map(|(kind, count)| kind.records() * count).sum();
-            line(out, "records-defective", defective)?;
         }
         if account.bytes > 0 {
             line(out, "bytes", account.bytes)?;
-            for (name, count) in [
-                ("bytes-decoded", account.decoded_bytes),
-                ("bytes-command", account.command_bytes),
-                ("bytes-reply", account.reply_bytes),
-                ("bytes-resynchronised", account.resynchronised_bytes),
-                ("bytes-unfinished", account.unfinished_bytes),
-            ] {
-                line(out, name, count)?;
+            for (name, count) in account.byte_counts() {
+                line(out, &format!("bytes-{name}"), count)?;
             }
         }
         line(

@@ -18,9 +18,9 @@ pub const MAX_DOCUMENT_LINES: usize = 1 << 20;
 pub const MAX_ROW_BYTES: usize = 1 << 20;
 /// Rows of a series, which are kept in memory, some 64 bytes each: half a year of samples, nine hours at 1 kHz.
 pub const MAX_ROWS: u64 = 1 << 25;
-/// What editors and spreadsheets on Windows write before a text.
+/// Editors and spreadsheets on Windows write it before a text.
 const BYTE_ORDER_MARK: &[u8] = "\u{feff}".as_bytes();
-/// Bytes from which the kind of a series is told.
+/// Bytes from which the kind of a series is detected.
 const HEAD: u64 = 4096;
 
 /// The text of a document, which may be compressed, without its byte order mark.
@@ -69,7 +69,7 @@ fn beyond(message: String) -> io::Error {
     io::Error::new(io::ErrorKind::InvalidData, message)
 }
 
-/// The bytes of a series. Whoever reads them says where a row ends; too much between two ends, or too many, is an error.
+/// The bytes of a series. Its reader reports the end of each row; a row or a series beyond the bounds is an error.
 pub struct RowReader<R> {
     head: Cursor<Vec<u8>>,
     reader: R,
@@ -82,10 +82,10 @@ impl<R: Read> RowReader<R> {
         RowReader { head: Cursor::default(), reader, bytes: 0, rows: 0 }
     }
 
-    /// The first lines, as far as they stand in the first few kilobytes, before anything is read.
+    /// The first lines within the first kilobytes, before anything is read.
     ///
     /// # Errors
-    /// Those of the file.
+    /// The file cannot be read.
     pub fn first_lines(&mut self) -> io::Result<Vec<String>> {
         if self.head.get_ref().is_empty() {
             self.reader.by_ref().take(HEAD).read_to_end(self.head.get_mut())?;
@@ -138,7 +138,7 @@ pub struct RowLines<R> {
 }
 
 impl<R> RowLines<R> {
-    /// The same without a last line that has no end: whoever wrote it was cut off.
+    /// Drops a last line without an end: its writer was interrupted.
     pub fn of_unfinished(self) -> RowLines<R> {
         RowLines { is_whole: false, ..self }
     }
@@ -178,7 +178,7 @@ impl<R: Read> Table<R> {
     /// The header.
     ///
     /// # Errors
-    /// Those of the file, or a header that is too long.
+    /// The file cannot be read, or the header is too long.
     pub fn header(&mut self) -> csv::Result<csv::StringRecord> {
         let header = self.reader.headers()?.clone();
         self.reader.get_mut().end_row();
@@ -188,7 +188,7 @@ impl<R: Read> Table<R> {
     /// Reads the next row; false at the end.
     ///
     /// # Errors
-    /// Those of the file, a row that is too long or has another number of fields, too many rows.
+    /// The file cannot be read; a row is too long or has another number of fields; too many rows.
     pub fn read(&mut self, record: &mut csv::StringRecord) -> csv::Result<bool> {
         let is_row = self.reader.read_record(record)?;
         self.reader.get_mut().end_row();
@@ -212,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_looked_at_first_is_read_again() {
+    fn first_lines_are_read_again() {
         let text = format!("\u{feff}t_s\r\n{}", "1\n".repeat(5000));
         let mut rows = RowReader::new(text.as_bytes());
         assert_eq!(rows.first_lines().expect("lines")[0], "t_s");

@@ -1,17 +1,17 @@
-//! When things of a recording are sent: by time stamps, or by the unit's clock where there are none.
+//! Send times of a recording: by time stamps, or by the unit's clock without time stamps.
 
 use geu_model::units::SAMPLE_INTERVAL_NS;
 use geu_protocol::Sample;
 use geu_protocol::field::CLOCK_PER_SAMPLE;
 
-/// Time stamps out of order by less than this are those of neighbours that were written in another order.
+/// Time stamps that step back by less than this are records in another order.
 const DISORDER_NS: i64 = 1_000_000_000;
-/// No time of a recording is beyond, so that whoever reckons with it has room: a century and a half.
+/// Largest time of a recording, which leaves range for sums: a century and a half.
 const LATEST_NS: i64 = i64::MAX / 2;
-/// So many jumps and gaps are reported one by one.
+/// Largest number of jumps and gaps that are reported one by one.
 const MAX_REPORTED: u64 = 20;
 
-/// What was found in the times of a recording.
+/// Anomalies in the times of a recording.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct TimestampAnomalies {
     /// Gaps that were shortened.
@@ -25,13 +25,12 @@ pub struct TimestampAnomalies {
 /// Times of a recording.
 #[derive(Debug)]
 pub struct ReplayClock {
-    /// Since the start of the recording, ns.
+    /// Time since the start of the recording, ns.
     pub recorded_ns: i64,
-    /// The same with gaps shortened, from the first thing on that is sent, ns.
+    /// Time since the first sent item, with gaps shortened, ns.
     pub played_ns: i64,
-    /// What was found.
     pub anomalies: TimestampAnomalies,
-    /// Whether `played_ns` goes on.
+    /// True if `played_ns` advances.
     pub is_playing: bool,
     longest_gap_ns: i64,
     /// The latest time stamp.
@@ -53,12 +52,12 @@ impl ReplayClock {
         }
     }
 
-    /// The recording begins again.
+    /// Starts the recording again.
     pub fn rewind(&mut self) {
         (self.recorded_ns, self.is_playing, self.stamp_ns, self.clock) = (0, false, None, None);
     }
 
-    /// Goes on to a time stamp; what there is to be reported of it.
+    /// Advances to a time stamp; returns a message on a gap or jump.
     pub fn stamp(&mut self, t_ns: i64) -> Option<String> {
         let before_ns = *self.stamp_ns.get_or_insert(t_ns);
         let step_ns = t_ns.saturating_sub(before_ns);
@@ -69,15 +68,15 @@ impl ReplayClock {
         if step_ns < 0 {
             self.anomalies.jumps += 1;
             let (at_s, by_s) = (self.recorded_ns as f64 * 1e-9, -step_ns as f64 * 1e-9);
-            let is_told = self.is_playing && self.anomalies.jumps <= MAX_REPORTED;
-            return is_told.then(|| {
+            let is_reported = self.is_playing && self.anomalies.jumps <= MAX_REPORTED;
+            return is_reported.then(|| {
                 format!("time stamps jump back by {by_s:.3} s, {at_s:.3} s into the recording: sent without a pause")
             });
         }
         self.step(step_ns)
     }
 
-    /// Time that the unit's clock says to have passed when it tells this sample.
+    /// Time since the last sample by the unit's clock, ns.
     pub fn by_clock(&self, sample: &Sample) -> i64 {
         let Some((sequence, clock_count)) = self.clock else { return 0 };
         let steps = sample.sequence.wrapping_sub(sequence);
@@ -86,17 +85,17 @@ impl ReplayClock {
             Some(cycles) if cycles.is_multiple_of(CLOCK_PER_SAMPLE) && (cycles / CLOCK_PER_SAMPLE) as u16 == steps => {
                 i64::try_from(cycles).unwrap_or(i64::MAX).saturating_mul(1000)
             }
-            // It restarted, or is doubted.
+            // A restart, or an invalid clock.
             _ => SAMPLE_INTERVAL_NS,
         }
     }
 
-    /// Takes notice of what a sample tells.
-    pub fn read(&mut self, sample: &Sample) {
+    /// Stores sequence and clock of a sample.
+    pub fn update(&mut self, sample: &Sample) {
         self.clock = Some((sample.sequence, sample.clock_count));
     }
 
-    /// Goes on by so much; what there is to be reported of it.
+    /// Advances by `step_ns`; returns a message on a gap.
     pub fn step(&mut self, step_ns: i64) -> Option<String> {
         let before_s = self.recorded_ns as f64 * 1e-9;
         self.recorded_ns = self.recorded_ns.saturating_add(step_ns).min(LATEST_NS);
@@ -122,7 +121,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn time_goes_on_by_stamps_whatever_they_do() {
+    fn time_advances_by_any_time_stamps() {
         let mut clock = ReplayClock::new(10_000_000_000);
         clock.is_playing = true;
         let mut played = |t_s: f64| {
@@ -142,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn no_stamps_lead_beyond_what_can_be_reckoned_with() {
+    fn time_stamps_do_not_exceed_the_largest_time() {
         let mut clock = ReplayClock::new(i64::MAX);
         clock.is_playing = true;
         for t_s in [0.0, 9.2e9, 0.0, 23_372_036.8, 9.2e9] {
@@ -152,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn time_goes_on_by_the_clock_where_it_can_be_believed() {
+    fn time_advances_by_a_valid_clock() {
         let sample = |sequence: u16, samples: u64| Sample {
             sequence,
             clock_count: samples * CLOCK_PER_SAMPLE,
@@ -162,7 +161,7 @@ mod tests {
         let mut step = |sequence, samples| {
             let sample = sample(sequence, samples);
             let step_ns = clock.by_clock(&sample);
-            clock.read(&sample);
+            clock.update(&sample);
             step_ns / SAMPLE_INTERVAL_NS
         };
         assert_eq!(step(65_534, 10), 0);
@@ -170,7 +169,7 @@ mod tests {
         assert_eq!(step(2, 14), 3);
         assert_eq!(step(2, 14), 0, "polled twice");
         assert_eq!(step(0, 1), 1, "a restart");
-        assert_eq!(step(1, 900), 1, "a clock that is doubted");
+        assert_eq!(step(1, 900), 1, "an invalid clock");
         assert_eq!(step(2, 901 + 65_536), 65_537, "more than a turn of the sequence");
     }
 }

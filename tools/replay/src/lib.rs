@@ -1,5 +1,6 @@
-//! A recording as what the emulator sends in place of the unit: records in their order and time, and which of them make a sample.
+//! A recording as the source of the emulator in place of the unit: records with order and time, and the samples in them.
 
+mod bytes;
 mod clock;
 mod report;
 mod source;
@@ -14,10 +15,10 @@ use geu_recording::{DecodeSummary, DecoderOptions, InputError, InputReader, Stop
 pub use report::ReplayReport;
 pub use source::ReplaySource;
 
-/// Batches of items that may wait to be sent: with those of the source, some minutes of a recording.
+/// Capacity of the queue of batches: with the batches of the source, some minutes of a recording.
 pub const QUEUE: usize = 16;
 
-/// What of a recording is sent.
+/// The part of a recording to send.
 #[derive(Debug, Clone)]
 pub struct ReplaySelection {
     pub plan: CanIdMap,
@@ -26,14 +27,14 @@ pub struct ReplaySelection {
     pub from_ns: i64,
     pub to_ns: i64,
     pub longest_gap_ns: i64,
-    /// Whether links carry frames, and bytes, as they were recorded.
+    /// True if links send recorded frames, and recorded bytes.
     pub carries: (bool, bool),
 }
 
-/// The report on the last pass, and how reading ended.
+/// Report of the last pass, and result of reading.
 pub type ReadResult = (ReplayReport, DecodeSummary, Result<(), InputError>);
 
-/// Reads the recordings to their end, or over and over, until nobody takes more.
+/// Reads the recordings once, or repeatedly, until the receiver is closed.
 pub fn read(
     mut source: ReplaySource,
     names: &[String],
@@ -53,7 +54,7 @@ pub fn read(
         let (is_cut, is_stopped) = (source.is_over(), stop.load(Ordering::Relaxed));
         let (summary, ending) = reader.finish(&mut source);
         let has_sent = source.end_pass();
-        // Cut before its first frame, a serial recording is not one without any.
+        // A serial recording that is cut before its first frame may have frames.
         let result = if is_cut { result } else { result.and(ending) };
         if result.is_ok() && has_sent {
             source.begin();

@@ -2,20 +2,18 @@ use std::fmt;
 
 use crate::clock::TimestampAnomalies;
 
-/// What a recording held, and what of it was not sent.
+/// Report of a pass: length, anomalies, and records that were not sent.
 #[derive(Debug, Clone, Default)]
 pub struct ReplayReport {
-    /// Of one pass.
     pub length_ns: i64,
-    /// Of its time stamps.
     pub anomalies: TimestampAnomalies,
-    /// Extended, remote, FD and error frames, which no link here carries.
+    /// Extended, remote, FD and error frames, which no link here supports.
     pub other_frames: u64,
     /// Frames on other interfaces.
     pub elsewhere: u64,
-    /// Records that are none.
+    /// Records that cannot be read.
     pub broken: u64,
-    /// Whether all was read, and no link carries anything of it.
+    /// True if all was read, and no link sent any of it.
     pub nothing_carried: bool,
 }
 

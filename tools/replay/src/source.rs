@@ -1,65 +1,61 @@
-//! From what a recording holds to what is sent: contents in their order and time, and which of them make a sample.
+//! From records to items: contents with order and time, and the samples in them. Serial bytes are in `bytes.rs`.
 
 use std::collections::VecDeque;
 use std::sync::mpsc::SyncSender;
 
-use geu_daemon::link_model::WireData;
 use geu_daemon::replay::{ReplayItem, ReplayItemKind, TrafficOrigin};
 use geu_model::units::SAMPLE_INTERVAL_NS;
 use geu_protocol::can::{Assembler, AssemblerEvent, Role};
 use geu_protocol::capture::CaptureRecord;
-use geu_protocol::serial::{
-    BITS_PER_BYTE, DEFAULT_BAUD, Deframer, DeframerEvent, FrameType, MAX_FRAME, OVERHEAD, read_data,
-};
+use geu_protocol::serial::Deframer;
 use geu_protocol::{CanFrame, Sample};
+use geu_recorder::link_model::WireData;
 use geu_recording::{Defect, ReceivedSample, Sink};
 
 use crate::ReplaySelection;
 use crate::clock::ReplayClock;
 use crate::report::ReplayReport;
 
-/// Items handed over at once.
+/// Items of a batch.
 const BATCH: usize = 64;
-/// Batches handed over before it is told that there is something to send: less than may wait.
+/// Batches without a sample before the start is signalled; fewer than the capacity of the queue.
 const MAX_SILENT_BATCHES: usize = crate::QUEUE / 2;
-/// Frames that wait for their sample to be whole, or for the unit to show up on an interface.
+/// Largest number of frames that wait for a complete sample, or for the unit on an interface.
 const MAX_WAITING: usize = 4096;
-/// Bytes without a frame that are kept for the next frame to tell their time.
-const MAX_STRAY: usize = 4096;
 
 #[derive(Debug, Clone)]
 struct Waiting {
     frame: CanFrame,
     role: Role,
     time_ns: Option<i64>,
-    is_whole: bool,
-    /// The sample that begins with it.
+    is_complete: bool,
+    /// The sample that starts with it.
     begins: Option<Sample>,
 }
 
-/// Takes what is read, and hands it over to be sent.
+/// Converts read records to items, and sends them to a queue.
 pub struct ReplaySource {
-    choice: ReplaySelection,
+    selection: ReplaySelection,
     sender: SyncSender<Vec<ReplayItem>>,
-    /// ReplayReport once that there is something to send.
+    /// Signals the start; `None` after that.
     begins: Option<SyncSender<()>>,
     batch: Vec<ReplayItem>,
-    clock: ReplayClock,
+    pub(crate) clock: ReplayClock,
     report: ReplayReport,
-    /// What the time stamps of passes before add up to, ns.
+    /// Sum of the recorded times of earlier passes, ns.
     passed_ns: i64,
-    /// First and last in this pass that was sent, and the last sample, ns.
+    /// First and last sent time in this pass, and that of the last sample, ns.
     span_ns: Option<(i64, i64)>,
     last_sample_ns: i64,
     is_after: bool,
     is_disconnected: bool,
-    /// Whether anything was found that makes a recording of it: a record of a capture, or a serial frame.
-    has_frame: bool,
+    /// True after a record of a capture, or a serial frame.
+    pub(crate) has_frame: bool,
     has_sample: bool,
-    /// Whether anything was sent that a link carries.
+    /// True after an item that a link sends.
     is_carried: bool,
     handed_over: usize,
-    /// Before an interface is chosen.
+    /// Frames before an interface is selected.
     early: Vec<(Vec<u8>, Waiting)>,
     interface: Option<Vec<u8>>,
     assembler: Assembler<u64>,
@@ -67,18 +63,22 @@ pub struct ReplaySource {
     /// Number of the first frame that waits, and of the last INCREMENTS.
     first: u64,
     increments: u64,
-    deframer: Deframer,
-    /// Bytes that were not sent yet, and the offset of the first.
-    bytes: Vec<u8>,
-    offset: u64,
+    pub(crate) deframer: Deframer,
+    /// Bytes that are not yet sent, and the offset of the first.
+    pub(crate) bytes: Vec<u8>,
+    pub(crate) offset: u64,
 }
 
 impl ReplaySource {
-    pub fn new(choice: ReplaySelection, sender: SyncSender<Vec<ReplayItem>>, begins: SyncSender<()>) -> ReplaySource {
+    pub fn new(
+        selection: ReplaySelection,
+        sender: SyncSender<Vec<ReplayItem>>,
+        begins: SyncSender<()>,
+    ) -> ReplaySource {
         ReplaySource {
-            clock: ReplayClock::new(choice.longest_gap_ns),
-            interface: choice.interface.clone(),
-            choice,
+            clock: ReplayClock::new(selection.longest_gap_ns),
+            interface: selection.interface.clone(),
+            selection,
             sender,
             begins: Some(begins),
             batch: Vec::new(),
@@ -103,22 +103,22 @@ impl ReplaySource {
         }
     }
 
-    /// Whether nothing more of this pass is sent.
+    /// True if no further item of this pass is sent.
     pub fn is_over(&self) -> bool {
         self.is_after || self.is_disconnected
     }
 
-    /// Whether nobody takes any more.
+    /// True if the receiver is closed.
     pub fn is_disconnected(&self) -> bool {
         self.is_disconnected
     }
 
-    /// Ends a pass; whether anything of it was sent that a link carries. Another begins half a second behind its last sample.
+    /// Ends a pass; true if a link sent an item of it. The next pass starts a sample interval after its last sample.
     pub fn end_pass(&mut self) -> bool {
         if self.interface.is_none()
             && let Some((interface, _)) = self.early.first()
         {
-            self.choose(interface.clone());
+            self.select_interface(interface.clone());
         }
         self.assembler = Assembler::default();
         self.send_waiting(0);
@@ -126,27 +126,27 @@ impl ReplaySource {
         self.report.length_ns = self.report.length_ns.max(self.clock.recorded_ns);
         let span_ns = self.span_ns.take();
         self.clock.rewind();
-        self.interface = self.choice.interface.clone();
+        self.interface = self.selection.interface.clone();
         self.is_after = false;
         if let Some((first_ns, last_ns)) = span_ns {
             self.passed_ns = self.passed_ns.saturating_add(last_ns - first_ns).saturating_add(SAMPLE_INTERVAL_NS);
             let next_ns = self.last_sample_ns.saturating_add(SAMPLE_INTERVAL_NS);
             self.clock.played_ns = self.clock.played_ns.max(next_ns);
         }
-        // What is no recording at all is refused by its reader.
+        // The reader refuses an input without any frame.
         self.has_frame = true;
         self.hand_over();
         span_ns.is_some() && self.is_carried
     }
 
-    /// The report; `is_stopped` where reading ended before the recording did.
+    /// The report; `is_stopped`: reading ended before the recording.
     pub fn finish(mut self, is_stopped: bool) -> ReplayReport {
         self.report.anomalies = self.clock.anomalies;
         self.report.nothing_carried = !self.is_carried && !self.is_disconnected && !is_stopped;
         self.report
     }
 
-    /// Tells that there is something to send.
+    /// Signals that there are items to send.
     pub fn begin(&mut self) {
         if let Some(begins) = self.begins.take() {
             let _ = begins.send(());
@@ -154,7 +154,7 @@ impl ReplaySource {
     }
 
     fn hand_over(&mut self) {
-        // Bytes alone may turn out to be no recording: they wait for the first frame.
+        // Bytes wait for the first frame: without one the input is not a recording.
         if self.batch.is_empty() || self.is_disconnected || !self.has_frame {
             return;
         }
@@ -165,21 +165,21 @@ impl ReplaySource {
         self.is_disconnected = self.sender.send(std::mem::take(&mut self.batch)).is_err();
     }
 
-    /// Sends something at the present time, unless that is not chosen.
-    fn send(&mut self, what: ReplayItemKind) {
+    /// Sends an item at the present time if it is selected.
+    pub(crate) fn send(&mut self, what: ReplayItemKind) {
         let recorded_ns = self.clock.recorded_ns;
-        self.is_after |= recorded_ns >= self.choice.to_ns;
-        if recorded_ns < self.choice.from_ns || self.is_over() {
+        self.is_after |= recorded_ns >= self.selection.to_ns;
+        if recorded_ns < self.selection.from_ns || self.is_over() {
             return;
         }
-        if self.choice.is_only
+        if self.selection.is_only
             && matches!(what, ReplayItemKind::Content(_, TrafficOrigin::Command | TrafficOrigin::Other))
         {
             return;
         }
         self.clock.is_playing = true;
         self.span_ns.get_or_insert((recorded_ns, recorded_ns)).1 = recorded_ns;
-        let (carries_frames, carries_bytes) = self.choice.carries;
+        let (carries_frames, carries_bytes) = self.selection.carries;
         self.is_carried |= match &what {
             ReplayItemKind::Sample { .. } => {
                 self.last_sample_ns = self.clock.played_ns;
@@ -197,14 +197,14 @@ impl ReplaySource {
         }
     }
 
-    fn note(&mut self, note: Option<String>) {
+    pub(crate) fn note(&mut self, note: Option<String>) {
         if let Some(note) = note {
             self.send(ReplayItemKind::Note(note));
         }
     }
 
-    /// Takes the frames of this interface; those of others that waited go.
-    fn choose(&mut self, interface: Vec<u8>) {
+    /// Selects an interface; waiting frames of others are dropped.
+    fn select_interface(&mut self, interface: Vec<u8>) {
         for (own, waiting) in std::mem::take(&mut self.early) {
             if own == interface { self.push(waiting) } else { self.report.elsewhere += 1 }
         }
@@ -218,20 +218,20 @@ impl ReplaySource {
         if role == Role::Increments {
             self.increments = number;
         }
-        let mut whole = None;
+        let mut complete = None;
         self.assembler.push(role, number, frame.data(), &mut |assembled| {
             if let AssemblerEvent::Row(row) = assembled {
-                whole = Some(row).filter(|row| row.has_clock);
+                complete = Some(row).filter(|row| row.has_clock);
             }
         });
-        if let Some(row) = whole
+        if let Some(row) = complete
             && let Some(begin) = row.stamp.checked_sub(self.first).map(|begin| begin as usize)
             && begin < self.waiting.len()
         {
-            // INCREMENTS, the last STATUS behind it, and CLOCK, which came now.
+            // INCREMENTS, the last STATUS after it, and CLOCK, the present frame.
             let status = self.waiting.iter().rposition(|waiting| waiting.role == Role::Status).unwrap_or(begin);
             for index in [begin, status, self.waiting.len() - 1] {
-                self.waiting[index].is_whole = true;
+                self.waiting[index].is_complete = true;
             }
             self.waiting[begin].begins = Some(row.sample);
         }
@@ -239,7 +239,7 @@ impl ReplaySource {
         self.send_waiting(if kept as usize > MAX_WAITING { 0 } else { kept as usize });
     }
 
-    /// Sends what waits, but for the last so many.
+    /// Sends all waiting frames but the last `kept`.
     fn send_waiting(&mut self, kept: usize) {
         while self.waiting.len() > kept
             && let Some(waiting) = self.waiting.pop_front()
@@ -252,97 +252,28 @@ impl ReplaySource {
             };
             self.note(note);
             if let Some(sample) = waiting.begins {
-                self.clock.read(&sample);
+                self.clock.update(&sample);
                 self.send(ReplayItemKind::Sample { sample, is_can: true });
             }
-            let whose = match waiting.role {
-                _ if waiting.is_whole => TrafficOrigin::Sample,
+            let origin = match waiting.role {
+                _ if waiting.is_complete => TrafficOrigin::Sample,
                 Role::Other => TrafficOrigin::Other,
                 Role::Command => TrafficOrigin::Command,
                 _ => TrafficOrigin::Unit,
             };
-            self.send(ReplayItemKind::Content(WireData::Frame(waiting.frame), whose));
+            self.send(ReplayItemKind::Content(WireData::Frame(waiting.frame), origin));
         }
-    }
-
-    /// Sends bytes that belong to no frame, before a sample that follows by so much, and says how much is left of that.
-    ///
-    /// Where samples are missing these most likely are theirs: a frame's length for each, at its time.
-    fn send_stray(&mut self, end: usize, until_next_ns: i64) -> i64 {
-        let stray: Vec<u8> = self.bytes[..end].to_vec();
-        let missing =
-            (until_next_ns / SAMPLE_INTERVAL_NS - 1).clamp(0, stray.len().div_ceil(MAX_FRAME) as i64) as usize;
-        let (mut rest, mut left_ns) = (&stray[..], until_next_ns);
-        for index in 0..missing {
-            let length = if index + 1 == missing { rest.len() } else { MAX_FRAME.min(rest.len()) };
-            let (now, later) = rest.split_at(length);
-            (rest, left_ns) = (later, left_ns - SAMPLE_INTERVAL_NS);
-            let note = self.clock.step(SAMPLE_INTERVAL_NS);
-            self.note(note);
-            self.send(ReplayItemKind::Content(WireData::Bytes(now.to_vec()), TrafficOrigin::Unit));
-        }
-        if missing == 0 && !stray.is_empty() {
-            let note = self.clock.step(left_ns);
-            self.note(note);
-            left_ns = 0;
-            self.send(ReplayItemKind::Content(WireData::Bytes(stray), TrafficOrigin::Unit));
-        }
-        self.drop_bytes(end);
-        left_ns
-    }
-
-    fn drop_bytes(&mut self, count: usize) {
-        self.bytes.drain(..count);
-        self.offset += count as u64;
-    }
-
-    fn send_frames(&mut self, frames: Vec<(u64, FrameType, usize, Option<Sample>)>) {
-        // Taken out of the buffer once: a frame at a time it would be moved for each.
-        let all = std::mem::take(&mut self.bytes);
-        let (start, mut used) = (self.offset, 0);
-        for (at, kind, length, sample) in frames {
-            let begin = (at - start) as usize;
-            self.bytes = all[used..begin].to_vec();
-            let step_ns = sample.as_ref().map_or(0, |sample| self.clock.by_clock(sample));
-            let left_ns = self.send_stray(begin - used, step_ns);
-            let note = self.clock.step(left_ns);
-            self.note(note);
-            let whose = match (kind, sample) {
-                (_, Some(sample)) => {
-                    self.clock.read(&sample);
-                    self.send(ReplayItemKind::Sample { sample, is_can: false });
-                    TrafficOrigin::Sample
-                }
-                (FrameType::Command, _) => TrafficOrigin::Command,
-                _ => TrafficOrigin::Unit,
-            };
-            used = begin + length;
-            self.send(ReplayItemKind::Content(WireData::Bytes(all[begin..used].to_vec()), whose));
-            self.offset = start + used as u64;
-            if self.is_over() {
-                break;
-            }
-        }
-        self.bytes = all[used..].to_vec();
-    }
-
-    /// At the end what is left comes as if it were the next sample.
-    fn end_bytes(&mut self) {
-        if !self.is_over() {
-            self.send_stray(self.bytes.len(), SAMPLE_INTERVAL_NS);
-        }
-        self.bytes.clear();
-        (self.deframer, self.offset) = (Deframer::default(), 0);
     }
 }
 
 impl Sink for ReplaySource {
     fn record(&mut self, event: &CaptureRecord) {
         self.has_frame = true;
-        let whole = match event {
-            CaptureRecord::Frame(frame) if !frame.extended => {
-                u16::try_from(frame.id).ok().and_then(|id| CanFrame::new(id, frame.data)).map(|whole| (frame, whole))
-            }
+        let classic = match event {
+            CaptureRecord::Frame(frame) if !frame.extended => u16::try_from(frame.id)
+                .ok()
+                .and_then(|id| CanFrame::new(id, frame.data))
+                .map(|classic| (frame, classic)),
             CaptureRecord::Frame(_) | CaptureRecord::Remote | CaptureRecord::Fd | CaptureRecord::Error => None,
             CaptureRecord::Broken { .. } => {
                 self.report.broken += 1;
@@ -350,44 +281,34 @@ impl Sink for ReplaySource {
             }
             CaptureRecord::Remark | CaptureRecord::Dropped(_) => return,
         };
-        let Some((frame, whole)) = whole else {
+        let Some((frame, classic)) = classic else {
             self.report.other_frames += 1;
             return;
         };
-        let role = self.choice.plan.role(frame.id);
-        let waiting =
-            Waiting { frame: whole, role, time_ns: frame.time.map(|time| time.t_ns), is_whole: false, begins: None };
+        let role = self.selection.plan.role(frame.id);
+        let waiting = Waiting {
+            frame: classic,
+            role,
+            time_ns: frame.time.map(|time| time.t_ns),
+            is_complete: false,
+            begins: None,
+        };
         match &self.interface {
             Some(interface) if interface == frame.interface => self.push(waiting),
             Some(_) => self.report.elsewhere += 1,
             None => {
                 self.early.push((frame.interface.to_vec(), waiting));
                 if matches!(role, Role::Increments | Role::Status | Role::Clock) {
-                    self.choose(frame.interface.to_vec());
+                    self.select_interface(frame.interface.to_vec());
                 } else if self.early.len() > MAX_WAITING {
-                    self.choose(self.early[0].0.clone());
+                    self.select_interface(self.early[0].0.clone());
                 }
             }
         }
     }
 
     fn bytes(&mut self, bytes: &[u8]) {
-        self.bytes.extend_from_slice(bytes);
-        let (mut frames, start) = (Vec::new(), (self.deframer.offset() - self.offset) as usize);
-        self.deframer.consume(&self.bytes[start..], &mut |found| {
-            if let DeframerEvent::Frame { at, kind, payload } = found {
-                let sample = (kind == FrameType::Data).then(|| read_data(payload));
-                frames.push((at, kind, OVERHEAD + payload.len(), sample));
-            }
-        });
-        self.has_frame |= !frames.is_empty();
-        self.send_frames(frames);
-        // Bytes that no frame tells the time of take that of the line.
-        let end = |source: &ReplaySource| (source.deframer.offset() - source.offset) as usize;
-        while !self.is_over() && end(self) > MAX_STRAY {
-            let line_ns = MAX_STRAY as i64 * i64::from(BITS_PER_BYTE) * 1_000_000_000 / i64::from(DEFAULT_BAUD);
-            self.send_stray(MAX_STRAY, line_ns);
-        }
+        self.push_bytes(bytes);
     }
 
     fn row(&mut self, _row: &ReceivedSample) {}

@@ -1,9 +1,9 @@
 use std::sync::mpsc::sync_channel;
 
-use geu_daemon::link_model::WireData;
 use geu_daemon::replay::{ReplayItem, ReplayItemKind, TrafficOrigin};
 use geu_protocol::CanIdMap;
-use geu_protocol::capture::{Format, Reader};
+use geu_protocol::capture::Format;
+use geu_recorder::link_model::WireData;
 use geu_recording::Sink;
 
 use crate::{ReplaySelection, ReplaySource};
@@ -21,16 +21,17 @@ const LOG: &str = "\
     (7205.6000) can0 1A8#02\n";
 
 /// The items of the log, and the report on it.
-fn items(choice: ReplaySelection) -> (Vec<ReplayItem>, String) {
+fn items(selection: ReplaySelection) -> (Vec<ReplayItem>, String) {
     let ((sender, items), (begins, _began)) = (sync_channel(100), sync_channel(1));
-    let mut source = ReplaySource::new(choice, sender, begins);
-    Reader::new(Format::Candump).finish(LOG.as_bytes(), &mut |_, event| source.record(&event));
+    let mut source = ReplaySource::new(selection, sender, begins);
+    let mut reader = Format::from_name("candump").expect("a format").reader().expect("a reader");
+    reader.read(LOG.as_bytes(), true, &mut |_, record| source.record(&record));
     source.end_pass();
     let report = source.finish(false).to_string();
     (items.into_iter().flatten().collect(), report)
 }
 
-fn choice() -> ReplaySelection {
+fn selection() -> ReplaySelection {
     let plan = CanIdMap::default();
     ReplaySelection {
         plan,
@@ -46,16 +47,16 @@ fn choice() -> ReplaySelection {
 fn shown(items: &[ReplayItem]) -> Vec<String> {
     let what = |what: &ReplayItemKind| match what {
         ReplayItemKind::Sample { sample, .. } => format!("sample {}", sample.sequence),
-        ReplayItemKind::Content(WireData::Frame(frame), whose) => format!("{:03X} {whose:?}", frame.id()),
-        ReplayItemKind::Content(WireData::Bytes(bytes), whose) => format!("{} bytes {whose:?}", bytes.len()),
+        ReplayItemKind::Content(WireData::Frame(frame), origin) => format!("{:03X} {origin:?}", frame.id()),
+        ReplayItemKind::Content(WireData::Bytes(bytes), origin) => format!("{} bytes {origin:?}", bytes.len()),
         ReplayItemKind::Note(note) => note.clone(),
     };
     items.iter().map(|item| format!("{} {}", item.played_ns / 1000, what(&item.what))).collect()
 }
 
 #[test]
-fn frames_keep_order_and_time_and_a_sample_is_known_when_it_begins() {
-    let (items, report) = items(choice());
+fn frames_keep_order_and_time_and_a_sample_is_known_at_its_start() {
+    let (items, report) = items(selection());
     assert_eq!(
         shown(&items),
         [
@@ -79,11 +80,11 @@ fn frames_keep_order_and_time_and_a_sample_is_known_when_it_begins() {
 }
 
 #[test]
-fn a_part_of_it_and_the_unit_alone_can_be_chosen() {
-    let only = ReplaySelection { is_only: true, to_ns: 300_000_000, ..choice() };
+fn time_range_and_the_unit_alone_can_be_selected() {
+    let only = ReplaySelection { is_only: true, to_ns: 300_000_000, ..selection() };
     let (all, _) = items(only);
     let expected = ["0 sample 0", "0 1A0 Sample", "400 1A1 Sample", "600 1A2 Sample", "100100 1A9 Unit"];
     assert_eq!(shown(&all), expected);
-    let (late, _) = items(ReplaySelection { from_ns: 190_000_000, to_ns: 500_000_000, ..choice() });
+    let (late, _) = items(ReplaySelection { from_ns: 190_000_000, to_ns: 500_000_000, ..selection() });
     assert_eq!(shown(&late), ["0 1A8 Command", "100 1A9 Unit"]);
 }

@@ -1,6 +1,6 @@
 //! Unix times as dates.
 
-/// 1980-01-01. Before it no recording was made: such a time is none of the calendar, but counts from a start of its own.
+/// 1980-01-01. No recording is older: an earlier time has another epoch.
 const FIRST_DATE_S: f64 = 315_532_800.0;
 
 /// Date, hour, minute and second of a Unix time in whole seconds, UTC.
@@ -10,7 +10,7 @@ fn civil(unix_s: i64) -> (String, i64, i64, i64) {
     (format!("{year:04}-{month:02}-{day:02}"), second / 3600, second / 60 % 60, second % 60)
 }
 
-/// A Unix time in the calendar, to the second; a time that counts from a start of its own in seconds.
+/// A Unix time as a date, to the second; a time with another epoch in seconds.
 pub(crate) fn date(unix_s: f64) -> String {
     if unix_s < FIRST_DATE_S {
         return format!("{} s, date unknown", format!("{unix_s:.1}").replace('-', "−"));

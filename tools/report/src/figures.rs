@@ -1,11 +1,11 @@
-//! Figures of a unit as SVG files: one or two panels, one above the other. Each flies the unit through a scenario of its own; where the unit lacks the effect that a
-//! figure is about, the paper's value stands in, and the title says so.
+//! Figures of a unit as SVG files with one or two panels. Each figure simulates the unit with its own scenario. If the unit
+//! lacks the effect of the figure, the paper's value is used, and the title states this.
 
 use geu_chart::{Chart, MAX_COLUMNS, min_max, svg_file};
 use geu_model::attitude::{AttitudeProfile, LimitCycle, Manoeuvre, Motion, Scenario};
-use geu_model::course::{Interval, TimeCourse, TimeFunction};
 use geu_model::effect::{Effects, columns};
-use geu_model::number::ParameterSet;
+use geu_model::parameter_spec::ParameterSet;
+use geu_model::time_profile::{self, Interval, TimeCourse, TimeProfile};
 use geu_model::units::{ORBIT_S, S_PER_DAY, SAMPLE_INTERVAL_S};
 use geu_model::{Configuration, GyroUnit};
 use geu_protocol::Gyro;
@@ -13,12 +13,11 @@ use geu_selftest::{BestLine, Receiver, transfer_function};
 
 use crate::extent;
 
-/// How points are shown.
+/// Style of points.
 #[derive(Clone, Copy, PartialEq)]
 enum Mark {
     /// Joined by lines.
     Line,
-    /// Each by itself.
     Points,
     /// Held from point to point.
     Steps,
@@ -37,6 +36,25 @@ struct Panel {
     series: Vec<Series>,
     /// Levels to compare with, dashed, with a name.
     levels: Vec<(f64, String)>,
+}
+
+impl Series {
+    fn new(name: impl Into<String>, mark: Mark, points: Vec<(f64, f64)>) -> Series {
+        Series { name: name.into(), mark, points }
+    }
+}
+
+impl Panel {
+    /// A panel without levels.
+    fn new(title: impl Into<String>, [x, y]: [&'static str; 2], series: Vec<Series>) -> Panel {
+        Panel { title: title.into(), x, y, series, levels: Vec::new() }
+    }
+
+    /// Adds two levels with the same name.
+    fn with_levels(mut self, levels: [f64; 2], name: &str) -> Panel {
+        self.levels = levels.map(|level| (level, name.to_owned())).to_vec();
+        self
+    }
 }
 
 /// Panels from a unit.
@@ -118,8 +136,8 @@ fn set(numbers: &mut dyn ParameterSet, name: &str, value: f64) {
     *numbers.value_mut(index) = value;
 }
 
-/// Whether the gyro has the effect; the paper's value stands in where it has not.
-fn has_or_takes(configuration: &mut Configuration, gyro: Gyro, code: &str, name: &str, paper: f64) -> String {
+/// Sets the paper's value of an effect if the gyro lacks it, and returns a note for the title.
+fn ensure_effect(configuration: &mut Configuration, gyro: Gyro, code: &str, name: &str, paper: f64) -> String {
     let effects = &mut configuration.gyros[gyro as usize].effects;
     let index = effects.constant.specs().iter().position(|spec| spec.code == code).expect("an effect of that code");
     if effects.has(index) {
@@ -129,15 +147,20 @@ fn has_or_takes(configuration: &mut Configuration, gyro: Gyro, code: &str, name:
     format!(" ({code} the paper's; this unit has none)")
 }
 
-/// Whether a gyro's effect has a course; those of the paper stand in where none has.
-fn has_or_takes_courses(configuration: &mut Configuration, code: &str, paper: &[(f64, TimeFunction)]) -> String {
+/// Sets the paper's time courses of an effect if no gyro has one, and returns a note for the title.
+fn ensure_courses(configuration: &mut Configuration, code: &str, paper: &[(f64, TimeProfile)]) -> String {
     let specs = configuration.gyros[0].effects.constant.specs();
     let effect = specs.iter().position(|spec| spec.code == code).expect("an effect of that code");
     if configuration.gyros.iter().any(|gyro| gyro.effects.courses.iter().any(|course| course.effect == effect)) {
         return String::new();
     }
     for gyro in &mut configuration.gyros {
-        gyro.effects.courses.extend(paper.iter().map(|&(size, law)| TimeCourse { effect, amplitude: 0, size, law }));
+        gyro.effects.courses.extend(paper.iter().map(|&(size, profile)| TimeCourse {
+            effect,
+            amplitude: 0,
+            size,
+            profile,
+        }));
     }
     format!(" (course of {code} the paper's; this unit has none)")
 }
@@ -145,7 +168,7 @@ fn has_or_takes_courses(configuration: &mut Configuration, code: &str, paper: &[
 /// Figure 7: counts per sample interval against rate, and their departure from the best line.
 fn transfer(configuration: &Configuration) -> Vec<Panel> {
     let mut configuration = configuration.clone();
-    let said = has_or_takes(&mut configuration, Gyro::Y, "scale-factor-nonlinearity", "cubic_ppm", 800.0);
+    let note = ensure_effect(&mut configuration, Gyro::Y, "scale-factor-nonlinearity", "cubic_ppm", 800.0);
     let rates = [12.0, 10.5, 9.0, 7.5, 6.0, 4.5, 3.0, 1.5];
     let scans: Vec<_> = rates.iter().flat_map(|&rate| [(120.0, rate), (60.0, rate)]).collect();
     configuration.scenario = y_scans(60.0, LimitCycle::default(), &scans);
@@ -156,48 +179,34 @@ fn transfer(configuration: &Configuration) -> Vec<Panel> {
         .into_iter()
         .map(|(rate, excess)| (rate, (rate + excess.value) * SAMPLE_INTERVAL_S))
         .collect();
-    let best = BestLine::of(&counted);
+    let best = BestLine::new(&counted);
     let departures: Vec<_> = counted
         .iter()
         .map(|&(rate, counts)| (rate, 100.0 * (counts - best.at(rate)) / (FULL_ARCSEC_S * SAMPLE_INTERVAL_S)))
         .collect();
     let ends = [-FULL_ARCSEC_S, FULL_ARCSEC_S].map(|rate| (rate, best.at(rate)));
+    let line = format!(
+        "best line: {:.5} arcsec per count, D {:+.4} arcsec per sample interval",
+        SAMPLE_INTERVAL_S / best.slope,
+        -best.level * SAMPLE_INTERVAL_S / best.slope
+    );
+    let series = vec![Series::new(line, Mark::Line, ends.to_vec()), Series::new("counted", Mark::Points, counted)];
+    let rate = "rate about the input axis, arcsec/s";
+    let departure = vec![Series::new("counted less best line", Mark::Points, departures)];
     vec![
-        Panel {
-            title: "Transfer function of GYRY (Casteren figure 7)".to_owned(),
-            x: "rate about the input axis, arcsec/s",
-            y: "counts per sample interval",
-            series: vec![
-                Series {
-                    name: format!(
-                        "best line: {:.5} arcsec per count, D {:+.4} arcsec per sample interval",
-                        SAMPLE_INTERVAL_S / best.slope,
-                        -best.level * SAMPLE_INTERVAL_S / best.slope
-                    ),
-                    mark: Mark::Line,
-                    points: ends.to_vec(),
-                },
-                Series { name: "counted".to_owned(), mark: Mark::Points, points: counted },
-            ],
-            levels: Vec::new(),
-        },
-        Panel {
-            title: format!("Departure from the best line{said}"),
-            x: "rate about the input axis, arcsec/s",
-            y: "departure, % of 720 arcsec/s",
-            series: vec![Series { name: "counted less best line".to_owned(), mark: Mark::Points, points: departures }],
-            levels: [0.02, -0.02].map(|level| (level, "0.02 % (table 1)".to_owned())).to_vec(),
-        },
+        Panel::new("Transfer function of GYRY (Casteren figure 7)", [rate, "counts per sample interval"], series),
+        Panel::new(format!("Departure from the best line{note}"), [rate, "departure, % of 720 arcsec/s"], departure)
+            .with_levels([0.02, -0.02], "0.02 % (table 1)"),
     ]
 }
 
 /// Figure 6: the float of GYRX through a scan about its output axis and the rest after it.
 fn pivot_transit(configuration: &Configuration) -> Vec<Panel> {
     let mut configuration = configuration.clone();
-    let said = has_or_takes(&mut configuration, Gyro::X, "pivot-clearance", "clearance_arcsec", 14.0);
+    let note = ensure_effect(&mut configuration, Gyro::X, "pivot-clearance", "clearance_arcsec", 14.0);
     let configured = configuration.scenario.limit_cycle;
     let column = columns().iter().position(|code| *code == "pivot-clearance").expect("an effect of that code");
-    let fly = |limit_cycle: LimitCycle| {
+    let simulate = |limit_cycle: LimitCycle| {
         let mut configuration = configuration.clone();
         configuration.scenario = y_scans(90.0, limit_cycle, &[(96.0, 12.0), (90.0, 12.0)]);
         let (mut unit, mut float_arcsec) = (GyroUnit::new(&configuration), 0.0);
@@ -214,28 +223,26 @@ fn pivot_transit(configuration: &Configuration) -> Vec<Panel> {
     let cycle =
         if configured.rate_arcsec_s > 0.0 { configured } else { LimitCycle { rate_arcsec_s: 4.0, ..configured } };
     let clearance_arcsec = configuration.gyros[Gyro::X as usize].effects.constant.pivot_clearance.clearance_arcsec;
-    let float = |name: String, points: Vec<(f64, f64)>| Series { name, mark: Mark::Line, points };
-    let (at_rest, cycling) = (fly(still), fly(cycle));
-    let early = |points: &[(f64, f64)]| points.iter().copied().filter(|point| point.0 <= 110.0).collect();
-    let names = ["without limit cycle".to_owned(), format!("limit cycle of {} arcsec/s", cycle.rate_arcsec_s)];
-    let stops = || {
-        [0.5, -0.5].map(|half| (half * clearance_arcsec, format!("stops, {clearance_arcsec} arcsec apart"))).to_vec()
+    let runs = [
+        ("without limit cycle".to_owned(), simulate(still)),
+        (format!("limit cycle of {} arcsec/s", cycle.rate_arcsec_s), simulate(cycle)),
+    ];
+    let panel = |title: String, end_s: f64| {
+        let series = runs.iter().map(|(name, points)| {
+            let points = points.iter().copied().filter(|point| point.0 <= end_s).collect();
+            Series::new(name.as_str(), Mark::Line, points)
+        });
+        Panel::new(title, ["time, s", "float about X, arcsec"], series.collect()).with_levels(
+            [0.5 * clearance_arcsec, -0.5 * clearance_arcsec],
+            &format!("stops, distance {clearance_arcsec} arcsec"),
+        )
     };
     vec![
-        Panel {
-            title: format!("Float of GYRX: 6° forth and back about Y at 12 arcmin/s, then rest{said}"),
-            x: "time, s",
-            y: "float about X, arcsec",
-            series: vec![float(names[0].clone(), early(&at_rest)), float(names[1].clone(), early(&cycling))],
-            levels: stops(),
-        },
-        Panel {
-            title: "The same with the whole rest: creep home at 0.015 arcsec/s (Casteren §3.3, figure 6)".to_owned(),
-            x: "time, s",
-            y: "float about X, arcsec",
-            series: vec![float(names[0].clone(), at_rest), float(names[1].clone(), cycling)],
-            levels: stops(),
-        },
+        panel(format!("Float of GYRX: 6° forth and back about Y at 12 arcmin/s, then rest{note}"), 110.0),
+        panel(
+            "The same with the whole rest: creep home at 0.015 arcsec/s (Casteren §3.3, figure 6)".to_owned(),
+            f64::INFINITY,
+        ),
     ]
 }
 
@@ -243,7 +250,7 @@ fn pivot_transit(configuration: &Configuration) -> Vec<Panel> {
 fn limit_cycle(configuration: &Configuration) -> Vec<Panel> {
     let mut configuration = configuration.clone();
     let configured = configuration.scenario.limit_cycle;
-    let said = if configured.rate_arcsec_s > 0.0 { "" } else { " (the paper's; this scenario has none)" };
+    let note = if configured.rate_arcsec_s > 0.0 { "" } else { " (the paper's; this scenario has none)" };
     let limit_cycle =
         if configured.rate_arcsec_s > 0.0 { configured } else { LimitCycle { rate_arcsec_s: 5.0, ..configured } };
     configuration.scenario = y_scans(90.0, limit_cycle, &[]);
@@ -264,28 +271,17 @@ fn limit_cycle(configuration: &Configuration) -> Vec<Panel> {
             rows[index].counts[gyro as usize] * calibration.scale_factor
                 + calibration.drift_arcsec_per_half_s * (index + 1) as f64
         };
-        Panel {
-            title,
-            x: "time, s",
-            y: "angle, arcsec",
-            series: vec![
-                Series {
-                    name: "true angle".to_owned(),
-                    mark: Mark::Line,
-                    points: truth.iter().map(|(t_s, turned_arcsec)| (*t_s, turned_arcsec[axis])).collect(),
-                },
-                Series {
-                    name: format!("{}, counts · SF + D", gyro.name()),
-                    mark: Mark::Steps,
-                    points: (0..rows.len()).map(|index| (rows[index].t_s, corrected(index))).collect(),
-                },
-            ],
-            levels: Vec::new(),
-        }
+        let angle = truth.iter().map(|(t_s, turned_arcsec)| (*t_s, turned_arcsec[axis])).collect();
+        let counted = (0..rows.len()).map(|index| (rows[index].t_s, corrected(index))).collect();
+        let series = vec![
+            Series::new("true angle", Mark::Line, angle),
+            Series::new(format!("{}, counts · SF + D", gyro.name()), Mark::Steps, counted),
+        ];
+        Panel::new(title, ["time, s", "angle, arcsec"], series)
     };
     let rate = limit_cycle.rate_arcsec_s;
     vec![
-        panel(Gyro::X, 0, format!("Limit cycle of {rate} arcsec/s about X (Casteren figure 8){said}")),
+        panel(Gyro::X, 0, format!("Limit cycle of {rate} arcsec/s about X (Casteren figure 8){note}")),
         panel(Gyro::Y, 1, "About Y, a quarter of a period before".to_owned()),
     ]
 }
@@ -294,12 +290,15 @@ fn limit_cycle(configuration: &Configuration) -> Vec<Panel> {
 fn two_weeks(configuration: &Configuration) -> Vec<Panel> {
     let mut configuration = configuration.clone();
     configuration.scenario = y_scans(90.0, LimitCycle::default(), &[]);
-    let drifts = has_or_takes_courses(&mut configuration, "drift", &[(0.4, TimeFunction::Ramp)]);
+    let drifts = ensure_courses(&mut configuration, "drift", &[(0.4, time_profile::from_name("-ramp").with(&[]))]);
     // 40 ppm per month, 12.5 ppm per K.
-    let scales = has_or_takes_courses(
+    let scales = ensure_courses(
         &mut configuration,
         "scale-factor",
-        &[(40.0 / 30.4375, TimeFunction::Ramp), (12.5, TimeFunction::Temperature)],
+        &[
+            (40.0 / 30.4375, time_profile::from_name("-ramp").with(&[])),
+            (12.5, time_profile::from_name("-temperature").with(&[])),
+        ],
     );
     let columns = columns();
     let drift_columns: Vec<usize> = (0..columns.len()).filter(|&column| columns[column].starts_with("drift")).collect();
@@ -340,26 +339,19 @@ fn two_weeks(configuration: &Configuration) -> Vec<Panel> {
         }
     }
     let series = |points: [Vec<(f64, f64)>; 4]| {
-        Gyro::ALL
-            .into_iter()
-            .zip(points)
-            .map(|(gyro, points)| Series { name: gyro.name().to_owned(), mark: Mark::Line, points })
-            .collect()
+        Gyro::ALL.into_iter().zip(points).map(|(gyro, points)| Series::new(gyro.name(), Mark::Line, points)).collect()
     };
     vec![
-        Panel {
-            title: format!("Drift over two weeks, hourly means, less the calibration{drifts}"),
-            x: "time, days",
-            y: "drift, arcsec/h",
-            series: series(drift),
-            levels: [6.0, -6.0].map(|level| (level, "6 arcsec/h (table 1)".to_owned())).to_vec(),
-        },
-        Panel {
-            title: format!("Scale factor over two weeks, orbit means, less the calibration{scales}"),
-            x: "time, days",
-            y: "scale factor, ppm",
-            series: series(scale),
-            levels: Vec::new(),
-        },
+        Panel::new(
+            format!("Drift over two weeks, hourly means, less the calibration{drifts}"),
+            ["time, days", "drift, arcsec/h"],
+            series(drift),
+        )
+        .with_levels([6.0, -6.0], "6 arcsec/h (table 1)"),
+        Panel::new(
+            format!("Scale factor over two weeks, orbit means, less the calibration{scales}"),
+            ["time, days", "scale factor, ppm"],
+            series(scale),
+        ),
     ]
 }

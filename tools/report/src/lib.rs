@@ -1,5 +1,5 @@
-//! Results as pages, figures and tables: what `calibrate` and `diagnose` write as HTML, the figures of a unit as SVG, and rows
-//! as CSV and JSON lines, and what evaluations print.
+//! Results as output: HTML pages of `calibrate` and `diagnose`, figures of a unit as SVG, rows as CSV and JSON lines, and the
+//! text of evaluations.
 
 mod calendar;
 pub mod calibration;
@@ -9,13 +9,14 @@ pub mod figures;
 mod page;
 pub mod rates;
 pub mod rows;
+mod text_table;
 pub mod update;
 
 pub use page::Provenance;
 
-/// Smallest and largest value, and a share of room beyond them; one unit where all are equal.
-fn extent(values: impl Iterator<Item = f64>, room: f64) -> (f64, f64) {
+/// Smallest and largest value, with a `margin` as a share of the range; one unit if all are equal.
+fn extent(values: impl Iterator<Item = f64>, margin: f64) -> (f64, f64) {
     let (min, max) = values.fold((f64::MAX, f64::MIN), |(min, max), value| (min.min(value), max.max(value)));
-    let room = if max > min { room * (max - min) } else { 0.5 };
-    if min > max { (0.0, 1.0) } else { (min - room, max + room) }
+    let margin = if max > min { margin * (max - min) } else { 0.5 };
+    if min > max { (0.0, 1.0) } else { (min - margin, max + margin) }
 }

@@ -1,5 +1,5 @@
-//! A page of results in one file: nothing is fetched, light or dark as the reader has it. Without its script the charts are
-//! there as well, and stand still. It is well-formed XML, so that anything can read it.
+//! A page of results in one file that loads nothing, in the reader's light or dark theme. Without its script the charts are
+//! static. It is well-formed XML.
 
 pub(crate) use geu_chart::escape;
 
@@ -7,7 +7,7 @@ pub(crate) use crate::calendar::date;
 
 const STYLE: &str = include_str!("style.css");
 
-/// The page with a title, from what stands in it.
+/// The page from its title and body.
 pub(crate) fn html(title: &str, body: &str) -> String {
     format!(
         r#"<!DOCTYPE html>
@@ -35,11 +35,11 @@ pub(crate) fn html(title: &str, body: &str) -> String {
     )
 }
 
-/// How the charts are used.
-pub(crate) const CHART_HINT: &str = "<p class=\"soft hint\">In a chart: drag to zoom, double-click for the whole, Shift and drag to \
-    move, Ctrl and wheel to zoom about the pointer; values stand under the pointer. With the keyboard: +, −, arrows, 0.</p>\n";
+/// Operation of the charts.
+pub(crate) const CHART_HINT: &str = "<p class=\"soft hint\">In a chart: drag to zoom, double-click to reset, Shift and drag to \
+    move, Ctrl and wheel to zoom about the pointer; the pointer shows values. With the keyboard: +, −, arrows, 0.</p>\n";
 
-/// A table that scrolls by itself where the screen is narrow. The first cell of a row is its header.
+/// A table, which scrolls on narrow screens. The first cell of a row is its header.
 pub(crate) fn table(caption: &str, header: &[&str], rows: impl IntoIterator<Item = Vec<String>>) -> String {
     let mut text = format!(
         "<div class=\"wide\" role=\"region\" tabindex=\"0\" aria-label=\"{caption}\">\n<table>\n<caption><span>{caption}</span></caption>\n<thead><tr>",
@@ -62,17 +62,17 @@ pub(crate) fn table(caption: &str, header: &[&str], rows: impl IntoIterator<Item
     text + "</tbody>\n</table>\n</div>\n"
 }
 
-/// A cell that is read, not compared.
+/// A cell of prose.
 pub(crate) fn prose(text: &str) -> String {
     format!("<span class=\"prose\">{}</span>", escape(text))
 }
 
-/// What a page rests on.
+/// Provenance of a page.
 pub struct Provenance<'a> {
-    /// The command line, so that a shell takes it again.
+    /// The command line, quoted for a shell.
     pub command: String,
     pub version: &'a str,
-    /// What was read, what it is and its name.
+    /// Kind and name of each input.
     pub inputs: Vec<(&'static str, String)>,
     /// The configuration's name, text and overrides.
     pub configuration: (String, String, &'a [String]),
@@ -81,24 +81,22 @@ pub struct Provenance<'a> {
 impl Provenance<'_> {
     pub(crate) fn html(&self, further: impl Iterator<Item = (&'static str, String)>) -> String {
         let mut text = String::from("<h2>Provenance</h2>\n<dl>\n");
-        let mut item = |name: &str, what: &str| {
-            text += &format!("<dt>{}</dt><dd><code>{}</code></dd>\n", escape(name), escape(what));
+        let mut item = |name: &str, value: &str| {
+            text += &format!("<dt>{}</dt><dd><code>{}</code></dd>\n", escape(name), escape(value));
         };
         let (name, configuration, overrides) = &self.configuration;
         item("command", &self.command);
         item("geu", self.version);
-        self.inputs.iter().for_each(|(what, name)| item(what, name));
-        further.for_each(|(what, name)| item(what, &name));
+        self.inputs.iter().for_each(|(kind, name)| item(kind, name));
+        further.for_each(|(kind, name)| item(kind, &name));
         item("configuration", name);
         overrides.iter().for_each(|value| item("override", value));
         let configuration = escape(configuration);
-        text + &format!(
-            "</dl>\n<details>\n<summary>The configuration as it was read</summary>\n<pre>{configuration}</pre>\n</details>\n"
-        )
+        text + &format!("</dl>\n<details>\n<summary>Configuration</summary>\n<pre>{configuration}</pre>\n</details>\n")
     }
 }
 
-/// A number with so many significant digits and without an exponent.
+/// A number with `digits` significant digits and without an exponent.
 pub(crate) fn significant(value: f64, digits: i32) -> String {
     let decimals = if value == 0.0 { 0 } else { (digits - 1 - value.abs().log10().floor() as i32).clamp(0, 12) };
     format!("{value:.*}", decimals as usize).replace('-', "−")
@@ -110,14 +108,14 @@ pub(crate) fn signed(value: f64, digits: i32) -> String {
     if value > 0.0 { format!("+{text}") } else { text }
 }
 
-/// A number with its sign and so many decimals.
+/// A number with its sign and `decimals`.
 pub(crate) fn fixed(value: f64, decimals: usize) -> String {
     let text = format!("{value:+.decimals$}");
     let is_zero = text.bytes().all(|byte| !(b'1'..=b'9').contains(&byte));
     if is_zero { text.replace(['+', '-'], "") } else { text.replace('-', "−") }
 }
 
-/// So many sigmas.
+/// A number of sigmas.
 pub(crate) fn sigmas(value: f64) -> String {
     format!("{} σ", fixed(value, 1))
 }
@@ -128,8 +126,8 @@ mod tests {
 
     #[test]
     fn numbers_keep_their_significant_digits() {
-        let told = [(1.2345e-5, "0.0000123"), (-0.5, "−0.500"), (1234.5, "1234"), (0.0, "0"), (99.96, "100.0")];
-        for (value, text) in told {
+        let cases = [(1.2345e-5, "0.0000123"), (-0.5, "−0.500"), (1234.5, "1234"), (0.0, "0"), (99.96, "100.0")];
+        for (value, text) in cases {
             assert_eq!(significant(value, 3), text);
         }
         assert_eq!(signed(0.25, 2), "+0.25");

@@ -2,9 +2,10 @@
 
 use geu_protocol::Gyro;
 
+use super::Expected::Value;
 use super::estimate::{LineFit, level, settling};
 use super::receiver::between;
-use super::{Estimate, Expected, Experiment, PublishedValue, Receiver};
+use super::{Estimate, Experiment, Receiver, claim};
 use geu_model::units::ARCSEC_PER_RAD;
 
 pub const EXPERIMENTS: &[Experiment] = &[
@@ -15,12 +16,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
             manoeuvre = [{ kind = \"z-scan\" }]
             gyro.GYRX.misalignment.z_arcsec = 60
         ",
-        claims: &[PublishedValue {
-            what: "misalignment of an arcminute: GXz",
-            source: "§3.4",
-            expected: Expected::Value(60.0, 0.0),
-            unit: "″",
-        }],
+        claims: &[claim("misalignment of an arcminute: GXz", "§3.4", Value(60.0, 0.0), "″")],
         measure: |receiver| vec![misalignment(receiver, 6180.0, Gyro::X, 2)],
     },
     Experiment {
@@ -31,12 +27,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
             manoeuvre = [{ kind = \"y-scan\", to_theta_deg = 120 }]
             gyro.GYRX.misalignment.y_arcsec = 60
         ",
-        claims: &[PublishedValue {
-            what: "misalignment of an arcminute: GXy",
-            source: "§3.4",
-            expected: Expected::Value(60.0, 0.0),
-            unit: "″",
-        }],
+        claims: &[claim("misalignment of an arcminute: GXy", "§3.4", Value(60.0, 0.0), "″")],
         measure: |receiver| vec![misalignment(receiver, 320.0, Gyro::X, 1)],
     },
     Experiment {
@@ -47,12 +38,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
             manoeuvre = [{ kind = \"x-scan\" }]
             gyro.GYRY.misalignment.x_arcsec = 60
         ",
-        claims: &[PublishedValue {
-            what: "misalignment of an arcminute: GYx",
-            source: "§3.4",
-            expected: Expected::Value(60.0, 0.0),
-            unit: "″",
-        }],
+        claims: &[claim("misalignment of an arcminute: GYx", "§3.4", Value(60.0, 0.0), "″")],
         measure: |receiver| vec![misalignment(receiver, 6180.0, Gyro::Y, 0)],
     },
     Experiment {
@@ -65,18 +51,8 @@ pub const EXPERIMENTS: &[Experiment] = &[
             unit.misalignment-thermal.arcsec_per_deg = 0.5
         ",
         claims: &[
-            PublishedValue {
-                what: "thermal turn over a Y-scan: tens of arcsec",
-                source: "§3.4, model",
-                expected: Expected::Value(30.0, 0.0),
-                unit: "″",
-            },
-            PublishedValue {
-                what: "its lag: the scan's duration",
-                source: "§5.3",
-                expected: Expected::Value(300.0, 0.0),
-                unit: "s",
-            },
+            claim("thermal turn over a Y-scan: tens of arcsec", "§3.4, model", Value(30.0, 0.0), "″"),
+            claim("its lag: the scan's duration", "§5.3", Value(300.0, 0.0), "s"),
         ],
         measure: |receiver| {
             let rows = receiver.listen(4800.0);
@@ -91,5 +67,5 @@ pub const EXPERIMENTS: &[Experiment] = &[
 /// The part of a control axis on a gyro's input axis.
 fn misalignment(receiver: &mut Receiver, until_s: f64, gyro: Gyro, axis: usize) -> Estimate {
     let rows = receiver.listen(until_s);
-    LineFit::of(rows.iter().map(|row| (row.reference_arcsec[axis], row.residual(gyro)))).slope.times(ARCSEC_PER_RAD)
+    LineFit::new(rows.iter().map(|row| (row.reference_arcsec[axis], row.residual(gyro)))).slope.times(ARCSEC_PER_RAD)
 }

@@ -2,11 +2,12 @@
 
 use geu_protocol::Gyro;
 
+use super::Expected::{AtMost, Value};
 use super::estimate::{
-    Fit, LineFit, ROUNDING_VARIANCE, allan_variance, freedom_of_walking_rate, freedom_of_white_rate,
+    LineFit, ROUNDING_VARIANCE, allan_variance, curvature, freedom_of_walking_rate, freedom_of_white_rate,
 };
 use super::receiver::Row;
-use super::{Estimate, Expected, Experiment, PublishedValue};
+use super::{Estimate, Experiment, claim};
 use geu_model::units::{ARCSEC_PER_DEG, S_PER_DAY};
 
 const S_PER_H: f64 = 3600.0;
@@ -17,21 +18,16 @@ pub const EXPERIMENTS: &[Experiment] = &[
     Experiment {
         name: "drift",
         noise: false,
-        // Three quarters of a count in each sample interval repeat for ever, whatever small error stands beside them; the limit
-        // cycle breaks that up.
+        // Three quarters of a count per sample interval repeat forever, also with a small error added. The limit cycle breaks
+        // this repetition.
         configuration: "
             scenario.limit_cycle = { rate_arcsec_s = 4, period_s = 4.7183 }
             gyro.GYRY.drift.arcsec_per_h = 5400
         ",
-        claims: &[PublishedValue {
-            what: "largest drift rate",
-            source: "table 1",
-            expected: Expected::Value(1.5, 0.0),
-            unit: "°/h",
-        }],
+        claims: &[claim("largest drift rate", "table 1", Value(1.5, 0.0), "°/h")],
         measure: |receiver| {
             let rows = receiver.listen(S_PER_H);
-            let line = LineFit::of(rows.iter().map(|row| (row.t_s, row.residual(Gyro::Y))));
+            let line = LineFit::new(rows.iter().map(|row| (row.t_s, row.residual(Gyro::Y))));
             vec![line.slope.times(-S_PER_H / ARCSEC_PER_DEG)]
         },
     },
@@ -40,29 +36,13 @@ pub const EXPERIMENTS: &[Experiment] = &[
         noise: false,
         configuration: "gyro.GYRX.drift-ramp.arcsec_per_h_per_day = 0.4",
         claims: &[
-            PublishedValue {
-                what: "drift ramp",
-                source: "model",
-                expected: Expected::Value(0.4, 0.0),
-                unit: "″/h per day",
-            },
-            PublishedValue {
-                what: "drift change in 2 weeks",
-                source: "§3.1, table 1",
-                expected: Expected::AtMost(6.0),
-                unit: "″/h",
-            },
+            claim("drift ramp", "model", Value(0.4, 0.0), "″/h per day"),
+            claim("drift change in 2 weeks", "§3.1, table 1", AtMost(6.0), "″/h"),
         ],
         measure: |receiver| {
             let rows = receiver.listen_every(120, 14.0 * S_PER_DAY);
-            let points: Vec<_> = rows
-                .iter()
-                .map(|row| {
-                    let day = row.t_s / S_PER_DAY - 7.0;
-                    ([1.0, day, day * day], row.residual(Gyro::X))
-                })
-                .collect();
-            let ramp = Fit::of(&points).estimate(2).times(-2.0 / 24.0);
+            let points = rows.iter().map(|row| (row.t_s / S_PER_DAY - 7.0, row.residual(Gyro::X)));
+            let ramp = curvature(points).times(-2.0 / 24.0);
             vec![ramp, ramp.times(14.0)]
         },
     },
@@ -80,12 +60,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
             GYRZA.angle-random-walk.arcsec_per_sqrt_s = 0.01
             GYRZB.angle-random-walk.arcsec_per_sqrt_s = 0.01
         ",
-        claims: &[PublishedValue {
-            what: "angle random walk",
-            source: "model",
-            expected: Expected::Value(0.01, 0.0),
-            unit: "″/√s",
-        }],
+        claims: &[claim("angle random walk", "model", Value(0.01, 0.0), "″/√s")],
         measure: |receiver| {
             let (block_s, blocks) = (30.0, 10);
             let phases = block_means(&receiver.listen(43_200.0), block_s);
@@ -108,18 +83,8 @@ pub const EXPERIMENTS: &[Experiment] = &[
             GYRZB.drift-random-walk.arcsec_per_s_per_sqrt_s = 8e-6
         ",
         claims: &[
-            PublishedValue {
-                what: "drift random walk",
-                source: "model",
-                expected: Expected::Value(8.0, 0.0),
-                unit: "1e-6 ″/s/√s",
-            },
-            PublishedValue {
-                what: "drift change over 30 min, 3 sigma",
-                source: "§3.1, table 1",
-                expected: Expected::Value(3.6, 0.05),
-                unit: "″/h",
-            },
+            claim("drift random walk", "model", Value(8.0, 0.0), "1e-6 ″/s/√s"),
+            claim("drift change over 30 min, 3 sigma", "§3.1, table 1", Value(3.6, 0.05), "″/h"),
         ],
         measure: |receiver| {
             let (block_s, blocks) = (60.0, 30);
@@ -140,12 +105,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
             GYRZA.drift-random-walk = { arcsec_per_s_per_sqrt_s = 8e-6, correlation_time_s = 10000 }
             GYRZB.drift-random-walk = { arcsec_per_s_per_sqrt_s = 8e-6, correlation_time_s = 10000 }
         ",
-        claims: &[PublishedValue {
-            what: "drift deviation, 10 000 s correlation",
-            source: "model",
-            expected: Expected::Value(2.0, 0.5),
-            unit: "″/h",
-        }],
+        claims: &[claim("drift deviation, 10 000 s correlation", "model", Value(2.0, 0.5), "″/h")],
         measure: |receiver| {
             let (block_s, correlation_s) = (600.0, 10_000.0);
             receiver.listen_every(u64::MAX, 3.0 * correlation_s);
@@ -165,7 +125,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
     },
 ];
 
-/// Residual angle of each gyro, averaged over blocks, which takes the rounding down by their number of samples.
+/// Residual angle of each gyro, averaged over blocks; this divides the rounding variance by the samples of a block.
 fn block_means(rows: &[Row], block_s: f64) -> [Vec<f64>; 4] {
     let samples = (2.0 * block_s) as usize;
     Gyro::ALL.map(|gyro| {
@@ -175,8 +135,8 @@ fn block_means(rows: &[Row], block_s: f64) -> [Vec<f64>; 4] {
     })
 }
 
-/// The coefficient whose square times `law` is the Allan variance over `m` blocks, from four gyros; the variance that
-/// rounding adds, 3/τ² of that of a block's mean, is taken off.
+/// The coefficient c with c²·`law` = Allan variance over `m` blocks, from four gyros. The variance that rounding adds,
+/// 3/τ² of that of a block's mean, is subtracted.
 fn root(phases: &[Vec<f64>; 4], block_s: f64, m: usize, freedom: fn(usize, usize) -> f64, law: f64) -> Estimate {
     let tau_s = block_s * m as f64;
     let variance = phases.iter().map(|phase| allan_variance(phase, block_s, m)).sum::<f64>() / 4.0;

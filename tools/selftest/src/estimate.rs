@@ -1,13 +1,15 @@
 //! Estimators over accumulated counts, each with its sigma.
 //!
 //! Angles are in units of the quantum: rounding adds a uniform error of variance 1/12 to each. That error is not white
-//! where the angle moves slowly, so the sigma of a fit has two parts, in squares: that of white rounding, and what the
-//! fit's residuals show when they are summed over stretches, which keeps whatever they have in common with neighbours.
+//! where the angle moves slowly, so the sigma of a fit has two parts, in squares: that of white rounding, and that of the
+//! sums of the fit's residuals over intervals, which keeps the correlation of neighbours.
+
+use nalgebra::{SMatrix, SVector};
 
 /// Variance of a rounding to whole numbers.
 pub const ROUNDING_VARIANCE: f64 = 1.0 / 12.0;
-/// Stretches over which the residuals of a fit are summed.
-const STRETCHES: usize = 24;
+/// Intervals over which the residuals of a fit are summed.
+const INTERVALS: usize = 24;
 
 /// A number with its standard deviation.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -37,7 +39,7 @@ impl Estimate {
         Estimate { value, sigma: (self.sigma / other.value).hypot(value * other.sigma / other.value) }
     }
 
-    /// The same as a relative error of `value`: `whole` per it.
+    /// `whole` divided by the estimate, with the same relative error.
     #[must_use]
     pub fn relative_to(self, whole: f64) -> Estimate {
         let value = whole / self.value;
@@ -53,7 +55,7 @@ pub struct Fit<const P: usize> {
 
 impl<const P: usize> Fit<P> {
     /// Fits points (regressors, y), y in quanta.
-    pub fn of(points: &[([f64; P], f64)]) -> Fit<P> {
+    pub fn new(points: &[([f64; P], f64)]) -> Fit<P> {
         // Columns are scaled to their largest element, so that powers of time do not spoil the elimination.
         let mut scale = [f64::MIN_POSITIVE; P];
         for (x, _) in points {
@@ -61,34 +63,23 @@ impl<const P: usize> Fit<P> {
                 *scale = scale.max(x.abs());
             }
         }
-        let scaled = |x: &[f64; P]| -> [f64; P] { std::array::from_fn(|i| x[i] / scale[i]) };
-        let (mut normal, mut right) = ([[0.0; P]; P], [0.0; P]);
+        let scaled = |x: &[f64; P]| SVector::<f64, P>::from_fn(|i, _| x[i] / scale[i]);
+        let (mut normal, mut right) = (SMatrix::<f64, P, P>::zeros(), SVector::<f64, P>::zeros());
         for (x, y) in points {
             let x = scaled(x);
-            for i in 0..P {
-                right[i] += x[i] * y;
-                for j in 0..P {
-                    normal[i][j] += x[i] * x[j];
-                }
-            }
+            right += x * *y;
+            normal += x * x.transpose();
         }
-        let inverse = inverse(normal);
-        let apply = |v: [f64; P]| -> [f64; P] { std::array::from_fn(|i| (0..P).map(|j| inverse[i][j] * v[j]).sum()) };
-        let values = apply(right);
-        let mut variances: [f64; P] = std::array::from_fn(|i| inverse[i][i] * ROUNDING_VARIANCE);
-        let stretch = points.len().div_ceil(STRETCHES).max(1);
-        for points in points.chunks(stretch) {
-            let mut score = [0.0; P];
+        let inverse = normal.try_inverse().unwrap_or_else(|| SMatrix::repeat(f64::NAN));
+        let values = inverse * right;
+        let mut variances = inverse.diagonal() * ROUNDING_VARIANCE;
+        for points in points.chunks(points.len().div_ceil(INTERVALS).max(1)) {
+            let mut score = SVector::<f64, P>::zeros();
             for (x, y) in points {
                 let x = scaled(x);
-                let left = y - (0..P).map(|i| x[i] * values[i]).sum::<f64>();
-                for (score, x) in score.iter_mut().zip(x) {
-                    *score += x * left;
-                }
+                score += x * (y - x.dot(&values));
             }
-            for (variance, part) in variances.iter_mut().zip(apply(score)) {
-                *variance += part * part;
-            }
+            variances += (inverse * score).map(|part| part * part);
         }
         Fit {
             values: std::array::from_fn(|i| values[i] / scale[i]),
@@ -101,31 +92,8 @@ impl<const P: usize> Fit<P> {
     }
 }
 
-/// Gauss-Jordan elimination of a matrix that is positive definite; numbers that are none where it is not.
-fn inverse<const P: usize>(mut a: [[f64; P]; P]) -> [[f64; P]; P] {
-    let mut inverse = [[0.0; P]; P];
-    for (i, row) in inverse.iter_mut().enumerate() {
-        row[i] = 1.0;
-    }
-    for i in 0..P {
-        let pivot = a[i][i];
-        for j in 0..P {
-            a[i][j] /= pivot;
-            inverse[i][j] /= pivot;
-        }
-        for k in (0..P).filter(|&k| k != i) {
-            let factor = a[k][i];
-            for j in 0..P {
-                a[k][j] -= factor * a[i][j];
-                inverse[k][j] -= factor * inverse[i][j];
-            }
-        }
-    }
-    inverse
-}
-
 pub struct LineFit {
-    /// Where its level is told: the middle of the points.
+    /// The middle of the points, x of `level`.
     pub centre: f64,
     pub level: Estimate,
     pub slope: Estimate,
@@ -133,11 +101,11 @@ pub struct LineFit {
 
 impl LineFit {
     /// Fits points (x, y), y in quanta.
-    pub fn of(points: impl Iterator<Item = (f64, f64)> + Clone) -> LineFit {
+    pub fn new(points: impl Iterator<Item = (f64, f64)> + Clone) -> LineFit {
         let (count, sum) = points.clone().fold((0.0, 0.0), |(count, sum), (x, _)| (count + 1.0, sum + x));
         let centre = sum / count;
         let points: Vec<_> = points.map(|(x, y)| ([1.0, x - centre], y)).collect();
-        let fit = Fit::of(&points);
+        let fit = Fit::new(&points);
         LineFit { centre, level: fit.estimate(0), slope: fit.estimate(1) }
     }
 
@@ -147,8 +115,18 @@ impl LineFit {
     }
 }
 
+/// Half the second derivative of y(x), from points (x, y).
+pub fn curvature(points: impl Iterator<Item = (f64, f64)>) -> Estimate {
+    Fit::new(&points.map(|(x, y)| ([1.0, x, x * x], y)).collect::<Vec<_>>()).estimate(2)
+}
+
+/// Amplitude of an oscillation from its two parts.
+pub fn amplitude_of(sin: Estimate, cos: Estimate) -> Estimate {
+    Estimate::new(sin.value.hypot(cos.value), sin.sigma.max(cos.sigma))
+}
+
 pub fn level(levels: impl Iterator<Item = f64>) -> Estimate {
-    Fit::of(&levels.map(|y| ([1.0], y)).collect::<Vec<_>>()).estimate(0)
+    Fit::new(&levels.map(|y| ([1.0], y)).collect::<Vec<_>>()).estimate(0)
 }
 
 /// First-order settling y = level − drop · exp(−x/time constant): (level, drop, time constant), by Gauss-Newton from a
@@ -166,7 +144,7 @@ pub fn settling(points: &[(f64, f64)], first: f64) -> [Estimate; 3] {
                 ([1.0, -left, -size * left * x / (time_constant * time_constant)], y)
             })
             .collect();
-        fit = Fit::of(&rows);
+        fit = Fit::new(&rows);
         let step = fit.values[2] * size / fit.values[1];
         drop = fit.values[1];
         time_constant += step.clamp(-0.5 * time_constant, time_constant);
@@ -175,7 +153,7 @@ pub fn settling(points: &[(f64, f64)], first: f64) -> [Estimate; 3] {
     [level, drop, Estimate { value: time_constant, sigma: fit.estimate(2).sigma }]
 }
 
-/// Overlapping Allan variance of a phase each `spacing` apart, over `m` spacings.
+/// Overlapping Allan variance of phases at intervals of `spacing`, over `m` intervals.
 pub fn allan_variance(phase: &[f64], spacing: f64, m: usize) -> f64 {
     let tau = spacing * m as f64;
     let differences = phase.windows(2 * m + 1).map(|window| window[2 * m] - 2.0 * window[m] + window[0]);
@@ -202,7 +180,7 @@ mod tests {
     #[test]
     fn a_rounded_line_is_found_within_its_sigma() {
         for rate in [0.013, 0.37, 104.854_368] {
-            let line = LineFit::of((0..5000).map(|k| (f64::from(k), (rate * f64::from(k)).round())));
+            let line = LineFit::new((0..5000).map(|k| (f64::from(k), (rate * f64::from(k)).round())));
             assert!((line.slope.value - rate).abs() < 5.0 * line.slope.sigma, "{rate}: {:?}", line.slope);
             assert!(line.slope.sigma < 1e-4);
         }

@@ -1,8 +1,8 @@
-//! Every number that the paper or the model's page prints, simulated and measured again.
+//! Every number that the paper or the model's page prints, simulated and measured.
 //!
 //! An [`Experiment`] is a unit with one effect at the paper's value, and a way to measure it from what a receiver has:
 //! increments, flags, temperatures, the instants of reception, and the reference attitude that sensors and ground know.
-//! A [`PublishedValue`] is one printed number with its source. It is off when the measurement lies more than [`LIMIT_SIGMA`] away.
+//! A [`PublishedValue`] is one printed number with its source. A measurement more than [`LIMIT_SIGMA`] from it is a failure.
 //!
 //! ```
 //! use geu_selftest::{experiments, measure};
@@ -28,28 +28,28 @@ pub use scale_factor::{BestLine, transfer_function};
 use geu_model::Configuration;
 use geu_model::configuration::ConfigurationError;
 
-/// A measurement further off than this is wrong.
+/// Largest accepted distance of a measurement from the expected range.
 pub const LIMIT_SIGMA: f64 = 5.0;
 
-/// What a claim says of its number.
+/// Range in which a published value must lie.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Expected {
-    /// It is this, printed to this half of its last digit.
+    /// The value, and half of its last printed digit.
     Value(f64, f64),
-    /// It is no more than this.
+    /// An upper limit.
     AtMost(f64),
     Between(f64, f64),
 }
 
 impl Expected {
+    /// Distance of `value` from the range; infinite for NaN.
     pub fn excess(self, value: f64) -> f64 {
-        let (least, greatest) = match self {
+        let (min, max) = match self {
             Expected::Value(expected, rounding) => (expected - rounding, expected + rounding),
             Expected::AtMost(limit) => (f64::NEG_INFINITY, limit),
-            Expected::Between(least, greatest) => (least, greatest),
+            Expected::Between(min, max) => (min, max),
         };
-        // What is not a number is as far off as can be.
-        if value.is_nan() { f64::INFINITY } else { (least - value).max(value - greatest).max(0.0) }
+        if value.is_nan() { f64::INFINITY } else { (min - value).max(value - max).max(0.0) }
     }
 }
 
@@ -62,14 +62,18 @@ pub struct PublishedValue {
     pub unit: &'static str,
 }
 
-/// A unit, and what is to be measured of it.
+const fn claim(what: &'static str, source: &'static str, expected: Expected, unit: &'static str) -> PublishedValue {
+    PublishedValue { what, source, expected, unit }
+}
+
+/// A unit, and the measurements of it.
 pub struct Experiment {
     pub name: &'static str,
-    /// Whether its output depends on the seed.
+    /// True if its output depends on the seed.
     pub noise: bool,
     /// The unit: one effect at the paper's value, all others absent.
     pub configuration: &'static str,
-    /// What is claimed of it, in the order of measurement.
+    /// Published values, in the order of measurement.
     pub claims: &'static [PublishedValue],
     /// Measures it, one estimate for each claim.
     pub measure: fn(&mut Receiver) -> Vec<Estimate>,
@@ -82,14 +86,14 @@ pub struct ClaimCheck {
 }
 
 impl ClaimCheck {
-    /// How far the measurement is off, in its own sigma.
+    /// Distance of the measurement from the expected range, in its own sigma.
     pub fn off_sigma(&self) -> f64 {
-        // Sigma of a number that has none is the rounding of the arithmetic.
+        // A measurement without sigma has the rounding error of the arithmetic.
         let excess = self.claim.expected.excess(self.measured.value);
         excess / self.measured.sigma.max(1e-12 * self.measured.value.abs()).max(f64::MIN_POSITIVE)
     }
 
-    /// Whether the measurement bears the claim out.
+    /// True if the measurement agrees with the published value.
     pub fn holds(&self) -> bool {
         self.off_sigma() <= LIMIT_SIGMA
     }
@@ -108,10 +112,10 @@ pub fn experiments() -> impl Iterator<Item = &'static Experiment> {
     .flatten()
 }
 
-/// Carries an experiment out; overrides, each `PATH=VALUE`, make another unit of it.
+/// Runs an experiment; `overrides`, each `PATH=VALUE`, change its unit.
 ///
 /// # Errors
-/// Overrides that make no valid configuration.
+/// Overrides that do not give a valid configuration.
 pub fn measure(
     experiment: &'static Experiment,
     seed: u64,

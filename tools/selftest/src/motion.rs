@@ -2,9 +2,10 @@
 
 use geu_protocol::Gyro;
 
-use super::estimate::{Fit, LineFit};
+use super::Expected::{AtMost, Between, Value};
+use super::estimate::{Fit, LineFit, amplitude_of};
 use super::receiver::{Row, between};
-use super::{Estimate, Expected, Experiment, PublishedValue};
+use super::{Estimate, Experiment, claim};
 use geu_model::units::{ARCSEC_PER_DEG, S_PER_DAY};
 
 const ARCSEC_PER_TURN: f64 = 360.0 * ARCSEC_PER_DEG;
@@ -14,12 +15,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
         name: "survey",
         noise: false,
         configuration: "manoeuvre = [{ kind = \"survey\", scans = 1 }]",
-        claims: &[PublishedValue {
-            what: "survey about Z",
-            source: "§5",
-            expected: Expected::Value(3.85, 0.005),
-            unit: "′/s",
-        }],
+        claims: &[claim("survey about Z", "§5", Value(3.85, 0.005), "′/s")],
         measure: |receiver| vec![rate_arcmin_s(&receiver.listen(450.0), Gyro::Za, 20.0, 450.0)],
     },
     Experiment {
@@ -27,19 +23,9 @@ pub const EXPERIMENTS: &[Experiment] = &[
         noise: false,
         configuration: "manoeuvre = [{ kind = \"z-scan\" }]",
         claims: &[
-            PublishedValue {
-                what: "orbital speed",
-                source: "model",
-                expected: Expected::Value(3.495, 0.0005),
-                unit: "′/s",
-            },
-            PublishedValue { what: "orbit", source: "model", expected: Expected::Value(6180.0, 0.0), unit: "s" },
-            PublishedValue {
-                what: "orbital speed over survey's 3.85′/s, about 90 %",
-                source: "§5",
-                expected: Expected::Between(88.0, 92.0),
-                unit: "%",
-            },
+            claim("orbital speed", "model", Value(3.495, 0.0005), "′/s"),
+            claim("orbit", "model", Value(6180.0, 0.0), "s"),
+            claim("orbital speed over survey's 3.85′/s, about 90 %", "§5", Between(88.0, 92.0), "%"),
         ],
         measure: |receiver| {
             let speed = rate_arcmin_s(&receiver.listen(6180.0), Gyro::Za, 20.0, 6180.0);
@@ -54,18 +40,8 @@ pub const EXPERIMENTS: &[Experiment] = &[
             manoeuvre = [{ kind = \"y-scan\", to_theta_deg = 120 }, { kind = \"y-scan\", to_theta_deg = 60 }]
         ",
         claims: &[
-            PublishedValue {
-                what: "Y-scan forward",
-                source: "§5, §5.3",
-                expected: Expected::Value(12.0, 0.0),
-                unit: "′/s",
-            },
-            PublishedValue {
-                what: "Y-scan back",
-                source: "§5, §5.3",
-                expected: Expected::Value(-12.0, 0.0),
-                unit: "′/s",
-            },
+            claim("Y-scan forward", "§5, §5.3", Value(12.0, 0.0), "′/s"),
+            claim("Y-scan back", "§5, §5.3", Value(-12.0, 0.0), "′/s"),
         ],
         measure: |receiver| {
             let rows = receiver.listen(640.0);
@@ -84,18 +60,8 @@ pub const EXPERIMENTS: &[Experiment] = &[
             ]
         ",
         claims: &[
-            PublishedValue {
-                what: "X rate, survey at θ = 60°",
-                source: "§5",
-                expected: Expected::Value(2.22, 0.005),
-                unit: "′/s",
-            },
-            PublishedValue {
-                what: "X rate, survey at θ = 120°",
-                source: "§5",
-                expected: Expected::Value(-2.22, 0.005),
-                unit: "′/s",
-            },
+            claim("X rate, survey at θ = 60°", "§5", Value(2.22, 0.005), "′/s"),
+            claim("X rate, survey at θ = 120°", "§5", Value(-2.22, 0.005), "′/s"),
         ],
         measure: |receiver| {
             let rows = receiver.listen(1130.0);
@@ -106,12 +72,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
         name: "sun",
         noise: false,
         configuration: "",
-        claims: &[PublishedValue {
-            what: "a turn of the sun, seen in a pointing",
-            source: "§5.1, §6",
-            expected: Expected::Value(365.25, 0.0),
-            unit: "d",
-        }],
+        claims: &[claim("a turn of the sun, seen in a pointing", "§5.1, §6", Value(365.25, 0.0), "d")],
         measure: |receiver| {
             let rows = receiver.listen(21_600.0);
             vec![rate_arcmin_s(&rows, Gyro::X, 0.0, 21_600.0).relative_to(ARCSEC_PER_TURN / 60.0 / S_PER_DAY)]
@@ -122,31 +83,16 @@ pub const EXPERIMENTS: &[Experiment] = &[
         noise: false,
         configuration: "scenario.limit_cycle = { rate_arcsec_s = 5 }",
         claims: &[
-            PublishedValue {
-                what: "limit cycle's largest rate",
-                source: "§3.3",
-                expected: Expected::Value(5.0, 0.0),
-                unit: "″/s",
-            },
-            PublishedValue {
-                what: "limit cycle's period",
-                source: "§3.3",
-                expected: Expected::Value(5.0, 0.0),
-                unit: "s",
-            },
-            PublishedValue {
-                what: "limit cycle's amplitude",
-                source: "model",
-                expected: Expected::AtMost(5.0),
-                unit: "″",
-            },
+            claim("limit cycle's largest rate", "§3.3", Value(5.0, 0.0), "″/s"),
+            claim("limit cycle's period", "§3.3", Value(5.0, 0.0), "s"),
+            claim("limit cycle's amplitude", "model", AtMost(5.0), "″"),
         ],
         measure: |receiver| {
             let rows = receiver.listen(3600.0);
             let (early, late) = (swing(between(&rows, 0.0, 1800.0)), swing(between(&rows, 1800.0, 3600.0)));
             let amplitude =
                 Estimate::new(0.5 * (early.0.value + late.0.value), 0.5 * early.0.sigma.hypot(late.0.sigma));
-            // What the phase moves in half an hour is what the period differs from 5 s.
+            // The phase shift in half an hour gives the difference of the period from 5 s.
             let advance = late.1.minus(early.1).times(1.0 / std::f64::consts::TAU / 1800.0);
             let period = Estimate::new(1.0 / 5.0 + advance.value, advance.sigma).relative_to(1.0);
             let rate = amplitude.times(std::f64::consts::TAU).over(period);
@@ -158,7 +104,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
 /// Mean rate of a gyro's counts between two instants.
 fn rate_arcmin_s(rows: &[Row], gyro: Gyro, from_s: f64, to_s: f64) -> Estimate {
     let rows = between(rows, from_s, to_s);
-    LineFit::of(rows.iter().map(|row| (row.t_s, row.counts[gyro as usize]))).slope.times(1.0 / 60.0)
+    LineFit::new(rows.iter().map(|row| (row.t_s, row.counts[gyro as usize]))).slope.times(1.0 / 60.0)
 }
 
 /// Amplitude of GYRX's angle at a period of 5 s, and its phase in radians.
@@ -171,8 +117,8 @@ fn swing(rows: &[Row]) -> (Estimate, Estimate) {
             ([1.0, row.t_s - middle_s, sin, cos], row.counts[Gyro::X as usize])
         })
         .collect();
-    let fit = Fit::of(&points);
+    let fit = Fit::new(&points);
     let (sin, cos) = (fit.estimate(2), fit.estimate(3));
-    let (amplitude, sigma) = (sin.value.hypot(cos.value), sin.sigma.max(cos.sigma));
-    (Estimate::new(amplitude, sigma), Estimate::new(libm::atan2(cos.value, sin.value), sigma / amplitude))
+    let amplitude = amplitude_of(sin, cos);
+    (amplitude, Estimate::new(libm::atan2(cos.value, sin.value), amplitude.sigma / amplitude.value))
 }

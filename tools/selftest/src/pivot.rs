@@ -2,9 +2,10 @@
 
 use geu_protocol::Gyro;
 
-use super::estimate::{Fit, LineFit, level};
+use super::Expected::{Between, Value};
+use super::estimate::{Fit, LineFit, amplitude_of, level};
 use super::receiver::{Row, between, reference_rates};
-use super::{Estimate, Expected, Experiment, PublishedValue, Receiver};
+use super::{Estimate, Experiment, Receiver, claim};
 
 /// Two Y-scans, to one stop and to the other; the limit cycle turns X through many counts.
 macro_rules! ends {
@@ -25,18 +26,8 @@ pub const EXPERIMENTS: &[Experiment] = &[
         noise: false,
         configuration: ends!("14"),
         claims: &[
-            PublishedValue {
-                what: "pivot clearance, end to end",
-                source: "§3.3",
-                expected: Expected::Value(14.0, 0.0),
-                unit: "″",
-            },
-            PublishedValue {
-                what: "a slew drives the float to its stop, half of that",
-                source: "§3.3",
-                expected: Expected::Value(7.0, 0.0),
-                unit: "″",
-            },
+            claim("pivot clearance, end to end", "§3.3", Value(14.0, 0.0), "″"),
+            claim("a slew drives the float to its stop, half of that", "§3.3", Value(7.0, 0.0), "″"),
         ],
         measure: |receiver| {
             let [end_to_end, stop] = ends(receiver);
@@ -47,12 +38,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
         name: "clearance above the limit",
         noise: false,
         configuration: ends!("20"),
-        claims: &[PublishedValue {
-            what: "clearance of a unit beyond its 14″",
-            source: "model",
-            expected: Expected::Value(20.0, 0.0),
-            unit: "″",
-        }],
+        claims: &[claim("clearance of a unit beyond its 14″", "model", Value(20.0, 0.0), "″")],
         measure: |receiver| vec![ends(receiver)[0]],
     },
     Experiment {
@@ -64,18 +50,8 @@ pub const EXPERIMENTS: &[Experiment] = &[
             gyro.GYRX.pivot-clearance = { clearance_arcsec = 14, preferred_arcsec = -7 }
         ",
         claims: &[
-            PublishedValue {
-                what: "transit over rate about the output axis",
-                source: "§3.3",
-                expected: Expected::Value(1.0, 0.0),
-                unit: "%",
-            },
-            PublishedValue {
-                what: "output-axis rate from which it moves so",
-                source: "§3.3",
-                expected: Expected::Value(1.5, 0.0),
-                unit: "″/s",
-            },
+            claim("transit over rate about the output axis", "§3.3", Value(1.0, 0.0), "%"),
+            claim("output-axis rate from which it moves so", "§3.3", Value(1.5, 0.0), "″/s"),
         ],
         measure: |receiver| {
             let rows = receiver.listen(900.0);
@@ -89,7 +65,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
                 return vec![Estimate::new(f64::NAN, 0.0); 2];
             }
             let transit =
-                LineFit::of(rows[from..to].iter().map(|row| (row.reference_arcsec[1], row.residual(Gyro::X))));
+                LineFit::new(rows[from..to].iter().map(|row| (row.reference_arcsec[1], row.residual(Gyro::X))));
             // The rate about Y where the transit's line leaves the level of rest.
             let start_arcsec = transit.reaches(at_rest);
             let rates: Vec<_> = reference_rates(&rows, 1).collect();
@@ -114,18 +90,8 @@ pub const EXPERIMENTS: &[Experiment] = &[
             gyro.GYRX.pivot-clearance = { clearance_arcsec = 14, preferred_arcsec = -7 }
         ",
         claims: &[
-            PublishedValue {
-                what: "creep below 1.5″/s",
-                source: "§3.3",
-                expected: Expected::Value(0.015, 0.0),
-                unit: "″/s",
-            },
-            PublishedValue {
-                what: "largest transit time",
-                source: "§3.3",
-                expected: Expected::Value(15.6, 0.05),
-                unit: "min",
-            },
+            claim("creep below 1.5″/s", "§3.3", Value(0.015, 0.0), "″/s"),
+            claim("largest transit time", "§3.3", Value(15.6, 0.05), "min"),
         ],
         measure: |receiver| {
             let rows = receiver.listen(2200.0);
@@ -137,7 +103,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
             let residuals = |from_s: f64, to_s: f64| {
                 between(&rows, from_s, to_s).iter().map(|row| (row.t_s, row.residual(Gyro::X)))
             };
-            let creep = LineFit::of(residuals(100.0, 950.0));
+            let creep = LineFit::new(residuals(100.0, 950.0));
             let home = level(residuals(1100.0, 2200.0).map(|point| point.1));
             let arrival_s = creep.reaches(home);
             let transit_s = Estimate::new(arrival_s.value - slew_end_s, arrival_s.sigma);
@@ -151,12 +117,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
             scenario.limit_cycle = { rate_arcsec_s = 5 }
             gyro.GYRX.pivot-clearance.clearance_arcsec = 14
         ",
-        claims: &[PublishedValue {
-            what: "swing of the float in a limit cycle: a fraction of",
-            source: "§3.3",
-            expected: Expected::Between(0.02, 0.98),
-            unit: "″",
-        }],
+        claims: &[claim("swing of the float in a limit cycle: a fraction of", "§3.3", Between(0.02, 0.98), "″")],
         measure: |receiver| {
             let points: Vec<_> = receiver
                 .listen(36_000.0)
@@ -166,10 +127,9 @@ pub const EXPERIMENTS: &[Experiment] = &[
                     ([1.0, sin, cos], row.residual(Gyro::X))
                 })
                 .collect();
-            let fit = Fit::of(&points);
-            let (sin, cos) = (fit.estimate(1), fit.estimate(2));
+            let fit = Fit::new(&points);
             // End to end.
-            vec![Estimate::new(2.0 * sin.value.hypot(cos.value), 2.0 * sin.sigma.max(cos.sigma))]
+            vec![amplitude_of(fit.estimate(1), fit.estimate(2)).times(2.0)]
         },
     },
 ];

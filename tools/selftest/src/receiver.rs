@@ -1,4 +1,4 @@
-//! What stands at the other end of the link: counts, flags, temperatures and the instants they came at.
+//! The receiver of the link: counts, flags, temperatures and the instants of reception.
 
 use geu_protocol::command::{self, COMMANDS};
 use geu_protocol::{CommandResult, Gyro, Sample};
@@ -6,14 +6,14 @@ use geu_protocol::{CommandResult, Gyro, Sample};
 use geu_model::attitude::{AttitudeProfile, Motion};
 use geu_model::{Configuration, GyroUnit};
 
-/// What is known at the end of a sample interval.
+/// State of the receiver at the end of a sample interval.
 #[derive(Debug, Clone, Copy)]
 pub struct Row {
     /// Instant of reception, true time since the start.
     pub t_s: f64,
-    /// Counts so far, in the order of [`Gyro::ALL`].
+    /// Accumulated counts, in the order of [`Gyro::ALL`].
     pub counts: [f64; 4],
-    /// Rotation about the control axes so far, of the reference attitude.
+    /// Accumulated rotation of the reference attitude about the control axes.
     pub reference_arcsec: [f64; 3],
     pub sample: Sample,
 }
@@ -30,7 +30,7 @@ impl Row {
     }
 }
 
-/// Listens to a unit, and knows the attitude that it is commanded to.
+/// Receives the samples of a unit; the commanded attitude is known.
 pub struct Receiver {
     unit: GyroUnit,
     reference: Motion,
@@ -75,7 +75,7 @@ impl Receiver {
         rows
     }
 
-    /// Sends a command by its name; whether it was done.
+    /// Sends a command by its name; true if the unit answers that it is done.
     pub fn command(&mut self, name: &str, values: &[i64]) -> bool {
         COMMANDS
             .iter()

@@ -2,9 +2,10 @@
 
 use geu_protocol::Gyro;
 
-use super::estimate::{Fit, LineFit};
+use super::Expected::{AtMost, Value};
+use super::estimate::{Fit, LineFit, curvature};
 use super::receiver::{Row, between, reference_rates};
-use super::{Estimate, Expected, Experiment, PublishedValue};
+use super::{Estimate, Experiment, claim};
 use geu_model::Configuration;
 use geu_model::units::{PPM, S_PER_DAY};
 
@@ -23,18 +24,8 @@ pub const EXPERIMENTS: &[Experiment] = &[
             gyro.GYRZB.scale-factor.ppm = -2000
         ",
         claims: &[
-            PublishedValue {
-                what: "scale factor after launch",
-                source: "§3.2",
-                expected: Expected::Value(2000.0, 0.0),
-                unit: "ppm",
-            },
-            PublishedValue {
-                what: "scale factor after launch",
-                source: "§3.2",
-                expected: Expected::Value(-2000.0, 0.0),
-                unit: "ppm",
-            },
+            claim("scale factor after launch", "§3.2", Value(2000.0, 0.0), "ppm"),
+            claim("scale factor after launch", "§3.2", Value(-2000.0, 0.0), "ppm"),
         ],
         measure: |receiver| {
             let rows = receiver.listen(6180.0);
@@ -49,24 +40,13 @@ pub const EXPERIMENTS: &[Experiment] = &[
             manoeuvre = [{ kind = \"z-scan\", angle_deg = 36000 }]
             gyro.GYRZA.scale-factor-ramp.ppm_per_day = 1.3141683778
         ",
-        claims: &[PublishedValue {
-            what: "scale factor change, long term",
-            source: "§3.2, table 1",
-            expected: Expected::Value(40.0, 0.0),
-            unit: "ppm/month",
-        }],
+        claims: &[claim("scale factor change, long term", "§3.2, table 1", Value(40.0, 0.0), "ppm/month")],
         measure: |receiver| {
             receiver.listen(20.0);
             let rows = receiver.listen_every(20, S_PER_DAY);
-            let points: Vec<_> = rows
-                .iter()
-                .map(|row| {
-                    let day = row.t_s / S_PER_DAY - 0.5;
-                    ([1.0, day, day * day], row.residual(Gyro::Za))
-                })
-                .collect();
-            let scanned = LineFit::of(rows.iter().map(|row| (row.t_s / S_PER_DAY, row.counts[Gyro::Za as usize])));
-            let change_per_day = Fit::of(&points).estimate(2).times(-2.0).over(scanned.slope);
+            let points = rows.iter().map(|row| (row.t_s / S_PER_DAY - 0.5, row.residual(Gyro::Za)));
+            let scanned = LineFit::new(rows.iter().map(|row| (row.t_s / S_PER_DAY, row.counts[Gyro::Za as usize])));
+            let change_per_day = curvature(points).times(-2.0).over(scanned.slope);
             vec![change_per_day.times(DAYS_PER_MONTH / PPM)]
         },
     },
@@ -79,18 +59,8 @@ pub const EXPERIMENTS: &[Experiment] = &[
             gyro.GYRZA.scale-factor-temperature.ppm_per_k = 12.5
         ",
         claims: &[
-            PublishedValue {
-                what: "scale factor per K of electronics",
-                source: "model",
-                expected: Expected::Value(12.5, 0.0),
-                unit: "ppm/K",
-            },
-            PublishedValue {
-                what: "scale factor change for 2 K",
-                source: "§3.2",
-                expected: Expected::Value(0.0025, 0.0),
-                unit: "%",
-            },
+            claim("scale factor per K of electronics", "model", Value(12.5, 0.0), "ppm/K"),
+            claim("scale factor change for 2 K", "§3.2", Value(0.0025, 0.0), "%"),
         ],
         measure: |receiver| {
             let rows = receiver.listen(7200.0);
@@ -98,7 +68,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
             let change = scale_factor_ppm(warm, Gyro::Za, 2).minus(scale_factor_ppm(cold, Gyro::Za, 2));
             let kelvin = |rows: &[Row]| Estimate {
                 value: f64::from(rows[rows.len() / 2].sample.electronics_centi_c) * 0.01,
-                // What is told is rounded to 0.01 K, and the course is known to be at rest.
+                // The sample's value is rounded to 0.01 K, and the temperature is constant.
                 sigma: 0.0,
             };
             let per_k = change.over(kelvin(warm).minus(kelvin(cold)));
@@ -124,18 +94,8 @@ pub const EXPERIMENTS: &[Experiment] = &[
             gyro.GYRY.scale-factor-nonlinearity.cubic_ppm = 800
         ",
         claims: &[
-            PublishedValue {
-                what: "cubic of the transfer function",
-                source: "model",
-                expected: Expected::Value(800.0, 0.0),
-                unit: "ppm",
-            },
-            PublishedValue {
-                what: "departure from the best line",
-                source: "§3.2, figure 7",
-                expected: Expected::Value(0.02, 0.0),
-                unit: "%",
-            },
+            claim("cubic of the transfer function", "model", Value(800.0, 0.0), "ppm"),
+            claim("departure from the best line", "§3.2, figure 7", Value(0.02, 0.0), "%"),
         ],
         measure: |receiver| {
             let points = transfer_function(&receiver.listen(5300.0), Gyro::Y, 1);
@@ -146,14 +106,14 @@ pub const EXPERIMENTS: &[Experiment] = &[
                     ([share, share * share * share], departure.value)
                 })
                 .collect();
-            // Departures have their own sigma; that of the fit stands for quanta.
+            // The departures have their own sigma; the sigma of the fit is that of rounded counts.
             let sigma = points.iter().map(|(_, departure)| departure.sigma).fold(0.0, f64::max);
-            let cubic = Fit::of(&cubes).estimate(1);
+            let cubic = Fit::new(&cubes).estimate(1);
             let cubic = Estimate::new(cubic.value, cubic.sigma * sigma * 12f64.sqrt());
             let straight: Vec<_> = points.iter().map(|(rate, departure)| (*rate, departure.value)).collect();
             vec![
                 cubic.times(-1.0 / FULL_ARCSEC_S / PPM),
-                Estimate::new(BestLine::of(&straight).departure, sigma).times(100.0 / FULL_ARCSEC_S),
+                Estimate::new(BestLine::new(&straight).departure, sigma).times(100.0 / FULL_ARCSEC_S),
             ]
         },
     },
@@ -165,12 +125,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
             manoeuvre = [{ kind = \"y-scan\", to_theta_deg = 120 }, { kind = \"y-scan\", to_theta_deg = 60 }]
             gyro.GYRY.scale-factor-asymmetry.ppm = 200
         ",
-        claims: &[PublishedValue {
-            what: "scale factor forward less backward",
-            source: "figure 7",
-            expected: Expected::Value(200.0, 0.0),
-            unit: "ppm",
-        }],
+        claims: &[claim("scale factor forward less backward", "figure 7", Value(200.0, 0.0), "ppm")],
         measure: |receiver| {
             let rows = receiver.listen(640.0);
             let forward = scale_factor_ppm(between(&rows, 20.0, 300.0), Gyro::Y, 1);
@@ -185,18 +140,8 @@ pub const EXPERIMENTS: &[Experiment] = &[
             unit.clock-frequency-step = { ppm = 100, time_s = 6000 }
         ",
         claims: &[
-            PublishedValue {
-                what: "sample of a clock fast by 100 ppm",
-                source: "model",
-                expected: Expected::Value(0.5 / 1.0001, 0.0),
-                unit: "s",
-            },
-            PublishedValue {
-                what: "scale factor per clock frequency",
-                source: "§3.2",
-                expected: Expected::Value(-1.0, 0.0),
-                unit: "ppm/ppm",
-            },
+            claim("sample of a clock fast by 100 ppm", "model", Value(0.5 / 1.0001, 0.0), "s"),
+            claim("scale factor per clock frequency", "§3.2", Value(-1.0, 0.0), "ppm/ppm"),
         ],
         measure: |receiver| {
             let rows = receiver.listen(12_000.0);
@@ -212,18 +157,13 @@ pub const EXPERIMENTS: &[Experiment] = &[
             gyro.GYRX.calibration.drift_arcsec_per_half_s = 9.87654
             unit.clock-frequency-step = { ppm = 100, time_s = 7200 }
         ",
-        claims: &[PublishedValue {
-            what: "drift per clock frequency",
-            source: "§3.2",
-            expected: Expected::Value(-2.0, 0.0),
-            unit: "ppm/ppm",
-        }],
+        claims: &[claim("drift per clock frequency", "§3.2", Value(-2.0, 0.0), "ppm/ppm")],
         measure: |receiver| {
             let rows = receiver.listen(14_400.0);
             let (nominal, fast) = (between(&rows, 20.0, 7200.0), between(&rows, 7201.0, 14_400.0));
-            // D in arcsec per on-board sample interval is −N·SF, SF as the experiment before finds it.
+            // D in arcsec per on-board sample interval is −N·SF, with SF as in the previous experiment.
             let drift = |rows: &[Row], scale_factor: f64| {
-                LineFit::of(rows.iter().enumerate().map(|(index, row)| {
+                LineFit::new(rows.iter().enumerate().map(|(index, row)| {
                     (index as f64, -row.counts[Gyro::X as usize] * scale_factor + row.reference_arcsec[0])
                 }))
                 .slope
@@ -238,12 +178,7 @@ pub const EXPERIMENTS: &[Experiment] = &[
         name: "stability",
         noise: true,
         configuration: Configuration::reference_text(),
-        claims: &[PublishedValue {
-            what: "scale factor change between half hours, default unit",
-            source: "§3.2, table 1",
-            expected: Expected::AtMost(20.0),
-            unit: "ppm",
-        }],
+        claims: &[claim("scale factor change between half hours, default unit", "§3.2, table 1", AtMost(20.0), "ppm")],
         measure: |receiver| {
             // Three half hours of the Z-scan.
             receiver.listen_every(u64::MAX, 1300.0);
@@ -263,7 +198,7 @@ fn sample_s(rows: &[Row]) -> Estimate {
     Estimate::new((last.t_s - first.t_s) / count, 1e-9 / 6f64.sqrt() / count)
 }
 
-/// How fast the unit's clock is.
+/// Frequency error of the unit's clock.
 fn clock_ppm(rows: &[Row]) -> Estimate {
     let frequency = sample_s(rows).relative_to(0.5);
     Estimate::new(frequency.value - 1.0, frequency.sigma).times(1.0 / PPM)
@@ -272,13 +207,13 @@ fn clock_ppm(rows: &[Row]) -> Estimate {
 /// SF less 1: rotation about a control axis over counts.
 fn scale_factor_ppm(rows: &[Row], gyro: Gyro, axis: usize) -> Estimate {
     // Counts less rotation, against rotation, so that small numbers are fitted.
-    let excess = LineFit::of(rows.iter().map(|row| (row.reference_arcsec[axis], row.residual(gyro)))).slope;
+    let excess = LineFit::new(rows.iter().map(|row| (row.reference_arcsec[axis], row.residual(gyro)))).slope;
     let counts_per_arcsec = Estimate::new(1.0 + excess.value, excess.sigma);
     let scale_factor = counts_per_arcsec.relative_to(1.0);
     Estimate::new(scale_factor.value - 1.0, scale_factor.sigma).times(1.0 / PPM)
 }
 
-/// Points of figure 7: each rate that is held for two minutes or more, and how much faster the gyro counts.
+/// Points of figure 7: each rate that is held for two minutes or more, and the excess of the counted rate.
 pub fn transfer_function(rows: &[Row], gyro: Gyro, axis: usize) -> Vec<(f64, Estimate)> {
     let rates: Vec<(usize, f64)> = reference_rates(rows, axis).collect();
     rates
@@ -286,12 +221,12 @@ pub fn transfer_function(rows: &[Row], gyro: Gyro, axis: usize) -> Vec<(f64, Est
         .filter(|held| held.len() >= 240)
         .map(|held| {
             let rows = &rows[held[0].0..=held[held.len() - 1].0];
-            (held[0].1, LineFit::of(rows.iter().map(|row| (row.t_s, row.residual(gyro)))).slope)
+            (held[0].1, LineFit::new(rows.iter().map(|row| (row.t_s, row.residual(gyro)))).slope)
         })
         .collect()
 }
 
-/// A straight line that departs least from points, at the worst of them.
+/// The straight line with the smallest maximum departure from points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BestLine {
     pub slope: f64,
@@ -301,9 +236,9 @@ pub struct BestLine {
 }
 
 impl BestLine {
-    /// The best line of points: over each three, the line that departs from all by as much, in turn to either side; that
-    /// of the three which depart most is the best of all.
-    pub fn of(points: &[(f64, f64)]) -> BestLine {
+    /// The best line of `points`: for each three points the line with equal departures of alternating sign; the three with
+    /// the largest departure give the best line of all points.
+    pub fn new(points: &[(f64, f64)]) -> BestLine {
         let mut points = points.to_vec();
         points.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut best = BestLine { slope: 0.0, level: 0.0, departure: 0.0 };
@@ -334,7 +269,7 @@ mod tests {
     fn a_cubic_departs_by_a_quarter_from_its_best_line() {
         // Chebyshev: x³ − 3x/4 is at most 1/4 over −1…1.
         let points: Vec<_> = (-4..=4).map(|k| f64::from(k) / 4.0).map(|x| (x, 3.0 + 2.0 * x - x * x * x)).collect();
-        let best = BestLine::of(&points);
+        let best = BestLine::new(&points);
         assert!((best.departure - 0.25).abs() < 1e-12);
         assert!((best.slope - 1.25).abs() < 1e-12 && (best.level - 3.0).abs() < 1e-12, "{best:?}");
     }

@@ -3,9 +3,10 @@
 use geu_protocol::Gyro;
 use geu_protocol::field::unit_flag;
 
+use super::Expected::Value;
 use super::estimate::settling;
 use super::receiver::Row;
-use super::{Estimate, Expected, Experiment, PublishedValue};
+use super::{Estimate, Experiment, claim};
 
 pub const EXPERIMENTS: &[Experiment] = &[
     Experiment {
@@ -13,21 +14,14 @@ pub const EXPERIMENTS: &[Experiment] = &[
         noise: false,
         configuration: "",
         claims: &[
-            PublishedValue {
-                what: "length of a sample", source: "§2", expected: Expected::Value(0.5, 0.0), unit: "s"
-            },
-            PublishedValue {
-                what: "clock count per sample interval",
-                source: "model",
-                expected: Expected::Value(500_000.0, 0.0),
-                unit: "µs",
-            },
+            claim("length of a sample", "§2", Value(0.5, 0.0), "s"),
+            claim("clock count per sample interval", "model", Value(500_000.0, 0.0), "µs"),
         ],
         measure: |receiver| {
             let rows = receiver.listen(600.0);
             let (first, last, count) = (rows[0], rows[rows.len() - 1], (rows.len() - 1) as f64);
             let clock = last.sample.clock_count - first.sample.clock_count;
-            // Instants are told to the nanosecond.
+            // Instants are given to the nanosecond.
             let grain_s = 1e-9 / 6f64.sqrt();
             vec![
                 Estimate::new((last.t_s - first.t_s) / count, grain_s / count),
@@ -40,18 +34,8 @@ pub const EXPERIMENTS: &[Experiment] = &[
         noise: false,
         configuration: "",
         claims: &[
-            PublishedValue {
-                what: "smallest increment",
-                source: "§2",
-                expected: Expected::Value(1.0, 0.0),
-                unit: "count",
-            },
-            PublishedValue {
-                what: "rotation per count",
-                source: "§2, §3.2",
-                expected: Expected::Value(1.0, 0.0),
-                unit: "″",
-            },
+            claim("smallest increment", "§2", Value(1.0, 0.0), "count"),
+            claim("rotation per count", "§2, §3.2", Value(1.0, 0.0), "″"),
         ],
         measure: |receiver| {
             // GYRX turns with the sun, one count in 24 s.
@@ -78,18 +62,8 @@ pub const EXPERIMENTS: &[Experiment] = &[
             calibration = { drift_arcsec_per_half_s = 10 }
         ",
         claims: &[
-            PublishedValue {
-                what: "largest increment, flagged (16 bits)",
-                source: "§2",
-                expected: Expected::Value(32_767.0, 0.0),
-                unit: "count",
-            },
-            PublishedValue {
-                what: "least increment, flagged (16 bits)",
-                source: "§2",
-                expected: Expected::Value(-32_768.0, 0.0),
-                unit: "count",
-            },
+            claim("largest increment, flagged (16 bits)", "§2", Value(32_767.0, 0.0), "count"),
+            claim("smallest increment, flagged (16 bits)", "§2", Value(-32_768.0, 0.0), "count"),
         ],
         measure: |receiver| {
             // Torquers to the end of the range, and a drift beyond it.
@@ -108,20 +82,10 @@ pub const EXPERIMENTS: &[Experiment] = &[
         noise: false,
         configuration: "",
         claims: &[
-            PublishedValue { what: "sensor held at", source: "§2", expected: Expected::Value(70.0, 0.0), unit: "°C" },
-            PublishedValue { what: "heater band", source: "§2", expected: Expected::Value(1.0, 0.0), unit: "K" },
-            PublishedValue {
-                what: "cool-down time constant",
-                source: "model",
-                expected: Expected::Value(20.0, 0.0),
-                unit: "min",
-            },
-            PublishedValue {
-                what: "warm-up time constant",
-                source: "model",
-                expected: Expected::Value(20.0, 0.0),
-                unit: "min",
-            },
+            claim("sensor held at", "§2", Value(70.0, 0.0), "°C"),
+            claim("heater band", "§2", Value(1.0, 0.0), "K"),
+            claim("cool-down time constant", "model", Value(20.0, 0.0), "min"),
+            claim("warm-up time constant", "model", Value(20.0, 0.0), "min"),
         ],
         measure: |receiver| {
             let centi = |row: &Row| f64::from(row.sample.sensor_centi_c);
@@ -155,19 +119,14 @@ pub const EXPERIMENTS: &[Experiment] = &[
         name: "spin-up",
         noise: false,
         configuration: "",
-        claims: &[PublishedValue {
-            what: "spin-up of a motor",
-            source: "model",
-            expected: Expected::Value(60.0, 0.0),
-            unit: "s",
-        }],
+        claims: &[claim("spin-up of a motor", "model", Value(60.0, 0.0), "s")],
         measure: |receiver| {
             receiver.command("GYRO_POWER", &[0]);
             receiver.listen(10.0);
             receiver.command("GYRO_POWER", &[0x0F]);
             let rows = receiver.listen(120.0);
             let valid = rows.iter().find(|row| row.sample.gyro_flags & 0x0F == 0x0F);
-            // The first valid sample starts when the motor is synchronous; it is told at its end.
+            // The first valid sample starts when the motor is synchronous; its row has the end time.
             let spun_up_s = valid.map_or(f64::NAN, |row| row.t_s - 0.5 - 10.0);
             vec![Estimate::new(spun_up_s, 0.5 / 12f64.sqrt())]
         },

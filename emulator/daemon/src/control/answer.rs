@@ -1,14 +1,13 @@
-//! Answers: JSON, refusals too.
+//! Responses as JSON, errors included.
 
 use axum::http::{StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde_json::{Value, json};
 
-/// Why a request is refused.
+/// A rejected request: status and message.
 #[derive(Debug)]
 pub(super) struct ApiError(pub StatusCode, pub String);
 
-/// An answer or why there is none.
 pub(super) type ApiResult = Result<Response, ApiError>;
 
 impl IntoResponse for ApiError {
@@ -19,10 +18,5 @@ impl IntoResponse for ApiError {
 
 /// A JSON document.
 pub(super) fn json(status: StatusCode, value: &Value) -> Response {
-    text(status, "application/json", value.to_string())
-}
-
-/// A text of that type.
-pub(super) fn text(status: StatusCode, content_type: &'static str, text: impl Into<axum::body::Body>) -> Response {
-    (status, [(header::CONTENT_TYPE, content_type)], text.into()).into_response()
+    (status, [(header::CONTENT_TYPE, "application/json")], value.to_string()).into_response()
 }

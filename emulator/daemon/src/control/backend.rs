@@ -1,46 +1,47 @@
-//! What the control interface shows and drives.
+//! Interface between the control interface and the running unit.
 
-use std::future::Future;
+use std::pin::Pin;
 use std::sync::Arc;
 
 use serde_json::{Map, Value};
 use tokio::sync::broadcast;
 
-/// Something that happened, as clients of `/api/events` get it.
+/// An event of `/api/events`.
 #[derive(Debug, Clone)]
 pub struct SseEvent {
-    /// `sample` or `timeline`.
+    /// `half-second` or `timeline`.
     pub name: &'static str,
     /// One line of JSON.
     pub data: Arc<str>,
 }
 
-/// What the control interface shows and drives. No method may block longer than a lock is held.
+/// A unit that can be watched and commanded. No method blocks for longer than a lock is held.
 pub trait ControlBackend: Send + Sync + 'static {
-    /// The state of the run; has `lateness` and `truth` at least.
+    /// State of the run, with at least `lateness` and `truth`.
     fn status(&self) -> Value;
-    /// What can be set, injected and commanded; has `parameters` at least, and never changes in a run.
+    /// Parameters, faults and commands, with at least `parameters`. Constant during a run.
     fn catalogue(&self) -> Value;
-    /// Every fault that is known: armed, active, over.
+    /// All faults: armed, active and over.
     fn faults(&self) -> Value;
-    /// Takes a fault in, written as in a configuration's `[[fault]]`, or all of a `plan`, or starts one by hand.
+    /// Adds a fault, written as in a configuration's `[[fault]]`, or all faults of a `plan`; or starts an
+    /// operator-triggered fault.
     ///
     /// # Errors
-    /// What is wrong with it; nothing is taken in then.
+    /// Invalid fault or plan; no fault is added then.
     fn inject(&self, injection: &Map<String, Value>) -> Result<Value, String>;
-    /// Ends a fault now, or disarms it.
+    /// Ends or disarms a fault.
     ///
     /// # Errors
-    /// No fault of that name.
+    /// No fault with this identifier.
     fn clear(&self, id: &str) -> Result<Value, String>;
-    /// Ends all of them.
+    /// Ends all faults.
     fn clear_all(&self) -> Value;
-    /// Carries out the payload of a COMMAND; the reply, as [`reply`](super::reply) writes it.
-    fn command(&self, payload: Vec<u8>) -> impl Future<Output = Value> + Send;
-    /// What happened so far, one line of JSON each; bounded.
+    /// Executes the payload of a COMMAND; returns the reply as written by [`reply`](super::reply).
+    fn command(&self, payload: Vec<u8>) -> Pin<Box<dyn Future<Output = Value> + Send + '_>>;
+    /// Events of the run until now, one line of JSON each; bounded.
     fn timeline(&self) -> Vec<Arc<str>>;
-    /// The last ten minutes, a sample each, the oldest first.
+    /// The samples of the last ten minutes, oldest first.
     fn history(&self) -> Value;
-    /// What happens from now on. A client that falls behind the channel is dropped.
+    /// Future events. A client that falls behind the channel is disconnected.
     fn subscribe(&self) -> broadcast::Receiver<SseEvent>;
 }

@@ -1,10 +1,10 @@
-//! The control interface: what the unit does, and a way to interfere, over HTTP; for the bench page and for programs.
+//! The control interface over HTTP: state of the unit, faults and commands, for the bench page and for programs.
 //!
-//! It has a thread and a runtime of its own at lowered priority, and knows of the unit nothing but a [`ControlBackend`]: no
-//! client, however many and however slow, delays the cadence or a reply on a link.
+//! It has its own thread and runtime at lowered priority and knows the unit only as a [`ControlBackend`]: clients, of any
+//! number and speed, delay neither the cadence nor a reply on a link.
 //!
-//! Dependencies run one way: `server` (connections) uses `routes` (the table and what answers), which uses `guard`, `openapi`,
-//! `page`, `protocol_json`, `unique` and `backend`; `answer` and `route` are types of all of these. Nothing of the daemon.
+//! Dependencies run one way: `server` (connections) uses `routes` (table and handlers), which uses `guard`, `openapi`, `page`,
+//! `protocol_json`, `request` and `backend`; `answer` and `route` are types of all of these. Nothing else of the daemon.
 
 mod answer;
 mod backend;
@@ -12,6 +12,7 @@ mod guard;
 mod openapi;
 mod page;
 mod protocol_json;
+mod request;
 mod route;
 mod routes;
 mod server;
@@ -20,8 +21,8 @@ mod tests;
 mod unique;
 
 pub use backend::{ControlBackend, SseEvent};
-pub use protocol_json::{commands, reply, told};
+pub use protocol_json::{commands, reply, sample};
 pub use server::{ControlError, ControlListener, Server};
 
-/// Where the control interface listens unless told otherwise.
+/// Default address of the control interface.
 pub const DEFAULT_ADDRESS: &str = "127.0.0.1:8470";

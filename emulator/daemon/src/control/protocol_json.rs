@@ -1,4 +1,4 @@
-//! The protocol's tables as JSON: commands, replies, and what stands where in a frame.
+//! The protocol's tables as JSON: commands, replies, and the fields of frames.
 
 use geu_protocol::command::{self, COMMANDS, CommandSpec};
 use geu_protocol::field::{CRC, FieldSpec, WireType};
@@ -6,31 +6,23 @@ use geu_protocol::message::{Data, MESSAGES, Message, MessageId};
 use geu_protocol::{Reply, Sample};
 use serde_json::{Map, Value, json};
 
-/// Every command, with its arguments and their ranges.
-pub fn commands() -> Value {
-    COMMANDS
-        .iter()
-        .map(|spec| {
-            let arguments: Vec<Value> = spec
-                .arguments
-                .iter()
-                .map(|argument| {
-                    let (least, greatest) = argument.range;
-                    let choices: Vec<Value> = argument
-                        .choices()
-                        .into_iter()
-                        .map(|(value, name)| json!({ "value": value, "name": name }))
-                        .collect();
-                    json!({ "name": argument.name, "least": least, "greatest": greatest,
-                        "choices": choices, "meaning": argument.meaning })
-                })
-                .collect();
-            json!({ "name": spec.name, "opcode": spec.opcode, "arguments": arguments, "meaning": spec.meaning })
-        })
-        .collect()
+fn array<T>(items: impl IntoIterator<Item = T>, json: impl FnMut(T) -> Value) -> Value {
+    items.into_iter().map(json).collect()
 }
 
-/// A reply to a command, and the sample that it polled.
+/// All commands with their arguments and ranges.
+pub fn commands() -> Value {
+    array(COMMANDS, |spec| {
+        let arguments = array(spec.arguments, |argument| {
+            let choices = array(argument.choices(), |(value, name)| json!({ "value": value, "name": name }));
+            json!({ "name": argument.name, "least": argument.range.0, "greatest": argument.range.1,
+                "choices": choices, "meaning": argument.meaning })
+        });
+        json!({ "name": spec.name, "opcode": spec.opcode, "arguments": arguments, "meaning": spec.meaning })
+    })
+}
+
+/// A reply to a command and, after POLL, the polled sample.
 pub fn reply(reply: &Reply, polled: Option<&Sample>) -> Value {
     let spec = COMMANDS.iter().find(|spec| spec.opcode == reply.opcode());
     let mut rest = reply.values();
@@ -44,59 +36,53 @@ pub fn reply(reply: &Reply, polled: Option<&Sample>) -> Value {
     }
     json!({ "name": spec.map(|spec| spec.name), "opcode": reply.opcode(), "result": reply.outcome() as u8,
         "outcome": reply.outcome().text(), "values": values, "bytes": command::hex(reply.bytes()),
-        "polled": polled.map(told) })
+        "polled": polled.map(sample) })
 }
 
-/// What the unit tells in a sample interval.
-pub fn told(sample: &Sample) -> Value {
+/// The fields of a sample.
+pub fn sample(sample: &Sample) -> Value {
     json!({ "sequence": sample.sequence, "increments": sample.increments,
         "gyro_flags": sample.gyro_flags, "unit_flags": sample.unit_flags,
         "electronics_c": f64::from(sample.electronics_centi_c) / 100.0,
         "sensor_c": f64::from(sample.sensor_centi_c) / 100.0, "clock_count": sample.clock_count })
 }
 
-/// What stands before the payload of a serial frame.
+/// Fields before the payload of a serial frame.
 const HEADER: [FieldSpec; 3] = [
     header("sync", WireType::U16, "start of every frame"),
-    header("type", WireType::U8, "what the payload is"),
+    header("type", WireType::U8, "type of the payload"),
     header("length", WireType::U8, "bytes of the payload"),
 ];
-/// Fields whose digits say more than their number.
+/// Fields that are shown as hexadecimal digits.
 const DIGITS: [&str; 3] = [HEADER[0].name, HEADER[1].name, CRC.name];
 
 const fn header(name: &'static str, wire: WireType, meaning: &'static str) -> FieldSpec {
     FieldSpec { name, wire, unit: "", scale: 1.0, bits: &[], meaning }
 }
 
-/// What stands where in the frames of a sample.
+/// Fields of the frames of a sample.
 pub(super) fn layout() -> Value {
-    let can = MESSAGES.iter().filter_map(|message| match message.place {
+    let can = MESSAGES.iter().filter_map(|message| match message.id {
         MessageId::Can(offset) => Some(json!({ "name": message.name, "offset": offset, "meaning": message.meaning,
-            "fields": fields(message.fields.iter()) })),
+            "fields": fields(message.fields) })),
         MessageId::Serial(_) => None,
     });
     let serial = fields(HEADER.iter().chain(Data::SPEC.fields).chain([&CRC]));
-    json!({ "serial": serial, "can": can.collect::<Vec<_>>() })
+    json!({ "serial": serial, "can": can.collect::<Value>() })
 }
 
-fn fields<'a>(specs: impl Iterator<Item = &'a FieldSpec>) -> Vec<Value> {
+fn fields<'a>(specs: impl IntoIterator<Item = &'a FieldSpec>) -> Value {
     let mut at = 0;
-    specs
-        .map(|spec| {
-            let bits: Vec<Value> = spec
-                .bits
-                .iter()
-                .map(|bit| json!({ "bit": bit.bit, "name": bit.name, "meaning": bit.meaning }))
-                .collect();
-            let form = match bits.is_empty() {
-                _ if DIGITS.contains(&spec.name) => "digits",
-                true => "number",
-                false => "flags",
-            };
-            let length = spec.wire.length();
-            at += length;
-            json!({ "name": spec.name, "at": at - length, "length": length, "form": form, "signed": spec.wire.signed(),
-                "unit": spec.unit, "scale": spec.scale, "bits": bits, "meaning": spec.meaning })
-        })
-        .collect()
+    array(specs, |spec| {
+        let bits = array(spec.bits, |bit| json!({ "bit": bit.bit, "name": bit.name, "meaning": bit.meaning }));
+        let form = match spec.bits {
+            _ if DIGITS.contains(&spec.name) => "digits",
+            [] => "number",
+            _ => "flags",
+        };
+        let length = spec.wire.length();
+        at += length;
+        json!({ "name": spec.name, "at": at - length, "length": length, "form": form, "signed": spec.wire.signed(),
+            "unit": spec.unit, "scale": spec.scale, "bits": bits, "meaning": spec.meaning })
+    })
 }

@@ -1,11 +1,11 @@
-//! JSON in which no object has a key twice: nobody could tell which of the two was meant.
+//! JSON without duplicate keys: with two values of a key the intended one is unknown.
 
 use std::fmt;
 
 use serde::de::{Deserialize, Deserializer, Error, MapAccess, SeqAccess, Visitor};
 use serde_json::{Map, Value};
 
-/// Any such value.
+/// A JSON value; reading it fails at a duplicate key.
 pub(super) struct Unique(pub Value);
 
 impl<'de> Deserialize<'de> for Unique {
@@ -15,6 +15,12 @@ impl<'de> Deserialize<'de> for Unique {
 }
 
 struct Reader;
+
+macro_rules! scalars {
+    ($($visit:ident($type:ty))*) => {
+        $(fn $visit<E>(self, value: $type) -> Result<Value, E> { Ok(value.into()) })*
+    };
+}
 
 impl<'de> Visitor<'de> for Reader {
     type Value = Value;
@@ -27,24 +33,12 @@ impl<'de> Visitor<'de> for Reader {
         Ok(Value::Null)
     }
 
-    fn visit_bool<E>(self, flag: bool) -> Result<Value, E> {
-        Ok(flag.into())
-    }
-
-    fn visit_i64<E>(self, number: i64) -> Result<Value, E> {
-        Ok(number.into())
-    }
-
-    fn visit_u64<E>(self, number: u64) -> Result<Value, E> {
-        Ok(number.into())
-    }
-
-    fn visit_f64<E>(self, number: f64) -> Result<Value, E> {
-        Ok(number.into())
-    }
-
-    fn visit_str<E>(self, text: &str) -> Result<Value, E> {
-        Ok(text.into())
+    scalars! {
+        visit_bool(bool)
+        visit_i64(i64)
+        visit_u64(u64)
+        visit_f64(f64)
+        visit_str(&str)
     }
 
     fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<Value, A::Error> {

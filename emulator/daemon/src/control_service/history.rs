@@ -1,89 +1,64 @@
-//! The last ten minutes of the run, so that a client that comes late can draw them.
+//! The samples of the last ten minutes, for the charts of a client that connects late.
 //!
-//! Every sample is kept, at any speed. The thread that keeps time adds them and never waits: while somebody reads, they
-//! wait on its side.
+//! All samples are kept, at any speed. The cadence thread adds them without waiting: while a client reads, they wait in a
+//! queue of that thread.
 
 use std::collections::VecDeque;
-use std::sync::{Arc, Mutex, MutexGuard};
+use std::sync::{Mutex, MutexGuard};
 
+use serde::Serialize;
 use serde_json::{Value, json};
 
-/// Samples kept: ten minutes of on-board time, about 150 kB.
+/// Number of samples kept: ten minutes of on-board time, about 150 kB.
 const KEPT: usize = 1200;
 
 /// A sample as charts need it.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Serialize)]
 pub(super) struct HistorySample {
     /// On-board time at its end.
     pub t_s: f64,
-    /// How many had ended, with this one.
+    /// Number of samples that had ended, including this one.
+    #[serde(rename = "half_second")]
     pub sample: u64,
     pub increments: [i16; 4],
     pub true_arcsec: [f64; 4],
+    /// Increments less true rotation, summed over all samples until this one.
     pub departure_arcsec: [f64; 4],
     pub gyro_flags: u8,
 }
 
-impl HistorySample {
-    fn json(&self) -> Value {
-        json!({
-            "t_s": self.t_s, "half_second": self.sample, "increments": self.increments,
-            "true_arcsec": self.true_arcsec, "departure_arcsec": self.departure_arcsec, "gyro_flags": self.gyro_flags,
-        })
-    }
-}
-
-/// The end that is read.
-#[derive(Debug, Clone, Default)]
-pub(super) struct History(Arc<Mutex<VecDeque<HistorySample>>>);
+/// The samples kept, oldest first.
+#[derive(Debug, Default)]
+pub(super) struct History(Mutex<VecDeque<HistorySample>>);
 
 impl History {
-    /// Those kept, the oldest first.
-    pub fn json(&self) -> Value {
-        let samples: Vec<HistorySample> = lock(&self.0).iter().copied().collect();
-        samples.iter().map(HistorySample::json).collect()
-    }
-}
-
-/// The end that is written.
-#[derive(Debug)]
-pub(super) struct Historian {
-    history: History,
-    waiting: VecDeque<HistorySample>,
-}
-
-impl Historian {
-    pub fn new(history: History) -> Historian {
-        Historian { history, waiting: VecDeque::new() }
-    }
-
-    pub fn push(&mut self, sample: HistorySample) {
-        keep(&mut self.waiting, sample);
-        if let Ok(mut kept) = self.history.0.try_lock() {
-            self.waiting.drain(..).for_each(|sample| keep(&mut kept, sample));
+    /// Adds a sample. While the history is being read, samples stay in `waiting`.
+    pub fn push(&self, waiting: &mut VecDeque<HistorySample>, sample: HistorySample) {
+        waiting.push_back(sample);
+        if let Ok(mut kept) = self.0.try_lock() {
+            kept.append(waiting);
+            let excess = kept.len().saturating_sub(KEPT);
+            kept.drain(..excess);
         }
     }
-}
 
-fn keep(samples: &mut VecDeque<HistorySample>, sample: HistorySample) {
-    if samples.len() == KEPT {
-        samples.pop_front();
+    pub fn json(&self) -> Value {
+        let samples = lock(&self.0).clone();
+        json!(samples)
     }
-    samples.push_back(sample);
 }
 
 pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().expect("nothing panics with it")
+    mutex.lock().expect("no holder panics")
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn sample(sample: u64) -> HistorySample {
-        let t_s = sample as f64 * 0.5;
+    fn history_sample(sample: u64) -> HistorySample {
         HistorySample {
-            t_s,
+            t_s: sample as f64 * 0.5,
             sample,
             increments: [1, -2, 3, -4],
             true_arcsec: [0.5; 4],
@@ -93,20 +68,19 @@ mod tests {
     }
 
     #[test]
-    fn the_last_ten_minutes_are_kept_and_a_reader_holds_nobody_up() {
-        let history = History::default();
-        let mut historian = Historian::new(history.clone());
-        (1..=3000).for_each(|sample| historian.push(self::sample(sample)));
+    fn history_keeps_ten_minutes_and_never_waits_for_a_reader() {
+        let (history, mut waiting) = (History::default(), VecDeque::new());
+        (1..=3000).for_each(|sample| history.push(&mut waiting, history_sample(sample)));
         {
             let reader = lock(&history.0);
-            (3001..=3010).for_each(|sample| historian.push(self::sample(sample)));
+            (3001..=3010).for_each(|sample| history.push(&mut waiting, history_sample(sample)));
             assert_eq!(reader.back().map(|sample| sample.sample), Some(3000));
         }
-        historian.push(sample(3011));
-        let told = history.json();
-        let told = told.as_array().expect("a list");
-        let numbers: Vec<u64> = told.iter().filter_map(|sample| sample["half_second"].as_u64()).collect();
+        history.push(&mut waiting, history_sample(3011));
+        let json = history.json();
+        let samples = json.as_array().expect("a list");
+        let numbers: Vec<u64> = samples.iter().filter_map(|sample| sample["half_second"].as_u64()).collect();
         assert_eq!(numbers, (1812..=3011).collect::<Vec<_>>());
-        assert_eq!(told[0]["increments"], json!([1, -2, 3, -4]));
+        assert_eq!(samples[0]["increments"], json!([1, -2, 3, -4]));
     }
 }

@@ -1,26 +1,25 @@
-//! How the unit, its links and its faults stand, as JSON.
+//! State of the unit, its links and its faults as JSON.
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 
 use geu_model::CompletedSample;
-use geu_model::fault::acting::FaultStatus;
 use geu_model::fault::catalogue::Transport;
+use geu_model::fault::engine::FaultStatus;
 use geu_model::units::{RAD_PER_DEG, on_board_s};
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 
-use super::events::{SampleEvent, end_s};
+use super::events::SampleEvent;
 use crate::control;
 use crate::lateness::CadenceMonitor;
 use crate::link::LinkStatistics;
-use crate::link_model::{Encoding, LinkModel, WireData};
 use crate::shared_unit::SharedUnit;
+use geu_recorder::link_model::{Encoding, LinkModel};
 
-/// What is known once the links are open.
-pub(super) struct StatusSource {
+/// The running unit and its open links.
+pub(crate) struct StatusSource {
     pub unit: Arc<SharedUnit>,
     links: Vec<(Transport, Arc<LinkStatistics>)>,
-    /// Kind of link that a recording is of.
     recorded: Option<Transport>,
     monitor: Arc<CadenceMonitor>,
     serial: LinkModel,
@@ -28,64 +27,55 @@ pub(super) struct StatusSource {
 }
 
 impl StatusSource {
+    /// `recorded` is the transport of the recorded link.
     pub fn new(
         unit: &Arc<SharedUnit>,
         links: &[(LinkModel, Arc<LinkStatistics>)],
         recorded: Option<Transport>,
         monitor: &Arc<CadenceMonitor>,
     ) -> StatusSource {
-        let of = |is_can: bool| {
+        let first = |is_can: bool| {
             let mut models = links.iter().map(|(model, _)| model);
             models.find(|model| matches!(model.encoding, Encoding::Can(_)) == is_can).cloned()
         };
         StatusSource {
             unit: unit.clone(),
-            serial: of(false).unwrap_or(LinkModel::serial(Transport::Pty)),
-            can: of(true).unwrap_or(LinkModel::can(geu_protocol::CanIdMap::default())),
+            serial: first(false).unwrap_or(LinkModel::serial(Transport::Pty)),
+            can: first(true).unwrap_or(LinkModel::can(geu_protocol::CanIdMap::default())),
             links: links.iter().map(|(model, statistics)| (model.kind, statistics.clone())).collect(),
             recorded,
             monitor: monitor.clone(),
         }
     }
 
-    /// Kinds of the links that are open.
+    /// Transports of the open links.
     pub fn open(&self) -> Vec<Transport> {
         self.links.iter().map(|(kind, _)| *kind).collect()
     }
 
-    /// Kinds of the links that a fault is on which names none.
-    pub fn told_links(&self) -> Vec<Transport> {
+    /// Transports that a fault without `link` applies to.
+    pub fn open_or_recorded(&self) -> Vec<Transport> {
         [self.open(), self.recorded.into_iter().collect()].concat()
     }
 
-    pub fn sample(&self, told: &SampleEvent) -> Value {
-        let SampleEvent { ended, true_arcsec, departure_arcsec, now, knows_sun, injected } = told;
-        let sample = &ended.sample;
+    pub(super) fn sample(&self, event: &SampleEvent) -> Value {
+        let SampleEvent { ended, history, now, knows_sun, injected } = event;
         let acting = injected.as_ref().map_or(&[][..], |injected| &injected.acting);
-        let carried = |model: &LinkModel| -> Vec<WireData> {
-            let transmissions = model.carry(Some(sample).filter(|_| ended.cyclic || is_polled(ended)), 0, acting);
-            transmissions
-                .into_iter()
-                .filter(|transmission| (transmission.frame, transmission.after_ns) == (0, 0))
-                .map(|transmission| transmission.content)
-                .collect()
+        let is_sent = ended.cyclic || is_polled(ended);
+        let sent = |model: &LinkModel| -> Vec<String> {
+            let transmissions = model.carry(Some(&ended.sample).filter(|_| is_sent), 0, acting).into_iter();
+            let undelayed = transmissions.filter(|transmission| (transmission.frame, transmission.after_ns) == (0, 0));
+            undelayed.map(|transmission| transmission.content.to_string()).collect()
         };
-        let angle = |rad: f64| if *knows_sun { json!(rad / RAD_PER_DEG) } else { Value::Null };
+        let angle_deg = |rad: f64| knows_sun.then_some(rad / RAD_PER_DEG);
         let counts = self.monitor.counts();
         let us = |ns: u64| ns as f64 * 1e-3;
-        let more = json!({
-            "t_s": end_s(ended),
-            "half_second": self.unit.running().0,
-            "true_arcsec": true_arcsec,
-            "departure_arcsec": departure_arcsec,
+        let status = json!({
             "rate_arcsec_s": now.rate_control_arcsec_s,
-            "theta_deg": angle(now.theta_rad),
-            "psi_deg": angle(now.psi_rad),
+            "theta_deg": angle_deg(now.theta_rad),
+            "psi_deg": angle_deg(now.psi_rad),
             "cyclic": ended.cyclic,
-            "wire": {
-                "serial": carried(&self.serial).iter().map(WireData::to_string).collect::<String>(),
-                "can": carried(&self.can).iter().map(WireData::to_string).collect::<Vec<_>>(),
-            },
+            "wire": { "serial": sent(&self.serial).concat(), "can": sent(&self.can) },
             "links": self.links(),
             "lateness": {
                 "count": counts.lateness.count(), "p50_us": us(counts.lateness.percentile_ns(0.5)),
@@ -95,11 +85,8 @@ impl StatusSource {
             "missed": counts.missed,
             "faults": self.faults_now(),
         });
-        let mut shown = control::told(sample);
-        if let (Value::Object(shown), Value::Object(more)) = (&mut shown, more) {
-            shown.extend(more);
-        }
-        shown
+        let parts = [control::sample(&ended.sample), json!(history), status];
+        parts.into_iter().filter_map(|part| serde_json::from_value::<Map<_, _>>(part).ok()).flatten().collect()
     }
 
     pub fn links(&self) -> Value {
@@ -113,30 +100,29 @@ impl StatusSource {
         self.links.iter().map(link).collect()
     }
 
-    /// Every fault.
+    /// All faults.
     pub fn faults(&self) -> Value {
         let now_s = on_board_s(self.unit.running().0);
-        self.unit.faults().planned.iter().map(|planned| stands(planned, now_s)).collect()
+        self.unit.faults().planned.iter().map(|fault| fault_state(fault, now_s)).collect()
     }
 
-    /// Those that act, or still may.
+    /// The faults that are active or armed.
     pub fn faults_now(&self) -> Value {
-        let (now_s, planned) = self.unit.faults_now();
-        planned.iter().map(|planned| stands(planned, now_s)).collect()
+        let (now_s, faults) = self.unit.faults_now();
+        faults.iter().map(|fault| fault_state(fault, now_s)).collect()
     }
 }
 
-/// Whether a sample that is not sent by itself is there to be polled.
+/// True if a sample that is not sent cyclically can be polled.
 fn is_polled(ended: &CompletedSample) -> bool {
     ended.sample.unit_flags & geu_protocol::field::unit_flag("polled") != 0
 }
 
-/// How a fault stands.
-fn stands(planned: &FaultStatus, now_s: f64) -> Value {
-    let fault = &planned.fault;
-    let state = match planned.since() {
+fn fault_state(status: &FaultStatus, now_s: f64) -> Value {
+    let fault = &status.fault;
+    let state = match status.since() {
         Some(_) => "active",
-        None if planned.is_over_by(now_s) => "over",
+        None if status.is_over_by(now_s) => "over",
         None => "armed",
     };
     json!({
@@ -147,8 +133,8 @@ fn stands(planned: &FaultStatus, now_s: f64) -> Value {
         "state": state,
         "trigger": fault.trigger(),
         "by_hand": fault.by_hand,
-        "started": planned.started,
-        "since_s": planned.since().map(on_board_s),
-        "ends_s": planned.end().map(on_board_s),
+        "started": status.started,
+        "since_s": status.since().map(on_board_s),
+        "ends_s": status.end().map(on_board_s),
     })
 }

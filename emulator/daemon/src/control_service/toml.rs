@@ -1,20 +1,15 @@
-//! What comes as JSON, as the reader of plans takes it.
+//! JSON of a request as TOML, for the reader of fault plans.
 
 use serde_json::{Map, Value};
-use toml_edit::{Array, DocumentMut, InlineTable, Item};
+use toml_edit::{Array, InlineTable, Item, Table};
 
-/// An object as TOML; keys without a value are not there.
+/// An object as a TOML document, without keys whose value is null.
 pub(super) fn text(object: &Map<String, Value>) -> String {
-    let mut document = DocumentMut::new();
-    for (key, value) in object {
-        if let Some(value) = of(value) {
-            document.insert(key, Item::Value(value));
-        }
-    }
-    document.to_string()
+    let pairs = object.iter().filter_map(|(key, value)| Some((key.as_str(), Item::Value(toml_value(value)?))));
+    pairs.collect::<Table>().to_string()
 }
 
-fn of(value: &Value) -> Option<toml_edit::Value> {
+fn toml_value(value: &Value) -> Option<toml_edit::Value> {
     Some(match value {
         Value::Null => return None,
         Value::Bool(flag) => (*flag).into(),
@@ -23,9 +18,9 @@ fn of(value: &Value) -> Option<toml_edit::Value> {
             None => number.as_f64()?.into(),
         },
         Value::String(text) => text.as_str().into(),
-        Value::Array(values) => values.iter().filter_map(of).collect::<Array>().into(),
+        Value::Array(values) => values.iter().filter_map(toml_value).collect::<Array>().into(),
         Value::Object(map) => {
-            let pairs = map.iter().filter_map(|(key, value)| Some((key.as_str(), of(value)?)));
+            let pairs = map.iter().filter_map(|(key, value)| Some((key.as_str(), toml_value(value)?)));
             pairs.collect::<InlineTable>().into()
         }
     })

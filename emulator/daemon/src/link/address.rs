@@ -1,11 +1,11 @@
-//! Addresses of links, as the command line has them.
+//! Addresses of links on the command line.
 
 use geu_model::fault::catalogue::Transport;
 use geu_protocol::CanIdMap;
 use geu_protocol::serial::DEFAULT_BAUD;
 
 use super::tcp::TcpAddress;
-use crate::link_model::{Encoding, LinkModel};
+use geu_recorder::link_model::{Encoding, LinkModel};
 
 /// A link to be opened.
 #[derive(Debug, Clone)]
@@ -21,7 +21,7 @@ pub enum LinkAddress {
 }
 
 impl LinkAddress {
-    /// What it carries, as a recording beside it tells it.
+    /// Model of the link.
     pub fn model(&self) -> LinkModel {
         match self {
             LinkAddress::Pty(_) => LinkModel::serial(Transport::Pty),

@@ -1,4 +1,4 @@
-//! A CAN interface. One that goes down or vanishes is used again when it is back.
+//! A CAN interface. After it was down or removed it is opened again.
 
 use std::convert::Infallible;
 use std::io;
@@ -11,46 +11,45 @@ use nix::ifaddrs::getifaddrs;
 use nix::net::if_::InterfaceFlags;
 use socketcan::{CanFilter, CanSocket, EmbeddedFrame, Frame, Id, Socket, SocketOptions, StandardId};
 use tokio::sync::Notify;
+use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
 use tokio::task::yield_now;
 
 use super::address::CanAddress;
 use super::error::LinkError;
-use super::interface::{LATE_ANSWERS, Link, LinkInfo, Watched, until_due};
+use super::interface::{Link, LinkInfo, MAX_WAITING_REPLIES, Watched, reopen, retry, until_due};
 use super::statistics::Sending;
 use crate::cadence::now_ns;
 use crate::console;
-use crate::link_model::{LinkModel, TransmitQueue, WireData};
 use crate::patience::Patience;
 use crate::shared_unit::SharedUnit;
+use geu_recorder::link_model::{LinkModel, TransmitQueue, WireData};
 
-/// Between two attempts at an interface that is gone.
-const AGAIN: Duration = Duration::from_millis(250);
-/// A full queue is waited for so long in all; then the rest of the sample is dropped.
-const QUEUE_PATIENCE: Duration = Duration::from_millis(5);
-/// Between two looks for room in a full queue.
-const LOOK_AGAIN: Duration = Duration::from_micros(200);
-/// After so many frames read the other links have their turn.
+/// Time for which a full queue is awaited in all; then the rest of the sample is dropped.
+const QUEUE_TIMEOUT: Duration = Duration::from_millis(5);
+/// Interval of attempts to write to a full queue.
+const POLL_INTERVAL: Duration = Duration::from_micros(200);
+/// Number of frames read before other links have their turn.
 const TURN: usize = 16;
-/// All 29 bits of an identifier: extended frames with the number of COMMAND are seen too, to be counted.
+/// All 29 bits of an identifier: extended frames with the number of COMMAND are received too, to be counted.
 const ID_MASK: u32 = 0x1FFF_FFFF;
 
-/// What both threads share: the socket, while there is one that works.
+/// The state shared by both threads.
 struct Bus {
     address: CanAddress,
+    /// The socket, unless a write has failed.
     socket: Mutex<Option<Arc<CanSocket>>>,
-    /// A write found the socket to be of no use: why, and that it did.
-    failure: Mutex<Option<Errno>>,
-    lost: Notify,
-    /// Held for the frames of one sample, so that no other comes between.
+    /// Receives the error of a failed write.
+    failures: UnboundedSender<Errno>,
+    /// Held for the frames of one sample, so that no other frame of this link comes between.
     turn: tokio::sync::Mutex<()>,
-    /// Answers to commands, by the wall clock.
+    /// Replies by time, wall clock.
     answers: Mutex<TransmitQueue>,
-    /// Answers wait for their time.
+    /// Replies wait for their time.
     later: Notify,
     info: LinkInfo,
 }
 
-/// What became of a frame.
+/// Outcome of a write.
 enum Written {
     Sent,
     Full,
@@ -59,9 +58,9 @@ enum Written {
 
 struct Can {
     bus: Arc<Bus>,
-    /// Whether the interface was up when it was opened.
+    /// True if the interface was up when it was opened.
     is_up: bool,
-    /// Whether the queue was full at the last sample; told once, and once when it is over.
+    /// True if the queue was full at the last sample; each change is logged once.
     is_full: bool,
 }
 
@@ -72,22 +71,22 @@ pub(super) fn open(
     unit: &Arc<SharedUnit>,
 ) -> Result<impl Link + use<>, LinkError> {
     let socket = connect(address)?;
+    let (failures, failed) = unbounded_channel();
     let bus = Arc::new(Bus {
         address: address.clone(),
         socket: Mutex::new(None),
-        failure: Mutex::new(None),
-        lost: Notify::new(),
+        failures,
         turn: tokio::sync::Mutex::new(()),
         answers: Mutex::default(),
         later: Notify::new(),
         info: LinkInfo::new(model, format!("can {} {:X}", address.interface, address.plan.base())),
     });
     let is_up = is_up(&address.interface);
-    tokio::spawn(attend(socket, is_up, bus.clone(), unit.clone()));
+    tokio::spawn(serve(is_up.then_some(socket), failed, bus.clone(), unit.clone()));
     Ok(Can { bus, is_up, is_full: false })
 }
 
-/// A socket that does not block and hears nothing but COMMAND.
+/// Opens a non-blocking socket that receives only COMMAND.
 fn connect(address: &CanAddress) -> Result<CanSocket, LinkError> {
     let explain = |error: io::Error| {
         let name = address.interface.clone();
@@ -103,7 +102,7 @@ fn connect(address: &CanAddress) -> Result<CanSocket, LinkError> {
             _ => LinkError::Can(name, error),
         }
     };
-    // Interface 0 is all of them: what fails here has nothing to do with the name.
+    // Interface 0 means all: a failure here does not depend on the name.
     CanSocket::open_iface(0).map_err(explain)?;
     let socket = CanSocket::open(&address.interface).map_err(explain)?;
     socket.set_nonblocking(true).map_err(explain)?;
@@ -123,78 +122,64 @@ fn to_socket(content: &WireData) -> Option<socketcan::CanFrame> {
 }
 
 impl Bus {
-    fn socket(&self) -> Option<Arc<CanSocket>> {
-        self.socket.lock().expect("nothing panics with the socket").clone()
+    fn socket(&self) -> MutexGuard<'_, Option<Arc<CanSocket>>> {
+        self.socket.lock().expect("no panic while locked")
     }
 
-    /// Whether a write has found the socket to be of no use, and nobody has dealt with that yet.
-    fn has_failed(&self) -> bool {
-        self.failure.lock().expect("nothing panics with the reason").is_some()
+    fn answers(&self) -> MutexGuard<'_, TransmitQueue> {
+        self.answers.lock().expect("no panic while locked")
     }
 
-    /// Returns why when a write has found the socket to be of no use.
-    async fn failed(&self) -> Errno {
-        loop {
-            self.lost.notified().await;
-            if let Some(errno) = self.failure.lock().expect("nothing panics with the reason").take() {
-                return errno;
-            }
-        }
+    /// Opens a socket if the interface is up.
+    fn reconnect(&self) -> Option<CanSocket> {
+        Some(&self.address).filter(|address| is_up(&address.interface)).and_then(|address| connect(address).ok())
     }
 
-    /// Writes a frame if there is room.
+    /// Writes a frame unless the queue is full.
     fn try_write(&self, socket: &CanSocket, frame: &socketcan::CanFrame) -> Written {
         let Err(error) = socket.write_frame(frame) else { return Written::Sent };
         match error.raw_os_error().map(Errno::from_raw) {
             Some(Errno::ENOBUFS | Errno::EAGAIN | Errno::EINTR) => Written::Full,
             errno => {
-                *self.failure.lock().expect("nothing panics with the reason") = errno.or(Some(Errno::EIO));
-                self.lost.notify_one();
+                *self.socket() = None;
+                let _ = self.failures.send(errno.unwrap_or(Errno::EIO));
                 Written::Failed
             }
         }
     }
 
-    /// Writes a frame, giving a full queue its time since `asked`, or more where there is `patience`.
-    fn write(
-        &self,
-        socket: &CanSocket,
-        frame: &socketcan::CanFrame,
-        asked: Instant,
-        patience: Option<&Patience>,
-    ) -> bool {
-        let is_over = || asked.elapsed() >= QUEUE_PATIENCE && patience.is_none_or(|patience| patience.is_over(asked));
-        loop {
-            match self.try_write(socket, frame) {
-                Written::Full if !is_over() => std::thread::sleep(LOOK_AGAIN),
-                written => return matches!(written, Written::Sent),
+    /// Writes frames, waits for a full queue up to its timeout in all, or up to `patience`, and returns true if all are sent.
+    fn write_all(&self, socket: &CanSocket, data: &[WireData], patience: Option<&Patience>) -> bool {
+        let _turn = self.turn.blocking_lock();
+        let start = Instant::now();
+        let is_over = || start.elapsed() >= QUEUE_TIMEOUT && patience.is_none_or(|patience| patience.is_over(start));
+        data.iter().filter_map(to_socket).all(|frame| {
+            loop {
+                match self.try_write(socket, &frame) {
+                    Written::Full if !is_over() => std::thread::sleep(POLL_INTERVAL),
+                    written => return matches!(written, Written::Sent),
+                }
             }
-        }
+        })
     }
 
-    /// The same for the runtime, which has others to serve meanwhile.
+    /// Writes a frame on the runtime, which serves other links meanwhile.
     async fn write_later(&self, socket: &CanSocket, frame: &socketcan::CanFrame, give_up: Instant) -> bool {
         loop {
             match self.try_write(socket, frame) {
-                Written::Full if Instant::now() < give_up => tokio::time::sleep(LOOK_AGAIN).await,
+                Written::Full if Instant::now() < give_up => tokio::time::sleep(POLL_INTERVAL).await,
                 written => return matches!(written, Written::Sent),
             }
         }
     }
-}
 
-impl Bus {
-    fn answers(&self) -> MutexGuard<'_, TransmitQueue> {
-        self.answers.lock().expect("nothing panics with the answers")
-    }
-
-    /// Sends the answers whose time has come; when the next is due.
+    /// Sends the replies that are due, and returns the time of the next one.
     async fn send_answers(&self, socket: &CanSocket) -> Option<i64> {
         loop {
-            let Some((_, contents)) = self.answers().take(now_ns()) else { return self.answers().next_ns() };
+            let Some((_, data)) = self.answers().next_due(now_ns()) else { return self.answers().next_ns() };
             let turn = self.turn.lock().await;
-            let give_up = Instant::now() + QUEUE_PATIENCE;
-            for frame in contents.iter().filter_map(to_socket) {
+            let give_up = Instant::now() + QUEUE_TIMEOUT;
+            for frame in data.iter().filter_map(to_socket) {
                 if !self.write_later(socket, &frame, give_up).await {
                     break;
                 }
@@ -203,67 +188,48 @@ impl Bus {
         }
     }
 
-    /// Sends answers at their time.
+    /// Sends replies at their time.
     async fn answer_later(&self, socket: &CanSocket) -> Infallible {
         loop {
-            let next_ns = self.send_answers(socket).await;
-            until_due(&self.later, next_ns).await;
+            until_due(&self.later, self.send_answers(socket).await).await;
         }
     }
 }
 
-async fn attend(socket: CanSocket, mut was_up: bool, bus: Arc<Bus>, unit: Arc<SharedUnit>) {
+async fn serve(socket: Option<CanSocket>, mut failed: UnboundedReceiver<Errno>, bus: Arc<Bus>, unit: Arc<SharedUnit>) {
     let name = &bus.info.statistics.name;
-    let mut next = Some(socket);
-    if !was_up {
-        console::say(format_args!(
-            "{name}: is down; the unit keeps time, and sends when it is up: ip link set {} up",
-            bus.address.interface
-        ));
-        next = None;
-    }
-    loop {
-        let socket = loop {
-            match next.take() {
-                Some(socket) => break Arc::new(socket),
-                None => {
-                    tokio::time::sleep(AGAIN).await;
-                    next =
-                        Some(&bus.address).filter(|address| is_up(&address.interface)).and_then(|it| connect(it).ok());
-                }
-            }
-        };
-        if !was_up {
+    let mut socket = match socket {
+        Some(socket) => socket,
+        None => {
+            console::say(format_args!(
+                "{name}: is down; the unit keeps time, and sends when it is up: ip link set {} up",
+                bus.address.interface
+            ));
+            let socket = retry(|| bus.reconnect()).await;
             console::ready(name);
-            was_up = true;
+            socket
         }
-        // What failed on the socket before says nothing of this one.
-        bus.failure.lock().expect("nothing panics with the reason").take();
-        *bus.socket.lock().expect("nothing panics with the socket") = Some(socket.clone());
+    };
+    loop {
+        let shared = Arc::new(socket);
+        // Failures of the previous socket.
+        while failed.try_recv().is_ok() {}
+        *bus.socket() = Some(shared.clone());
         let reason = tokio::select! {
-            error = serve(socket.clone(), &bus, &unit) => error.to_string(),
-            errno = bus.failed() => errno.desc().to_owned(),
-            never = bus.answer_later(&socket) => match never {},
+            error = receive(shared.clone(), &bus, &unit) => error.to_string(),
+            errno = failed.recv() => errno.unwrap_or(Errno::EIO).desc().to_owned(),
+            never = bus.answer_later(&shared) => match never {},
         };
-        // What was not answered by now is history.
+        // Replies that wait are obsolete.
         *bus.answers() = TransmitQueue::default();
-        *bus.socket.lock().expect("nothing panics with the socket") = None;
-        console::say(format_args!("{name}: gone ({reason}); the unit keeps time and waits for it to come back"));
-        loop {
-            tokio::time::sleep(AGAIN).await;
-            if is_up(&bus.address.interface)
-                && let Ok(socket) = connect(&bus.address)
-            {
-                next = Some(socket);
-                break;
-            }
-        }
-        console::say(format_args!("{name}: is back"));
+        *bus.socket() = None;
+        drop(shared);
+        socket = reopen(name, reason, || bus.reconnect()).await;
     }
 }
 
-/// Answers commands until the socket is of no use.
-async fn serve(socket: Arc<CanSocket>, bus: &Bus, unit: &SharedUnit) -> io::Error {
+/// Answers commands until the socket fails.
+async fn receive(socket: Arc<CanSocket>, bus: &Bus, unit: &SharedUnit) -> io::Error {
     let socket = match Watched::new(socket) {
         Ok(socket) => socket,
         Err(error) => return error,
@@ -282,7 +248,7 @@ async fn serve(socket: Arc<CanSocket>, bus: &Bus, unit: &SharedUnit) -> io::Erro
             Ok(Ok(frame)) => answer(&frame, socket.get_ref(), bus, unit).await,
         }
     }
-    unreachable!("nobody counts so far")
+    unreachable!("the count has no end")
 }
 
 async fn answer(frame: &socketcan::CanFrame, socket: &CanSocket, bus: &Bus, unit: &SharedUnit) {
@@ -296,7 +262,7 @@ async fn answer(frame: &socketcan::CanFrame, socket: &CanSocket, bus: &Bus, unit
     if transmissions.is_empty() {
         return;
     }
-    if bus.answers().len() >= LATE_ANSWERS {
+    if bus.answers().message_count() >= MAX_WAITING_REPLIES {
         bus.info.statistics.unread_replies.fetch_add(1, Relaxed);
         return;
     }
@@ -307,14 +273,14 @@ async fn answer(frame: &socketcan::CanFrame, socket: &CanSocket, bus: &Bus, unit
 }
 
 impl Can {
-    fn tell_queue(&mut self, is_full: bool) {
+    fn log_queue(&mut self, is_full: bool) {
         let was_full = std::mem::replace(&mut self.is_full, is_full);
         let name = &self.bus.info.statistics.name;
         match (was_full, is_full) {
             (false, true) => console::say(format_args!(
-                "{name}: the transmit queue is full; the unit keeps time and drops what does not fit: is the bus connected, does anybody acknowledge?"
+                "{name}: the transmit queue is full; the unit keeps time and drops frames: is the bus connected, does another node acknowledge?"
             )),
-            (true, false) => console::say(format_args!("{name}: the transmit queue has room again")),
+            (true, false) => console::say(format_args!("{name}: the transmit queue accepts frames again")),
             _ => {}
         }
     }
@@ -326,35 +292,21 @@ impl Link for Can {
     }
 
     fn send(&mut self, data: &[WireData], _more_fragments: bool, patience: &Patience) {
-        let outcome = match self.bus.socket() {
-            Some(socket) => {
-                let turn = self.bus.turn.blocking_lock();
-                // A queue that stayed full once is not waited for like that again until it has room.
-                let patience = Some(patience).filter(|_| !self.is_full);
-                let asked = Instant::now();
-                let all_sent =
-                    data.iter().filter_map(to_socket).all(|frame| self.bus.write(&socket, &frame, asked, patience));
-                drop(turn);
-                self.tell_queue(!all_sent && !self.bus.has_failed());
-                if all_sent { Sending::Sent } else { Sending::Dropped }
-            }
-            None => Sending::Dropped,
-        };
-        self.bus.info.statistics.count(outcome);
+        let socket = self.bus.socket().clone();
+        let is_sent = socket.is_some_and(|socket| {
+            // A queue that was full is not awaited again until it accepts a sample.
+            let is_sent = self.bus.write_all(&socket, data, Some(patience).filter(|_| !self.is_full));
+            self.log_queue(!is_sent && self.bus.socket().is_some());
+            is_sent
+        });
+        self.bus.info.statistics.count(if is_sent { Sending::Sent } else { Sending::Dropped });
     }
 
     fn send_answers(&mut self) {
-        let Some(socket) = self.bus.socket() else { return };
-        let due = std::iter::from_fn(|| self.bus.answers().take(i64::MAX));
-        let frames: Vec<_> = due.flat_map(|(_, contents)| contents).filter_map(|content| to_socket(&content)).collect();
-        let turn = self.bus.turn.blocking_lock();
-        let asked = Instant::now();
-        for frame in frames {
-            if !self.bus.write(&socket, &frame, asked, None) {
-                break;
-            }
-        }
-        drop(turn);
+        let Some(socket) = self.bus.socket().clone() else { return };
+        let due = std::iter::from_fn(|| self.bus.answers().next_due(i64::MAX));
+        let data: Vec<WireData> = due.flat_map(|(_, data)| data).collect();
+        self.bus.write_all(&socket, &data, None);
     }
 
     fn is_ready(&self) -> bool {

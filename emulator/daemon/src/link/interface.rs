@@ -1,5 +1,6 @@
-//! A link as the cadence thread sees it, and what links share.
+//! The interface of a link to the cadence thread, and common parts of links.
 
+use std::fmt::Display;
 use std::io;
 use std::ops::Deref;
 use std::os::fd::{AsFd, AsRawFd, RawFd};
@@ -12,13 +13,16 @@ use tokio::time::timeout;
 
 use super::statistics::LinkStatistics;
 use crate::cadence::now_ns;
-use crate::link_model::{LinkModel, WireData};
+use crate::console;
 use crate::patience::Patience;
+use geu_recorder::link_model::{LinkModel, WireData};
 
-/// Answers of a client that wait for their time, at most: beyond, they are dropped.
-pub(super) const LATE_ANSWERS: usize = 1000;
+/// Interval of attempts to open a device.
+pub(super) const RETRY_INTERVAL: Duration = Duration::from_millis(250);
+/// Maximum number of replies that wait for their time: further ones are dropped.
+pub(super) const MAX_WAITING_REPLIES: usize = 1000;
 
-/// What a link is, and what it has done.
+/// Model and statistics of a link.
 #[derive(Clone)]
 pub(crate) struct LinkInfo {
     pub model: LinkModel,
@@ -31,24 +35,41 @@ impl LinkInfo {
     }
 }
 
-/// A link, as the thread that keeps time sees it.
+/// A link, used by the cadence thread.
 pub(crate) trait Link: Send {
-    /// Its model and statistics.
     fn info(&self) -> &LinkInfo;
-    /// Sends data without blocking; a reader that has no room is given `patience` before it loses all of it. Where the data
-    /// end within a frame, its rest comes with the next.
+    /// Sends data without blocking; a reader that does not accept it loses all of it after `patience`. With `more_fragments`
+    /// the data ends within a frame, and the next call has its rest.
     fn send(&mut self, data: &[WireData], more_fragments: bool, patience: &Patience);
-    /// Sends at once, as the run ends, the answers that faults still hold back.
+    /// Sends at once, at the end of the run, the replies that faults delay.
     fn send_answers(&mut self);
-    /// Whether it can be used at once; one that cannot tells by itself when it can.
+    /// True if the link can be used at once; otherwise it prints its ready line later.
     fn is_ready(&self) -> bool {
         true
     }
-    /// Whether all that was taken has reached those who read.
+    /// True if readers have received all data.
     fn is_drained(&self) -> bool;
 }
 
-/// Waits until the next is due, `next_ns` on the monotonic clock, or `later` reports that something may be due earlier.
+/// Logs that a device is gone, and opens it again once it is back.
+pub(super) async fn reopen<T>(name: &str, reason: impl Display, open: impl Fn() -> Option<T>) -> T {
+    console::say(format_args!("{name}: gone ({reason}); the unit keeps time and waits for it to come back"));
+    let opened = retry(open).await;
+    console::say(format_args!("{name}: is back"));
+    opened
+}
+
+/// Opens a device as soon as that is possible.
+pub(super) async fn retry<T>(open: impl Fn() -> Option<T>) -> T {
+    loop {
+        tokio::time::sleep(RETRY_INTERVAL).await;
+        if let Some(opened) = open() {
+            return opened;
+        }
+    }
+}
+
+/// Waits until `next_ns` on the monotonic clock, or until `later` is notified.
 pub(super) async fn until_due(later: &Notify, next_ns: Option<i64>) {
     match next_ns {
         None => later.notified().await,
@@ -59,12 +80,12 @@ pub(super) async fn until_due(later: &Notify, next_ns: Option<i64>) {
     }
 }
 
-/// A descriptor whose readiness the runtime tells.
+/// A descriptor that the runtime watches.
 pub(super) struct Watched<T>(T);
 
 impl<T: AsFd> Watched<T> {
     pub fn new(owner: T) -> io::Result<AsyncFd<Watched<T>>> {
-        // SAFETY: the owner keeps its descriptor open, and the same, for as long as it is inside.
+        // SAFETY: the owner keeps its descriptor open, and the same, during the registration.
         Ok(unsafe { AsyncFd::register(Watched(owner)) }?)
     }
 }

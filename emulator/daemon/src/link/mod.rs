@@ -1,11 +1,11 @@
-//! The links: each its own file, all given the same sample by the cadence thread.
+//! The links: one file per transport; the cadence thread passes each sample to all of them.
 //!
-//! That thread writes to them directly, without ever blocking; what a link cannot take at once is finished, or recovered
-//! from, by a task of the runtime on the other thread.
+//! That thread writes to them directly, without blocking; a task of the runtime on the other thread completes partial writes and
+//! handles errors.
 //!
 //! Dependencies run one way: this file opens `pty`, `serial`, `tcp` and `can`; the streams among these use `receive` (commands
-//! from a client) and `stream_sender` (bytes to it, with `send_buffer`); all use `interface`, `address`, `statistics` and `error`. Physics, faults and the
-//! recording are not here: commands go to the shared unit, bytes come from the link model.
+//! from a client) and `stream_sender` (bytes to it, with `send_buffer`); all use `interface`, `address`, `statistics` and
+//! `error`. Physics, faults and the recording are not here: the shared unit executes commands, the link model makes the bytes.
 
 mod address;
 pub mod can;
@@ -34,7 +34,7 @@ pub use tcp::TcpAddress;
 /// Opens a link and starts its tasks on the runtime.
 ///
 /// # Errors
-/// What stands in the way, and what to do about it.
+/// The reason why it cannot be opened, with the way to correct it.
 pub(crate) fn open(address: &LinkAddress, unit: &Arc<SharedUnit>, speedup: f64) -> Result<Box<dyn Link>, LinkError> {
     let model = address.model();
     Ok(match address {

@@ -1,4 +1,4 @@
-//! Commands out of a byte stream, whatever else is in it.
+//! Commands in a byte stream with any other content.
 
 use std::borrow::Cow;
 use std::io;
@@ -18,13 +18,13 @@ use super::send_buffer::Port;
 use super::stream_sender::StreamSender;
 use crate::shared_unit::SharedUnit;
 
-/// After so long without a byte, a good frame inside what looks like the start of another is no longer kept waiting.
+/// After this time without a byte, a valid frame inside the apparent start of another is accepted.
 const PAUSE: Duration = Duration::from_millis(4);
 
-/// After so many commands of one client the others have their turn.
+/// Number of commands of one client before others have their turn.
 const TURN: usize = 16;
-/// What other protocols of a network begin with: requests of HTTP, which any page in a browser can send with whatever bytes
-/// it likes behind them, and TLS.
+/// First bytes of other network protocols: requests of HTTP, which any page in a browser can send with arbitrary bytes after
+/// them, and TLS.
 const FOREIGN: [(&[u8], &str); 11] = [
     (b"GET ", "HTTP"),
     (b"HEAD ", "HTTP"),
@@ -39,27 +39,27 @@ const FOREIGN: [(&[u8], &str); 11] = [
     (&[0x16, 0x03], "TLS"),
 ];
 
-/// Puts commands together from chunks.
+/// Assembles commands from chunks.
 #[derive(Default)]
 pub(super) struct Receiver {
-    /// The first bytes, as long as they may be the beginning of another protocol.
+    /// The first bytes, while they may be the beginning of another protocol.
     first: Option<Vec<u8>>,
     deframer: Deframer,
-    /// The start of a frame, perhaps.
+    /// Possible start of a frame.
     partial: BytesMut,
     rejected: u64,
 }
 
 impl Receiver {
-    /// One that hears no client that begins with another protocol.
-    pub fn of_network() -> Receiver {
+    /// Rejects clients that begin with another protocol.
+    pub fn for_network() -> Receiver {
         Receiver { first: Some(Vec::new()), ..Receiver::default() }
     }
 
-    /// Bytes that came, with those that were kept back before; none while they may be the beginning of another protocol.
+    /// Returns received bytes, with previously retained ones; none while they may be the beginning of another protocol.
     ///
     /// # Errors
-    /// They are.
+    /// The beginning of another protocol.
     fn admit<'a>(&mut self, bytes: &'a [u8]) -> io::Result<Cow<'a, [u8]>> {
         let Some(first) = &mut self.first else { return Ok(bytes.into()) };
         first.extend_from_slice(bytes);
@@ -72,13 +72,7 @@ impl Receiver {
         Ok(self.first.take().unwrap_or_default().into())
     }
 
-    /// The client is gone: frames that it began and did not end.
-    fn end(&mut self) -> u64 {
-        let Receiver { partial, .. } = std::mem::take(self);
-        u64::from(!partial.is_empty())
-    }
-
-    fn take(&mut self, bytes: &[u8], mut sink: impl FnMut(&[u8])) {
+    fn push(&mut self, bytes: &[u8], mut sink: impl FnMut(&[u8])) {
         self.partial.extend_from_slice(bytes);
         let rejected = &mut self.rejected;
         let used = self.deframer.consume(&self.partial, &mut |found| match found {
@@ -89,8 +83,8 @@ impl Receiver {
         self.partial.advance(used);
     }
 
-    /// No byte came for a while: where a whole frame stands behind the start of a frame, that start was a cut one and
-    /// must not swallow it. A start with nothing behind it may still go on, on a line as slow as it likes.
+    /// No byte came for some time: if a complete frame follows the start of a frame, that start was truncated and must not
+    /// consume it. Otherwise the frame may continue, on a line of any rate.
     fn pause(&mut self, mut sink: impl FnMut(&[u8])) {
         for start in 1..self.partial.len() {
             let (mut deframer, mut found_any) = (Deframer::default(), false);
@@ -118,12 +112,10 @@ pub(super) struct CommandServer {
 }
 
 impl CommandServer {
-    /// Reads commands and answers them, until the stream ends; the beginning of one stays in the receiver. `link`: as
-    /// recordings name it.
+    /// Reads and answers commands until the stream ends; an incomplete one stays in the receiver. `link`: name in recordings.
     ///
     /// # Errors
-    /// What reading reports when the device is gone; [`io::ErrorKind::InvalidData`] from a client that speaks another
-    /// protocol.
+    /// An error of the device; [`io::ErrorKind::InvalidData`] from a client with another protocol.
     pub async fn serve(
         &self,
         port: &AsyncFd<Watched<Port>>,
@@ -141,7 +133,7 @@ impl CommandServer {
                 Ok(Ok(0)) => return Ok(()),
                 Ok(Ok(length)) => {
                     let admitted = receiver.admit(&bytes[..length])?;
-                    receiver.take(&admitted, &mut found);
+                    receiver.push(&admitted, &mut found);
                 }
                 Ok(Err(error)) => return Err(error),
                 Err(_) => receiver.pause(&mut found),
@@ -152,8 +144,8 @@ impl CommandServer {
                 if index % TURN == TURN - 1 {
                     yield_now().await;
                 }
-                // Nothing more is read until the reply has room, but only while the client reads.
-                sender.reply_room().await;
+                // Stops reading until the reply is accepted, but only while the client reads.
+                sender.reply_capacity().await;
                 let response = self.unit.command(link, &payload).await;
                 sender.answer(self.unit.transmissions(&response, &self.info.model));
             }
@@ -161,9 +153,9 @@ impl CommandServer {
         }
     }
 
-    /// The client is gone: counts the frame that it began and did not end.
+    /// The client is gone: counts its incomplete frame.
     pub fn end(&self, receiver: &mut Receiver) {
-        self.reject(receiver.end());
+        self.reject(u64::from(!std::mem::take(receiver).partial.is_empty()));
     }
 
     fn reject(&self, frames: u64) {
@@ -171,14 +163,14 @@ impl CommandServer {
     }
 }
 
-/// Reads what is there, waiting for it; 0 at the end of the stream, or after a hang-up.
+/// Reads available bytes, and waits for the first; 0 at the end of the stream, or after a hang-up.
 async fn read(port: &AsyncFd<Watched<Port>>, bytes: &mut [u8]) -> io::Result<usize> {
     loop {
         let mut guard = port.readable().await?;
         let hung_up = guard.ready().is_read_closed();
         match guard.try_io(|port| Ok(unistd::read(&**port.get_ref(), bytes)?)) {
             Ok(result) => return result,
-            // A pty that somebody reopened at once: the hang-up stays in the readiness, only a new one tells more.
+            // A pty that was reopened at once: the hang-up stays in the readiness until a new one.
             Err(_) if hung_up => return Ok(0),
             Err(_) => {}
         }
@@ -194,14 +186,14 @@ mod tests {
     fn commands(chunks: &[&[u8]]) -> (Vec<Vec<u8>>, u64) {
         let (mut receiver, mut found) = (Receiver::default(), Vec::new());
         for chunk in chunks {
-            receiver.take(chunk, |payload| found.push(payload.to_vec()));
+            receiver.push(chunk, |payload| found.push(payload.to_vec()));
             receiver.pause(|payload| found.push(payload.to_vec()));
         }
         (found, receiver.rejected)
     }
 
     #[test]
-    fn a_truncated_command_never_swallows_the_next_good_one() {
+    fn a_truncated_command_does_not_consume_the_next_valid_one() {
         let (long, good) = (frame(FrameType::Command, &[4, 1, 0, 5, 9]), frame(FrameType::Command, &[1]));
         for cut in 1..long.len() {
             let truncated = &long[..cut];
@@ -214,11 +206,11 @@ mod tests {
     }
 
     #[test]
-    fn a_client_of_another_protocol_is_known_by_its_first_bytes_however_they_come() {
+    fn another_protocol_is_detected_by_its_first_bytes_in_any_chunks() {
         let ping = frame(FrameType::Command, &[1]);
         for foreign in [&b"POST / HTTP/1.1\r\n\r\n"[..], b"GET /", b"OPTIONS * ", b"PRI * HTTP/2.0", &[0x16, 3, 1, 2]] {
             for size in [1, 2, 3, foreign.len() + ping.len()] {
-                let (mut receiver, bytes) = (Receiver::of_network(), [foreign, &ping].concat());
+                let (mut receiver, bytes) = (Receiver::for_network(), [foreign, &ping].concat());
                 let mut admitted = Vec::new();
                 let end = bytes.chunks(size).try_for_each(|chunk| {
                     admitted.extend_from_slice(&receiver.admit(chunk)?);
@@ -230,7 +222,7 @@ mod tests {
         }
         for good in [&ping[..], b"GEt", b"P\xEB\x90", &[0x16, 4]] {
             for size in [1, 2, good.len()] {
-                let mut receiver = Receiver::of_network();
+                let mut receiver = Receiver::for_network();
                 let admitted: Vec<u8> = good
                     .chunks(size)
                     .flat_map(|chunk| receiver.admit(chunk).expect("no protocol").into_owned())
@@ -241,14 +233,14 @@ mod tests {
     }
 
     #[test]
-    fn a_command_that_comes_byte_by_byte_with_pauses_is_one_command() {
+    fn a_command_byte_by_byte_with_pauses_is_one_command() {
         let good = frame(FrameType::Command, &[2, 1]);
         let bytes: Vec<&[u8]> = good.chunks(1).collect();
         assert_eq!(commands(&bytes), (vec![vec![2, 1]], 0));
     }
 
     #[test]
-    fn data_and_replies_are_no_commands_and_a_wrong_crc_is_counted() {
+    fn data_and_replies_are_ignored_and_a_wrong_crc_is_counted() {
         let mut wrong = frame(FrameType::Command, &[1]);
         *wrong.last_mut().unwrap() ^= 1;
         let bytes = [data_frame(&Default::default()).to_vec(), frame(FrameType::Reply, &[1, 0]), wrong].concat();

@@ -1,4 +1,4 @@
-//! What waits to be sent over one byte stream, frame by frame.
+//! Data that waits to be sent over one byte stream, frame by frame.
 
 use std::collections::VecDeque;
 use std::os::fd::OwnedFd;
@@ -11,88 +11,76 @@ use nix::unistd;
 
 use super::statistics::{LinkStatistics, Sending};
 use crate::cadence::now_ns;
-use crate::link_model::{TransmitQueue, WireData};
+use geu_recorder::link_model::{TransmitQueue, WireData};
 
-/// Bytes of samples that may wait when another is offered: less than two.
-const DATA_ROOM: usize = 2 * MAX_FRAME;
-/// Bytes of replies that may wait: beyond, no more commands are read for a while, then replies are dropped.
-const REPLY_ROOM: usize = 512;
-/// The longest answer: a reply, and the sample that was polled.
-const LONGEST_ANSWER: usize = 2 * MAX_FRAME;
-/// A paced line takes so much of its time in one write, ns.
+/// Maximum number of waiting bytes of samples, with the next one.
+const DATA_CAPACITY: usize = 2 * MAX_FRAME;
+/// Maximum number of waiting bytes of replies: beyond, no commands are read for a while, then replies are dropped.
+const REPLY_CAPACITY: usize = 512;
+/// Maximum length of a response: a reply and the polled sample.
+const MAX_RESPONSE: usize = 2 * MAX_FRAME;
+/// Line time of one write to a paced line, ns.
 const CHUNK_NS: i64 = 1_000_000;
 
-/// A descriptor that both threads write to.
+/// A descriptor to which both threads write.
 pub(super) type Port = Arc<OwnedFd>;
 
-/// What waits to be sent over a byte stream.
+/// Data that waits to be sent over a byte stream.
+#[derive(Default)]
 pub(super) struct SendBuffer {
-    /// Nothing while nobody is there.
+    /// `None` without a client.
     pub port: Option<Port>,
     pub pending: Vec<u8>,
     /// Lengths of the frames in `pending`, and whether they are replies; the first may have left in part.
     frames: VecDeque<(usize, bool)>,
     /// Bytes of replies in `pending`.
     replies: usize,
-    /// A frame that was taken goes on, and whether it is of an answer: nothing is taken before its rest.
+    /// An incomplete frame was accepted, and whether it is of a reply: its rest precedes all other data.
     pub begun: Option<bool>,
-    /// What waits for the end of that frame.
+    /// Data that waits for the end of that frame.
     waiting: Vec<Waiting>,
-    /// The beginning of a sample interval was dropped, so its rest is too.
+    /// The beginning of a sample was dropped, and therefore its rest.
     pub is_dropping: bool,
-    /// Answers whose time has not come, by the wall clock.
+    /// Replies that wait for their time, wall clock.
     pub answers: TransmitQueue,
-    /// Bytes written so far.
+    /// Number of bytes written.
     pub written: u64,
-    /// Time of a byte on the line, ns; 0 where the device or the network paces.
+    /// Time of a byte on the line, ns; 0 if the device or the network limits the rate.
     byte_ns: f64,
-    /// When the line is through with what was written.
+    /// Time at which the line has sent the written bytes.
     free_ns: i64,
-    /// Patience with this client has run out: it gets what it has room for, and is not waited for again.
+    /// The client timed out: it gets the data that it accepts at once.
     pub is_stalled: bool,
     /// The client does not read its replies.
     pub drops_replies: bool,
+    /// Last count of unread bytes, and the value of `written` then.
+    pub unread: (u64, u64),
     statistics: Arc<LinkStatistics>,
 }
 
 /// Bytes that wait for the end of a frame of the other thread.
 struct Waiting {
     bytes: Vec<u8>,
-    /// Whether they are of an answer, not of a sample that is sent by itself.
+    /// True for a reply, false for a cyclic sample.
     is_reply: bool,
-    /// Whether they end within a frame.
+    /// True if they end within a frame.
     more_fragments: bool,
 }
 
-/// What the pump has to wait for.
+/// The condition for the next write.
 pub(super) enum Next {
     Bytes,
     Line(i64),
-    Room,
+    Capacity,
     Closed,
 }
 
 impl SendBuffer {
     pub fn new(port: Option<Port>, byte_ns: f64, statistics: Arc<LinkStatistics>) -> SendBuffer {
-        SendBuffer {
-            port,
-            pending: Vec::new(),
-            frames: VecDeque::new(),
-            replies: 0,
-            written: 0,
-            byte_ns,
-            free_ns: 0,
-            is_stalled: false,
-            drops_replies: false,
-            begun: None,
-            waiting: Vec::new(),
-            is_dropping: false,
-            answers: TransmitQueue::default(),
-            statistics,
-        }
+        SendBuffer { port, byte_ns, statistics, ..SendBuffer::default() }
     }
 
-    /// Writes what is due.
+    /// Writes the data that is due.
     pub fn write(&mut self) -> Next {
         while let Some(port) = &self.port {
             if self.pending.is_empty() {
@@ -112,7 +100,7 @@ impl SendBuffer {
                     self.drop_front(written);
                     self.free_ns += (written as f64 * self.byte_ns) as i64;
                 }
-                Err(Errno::EAGAIN) => return Next::Room,
+                Err(Errno::EAGAIN) => return Next::Capacity,
                 Err(Errno::EINTR) => {}
                 Err(_) => self.close(),
             }
@@ -136,7 +124,7 @@ impl SendBuffer {
         }
     }
 
-    /// Adds data behind what waits, and writes what is due.
+    /// Appends data, and writes the data that is due.
     pub fn push(&mut self, data: &[WireData], is_reply: bool, more_fragments: bool) -> Next {
         if self.begun.is_some_and(|begun| begun != is_reply) {
             let bytes = data.iter().flat_map(WireData::bytes).copied().collect();
@@ -168,17 +156,18 @@ impl SendBuffer {
         self.waiting.iter().filter(|it| it.is_reply == is_reply).map(|it| it.bytes.len()).sum()
     }
 
-    /// What is longer than a frame, because a fault made it so, has room where a frame has; the rest of a frame always.
-    pub fn has_data_room(&self, length: usize) -> bool {
+    /// True if a sample can be appended. A sample that a fault made longer needs the capacity of one frame;
+    /// the rest of a frame needs none.
+    pub fn accepts_data(&self, length: usize) -> bool {
         let data = self.pending.len() - self.replies + self.waiting(false);
-        self.begun == Some(false) || data + length.min(MAX_FRAME) <= DATA_ROOM
+        self.begun == Some(false) || data + length.min(MAX_FRAME) <= DATA_CAPACITY
     }
 
-    pub fn has_reply_room(&self) -> bool {
-        self.port.is_none() || self.replies + self.waiting(true) + LONGEST_ANSWER <= REPLY_ROOM
+    pub fn accepts_reply(&self) -> bool {
+        self.port.is_none() || self.replies + self.waiting(true) + MAX_RESPONSE <= REPLY_CAPACITY
     }
 
-    /// Drops bytes of a sample; the rest of the frame with which they end must not come alone.
+    /// Drops bytes of a sample, and the rest of the frame with which they end.
     pub fn drop_data(&mut self, more_fragments: bool) -> Sending {
         self.is_dropping = more_fragments;
         Sending::Dropped
@@ -189,19 +178,21 @@ impl SendBuffer {
         self.discard();
     }
 
-    /// Forgets what waits, and counts the replies.
+    /// Discards waiting data, and counts the replies.
     pub fn discard(&mut self) {
         let replies = self.frames.iter().filter(|(_, is_reply)| *is_reply).count()
             + self.waiting.iter().filter(|it| it.is_reply).count()
-            + self.answers.len();
+            + self.answers.message_count();
         self.statistics.unread_replies.fetch_add(replies as u64, Relaxed);
-        self.pending.clear();
-        self.frames.clear();
-        self.replies = 0;
-        self.begun = None;
-        self.waiting.clear();
-        self.is_dropping = false;
-        self.drops_replies = false;
-        self.answers = TransmitQueue::default();
+        *self = SendBuffer {
+            port: self.port.take(),
+            written: self.written,
+            byte_ns: self.byte_ns,
+            free_ns: self.free_ns,
+            is_stalled: self.is_stalled,
+            unread: self.unread,
+            statistics: self.statistics.clone(),
+            ..SendBuffer::default()
+        };
     }
 }

@@ -1,26 +1,20 @@
-//! A real serial port. An adapter that is unplugged is opened again when it comes back.
+//! A serial port. An adapter that was unplugged is opened again when it is back.
 
 use std::io;
 use std::os::fd::AsFd;
 use std::sync::Arc;
-use std::time::Duration;
 
 use tokio_serial::{DataBits, Parity, SerialStream, StopBits};
 
 use super::address::SerialAddress;
 use super::error::LinkError;
-use super::interface::{Link, LinkInfo, Watched};
+use super::interface::{LinkInfo, Watched, reopen};
 use super::receive::{CommandServer, Receiver};
 use super::send_buffer::Port;
 use super::statistics::Sending;
-use super::stream_sender::StreamSender;
-use crate::console;
-use crate::link_model::{LinkModel, WireData};
-use crate::patience::Patience;
+use super::stream_sender::{Senders, StreamLink, StreamSender};
 use crate::shared_unit::SharedUnit;
-
-/// Between two attempts at a port that is gone.
-const AGAIN: Duration = Duration::from_millis(250);
+use geu_recorder::link_model::LinkModel;
 
 impl SerialAddress {
     fn open(&self) -> io::Result<(SerialStream, Port)> {
@@ -36,77 +30,40 @@ impl SerialAddress {
     }
 }
 
-struct Serial {
-    line: Arc<StreamSender>,
-    info: LinkInfo,
-}
-
 /// Opens the port and serves it.
-pub(super) fn open(
-    address: &SerialAddress,
-    model: LinkModel,
-    unit: &Arc<SharedUnit>,
-) -> Result<impl Link + use<>, LinkError> {
+pub(super) fn open(address: &SerialAddress, model: LinkModel, unit: &Arc<SharedUnit>) -> Result<StreamLink, LinkError> {
     let opened = address.open().map_err(|error| LinkError::Serial(address.device.clone(), error))?;
     let info = LinkInfo::new(model, format!("serial {} {}", address.device, address.baud));
-    let line = Arc::new(StreamSender::new(None, 0.0, info.statistics.clone()));
+    let sender = StreamSender::new(None, 0.0, info.statistics.clone(), None);
     let commands = CommandServer { unit: unit.clone(), info: info.clone() };
-    tokio::spawn(attend(opened, address.clone(), line.clone(), commands));
-    Ok(Serial { line, info })
+    let senders = Senders::one(&sender);
+    tokio::spawn(serve(opened, address.clone(), sender, commands));
+    Ok(StreamLink { info, senders, without_client: Sending::Dropped })
 }
 
-async fn attend(
+async fn serve(
     mut opened: (SerialStream, Port),
     address: SerialAddress,
-    line: Arc<StreamSender>,
+    sender: Arc<StreamSender>,
     commands: CommandServer,
 ) {
-    let name = &commands.info.statistics.name;
     loop {
-        line.open(opened.1.clone());
-        let end = session(&opened.1, &line, &commands).await;
-        line.close();
+        sender.open(opened.1.clone());
+        let end = session(&opened.1, &sender, &commands).await;
+        sender.close();
         drop(opened);
         let reason = end.err().map_or_else(|| "hung up".to_owned(), |error| error.to_string());
-        console::say(format_args!("{name}: gone ({reason}); the unit keeps time and waits for it to come back"));
-        opened = loop {
-            tokio::time::sleep(AGAIN).await;
-            if let Ok(opened) = address.open() {
-                break opened;
-            }
-        };
-        console::say(format_args!("{name}: is back"));
+        opened = reopen(&commands.info.statistics.name, reason, || address.open().ok()).await;
     }
 }
 
-async fn session(port: &Port, line: &StreamSender, commands: &CommandServer) -> io::Result<()> {
+async fn session(port: &Port, sender: &StreamSender, commands: &CommandServer) -> io::Result<()> {
     let port = Watched::new(port.clone())?;
     let mut receiver = Receiver::default();
     let end = tokio::select! {
-        end = commands.serve(&port, line, &mut receiver, &commands.info.statistics.name) => end,
-        end = line.pump(&port) => end,
+        end = commands.serve(&port, sender, &mut receiver, &commands.info.statistics.name) => end,
+        end = sender.pump(&port) => end,
     };
     commands.end(&mut receiver);
     end
-}
-
-impl Link for Serial {
-    fn info(&self) -> &LinkInfo {
-        &self.info
-    }
-
-    fn send(&mut self, data: &[WireData], more_fragments: bool, patience: &Patience) {
-        self.info.statistics.count(match self.line.send(data, more_fragments, patience) {
-            Sending::Unread => Sending::Dropped,
-            outcome => outcome,
-        });
-    }
-
-    fn send_answers(&mut self) {
-        self.line.send_answers(i64::MAX);
-    }
-
-    fn is_drained(&self) -> bool {
-        self.line.is_drained()
-    }
 }

@@ -1,42 +1,33 @@
-//! What a link has done, for the status line and the end.
+//! Statistics of a link.
 
 use std::fmt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering::Relaxed};
 
-/// What a link has done, for the status line and the end.
-#[derive(Debug)]
+/// Statistics of a link, for the status and the summary.
+#[derive(Debug, Default)]
 pub struct LinkStatistics {
-    /// Kind and address, as in its ready line.
+    /// Transport and address, as in its ready line.
     pub name: String,
-    /// Clients attached now; a bus or a port counts as none.
+    /// Number of attached clients; 0 for a bus or a serial port.
     pub clients: AtomicUsize,
-    /// Sendings, one for each client: all that leaves at one time, a sample where no fault makes it more or less.
+    /// Number of sends, one for each client: all data of one time, a sample without faults.
     pub sent: AtomicU64,
-    /// Sendings dropped, whole: the client or the bus had no room, or the device was gone.
+    /// Number of sends dropped: the client or the bus did not accept the data, or the device was gone.
     pub dropped: AtomicU64,
-    /// Sendings that were not sent: nobody was there to read.
+    /// Number of sends without a reader.
     pub unread: AtomicU64,
-    /// Commands answered over it, some of them late.
+    /// Number of replies, including delayed ones.
     pub replies: AtomicU64,
-    /// Replies dropped: the client did not read those before.
+    /// Number of replies dropped: the client did not read the previous ones.
     pub unread_replies: AtomicU64,
-    /// Connections closed at once: of addresses that are not allowed, or of another protocol.
+    /// Number of connections refused: their address is not allowed, or they use another protocol.
     pub refused: AtomicU64,
 }
 
 impl LinkStatistics {
     pub(crate) fn new(name: impl Into<String>) -> Arc<LinkStatistics> {
-        Arc::new(LinkStatistics {
-            name: name.into(),
-            clients: AtomicUsize::new(0),
-            sent: AtomicU64::new(0),
-            dropped: AtomicU64::new(0),
-            unread: AtomicU64::new(0),
-            replies: AtomicU64::new(0),
-            unread_replies: AtomicU64::new(0),
-            refused: AtomicU64::new(0),
-        })
+        Arc::new(LinkStatistics { name: name.into(), ..LinkStatistics::default() })
     }
 
     pub(super) fn count(&self, outcome: Sending) {
@@ -52,25 +43,25 @@ impl fmt::Display for LinkStatistics {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (sent, dropped) = (self.sent.load(Relaxed), self.dropped.load(Relaxed));
         write!(f, "{}: {sent} sent, {dropped} dropped, {} replies", self.name, self.replies.load(Relaxed))?;
-        for (count, what) in [
+        for (count, meaning) in [
             (&self.unread, "not sent (no reader)"),
             (&self.unread_replies, "replies dropped"),
             (&self.refused, "connections refused"),
         ] {
             let count = count.load(Relaxed);
             if count > 0 {
-                write!(f, ", {count} {what}")?;
+                write!(f, ", {count} {meaning}")?;
             }
         }
         Ok(())
     }
 }
 
-/// What became of what was to be sent.
+/// Outcome of a send.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Sending {
     Sent,
     Dropped,
-    /// Nobody is there to read.
+    /// No client is attached.
     Unread,
 }

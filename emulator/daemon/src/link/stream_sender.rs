@@ -1,69 +1,133 @@
-//! The sending side of one byte stream: whole frames or nothing, never blocking, paced where there is no real line.
+//! The sending side of byte streams: complete frames or nothing, never blocking, paced if the transport has no line rate.
 //!
-//! Two threads write: the one that keeps time sends data, the runtime sends answers and finishes what did not fit.
-//! Bytes leave in the order in which frames were taken; where a fault has a frame come in parts, what comes from the other
-//! thread waits for its end. So no frame is ever cut by another.
+//! Two threads write: the cadence thread sends samples, the runtime sends replies and completes partial writes. Frames leave in
+//! the order in which they were accepted; while a fault sends a frame in parts, data of the other thread waits for its end. So
+//! no frame is ever interrupted by another.
 
 use std::convert::Infallible;
 use std::io;
-use std::sync::atomic::Ordering::Relaxed;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use geu_protocol::serial::MAX_FRAME;
 use tokio::io::unix::AsyncFd;
 use tokio::sync::Notify;
 use tokio::time::timeout;
 
-use super::interface::{LATE_ANSWERS, Watched, until_due};
+use super::interface::{Link, LinkInfo, MAX_WAITING_REPLIES, Watched, until_due};
 use super::send_buffer::{Next, Port, SendBuffer};
 use super::statistics::{LinkStatistics, Sending};
 use crate::cadence::now_ns;
-use crate::link_model::{Transmission, WireData};
 use crate::patience::Patience;
+use geu_recorder::link_model::{Transmission, WireData};
 
-/// A client that takes no byte for so long, while replies have no room, does not read: further replies are dropped until it
-/// does. Ten times what the interface control document gives a reply.
-const UNREAD: Duration = Duration::from_millis(200);
-/// Between two looks for room.
-const LOOK_AGAIN: Duration = Duration::from_micros(100);
+/// A client that accepts no byte for this time, while replies wait, does not read: further replies are dropped until it does.
+/// Ten times the limit of the interface control document for a reply.
+const UNREAD_TIMEOUT: Duration = Duration::from_millis(200);
+/// Interval of checks for free capacity.
+const POLL_INTERVAL: Duration = Duration::from_micros(100);
+/// Maximum number of unread bytes in a pty: the buffer of the line discipline of a real port, less a frame.
+const MAX_UNREAD: u64 = 4095 - MAX_FRAME as u64;
 
-/// The sending side of a byte stream.
+/// A link of byte streams, with a sender for each client.
+pub(super) struct StreamLink {
+    pub info: LinkInfo,
+    pub senders: Senders,
+    /// Outcome of a sample without a client.
+    pub without_client: Sending,
+}
+
+/// The senders of a link.
+#[derive(Clone, Default)]
+pub(super) struct Senders(Arc<Mutex<Vec<Arc<StreamSender>>>>);
+
+impl Senders {
+    pub fn one(sender: &Arc<StreamSender>) -> Senders {
+        Senders(Arc::new(Mutex::new(vec![sender.clone()])))
+    }
+
+    pub fn lock(&self) -> MutexGuard<'_, Vec<Arc<StreamSender>>> {
+        self.0.lock().expect("no panic while locked")
+    }
+}
+
+impl Link for StreamLink {
+    fn info(&self) -> &LinkInfo {
+        &self.info
+    }
+
+    fn send(&mut self, data: &[WireData], more_fragments: bool, patience: &Patience) {
+        let senders = self.senders.lock().clone();
+        if senders.is_empty() {
+            self.info.statistics.count(self.without_client);
+        }
+        for sender in senders {
+            let outcome = sender.send(data, more_fragments, patience);
+            self.info.statistics.count(if outcome == Sending::Unread { self.without_client } else { outcome });
+        }
+    }
+
+    fn send_answers(&mut self) {
+        for sender in self.senders.lock().iter() {
+            sender.send_answers(i64::MAX);
+        }
+    }
+
+    fn is_drained(&self) -> bool {
+        self.senders.lock().iter().all(|sender| sender.is_drained())
+    }
+}
+
+/// Returns the number of bytes that a client has not read, where the kernel reports it.
+type CountUnread = Box<dyn Fn() -> u64 + Send + Sync>;
+
+/// The sending side of one byte stream.
 pub(super) struct StreamSender {
     state: Mutex<SendBuffer>,
     /// Bytes wait for the pump, or the port was closed.
     wake: Notify,
-    /// Answers have left, or the port was closed.
+    /// Replies were sent, or the port was closed.
     left: Notify,
-    /// Answers wait for their time.
+    /// Replies wait for their time.
     later: Notify,
     statistics: Arc<LinkStatistics>,
+    count_unread: Option<CountUnread>,
+    /// The client has shut down its side, and perhaps is gone.
+    pub has_ended: AtomicBool,
 }
 
 impl StreamSender {
-    pub fn new(port: Option<Port>, byte_ns: f64, statistics: Arc<LinkStatistics>) -> StreamSender {
-        let state = SendBuffer::new(port, byte_ns, statistics.clone());
-        StreamSender {
-            state: Mutex::new(state),
+    pub fn new(
+        port: Option<Port>,
+        byte_ns: f64,
+        statistics: Arc<LinkStatistics>,
+        count_unread: Option<CountUnread>,
+    ) -> Arc<StreamSender> {
+        Arc::new(StreamSender {
+            state: Mutex::new(SendBuffer::new(port, byte_ns, statistics.clone())),
             wake: Notify::new(),
             left: Notify::new(),
             later: Notify::new(),
             statistics,
-        }
+            count_unread,
+            has_ended: AtomicBool::new(false),
+        })
     }
 
     fn lock(&self) -> MutexGuard<'_, SendBuffer> {
-        self.state.lock().expect("nothing panics while it writes")
+        self.state.lock().expect("no panic while locked")
     }
 
-    /// Somebody is there.
+    /// A client is attached.
     pub fn open(&self, port: Port) {
         let mut state = self.lock();
         state.close();
         (state.port, state.is_stalled) = (Some(port), false);
     }
 
-    /// Nobody is there any more; what waits is history.
+    /// The client is gone; waiting data is discarded.
     pub fn close(&self) {
         self.lock().close();
         self.wake.notify_one();
@@ -74,29 +138,39 @@ impl StreamSender {
         self.lock().port.is_some()
     }
 
-    /// Whether nothing waits.
-    pub fn is_drained(&self) -> bool {
-        self.lock().pending.is_empty()
+    /// True if no data waits, here or unread in the kernel.
+    fn is_drained(&self) -> bool {
+        let (is_open, is_empty) = (self.is_open(), self.lock().pending.is_empty());
+        is_empty && (!is_open || self.count_unread.as_ref().is_none_or(|count_unread| count_unread() == 0))
     }
 
-    /// Whether a frame of the sample that was sent last goes on, or was dropped and its rest is too.
-    pub fn is_within_frame(&self) -> bool {
+    /// True if the client has too many unread bytes for another sample. The kernel is asked only if all bytes since the last
+    /// time may be unread: to open a pty takes a lock of all terminals, which another process may hold for milliseconds.
+    fn is_unread(&self) -> bool {
+        let Some(count_unread) = &self.count_unread else { return false };
         let state = self.lock();
-        state.is_dropping || state.begun == Some(false)
+        // The rest of a frame follows its beginning.
+        if state.port.is_none() || state.is_dropping || state.begun == Some(false) {
+            return false;
+        }
+        let (mut unread, mut counted_at) = state.unread;
+        let written = state.written;
+        drop(state);
+        if unread + (written - counted_at) > MAX_UNREAD {
+            (unread, counted_at) = (count_unread(), written);
+            self.lock().unread = (unread, counted_at);
+        }
+        unread > MAX_UNREAD
     }
 
-    /// Drops bytes of a sample that have no room elsewhere.
-    pub fn drop_data(&self, more_fragments: bool) -> Sending {
-        self.lock().drop_data(more_fragments)
-    }
-
-    /// Sends a sample, whole or not at all.
-    pub fn send(&self, data: &[WireData], more_fragments: bool, patience: &Patience) -> Sending {
+    /// Sends a sample, completely or not at all.
+    fn send(&self, data: &[WireData], more_fragments: bool, patience: &Patience) -> Sending {
         let length = data.iter().map(|data| data.bytes().len()).sum();
-        let asked = Instant::now();
+        let start = Instant::now();
         loop {
+            let is_unread = self.is_unread();
             let mut state = self.lock();
-            if !state.has_data_room(length) {
+            if !state.accepts_data(length) {
                 state.write();
             }
             if state.port.is_none() {
@@ -105,64 +179,57 @@ impl StreamSender {
             if state.is_dropping {
                 return state.drop_data(more_fragments);
             }
-            if state.has_data_room(length) {
+            if !is_unread && state.accepts_data(length) {
                 let next = state.push(data, false, more_fragments);
-                self.tell_room(state);
-                return match next {
-                    Next::Closed => {
-                        self.wake.notify_one();
-                        Sending::Dropped
-                    }
-                    Next::Bytes => Sending::Sent,
-                    _ => {
-                        self.wake.notify_one();
-                        Sending::Sent
-                    }
-                };
+                self.notify_capacity(state);
+                if !matches!(next, Next::Bytes) {
+                    self.wake.notify_one();
+                }
+                return if matches!(next, Next::Closed) { Sending::Dropped } else { Sending::Sent };
             }
-            if state.is_stalled || patience.is_over(asked) {
+            if state.is_stalled || patience.is_over(start) {
                 state.is_stalled = !patience.is_none();
                 return state.drop_data(more_fragments);
             }
             drop(state);
-            thread::sleep(LOOK_AGAIN);
+            thread::sleep(POLL_INTERVAL);
         }
     }
 
-    /// Tells who waits for room, if there is some.
-    fn tell_room(&self, state: MutexGuard<SendBuffer>) {
-        let has_room = state.has_reply_room();
+    /// Notifies the task that waits for capacity, if there is some.
+    fn notify_capacity(&self, state: MutexGuard<SendBuffer>) {
+        let accepts_reply = state.accepts_reply();
         drop(state);
-        if has_room {
+        if accepts_reply {
             self.left.notify_one();
         }
     }
 
-    /// Waits until there is room for an answer, but only as long as the client reads; there always is where nobody is there.
-    pub async fn reply_room(&self) {
+    /// Waits for capacity for a reply while the client reads; returns at once without a client.
+    pub async fn reply_capacity(&self) {
         loop {
             let written = {
                 let mut state = self.lock();
-                state.drops_replies &= !state.has_reply_room();
-                if state.drops_replies || state.has_reply_room() {
+                state.drops_replies &= !state.accepts_reply();
+                if state.drops_replies || state.accepts_reply() {
                     return;
                 }
                 state.written
             };
-            let is_over = timeout(UNREAD, self.left.notified()).await.is_err();
+            let is_over = timeout(UNREAD_TIMEOUT, self.left.notified()).await.is_err();
             let mut state = self.lock();
             state.drops_replies = is_over && state.written == written;
         }
     }
 
-    /// Takes the answer to a command in, each transmission so long, on the wall clock, after now, or drops it where there is no
-    /// room; [`StreamSender::reply_room`] comes first.
+    /// Queues the transmissions of a reply, with delays from now on the wall clock, or drops them without capacity;
+    /// call [`StreamSender::reply_capacity`] first.
     pub fn answer(&self, transmissions: Vec<Transmission>) {
         let mut state = self.lock();
         if state.port.is_none() || transmissions.is_empty() {
             return;
         }
-        if state.drops_replies || state.answers.len() >= LATE_ANSWERS {
+        if state.drops_replies || state.answers.message_count() >= MAX_WAITING_REPLIES {
             self.statistics.unread_replies.fetch_add(1, Relaxed);
             return;
         }
@@ -174,27 +241,27 @@ impl StreamSender {
         }
     }
 
-    /// Sends the answers that are due until then, behind what waits; when the next is due.
-    pub fn send_answers(&self, until_ns: i64) -> Option<i64> {
+    /// Sends the replies that are due by `until_ns`, after the waiting data, and returns the time of the next one.
+    fn send_answers(&self, until_ns: i64) -> Option<i64> {
         let mut state = self.lock();
-        while let Some((_, contents)) = state.answers.take(until_ns) {
+        while let Some((_, data)) = state.answers.next_due(until_ns) {
             let more_fragments = state.answers.is_within_frame();
-            state.push(&contents, true, more_fragments);
+            state.push(&data, true, more_fragments);
         }
         let next_ns = state.answers.next_ns();
-        self.tell_room(state);
+        self.notify_capacity(state);
         self.wake.notify_one();
         next_ns
     }
 
-    /// Sends answers at their time.
+    /// Sends replies at their time.
     async fn answer_later(&self) -> Infallible {
         loop {
             until_due(&self.later, self.send_answers(now_ns())).await;
         }
     }
 
-    /// Bytes written so far.
+    /// Number of bytes written.
     pub fn written(&self) -> u64 {
         self.lock().written
     }
@@ -202,11 +269,11 @@ impl StreamSender {
     fn write(&self) -> Next {
         let mut state = self.lock();
         let next = state.write();
-        self.tell_room(state);
+        self.notify_capacity(state);
         next
     }
 
-    /// Writes whatever waits as the line and the reader permit, and answers at their time, until the port is closed.
+    /// Writes waiting data as the line rate and the reader permit, and replies at their time, until the port is closed.
     pub async fn pump(&self, port: &AsyncFd<Watched<Port>>) -> io::Result<()> {
         tokio::select! {
             end = self.write_on(port) => end,
@@ -216,21 +283,20 @@ impl StreamSender {
 
     async fn write_on(&self, port: &AsyncFd<Watched<Port>>) -> io::Result<()> {
         loop {
-            let next = self.write();
-            match next {
+            match self.write() {
                 Next::Bytes => self.wake.notified().await,
                 Next::Line(free_ns) => {
                     let wait_ns = (free_ns - now_ns()).max(0) as u64;
                     tokio::time::sleep(Duration::from_nanos(wait_ns)).await;
                 }
-                Next::Room => {
+                Next::Capacity => {
                     let mut guard = port.writable().await?;
-                    // Readiness may be old news: forgotten first, a port that has room now tells so again.
+                    // Readiness may be outdated: after it is cleared, a writable port reports it again.
                     let is_hung_up = guard.ready().is_write_closed();
                     guard.clear_ready();
-                    if matches!(self.write(), Next::Room) {
-                        // The readiness of a port that is hung up stays, and room never comes. What its client had
-                        // sent may still be read.
+                    if matches!(self.write(), Next::Capacity) {
+                        // The readiness of a port that is hung up stays, and it never accepts data. Data from its client may
+                        // still be read.
                         if is_hung_up {
                             self.lock().discard();
                         } else {

@@ -3,8 +3,8 @@
 use std::io;
 use std::net::{IpAddr, SocketAddr, ToSocketAddrs};
 use std::os::fd::{AsFd, AsRawFd, OwnedFd};
-use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
-use std::sync::{Arc, Mutex, MutexGuard};
+use std::sync::Arc;
+use std::sync::atomic::Ordering::Relaxed;
 use std::time::{Duration, Instant};
 
 use ipnet::IpNet;
@@ -13,47 +13,44 @@ use nix::sys::socket::{setsockopt, sockopt};
 use tokio::net::{TcpListener, TcpStream};
 
 use super::error::LinkError;
-use super::interface::{Link, LinkInfo, Watched};
+use super::interface::{LinkInfo, Watched};
 use super::receive::{CommandServer, Receiver};
 use super::send_buffer::Port;
 use super::statistics::Sending;
-use super::stream_sender::StreamSender;
+use super::stream_sender::{Senders, StreamLink, StreamSender};
 use crate::console;
 use crate::descriptors;
-use crate::link_model::{LinkModel, WireData};
-use crate::patience::Patience;
 use crate::shared_unit::SharedUnit;
+use geu_recorder::link_model::LinkModel;
 
-/// Clients at once; more are turned away.
-const CLIENTS: usize = 64;
-/// Asked of the kernel for what a client has not taken, byte: some seconds of it, not an hour. Not asked of a faster
-/// run, which would wait for acknowledgements all the time.
+/// Maximum number of clients; more are refused.
+const MAX_CLIENTS: usize = 64;
+/// Size of the kernel's send buffer, bytes: seconds of data, not an hour. Not set for a run faster than real time, which would
+/// wait for acknowledgements all the time.
 const SEND_BUFFER: usize = 4096;
-/// A client that has ended its side and gets nothing for so long is taken for gone.
-const DEAF: Duration = Duration::from_secs(10);
-/// Between two looks at a client that has ended its side.
-const LOOK_AGAIN: Duration = Duration::from_millis(250);
-/// A client is asked for a sign of life after so long, and again after so long, s.
+/// A client that has shut down its side and is sent no data for this time is gone.
+const ENDED_TIMEOUT: Duration = Duration::from_secs(10);
+/// Interval of checks of a client that has shut down its side.
+const POLL_INTERVAL: Duration = Duration::from_millis(250);
+/// Time to the first TCP keep-alive probe, and interval of further probes, s.
 const KEEP_ALIVE: u32 = 10;
-/// A client that acknowledges nothing for so long is gone, ms.
-const SILENCE_MS: u32 = 60_000;
-/// After an accept that failed: for lack of descriptors, for example.
-const ACCEPT_AGAIN: Duration = Duration::from_millis(200);
+/// A client that acknowledges nothing for this time is gone, ms.
+const ACKNOWLEDGE_TIMEOUT_MS: u32 = 60_000;
+/// Pause after a failed accept, for example for lack of descriptors.
+const ACCEPT_PAUSE: Duration = Duration::from_millis(200);
 
-/// Where clients connect, and from where.
+/// Address of the listener, and the allowed clients.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct TcpAddress {
     /// `HOST:PORT`; port 0 takes a free one.
     pub address: String,
-    /// Networks whose machines may connect; this machine always may.
+    /// Networks that may connect; this machine always may.
     pub allowed: Vec<IpNet>,
 }
 
 impl TcpAddress {
-    /// Who may connect to it.
-    ///
     /// # Errors
-    /// An address that other machines reach, where none of them is named.
+    /// An address that other machines reach, without an allowed network.
     fn check(&self) -> Result<(), LinkError> {
         let fail = |error| LinkError::Tcp(self.address.clone(), error);
         let mut reached = self.address.to_socket_addrs().map_err(fail)?;
@@ -69,56 +66,41 @@ impl TcpAddress {
     }
 }
 
-struct Tcp {
-    clients: Clients,
-    info: LinkInfo,
-}
-
-type Clients = Arc<Mutex<Vec<Arc<Client>>>>;
-
-/// One client.
-struct Client {
-    line: StreamSender,
-    /// It has ended its side, and perhaps is gone.
-    has_ended: AtomicBool,
-}
-
-/// Listens, and serves whoever comes.
+/// Listens, and serves the clients.
 pub(super) fn open(
     address: &TcpAddress,
     model: LinkModel,
     unit: &Arc<SharedUnit>,
     is_faster: bool,
-) -> Result<impl Link + use<>, LinkError> {
+) -> Result<StreamLink, LinkError> {
     address.check()?;
     let fail = |error| LinkError::Tcp(address.address.clone(), error);
     let listener = std::net::TcpListener::bind(&address.address).map_err(fail)?;
     listener.set_nonblocking(true).map_err(fail)?;
     let listener = TcpListener::from_std(listener).map_err(fail)?;
     let info = LinkInfo::new(model, format!("tcp {}", listener.local_addr().map_err(fail)?));
-    let clients = Clients::default();
+    let senders = Senders::default();
     let server = Server {
         address: address.clone(),
         is_faster,
-        clients: clients.clone(),
+        clients: senders.clone(),
         commands: CommandServer { unit: unit.clone(), info: info.clone() },
     };
     tokio::spawn(server.accept(listener));
-    Ok(Tcp { clients, info })
+    Ok(StreamLink { info, senders, without_client: Sending::Unread })
 }
 
-/// What the clients of an address are served with.
 struct Server {
     address: TcpAddress,
     is_faster: bool,
-    clients: Clients,
+    clients: Senders,
     commands: CommandServer,
 }
 
 impl Server {
     async fn accept(self, listener: TcpListener) {
         let server = Arc::new(self);
-        let (mut is_failing, mut has_told) = (false, false);
+        let (mut is_failing, mut has_logged) = (false, false);
         loop {
             let accepted = listener.accept().await;
             let was_failing = std::mem::replace(&mut is_failing, accepted.is_err());
@@ -127,67 +109,65 @@ impl Server {
                 Ok(accepted) => accepted,
                 Err(error) => {
                     if !was_failing {
-                        console::say(format_args!("{name}: no client can be taken in: {error}; tries again"));
+                        console::say(format_args!("{name}: cannot accept clients: {error}; trying again"));
                     }
-                    tokio::time::sleep(ACCEPT_AGAIN).await;
+                    tokio::time::sleep(ACCEPT_PAUSE).await;
                     continue;
                 }
             };
-            if let Err(reason) = server.take_in(stream, peer) {
+            if let Err(reason) = server.admit(stream, peer) {
                 server.commands.info.statistics.refused.fetch_add(1, Relaxed);
-                if !std::mem::replace(&mut has_told, true) {
-                    console::say(format_args!("{name}: {peer} is turned away, and more may be: {reason}"));
+                if !std::mem::replace(&mut has_logged, true) {
+                    console::say(format_args!("{name}: {peer} refused, further refusals are only counted: {reason}"));
                 }
             }
         }
     }
 
-    /// Serves a client in a task of its own, or says why not.
-    fn take_in(self: &Arc<Server>, stream: TcpStream, peer: SocketAddr) -> Result<(), String> {
+    /// Serves a client in a task of its own.
+    ///
+    /// # Errors
+    /// The reason of a refusal.
+    fn admit(self: &Arc<Server>, stream: TcpStream, peer: SocketAddr) -> Result<(), String> {
         if !self.address.allows(peer.ip()) {
             return Err("its address is not among those of --tcp-allow".to_owned());
         }
         if descriptors::is_scarce_beside(stream.as_raw_fd()) {
-            return Err("the descriptors that are left are for others; ulimit -n raises the limit".to_owned());
+            return Err("the remaining descriptors are reserved; ulimit -n raises the limit".to_owned());
         }
-        let mut served = self.clients().clone();
-        served.retain(|client| client.line.is_open());
-        if served.len() >= CLIENTS {
-            // One that has ended its side most likely is gone; somebody who is there needs its place.
+        let mut served = self.clients.lock().clone();
+        served.retain(|client| client.is_open());
+        if served.len() >= MAX_CLIENTS {
+            // A client that has shut down its side most likely is gone; the new client takes its place.
             let gone = served.iter().find(|client| client.has_ended.load(Relaxed));
-            gone.ok_or_else(|| format!("{CLIENTS} clients are served"))?.line.close();
+            gone.ok_or_else(|| format!("{MAX_CLIENTS} clients are served"))?.close();
         }
         let port = prepare(stream, self.is_faster).map_err(|error| error.to_string())?;
-        let line = StreamSender::new(Some(port.clone()), 0.0, self.commands.info.statistics.clone());
-        let client = Arc::new(Client { line, has_ended: AtomicBool::new(false) });
-        self.clients().push(client.clone());
+        let client = StreamSender::new(Some(port.clone()), 0.0, self.commands.info.statistics.clone(), None);
+        self.clients.lock().push(client.clone());
         self.commands.info.statistics.clients.fetch_add(1, Relaxed);
         let server = self.clone();
         tokio::spawn(async move {
-            server.attend(port, &client, peer).await;
-            client.line.close();
-            server.clients().retain(|other| !Arc::ptr_eq(other, &client));
+            server.serve(port, &client, peer).await;
+            client.close();
+            server.clients.lock().retain(|other| !Arc::ptr_eq(other, &client));
             server.commands.info.statistics.clients.fetch_sub(1, Relaxed);
         });
         Ok(())
     }
 
-    fn clients(&self) -> MutexGuard<'_, Vec<Arc<Client>>> {
-        self.clients.lock().expect("nothing panics with the list")
-    }
-
-    async fn attend(&self, port: Port, client: &Client, peer: SocketAddr) {
+    async fn serve(&self, port: Port, client: &StreamSender, peer: SocketAddr) {
         let Ok(port) = Watched::new(port) else { return };
         let link = format!("tcp {peer}");
         let commands = async {
-            let mut receiver = Receiver::of_network();
-            let end = self.commands.serve(&port, &client.line, &mut receiver, &link).await;
+            let mut receiver = Receiver::for_network();
+            let end = self.commands.serve(&port, client, &mut receiver, &link).await;
             self.commands.end(&mut receiver);
             match end {
-                // It has said all it had to say, but may go on listening: `socat -u`, `nc` at the end of its input.
+                // It sends no more, but may still read: `socat -u`, `nc` at the end of its input.
                 Ok(()) => {
                     client.has_ended.store(true, Relaxed);
-                    until_gone(port.get_ref(), &client.line).await;
+                    until_gone(port.get_ref(), client).await;
                 }
                 Err(error) if error.kind() == io::ErrorKind::InvalidData => {
                     self.commands.info.statistics.refused.fetch_add(1, Relaxed);
@@ -198,7 +178,7 @@ impl Server {
         };
         tokio::select! {
             () = commands => {}
-            _ = client.line.pump(&port) => {}
+            _ = client.pump(&port) => {}
         }
     }
 }
@@ -209,19 +189,19 @@ fn prepare(stream: TcpStream, is_faster: bool) -> io::Result<Port> {
     setsockopt(&stream, sockopt::KeepAlive, &true)?;
     setsockopt(&stream, sockopt::TcpKeepIdle, &KEEP_ALIVE)?;
     setsockopt(&stream, sockopt::TcpKeepInterval, &KEEP_ALIVE)?;
-    setsockopt(&stream, sockopt::TcpUserTimeout, &SILENCE_MS)?;
+    setsockopt(&stream, sockopt::TcpUserTimeout, &ACKNOWLEDGE_TIMEOUT_MS)?;
     if !is_faster {
         setsockopt(&stream, sockopt::SndBuf, &SEND_BUFFER)?;
     }
     Ok(Arc::new(stream))
 }
 
-/// Returns when a client that has ended its side has ended the other too, or was sent nothing for a while: only what
-/// is sent shows whether it still listens.
-async fn until_gone(port: &Watched<Port>, line: &StreamSender) {
-    let (mut written, mut since) = (line.written(), Instant::now());
-    while since.elapsed() < DEAF {
-        tokio::time::sleep(LOOK_AGAIN).await;
+/// Returns when a client that has shut down its side has closed the connection, or was sent no data for some time: only sent
+/// data shows whether it still reads.
+async fn until_gone(port: &Watched<Port>, client: &StreamSender) {
+    let (mut written, mut since) = (client.written(), Instant::now());
+    while since.elapsed() < ENDED_TIMEOUT {
+        tokio::time::sleep(POLL_INTERVAL).await;
         let mut polled = [PollFd::new(port.as_fd(), PollFlags::empty())];
         let gone = PollFlags::POLLHUP | PollFlags::POLLERR;
         if poll(&mut polled, PollTimeout::ZERO).is_err()
@@ -229,36 +209,10 @@ async fn until_gone(port: &Watched<Port>, line: &StreamSender) {
         {
             return;
         }
-        let before = std::mem::replace(&mut written, line.written());
+        let before = std::mem::replace(&mut written, client.written());
         if written != before {
             since = Instant::now();
         }
-    }
-}
-
-impl Link for Tcp {
-    fn info(&self) -> &LinkInfo {
-        &self.info
-    }
-
-    fn send(&mut self, data: &[WireData], more_fragments: bool, patience: &Patience) {
-        let clients = self.clients.lock().expect("nothing panics with the list").clone();
-        if clients.is_empty() {
-            self.info.statistics.count(Sending::Unread);
-        }
-        for client in &clients {
-            self.info.statistics.count(client.line.send(data, more_fragments, patience));
-        }
-    }
-
-    fn send_answers(&mut self) {
-        for client in self.clients.lock().expect("nothing panics with the list").iter() {
-            client.line.send_answers(i64::MAX);
-        }
-    }
-
-    fn is_drained(&self) -> bool {
-        self.clients.lock().expect("nothing panics with the list").iter().all(|client| client.line.is_drained())
     }
 }
 
@@ -272,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn other_machines_are_let_in_only_where_they_are_named() {
+    fn other_machines_must_be_allowed() {
         assert!(address("127.0.0.1:0", &[]).check().is_ok() && address("[::1]:0", &[]).check().is_ok());
         for open in ["0.0.0.0:0", "[::]:0", "192.0.2.1:0"] {
             assert!(matches!(address(open, &[]).check(), Err(LinkError::TcpOpenToAll(_))), "{open}");

@@ -1,12 +1,12 @@
-//! Why a run cannot begin.
+//! Errors that prevent a run.
 
 use std::io;
 
 use crate::control::ControlError;
 use crate::descriptors::TooFew;
 use crate::link::LinkError;
-use crate::recorder::RecordError;
 use crate::truth::TruthError;
+use geu_recorder::RecordError;
 
 /// A run that could not begin.
 #[derive(Debug, thiserror::Error)]
@@ -17,24 +17,24 @@ pub enum RunError {
     /// Too few descriptors.
     #[error(transparent)]
     Descriptors(#[from] TooFew),
-    /// Nobody can attach to any of the links.
+    /// No client can attach to any of the links.
     #[error(
-        "--wait: nobody attaches to a CAN interface or a serial port; expected a link with clients too: --pty or --tcp"
+        "--wait: no client attaches to a CAN interface or a serial port; expected a link with clients as well: --pty or --tcp"
     )]
-    NobodyToWaitFor,
+    NoClientLink,
     /// The control interface cannot be served.
     #[error(transparent)]
     Control(#[from] ControlError),
-    /// The truth from outside cannot be listened for.
+    /// The address of the external truth cannot be opened.
     #[error(transparent)]
     Truth(#[from] TruthError),
-    /// A condition asks about what the truth from outside does not tell.
-    #[error("{0}; a simulator tells them by the direction to the sun in its first sample, \"sun\": [x, y, z]")]
-    Untold(String),
+    /// A condition has a variable that the external truth does not provide.
+    #[error("{0}; a simulator provides them by the direction to the sun in its first sample, \"sun\": [x, y, z]")]
+    Unavailable(String),
     /// The recording cannot begin.
     #[error(transparent)]
     Record(#[from] RecordError),
-    /// No runtime, no thread.
+    /// The runtime or a thread cannot be started.
     #[error("cannot start: {0}")]
     System(#[from] io::Error),
 }

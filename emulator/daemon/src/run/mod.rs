@@ -1,7 +1,7 @@
-//! Runs: one thread keeps time and sends, the calling thread runs everything that waits for others.
+//! Runs: one thread keeps the cadence and sends, the calling thread runs all tasks that wait for clients or devices.
 //!
 //! Dependencies run one way: `unit` (the emulator) uses `cadence_loop` (its thread), `replay` (a recording in its place) has a
-//! thread of its own; all of these use `session` (what every run has), `output` (a link and what waits for it) and `error`.
+//! thread of its own; all of these use `output` (links with their queues), `session` (runtime, links and end of every run) and `error`.
 //! No physics, no bytes of messages, no argument parsing.
 
 mod cadence_loop;

@@ -1,4 +1,4 @@
-//! What every run has, of a unit or of a recording: a runtime beside the cadence thread, links, and an end when asked.
+//! Common parts of a run and a replay: a runtime beside the cadence thread, links, and an end on request.
 
 use std::future::Future;
 use std::io;
@@ -24,19 +24,18 @@ use crate::{console, descriptors};
 
 /// The cadence thread wakes up this long before a deadline: longer than the model and a wake-up take.
 pub(super) const LEAD_NS: i64 = 800_000;
-/// A reader at more than real speed is given so long to make room before it loses a sample.
+/// Time for which a run faster than real time waits for a reader, before the reader loses a sample.
 const READER_TIMEOUT: Duration = Duration::from_secs(2);
-/// A link that has looked empty for so long is empty.
-const SURELY_EMPTY: Duration = Duration::from_millis(25);
-/// Between two status lines.
+/// A link that has been empty for this time is empty.
+const EMPTY_TIME: Duration = Duration::from_millis(25);
 const STATUS_INTERVAL: Duration = Duration::from_millis(500);
-/// Between two looks at a state whose changes are not reported.
+/// Poll interval of states without notification.
 pub(super) const POLL_INTERVAL: Duration = Duration::from_millis(5);
 
 /// Resolves when the process is asked to end: SIGINT, SIGTERM, SIGHUP or SIGQUIT.
 ///
 /// # Errors
-/// Signals that cannot be waited for.
+/// Signal handlers that cannot be installed.
 pub async fn asked_to_end() -> io::Result<()> {
     let (mut interrupt, mut terminate) = (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?);
     let (mut hangup, mut quit) = (signal(SignalKind::hangup())?, signal(SignalKind::quit())?);
@@ -49,7 +48,7 @@ pub async fn asked_to_end() -> io::Result<()> {
     Ok(())
 }
 
-/// A run: its end, and how well it keeps time.
+/// A run: its end, and its lateness.
 #[derive(Clone)]
 pub(super) struct Session {
     pub stop: Arc<Stop>,
@@ -64,7 +63,7 @@ impl Session {
     pub fn new(links: &[LinkAddress], speed: Speed, waits_for_client: bool) -> Result<Session, RunError> {
         let has_clients = |link: &LinkAddress| matches!(link, LinkAddress::Pty(_) | LinkAddress::Tcp(_));
         if waits_for_client && !links.iter().any(has_clients) {
-            return Err(RunError::NobodyToWaitFor);
+            return Err(RunError::NoClientLink);
         }
         descriptors::take_all()?;
         Ok(Session { stop: Arc::default(), monitor: Arc::default(), speed, waits_for_client })
@@ -91,13 +90,11 @@ impl Session {
                 }
             }
         });
-        // With the last task the symlink of a pty goes. Not waiting for names that are looked up: a resolver may take half a
-        // minute.
+        // The last task removes the symlink of a pty. Not awaited: a name resolver may take half a minute.
         runtime.shutdown_background();
         ended
     }
 
-    /// Opens the links.
     pub fn open_links(&self, links: &[LinkAddress], unit: &Arc<SharedUnit>) -> Result<Vec<Box<dyn Link>>, RunError> {
         let speedup = match self.speed {
             Speed::Times(factor) => factor,
@@ -106,7 +103,7 @@ impl Session {
         links.iter().map(|address| Ok(link::open(address, unit, speedup)?)).collect()
     }
 
-    /// Runs `work` on the cadence thread to its end; meanwhile shows the sample of `last_sample` in the status line.
+    /// Runs `work` on the cadence thread to its end, and shows the sample of `last_sample` in the status line.
     pub async fn keep_cadence<T: Send + 'static>(
         &self,
         links: &[Arc<LinkStatistics>],
@@ -142,31 +139,25 @@ impl Session {
         self.stop.is_asked()
     }
 
-    /// Waits on the cadence thread until a client is attached, where the run waits for one.
+    /// Waits on the cadence thread until a client is attached, if the run waits for one.
     pub fn await_client(&self, links: &[LinkOutput]) {
         while self.waits_for_client && !self.is_stopped() && !links.iter().any(LinkOutput::has_client) {
             thread::park_timeout(POLL_INTERVAL);
         }
     }
 
-    /// How long a reader is waited for: in real time not at all.
+    /// Time for which readers are awaited: zero in real time.
     pub fn patience(&self) -> Patience {
         let is_faster = self.speed.is_faster_than_real();
         Patience::new(if is_faster { READER_TIMEOUT } else { Duration::ZERO }, &self.stop)
     }
-
-    /// Sends what faults still hold back; the last sample ended at `end_ns`.
-    pub fn end_links(&self, links: &mut [LinkOutput], end_ns: i64) {
-        let patience = self.patience().at_least(LAST_WORDS);
-        links.iter_mut().for_each(|output| output.end(end_ns, &patience));
-    }
 }
 
-/// Waits for what readers have not taken, for a while. What a pty hands on to its reader is for moments seen by no one, so it
-/// must look empty for some time.
+/// Waits, for a limited time, until readers have read all data. Data between a pty and its reader is invisible for moments, so
+/// the link must be empty for some time.
 pub(super) async fn await_readers(links: &[LinkOutput]) {
     let (give_up, mut empty_since) = (Instant::now() + LAST_WORDS, Instant::now());
-    while Instant::now() < give_up && empty_since.elapsed() < SURELY_EMPTY {
+    while Instant::now() < give_up && empty_since.elapsed() < EMPTY_TIME {
         tokio::time::sleep(POLL_INTERVAL).await;
         if !links.iter().all(|output| output.link.is_drained()) {
             empty_since = Instant::now();

@@ -6,11 +6,12 @@ use std::io;
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use geu_model::configuration::LinkLogFormat;
-use geu_model::fault::acting::FaultEngine;
 use geu_model::fault::catalogue::Transport;
+use geu_model::fault::engine::FaultEngine;
 use geu_model::{Configuration, Truth};
 
 use super::cadence_loop::CadenceLoop;
@@ -20,59 +21,57 @@ use super::session::{Session, await_readers};
 use crate::cadence::Speed;
 use crate::console;
 use crate::control::{ControlListener, Server};
-use crate::control_service::{ControlService, PublisherThread};
+use crate::control_service::{ControlService, StatusSource};
 use crate::lateness::Histogram;
 use crate::link::{Link, LinkAddress, LinkStatistics};
-use crate::link_model::LinkModel;
 use crate::patience::Stop;
-use crate::recorder::{self, Destination, RecordError, Recorder};
 use crate::recorder_thread::{Feed, RecorderThread, RecordingError};
-use crate::running::{self, Registration, Running};
+use crate::running::{self, Registration, Running, RunningLink};
 use crate::shared_unit::SharedUnit;
 use crate::truth::{self, ExternalTruth, TruthStatistics};
+use geu_recorder::link_model::LinkModel;
+use geu_recorder::{Destination, Recorder, recorded, wire_beside};
 
-/// The recording is written to its end until so long after the process was asked to end: with the last words on the
-/// terminal that is less than a second.
+/// Time to complete the recording after the request to end: less than a second together with the last messages.
 const RECORD_AFTER_ASKED: Duration = Duration::from_millis(500);
-/// And it is given so long at least.
-const RECORD_AT_LEAST: Duration = Duration::from_millis(100);
+/// Minimum time to complete the recording.
+const MIN_RECORD_TIME: Duration = Duration::from_millis(100);
 
-/// How to run the unit.
+/// Options of a run.
 #[derive(Debug, Clone)]
 pub struct RunOptions {
-    /// Links to open; all carry the same.
+    /// Links to open; all send the same samples.
     pub links: Vec<LinkAddress>,
-    /// On-board time against the wall clock.
+    /// Ratio of on-board time to the wall clock.
     pub speed: Speed,
-    /// Samples to run; without end where nothing is said.
+    /// Number of samples; `None`: unlimited.
     pub samples: Option<u64>,
-    /// Spin so long before each deadline.
+    /// Busy-wait time before each deadline.
     pub spin: Duration,
-    /// Ask for SCHED_FIFO.
+    /// Request SCHED_FIFO.
     pub realtime: bool,
-    /// Begin only when a client is attached to a pty or over TCP.
+    /// Start when a client is attached to a pty or over TCP.
     pub wait_for_client: bool,
-    /// The source of the truth, where that comes from outside.
+    /// The external truth, if any.
     pub live: Option<Arc<ExternalTruth>>,
-    /// Such a source is waited for so long at most, wall clock, wherever the run waits for it; without end where nothing
-    /// is said.
+    /// Wall-clock limit of each wait for the external truth; `None`: unlimited.
     pub truth_wait: Option<Duration>,
 }
 
 /// A recording beside the links.
 #[derive(Debug, Clone)]
 pub struct Recording {
-    /// Where it goes.
+    /// Directory.
     pub destination: Destination,
-    /// Encoding of the link in it; without one that of the first link.
+    /// Encoding of the recorded link; `None`: that of the first link.
     pub wire: Option<LinkLogFormat>,
 }
 
-/// What a run has done.
+/// Result of a run.
 pub struct RunSummary {
     /// Samples that ended on board.
     pub samples: u64,
-    /// Of these, not sent because the process was held up beyond the next deadline.
+    /// Samples not sent because the process stalled beyond the next deadline.
     pub missed: u64,
     /// Sent more than 5 ms after the deadline.
     pub late: u64,
@@ -80,17 +79,17 @@ pub struct RunSummary {
     pub lateness: Histogram,
     /// Commands received.
     pub commands: u64,
-    /// Frames to the unit dropped without an answer.
+    /// Frames to the unit dropped without a reply.
     pub rejected: u64,
-    /// What became of the samples of a truth from outside.
+    /// Counts of the samples of an external truth.
     pub truth: Option<TruthStatistics>,
-    /// Why the unit did not move as that truth was told, in words; nothing where it did.
+    /// Reason why the unit did not follow the external truth, if it did not.
     pub truth_failure: Option<String>,
-    /// Each link.
+    /// Statistics of each link.
     pub links: Vec<Arc<LinkStatistics>>,
-    /// How the faults and expectations of the plan stand.
+    /// Final state of faults and expectations.
     pub faults: FaultEngine,
-    /// What became of the recording.
+    /// Result of the recording.
     pub recording: Result<(), RecordingError>,
 }
 
@@ -106,9 +105,9 @@ impl fmt::Display for RunSummary {
     }
 }
 
-/// Runs the unit on `truth` until its samples are sent or `shutdown` resolves; links are removed when it returns. It can be
-/// watched and driven through `listener`. Nothing of a recording that is replaced is touched before the links are open, and
-/// the truth and the control interface are listened for.
+/// Runs the unit on `truth` until its samples are sent or `shutdown` resolves; links are removed when it returns. `listener`
+/// serves the control interface. A recording is replaced only after the links, the external truth and the control interface
+/// are open.
 ///
 /// # Errors
 /// A link that cannot be opened, a recording that cannot begin.
@@ -121,21 +120,24 @@ pub fn run(
     shutdown: impl Future<Output = io::Result<()>>,
 ) -> Result<RunSummary, RunError> {
     let session = Session::new(&settings.links, settings.speed, settings.wait_for_client)?;
-    let (mut feed, mut recorded) = (None, None);
-    if let Some(recording) = recording {
-        recording.destination.check()?;
-        let (told, planned) = PlannedRecording::new(recording, configuration, truth, &settings.links);
-        (feed, recorded) = (Some(told), Some(planned));
-    }
+    let (feed, recorded) = match recording {
+        Some(recording) => {
+            recording.destination.check()?;
+            let (feed, thread, kind) = plan_recording(recording, configuration, truth, &settings.links);
+            (Some(feed), Some((thread, kind)))
+        }
+        None => (None, None),
+    };
     let (mut control, mut observer, mut publisher) = (None, None, None);
     if let Some(listener) = listener {
-        let (service, tells, thread) = ControlService::start()?;
-        (control, observer, publisher) = (Some((listener, service)), Some(tells), Some(thread));
+        let (service, events, thread) = ControlService::start()?;
+        (control, observer, publisher) = (Some((listener, service)), Some(events), Some(thread));
     }
     let unit = Arc::new(SharedUnit::new(configuration, truth, settings.speed, feed, observer));
     let ended = session.block_on(shutdown, run_unit(&session, &unit, settings, control, recorded));
     unit.close();
-    publisher.into_iter().for_each(PublisherThread::finish);
+    // Ends with the unit's observer.
+    let _ = publisher.map(JoinHandle::join);
     console::finish();
     ended
 }
@@ -144,8 +146,8 @@ async fn run_unit(
     session: &Session,
     unit: &Arc<SharedUnit>,
     settings: &RunOptions,
-    control: Option<(ControlListener, ControlService)>,
-    recording: Option<PlannedRecording>,
+    control: Option<(ControlListener, Arc<ControlService>)>,
+    recording: Option<(RecorderThread, Transport)>,
 ) -> Result<RunSummary, RunError> {
     let links = session.open_links(&settings.links, unit)?;
     if let Some(live) = &settings.live {
@@ -154,31 +156,35 @@ async fn run_unit(
     let statistics: Vec<_> = links.iter().map(|link| link.info().statistics.clone()).collect();
     let address = control.as_ref().map(|(listener, _)| listener.address());
     let _registration = register(&statistics, address);
-    let recorded = recording.as_ref().map(|recording| recording.model.kind);
-    let mut writer = match recording {
-        Some(recording) => Some(recording.open(&session.stop).await?),
-        None => None,
-    };
-    // Only now: who waits for one line may count on all links, and on the recording.
+    let (mut writer, recorded) = recording.unzip();
+    if let Some(writer) = &mut writer {
+        let was_asked = session.stop.is_asked();
+        // A disk that hangs must not prevent the end.
+        tokio::select! {
+            opened = writer.open() => opened?,
+            _ = session.stop.asked(), if !was_asked => {}
+        }
+    }
+    // Only now: after one ready line all links and the recording are open.
     links.iter().filter(|link| link.is_ready()).for_each(|link| console::ready(&link.info().statistics.name));
     let server = control.map(|control| serve(control, session, unit, &links, recorded)).transpose()?;
     if let Some(address) = address {
         console::ready(&format!("control http://{address}/"));
     }
     let links = links.into_iter().map(LinkOutput::new).collect();
-    let mut cadence = CadenceLoop::new(session.clone(), unit.clone(), settings.clone(), links);
-    let work = move || (cadence.run(), cadence);
-    let (kept, cadence) = session.keep_cadence(&statistics, || unit.completed(), work).await?;
-    await_readers(&cadence.links).await;
-    drop(cadence);
+    let (own_session, own_unit, own_settings) = (session.clone(), unit.clone(), settings.clone());
+    let work = move || CadenceLoop::run(own_session, own_unit, own_settings, links);
+    let (result, links) = session.keep_cadence(&statistics, || unit.completed(), work).await?;
+    await_readers(&links).await;
+    drop(links);
     drop(server);
     console::clear_status();
     unit.close();
-    let recording = match &mut writer {
-        Some(writer) => await_recording(writer, &session.stop).await,
+    let recording = match writer {
+        Some(writer) => writer.finish(recording_deadline(&session.stop)).await,
         None => Ok(()),
     };
-    kept?;
+    result?;
     let counts = session.monitor.counts();
     Ok(RunSummary {
         samples: unit.running().0,
@@ -195,77 +201,51 @@ async fn run_unit(
     })
 }
 
-/// Serves the control interface; `recorded` is the kind of link that a recording is of.
+/// Serves the control interface; `recorded` is the transport of the recorded link.
 fn serve(
-    (listener, service): (ControlListener, ControlService),
+    (listener, service): (ControlListener, Arc<ControlService>),
     session: &Session,
     unit: &Arc<SharedUnit>,
     links: &[Box<dyn Link>],
     recorded: Option<Transport>,
 ) -> Result<Server, RunError> {
-    let carried: Vec<_> =
-        links.iter().map(|link| (link.info().model.clone(), link.info().statistics.clone())).collect();
-    service.know(unit, &carried, recorded, &session.monitor);
-    Ok(listener.serve(Arc::new(service))?)
+    let models: Vec<_> = links.iter().map(|link| (link.info().model.clone(), link.info().statistics.clone())).collect();
+    service.set_source(StatusSource::new(unit, &models, recorded, &session.monitor));
+    Ok(listener.serve(service)?)
 }
 
-/// A recording that begins once the links are open.
-struct PlannedRecording {
-    writer: RecorderThread,
-    /// The link that is recorded.
-    model: LinkModel,
-    create: Box<dyn FnOnce() -> Result<Recorder, RecordError> + Send>,
+/// Prepares a recording, and returns the transport of the recorded link.
+fn plan_recording(
+    recording: &Recording,
+    configuration: &Configuration,
+    truth: &Truth,
+    links: &[LinkAddress],
+) -> (Feed, RecorderThread, Transport) {
+    let links: Vec<LinkModel> = links.iter().map(LinkAddress::model).collect();
+    let wire = wire_beside(recording.wire, &links);
+    let kind = recorded(wire, configuration, &links).kind;
+    let (destination, configuration, truth) = (recording.destination.clone(), configuration.clone(), truth.clone());
+    let directory = recording.destination.directory();
+    let create = move || Recorder::create(&destination, &configuration, &truth, wire, &links);
+    let (feed, thread) = RecorderThread::new(directory, create);
+    (feed, thread, kind)
 }
 
-impl PlannedRecording {
-    fn new(
-        recording: &Recording,
-        configuration: &Configuration,
-        truth: &Truth,
-        links: &[LinkAddress],
-    ) -> (Feed, PlannedRecording) {
-        let links: Vec<LinkModel> = links.iter().map(LinkAddress::model).collect();
-        let wire = recorder::form_beside(recording.wire, &links);
-        let (feed, writer) = RecorderThread::new(recording.destination.directory());
-        let model = recorder::recorded(wire, configuration, &links);
-        let (destination, configuration, truth) = (recording.destination.clone(), configuration.clone(), truth.clone());
-        let create = Box::new(move || Recorder::create(&destination, &configuration, &truth, wire, &links));
-        (feed, PlannedRecording { writer, model, create })
-    }
-
-    /// Opens it. A disk that hangs is no reason not to end.
-    async fn open(self, stop: &Stop) -> Result<RecorderThread, RunError> {
-        let (PlannedRecording { mut writer, create, .. }, was_asked) = (self, stop.is_asked());
-        tokio::select! {
-            opened = writer.open(create) => opened?,
-            _ = stop.asked(), if !was_asked => {}
-        }
-        Ok(writer)
-    }
-}
-
-/// Waits until the recording is written, for a bounded time once the process was asked to end.
-async fn await_recording(writer: &mut RecorderThread, stop: &Stop) -> Result<(), RecordingError> {
+/// Resolves when a recording must be complete after a request to end.
+async fn recording_deadline(stop: &Stop) {
     let start = Instant::now();
-    let too_late = async {
-        let end = (stop.asked().await + RECORD_AFTER_ASKED).max(start + RECORD_AT_LEAST);
-        tokio::time::sleep_until(end.into()).await;
-    };
-    tokio::select! {
-        biased;
-        () = writer.done() => writer.result(true),
-        () = too_late => writer.result(false),
-    }
+    let end = (stop.asked().await + RECORD_AFTER_ASKED).max(start + MIN_RECORD_TIME);
+    tokio::time::sleep_until(end.into()).await;
 }
 
-/// Lets clients find this emulator; one that cannot be found runs all the same.
+/// Registers this emulator for clients; it runs without registration if that fails.
 fn register(links: &[Arc<LinkStatistics>], control: Option<SocketAddr>) -> Option<Registration> {
     let link = |statistics: &Arc<LinkStatistics>| {
         let (kind, address) = statistics.name.split_once(' ').unwrap_or((&statistics.name, ""));
-        // Whoever looks for it may stand elsewhere.
+        // A client may have another working directory.
         let absolute = Some(kind).filter(|kind| *kind == "pty").and_then(|_| std::path::absolute(address).ok());
         let address = absolute.map_or_else(|| address.to_owned(), |path| path.display().to_string());
-        (kind.to_owned(), address)
+        RunningLink { address, kind: kind.to_owned() }
     };
     let links = links.iter().map(link).collect();
     let running = Running { pid: std::process::id(), links, control: control.map(|address| address.to_string()) };

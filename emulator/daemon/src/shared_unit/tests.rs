@@ -5,17 +5,17 @@ use geu_model::GyroUnit;
 use geu_protocol::CommandResult;
 
 use super::*;
-use crate::recorder::PolledSample;
+use geu_recorder::PolledSample;
 
 fn now(shared: &SharedUnit, payload: &[u8]) -> CommandResponse {
-    shared.try_command("test", payload).expect("nothing is underway").0
+    shared.try_command("test", payload).expect("no sample is pending").0
 }
 
 #[test]
-fn a_command_just_before_the_deadline_is_carried_out_just_after_it() {
+fn a_command_just_before_the_deadline_is_executed_just_after_it() {
     let shared = SharedUnit::new(&Configuration::reference(), &Truth::Scenario, Speed::Max, None, None);
-    assert_eq!(now(&shared, &[2, 1]).reply.expect("heard").outcome(), CommandResult::Done);
-    assert_eq!(now(&shared, &[3]).reply.expect("heard").outcome(), CommandResult::NotPossibleNow);
+    assert_eq!(now(&shared, &[2, 1]).reply.expect("not silenced").outcome(), CommandResult::Done);
+    assert_eq!(now(&shared, &[3]).reply.expect("not silenced").outcome(), CommandResult::NotPossibleNow);
     let (first, _) = shared.end_sample();
     assert!(!first.cyclic);
     let mut poll = std::pin::pin!(shared.command("test", &[3]));
@@ -23,7 +23,7 @@ fn a_command_just_before_the_deadline_is_carried_out_just_after_it() {
     assert!(poll.as_mut().poll(&mut context).is_pending());
     assert_eq!(shared.waiting.load(Relaxed), 1);
     shared.complete();
-    let Poll::Ready(answered) = poll.as_mut().poll(&mut context) else { panic!("nothing to wait for") };
+    let Poll::Ready(answered) = poll.as_mut().poll(&mut context) else { panic!("the deadline has passed") };
     assert_eq!(answered.polled, Some(first.sample));
     assert_eq!(shared.waiting.load(Relaxed), 0);
     let (second, _) = shared.end_sample();
@@ -34,7 +34,7 @@ fn a_command_just_before_the_deadline_is_carried_out_just_after_it() {
 }
 
 #[test]
-fn what_is_driven_while_a_sample_is_underway_is_told_behind_it() {
+fn changes_of_faults_during_a_pending_sample_are_published_after_it() {
     let (recording, events) = recorder_thread::unwritten_feed();
     let mut configuration = Configuration::reference();
     let plan = "[[fault]]\nid = \"waits\"\nby_hand = true\nfault = \"drop\"\n[[fault]]\nid = \"dead\"\nfault = \"dead\"\ngyro = \"GYRX\"";
@@ -45,18 +45,18 @@ fn what_is_driven_while_a_sample_is_underway_is_told_behind_it() {
     assert_eq!(shared.clear("dead"), Some(1.0));
     shared.complete();
     shared.close();
-    let told = events.into_iter().map(|event| match event {
+    let published = events.into_iter().map(|event| match event {
         UnitEvent::Sample(..) => "sample",
         UnitEvent::Happened(_) => "happened",
         UnitEvent::StartedByHand { .. } => "started",
         UnitEvent::Cleared { .. } => "cleared",
         _ => "else",
     });
-    assert_eq!(told.collect::<Vec<_>>(), ["happened", "sample", "started", "cleared"]);
+    assert_eq!(published.collect::<Vec<_>>(), ["happened", "sample", "started", "cleared"]);
 }
 
 #[test]
-fn what_is_told_to_the_recording_happens_again_in_a_unit_of_its_own() {
+fn a_second_unit_repeats_the_published_events() {
     let configuration = Configuration::reference();
     let (recording, events) = recorder_thread::unwritten_feed();
     let shared = SharedUnit::new(&configuration, &Truth::Scenario, Speed::Max, Some(recording), None);
@@ -90,7 +90,7 @@ fn what_is_told_to_the_recording_happens_again_in_a_unit_of_its_own() {
             UnitEvent::Command { payload, running_end_ns, .. } => {
                 assert_eq!(running_end_ns, unit.running_end_ns());
                 assert_eq!(polled, None, "a recorded POLL has its data");
-                polled = unit.command(&payload).expect("heard").polled;
+                polled = unit.command(&payload).expect("not silenced").polled;
             }
             UnitEvent::Polled(PolledSample { sample, end_ns: stamp_ns, .. }) => {
                 polls += 1;

@@ -1,22 +1,31 @@
-//! Where a truth from outside comes from.
+//! Addresses of external truth.
 
 use std::fmt;
 use std::io;
 use std::str::FromStr;
 
-/// Where the truth comes from, and how it is spoken.
+/// Address of an external truth source.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum TruthAddress {
-    /// JSON lines in datagrams to this address.
-    Udp(String),
-    /// JSON lines from a server.
-    Tcp(String),
-    /// The socket text of 42 from a server.
-    FortyTwo(String),
+pub struct TruthAddress {
+    pub(super) scheme: Scheme,
+    pub(super) host_port: String,
 }
 
+/// Transport and format of a truth source.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Scheme {
+    /// JSON lines in datagrams to this address.
+    Udp,
+    /// JSON lines from a server.
+    Tcp,
+    /// The socket text of 42 from a server.
+    FortyTwo,
+}
+
+const SCHEMES: [(&str, Scheme); 3] = [("udp", Scheme::Udp), ("tcp", Scheme::Tcp), ("42", Scheme::FortyTwo)];
+
 impl TruthAddress {
-    /// Whether a truth of that name comes from a socket, well spelt or not.
+    /// True if a truth of this name is a socket address, valid or not.
     pub fn is_meant(name: &str) -> bool {
         name.contains("://")
     }
@@ -26,32 +35,26 @@ impl FromStr for TruthAddress {
     type Err = String;
 
     fn from_str(text: &str) -> Result<TruthAddress, String> {
-        let wrong = || format!("--truth: expected udp://HOST:PORT, tcp://HOST:PORT or 42://HOST:PORT, got {text}");
-        let (scheme, address) = text.split_once("://").ok_or_else(wrong)?;
-        let (host, port) = address.rsplit_once(':').ok_or_else(wrong)?;
-        if host.is_empty() || port.parse::<u16>().is_err() {
-            return Err(wrong());
-        }
-        match scheme {
-            "udp" => Ok(TruthAddress::Udp(address.to_owned())),
-            "tcp" => Ok(TruthAddress::Tcp(address.to_owned())),
-            "42" => Ok(TruthAddress::FortyTwo(address.to_owned())),
-            _ => Err(wrong()),
-        }
+        let parse = || {
+            let (scheme, address) = text.split_once("://")?;
+            let (_, scheme) = SCHEMES.into_iter().find(|(name, _)| *name == scheme)?;
+            let (host, port) = address.rsplit_once(':')?;
+            let is_valid = !host.is_empty() && port.parse::<u16>().is_ok();
+            is_valid.then(|| TruthAddress { scheme, host_port: address.to_owned() })
+        };
+        parse()
+            .ok_or_else(|| format!("--truth: expected udp://HOST:PORT, tcp://HOST:PORT or 42://HOST:PORT, got {text}"))
     }
 }
 
 impl fmt::Display for TruthAddress {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            TruthAddress::Udp(address) => write!(f, "udp://{address}"),
-            TruthAddress::Tcp(address) => write!(f, "tcp://{address}"),
-            TruthAddress::FortyTwo(address) => write!(f, "42://{address}"),
-        }
+        let name = SCHEMES.iter().find(|(_, scheme)| *scheme == self.scheme).map_or("", |(name, _)| name);
+        write!(f, "{name}://{}", self.host_port)
     }
 }
 
-/// An address that cannot be listened at.
+/// The listener for a truth source cannot be opened.
 #[derive(Debug, thiserror::Error)]
 #[error("--truth {address}: cannot be listened at: {source}; expected a free port of this machine")]
 pub struct TruthError {

@@ -1,7 +1,8 @@
-//! A truth from outside, between the tasks that read its source and the cadence thread.
+//! External truth, shared by the tasks that read its source and the cadence thread.
 
 use std::fmt;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock};
+use std::thread;
 use std::time::{Duration, Instant};
 
 use geu_model::Truth;
@@ -15,93 +16,86 @@ use super::synchroniser::{TruthSample, TruthStatistics, TruthSynchroniser};
 
 use crate::console;
 
-/// A run that has waited so long for its source says so.
-const SAY_WAITING: Duration = Duration::from_secs(2);
-/// Between two looks whether the run was stopped.
-const LOOK_AGAIN: Duration = Duration::from_millis(50);
-/// Pieces that are remembered: 1200 s, more than may wait to be written.
-const PIECES: usize = 12_000;
-/// Of bad lines and of jumps so many are told one by one; more are only counted.
-const MOST_TOLD: u64 = 3;
+/// Wait for the source after which a message is printed.
+const SILENT_WAIT: Duration = Duration::from_secs(2);
+/// Interval of the checks for a stopped run.
+const POLL_INTERVAL: Duration = Duration::from_millis(50);
+/// Number of knots kept: 1200 s, more than can wait to be written.
+const KNOTS: usize = 12_000;
+/// Maximum number of messages of one kind; further events are only counted.
+const MAX_MESSAGES: u64 = 3;
 
-/// A truth that is being told.
+/// External truth of a run.
 #[derive(Debug)]
 pub struct ExternalTruth {
-    asked: TruthAddress,
+    configured: TruthAddress,
     pub(super) bound: OnceLock<TruthAddress>,
     truth: Arc<StreamedAttitude>,
-    /// At a pace of its own the run begins so long after the first sample.
+    /// Delay of the start after the first sample, unless the run waits for its source.
     start_delay: Duration,
     state: Mutex<State>,
-    /// A sample came.
-    came: Condvar,
-    /// More is wanted than was.
-    wanted: Notify,
-    /// What left in each sample interval, for a source that asks.
+    /// Signalled for each sample.
+    received: Condvar,
+    /// Signalled when more truth is needed.
+    needed: Notify,
+    /// Reports of the sample intervals to a source that subscribed.
     pub(super) reports: Reports,
 }
 
-/// How a wait for the source ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Waited {
-    Enough,
-    TooLong,
-    Stopped,
+/// Samples that a run waits for.
+#[derive(Debug, Clone, Copy)]
+enum Awaited {
+    FirstSample,
+    /// Samples that cover this on-board time.
+    SamplesUntil(f64),
 }
 
-#[derive(Debug)]
-struct State {
+#[derive(Debug, Default)]
+pub(super) struct State {
     synchroniser: TruthSynchroniser,
     /// On-board time up to which the truth is needed next.
-    wanted_s: f64,
-    /// The run waits for clients, and the source does not wait for the run.
-    is_early: bool,
-    /// The run was ended because the source did not come in time, in words.
-    gave_up: Option<String>,
-    /// Times that a wait was said.
-    waits_said: u64,
+    needed_s: f64,
+    /// The run still waits for its clients: samples received until then are in the past.
+    pub is_early: bool,
+    /// Message of the timeout that ended the run.
+    timeout: Option<String>,
+    /// Number of messages on waits.
+    wait_messages: u64,
 }
 
 impl ExternalTruth {
-    /// A truth from `address`, before its first sample.
     pub fn new(address: TruthAddress, numbers: TruthNumbers) -> Arc<ExternalTruth> {
-        let truth = Arc::new(StreamedAttitude::remembering(PIECES));
-        let state = State {
-            synchroniser: TruthSynchroniser::new(truth.clone(), numbers),
-            wanted_s: SAMPLE_INTERVAL_S,
-            is_early: false,
-            gave_up: None,
-            waits_said: 0,
-        };
+        let truth = Arc::new(StreamedAttitude::remembering(KNOTS));
+        let synchroniser = TruthSynchroniser::new(truth.clone(), numbers);
+        let state = State { synchroniser, needed_s: SAMPLE_INTERVAL_S, ..State::default() };
         Arc::new(ExternalTruth {
-            asked: address,
+            configured: address,
             bound: OnceLock::new(),
             truth,
             start_delay: Duration::from_secs_f64(numbers.start_delay_s),
             state: Mutex::new(state),
-            came: Condvar::new(),
-            wanted: Notify::new(),
+            received: Condvar::new(),
+            needed: Notify::new(),
             reports: Reports::default(),
         })
     }
 
-    /// Where the source is: of port 0 the one that was taken.
+    /// Address of the source; with the bound port if port 0 was configured.
     pub(super) fn address(&self) -> &TruthAddress {
-        self.bound.get().unwrap_or(&self.asked)
+        self.bound.get().unwrap_or(&self.configured)
     }
 
-    /// What moves the unit.
+    /// The truth that moves the unit.
     pub fn truth(&self) -> Truth {
         Truth::Stepped(self.truth.clone())
     }
 
-    /// What became of the samples.
     pub fn counts(&self) -> TruthStatistics {
         let (reports, reports_dropped) = self.reports.counts();
         TruthStatistics { reports, reports_dropped, ..self.state().synchroniser.counts }
     }
 
-    /// Why the run was not on the motion that the source told, in words; nothing where it was.
+    /// The reason why the unit did not move as the source reported; `None` if it did.
     pub fn failure(&self) -> Option<String> {
         let state = self.state();
         let TruthStatistics { late, missing, jumps, bad_lines, .. } = state.synchroniser.counts;
@@ -109,187 +103,158 @@ impl ExternalTruth {
             .then(|| format!("truth {}: expected lines that can be read, got {bad_lines} that cannot", self.address()));
         let counted = (late + missing + jumps > 0).then(|| {
             format!(
-                "truth {}: expected a sample at or after the end of each sample interval, and no jumps, got {late} late samples, {missing} missing, {jumps} jumps: the unit moved otherwise than was reported; report ahead of time, or run with --speed max, where unit and simulator wait for each other",
+                "truth {}: expected a sample at or after the end of each sample interval, and no jumps, got {late} late intervals, {missing} missing, {jumps} jumps: the unit moved otherwise than was reported; report ahead of time, or run with --speed max, where unit and simulator wait for each other",
                 self.address()
             )
         });
-        state.gave_up.clone().or(counted).or(bad)
+        state.timeout.clone().or(counted).or(bad)
     }
 
-    /// Whether the source tells the sun, as its first sample says.
-    pub(crate) fn tells_sun(&self) -> bool {
-        self.state().synchroniser.tells_sun()
+    pub(super) fn log(&self, message: fmt::Arguments<'_>) {
+        console::say(format_args!("truth {}: {message}", self.address()));
     }
 
-    /// Whether the source asked for reports.
+    /// Prints the message with this count of its kind, unless there were too many.
+    fn log_limited(&self, count: u64, message: fmt::Arguments<'_>) {
+        if count <= MAX_MESSAGES {
+            let more = if count == MAX_MESSAGES { "; further ones are not printed" } else { "" };
+            self.log(format_args!("{message}{more}"));
+        }
+    }
+
+    /// True if the source sends the sun, as in its first sample.
+    pub(crate) fn has_sun(&self) -> bool {
+        self.state().synchroniser.has_sun()
+    }
+
+    /// True if the source subscribed to reports.
     pub(crate) fn wants_reports(&self) -> bool {
         self.reports.is_wanted()
     }
 
-    /// Reports the end of a sample interval to the source, without waiting for it.
+    /// Reports the end of a sample interval to the source, without waiting.
     pub(crate) fn report(&self, report: &SampleReport) {
         let source_s = self.state().synchroniser.source_s(report.end_s);
-        self.reports.put(report, source_s.unwrap_or(report.end_s));
+        self.reports.push(report, source_s.unwrap_or(report.end_s));
     }
 
-    /// The run is held back for its clients: the samples until then are the past.
-    pub(super) fn hold_back(&self) {
-        self.state().is_early = true;
+    pub(super) fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().expect("no holder panics")
     }
 
-    fn state(&self) -> MutexGuard<'_, State> {
-        self.state.lock().expect("nothing panics with the truth")
-    }
-
-    /// Waits for the first sample, which sets on-board time 0, at most `most`; at a pace of its own the run begins a moment
-    /// later. Says whether the run begins.
-    pub(crate) fn await_first(&self, waits: bool, most: Option<Duration>, is_stopped: impl Fn() -> bool) -> bool {
+    /// Waits for the first sample, which sets on-board time 0; unless the run `waits` for its source, also for the start
+    /// delay. Returns false if the run was stopped or `timeout` has passed.
+    pub(crate) fn await_first(&self, waits: bool, timeout: Option<Duration>, is_stopped: impl Fn() -> bool) -> bool {
         self.state().is_early = false;
         if !self.state().synchroniser.has_begun() {
             console::say(format_args!("waits for the first sample of {}", self.address()));
         }
-        let waited = self.wait(most, &is_stopped, TruthSynchroniser::has_begun);
-        if waited == Waited::TooLong {
-            self.give_up("the first sample", most);
+        let has_begun = self.wait(Awaited::FirstSample, timeout, &is_stopped);
+        let start = Instant::now();
+        while has_begun && !waits && start.elapsed() < self.start_delay && !is_stopped() {
+            thread::sleep(self.start_delay.saturating_sub(start.elapsed()).min(POLL_INTERVAL));
         }
-        if waited == Waited::Enough && !waits {
-            self.wait(Some(self.start_delay), &is_stopped, |_| false);
-        }
-        waited == Waited::Enough
+        has_begun
     }
 
-    /// Makes the truth final up to `needed_s`: as it is known now, or, in a run that waits for its source, as soon as samples
-    /// cover it, in `most` of the wall clock. Says whether it did: not where the run was stopped, or the source did not come.
+    /// Makes the truth final up to `needed_s`: as known now, or, in a run that `waits` for its source, as soon as samples cover
+    /// it. Returns false if the run was stopped or `timeout`, wall clock, has passed.
     pub(crate) fn finish(
         &self,
         needed_s: f64,
         waits: bool,
-        most: Option<Duration>,
+        timeout: Option<Duration>,
         is_stopped: impl Fn() -> bool,
     ) -> bool {
         if waits {
-            self.want(needed_s);
-            match self.await_covering(needed_s, most, &is_stopped) {
-                Waited::Enough => {}
-                Waited::TooLong => {
-                    let source_s = self.state().synchroniser.source_s(needed_s).unwrap_or(needed_s);
-                    self.give_up(&format!("a sample at or after its time {source_s} s"), most);
-                    return false;
-                }
-                Waited::Stopped => return false,
+            self.need(needed_s);
+            if !self.wait(Awaited::SamplesUntil(needed_s), timeout, &is_stopped) {
+                return false;
             }
         }
         let note = self.state().synchroniser.finish(needed_s);
-        self.want(needed_s + SAMPLE_INTERVAL_S);
+        self.need(needed_s + SAMPLE_INTERVAL_S);
         if let Some(note) = note {
-            console::say(format_args!("truth {}: {note}", self.address()));
+            self.log(format_args!("{note}"));
         }
         true
     }
 
-    /// Waits for samples up to `needed_s`, and says so where it takes long: who looks at a run that stands shall know why.
-    fn await_covering(&self, needed_s: f64, most: Option<Duration>, is_stopped: &impl Fn() -> bool) -> Waited {
-        let covers = |synchroniser: &TruthSynchroniser| synchroniser.covers(needed_s);
-        let silent = most.map_or(SAY_WAITING, |most| most.min(SAY_WAITING));
-        let waited = self.wait(Some(silent), is_stopped, covers);
-        if waited != Waited::TooLong || most.is_some_and(|most| most <= silent) {
-            return waited;
-        }
-        let mut state = self.state();
-        state.waits_said += 1;
-        let (said, source_s) = (state.waits_said, state.synchroniser.source_s(needed_s).unwrap_or(needed_s));
-        drop(state);
-        if said <= MOST_TOLD {
-            let more = if said == MOST_TOLD { "; more waits are not said" } else { "" };
-            console::say(format_args!(
-                "truth {}: waits for a sample at or after its time {source_s} s{more}",
-                self.address()
-            ));
-        }
-        self.wait(most.map(|most| most - silent), is_stopped, covers)
+    fn need(&self, until_s: f64) {
+        self.state().needed_s = until_s;
+        self.needed.notify_waiters();
     }
 
-    /// The run ends: the source did not come.
-    fn give_up(&self, what: &str, most: Option<Duration>) {
-        let most_s = most.unwrap_or_default().as_secs_f64();
-        self.state().gave_up = Some(format!(
-            "truth {}: expected {what} within {most_s} s (--truth-wait), got none; the run ended there. Start the simulator, or give it longer: --truth-wait DURATION or forever",
-            self.address()
-        ));
-    }
-
-    fn want(&self, until_s: f64) {
-        self.state().wanted_s = until_s;
-        self.wanted.notify_waiters();
-    }
-
-    /// Waits until `is_enough`, `most` is over, or the run is stopped.
-    fn wait(
-        &self,
-        most: Option<Duration>,
-        is_stopped: &impl Fn() -> bool,
-        is_enough: impl Fn(&TruthSynchroniser) -> bool,
-    ) -> Waited {
-        let start = Instant::now();
+    /// Waits for samples; prints a message if that takes long. Returns false if the run was stopped or `timeout` has passed.
+    fn wait(&self, awaited: Awaited, timeout: Option<Duration>, is_stopped: &impl Fn() -> bool) -> bool {
+        let (start, mut was_logged) = (Instant::now(), matches!(awaited, Awaited::FirstSample));
         let mut state = self.state();
         loop {
             if is_stopped() {
-                return Waited::Stopped;
+                return false;
             }
-            if is_enough(&state.synchroniser) {
-                return Waited::Enough;
+            let expected = match awaited {
+                Awaited::FirstSample if state.synchroniser.has_begun() => return true,
+                Awaited::SamplesUntil(t_s) if state.synchroniser.covers(t_s) => return true,
+                Awaited::FirstSample => "the first sample".to_owned(),
+                Awaited::SamplesUntil(t_s) => {
+                    format!("a sample at or after its time {} s", state.synchroniser.source_s(t_s).unwrap_or(t_s))
+                }
+            };
+            let waited = start.elapsed();
+            if let Some(timeout) = timeout.filter(|timeout| waited >= *timeout) {
+                state.timeout = Some(format!(
+                    "truth {}: expected {expected} within {} s (--truth-wait), got none; the run ended there. Start the simulator, or wait longer: --truth-wait DURATION or forever",
+                    self.address(),
+                    timeout.as_secs_f64()
+                ));
+                return false;
             }
-            let left = most.map_or(LOOK_AGAIN, |most| most.saturating_sub(start.elapsed()));
-            if left.is_zero() {
-                return Waited::TooLong;
+            if waited >= SILENT_WAIT && !std::mem::replace(&mut was_logged, true) {
+                state.wait_messages += 1;
+                self.log_limited(state.wait_messages, format_args!("waits for {expected}"));
             }
-            state = self.came.wait_timeout(state, left.min(LOOK_AGAIN)).expect("nothing panics with the truth").0;
+            let pause = timeout.map_or(POLL_INTERVAL, |timeout| (timeout - waited).min(POLL_INTERVAL));
+            state = self.received.wait_timeout(state, pause).expect("no holder panics").0;
         }
     }
 
-    /// Takes a sample, or counts a line of `place` that is none.
-    pub(super) fn take(&self, place: fmt::Arguments<'_>, read: Result<TruthSample, String>) {
+    /// Adds a sample, or counts the invalid line at `place`.
+    pub(super) fn push(&self, place: fmt::Arguments<'_>, read: Result<TruthSample, String>) {
         let mut state = self.state();
-        let (note, so_far) = match read {
+        match read {
             Ok(sample) => {
-                let note = state.synchroniser.take(sample);
-                (note, state.synchroniser.counts.jumps)
+                if let Some(note) = state.synchroniser.push(sample) {
+                    self.log_limited(state.synchroniser.counts.jumps, format_args!("{note}"));
+                }
             }
-            Err(wrong) => {
+            Err(error) => {
                 state.synchroniser.counts.bad_lines += 1;
-                (Some(format!("{place}: {wrong}")), state.synchroniser.counts.bad_lines)
+                self.log_limited(state.synchroniser.counts.bad_lines, format_args!("{place}: {error}"));
             }
-        };
-        if let Some(note) = note.filter(|_| so_far <= MOST_TOLD) {
-            let more = if so_far == MOST_TOLD { "; more of the kind are only counted" } else { "" };
-            console::say(format_args!("truth {}: {note}{more}", self.address()));
         }
         if state.is_early {
             state.synchroniser.reset_origin();
         }
         drop(state);
-        self.came.notify_all();
+        self.received.notify_all();
     }
 
-    /// Whether a source that told something once is missing.
+    /// True if a source that has sent samples is missing.
     pub(super) fn is_missing(&self) -> bool {
-        self.state().synchroniser.is_missing()
+        self.state().synchroniser.is_missing
     }
 
-    fn is_wanted(&self, ahead_s: f64) -> bool {
-        let state = self.state();
-        state.is_early || !state.synchroniser.covers(state.wanted_s + ahead_s)
-    }
-
-    /// Waits until samples are wanted further than `ahead_s` before those that came.
-    pub(super) async fn until_wanted(&self, ahead_s: f64) {
+    /// Waits until samples up to `ahead_s` after the needed time are missing.
+    pub(super) async fn until_needed(&self, ahead_s: f64) {
+        let is_needed = |state: &State| state.is_early || !state.synchroniser.covers(state.needed_s + ahead_s);
         loop {
-            // Made before the look, so that what is wanted in between is not slept through.
-            let wanted = self.wanted.notified();
-            if self.is_wanted(ahead_s) {
+            // Created before the check, so that no notification in between is missed.
+            let needed = self.needed.notified();
+            if is_needed(&self.state()) {
                 return;
             }
-            wanted.await;
+            needed.await;
         }
     }
 }

@@ -1,30 +1,30 @@
 //! The socket text of 42, NASA's spacecraft simulation: `TIME`, variables of all kinds, and `[ENDMSG]` or `[EOF]`.
 //!
-//! Versions differ: numbers stand in brackets or not, and the attitude under `SC[0].B[0].qn` (the main body's own), under
-//! `SC[0].qn`, or only under `SC[0].AC.qbn` (what the flight software believes). The first of these that a message has is
-//! used, everything else is passed over. 42's quaternions have their real part last and turn like ours, body to inertial;
-//! its rates are not used: those of a gyro are a step older than the attitude beside them.
+//! Versions differ: numbers are in brackets or not, and the attitude is `SC[0].B[0].qn` (of the main body),
+//! `SC[0].qn`, or only `SC[0].AC.qbn` (estimated on board). The first of these in a message is used, everything else is
+//! ignored. The quaternions of 42 have their real part last and rotate body to inertial, as ours; its rates are not used:
+//! gyro rates are one step older than the attitude in the same message.
 
 use super::json::unit;
 use super::synchroniser::{MotionValue, TruthSample};
 
-/// Where the attitude may stand, the best first.
+/// Names of the attitude in order of preference.
 const ATTITUDES: [&str; 3] = ["SC[0].B[0].qn", "SC[0].qn", "SC[0].AC.qbn"];
-/// What ends a message, in one version or another.
+/// Last line of a message, by version.
 const ENDS: [&str; 2] = ["[ENDMSG]", "[EOF]"];
 
-/// What was read of the message that is coming.
+/// The part of a message that has been read.
 #[derive(Debug, Default)]
 pub(super) struct Message {
     t_s: Option<f64>,
-    /// By the order of [`ATTITUDES`].
+    /// In the order of [`ATTITUDES`].
     attitudes: [Option<[f64; 4]>; ATTITUDES.len()],
-    /// The first thing wrong in it.
-    wrong: Option<String>,
+    /// The first error in it.
+    error: Option<String>,
 }
 
 impl Message {
-    /// Takes a line; at the end of a message, what that told.
+    /// Adds a line; at the end of a message, returns its sample or error.
     pub fn line(&mut self, line: &str) -> Option<Result<TruthSample, String>> {
         let line = line.trim();
         if ENDS.contains(&line) {
@@ -46,19 +46,19 @@ impl Message {
         None
     }
 
-    fn note(&mut self, wrong: String) {
-        self.wrong.get_or_insert(wrong);
+    fn note(&mut self, error: String) {
+        self.error.get_or_insert(error);
     }
 
     fn end(self) -> Result<TruthSample, String> {
-        match (self.wrong, self.t_s, self.attitudes.into_iter().flatten().next()) {
-            (Some(wrong), ..) => Err(wrong),
+        match (self.error, self.t_s, self.attitudes.into_iter().flatten().next()) {
+            (Some(error), ..) => Err(error),
             (None, Some(t_s), Some(attitude)) => {
                 Ok(TruthSample { t_s, motion: MotionValue::Attitude(attitude), sun: None })
             }
             (None, None, _) => Err("expected a message that begins with TIME, got one without".to_owned()),
             (None, _, None) => {
-                Err(format!("expected a message with one of {}, got none of them", ATTITUDES.join(", ")))
+                Err(format!("expected a message with one of {}, got a message without", ATTITUDES.join(", ")))
             }
         }
     }
@@ -80,7 +80,7 @@ fn seconds(stamp: &str) -> Option<f64> {
     let mut clock = parts.next()?.splitn(3, ':');
     let hour: i64 = clock.next()?.parse().ok().filter(|hour| (0..24).contains(hour))?;
     let minute: i64 = clock.next()?.parse().ok().filter(|minute| (0..60).contains(minute))?;
-    // A clock that rounds may tell 60 s.
+    // Rounding may yield 60 s.
     let second: f64 = clock.next()?.parse().ok().filter(|second| (0.0..62.0).contains(second))?;
     let leap_days = |year: i64| (year - 1) / 4 - (year - 1) / 100 + (year - 1) / 400;
     let days = (year - 2000) * 365 + leap_days(year) - leap_days(2000) + day - 1;
@@ -97,22 +97,22 @@ mod tests {
     }
 
     #[test]
-    fn both_layouts_tell_the_same_attitude_real_part_first() {
+    fn all_layouts_give_the_same_attitude() {
         let plain = "TIME 2026-130-12:00:00.000000000\nOrb[0].PosN =  6.7e+06 0 0\nSC[0].AC.qbn = 1 0 0 0\nSC[0].B[0].wn =  1.0e-03 2.0e-03 3.0e-03\nSC[0].B[0].qn =  0.000000000000e+00  6.000000000000e-01  0.000000000000e+00  8.000000000000e-01\nSC[0].B[1].qn = 1 0 0 0\n[ENDMSG]\n";
         let bracketed = "TIME 2026-130-12:00:00.000000000\r\nSC[0].svb = [1 0 0]\r\nSC[0].qn = [ 0.0e+00  6.0e-01  0.0e+00  8.0e-01]\r\nSC[1].qn = [1 0 0 0]\r\n[ENDMSG]\r\n";
-        let flight_software = "TIME 2026-130-12:00:00.0\nSC[0].AC.wbn = 0 0 0\nSC[0].AC.qbn = 0 0.6 0 0.8\n[EOF]\n\n";
+        let estimated = "TIME 2026-130-12:00:00.0\nSC[0].AC.wbn = 0 0 0\nSC[0].AC.qbn = 0 0.6 0 0.8\n[EOF]\n\n";
         let expected = Some(Ok(TruthSample {
             t_s: 831_729_600.0,
             motion: MotionValue::Attitude([0.8, 0.0, 0.6, 0.0]),
             sun: None,
         }));
-        for text in [plain, bracketed, flight_software] {
+        for text in [plain, bracketed, estimated] {
             assert_eq!(last(text), expected, "{text}");
         }
     }
 
     #[test]
-    fn time_goes_on_over_the_ends_of_days_and_years() {
+    fn time_is_continuous_over_days_and_years() {
         let between = |from: &str, to: &str| seconds(to).expect(to) - seconds(from).expect(from);
         assert_eq!(between("2027-365-23:59:59.5", "2028-001-00:00:00.0"), 0.5);
         assert_eq!(between("2028-366-23:59:59.0", "2029-001-00:00:01.0"), 2.0);
@@ -120,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn a_message_without_time_or_attitude_says_so_and_the_next_is_read() {
+    fn invalid_messages_are_errors_and_the_next_is_read() {
         for (text, part) in [
             ("SC[0].qn = [0 0 0 1]\n[ENDMSG]", "begins with TIME"),
             ("TIME 2026-130-12:00:00\nSC[1].qn = [0 0 0 1]\n[ENDMSG]", "one of SC[0].B[0].qn, SC[0].qn"),

@@ -1,32 +1,31 @@
 //! JSON lines: `{"t_s": 12.5, "q": [w, x, y, z], "sun": [x, y, z]}` or `{"t_s": 12.5, "rate_arcsec_s": [x, y, z]}`.
 //!
-//! Keys that are not known are ignored, so that a simulator may send what it has anyway. Where both are told the attitude
-//! counts.
+//! Unknown keys are ignored, so that a simulator can send its own lines. If a line has both, the attitude is used.
 
 use serde_json::Value;
 
 use super::synchroniser::{MotionValue, TruthSample};
 
-/// A quaternion or a direction whose length is 1 by less than this was meant to be one; it is made so.
+/// Tolerance of the length of quaternions and directions; within it they are normalised.
 const LENGTH_TOLERANCE: f64 = 1e-3;
-/// What a source can subscribe to.
+/// Value of `subscribe`.
 const SAMPLES: &str = "samples";
-/// Beyond so much it is no time, s.
-const MOST_S: f64 = 1e12;
+/// Maximum absolute time, s.
+const MAX_TIME_S: f64 = 1e12;
 
-/// What a line tells.
+/// Content of a line.
 #[derive(Debug)]
 pub(super) struct Line {
-    /// Nothing of a line that only asks.
+    /// `None` in a line that only subscribes.
     pub sample: Option<TruthSample>,
-    /// It asks for reports of what left in each sample interval: `"subscribe": "samples"`.
+    /// Requests a report of each sample interval: `"subscribe": "samples"`.
     pub subscribes: bool,
 }
 
 /// Reads one line.
 ///
 /// # Errors
-/// What was expected, and what stands there.
+/// The expected and the given value.
 pub(super) fn line(text: &str) -> Result<Line, String> {
     let json: Value = serde_json::from_str(text).map_err(|error| format!("expected JSON, got: {error}"))?;
     let subscribes = match &json["subscribe"] {
@@ -39,8 +38,8 @@ pub(super) fn line(text: &str) -> Result<Line, String> {
 }
 
 fn sample(json: &Value) -> Result<TruthSample, String> {
-    let t_s = json["t_s"].as_f64().filter(|t_s| t_s.abs() <= MOST_S);
-    let t_s = t_s.ok_or_else(|| format!("t_s: expected seconds within ±{MOST_S:e}, got {}", json["t_s"]))?;
+    let t_s = json["t_s"].as_f64().filter(|t_s| t_s.abs() <= MAX_TIME_S);
+    let t_s = t_s.ok_or_else(|| format!("t_s: expected seconds within ±{MAX_TIME_S:e}, got {}", json["t_s"]))?;
     let motion = match (&json["q"], &json["rate_arcsec_s"]) {
         (Value::Null, Value::Null) => return Err("expected q or rate_arcsec_s, got neither".to_owned()),
         (Value::Null, rate) => {
@@ -68,7 +67,7 @@ fn numbers<const COUNT: usize>(json: &Value) -> Option<[f64; COUNT]> {
     numbers.try_into().ok()
 }
 
-/// The same of unit length, where it is that but for rounding.
+/// Normalises a vector of unit length within [`LENGTH_TOLERANCE`]; `None` for others.
 pub(super) fn unit<const COUNT: usize>(parts: [f64; COUNT]) -> Option<[f64; COUNT]> {
     let length = parts.iter().map(|part| part * part).sum::<f64>().sqrt();
     ((length - 1.0).abs() <= LENGTH_TOLERANCE).then(|| parts.map(|part| part / length))
@@ -90,18 +89,18 @@ mod tests {
     }
 
     #[test]
-    fn a_line_may_ask_for_reports_with_a_sample_or_without() {
-        let asks = |text: &str| {
+    fn a_line_subscribes_with_or_without_a_sample() {
+        let parsed = |text: &str| {
             let line = line(text).expect(text);
             (line.subscribes, line.sample.is_some())
         };
-        assert_eq!(asks(r#"{"subscribe": "samples"}"#), (true, false));
-        assert_eq!(asks(r#"{"subscribe": "samples", "t_s": 1, "q": [1, 0, 0, 0]}"#), (true, true));
-        assert_eq!(asks(r#"{"t_s": 1, "q": [1, 0, 0, 0]}"#), (false, true));
+        assert_eq!(parsed(r#"{"subscribe": "samples"}"#), (true, false));
+        assert_eq!(parsed(r#"{"subscribe": "samples", "t_s": 1, "q": [1, 0, 0, 0]}"#), (true, true));
+        assert_eq!(parsed(r#"{"t_s": 1, "q": [1, 0, 0, 0]}"#), (false, true));
     }
 
     #[test]
-    fn what_cannot_be_read_says_what_was_expected() {
+    fn errors_state_the_expected_value() {
         for (text, part) in [
             ("", "expected JSON"),
             ("\u{1}\u{2}", "expected JSON"),

@@ -1,12 +1,11 @@
-//! What left in each sample interval, reported to a simulator that asked for it.
+//! Reports of the bytes sent in each sample interval, to a simulator that subscribed.
 //!
-//! A simulator in a closed loop waits for the unit's data before it goes on. Where a fault keeps a link silent there are
-//! none, and a wait on the link has no end; a report ends each interval. It is a JSON line, written after the links were
-//! handed their bytes, over the truth's own connection.
+//! A simulator in a closed loop waits for the unit's data. If a fault silences the link there are none; a report ends each
+//! interval in any case. It is a JSON line over the connection of the truth, written after the links have their bytes.
 //!
-//! Nothing is sent unasked: a TCP peer that closes its socket with unread bytes in it makes its kernel discard what it
-//! has sent itself, so a simulator that never reads would lose its last samples. The thread that keeps time never waits:
-//! a report that has no room, because the peer does not read, is dropped and counted.
+//! Reports need a subscription: if a TCP peer closes its socket with unread bytes, its kernel discards what the peer has
+//! sent, so a simulator that never reads would lose its last samples. The cadence thread never waits: if the queue is full
+//! because the peer does not read, reports are dropped and counted.
 
 use std::net::SocketAddr;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
@@ -15,17 +14,17 @@ use std::sync::{Mutex, MutexGuard};
 use serde_json::{Map, Value, json};
 use tokio::sync::mpsc::{Receiver, Sender, channel};
 
-/// Reports that may wait for a peer that does not read: over eight minutes in real time.
+/// Capacity of the queue: over eight minutes in real time.
 const QUEUE: usize = 1000;
 
-/// What a link was handed in one sample interval.
+/// Data handed to a link in one sample interval.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub(crate) struct Handed {
-    /// Bytes over a byte stream; CAN has frames.
+    /// Bytes of a byte stream.
     pub bytes: u64,
     /// CAN frames.
     pub frames: u64,
-    /// Sendings that were dropped, one for each client: no room, or the device was gone.
+    /// Dropped transmissions, counted per client: full buffer or missing device.
     pub dropped: u64,
 }
 
@@ -38,12 +37,12 @@ pub(crate) struct SampleReport {
     pub end_s: f64,
     pub sequence: u16,
     pub clock_count: u64,
-    /// Each link by name, whether it is a CAN bus, and what it was handed.
+    /// Name of each link, true if it is a CAN bus, and its data.
     pub links: Vec<(String, bool, Handed)>,
 }
 
 impl SampleReport {
-    /// The line, with the end on the source's time scale.
+    /// The line, with the end in source time.
     fn line(&self, source_s: f64) -> String {
         let link = |(name, is_can, handed): &(String, bool, Handed)| {
             let Handed { bytes, frames, dropped } = handed;
@@ -65,14 +64,14 @@ impl SampleReport {
     }
 }
 
-/// Reports on their way to the peer that asked for them.
+/// Queue of reports to the peer that subscribed.
 #[derive(Debug)]
 pub(super) struct Reports {
     is_wanted: AtomicBool,
     sender: Sender<String>,
-    /// Until the task that writes takes it.
+    /// `None` once the writing task has taken it.
     receiver: Mutex<Option<Receiver<String>>>,
-    /// Whom datagrams go to.
+    /// Destination of datagrams.
     peer: Mutex<Option<SocketAddr>>,
     sent: AtomicU64,
     dropped: AtomicU64,
@@ -93,18 +92,18 @@ impl Default for Reports {
 }
 
 impl Reports {
-    /// The end that is written from; there is one.
+    /// The receiver, on the first call.
     pub fn receiver(&self) -> Option<Receiver<String>> {
-        self.receiver.lock().expect("nothing panics with the end").take()
+        self.receiver.lock().expect("no holder panics").take()
     }
 
-    /// A peer asks for them from now on.
+    /// Starts reports to a peer.
     pub fn subscribe(&self, peer: Option<SocketAddr>) {
         *self.peer() = peer;
         self.is_wanted.store(true, Relaxed);
     }
 
-    /// The peer is gone.
+    /// Stops reports.
     pub fn unsubscribe(&self) {
         self.is_wanted.store(false, Relaxed);
     }
@@ -113,26 +112,25 @@ impl Reports {
         self.is_wanted.load(Relaxed)
     }
 
-    /// Whom datagrams go to.
     pub fn peer(&self) -> MutexGuard<'_, Option<SocketAddr>> {
-        self.peer.lock().expect("nothing panics with an address")
+        self.peer.lock().expect("no holder panics")
     }
 
-    /// Hands a report on, without waiting.
-    pub fn put(&self, report: &SampleReport, source_s: f64) {
+    /// Queues a report without waiting.
+    pub fn push(&self, report: &SampleReport, source_s: f64) {
         match self.sender.try_send(report.line(source_s)) {
             Ok(()) => self.sent.fetch_add(1, Relaxed),
             Err(_) => self.dropped.fetch_add(1, Relaxed),
         };
     }
 
-    /// One could not be written.
-    pub fn lost(&self) {
+    /// Counts a queued report that was not written as dropped.
+    pub fn count_lost(&self) {
         self.sent.fetch_sub(1, Relaxed);
         self.dropped.fetch_add(1, Relaxed);
     }
 
-    /// Handed on, and dropped.
+    /// Numbers of reports queued and dropped.
     pub fn counts(&self) -> (u64, u64) {
         (self.sent.load(Relaxed), self.dropped.load(Relaxed))
     }
@@ -157,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn a_report_says_what_each_link_was_handed_in_its_own_measure() {
+    fn a_report_counts_bytes_or_frames_of_each_link() {
         let line: Value = serde_json::from_str(&report(3).line(100.5)).expect("JSON");
         let expected = json!({
             "half_second": 3, "t_s": 100.5, "sequence": 7, "clock_count": 500_000,
@@ -167,9 +165,9 @@ mod tests {
     }
 
     #[test]
-    fn reports_that_nobody_takes_are_counted_and_take_no_more_room() {
+    fn unread_reports_are_counted_and_dropped() {
         let reports = Reports::default();
-        (0..3000).for_each(|index| reports.put(&report(index), 0.0));
+        (0..3000).for_each(|index| reports.push(&report(index), 0.0));
         assert_eq!(reports.counts(), (QUEUE as u64, 3000 - QUEUE as u64));
     }
 }

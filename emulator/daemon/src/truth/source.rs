@@ -1,9 +1,7 @@
-//! Reading a source: tasks of the runtime that take what comes and hand it to the synchroniser, and report to the source what
-//! left where it asks.
+//! Tasks that read a source, pass its samples to the synchroniser, and send it reports if it subscribed.
 //!
-//! A source that runs ahead of the unit is read no further than [`AHEAD_S`]; what it sends meanwhile waits in the kernel. 42
-//! waits for its answer after every message: it is given when the running sample interval needs more, so 42 keeps the unit's
-//! pace.
+//! A source that runs ahead of the unit is read no further than [`AHEAD_S`]; the rest waits in the kernel. 42 waits for an
+//! acknowledgement of each message: it is sent when the running sample interval needs more, so 42 keeps the unit's pace.
 
 use std::fmt;
 use std::io;
@@ -17,186 +15,177 @@ use tokio::net::tcp::{ReadHalf, WriteHalf};
 use tokio::net::{TcpStream, UdpSocket};
 use tokio::sync::mpsc::Receiver;
 
-use super::address::TruthAddress;
+use super::address::{Scheme, TruthAddress};
 use super::external_truth::ExternalTruth;
 use super::forty_two::Message;
 use super::json;
 use super::lines::Lines;
 use crate::console;
 
-/// Further than this ahead of what the unit needs nothing is read, on-board s.
+/// Maximum time of read samples ahead of the unit, on-board s.
 const AHEAD_S: f64 = 2.0;
-/// Longest datagram, byte.
+/// Maximum length of a datagram, byte.
 const DATAGRAM: usize = 65_536;
-/// Read at a time from a server, byte.
+/// Maximum length of a read from a server, byte.
 const CHUNK: usize = 16_384;
-/// A server that is not there is tried again after so long.
-const TRY_AGAIN: Duration = Duration::from_millis(250);
-/// A server that does not answer is not waited for any longer.
-const ANSWER: Duration = Duration::from_secs(2);
-/// A server is asked for a sign of life after so long, and again after so long, s.
-const KEEP_ALIVE: u32 = 10;
-/// One that acknowledges nothing for so long is gone, ms.
-const SILENCE_MS: u32 = 60_000;
-/// One that is there, but told nothing for so long while the truth is missing, is left and visited again. A simulator may
-/// take its time for a step; in a run that waits for it nothing is missing.
-const MUTE: Duration = Duration::from_secs(300);
-/// What 42 waits for.
+/// Pause before the next connection attempt.
+const RETRY_INTERVAL: Duration = Duration::from_millis(250);
+/// Timeout of a connection attempt.
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(2);
+/// Idle time before a keep-alive probe, and interval of the probes, s.
+const KEEP_ALIVE_S: u32 = 10;
+/// Time without acknowledgement after which the connection is closed, ms.
+const ACKNOWLEDGE_TIMEOUT_MS: u32 = 60_000;
+/// Time without data, while the truth is missing, after which a server is reconnected. A simulator may need long for a
+/// step; in a run that waits for it the truth is not missing.
+const SILENCE_TIMEOUT: Duration = Duration::from_secs(300);
+/// Answer to a message of 42.
 const ACKNOWLEDGEMENT: &[u8] = b"Ack\n";
 
-/// Begins to read.
+/// Starts the tasks.
 pub(super) fn open(live: &Arc<ExternalTruth>) -> io::Result<()> {
-    let reader = live.clone();
-    match live.address() {
-        TruthAddress::Udp(address) => {
-            let socket = std::net::UdpSocket::bind(address)?;
-            let at = socket.local_addr()?;
-            socket.set_nonblocking(true)?;
-            let socket = Arc::new(UdpSocket::from_std(socket)?);
-            let bound = live.bound.get_or_init(|| TruthAddress::Udp(at.to_string()));
-            console::ready(&format!("truth {bound}"));
-            tokio::spawn(report_over_udp(live.clone(), socket.clone()));
-            tokio::spawn(listen(reader, socket));
-        }
-        TruthAddress::Tcp(address) | TruthAddress::FortyTwo(address) => {
-            tokio::spawn(visit(reader, address.clone()));
-        }
+    let TruthAddress { scheme, host_port } = live.address().clone();
+    if scheme != Scheme::Udp {
+        tokio::spawn(connect(live.clone(), host_port));
+        return Ok(());
     }
+    let socket = std::net::UdpSocket::bind(host_port)?;
+    let host_port = socket.local_addr()?.to_string();
+    socket.set_nonblocking(true)?;
+    let socket = Arc::new(UdpSocket::from_std(socket)?);
+    console::ready(&format!("truth {}", live.bound.get_or_init(|| TruthAddress { scheme, host_port })));
+    tokio::spawn(report_over_udp(live.clone(), socket.clone()));
+    tokio::spawn(listen(live.clone(), socket));
     Ok(())
 }
 
-/// Takes datagrams, each of one or more lines.
+/// Receives datagrams, each of one or more lines.
 async fn listen(live: Arc<ExternalTruth>, socket: Arc<UdpSocket>) {
     let (mut lines, mut datagram) = (Lines::default(), vec![0; DATAGRAM]);
     loop {
-        live.until_wanted(AHEAD_S).await;
+        live.until_needed(AHEAD_S).await;
         let Ok((length, peer)) = socket.recv_from(&mut datagram).await else {
-            tokio::time::sleep(TRY_AGAIN).await;
+            tokio::time::sleep(RETRY_INTERVAL).await;
             continue;
         };
-        let mut take = |number: u64, line: Result<&str, String>| {
-            take_line(&live, format_args!("line {number}, from {peer}"), line, Some(peer));
+        let mut on_line = |number: u64, line: Result<&str, String>| {
+            push_line(&live, format_args!("line {number}, from {peer}"), line, Some(peer));
         };
-        lines.take(&datagram[..length], &mut take);
+        lines.push(&datagram[..length], &mut on_line);
         if !datagram[..length].ends_with(b"\n") {
-            lines.end(&mut take);
+            lines.end(&mut on_line);
         }
     }
 }
 
-/// Takes a JSON line of a peer.
-fn take_line(live: &ExternalTruth, place: fmt::Arguments<'_>, line: Result<&str, String>, peer: Option<SocketAddr>) {
+/// Adds the sample of a JSON line.
+fn push_line(live: &ExternalTruth, place: fmt::Arguments<'_>, line: Result<&str, String>, peer: Option<SocketAddr>) {
     match line.and_then(json::line) {
         Ok(line) => {
             if line.subscribes {
                 live.reports.subscribe(peer);
             }
-            line.sample.into_iter().for_each(|sample| live.take(place, Ok(sample)));
+            line.sample.into_iter().for_each(|sample| live.push(place, Ok(sample)));
         }
-        Err(wrong) => live.take(place, Err(wrong)),
+        Err(error) => live.push(place, Err(error)),
     }
 }
 
-/// Sends reports to whoever asked for them last.
+/// Sends reports to the last subscriber.
 async fn report_over_udp(live: Arc<ExternalTruth>, socket: Arc<UdpSocket>) {
     let Some(mut reports) = live.reports.receiver() else { return };
     while let Some(line) = reports.recv().await {
         let peer = *live.reports.peer();
-        let sent = match peer {
-            Some(peer) => socket.send_to(line.as_bytes(), peer).await.is_ok(),
-            None => false,
-        };
-        if !sent {
-            live.reports.lost();
+        if let Some(peer) = peer
+            && socket.send_to(line.as_bytes(), peer).await.is_ok()
+        {
+            continue;
         }
+        live.reports.count_lost();
     }
 }
 
-/// Writes reports to a server. Where it does not read, this waits, and what has no room to wait is dropped.
-async fn report_over_tcp(stream: &mut WriteHalf<'_>, reports: &mut Receiver<String>) -> io::Result<()> {
-    while let Some(line) = reports.recv().await {
-        stream.write_all(line.as_bytes()).await?;
-    }
-    std::future::pending().await
-}
-
-/// Connects to a server, reads it, and connects again when it is gone.
-async fn visit(live: Arc<ExternalTruth>, address: String) {
+/// Connects to a server, reads it, and reconnects when the connection ends.
+async fn connect(live: Arc<ExternalTruth>, address: String) {
     let Some(mut reports) = live.reports.receiver() else { return };
-    let mut was_there = true;
+    let mut was_reachable = true;
     loop {
-        let stream = match tokio::time::timeout(ANSWER, TcpStream::connect(&address)).await {
-            Ok(stream) => stream,
-            Err(_) => Err(io::ErrorKind::TimedOut.into()),
-        };
-        match stream {
+        let stream = tokio::time::timeout(CONNECT_TIMEOUT, TcpStream::connect(&address)).await;
+        match stream.unwrap_or_else(|_| Err(io::ErrorKind::TimedOut.into())) {
             Ok(stream) => {
-                was_there = true;
-                console::say(format_args!("truth {}: connected", live.address()));
-                let ended = read(&live, stream, &mut reports, MUTE).await;
+                was_reachable = true;
+                live.log(format_args!("connected"));
+                let ended = read(&live, stream, &mut reports, SILENCE_TIMEOUT).await;
                 live.reports.unsubscribe();
                 while reports.try_recv().is_ok() {
-                    live.reports.lost();
+                    live.reports.count_lost();
                 }
                 let why = ended.err().map_or_else(|| "it closed the connection".to_owned(), |error| error.to_string());
-                console::say(format_args!("truth {}: {why}; tried again until it is back", live.address()));
+                live.log(format_args!("{why}; reconnecting"));
             }
-            Err(error) if std::mem::take(&mut was_there) => {
-                console::say(format_args!("truth {}: {error}; tried again until it is there", live.address()));
+            Err(error) if std::mem::take(&mut was_reachable) => {
+                live.log(format_args!("{error}; retrying"));
             }
             Err(_) => {}
         }
-        tokio::time::sleep(TRY_AGAIN).await;
+        tokio::time::sleep(RETRY_INTERVAL).await;
     }
 }
 
-/// Has the kernel notice a server that went away without a word.
+/// Enables keep-alive probes, which detect a vanished server.
 fn keep_alive(stream: &TcpStream) -> io::Result<()> {
     setsockopt(stream, sockopt::KeepAlive, &true)?;
-    setsockopt(stream, sockopt::TcpKeepIdle, &KEEP_ALIVE)?;
-    setsockopt(stream, sockopt::TcpKeepInterval, &KEEP_ALIVE)?;
-    setsockopt(stream, sockopt::TcpUserTimeout, &SILENCE_MS)?;
+    setsockopt(stream, sockopt::TcpKeepIdle, &KEEP_ALIVE_S)?;
+    setsockopt(stream, sockopt::TcpKeepInterval, &KEEP_ALIVE_S)?;
+    setsockopt(stream, sockopt::TcpUserTimeout, &ACKNOWLEDGE_TIMEOUT_MS)?;
     Ok(())
 }
 
-/// Reads a server to its end, or until it was `mute` for too long. Not so 42: it takes one connection and no other, and
-/// stands still while somebody looks at it.
+/// Reads a server to its end, or until it was silent for `silence`. Not so 42: it accepts a single connection, and may be
+/// paused by its user.
 async fn read(
     live: &ExternalTruth,
     mut stream: TcpStream,
     reports: &mut Receiver<String>,
-    mute: Duration,
+    silence: Duration,
 ) -> io::Result<()> {
     stream.set_nodelay(true)?;
     keep_alive(&stream)?;
     let (mut reader, mut writer) = stream.split();
-    match live.address() {
-        TruthAddress::FortyTwo(_) => read_lines(live, &mut reader, Some(&mut writer), mute).await,
-        _ => tokio::select! {
-            ended = read_lines(live, &mut reader, None, mute) => ended,
-            failed = report_over_tcp(&mut writer, reports) => failed,
-        },
+    if live.address().scheme == Scheme::FortyTwo {
+        return read_lines(live, &mut reader, Some(&mut writer), silence).await;
+    }
+    // If the server does not read, this waits and the queue drops reports.
+    let write_reports = async {
+        while let Some(line) = reports.recv().await {
+            writer.write_all(line.as_bytes()).await?;
+        }
+        std::future::pending().await
+    };
+    tokio::select! {
+        ended = read_lines(live, &mut reader, None, silence) => ended,
+        failed = write_reports => failed,
     }
 }
 
-/// Reads the lines of a server; of 42 where there is something to acknowledge its messages on.
+/// Reads the lines of a server; those of 42 if there is a writer for acknowledgements.
 async fn read_lines(
     live: &ExternalTruth,
     reader: &mut ReadHalf<'_>,
     mut forty_two: Option<&mut WriteHalf<'_>>,
-    mute: Duration,
+    silence: Duration,
 ) -> io::Result<()> {
     let is_forty_two = forty_two.is_some();
     let (mut lines, mut message, mut chunk) = (Lines::default(), Message::default(), vec![0; CHUNK]);
     loop {
         if !is_forty_two {
-            live.until_wanted(AHEAD_S).await;
+            live.until_needed(AHEAD_S).await;
         }
         let length = loop {
-            match tokio::time::timeout(mute, reader.read(&mut chunk)).await {
+            match tokio::time::timeout(silence, reader.read(&mut chunk)).await {
                 Ok(length) => break length?,
                 Err(_) if live.is_missing() && !is_forty_two => {
-                    let why = format!("it told nothing for {} s", mute.as_secs());
+                    let why = format!("it sent nothing for {} s", silence.as_secs());
                     return Err(io::Error::new(io::ErrorKind::TimedOut, why));
                 }
                 Err(_) => {}
@@ -206,23 +195,23 @@ async fn read_lines(
             return Ok(());
         }
         let mut messages = 0;
-        lines.take(&chunk[..length], |number, line| {
+        lines.push(&chunk[..length], |number, line| {
             let place = format_args!("line {number}");
             if !is_forty_two {
-                take_line(live, place, line, None);
+                push_line(live, place, line, None);
                 return;
             }
             let read = match line {
                 Ok(line) => message.line(line),
-                Err(wrong) => Some(Err(wrong)),
+                Err(error) => Some(Err(error)),
             };
             let Some(read) = read else { return };
             messages += 1;
-            live.take(place, read);
+            live.push(place, read);
         });
         let Some(answers) = &mut forty_two else { continue };
         for _ in 0..messages {
-            live.until_wanted(0.0).await;
+            live.until_needed(0.0).await;
             answers.write_all(ACKNOWLEDGEMENT).await?;
         }
     }
@@ -237,7 +226,7 @@ mod tests {
     use super::*;
 
     #[tokio::test]
-    async fn a_server_that_went_away_without_a_word_is_noticed() {
+    async fn vanished_or_silent_servers_are_detected() {
         for (is_forty_two, line) in
             [(false, "{\"t_s\": 1.0, \"rate_arcsec_s\": [0.0, 0.0, 0.0]}\n"), (true, "[ENDMSG]\n")]
         {
@@ -247,22 +236,23 @@ mod tests {
             let (mut server, _) = listener.accept().await.expect("a client");
             keep_alive(&stream).expect("options");
             assert!(getsockopt(&stream, sockopt::KeepAlive).expect("an option"));
-            assert_eq!(getsockopt(&stream, sockopt::TcpUserTimeout).expect("an option"), SILENCE_MS);
+            assert_eq!(getsockopt(&stream, sockopt::TcpUserTimeout).expect("an option"), ACKNOWLEDGE_TIMEOUT_MS);
 
-            let address = if is_forty_two { TruthAddress::FortyTwo(address) } else { TruthAddress::Tcp(address) };
+            let scheme = if is_forty_two { Scheme::FortyTwo } else { Scheme::Tcp };
+            let address = TruthAddress { scheme, host_port: address };
             let live = ExternalTruth::new(address, TruthNumbers::default());
             let reader = live.clone();
-            let mute = Duration::from_millis(50);
+            let silence = Duration::from_millis(50);
             let mut reports = live.reports.receiver().expect("the first");
-            let reading = tokio::spawn(async move { read(&reader, stream, &mut reports, mute).await });
+            let reading = tokio::spawn(async move { read(&reader, stream, &mut reports, silence).await });
             server.write_all(line.as_bytes()).await.expect("sent");
-            tokio::time::sleep(6 * mute).await;
-            assert!(!reading.is_finished(), "nothing is missing: the unit has not run yet");
+            tokio::time::sleep(6 * silence).await;
+            assert!(!reading.is_finished(), "not missing: the unit has not run yet");
             live.finish(20.0, false, None, || false);
-            tokio::time::sleep(6 * mute).await;
+            tokio::time::sleep(6 * silence).await;
             assert_eq!(reading.is_finished(), !is_forty_two);
             if !is_forty_two {
-                let error = reading.await.expect("no panic").expect_err("it told nothing");
+                let error = reading.await.expect("no panic").expect_err("it sent nothing");
                 assert_eq!(error.kind(), io::ErrorKind::TimedOut);
             }
         }

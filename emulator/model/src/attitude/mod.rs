@@ -2,25 +2,25 @@
 //!
 //! θ lies between sun vector and boresight (+X); ψ is 0 where the boresight is nearest the north ecliptic pole; Y stays
 //! perpendicular to the sun vector (Casteren §1, figure 4). A manoeuvre becomes [`Segment`]s of constant acceleration;
-//! [`Motion`] integrates the inertial rates over any stretch of them.
+//! [`Motion`] integrates the inertial rates over any interval.
 
 mod manoeuvre;
 mod motion;
-mod plan;
+mod profile;
 mod recorded;
-mod stepped;
+mod streamed;
 mod sun;
 mod truth_numbers;
 
 pub use manoeuvre::{Manoeuvre, Scenario};
 pub use motion::{LimitCycle, Motion, MotionState, MotionStep};
-pub use plan::{AttitudeProfile, InfeasibleManoeuvre, Leg};
+pub use profile::{AttitudeProfile, InfeasibleManoeuvre, Leg};
 pub use recorded::{AttitudeRow, AttitudeRowsError, RecordedAttitude, median_spacing_s};
-pub use stepped::{Knot, SampleQuality, StreamedAttitude, turn_between_arcsec};
+pub use streamed::{Knot, SampleQuality, StreamedAttitude, turn_between_arcsec};
 pub use sun::Sun;
 pub use truth_numbers::TruthNumbers;
 
-/// A stretch of time over which θ and ψ have constant accelerations. Radians; times from the segment's start.
+/// An interval over which θ and ψ have constant accelerations. Radians; times from the segment's start.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Segment {
     /// Length; infinite for the hold that ends a finite scenario.

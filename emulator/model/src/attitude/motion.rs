@@ -9,24 +9,24 @@
 use std::sync::Arc;
 
 use super::Segment;
-use super::plan::{AttitudeProfile, Leg};
+use super::profile::{AttitudeProfile, Leg};
 use super::recorded::RecordedAttitude;
-use super::stepped::{self, StreamedAttitude};
+use super::streamed::{self, StreamedAttitude};
 use super::sun::Sun;
-use crate::number::numbers;
+use crate::parameter_spec::numbers;
 use crate::units::{ARCSEC_PER_RAD, SUN_RATE_RAD_S};
 
 numbers! {
     /// The limit cycle of the attitude control about X and Y; added to the rates, never to θ and ψ (Casteren §3.3, §6).
     pub struct LimitCycle {
         /// Largest rate; 0 for none.
-        rate_arcsec_s: 0.0, 0.0..=5.0;
+        rate_arcsec_s: 0.0, 0.0..=5.0, "arcsec/s";
         /// Period.
-        period_s: 5.0, 0.5..=3600.0;
+        period_s: 5.0, 0.5..=3600.0, "s";
         /// Phase about X at the start.
-        phase_x_rad: 0.0, -100.0..=100.0;
+        phase_x_rad: 0.0, -100.0..=100.0, "rad";
         /// Phase about Y at the start: a quarter period before X.
-        phase_y_rad: (std::f64::consts::FRAC_PI_2), -100.0..=100.0;
+        phase_y_rad: (std::f64::consts::FRAC_PI_2), -100.0..=100.0, "rad";
     }
 }
 
@@ -42,7 +42,7 @@ pub struct MotionState {
     pub psi_rad: f64,
 }
 
-/// Motion over one stretch of time.
+/// Motion over an interval.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct MotionStep {
     pub start: MotionState,
@@ -56,10 +56,10 @@ pub struct MotionStep {
 /// Nodes and weight of the two-point Gauss-Legendre rule on 0…1. Over 0.1 s at 720″/s the integrand turns by 3.5·10⁻⁴
 /// rad, and the rule's error, 1/4320 of the fourth power of that, is below the rounding of the numbers.
 const NODES: [f64; 2] = [0.211_324_865_405_187_1, 0.788_675_134_594_812_9];
-/// Longest stretch integrated in one piece.
+/// Longest interval of one integration step.
 const LONGEST_S: f64 = 0.1;
 
-/// Walks along a scenario or another truth, forward only, in stretches of any length.
+/// Follows a scenario or another truth, forward only, in intervals of any length.
 #[derive(Debug, Clone)]
 pub struct Motion {
     source: Source,
@@ -68,23 +68,23 @@ pub struct Motion {
 
 #[derive(Debug, Clone)]
 enum Source {
-    Scenario(Box<Flight>),
+    Scenario(Box<ScenarioMotion>),
     Recorded {
         rows: Arc<RecordedAttitude>,
         near: usize,
         angle_control_arcsec: [f64; 3],
     },
-    /// Nothing of it is read before the first stretch is asked for: it may not be known yet.
+    /// Not read before the first interval: the truth may not be known yet.
     Stepped {
         truth: Arc<StreamedAttitude>,
         angle_control_arcsec: Option<[f64; 3]>,
-        /// The sun at the end of the last stretch.
+        /// The sun at the end of the last interval.
         sun: Option<Sun>,
     },
 }
 
 #[derive(Debug, Clone)]
-struct Flight {
+struct ScenarioMotion {
     plan: AttitudeProfile,
     limit_cycle: LimitCycle,
     segment: Segment,
@@ -106,8 +106,8 @@ impl Motion {
             psi: Turned::at(segment.psi.start_rad),
             cycle: limit_cycle.phases(-before_s),
         };
-        let flight = Flight { plan, limit_cycle, segment, segment_start_s: -before_s, phases };
-        Motion { now: flight.moment(-before_s), source: Source::Scenario(Box::new(flight)) }
+        let scenario = ScenarioMotion { plan, limit_cycle, segment, segment_start_s: -before_s, phases };
+        Motion { now: scenario.moment(-before_s), source: Source::Scenario(Box::new(scenario)) }
     }
 
     /// At `t_s` of a recorded truth; at rest before its start and after its end.
@@ -117,13 +117,13 @@ impl Motion {
         Motion { source: Source::Recorded { rows, near, angle_control_arcsec }, now }
     }
 
-    /// At `t_s` of a truth that becomes known as time goes on.
+    /// At `t_s` of a truth that is received during the run.
     pub fn stepped(truth: Arc<StreamedAttitude>, t_s: f64) -> Motion {
         let source = Source::Stepped { truth, angle_control_arcsec: None, sun: None };
-        Motion { source, now: stepped::moment(t_s, None) }
+        Motion { source, now: streamed::moment(t_s, None) }
     }
 
-    /// Moves on to `end_s` (true time since the start) and tells the motion since the last call; no motion where `end_s`
+    /// Moves on to `end_s` (true time since the start) and returns the motion since the last call; no motion if `end_s`
     /// lies before that.
     #[inline]
     pub fn advance(&mut self, end_s: f64) -> MotionStep {
@@ -133,9 +133,9 @@ impl Motion {
         }
         let mut step = MotionStep { start, length_s: end_s - start.t_s, ..MotionStep::default() };
         match &mut self.source {
-            Source::Scenario(flight) => {
-                step.angle_control_arcsec = flight.advance(start.t_s, end_s);
-                self.now = flight.moment(end_s);
+            Source::Scenario(scenario) => {
+                step.angle_control_arcsec = scenario.advance(start.t_s, end_s);
+                self.now = scenario.moment(end_s);
                 step.end = self.now;
             }
             Source::Recorded { rows, near, angle_control_arcsec } => {
@@ -158,13 +158,13 @@ impl Motion {
         step
     }
 
-    /// Attitude and rates at the end of the last stretch.
+    /// Attitude and rates at the end of the last interval.
     pub fn now(&self) -> &MotionState {
         &self.now
     }
 
-    /// Whether θ and ψ of [`Motion::now`] are known; a truth from outside may not tell them, and tells nothing before the
-    /// first stretch.
+    /// True if θ and ψ of [`Motion::now`] are known; an external truth may not have them, and has none before the first
+    /// interval.
     pub fn knows_sun(&self) -> bool {
         match &self.source {
             Source::Scenario(_) => true,
@@ -173,32 +173,32 @@ impl Motion {
         }
     }
 
-    /// Variables of a fault's condition that it does not tell, as far as it is known.
-    pub fn untold(&self) -> &'static [&'static str] {
-        let tells_sun = match &self.source {
-            Source::Stepped { truth, .. } => truth.tells_sun(),
+    /// Variables of a fault's condition that are not available, as far as it is known.
+    pub fn unavailable(&self) -> &'static [&'static str] {
+        let has_sun = match &self.source {
+            Source::Stepped { truth, .. } => truth.has_sun(),
             Source::Scenario(_) | Source::Recorded { .. } => self.knows_sun(),
         };
-        if tells_sun { &[] } else { &["theta_deg", "psi_deg"] }
+        if has_sun { &[] } else { &["theta_deg", "psi_deg"] }
     }
 
-    /// Turns about X and Y of the attitude out of the one that θ and ψ tell, now.
+    /// Current rotation about X and Y of the attitude from the one that θ and ψ define.
     ///
     /// The limit cycle is in the rates, never in θ and ψ: in a scenario this is its integral; in a recorded truth what the
     /// file's rotation has more than its θ and ψ mean (eqs 5 and 6), counted from its first row.
     pub fn departure_control_arcsec(&self) -> [f64; 2] {
         match &self.source {
-            Source::Scenario(flight) => flight.limit_cycle.departure_control_arcsec(self.now.t_s),
+            Source::Scenario(scenario) => scenario.limit_cycle.departure_control_arcsec(self.now.t_s),
             Source::Recorded { rows, near, .. } => rows.departure_control_arcsec(self.now.t_s, *near),
             Source::Stepped { sun, .. } => sun.map_or([0.0; 2], |sun| sun.departure_control_arcsec),
         }
     }
 
-    /// The legs that began since the last call, and perhaps one that is about to. Only those that were still flown
-    /// during the last stretch are kept, so they must be taken after every stretch or not at all.
+    /// The legs that began since the last call, and perhaps the next one. Only legs that ended after the start of the
+    /// last interval are kept: call this after every interval or never.
     pub fn take_legs(&mut self) -> Vec<Leg> {
         match &mut self.source {
-            Source::Scenario(flight) => flight.plan.take_legs(),
+            Source::Scenario(scenario) => scenario.plan.take_legs(),
             Source::Recorded { .. } | Source::Stepped { .. } => Vec::new(),
         }
     }
@@ -236,7 +236,7 @@ struct Phases {
     cycle: [Turned; 2],
 }
 
-impl Flight {
+impl ScenarioMotion {
     /// Rotation from the last call to `end_s`, arcsec.
     #[inline]
     fn advance(&mut self, start_s: f64, end_s: f64) -> [f64; 3] {
@@ -251,7 +251,7 @@ impl Flight {
                 self.segment_start_s = segment_end_s;
                 continue;
             }
-            // The small excess keeps a stretch of 0.1 s and a rounding error in one piece.
+            // The small excess allows an interval of 0.1 s with a rounding error in one step.
             let until_s = if end_s - now_s > LONGEST_S * (1.0 + 1e-9) { now_s + LONGEST_S } else { end_s };
             let until_s = until_s.min(segment_end_s);
             self.integrate(now_s, until_s, &mut angle_rad);
@@ -269,7 +269,7 @@ impl Flight {
         angle_control_arcsec
     }
 
-    /// The moment that the flight has reached.
+    /// Attitude and rates at `t_s`.
     #[inline]
     fn moment(&self, t_s: f64) -> MotionState {
         let (theta, psi, since_s) = (&self.segment.theta, &self.segment.psi, t_s - self.segment_start_s);
@@ -345,82 +345,4 @@ fn rates(theta: Turned, psi: Turned, theta_rate: f64, psi_rate: f64) -> [f64; 3]
 }
 
 #[cfg(test)]
-mod tests {
-    use std::f64::consts::TAU;
-
-    use super::*;
-    use crate::attitude::{Manoeuvre, Scenario};
-
-    fn motion(scenario: &Scenario) -> Motion {
-        Motion::new(AttitudeProfile::new(scenario).expect("possible"), scenario.limit_cycle)
-    }
-
-    fn still() -> Scenario {
-        Scenario { theta_deg: 90.0, psi_deg: 0.0, limit_cycle: LimitCycle::default(), manoeuvres: Vec::new() }
-    }
-
-    #[test]
-    fn a_pointing_turns_with_the_sun() {
-        // Casteren eq 8, with the misprint mended: θ = 60°, ψ = 40°, one hour; ω_sun = 360·3600/365.25/24 = 147.844″/h (a pocket calculator).
-        let scenario = Scenario { theta_deg: 60.0, psi_deg: 40.0, ..still() };
-        let angle = motion(&scenario).advance(3600.0).angle_control_arcsec;
-        for (got, expected) in angle.into_iter().zip([98.081734, -95.032254, -56.627515]) {
-            assert!((got - expected).abs() < 1e-5, "{got} {expected}");
-        }
-    }
-
-    #[test]
-    fn whole_and_pieces_agree_through_every_kind_of_manoeuvre() {
-        let scenario = crate::Configuration::reference().scenario;
-        let (mut coarse, mut fine) = (motion(&scenario), motion(&scenario));
-        for sample in 1..=40_000 {
-            let end_s = 0.5 * f64::from(sample);
-            let whole = coarse.advance(end_s);
-            let mut sum = [0.0; 3];
-            for piece in (0..7).rev() {
-                let step = fine.advance(end_s - 0.5 * f64::from(piece) / 7.0);
-                for (sum, angle) in sum.iter_mut().zip(step.angle_control_arcsec) {
-                    *sum += angle;
-                }
-            }
-            for (a, b) in whole.angle_control_arcsec.into_iter().zip(sum) {
-                assert!((a - b).abs() < 1e-9, "{end_s}: {a} {b}");
-            }
-        }
-    }
-
-    #[test]
-    fn a_scan_about_the_sun_vector_turns_once_about_it() {
-        // A Z-scan at θ = 90°: Δψ = 360° about Z, and the sun's part about Z vanishes with cos θ.
-        let scenario = Scenario { manoeuvres: vec![Manoeuvre::of_kind("z-scan").expect("a kind")], ..still() };
-        let angle = motion(&scenario).advance(7000.0).angle_control_arcsec;
-        assert!((angle[2] - TAU * ARCSEC_PER_RAD).abs() < 1e-6, "{}", angle[2]);
-    }
-
-    #[test]
-    fn the_departure_by_the_limit_cycle_is_its_integral_about_zero() {
-        let cycle = LimitCycle { rate_arcsec_s: 4.0, phase_x_rad: 0.7, ..LimitCycle::default() };
-        let mut with = motion(&Scenario { limit_cycle: cycle, ..still() });
-        let mut without = motion(&still());
-        let (mut turned, start) = ([0.0; 2], with.departure_control_arcsec());
-        for tenth in 1..=100 {
-            let end_s = f64::from(tenth) * 0.1;
-            let (a, b) = (with.advance(end_s).angle_control_arcsec, without.advance(end_s).angle_control_arcsec);
-            for axis in 0..2 {
-                turned[axis] += a[axis] - b[axis];
-                let departure = with.departure_control_arcsec()[axis];
-                assert!((departure - start[axis] - turned[axis]).abs() < 1e-9);
-                // 4·5/2π, under the 5 arcsec of Casteren §6.
-                assert!(departure.abs() < 3.184);
-            }
-        }
-    }
-
-    #[test]
-    fn the_limit_cycle_swings_by_its_rate_times_its_period() {
-        let with = Scenario { limit_cycle: LimitCycle { rate_arcsec_s: 4.0, ..LimitCycle::default() }, ..still() };
-        let half_swing = |scenario: &Scenario| motion(scenario).advance(2.5).angle_control_arcsec[0];
-        // The integral of 4 sin(2πt/5) over half a period is 4·5/π.
-        assert!((half_swing(&with) - half_swing(&still()) - 20.0 / std::f64::consts::PI).abs() < 1e-12);
-    }
-}
+mod tests;

@@ -40,9 +40,9 @@ pub enum AttitudeRowsError {
         gap_s: f64,
         spacing_s: f64,
     },
-    /// Not a number, or one that no motion has.
+    /// Not finite, or too large for a motion.
     #[error(
-        "expected finite numbers, turns within {MOST_ARCSEC:e} arcsec from row to row, the sun within {MOST_RAD} rad; got {value:e}"
+        "expected finite numbers, turns within {MAX_ARCSEC:e} arcsec from row to row, the sun within {MAX_RAD} rad; got {value:e}"
     )]
     NotFinite { index: usize, value: f64 },
 }
@@ -59,13 +59,13 @@ impl AttitudeRowsError {
 }
 
 /// Turn from row to row beyond which it is none: far more than any spacecraft makes, and few enough digits to add up.
-const MOST_ARCSEC: f64 = 1e9;
-/// The same of θ and ψ.
-const MOST_RAD: f64 = 1e4;
+const MAX_ARCSEC: f64 = 1e9;
+/// Limit of θ and ψ.
+const MAX_RAD: f64 = 1e4;
 /// A hole longer than this many median spacings is a gap.
 const GAP_SPACINGS: f64 = 1.9;
 
-/// Median spacing of rows in time; nothing of fewer than two.
+/// Median spacing of rows in time; `None` for fewer than two rows.
 pub fn median_spacing_s(rows: &[AttitudeRow]) -> Option<f64> {
     let mut spacings: Vec<f64> = rows.windows(2).map(|pair| pair[1].t_s - pair[0].t_s).collect();
     let middle = spacings.len() / 2;
@@ -81,12 +81,12 @@ pub struct RecordedAttitude {
     bend: [Vec<f64>; 3],
     /// θ and ψ at each; empty where they are not known.
     theta_psi_rad: Vec<(f64, f64)>,
-    /// Turns about X and Y, since the row after the start, beyond those that θ and ψ mean; empty where they are not known.
+    /// Rotation about X and Y, since the row after the start, beyond that of θ and ψ; empty if they are unknown.
     departure_control_arcsec: Vec<[f64; 2]>,
 }
 
 impl RecordedAttitude {
-    /// Takes rows in order of time, of which the first tells where the motion starts.
+    /// Reads rows in order of time; the first one is the start of the motion.
     ///
     /// # Errors
     /// Rows that overlap, leave a gap, or are too few.
@@ -97,9 +97,9 @@ impl RecordedAttitude {
         }
         for (index, row) in rows.iter().enumerate() {
             let is_beyond = |number: &f64, most: f64| !number.is_finite() || number.abs() > most;
-            let turn = row.angle_control_arcsec.into_iter().find(|number| is_beyond(number, MOST_ARCSEC));
+            let turn = row.angle_control_arcsec.into_iter().find(|number| is_beyond(number, MAX_ARCSEC));
             let sun = row.theta_psi_rad.map(|(theta_rad, psi_rad)| [theta_rad, psi_rad]);
-            let sun = sun.into_iter().flatten().find(|number| is_beyond(number, MOST_RAD));
+            let sun = sun.into_iter().flatten().find(|number| is_beyond(number, MAX_RAD));
             let time = Some(row.t_s).filter(|t_s| !t_s.is_finite());
             if let Some(value) = turn.or(sun).or(time) {
                 return Err(AttitudeRowsError::NotFinite { index, value });
@@ -138,13 +138,13 @@ impl RecordedAttitude {
         self.t_s[0]
     }
 
-    /// The same truth with its start as time 0.
+    /// Moves the truth in time to start at 0.
     #[must_use]
     pub fn starting_at_zero(self) -> RecordedAttitude {
         self.starting_at(0.0)
     }
 
-    /// The same truth moved in time, so that the first row's time is `start_s`.
+    /// Moves the truth in time to start at `start_s`.
     #[must_use]
     pub fn starting_at(mut self, start_s: f64) -> RecordedAttitude {
         let first_s = self.start_s();
@@ -158,12 +158,12 @@ impl RecordedAttitude {
         self.t_s[self.t_s.len() - 1]
     }
 
-    /// Whether θ and ψ are known.
+    /// True if θ and ψ are known.
     pub fn knows_sun(&self) -> bool {
         !self.theta_psi_rad.is_empty()
     }
 
-    /// Turns about X and Y out of the attitude that θ and ψ tell; straight lines between the rows. `near` is the piece that
+    /// Rotation about X and Y from the attitude that θ and ψ define, linear between rows. `near` is the interval that
     /// [`RecordedAttitude::at`] found for `t_s`.
     pub fn departure_control_arcsec(&self, t_s: f64, near: usize) -> [f64; 2] {
         let Some(&[from, to]) = self.departure_control_arcsec.get(near..near + 2) else { return [0.0; 2] };
@@ -172,7 +172,7 @@ impl RecordedAttitude {
     }
 
     /// Accumulated rotation, rates and attitude at `t_s`; at rest before the start and after the end. `near` is the
-    /// piece found last, from which the search goes forward.
+    /// interval found last, from which the search goes forward.
     #[inline]
     pub fn at(&self, t_s: f64, near: &mut usize) -> ([f64; 3], MotionState) {
         let (first, last) = (self.start_s(), self.end_s());
@@ -208,10 +208,10 @@ impl RecordedAttitude {
     }
 }
 
-/// What the rotation has more than θ and ψ mean by eqs 5 and 6, about X and Y, accumulated since the row after the start; the
+/// Rotation about X and Y beyond that of θ and ψ by eqs 5 and 6, accumulated since the row after the start; the
 /// integrals over a row by Simpson's rule.
 fn departure(t_s: &[f64], angle_control_arcsec: &[Vec<f64>; 3], theta_psi_rad: &[(f64, f64)]) -> Vec<[f64; 2]> {
-    // Rates do not tell what θ and ψ were at the start.
+    // Rates do not define θ and ψ at the start.
     let mut sum = [0.0; 2];
     let mut all: Vec<[f64; 2]> = theta_psi_rad.iter().take(2).map(|_| sum).collect();
     for k in 2..theta_psi_rad.len() {
@@ -303,7 +303,7 @@ mod tests {
             for index in 0..400 {
                 let t_s = f64::from(index) * 0.05;
                 let (got, _) = recorded.at(t_s, &mut near);
-                // The pieces at the ends, which have data on one side only, err up to ten times as much.
+                // The intervals at the ends, with data on one side only, err up to ten times as much.
                 let bound = if (3.0..17.0).contains(&t_s) { bound } else { 10.0 * bound };
                 assert!(
                     (got[0] - (angle(t_s) - angle(0.0))).abs() <= bound,
@@ -315,7 +315,7 @@ mod tests {
     }
 
     #[test]
-    fn a_truth_moved_in_time_tells_the_same_motion_at_the_moved_times() {
+    fn a_truth_moved_in_time_has_the_same_motion_at_the_moved_times() {
         let recorded = RecordedAttitude::new(&rows(20, |t| t * t)).expect("good rows");
         let moved = recorded.clone().starting_at(-3.5);
         assert_eq!((moved.start_s(), moved.end_s()), (-3.5, 6.5));

@@ -2,14 +2,14 @@
 
 use crate::units::ARCSEC_PER_RAD;
 
-/// Where the sun stands from the control frame.
+/// Direction of the sun in the control frame.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Sun {
     /// Solar aspect angle θ: between the direction to the sun and the boresight, +X.
     pub theta_rad: f64,
     /// Angle ψ about the sun vector: 0 where the boresight is nearest the north ecliptic pole.
     pub psi_rad: f64,
-    /// Turns about X and Y out of the attitude that θ and ψ mean, in which the sun stands in the XZ plane on the side of
+    /// Rotation about X and Y from the attitude that θ and ψ define, in which the sun is in the XZ plane on the side of
     /// +Z: what a sun sensor sees of an attitude that is not held so.
     pub departure_control_arcsec: [f64; 2],
 }
@@ -23,7 +23,7 @@ impl Sun {
         let sun = to_control(attitude, sun_inertial);
         let pole = to_control(attitude, [0.0, -sin, cos]);
         let theta_rad = libm::atan2(libm::hypot(sun[1], sun[2]), sun[0]);
-        // The boresight's part across the sun vector, and what stands across both: model.md's Y where the sun is in XZ.
+        // The boresight's part across the sun vector, and what stands across both: Y where the sun is in XZ.
         let across = [1.0 - sun[0] * sun[0], -sun[0] * sun[1], -sun[0] * sun[2]];
         let third = [0.0, sun[2], -sun[1]];
         let psi_rad = libm::atan2(-dot(pole, third), dot(pole, across));
@@ -77,7 +77,7 @@ mod tests {
         ]
     }
 
-    /// The attitude of θ and ψ (model.md) in a frame whose X axis is the direction to the sun and whose Z axis is the pole:
+    /// The attitude of θ and ψ in a frame whose X axis is the direction to the sun and whose Z axis is the pole:
     /// from the boresight at the sun and Z away from the pole, a turn by ψ about the sun vector, then by θ about Y.
     fn attitude(theta_deg: f64, psi_deg: f64) -> [f64; 4] {
         let half = |deg: f64| libm::sincos(deg * RAD_PER_DEG / 2.0);

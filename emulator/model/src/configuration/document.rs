@@ -6,11 +6,11 @@ use std::ops::Range;
 use geu_protocol::Gyro;
 use geu_protocol::excerpt::{MAX_QUOTED, excerpt};
 use geu_protocol::suggestion::did_you_mean;
-use toml_edit::{Array, ArrayOfTables, Document, DocumentMut, Item, TableLike};
+use toml_edit::{Document, Item, TableLike};
 
-use crate::number::{DefaultValue, ParameterSet, ParameterSpec, ValueFormat};
+use crate::parameter_spec::{DefaultValue, ParameterSet, ParameterSpec, ValueFormat};
 
-/// What is wrong with a configuration, and where.
+/// An error of a configuration with its place.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ConfigurationError {
     /// File, or whatever else the text came from.
@@ -21,11 +21,11 @@ pub struct ConfigurationError {
     pub column: usize,
     /// The line itself; of a long one what stands around the place.
     pub text: String,
-    /// How many characters of it stand before what is meant.
+    /// Number of characters before the marked text.
     pub indent: usize,
-    /// How many characters of it are meant.
+    /// Number of marked characters.
     pub width: usize,
-    /// What was expected and what was got.
+    /// Expected and actual value.
     pub message: String,
 }
 
@@ -67,7 +67,7 @@ impl ConfigText {
     }
 }
 
-fn locate(name: &str, text: &str, span: Option<Range<usize>>, message: String) -> ConfigurationError {
+pub(super) fn locate(name: &str, text: &str, span: Option<Range<usize>>, message: String) -> ConfigurationError {
     let start = span.as_ref().map_or(0, |span| span.start.min(text.len()));
     let line_start = text[..start].rfind('\n').map_or(0, |end| end + 1);
     let line_text = text[line_start..].lines().next().unwrap_or_default();
@@ -103,7 +103,7 @@ pub struct Node<'a> {
     span: Option<Range<usize>>,
 }
 
-type Read<T> = Result<T, ConfigurationError>;
+pub(super) type Read<T> = Result<T, ConfigurationError>;
 
 impl<'a> Node<'a> {
     /// The keys in order.
@@ -111,7 +111,7 @@ impl<'a> Node<'a> {
         self.table.iter().map(|(key, _)| key).collect()
     }
 
-    /// Where the table stands, as in `--set`.
+    /// Path of a key, as in `--set`.
     pub fn path_of(&self, key: &str) -> String {
         if self.path.is_empty() { key.to_owned() } else { format!("{}.{key}", self.path) }
     }
@@ -127,7 +127,7 @@ impl<'a> Node<'a> {
         self.refused(key, "", expected)
     }
 
-    /// The same for a text that is none of `valid`, with the likeliest meant.
+    /// The same for a text outside `valid`, with the most similar valid one.
     pub fn none_of(&self, key: &str, valid: &[&str]) -> ConfigurationError {
         let text = self.table.get(key).and_then(Item::as_str).unwrap_or_default();
         self.refused(key, &did_you_mean(text, valid), &format!("one of {}", valid.join(", ")))
@@ -170,7 +170,7 @@ impl<'a> Node<'a> {
     /// # Errors
     /// Not a number, out of limits, or required and not there.
     pub fn number(&self, spec: &ParameterSpec) -> Read<f64> {
-        match (self.value(spec.name, spec.form, spec.least, spec.greatest)?, spec.default) {
+        match (self.value(spec.name, spec.form, spec.min, spec.max)?, spec.default) {
             (Some(value), _) => Ok(value),
             (None, DefaultValue::Required) => {
                 let (path, meaning, limits) = (self.path_of(spec.name), spec.meaning.trim(), spec.limits());
@@ -180,16 +180,24 @@ impl<'a> Node<'a> {
         }
     }
 
-    /// A number of that form within limits, where the key is there.
+    /// A number that may be absent.
+    ///
+    /// # Errors
+    /// As [`Node::number`].
+    pub fn optional(&self, spec: &ParameterSpec) -> Read<Option<f64>> {
+        Ok(Some(self.number(spec)?).filter(|value| !value.is_nan()))
+    }
+
+    /// A number in this format within limits; `None` if the key is absent.
     ///
     /// # Errors
     /// Another form, or out of limits.
-    pub fn value(&self, key: &str, form: ValueFormat, least: f64, greatest: f64) -> Read<Option<f64>> {
+    pub fn value(&self, key: &str, form: ValueFormat, min: f64, max: f64) -> Read<Option<f64>> {
         let Some(item) = self.table.get(key) else { return Ok(None) };
         let value = match form {
             ValueFormat::Real => item.as_float().or_else(|| item.as_integer().map(|value| value as f64)),
             ValueFormat::Flag => item.as_bool().map(f64::from),
-            ValueFormat::Gyro => item.as_str().and_then(Gyro::named).map(|gyro| gyro as usize as f64 + 1.0),
+            ValueFormat::Gyro => item.as_str().and_then(Gyro::from_name).map(|gyro| gyro as usize as f64 + 1.0),
             // JSON knows one kind of number: 3.0 is whole too.
             ValueFormat::Whole => item
                 .as_integer()
@@ -200,8 +208,8 @@ impl<'a> Node<'a> {
             }
         };
         match value {
-            Some(value) if least <= value && value <= greatest => Ok(Some(value)),
-            _ => Err(self.unexpected(key, &form.limits(least, greatest))),
+            Some(value) if min <= value && value <= max => Ok(Some(value)),
+            _ => Err(self.unexpected(key, &form.limits(min, max))),
         }
     }
 
@@ -219,7 +227,7 @@ impl<'a> Node<'a> {
         }
     }
 
-    /// A text, one of `valid`.
+    /// A text from `valid`.
     ///
     /// # Errors
     /// Not there, not a text, or another one.
@@ -230,7 +238,7 @@ impl<'a> Node<'a> {
         }
     }
 
-    /// A list of texts, each one of `valid`; empty where it is not there.
+    /// A list of texts from `valid`; empty if the key is absent.
     ///
     /// # Errors
     /// Not a list, or another text in it.
@@ -259,10 +267,10 @@ impl<'a> Node<'a> {
         self.table.get(key).and_then(Item::as_str).ok_or_else(|| self.unexpected(key, "a text"))
     }
 
-    /// Fills `numbers` from the table's keys; `has` tells which of them there are.
+    /// Fills `numbers` from the table's keys; `has` selects those that exist.
     ///
     /// # Errors
-    /// As [`Node::number`]; a key in `others` is left alone, any other unknown key refused.
+    /// As [`Node::number`]; ignores keys in `others`, rejects any other unknown key.
     pub fn fill(&self, numbers: &mut dyn ParameterSet, has: impl Fn(&str) -> bool, others: &[&str]) -> Read<()> {
         let specs = numbers.specs();
         let valid: Vec<&str> =
@@ -335,106 +343,5 @@ impl<'a> Node<'a> {
     fn child(&self, table: &'a dyn TableLike, path: String, key: &str, span: Option<Range<usize>>) -> Node<'a> {
         let span = span.or_else(|| self.table.key(key).and_then(|key| key.span())).or_else(|| self.span.clone());
         Node { source: self.source, table, path, span }
-    }
-}
-
-/// `text` with every override `PATH=VALUE` put in; a path may go through lists by index (`manoeuvre.0.duration_s`).
-///
-/// # Errors
-/// An override that is not `PATH=VALUE`, or has nothing to set.
-pub fn with_overrides(name: &str, text: &str, overrides: &[String]) -> Result<String, ConfigurationError> {
-    // The text was parsed before; only an override can be at fault here.
-    let mut document: DocumentMut = match text.parse() {
-        Ok(document) => document,
-        Err(_) => return ConfigText::parse(name, text).map(|_| text.to_owned()),
-    };
-    for given in overrides {
-        let refused = |message: String| locate("--set", given, None, message);
-        // TOML would take what stands after a line break as another override, or as a table for it.
-        if given.contains(['\n', '\r']) {
-            return Err(refused(format!(
-                "expected PATH=VALUE without a line break, got {:?}; give --set once for each",
-                excerpt(given)
-            )));
-        }
-        let quoted = given.split_once('=').map(|(path, value)| format!("{path} = {:?}", value.trim()));
-        let parsed =
-            given.parse::<DocumentMut>().or_else(|error| quoted.and_then(|text| text.parse().ok()).ok_or(error));
-        match parsed {
-            Ok(parsed) if given.contains('=') && !parsed.is_empty() => {
-                merge(document.as_table_mut(), parsed.as_table(), "").map_err(refused)?;
-            }
-            _ => return Err(refused(format!("expected PATH=VALUE, got {}", excerpt(given)))),
-        }
-    }
-    Ok(document.to_string())
-}
-
-/// The text of a configuration with comments at the ends of lines: each behind the value that stands at its path, or behind the
-/// inline table that this is in. A comment that is there already stays before it.
-pub fn with_comments(text: &str, comments: &[(String, String)]) -> String {
-    let Ok(mut document) = text.parse::<DocumentMut>() else { return text.to_owned() };
-    for (path, comment) in comments {
-        let mut keys = path.split('.');
-        let mut item = keys.next().and_then(|key| document.get_mut(key));
-        while let Some(found) = item {
-            if let Item::Value(value) = found {
-                let decor = value.decor_mut();
-                let before = decor.suffix().and_then(|suffix| suffix.as_str()).unwrap_or_default().trim_end();
-                let comment = comment.replace(['\n', '\r'], " ");
-                let suffix = match before.trim_start() {
-                    "" => format!(" # {comment}"),
-                    _ if before.ends_with(&comment) => before.to_owned(),
-                    _ => format!("{before}; {comment}"),
-                };
-                decor.set_suffix(suffix);
-                break;
-            }
-            item = keys.next().and_then(|key| found.get_mut(key));
-        }
-    }
-    document.to_string()
-}
-
-fn merge(base: &mut dyn TableLike, over: &dyn TableLike, path: &str) -> Result<(), String> {
-    for (key, item) in over.iter() {
-        let path = if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") };
-        let Some(table) = item.as_table_like() else {
-            base.insert(key, item.clone());
-            continue;
-        };
-        if table.is_empty() {
-            return Err(format!("expected {path}.NAME=VALUE, got nothing to set in {path}"));
-        }
-        let Some(existing) = base.get_mut(key) else {
-            base.insert(key, item.clone());
-            continue;
-        };
-        if let Some(length) =
-            existing.as_array().map(Array::len).or(existing.as_array_of_tables().map(ArrayOfTables::len))
-        {
-            for (index, item) in table.iter() {
-                let entry = index.parse().ok().and_then(|index| entry_mut(existing, index));
-                let (Some(entry), Some(table)) = (entry, item.as_table_like()) else {
-                    return Err(format!(
-                        "expected {path}.INDEX.NAME=VALUE with an INDEX less than {length}, got {path}.{index}; a longer list is given whole, {path}=[…], or in the file"
-                    ));
-                };
-                merge(entry, table, &format!("{path}.{index}"))?;
-            }
-        } else if let Some(existing) = existing.as_table_like_mut() {
-            merge(existing, table, &path)?;
-        } else {
-            *existing = item.clone();
-        }
-    }
-    Ok(())
-}
-
-/// The table at `index` of a list.
-fn entry_mut(list: &mut Item, index: usize) -> Option<&mut dyn TableLike> {
-    match list {
-        Item::ArrayOfTables(tables) => tables.get_mut(index).map(|table| table as &mut dyn TableLike),
-        list => list.as_array_mut()?.get_mut(index)?.as_inline_table_mut().map(|table| table as &mut dyn TableLike),
     }
 }

@@ -1,23 +1,23 @@
 //! `[[fault]]` and `[[expect]]`: in a configuration, in a plan of their own, in what is injected live.
 
-use std::fmt::Write;
-
 use geu_protocol::Gyro;
 
-use super::document::{ConfigText, ConfigurationError, Node};
-use super::identifiers::{Identifiers, Known};
-use super::{Configuration, show};
+use super::Configuration;
+use super::document::{ConfigText, ConfigurationError, Node, Read};
+use super::identifiers::{FaultIds, Identifiers};
+pub use super::plan::{fault_text, plan_text};
 use crate::fault::catalogue::{CATALOGUE, FaultSpec, Scope, Transport};
 use crate::fault::expectation::{Expectation, TimeWindow};
 use crate::fault::expression::Expression;
-use crate::fault::{Fault, FaultKind, ParameterRef, shape};
-use crate::number::{DefaultValue, ParameterSpec, ValueFormat, number};
+use crate::fault::{Fault, FaultKind, ParameterRef};
+use crate::parameter_spec::{ABSENT, DefaultValue, FLAG, ParameterSpec, REAL, WHOLE, number};
+use crate::time_profile::{FAULT_PROFILES, TimeProfile};
 
-/// Most faults and most expectations of a plan, and most faults of a run that are not over.
-pub const MOST: usize = 1000;
-/// Most faults of a run, with those that came live and are over: all stand in its `run.toml`, and are looked at in every
+/// Maximum number of faults, of expectations of a plan, and of armed or active faults of a run.
+pub const MAX_FAULTS: usize = 1000;
+/// Maximum number of faults of a run, including ended injected ones: all are in its `run.toml`, and are evaluated in every
 /// sample.
-pub const MOST_EVER: usize = 10_000;
+pub const MAX_RUN_FAULTS: usize = 10_000;
 const LATEST_S: f64 = 1e10;
 
 /// Key of a list of faults.
@@ -25,66 +25,37 @@ pub(super) const FAULT: &str = "fault";
 /// Key of a list of expectations.
 pub(super) const EXPECT: &str = "expect";
 
-const AT: ParameterSpec =
-    number("at_s", ValueFormat::Real, DefaultValue::Value(0.0), 0.0, LATEST_S, "not before this on-board time");
+pub(super) const AT: ParameterSpec =
+    number("at_s", "s", REAL, DefaultValue::Value(0.0), 0.0, LATEST_S, "not before this on-board time");
 const PROBABILITY: ParameterSpec = number(
     "probability",
-    ValueFormat::Real,
+    "",
+    REAL,
     DefaultValue::Value(1.0),
     1e-9,
     1.0,
     "chance to start in a sample interval in which the rest would let it",
 );
-const BY_HAND: ParameterSpec = number(
-    "by_hand",
-    ValueFormat::Flag,
-    DefaultValue::Value(0.0),
-    0.0,
-    1.0,
-    "waits to be started by somebody at the bench",
-);
-const FOR: ParameterSpec = number(
-    "for_s",
-    ValueFormat::Real,
-    DefaultValue::Absent,
-    0.5,
-    LATEST_S,
-    "how long it acts; without end where not named",
-);
+const BY_HAND: ParameterSpec =
+    number("by_hand", "", FLAG, DefaultValue::Value(0.0), 0.0, 1.0, "waits to be started by somebody at the bench");
+const FOR: ParameterSpec =
+    number("for_s", "s", REAL, ABSENT, 0.5, LATEST_S, "how long it acts; without end where not named");
 const UNTIL: ParameterSpec = number(
     "until_s",
-    ValueFormat::Real,
-    DefaultValue::Absent,
+    "s",
+    REAL,
+    ABSENT,
     0.0,
     LATEST_S,
     "ends then at the latest, a parameter returns from then on; starts no more",
 );
-const RELEASE: ParameterSpec = number(
-    "release_s",
-    ValueFormat::Real,
-    DefaultValue::Value(0.0),
-    0.0,
-    1e6,
-    "a parameter returns over so long at the end",
-);
-const TIMES: ParameterSpec =
-    number("times", ValueFormat::Whole, DefaultValue::Value(1.0), 1.0, 1e9, "how often it may start");
-const WITHIN: ParameterSpec = number(
-    "within_s",
-    ValueFormat::Real,
-    DefaultValue::Absent,
-    0.5,
-    LATEST_S,
-    "must hold at least once within so long",
-);
-const THROUGHOUT: ParameterSpec = number(
-    "throughout_s",
-    ValueFormat::Real,
-    DefaultValue::Absent,
-    0.5,
-    LATEST_S,
-    "must hold all the time for so long",
-);
+const RELEASE: ParameterSpec =
+    number("release_s", "s", REAL, DefaultValue::Value(0.0), 0.0, 1e6, "a parameter returns over so long at the end");
+const TIMES: ParameterSpec = number("times", "", WHOLE, DefaultValue::Value(1.0), 1.0, 1e9, "how often it may start");
+pub(super) const WITHIN: ParameterSpec =
+    number("within_s", "s", REAL, ABSENT, 0.5, LATEST_S, "must hold at least once within so long");
+pub(super) const THROUGHOUT: ParameterSpec =
+    number("throughout_s", "s", REAL, ABSENT, 0.5, LATEST_S, "must hold all the time for so long");
 
 /// The numbers that every fault has.
 pub const FAULT_NUMBERS: [&ParameterSpec; 7] = [&AT, &PROBABILITY, &BY_HAND, &FOR, &UNTIL, &RELEASE, &TIMES];
@@ -96,8 +67,6 @@ pub const FAULT_TEXTS: [(&str, &str); 3] = [
 ];
 /// The numbers that an expectation has.
 pub const EXPECT_NUMBERS: [&ParameterSpec; 3] = [&AT, &WITHIN, &THROUGHOUT];
-
-type Read<T> = Result<T, ConfigurationError>;
 
 impl Configuration {
     /// Adds the faults and expectations of a plan, a text with `[[fault]]` and `[[expect]]` and nothing else.
@@ -126,7 +95,7 @@ pub fn read_fault_text(name: &str, text: &str, others: &[Fault], links: &[Transp
     // What a plan refuses is refused here too: a recording of the run is read as a plan.
     few_enough(&root, others.len() + 1, others.len())?;
     let fault = read_fault(&root, &mut Identifiers::new(FAULT, ids(others), &[]), links)?;
-    known_in(&root, &fault, &Known::new(ids(others).chain([fault.id.as_str()])))?;
+    known_in(&root, &fault, &FaultIds::new(ids(others).chain([fault.id.as_str()])))?;
     Ok(fault)
 }
 
@@ -145,14 +114,14 @@ pub fn read_plan_text(name: &str, text: &str, others: &[Fault], links: &[Transpo
     read_faults(&root, others, links, others.len())
 }
 
-/// Reads `[[fault]]`; `before` are those that are there already, `links` those that one may be on that names none. Of all of
-/// them `injected` came live, one after another; the others may wait at once.
+/// Reads `[[fault]]`; `before` are the existing faults, `links` the transports for a fault without a link. `injected` of
+/// them were injected during the run, one after another; the others may wait at once.
 pub(super) fn read_faults(root: &Node, before: &[Fault], links: &[Transport], injected: usize) -> Read<Vec<Fault>> {
     let nodes = root.tables(FAULT)?;
     few_enough(root, before.len() + nodes.len(), injected)?;
     let mut identifiers = Identifiers::new(FAULT, ids(before), &nodes);
     let faults = nodes.iter().map(|node| read_fault(node, &mut identifiers, links)).collect::<Read<Vec<Fault>>>()?;
-    let known = Known::new(ids(before).chain(ids(&faults)));
+    let known = FaultIds::new(ids(before).chain(ids(&faults)));
     nodes.iter().zip(&faults).try_for_each(|(node, fault)| known_in(node, fault, &known))?;
     Ok(faults)
 }
@@ -160,13 +129,14 @@ pub(super) fn read_faults(root: &Node, before: &[Fault], links: &[Transport], in
 /// Refuses more faults than a run may have, or than may wait at once; before they are read, which takes a while.
 fn few_enough(root: &Node, count: usize, injected: usize) -> Read<()> {
     let planned = count.saturating_sub(injected);
-    if planned > MOST {
-        return Err(root.error(FAULT, format!("expected at most {MOST} faults, got {planned}")));
+    if planned > MAX_FAULTS {
+        return Err(root.error(FAULT, format!("expected at most {MAX_FAULTS} faults, got {planned}")));
     }
-    if count <= MOST_EVER {
+    if count <= MAX_RUN_FAULTS {
         return Ok(());
     }
-    let message = format!("expected at most {MOST_EVER} faults in a run, over or not, got {count}; begin another run");
+    let message =
+        format!("expected at most {MAX_RUN_FAULTS} faults in a run, over or not, got {count}; begin another run");
     Err(root.error(FAULT, message))
 }
 
@@ -174,8 +144,8 @@ fn ids(faults: &[Fault]) -> impl Iterator<Item = &str> {
     faults.iter().map(|fault| fault.id.as_str())
 }
 
-/// Refuses conditions of a fault that ask about one that is not there.
-fn known_in(node: &Node, fault: &Fault, known: &Known) -> Read<()> {
+/// Rejects conditions of a fault that refer to an unknown one.
+fn known_in(node: &Node, fault: &Fault, known: &FaultIds) -> Read<()> {
     for (key, condition) in [("when", &fault.when), ("end_when", &fault.end_when)] {
         known.check(node, key, condition.iter().flat_map(Expression::faults))?;
     }
@@ -212,7 +182,7 @@ fn read_fault(node: &Node, identifiers: &mut Identifiers, links: &[Transport]) -
         let values = spec.numbers.iter().map(|number| node.number(number)).collect::<Read<Vec<f64>>>()?;
         let gyro = if spec.scope == Scope::Gyro { read_gyro(node, &Gyro::ALL, spec.code)? } else { None };
         let link = if spec.scope == Scope::Link { read_link(node, spec)? } else { None };
-        // One that no link can have is refused with its link.
+        // A fault that no link supports is rejected with its link.
         let links = link.as_ref().map_or(links, std::slice::from_ref);
         if let Some((number, expected)) = spec.neutral(&values, gyro).or_else(|| spec.misfit(&values, links)) {
             return Err(node.unexpected(number, &expected));
@@ -225,9 +195,7 @@ fn read_fault(node: &Node, identifiers: &mut Identifiers, links: &[Transport]) -
         }
         node.text(key)?.parse().map(Some).map_err(|expected: String| node.unexpected(key, &expected))
     };
-    let optional =
-        |number: &ParameterSpec| node.number(number).map(|value| Some(value).filter(|value| !value.is_nan()));
-    let (at_s, until_s) = (node.number(&AT)?, optional(&UNTIL)?.unwrap_or(f64::INFINITY));
+    let (at_s, until_s) = (node.number(&AT)?, node.optional(&UNTIL)?.unwrap_or(f64::INFINITY));
     if until_s <= at_s {
         return Err(node.unexpected(UNTIL.name, &format!("a time after at_s, which is {at_s},")));
     }
@@ -247,7 +215,7 @@ fn read_fault(node: &Node, identifiers: &mut Identifiers, links: &[Transport]) -
         when: condition("when")?,
         probability: node.number(&PROBABILITY)?,
         by_hand: node.number(&BY_HAND)? != 0.0,
-        for_s: optional(&FOR)?,
+        for_s: node.optional(&FOR)?,
         end_when: condition("end_when")?,
         until_s,
         release_s,
@@ -258,7 +226,7 @@ fn read_fault(node: &Node, identifiers: &mut Identifiers, links: &[Transport]) -
 
 fn read_target(node: &Node) -> Read<ParameterRef> {
     let name = node.text("parameter")?;
-    ParameterRef::named(name).ok_or_else(|| {
+    ParameterRef::from_name(name).ok_or_else(|| {
         let names: Vec<String> = ParameterRef::all().iter().map(ParameterRef::name).collect();
         let names: Vec<&str> = names.iter().map(String::as_str).collect();
         node.none_of("parameter", &names)
@@ -275,7 +243,7 @@ fn read_spec(node: &Node) -> Read<&'static FaultSpec> {
         let message = format!("{given} is an effect: expected one of its numbers as parameter, {}", numbers.join(", "));
         return Err(node.error("fault", message));
     }
-    Ok(FaultSpec::named(node.choice("fault", &codes)?).expect("one of the codes"))
+    Ok(FaultSpec::from_name(node.choice("fault", &codes)?).expect("a listed code"))
 }
 
 fn read_gyro(node: &Node, valid: &[Gyro], what: &str) -> Read<Option<Gyro>> {
@@ -286,7 +254,7 @@ fn read_gyro(node: &Node, valid: &[Gyro], what: &str) -> Read<Option<Gyro>> {
         };
     }
     let names: Vec<&str> = valid.iter().map(|gyro| gyro.name()).collect();
-    Ok(Gyro::named(node.choice("gyro", &names)?))
+    Ok(Gyro::from_name(node.choice("gyro", &names)?))
 }
 
 fn read_link(node: &Node, spec: &FaultSpec) -> Read<Option<Transport>> {
@@ -298,16 +266,16 @@ fn read_link(node: &Node, spec: &FaultSpec) -> Read<Option<Transport>> {
         }
         return Ok(None);
     }
-    let kind = Transport::named(node.choice("link", &Transport::NAMES)?).expect("one of the names");
+    let kind = Transport::from_name(node.choice("link", &Transport::NAMES)?).expect("a listed name");
     match reasons(kind) {
         None => Ok(Some(kind)),
         Some(reason) => Err(node.unexpected("link", &format!("a link that can have {}; {reason};", spec.code))),
     }
 }
 
-fn read_course(node: &Node, target: &ParameterRef) -> Read<(f64, shape::FaultProfile)> {
+fn read_course(node: &Node, target: &ParameterRef) -> Read<(f64, TimeProfile)> {
     let kinds: Vec<&str> =
-        shape::KINDS.iter().map(|kind| kind.name).filter(|name| !target.is_switch() || *name == "step").collect();
+        FAULT_PROFILES.iter().map(|kind| kind.name).filter(|name| !target.is_switch() || *name == "step").collect();
     let course = node.table("course")?.ok_or_else(|| {
         node.error(
             "parameter",
@@ -317,29 +285,29 @@ fn read_course(node: &Node, target: &ParameterRef) -> Read<(f64, shape::FaultPro
             ),
         )
     })?;
-    let kind = shape::KINDS.iter().find(|kind| kinds.contains(&kind.name) && course.keys().contains(&kind.name));
+    let kind = FAULT_PROFILES.iter().find(|kind| kinds.contains(&kind.name) && course.keys().contains(&kind.name));
     let Some(kind) = kind else {
         return Err(node.unexpected("course", &format!("a course with one of {}", kinds.join(", "))));
     };
-    let numbers: Vec<&str> = kind.numbers.iter().map(|number| number.name).collect();
+    let numbers: Vec<&str> = kind.shapes.iter().map(|number| number.name).collect();
     course.only(&[&[kind.name][..], &numbers].concat())?;
-    let (least, greatest) = target.limits();
-    let size = course.value(kind.name, target.number().form, least, greatest)?.expect("the key is there");
+    let (min, max) = target.limits();
+    let size = course.value(kind.name, target.number().form, min, max)?.expect("a key of the table");
     if size == 0.0 && !target.is_switch() {
         return Err(course.unexpected(kind.name, "a number other than 0, with which nothing changes,"));
     }
-    let numbers = kind.numbers.iter().map(|number| course.number(number)).collect::<Read<Vec<f64>>>()?;
-    Ok((size, kind.law(&numbers)))
+    let numbers = kind.shapes.iter().map(|number| course.number(number)).collect::<Read<Vec<f64>>>()?;
+    Ok((size, kind.with(&numbers)))
 }
 
 /// Reads `[[expect]]` of a run with these faults.
 pub(super) fn read_expectations(root: &Node, before: &[Expectation], faults: &[Fault]) -> Read<Vec<Expectation>> {
     let nodes = root.tables(EXPECT)?;
     let count = before.len() + nodes.len();
-    if count > MOST {
-        return Err(root.error(EXPECT, format!("expected at most {MOST} expectations, got {count}")));
+    if count > MAX_FAULTS {
+        return Err(root.error(EXPECT, format!("expected at most {MAX_FAULTS} expectations, got {count}")));
     }
-    let known = Known::new(ids(faults));
+    let known = FaultIds::new(ids(faults));
     let mut identifiers = Identifiers::new(EXPECT, before.iter().map(|expectation| expectation.id.as_str()), &nodes);
     let mut read = Vec::new();
     for node in &nodes {
@@ -365,77 +333,4 @@ pub(super) fn read_expectations(root: &Node, before: &[Expectation], faults: &[F
         read.push(Expectation { id, after: after.map(str::to_owned), at_s, condition, window });
     }
     Ok(read)
-}
-
-/// One fault as TOML, its keys alone.
-pub fn fault_text(fault: &Fault) -> String {
-    let mut text = String::new();
-    let mut put = |key: &str, value: String| writeln!(text, "{key} = {value}").expect("a string takes everything");
-    put("id", format!("{:?}", fault.id));
-    match &fault.action {
-        FaultKind::Parameter { target, size, course } => {
-            put("parameter", format!("{:?}", target.name()));
-            let (kind, numbers) = shape::FaultProfileSpec::of(course);
-            let written = kind.numbers.iter().zip(&numbers).filter(|(_, value)| !value.is_nan());
-            let written: Vec<String> = std::iter::once(format!("{} = {}", kind.name, target.number().written(*size)))
-                .chain(written.map(|(number, value)| format!("{} = {}", number.name, number.written(*value))))
-                .collect();
-            put("course", format!("{{ {} }}", written.join(", ")));
-        }
-        FaultKind::Named { spec, values } => {
-            put("fault", format!("{:?}", spec.code));
-            spec.numbers.iter().zip(values).for_each(|(number, value)| put(number.name, number.written(*value)));
-        }
-    }
-    if let Some(gyro) = fault.gyro {
-        put("gyro", format!("{:?}", gyro.name()));
-    }
-    if let Some(link) = fault.link {
-        put("link", format!("{:?}", link.name()));
-    }
-    for (key, condition) in [("when", &fault.when), ("end_when", &fault.end_when)] {
-        if let Some(condition) = condition {
-            put(key, show::quoted(&condition.to_string()));
-        }
-    }
-    let values = [
-        fault.at_s,
-        fault.probability,
-        f64::from(u8::from(fault.by_hand)),
-        fault.for_s.unwrap_or(f64::NAN),
-        if fault.until_s.is_finite() { fault.until_s } else { f64::NAN },
-        fault.release_s,
-        fault.times as f64,
-    ];
-    for (number, value) in FAULT_NUMBERS.into_iter().zip(values) {
-        let is_default = number.default.initial() == value || value.is_nan();
-        if !is_default || number.name == AT.name && fault.when.is_none() {
-            put(number.name, number.written(value));
-        }
-    }
-    if let Some(seed) = fault.seed {
-        put("seed", seed.to_string());
-    }
-    text
-}
-
-/// Faults and expectations as a plan.
-pub fn plan_text(faults: &[Fault], expectations: &[Expectation]) -> String {
-    let mut text = String::new();
-    for fault in faults {
-        text += &format!("\n[[{FAULT}]]\n{}", fault_text(fault));
-    }
-    for Expectation { id, after, at_s, condition, window } in expectations {
-        text += &format!("\n[[{EXPECT}]]\nid = {id:?}\n");
-        if let Some(after) = after {
-            text += &format!("after = {after:?}\n");
-        }
-        let (number, length_s) = match window {
-            TimeWindow::Within(length_s) => (WITHIN, length_s),
-            TimeWindow::Throughout(length_s) => (THROUGHOUT, length_s),
-        };
-        let condition = show::quoted(&condition.to_string());
-        text += &format!("{} = {at_s:?}\ncondition = {condition}\n{} = {length_s:?}\n", AT.name, number.name);
-    }
-    text
 }

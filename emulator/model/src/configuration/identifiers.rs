@@ -8,21 +8,21 @@ use geu_protocol::suggestion::{did_you_mean, listed};
 
 use super::document::{ConfigurationError, Node};
 
-const MOST_ID: usize = 64;
+const MAX_LENGTH: usize = 64;
 
-/// What gives each table of a list its identifier.
+/// Assigns identifiers to the tables of a list.
 pub(super) struct Identifiers<'a> {
     prefix: &'static str,
-    /// Of those that are there, and of those read so far.
+    /// Existing identifiers and those read so far.
     taken: HashSet<String>,
-    /// What tables of the list give themselves: none of these is made up.
+    /// Identifiers in tables of the list: none of these is generated.
     named: HashSet<&'a str>,
-    /// The number made up last. What is taken stays so: the search goes on from here.
+    /// The last generated number: the search continues from here.
     last: usize,
 }
 
 impl<'a> Identifiers<'a> {
-    /// Those of `nodes`, made up of `prefix` where need be, beside those that are `taken`.
+    /// Identifiers of `nodes`, generated with `prefix` if absent, that differ from those `taken`.
     pub fn new<'b>(prefix: &'static str, taken: impl Iterator<Item = &'b str>, nodes: &[Node<'a>]) -> Identifiers<'a> {
         let has_own = nodes.iter().filter(|node| node.keys().contains(&"id"));
         let named = has_own.filter_map(|node| node.text("id").ok()).collect();
@@ -32,7 +32,7 @@ impl<'a> Identifiers<'a> {
     /// The identifier of this table, which none after it gets.
     ///
     /// # Errors
-    /// One that is not plain, or taken.
+    /// An invalid or taken identifier.
     pub fn read(&mut self, node: &Node) -> Result<String, ConfigurationError> {
         let id = if node.keys().contains(&"id") { self.given(node)? } else { self.made_up() };
         self.taken.insert(id.clone());
@@ -54,8 +54,8 @@ impl<'a> Identifiers<'a> {
         let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
         // `all` means every fault where one is cleared, and dots alone mean directories in an address.
         let is_taken_otherwise = id == "all" || id.chars().all(|c| c == '.');
-        if id.is_empty() || id.len() > MOST_ID || !id.chars().all(is_plain) || is_taken_otherwise {
-            let expected = format!("1 to {MOST_ID} letters, digits, `-`, `_` or `.`, not `all` and not dots alone,");
+        if id.is_empty() || id.len() > MAX_LENGTH || !id.chars().all(is_plain) || is_taken_otherwise {
+            let expected = format!("1 to {MAX_LENGTH} letters, digits, `-`, `_` or `.`, not `all` and not dots alone,");
             return Err(node.unexpected("id", &expected));
         }
         if self.taken.contains(id) {
@@ -66,22 +66,22 @@ impl<'a> Identifiers<'a> {
 }
 
 /// The faults that a condition may ask about.
-pub(super) struct Known<'a> {
+pub(super) struct FaultIds<'a> {
     /// In their order, as messages list them.
     listed: Vec<&'a str>,
     ids: HashSet<&'a str>,
 }
 
-impl<'a> Known<'a> {
-    pub fn new(ids: impl Iterator<Item = &'a str>) -> Known<'a> {
+impl<'a> FaultIds<'a> {
+    pub fn new(ids: impl Iterator<Item = &'a str>) -> FaultIds<'a> {
         let listed: Vec<&str> = ids.collect();
-        Known { ids: listed.iter().copied().collect(), listed }
+        FaultIds { ids: listed.iter().copied().collect(), listed }
     }
 
     /// Refuses to ask about a fault that is not there.
     ///
     /// # Errors
-    /// The first such one that is asked about at `key`.
+    /// The first unknown fault at `key`.
     pub fn check<'b>(
         &self,
         node: &Node,

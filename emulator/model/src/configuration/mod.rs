@@ -1,35 +1,37 @@
-//! The configuration of a run, read from TOML (cli.md): strict, complete, and describing itself.
+//! The configuration of a run, read from TOML: strict, complete, and describing itself.
 //!
 //! What a file does not name has its neutral value: scale factor 1, no drift, no effect, electronics at 20 °C, a hold at
 //! θ = 90°. The reference unit on its default scenario is `configs/reference.toml`, which is built in.
 
 mod document;
+mod edit;
+mod effects;
 pub mod fault;
 mod identifiers;
+mod plan;
+mod run;
+mod scenario;
 mod schema;
-mod show;
+mod tree;
 
 use std::collections::HashSet;
 
 pub use document::{ConfigText, ConfigurationError, Node};
-use geu_protocol::hex::read_hex;
-use geu_protocol::{CanIdMap, Gyro};
+pub use run::{EndedEarly, LinkLogFormat, RecordedCommand, RunRecord};
+use tree::{PSI, THETA};
 
-use crate::attitude::{AttitudeProfile, LimitCycle, Manoeuvre, Scenario, TruthNumbers};
-use crate::course::{KINDS, TimeCourse, TimeFunctionSpec};
-use crate::effect::discovered::{self, Formula, Term};
+use crate::attitude::{LimitCycle, Scenario, TruthNumbers};
+use crate::effect::discovered::{self, Term};
 use crate::effect::{
-    CALIBRATION_COLUMN, DISCOVERED_COLUMN, EffectConfiguration, EffectSpec, Effects, FAULT_COLUMN, GyroEffects,
-    HEAD_COLUMNS, POWER_COLUMN, SATURATION_COLUMN, SELF_TEST_COLUMN, UNIT_COLUMNS, UnitEffects, WIRING_COLUMNS,
-    WiringEffects,
+    CALIBRATION_COLUMN, DISCOVERED_COLUMN, EffectConfiguration, FAULT_COLUMN, GyroEffects, HEAD_COLUMNS, POWER_COLUMN,
+    SATURATION_COLUMN, SELF_TEST_COLUMN, UNIT_COLUMNS, UnitEffects, WIRING_COLUMNS, WiringEffects,
 };
-use crate::fault::catalogue::{FaultAction, Transport};
+use crate::fault::catalogue::FaultAction;
 use crate::fault::expectation::Expectation;
 use crate::fault::{EffectList, Fault};
-use crate::number::{DefaultValue, ParameterSpec, ValueFormat, number};
-use crate::package::{Axes, Calibration};
+use crate::package::Calibration;
 use crate::sensor::SensorNumbers;
-use crate::temperature::{Electronics, ElectronicsCourse};
+use crate::temperature::ElectronicsCourse;
 
 /// The reference unit on its default scenario.
 const REFERENCE: &str = include_str!("../../../../configs/reference.toml");
@@ -39,90 +41,9 @@ const REFERENCE: &str = include_str!("../../../../configs/reference.toml");
 pub struct GyroConfiguration {
     pub calibration: Calibration,
     pub effects: EffectConfiguration<GyroEffects>,
-    /// The effect whose terms are data.
+    /// Terms of the discovered effect.
     pub discovered: Vec<Term>,
     pub wiring: EffectConfiguration<WiringEffects>,
-}
-
-/// A command of a recorded run.
-#[derive(Debug, Clone, PartialEq)]
-pub struct RecordedCommand {
-    /// Index, from 0, of the sample in which it acted.
-    pub sample: u64,
-    pub link: String,
-    pub payload: Vec<u8>,
-}
-
-/// Which form of the link a recording has.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum LinkLogFormat {
-    /// `link.log`, as `candump -l` writes.
-    #[default]
-    Can,
-    Serial,
-}
-
-impl LinkLogFormat {
-    /// Names in configuration and command line, in order.
-    pub const NAMES: [&str; 2] = ["can", "serial"];
-
-    pub fn named(name: &str) -> Option<LinkLogFormat> {
-        [LinkLogFormat::Can, LinkLogFormat::Serial]
-            .into_iter()
-            .zip(LinkLogFormat::NAMES)
-            .find(|(_, own)| *own == name)
-            .map(|(form, _)| form)
-    }
-
-    pub fn name(self) -> &'static str {
-        LinkLogFormat::NAMES[self as usize]
-    }
-}
-
-/// Where a recording ended before its run, and why.
-#[derive(Debug, Clone, PartialEq)]
-pub struct EndedEarly {
-    pub sample: u64,
-    pub reason: String,
-}
-
-/// What a recorded run had beside its configuration, so that it can be made again.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct RunRecord {
-    /// How long it ran; 0 where it is not said.
-    pub duration_s: f64,
-    pub wire: Option<LinkLogFormat>,
-    /// Kinds of the links that were open: whom a fault was on.
-    pub links: Vec<Transport>,
-    /// Rate of the serial port that was open, where it was not the default: a fault can be of another.
-    pub serial_baud: Option<u32>,
-    /// Base identifier of CAN, where it was not the default.
-    pub can_base: Option<u16>,
-    /// The recording has no end yet: duration and commands stand in the files beside it.
-    pub is_unfinished: bool,
-    /// The recording ended before the run.
-    pub ended_early: Option<EndedEarly>,
-    /// The truth, a file or a simulator's address, as it was given; without one the scenario is flown.
-    pub truth: Option<String>,
-    /// Faults that were injected while it ran: its truth has one column for what effects add that are there by these
-    /// alone.
-    pub injected: Vec<String>,
-    pub commands: Vec<RecordedCommand>,
-}
-
-impl RunRecord {
-    /// Kinds of the links that a fault may be on which names none: those that were open, and the recorded one; any where
-    /// that is not known.
-    fn told_links(&self) -> Vec<Transport> {
-        let recorded = match self.wire {
-            Some(LinkLogFormat::Serial) => Transport::Pty,
-            Some(LinkLogFormat::Can) | None => Transport::Can,
-        };
-        match &self.links[..] {
-            [] => Transport::ALL.to_vec(),
-            links => [links, &[recorded]].concat(),
-        }
-    }
 }
 
 /// A configuration that can be run: every number within its limits, the scenario possible.
@@ -137,69 +58,12 @@ pub struct Configuration {
     pub gyros: [GyroConfiguration; 4],
     pub sensors: SensorNumbers,
     pub scenario: Scenario,
-    /// How a truth from a simulator is followed in its place.
+    /// Parameters of an external truth, which replaces the scenario.
     pub truth: TruthNumbers,
     pub faults: Vec<Fault>,
-    /// What must be done about it.
     pub expectations: Vec<Expectation>,
     pub run: RunRecord,
 }
-
-const START: ParameterSpec = number(
-    "start_unix_s",
-    ValueFormat::Real,
-    DefaultValue::Value(0.0),
-    0.0,
-    4e9,
-    "time at the start of the first sample interval, Unix time",
-);
-const THETA: ParameterSpec =
-    number("theta_deg", ValueFormat::Real, DefaultValue::Value(90.0), 60.0, 120.0, "solar aspect angle at the start");
-const PSI: ParameterSpec = number(
-    "psi_deg",
-    ValueFormat::Real,
-    DefaultValue::Value(0.0),
-    -360.0,
-    360.0,
-    "angle about the sun vector at the start",
-);
-const DURATION: ParameterSpec =
-    number("duration_s", ValueFormat::Real, DefaultValue::Value(0.0), 0.0, 1e10, "how long it ran");
-const SERIAL_BAUD: ParameterSpec = number(
-    "serial_baud",
-    ValueFormat::Whole,
-    DefaultValue::Absent,
-    1.0,
-    1e8,
-    "rate of the serial port that was open; the default one where not named",
-);
-const CAN_BASE: ParameterSpec = number(
-    "can_base",
-    ValueFormat::Whole,
-    DefaultValue::Absent,
-    0.0,
-    CanIdMap::MAX_BASE as f64,
-    "base identifier of CAN; the default one where not named",
-);
-const UNFINISHED: &str = "unfinished";
-const ENDED_EARLY: &str = "ended_early";
-
-/// Table of [`TruthNumbers`].
-const TRUTH: &str = "truth";
-const TOP: [&str; 12] = [
-    "seed",
-    "start_unix_s",
-    "unit",
-    "temperature",
-    "gyro",
-    "sensors",
-    "scenario",
-    "manoeuvre",
-    TRUTH,
-    fault::FAULT,
-    fault::EXPECT,
-    "run",
-];
 
 impl Configuration {
     /// Reads a configuration; `name` is what errors call it. Each override is `PATH=VALUE`.
@@ -212,7 +76,7 @@ impl Configuration {
         if overrides.is_empty() {
             return Ok(configuration);
         }
-        let text = document::with_overrides(name, text, overrides)?;
+        let text = edit::with_overrides(name, text, overrides)?;
         Configuration::read(&ConfigText::parse(&format!("{name} with --set"), &text)?.root())
     }
 
@@ -221,15 +85,15 @@ impl Configuration {
     /// # Errors
     /// Text that is not TOML, a value that cannot be put in.
     pub fn edited(name: &str, text: &str, values: &[String]) -> Result<String, ConfigurationError> {
-        document::with_overrides(name, text, values)
+        edit::with_overrides(name, text, values)
     }
 
     /// The text of a configuration with comments put behind values, each a path and the comment.
     pub fn commented(text: &str, comments: &[(String, String)]) -> String {
-        document::with_comments(text, comments)
+        edit::with_comments(text, comments)
     }
 
-    /// The reference unit on its default scenario (model.md).
+    /// The reference unit on its default scenario.
     pub fn reference() -> Configuration {
         Configuration::reference_with(&[]).expect("the built-in configuration is valid")
     }
@@ -247,7 +111,7 @@ impl Configuration {
         REFERENCE
     }
 
-    /// The same unit without the effects that draw random numbers.
+    /// Removes the effects that draw random numbers.
     pub fn without_noise(&self) -> Configuration {
         let mut configuration = self.clone();
         configuration.unit = configuration.unit.without_noise();
@@ -284,40 +148,52 @@ impl Configuration {
         columns
     }
 
-    fn read(root: &Node) -> Result<Configuration, ConfigurationError> {
-        root.only(&TOP)?;
-        let unit = match root.table("unit")? {
-            Some(node) => {
-                known_effects(&node, &[], &[UnitEffects::SPECS])?;
-                read_effects(&node, |_| true)?
-            }
-            None => EffectConfiguration::default(),
-        };
-        let mut gyros: [GyroConfiguration; 4] = Default::default();
-        if let Some(node) = root.table("gyro")? {
-            node.only(&Gyro::ALL.map(Gyro::name))?;
-            for gyro in Gyro::ALL {
-                if let Some(node) = node.table(gyro.name())? {
-                    gyros[gyro as usize] = read_gyro(&node, Axes::of(gyro))?;
-                }
-            }
+    /// The configuration as TOML that reads back the same. `complete` adds what is absent as comments: every effect with
+    /// its default, limits and source, and every kind of manoeuvre.
+    pub fn to_toml(&self, complete: bool) -> String {
+        let mut text = String::new();
+        tree::show(&self.clone().tree(), "", complete, &mut text);
+        text
+    }
+
+    /// The JSON schema (2020-12).
+    pub fn schema() -> serde_json::Value {
+        let mut schema = tree::schema(&Configuration::neutral().tree());
+        schema["$schema"] = "https://json-schema.org/draft/2020-12/schema".into();
+        schema["title"] = "GEU configuration".into();
+        schema
+    }
+
+    /// The configuration of an empty file.
+    fn neutral() -> Configuration {
+        Configuration {
+            seed: 1,
+            start_unix_ns: 0,
+            unit: EffectConfiguration::default(),
+            electronics: ElectronicsCourse::default(),
+            gyros: Default::default(),
+            sensors: SensorNumbers::default(),
+            scenario: Scenario {
+                theta_deg: THETA.default.initial(),
+                psi_deg: PSI.default.initial(),
+                limit_cycle: LimitCycle::default(),
+                manoeuvres: Vec::new(),
+            },
+            truth: TruthNumbers::default(),
+            faults: Vec::new(),
+            expectations: Vec::new(),
+            run: RunRecord::default(),
         }
-        let start_unix_s = root.number(&START)?;
-        let run = read_run(root)?;
-        let faults = fault::read_faults(root, &[], &run.told_links(), run.injected.len())?;
-        Ok(Configuration {
-            seed: root.whole_number("seed")?.unwrap_or(1),
-            start_unix_ns: unix_ns(start_unix_s),
-            unit,
-            electronics: read_electronics(root)?,
-            gyros,
-            sensors: read_sensors(root)?,
-            scenario: read_scenario(root)?,
-            truth: read_truth(root)?,
-            expectations: fault::read_expectations(root, &[], &faults)?,
-            faults,
-            run,
-        })
+    }
+
+    fn read(root: &Node) -> Result<Configuration, ConfigurationError> {
+        let mut configuration = Configuration::neutral();
+        tree::read(&mut configuration.tree(), root)?;
+        scenario::verify(root, &configuration.scenario)?;
+        let run = &configuration.run;
+        configuration.faults = fault::read_faults(root, &[], &run.fault_links(), run.injected.len())?;
+        configuration.expectations = fault::read_expectations(root, &[], &configuration.faults)?;
+        Ok(configuration)
     }
 }
 
@@ -337,227 +213,4 @@ fn fault_column(fault: &Fault) -> Option<usize> {
 /// Unix time in whole microseconds, the grain of a capture's time stamps, as ns.
 pub fn unix_ns(unix_s: f64) -> i64 {
     (unix_s * 1e6).round() as i64 * 1000
-}
-
-fn read_gyro(node: &Node, axes: &Axes) -> Result<GyroConfiguration, ConfigurationError> {
-    let has = |name: &str| axes.has_number(name);
-    let mut calibration = Calibration::default();
-    if let Some(node) = node.table("calibration")? {
-        node.fill(&mut calibration, has, &[])?;
-    }
-    known_effects(node, &["calibration", discovered::CODE], &[GyroEffects::SPECS, WiringEffects::SPECS])?;
-    Ok(GyroConfiguration {
-        calibration,
-        effects: read_effects(node, has)?,
-        discovered: read_discovered(node)?,
-        wiring: read_effects(node, has)?,
-    })
-}
-
-fn read_discovered(node: &Node) -> Result<Vec<Term>, ConfigurationError> {
-    let terms = node.tables(discovered::CODE)?;
-    if terms.len() > discovered::MOST_TERMS {
-        let (path, most) = (node.path_of(discovered::CODE), discovered::MOST_TERMS);
-        return Err(
-            node.error(discovered::CODE, format!("expected at most {most} terms in `{path}`, got {}", terms.len()))
-        );
-    }
-    let read = |node: &Node| {
-        node.only(&["formula", discovered::COEFFICIENT.name])?;
-        let formula: Result<Formula, _> = node.text("formula")?.parse();
-        Ok(Term {
-            formula: formula.map_err(|error| node.unexpected("formula", &error.expected))?,
-            coefficient: node.number(&discovered::COEFFICIENT)?,
-        })
-    };
-    terms.iter().map(read).collect()
-}
-
-/// The effect that a key names, and the kind of its course where it has a suffix.
-fn named_effect(key: &str, specs: &[EffectSpec]) -> Option<(usize, Option<&'static TimeFunctionSpec>)> {
-    let index = |code: &str| specs.iter().position(|spec| spec.code == code);
-    index(key)
-        .map(|effect| (effect, None))
-        .or_else(|| KINDS.iter().find_map(|kind| Some((index(key.strip_suffix(kind.suffix)?)?, Some(kind)))))
-}
-
-/// Refuses keys that are neither `others` nor effects of the lists.
-fn known_effects(node: &Node, others: &[&str], lists: &[&[EffectSpec]]) -> Result<(), ConfigurationError> {
-    let unknown = node
-        .keys()
-        .into_iter()
-        .find(|key| !others.contains(key) && lists.iter().all(|specs| named_effect(key, specs).is_none()));
-    let Some(key) = unknown else { return Ok(()) };
-    let codes = lists.iter().flat_map(|specs| specs.iter().map(|spec| spec.code));
-    let valid: Vec<&str> = others.iter().copied().chain(codes).collect();
-    let suffixes: Vec<&str> = KINDS.iter().map(|kind| kind.suffix).collect();
-    let mut error = node.unknown(key, &valid);
-    error.message += &format!("; an effect may have {} behind it", suffixes.join(", "));
-    Err(error)
-}
-
-/// Reads the effects of a list: `code = { … }`, and `code-suffix = { … }` for courses.
-fn read_effects<E: Effects>(
-    node: &Node,
-    has: impl Fn(&str) -> bool,
-) -> Result<EffectConfiguration<E>, ConfigurationError> {
-    let mut configured = EffectConfiguration::<E>::default();
-    let specs = configured.constant.specs();
-    for key in node.keys() {
-        let Some((effect, kind)) = named_effect(key, specs) else { continue };
-        let table = node.table(key)?.expect("the key is there");
-        let Some(kind) = kind else {
-            table.fill(configured.constant.numbers_mut(effect), &has, &[])?;
-            continue;
-        };
-        let (spec, numbers) = (&specs[effect], configured.constant.numbers(effect).specs());
-        let sizes: Vec<_> = (0..spec.amplitudes.len())
-            .filter(|&amplitude| has(numbers[amplitude].name))
-            .filter_map(|amplitude| Some((amplitude, kind.size(spec, numbers, amplitude)?)))
-            .collect();
-        let valid: Vec<&str> = sizes
-            .iter()
-            .map(|(_, size)| size.name.as_str())
-            .chain(kind.shapes.iter().map(|shape| shape.name))
-            .collect();
-        table.only(&valid)?;
-        let shapes = kind.shapes.iter().map(|shape| table.number(shape)).collect::<Result<Vec<f64>, _>>()?;
-        for (amplitude, size) in &sizes {
-            let value = table.value(&size.name, size.form, size.least, size.greatest)?.unwrap_or(0.0);
-            if value != 0.0 {
-                configured.courses.push(TimeCourse {
-                    effect,
-                    amplitude: *amplitude,
-                    size: value,
-                    law: kind.law(&shapes),
-                });
-            }
-        }
-    }
-    let largest = configured.largest();
-    for key in node.keys() {
-        let Some((effect, None)) = named_effect(key, specs) else { continue };
-        if let Some((number, expected)) = largest.consistency_error(effect) {
-            return Err(node.table(key)?.expect("the key is there").unexpected(number, &expected));
-        }
-    }
-    Ok(configured)
-}
-
-fn read_electronics(root: &Node) -> Result<ElectronicsCourse, ConfigurationError> {
-    let mut course = ElectronicsCourse::default();
-    let Some(node) = root.table("temperature")? else { return Ok(course) };
-    node.only(&["electronics", "electronics_table"])?;
-    if let Some(node) = node.table("electronics")? {
-        node.fill(&mut course.numbers, |_| true, &[])?;
-    }
-    course.table = node.pairs("electronics_table")?;
-    let ParameterSpec { least, greatest, .. } = Electronics::NUMBERS[0];
-    if let Some((_, celsius)) = course.table.iter().find(|(_, celsius)| !(least..=greatest).contains(celsius)) {
-        let expected = ValueFormat::Real.limits(least, greatest);
-        return Err(
-            node.error("electronics_table", format!("expected {expected} °C for each temperature, got {celsius}"))
-        );
-    }
-    if !course.table.is_sorted_by(|a, b| a.0 < b.0) {
-        return Err(
-            node.error("electronics_table", "expected the table's times to rise from point to point".to_owned())
-        );
-    }
-    Ok(course)
-}
-
-fn read_sensors(root: &Node) -> Result<SensorNumbers, ConfigurationError> {
-    let mut sensors = SensorNumbers::default();
-    let Some(node) = root.table("sensors")? else { return Ok(sensors) };
-    node.only(&SensorNumbers::KEYS.map(|(key, _)| key))?;
-    for (index, (key, _)) in SensorNumbers::KEYS.into_iter().enumerate() {
-        if let Some(node) = node.table(key)? {
-            node.fill(sensors.numbers_mut(index), |_| true, &[])?;
-        }
-    }
-    Ok(sensors)
-}
-
-fn read_scenario(root: &Node) -> Result<Scenario, ConfigurationError> {
-    let mut scenario = Scenario {
-        theta_deg: THETA.default.initial(),
-        psi_deg: PSI.default.initial(),
-        limit_cycle: LimitCycle::default(),
-        manoeuvres: Vec::new(),
-    };
-    if let Some(node) = root.table("scenario")? {
-        node.only(&[THETA.name, PSI.name, "limit_cycle"])?;
-        scenario.theta_deg = node.number(&THETA)?;
-        scenario.psi_deg = node.number(&PSI)?;
-        if let Some(node) = node.table("limit_cycle")? {
-            node.fill(&mut scenario.limit_cycle, |_| true, &[])?;
-        }
-    }
-    let nodes = root.tables("manoeuvre")?;
-    for node in &nodes {
-        let kinds: Vec<&str> = Manoeuvre::KINDS.iter().map(|kind| kind.0).collect();
-        let mut manoeuvre = Manoeuvre::of_kind(node.choice("kind", &kinds)?).expect("one of the kinds");
-        node.fill(manoeuvre.numbers_mut(), |_| true, &["kind"])?;
-        scenario.manoeuvres.push(manoeuvre);
-    }
-    AttitudeProfile::new(&scenario).map_err(|impossible| {
-        let message = format!("impossible manoeuvre {}: {}", impossible.index + 1, impossible.reason);
-        nodes[impossible.index].error(impossible.field, message)
-    })?;
-    Ok(scenario)
-}
-
-fn read_truth(root: &Node) -> Result<TruthNumbers, ConfigurationError> {
-    let mut truth = TruthNumbers::default();
-    if let Some(node) = root.table(TRUTH)? {
-        node.fill(&mut truth, |_| true, &[])?;
-    }
-    Ok(truth)
-}
-
-fn read_run(root: &Node) -> Result<RunRecord, ConfigurationError> {
-    let mut run = RunRecord::default();
-    let Some(node) = root.table("run")? else { return Ok(run) };
-    node.only(&[
-        DURATION.name,
-        UNFINISHED,
-        ENDED_EARLY,
-        "wire",
-        "links",
-        SERIAL_BAUD.name,
-        CAN_BASE.name,
-        "truth",
-        "injected",
-        "command",
-    ])?;
-    run.duration_s = node.number(&DURATION)?;
-    if node.keys().contains(&"wire") {
-        run.wire = LinkLogFormat::named(node.choice("wire", &LinkLogFormat::NAMES)?);
-    }
-    run.links = node.choices("links", &Transport::NAMES)?.into_iter().filter_map(Transport::named).collect();
-    run.serial_baud = Some(node.number(&SERIAL_BAUD)?).filter(|baud| !baud.is_nan()).map(|baud| baud as u32);
-    run.can_base = Some(node.number(&CAN_BASE)?).filter(|base| !base.is_nan()).map(|base| base as u16);
-    run.is_unfinished = node.value(UNFINISHED, ValueFormat::Flag, 0.0, 1.0)?.is_some_and(|flag| flag != 0.0);
-    if let Some(node) = node.table(ENDED_EARLY)? {
-        node.only(&["half_second", "reason"])?;
-        run.ended_early = Some(EndedEarly { sample: read_sample(&node)?, reason: node.text("reason")?.to_owned() });
-    }
-    if node.keys().contains(&"truth") {
-        run.truth = Some(node.text("truth")?.to_owned());
-    }
-    run.injected = node.texts("injected")?.into_iter().map(str::to_owned).collect();
-    for node in node.tables("command")? {
-        node.only(&["half_second", "link", "bytes"])?;
-        let sample = read_sample(&node)?;
-        let payload = read_hex(node.text("bytes")?)
-            .ok_or_else(|| node.error("bytes", "expected pairs of hexadecimal digits for `bytes`".to_owned()))?;
-        run.commands.push(RecordedCommand { sample, link: node.text("link")?.to_owned(), payload });
-    }
-    Ok(run)
-}
-
-fn read_sample(node: &Node) -> Result<u64, ConfigurationError> {
-    node.whole_number("half_second")?
-        .ok_or_else(|| node.error("half_second", "expected `half_second`, got none".to_owned()))
 }

@@ -4,13 +4,13 @@ use geu_protocol::Gyro;
 
 use super::{Amplitude, Effect, EffectInputs, EffectSpec, GyroEffect, GyroSubStep};
 use crate::noise::NoiseStream;
-use crate::number::numbers;
+use crate::parameter_spec::numbers;
 
 numbers! {
     /// Random walk of the angle.
     pub struct AngleRandomWalk {
         /// Growth of the angle's deviation with the root of time.
-        arcsec_per_sqrt_s: 0.0, 0.0..=100.0;
+        arcsec_per_sqrt_s: 0.0, 0.0..=100.0, "arcsec/√s";
     }
 }
 

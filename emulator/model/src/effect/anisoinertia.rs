@@ -3,14 +3,14 @@
 use geu_protocol::Gyro;
 
 use super::{Amplitude, Effect, EffectInputs, EffectSpec, GyroEffect, GyroSubStep};
-use crate::number::numbers;
+use crate::parameter_spec::numbers;
 use crate::units::ARCSEC_PER_RAD;
 
 numbers! {
     /// Sensed rate in proportion to the product of input and spin rates.
     pub struct Anisoinertia {
         /// Sensed rate + seconds · ω_in (arcsec/s) · ω_spin (rad/s).
-        seconds: 0.0, -1.0..=1.0;
+        seconds: 0.0, -1.0..=1.0, "s";
     }
 }
 

@@ -3,13 +3,13 @@
 use geu_protocol::Gyro;
 
 use super::{Amplitude, Effect, EffectSpec, WiringEffect};
-use crate::number::{named_gyro, numbers};
+use crate::parameter_spec::{named_gyro, numbers};
 
 numbers! {
     /// The counts of two gyros stand in each other's place.
     pub struct AxisSwap {
         /// The other gyro. Named at one of the two: at both, they are exchanged twice.
-        with: 0.0, 0.0..=4.0, Gyro;
+        with: 0.0, 0.0..=4.0, "", Gyro;
     }
 }
 

@@ -5,14 +5,14 @@
 //! are applied in the closing line, [`super::Head::counts`].
 
 use super::{Amplitude, Effect, EffectSpec, SampleTiming, UnitEffect};
-use crate::number::numbers;
+use crate::parameter_spec::numbers;
 use crate::units::PPM;
 
 numbers! {
     /// Clock frequency.
     pub struct ClockFrequency {
         /// The clock is fast by this.
-        ppm: 0.0, -1000.0..=1000.0;
+        ppm: 0.0, -1000.0..=1000.0, "ppm";
     }
 }
 

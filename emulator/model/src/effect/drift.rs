@@ -1,15 +1,15 @@
-//! Bias drift: a torque on the float that is there without rotation (Casteren §3.1, table 1).
+//! Bias drift: a torque on the float without rotation (Casteren §3.1, table 1).
 
 use geu_protocol::Gyro;
 
 use super::{Amplitude, Effect, EffectInputs, EffectSpec, GyroEffect, GyroSubStep};
-use crate::number::numbers;
+use crate::parameter_spec::numbers;
 
 numbers! {
     /// A departure of D from the calibration.
     pub struct Drift {
         /// Added to D, so counts fall.
-        arcsec_per_h: 0.0, -36000.0..=36000.0;
+        arcsec_per_h: 0.0, -36000.0..=36000.0, "arcsec/h";
     }
 }
 

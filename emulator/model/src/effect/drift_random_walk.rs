@@ -11,21 +11,21 @@
 //! ```
 //!
 //! so that the change of the rate enters the integral times τ tanh(x/2), and z₂ with the root of σ²τ³(x − 2 tanh(x/2)). The
-//! difference is taken by its series, T³/12·(1 − x²/10), which errs by 0.0006 of itself at the least τ, 1 s.
+//! difference is taken by its series, T³/12·(1 − x²/10), with a relative error of 0.0006 at the smallest τ, 1 s.
 
 use geu_protocol::Gyro;
 
 use super::{Amplitude, Effect, EffectInputs, EffectSpec, GyroEffect, GyroSubStep};
 use crate::noise::NoiseStream;
-use crate::number::numbers;
+use crate::parameter_spec::numbers;
 
 numbers! {
     /// Random walk of the drift rate.
     pub struct DriftRandomWalk {
         /// Growth of the drift rate's deviation with the root of time.
-        arcsec_per_s_per_sqrt_s: 0.0, 0.0..=1.0;
+        arcsec_per_s_per_sqrt_s: 0.0, 0.0..=1.0, "arcsec/s/√s";
         /// Correlation time; inf is a pure walk, which is right for hours; 10 000 s keeps sigma at 2″/h.
-        correlation_time_s: (f64::INFINITY), 1.0..=f64::INFINITY, TimeConstant;
+        correlation_time_s: (f64::INFINITY), 1.0..=f64::INFINITY, "s", TimeConstant;
     }
 }
 
@@ -40,7 +40,7 @@ impl Effect for DriftRandomWalk {
     const IS_NOISE: bool = true;
 }
 
-/// The walk so far.
+/// Accumulated walk.
 #[derive(Debug, Clone)]
 pub struct State {
     stream: NoiseStream,
@@ -106,7 +106,7 @@ mod tests {
                 let angle = x - 2.0 * (1.0 - left) + (1.0 - left_twice) / 2.0;
                 [tau_s * (1.0 - left_twice) / 2.0, (tau_s * (1.0 - left)).powi(2) / 2.0, tau_s.powi(3) * angle]
             };
-            // Five deviations of a variance from so many draws, √(2/40 000).
+            // Five deviations of a variance from this number of draws, √(2/40 000).
             for (got, expected) in [rate, both, angle].into_iter().zip(expected) {
                 assert!((got / expected - 1.0).abs() < 0.035, "{tau_s} s: {got}, not {expected}");
             }

@@ -3,14 +3,14 @@
 use geu_protocol::Gyro;
 
 use super::{Amplitude, Effect, EffectInputs, EffectSpec, GyroEffect, GyroSubStep};
-use crate::number::numbers;
+use crate::parameter_spec::numbers;
 use crate::temperature::SENSOR_NOMINAL_C;
 
 numbers! {
     /// Drift in proportion to the sensor's departure from 70 °C.
     pub struct DriftSensorTemperature {
         /// Added to D for each K above 70 °C.
-        arcsec_per_h_per_k: 0.0, -3600.0..=3600.0;
+        arcsec_per_h_per_k: 0.0, -3600.0..=3600.0, "arcsec/h/K";
     }
 }
 

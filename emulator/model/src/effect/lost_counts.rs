@@ -3,15 +3,15 @@
 use geu_protocol::Gyro;
 
 use super::{Amplitude, Effect, EffectInputs, EffectSpec, GyroEffect, GyroSubStep};
-use crate::number::numbers;
+use crate::parameter_spec::numbers;
 
 numbers! {
     /// An offset of the accumulated count.
     pub struct LostCounts {
         /// Added to the accumulated count.
-        counts: 0.0, -1e6..=1e6, Count;
+        counts: 0.0, -1e6..=1e6, "counts", Count;
         /// When, since the start of the first sample interval.
-        time_s: 0.0, 0.0..=1e10, Onset;
+        time_s: 0.0, 0.0..=1e10, "s", Onset;
     }
 }
 
@@ -26,7 +26,7 @@ impl Effect for LostCounts {
 }
 
 impl GyroEffect for LostCounts {
-    /// Counts added so far.
+    /// Counts already added.
     type State = f64;
 
     fn start(_seed: u64, _gyro: Gyro) -> f64 {

@@ -3,7 +3,7 @@
 use geu_protocol::Gyro;
 
 use super::{Amplitude, Effect, EffectInputs, EffectSpec, GyroEffect, GyroSubStep};
-use crate::number::numbers;
+use crate::parameter_spec::numbers;
 use crate::units::ARCSEC_PER_RAD;
 
 numbers! {
@@ -11,11 +11,11 @@ numbers! {
     /// term along the gyro's own axis stays unity, so its number must stay 0.
     pub struct Misalignment {
         /// Projection of the input axis on X.
-        x_arcsec: 0.0, -3600.0..=3600.0;
+        x_arcsec: 0.0, -3600.0..=3600.0, "arcsec";
         /// Projection of the input axis on Y.
-        y_arcsec: 0.0, -3600.0..=3600.0;
+        y_arcsec: 0.0, -3600.0..=3600.0, "arcsec";
         /// Projection of the input axis on Z.
-        z_arcsec: 0.0, -3600.0..=3600.0;
+        z_arcsec: 0.0, -3600.0..=3600.0, "arcsec";
     }
 }
 

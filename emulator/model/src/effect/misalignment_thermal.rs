@@ -8,16 +8,16 @@ use geu_protocol::Gyro;
 
 use super::{Amplitude, Effect, EffectSpec, GyroSubStep, UnitEffect};
 use crate::attitude::MotionStep;
-use crate::number::numbers;
+use crate::parameter_spec::numbers;
 use crate::units::{ARCSEC_PER_RAD, RAD_PER_DEG};
 
 numbers! {
     /// Turn of the package about Y with θ.
     pub struct MisalignmentThermal {
         /// Settled turn for each degree of θ above 90°.
-        arcsec_per_deg: 0.0, -60.0..=60.0;
+        arcsec_per_deg: 0.0, -60.0..=60.0, "arcsec/°";
         /// Time constant of the lag.
-        time_constant_s: 300.0, 1.0..=1e5, TimeConstant;
+        time_constant_s: 300.0, 1.0..=1e5, "s", TimeConstant;
     }
 }
 

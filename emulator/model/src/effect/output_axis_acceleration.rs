@@ -4,13 +4,13 @@ use geu_protocol::Gyro;
 
 use super::{Amplitude, Effect, EffectInputs, EffectSpec, GyroEffect, GyroSubStep};
 use crate::attitude::MotionState;
-use crate::number::numbers;
+use crate::parameter_spec::numbers;
 
 numbers! {
     /// Sensed rate in proportion to the acceleration about the output axis.
     pub struct OutputAxisAcceleration {
         /// Sensed rate + seconds · dω_out/dt.
-        seconds: 0.0, -1.0..=1.0;
+        seconds: 0.0, -1.0..=1.0, "s";
     }
 }
 

@@ -6,7 +6,7 @@
 use geu_protocol::Gyro;
 
 use super::{Amplitude, Effect, EffectInputs, EffectSpec, GyroEffect, GyroSubStep};
-use crate::number::numbers;
+use crate::parameter_spec::numbers;
 
 /// Rate about the output axis below which the float creeps.
 const THRESHOLD_ARCSEC_S: f64 = 1.5;
@@ -19,9 +19,9 @@ numbers! {
     /// Freedom of the float in its pivots.
     pub struct PivotClearance {
         /// From stop to stop.
-        clearance_arcsec: 0.0, 0.0..=100.0;
+        clearance_arcsec: 0.0, 0.0..=100.0, "arcsec";
         /// Where the float rests; within half the clearance.
-        preferred_arcsec: 0.0, -50.0..=50.0, PreferredValue;
+        preferred_arcsec: 0.0, -50.0..=50.0, "arcsec", PreferredValue;
     }
 }
 

@@ -3,14 +3,14 @@
 use geu_protocol::Gyro;
 
 use super::{Amplitude, Effect, EffectInputs, EffectSpec, GyroEffect, GyroSubStep};
-use crate::number::numbers;
+use crate::parameter_spec::numbers;
 use crate::units::PPM;
 
 numbers! {
     /// A departure of SF from the calibration.
     pub struct ScaleFactor {
         /// SF is multiplied by 1 + ppm·10⁻⁶.
-        ppm: 0.0, -50000.0..=50000.0;
+        ppm: 0.0, -50000.0..=50000.0, "ppm";
     }
 }
 

@@ -3,14 +3,14 @@
 use geu_protocol::Gyro;
 
 use super::{Amplitude, Effect, EffectInputs, EffectSpec, GyroEffect, GyroSubStep};
-use crate::number::numbers;
+use crate::parameter_spec::numbers;
 use crate::units::PPM;
 
 numbers! {
     /// A scale factor of its own for positive rates.
     pub struct ScaleFactorAsymmetry {
         /// SF is multiplied by 1 + ppm·10⁻⁶ while ω_in > 0.
-        ppm: 0.0, -5000.0..=5000.0;
+        ppm: 0.0, -5000.0..=5000.0, "ppm";
     }
 }
 

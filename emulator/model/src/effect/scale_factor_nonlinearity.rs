@@ -5,7 +5,7 @@
 use geu_protocol::Gyro;
 
 use super::{Amplitude, Effect, EffectInputs, EffectSpec, GyroEffect, GyroSubStep};
-use crate::number::numbers;
+use crate::parameter_spec::numbers;
 use crate::units::PPM;
 
 /// Rate at which the cubic takes `cubic_ppm` of the rate: 12 arcmin/s.
@@ -15,7 +15,7 @@ numbers! {
     /// A cubic term of the sensed rate.
     pub struct ScaleFactorNonlinearity {
         /// Sensed rate lower by cubic_ppm·10⁻⁶ · 720 · (ω_in/720)³.
-        cubic_ppm: 0.0, -5000.0..=5000.0;
+        cubic_ppm: 0.0, -5000.0..=5000.0, "ppm";
     }
 }
 

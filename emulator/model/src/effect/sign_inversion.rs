@@ -3,13 +3,13 @@
 use geu_protocol::Gyro;
 
 use super::{Amplitude, Effect, EffectSpec, WiringEffect};
-use crate::number::numbers;
+use crate::parameter_spec::numbers;
 
 numbers! {
     /// The count is negated.
     pub struct SignInversion {
         /// Whether it does.
-        on: 0.0, 0.0..=1.0, Flag;
+        on: 0.0, 0.0..=1.0, "", Flag;
     }
 }
 

@@ -1,13 +1,13 @@
-//! Counts tell the motion of another moment than their time stamp says.
+//! Counts are of the motion at another time than their time stamp.
 
 use super::{Amplitude, Effect, EffectSpec, SampleTiming, UnitEffect};
-use crate::number::numbers;
+use crate::parameter_spec::numbers;
 
 numbers! {
     /// Offset of the unit's time.
     pub struct TimeOffset {
         /// Counts at t tell the motion of t − seconds; negative only where truth is known ahead.
-        seconds: 0.0, -0.5..=0.5;
+        seconds: 0.0, -0.5..=0.5, "s";
     }
 }
 

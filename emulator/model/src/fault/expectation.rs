@@ -5,9 +5,9 @@ use crate::units::SAMPLE_INTERVAL_S;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum TimeWindow {
-    /// At least once within so long.
+    /// At least once within this time, s.
     Within(f64),
-    /// All the time for so long.
+    /// At all times for this time, s.
     Throughout(f64),
 }
 
@@ -43,9 +43,9 @@ impl ExpectationMonitor {
         ExpectationMonitor { expectation, verdict: ExpectationResult::Waiting }
     }
 
-    /// Looks at the start of a sample interval, where `started` tells whether a fault has ever started; whether the verdict
-    /// is new. The condition speaks of what has ended, so it counts from the second look on.
-    pub fn look(&mut self, now: &ConditionInputs, started: impl Fn(&str) -> bool) -> bool {
+    /// Evaluates the condition at the start of a sample interval; `started` returns true for a fault that has started. Returns true
+    /// if the result is new. The condition refers to the past sample, so it counts from the second evaluation on.
+    pub fn evaluate(&mut self, now: &ConditionInputs, started: impl Fn(&str) -> bool) -> bool {
         let expectation = &self.expectation;
         match self.verdict {
             ExpectationResult::Waiting => {
@@ -89,7 +89,7 @@ mod tests {
         for frame in 0..20 {
             let commands = if holds.contains(&frame) { vec![1] } else { vec![] };
             let now = ConditionInputs { frame, t_s: frame as f64 * 0.5, commands, ..ConditionInputs::default() };
-            watch.look(&now, |id| id == "fault" && frame >= 4);
+            watch.evaluate(&now, |id| id == "fault" && frame >= 4);
         }
         watch.verdict
     }
@@ -118,8 +118,8 @@ mod tests {
             condition: "t_s > 0".parse().expect("a condition"),
             window: TimeWindow::Within(1.0),
         });
-        let mut looked = watch.clone();
-        assert!(!looked.look(&ConditionInputs::default(), |_| false));
-        assert_eq!(looked, watch);
+        let mut evaluated = watch.clone();
+        assert!(!evaluated.evaluate(&ConditionInputs::default(), |_| false));
+        assert_eq!(evaluated, watch);
     }
 }

@@ -3,16 +3,18 @@
 //! Numbers with `+ - * / %`, compared by `< <= > >= == !=`; conditions joined by `not`, `and`, `or`; brackets. What a name
 //! means stands once, in the tables of variables and functions. It is evaluated at the start of a sample interval.
 
+mod reader;
+
 use std::fmt;
 
 use geu_protocol::Gyro;
-use geu_protocol::command::COMMANDS;
+use reader::Reader;
 
-const MOST_LENGTH: usize = 500;
+const MAX_LENGTH: usize = 500;
 /// Most brackets and signs within each other.
-const MOST_DEPTH: usize = 40;
+const MAX_DEPTH: usize = 40;
 
-/// What an expression can know of the unit, at the start of a sample interval.
+/// Inputs of a condition at the start of a sample interval.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ConditionInputs {
     /// On-board time since the start of the run.
@@ -23,9 +25,9 @@ pub struct ConditionInputs {
     pub sequence: u16,
     /// Inertial rates about the control axes.
     pub rate_arcsec_s: [f64; 3],
-    /// Solar aspect angle; NaN where the truth does not tell it.
+    /// Solar aspect angle; NaN if the truth does not have it.
     pub theta_deg: f64,
-    /// Angle about the sun vector; NaN where the truth does not tell it.
+    /// Angle about the sun vector; NaN if the truth does not have it.
     pub psi_deg: f64,
     pub electronics_c: f64,
     pub sensor_c: f64,
@@ -39,7 +41,7 @@ pub struct ConditionInputs {
     pub active: Vec<String>,
 }
 
-/// Whether something is a number or a condition.
+/// Type of a value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Sort {
     Number,
@@ -123,8 +125,8 @@ impl fmt::Display for Expression {
     }
 }
 
-/// How tightly it binds, text, what stands on either side, what comes out, and its value. A condition is 1, 0, or NaN where
-/// it rests on something unknown.
+/// Precedence, text, type of the operands, type of the result, and function. A condition is 1, 0, or NaN if
+/// it depends on an unknown value.
 type Operator = (usize, &'static str, Sort, Sort, fn(f64, f64) -> f64);
 
 /// Operators by how tightly they bind, the loosest first.
@@ -157,13 +159,13 @@ fn not(condition: f64) -> f64 {
     1.0 - condition
 }
 
-/// One that holds makes the other's unknown indifferent.
+/// True if either is true, even if the other is unknown.
 fn either(a: f64, b: f64) -> f64 {
     if a == 1.0 || b == 1.0 { 1.0 } else { a + b }
 }
 
 impl Expression {
-    /// Whether it holds for certain. What rests on something unknown does not, nor does its contrary.
+    /// True if it holds for certain; a condition with an unknown value does not hold, nor does its negation.
     pub fn holds(&self, now: &ConditionInputs) -> bool {
         self.root.value(now) == 1.0
     }
@@ -220,12 +222,12 @@ impl Node {
 }
 
 impl std::str::FromStr for Expression {
-    /// What was expected where, in words.
+    /// The expected text and its place.
     type Err = String;
 
     fn from_str(text: &str) -> Result<Expression, String> {
-        if text.len() > MOST_LENGTH {
-            return Err(format!("a condition of at most {MOST_LENGTH} characters"));
+        if text.len() > MAX_LENGTH {
+            return Err(format!("a condition of at most {MAX_LENGTH} characters"));
         }
         let mut reader = Reader { text, place: 0, depth: 0 };
         let (root, sort) = reader.level(0)?;
@@ -237,179 +239,6 @@ impl std::str::FromStr for Expression {
             Sort::Condition => Ok(Expression { text: text.to_owned(), root }),
             Sort::Number => Err("a condition such as abs(rate_y) > 700, not a number".to_owned()),
         }
-    }
-}
-
-struct Reader<'a> {
-    text: &'a str,
-    place: usize,
-    depth: usize,
-}
-
-impl<'a> Reader<'a> {
-    fn rest(&self) -> &'a str {
-        &self.text[self.place..]
-    }
-
-    fn skip_space(&mut self) {
-        self.place = self.text.len() - self.rest().trim_start().len();
-    }
-
-    fn expected(&self, what: &str) -> String {
-        let rest: String = self.rest().chars().take(20).collect();
-        let at = if rest.is_empty() { "at the end".to_owned() } else { format!("at {rest:?}") };
-        format!("{what} {at} of the condition")
-    }
-
-    /// Takes `token` if it stands next; a word only whole.
-    fn take(&mut self, token: &str) -> bool {
-        self.skip_space();
-        let Some(after) = self.rest().strip_prefix(token) else { return false };
-        let is_word = token.ends_with(|c: char| c.is_ascii_alphanumeric());
-        if is_word && after.starts_with(|c: char| c.is_ascii_alphanumeric() || c == '_') {
-            return false;
-        }
-        self.place += token.len();
-        true
-    }
-
-    fn deeper<T>(&mut self, read: impl FnOnce(&mut Self) -> Result<T, String>) -> Result<T, String> {
-        self.depth += 1;
-        if self.depth > MOST_DEPTH {
-            return Err(format!("at most {MOST_DEPTH} brackets within each other"));
-        }
-        let result = read(self);
-        self.depth -= 1;
-        result
-    }
-
-    /// Operators of this level and tighter.
-    fn level(&mut self, level: usize) -> Result<(Node, Sort), String> {
-        if level == LEVELS {
-            return self.primary();
-        }
-        let (mut left, mut sort) = self.level(level + 1)?;
-        loop {
-            let own = OPERATORS.iter().enumerate().filter(|(_, operator)| operator.0 == level);
-            let Some((index, operator)) = own.clone().find(|(_, operator)| self.take(operator.1)) else {
-                return Ok((left, sort));
-            };
-            let (_, name, takes, gives, _) = *operator;
-            let place = self.place;
-            let (right, right_sort) = self.level(level + 1)?;
-            if sort != takes || right_sort != takes {
-                self.place = place - name.len();
-                return Err(self.expected(match takes {
-                    Sort::Number => "numbers on both sides of the operator",
-                    Sort::Condition => "conditions on both sides of the operator",
-                }));
-            }
-            if matches!(name, "/" | "%") && right == Node::Constant(0.0) {
-                self.place = place;
-                return Err(self.expected("a divisor other than 0"));
-            }
-            (left, sort) = (Node::Operation(Box::new(left), index, Box::new(right)), gives);
-        }
-    }
-
-    fn primary(&mut self) -> Result<(Node, Sort), String> {
-        if self.take("(") {
-            let inner = self.deeper(|reader| reader.level(0))?;
-            return if self.take(")") { Ok(inner) } else { Err(self.expected("a closing bracket")) };
-        }
-        if self.take("not") {
-            let place = self.place;
-            // Binds tighter than `and`, looser than a comparison.
-            let (node, sort) = self.deeper(|reader| reader.level(2))?;
-            if sort != Sort::Condition {
-                self.place = place;
-                return Err(self.expected("a condition behind `not`"));
-            }
-            return Ok((Node::Not(Box::new(node)), sort));
-        }
-        if self.take("-") {
-            let place = self.place;
-            let (node, sort) = self.deeper(Reader::primary)?;
-            if sort != Sort::Number {
-                self.place = place;
-                return Err(self.expected("a number behind `-`"));
-            }
-            return Ok((Node::Negated(Box::new(node)), sort));
-        }
-        self.skip_space();
-        let rest = self.rest();
-        let length = rest.find(|c: char| !c.is_ascii_alphanumeric() && c != '_' && c != '.').unwrap_or(rest.len());
-        let word = &rest[..length];
-        if word.starts_with(|c: char| c.is_ascii_digit() || c == '.') {
-            // An exponent's sign is part of the number.
-            let mut length = length;
-            if word.ends_with(['e', 'E']) && rest[length..].starts_with(['+', '-']) {
-                let digits = rest[length + 1..].bytes().take_while(u8::is_ascii_digit).count();
-                length += 1 + digits;
-            }
-            let value: Option<f64> = rest[..length].parse().ok().filter(|value: &f64| value.is_finite());
-            let value = value.ok_or_else(|| self.expected("a number"))?;
-            self.place += length;
-            return Ok((Node::Constant(value), Sort::Number));
-        }
-        if let Some(index) = VARIABLES.iter().position(|variable| variable.0 == word) {
-            self.place += length;
-            return Ok((Node::Variable(index), Sort::Number));
-        }
-        let Some((name, takes, gives, _)) = FUNCTIONS.iter().find(|function| function.0 == word) else {
-            let names: Vec<String> = vocabulary().into_iter().map(|(name, _)| name).collect();
-            return Err(self.expected(&format!("a number, or one of {},", names.join(", "))));
-        };
-        self.place += length;
-        if !self.take("(") {
-            return Err(self.expected(&format!("a bracket behind {name}")));
-        }
-        let node = self.deeper(|reader| reader.argument(name, *takes))?;
-        if self.take(")") { Ok((node, *gives)) } else { Err(self.expected("a closing bracket")) }
-    }
-
-    fn argument(&mut self, function: &str, takes: Takes) -> Result<Node, String> {
-        if takes == Takes::Number {
-            let (node, sort) = self.level(0)?;
-            return match sort {
-                Sort::Number => Ok(Node::Magnitude(Box::new(node))),
-                Sort::Condition => Err(format!("a number in the brackets of {function}")),
-            };
-        }
-        self.skip_space();
-        let rest = self.rest();
-        let (name, length) = match rest.strip_prefix('"') {
-            Some(quoted) => {
-                let end = quoted.find('"').ok_or_else(|| self.expected("a closing quote"))?;
-                (&quoted[..end], end + 2)
-            }
-            None => {
-                let end = rest.find(|c: char| !c.is_ascii_alphanumeric() && c != '_' && c != '-').unwrap_or(rest.len());
-                (&rest[..end], end)
-            }
-        };
-        let node = match takes {
-            Takes::Gyro => {
-                let gyro = Gyro::named(name)
-                    .ok_or_else(|| self.expected(&format!("one of {}", Gyro::ALL.map(Gyro::name).join(", "))))?;
-                match function {
-                    "count" => Node::Count(gyro),
-                    "valid" => Node::Flag(gyro, 0),
-                    _ => Node::Flag(gyro, 4),
-                }
-            }
-            Takes::Command => {
-                let names: Vec<&str> = COMMANDS.iter().map(|command| command.name).collect();
-                let command = COMMANDS.iter().find(|command| command.name == name);
-                Node::Command(command.ok_or_else(|| self.expected(&format!("one of {}", names.join(", "))))?.opcode)
-            }
-            Takes::Fault | Takes::Number if name.is_empty() => {
-                return Err(self.expected("a fault's identifier"));
-            }
-            Takes::Fault | Takes::Number => Node::Active(name.to_owned()),
-        };
-        self.place += length;
-        Ok(node)
     }
 }
 
@@ -464,7 +293,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_condition_is_told_with_its_place() {
+    fn an_invalid_condition_is_rejected_with_its_place() {
         for (text, expected) in [
             ("", "a number, or one of t_s, frame,"),
             ("rate_y", "a condition such as"),

@@ -1,29 +1,28 @@
-//! Faults: what a plan, or somebody at the bench, does to a running unit.
+//! Faults: deviations that a plan or an operator injects into a running unit.
 //!
-//! A fault moves a parameter of an effect ([`shape`]), or is one that has a name ([`catalogue`]): of a gyro's head, of the
-//! unit, of a link. It waits for its trigger (a time, an [`expression`], chance, a hand), acts for a while, and is over;
-//! [`acting`] is that clockwork. All is decided at the start of a sample interval, on on-board time, and what is drawn depends
+//! A fault changes a parameter of an effect ([`crate::time_profile`]), or is a named fault ([`catalogue`]): of a gyro, of the
+//! unit, of a link. It waits for its trigger (a time, an [`expression`], a probability, an operator), acts, and ends;
+//! [`engine`] is that clockwork. All is decided at the start of a sample interval, on on-board time, and what is drawn depends
 //! on seed, identifier and sample alone: the same plan gives the same bytes.
 
-pub mod acting;
 pub mod catalogue;
+pub mod engine;
 pub mod expectation;
 pub mod expression;
-pub mod shape;
 
 use geu_protocol::Gyro;
 
-use crate::course;
 use crate::effect::{EffectSpec, Effects, GyroEffects, UnitEffects, WiringEffects};
 use crate::noise::NoiseStream;
-use crate::number::{ParameterSpec, ValueFormat};
 use crate::package::Axes;
+use crate::parameter_spec::{ParameterSpec, ValueFormat};
+use crate::time_profile::{TimeProfile, step_limits};
 use crate::units::SAMPLE_INTERVAL_S;
 use catalogue::{FaultAction, FaultSpec, Scope, Transport};
 use expectation::Expectation;
 use expression::Expression;
 
-/// Stands for a limit that is none: what is added must be finite.
+/// Limit of an addition to an unlimited number: it must be finite.
 const UNLIMITED: f64 = 1e10;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -48,21 +47,21 @@ pub struct ParameterRef {
 
 impl ParameterRef {
     pub fn all() -> Vec<ParameterRef> {
-        fn of<E: Effects>(list: EffectList) -> impl Iterator<Item = ParameterRef> {
+        fn from_list<E: Effects>(list: EffectList) -> impl Iterator<Item = ParameterRef> {
             let effects = E::default();
             let counts: Vec<usize> =
                 (0..effects.specs().len()).map(|effect| effects.numbers(effect).specs().len()).collect();
             let targets = move |(effect, count)| (0..count).map(move |number| ParameterRef { list, effect, number });
             counts.into_iter().enumerate().flat_map(targets)
         }
-        of::<UnitEffects>(EffectList::Unit)
-            .chain(of::<GyroEffects>(EffectList::Head))
-            .chain(of::<WiringEffects>(EffectList::Wiring))
+        from_list::<UnitEffects>(EffectList::Unit)
+            .chain(from_list::<GyroEffects>(EffectList::Head))
+            .chain(from_list::<WiringEffects>(EffectList::Wiring))
             .collect()
     }
 
     /// The number that is called `effect.number`.
-    pub fn named(name: &str) -> Option<ParameterRef> {
+    pub fn from_name(name: &str) -> Option<ParameterRef> {
         ParameterRef::all().into_iter().find(|target| target.name() == name)
     }
 
@@ -87,12 +86,11 @@ impl ParameterRef {
         }
     }
 
-    /// What is said of it.
     pub fn number(&self) -> &'static ParameterSpec {
         &self.numbers()[self.number]
     }
 
-    /// Whether its effect draws random numbers.
+    /// True if its effect draws random numbers.
     pub fn is_noise(&self) -> bool {
         match self.list {
             EffectList::Unit => UnitEffects::default().is_noise(self.effect),
@@ -104,11 +102,11 @@ impl ParameterRef {
     /// Limits of what a fault may add: from any value to any other that the model is good for, as a step in the
     /// configuration has them.
     pub fn limits(&self) -> (f64, f64) {
-        let (least, greatest) = course::step_limits(self.number());
-        (least.max(-UNLIMITED), greatest.min(UNLIMITED))
+        let (min, max) = step_limits(self.number());
+        (min.max(-UNLIMITED), max.min(UNLIMITED))
     }
 
-    /// Gyros that have it; none where it is the unit's.
+    /// Gyros that have it; empty for a parameter of the unit.
     pub fn gyros(&self) -> Vec<Gyro> {
         match self.list {
             EffectList::Unit => Vec::new(),
@@ -116,7 +114,7 @@ impl ParameterRef {
         }
     }
 
-    /// Whether it can only be stepped: what is on or off, or names a gyro.
+    /// True for a flag or a gyro's name, which only steps can change.
     pub fn is_switch(&self) -> bool {
         self.number().form != ValueFormat::Real
     }
@@ -124,7 +122,7 @@ impl ParameterRef {
 
 #[derive(Debug, Clone, PartialEq)]
 pub enum FaultKind {
-    Parameter { target: ParameterRef, size: f64, course: shape::FaultProfile },
+    Parameter { target: ParameterRef, size: f64, course: TimeProfile },
     Named { spec: &'static FaultSpec, values: Vec<f64> },
 }
 
@@ -149,25 +147,25 @@ pub struct Fault {
     pub at_s: f64,
     /// Nor before this holds.
     pub when: Option<Expression>,
-    /// Nor unless chance has it so, drawn for each sample in which the rest would let it start.
+    /// Probability of a start in each sample interval that allows it.
     pub probability: f64,
-    /// Waits to be started by somebody.
+    /// Waits for an operator.
     pub by_hand: bool,
-    /// How long it acts; without end where nothing is said.
+    /// Duration; `None` for no end or the default of a named fault.
     pub for_s: Option<f64>,
     /// Or until this holds.
     pub end_when: Option<Expression>,
     /// And never from this on-board time on.
     pub until_s: f64,
-    /// A parameter returns over so long.
+    /// Time over which a parameter returns.
     pub release_s: f64,
     pub times: u64,
-    /// Of what it draws; the run's where nothing is said.
+    /// Seed of its random numbers; `None` for that of the run.
     pub seed: Option<u64>,
 }
 
 impl Fault {
-    /// How long it acts at most, in samples, at least one.
+    /// Maximum duration in samples, at least one.
     pub fn samples(&self) -> Option<u64> {
         let own = match &self.action {
             FaultKind::Named { spec, .. } => spec.for_s,
@@ -187,8 +185,8 @@ impl Fault {
         is_in_time
     }
 
-    /// Somebody takes it away at this on-board time. One that could not have started by then waits, for a hand that does
-    /// not come: a plan with it says the same.
+    /// Ends it at this on-board time. A fault that could not have started by then waits for an operator that never comes:
+    /// a plan with this fault acts in the same way.
     pub fn end_at(&mut self, until_s: f64) {
         if until_s > self.at_s {
             self.until_s = self.until_s.min(until_s);
@@ -197,7 +195,7 @@ impl Fault {
         }
     }
 
-    /// Why it could never be seen on these links; nothing where it can, or where it is on no link.
+    /// Reason that it can have no effect on these links; `None` if it can, or acts on no link.
     pub fn misses(&self, open: &[Transport]) -> Option<String> {
         let FaultKind::Named { spec, .. } = &self.action else { return None };
         let own = self.link.map_or_else(|| spec.links(), |link| vec![link]);
@@ -209,7 +207,6 @@ impl Fault {
         Some(format!("{id}: expected a link that is open ({open}) for {code}, got {own}"))
     }
 
-    /// What it does, as a law.
     pub fn law(&self) -> FaultAction {
         match &self.action {
             FaultKind::Named { spec, values } => spec.law(values),
@@ -235,13 +232,13 @@ impl Fault {
     }
 }
 
-/// The first condition that could never hold because it asks about something that `source` does not tell, in words.
-/// `untold` are names of variables and functions.
+/// The message for the first condition that can never hold because `source` lacks a variable or function that it uses.
+/// `unavailable` are the names that it lacks.
 pub fn unsatisfiable_condition(
     faults: &[Fault],
     expectations: &[Expectation],
     source: &str,
-    untold: &[&'static str],
+    unavailable: &[&'static str],
 ) -> Option<String> {
     let of_faults = faults.iter().flat_map(|fault| {
         let conditions = [("when", &fault.when), ("end_when", &fault.end_when)];
@@ -249,13 +246,13 @@ pub fn unsatisfiable_condition(
     });
     let expected = expectations.iter().map(|one| (&one.id, "condition", Some(&one.condition)));
     of_faults.chain(expected).find_map(|(id, key, condition)| {
-        let name = condition?.asks_about().into_iter().find(|name| untold.contains(name))?;
-        let untold = untold.join(", ");
-        Some(format!("{id}, {key}: {name} is not told by {source}; expected a condition without {untold}"))
+        let name = condition?.asks_about().into_iter().find(|name| unavailable.contains(name))?;
+        let unavailable = unavailable.join(", ");
+        Some(format!("{id}, {key}: {name} is not available from {source}; expected a condition without {unavailable}"))
     })
 }
 
-/// Where the random numbers of one fault come from.
+/// Source of the random numbers of one fault.
 #[derive(Debug, Clone, Copy)]
 pub struct FaultRng<'a> {
     seed: u64,
@@ -282,20 +279,23 @@ mod tests {
         let all = ParameterRef::all();
         assert!(all.len() > 20);
         for target in &all {
-            assert_eq!(ParameterRef::named(&target.name()), Some(*target));
+            assert_eq!(ParameterRef::from_name(&target.name()), Some(*target));
         }
-        assert_eq!(ParameterRef::named("pivot-clearance.clearance_arcsec").expect("there").gyros(), Gyro::ALL);
-        assert_eq!(ParameterRef::named("misalignment.x_arcsec").expect("there").gyros(), [Gyro::Y, Gyro::Za, Gyro::Zb]);
-        assert!(ParameterRef::named("clock-frequency.ppm").expect("there").gyros().is_empty());
+        assert_eq!(ParameterRef::from_name("pivot-clearance.clearance_arcsec").expect("there").gyros(), Gyro::ALL);
+        assert_eq!(
+            ParameterRef::from_name("misalignment.x_arcsec").expect("there").gyros(),
+            [Gyro::Y, Gyro::Za, Gyro::Zb]
+        );
+        assert!(ParameterRef::from_name("clock-frequency.ppm").expect("there").gyros().is_empty());
     }
 
     #[test]
     fn the_parameters_of_named_faults_are_there() {
         for spec in catalogue::CATALOGUE.iter().filter(|spec| spec.scope != catalogue::Scope::Link) {
-            let values: Vec<f64> = spec.numbers.iter().map(|number| number.greatest).collect();
+            let values: Vec<f64> = spec.numbers.iter().map(|number| number.max).collect();
             if let catalogue::FaultAction::Parameter { target, size, .. } = spec.law(&values) {
-                let (least, greatest) = target.limits();
-                assert!((least..=greatest).contains(&size), "{}", spec.code);
+                let (min, max) = target.limits();
+                assert!((min..=max).contains(&size), "{}", spec.code);
             }
         }
     }

@@ -2,16 +2,16 @@
 
 use crate::attitude::{Leg, Motion};
 use crate::noise::NoiseStream;
-use crate::number::numbers;
+use crate::parameter_spec::numbers;
 use crate::units::ARCSEC_PER_RAD;
 
 numbers! {
     /// What the Fine Sun Sensor resolves.
     pub struct Fss {
         /// Resolution: four times that of the gyros, 1 arcsec (Casteren §6).
-        step_arcsec: 4.0, 0.001..=3600.0;
+        step_arcsec: 4.0, 0.001..=3600.0, "arcsec";
         /// Noise of each axis and sample, 1 sigma, before the step is taken; the paper gives none.
-        noise_arcsec: 0.0, 0.0..=3600.0;
+        noise_arcsec: 0.0, 0.0..=3600.0, "arcsec";
     }
 }
 
@@ -30,7 +30,7 @@ pub struct SunAngles {
 pub struct SunSensor {
     numbers: Fss,
     noise: NoiseStream,
-    /// Start and end of the eclipse that is flown, or was flown last.
+    /// Start and end of the current or last eclipse.
     eclipse_s: (f64, f64),
 }
 
@@ -41,7 +41,7 @@ impl SunSensor {
     }
 
     /// Takes notice of a leg that begins, in order; the sensor is blind during an eclipse.
-    pub fn flown(&mut self, leg: &Leg) {
+    pub fn begin_leg(&mut self, leg: &Leg) {
         if leg.eclipse {
             self.eclipse_s = (leg.start_s, leg.end_s);
         }
@@ -79,7 +79,7 @@ mod tests {
         (1..=count)
             .map(|index| {
                 motion.advance(index as f64 * 0.5);
-                motion.take_legs().iter().for_each(|leg| sensor.flown(leg));
+                motion.take_legs().iter().for_each(|leg| sensor.begin_leg(leg));
                 sensor.see(&motion)
             })
             .collect()

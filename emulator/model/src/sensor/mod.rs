@@ -1,4 +1,4 @@
-//! The absolute sensors, as their data come to ground (model.md, Absolute sensors): the Fine Sun Sensor, the slit star
+//! The absolute sensors, as their data come to ground: the Fine Sun Sensor, the slit star
 //! sensor.
 //!
 //! Both see the attitude itself: θ and ψ with the departure by the limit cycle, which is added to the rates and never
@@ -26,31 +26,8 @@ mod sse;
 pub use fss::{Fss, SunAngles, SunSensor};
 pub use sse::{SLITS, SlitFix, Sse, Star, StarSensor};
 
-use crate::number::ParameterSet;
-
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct SensorNumbers {
     pub fss: Fss,
     pub sse: Sse,
-}
-
-impl SensorNumbers {
-    /// Keys in the configuration, with what each is.
-    pub const KEYS: [(&'static str, &'static str); 2] = [
-        ("fss", "Fine Sun Sensor: two axes, 2 Hz (Casteren §1, §6)"),
-        ("sse", "slit star sensor: fixes at the reference times (Casteren §5)"),
-    ];
-
-    /// The numbers of the sensor at `index` of [`SensorNumbers::KEYS`].
-    pub fn numbers(&self, index: usize) -> &dyn ParameterSet {
-        let Self { fss, sse } = self;
-        [fss as &dyn ParameterSet, sse][index]
-    }
-
-    /// The numbers of the sensor at `index` of [`SensorNumbers::KEYS`].
-    pub fn numbers_mut(&mut self, index: usize) -> &mut dyn ParameterSet {
-        let Self { fss, sse } = self;
-        let [first, second] = [fss as &mut dyn ParameterSet, sse];
-        if index == 0 { first } else { second }
-    }
 }

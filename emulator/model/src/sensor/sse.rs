@@ -13,18 +13,18 @@ use std::fmt;
 
 use crate::attitude::{Leg, LimitCycle};
 use crate::noise::NoiseStream;
-use crate::number::numbers;
+use crate::parameter_spec::numbers;
 use crate::units::{ARCSEC_PER_DEG, RAD_PER_DEG, SUN_RATE_RAD_S};
 
 numbers! {
     /// What a fix of the slit star sensor is worth.
     pub struct Sse {
-        /// Random error of θ and of ψ, 1 sigma, of each fix (model.md, Absolute sensors).
-        random_arcsec: 0.5, 0.0..=3600.0;
-        /// Systematic error of θ and of ψ, 1 sigma over the slits: a few arcsec (model.md; Casteren §5).
-        slit_arcsec: 3.0, 0.0..=3600.0;
+        /// Random error of θ and of ψ, 1 sigma, of each fix.
+        random_arcsec: 0.5, 0.0..=3600.0, "arcsec";
+        /// Systematic error of θ and of ψ, 1 sigma over the slits: a few arcsec (Casteren §5).
+        slit_arcsec: 3.0, 0.0..=3600.0, "arcsec";
         /// Error of a star's place, 1 sigma over the stars (Casteren §5 names it and gives no value).
-        star_arcsec: 0.0, 0.0..=3600.0;
+        star_arcsec: 0.0, 0.0..=3600.0, "arcsec";
     }
 }
 
@@ -74,7 +74,7 @@ impl Star {
 
 /// The boresight in the inertial frame: x to the sun at t = 0, z to the north ecliptic pole.
 fn boresight([theta_rad, psi_rad]: [f64; 2], t_s: f64) -> [f64; 3] {
-    // In the sun-referenced frame; the pole is (cos ψ sin θ, −sin ψ, −cos ψ cos θ) in the control frame (model.md).
+    // In the sun-referenced frame; the pole is (cos ψ sin θ, −sin ψ, −cos ψ cos θ) in the control frame.
     let ((sin_theta, cos_theta), (sin_psi, cos_psi)) = (libm::sincos(theta_rad), libm::sincos(psi_rad));
     let (x, y, z) = (cos_theta, -sin_psi * sin_theta, cos_psi * sin_theta);
     let (sin, cos) = libm::sincos(SUN_RATE_RAD_S * t_s);
@@ -101,7 +101,7 @@ pub struct StarSensor {
     seed: u64,
     limit_cycle: LimitCycle,
     noise: NoiseStream,
-    /// The star before, and whether any leg was flown.
+    /// The star before, and true after the first leg.
     last: Option<Star>,
     /// Reference times to come: time, attitude, star.
     to_come: VecDeque<(f64, [f64; 2], Star)>,
@@ -115,7 +115,7 @@ impl StarSensor {
     }
 
     /// Takes notice of a leg that begins, in order: its ends are reference times.
-    pub fn flown(&mut self, leg: &Leg) {
+    pub fn begin_leg(&mut self, leg: &Leg) {
         let start = match self.last {
             Some(star) => star,
             None => {
@@ -178,7 +178,7 @@ mod tests {
         while t_s < end_s {
             t_s += 0.5;
             motion.advance(t_s);
-            motion.take_legs().iter().for_each(|leg| sensor.flown(leg));
+            motion.take_legs().iter().for_each(|leg| sensor.begin_leg(leg));
             while let Some(both) = sensor.fixes_until(t_s) {
                 fixes.extend(both);
             }

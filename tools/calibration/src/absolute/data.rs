@@ -5,7 +5,7 @@ use std::io::Read;
 use std::path::Path;
 
 use geu_model::sensor::SensorNumbers;
-use geu_recording::{CsvTable, RowReader, TableError, open_rows};
+use geu_recording::{CsvTable, TableError, open_rows};
 
 /// A star through a slit: the slit, θ and ψ in degrees, random error of each angle in arcsec.
 pub type Slit = (String, [f64; 2], f64);
@@ -29,67 +29,54 @@ pub struct AbsoluteData {
 }
 
 impl AbsoluteData {
-    /// Reads `fss.csv` and `sse.csv`, which may be compressed.
+    /// Reads `fss.csv`, if given, and `sse.csv`; both may be compressed.
     ///
     /// # Errors
-    /// The first line that is no row.
-    pub fn read(fss: &str, sse: &str, numbers: SensorNumbers) -> Result<AbsoluteData, TableError> {
-        AbsoluteData::of_rows((fss, open(fss)?), (sse, open(sse)?), numbers)
+    /// The first invalid line.
+    pub fn read(fss: Option<&str>, sse: &str, numbers: SensorNumbers) -> Result<AbsoluteData, TableError> {
+        Ok(AbsoluteData { sun: fss.map_or(Ok(Vec::new()), read_sun)?, fixes: read_fixes(sse)?, numbers })
     }
 
-    /// Reads `sse.csv` alone.
-    ///
-    /// # Errors
-    /// The first line that is no row.
-    pub fn read_fixes(sse: &str, numbers: SensorNumbers) -> Result<AbsoluteData, TableError> {
-        let no_sun = RowReader::new(&b"t_s,theta_arcsec,roll_arcsec\n"[..]);
-        AbsoluteData::of_rows(("no sun sensor", no_sun), (sse, open(sse)?), numbers)
-    }
-
-    /// Reads texts, each with the name that errors call it by.
-    ///
-    /// # Errors
-    /// As [`AbsoluteData::read`].
-    pub fn parse(fss: (&str, &str), sse: (&str, &str), numbers: SensorNumbers) -> Result<AbsoluteData, TableError> {
-        let (sun, stars) = (RowReader::new(fss.1.as_bytes()), RowReader::new(sse.1.as_bytes()));
-        AbsoluteData::of_rows((fss.0, sun), (sse.0, stars), numbers)
-    }
-
-    fn of_rows(
-        fss: (&str, RowReader<impl Read>),
-        sse: (&str, RowReader<impl Read>),
-        numbers: SensorNumbers,
-    ) -> Result<AbsoluteData, TableError> {
-        let (mut sun, mut table) = (Vec::<(i64, [f64; 2])>::new(), CsvTable::new(fss.0, fss.1)?);
-        let [time, theta, roll] = table.columns(["t_s", "theta_arcsec", "roll_arcsec"])?;
-        while table.read()? {
-            let t_ns = nanoseconds(table.number(time)?);
-            if sun.last().is_some_and(|last| last.0 >= t_ns) {
-                return Err(table.unexpected(time, "time to rise"));
-            }
-            sun.push((t_ns, [table.number(theta)?, table.number(roll)?]));
-        }
-        let (mut fixes, mut table) = (BTreeMap::<i64, StarFix>::new(), CsvTable::new(sse.0, sse.1)?);
-        let [time, theta, psi, sigma, star, slit] =
-            table.columns(["t_s", "theta_deg", "psi_deg", "sigma_arcsec", "star", "slit"])?;
-        while table.read()? {
-            let sigma_arcsec = table.number(sigma)?;
-            if sigma_arcsec <= 0.0 {
-                return Err(table.unexpected(sigma, "more than 0"));
-            }
-            let t_ns = nanoseconds(table.number(time)?);
-            let new = StarFix { t_ns, star: table.text(star).to_owned(), slits: Vec::new() };
-            let angles_deg = [table.number(theta)?, table.number(psi)?];
-            fixes.entry(t_ns).or_insert(new).slits.push((table.text(slit).to_owned(), angles_deg, sigma_arcsec));
-        }
-        Ok(AbsoluteData { sun, fixes: fixes.into_values().collect(), numbers })
+    /// Start and end of each interval between successive fixes, s on the time scale of the file.
+    pub(crate) fn between_fixes(&self) -> impl Iterator<Item = [f64; 2]> {
+        self.fixes.windows(2).map(|pair| [pair[0].t_ns as f64 * 1e-9, pair[1].t_ns as f64 * 1e-9])
     }
 }
 
-pub(super) fn nanoseconds(t_s: f64) -> i64 {
+fn read_sun(name: &str) -> Result<Vec<(i64, [f64; 2])>, TableError> {
+    let (mut sun, mut table) = (Vec::<(i64, [f64; 2])>::new(), open(name)?);
+    let [time, theta, roll] = table.columns(["t_s", "theta_arcsec", "roll_arcsec"])?;
+    while table.read()? {
+        let t_ns = nanoseconds(table.number(time)?);
+        if sun.last().is_some_and(|last| last.0 >= t_ns) {
+            return Err(table.unexpected(time, "time to rise"));
+        }
+        sun.push((t_ns, [table.number(theta)?, table.number(roll)?]));
+    }
+    Ok(sun)
+}
+
+fn read_fixes(name: &str) -> Result<Vec<StarFix>, TableError> {
+    let (mut fixes, mut table) = (BTreeMap::<i64, StarFix>::new(), open(name)?);
+    let [time, theta, psi, sigma, star, slit] =
+        table.columns(["t_s", "theta_deg", "psi_deg", "sigma_arcsec", "star", "slit"])?;
+    while table.read()? {
+        let sigma_arcsec = table.number(sigma)?;
+        if sigma_arcsec <= 0.0 {
+            return Err(table.unexpected(sigma, "more than 0"));
+        }
+        let t_ns = nanoseconds(table.number(time)?);
+        let new = StarFix { t_ns, star: table.text(star).to_owned(), slits: Vec::new() };
+        let angles_deg = [table.number(theta)?, table.number(psi)?];
+        fixes.entry(t_ns).or_insert(new).slits.push((table.text(slit).to_owned(), angles_deg, sigma_arcsec));
+    }
+    Ok(fixes.into_values().collect())
+}
+
+fn nanoseconds(t_s: f64) -> i64 {
     (t_s * 1e9).round() as i64
 }
 
-fn open(name: &str) -> Result<RowReader<Box<dyn Read>>, TableError> {
-    open_rows(Path::new(name)).map_err(TableError::read(name, "CSV of an absolute sensor"))
+fn open(name: &str) -> Result<CsvTable<Box<dyn Read>>, TableError> {
+    CsvTable::new(name, open_rows(Path::new(name)).map_err(TableError::read(name, "CSV of an absolute sensor"))?)
 }

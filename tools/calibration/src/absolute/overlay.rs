@@ -10,15 +10,15 @@ use crate::sun::{Point, step_control_arcsec};
 
 /// Seconds on either side of a reference time over which the gyros are laid over the sun sensor.
 pub(super) const OVERLAY_S: f64 = 30.0;
-/// Samples of the sun sensor that this needs at least.
-pub(super) const OVERLAY_LEAST: usize = 20;
-/// What the sun sensor's steps leave of the mean of θ, in steps, where motion carries it over them: over a limit cycle of
+/// Minimum number of sun sensor samples for this.
+pub(super) const MIN_OVERLAY_SAMPLES: usize = 20;
+/// Error of the mean of θ from the sun sensor's steps, in steps, if motion carries θ over them: over a limit cycle of
 /// 4″/s and 5 s, 3.2″ in steps of 4″, the mean of the rounded sine errs by 0.2″ (rms over where its middle lies).
 pub(super) const LEVEL_STEPS: f64 = 1.0 / 20.0;
 /// Scatter about the path, in steps, below which θ does not move over the steps; rounding that does scatters by 1/√12.
 pub(super) const STILL_STEPS: f64 = 0.15;
-/// What the sun sensor's steps leave of the limit cycle about X, in steps: a cycle about the sun's own plane meets as many
-/// steps above as below, and their errors cancel but for a small part.
+/// Error of the limit cycle about X from the sun sensor's steps, in steps: a cycle about the sun's own plane meets as many
+/// steps above as below, and most of their errors cancel.
 pub(super) const CYCLE_STEPS: f64 = 1.0 / 80.0;
 
 /// The gyros laid over the sun sensor's history (figure 8).
@@ -30,11 +30,11 @@ pub(super) struct Overlay<'a> {
 }
 
 impl Overlay<'_> {
-    /// Departure about X that the gyros tell, but for a constant, at nodes around a fix, arcsec: what they turned about X less
-    /// what their path and the sun account for. The path is put through this fix alone, so that no other bends it here.
-    /// With the first of these nodes.
+    /// Departure about X by the gyros, except for a constant, at nodes around a fix, arcsec: their rotation about X less that
+    /// of their path and the sun. The path goes through this fix alone, so that no other bends it here. Also returns the
+    /// first of these nodes.
     pub fn about_x_arcsec(&self, station: &Station, raised_rad: f64) -> (usize, Vec<f64>) {
-        // Two nodes more than the samples need, for the four that an instant is read from.
+        // Two nodes more than the samples need, for the four nodes of an interpolation.
         let (from_s, to_s) = (station.point.t_s - OVERLAY_S - 1.5, station.point.t_s + OVERLAY_S + 1.5);
         let first = self.counts.node_s.partition_point(|node_s| *node_s < from_s);
         let last = self.counts.node_s.partition_point(|node_s| *node_s <= to_s);
@@ -60,8 +60,8 @@ impl Overlay<'_> {
         sun[first..last].iter().map(|(t_ns, angles)| ((t_ns - self.counts.start_ns) as f64 * 1e-9, angles))
     }
 
-    /// Turn about X out of the attitude that θ and ψ tell, at a fix: the gyros' there, with the constant and the slope that
-    /// lay them over the sun sensor around it.
+    /// Rotation about X out of the attitude of θ and ψ at a fix: that of the gyros, with the constant and the slope that
+    /// lay them over the sun sensor around the fix.
     pub fn limit_cycle_x_arcsec(&self, station: &Station) -> Option<f64> {
         let t_s = station.point.t_s;
         let theta_at = |reading: &Interpolation| interpolate(&self.path.unbent, reading).theta_rad;
@@ -87,14 +87,14 @@ impl Overlay<'_> {
         }
         let [n, x, xx, y, xy] = sums;
         let spread = n * xx - x * x;
-        if count < OVERLAY_LEAST || spread <= 0.0 {
+        if count < MIN_OVERLAY_SAMPLES || spread <= 0.0 {
             return None;
         }
         Some(gyros(&station.reading)? + (xx * y - x * xy) / spread)
     }
 
-    /// Mean of what the sun sensor's θ is above that of the gyros' path, bent so at so many samples, between two
-    /// instants, arcsec, and its variance.
+    /// Mean of the sun sensor's θ less that of the gyros' path between two instants, arcsec, and its variance. `bend_rad`
+    /// gives the bend of the path at a number of samples.
     pub fn level(&self, from_s: f64, to_s: f64, bend_rad: impl Fn(f64) -> f64) -> Option<(f64, f64)> {
         let (mut count, mut sum, mut squares) = (0.0, 0.0, 0.0);
         for (sample_s, angles) in self.samples(from_s, to_s) {
@@ -105,7 +105,7 @@ impl Overlay<'_> {
             sum += above;
             squares += above * above;
         }
-        if count < OVERLAY_LEAST as f64 {
+        if count < MIN_OVERLAY_SAMPLES as f64 {
             return None;
         }
         let mean = sum / count;

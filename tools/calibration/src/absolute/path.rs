@@ -1,4 +1,4 @@
-//! The path of the attitude: from the gyros, through every fix.
+//! The path of the attitude from the gyros through every fix.
 
 use geu_model::units::RAD_PER_DEG;
 
@@ -21,13 +21,13 @@ pub(super) struct Station<'a> {
 pub struct GyroPath {
     /// θ and ψ at each node, through every fix.
     pub points: Vec<Point>,
-    /// The same from the gyros alone, through the first fix.
+    /// θ and ψ at each node from the gyros alone, through the first fix.
     pub unbent: Vec<Point>,
-    /// Inertial rotation about the control axes that the gyros tell, accumulated to each node, arcsec.
+    /// Inertial rotation about the control axes by the gyros, accumulated to each node, arcsec.
     pub turned_control_arcsec: Vec<[f64; 3]>,
 }
 
-/// Lays the gyros' path through the fixes. `transfer` may be rough: what it gets wrong is bent away between fixes.
+/// Lays the gyros' path through the fixes. `transfer` may be rough: its errors are bent away between fixes.
 pub fn path(measured: &CompensatedCounts, sensors: &AbsoluteData, transfer: &Transfer) -> Option<GyroPath> {
     let counts = measured.counts;
     let stations = stations(counts, sensors);
@@ -54,7 +54,7 @@ pub fn path(measured: &CompensatedCounts, sensors: &AbsoluteData, transfer: &Tra
     for station in &stations {
         let at = interpolate(&points, &station.reading);
         let turn = std::f64::consts::TAU;
-        // Turns that gyros could miscount: none. So ψ is taken to the nearest turn, after the bend so far.
+        // Gyros never miscount a turn, so ψ is taken to the nearest turn, after the bend up to here.
         let so_far = bends.last().map_or([0.0; 2], |last| last.1);
         let mut psi = station.point.psi_rad - at.psi_rad - so_far[1];
         psi -= (psi / turn).round() * turn;
@@ -80,7 +80,7 @@ pub(super) fn bend(bends: &[(f64, [f64; 2])], x: f64) -> [f64; 2] {
     }
 }
 
-/// Rotation about the control axes at each node by eq 3, without what effects added.
+/// Rotation about the control axes at each node by eq 3, without the effects.
 pub(super) fn turned(measured: &CompensatedCounts, transfer: &Transfer) -> Vec<[f64; 3]> {
     let at = |node: usize| transfer.about_control_arcsec(measured.at_node(node), node as f64);
     (0..measured.counts.node_s.len()).map(at).collect()
@@ -100,7 +100,7 @@ pub(super) fn stations<'a>(counts: &AccumulatedCounts, sensors: &'a AbsoluteData
             let t_s = (fix.t_ns - counts.start_ns) as f64 * 1e-9;
             let [theta_deg, psi_deg] = mean(&fix.slits.iter().map(|slit| slit.1).collect::<Vec<_>>());
             let point = Point { t_s, theta_rad: theta_deg * RAD_PER_DEG, psi_rad: psi_deg * RAD_PER_DEG };
-            // A fix at the very ends of the recording is one of its nodes.
+            // A fix at the very ends of the recording is taken at the first or last node.
             let reading = counts
                 .at_rest(t_s.clamp(0.0, counts.end_s()))
                 .filter(|_| t_s > -0.26 && t_s < counts.end_s() + 0.26)?;

@@ -19,13 +19,13 @@ pub(super) const MISALIGNMENT: usize = SCALE_FACTOR + GYROS;
 pub(super) const SYSTEMATIC: usize = MISALIGNMENT + 2 * GYROS;
 pub(super) const THERMAL: usize = SYSTEMATIC + 2;
 const STATES: usize = THERMAL + 1;
-/// Errors whose smoothed covariance is told: attitude and thermal turn, then drifts and scale factors.
-const TOLD: [usize; 4 + 2 * GYROS] = [0, 1, 2, THERMAL, 3, 4, 5, 6, 7, 8];
+/// Indices of the errors with a smoothed covariance: attitude and thermal turn, then drifts and scale factors.
+const REPORTED: [usize; 4 + 2 * GYROS] = [0, 1, 2, THERMAL, 3, 4, 5, 6, 7, 8];
 
 pub(super) type Vector = SVector<f64, STATES>;
 type Matrix = SMatrix<f64, STATES, STATES>;
 
-/// How errors pass over a sample interval: `attitude += growth · parameters`, and noise.
+/// Propagation of errors over a sample interval: `attitude += growth · parameters`, and noise.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Step {
     growth: SMatrix<f64, 3, PARAMETERS>,
@@ -59,7 +59,7 @@ impl Step {
         }
     }
 
-    /// A rotation of that variance about an inertial direction was lost.
+    /// Adds the variance of a lost rotation about an inertial direction.
     pub fn lose(&mut self, direction: &Vector3<f64>, variance_arcsec2: f64) {
         self.attitude_noise += direction * direction.transpose() * variance_arcsec2;
     }
@@ -108,21 +108,15 @@ impl Covariance {
         self.0.fixed_view_mut::<3, 3>(ATTITUDE, ATTITUDE).copy_from(&own);
     }
 
-    pub fn variance(&self, index: usize) -> f64 {
-        self.0[(index, index)]
-    }
-
-    /// Of the attitude, about inertial axes.
+    /// Covariance of the attitude about inertial axes.
     pub fn attitude(&self) -> Matrix3<f64> {
         self.0.fixed_view::<3, 3>(ATTITUDE, ATTITUDE).into_owned()
     }
 
-    /// Of the attitude and the thermal turn.
-    pub fn with_thermal(&self) -> Matrix4<f64> {
-        Matrix4::from_fn(|row, column| {
-            let place = |index: usize| if index < 3 { index } else { THERMAL };
-            self.0[(place(row), place(column))]
-        })
+    /// Covariance of the attitude and the thermal turn, and variances of drifts and scale factors.
+    pub fn reported(&self) -> (Matrix4<f64>, [f64; 2 * GYROS]) {
+        let covariance = |row: usize, column: usize| self.0[(REPORTED[row], REPORTED[column])];
+        (Matrix4::from_fn(covariance), std::array::from_fn(|index| covariance(4 + index, 4 + index)))
     }
 
     /// P ← Φ P Φᵀ + Q, where Φ is the identity but for `growth`.
@@ -158,7 +152,7 @@ impl Covariance {
     }
 }
 
-/// What later fixes say of the errors at a node: the smoothed error is −P·λ, its covariance P − P·Λ·P (Bierman,
+/// Information of later fixes on the errors at a node: the smoothed error is −P·λ, its covariance P − P·Λ·P (Bierman,
 /// Factorization Methods, 1977, ch. X).
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Adjoint {
@@ -199,14 +193,14 @@ impl Adjoint {
         self.matrix = (matrix + matrix.transpose()) * 0.5;
     }
 
-    /// Before a new start nothing is learnt of the attitude from what came after.
+    /// Removes the information on the attitude, before a restart.
     pub fn forget_attitude(&mut self) {
         self.vector.fixed_rows_mut::<3>(ATTITUDE).fill(0.0);
         self.matrix.fixed_rows_mut::<3>(ATTITUDE).fill(0.0);
         self.matrix.fixed_columns_mut::<3>(ATTITUDE).fill(0.0);
     }
 
-    /// What the smoother adds to the filter's estimate.
+    /// Correction of the filter's estimate by the smoother.
     #[inline]
     pub fn correction(&self, covariance: &Covariance) -> Vector {
         -(covariance.0 * self.vector)
@@ -215,11 +209,12 @@ impl Adjoint {
     /// Smoothed covariance of the attitude and the thermal turn, and variances of drifts and scale factors.
     #[inline]
     pub fn smoothed(&self, covariance: &Covariance) -> (Matrix4<f64>, [f64; 2 * GYROS]) {
-        let told: SMatrix<f64, STATES, { TOLD.len() }> =
-            SMatrix::from_fn(|row, column| covariance.0[(row, TOLD[column])]);
-        let half = self.matrix * told;
-        let reduced =
-            |row: usize, column: usize| told[(TOLD[row], column)] - told.column(row).dot(&half.column(column));
+        let reported: SMatrix<f64, STATES, { REPORTED.len() }> =
+            SMatrix::from_fn(|row, column| covariance.0[(row, REPORTED[column])]);
+        let half = self.matrix * reported;
+        let reduced = |row: usize, column: usize| {
+            reported[(REPORTED[row], column)] - reported.column(row).dot(&half.column(column))
+        };
         (Matrix4::from_fn(reduced), std::array::from_fn(|index| reduced(4 + index, 4 + index)))
     }
 }

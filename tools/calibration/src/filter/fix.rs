@@ -1,17 +1,17 @@
-//! What the absolute sensors see of the attitude (Casteren §1, §5).
+//! Fixes of the attitude by the absolute sensors (Casteren §1, §5).
 
 use geu_model::sensor::Fss;
 use geu_model::units::{ARCSEC_PER_RAD, RAD_PER_DEG, SUN_RATE_RAD_S};
-use nalgebra::{Matrix3, Rotation3, SymmetricEigen, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 use super::covariance::turn_arcsec;
 use crate::absolute::AbsoluteData;
 
 /// Time between the samples of the sun sensor that are used: its steps of 4″ are errors of one attitude, not noise of one
-/// sample. Not a multiple of the limit cycle's 5 s, so that every part of that is met.
+/// sample. Not a multiple of the limit cycle's 5 s, so that every phase occurs.
 pub(super) const SUN_EVERY_S: f64 = 600.5;
 
-/// The attitude, control frame to inertial, that θ and ψ tell at `t_s` (model.md, Attitude and its kinematics). The
+/// The attitude, control frame to inertial, of θ and ψ at `t_s`. The
 /// inertial frame is the sun-referenced frame at t = 0: x to the sun, z to the north ecliptic pole.
 pub fn attitude_of(theta_rad: f64, psi_rad: f64, t_s: f64) -> UnitQuaternion<f64> {
     let ((sin_theta, cos_theta), (sin_psi, cos_psi)) = (libm::sincos(theta_rad), libm::sincos(psi_rad));
@@ -25,10 +25,10 @@ pub fn attitude_of(theta_rad: f64, psi_rad: f64, t_s: f64) -> UnitQuaternion<f64
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum FixMeasurement {
-    /// The attitude, control frame to inertial. What no sight looks at need only be near.
+    /// The attitude, control frame to inertial. What no axis_of_fix looks at need only be near.
     Attitude(UnitQuaternion<f64>),
     Direction {
-        /// As the sensor tells it, in the control frame.
+        /// Measured direction in the control frame.
         control: Vector3<f64>,
         inertial: Vector3<f64>,
     },
@@ -41,7 +41,7 @@ pub struct SensitiveAxis {
     pub direction_control: Vector3<f64>,
     /// Random error, 1 sigma.
     pub sigma_arcsec: f64,
-    /// How the star sensor's systematic errors of θ and of ψ come in; 0 for other sensors.
+    /// Sensitivity to the star sensor's systematic errors of θ and of ψ; 0 for other sensors.
     pub systematic: [f64; 2],
 }
 
@@ -52,33 +52,17 @@ pub struct AttitudeFix {
     pub t_s: f64,
     pub seen: FixMeasurement,
     /// About which axes, with errors independent of each other.
-    pub sights: Vec<SensitiveAxis>,
+    pub axes: Vec<SensitiveAxis>,
 }
 
 impl AttitudeFix {
-    /// A fix of the attitude (control frame to inertial) with the inverse of its covariance about the control axes,
-    /// 1/arcsec²; of rank 2 or 1 where not all of the attitude is seen.
-    pub fn attitude(t_s: f64, attitude: UnitQuaternion<f64>, information_control: &Matrix3<f64>) -> AttitudeFix {
-        let SymmetricEigen { eigenvectors, eigenvalues } = information_control.symmetric_eigen();
-        let least = 1e-12 * eigenvalues.amax();
-        let sights = (0..3)
-            .filter(|&index| eigenvalues[index] > least)
-            .map(|index| SensitiveAxis {
-                direction_control: eigenvectors.column(index).into_owned(),
-                sigma_arcsec: eigenvalues[index].recip().sqrt(),
-                systematic: [0.0; 2],
-            })
-            .collect();
-        AttitudeFix { t_s, seen: FixMeasurement::Attitude(attitude), sights }
-    }
-
     /// A fix of the slit star sensor: the boresight's direction by θ and ψ, each with `sigma_arcsec` and with its
-    /// systematic error. A turn about the boresight is not seen (model.md, Absolute sensors): rank 2.
+    /// systematic error. A turn about the boresight is not seen: rank 2.
     pub fn star(t_s: f64, theta_deg: f64, psi_deg: f64, sigma_arcsec: f64) -> AttitudeFix {
         let theta_rad = theta_deg * RAD_PER_DEG;
         // Turning about the sun vector by δψ moves the boresight by δψ sin θ.
         let sin_theta = libm::sin(theta_rad);
-        let sights = vec![
+        let axes = vec![
             SensitiveAxis { direction_control: Vector3::y(), sigma_arcsec, systematic: [1.0, 0.0] },
             SensitiveAxis {
                 direction_control: Vector3::z(),
@@ -86,7 +70,7 @@ impl AttitudeFix {
                 systematic: [0.0, sin_theta],
             },
         ];
-        AttitudeFix { t_s, seen: FixMeasurement::Attitude(attitude_of(theta_rad, psi_deg * RAD_PER_DEG, t_s)), sights }
+        AttitudeFix { t_s, seen: FixMeasurement::Attitude(attitude_of(theta_rad, psi_deg * RAD_PER_DEG, t_s)), axes }
     }
 
     /// One fix of the slit star sensor from all the slits that a star crossed: θ and ψ in degrees and the random error of
@@ -114,14 +98,18 @@ impl AttitudeFix {
         let Fss { step_arcsec, noise_arcsec } = *sensor;
         // A sensor without either is exact to a milliarcsecond.
         let sigma_arcsec = (step_arcsec * step_arcsec / 12.0 + noise_arcsec * noise_arcsec).sqrt().max(1e-3);
-        let sight = |direction_control| SensitiveAxis { direction_control, sigma_arcsec, systematic: [0.0; 2] };
+        let axis_of_fix = |direction_control| SensitiveAxis { direction_control, sigma_arcsec, systematic: [0.0; 2] };
         // About Y, and about the axis that carries the sun out of the XZ plane.
-        AttitudeFix { t_s, seen, sights: vec![sight(Vector3::y()), sight(Vector3::new(sin_theta, 0.0, -cos_theta))] }
+        AttitudeFix {
+            t_s,
+            seen,
+            axes: vec![axis_of_fix(Vector3::y()), axis_of_fix(Vector3::new(sin_theta, 0.0, -cos_theta))],
+        }
     }
 
     /// Every fix of the star sensor and a sample of the sun sensor each ten minutes, from files of a recording that
     /// starts at `start_ns` of their time scale.
-    pub fn of_sensors(sensors: &AbsoluteData, start_ns: i64) -> Vec<AttitudeFix> {
+    pub fn from_sensors(sensors: &AbsoluteData, start_ns: i64) -> Vec<AttitudeFix> {
         let seconds = |t_ns: i64| (t_ns - start_ns) as f64 * 1e-9;
         let star = |fix: &crate::absolute::StarFix| {
             let slits: Vec<([f64; 2], f64)> = fix.slits.iter().map(|slit| (slit.1, slit.2)).collect();
@@ -150,7 +138,7 @@ impl AttitudeFix {
         }
     }
 
-    /// Whether all of it are numbers, and sigmas above 0.
+    /// True if all numbers are finite and sigmas above 0.
     pub(super) fn is_sound(&self) -> bool {
         let is_seen = match &self.seen {
             FixMeasurement::Attitude(attitude) => attitude.coords.iter().all(|part| part.is_finite()),
@@ -158,12 +146,12 @@ impl AttitudeFix {
                 control.iter().chain(inertial).all(|part| part.is_finite())
             }
         };
-        let is_sight = |sight: &SensitiveAxis| {
-            sight.direction_control.iter().chain(&sight.systematic).all(|part| part.is_finite())
-                && sight.sigma_arcsec.is_finite()
-                && sight.sigma_arcsec > 0.0
+        let is_sight = |axis_of_fix: &SensitiveAxis| {
+            axis_of_fix.direction_control.iter().chain(&axis_of_fix.systematic).all(|part| part.is_finite())
+                && axis_of_fix.sigma_arcsec.is_finite()
+                && axis_of_fix.sigma_arcsec > 0.0
         };
-        self.t_s.is_finite() && is_seen && self.sights.iter().all(is_sight)
+        self.t_s.is_finite() && is_seen && self.axes.iter().all(is_sight)
     }
 }
 
@@ -187,19 +175,13 @@ mod tests {
         let attitude = attitude_of(1.3, 0.7, 500.0);
         let turn_arcsec = Vector3::new(3.0, -2.0, 5.0);
         let predicted = attitude * UnitQuaternion::from_scaled_axis(-turn_arcsec / ARCSEC_PER_RAD);
-        let whole = AttitudeFix::attitude(500.0, attitude, &Matrix3::identity());
+        let whole = AttitudeFix { t_s: 500.0, seen: FixMeasurement::Attitude(attitude), axes: vec![] };
         assert!((whole.residual_control_arcsec(&predicted) - turn_arcsec).norm() < 1e-6);
-        assert_eq!(whole.sights.len(), 3);
         let sun = AttitudeFix::sun(500.0, 1.3 * ARCSEC_PER_RAD, 0.0, &Fss::default());
         let seen = sun.residual_control_arcsec(&predicted);
-        for sight in &sun.sights {
-            let along = sight.direction_control;
+        for axis_of_fix in &sun.axes {
+            let along = axis_of_fix.direction_control;
             assert!((along.dot(&seen) - along.dot(&turn_arcsec)).abs() < 1e-3, "{seen} {along}");
         }
-        let ranked = Matrix3::from_diagonal(&Vector3::new(0.0, 4.0, 1.0));
-        let sigmas: Vec<f64> =
-            AttitudeFix::attitude(0.0, attitude, &ranked).sights.iter().map(|sight| sight.sigma_arcsec).collect();
-        assert_eq!(sigmas.len(), 2);
-        assert!(sigmas.contains(&0.5) && sigmas.contains(&1.0));
     }
 }

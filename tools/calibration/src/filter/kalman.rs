@@ -15,7 +15,7 @@ use crate::transfer::{GyroSet, Transfer};
 
 /// The axes about which the gyros in use are misaligned: the two that are not their own.
 const OFF_AXIS: [[usize; 2]; GYROS] = [[1, 2], [0, 2], [0, 1]];
-/// Samples whose mean stands in for one that is lost: two periods of the limit cycle (Casteren §3.3).
+/// Number of samples whose mean replaces a lost one: two periods of the limit cycle (Casteren §3.3).
 const MEAN_OVER: usize = 20;
 /// An attitude less certain than this is lost: the next fix of the whole attitude starts it anew. A degree, at which the
 /// square of the error, 63″, is no longer small.
@@ -24,8 +24,8 @@ const LOST_ARCSEC: f64 = 3600.0;
 /// 270 MB for a day.
 const CHECKPOINT: usize = 1024;
 
-/// The counts with what is lost filled in, and for each sample and gyro in use how many were lost on end, with it; 0
-/// where it is there.
+/// The counts with lost samples filled in, and for each sample and gyro in use the number of successive lost samples up to
+/// it; 0 if it is present.
 pub(super) fn fill_gaps(counts: &AccumulatedCounts, in_use: GyroSet) -> (Cow<'_, AccumulatedCounts>, Vec<[u32; 4]>) {
     let used = in_use.gyros();
     let mut lost = vec![[0; 4]; counts.len()];
@@ -40,7 +40,7 @@ pub(super) fn fill_gaps(counts: &AccumulatedCounts, in_use: GyroSet) -> (Cow<'_,
     if lost.iter().flatten().all(|&lost| lost == 0) {
         return (Cow::Borrowed(counts), lost);
     }
-    let mut mended = counts.clone();
+    let mut filled = counts.clone();
     for gyro in 0..4 {
         // As many as there are until there are enough.
         let (mut recent, mut seen, mut on_end) = ([0.0; MEAN_OVER], 0, 0);
@@ -56,10 +56,10 @@ pub(super) fn fill_gaps(counts: &AccumulatedCounts, in_use: GyroSet) -> (Cow<'_,
                 seen += 1;
                 increment
             };
-            mended.accumulated[gyro][sample + 1] = mended.accumulated[gyro][sample] + increment;
+            filled.accumulated[gyro][sample + 1] = filled.accumulated[gyro][sample] + increment;
         }
     }
-    (Cow::Owned(mended), lost)
+    (Cow::Owned(filled), lost)
 }
 
 /// The nominal values whose errors are estimated.
@@ -107,7 +107,7 @@ impl State {
     }
 }
 
-/// What happened to the estimate at a node, in order.
+/// A change of the estimate at a node.
 enum Event {
     Restart,
     Update(Box<Gain>),
@@ -124,12 +124,12 @@ pub(super) struct Filter<'a> {
     transfer: Transfer,
     /// M⁻¹ of the calibration given: rotations about the input axes in use to those about the control axes.
     inverse: Matrix3<f64>,
-    pub state: State,
-    pub covariance: Covariance,
+    state: State,
+    covariance: Covariance,
     /// θ − 90°, lagged, at the node that is reached.
     lagged_deg: f64,
     pub filtered: Vec<StateEstimate>,
-    /// Of each node, after its fixes.
+    /// State and lag at each node, after its fixes.
     history: Vec<(State, f64)>,
     checkpoints: Vec<(usize, Covariance)>,
     events: Vec<(usize, Event)>,
@@ -137,7 +137,7 @@ pub(super) struct Filter<'a> {
 }
 
 impl<'a> Filter<'a> {
-    /// At node 0; nothing without a fix of the whole attitude.
+    /// The filter at node 0; `None` without a fix of the whole attitude.
     pub fn start(
         counts: &'a AccumulatedCounts,
         lost: Vec<[u32; 4]>,
@@ -146,18 +146,7 @@ impl<'a> Filter<'a> {
         noise: &'a FilterNoise,
         fixes: &[(usize, &AttitudeFix)],
     ) -> Option<Filter<'a>> {
-        // Column by column, from unit rotations about the input axes.
-        let bare = calibrations.map(|calibration| Calibration {
-            scale_factor: 1.0,
-            drift_arcsec_per_half_s: 0.0,
-            ..calibration
-        });
-        let transfer = Transfer::new(&bare, in_use);
-        let inverse = Matrix3::from_columns(&gyros.map(|gyro| {
-            let mut counts = [0.0; 4];
-            counts[gyro] = 1.0;
-            Vector3::from(transfer.about_control_arcsec(counts, 0.0))
-        }));
+        let transfer = Transfer::new(calibrations, in_use);
         let mut state = State {
             package: UnitQuaternion::identity(),
             calibrations: *calibrations,
@@ -174,8 +163,8 @@ impl<'a> Filter<'a> {
             noise,
             in_use,
             gyros,
-            transfer: Transfer::new(calibrations, in_use),
-            inverse,
+            inverse: Matrix3::from_columns(&gyros.map(|gyro| transfer.inverse.column(gyro))),
+            transfer,
             state,
             covariance: Covariance::start(noise, &attitude),
             lagged_deg: 0.0,
@@ -230,7 +219,7 @@ impl<'a> Filter<'a> {
                 is_updated = true;
             }
             self.history.push((self.state, self.lagged_deg));
-            self.filtered.push(self.estimate(&self.state, self.lagged_deg, &self.covariance));
+            self.filtered.push(self.estimate(&self.state, self.lagged_deg, self.covariance.reported()));
             if is_updated || node % CHECKPOINT == 0 {
                 self.checkpoints.push((node, self.covariance));
             }
@@ -246,7 +235,7 @@ impl<'a> Filter<'a> {
         }
     }
 
-    /// How errors pass over a sample interval, from the nominal state at its start.
+    /// Propagation of errors over a sample interval, from the nominal state at its start.
     fn step(&self, sample: usize, state: &State) -> Step {
         let rotation = state.package.to_rotation_matrix();
         let to_inertial = rotation.matrix() * self.inverse;
@@ -282,23 +271,23 @@ impl<'a> Filter<'a> {
         let control = package * turn.inverse();
         let seen = fix.residual_control_arcsec(&control);
         let mut error = Vector::zeros();
-        for (component, sight) in fix.sights.iter().enumerate() {
-            let direction = control * sight.direction_control;
+        for (component, axis_of_fix) in fix.axes.iter().enumerate() {
+            let direction = control * axis_of_fix.direction_control;
             let mut row = Vector::zeros();
             row.fixed_rows_mut::<3>(ATTITUDE).copy_from(&direction);
-            for (index, part) in sight.systematic.into_iter().enumerate() {
+            for (index, part) in axis_of_fix.systematic.into_iter().enumerate() {
                 row[SYSTEMATIC + index] = part;
             }
-            row[THERMAL] = -self.lagged_deg * sight.direction_control.y;
+            row[THERMAL] = -self.lagged_deg * axis_of_fix.direction_control.y;
             let expected: f64 =
-                sight.systematic.iter().zip(self.state.systematic_arcsec).map(|(part, error)| part * error).sum();
-            let residual = sight.direction_control.dot(&seen) - expected - row.dot(&error);
+                axis_of_fix.systematic.iter().zip(self.state.systematic_arcsec).map(|(part, error)| part * error).sum();
+            let residual = axis_of_fix.direction_control.dot(&seen) - expected - row.dot(&error);
             let variance =
-                sight.sigma_arcsec.powi(2) + self.noise.bounded_variance_arcsec2() * direction.norm_squared();
+                axis_of_fix.sigma_arcsec.powi(2) + self.noise.bounded_variance_arcsec2() * direction.norm_squared();
             let gain = self.covariance.update(row, residual, variance);
             error += gain.gain * residual;
             let normalised = residual / gain.variance.sqrt();
-            self.innovations.push(Innovation { t_s: fix.t_s, component, arcsec: residual, normalised });
+            self.innovations.push(Innovation { component, normalised });
             self.events.push((node, Event::Update(Box::new(gain))));
         }
         self.state = self.state.corrected(&error, self.gyros);
@@ -314,19 +303,13 @@ impl<'a> Filter<'a> {
         UnitQuaternion::from_scaled_axis(turned / ARCSEC_PER_RAD)
     }
 
-    fn estimate(&self, state: &State, lagged_deg: f64, covariance: &Covariance) -> StateEstimate {
-        let variances = std::array::from_fn(|index| covariance.variance(DRIFT + index));
-        self.told(state, lagged_deg, &covariance.with_thermal(), &variances)
-    }
-
     /// `errors`: covariance of the attitude and of the thermal turn, in inertial axes; `variances` of drifts and scale
     /// factors in use.
-    fn told(
+    fn estimate(
         &self,
         state: &State,
         lagged_deg: f64,
-        errors: &Matrix4<f64>,
-        variances: &[f64; 2 * GYROS],
+        (errors, variances): (Matrix4<f64>, [f64; 2 * GYROS]),
     ) -> StateEstimate {
         let mut drift_sigma_arcsec_per_half_s = [self.noise.start_drift_arcsec_per_half_s(); 4];
         let mut scale_factor_sigma = [self.noise.start_scale_factor_ppm * 1e-6; 4];
@@ -359,7 +342,7 @@ impl<'a> Filter<'a> {
         let mut last = self.counts.len();
         let mut covariances = Vec::with_capacity(CHECKPOINT);
         for &(first, covariance) in self.checkpoints.iter().rev() {
-            // The covariances of this stretch once more, and the steps between them.
+            // The covariances of this interval once more, and the steps between them.
             covariances.clear();
             let mut covariance = covariance;
             for node in first..=last {
@@ -376,8 +359,7 @@ impl<'a> Filter<'a> {
                 }
                 let (state, lagged_deg) = &self.history[node];
                 let state = state.corrected(&adjoint.correction(covariance), self.gyros);
-                let (errors, variances) = adjoint.smoothed(covariance);
-                smoothed[node] = self.told(&state, *lagged_deg, &errors, &variances);
+                smoothed[node] = self.estimate(&state, *lagged_deg, adjoint.smoothed(covariance));
                 while let Some((_, event)) = events.next_if(|(own, _)| *own == node) {
                     match event {
                         Event::Restart => adjoint.forget_attitude(),

@@ -7,13 +7,13 @@
 //! about inertial axes an attitude error stands still but for what wrong parameters add, so the transition is the identity
 //! but for three rows, and 24 h are a matter of a tenth of a second.
 //!
-//! *Frames.* What is integrated is the attitude of the package; the control frame, which the sensors see and the results
-//! tell, is the package turned back by the thermal misalignment δ = k·g: g follows θ − 90° with a first-order lag (§3.4,
+//! *Frames.* What is integrated is the attitude of the package; the control frame, in which the sensors measure and
+//! the results are given, is the package turned back by the thermal misalignment δ = k·g: g follows θ − 90° with a first-order lag (§3.4,
 //! §5.3), k is a state. That takes the place of three thermal terms in M, and of a guess at their size.
 //!
 //! *Bounded errors.* A count is a difference of rounded angles, and the float moves between its stops: neither
-//! accumulates. Both are noise of the gyros' angle at a fix and at an output, never a noise of the rate. What the law of the
-//! float tells of its motion is taken out of the counts first (§3.3).
+//! accumulates. Both are noise of the gyros' angle at a fix and at an output, never a noise of the rate. The float
+//! motion by its model is subtracted from the counts first (§3.3).
 //!
 //! *Numbers.* Covariances are updated in Joseph's form, one component of a fix at a time. The smoother is that of Rauch,
 //! Tung and Striebel in the form of Bryson and Frazier (Bierman 1973), which inverts no covariance.
@@ -29,30 +29,29 @@
 //!     counts.push(f64::from(sample) * 0.5, [0.0, 0.0, 5.0, 5.0], 20.0);
 //! }
 //! let start = AttitudeFix::star(0.0, 90.0, 0.0, 0.5);
-//! let told = reconstruct(&counts, &[Calibration::default(); 4], GyroSet::WithZa, &FilterNoise::PAPER, &[start]).unwrap();
-//! let turned = attitude_of(std::f64::consts::FRAC_PI_2, 0.0, 0.0).rotation_to(&told.smoothed[200].attitude);
+//! let result = reconstruct(&counts, &[Calibration::default(); 4], GyroSet::WithZa, &FilterNoise::PAPER, &[start]).unwrap();
+//! let turned = attitude_of(std::f64::consts::FRAC_PI_2, 0.0, 0.0).rotation_to(&result.smoothed[200].attitude);
 //! assert!((turned.angle() * 206_264.806 - 1000.0).abs() < 1e-3);
 //! ```
 
 mod covariance;
-mod day;
 mod fix;
 mod kalman;
 mod noise;
+mod survey_day;
 mod whiteness;
 
-pub use day::{
-    AttitudeErrorStats, DayError, DayReport, EffectCost, REQUIREMENT_ARCSEC, SurveyDay, checkout_calibration,
-    cost_of_effects, survey_day, with_errors,
-};
 pub use fix::{AttitudeFix, FixMeasurement, SensitiveAxis, attitude_of};
 pub use noise::FilterNoise;
+pub use survey_day::{
+    AttitudeErrorStats, EffectCost, REQUIREMENT_ARCSEC, SurveyDay, SurveyDayError, SurveyDayReport,
+    checkout_calibration, cost_of_effects, survey_day, with_errors,
+};
 pub use whiteness::{Whiteness, chi2_survival};
 
 use geu_model::package::Calibration;
 use nalgebra::{Matrix3, UnitQuaternion};
 
-use self::covariance::THERMAL;
 use self::kalman::{Filter, fill_gaps};
 use crate::counts::AccumulatedCounts;
 use crate::effects::{self, MotionSteps};
@@ -66,18 +65,14 @@ pub enum FilterError {
     /// Counts without a sample.
     #[error("counts: expected at least 1 sample, got none")]
     NoCounts,
-    /// Nothing to start from.
+    /// No fix to start from.
     #[error("fixes: expected one of the whole attitude within 0…{end_s} s, got {got} fixes, none of them such")]
     NoAttitude { end_s: f64, got: usize },
-    /// A fix that is none.
     #[error("fix {index} at {t_s} s: expected finite numbers and sigmas above 0")]
     Fix { index: usize, t_s: f64 },
-    /// A figure of the noise that is none.
-    #[error("noise: {field}: expected a finite number, 0 or more, got {got}")]
-    Noise { field: &'static str, got: f64 },
 }
 
-/// What is known at a node.
+/// The estimate at a node.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StateEstimate {
     /// Control frame to inertial.
@@ -86,11 +81,11 @@ pub struct StateEstimate {
     pub covariance_control_arcsec2: Matrix3<f64>,
     /// D of each gyro, in wire order.
     pub drift_arcsec_per_half_s: [f64; 4],
-    /// Its sigma.
+    /// Sigma of D.
     pub drift_sigma_arcsec_per_half_s: [f64; 4],
     /// SF of each gyro, in wire order.
     pub scale_factor: [f64; 4],
-    /// Its sigma.
+    /// Sigma of SF.
     pub scale_factor_sigma: [f64; 4],
 }
 
@@ -109,12 +104,9 @@ impl StateEstimate {
 /// One component of a fix against its prediction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Innovation {
-    /// Time of the fix, s since the start of the counts.
-    pub t_s: f64,
-    /// Which component of the fix, in the order of its sights.
+    /// Index of the fix's axis.
     pub component: usize,
-    pub arcsec: f64,
-    /// The same over its predicted sigma: standard normal and independent where the model holds.
+    /// Residual over its predicted sigma: standard normal and independent if the model holds.
     pub normalised: f64,
 }
 
@@ -129,10 +121,6 @@ pub struct Reconstruction {
     pub whiteness: Whiteness,
     /// Fixes outside the counts, which were not used.
     pub fixes_outside: usize,
-    /// Transfer functions after the last fix, with their misalignments; a gyro not in use keeps what was given.
-    pub calibrations: [Calibration; 4],
-    /// Settled turn of the package for each degree of θ after the last fix, arcsec, and its sigma.
-    pub thermal_arcsec_per_deg: (f64, f64),
 }
 
 /// Reconstructs attitude and transfer functions at every node of `counts`.
@@ -141,12 +129,12 @@ pub struct Reconstruction {
 /// for [`AttitudeFix::star`] and [`AttitudeFix::sun`] the sun-referenced frame at time 0. The attitude before the first fix is carried back
 /// from it by the counts.
 ///
-/// Where counts are broken for a gyro in use, its rotation is taken as its mean over the 10 s before, and is uncertain by
+/// If counts are broken for a gyro in use, its rotation is taken as its mean over the 10 s before, and is uncertain by
 /// [`FilterNoise::lost_rate_arcsec_s`] about its input axis throughout; a receive time that jumps breaks no count. Once the
 /// attitude is uncertain by more than a degree it is lost, and started anew at the next fix of the whole attitude.
 ///
 /// # Errors
-/// All four gyros at once, no sample, no fix of the whole attitude within them, a fix or a figure of the noise that is no number.
+/// All four gyros at once, no sample, no fix of the whole attitude within them, a fix that is no number.
 pub fn reconstruct(
     counts: &AccumulatedCounts,
     calibrations: &[Calibration; 4],
@@ -162,7 +150,6 @@ pub fn reconstruct(
     if counts.is_empty() {
         return Err(FilterError::NoCounts);
     }
-    noise.check()?;
     if let Some(index) = fixes.iter().position(|fix| !fix.is_sound()) {
         return Err(FilterError::Fix { index, t_s: fixes[index].t_s });
     }
@@ -172,7 +159,7 @@ pub fn reconstruct(
     let fixes_outside = fixes.len() - at_nodes.len();
     let (mut counts, lost) = fill_gaps(counts, in_use);
     if let Some(floats) =
-        effects::of_floats(calibrations, &noise.clearance_arcsec, &steps(&counts, calibrations, in_use))
+        effects::float_motion(calibrations, &noise.clearance_arcsec, &steps(&counts, calibrations, in_use))
     {
         for (sums, floats) in counts.to_mut().accumulated.iter_mut().zip(&floats) {
             sums.iter_mut().zip(floats).for_each(|(sum, float)| *sum -= float);
@@ -182,23 +169,12 @@ pub fn reconstruct(
         .ok_or(FilterError::NoAttitude { end_s: counts.end_s(), got: fixes.len() })?;
     filter.forward(&at_nodes);
     let smoothed = filter.backward();
-    let k = filter.state.thermal_arcsec_per_deg;
-    let thermal_arcsec_per_deg = (k, filter.covariance.variance(THERMAL).sqrt());
-    let whiteness = Whiteness::of(&filter.innovations);
-    let Filter { filtered, innovations, state, .. } = filter;
-    let calibrations = state.calibrations;
-    Ok(Reconstruction {
-        filtered,
-        smoothed,
-        innovations,
-        whiteness,
-        fixes_outside,
-        calibrations,
-        thermal_arcsec_per_deg,
-    })
+    let whiteness = Whiteness::from_innovations(&filter.innovations);
+    let Filter { filtered, innovations, .. } = filter;
+    Ok(Reconstruction { filtered, smoothed, innovations, whiteness, fixes_outside })
 }
 
-/// The motion as the counts themselves tell it.
+/// The motion by the counts themselves.
 fn steps(counts: &AccumulatedCounts, calibrations: &[Calibration; 4], in_use: GyroSet) -> MotionSteps {
     let transfer = Transfer::new(calibrations, in_use);
     let of = |node: usize| {

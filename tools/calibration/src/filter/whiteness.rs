@@ -1,4 +1,4 @@
-//! Whether innovations are what a filter that knows its model leaves: standard normal and independent.
+//! Test of innovations: standard normal and independent if the filter's model is right.
 
 use super::Innovation;
 
@@ -11,20 +11,20 @@ const LEVEL: f64 = 0.01;
 pub struct Whiteness {
     /// Sum of the squared normalised innovations.
     pub nis: f64,
-    /// Its degrees of freedom: how many there are.
+    /// Degrees of freedom: the number of innovations.
     pub nis_dof: usize,
-    /// Chance of one so far out, either way; 1 where there are none.
+    /// Two-sided probability; 1 without innovations.
     pub nis_p: f64,
     /// Ljung and Box's Q, each component of the fixes a series of its own, added up.
     pub ljung_box: f64,
     pub ljung_box_dof: usize,
-    /// Chance of one as large; 1 where there are too few innovations for a lag.
+    /// Probability of a Q as large; 1 with too few innovations for a lag.
     pub ljung_box_p: f64,
 }
 
 impl Whiteness {
     /// Tests innovations in order of time.
-    pub fn of(innovations: &[Innovation]) -> Whiteness {
+    pub fn from_innovations(innovations: &[Innovation]) -> Whiteness {
         let nis: f64 = innovations.iter().map(|innovation| innovation.normalised.powi(2)).sum();
         let nis_dof = innovations.len();
         let above = chi2_survival(nis, nis_dof);
@@ -51,7 +51,7 @@ impl Whiteness {
         }
     }
 
-    /// Whether neither test refuses, at 1 % for both together.
+    /// True if neither test rejects, at 1 % for both together.
     pub fn is_white(&self) -> bool {
         self.nis_p.min(self.ljung_box_p) >= 0.5 * LEVEL
     }
@@ -65,7 +65,7 @@ fn ljung_box_q(series: &[f64], lags: usize) -> f64 {
     (1..=lags).map(|lag| n * (n + 2.0) * correlation(lag).powi(2) / (n - lag as f64)).sum()
 }
 
-/// Chance that χ² of so many degrees of freedom is `value` or more, by Wilson and Hilferty's cube root (1931): within
+/// Probability that χ² with `dof` degrees of freedom is `value` or more, by Wilson and Hilferty's cube root (1931): within
 /// 0.003 for 2 degrees and more; 1 for none.
 pub fn chi2_survival(value: f64, dof: usize) -> f64 {
     if dof == 0 {
@@ -82,24 +82,16 @@ mod tests {
     use geu_model::noise::NoiseStream;
 
     fn innovations(values: impl Iterator<Item = f64>) -> Vec<Innovation> {
-        values
-            .enumerate()
-            .map(|(index, normalised)| Innovation {
-                t_s: (index / 2) as f64 * 1800.0,
-                component: index % 2,
-                arcsec: normalised,
-                normalised,
-            })
-            .collect()
+        values.enumerate().map(|(index, normalised)| Innovation { component: index % 2, normalised }).collect()
     }
 
     #[test]
     fn chances_of_chi_squared_are_those_of_the_tables() {
         // 5 % and 1 % points, Abramowitz and Stegun table 26.8.
-        for (value, dof, chance) in
+        for (value, dof, probability) in
             [(5.991, 2, 0.05), (9.210, 2, 0.01), (18.307, 10, 0.05), (23.209, 10, 0.01), (135.807, 100, 0.01)]
         {
-            assert!((chi2_survival(value, dof) - chance).abs() < 0.003, "{value} of {dof}");
+            assert!((chi2_survival(value, dof) - probability).abs() < 0.003, "{value} of {dof}");
         }
     }
 
@@ -109,9 +101,15 @@ mod tests {
         for seed in 0..200 {
             let mut stream = NoiseStream::of_sensor(seed, "whiteness");
             let white: Vec<f64> = (0..96).map(|_| stream.standard_normal()).collect();
-            refused += u32::from(!Whiteness::of(&innovations(white.iter().copied())).is_white());
-            assert!(!Whiteness::of(&innovations(white.iter().map(|value| 1.6 * value))).is_white(), "{seed}");
-            assert!(!Whiteness::of(&innovations(white.iter().map(|value| value + 1.0))).is_white(), "{seed}");
+            refused += u32::from(!Whiteness::from_innovations(&innovations(white.iter().copied())).is_white());
+            assert!(
+                !Whiteness::from_innovations(&innovations(white.iter().map(|value| 1.6 * value))).is_white(),
+                "{seed}"
+            );
+            assert!(
+                !Whiteness::from_innovations(&innovations(white.iter().map(|value| value + 1.0))).is_white(),
+                "{seed}"
+            );
         }
         // 1 % of 200 is 2; Q's upper tail is a little heavier than χ²'s at 48 values a series.
         assert!(refused <= 8, "{refused}");
@@ -119,7 +117,7 @@ mod tests {
 
     #[test]
     fn few_or_no_innovations_are_no_reason_to_refuse() {
-        assert!(Whiteness::of(&[]).is_white());
-        assert!(Whiteness::of(&innovations([0.3, -0.8].into_iter())).is_white());
+        assert!(Whiteness::from_innovations(&[]).is_white());
+        assert!(Whiteness::from_innovations(&innovations([0.3, -0.8].into_iter())).is_white());
     }
 }

@@ -7,8 +7,8 @@ use geu_protocol::Gyro;
 pub const PER_GYRO: usize = 4;
 pub const UNKNOWNS: usize = 4 * PER_GYRO;
 
-/// What a launch leaves unknown of scale factor (relative), drift (arcsec per sample interval) and misalignment (arcsec): 2000 ppm,
-/// 1.5°/h, an arcminute (Casteren table 1, §3.2, §3.4). Data that tell less tell nothing.
+/// Uncertainty after launch of scale factor (relative), drift (arcsec per sample interval) and misalignment (arcsec): 2000
+/// ppm, 1.5°/h, an arcminute (Casteren table 1, §3.2, §3.4). Less accurate data determine nothing.
 pub const BEFORE_LAUNCH: [f64; 3] = [2000e-6, 1.5 * 3600.0 / 7200.0, 60.0];
 
 /// One parameter: gyro and index of [`PER_GYRO`].
@@ -20,23 +20,17 @@ pub struct CalibrationParameter {
 }
 
 impl CalibrationParameter {
-    /// All sixteen, in the order of the solution.
+    /// All parameters, in the order of the solution.
     pub fn all() -> impl Iterator<Item = CalibrationParameter> {
         Gyro::ALL.into_iter().flat_map(|gyro| (0..PER_GYRO).map(move |index| CalibrationParameter { gyro, index }))
     }
 
-    pub fn of(self, calibration: &Calibration) -> f64 {
-        match self.index {
-            0 => calibration.scale_factor,
-            1 => calibration.drift_arcsec_per_half_s,
-            _ => {
-                let axis = off_axes(self.gyro)[self.index - 2];
-                [calibration.x_arcsec, calibration.y_arcsec, calibration.z_arcsec][axis]
-            }
-        }
+    pub fn value(self, calibration: &Calibration) -> f64 {
+        let mut own = *calibration;
+        *self.value_mut(&mut own)
     }
 
-    pub fn of_mut(self, calibration: &mut Calibration) -> &mut f64 {
+    pub fn value_mut(self, calibration: &mut Calibration) -> &mut f64 {
         match self.index {
             0 => &mut calibration.scale_factor,
             1 => &mut calibration.drift_arcsec_per_half_s,
@@ -48,6 +42,11 @@ impl CalibrationParameter {
         }
     }
 
+    /// Index among all parameters, in the order of the solution.
+    pub fn position(self) -> usize {
+        PER_GYRO * self.gyro as usize + self.index
+    }
+
     pub fn key(self) -> &'static str {
         match self.index {
             0 => "scale_factor",
@@ -57,15 +56,15 @@ impl CalibrationParameter {
     }
 
     pub fn label(self) -> String {
-        let what = match self.index {
-            0 => "scale factor".to_owned(),
-            1 => "drift".to_owned(),
-            _ => format!("misalignment {}", ["x", "y", "z"][off_axes(self.gyro)[self.index - 2]]),
-        };
-        format!("{} {what}", self.gyro.name())
+        let name = self.gyro.name();
+        match self.index {
+            0 => format!("{name} scale factor"),
+            1 => format!("{name} drift"),
+            index => format!("{name} misalignment {}", ["x", "y", "z"][off_axes(self.gyro)[index - 2]]),
+        }
     }
 
-    /// What a launch leaves unknown of it.
+    /// Uncertainty after launch.
     pub(super) fn before_launch(self) -> f64 {
         BEFORE_LAUNCH[self.index.min(2)]
     }

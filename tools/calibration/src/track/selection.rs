@@ -1,23 +1,29 @@
-//! Which gyros are used, and what a tracker reports beside attitude.
+//! Selection of gyros, and the events that a tracker reports beside the attitude.
 
+use clap::ValueEnum;
+use clap::builder::PossibleValue;
 use geu_protocol::Gyro;
 
 use crate::counts::BreakKind;
-use crate::redundancy::{ParityResidual, ParityTest, THRESHOLD_SIGMA};
+use crate::parity::{ParityResidual, ParityTest, THRESHOLD_SIGMA};
 use crate::transfer::GyroSet;
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+/// Gyros in use; the texts are those of the option `--gyros`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 pub enum GyroSelection {
+    /// GYRX, GYRY, GYRZA.
     #[default]
     Za,
+    /// GYRX, GYRY, GYRZB.
     Zb,
+    /// All four, by least squares.
     All,
-    /// As `Za`; samples without GYRZA by GYRZB.
+    /// As za; samples without GYRZA by GYRZB.
     Auto,
 }
 
 impl GyroSelection {
-    /// Those to use in turn: the first of which all gyros measured.
+    /// The sets to use, in order of preference: the first whose gyros all measured.
     pub(super) fn candidates(self) -> &'static [GyroSet] {
         match self {
             GyroSelection::Za => &[GyroSet::WithZa],
@@ -30,21 +36,21 @@ impl GyroSelection {
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum TrackerEvent {
-    /// Increments ceased: the attitude lacks what the unit turned meanwhile.
+    /// Increments are missing: the attitude lacks the rotation meanwhile.
     Lost {
         kind: BreakKind,
-        /// The gyros concerned, in wire order.
+        /// The affected gyros, in wire order.
         gyros: [bool; 4],
-        /// Another choice that has all its gyros.
+        /// Another selection whose gyros all measured.
         other: Option<GyroSelection>,
     },
-    /// Increments are there again, after so many samples without.
+    /// Increments are present again after a number of samples without.
     Again {
         samples: u64,
     },
-    /// Other gyros are used from now on.
+    /// Another set of gyros is used from now on.
     Switched(GyroSet),
-    /// The redundant difference began to exceed.
+    /// The parity residual exceeded the threshold.
     Exceeds(ParityTest, ParityResidual),
     Recovered(ParityTest, ParityResidual),
 }
@@ -55,13 +61,13 @@ impl std::fmt::Display for TrackerEvent {
             TrackerEvent::Lost { kind, gyros, other } => {
                 write!(f, "{}; the attitude lacks what the unit turned meanwhile", Reason { kind, gyros })?;
                 match other {
-                    Some(other) => write!(f, "; --gyros {other} would go on"),
+                    Some(other) => write!(f, "; --gyros {other} would continue"),
                     None => Ok(()),
                 }
             }
             TrackerEvent::Again { samples: 1 } => write!(f, "increments again, after 1 sample without"),
             TrackerEvent::Again { samples } => write!(f, "increments again, after {samples} samples without"),
-            TrackerEvent::Switched(in_use) => write!(f, "goes on with {}", in_use_name(in_use)),
+            TrackerEvent::Switched(in_use) => write!(f, "continues with {}", gyro_set_name(in_use)),
             TrackerEvent::Exceeds(test, ParityResidual { arcsec, sigma_arcsec }) => write!(
                 f,
                 "GYRZA and GYRZB differ by {arcsec:+.2}″ {test}, more than {THRESHOLD_SIGMA} sigma of {sigma_arcsec:.2}″"
@@ -75,17 +81,12 @@ impl std::fmt::Display for TrackerEvent {
 
 impl std::fmt::Display for GyroSelection {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-        f.write_str(match self {
-            GyroSelection::Za => "za",
-            GyroSelection::Zb => "zb",
-            GyroSelection::All => "all",
-            GyroSelection::Auto => "auto",
-        })
+        f.write_str(self.to_possible_value().as_ref().map_or("", PossibleValue::get_name))
     }
 }
 
-/// What the gyros in use are called in output.
-pub fn in_use_name(in_use: GyroSet) -> &'static str {
+/// Name of a gyro set in output.
+pub fn gyro_set_name(in_use: GyroSet) -> &'static str {
     match in_use {
         GyroSet::WithZa => "za",
         GyroSet::WithZb => "zb",
@@ -93,11 +94,11 @@ pub fn in_use_name(in_use: GyroSet) -> &'static str {
     }
 }
 
-/// Why there are no increments, with the gyros where it is not all.
+/// Why increments are missing, and of which gyros.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Reason {
     pub kind: BreakKind,
-    /// The gyros concerned, in wire order.
+    /// The affected gyros, in wire order.
     pub gyros: [bool; 4],
 }
 

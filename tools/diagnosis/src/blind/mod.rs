@@ -1,24 +1,25 @@
-//! The blind trial: effects hidden at random in simulated recordings, and what a diagnosis makes of them.
+//! The blind trial: simulated recordings with random effects injected, and scores of their diagnosis.
 //!
 //! ```
 //! use geu_diagnosis::blind::{TrialMotion, generate_trial};
 //! use geu_model::Configuration;
 //!
-//! let survey = TrialMotion::new(Configuration::reference(), 1500.0).expect("long enough");
-//! let (key, flight) = generate_trial(&survey, 7);
-//! assert!(key.hidden.len() <= 3 && flight.rows.len() == 3000);
+//! let motion = TrialMotion::new(Configuration::reference(), 1500.0).expect("long enough");
+//! let (key, recording) = generate_trial(&motion, 7);
+//! assert!(key.injected.len() <= 3 && recording.rows.len() == 3000);
 //! ```
 
 mod campaign;
-mod draw;
-mod fly;
-mod hidden;
+mod injected;
 mod score;
+mod simulate;
 mod survey;
+mod tables;
+mod trial;
 
 pub use campaign::{BlindCampaign, CampaignPlan, Group, TrialKind, TrialRun, campaign};
-pub use draw::generate_trial;
-pub use fly::{SimulatedRecording, fly};
-pub use hidden::{AnswerKey, BadKey, InjectedEffect, Origin};
-pub use score::{BadResult, EffectScore, IsolationResult, ReportedDiagnosis, Score, SizeError, score};
+pub use injected::{AnswerKey, FieldError, InjectedEffect, Origin};
+pub use score::{EffectScore, IsolationResult, ReportedDiagnosis, Score, SizeError, score};
+pub use simulate::{SimulatedRecording, simulate};
 pub use survey::{SURVEY_S, TrialMotion};
+pub use trial::generate_trial;

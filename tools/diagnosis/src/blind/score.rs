@@ -1,39 +1,30 @@
-//! What a diagnosis said against what was hidden.
+//! Scores of a diagnosis against the injected effects.
 
 use std::fmt;
 
-use geu_model::number::Role;
-use serde::Deserialize;
+use geu_model::parameter_spec::Role;
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::hidden::{InjectedEffect, Origin};
+use super::injected::{FieldError, InjectedEffect, Origin};
 use crate::gyros::{Gyros, is_within, names, overlap};
 use crate::hypothesis::Hypothesis;
 use crate::outcome::{Class, DiagnosedEffect, Diagnosis, ReportedAlternative, Verdict};
-use crate::rivals::APART_CHI2;
 
-/// What stands in no catalogue may be called by what is as like as this.
+/// Minimum cosine with a term outside the catalogue for the right group.
 const GROUP_COSINE: f64 = 0.95;
-/// Two effects with signatures so alike are one thing.
+/// Minimum cosine of two signatures of the same effect.
 const SAME_COSINE: f64 = 0.999;
 
 /// A diagnosis as it is scored.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReportedDiagnosis {
-    /// How it ends.
+    /// Verdict.
     pub verdict: Verdict,
-    /// The effects that it calls missing.
+    /// Effects reported as missing in the model.
     pub missing: Vec<DiagnosedEffect>,
-    /// How late the temperature is told, with which they are meant, s.
+    /// Lag of the temperature with which they were estimated, s.
     pub temperature_late_s: f64,
-}
-
-/// Why a JSON is no result of a diagnosis.
-#[derive(Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{field}: expected {expected}, as `geu diagnose --json` writes it")]
-pub struct BadResult {
-    field: &'static str,
-    expected: &'static str,
 }
 
 impl From<&Diagnosis> for ReportedDiagnosis {
@@ -51,32 +42,36 @@ impl ReportedDiagnosis {
     /// Reads the JSON that `geu diagnose --json` wrote.
     ///
     /// # Errors
-    /// [`BadResult`], with the field.
-    pub fn from_json(result: &Value) -> Result<ReportedDiagnosis, BadResult> {
-        let bad = |field, expected| BadResult { field, expected };
+    /// The invalid field.
+    pub fn from_json(result: &Value) -> Result<ReportedDiagnosis, FieldError> {
+        let bad = |field: &str, expected| FieldError { field: field.to_owned(), expected, writer: "diagnose --json" };
         let verdict = Verdict::deserialize(&result["verdict"]);
-        let verdict = verdict.map_err(|_| bad("verdict", "consistent, explained or unexplained"))?;
-        let effects = result["effects"].as_array().ok_or(bad("effects", "a list"))?;
-        let missing = effects.iter().filter(|entry| entry["class"] == "missing-effect");
-        let missing = missing.map(DiagnosedEffect::deserialize).collect::<Result<_, _>>();
-        let missing = missing.map_err(|_| bad("effects", "code, gyros and parameters of each"))?;
-        let temperature_late_s = match &result["temperature_late_s"] {
-            Value::Null => 0.0,
-            value => value.as_f64().ok_or(bad("temperature_late_s", "a number"))?,
-        };
-        Ok(ReportedDiagnosis { verdict, missing, temperature_late_s })
+        let effects = result["effects"].as_array();
+        let temperature_late_s = &result["temperature_late_s"];
+        Ok(ReportedDiagnosis {
+            verdict: verdict.map_err(|_| bad("verdict", "consistent, explained or unexplained"))?,
+            missing: effects
+                .ok_or_else(|| bad("effects", "a list"))?
+                .iter()
+                .filter(|entry| entry["class"] == "missing-effect")
+                .map(DiagnosedEffect::deserialize)
+                .collect::<Result<_, _>>()
+                .map_err(|_| bad("effects", "code, gyros and parameters of each"))?,
+            temperature_late_s: if temperature_late_s.is_null() { Some(0.0) } else { temperature_late_s.as_f64() }
+                .ok_or_else(|| bad("temperature_late_s", "a number"))?,
+        })
     }
 }
 
 impl DiagnosedEffect {
-    /// The hypothesis that it is; none where the model has no such.
+    /// The hypothesis; `None` if the model has no such effect.
     pub fn hypothesis(&self) -> Option<Hypothesis> {
         let number = |name: &str| self.number(name).map(|number| number.value);
         Hypothesis::from_numbers(&self.code, self.formula.as_deref(), self.gyros, number)
     }
 
-    fn is(&self, hidden: &InjectedEffect) -> bool {
-        self.code == hidden.code() && self.formula == hidden.formula()
+    fn is(&self, injected: &InjectedEffect) -> bool {
+        self.code == injected.code() && self.formula == injected.formula()
     }
 }
 
@@ -98,18 +93,18 @@ impl fmt::Display for DiagnosedEffect {
     }
 }
 
-/// What became of something hidden.
+/// Isolation of an injected effect, the worst first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum IsolationResult {
-    /// Nothing was seen.
+    /// Not detected.
     Missed,
-    /// Something was seen, and no name given.
+    /// Detected without an effect.
     Unnamed,
-    /// Another name was given.
+    /// Another effect.
     Wrong,
-    /// A name that cannot be told from the right one.
+    /// An effect that is not distinguishable from the injected one.
     Group,
-    /// Named, on its gyros.
+    /// The injected effect, on its gyros.
     Right,
 }
 
@@ -126,12 +121,12 @@ impl IsolationResult {
     }
 }
 
-/// The size of something rightly named.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// Error of the estimated amplitude.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct SizeError {
-    /// Found less hidden.
+    /// Estimated minus injected.
     pub error: f64,
-    /// One sigma, as found.
+    /// Estimated sigma.
     pub sigma: f64,
     /// Cramér–Rao bound.
     pub bound: f64,
@@ -144,99 +139,105 @@ impl fmt::Display for SizeError {
     }
 }
 
-/// What became of one thing hidden.
+/// Score of one injected effect.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EffectScore {
-    /// In a word.
-    pub naming: IsolationResult,
-    /// How well its size was found.
+    /// Isolation.
+    pub isolation: IsolationResult,
+    /// Error of the amplitude of an isolated effect.
     pub size: Option<SizeError>,
 }
 
-/// A diagnosis scored.
+/// Score of a diagnosis.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Score {
-    /// Of each thing hidden.
+    /// Outcome of each injected effect.
     pub outcomes: Vec<EffectScore>,
-    /// What was found that is none of them: index among [`ReportedDiagnosis::missing`].
-    pub false_names: Vec<usize>,
+    /// Indices among [`ReportedDiagnosis::missing`] of the effects that were not injected.
+    pub false_alarms: Vec<usize>,
 }
 
-/// Scores a diagnosis. `likeness` is the cosine of the signatures of what was hidden and what was found.
+/// Scores a diagnosis. `cosine` is that of the signatures of an injected and a reported effect.
 ///
-/// Right is the same code on the same gyros, in one entry or several. In the right group is an entry that tells the right one, on its
-/// gyros, as a rival that cannot be told apart, or one that has the same signature; for what stands in no catalogue one that is nearly
-/// the same will do.
+/// An effect is isolated if entries report its code on all of its gyros. It is in the right group if an entry has it, on the same gyros,
+/// among the alternatives that are not distinguishable, or if an entry has the same signature; for a term outside the
+/// catalogue a similar signature suffices.
 pub fn score(
-    hidden: &[InjectedEffect],
-    told: &ReportedDiagnosis,
-    likeness: &dyn Fn(&InjectedEffect, &DiagnosedEffect) -> f64,
+    injected: &[InjectedEffect],
+    result: &ReportedDiagnosis,
+    cosine: &dyn Fn(&InjectedEffect, &DiagnosedEffect) -> f64,
 ) -> Score {
-    let mut is_true = vec![false; told.missing.len()];
-    let mut first = Vec::new();
-    for own in hidden {
-        let is_within = |gyros: &Gyros| is_within(gyros, &own.gyros);
-        let mut reached = [false; 4];
-        for (found, is_true) in told.missing.iter().zip(&mut is_true).filter(|(found, _)| found.is(own)) {
-            if is_within(&found.gyros) {
-                *is_true = true;
-                reached.iter_mut().zip(found.gyros).for_each(|(all, one)| *all |= one);
-            }
+    let mut is_true = vec![false; result.missing.len()];
+    let mut isolations = Vec::new();
+    for own in injected {
+        let gyros = own.gyros();
+        let is_own = |found: &DiagnosedEffect| found.is(own) && is_within(&found.gyros, &gyros);
+        let mut reached: Gyros = [false; 4];
+        for found in result.missing.iter().filter(|found| is_own(found)) {
+            reached.iter_mut().zip(found.gyros).for_each(|(all, one)| *all |= one);
         }
-        let is_rival = |rival: &ReportedAlternative| {
-            let is_alike = rival.behind_chi2.is_none_or(|behind| behind < APART_CHI2);
-            rival.code == own.code() && rival.formula == own.formula() && rival.gyros == own.gyros && is_alike
+        let is_right = reached == gyros;
+        let is_alternative = |other: &ReportedAlternative| {
+            other.code == own.code()
+                && other.formula == own.formula()
+                && other.gyros == gyros
+                && other.is_indistinguishable()
         };
-        let least = if own.origin == Origin::Unknown { GROUP_COSINE } else { SAME_COSINE };
-        let mut naming = if reached == own.gyros { IsolationResult::Right } else { IsolationResult::Missed };
-        // The same code on other gyros too, or on some of them alone, is the same thing where the others show nothing of it.
-        let is_done = |found: &DiagnosedEffect| reached == own.gyros && found.is(own) && is_within(&found.gyros);
-        for (found, is_true) in told.missing.iter().zip(&mut is_true).filter(|(found, _)| !is_done(found)) {
-            if found.rivals.iter().any(is_rival) || likeness(own, found) >= least {
+        let min_cosine = if own.origin == Origin::Unknown { GROUP_COSINE } else { SAME_COSINE };
+        let mut isolation = if is_right { IsolationResult::Right } else { IsolationResult::Missed };
+        for (found, is_true) in result.missing.iter().zip(&mut is_true) {
+            *is_true |= is_own(found);
+            // The code on some of its gyros, or on more, is the same effect if the signatures agree.
+            let is_done = is_right && is_own(found);
+            if !is_done && (found.alternatives.iter().any(is_alternative) || cosine(own, found) >= min_cosine) {
                 *is_true = true;
-                naming = if naming == IsolationResult::Right { naming } else { IsolationResult::Group };
+                isolation = isolation.max(IsolationResult::Group);
             }
         }
-        first.push(naming);
+        isolations.push(isolation);
     }
-    let false_names: Vec<usize> = (0..is_true.len()).filter(|&index| !is_true[index]).collect();
-    let of = |(own, naming): (&InjectedEffect, IsolationResult)| {
-        let overlaps = |found: &DiagnosedEffect| overlap(&found.gyros, &own.gyros);
-        let naming = match naming {
-            IsolationResult::Missed if false_names.iter().any(|&index| overlaps(&told.missing[index])) => {
+    let false_alarms: Vec<usize> = (0..is_true.len()).filter(|&index| !is_true[index]).collect();
+    let outcome = |(own, isolation): (&InjectedEffect, IsolationResult)| {
+        let overlaps = |found: &DiagnosedEffect| overlap(&found.gyros, &own.gyros());
+        let isolation = match isolation {
+            IsolationResult::Missed if false_alarms.iter().any(|&index| overlaps(&result.missing[index])) => {
                 IsolationResult::Wrong
             }
-            IsolationResult::Missed if told.verdict == Verdict::Unexplained || told.missing.iter().any(overlaps) => {
+            IsolationResult::Missed
+                if result.verdict == Verdict::Unexplained || result.missing.iter().any(overlaps) =>
+            {
                 IsolationResult::Unnamed
             }
-            naming => naming,
+            isolation => isolation,
         };
-        EffectScore { naming, size: if naming == IsolationResult::Right { size_error(own, told) } else { None } }
+        let size = if isolation == IsolationResult::Right { size_error(own, result) } else { None };
+        EffectScore { isolation, size }
     };
-    Score { outcomes: hidden.iter().zip(first).map(of).collect(), false_names }
+    Score { outcomes: injected.iter().zip(isolations).map(outcome).collect(), false_alarms }
 }
 
-/// Of what one entry names on all of its gyros.
-fn size_error(hidden: &InjectedEffect, told: &ReportedDiagnosis) -> Option<SizeError> {
-    let found = told.missing.iter().find(|found| found.is(hidden) && found.gyros == hidden.gyros)?;
-    let numbers = hidden.hypothesis.parameters();
+/// Amplitude error of an effect that one entry reports on all of its gyros.
+fn size_error(injected: &InjectedEffect, result: &ReportedDiagnosis) -> Option<SizeError> {
+    let gyros = injected.gyros();
+    let found = result.missing.iter().find(|found| found.is(injected) && found.gyros == gyros)?;
+    let numbers = injected.hypothesis.parameters();
     let (truth, found) = (numbers[0].value, found.number(&numbers[0].name)?);
-    // A swing of the other sign is one half a turn later.
+    // The sign of a wave is ambiguous with its phase.
     let has_phase = numbers.iter().any(|number| number.role == Role::Phase);
     let error = if has_phase { found.value.abs() - truth.abs() } else { found.value - truth };
-    Some(SizeError { error, sigma: found.sigma?, bound: hidden.sigma? })
+    Some(SizeError { error, sigma: found.sigma?, bound: injected.sigma? })
 }
 
 impl Score {
-    /// Whether everything was named rightly, or in the right group, and nothing else was named. Of what stands in no catalogue it is
-    /// enough that no effect of the catalogue was named for it.
-    pub fn is_right(&self, hidden: &[InjectedEffect], told: &ReportedDiagnosis) -> bool {
-        let is_unknown = hidden.iter().any(|own| own.origin == Origin::Unknown);
-        let is_formula = |index: &usize| is_unknown && told.missing[*index].formula.is_some();
-        let named = self.outcomes.iter().zip(hidden).all(|(outcome, own)| {
-            let is_seen = outcome.naming != IsolationResult::Missed;
-            outcome.naming >= IsolationResult::Group || own.origin == Origin::Unknown && is_seen
-        });
-        named && self.false_names.iter().all(is_formula)
+    /// True if every effect was isolated, or in the right group, without a false alarm. For a term outside the catalogue a detection
+    /// without an effect of the catalogue suffices.
+    pub fn is_right(&self, injected: &[InjectedEffect], result: &ReportedDiagnosis) -> bool {
+        let is_unknown = injected.iter().any(|own| own.origin == Origin::Unknown);
+        let is_formula = |index: &usize| is_unknown && result.missing[*index].formula.is_some();
+        let is_isolated = |(outcome, own): (&EffectScore, &InjectedEffect)| {
+            let is_detected = own.origin == Origin::Unknown && outcome.isolation != IsolationResult::Missed;
+            outcome.isolation >= IsolationResult::Group || is_detected
+        };
+        self.outcomes.iter().zip(injected).all(is_isolated) && self.false_alarms.iter().all(is_formula)
     }
 }

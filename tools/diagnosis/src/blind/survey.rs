@@ -1,46 +1,46 @@
-//! The standard survey motion as the unit is believed to fly it: what a change of the model adds there, and how well it can be told
-//! from noise and nuisances.
+//! The standard survey motion of the nominal unit: signatures of hypotheses on it, and their size relative to noise and nuisance
+//! parameters.
 //!
-//! The Cramér–Rao bound of a size has the sixteen, the common lag and the walks beside it, not the shapes of the effect itself.
+//! The nuisance parameters of a Cramér–Rao bound are the calibration parameters, the common lag and the random walks, without the
+//! shape parameters of the effect.
 
-use std::sync::{Mutex, OnceLock, PoisonError};
+use std::sync::OnceLock;
 
 use geu_calibration::CountsReader;
 use geu_model::Configuration;
 use geu_recording::Sink;
 
-use super::fly::{SimulatedRecording, fly};
-use super::hidden::{InjectedEffect, Origin};
-use crate::bank::SignatureBank;
+use super::injected::{InjectedEffect, Origin};
+use super::simulate::{SimulatedRecording, simulate};
+use crate::alternatives::{Alternative, similar_hypotheses};
 use crate::diagnosis::{DiagnosisOptions, diagnose_rows};
 use crate::hypothesis::Hypothesis;
 use crate::measured::{CHANNELS, MeasuredData, MeasuredError, Series, Shifts};
+use crate::model_state::{DiagnosisCase, FittedHypothesis};
 use crate::noise;
-use crate::normal::{NormalEquations, Nuisance};
-use crate::null::Thresholds;
+use crate::normal_equations::{NormalEquations, Nuisance};
+use crate::null_distribution::Thresholds;
 use crate::outcome::{DiagnosedEffect, Diagnosis};
-use crate::rivals::{Alternative, similar_hypotheses};
 use crate::signature::Signature;
-use crate::state::{DiagnosisCase, FittedHypothesis};
+use crate::signature_bank::SignatureBank;
 use crate::whitening::NoiseModel;
 
 /// Length of the standard survey motion: three hours of the default scenario.
 pub const SURVEY_S: f64 = 10_800.0;
-/// Rounds in which a size is sought whose signature is as strong as asked.
-const ROUNDS: usize = 12;
-/// How near is near enough.
-const NEAR: f64 = 0.005;
-/// Share of a size by which it is moved for its sigma.
+/// Maximum number of iterations for an amplitude, and the accepted relative error of its strength.
+const ITERATIONS: usize = 12;
+const TOLERANCE: f64 = 0.005;
+/// Relative change of an amplitude for its sigma.
 const STEP: f64 = 0.01;
-/// Share of the greatest value with which the search for a size begins; a formula's coefficient begins at 10⁻⁶.
-const SHARE: f64 = 1e-3;
-const COEFFICIENT: f64 = 1e-6;
+/// Initial amplitude as a share of its limit, and the initial coefficient of a formula.
+const INITIAL_SHARE: f64 = 1e-3;
+const INITIAL_COEFFICIENT: f64 = 1e-6;
 
-/// The motion, what is believed of the unit on it, and its noise.
+/// The motion with the nominal unit and its noise.
 pub struct TrialMotion {
-    /// What is believed.
-    pub believed: Configuration,
-    /// On-board time flown.
+    /// The nominal unit.
+    pub nominal: Configuration,
+    /// On-board time simulated.
     pub duration_s: f64,
     measured: MeasuredData,
     from: Series,
@@ -51,156 +51,155 @@ pub struct TrialMotion {
     thresholds: OnceLock<Thresholds>,
 }
 
-/// A change of the size asked for.
-pub struct ScaledHypothesis {
-    /// The change.
-    pub hypothesis: Hypothesis,
-    /// Cramér–Rao bound of its size.
-    pub sigma: f64,
-    /// Size of its signature beside the nuisances, in sigmas of the noise.
-    pub strength: f64,
-}
-
 impl TrialMotion {
-    /// Flies the unit as it is believed.
+    /// Simulates the nominal unit.
     ///
     /// # Errors
     /// A duration that is too short for a diagnosis.
-    pub fn new(believed: Configuration, duration_s: f64) -> Result<TrialMotion, MeasuredError> {
-        let flight = fly(&believed, duration_s);
+    pub fn new(nominal: Configuration, duration_s: f64) -> Result<TrialMotion, MeasuredError> {
+        let recording = simulate(&nominal, duration_s);
         let mut reader = CountsReader::default();
-        flight.rows.iter().for_each(|row| reader.row(row));
-        let counts = reader.finish(believed.start_unix_ns).ok_or(MeasuredError::Empty)?;
-        let measured = MeasuredData::new(counts, &flight.reference)?;
-        let from = measured.run(&believed, Shifts::default());
+        recording.rows.iter().for_each(|row| reader.row(row));
+        let counts = reader.finish(nominal.start_unix_ns).ok_or(MeasuredError::Empty)?;
+        let measured = MeasuredData::new(counts, &recording.reference)?;
+        let from = measured.run(&nominal, Shifts::default());
         let residual = measured.residual(&from);
-        let noise = noise::of(&believed, &measured, &residual);
-        let case = DiagnosisCase::new(&measured, &believed);
-        let normal = NormalEquations::new(case.whitenings(&noise), &residual, &case.nuisances);
+        let noise = noise::configured(&nominal, &measured, &residual);
+        let case = DiagnosisCase::new(&measured, &nominal);
+        let normal = NormalEquations::new(case.whitenings(&noise), &residual, &case.nuisances, &[]);
         let nuisances = case.nuisances;
         let (bank, thresholds) = Default::default();
-        Ok(TrialMotion { believed, duration_s, measured, from, noise, nuisances, normal, bank, thresholds })
+        Ok(TrialMotion { nominal, duration_s, measured, from, noise, nuisances, normal, bank, thresholds })
     }
 
-    /// What the difference of two configurations adds; the first has more.
-    fn signature(&self, moved: &Series, from: &Series) -> Signature {
-        Signature::new(&self.normal, &self.measured.difference(moved, from).map(Some))
+    /// The unit with a hypothesis.
+    fn with(&self, hypothesis: &Hypothesis) -> Configuration {
+        let mut configuration = self.nominal.clone();
+        hypothesis.apply(&mut configuration);
+        configuration
     }
 
-    fn run(&self, configuration: &Configuration) -> Series {
-        self.measured.run(configuration, Shifts::default())
+    /// The difference between two model runs.
+    fn signature(&self, with: &Series, without: &Series) -> Signature {
+        Signature::new(&self.normal, &self.measured.difference(with, without).map(Some))
     }
 
     fn strength(&self, signature: &Signature) -> Option<f64> {
         self.normal.gain(&signature.products).map(|gain| gain.sigma.recip())
     }
 
-    /// The signature of a hypothesis where the temperature is told so much late; none where it cannot be told from the nuisances.
+    /// The signature of a hypothesis with a lagged temperature; `None` if the nuisance parameters can replace it.
     fn signature_of(&self, hypothesis: &Hypothesis, temperature_s: f64) -> Option<Signature> {
-        let mut moved = self.believed.clone();
-        hypothesis.apply(&mut moved);
         let shifts = Shifts { temperature_s, ..Shifts::default() };
-        let [with, without] = [&moved, &self.believed].map(|configuration| self.measured.run(configuration, shifts));
-        let signature = self.signature(&with, &without);
+        let run = |configuration: &Configuration| self.measured.run(configuration, shifts);
+        let signature = self.signature(&run(&self.with(hypothesis)), &run(&self.nominal));
         self.strength(&signature).map(|_| signature)
     }
 
-    /// Cosine of the signatures of what was hidden and what was found, whitened and beside the nuisances, without sign; 0 where one
-    /// of them has none. What was found stands there with the numbers found, or with those with which it is most like what was
-    /// hidden: noise moves a shape, and that makes it no other name. It is meant with a temperature that is told so much late.
-    pub fn signature_cosine(&self, hidden: &InjectedEffect, found: &DiagnosedEffect, temperature_late_s: f64) -> f64 {
+    /// Cosine of the whitened signatures of an injected and a reported effect, without sign, with the nuisance parameters projected
+    /// out; 0 if either has no signature. The reported effect has the estimated shape parameters or those with which it is most
+    /// similar, because noise moves a shape without changing the effect. Its temperature lags by `temperature_late_s`.
+    pub fn signature_cosine(&self, injected: &InjectedEffect, found: &DiagnosedEffect, temperature_late_s: f64) -> f64 {
         let Some(hypothesis) = found.hypothesis().filter(|own| own.amplitude.has_signature()) else { return 0.0 };
-        if !matches!(hidden.origin, Origin::Catalogue | Origin::Unknown) {
+        if !matches!(injected.origin, Origin::Catalogue | Origin::Unknown) {
             return 0.0;
         }
-        let (one, other) =
-            (self.signature_of(&hidden.hypothesis, 0.0), self.signature_of(&hypothesis, temperature_late_s));
-        let (Some(one), Some(other)) = (one, other) else { return 0.0 };
+        let signatures =
+            (self.signature_of(&injected.hypothesis, 0.0), self.signature_of(&hypothesis, temperature_late_s));
+        let (Some(one), Some(other)) = signatures else { return 0.0 };
         let as_found = one.cosine(&self.normal, &other);
-        let rivals = self.rivals(&hidden.hypothesis, temperature_late_s);
-        let is_found = |rival: &&Alternative| {
-            rival.hypothesis.amplitude.code() == found.code && rival.hypothesis.gyros == found.gyros
+        let similar = self.similar(&injected.hypothesis, temperature_late_s);
+        let is_found = |other: &&Alternative| {
+            other.hypothesis.amplitude.code() == found.code && other.hypothesis.gyros == found.gyros
         };
-        rivals.iter().find(is_found).map_or(as_found, |rival| rival.cosine.max(as_found))
+        similar.iter().find(is_found).map_or(as_found, |other| other.cosine.max(as_found))
     }
 
-    /// The change with a size whose signature is of that strength; nothing where none is within limits, or it cannot be told from the
-    /// nuisances. Counts are whole ones, and so as strong or stronger.
-    pub fn sized(&self, mut change: Hypothesis, sign: f64, strength: f64) -> Option<ScaledHypothesis> {
-        let limits = change.amplitude.size();
-        let is_formula = change.amplitude.formula().is_some();
-        change.value = sign * if is_formula { COEFFICIENT } else { SHARE * limits.greatest };
-        let run = |change: &Hypothesis| {
-            let mut moved = self.believed.clone();
-            change.apply(&mut moved);
-            change.is_within_limits().then(|| self.run(&moved))
-        };
-        let of = |change: &Hypothesis| self.strength(&self.signature(&run(change)?, &self.from));
-        let mut now = of(&change)?;
-        for _ in 0..ROUNDS {
-            if (now / strength - 1.0).abs() < NEAR {
+    /// An injected effect without a signature.
+    pub(super) fn injected(&self, hypothesis: Hypothesis, origin: Origin) -> InjectedEffect {
+        let assignments = hypothesis.assignments(&self.with(&hypothesis));
+        InjectedEffect { hypothesis, origin, sigma: None, strength: None, nearest: None, assignments }
+    }
+
+    /// The hypothesis with the amplitude at which its signature has this strength. `None` if no amplitude within the limits has, or the
+    /// nuisance parameters can replace the effect. Counts are rounded up to whole numbers.
+    pub(super) fn scaled(
+        &self,
+        mut hypothesis: Hypothesis,
+        origin: Origin,
+        sign: f64,
+        strength: f64,
+    ) -> Option<InjectedEffect> {
+        let limits = hypothesis.amplitude.size();
+        let is_formula = hypothesis.amplitude.formula().is_some();
+        hypothesis.value = sign * if is_formula { INITIAL_COEFFICIENT } else { INITIAL_SHARE * limits.max };
+        let run =
+            |own: &Hypothesis| own.is_within_limits().then(|| self.measured.run(&self.with(own), Shifts::default()));
+        let strength_of = |own: &Hypothesis| self.strength(&self.signature(&run(own)?, &self.from));
+        let mut now = strength_of(&hypothesis)?;
+        for _ in 0..ITERATIONS {
+            if (now / strength - 1.0).abs() < TOLERANCE {
                 break;
             }
-            change.value *= strength / now;
-            now = of(&change)?;
+            hypothesis.value *= strength / now;
+            now = strength_of(&hypothesis)?;
         }
-        if change.amplitude.is_count() {
-            change.value = sign * change.value.abs().ceil();
-            now = of(&change)?;
-        } else if (now / strength - 1.0).abs() >= NEAR {
+        if hypothesis.amplitude.is_count() {
+            hypothesis.value = sign * hypothesis.value.abs().ceil();
+            now = strength_of(&hypothesis)?;
+        } else if (now / strength - 1.0).abs() >= TOLERANCE {
             return None;
         }
-        let aside = Hypothesis { value: change.value * (1.0 - STEP), ..change.clone() };
-        let slope = self.strength(&self.signature(&run(&change)?, &run(&aside)?))?;
-        Some(ScaledHypothesis { sigma: STEP * change.value.abs() / slope, strength: now, hypothesis: change })
+        let smaller = Hypothesis { value: hypothesis.value * (1.0 - STEP), ..hypothesis.clone() };
+        let slope = self.strength(&self.signature(&run(&hypothesis)?, &run(&smaller)?))?;
+        let sigma = Some(STEP * hypothesis.value.abs() / slope);
+        Some(InjectedEffect { sigma, strength: Some(now), ..self.injected(hypothesis, origin) })
     }
 
-    /// The amplitude of the catalogue that looks most like a change, and the cosine of the two.
-    pub fn nearest(&self, change: &Hypothesis) -> Option<(String, f64)> {
-        let nearest = self.rivals(change, 0.0).into_iter().next()?;
+    /// The most similar amplitude of the catalogue, and the cosine.
+    pub(super) fn nearest(&self, hypothesis: &Hypothesis) -> Option<(String, f64)> {
+        let nearest = self.similar(hypothesis, 0.0).into_iter().next()?;
         Some((nearest.hypothesis.amplitude.code(), nearest.cosine))
     }
 
-    /// The amplitudes of the catalogue that look like a change where the temperature is told so much late, the most alike first.
-    fn rivals(&self, change: &Hypothesis, temperature_late_s: f64) -> Vec<Alternative> {
-        let bank = self.bank.get_or_init(|| SignatureBank::new(&self.measured, &self.believed));
+    /// Similar amplitudes of the catalogue with a lagged temperature, the most similar first.
+    fn similar(&self, hypothesis: &Hypothesis, temperature_late_s: f64) -> Vec<Alternative> {
+        let bank = self.bank.get_or_init(|| SignatureBank::new(&self.measured, &self.nominal));
         let nuisances = self.nuisances.clone();
-        let case = DiagnosisCase { measured: &self.measured, believed: &self.believed, nuisances };
+        let case = DiagnosisCase { measured: &self.measured, nominal: &self.nominal, nuisances };
         let mut state = case.start(self.noise);
-        state.held.push(FittedHypothesis::new(change.clone()));
+        state.held.push(FittedHypothesis::new(hypothesis.clone()));
         similar_hypotheses(&case, &bank.late(temperature_late_s), &state, 0)
     }
 
-    /// Diagnoses a flight. The thresholds are those of a flight with nothing hidden, for all flights of this motion: a key of
-    /// the key of a recording would differ with the goodness of single blocks and the white noise told by the data, and
-    /// thresholds hardly do.
+    /// Diagnoses a recording of this motion. The thresholds of one effect-free recording serve all: they hardly depend on single
+    /// blocks and on the white noise of a recording.
     ///
     /// # Errors
-    /// As [`diagnose_rows`].
-    pub fn diagnose(&self, flight: &SimulatedRecording) -> Result<Diagnosis, MeasuredError> {
+    /// See [`diagnose_rows`].
+    pub fn diagnose(&self, recording: &SimulatedRecording) -> Result<Diagnosis, MeasuredError> {
         if self.thresholds.get().is_none() {
-            let mut believed = self.believed.clone();
-            believed.seed = believed.seed.wrapping_add(1) & i64::MAX as u64;
-            let first = Mutex::new(None);
-            self.diagnose_with(&fly(&believed, self.duration_s), &|_| None, &|_, thresholds| {
-                *first.lock().unwrap_or_else(PoisonError::into_inner) = Some(thresholds.clone());
-            })?;
-            if let Some(thresholds) = first.into_inner().unwrap_or_else(PoisonError::into_inner) {
-                // Another thread may have been faster, with the same.
-                let _ = self.thresholds.set(thresholds);
-            }
+            let seed = self.nominal.seed.wrapping_add(1) & i64::MAX as u64;
+            let effect_free = simulate(&Configuration { seed, ..self.nominal.clone() }, self.duration_s);
+            // Another thread may have stored the same thresholds.
+            let _ = self.thresholds.set(self.diagnose_with(&effect_free, None)?.thresholds);
         }
-        self.diagnose_with(flight, &|_| self.thresholds.get().cloned(), &|_, _| {})
+        self.diagnose_with(recording, self.thresholds.get())
     }
 
     fn diagnose_with(
         &self,
-        flight: &SimulatedRecording,
-        known: &(dyn Fn(u64) -> Option<Thresholds> + Sync),
-        keep: &(dyn Fn(u64, &Thresholds) + Sync),
+        recording: &SimulatedRecording,
+        thresholds: Option<&Thresholds>,
     ) -> Result<Diagnosis, MeasuredError> {
-        let clock_start_ns = flight.reference.start_ns;
-        let settings = DiagnosisOptions { seed: 1, clock_start_ns, known, keep, manoeuvres: None, progress: &|_| {} };
-        diagnose_rows(&flight.rows, &[], &self.believed, &flight.reference, &settings)
+        let options = DiagnosisOptions {
+            seed: 1,
+            clock_start_ns: recording.reference.start_ns,
+            known: &|_| thresholds.cloned(),
+            keep: &|_, _| {},
+            manoeuvres: None,
+            progress: &|_| {},
+        };
+        diagnose_rows(&recording.rows, &[], &self.nominal, &recording.reference, &options)
     }
 }

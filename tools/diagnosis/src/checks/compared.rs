@@ -1,64 +1,64 @@
-//! The counts beside what the reference and the configured calibration predict, sample by sample.
+//! Measured counts and those predicted from the reference attitude and the configured calibration.
 
 use geu_calibration::transfer::misalignment_matrix;
 use geu_model::Configuration;
-use geu_model::course::Interval;
 use geu_model::effect::WiringEffects;
+use geu_model::time_profile::Interval;
 use geu_protocol::Gyro;
 use geu_protocol::continuity::SequenceStep;
 use geu_protocol::field::unit_flag;
 use geu_recording::{ReceivedSample, ReferenceAttitude};
 use nalgebra::Vector3;
 
+use super::findings::FindingCollector;
 use super::timeline::SampleTimes;
-use super::told::FindingCollector;
 
-/// What stamps and the ends of a reference may miss of each other, s.
-const COVERED_S: f64 = 0.02;
-/// A reference that ends with the recording may miss the samples at the ends; more is told.
-const MOST_UNCOVERED: usize = 2;
-/// A count so many times beyond anything predicted is of no wiring, where there are few of them.
+/// Tolerance between time stamps and the ends of a reference, s.
+const TOLERANCE_S: f64 = 0.02;
+/// Samples at the ends of a recording that may be outside of the reference without a finding.
+const MAX_UNCOVERED: usize = 2;
+/// Limit of the counts, relative to the largest predicted count and absolute. Counts above it do not come from wiring if few.
 const OUTLIER: f64 = 2.0;
 const OUTLIER_COUNTS: f64 = 100.0;
 const FEW_OUTLIERS: f64 = 0.01;
 
-/// One sample. Counts in the order of [`Gyro::ALL`].
+/// Counts of one sample, in the order of [`Gyro::ALL`].
 #[derive(Debug, Clone)]
 pub struct SampleComparison {
-    /// Index of its row.
+    /// Index of the row.
     pub row: usize,
-    /// What the gyros would count, unquantised and before their wiring.
+    /// Predicted, not rounded, before the wiring.
     pub predicted: [f64; 4],
-    /// What was counted.
+    /// Measured.
     pub measured: [f64; 4],
-    /// Whether the two can be compared.
+    /// True for each gyro that can be compared.
     pub is_used: [bool; 4],
-    /// Wiring as it is believed.
+    /// Configured wiring with the faults found.
     pub wiring: [WiringEffects; 4],
 }
 
-/// All samples, repeats left out.
+/// All samples without repeats.
 #[derive(Debug, Clone)]
 pub struct CountComparison {
-    pub halves: Vec<SampleComparison>,
+    pub samples: Vec<SampleComparison>,
 }
 
 impl CountComparison {
-    /// Tells where the reference does not cover the recording; nothing where it covers none of it.
-    pub fn of(
+    /// Reports samples without a reference. `None` if the reference covers no sample.
+    pub fn new(
         rows: &[ReceivedSample],
         timeline: &SampleTimes,
         configuration: &Configuration,
         reference: &ReferenceAttitude,
-        told: &mut FindingCollector,
+        findings: &mut FindingCollector,
     ) -> Option<CountComparison> {
         let last_s = *timeline.end_s.last()?;
-        // A clock of its own starts with the reference.
+        // The unit's clock starts with the reference.
         let zero_ns = if timeline.is_received { reference.start_ns } else { 0 };
         let offset_s = (i128::from(timeline.start_ns) - i128::from(zero_ns)) as f64 * 1e-9;
         let end_s = reference.truth.end_s();
         let covers = |row: usize| {
-            timeline.start_s(row) + offset_s >= -COVERED_S && timeline.end_s[row] + offset_s <= end_s + COVERED_S
+            timeline.start_s(row) + offset_s >= -TOLERANCE_S && timeline.end_s[row] + offset_s <= end_s + TOLERANCE_S
         };
         let span = format!(
             "the reference goes from {:.1} to {:.1} s, the recording from 0.0 to {last_s:.1} s",
@@ -67,11 +67,11 @@ impl CountComparison {
         );
         let uncovered = (0..rows.len()).filter(|&row| !covers(row)).count();
         if uncovered == rows.len() {
-            told.whole("reference-apart", None, format!("reference and recording have no time in common: {span}"));
+            findings.whole("reference-apart", None, format!("reference and recording have no time in common: {span}"));
             return None;
         }
-        if uncovered > MOST_UNCOVERED {
-            told.whole("reference-short", None, format!("{uncovered} samples have no reference: {span}"));
+        if uncovered > MAX_UNCOVERED {
+            findings.whole("reference-short", None, format!("{uncovered} samples have no reference: {span}"));
         }
 
         let calibrations = configuration.gyros.each_ref().map(|gyro| gyro.calibration);
@@ -79,7 +79,7 @@ impl CountComparison {
         let reference_c = configuration.electronics.numbers.reference_c;
         let mut near = 0;
         let mut angle = |t_s: f64| Vector3::from(reference.truth.at(t_s + offset_s, &mut near).0);
-        let halves = (0..rows.len()).filter(|&row| timeline.steps[row] != SequenceStep::Repeat).map(|row| {
+        let samples = (0..rows.len()).filter(|&row| timeline.steps[row] != SequenceStep::Repeat).map(|row| {
             let sample = &rows[row].sample;
             let (start_s, end_s) = (timeline.start_s(row), timeline.end_s[row]);
             let inputs = matrix * (angle(end_s) - angle(start_s));
@@ -100,24 +100,25 @@ impl CountComparison {
                 wiring: configuration.gyros.each_ref().map(|gyro| gyro.wiring.at(&interval)),
             }
         });
-        let mut compared = CountComparison { halves: halves.collect() };
-        compared.leave_out_outliers();
+        let mut compared = CountComparison { samples: samples.collect() };
+        compared.exclude_outliers();
         Some(compared)
     }
 
-    /// The samples in which a gyro can be compared.
-    pub fn of_gyro(&self, gyro: usize) -> impl Iterator<Item = &SampleComparison> {
-        self.halves.iter().filter(move |half| half.is_used[gyro])
+    /// Samples in which a gyro can be compared.
+    pub fn on_gyro(&self, gyro: usize) -> impl Iterator<Item = &SampleComparison> {
+        self.samples.iter().filter(move |sample| sample.is_used[gyro])
     }
 
-    fn leave_out_outliers(&mut self) {
+    fn exclude_outliers(&mut self) {
         let largest = |largest: f64, count: &f64| largest.max(count.abs());
-        let limit = OUTLIER_COUNTS + OUTLIER * self.halves.iter().flat_map(|half| &half.predicted).fold(0.0, largest);
+        let limit =
+            OUTLIER_COUNTS + OUTLIER * self.samples.iter().flat_map(|sample| &sample.predicted).fold(0.0, largest);
         for gyro in 0..4 {
-            let all = self.of_gyro(gyro).count();
-            let outliers = self.of_gyro(gyro).filter(|half| half.measured[gyro].abs() > limit).count();
+            let all = self.on_gyro(gyro).count();
+            let outliers = self.on_gyro(gyro).filter(|sample| sample.measured[gyro].abs() > limit).count();
             if outliers as f64 <= FEW_OUTLIERS * all as f64 {
-                self.halves.iter_mut().for_each(|half| half.is_used[gyro] &= half.measured[gyro].abs() <= limit);
+                self.samples.iter_mut().for_each(|sample| sample.is_used[gyro] &= sample.measured[gyro].abs() <= limit);
             }
         }
     }

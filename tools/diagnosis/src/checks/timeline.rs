@@ -1,32 +1,30 @@
-//! When each row's sample ended, and how it stands to the one before.
+//! End time of each row's sample, and its sequence step.
 
 use geu_model::units::SAMPLE_INTERVAL_S;
-use geu_protocol::continuity::{Continuity, SequenceStep};
+use geu_protocol::continuity::{Continuity, MAX_MISSING, SequenceStep};
 use geu_recording::ReceivedSample;
 
-/// Neighbours on either side over which times are smoothed: a median keeps an edge where it is, and drops late stamps.
+/// Neighbours on either side over which times are smoothed: a median preserves edges and removes late stamps.
 const NEIGHBOURS: usize = 4;
-/// A sequence that was left out for longer than a week is a wrong word.
-const MOST_MISSING: u64 = 1_209_600;
 
 /// Times of the rows.
 pub struct SampleTimes {
     /// Start of the first sample on the time scale of the rows, ns.
     pub start_ns: i64,
-    /// Whether the times were received; else they are the unit's own clock.
+    /// True if the times are receive times, false if they are the unit's clock.
     pub is_received: bool,
     /// End of each row's sample, s since the start of the first; smoothed.
     pub end_s: Vec<f64>,
-    /// Receive time of each row, s since the start, where it has one.
+    /// Receive time of each row, s since the start, if available.
     pub stamp_s: Vec<Option<f64>>,
-    /// How each row stands to the one before.
+    /// Sequence step from the row before.
     pub steps: Vec<SequenceStep>,
     /// Samples since the first row, by sequence and clock.
     pub samples: Vec<f64>,
 }
 
 impl SampleTimes {
-    pub fn of(rows: &[ReceivedSample]) -> SampleTimes {
+    pub fn new(rows: &[ReceivedSample]) -> SampleTimes {
         let mut continuity = Continuity::default();
         let clock = |row: &ReceivedSample| row.has_clock.then_some(row.sample.clock_count);
         let steps: Vec<SequenceStep> =
@@ -37,7 +35,7 @@ impl SampleTimes {
             .map(|step| {
                 passed += match *step {
                     SequenceStep::First | SequenceStep::Repeat => 0.0,
-                    SequenceStep::Gap(missing) => missing.min(MOST_MISSING) as f64 + 1.0,
+                    SequenceStep::Gap(missing) => missing.min(MAX_MISSING) as f64 + 1.0,
                     SequenceStep::Next | SequenceStep::Reset | SequenceStep::Jump => 1.0,
                 };
                 passed
@@ -65,9 +63,9 @@ impl SampleTimes {
     }
 }
 
-/// Ends by the median of what the neighbours tell, each so many samples away.
+/// End times by the median over the neighbours, each corrected by its distance in samples.
 fn smoothed(stamp_s: &[Option<f64>], steps: &[SequenceStep]) -> Vec<f64> {
-    // Departures from a row each sample: an edge where some are missing.
+    // Deviation from one row in each sample interval; missing rows are an edge.
     let mut index = 0.0;
     let indices: Vec<f64> = steps
         .iter()
@@ -83,7 +81,7 @@ fn smoothed(stamp_s: &[Option<f64>], steps: &[SequenceStep]) -> Vec<f64> {
     let mut near = Vec::with_capacity(2 * NEIGHBOURS + 1);
     let medians: Vec<(usize, f64)> = (0..known.len())
         .map(|at| {
-            // As many on either side, so that a course is not pulled at the ends.
+            // Symmetric, so that a drift causes no bias at the ends.
             let reach = NEIGHBOURS.min(at).min(known.len() - 1 - at);
             near.clear();
             near.extend(known[at - reach..=at + reach].iter().map(|known| known.1));
@@ -91,13 +89,13 @@ fn smoothed(stamp_s: &[Option<f64>], steps: &[SequenceStep]) -> Vec<f64> {
         })
         .collect();
     let mut next = medians.into_iter().peekable();
-    let mut departure_s = next.peek().map_or(0.0, |first| first.1);
+    let mut deviation_s = next.peek().map_or(0.0, |first| first.1);
     (0..steps.len())
         .map(|row| {
             if let Some((_, found_s)) = next.next_if(|found| found.0 == row) {
-                departure_s = found_s;
+                deviation_s = found_s;
             }
-            departure_s + indices[row] * SAMPLE_INTERVAL_S
+            deviation_s + indices[row] * SAMPLE_INTERVAL_S
         })
         .collect()
 }

@@ -1,9 +1,8 @@
-//! Wiring faults: which law of the model's list turns the predicted counts into those that were measured.
+//! Search for wiring faults: the hypothesis of the model's list that turns the predicted counts into the measured ones.
 //!
-//! A law is tried sample by sample, its memory fed with what was measured, against the prediction without it. The
-//! stretch over which it lowers the sum of squares most is where it may hold. It is named if it does there what it says and
-//! nothing else: the counts depart from the prediction by once the difference that it makes, not by a part of it. Ordinary
-//! effects make at most a few hundredths of that.
+//! Each hypothesis is compared with the prediction without it, sample by sample, with a memory of the measured counts. Its interval is
+//! the one with the largest reduction of the sum of squares. It is accepted if the measured counts differ from the prediction there by
+//! the whole difference that the fault makes, not by a part of it. Ordinary effects make at most a few hundredths of that.
 
 use std::ops::Range;
 
@@ -12,80 +11,85 @@ use geu_protocol::Gyro;
 use geu_recording::ReceivedSample;
 
 use super::compared::CountComparison;
-use super::law::WiringFault;
-use super::law::{Wiring, WiringHypothesis, apply};
+use super::moments::Moments;
 use super::timeline::SampleTimes;
+use super::wiring_hypothesis::{Wiring, WiringFault, WiringHypothesis, apply};
 
-/// No recording has more.
-const MOST_FAULTS: usize = 8;
-/// Shares of the counts that may be ordinary errors: none, and a little more than a scale factor's 5 %.
+/// Maximum number of faults.
+const MAX_FAULTS: usize = 8;
+/// Shares of the counts that may be ordinary errors: none, and slightly more than the 5 % of a scale factor.
 const ORDINARY: [f64; 2] = [0.0, 0.06];
-/// Counts beside such a share that may be: a drift's limit, and misalignments.
+/// Counts allowed in addition to such a share, for drift and misalignments.
 const ORDINARY_COUNTS: f64 = 8.0;
-/// How far from 1 the part may be that the counts show of the difference a law makes.
+/// Tolerance of the measured part of the difference that a fault makes.
 const SHOWN: f64 = 0.1;
-/// How well that part must be known, 1 sigma.
+/// Largest sigma of that part.
 const SHOWN_SIGMA: f64 = 0.03;
-/// Samples over which counts are summed before they are set against a law: one tells fast motion, and a minute small
-/// differences that last, since a sum is rounded no worse than an increment.
+/// Samples in a sum: one for fast motion, a minute for small lasting differences, because rounding of a sum is that of an increment.
 const SUMMED: [usize; 2] = [1, 120];
-/// Sums that a judgement needs.
-const FEWEST: f64 = 8.0;
-/// By how much the angle must move about its trend before counts that do not are called lost: within pivots or a play,
-/// whose limits are 100 arcsec, they may rest.
-const HIDDEN_COUNTS: f64 = 150.0;
-/// What rounding leaves of a sum: two roundings of variance 1/12.
+/// Minimum number of sums.
+const MIN_SUMS: f64 = 8.0;
+/// Minimum motion of the angle about its trend for lost counts: within pivots or a play, with limits of 100 arcsec, counts may rest.
+const MIN_EXCURSION_COUNTS: f64 = 150.0;
+/// Variance of a sum by rounding: twice 1/12.
 const ROUNDING_VARIANCE: f64 = 1.0 / 6.0;
-/// Rise of the sum of squares over the residual variance within which an onset is as good as another: 5 sigma.
-const AS_GOOD: f64 = 25.0;
+/// Increase of the sum of squares over the residual variance in the interval of an onset: 5 sigma.
+const ONSET_CHI2: f64 = 25.0;
 
-/// A fault, and where it stands among the samples compared.
+/// A fault and its samples.
 pub struct LocatedFault {
     pub fault: WiringFault,
-    law: WiringHypothesis,
-    halves: Range<usize>,
+    hypothesis: WiringHypothesis,
+    samples: Range<usize>,
 }
 
 struct Search<'a> {
     compared: &'a CountComparison,
-    /// What the wiring remembers before each sample, from what was measured.
+    /// Memory of the wiring before each sample, from the measured counts.
     states: Vec<WiringStates>,
-    /// Predicted with the wiring believed so far.
-    believed: Vec<[f64; 4]>,
+    /// Predicted with the wiring already found.
+    known: Vec<[f64; 4]>,
 }
 
-/// Names the faults beside those found before, and leaves out of `compared` what they destroy. What undoes itself is a harness, which does
-/// not come and go: a law that would have to is none.
+/// Finds faults in addition to those found before, and excludes lost counts from `compared`. A fault that undoes itself is in the
+/// harness, which does not change repeatedly: a hypothesis that occurs twice is rejected.
 pub fn search(
-    mut laws: Vec<WiringHypothesis>,
+    mut hypotheses: Vec<WiringHypothesis>,
     before: &[LocatedFault],
     compared: &mut CountComparison,
     timeline: &SampleTimes,
 ) -> Vec<LocatedFault> {
     loop {
         let mut tried = compared.clone();
-        let found = one_by_one(&laws, &mut tried, timeline);
-        let is_again = |index: usize| before.iter().chain(&found[..index]).any(|other| other.law == found[index].law);
-        let Some(again) = (0..found.len()).find(|&index| found[index].law.undoes_itself() && is_again(index)) else {
+        let found = one_by_one(&hypotheses, &mut tried, timeline);
+        let is_again = |index: usize| {
+            before.iter().chain(&found[..index]).any(|other| other.hypothesis == found[index].hypothesis)
+        };
+        let Some(again) = (0..found.len()).find(|&index| found[index].hypothesis.undoes_itself() && is_again(index))
+        else {
             *compared = tried;
             return found;
         };
-        laws.retain(|law| *law != found[again].law);
+        hypotheses.retain(|own| *own != found[again].hypothesis);
     }
 }
 
-/// The one that explains most first.
-fn one_by_one(laws: &[WiringHypothesis], compared: &mut CountComparison, timeline: &SampleTimes) -> Vec<LocatedFault> {
+/// Faults in order of their reduction of the sum of squares.
+fn one_by_one(
+    hypotheses: &[WiringHypothesis],
+    compared: &mut CountComparison,
+    timeline: &SampleTimes,
+) -> Vec<LocatedFault> {
     let mut found: Vec<LocatedFault> = Vec::new();
-    while found.len() < MOST_FAULTS {
-        let search = Search::of(compared);
-        let best = ORDINARY.iter().find_map(|&ordinary| search.best(laws, ordinary, timeline));
+    while found.len() < MAX_FAULTS {
+        let search = Search::new(compared);
+        let best = ORDINARY.iter().find_map(|&ordinary| search.best(hypotheses, ordinary, timeline));
         let Some(best) = best else { break };
-        let is_lost = !best.law.undoes_itself();
-        for half in &mut compared.halves[best.halves.clone()] {
-            best.law.set(&mut half.wiring);
+        let is_lost = !best.hypothesis.undoes_itself();
+        for sample in &mut compared.samples[best.samples.clone()] {
+            best.hypothesis.set(&mut sample.wiring);
             if is_lost {
-                best.fault.gyros.iter().for_each(|&gyro| half.is_used[gyro as usize] = false);
+                best.fault.gyros.iter().for_each(|&gyro| sample.is_used[gyro as usize] = false);
             }
         }
         found.push(best);
@@ -93,25 +97,25 @@ fn one_by_one(laws: &[WiringHypothesis], compared: &mut CountComparison, timelin
     found
 }
 
-/// Puts the rows right: what undoes itself is done again, what is lost is marked as no measurement.
+/// Corrects the rows: applies a fault that undoes itself again, and marks lost counts as invalid.
 pub fn undo(found: &[LocatedFault], compared: &CountComparison, rows: &mut [ReceivedSample]) {
     let mut found: Vec<&LocatedFault> = found.iter().collect();
-    found.sort_by_key(|found| std::cmp::Reverse(found.law.order()));
-    for LocatedFault { law, halves, fault } in found {
-        let row = |half: usize| compared.halves.get(half).map_or(rows.len(), |half| half.row);
-        let concerned = row(halves.start)..row(halves.end);
-        let undoes_itself = law.undoes_itself();
-        let sources = law.sources();
-        for row in &mut rows[concerned] {
+    found.sort_by_key(|found| std::cmp::Reverse(found.hypothesis.order()));
+    for LocatedFault { hypothesis, samples, fault } in found {
+        let row = |index: usize| compared.samples.get(index).map_or(rows.len(), |sample| sample.row);
+        let affected = row(samples.start)..row(samples.end);
+        let undoes_itself = hypothesis.undoes_itself();
+        let sources = hypothesis.sources();
+        for row in &mut rows[affected] {
             let sample = &mut row.sample;
             if !undoes_itself {
                 fault.gyros.iter().for_each(|gyro| sample.gyro_flags &= !gyro.bit());
                 continue;
             }
             let mut counts = sample.increments.map(f64::from);
-            apply(&law.with(&Wiring::default()), &mut WiringStates::default(), &mut counts);
+            apply(&hypothesis.with(&Wiring::default()), &mut WiringStates::default(), &mut counts);
             sample.increments = counts.map(|count| count as i16);
-            // Flags go with the counts.
+            // The flags move with the counts.
             let flags = sample.gyro_flags;
             sample.gyro_flags = (0..4).fold(0, |moved, to| {
                 let from = sources[to].abs().clamp(1.0, 4.0) as usize - 1;
@@ -122,27 +126,27 @@ pub fn undo(found: &[LocatedFault], compared: &CountComparison, rows: &mut [Rece
 }
 
 impl Search<'_> {
-    fn of(compared: &CountComparison) -> Search<'_> {
+    fn new(compared: &CountComparison) -> Search<'_> {
         let mut now = WiringStates::default();
-        let (mut states, mut believed) = (Vec::new(), Vec::new());
-        for half in &compared.halves {
-            let mut predicted = half.predicted;
-            apply(&half.wiring, &mut now.clone(), &mut predicted);
-            believed.push(predicted);
+        let (mut states, mut known) = (Vec::new(), Vec::new());
+        for sample in &compared.samples {
+            let mut predicted = sample.predicted;
+            apply(&sample.wiring, &mut now.clone(), &mut predicted);
+            known.push(predicted);
             states.push(now.clone());
-            apply(&Wiring::default(), &mut now, &mut half.measured.clone());
+            apply(&Wiring::default(), &mut now, &mut sample.measured.clone());
         }
-        Search { compared, states, believed }
+        Search { compared, states, known }
     }
 
-    /// The law that explains most; a part of the counts that may be ordinary errors is not held against what is believed.
-    fn best(&self, laws: &[WiringHypothesis], ordinary: f64, timeline: &SampleTimes) -> Option<LocatedFault> {
+    /// The accepted hypothesis with the largest reduction. Ordinary errors do not count against the known wiring.
+    fn best(&self, hypotheses: &[WiringHypothesis], ordinary: f64, timeline: &SampleTimes) -> Option<LocatedFault> {
         let mut best: Option<(f64, LocatedFault)> = None;
-        for law in laws {
-            let gains = self.gains(law, ordinary);
-            let (gain, halves) = best_stretch(&gains);
+        for hypothesis in hypotheses {
+            let gains = self.gains(hypothesis, ordinary);
+            let (gain, samples) = best_interval(&gains);
             if best.as_ref().is_none_or(|best| gain > best.0)
-                && let Some(found) = self.judge(law, halves, &gains, timeline)
+                && let Some(found) = self.judge(hypothesis, samples, &gains, timeline)
             {
                 best = Some((gain, found));
             }
@@ -150,188 +154,163 @@ impl Search<'_> {
         best.map(|(_, found)| found)
     }
 
-    /// By how much the law lowers the square of what is left of each sample.
-    fn gains(&self, law: &WiringHypothesis, ordinary: f64) -> Vec<f64> {
-        let is_exact = !law.undoes_itself();
-        let one = |index: usize| {
-            let (half, believed) = (&self.compared.halves[index], &self.believed[index]);
-            let mut changed = half.predicted;
-            apply(&law.with(&half.wiring), &mut self.states[index].clone(), &mut changed);
-            let largest = half.predicted.iter().fold(0.0, |largest: f64, count| largest.max(count.abs()));
+    /// Reduction of each sample's squared residual.
+    fn gains(&self, hypothesis: &WiringHypothesis, ordinary: f64) -> Vec<f64> {
+        let is_exact = !hypothesis.undoes_itself();
+        let gain = |index: usize| {
+            let (sample, known) = (&self.compared.samples[index], &self.known[index]);
+            let mut changed = sample.predicted;
+            apply(&hypothesis.with(&sample.wiring), &mut self.states[index].clone(), &mut changed);
+            let largest = sample.predicted.iter().fold(0.0, |largest: f64, count| largest.max(count.abs()));
             let allowed = if ordinary > 0.0 { ORDINARY_COUNTS + ordinary * largest } else { 0.0 };
             (0..4)
-                .filter(|&gyro| half.is_used[gyro] && changed[gyro] != believed[gyro])
+                .filter(|&gyro| sample.is_used[gyro] && changed[gyro] != known[gyro])
                 .map(|gyro| {
-                    let with = half.measured[gyro] - changed[gyro];
-                    // What is lost is replaced exactly, or not at all.
+                    let with = sample.measured[gyro] - changed[gyro];
+                    // A fault replaces lost counts exactly, or not at all.
                     if is_exact && with != 0.0 {
                         return f64::NEG_INFINITY;
                     }
-                    let without = ((half.measured[gyro] - believed[gyro]).abs() - allowed).max(0.0);
+                    let without = ((sample.measured[gyro] - known[gyro]).abs() - allowed).max(0.0);
                     without * without - with * with
                 })
                 .sum()
         };
-        (0..self.believed.len()).map(one).collect()
+        (0..self.known.len()).map(gain).collect()
     }
 
-    /// What the law makes of a stretch, from its first sample on.
-    fn with(&self, law: &WiringHypothesis, halves: Range<usize>) -> Vec<[f64; 4]> {
-        let mut states = self.states.get(halves.start).cloned().unwrap_or_default();
-        let of_half = |index: usize| {
-            let mut changed = self.compared.halves[index].predicted;
-            apply(&law.with(&self.compared.halves[index].wiring), &mut states, &mut changed);
+    /// Predicted counts with the fault, from the first sample of an interval.
+    fn with(&self, hypothesis: &WiringHypothesis, samples: Range<usize>) -> Vec<[f64; 4]> {
+        let mut states = self.states.get(samples.start).cloned().unwrap_or_default();
+        let with = |index: usize| {
+            let mut changed = self.compared.samples[index].predicted;
+            apply(&hypothesis.with(&self.compared.samples[index].wiring), &mut states, &mut changed);
             changed
         };
-        halves.map(of_half).collect()
+        samples.map(with).collect()
     }
 
     fn judge(
         &self,
-        law: &WiringHypothesis,
-        halves: Range<usize>,
+        hypothesis: &WiringHypothesis,
+        samples: Range<usize>,
         gains: &[f64],
         timeline: &SampleTimes,
     ) -> Option<LocatedFault> {
-        if halves.is_empty() {
+        if samples.is_empty() {
             return None;
         }
-        let with = self.with(law, halves.clone());
+        let with = self.with(hypothesis, samples.clone());
         let is_shown = SUMMED.iter().any(|&summed| {
-            let fits = [0, 1, 2, 3].map(|gyro| self.fit(gyro, halves.clone(), &with, summed));
-            fits.iter().any(Option::is_some) && fits.iter().flatten().all(Fit::is_the_law)
+            let fits = [0, 1, 2, 3].map(|gyro| self.fit(gyro, samples.clone(), &with, summed));
+            fits.iter().any(Option::is_some) && fits.iter().flatten().all(is_whole_difference)
         });
-        let rests = |gyro: usize| self.excursion(gyro, halves.clone(), &with) < HIDDEN_COUNTS;
-        if !is_shown || !law.undoes_itself() && (0..4).all(rests) {
+        let rests = |gyro: usize| self.excursion(gyro, samples.clone(), &with) < MIN_EXCURSION_COUNTS;
+        if !is_shown || !hypothesis.undoes_itself() && (0..4).all(rests) {
             return None;
         }
-        let fits = [0, 1, 2, 3].map(|gyro| self.fit(gyro, halves.clone(), &with, 1));
+        let fits = [0, 1, 2, 3].map(|gyro| self.fit(gyro, samples.clone(), &with, 1));
         let gyros = Gyro::ALL.into_iter().filter(|&gyro| fits[gyro as usize].is_some()).collect();
-        let variance = fits.iter().flatten().map(Fit::variance).fold(0.0, f64::max);
-        let onset = as_good(gains, halves.start, AS_GOOD * variance);
-        let end = as_good(gains, halves.end, AS_GOOD * variance);
-        // A law with a memory that began earlier would have remembered something else.
-        let lasts_from_start = onset.start == 0 && self.agrees(law, halves.start, &with);
-        let halves =
-            if lasts_from_start { 0 } else { halves.start }..if end.end == gains.len() { end.end } else { halves.end };
-        let start_s = |half: usize| match self.compared.halves.get(half) {
-            Some(half) => timeline.start_s(half.row),
+        let variance = fits.iter().flatten().map(variance).fold(0.0, f64::max);
+        let onset = equivalent_edges(gains, samples.start, ONSET_CHI2 * variance);
+        let end = equivalent_edges(gains, samples.end, ONSET_CHI2 * variance);
+        // A fault with a memory may predict something else from an earlier onset.
+        let lasts_from_start = onset.start == 0 && self.agrees(hypothesis, samples.start, &with);
+        let samples = if lasts_from_start { 0 } else { samples.start }..if end.end == gains.len() {
+            end.end
+        } else {
+            samples.end
+        };
+        let start_s = |index: usize| match self.compared.samples.get(index) {
+            Some(sample) => timeline.start_s(sample.row),
             None => timeline.end_s.last().copied().unwrap_or(0.0),
         };
-        let rms = |squares: fn(&Fit) -> f64| {
+        let rms = |squares: fn(&Moments) -> f64| {
             let count: f64 = fits.iter().flatten().map(|fit| fit.count).sum();
             (fits.iter().flatten().map(squares).sum::<f64>() / count.max(1.0)).max(0.0).sqrt()
         };
-        let onset_s = (halves.start > 0).then(|| start_s(halves.start));
+        let onset_s = (samples.start > 0).then(|| start_s(samples.start));
         let fault = WiringFault {
-            hypothesis: law.hypothesis(onset_s),
+            hypothesis: hypothesis.hypothesis(onset_s),
             gyros,
             onset_s,
             onset_between_s: [start_s(onset.start), start_s(onset.end)],
-            end_s: (halves.end < gains.len()).then(|| start_s(halves.end)),
-            samples: halves.len(),
-            without_rms_counts: rms(|fit| fit.rr),
-            with_rms_counts: rms(|fit| fit.rr - 2.0 * fit.rs + fit.ss),
+            end_s: (samples.end < gains.len()).then(|| start_s(samples.end)),
+            samples: samples.len(),
+            without_rms_counts: rms(|fit| fit.xx),
+            with_rms_counts: rms(|fit| fit.xx - 2.0 * fit.xy + fit.yy),
         };
-        Some(LocatedFault { fault, law: *law, halves })
+        Some(LocatedFault { fault, hypothesis: *hypothesis, samples })
     }
 
-    /// Whether the law from the start gives the same as `with` from `onset` on.
-    fn agrees(&self, law: &WiringHypothesis, onset: usize, with: &[[f64; 4]]) -> bool {
-        let earlier = self.with(law, 0..onset + with.len());
+    /// True if the fault from the start predicts the same as `with` after `onset`.
+    fn agrees(&self, hypothesis: &WiringHypothesis, onset: usize, with: &[[f64; 4]]) -> bool {
+        let earlier = self.with(hypothesis, 0..onset + with.len());
         earlier[onset..].iter().zip(with).all(|(earlier, with)| earlier == with)
     }
 
-    /// How far the angle goes that the law takes away, about the line that a drift makes, counts.
-    fn excursion(&self, gyro: usize, halves: Range<usize>, with: &[[f64; 4]]) -> f64 {
+    /// Range of the angle removed by the fault, about the line of a drift, counts.
+    fn excursion(&self, gyro: usize, samples: Range<usize>, with: &[[f64; 4]]) -> f64 {
         let steps = || {
-            let used = halves.clone().zip(with).filter(|(index, _)| self.compared.halves[*index].is_used[gyro]);
-            used.map(|(index, with)| with[gyro] - self.believed[index][gyro])
+            let used = samples.clone().zip(with).filter(|(index, _)| self.compared.samples[*index].is_used[gyro]);
+            used.map(|(index, with)| with[gyro] - self.known[index][gyro])
         };
         let mean = steps().sum::<f64>() / (steps().count() as f64).max(1.0);
-        let (mut angle, mut least, mut greatest) = (0.0, 0.0_f64, 0.0_f64);
+        let (mut angle, mut min, mut max) = (0.0, 0.0_f64, 0.0_f64);
         for step in steps() {
             angle += step - mean;
-            (least, greatest) = (least.min(angle), greatest.max(angle));
+            (min, max) = (min.min(angle), max.max(angle));
         }
-        greatest - least
+        max - min
     }
 
-    /// Moments of a gyro over a stretch, by sums of so many samples; nothing where the law changes nothing.
-    fn fit(&self, gyro: usize, halves: Range<usize>, with: &[[f64; 4]], summed: usize) -> Option<Fit> {
-        let (mut fit, mut sums, mut is_changed) = (Fit::default(), (0, 0.0, 0.0), false);
-        for (index, with) in halves.zip(with) {
-            let half = &self.compared.halves[index];
-            if half.is_used[gyro] {
-                let believed = self.believed[index][gyro];
-                is_changed |= with[gyro] != believed;
-                sums = (sums.0 + 1, sums.1 + half.measured[gyro] - believed, sums.2 + with[gyro] - believed);
-                if sums.0 == summed {
-                    fit.add(sums.1, sums.2);
-                    sums = Default::default();
-                }
-            }
-        }
-        is_changed.then_some(fit)
+    /// Moments of a gyro in an interval, of sums over `summed` samples: x is the measured and y the predicted difference to the known
+    /// wiring. `None` if the fault changes nothing.
+    fn fit(&self, gyro: usize, samples: Range<usize>, with: &[[f64; 4]], summed: usize) -> Option<Moments> {
+        let used = samples.zip(with).filter(|(index, _)| self.compared.samples[*index].is_used[gyro]);
+        let pairs = used.map(|(index, with)| {
+            let known = self.known[index][gyro];
+            (self.compared.samples[index].measured[gyro] - known, with[gyro] - known)
+        });
+        pairs.clone().any(|(_, difference)| difference != 0.0).then(|| Moments::of_sums(pairs, summed))
     }
 }
 
-/// Moments: r, measured less believed; s, what the law makes of it.
-#[derive(Default)]
-struct Fit {
-    count: f64,
-    r: f64,
-    s: f64,
-    rr: f64,
-    rs: f64,
-    ss: f64,
+/// Variance of the residual with the fault, about its mean.
+fn variance(fit: &Moments) -> f64 {
+    let count = fit.count.max(1.0);
+    let mean = (fit.x - fit.y) / count;
+    ((fit.xx - 2.0 * fit.xy + fit.yy) / count - mean * mean).max(ROUNDING_VARIANCE)
 }
 
-impl Fit {
-    fn add(&mut self, r: f64, s: f64) {
-        self.count += 1.0;
-        self.r += r;
-        self.s += s;
-        self.rr += r * r;
-        self.rs += r * s;
-        self.ss += s * s;
-    }
-
-    /// Of what is left with the law, about its mean.
-    fn variance(&self) -> f64 {
-        let count = self.count.max(1.0);
-        let mean = (self.r - self.s) / count;
-        ((self.rr - 2.0 * self.rs + self.ss) / count - mean * mean).max(ROUNDING_VARIANCE)
-    }
-
-    /// The counts depart by once what the law makes, both about zero and about the mean, where a drift says nothing.
-    fn is_the_law(&self) -> bool {
-        let (ss, rs) = (self.ss - self.s * self.s / self.count, self.rs - self.r * self.s / self.count);
-        let shows = |rs: f64, ss: f64| (rs / ss - 1.0).abs() <= SHOWN;
-        self.count >= FEWEST
-            && ss * SHOWN_SIGMA * SHOWN_SIGMA >= self.variance()
-            && shows(rs, ss)
-            && shows(self.rs, self.ss)
-    }
+/// True if the counts differ by the whole difference that the fault makes, both about zero and about the mean, which a drift does not
+/// change.
+fn is_whole_difference(fit: &Moments) -> bool {
+    let (yy, xy) = (fit.yy - fit.y * fit.y / fit.count, fit.xy - fit.x * fit.y / fit.count);
+    let is_shown = |xy: f64, yy: f64| (xy / yy - 1.0).abs() <= SHOWN;
+    fit.count >= MIN_SUMS
+        && yy * SHOWN_SIGMA * SHOWN_SIGMA >= variance(fit)
+        && is_shown(xy, yy)
+        && is_shown(fit.xy, fit.yy)
 }
 
-/// The stretch with the largest sum, and that sum.
-fn best_stretch(gains: &[f64]) -> (f64, Range<usize>) {
-    let (mut best, mut stretch, mut sum, mut start) = (0.0, 0..0, 0.0, 0);
+/// The interval with the largest sum, and that sum.
+fn best_interval(gains: &[f64]) -> (f64, Range<usize>) {
+    let (mut best, mut interval, mut sum, mut start) = (0.0, 0..0, 0.0, 0);
     for (index, gain) in gains.iter().enumerate() {
         if sum <= 0.0 {
             (sum, start) = (0.0, index);
         }
         sum += gain;
         if sum > best {
-            (best, stretch) = (sum, start..index + 1);
+            (best, interval) = (sum, start..index + 1);
         }
     }
-    (best, stretch)
+    (best, interval)
 }
 
-/// Where else an edge may be for so much of the sum.
-fn as_good(gains: &[f64], edge: usize, slack: f64) -> Range<usize> {
+/// Other places of an edge that change the sum by at most `slack`.
+fn equivalent_edges(gains: &[f64], edge: usize, slack: f64) -> Range<usize> {
     let reach = |gains: &mut dyn Iterator<Item = &f64>| {
         let mut sum = 0.0;
         gains

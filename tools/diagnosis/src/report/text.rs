@@ -6,10 +6,10 @@ use crate::gyros::{ALL_GYROS, Gyros, names};
 use crate::outcome::{
     Chi2Fall, Class, DiagnosedEffect, Diagnosis, EstimatedValue, FollowedTerm, ReportedAlternative, Verdict,
 };
-use crate::whereabouts::{STANDS_OUT, VARIABLES, strongest};
+use crate::residual_map::{SIGNIFICANT, VARIABLES, strongest};
 
-/// What is told of each gyro in a text: variables, and stretches.
-const TOLD: usize = 3;
+/// Number of variables, and of motion segments, listed for each gyro.
+const PLACES: usize = 3;
 /// Alternatives of a group that are listed; the others are counted.
 const LISTED: usize = 5;
 
@@ -17,7 +17,7 @@ fn on(gyros: &Gyros) -> String {
     if gyros == &ALL_GYROS { "all gyros".to_owned() } else { names(gyros).join(", ") }
 }
 
-/// A value with its sigma: as many digits as that has.
+/// A value with its sigma, to the digits of the sigma.
 pub fn with_sigma(number: &EstimatedValue) -> String {
     if let Some(written) = &number.written {
         return written.clone();
@@ -38,8 +38,8 @@ fn plain(value: f64) -> String {
     }
 }
 
-/// What something is, in words: its code, or its formula.
-pub fn called(entry: &DiagnosedEffect) -> String {
+/// The code of an effect, with its formula.
+pub fn effect_name(entry: &DiagnosedEffect) -> String {
     match &entry.formula {
         Some(formula) => format!("{} term {formula}", entry.code),
         None => entry.code.clone(),
@@ -49,18 +49,18 @@ pub fn called(entry: &DiagnosedEffect) -> String {
 /// A verdict in a sentence.
 pub fn verdict(verdict: Verdict) -> &'static str {
     match verdict {
-        Verdict::Consistent => "consistent: the model explains the recording",
-        Verdict::Explained => "explained: with what was missing the model explains the recording",
-        Verdict::Unexplained => "unexplained: something is left that no effect of the model explains",
+        Verdict::Consistent => "consistent: the residual is noise",
+        Verdict::Explained => "explained: the residual is noise with the effects below",
+        Verdict::Unexplained => "unexplained: no effect of the model explains the rest of the residual",
     }
 }
 
 /// The gyros and the effect: `GYRX: pivot-clearance`.
 pub fn heading(entry: &DiagnosedEffect) -> String {
-    format!("{}: {}", on(&entry.gyros), called(entry))
+    format!("{}: {}", on(&entry.gyros), effect_name(entry))
 }
 
-/// All that is known of an effect found: label and value of each fact.
+/// Label and value of each fact of an effect.
 pub fn facts(entry: &DiagnosedEffect) -> Vec<(String, String)> {
     let mut facts: Vec<(String, String)> = Vec::new();
     let mut fact = |label: &str, value: String| facts.push((label.to_owned(), value));
@@ -73,36 +73,33 @@ pub fn facts(entry: &DiagnosedEffect) -> Vec<(String, String)> {
     if let Some(Chi2Fall { fall, threshold }) = entry.chi2 {
         fact("fall of chi2", format!("{fall:.0} (threshold {threshold:.0})"));
     }
-    let (same, apart): (Vec<_>, Vec<_>) = entry
-        .rivals
-        .iter()
-        .partition(|rival| rival.behind_chi2.is_none_or(|behind| behind < crate::rivals::APART_CHI2));
-    let name = |rival: &ReportedAlternative| {
-        let name = rival.formula.as_ref().unwrap_or(&rival.code);
-        if rival.gyros == entry.gyros { name.clone() } else { format!("{name} on {}", on(&rival.gyros)) }
+    let (same, others): (Vec<_>, Vec<_>) = entry.alternatives.iter().partition(|other| other.is_indistinguishable());
+    let name = |other: &ReportedAlternative| {
+        let name = other.formula.as_ref().unwrap_or(&other.code);
+        if other.gyros == entry.gyros { name.clone() } else { format!("{name} on {}", on(&other.gyros)) }
     };
-    if let (Some(next), Some(Chi2Fall { fall, .. })) = (apart.first(), entry.chi2) {
-        let share = 100.0 * (1.0 - next.behind_chi2.unwrap_or(0.0) / fall).max(0.0);
-        // It can be told apart, if only just.
+    if let (Some(next), Some(Chi2Fall { fall, .. })) = (others.first(), entry.chi2) {
+        let share = 100.0 * (1.0 - next.delta_chi2.unwrap_or(0.0) / fall).max(0.0);
+        // It is distinguishable, if only just.
         let share = if share < 99.5 { format!("{share:.0}") } else { "over 99".to_owned() };
         fact("next best", format!("{}, explains {share} % of that fall", name(next)));
     }
-    for rival in same.iter().take(LISTED) {
-        let cosine = if rival.cosine == 0.0 { String::new() } else { format!(" (cosine {:.3})", rival.cosine) };
-        fact("not distinguishable", format!("from {}{cosine}", name(rival)));
+    for other in same.iter().take(LISTED) {
+        let cosine = if other.cosine == 0.0 { String::new() } else { format!(" (cosine {:.3})", other.cosine) };
+        fact("not distinguishable", format!("from {}{cosine}", name(other)));
     }
     if same.len() > LISTED {
         fact("not distinguishable", format!("from {} more, listed in the JSON", same.len() - LISTED));
     }
-    for rival in same {
-        if let Some(remedy) = &rival.remedy {
-            fact("discriminating test", format!("against {}: {remedy}", name(rival)));
+    for other in same {
+        if let Some(test) = &other.discriminating_test {
+            fact("discriminating test", format!("against {}: {test}", name(other)));
         }
     }
     facts
 }
 
-/// Facts as lines, the values below each other.
+/// Facts as lines with aligned values.
 pub fn labelled(indent: usize, facts: &[(String, String)]) -> String {
     let width = facts.iter().map(|(label, _)| label.chars().count()).max().unwrap_or(0);
     facts.iter().map(|(label, value)| format!("{:indent$}{label:width$}  {value}\n", "")).collect()
@@ -113,7 +110,7 @@ pub fn text(diagnosis: &Diagnosis) -> String {
     let mut text = verdict(diagnosis.verdict).to_owned() + "\n";
     for (class, title) in [
         (Class::MissingEffect, "missing in the model"),
-        (Class::Recalibration, "the calibration has moved; this is no missing effect"),
+        (Class::Recalibration, "changed calibration, no missing effect"),
     ] {
         let own: Vec<&DiagnosedEffect> = diagnosis.entries.iter().filter(|entry| entry.class == class).collect();
         if !own.is_empty() {
@@ -130,13 +127,10 @@ pub fn text(diagnosis: &Diagnosis) -> String {
             ("shape".to_owned(), left.shape.clone()),
             ("interval".to_owned(), format!("{from_s:.0}…{to_s:.0} s")),
         ];
-        let follows = left.follows.iter();
-        facts.extend(
-            follows.map(|FollowedTerm { term, score }| {
-                ("follows".to_owned(), format!("{term} (fall of chi2 {score:.0})"))
-            }),
-        );
-        text += &format!("\nleft unexplained\n{}", labelled(2, &facts));
+        for FollowedTerm { term, score } in &left.follows {
+            facts.push(("follows".to_owned(), format!("{term} (fall of chi2 {score:.0})")));
+        }
+        text += &format!("\nunexplained\n{}", labelled(2, &facts));
     }
     if !diagnosis.findings.is_empty() {
         text += "\nexact checks\n";
@@ -144,15 +138,15 @@ pub fn text(diagnosis: &Diagnosis) -> String {
             text += &format!("  {}: {}: {}\n", found.kind, found.place, found.text);
         }
     }
-    let places = standing_out(diagnosis);
+    let places: Vec<String> = Gyro::ALL.into_iter().flat_map(|gyro| significant_terms(diagnosis, gyro)).collect();
     if !places.is_empty() {
-        text += "\nwhere the data leave the model, in sigmas before and after\n";
+        text += "\nsignificant variables of the residual, in sigmas before and after\n";
         places.into_iter().for_each(|place| text += &format!("  {place}\n"));
     }
     text += "\ngap, arcsec within 30 min       rms      max   at the end   chi2/dof\n";
     for (name, gap) in [
         ("as configured", &diagnosis.before.fitted),
-        ("with what was found", &diagnosis.after.fitted),
+        ("with the effects found", &diagnosis.after.fitted),
         ("the same held out", &diagnosis.after.held_out),
     ] {
         text += &format!(
@@ -163,60 +157,50 @@ pub fn text(diagnosis: &Diagnosis) -> String {
     text
 }
 
-/// For each gyro that leaves the model before anything was found, a line for each variable along which, and for each stretch in
-/// which it does.
-fn standing_out(diagnosis: &Diagnosis) -> Vec<String> {
-    let [before, after] = &diagnosis.whereabouts;
-    let of_gyro = |gyro: Gyro| {
-        let index = gyro as usize;
-        let later = &after.whole[index];
-        let whole = before.whole[index].iter().enumerate();
-        let along =
-            whole.filter_map(|(variable, sigmas)| Some((VARIABLES[variable].to_owned(), (*sigmas)?, later[variable])));
-        let stretches = diagnosis.stretches.iter().zip(&before.stretches[index]).zip(&after.stretches[index]);
-        let within = stretches.filter_map(|((stretch, own), later)| {
-            let (variable, sigmas) = strongest(own)?;
-            let place = format!("{}, {:.0} s ({})", stretch.name, stretch.from_s, VARIABLES[variable]);
-            Some((place, sigmas, later[variable]))
-        });
-        let lines = [("along", most(along.collect())), ("in", most(within.collect()))];
-        lines
-            .into_iter()
-            .flat_map(move |(how, told)| told.into_iter().map(move |told| format!("{} {how} {told}", gyro.name())))
-    };
-    Gyro::ALL.into_iter().flat_map(of_gyro).collect()
-}
-
-/// Those of places, with their sigmas before and after, that stand out most.
-fn most(mut places: Vec<(String, f64, Option<f64>)>) -> Vec<String> {
-    places.retain(|(_, before, _)| before.abs() > STANDS_OUT);
-    places.sort_by(|one, other| other.1.abs().total_cmp(&one.1.abs()));
-    // No minus before a zero.
+/// The most significant variables of a gyro before the diagnosis, over the recording and in motion segments.
+fn significant_terms(diagnosis: &Diagnosis, gyro: Gyro) -> Vec<String> {
+    let ([before, after], index) = (&diagnosis.residual_maps, gyro as usize);
+    let whole = VARIABLES.iter().zip(&before.whole[index]).zip(&after.whole[index]);
+    let along = whole.filter_map(|((name, sigmas), later)| Some((format!("along {name}"), (*sigmas)?, *later)));
+    let segments = diagnosis.segments.iter().zip(&before.segments[index]).zip(&after.segments[index]);
+    let within = segments.filter_map(|((segment, own), later)| {
+        let (variable, sigmas) = strongest(own)?;
+        let place = format!("in {}, {:.0} s ({})", segment.name, segment.from_s, VARIABLES[variable]);
+        Some((place, sigmas, later[variable]))
+    });
+    // A whole number has no minus before a zero.
     let whole = |sigmas: f64| format!("{:+}", sigmas.round() as i64);
-    let told = |(place, before, after): (String, f64, Option<f64>)| match after {
-        Some(after) => format!("{place} {} → {}", whole(before), whole(after)),
-        None => format!("{place} {}", whole(before)),
+    let line = |(place, before, after): (String, f64, Option<f64>)| {
+        let after = after.map_or(String::new(), |after| format!(" → {}", whole(after)));
+        format!("{} {place} {}{after}", gyro.name(), whole(before))
     };
-    places.into_iter().take(TOLD).map(told).collect()
+    [along.collect::<Vec<_>>(), within.collect()]
+        .into_iter()
+        .flat_map(|mut places| {
+            places.retain(|(_, before, _)| before.abs() > SIGNIFICANT);
+            places.sort_by(|one, other| other.1.abs().total_cmp(&one.1.abs()));
+            places.into_iter().take(PLACES).map(line)
+        })
+        .collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn alternative(code: &str, behind_chi2: Option<f64>) -> ReportedAlternative {
+    fn alternative(code: &str, delta_chi2: Option<f64>) -> ReportedAlternative {
         ReportedAlternative {
             code: code.to_owned(),
             formula: None,
             gyros: [true, false, false, false],
             cosine: 0.9994,
-            behind_chi2,
-            remedy: behind_chi2.is_none().then(|| format!("a scan about Y tells {code}")),
+            delta_chi2,
+            discriminating_test: delta_chi2.is_none().then(|| format!("a scan about Y separates {code}")),
         }
     }
 
     #[test]
-    fn every_fact_of_an_effect_has_a_line_and_a_label_of_its_own() {
+    fn every_fact_of_an_effect_has_a_line_with_a_label() {
         let number = |name: &str, value, sigma| EstimatedValue { name: name.to_owned(), value, sigma, written: None };
         let codes: Vec<String> = (0..12).map(|index| format!("drift-course-number-{index}")).collect();
         let entry = DiagnosedEffect {
@@ -225,7 +209,7 @@ mod tests {
             parameters: vec![number("clearance_arcsec", 11.523, Some(0.041)), number("preferred_arcsec", 0.0, None)],
             gap_share: 0.7,
             chi2: Some(Chi2Fall { fall: 69_651.0, threshold: 15.0 }),
-            rivals: std::iter::once(alternative("lost-counts", Some(60_000.0)))
+            alternatives: std::iter::once(alternative("lost-counts", Some(60_000.0)))
                 .chain(codes.iter().map(|code| alternative(code, None)))
                 .collect(),
             ..DiagnosedEffect::default()
@@ -240,7 +224,7 @@ mod tests {
             "    next best            lost-counts, explains 14 % of that fall",
             "    not distinguishable  from drift-course-number-0 (cosine 0.999)",
             "    not distinguishable  from 7 more, listed in the JSON",
-            "    discriminating test  against drift-course-number-11: a scan about Y tells drift-course-number-11",
+            "    discriminating test  against drift-course-number-11: a scan about Y separates drift-course-number-11",
         ] {
             assert!(lines.lines().any(|own| own == line), "{line:?} not in\n{lines}");
         }

@@ -1,18 +1,18 @@
-//! From files to windows: mean rates as the table tells them, or of the samples in each stretch of the reference.
+//! From files to windows: mean rates of the table, or of the samples in each interval of the reference.
 
-use geu_diagnosis::rates::{Gyro, Reference, Windows};
+use geu_rates::{Gyro, Reference, Windows};
 use geu_recording::{GyroCsv, GyroCsvDefectKind as Kind, GyroCsvSpec, RateRow, RateTable};
 
+use crate::command_error::CommandError;
 use crate::diagnose_rates::RatesArguments;
-use crate::failure::CommandError;
 
-/// Share of the samples expected in a stretch without which it is no window.
-const LEAST_SHARE: f64 = 0.5;
+/// Smallest share of the expected samples in a window.
+const MIN_SHARE: f64 = 0.5;
 
-/// The windows.
+/// The windows with rates of gyros and reference.
 ///
 /// # Errors
-/// None that both gyros and reference have.
+/// There is no such window.
 pub fn windows(
     arguments: &RatesArguments,
     description: &GyroCsvSpec,
@@ -36,13 +36,13 @@ pub fn windows(
         }
         let mut windows = Windows::new(gyros, groups.clone());
         for row in &table.rows {
-            let place = groups.iter().position(|name| *name == group(row)).unwrap_or(0);
-            windows.push(place, &row.gyros_arcsec_s, reference(row)).map_err(failed)?;
+            let index = groups.iter().position(|name| *name == group(row)).unwrap_or(0);
+            windows.push(index, &row.gyros_arcsec_s, reference(row)).map_err(failed)?;
         }
         return Ok(windows);
     }
     if links.is_empty() {
-        return Err(CommandError::input("--link: expected CSV of gyros, for the reference has none; got none"));
+        return Err(CommandError::input("--link: expected CSV of gyros, because the reference has no rates of gyros"));
     }
     let (mut filled, mut found) = (Vec::new(), Vec::new());
     let spacing_s = table.spacing_s().unwrap_or(description.interval_s);
@@ -60,7 +60,7 @@ pub fn windows(
     }
     if found.is_empty() {
         return Err(CommandError::input(format!(
-            "{}: expected times of {}, got none of them",
+            "{}: expected times within {}, got other times",
             arguments.reference,
             arguments.link.join(", ")
         )));
@@ -74,7 +74,7 @@ pub fn windows(
     Ok(windows)
 }
 
-/// Times and rates of samples whose stamps can be trusted, by time.
+/// Times and rates of the samples with valid time stamps, in the order of time.
 fn well_stamped(read: &GyroCsv) -> Vec<(f64, &[f64])> {
     let mut is_good = vec![true; read.samples.len()];
     for defect in &read.defects {
@@ -92,12 +92,12 @@ fn well_stamped(read: &GyroCsv) -> Vec<(f64, &[f64])> {
     samples
 }
 
-/// Mean rates in the stretch that ends at `t_s`; nothing where too few samples are in it.
+/// Mean rates in the interval that ends at `t_s`; `None` if it has too few samples.
 fn mean(samples: &[(f64, &[f64])], t_s: f64, spacing_s: f64, description: &GyroCsvSpec) -> Option<Vec<f64>> {
     let from = samples.partition_point(|sample| sample.0 <= t_s - spacing_s);
     let to = samples.partition_point(|sample| sample.0 <= t_s);
     let inside = &samples[from..to.max(from)];
-    if inside.is_empty() || (inside.len() as f64) < LEAST_SHARE * spacing_s / description.interval_s {
+    if inside.is_empty() || (inside.len() as f64) < MIN_SHARE * spacing_s / description.interval_s {
         return None;
     }
     let sum = |gyro: usize| inside.iter().map(|(_, rates)| rates[gyro]).sum::<f64>();

@@ -23,8 +23,8 @@ impl CalibrationPage<'_> {
         if let Some((a, b)) = strongest {
             let _ = writeln!(
                 text,
-                "<p>Of each gyro the pair that long manoeuvres mix, scale factor and drift, and its two misalignments, as \
-                 departures from the solution: 1 sigma (39 % of chance) and 2 sigma (86 %). The strongest correlation of \
+                "<p>For each gyro the pair that long manoeuvres correlate, scale factor and drift, and its two misalignments, as \
+                 departures from the solution: 1 sigma (39 % probability) and 2 sigma (86 %). The strongest correlation of \
                  all is that of {} with {}, {}.</p>",
                 words[a],
                 words[b],
@@ -33,8 +33,8 @@ impl CalibrationPage<'_> {
         }
         let _ = writeln!(
             text,
-            "<div class=\"key\">\n<span><svg viewBox=\"-11 -7 22 14\"><path class=\"diamond\" d=\"{DIAMOND}\"/></svg>believed \
-             before</span>\n<span><svg viewBox=\"-11 -7 22 14\"><path class=\"cross\" d=\"{CROSS}\"/></svg>hand \
+            "<div class=\"key\">\n<span><svg viewBox=\"-11 -7 22 14\"><path class=\"diamond\" d=\"{DIAMOND}\"/></svg>prior \
+             value</span>\n<span><svg viewBox=\"-11 -7 22 14\"><path class=\"cross\" d=\"{CROSS}\"/></svg>hand \
              method</span>\n<span><svg viewBox=\"-16 -7 22 14\"><path class=\"diamond\" d=\"{}\"/></svg>beyond the \
              frame, in that direction</span>\n</div>\n<div class=\"figures small\">",
             ARROW
@@ -78,13 +78,13 @@ impl CalibrationPage<'_> {
         chart.polygon("first", contour(1.0));
         chart.polygon("faint", contour(2.0));
         let mut caption = format!("<b>{}</b> correlation {}", pair[0].gyro.name(), fixed(rho, 2));
-        let believed = ("believed", DIAMOND, "diamond", "diamond", Some(self.believed_values()));
+        let prior = ("prior", DIAMOND, "diamond", "diamond", Some(self.prior_values()));
         let hand = ("hand method", CROSS, "cross", "cross-arrow", self.hand_values());
-        for (what, path, class, arrow, values) in [believed, hand] {
+        for (kind, path, class, arrow, values) in [prior, hand] {
             let Some(values) = values else { continue };
             let away = [a, b].map(|index| (values[index] - solved[index]) / sigmas[index]);
             let at = (away[0] * scales[0], away[1] * scales[1]);
-            let title = format!("{what} {}, {}", in_sigmas(away[0]), in_sigmas(away[1]));
+            let title = format!("{kind} {}, {}", in_sigmas(away[0]), in_sigmas(away[1]));
             chart.mark(path, class, arrow, at, &title);
             let _ = write!(caption, "; {title}");
         }

@@ -20,7 +20,7 @@ impl CalibrationPage<'_> {
             return text + "<p>No earlier calibration was given to compare with (<code>--compare</code>).</p>\n";
         };
         let (tone, words) = if comparison.is_compatible() {
-            ("good", "Compatible with the earlier calibrations: the unit did not move, and all are merged.".to_owned())
+            ("good", "Compatible with the earlier calibrations: no parameter changed, and all are merged.".to_owned())
         } else {
             (
                 "bad",
@@ -29,11 +29,11 @@ impl CalibrationPage<'_> {
         };
         let _ = writeln!(
             text,
-            "<div class=\"verdict {tone}\">\n<p><strong>{words}</strong></p>\n<p>χ² of all differences is {:.1} of {}; chance \
-             alone would make it as large or larger in {} of comparisons of a unit that stays what it is.</p>\n</div>",
+            "<div class=\"verdict {tone}\">\n<p><strong>{words}</strong></p>\n<p>χ² of all differences is {:.1} of {}; for an \
+             unchanged unit it is as large or larger in {} of comparisons.</p>\n</div>",
             comparison.joint_chi2,
             UNKNOWNS * comparison.pairs,
-            percent(comparison.together_probability())
+            percent(comparison.joint_probability())
         );
         let moved = comparison.moved();
         let merged = comparison.combined.values();
@@ -63,15 +63,15 @@ impl CalibrationPage<'_> {
         let chi2 = format!("χ² of {}", comparison.pairs);
         let header = ["parameter", "change", "sigma", "change", &chi2, "probability", "stability", "merged"];
         let caption =
-            "This calibration less the mean of the earlier ones; what the paper lets a unit move since the last";
+            "This calibration less the mean of the earlier ones; the change since the last that the paper allows";
         text += &table(caption, &header, rows);
         let mut dates: Vec<Vec<String>> =
             self.earlier.iter().map(|one| vec![date(one.time_s), prose(&one.name)]).collect();
         dates.push(vec![date(self.calibrated.time_s), prose("this one")]);
         text += &table("Calibrations", &["start of the recording", "result"], dates);
-        text += "<p>Departures from this calibration, with 1 sigma. Shaded is what the paper lets a unit move: the drift \
+        text += "<p>Departures from this calibration, with 1 sigma. Shaded is the change that the paper allows: the drift \
                  6 arcsec/h in two weeks, the scale factor 0.004 % in a month (table 1); it has no figure for \
-                 misalignments. Dashed is the mean of all where they are compatible.</p>\n<div class=\"figures small\">\n";
+                 misalignments. Dashed is the mean of all if they are compatible.</p>\n<div class=\"figures small\">\n";
         for parameter in CalibrationParameter::all() {
             text += &self.history_of(parameter, comparison);
         }

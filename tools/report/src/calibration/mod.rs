@@ -1,4 +1,4 @@
-//! The page of `geu calibrate --html`: what was solved, how good it is, what it rests on, how it changed.
+//! The page of `geu calibrate --html`: solution, accuracy, provenance and history.
 
 mod covariance;
 mod history;
@@ -6,7 +6,7 @@ mod text;
 
 use std::fmt::Write;
 
-use geu_calibration::compare::{Comparison, LEAST_PROBABILITY, PreviousCalibration};
+use geu_calibration::compare::{Comparison, MIN_PROBABILITY, PreviousCalibration};
 use geu_calibration::solve::{CalibrationParameter, Solution, UNKNOWNS, values};
 use geu_calibration::{Calibrated, solve};
 use geu_model::Configuration;
@@ -21,18 +21,16 @@ use crate::page::{
     CHART_HINT, Provenance, date, escape, fixed, html, prose, sigmas as in_sigmas, signed, significant, table,
 };
 
-/// Beyond so many sigmas a residual is marked: among a hundred equations one is by chance once in four.
+/// A larger residual is marked; with a hundred equations noise exceeds it in a quarter of calibrations.
 const MARKED_SIGMA: f64 = 3.0;
 
-/// What the page tells of.
+/// Content of the page.
 pub struct CalibrationPage<'a> {
-    /// What was believed before.
-    pub believed: &'a Configuration,
-    /// What came out.
+    pub prior: &'a Configuration,
     pub calibrated: &'a Calibrated,
-    /// Earlier calibrations in the order of time, and how this one compares.
+    /// Earlier calibrations in the order of time.
     pub earlier: &'a [PreviousCalibration],
-    /// Nothing where there are none.
+    /// `None` without earlier calibrations.
     pub comparison: Option<&'a Comparison>,
     pub provenance: Provenance<'a>,
 }
@@ -64,12 +62,12 @@ impl CalibrationPage<'_> {
         &self.calibrated.solution
     }
 
-    fn believed_values(&self) -> [f64; UNKNOWNS] {
-        values(&self.believed.gyros.each_ref().map(|gyro| gyro.calibration))
+    fn prior_values(&self) -> [f64; UNKNOWNS] {
+        values(&self.prior.gyros.each_ref().map(|gyro| gyro.calibration))
     }
 
     fn hand_values(&self) -> Option<[f64; UNKNOWNS]> {
-        self.calibrated.hand.as_ref().ok().map(values)
+        self.calibrated.first_order.as_ref().ok().map(values)
     }
 
     fn verdict(&self) -> String {
@@ -77,29 +75,28 @@ impl CalibrationPage<'_> {
         let (spare, probability) = (solution.degrees_of_freedom, solution.probability());
         let (tone, words, why) = if spare == 0 {
             ("doubt", "Solved, and not tested.", "There are just as many equations as parameters.".to_owned())
-        } else if probability < LEAST_PROBABILITY {
-            let why = "More is in these data than sixteen parameters and the configured noise: an effect that the \
-                       configuration does not have, a wrong fix, or counts that are. The sigmas below hold for a complete model and are too small here.";
-            ("bad", "The sixteen parameters do not explain these data.", why.to_owned())
-        } else if probability > 1.0 - LEAST_PROBABILITY {
-            let why =
-                "The residuals are smaller than the configured noise: that is taken too large, and the sigmas with it.";
-            ("doubt", "The sixteen parameters explain these data, better than they should.", why.to_owned())
+        } else if probability < MIN_PROBABILITY {
+            let why = "These data contain more than the calibration parameters and the configured noise: an effect that the \
+                       configuration does not have, a wrong fix, or wrong counts. The sigmas below hold for a complete model and are too small here.";
+            ("bad", "The calibration parameters do not explain these data.", why.to_owned())
+        } else if probability > 1.0 - MIN_PROBABILITY {
+            let why = "The residuals are smaller than the configured noise: noise and sigmas are too large.";
+            ("doubt", "The calibration parameters explain these data better than expected.", why.to_owned())
         } else {
-            ("good", "The sixteen parameters explain these data.", String::new())
+            ("good", "The calibration parameters explain these data.", String::new())
         };
         let mut text = format!("<div class=\"verdict {tone}\">\n<p><strong>{words}</strong> {why}</p>\n");
         if spare > 0 {
             let _ = writeln!(
                 text,
-                "<p>χ² is {:.1} of {spare} spare equations. Were model and noise right, chance alone would make it as large \
+                "<p>χ² is {:.1} of {spare} spare equations. With the right model and noise it is as large \
                  or larger in {} of calibrations.</p>",
                 solution.chi2,
                 percent(probability)
             );
         }
         let _ = writeln!(text, "<p>Condition number {:.0}.</p>", solution.condition);
-        match &self.calibrated.hand {
+        match &self.calibrated.first_order {
             Ok(hand) => {
                 let sigmas = solution.sigmas();
                 let differences = values(hand).into_iter().zip(solution.values()).zip(sigmas);
@@ -129,7 +126,7 @@ impl CalibrationPage<'_> {
     fn parameters(&self) -> String {
         let solution = self.solution();
         let (solved, sigmas) = (solution.values(), solution.sigmas());
-        let (before, hand) = (self.believed_values(), self.hand_values());
+        let (before, hand) = (self.prior_values(), self.hand_values());
         let rows = CalibrationParameter::all().enumerate().map(|(index, parameter)| {
             let ((size, unit_of_sigma), (value, unit)) =
                 (sigma_unit(parameter), value_and_unit(parameter, solved[index]));
@@ -147,15 +144,15 @@ impl CalibrationPage<'_> {
             ]
         });
         let header = ["parameter", "value", "unit", "sigma", "change", "change", "hand method"];
-        let caption = "Values, 1 sigma, change from what was believed, and what the hand method differs by";
+        let caption = "Values, 1 sigma, change from the prior value, and difference of the hand method";
         format!("<h2>Parameters</h2>\n{}", table(caption, &header, rows))
     }
 
     fn residuals(&self) -> String {
         let mut text = String::from(
-            "<h2>Residuals</h2>\n<p>What each equation leaves, measured less fitted: above in arcsec with the scatter that \
-             the noise lets it have, 1 sigma; below the same in sigmas, with 1 and 2 shaded. Numbers are those of the \
-             manoeuvres in the table that follows.</p>\n",
+            "<h2>Residuals</h2>\n<p>Residual of each equation, measured less fitted: above in arcsec with the scatter of \
+             the noise, 1 sigma; below in sigmas, with 1 and 2 shaded. The numbers of the \
+             manoeuvres are in the table below.</p>\n",
         );
         text += CHART_HINT;
         text += "<div class=\"figures\">\n";
@@ -187,9 +184,9 @@ impl CalibrationPage<'_> {
                 chart.below(index as f64, &index.to_string());
             }
         };
-        let most = own.iter().map(|one| one.arcsec.abs() + one.sigma_arcsec).fold(1e-9, f64::max) * 1.15;
+        let max = own.iter().map(|one| one.arcsec.abs() + one.sigma_arcsec).fold(1e-9, f64::max) * 1.15;
         let label = format!("Residuals of {name} in arcsec, manoeuvre by manoeuvre");
-        let mut above = Chart::new(&label, (420.0, 200.0), x, (-most, most), 1).counting_x();
+        let mut above = Chart::new(&label, (420.0, 200.0), x, (-max, max), 1).counting_x();
         above.y_ticks(6);
         above.y_title("arcsec");
         for one in &own {
@@ -198,9 +195,9 @@ impl CalibrationPage<'_> {
             above.dot("dot", (at, one.arcsec), &title(one));
         }
         names(&mut above);
-        let most = own.iter().map(|one| sigmas(one).abs()).fold(2.3, f64::max) * 1.12;
+        let max = own.iter().map(|one| sigmas(one).abs()).fold(2.3, f64::max) * 1.12;
         let label = format!("Residuals of {name} in sigmas, manoeuvre by manoeuvre");
-        let mut below = Chart::new(&label, (420.0, 140.0), x, (-most, most), 1).counting_x();
+        let mut below = Chart::new(&label, (420.0, 140.0), x, (-max, max), 1).counting_x();
         for level in [2.0, 1.0] {
             below.polygon("band", [(x.0, -level), (x.1, -level), (x.1, level), (x.0, level)]);
         }
@@ -237,7 +234,7 @@ impl CalibrationPage<'_> {
                     |one| {
                         let sigmas = one.arcsec / one.sigma_arcsec;
                         let arcsec = fixed(one.arcsec, 2);
-                        // An equation that nothing else tests has no residual and no scatter of it.
+                        // An equation that no other tests has no residual and no scatter.
                         if !sigmas.is_finite() {
                             return arcsec;
                         }
@@ -252,21 +249,21 @@ impl CalibrationPage<'_> {
             row
         });
         let header = ["manoeuvre", "start, s", "length, s", "leverage", "GYRX", "GYRY", "GYRZA", "GYRZB"];
-        let caption = "Manoeuvres, how much of its own equations each determines, and residuals in arcsec";
+        let caption = "Manoeuvres, leverage on their own equations, and residuals in arcsec";
         let mut text = format!("<h2>Manoeuvres</h2>\n{}", table(caption, &header, rows));
         let _ = writeln!(
             text,
-            "<p class=\"soft\">A leverage near the number of equations means that nothing else tests that manoeuvre; near \
+            "<p class=\"soft\">A leverage near the number of equations means that no other data test that manoeuvre; near \
              0, that it could be left out.</p>\n<h3>Left out</h3>"
         );
         if left_out.is_empty() {
-            text += "<p>Nothing: every calibration manoeuvre was used with all four gyros.</p>\n";
+            text += "<p>None: every calibration manoeuvre was used with all four gyros.</p>\n";
         } else {
             let rows = left_out.iter().map(|one| {
                 let gyro = one.gyro.map_or("all", Gyro::name);
                 vec![escape(&one.name), format!("{:.1}", one.start_s), gyro.to_owned(), prose(&one.why)]
             });
-            text += &table("What was not used, and why", &["manoeuvre", "start, s", "gyro", "why"], rows);
+            text += &table("Data that were not used", &["manoeuvre", "start, s", "gyro", "why"], rows);
         }
         text
     }
@@ -281,7 +278,7 @@ pub fn sigma_unit(parameter: CalibrationParameter) -> (f64, &'static str) {
     }
 }
 
-/// What moved, in words.
+/// The parameters that moved, as text.
 pub fn moved_words(comparison: &Comparison) -> String {
     let moved: Vec<String> = comparison.moved().into_iter().map(CalibrationParameter::label).collect();
     match moved.as_slice() {
@@ -291,7 +288,7 @@ pub fn moved_words(comparison: &Comparison) -> String {
     }
 }
 
-/// A value and its unit: that of its sigma, but for a scale factor, which is a ratio.
+/// A value and its unit: that of its sigma, except for a scale factor, which is a ratio.
 fn value_and_unit(parameter: CalibrationParameter, value: f64) -> (String, &'static str) {
     let (size, unit) = sigma_unit(parameter);
     let (value, unit, decimals) = match parameter.index {
@@ -302,7 +299,7 @@ fn value_and_unit(parameter: CalibrationParameter, value: f64) -> (String, &'sta
     (format!("{value:.decimals$}").replace('-', "−"), unit)
 }
 
-/// Its place among the sixteen.
+/// Index of a calibration parameter.
 fn position(parameter: CalibrationParameter) -> usize {
     solve::PER_GYRO * parameter.gyro as usize + parameter.index
 }

@@ -2,27 +2,22 @@
 
 use std::fmt::Write;
 
-use geu_calibration::compare::{LEAST_PROBABILITY, stability_per_day};
+use geu_calibration::compare::{MIN_PROBABILITY, stability_per_day};
 use geu_calibration::solve::{CalibrationParameter, UNKNOWNS, values};
 use geu_calibration::{Calibrated, Comparison, PreviousCalibration};
 use geu_model::Configuration;
 use geu_protocol::Gyro;
 
 use super::{moved_words, sigma_unit};
+use crate::text_table::text_table;
 
 /// The result for a terminal.
-pub fn table(believed: &Configuration, calibrated: &Calibrated) -> String {
+pub fn table(prior: &Configuration, calibrated: &Calibrated) -> String {
     let solution = &calibrated.solution;
     let (solved, sigmas) = (solution.values(), solution.sigmas());
-    let before = values(&believed.gyros.each_ref().map(|gyro| gyro.calibration));
-    let hand = calibrated.hand.as_ref().map(values);
-    let mut text = String::new();
-    let _ = writeln!(
-        text,
-        "{:<26} {:>14} {:>11}  {:<14} {:>10}  {:>14}",
-        "parameter", "value", "sigma", "unit", "change/σ", "hand method/σ"
-    );
-    for (index, parameter) in CalibrationParameter::all().enumerate() {
+    let before = values(&prior.gyros.each_ref().map(|gyro| gyro.calibration));
+    let hand = calibrated.first_order.as_ref().map(values);
+    let rows = CalibrationParameter::all().enumerate().map(|(index, parameter)| {
         let (unit, digits, size, sigma_unit) = match parameter.index {
             0 => ("", 7, 1e6, "ppm"),
             1 => ("arcsec/half s", 6, 1.0, ""),
@@ -31,43 +26,17 @@ pub fn table(believed: &Configuration, calibrated: &Calibrated) -> String {
         let hand = hand
             .as_ref()
             .map_or_else(|_| "–".to_owned(), |hand| format!("{:+.1}", (hand[index] - solved[index]) / sigmas[index]));
-        let _ = writeln!(
-            text,
-            "{:<26} {:>14.digits$} {:>11}  {unit:<14} {:>+10.1}  {hand:>14}",
-            parameter.label(),
-            solved[index],
-            if sigma_unit.is_empty() {
-                format!("{:.digits$}", sigmas[index])
-            } else {
-                format!("{:.3} {sigma_unit}", sigmas[index] * size)
-            },
-            (solved[index] - before[index]) / sigmas[index],
-        );
-    }
-    let _ = writeln!(
-        text,
-        "\n{:<14} {:>10} {:>10} {:>9}   residual/σ of {}",
-        "manoeuvre",
-        "start s",
-        "length s",
-        "leverage",
-        Gyro::ALL.map(Gyro::name).join(" ")
-    );
-    for (index, observation) in calibrated.observations.iter().enumerate() {
-        let of = |gyro: Gyro| {
-            let residual = solution.residuals.iter().find(|found| found.manoeuvre == index && found.gyro == gyro);
-            residual.map_or_else(|| "–".to_owned(), |found| format!("{:+.1}", found.arcsec / found.sigma_arcsec))
+        let sigma = match sigma_unit {
+            "" => format!("{:.digits$}", sigmas[index]),
+            _ => format!("{:.3} {sigma_unit}", sigmas[index] * size),
         };
-        let _ = writeln!(
-            text,
-            "{:<14} {:>10.1} {:>10.1} {:>9.2}   {}",
-            observation.name,
-            observation.start_s,
-            observation.end_s - observation.start_s,
-            solution.leverage[index],
-            Gyro::ALL.map(|gyro| format!("{:>6}", of(gyro))).join(" ")
-        );
-    }
+        let change = format!("{:+.1}", (solved[index] - before[index]) / sigmas[index]);
+        [parameter.label(), format!("{:.digits$}", solved[index]), sigma, unit.to_owned(), change, hand]
+    });
+    let header = ["parameter", "value", "sigma", "unit", "change/σ", "hand method/σ"];
+    let mut text = text_table("<26 >14 >11  <14 >10  >14", header, rows);
+    text.push('\n');
+    text += &manoeuvre_table(calibrated);
     let _ = writeln!(
         text,
         "\nχ² {:.1} of {} spare equations, probability {:.2}; condition {:.0}",
@@ -76,7 +45,7 @@ pub fn table(believed: &Configuration, calibrated: &Calibrated) -> String {
         solution.probability(),
         solution.condition
     );
-    if let Err(why) = &calibrated.hand {
+    if let Err(why) = &calibrated.first_order {
         let _ = writeln!(text, "no hand method: {why}");
     }
     let sigma = calibrated.reference_sigma_arcsec;
@@ -87,40 +56,56 @@ pub fn table(believed: &Configuration, calibrated: &Calibrated) -> String {
             sigma[0], sigma[1], sigma[2]
         );
     }
-    if solution.probability() < LEAST_PROBABILITY {
+    if solution.probability() < MIN_PROBABILITY {
         let _ = writeln!(
             text,
-            "the sixteen parameters do not explain these data: the unit has an effect that the configuration has not, or counts or fixes are wrong"
+            "the calibration parameters do not explain these data: the unit has an effect that the configuration lacks, or counts or fixes are wrong"
         );
     }
     text.truncate(text.trim_end().len());
     text
 }
 
+fn manoeuvre_table(calibrated: &Calibrated) -> String {
+    let Calibrated { solution, observations, .. } = calibrated;
+    let rows = observations.iter().enumerate().map(|(index, observation)| {
+        let residual = |gyro: Gyro| {
+            let residual = solution.residuals.iter().find(|found| found.manoeuvre == index && found.gyro == gyro);
+            let text = residual.map(|found| format!("{:+.1}", found.arcsec / found.sigma_arcsec));
+            format!("{:>6}", text.as_deref().unwrap_or("–"))
+        };
+        [
+            observation.name.clone(),
+            format!("{:.1}", observation.start_s),
+            format!("{:.1}", observation.end_s - observation.start_s),
+            format!("{:.2}", solution.leverage[index]),
+            Gyro::ALL.map(residual).join(" "),
+        ]
+    });
+    let residuals = format!("residual/σ of {}", Gyro::ALL.map(Gyro::name).join(" "));
+    text_table("<14 >10 >10 >9   <0", ["manoeuvre", "start s", "length s", "leverage", &residuals], rows)
+}
+
 /// The comparison for a terminal.
 pub fn comparison_table(earlier: &[PreviousCalibration], comparison: &Comparison) -> String {
     let names: Vec<&str> = earlier.iter().map(|one| one.name.as_str()).collect();
     let mut text = format!("less the mean of {}\n", names.join(", "));
-    let _ = writeln!(
-        text,
-        "{:<26} {:>12} {:>12} {:<9} {:>9} {:>8} {:>12}  {:>22}",
-        "parameter", "change", "sigma", "", "change/σ", "χ²", "probability", "stability a fortnight"
-    );
-    for (index, parameter) in CalibrationParameter::all().enumerate() {
+    let rows = CalibrationParameter::all().enumerate().map(|(index, parameter)| {
         let (size, unit) = sigma_unit(parameter);
-        let allowed = stability_per_day(parameter)
-            .map_or_else(|| "–".to_owned(), |rate| format!("{:.1} {unit}", rate * 14.0 * size));
-        let _ = writeln!(
-            text,
-            "{:<26} {:>+12.3} {:>12.3} {unit:<9} {:>+9.1} {:>8.1} {:>12.4}  {allowed:>22}",
+        let allowed = stability_per_day(parameter).map(|rate| format!("{:.1} {unit}", rate * 14.0 * size));
+        [
             parameter.label(),
-            comparison.change[index] * size,
-            comparison.sigmas[index] * size,
-            comparison.change[index] / comparison.sigmas[index],
-            comparison.chi2[index],
-            comparison.probability(index),
-        );
-    }
+            format!("{:+.3}", comparison.change[index] * size),
+            format!("{:.3}", comparison.sigmas[index] * size),
+            unit.to_owned(),
+            format!("{:+.1}", comparison.change[index] / comparison.sigmas[index]),
+            format!("{:.1}", comparison.chi2[index]),
+            format!("{:.4}", comparison.probability(index)),
+            allowed.unwrap_or_else(|| "–".to_owned()),
+        ]
+    });
+    let header = ["parameter", "change", "sigma", "", "change/σ", "χ²", "probability", "stability a fortnight"];
+    text += &text_table("<26 >12 >12 <9 >9 >8 >12  >22", header, rows);
     let verdict = if comparison.is_compatible() {
         "compatible, merged".to_owned()
     } else {
@@ -128,10 +113,10 @@ pub fn comparison_table(earlier: &[PreviousCalibration], comparison: &Comparison
     };
     let _ = write!(
         text,
-        "\nχ² {:.1} of {}, probability {:.2} (least {LEAST_PROBABILITY}): {verdict}",
+        "\nχ² {:.1} of {}, probability {:.2} (minimum {MIN_PROBABILITY}): {verdict}",
         comparison.joint_chi2,
         UNKNOWNS * comparison.pairs,
-        comparison.together_probability()
+        comparison.joint_probability()
     );
     text
 }

@@ -1,25 +1,25 @@
-//! The diagrams of a diagnosis: residuals over time, gaps by manoeuvre, where the data leave the model.
+//! The charts of a diagnosis: residuals over time, by manoeuvre and by variable.
 
 use geu_chart::{Chart, MAX_COLUMNS, min_max};
-use geu_diagnosis::gap::WINDOW;
+use geu_diagnosis::motion_segments::MotionSegment;
 use geu_diagnosis::outcome::Diagnosis;
-use geu_diagnosis::stretches::MotionSegment;
-use geu_diagnosis::whereabouts::{ResidualMap, STANDS_OUT, VARIABLES};
+use geu_diagnosis::residual_map::{ResidualMap, SIGNIFICANT, VARIABLES};
+use geu_diagnosis::residual_stats::WINDOW;
 use geu_model::units::SAMPLE_INTERVAL_S;
 use geu_protocol::Gyro;
 
 use crate::page::{escape, fixed, significant};
 
-/// Room that a digit takes, pixels.
+/// Width of a digit, pixels.
 const DIGIT_PX: f64 = 7.5;
-/// Most lines at the ends of windows, and most numbers below a diagram.
-const MOST_LABELS: usize = 14;
+/// Largest number of labels below a chart.
+const MAX_LABELS: usize = 14;
 /// Classes of the control axes.
 const AXES: [(&str, &str); 3] = [("turn-x", "X"), ("turn-y", "Y"), ("turn-z", "Z")];
 
-/// Class of a number of sigmas; nothing where it does not stand out.
+/// Class of a number of sigmas; `None` up to 3 sigma.
 pub(super) fn strength(sigmas: f64) -> Option<&'static str> {
-    let level = [10.0, STANDS_OUT, 3.0].iter().position(|least| sigmas.abs() > *least)?;
+    let level = [10.0, SIGNIFICANT, 3.0].iter().position(|level| sigmas.abs() > *level)?;
     let classes = if sigmas > 0.0 {
         ["plus strong", "plus middling", "plus weak"]
     } else {
@@ -28,7 +28,7 @@ pub(super) fn strength(sigmas: f64) -> Option<&'static str> {
     Some(classes[level])
 }
 
-/// What the colours of the strip of manoeuvres mean.
+/// Key of the colours of the strip of manoeuvres.
 pub(super) fn axes_key() -> String {
     AXES.iter()
         .map(|(class, axis)| {
@@ -49,31 +49,31 @@ pub(super) fn residuals(diagnosis: &Diagnosis, gyro: Gyro) -> String {
     let [before, after] = &diagnosis.windowed;
     let series = [("before", &before[gyro as usize]), ("after", &after[gyro as usize])];
     let known = series.iter().flat_map(|(_, values)| values.iter()).filter(|value| value.is_finite());
-    let (least, most) = known.fold((0.0f64, 0.0f64), |(least, most), value| (least.min(*value), most.max(*value)));
-    let span = (most - least).max(2.0);
+    let (min, max) = known.fold((0.0f64, 0.0f64), |(min, max), value| (min.min(*value), max.max(*value)));
+    let span = (max - min).max(2.0);
     let end_s = end_s(diagnosis);
     // The strip of manoeuvres lies below the residual, inside the frame.
-    let strip = (least - 0.24 * span, least - 0.1 * span);
+    let strip = (min - 0.24 * span, min - 0.1 * span);
     let label = format!("Residual of {name} before and after, arcsec over seconds");
-    let mut chart = Chart::new(&label, (860.0, 220.0), (0.0, end_s), (strip.0, most + 0.06 * span), 2)
+    let mut chart = Chart::new(&label, (860.0, 220.0), (0.0, end_s), (strip.0, max + 0.06 * span), 2)
         .in_group("time")
         .units("s", "arcsec");
-    chart.y_ticks_from(least, 6);
+    chart.y_ticks_from(min, 6);
     chart.y_title("arcsec");
     let left = diagnosis.unexplained.as_ref().filter(|left| left.gyros[gyro as usize]);
     if let Some(left) = left {
         let [from_s, to_s] = left.interval_s.map(|at_s| at_s.clamp(0.0, end_s));
         let title = format!("left unexplained, {from_s:.0}…{to_s:.0} s");
-        chart.rectangle("left", (from_s, strip.1), (to_s, most + 0.06 * span), &title);
+        chart.rectangle("left", (from_s, strip.1), (to_s, max + 0.06 * span), &title);
     }
-    windows(&mut chart, end_s, (strip.0, most + 0.06 * span));
+    windows(&mut chart, end_s, (strip.0, max + 0.06 * span));
     for (name, values) in series {
         chart.series(name, name, &runs(values, end_s));
     }
-    for (index, stretch) in diagnosis.stretches.iter().enumerate() {
-        let class = stretch.axis.map_or("rest", |axis| AXES[axis.min(2)].0);
-        let (from_s, to_s) = (stretch.from_s, stretch.to_s.min(end_s));
-        chart.rectangle(class, (from_s, strip.0), (to_s, strip.1), &told(index, stretch));
+    for (index, segment) in diagnosis.segments.iter().enumerate() {
+        let class = segment.axis.map_or("rest", |axis| AXES[axis.min(2)].0);
+        let (from_s, to_s) = (segment.from_s, segment.to_s.min(end_s));
+        chart.rectangle(class, (from_s, strip.0), (to_s, strip.1), &label_of(index, segment));
         let number = (index + 1).to_string();
         if chart.width_px(to_s - from_s) >= DIGIT_PX * number.len() as f64 {
             chart.within((0.5 * (from_s + to_s), 0.5 * (strip.0 + strip.1)), &number);
@@ -107,7 +107,7 @@ pub(super) fn residuals(diagnosis: &Diagnosis, gyro: Gyro) -> String {
 fn windows(chart: &mut Chart, end_s: f64, y: (f64, f64)) {
     let window_s = WINDOW as f64 * SAMPLE_INTERVAL_S;
     let count = (end_s / window_s) as usize;
-    let every = count.div_ceil(MOST_LABELS).max(1);
+    let every = count.div_ceil(MAX_LABELS).max(1);
     for window in 0..=count {
         let at_s = window as f64 * window_s;
         chart.line("window", (at_s, y.0), (at_s, y.1));
@@ -133,19 +133,19 @@ fn runs(values: &[f64], end_s: f64) -> Vec<Vec<(f64, f64)>> {
 
 /// The gap of a gyro in each manoeuvre, before and after.
 pub(super) fn gap_bars(diagnosis: &Diagnosis, gyro: Gyro) -> String {
-    let (name, stretches) = (gyro.name(), &diagnosis.stretches);
+    let (name, segments) = (gyro.name(), &diagnosis.segments);
     let [before, after] = diagnosis
-        .stretch_rms_arcsec
+        .segment_rms_arcsec
         .each_ref()
         .map(|all| -> Vec<f64> { all.iter().map(|rms| rms[gyro as usize]).collect() });
-    let most = before.iter().chain(&after).copied().filter(|rms| rms.is_finite()).fold(1.0, f64::max) * 1.06;
+    let max = before.iter().chain(&after).copied().filter(|rms| rms.is_finite()).fold(1.0, f64::max) * 1.06;
     let label = format!("Gap of {name} in each manoeuvre before and after, arcsec");
-    let mut chart = Chart::new(&label, (480.0, 190.0), (0.4, stretches.len() as f64 + 0.6), (0.0, most), 2)
+    let mut chart = Chart::new(&label, (480.0, 190.0), (0.4, segments.len() as f64 + 0.6), (0.0, max), 2)
         .counting_x()
         .in_group("manoeuvre");
     chart.y_ticks(5);
     chart.y_title("arcsec rms");
-    for (index, stretch) in stretches.iter().enumerate() {
+    for (index, segment) in segments.iter().enumerate() {
         let at = (index + 1) as f64;
         for (class, rms, left, right) in [("before", &before, at - 0.42, at), ("after", &after, at, at + 0.42)] {
             let Some(rms) = rms.get(index).filter(|rms| rms.is_finite()) else { continue };
@@ -153,28 +153,28 @@ pub(super) fn gap_bars(diagnosis: &Diagnosis, gyro: Gyro) -> String {
                 class,
                 (left, 0.0),
                 (right, *rms),
-                &format!("{}, {class}: {rms:.2} arcsec", told(index, stretch)),
+                &format!("{}, {class}: {rms:.2} arcsec", label_of(index, segment)),
             );
         }
     }
-    let every = stretches.len().div_ceil(MOST_LABELS).max(1);
-    (1..=stretches.len())
+    let every = segments.len().div_ceil(MAX_LABELS).max(1);
+    (1..=segments.len())
         .filter(|number| (number - 1) % every == 0)
         .for_each(|number| chart.below(number as f64, &number.to_string()));
     chart.x_title("number of the manoeuvre");
     format!("<figure>\n<figcaption><b>{name}</b></figcaption>\n{}</figure>\n", chart.finish())
 }
 
-/// Room for the names of the variables, pixels: a character takes up to 7.3 px in the letters of a narrow screen.
+/// Width of the names of the variables, pixels: a character takes up to 7.3 px on a narrow screen.
 fn names_px() -> f64 {
     let longest = VARIABLES.iter().map(|name| name.chars().count()).max().unwrap_or(0);
     7.3 * longest as f64 + 8.0
 }
 
-/// Where the data of a gyro leave a model: variables over time.
+/// Residual of a gyro by variable, over time.
 pub(super) fn heat_map(diagnosis: &Diagnosis, model: &ResidualMap, gyro: Gyro, when: &str) -> String {
     let (name, rows) = (gyro.name(), VARIABLES.len() as f64);
-    let label = format!("Where the data of {name} leave the model {when}: variables over seconds");
+    let label = format!("Residual of {name} by variable {when}, over seconds");
     let end_s = end_s(diagnosis);
     let mut chart = Chart::new(&label, (480.0, 340.0), (0.0, end_s), (0.0, rows), 2)
         .with_left(names_px())
@@ -184,12 +184,12 @@ pub(super) fn heat_map(diagnosis: &Diagnosis, model: &ResidualMap, gyro: Gyro, w
         let bottom = rows - 1.0 - index as f64;
         chart.beside(bottom + 0.5, variable);
         chart.line("faintly", (0.0, bottom), (end_s, bottom));
-        for (number, (stretch, sigmas)) in diagnosis.stretches.iter().zip(&model.stretches[gyro as usize]).enumerate() {
+        for (number, (segment, sigmas)) in diagnosis.segments.iter().zip(&model.segments[gyro as usize]).enumerate() {
             let Some((sigmas, class)) = sigmas[index].and_then(|sigmas| Some((sigmas, strength(sigmas)?))) else {
                 continue;
             };
-            let title = format!("{}: {variable} {} σ", told(number, stretch), fixed(sigmas, 1));
-            let corners = ((stretch.from_s, bottom), (stretch.to_s.min(end_s), bottom + 1.0));
+            let title = format!("{}: {variable} {} σ", label_of(number, segment), fixed(sigmas, 1));
+            let corners = ((segment.from_s, bottom), (segment.to_s.min(end_s), bottom + 1.0));
             chart.rectangle(&format!("heat {class}"), corners.0, corners.1, &title);
         }
     }
@@ -199,8 +199,8 @@ pub(super) fn heat_map(diagnosis: &Diagnosis, model: &ResidualMap, gyro: Gyro, w
 }
 
 /// A manoeuvre with its number and times.
-fn told(index: usize, stretch: &MotionSegment) -> String {
-    format!("{} {}, {:.0}…{:.0} s", index + 1, stretch.name, stretch.from_s, stretch.to_s)
+fn label_of(index: usize, segment: &MotionSegment) -> String {
+    format!("{} {}, {:.0}…{:.0} s", index + 1, segment.name, segment.from_s, segment.to_s)
 }
 
 #[cfg(test)]

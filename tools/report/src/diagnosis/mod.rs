@@ -1,14 +1,13 @@
-//! The page of `geu diagnose --html`: what was found, how it was found, why it may be believed, what is left. Its diagrams are in
-//! `charts.rs`.
+//! The page of `geu diagnose --html`: found effects, search, cross-validation and residual. Its charts are in `charts.rs`.
 
 mod charts;
-mod whereabouts;
+mod residual_map;
 
 use std::fmt::Write;
 
-use geu_diagnosis::explain::Round;
-use geu_diagnosis::gap::ResidualStats;
+use geu_diagnosis::model_selection::SelectionStep;
 use geu_diagnosis::outcome::{Chi2Fall, Class, DiagnosedEffect, Diagnosis, ReportedAlternative};
+use geu_diagnosis::residual_stats::ResidualStats;
 use geu_diagnosis::search::Candidate;
 use geu_diagnosis::{Verdict, report};
 use geu_protocol::Gyro;
@@ -16,14 +15,13 @@ use geu_protocol::Gyro;
 use crate::page::{CHART_HINT, Provenance, escape, fixed, html, prose, significant, table};
 use charts::{axes_key, gap_bars, residuals, strength};
 
-/// Candidates shown of a round.
+/// Candidates shown for a round.
 const CANDIDATES: usize = 8;
 /// Findings shown; a broken recording has thousands.
 const FINDINGS: usize = 200;
 
-/// What the page tells of.
+/// Content of the page.
 pub struct DiagnosisPage<'a> {
-    /// What came out.
     pub diagnosis: &'a Diagnosis,
     pub provenance: Provenance<'a>,
 }
@@ -36,10 +34,10 @@ impl DiagnosisPage<'_> {
         body += &self.found();
         body += &self.residuals();
         body += &self.manoeuvres();
-        body += &self.whereabouts();
+        body += &self.residual_map();
         body += &self.search();
-        body += &self.rivals();
-        body += &self.proof();
+        body += &self.alternatives();
+        body += &self.cross_validation();
         body += &self.findings();
         body += &self.provenance.html(std::iter::empty());
         html("Diagnosis of a recording", &body)
@@ -75,13 +73,13 @@ impl DiagnosisPage<'_> {
             let follows: Vec<String> =
                 left.follows.iter().map(|own| format!("{} ({:.0})", escape(&own.term), own.score)).collect();
             if !follows.is_empty() {
-                let _ = writeln!(text, "<p>It follows most, by the fall of χ²: {}.</p>", follows.join(", "));
+                let _ = writeln!(text, "<p>Correlated variables, by the reduction of χ²: {}.</p>", follows.join(", "));
             }
         }
         let [before, after] = [&self.diagnosis.before.fitted, &self.diagnosis.after.fitted];
         let _ = writeln!(
             text,
-            "<p>The gap, the residual angle within half an hour, goes from {} to {} arcsec rms.</p>\n</div>",
+            "<p>The gap, the residual angle within half an hour, changes from {} to {} arcsec rms.</p>\n</div>",
             significant(before.rms_arcsec, 3),
             significant(after.rms_arcsec, 3)
         );
@@ -98,7 +96,7 @@ impl DiagnosisPage<'_> {
                 let chi2 =
                     chi2.map_or("–".to_owned(), |Chi2Fall { fall, threshold }| format!("{fall:.0} ({threshold:.0})"));
                 vec![
-                    escape(&report::called(entry)),
+                    escape(&report::effect_name(entry)),
                     gyros(&entry.gyros),
                     once(class.to_owned()),
                     escape(&match &entry.coefficient_unit {
@@ -113,20 +111,20 @@ impl DiagnosisPage<'_> {
         });
         let rows: Vec<_> = rows.collect();
         if rows.is_empty() {
-            return "<h2>Found</h2>\n<p>Nothing is missing, and the calibration has not moved.</p>\n".to_owned();
+            return "<h2>Found</h2>\n<p>No effect is missing, and the calibration has not moved.</p>\n".to_owned();
         }
-        let header = ["what", "gyros", "", "parameter", "value ± 1 σ", "of the gap", "fall of χ² (chance)"];
-        let caption = "What was found: values with one sigma, the share of the gap that it takes away, by how much χ² falls \
-                       with it, and what chance does in one recording of a hundred";
+        let header = ["effect", "gyros", "", "parameter", "value ± 1 σ", "of the gap", "χ² reduction (threshold)"];
+        let caption = "Found effects: values with one sigma, explained share of the gap, reduction of χ², and its \
+                       threshold at a false alarm rate of 1 %";
         format!("<h2>Found</h2>\n{}", table(caption, &header, rows))
     }
 
     fn residuals(&self) -> String {
         let mut text = format!(
             "<h2>Residuals before and after</h2>\n<p>Measured less model, the accumulated angle in arcsec: with the \
-             configuration as given, and with what was found. Windows of 30 min, from line to line, start at zero \
-             each, and so does what follows a break; where the sum cannot be trusted nothing is drawn. The strip below tells \
-             what the unit did, with the numbers of the manoeuvres.</p>\n{CHART_HINT}{}",
+             configuration as given, and with the found effects. Windows of 30 min, from line to line, start at zero, \
+             also after a break; invalid sums are not drawn. The strip below shows \
+             the motion, with the numbers of the manoeuvres.</p>\n{CHART_HINT}{}",
             self.key()
         );
         for gyro in Gyro::ALL {
@@ -135,11 +133,11 @@ impl DiagnosisPage<'_> {
         text
     }
 
-    /// What colours mean in the diagrams of before and after.
+    /// Key of the colours of before and after.
     fn key(&self) -> String {
-        let mut items = vec![("before", "as configured"), ("after", "with what was found")];
+        let mut items = vec![("before", "as configured"), ("after", "with the found effects")];
         if self.diagnosis.unexplained.is_some() {
-            items.push(("left", "where something is left unexplained"));
+            items.push(("left", "left unexplained"));
         }
         let items = items.into_iter().map(|(class, words)| {
             format!("<span><svg viewBox=\"0 0 22 14\"><rect class=\"{class}\" width=\"22\" height=\"14\"/></svg>{words}</span>\n")
@@ -155,17 +153,17 @@ impl DiagnosisPage<'_> {
         for gyro in Gyro::ALL {
             text += &gap_bars(self.diagnosis, gyro);
         }
-        let [before, after] = &self.diagnosis.stretch_rms_arcsec;
-        let rows = self.diagnosis.stretches.iter().enumerate().map(|(index, stretch)| {
+        let [before, after] = &self.diagnosis.segment_rms_arcsec;
+        let rows = self.diagnosis.segments.iter().enumerate().map(|(index, segment)| {
             let rms = |gyro: Gyro| {
                 let [before, after] =
                     [before, after].map(|all| all.get(index).map_or(f64::NAN, |rms| rms[gyro as usize]));
                 format!("{} → {}", arcsec(before), arcsec(after))
             };
             let mut row = vec![
-                format!("{} {}", index + 1, escape(&stretch.name)),
-                format!("{:.0}", stretch.from_s),
-                format!("{:.0}", stretch.to_s - stretch.from_s),
+                format!("{} {}", index + 1, escape(&segment.name)),
+                format!("{:.0}", segment.from_s),
+                format!("{:.0}", segment.to_s - segment.from_s),
             ];
             row.extend(Gyro::ALL.map(rms));
             row
@@ -175,7 +173,7 @@ impl DiagnosisPage<'_> {
         let _ = writeln!(
             text,
             "</div>\n<details>\n<summary>The {} manoeuvres in numbers</summary>\n{}</details>",
-            self.diagnosis.stretches.len(),
+            self.diagnosis.segments.len(),
             table(caption, &header, rows)
         );
         text
@@ -183,31 +181,31 @@ impl DiagnosisPage<'_> {
 
     fn search(&self) -> String {
         let mut text = String::from(
-            "<h2>Search</h2>\n<p>Each round looks at every effect of the model on every set of gyros with every course in time \
-             beside all that is held, and adds the one that explains most, where that is more than chance does in one recording \
-             of a hundred and pays on data held out.</p>\n",
+            "<h2>Search</h2>\n<p>Each round tests every effect of the model on every set of gyros with every time course \
+             beside the accepted ones, and adds the best if its reduction of χ² exceeds the threshold (false alarm rate 1 %) \
+             and it passes cross-validation.</p>\n",
         );
-        if self.diagnosis.rounds.is_empty() {
+        if self.diagnosis.steps.is_empty() {
             text += "<p>No round was run.</p>\n";
         }
-        for (index, round) in self.diagnosis.rounds.iter().enumerate() {
+        for (index, round) in self.diagnosis.steps.iter().enumerate() {
             text += &self.round(index + 1, round);
         }
         text
     }
 
-    fn round(&self, number: usize, round: &Round) -> String {
+    fn round(&self, number: usize, round: &SelectionStep) -> String {
         let outcome = |candidate: &Candidate| match round.kept {
-            Some(_) => format!("added {}", named(candidate)),
-            None => format!("added {}, dropped again beside what came later", named(candidate)),
+            Some(_) => format!("added {}", name_of(candidate)),
+            None => format!("added {}, dropped after later additions", name_of(candidate)),
         };
         let added = round.added.and_then(|added| round.candidates.get(added));
-        let outcome = added.map_or_else(|| "nothing qualifies".to_owned(), outcome);
+        let outcome = added.map_or_else(|| "no candidate qualifies".to_owned(), outcome);
         let shown =
             round.candidates.iter().enumerate().filter(|(index, _)| *index < CANDIDATES || Some(*index) == round.added);
         let rows = shown.map(|(index, candidate)| {
             let change = &candidate.hypothesis;
-            let chance = self.diagnosis.thresholds.price(candidate.family, change);
+            let threshold = self.diagnosis.thresholds.penalty(candidate.family, change);
             let parameters: Vec<String> = change
                 .parameters()
                 .iter()
@@ -216,11 +214,11 @@ impl DiagnosisPage<'_> {
             let fall = format!("{:.0}", candidate.gain.chi2);
             let is_added = Some(index) == round.added;
             vec![
-                if is_added { format!("<b>{}</b>", named(candidate)) } else { named(candidate) },
+                if is_added { format!("<b>{}</b>", name_of(candidate)) } else { name_of(candidate) },
                 gyros(&change.gyros),
-                if candidate.gain.chi2 > chance { format!("<b>{fall}</b>") } else { fall },
-                format!("{chance:.0}"),
-                foretold(&candidate.held_out),
+                if candidate.gain.chi2 > threshold { format!("<b>{fall}</b>") } else { fall },
+                format!("{threshold:.0}"),
+                improvement(&candidate.held_out),
                 match (is_added, round.kept) {
                     (true, Some(_)) => "added".to_owned(),
                     (true, None) => "added, dropped later".to_owned(),
@@ -230,42 +228,41 @@ impl DiagnosisPage<'_> {
             ]
         });
         let caption = format!("Round {number}: {}", outcome.replace("<b>", "").replace("</b>", ""));
-        let header = ["candidate", "gyros", "fall of χ²", "chance", "held out", "", "with"];
+        let header = ["candidate", "gyros", "χ² reduction", "threshold", "held out", "", "with"];
         format!("<h3>{caption}</h3>\n{}", table(&format!("Round {number}, the best candidates"), &header, rows))
     }
 
-    fn rivals(&self) -> String {
-        let mut text = String::from("<h2>Rivals</h2>\n");
+    fn alternatives(&self) -> String {
+        let mut text = String::from("<h2>Alternatives</h2>\n");
         let rows: Vec<Vec<String>> = self
             .of_class(Class::MissingEffect)
-            .flat_map(|entry| entry.rivals.iter().map(move |rival| (entry, rival)))
-            .map(|(entry, rival)| rival_row(entry, rival))
+            .flat_map(|entry| entry.alternatives.iter().map(move |own| alternative_row(entry, own)))
             .collect();
         if rows.is_empty() {
-            return text + "<p>Nothing that was found has a rival.</p>\n";
+            return text + "<p>No found effect has an alternative.</p>\n";
         }
-        text += "<p>What looks like what was found: the cosine of the two signatures on this motion, 1 where they are the same, and \
-                 by how much χ² falls less with the rival in its place.</p>\n";
-        let header = ["found", "rival", "gyros", "cosine", "χ² behind", "what would tell them apart"];
-        text + &table("Rivals, the most alike first", &header, rows)
+        text += "<p>Effects with similar signatures: the cosine of the two signatures on this motion, 1 if they are equal, and \
+                 the loss of χ² reduction with the alternative in place of the effect.</p>\n";
+        let header = ["found", "alternative", "gyros", "cosine", "χ² loss", "discriminating test"];
+        text + &table("Alternatives, the most similar first", &header, rows)
     }
 
-    fn proof(&self) -> String {
-        let mut text = String::from("<h2>Proof on held-out data</h2>\n");
+    fn cross_validation(&self) -> String {
+        let mut text = String::from("<h2>Cross-validation</h2>\n");
         let rows: Vec<Vec<String>> = self
             .diagnosis
             .entries
             .iter()
             .filter_map(|entry| {
                 let thirds = entry.held_out?;
-                let mut row = vec![escape(&report::called(entry)), gyros(&entry.gyros)];
-                row.extend(thirds.map(|better| foretold(&[better])));
-                row.push(foretold(&thirds));
+                let mut row = vec![escape(&report::effect_name(entry)), gyros(&entry.gyros)];
+                row.extend(thirds.map(|better| improvement(&[better])));
+                row.push(improvement(&thirds));
                 Some(row)
             })
             .collect();
         if !rows.is_empty() {
-            let caption = "By how much better each third of the recording is foretold with it, known from the other two (fall of −2 ln of its probability; a dash where one third has nearly all that tells of it)";
+            let caption = "Cross-validation: improvement of each third of the recording, predicted from the other two (reduction of −2 ln of its probability; a dash if one third determines the effect almost alone)";
             text += &table(caption, &["found", "gyros", "first third", "second", "last", "sum"], rows);
         }
         let row = |name: &str, gap: &ResidualStats| {
@@ -282,14 +279,14 @@ impl DiagnosisPage<'_> {
             row("after, fitted", &after.fitted),
             row("after, held out", &after.held_out),
         ];
-        let caption = "The gap, arcsec within windows of 30 min over all gyros: fitted, and each third foretold from the other two";
+        let caption = "The gap, arcsec within windows of 30 min over all gyros: fitted, and each third predicted from the other two";
         text + &table(caption, &["gap", "rms", "largest", "rms at the end", "χ² per degree of freedom"], rows)
     }
 
     fn findings(&self) -> String {
         let findings = &self.diagnosis.findings;
         if findings.is_empty() {
-            return "<h2>Exact checks</h2>\n<p>Nothing lost, repeated, corrupt, stuck, swapped or inverted, and no jump of \
+            return "<h2>Exact checks</h2>\n<p>No lost, repeated, corrupt, stuck, swapped or inverted data, and no jump of \
                     time.</p>\n"
                 .to_owned();
         }
@@ -297,38 +294,38 @@ impl DiagnosisPage<'_> {
             .iter()
             .take(FINDINGS)
             .map(|found| vec![escape(&found.kind), escape(&found.place), prose(&found.text)]);
-        let caption = format!("What exact checks found: {} of {}", findings.len().min(FINDINGS), findings.len());
-        format!("<h2>Exact checks</h2>\n{}", table(&caption, &["kind", "place", "what"], rows))
+        let caption = format!("Findings of exact checks: {} of {}", findings.len().min(FINDINGS), findings.len());
+        format!("<h2>Exact checks</h2>\n{}", table(&caption, &["kind", "place", "finding"], rows))
     }
 }
 
-fn rival_row(entry: &DiagnosedEffect, rival: &ReportedAlternative) -> Vec<String> {
-    let name = rival.formula.as_ref().unwrap_or(&rival.code);
-    let width = 100.0 * rival.cosine.abs().clamp(0.0, 1.0);
+fn alternative_row(entry: &DiagnosedEffect, alternative: &ReportedAlternative) -> Vec<String> {
+    let name = alternative.formula.as_ref().unwrap_or(&alternative.code);
+    let width = 100.0 * alternative.cosine.abs().clamp(0.0, 1.0);
     vec![
-        escape(&report::called(entry)),
+        escape(&report::effect_name(entry)),
         escape(name),
-        gyros(&rival.gyros),
+        gyros(&alternative.gyros),
         format!(
             "{:.3} <span class=\"track\"><span class=\"bar\" style=\"width:{width:.0}%\"></span></span>",
-            rival.cosine
+            alternative.cosine
         ),
-        rival.behind_chi2.map_or_else(|| "the same signature".to_owned(), |behind| format!("{behind:.0}")),
-        match (&rival.remedy, rival.behind_chi2) {
-            (Some(remedy), _) => prose(remedy),
-            (None, Some(behind)) if behind >= geu_diagnosis::rivals::APART_CHI2 => prose("this recording"),
-            _ => prose("nothing in this recording"),
+        alternative.delta_chi2.map_or_else(|| "the same signature".to_owned(), |behind| format!("{behind:.0}")),
+        match (&alternative.discriminating_test, alternative.delta_chi2) {
+            (Some(test), _) => prose(test),
+            (None, Some(behind)) if behind >= geu_diagnosis::alternatives::AMBIGUITY_CHI2 => prose("this recording"),
+            _ => prose("none in this recording"),
         },
     ]
 }
 
-/// What a candidate is: its code or its formula.
-fn named(candidate: &Candidate) -> String {
+/// Code or formula of a candidate.
+fn name_of(candidate: &Candidate) -> String {
     let amplitude = &candidate.hypothesis.amplitude;
     escape(&amplitude.formula().map_or_else(|| amplitude.code(), |formula| format!("term {formula}")))
 }
 
-/// An effect found with all its facts, an item of a list each.
+/// A found effect as a list of its facts.
 fn listed(entry: &DiagnosedEffect) -> String {
     let facts = report::facts(entry).into_iter();
     let facts: String =
@@ -340,7 +337,7 @@ fn gyros(gyros: &geu_diagnosis::gyros::Gyros) -> String {
     if *gyros == [true; 4] { "all".to_owned() } else { report::names(gyros).join(", ") }
 }
 
-/// A number of arcsec, or that there is none.
+/// A number of arcsec, or a dash.
 fn arcsec(value: f64) -> String {
     if value.is_finite() { format!("{value:.2}").replace('-', "−") } else { "–".to_owned() }
 }
@@ -354,7 +351,7 @@ fn in_sigmas(sigmas: Option<f64>) -> String {
     }
 }
 
-/// By how much better thirds are foretold, together; a dash where none can be.
-fn foretold(thirds: &[Option<f64>]) -> String {
+/// Sum of the improvements of thirds; a dash if there is none.
+fn improvement(thirds: &[Option<f64>]) -> String {
     if thirds.iter().all(Option::is_none) { "–".to_owned() } else { fixed(thirds.iter().flatten().sum(), 0) }
 }

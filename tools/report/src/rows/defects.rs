@@ -1,4 +1,4 @@
-//! Defects as JSON lines; one that comes again and again with nothing between is a line with a count.
+//! Defects as JSON lines; repetitions are one line with a count.
 
 use geu_protocol::capture::{RecordPosition, Timestamp};
 use geu_protocol::hex::hex;
@@ -6,7 +6,7 @@ use geu_recording::{Defect, DefectKind, place_text};
 
 use super::{quote, write_seconds};
 
-/// Writes defects; the last waits for those that are like it. Two hundred megabytes of `EB 90` are one line, not a hundred million.
+/// Writes defects; the last waits for its repetitions. Two hundred megabytes of `EB 90` are one line.
 #[derive(Default)]
 pub struct DefectLines {
     waiting: Option<Waiting>,
@@ -24,7 +24,7 @@ struct Waiting {
 }
 
 impl Waiting {
-    fn is_like(&self, defect: &Defect) -> bool {
+    fn is_repeated_by(&self, defect: &Defect) -> bool {
         self.kind == defect.kind
             && self.bytes == defect.bytes
             && self.time == defect.time
@@ -34,10 +34,10 @@ impl Waiting {
 }
 
 impl DefectLines {
-    /// Takes a defect: place, kind, bytes in hexadecimal; time and what was lost where they are known.
+    /// Adds a defect: place, kind, bytes in hexadecimal; time and lost samples if they are known.
     pub fn push(&mut self, defect: &Defect, out: &mut Vec<u8>) {
         match &mut self.waiting {
-            Some(waiting) if waiting.is_like(defect) => {
+            Some(waiting) if waiting.is_repeated_by(defect) => {
                 waiting.count += 1;
                 waiting.last = defect.place;
             }
@@ -57,7 +57,7 @@ impl DefectLines {
         }
     }
 
-    /// Writes what waits: something else came between, or nothing more comes for now.
+    /// Writes the waiting defect: a row or the end of the input follows.
     pub fn end(&mut self, out: &mut Vec<u8>) {
         if let Some(waiting) = self.waiting.take() {
             waiting.write(out);
@@ -93,7 +93,7 @@ impl Waiting {
     }
 }
 
-/// A broken line, where a person can read it.
+/// The bytes as text if they are printable.
 fn readable(bytes: &[u8]) -> Option<&str> {
     let text = std::str::from_utf8(bytes).ok()?;
     (text.len() > 2 && text.chars().all(|letter| letter == '\t' || !letter.is_control())).then_some(text)

@@ -8,7 +8,7 @@ use geu_protocol::field::{Bit, GYRO_FLAGS, UNIT_FLAGS};
 use geu_recording::ReceivedSample;
 
 pub use defects::DefectLines;
-pub use track::{TRACK_COLUMNS, TrackFormat, instant, track_difference, write_track};
+pub use track::{TrackFormat, instant, track_difference, track_header, write_track};
 
 /// A format of text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -34,7 +34,7 @@ const NAMES: [&str; 11] = [
 ];
 
 impl TextFormat {
-    /// What stands before the first row; `with_bits` adds a column for each flag, behind all else.
+    /// The header line; `with_bits` adds a column for each flag at the end.
     pub fn header(self, with_bits: bool) -> String {
         match self {
             TextFormat::Csv => {
@@ -160,7 +160,7 @@ impl Line {
         self.push(&PAIRS[usize::from(magnitude % 100)]);
     }
 
-    /// As many digits as the source has, at least six.
+    /// Seconds with the digits of the source, six or more.
     #[inline]
     fn seconds(&mut self, time: Timestamp) {
         if time.t_ns < 0 {
@@ -178,14 +178,14 @@ impl Line {
     }
 }
 
-/// Appends a time, as many digits as the source has, at least six.
+/// Appends a time with the digits of the source, six or more.
 pub fn write_seconds(time: Timestamp, out: &mut Vec<u8>) {
     let mut line = Line { format: TextFormat::Csv, field: 0, bytes: [0; LINE], length: 0 };
     line.seconds(time);
     out.extend_from_slice(&line.bytes[..line.length]);
 }
 
-/// Appends a text as JSON has it.
+/// Appends a text as a JSON string.
 pub fn quote(text: &str, out: &mut Vec<u8>) {
     out.push(b'"');
     for letter in text.chars() {

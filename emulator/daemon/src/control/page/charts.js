@@ -4,10 +4,10 @@ import { at, clock, element, fixed } from "./dom.js";
 
 const KEEP_S = 600;
 const VIEWS = [
-  { name: "difference", title: "counts − truth", decimals: 2, least: 3 },
-  { name: "accumulated", title: "accumulated", decimals: 2, least: 5 },
-  { name: "counts", title: "counts", decimals: 0, least: 4 },
-  { name: "truth", title: "truth", decimals: 2, least: 4 },
+  { name: "difference", title: "counts − truth", decimals: 2, minimum: 3 },
+  { name: "accumulated", title: "accumulated", decimals: 2, minimum: 5 },
+  { name: "counts", title: "counts", decimals: 0, minimum: 4 },
+  { name: "truth", title: "truth", decimals: 2, minimum: 4 },
 ];
 /** Margins around a strip, and its height, pixels. */
 const LEFT = 58;
@@ -91,7 +91,7 @@ export function charts(gyros, validBits) {
     return { chart, path: part("path"), shades: part(".shades"), marks: part(".marks") };
   }
 
-  /** Takes in which faults act: told are those that are not over. */
+  /** Updates the active faults; `faults` lists armed and active ones. */
   function follow(half) {
     const acting = new Map(
       half.faults.filter(({ state }) => state === "active").map((fault) => [`${fault.id} ${fault.since_s}`, fault]),
@@ -132,7 +132,7 @@ export function charts(gyros, validBits) {
     }
   }
 
-  /** What stands beside each strip: the latest, or what the cursor points at. */
+  /** The values beside each strip: the latest, or those at the cursor. */
   function read() {
     const isPointed = cursorS !== null && times.length > 0;
     const distance = (index) => Math.abs(times[index] - cursorS);
@@ -160,7 +160,7 @@ export function charts(gyros, validBits) {
       strips.forEach((strip, index) => {
         const values = columns[index][view.name].slice(begin);
         const known = values.filter((value) => value !== null);
-        const range = around(Math.min(...known), Math.max(...known), view.least);
+        const range = around(Math.min(...known), Math.max(...known), view.minimum);
         shade(strip, index, end, range);
         const points = values.map((value, place) =>
           value === null ? "" : `${(values[place - 1] ?? null) === null ? "M" : "L"}${times[begin + place] - baseS} ${value}`,
@@ -189,7 +189,7 @@ export function charts(gyros, validBits) {
   }
 
   function add(half) {
-    // What was not told is not drawn.
+    // Missing samples are gaps.
     if (last && times.length && half.half_second > last.half_second + 1) row((last.t_s + half.t_s) / 2, null);
     last = half;
     row(
@@ -197,7 +197,7 @@ export function charts(gyros, validBits) {
       gyros.map((_, index) => {
         const counts = half.increments[index],
           truth = half.true_arcsec[index];
-        // Summed by the unit: a run faster than real does not tell every sample.
+        // Summed by the unit: a run faster than real time does not publish every sample.
         const accumulated = half.departure_arcsec[index] - zeros[index];
         const valid = ((half.gyro_flags >> validBits[index]) & 1) === 1;
         return { counts, truth, difference: counts - truth, accumulated, valid };
@@ -231,10 +231,10 @@ export function charts(gyros, validBits) {
   };
 }
 
-/** A range with a margin, never narrower than `least`. */
-function around(low, high, least) {
-  if (!Number.isFinite(low) || !Number.isFinite(high)) return [-least, least];
-  const half = Math.max((high - low) * 0.56, least / 2),
+/** A range with a margin, never narrower than `minimum`. */
+function around(low, high, minimum) {
+  if (!Number.isFinite(low) || !Number.isFinite(high)) return [-minimum, minimum];
+  const half = Math.max((high - low) * 0.56, minimum / 2),
     middle = (high + low) / 2;
   return [middle - half, middle + half];
 }

@@ -5,7 +5,7 @@ import { ask, at, breakable, clock, element, fixed, path, readings } from "./dom
 import { commander, faultList, injector } from "./panels.js";
 import { wire } from "./wire.js";
 
-/** Without a sample for so long the unit is said to be silent. */
+/** Time without a sample after which the unit is reported as silent. */
 const SILENCE_MS = 3000;
 const AGAIN_MS = 1000;
 const STATUS_MS = 2000;
@@ -59,7 +59,7 @@ function links(half) {
     link.unread,
     link.dropped,
     link.replies,
-    link.unread > 0 ? `${link.unread} samples were not sent, because nobody was there to read` : "",
+    link.unread > 0 ? `${link.unread} samples were not sent, because no client was connected` : "",
   ]);
   const said = JSON.stringify(rows);
   if (at("link-rows").dataset.said === said) return;
@@ -107,13 +107,13 @@ function recorded({ recording }) {
   at("recording").hidden = !hasEnded;
   if (hasEnded) {
     const { directory, half_second: count, reason } = recording;
-    const text = `The recording in ${directory} ended at sample ${count}: ${reason}. The unit goes on.`;
+    const text = `The recording in ${directory} ended at sample ${count}: ${reason}. The unit continues.`;
     // Once, for who has it read aloud.
     if (at("recording").textContent !== text) at("recording").textContent = text;
   }
 }
 
-/** Adds lines to the timeline, those that are known left out. */
+/** Adds lines to the timeline, except known ones. */
 function take(lines) {
   const known = new Set(happened);
   for (const line of lines.filter((line) => line !== "" && !known.has(line))) {
@@ -154,7 +154,7 @@ function start([catalogue, layout, status]) {
   at("download").href = path("/api/timeline");
   at("document").href = path("/api/openapi.json");
 
-  // Half seconds that come while the history is asked for; nothing once it is drawn.
+  // Samples received during the request of the history; null once it is drawn.
   let waiting = [],
     latest = 0,
     refill = 0;
@@ -167,7 +167,7 @@ function start([catalogue, layout, status]) {
     waiting = null;
     refill = 0;
   }
-  /** A run faster than real does not tell every sample: the others are fetched, once a second. */
+  /** A run faster than real time does not publish every sample: the others are fetched, once a second. */
   function fetchSkipped(half) {
     if (half.half_second > latest + 1 && !waiting) refill ||= setTimeout(fill, AGAIN_MS);
     latest = half.half_second;
@@ -185,8 +185,8 @@ function start([catalogue, layout, status]) {
     });
     source.addEventListener("error", () => {
       isOpen = false;
-      trouble("The connection to the unit is lost; trying again. What is shown is the last that was heard.");
-      // Refused rather than broken off: the browser does not try again by itself.
+      trouble("The connection to the unit is lost; trying again. Values shown are the last received.");
+      // Rejected rather than interrupted: the browser does not retry by itself.
       if (source.readyState === EventSource.CLOSED) setTimeout(follow, AGAIN_MS);
     });
     source.addEventListener("half-second", (event) => {

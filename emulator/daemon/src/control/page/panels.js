@@ -2,7 +2,7 @@
 
 import { ask, at, breakable, clock, element } from "./dom.js";
 
-/** A question with its error shown in `place`; nothing where it was refused. */
+/** A request whose error is shown in `place`; undefined if it was rejected. */
 async function tried(place, question) {
   at(place).textContent = "";
   try {
@@ -13,15 +13,15 @@ async function tried(place, question) {
   }
 }
 
-const range = (least, greatest, unit) => {
+const range = (min, max, unit) => {
   const number = (value) => String(value).replace("-", "−");
   const span =
-    least != null && greatest != null
-      ? `${number(least)} to ${number(greatest)}`
-      : least != null
-        ? `from ${number(least)}`
-        : greatest != null
-          ? `to ${number(greatest)}`
+    min != null && max != null
+      ? `${number(min)} to ${number(max)}`
+      : min != null
+        ? `from ${number(min)}`
+        : max != null
+          ? `to ${number(max)}`
           : "";
   return [span, unit].filter(Boolean).join(" ");
 };

@@ -1,4 +1,4 @@
-// The last frame, taken apart field by field by the layout that the unit tells.
+// The last frame, field by field, with the layout that the unit publishes.
 
 import { at, breakable, element } from "./dom.js";
 
@@ -24,7 +24,7 @@ export function wire(layout) {
   });
   at("tabs").append(...tabs);
 
-  // Rows stand for good; only their bytes and values change.
+  // Rows are permanent; only their bytes and values change.
   const parts = { serial: [{ name: "DATA", fields: layout.serial }], can: layout.can };
   let rows = [];
   function choose(name) {

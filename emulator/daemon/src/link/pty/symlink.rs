@@ -1,8 +1,8 @@
-//! The symlink at which clients find the pty, and the lock that says whose it is.
+//! The symlink at which clients find the pty, and the lock of its owner.
 //!
-//! Beside `PATH` stands `PATH.lock`: the emulator that made the symlink holds it locked for as long as it lives, and writes
-//! into it where the symlink leads. So of two emulators that start together one has the path, and a symlink that a killed
-//! emulator left is known for what it is, even where the number of its pty is in use again.
+//! `PATH.lock` is beside `PATH`: the emulator that created the symlink holds the lock during its lifetime, and writes the target
+//! of the symlink into it. So of two emulators that start together one gets the path, and the symlink of a killed emulator is
+//! recognised, even if the number of its pty is in use again.
 
 use std::ffi::{OsStr, OsString};
 use std::fs::{self, File, OpenOptions, Permissions, TryLockError};
@@ -15,12 +15,12 @@ use nix::libc::{O_NOFOLLOW, O_NONBLOCK};
 
 use super::super::error::LinkError;
 
-/// What a lock begins with; a file that begins otherwise is somebody else's.
+/// First bytes of a lock; any other file is not a lock of an emulator.
 const MARK: &str = "geu pty ";
-/// Longer than any name of a pty.
-const LONGEST_LOCK: usize = 4096;
+/// Maximum length of a lock: longer than any name of a pty.
+const MAX_LOCK_BYTES: usize = 4096;
 
-/// The symlink; removed when it goes, if it is still this one.
+/// The symlink; removed on drop if it is still this one.
 pub(super) struct Symlink {
     path: PathBuf,
     target: Mutex<PathBuf>,
@@ -28,8 +28,7 @@ pub(super) struct Symlink {
 }
 
 impl Symlink {
-    /// Makes it in one step, in place of an old one that leads nowhere, that leads to a pty which is ours now, or that an
-    /// emulator which is gone left.
+    /// Creates it in one step, and replaces a link that leads nowhere, to a pty that is ours now, or that a killed emulator left.
     pub fn create(path: &Path, target: &Path) -> Result<Symlink, LinkError> {
         let name = || path.display().to_string();
         let fail = |error| LinkError::Pty(name(), error);
@@ -55,7 +54,7 @@ impl Symlink {
         Ok(made)
     }
 
-    /// Under a name that is nobody's, then renamed: the path is never without a symlink.
+    /// Creates it under a temporary name and renames it: the path always has a symlink.
     fn make(&self, target: &Path) -> io::Result<()> {
         let (directory, name) = parts(&self.path)?;
         let made = tempfile::Builder::new().prefix(&name).make_in(directory, |path| symlink(target, path))?;
@@ -66,19 +65,19 @@ impl Symlink {
         fs::read_link(&self.path).is_ok_and(|target| target == self.target())
     }
 
-    /// Puts another pty in place of the one before; not if somebody else's link stands there by now.
+    /// Changes the target, unless the path has another link by now.
     pub fn lead_to(&self, target: &Path) -> io::Result<()> {
         if self.is_ours() {
             self.lock.write(target)?;
             self.make(target)?;
         }
-        *self.target.lock().expect("nothing panics with the path") = target.to_owned();
+        *self.target.lock().expect("no panic while locked") = target.to_owned();
         Ok(())
     }
 
-    /// Where it leads.
+    /// Target of the symlink.
     pub fn target(&self) -> PathBuf {
-        self.target.lock().expect("nothing panics with the path").clone()
+        self.target.lock().expect("no panic while locked").clone()
     }
 }
 
@@ -90,7 +89,7 @@ impl Drop for Symlink {
     }
 }
 
-/// The directory of a path, and the beginning of names beside it.
+/// The directory of a path, and the prefix of names beside it.
 fn parts(path: &Path) -> io::Result<(&Path, OsString)> {
     let mut name = path.file_name().ok_or(io::ErrorKind::InvalidInput)?.to_owned();
     name.push(".");
@@ -98,11 +97,11 @@ fn parts(path: &Path) -> io::Result<(&Path, OsString)> {
     Ok((directory.unwrap_or(Path::new(".")), name))
 }
 
-/// A file that is locked while an emulator has the path.
+/// A file that is locked while an emulator uses the path.
 struct Lock {
     path: PathBuf,
     file: File,
-    /// Where the symlink of an emulator that is gone led.
+    /// Target of the symlink of a killed emulator.
     led_to: Option<PathBuf>,
 }
 
@@ -115,7 +114,7 @@ impl Lock {
         let path = directory.join(&file_name);
         loop {
             let file = match open_lock(&path) {
-                // Not created by name: in a directory with the sticky bit that is refused for a file of others, and another
+                // Not created by name: a directory with the sticky bit refuses that for a file of others, and another
                 // emulator could lock the file before its mark is written.
                 Err(error) if error.kind() == io::ErrorKind::NotFound => {
                     match create_lock(directory, &file_name, &path) {
@@ -130,11 +129,11 @@ impl Lock {
             match file.try_lock() {
                 Ok(()) => {}
                 Err(TryLockError::WouldBlock) => {
-                    return Err(LinkError::PathBusy(name, format!("somebody's who holds {}", path.display())));
+                    return Err(LinkError::PathBusy(name, format!("a pty of the owner of {}", path.display())));
                 }
                 Err(TryLockError::Error(error)) => return Err(fail(error)),
             }
-            // Whoever held it may have removed it meanwhile: what is locked then is no file that others see.
+            // The previous owner may have removed it meanwhile: then the locked file is invisible to others.
             let seen = path.symlink_metadata();
             if !seen.is_ok_and(|seen| (seen.dev(), seen.ino()) == (own.dev(), own.ino())) {
                 continue;
@@ -147,10 +146,10 @@ impl Lock {
         }
     }
 
-    /// Says where the symlink leads.
+    /// Writes the target of the symlink.
     fn write(&self, target: &Path) -> io::Result<()> {
         let text = format!("{MARK}{}\n", target.display());
-        // Over what is there: a full disk has room for that.
+        // Overwrites: that works on a full disk.
         self.file.write_all_at(text.as_bytes(), 0)?;
         self.file.set_len(text.len() as u64)
     }
@@ -158,7 +157,7 @@ impl Lock {
 
 impl Drop for Lock {
     fn drop(&mut self) {
-        // While it is locked, so that nobody else has it yet.
+        // While it is locked, so that no other emulator has it yet.
         let _ = fs::remove_file(&self.path);
     }
 }
@@ -168,7 +167,7 @@ fn open_lock(path: &Path) -> io::Result<File> {
     OpenOptions::new().read(true).write(true).custom_flags(O_NOFOLLOW | O_NONBLOCK).open(path)
 }
 
-/// Makes a lock that is held and marked before it has its name, so that nobody finds it without either.
+/// Creates a lock that is held and marked before it has its name.
 fn create_lock(directory: &Path, prefix: &OsStr, path: &Path) -> io::Result<File> {
     let mut created =
         tempfile::Builder::new().prefix(prefix).permissions(Permissions::from_mode(0o644)).tempfile_in(directory)?;
@@ -177,9 +176,9 @@ fn create_lock(directory: &Path, prefix: &OsStr, path: &Path) -> io::Result<File
     Ok(created.persist_noclobber(path)?)
 }
 
-/// Where the symlink of the emulator that wrote it led; nothing of a file that no emulator wrote.
+/// Target of the symlink of the emulator that wrote the lock; `None` for another file.
 fn read_mark(file: &File) -> Option<PathBuf> {
-    let mut bytes = [0; LONGEST_LOCK];
+    let mut bytes = [0; MAX_LOCK_BYTES];
     let length = file.read_at(&mut bytes, 0).ok()?;
     let text = str::from_utf8(&bytes[..length]).ok()?;
     text.strip_prefix(MARK).map(|target| PathBuf::from(target.trim_end()))
@@ -193,7 +192,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_lock_is_held_by_one_and_seen_as_a_lock_by_all_others() {
+    fn a_lock_has_one_owner_and_is_recognised_by_all_others() {
         let directory = tempfile::tempdir().unwrap();
         let link = directory.path().join("geu0");
         let (holders, times_held) = (AtomicUsize::new(0), AtomicUsize::new(0));

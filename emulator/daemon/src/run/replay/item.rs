@@ -1,4 +1,4 @@
-//! What a replay is given: the items of a recording, and how to play them.
+//! The input of a replay: the items of a recording, and options.
 
 use std::sync::mpsc::Receiver;
 
@@ -7,62 +7,62 @@ use geu_protocol::{CanIdMap, Sample};
 
 use crate::cadence::Speed;
 use crate::link::LinkAddress;
-use crate::link_model::WireData;
+use geu_recorder::link_model::WireData;
 
-/// Something of a recording, and when.
+/// An item of a recording with its time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReplayItem {
-    /// Since the start of the recording, as it was recorded, ns: what faults go by.
+    /// Time since the start of the recording, ns: the time base of faults.
     pub recorded_ns: i64,
-    /// Since the start of the replay at speed 1, ns; never less than in the item before.
+    /// Time since the start of the replay at speed 1, ns; not less than that of the previous item.
     pub played_ns: i64,
-    /// What.
+    /// Content.
     pub what: ReplayItemKind,
 }
 
-/// What an item is.
+/// Content of an item.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ReplayItemKind {
-    /// A sample begins: what its contents, which follow, say.
+    /// A sample begins; its contents follow.
     Sample {
-        /// All of it.
+        /// The decoded sample.
         sample: Sample,
-        /// Whether it was recorded on CAN.
+        /// True if it was recorded on CAN.
         is_can: bool,
     },
-    /// Bytes or a frame, as they were recorded.
+    /// Recorded bytes or frame.
     Content(WireData, TrafficOrigin),
-    /// Something to be told when its time comes.
+    /// A message to log at its time.
     Note(String),
 }
 
-/// Whose a content is.
+/// Origin of a content.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TrafficOrigin {
-    /// Of the sample told last.
+    /// Part of the last sample.
     Sample,
-    /// Of the unit, but of no whole sample.
+    /// From the unit, but not part of a complete sample.
     Unit,
-    /// A command to it.
+    /// A command to the unit.
     Command,
     /// Other traffic.
     Other,
 }
 
-/// How to play a recording back.
+/// Options of a replay.
 #[derive(Debug, Clone)]
 pub struct ReplayOptions {
-    /// Links to open; all carry the same.
+    /// Links to open; all send the same samples.
     pub links: Vec<LinkAddress>,
-    /// Recorded time against the wall clock.
+    /// Ratio of recorded time to the wall clock.
     pub speed: Speed,
-    /// Begin only when a client is attached to a pty or over TCP.
+    /// Start when a client is attached to a pty or over TCP.
     pub wait_for_client: bool,
-    /// Identifiers of the unit in the recording.
+    /// CAN identifiers of the unit in the recording.
     pub recorded_plan: CanIdMap,
-    /// Faults of links, and what is expected; see [`refused`](super::refused).
+    /// Faults of links, and expectations; see [`refused`](super::refused).
     pub plan: Configuration,
 }
 
-/// Where steps come from: so many samples each. When nobody can send any more, the replay ends.
+/// Source of steps, each a number of samples. The replay ends when all senders are dropped.
 pub type Steps = Receiver<u64>;

@@ -1,8 +1,7 @@
-//! A recording in place of the unit: what was recorded goes out over the links, at its own pace or another.
+//! A recording in place of the unit: sends recorded data over the links, at any speed.
 //!
-//! Whoever reads the recording hands it over as [`ReplayItem`]s; here is what becomes of each on each link. A link of the
-//! recorded form carries the contents as they are. On one of the other form, and where a fault of links acts, the half
-//! second goes out as the link itself writes it.
+//! The reader of the recording passes [`ReplayItem`]s. A link with the recorded encoding sends the contents unchanged. A link
+//! with the other encoding, and any link with an active fault, encodes the sample itself.
 
 mod item;
 mod player;
@@ -12,12 +11,12 @@ mod tests;
 use std::fmt;
 use std::future::Future;
 use std::io;
-use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 use std::sync::mpsc::Receiver;
+use std::sync::{Arc, Mutex};
 
-use geu_model::fault::acting::FaultEngine;
 use geu_model::fault::catalogue::FaultAction;
+use geu_model::fault::engine::FaultEngine;
 use geu_model::fault::expectation::Expectation;
 use geu_model::fault::{Fault, FaultKind, unsatisfiable_condition};
 
@@ -28,57 +27,57 @@ use crate::cadence::Speed;
 use crate::console;
 use crate::lateness::Histogram;
 use crate::link::LinkStatistics;
-use crate::link_model::acts_on_replies_alone;
 use crate::shared_unit::SharedUnit;
+use geu_recorder::link_model::changes_replies;
 pub use item::{ReplayItem, ReplayItemKind, ReplayOptions, Steps, TrafficOrigin};
-use player::{Counts, Player};
+use player::{Player, ReplayCounts};
 
-/// What a condition can ask about and a recording does not tell.
-const UNTOLD: [&str; 6] = ["rate_x", "rate_y", "rate_z", "theta_deg", "psi_deg", "command"];
+/// Variables of conditions that a recording does not contain.
+const UNAVAILABLE: [&str; 6] = ["rate_x", "rate_y", "rate_z", "theta_deg", "psi_deg", "command"];
 
-/// What of a plan cannot act on a recording, in words: a fault, or a condition that would never hold.
+/// Reason why a plan cannot act on a recording, if there is one: a fault, or a condition that would never hold.
 pub fn refused(faults: &[Fault], expectations: &[Expectation]) -> Option<String> {
     let misplaced = faults.iter().find_map(misplaced);
-    misplaced.or_else(|| unsatisfiable_condition(faults, expectations, "a recording", &UNTOLD))
+    misplaced.or_else(|| unsatisfiable_condition(faults, expectations, "a recording", &UNAVAILABLE))
 }
 
-/// Why a fault cannot act on a recording.
+/// Reason why a fault cannot act on a recording, if there is one.
 fn misplaced(fault: &Fault) -> Option<String> {
     let on = match (&fault.action, fault.law()) {
-        (_, FaultAction::Link(law)) if acts_on_replies_alone(&law) => "replies, and a recording gives none".to_owned(),
+        (_, FaultAction::Link(law)) if changes_replies(&law) => "replies, and a recording sends none".to_owned(),
         (_, FaultAction::Link(_)) => return None,
-        (FaultKind::Parameter { .. }, _) => "a parameter of the model, which a recording has passed".to_owned(),
-        (FaultKind::Named { spec, .. }, _) => format!("the {}, whose counts are recorded already", spec.scope.name()),
+        (FaultKind::Parameter { .. }, _) => "a parameter of the model, which does not run in a replay".to_owned(),
+        (FaultKind::Named { spec, .. }, _) => format!("the {}, and its counts are recorded already", spec.scope.name()),
     };
     Some(format!(
-        "fault {:?}: {} acts on {on}; expected faults of links alone (`geu faults list --link tcp` shows them): take it out, or run the unit with `geu run --faults`",
+        "fault {:?}: {} acts on {on}; expected only faults of links (`geu faults list --link tcp` shows them): remove it, or run the unit with `geu run --faults`",
         fault.id,
         fault.action.name(),
     ))
 }
 
-/// What a replay has done.
+/// Result of a replay.
 pub struct ReplaySummary {
-    counts: Counts,
+    counts: ReplayCounts,
     lateness: Histogram,
     late: u64,
     commands: u64,
     rejected: u64,
     links: Vec<Arc<LinkStatistics>>,
-    /// How the faults and expectations of the plan stand.
+    /// Final state of faults and expectations.
     pub faults: FaultEngine,
 }
 
 impl fmt::Display for ReplaySummary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Counts { samples, faulted, unit_frames, unit_bytes, other, held_up } = self.counts;
+        let ReplayCounts { samples, faulted, unit_frames, unit_bytes, other, stalled } = self.counts;
         write!(f, "samples {samples} of the recording, {} contents late", self.late)?;
         if faulted > 0 {
             write!(f, ", {faulted} with faults")?;
         }
         writeln!(f)?;
-        if held_up > 0 {
-            writeln!(f, "held up      {held_up} times; the recording waited")?;
+        if stalled > 0 {
+            writeln!(f, "stalled      {stalled} times; the replay waited")?;
         }
         if self.lateness.count() > 0 {
             writeln!(f, "lateness     {}", self.lateness)?;
@@ -86,18 +85,17 @@ impl fmt::Display for ReplaySummary {
         if unit_frames + unit_bytes + other > 0 {
             writeln!(
                 f,
-                "left out     on links of the other form: {unit_frames} frames and {unit_bytes} bytes that make no whole sample, {other} of commands and other traffic"
+                "left out     on links of the other encoding: {unit_frames} frames and {unit_bytes} bytes outside of complete samples, {other} of commands and other traffic"
             )?;
         }
         if self.commands + self.rejected > 0 {
-            writeln!(f, "commands     {} without an answer, {} frames dropped", self.commands, self.rejected)?;
+            writeln!(f, "commands     {} without a reply, {} frames dropped", self.commands, self.rejected)?;
         }
         self.links.iter().try_for_each(|link| writeln!(f, "link         {link}"))
     }
 }
 
-/// Sends `items` over the links until they are over or `shutdown` resolves, each sample when a step allows it
-/// where there are `steps`.
+/// Sends `items` over the links to their end or until `shutdown` resolves; with `steps`, each sample when a step allows it.
 ///
 /// # Errors
 /// A link that cannot be opened.
@@ -120,20 +118,21 @@ async fn replay_items(
     items: Receiver<Vec<ReplayItem>>,
     steps: Option<Steps>,
 ) -> Result<ReplaySummary, RunError> {
-    let unit = Arc::new(SharedUnit::of_recording(session.speed));
+    let unit = Arc::new(SharedUnit::replay(session.speed));
     let links = session.open_links(&settings.links, &unit)?;
     links.iter().filter(|link| link.is_ready()).for_each(|link| console::ready(&link.info().statistics.name));
     let statistics: Vec<_> = links.iter().map(|link| link.info().statistics.clone()).collect();
     let links = links.into_iter().map(LinkOutput::new).collect();
-    let mut player = Player::new(settings, links, items, steps, session.clone());
-    let shown = player.shown.clone();
-    let last_sample = || *shown.lock().expect("nothing panics with it");
+    let shown = Arc::new(Mutex::new(None));
+    let last_sample = || *shown.lock().expect("no panic while locked");
+    let (own_session, own_settings, own_shown) = (session.clone(), settings.clone(), shown.clone());
     let work = move || {
+        let mut player = Player::new(&own_settings, links, items, steps, own_session, own_shown);
         player.play();
         player
     };
     let player = session.keep_cadence(&statistics, last_sample, work).await?;
-    await_readers(&player.links).await;
+    await_readers(&player.links.outputs).await;
     console::clear_status();
     let cadence = session.monitor.counts();
     Ok(ReplaySummary {

@@ -9,20 +9,20 @@ use geu_protocol::{CanFrame, CanIdMap, Sample};
 use super::*;
 use crate::cadence::now_ns;
 use crate::link::{Link, LinkInfo};
-use crate::link_model::{LinkModel, WireData};
 use crate::patience::Patience;
+use geu_recorder::link_model::{LinkModel, WireData};
 
-/// What was sent, and when, ns.
+/// Time, ns, and data.
 type Timed = Vec<(i64, WireData)>;
 type Sent = Arc<Mutex<Timed>>;
 
-/// A link that keeps what it is given.
-struct Kept {
+/// A link that stores its data.
+struct StoredLink {
     info: LinkInfo,
     sent: Sent,
 }
 
-impl Link for Kept {
+impl Link for StoredLink {
     fn info(&self) -> &LinkInfo {
         &self.info
     }
@@ -39,7 +39,7 @@ impl Link for Kept {
     }
 }
 
-/// A sample on CAN of base 300 with a frame of somebody else in it, at 20 ms.
+/// A sample on CAN of base 300 with a foreign frame in it, at 20 ms.
 fn items(sample: &Sample) -> Vec<ReplayItem> {
     let frames = CanIdMap::with_base(0x300).unwrap().frames(sample);
     let other = WireData::Frame(CanFrame::new(0x123, &[7]).unwrap());
@@ -54,16 +54,16 @@ fn items(sample: &Sample) -> Vec<ReplayItem> {
     ]
 }
 
-/// What a bus and a stream are sent of one sample, and when the replay began at the earliest.
-fn played(speed: Speed, plan: Configuration) -> (Timed, Timed, Counts, i64) {
+/// Data of a bus and a stream for one sample, and the earliest start of the replay.
+fn played(speed: Speed, plan: Configuration) -> (Timed, Timed, ReplayCounts, i64) {
     played_items(speed, plan, items(&Sample { sequence: 9, ..Sample::default() }))
 }
 
-/// The same of any items.
-fn played_items(speed: Speed, plan: Configuration, items: Vec<ReplayItem>) -> (Timed, Timed, Counts, i64) {
+/// Data for any items.
+fn played_items(speed: Speed, plan: Configuration, items: Vec<ReplayItem>) -> (Timed, Timed, ReplayCounts, i64) {
     let (bus, stream) = (Sent::default(), Sent::default());
     let link = |model, sent: &Sent| {
-        LinkOutput::new(Box::new(Kept { info: LinkInfo::new(model, "kept"), sent: sent.clone() }) as Box<dyn Link>)
+        LinkOutput::new(Box::new(StoredLink { info: LinkInfo::new(model, "kept"), sent: sent.clone() }) as Box<dyn Link>)
     };
     let links = vec![link(LinkModel::can(CanIdMap::default()), &bus), link(LinkModel::serial(Transport::Tcp), &stream)];
     let recorded_plan = CanIdMap::with_base(0x300).unwrap();
@@ -71,7 +71,8 @@ fn played_items(speed: Speed, plan: Configuration, items: Vec<ReplayItem>) -> (T
     let (sender, received) = sync_channel(1);
     sender.send(items).unwrap();
     drop(sender);
-    let mut player = Player::new(&settings, links, received, None, Session::new(&[], speed, false).unwrap());
+    let mut player =
+        Player::new(&settings, links, received, None, Session::new(&[], speed, false).unwrap(), Arc::default());
     let start_ns = now_ns();
     player.play();
     let taken = |sent: Sent| std::mem::take(&mut *sent.lock().unwrap());
@@ -79,7 +80,7 @@ fn played_items(speed: Speed, plan: Configuration, items: Vec<ReplayItem>) -> (T
 }
 
 #[test]
-fn frames_go_out_as_they_were_at_their_time_with_the_identifiers_of_the_link() {
+fn frames_are_sent_unchanged_at_their_time_with_the_identifiers_of_the_link() {
     let sample = Sample { sequence: 9, ..Sample::default() };
     let [increments, status, clock] = CanIdMap::default().frames(&sample);
     let (bus, stream, counts, start_ns) = played(Speed::Times(2.0), Configuration::reference());
@@ -90,7 +91,7 @@ fn frames_go_out_as_they_were_at_their_time_with_the_identifiers_of_the_link() {
     }
     assert_eq!(stream.len(), 1);
     assert_eq!(stream[0].1, WireData::Bytes(data_frame(&sample).to_vec()));
-    assert_eq!(counts, Counts { samples: 1, other: 1, ..Counts::default() });
+    assert_eq!(counts, ReplayCounts { samples: 1, other: 1, ..ReplayCounts::default() });
 }
 
 #[test]
@@ -114,15 +115,15 @@ fn recorded(t_ns: i64, sequence: u16) -> [ReplayItem; 2] {
 }
 
 fn bytes(timed: &Timed) -> Vec<u8> {
-    let of = |content: &WireData| match content {
+    let data_bytes = |content: &WireData| match content {
         WireData::Bytes(bytes) => bytes.clone(),
         WireData::Frame(_) => Vec::new(),
     };
-    timed.iter().flat_map(|(_, content)| of(content)).collect()
+    timed.iter().flat_map(|(_, content)| data_bytes(content)).collect()
 }
 
 #[test]
-fn what_is_held_back_leaves_with_the_end() {
+fn delayed_samples_are_sent_at_the_end() {
     let mut plan = Configuration::reference();
     plan.add_plan("plan", "[[fault]]\nfault = \"delay\"\ndelay_s = 60.0\n").unwrap();
     let items = [recorded(0, 1), recorded(500_000_000, 2)].concat();
@@ -133,7 +134,7 @@ fn what_is_held_back_leaves_with_the_end() {
 }
 
 #[test]
-fn a_frame_that_has_begun_is_not_cut_by_what_was_recorded() {
+fn recorded_data_does_not_interrupt_a_fragmented_frame() {
     let mut plan = Configuration::reference();
     plan.add_plan("plan", "[[fault]]\nfault = \"split\"\ngap_s = 0.8\nfor_s = 0.5\n").unwrap();
     let items = [recorded(0, 1), recorded(500_000_000, 2), recorded(1_000_000_000, 3)].concat();
@@ -143,7 +144,7 @@ fn a_frame_that_has_begun_is_not_cut_by_what_was_recorded() {
 }
 
 #[test]
-fn no_time_of_a_recording_is_too_late() {
+fn the_largest_time_of_a_recording_does_not_overflow() {
     let mut items = [recorded(0, 1), recorded(0, 2)].concat();
     items[2].recorded_ns = i64::MAX;
     let (_, stream, ..) = played_items(Speed::Max, Configuration::reference(), items);

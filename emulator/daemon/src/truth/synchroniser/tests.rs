@@ -1,8 +1,8 @@
-//! What is used of a source that is on time, late, missing, behind, or jumps.
+//! Sources that are on time, late, missing, behind, or jump.
 
 use super::*;
 
-/// A source that turns about X at a rate of its own, told as an attitude.
+/// An attitude sample after a rotation about X.
 fn about_x(t_s: f64, arcsec: f64) -> TruthSample {
     let half = (arcsec / 3600.0 / 2.0_f64).to_radians();
     TruthSample { t_s, motion: MotionValue::Attitude([half.cos(), half.sin(), 0.0, 0.0]), sun: None }
@@ -12,8 +12,8 @@ fn rate(t_s: f64, x: f64) -> TruthSample {
     TruthSample { t_s, motion: MotionValue::Rate([x, 0.0, 0.0]), sun: None }
 }
 
-fn take(synchroniser: &mut TruthSynchroniser, samples: &[TruthSample]) {
-    samples.iter().for_each(|sample| drop(synchroniser.take(*sample)));
+fn push(synchroniser: &mut TruthSynchroniser, samples: &[TruthSample]) {
+    samples.iter().for_each(|sample| drop(synchroniser.push(*sample)));
 }
 
 fn synchroniser() -> TruthSynchroniser {
@@ -23,7 +23,7 @@ fn synchroniser() -> TruthSynchroniser {
 /// The rotation about X that was used in each sample interval.
 fn used(synchroniser: &TruthSynchroniser) -> Vec<f64> {
     let knots = synchroniser.truth.knots_from(0);
-    let ends: Vec<f64> = knots.iter().step_by(PIECES).map(|knot| knot.angle_control_arcsec[0]).collect();
+    let ends: Vec<f64> = knots.iter().step_by(KNOTS).map(|knot| knot.angle_control_arcsec[0]).collect();
     ends.windows(2).map(|pair| pair[1] - pair[0]).collect()
 }
 
@@ -33,11 +33,11 @@ fn assert_near(got: &[f64], expected: &[f64]) {
 }
 
 #[test]
-fn samples_on_time_are_used_as_they_are_from_the_first_on() {
+fn samples_on_time_are_used_unchanged() {
     let mut synchroniser = synchroniser();
     for step in 0..=10 {
         let t_s = f64::from(step) * 0.1;
-        synchroniser.take(about_x(1e6 + t_s, 50.0 * t_s * t_s));
+        synchroniser.push(about_x(1e6 + t_s, 50.0 * t_s * t_s));
     }
     assert!(synchroniser.covers(1.0) && !synchroniser.covers(1.01));
     assert_eq!((synchroniser.finish(0.5), synchroniser.finish(1.0)), (None, None));
@@ -46,16 +46,16 @@ fn samples_on_time_are_used_as_they_are_from_the_first_on() {
 }
 
 #[test]
-fn what_is_used_does_not_depend_on_what_came_early() {
+fn used_truth_does_not_depend_on_early_samples() {
     // The unit's samples end a rounding after the samples.
-    let ends: Vec<f64> = (1..=40).map(|half| f64::from(half) * 0.5 * (1.0 + 3e-16)).collect();
+    let ends: Vec<f64> = (1..=40).map(|step| f64::from(step) * 0.5 * (1.0 + 3e-16)).collect();
     let samples: Vec<TruthSample> =
-        (0..=40).map(|half| about_x(f64::from(half) * 0.5, (f64::from(half) * 0.7).sin() * 3e4)).collect();
+        (0..=40).map(|step| about_x(f64::from(step) * 0.5, (f64::from(step) * 0.7).sin() * 3e4)).collect();
     let (mut ahead, mut just_in_time) = (synchroniser(), synchroniser());
-    take(&mut ahead, &samples);
-    just_in_time.take(samples[0]);
+    push(&mut ahead, &samples);
+    just_in_time.push(samples[0]);
     for (end_s, sample) in ends.iter().zip(&samples[1..]) {
-        just_in_time.take(*sample);
+        just_in_time.push(*sample);
         assert!(just_in_time.covers(*end_s));
         just_in_time.finish(*end_s);
         ahead.finish(*end_s);
@@ -64,20 +64,20 @@ fn what_is_used_does_not_depend_on_what_came_early() {
 }
 
 #[test]
-fn a_late_sample_is_made_up_over_the_next_sample_and_no_angle_is_lost() {
+fn a_late_sample_is_compensated_over_the_next_without_loss_of_angle() {
     let mut synchroniser = synchroniser();
-    take(&mut synchroniser, &[rate(0.0, 0.0), rate(0.5, 100.0)]);
+    push(&mut synchroniser, &[rate(0.0, 0.0), rate(0.5, 100.0)]);
     synchroniser.finish(0.5);
-    // Nothing tells that it turns the other way now: 100″/s are held.
+    // The reversal is not received yet: 100″/s are held.
     synchroniser.finish(1.0);
-    take(&mut synchroniser, &[rate(1.0, -100.0), rate(1.5, -100.0)]);
+    push(&mut synchroniser, &[rate(1.0, -100.0), rate(1.5, -100.0)]);
     synchroniser.finish(1.5);
-    take(&mut synchroniser, &[rate(2.0, -100.0)]);
+    push(&mut synchroniser, &[rate(2.0, -100.0)]);
     synchroniser.finish(2.0);
     assert_near(&used(&synchroniser), &[50.0, 50.0, -150.0, -50.0]);
     let bases: Vec<SampleQuality> =
-        synchroniser.truth.knots_from(1).iter().step_by(PIECES).map(|knot| knot.basis).collect();
-    assert_eq!(bases, [SampleQuality::Told, SampleQuality::Held, SampleQuality::Told, SampleQuality::Told]);
+        synchroniser.truth.knots_from(1).iter().step_by(KNOTS).map(|knot| knot.basis).collect();
+    assert_eq!(bases, [SampleQuality::Received, SampleQuality::Held, SampleQuality::Received, SampleQuality::Received]);
     assert_eq!(synchroniser.counts.late, 1);
     // Evenly: every tenth of the sample has the same share.
     let knots = synchroniser.truth.knots_from(10);
@@ -90,44 +90,44 @@ fn a_late_sample_is_made_up_over_the_next_sample_and_no_angle_is_lost() {
 }
 
 #[test]
-fn a_source_that_is_missing_leaves_the_unit_at_rest_and_is_told_once_as_is_its_return() {
+fn a_missing_source_leaves_the_unit_at_rest_and_is_reported_once_with_its_return() {
     let mut synchroniser = synchroniser();
-    take(&mut synchroniser, &[rate(0.0, 0.0), rate(0.5, 10.0)]);
-    let notes: Vec<String> = (1..=16).filter_map(|half| synchroniser.finish(f64::from(half) * 0.5)).collect();
+    push(&mut synchroniser, &[rate(0.0, 0.0), rate(0.5, 10.0)]);
+    let notes: Vec<String> = (1..=16).filter_map(|step| synchroniser.finish(f64::from(step) * 0.5)).collect();
     assert_eq!(notes.len(), 1, "{notes:?}");
     let rates = used(&synchroniser);
     assert_near(&rates[..11], &[5.0; 11]);
     assert_near(&rates[11..], &[0.0; 5]);
     assert_eq!((synchroniser.counts.late, synchroniser.counts.missing), (10, 5));
-    // What it tells when it is back is of a time that leapt; its own time goes on.
-    assert!(synchroniser.take(rate(8.2, 1000.0)).is_some_and(|note| note.contains("time jumped by +7.700 s")));
-    synchroniser.take(rate(8.7, 20.0));
+    // Its time has jumped when it is back, and continues from there.
+    assert!(synchroniser.push(rate(8.2, 1000.0)).is_some_and(|note| note.contains("time jumped by +7.700 s")));
+    synchroniser.push(rate(8.7, 20.0));
     assert!(synchroniser.finish(8.5).is_some_and(|note| note.contains("back")));
     assert_near(&used(&synchroniser)[16..], &[6.0]);
     assert_eq!(synchroniser.counts.jumps, 1);
 }
 
 #[test]
-fn samples_that_were_held_up_on_the_way_are_all_counted() {
+fn delayed_samples_are_all_counted() {
     let mut synchroniser = synchroniser();
-    (0..=1).for_each(|half| drop(synchroniser.take(rate(f64::from(half) * 0.5, 10.0))));
-    (1..=20).for_each(|half| drop(synchroniser.finish(f64::from(half) * 0.5)));
-    (2..=21).for_each(|half| drop(synchroniser.take(rate(f64::from(half) * 0.5, 10.0))));
+    (0..=1).for_each(|step| drop(synchroniser.push(rate(f64::from(step) * 0.5, 10.0))));
+    (1..=20).for_each(|step| drop(synchroniser.finish(f64::from(step) * 0.5)));
+    (2..=21).for_each(|step| drop(synchroniser.push(rate(f64::from(step) * 0.5, 10.0))));
     synchroniser.finish(10.5);
     assert!((used(&synchroniser).iter().sum::<f64>() - 105.0).abs() < 1e-9);
     assert_eq!(synchroniser.counts.jumps, 0);
 }
 
 #[test]
-fn a_source_that_stood_still_and_goes_on_is_followed_as_of_now() {
+fn the_lag_of_a_paused_source_is_compensated() {
     let mut synchroniser = synchroniser();
-    (0..=2).for_each(|half| drop(synchroniser.take(rate(f64::from(half) * 0.5, 10.0))));
-    // The simulator stands for 10 s, the unit does not.
-    (1..=22).for_each(|half| drop(synchroniser.finish(f64::from(half) * 0.5)));
+    (0..=2).for_each(|step| drop(synchroniser.push(rate(f64::from(step) * 0.5, 10.0))));
+    // The simulator pauses for 10 s, the unit does not.
+    (1..=22).for_each(|step| drop(synchroniser.finish(f64::from(step) * 0.5)));
     let mut notes = Vec::new();
-    for half in 3..=20 {
-        synchroniser.take(rate(f64::from(half) * 0.5, 10.0));
-        notes.extend(synchroniser.finish(f64::from(half + 20) * 0.5));
+    for step in 3..=20 {
+        synchroniser.push(rate(f64::from(step) * 0.5, 10.0));
+        notes.extend(synchroniser.finish(f64::from(step + 20) * 0.5));
     }
     assert_eq!(notes.len(), 1, "{notes:?}");
     assert!(notes[0].starts_with("it is 10.000 s behind"), "{notes:?}");
@@ -137,48 +137,48 @@ fn a_source_that_stood_still_and_goes_on_is_followed_as_of_now() {
 }
 
 #[test]
-fn time_that_goes_back_goes_on_from_where_the_unit_is() {
+fn time_that_jumps_back_continues_from_the_unit_time() {
     let mut synchroniser = synchroniser();
-    (0..=4).for_each(|half| drop(synchroniser.take(about_x(100.0 + f64::from(half) * 0.5, 10.0 * f64::from(half)))));
-    (1..=4).for_each(|half| drop(synchroniser.finish(f64::from(half) * 0.5)));
-    assert!(synchroniser.take(about_x(0.0, 5000.0)).is_some_and(|note| note.contains("jumped by -102.000 s")));
-    synchroniser.take(about_x(0.6, 5006.0));
+    (0..=4).for_each(|step| drop(synchroniser.push(about_x(100.0 + f64::from(step) * 0.5, 10.0 * f64::from(step)))));
+    (1..=4).for_each(|step| drop(synchroniser.finish(f64::from(step) * 0.5)));
+    assert!(synchroniser.push(about_x(0.0, 5000.0)).is_some_and(|note| note.contains("jumped by -102.000 s")));
+    synchroniser.push(about_x(0.6, 5006.0));
     assert!(synchroniser.covers(2.5));
     synchroniser.finish(2.5);
     assert!((used(&synchroniser)[4] - 5.0).abs() < 1e-3, "{:?}", used(&synchroniser));
 }
 
 #[test]
-fn an_attitude_that_jumps_is_not_turned_to() {
+fn attitude_jumps_are_not_counted() {
     let mut synchroniser = synchroniser();
-    synchroniser.take(about_x(0.0, 0.0));
-    synchroniser.take(about_x(0.5, 50.0));
-    // 111° in half a second.
-    assert!(synchroniser.take(about_x(1.0, 400_000.0)).is_some_and(|note| note.contains("attitude jumped")));
-    synchroniser.take(about_x(1.5, 400_020.0));
-    (1..=3).for_each(|half| drop(synchroniser.finish(f64::from(half) * 0.5)));
+    synchroniser.push(about_x(0.0, 0.0));
+    synchroniser.push(about_x(0.5, 50.0));
+    // 111° in 0.5 s.
+    assert!(synchroniser.push(about_x(1.0, 400_000.0)).is_some_and(|note| note.contains("attitude jumped")));
+    synchroniser.push(about_x(1.5, 400_020.0));
+    (1..=3).for_each(|step| drop(synchroniser.finish(f64::from(step) * 0.5)));
     assert_near(&used(&synchroniser), &[50.0, 50.0, 20.0]);
     assert_eq!((synchroniser.counts.jumps, synchroniser.counts.late), (1, 0));
 }
 
 #[test]
-fn a_rate_beyond_the_units_range_is_followed_up_to_the_limit_that_is_configured() {
+fn rates_beyond_the_range_are_used_up_to_the_configured_limit() {
     let mut synchroniser = synchroniser();
     // 30°/s, while the unit's range is 18.2°/s.
-    (0..=4).for_each(|half| drop(synchroniser.take(about_x(f64::from(half) * 0.5, 54_000.0 * f64::from(half)))));
-    (1..=4).for_each(|half| drop(synchroniser.finish(f64::from(half) * 0.5)));
+    (0..=4).for_each(|step| drop(synchroniser.push(about_x(f64::from(step) * 0.5, 54_000.0 * f64::from(step)))));
+    (1..=4).for_each(|step| drop(synchroniser.finish(f64::from(step) * 0.5)));
     assert!(used(&synchroniser).iter().all(|used| (used - 54_000.0).abs() < 1e-3), "{:?}", used(&synchroniser));
     assert_eq!(synchroniser.counts.jumps, 0);
     let numbers = TruthNumbers { max_rate_deg_s: 20.0, ..TruthNumbers::default() };
     let mut limited = TruthSynchroniser::new(Arc::default(), numbers);
-    limited.take(about_x(0.0, 0.0));
-    let note = limited.take(about_x(0.5, 54_000.0)).expect("a note");
+    limited.push(about_x(0.0, 0.0));
+    let note = limited.push(about_x(0.5, 54_000.0)).expect("a note");
     assert!(note.contains("by 30.0°/s") && note.contains("expected 20°/s at most (truth.max_rate_deg_s)"), "{note}");
     assert_eq!(limited.counts.jumps, 1);
 }
 
 #[test]
-fn the_sun_is_followed_where_the_first_sample_tells_it_and_held_where_a_later_one_does_not() {
+fn the_sun_is_used_if_in_the_first_sample_and_held_if_missing_later() {
     let sun_on_z = |sample: TruthSample| TruthSample { sun: Some([0.0, 0.0, 1.0]), ..sample };
     let mut synchroniser = synchroniser();
     // It turns about Y by 10° in a second: θ, between the sun and X, grows from 90° by as much.
@@ -186,47 +186,47 @@ fn the_sun_is_followed_where_the_first_sample_tells_it_and_held_where_a_later_on
         let half = (deg / 2.0).to_radians();
         TruthSample { t_s, motion: MotionValue::Attitude([half.cos(), 0.0, half.sin(), 0.0]), sun: None }
     };
-    synchroniser.take(sun_on_z(about_y(0.0, 0.0)));
-    synchroniser.take(about_y(1.0, 10.0));
-    assert!(synchroniser.tells_sun());
-    (1..=3).for_each(|half| drop(synchroniser.finish(f64::from(half) * 0.5)));
+    synchroniser.push(sun_on_z(about_y(0.0, 0.0)));
+    synchroniser.push(about_y(1.0, 10.0));
+    assert!(synchroniser.has_sun());
+    (1..=3).for_each(|step| drop(synchroniser.finish(f64::from(step) * 0.5)));
     let theta_deg: Vec<f64> =
         synchroniser.truth.knots_from(1).iter().map(|knot| knot.sun.expect("a sun").theta_rad.to_degrees()).collect();
     let expected: Vec<f64> = (1..=15).map(|tenth| 90.0 + f64::from(tenth.min(10))).collect();
     assert_near(&theta_deg, &expected);
 
     let mut late = self::synchroniser();
-    late.take(about_y(0.0, 0.0));
-    assert!(late.take(sun_on_z(about_y(0.5, 1.0))).is_some_and(|note| note.contains("its first sample did not")));
-    assert_eq!(late.take(sun_on_z(about_y(1.0, 2.0))), None);
+    late.push(about_y(0.0, 0.0));
+    assert!(late.push(sun_on_z(about_y(0.5, 1.0))).is_some_and(|note| note.contains("its first sample did not")));
+    assert_eq!(late.push(sun_on_z(about_y(1.0, 2.0))), None);
     late.finish(0.5);
-    assert!(!late.tells_sun() && late.truth.knots_from(1).iter().all(|knot| knot.sun.is_none()));
+    assert!(!late.has_sun() && late.truth.knots_from(1).iter().all(|knot| knot.sun.is_none()));
 }
 
 #[test]
-fn a_sample_that_was_overtaken_is_counted_and_not_used() {
+fn samples_out_of_order_are_counted_and_not_used() {
     let mut synchroniser = synchroniser();
-    take(&mut synchroniser, &[rate(0.0, 0.0), rate(0.2, 10.0), rate(0.1, 900.0), rate(0.2, 900.0), rate(0.5, 10.0)]);
+    push(&mut synchroniser, &[rate(0.0, 0.0), rate(0.2, 10.0), rate(0.1, 900.0), rate(0.2, 900.0), rate(0.5, 10.0)]);
     synchroniser.finish(0.5);
     assert_near(&used(&synchroniser), &[5.0]);
     assert_eq!(synchroniser.counts.out_of_order, 2);
 }
 
 #[test]
-fn a_source_that_ran_before_the_unit_begins_a_moment_before_its_last_sample() {
+fn a_source_that_ran_before_the_unit_starts_shortly_before_its_last_sample() {
     let mut synchroniser = synchroniser();
     for step in 0..=100 {
-        synchroniser.take(rate(50.0 + f64::from(step) * 0.3, f64::from(step)));
+        synchroniser.push(rate(50.0 + f64::from(step) * 0.3, f64::from(step)));
         synchroniser.reset_origin();
     }
-    assert!((synchroniser.told_s() - 1.0).abs() < 1e-9 && synchroniser.curve.len() <= 5);
+    assert!((synchroniser.last_s() - 1.0).abs() < 1e-9 && synchroniser.curve.len() <= 5);
     synchroniser.finish(1.0);
     // 0.3 s at each of 100, 99 and 98″/s, 0.1 s at 97″/s.
     assert_near(&used(&synchroniser), &[0.3 * 297.0 + 9.7]);
 }
 
 #[test]
-fn whatever_a_source_tells_what_is_used_is_finite_and_its_time_rises() {
+fn used_truth_is_finite_and_monotonic_for_any_samples() {
     let mut synchroniser = synchroniser();
     let mut state = 1_u64;
     let mut draw = |most: u64| {
@@ -250,7 +250,7 @@ fn whatever_a_source_tells_what_is_used_is_finite_and_its_time_rises() {
             3 => MotionValue::Attitude([1.0, 5e-324, 0.0, 0.0]),
             _ => MotionValue::Attitude([-1.0, 0.0, 0.0, 0.0]),
         };
-        synchroniser.take(TruthSample { t_s, motion, sun: None });
+        synchroniser.push(TruthSample { t_s, motion, sun: None });
         if draw(3) == 0 {
             end_s += 0.5;
             synchroniser.finish(end_s);
@@ -262,9 +262,9 @@ fn whatever_a_source_tells_what_is_used_is_finite_and_its_time_rises() {
 }
 
 #[test]
-fn a_flood_of_samples_needs_no_more_memory_than_one_each_millisecond() {
+fn memory_is_bounded_to_one_sample_per_millisecond() {
     let mut synchroniser = synchroniser();
-    (0..100_000).for_each(|index| drop(synchroniser.take(rate(f64::from(index) * 1e-5, 10.0))));
+    (0..100_000).for_each(|index| drop(synchroniser.push(rate(f64::from(index) * 1e-5, 10.0))));
     assert!(synchroniser.curve.len() < 2100, "{}", synchroniser.curve.len());
     synchroniser.finish(0.5);
     assert_near(&used(&synchroniser), &[5.0]);

@@ -8,9 +8,9 @@ use super::regressor::{MAGNITUDES, Regressor};
 use crate::effect::EffectInputs;
 
 /// Different factors that a formula can have.
-pub const MOST_FACTORS: usize = 3;
+pub const MAX_FACTORS: usize = 3;
 /// The highest power of a factor.
-pub const MOST_POWER: usize = 3;
+pub const MAX_POWER: usize = 3;
 /// Unit of what a term adds to.
 const SENSED_UNIT: &str = "arcsec/s";
 
@@ -26,7 +26,7 @@ const SENSED_UNIT: &str = "arcsec/s";
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Formula {
     /// In the order of [`Regressor::ALL`], the empty places behind.
-    factors: [Option<Factor>; MOST_FACTORS],
+    factors: [Option<Factor>; MAX_FACTORS],
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -39,7 +39,7 @@ struct Factor {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("expected {expected}")]
 pub struct NotAFormula {
-    /// What was expected.
+    /// The expected form.
     pub expected: String,
 }
 
@@ -50,17 +50,17 @@ impl NotAFormula {
 }
 
 impl Formula {
-    /// The product of these; one that stands there more than once is in its power.
+    /// The product of the factors; a repeated factor becomes a power.
     ///
     /// # Errors
     /// None at all, more than three different ones, one in a higher power than the third.
     pub fn new(regressors: &[Regressor]) -> Result<Formula, NotAFormula> {
         let mut powers = [0; Regressor::COUNT];
         regressors.iter().for_each(|regressor| powers[regressor.index()] += 1);
-        if powers.iter().any(|&power| power > MOST_POWER) {
+        if powers.iter().any(|&power| power > MAX_POWER) {
             return Err(NotAFormula::as_a_whole());
         }
-        // A magnitude squared is the rate squared. Of the spellings that are left, the one of fewest factors.
+        // A magnitude squared is the rate squared: the spelling with the smallest number of factors remains.
         for (rate, magnitude) in MAGNITUDES {
             (powers[rate], powers[magnitude]) = match (powers[rate], powers[magnitude]) {
                 (0, 2) => (2, 0),
@@ -70,7 +70,7 @@ impl Formula {
                 written => written,
             };
         }
-        let mut factors = [None; MOST_FACTORS];
+        let mut factors = [None; MAX_FACTORS];
         let given = Regressor::ALL.into_iter().zip(powers).filter(|(_, power)| *power > 0);
         for (index, (regressor, power)) in given.enumerate() {
             *factors.get_mut(index).ok_or_else(NotAFormula::as_a_whole)? = Some(Factor { regressor, power });
@@ -78,7 +78,7 @@ impl Formula {
         if factors[0].is_none() { Err(NotAFormula::as_a_whole()) } else { Ok(Formula { factors }) }
     }
 
-    /// Its value over a sub-step that has a length.
+    /// Value over a sub-step with a length.
     #[inline]
     pub fn value(&self, surroundings: &EffectInputs) -> f64 {
         let mut product = 1.0;
@@ -136,7 +136,7 @@ impl FromStr for Formula {
         let mut regressors = Vec::new();
         for factor in text.split('*') {
             let (name, power) = factor.split_once('^').unwrap_or((factor, "1"));
-            let Some(regressor) = Regressor::named(name.trim()) else {
+            let Some(regressor) = Regressor::from_name(name.trim()) else {
                 let names = Regressor::ALL.map(Regressor::name).join(", ");
                 return Err(NotAFormula { expected: format!("one of {names} in place of `{}`", name.trim()) });
             };
@@ -182,7 +182,7 @@ mod tests {
     /// By trying: formulas of one rate and its magnitude are equal where they are the same function, and only there.
     #[test]
     fn spellings_are_equal_where_functions_are() {
-        let [rate, magnitude] = ["rate_x", "abs(rate_x)"].map(|name| Regressor::named(name).expect("there"));
+        let [rate, magnitude] = ["rate_x", "abs(rate_x)"].map(|name| Regressor::from_name(name).expect("there"));
         let powers: Vec<(usize, usize)> = (0..16).map(|index| (index / 4, index % 4)).skip(1).collect();
         let formula = |(a, b): (usize, usize)| Formula::new(&[vec![rate; a], vec![magnitude; b]].concat());
         for &(a, b) in &powers {

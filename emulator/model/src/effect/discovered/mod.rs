@@ -1,4 +1,4 @@
-//! The one effect whose terms are data: a diagnosis writes what it found as a formula with a coefficient, and the model
+//! The effect whose terms are data: a diagnosis writes a found formula with a coefficient, and the model
 //! runs it.
 //!
 //! ```toml
@@ -7,42 +7,36 @@
 //! ```
 //!
 //! The rate that the gyro senses is greater by coefficient · formula, arcsec/s. A [`Formula`] is a product of
-//! [`Regressor`]s, which are told once, in a table.
+//! [`Regressor`]s, one table.
 
 mod formula;
 mod regressor;
 
-pub use formula::{Formula, MOST_FACTORS, MOST_POWER, NotAFormula};
+pub use formula::{Formula, MAX_FACTORS, MAX_POWER, NotAFormula};
 pub use regressor::Regressor;
 
 use super::{EffectInputs, GyroSubStep};
-use crate::number::{DefaultValue, ParameterSpec, ValueFormat, number};
+use crate::parameter_spec::{ParameterSpec, REAL, REQUIRED, number};
 
 /// Key in the configuration, and column of a trace.
 pub const CODE: &str = "discovered";
 /// A few words.
 pub const TITLE: &str = "terms that a diagnosis found: sensed rate + coefficient * formula, arcsec/s";
-/// What a term's formula is.
+/// Description of a term's formula.
 pub const FORMULA_MEANING: &str =
     "product of at most three different factors joined by *, each alone or with ^2 or ^3 behind it";
 /// Terms that a gyro can have.
-pub const MOST_TERMS: usize = 16;
-/// What is said of a term's coefficient.
-pub const COEFFICIENT: ParameterSpec = number(
-    "coefficient",
-    ValueFormat::Real,
-    DefaultValue::Required,
-    -1e6,
-    1e6,
-    "arcsec/s of sensed rate per unit of the formula",
-);
+pub const MAX_TERMS: usize = 16;
+/// Specification of a term's coefficient.
+pub const COEFFICIENT: ParameterSpec =
+    number("coefficient", "", REAL, REQUIRED, -1e6, 1e6, "arcsec/s of sensed rate per unit of the formula");
 
 /// A term of the sensed rate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Term {
-    /// What it follows.
+    /// The formula.
     pub formula: Formula,
-    /// How much of it, arcsec/s per unit of the formula; see [`Formula::unit`].
+    /// Rate in arcsec/s per unit of the formula; see [`Formula::unit`].
     pub coefficient: f64,
 }
 
@@ -59,7 +53,7 @@ pub fn apply(terms: &[Term], head: &mut GyroSubStep, surroundings: &EffectInputs
     }
 }
 
-/// Whether there is a term that changes anything.
+/// True if a coefficient is not 0.
 pub fn is_present(terms: &[Term]) -> bool {
     terms.iter().any(|term| term.coefficient != 0.0)
 }

@@ -64,7 +64,7 @@ fn acceleration(surroundings: &EffectInputs, axis: usize) -> f64 {
 }
 
 impl Regressor {
-    /// How many there are.
+    /// Number of regressors.
     pub const COUNT: usize = TABLE.len();
 
     /// All of them, in the order of a formula's factors.
@@ -79,16 +79,15 @@ impl Regressor {
     };
 
     /// The regressor of that name.
-    pub fn named(name: &str) -> Option<Regressor> {
+    pub fn from_name(name: &str) -> Option<Regressor> {
         Regressor::ALL.into_iter().find(|regressor| regressor.name() == name)
     }
 
-    /// Its name in a formula.
+    /// Name in a formula.
     pub fn name(self) -> &'static str {
         TABLE[self.0].name
     }
 
-    /// Its unit.
     pub fn unit(self) -> &'static str {
         TABLE[self.0].unit
     }
@@ -98,13 +97,13 @@ impl Regressor {
         TABLE[self.0].meaning
     }
 
-    /// Its value over a sub-step that has a length.
+    /// Value over a sub-step with a length.
     #[inline]
     pub fn value(self, surroundings: &EffectInputs) -> f64 {
         (TABLE[self.0].value)(surroundings)
     }
 
-    /// Its place in [`Regressor::ALL`].
+    /// Index in [`Regressor::ALL`].
     pub(super) fn index(self) -> usize {
         self.0
     }
@@ -153,7 +152,7 @@ mod tests {
             ("theta", -10.0),
             ("time", 0.5),
         ] {
-            let regressor = Regressor::named(name).expect(name);
+            let regressor = Regressor::from_name(name).expect(name);
             assert!((regressor.value(&surroundings) - expected).abs() < 1e-12, "{name}");
         }
     }

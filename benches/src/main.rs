@@ -1,0 +1,63 @@
+//! Benchmarks of GEU for its developers: one file per benchmark, with its arguments and output.
+//!
+//! `process` starts the program `geu` of the same build profile, which is not built with this one: `cargo build --release`
+//! comes first.
+
+mod cadence;
+mod calibrate;
+mod control;
+mod decode;
+mod diagnose;
+mod model;
+mod process;
+mod rounds;
+
+use std::error::Error;
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Result of a benchmark; the message of an error is printed.
+type Result<T = (), E = Box<dyn Error>> = std::result::Result<T, E>;
+
+/// Benchmarks of GEU.
+#[derive(Parser)]
+#[command(name = "geu-bench")]
+struct Arguments {
+    #[command(subcommand)]
+    benchmark: Benchmark,
+}
+
+#[derive(Subcommand)]
+enum Benchmark {
+    /// Lateness of samples, beside tokio's interval, and beside cangen on a CAN interface.
+    Cadence(cadence::Arguments),
+    /// Time of the evaluation of a recording: filter and smoother over a day.
+    Calibrate(calibrate::Arguments),
+    /// Effect of clients of the HTTP interface on the cadence.
+    Control(control::Arguments),
+    /// Throughput of the decoder, beside python-can, cantools and log2asc on the same file.
+    Decode(decode::Arguments),
+    /// The whole diagnosis: time, memory and effects found, beside statsmodels and pysindy.
+    Diagnose(diagnose::Arguments),
+    /// Samples per second of the model, beside the same gyros in numpy.
+    Model(model::Arguments),
+}
+
+fn main() -> ExitCode {
+    let result = match Arguments::parse().benchmark {
+        Benchmark::Cadence(arguments) => cadence::run(&arguments),
+        Benchmark::Calibrate(arguments) => calibrate::run(&arguments),
+        Benchmark::Control(arguments) => control::run(&arguments),
+        Benchmark::Decode(arguments) => decode::run(&arguments),
+        Benchmark::Diagnose(arguments) => diagnose::run(&arguments),
+        Benchmark::Model(arguments) => model::run(&arguments),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("geu-bench: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}

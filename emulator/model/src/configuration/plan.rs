@@ -1,0 +1,117 @@
+//! Faults and expectations as TOML, and as a part of the configuration's tree.
+
+use serde_json::{Map, Value as Json, json};
+
+use super::document::{Node, Read};
+use super::fault::{AT, EXPECT, FAULT, FAULT_NUMBERS, FAULT_TEXTS, THROUGHOUT, WITHIN};
+use super::schema;
+use super::tree::{Part, describe, line, one, quoted};
+use crate::fault::expectation::{Expectation, TimeWindow};
+use crate::fault::{Fault, FaultKind};
+
+/// One fault as TOML, its keys alone.
+pub fn fault_text(fault: &Fault) -> String {
+    let mut text = String::new();
+    let mut put = |key: &str, value: String| line!(text, "{key} = {value}");
+    put("id", format!("{:?}", fault.id));
+    match &fault.action {
+        FaultKind::Parameter { target, size, course } => {
+            put("parameter", format!("{:?}", target.name()));
+            let kind = course.spec;
+            let written = kind.shapes.iter().zip(course.shapes()).filter(|(_, value)| value.is_finite());
+            let written: Vec<String> = std::iter::once(format!("{} = {}", kind.name, target.number().written(*size)))
+                .chain(written.map(|(number, value)| format!("{} = {}", number.name, number.written(*value))))
+                .collect();
+            put("course", format!("{{ {} }}", written.join(", ")));
+        }
+        FaultKind::Named { spec, values } => {
+            put("fault", format!("{:?}", spec.code));
+            spec.numbers.iter().zip(values).for_each(|(number, value)| put(number.name, number.written(*value)));
+        }
+    }
+    if let Some(gyro) = fault.gyro {
+        put("gyro", format!("{:?}", gyro.name()));
+    }
+    if let Some(link) = fault.link {
+        put("link", format!("{:?}", link.name()));
+    }
+    for (key, condition) in [("when", &fault.when), ("end_when", &fault.end_when)] {
+        if let Some(condition) = condition {
+            put(key, quoted(&condition.to_string()));
+        }
+    }
+    let values = [
+        fault.at_s,
+        fault.probability,
+        f64::from(u8::from(fault.by_hand)),
+        fault.for_s.unwrap_or(f64::NAN),
+        if fault.until_s.is_finite() { fault.until_s } else { f64::NAN },
+        fault.release_s,
+        fault.times as f64,
+    ];
+    for (number, value) in FAULT_NUMBERS.into_iter().zip(values) {
+        let is_default = number.default.initial() == value || value.is_nan();
+        if !is_default || number.name == AT.name && fault.when.is_none() {
+            put(number.name, number.written(value));
+        }
+    }
+    if let Some(seed) = fault.seed {
+        put("seed", seed.to_string());
+    }
+    text
+}
+
+/// Faults and expectations as a plan.
+pub fn plan_text(faults: &[Fault], expectations: &[Expectation]) -> String {
+    let mut text = String::new();
+    for fault in faults {
+        text += &format!("\n[[{FAULT}]]\n{}", fault_text(fault));
+    }
+    for Expectation { id, after, at_s, condition, window } in expectations {
+        text += &format!("\n[[{EXPECT}]]\nid = {id:?}\n");
+        if let Some(after) = after {
+            text += &format!("after = {after:?}\n");
+        }
+        let (number, length_s) = match window {
+            TimeWindow::Within(length_s) => (WITHIN, length_s),
+            TimeWindow::Throughout(length_s) => (THROUGHOUT, length_s),
+        };
+        let condition = quoted(&condition.to_string());
+        text += &format!("{} = {at_s:?}\ncondition = {condition}\n{} = {length_s:?}\n", AT.name, number.name);
+    }
+    text
+}
+
+/// Faults and expectations of a configuration, which are read after everything that they refer to.
+pub(super) struct Plan<'a> {
+    pub faults: &'a [Fault],
+    pub expectations: &'a [Expectation],
+}
+
+impl Part for Plan<'_> {
+    fn read(&mut self, _node: &Node, _key: &str) -> Read<()> {
+        Ok(())
+    }
+
+    /// Shows both lists at the key of faults.
+    fn show(&self, key: &str, complete: bool, text: &mut String) {
+        if key != FAULT {
+            return;
+        }
+        if complete {
+            line!(text, "\n# Faults; `geu faults list` shows all of them. Keys of each:");
+            for (key, meaning) in FAULT_TEXTS {
+                line!(text, "#   {key}: {meaning}");
+            }
+            describe(text, FAULT_NUMBERS);
+            let fault = "at_s = 100.0, gyro = \"GYRX\", parameter = \"pivot-clearance.clearance_arcsec\"";
+            line!(text, "# fault = [{{ {fault}, course = {{ step = 11.5 }}, for_s = 600.0 }}]");
+        }
+        *text += &plan_text(self.faults, self.expectations);
+    }
+
+    fn schema(&self, key: &str) -> Map<String, Json> {
+        let items = if key == FAULT { json!({ "oneOf": schema::faults() }) } else { schema::expectation() };
+        one(key, json!({ "type": "array", "items": items }))
+    }
+}

@@ -1,0 +1,239 @@
+//! Lists of effects: their common interface, their time courses, and the macros that declare them.
+
+use super::{EffectSpec, GyroSubStep, Probe, SampleTiming};
+use crate::parameter_spec::{ParameterSet, ParameterSpec};
+use crate::time_profile::{Interval, TimeCourse};
+
+/// A list of effects as data.
+pub trait Effects: Copy + Default {
+    /// Specifications in physical order.
+    fn specs(&self) -> &'static [EffectSpec];
+    /// The numbers of the effect at `index` of [`Effects::specs`].
+    fn numbers(&self, index: usize) -> &dyn ParameterSet;
+    /// The numbers of the effect at `index` of [`Effects::specs`].
+    fn numbers_mut(&mut self, index: usize) -> &mut dyn ParameterSet;
+    /// See [`super::Effect::consistency_error`], of the effect at `index` of [`Effects::specs`].
+    fn consistency_error(&self, index: usize) -> Option<(&'static str, String)>;
+    /// See [`super::Effect::IS_NOISE`], of the effect at `index` of [`Effects::specs`].
+    fn is_noise(&self, index: usize) -> bool;
+}
+
+/// A list of effects with the courses of their amplitudes.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct EffectConfiguration<E> {
+    /// The constant part.
+    pub constant: E,
+    /// Time courses, which are added to it.
+    pub courses: Vec<TimeCourse>,
+}
+
+impl<E: Effects> EffectConfiguration<E> {
+    /// The effects as they stand over one sample interval.
+    #[inline]
+    pub fn at(&self, interval: &Interval) -> E {
+        let mut effects = self.constant;
+        for course in &self.courses {
+            let numbers = effects.numbers_mut(course.effect);
+            let ParameterSpec { min, max, .. } = numbers.specs()[course.amplitude];
+            let amplitude = numbers.value_mut(course.amplitude);
+            // Limits are what the model is good for: a course that grows without end stays at them.
+            *amplitude = (*amplitude + course.value(interval)).clamp(min, max);
+        }
+        effects
+    }
+
+    /// The effects over one sample interval, in `storage` if a time course changes them.
+    #[inline]
+    pub fn resolve<'a>(&'a self, interval: &Interval, storage: &'a mut Option<E>) -> &'a E {
+        if self.courses.is_empty() { &self.constant } else { storage.insert(self.at(interval)) }
+    }
+
+    /// The effects with each amplitude at the largest that it reaches.
+    pub fn largest(&self) -> E {
+        let mut effects = self.constant;
+        for course in &self.courses {
+            let numbers = effects.numbers_mut(course.effect);
+            let ParameterSpec { min, max, .. } = numbers.specs()[course.amplitude];
+            let amplitude = numbers.value_mut(course.amplitude);
+            *amplitude = (*amplitude + course.largest()).clamp(min, max);
+        }
+        effects
+    }
+
+    /// Removes the effects that draw random numbers.
+    #[must_use]
+    pub fn without_noise(mut self) -> Self {
+        let absent = E::default();
+        for index in (0..absent.specs().len()).filter(|&index| absent.is_noise(index)) {
+            for number in 0..absent.numbers(index).specs().len() {
+                *self.constant.numbers_mut(index).value_mut(number) = absent.numbers(index).value(number);
+            }
+            self.courses.retain(|course| course.effect != index);
+        }
+        self
+    }
+
+    /// True if the effect at `index` has an amplitude other than 0 or a time course.
+    pub fn has(&self, index: usize) -> bool {
+        let (numbers, amplitudes) = (self.constant.numbers(index), self.constant.specs()[index].amplitudes.len());
+        (0..amplitudes).any(|amplitude| numbers.value(amplitude) != 0.0)
+            || self.courses.iter().any(|course| course.effect == index)
+    }
+}
+
+macro_rules! effect_list {
+    ($(#[$doc:meta])* $list:ident { $($field:ident: $type:ident),* $(,)? }) => {
+        $(mod $field; pub use $field::$type;)*
+
+        $(#[$doc])*
+        #[derive(Debug, Clone, Copy, Default, PartialEq)]
+        pub struct $list { $(#[allow(missing_docs)] pub $field: $type),* }
+
+        impl $list {
+            /// Specifications in physical order.
+            pub const SPECS: &'static [EffectSpec] = &[$(<$type as Effect>::SPEC),*];
+        }
+
+        impl Effects for $list {
+            fn specs(&self) -> &'static [EffectSpec] { Self::SPECS }
+            fn numbers(&self, index: usize) -> &dyn ParameterSet {
+                let Self { $($field),* } = self;
+                [$($field as &dyn ParameterSet),*][index]
+            }
+            fn numbers_mut(&mut self, index: usize) -> &mut dyn ParameterSet {
+                let Self { $($field),* } = self;
+                [$($field as &mut dyn ParameterSet),*].into_iter().nth(index).expect("index of SPECS")
+            }
+            fn consistency_error(&self, index: usize) -> Option<(&'static str, String)> {
+                let Self { $($field),* } = self;
+                [$($field.consistency_error()),*].into_iter().nth(index).expect("index of SPECS")
+            }
+            fn is_noise(&self, index: usize) -> bool {
+                [$(<$type as Effect>::IS_NOISE),*][index]
+            }
+        }
+    };
+}
+
+macro_rules! unit_effects {
+    ($($field:ident: $type:ident),* $(,)?) => {
+        effect_list! {
+            /// The effects of the whole unit, in physical order.
+            UnitEffects { $($field: $type),* }
+        }
+
+        /// States of the unit's effects.
+        #[derive(Debug, Clone, Default)]
+        pub struct UnitStates { $($field: <$type as UnitEffect>::State),* }
+
+        impl UnitEffects {
+            /// The unit's time over one sample interval after each effect, in order.
+            #[inline]
+            pub fn timing(&self) -> [SampleTiming; UnitEffects::SPECS.len()] {
+                let Self { $($field),* } = self;
+                let mut timing = SampleTiming::default();
+                [$({ $field.timing(&mut timing); timing }),*]
+            }
+
+            /// Lets every effect act on the heads, in order.
+            #[inline]
+            pub fn apply<T: Probe>(&self, states: &mut UnitStates, heads: &mut [GyroSubStep; 4], step: &MotionStep, taps: &mut [T; 4]) {
+                let Self { $($field),* } = self;
+                let mut column = UNIT_COLUMNS;
+                $(
+                    $field.apply(&mut states.$field, heads, step);
+                    list::record(taps, heads, column);
+                    column += 1;
+                )*
+                let _ = column;
+            }
+        }
+    };
+}
+
+#[inline]
+pub(super) fn record<T: Probe>(taps: &mut [T; 4], heads: &[GyroSubStep; 4], column: usize) {
+    if T::LOOKS {
+        for (tap, head) in taps.iter_mut().zip(heads) {
+            tap.after(column, head.counts(&SampleTiming::default()));
+        }
+    }
+}
+
+macro_rules! head_effects {
+    ($($field:ident: $type:ident),* $(,)?) => {
+        effect_list! {
+            /// The effects of one gyro, in physical order.
+            GyroEffects { $($field: $type),* }
+        }
+
+        /// States of one gyro's effects.
+        #[derive(Debug, Clone)]
+        pub struct HeadStates { $($field: <$type as GyroEffect>::State),* }
+
+        impl HeadStates {
+            /// The states at the start of a run.
+            pub fn start(seed: u64, gyro: Gyro) -> HeadStates {
+                HeadStates { $($field: <$type as GyroEffect>::start(seed, gyro)),* }
+            }
+        }
+
+        impl GyroEffects {
+            /// Before the first sub-step of a sample of true length `length_s`.
+            #[inline]
+            pub fn begin(&self, states: &mut HeadStates, length_s: f64) {
+                let Self { $($field),* } = self;
+                $($field.begin(&mut states.$field, length_s);)*
+            }
+
+            /// Lets every effect act on the head, in order.
+            #[inline]
+            pub fn apply<T: Probe>(&self, states: &mut HeadStates, head: &mut GyroSubStep, surroundings: &EffectInputs, tap: &mut T) {
+                let Self { $($field),* } = self;
+                let mut column = HEAD_COLUMNS;
+                $(
+                    $field.apply(&mut states.$field, head, surroundings);
+                    if T::LOOKS {
+                        tap.after(column, head.counts(&SampleTiming::default()));
+                    }
+                    column += 1;
+                )*
+                let _ = column;
+            }
+        }
+    };
+}
+
+macro_rules! wiring_effects {
+    ($($field:ident: $type:ident),* $(,)?) => {
+        effect_list! {
+            /// The faults of one gyro's wiring, in order.
+            WiringEffects { $($field: $type),* }
+        }
+
+        /// States of the wiring faults of the four gyros.
+        #[derive(Debug, Clone, Default)]
+        pub struct WiringStates { $($field: [<$type as WiringEffect>::State; 4]),* }
+
+        impl WiringEffects {
+            /// Lets the faults of all four gyros act on the counts, fault by fault.
+            #[inline]
+            pub fn apply<T: Probe>(gyros: &[WiringEffects; 4], states: &mut WiringStates, counts: &mut [f64; 4], taps: &mut [T; 4]) {
+                let mut column = WIRING_COLUMNS;
+                $(
+                    let before = *counts;
+                    for gyro in Gyro::ALL {
+                        gyros[gyro as usize].$field.apply(&mut states.$field[gyro as usize], gyro, counts);
+                    }
+                    if T::LOOKS {
+                        for index in 0..4 {
+                            taps[index].changed(column, counts[index] - before[index]);
+                        }
+                    }
+                    column += 1;
+                )*
+                let _ = column;
+            }
+        }
+    };
+}

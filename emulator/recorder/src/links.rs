@@ -1,0 +1,81 @@
+//! The link that is recorded, and the links of its faults.
+
+use geu_model::Configuration;
+use geu_model::configuration::LinkLogFormat;
+use geu_model::fault::catalogue::Transport;
+use geu_protocol::CanIdMap;
+use geu_protocol::serial::DEFAULT_BAUD;
+
+use crate::link_model::{Encoding, LinkModel};
+
+/// Encoding of a link.
+fn wire_of(model: &LinkModel) -> LinkLogFormat {
+    match model.encoding {
+        Encoding::Can(_) => LinkLogFormat::Can,
+        Encoding::Serial { .. } => LinkLogFormat::Serial,
+    }
+}
+
+/// The encoding recorded beside links: the requested one, else that of the first link.
+pub fn wire_beside(asked: Option<LinkLogFormat>, links: &[LinkModel]) -> LinkLogFormat {
+    asked.or(links.first().map(wire_of)).unwrap_or_default()
+}
+
+/// The recorded link: the first with this encoding among `links`, else a default one.
+pub fn recorded(wire: LinkLogFormat, configuration: &Configuration, links: &[LinkModel]) -> LinkModel {
+    let default = || match wire {
+        LinkLogFormat::Can => LinkModel::can(can_plan(configuration)),
+        LinkLogFormat::Serial => LinkModel::serial(Transport::Pty),
+    };
+    links.iter().find(|model| wire_of(model) == wire).cloned().unwrap_or_else(default)
+}
+
+/// The links of a run without open links: from the run that is repeated, else from its faults; with the recorded baud rate
+/// and CAN base, else the defaults.
+pub(crate) fn without_links(configuration: &Configuration) -> Vec<LinkModel> {
+    let run = &configuration.run;
+    let mut kinds = run.links.clone();
+    if kinds.is_empty() {
+        kinds.extend(configuration.faults.iter().filter_map(|fault| fault.link));
+        kinds.sort_unstable();
+        kinds.dedup();
+    }
+    let model = |kind| match (kind, run.serial_baud) {
+        (Transport::Can, _) => LinkModel::can(can_plan(configuration)),
+        (Transport::Serial, Some(baud)) => LinkModel { kind, encoding: Encoding::Serial { baud } },
+        (kind, _) => LinkModel::serial(kind),
+    };
+    kinds.into_iter().map(model).collect()
+}
+
+/// Reason why a fault of a run without open links cannot act on any of its recorded links, if there is one.
+pub fn misses(configuration: &Configuration, wire: LinkLogFormat) -> Option<String> {
+    let links = without_links(configuration);
+    let mut recorded_on: Vec<Transport> = links.iter().map(|model| model.kind).collect();
+    recorded_on.push(recorded(wire, configuration, &links).kind);
+    recorded_on.sort_unstable();
+    recorded_on.dedup();
+    configuration.faults.iter().find_map(|fault| fault.misses(&recorded_on))
+}
+
+/// CAN identifiers of the run.
+fn can_plan(configuration: &Configuration) -> CanIdMap {
+    configuration.run.can_base.and_then(CanIdMap::with_base).unwrap_or_default()
+}
+
+/// Baud rate of the serial port among the links, unless it is the default.
+pub(crate) fn serial_baud(links: &[LinkModel]) -> Option<u32> {
+    links.iter().find_map(|model| match model.encoding {
+        Encoding::Serial { baud } if model.kind == Transport::Serial && baud != DEFAULT_BAUD => Some(baud),
+        _ => None,
+    })
+}
+
+/// CAN base of the recorded link, else of the first CAN link, unless it is the default.
+pub(crate) fn can_base(recorded: &LinkModel, links: &[LinkModel]) -> Option<u16> {
+    let base = std::iter::once(recorded).chain(links).find_map(|model| match model.encoding {
+        Encoding::Can(plan) => Some(plan.base()),
+        Encoding::Serial { .. } => None,
+    });
+    base.filter(|&base| base != CanIdMap::default().base())
+}

@@ -1,0 +1,299 @@
+//! Samples from INCREMENTS, STATUS and CLOCK in any traffic.
+
+use super::{LENGTH, Role, STATUS_COVERED, status_crc};
+use crate::continuity::ClockCheck;
+use crate::field::Sample;
+use crate::message::{Clock, Increments, Message, Status};
+
+/// Defect of a message of the unit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum CanDefect {
+    /// INCREMENTS, STATUS or CLOCK that is not eight bytes long.
+    WrongLength,
+    /// INCREMENTS without a STATUS before the next INCREMENTS.
+    IncrementsWithoutStatus,
+    /// STATUS without INCREMENTS before it.
+    StatusWithoutIncrements,
+    /// INCREMENTS and STATUS with a wrong CRC; neither is used.
+    CrcMismatch,
+    /// CLOCK without a good STATUS before it.
+    ClockWithoutStatus,
+    /// CLOCK with a count that did not advance by 500 000 per sequence step.
+    ClockInconsistent,
+}
+
+impl CanDefect {
+    pub const ALL: [CanDefect; 6] = [
+        CanDefect::WrongLength,
+        CanDefect::IncrementsWithoutStatus,
+        CanDefect::StatusWithoutIncrements,
+        CanDefect::CrcMismatch,
+        CanDefect::ClockWithoutStatus,
+        CanDefect::ClockInconsistent,
+    ];
+
+    pub const fn name(self) -> &'static str {
+        match self {
+            CanDefect::WrongLength => "wrong-length",
+            CanDefect::IncrementsWithoutStatus => "increments-without-status",
+            CanDefect::StatusWithoutIncrements => "status-without-increments",
+            CanDefect::CrcMismatch => "crc-mismatch",
+            CanDefect::ClockWithoutStatus => "clock-without-status",
+            CanDefect::ClockInconsistent => "clock-inconsistent",
+        }
+    }
+
+    /// Number of frames of one such defect.
+    pub const fn frames(self) -> u64 {
+        if matches!(self, CanDefect::CrcMismatch) { 2 } else { 1 }
+    }
+}
+
+/// A sample assembled from its frames, with the stamp of its INCREMENTS.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct AssembledSample<S> {
+    pub stamp: S,
+    /// The fields; clock count and sensor temperature only if `has_clock`.
+    pub sample: Sample,
+    pub has_clock: bool,
+}
+
+/// Result of the assembler.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum AssemblerEvent<S> {
+    /// A sample: two frames, or three if it has a clock.
+    Row(AssembledSample<S>),
+    /// A defect, at the stamp of the (first) frame concerned.
+    Defect(S, CanDefect, DefectBytes),
+}
+
+/// The data bytes that a defect concerns: of one frame, or of INCREMENTS and STATUS.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct DefectBytes {
+    bytes: [u8; 2 * LENGTH],
+    length: u8,
+}
+
+impl DefectBytes {
+    /// The first eight bytes of each part.
+    pub fn new(parts: [&[u8]; 2]) -> DefectBytes {
+        let (mut bytes, mut length) = ([0; 2 * LENGTH], 0);
+        for part in parts {
+            let part = &part[..part.len().min(LENGTH)];
+            bytes[length..length + part.len()].copy_from_slice(part);
+            length += part.len();
+        }
+        DefectBytes { bytes, length: length as u8 }
+    }
+
+    pub fn bytes(&self) -> &[u8] {
+        &self.bytes[..usize::from(self.length)]
+    }
+}
+
+/// Assembles samples from INCREMENTS, STATUS and CLOCK in any traffic.
+///
+/// `S` identifies a frame for the caller: its time, its position in a file.
+#[derive(Debug, Clone)]
+pub struct Assembler<S> {
+    increments: Option<(S, [u8; LENGTH])>,
+    row: Option<AssembledSample<S>>,
+    clock: ClockCheck,
+}
+
+impl<S: Copy> Default for Assembler<S> {
+    fn default() -> Self {
+        Assembler { increments: None, row: None, clock: ClockCheck::default() }
+    }
+}
+
+impl<S: Copy> Assembler<S> {
+    /// Reads the next INCREMENTS, STATUS or CLOCK (any other role is ignored).
+    #[inline]
+    pub fn push(&mut self, role: Role, stamp: S, data: &[u8], sink: &mut impl FnMut(AssemblerEvent<S>)) {
+        if !matches!(role, Role::Increments | Role::Status | Role::Clock) {
+            return;
+        }
+        if role == Role::Increments {
+            self.finish(sink);
+        }
+        let Ok(bytes) = <&[u8; LENGTH]>::try_from(data) else {
+            return defect(stamp, CanDefect::WrongLength, [data, &[]], sink);
+        };
+        match role {
+            Role::Increments => self.increments = Some((stamp, *bytes)),
+            Role::Status => self.status(stamp, bytes, sink),
+            _ => self.clock(stamp, bytes, sink),
+        }
+    }
+
+    /// True if the next frames may complete a sample.
+    pub fn is_waiting(&self) -> bool {
+        self.increments.is_some() || self.row.is_some()
+    }
+
+    /// Reports what is pending, at the end of the traffic.
+    #[inline]
+    pub fn finish(&mut self, sink: &mut impl FnMut(AssemblerEvent<S>)) {
+        if let Some(row) = self.row.take() {
+            sink(AssemblerEvent::Row(row));
+        }
+        if let Some((stamp, bytes)) = self.increments.take() {
+            defect(stamp, CanDefect::IncrementsWithoutStatus, [&bytes, &[]], sink);
+        }
+    }
+
+    #[inline]
+    fn status(&mut self, stamp: S, bytes: &[u8; LENGTH], sink: &mut impl FnMut(AssemblerEvent<S>)) {
+        let Some((first, increments)) = self.increments.take() else {
+            self.finish(sink);
+            return defect(stamp, CanDefect::StatusWithoutIncrements, [bytes, &[]], sink);
+        };
+        if status_crc(&increments, bytes) != bytes[STATUS_COVERED..] {
+            return defect(first, CanDefect::CrcMismatch, [&increments, bytes], sink);
+        }
+        let mut sample = Sample::default();
+        Increments::read(&increments, &mut sample);
+        Status::read(bytes, &mut sample);
+        self.row = Some(AssembledSample { stamp: first, sample, has_clock: false });
+    }
+
+    #[inline]
+    fn clock(&mut self, stamp: S, bytes: &[u8; LENGTH], sink: &mut impl FnMut(AssemblerEvent<S>)) {
+        let Some(mut row) = self.row.take() else {
+            return defect(stamp, CanDefect::ClockWithoutStatus, [bytes, &[]], sink);
+        };
+        let mut clocked = row.sample;
+        Clock::read(bytes, &mut clocked);
+        if self.clock.accepts(clocked.sequence, clocked.clock_count) {
+            row.sample = clocked;
+            row.has_clock = true;
+            sink(AssemblerEvent::Row(row));
+        } else {
+            sink(AssemblerEvent::Row(row));
+            defect(stamp, CanDefect::ClockInconsistent, [bytes, &[]], sink);
+        }
+    }
+}
+
+#[cold]
+fn defect<S>(stamp: S, defect: CanDefect, parts: [&[u8]; 2], sink: &mut impl FnMut(AssemblerEvent<S>)) {
+    sink(AssemblerEvent::Defect(stamp, defect, DefectBytes::new(parts)));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::can::{CanFrame, CanIdMap};
+    use crate::field::CLOCK_PER_SAMPLE;
+
+    fn sample(sequence: u16) -> Sample {
+        Sample {
+            sequence,
+            increments: [1, -2, 3, sequence as i16],
+            clock_count: (u64::from(sequence) + 1) * CLOCK_PER_SAMPLE + 7_000_000,
+            sensor_centi_c: 7000,
+            ..Sample::default()
+        }
+    }
+
+    /// A row, or a defect and its frame.
+    #[derive(Debug, PartialEq)]
+    enum Seen {
+        Row(AssembledSample<usize>),
+        Defect(usize, CanDefect),
+    }
+
+    fn assemble(frames: &[CanFrame]) -> Vec<Seen> {
+        let (plan, mut assembler, mut found) = (CanIdMap::default(), Assembler::default(), Vec::new());
+        let mut see = |event| {
+            found.push(match event {
+                AssemblerEvent::Row(row) => Seen::Row(row),
+                AssemblerEvent::Defect(stamp, defect, _) => Seen::Defect(stamp, defect),
+            })
+        };
+        for (index, frame) in frames.iter().enumerate() {
+            assembler.push(plan.role(frame.id().into()), index, frame.data(), &mut see);
+        }
+        assembler.finish(&mut see);
+        found
+    }
+
+    fn row(stamp: usize, sequence: u16) -> Seen {
+        Seen::Row(AssembledSample { stamp, sample: sample(sequence), has_clock: true })
+    }
+
+    fn frames(sequences: &[u16]) -> Vec<CanFrame> {
+        sequences.iter().flat_map(|&s| CanIdMap::default().frames(&sample(s))).collect()
+    }
+
+    #[test]
+    fn samples_come_back_with_other_traffic_between() {
+        let mut traffic = frames(&[0, 1]);
+        traffic.insert(1, CanFrame::new(0x123, &[1, 2, 3]).unwrap());
+        assert_eq!(assemble(&traffic), [row(0, 0), row(4, 1)]);
+    }
+
+    #[test]
+    fn increments_pair_only_with_the_next_status_and_a_matching_crc() {
+        let mut traffic = frames(&[0, 1, 2]);
+        traffic.remove(1);
+        let mut found = assemble(&traffic);
+        assert_eq!(found.remove(0), Seen::Defect(1, CanDefect::ClockWithoutStatus));
+        assert_eq!(found.remove(0), Seen::Defect(0, CanDefect::IncrementsWithoutStatus));
+        assert_eq!(found, [row(2, 1), row(5, 2)]);
+
+        let mut traffic = frames(&[0, 1]);
+        traffic.remove(0);
+        assert_eq!(
+            assemble(&traffic),
+            [
+                Seen::Defect(0, CanDefect::StatusWithoutIncrements),
+                Seen::Defect(1, CanDefect::ClockWithoutStatus),
+                row(2, 1)
+            ]
+        );
+
+        let mut traffic = frames(&[0, 1]);
+        traffic[0] = CanFrame::new(0x1A0, &[9; 8]).unwrap();
+        assert_eq!(
+            assemble(&traffic),
+            [Seen::Defect(0, CanDefect::CrcMismatch), Seen::Defect(2, CanDefect::ClockWithoutStatus), row(3, 1)]
+        );
+    }
+
+    #[test]
+    fn increments_of_a_wrong_length_come_between_all_the_same() {
+        let mut traffic = frames(&[0, 1]);
+        traffic.insert(1, CanFrame::new(0x1A0, &[1, 2, 3]).unwrap());
+        assert_eq!(
+            assemble(&traffic),
+            [
+                Seen::Defect(0, CanDefect::IncrementsWithoutStatus),
+                Seen::Defect(1, CanDefect::WrongLength),
+                Seen::Defect(2, CanDefect::StatusWithoutIncrements),
+                Seen::Defect(3, CanDefect::ClockWithoutStatus),
+                row(4, 1)
+            ]
+        );
+    }
+
+    #[test]
+    fn a_clock_that_jumps_is_rejected_once_and_then_accepted() {
+        let clock = |sequence, clock_count| CanIdMap::default().frames(&Sample { clock_count, ..sample(sequence) })[2];
+        let defects =
+            |traffic: &[CanFrame]| assemble(traffic).iter().filter(|event| matches!(event, Seen::Defect(..))).count();
+        let mut corrupt = frames(&[0, 1, 2, 3]);
+        corrupt[5] = clock(1, 99);
+        assert_eq!(defects(&corrupt), 1);
+        let mut jumped = frames(&[0, 1, 2, 3]);
+        for s in 1..4 {
+            jumped[3 * usize::from(s) + 2] = clock(s, 90_000_000 + u64::from(s) * CLOCK_PER_SAMPLE);
+        }
+        assert_eq!(defects(&jumped), 1);
+        let mut reset = frames(&[5, 6, 0, 1]);
+        reset[8] = clock(0, 500_000);
+        reset[11] = clock(1, 1_000_000);
+        assert_eq!(defects(&reset), 0);
+    }
+}

@@ -1,0 +1,164 @@
+//! Injected effects, by the codes of the model's page, each with its time course; and some that the page does not have.
+
+use std::f64::consts::TAU;
+
+use crate::{GYROS, Gyro};
+
+/// One effect: a code, with `-step`, `-ramp`, `-temperature` or `-periodic` for a time course, and its numbers by their
+/// configuration names.
+#[derive(Debug, Clone)]
+pub struct PlantedEffect {
+    /// `drift-ramp`.
+    pub code: String,
+    /// Affected gyros; empty for an effect of the unit; two for an `axis-swap`.
+    pub gyros: Vec<Gyro>,
+    /// `("arcsec_per_h_per_day", 420.0)`; a switch is `("on", 1.0)`.
+    pub parameters: Vec<(String, f64)>,
+}
+
+impl PlantedEffect {
+    pub fn new(code: &str, gyros: &[Gyro], parameters: &[(&str, f64)]) -> PlantedEffect {
+        let parameters = parameters.iter().map(|(name, value)| ((*name).to_owned(), *value)).collect();
+        PlantedEffect { code: code.to_owned(), gyros: gyros.to_vec(), parameters }
+    }
+
+    /// The contribution of each parameter to each of the gyros.
+    pub(crate) fn terms(&self) -> Vec<Term> {
+        let has = |code: &str| QUANTITIES.iter().any(|(known, ..)| *known == code);
+        let (base, course) = match self.code.rsplit_once('-') {
+            Some((base, course)) if !has(&self.code) && has(base) => (base, course),
+            _ => (self.code.as_str(), ""),
+        };
+        let shape = |name: &str| self.parameters.iter().find(|(own, _)| own == name).map_or(0.0, |(_, value)| *value);
+        let (prefix, suffix, shapes, course): (_, _, &[&str], _) = match course {
+            "" => ("", "", &[], Course::Constant),
+            "step" => ("", "", &["time_s"], Course::Step { time_s: shape("time_s") }),
+            "ramp" => ("", "_per_day", &[], Course::Ramp),
+            "temperature" => ("", "_per_k", &[], Course::Temperature),
+            "periodic" => {
+                let course = Course::Periodic { period_s: shape("period_s"), phase_rad: shape("phase_rad") };
+                ("amplitude_", "", &["period_s", "phase_rad"], course)
+            }
+            _ => panic!("{}: no such course", self.code),
+        };
+        let gyros = if self.gyros.is_empty() { &GYROS[..] } else { &self.gyros };
+        let of_parameter = |(name, value): &(String, f64)| {
+            let amplitude = name.strip_prefix(prefix).and_then(|name| name.strip_suffix(suffix));
+            let found = QUANTITIES.iter().find_map(|(code, own, quantity)| match quantity {
+                _ if *code != base => None,
+                quantity if quantity.is_shape() => (own == name).then_some((*quantity, Course::Constant)),
+                quantity => (Some(*own) == amplitude).then_some((*quantity, course)),
+            });
+            assert!(found.is_some() || shapes.contains(&name.as_str()), "{}: no parameter {name}", self.code);
+            let terms = |(quantity, course)| {
+                gyros.iter().map(move |gyro| Term { gyro: *gyro, quantity, value: *value, course })
+            };
+            found.into_iter().flat_map(terms).collect::<Vec<_>>()
+        };
+        self.parameters.iter().flat_map(of_parameter).collect()
+    }
+}
+
+/// Every code with each of its parameters.
+#[cfg(test)]
+pub(crate) fn catalogue() -> impl Iterator<Item = (&'static str, &'static str)> {
+    QUANTITIES.iter().map(|(code, parameter, _)| (*code, *parameter))
+}
+
+/// A part of a quantity of one gyro.
+pub(crate) struct Term {
+    pub gyro: Gyro,
+    pub quantity: Quantity,
+    pub value: f64,
+    pub course: Course,
+}
+
+impl Term {
+    /// Value at time `t` since the start and `electronics_k` above the reference temperature.
+    pub fn at(&self, t: f64, electronics_k: f64) -> f64 {
+        self.value
+            * match self.course {
+                Course::Constant => 1.0,
+                Course::Step { time_s } => f64::from(u8::from(t >= time_s)),
+                Course::Ramp => t / 86_400.0,
+                Course::Temperature => electronics_k,
+                Course::Periodic { period_s, phase_rad } => libm::sin(TAU * t / period_s + phase_rad),
+            }
+    }
+}
+
+#[derive(Clone, Copy)]
+pub(crate) enum Course {
+    Constant,
+    Step { time_s: f64 },
+    Ramp,
+    Temperature,
+    Periodic { period_s: f64, phase_rad: f64 },
+}
+
+/// The quantities of one gyro at an instant; an effect of the unit is the same for all.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct Quantities([f64; QUANTITIES.len()]);
+
+impl Quantities {
+    pub fn add(&mut self, quantity: Quantity, value: f64) {
+        self.0[quantity as usize] += value;
+    }
+
+    pub fn get(&self, quantity: Quantity) -> f64 {
+        self.0[quantity as usize]
+    }
+}
+
+/// Declares the quantities with their code and parameter.
+macro_rules! quantities {
+    ($($quantity:ident: $code:literal $parameter:literal,)*) => {
+        #[derive(Clone, Copy, PartialEq)]
+        pub(crate) enum Quantity { $($quantity),* }
+
+        const QUANTITIES: &[(&str, &str, Quantity)] = &[$(($code, $parameter, Quantity::$quantity)),*];
+    };
+}
+
+quantities! {
+    Drift: "drift" "arcsec_per_h",
+    DriftSensorTemperature: "drift-sensor-temperature" "arcsec_per_h_per_k",
+    DriftRandomWalk: "drift-random-walk" "arcsec_per_s_per_sqrt_s",
+    CorrelationTime: "drift-random-walk" "correlation_time_s",
+    AngleRandomWalk: "angle-random-walk" "arcsec_per_sqrt_s",
+    ScaleFactor: "scale-factor" "ppm",
+    Nonlinearity: "scale-factor-nonlinearity" "cubic_ppm",
+    Asymmetry: "scale-factor-asymmetry" "ppm",
+    ClockFrequency: "clock-frequency" "ppm",
+    PivotClearance: "pivot-clearance" "clearance_arcsec",
+    PivotPreferred: "pivot-clearance" "preferred_arcsec",
+    MisalignmentX: "misalignment" "x_arcsec",
+    MisalignmentY: "misalignment" "y_arcsec",
+    MisalignmentZ: "misalignment" "z_arcsec",
+    MisalignmentThermal: "misalignment-thermal" "arcsec_per_deg",
+    ThermalTime: "misalignment-thermal" "time_constant_s",
+    OutputAxisAcceleration: "output-axis-acceleration" "seconds",
+    Anisoinertia: "anisoinertia" "seconds",
+    TimeOffset: "time-offset" "seconds",
+    LostCounts: "lost-counts" "counts",
+    LostCountsTime: "lost-counts" "time_s",
+    SignInversion: "sign-inversion" "on",
+    AxisSwap: "axis-swap" "on",
+    StuckOutput: "stuck-output" "on",
+    // Outside the catalogue. Sensed rate + per_arcsec_s · ω_y²:
+    RateSquared: "rate-squared-coupling" "per_arcsec_s",
+    // Sensed rate + per_arcsec_s · ω_x · ω_z:
+    RateProduct: "rate-product-coupling" "per_arcsec_s",
+    // Added to the drift: ppm of |ω_z|.
+    RateDrift: "rate-drift" "ppm",
+    // The count follows the angle with this play.
+    Backlash: "count-backlash" "play_arcsec",
+}
+
+impl Quantity {
+    /// True for a parameter with a default and without a time course.
+    fn is_shape(self) -> bool {
+        use Quantity::*;
+        [CorrelationTime, PivotPreferred, ThermalTime, LostCountsTime].contains(&self)
+    }
+}

@@ -1,0 +1,179 @@
+//! Reads [`AccumulatedCounts`] from the rows of a decoder.
+
+use geu_model::units::SAMPLE_INTERVAL_NS;
+use geu_protocol::continuity::{Continuity, MAX_MISSING, SequenceStep};
+use geu_recording::{Defect, ReceivedSample, Sink};
+
+use super::{AccumulatedCounts, BreakKind, Discontinuity, unusable};
+
+/// Samples over which receive times are averaged.
+const TIMING_BLOCK: usize = 600;
+/// A receive time this far from the averaged course is a clock jump.
+const TIME_JUMP_S: f64 = 0.1;
+
+/// Accumulates the counts of decoded rows.
+#[derive(Debug, Default)]
+pub struct CountsReader {
+    continuity: Continuity,
+    /// Node of the sample before.
+    node: usize,
+    /// Node, time and whether the time was received, of each row.
+    times: Vec<(usize, i64, bool)>,
+    counts: AccumulatedCounts,
+    missing: u64,
+    defects: u64,
+}
+
+impl Sink for CountsReader {
+    fn row(&mut self, row: &ReceivedSample) {
+        let sample = &row.sample;
+        let step = self.continuity.step(sample.sequence, row.has_clock.then_some(sample.clock_count));
+        let by_time = |times: &[(usize, i64, bool)]| {
+            let before_ns = times.last().filter(|last| last.2 == row.is_received).map(|last| last.1);
+            let passed_ns =
+                row.time.zip(before_ns).map_or(SAMPLE_INTERVAL_NS, |(time, before_ns)| time.t_ns - before_ns);
+            ((passed_ns + SAMPLE_INTERVAL_NS / 2) / SAMPLE_INTERVAL_NS).max(1) as u64
+        };
+        let (advance, kind) = match step {
+            SequenceStep::First | SequenceStep::Next => (1, None),
+            SequenceStep::Repeat => return,
+            SequenceStep::Gap(missing) => (missing + 1, Some(BreakKind::Gap(missing))),
+            SequenceStep::Reset => (by_time(&self.times), Some(BreakKind::Reset)),
+            SequenceStep::Jump => (by_time(&self.times), Some(BreakKind::Jump)),
+        };
+        let advance = if advance - 1 > MAX_MISSING - self.missing { 1 } else { advance };
+        self.missing += advance - 1;
+        let advance = advance as usize;
+        if self.counts.node_s.is_empty() {
+            self.counts = AccumulatedCounts::starting_at(0);
+        }
+        let from = self.node;
+        self.node += advance;
+        let electronics_c = f64::from(sample.electronics_centi_c) * 0.01;
+        for _ in 1..advance {
+            self.counts.push(0.0, [0.0; 4], electronics_c);
+        }
+        self.counts.push_sample(0.0, sample);
+        if let Some(kind) = kind {
+            self.note(from, [true; 4], kind);
+        }
+        let [self_test, invalid, saturated] = unusable(sample);
+        for (kind, gyros) in [invalid, saturated, self_test] {
+            self.note(self.node - 1, gyros, kind);
+        }
+        if row.has_clock {
+            // Rows without one keep the temperature before.
+            let held = self.counts.sensor_c.last().copied().unwrap_or(f64::from(sample.sensor_centi_c) * 0.01);
+            self.counts.sensor_c.resize(self.node, held);
+            self.counts.sensor_c.push(f64::from(sample.sensor_centi_c) * 0.01);
+        }
+        if let Some(time) = row.time {
+            self.times.push((self.node, time.t_ns, row.is_received));
+        }
+    }
+
+    fn defect(&mut self, _defect: &Defect) {
+        // Samples lost by a defect are a gap in the sequence; the decoder reports the defect itself.
+        self.defects += 1;
+    }
+}
+
+impl CountsReader {
+    pub fn defects(&self) -> u64 {
+        self.defects
+    }
+
+    fn note(&mut self, from: usize, gyros: [bool; 4], kind: BreakKind) {
+        if !gyros.contains(&true) {
+            return;
+        }
+        // Consecutive samples with one cause are one break.
+        if let Some(last) =
+            self.counts.breaks.iter_mut().rev().take(3).find(|last| last.kind == kind && last.gyros == gyros)
+            && last.to == from
+        {
+            last.to = self.node;
+            return;
+        }
+        self.counts.breaks.push(Discontinuity { from, to: self.node, gyros, kind });
+    }
+
+    /// Returns the counts; `None` without a row. `clock_start_ns` is the time at which the unit's clock was 0, for
+    /// recordings without receive times.
+    pub fn finish(mut self, clock_start_ns: i64) -> Option<AccumulatedCounts> {
+        let first = *self.times.first()?;
+        let is_received = self.times.iter().any(|time| time.2);
+        self.times.retain(|time| time.2 == is_received);
+        // Departures of the times from nominal samples since the first, so that no digit is lost.
+        let departures: Vec<(usize, f64)> = self
+            .times
+            .iter()
+            .map(|&(node, t_ns, _)| {
+                (node, (t_ns - first.1 - (node - first.0) as i64 * SAMPLE_INTERVAL_NS) as f64 * 1e-9)
+            })
+            .collect();
+        let mut counts = self.counts;
+        let (course, jumps) = course(&departures);
+        let nominal_s = |node: usize| (node as f64 - first.0 as f64) * 0.5;
+        let at = |node: usize| nominal_s(node) + course(node as f64);
+        let start_s = at(0);
+        counts.node_s = (0..counts.node_s.len()).map(|node| at(node) - start_s).collect();
+        let zero_ns = if is_received { 0 } else { clock_start_ns };
+        if let Some(&held) = counts.sensor_c.last() {
+            counts.sensor_c.resize(counts.node_s.len(), held);
+        }
+        if is_received {
+            counts.received_late_s.clone_from(&departures);
+        }
+        counts.start_ns = first.1 + zero_ns + (start_s * 1e9).round() as i64;
+        counts.is_received = is_received;
+        let jump = |(from, to)| Discontinuity { from, to, gyros: [true; 4], kind: BreakKind::TimeJump };
+        counts.breaks.extend(jumps.into_iter().map(jump));
+        counts.breaks.sort_by_key(|found| found.from);
+        counts.cut_at_backward_time();
+        Some(counts)
+    }
+}
+
+/// Smooths the departures over the nodes by medians of blocks joined by straight lines. Also returns the jumps, on either
+/// side of which the departures are smoothed separately.
+fn course(departures: &[(usize, f64)]) -> (impl Fn(f64) -> f64, Vec<(usize, usize)>) {
+    let (mut parts, mut jumps, mut start) = (vec![], vec![], 0);
+    for index in 1..departures.len() {
+        let ((before, from_s), (now, to_s)) = (departures[index - 1], departures[index]);
+        // A single late stamp is no jump.
+        let stays = departures.get(index + 1).is_none_or(|next| (next.1 - to_s).abs() < TIME_JUMP_S);
+        if (to_s - from_s).abs() > TIME_JUMP_S && stays {
+            parts.push(knots(&departures[start..index]));
+            jumps.push((before, now));
+            start = index;
+        }
+    }
+    parts.push(knots(&departures[start..]));
+    let ends: Vec<usize> = jumps.iter().map(|jump| jump.0).collect();
+    let course = move |node: f64| {
+        let knots: &[(f64, f64)] = &parts[ends.partition_point(|&end| (end as f64) < node)];
+        if let [only] = knots {
+            return only.1;
+        }
+        let after = knots.partition_point(|knot| knot.0 < node).clamp(1, knots.len() - 1);
+        let ((x0, y0), (x1, y1)) = (knots[after - 1], knots[after]);
+        y0 + (y1 - y0) * (node - x0) / (x1 - x0)
+    };
+    (course, jumps)
+}
+
+/// Middle and median of each block; at least two blocks if there are points enough for a slope.
+fn knots(points: &[(usize, f64)]) -> Vec<(f64, f64)> {
+    let blocks = (points.len() / TIMING_BLOCK).max(if points.len() >= 40 { 2 } else { 1 });
+    let block = |index: usize| &points[index * points.len() / blocks..(index + 1) * points.len() / blocks];
+    (0..blocks)
+        .map(|index| {
+            let points = block(index);
+            let mut departures: Vec<f64> = points.iter().map(|point| point.1).collect();
+            let middle = departures.len() / 2;
+            let median_s = *departures.select_nth_unstable_by(middle, f64::total_cmp).1;
+            (points.iter().map(|point| point.0 as f64).sum::<f64>() / points.len() as f64, median_s)
+        })
+        .collect()
+}

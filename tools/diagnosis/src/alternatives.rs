@@ -1,0 +1,232 @@
+//! Alternatives: for each hypothesis, every other one in its place, beside the nuisances and all other hypotheses.
+//!
+//! An alternative that explains the data nearly as well is not distinguishable by them: both belong to one ambiguity group. The whitened
+//! cosine of the signatures gives their similarity on this motion.
+
+use rayon::prelude::*;
+
+use crate::gyros::{ALL_GYROS, Gyros, is_within, only};
+use crate::hypothesis::Hypothesis;
+use crate::measured::{Series, TIMING};
+use crate::model_state::{DiagnosisCase, FittedHypothesis, ModelState};
+use crate::normal_equations::NormalEquations;
+use crate::signature::Signature;
+use crate::signature_bank::{ConstantSignature, HypothesisFamily, SignatureBank};
+use crate::spots::{Spot, spots};
+use crate::temperature_lag::{LAG_CHI2, LaggedFit, likeliest};
+
+/// Minimum share of the χ² reduction of the hypothesis: the square of a cosine of 0.3.
+const MIN_SHARE: f64 = 0.09;
+/// Alternatives with optimised shape parameters.
+const OPTIMISED: usize = 24;
+/// Maximum number of alternatives.
+const MAX_ALTERNATIVES: usize = 64;
+/// Difference of χ² below which hypotheses are not distinguishable, three sigma.
+pub const AMBIGUITY_CHI2: f64 = 9.0;
+/// Difference of χ² below which another time course with shape parameters is fitted by the model before it is excluded: signatures
+/// have shape parameters on a grid only. Time courses of a nonlinear amplitude are fitted at any difference.
+const NEAR_CHI2: f64 = 30.0;
+/// Maximum number of such fits.
+const FITTED: usize = 3;
+
+/// A hypothesis in place of another.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Alternative {
+    /// The hypothesis.
+    pub hypothesis: Hypothesis,
+    /// Family.
+    pub family: HypothesisFamily,
+    /// Absolute cosine of the two whitened signatures without their projections on the nuisances.
+    pub cosine: f64,
+    /// Difference of χ² up to which the model fits it.
+    reach_chi2: f64,
+    /// χ² above that of the original hypothesis, less the difference of their penalties; 0 or more.
+    pub delta_chi2: f64,
+}
+
+/// Penalties of hypotheses. An alternative with a lower penalty may have a higher χ² by the difference.
+pub struct Penalties<'a> {
+    /// Penalty of the original hypothesis.
+    pub found: f64,
+    /// Penalty of any hypothesis.
+    pub of: &'a (dyn Fn(HypothesisFamily, &Hypothesis) -> f64 + Sync),
+}
+
+/// χ² above that of the original hypothesis, less what the penalty of the original is higher by; 0 or more.
+fn delta(chi2: f64, penalty_difference: f64) -> f64 {
+    (chi2 - penalty_difference.max(0.0)).max(0.0)
+}
+
+/// Alternatives to the hypothesis at `index` of a state, best first.
+pub fn alternatives(
+    case: &DiagnosisCase,
+    bank: &SignatureBank,
+    state: &ModelState,
+    index: usize,
+    penalties: &Penalties,
+) -> Vec<Alternative> {
+    let achieved = case.normal(&mut state.clone()).chi2();
+    let late_s = state.shifts.temperature_s;
+    let found = &state.held[index];
+    // If only this hypothesis follows the temperature, the lag is part of it.
+    let owns_lag = late_s != 0.0
+        && found.follows_temperature()
+        && state.held.iter().filter(|held| held.follows_temperature()).count() == 1;
+    let at_lag = |temperature_s: f64| -> Vec<Alternative> {
+        // An alternative that follows the lagged temperature has the penalty of the lag too.
+        let penalty = |family, own: &Hypothesis| {
+            let needs_lag = owns_lag && temperature_s != 0.0 && own.follows_temperature();
+            (penalties.of)(family, own) + if needs_lag { LAG_CHI2 } else { 0.0 }
+        };
+        let penalties = &Penalties { found: penalties.found, of: &penalty };
+        let mut others = state.clone();
+        others.held.remove(index);
+        others.set_temperature_lag(temperature_s);
+        let normal = case.normal(&mut others);
+        // χ² reduction of the model run: the signature of a nonlinear amplitude holds only near its value.
+        let fall = normal.chi2() - achieved;
+        let mut all = in_place_of(case, &bank.late(temperature_s), &normal, state, index, fall, penalties);
+        let own = Signature::new(&normal, &case.signature(state, index));
+        let is_near = |other: &&mut Alternative| {
+            other.hypothesis.amplitude.constant() == found.hypothesis.amplitude.constant()
+                && other.delta_chi2 > AMBIGUITY_CHI2
+                && other.delta_chi2 < other.reach_chi2
+        };
+        let near: Vec<&mut Alternative> = all.iter_mut().filter(is_near).take(FITTED).collect();
+        near.into_par_iter().for_each(|other| {
+            // With the same shape parameters fitted.
+            let mut held = FittedHypothesis::new(other.hypothesis.clone());
+            (1..=other.hypothesis.own_shapes.len())
+                .filter(|&shape| found.is_free[shape])
+                .for_each(|shape| held.free(shape));
+            let mut instead = others.clone();
+            instead.held.insert(index, held);
+            let chi2 = case.fit(&mut instead).squares() - achieved;
+            let hypothesis = instead.held[index].hypothesis.clone();
+            let delta_chi2 = delta(chi2, penalties.found - penalty(other.family, &hypothesis));
+            if chi2.is_finite() && delta_chi2 < other.delta_chi2 && hypothesis.is_within_limits() {
+                let signature = Signature::new(&normal, &case.signature(&instead, index));
+                *other =
+                    Alternative { hypothesis, delta_chi2, cosine: own.cosine(&normal, &signature), ..other.clone() };
+            }
+        });
+        all
+    };
+    let mut all = at_lag(late_s);
+    if owns_lag {
+        all.extend(at_lag(0.0));
+    }
+    if found.hypothesis.profile().is_some_and(|profile| profile.is_periodic()) {
+        all.extend(lagged_temperature(case, bank, state, index, achieved, penalties));
+    }
+    best_of_each(all)
+}
+
+/// The alternative to a wave that follows a lagged temperature.
+fn lagged_temperature(
+    case: &DiagnosisCase,
+    bank: &SignatureBank,
+    state: &ModelState,
+    index: usize,
+    achieved: f64,
+    penalties: &Penalties,
+) -> Option<Alternative> {
+    let is_accepted = |late: &LaggedFit| late.held().hypothesis.is_within_limits() && late.normal.squares().is_finite();
+    let late = likeliest(case, bank, state, index, penalties.of, &is_accepted)?;
+    let hypothesis = late.held().hypothesis.clone();
+    let family = HypothesisFamily::of_kind(hypothesis.amplitude.kind?);
+    let normal = case.normal_without(state, index);
+    let [own, other] = [state, &late.state].map(|state| Signature::new(&normal, &case.signature(state, index)));
+    let penalty_difference = penalties.found - late.held().penalty - late.lag_chi2;
+    let delta_chi2 = delta(late.normal.squares() - achieved, penalty_difference);
+    Some(Alternative { hypothesis, family, cosine: own.cosine(&normal, &other), reach_chi2: 0.0, delta_chi2 })
+}
+
+/// Alternatives on data that contain only the hypothesis at `index`: those with the most similar signatures.
+pub fn similar_hypotheses(
+    case: &DiagnosisCase,
+    bank: &SignatureBank,
+    state: &ModelState,
+    index: usize,
+) -> Vec<Alternative> {
+    let mut others = state.clone();
+    let held = others.held.remove(index);
+    let (_, columns) = case.linearised(&mut others);
+    let whole: Series = case.signature(state, index).map(|own| match own {
+        Some(values) => values.iter().map(|value| value * held.hypothesis.value).collect(),
+        None => vec![0.0; case.measured.block_count()],
+    });
+    let normal = NormalEquations::new(case.whitenings(&state.noise), &whole, &columns, &[]);
+    in_place_of(case, bank, &normal, state, index, normal.chi2(), &Penalties { found: 0.0, of: &|_, _| 0.0 })
+}
+
+/// Alternatives on the residual of `normal`, of which the hypothesis at `index` reduces χ² by `fall`.
+fn in_place_of(
+    case: &DiagnosisCase,
+    bank: &SignatureBank,
+    normal: &NormalEquations,
+    state: &ModelState,
+    index: usize,
+    fall: f64,
+    penalties: &Penalties,
+) -> Vec<Alternative> {
+    let own = Signature::new(normal, &case.signature(state, index));
+    let held = &state.held[index].hypothesis;
+    let of_base = |index: usize| {
+        let sets = sets(&bank.bases[index], &held.gyros);
+        let is_another = |spot: &Spot| spot.amplitude(bank) != held.amplitude || spot.gyros != held.gyros;
+        spots(bank, normal, index, |_| sets.clone(), |spot| is_another(spot) && spot.is_valid(bank))
+    };
+    let mut spots: Vec<Spot> = (0..bank.bases.len()).into_par_iter().flat_map_iter(of_base).collect();
+    spots.retain(|spot| spot.gain.chi2 >= MIN_SHARE * fall);
+    spots.sort_by(|one, other| other.gain.chi2.total_cmp(&one.gain.chi2));
+    let in_group = spots.iter().take_while(|spot| fall - spot.gain.chi2 < AMBIGUITY_CHI2).count();
+    spots.truncate(in_group.clamp(OPTIMISED, MAX_ALTERNATIVES));
+    let alternative = |(place, spot): (usize, &Spot)| -> Option<Alternative> {
+        let mut best = Spot::fit(bank, normal, spot.base, spot.variation.clone(), spot.gyros)
+            .filter(|spot| spot.is_valid(bank))?;
+        if place < OPTIMISED {
+            best = spot.optimised(bank, normal, |spot| spot.is_valid(bank)).unwrap_or(best);
+        }
+        let cosine = own.cosine(normal, &best.signature(bank, normal));
+        let (hypothesis, family) = (best.hypothesis(bank), best.family(bank));
+        let delta_chi2 = delta(fall - best.gain.chi2, penalties.found - (penalties.of)(family, &hypothesis));
+        let reach_chi2 = match bank.bases[best.base].is_linear {
+            true if hypothesis.parameters().len() > 1 => NEAR_CHI2,
+            true => 0.0,
+            false => f64::INFINITY,
+        };
+        hypothesis.is_within_limits().then_some(Alternative { hypothesis, family, cosine, reach_chi2, delta_chi2 })
+    };
+    best_of_each(spots.par_iter().enumerate().filter_map(alternative).collect())
+}
+
+/// The best alternative of each amplitude and set of gyros, sorted.
+fn best_of_each(all: Vec<Alternative>) -> Vec<Alternative> {
+    let mut best: Vec<Alternative> = Vec::new();
+    for other in all {
+        let is_same = |best: &&mut Alternative| {
+            (best.hypothesis.amplitude, best.hypothesis.gyros) == (other.hypothesis.amplitude, other.hypothesis.gyros)
+        };
+        match best.iter_mut().find(is_same) {
+            Some(best) if best.delta_chi2 > other.delta_chi2 => *best = other,
+            Some(_) => {}
+            None => best.push(other),
+        }
+    }
+    let key = |own: &Alternative| (own.delta_chi2, -own.cosine);
+    best.sort_by(|one, other| key(one).partial_cmp(&key(other)).unwrap_or(std::cmp::Ordering::Equal));
+    best
+}
+
+/// Sets of gyros of alternatives: each gyro, all, and the set of the hypothesis.
+fn sets(base: &ConstantSignature, found: &Gyros) -> Vec<Gyros> {
+    if base.amplitude.is_of_unit() {
+        return vec![ALL_GYROS];
+    }
+    let mut sets: Vec<Gyros> = (0..TIMING).map(only).chain([ALL_GYROS, *found]).collect();
+    sets.retain(|set| is_within(set, &base.amplitude.gyros()));
+    sets.sort_unstable();
+    sets.dedup();
+    sets
+}

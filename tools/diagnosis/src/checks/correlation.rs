@@ -1,0 +1,116 @@
+//! Correlation of counts with the motion, and the factor between them.
+
+use geu_protocol::Gyro;
+
+use super::compared::CountComparison;
+use super::findings::FindingCollector;
+use super::moments::Moments;
+use super::wiring_hypothesis::apply;
+
+/// Largest scale error of a factor; effects reach 5 %.
+const MAX_SCALE_ERROR: f64 = 0.1;
+/// Largest unexplained share of the variance of counts in a wrong unit, relative to the error of the factor. A gyro that follows the
+/// motion half of the time has a factor of a half, with half of its variance unexplained.
+const MAX_UNEXPLAINED: f64 = 0.2;
+/// Samples in a sum: coarse counts contain little of one sample, short recordings few sums.
+const SUMMED: [usize; 2] = [1, 600];
+/// Minimum number of sums.
+const MIN_SUMS: f64 = 16.0;
+/// Minimum correlation of counts with a predicted motion of this rms.
+const MIN_CORRELATION: f64 = 0.5;
+const MIN_MOTION_COUNTS: f64 = 5.0;
+/// Relative tolerance of a known factor.
+const TOLERANCE: f64 = 0.06;
+
+/// Causes of a factor.
+const FACTORS: &[(f64, &str)] = &[
+    (0.1, "a count of 10 arcsec"),
+    (10.0, "a count of 0.1 arcsec"),
+    (0.01, "a count of 100 arcsec"),
+    (100.0, "a count of 0.01 arcsec"),
+    (1e-3, "a reference in milliarcsec"),
+    (1000.0, "a count of 1 mas"),
+    (1.0 / 60.0, "counts in arcmin"),
+    (60.0, "a reference in arcmin/s"),
+    (1.0 / 3600.0, "counts in degrees"),
+    (3600.0, "a reference in degrees/s"),
+    (1.0 / 206_264.806, "counts in radians"),
+    (206_264.806, "a reference in rad/s"),
+    (206.264_806, "a reference in mrad/s"),
+    (4.848_137, "a count of 1 microradian"),
+    (2.0, "counts per second instead of per sample interval"),
+    (0.5, "a reference of double rates"),
+];
+
+/// Variances and covariance of a gyro's predicted and measured counts.
+struct Covariance {
+    count: f64,
+    predicted: f64,
+    measured: f64,
+    both: f64,
+}
+
+impl Covariance {
+    /// With sums over `summed` samples.
+    fn new(compared: &CountComparison, gyro: usize, summed: usize) -> Covariance {
+        let mut states = Default::default();
+        let pairs = compared.on_gyro(gyro).map(|sample| {
+            let mut predicted = sample.predicted;
+            apply(&sample.wiring, &mut states, &mut predicted);
+            (predicted[gyro], sample.measured[gyro])
+        });
+        let Moments { count, x, y, xx, xy, yy } = Moments::of_sums(pairs, summed);
+        let [p, m, pp, pm, mm] = [x, y, xx, xy, yy].map(|sum| sum / count.max(1.0));
+        Covariance { count, predicted: (pp - p * p).max(0.0), measured: (mm - m * m).max(0.0), both: pm - p * m }
+    }
+
+    fn factor(&self) -> f64 {
+        self.both / self.predicted
+    }
+
+    /// Share of the measured variance that follows the prediction.
+    fn explained(&self) -> f64 {
+        let both = self.both * self.both / (self.predicted * self.measured);
+        if both.is_finite() { both } else { 0.0 }
+    }
+
+    fn is_of_another_unit(&self) -> bool {
+        let error = (self.factor().abs() - 1.0).abs().min(1.0);
+        self.is_determined() && error > MAX_SCALE_ERROR && 1.0 - self.explained() < MAX_UNEXPLAINED * error
+    }
+
+    fn is_determined(&self) -> bool {
+        self.count >= MIN_SUMS && self.predicted > 0.0
+    }
+}
+
+/// Reports gyros with counts in a wrong unit and excludes them from the further checks. Returns true if the other gyros can be judged:
+/// if two gyros are in a wrong unit, all are, even if a gyro that turns little does not show it.
+pub fn wrong_units(compared: &mut CountComparison, findings: &mut FindingCollector) -> bool {
+    let mut wrong = 0;
+    for gyro in Gyro::ALL {
+        let covariances = SUMMED.map(|summed| Covariance::new(compared, gyro as usize, summed));
+        let Some(factor) = covariances.iter().find(|own| own.is_of_another_unit()).map(Covariance::factor) else {
+            continue;
+        };
+        wrong += 1;
+        let name = FACTORS.iter().find(|(known, _)| (factor.abs() / known - 1.0).abs() < TOLERANCE);
+        let likely = name.map_or(String::new(), |(_, name)| format!(", as by {name}"));
+        let text = format!("counts are {factor:.6} times what the motion predicts{likely}");
+        findings.whole("unit-factor", Some(gyro), text);
+        compared.samples.iter_mut().for_each(|sample| sample.is_used[gyro as usize] = false);
+    }
+    wrong < 2
+}
+
+/// Reports gyros with counts that do not follow the motion, with the known wiring faults applied.
+pub fn uncorrelated_gyros(compared: &CountComparison, findings: &mut FindingCollector) {
+    for gyro in Gyro::ALL {
+        let own = Covariance::new(compared, gyro as usize, 1);
+        let correlation = own.explained().sqrt() * own.both.signum();
+        if own.is_determined() && own.predicted > MIN_MOTION_COUNTS.powi(2) && correlation < MIN_CORRELATION {
+            let text = format!("counts do not follow the motion: their correlation with it is {correlation:.2}");
+            findings.whole("not-following", Some(gyro), text);
+        }
+    }
+}

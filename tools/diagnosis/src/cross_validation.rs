@@ -1,0 +1,94 @@
+//! Residual statistics held out: each third as predicted by a fit to the other two.
+
+use geu_model::package::Calibration;
+use geu_protocol::Gyro;
+
+use crate::amplitude::calibration_parameters;
+use crate::entries::LAG_S;
+use crate::measured::{BLOCK, CHANNELS, Series, TIMING};
+use crate::model_state::{DiagnosisCase, ModelState};
+use crate::normal_equations::{NormalEquations, THIRDS};
+use crate::residual_stats::{self, ResidualStats, WINDOW};
+
+/// A priori sigmas of calibration parameters between checkouts, in the order of [`Calibration::NUMBERS`]: a calibration corrects errors
+/// of 20 ppm and 6″/h (Casteren §1, table 1); pivots limit the knowledge of an axis to 3″ (§5.3).
+const BETWEEN_CHECKOUTS_SIGMAS: [f64; Calibration::NUMBERS.len()] = [20e-6, 6.0 / 7200.0, 3.0, 3.0, 3.0];
+
+/// Sum of the squares of whitened values.
+fn squares<'a>(white: impl Iterator<Item = &'a f64>) -> f64 {
+    white.map(|value| value * value).sum()
+}
+
+/// Number of whitened values with information: others are exactly 0.
+fn count(white: &NormalEquations) -> f64 {
+    white.residual[..TIMING].iter().flatten().filter(|value| **value != 0.0).count().max(1) as f64
+}
+
+/// Statistics of a model's windowed residual, with χ² by the noise of `state`.
+pub fn fitted(
+    case: &DiagnosisCase,
+    windowed: &[Vec<f64>; TIMING],
+    model: &Series,
+    state: &ModelState,
+) -> ResidualStats {
+    let white = NormalEquations::new(case.whitenings(&state.noise), &case.measured.residual(model), &[], &[]);
+    let reduced_chi2 = squares(white.residual[..TIMING].iter().flatten()) / count(&white);
+    ResidualStats { reduced_chi2, ..ResidualStats::from_windowed(windowed) }
+}
+
+/// Statistics of each third's residual with all fitted parameters from the other two.
+pub fn held_out(case: &DiagnosisCase, state: &ModelState) -> ResidualStats {
+    let (measured, state) = (case.measured, &mut state.clone());
+    let model = case.run(state);
+    let (residual, columns) = case.linearised(state);
+    let normal = NormalEquations::new(case.whitenings(&state.noise), &residual, &columns, &state.calibration);
+    let blocks = measured.block_count();
+    let bounds: Vec<usize> = (0..=THIRDS).map(|third| blocks * third / THIRDS).collect();
+    let mut corrections: Series = std::array::from_fn(|_| vec![0.0; blocks]);
+    let mut chi2 = 0.0;
+    let a_priori = a_priori(state, case.nuisances.len());
+    for third in 0..THIRDS {
+        let range = bounds[third]..bounds[third + 1];
+        let mut own: Series = residual.clone();
+        for (column, size) in columns.iter().zip(&normal.fit_without_third(third, &a_priori)) {
+            for channel in 0..CHANNELS {
+                let Some(values) = &column[channel] else { continue };
+                own[channel].iter_mut().zip(values).for_each(|(own, value)| *own -= size * value);
+                let correction = &mut corrections[channel][range.clone()];
+                correction.iter_mut().zip(&values[range.clone()]).for_each(|(own, value)| *own += size * value);
+            }
+        }
+        let white = NormalEquations::new(case.whitenings(&state.noise), &own, &[], &[]);
+        chi2 += squares(white.residual[..TIMING].iter().flat_map(|values| &values[range.clone()]));
+    }
+    // Each third has its own fit, so that a window starts at its first node.
+    let plain = residual_stats::residual(measured, &model);
+    let of_node = |gyro: usize, node: usize| {
+        let block = ((node - 1) / BLOCK).min(blocks - 1);
+        let third = bounds.iter().rposition(|&start| start <= block).unwrap_or(0).min(THIRDS - 1);
+        let own = &corrections[gyro][bounds[third]..bounds[third + 1]];
+        plain(gyro, node) - residual_stats::at_node(own, node - bounds[third] * BLOCK)
+    };
+    let mut windowed = residual_stats::windowed(measured, of_node);
+    for gyro in &mut windowed {
+        for &start in &bounds[1..THIRDS] {
+            let first = 1 + start * BLOCK;
+            let end = (first - 1).next_multiple_of(WINDOW).min(gyro.len() - 1);
+            let at_first = gyro.get(first).copied().unwrap_or(f64::NAN);
+            if !at_first.is_nan() && !(first - 1).is_multiple_of(WINDOW) {
+                gyro[first..=end].iter_mut().for_each(|value| *value -= at_first);
+            }
+        }
+    }
+    ResidualStats { reduced_chi2: chi2 / count(&normal), ..ResidualStats::from_windowed(&windowed) }
+}
+
+/// Value and sigma of the calibration parameters before a recording, and of the lag if it is fitted, relative to the state. The sigma
+/// is [`BETWEEN_CHECKOUTS_SIGMAS`], or the estimated departure if that is larger.
+fn a_priori(state: &ModelState, nuisances: usize) -> Vec<(f64, f64)> {
+    let of_number =
+        |((_, number), moved): ((Gyro, usize), &f64)| (-moved, BETWEEN_CHECKOUTS_SIGMAS[number].max(moved.abs()));
+    let calibration = calibration_parameters().into_iter().zip(&state.calibration).map(of_number);
+    let lag = (-state.shifts.lag_s, LAG_S.max(state.shifts.lag_s.abs()));
+    calibration.chain(std::iter::once(lag)).take(nuisances).collect()
+}

@@ -1,0 +1,128 @@
+//! Acceptance of a selection: formulas, overfitted gyros, rejected and superfluous hypotheses.
+
+use geu_model::Configuration;
+use rayon::prelude::*;
+
+use crate::gyros::Gyros;
+use crate::measured::TIMING;
+use crate::model_state::{DiagnosisCase, ModelState};
+use crate::normal_equations::NormalEquations;
+use crate::null_distribution::Thresholds;
+use crate::search::{Candidate, search};
+use crate::signature_bank::SignatureBank;
+
+use super::noise::rate_walk_fall;
+use super::selected::{MAX_PER_GYRO, RejectedHypothesis, SelectedModel};
+
+/// A gain above the threshold by more than this, three sigma, is real even if no hypothesis explains it.
+pub(super) const REJECTED_CHI2: f64 = 9.0;
+/// A smaller share of the whole χ² reduction may be an error of the other hypotheses: a signature with a cosine of 0.995 to the true
+/// one leaves as much.
+const NEGLIGIBLE: f64 = 0.01;
+/// Minimum sum of the cross-validation of all thirds for a second effect on a gyro, three sigma.
+const PREDICTED_CHI2: f64 = 9.0;
+
+impl SelectedModel {
+    /// True if a formula might be better: beside the hypotheses, in place of one of them, or if there are several on a gyro or noise.
+    pub fn is_doubtful(&self, case: &DiagnosisCase, formulas: &SignatureBank, thresholds: &Thresholds) -> bool {
+        let held = &self.state.held;
+        let has_several = |gyro: usize| held.iter().filter(|held| held.hypothesis.gyros[gyro]).count() > 1;
+        if self.is_noisy(case.nominal) || (0..TIMING).any(has_several) {
+            return true;
+        }
+        let margin = |state: &ModelState, normal: &NormalEquations| {
+            let candidates = search(formulas, normal, state, &|family| thresholds.required(family));
+            candidates.first().map(|best| best.gain.chi2 - thresholds.required(best.family))
+        };
+        margin(&self.state, &self.normal).is_some_and(|best| best > 0.0)
+            || (0..held.len()).any(|index| {
+                let (state, normal, chi2) = self.without(case, index);
+                margin(&state, &normal).is_some_and(|best| best > chi2.fall - chi2.threshold)
+            })
+    }
+
+    fn is_noisy(&self, nominal: &Configuration) -> bool {
+        self.noise.iter().any(|found| found.is_significant(nominal, &self.state))
+    }
+
+    /// A χ² reduction that is negligible against that of all hypotheses and the lag, with calibration parameters fitted in any case.
+    pub(super) fn negligible(&self, case: &DiagnosisCase) -> f64 {
+        let calibration = &case.nuisances[..case.nuisances.len() - 1];
+        let start = case.residual(&case.start(self.state.noise));
+        let normal = NormalEquations::new(case.whitenings(&self.state.noise), &start, calibration, &[]);
+        NEGLIGIBLE * (normal.chi2() - self.normal.chi2())
+    }
+
+    /// True if a formula explains more than errors of the other hypotheses.
+    pub fn requires_formula(&self, case: &DiagnosisCase) -> bool {
+        let is_formula = |index: &usize| self.state.held[*index].hypothesis.amplitude.formula().is_some();
+        let mut formulas = (0..self.state.held.len()).filter(is_formula);
+        formulas.any(|index| self.chi2_fall(case, index).fall > self.negligible(case))
+    }
+
+    /// Gyros with a rejected hypothesis, or with hypotheses that explain anything and thus nothing: more than [`MAX_PER_GYRO`], or two
+    /// if there is a formula, larger noise, or a hypothesis that the other thirds do not predict.
+    pub fn overfitted_gyros(&self, nominal: &Configuration) -> Gyros {
+        std::array::from_fn(|gyro| {
+            if self.rejected.is_some_and(|rejected| rejected.gyros[gyro]) {
+                return true;
+            }
+            let own = || self.on(gyro).map(|(_, held)| held);
+            let is_noisy =
+                self.noise.iter().any(|found| found.channel == gyro && found.is_significant(nominal, &self.state));
+            let is_strict = is_noisy
+                || own().any(|held| {
+                    held.hypothesis.amplitude.formula().is_some()
+                        || held.held_out.iter().flatten().sum::<f64>() < PREDICTED_CHI2
+                });
+            own().count() > if is_strict { 1 } else { MAX_PER_GYRO }
+        })
+    }
+
+    /// Rejects a candidate: its score with the white noise fitted without it.
+    pub(super) fn reject(
+        &mut self,
+        case: &DiagnosisCase,
+        bank: &SignatureBank,
+        thresholds: &Thresholds,
+        candidate: &Candidate,
+    ) {
+        let noise = self.fitted_white(case);
+        let (residual, columns) = case.linearised(&mut self.state);
+        let normal = NormalEquations::new(case.whitenings(&noise), &residual, &columns, &self.state.calibration);
+        let gain = normal.gain(&candidate.spot.signature(bank, &normal).products).map_or(0.0, |gain| gain.chi2);
+        let margin = gain - thresholds.penalty(candidate.family, &candidate.hypothesis);
+        let score = self.score_with(case, thresholds, &noise) - margin;
+        self.rejected = Some(RejectedHypothesis { gyros: candidate.hypothesis.gyros, score });
+    }
+
+    /// The score, and the rejected hypothesis only if it has a better one: walks may explain the same.
+    pub(super) fn settled(mut self, case: &DiagnosisCase, thresholds: &Thresholds) -> (SelectedModel, f64) {
+        let score = self.score(case, thresholds);
+        self.rejected = self.rejected.filter(|rejected| rejected.score + REJECTED_CHI2 < score);
+        let best = self.rejected.map_or(score, |rejected| rejected.score);
+        (self, best)
+    }
+
+    /// Removes each hypothesis whose χ² reduction beside all others is less than its penalty. With walks above their configured growth
+    /// the penalty is too low: then a hypothesis must also be better than a walk in its place.
+    pub fn prune(&mut self, case: &DiagnosisCase) {
+        let is_noisy = self.is_noisy(case.nominal);
+        loop {
+            let without = |index: usize| {
+                let (mut state, normal, chi2) = self.without(case, index);
+                let hypothesis = &self.state.held[index].hypothesis;
+                let walk = if is_noisy { rate_walk_fall(case, &mut state, hypothesis) } else { 0.0 };
+                (chi2.fall - chi2.threshold - walk, index, state, normal)
+            };
+            let all: Vec<_> = (0..self.state.held.len()).into_par_iter().map(without).collect();
+            match all.into_iter().min_by(|one, other| one.0.total_cmp(&other.0)) {
+                Some((margin, index, state, normal)) if margin <= 0.0 => {
+                    self.remove(index);
+                    (self.state, self.normal) = (state, normal);
+                }
+                _ => break,
+            }
+        }
+    }
+}

@@ -1,0 +1,101 @@
+//! Random walks above their configured growth, instead of effects or beside them.
+
+use rayon::prelude::*;
+
+use crate::hypothesis::Hypothesis;
+use crate::measured::{CHANNELS, TIMING};
+use crate::model_state::{DiagnosisCase, ModelState};
+use crate::noise::{self, Walk};
+use crate::null_distribution::Thresholds;
+use crate::signature_bank::HypothesisFamily;
+use crate::whitening::NoiseModel;
+
+use super::selected::{FURTHER_WALK_CHI2, IdentifiedNoise, SelectedModel};
+
+impl SelectedModel {
+    /// Accepts walks above their configured growth, the likeliest first, as long as they exceed their threshold.
+    pub(super) fn free_noise(&mut self, case: &DiagnosisCase, thresholds: &Thresholds) {
+        let walks: Vec<(usize, Walk)> = (0..TIMING)
+            .flat_map(|channel| [(channel, Walk::Angle), (channel, Walk::Rate)])
+            .chain([(TIMING, Walk::Angle)])
+            .collect();
+        let threshold = thresholds.required(HypothesisFamily::NOISE);
+        for _ in 0..walks.len() {
+            let larger = self.larger_walks(case, &walks);
+            // Equal walks on several gyros have one cause: only the first pays the full threshold.
+            let margin = |found: &IdentifiedNoise| {
+                let is_further = self.noise.iter().any(|other| other.walk == found.walk && other.channel != TIMING);
+                found.fitted.fall - if is_further { FURTHER_WALK_CHI2 } else { threshold }
+            };
+            match larger.into_iter().max_by(|a, b| margin(a).total_cmp(&margin(b))) {
+                Some(found) if margin(&found) > 0.0 => self.accept_walk(found),
+                _ => break,
+            }
+        }
+        // Walks that exceed the threshold only together.
+        for walk in [Walk::Rate, Walk::Angle] {
+            let larger = self.larger_walks(case, &[0, 1, 2, 3].map(|gyro| (gyro, walk)));
+            let fall: f64 = larger.iter().map(|found| found.fitted.fall).sum();
+            let further = FURTHER_WALK_CHI2 * larger.len().saturating_sub(1) as f64;
+            if larger.len() > 1 && fall > threshold + further {
+                larger.into_iter().for_each(|found| self.accept_walk(found));
+            }
+        }
+        self.state.noise = self.fitted_white(case);
+        self.normal = case.fit(&mut self.state);
+    }
+
+    /// Fits those of `walks` that are not accepted yet; returns the ones above their configured growth.
+    fn larger_walks(&mut self, case: &DiagnosisCase, walks: &[(usize, Walk)]) -> Vec<IdentifiedNoise> {
+        let (residual, nuisances) = case.linearised(&mut self.state);
+        let is_open = |(channel, walk): &&(usize, Walk)| {
+            let is_accepted = self.noise.iter().any(|found| (found.channel, found.walk) == (*channel, *walk));
+            !is_accepted && case.measured.is_usable(*channel)
+        };
+        let fit = |&(channel, walk): &(usize, Walk)| {
+            let before = &self.state.noise[channel];
+            let fitted = noise::fit(case, channel, before, walk, &residual, &nuisances);
+            (fitted.noise.walk(walk) > before.walk(walk)).then_some(IdentifiedNoise { channel, walk, fitted })
+        };
+        walks.par_iter().filter(is_open).filter_map(fit).collect()
+    }
+
+    fn accept_walk(&mut self, found: IdentifiedNoise) {
+        self.state.noise[found.channel] = found.fitted.noise;
+        self.noise.push(found);
+    }
+
+    /// The noise with its white part fitted to the residual.
+    pub(super) fn fitted_white(&mut self, case: &DiagnosisCase) -> [NoiseModel; CHANNELS] {
+        let (residual, nuisances) = case.linearised(&mut self.state);
+        let white = |channel: usize| noise::fit_white(case, channel, &self.state.noise[channel], &residual, &nuisances);
+        let all: Vec<_> = (0..CHANNELS).into_par_iter().map(white).collect();
+        std::array::from_fn(|channel| all[channel])
+    }
+
+    /// Resets the walks of these gyros to their configured growth.
+    pub fn reset_noise(&mut self, case: &DiagnosisCase, gyros: &[bool; 4]) {
+        let (reset, kept): (Vec<IdentifiedNoise>, _) =
+            self.noise.iter().partition(|found| gyros.get(found.channel) == Some(&true));
+        self.noise = kept;
+        for found in &reset {
+            let noise = &mut self.state.noise[found.channel];
+            *noise = noise.with(found.walk, found.configured(case.nominal));
+        }
+        if !reset.is_empty() {
+            self.normal = case.fit(&mut self.state);
+        }
+    }
+}
+
+/// χ² reduction by a larger rate random walk on the gyros of a hypothesis, in its place.
+pub(super) fn rate_walk_fall(case: &DiagnosisCase, state: &mut ModelState, hypothesis: &Hypothesis) -> f64 {
+    if hypothesis.amplitude.is_of_unit() {
+        return 0.0;
+    }
+    let (residual, nuisances) = case.linearised(state);
+    let of_channel = |channel: usize| {
+        noise::fit(case, channel, &state.noise[channel], Walk::Rate, &residual, &nuisances).fall.max(0.0)
+    };
+    (0..TIMING).filter(|&channel| hypothesis.gyros[channel]).map(of_channel).sum()
+}

@@ -1,0 +1,138 @@
+//! Refinement of an accepted hypothesis: temperature lag, whole numbers, shape parameters, onsets.
+
+use geu_model::parameter_spec::Role;
+
+use crate::model_state::{DiagnosisCase, FittedHypothesis};
+use crate::normal_equations::THIRDS;
+use crate::null_distribution::Thresholds;
+use crate::search::passes_cross_validation;
+use crate::signature_bank::SignatureBank;
+use crate::temperature_lag::{LaggedFit, likeliest};
+
+use super::selected::SelectedModel;
+
+/// A shape parameter with a default is fitted if χ² falls by this, two sigma, or if its relative sigma is below [`SHAPE_SIGMA`].
+const SHAPE_CHI2: f64 = 4.0;
+/// See [`SHAPE_CHI2`].
+const SHAPE_SIGMA: f64 = 0.2;
+/// First shift of an onset in the search for its limits, s.
+const ONSET_S: f64 = 10.0;
+/// Largest shift of an onset, s.
+const MAX_ONSET_S: f64 = 2000.0;
+/// Rise of χ² at the limits of an onset: rounding of counts alone makes 1 or 2.
+const ONSET_CHI2: f64 = 4.0;
+/// Half the width between the limits, in sigmas, above which χ² is flat; that of a parabola is 2.
+const FLAT_SIGMAS: f64 = 3.0;
+/// Minimum amplitude in sigmas.
+const AMPLITUDE_SIGMAS: f64 = 1.0;
+/// Maximum distance of a number of counts from a whole one, in sigmas.
+const WHOLE_SIGMAS: f64 = 4.0;
+
+/// True if the parameters are within their limits, the amplitude exceeds its sigma, and a number of counts is whole.
+pub(super) fn is_possible(held: &FittedHypothesis) -> bool {
+    let size = &held.hypothesis.parameters()[0];
+    let is_whole = size.role != Role::Count || {
+        let off = (size.value - size.value.round()).abs();
+        size.value.round() != 0.0 && off <= WHOLE_SIGMAS * held.sigmas[0].max(0.01)
+    };
+    // A smaller amplitude is compensated by another parameter of the same hypothesis.
+    let is_determined = size.value.abs() > AMPLITUDE_SIGMAS * held.sigmas[0];
+    is_whole && is_determined && held.hypothesis.is_within_limits() && held.sigmas[0].is_finite()
+}
+
+impl SelectedModel {
+    /// Fits the temperature lag if the last hypothesis follows the temperature or oscillates as a temperature may.
+    pub(super) fn shift_temperature(&mut self, case: &DiagnosisCase, bank: &SignatureBank, thresholds: &Thresholds) {
+        let Some(last) = self.state.held.last() else { return };
+        if !last.follows_temperature() && !last.hypothesis.profile().is_some_and(|profile| profile.is_periodic()) {
+            return;
+        }
+        let prediction = |held_out: &[Option<f64>; THIRDS]| held_out.iter().flatten().sum::<f64>();
+        let is_accepted = |late: &LaggedFit| {
+            let held_out = &late.held().held_out;
+            // A hypothesis that follows the temperature already must predict the thirds better with the lag.
+            let is_better = !last.follows_temperature() || prediction(held_out) > prediction(&last.held_out);
+            passes_cross_validation(held_out) && is_better && is_possible(late.held())
+        };
+        let (index, penalty) = (self.state.held.len() - 1, |family, own: &_| thresholds.penalty(family, own));
+        let Some(late) = likeliest(case, bank, &self.state, index, &penalty, &is_accepted) else { return };
+        if late.score() < self.normal.squares() + last.penalty {
+            (self.state, self.normal) = (late.state, late.normal);
+        }
+    }
+
+    /// Rounds the last hypothesis to a whole number if it is a number of counts.
+    pub(super) fn round_count(&mut self, case: &DiagnosisCase) {
+        let index = self.state.held.len() - 1;
+        let last = &mut self.state.held[index];
+        if last.hypothesis.amplitude.is_count() {
+            let sigma = last.sigmas[0];
+            last.fix(0, last.hypothesis.value.round());
+            self.normal = case.fit(&mut self.state);
+            self.state.held[index].sigmas[0] = sigma;
+        }
+    }
+
+    /// Fits those shape parameters of the last hypothesis that the data determine.
+    pub(super) fn free_shapes(&mut self, case: &DiagnosisCase) {
+        let last = self.state.held.len() - 1;
+        for index in 0..self.state.held[last].is_free.len() {
+            if self.state.held[last].is_free[index] {
+                continue;
+            }
+            let mut tried = self.state.clone();
+            tried.held[last].free(index);
+            let normal = case.fit(&mut tried);
+            let own = &tried.held[last];
+            let is_determined = own.sigmas[index] < SHAPE_SIGMA * own.hypothesis.parameters()[index].value.abs();
+            let fall = self.normal.squares() - normal.squares();
+            if is_possible(own) && (fall > SHAPE_CHI2 || fall >= 0.0 && is_determined) {
+                (self.state, self.normal) = (tried, normal);
+            }
+        }
+    }
+
+    /// Moves each onset to the middle of the interval in which χ² is nearly minimal, with the sigma of a uniform distribution over it:
+    /// between two motions all onsets are equally likely.
+    pub fn widen_onsets(&mut self, case: &DiagnosisCase) {
+        for index in 0..self.state.held.len() {
+            let parameters = self.state.held[index].hypothesis.parameters();
+            let Some(place) = parameters.iter().position(|parameter| parameter.role == Role::Onset) else { continue };
+            if !self.state.held[index].is_free[place] {
+                continue;
+            }
+            let min = self.normal.chi2();
+            let parameter = &parameters[place];
+            let moved = |by_s: f64| {
+                let mut state = self.state.clone();
+                state.held[index].fix(place, (parameter.value + by_s).clamp(parameter.min, parameter.max));
+                let normal = case.normal(&mut state);
+                (normal.chi2() - min, state)
+            };
+            let limit_s = |sign: f64| {
+                let (mut inside, mut outside) = (0.0, ONSET_S);
+                while moved(sign * outside).0 <= ONSET_CHI2 && outside < MAX_ONSET_S {
+                    (inside, outside) = (outside, 2.0 * outside);
+                }
+                while outside - inside > 0.1 * outside {
+                    let middle = 0.5 * (inside + outside);
+                    if moved(sign * middle).0 > ONSET_CHI2 { outside = middle } else { inside = middle }
+                }
+                inside
+            };
+            let (before_s, after_s) = rayon::join(|| limit_s(-1.0), || limit_s(1.0));
+            let half_s = 0.5 * (before_s + after_s);
+            if half_s <= FLAT_SIGMAS * self.state.held[index].sigmas[place] {
+                continue;
+            }
+            let (rise, mut state) = moved(0.5 * (after_s - before_s));
+            if rise > ONSET_CHI2 {
+                self.state.held[index].sigmas[place] = before_s.max(after_s);
+                continue;
+            }
+            self.normal = case.fit(&mut state);
+            state.held[index].sigmas[place] = half_s / 3.0_f64.sqrt();
+            self.state = state;
+        }
+    }
+}

@@ -1,0 +1,164 @@
+//! The state of the selection: hypotheses, noise and their normal equations.
+
+use geu_model::Configuration;
+
+use crate::gyros::{Gyros, is_within};
+use crate::measured::{CHANNELS, TIMING};
+use crate::model_state::{DiagnosisCase, FittedHypothesis, ModelState};
+use crate::noise::{FittedNoise, Walk};
+use crate::normal_equations::NormalEquations;
+use crate::null_distribution::Thresholds;
+use crate::outcome::Chi2Fall;
+use crate::search::Candidate;
+use crate::temperature_lag::lag_chi2;
+use crate::whitening::NoiseModel;
+
+/// Maximum number of accepted effects on one gyro. The search adds one more, which marks the gyro as overfitted.
+pub const MAX_PER_GYRO: usize = 3;
+/// Penalty of each further larger walk: the χ² reduction of one parameter that noise exceeds in less than 10 %.
+pub(super) const FURTHER_WALK_CHI2: f64 = 2.7;
+/// A walk is reported from this multiple of the configured one: rounding of a slow rate can imitate half as much again.
+const MIN_WALK: f64 = 2.0;
+
+/// A walk above its configured growth.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct IdentifiedNoise {
+    /// The channel.
+    pub channel: usize,
+    /// The walk.
+    pub walk: Walk,
+    /// The fit.
+    pub fitted: FittedNoise,
+}
+
+impl IdentifiedNoise {
+    /// Configured growth of the walk.
+    pub fn configured(&self, nominal: &Configuration) -> f64 {
+        let effects = &nominal.gyros[self.channel].effects.constant;
+        match self.walk {
+            Walk::Angle => effects.angle_random_walk.arcsec_per_sqrt_s,
+            Walk::Rate => effects.drift_random_walk.arcsec_per_s_per_sqrt_s,
+        }
+    }
+
+    /// True if rounding cannot imitate it.
+    pub fn is_significant(&self, nominal: &Configuration, state: &ModelState) -> bool {
+        self.channel != TIMING && state.noise[self.channel].walk(self.walk) >= MIN_WALK * self.configured(nominal)
+    }
+}
+
+/// The best hypothesis of the search, if it is not possible or the model run does not confirm it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct RejectedHypothesis {
+    pub(super) gyros: Gyros,
+    /// The score with it.
+    pub(super) score: f64,
+}
+
+/// One step of the selection, best candidates first.
+#[derive(Debug, Clone)]
+pub struct SelectionStep {
+    /// Candidates.
+    pub candidates: Vec<Candidate>,
+    /// Index of the accepted hypothesis in the state.
+    pub kept: Option<usize>,
+    /// Index of the added candidate, even if it was removed later.
+    pub added: Option<usize>,
+}
+
+/// Result of the selection.
+#[derive(Debug)]
+pub struct SelectedModel {
+    /// Parameters and hypotheses.
+    pub state: ModelState,
+    /// Normal equations.
+    pub normal: NormalEquations,
+    /// Steps of the selection.
+    pub steps: Vec<SelectionStep>,
+    /// Walks above their configured growth.
+    pub noise: Vec<IdentifiedNoise>,
+    /// True if a limit on the number of effects ended the search, on one gyro or in all.
+    pub is_cut: bool,
+    /// The rejected hypothesis at the end of the search.
+    pub(super) rejected: Option<RejectedHypothesis>,
+}
+
+impl SelectedModel {
+    pub(super) fn start(case: &DiagnosisCase, mut state: ModelState) -> SelectedModel {
+        let normal = case.fit(&mut state);
+        SelectedModel { state, normal, steps: Vec::new(), noise: Vec::new(), is_cut: false, rejected: None }
+    }
+
+    /// −2 ln of the likelihood with calibration parameters and lag integrated out, plus all penalties. A walk can imitate anything,
+    /// so that its penalty is the highest penalty of the time courses.
+    pub fn score(&self, case: &DiagnosisCase, thresholds: &Thresholds) -> f64 {
+        self.score_with(case, thresholds, &self.state.noise)
+    }
+
+    pub(super) fn score_with(
+        &self,
+        case: &DiagnosisCase,
+        thresholds: &Thresholds,
+        noise: &[NoiseModel; CHANNELS],
+    ) -> f64 {
+        let walks = self.noise.len().min(1) as f64 * thresholds.largest()
+            + FURTHER_WALK_CHI2 * self.noise.len().saturating_sub(1) as f64;
+        let (residual, calibration) = (case.residual(&self.state), &self.state.calibration);
+        let normal = NormalEquations::new(case.whitenings(noise), &residual, &case.nuisances, calibration);
+        normal.deviance() + self.state.held.iter().map(|held| held.penalty).sum::<f64>() + lag_chi2(&self.state) + walks
+    }
+
+    /// Hypotheses of a gyro and their indices, without hypotheses of the whole unit.
+    pub(super) fn on(&self, gyro: usize) -> impl Iterator<Item = (usize, &FittedHypothesis)> {
+        let held = self.state.held.iter().enumerate();
+        held.filter(move |(_, held)| !held.hypothesis.amplitude.is_of_unit() && held.hypothesis.gyros[gyro])
+    }
+
+    /// χ² reduction by a hypothesis beside all others, and its penalty.
+    pub fn chi2_fall(&self, case: &DiagnosisCase, index: usize) -> Chi2Fall {
+        self.without(case, index).2
+    }
+
+    /// State, equations and rise of χ² without one hypothesis, refitted; its penalty includes that of a lag that only it needs.
+    pub(super) fn without(&self, case: &DiagnosisCase, index: usize) -> (ModelState, NormalEquations, Chi2Fall) {
+        let mut state = self.state.clone();
+        state.remove(index);
+        let normal = case.fit(&mut state);
+        let fall = normal.squares() - self.normal.squares();
+        let threshold = self.state.held[index].penalty + lag_chi2(&self.state) - lag_chi2(&state);
+        (state, normal, Chi2Fall { fall, threshold })
+    }
+
+    /// Removes a hypothesis from the state and from the steps.
+    pub(super) fn remove(&mut self, index: usize) -> FittedHypothesis {
+        for step in &mut self.steps {
+            step.kept = step.kept.filter(|&kept| kept != index).map(|kept| kept - usize::from(kept > index));
+        }
+        self.state.remove(index)
+    }
+
+    /// Joins two hypotheses that differ only in their gyros.
+    pub fn join(&mut self, case: &DiagnosisCase, one: usize, other: usize) {
+        let second = self.remove(other);
+        let first = &mut self.state.held[one];
+        first.hypothesis.gyros.iter_mut().zip(second.hypothesis.gyros).for_each(|(own, other)| *own |= other);
+        first.invalidate();
+        first.sigmas.fill(f64::NAN);
+        first.penalty = first.penalty.max(second.penalty);
+        for (own, other) in first.held_out.iter_mut().zip(second.held_out) {
+            *own = own.map_or(other, |own| Some(own + other.unwrap_or(0.0)));
+        }
+        self.normal = case.fit(&mut self.state);
+    }
+
+    /// Removes the hypotheses that act only on these gyros.
+    pub fn drop_on(&mut self, case: &DiagnosisCase, gyros: &Gyros) {
+        for index in (0..self.state.held.len()).rev() {
+            let hypothesis = &self.state.held[index].hypothesis;
+            if !hypothesis.amplitude.is_of_unit() && is_within(&hypothesis.gyros, gyros) {
+                self.remove(index);
+            }
+        }
+        self.normal = case.fit(&mut self.state);
+    }
+}

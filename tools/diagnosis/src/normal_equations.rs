@@ -1,0 +1,365 @@
+//! Least squares on whitened channels: nuisances are projected out of the residual and of every signature. Products are kept per third
+//! of the recording, so that each third can be predicted from the other two.
+
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+
+use geu_model::package::Calibration;
+
+use crate::amplitude::calibration_parameters;
+use crate::linear_algebra::{dot, factored, inverse_roots, lower};
+use crate::measured::{CHANNELS, Series};
+use crate::signature_bank::Column;
+use crate::whitening::Whitening;
+
+/// Parts of the recording, each held out in turn.
+pub const THIRDS: usize = 3;
+/// Share added to the diagonal, so that directions without information remain solvable.
+pub(crate) const RIDGE: f64 = 1e-10;
+/// A priori sigmas of calibration parameters, in the order of [`Calibration::NUMBERS`]: the change of a scale factor at launch (Casteren
+/// table 1), and in proportion to it wider than an arcminute (§3.4) and a drift. They limit parameters that the motion does not
+/// determine and hardly affect the others.
+const LAUNCH_SIGMAS: [f64; Calibration::NUMBERS.len()] = [2000e-6, 600.0 / 7200.0, 300.0, 300.0, 300.0];
+/// Ridge of a fit to two thirds: information below this share of that of all thirds is ignored.
+const HELD_OUT_RIDGE: f64 = 1e-4;
+/// A third is not predictable if the others hold less than this share of the information on an amplitude.
+const MIN_INFORMATION: f64 = 0.2;
+/// A signature is not distinguishable from the nuisances if they leave less than this share of its square.
+const MIN_REMAINDER: f64 = 1e-4;
+
+/// Signature of a nuisance: averages over blocks for each channel that it reaches.
+pub type Nuisance = [Option<Vec<f64>>; CHANNELS];
+
+/// Normal equations of a whitened residual and its nuisances.
+#[derive(Debug)]
+pub struct NormalEquations {
+    whitenings: [Whitening; CHANNELS],
+    /// First block of each third, and the end.
+    bounds: [usize; THIRDS + 1],
+    /// Whitened residual.
+    pub residual: Series,
+    /// Whitened signatures of the nuisances.
+    columns: Vec<Nuisance>,
+    /// Products of nuisances with each other, with the residual, and of the residual with itself, for each third.
+    gram: [DMatrix<f64>; THIRDS],
+    right: [DVector<f64>; THIRDS],
+    squares: [f64; THIRDS],
+    /// χ² of the departure of the calibration parameters from their a priori values.
+    a_priori_chi2: f64,
+    /// Factor of the whole, scaled to a diagonal of ones, and that scale.
+    factor: Cholesky<f64, Dyn>,
+    scale: DVector<f64>,
+    solved: DVector<f64>,
+}
+
+/// Products of one signature with itself, with the residual and with the nuisances, for each third. Products of channels add up.
+#[derive(Debug, Clone)]
+pub struct Products {
+    own: [f64; THIRDS],
+    residual: [f64; THIRDS],
+    nuisances: [Vec<f64>; THIRDS],
+}
+
+/// A signature, or its part on one channel, projected on the nuisances. Parts add up.
+#[derive(Debug, Clone)]
+pub struct ProjectedSignature {
+    own: f64,
+    right: f64,
+    part: DVector<f64>,
+}
+
+impl ProjectedSignature {
+    /// Square of a sum of parts without its projection on the nuisances; `None` if it is not distinguishable from them.
+    fn remaining_square(parts: &[&ProjectedSignature]) -> Option<f64> {
+        let own: f64 = parts.iter().map(|part| part.own).sum();
+        let pairs = parts.iter().flat_map(|one| parts.iter().map(|other| one.part.dot(&other.part)));
+        let left = own - pairs.sum::<f64>();
+        (left > MIN_REMAINDER * own && own > 0.0).then_some(left)
+    }
+
+    /// The sum of two signatures on one channel, each times its factor; `both` is the product of the two, whitened.
+    #[must_use]
+    pub fn sum(
+        (one_factor, one): (f64, &ProjectedSignature),
+        (other_factor, other): (f64, &ProjectedSignature),
+        both: f64,
+    ) -> ProjectedSignature {
+        let mut part = &one.part * one_factor;
+        part.axpy(other_factor, &other.part, 1.0);
+        ProjectedSignature {
+            own: one_factor.powi(2) * one.own
+                + 2.0 * one_factor * other_factor * both
+                + other_factor.powi(2) * other.own,
+            right: one_factor * one.right + other_factor * other.right,
+            part,
+        }
+    }
+
+    /// Fit of a sum of parts; `None` if it is not distinguishable from the nuisances.
+    pub fn gain(parts: &[&ProjectedSignature]) -> Option<SignatureFit> {
+        let left = ProjectedSignature::remaining_square(parts)?;
+        let right: f64 = parts.iter().map(|part| part.right).sum();
+        Some(SignatureFit { size: right / left, sigma: left.sqrt().recip(), chi2: right * right / left })
+    }
+}
+
+/// Fit of a signature to the residual.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SignatureFit {
+    /// Amplitude.
+    pub size: f64,
+    /// 1 sigma.
+    pub sigma: f64,
+    /// χ² reduction.
+    pub chi2: f64,
+}
+
+impl NormalEquations {
+    /// Whitens a residual and the nuisances. The calibration parameters, which are the first nuisances, have already moved by `moved`
+    /// from their a priori values, or not at all if it is empty.
+    pub fn new(
+        whitenings: [Whitening; CHANNELS],
+        residual: &Series,
+        nuisances: &[Nuisance],
+        moved: &[f64],
+    ) -> NormalEquations {
+        let blocks = residual[0].len();
+        let bounds = std::array::from_fn(|third| blocks * third / THIRDS);
+        let residual: Series = std::array::from_fn(|channel| whitenings[channel].apply(&residual[channel]));
+        let white = |column: &Nuisance| -> Nuisance {
+            std::array::from_fn(|channel| column[channel].as_ref().map(|values| whitenings[channel].apply(values)))
+        };
+        let columns: Vec<Nuisance> = nuisances.iter().map(white).collect();
+        let count = columns.len();
+        let mut gram: [_; THIRDS] = std::array::from_fn(|_| DMatrix::zeros(count, count));
+        let mut right: [_; THIRDS] = std::array::from_fn(|_| DVector::zeros(count));
+        let mut squares = [0.0; THIRDS];
+        for third in 0..THIRDS {
+            let range = bounds[third]..bounds[third + 1];
+            for channel in 0..CHANNELS {
+                let residual = &residual[channel][range.clone()];
+                squares[third] += dot(residual, residual);
+                for (i, one) in columns.iter().enumerate() {
+                    let Some(one) = &one[channel] else { continue };
+                    let one = &one[range.clone()];
+                    right[third][i] += dot(one, residual);
+                    for (j, other) in columns[..=i].iter().enumerate() {
+                        if let Some(other) = &other[channel] {
+                            gram[third][(i, j)] += dot(one, &other[range.clone()]);
+                        }
+                    }
+                }
+            }
+            gram[third].fill_upper_triangle_with_lower_triangle();
+        }
+        let (mut whole, mut whole_right) = (gram.iter().sum::<DMatrix<f64>>(), right.iter().sum::<DVector<f64>>());
+        let scale = inverse_roots(&whole.diagonal());
+        let mut a_priori_chi2 = 0.0;
+        for (index, (_, number)) in calibration_parameters().into_iter().enumerate().take(count) {
+            let (moved, weight) = (moved.get(index).copied().unwrap_or(0.0), LAUNCH_SIGMAS[number].powi(-2));
+            whole[(index, index)] += weight;
+            whole_right[index] -= weight * moved;
+            a_priori_chi2 += weight * moved * moved;
+        }
+        let factor = factored(&whole, &scale, RIDGE);
+        let solved = lower(&factor, &scale.component_mul(&whole_right));
+        NormalEquations {
+            whitenings,
+            bounds,
+            residual,
+            columns,
+            gram,
+            right,
+            squares,
+            a_priori_chi2,
+            factor,
+            scale,
+            solved,
+        }
+    }
+
+    /// Number of nuisances.
+    pub fn nuisances(&self) -> usize {
+        self.columns.len()
+    }
+
+    /// χ² with the nuisances fitted.
+    pub fn chi2(&self) -> f64 {
+        self.squares() - self.solved.norm_squared()
+    }
+
+    /// −2 ln of the likelihood with the nuisances integrated out, up to a constant.
+    pub fn deviance(&self) -> f64 {
+        let determinants = self.whitenings.iter().map(|whitening| whitening.log_determinant).sum::<f64>();
+        let determined = (0..self.scale.len()).filter(|&index| self.scale[index] > 0.0);
+        let diagonal = |index: usize| self.factor.l_dirty()[(index, index)];
+        self.chi2()
+            + determinants
+            + determined.map(|index| 2.0 * (diagonal(index) / self.scale[index]).ln()).sum::<f64>()
+    }
+
+    /// χ² at the current parameters, including their departure from the a priori values.
+    pub fn squares(&self) -> f64 {
+        self.squares.iter().sum::<f64>() + self.a_priori_chi2
+    }
+
+    /// Fitted nuisances and their covariance.
+    pub fn solution(&self) -> (DVector<f64>, DMatrix<f64>) {
+        let scale = DMatrix::from_diagonal(&self.scale);
+        let mut covariance = &scale * self.factor.inverse() * &scale;
+        // Nuisances that the data do not determine.
+        (0..self.scale.len()).filter(|&index| self.scale[index] == 0.0).for_each(|index| {
+            covariance[(index, index)] = f64::INFINITY;
+        });
+        (self.upper(&self.solved), covariance)
+    }
+
+    /// Solves the transposed triangular system and removes the scale.
+    fn upper(&self, right: &DVector<f64>) -> DVector<f64> {
+        let solved = self.factor.l_dirty().tr_solve_lower_triangular(right).expect("a diagonal without zeros");
+        solved.component_mul(&self.scale)
+    }
+
+    /// The whitened residual minus its projection on the nuisances.
+    pub fn projected_residual(&self) -> Series {
+        self.project_white(self.residual.clone())
+    }
+
+    /// Whitens another residual and subtracts its projection on the nuisances.
+    pub fn projected_residual_of(&self, residual: &Series) -> Series {
+        self.project_white(std::array::from_fn(|channel| self.whitenings[channel].apply(&residual[channel])))
+    }
+
+    fn project_white(&self, mut white: Series) -> Series {
+        let products = |column: &Nuisance| {
+            let own = (0..CHANNELS).filter_map(|channel| Some(dot(column[channel].as_ref()?, &white[channel])));
+            own.sum::<f64>()
+        };
+        let right = DVector::from_iterator(self.columns.len(), self.columns.iter().map(products));
+        let solved = self.upper(&lower(&self.factor, &self.scale.component_mul(&right)));
+        for (column, size) in self.columns.iter().zip(&solved) {
+            for (white, values) in white.iter_mut().zip(column) {
+                let values = values.iter().flatten();
+                white.iter_mut().zip(values).for_each(|(own, value)| *own -= size * value);
+            }
+        }
+        white
+    }
+
+    /// Whitens a signature.
+    pub fn white(&self, channel: usize, column: &Column) -> Column {
+        let values = self.whitenings[channel].apply_from(column.from, &column.values);
+        Column { from: column.from, values }
+    }
+
+    /// Products of a whitened signature on one channel.
+    pub fn products(&self, channel: usize, white: &Column) -> Products {
+        let Column { from, values } = white;
+        let mut products = Products::none(self.columns.len());
+        for third in 0..THIRDS {
+            let start = self.bounds[third].max(*from);
+            let end = self.bounds[third + 1].min(from + values.len());
+            if start >= end {
+                continue;
+            }
+            let own = &values[start - from..end - from];
+            products.own[third] = dot(own, own);
+            products.residual[third] = dot(own, &self.residual[channel][start..end]);
+            for (product, column) in products.nuisances[third].iter_mut().zip(&self.columns) {
+                if let Some(column) = &column[channel] {
+                    *product = dot(own, &column[start..end]);
+                }
+            }
+        }
+        products
+    }
+
+    /// Products of a signature on one channel.
+    pub fn products_of(&self, channel: usize, column: &Column) -> Products {
+        self.products(channel, &self.white(channel, column))
+    }
+
+    /// Projects a signature on the nuisances.
+    pub fn project(&self, products: &Products) -> ProjectedSignature {
+        let sums = DVector::from_fn(self.columns.len(), |i, _| products.nuisances.iter().map(|v| v[i]).sum::<f64>());
+        let part = lower(&self.factor, &self.scale.component_mul(&sums));
+        let right = products.residual.iter().sum::<f64>() - part.dot(&self.solved);
+        ProjectedSignature { own: products.own.iter().sum(), right, part }
+    }
+
+    /// Fit of a signature; `None` if it is not distinguishable from the nuisances.
+    pub fn gain(&self, products: &Products) -> Option<SignatureFit> {
+        ProjectedSignature::gain(&[&self.project(products)])
+    }
+
+    /// Cosine of two signatures without their projections on the nuisances, from the products of each and the product of the two; 0 if
+    /// one is not distinguishable from the nuisances.
+    pub fn cosine(&self, one: &Products, other: &Products, both: f64) -> f64 {
+        let (one, other) = (self.project(one), self.project(other));
+        match (ProjectedSignature::remaining_square(&[&one]), ProjectedSignature::remaining_square(&[&other])) {
+            (Some(one_left), Some(other_left)) => (both - one.part.dot(&other.part)) / (one_left * other_left).sqrt(),
+            _ => 0.0,
+        }
+    }
+
+    /// Cross-validation of a signature: for each third the reduction of −2 ln of the predictive density p(third | others) =
+    /// p(all) / p(others), with nuisances and amplitude integrated out of both. `None` for a third without which the amplitude is hardly
+    /// determined. The whitening filter runs across the bounds.
+    pub fn cross_validate(&self, products: &Products) -> [Option<f64>; THIRDS] {
+        let of = |thirds: &[usize]| -> Option<(f64, f64)> {
+            let gram: DMatrix<f64> = thirds.iter().map(|&third| &self.gram[third]).sum();
+            let factor = factored(&gram, &self.scale, HELD_OUT_RIDGE);
+            let scaled = |vectors: &dyn Fn(usize) -> DVector<f64>| {
+                let sum: DVector<f64> = thirds.iter().map(|&third| vectors(third)).sum();
+                lower(&factor, &self.scale.component_mul(&sum))
+            };
+            let part = scaled(&|third| DVector::from_column_slice(&products.nuisances[third]));
+            let solved = scaled(&|third| self.right[third].clone());
+            let sum = |values: &[f64; THIRDS]| thirds.iter().map(|&third| values[third]).sum::<f64>();
+            let left = sum(&products.own) - part.norm_squared();
+            let right = sum(&products.residual) - part.dot(&solved);
+            (left > 0.0).then(|| (left, right * right / left))
+        };
+        let Some((left, gain)) = of(&[0, 1, 2]) else { return [None; THIRDS] };
+        let without = |third: usize| {
+            let others: Vec<usize> = (0..THIRDS).filter(|&other| other != third).collect();
+            let (left_without, gain_without) = of(&others).filter(|(others, _)| *others >= MIN_INFORMATION * left)?;
+            Some(gain - gain_without - (left / left_without).ln())
+        };
+        std::array::from_fn(without)
+    }
+
+    /// Nuisances fitted without a third, with a priori values and sigmas of the first ones.
+    pub fn fit_without_third(&self, third: usize, a_priori: &[(f64, f64)]) -> DVector<f64> {
+        let scale = inverse_roots(&self.gram.iter().map(DMatrix::diagonal).sum());
+        let others = || (0..THIRDS).filter(|&other| other != third);
+        let mut gram: DMatrix<f64> = others().map(|other| &self.gram[other]).sum();
+        let mut right: DVector<f64> = others().map(|other| &self.right[other]).sum();
+        for (index, (value, sigma)) in a_priori.iter().enumerate() {
+            gram[(index, index)] += sigma.powi(-2);
+            right[index] += value * sigma.powi(-2);
+        }
+        factored(&gram, &scale, HELD_OUT_RIDGE).solve(&scale.component_mul(&right)).component_mul(&scale)
+    }
+}
+
+impl Products {
+    /// Products of an empty signature.
+    pub fn none(nuisances: usize) -> Products {
+        Products {
+            own: [0.0; THIRDS],
+            residual: [0.0; THIRDS],
+            nuisances: std::array::from_fn(|_| vec![0.0; nuisances]),
+        }
+    }
+
+    /// Adds the products of another channel.
+    #[must_use]
+    pub fn plus(mut self, other: &Products) -> Products {
+        for third in 0..THIRDS {
+            self.own[third] += other.own[third];
+            self.residual[third] += other.residual[third];
+            self.nuisances[third].iter_mut().zip(&other.nuisances[third]).for_each(|(sum, value)| *sum += value);
+        }
+        self
+    }
+}

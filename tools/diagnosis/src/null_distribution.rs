@@ -1,0 +1,229 @@
+//! Detection thresholds from the null distribution: the gains of the search on effect-free recordings of this motion and noise.
+//!
+//! A null recording consists of the model's counts along the reference with new random walks and rounding, and a drift rate slightly off
+//! its nominal value. The largest gain in each family of hypotheses follows a Gumbel distribution. Its upper percentile is the
+//! threshold; the families share the false alarm rate equally.
+
+use geu_model::noise::NoiseStream;
+use geu_model::units::SAMPLE_INTERVAL_S;
+use geu_protocol::Gyro;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::hypothesis::Hypothesis;
+use crate::measured::{BLOCK, CHANNELS, Series, Shifts, TIMING, nodes};
+use crate::model_state::DiagnosisCase;
+use crate::noise::Walk;
+use crate::normal_equations::{NormalEquations, ProjectedSignature};
+use crate::search::{set_penalty, sets};
+use crate::signature::reaches;
+use crate::signature_bank::{Column, HypothesisFamily, SignatureBank, Variation};
+use crate::sweep::{Part, sweep};
+use crate::whiteness::{kurtosis, whiteness_statistic};
+use crate::whitening::{NoiseModel, ROUNDING};
+
+/// Number of null recordings.
+pub const RUNS: usize = 128;
+/// Probability of a detection in a recording without effect.
+pub const FALSE_ALARM_RATE: f64 = 0.01;
+/// Probability that the residual of a recording without effect, or with the right effects, is not accepted as noise. The residual of a
+/// fit is not quite noise, and that of a missing effect far beyond it.
+const FALSE_REJECTION_RATE: f64 = 0.001;
+/// 1 sigma of the error of a drift rate, arcsec/s: it determines the beat of the rounding.
+const DRIFT_ARCSEC_S: f64 = 3e-4;
+/// Euler's constant: the mean of the Gumbel distribution.
+const EULER: f64 = 0.577_215_664_901_532_9;
+/// Number of null recordings in which walks are fitted.
+const NOISE_RUNS: usize = 32;
+/// Minimum threshold of a larger walk, four sigma: eight hypotheses at one percent would be 10.3, but rounding that beats with a slow rate
+/// sometimes imitates a walk.
+const MIN_NOISE_CHI2: f64 = 16.0;
+/// Threshold of a family or channel without data.
+const NEVER: f64 = 1e9;
+
+/// Detection thresholds.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Thresholds {
+    /// χ² reduction for each family.
+    pub chi2: [f64; HypothesisFamily::COUNT],
+    /// Whiteness statistic that noise exceeds once in a thousand recordings.
+    pub whiteness_statistic: f64,
+    /// Kurtosis of each channel that noise exceeds as rarely: rounding of a slow rate is not Gaussian.
+    pub kurtosis: [f64; CHANNELS],
+}
+
+impl Thresholds {
+    /// Largest threshold of the time courses, without immediate effects.
+    pub fn largest(&self) -> f64 {
+        let families = (0..HypothesisFamily::COUNT)
+            .map(HypothesisFamily)
+            .filter(|family| ![HypothesisFamily::SUDDEN, HypothesisFamily::NOISE].contains(family));
+        families.map(|family| self.required(family)).filter(|chi2| *chi2 < NEVER).fold(0.0, f64::max)
+    }
+
+    /// Penalty of a hypothesis: the threshold of its family, and the penalty of its set of gyros.
+    pub fn penalty(&self, family: HypothesisFamily, change: &Hypothesis) -> f64 {
+        self.required(family) + set_penalty(&change.gyros, &change.amplitude)
+    }
+
+    /// Required χ² reduction in a family.
+    pub fn required(&self, family: HypothesisFamily) -> f64 {
+        self.chi2[family.0]
+    }
+}
+
+/// Thresholds from null recordings.
+pub fn thresholds(
+    case: &DiagnosisCase,
+    bank: &SignatureBank,
+    normal: &NormalEquations,
+    noise: &[NoiseModel; CHANNELS],
+    seed: u64,
+) -> Thresholds {
+    let model = case.measured.run(case.nominal, Shifts::default());
+    let raw = |run: usize| draw(case, &model, noise, seed.wrapping_add(run as u64));
+    let drawn: Vec<Series> = (0..RUNS).into_par_iter().map(|run| normal.projected_residual_of(&raw(run))).collect();
+    // The runs of each block are contiguous.
+    let blocks = drawn[0][0].len();
+    let runs: [Vec<f32>; CHANNELS] = std::array::from_fn(|channel| {
+        (0..blocks).flat_map(|block| drawn.iter().map(move |series| series[channel][block] as f32)).collect()
+    });
+    let largest = (0..bank.bases.len()).into_par_iter().map(|base| of_base(bank, base, normal, &runs)).reduce(
+        || vec![[0.0; RUNS]; HypothesisFamily::COUNT],
+        |mut one, other| {
+            for (one, other) in one.iter_mut().flatten().zip(other.iter().flatten()) {
+                *one = one.max(*other);
+            }
+            one
+        },
+    );
+    let quantile = |values: &[f64], rate: f64| {
+        let (at, scale) = gumbel(values)?;
+        Some(at - scale * (-(1.0 - rate).ln()).ln())
+    };
+    let whiteness: Vec<f64> = drawn.iter().map(|left| whiteness_statistic(left).0).collect();
+    let of_channel = |channel: usize| {
+        let values: Vec<f64> = drawn.iter().map(|left| kurtosis(&left[channel])).collect();
+        quantile(&values, FALSE_REJECTION_RATE).unwrap_or(NEVER)
+    };
+    let mut chi2 = limits(&largest);
+    let falls: Vec<f64> = (0..NOISE_RUNS).into_par_iter().map(|run| largest_walk(case, noise, &raw(run))).collect();
+    chi2[HypothesisFamily::NOISE.0] = quantile(&falls, FALSE_ALARM_RATE).unwrap_or(0.0).max(MIN_NOISE_CHI2);
+    Thresholds {
+        chi2,
+        whiteness_statistic: quantile(&whiteness, FALSE_REJECTION_RATE).unwrap_or(1.0),
+        kurtosis: std::array::from_fn(of_channel),
+    }
+}
+
+/// Largest gain of a larger walk on a null recording.
+fn largest_walk(case: &DiagnosisCase, noise: &[NoiseModel; CHANNELS], residual: &Series) -> f64 {
+    let walks = (0..TIMING).flat_map(|channel| [(channel, Walk::Angle), (channel, Walk::Rate)]);
+    let fall = |(channel, walk): (usize, Walk)| {
+        let fitted = crate::noise::fit(case, channel, &noise[channel], walk, residual, &case.nuisances);
+        let is_larger = fitted.noise.walk(walk) > noise[channel].walk(walk);
+        if is_larger { fitted.fall } else { 0.0 }
+    };
+    walks.map(fall).fold(0.0, f64::max)
+}
+
+/// Largest gain of one signature for each family and null recording.
+fn of_base(
+    bank: &SignatureBank,
+    base: usize,
+    normal: &NormalEquations,
+    recordings: &[Vec<f32>; CHANNELS],
+) -> Vec<[f64; RUNS]> {
+    let base = &bank.bases[base];
+    let mut largest = vec![[0.0f64; RUNS]; HypothesisFamily::COUNT];
+    let products = |channel: usize, white: &Column| {
+        let mut sums = [0.0f32; RUNS];
+        for (value, runs) in white.values.iter().zip(recordings[channel].chunks_exact(RUNS).skip(white.from)) {
+            let value = *value as f32;
+            for (sum, run) in sums.iter_mut().zip(runs) {
+                *sum += value * run;
+            }
+        }
+        sums
+    };
+    let push = |variation: &Variation, parts: &[Part<[f32; RUNS]>; CHANNELS]| {
+        let family = &mut largest[base.family(variation).0];
+        for gyros in sets(&base.amplitude, parts.each_ref().map(Option::is_some)) {
+            let chosen: Vec<_> = (0..CHANNELS)
+                .filter(|&channel| reaches(&base.amplitude, &gyros, channel))
+                .filter_map(|channel| parts[channel].as_ref())
+                .collect();
+            let signatures: Vec<_> = chosen.iter().map(|(part, _)| part).collect();
+            let Some(gain) = ProjectedSignature::gain(&signatures) else { continue };
+            let mut sums = [0.0f32; RUNS];
+            for (_, own) in chosen {
+                sums.iter_mut().zip(own).for_each(|(sum, own)| *sum += own);
+            }
+            // The inverse of the projected signature's square.
+            let scale = gain.sigma * gain.sigma;
+            let penalty = set_penalty(&gyros, &base.amplitude);
+            for (largest, sum) in family.iter_mut().zip(sums) {
+                *largest = largest.max(f64::from(sum).powi(2) * scale - penalty);
+            }
+        }
+    };
+    sweep(bank, normal, base, products, push);
+    largest
+}
+
+/// Block averages of a null recording minus the model.
+fn draw(case: &DiagnosisCase, model: &Series, noise: &[NoiseModel; CHANNELS], seed: u64) -> Series {
+    let measured = case.measured;
+    std::array::from_fn(|channel| {
+        let (own, blocks) = (&noise[channel], &measured.blocks[channel]);
+        if channel == TIMING {
+            let mut stream = NoiseStream::of_sensor(seed, "null");
+            return blocks.iter().map(|_| own.white.sqrt() * stream.standard_normal()).collect();
+        }
+        let mut stream = NoiseStream::new(seed, Gyro::ALL[channel], "null");
+        let (root_s, mut rate) = (SAMPLE_INTERVAL_S.sqrt(), DRIFT_ARCSEC_S * stream.standard_normal());
+        let mut walk = 100.0 * stream.standard_normal();
+        // White noise in addition to rounding.
+        let additional = (own.white - ROUNDING / BLOCK as f64).max(0.0).sqrt();
+        let mut of_block = |block: usize| {
+            let mut sum = 0.0;
+            for node in nodes(block) {
+                rate += own.rate_walk * root_s * stream.standard_normal();
+                walk += rate * SAMPLE_INTERVAL_S + own.angle_walk * root_s * stream.standard_normal();
+                let angle = model[channel][node];
+                sum += (angle + walk).round() - angle;
+            }
+            sum / BLOCK as f64 + additional * stream.standard_normal()
+        };
+        (0..blocks.len()).map(&mut of_block).collect()
+    })
+}
+
+/// Thresholds of the families from their largest gains.
+fn limits(largest: &[[f64; RUNS]]) -> [f64; HypothesisFamily::COUNT] {
+    let laws: Vec<Option<(f64, f64)>> = largest.iter().map(|runs| gumbel(runs)).collect();
+    let worst: Vec<f64> = (0..RUNS)
+        .map(|run| {
+            let reduced =
+                laws.iter().zip(largest).filter_map(|(law, runs)| law.map(|(at, scale)| (runs[run] - at) / scale));
+            reduced.fold(f64::NEG_INFINITY, f64::max)
+        })
+        .collect();
+    let (at, scale) = gumbel(&worst).unwrap_or((0.0, 1.0));
+    let reduced = at - scale * (-(1.0 - FALSE_ALARM_RATE).ln()).ln();
+    let threshold = |family: usize| match laws[family] {
+        Some((at, scale)) => at + scale * reduced,
+        // A family without members or without any gain.
+        None => NEVER,
+    };
+    std::array::from_fn(threshold)
+}
+
+/// Location and scale of a Gumbel distribution by its moments; `None` if all values are equal.
+fn gumbel(values: &[f64]) -> Option<(f64, f64)> {
+    let count = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / count;
+    let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (count - 1.0);
+    let scale = (6.0 * variance).sqrt() / std::f64::consts::PI;
+    (scale > 0.0).then_some((mean - EULER * scale, scale))
+}

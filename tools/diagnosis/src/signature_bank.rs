@@ -1,0 +1,379 @@
+//! Signatures: the residual per unit amplitude on this recording, of each amplitude of the model with each time course.
+//!
+//! A model run with a changed amplitude gives the signature of the constant amplitude. That of a time course is computed from it, with
+//! the course applied to its increments (an effect that adds a rate, such as a drift) or to its values (one that adds an angle, such as
+//! lost counts), whichever agrees with a run with a step in the middle. This is for the search; the fit runs the model.
+
+use std::ops::Range;
+use std::sync::Arc;
+
+use geu_model::Configuration;
+use geu_model::parameter_spec::{DefaultValue, Role};
+use geu_model::time_profile::COURSES;
+use rayon::prelude::*;
+
+use crate::amplitude::{AmplitudeRef, STEP, is_real};
+pub use crate::courses::Variation;
+use crate::courses::{Courses, Mode, SHORTEST_BLOCKS, is_onset};
+use crate::gyros::ALL_GYROS;
+use crate::hypothesis::Hypothesis;
+use crate::linear_algebra::increment_products;
+use crate::measured::{BLOCK_S, CHANNELS, MeasuredData, Series, Shifts, TIMING};
+
+/// Amplitude of a signature's run, as a share of the largest accepted value.
+const SHARE: f64 = 1e-3;
+/// Amplitude of the run that tests linearity, as a share of the largest accepted value.
+const TRIED_SHARE: f64 = 0.1;
+/// Coefficient of a formula's run.
+const COEFFICIENT: f64 = 1e-6;
+/// Minimum cosine between a computed signature and a run.
+const SAME_SIGNATURE: f64 = 0.95;
+/// Factor between neighbouring values of a nonlinear amplitude.
+const SIZE_FACTOR: f64 = 1.5;
+/// Smallest value of a nonlinear amplitude, as a share of the largest accepted one.
+const MIN_SIZE: f64 = 0.002;
+/// Values, over the one that was run, for which a nonlinear signature is valid. The neighbouring runs lie within.
+const NEAR_SIZES: Range<f64> = 0.4..2.5;
+/// Factor between neighbouring time constants.
+const TIME_FACTOR: f64 = 3.0;
+/// Blocks after a jump of the angle that are evaluated: the filter forgets it.
+const JUMP_BLOCKS: usize = 120;
+/// Blocks between the onsets of an immediate effect.
+const SUDDEN_BLOCKS: usize = 2;
+
+/// Signature of a constant amplitude, per unit.
+#[derive(Debug, Clone)]
+pub struct ConstantSignature {
+    /// The amplitude.
+    pub amplitude: AmplitudeRef,
+    /// Values of the effect's shape parameters.
+    pub own_shapes: Vec<f64>,
+    /// The value with which it was run.
+    pub size: f64,
+    /// True if other values have the same signature.
+    pub is_linear: bool,
+    /// Averages over blocks.
+    pub series: [Arc<[f64]>; CHANNELS],
+    mode: Mode,
+}
+
+impl ConstantSignature {
+    /// True if its signature is that of another value.
+    pub fn is_valid_at(&self, size: f64) -> bool {
+        self.is_linear || NEAR_SIZES.contains(&(size / self.size))
+    }
+
+    /// Family of a time course.
+    pub fn family(&self, variation: &Variation) -> HypothesisFamily {
+        let begins = variation.kind().is_some_and(|kind| COURSES[kind].shapes.iter().any(is_onset));
+        match variation {
+            _ if self.amplitude.formula().is_some() => HypothesisFamily::FORMULA,
+            // Immediate effects have the noise of jumps.
+            _ if begins && self.mode == Mode::Level => HypothesisFamily::SUDDEN,
+            Variation::Constant => HypothesisFamily::CONSTANT,
+            Variation::Course { kind, .. } => HypothesisFamily::of_kind(*kind),
+            Variation::Onset { .. } => HypothesisFamily::SUDDEN,
+        }
+    }
+}
+
+/// A family of hypotheses with a common threshold: short time courses have another noise than long ones.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct HypothesisFamily(pub usize);
+
+impl HypothesisFamily {
+    /// Number of families: constant, each of [`COURSES`], sudden, noise, formula.
+    pub const COUNT: usize = COURSES.len() + 4;
+    /// A constant amplitude.
+    pub const CONSTANT: HypothesisFamily = HypothesisFamily(0);
+    /// A kind of [`COURSES`].
+    pub const fn of_kind(kind: usize) -> HypothesisFamily {
+        HypothesisFamily(1 + kind)
+    }
+    /// A jump or a step of an angle.
+    pub const SUDDEN: HypothesisFamily = HypothesisFamily(COURSES.len() + 1);
+    /// A noise above its configured level.
+    pub const NOISE: HypothesisFamily = HypothesisFamily(COURSES.len() + 2);
+    /// A formula outside the catalogue.
+    pub const FORMULA: HypothesisFamily = HypothesisFamily(COURSES.len() + 3);
+}
+
+/// A signature on one channel: 0 before the block `from`.
+pub struct Column {
+    /// First block of the values.
+    pub from: usize,
+    /// The values from there on; later ones may be left out if they have no effect.
+    pub values: Vec<f64>,
+}
+
+/// Signatures of all amplitudes on one recording.
+#[derive(Debug, Clone)]
+pub struct SignatureBank {
+    /// Each amplitude, its shapes and, where it is not linear, sizes.
+    pub bases: Vec<ConstantSignature>,
+    courses: Courses,
+}
+
+impl SignatureBank {
+    /// Runs the model of `configuration` for each amplitude and value of its shape parameters.
+    pub fn new(measured: &MeasuredData, configuration: &Configuration) -> SignatureBank {
+        let base = measured.run(configuration, Shifts::default());
+        let reference_c = configuration.electronics.numbers.reference_c;
+        let excess_k = measured.electronics_c().iter().map(|electronics_c| electronics_c - reference_c).collect();
+        let mut bank = SignatureBank { bases: Vec::new(), courses: Courses::new(excess_k) };
+        bank.bases = AmplitudeRef::all()
+            .into_par_iter()
+            .filter(is_real)
+            .flat_map_iter(|amplitude| {
+                let shapes = own_shapes(&amplitude, configuration);
+                shapes.into_iter().map(move |own_shapes| (amplitude, own_shapes))
+            })
+            .flat_map_iter(|(amplitude, own_shapes)| bank.run(measured, configuration, &base, amplitude, own_shapes))
+            .collect();
+        bank
+    }
+
+    /// Signatures of both banks.
+    #[must_use]
+    pub fn and(&self, other: &SignatureBank) -> SignatureBank {
+        let mut both = self.clone();
+        both.bases.extend(other.bases.iter().cloned());
+        both
+    }
+
+    /// The signatures with a delay of the recorded temperature.
+    #[must_use]
+    pub fn late(&self, temperature_s: f64) -> SignatureBank {
+        SignatureBank { bases: self.bases.clone(), courses: self.courses.late(temperature_s) }
+    }
+
+    /// Signatures of all formulas on every gyro. One run gives four of them, one for each gyro: a formula adds the same on all of them,
+    /// except for the scale factor.
+    pub fn formulas(&self, measured: &MeasuredData, configuration: &Configuration) -> SignatureBank {
+        let from = measured.run(configuration, Shifts::default());
+        let run = |four: &[AmplitudeRef]| -> Vec<ConstantSignature> {
+            let mut moved = configuration.clone();
+            for (gyro, &amplitude) in four.iter().enumerate() {
+                let gyros = std::array::from_fn(|other| other == gyro);
+                Hypothesis::constant(amplitude, COEFFICIENT, gyros).apply(&mut moved);
+            }
+            let series = measured.difference(&measured.run(&moved, Shifts::default()), &from);
+            let base = |(gyro, &amplitude): (usize, &AmplitudeRef)| {
+                let own: Arc<[f64]> = series[gyro].iter().map(|value| value / COEFFICIENT).collect();
+                let none: Arc<[f64]> = vec![0.0; own.len()].into();
+                let of_channel = |channel: usize| if channel == TIMING { none.clone() } else { own.clone() };
+                ConstantSignature {
+                    amplitude,
+                    own_shapes: Vec::new(),
+                    size: COEFFICIENT,
+                    is_linear: true,
+                    series: std::array::from_fn(of_channel),
+                    mode: Mode::Rate,
+                }
+            };
+            four.iter().enumerate().map(base).collect()
+        };
+        let bases = AmplitudeRef::formulas().par_chunks(TIMING).flat_map_iter(run).collect();
+        SignatureBank { bases, courses: self.courses.clone() }
+    }
+
+    /// Signatures of one amplitude: one if it is linear, else one for each of several values.
+    fn run(
+        &self,
+        measured: &MeasuredData,
+        configuration: &Configuration,
+        from: &Series,
+        amplitude: AmplitudeRef,
+        own_shapes: Vec<f64>,
+    ) -> Vec<ConstantSignature> {
+        let limits = amplitude.size();
+        let run = |hypothesis: &Hypothesis| {
+            let mut moved = configuration.clone();
+            hypothesis.apply(&mut moved);
+            let mut series = measured.difference(&measured.run(&moved, Shifts::default()), from);
+            series.iter_mut().flatten().for_each(|value| *value /= hypothesis.value);
+            series
+        };
+        let hypothesis = |size: f64| Hypothesis {
+            own_shapes: own_shapes.clone(),
+            ..Hypothesis::constant(amplitude, size, amplitude.gyros())
+        };
+        let signature = |size: f64, mode: Mode, is_linear: bool| ConstantSignature {
+            amplitude,
+            own_shapes: own_shapes.clone(),
+            size,
+            is_linear,
+            series: run(&hypothesis(size)).map(Arc::from),
+            mode,
+        };
+        let mut small = signature(limits.max * SHARE, Mode::Rate, true);
+        // A run with a step in the middle, with a larger value that tests linearity.
+        let blocks = self.courses.blocks();
+        let middle_s = (blocks / 2) as f64 * BLOCK_S;
+        let mut tried = hypothesis(limits.max * TRIED_SHARE);
+        match amplitude.own_shapes().iter().position(is_onset) {
+            Some(index) => tried.own_shapes[index] = middle_s,
+            None => {
+                let Some(stepped) = amplitude.with(STEP) else { return vec![small] };
+                (tried.amplitude, tried.course_shapes) = (stepped, vec![middle_s]);
+            }
+        }
+        let stepped = run(&tried);
+        let step = Variation::Course { kind: STEP, shapes: vec![middle_s] };
+        let [by_rate, by_level] = [Mode::Rate, Mode::Level].map(|mode| {
+            let values = self.courses.values(mode, &step, 0..blocks);
+            let course = small.series.each_ref().map(|series| put(series, mode, values.as_deref(), 0..blocks));
+            cosine(&course, &stepped)
+        });
+        let mode = if by_rate >= by_level { Mode::Rate } else { Mode::Level };
+        small.mode = mode;
+        let is_silent = cosine(&stepped, &stepped) == 0.0;
+        if is_silent
+            || by_rate.max(by_level) >= SAME_SIGNATURE
+            || cosine(&small.series, &run(&hypothesis(tried.value))) >= SAME_SIGNATURE
+        {
+            return vec![small];
+        }
+        let mut sizes = Vec::new();
+        let mut size = limits.max;
+        while size > MIN_SIZE * limits.max {
+            sizes.push(size);
+            if limits.min < 0.0 {
+                sizes.push(-size);
+            }
+            size /= SIZE_FACTOR;
+        }
+        sizes.par_iter().map(|&size| signature(size, mode, false)).collect()
+    }
+
+    /// All time courses of a signature that are searched, waves at phase 0.
+    pub fn variations(&self, base: &ConstantSignature) -> Vec<Variation> {
+        if base.amplitude.formula().is_some() {
+            return vec![Variation::Constant];
+        }
+        let has_onset = base.amplitude.own_shapes().iter().any(is_onset);
+        let mut all = match has_onset {
+            true => (1..self.courses.blocks() / SUDDEN_BLOCKS)
+                .map(|onset| Variation::Onset { block: onset * SUDDEN_BLOCKS })
+                .collect(),
+            false => vec![Variation::Constant],
+        };
+        // A nonlinear amplitude has time courses at a third of its values.
+        let is_tried = base.is_linear || (base.size.abs().ln() / SIZE_FACTOR.ln()).round() as i64 % 3 == 0;
+        for kind in (0..COURSES.len()).filter(|&kind| is_tried && base.amplitude.with(kind).is_some()) {
+            all.extend(self.courses.variations(kind, base.mode));
+        }
+        all
+    }
+
+    /// Signature of a time course, per unit; `None` on channels that it does not reach. That of a jump ends when the filter forgets it.
+    pub fn columns(&self, base: &ConstantSignature, variation: &Variation) -> [Option<Column>; CHANNELS] {
+        let from = match variation {
+            Variation::Onset { block } => *block,
+            Variation::Course { kind, shapes } => {
+                let first = COURSES[*kind].shapes.iter().zip(shapes).find(|(number, _)| is_onset(number));
+                first.map_or(0, |(_, onset_s)| (onset_s / BLOCK_S) as usize)
+            }
+            Variation::Constant => 0,
+        };
+        let to = match variation {
+            Variation::Onset { block } => self.courses.blocks().min(block + JUMP_BLOCKS),
+            _ => self.courses.blocks(),
+        };
+        let values = self.courses.values(base.mode, variation, from..to);
+        std::array::from_fn(|channel| {
+            let series = &base.series[channel];
+            let is_reached = series.iter().any(|&value| value != 0.0);
+            is_reached.then(|| Column { from, values: put(series, base.mode, values.as_deref(), from..to) })
+        })
+    }
+
+    /// The hypothesis with this value.
+    pub fn hypothesis(
+        &self,
+        base: &ConstantSignature,
+        variation: &Variation,
+        size: f64,
+        gyros: [bool; 4],
+    ) -> Hypothesis {
+        let gyros = if base.amplitude.is_of_unit() { ALL_GYROS } else { gyros };
+        let mut hypothesis =
+            Hypothesis { own_shapes: base.own_shapes.clone(), ..Hypothesis::constant(base.amplitude, size, gyros) };
+        match variation {
+            Variation::Constant => {}
+            Variation::Course { kind, shapes } => {
+                hypothesis.amplitude.kind = Some(*kind);
+                hypothesis.course_shapes.clone_from(shapes);
+            }
+            Variation::Onset { block } => {
+                for (number, value) in base.amplitude.own_shapes().iter().zip(&mut hypothesis.own_shapes) {
+                    if is_onset(number) {
+                        *value = *block as f64 * BLOCK_S;
+                    }
+                }
+            }
+        }
+        hypothesis
+    }
+}
+
+/// Searched values of an effect's shape parameters, defaults first: time constants on a grid; others at their default until they are
+/// fitted. An effect of the configuration keeps its own.
+fn own_shapes(amplitude: &AmplitudeRef, configuration: &Configuration) -> Vec<Vec<f64>> {
+    if let Some(configured) = amplitude.configured_shapes(configuration) {
+        return vec![configured];
+    }
+    let defaults: Vec<f64> = amplitude
+        .own_shapes()
+        .iter()
+        .map(|number| match number.default {
+            DefaultValue::Value(value) => value,
+            DefaultValue::Required | DefaultValue::Absent => number.min.max(0.0),
+        })
+        .collect();
+    let mut all = vec![defaults.clone()];
+    for (index, number) in amplitude.own_shapes().iter().enumerate() {
+        let is_time = number.role == Role::TimeConstant && number.min > 0.0;
+        if !is_time || !defaults[index].is_finite() {
+            continue;
+        }
+        for factor in [TIME_FACTOR.powi(-2), 1.0 / TIME_FACTOR, TIME_FACTOR, TIME_FACTOR.powi(2)] {
+            let value = defaults[index] * factor;
+            if (number.min..=number.max).contains(&value) && value >= SHORTEST_BLOCKS * BLOCK_S {
+                let mut shapes = defaults.clone();
+                shapes[index] = value;
+                all.push(shapes);
+            }
+        }
+    }
+    all
+}
+
+/// A time course applied to a signature, over some blocks.
+fn put(series: &[f64], mode: Mode, course: Option<&[f64]>, blocks: Range<usize>) -> Vec<f64> {
+    let from = blocks.start;
+    let Some(course) = course else { return series[blocks].to_vec() };
+    let own = series[blocks].iter().zip(course);
+    match mode {
+        Mode::Level => own.map(|(value, factor)| value * factor).collect(),
+        Mode::Rate => {
+            let (mut sum, mut before) = (0.0, if from == 0 { 0.0 } else { series[from - 1] });
+            own.map(|(value, factor)| {
+                sum += (value - std::mem::replace(&mut before, *value)) * factor;
+                sum
+            })
+            .collect()
+        }
+    }
+}
+
+/// Cosine of the increments of two signatures, without the channel of the times, which has another unit.
+fn cosine(one: &[impl AsRef<[f64]>; CHANNELS], other: &Series) -> f64 {
+    let mut sums = [0.0; 3];
+    for (one, other) in one.iter().zip(other).take(TIMING) {
+        let products = increment_products(one.as_ref(), other);
+        sums.iter_mut().zip(products).for_each(|(sum, product)| *sum += product);
+    }
+    let [both, own, others] = sums;
+    if own == 0.0 || others == 0.0 { 0.0 } else { both / (own * others).sqrt() }
+}
